@@ -23,7 +23,6 @@ const TO_MEND: &[(&str, usize, usize)] = &[
     ("src/attitude", 5, 0),
     ("src/board", 0, 2),
     ("src/board/mps2_an386", 1, 0),
-    ("src/collection", 2, 2),
     ("src/compass", 4, 0),
     ("src/console", 4, 0),
     ("src/console/report", 2, 0),

@@ -23,8 +23,9 @@ use crate::calibration::method_selection::{self, Procedure, SelectedParts};
 use crate::calibration::{
     Advice, Mark, Method, Prior, Sample, Samples, Solution, SolveError, SolveProgress as Solving, Solver,
 };
-use crate::collection::dataset::MIN_HELD_BACK_WHEN_COMPLETE;
-use crate::collection::{CollectionProblem, CollectionState, Collector, RecentSamples, RetainedSamples};
+use crate::collection::{
+    CollectionProblem, CollectionState, Collector, MIN_HELD_BACK_WHEN_COMPLETE, RecentSamples, RetainedSamples,
+};
 use crate::earth::LocalField;
 use crate::frames::wrap_pi;
 use crate::instrument::{Correction, SampleAttitude};

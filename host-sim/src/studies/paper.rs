@@ -2,7 +2,7 @@
 //! with all methods on the same samples.
 
 use autoswing::calibration::{
-    Calibration, Mark, Method, Orientation, Prior, Rates, Sample, Samples, SolveError, solve,
+    Calibration, Mark, Method, Orientation, Part, Prior, Rates, Sample, Samples, SolveError, solve,
 };
 use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::readings_per_sample;
@@ -80,9 +80,10 @@ impl MethodErrors {
 pub fn method_errors(experiment: Experiment) -> Result<[MethodErrors; 5], SolveError> {
     let table = Table1Experiment { airframe: Airframe::table1(), earth: Earth::default() };
     let (left, right) = table.measure(experiment);
-    let sides = Samples { left: &left, right: &right, ..Samples::default() };
+    let turns = [&left[..], &right].concat();
+    let sides = Samples::new(&turns);
     let marks = Table1Experiment::marks(experiment, &left, &right);
-    let swing = Samples { marks: &marks, ..Samples::default() };
+    let swing = Samples::default().with_marks(&marks);
     let solved = |name, method, samples| {
         solve(method, samples, &Prior::default()).map(|solution| table.column(name, &solution.calibration))
     };
@@ -110,13 +111,14 @@ impl Table1Experiment {
             attitude,
             time: WrappingMillis::default(),
             rates: Rates::NONE,
+            part: Part::FREE,
         }
     }
 
     /// Left and right turns, each in the direction of flight.
     fn measure(&self, experiment: Experiment) -> (Vec<Sample>, Vec<Sample>) {
         let mut noise = experiment.noise.map(|seed| Random::new(seed, Purpose::Magnetometer));
-        let mut side = |sign: f64| -> Vec<Sample> {
+        let mut side = |sign: f64, part: Part| -> Vec<Sample> {
             (0..experiment.samples)
                 .map(|i| {
                     let noise_ut = noise.as_mut().map_or_else(Vector3::zeros, |noise| {
@@ -124,11 +126,11 @@ impl Table1Experiment {
                             / f64::from(readings_per_sample(READING_PERIOD_US)).sqrt()
                     });
                     let sample = self.sample(sign * BANK_DEG, sign * heading_rad(i, experiment.samples), noise_ut);
-                    Sample { time: WrappingMillis::new(u32::from(i) * 400), ..sample }
+                    Sample { time: WrappingMillis::new(u32::from(i) * 400), part, ..sample }
                 })
                 .collect()
         };
-        (side(-1.0), side(1.0))
+        (side(-1.0, Part::LEFT), side(1.0, Part::RIGHT))
     }
 
     /// A subset of the samples with known headings, limited to the module's capacity.

@@ -8,7 +8,7 @@ use crate::calibration::model::{
     FieldPrediction, Likelihood, MeasuredSample, ModelConfig, ModelParameters, NoiseModel, PriorQuantity,
     SampleEquations, UNKNOWNS, Vector13, for_each_prior,
 };
-use crate::calibration::{Prior, Rates, Sample, Samples};
+use crate::calibration::{Part, Prior, Rates, Sample, Samples};
 use crate::frames::{Attitude, Field, Level, wrap_pi};
 use crate::time::WrappingMillis;
 
@@ -169,7 +169,13 @@ fn rates() -> Rates {
 }
 
 fn sample_at(attitude: Attitude) -> Sample {
-    Sample { field: Field::from_ut(0.0, 0.0, 0.0), attitude, rates: Rates::NONE, time: WrappingMillis::default() }
+    Sample {
+        field: Field::from_ut(0.0, 0.0, 0.0),
+        attitude,
+        rates: Rates::NONE,
+        time: WrappingMillis::default(),
+        part: Part::FREE,
+    }
 }
 
 fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined: bool) -> SampleEquations {

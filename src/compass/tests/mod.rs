@@ -6,7 +6,7 @@ mod restart;
 use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
-use crate::calibration::{Calibration, Orientation, Rates, SamplePart, Side};
+use crate::calibration::{Calibration, Orientation, Part, Rates, SamplePart, Side};
 use crate::collection::CollectionProblem;
 use crate::frames::{Attitude, Field, Sensor};
 use crate::reading::Model;
@@ -83,8 +83,13 @@ impl TestBed {
     }
 
     fn sample(&mut self, field: Field<Sensor>, attitude: Attitude) -> Effect {
-        let effect =
-            self.compass.step(Event::Sample(Sample { field, attitude, time: self.time(), rates: Rates::NONE }));
+        let effect = self.compass.step(Event::Sample(Sample {
+            field,
+            attitude,
+            time: self.time(),
+            rates: Rates::NONE,
+            part: Part::FREE,
+        }));
         self.now = self.now.wrapping_add(STEP_MS);
         effect
     }
@@ -96,6 +101,7 @@ impl TestBed {
                 attitude: Attitude::default(),
                 time: self.time(),
                 rates: Rates::NONE,
+                part: Part::FREE,
             }));
             self.now = self.now.wrapping_add(100);
         }

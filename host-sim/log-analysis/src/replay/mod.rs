@@ -22,9 +22,9 @@ use crate::log::Flight;
 use autoswing::attitude::{self, AttitudeReport, EulerRates, SenderId};
 use autoswing::calibration::method_selection::{self, Procedure, SelectedParts};
 use autoswing::calibration::{
-    Advice, Calibration, Method, Orientation, Prior, Rates, Sample, Samples, Solution, SolveError, solve,
+    Advice, Calibration, Method, Orientation, Part, Prior, Rates, Sample, Samples, Solution, SolveError, solve,
 };
-use autoswing::collection::dataset::FIT_CAPACITY;
+use autoswing::collection::FIT_CAPACITY;
 use autoswing::collection::{self, CollectionProblem, Collector, RetainedSamples};
 use autoswing::earth::{Date, EarthField, Position};
 use autoswing::frames::{Attitude, Field, Level};
@@ -322,9 +322,10 @@ fn from_all(samples: &[Sample], known: &SolverPrior) -> RunOutcome {
             .copied()
             .collect()
     };
-    let (fit, held_back) = (SamplesByBank::from_samples(&thinned(0.0)), SamplesByBank::from_samples(&thinned(0.5)));
-    let solved = known.solve(Method::MaximumLikelihood, fit.samples());
-    RunOutcome::new(solved, [fit.samples(), held_back.samples()], None)
+    let [fit, held_back] = [0.0, 0.5].map(|phase| assign_parts(&thinned(phase)));
+    let [fit, held_back] = [&fit, &held_back].map(|samples| Samples::new(samples));
+    let solved = known.solve(Method::MaximumLikelihood, fit);
+    RunOutcome::new(solved, [fit, held_back], None)
 }
 
 /// Time of a sample, seconds after the first row.
@@ -332,28 +333,18 @@ fn sample_time_s(sample: &Sample) -> f64 {
     f64::from(sample.time.as_ms()) / 1e3
 }
 
-struct SamplesByBank {
-    left: Vec<Sample>,
-    right: Vec<Sample>,
-    level: Vec<Sample>,
-}
-
-impl SamplesByBank {
-    fn from_samples(samples: &[Sample]) -> Self {
-        let limit_rad = collection::LevelLimits::DEFAULT.level_roll_rad;
-        let select_by_roll = |keep: &dyn Fn(f32) -> bool| -> Vec<Sample> {
-            samples.iter().filter(|s| keep(s.attitude.roll_rad)).copied().collect()
-        };
-        Self {
-            left: select_by_roll(&|roll_rad| roll_rad < -limit_rad),
-            right: select_by_roll(&|roll_rad| roll_rad > limit_rad),
-            level: select_by_roll(&|roll_rad| roll_rad.abs() <= limit_rad),
-        }
-    }
-
-    fn samples(&self) -> Samples<'_> {
-        Samples { left: &self.left, right: &self.right, level: &self.level, ..Samples::default() }
-    }
+/// Samples assigned to turns and level flight by their bank.
+fn assign_parts(samples: &[Sample]) -> Vec<Sample> {
+    let limit_rad = collection::LevelLimits::DEFAULT.level_roll_rad;
+    let part_of = |roll_rad: f32| match roll_rad {
+        roll_rad if roll_rad < -limit_rad => Some(Part::LEFT),
+        roll_rad if roll_rad > limit_rad => Some(Part::RIGHT),
+        roll_rad => (roll_rad.abs() <= limit_rad).then_some(Part::LEVEL),
+    };
+    let assigned = samples.iter().filter_map(|s| Some(Sample { part: part_of(s.attitude.roll_rad)?, ..*s }));
+    let mut ordered: Vec<Sample> = assigned.collect();
+    ordered.sort_by_key(|sample| sample.part);
+    ordered
 }
 
 /// Field of a row, calibrated and levelled.
@@ -362,7 +353,8 @@ pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
     let EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s } =
         EulerRates::from_report(&report(row.attitude, row.rates_rad_s)).unwrap_or_default();
     let rates = Rates::from_rad_s([roll_rad_s, pitch_rad_s, heading_rad_s]);
-    let sample = Sample { field: row.field, attitude: row.attitude, rates, time: WrappingMillis::default() };
+    let sample =
+        Sample { field: row.field, attitude: row.attitude, rates, time: WrappingMillis::default(), part: Part::FREE };
     calibration.corrected_level_field(&sample)
 }
 

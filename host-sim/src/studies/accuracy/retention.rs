@@ -33,7 +33,7 @@ pub fn retain_samples(samples: &[Sample]) -> Recording {
 
 #[cfg(test)]
 mod tests {
-    use autoswing::calibration::{Rates, Samples};
+    use autoswing::calibration::{Part, Rates, Samples};
     use autoswing::frames::{Attitude, Field};
     use autoswing::time::WrappingMillis;
     use log_analysis::replay::module_run::ModuleRun;
@@ -54,7 +54,13 @@ mod tests {
                 body.y - 10.0 + 0.3 * random.normal(),
                 body.z + 0.3 * random.normal(),
             );
-            Sample { field, attitude, rates: Rates::NONE, time: WrappingMillis::new(u32::from(i) * 100) }
+            Sample {
+                field,
+                attitude,
+                rates: Rates::NONE,
+                time: WrappingMillis::new(u32::from(i) * 100),
+                part: Part::FREE,
+            }
         };
         (0..2400).map(sample_at).collect()
     }

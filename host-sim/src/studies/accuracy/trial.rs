@@ -1,6 +1,6 @@
 //! One random airframe with its turns, and simulated recordings of them.
 
-use autoswing::calibration::{Calibration, ConsiderSigmas, Rates, Sample, Samples, Solution};
+use autoswing::calibration::{Calibration, ConsiderSigmas, Part, Rates, Sample, Samples, Solution};
 use autoswing::frames::{Attitude, Field};
 use autoswing::heading;
 use autoswing::time::WrappingMillis;
@@ -45,7 +45,7 @@ impl Ranges {
         random_attitude_deg: 2.0,
         sensor_noise: [0.003, 0.01],
         attitude_noise_deg: [0.2, 1.0],
-        samples: autoswing::collection::dataset::FIT_CAPACITY,
+        samples: autoswing::collection::FIT_CAPACITY,
     };
 }
 
@@ -236,12 +236,11 @@ impl Trial {
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
         let mut random = Random::new(seed, Purpose::Magnetometer);
         let source = faults.draw(&mut random);
-        let fit =
-            SamplesBySide::sample_turns(&self.left, &self.right, |instant| self.sample(instant, source, &mut random));
+        let fit = sample_turns(&self.left, &self.right, |instant| self.sample(instant, source, &mut random));
         // A separate random stream, so that held-back samples do not change the other random numbers.
         let mut fresh = Random::new(seed, Purpose::HeldBack);
         let [left, right] = [midpoints(&self.left), midpoints(&self.right)];
-        let held_back = SamplesBySide::sample_turns(&left, &right, |instant| self.sample(instant, source, &mut fresh));
+        let held_back = sample_turns(&left, &right, |instant| self.sample(instant, source, &mut fresh));
         (Recording { fit, held_back }, PostFlightSource { source, random })
     }
 
@@ -292,6 +291,7 @@ impl Trial {
             attitude: Attitude { roll_rad, pitch_rad },
             time: instant.time,
             rates: instant.rates,
+            part: Part::FREE,
         }
     }
 
@@ -335,55 +335,47 @@ fn turn(ranges: &Ranges, bank_deg: f64, random: &mut Random) -> Vec<TrueSample> 
         .collect()
 }
 
-/// Recorded samples of a flight: for the fit, and held back.
+/// Recorded samples of a flight, ordered by part: for the fit, and held back.
 #[derive(Clone, Debug)]
 pub struct Recording {
-    fit: SamplesBySide,
-    held_back: SamplesBySide,
-}
-
-#[derive(Clone, Debug)]
-struct SamplesBySide {
-    left: Vec<Sample>,
-    right: Vec<Sample>,
-    any: Vec<Sample>,
+    fit: Vec<Sample>,
+    held_back: Vec<Sample>,
 }
 
 impl Recording {
     /// Samples without turn direction, for the fit and held back.
     #[must_use]
     pub fn without_sides(fit: Vec<Sample>, held_back: Vec<Sample>) -> Self {
-        let [fit, held_back] = [fit, held_back].map(|any| SamplesBySide { left: Vec::new(), right: Vec::new(), any });
         Self { fit, held_back }
     }
 
     /// Samples for the fit.
     #[must_use]
     pub fn samples(&self) -> Samples<'_> {
-        self.fit.samples()
+        Samples::new(&self.fit)
     }
 
     /// Held-back samples: midpoints of the same flight with independent noise.
     #[must_use]
     pub fn held_back(&self) -> Samples<'_> {
-        self.held_back.samples()
+        Samples::new(&self.held_back)
     }
 }
 
-impl SamplesBySide {
-    /// Samples the left turns first.
-    fn sample_turns(left: &[TrueSample], right: &[TrueSample], mut sample: impl FnMut(&TrueSample) -> Sample) -> Self {
-        let [left, right] = [left, right].map(|side| side.iter().map(&mut sample).collect());
-        Self { left, right, any: Vec::new() }
-    }
-
-    fn samples(&self) -> Samples<'_> {
-        Samples { left: &self.left, right: &self.right, unassigned: [&self.any, &[], &[]], ..Samples::default() }
-    }
+/// Samples the left turns first.
+fn sample_turns(
+    left: &[TrueSample],
+    right: &[TrueSample],
+    mut sample: impl FnMut(&TrueSample) -> Sample,
+) -> Vec<Sample> {
+    let instants = left.iter().map(|left| (left, Part::LEFT)).chain(right.iter().map(|right| (right, Part::RIGHT)));
+    instants.map(|(instant, part)| Sample { part, ..sample(instant) }).collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use autoswing::calibration::Side;
+
     use super::*;
 
     #[test]
@@ -429,7 +421,7 @@ mod tests {
             let trial = Trial::draw(&Ranges::HARSH, seed);
             let (recorded, _) = trial.record(3, ConstantErrorSigmas::NONE);
             let (fit, held_back) = (recorded.samples(), recorded.held_back());
-            for (fit, held_back) in [(fit.left, held_back.left), (fit.right, held_back.right)] {
+            for (fit, held_back) in [Side::Left, Side::Right].map(|side| (fit.turn(side), held_back.turn(side))) {
                 assert_eq!(held_back.len(), fit.len() - 1);
                 for (pair, held) in fit.windows(2).zip(held_back) {
                     assert_eq!((held.time.ms_since(pair[0].time), pair[1].time.ms_since(held.time)), (250, 250));
@@ -455,6 +447,6 @@ mod tests {
             assert!(difference_deg.abs() < 0.5, "{difference_deg}");
         }
         assert!((mean_deg(first.held_back()) - mean_deg(second.held_back())).abs() > 1.0, "draws differ in their bias");
-        assert_ne!(first.held_back().left[0].field, second.held_back().left[0].field);
+        assert_ne!(first.held_back().turn(Side::Left)[0].field, second.held_back().turn(Side::Left)[0].field);
     }
 }

@@ -1,6 +1,8 @@
-use super::test_samples::{banked_sample, circle_sample, empty_memory, turn_samples};
+use super::super::test_samples::{banked_sample, circle_sample, empty_memory, sample, turn_samples};
 use super::*;
-use crate::time::WrappingMillis;
+use crate::calibration::Side;
+use crate::collection::level_limits::LevelLimits;
+use crate::collection::progress::Coverage;
 
 fn started_collector(procedure: Procedure) -> Collector<'static> {
     let mut collector = Collector::new(empty_memory());
@@ -14,13 +16,8 @@ fn hold_bank(collector: &mut Collector, roll_deg: f32, from_s: u32, to_s: u32) {
     }
 }
 
-fn sample_counts(collector: &Collector) -> [usize; 3] {
-    let (fit, held_back) = (collector.fit(), collector.held_back());
-    [
-        fit.left.len() + held_back.left.len(),
-        fit.right.len() + held_back.right.len(),
-        fit.level.len() + held_back.level.len(),
-    ]
+fn sample_counts(collector: &Collector) -> [usize; 4] {
+    Part::ALL.map(|part| collector.fit().part(part).len() + collector.held_back().part(part).len())
 }
 
 /// 10 s of turn: 2 s settle, then a sample every 0.4 s.
@@ -28,9 +25,9 @@ fn sample_counts(collector: &Collector) -> [usize; 3] {
 fn turn_samples_are_stored_by_side() {
     let mut collector = started_collector(Procedure::Turns);
     hold_bank(&mut collector, -25.0, 0, 10);
-    assert_eq!((sample_counts(&collector), collector.progress().turn_in_progress), ([20, 0, 0], Some(Side::Left)));
+    assert_eq!((sample_counts(&collector), collector.progress().turn_in_progress), ([20, 0, 0, 0], Some(Side::Left)));
     hold_bank(&mut collector, 25.0, 10, 20);
-    assert_eq!((sample_counts(&collector), collector.progress().turn_in_progress), ([20, 20, 0], Some(Side::Right)));
+    assert_eq!((sample_counts(&collector), collector.progress().turn_in_progress), ([20, 20, 0, 0], Some(Side::Right)));
 }
 
 /// Parked near iron before the first turn; a bank of 1 s is not a turn.
@@ -40,13 +37,13 @@ fn level_flight_counts_only_after_the_first_turn() {
     hold_bank(&mut collector, 0.0, 0, 10);
     hold_bank(&mut collector, 25.0, 10, 11);
     hold_bank(&mut collector, 0.0, 11, 20);
-    assert_eq!(sample_counts(&collector), [0, 0, 0]);
+    assert_eq!(sample_counts(&collector), [0; 4]);
     hold_bank(&mut collector, 25.0, 20, 23);
     hold_bank(&mut collector, 0.0, 23, 31);
-    assert_eq!(sample_counts(&collector), [0, 3, 20]);
+    assert_eq!(sample_counts(&collector), [0, 3, 20, 0]);
     collector.begin(Procedure::Turns);
     hold_bank(&mut collector, 0.0, 31, 40);
-    assert_eq!(sample_counts(&collector), [0, 0, 0]);
+    assert_eq!(sample_counts(&collector), [0; 4]);
 }
 
 /// 8 deg lies within the hysteresis, which continues a turn but does not begin one.
@@ -67,7 +64,7 @@ fn level_is_seven_degrees_of_bank_and_twelve_of_pitch() {
             for (roll_sign, pitch_sign) in [(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)] {
                 let mut collector = started_collector(procedure);
                 collector.push(banked_sample(roll_sign * roll_deg, pitch_sign * pitch_deg, 0));
-                assert_eq!(sample_counts(&collector), [0, 0, usize::from(is_level)], "{roll_deg} {pitch_deg}");
+                assert_eq!(sample_counts(&collector), [0, 0, usize::from(is_level), 0], "{roll_deg} {pitch_deg}");
             }
         }
     }
@@ -75,7 +72,7 @@ fn level_is_seven_degrees_of_bank_and_twelve_of_pitch() {
 
 #[test]
 fn level_begins_where_a_turn_ends() {
-    let ends_rad = turn_detector::TurnDetectorConfig::DEFAULT.leave_roll_rad;
+    let ends_rad = TurnDetectorConfig::DEFAULT.leave_roll_rad;
     assert_eq!(LevelLimits::DEFAULT.level_roll_rad.to_bits(), ends_rad.to_bits());
 }
 
@@ -86,23 +83,7 @@ fn a_tumbled_module_collects_every_attitude() {
         let sample = Sample { field: circle_sample(roll_deg).field, ..banked_sample(roll_deg, 80.0, i as u32 * 400) };
         collector.push(sample);
     }
-    assert_eq!(sample_counts(&collector), [4, 0, 0]);
-}
-
-#[test]
-fn completeness_depends_on_the_procedure() {
-    let full = Coverage { percent: 100, ..Coverage::default() };
-    let part = Coverage { percent: 99, ..full };
-    let is_complete = |procedure, [left, right, level]: [Coverage; 3]| {
-        CollectionProgress { procedure, left, right, level, ..CollectionProgress::default() }.is_complete()
-    };
-    assert!(is_complete(Procedure::Turns, [full, full, part]));
-    assert!(!is_complete(Procedure::Turns, [full, part, full]));
-    assert!(!is_complete(Procedure::Turns, [part, full, full]));
-    assert!(is_complete(Procedure::Level, [part, part, full]));
-    assert!(!is_complete(Procedure::Level, [full, full, part]));
-    assert!(!is_complete(Procedure::Swing, [full; 3]));
-    assert!(!is_complete(Procedure::Tumble, [full; 3]));
+    assert_eq!(sample_counts(&collector), [0, 0, 0, 4]);
 }
 
 /// Three circles each way at 13 deg/s, then the same without bank.
@@ -140,11 +121,35 @@ fn a_new_collection_discards_the_last_one() {
     collector.add_mark(Mark { sample: circle_sample(0.0), heading_rad: 0.0 });
     collector.begin(Procedure::Turns);
     hold_bank(&mut collector, 25.0, 0, 5);
-    assert_eq!((collector.procedure(), sample_counts(&collector)), (Procedure::Turns, [0, 8, 0]));
+    assert_eq!((collector.procedure(), sample_counts(&collector)), (Procedure::Turns, [0, 8, 0, 0]));
     collector.begin(Procedure::Tumble);
     let progress = CollectionProgress { procedure: Procedure::Tumble, ..CollectionProgress::default() };
     assert_eq!((collector.progress(), collector.procedure()), (progress, Procedure::Tumble));
     assert_eq!((collector.fit().all().count(), collector.held_back().all().count()), (0, 0));
+}
+
+/// The hold-back cycle, the sample interval and the distance of a tumble start again.
+#[test]
+fn a_new_collection_restarts_its_policy() {
+    let mut collector = started_collector(Procedure::Swing);
+    (0..3).for_each(|i| collector.push(sample([i as f32, 0.0, 0.0], i * 400)));
+    collector.begin(Procedure::Swing);
+    collector.push(sample([0.0; 3], 801));
+    assert_eq!((collector.fit().iter().count(), collector.held_back().iter().count()), (1, 0));
+    collector.begin(Procedure::Flight);
+    (0..3).for_each(|i| collector.push(sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
+    collector.begin(Procedure::Flight);
+    assert_eq!((collector.progress().left, collector.distinct_samples()), (Coverage::default(), 0));
+    (0..4).for_each(|i| collector.push(sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
+    assert_eq!((collector.distinct_samples(), collector.stored_count()), (4, 4));
+    assert_eq!(collector.held_back().iter().map(|held| held.time.as_ms()).collect::<Vec<_>>(), [300]);
+    let tumble = |collector: &mut Collector, number: u32| {
+        collector.begin(Procedure::Tumble);
+        (0..number).for_each(|i| collector.push(sample([i as f32 * 5.1, 0.0, 0.0], i * 400)));
+        collector.fit().iter().chain(collector.held_back().iter()).count()
+    };
+    assert!(tumble(&mut collector, 300) < 252, "the distance grew");
+    assert_eq!(tumble(&mut collector, 20), 20);
 }
 
 #[test]
@@ -154,5 +159,5 @@ fn a_turn_continues_while_the_clock_wraps() {
         let time = WrappingMillis::new(sample.time.as_ms().wrapping_sub(15_000));
         collector.push(Sample { time, ..sample });
     }
-    assert_eq!(sample_counts(&collector), [0, 70, 0]);
+    assert_eq!(sample_counts(&collector), [0, 70, 0, 0]);
 }
