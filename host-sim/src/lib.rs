@@ -9,6 +9,8 @@
 //! The simulator is the crate `simulator`, the analysis of logs the crate `log_analysis`; the command line is the
 //! binary. All results but those of the emulator and of served modules are functions of the seed.
 
+#![warn(clippy::disallowed_methods)]
+
 pub mod emulator;
 pub mod serve;
 pub mod studies;

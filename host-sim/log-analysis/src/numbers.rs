@@ -6,8 +6,14 @@ use serde_json::{Value, json};
 /// Rounds for JSON; a negative value that rounds to zero becomes plain zero.
 #[must_use]
 pub fn round_to(value: f64, decimals: i32) -> f64 {
-    let scale = 10_f64.powi(decimals);
+    let scale = libm::pow(10.0, f64::from(decimals));
     (value * scale).round() / scale + 0.0
+}
+
+/// Square; `f64::powi` may round differently on another platform.
+#[must_use]
+pub fn square(value: f64) -> f64 {
+    value * value
 }
 
 /// The f64 with the f32's shortest decimal form: 0.1, not 0.10000000149.
@@ -44,11 +50,11 @@ pub fn median(numbers: impl IntoIterator<Item = f64>) -> f64 {
 #[must_use]
 pub fn mean_angle_deg(angles: impl IntoIterator<Item = f64>) -> Option<f64> {
     let finite = angles.into_iter().filter(|angle| angle.is_finite());
-    let sums = finite.map(|angle| angle.to_radians().sin_cos()).fold(None, |sums, (s, c)| {
+    let sums = finite.map(|angle| libm::sincos(angle.to_radians())).fold(None, |sums, (s, c)| {
         let (sin, cos) = sums.unwrap_or((0.0, 0.0));
         Some((sin + s, cos + c))
     });
-    sums.map(|(sin, cos)| sin.atan2(cos).to_degrees())
+    sums.map(|(sin, cos)| libm::atan2(sin, cos).to_degrees())
 }
 
 /// Formats a number; a dash if it is not finite.
@@ -71,6 +77,16 @@ pub fn format_optional(value: Option<f64>, decimals: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Powers up to 1e22 are exact in an f64.
+    #[test]
+    fn powers_of_ten_for_rounding_are_exact() {
+        for decimals in 0..=15 {
+            let exact: f64 = format!("1e{decimals}").parse().unwrap();
+            assert_eq!(libm::pow(10.0, f64::from(decimals)).to_bits(), exact.to_bits(), "{decimals}");
+        }
+        assert_eq!([round_to(0.125_4, 3), round_to(-0.000_1, 3)], [0.125, 0.0]);
+    }
 
     #[test]
     fn numbers_are_safe() {

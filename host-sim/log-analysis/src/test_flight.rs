@@ -41,7 +41,7 @@ pub fn record_turns(field_latency_s: f64) -> FlightRecording {
             attitude_rad: [euler_rad.x + noise_rad[0], euler_rad.y + noise_rad[1], euler_rad.z],
             rates_rad_s: body_rates_rad_s(&euler_rad, &euler_rates_rad_s),
             heading_rad: euler_rad.z.rem_euclid(std::f64::consts::TAU),
-            velocity_m_s: [euler_rad.z.cos() * AIRSPEED_M_S, euler_rad.z.sin() * AIRSPEED_M_S],
+            velocity_m_s: [libm::cos(euler_rad.z) * AIRSPEED_M_S, libm::sin(euler_rad.z) * AIRSPEED_M_S],
             displacement_m: [0.0; 2],
             current_a: 0.0,
             is_armed: true,
@@ -75,10 +75,10 @@ fn fly_turns() -> Vec<Motion> {
 fn step(motions: &mut Vec<Motion>, bank_deg: f64) {
     let Some(last) = motions.last() else { return };
     let (t_s, [roll_rad, pitch_rad, heading_rad]) = (motions.len() as f64 * STEP_S, last.euler_rad.into());
-    let target_rad = bank_deg.to_radians() + 0.03 * (1.3 * t_s).sin();
+    let target_rad = bank_deg.to_radians() + 0.03 * libm::sin(1.3 * t_s);
     let roll_rate = ((target_rad - roll_rad) / STEP_S).clamp(-MAX_ROLL_RATE_RAD_S, MAX_ROLL_RATE_RAD_S);
-    let pitch_rate = (0.04 * (0.9 * t_s).sin() - pitch_rad) / STEP_S;
-    let heading_rate = 9.81 * roll_rad.tan() / AIRSPEED_M_S;
+    let pitch_rate = (0.04 * libm::sin(0.9 * t_s) - pitch_rad) / STEP_S;
+    let heading_rate = 9.81 * libm::tan(roll_rad) / AIRSPEED_M_S;
     let euler_rates_rad_s = Vector3::new(roll_rate, pitch_rate, heading_rate);
     let euler_rad = Vector3::new(roll_rad, pitch_rad, heading_rad) + euler_rates_rad_s * STEP_S;
     motions.push(Motion { euler_rad, euler_rates_rad_s });
@@ -94,7 +94,7 @@ fn past_attitude(motions: &[Motion], i: usize, steps: f64) -> Vector3<f64> {
 
 fn measured_field_ut(euler_rad: Vector3<f64>) -> Vector3<f64> {
     let (total_ut, inclination_rad) = EARTH;
-    let earth_ut = Vector3::new(total_ut * inclination_rad.cos(), 0.0, total_ut * inclination_rad.sin());
+    let earth_ut = Vector3::new(total_ut * libm::cos(inclination_rad), 0.0, total_ut * libm::sin(inclination_rad));
     let soft_iron = Matrix3::new(0.99, 0.03, -0.02, -0.02, 0.92, -0.02, -0.01, 0.02, 0.99);
     soft_iron * Rotation3::from_euler_angles(euler_rad.x, euler_rad.y, euler_rad.z).inverse_transform_vector(&earth_ut)
         + Vector3::from(HARD_IRON_UT)
@@ -102,7 +102,7 @@ fn measured_field_ut(euler_rad: Vector3<f64>) -> Vector3<f64> {
 
 /// Body rates of Euler rates (B. L. Stevens, F. L. Lewis, "Aircraft Control and Simulation", section 1.4).
 fn body_rates_rad_s(euler_rad: &Vector3<f64>, rates: &Vector3<f64>) -> [f64; 3] {
-    let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) = (euler_rad.x.sin_cos(), euler_rad.y.sin_cos());
+    let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) = (libm::sincos(euler_rad.x), libm::sincos(euler_rad.y));
     [
         rates.x - rates.z * sin_pitch,
         rates.y * cos_roll + rates.z * sin_roll * cos_pitch,

@@ -18,6 +18,8 @@
 //! functions of the seed: no code reads real time, files or unseeded random numbers, and the crate needs no operating
 //! system.
 
+#![warn(clippy::disallowed_methods)]
+
 pub mod devices;
 pub mod faults;
 pub mod heading_errors;

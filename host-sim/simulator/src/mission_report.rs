@@ -107,7 +107,7 @@ fn swung(mission_result: &MissionResult) -> CompassReport {
             at_s: mission_result.solved_s - first_s,
             name: if mission_result.result.is_ok() { "calibrated, restarted" } else { "refused" }.to_owned(),
         }],
-        horizontal_ut: calibration.map(|c| f64::from(c.total_ut * c.inclination_rad.cos())),
+        horizontal_ut: calibration.map(|c| f64::from(c.total_ut * libm::cosf(c.inclination_rad))),
         coefficients: calibration
             .map(|Calibration { w: [x, y, z], b_ut, .. }| [x, y, z, b_ut].map(|row| row.map(f64::from))),
         ..CompassReport::default()

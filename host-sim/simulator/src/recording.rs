@@ -30,7 +30,7 @@ pub fn record_sample(recording: &mut FlightRecording, world: &World, source: &mu
     let field = world.sensor_field(at_us.saturating_sub((recording.field_latency_s * 1e6) as u64)).ut;
     let declination_rad = recording.declination_deg.to_radians();
     let heading_rad = (truth.heading_rad + declination_rad).rem_euclid(TAU);
-    let (sin, cos) = declination_rad.sin_cos();
+    let (sin, cos) = libm::sincos(declination_rad);
     let true_north = |[north, east]: [f64; 2]| [north * cos - east * sin, north * sin + east * cos];
     recording.samples.push(FlightSample {
         time_us: at_us,

@@ -77,7 +77,7 @@ impl NumberedRotation {
     pub fn nearest(matrix: &Matrix3<f64>) -> (Self, f64) {
         let angle_deg = |rotation: Self| {
             let trace = (rotation.matrix().transpose() * matrix).trace();
-            ((trace - 1.0) / 2.0).clamp(-1.0, 1.0).acos().to_degrees()
+            libm::acos(((trace - 1.0) / 2.0).clamp(-1.0, 1.0)).to_degrees()
         };
         (0..DEGREES.len() as u8)
             .map(|number| (Self(number), angle_deg(Self(number))))

@@ -47,7 +47,7 @@ pub fn fit_ellipsoid(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> 
     }
     let root = Matrix3::from_diagonal(&eigen.eigenvalues.map(f64::sqrt));
     let matrix = eigen.eigenvectors * root * eigen.eigenvectors.transpose();
-    let radius = matrix.determinant().powf(-1.0 / 3.0);
+    let radius = libm::pow(matrix.determinant(), -1.0 / 3.0);
     let correction = FieldCorrection::without_current(matrix * radius, mean + centre * scale);
     Some((correction, radius * scale))
 }
@@ -75,7 +75,7 @@ mod tests {
     fn fields(matrix: &Matrix3<f64>, centre: Vector3<f64>) -> Vec<Vector3<f64>> {
         let direction = |i: usize| {
             let (z, angle) = (1.0 - 2.0 * (i as f64 + 0.5) / 200.0, i as f64 * 2.4);
-            Vector3::new((1.0 - z * z).sqrt() * angle.cos(), (1.0 - z * z).sqrt() * angle.sin(), z)
+            Vector3::new((1.0 - z * z).sqrt() * libm::cos(angle), (1.0 - z * z).sqrt() * libm::sin(angle), z)
         };
         (0..200).map(|i| matrix * direction(i) * 50.0 + centre).collect()
     }
@@ -99,14 +99,15 @@ mod tests {
         let product = correction.matrix * soft;
         assert!((product / product[(0, 0)] - Matrix3::identity()).norm() < 1e-6, "{product}");
         assert!((correction.matrix.determinant() - 1.0).abs() < 1e-9);
-        assert!((radius - 50.0 * soft.determinant().powf(1.0 / 3.0)).abs() < 1e-6, "{radius}");
+        assert!((radius - 50.0 * libm::pow(soft.determinant(), 1.0 / 3.0)).abs() < 1e-6, "{radius}");
     }
 
     #[test]
     fn too_few_or_degenerate_fields_give_no_fit() {
         assert!(fit_sphere(&fields(&Matrix3::identity(), Vector3::zeros())[..19]).is_none());
         assert!(fit_sphere(&vec![Vector3::new(1.0, 2.0, 3.0); 100]).is_none());
-        let level: Vec<_> = (0..100).map(|i| Vector3::new(f64::from(i).cos(), f64::from(i).sin(), 2.0)).collect();
+        let level: Vec<_> =
+            (0..100).map(|i| Vector3::new(libm::cos(f64::from(i)), libm::sin(f64::from(i)), 2.0)).collect();
         assert!(fit_ellipsoid(&level).is_none());
     }
 }

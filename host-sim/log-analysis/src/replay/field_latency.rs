@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::rows::build_rows;
 use super::solve_all_rows;
 use crate::log::{Compass, Flight};
+use crate::numbers::square;
 
 /// Largest standard deviation of a usable estimate, seconds: 0.6 deg at 30 deg/s.
 const MAX_SIGMA_S: f64 = 0.02;
@@ -60,11 +61,11 @@ fn accept_estimate(age_s: f64, sigma_s: f64) -> Option<FieldLatency> {
 /// Gives compasses without an estimate the weighted mean of the others, since one logger wrote all.
 pub fn fill_in_missing(ages: &mut [FieldLatency]) {
     let known: Vec<(f64, f64)> = ages.iter().filter_map(|age| Some((age.used_s, age.sigma_s?))).collect();
-    let weight: f64 = known.iter().map(|(_, sigma_s)| sigma_s.powi(-2)).sum();
+    let weight: f64 = known.iter().map(|(_, sigma_s)| square(*sigma_s).recip()).sum();
     if known.is_empty() || !weight.is_finite() {
         return;
     }
-    let mean_s = known.iter().map(|(age_s, sigma_s)| age_s * sigma_s.powi(-2)).sum::<f64>() / weight;
+    let mean_s = known.iter().map(|(age_s, sigma_s)| age_s * square(*sigma_s).recip()).sum::<f64>() / weight;
     for age in ages.iter_mut().filter(|age| age.sigma_s.is_none()) {
         age.used_s = mean_s;
     }

@@ -34,7 +34,7 @@ use autoswing::messages::Refusal;
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
 
-use crate::numbers::mean_angle_deg;
+use crate::numbers::{mean_angle_deg, square};
 use crate::score::{accepted_by_uncalibrated, within_percent, wrap_180};
 use module_run::ModuleRun;
 
@@ -416,7 +416,7 @@ fn score(rows: &[ReplayRow], mut heading: impl FnMut(&ReplayRow) -> Option<(f64,
     let rest = |error: f64| wrap_180(error - mean_deg);
     let normalised: Vec<f64> = errors.iter().map(|(error, sigma_deg)| rest(*error) / sigma_deg).collect();
     Some(HeadingScore {
-        rms_deg: (errors.iter().map(|(error, _)| rest(*error).powi(2)).sum::<f64>() / number).sqrt(),
+        rms_deg: (errors.iter().map(|(error, _)| square(rest(*error))).sum::<f64>() / number).sqrt(),
         mean_deg,
         rows: errors.len(),
         within_percent: within_percent(&normalised),

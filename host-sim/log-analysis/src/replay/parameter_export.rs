@@ -14,6 +14,7 @@ use super::{HeadingScore, ReplayRow};
 use crate::log::{
     Autopilot, FieldCorrection, Flight, NumberedRotation, ParameterHistory, px4_mounting, symmetric_matrix,
 };
+use crate::numbers::square;
 use crate::score::wrap_180;
 
 /// Format of a parameter file.
@@ -179,7 +180,7 @@ fn nearest(
         let mut normal = jacobian.transpose() * &jacobian;
         let mut side = -(jacobian.transpose() * from);
         for i in 0..number {
-            let weight = SPARE[usize::from((3..6).contains(&i))].powi(-2);
+            let weight = square(SPARE[usize::from((3..6).contains(&i))]).recip();
             normal[(i, i)] += weight;
             side[i] += weight * (start[i] - best.0[i]);
         }
@@ -239,7 +240,7 @@ fn heading_loss_deg_of(
         .collect();
     let number = differences.len().max(1) as f64;
     let mean = differences.iter().sum::<f64>() / number;
-    let squares = differences.iter().map(|difference| (difference - mean).powi(2)).sum::<f64>();
+    let squares = differences.iter().map(|difference| square(difference - mean)).sum::<f64>();
     [(squares / number).sqrt(), mean]
 }
 

@@ -60,7 +60,7 @@ impl Axis {
     }
 
     fn decimals(&self) -> usize {
-        if self.step >= 1.0 { 0 } else { (-self.step.log10() - 1e-9).ceil() as usize }
+        if self.step >= 1.0 { 0 } else { (-libm::log10(self.step) - 1e-9).ceil() as usize }
     }
 
     fn fraction(&self, value: f64) -> f64 {
@@ -70,7 +70,7 @@ impl Axis {
 
 /// Smallest 1, 2 or 5 times a power of ten not less than `least`.
 fn round_step(least: f64) -> f64 {
-    let power = 10_f64.powf(least.log10().floor());
+    let power = libm::pow(10_f64, libm::log10(least).floor());
     [1.0, 2.0, 5.0].into_iter().map(|times| times * power).find(|step| *step >= least * 0.999).unwrap_or(10.0 * power)
 }
 

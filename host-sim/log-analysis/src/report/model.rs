@@ -175,11 +175,11 @@ pub(super) fn means_by_heading(
         };
         let sector = (heading_deg / SECTOR_DEG).round().rem_euclid(24.0) as usize;
         if let Some((sin, cos, number)) = sums.get_mut(sector) {
-            let (s, c) = value.to_radians().sin_cos();
+            let (s, c) = libm::sincos(value.to_radians());
             (*sin, *cos, *number) = (*sin + s, *cos + c, *number + 1);
         }
     }
-    sums.iter().map(|(sin, cos, number)| (*number >= FEW).then(|| sin.atan2(*cos).to_degrees())).collect()
+    sums.iter().map(|(sin, cos, number)| (*number >= FEW).then(|| libm::atan2(*sin, *cos).to_degrees())).collect()
 }
 
 impl CompassReport {

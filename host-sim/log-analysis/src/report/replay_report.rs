@@ -114,7 +114,7 @@ fn swung(
         marks: marks(compass),
         horizontal_ut: solution.map(|s| {
             let Calibration { total_ut, inclination_rad, .. } = s.calibration;
-            f64::from(total_ut * inclination_rad.cos())
+            f64::from(total_ut * libm::cosf(inclination_rad))
         }),
         has_fitted_marks: true,
         advice: solution.and_then(|s| s.advice).map(|advice| {
@@ -250,7 +250,10 @@ impl LocalPositions {
         let is_place = |gps: &Gps| gps.latitude_deg.abs() + gps.longitude_deg.abs() > 0.0;
         let first = flight.gps.rows().iter().map(|row| Gps::from_columns(row.values)).find(is_place)?;
         let first = [first.longitude_deg, first.latitude_deg].map(f64::from);
-        Some(Self { origin_deg: first, metres_per_deg: [Self::METRES * first[1].to_radians().cos(), Self::METRES] })
+        Some(Self {
+            origin_deg: first,
+            metres_per_deg: [Self::METRES * libm::cos(first[1].to_radians()), Self::METRES],
+        })
     }
 
     fn at(&self, flight: &Flight, t_s: f64) -> Option<[f64; 2]> {

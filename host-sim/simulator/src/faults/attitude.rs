@@ -149,7 +149,7 @@ pub fn filter_alignment(switch: Switch, amplitude_deg: f64, periods_s: [f64; 2])
         }
         let swing_rad = amplitude_deg.to_radians() * (1.0 - switch.progress(now_us));
         for (angle, period_s) in [&mut message.roll, &mut message.pitch].into_iter().zip(periods_s) {
-            *angle += (swing_rad * (TAU * on_for_s / period_s).sin()) as f32;
+            *angle += (swing_rad * libm::sin(TAU * on_for_s / period_s)) as f32;
         }
     }
 }

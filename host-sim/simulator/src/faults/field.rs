@@ -43,7 +43,7 @@ pub fn zero_drift(switch: Switch, change_ut: Vector3<f64>) -> impl FieldFault {
 #[must_use]
 pub fn passing_object(switch: Switch, peak_ut: Vector3<f64>) -> impl FieldFault {
     move |at_us| {
-        let near = if switch.is_on(at_us) { (1.0 - (2.0 * PI * switch.progress(at_us)).cos()) / 2.0 } else { 0.0 };
+        let near = if switch.is_on(at_us) { (1.0 - libm::cos(2.0 * PI * switch.progress(at_us))) / 2.0 } else { 0.0 };
         peak_ut * near
     }
 }

@@ -15,6 +15,7 @@ use super::sensor::{
     FaultyChip, RegisterUpset, SensorFault, additional_noise, axis_clipping, measurement_spikes, stuck_axes,
 };
 use crate::devices::i2c::Target;
+use log_analysis::numbers::square;
 
 /// On from 1 s to 3 s.
 fn switch() -> Switch {
@@ -120,7 +121,7 @@ fn noise_and_spikes_have_the_configured_size_and_rate() {
     assert_eq!(apply_sensor_fault(&mut noisy, BEFORE_US, [0; 3]), [0; 3]);
     assert_eq!(apply_sensor_fault(&mut spiky, BEFORE_US, [0; 3]), [0; 3]);
     let squares: f64 =
-        (0..10_000).map(|_| f64::from(apply_sensor_fault(&mut noisy, WHILE_US, [0; 3])[2]).powi(2)).sum::<f64>()
+        (0..10_000).map(|_| square(f64::from(apply_sensor_fault(&mut noisy, WHILE_US, [0; 3])[2]))).sum::<f64>()
             / 10_000.0;
     assert!((squares.sqrt() - 100.0).abs() < 4.0, "{}", squares.sqrt());
     let spikes: Vec<[i16; 3]> = (0..10_000)

@@ -104,7 +104,7 @@ impl Airframe {
     #[must_use]
     pub fn true_calibration(&self, earth: &Earth) -> Option<Calibration> {
         let w = self.a.try_inverse()?;
-        let scale = w.determinant().cbrt().recip();
+        let scale = libm::cbrt(w.determinant()).recip();
         let w = (w * scale).cast::<f32>();
         Some(Calibration {
             w: std::array::from_fn(|row| std::array::from_fn(|column| w[(row, column)])),

@@ -167,7 +167,7 @@ impl WorldConfig {
         let AirframeDescription { soft_iron, hard_iron_ut, mounting_deg } = AirframeDescription::from(&self.airframe);
         let numbers = |values: [f64; 3], decimals: u8| {
             // Adding 0.0 turns a rounded -0.0 into 0.0.
-            let scale = 10_f64.powi(decimals.into());
+            let scale = libm::pow(10.0, f64::from(decimals));
             let decimals = usize::from(decimals);
             let [x, y, z] = values.map(|value| (value * scale).round() / scale + 0.0);
             format!("[{x:.decimals$}, {y:.decimals$}, {z:.decimals$}]")

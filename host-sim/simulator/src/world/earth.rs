@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::rotation::Euler;
 use crate::random::{Purpose, Random};
+use log_analysis::numbers::square;
 
 /// Magnetic field at the place of the flight.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -30,15 +31,15 @@ impl Earth {
     pub fn random(seed: u64) -> Self {
         let mut random = Random::new(seed, Purpose::Earth);
         let inclination_deg = random.uniform(-70.0, 70.0);
-        let magnetic_latitude_rad = (inclination_deg.to_radians().tan() / 2.0).atan();
-        let dipole_ut = 30.0 * (1.0 + 3.0 * magnetic_latitude_rad.sin().powi(2)).sqrt();
+        let magnetic_latitude_rad = libm::atan(libm::tan(inclination_deg.to_radians()) / 2.0);
+        let dipole_ut = 30.0 * (1.0 + 3.0 * square(libm::sin(magnetic_latitude_rad))).sqrt();
         Self { total_ut: dipole_ut * random.uniform(0.85, 1.15), inclination_deg }
     }
 
     /// Horizontal intensity `H0`, microtesla.
     #[must_use]
     pub fn horizontal_ut(&self) -> f64 {
-        self.total_ut * self.inclination_deg.to_radians().cos()
+        self.total_ut * libm::cos(self.inclination_deg.to_radians())
     }
 
     /// Field in the body axes of an aircraft with this attitude, microtesla.

@@ -15,7 +15,7 @@ impl FirstOrder {
     /// A stationary process with this standard deviation and correlation time, sampled every `step_s`.
     #[must_use]
     pub fn new(sigma: f64, correlation_s: f64, step_s: f64, mut random: Random) -> Self {
-        let decay = (-step_s / correlation_s).exp();
+        let decay = libm::exp(-step_s / correlation_s);
         Self { value: sigma * random.normal(), decay, drive: sigma * (1.0 - decay * decay).sqrt(), random }
     }
 
@@ -42,7 +42,7 @@ impl SecondOrder {
     #[must_use]
     pub fn new(sigma: f64, correlation_s: f64, step_s: f64, mut random: Random) -> Self {
         let time_constant_s = correlation_s / 2.0;
-        let decay = (-step_s / time_constant_s).exp();
+        let decay = libm::exp(-step_s / time_constant_s);
         let input_sigma = sigma * (1.0 + decay) / (1.0 + decay * decay).sqrt();
         let value = sigma * random.normal();
         Self { value, input: FirstOrder::new(input_sigma, time_constant_s, step_s, random), decay }

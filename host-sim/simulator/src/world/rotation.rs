@@ -53,23 +53,23 @@ impl Euler {
 /// Inclination is positive where the field points down (northern hemisphere).
 #[must_use]
 pub fn earth_field(total: f64, inclination_rad: f64) -> Vector3<f64> {
-    Vector3::new(total * inclination_rad.cos(), 0.0, total * inclination_rad.sin())
+    Vector3::new(total * libm::cos(inclination_rad), 0.0, total * libm::sin(inclination_rad))
 }
 
 /// Rotation of the axes about x, y towards z.
 fn about_x(angle_rad: f64) -> Matrix3<f64> {
-    let (sin, cos) = angle_rad.sin_cos();
+    let (sin, cos) = libm::sincos(angle_rad);
     Matrix3::new(1.0, 0.0, 0.0, 0.0, cos, sin, 0.0, -sin, cos)
 }
 
 /// Rotation of the axes about y, z towards x.
 fn about_y(angle_rad: f64) -> Matrix3<f64> {
-    let (sin, cos) = angle_rad.sin_cos();
+    let (sin, cos) = libm::sincos(angle_rad);
     Matrix3::new(cos, 0.0, -sin, 0.0, 1.0, 0.0, sin, 0.0, cos)
 }
 
 fn about_z(angle_rad: f64) -> Matrix3<f64> {
-    let (sin, cos) = angle_rad.sin_cos();
+    let (sin, cos) = libm::sincos(angle_rad);
     Matrix3::new(cos, sin, 0.0, -sin, cos, 0.0, 0.0, 0.0, 1.0)
 }
 
@@ -141,7 +141,7 @@ mod tests {
     /// 35.98.
     #[test]
     fn a_field_in_a_bank_equals_hand_calculation() {
-        let field = Euler::from_deg(30.0, 0.0, 30.0).field(50.0, (30_f64 / 40.0).atan());
+        let field = Euler::from_deg(30.0, 0.0, 30.0).field(50.0, libm::atan(30_f64 / 40.0));
         let root = 3_f64.sqrt();
         assert_near(field, [20.0 * root, 15.0 - 10.0 * root, 10.0 + 15.0 * root]);
     }

@@ -58,7 +58,7 @@ impl TrueState {
     /// Course over ground in degrees from magnetic north, 0..360, as GNSS reports it.
     #[must_use]
     pub fn course_deg(&self) -> f64 {
-        self.east_m_s.atan2(self.north_m_s).rem_euclid(TAU).to_degrees()
+        libm::atan2(self.east_m_s, self.north_m_s).rem_euclid(TAU).to_degrees()
     }
 
     /// Euler angles.
@@ -76,8 +76,8 @@ impl TrueState {
     /// Angular rates about the body axes x, y, z, radians per second, as gyros measure them.
     #[must_use]
     pub fn body_rates_rad_s(&self) -> [f64; 3] {
-        let (sin_roll, cos_roll) = self.roll_rad.sin_cos();
-        let (sin_pitch, cos_pitch) = self.pitch_rad.sin_cos();
+        let (sin_roll, cos_roll) = libm::sincos(self.roll_rad);
+        let (sin_pitch, cos_pitch) = libm::sincos(self.pitch_rad);
         [
             self.roll_rate_rad_s - self.heading_rate_rad_s * sin_pitch,
             self.pitch_rate_rad_s * cos_roll + self.heading_rate_rad_s * sin_roll * cos_pitch,

@@ -41,7 +41,7 @@ impl Weather {
     }
 
     pub(super) fn wind_velocity_m_s(&self) -> (f64, f64) {
-        let (sin_from, cos_from) = self.wind_from_deg.to_radians().sin_cos();
+        let (sin_from, cos_from) = libm::sincos(self.wind_from_deg.to_radians());
         (-self.wind_m_s * cos_from, -self.wind_m_s * sin_from)
     }
 }

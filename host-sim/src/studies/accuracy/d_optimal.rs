@@ -55,7 +55,7 @@ pub fn select_samples(trial: &Trial, number: usize) -> Vec<TrueSample> {
         instants.iter().map(|instant| cramer_rao::information_root(trial, instant)).collect();
     let mut covariance = prior();
     let gain = |covariance: &FisherInformation, index: usize| {
-        information_gain_matrix(covariance, &rows[index]).determinant().ln()
+        libm::log(information_gain_matrix(covariance, &rows[index]).determinant())
     };
     let candidate = |index| Candidate { gain: gain(&covariance, index), index, evaluated_at: 0 };
     let mut candidates: BinaryHeap<Candidate> = (0..rows.len()).map(candidate).collect();

@@ -47,8 +47,8 @@ mod tests {
         let mut random = Random(3);
         let sample_at = |i: u16| {
             let t_s = f32::from(i) / 10.0;
-            let attitude = Attitude::from_deg(15.0 * (0.31 * t_s).sin(), 6.0 * (0.47 * t_s).sin());
-            let body = attitude.body(Field::earth(50.0, 1.1, 0.4 * (0.2 * t_s).sin())).ut;
+            let attitude = Attitude::from_deg(15.0 * libm::sinf(0.31 * t_s), 6.0 * libm::sinf(0.47 * t_s));
+            let body = attitude.body(Field::earth(50.0, 1.1, 0.4 * libm::sinf(0.2 * t_s))).ut;
             let field = Field::from_ut(
                 body.x + 20.0 + 0.3 * random.normal(),
                 body.y - 10.0 + 0.3 * random.normal(),

@@ -170,7 +170,7 @@ impl Envelope {
 
 /// Roll and pitch of a tilt in one of eight directions, degrees.
 fn tilt_toward(side: u8) -> [f64; 2] {
-    let (sin, cos) = (f64::from(side) * std::f64::consts::FRAC_PI_4).sin_cos();
+    let (sin, cos) = libm::sincos(f64::from(side) * std::f64::consts::FRAC_PI_4);
     [Envelope::TILT_DEG * sin, Envelope::TILT_DEG * cos]
 }
 
@@ -190,7 +190,7 @@ impl Trial {
         let size = random.uniform(0.0, ranges.soft_iron) / symmetric.singular_values().max();
         let mounting = random.rotation(ranges.mounting_deg);
         let inclination_rad = random.uniform(ranges.inclination_deg[0], ranges.inclination_deg[1]).to_radians();
-        let hard_iron = random.direction() * random.uniform(0.0, ranges.hard_iron) * inclination_rad.cos();
+        let hard_iron = random.direction() * random.uniform(0.0, ranges.hard_iron) * libm::cos(inclination_rad);
         let bank_deg = random.uniform(ranges.bank_deg[0], ranges.bank_deg[1]);
         let [left, right] = [-bank_deg, bank_deg].map(|bank_deg| turn(ranges, bank_deg, &mut random));
         Self {
@@ -216,7 +216,7 @@ impl Trial {
     #[must_use]
     pub fn attitude_sigma_rad(&self, instant: &TrueSample) -> f64 {
         let by_push_rad = PUSH_ERROR_DEG.to_radians() * instant.disturbing_acceleration_m_s2;
-        self.attitude_sigma_rad.hypot(by_push_rad)
+        libm::hypot(self.attitude_sigma_rad, by_push_rad)
     }
 
     /// All samples of the flight.
@@ -317,7 +317,7 @@ fn midpoints(instants: &[TrueSample]) -> Vec<TrueSample> {
 /// Coordinated turns with random bank and pitch (correlation time 1.5 s), sampled every 0.5 s.
 fn turn(ranges: &Ranges, bank_deg: f64, random: &mut Random) -> Vec<TrueSample> {
     const STEP_S: f64 = 0.5;
-    let keep = (-STEP_S / 1.5_f64).exp();
+    let keep = libm::exp(-STEP_S / 1.5_f64);
     let fresh = (1.0 - keep * keep).sqrt() * ranges.random_attitude_deg;
     let mut attitude_noise =
         [random.normal() * ranges.random_attitude_deg, random.normal() * ranges.random_attitude_deg];
@@ -327,7 +327,7 @@ fn turn(ranges: &Ranges, bank_deg: f64, random: &mut Random) -> Vec<TrueSample> 
             attitude_noise = attitude_noise.map(|w| keep * w + fresh * random.normal());
             let roll_rad = (bank_deg + attitude_noise[0]).to_radians();
             // Coordinated turn at 22 m/s, as of a small UAV.
-            heading_rad += STEP_S * 9.81 * roll_rad.tan() / 22.0;
+            heading_rad += STEP_S * 9.81 * libm::tan(roll_rad) / 22.0;
             let pitch_rad = (2.0 + attitude_noise[1]).to_radians();
             let (euler, time) = (Euler { roll_rad, pitch_rad, heading_rad }, WrappingMillis::new(i as u32 * 500));
             TrueSample { euler, disturbing_acceleration_m_s2: 0.0, rates: Rates::NONE, time }
@@ -375,6 +375,7 @@ fn sample_turns(
 #[cfg(test)]
 mod tests {
     use autoswing::calibration::Side;
+    use log_analysis::numbers::square;
 
     use super::*;
 
@@ -382,9 +383,9 @@ mod tests {
     fn the_tilted_envelope_has_20_deg_of_tilt_to_eight_sides() {
         let mut directions = std::collections::BTreeSet::new();
         for euler in Envelope::Tilted.attitudes().skip(12) {
-            let tilt_deg = (euler.roll_rad.cos() * euler.pitch_rad.cos()).acos().to_degrees();
+            let tilt_deg = libm::acos(libm::cos(euler.roll_rad) * libm::cos(euler.pitch_rad)).to_degrees();
             assert!((tilt_deg - 20.0).abs() < 0.2, "{tilt_deg}");
-            directions.insert(euler.roll_rad.atan2(euler.pitch_rad).to_degrees().round() as i32);
+            directions.insert(libm::atan2(euler.roll_rad, euler.pitch_rad).to_degrees().round() as i32);
         }
         assert_eq!(directions.len(), 8);
         assert_eq!(Envelope::Tilted.attitudes().count(), 108);
@@ -405,9 +406,9 @@ mod tests {
         for (push_m_s2, by_push_deg) in [(0.0, 0.0), (2.6, 1.04)] {
             let trial = trial.clone().with_flight(vec![instant(push_m_s2); 2000], Envelope::Tilted);
             let (samples, _) = trial.record_all(0, ConstantErrorSigmas::NONE);
-            let squares = samples.iter().map(|s| f64::from(s.attitude.roll_rad.to_degrees() - 3.0).powi(2));
+            let squares = samples.iter().map(|s| square(f64::from(s.attitude.roll_rad.to_degrees() - 3.0)));
             let sigma_deg = (squares.sum::<f64>() / 2000.0).sqrt();
-            let expected_deg = trial.attitude_sigma_rad.to_degrees().hypot(by_push_deg);
+            let expected_deg = libm::hypot(trial.attitude_sigma_rad.to_degrees(), by_push_deg);
             assert!((sigma_deg / expected_deg - 1.0).abs() < 0.06, "{sigma_deg} for {expected_deg}");
             assert!(samples.iter().all(|s| s.rates == Rates::from_rad_s([0.1, -0.2, 0.3]) && s.time.as_ms() == 7));
         }

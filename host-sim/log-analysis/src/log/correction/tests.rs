@@ -118,11 +118,11 @@ fn px4s_correction_is_made_in_the_sensors_axes() {
 #[test]
 fn px4s_compass_angles_and_board_trim_rotate_the_field() {
     let rotation = px4_mounting(&parameters(&[("CAL_MAG0_ROT", 100.0), ("CAL_MAG0_YAW", 30.0)]), 0.0, 0);
-    let (sin, cos) = 30_f64.to_radians().sin_cos();
+    let (sin, cos) = libm::sincos(30_f64.to_radians());
     assert!((rotation * Vector3::x() - Vector3::new(cos, sin, 0.0)).norm() < 1e-12, "{rotation}");
     let trimmed = [("CAL_MAG0_ROT", -1.0), ("SENS_BOARD_ROT", 8.0), ("SENS_BOARD_Z_OFF", 10.0)];
     let board = px4_mounting(&parameters(&trimmed), 0.0, 0);
-    let (sin, cos) = 10_f64.to_radians().sin_cos();
+    let (sin, cos) = libm::sincos(10_f64.to_radians());
     assert!((board * Vector3::y() - Vector3::new(sin, -cos, 0.0)).norm() < 1e-12, "{board}");
     // A compass with its own rotation ignores the board's.
     let external = [("CAL_MAG0_ROT", 0.0), ("SENS_BOARD_ROT", 8.0), ("SENS_BOARD_Z_OFF", 10.0)];

@@ -226,9 +226,9 @@ fn truth(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message) {
 
 /// Roll, pitch and yaw of a quaternion w, x, y, z from body axes to north, east, down.
 pub(super) fn quaternion_to_euler_rad([w, x, y, z]: [f64; 4]) -> [f64; 3] {
-    let roll = (2.0 * (w * x + y * z)).atan2(1.0 - 2.0 * (x * x + y * y));
-    let pitch = (2.0 * (w * y - z * x)).clamp(-1.0, 1.0).asin();
-    let yaw = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
+    let roll = libm::atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y));
+    let pitch = libm::asin((2.0 * (w * y - z * x)).clamp(-1.0, 1.0));
+    let yaw = libm::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z));
     [roll, pitch, yaw]
 }
 

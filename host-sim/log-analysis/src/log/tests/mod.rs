@@ -53,7 +53,7 @@ const PX4: [(&str, f64); 9] = [
 fn recording(parameters: &[(&str, f64)]) -> FlightRecording {
     let instants = (0..300_u64).map(|i| {
         let t_s = i as f64 / 10.0;
-        let (roll, pitch, yaw) = (0.4 * (t_s / 3.0).sin(), 0.1 * (t_s / 2.0).cos(), (t_s / 4.0).sin() * 3.0);
+        let (roll, pitch, yaw) = (0.4 * libm::sin(t_s / 3.0), 0.1 * libm::cos(t_s / 2.0), libm::sin(t_s / 4.0) * 3.0);
         let earth = Vector3::new(22.7, 0.0, 44.6);
         let field = Rotation3::from_euler_angles(roll, pitch, yaw).inverse_transform_vector(&earth);
         let second = Vector3::new(field.x * 1.1 + 10.0, field.y, field.z - 20.0);

@@ -322,7 +322,7 @@ fn is_copter(row: &TopicRow<'_>) -> bool {
 /// Speed over ground, m/s, and course, radians, from the velocity if logged.
 fn over_ground(row: &TopicRow<'_>) -> [f64; 2] {
     match (row.number("vel_n_m_s"), row.number("vel_e_m_s")) {
-        (Some(north), Some(east)) => [north.hypot(east), east.atan2(north)],
+        (Some(north), Some(east)) => [libm::hypot(north, east), libm::atan2(east, north)],
         _ => ["vel_m_s", "cog_rad"].map(|name| row.number(name).unwrap_or(f64::NAN)),
     }
 }

@@ -50,7 +50,7 @@ impl FlightSample {
     /// Speed over ground, m/s, and course, radians, 0 to 2 pi.
     pub(super) fn over_ground(&self) -> [f64; 2] {
         let [north, east] = self.velocity_m_s;
-        [north.hypot(east), east.atan2(north).rem_euclid(TAU)]
+        [libm::hypot(north, east), libm::atan2(east, north).rem_euclid(TAU)]
     }
 }
 
@@ -67,7 +67,7 @@ impl FlightRecording {
         const DEGREE_M: f64 = 111_200.0;
         let [latitude_deg, longitude_deg, height_m] = self.place?;
         let [north_deg, east_deg] = instant.displacement_m.map(|metres| metres / DEGREE_M);
-        let shrinks = latitude_deg.to_radians().cos();
+        let shrinks = libm::cos(latitude_deg.to_radians());
         Some([latitude_deg + north_deg, longitude_deg + east_deg / shrinks, height_m])
     }
 

@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::log::series::Series;
 use crate::log::{Flight, Gps};
-use crate::numbers::median;
+use crate::numbers::{median, square};
 
 /// Largest bank in straight flight, degrees (gusts roll by a few), and the straight time required before and after,
 /// seconds: receivers are 0.1 to 0.4 s late, a roll-out takes 1 s.
@@ -155,7 +155,7 @@ impl GpsCourseHeading {
         if widest_gap_deg > MAX_GAP_DEG {
             return Err(GpsCourseRejection::FewDirections);
         }
-        let squares: f64 = straight.iter().map(|v| circle.radial_residual_m_s(v).powi(2)).sum();
+        let squares: f64 = straight.iter().map(|v| square(circle.radial_residual_m_s(v))).sum();
         let scatter_m_s = (squares / straight.len() as f64).sqrt();
         if airspeed_m_s < MIN_AIRSPEED_BY_WIND * circle.wind_m_s.norm() {
             return Err(GpsCourseRejection::StrongWind);
@@ -181,13 +181,13 @@ impl GpsCourseHeading {
     /// Wind speed, m/s.
     #[must_use]
     pub fn wind_speed_m_s(&self) -> f64 {
-        self.wind_m_s[0].hypot(self.wind_m_s[1])
+        libm::hypot(self.wind_m_s[0], self.wind_m_s[1])
     }
 
     /// Direction the wind comes from, degrees from true north.
     #[must_use]
     pub fn wind_from_deg(&self) -> f64 {
-        (-self.wind_m_s[1]).atan2(-self.wind_m_s[0]).to_degrees().rem_euclid(360.0)
+        libm::atan2(-self.wind_m_s[1], -self.wind_m_s[0]).to_degrees().rem_euclid(360.0)
     }
 
     /// Description of the reference's accuracy.
@@ -212,7 +212,7 @@ impl GpsCourseHeading {
     /// heading.
     #[must_use]
     pub fn sigma_deg(&self) -> f64 {
-        self.wind_sigma_deg().hypot(SIDESLIP_DEG)
+        libm::hypot(self.wind_sigma_deg(), SIDESLIP_DEG)
     }
 
     fn wind_sigma_deg(&self) -> f64 {
@@ -223,7 +223,7 @@ impl GpsCourseHeading {
 fn velocities(flight: &Flight) -> Vec<GroundVelocity> {
     let ground_velocity = |row: &crate::log::series::Stamped<6>| {
         let Gps { speed_m_s, course_deg, .. } = Gps::from_columns(row.values);
-        let (sin, cos) = f64::from(course_deg).to_radians().sin_cos();
+        let (sin, cos) = libm::sincos(f64::from(course_deg).to_radians());
         let m_s = Vector2::new(cos, sin) * f64::from(speed_m_s);
         (m_s.x.is_finite() && m_s.y.is_finite()).then_some(GroundVelocity { t_s: row.t_s, velocity_m_s: m_s })
     };
@@ -323,7 +323,7 @@ impl VelocityCircle {
         let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
         for v in velocities {
             let residual = self.radial_residual_m_s(v);
-            let weight = (1.0 - (residual / scale).powi(2)).max(0.0).powi(2);
+            let weight = square((1.0 - square(residual / scale)).max(0.0));
             let out = (v.velocity_m_s - self.wind_m_s).normalize();
             let row = Vector3::new(out.x, out.y, 1.0);
             normal += row * row.transpose() * weight;
@@ -341,7 +341,7 @@ impl VelocityCircle {
     /// Direction of the air velocity, radians from true north.
     fn heading_rad(&self, velocity: &GroundVelocity) -> f64 {
         let air = velocity.velocity_m_s - self.wind_m_s;
-        air.y.atan2(air.x)
+        libm::atan2(air.y, air.x)
     }
 
     /// Standard deviation of a wind component among the parts of the flight, m/s: the jackknife's of their mean times

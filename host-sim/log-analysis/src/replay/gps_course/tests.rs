@@ -34,7 +34,7 @@ fn straight_is_neither_banked_nor_turning() {
 #[test]
 fn a_climb_does_not_move_the_circle() {
     let velocity_at = |i: u32| {
-        let (sin, cos) = (f64::from(i) * 0.1).sin_cos();
+        let (sin, cos) = libm::sincos(f64::from(i) * 0.1);
         let air = if i.is_multiple_of(8) { Vector2::new(14.0, 0.0) } else { Vector2::new(cos, sin) * 21.0 };
         GroundVelocity { t_s: f64::from(i), velocity_m_s: air + Vector2::new(3.0, -5.0) }
     };
@@ -53,7 +53,7 @@ fn velocities_at_headings(
     let headings: Vec<f64> = headings_deg.into_iter().collect();
     let number = headings.len() as f64;
     let velocity_at = |(i, heading_deg): (usize, &f64)| {
-        let (sin, cos) = heading_deg.to_radians().sin_cos();
+        let (sin, cos) = libm::sincos(heading_deg.to_radians());
         let wind = Vector2::new(1.0, -2.0 + drift_m_s * (i as f64 / number - 0.5));
         GroundVelocity { t_s: i as f64 * every_s, velocity_m_s: Vector2::new(cos, sin) * airspeed_m_s + wind }
     };

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use super::ReplayRow;
 use crate::log::FieldCorrection;
-use crate::numbers::median;
+use crate::numbers::{median, square};
 
 /// Numbers of unknowns: without the step (`W`, `b`, strength, vertical component), and with it.
 const COMMON: usize = 14;
@@ -199,7 +199,7 @@ impl StepEstimate {
         let squares = |row: &ReplayRow, is_after: bool| -> f64 {
             self.residuals(row, is_after)
                 .iter()
-                .map(|residual| residual.clamp(-CLIP * scale, CLIP * scale).powi(2))
+                .map(|residual| square(residual.clamp(-CLIP * scale, CLIP * scale)))
                 .sum()
         };
         // Cumulative difference of squared residuals, before minus after.
@@ -262,7 +262,7 @@ fn solved(
     all.view_mut((COMMON, 0), (3, COMMON)).copy_from(&step.transpose());
     all.view_mut((COMMON, COMMON), (3, 3)).copy_from(&after.view((9, 9), (3, 3)));
     for (i, scale) in prior_sigmas.iter().enumerate() {
-        all[(i, i)] += scale.powi(-2);
+        all[(i, i)] += square(*scale).recip();
     }
     let mut sides = DVector::zeros(ALL);
     sides.rows_mut(0, COMMON).copy_from(right);
@@ -278,7 +278,7 @@ fn solved(
 
 fn down(row: &ReplayRow) -> Vector3<f64> {
     let (roll, pitch) = (f64::from(row.attitude.roll_rad), f64::from(row.attitude.pitch_rad));
-    Vector3::new(-pitch.sin(), roll.sin() * pitch.cos(), roll.cos() * pitch.cos())
+    Vector3::new(-libm::sin(pitch), libm::sin(roll) * libm::cos(pitch), libm::cos(roll) * libm::cos(pitch))
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ fn rows_from(at: u16, moved: Vector3<f32>, noise_ut: f32, by_current_ut: Vector3
     let mut random = Random(seed);
     let row_at = |i: u16| {
         let (t_s, is_after) = (f32::from(i) / 10.0, i >= at);
-        let attitude = Attitude::from_deg(30.0 * (t_s * 0.31).sin(), 15.0 * (t_s * 0.47).sin());
+        let attitude = Attitude::from_deg(30.0 * libm::sinf(t_s * 0.31), 15.0 * libm::sinf(t_s * 0.47));
         let earth = attitude.body(Field::earth(50.0, 60_f32.to_radians(), 0.2 * t_s)).ut;
         let noise = Vector3::from_fn(|_, _| random.normal() * noise_ut);
         let current_a = if is_after { 30.0 } else { 10.0 };

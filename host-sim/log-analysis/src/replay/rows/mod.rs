@@ -287,7 +287,8 @@ fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
         if step_s > WITHIN_S {
             (started_s, first) = (row.t_s, last);
         }
-        let rate = |at_s: f64| flight.rates.interpolate(at_s, MAX_GAP_S).map(|[p, q, r]| p.hypot(q).hypot(r));
+        let rate =
+            |at_s: f64| flight.rates.interpolate(at_s, MAX_GAP_S).map(|[p, q, r]| libm::hypotf(libm::hypotf(p, q), r));
         let Some(rate) = rate(before.t_s).zip(rate(row.t_s)).map(|(from, to)| from.max(to)) else {
             (started_s, first) = (row.t_s, last);
             continue;
@@ -312,8 +313,10 @@ fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
 /// Angle between the down directions of two attitudes.
 fn tilted_rad(a: &Stamped<3>, b: &Stamped<3>) -> f32 {
     let down = |row: &Stamped<3>| {
-        let ([sin_roll, sin_pitch], [cos_roll, cos_pitch]) =
-            ([row.values[0].sin(), row.values[1].sin()], [row.values[0].cos(), row.values[1].cos()]);
+        let ([sin_roll, sin_pitch], [cos_roll, cos_pitch]) = (
+            [libm::sinf(row.values[0]), libm::sinf(row.values[1])],
+            [libm::cosf(row.values[0]), libm::cosf(row.values[1])],
+        );
         Vector3::new(-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch)
     };
     down(a).angle(&down(b))

@@ -86,13 +86,13 @@ fn attitude_is_interpolated_over_one_lost_report() {
 /// `A w^4 h^4 / 384` = 0.0003 rad. Rates in a wrong unit are dropped.
 #[test]
 fn attitude_is_interpolated_with_the_body_rates() {
-    let roll = |t_s: f64| (0.5 * (2.0 * t_s).sin()) as f32;
+    let roll = |t_s: f64| (0.5 * libm::sin(2.0 * t_s)) as f32;
     for (unit, most_rad) in [(1.0_f64, 0.0006), (180.0 / std::f64::consts::PI, 0.03)] {
         let mut flight = Flight::new(LogFormat::ULog);
         for i in 0..60 {
             let t_s = f64::from(i) / 3.0;
             flight.attitude.push(t_s, [roll(t_s), 0.0, 0.0]);
-            flight.rates.push(t_s, [((2.0 * t_s).cos() * unit) as f32, 0.0, 0.0]);
+            flight.rates.push(t_s, [(libm::cos(2.0 * t_s) * unit) as f32, 0.0, 0.0]);
         }
         let errors = (0..180).map(|i| {
             let t_s = f64::from(i) / 10.0;

@@ -50,7 +50,7 @@ pub fn field_picture(compass_report: &CompassReport) -> Option<Picture> {
         }
         if let Some(radius_ut) = compass_report.horizontal_ut.filter(|_| panel == 1) {
             let circle = (0..=90).map(|i| {
-                let (sin, cos) = (f64::from(i) * std::f64::consts::TAU / 90.0).sin_cos();
+                let (sin, cos) = libm::sincos(f64::from(i) * std::f64::consts::TAU / 90.0);
                 frame.point(radius_ut * sin, radius_ut * cos)
             });
             svg.path("l l3", circle.collect::<Vec<Option<Point>>>());

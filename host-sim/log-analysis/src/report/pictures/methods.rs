@@ -33,7 +33,7 @@ pub fn comparison_picture(methods: &CalibratorComparison, compared: &ReferenceIn
     let mut svg = Svg::new(LEFT + WIDTH + 30.0, 92.0 + ROW * methods.rows.len() as f64);
     let top = draw_legend(&mut svg, [16.0, 8.0], LEFT + WIDTH, &items);
     let bottom = top + ROW * methods.rows.len() as f64;
-    let across = |deg: f64| LEFT + WIDTH * (deg / from).ln() / (to / from).ln();
+    let across = |deg: f64| LEFT + WIDTH * libm::log(deg / from) / libm::log(to / from);
     for line in lines.iter().copied().filter(|line| (from..=to).contains(line)) {
         svg.line("grid", [across(line), top], [across(line), bottom]);
         svg.line("axis", [across(line), bottom], [across(line), bottom + 4.0]);

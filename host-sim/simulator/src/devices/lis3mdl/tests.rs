@@ -3,6 +3,7 @@ use embedded_hal_async::i2c::I2c;
 
 use super::*;
 use crate::devices::i2c::{Bus, BusError};
+use log_analysis::numbers::square;
 use testkit::simulation::{Level, Simulation};
 
 const READ_XYZ: u8 = 0x28 | 0x80;
@@ -203,7 +204,7 @@ fn noise_is_that_of_the_data_sheet_and_grows_as_averaging_shrinks() {
                     Timer::after_millis(7).await;
                     let measured = counts(&mut bus).await.map(|c| f64::from(c) / 6842.0);
                     for axis in 0..3 {
-                        squares[axis] += (measured[axis] - [0.2, 0.0, 0.4][axis]).powi(2);
+                        squares[axis] += square(measured[axis] - [0.2, 0.0, 0.4][axis]);
                     }
                 }
                 for (axis, data_sheet) in [3.2e-3, 3.2e-3, 4.1e-3].into_iter().enumerate() {

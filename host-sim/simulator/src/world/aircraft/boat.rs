@@ -34,7 +34,7 @@ impl Boat {
         let speed_m_s = self.config.speed_m_s;
         let turning_m_s2 = speed_m_s * self.turn_rate_rad_s;
         let [rolled_rad, pitch_rad] = roll_pitch_on_slope([PITCH_PER_SLOPE * ahead, ROLL_PER_SLOPE * right]);
-        let (sin, cos) = self.heading_rad.sin_cos();
+        let (sin, cos) = libm::sincos(self.heading_rad);
         Motion {
             roll_rad: rolled_rad - HEEL * turning_m_s2 / GRAVITY_M_S2,
             pitch_rad,
@@ -43,7 +43,7 @@ impl Boat {
             north_m_s: speed_m_s * cos,
             east_m_s: speed_m_s * sin,
             // Sloping water accelerates the boat by `g * slope`.
-            disturbing_acceleration_m_s2: turning_m_s2.abs() + GRAVITY_M_S2 * ahead.hypot(right),
+            disturbing_acceleration_m_s2: turning_m_s2.abs() + GRAVITY_M_S2 * libm::hypot(ahead, right),
             current: 1.0,
         }
     }

@@ -95,12 +95,13 @@ impl Copter {
         let (wanted_m_s2, turn_rate_rad_s) = self.desired_motion(command, before);
         self.turn_rate_rad_s += (turn_rate_rad_s - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
-        self.pitch.step((-wanted_m_s2[0] / GRAVITY_M_S2).atan());
-        self.roll.step((wanted_m_s2[1] * self.pitch.rad.cos() / GRAVITY_M_S2).atan());
+        self.pitch.step(libm::atan(-wanted_m_s2[0] / GRAVITY_M_S2));
+        self.roll.step(libm::atan(wanted_m_s2[1] * libm::cos(self.pitch.rad) / GRAVITY_M_S2));
 
         let disturbance = self.turbulence.step();
         let (roll_rad, pitch_rad) = (self.roll.rad + disturbance.bank_rad, self.pitch.rad + disturbance.pitch_rad);
-        let thrust_m_s2 = [-pitch_rad.tan(), roll_rad.tan() / pitch_rad.cos()].map(|part| GRAVITY_M_S2 * part);
+        let thrust_m_s2 =
+            [-libm::tan(pitch_rad), libm::tan(roll_rad) / libm::cos(pitch_rad)].map(|part| GRAVITY_M_S2 * part);
         let thrust_north_east_m_s2 = north_east(self.heading_rad, thrust_m_s2);
         let gust = north_east(self.heading_rad, [disturbance.along_m_s, disturbance.across_m_s]);
         let (wind_north, wind_east) = self.weather.wind_velocity_m_s();
@@ -111,7 +112,7 @@ impl Copter {
         for (velocity, acceleration) in self.velocity_m_s.iter_mut().zip(acceleration) {
             *velocity += acceleration * STEP_S;
         }
-        let weight = (roll_rad.cos() * pitch_rad.cos()).recip();
+        let weight = (libm::cos(roll_rad) * libm::cos(pitch_rad)).recip();
         let thrust = (weight - THRUST_PER_GUST_S_M * disturbance.vertical_m_s).max(0.0);
         Motion {
             roll_rad,
@@ -120,20 +121,20 @@ impl Copter {
             sideslip_rad: 0.0,
             north_m_s: self.velocity_m_s[0],
             east_m_s: self.velocity_m_s[1],
-            disturbing_acceleration_m_s2: acceleration[0].hypot(acceleration[1]),
+            disturbing_acceleration_m_s2: libm::hypot(acceleration[0], acceleration[1]),
             // Rotor power is proportional to thrust^(3/2) (momentum theory).
-            current: thrust.powf(1.5),
+            current: libm::pow(thrust, 1.5),
         }
     }
 
     /// Desired acceleration along the nose and to the right (m/s^2), and turn rate (rad/s).
     fn desired_motion(&mut self, command: VehicleCommand, before: &TrueState) -> ([f64; 2], f64) {
         let position_m = [before.north_m, before.east_m];
-        let is_at_rest = self.velocity_m_s[0].hypot(self.velocity_m_s[1]) < AT_REST_M_S;
+        let is_at_rest = libm::hypot(self.velocity_m_s[0], self.velocity_m_s[1]) < AT_REST_M_S;
         if !(matches!(command.mode, TranslationMode::OnTheSpot) && is_at_rest) {
             self.spot_m = position_m;
         }
-        let own_limit_m_s2 = GRAVITY_M_S2 * self.limits.max_controller_tilt_deg.to_radians().tan();
+        let own_limit_m_s2 = GRAVITY_M_S2 * libm::tan(self.limits.max_controller_tilt_deg.to_radians());
         match command.mode {
             TranslationMode::OnTheSpot => {
                 let back = std::array::from_fn(|i| {
@@ -142,15 +143,15 @@ impl Copter {
                 (clamp_length(forward_right(self.heading_rad, back), own_limit_m_s2), command.turn_rate_rad_s)
             }
             TranslationMode::Pushed { toward_rad, tilt_rad } => {
-                let (sin, cos) = toward_rad.sin_cos();
-                let size_m_s2 = GRAVITY_M_S2 * tilt_rad.tan();
+                let (sin, cos) = libm::sincos(toward_rad);
+                let size_m_s2 = GRAVITY_M_S2 * libm::tan(tilt_rad);
                 ([size_m_s2 * cos, size_m_s2 * sin], command.turn_rate_rad_s)
             }
             TranslationMode::Onward => {
                 let [forward, right] = forward_right(self.heading_rad, self.velocity_m_s);
                 let errors = [self.config.speed_m_s - forward, -right].map(|error| PER_VELOCITY_S * error);
                 let [ahead, across] = clamp_length(errors, own_limit_m_s2);
-                let turning_m_s2 = GRAVITY_M_S2 * command.bank_rad.tan();
+                let turning_m_s2 = GRAVITY_M_S2 * libm::tan(command.bank_rad);
                 ([ahead, across + turning_m_s2], turning_m_s2 / self.config.speed_m_s)
             }
         }
@@ -159,6 +160,6 @@ impl Copter {
 
 /// The vector, shortened to a length of at most `most`.
 fn clamp_length(vector: [f64; 2], most: f64) -> [f64; 2] {
-    let share = (most / vector[0].hypot(vector[1])).min(1.0);
+    let share = (most / libm::hypot(vector[0], vector[1])).min(1.0);
     vector.map(|part| part * share)
 }

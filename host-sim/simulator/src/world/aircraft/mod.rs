@@ -229,13 +229,13 @@ impl Aircraft {
 
 /// North and east components of a vector given along the nose and to the right.
 fn north_east(heading_rad: f64, [forward, right]: [f64; 2]) -> [f64; 2] {
-    let (sin, cos) = heading_rad.sin_cos();
+    let (sin, cos) = libm::sincos(heading_rad);
     [cos * forward - sin * right, sin * forward + cos * right]
 }
 
 /// Components along the nose and to the right of a vector given north and east.
 fn forward_right(heading_rad: f64, [north, east]: [f64; 2]) -> [f64; 2] {
-    let (sin, cos) = heading_rad.sin_cos();
+    let (sin, cos) = libm::sincos(heading_rad);
     [cos * north + sin * east, cos * east - sin * north]
 }
 

@@ -1,6 +1,7 @@
 //! Aeroplane: banks at a limited rate, turns by its bank, drifts with the wind, and is disturbed by gusts.
 
 use super::{GRAVITY_M_S2, Motion, STEP_S, TrueState, Turbulence, VehicleCommand, VehicleConfig, Weather};
+use log_analysis::numbers::square;
 
 const BANK_TIME_S: f64 = 0.5;
 /// Time constant from ailerons to roll rate, seconds.
@@ -52,11 +53,11 @@ impl Plane {
         let pitch_rad = self.flown.pitch + disturbance.pitch_rad + PITCH_PER_UPWASH * upwash_rad;
         // Coordinated turn: the horizontal lift component turns the velocity through the air. The nose points along
         // that velocity less the sideslip.
-        self.air_course += GRAVITY_M_S2 * roll_rad.tan() / airspeed_m_s * STEP_S;
+        self.air_course += GRAVITY_M_S2 * libm::tan(roll_rad) / airspeed_m_s * STEP_S;
         let heading_rad = self.air_course - sideslip_rad;
 
         let (wind_north_m_s, wind_east_m_s) = self.weather.wind_velocity_m_s();
-        let (sin_course, cos_course) = self.air_course.sin_cos();
+        let (sin_course, cos_course) = libm::sincos(self.air_course);
         Motion {
             roll_rad,
             pitch_rad,
@@ -67,7 +68,7 @@ impl Plane {
             // The attitude source's `turn_error` covers the turn acceleration.
             disturbing_acceleration_m_s2: 0.0,
             // Induced drag is proportional to the square of the load factor.
-            current: roll_rad.cos().powi(-2),
+            current: square(libm::cos(roll_rad)).recip(),
         }
     }
 
@@ -76,7 +77,7 @@ impl Plane {
         let wanted_rate = ((command.bank_rad - self.flown.bank) / BANK_TIME_S).clamp(-limit, limit);
         self.flown.bank_rate += (wanted_rate - self.flown.bank_rate) * STEP_S / ROLL_RATE_TIME_S;
         self.flown.bank += self.flown.bank_rate * STEP_S;
-        let load_factor = self.flown.bank.cos().recip();
+        let load_factor = libm::cos(self.flown.bank).recip();
         let wanted_pitch = command.pitch_rad + PITCH_PER_LOAD_DEG.to_radians() * (load_factor - 1.0);
         self.flown.pitch += (wanted_pitch - self.flown.pitch) * STEP_S / PITCH_TIME_S;
     }

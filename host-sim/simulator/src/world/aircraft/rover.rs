@@ -28,7 +28,7 @@ impl Rover {
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
         let slope = forward_right(self.heading_rad, self.ground.slope([before.north_m, before.east_m], 0.0));
         let [roll_rad, pitch_rad] = roll_pitch_on_slope(slope);
-        let (sin, cos) = self.heading_rad.sin_cos();
+        let (sin, cos) = libm::sincos(self.heading_rad);
         let speed_m_s = self.config.speed_m_s;
         Motion {
             roll_rad,

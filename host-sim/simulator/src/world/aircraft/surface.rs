@@ -31,7 +31,7 @@ impl Surface {
         let mut random = Random::new(seed, Purpose::Surface);
         // The mean square slope along a fixed direction is a quarter of the squared amplitude: one half from the wave
         // directions, one half from the cosine.
-        let slope = slope_deg.to_radians().tan() * (4.0 / WAVES as f64).sqrt();
+        let slope = libm::tan(slope_deg.to_radians()) * (4.0 / WAVES as f64).sqrt();
         Self((0..WAVES).map(|_| Wave::new(&mut random, slope, [5.0, 40.0], [0.0, TAU])).collect())
     }
 
@@ -41,11 +41,11 @@ impl Surface {
         const SPREAD_RAD: f64 = 0.7;
         let mut random = Random::new(seed, Purpose::Surface);
         // The mean square of the cosine over +-0.7 rad is 0.85.
-        let slope = slope_deg.to_radians().tan() * (2.0 / 0.85 / WAVES as f64).sqrt();
+        let slope = libm::tan(slope_deg.to_radians()) * (2.0 / 0.85 / WAVES as f64).sqrt();
         let directions = [toward_rad - SPREAD_RAD, toward_rad + SPREAD_RAD];
         let travelling = |wave: Wave| {
             // Dispersion relation of deep water: w^2 = g k.
-            let number_per_m = wave.number_per_m[0].hypot(wave.number_per_m[1]);
+            let number_per_m = libm::hypot(wave.number_per_m[0], wave.number_per_m[1]);
             Wave { frequency_rad_s: (GRAVITY_M_S2 * number_per_m).sqrt(), ..wave }
         };
         Self((0..WAVES).map(|_| travelling(Wave::new(&mut random, slope, [8.0, 20.0], directions))).collect())
@@ -56,7 +56,7 @@ impl Surface {
         self.0.iter().fold([0.0; 2], |sum, wave| {
             let [number_north, number_east] = wave.number_per_m;
             let phase_rad = number_north * north_m + number_east * east_m - wave.frequency_rad_s * time_s;
-            let slope = wave.slope * (phase_rad + wave.phase_rad).cos();
+            let slope = wave.slope * libm::cos(phase_rad + wave.phase_rad);
             [sum[0] + slope * wave.direction[0], sum[1] + slope * wave.direction[1]]
         })
     }
@@ -66,8 +66,8 @@ impl Wave {
     /// A wave fixed in place.
     fn new(random: &mut Random, slope: f64, lengths_m: [f64; 2], directions_rad: [f64; 2]) -> Self {
         // Uniform in the logarithm of the wavelength.
-        let length_m = random.uniform(lengths_m[0].ln(), lengths_m[1].ln()).exp();
-        let (sin, cos) = random.uniform(directions_rad[0], directions_rad[1]).sin_cos();
+        let length_m = libm::exp(random.uniform(libm::log(lengths_m[0]), libm::log(lengths_m[1])));
+        let (sin, cos) = libm::sincos(random.uniform(directions_rad[0], directions_rad[1]));
         let number_per_m = TAU / length_m;
         Self {
             slope,
@@ -84,6 +84,6 @@ impl Wave {
 /// Pitch: `tan(theta) = ahead`. The down axis is normal to the slope: `cos(phi) cos(theta) = 1 / sqrt(1 + ahead^2 +
 /// right^2)`, so `tan(phi) = -right cos(theta)`.
 pub(super) fn roll_pitch_on_slope([ahead, right]: [f64; 2]) -> [f64; 2] {
-    let pitch_rad = ahead.atan();
-    [-(right * pitch_rad.cos()).atan(), pitch_rad]
+    let pitch_rad = libm::atan(ahead);
+    [-libm::atan(right * libm::cos(pitch_rad)), pitch_rad]
 }

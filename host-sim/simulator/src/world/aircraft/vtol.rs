@@ -80,7 +80,8 @@ impl Vtol {
             heading_rad: motion.heading_rad + left.heading_rad,
             north_m_s: motion.north_m_s + left.north_m_s,
             east_m_s: motion.east_m_s + left.east_m_s,
-            disturbing_acceleration_m_s2: motion.disturbing_acceleration_m_s2 + left.north_m_s2.hypot(left.east_m_s2),
+            disturbing_acceleration_m_s2: motion.disturbing_acceleration_m_s2
+                + libm::hypot(left.north_m_s2, left.east_m_s2),
             ..motion
         };
         for angle in [&mut left.roll_rad, &mut left.pitch_rad, &mut left.heading_rad] {

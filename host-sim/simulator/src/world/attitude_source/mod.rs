@@ -154,8 +154,8 @@ impl AttitudeSource {
             pitch_noise_rad: noise(Purpose::PitchNoise),
             roll_error_per_m_s2_rad: push(Purpose::RollPush),
             pitch_error_per_m_s2_rad: push(Purpose::PitchPush),
-            roll_bias_rad: config.bias_deg.to_radians() * direction_rad.cos(),
-            pitch_bias_rad: config.bias_deg.to_radians() * direction_rad.sin(),
+            roll_bias_rad: config.bias_deg.to_radians() * libm::cos(direction_rad),
+            pitch_bias_rad: config.bias_deg.to_radians() * libm::sin(direction_rad),
             sequence: 0,
         }
     }

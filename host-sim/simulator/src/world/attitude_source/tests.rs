@@ -5,6 +5,7 @@ use super::*;
 use crate::devices::uart::{Cable, TimedByte};
 use crate::world::WorldConfig;
 use crate::world::aircraft::VehicleKind;
+use log_analysis::numbers::square;
 use testkit::simulation::{Level, Simulation};
 
 const EXACT: AttitudeSourceConfig = AttitudeSourceConfig {
@@ -133,14 +134,14 @@ fn attitude_errors_have_the_configured_statistics() {
     let statistics_deg = |error: fn(&ReportedAttitude, f64) -> f64| {
         let errors: Vec<f64> = reports.iter().map(|r| error(r, bank_rad).to_degrees()).collect();
         let mean = errors.iter().sum::<f64>() / errors.len() as f64;
-        let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / errors.len() as f64;
+        let variance = errors.iter().map(|e| square(e - mean)).sum::<f64>() / errors.len() as f64;
         (mean, variance.sqrt())
     };
     let (roll_mean, roll_sigma) = statistics_deg(|r, bank| r.roll_rad - bank);
     let (pitch_mean, pitch_sigma) = statistics_deg(|r, _| r.pitch_rad);
     assert!((roll_sigma - 0.3).abs() < 0.03 && (pitch_sigma - 0.3).abs() < 0.03, "{roll_sigma} {pitch_sigma}");
     // The mean contains the bank-angle scale error, 1 % of 25 degrees, and the bias.
-    let bias_deg = (roll_mean + 0.25).hypot(pitch_mean);
+    let bias_deg = libm::hypot(roll_mean + 0.25, pitch_mean);
     assert!((bias_deg - 0.2).abs() < 0.06, "{bias_deg}");
 }
 
@@ -158,7 +159,7 @@ fn disturbing_acceleration_causes_tilt_error() {
         let truth = TrueState { disturbing_acceleration_m_s2: push_m_s2, ..TrueState::default() };
         let reports: Vec<ReportedAttitude> = (0..60_000).map(|_| source.report(&truth)).collect();
         let mean_angle = |angle: fn(&ReportedAttitude) -> f64| {
-            (reports.iter().map(|r| angle(r).to_degrees().powi(2)).sum::<f64>() / reports.len() as f64).sqrt()
+            (reports.iter().map(|r| square(angle(r).to_degrees())).sum::<f64>() / reports.len() as f64).sqrt()
         };
         [mean_angle(|r| r.roll_rad), mean_angle(|r| r.pitch_rad)]
     };

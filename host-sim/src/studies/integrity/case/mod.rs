@@ -233,7 +233,7 @@ impl DrawnCase {
 
     fn bias_attitude(&mut self, degrees: f64) {
         let direction_rad = self.random.uniform(0.0, TAU);
-        let bias_rad = [direction_rad.cos(), direction_rad.sin()].map(|part| degrees.to_radians() * part);
+        let bias_rad = [libm::cos(direction_rad), libm::sin(direction_rad)].map(|part| degrees.to_radians() * part);
         self.add_attitude_fault(Onset::SOON, attitude_bias(self.switch(), bias_rad));
     }
 

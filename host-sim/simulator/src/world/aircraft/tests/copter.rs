@@ -21,8 +21,8 @@ fn a_copter_hovers_in_place_and_tilts_into_the_wind() {
         assert!((now.roll_rad.to_degrees() - roll_deg).abs() < 0.1, "at {heading_deg}: {now:?}");
         assert!((now.pitch_rad.to_degrees() - pitch_deg).abs() < 0.1, "at {heading_deg}: {now:?}");
         // The wind moves the copter for about a second until it tilts, and then holds it off its set point.
-        assert!(now.north_m.hypot(now.east_m) < 6.0, "{now:?}");
-        assert!(now.north_m_s.hypot(now.east_m_s) < 0.05 && now.disturbing_acceleration_m_s2 < 0.05, "{now:?}");
+        assert!(libm::hypot(now.north_m, now.east_m) < 6.0, "{now:?}");
+        assert!(libm::hypot(now.north_m_s, now.east_m_s) < 0.05 && now.disturbing_acceleration_m_s2 < 0.05, "{now:?}");
         assert!((now.heading_rad.to_degrees() - heading_deg).abs() < 1e-9);
     }
 }
@@ -37,7 +37,7 @@ fn a_copter_yaws_level_to_either_side() {
         assert!((12.0..12.6).contains(&seconds), "{seconds} s");
         assert!((states[1000].heading_rate_rad_s.to_degrees() - 30.0 * side).abs() < 0.1);
         assert!(states.iter().all(|s| s.roll_rad.abs() < 1e-3 && s.pitch_rad.abs() < 1e-3));
-        assert!(states.iter().all(|s| s.north_m.hypot(s.east_m) < 0.1));
+        assert!(states.iter().all(|s| libm::hypot(s.north_m, s.east_m) < 0.1));
     }
 }
 
@@ -56,7 +56,7 @@ fn a_tilt_leg_moves_the_copter_to_its_side() {
             assert!((tilted.pitch_rad.to_degrees() - 18.0 * pitch).abs() < 0.5, "{toward_deg}: {tilted:?}");
             let most_m_s2 = states.iter().map(|s| s.disturbing_acceleration_m_s2).fold(0.0, f64::max);
             assert!((2.8..3.2).contains(&most_m_s2), "{most_m_s2}");
-            let way_deg = tilted.east_m_s.atan2(tilted.north_m_s).to_degrees();
+            let way_deg = libm::atan2(tilted.east_m_s, tilted.north_m_s).to_degrees();
             let off_deg = (way_deg - heading_deg - toward_deg + 180.0).rem_euclid(360.0) - 180.0;
             assert!(off_deg.abs() < 1.0, "{toward_deg} from {heading_deg}: {way_deg}");
             assert!((tilted.heading_rad.to_degrees() - heading_deg).abs() < 1e-9, "it does not turn");
@@ -66,7 +66,7 @@ fn a_tilt_leg_moves_the_copter_to_its_side() {
             assert!(against.to_degrees() < -10.0, "{braking:?}");
             fly(&mut copter, 5.0);
             let rest = copter.state();
-            assert!(rest.north_m_s.hypot(rest.east_m_s) < 0.3, "{rest:?}");
+            assert!(libm::hypot(rest.north_m_s, rest.east_m_s) < 0.3, "{rest:?}");
         }
     }
 }
@@ -80,7 +80,7 @@ fn a_copter_flies_forward_and_banks_into_its_turns() {
     let now = *copter.state();
     assert!((now.heading_deg() - 60.0).abs() < 0.5 && (now.course_deg() - 60.0).abs() < 1.0, "{now:?}");
     // The proportional speed controller is left with a steady error due to drag: 3 m/s / 1.2.
-    assert!((2.3..3.0).contains(&now.north_m_s.hypot(now.east_m_s)), "{now:?}");
+    assert!((2.3..3.0).contains(&libm::hypot(now.north_m_s, now.east_m_s)), "{now:?}");
     assert!((-3.6..-2.4).contains(&now.pitch_rad.to_degrees()), "{now:?}");
     let states = fly_leg(&mut copter, Leg::Turn { bank_deg: 10.0, heading_change_deg: -360.0 });
     let turning = states[states.len() - 1];
@@ -95,7 +95,7 @@ fn gusts_disturb_attitude_and_position() {
     // Position control partly counteracts the disturbances.
     assert!((0.9..2.0).contains(&sigma_deg(&states, |s| s.roll_rad)), "{}", sigma_deg(&states, |s| s.roll_rad));
     assert!((0.6..1.6).contains(&sigma_deg(&states, |s| s.pitch_rad)), "{}", sigma_deg(&states, |s| s.pitch_rad));
-    assert!(states.iter().all(|s| s.north_m.hypot(s.east_m) < 10.0));
+    assert!(states.iter().all(|s| libm::hypot(s.north_m, s.east_m) < 10.0));
     let push_m_s2 = mean(states.iter().map(|s| s.disturbing_acceleration_m_s2));
     assert!((0.1..0.6).contains(&push_m_s2), "{push_m_s2}");
 }
@@ -105,7 +105,7 @@ fn gusts_come_from_ahead_and_from_the_side() {
     let mut copter = copter(Weather { gust_m_s: 2.0, ..Weather::still() }, 0.0);
     let states = fly(&mut copter, 100.0);
     for speed in [|s: &TrueState| s.north_m_s, |s: &TrueState| s.east_m_s] {
-        let sigma_m_s = mean(states.iter().map(|s| speed(s).powi(2))).sqrt();
+        let sigma_m_s = mean(states.iter().map(|s| square(speed(s)))).sqrt();
         assert!((0.1..1.0).contains(&sigma_m_s), "{sigma_m_s}");
     }
 }
@@ -129,6 +129,6 @@ fn current_follows_thrust() {
         300.0,
     );
     let average = mean(states.iter().map(|s| s.relative_current));
-    let sigma = mean(states.iter().map(|s| (s.relative_current - average).powi(2))).sqrt();
+    let sigma = mean(states.iter().map(|s| square(s.relative_current - average))).sqrt();
     assert!((0.05..0.11).contains(&sigma), "{sigma}");
 }

@@ -5,6 +5,7 @@ mod vtol;
 
 use super::*;
 use crate::world::autopilot::Leg;
+use log_analysis::numbers::square;
 
 fn vehicle(kind: VehicleKind, weather: Weather, seed: u64) -> Aircraft {
     Aircraft::new(VehicleConfig { kind, ..VehicleConfig::default() }, weather, seed, 0)
@@ -38,7 +39,7 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
 
 fn sigma_deg(states: &[TrueState], quantity: fn(&TrueState) -> f64) -> f64 {
     let middle = mean(states.iter().map(quantity));
-    mean(states.iter().map(|s| (quantity(s) - middle).powi(2))).sqrt().to_degrees()
+    mean(states.iter().map(|s| square(quantity(s) - middle))).sqrt().to_degrees()
 }
 
 fn legs() -> [Leg; 6] {
@@ -89,7 +90,7 @@ fn attitude_and_velocity_change_without_jumps() {
                     after.heading_rad - before.heading_rad,
                 ];
                 assert!(angles.iter().all(|change| change.to_degrees().abs() < 1.0), "{kind:?} {leg:?}: {after:?}");
-                let speed_m_s = (after.north_m_s - before.north_m_s).hypot(after.east_m_s - before.east_m_s);
+                let speed_m_s = libm::hypot(after.north_m_s - before.north_m_s, after.east_m_s - before.east_m_s);
                 assert!(speed_m_s < 0.075, "{kind:?} {leg:?}: {speed_m_s} m/s in a step at {}", after.time_us);
                 before = after;
             }

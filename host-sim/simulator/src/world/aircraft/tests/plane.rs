@@ -5,7 +5,7 @@ fn aircraft(weather: Weather, seed: u64) -> Aircraft {
 }
 
 fn expected_load(bank_deg: f64) -> f64 {
-    bank_deg.to_radians().cos().recip()
+    libm::cos(bank_deg.to_radians()).recip()
 }
 
 /// Coordinated turn: g tan(25 deg) / 22 m/s = 11.91 deg/s.
@@ -17,7 +17,7 @@ fn the_turn_rate_is_that_of_a_coordinated_turn() {
         fly(&mut aircraft, 10.0);
         let state = aircraft.state();
         assert!((state.roll_rad.to_degrees() - bank_deg).abs() < 0.01);
-        let expected_deg_s = (9.806_65 * bank_deg.to_radians().tan() / 22.0_f64).to_degrees();
+        let expected_deg_s = (9.806_65 * libm::tan(bank_deg.to_radians()) / 22.0_f64).to_degrees();
         let rate_deg_s = state.heading_rate_rad_s.to_degrees();
         assert!((rate_deg_s / expected_deg_s - 1.0).abs() < 1e-3, "{rate_deg_s} for {expected_deg_s} deg/s");
         let load = expected_load(bank_deg);
@@ -48,10 +48,10 @@ fn bank_and_pitch_have_the_configured_standard_deviation() {
     let mut aircraft = aircraft(Weather::default(), 2);
     let states = fly(&mut aircraft, 1800.0);
     let sigma_deg =
-        |quantity: fn(&TrueState) -> f64| mean(states.iter().map(|s| quantity(s).powi(2))).sqrt().to_degrees();
+        |quantity: fn(&TrueState) -> f64| mean(states.iter().map(|s| square(quantity(s)))).sqrt().to_degrees();
     let sideslip_deg = (0.5_f64 / 22.0).to_degrees();
-    let bank_deg = 1.5_f64.hypot(0.5 * sideslip_deg);
-    let pitch_deg = 1.0_f64.hypot(0.3 * sideslip_deg);
+    let bank_deg = libm::hypot(1.5_f64, 0.5 * sideslip_deg);
+    let pitch_deg = libm::hypot(1.0_f64, 0.3 * sideslip_deg);
     assert!((sigma_deg(|s| s.roll_rad) / bank_deg - 1.0).abs() < 0.1);
     assert!((sigma_deg(|s| s.pitch_rad) / pitch_deg - 1.0).abs() < 0.1);
     assert!((sigma_deg(|s| s.sideslip_rad) / sideslip_deg - 1.0).abs() < 0.15);
@@ -86,8 +86,8 @@ fn the_wind_moves_the_ground_track_not_the_heading() {
     }
     let after = aircraft.state();
     let seconds = (after.time_us - before.time_us) as f64 / 1e6;
-    let drift_m_s = (after.north_m - before.north_m).hypot(after.east_m - before.east_m) / seconds;
-    let toward_deg = (after.east_m - before.east_m).atan2(after.north_m - before.north_m).to_degrees();
+    let drift_m_s = libm::hypot(after.north_m - before.north_m, after.east_m - before.east_m) / seconds;
+    let toward_deg = libm::atan2(after.east_m - before.east_m, after.north_m - before.north_m).to_degrees();
     assert!((drift_m_s - 4.0).abs() < 0.01, "{drift_m_s} m/s");
     assert!((toward_deg - 70.0).abs() < 0.2, "{toward_deg} deg");
 }

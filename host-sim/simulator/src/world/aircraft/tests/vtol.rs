@@ -4,8 +4,8 @@ use super::*;
 fn a_vtol_hovers_as_a_copter_and_travels_as_an_aeroplane() {
     let mut vtol = vehicle(VehicleKind::Vtol, Weather::still(), 1);
     let turned = fly_leg(&mut vtol, Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 360.0 });
-    assert!(turned.iter().all(|s| s.roll_rad.abs() < 1e-3 && s.north_m.hypot(s.east_m) < 0.1));
-    let speed_m_s = |s: &TrueState| s.north_m_s.hypot(s.east_m_s);
+    assert!(turned.iter().all(|s| s.roll_rad.abs() < 1e-3 && libm::hypot(s.north_m, s.east_m) < 0.1));
+    let speed_m_s = |s: &TrueState| libm::hypot(s.north_m_s, s.east_m_s);
     let away = fly_leg(&mut vtol, Leg::Straight { heading_deg: 0.0, seconds: 20.0 });
     assert!((speed_m_s(&away[away.len() - 1]) - 22.0).abs() < 0.5);
     assert!(
@@ -36,7 +36,7 @@ fn the_disturbing_acceleration_equals_the_velocity_change() {
         for pair in states[1..states.len() - 1].windows(2) {
             let [dn, de] = [pair[1].north_m_s - pair[0].north_m_s, pair[1].east_m_s - pair[0].east_m_s];
             // Tolerance: the change of the acceleration within a step.
-            let off_m_s2 = dn.hypot(de) / STEP_S - pair[1].disturbing_acceleration_m_s2;
+            let off_m_s2 = libm::hypot(dn, de) / STEP_S - pair[1].disturbing_acceleration_m_s2;
             assert!(off_m_s2.abs() < 0.05, "{off_m_s2} {:?}", pair[1]);
         }
     }
