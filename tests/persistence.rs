@@ -263,6 +263,7 @@ fn record(serial: u32) -> CalibrationRecord {
         inclination_residual_deg: 0.4,
         samples: u16::MAX,
         latency: None,
+        knows_inclination: true,
     };
     let sensor = Identity { model: Model::Lis3mdl, address: 0x1E };
     CalibrationRecord {

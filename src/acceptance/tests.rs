@@ -18,6 +18,7 @@ fn quality(expected_rms_deg: f32) -> Quality {
         inclination_residual_deg: 0.4,
         samples: 300,
         latency: None,
+        knows_inclination: true,
     }
 }
 

@@ -214,9 +214,7 @@ impl<'a> Compass<'a> {
             matches!(self.activity, Activity::Collecting(_)) && self.collector.procedure() == Procedure::Tumble;
         Correction {
             calibration: self.active_record().map(|record| (record.calibration, record.uncertainty)),
-            has_valid_inclination: self
-                .active_record()
-                .is_none_or(|record| record.calibration.knows_inclination(record.quality.method)),
+            has_valid_inclination: self.active_record().is_none_or(|record| record.quality.knows_inclination),
             align_deg: self.settings.align_deg,
             sample_attitude: if tumbles { SampleAttitude::Unknown } else { SampleAttitude::Interpolated },
             mount: self.sensor.map(|_| self.settings.mount),

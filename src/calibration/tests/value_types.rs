@@ -138,6 +138,7 @@ fn only_banked_samples_with_attitude_determine_all_coefficients() {
         inclination_residual_deg: 0.3,
         samples: 300,
         latency: None,
+        knows_inclination: true,
     };
     assert!(quality(Method::MaximumLikelihood, Envelope::Banked).determines_all_coefficients());
     assert!(quality(Method::CompassSwing, Envelope::Banked).determines_all_coefficients());

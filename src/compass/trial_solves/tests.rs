@@ -117,6 +117,7 @@ fn solution_with(expected_rms_deg: f32, ut_per_a: f32) -> Solution {
         inclination_residual_deg: 0.0,
         samples: 100,
         latency: None,
+        knows_inclination: true,
     };
     let current = MotorCurrentInterference { ut_per_a: [ut_per_a, 0.0, 0.0], ..MotorCurrentInterference::NONE };
     let calibration = Calibration { motor_current: current, ..Calibration::uncalibrated(Orientation::NONE) };
