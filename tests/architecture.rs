@@ -45,7 +45,6 @@ const TO_MEND: &[(&str, usize, usize)] = &[
     ("host-sim/src/studies/integrity/case", 1, 0),
     ("host-sim/log-analysis/src/log/csv", 1, 0),
     ("host-sim/log-analysis/src/log/dataflash", 2, 0),
-    ("host-sim/log-analysis/src/replay", 6, 6),
     ("host-sim/simulator/src", 0, 2),
     ("host-sim/simulator/src/devices/nor_flash", 1, 0),
     ("host-sim/simulator/src/devices/uart", 1, 0),

@@ -7,9 +7,10 @@ use rayon::prelude::*;
 
 use super::field_latency::{self, FieldLatency};
 use super::hard_iron_step::{self, HardIronStep};
+use super::module_run::{score, solve_all_rows};
 use super::{
     HeadingScore, ReferenceHeading, ReplayOptions, ReplayResult, ReplayRow, RowCounts, RowSelection, baseline_fits,
-    build_rows, replay_with, score, solve_all_rows,
+    build_rows, replay_with,
 };
 use crate::log::{Compass, FieldCorrection, Flight, Gps};
 
