@@ -85,7 +85,8 @@ mod tests {
             let exact: f64 = format!("1e{decimals}").parse().unwrap();
             assert_eq!(libm::pow(10.0, f64::from(decimals)).to_bits(), exact.to_bits(), "{decimals}");
         }
-        assert_eq!([round_to(0.125_4, 3), round_to(-0.000_1, 3)], [0.125, 0.0]);
+        let rounded = [round_to(0.125_4, 3), round_to(-0.000_1, 3)];
+        assert_eq!(rounded.map(f64::to_bits), [0.125, 0.0].map(f64::to_bits));
     }
 
     #[test]

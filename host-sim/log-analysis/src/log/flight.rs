@@ -214,3 +214,17 @@ impl Flight {
         Some(latest.map_or(!first, |&(_, is)| is))
     }
 }
+
+/// Mounting parameters of a compass or the board that changed in flight, with the time of the last change, seconds.
+#[must_use]
+pub fn mounting_parameter_changes(flight: &Flight, number: u8) -> Vec<(String, f64)> {
+    let index = if number == 1 { String::new() } else { number.to_string() };
+    let external = if number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{number}") };
+    let names = match flight.autopilot {
+        Autopilot::ArduPilot => vec![format!("COMPASS_ORIENT{index}"), external, "AHRS_ORIENTATION".to_owned()],
+        Autopilot::Px4 => vec![format!("CAL_MAG{}_ROT", number.saturating_sub(1)), "SENS_BOARD_ROT".to_owned()],
+        Autopilot::Unknown => Vec::new(),
+    };
+    let changed = |name: String| flight.parameters.last_change_s(&name).map(|at_s| (name, at_s));
+    names.into_iter().filter_map(changed).collect()
+}

@@ -32,9 +32,9 @@ mod tlog;
 mod ulog;
 pub mod write;
 
-pub use correction::{FieldCorrection, missing_ardupilot_parameters, mounting_parameter_changes};
+pub use correction::{FieldCorrection, missing_ardupilot_parameters};
 pub(crate) use correction::{px4_mounting, symmetric_matrix};
-pub use flight::{Autopilot, Compass, Flight, Gps, LogFormat, SkippedCounts};
+pub use flight::{Autopilot, Compass, Flight, Gps, LogFormat, SkippedCounts, mounting_parameter_changes};
 pub use parameters::ParameterHistory;
 pub use rotation::NumberedRotation;
 

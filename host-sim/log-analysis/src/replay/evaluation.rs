@@ -7,9 +7,11 @@ use rayon::prelude::*;
 
 use super::field_latency::{self, FieldLatency};
 use super::hard_iron_step::{self, HardIronStep};
+use super::replay_run::solve_all_rows;
+use super::row_headings::score;
 use super::{
     HeadingScore, ReferenceHeading, ReplayOptions, ReplayResult, ReplayRow, RowCounts, RowSelection, baseline_fits,
-    build_rows, replay_with, score, solve_all_rows,
+    build_rows, replay_with,
 };
 use crate::log::{Compass, FieldCorrection, Flight, Gps};
 

@@ -6,8 +6,8 @@
 
 use serde::Serialize;
 
+use super::replay_run::solve_all_rows;
 use super::rows::build_rows;
-use super::solve_all_rows;
 use crate::log::{Compass, Flight};
 use crate::numbers::square;
 

@@ -1,27 +1,12 @@
-//! Detects a sensor that fails in flight: its field ends, or freezes while the aircraft moves.
+//! Detects a sensor whose field freezes while the aircraft moves.
 
-use super::ReplayRow;
-use super::evaluation::CompassEvaluation;
-use super::note::Note;
-use crate::log::Flight;
+use super::row::ReplayRow;
 
 /// Least duration, seconds: noise of 0.5 mG changes a working sensor sooner, and logs have gaps of seconds.
-const LONG_S: f64 = 10.0;
+pub(super) const LONG_S: f64 = 10.0;
 
 /// Least change of roll or pitch, radians (3 deg); at rest a quiet field may stay constant.
 const MOVES_RAD: f32 = 0.05;
-
-/// Warning about a sensor that failed.
-pub fn sensor_failure(flight: &Flight, compass: &CompassEvaluation) -> Option<Note> {
-    let number = compass.number;
-    let frozen = frozen_intervals_s(&compass.rows);
-    let longest = frozen.into_iter().max_by(|one, other| (one[1] - one[0]).total_cmp(&(other[1] - other[0])));
-    if let Some(interval_s) = longest {
-        return Some(Note::FieldFrozen { compass: number, interval_s });
-    }
-    let (last, end) = (compass.rows.last()?, flight.attitude.rows().last()?);
-    (end.t_s - last.t_s > LONG_S).then_some(Note::FieldEnds { compass: number, at_s: last.t_s, log_s: end.t_s })
-}
 
 /// Intervals with a frozen field while the aircraft moves, seconds.
 pub(super) fn frozen_intervals_s(rows: &[ReplayRow]) -> Vec<[f64; 2]> {

@@ -11,7 +11,8 @@ use autoswing::settings::Settings;
 use autoswing::store::StoredValues;
 use autoswing::time::WrappingMillis;
 
-use super::{ReplayOptions, RunOutcome, sample_time_s};
+use super::result::ReplayOptions;
+use super::row_solve::{RunOutcome, sample_time_s};
 
 /// Arbitrary: samples are already averaged, and nothing is stored.
 const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };

@@ -104,7 +104,7 @@ impl Note {
         notes.extend(data_loss::excessive_rate_loss(flight).map(|fraction| Self::RatesLost(fraction * 100.0)));
         for compass in compasses {
             notes.extend(implausible_strength(evaluation, compass, is_table));
-            notes.extend(frozen_field::sensor_failure(flight, compass));
+            notes.extend(sensor_failure(flight, compass));
         }
         notes.extend(mounting_changes(flight, evaluation));
         notes.extend(others(&flight.components).map(|(own, others)| Self::OtherAutopilots(own, others)));
@@ -281,6 +281,22 @@ impl Serialize for Note {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
     }
+}
+
+/// Warning about a sensor that failed: its field ends, or freezes while the aircraft moves.
+pub(super) fn sensor_failure(flight: &Flight, compass: &CompassEvaluation) -> Option<Note> {
+    let number = compass.number;
+    let frozen = frozen_field::frozen_intervals_s(&compass.rows);
+    let longest = frozen.into_iter().max_by(|one, other| (one[1] - one[0]).total_cmp(&(other[1] - other[0])));
+    if let Some(interval_s) = longest {
+        return Some(Note::FieldFrozen { compass: number, interval_s });
+    }
+    let (last, end) = (compass.rows.last()?, flight.attitude.rows().last()?);
+    (end.t_s - last.t_s > frozen_field::LONG_S).then_some(Note::FieldEnds {
+        compass: number,
+        at_s: last.t_s,
+        log_s: end.t_s,
+    })
 }
 
 #[cfg(test)]

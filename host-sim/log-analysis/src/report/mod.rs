@@ -12,21 +12,8 @@ mod sections;
 mod svg;
 mod text;
 
-pub use model::Report;
+pub use model::{Report, ReportOrigin};
 pub use replay_report::report_replay;
-
-/// Origin of a report, besides its flight.
-#[derive(Clone, Debug, Default)]
-pub struct ReportOrigin {
-    /// Command line.
-    pub command: String,
-    /// Settings, name and value.
-    pub settings: Vec<[String; 2]>,
-    /// Output of the command.
-    pub terminal_output: String,
-    /// Name and text of a parameter file.
-    pub parameters: Option<[String; 2]>,
-}
 
 /// Renders the page.
 #[must_use]

@@ -41,6 +41,19 @@ impl Report {
     }
 }
 
+/// Origin of a report, besides its flight.
+#[derive(Clone, Debug, Default)]
+pub struct ReportOrigin {
+    /// Command line.
+    pub command: String,
+    /// Settings, name and value.
+    pub settings: Vec<[String; 2]>,
+    /// Output of the command.
+    pub terminal_output: String,
+    /// Name and text of a parameter file.
+    pub parameters: Option<[String; 2]>,
+}
+
 /// Reference of the headings.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReferenceInfo {

@@ -3,9 +3,8 @@
 use autoswing::calibration::{Calibration, Solution};
 use autoswing::frames::{Body, Field};
 
-use super::ReportOrigin;
 use super::model::{
-    CalibratorComparison, CompassReport, DeviationCurve, EventMark, ReferenceInfo, Report, ReportSample,
+    CalibratorComparison, CompassReport, DeviationCurve, EventMark, ReferenceInfo, Report, ReportOrigin, ReportSample,
     means_by_heading,
 };
 use crate::log::{Flight, Gps};

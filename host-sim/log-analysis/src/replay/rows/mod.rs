@@ -1,7 +1,7 @@
 //! Builds rows of simultaneous data: a compass's field with attitude and body rates interpolated to its time.
 
 use autoswing::attitude::{AttitudeReport, EulerRates, SenderId};
-use autoswing::frames::{Attitude, Field, Sensor, wrap_pi};
+use autoswing::frames::{Attitude, Field, wrap_pi};
 use autoswing::time::WrappingMillis;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -9,8 +9,9 @@ use serde::Serialize;
 use super::data_loss;
 use super::frozen_field::frozen_intervals_s;
 use super::reference::ReferenceHeading;
+use super::row::ReplayRow;
 use crate::log::series::{Series, Stamped};
-use crate::log::{Compass, FieldCorrection, Flight};
+use crate::log::{Compass, Flight};
 use crate::numbers::quantile;
 
 /// Largest gap between attitudes, seconds: one lost at 3 Hz.
@@ -31,27 +32,6 @@ const WITHIN_S: f64 = 1.0;
 
 /// Time after a start or gap in which a filter may align, seconds; data up to its last such change is dropped.
 const ALIGNING_S: f64 = 60.0;
-
-/// A row of simultaneous data.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ReplayRow {
-    /// Flight time of the measurement, seconds.
-    pub t_s: f64,
-    /// Raw field, body axes.
-    pub field: Field<Sensor>,
-    /// The field as the autopilot corrected it, body axes.
-    pub logged: Field<Sensor>,
-    /// The autopilot's attitude.
-    pub attitude: Attitude,
-    /// Body rates p, q, r, rad/s, if available.
-    pub rates_rad_s: Option<[f32; 3]>,
-    /// Battery current, amperes, if known.
-    pub current_a: Option<f32>,
-    /// Whether the row is used for fit and score.
-    pub usable: bool,
-    /// Reference heading, degrees from an arbitrary north.
-    pub reference_deg: Option<f64>,
-}
 
 /// Attitude and body rates between two rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -251,14 +231,6 @@ fn current_at(flight: &Flight, t_s: f64) -> Option<f32> {
     /// Largest gap, seconds; battery status comes at 1 Hz or more.
     const MAX_GAP_S: f64 = 3.0;
     flight.current.interpolate_or_hold(t_s, MAX_GAP_S).map(|[amperes]| amperes)
-}
-
-impl ReplayRow {
-    /// Corrected field, microtesla; an unknown current counts as zero.
-    #[must_use]
-    pub fn corrected(&self, correction: &FieldCorrection) -> Vector3<f64> {
-        correction.apply(self.field.ut.map(f64::from), self.current_a.map_or(0.0, f64::from))
-    }
 }
 
 /// Times of the first and last movement over ground, seconds; unbounded without any.

@@ -1,7 +1,7 @@
 //! Synthetic flights at 10 Hz.
 
 use super::*;
-use crate::log::{Gps, LogFormat};
+use crate::log::{FieldCorrection, Gps, LogFormat};
 
 fn level(seconds: i32) -> Flight {
     let mut flight = Flight::new(LogFormat::ULog);

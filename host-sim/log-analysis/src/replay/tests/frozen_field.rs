@@ -1,5 +1,7 @@
+use autoswing::frames::{Attitude, Field};
+
 use super::*;
-use crate::replay::frozen_field;
+use crate::replay::note;
 
 #[test]
 fn the_longest_frozen_field_is_reported() {
@@ -14,7 +16,7 @@ fn the_longest_frozen_field_is_reported() {
             }
         }
         let (from_s, to_s) = if spans[0].1 - spans[0].0 > 20 { spans[0] } else { spans[1] };
-        let note = frozen_field::sensor_failure(&flight, &compass).unwrap().to_string();
+        let note = note::sensor_failure(&flight, &compass).unwrap().to_string();
         assert!(note.contains(&format!("from {from_s} to {to_s} s")), "{note}");
     }
 }
@@ -26,6 +28,6 @@ fn a_field_ending_over_10_s_before_the_log_is_reported() {
         let (flight, mut compass) = flown();
         let end_s = flight.attitude.rows().last().unwrap().t_s;
         compass.rows.retain(|row| row.t_s <= end_s - early_s);
-        assert_eq!(frozen_field::sensor_failure(&flight, &compass).is_some(), is_reported, "{early_s}");
+        assert_eq!(note::sensor_failure(&flight, &compass).is_some(), is_reported, "{early_s}");
     }
 }

@@ -8,6 +8,9 @@ mod verdict;
 
 use std::sync::LazyLock;
 
+use autoswing::calibration::SolveError;
+use autoswing::messages::Refusal;
+
 use super::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, evaluate_flight};
 use super::*;
 use crate::log::csv::FieldUnit;

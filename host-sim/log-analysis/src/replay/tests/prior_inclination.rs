@@ -1,3 +1,5 @@
+use autoswing::earth::{Date, EarthField, Position};
+
 use super::*;
 
 /// The prior has a standard deviation of 1 deg; samples contradict it beyond 4.

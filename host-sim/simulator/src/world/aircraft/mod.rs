@@ -4,6 +4,7 @@ mod boat;
 mod config;
 mod copter;
 mod external_attitude;
+mod motion;
 mod plane;
 mod rover;
 mod surface;
@@ -13,10 +14,12 @@ mod vtol;
 use std::f64::consts::{PI, TAU};
 
 pub use self::config::{VehicleConfig, VehicleKind};
+pub use self::motion::STEP_US;
 
 use self::boat::Boat;
 use self::copter::{Copter, CopterLimits};
 use self::external_attitude::AttitudeInterpolation;
+use self::motion::{GRAVITY_M_S2, Motion, STEP_S, forward_right, north_east};
 use self::plane::Plane;
 use self::rover::Rover;
 use self::turbulence::Turbulence;
@@ -25,25 +28,6 @@ use super::autopilot::{Autopilot, VehicleCommand};
 use super::rotation::Euler;
 use super::state::TrueState;
 use super::weather::Weather;
-
-/// Integration step, 20 times shorter than the shortest time constant.
-pub const STEP_US: u64 = 5_000;
-pub(super) const STEP_S: f64 = STEP_US as f64 / 1e6;
-
-const GRAVITY_M_S2: f64 = 9.806_65;
-
-/// Attitude and motion after a step. Angles in radians, FRD body axes, Euler ZYX; heading is not wrapped.
-#[derive(Clone, Copy, Debug, Default)]
-struct Motion {
-    roll_rad: f64,
-    pitch_rad: f64,
-    heading_rad: f64,
-    sideslip_rad: f64,
-    north_m_s: f64,
-    east_m_s: f64,
-    disturbing_acceleration_m_s2: f64,
-    current: f64,
-}
 
 #[derive(Clone, Debug)]
 enum Vehicle {
@@ -225,18 +209,6 @@ impl Aircraft {
             ..TrueState::default()
         }
     }
-}
-
-/// North and east components of a vector given along the nose and to the right.
-fn north_east(heading_rad: f64, [forward, right]: [f64; 2]) -> [f64; 2] {
-    let (sin, cos) = libm::sincos(heading_rad);
-    [cos * forward - sin * right, sin * forward + cos * right]
-}
-
-/// Components along the nose and to the right of a vector given north and east.
-fn forward_right(heading_rad: f64, [north, east]: [f64; 2]) -> [f64; 2] {
-    let (sin, cos) = libm::sincos(heading_rad);
-    [cos * north + sin * east, cos * east - sin * north]
 }
 
 #[cfg(test)]
