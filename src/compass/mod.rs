@@ -67,6 +67,13 @@ impl<'a> Compass<'a> {
         compass
     }
 
+    /// Samples of the last collection, for replay on a host.
+    #[cfg(not(target_os = "none"))]
+    #[must_use]
+    pub const fn collector(&self) -> &Collector<'a> {
+        &self.collector
+    }
+
     /// Processes an event.
     ///
     /// Large methods are not inlined, so that their locals do not add to the solver's stack.

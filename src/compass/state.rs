@@ -39,18 +39,11 @@ pub struct Compass<'a> {
     pub(super) persistent: PersistentState,
 }
 
-impl<'a> Compass<'a> {
+impl Compass<'_> {
     /// Result of the last solve; at start-up, the loss of a collection.
     #[must_use]
     pub fn last_outcome(&self) -> Option<&Message> {
         self.last_outcome.as_ref()
-    }
-
-    /// Samples of the last collection, for replay on a host.
-    #[cfg(not(target_os = "none"))]
-    #[must_use]
-    pub const fn collector(&self) -> &Collector<'a> {
-        &self.collector
     }
 
     /// Whether [`Event::Advance`] is needed.
