@@ -8,6 +8,15 @@ use core::f32::consts::FRAC_2_PI;
 pub use autoswing_fpu::sqrt;
 use nalgebra::{Const, SVector, Storage, Vector};
 
+/// One degree, radians.
+pub const DEG: f32 = core::f32::consts::PI / 180.0;
+
+/// Square.
+#[must_use]
+pub const fn square(x: f32) -> f32 {
+    x * x
+}
+
 /// Sine and cosine, accurate to 1e-7 for angles up to 8000 rad. NaN for an infinite or NaN angle.
 ///
 /// Range reduction by pi/2 in three parts, and the polynomials of S. L. Moshier's Cephes library (`sinf.c`).

@@ -4,12 +4,12 @@ use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 
+use super::Links;
 use super::links::CommandSource;
-use super::{Links, Platform};
 use crate::compass::{Command, Reply};
 use crate::console::session::Session;
 use crate::console::{Request, help, report};
-use crate::health::{Diagnostics, ResetCause};
+use crate::health::{Diagnostics, ResetCause, StackUse};
 use crate::instrument::Estimate;
 use crate::messages::Refusal;
 
@@ -21,6 +21,18 @@ const PAUSE: Duration = Duration::from_micros(200);
 
 /// Time for the reply to `reboot` to leave the port.
 const LAST_WORDS: Duration = Duration::from_millis(50);
+
+/// Functions of a board for the tasks.
+pub trait Platform {
+    /// Restarts the module. On a board this does not return; on the host the simulator stops the tasks at their next
+    /// wait.
+    fn reboot(&mut self);
+
+    /// Peak stack use, if known.
+    fn stack(&self) -> Option<StackUse> {
+        None
+    }
+}
 
 /// Runs the console for ever.
 pub async fn run(

@@ -28,26 +28,8 @@ pub mod sensor;
 mod tests;
 pub mod watchdog;
 
+pub use console::Platform;
 pub use links::Links;
 pub use panel::Panel;
 pub use port::SetBaud;
-
-use crate::health::StackUse;
-
-/// Functions of a board for the tasks.
-pub trait Platform {
-    /// Restarts the module. On a board this does not return; on the host the simulator stops the tasks at their next
-    /// wait.
-    fn reboot(&mut self);
-
-    /// Peak stack use, if known.
-    fn stack(&self) -> Option<StackUse> {
-        None
-    }
-}
-
-/// Hardware watchdog: resets the module unless [`feed`](Self::feed) is called within its period.
-pub trait Watchdog {
-    /// Restarts the period.
-    fn feed(&mut self);
-}
+pub use watchdog::Watchdog;

@@ -2,8 +2,8 @@
 
 use embassy_time::{Duration, Timer};
 
+use super::Links;
 use super::links::{ALWAYS_THERE, HEARTBEATS};
-use super::{Links, Watchdog};
 
 /// Interval of checks; longer than the slowest heartbeat, that of a sensor that does not answer.
 const LOOK: Duration = Duration::from_millis(700);
@@ -13,6 +13,12 @@ pub const MAX_FEED_INTERVAL_US: u64 = 2 * LOOK.as_micros();
 
 const _: () = assert!(LOOK.as_millis() > super::sensor::MAX_HEARTBEAT_INTERVAL_MS);
 const _: () = assert!(LOOK.as_millis() > super::compass::MAX_HEARTBEAT_INTERVAL_MS);
+
+/// Hardware watchdog: resets the module unless [`feed`](Self::feed) is called within its period.
+pub trait Watchdog {
+    /// Restarts the period.
+    fn feed(&mut self);
+}
 
 /// Feeds the watchdog if sensor, instrument, every running port and the state machine have each sent a heartbeat since
 /// the last check. A console that does not yield stops the state machine, too: they share an executor.

@@ -1,99 +1,29 @@
 //! Attitude history: converts delayed, discrete attitude reports to the attitude at the instant of a measurement.
 
 mod alignment_detector;
+mod config;
 mod euler_rates;
 mod line_selector;
 mod plausibility;
 mod rate_consistency;
+mod report;
 mod sender_clock;
 mod sender_selector;
+mod timed_report;
 
-use core::f32::consts::FRAC_PI_2;
-
-use crate::frames::{Attitude, Body, Field, Sensor, wrap_pi};
-use crate::time::{Timestamp, WrappingMillis};
-use crate::trig::sqrt;
+use crate::frames::{Attitude, Body, Field, Sensor};
+use crate::time::Timestamp;
 use alignment_detector::AlignmentDetector;
+pub use config::AttitudeConfig;
 use euler_rates::HeadingIntegral;
 pub use euler_rates::{EulerRates, GyroHeading};
 pub use line_selector::LineSelector;
 use plausibility::{FreezeDetector, SpikeFilter};
 use rate_consistency::RateConsistency;
+pub use report::AttitudeReport;
 use sender_clock::SenderClock;
 pub use sender_selector::{Heartbeat, SenderId, SenderSelector};
-
-/// Limits of the attitude history.
-#[derive(Clone, Copy, Debug)]
-pub struct AttitudeConfig {
-    /// Attitude latency: age of the attitude when the report's last byte arrives, microseconds. Autopilots need about
-    /// 20 ms to estimate, schedule and send. An error of 10 ms is 0.3 deg of roll at 30 deg/s. Negative if the field is
-    /// older, as with an averaged field.
-    pub latency_us: i32,
-    /// Longest extrapolation, microseconds: one lost report of a 10 Hz source. A roll of 30 deg/s that starts at the
-    /// last report gives an error of 6 deg.
-    pub max_extrapolation_us: u32,
-    /// Longest interval for interpolation, microseconds.
-    pub max_gap_us: u32,
-    /// Largest deviation between arrival and sender clock, microseconds; beyond it, the sender rebooted or has no
-    /// clock.
-    pub max_clock_error_us: u32,
-    /// Growth of the clock-offset estimate, microseconds per report. 50 reports per second track 500 ppm of drift, ten
-    /// times that of two poor crystals.
-    pub clock_leak_us: u32,
-    /// Longest interval between reports over which rates are integrated, microseconds: in a steady turn, 2 s cost a
-    /// heading error of 1 to 2 deg.
-    pub max_integrated_gap_us: u32,
-}
-
-impl AttitudeConfig {
-    /// Limits for MAVLink autopilots.
-    pub const DEFAULT: Self = Self {
-        latency_us: 20_000,
-        max_extrapolation_us: 200_000,
-        max_gap_us: 250_000,
-        max_clock_error_us: 100_000,
-        clock_leak_us: 10,
-        max_integrated_gap_us: 2_000_000,
-    };
-}
-
-/// Report of an attitude source, without yaw, which the module itself measures.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AttitudeReport {
-    /// Sender.
-    pub sender: SenderId,
-    /// Sender's clock at sending; 0 for senders without a clock.
-    pub sender_time: WrappingMillis,
-    /// Roll and pitch.
-    pub attitude: Attitude,
-    /// Body rates p, q, r, rad/s; zero if not sent.
-    pub rates_rad_s: [f32; 3],
-}
-
-impl AttitudeReport {
-    /// Whether the report has body rates: not all exactly zero, and within gyro range.
-    pub(crate) fn has_rates(&self) -> bool {
-        self.rates_rad_s.iter().any(|rate_rad_s| rate_rad_s.abs() > 0.0)
-            && self.rates_rad_s.iter().all(|rate_rad_s| rate_rad_s.abs() <= MAX_BODY_RATE_RAD_S)
-    }
-
-    /// Magnitude of the body rates, rad/s; `None` without body rates.
-    fn body_rate_rad_s(&self) -> Option<f32> {
-        let [p, q, r] = self.rates_rad_s;
-        self.has_rates().then(|| sqrt(p * p + q * q + r * r))
-    }
-}
-
-/// Full scale of autopilot gyros (2,000 deg/s) plus a margin, rad/s.
-const MAX_BODY_RATE_RAD_S: f32 = 36.0;
-
-/// Report with its time of sending and the integrated heading rate.
-#[derive(Clone, Copy, Debug)]
-struct TimedReport {
-    sent_at: Timestamp,
-    report: AttitudeReport,
-    heading_integral: HeadingIntegral,
-}
+use timed_report::{TimedReport, extrapolate, interpolate};
 
 /// Attitude at a requested instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -299,24 +229,6 @@ impl AttitudeHistory {
         let fraction = sent.us_since(before.sent_at) as f32 / gap_us as f32;
         (sent == before.sent_at || gap_us <= u64::from(self.config.max_gap_us))
             .then(|| interpolate(&before.report, &after.report, fraction))
-    }
-}
-
-/// Linear interpolation, by the shorter way in roll.
-fn interpolate(before: &AttitudeReport, after: &AttitudeReport, fraction: f32) -> Attitude {
-    let (a, b) = (before.attitude, after.attitude);
-    Attitude {
-        roll_rad: wrap_pi(a.roll_rad + fraction * wrap_pi(b.roll_rad - a.roll_rad)),
-        pitch_rad: a.pitch_rad + fraction * (b.pitch_rad - a.pitch_rad),
-    }
-}
-
-fn extrapolate(report: &AttitudeReport, ahead_s: f32) -> Attitude {
-    let Attitude { roll_rad, pitch_rad } = report.attitude;
-    let EulerRates { roll_rad_s, pitch_rad_s, .. } = EulerRates::from_report(report).unwrap_or_default();
-    Attitude {
-        roll_rad: wrap_pi(roll_rad + roll_rad_s * ahead_s),
-        pitch_rad: (pitch_rad + pitch_rad_s * ahead_s).clamp(-FRAC_PI_2, FRAC_PI_2),
     }
 }
 

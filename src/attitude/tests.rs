@@ -1,4 +1,5 @@
 use super::*;
+use crate::time::WrappingMillis;
 
 const CONFIG: AttitudeConfig = AttitudeConfig::DEFAULT;
 const LATENCY_US: u64 = CONFIG.latency_us.unsigned_abs() as u64;

@@ -21,7 +21,7 @@ use autoswing::health::StackUse;
 use autoswing::magnetometer::lis3mdl::{Lis3mdl, Lis3mdlConfig};
 use cortex_m::peripheral::SCB;
 use defmt_rtt as _;
-use embassy_executor::{Executor, InterruptExecutor};
+use embassy_executor::{Executor, InterruptExecutor, SendSpawner};
 use embassy_stm32::flash::{self, Flash};
 use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
 use embassy_stm32::i2c::{self, I2c, Master};
@@ -33,12 +33,11 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Peri, bind_interrupts, dma, interrupt, pac, rcc};
 use static_cell::StaticCell;
 
-use super::stack;
 pub use super::stm32l4::flash::StoreFlash;
 use super::stm32l4::i2c::I2cBus;
 use super::stm32l4::reset;
 pub use super::stm32l4::uart::UartTx;
-use super::tasks::{self, Hardware};
+use super::{hardware, stack};
 
 bind_interrupts!(struct Irqs {
     I2C2_EV => i2c::EventInterruptHandler<I2C2>;
@@ -69,11 +68,12 @@ const UART_WAKE: usize = 16;
 
 pub type Magnetometer = Lis3mdl<I2cBus>;
 pub type UartRx = BufferedUartRx<'static>;
+pub type Hardware = hardware::Hardware<Magnetometer, UartTx, UartRx, Watchdog, Panel, StoreFlash, Platform>;
 
 /// Executor of the heading tasks.
 static HEADING_TASKS: InterruptExecutor = InterruptExecutor::new();
 
-pub fn start() -> ! {
+pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! {
     static CONSOLE_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static AUTOPILOT_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static INSTRUMENT_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
@@ -108,7 +108,7 @@ pub fn start() -> ! {
     set_priorities();
 
     let above = HEADING_TASKS.start(interrupt::TSC);
-    OTHER_TASKS.init(Executor::new()).run(|below| tasks::spawn(above, below.make_send(), hardware))
+    OTHER_TASKS.init(Executor::new()).run(|below| spawn_tasks(above, below.make_send(), hardware))
 }
 
 /// System clock 80 MHz, the maximum, from the internal 16 MHz oscillator; its 1 % tolerance suffices for 115200 baud.

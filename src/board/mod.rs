@@ -1,12 +1,13 @@
 //! Board support: one board per Cargo feature, on drivers shared by a chip family. All `unsafe` code of the project is
 //! here.
 //!
-//! A board consists of a module with the types of [`tasks::Hardware`] and a `start` function that initialises the
-//! hardware and calls [`tasks::spawn`]; a file `BOARD.x` with its memory layout, listed in build.rs; and a feature in
-//! Cargo.toml.
+//! A board consists of a module with the types of [`hardware::Hardware`] and a `start` function that initialises the
+//! hardware and passes it to its argument, [`tasks::spawn`]; a file `BOARD.x` with its memory layout, listed in
+//! build.rs; and a feature in Cargo.toml.
 
 #[cfg(feature = "board-b-l475e-iot01a")]
 mod b_l475e_iot01a;
+mod hardware;
 mod kept;
 mod last_words;
 #[cfg(feature = "board-mps2-an386")]
@@ -21,4 +22,7 @@ use b_l475e_iot01a as chosen;
 #[cfg(all(feature = "board-mps2-an386", not(feature = "board-b-l475e-iot01a")))]
 use mps2_an386 as chosen;
 
-pub use chosen::start;
+/// Starts the selected board.
+pub fn start() -> ! {
+    chosen::start(tasks::spawn)
+}

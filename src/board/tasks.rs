@@ -8,25 +8,11 @@ use autoswing::store::Store;
 use embassy_executor::{SendSpawner, SpawnError, SpawnToken};
 use static_cell::StaticCell;
 
-use super::chosen::{Magnetometer, Panel, Platform, StoreFlash, UartRx, UartTx, Watchdog};
+use super::chosen::{Hardware, Magnetometer, Panel, Platform, StoreFlash, UartRx, UartTx, Watchdog};
 use super::kept;
 
 /// Initialised at run time, so that `.data` costs no flash.
 static LINKS: StaticCell<Links> = StaticCell::new();
-
-/// Initialised hardware for the tasks.
-pub struct Hardware {
-    pub magnetometer: Magnetometer,
-    /// Autopilot port and instrument port.
-    pub ports: [(UartTx, UartRx); PORT_COUNT],
-    pub console: (UartTx, UartRx),
-    pub watchdog: Watchdog,
-    pub panel: Panel,
-    pub flash: StoreFlash,
-    pub platform: Platform,
-    /// Reason for the last start.
-    pub reset: ResetCause,
-}
 
 /// Spawns all tasks: heading tasks on the executor `above`, which interrupts `below` with the slow tasks.
 pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
@@ -46,7 +32,7 @@ pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
 }
 
 /// Infallible: each task has as many instances as are spawned.
-pub fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
+fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
     token.expect("one task of each")
 }
 

@@ -1,6 +1,7 @@
 //! Admission of commands: the only place that refuses them because of the armed state, a solve or a save.
 
-use super::{Activity, Command, Compass, Solve, SolvePurpose};
+use super::activity::{Activity, Solve, SolvePurpose};
+use super::{Command, Compass};
 use crate::calibration::method_selection::Procedure;
 use crate::messages::Refusal;
 use crate::settings::SettingChange;

@@ -1,23 +1,11 @@
 //! Automatic collection: an uncalibrated module starts collecting in flight.
 
-use super::{Activity, Compass, Starter};
+use super::Compass;
+use super::activity::{Activity, Starter};
 use crate::calibration::method_selection::Procedure;
 
 /// Samples (5 s) after which no armed state is expected; autopilots send heartbeats at 1 Hz.
 const ARMED_STATE_TIMEOUT_SAMPLES: u8 = 50;
-
-/// Whether collections start automatically.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct AutomaticStart {
-    /// A user has taken control: no automatic start.
-    pub is_overridden: bool,
-    /// Samples since start-up, saturating at the timeout.
-    samples_since_start: u8,
-}
-
-impl AutomaticStart {
-    pub const NEW: Self = Self { is_overridden: false, samples_since_start: 0 };
-}
 
 impl Compass<'_> {
     /// Starts a collection if enabled and the vehicle is armed, because before arming it may be carried or stand near

@@ -1,48 +1,12 @@
 //! State that survives a restart: the running collection in RAM, and in flash whether one was running and which
 //! protocols were detected.
 
-use super::{Activity, Compass, Effect, PendingSave, Starter};
+use super::activity::{Activity, PendingSave, Starter};
+use super::{Compass, Effect};
 use crate::collection::{CollectionContext, CollectionState};
 use crate::messages::Message;
 use crate::settings::{PORT_COUNT, PortNumber, ProtocolKind};
-use crate::store::StartupValues;
 use crate::time::WrappingMillis;
-
-/// Duration after which a detected protocol is stored, milliseconds.
-const MIN_DETECTION_MS: u32 = 5000;
-
-#[derive(Debug)]
-pub(super) struct PersistentState {
-    /// Values written last, successfully or not.
-    last_written: StartupValues,
-    /// Detected protocols, and since when.
-    detected_since: Option<([ProtocolKind; PORT_COUNT], WrappingMillis)>,
-}
-
-impl PersistentState {
-    pub const fn new(stored: StartupValues) -> Self {
-        Self { last_written: stored, detected_since: None }
-    }
-
-    /// Clears the collection flag, as every save of calibrations does in flash.
-    pub const fn forget_collection(&mut self) {
-        self.last_written.is_collecting = false;
-    }
-
-    /// Detected protocols, once constant for long enough.
-    fn settled_protocols(
-        &mut self,
-        detected: [ProtocolKind; PORT_COUNT],
-        now: WrappingMillis,
-    ) -> Option<[ProtocolKind; PORT_COUNT]> {
-        let (before, since) = *self.detected_since.get_or_insert((detected, now));
-        if before != detected {
-            self.detected_since = Some((detected, now));
-            return None;
-        }
-        (now.ms_since(since) >= MIN_DETECTION_MS).then_some(detected)
-    }
-}
 
 impl Compass<'_> {
     /// Resumes a collection that survived the restart, or detects that one was lost.

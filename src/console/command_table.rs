@@ -4,7 +4,6 @@
 
 use core::ops::RangeInclusive;
 
-use super::Request;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::{Method, Orientation};
 use crate::compass::Command;
@@ -366,6 +365,17 @@ fn attitude_error(given: &Arguments) -> AttitudeError {
 
 const fn set(setting: SettingChange) -> Request {
     Request::Command(Command::Set(setting))
+}
+
+/// Request of a line.
+#[derive(Clone, Copy, Debug)]
+pub enum Request {
+    /// List the commands, or explain one.
+    Help(Option<&'static CommandSpec>),
+    /// Show the firmware's version.
+    Version,
+    /// Command for the state machine.
+    Command(Command),
 }
 
 impl From<Command> for Request {

@@ -7,7 +7,8 @@ use core::fmt;
 
 use heapless::Vec;
 
-use super::LINE_CAPACITY;
+/// Capacity of a line, characters.
+pub const LINE_CAPACITY: usize = 64;
 
 /// Text before a line.
 pub const PROMPT: &str = "> ";

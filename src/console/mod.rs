@@ -11,21 +11,6 @@ mod parser;
 pub mod report;
 pub mod session;
 
-pub use command_table::CommandSpec;
+pub use command_table::{CommandSpec, Request};
+pub use editor::LINE_CAPACITY;
 pub use parser::{LineError, help, parse};
-
-use crate::compass::Command;
-
-/// Request of a line.
-#[derive(Clone, Copy, Debug)]
-pub enum Request {
-    /// List the commands, or explain one.
-    Help(Option<&'static CommandSpec>),
-    /// Show the firmware's version.
-    Version,
-    /// Command for the state machine.
-    Command(Command),
-}
-
-/// Capacity of a line, characters.
-pub const LINE_CAPACITY: usize = 64;

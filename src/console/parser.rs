@@ -2,8 +2,8 @@
 
 use core::fmt::{self, Display};
 
-use super::command_table::{ArgumentKind, ArgumentSpec, ArgumentValue, Arguments, COMMANDS, CommandSpec};
-use super::{LINE_CAPACITY, Request};
+use super::command_table::{ArgumentKind, ArgumentSpec, ArgumentValue, Arguments, COMMANDS, CommandSpec, Request};
+use super::editor::LINE_CAPACITY;
 use crate::decimal::{self, ShortestDecimal};
 
 /// Reason why a line is invalid.

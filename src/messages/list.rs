@@ -274,6 +274,14 @@ impl Message {
     }
 }
 
+/// Line for the user: `<code>: what happened; what to do`, with `refused ` in front of a refusal.
+impl Display for Message {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let refused = if self.is_refusal() { "refused " } else { "" };
+        write!(f, "{refused}{}: {}", self.code(), self.text())
+    }
+}
+
 impl Refusal {
     /// Stable code, kebab-case.
     #[must_use]

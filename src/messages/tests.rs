@@ -10,7 +10,9 @@ use crate::calibration::{
 };
 use crate::collection::CollectionProblem;
 use crate::health::SampleLoss;
+use crate::instrument::HardIronChange;
 use crate::settings::OutOfRange;
+use crate::store::StoreError;
 
 const STEP: DetectedHardIronChange =
     DetectedHardIronChange { size_ut: 14.26, time_course: HardIronTimeCourse::Step { after_s: 31 }, duration_s: 230 };

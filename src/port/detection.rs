@@ -126,7 +126,7 @@ mod tests {
     use super::*;
     use crate::attitude::SenderId;
     use crate::instrument::Estimate;
-    use crate::port::tests::facts;
+    use crate::port::snapshot::tests::facts;
     use crate::settings::Settings;
     use ::mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot};
     use ::mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};

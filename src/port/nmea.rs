@@ -42,7 +42,7 @@ mod tests {
     use super::*;
     use crate::heading::NoHeading;
     use crate::instrument::Estimate;
-    use crate::port::tests::facts;
+    use crate::port::snapshot::tests::facts;
     use crate::settings::{HeadingKind, Settings};
     use crate::time::Timestamp;
 

@@ -2,13 +2,15 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::CALIBRATION_SLOTS;
 use super::fields::{Fields, Visitor};
 use crate::calibration::{
     AttitudeLatency, Calibration, Envelope, HeadingUncertainty, Method, MotorCurrentInterference, Orientation, Quality,
 };
 use crate::reading::{Identity, Model};
 use crate::settings::{AttitudeError, PORT_COUNT, PortNumber, PortSettings, ProtocolKind, Settings};
+
+/// Pages for calibrations: two that the valid state refers to, and two for the next state.
+pub(super) const CALIBRATION_SLOTS: u8 = 4;
 
 /// A calibration, with sensor and mounting for which it is valid.
 #[derive(Clone, Copy, Debug, PartialEq)]

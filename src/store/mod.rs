@@ -21,6 +21,7 @@
 //! state is damaged, the state before it becomes valid; the slots to which that one refers are still complete, because
 //! only one save has followed it.
 
+mod error;
 mod fields;
 mod items;
 mod page;
@@ -31,53 +32,16 @@ use core::ops::Range;
 
 use embedded_storage_async::nor_flash::NorFlash;
 
+pub use error::StoreError;
+use items::{CALIBRATION_SLOTS, SlotReference, StoredState};
 pub use items::{CalibrationRecord, Generations, StartupValues, StoreChange, StoredValues};
-use items::{SlotReference, StoredState};
 use page::{ITEM_SIZE, Item, PageContent, WORD_SIZE};
-
-/// Pages for calibrations: two that the valid state refers to, and two for the next state.
-const CALIBRATION_SLOTS: u8 = 4;
 
 /// First page for states, after the slots.
 const FIRST_STATE_PAGE: u32 = CALIBRATION_SLOTS as u32;
 
 /// Minimum number of pages for states: a save leaves the valid one in place.
 const MIN_STATE_PAGES: u32 = 2;
-
-/// Error of a load or a save.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StoreError {
-    /// The flash failed to read, write or erase.
-    Flash,
-    /// The flash did not complete a save in time.
-    Timeout,
-    /// Stored bytes are damaged.
-    Corrupt,
-    /// The store has another format.
-    OtherFormat(u8),
-    /// The value does not fit into the store.
-    Full,
-    /// The written bytes read back differently.
-    Verify,
-    /// A value is out of its range. Nothing was written.
-    Invalid,
-}
-
-impl core::fmt::Display for StoreError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::Flash => "the flash memory failed",
-            Self::Timeout => "the flash memory did not complete a save in time",
-            Self::Corrupt => "the stored data are damaged",
-            Self::OtherFormat(_) => "another firmware wrote the stored data",
-            Self::Full => "the data do not fit into the flash region",
-            Self::Verify => "the written data read back differently",
-            Self::Invalid => "a value is out of its range, and nothing was written",
-        })
-    }
-}
-
-impl core::error::Error for StoreError {}
 
 /// Result of a load: the readable values, and defaults for the others.
 #[derive(Clone, Copy, Debug, PartialEq)]

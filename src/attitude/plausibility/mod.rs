@@ -2,7 +2,8 @@
 
 use nalgebra::Vector3;
 
-use super::{AttitudeReport, TimedReport, extrapolate};
+use super::AttitudeReport;
+use super::timed_report::{TimedReport, extrapolate};
 use crate::frames::{Attitude, Body, Field, wrap_pi};
 use crate::time::Timestamp;
 use crate::trig;

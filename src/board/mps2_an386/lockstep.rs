@@ -14,9 +14,9 @@ use cortex_m::asm;
 use cortex_m::peripheral::NVIC;
 use embassy_time::{Duration, Instant, Timer};
 
+use super::clock;
 use super::registers::Interrupt;
-use super::uart::Uart;
-use super::{AUTOPILOT, CONSOLE, INSTRUMENT, LOCKSTEP, clock};
+use super::uart::{AUTOPILOT, CONSOLE, INSTRUMENT, LOCKSTEP, Uart};
 
 /// Step size: the reference board's receiver wakes after 16 bytes at 115200 baud or a pause, 1.4 ms.
 const STEP: Duration = Duration::from_millis(2);

@@ -31,23 +31,18 @@ use autoswing::health::StackUse;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m::{Peripherals, asm};
 use defmt_rtt as _;
-use embassy_executor::InterruptExecutor;
+use embassy_executor::{InterruptExecutor, SendSpawner};
 
 pub use self::flash::StoreFlash;
 use self::i2c::SensorBus;
-use self::registers::{Interrupt, Peripheral, Vector};
+use self::registers::{Interrupt, Vector};
 pub use self::sensor::Sensor as Magnetometer;
 pub use self::uart::UartTx;
-use self::uart::{Received, Uart};
-use super::stack;
-use super::tasks::{self, Hardware, spawned};
+use self::uart::{AUTOPILOT, CONSOLE, INSTRUMENT, LOCKSTEP, Received};
+use super::{hardware, stack};
 
 pub type UartRx = &'static Received;
-
-static CONSOLE: Uart = Uart::new(Peripheral::Uart0);
-static AUTOPILOT: Uart = Uart::new(Peripheral::Uart1);
-static INSTRUMENT: Uart = Uart::new(Peripheral::Uart3);
-static LOCKSTEP: Uart = Uart::new(Peripheral::Uart2);
+pub type Hardware = hardware::Hardware<Magnetometer, UartTx, UartRx, Watchdog, Panel, StoreFlash, Platform>;
 
 const CONSOLE_TX: UartTx = UartTx { uart: &CONSOLE, written: || {} };
 
@@ -108,7 +103,7 @@ const PRIORITIES: [(Interrupt, u8); 8] = [
     (Interrupt::OtherTasks, 0x80),
 ];
 
-pub fn start() -> ! {
+pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! {
     let reset = reset::cause();
     if let Some(mut core) = Peripherals::take() {
         for (interrupt, priority) in PRIORITIES {
@@ -139,12 +134,13 @@ pub fn start() -> ! {
         reset,
     };
 
-    STEP_TASK.start(Interrupt::StepTask).spawn(spawned(step()));
+    // Infallible: one task of each; likewise below.
+    STEP_TASK.start(Interrupt::StepTask).spawn(step().expect("one task"));
     let above = HEADING_TASKS.start(Interrupt::HeadingTasks);
     let below = OTHER_TASKS.start(Interrupt::OtherTasks);
-    tasks::spawn(above, below, hardware);
+    spawn_tasks(above, below, hardware);
     #[cfg(feature = "bench")]
-    below.spawn(spawned(bench_tests()));
+    below.spawn(bench_tests().expect("one task"));
     loop {
         asm::wfi();
     }

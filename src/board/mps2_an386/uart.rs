@@ -41,6 +41,11 @@ pub struct Uart {
     pub received: Received,
 }
 
+pub static CONSOLE: Uart = Uart::new(Peripheral::Uart0);
+pub static AUTOPILOT: Uart = Uart::new(Peripheral::Uart1);
+pub static INSTRUMENT: Uart = Uart::new(Peripheral::Uart3);
+pub static LOCKSTEP: Uart = Uart::new(Peripheral::Uart2);
+
 impl Uart {
     pub const fn new(peripheral: Peripheral) -> Self {
         Self { peripheral, received: Pipe::new() }

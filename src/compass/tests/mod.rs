@@ -3,15 +3,19 @@ mod earth;
 mod flight;
 mod restart;
 
+use super::state::HELD_SAMPLES;
 use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
-use crate::calibration::{Calibration, Orientation, Part, Rates, SamplePart, Side};
+use crate::calibration::{Calibration, Method, Orientation, Part, Rates, SamplePart, Side, SolveError};
 use crate::collection::CollectionProblem;
 use crate::frames::{Attitude, Field, Sensor};
-use crate::reading::Model;
-use crate::settings::{AttitudeError, HeadingKind, SettingChange};
+use crate::instrument::{Correction, SampleAttitude};
+use crate::messages::{ExpectedAccuracy, Message, SolveOutcome};
+use crate::reading::{Identity, Model};
+use crate::settings::{AttitudeError, HeadingKind, OutOfRange, Settings};
 use crate::store::tests::record;
+use crate::store::{CalibrationRecord, Generations, StartupValues, StoreChange, StoreError};
 
 const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
 const READINGS: u16 = 8;

@@ -2,7 +2,7 @@
 
 use core::fmt::{self, Display, Write};
 
-use super::refusal;
+use super::error::refusal;
 use crate::calibration::{Advice, AttitudeLatency, Calibration, MotorCurrentInterference};
 use crate::compass::{CalibrationSummary, StatusReport};
 use crate::decimal::Decimal;

@@ -2,41 +2,25 @@
 //! `note`.
 
 mod calibration;
+mod error;
 mod settings;
 mod status;
 
-use core::fmt::{self, Display, Write};
+use core::fmt::{self, Write};
 
-use super::LineError;
 use crate::compass::{Command, Reply, StatusReport};
 use crate::decimal::ShortestDecimal;
 use crate::health::{Diagnostics, ResetCause};
 use crate::messages::{Message, Refusal};
 use crate::settings::SettingChange;
 use calibration::{CalibrationTitle, advise, calibration};
+pub use error::line_error;
+use error::refusal;
 use settings::{SettingGroup, setting_line};
-use status::status;
+use status::{Reset, status};
 
 /// The firmware's version.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
-
-/// Writes `error <code>: what to do`.
-fn error(out: &mut impl Write, code: &str, advice: impl Display) -> fmt::Result {
-    writeln!(out, "error {code}: {advice}")
-}
-
-/// Writes the error of an invalid line.
-///
-/// # Errors
-///
-/// Those of `out`.
-pub fn line_error(out: &mut impl Write, line: &LineError) -> fmt::Result {
-    error(out, line.code(), line)
-}
-
-fn refusal(out: &mut impl Write, refusal: &Refusal) -> fmt::Result {
-    error(out, refusal.code(), refusal)
-}
 
 /// Writes the reply to `version`.
 ///
@@ -104,19 +88,5 @@ fn changed_state(out: &mut impl Write, command: Command, report: &StatusReport) 
             writeln!(out, "ok {}: {}", report.state.name(), CalibrationTitle(record))
         }
         _ => writeln!(out, "ok {}", report.state.name()),
-    }
-}
-
-struct Reset<'a>(&'a ResetCause);
-
-impl Display for Reset<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.0 {
-            ResetCause::PowerOn => f.write_str("power-on"),
-            ResetCause::Pin => f.write_str("reset pin"),
-            ResetCause::Software => f.write_str("reboot"),
-            ResetCause::Watchdog => f.write_str("watchdog"),
-            ResetCause::Panic(words) => write!(f, "panic: {words}"),
-        }
     }
 }

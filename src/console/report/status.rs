@@ -2,7 +2,6 @@
 
 use core::fmt::{self, Display, Write};
 
-use super::Reset;
 use super::calibration::latency;
 use super::settings::{SettingGroup, field_model, setting_line};
 use crate::calibration::method_selection::Procedure;
@@ -10,7 +9,7 @@ use crate::collection::{Coverage, SECTORS};
 use crate::compass::{ModuleState, StatusReport, TrialResult};
 use crate::decimal::{Decimal, ShortestDecimal};
 use crate::frames::Attitude;
-use crate::health::{Counts, Diagnostics, StackUse};
+use crate::health::{Counts, Diagnostics, ResetCause, StackUse};
 use crate::messages::Message;
 use crate::settings::ProtocolKind;
 
@@ -182,5 +181,20 @@ impl Display for CoverageText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Coverage { samples, held_back, sectors, percent } = *self.0;
         write!(f, "{percent} %, {sectors} of {SECTORS} sectors, {samples} samples, {held_back} held back")
+    }
+}
+
+/// Reset cause as text.
+pub(super) struct Reset<'a>(pub &'a ResetCause);
+
+impl Display for Reset<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            ResetCause::PowerOn => f.write_str("power-on"),
+            ResetCause::Pin => f.write_str("reset pin"),
+            ResetCause::Software => f.write_str("reboot"),
+            ResetCause::Watchdog => f.write_str("watchdog"),
+            ResetCause::Panic(words) => write!(f, "panic: {words}"),
+        }
     }
 }

@@ -1,6 +1,13 @@
 //! Agreement test between smoothed and raw heading.
 
-use super::{DEG, GyroStep, square};
+use crate::trig::{DEG, square};
+
+/// Time since the last reading, and the gyro's turn in it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct GyroStep {
+    pub step_s: f32,
+    pub turned_rad: f32,
+}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum AgreementResult {

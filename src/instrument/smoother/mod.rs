@@ -25,8 +25,8 @@ use crate::attitude::GyroHeading;
 use crate::frames::{wrap_pi, wrap_two_pi};
 use crate::heading::Heading;
 use crate::time::Timestamp;
-use crate::trig::sqrt;
-use agreement::{AgreementResult, AgreementTest};
+use crate::trig::{DEG, sqrt, square};
+use agreement::{AgreementResult, AgreementTest, GyroStep};
 use residual_noise::ResidualNoise;
 
 /// Correlation time of the raw heading's error, seconds: that of an attitude source's filter.
@@ -57,12 +57,6 @@ const MAX_VARIANCE_RAD2: f32 = square(180.0 * DEG);
 
 /// Normalised innovation beyond which a measurement counts less.
 const OUTLIER_SIGMAS: f32 = 3.0;
-
-const DEG: f32 = core::f32::consts::PI / 180.0;
-
-const fn square(x: f32) -> f32 {
-    x * x
-}
 
 /// Filter, agreement test and remaining noise. 84 bytes.
 #[derive(Clone, Debug)]
@@ -141,12 +135,6 @@ struct SmootherState {
     bias_variance: f32,
     bias_regression_s: f32,
     conditional_heading_variance: f32,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct GyroStep {
-    step_s: f32,
-    turned_rad: f32,
 }
 
 impl SmootherState {

@@ -1,6 +1,6 @@
 //! Fraction of the raw heading's noise that smoothing does not remove.
 
-use super::square;
+use crate::trig::square;
 
 /// Estimator of the noise variance that remains after smoothing, which the filter cannot distinguish from the heading.
 /// After a 5 s mean, noise of 0.5 s correlation time has an eleventh of its variance; noise as slow as a turn has most

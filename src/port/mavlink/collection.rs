@@ -6,8 +6,8 @@
 
 use nalgebra::Vector3;
 
-use super::Transmitter;
 use super::texts::PendingTexts;
+use super::transmitter::Transmitter;
 use crate::calibration::{Calibration, Orientation};
 use crate::compass::IndicatorState;
 use crate::messages::{Message, SolveOutcome};

@@ -2,7 +2,7 @@
 
 use ::mavlink::dialects::common::{MavCmd, MavResult};
 
-use super::{COMPONENT, Transmitter};
+use super::transmitter::{COMPONENT, Transmitter};
 use crate::attitude::SenderId;
 use crate::calibration::method_selection::Procedure;
 use crate::compass::Command;

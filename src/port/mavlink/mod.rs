@@ -18,6 +18,7 @@ mod collection;
 mod commands;
 mod requests;
 mod texts;
+mod transmitter;
 
 use ::mavlink::dialects::common::MavState;
 
@@ -33,9 +34,7 @@ use collection::CollectionReporter;
 use commands::CommandHandler;
 use requests::RequestSequence;
 use texts::PendingTexts;
-
-/// MAV_COMP_ID_PERIPHERAL.
-const COMPONENT: u8 = 158;
+use transmitter::{COMPONENT, Transmitter, own_address};
 
 /// Rate of poses, Hz. Autopilots drop poses at higher rates, and detect a loss below 3 Hz.
 const VISION_HZ: u8 = 50;
@@ -62,23 +61,6 @@ pub struct Mavlink {
     /// Whether the next named value is the heading's sigma.
     is_sigma_next: bool,
     percent: MessageSchedule,
-}
-
-/// Numbers messages and appends them to an output.
-struct Transmitter<'a> {
-    out: &'a mut TransmitBuffer,
-    own: Address,
-    sequence: &'a mut u8,
-}
-
-impl Transmitter<'_> {
-    /// Appends a message; returns whether there was room. Only appended messages take a sequence number, so that a gap
-    /// means a loss on the line.
-    fn send(&mut self, message: OutboundMessage) -> bool {
-        let fits = self.out.append(&[&message.frame(self.own, *self.sequence)]);
-        *self.sequence = self.sequence.wrapping_add(u8::from(fits));
-        fits
-    }
 }
 
 impl Mavlink {
@@ -186,11 +168,6 @@ impl Mavlink {
         self.percent.is_due(snapshot.now, PERCENT_HZ)
             && line.send(OutboundMessage::named_value(snapshot.now, "cal_pct", percent))
     }
-}
-
-/// The module's address in an autopilot's system.
-fn own_address(autopilot: SenderId) -> Address {
-    Address { component: COMPONENT, ..Address::from_sender(autopilot) }
 }
 
 /// Whether `target` includes `own`; 0 addresses all.

@@ -10,7 +10,7 @@ use ::mavlink::dialects::common::{
     ATTITUDE_DATA, GLOBAL_POSITION_INT_DATA, MavCmd, MavResult, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
-use super::Transmitter;
+use super::transmitter::Transmitter;
 use crate::attitude::SenderId;
 use crate::time::{Timestamp, WrappingMillis};
 use crate::wire::mavlink::{Acknowledgement, Address, OutboundMessage};

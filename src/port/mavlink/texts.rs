@@ -4,7 +4,7 @@ use core::fmt::{self, Write};
 
 use ::mavlink::dialects::common::MavSeverity;
 
-use super::Transmitter;
+use super::transmitter::Transmitter;
 use crate::messages::{Message, Severity};
 use crate::port::MessageSchedule;
 use crate::time::Timestamp;

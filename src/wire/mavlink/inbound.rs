@@ -12,7 +12,7 @@ use mavlink::dialects::common::{
     GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
-use super::Address;
+use super::frame::Address;
 use crate::attitude::{AttitudeReport, Heartbeat, SenderId};
 use crate::earth::{Date, Position};
 use crate::frames::Attitude;

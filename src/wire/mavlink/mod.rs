@@ -7,50 +7,20 @@
 //! | file | contents |
 //! |---|---|
 //! | `mod.rs` | receiver: frames in a stream of bytes |
+//! | `frame.rs` | header, address and CRC |
 //! | `inbound.rs` | decoding of payloads |
 //! | `outbound.rs` | messages to send, as frames of version 2 |
 
+mod frame;
 mod inbound;
 mod outbound;
 
-use crc::{CRC_16_MCRF4XX, Crc};
-
 use crate::attitude::SenderId;
+pub use frame::Address;
+use frame::{V1, V1_HEADER, V2, V2_HEADER, checksum};
 pub use inbound::{Acknowledgement, InboundMessage, ReceivedCommand};
 use inbound::{MAX_PAYLOAD_LENGTH, MessageSpec, SUPPORTED_MESSAGES};
 pub use outbound::{Frame, MagCalReport, OutboundMessage, Pose};
-
-/// Component of a system, as sender or addressee; 0 addresses all.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Address {
-    /// System, for example an aircraft or a ground station.
-    pub system: u8,
-    /// Component of the system.
-    pub component: u8,
-}
-
-impl Address {
-    /// Address of a sender.
-    #[must_use]
-    pub const fn from_sender(source: SenderId) -> Self {
-        let [system, component] = source.number().to_be_bytes();
-        Self { system, component }
-    }
-
-    /// Sender with this address.
-    #[must_use]
-    pub const fn sender(self) -> SenderId {
-        SenderId::new(u16::from_be_bytes([self.system, self.component]))
-    }
-}
-
-/// First byte of a frame, by version.
-const V1: u8 = 0xFE;
-const V2: u8 = 0xFD;
-
-/// Header length, bytes, by version.
-const V1_HEADER: usize = 6;
-const V2_HEADER: usize = 10;
 
 /// Longest frame of version 2, bytes: header, payload, 2 of CRC, 13 of signature.
 const MAX_FRAME: usize = V2_HEADER + MAX_PAYLOAD_LENGTH + 2 + 13;
@@ -177,16 +147,6 @@ fn decode(frame: &[u8], layout: &FrameLayout) -> Option<InboundMessage> {
         return None;
     }
     (layout.wanted.decode)(layout.source, frame.get(layout.header..crc_at)?)
-}
-
-/// CRC of a frame without its first byte, and of the message's extra byte. The mavlink library's function copies a
-/// table of half a kilobyte for every frame.
-fn checksum(bytes: &[u8], extra: u8) -> u16 {
-    static CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_MCRF4XX);
-    let mut digest = CRC.digest();
-    digest.update(bytes);
-    digest.update(&[extra]);
-    digest.finalize()
 }
 
 #[cfg(test)]

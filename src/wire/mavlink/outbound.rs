@@ -10,7 +10,7 @@ use mavlink::dialects::common::{
     MavResult, MavSeverity, MavState, MavType, NAMED_VALUE_FLOAT_DATA, STATUSTEXT_DATA, VISION_POSITION_ESTIMATE_DATA,
 };
 
-use super::{Address, V2, V2_HEADER, checksum};
+use super::frame::{Address, V2, V2_HEADER, checksum};
 use crate::time::Timestamp;
 
 /// Longest payload, bytes: VISION_POSITION_ESTIMATE with its covariance.

@@ -12,7 +12,7 @@ use crate::earth::Date;
 use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
 use crate::instrument::Estimate;
-use crate::port::OUTPUT;
+use crate::port::transmit_buffer::OUTPUT;
 use crate::settings::Settings;
 use ::mavlink::calculate_crc;
 

@@ -1,0 +1,35 @@
+//! Reports in the history, and the attitude between two of them and after one.
+
+use core::f32::consts::FRAC_PI_2;
+
+use super::euler_rates::HeadingIntegral;
+use super::{AttitudeReport, EulerRates};
+use crate::frames::{Attitude, wrap_pi};
+use crate::time::Timestamp;
+
+/// Report with its time of sending and the integrated heading rate.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TimedReport {
+    pub sent_at: Timestamp,
+    pub report: AttitudeReport,
+    pub heading_integral: HeadingIntegral,
+}
+
+/// Linear interpolation, by the shorter way in roll.
+pub(super) fn interpolate(before: &AttitudeReport, after: &AttitudeReport, fraction: f32) -> Attitude {
+    let (a, b) = (before.attitude, after.attitude);
+    Attitude {
+        roll_rad: wrap_pi(a.roll_rad + fraction * wrap_pi(b.roll_rad - a.roll_rad)),
+        pitch_rad: a.pitch_rad + fraction * (b.pitch_rad - a.pitch_rad),
+    }
+}
+
+/// Extrapolation with the body rates; without them, the attitude of the report.
+pub(super) fn extrapolate(report: &AttitudeReport, ahead_s: f32) -> Attitude {
+    let Attitude { roll_rad, pitch_rad } = report.attitude;
+    let EulerRates { roll_rad_s, pitch_rad_s, .. } = EulerRates::from_report(report).unwrap_or_default();
+    Attitude {
+        roll_rad: wrap_pi(roll_rad + roll_rad_s * ahead_s),
+        pitch_rad: (pitch_rad + pitch_rad_s * ahead_s).clamp(-FRAC_PI_2, FRAC_PI_2),
+    }
+}

@@ -1,0 +1,58 @@
+//! Start, end and continuation of a collection.
+
+use super::activity::{Activity, Starter};
+use super::trial_solves::TrialSolves;
+use super::{Compass, TrialResult};
+use crate::calibration::method_selection::Procedure;
+use crate::collection::{CollectionProblem, RecentSamples};
+use crate::messages::Refusal;
+
+impl Compass<'_> {
+    /// Starts a collection, or takes over an automatic one unless `discards_previous`.
+    pub(super) fn start_by_command(&mut self, procedure: Procedure, discards_previous: bool) -> Result<(), Refusal> {
+        self.sensor.ok_or(Refusal::NoSensor)?;
+        match self.activity {
+            Activity::Collecting(Starter::User) if !discards_previous => {
+                return Err(Refusal::Collecting { present: self.collector.procedure(), requested: procedure });
+            }
+            Activity::Collecting(Starter::Module) if !discards_previous && procedure == self.collector.procedure() => {
+                self.activity = Activity::Collecting(Starter::User);
+            }
+            _ => self.start_collection(procedure, Starter::User),
+        }
+        self.automatic.is_overridden = true;
+        Ok(())
+    }
+
+    pub(super) fn start_collection(&mut self, procedure: Procedure, starter: Starter) {
+        self.collector.begin(procedure);
+        self.recent = RecentSamples::new();
+        self.trials = TrialSolves::NONE;
+        self.activity = Activity::Collecting(starter);
+    }
+
+    /// Aborts all activity and discards the samples.
+    #[inline(never)]
+    pub(super) fn discard_collection(&mut self) {
+        self.collector.discard();
+        self.trials = TrialSolves::NONE;
+        self.activity = Activity::Idle;
+    }
+
+    /// Continues collecting after a solve, or instead of a trial solve.
+    pub(super) fn resume_collection(&mut self, starter: Starter) {
+        for sample in &self.held {
+            self.collector.push(*sample);
+        }
+        self.held.clear();
+        self.activity = Activity::Collecting(starter);
+        self.collector.reset_restart_count();
+    }
+
+    /// Known reason for missing or insufficient samples.
+    pub(super) fn sample_deficiency(&self) -> Option<CollectionProblem> {
+        self.collector
+            .problem()
+            .or_else(|| self.trials.last_result.as_ref().and_then(TrialResult::missing_manoeuvre_reason))
+    }
+}

@@ -1,0 +1,155 @@
+//! Solve, verification and acceptance of a candidate calibration.
+
+use super::activity::{Activity, DetectedSensor, Solve, SolvePurpose, SolveStage, Starter};
+use super::{Compass, Effect, TrialResult};
+use crate::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent};
+use crate::calibration::method_selection::{self, Procedure, SelectedParts};
+use crate::calibration::{Method, Prior, Samples, Solution, SolveError, SolveProgress as Solving, Solver};
+use crate::collection::{CollectionState, Collector, MIN_HELD_BACK_WHEN_COMPLETE};
+use crate::messages::{Message, Refusal, SolveOutcome};
+use crate::reading::Identity;
+use crate::store::CalibrationRecord;
+
+const _: () = assert!(AcceptancePolicy::DEFAULT.min_held_back <= MIN_HELD_BACK_WHEN_COMPLETE);
+
+impl Compass<'_> {
+    pub(super) fn start_solving(&mut self, method: Option<Method>, purpose: SolvePurpose) -> Result<(), Refusal> {
+        self.held.clear();
+        let sensor = self.sensor.ok_or(Refusal::NoSensor)?;
+        if self.collector.fit().all().next().is_none() {
+            return Err(Refusal::NoSamples);
+        }
+        let supported = || method_selection::select_method(self.collector.fit(), self.collector.procedure());
+        let method = method.map_or_else(supported, Ok).map_err(Refusal::Solve)?;
+        self.start_solve_with_inclination(method, self.effective_settings().inclination_deg, purpose, sensor)
+    }
+
+    fn start_solve_with_inclination(
+        &mut self,
+        method: Method,
+        inclination_deg: Option<f32>,
+        purpose: SolvePurpose,
+        sensor: DetectedSensor,
+    ) -> Result<(), Refusal> {
+        let prior = Prior {
+            mount: self.settings.mount,
+            inclination_rad: inclination_deg.map(f32::to_radians),
+            readings_per_sample: sensor.readings_per_sample,
+        };
+        let consider = self.settings.attitude_error.to_consider_sigmas();
+        let solver = Solver::with_consider_sigmas(method, samples_to_fit(&self.collector), &prior, consider)
+            .map_err(Refusal::Solve)?;
+        self.activity = Activity::Solving(Solve { stage: SolveStage::Fitting(solver), purpose, sensor });
+        Ok(())
+    }
+
+    #[inline(never)]
+    pub(super) fn advance_solve(&mut self) -> Effect {
+        let Activity::Solving(solve) = &mut self.activity else { return Effect::None };
+        let (purpose, sensor) = (solve.purpose, solve.sensor);
+        match &mut solve.stage {
+            SolveStage::Fitting(solver) => match solver.step(samples_to_fit(&self.collector)) {
+                Solving::Continue => Effect::None,
+                Solving::Finished(Ok(solution)) => {
+                    self.advice = solution.advice;
+                    solve.stage = SolveStage::Verifying(solution);
+                    Effect::None
+                }
+                Solving::Finished(Err(error)) => self.on_solve_failed(error, purpose, sensor),
+            },
+            SolveStage::Verifying(_) => self.verify_candidate(),
+            SolveStage::Saving(_) => Effect::None,
+        }
+    }
+
+    /// Handles a failed solve. If the samples contradict the field model's inclination (local anomaly, attitude
+    /// errors), solves again without it; an inclination set by the user is never ignored.
+    fn on_solve_failed(&mut self, error: SolveError, purpose: SolvePurpose, sensor: DetectedSensor) -> Effect {
+        if let (SolveError::InclinationContradicted { .. }, None) = (error, self.settings.inclination_deg)
+            && self.start_solve_with_inclination(Method::MaximumLikelihood, None, purpose, sensor).is_ok()
+        {
+            return Effect::None;
+        }
+        self.end_solve(purpose, Err(Refusal::Solve(error)))
+    }
+
+    #[inline(never)]
+    fn verify_candidate(&mut self) -> Effect {
+        let Activity::Solving(Solve { stage: SolveStage::Verifying(candidate), purpose, sensor }) = &self.activity
+        else {
+            return Effect::None;
+        };
+        let (mut purpose, sensor) = (*purpose, *sensor);
+        let accepted = self.accept_candidate(candidate, sensor.identity);
+        if let SolvePurpose::Trial(starter) = purpose {
+            let refusal = accepted.as_ref().err().cloned();
+            self.collector.use_trial_solution(candidate);
+            if !self.trials.record_result(candidate, refusal, &self.collector, self.settings.accuracy_deg) {
+                self.resume_collection(starter);
+                return Effect::None;
+            }
+            // Ends an automatic collection, too, whether or not the save succeeds.
+            purpose = SolvePurpose::Calibration(None);
+        }
+        match accepted {
+            Ok(record) => {
+                self.activity = Activity::Solving(Solve { stage: SolveStage::Saving(record), purpose, sensor });
+                Effect::Save
+            }
+            Err(refusal) => self.end_solve(purpose, Err(refusal)),
+        }
+    }
+
+    #[inline(never)]
+    fn accept_candidate(&self, candidate: &Solution, sensor: Identity) -> Result<CalibrationRecord, Refusal> {
+        let selection = SelectedParts::new(self.collector.fit(), self.collector.procedure());
+        let grounds = AcceptanceSamples {
+            fit: selection.select(self.collector.fit()),
+            held_back: selection.select(self.collector.held_back()),
+            is_attitude_known: self.collector.procedure() != Procedure::Tumble,
+        };
+        acceptance::evaluate_candidate(&self.policy, candidate, grounds, &self.incumbent())
+            .map_err(Refusal::Rejected)?;
+        let current = self.generations.current.as_ref();
+        Ok(CalibrationRecord {
+            calibration: candidate.calibration,
+            quality: candidate.quality,
+            uncertainty: candidate.uncertainty,
+            sensor,
+            mount: self.settings.mount,
+            serial: current.map_or(1, |current| current.serial.wrapping_add(1)),
+        })
+    }
+
+    fn incumbent(&self) -> Incumbent {
+        self.active_record().map_or_else(
+            || Incumbent::uncalibrated(self.settings.mount),
+            |record| Incumbent::active(record.calibration, record.quality),
+        )
+    }
+
+    /// Ends a solve; keeps the samples.
+    pub(super) fn end_solve(&mut self, purpose: SolvePurpose, outcome: SolveOutcome) -> Effect {
+        let outcome = outcome.map_err(|refusal| refusal.with_cause(self.sample_deficiency()));
+        match (purpose, &outcome) {
+            (SolvePurpose::Trial(starter), Err(refusal)) => {
+                self.trials.last_result = Some(TrialResult::from_failure(refusal.clone()));
+                self.resume_collection(starter);
+                return Effect::None;
+            }
+            (SolvePurpose::Calibration(Some(Starter::Module)), Err(_)) => self.resume_collection(Starter::Module),
+            _ => {
+                self.collector.reset_restart_count();
+                self.collector.set_state(CollectionState::Inactive);
+                self.activity = Activity::Idle;
+            }
+        }
+        let message = Message::Solved(outcome);
+        self.last_outcome = Some(message.clone());
+        Effect::Notify(message)
+    }
+}
+
+fn samples_to_fit<'a>(collector: &'a Collector<'_>) -> Samples<'a> {
+    SelectedParts::new(collector.fit(), collector.procedure()).select(collector.fit())
+}

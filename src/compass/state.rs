@@ -1,0 +1,126 @@
+//! Data of the state machine, and values derived from them.
+
+use super::ModuleState;
+use super::activity::{Activity, AutomaticStart, DetectedSensor, PendingSave, Solve, SolvePurpose, SolveStage};
+use super::persistent_state::PersistentState;
+use super::trial_solves::TrialSolves;
+use crate::acceptance::AcceptancePolicy;
+use crate::calibration::method_selection::Procedure;
+use crate::calibration::{Advice, Sample, Solution};
+use crate::collection::{Collector, RecentSamples};
+use crate::earth::LocalField;
+use crate::instrument::{Correction, SampleAttitude};
+use crate::messages::Message;
+use crate::settings::Settings;
+use crate::store::{CalibrationRecord, Generations};
+
+/// Capacity for samples during a solve: 3 s, six times the duration of a solve at 80 MHz. A longer trial solve is ended.
+pub(super) const HELD_SAMPLES: usize = 32;
+
+/// State machine. About 4 KB; samples are in borrowed memory.
+#[derive(Debug)]
+pub struct Compass<'a> {
+    pub(super) policy: AcceptancePolicy,
+    pub(super) settings: Settings,
+    pub(super) generations: Generations,
+    pub(super) sensor: Option<DetectedSensor>,
+    pub(super) is_armed: Option<bool>,
+    pub(super) here: LocalField,
+    pub(super) collector: Collector<'a>,
+    pub(super) recent: RecentSamples,
+    pub(super) activity: Activity,
+    /// Samples received during the solve, for a collection that continues; those of the solve do not change.
+    pub(super) held: heapless::Vec<Sample, HELD_SAMPLES>,
+    pub(super) saving: Option<PendingSave>,
+    pub(super) last_outcome: Option<Message>,
+    pub(super) advice: Option<Advice>,
+    pub(super) trials: TrialSolves,
+    pub(super) automatic: AutomaticStart,
+    pub(super) persistent: PersistentState,
+}
+
+impl Compass<'_> {
+    /// Result of the last solve; at start-up, the loss of a collection.
+    #[must_use]
+    pub fn last_outcome(&self) -> Option<&Message> {
+        self.last_outcome.as_ref()
+    }
+
+    /// Solution that the next [`Event::Advance`](super::Event::Advance) verifies, for replay on a host.
+    #[cfg(not(target_os = "none"))]
+    #[must_use]
+    pub const fn candidate(&self) -> Option<&Solution> {
+        match &self.activity {
+            Activity::Solving(Solve { stage: SolveStage::Verifying(solution), .. }) => Some(solution),
+            _ => None,
+        }
+    }
+
+    /// Whether [`Event::Advance`](super::Event::Advance) is needed.
+    #[must_use]
+    pub fn is_busy(&self) -> bool {
+        matches!(&self.activity, Activity::Solving(solve) if !matches!(solve.stage, SolveStage::Saving(_)))
+    }
+
+    /// Configuration of the instrument.
+    #[must_use]
+    pub fn correction(&self) -> Correction {
+        let tumbles =
+            matches!(self.activity, Activity::Collecting(_)) && self.collector.procedure() == Procedure::Tumble;
+        Correction {
+            calibration: self.active_record().map(|record| (record.calibration, record.uncertainty)),
+            has_valid_inclination: self.active_record().is_none_or(|record| record.quality.knows_inclination),
+            align_deg: self.settings.align_deg,
+            sample_attitude: if tumbles { SampleAttitude::Unknown } else { SampleAttitude::Interpolated },
+            mount: self.sensor.map(|_| self.settings.mount),
+            total_ut: self.model_field_strength_ut(),
+            is_armed: self.is_armed,
+        }
+    }
+
+    /// Stored calibration, if valid for sensor and mounting.
+    #[must_use]
+    pub fn active_record(&self) -> Option<&CalibrationRecord> {
+        let record = self.generations.current.as_ref()?;
+        let fits = Some(record.sensor) == self.sensor.map(|sensor| sensor.identity);
+        (fits && record.mount == self.settings.mount).then_some(record)
+    }
+
+    /// Settings as stored.
+    #[must_use]
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Effective settings: declination and inclination default to the field model's.
+    #[must_use]
+    pub fn effective_settings(&self) -> Settings {
+        let Settings { declination_deg, inclination_deg, .. } = self.settings;
+        let field = self.here.field();
+        Settings {
+            declination_deg: declination_deg.or_else(|| field?.declination_deg),
+            inclination_deg: inclination_deg.or_else(|| Some(field?.inclination_deg)),
+            ..self.settings
+        }
+    }
+
+    /// Field strength of the field model, microtesla.
+    #[must_use]
+    pub fn model_field_strength_ut(&self) -> Option<f32> {
+        self.here.field().map(|field| field.total_ut)
+    }
+
+    /// State for users.
+    #[must_use]
+    pub fn state(&self) -> ModuleState {
+        match &self.activity {
+            Activity::Collecting(_) | Activity::Solving(Solve { purpose: SolvePurpose::Trial(_), .. }) => {
+                ModuleState::Collecting
+            }
+            Activity::Solving(Solve { stage: SolveStage::Fitting(_), .. }) => ModuleState::Solving,
+            Activity::Solving(_) => ModuleState::Verifying,
+            Activity::Idle if self.active_record().is_some() => ModuleState::Calibrated,
+            Activity::Idle => ModuleState::Uncalibrated,
+        }
+    }
+}

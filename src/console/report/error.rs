@@ -1,0 +1,24 @@
+//! Error replies.
+
+use core::fmt::{self, Display, Write};
+
+use crate::console::LineError;
+use crate::messages::Refusal;
+
+/// Writes `error <code>: what to do`.
+fn error(out: &mut impl Write, code: &str, advice: impl Display) -> fmt::Result {
+    writeln!(out, "error {code}: {advice}")
+}
+
+/// Writes the error of an invalid line.
+///
+/// # Errors
+///
+/// Those of `out`.
+pub fn line_error(out: &mut impl Write, line: &LineError) -> fmt::Result {
+    error(out, line.code(), line)
+}
+
+pub(super) fn refusal(out: &mut impl Write, refusal: &Refusal) -> fmt::Result {
+    error(out, refusal.code(), refusal)
+}

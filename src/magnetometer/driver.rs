@@ -1,0 +1,59 @@
+//! Interface of the drivers, and their errors.
+
+use crate::reading::{Identity, Reading};
+
+/// Magnetometer error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MagnetometerError<E> {
+    /// Bus error.
+    Bus(E),
+    /// Unexpected value of the identity register.
+    WrongIdentity(u8),
+    /// A register did not hold its value: power loss or a different chip.
+    Configuration {
+        /// Value written.
+        written: u8,
+        /// Value read back.
+        read: u8,
+    },
+    /// No measurement within the timeout.
+    NoData,
+}
+
+/// Three-axis magnetometer with its own configuration.
+///
+/// Call [`init`](Self::init) first and after any error, then [`read`](Self::read) for each measurement. Drivers wait
+/// with `embassy_time`, hence also in virtual time on the host.
+#[expect(async_fn_in_trait, reason = "used through generics by tasks of one executor; no caller needs Send bounds")]
+pub trait Magnetometer {
+    /// Error of the bus.
+    type BusError: core::fmt::Debug;
+
+    /// Checks the identity, sets range and rate, starts continuous measurement.
+    ///
+    /// # Errors
+    ///
+    /// Bus error, unexpected identity, or a register that does not hold its value.
+    async fn init(&mut self) -> Result<Identity, MagnetometerError<Self::BusError>>;
+
+    /// Waits for the next measurement and reads it.
+    ///
+    /// # Errors
+    ///
+    /// Bus error, or `NoData` after four periods.
+    async fn read(&mut self) -> Result<Reading, MagnetometerError<Self::BusError>>;
+
+    /// Compares the configuration registers with the values written by [`init`](Self::init).
+    ///
+    /// # Errors
+    ///
+    /// Bus error, or `Configuration`, after which `init` restores the registers.
+    async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<Self::BusError>>;
+
+    /// Number of equal consecutive readings of an axis that indicates a stuck axis: more than noise produces in a day
+    /// at rest.
+    fn stuck_reading_count(&self) -> u16;
+
+    /// Measurement period, microseconds, as configured by [`init`](Self::init).
+    fn period_us(&self) -> u32;
+}

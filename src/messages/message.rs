@@ -1,0 +1,69 @@
+//! Unsolicited messages.
+
+use super::{ExpectedAccuracy, Refusal, RefusalCause};
+use crate::instrument::HardIronChange;
+use crate::store::StoreError;
+
+/// Unsolicited report to the user.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Message {
+    /// End of a solve.
+    Solved(SolveOutcome),
+    /// A command from a port was rejected. The console replies to its own commands.
+    CommandRejected(Refusal),
+    /// The flash failed without a command: at the start it is unreadable, which leaves default settings and no
+    /// calibration; later it does not complete a save.
+    StoreFailed(StoreError),
+    /// A collection was running when the power failed; its samples are lost.
+    CollectionLost,
+    /// Progress of a collection, percent. MAVLink only.
+    Collecting(u8),
+    /// End of a collection, before its solve. MAVLink only.
+    CollectionEnded,
+    /// Hard iron changed since the calibration.
+    HardIronChanged(HardIronChange),
+    /// Hard iron is as calibrated again.
+    HardIronRestored,
+}
+
+/// Result of a solve: expected accuracy of the new active calibration, or the reason for its absence.
+pub type SolveOutcome = Result<ExpectedAccuracy, Refusal>;
+
+/// Severity of a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// No action required.
+    Info,
+    /// User action required.
+    Warning,
+}
+
+impl Message {
+    /// Severity of the message.
+    #[must_use]
+    pub const fn severity(&self) -> Severity {
+        match self {
+            Self::Solved(Ok(_)) | Self::Collecting(_) | Self::CollectionEnded | Self::HardIronRestored => {
+                Severity::Info
+            }
+            Self::Solved(Err(_))
+            | Self::CommandRejected(_)
+            | Self::StoreFailed(_)
+            | Self::CollectionLost
+            | Self::HardIronChanged(_) => Severity::Warning,
+        }
+    }
+
+    /// Adds a known, applicable cause to a refused solve.
+    #[must_use]
+    pub fn with_cause(self, cause: Option<impl Into<RefusalCause>>) -> Self {
+        match self {
+            Self::Solved(Err(refusal)) => Self::Solved(Err(refusal.with_cause(cause))),
+            other => other,
+        }
+    }
+
+    pub(super) const fn is_refusal(&self) -> bool {
+        matches!(self, Self::Solved(Err(_)) | Self::CommandRejected(_) | Self::StoreFailed(_))
+    }
+}

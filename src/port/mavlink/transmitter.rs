@@ -1,0 +1,30 @@
+//! The module as a sender: its address, and the numbers of its messages.
+
+use crate::attitude::SenderId;
+use crate::port::TransmitBuffer;
+use crate::wire::mavlink::{Address, OutboundMessage};
+
+/// MAV_COMP_ID_PERIPHERAL.
+pub(super) const COMPONENT: u8 = 158;
+
+/// The module's address in an autopilot's system.
+pub(super) fn own_address(autopilot: SenderId) -> Address {
+    Address { component: COMPONENT, ..Address::from_sender(autopilot) }
+}
+
+/// Numbers messages and appends them to an output.
+pub(super) struct Transmitter<'a> {
+    pub out: &'a mut TransmitBuffer,
+    pub own: Address,
+    pub sequence: &'a mut u8,
+}
+
+impl Transmitter<'_> {
+    /// Appends a message; returns whether there was room. Only appended messages take a sequence number, so that a gap
+    /// means a loss on the line.
+    pub fn send(&mut self, message: OutboundMessage) -> bool {
+        let fits = self.out.append(&[&message.frame(self.own, *self.sequence)]);
+        *self.sequence = self.sequence.wrapping_add(u8::from(fits));
+        fits
+    }
+}

@@ -1,0 +1,43 @@
+//! Snapshot of the module's state.
+
+use crate::calibration::{Calibration, HeadingUncertainty};
+use crate::compass::IndicatorState;
+use crate::heading::{Heading, NoHeading};
+use crate::instrument::Estimate;
+use crate::settings::{HeadingKind, Settings};
+use crate::time::Timestamp;
+
+/// Snapshot of the module's state, from which messages are made.
+#[derive(Clone, Copy, Debug)]
+pub struct Snapshot<'a> {
+    /// Current time, not before the estimate's.
+    pub now: Timestamp,
+    /// Latest estimate.
+    pub estimate: &'a Estimate,
+    /// Effective settings; a declination that was not entered is the field model's, if known.
+    pub settings: &'a Settings,
+    /// State of the state machine.
+    pub indicator: IndicatorState,
+    /// Active calibration with its heading uncertainty; may be none if it was already reported.
+    pub calibration: Option<&'a (Calibration, HeadingUncertainty)>,
+}
+
+impl Snapshot<'_> {
+    /// Heading to send, and its kind: the smoothed heading if it is selected and available, otherwise the raw one.
+    #[must_use]
+    pub fn selected_heading(&self) -> (Result<Heading, NoHeading>, HeadingKind) {
+        match (self.settings.stream_heading, self.estimate.smoothed_heading) {
+            (HeadingKind::Smooth, Some(smooth)) => (Ok(smooth), HeadingKind::Smooth),
+            _ => (self.estimate.heading, HeadingKind::Raw),
+        }
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    pub(in crate::port) fn facts<'a>(estimate: &'a Estimate, settings: &'a Settings) -> Snapshot<'a> {
+        Snapshot { now: estimate.at, estimate, settings, indicator: IndicatorState::Calibrated, calibration: None }
+    }
+}

@@ -1,0 +1,115 @@
+//! Buffer of the bytes to write to a line.
+
+/// Bytes to write. A message that does not fit is dropped whole.
+#[derive(Debug)]
+pub struct TransmitBuffer {
+    bytes: [u8; OUTPUT],
+    begin: usize,
+    end: usize,
+    /// Number of messages since the start; wraps, as the other counters do.
+    pub messages: u32,
+    /// Number of messages without a heading.
+    pub empty: u32,
+    /// Number of dropped or lost messages.
+    pub lost: u32,
+}
+
+/// Capacity, bytes, for the longest simultaneous messages: a STATUSTEXT, a VISION_POSITION_ESTIMATE and some smaller
+/// ones; or twice three NMEA sentences.
+pub(super) const OUTPUT: usize = 384;
+
+impl Default for TransmitBuffer {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl TransmitBuffer {
+    /// Creates an empty buffer.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { bytes: [0; OUTPUT], begin: 0, end: 0, messages: 0, empty: 0, lost: 0 }
+    }
+
+    /// Appends a message given in parts; returns whether there was room.
+    pub fn append(&mut self, parts: &[&[u8]]) -> bool {
+        self.messages = self.messages.wrapping_add(1);
+        let length: usize = parts.iter().map(|part| part.len()).sum();
+        if self.end + length > OUTPUT {
+            self.bytes.copy_within(self.begin..self.end, 0);
+            (self.begin, self.end) = (0, self.end - self.begin);
+        }
+        if self.end + length > OUTPUT {
+            self.lost = self.lost.wrapping_add(1);
+            return false;
+        }
+        for part in parts {
+            let end = self.end + part.len();
+            if let Some(target) = self.bytes.get_mut(self.end..end) {
+                target.copy_from_slice(part);
+                self.end = end;
+            }
+        }
+        true
+    }
+
+    /// Bytes to write.
+    #[must_use]
+    pub fn pending(&self) -> &[u8] {
+        self.bytes.get(self.begin..self.end).unwrap_or_default()
+    }
+
+    /// Removes bytes that were written.
+    pub fn consume(&mut self, number: usize) {
+        self.begin += number.min(self.end - self.begin);
+        if self.begin == self.end {
+            self.clear();
+        }
+    }
+
+    fn clear(&mut self) {
+        (self.begin, self.end) = (0, 0);
+    }
+
+    /// Drops the pending bytes after a line error.
+    pub fn fail(&mut self) {
+        self.clear();
+        self.lost = self.lost.wrapping_add(1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_is_written_whole_or_not_at_all() {
+        let mut out = TransmitBuffer::new();
+        assert!(out.append(&[&[1; OUTPUT - 2], &[1]]));
+        assert!(!out.append(&[&[2], &[2]]));
+        assert_eq!(out.pending(), [1; OUTPUT - 1]);
+        assert!(out.append(&[&[3]]));
+        assert_eq!((out.messages, out.lost), (3, 1));
+        out.consume(OUTPUT - 2);
+        assert_eq!(out.pending(), [1, 3]);
+        out.fail();
+        assert!(out.pending().is_empty());
+        assert_eq!(out.lost, 2);
+        assert!(out.append(&[&[4; OUTPUT]]));
+        out.consume(usize::MAX);
+        assert!(out.pending().is_empty());
+    }
+
+    /// Written bytes free their room also while others are pending.
+    #[test]
+    fn room_of_sent_bytes_is_reused() {
+        let mut out = TransmitBuffer::new();
+        assert!(out.append(&[&[1; OUTPUT]]));
+        out.consume(100);
+        assert_eq!(out.pending(), [1; OUTPUT - 100]);
+        assert!(!out.append(&[&[2; 101]]));
+        assert_eq!(out.pending(), [1; OUTPUT - 100]);
+        assert!(out.append(&[&[2; 60], &[3; 40]]));
+        assert_eq!(out.pending(), [vec![1; OUTPUT - 100], vec![2; 60], vec![3; 40]].concat());
+    }
+}

@@ -1,0 +1,47 @@
+//! Header, address and CRC of a frame.
+
+use crc::{CRC_16_MCRF4XX, Crc};
+
+use crate::attitude::SenderId;
+
+/// Component of a system, as sender or addressee; 0 addresses all.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Address {
+    /// System, for example an aircraft or a ground station.
+    pub system: u8,
+    /// Component of the system.
+    pub component: u8,
+}
+
+impl Address {
+    /// Address of a sender.
+    #[must_use]
+    pub const fn from_sender(source: SenderId) -> Self {
+        let [system, component] = source.number().to_be_bytes();
+        Self { system, component }
+    }
+
+    /// Sender with this address.
+    #[must_use]
+    pub const fn sender(self) -> SenderId {
+        SenderId::new(u16::from_be_bytes([self.system, self.component]))
+    }
+}
+
+/// First byte of a frame, by version.
+pub(super) const V1: u8 = 0xFE;
+pub(super) const V2: u8 = 0xFD;
+
+/// Header length, bytes, by version.
+pub(super) const V1_HEADER: usize = 6;
+pub(super) const V2_HEADER: usize = 10;
+
+/// CRC of a frame without its first byte, and of the message's extra byte. The mavlink library's function copies a
+/// table of half a kilobyte for every frame.
+pub(super) fn checksum(bytes: &[u8], extra: u8) -> u16 {
+    static CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_MCRF4XX);
+    let mut digest = CRC.digest();
+    digest.update(bytes);
+    digest.update(&[extra]);
+    digest.finalize()
+}
