@@ -21,15 +21,15 @@ pub(super) struct RunOutcome {
 impl RunOutcome {
     /// Outcome of a solve of samples that were selected without the module.
     fn new(
-        solved: Result<Solution, SolveError>,
+        solved: &Result<Solution, SolveError>,
         [fit, held_back]: [Samples<'_>; 2],
         lack: Option<CollectionProblem>,
     ) -> Self {
-        let accepted = match &solved {
+        let accepted = match solved {
             Ok(solution) => accepted_by_uncalibrated(solution, fit, held_back).map_err(Refusal::Rejected),
             Err(error) => Err(Refusal::Solve(*error)),
         };
-        let solution = solved.ok();
+        let solution = solved.as_ref().ok().copied();
         let advice = || solution.as_ref()?.advice.filter(Advice::is_worthwhile);
         let missing = || advice().map(|advice| CollectionProblem::MissingManoeuvre(advice.manoeuvre));
         Self {
@@ -80,7 +80,7 @@ pub(super) fn from_turns(samples: &[Sample], known: &SolverPrior) -> RunOutcome 
     let parts = [collector.fit(), collector.held_back()].map(|samples| selection.select(samples));
     let solved = method_selection::select_method(collector.fit(), Procedure::Turns)
         .and_then(|method| known.solve(method, parts[0]));
-    RunOutcome::new(solved, parts, collector.problem())
+    RunOutcome::new(&solved, parts, collector.problem())
 }
 
 /// Solves evenly thinned samples; those halfway between are held back.
@@ -95,7 +95,7 @@ pub(super) fn from_all(samples: &[Sample], known: &SolverPrior) -> RunOutcome {
     let [fit, held_back] = [0.0, 0.5].map(|phase| assign_parts(&thinned(phase)));
     let [fit, held_back] = [&fit, &held_back].map(|samples| Samples::new(samples));
     let solved = known.solve(Method::MaximumLikelihood, fit);
-    RunOutcome::new(solved, [fit, held_back], None)
+    RunOutcome::new(&solved, [fit, held_back], None)
 }
 
 /// Time of a sample, seconds after the first row.
