@@ -6,7 +6,7 @@ use super::persistent_state::PersistentState;
 use super::trial_solves::TrialSolves;
 use crate::acceptance::AcceptancePolicy;
 use crate::calibration::method_selection::Procedure;
-use crate::calibration::{Advice, Sample, Solution};
+use crate::calibration::{Advice, Sample};
 use crate::collection::{Collector, RecentSamples};
 use crate::earth::LocalField;
 use crate::instrument::{Correction, SampleAttitude};
@@ -49,7 +49,7 @@ impl Compass<'_> {
     /// Solution that the next [`Event::Advance`](super::Event::Advance) verifies, for replay on a host.
     #[cfg(not(target_os = "none"))]
     #[must_use]
-    pub const fn candidate(&self) -> Option<&Solution> {
+    pub const fn candidate(&self) -> Option<&crate::calibration::Solution> {
         match &self.activity {
             Activity::Solving(Solve { stage: SolveStage::Verifying(solution), .. }) => Some(solution),
             _ => None,

@@ -151,8 +151,9 @@ fn inclination_by_attitude() {
         assert_derivative(by_roll, rolled, "dip by roll");
         assert_derivative(by_pitch, pitched, "dip by pitch");
         let equations = equations(&case, &case.unknowns, None, false);
-        let [roll_bias, pitch_bias, bank_scale, latency] =
-            ATTITUDE_ERRORS.each_ref().map(|error| error.inclination_derivative(&equations, case.attitude, rates()));
+        let [roll_bias, pitch_bias, bank_scale, latency] = core::array::from_fn(|index| {
+            ATTITUDE_ERRORS[index].inclination_derivative(&equations, case.attitude, rates())
+        });
         assert_derivative(roll_bias, rolled, "dip by roll bias");
         assert_derivative(pitch_bias, pitched, "dip by pitch bias");
         assert_derivative(bank_scale, scaled, "dip by bank scale");
