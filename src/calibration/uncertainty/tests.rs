@@ -12,7 +12,7 @@ use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::hypotheses::hard_iron_change::derivative_by_hard_iron;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
 use crate::calibration::hypotheses::table::{
-    ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, LATENCY, assumed_sigmas,
+    ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, ERRORS, LATENCY, assumed_sigmas,
 };
 use crate::calibration::model::{
     COEFFICIENTS, Coefficient, INCLINATION_INDEX, JacobianRow, Likelihood, Matrix13, MeasuredSample, ModelConfig,
@@ -269,8 +269,8 @@ fn latency_sigma_becomes_a_consider_state() {
     assert!((latency.sigma_s * f32::sqrt(2500.0 - 0.16 + 100.0) - 1.0).abs() < 1e-4, "{latency:?}");
     assert!((follows[2] + 40.0 / 1e4).abs() < 1e-5, "{follows}");
     let sigmas = assumed_sigmas(ConsiderSigmas::DEFAULT, Some(latency));
-    assert_eq!(sigmas.map(f32::to_bits), [0.0035, 0.0035, 0.01, latency.sigma_s].map(f32::to_bits));
-    assert_eq!(assumed_sigmas(ConsiderSigmas::ZERO, None).map(f32::to_bits), [0; 4]);
+    assert_eq!(sigmas[..=LATENCY], [0.0035, 0.0035, 0.01, latency.sigma_s]);
+    assert_eq!(assumed_sigmas(ConsiderSigmas::ZERO, None).map(f32::to_bits), [0; ERRORS]);
 }
 
 #[test]
@@ -327,8 +327,14 @@ fn singular_information_has_no_covariance() {
     let mut covariance = CoefficientCovariance::ZERO;
     for unknowns in [&at, &flat] {
         assert!(
-            sandwich_covariance(&open, &likelihood, unknowns, (CovarianceContent::All, &[0.0; 4]), &mut covariance)
-                .is_none()
+            sandwich_covariance(
+                &open,
+                &likelihood,
+                unknowns,
+                (CovarianceContent::All, &[0.0; ERRORS]),
+                &mut covariance
+            )
+            .is_none()
         );
     }
     assert!(unobservable_quantities(&open.system, &likelihood, &at).is_none());
@@ -343,7 +349,7 @@ fn autocorrelation_does_not_inflate_priors() {
     // The overall scale, which no prior constrains.
     let scale = Vector13::from_fn(|i, _| if [0, 4, 8].contains(&i) { 1.0 } else { 0.0 });
     information.system.add_row(&scale, 0.0, 1e4);
-    let of = |information: &Information| full_covariance(information, &likelihood, &at, &[0.0; 4]);
+    let of = |information: &Information| full_covariance(information, &likelihood, &at, &[0.0; ERRORS]);
     let before = of(&information);
     for residual in [1.0, 1.0, 0.0] {
         information.residuals.autocorrelation.add(0, [residual, 0.0]);
@@ -375,7 +381,8 @@ fn configured_inclination_is_removed_from_the_estimate() {
                 information.residuals.autocorrelation.add(0, if told { [0.0, residual] } else { [residual, 0.0] });
             }
             information.attitude_errors[BANK_SCALE].cross_information = [Vector13::ith(INCLINATION_INDEX, 2e3)];
-            let sigmas = [0.0, 0.0, 0.01, 0.0];
+            let mut sigmas = [0.0; ERRORS];
+            sigmas[BANK_SCALE] = 0.01;
             let Some([found_rad, variance]) = inclination_from_samples(&information, &likelihood, &at, &sigmas) else {
                 assert!(told && !is_shown, "{own_rad} {sigma}");
                 continue;
