@@ -46,7 +46,7 @@ impl Compass<'_> {
         self.last_outcome.as_ref()
     }
 
-    /// Whether [`Event::Advance`] is needed.
+    /// Whether [`Event::Advance`](super::Event::Advance) is needed.
     #[must_use]
     pub fn is_busy(&self) -> bool {
         matches!(&self.activity, Activity::Solving(solve) if !matches!(solve.stage, SolveStage::Saving(_)))

@@ -24,7 +24,6 @@ pub struct Snapshot<'a> {
 
 impl Snapshot<'_> {
     /// Heading to send, and its kind: the smoothed heading if it is selected and available, otherwise the raw one.
-    #[must_use]
     pub fn selected_heading(&self) -> (Result<Heading, NoHeading>, HeadingKind) {
         match (self.settings.stream_heading, self.estimate.smoothed_heading) {
             (HeadingKind::Smooth, Some(smooth)) => (Ok(smooth), HeadingKind::Smooth),
