@@ -65,7 +65,7 @@ impl AdaptiveNoise {
 
     /// Variance inflation by autocorrelation `rho`: `(1 + rho) / (1 - rho)`.
     pub fn correlated_noise_factor(&self) -> f32 {
-        // 0/0 gives NaN, which `max` replaces by the lower limit.
+        #[expect(clippy::manual_clamp, reason = "0/0 gives NaN, which `max` replaces by the lower limit")]
         let rho = (self.inclination_lag_1_product_rad2 / self.inclination_mean_square_rad2)
             .max(MIN_AUTOCORRELATION)
             .min(MAX_AUTOCORRELATION);

@@ -498,8 +498,8 @@ fn estimated_changes_are_applied_to_the_calibration() {
     let mut states = [0.0; STATE_COUNT];
     states[..5].copy_from_slice(&[0.02, -0.04, 0.06, 0.1, -0.05]);
     let variances = Some(SampleNoise { strength_variance: 1e-4, tilt_rad2: 4e-4 });
-    let (found, adapted) = MonitorOutput { states: states, sample_noise: variances, ..MonitorOutput::INITIAL }
-        .correct_calibration(&monitored);
+    let (found, adapted) =
+        MonitorOutput { states, sample_noise: variances, ..MonitorOutput::INITIAL }.correct_calibration(&monitored);
     let field = Field::from_ut(20.0, -10.0, 30.0);
     let moved = calibration.apply(field).ut - found.apply(field).ut;
     assert!((moved - Vector3::new(1.0, -2.0, 3.0)).norm() < 1e-4, "{moved}");
