@@ -2,9 +2,9 @@
 
 use std::sync::OnceLock;
 
-use host_sim::accuracy::flight::{Flight, FlightPattern};
-use host_sim::accuracy::{AccuracyPlan, AccuracyResult, Coverage, MethodResult, flight_study, run};
-use host_sim::world::aircraft::VehicleKind;
+use host_sim::studies::accuracy::flight::{Flight, FlightPattern};
+use host_sim::studies::accuracy::{AccuracyPlan, AccuracyResult, Coverage, MethodResult, flight_study, run};
+use simulator::world::aircraft::VehicleKind;
 
 /// 40 airframes with 20 flights each: the ratio of one airframe has a standard error of 0.3 / sqrt(20) = 7 %, which
 /// raises the 90th percentile by 1.28 times that.

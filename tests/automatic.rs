@@ -1,12 +1,12 @@
 //! Automatic calibration without console commands, indicated by the lamp.
 
-use host_sim::mission::TurnPlan;
-use host_sim::module::{Module as _, ModuleRunEnd};
-use host_sim::rig::Rig;
-use host_sim::routine::Routine;
-use host_sim::transcript::{self, SolveNotice};
-use host_sim::world::WorldConfig;
-use host_sim::world::aircraft::{VehicleConfig, VehicleKind};
+use simulator::mission::TurnPlan;
+use simulator::module::{Module as _, ModuleRunEnd};
+use simulator::rig::Rig;
+use simulator::routine::Routine;
+use simulator::transcript::{self, SolveNotice};
+use simulator::world::WorldConfig;
+use simulator::world::aircraft::{VehicleConfig, VehicleKind};
 
 fn world(kind: VehicleKind) -> WorldConfig {
     let world = WorldConfig::table1(7);

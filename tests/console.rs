@@ -1,10 +1,10 @@
 //! Console commands and line editing over the simulated cable.
 
-use host_sim::module::Module as _;
-use host_sim::rig::Rig;
-use host_sim::world::WorldConfig;
 use mavlink::dialects::common::ATTITUDE_DATA;
 use mavlink::{MAVLinkV2MessageRaw, MavHeader};
+use simulator::module::Module as _;
+use simulator::rig::Rig;
+use simulator::world::WorldConfig;
 use testkit::random::Random;
 
 fn rig() -> Rig {

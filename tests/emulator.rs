@@ -4,19 +4,19 @@
 use autoswing::calibration::MotorCurrentInterference;
 use autoswing::health::StackUse;
 use host_sim::emulator::{self, BenchTest, Emulator, budget};
-use host_sim::mission::{TurnPlan, fly_with};
-use host_sim::module::{Module as _, ModuleRunEnd};
-use host_sim::nmea::SentenceReader;
-use host_sim::routine::Routine;
-use host_sim::score::wrap_180;
-use host_sim::transcript;
+use log_analysis::score::wrap_180;
+use simulator::mission::{TurnPlan, fly_with};
+use simulator::module::{Module as _, ModuleRunEnd};
+use simulator::nmea::SentenceReader;
+use simulator::routine::Routine;
+use simulator::transcript;
 
-use host_sim::world::aircraft::{VehicleConfig, VehicleKind};
-use host_sim::world::autopilot::Leg;
-use host_sim::world::far_end::{AttachedDevice, FarEnd};
-use host_sim::world::mavlink_autopilot::{self, Frame};
-use host_sim::world::msp_autopilot::{self, AnswerFaults};
-use host_sim::world::{CRUISE_CURRENT_A, WorldConfig};
+use simulator::world::aircraft::{VehicleConfig, VehicleKind};
+use simulator::world::autopilot::Leg;
+use simulator::world::far_end::{AttachedDevice, FarEnd};
+use simulator::world::mavlink_autopilot::{self, Frame};
+use simulator::world::msp_autopilot::{self, AnswerFaults};
+use simulator::world::{CRUISE_CURRENT_A, WorldConfig};
 use testkit::random::Random;
 
 fn start_emulator() -> Emulator {

@@ -1,11 +1,12 @@
 //! Calibration on the ground: level circle, compass swing, tumbling on a bench; heading alignment.
 
-use host_sim::module::Module as _;
-use host_sim::rig::Rig;
-use host_sim::score::{HeadingErrors, wrap_180};
-use host_sim::transcript::{self, ShownCalibration, SolveNotice};
-use host_sim::world::WorldConfig;
-use host_sim::world::aircraft::PrescribedMotion;
+use log_analysis::score::wrap_180;
+use simulator::heading_errors::HeadingErrors;
+use simulator::module::Module as _;
+use simulator::rig::Rig;
+use simulator::transcript::{self, ShownCalibration, SolveNotice};
+use simulator::world::WorldConfig;
+use simulator::world::aircraft::PrescribedMotion;
 
 fn rig(config: &WorldConfig) -> Rig {
     let rig = Rig::new(*config);

@@ -7,15 +7,15 @@ use autoswing::instrument::{Correction, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::settings::HeadingKind;
 use autoswing::time::{Timestamp, WrappingMillis};
-use host_sim::faults::Faults;
-use host_sim::faults::attitude::{AttitudeFault, attitude_quantisation};
-use host_sim::integrity::{self, CASES, IntegrityPlan, IntegrityRow, case, run};
-use host_sim::module::Module as _;
-use host_sim::nmea::SentenceReader;
-use host_sim::rig::Rig;
-use host_sim::world::WorldConfig;
-use host_sim::world::aircraft::{PrescribedMotion, VehicleKind};
-use host_sim::world::autopilot::Leg;
+use host_sim::studies::integrity::{self, CASES, IntegrityPlan, IntegrityRow, case, run};
+use simulator::faults::Faults;
+use simulator::faults::attitude::{AttitudeFault, attitude_quantisation};
+use simulator::module::Module as _;
+use simulator::nmea::SentenceReader;
+use simulator::rig::Rig;
+use simulator::world::WorldConfig;
+use simulator::world::aircraft::{PrescribedMotion, VehicleKind};
+use simulator::world::autopilot::Leg;
 use testkit::random::Random;
 
 /// A seed other than the README's, whose airframes were not used to choose limits.

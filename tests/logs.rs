@@ -3,13 +3,14 @@
 
 use std::fmt::Write as _;
 
-use host_sim::log::csv::FieldUnit;
-use host_sim::log::write::{FlightRecording, encode_csv, encode_dataflash_text, encode_tlog, record_turns};
-use host_sim::log::{self, Flight};
-use host_sim::replay::evaluation::{CorrectionSource, EvaluationOptions, FlightEvaluation, evaluate_flight};
-use host_sim::replay::note::Note;
-use host_sim::replay::verdict::FlightOutcome;
-use host_sim::world::WorldConfig;
+use log_analysis::log::csv::FieldUnit;
+use log_analysis::log::write::{FlightRecording, encode_csv, encode_dataflash_text, encode_tlog};
+use log_analysis::log::{self, Flight};
+use log_analysis::replay::evaluation::{CorrectionSource, EvaluationOptions, FlightEvaluation, evaluate_flight};
+use log_analysis::replay::note::Note;
+use log_analysis::replay::verdict::FlightOutcome;
+use simulator::recording::record_turns;
+use simulator::world::WorldConfig;
 
 const ASKED: EvaluationOptions = EvaluationOptions::DEFAULT;
 

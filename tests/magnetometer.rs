@@ -8,9 +8,9 @@ use autoswing::magnetometer::lis3mdl::{Lis3mdl, Lis3mdlConfig};
 use autoswing::magnetometer::{Magnetometer, MagnetometerError};
 use autoswing::reading::Reading;
 use embassy_time::Instant;
-use host_sim::devices::i2c::{Bus, BusError};
-use host_sim::devices::lis3mdl as chip;
-use host_sim::simulation::{Level, Simulation};
+use simulator::devices::i2c::{Bus, BusError};
+use simulator::devices::lis3mdl as chip;
+use testkit::simulation::{Level, Simulation};
 
 /// Runs `script` with a driver and its chip. The field's x component is 1 nT per 100 us since start, so a sample
 /// contains its time of measurement with a resolution of 15 nT = 1.5 ms.

@@ -1,10 +1,10 @@
 //! Complete calibration flights with the simulated module.
 
-use host_sim::mission::{MissionResult, TurnPlan, fly, fly_with};
-use host_sim::module::Module as _;
-use host_sim::rig::Rig;
-use host_sim::transcript::SolveNotice;
-use host_sim::world::WorldConfig;
+use simulator::mission::{MissionResult, TurnPlan, fly, fly_with};
+use simulator::module::Module as _;
+use simulator::rig::Rig;
+use simulator::transcript::SolveNotice;
+use simulator::world::WorldConfig;
 
 fn mission_result(world: &WorldConfig) -> MissionResult {
     fly(*world, TurnPlan::default(), &mut |_, _| {})

@@ -7,15 +7,15 @@ use autoswing::health::ResetCause;
 use autoswing::reading::{Identity, Model};
 use autoswing::store::{CalibrationRecord, Generations, Loaded, Store, StoreChange, StoreError};
 use embassy_futures::block_on;
-use host_sim::devices::nor_flash::CutOutcome;
-use host_sim::mission::TurnPlan;
-use host_sim::module::{Module as _, ModuleRunEnd};
-use host_sim::rig::Rig;
-use host_sim::routine::Routine;
-use host_sim::transcript;
-use host_sim::world::WorldConfig;
-use host_sim::world::aircraft::VehicleKind;
-use host_sim::world::autopilot::Leg;
+use simulator::devices::nor_flash::CutOutcome;
+use simulator::mission::TurnPlan;
+use simulator::module::{Module as _, ModuleRunEnd};
+use simulator::rig::Rig;
+use simulator::routine::Routine;
+use simulator::transcript;
+use simulator::world::WorldConfig;
+use simulator::world::aircraft::VehicleKind;
+use simulator::world::autopilot::Leg;
 use testkit::flash::{CutProgress, RamFlash};
 
 /// Flies turns both ways until the end of the solve.
@@ -263,6 +263,7 @@ fn record(serial: u32) -> CalibrationRecord {
         inclination_residual_deg: 0.4,
         samples: u16::MAX,
         latency: None,
+        knows_inclination: true,
     };
     let sensor = Identity { model: Model::Lis3mdl, address: 0x1E };
     CalibrationRecord {

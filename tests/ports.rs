@@ -5,19 +5,20 @@ use std::f64::consts::PI;
 
 use autoswing::calibration::MotorCurrentInterference;
 use autoswing::health::ResetCause;
-use host_sim::faults::Faults;
-use host_sim::mission::TurnPlan;
-use host_sim::module::{Module as _, ModuleRunEnd};
-use host_sim::rig::Rig;
-use host_sim::routine::Routine;
-use host_sim::score::{HeadingErrors, wrap_180};
-use host_sim::transcript;
-use host_sim::world::aircraft::{VehicleConfig, VehicleKind};
-use host_sim::world::autopilot::Leg;
-use host_sim::world::far_end::{AttachedDevice, FarEnd};
-use host_sim::world::mavlink_autopilot::{self, Frame, command_long};
-use host_sim::world::msp_autopilot::{self, AnswerFaults, CompassSample};
-use host_sim::world::{CRUISE_CURRENT_A, TrueState, WorldConfig};
+use log_analysis::score::wrap_180;
+use simulator::faults::Faults;
+use simulator::heading_errors::HeadingErrors;
+use simulator::mission::TurnPlan;
+use simulator::module::{Module as _, ModuleRunEnd};
+use simulator::rig::Rig;
+use simulator::routine::Routine;
+use simulator::transcript;
+use simulator::world::aircraft::{VehicleConfig, VehicleKind};
+use simulator::world::autopilot::Leg;
+use simulator::world::far_end::{AttachedDevice, FarEnd};
+use simulator::world::mavlink_autopilot::{self, Frame, command_long};
+use simulator::world::msp_autopilot::{self, AnswerFaults, CompassSample};
+use simulator::world::{CRUISE_CURRENT_A, TrueState, WorldConfig};
 
 const ARDUPILOT: FarEnd = FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot);
 const MSP_ARDUPILOT: FarEnd = FarEnd::Msp(

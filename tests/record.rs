@@ -2,15 +2,16 @@
 
 use std::path::Path;
 
-use host_sim::log::csv::FieldUnit;
-use host_sim::log::write::{self, RecordingModule};
-use host_sim::log::{self, Gps};
-use host_sim::module::Module as _;
-use host_sim::replay::evaluation::{CorrectionSource, EvaluationOptions, evaluate_flight};
-use host_sim::rig::Rig;
-use host_sim::score::wrap_180;
-use host_sim::world::WorldConfig;
-use host_sim::world::autopilot::Leg;
+use log_analysis::log::csv::FieldUnit;
+use log_analysis::log::write;
+use log_analysis::log::{self, Gps};
+use log_analysis::replay::evaluation::{CorrectionSource, EvaluationOptions, evaluate_flight};
+use log_analysis::score::wrap_180;
+use simulator::module::Module as _;
+use simulator::recording::RecordingModule;
+use simulator::rig::Rig;
+use simulator::world::WorldConfig;
+use simulator::world::autopilot::Leg;
 
 const ASKED: EvaluationOptions = EvaluationOptions::DEFAULT;
 

@@ -1,13 +1,13 @@
 //! Explanations of rejected calibrations on the console.
 
-use host_sim::faults::Faults;
-use host_sim::faults::attitude::AttitudeFault;
-use host_sim::module::Module as _;
-use host_sim::rig::Rig;
-use host_sim::transcript::{self, SolveNotice};
-use host_sim::world::WorldConfig;
-use host_sim::world::autopilot::Leg;
 use mavlink::dialects::common::ATTITUDE_DATA;
+use simulator::faults::Faults;
+use simulator::faults::attitude::AttitudeFault;
+use simulator::module::Module as _;
+use simulator::rig::Rig;
+use simulator::transcript::{self, SolveNotice};
+use simulator::world::WorldConfig;
+use simulator::world::autopilot::Leg;
 
 /// Attitude in a wrong unit.
 struct Scaled(f32);

@@ -10,18 +10,18 @@ use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::{Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
-use host_sim::accuracy::trial::{Ranges, Trial};
-use host_sim::random::{Purpose, Random};
-use host_sim::routine::{Routine, TurnPlan};
-use host_sim::score::{ErrorStatistics, wrap_180};
-use host_sim::simulation::Simulation;
-use host_sim::world::aircraft::VehicleKind;
-use host_sim::world::airframe::Airframe;
-use host_sim::world::attitude_source;
-use host_sim::world::autopilot::Leg;
-use host_sim::world::earth::Earth;
-use host_sim::world::rotation::Euler;
-use host_sim::world::{World, WorldConfig};
+use host_sim::studies::accuracy::trial::{Ranges, Trial};
+use log_analysis::score::{ErrorStatistics, wrap_180};
+use simulator::random::{Purpose, Random};
+use simulator::routine::{Routine, TurnPlan};
+use simulator::world::aircraft::VehicleKind;
+use simulator::world::airframe::Airframe;
+use simulator::world::attitude_source;
+use simulator::world::autopilot::Leg;
+use simulator::world::earth::Earth;
+use simulator::world::rotation::Euler;
+use simulator::world::{World, WorldConfig};
+use testkit::simulation::Simulation;
 
 /// Airframes and places of `bench accuracy`: soft iron to 30 %, hard iron to three times the horizontal field, mounting
 /// to 20 deg, inclination -70 to 75 deg, attitude noise of 0.2 to 1 deg. Here the noise is correlated over 0.5 s, and

@@ -9,18 +9,18 @@ use std::process::{Child, ChildStdout, Command, Output, Stdio};
 use std::sync::LazyLock;
 use std::time::Duration;
 
-use host_sim::nmea::SentenceReader;
-use host_sim::rig::STORE_BYTES;
-use host_sim::score::wrap_180;
 use host_sim::serve::{
     AUTOPILOT, AttitudeProvider, CONSOLE, DatagramCounts, FlashImage, INSTRUMENT, PilotPattern, ServeOptions,
     ServedModule,
 };
-use host_sim::world::WorldConfig;
+use log_analysis::score::wrap_180;
 use mavlink::dialects::common::ATTITUDE_DATA;
 use mavlink::{MAVLinkV2MessageRaw, MavHeader};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
+use simulator::nmea::SentenceReader;
+use simulator::rig::STORE_BYTES;
+use simulator::world::WorldConfig;
 use testkit::random::Random;
 
 const SECOND_US: u64 = 1_000_000;

@@ -1,12 +1,12 @@
 //! NMEA heading output as an autopilot receives it.
 
-use host_sim::module::{Module as _, ModuleRunEnd};
-use host_sim::nmea::{HeadingSentence, SentenceReader};
-use host_sim::rig::Rig;
-use host_sim::score::wrap_180;
-use host_sim::transcript;
-use host_sim::world::WorldConfig;
-use host_sim::world::autopilot::Leg;
+use log_analysis::score::wrap_180;
+use simulator::module::{Module as _, ModuleRunEnd};
+use simulator::nmea::{HeadingSentence, SentenceReader};
+use simulator::rig::Rig;
+use simulator::transcript;
+use simulator::world::WorldConfig;
+use simulator::world::autopilot::Leg;
 use testkit::random::Random;
 
 fn calibrated() -> Rig {

@@ -1,8 +1,8 @@
 //! Reproduction of Liu 2007 table 1 with the paper's method and others.
 #![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
-use host_sim::paper::{Experiment, method_errors};
-use host_sim::score::ErrorStatistics;
+use host_sim::studies::paper::{Experiment, method_errors};
+use log_analysis::score::ErrorStatistics;
 
 fn figures(experiment: Experiment) -> [ErrorStatistics; 5] {
     method_errors(experiment).unwrap().map(|column| column.figures())

@@ -1,6 +1,6 @@
 //! Calibration from samples, and heading of a sample: `no_std`, without allocation.
 
-use autoswing::calibration::{Method, Prior, Rates, Sample, Samples, Solution, SolveError, solve};
+use autoswing::calibration::{Method, Part, Prior, Rates, Sample, Samples, Solution, SolveError, solve};
 use autoswing::frames::{Attitude, Field};
 use autoswing::heading::{HeadingLimits, NoHeading, compute_heading};
 use autoswing::time::WrappingMillis;
@@ -13,6 +13,7 @@ pub fn sample([time_s, x, y, z, roll_deg, pitch_deg]: [f32; 6]) -> Sample {
         attitude: Attitude::from_deg(roll_deg, pitch_deg),
         rates: Rates::NONE,
         time: WrappingMillis::new((time_s * 1000.0) as u32),
+        part: Part::FREE,
     }
 }
 
@@ -22,8 +23,7 @@ pub fn sample([time_s, x, y, z, roll_deg, pitch_deg]: [f32; 6]) -> Sample {
 ///
 /// The samples do not determine the coefficients.
 pub fn calibrate(samples: &[Sample]) -> Result<Solution, SolveError> {
-    let samples = Samples { unassigned: [samples, &[], &[]], ..Samples::default() };
-    solve(Method::MaximumLikelihood, samples, &Prior::default())
+    solve(Method::MaximumLikelihood, Samples::new(samples), &Prior::default())
 }
 
 /// Magnetic heading of a sample and its standard deviation, degrees.

@@ -4,16 +4,16 @@
 //! holds the time in milliseconds (10 ms resolution), the port, the message, and its numbers. A STATUSTEXT is reduced to
 //! its severity: its text may change without a change of behaviour.
 
-use host_sim::faults::Faults;
-use host_sim::mission::TurnPlan;
-use host_sim::module::Module as _;
-use host_sim::rig::Rig;
-use host_sim::routine::Routine;
-use host_sim::world::WorldConfig;
-use host_sim::world::aircraft::VehicleKind;
-use host_sim::world::far_end::{AttachedDevice, FarEnd};
-use host_sim::world::mavlink_autopilot::MavlinkFirmware;
-use host_sim::world::msp_autopilot::{self, AnswerFaults};
+use simulator::faults::Faults;
+use simulator::mission::TurnPlan;
+use simulator::module::Module as _;
+use simulator::rig::Rig;
+use simulator::routine::Routine;
+use simulator::world::WorldConfig;
+use simulator::world::aircraft::VehicleKind;
+use simulator::world::far_end::{AttachedDevice, FarEnd};
+use simulator::world::mavlink_autopilot::MavlinkFirmware;
+use simulator::world::msp_autopilot::{self, AnswerFaults};
 
 const STATUSTEXT: u32 = 253;
 const STEP_S: f64 = 0.01;

@@ -16,7 +16,7 @@ use core::fmt;
 
 use crate::calibration::verification::{self, HeldBackScores};
 use crate::calibration::{
-    BankScaleFinding, Calibration, DetectedHardIronChange, Finding, Orientation, Quality, Samples, Solution,
+    BankScaleFinding, Calibration, DetectedHardIronChange, Finding, Orientation, Part, Quality, Samples, Solution,
 };
 use crate::decimal::Decimal;
 
@@ -153,17 +153,8 @@ fn check_held_back(policy: &AcceptancePolicy, grounds: &AcceptanceSamples<'_>) -
 /// Smallest number of held-back samples among the parts used. Marks have none; samples between them are held back.
 fn fewest_held_back(grounds: &AcceptanceSamples<'_>) -> u16 {
     let AcceptanceSamples { fit: fitted, held_back, .. } = grounds;
-    [
-        (fitted.left.len(), held_back.left.len()),
-        (fitted.right.len(), held_back.right.len()),
-        (fitted.level.len(), held_back.level.len()),
-        (fitted.unassigned_count(), held_back.unassigned_count()),
-    ]
-    .iter()
-    .filter(|(fitted, _)| *fitted > 0)
-    .map(|&(_, held_back)| u16::try_from(held_back).unwrap_or(u16::MAX))
-    .min()
-    .unwrap_or(0)
+    let used = Part::ALL.into_iter().filter(|part| !fitted.part(*part).is_empty());
+    used.map(|part| u16::try_from(held_back.part(part).len()).unwrap_or(u16::MAX)).min().unwrap_or(0)
 }
 
 /// Small hard-iron changes are included in the expected error. Rejects a change that dominates it, or that comes with

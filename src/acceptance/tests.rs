@@ -1,7 +1,8 @@
 //! Unit tests of `acceptance`.
 
 use super::*;
-use crate::calibration::{Envelope, HardIronTimeCourse, HeadingUncertainty, Method, Rates, Sample};
+use crate::calibration::tests::synthetic::Parts;
+use crate::calibration::{Envelope, HardIronTimeCourse, HeadingUncertainty, Method, Part, Rates, Sample};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -17,6 +18,7 @@ fn quality(expected_rms_deg: f32) -> Quality {
         inclination_residual_deg: 0.4,
         samples: 300,
         latency: None,
+        knows_inclination: true,
     }
 }
 
@@ -65,7 +67,13 @@ fn circle(roll_deg: f32, samples: u16) -> Vec<Sample> {
             let attitude = Attitude::from_deg(roll_deg, 0.0);
             let heading_rad = f32::from(i) / f32::from(samples) * core::f32::consts::TAU;
             let field = Field::new(attitude.body(Field::earth(50.0, 1.0, heading_rad)).ut);
-            Sample { field, attitude, time: WrappingMillis::new(u32::from(i) * 400), rates: Rates::NONE }
+            Sample {
+                field,
+                attitude,
+                time: WrappingMillis::new(u32::from(i) * 400),
+                rates: Rates::NONE,
+                part: Part::FREE,
+            }
         })
         .collect()
 }
@@ -77,13 +85,14 @@ fn evaluate(held_back: [u16; 3], candidate: &Solution, incumbent: &Incumbent) ->
         .map(|(roll_deg, samples)| circle(roll_deg, samples));
     let level_used = held_back[2] > 0;
     let grounds = AcceptanceSamples {
-        fit: Samples {
+        fit: Parts {
             left: &fitted[0],
             right: &fitted[1],
             level: if level_used { &fitted[2] } else { &[] },
-            ..Samples::default()
-        },
-        held_back: Samples { left: &l, right: &r, level: &v, ..Samples::default() },
+            ..Parts::default()
+        }
+        .samples(),
+        held_back: Parts { left: &l, right: &r, level: &v, ..Parts::default() }.samples(),
         is_attitude_known: true,
     };
     evaluate_candidate(&POLICY, candidate, grounds, incumbent)
@@ -248,7 +257,7 @@ fn unknown_attitude_is_ignored() {
         sample.attitude = Attitude::from_deg(40.0 * (i as f32).sin(), 30.0);
     }
     let score = |knows_attitude| {
-        let parts = Samples { left: &samples, ..Samples::default() };
+        let parts = Parts { left: &samples, ..Parts::default() }.samples();
         let grounds = AcceptanceSamples { fit: parts, held_back: parts, is_attitude_known: knows_attitude };
         evaluate_candidate(&POLICY, &candidate(0.1, quality(0.5)), grounds, &NOT_CALIBRATED)
             .map(|scores| scores.candidate)

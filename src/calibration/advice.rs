@@ -14,7 +14,7 @@ use crate::calibration::uncertainty::expected_error::{self, Deviation};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::uncertainty::observability::unobservable_quantities;
 use crate::calibration::uncertainty::sandwich_covariance::{CovarianceContent, sandwich_covariance};
-use crate::calibration::{Samples, Side};
+use crate::calibration::{Method, Part, Samples, Side};
 use crate::frames::Attitude;
 use crate::trig::sqrt;
 
@@ -230,13 +230,13 @@ const MIN_BANK_CORRELATION: f32 = 0.5;
 /// Whether the vehicle banks into its turns; true for samples of the turns procedure.
 fn banks_into_turns(samples: Samples<'_>) -> bool {
     let (mut product_sum, mut bank_squares, mut rate_squares) = (0.0, 0.0, 0.0);
-    for sample in samples.unassigned.into_iter().flatten() {
+    for sample in samples.part(Part::FREE) {
         let (roll_rad, rate_rad_s) = (sample.attitude.roll_rad, sample.rates.heading_rad_s());
         product_sum += roll_rad * rate_rad_s;
         bank_squares += roll_rad * roll_rad;
         rate_squares += rate_rad_s * rate_rad_s;
     }
-    !samples.has_unassigned() || product_sum > MIN_BANK_CORRELATION * sqrt(bank_squares * rate_squares)
+    !samples.has_free() || product_sum > MIN_BANK_CORRELATION * sqrt(bank_squares * rate_squares)
 }
 
 #[inline(never)]
@@ -260,7 +260,9 @@ pub(in crate::calibration) fn select_manoeuvre(
         envelope,
     )?;
     let parameters = ModelParameters::new(unknowns);
-    let vehicle_motion = match (banks_into_turns(fit.samples), now.rms_deg <= MAX_QUADRANT_ERROR_DEG) {
+    // Samples without attitude show no motion.
+    let is_banking = fit.method == Method::Ellipsoid || banks_into_turns(fit.samples);
+    let vehicle_motion = match (is_banking, now.rms_deg <= MAX_QUADRANT_ERROR_DEG) {
         (true, _) => VehicleMotion::BanksIntoTurns,
         (false, true) => VehicleMotion::TiltsOnKnownHeading,
         (false, false) => VehicleMotion::TiltsOnUnknownHeading,
@@ -305,7 +307,8 @@ fn report_unobservable(left_to_priors: impl Iterator<Item = PriorQuantity>) -> U
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{Rates, Sample};
+    use crate::calibration::tests::synthetic::Parts;
+    use crate::calibration::{Part, Rates, Sample};
     use crate::frames::Field;
     use crate::time::WrappingMillis;
 
@@ -363,10 +366,16 @@ mod tests {
                 .map(|i: u8| {
                     let attitude = Attitude::from_deg(bank_deg(f32::from(i) * 0.1), 0.0);
                     let rates = Rates::from_rad_s([0.0, 0.0, rate_deg_s(f32::from(i) * 0.1).to_radians()]);
-                    Sample { field: Field::from_ut(20.0, 0.0, 40.0), attitude, time: WrappingMillis::default(), rates }
+                    Sample {
+                        field: Field::from_ut(20.0, 0.0, 40.0),
+                        attitude,
+                        time: WrappingMillis::default(),
+                        rates,
+                        part: Part::FREE,
+                    }
                 })
                 .collect();
-            banks_into_turns(Samples { unassigned: [&samples[..30], &[], &samples[30..]], ..Samples::default() })
+            banks_into_turns(Parts { free: &samples, ..Parts::default() }.samples())
         };
         assert!(follows_bank(&|t| 25.0 * t.sin(), &|t| 12.0 * t.sin()));
         assert!(!follows_bank(&|t| 25.0 * t.sin(), &|t| -12.0 * t.sin()));

@@ -101,6 +101,7 @@ impl ConvergedFit<'_> {
             inclination_residual_deg: self.likelihood.noise.inclination_sigma_rad.to_degrees(),
             samples: information.system.samples,
             latency,
+            knows_inclination: self.method != Method::Ellipsoid || self.likelihood.known_inclination_rad.is_some(),
         };
         let advice = needs_advice(&quality).then(|| advice::select_manoeuvre(information, self, &sigmas)).flatten();
         Ok(Solution {

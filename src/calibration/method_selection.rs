@@ -13,7 +13,7 @@
 //! up to eight times as large.
 
 use crate::calibration::closed_form::turns::MIN_SAMPLES;
-use crate::calibration::{Method, Sample, SamplePart, Samples, Side, SolveError};
+use crate::calibration::{Method, Part, SamplePart, Samples, Side, SolveError};
 
 /// Procedure by which samples are collected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -68,22 +68,16 @@ impl SelectedParts {
     #[must_use]
     pub fn new(fit: Samples<'_>, procedure: Procedure) -> Self {
         let enough = |part: &[_]| part.len() >= MIN_SAMPLES;
-        let (left, right) = (enough(fit.left), enough(fit.right));
+        let (left, right) = (enough(fit.turn(Side::Left)), enough(fit.turn(Side::Right)));
         let both = procedure == Procedure::Turns && left && right;
-        Self { left, right, level: enough(fit.level) && !both }
+        Self { left, right, level: enough(fit.part(Part::LEVEL)) && !both }
     }
 
-    /// Returns the selected parts, and all samples with given headings.
+    /// Returns the selected parts, all samples of arbitrary attitude, and all with given headings.
     #[must_use]
     pub fn select<'a>(&self, samples: Samples<'a>) -> Samples<'a> {
-        let part = |selected: bool, part: &'a [Sample]| if selected { part } else { &[] };
-        Samples {
-            left: part(self.left, samples.left),
-            right: part(self.right, samples.right),
-            level: part(self.level, samples.level),
-            unassigned: samples.unassigned,
-            marks: samples.marks,
-        }
+        let parts = [(Part::LEFT, self.left), (Part::RIGHT, self.right), (Part::LEVEL, self.level)];
+        parts.into_iter().filter(|(_, is_selected)| !is_selected).fold(samples, |rest, (part, _)| rest.without(part))
     }
 }
 
@@ -100,13 +94,13 @@ pub fn select_method(samples: Samples<'_>, procedure: Procedure) -> Result<Metho
         Procedure::Flight => Ok(Method::MaximumLikelihood),
         Procedure::Turns => {
             let SelectedParts { left, right, .. } = SelectedParts::new(samples, procedure);
-            let level = samples.level.len() >= MIN_SAMPLES;
+            let level = samples.part(Part::LEVEL).len() >= MIN_SAMPLES;
             let missing =
-                |side, turns: &[_]| Err(SolveError::too_few(SamplePart::Turns(side), turns.len(), MIN_SAMPLES));
+                |side| Err(SolveError::too_few(SamplePart::Turns(side), samples.turn(side).len(), MIN_SAMPLES));
             match (left, right, level) {
                 (true, true, _) | (true, false, true) | (false, true, true) => Ok(Method::MaximumLikelihood),
-                (true, false, false) => missing(Side::Right, samples.right),
-                (false, _, _) => missing(Side::Left, samples.left),
+                (true, false, false) => missing(Side::Right),
+                (false, _, _) => missing(Side::Left),
             }
         }
     }
@@ -114,10 +108,11 @@ pub fn select_method(samples: Samples<'_>, procedure: Procedure) -> Result<Metho
 
 #[cfg(test)]
 mod tests {
+    use crate::calibration::tests::synthetic::Parts;
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::{Mark, Rates};
+    use crate::calibration::{Mark, Part, Rates, Sample};
     use crate::frames::{Attitude, Field, Level};
     use crate::time::WrappingMillis;
 
@@ -130,6 +125,7 @@ mod tests {
                     attitude: Attitude::default(),
                     time: WrappingMillis::default(),
                     rates: Rates::NONE,
+                    part: Part::FREE,
                 }
             })
             .collect()
@@ -137,7 +133,7 @@ mod tests {
 
     fn chosen(left: usize, right: usize, level: usize) -> Result<Method, SolveError> {
         let (left, right, level) = (circle(left), circle(right), circle(level));
-        let samples = Samples { left: &left, right: &right, level: &level, ..Samples::default() };
+        let samples = Parts { left: &left, right: &right, level: &level, ..Parts::default() }.samples();
         select_method(samples, Procedure::Turns)
     }
 
@@ -179,17 +175,13 @@ mod tests {
         let parts = [0, 11, 12].map(circle);
         let marks = [Mark { sample: circle(1)[0], heading_rad: 0.0 }];
         let selected = |left: usize, right: usize, level: usize, procedure| {
-            let any = [&parts[1][..], &[], &parts[2]];
-            let all = Samples {
-                left: &parts[left],
-                right: &parts[right],
-                level: &parts[level],
-                marks: &marks,
-                unassigned: any,
-            };
+            let [left, right, level] = [left, right, level].map(|part| &parts[part][..]);
+            let all = Parts { left, right, level, free: &parts[1], marks: &marks }.samples();
             let selected = SelectedParts::new(all, procedure).select(all);
-            assert_eq!((selected.marks, selected.unassigned), (&marks[..], any));
-            (selected.left.len(), selected.right.len(), selected.level.len())
+            assert_eq!(selected.marks, marks);
+            let [left, right, level, free] = Part::ALL.map(|part| selected.part(part).len());
+            assert_eq!((free, selected.iter().count()), (11, left + right + level + free));
+            (left, right, level)
         };
         assert_eq!(selected(2, 2, 2, Procedure::Turns), (12, 12, 0));
         assert_eq!(selected(2, 1, 2, Procedure::Turns), (12, 0, 12));

@@ -8,7 +8,7 @@
 //! ```
 //! use std::f32::consts::TAU;
 //!
-//! use autoswing::calibration::{Method, Prior, Rates, Sample, Samples, solve};
+//! use autoswing::calibration::{Method, Part, Prior, Rates, Sample, Samples, solve};
 //! use autoswing::frames::{Attitude, Field, wrap_pi};
 //! use autoswing::time::WrappingMillis;
 //!
@@ -24,18 +24,17 @@
 //! };
 //!
 //! // A full circle of 60 samples in half a minute, at 25 deg of bank to the left or to the right.
-//! let circle = |bank_deg: f32| -> Vec<Sample> {
+//! let circle = |bank_deg: f32, part: Part| {
 //!     (0..60)
-//!         .map(|i| {
+//!         .map(move |i| {
 //!             let attitude = Attitude::from_deg(bank_deg, 2.0);
 //!             let heading_rad = bank_deg.signum() * TAU * i as f32 / 60.0;
 //!             let (field, time) = (measure(attitude, heading_rad), WrappingMillis::new(i * 500));
-//!             Sample { field, attitude, rates: Rates::NONE, time }
+//!             Sample { field, attitude, rates: Rates::NONE, time, part }
 //!         })
-//!         .collect()
 //! };
-//! let (left, right) = (circle(-25.0), circle(25.0));
-//! let samples = Samples { left: &left, right: &right, ..Samples::default() };
+//! let turns: Vec<Sample> = circle(-25.0, Part::LEFT).chain(circle(25.0, Part::RIGHT)).collect();
+//! let samples = Samples::new(&turns);
 //!
 //! let solution = solve(Method::MaximumLikelihood, samples, &Prior::default())?;
 //! assert!(solution.quality.expected_rms_deg < 1.0);
@@ -96,7 +95,7 @@ pub use types::{
     prior::Prior,
     quality::{AttitudeLatency, Envelope, Quality},
     rates::Rates,
-    samples::{Mark, Sample, SamplePart, Samples, Side},
+    samples::{Mark, Part, Sample, SamplePart, Samples, Side},
 };
 pub use uncertainty::{
     expected_error::Deviation,
@@ -110,6 +109,7 @@ pub(crate) use {
         matrix::{inverse, matrix_rows},
     },
     model::{FieldPrediction, JacobianRow},
+    types::samples::{part_of, part_range},
 };
 
 #[cfg(test)]

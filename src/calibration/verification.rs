@@ -56,7 +56,8 @@ fn score_calibration(samples: Samples<'_>, knows_attitude: bool, calibration: &C
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{Mark, Orientation, Rates};
+    use crate::calibration::tests::synthetic::Parts;
+    use crate::calibration::{Mark, Orientation, Part, Rates};
     use crate::frames::{Attitude, Field, Level};
     use crate::time::WrappingMillis;
 
@@ -75,6 +76,7 @@ mod tests {
                     attitude: Attitude::default(),
                     time: WrappingMillis::default(),
                     rates: Rates::NONE,
+                    part: Part::FREE,
                 }
             })
             .collect()
@@ -84,7 +86,8 @@ mod tests {
         let none = Calibration::uncalibrated(Orientation::NONE);
         // The overall scale of a calibration is not an error.
         let doubled = Calibration { w: none.w.map(|row| row.map(|w| 2.0 * w)), ..none };
-        let scores = score_held_back(Samples { level: samples, ..Samples::default() }, knows_attitude, &none, &doubled);
+        let scores =
+            score_held_back(Parts { level: samples, ..Parts::default() }.samples(), knows_attitude, &none, &doubled);
         // `f32` rounding of a difference of 0.4 %: 1e-4 of a score.
         assert!((scores.candidate - scores.active).abs() < 1e-3, "{scores:?}");
         scores
@@ -111,7 +114,7 @@ mod tests {
     #[test]
     fn each_calibration_has_its_own_score() {
         let clean = samples(0.0, 0.0);
-        let held_back = Samples { right: &clean, ..Samples::default() };
+        let held_back = Parts { right: &clean, ..Parts::default() }.samples();
         let none = Calibration::uncalibrated(Orientation::NONE);
         let moved = Calibration { b_ut: [3.0, 0.0, 0.0], ..none };
         let HeldBackScores { candidate, active: incumbent } = score_held_back(held_back, true, &moved, &none);
@@ -125,7 +128,7 @@ mod tests {
     fn without_held_back_samples_both_scores_are_nan() {
         let none = Calibration::uncalibrated(Orientation::NONE);
         let marks = [Mark { sample: samples(0.0, 0.0)[0], heading_rad: 0.0 }; 4];
-        for nothing in [Samples::default(), Samples { marks: &marks, ..Samples::default() }] {
+        for nothing in [Samples::default(), Parts { marks: &marks, ..Parts::default() }.samples()] {
             let scores = score_held_back(nothing, true, &none, &none);
             assert!(scores.candidate.is_nan() && scores.active.is_nan(), "{scores:?}");
         }

@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     fn through(samples: &[Sample]) -> Option<TurnCircle> {
-        TurnCircle::fit_to(&Samples { left: samples, ..Samples::default() })
+        TurnCircle::fit_to(&Samples::new(samples))
     }
 
     /// 60 deg of arc. Tolerance: `f32` rounding of 100 uT hard iron squared, 1e-6, times ten.

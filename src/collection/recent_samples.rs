@@ -59,6 +59,7 @@ impl RecentSamples {
             ])
             .with_current(oldest.rates.current_a()),
             time: oldest.time,
+            part: oldest.part,
         })
     }
 }

@@ -1,7 +1,12 @@
 use nalgebra::Vector3;
 
 use super::RetainedSamples;
-use crate::calibration::{Rates, Sample};
+use super::part_view::{PARTS, PartView};
+use super::progress::Coverage;
+use super::quota::SampleUse;
+use super::retained_samples::PartState;
+use super::sample_buffer::SampleBuffer;
+use crate::calibration::{Part, Rates, Sample};
 use crate::frames::{Attitude, Field, Level};
 use crate::time::WrappingMillis;
 
@@ -9,6 +14,41 @@ use crate::time::WrappingMillis;
 pub const RADIUS_UT: f32 = 20.0;
 
 const HARD_IRON_UT: Vector3<f32> = Vector3::new(60.0, -45.0, 80.0);
+
+/// A buffer, and the state of its parts.
+#[derive(Debug)]
+pub struct TestBuffer {
+    pub samples: SampleBuffer,
+    states: [PartState; PARTS],
+    last_taken_at: [Option<WrappingMillis>; PARTS],
+}
+
+impl TestBuffer {
+    pub fn new() -> Self {
+        Self { samples: SampleBuffer::EMPTY, states: [PartState::EMPTY; PARTS], last_taken_at: [None; PARTS] }
+    }
+
+    pub fn view(&mut self, part: Part) -> PartView<'_> {
+        PartView::new(part, &mut self.samples, &mut self.states, &mut self.last_taken_at)
+    }
+
+    pub fn fit(&self, part: Part) -> &[Sample] {
+        self.samples.part(SampleUse::Fit, part)
+    }
+
+    pub fn held_back(&self, part: Part) -> &[Sample] {
+        self.samples.part(SampleUse::Verification, part)
+    }
+
+    /// Number of samples of both uses.
+    pub fn stored(&self, part: Part) -> usize {
+        self.fit(part).len() + self.held_back(part).len()
+    }
+
+    pub fn coverage(&mut self, part: Part) -> Coverage {
+        self.view(part).coverage()
+    }
+}
 
 pub fn empty_memory() -> &'static mut RetainedSamples {
     Box::leak(Box::new(RetainedSamples::EMPTY))
@@ -20,6 +60,7 @@ pub fn sample(field_ut: [f32; 3], time_ms: u32) -> Sample {
         attitude: Attitude::default(),
         time: WrappingMillis::new(time_ms),
         rates: Rates::NONE,
+        part: Part::FREE,
     }
 }
 
@@ -45,6 +86,7 @@ pub fn turn_samples(roll_deg: f32, from_s: u16, to_s: u16, rate_deg_s: f32) -> i
             attitude,
             time: WrappingMillis::new(u32::from(i) * 100),
             rates: Rates::NONE,
+            part: Part::FREE,
         }
     })
 }

@@ -46,6 +46,16 @@ impl Compass<'_> {
         self.last_outcome.as_ref()
     }
 
+    /// Solution that the next [`Event::Advance`](super::Event::Advance) verifies, for replay on a host.
+    #[cfg(not(target_os = "none"))]
+    #[must_use]
+    pub const fn candidate(&self) -> Option<&crate::calibration::Solution> {
+        match &self.activity {
+            Activity::Solving(Solve { stage: SolveStage::Verifying(solution), .. }) => Some(solution),
+            _ => None,
+        }
+    }
+
     /// Whether [`Event::Advance`](super::Event::Advance) is needed.
     #[must_use]
     pub fn is_busy(&self) -> bool {
@@ -59,9 +69,7 @@ impl Compass<'_> {
             matches!(self.activity, Activity::Collecting(_)) && self.collector.procedure() == Procedure::Tumble;
         Correction {
             calibration: self.active_record().map(|record| (record.calibration, record.uncertainty)),
-            has_valid_inclination: self
-                .active_record()
-                .is_none_or(|record| record.calibration.knows_inclination(record.quality.method)),
+            has_valid_inclination: self.active_record().is_none_or(|record| record.quality.knows_inclination),
             align_deg: self.settings.align_deg,
             sample_attitude: if tumbles { SampleAttitude::Unknown } else { SampleAttitude::Interpolated },
             mount: self.sensor.map(|_| self.settings.mount),

@@ -103,34 +103,35 @@ impl NoHeading {
     }
 }
 
-/// Acceptance limits of a heading.
+/// Acceptance limits of a heading; `None` disables a limit.
 #[derive(Clone, Copy, Debug)]
 pub struct HeadingLimits {
     /// Largest relative deviation of field strength from the calibration's: twice the 10 % by which it changes over
     /// 1000 km.
-    pub max_strength_deviation: f32,
+    pub max_strength_deviation: Option<f32>,
     /// Cosine of the largest inclination deviation from the calibration's, 12 deg: twice its change over 1000 km, and
     /// more than the attitude error in a sharp manoeuvre.
-    pub min_cos_of_dip_deviation: f32,
+    pub min_cos_of_inclination_deviation: Option<f32>,
 }
 
 impl HeadingLimits {
     /// Limits for flights within 1000 km of the place of calibration.
-    pub const DEFAULT: Self = Self { max_strength_deviation: 0.2, min_cos_of_dip_deviation: 0.978_1 };
+    pub const DEFAULT: Self =
+        Self { max_strength_deviation: Some(0.2), min_cos_of_inclination_deviation: Some(0.978_1) };
 
     /// No limits, for display only.
-    pub const ANY_FIELD: Self = Self { max_strength_deviation: f32::INFINITY, min_cos_of_dip_deviation: -1.1 };
+    pub const ANY_FIELD: Self = Self { max_strength_deviation: None, min_cos_of_inclination_deviation: None };
 
     /// Whether the limits are disabled, as in [`ANY_FIELD`](Self::ANY_FIELD).
     #[must_use]
     pub const fn accepts_any_field(&self) -> bool {
-        self.max_strength_deviation == f32::INFINITY
+        self.max_strength_deviation.is_none()
     }
 
     /// The same without a limit of inclination.
     #[must_use]
     pub const fn without_inclination_limit(self) -> Self {
-        Self { min_cos_of_dip_deviation: Self::ANY_FIELD.min_cos_of_dip_deviation, ..self }
+        Self { min_cos_of_inclination_deviation: None, ..self }
     }
 }
 
@@ -184,12 +185,14 @@ fn exceeds_limits(limits: HeadingLimits, calibration: &Calibration, field: &Vect
     let (sin, cos) = trig::sin_cos(calibration.inclination_rad);
     let along = cos * sqrt(horizontal_squared) + sin * field.z;
     // Compares signed squares, to avoid a square root.
-    let (least, most) = ((1.0 - limits.max_strength_deviation).max(0.0), 1.0 + limits.max_strength_deviation);
-    let min_cos = limits.min_cos_of_dip_deviation;
-    let as_calibrated = total_squared >= least * least
-        && total_squared <= most * most
-        && along * along.abs() >= min_cos * min_cos.abs() * total_squared;
-    !as_calibrated
+    let is_strength_accepted = limits.max_strength_deviation.is_none_or(|deviation| {
+        let (least, most) = ((1.0 - deviation).max(0.0), 1.0 + deviation);
+        total_squared >= least * least && total_squared <= most * most
+    });
+    let is_inclination_accepted = limits
+        .min_cos_of_inclination_deviation
+        .is_none_or(|min_cos| along * along.abs() >= min_cos * min_cos.abs() * total_squared);
+    !(total_squared.is_finite() && is_strength_accepted && is_inclination_accepted)
 }
 
 #[cfg(test)]

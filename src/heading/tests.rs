@@ -105,7 +105,7 @@ fn all_field_limits_can_be_disabled() {
     for (total_ut, inclination_rad) in [(5.0, 1.0), (500.0, 1.0), (50.0, -1.0), (50.0, 0.0)] {
         assert!(is_accepted(HeadingLimits::ANY_FIELD, total_ut, inclination_rad, Attitude::default()));
     }
-    let lenient = HeadingLimits { max_strength_deviation: 1.5, ..HeadingLimits::DEFAULT };
+    let lenient = HeadingLimits { max_strength_deviation: Some(1.5), ..HeadingLimits::DEFAULT };
     assert!(is_accepted(lenient, 1.0, 1.0, Attitude::default()));
     assert!(!is_accepted(lenient, 126.0, 1.0, Attitude::default()));
 }

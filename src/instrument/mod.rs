@@ -354,11 +354,9 @@ impl Instrument {
     }
 
     fn has_calibrated_strength(&self, body: Field<Body>) -> bool {
-        let most = self.config.heading.max_strength_deviation;
-        self.active
-            .adjusted
-            .as_ref()
-            .is_some_and(|(calibration, _)| (body.total_ut() / calibration.total_ut - 1.0).abs() <= most)
+        let Some((calibration, _)) = &self.active.adjusted else { return false };
+        let deviation = (body.total_ut() / calibration.total_ut - 1.0).abs();
+        self.config.heading.max_strength_deviation.map_or(deviation.is_finite(), |most| deviation <= most)
     }
 
     /// Heading of a reading without motor-current interference, and of its corrected field.

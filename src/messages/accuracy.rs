@@ -22,7 +22,7 @@ impl ExpectedAccuracy {
     #[inline(never)]
     pub(crate) fn new(quality: Quality, calibration: &Calibration) -> Self {
         let (sin, cos) = trig::sin_cos(calibration.inclination_rad);
-        let attitude_cost = calibration.knows_inclination(quality.method).then_some((sin / cos).abs());
+        let attitude_cost = quality.knows_inclination.then_some((sin / cos).abs());
         Self { quality, heading_deg_per_attitude_deg: attitude_cost }
     }
 }

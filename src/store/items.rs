@@ -66,6 +66,7 @@ impl Fields for CalibrationRecord {
                 inclination_residual_deg: 0.0,
                 samples: 0,
                 latency: None,
+                knows_inclination: true,
             },
             uncertainty: HeadingUncertainty::NONE,
             sensor: Identity { model: Model::Lis3mdl, address: 0 },
@@ -97,6 +98,7 @@ impl Fields for CalibrationRecord {
             inclination_residual_deg: dip_residual_deg,
             samples,
             latency,
+            knows_inclination,
         } = quality;
         visitor.required(10, method);
         visitor.required(11, envelope);
@@ -115,6 +117,7 @@ impl Fields for CalibrationRecord {
         visitor.required(22, address);
         visitor.required(23, mount);
         visitor.required(24, serial);
+        visitor.required(25, knows_inclination);
     }
 
     fn is_valid(&self) -> bool {

@@ -44,6 +44,7 @@ fn record(serial: u32) -> CalibrationRecord {
         inclination_residual_deg: 0.4,
         samples: 300,
         latency: None,
+        knows_inclination: true,
     };
     let sensor = Identity { model: Model::Lis3mdl, address: 0x1E };
     CalibrationRecord {

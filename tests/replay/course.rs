@@ -1,17 +1,18 @@
 //! GPS course as a reference heading, and the ranking of references.
 
 use autoswing::frames::wrap_pi;
-use host_sim::log::write::{FlightRecording, FlightSample, encode_dataflash, encode_tlog, encode_ulog};
-use host_sim::log::{FieldCorrection, Flight};
-use host_sim::replay::evaluation::{evaluate_flight, score_correction};
-use host_sim::replay::gps_course::{GpsCourseHeading, GpsCourseRejection};
-use host_sim::replay::note::Note;
-use host_sim::replay::parameter_export::ParameterFormat;
-use host_sim::replay::verdict::Verdict;
-use host_sim::replay::{ReferenceHeading, build_rows};
-use host_sim::world::aircraft::VehicleKind;
-use host_sim::world::autopilot::Leg;
-use host_sim::world::{World, WorldConfig};
+use log_analysis::log::write::{FlightRecording, FlightSample, encode_dataflash, encode_tlog, encode_ulog};
+use log_analysis::log::{FieldCorrection, Flight};
+use log_analysis::replay::evaluation::{evaluate_flight, score_correction};
+use log_analysis::replay::gps_course::{GpsCourseHeading, GpsCourseRejection};
+use log_analysis::replay::note::Note;
+use log_analysis::replay::parameter_export::ParameterFormat;
+use log_analysis::replay::verdict::Verdict;
+use log_analysis::replay::{ReferenceHeading, build_rows};
+use simulator::recording::record_sample;
+use simulator::world::aircraft::VehicleKind;
+use simulator::world::autopilot::Leg;
+use simulator::world::{World, WorldConfig};
 
 use crate::{ASKED, read};
 
@@ -28,7 +29,7 @@ fn legs(world: &WorldConfig, headings_deg: &[f64]) -> FlightRecording {
     let mut recording =
         FlightRecording { place: Some([48.0, 11.3, 500.0]), ..FlightRecording::with_field_latency(0.0) };
     for i in 10..700 + headings_deg.len() as u64 * 300 {
-        recording.record_sample(&world, &mut source, i * 100_000);
+        record_sample(&mut recording, &world, &mut source, i * 100_000);
     }
     recording
 }
@@ -173,7 +174,7 @@ fn a_copter_is_not_compared_with_its_course() {
     let mut recording =
         FlightRecording { place: Some([48.0, 11.3, 500.0]), ..FlightRecording::with_field_latency(0.0) };
     for i in 10..2400 {
-        recording.record_sample(&world, &mut source, i * 100_000);
+        record_sample(&mut recording, &world, &mut source, i * 100_000);
     }
     assert_eq!(GpsCourseHeading::from_flight(&read(&encode_ulog(&recording))).unwrap_err(), GpsCourseRejection::Copter);
     recording.is_copter = false;

@@ -5,9 +5,9 @@ mod course;
 mod native;
 mod rows;
 
-use host_sim::log::csv::FieldUnit;
-use host_sim::log::{self, Flight};
-use host_sim::replay::evaluation::EvaluationOptions;
+use log_analysis::log::csv::FieldUnit;
+use log_analysis::log::{self, Flight};
+use log_analysis::replay::evaluation::EvaluationOptions;
 
 /// Default evaluation of a native log.
 const ASKED: EvaluationOptions = EvaluationOptions::DEFAULT;

@@ -2,17 +2,18 @@
 
 use std::fmt::Write as _;
 
-use host_sim::log::csv::FieldUnit;
-use host_sim::log::write::{FlightRecording, encode_csv, encode_dataflash, encode_tlog, encode_ulog, record_turns};
-use host_sim::log::{self, FieldCorrection, Flight, NumberedRotation};
-use host_sim::replay::HeadingScore;
-use host_sim::replay::evaluation::{
+use log_analysis::log::csv::FieldUnit;
+use log_analysis::log::write::{FlightRecording, encode_csv, encode_dataflash, encode_tlog, encode_ulog};
+use log_analysis::log::{self, FieldCorrection, Flight, NumberedRotation};
+use log_analysis::replay::HeadingScore;
+use log_analysis::replay::evaluation::{
     CompassEvaluation, CorrectionSource, EvaluationOptions, evaluate_flight, score_correction,
 };
-use host_sim::replay::note::Note;
-use host_sim::replay::parameter_export::{self, ExportedCorrection, ParameterFormat};
-use host_sim::world::{CRUISE_CURRENT_A, WorldConfig};
+use log_analysis::replay::note::Note;
+use log_analysis::replay::parameter_export::{self, ExportedCorrection, ParameterFormat};
 use nalgebra::{Matrix3, Vector3};
+use simulator::recording::record_turns;
+use simulator::world::{CRUISE_CURRENT_A, WorldConfig};
 
 use crate::{ASKED, read};
 

@@ -3,14 +3,15 @@
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
-use host_sim::accuracy::flight::{Flight, FlightPattern};
-use host_sim::accuracy::flight_study::{self, FlightStudyRow};
-use host_sim::accuracy::{self, AccuracyPlan, AccuracyResult, Coverage};
-use host_sim::world::aircraft::VehicleKind;
+use host_sim::studies::accuracy::flight::{Flight, FlightPattern};
+use host_sim::studies::accuracy::flight_study::{self, FlightStudyRow};
+use host_sim::studies::accuracy::{self, AccuracyPlan, AccuracyResult, Coverage};
 use serde_json::json;
+use simulator::world::aircraft::VehicleKind;
 
+use super::failure::Failure;
 use super::print::{self, append_wrapped, narrow_table, right_aligned};
-use super::{Accuracy, Failure, progress};
+use super::{Accuracy, progress};
 
 /// Default duration of a flight, minutes.
 const FLIGHT_MINUTES: f64 = 3.0;

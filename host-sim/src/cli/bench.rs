@@ -4,16 +4,17 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use autoswing::calibration::{Method, Prior, Samples, solve};
-use host_sim::accuracy::trial::{ConstantErrorSigmas, Ranges, Trial};
 use host_sim::emulator::{self, Emulator, EmulatorError};
-use host_sim::mission;
-use host_sim::numbers::median;
-use host_sim::world::WorldConfig;
+use host_sim::studies::accuracy::trial::{ConstantErrorSigmas, Ranges, Trial};
+use log_analysis::numbers::median;
 use serde_json::json;
+use simulator::mission;
+use simulator::world::WorldConfig;
 
+use super::failure::Failure;
 use super::print::{self, right_aligned, wrapped_table};
 use super::termination::{SecondSignal, TerminationSignals};
-use super::{Budget, Failure, Speed, waiting};
+use super::{Budget, Speed, waiting};
 
 pub fn budget(options: &Budget) -> Result<ExitCode, Failure> {
     let image = options.image.clone().unwrap_or_else(emulator::default_bench_image);

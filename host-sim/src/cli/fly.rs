@@ -6,22 +6,27 @@ use std::process::ExitCode;
 
 use comfy_table::Table;
 use host_sim::emulator::{self, Emulator, EmulatorError};
-use host_sim::log::write::{self, FlightRecording, RecordingModule};
-use host_sim::mission::{self, MissionResult, MissionStage, OutputStatistics, TurnPlan};
-use host_sim::module::Module;
-use host_sim::numbers::coefficients_json;
-use host_sim::report::{self, ReportOrigin};
-use host_sim::rig::Rig;
-use host_sim::score::{ErrorStatistics, HeadingErrors};
-use host_sim::transcript::SolveNotice;
-use host_sim::world::WorldConfig;
-use host_sim::world::aircraft::VehicleKind;
 use indicatif::{ProgressBar, ProgressStyle};
+use log_analysis::log::write::{self, FlightRecording};
+use log_analysis::numbers::coefficients_json;
+use log_analysis::report::ReportOrigin;
+use log_analysis::score::ErrorStatistics;
 use serde_json::{Value, json};
+use simulator::heading_errors::HeadingErrors;
+use simulator::mission::{self, MissionResult, MissionStage, OutputStatistics, TurnPlan};
+use simulator::mission_report::report_mission;
+use simulator::module::Module;
+use simulator::recording::RecordingModule;
+use simulator::rig::Rig;
+use simulator::transcript::SolveNotice;
+use simulator::world::WorldConfig;
+use simulator::world::aircraft::VehicleKind;
 
+use super::failure::Failure;
+use super::files::named_world;
 use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
 use super::termination::{SecondSignal, TerminationSignals};
-use super::{Emulate, Failure, Fly, airframe_json, named_world};
+use super::{Emulate, Fly, airframe_json};
 
 const DEFAULT_REPORT: &str = "report";
 
@@ -77,7 +82,7 @@ fn report_result(options: &Fly, mission_result: &MissionResult) -> Result<ExitCo
     }
     let default = (!options.json).then(|| Path::new(DEFAULT_REPORT));
     if let Some(path) = options.report.as_deref().or(default) {
-        write_report(&report::report_mission(mission_result, &report_origin(options)), path)?;
+        write_report(&report_mission(mission_result, &report_origin(options)), path)?;
     }
     Ok(if mission_result.result.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -3,11 +3,12 @@
 use std::process::ExitCode;
 
 use comfy_table::Table;
-use host_sim::integrity::{self, CASES, Case, IntegrityPlan, IntegrityRow, case};
-use host_sim::world::aircraft::VehicleKind;
+use host_sim::studies::integrity::{self, CASES, Case, IntegrityPlan, IntegrityRow, case};
+use simulator::world::aircraft::VehicleKind;
 
+use super::failure::Failure;
 use super::print::{self, narrow_table, right_aligned, wrapped_table};
-use super::{Failure, Integrity, progress};
+use super::{Integrity, progress};
 
 pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
     let Integrity { heading, aircraft, source, flights, seed, .. } = *options;

@@ -2,6 +2,8 @@
 
 mod accuracy;
 mod bench;
+mod failure;
+mod files;
 mod fly;
 mod integrity;
 mod print;
@@ -16,18 +18,19 @@ use std::process::ExitCode;
 
 use autoswing::settings::HeadingKind;
 use clap::{Args, Parser, Subcommand};
-use host_sim::accuracy::flight::FlightPattern;
-use host_sim::integrity::AttitudeProtocol;
-use host_sim::log::csv::FieldUnit;
-use host_sim::numbers::round_to;
-use host_sim::replay::RowSelection;
-use host_sim::replay::parameter_export::ParameterFormat;
-use host_sim::world::WorldConfig;
-use host_sim::world::aircraft::VehicleKind;
-use host_sim::world::airframe::AirframeDescription;
+use host_sim::studies::accuracy::flight::FlightPattern;
+use host_sim::studies::integrity::AttitudeProtocol;
 use indicatif::{ProgressBar, ProgressStyle};
+use log_analysis::log::csv::FieldUnit;
+use log_analysis::numbers::round_to;
+use log_analysis::replay::RowSelection;
+use log_analysis::replay::parameter_export::ParameterFormat;
 use serde_json::{Value, json};
+use simulator::world::WorldConfig;
+use simulator::world::aircraft::VehicleKind;
+use simulator::world::airframe::AirframeDescription;
 
+use failure::Failure;
 use range::{integer, number, one_of};
 use termination::TerminationSignals;
 
@@ -245,7 +248,7 @@ struct Replay {
 /// before and after the calibration at twelve headings in level flight and in turns, with exact field and true
 /// attitude. The error of the headings streamed in flight, with noise and latency, is listed separately.
 #[derive(Args)]
-#[command(after_long_help = format!("Routines, none longer than three minutes; each ends automatically; `cal solve` ends it with the samples collected so far:\n\n{}", host_sim::routine::all_instructions()))]
+#[command(after_long_help = format!("Routines, none longer than three minutes; each ends automatically; `cal solve` ends it with the samples collected so far:\n\n{}", simulator::routine::all_instructions()))]
 struct Fly {
     /// Seed of weather, ground, waves, noise and, for `random`, of airframe and place, 0 to 18446744073709551615
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer(0, u64::MAX))]
@@ -313,13 +316,6 @@ struct Budget {
     /// Print one JSON object instead of the table
     #[arg(long)]
     json: bool,
-}
-
-/// Reason why a command failed; exit code 2.
-struct Failure(String);
-
-fn named_world(name: &str, seed: u64) -> Result<WorldConfig, Failure> {
-    WorldConfig::from_name(name, seed).map_err(|error| Failure(format!("{}: {error}", error.code())))
 }
 
 fn airframe_json(world: &WorldConfig) -> Value {

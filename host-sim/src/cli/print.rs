@@ -6,13 +6,14 @@ use std::process::ExitCode;
 use std::sync::OnceLock;
 
 use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
-use host_sim::numbers::round_to;
-use host_sim::report::{self, Report};
+use log_analysis::numbers::round_to;
+use log_analysis::report::Report;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::Failure;
+use super::failure::Failure;
+use super::files::write_report_file;
 
 pub const WIDTH: usize = 80;
 
@@ -109,7 +110,7 @@ fn round(value: &mut Value, decimals: i32) {
 
 /// Writes a report and prints its path on the error output, since standard output may be JSON.
 pub fn write_report(report: &Report, path: &Path) -> Result<(), Failure> {
-    let written = report::write(report, path).map_err(|error| {
+    let written = write_report_file(report, path).map_err(|error| {
         Failure(format!("cannot write the report to {}: {error}; --report names another folder", path.display()))
     })?;
     if !has_output_failed() {

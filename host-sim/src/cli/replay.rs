@@ -7,20 +7,22 @@ use std::process::ExitCode;
 
 use autoswing::heading::NoHeading;
 use comfy_table::Table;
-use host_sim::log::{self, LogError};
-use host_sim::replay::HeadingRow;
-use host_sim::replay::evaluation::{CompassEvaluation, EvaluationOptions, evaluate_flight};
-use host_sim::replay::parameter_export::{self, ParameterFormat};
-use host_sim::replay::verdict::Verdict;
-use host_sim::report::{self, ReportOrigin};
+use log_analysis::log::LogError;
+use log_analysis::replay::HeadingRow;
+use log_analysis::replay::evaluation::{CompassEvaluation, EvaluationOptions, evaluate_flight};
+use log_analysis::replay::parameter_export::{self, ParameterFormat};
+use log_analysis::replay::verdict::Verdict;
+use log_analysis::report::{self, ReportOrigin};
 
+use super::failure::Failure;
+use super::files::read_log;
 use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
-use super::{Failure, Replay, SAMPLES, waiting};
+use super::{Replay, SAMPLES, waiting};
 
 pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
     let name = options.file.display();
     let bar = waiting("reading the log");
-    let flight = log::open(&options.file, options.unit, options.system).map_err(|e| match e {
+    let flight = read_log(&options.file, options.unit, options.system).map_err(|e| match e {
         LogError::Io(why) => {
             Failure(format!("cannot read {name}: {why}; give the path of a log, or - for standard input"))
         }

@@ -3,13 +3,14 @@
 use std::process::ExitCode;
 
 use comfy_table::Table;
-use host_sim::paper::{self, Experiment, MethodErrors};
-use host_sim::score::ErrorStatistics;
-use host_sim::world::table1::{self, BankErrors, PublishedRow};
+use host_sim::studies::paper::{self, Experiment, MethodErrors};
+use log_analysis::score::ErrorStatistics;
 use serde_json::{Value, json};
+use simulator::world::table1::{self, BankErrors, PublishedRow};
 
+use super::Table1;
+use super::failure::Failure;
 use super::print::{self, narrow_table, right_aligned};
-use super::{Failure, Table1};
 
 pub fn run(options: &Table1) -> Result<ExitCode, Failure> {
     let columns = |experiment| paper::method_errors(experiment).map_err(|error| Failure(error.to_string()));

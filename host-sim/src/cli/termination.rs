@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 
-use super::Failure;
+use super::failure::Failure;
 
 pub struct TerminationSignals {
     stop: Arc<AtomicBool>,

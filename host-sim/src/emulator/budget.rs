@@ -1,10 +1,10 @@
 //! Instruction budgets of the firmware on a Cortex-M4, counted by the bench image and by the emulator's clock.
 
 use serde::Serialize;
+use simulator::module::{Module, ModuleRunEnd};
+use simulator::world::aircraft::PrescribedMotion;
 
 use super::{BenchTest, Emulator, EmulatorError};
-use crate::module::{Module, ModuleRunEnd};
-use crate::world::aircraft::PrescribedMotion;
 
 /// Instruction limit of a firmware path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

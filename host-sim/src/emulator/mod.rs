@@ -23,13 +23,14 @@ use embedded_io_async::{Read, Write};
 
 pub use self::error::EmulatorError;
 pub use self::machine::BenchTest;
+use simulator::devices::uart::{Cable, HostEnd, Receiver, Transmitter, UartConfig as CableConfig, WakeCondition};
+use simulator::module::{Module, ModuleRunEnd};
+use simulator::random::{Purpose, Random};
+use simulator::world::far_end::{AttachedDevice, FarEnd};
+use simulator::world::{World, WorldConfig};
+use testkit::simulation::{Level, Simulation};
+
 use self::machine::{MAX_STEP_BYTES, Machine, MachineMessage, StepInput, TICKS_PER_US};
-use crate::devices::uart::{Cable, HostEnd, Receiver, Transmitter, UartConfig as CableConfig, WakeCondition};
-use crate::module::{Module, ModuleRunEnd};
-use crate::random::{Purpose, Random};
-use crate::simulation::{Level, Simulation};
-use crate::world::far_end::{AttachedDevice, FarEnd};
-use crate::world::{World, WorldConfig};
 
 const QEMU: &str = "qemu-system-arm";
 

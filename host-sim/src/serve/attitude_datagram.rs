@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::world::rotation::Euler;
+use simulator::world::rotation::Euler;
 
 /// Reason why a datagram was rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

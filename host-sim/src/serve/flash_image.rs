@@ -5,7 +5,7 @@ use std::fs;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
-use crate::rig::STORE_BYTES;
+use simulator::rig::STORE_BYTES;
 
 /// Contents of the module's flash.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -14,11 +14,11 @@ pub use self::flash_image::{FlashImage, FlashImageError};
 pub use self::pilot::PilotPattern;
 pub use self::pilot_command::{COMMANDS, PilotCommand, PilotCommandError};
 
-use crate::devices::uart::HostEnd;
-use crate::module::Module as _;
-use crate::rig::Rig;
-use crate::world::WorldConfig;
-use crate::world::rotation::Euler;
+use simulator::devices::uart::HostEnd;
+use simulator::module::Module as _;
+use simulator::rig::Rig;
+use simulator::world::WorldConfig;
+use simulator::world::rotation::Euler;
 
 use self::external_autopilot::ExternalAutopilot;
 use self::pilot::Pilot;

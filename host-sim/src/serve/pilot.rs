@@ -2,12 +2,11 @@
 
 use std::cell::RefCell;
 
-use crate::accuracy::flight::random_leg;
-use crate::random::{Purpose, Random};
-use crate::routine::{Routine, TurnPlan};
-use crate::world::aircraft::{PrescribedMotion, VehicleKind};
-use crate::world::autopilot::Leg;
-use crate::world::{World, WorldConfig};
+use simulator::random::{Purpose, Random};
+use simulator::routine::{Routine, TurnPlan, random_leg};
+use simulator::world::aircraft::{PrescribedMotion, VehicleKind};
+use simulator::world::autopilot::Leg;
+use simulator::world::{World, WorldConfig};
 
 use super::{PilotCommand, PilotCommandError};
 
@@ -192,5 +191,5 @@ impl Pilot {
 }
 
 fn heading_deg(world: &World) -> f64 {
-    world.true_state(crate::clock::now_us()).heading_deg()
+    world.true_state(testkit::clock::now_us()).heading_deg()
 }

@@ -7,7 +7,7 @@ use core::hint::black_box;
 
 use autoswing::attitude::{AttitudeReport, SenderId};
 use autoswing::calibration::method_selection::Procedure;
-use autoswing::calibration::{Method, Prior, Rates, Sample, Samples, Solution, SolveProgress, Solver};
+use autoswing::calibration::{Method, Part, Prior, Rates, Sample, Samples, Solution, SolveProgress, Solver};
 use autoswing::collection::{CollectionContext, Collector, RetainedSamples};
 use autoswing::frames::{Attitude, Field, Sensor};
 use autoswing::heading::{Heading, HeadingLimits, compute_heading};
@@ -232,32 +232,31 @@ fn instructions(f: impl FnOnce()) -> u64 {
 }
 
 /// Samples of a left and a right turn.
-struct Turns {
-    left: &'static mut [Sample],
-    right: &'static mut [Sample],
-}
+struct Turns(&'static mut [Sample]);
 
 impl Turns {
     /// Call once.
     fn fly() -> Self {
-        static LEFT: StaticCell<[Sample; SAMPLES]> = StaticCell::new();
-        static RIGHT: StaticCell<[Sample; SAMPLES]> = StaticCell::new();
+        static TURNS: StaticCell<[Sample; 2 * SAMPLES]> = StaticCell::new();
         let mut noise = Noise(1);
-        let left = LEFT.init_with(|| core::array::from_fn(|i| sample(-1.0, i, &mut noise)));
-        let right = RIGHT.init_with(|| core::array::from_fn(|i| sample(1.0, i, &mut noise)));
-        Self { left, right }
+        Self(TURNS.init_with(|| {
+            core::array::from_fn(|i| {
+                let (side, part) = if i < SAMPLES { (-1.0, Part::LEFT) } else { (1.0, Part::RIGHT) };
+                Sample { part, ..sample(side, i % SAMPLES, &mut noise) }
+            })
+        }))
     }
 
     /// Adds attitude latency, seconds.
     fn delay(&mut self, late_s: f32) {
-        for sample in self.left.iter_mut().chain(&mut *self.right) {
+        for sample in &mut *self.0 {
             sample.attitude = sample.latency_compensated_attitude(-late_s);
         }
     }
 
     /// Adds a varying motor current with this interference on each axis, microtesla per ampere.
     fn draw(&mut self, ut_per_a: f32) {
-        for (i, sample) in self.left.iter_mut().chain(&mut *self.right).enumerate() {
+        for (i, sample) in self.0.iter_mut().enumerate() {
             let amperes = 15.0 + 5.0 * libm::sinf(i as f32 * 0.08);
             sample.field = Field::new(sample.field.ut.add_scalar(ut_per_a * amperes));
             sample.rates = sample.rates.with_current(Some(amperes));
@@ -266,14 +265,14 @@ impl Turns {
 
     /// Removes the currents from the samples.
     fn forget_currents(&mut self) {
-        for sample in self.left.iter_mut().chain(&mut *self.right) {
+        for sample in &mut *self.0 {
             sample.rates = sample.rates.with_current(None);
         }
     }
 
     /// Solves by maximum likelihood and adds up instructions.
     fn solve(&self, count: &mut u64) -> Option<Solution> {
-        let samples = Samples { left: &*self.left, right: &*self.right, level: &[], ..Samples::default() };
+        let samples = Samples::new(self.0);
         let mut solver = None;
         *count += instructions(|| {
             solver = Solver::new(Method::MaximumLikelihood, samples, &Prior::default()).ok();
@@ -313,7 +312,13 @@ fn sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
         roll_rad: attitude.roll_rad + 0.005 * noise.next(),
         pitch_rad: attitude.pitch_rad + 0.005 * noise.next(),
     };
-    Sample { field: Field::new(noisy), attitude: reported, rates, time: WrappingMillis::new(SPACING_MS * i as u32) }
+    Sample {
+        field: Field::new(noisy),
+        attitude: reported,
+        rates,
+        time: WrappingMillis::new(SPACING_MS * i as u32),
+        part: Part::FREE,
+    }
 }
 
 fn sensed(attitude: Attitude, heading_rad: f32) -> Field<Sensor> {

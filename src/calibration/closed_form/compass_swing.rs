@@ -87,7 +87,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::{Rates, Sample};
+    use crate::calibration::{Part, Rates, Sample};
     use crate::frames::{Attitude, Level};
     use crate::time::WrappingMillis;
 
@@ -105,7 +105,13 @@ mod tests {
             let level = Field::<Level>::earth(50.0, inclination_deg.to_radians(), heading_rad);
             let field = Field::new(a() * attitude.body(level).ut + B_UT);
             Mark {
-                sample: Sample { field, attitude, time: WrappingMillis::default(), rates: Rates::NONE },
+                sample: Sample {
+                    field,
+                    attitude,
+                    time: WrappingMillis::default(),
+                    rates: Rates::NONE,
+                    part: Part::FREE,
+                },
                 heading_rad,
             }
         };
@@ -186,6 +192,7 @@ mod tests {
                     attitude: Attitude::default(),
                     time: WrappingMillis::default(),
                     rates: Rates::NONE,
+                    part: Part::FREE,
                 };
                 Mark { sample, heading_rad }
             };

@@ -23,7 +23,7 @@ impl Ellipse {
     ///
     /// [`SolveError::NotFinite`] for non-finite fields, [`SolveError::NotAnEllipse`] for another conic.
     pub fn fit(samples: &[Sample], rotation: &Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
-        let samples = Samples { left: samples, ..Samples::default() };
+        let samples = Samples::new(samples);
         let Some(plane) = PrincipalPlane::fit(&samples, rotation) else { return Err(SolveError::NotFinite) };
         // Scaled to about 1; otherwise the equations would mix magnitudes of 1 and uT^4.
         let scale = plane.rms_distance_ut;
@@ -82,6 +82,7 @@ pub(in crate::calibration) fn fit_conic(
 
 #[cfg(test)]
 mod tests {
+    use crate::calibration::Part;
     use core::f32::consts::TAU;
 
     use super::*;
@@ -101,7 +102,13 @@ mod tests {
         (0..24_u8)
             .map(|i| {
                 let field = Field::new(field_ut(f32::from(i) / 24.0 * TAU));
-                Sample { field, attitude: Attitude::default(), time: WrappingMillis::default(), rates: Rates::NONE }
+                Sample {
+                    field,
+                    attitude: Attitude::default(),
+                    time: WrappingMillis::default(),
+                    rates: Rates::NONE,
+                    part: Part::FREE,
+                }
             })
             .collect()
     }

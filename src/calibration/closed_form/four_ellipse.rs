@@ -31,8 +31,8 @@ pub(in crate::calibration) fn solve(
     rotation: &Matrix3<f32>,
     inclination_rad: Option<f32>,
 ) -> Result<SensorResponse, SolveError> {
-    let left = PlaneFigures::new(samples.left, rotation, Side::Left, -1.0)?;
-    let right = PlaneFigures::new(samples.right, rotation, Side::Right, 1.0)?;
+    let left = PlaneFigures::new(samples.turn(Side::Left), rotation, Side::Left, -1.0)?;
+    let right = PlaneFigures::new(samples.turn(Side::Right), rotation, Side::Right, 1.0)?;
     left.bank.sine_of_difference(right.bank)?;
     // Eq. 13: A [2 0 0; 0 sl sr; 0 cl cr] = coefficients, with the first columns of both turns added.
     let banks = Matrix3::new(2.0, 0.0, 0.0, 0.0, left.bank.sin, right.bank.sin, 0.0, left.bank.cos, right.bank.cos);

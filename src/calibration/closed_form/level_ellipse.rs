@@ -126,7 +126,8 @@ impl VerticalAxisFit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{Mark, Rates, Sample};
+    use crate::calibration::tests::synthetic::Parts;
+    use crate::calibration::{Mark, Part, Rates, Sample};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -143,7 +144,13 @@ mod tests {
                 let (sin, cos) = heading_deg.to_radians().sin_cos();
                 let flat = (map_ut() * Vector2::new(cos, -sin) + Vector2::new(12.0, -30.0)) * scale;
                 let field = Field::from_ut(flat.x, flat.y, 40.0 + 3.0 * cos - 1.5 * -sin);
-                Sample { field, attitude: Attitude::default(), time: WrappingMillis::default(), rates: Rates::NONE }
+                Sample {
+                    field,
+                    attitude: Attitude::default(),
+                    time: WrappingMillis::default(),
+                    rates: Rates::NONE,
+                    part: Part::FREE,
+                }
             })
             .collect()
     }
@@ -153,7 +160,7 @@ mod tests {
     }
 
     fn solved(samples: &[Sample]) -> Result<SensorResponse, SolveError> {
-        solve(Samples { level: samples, ..Samples::default() }, &Matrix3::identity())
+        solve(Parts { level: samples, ..Parts::default() }.samples(), &Matrix3::identity())
     }
 
     #[test]
@@ -174,7 +181,8 @@ mod tests {
         let marks: Vec<Mark> = samples[12..].iter().map(|&sample| Mark { sample, heading_rad: 0.0 }).collect();
         let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
         let parts =
-            Samples { left: &samples[..6], right: &samples[6..12], level: &[], marks: &marks, ..Samples::default() };
+            Parts { left: &samples[..6], right: &samples[6..12], level: &[], marks: &marks, ..Parts::default() }
+                .samples();
         let found = solve(parts, &about_z).unwrap();
         assert!((found.b_ut - Vector3::new(30.0, 12.0, 0.0)).norm() < 1e-3, "{}", found.b_ut);
     }

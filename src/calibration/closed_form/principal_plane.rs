@@ -57,7 +57,8 @@ fn least_scatter_direction(scatter: &Matrix3<f32>) -> Option<Vector3<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{Rates, Sample};
+    use crate::calibration::tests::synthetic::Parts;
+    use crate::calibration::{Part, Rates, Sample};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -67,6 +68,7 @@ mod tests {
             attitude: Attitude::default(),
             time: WrappingMillis::default(),
             rates: Rates::NONE,
+            part: Part::FREE,
         };
         fields_ut.iter().map(sample).collect()
     }
@@ -75,7 +77,7 @@ mod tests {
         let samples = samples(fields_ut);
         let (left, rest) = samples.split_at(1);
         let (right, level) = rest.split_at(1);
-        PrincipalPlane::fit(&Samples { left, right, level, ..Samples::default() }, rotation)
+        PrincipalPlane::fit(&Parts { left, right, level, ..Parts::default() }.samples(), rotation)
     }
 
     #[test]

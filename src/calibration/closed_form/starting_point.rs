@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, SVector, Vector3, Vector4};
 
-use crate::calibration::{LeastSquares, Samples, inverse};
+use crate::calibration::{LeastSquares, Sample, Samples, inverse};
 use crate::frames::Field;
 use crate::trig;
 use crate::trig::sqrt;
@@ -48,11 +48,11 @@ impl SensorResponse {
 /// Weight of the assumption of no hard iron relative to the samples.
 const NO_HARD_IRON_WEIGHT: f32 = 1e-4;
 
-/// Centre (chip axes) and radius of the sphere fit to all samples, microtesla: hard iron and field strength without
-/// soft iron. `None` without samples or if not finite.
+/// Centre (chip axes) and radius of the sphere fit to a new sample, if there is one, and all others, microtesla: hard
+/// iron and field strength without soft iron. `None` without samples or if not finite.
 #[inline(never)]
-pub(crate) fn fit_sphere(samples: Samples<'_>) -> Option<(Vector3<f32>, f32)> {
-    let fields = || samples.all().map(|s| s.field.ut);
+pub(crate) fn fit_sphere(new: Option<&Sample>, samples: Samples<'_>) -> Option<(Vector3<f32>, f32)> {
+    let fields = || new.into_iter().chain(samples.all()).map(|s| s.field.ut);
     let mean = fields().sum::<Vector3<f32>>() / fields().count() as f32;
     // |m|^2 = 2 m . b + (r^2 - |b|^2) is linear in b and the bracket. The mean is subtracted to preserve digits.
     let mut system = LeastSquares::<4, 1>::new();
@@ -73,7 +73,7 @@ pub(crate) fn fit_sphere(samples: Samples<'_>) -> Option<(Vector3<f32>, f32)> {
 
 /// Starting point from the sphere fit: hard iron only. Fields are rotated by `rotation` first.
 pub(in crate::calibration) fn sphere_start(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<StartingPoint> {
-    let (centre_ut, unit_ut) = fit_sphere(samples)?;
+    let (centre_ut, unit_ut) = fit_sphere(None, samples)?;
     let b_ut = rotation * centre_ut;
     let sin_dip = samples
         .all()
@@ -130,10 +130,11 @@ pub(in crate::calibration) fn tangent(inclination_rad: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use crate::calibration::tests::synthetic::Parts;
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::{Mark, Rates, Sample};
+    use crate::calibration::{Mark, Part, Rates, Sample};
     use crate::frames::{Attitude, Level};
     use crate::time::WrappingMillis;
 
@@ -175,7 +176,7 @@ mod tests {
             (0..24_u8).map(move |i| {
                 let level = Field::<Level>::earth(50.0, 1.0, f32::from(i) / 24.0 * TAU);
                 let field = Field::new(attitude.body(level).ut + b_ut);
-                Sample { field, attitude, time: WrappingMillis::default(), rates: Rates::NONE }
+                Sample { field, attitude, time: WrappingMillis::default(), rates: Rates::NONE, part: Part::FREE }
             })
         };
         banks_deg.iter().flat_map(fly).collect()
@@ -187,7 +188,8 @@ mod tests {
         let b_ut = Vector3::new(30.0, -60.0, 45.0);
         let (left, right) = (circles(&[-25.0], b_ut), circles(&[25.0], b_ut));
         let start =
-            sphere_start(Samples { left: &left, right: &right, ..Samples::default() }, &Matrix3::identity()).unwrap();
+            sphere_start(Parts { left: &left, right: &right, ..Parts::default() }.samples(), &Matrix3::identity())
+                .unwrap();
         assert!((start.unit_ut - 50.0).abs() < 0.1, "{}", start.unit_ut);
         assert!((start.b * start.unit_ut - b_ut).norm() < 0.2, "{}", start.b * start.unit_ut);
         assert!((start.inclination_rad - 1.0).abs() < 0.01, "{}", start.inclination_rad);
@@ -196,7 +198,7 @@ mod tests {
         let marks: Vec<Mark> =
             circles(&[-25.0, 25.0], b_ut).iter().map(|&sample| Mark { sample, heading_rad: 0.0 }).collect();
         let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        let turned = sphere_start(Samples { marks: &marks, ..Samples::default() }, &about_z).unwrap();
+        let turned = sphere_start(Parts { marks: &marks, ..Parts::default() }.samples(), &about_z).unwrap();
         let expected_ut = about_z * b_ut;
         assert!((turned.b * turned.unit_ut - expected_ut).norm() < 0.2, "{}", turned.b * turned.unit_ut);
     }
@@ -205,7 +207,7 @@ mod tests {
     #[test]
     fn a_single_circle_gives_no_hard_iron_along_its_axis() {
         let level = circles(&[0.0], Vector3::new(5.0, -3.0, 0.0));
-        let start = sphere_start(Samples { level: &level, ..Samples::default() }, &Matrix3::identity()).unwrap();
+        let start = sphere_start(Parts { level: &level, ..Parts::default() }.samples(), &Matrix3::identity()).unwrap();
         let b_ut = start.b * start.unit_ut;
         assert!((b_ut - Vector3::new(5.0, -3.0, 0.0)).norm() < 2.0, "{b_ut}");
         assert!((start.unit_ut - 50.0).abs() < 1.0, "{}", start.unit_ut);

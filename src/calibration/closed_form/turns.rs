@@ -114,6 +114,8 @@ pub(in crate::calibration) fn turn_progress_by_rates_rad(
 
 #[cfg(test)]
 mod tests {
+    use crate::calibration::Part;
+    use crate::calibration::tests::synthetic::Parts;
     use core::f32::consts::TAU;
 
     use super::*;
@@ -128,6 +130,7 @@ mod tests {
             attitude: Attitude::from_deg(roll_deg, 3.0),
             time: WrappingMillis::new(millis),
             rates: Rates::NONE,
+            part: Part::FREE,
         }
     }
 
@@ -191,9 +194,7 @@ mod tests {
             })
             .collect();
         let (first, rest) = circle.split_at(circle.len() / 2);
-        turn_progress_by_rates_rad(Samples { level: first, unassigned: [rest, &[], &[]], ..Samples::default() }, |s| {
-            s.field.ut.x
-        })
+        turn_progress_by_rates_rad(Parts { level: first, free: rest, ..Parts::default() }.samples(), |s| s.field.ut.x)
     }
 
     #[test]

@@ -31,8 +31,8 @@ const MIN_SINE_OF_PLANES: f32 = 1e-3;
 /// [`SolveError::TooFewSamples`] and [`SolveError::NotAnEllipse`] of a turn; [`SolveError::SamePlane`] when banks or
 /// planes differ too little.
 pub(in crate::calibration) fn solve(turns: Samples<'_>, rotation: &Matrix3<f32>) -> Result<SensorResponse, SolveError> {
-    let left = TurnEllipse::new(turns.left, rotation, Side::Left)?;
-    let right = TurnEllipse::new(turns.right, rotation, Side::Right)?;
+    let left = TurnEllipse::new(turns.turn(Side::Left), rotation, Side::Left)?;
+    let right = TurnEllipse::new(turns.turn(Side::Right), rotation, Side::Right)?;
     let common = left.ellipse.normal.cross(&right.ellipse.normal);
     if common.length() < MIN_SINE_OF_PLANES {
         return Err(SolveError::SamePlane);
@@ -83,6 +83,8 @@ impl<'a> TurnEllipse<'a> {
 
 #[cfg(test)]
 mod tests {
+    use crate::calibration::Part;
+    use crate::calibration::tests::synthetic::Parts;
     use core::f32::consts::TAU;
 
     use super::*;
@@ -102,13 +104,14 @@ mod tests {
                     attitude: Attitude::from_deg(bank_deg, 0.0),
                     time: WrappingMillis::new(u32::from(i) * 500),
                     rates: Rates::NONE,
+                    part: Part::FREE,
                 }
             })
             .collect()
     }
 
     fn solved(left: &[Sample], right: &[Sample]) -> Result<SensorResponse, SolveError> {
-        solve(Samples { left, right, ..Samples::default() }, &Matrix3::identity())
+        solve(Parts { left, right, ..Parts::default() }.samples(), &Matrix3::identity())
     }
 
     #[test]

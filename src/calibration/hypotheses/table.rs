@@ -3,6 +3,8 @@
 //! A new hypothesis is a file with its [`AttitudeError`] and, if tested, its rule of acceptance, and a row at the end
 //! of the table.
 
+use core::array;
+
 use nalgebra::Vector1;
 
 use super::attitude_error::AttitudeError;
@@ -13,7 +15,7 @@ use crate::calibration::{AttitudeLatency, ConsiderSigmas, Rates};
 use crate::frames::Attitude;
 
 /// The errors, in the order in which they are tested.
-pub(in crate::calibration) static ATTITUDE_ERRORS: [AttitudeError; ERRORS] = [
+pub(in crate::calibration) const ATTITUDE_ERRORS: &[AttitudeError] = &[
     AttitudeError { effect: |_, _| [1.0, 0.0], assumed_sigma: |consider| consider.bias_rad, test: None },
     AttitudeError { effect: |_, _| [0.0, 1.0], assumed_sigma: |consider| consider.bias_rad, test: None },
     bank_scale::BANK_SCALE_ERROR,
@@ -21,7 +23,7 @@ pub(in crate::calibration) static ATTITUDE_ERRORS: [AttitudeError; ERRORS] = [
 ];
 
 /// Number of errors.
-pub(in crate::calibration) const ERRORS: usize = 4;
+pub(in crate::calibration) const ERRORS: usize = ATTITUDE_ERRORS.len();
 /// Index of the roll bias.
 pub(in crate::calibration) const ROLL_BIAS: usize = 0;
 /// Index of the bank-angle scale error.
@@ -37,7 +39,7 @@ pub(in crate::calibration) fn assumed_sigmas(
     consider: ConsiderSigmas,
     latency: Option<AttitudeLatency>,
 ) -> AttitudeErrorSigmas {
-    let mut sigmas = ATTITUDE_ERRORS.each_ref().map(|error| (error.assumed_sigma)(consider));
+    let mut sigmas = array::from_fn(|index| (ATTITUDE_ERRORS[index].assumed_sigma)(consider));
     sigmas[LATENCY] = latency.map_or(0.0, |latency| latency.sigma_s);
     sigmas
 }
@@ -52,8 +54,8 @@ pub(in crate::calibration) fn add_inclination(
     attitude: Attitude,
     rates: Rates,
 ) {
-    let Some(dip) = &equations.inclination else { return };
-    for (sums, error) in sums.iter_mut().zip(&ATTITUDE_ERRORS) {
-        sums.add(dip, &Vector1::new(error.inclination_derivative(equations, attitude, rates)), 1.0);
+    let Some(inclination) = &equations.inclination else { return };
+    for (sums, error) in sums.iter_mut().zip(ATTITUDE_ERRORS) {
+        sums.add(inclination, &Vector1::new(error.inclination_derivative(equations, attitude, rates)), 1.0);
     }
 }

@@ -41,10 +41,11 @@ fn direction_index(field: &Vector3<f32>) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use crate::calibration::tests::synthetic::Parts;
     use testkit::random::Random;
 
     use super::*;
-    use crate::calibration::{Method, Prior, Quality, Rates, Sample, SamplePart, SolveError, solve};
+    use crate::calibration::{Method, Part, Prior, Quality, Rates, Sample, SamplePart, SolveError, solve};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -78,9 +79,10 @@ mod tests {
                 attitude: Attitude::default(),
                 time: WrappingMillis::default(),
                 rates: Rates::NONE,
+                part: Part::FREE,
             })
             .collect();
-        solve(Method::Ellipsoid, Samples { level: &samples, ..Samples::default() }, &Prior::default())
+        solve(Method::Ellipsoid, Parts { level: &samples, ..Parts::default() }.samples(), &Prior::default())
             .map(|s| s.quality)
     }
 

@@ -43,7 +43,8 @@ pub(super) fn choose_starting_point(
 ) -> Result<(StartingPoint, Start), SolveError> {
     let rotation = prior.mount.body_from_sensor();
     let matches_mounting = |start: &StartingPoint| Orientation::nearest(&start.w) == Orientation::NONE;
-    if samples.has_unassigned()
+    if samples.has_free()
+        && method != Method::Ellipsoid
         && let Some(start) = starting_point::vertical_component_start(samples, &rotation)
     {
         return Ok((start, Start::ClosedForm));

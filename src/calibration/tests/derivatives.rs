@@ -8,7 +8,7 @@ use crate::calibration::model::{
     FieldPrediction, Likelihood, MeasuredSample, ModelConfig, ModelParameters, NoiseModel, PriorQuantity,
     SampleEquations, UNKNOWNS, Vector13, for_each_prior,
 };
-use crate::calibration::{Prior, Rates, Sample, Samples};
+use crate::calibration::{Part, Prior, Rates, Sample, Samples};
 use crate::frames::{Attitude, Field, Level, wrap_pi};
 use crate::time::WrappingMillis;
 
@@ -151,8 +151,9 @@ fn inclination_by_attitude() {
         assert_derivative(by_roll, rolled, "dip by roll");
         assert_derivative(by_pitch, pitched, "dip by pitch");
         let equations = equations(&case, &case.unknowns, None, false);
-        let [roll_bias, pitch_bias, bank_scale, latency] =
-            ATTITUDE_ERRORS.each_ref().map(|error| error.inclination_derivative(&equations, case.attitude, rates()));
+        let [roll_bias, pitch_bias, bank_scale, latency] = core::array::from_fn(|index| {
+            ATTITUDE_ERRORS[index].inclination_derivative(&equations, case.attitude, rates())
+        });
         assert_derivative(roll_bias, rolled, "dip by roll bias");
         assert_derivative(pitch_bias, pitched, "dip by pitch bias");
         assert_derivative(bank_scale, scaled, "dip by bank scale");
@@ -169,7 +170,13 @@ fn rates() -> Rates {
 }
 
 fn sample_at(attitude: Attitude) -> Sample {
-    Sample { field: Field::from_ut(0.0, 0.0, 0.0), attitude, rates: Rates::NONE, time: WrappingMillis::default() }
+    Sample {
+        field: Field::from_ut(0.0, 0.0, 0.0),
+        attitude,
+        rates: Rates::NONE,
+        time: WrappingMillis::default(),
+        part: Part::FREE,
+    }
 }
 
 fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined: bool) -> SampleEquations {

@@ -1,10 +1,9 @@
 //! Expected error: method errors, errors of the attitude source, correlated samples.
 
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
+use crate::calibration::tests::synthetic::Parts;
 use crate::calibration::tests::{NO_PRIOR, solved};
-use crate::calibration::{
-    Calibration, ConsiderSigmas, Manoeuvre, Method, Sample, Samples, Side, Solution, Solver, solve,
-};
+use crate::calibration::{Calibration, ConsiderSigmas, Manoeuvre, Method, Part, Sample, Side, Solution, Solver, solve};
 use crate::frames::{Attitude, wrap_pi};
 
 /// Random flights in light to rough weather, airframes up to bad ones.
@@ -152,7 +151,7 @@ fn the_ellipsoid_ignores_attitude() {
     };
     let [without_attitude, wrong] = [false, true].map(|has_attitude| {
         let samples = tumbled(has_attitude);
-        solve(Method::Ellipsoid, Samples { left: &samples, ..Samples::default() }, &NO_PRIOR).unwrap()
+        solve(Method::Ellipsoid, Parts { left: &samples, ..Parts::default() }.samples(), &NO_PRIOR).unwrap()
     });
     let [a, b] = [without_attitude, wrong].map(|solution| solution.calibration);
     assert_eq!((a.w, a.b_ut), (b.w, b.b_ut));
@@ -161,9 +160,7 @@ fn the_ellipsoid_ignores_attitude() {
 #[test]
 fn advice_starts_from_the_expected_error() {
     for (seed, _, recorded) in flights(0..6) {
-        for samples in
-            [recorded.turns(), Samples { right: &[], ..recorded.turns() }, Samples { left: &[], ..recorded.turns() }]
-        {
+        for samples in [recorded.turns(), recorded.turns().without(Part::RIGHT), recorded.turns().without(Part::LEFT)] {
             let Ok(solution) = solve(Method::MaximumLikelihood, samples, &NO_PRIOR) else { continue };
             let advice = solution.advice.unwrap();
             assert!((advice.expected_deg - solution.quality.expected_rms_deg).abs() < 1e-5, "seed {seed}");
@@ -173,7 +170,7 @@ fn advice_starts_from_the_expected_error() {
                     && advice.weakest_deg < 1.2 * solution.quality.expected_worst_deg,
                 "seed {seed}: {advice:?}"
             );
-            match (samples.left.is_empty(), samples.right.is_empty()) {
+            match (samples.turn(Side::Left).is_empty(), samples.turn(Side::Right).is_empty()) {
                 (true, _) => assert!(matches!(advice.manoeuvre, Manoeuvre::Circle(Side::Left, _)), "{advice:?}"),
                 (_, true) => assert!(matches!(advice.manoeuvre, Manoeuvre::Circle(Side::Right, _)), "{advice:?}"),
                 _ => {}

@@ -1,5 +1,6 @@
 //! Calibration from samples without a known turn side (free flight).
 
+use crate::calibration::tests::synthetic::Parts;
 use core::f32::consts::TAU;
 
 use super::synthetic::{Airframe, Flight, Random, max_abs, multirotor_samples, quantile, rms, sample};
@@ -10,14 +11,8 @@ use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 use nalgebra::{Matrix3, Vector3};
 
-fn split_buffers(samples: &[Sample]) -> [Vec<Sample>; 2] {
-    let half = |parity: usize| samples.iter().skip(parity).step_by(2).copied().collect();
-    [half(0), half(1)]
-}
-
 fn solved(samples: &[Sample], prior: &Prior) -> Result<crate::calibration::assessment::Solution, SolveError> {
-    let [first, second] = split_buffers(samples);
-    solve(Method::MaximumLikelihood, Samples { unassigned: [&first, &second, &[]], ..Samples::default() }, prior)
+    solve(Method::MaximumLikelihood, Samples::new(samples), prior)
 }
 
 /// Cramér-Rao bound: 0.3 to 0.6 deg at 15 deg of tilt and 0.6 deg of attitude noise; here 0.1 to 0.2 deg away from the
@@ -44,13 +39,13 @@ fn turns_without_a_side_give_the_same_solution() {
         let airframe = harsh_airframe(&mut random);
         let turns = Flight { attitude_bias_deg: 0.0, bank_scale: 0.0, ..Flight::TYPICAL }.fly(&airframe, &mut random);
         let from_turns = solve(Method::MaximumLikelihood, turns.turns(), &NO_PRIOR).unwrap();
-        let any = Samples { unassigned: [&turns.left, &turns.right, &[]], ..Samples::default() };
-        let from_unassigned = solve(Method::MaximumLikelihood, any, &NO_PRIOR).unwrap();
+        let free = Parts { free: &[&turns.left[..], &turns.right].concat(), ..Parts::default() }.samples();
+        let from_free = solve(Method::MaximumLikelihood, free, &NO_PRIOR).unwrap();
         let apart: Vec<f32> = airframe
             .errors_deg(&from_turns.calibration)
             .iter()
-            .zip(airframe.errors_deg(&from_unassigned.calibration))
-            .map(|(turns, any)| turns - any)
+            .zip(airframe.errors_deg(&from_free.calibration))
+            .map(|(turns, free)| turns - free)
             .collect();
         assert!(max_abs(&apart) < 0.1 * from_turns.quality.expected_rms_deg.max(0.2), "seed {seed}: {apart:?}");
     }
@@ -84,8 +79,8 @@ fn the_vertical_component_gives_a_start() {
         let airframe =
             Airframe::random(&mut random, 0.3, 3.0, 20.0, if seed % 2 == 0 { [20.0, 75.0] } else { [-75.0, -20.0] });
         let samples = multirotor_samples(&airframe, 0.0, &mut random);
-        let any = Samples { unassigned: [&samples, &[], &[]], ..Samples::default() };
-        let start = vertical_component_start(any, &Matrix3::identity()).unwrap();
+        let free = Parts { free: &samples, ..Parts::default() }.samples();
+        let start = vertical_component_start(free, &Matrix3::identity()).unwrap();
         assert!((start.inclination_rad - airframe.inclination_rad).abs() < 0.01, "seed {seed}: {start:?} {airframe:?}");
         assert!((start.w.determinant() - 1.0).abs() < 1e-3);
         for (heading_rad, roll_deg) in [(0.3, 0.0), (2.0, 10.0), (4.0, -10.0)] {
@@ -106,8 +101,8 @@ fn coplanar_samples_give_no_start() {
         .collect();
     let broken = [Sample { field: Field::new(Vector3::repeat(f32::NAN)), ..level[0] }; 20];
     for samples in [&level[..], &level[..3], &broken, &[]] {
-        let any = Samples { unassigned: [samples, &[], &[]], ..Samples::default() };
-        let start = vertical_component_start(any, &Matrix3::identity());
+        let free = Parts { free: samples, ..Parts::default() }.samples();
+        let start = vertical_component_start(free, &Matrix3::identity());
         assert!(start.is_none_or(|start| start.w.iter().all(|w| w.is_finite())), "{} samples", samples.len());
     }
 }
@@ -154,7 +149,7 @@ fn banking_out_of_a_turn_is_accepted_with_body_rates() {
     };
     for (known, expected) in [(true, Ok(())), (false, Err(SolveError::TurnsReversed))] {
         let (left, right) = (turn(-20.0, 0.2, known, 0, &mut random), turn(20.0, -0.2, known, 60_000, &mut random));
-        let turns = Samples { left: &left, right: &right, ..Samples::default() };
+        let turns = Parts { left: &left, right: &right, ..Parts::default() }.samples();
         assert_eq!(solve(Method::MaximumLikelihood, turns, &NO_PRIOR).map(|_| ()), expected, "rates {known}");
     }
 }

@@ -1,5 +1,6 @@
 //! Likelihood model: sampling, noise estimation, parametrisation, damping.
 
+use crate::calibration::tests::synthetic::Parts;
 use nalgebra::{Matrix3, Vector3};
 
 use super::synthetic::{Airframe, Flight, Random};
@@ -7,7 +8,7 @@ use crate::calibration::closed_form::starting_point::StartingPoint;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::model::{Likelihood, ModelConfig, ModelParameters, NoiseModel, Vector13};
 use crate::calibration::tests::NO_PRIOR;
-use crate::calibration::{Mark, Orientation, Prior, Rates, Sample, Samples, SolveError};
+use crate::calibration::{Mark, Orientation, Part, Prior, Rates, Sample, Samples, SolveError};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -17,6 +18,7 @@ fn sample(ut: [f32; 3]) -> Sample {
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
         rates: Rates::NONE,
+        part: Part::FREE,
     }
 }
 
@@ -82,7 +84,7 @@ fn early_iterations_use_a_subset_of_many_samples() {
     let mark = Mark { sample: turn[0], heading_rad: 0.0 };
     for (samples, at_first) in [(512, 128), (384, 128), (383, 192), (256, 128), (255, 255), (12, 12)] {
         for marks in [&[][..], &[mark]] {
-            let part = Samples { left: &turn[..samples], marks, ..Samples::default() };
+            let part = Parts { left: &turn[..samples], marks, ..Parts::default() }.samples();
             let mut likelihood = Likelihood::new(&NO_PRIOR, ModelConfig::DEFAULT, part, 50.0);
             let at_first = if samples + marks.len() == 384 { 128 } else { at_first };
             let system = LinearisedProblem::linearise(&likelihood, part, &identity_unknowns());
@@ -110,7 +112,7 @@ fn the_sample_mean_is_subtracted() {
     let mount = Orientation::from_name("yaw90").unwrap();
     let (left, right) = ([sample([10.0, 0.0, 5.0])], [sample([30.0, -8.0, 5.0])]);
     let marks = [Mark { sample: sample([20.0, 20.0, 35.0]), heading_rad: 0.0 }];
-    let samples = Samples { left: &left, right: &right, marks: &marks, ..Samples::default() };
+    let samples = Parts { left: &left, right: &right, marks: &marks, ..Parts::default() }.samples();
     let prior = Prior { mount, ..NO_PRIOR };
     let likelihood = Likelihood::new(&prior, ModelConfig::DEFAULT, samples, 10.0);
     // Yaw by 90 deg: sensor x is body y, sensor y is body -x.
@@ -157,7 +159,7 @@ fn a_calibration_is_equivalent_to_its_unknowns() {
     let mount = Orientation::from_name("roll90-yaw90").unwrap();
     let field = sample([12.0, -31.0, 28.0]);
     let samples = [field, sample([5.0, 3.0, -20.0]), sample([-30.0, 9.0, 2.0])];
-    let samples = Samples { left: &samples, ..Samples::default() };
+    let samples = Parts { left: &samples, ..Parts::default() }.samples();
     let likelihood = Likelihood::new(&Prior { mount, ..NO_PRIOR }, ModelConfig::DEFAULT, samples, 40.0);
     let parameters = ModelParameters {
         w: Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1),
@@ -191,7 +193,7 @@ fn mirrored_or_singular_matrices_are_rejected() {
 #[test]
 fn a_start_converts_to_unknowns() {
     let samples = [sample([12.0, -31.0, 28.0]), sample([5.0, 3.0, -20.0])];
-    let samples = Samples { left: &samples, ..Samples::default() };
+    let samples = Parts { left: &samples, ..Parts::default() }.samples();
     let likelihood = Likelihood::new(&NO_PRIOR, ModelConfig::DEFAULT, samples, 40.0);
     let w = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
     let start = StartingPoint { unit_ut: 40.0, w, b: Vector3::new(0.1, 0.2, -0.3), inclination_rad: 0.4 };
@@ -209,7 +211,7 @@ fn the_cost_sums_all_equations_and_priors() {
     let recorded = Flight::TYPICAL.fly(&airframe, &mut random);
     let marks =
         [Mark { sample: recorded.left[3], heading_rad: 1.0 }, Mark { sample: recorded.left[9], heading_rad: 2.0 }];
-    let samples = Samples { left: &recorded.left[..40], marks: &marks, ..Samples::default() };
+    let samples = Parts { left: &recorded.left[..40], marks: &marks, ..Parts::default() }.samples();
     for config in [ModelConfig::DEFAULT, ModelConfig::NO_ATTITUDE] {
         let likelihood = Likelihood::new(&NO_PRIOR, config, samples, airframe.total_ut);
         let unknowns = ModelParameters { d: likelihood.mean_field, ..ModelParameters::new(&identity_unknowns()) }
@@ -237,7 +239,7 @@ fn the_cost_sums_all_equations_and_priors() {
 #[test]
 fn damping_shortens_a_step() {
     let samples = [sample([50.0, 0.0, 0.0])];
-    let samples = Samples { left: &samples, ..Samples::default() };
+    let samples = Parts { left: &samples, ..Parts::default() }.samples();
     let prior = Prior { inclination_rad: Some(0.3), ..NO_PRIOR };
     let likelihood = Likelihood::new(&prior, ModelConfig::NO_ATTITUDE, samples, 50.0);
     let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::x(), inclination_rad: 0.3 + 0.035 };

@@ -4,8 +4,9 @@ use super::synthetic::{Airframe, Flight, Random, RecordedTurns, level_circle};
 use crate::calibration::method_selection;
 use crate::calibration::method_selection::{Procedure, SelectedParts};
 use crate::calibration::tests::NO_PRIOR;
+use crate::calibration::tests::synthetic::Parts;
 use crate::calibration::{
-    Advice, Deviation, Manoeuvre, Method, SamplePart, Samples, Side, Solution, SolveError, solve,
+    Advice, Deviation, Manoeuvre, Method, Part, SamplePart, Samples, Side, Solution, SolveError, solve,
 };
 
 fn airframe(random: &mut Random) -> Airframe {
@@ -29,7 +30,7 @@ fn the_best_supported_method_is_selected() {
     let few = &turns.right[..5];
     let (left, right, level): (&[_], &[_], &[_]) = (&turns.left, &turns.right, &level);
     let choose = |left, right, level| {
-        let samples = Samples { left, right, level, ..Samples::default() };
+        let samples = Parts { left, right, level, ..Parts::default() }.samples();
         method_selection::select_method(samples, Procedure::Turns)
     };
     let missing = |side, have| Err(SolveError::TooFewSamples { part: SamplePart::Turns(side), have, need: 12 });
@@ -47,11 +48,11 @@ fn level_samples_are_used_only_for_a_missing_side() {
     let mut random = Random(32);
     let airframe = airframe(&mut random);
     let RecordedTurns { left, right } = Flight::TYPICAL.fly(&airframe, &mut random);
-    let all = Samples { left: &left, right: &right, level: &left, ..Samples::default() };
+    let all = Parts { left: &left, right: &right, level: &left, ..Parts::default() }.samples();
     let select = |fit: Samples<'_>| SelectedParts::new(fit, Procedure::Turns).select(all);
-    assert!(select(all).level.is_empty());
-    let thin = select(Samples { right: &right[..5], ..all });
-    assert_eq!((thin.left.len(), thin.right.len(), thin.level.len()), (left.len(), 0, left.len()));
+    assert!(select(all).part(Part::LEVEL).is_empty());
+    let thin = select(Parts { left: &left, right: &right[..5], level: &left, ..Parts::default() }.samples());
+    assert_eq!(Part::ALL.map(|part| thin.part(part).len()), [left.len(), 0, left.len(), 0]);
 }
 
 #[test]
@@ -61,7 +62,7 @@ fn one_side_advises_a_turn_to_the_other() {
         let mut random = Random(3100 + seed);
         let airframe = airframe(&mut random);
         let turns = Flight::TYPICAL.fly(&airframe, &mut random);
-        let solution = solution(Samples { right: &[], ..turns.turns() });
+        let solution = solution(turns.turns().without(Part::RIGHT));
         let advice = solution.advice.unwrap();
         assert!(matches!(advice.manoeuvre, Manoeuvre::Circle(Side::Right, _)), "seed {seed}: {advice:?}");
         // A circle does not reduce a bank-angle scale error, which one flight seems to have by chance.
@@ -79,12 +80,14 @@ fn the_predicted_gain_is_reached() {
         let mut random = Random(3200 + seed);
         let airframe = airframe(&mut random);
         let turns = Flight::TYPICAL.fly(&airframe, &mut random);
-        let before = advice(Samples { right: &[], ..turns.turns() });
+        let before = advice(turns.turns().without(Part::RIGHT));
         let Manoeuvre::Circle(Side::Right, bank_deg) = before.manoeuvre else { panic!("{before:?}") };
         // A circle at 25 deg takes 27 s, 54 samples; the prediction counts 24.
         let advised_turn =
             Flight { bank_deg: f32::from(bank_deg), samples: 54, ..Flight::TYPICAL }.fly(&airframe, &mut random);
-        let after = solution(Samples { right: &advised_turn.right, ..turns.turns() }).quality.expected_rms_deg;
+        let after = solution(Parts { left: &turns.left, right: &advised_turn.right, ..Parts::default() }.samples())
+            .quality
+            .expected_rms_deg;
         assert!(after < 1.33 * before.expected_after_deg, "seed {seed}: {after} deg, promised {before:?}");
     }
 }
@@ -106,7 +109,7 @@ fn level_flight_reports_the_assumed_mounting() {
     let mut random = Random(34);
     let airframe = airframe(&mut random);
     let level = level_circle(&airframe, 60, &mut random);
-    let samples = Samples { level: &level, ..Samples::default() };
+    let samples = Parts { level: &level, ..Parts::default() }.samples();
     let advice = solve(Method::Level, samples, &NO_PRIOR).unwrap().advice.unwrap();
     assert!(advice.unobservable.mounting, "{advice:?}");
     assert_ne!(advice.weakest, Deviation::Heeling, "it is not for banking vehicles");

@@ -1,5 +1,6 @@
 //! Each method on its intended data.
 
+use crate::calibration::tests::synthetic::Parts;
 use core::f32::consts::TAU;
 
 use nalgebra::Matrix3;
@@ -10,8 +11,7 @@ use crate::calibration::method_selection;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::{
-    ConsiderSigmas, Envelope, Mark, Method, Prior, Quality, Sample, SamplePart, Samples, Solution, SolveError, Solver,
-    solve,
+    ConsiderSigmas, Envelope, Mark, Method, Prior, Quality, Sample, SamplePart, Solution, SolveError, Solver, solve,
 };
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
@@ -39,7 +39,7 @@ fn four_ellipses_recover_a_diagonal_airframe_exactly() {
     let airframe = airframe(Matrix3::from_diagonal(&[0.9, 1.15, 1.02].into()), [12.0, -7.0, 20.0]);
     for (left_deg, right_deg) in [(-20.0, 20.0), (-15.0, 40.0)] {
         let (left, right) = (circle(&airframe, left_deg, 72), circle(&airframe, right_deg, 72));
-        let samples = Samples { left: &left, right: &right, ..Samples::default() };
+        let samples = Parts { left: &left, right: &right, ..Parts::default() }.samples();
         for inclination_rad in [None, Some(airframe.inclination_rad)] {
             let prior = Prior { inclination_rad, ..NO_PRIOR };
             let solution = solve(Method::FourEllipse, samples, &prior).unwrap();
@@ -53,7 +53,7 @@ fn four_ellipses_recover_a_diagonal_airframe_exactly() {
 fn four_ellipses_use_a_configured_inclination() {
     let airframe = airframe(Matrix3::identity(), [12.0, -7.0, 20.0]);
     let (left, right) = (circle(&airframe, -20.0, 72), circle(&airframe, 20.0, 72));
-    let samples = Samples { left: &left, right: &right, ..Samples::default() };
+    let samples = Parts { left: &left, right: &right, ..Parts::default() }.samples();
     for (inclination_rad, expected_rad) in [(None, airframe.inclination_rad), (Some(0.9), 0.9)] {
         let found = four_ellipse::solve(samples, &Matrix3::identity(), inclination_rad).unwrap();
         let found_rad = found.tan_inclination.atan();
@@ -66,7 +66,7 @@ fn axis_coupling_needs_two_planes() {
     let coupled = Matrix3::new(0.98, 0.03, -0.02, -0.02, 0.92, -0.02, -0.01, 0.02, 0.99);
     let airframe = airframe(coupled, [9.0, -1.0, 0.0]);
     let (left, right) = (circle(&airframe, -20.0, 72), circle(&airframe, 20.0, 72));
-    let samples = Samples { left: &left, right: &right, ..Samples::default() };
+    let samples = Parts { left: &left, right: &right, ..Parts::default() }.samples();
     let error = |method| max_abs(&airframe.errors_deg(&solve(method, samples, &NO_PRIOR).unwrap().calibration));
     assert!((0.5..4.0).contains(&error(Method::FourEllipse)), "{}", error(Method::FourEllipse));
     assert!(error(Method::TwoPlane) < 0.02, "{}", error(Method::TwoPlane));
@@ -82,7 +82,7 @@ fn level_flight_leaves_a_constant_error() {
         let mut random = Random(300 + seed);
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
         let samples = level_circle(&airframe, 48, &mut random);
-        let level = Samples { level: &samples, ..Samples::default() };
+        let level = Parts { level: &samples, ..Parts::default() }.samples();
         assert_eq!(method_selection::select_method(level, Procedure::Level), Ok(Method::Level));
         let solution = solve(Method::Level, level, &NO_PRIOR).unwrap();
         let errors = airframe.errors_at_deg(&solution.calibration, &[0.0]);
@@ -106,7 +106,7 @@ fn level_flight_at_too_few_headings_is_refused() {
             })
             .collect()
     };
-    let solve = |legs: &[Sample]| solve(Method::Level, Samples { level: legs, ..Samples::default() }, &NO_PRIOR);
+    let solve = |legs: &[Sample]| solve(Method::Level, Parts { level: legs, ..Parts::default() }.samples(), &NO_PRIOR);
     assert!(matches!(solve(&legs(4)), Err(SolveError::TooFewHeadings { need: 5, .. })), "{:?}", solve(&legs(4)));
     assert_eq!(solve(&legs(1)).map(|_| ()).unwrap_err(), SolveError::NotAnEllipse(SamplePart::Level));
     let solution = solve(&legs(5)).unwrap();
@@ -128,7 +128,7 @@ fn a_tilted_swing_determines_all_coefficients() {
                 Mark { sample, heading_rad: heading_rad + (random.normal() * 0.5).to_radians() }
             })
             .collect();
-        let samples = Samples { marks: &marks, ..Samples::default() };
+        let samples = Parts { marks: &marks, ..Parts::default() }.samples();
         let solution = solve(Method::CompassSwing, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
         let errors = airframe.errors_deg(&solution.calibration);
         assert!(rms(&errors) < 3.0 * solution.quality.expected_rms_deg, "seed {seed}: {}", rms(&errors));
@@ -149,7 +149,7 @@ fn a_level_swing_is_accurate_level_and_honest_when_banked() {
                 Mark { sample, heading_rad: heading_rad + (random.normal() * 0.5).to_radians() }
             })
             .collect();
-        let samples = Samples { marks: &marks, ..Samples::default() };
+        let samples = Parts { marks: &marks, ..Parts::default() }.samples();
         let solution = solve(Method::CompassSwing, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
         let level = airframe.errors_at_deg(&solution.calibration, &[0.0]);
         assert!(rms(&level) < 1.5, "seed {seed}: {} deg", rms(&level));
@@ -166,8 +166,9 @@ fn a_level_swing_is_accurate_level_and_honest_when_banked() {
 fn too_few_marks_are_refused() {
     let airframe = airframe(Matrix3::identity(), [5.0, 3.0, 0.0]);
     let mark = Mark { sample: sample(&airframe, Attitude::default(), 1.0, 0.0, &mut Random(0)), heading_rad: 1.0 };
-    let solve =
-        |marks: &[Mark]| solve(Method::CompassSwing, Samples { marks, ..Samples::default() }, &NO_PRIOR).map(|_| ());
+    let solve = |marks: &[Mark]| {
+        solve(Method::CompassSwing, Parts { marks, ..Parts::default() }.samples(), &NO_PRIOR).map(|_| ())
+    };
     let missing = SolveError::TooFewSamples { part: SamplePart::Marks, have: 3, need: 4 };
     assert_eq!(solve(&[mark; 3]), Err(missing));
     assert!(solve(&[mark; 6]).is_err());
@@ -192,7 +193,7 @@ fn tumbling_determines_shape_and_centre() {
                 Sample { attitude: Attitude::default(), ..measured }
             })
             .collect();
-        let samples = Samples { left: &tumbled, ..Samples::default() };
+        let samples = Parts { left: &tumbled, ..Parts::default() }.samples();
         assert_eq!(method_selection::select_method(samples, Procedure::Tumble), Ok(Method::Ellipsoid));
         let solution = solve(Method::Ellipsoid, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
         let errors = airframe.errors_deg(&solution.calibration);
@@ -231,7 +232,7 @@ fn a_configured_inclination_improves_a_level_swing_when_banked() {
                 Mark { sample, heading_rad: heading_rad + (random.normal() * 0.5).to_radians() }
             })
             .collect();
-        let samples = Samples { marks: &marks, ..Samples::default() };
+        let samples = Parts { marks: &marks, ..Parts::default() }.samples();
         let error = |inclination_rad: Option<f32>| {
             let solution = solve(Method::CompassSwing, samples, &Prior { inclination_rad, ..NO_PRIOR }).unwrap();
             rms(&airframe.errors_deg(&solution.calibration))
@@ -276,7 +277,7 @@ fn one_side_and_level_flight_have_an_honest_expected_error() {
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-65.0, 65.0]);
         let turns = Flight { attitude_bias_deg: 0.0, ..Flight::TYPICAL }.fly(&airframe, &mut random);
         let level = level_circle(&airframe, 60, &mut random);
-        let samples = Samples { left: &turns.left, level: &level, ..Samples::default() };
+        let samples = Parts { left: &turns.left, level: &level, ..Parts::default() }.samples();
         assert_eq!(method_selection::select_method(samples, Procedure::Turns), Ok(Method::MaximumLikelihood));
         let solution = solve(Method::MaximumLikelihood, samples, &NO_PRIOR).unwrap();
         ratios.push(rms(&airframe.errors_deg(&solution.calibration)) / solution.quality.expected_rms_deg);

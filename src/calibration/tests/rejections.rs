@@ -1,5 +1,6 @@
 //! Each rejection reason, and the second start that avoids one.
 
+use crate::calibration::tests::synthetic::Parts;
 use core::f32::consts::{PI, TAU};
 
 use nalgebra::{Matrix3, Vector3};
@@ -28,17 +29,17 @@ fn too_few_samples_reports_the_part() {
     let missing = |part, have, need| Some(SolveError::TooFewSamples { part, have, need });
     let RecordedTurns { left, right } = &recorded;
     for method in [Method::TwoPlane, Method::FourEllipse] {
-        let error_of = |left, right| solve_error(method, Samples { left, right, ..Samples::default() });
+        let error_of = |left, right| solve_error(method, Parts { left, right, ..Parts::default() }.samples());
         assert_eq!(error_of(&left[..11], right), missing(SamplePart::Turns(Side::Left), 11, 12));
         assert_eq!(error_of(left, &right[..11]), missing(SamplePart::Turns(Side::Right), 11, 12));
     }
-    let thin = Samples { left: &left[..5], right: &right[..6], ..Samples::default() };
+    let thin = Parts { left: &left[..5], right: &right[..6], ..Parts::default() }.samples();
     assert_eq!(solve_error(Method::MaximumLikelihood, thin), missing(SamplePart::All, 11, 12));
     let level = level_circle(&airframe, 11, &mut Random(1));
-    let level = Samples { level: &level, ..Samples::default() };
+    let level = Parts { level: &level, ..Parts::default() }.samples();
     assert_eq!(solve_error(Method::Level, level), missing(SamplePart::Level, 11, 12));
     let mark = Mark { sample: left[0], heading_rad: 1.0 };
-    let marks = Samples { marks: &[mark; 3], ..Samples::default() };
+    let marks = Parts { marks: &[mark; 3], ..Parts::default() }.samples();
     assert_eq!(solve_error(Method::CompassSwing, marks), missing(SamplePart::Marks, 3, 4));
 }
 
@@ -58,7 +59,7 @@ fn too_few_headings_reports_their_number() {
     let level: Vec<Sample> = (0..40_u8)
         .map(|i| sample(&airframe, Attitude::default(), f32::from(i % 4) * PI / 2.0 + 0.1, 0.05, &mut random))
         .collect();
-    let level = Samples { level: &level, ..Samples::default() };
+    let level = Parts { level: &level, ..Parts::default() }.samples();
     let refused = solve_error(Method::Level, level);
     assert!(matches!(refused, Some(SolveError::TooFewHeadings { have: 3 | 4, need: 5 })), "{refused:?}");
 }
@@ -95,7 +96,7 @@ fn unobservable_coefficients_are_reported() {
     let (airframe, recorded) = ordinary_flight(Flight { wander_deg: 0.5, ..Flight::TYPICAL });
     assert_eq!(solve_error(Method::Ellipsoid, recorded.turns()), Some(SolveError::NotDetermined(SamplePart::All)));
     let still = sample(&airframe, Attitude::default(), 1.0, 0.0, &mut Random(0));
-    let marks = Samples { marks: &[Mark { sample: still, heading_rad: 1.0 }; 6], ..Samples::default() };
+    let marks = Parts { marks: &[Mark { sample: still, heading_rad: 1.0 }; 6], ..Parts::default() }.samples();
     assert_eq!(solve_error(Method::CompassSwing, marks), Some(SolveError::NotDetermined(SamplePart::Marks)));
 }
 
@@ -145,14 +146,16 @@ fn headings_against_the_bank_are_reversed_turns() {
     let level = circles(0.0, RATE_RAD);
     for (rate_rad, expected) in [(RATE_RAD, None), (-RATE_RAD, Some(SolveError::TurnsReversed))] {
         let (left, right) = (circles(-25.0, -rate_rad), circles(25.0, rate_rad));
-        let error_of =
-            |method, left, right| solve_error(method, Samples { left, right, level: &level, ..Samples::default() });
+        let error_of = |method, left, right| {
+            solve_error(method, Parts { left, right, level: &level, ..Parts::default() }.samples())
+        };
         assert_eq!(error_of(Method::MaximumLikelihood, &left, &[]), expected, "left {rate_rad}");
         assert_eq!(error_of(Method::MaximumLikelihood, &[], &right), expected, "right {rate_rad}");
-        let both = solve_error(Method::FourEllipse, Samples { left: &left, right: &right, ..Samples::default() });
+        let both = solve_error(Method::FourEllipse, Parts { left: &left, right: &right, ..Parts::default() }.samples());
         assert_eq!(both, expected, "both {rate_rad}");
         // With both sides, a sensor mounted upside down explains the samples as well.
-        let both = solve_error(Method::MaximumLikelihood, Samples { left: &left, right: &right, ..Samples::default() });
+        let both =
+            solve_error(Method::MaximumLikelihood, Parts { left: &left, right: &right, ..Parts::default() }.samples());
         let found = Orientation::from_name("roll180").unwrap();
         assert_eq!(both, expected.map(|_| SolveError::MountContradicted { found }));
     }
@@ -170,7 +173,7 @@ fn half_a_circle_against_the_turns_is_rejected() {
     };
     let refused = |left_rad: f32, right_rad: f32| {
         let (left, right) = (turn(-25.0, left_rad), turn(25.0, right_rad));
-        solve_error(Method::FourEllipse, Samples { left: &left, right: &right, ..Samples::default() })
+        solve_error(Method::FourEllipse, Parts { left: &left, right: &right, ..Parts::default() }.samples())
     };
     for (left_rad, right_rad, expected) in [
         (0.0, -2.9, None),

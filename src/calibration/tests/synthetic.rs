@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 pub use testkit::random::Random;
 
 use crate::calibration::closed_form::starting_point::StartingPoint;
-use crate::calibration::{Calibration, Orientation, Rates, Sample, Samples, Side};
+use crate::calibration::{Calibration, Mark, Orientation, Part, Rates, Sample, Samples, Side};
 use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 
@@ -99,6 +99,7 @@ pub fn sample(airframe: &Airframe, attitude: Attitude, heading_rad: f32, noise_u
         attitude,
         time: WrappingMillis::default(),
         rates: Rates::NONE,
+        part: Part::FREE,
     }
 }
 
@@ -218,6 +219,7 @@ impl Flight {
                     },
                     time: WrappingMillis::new(u32::from(i) * 500),
                     rates: Rates::NONE,
+                    part: Part::FREE,
                 }
             })
             .collect()
@@ -230,9 +232,29 @@ pub struct RecordedTurns {
     pub right: Vec<Sample>,
 }
 
+/// Samples by part, of which a test makes a view.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Parts<'a> {
+    pub left: &'a [Sample],
+    pub right: &'a [Sample],
+    pub level: &'a [Sample],
+    pub free: &'a [Sample],
+    pub marks: &'a [Mark],
+}
+
+impl Parts<'_> {
+    /// View of copies, which stay until the process ends.
+    pub fn samples(self) -> Samples<'static> {
+        let parts = Part::ALL.into_iter().zip([self.left, self.right, self.level, self.free]);
+        let ordered: Vec<Sample> =
+            parts.flat_map(|(part, samples)| samples.iter().map(move |sample| Sample { part, ..*sample })).collect();
+        Samples::new(ordered.leak()).with_marks(self.marks.to_vec().leak())
+    }
+}
+
 impl RecordedTurns {
-    pub fn turns(&self) -> Samples<'_> {
-        Samples { left: &self.left, right: &self.right, ..Samples::default() }
+    pub fn turns(&self) -> Samples<'static> {
+        Parts { left: &self.left, right: &self.right, ..Parts::default() }.samples()
     }
 
     pub fn in_mount(&self, mount: Orientation) -> Self {

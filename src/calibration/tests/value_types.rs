@@ -1,7 +1,8 @@
 //! Value types of the calibration.
 
+use crate::calibration::tests::synthetic::Parts;
 use crate::calibration::{
-    Axis, Calibration, Envelope, Mark, Method, MotorCurrentInterference, Orientation, Quality, Rates, Sample,
+    Axis, Calibration, Envelope, Mark, Method, MotorCurrentInterference, Orientation, Part, Quality, Rates, Sample,
     SamplePart, Samples, Side, matrix_rows,
 };
 use crate::frames::{Attitude, Field};
@@ -13,13 +14,14 @@ fn sample(x_ut: f32) -> Sample {
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
         rates: Rates::NONE,
+        part: Part::FREE,
     }
 }
 
 /// 1,024 samples of a flight are kept in RAM.
 #[test]
-fn a_sample_takes_28_bytes() {
-    assert_eq!((size_of::<Sample>(), size_of::<Mark>()), (28, 32));
+fn a_sample_takes_32_bytes() {
+    assert_eq!((size_of::<Sample>(), size_of::<Mark>()), (32, 36));
 }
 
 /// Roll wraps at 180 deg, pitch does not; both are constant without rates.
@@ -41,7 +43,7 @@ fn attitude_is_extrapolated_with_its_rates() {
 fn iter_omits_marks_and_all_includes_them() {
     let (left, right, level) = ([sample(1.0), sample(2.0)], [sample(3.0)], [sample(4.0), sample(5.0)]);
     let marks = [Mark { sample: sample(6.0), heading_rad: 0.0 }];
-    let samples = Samples { left: &left, right: &right, level: &level, marks: &marks, ..Samples::default() };
+    let samples = Parts { left: &left, right: &right, level: &level, marks: &marks, ..Parts::default() }.samples();
     let numbers = |iter: &mut dyn Iterator<Item = &Sample>| -> Vec<f32> { iter.map(|s| s.field.ut.x).collect() };
     assert_eq!(numbers(&mut samples.iter()), [1.0, 2.0, 3.0, 4.0, 5.0]);
     assert_eq!(numbers(&mut samples.all()), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
@@ -136,6 +138,7 @@ fn only_banked_samples_with_attitude_determine_all_coefficients() {
         inclination_residual_deg: 0.3,
         samples: 300,
         latency: None,
+        knows_inclination: true,
     };
     assert!(quality(Method::MaximumLikelihood, Envelope::Banked).determines_all_coefficients());
     assert!(quality(Method::CompassSwing, Envelope::Banked).determines_all_coefficients());

@@ -2,7 +2,6 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::method::Method;
 use super::motor_current::MotorCurrentInterference;
 use super::orientation::Orientation;
 use super::samples::Sample;
@@ -72,15 +71,6 @@ impl Calibration {
     #[must_use]
     pub fn corrected_level_field(&self, sample: &Sample) -> Field<Level> {
         sample.latency_compensated_attitude(self.latency_s).level(self.corrected_body_field(sample))
-    }
-
-    /// Whether the inclination is known. The ellipsoid method without a configured inclination leaves it at the start
-    /// value of 0.
-    #[must_use]
-    pub fn knows_inclination(&self, method: Method) -> bool {
-        /// Bound on the rounding error of an inclination of 0; smaller than any configured inclination.
-        const ZERO_TOLERANCE_RAD: f32 = 1e-6;
-        method != Method::Ellipsoid || self.inclination_rad.abs() > ZERO_TOLERANCE_RAD
     }
 
     /// Whether all coefficients are finite: check for data from flash or from a solver.

@@ -24,6 +24,8 @@ pub struct Quality {
     pub samples: u16,
     /// Estimated attitude latency; `None` if unobservable.
     pub latency: Option<AttitudeLatency>,
+    /// Whether the inclination is known: determined by the samples, or configured. The ellipsoid method determines none.
+    pub knows_inclination: bool,
 }
 
 /// Estimated attitude latency beyond the nominal latency of the attitude source. Negative: the attitude is newer than
@@ -62,9 +64,9 @@ impl Envelope {
     pub const MIN_BANK_RAD: f32 = 10_f32.to_radians();
 
     pub(in crate::calibration) fn for_samples(method: Method, samples: Samples<'_>) -> Self {
-        let has_any = samples.has_unassigned();
+        let has_free = samples.has_free();
         let is_level = |&Sample { attitude: Attitude { roll_rad, pitch_rad }, .. }: &Sample| {
-            roll_rad.abs() < Self::MIN_BANK_RAD && (!has_any || pitch_rad.abs() < Self::MIN_BANK_RAD)
+            roll_rad.abs() < Self::MIN_BANK_RAD && (!has_free || pitch_rad.abs() < Self::MIN_BANK_RAD)
         };
         match method {
             Method::Level => Self::Level,

@@ -6,7 +6,7 @@ use super::rates::Rates;
 use crate::frames::{Attitude, Field, Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 
-/// A field measurement with the attitude at its time: the input of calibration. 28 bytes.
+/// A field measurement with the attitude at its time: the input of calibration. 32 bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
     /// Raw field, chip axes, microtesla.
@@ -17,6 +17,8 @@ pub struct Sample {
     pub rates: Rates,
     /// Time of the measurement. Only order and differences within one turn are used.
     pub time: WrappingMillis,
+    /// Part of the collection; [`Part::FREE`] before its assignment.
+    pub part: Part,
 }
 
 impl Sample {
@@ -53,22 +55,62 @@ impl Side {
     }
 }
 
-/// Samples of a flight. Each part is ordered by time and may be empty.
+/// Part of a collection: a number, not an enum, because samples lie in memory that is arbitrary at power-on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Part(u32);
+
+impl Part {
+    /// Left turns.
+    pub const LEFT: Self = Self(0);
+    /// Right turns.
+    pub const RIGHT: Self = Self(1);
+    /// Small bank, all headings.
+    pub const LEVEL: Self = Self(2);
+    /// Arbitrary attitudes, not assigned to a turn.
+    pub const FREE: Self = Self(3);
+
+    /// All parts, in the order of samples.
+    pub const ALL: [Self; 4] = [Self::LEFT, Self::RIGHT, Self::LEVEL, Self::FREE];
+
+    /// Turns of a side.
+    #[must_use]
+    pub const fn turn(side: Side) -> Self {
+        match side {
+            Side::Left => Self::LEFT,
+            Side::Right => Self::RIGHT,
+        }
+    }
+
+    /// Position in [`Part::ALL`]; unknown numbers are of arbitrary attitude.
+    pub(crate) const fn index(self) -> usize {
+        match self.0 {
+            0 => 0,
+            1 => 1,
+            2 => 2,
+            _ => 3,
+        }
+    }
+
+    pub(crate) const fn number(self) -> u32 {
+        self.0
+    }
+
+    pub(crate) const fn from_number(number: u32) -> Self {
+        Self(number)
+    }
+}
+
+/// View of samples that are ordered by part, then time, and of marks.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Samples<'a> {
-    /// Samples of left turns.
-    pub left: &'a [Sample],
-    /// Samples of right turns.
-    pub right: &'a [Sample],
-    /// Samples at small bank, all headings.
-    pub level: &'a [Sample],
-    /// Samples of arbitrary attitude, not assigned to a turn; up to three slices.
-    pub unassigned: [&'a [Sample]; 3],
+    ordered: &'a [Sample],
+    /// Whether the view leaves a part out, by [`Part::index`].
+    is_excluded: [bool; Part::ALL.len()],
     /// Samples with a given heading.
     pub marks: &'a [Mark],
 }
 
-/// A sample with a known heading (compass swing). 32 bytes.
+/// A sample with a known heading (compass swing). 36 bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mark {
     /// The sample.
@@ -105,14 +147,41 @@ impl SamplePart {
 }
 
 impl<'a> Samples<'a> {
-    /// Iterates over the samples without a given heading: left turns, right turns, level flight, arbitrary attitudes.
+    /// View of samples ordered by part, then time.
+    #[must_use]
+    pub const fn new(ordered: &'a [Sample]) -> Self {
+        Self { ordered, is_excluded: [false; _], marks: &[] }
+    }
+
+    /// The same view with other marks.
+    #[must_use]
+    pub const fn with_marks(mut self, marks: &'a [Mark]) -> Self {
+        self.marks = marks;
+        self
+    }
+
+    /// The same view without a part.
+    #[must_use]
+    pub fn without(mut self, part: Part) -> Self {
+        self.is_excluded[part.index()] = true;
+        self
+    }
+
+    /// Samples of a part, in order of time.
+    #[must_use]
+    pub fn part(&self, part: Part) -> &'a [Sample] {
+        if self.is_excluded[part.index()] { &[] } else { part_of(self.ordered, part) }
+    }
+
+    /// Samples of the turns of a side, in order of time.
+    #[must_use]
+    pub fn turn(&self, side: Side) -> &'a [Sample] {
+        self.part(Part::turn(side))
+    }
+
+    /// Iterates over the samples without a given heading, by part, then time.
     pub fn iter(&self) -> impl Iterator<Item = &'a Sample> + Clone + Debug + use<'a> {
-        let [first, second, third] = self.unassigned;
-        SliceChain {
-            current_slice: self.left.iter(),
-            next_slices: [self.right, self.level, first, second, third],
-            started_slices: 0,
-        }
+        IncludedSamples { run: [].iter(), rest: self.ordered, is_excluded: self.is_excluded }
     }
 
     /// Iterates over all samples, those with given headings last.
@@ -120,43 +189,104 @@ impl<'a> Samples<'a> {
         self.iter().chain(self.marks.iter().map(|mark| &mark.sample))
     }
 
-    pub(crate) fn unassigned_count(&self) -> usize {
-        self.unassigned.iter().map(|piece| piece.len()).sum()
-    }
-
-    pub(crate) fn has_unassigned(&self) -> bool {
-        self.unassigned_count() > 0
+    pub(crate) fn has_free(&self) -> bool {
+        !self.part(Part::FREE).is_empty()
     }
 }
 
-/// Iterator over six slices. `Iterator::chain` would test each level of nesting for every sample.
+/// Samples of a part, of samples ordered by part.
+pub(crate) fn part_of(ordered: &[Sample], part: Part) -> &[Sample] {
+    let [start, end] = part_range(ordered, part);
+    ordered.get(start..end).unwrap_or_default()
+}
+
+/// First and last position (exclusive) of a part, of samples ordered by part.
+pub(crate) fn part_range(ordered: &[Sample], part: Part) -> [usize; 2] {
+    [ordered.partition_point(|sample| sample.part < part), ordered.partition_point(|sample| sample.part <= part)]
+}
+
+/// Iterator over the samples of included parts: a test of the part for each sample would be slower, and compiled into
+/// every loop.
 #[derive(Clone, Debug)]
-struct SliceChain<'a> {
-    current_slice: core::slice::Iter<'a, Sample>,
-    next_slices: [&'a [Sample]; 5],
-    started_slices: usize,
+struct IncludedSamples<'a> {
+    run: core::slice::Iter<'a, Sample>,
+    rest: &'a [Sample],
+    is_excluded: [bool; Part::ALL.len()],
 }
 
-impl<'a> SliceChain<'a> {
-    fn start_next_slice(&mut self) -> Option<&'a Sample> {
-        while let Some(piece) = self.next_slices.get(self.started_slices) {
-            self.started_slices += 1;
-            self.current_slice = piece.iter();
-            if let Some(sample) = self.current_slice.next() {
-                return Some(sample);
-            }
-        }
-        None
+impl<'a> IncludedSamples<'a> {
+    #[inline(never)]
+    fn start_next_run(&mut self) -> Option<&'a Sample> {
+        let is_excluded = |sample: &Sample| self.is_excluded[sample.part.index()];
+        let start = self.rest.iter().position(|sample| !is_excluded(sample))?;
+        let included = self.rest.get(start..).unwrap_or_default();
+        let length = included.iter().position(is_excluded).unwrap_or(included.len());
+        let (run, rest) = included.split_at_checked(length)?;
+        (self.run, self.rest) = (run.iter(), rest);
+        self.run.next()
     }
 }
 
-impl<'a> Iterator for SliceChain<'a> {
+impl<'a> Iterator for IncludedSamples<'a> {
     type Item = &'a Sample;
 
     fn next(&mut self) -> Option<Self::Item> {
-        match self.current_slice.next() {
+        match self.run.next() {
             Some(sample) => Some(sample),
-            None => self.start_next_slice(),
+            None => self.start_next_run(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::tests::synthetic::Parts;
+
+    /// Two samples of each part, and a mark; their times are 1 to 9 ms.
+    fn samples() -> Samples<'static> {
+        let sample = |time_ms| Sample {
+            field: Field::from_ut(0.0, 0.0, 0.0),
+            attitude: Attitude::default(),
+            rates: Rates::NONE,
+            time: WrappingMillis::new(time_ms),
+            part: Part::FREE,
+        };
+        let [left, right, level, free] = [[1, 2], [3, 4], [5, 6], [7, 8]].map(|times| times.map(sample));
+        let marks = [Mark { sample: sample(9), heading_rad: 0.0 }];
+        Parts { left: &left, right: &right, level: &level, free: &free, marks: &marks }.samples()
+    }
+
+    fn times<'a>(samples: impl IntoIterator<Item = &'a Sample>) -> Vec<u32> {
+        samples.into_iter().map(|sample| sample.time.as_ms()).collect()
+    }
+
+    #[test]
+    fn samples_are_iterated_by_part_and_marks_last() {
+        assert_eq!(times(samples().iter()), [1, 2, 3, 4, 5, 6, 7, 8]);
+        assert_eq!(times(samples().all()), [1, 2, 3, 4, 5, 6, 7, 8, 9]);
+        assert_eq!(Part::ALL.map(|part| times(samples().part(part))), [[1, 2], [3, 4], [5, 6], [7, 8]]);
+        assert_eq!([Side::Left, Side::Right].map(|side| times(samples().turn(side))), [[1, 2], [3, 4]]);
+        assert_eq!(times(Samples::default().all()), []);
+        assert!(samples().has_free() && !Samples::default().has_free());
+    }
+
+    #[test]
+    fn excluded_parts_are_left_out() {
+        for excluded in 0..16_u32 {
+            let is_excluded = |part: Part| excluded >> part.index() & 1 == 1;
+            let view = Part::ALL.into_iter().filter(|part| is_excluded(*part)).fold(samples(), Samples::without);
+            let included = || Part::ALL.into_iter().filter(|part| !is_excluded(*part));
+            assert_eq!(times(view.iter()), times(included().flat_map(|part| samples().part(part))), "{excluded}");
+            assert_eq!(times(view.iter()), times(included().flat_map(|part| view.part(part))), "{excluded}");
+            assert_eq!(view.iter().count() + 1, view.all().count());
+        }
+    }
+
+    #[test]
+    fn unknown_parts_are_of_arbitrary_attitude() {
+        assert_eq!(Part::ALL.map(Part::index), [0, 1, 2, 3]);
+        assert_eq!([4, 0xFF, u32::MAX].map(|number| Part::from_number(number).index()), [3; 3]);
+        assert!(Part::ALL.is_sorted());
     }
 }

@@ -1,26 +1,25 @@
 //! Merges the samples of a flight's parts in time order.
 
-use super::samples::{Sample, Samples};
+use super::samples::{Part, Sample, Samples};
 
-/// Number of parts: left turns, right turns, level flight, arbitrary attitudes.
-pub(in crate::calibration) const PARTS: usize = 4;
+/// Number of parts.
+pub(in crate::calibration) const PARTS: usize = Part::ALL.len();
 
-/// Index of the part of arbitrary attitudes, which has several slices.
-const UNASSIGNED_PART: usize = 3;
-
-const SLICES: usize = 6;
+/// Runs of samples in order of time: free flight has up to three.
+const RUNS: usize = PARTS + 2;
 
 /// Iterator over samples in time order, each with the index of its part.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct TimeOrdered<'a> {
-    remaining: [&'a [Sample]; SLICES],
+    remaining: [&'a [Sample]; RUNS],
 }
 
 impl<'a> TimeOrdered<'a> {
     /// Merges all parts except samples with given headings, whose times are unrelated.
     pub fn new(samples: Samples<'a>) -> Self {
-        let [first, second, third] = samples.unassigned;
-        Self { remaining: [samples.left, samples.right, samples.level, first, second, third] }
+        let is_in_order = |before: &Sample, after: &Sample| after.time.signed_ms_since(before.time) >= 0;
+        let mut runs = Part::ALL.into_iter().flat_map(|part| samples.part(part).chunk_by(is_in_order));
+        Self { remaining: core::array::from_fn(|_| runs.next().unwrap_or_default()) }
     }
 }
 
@@ -29,18 +28,18 @@ impl<'a> Iterator for TimeOrdered<'a> {
 
     fn next(&mut self) -> Option<Self::Item> {
         let mut earliest: Option<Self::Item> = None;
-        for (piece, left) in self.remaining.iter().enumerate() {
+        for (run, left) in self.remaining.iter().enumerate() {
             let Some(sample) = left.first() else { continue };
             // At equal times the earlier part comes first.
             if earliest.is_none_or(|(_, before)| sample.time.signed_ms_since(before.time) < 0) {
-                earliest = Some((piece, sample));
+                earliest = Some((run, sample));
             }
         }
-        let (piece, sample) = earliest?;
-        if let Some(left) = self.remaining.get_mut(piece) {
+        let (run, sample) = earliest?;
+        if let Some(left) = self.remaining.get_mut(run) {
             *left = left.get(1..).unwrap_or_default();
         }
-        Some((piece.min(UNASSIGNED_PART), sample))
+        Some((sample.part.index(), sample))
     }
 }
 
@@ -48,6 +47,7 @@ impl<'a> Iterator for TimeOrdered<'a> {
 mod tests {
     use super::*;
     use crate::calibration::Rates;
+    use crate::calibration::tests::synthetic::Parts;
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -57,13 +57,14 @@ mod tests {
             attitude: Attitude::default(),
             time: WrappingMillis::new(millis),
             rates: Rates::NONE,
+            part: Part::FREE,
         };
         millis.iter().map(sample).collect()
     }
 
     fn order(left: &[u32], right: &[u32], level: &[u32]) -> Vec<(usize, u32)> {
         let [left, right, level] = [left, right, level].map(at);
-        let samples = Samples { left: &left, right: &right, level: &level, ..Samples::default() };
+        let samples = Parts { left: &left, right: &right, level: &level, ..Parts::default() }.samples();
         TimeOrdered::new(samples).map(|(part, sample)| (part, sample.time.as_ms())).collect()
     }
 
@@ -75,9 +76,9 @@ mod tests {
     }
 
     #[test]
-    fn unassigned_samples_are_merged_as_one_part() {
-        let [level, first, second, third] = [&[4][..], &[2, 9], &[3, 7], &[1]].map(at);
-        let samples = Samples { level: &level, unassigned: [&first, &second, &third], ..Samples::default() };
+    fn runs_of_free_flight_are_merged() {
+        let [level, free] = [&[4][..], &[2, 9, 3, 7, 1]].map(at);
+        let samples = Parts { level: &level, free: &free, ..Parts::default() }.samples();
         let order: Vec<_> = TimeOrdered::new(samples).map(|(part, sample)| (part, sample.time.as_ms())).collect();
         assert_eq!(order, [(3, 1), (3, 2), (3, 3), (2, 4), (3, 7), (3, 9)]);
     }

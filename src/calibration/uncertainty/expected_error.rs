@@ -155,12 +155,13 @@ fn mean_square_of_harmonic(times: f32, covariance: &CoefficientCovariance, row: 
 
 #[cfg(test)]
 mod tests {
+    use crate::calibration::tests::synthetic::Parts;
     use nalgebra::Matrix3;
 
     use super::*;
     use crate::calibration::model::{beta_index, w_index};
     use crate::calibration::tests::synthetic::{max_abs, mean, rms};
-    use crate::calibration::{Method, Orientation, Rates, Sample, Samples, matrix_rows};
+    use crate::calibration::{Method, Orientation, Part, Rates, Sample, matrix_rows};
     use crate::frames::wrap_pi;
     use crate::time::WrappingMillis;
 
@@ -248,10 +249,11 @@ mod tests {
             attitude: Attitude::from_deg(roll_deg, 0.0),
             time: WrappingMillis::default(),
             rates: Rates::NONE,
+            part: Part::FREE,
         };
         let of = |method, rolls_deg: &[f32]| {
             let level: Vec<Sample> = rolls_deg.iter().map(|&roll_deg| sample(roll_deg)).collect();
-            Envelope::for_samples(method, Samples { level: &level, ..Samples::default() })
+            Envelope::for_samples(method, Parts { level: &level, ..Parts::default() }.samples())
         };
         assert_eq!(of(Method::CompassSwing, &[9.9, -9.9, 0.0]), Envelope::Level);
         assert_eq!(of(Method::CompassSwing, &[0.0, 10.1]), Envelope::Banked);

@@ -241,7 +241,7 @@ fn inclination_information_and_gradients_are_summed() {
         let of_dip = equations.inclination.as_ref().unwrap();
         let row = of_dip.row.as_vector();
         dip += row * row.transpose() * of_dip.weight;
-        for (sum, error) in effects.iter_mut().zip(&ATTITUDE_ERRORS) {
+        for (sum, error) in effects.iter_mut().zip(ATTITUDE_ERRORS) {
             *sum += row * (of_dip.weight * error.inclination_derivative(&equations, attitude, rates));
         }
         information.add_inclination(&equations, attitude, rates);

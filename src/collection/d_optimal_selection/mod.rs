@@ -150,17 +150,18 @@ impl DOptimalSelection {
         self.linearisation.jacobian_rows(sample).map(|row| self.information.variance(&row.as_vector()))
     }
 
-    /// Index of the sample with the least leverage, the first one being new; `None` if there is no sphere through the
-    /// samples.
+    /// Index of the sample with the least leverage, the new one being the first; `None` if there is no sphere through
+    /// the samples.
     #[inline(never)]
-    pub fn find_weakest(&mut self, samples: Samples<'_>) -> Option<usize> {
+    pub fn find_weakest(&mut self, new: &Sample, samples: Samples<'_>) -> Option<usize> {
         self.information = LeastSquares::new();
         if !self.linearisation.is_from_trial {
-            let (centre_ut, _) = fit_sphere(samples).filter(|(ut, _)| ut.iter().all(|c| c.is_finite()))?;
+            let (centre_ut, _) = fit_sphere(Some(new), samples).filter(|(ut, _)| ut.iter().all(|c| c.is_finite()))?;
             self.linearisation = Linearisation::from_centre(centre_ut);
         }
+        let all = || core::iter::once(new).chain(samples.all());
         let mut squares = InformationMatrix::zero();
-        for sample in samples.all() {
+        for sample in all() {
             let [strength, inclination_row] = self.linearisation.jacobian_rows(sample);
             // Equal weights: either the sensor or the attitude may be the more accurate.
             squares.add_row_pair([&strength, &inclination_row], [1.0; 2]);
@@ -172,7 +173,7 @@ impl DOptimalSelection {
         self.information = LeastSquares::from_normal_equations(information, [[0.0]; _]);
         let certain = core::iter::once(self.linearisation.new_sample_factor).chain(core::iter::repeat(1.0));
         let leverage_of = |(sample, certain)| certain * self.leverages(sample).iter().sum::<f32>();
-        let leverages = samples.all().zip(certain).map(leverage_of).enumerate();
+        let leverages = all().zip(certain).map(leverage_of).enumerate();
         let (place, least) = leverages.min_by(|a, b| a.1.total_cmp(&b.1))?;
         self.min_leverage = least;
         Some(place)

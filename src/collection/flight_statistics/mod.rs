@@ -2,8 +2,8 @@
 
 use core::fmt;
 
-use super::CollectionProgress;
-use super::dataset::SECTORS;
+use super::circle::SECTORS;
+use super::progress::CollectionProgress;
 use super::turn_detector::TurnDetectorConfig;
 use crate::calibration::{Manoeuvre, Sample, Side};
 use crate::decimal::Decimal;
@@ -86,80 +86,59 @@ struct DiagnosisLimits {
     max_arc_sectors: u8,
 }
 
-/// Attitude statistics of a collection. 40 bytes.
-#[derive(Clone, Copy, Debug, Default)]
+/// Attitude statistics of a collection, as they are in retained memory.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct FlightStatistics {
-    samples: u32,
-    long_intervals: u32,
-    last_sample_at: Option<WrappingMillis>,
-    duration_ms: u32,
-    /// Low-pass filtered attitude, time constant 1 s.
-    filtered_attitude: Attitude,
-    max_tilt_rad: f32,
-    left_bank_ms: u32,
-    right_bank_ms: u32,
+    pub samples: u32,
+    pub long_intervals: u32,
+    pub duration_ms: u32,
+    pub max_tilt_rad: f32,
+    pub left_bank_ms: u32,
+    pub right_bank_ms: u32,
 }
 
-impl FlightStatistics {
-    pub const EMPTY: Self = Self {
-        samples: 0,
-        long_intervals: 0,
-        last_sample_at: None,
-        duration_ms: 0,
-        filtered_attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
-        max_tilt_rad: 0.0,
-        left_bank_ms: 0,
-        right_bank_ms: 0,
-    };
+/// Low-pass filter of the attitude, time constant 1 s. Starts again after a restart.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TiltFilter {
+    last_sample_at: Option<WrappingMillis>,
+    attitude: Attitude,
+}
 
-    /// State in retained memory.
-    pub fn encode(&self) -> [u32; 6] {
-        let Self {
-            samples,
-            long_intervals: gaps,
-            duration_ms: lasted_ms,
-            max_tilt_rad: most_rad,
-            left_bank_ms: left_ms,
-            right_bank_ms: right_ms,
-            ..
-        } = *self;
-        [samples, gaps, lasted_ms, most_rad.to_bits(), left_ms, right_ms]
-    }
-
-    pub const fn decode([samples, gaps, lasted_ms, most_rad, left_ms, right_ms]: [u32; 6]) -> Self {
-        let most_rad = f32::from_bits(most_rad);
-        Self {
-            samples,
-            long_intervals: gaps,
-            duration_ms: lasted_ms,
-            max_tilt_rad: most_rad,
-            left_bank_ms: left_ms,
-            right_bank_ms: right_ms,
-            ..Self::EMPTY
-        }
-    }
+impl TiltFilter {
+    pub const NONE: Self = Self { last_sample_at: None, attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 } };
 
     pub fn last_sample_at(&self) -> Option<WrappingMillis> {
         self.last_sample_at
     }
 
-    pub fn update(&mut self, sample: &Sample) {
+    /// Filters the attitude of a sample; returns the milliseconds since the last one.
+    fn update(&mut self, sample: &Sample) -> Option<u32> {
+        let Some(last) = self.last_sample_at.replace(sample.time) else {
+            self.attitude = sample.attitude;
+            return None;
+        };
+        let step_ms = sample.time.ms_since(last);
+        let share = step_ms as f32 / (step_ms as f32 + DIAGNOSIS_LIMITS.tilt_filter_ms as f32);
+        self.attitude.roll_rad += share * (sample.attitude.roll_rad - self.attitude.roll_rad);
+        self.attitude.pitch_rad += share * (sample.attitude.pitch_rad - self.attitude.pitch_rad);
+        Some(step_ms)
+    }
+}
+
+impl FlightStatistics {
+    pub const EMPTY: Self =
+        Self { samples: 0, long_intervals: 0, duration_ms: 0, max_tilt_rad: 0.0, left_bank_ms: 0, right_bank_ms: 0 };
+
+    pub fn update(&mut self, filter: &mut TiltFilter, sample: &Sample) {
         let Attitude { roll_rad, pitch_rad } = sample.attitude;
         if !(roll_rad.is_finite() && pitch_rad.is_finite()) {
             return;
         }
         self.samples = self.samples.saturating_add(1);
-        let Some(last) = self.last_sample_at.replace(sample.time) else {
-            self.filtered_attitude = sample.attitude;
-            return;
-        };
-        let step_ms = sample.time.ms_since(last);
+        let Some(step_ms) = filter.update(sample) else { return };
         self.duration_ms = self.duration_ms.saturating_add(step_ms);
         self.long_intervals += u32::from(step_ms > TurnDetectorConfig::DEFAULT.max_gap_ms);
-        let share = step_ms as f32 / (step_ms as f32 + DIAGNOSIS_LIMITS.tilt_filter_ms as f32);
-        self.filtered_attitude.roll_rad += share * (roll_rad - self.filtered_attitude.roll_rad);
-        self.filtered_attitude.pitch_rad += share * (pitch_rad - self.filtered_attitude.pitch_rad);
-        let Attitude { roll_rad, pitch_rad } = self.filtered_attitude;
+        let Attitude { roll_rad, pitch_rad } = filter.attitude;
         self.max_tilt_rad = self.max_tilt_rad.max(libm::fabsf(roll_rad)).max(libm::fabsf(pitch_rad));
         if libm::fabsf(roll_rad) >= TurnDetectorConfig::DEFAULT.enter_roll_rad {
             let side_ms = if roll_rad < 0.0 { &mut self.left_bank_ms } else { &mut self.right_bank_ms };

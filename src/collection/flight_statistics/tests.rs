@@ -6,11 +6,11 @@ use super::*;
 use crate::calibration::method_selection::Procedure;
 
 fn diagnose_banks(step_ms: u32, banks: &[(f32, u32)]) -> Option<CollectionProblem> {
-    let mut statistics = FlightStatistics::EMPTY;
+    let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NONE);
     let mut time_ms = u32::MAX - 5000;
     for &(roll_deg, seconds) in banks {
         for _ in 0..seconds * 1000 / step_ms {
-            statistics.update(&banked_sample(roll_deg, 0.0, time_ms));
+            statistics.update(&mut filter, &banked_sample(roll_deg, 0.0, time_ms));
             time_ms = time_ms.wrapping_add(step_ms);
         }
     }
@@ -27,11 +27,11 @@ fn long_sample_intervals_are_reported() {
     assert!((every_s - 0.51).abs() < 0.01, "{every_s}");
     // More than half of the intervals must be long.
     let mixed = |slow: u32| {
-        let mut statistics = FlightStatistics::EMPTY;
+        let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NONE);
         let mut time_ms = 0;
         for i in 0..100 {
             time_ms += if i % 20 < slow { 1000 } else { 100 };
-            statistics.update(&banked_sample(if i < 50 { 25.0 } else { -25.0 }, 0.0, time_ms));
+            statistics.update(&mut filter, &banked_sample(if i < 50 { 25.0 } else { -25.0 }, 0.0, time_ms));
         }
         statistics.diagnose(&CollectionProgress::default())
     };
@@ -51,8 +51,8 @@ fn an_attitude_in_radians_is_reported() {
     );
     assert!(matches!(diagnose_banks(100, &[(-1.9, 60), (1.9, 60)]), Some(CollectionProblem::NoTilt { .. })));
     assert!(matches!(diagnose_banks(100, &[(-2.1, 60), (2.1, 60)]), Some(CollectionProblem::InsufficientBank { .. })));
-    let mut statistics = FlightStatistics::EMPTY;
-    (0..300).for_each(|i| statistics.update(&banked_sample(0.0, -15.0, i * 100)));
+    let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NONE);
+    (0..300).for_each(|i| statistics.update(&mut filter, &banked_sample(0.0, -15.0, i * 100)));
     assert!(
         matches!(statistics.diagnose(&CollectionProgress::default()), Some(CollectionProblem::InsufficientBank { most_deg }) if most_deg > 14.0)
     );
@@ -67,10 +67,10 @@ fn small_or_short_banks_are_reported() {
     assert_eq!(diagnose_banks(100, &[(-10.1, 60), (10.1, 60)]), None);
     // At 20 deg the filter's delay is the same at both edges of the threshold.
     let for_tenths = |tenths: u32| {
-        let mut statistics = FlightStatistics::EMPTY;
+        let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NONE);
         for i in 0..600 {
             let roll_deg = if (300..300 + tenths).contains(&i) { 20.0 } else { 0.0 };
-            statistics.update(&banked_sample(roll_deg, 0.0, i * 100));
+            statistics.update(&mut filter, &banked_sample(roll_deg, 0.0, i * 100));
         }
         statistics.diagnose(&CollectionProgress::default())
     };
@@ -118,11 +118,13 @@ fn arcs_are_reported() {
         through(1.3, 90)
     );
     let progress_of = |samples, sectors| CollectionProgress {
-        right: super::super::dataset::Coverage { samples, sectors, ..Default::default() },
+        right: super::super::progress::Coverage { samples, sectors, ..Default::default() },
         ..CollectionProgress::default()
     };
-    let mut both = FlightStatistics::EMPTY;
-    turn_samples(-25.0, 0, 20, 9.0).chain(turn_samples(25.0, 20, 40, 9.0)).for_each(|sample| both.update(&sample));
+    let (mut both, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NONE);
+    turn_samples(-25.0, 0, 20, 9.0)
+        .chain(turn_samples(25.0, 20, 40, 9.0))
+        .for_each(|sample| both.update(&mut filter, &sample));
     assert_eq!(both.diagnose(&progress_of(60, 8)), Some(CollectionProblem::ArcOnly { side: Side::Right, sectors: 8 }));
     assert_eq!((both.diagnose(&progress_of(59, 8)), both.diagnose(&progress_of(60, 9))), (None, None));
 }

@@ -3,8 +3,9 @@ use testkit::random::Random;
 use super::super::test_samples::{banked_sample, circle_sample, empty_memory, sample, turn_samples};
 use super::super::{CollectionContext, CollectionProblem, CollectionProgress, CollectionState, Collector};
 use super::*;
-use crate::calibration::Samples;
 use crate::calibration::method_selection::Procedure;
+use crate::calibration::{Part, Sample, Samples};
+use crate::time::WrappingMillis;
 
 const MANUAL: CollectionContext = CollectionContext { is_automatic: false, calibration_serial: 7 };
 
@@ -90,7 +91,11 @@ fn a_collection_continues_after_a_restart() {
             collector.save(MANUAL);
         }
         assert!(collector.progress().is_complete(), "{cut}: {:?}", collector.progress());
-        for part in [collector.fit().left, collector.fit().right, collector.held_back().left] {
+        for part in [
+            collector.fit().part(Part::LEFT),
+            collector.fit().part(Part::RIGHT),
+            collector.held_back().part(Part::LEFT),
+        ] {
             assert!(part.is_sorted_by_key(|sample| sample.time.as_ms()), "{cut}");
             assert!(part.windows(2).all(|two| two[1].time.ms_since(two[0].time) >= 400), "{cut}");
         }
@@ -175,10 +180,17 @@ fn an_interrupted_change_is_atomic() {
         if let Some(before) = before.filter(|_| i % 61 == 60) {
             let (old, new) = (memory_words(&before), memory_words(&now));
             let changed: Vec<usize> = (0..old.len()).filter(|&at| old[at] != new[at]).collect();
-            for _ in 0..40 {
+            for trial in 0..40 {
                 let mut mixed = old.clone();
-                let share = random.byte();
-                changed.iter().filter(|_| random.byte() <= share).for_each(|&at| mixed[at] = new[at]);
+                // The first trial changes nothing, the last one all.
+                let share = if trial == 0 {
+                    0
+                } else if trial == 39 {
+                    256
+                } else {
+                    1 + u16::from(random.byte())
+                };
+                changed.iter().filter(|_| u16::from(random.byte()) < share).for_each(|&at| mixed[at] = new[at]);
                 match found(&memory_from_words(&mixed)) {
                     Some(found_now) => {
                         assert!(found(&before).as_ref() == Some(&found_now) || found(&now) == Some(found_now), "{i}");
@@ -248,18 +260,10 @@ fn random_memory_is_rejected_and_usable() {
 fn memory_of_other_firmware_is_rejected() {
     let retained = empty_memory();
     collect(retained, Procedure::Turns, flight());
-    let seal = |retained: &mut RetainedSamples, firmware: u32| {
-        let mut copy = retained.clone();
-        let collector = Collector::new(&mut copy);
-        retained.header.checksum =
-            compute_checksum(firmware, &retained.header.words, collector.dataset.all_buffers(), &[]);
-    };
-    seal(retained, FIRMWARE_SEED ^ 1);
-    assert_eq!(Collector::new(&mut retained.clone()).restored_context(), None);
-    let mut same = empty_memory().clone();
-    collect(&mut same, Procedure::Turns, flight());
-    seal(&mut same, FIRMWARE_SEED);
-    assert_eq!(Collector::new(&mut same).restored_context(), Some(MANUAL));
+    for (firmware, found) in [(FIRMWARE_SEED ^ 1, None), (FIRMWARE_SEED, Some(MANUAL))] {
+        retained.checksum = retained.compute_checksum(firmware);
+        assert_eq!(Collector::new(&mut retained.clone()).restored_context(), found);
+    }
 }
 
 /// Discarded at the fourth unexpected restart; a requested restart or a completed solve resets the count.

@@ -181,7 +181,7 @@ fn a_level_vehicle_is_calibrated_after_a_minute_without_tilt() {
                 let field =
                     crate::calibration::tests::synthetic::sample(&airframe(), attitude, t_s * 0.35, 0.1, &mut random)
                         .field;
-                Sample { field, attitude, rates, time: WrappingMillis::new(u32::from(i) * 100) }
+                Sample { field, attitude, rates, time: WrappingMillis::new(u32::from(i) * 100), part: Part::FREE }
             })
             .collect()
     };

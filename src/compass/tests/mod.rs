@@ -7,7 +7,7 @@ use super::state::HELD_SAMPLES;
 use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
-use crate::calibration::{Calibration, Method, Orientation, Rates, SamplePart, Side, SolveError};
+use crate::calibration::{Calibration, Method, Orientation, Part, Rates, SamplePart, Side, SolveError};
 use crate::collection::CollectionProblem;
 use crate::frames::{Attitude, Field, Sensor};
 use crate::instrument::{Correction, SampleAttitude};
@@ -87,8 +87,13 @@ impl TestBed {
     }
 
     fn sample(&mut self, field: Field<Sensor>, attitude: Attitude) -> Effect {
-        let effect =
-            self.compass.step(Event::Sample(Sample { field, attitude, time: self.time(), rates: Rates::NONE }));
+        let effect = self.compass.step(Event::Sample(Sample {
+            field,
+            attitude,
+            time: self.time(),
+            rates: Rates::NONE,
+            part: Part::FREE,
+        }));
         self.now = self.now.wrapping_add(STEP_MS);
         effect
     }
@@ -100,6 +105,7 @@ impl TestBed {
                 attitude: Attitude::default(),
                 time: self.time(),
                 rates: Rates::NONE,
+                part: Part::FREE,
             }));
             self.now = self.now.wrapping_add(100);
         }

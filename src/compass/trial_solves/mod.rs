@@ -135,13 +135,16 @@ impl TrialSchedule {
 #[derive(Debug)]
 pub(super) struct TrialSolves {
     schedule: TrialSchedule,
-    /// Best expected error, degrees RMS, and number of trials since.
-    best_error: (f32, u8),
+    /// Best expected error, degrees RMS.
+    best_deg: Option<f32>,
+    /// Trials since the best one.
+    trials_since_best: u8,
     pub last_result: Option<TrialResult>,
 }
 
 impl TrialSolves {
-    pub const NONE: Self = Self { schedule: TrialSchedule::NONE, best_error: (f32::INFINITY, 0), last_result: None };
+    pub const NONE: Self =
+        Self { schedule: TrialSchedule::NONE, best_deg: None, trials_since_best: 0, last_result: None };
 
     pub fn is_due(&mut self, collector: &Collector, now: WrappingMillis) -> bool {
         self.schedule.is_due(collector, now)
@@ -171,13 +174,13 @@ impl TrialSolves {
     }
 
     fn update_stalled(&mut self, expected_deg: f32) -> bool {
-        let (best_deg, since) = self.best_error;
-        self.best_error = if expected_deg <= NOTICEABLE_ERROR_RATIO * best_deg {
-            (expected_deg, 0)
+        let is_better = |best_deg| expected_deg <= NOTICEABLE_ERROR_RATIO * best_deg;
+        if self.best_deg.map_or(expected_deg.is_finite(), is_better) {
+            (self.best_deg, self.trials_since_best) = (Some(expected_deg), 0);
         } else {
-            (best_deg, since.saturating_add(self.schedule.represented_trials))
-        };
-        self.best_error.1 >= CONFIG.max_stalled_trials
+            self.trials_since_best = self.trials_since_best.saturating_add(self.schedule.represented_trials);
+        }
+        self.trials_since_best >= CONFIG.max_stalled_trials
     }
 }
 

@@ -4,7 +4,7 @@ use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::{Calibration, HeadingUncertainty, Method, MotorCurrentInterference, Orientation, Quality};
-use crate::calibration::{Rates, Sample};
+use crate::calibration::{Part, Rates, Sample};
 use crate::collection::RetainedSamples;
 use crate::frames::{Attitude, Field, Level};
 
@@ -23,7 +23,7 @@ fn trial_times_in_turns() -> Vec<(f32, u8)> {
         let heading_rad = f32::from(tenths % 180).to_radians() * 2.0;
         let field = Field::new(attitude.body(Field::<Level>::earth(50.0, 1.1, heading_rad)).ut);
         let time = WrappingMillis::new(u32::from(tenths) * 100);
-        collector.push(Sample { field, attitude, rates: Rates::NONE, time });
+        collector.push(Sample { field, attitude, rates: Rates::NONE, time, part: Part::FREE });
         if pace.is_due(&collector, time) {
             due.push((t_s, pace.represented_trials));
         }
@@ -117,6 +117,7 @@ fn solution_with(expected_rms_deg: f32, ut_per_a: f32) -> Solution {
         inclination_residual_deg: 0.0,
         samples: 100,
         latency: None,
+        knows_inclination: true,
     };
     let current = MotorCurrentInterference { ut_per_a: [ut_per_a, 0.0, 0.0], ..MotorCurrentInterference::NONE };
     let calibration = Calibration { motor_current: current, ..Calibration::uncalibrated(Orientation::NONE) };

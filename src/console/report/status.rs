@@ -5,7 +5,7 @@ use core::fmt::{self, Display, Write};
 use super::calibration::latency;
 use super::settings::{SettingGroup, field_model, setting_line};
 use crate::calibration::method_selection::Procedure;
-use crate::collection::dataset::{Coverage, SECTORS};
+use crate::collection::{Coverage, SECTORS};
 use crate::compass::{ModuleState, StatusReport, TrialResult};
 use crate::decimal::{Decimal, ShortestDecimal};
 use crate::frames::Attitude;

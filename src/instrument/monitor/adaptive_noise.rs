@@ -65,10 +65,9 @@ impl AdaptiveNoise {
 
     /// Variance inflation by autocorrelation `rho`: `(1 + rho) / (1 - rho)`.
     pub fn correlated_noise_factor(&self) -> f32 {
-        #[expect(clippy::manual_clamp, reason = "0/0 gives NaN, which `max` replaces by the lower limit")]
-        let rho = (self.inclination_lag_1_product_rad2 / self.inclination_mean_square_rad2)
-            .max(MIN_AUTOCORRELATION)
-            .min(MAX_AUTOCORRELATION);
+        let rho = self.inclination_lag_1_product_rad2 / self.inclination_mean_square_rad2;
+        // 0/0 gives NaN, which is not above the lower limit.
+        let rho = if rho > MIN_AUTOCORRELATION { rho.min(MAX_AUTOCORRELATION) } else { MIN_AUTOCORRELATION };
         (1.0 + rho) / (1.0 - rho)
     }
 

@@ -5,7 +5,7 @@ use core::f32::consts::PI;
 use testkit::random::Random;
 
 use super::*;
-use crate::calibration::{Calibration, HeadingUncertainty, Orientation, Rates};
+use crate::calibration::{Calibration, HeadingUncertainty, Orientation, Part, Rates};
 use crate::frames::{Attitude, Field};
 use crate::heading::Heading;
 use crate::time::WrappingMillis;
@@ -147,8 +147,13 @@ impl Flight {
             run: 0,
         };
         let at = Timestamp::from_us(u64::from(self.samples) * 100_000);
-        let sample =
-            Sample { field: Field::new(field), attitude: reported, rates: Rates::NONE, time: at.wrapping_millis() };
+        let sample = Sample {
+            field: Field::new(field),
+            attitude: reported,
+            rates: Rates::NONE,
+            time: at.wrapping_millis(),
+            part: Part::FREE,
+        };
         let monitored = MonitoredCalibration {
             calibration: &self.calibration,
             uncertainty: &self.uncertainty,
@@ -417,7 +422,13 @@ fn a_source_without_rates_is_monitored() {
         let (attitude, _, heading_rad) = moment(f32::from(i) * STEP_S);
         let field = attitude.body(Field::earth(TOTAL_UT, INCLINATION_RAD, heading_rad)).ut + Vector3::z() * iron_ut;
         let at = Timestamp::from_us(u64::from(i) * 100_000);
-        let sample = Sample { field: Field::new(field), attitude, rates: Rates::NONE, time: at.wrapping_millis() };
+        let sample = Sample {
+            field: Field::new(field),
+            attitude,
+            rates: Rates::NONE,
+            time: at.wrapping_millis(),
+            part: Part::FREE,
+        };
         let monitored = MonitoredCalibration {
             calibration: &flight.calibration,
             uncertainty: &flight.uncertainty,
@@ -446,6 +457,7 @@ fn non_finite_samples_are_ignored() {
         attitude: Attitude::default(),
         rates: Rates::NONE,
         time: WrappingMillis::default(),
+        part: Part::FREE,
     };
     let non_finite = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
     let turned = GyroHeading { relative_heading_rad: f32::INFINITY, ..GyroHeading::default() };
@@ -521,7 +533,13 @@ fn a_day_at_rest_changes_no_state() {
     for i in 0..864_000_u32 {
         let field = body + Vector3::from_fn(|_, _| STRENGTH_SIGMA * TOTAL_UT * random.normal());
         let at = Timestamp::from_us(u64::from(i) * 100_000);
-        let sample = Sample { field: Field::new(field), attitude, rates: Rates::NONE, time: at.wrapping_millis() };
+        let sample = Sample {
+            field: Field::new(field),
+            attitude,
+            rates: Rates::NONE,
+            time: at.wrapping_millis(),
+            part: Part::FREE,
+        };
         let monitored = MonitoredCalibration {
             calibration: &flight.calibration,
             uncertainty: &flight.uncertainty,

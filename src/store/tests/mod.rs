@@ -43,6 +43,7 @@ pub(crate) fn record(serial: u32) -> CalibrationRecord {
         inclination_residual_deg: 0.4,
         samples: u16::MAX,
         latency: Some(AttitudeLatency { estimate_s: -0.042, sigma_s: 0.006 }),
+        knows_inclination: true,
     };
     let sensor = Identity { model: Model::Lis3mdl, address: 0x1E };
     let mut uncertainty = HeadingUncertainty::NONE;

@@ -15,17 +15,19 @@ use std::time::Duration;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use host_sim::serve::{self, AttitudeProvider, FlashImage, FlashImageError, PORTS, PilotPattern, ServedModule};
-use host_sim::world::WorldConfig;
-use host_sim::world::aircraft::VehicleKind;
 use serde_json::{Value, json};
+use simulator::world::WorldConfig;
+use simulator::world::aircraft::VehicleKind;
 
 use self::run::{Connections, OrderInput};
 use self::wire::{Pty, TcpPort, Terminal, Wire};
 use super::termination::{SecondSignal, TerminationSignals};
 
+use super::airframe_json;
+use super::files::named_world;
 use super::print;
 use super::range::{integer, number, one_of};
-use super::{Failure, airframe_json, named_world};
+use crate::cli::failure::Failure;
 
 /// Serve the simulated module to a terminal, an autopilot, an instrument or another simulator.
 ///

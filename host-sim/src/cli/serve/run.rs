@@ -11,7 +11,8 @@ use host_sim::serve::ServedModule;
 
 use super::pace::VirtualClock;
 use super::wire::{Wire, read_in_thread};
-use super::{Failure, FlashWriter, LOOK, PIECE, print, print_line};
+use super::{FlashWriter, LOOK, PIECE, print, print_line};
+use crate::cli::failure::Failure;
 
 pub struct Connections {
     /// Wires of each of the module's ports.

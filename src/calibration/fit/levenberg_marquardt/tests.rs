@@ -1,12 +1,13 @@
 //! Unit tests of `maximum_likelihood`.
 
+use crate::calibration::tests::synthetic::Parts;
 use nalgebra::{Matrix3, Vector3};
 
 use super::*;
 use crate::calibration::closed_form::starting_point;
 use crate::calibration::model::{INCLINATION_INDEX, ModelConfig, ModelParameters};
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns};
-use crate::calibration::{Prior, Rates, Sample};
+use crate::calibration::{Part, Prior, Rates, Sample};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -52,8 +53,9 @@ fn refinement_off_by(sigmas: f32) -> Refinement {
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
         rates: Rates::NONE,
+        part: Part::FREE,
     };
-    let samples = Samples { left: &[sample], ..Samples::default() };
+    let samples = Parts { left: &[sample], ..Parts::default() }.samples();
     let prior = Prior { inclination_rad: Some(0.0), ..Prior::default() };
     let likelihood = Likelihood::new(&prior, ModelConfig::NO_ATTITUDE, samples, 50.0);
     let inclination_rad = sigmas * likelihood.config.known_inclination_sigma_rad;
@@ -67,9 +69,10 @@ fn descend(refinement: &mut Refinement, higher: f32) -> RefinementProgress {
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
         rates: Rates::NONE,
+        part: Part::FREE,
     };
     refinement.system.cost += higher;
-    refinement.levenberg_marquardt_step(Samples { left: &[sample], ..Samples::default() })
+    refinement.levenberg_marquardt_step(Parts { left: &[sample], ..Parts::default() }.samples())
 }
 
 /// Thresholds: a tenth of a sigma at the end, one sigma before. The last step is applied.
@@ -254,7 +257,7 @@ fn only_the_last_pass_rotates_equations() {
         let likelihood = Likelihood::new(
             &Prior::default(),
             ModelConfig::DEFAULT,
-            Samples { left: &recorded.left[..64], right: &recorded.right[..samples - 64], ..Samples::default() },
+            Parts { left: &recorded.left[..64], right: &recorded.right[..samples - 64], ..Parts::default() }.samples(),
             50.0,
         );
         assert_eq!(likelihood.uses_normal_equations, sums_up, "{samples}");

@@ -62,8 +62,7 @@ struct TimeSpan {
 impl TimeSpan {
     fn from_samples(samples: Samples<'_>) -> Option<Self> {
         let (_, first) = TimeOrdered::new(samples).next()?;
-        let pieces = [samples.left, samples.right, samples.level].into_iter().chain(samples.unassigned);
-        let ms = pieces.filter_map(<[_]>::last).map(|last| last.time.ms_since(first.time)).max()?;
+        let ms = samples.iter().map(|sample| sample.time.ms_since(first.time)).max()?;
         Some(Self { start: first.time, duration_ms: ms })
     }
 

@@ -1,5 +1,6 @@
 //! Unit tests of `hard_iron_change`.
 
+use crate::calibration::tests::synthetic::Parts;
 use nalgebra::{Matrix3, SVector};
 
 use super::*;
@@ -8,7 +9,7 @@ use crate::calibration::model::{JacobianRow, Likelihood, ModelConfig, NoiseModel
 use crate::calibration::tests::derivatives::assert_derivative;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns};
 use crate::calibration::uncertainty::information::Information;
-use crate::calibration::{Calibration, LeastSquares, Method, Orientation, Prior, Rates, Sample};
+use crate::calibration::{Calibration, LeastSquares, Method, Orientation, Part, Prior, Rates, Sample};
 use crate::frames::Field;
 
 /// Flight with a hard-iron change by `beta_ut` before a time, and unknowns near the maximum likelihood.
@@ -251,13 +252,14 @@ fn the_time_span_covers_all_parts() {
         attitude: crate::frames::Attitude::default(),
         time: WrappingMillis::new(millis),
         rates: Rates::NONE,
+        part: Part::FREE,
     };
     let (left, right, level) = ([at(50), at(900)], [at(20), at(300)], [at(400), at(700)]);
-    let of = |left, right, level| TimeSpan::from_samples(Samples { left, right, level, ..Samples::default() });
+    let of = |left, right, level| TimeSpan::from_samples(Parts { left, right, level, ..Parts::default() }.samples());
     let span = of(&left, &right, &level).unwrap();
     assert_eq!((span.start.as_ms(), span.duration_ms), (20, 880));
     assert_eq!(of(&[], &[], &level).unwrap().duration_ms, 300);
-    let any = Samples { unassigned: [&level, &left, &[]], ..Samples::default() };
+    let any = Parts { free: &[level, left].concat(), ..Parts::default() }.samples();
     assert_eq!(TimeSpan::from_samples(any).map(|span| (span.start.as_ms(), span.duration_ms)), Some((50, 850)));
     assert!(of(&[], &[], &[]).is_none());
 }

@@ -158,7 +158,7 @@ impl Solver {
     #[inline(never)]
     fn start_from_sphere(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
         self.implausible_error =
-            end.as_ref().err().copied().filter(|error| is_implausible(error) && samples.has_unassigned());
+            end.as_ref().err().copied().filter(|error| is_implausible(error) && samples.has_free());
         if self.implausible_error.is_none() && !is_poor(end) {
             return false;
         }
@@ -345,8 +345,8 @@ impl Solver {
         let heading = |s: &Sample| calibration.corrected_level_field(s).heading_rad();
         // The gyro gives the direction of turn; without it the bank does, for aircraft that bank into their turns.
         let by_bank = || {
-            let sides = [(Side::Left, samples.left), (Side::Right, samples.right)];
-            sides.into_iter().map(|(side, samples)| turn_progress_rad(samples, side, heading)).sum::<f32>()
+            let sides = [Side::Left, Side::Right].into_iter();
+            sides.map(|side| turn_progress_rad(samples.turn(side), side, heading)).sum::<f32>()
         };
         let progress = || turn_progress_by_rates_rad(samples, heading).unwrap_or_else(by_bank);
         if self.method != Method::Ellipsoid && progress() < MIN_TURN_PROGRESS_RAD {

@@ -1,12 +1,13 @@
 //! Unit tests of `solver`.
 
+use crate::calibration::tests::synthetic::Parts;
 use nalgebra::Matrix3;
 
 use super::*;
 use crate::calibration::Axis;
 use crate::calibration::solver::sample_checks::stuck_axis;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
-use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, Mark, Rates};
+use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, Mark, Part, Rates};
 use crate::frames::Attitude;
 use crate::frames::Field;
 use crate::time::WrappingMillis;
@@ -18,6 +19,7 @@ fn varying_samples(number: u8) -> Vec<Sample> {
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
         rates: Rates::NONE,
+        part: Part::FREE,
     };
     (0..number).map(sample).collect()
 }
@@ -30,7 +32,7 @@ fn stuck_axis_of(axis: usize, number: usize, value_ut: f32) -> Option<Axis> {
         sample.field.ut[axis] = if i < number { value_ut } else { running_ut };
     }
     let (left, right) = samples.split_at(30);
-    stuck_axis(Samples { left, right, ..Samples::default() })
+    stuck_axis(Parts { left, right, ..Parts::default() }.samples())
 }
 
 /// A fifth of 60 is 12. Varying samples are at least 0.85 uT apart, so one is at each end of the range.
@@ -53,22 +55,25 @@ fn an_axis_is_stuck_if_over_a_fifth_of_its_samples_are_at_one_end() {
 #[test]
 fn only_turns_show_that_an_axis_is_stuck() {
     let still = vec![varying_samples(1)[0]; 40];
-    assert_eq!(stuck_axis(Samples { level: &still, ..Samples::default() }), None);
-    assert_eq!(stuck_axis(Samples { left: &still[..11], ..Samples::default() }), None);
-    assert_eq!(stuck_axis(Samples { left: &still[..6], right: &still[..6], ..Samples::default() }), Some(Axis::X));
+    assert_eq!(stuck_axis(Parts { level: &still, ..Parts::default() }.samples()), None);
+    assert_eq!(stuck_axis(Parts { left: &still[..11], ..Parts::default() }.samples()), None);
+    assert_eq!(
+        stuck_axis(Parts { left: &still[..6], right: &still[..6], ..Parts::default() }.samples()),
+        Some(Axis::X)
+    );
 }
 
 #[test]
 fn twelve_samples_or_one_mark_are_accepted() {
     let samples = varying_samples(12);
     let missing = |part, have, need| Err(SolveError::TooFewSamples { part, have, need });
-    let of = |level| Samples { level, ..Samples::default() };
+    let of = |level| Parts { level, ..Parts::default() }.samples();
     assert_eq!(check_samples(Method::MaximumLikelihood, of(&samples)), Ok(()));
     assert_eq!(check_samples(Method::MaximumLikelihood, of(&samples[..11])), missing(SamplePart::All, 11, 12));
     assert_eq!(check_samples(Method::Level, of(&samples[..11])), missing(SamplePart::Level, 11, 12));
     assert_eq!(check_samples(Method::CompassSwing, of(&[])), missing(SamplePart::All, 0, 12));
     let mark = [Mark { sample: samples[0], heading_rad: 1.0 }];
-    assert_eq!(check_samples(Method::CompassSwing, Samples { marks: &mark, ..Samples::default() }), Ok(()));
+    assert_eq!(check_samples(Method::CompassSwing, Parts { marks: &mark, ..Parts::default() }.samples()), Ok(()));
 }
 
 #[test]
@@ -89,19 +94,19 @@ fn non_finite_samples_are_rejected() {
         change(&mut bad[7]);
         let marks = [Mark { sample: bad[7], heading_rad: 0.0 }];
         for samples in [
-            Samples { left: &bad, right: &good, ..Samples::default() },
-            Samples { left: &good, right: &bad, ..Samples::default() },
-            Samples { level: &bad, ..Samples::default() },
-            Samples { marks: &marks, ..Samples::default() },
+            Parts { left: &bad, right: &good, ..Parts::default() }.samples(),
+            Parts { left: &good, right: &bad, ..Parts::default() }.samples(),
+            Parts { level: &bad, ..Parts::default() }.samples(),
+            Parts { marks: &marks, ..Parts::default() }.samples(),
         ] {
             assert_eq!(check_samples(Method::MaximumLikelihood, samples), Err(SolveError::NotFinite), "{:?}", bad[7]);
         }
     }
     let mut large = varying_samples(20);
     large[3].field.ut.x = -0.9e6;
-    assert_eq!(check_samples(Method::Level, Samples { level: &large, ..Samples::default() }), Ok(()));
+    assert_eq!(check_samples(Method::Level, Parts { level: &large, ..Parts::default() }.samples()), Ok(()));
     let marks = [Mark { sample: varying_samples(1)[0], heading_rad: f32::NAN }];
-    let nowhere = check_samples(Method::CompassSwing, Samples { marks: &marks, ..Samples::default() });
+    let nowhere = check_samples(Method::CompassSwing, Parts { marks: &marks, ..Parts::default() }.samples());
     assert_eq!(nowhere, Err(SolveError::NotFinite));
 }
 

@@ -1,0 +1,179 @@
+//! The autopilot's correction of the field, and its inverse.
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+use super::parameters::ParameterHistory;
+use super::rotation::NumberedRotation;
+
+const MILLIGAUSS_UT: f64 = 0.1;
+const GAUSS_UT: f64 = 100.0;
+
+/// Correction of hard iron, soft iron and motor current, body axes: `corrected = matrix (raw - centre - by_current I)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FieldCorrection {
+    /// Soft iron and scale.
+    pub matrix: Matrix3<f64>,
+    /// Hard iron, microtesla.
+    pub hard_iron_ut: Vector3<f64>,
+    /// Motor-current interference in the raw field, uT/A.
+    pub motor_ut_per_a: Vector3<f64>,
+}
+
+impl FieldCorrection {
+    /// Identity.
+    #[must_use]
+    pub fn identity() -> Self {
+        Self::without_current(Matrix3::identity(), Vector3::zeros())
+    }
+
+    /// A correction without motor-current interference.
+    #[must_use]
+    pub fn without_current(matrix: Matrix3<f64>, centre_ut: Vector3<f64>) -> Self {
+        Self { matrix, hard_iron_ut: centre_ut, motor_ut_per_a: Vector3::zeros() }
+    }
+
+    /// The corrected field, microtesla, of a raw field measured at a current in amperes.
+    #[must_use]
+    pub fn apply(&self, raw_ut: Vector3<f64>, current_a: f64) -> Vector3<f64> {
+        self.matrix * (raw_ut - self.hard_iron_ut - self.motor_ut_per_a * current_a)
+    }
+
+    /// ArduPilot's last correction of a compass, without throttle compensation.
+    #[must_use]
+    pub fn from_ardupilot(parameters: &ParameterHistory, number: u8) -> Self {
+        InvertibleCorrection::ardupilot(parameters, f64::INFINITY, number).correction
+    }
+
+    /// PX4's last correction of a compass.
+    #[must_use]
+    pub fn from_px4(parameters: &ParameterHistory, number: u8) -> Self {
+        InvertibleCorrection::px4(parameters, f64::INFINITY, number.saturating_sub(1)).correction
+    }
+}
+
+/// Correction at one time with its inverse.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct InvertibleCorrection {
+    pub correction: FieldCorrection,
+    inverse: Matrix3<f64>,
+}
+
+impl InvertibleCorrection {
+    /// Raw field of a logged one, of which `motor_ut` is motor-current compensation.
+    pub fn raw_ut(&self, logged_ut: Vector3<f64>, motor_ut: Vector3<f64>) -> Vector3<f64> {
+        self.inverse * (logged_ut - motor_ut) + self.correction.hard_iron_ut
+    }
+
+    /// Motor-current compensation in a logged field, microtesla.
+    pub fn motor_ut(&self, current_a: f64) -> Vector3<f64> {
+        self.correction.matrix * self.correction.motor_ut_per_a * -current_a
+    }
+
+    /// Adds a compensation that is applied after the correction, uT/A.
+    fn from_correction(correction: FieldCorrection, after_ut: Vector3<f64>) -> Self {
+        match correction.matrix.try_inverse() {
+            Some(inverse) if inverse.iter().all(|number| number.is_finite()) => {
+                let by_current_ut = correction.motor_ut_per_a - inverse * after_ut;
+                Self { correction: FieldCorrection { motor_ut_per_a: by_current_ut, ..correction }, inverse }
+            }
+            // A singular matrix cannot be flown; the logged field is used unchanged.
+            _ => Self { correction: FieldCorrection::identity(), inverse: Matrix3::identity() },
+        }
+    }
+
+    /// ArduPilot's correction by the parameters of a time: `f = M ((raw + OFS) SCALE)`, then motor-current compensation
+    /// (`AP_Compass_Backend::correct_field`). As in ArduPilot, a scale outside 1/1.5 to 1.5 and diagonals of zero mean
+    /// one.
+    pub fn ardupilot(parameters: &ParameterHistory, t_s: f64, number: u8) -> Self {
+        let index = if number == 1 { String::new() } else { number.to_string() };
+        let value = |name: &str| parameters.at(t_s, name);
+        let vector = |parameter_part: &str| {
+            let [x, y, z] =
+                ["X", "Y", "Z"].map(|axis| value(&format!("COMPASS_{parameter_part}{index}_{axis}")).unwrap_or(0.0));
+            Vector3::new(x, y, z)
+        };
+        let scale =
+            value(&format!("COMPASS_SCALE{index}")).filter(|scale| (1.0 / 1.5..=1.5).contains(scale)).unwrap_or(1.0);
+        let off_diagonal = vector("ODI");
+        let diagonal = ["X", "Y", "Z"].map(|axis| value(&format!("COMPASS_DIA{index}_{axis}")));
+        let soft = if diagonal.iter().flatten().all(|axis| *axis == 0.0) {
+            Matrix3::identity()
+        } else {
+            // A link may lose one of three; it gets its default.
+            symmetric_matrix(&Vector3::from(diagonal.map(|axis| axis.unwrap_or(1.0))), &off_diagonal)
+        };
+        let is_by_current = value("COMPASS_MOTCT").is_some_and(|kind| kind.round() as i32 == 2);
+        let after_ut = if is_by_current { vector("MOT") * MILLIGAUSS_UT } else { Vector3::zeros() };
+        Self::from_correction(FieldCorrection::without_current(soft * scale, -vector("OFS") * MILLIGAUSS_UT), after_ut)
+    }
+
+    /// PX4's correction by its parameters: `scale (raw + current COMP - offset)` in sensor axes, then turned to body
+    /// axes (`calibration::Magnetometer::Correct`). `COMP` is in gauss per kiloampere, and of a battery if
+    /// `CAL_MAG_COMP_TYP` is 2 or 3. `index` is that of `CAL_MAGn`.
+    pub fn px4(parameters: &ParameterHistory, t_s: f64, index: u8) -> Self {
+        let value = |name: &str| parameters.at(t_s, &format!("CAL_MAG{index}_{name}"));
+        let vector = |parameter_part: &str, none: f64| {
+            let [x, y, z] = ["X", "Y", "Z"].map(|axis| value(&format!("{axis}{parameter_part}")).unwrap_or(none));
+            Vector3::new(x, y, z)
+        };
+        let mut diagonal = vector("SCALE", 1.0);
+        if diagonal.iter().any(|scale| *scale < 1e-3) {
+            diagonal = Vector3::repeat(1.0);
+        }
+        let turned = px4_mounting(parameters, t_s, index);
+        let scale = turned * symmetric_matrix(&diagonal, &vector("ODIAG", 0.0)) * turned.transpose();
+        let is_by_current =
+            parameters.at(t_s, "CAL_MAG_COMP_TYP").is_some_and(|kind| [2, 3].contains(&(kind.round() as i32)));
+        let comp = if is_by_current { vector("COMP", 0.0) } else { Vector3::zeros() };
+        let by_current_ut = turned * comp * -GAUSS_UT / 1000.0;
+        let correction_as_logged = FieldCorrection {
+            motor_ut_per_a: by_current_ut,
+            ..FieldCorrection::without_current(scale, turned * vector("OFF", 0.0) * GAUSS_UT)
+        };
+        Self::from_correction(correction_as_logged, Vector3::zeros())
+    }
+}
+
+/// ArduPilot's calibration parameters that are missing though others of the same three are present.
+#[must_use]
+pub fn missing_ardupilot_parameters(parameters: &ParameterHistory, number: u8) -> Vec<String> {
+    let index = if number == 1 { String::new() } else { number.to_string() };
+    let mut missing = Vec::new();
+    for parameter_part in ["OFS", "DIA", "ODI"] {
+        let names = ["X", "Y", "Z"].map(|axis| format!("COMPASS_{parameter_part}{index}_{axis}"));
+        let (known, unknown): (Vec<_>, Vec<_>) = names.into_iter().partition(|name| parameters.last(name).is_some());
+        if !known.is_empty() {
+            missing.extend(unknown);
+        }
+    }
+    missing
+}
+
+/// Rotation from sensor to body axes of a PX4 compass: `CAL_MAGn_ROT` (100: custom angles), or, if negative, the
+/// board's rotation trimmed by `SENS_BOARD_X_OFF`, `_Y_OFF` and `_Z_OFF`.
+pub(crate) fn px4_mounting(parameters: &ParameterHistory, t_s: f64, index: u8) -> Matrix3<f64> {
+    const CUSTOM: f64 = 100.0;
+    let value = |name: &str| parameters.at(t_s, name);
+    let turned = |names: [String; 3]| {
+        let [roll, pitch, yaw] = names.map(|name| value(&name).unwrap_or(0.0).to_radians());
+        Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
+    };
+    let numbered = |number: f64| NumberedRotation::new(number).unwrap_or_default().matrix();
+    match value(&format!("CAL_MAG{index}_ROT")).filter(|number| *number >= 0.0) {
+        Some(CUSTOM) => turned(["ROLL", "PITCH", "YAW"].map(|angle| format!("CAL_MAG{index}_{angle}"))),
+        Some(number) => numbered(number),
+        None => {
+            let board = value("SENS_BOARD_ROT").map_or_else(Matrix3::identity, numbered);
+            turned(["X", "Y", "Z"].map(|axis| format!("SENS_BOARD_{axis}_OFF"))) * board
+        }
+    }
+}
+
+/// Symmetric matrix from its diagonal and its xy, xz and yz elements.
+pub(crate) fn symmetric_matrix(diagonal: &Vector3<f64>, off_diagonal: &Vector3<f64>) -> Matrix3<f64> {
+    let (d, o) = (diagonal, off_diagonal);
+    Matrix3::new(d.x, o.x, o.y, o.x, d.y, o.z, o.y, o.z, d.z)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,158 @@
+//! Unit tests of `correction`.
+
+use super::*;
+
+fn parameters(values: &[(&str, f64)]) -> ParameterHistory {
+    let mut parameters = ParameterHistory::default();
+    for &(name, value) in values {
+        parameters.set(0.0, name, value);
+    }
+    parameters
+}
+
+#[test]
+fn ardupilots_correction_is_undone() {
+    let parameters = parameters(&[
+        ("COMPASS_OFS2_X", 100.0),
+        ("COMPASS_OFS2_Y", -50.0),
+        ("COMPASS_DIA2_X", 1.1),
+        ("COMPASS_DIA2_Y", 0.9),
+        ("COMPASS_DIA2_Z", 1.2),
+        ("COMPASS_ODI2_X", 0.05),
+        ("COMPASS_ODI2_Z", -0.1),
+        ("COMPASS_SCALE2", 1.25),
+        ("COMPASS_MOTCT", 2.0),
+        ("COMPASS_MOT2_Y", 2.0),
+    ]);
+    let undo = InvertibleCorrection::ardupilot(&parameters, 0.0, 2);
+    // (raw + OFS) SCALE of the raw field 100, 130, -400 mG: 250, 100, -500.
+    let logged = Vector3::new(275.0 + 5.0, 12.5 + 90.0 + 50.0, -10.0 - 600.0) * 0.1;
+    assert!((undo.raw_ut(logged, Vector3::zeros()) - Vector3::new(10.0, 13.0, -40.0)).norm() < 1e-9);
+    assert!((undo.correction.apply(Vector3::new(10.0, 13.0, -40.0), 0.0) - logged).norm() < 1e-9);
+    let motor = undo.motor_ut(1.0) * 10.0;
+    assert!((motor - Vector3::new(0.0, 2.0, 0.0)).norm() < 1e-9);
+    assert!((undo.raw_ut(logged + motor, motor) - Vector3::new(10.0, 13.0, -40.0)).norm() < 1e-9);
+}
+
+/// PX4 compensates in sensor axes, before the offsets, in G/kA, and only for a battery's current (types 2 and 3).
+#[test]
+fn px4s_correction_for_the_current_is_undone() {
+    for (kind, share) in [(0.0, 0.0), (1.0, 0.0), (2.0, 1.0), (3.0, 1.0)] {
+        let undo = InvertibleCorrection::px4(
+            &parameters(&[
+                ("CAL_MAG0_XOFF", 0.1),
+                ("CAL_MAG0_YSCALE", 1.1),
+                ("CAL_MAG0_YCOMP", -5.0),
+                // Yaw 180 deg: x and y are reversed.
+                ("CAL_MAG0_ROT", 4.0),
+                ("CAL_MAG_COMP_TYP", kind),
+            ]),
+            0.0,
+            0,
+        );
+        // Body axes, microtesla, at 20 A: 5 G/kA are 0.5 uT/A, so 10 on the sensor's y.
+        let raw = Vector3::new(20.0, 30.0, 40.0);
+        let logged = Vector3::new(20.0 + 10.0, 1.1 * (30.0 + share * 10.0), 40.0);
+        assert!(
+            (undo.correction.apply(raw, 20.0) - logged).norm() < 1e-9,
+            "{kind}: {}",
+            undo.correction.apply(raw, 20.0)
+        );
+        assert!((undo.raw_ut(logged, undo.motor_ut(20.0)) - raw).norm() < 1e-9, "{kind}");
+    }
+}
+
+#[test]
+fn a_missing_parameter_has_its_default() {
+    let configured = [("COMPASS_OFS_X", 10.0), ("COMPASS_DIA_X", 1.1), ("COMPASS_DIA_Z", 0.9), ("COMPASS_ODI_X", 0.05)];
+    let undone_correction = InvertibleCorrection::ardupilot(&parameters(&configured), 0.0, 1).correction;
+    let expected = Matrix3::new(1.1, 0.05, 0.0, 0.05, 1.0, 0.0, 0.0, 0.0, 0.9);
+    assert!((undone_correction.matrix - expected).norm() < 1e-9, "{}", undone_correction.matrix);
+    let missing = missing_ardupilot_parameters(&parameters(&configured), 1);
+    assert_eq!(missing, ["COMPASS_OFS_Y", "COMPASS_OFS_Z", "COMPASS_DIA_Y", "COMPASS_ODI_Y", "COMPASS_ODI_Z"]);
+    assert!(missing_ardupilot_parameters(&parameters(&configured), 2).is_empty());
+    // A nearly zero matrix would amplify the logged field.
+    let singular = parameters(&[("COMPASS_DIA_X", 1.0), ("COMPASS_DIA_Y", 0.0), ("COMPASS_DIA_Z", 1.0)]);
+    assert_eq!(InvertibleCorrection::ardupilot(&singular, 0.0, 1).correction, FieldCorrection::identity());
+}
+
+#[test]
+fn ardupilot_scales_out_of_range_and_zero_diagonals_mean_one() {
+    for (scale, used) in [(1.51, 1.0), (1.5, 1.5), (0.66, 1.0), (0.67, 0.67), (0.0, 1.0)] {
+        let undo = InvertibleCorrection::ardupilot(&parameters(&[("COMPASS_SCALE", scale)]), 0.0, 1);
+        assert!((undo.correction.matrix - Matrix3::identity() * used).norm() < 1e-9, "{scale}");
+    }
+    assert_eq!(
+        InvertibleCorrection::ardupilot(&ParameterHistory::default(), 0.0, 1).correction,
+        FieldCorrection::identity()
+    );
+    let singular = parameters(&[("COMPASS_DIA_X", 1.0)]);
+    assert_eq!(InvertibleCorrection::ardupilot(&singular, 0.0, 1).correction, FieldCorrection::identity());
+}
+
+/// A text log may hold any number: a determinant may overflow.
+#[test]
+fn a_matrix_with_overflowing_determinant_is_ignored() {
+    let configured = parameters(
+        &["X", "Y", "Z"].map(|axis| format!("COMPASS_DIA_{axis}")).each_ref().map(|name| (name.as_str(), 1e200)),
+    );
+    let undo = InvertibleCorrection::ardupilot(&configured, 0.0, 1);
+    assert_eq!(undo.correction, FieldCorrection::identity());
+    let field = Vector3::new(20.0, 0.0, 40.0);
+    assert_eq!(undo.raw_ut(field, Vector3::zeros()), field);
+}
+
+/// An external compass turned by 90 deg: 0.5 G along the nose are -y of the sensor.
+#[test]
+fn px4s_correction_is_made_in_the_sensors_axes() {
+    let parameters = parameters(&[("CAL_MAG1_ROT", 2.0), ("CAL_MAG1_XOFF", 0.1), ("CAL_MAG1_YSCALE", 1.25)]);
+    let undo = InvertibleCorrection::px4(&parameters, 0.0, 1);
+    // Sensor (0.3, -0.4, 0) G: less offset (0.2, -0.4, 0), scaled (0.2, -0.5, 0), turned (0.5, 0.2, 0).
+    let raw = undo.raw_ut(Vector3::new(50.0, 20.0, 0.0), Vector3::zeros());
+    assert!((raw - Vector3::new(40.0, 30.0, 0.0)).norm() < 1e-9, "{raw}");
+    let board = px4_mounting(&self::parameters(&[("CAL_MAG1_ROT", -1.0), ("SENS_BOARD_ROT", 7.0)]), 0.0, 1);
+    assert!((board - NumberedRotation::new(7.0).unwrap().matrix()).norm() < 1e-12, "{board}");
+}
+
+/// A compass yawed 30 deg right; an inverted board (z up, y left) trimmed by 10 deg of yaw.
+#[test]
+fn px4s_compass_angles_and_board_trim_rotate_the_field() {
+    let rotation = px4_mounting(&parameters(&[("CAL_MAG0_ROT", 100.0), ("CAL_MAG0_YAW", 30.0)]), 0.0, 0);
+    let (sin, cos) = libm::sincos(30_f64.to_radians());
+    assert!((rotation * Vector3::x() - Vector3::new(cos, sin, 0.0)).norm() < 1e-12, "{rotation}");
+    let trimmed = [("CAL_MAG0_ROT", -1.0), ("SENS_BOARD_ROT", 8.0), ("SENS_BOARD_Z_OFF", 10.0)];
+    let board = px4_mounting(&parameters(&trimmed), 0.0, 0);
+    let (sin, cos) = libm::sincos(10_f64.to_radians());
+    assert!((board * Vector3::y() - Vector3::new(sin, -cos, 0.0)).norm() < 1e-12, "{board}");
+    // A compass with its own rotation ignores the board's.
+    let external = [("CAL_MAG0_ROT", 0.0), ("SENS_BOARD_ROT", 8.0), ("SENS_BOARD_Z_OFF", 10.0)];
+    assert_eq!(px4_mounting(&parameters(&external), 0.0, 0), Matrix3::identity());
+}
+
+/// Type 1 compensates by throttle, whose input value is not logged.
+#[test]
+fn ardupilots_throttle_compensation_is_not_used_as_current() {
+    for (kind, by_current_ut) in [(0.0, 0.0), (1.0, 0.0), (2.0, -0.5)] {
+        let configured = parameters(&[("COMPASS_MOTCT", kind), ("COMPASS_MOT_X", 5.0)]);
+        let undone_correction = InvertibleCorrection::ardupilot(&configured, 0.0, 1).correction;
+        assert!(
+            (undone_correction.motor_ut_per_a - Vector3::new(by_current_ut, 0.0, 0.0)).norm() < 1e-9,
+            "{kind}: {undone_correction:?}"
+        );
+    }
+}
+
+/// PX4 ignores scales that are not positive.
+#[test]
+fn px4s_non_positive_scales_mean_one() {
+    for (scale, used) in [(0.0, 1.0), (-1.0, 1.0), (0.5, 0.5)] {
+        let configured = parameters(&[("CAL_MAG0_YSCALE", scale), ("CAL_MAG0_XOFF", 0.1)]);
+        let undone_correction = InvertibleCorrection::px4(&configured, 0.0, 0).correction;
+        let expected = Matrix3::from_diagonal(&Vector3::new(1.0, used, 1.0));
+        assert!((undone_correction.matrix - expected).norm() < 1e-9, "{scale}: {undone_correction:?}");
+        assert!(
+            (undone_correction.hard_iron_ut - Vector3::new(10.0, 0.0, 0.0)).norm() < 1e-9,
+            "{scale}: {undone_correction:?}"
+        );
+    }
+}

@@ -1,0 +1,230 @@
+//! A logged flight, independent of the log's format.
+
+use autoswing::earth::Date;
+use serde::Serialize;
+
+use super::ParameterHistory;
+use super::correction::FieldCorrection;
+use super::series::Series;
+
+/// Log file format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub enum LogFormat {
+    /// ArduPilot, binary.
+    DataFlash,
+    /// ArduPilot, text.
+    DataFlashText,
+    /// PX4.
+    ULog,
+    /// MAVLink frames with the receiver's clock.
+    TLog,
+    /// A table.
+    Csv,
+}
+
+impl LogFormat {
+    /// The format's usual name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::DataFlash => "ArduPilot DataFlash",
+            Self::DataFlashText => "ArduPilot DataFlash text",
+            Self::ULog => "PX4 ULog",
+            Self::TLog => "MAVLink tlog",
+            Self::Csv => "CSV",
+        }
+    }
+
+    /// Default latency of a logged field, seconds. ArduPilot's rows are means over the preceding interval (usually 10
+    /// Hz); MAVLink adds transmission.
+    #[must_use]
+    pub const fn default_field_latency_s(self) -> f64 {
+        match self {
+            Self::DataFlash | Self::DataFlashText => 0.05,
+            Self::TLog => 0.09,
+            Self::ULog | Self::Csv => 0.0,
+        }
+    }
+}
+
+/// The autopilot that wrote the log.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub enum Autopilot {
+    /// ArduPilot.
+    ArduPilot,
+    /// PX4.
+    Px4,
+    /// Not identified.
+    #[default]
+    Unknown,
+}
+
+/// A compass of the aircraft.
+#[derive(Clone, Debug, Default)]
+pub struct Compass {
+    /// The autopilot's number of the compass, from 1.
+    pub number: u8,
+    /// Raw field x, y, z and the field as the autopilot corrected it, body axes, microtesla.
+    pub field: Series<6>,
+    /// The autopilot's last correction.
+    pub correction: Option<FieldCorrection>,
+    /// Whether the autopilot uses it for its heading, if known.
+    pub is_used: Option<bool>,
+}
+
+/// Columns of [`Flight::gps`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gps {
+    /// Latitude, degrees.
+    pub latitude_deg: f32,
+    /// Longitude, degrees.
+    pub longitude_deg: f32,
+    /// Height above mean sea level, metres.
+    pub height_m: f32,
+    /// Speed over ground, m/s.
+    pub speed_m_s: f32,
+    /// Course over ground from true north, degrees.
+    pub course_deg: f32,
+    /// Heading from two antennas, degrees from true north; NaN if absent.
+    pub yaw_deg: f32,
+}
+
+impl Gps {
+    /// Values in column order.
+    #[must_use]
+    pub const fn columns(self) -> [f32; 6] {
+        let Self { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg } = self;
+        [latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg]
+    }
+
+    /// Values of a row.
+    #[must_use]
+    pub const fn from_columns(
+        [latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg]: [f32; 6],
+    ) -> Self {
+        Self { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg }
+    }
+}
+
+/// Numbers of rows and messages skipped.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct SkippedCounts {
+    /// Unrecognised bytes, or lines of a table.
+    pub garbage: u64,
+    /// Messages with an invalid time.
+    pub bad_times: u64,
+    /// Rows that repeat a time.
+    pub repeats: u64,
+    /// Readings that are out of range or marked unhealthy.
+    pub unhealthy: u64,
+    /// Messages of other MAVLink systems.
+    pub others: u64,
+    /// Restarts of the autopilot.
+    pub restarts: u32,
+}
+
+/// A flight.
+#[derive(Clone, Debug)]
+pub struct Flight {
+    /// Format of the log.
+    pub format: LogFormat,
+    /// The autopilot that wrote the log.
+    pub autopilot: Autopilot,
+    /// The autopilot's firmware name.
+    pub firmware: Option<String>,
+    /// Whether it is a rotorcraft.
+    pub is_copter: bool,
+    /// The compasses.
+    pub compasses: Vec<Compass>,
+    /// The autopilot's roll, pitch and yaw from true north, radians; yaw is NaN if absent.
+    pub attitude: Series<3>,
+    /// Message that replaced a missing autopilot attitude.
+    pub attitude_source: Option<&'static str>,
+    /// Body rates p, q, r, rad/s.
+    pub rates: Series<3>,
+    /// GPS rows; columns as in [`Gps`].
+    pub gps: Series<6>,
+    /// Battery current, amperes.
+    pub current: Series<1>,
+    /// Arming changes; the state before the first is its opposite.
+    pub armed: Vec<(f64, bool)>,
+    /// A simulator's true roll, pitch and yaw, radians, for scoring only.
+    pub truth: Series<3>,
+    /// Logged reference heading, radians, from an arbitrary north.
+    pub reference_heading: Series<1>,
+    /// Whether rows may be used; 0 or 1.
+    pub usable: Series<1>,
+    /// The autopilot's parameters.
+    pub parameters: ParameterHistory,
+    /// Day of the flight.
+    pub day: Option<Date>,
+    /// Rows without a time; they get the preceding message's.
+    pub rows_without_time: u64,
+    /// MAVLink systems with an autopilot, first the one read.
+    pub systems: Vec<u8>,
+    /// Components of that system with an autopilot, first the one read.
+    pub components: Vec<u8>,
+    /// Counts of skipped rows.
+    pub counts: SkippedCounts,
+}
+
+impl Flight {
+    /// Creates an empty flight.
+    #[must_use]
+    pub fn new(format: LogFormat) -> Self {
+        Self {
+            format,
+            autopilot: Autopilot::default(),
+            firmware: None,
+            is_copter: false,
+            compasses: Vec::new(),
+            attitude: Series::new(),
+            attitude_source: None,
+            rates: Series::new(),
+            gps: Series::new(),
+            current: Series::new(),
+            armed: Vec::new(),
+            truth: Series::new(),
+            reference_heading: Series::new(),
+            usable: Series::new(),
+            parameters: ParameterHistory::default(),
+            day: None,
+            rows_without_time: 0,
+            systems: Vec::new(),
+            components: Vec::new(),
+            counts: SkippedCounts::default(),
+        }
+    }
+
+    /// Times of the first and the last field row, seconds.
+    #[must_use]
+    pub fn time_range_s(&self) -> [f64; 2] {
+        let each = self.compasses.iter().filter_map(|compass| {
+            let rows = compass.field.rows();
+            Some([rows.first()?.t_s, rows.last()?.t_s])
+        });
+        each.reduce(|[from, to], [first, last]| [from.min(first), to.max(last)]).unwrap_or_default()
+    }
+
+    /// Whether the aircraft was armed at a time; none if unknown.
+    #[must_use]
+    pub fn is_armed(&self, t_s: f64) -> Option<bool> {
+        let &(_, first) = self.armed.first()?;
+        let latest = self.armed.iter().take_while(|&&(at_s, _)| at_s <= t_s).last();
+        Some(latest.map_or(!first, |&(_, is)| is))
+    }
+}
+
+/// Mounting parameters of a compass or the board that changed in flight, with the time of the last change, seconds.
+#[must_use]
+pub fn mounting_parameter_changes(flight: &Flight, number: u8) -> Vec<(String, f64)> {
+    let index = if number == 1 { String::new() } else { number.to_string() };
+    let external = if number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{number}") };
+    let names = match flight.autopilot {
+        Autopilot::ArduPilot => vec![format!("COMPASS_ORIENT{index}"), external, "AHRS_ORIENTATION".to_owned()],
+        Autopilot::Px4 => vec![format!("CAL_MAG{}_ROT", number.saturating_sub(1)), "SENS_BOARD_ROT".to_owned()],
+        Autopilot::Unknown => Vec::new(),
+    };
+    let changed = |name: String| flight.parameters.last_change_s(&name).map(|at_s| (name, at_s));
+    names.into_iter().filter_map(changed).collect()
+}

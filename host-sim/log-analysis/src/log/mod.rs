@@ -1,0 +1,170 @@
+//! Readers for autopilot logs; every format becomes one [`Flight`].
+//!
+//! | format | file | recognised by |
+//! |---|---|---|
+//! | ArduPilot DataFlash | `.bin` | a FMT message: `A3 95 80` |
+//! | the same as text | `.log` | a line that begins with `FMT,` |
+//! | PX4 ULog | `.ulg` | its seven magic bytes |
+//! | MAVLink, with or without clock | `.tlog` | frames with valid checksums, each after eight clock bytes or none |
+//! | values separated by comma, semicolon or tab | `.csv` | a first line that names `t_s` |
+//!
+//! The format is detected from the content, not the file name. Logs are read as streams: a [`Flight`] holds at most
+//! half a million rows of each series, whatever the length of the file. Any input gives a flight or an error.
+//!
+//! Published readers were rejected: `ardupilot-binlog` 0.2 can underflow a length and gives up after 256 damaged bytes;
+//! `px4-ulog` 0.6 panics on a key longer than its message (file_reader.rs, line 419, found by fuzzing); `yule_log` 0.4
+//! prints to standard output, recurses into a format that contains itself, and depends on regular expressions and a
+//! logger. MAVLink messages and checksums come from the `mavlink` crate.
+
+mod correction;
+pub mod csv;
+mod dataflash;
+mod flight;
+mod flight_builder;
+mod parameters;
+mod read_window;
+mod rotation;
+pub mod series;
+#[cfg(test)]
+mod tests;
+mod timeline;
+mod tlog;
+mod ulog;
+pub mod write;
+
+pub use correction::{FieldCorrection, missing_ardupilot_parameters};
+pub(crate) use correction::{px4_mounting, symmetric_matrix};
+pub use flight::{Autopilot, Compass, Flight, Gps, LogFormat, SkippedCounts, mounting_parameter_changes};
+pub use parameters::ParameterHistory;
+pub use rotation::NumberedRotation;
+
+use std::fmt;
+use std::io::{self, Read};
+
+use csv::{CsvError, FieldUnit};
+
+/// Bytes searched to detect the format.
+const HEAD: usize = 1 << 16;
+
+/// Reason why a log cannot be read.
+#[derive(Debug)]
+pub enum LogError {
+    /// The source cannot be read.
+    Io(io::Error),
+    /// The file is empty.
+    Empty,
+    /// The content matches no supported format.
+    UnknownFormat,
+    /// Error in the values of a table.
+    Csv(CsvError),
+    /// No valid field; number of rejected magnetometer readings.
+    NoField(LogFormat, u64),
+    /// The log has no attitude.
+    NoAttitude(LogFormat),
+    /// The requested MAVLink system is absent; systems that are present.
+    SystemNotFound(u8, Vec<u8>),
+    /// The log's messages carry no time.
+    NoTime(LogFormat),
+}
+
+impl fmt::Display for LogError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Io(error) => error.fmt(f),
+            Self::Empty => f.write_str("the file is empty"),
+            Self::UnknownFormat => f.write_str(
+                "not a known log: ArduPilot DataFlash (.bin, .log), PX4 ULog (.ulg), MAVLink (.tlog), or a table \
+                 whose first line names t_s,mx,my,mz,roll_deg,pitch_deg",
+            ),
+            Self::Csv(error) => error.fmt(f),
+            Self::NoField(format, 0) => write!(f, "{}: no magnetometer is logged", format.name()),
+            Self::NoField(format, unhealthy) => write!(
+                f,
+                "{}: all {unhealthy} magnetometer readings are out of range, or marked unhealthy by the autopilot",
+                format.name()
+            ),
+            Self::NoAttitude(format) => write!(f, "{}: no attitude is logged", format.name()),
+            Self::SystemNotFound(system, found) if found.is_empty() => {
+                write!(f, "no system {system}: no vehicle of the log has this number")
+            }
+            Self::SystemNotFound(system, found) => {
+                let found: Vec<String> = found.iter().map(u8::to_string).collect();
+                write!(f, "there is no vehicle of system {system}; there is {}", found.join(", "))
+            }
+            Self::NoTime(format) => write!(
+                f,
+                "{}: its messages carry no time (logs until 2014): the attitude of a field is unknown",
+                format.name()
+            ),
+        }
+    }
+}
+
+impl std::error::Error for LogError {}
+
+impl From<io::Error> for LogError {
+    fn from(error: io::Error) -> Self {
+        Self::Io(error)
+    }
+}
+
+/// Reads the first autopilot's flight from any source.
+///
+/// # Errors
+///
+/// As [`read_system`].
+pub fn read(source: &mut dyn Read, unit: FieldUnit) -> Result<Flight, LogError> {
+    read_system(source, unit, None)
+}
+
+/// Reads a flight from any source. `unit` is the unit of a table's field, `system` the MAVLink system to read (default:
+/// the first autopilot).
+///
+/// # Errors
+///
+/// The source cannot be read, or holds no usable flight.
+pub fn read_system(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
+    let mut head = Vec::new();
+    (&mut *source).take(HEAD as u64).read_to_end(&mut head)?;
+    let format = detect_format(&head)?;
+    let mut source = io::Cursor::new(head).chain(source);
+    let flight = match format {
+        LogFormat::DataFlash => dataflash::read_binary(&mut source)?,
+        LogFormat::DataFlashText => dataflash::read_text(&mut source)?,
+        LogFormat::ULog => ulog::read(&mut source)?,
+        LogFormat::TLog => tlog::read(&mut source, system)?,
+        LogFormat::Csv => csv::read(source, unit).map_err(LogError::Csv)?,
+    };
+    if let Some(system) = system.filter(|system| flight.systems.first() != Some(system)) {
+        return Err(LogError::SystemNotFound(system, flight.systems));
+    }
+    if flight.compasses.is_empty() && flight.rows_without_time > 0 {
+        return Err(LogError::NoTime(format));
+    }
+    if flight.compasses.is_empty() {
+        return Err(LogError::NoField(format, flight.counts.unhealthy));
+    }
+    if flight.attitude.is_empty() {
+        return Err(LogError::NoAttitude(format));
+    }
+    Ok(flight)
+}
+
+fn detect_format(head: &[u8]) -> Result<LogFormat, LogError> {
+    let text = || head.split(|&byte| byte == b'\n').take(100);
+    if head.is_empty() {
+        Err(LogError::Empty)
+    } else if head.starts_with(&ulog::MAGIC) {
+        Ok(LogFormat::ULog)
+    } else if dataflash::matches_header(head) {
+        Ok(LogFormat::DataFlash)
+    } else if tlog::matches_header(head) {
+        Ok(LogFormat::TLog)
+    } else if text().any(|line| line.starts_with(b"FMT,")) {
+        Ok(LogFormat::DataFlashText)
+    } else if csv::begins_in(head) {
+        Ok(LogFormat::Csv)
+    } else {
+        Err(LogError::UnknownFormat)
+    }
+}

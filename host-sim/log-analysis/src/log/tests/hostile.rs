@@ -1,0 +1,104 @@
+//! Fuzz tests and memory bounds.
+
+use super::*;
+
+/// A part of a small log with bytes changed, removed, repeated; or random bytes.
+fn hostile(random: &mut Random, good: &[u8]) -> Vec<u8> {
+    let mut below = |limit: usize| (random.bits() % limit.max(1) as u64) as usize;
+    if below(10) == 0 {
+        return (0..below(600)).map(|_| below(256) as u8).collect();
+    }
+    let from = if below(2) == 0 { 0 } else { below(good.len()) };
+    let mut bytes = good[from..(from + 200 + below(3000)).min(good.len())].to_vec();
+    for _ in 0..below(12) {
+        if bytes.is_empty() {
+            break;
+        }
+        let at = below(bytes.len());
+        match below(4) {
+            0 => bytes[at] = below(256) as u8,
+            1 => bytes[at] = [0, 255, b'[', b';', b',', b'\n', 0xFD, 0xA3][below(8)],
+            2 => drop(bytes.drain(at..(at + below(20)).min(bytes.len()))),
+            _ => {
+                let part = bytes[at..(at + below(60)).min(bytes.len())].to_vec();
+                bytes.splice(at..at, part);
+            }
+        }
+    }
+    bytes
+}
+
+/// Reads random inputs of each format and builds rows from those accepted.
+fn fuzz(inputs: usize) {
+    for (format, bytes, _) in each() {
+        let mut random = Random(1);
+        let mut flights = 0;
+        for _ in 0..inputs {
+            let input = hostile(&mut random, &bytes);
+            if let Ok(flight) = read_bytes(&input) {
+                flights += 1;
+                let rows = flight.compasses.iter().map(|compass| compass.field.rows().len()).sum::<usize>();
+                assert!(rows <= input.len(), "{format:?}");
+                let rows = crate::replay::build_rows(&flight, &flight.compasses[0], 0.05, None).0;
+                assert!(rows.iter().all(|row| row.t_s.is_finite()), "{format:?}");
+            }
+        }
+        assert!(flights > inputs / 50, "{format:?}: only {flights} of {inputs} were read at all");
+    }
+}
+
+#[test]
+fn no_bytes_make_a_reader_panic() {
+    fuzz(400);
+}
+
+/// `cargo test --release -p log-analysis --lib log::tests::hostile::a_million -- --ignored`.
+#[test]
+#[ignore = "minutes, in a release build"]
+fn a_million_inputs_make_no_reader_panic() {
+    fuzz(1_000_000);
+}
+
+#[test]
+#[ignore = "reads 2 GB, in a release build"]
+fn two_gigabytes_are_read_in_bounded_memory() {
+    struct Endless {
+        head: Vec<u8>,
+        message: Vec<u8>,
+        at: u64,
+    }
+    impl Read for Endless {
+        fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+            const ALL: u64 = 2_000_000_000;
+            let head = self.head.len() as u64;
+            for (i, byte) in into.iter_mut().enumerate() {
+                let at = self.at + i as u64;
+                if at >= ALL {
+                    self.at += i as u64;
+                    return Ok(i);
+                }
+                *byte = if at < head {
+                    self.head[at as usize]
+                } else {
+                    let (number, offset) =
+                        ((at - head) / self.message.len() as u64, (at - head) % self.message.len() as u64);
+                    // Stamps 1 ms apart.
+                    let stamp = (70_000_000 + number * 1_000).to_le_bytes();
+                    if (3..11).contains(&offset) { stamp[offset as usize - 3] } else { self.message[offset as usize] }
+                };
+            }
+            self.at += into.len() as u64;
+            Ok(into.len())
+        }
+    }
+    let head = encode_dataflash(&recording(&ARDUPILOT));
+    let at = head.windows(3).position(|bytes| bytes == [0xA3, 0x95, 67]).unwrap();
+    let length = 3 + 8 + 1 + 18 + 1 + 4;
+    let message = head[at..at + length].to_vec();
+    let flight = read(&mut Endless { head, message, at: 0 }, FieldUnit::Milligauss).unwrap();
+    assert!(flight.compasses[0].field.rows().len() <= 1 << 20);
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let peak_kb =
+        status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().split(' ').next()?.parse::<u64>().ok());
+    assert!(peak_kb.is_none_or(|kb| kb < 500_000), "{peak_kb:?} kB");
+}

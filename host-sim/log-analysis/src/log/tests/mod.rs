@@ -1,0 +1,215 @@
+//! The same flight in every format, intact and damaged.
+
+mod ardupilot;
+mod hostile;
+mod link;
+mod px4;
+mod table;
+
+use nalgebra::{Rotation3, Vector3};
+
+use super::csv::FieldUnit;
+use super::write::{
+    FlightRecording, FlightSample, encode_csv, encode_dataflash, encode_dataflash_text, encode_tlog, encode_ulog,
+};
+use super::*;
+use testkit::random::Random;
+
+/// ArduPilot's parameters of two compasses; every correction is exercised.
+const ARDUPILOT: [(&str, f64); 18] = [
+    ("COMPASS_OFS_X", 120.0),
+    ("COMPASS_OFS_Y", -60.0),
+    ("COMPASS_OFS_Z", 35.0),
+    ("COMPASS_DIA_X", 1.1),
+    ("COMPASS_DIA_Y", 0.95),
+    ("COMPASS_DIA_Z", 1.02),
+    ("COMPASS_ODI_X", 0.04),
+    ("COMPASS_ODI_Y", -0.03),
+    ("COMPASS_ODI_Z", 0.02),
+    ("COMPASS_SCALE", 1.2),
+    ("COMPASS_MOTCT", 2.0),
+    ("COMPASS_MOT_X", 3.0),
+    ("COMPASS_MOT_Z", -2.0),
+    ("COMPASS_USE", 1.0),
+    ("COMPASS_USE2", 0.0),
+    ("COMPASS_OFS2_X", -40.0),
+    ("COMPASS_DIA2_X", 0.0),
+    ("COMPASS_SCALE2", 0.0),
+];
+
+const PX4: [(&str, f64); 9] = [
+    ("CAL_MAG0_ID", 396_809.0),
+    ("CAL_MAG1_ID", 263_202.0),
+    ("CAL_MAG0_ROT", 2.0),
+    ("CAL_MAG0_XOFF", 0.12),
+    ("CAL_MAG0_YOFF", -0.05),
+    ("CAL_MAG0_ZSCALE", 1.1),
+    ("CAL_MAG0_XODIAG", 0.05),
+    ("CAL_MAG1_ROT", -1.0),
+    ("SENS_BOARD_ROT", 4.0),
+];
+
+/// 30 s of turning with two compasses of different hard iron.
+fn recording(parameters: &[(&str, f64)]) -> FlightRecording {
+    let instants = (0..300_u64).map(|i| {
+        let t_s = i as f64 / 10.0;
+        let (roll, pitch, yaw) = (0.4 * libm::sin(t_s / 3.0), 0.1 * libm::cos(t_s / 2.0), libm::sin(t_s / 4.0) * 3.0);
+        let earth = Vector3::new(22.7, 0.0, 44.6);
+        let field = Rotation3::from_euler_angles(roll, pitch, yaw).inverse_transform_vector(&earth);
+        let second = Vector3::new(field.x * 1.1 + 10.0, field.y, field.z - 20.0);
+        FlightSample {
+            time_us: 40_000_000 + i * 100_000,
+            field_ut: vec![field.into(), second.into()],
+            attitude_rad: [roll, pitch, yaw],
+            rates_rad_s: [0.1, -0.2, 0.3],
+            heading_rad: yaw,
+            velocity_m_s: [-9.0, -12.0],
+            displacement_m: [0.0; 2],
+            current_a: 10.0 + t_s / 10.0,
+            is_armed: true,
+        }
+    });
+    FlightRecording {
+        samples: instants.collect(),
+        parameters: parameters.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect(),
+        place: Some([48.0, 11.3, 500.0]),
+        declination_deg: 0.0,
+        is_copter: false,
+        field_latency_s: 0.0,
+    }
+}
+
+/// The flight in each format, and the format's field resolution, microtesla.
+fn each() -> [(LogFormat, Vec<u8>, f64); 5] {
+    let (ardupilot, px4) = (recording(&ARDUPILOT), recording(&PX4));
+    [
+        (LogFormat::DataFlash, encode_dataflash(&ardupilot), 0.12),
+        (LogFormat::DataFlashText, encode_dataflash_text(&ardupilot), 0.12),
+        (LogFormat::TLog, encode_tlog(&ardupilot), 0.12),
+        (LogFormat::ULog, encode_ulog(&px4), 0.001),
+        (LogFormat::Csv, encode_csv(&ardupilot), 0.01),
+    ]
+}
+
+fn read_bytes(bytes: &[u8]) -> Result<Flight, LogError> {
+    let mut source = bytes;
+    read(&mut source, FieldUnit::Milligauss)
+}
+
+#[test]
+fn every_format_gives_the_raw_field_in_body_axes() {
+    let original = recording(&[]);
+    for (format, bytes, exactly_ut) in each() {
+        let flight = read_bytes(&bytes).unwrap();
+        assert_eq!(flight.format, format);
+        let compasses = if format == LogFormat::Csv { 1 } else { 2 };
+        assert_eq!(flight.compasses.iter().map(|c| c.number).collect::<Vec<_>>(), [1, 2][..compasses], "{format:?}");
+        for (index, compass) in flight.compasses.iter().enumerate() {
+            // Rows before a link's first heartbeat are ignored.
+            let late = original.samples.len() - compass.field.rows().len();
+            assert!(late <= 1, "{format:?}: {late}");
+            for (row, instant) in compass.field.rows().iter().zip(&original.samples[late..]) {
+                let raw = Vector3::new(row.values[0], row.values[1], row.values[2]).map(f64::from);
+                let off_ut = (raw - Vector3::from(instant.field_ut[index])).norm();
+                // The inverse soft-iron matrix scales the resolution.
+                assert!(off_ut < exactly_ut * 1.5, "{format:?} compass {}: {off_ut} uT at {}", index + 1, row.t_s);
+            }
+        }
+        let (row, instant) = (&flight.attitude.rows()[100], &original.samples[100]);
+        let [roll, pitch, yaw] = instant.attitude_rad;
+        assert!(
+            (f64::from(row.values[0]) - roll).abs() < 2e-4 && (f64::from(row.values[1]) - pitch).abs() < 2e-4,
+            "{format:?}"
+        );
+        assert!(format == LogFormat::Csv || (f64::from(row.values[2]) - yaw).abs() < 2e-4, "{format:?}");
+        let rates = flight.rates.interpolate(row.t_s, 1.0).unwrap();
+        assert!(
+            rates.iter().zip([0.1, -0.2, 0.3]).all(|(rate, expected)| (rate - expected).abs() < 1e-4),
+            "{format:?}"
+        );
+        let [current] = flight.current.interpolate_or_hold(row.t_s, 2.0).unwrap();
+        assert!((f64::from(current) - instant.current_a).abs() < 0.1, "{format:?}: {current}");
+        let gps = Gps::from_columns(flight.gps.rows()[5].values);
+        assert!((gps.latitude_deg - 48.0).abs() < 1e-4 && (gps.height_m - 500.0).abs() < 0.1, "{format:?}: {gps:?}");
+        let over_ground = [gps.speed_m_s, gps.course_deg.rem_euclid(360.0)];
+        let is_right = (over_ground[0] - 15.0).abs() < 0.01 && (over_ground[1] - 233.13).abs() < 0.01;
+        assert!(is_right, "{format:?}: {gps:?}");
+        assert_eq!(flight.counts, SkippedCounts::default(), "{format:?}");
+        assert!(!flight.is_copter, "{format:?}");
+        assert!(flight.truth.is_empty() || format == LogFormat::Csv);
+    }
+}
+
+#[test]
+fn autopilot_firmware_and_armed_state_are_read() {
+    let flights = each().map(|(_, bytes, _)| read_bytes(&bytes).unwrap());
+    let [bin, text, link, px4, table] = flights;
+    for flight in [&bin, &text] {
+        assert_eq!(flight.firmware.as_deref(), Some("ArduPlane V4.6.0 (host-sim)"));
+    }
+    assert_eq!(px4.firmware.as_deref(), Some("PX4 1.15.0"));
+    assert_eq!(
+        [bin.autopilot, link.autopilot, px4.autopilot],
+        [Autopilot::ArduPilot, Autopilot::ArduPilot, Autopilot::Px4]
+    );
+    assert_eq!(bin.compasses[0].is_used.zip(bin.compasses[1].is_used), Some((true, false)));
+    assert_eq!([&bin, &link, &px4, &table].map(|flight| flight.day.is_some()), [true, true, true, false]);
+    assert_eq!((link.is_armed(5.0), table.is_armed(5.0), bin.is_armed(5.0)), (Some(true), Some(true), None));
+}
+
+#[test]
+fn a_copter_is_identified_in_every_format() {
+    let copter = |parameters| FlightRecording { is_copter: true, ..recording(parameters) };
+    let (ardupilot, px4) = (copter(&ARDUPILOT), copter(&PX4));
+    for bytes in
+        [encode_dataflash(&ardupilot), encode_dataflash_text(&ardupilot), encode_tlog(&ardupilot), encode_ulog(&px4)]
+    {
+        let flight = read_bytes(&bytes).unwrap();
+        assert!(flight.is_copter, "{:?}", flight.format);
+    }
+}
+
+#[test]
+fn unknown_and_empty_logs_are_rejected() {
+    assert!(matches!(read_bytes(b""), Err(LogError::Empty)));
+    for bytes in [&b"hello"[..], b"time,x\n1,2\n", b"\x89PNG\r\n\x1a\n0000000000000000", &[0; 5000]] {
+        assert!(matches!(read_bytes(bytes), Err(LogError::UnknownFormat)), "{bytes:?}");
+    }
+    let nothing = FlightRecording { samples: Vec::new(), ..recording(&[]) };
+    assert!(matches!(read_bytes(&encode_dataflash(&nothing)), Err(LogError::NoField(LogFormat::DataFlash, 0))));
+    assert!(matches!(read_bytes(&encode_ulog(&nothing)), Err(LogError::NoField(LogFormat::ULog, 0))));
+}
+
+#[test]
+fn damage_in_the_middle_costs_few_rows() {
+    for (format, bytes, _) in each() {
+        let whole = read_bytes(&bytes).unwrap().compasses[0].field.rows().len();
+        let mut damaged = bytes.clone();
+        let middle = bytes.len() / 2;
+        damaged.splice(middle..middle, *b"\n\x00garbage\xff\xa3\x95\xfd\n");
+        let flight = read_bytes(&damaged).unwrap();
+        let rows = flight.compasses[0].field.rows().len();
+        assert!(rows + 12 >= whole && flight.counts.garbage > 0, "{format:?}: {rows} of {whole}, {:?}", flight.counts);
+        let cut = read_bytes(&bytes[..=bytes.len() * 3 / 4]).unwrap();
+        assert!(cut.compasses[0].field.rows().len() > whole * 2 / 3, "{format:?}");
+    }
+}
+
+#[test]
+fn a_restart_within_a_log_continues_ten_seconds_later() {
+    let mut twice = recording(&ARDUPILOT);
+    let mut again = twice.samples.clone();
+    for instant in &mut again {
+        instant.time_us -= 35_000_000;
+    }
+    twice.samples.extend(again);
+    for bytes in [encode_dataflash(&twice), encode_dataflash_text(&twice), encode_csv(&twice), encode_ulog(&twice)] {
+        let flight = read_bytes(&bytes).unwrap();
+        assert_eq!(flight.counts.restarts, 1);
+        let rows = flight.compasses[0].field.rows();
+        assert!(rows.len() >= 598, "{}", rows.len());
+        let steps: Vec<f64> =
+            rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).filter(|step| *step > 1.0).collect();
+        assert!(steps.len() == 1 && steps[0] > 9.0 && steps[0] < 12.0, "{steps:?}");
+    }
+}

@@ -1,0 +1,292 @@
+use super::*;
+
+/// A ULog with each message's body changed by type.
+fn ulog_with(bytes: &[u8], change: &dyn Fn(u8, Vec<u8>) -> Vec<u8>) -> Vec<u8> {
+    let (mut out, mut rest) = (bytes[..16].to_vec(), &bytes[16..]);
+    while let [low, high, kind, after @ ..] = rest {
+        let (body, next) = after.split_at(usize::from(u16::from_le_bytes([*low, *high])));
+        let body = change(*kind, body.to_vec());
+        out.extend((body.len() as u16).to_le_bytes());
+        out.push(*kind);
+        out.extend(body);
+        rest = next;
+    }
+    out
+}
+
+/// Until 1.8 field and rates were in `sensor_combined` only.
+#[test]
+fn px4s_old_sensor_combined_is_read() {
+    let renamed = |body: &[u8], pairs: [(&str, &str); 2]| {
+        let text = String::from_utf8_lossy(body).into_owned();
+        pairs.iter().fold(text, |text, (old, new)| text.replace(old, new)).into_bytes()
+    };
+    let mut one = recording(&PX4);
+    one.samples.iter_mut().for_each(|instant| instant.field_ut.truncate(1));
+    let bytes = ulog_with(&encode_ulog(&one), &|kind, body| match (kind, &body[..]) {
+        (b'F', text) if text.starts_with(b"vehicle_magnetometer") => renamed(
+            text,
+            [
+                ("vehicle_magnetometer", "sensor_combined"),
+                ("uint32_t device_id", "int32_t magnetometer_timestamp_relative"),
+            ],
+        ),
+        (b'F', text) if text.starts_with(b"vehicle_angular") => {
+            renamed(text, [("vehicle_angular_velocity", "sensor_combined_of_rates"), ("xyz", "gyro_rad")])
+        }
+        (b'A', text) => {
+            renamed(text, [("vehicle_magnetometer", "sensor_combined"), ("vehicle_angular_velocity", "none")])
+        }
+        // Measured 20 ms earlier.
+        (b'D', [0, 0, rest @ ..]) => [&[0, 0], &rest[..8], &(-20_000_i32).to_le_bytes(), &rest[12..]].concat(),
+        _ => body,
+    });
+    let flight = read_bytes(&bytes).unwrap();
+    let rows = flight.compasses[0].field.rows();
+    assert_eq!((flight.compasses.len(), rows.len()), (1, 300));
+    for (row, instant) in rows.iter().zip(&one.samples) {
+        let raw = Vector3::new(row.values[0], row.values[1], row.values[2]).map(f64::from);
+        assert!((raw - Vector3::from(instant.field_ut[0])).norm() < 0.001, "{row:?}");
+        assert!((row.t_s + 0.02 - (instant.time_us as f64 / 1e6 - 40.0)).abs() < 1e-6, "{row:?}");
+    }
+}
+
+/// 20 insertions of 3 KB, in which message headers occur by chance. A sample has six messages, so each insertion costs
+/// at most one sample.
+#[test]
+fn noise_in_a_ulog_costs_at_most_one_sample_each() {
+    let mut bytes = encode_ulog(&recording(&PX4));
+    let mut random = Random(7);
+    for part in (1..=20).rev() {
+        let at = bytes.len() / 40 + bytes.len() * part / 22;
+        let noise: Vec<u8> = random.bytes(3000);
+        bytes.splice(at..at, noise);
+    }
+    let rows = read_bytes(&bytes).unwrap().compasses[0].field.rows().len();
+    assert!((300 - 20..=300).contains(&rows), "{rows}");
+}
+
+fn with_more(mut bytes: Vec<u8>, messages: &[(u8, Vec<u8>)]) -> Vec<u8> {
+    for (kind, body) in messages {
+        bytes.extend((body.len() as u16).to_le_bytes());
+        bytes.push(*kind);
+        bytes.extend(body);
+    }
+    bytes
+}
+
+/// A subscription to a topic, and a row of it at a time in microseconds.
+fn subscribed(number: u8, instance: u8, topic: &str) -> (u8, Vec<u8>) {
+    (b'A', [&[instance, number, 0], topic.as_bytes()].concat())
+}
+
+fn row(number: u8, at_us: u64, values: &[&[u8]]) -> (u8, Vec<u8>) {
+    (b'D', [&[number, 0][..], &at_us.to_le_bytes(), &values.concat()].concat())
+}
+
+/// Other priorities do not show which compass is used.
+#[test]
+fn a_compass_of_priority_zero_is_not_used() {
+    let parameters = [&PX4[..], &[("CAL_MAG0_PRIO", 50.0), ("CAL_MAG1_PRIO", 0.0)]].concat();
+    let flight = read_bytes(&encode_ulog(&recording(&parameters))).unwrap();
+    assert_eq!(flight.compasses.iter().map(|compass| compass.is_used).collect::<Vec<_>>(), [None, Some(false)]);
+}
+
+/// A second battery does not supply the motors.
+#[test]
+fn the_current_of_the_first_battery_is_used() {
+    let current = |amperes: f32| [&amperes.to_le_bytes()[..], &[1, 0, 0, 0]].concat();
+    let messages = [
+        subscribed(90, 0, "battery_status"),
+        subscribed(91, 1, "battery_status"),
+        row(90, 70_000_000, &[&current(33.0)]),
+        row(91, 70_100_000, &[&current(2.0)]),
+    ];
+    let flight = read_bytes(&with_more(encode_ulog(&recording(&PX4)), &messages)).unwrap();
+    assert_eq!(flight.current.rows().len(), 301);
+    assert_eq!(flight.current.rows().last().unwrap().values.map(f32::to_bits), [33.0_f32.to_bits()]);
+}
+
+/// The column names since 1.14, without velocity components; a 2D fix and a second receiver are ignored.
+#[test]
+fn gps_columns_are_read_by_their_new_names() {
+    let format = "vehicle_gps_position:uint64_t timestamp;double latitude_deg;double longitude_deg;double altitude_msl_m;\
+                  float vel_m_s;float cog_rad;float heading;uint8_t fix_type;";
+    let fix = |at_us: u64, kind: u8| {
+        let place = [48.0_f64, 11.3, 500.0].map(f64::to_le_bytes).concat();
+        let over_ground = [12.0_f32, 0.5, 1.5].map(f32::to_le_bytes).concat();
+        row(90, at_us, &[&place, &over_ground, &[kind]])
+    };
+    let mut original = recording(&PX4);
+    original.place = None;
+    let second = (b'D', [&[91, 0], &fix(70_400_000, 3).1[2..]].concat());
+    let messages = [
+        (b'F', format.as_bytes().to_vec()),
+        subscribed(90, 0, "vehicle_gps_position"),
+        subscribed(91, 1, "vehicle_gps_position"),
+        fix(70_000_000, 2),
+        fix(70_200_000, 3),
+        second,
+    ];
+    let flight = read_bytes(&with_more(encode_ulog(&original), &messages)).unwrap();
+    let [fix] = flight.gps.rows() else { panic!("{:?}", flight.gps) };
+    let Gps { latitude_deg, speed_m_s, course_deg, yaw_deg, .. } = Gps::from_columns(fix.values);
+    assert_eq!((latitude_deg, speed_m_s), (48.0, 12.0));
+    assert!((course_deg - 0.5_f32.to_degrees()).abs() < 1e-4 && (yaw_deg - 1.5_f32.to_degrees()).abs() < 1e-4);
+}
+
+#[test]
+fn a_vtol_is_no_copter() {
+    for (is_vtol, is_copter) in [(0, true), (1, false)] {
+        let messages = [subscribed(90, 0, "vehicle_status"), row(90, 70_000_000, &[&[1, is_vtol]])];
+        let flight = read_bytes(&with_more(encode_ulog(&recording(&PX4)), &messages)).unwrap();
+        assert_eq!(flight.is_copter, is_copter);
+    }
+}
+
+/// Armed is state 2.
+#[test]
+fn an_arming_state_is_read() {
+    let format = "vehicle_status:uint64_t timestamp;uint8_t arming_state;";
+    let states = [(70, 1), (71, 2), (72, 5), (73, 2), (74, 3)];
+    let mut messages = vec![(b'F', format.as_bytes().to_vec()), subscribed(90, 0, "vehicle_status")];
+    messages.extend(states.map(|(at_s, state)| row(90, at_s * 1_000_000, &[&[state]])));
+    let flight = read_bytes(&with_more(encode_ulog(&recording(&PX4)), &messages)).unwrap();
+    let armed = [30.5, 31.5, 32.5, 33.5, 34.5].map(|t_s| flight.is_armed(t_s).unwrap());
+    assert_eq!(armed, [false, true, false, true, false]);
+}
+
+#[test]
+fn a_sample_has_its_timestamp_sample() {
+    let format = "vehicle_angular_velocity:uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;";
+    let rates = [0.1_f32, 0.2, 0.3].map(f32::to_le_bytes).concat();
+    let messages = [
+        (b'F', format.as_bytes().to_vec()),
+        subscribed(90, 0, "vehicle_angular_velocity"),
+        row(90, 70_100_000, &[&70_060_000_u64.to_le_bytes(), &rates]),
+    ];
+    let flight = read_bytes(&with_more(encode_ulog(&recording(&PX4)), &messages)).unwrap();
+    let last = flight.rates.rows().last().unwrap();
+    assert!((last.t_s - 30.06).abs() < 1e-6, "{last:?}");
+}
+
+/// Before 1.11 `sensor_mag` was corrected by the driver.
+#[test]
+fn sensor_mag_is_raw_since_1_11() {
+    let nothing = FlightRecording { samples: Vec::new(), ..recording(&PX4) };
+    let format = "sensor_mag:uint64_t timestamp;uint32_t device_id;float x;float y;float z;";
+    let gauss = [0.2_f32, -0.1, 0.4].map(f32::to_le_bytes).concat();
+    let level = [1.0_f32, 0.0, 0.0, 0.0].map(f32::to_le_bytes).concat();
+    let messages = [
+        (b'F', format.as_bytes().to_vec()),
+        subscribed(90, 0, "sensor_mag"),
+        subscribed(91, 0, "vehicle_attitude"),
+        row(91, 70_000_000, &[&level]),
+        row(90, 70_100_000, &[&396_809_u32.to_le_bytes(), &gauss]),
+    ];
+    for (minor, is_raw) in [(10, false), (11, true)] {
+        let bytes = ulog_with(&encode_ulog(&nothing), &|kind, body| {
+            let version = body.windows(4).position(|bytes| bytes == [255, 0, 15, 1]).filter(|_| kind == b'I');
+            version.map_or_else(|| body.clone(), |at| [&body[..at], &[255, 0, minor, 1]].concat())
+        });
+        let read = read_bytes(&with_more(bytes, &messages));
+        if !is_raw {
+            assert!(matches!(read, Err(LogError::NoField(LogFormat::ULog, 0))), "1.{minor}");
+            continue;
+        }
+        // Turned by 90 deg: the sensor's y is the body's -x.
+        let flight = read.unwrap();
+        let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
+        assert!((row.values[0] - 10.0).abs() < 1e-4 && (row.values[1] - 20.0).abs() < 1e-4, "{row:?}");
+    }
+}
+
+/// `sensor_mag` of the first compass is added in one sample of `every`.
+fn with_sensor_mag(recording: &FlightRecording, every: usize) -> Vec<u8> {
+    const TOPIC: [u8; 2] = [60, 0];
+    let (mut out, bytes) = (Vec::new(), encode_ulog(recording));
+    let (mut rest, mut rows) = (&bytes[16..], 0);
+    out.extend(&bytes[..16]);
+    let mut write = |kind: u8, body: &[u8]| {
+        out.extend((body.len() as u16).to_le_bytes());
+        out.push(kind);
+        out.extend(body);
+    };
+    write(b'F', b"sensor_mag:uint64_t timestamp;uint32_t device_id;float x;float y;float z;");
+    while let [low, high, kind, after @ ..] = rest {
+        let (body, next) = after.split_at(usize::from(u16::from_le_bytes([*low, *high])));
+        write(*kind, body);
+        if *kind == b'A' && body[1] == 0 {
+            write(b'A', &[&[0], &TOPIC[..], b"sensor_mag"].concat());
+        }
+        if *kind == b'D' && body[..2] == [0, 0] {
+            if rows % every == 0 {
+                let gauss = recording.samples[rows].field_ut[0].map(|axis| ((axis / 100.0) as f32).to_le_bytes());
+                write(b'D', &[&TOPIC, &body[2..14], gauss.as_flattened()].concat());
+            }
+            rows += 1;
+        }
+        rest = next;
+    }
+    out
+}
+
+/// PX4 logs `sensor_mag` at 1 Hz by default and the corrected field faster; at equal rates the raw field is used.
+#[test]
+fn the_faster_logged_of_raw_and_corrected_field_is_read() {
+    let parameters = [("CAL_MAG0_ID", 396_809.0), ("CAL_MAG0_XOFF", 0.12), ("CAL_MAG0_YSCALE", 1.1)];
+    let mut one = recording(&parameters);
+    one.samples.iter_mut().for_each(|instant| instant.field_ut.truncate(1));
+    for every in [1, 10] {
+        let flight = read_bytes(&with_sensor_mag(&one, every)).unwrap();
+        let [compass] = flight.compasses.as_slice() else { panic!("one compass") };
+        assert_eq!(compass.field.rows().len(), 300, "1 of {every}");
+        for (row, instant) in compass.field.rows().iter().zip(&one.samples) {
+            let [raw, logged] =
+                [[row.values[0], row.values[1], row.values[2]], [row.values[3], row.values[4], row.values[5]]];
+            let original = Vector3::from(instant.field_ut[0]);
+            assert!((Vector3::from(raw).map(f64::from) - original).norm() < 0.001, "1 of {every}: {row:?}");
+            let corrected = Vector3::new(original.x - 12.0, original.y * 1.1, original.z);
+            assert!((Vector3::from(logged).map(f64::from) - corrected).norm() < 0.001, "1 of {every}: {row:?}");
+        }
+    }
+}
+
+#[test]
+fn an_estimator_attitude_replaces_a_missing_one() {
+    let renamed = ulog_with(&encode_ulog(&recording(&PX4)), &|kind, body| match kind {
+        b'F' | b'A' => String::from_utf8_lossy(&body).replace("vehicle_attitude", "estimator_attitude").into_bytes(),
+        _ => body,
+    });
+    let [with_attitude, with_estimator] =
+        [encode_ulog(&recording(&PX4)), renamed].map(|bytes| read_bytes(&bytes).unwrap());
+    assert_eq!((with_attitude.attitude_source, with_estimator.attitude_source), (None, Some("estimator_attitude")));
+    assert_eq!(with_attitude.attitude.rows(), with_estimator.attitude.rows());
+}
+
+/// After a crash, hard-fault messages follow a truncated one.
+#[test]
+fn messages_after_a_torn_ulog_cost_only_the_torn_message() {
+    let mut bytes = encode_ulog(&recording(&PX4));
+    bytes.truncate(bytes.len() - 10);
+    let words = [&[b"char[20] hardfault_plain".len() as u8], &b"char[20] hardfault_plain"[..], &[b'x'; 20]].concat();
+    for _ in 0..3 {
+        bytes.extend((words.len() as u16).to_le_bytes());
+        bytes.push(b'I');
+        bytes.extend(&words);
+    }
+    let rows = read_bytes(&bytes).unwrap().compasses[0].field.rows().len();
+    assert!(rows >= 299, "{rows}");
+}
+
+#[test]
+fn a_ulog_of_other_firmware_has_its_name() {
+    for (name, firmware) in [("PX4", "PX4 1.15.0"), ("Other autopilot", "Other autopilot")] {
+        let key = format!("char[{}] sys_name", name.len());
+        let body = [&[key.len() as u8], key.as_bytes(), name.as_bytes()].concat();
+        let message = [&(body.len() as u16).to_le_bytes()[..], b"I", &body].concat();
+        let mut bytes = encode_ulog(&recording(&PX4));
+        bytes.splice(16..16, message);
+        assert_eq!(read_bytes(&bytes).unwrap().firmware.as_deref(), Some(firmware));
+    }
+}

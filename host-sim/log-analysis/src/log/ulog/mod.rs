@@ -1,0 +1,353 @@
+//! Reader for PX4's ULog (docs.px4.io, "ULog File Format").
+
+mod layout;
+mod sensors;
+
+use std::collections::HashMap;
+use std::io::{self, Read};
+
+use layout::{Column, Columns, ScalarType, TopicRow, parse_keyed_value};
+use sensors::CompassAssignment;
+
+use super::dataflash::quaternion_to_euler_rad;
+use super::flight::{Autopilot, Flight, Gps, LogFormat};
+use super::flight_builder::{FieldProcessing, FlightBuilder};
+use super::read_window::{MAX_PEEK, ReadWindow};
+use super::series::Series;
+
+/// Start of a log; version and time follow.
+pub const MAGIC: [u8; 7] = *b"ULog\x01\x12\x35";
+const FILE_HEADER: usize = 16;
+const HEADER: usize = 3;
+
+const KINDS: &[u8] = b"BFIMPQARDLCSO";
+
+/// Limits on formats and their nesting, to bound memory.
+const MAX_FORMATS: usize = 4096;
+const MAX_DEPTH: u8 = 6;
+
+/// `vehicle_status.arming_state` of an armed aircraft.
+const ARMED: u8 = 2;
+
+const GAUSS_UT: f32 = 100.0;
+
+/// Reads a flight.
+///
+/// # Errors
+///
+/// The source cannot be read.
+pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
+    let mut window = ReadWindow::new(source);
+    window.peek(FILE_HEADER)?;
+    window.consume(FILE_HEADER);
+    let mut log = UlogReader::new();
+    let mut is_lost = false;
+    while let &[low, high, kind, ..] = window.peek(HEADER)? {
+        let end = HEADER + usize::from(u16::from_le_bytes([low, high]));
+        debug_assert!(end + HEADER <= MAX_PEEK);
+        if is_lost && !is_chain(window.peek(CHAIN * (HEADER + USUAL))?) {
+            log.builder.flight.counts.garbage += 1;
+            window.consume(1);
+            continue;
+        }
+        // A valid message is followed by another or by the end.
+        let bytes = window.peek(end + HEADER)?;
+        let is_followed = bytes.get(end + HEADER - 1).is_none_or(|next| KINDS.contains(next));
+        let body = bytes.get(HEADER..end).filter(|_| KINDS.contains(&kind) && is_followed);
+        let length = if let Some(body) = body {
+            log.take(kind, body);
+            is_lost = false;
+            end
+        } else {
+            is_lost = true;
+            log.builder.flight.counts.garbage += 1;
+            1
+        };
+        window.consume(length);
+    }
+    Ok(log.finish())
+}
+
+/// Messages that must follow one another after damage, and their largest length, bytes. One byte in twenty of noise
+/// looks like a message header, with a mean length of 32 KB.
+const CHAIN: usize = 3;
+const USUAL: usize = 1024;
+
+/// Whether a sequence of valid message headers, or the end, follows.
+fn is_chain(bytes: &[u8]) -> bool {
+    let mut rest = bytes;
+    (0..CHAIN).all(|_| match *rest {
+        [low, high, kind, ref after @ ..] => {
+            let length = usize::from(u16::from_le_bytes([low, high]));
+            rest = after.get(length..).unwrap_or_default();
+            KINDS.contains(&kind) && length <= USUAL
+        }
+        _ => true,
+    })
+}
+
+struct Topic {
+    name: String,
+    instance: u8,
+    columns: Columns,
+}
+
+struct UlogReader {
+    builder: FlightBuilder,
+    formats: HashMap<String, String>,
+    topics: HashMap<u16, Topic>,
+    /// Major and minor version. `sensor_mag` is raw since 1.11; before, drivers corrected it.
+    release: Option<(u8, u8)>,
+    has_angular_velocity: bool,
+    /// Field, gauss, and body rates of `sensor_combined`, used for logs up to 1.8 only.
+    combined: (Series<3>, Series<3>),
+    sensors: CompassAssignment,
+}
+
+impl UlogReader {
+    fn new() -> Self {
+        let mut recorder = FlightBuilder::new(LogFormat::ULog);
+        recorder.flight.autopilot = Autopilot::Px4;
+        Self {
+            builder: recorder,
+            formats: HashMap::new(),
+            topics: HashMap::new(),
+            release: None,
+            has_angular_velocity: false,
+            combined: (Series::new(), Series::new()),
+            sensors: CompassAssignment::default(),
+        }
+    }
+
+    fn take(&mut self, kind: u8, body: &[u8]) {
+        match kind {
+            b'F' => {
+                let text = String::from_utf8_lossy(body);
+                if let Some((name, columns)) = text.split_once(':').filter(|_| self.formats.len() < MAX_FORMATS) {
+                    self.formats.insert(name.to_owned(), columns.to_owned());
+                }
+            }
+            b'A' => self.subscribe(body),
+            b'D' => self.row(body),
+            b'I' => self.information(body),
+            b'P' => {
+                if let Some((kind, name, value)) = parse_keyed_value(body)
+                    && let Some(value) = ScalarType::from_name(kind).and_then(|kind| kind.decode(value))
+                {
+                    self.builder.set_parameter(name, value);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn information(&mut self, body: &[u8]) {
+        let Some((_, name, value)) = parse_keyed_value(body) else { return };
+        match (name, value) {
+            ("ver_sw_release", &[_, patch, minor, major]) => {
+                self.release = Some((major, minor));
+                self.builder.set_firmware(&format!("PX4 {major}.{minor}.{patch}"));
+            }
+            ("sys_name", name) if !name.starts_with(b"PX4") => {
+                self.builder.set_firmware(&String::from_utf8_lossy(name));
+            }
+            _ => {}
+        }
+    }
+
+    fn subscribe(&mut self, body: &[u8]) {
+        let [instance, low, high, name @ ..] = body else { return };
+        let name = String::from_utf8_lossy(name).into_owned();
+        let mut columns = Columns::new();
+        let mut at = 0;
+        if WANTED.contains(&name.as_str()) && self.compute_columns(&name, "", &mut at, 0, &mut columns).is_some() {
+            self.has_angular_velocity |= name == "vehicle_angular_velocity";
+            let topic = Topic { name, instance: *instance, columns };
+            self.topics.insert(u16::from_le_bytes([*low, *high]), topic);
+        }
+    }
+
+    /// Computes the columns of a format, with nested formats by `prefix`; none if invalid.
+    fn compute_columns(&self, name: &str, prefix: &str, at: &mut usize, depth: u8, into: &mut Columns) -> Option<()> {
+        if depth > MAX_DEPTH {
+            return None;
+        }
+        for declared in self.formats.get(name)?.split(';').filter(|declared| !declared.is_empty()) {
+            let (kind, column) = declared.split_once(' ')?;
+            let (kind, number) = match kind.split_once('[') {
+                Some((kind, number)) => (kind, number.strip_suffix(']')?.parse::<usize>().ok()?),
+                None => (kind, 1),
+            };
+            if number > MAX_PEEK || *at > MAX_PEEK || into.len() > 1024 {
+                return None;
+            }
+            if let Some(kind) = ScalarType::from_name(kind) {
+                into.insert(format!("{prefix}{column}"), Column { scalar: kind, offset: *at, array_len: number });
+                *at += kind.byte_len() * number;
+            } else {
+                for i in 0..number.min(64) {
+                    self.compute_columns(kind, &format!("{prefix}{column}[{i}]."), at, depth + 1, into)?;
+                }
+            }
+        }
+        Some(())
+    }
+
+    fn row(&mut self, body: &[u8]) {
+        let [low, high, body @ ..] = body else { return };
+        let Some(topic) = self.topics.get(&u16::from_le_bytes([*low, *high])) else { return };
+        let row = TopicRow { columns: &topic.columns, body };
+        let Some(us) = row.number("timestamp") else { return };
+        let Some(t_s) = self.builder.timeline.flight_time_s(us as u64) else { return };
+        // The sampling time precedes the publishing time.
+        let sampled_s = row.number("timestamp_sample").filter(|sample| *sample > 0.0 && *sample <= us);
+        let sampled_s = sampled_s.map_or(t_s, |sample| t_s - ((us - sample) / 1e6).min(1.0));
+        let instance = topic.instance;
+        match topic.name.as_str() {
+            "sensor_mag" if self.release.is_some_and(|release| release >= (1, 11)) => {
+                if let Some(gauss) = row.vector(["x", "y", "z"]) {
+                    let id = row.number("device_id").unwrap_or(0.0) as u32;
+                    self.field(true, instance, id, sampled_s, gauss);
+                }
+            }
+            "vehicle_magnetometer" => {
+                if let Some(gauss) = row.array("magnetometer_ga") {
+                    let id = row.number("device_id").unwrap_or(0.0) as u32;
+                    self.field(false, instance, id, sampled_s, gauss);
+                }
+            }
+            "vehicle_attitude" if instance == 0 => {
+                if let Some(angles_rad) = angles_rad(&row) {
+                    self.builder.push_attitude(sampled_s, angles_rad);
+                }
+                if let Some(rates) =
+                    row.vector(["rollspeed", "pitchspeed", "yawspeed"]).filter(|_| !self.has_angular_velocity)
+                {
+                    self.builder.push_rates(sampled_s, rates);
+                }
+            }
+            "estimator_attitude" if instance == 0 => {
+                if let Some(angles_rad) = angles_rad(&row) {
+                    self.builder.push_fallback_attitude(0, "estimator_attitude", sampled_s, angles_rad);
+                }
+            }
+            "vehicle_angular_velocity" if instance == 0 => {
+                if let Some(rates) = row.array("xyz") {
+                    self.builder.push_rates(sampled_s, rates);
+                }
+            }
+            "sensor_combined" if instance == 0 => {
+                if let Some(rates) = row.array("gyro_rad") {
+                    self.combined.1.push(t_s, rates);
+                }
+                // The field's time is relative; an unchanged field repeats its time.
+                let late_us = row.number("magnetometer_timestamp_relative").filter(|us| us.abs() < 1e6);
+                if let (Some(gauss), Some(late_us)) = (row.array("magnetometer_ga"), late_us) {
+                    self.combined.0.push(t_s + late_us / 1e6, gauss);
+                }
+            }
+            "vehicle_attitude_groundtruth" => {
+                if let Some(angles_rad) = angles_rad(&row) {
+                    self.builder.push_truth(t_s, angles_rad);
+                }
+            }
+            "vehicle_gps_position" if instance == 0 => gps(&mut self.builder, t_s, &row),
+            "battery_status" if instance == 0 => {
+                if let Some(amperes) = row.number("current_a") {
+                    self.builder.push_current(t_s, amperes as f32);
+                }
+            }
+            "vehicle_status" => {
+                if let Some(state) = row.number("arming_state") {
+                    self.builder.push_armed(t_s, state as u8 == ARMED);
+                }
+                self.builder.flight.is_copter |= is_copter(&row);
+            }
+            _ => {}
+        }
+    }
+
+    /// Adds a field in gauss.
+    fn field(&mut self, is_raw: bool, instance: u8, id: u32, t_s: f64, gauss: [f32; 3]) {
+        let Some(index) = self.sensors.compass_index(&self.builder.flight.parameters, instance, id) else { return };
+        let was = if is_raw { FieldProcessing::Px4SensorRaw(index) } else { FieldProcessing::Px4(index) };
+        self.builder.push_field(index + 1, was, t_s, gauss.map(|axis| axis * GAUSS_UT), None);
+    }
+
+    fn finish(mut self) -> Flight {
+        let (fields, rates) = std::mem::take(&mut self.combined);
+        if self.sensors.is_empty() {
+            for row in fields.rows() {
+                self.field(false, 0, 0, row.t_s, row.values);
+            }
+        }
+        if self.builder.flight.rates.is_empty() {
+            for row in rates.rows() {
+                self.builder.push_rates(row.t_s, row.values);
+            }
+        }
+        self.builder.finish()
+    }
+}
+
+/// Topics that are read.
+const WANTED: [&str; 10] = [
+    "sensor_mag",
+    "vehicle_magnetometer",
+    "vehicle_attitude",
+    "estimator_attitude",
+    "vehicle_angular_velocity",
+    "vehicle_attitude_groundtruth",
+    "sensor_combined",
+    "vehicle_gps_position",
+    "battery_status",
+    "vehicle_status",
+];
+
+/// Roll, pitch and yaw of the row's quaternion, radians.
+fn angles_rad(row: &TopicRow<'_>) -> Option<[f32; 3]> {
+    let quaternion = row.array("q")?;
+    Some(quaternion_to_euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32))
+}
+
+/// Whether a `vehicle_status` is a rotorcraft's. A VTOL in hover reports rotary wing too.
+fn is_copter(row: &TopicRow<'_>) -> bool {
+    const ROTARY_WING: f64 = 1.0;
+    let is = |name: &str| row.number(name).is_some_and(|number| number != 0.0);
+    let rotors =
+        row.number("vehicle_type").map_or_else(|| is("is_rotary_wing"), |kind| (kind - ROTARY_WING).abs() < 0.5);
+    rotors && !is("is_vtol")
+}
+
+/// Speed over ground, m/s, and course, radians, from the velocity if logged.
+fn over_ground(row: &TopicRow<'_>) -> [f64; 2] {
+    match (row.number("vel_n_m_s"), row.number("vel_e_m_s")) {
+        (Some(north), Some(east)) => [libm::hypot(north, east), libm::atan2(east, north)],
+        _ => ["vel_m_s", "cog_rad"].map(|name| row.number(name).unwrap_or(f64::NAN)),
+    }
+}
+
+fn gps(recorder: &mut FlightBuilder, t_s: f64, row: &TopicRow<'_>) {
+    if row.number("fix_type").is_none_or(|fix| fix < 3.0) {
+        return;
+    }
+    let degrees = |old: &str, new: &str| row.number(old).map(|number| number * 1e-7).or_else(|| row.number(new));
+    let (Some(latitude), Some(longitude)) = (degrees("lat", "latitude_deg"), degrees("lon", "longitude_deg")) else {
+        return;
+    };
+    let height_m = row.number("alt").map(|mm| mm / 1e3).or_else(|| row.number("altitude_msl_m")).unwrap_or(0.0);
+    let [speed_m_s, course_rad] = over_ground(row);
+    let yaw_rad = row.number("heading").unwrap_or(f64::NAN);
+    recorder.push_gps(
+        t_s,
+        Gps {
+            latitude_deg: latitude as f32,
+            longitude_deg: longitude as f32,
+            height_m: height_m as f32,
+            speed_m_s: speed_m_s as f32,
+            course_deg: course_rad.to_degrees() as f32,
+            yaw_deg: yaw_rad.to_degrees() as f32,
+        },
+    );
+    recorder.set_day_from_unix_s((row.number("time_utc_usec").unwrap_or(0.0) / 1e6) as u64);
+}

@@ -1,0 +1,143 @@
+//! DataFlash writer, binary and text.
+
+use std::fmt::Write as _;
+
+use super::recording::FlightRecording;
+
+/// Number, name, format letters and columns of each message written.
+const MESSAGES: [(u8, &str, &str, &str); 8] = [
+    (128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"),
+    (64, "PARM", "QNff", "TimeUS,Name,Value,Default"),
+    (65, "MSG", "QZ", "TimeUS,Message"),
+    (66, "ATT", "Qfff", "TimeUS,Roll,Pitch,Yaw"),
+    (67, "MAG", "QBhhhhhhhhhBI", "TimeUS,I,MagX,MagY,MagZ,OfsX,OfsY,OfsZ,MOX,MOY,MOZ,Health,S"),
+    (68, "IMU", "QBfff", "TimeUS,I,GyrX,GyrY,GyrZ"),
+    (69, "GPS", "QBBIHLLeff", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs"),
+    (70, "BAT", "QBff", "TimeUS,Inst,Volt,Curr"),
+];
+
+/// GPS week 2400 began 2026-01-04.
+const WEEK: u16 = 2400;
+
+#[derive(Clone)]
+enum Value {
+    Number(f64),
+    Text(String),
+}
+
+impl From<f64> for Value {
+    fn from(number: f64) -> Self {
+        Self::Number(number)
+    }
+}
+
+/// Encodes a recording as binary DataFlash.
+#[must_use]
+pub fn encode_dataflash(recording: &FlightRecording) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for (number, name, format_codes, columns) in MESSAGES {
+        bytes.extend([0xA3, 0x95, 128, number, (3 + format_codes.bytes().map(size).sum::<usize>()) as u8]);
+        for (words, length) in [(name, 4), (format_codes, 16), (columns, 64)] {
+            bytes.extend(padded(words, length));
+        }
+    }
+    messages(recording, &mut |index, values| {
+        let (number, _, format_codes, _) = MESSAGES[index];
+        bytes.extend([0xA3, 0x95, number]);
+        for (format_code, value) in format_codes.bytes().zip(values) {
+            match value {
+                Value::Text(words) => bytes.extend(padded(words, size(format_code))),
+                Value::Number(number) => bytes.extend(encoded(format_code, *number)),
+            }
+        }
+    });
+    bytes
+}
+
+/// Encodes a recording as DataFlash text.
+#[must_use]
+pub fn encode_dataflash_text(recording: &FlightRecording) -> Vec<u8> {
+    let mut text = String::new();
+    for (number, name, format_codes, columns) in MESSAGES {
+        let length = 3 + format_codes.bytes().map(size).sum::<usize>();
+        let _ = writeln!(text, "FMT, {number}, {length}, {name}, {format_codes}, {columns}");
+    }
+    messages(recording, &mut |index, values| {
+        let (_, name, format_codes, _) = MESSAGES[index];
+        text.push_str(name);
+        for (format_code, value) in format_codes.bytes().zip(values) {
+            let _ = match value {
+                Value::Text(words) => write!(text, ", {words}"),
+                Value::Number(number) if matches!(format_code, b'f' | b'L' | b'e') => write!(text, ", {number}"),
+                Value::Number(number) => write!(text, ", {number:.0}"),
+            };
+        }
+        text.push('\n');
+    });
+    text.into_bytes()
+}
+
+/// Writes each message: index in [`MESSAGES`] and values.
+fn messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Value])) {
+    let first_us = recording.samples.first().map_or(0.0, |instant| instant.time_us as f64);
+    let words = |words: &str| Value::Text(words.to_owned());
+    let firmware = if recording.is_copter { "ArduCopter V4.6.0 (host-sim)" } else { "ArduPlane V4.6.0 (host-sim)" };
+    write(2, &[first_us.into(), words(firmware)]);
+    for (name, value) in &recording.parameters {
+        write(1, &[first_us.into(), words(name), (*value).into(), 0.0.into()]);
+    }
+    for (i, instant) in recording.samples.iter().enumerate() {
+        let us = instant.time_us as f64;
+        let mut row = |index: usize, numbers: &[f64]| {
+            let values: Vec<Value> = std::iter::once(us).chain(numbers.iter().copied()).map(Value::from).collect();
+            write(index, &values);
+        };
+        row(3, &instant.attitude_rad.map(f64::to_degrees));
+        for number in 1..=recording.compasses() {
+            let (field, motor) = recording.ardupilot_ut(instant, number);
+            let [x, y, z] = field.map(|axis| axis * 10.0);
+            let [mx, my, mz] = motor.map(|axis| axis * 10.0);
+            let [ox, oy, oz] = recording.ardupilot_offsets_mg(number).map(f64::trunc);
+            row(4, &[(number - 1) as f64, x, y, z, ox, oy, oz, mx, my, mz, 1.0, 0.0]);
+        }
+        let [p, q, r] = instant.rates_rad_s;
+        row(5, &[0.0, p, q, r]);
+        row(7, &[0.0, 12.0, instant.current_a]);
+        if let Some([latitude, longitude, height]) = recording.place_at(instant).filter(|_| i % 2 == 0) {
+            let [speed_m_s, course_rad] = instant.over_ground();
+            let over_ground = [speed_m_s, course_rad.to_degrees()];
+            let place = [0.0, 3.0, us / 1e3, f64::from(WEEK), latitude, longitude, height];
+            row(6, &[&place[..], &over_ground].concat());
+        }
+    }
+}
+
+const fn size(format_code: u8) -> usize {
+    match format_code {
+        b'B' => 1,
+        b'h' | b'H' => 2,
+        b'Q' => 8,
+        b'N' => 16,
+        b'Z' => 64,
+        _ => 4,
+    }
+}
+
+fn encoded(format_code: u8, number: f64) -> Vec<u8> {
+    match format_code {
+        b'B' => vec![number as u8],
+        b'h' => (number.round() as i16).to_le_bytes().to_vec(),
+        b'H' => (number as u16).to_le_bytes().to_vec(),
+        b'I' => (number as u32).to_le_bytes().to_vec(),
+        b'L' => ((number * 1e7).round() as i32).to_le_bytes().to_vec(),
+        b'e' => ((number * 100.0).round() as i32).to_le_bytes().to_vec(),
+        b'Q' => (number as u64).to_le_bytes().to_vec(),
+        _ => (number as f32).to_le_bytes().to_vec(),
+    }
+}
+
+fn padded(words: &str, length: usize) -> Vec<u8> {
+    let mut bytes: Vec<u8> = words.bytes().take(length).collect();
+    bytes.resize(length, 0);
+    bytes
+}

@@ -1,0 +1,118 @@
+//! A flight as an autopilot's sensors report it, for the writers of all formats.
+
+use std::f64::consts::TAU;
+
+/// Start of a flight: GPS week 2400, 2026-01-04, microseconds.
+pub(super) const UTC_US: u64 = 1_767_484_800_000_000;
+
+/// Simulated autopilot data at one time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FlightSample {
+    /// Time since start, microseconds.
+    pub time_us: u64,
+    /// Raw field of each compass, body axes, microtesla.
+    pub field_ut: Vec<[f64; 3]>,
+    /// Reported roll, pitch and yaw, radians.
+    pub attitude_rad: [f64; 3],
+    /// Body rates, rad/s.
+    pub rates_rad_s: [f64; 3],
+    /// True heading, radians, from true north if the declination is known, else from magnetic north; likewise the
+    /// velocity.
+    pub heading_rad: f64,
+    /// Velocity over ground towards north and east, m/s.
+    pub velocity_m_s: [f64; 2],
+    /// Displacement from the start towards north and east, metres.
+    pub displacement_m: [f64; 2],
+    /// Current, amperes.
+    pub current_a: f64,
+    /// Whether the aircraft is armed.
+    pub is_armed: bool,
+}
+
+/// A recorded flight.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FlightRecording {
+    /// Samples in order of time.
+    pub samples: Vec<FlightSample>,
+    /// The autopilot's parameters.
+    pub parameters: Vec<(String, f64)>,
+    /// Start: latitude, longitude, degrees, and height, metres.
+    pub place: Option<[f64; 3]>,
+    /// Declination at the start, degrees, east positive.
+    pub declination_deg: f64,
+    /// Whether the aircraft is a copter.
+    pub is_copter: bool,
+    /// Latency of the field, seconds.
+    pub field_latency_s: f64,
+}
+
+impl FlightSample {
+    /// Speed over ground, m/s, and course, radians, 0 to 2 pi.
+    pub(super) fn over_ground(&self) -> [f64; 2] {
+        let [north, east] = self.velocity_m_s;
+        [libm::hypot(north, east), libm::atan2(east, north).rem_euclid(TAU)]
+    }
+}
+
+impl FlightRecording {
+    /// Creates an empty recording with a field latency.
+    #[must_use]
+    pub fn with_field_latency(age_s: f64) -> Self {
+        Self { field_latency_s: age_s, ..Self::default() }
+    }
+
+    /// Latitude, longitude, degrees, and height, metres, of a sample.
+    pub(super) fn place_at(&self, instant: &FlightSample) -> Option<[f64; 3]> {
+        /// Length of one degree of latitude, metres.
+        const DEGREE_M: f64 = 111_200.0;
+        let [latitude_deg, longitude_deg, height_m] = self.place?;
+        let [north_deg, east_deg] = instant.displacement_m.map(|metres| metres / DEGREE_M);
+        let shrinks = libm::cos(latitude_deg.to_radians());
+        Some([latitude_deg + north_deg, longitude_deg + east_deg / shrinks, height_m])
+    }
+
+    pub(super) fn parameter(&self, name: &str) -> f64 {
+        self.parameters.iter().find(|(other, _)| other == name).map_or(0.0, |&(_, value)| value)
+    }
+
+    /// ArduPilot's offsets of a compass numbered from 1, milligauss.
+    pub(super) fn ardupilot_offsets_mg(&self, number: usize) -> [f64; 3] {
+        let index = if number == 1 { String::new() } else { number.to_string() };
+        ["X", "Y", "Z"].map(|axis| self.parameter(&format!("COMPASS_OFS{index}_{axis}")))
+    }
+
+    /// ArduPilot's logged field of a compass numbered from 1, and the motor-current compensation in it, microtesla;
+    /// independent of the reader's code.
+    pub(super) fn ardupilot_ut(&self, instant: &FlightSample, number: usize) -> ([f64; 3], [f64; 3]) {
+        let index = if number == 1 { String::new() } else { number.to_string() };
+        let vector_parameters = |vector_name: &str| {
+            ["X", "Y", "Z"].map(|axis| self.parameter(&format!("COMPASS_{vector_name}{index}_{axis}")))
+        };
+        let scale = self.parameter(&format!("COMPASS_SCALE{index}"));
+        let scale = if scale == 0.0 { 1.0 } else { scale };
+        let (offset, diagonal, off_diagonal, motor) = (
+            self.ardupilot_offsets_mg(number),
+            vector_parameters("DIA"),
+            vector_parameters("ODI"),
+            vector_parameters("MOT"),
+        );
+        let raw = instant.field_ut.get(number - 1).copied().unwrap_or_default();
+        let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| (raw[axis] + offset[axis] / 10.0) * scale);
+        let soft = if diagonal.iter().all(|axis| axis.abs() < f64::EPSILON) {
+            [x, y, z]
+        } else {
+            [
+                diagonal[0] * x + off_diagonal[0] * y + off_diagonal[1] * z,
+                off_diagonal[0] * x + diagonal[1] * y + off_diagonal[2] * z,
+                off_diagonal[1] * x + off_diagonal[2] * y + diagonal[2] * z,
+            ]
+        };
+        let current_a = if self.parameter("COMPASS_MOTCT") as u8 == 2 { instant.current_a } else { 0.0 };
+        let share = motor.map(|per_ten_amperes| per_ten_amperes / 10.0 * current_a);
+        (std::array::from_fn(|axis| soft[axis] + share[axis]), share)
+    }
+
+    pub(super) fn compasses(&self) -> usize {
+        self.samples.first().map_or(0, |instant| instant.field_ut.len())
+    }
+}

@@ -1,0 +1,77 @@
+//! MAVLink 2 writer with the receiver's clock, as ArduPilot sends it.
+
+use mavlink::dialects::common::{
+    ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavType, PARAM_VALUE_DATA,
+    RAW_IMU_DATA, SCALED_IMU2_DATA, SCALED_IMU3_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+};
+use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
+
+use super::recording::{FlightRecording, FlightSample, UTC_US};
+
+/// Encodes a recording as a MAVLink log.
+#[must_use]
+pub fn encode_tlog(recording: &FlightRecording) -> Vec<u8> {
+    let mut out = FrameWriter { bytes: Vec::new(), sequence: 0, at_us: 0 };
+    for (i, instant) in recording.samples.iter().enumerate() {
+        out.at_us = instant.time_us;
+        if i % 10 == 0 {
+            out.seconds(recording, instant);
+        }
+        if i == 5 {
+            for (name, value) in &recording.parameters {
+                let (param_id, param_value) = (name.as_str().into(), *value as f32);
+                out.send(&PARAM_VALUE_DATA { param_id, param_value, ..Default::default() });
+            }
+        }
+        let time_boot_ms = (instant.time_us / 1000) as u32;
+        let [roll, pitch, yaw] = instant.attitude_rad.map(|angle| angle as f32);
+        let [rollspeed, pitchspeed, yawspeed] = instant.rates_rad_s.map(|rate| rate as f32);
+        out.send(&ATTITUDE_DATA { time_boot_ms, roll, pitch, yaw, rollspeed, pitchspeed, yawspeed });
+        for number in 1..=recording.compasses() {
+            let (field, _) = recording.ardupilot_ut(instant, number);
+            let [xmag, ymag, zmag] = field.map(|axis| (axis * 10.0).round() as i16);
+            match number {
+                1 => out.send(&RAW_IMU_DATA { time_usec: instant.time_us, xmag, ymag, zmag, ..Default::default() }),
+                2 => out.send(&SCALED_IMU2_DATA { time_boot_ms, xmag, ymag, zmag, ..Default::default() }),
+                _ => out.send(&SCALED_IMU3_DATA { time_boot_ms, xmag, ymag, zmag, ..Default::default() }),
+            }
+        }
+    }
+    out.bytes
+}
+
+struct FrameWriter {
+    bytes: Vec<u8>,
+    sequence: u8,
+    at_us: u64,
+}
+
+impl FrameWriter {
+    fn send<M: MessageData>(&mut self, message: &M) {
+        let mut frame = MAVLinkV2MessageRaw::new();
+        frame.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: self.sequence }, message);
+        self.sequence = self.sequence.wrapping_add(1);
+        self.bytes.extend((UTC_US + self.at_us).to_be_bytes());
+        self.bytes.extend(frame.raw_bytes());
+    }
+
+    /// Sends the messages of 1 Hz.
+    fn seconds(&mut self, recording: &FlightRecording, instant: &FlightSample) {
+        let mut base_mode = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED;
+        base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, instant.is_armed);
+        let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
+        let mavtype = if recording.is_copter { MavType::MAV_TYPE_QUADROTOR } else { MavType::MAV_TYPE_FIXED_WING };
+        self.send(&HEARTBEAT_DATA { autopilot, base_mode, mavtype, ..Default::default() });
+        let time_boot_ms = (instant.time_us / 1000) as u32;
+        self.send(&SYSTEM_TIME_DATA { time_unix_usec: UTC_US + instant.time_us, time_boot_ms });
+        let current_battery = (instant.current_a * 100.0) as i16;
+        self.send(&SYS_STATUS_DATA { current_battery, ..Default::default() });
+        if let Some([latitude, longitude, height]) = recording.place_at(instant) {
+            let [lat, lon] = [latitude, longitude].map(|deg| (deg * 1e7).round() as i32);
+            let [speed_m_s, course_rad] = instant.over_ground();
+            let [vel, cog] = [speed_m_s, course_rad.to_degrees()].map(|number| (number * 100.0).round() as u16);
+            let (alt, fix_type) = ((height * 1e3) as i32, GpsFixType::GPS_FIX_TYPE_3D_FIX);
+            self.send(&GPS_RAW_INT_DATA { lat, lon, alt, vel, cog, fix_type, ..Default::default() });
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! ULog writer, as PX4 with corrected compasses (`vehicle_magnetometer`).
+
+use super::recording::{FlightRecording, UTC_US};
+use crate::log::FieldCorrection;
+use crate::log::ParameterHistory;
+
+const FORMATS: [&str; 6] = [
+    "vehicle_magnetometer:uint64_t timestamp;uint32_t device_id;float[3] magnetometer_ga;",
+    "vehicle_attitude:uint64_t timestamp;float[4] q;",
+    "vehicle_angular_velocity:uint64_t timestamp;float[3] xyz;",
+    "battery_status:uint64_t timestamp;float current_a;bool connected;uint8_t[3] _padding0;",
+    "vehicle_gps_position:uint64_t timestamp;int32_t lat;int32_t lon;int32_t alt;float vel_m_s;float vel_n_m_s;float \
+     vel_e_m_s;float cog_rad;uint64_t time_utc_usec;uint8_t fix_type;",
+    "vehicle_status:uint64_t timestamp;uint8_t vehicle_type;bool is_vtol;",
+];
+
+/// Encodes a recording as ULog.
+#[must_use]
+pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
+    let mut bytes = b"ULog\x01\x12\x35\x01".to_vec();
+    bytes.extend(0_u64.to_le_bytes());
+    let mut message = |kind: u8, body: &[u8]| {
+        bytes.extend((body.len() as u16).to_le_bytes());
+        bytes.push(kind);
+        bytes.extend(body);
+    };
+    message(b'B', &[0; 40]);
+    message(b'I', &keyed("uint32_t ver_sw_release", &[255, 0, 15, 1]));
+    for format in FORMATS {
+        message(b'F', format.as_bytes());
+    }
+    let mut parameters = ParameterHistory::default();
+    for (name, value) in &recording.parameters {
+        parameters.set(0.0, name, *value);
+        let is_whole = name.ends_with("_ID") || name.ends_with("_ROT");
+        let (kind, value) = if is_whole {
+            ("int32_t", (*value as i32).to_le_bytes())
+        } else {
+            ("float", (*value as f32).to_le_bytes())
+        };
+        message(b'P', &keyed(&format!("{kind} {name}"), &value));
+    }
+    let compasses = recording.compasses();
+    let mut subscribed: Vec<(u8, &str)> = (0..compasses).map(|i| (i as u8, "vehicle_magnetometer")).collect();
+    subscribed.extend(
+        ["vehicle_attitude", "vehicle_angular_velocity", "battery_status", "vehicle_gps_position", "vehicle_status"]
+            .map(|n| (0, n)),
+    );
+    for (id, (instance, name)) in subscribed.iter().enumerate() {
+        let [low, high] = (id as u16).to_le_bytes();
+        message(b'A', &[&[*instance, low, high], name.as_bytes()].concat());
+    }
+    let corrections: Vec<FieldCorrection> =
+        (1..=compasses).map(|number| FieldCorrection::from_px4(&parameters, number as u8)).collect();
+    for (i, instant) in recording.samples.iter().enumerate() {
+        let mut data = |id: usize, body: &[&[u8]]| {
+            let id = (id as u16).to_le_bytes();
+            message(b'D', &[&[&id, &instant.time_us.to_le_bytes()[..]].concat()[..], &body.concat()].concat());
+        };
+        for (number, correction) in corrections.iter().enumerate() {
+            let raw = instant.field_ut[number];
+            let gauss = correction.apply(raw.into(), instant.current_a) / 100.0;
+            let id = recording.parameter(&format!("CAL_MAG{number}_ID")) as u32;
+            data(number, &[&id.to_le_bytes(), &floats(gauss.as_slice())]);
+        }
+        data(compasses, &[&floats(&quaternion(instant.attitude_rad))]);
+        data(compasses + 1, &[&floats(&instant.rates_rad_s)]);
+        data(compasses + 2, &[&floats(&[instant.current_a]), &[1, 0, 0, 0]]);
+        if i % 10 == 0 {
+            // Rotary or fixed wing.
+            data(compasses + 4, &[&[if recording.is_copter { 1 } else { 2 }, 0]]);
+        }
+        if let Some([latitude, longitude, height]) = recording.place_at(instant).filter(|_| i % 2 == 0) {
+            let place: Vec<u8> = [latitude * 1e7, longitude * 1e7, height * 1e3]
+                .iter()
+                .flat_map(|n| (n.round() as i32).to_le_bytes())
+                .collect();
+            let ([speed_m_s, course_rad], [north, east]) = (instant.over_ground(), instant.velocity_m_s);
+            let over_ground = floats(&[speed_m_s, north, east, course_rad]);
+            data(compasses + 3, &[&place, &over_ground, &(UTC_US + instant.time_us).to_le_bytes(), &[3]]);
+        }
+    }
+    bytes
+}
+
+fn keyed(key: &str, value: &[u8]) -> Vec<u8> {
+    [&[key.len() as u8], key.as_bytes(), value].concat()
+}
+
+fn floats(numbers: &[f64]) -> Vec<u8> {
+    numbers.iter().flat_map(|number| (*number as f32).to_le_bytes()).collect()
+}
+
+/// Quaternion w, x, y, z of roll, then pitch, then yaw.
+fn quaternion([roll, pitch, yaw]: [f64; 3]) -> [f64; 4] {
+    let [(sr, cr), (sp, cp), (sy, cy)] = [roll, pitch, yaw].map(|angle| libm::sincos(angle / 2.0));
+    [cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy]
+}

@@ -1,0 +1,99 @@
+//! Numbers as text and in JSON, and their statistics.
+
+use autoswing::calibration::Calibration;
+use serde_json::{Value, json};
+
+/// Rounds for JSON; a negative value that rounds to zero becomes plain zero.
+#[must_use]
+pub fn round_to(value: f64, decimals: i32) -> f64 {
+    let scale = libm::pow(10.0, f64::from(decimals));
+    (value * scale).round() / scale + 0.0
+}
+
+/// Square; `f64::powi` may round differently on another platform.
+#[must_use]
+pub fn square(value: f64) -> f64 {
+    value * value
+}
+
+/// The f64 with the f32's shortest decimal form: 0.1, not 0.10000000149.
+#[must_use]
+pub fn f32_as_f64(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::NAN)
+}
+
+/// Coefficients of a calibration for JSON: at most nine digits, as of an f32.
+#[must_use]
+pub fn coefficients_json(calibration: &Calibration) -> Value {
+    json!({
+        "w": calibration.w.as_flattened().iter().copied().map(f32_as_f64).collect::<Vec<_>>(),
+        "b_ut": calibration.b_ut.map(f32_as_f64),
+    })
+}
+
+/// Value that a fraction `part` of the numbers does not exceed; none of no numbers.
+#[must_use]
+pub fn quantile(numbers: impl IntoIterator<Item = f64>, part: f64) -> Option<f64> {
+    let mut sorted: Vec<f64> = numbers.into_iter().collect();
+    sorted.sort_by(f64::total_cmp);
+    let last = sorted.len().saturating_sub(1);
+    sorted.get((part * last as f64).round() as usize).copied()
+}
+
+/// Median; NaN of no numbers.
+#[must_use]
+pub fn median(numbers: impl IntoIterator<Item = f64>) -> f64 {
+    quantile(numbers, 0.5).unwrap_or(f64::NAN)
+}
+
+/// Circular mean of finite angles, degrees.
+#[must_use]
+pub fn mean_angle_deg(angles: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let finite = angles.into_iter().filter(|angle| angle.is_finite());
+    let sums = finite.map(|angle| libm::sincos(angle.to_radians())).fold(None, |sums, (s, c)| {
+        let (sin, cos) = sums.unwrap_or((0.0, 0.0));
+        Some((sin + s, cos + c))
+    });
+    sums.map(|(sin, cos)| libm::atan2(sin, cos).to_degrees())
+}
+
+/// Formats a number; a dash if it is not finite.
+#[must_use]
+pub fn format_number(value: f64, decimals: usize) -> String {
+    if !value.is_finite() {
+        return "–".to_owned();
+    }
+    let text = format!("{value:.decimals$}");
+    // No minus sign before zero.
+    if text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.')) { text.replace('-', "") } else { text }
+}
+
+/// Formats a number; a dash for none.
+#[must_use]
+pub fn format_optional(value: Option<f64>, decimals: usize) -> String {
+    format_number(value.unwrap_or(f64::NAN), decimals)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Powers up to 1e22 are exact in an f64.
+    #[test]
+    fn powers_of_ten_for_rounding_are_exact() {
+        for decimals in 0..=15 {
+            let exact: f64 = format!("1e{decimals}").parse().unwrap();
+            assert_eq!(libm::pow(10.0, f64::from(decimals)).to_bits(), exact.to_bits(), "{decimals}");
+        }
+        let rounded = [round_to(0.125_4, 3), round_to(-0.000_1, 3)];
+        assert_eq!(rounded.map(f64::to_bits), [0.125, 0.0].map(f64::to_bits));
+    }
+
+    #[test]
+    fn numbers_are_safe() {
+        assert_eq!(format_number(-0.001, 2), "0.00");
+        assert_eq!(format_number(-0.006, 2), "-0.01");
+        assert_eq!(format_number(f64::NAN, 2), "–");
+        assert_eq!(format_optional(None, 1), "–");
+    }
+}

@@ -1,0 +1,113 @@
+//! Baseline calibrations of the same rows: sphere and ellipsoid fits.
+
+use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen, Vector3};
+
+use crate::log::FieldCorrection;
+
+const MIN_ROWS: usize = 20;
+
+/// Fits a sphere to fields in microtesla by linear least squares of `|m|^2 = 2 c m + k`; returns correction and radius.
+#[must_use]
+pub fn fit_sphere(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> {
+    let (scaled, mean, scale) = scaled(fields)?;
+    let matrix =
+        DMatrix::from_fn(scaled.len(), 4, |row, column| if column == 3 { 1.0 } else { 2.0 * scaled[row][column] });
+    let squares = DVector::from_fn(scaled.len(), |row, _| scaled[row].norm_squared());
+    let [x, y, z, k] = *solved(&matrix, &squares)?.as_slice() else { return None };
+    let centre = Vector3::new(x, y, z);
+    let radius = (k + centre.norm_squared()).sqrt() * scale;
+    let correction = FieldCorrection::without_current(Matrix3::identity(), mean + centre * scale);
+    radius.is_finite().then_some((correction, radius))
+}
+
+/// Fits an ellipsoid to fields in microtesla by linear least squares of the quadric `m A m + 2 b m = 1`; returns the
+/// symmetric correction to a sphere of equal volume and its radius, or none for another quadric.
+#[must_use]
+pub fn fit_ellipsoid(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> {
+    let (scaled, mean, scale) = scaled(fields)?;
+    let matrix = DMatrix::from_fn(scaled.len(), 9, |row, column| {
+        let m = scaled[row];
+        match column {
+            0..3 => m[column] * m[column],
+            3 => 2.0 * m.x * m.y,
+            4 => 2.0 * m.x * m.z,
+            5 => 2.0 * m.y * m.z,
+            _ => 2.0 * m[column - 6],
+        }
+    });
+    let ones = DVector::repeat(scaled.len(), 1.0);
+    let [xx, yy, zz, xy, xz, yz, x, y, z] = *solved(&matrix, &ones)?.as_slice() else { return None };
+    let quadric = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+    let linear = Vector3::new(x, y, z);
+    let centre = -(quadric.try_inverse()? * linear);
+    let shape = quadric / (1.0 + (quadric * centre).dot(&centre));
+    let eigen = SymmetricEigen::new(shape);
+    if !eigen.eigenvalues.iter().all(|value| *value > 1e-9) {
+        return None;
+    }
+    let root = Matrix3::from_diagonal(&eigen.eigenvalues.map(f64::sqrt));
+    let matrix = eigen.eigenvectors * root * eigen.eigenvectors.transpose();
+    let radius = libm::pow(matrix.determinant(), -1.0 / 3.0);
+    let correction = FieldCorrection::without_current(matrix * radius, mean + centre * scale);
+    Some((correction, radius * scale))
+}
+
+/// Fields about their mean in units of their RMS distance, the mean and that unit.
+fn scaled(fields: &[Vector3<f64>]) -> Option<(Vec<Vector3<f64>>, Vector3<f64>, f64)> {
+    if fields.len() < MIN_ROWS {
+        return None;
+    }
+    let mean = fields.iter().sum::<Vector3<f64>>() / fields.len() as f64;
+    let scale = (fields.iter().map(|field| (field - mean).norm_squared()).sum::<f64>() / fields.len() as f64).sqrt();
+    (scale > 1e-6).then(|| (fields.iter().map(|field| (field - mean) / scale).collect(), mean, scale))
+}
+
+fn solved(matrix: &DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
+    let normal = matrix.transpose() * matrix;
+    normal.cholesky().map(|cholesky| cholesky.solve(&(matrix.transpose() * right)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A field of 50 uT in 200 evenly distributed directions, distorted by known iron.
+    fn fields(matrix: &Matrix3<f64>, centre: Vector3<f64>) -> Vec<Vector3<f64>> {
+        let direction = |i: usize| {
+            let (z, angle) = (1.0 - 2.0 * (i as f64 + 0.5) / 200.0, i as f64 * 2.4);
+            Vector3::new((1.0 - z * z).sqrt() * libm::cos(angle), (1.0 - z * z).sqrt() * libm::sin(angle), z)
+        };
+        (0..200).map(|i| matrix * direction(i) * 50.0 + centre).collect()
+    }
+
+    #[test]
+    fn a_sphere_is_found() {
+        let centre = Vector3::new(10.0, -20.0, 300.0);
+        let (correction, radius) = fit_sphere(&fields(&Matrix3::identity(), centre)).unwrap();
+        assert!(
+            (correction.hard_iron_ut - centre).norm() < 1e-6 && (radius - 50.0).abs() < 1e-6,
+            "{correction:?} {radius}"
+        );
+    }
+
+    #[test]
+    fn an_ellipsoid_is_found_with_its_axes() {
+        let soft = Matrix3::new(1.1, 0.05, -0.02, 0.05, 0.9, 0.03, -0.02, 0.03, 1.05);
+        let centre = Vector3::new(-30.0, 5.0, 12.0);
+        let (correction, radius) = fit_ellipsoid(&fields(&soft, centre)).unwrap();
+        assert!((correction.hard_iron_ut - centre).norm() < 1e-6, "{correction:?}");
+        let product = correction.matrix * soft;
+        assert!((product / product[(0, 0)] - Matrix3::identity()).norm() < 1e-6, "{product}");
+        assert!((correction.matrix.determinant() - 1.0).abs() < 1e-9);
+        assert!((radius - 50.0 * libm::pow(soft.determinant(), 1.0 / 3.0)).abs() < 1e-6, "{radius}");
+    }
+
+    #[test]
+    fn too_few_or_degenerate_fields_give_no_fit() {
+        assert!(fit_sphere(&fields(&Matrix3::identity(), Vector3::zeros())[..19]).is_none());
+        assert!(fit_sphere(&vec![Vector3::new(1.0, 2.0, 3.0); 100]).is_none());
+        let level: Vec<_> =
+            (0..100).map(|i| Vector3::new(libm::cos(f64::from(i)), libm::sin(f64::from(i)), 2.0)).collect();
+        assert!(fit_ellipsoid(&level).is_none());
+    }
+}

@@ -1,0 +1,356 @@
+//! Evaluates each compass of a flight: logged correction, baseline fits, and the module's result.
+
+use autoswing::earth::{Date, EarthField, Position};
+use autoswing::frames::{Body, Field};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::field_latency::{self, FieldLatency};
+use super::hard_iron_step::{self, HardIronStep};
+use super::replay_run::solve_all_rows;
+use super::row_headings::score;
+use super::{
+    HeadingScore, ReferenceHeading, ReplayOptions, ReplayResult, ReplayRow, RowCounts, RowSelection, baseline_fits,
+    build_rows, replay_with,
+};
+use crate::log::{Compass, FieldCorrection, Flight, Gps};
+
+/// Options of an evaluation.
+#[derive(Clone, Copy, Debug)]
+pub struct EvaluationOptions {
+    /// Rows used for the module's fit.
+    pub selected: RowSelection,
+    /// Number of the only compass to evaluate.
+    pub compass: Option<u8>,
+    /// Inclination of the Earth field, degrees; default: the field model.
+    pub inclination_deg: Option<f64>,
+    /// Rows from this flight time on are not fitted, seconds.
+    pub fit_until_s: Option<f64>,
+    /// Latency of the logged field, seconds; default: estimated.
+    pub age_s: Option<f64>,
+}
+
+impl EvaluationOptions {
+    /// All compasses, with the samples the module keeps in flight.
+    pub const DEFAULT: Self =
+        Self { selected: RowSelection::Flight, compass: None, inclination_deg: None, fit_until_s: None, age_s: None };
+}
+
+/// Evaluation of a compass.
+#[derive(Clone, Debug)]
+pub struct CompassEvaluation {
+    /// The autopilot's number of the compass.
+    pub number: u8,
+    /// Whether the autopilot uses it for its heading.
+    pub is_used: Option<bool>,
+    /// Latency of the logged field.
+    pub latency: FieldLatency,
+    /// Rows of the compass.
+    pub rows: Vec<ReplayRow>,
+    /// Row counts.
+    pub counts: RowCounts,
+    /// Median interval of the readings, seconds.
+    pub reading_interval_s: f64,
+    /// The module's result with the selected rows.
+    pub module: ReplayResult,
+    /// The module's result with all rows.
+    pub all_rows: ReplayResult,
+    /// Heading RMS less mean without motor-current correction, degrees; none without such a correction or a reference.
+    pub rms_without_current_deg: Option<f64>,
+    /// Corrections with their scores.
+    pub corrections: Vec<ScoredCorrection>,
+    /// Field strength by a sphere fit, microtesla.
+    pub radius_ut: Option<f64>,
+    /// Step of hard iron in flight.
+    pub hard_iron_step: Option<HardIronStep>,
+    /// Expected RMS of the rows before and after the step alone, degrees; none without a solution.
+    pub expected_rms_by_part_deg: Vec<Option<f64>>,
+}
+
+/// A correction with its score.
+#[derive(Clone, Debug)]
+pub struct ScoredCorrection {
+    /// Source of the correction.
+    pub source: CorrectionSource,
+    /// The correction; none if its parameters changed in flight.
+    pub correction: Option<FieldCorrection>,
+    /// Heading score; none without a reference.
+    pub score: Option<HeadingScore>,
+}
+
+/// Source of a correction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CorrectionSource {
+    /// Uncorrected field.
+    Uncorrected,
+    /// The autopilot's parameters.
+    Autopilot,
+    /// Sphere fit.
+    Sphere,
+    /// Ellipsoid fit.
+    Ellipsoid,
+    /// The module, with the selected rows.
+    Module,
+    /// The module, with all rows.
+    ModuleAllRows,
+}
+
+impl CorrectionSource {
+    /// All, in the order of reports.
+    pub const ALL: [Self; 6] =
+        [Self::Uncorrected, Self::Autopilot, Self::Sphere, Self::Ellipsoid, Self::Module, Self::ModuleAllRows];
+
+    /// Name in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Uncorrected => "raw",
+            Self::Autopilot => "as logged",
+            Self::Sphere => "sphere",
+            Self::Ellipsoid => "ellipsoid",
+            Self::Module => "ours",
+            Self::ModuleAllRows => "ours, all rows",
+        }
+    }
+}
+
+/// Evaluation of a flight.
+#[derive(Clone, Debug)]
+pub struct FlightEvaluation {
+    /// The compasses.
+    pub compasses: Vec<CompassEvaluation>,
+    /// Reference heading.
+    pub reference: Option<ReferenceHeading>,
+    /// Modelled Earth field, and whether the model is valid on that day.
+    pub earth: Option<(EarthField, bool)>,
+    /// Median interval of the attitudes, seconds.
+    pub attitude_interval_s: f64,
+}
+
+/// Evaluates a flight.
+#[must_use]
+pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) -> FlightEvaluation {
+    let reference = ReferenceHeading::best(flight);
+    let earth = earth(flight);
+    let compasses: Vec<&Compass> = flight
+        .compasses
+        .iter()
+        .filter(|compass| evaluation_options.compass.is_none_or(|number| compass.number == number))
+        .collect();
+    let configured_latency = |used_s: f64| FieldLatency { used_s, sigma_s: None };
+    let mut ages: Vec<FieldLatency> = compasses
+        .par_iter()
+        .map(|compass| {
+            evaluation_options
+                .age_s
+                .map_or_else(|| field_latency::estimate_latency(flight, compass), configured_latency)
+        })
+        .collect();
+    field_latency::fill_in_missing(&mut ages);
+    let options = ReplayOptions {
+        selected: evaluation_options.selected,
+        inclination_deg: evaluation_options.inclination_deg,
+        place_and_day: place(flight).zip(flight.day),
+        fit_until_s: evaluation_options.fit_until_s,
+    };
+    let compasses: Vec<CompassEvaluation> = compasses
+        .par_iter()
+        .zip(ages)
+        .map(|(compass, age)| evaluate_compass(flight, compass, age, reference.as_ref(), &options))
+        .collect();
+    FlightEvaluation {
+        compasses,
+        reference,
+        earth,
+        attitude_interval_s: flight.attitude.median_step_s().unwrap_or(f64::NAN),
+    }
+}
+
+fn evaluate_compass(
+    flight: &Flight,
+    compass: &Compass,
+    age: FieldLatency,
+    reference: Option<&ReferenceHeading>,
+    options: &ReplayOptions,
+) -> CompassEvaluation {
+    let (rows, counted) = build_rows(flight, compass, age.used_s, reference);
+    let module = replay_with(&rows, Some(flight), options);
+    let all_rows = if options.selected == RowSelection::All {
+        module.clone()
+    } else {
+        replay_with(&rows, Some(flight), &ReplayOptions { selected: RowSelection::All, ..*options })
+    };
+    let without_current_deg = without_current_deg(&rows, flight, &module, options);
+    let fields: Vec<Vector3<f64>> =
+        rows.iter().filter(|row| row.usable).map(|row| row.field.ut.map(f64::from)).collect();
+    let scored = |correction_source, iron: Option<FieldCorrection>| ScoredCorrection {
+        source: correction_source,
+        correction: iron,
+        score: iron.and_then(|iron| score_correction(&rows, &iron)),
+    };
+    let logged = ScoredCorrection {
+        source: CorrectionSource::Autopilot,
+        correction: compass.correction,
+        score: score(&rows, |row| Some((heading_deg(row, row.logged.ut.map(f64::from)), f64::NAN))),
+    };
+    let mut corrections = vec![scored(CorrectionSource::Uncorrected, Some(FieldCorrection::identity()))];
+    corrections.extend(compass.correction.is_some().then_some(logged));
+    corrections.push(scored(CorrectionSource::Sphere, baseline_fits::fit_sphere(&fields).map(|(iron, _)| iron)));
+    corrections.push(scored(CorrectionSource::Ellipsoid, baseline_fits::fit_ellipsoid(&fields).map(|(iron, _)| iron)));
+    let solved = |correction_source, replayed: &ReplayResult| ScoredCorrection {
+        source: correction_source,
+        correction: solved_correction(replayed),
+        score: replayed.score,
+    };
+    corrections.push(solved(CorrectionSource::Module, &module));
+    if options.selected != RowSelection::All {
+        corrections.push(solved(CorrectionSource::ModuleAllRows, &all_rows));
+    }
+    let sphere = baseline_fits::fit_sphere(&fields);
+    let radius_ut = sphere.map(|(_, radius_ut)| radius_ut).filter(|_| is_turned(&fields));
+    let initial_correction =
+        solved_correction(&all_rows).or_else(|| solved_correction(&module)).or(sphere.map(|(iron, _)| iron));
+    let hard_iron_step =
+        initial_correction.and_then(|initial_correction| hard_iron_step::find_step(&rows, &initial_correction));
+    let expected_rms_by_part_deg = hard_iron_step.as_ref().map_or_else(Vec::new, |change| {
+        let [before, after]: [Vec<ReplayRow>; 2] =
+            [true, false].map(|is| rows.iter().filter(|row| (row.t_s < change.at_s) == is).copied().collect());
+        let expected =
+            |part: &Vec<ReplayRow>| solve_all_rows(part).map(|solution| f64::from(solution.quality.expected_rms_deg));
+        vec![expected(&before), expected(&after)]
+    });
+    let reading_interval_s = compass.field.median_step_s().unwrap_or(f64::NAN);
+    let Compass { number, is_used, .. } = *compass;
+    CompassEvaluation {
+        number,
+        is_used,
+        latency: age,
+        rows,
+        counts: counted,
+        reading_interval_s,
+        module,
+        all_rows,
+        rms_without_current_deg: without_current_deg,
+        corrections,
+        radius_ut,
+        hard_iron_step,
+        expected_rms_by_part_deg,
+    }
+}
+
+/// Whether the field turned by a quarter of its magnitude on some axis; at rest a sphere fit shows only sensor noise.
+fn is_turned(fields: &[Vector3<f64>]) -> bool {
+    const PART: f64 = 0.25;
+    let mean = fields.iter().sum::<Vector3<f64>>() / fields.len().max(1) as f64;
+    (0..3).any(|axis| {
+        let along = || fields.iter().map(|field| field[axis]);
+        along().fold(f64::MIN, f64::max) - along().fold(f64::MAX, f64::min) > PART * mean.norm()
+    })
+}
+
+fn without_current_deg(
+    rows: &[ReplayRow],
+    flight: &Flight,
+    module: &ReplayResult,
+    options: &ReplayOptions,
+) -> Option<f64> {
+    let is_used = module.solution.as_ref().is_some_and(|solution| solution.calibration.motor_current.is_applied());
+    if !is_used {
+        return None;
+    }
+    let rows_without_current: Vec<ReplayRow> = rows.iter().map(|row| ReplayRow { current_a: None, ..*row }).collect();
+    Some(replay_with(&rows_without_current, Some(flight), options).score?.rms_deg)
+}
+
+fn solved_correction(replay_result: &ReplayResult) -> Option<FieldCorrection> {
+    let calibration = replay_result.solution.as_ref()?.calibration;
+    let matrix = calibration.w_matrix().map(f64::from);
+    let by_current_ut = Vector3::from(calibration.motor_current.ut_per_a).map(f64::from);
+    Some(FieldCorrection {
+        matrix,
+        hard_iron_ut: calibration.b_vector_ut().map(f64::from),
+        motor_ut_per_a: by_current_ut,
+    })
+}
+
+/// Heading score of a correction.
+#[must_use]
+pub fn score_correction(rows: &[ReplayRow], correction: &FieldCorrection) -> Option<HeadingScore> {
+    score(rows, |row| Some((heading_deg(row, row.corrected(correction)), f64::NAN)))
+}
+
+fn heading_deg(row: &ReplayRow, corrected: Vector3<f64>) -> f64 {
+    let field: Field<Body> = Field::new(corrected.map(|axis| axis as f32));
+    f64::from(row.attitude.level(field).heading_rad().to_degrees())
+}
+
+fn place(flight: &Flight) -> Option<Position> {
+    let rows = flight.gps.rows();
+    let gps = Gps::from_columns(rows.get(rows.len() / 2)?.values);
+    Position::new(gps.latitude_deg, gps.longitude_deg, gps.height_m)
+}
+
+/// Modelled Earth field at the middle of the flight, and whether the model is valid on that day; otherwise that of its
+/// first day.
+fn earth(flight: &Flight) -> Option<(EarthField, bool)> {
+    /// 2025-01-01, the model's first day.
+    const MODEL_BEGINS_UNIX_S: u64 = 1_735_689_600;
+    let place = place(flight)?;
+    let now = flight.day.and_then(|day| EarthField::from_model(place, day)).map(|field| (field, true));
+    now.or_else(|| EarthField::from_model(place, Date::from_unix_s(MODEL_BEGINS_UNIX_S)?).map(|field| (field, false)))
+}
+
+impl CompassEvaluation {
+    /// Time to calibration from the first usable row, seconds; none without an automatic end.
+    #[must_use]
+    pub fn calibrated_s(&self) -> Option<f64> {
+        let first_s = self.rows.first()?.t_s;
+        let used_s = self.rows.iter().find(|row| row.usable)?.t_s;
+        Some(self.module.ended_s? + first_s - used_s)
+    }
+
+    /// The correction from one source.
+    #[must_use]
+    pub fn correction_from(&self, source: CorrectionSource) -> Option<&ScoredCorrection> {
+        self.corrections.iter().find(|correction| correction.source == source)
+    }
+
+    /// The module's result, or that of all rows if the module had no solution.
+    #[must_use]
+    pub const fn displayed_result(&self) -> &ReplayResult {
+        if self.module.solution.is_some() { &self.module } else { &self.all_rows }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::LogFormat;
+
+    /// A flight from the equator to 60 N.
+    fn flight_to_north(day: Option<Date>) -> Flight {
+        let mut flight = Flight::new(LogFormat::Csv);
+        flight.day = day;
+        for i in 0..7_u8 {
+            flight.gps.push(f64::from(i), [10.0 * f32::from(i), 11.3, 500.0, 0.0, 0.0, f32::NAN]);
+        }
+        flight
+    }
+
+    #[test]
+    fn the_field_model_is_evaluated_at_the_middle_of_the_flight() {
+        let day = |unix_s: u64| Date::from_unix_s(unix_s).unwrap();
+        let place = Position::new(30.0, 11.3, 500.0).unwrap();
+        let (of_2026, first) = (day(1_767_484_800), day(1_735_689_600));
+        for (on, expected, is_valid) in
+            [(Some(of_2026), of_2026, true), (None, first, false), (Some(day(1_640_995_200)), first, false)]
+        {
+            let expected = EarthField::from_model(place, expected).unwrap();
+            let (found, is) = earth(&flight_to_north(on)).unwrap();
+            assert_eq!(is, is_valid);
+            let numbers = |field: EarthField| [field.total_ut, field.inclination_deg].map(f32::to_bits);
+            assert_eq!(numbers(found), numbers(expected));
+        }
+        assert!(earth(&Flight::new(LogFormat::Csv)).is_none());
+    }
+}

@@ -1,0 +1,112 @@
+//! Estimates the latency of the logged field from the flight.
+//!
+//! A logged field is a mean over a past interval, or delayed by transmission: 50 to 90 ms, the largest error of a quiet
+//! flight at 30 deg/s. In roll and pitch, attitudes of the wrong time scatter the inclination residuals; the solver
+//! estimates the shift of least scatter (`calibration::Latency`). Shift and solve are repeated until convergence.
+
+use serde::Serialize;
+
+use super::replay_run::solve_all_rows;
+use super::rows::build_rows;
+use crate::log::{Compass, Flight};
+use crate::numbers::square;
+
+/// Largest standard deviation of a usable estimate, seconds: 0.6 deg at 30 deg/s.
+const MAX_SIGMA_S: f64 = 0.02;
+
+/// Search range of the latency, seconds.
+const MIN_S: f64 = -0.2;
+const MAX_S: f64 = 0.5;
+
+/// Remaining shift at which the search has converged, seconds.
+const SETTLED_S: f64 = 0.002;
+
+const MAX_TRIED: usize = 4;
+
+/// Latency of a logged field, from measurement to time stamp.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct FieldLatency {
+    /// Latency in use, seconds.
+    pub used_s: f64,
+    /// Standard deviation, seconds, if estimated; none for the format's default.
+    pub sigma_s: Option<f64>,
+}
+
+/// Estimates a compass's latency; the format's default if the flight does not show it.
+#[must_use]
+pub fn estimate_latency(flight: &Flight, compass: &Compass) -> FieldLatency {
+    let usual = FieldLatency { used_s: flight.format.default_field_latency_s(), sigma_s: None };
+    let mut age_s = usual.used_s;
+    let mut known = None;
+    for _ in 0..MAX_TRIED {
+        let (rows, _) = build_rows(flight, compass, age_s, None);
+        let Some(latency) = solve_all_rows(&rows).and_then(|solution| solution.quality.latency) else { return usual };
+        let (left_s, sigma_s) = (f64::from(latency.estimate_s), f64::from(latency.sigma_s));
+        // The matching attitude is `left_s` later, so the latency is that much smaller.
+        age_s = (age_s - left_s).clamp(MIN_S, MAX_S);
+        known = Some(sigma_s);
+        if left_s.abs() < SETTLED_S {
+            break;
+        }
+    }
+    known.and_then(|sigma_s| accept_estimate(age_s, sigma_s)).unwrap_or(usual)
+}
+
+/// The estimate, if precise and not at a bound of the search.
+fn accept_estimate(age_s: f64, sigma_s: f64) -> Option<FieldLatency> {
+    let is_inside = age_s > MIN_S && age_s < MAX_S;
+    (sigma_s < MAX_SIGMA_S && is_inside).then_some(FieldLatency { used_s: age_s, sigma_s: Some(sigma_s) })
+}
+
+/// Gives compasses without an estimate the weighted mean of the others, since one logger wrote all.
+pub fn fill_in_missing(ages: &mut [FieldLatency]) {
+    let known: Vec<(f64, f64)> = ages.iter().filter_map(|age| Some((age.used_s, age.sigma_s?))).collect();
+    let weight: f64 = known.iter().map(|(_, sigma_s)| square(*sigma_s).recip()).sum();
+    if known.is_empty() || !weight.is_finite() {
+        return;
+    }
+    let mean_s = known.iter().map(|(age_s, sigma_s)| age_s * square(*sigma_s).recip()).sum::<f64>() / weight;
+    for age in ages.iter_mut().filter(|age| age.sigma_s.is_none()) {
+        age.used_s = mean_s;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log;
+    use crate::log::csv::FieldUnit;
+    use crate::log::write::encode_ulog;
+    use crate::test_flight::record_turns;
+
+    /// An estimate at a bound is no minimum.
+    #[test]
+    fn a_field_latency_is_accepted_if_certain_and_within_bounds() {
+        assert_eq!(accept_estimate(0.1, 0.019), Some(FieldLatency { used_s: 0.1, sigma_s: Some(0.019) }));
+        for (age_s, sigma_s) in [(0.1, 0.021), (0.1, f64::NAN), (MIN_S, 0.001), (MAX_S, 0.001)] {
+            assert_eq!(accept_estimate(age_s, sigma_s), None, "{age_s} {sigma_s}");
+        }
+    }
+
+    /// Standard deviations of 1 and 3 ms: weights 9 to 1.
+    #[test]
+    fn a_compass_without_an_estimate_gets_the_mean_field_latency() {
+        let latency = |used_s: f64, sigma_s: Option<f64>| FieldLatency { used_s, sigma_s };
+        let mut ages = [latency(0.05, Some(0.001)), latency(0.0, None), latency(0.09, Some(0.003))];
+        fill_in_missing(&mut ages);
+        assert!((ages[1].used_s - (9.0 * 0.05 + 0.09) / 10.0).abs() < 1e-9 && ages[1].sigma_s.is_none(), "{ages:?}");
+        assert_eq!([ages[0], ages[2]], [latency(0.05, Some(0.001)), latency(0.09, Some(0.003))]);
+        let mut usual = [latency(0.02, None); 2];
+        fill_in_missing(&mut usual);
+        assert_eq!(usual, [latency(0.02, None); 2]);
+    }
+
+    /// The first linearisation is off, so several iterations are needed.
+    #[test]
+    fn an_unusual_field_latency_of_0_25_s_is_estimated() {
+        let recording = record_turns(0.25);
+        let flight = log::read(&mut encode_ulog(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
+        let age = estimate_latency(&flight, &flight.compasses[0]);
+        assert!((age.used_s - 0.25).abs() < 3.0 * age.sigma_s.unwrap(), "{age:?}");
+    }
+}

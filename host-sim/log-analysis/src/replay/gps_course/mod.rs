@@ -1,0 +1,446 @@
+//! True heading in straight flight from GPS velocities, independent of any compass.
+//!
+//! Ground velocity is air velocity plus wind. At constant airspeed the velocities of a flight lie on a circle about the
+//! wind, fitted to velocities alone: a wind estimated from headings could not be distinguished from hard iron, whose
+//! error also has one cycle a turn. A fixed-wing aircraft points along its air velocity except for sideslip. The
+//! receiver's unknown latency does not matter in straight flight.
+
+use autoswing::attitude::{AttitudeReport, EulerRates, SenderId};
+use autoswing::frames::{Attitude, wrap_pi};
+use autoswing::time::WrappingMillis;
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+use crate::log::series::Series;
+use crate::log::{Flight, Gps};
+use crate::numbers::{median, square};
+
+/// Largest bank in straight flight, degrees (gusts roll by a few), and the straight time required before and after,
+/// seconds: receivers are 0.1 to 0.4 s late, a roll-out takes 1 s.
+const MAX_BANK_DEG: f32 = 10.0;
+const STRAIGHT_S: f64 = 2.0;
+
+/// Largest mean turn rate over that time, degrees a second; single gyro readings vibrate.
+const MAX_TURN_DEG_S: f64 = 3.0;
+
+/// Largest interpolation gap, seconds; MAVLink logs have 1 Hz.
+const MAX_GAP_S: f64 = 1.5;
+
+/// Least ground speed in flight, m/s, and as a fraction of the 90th percentile, which excludes taxiing and hover. In a
+/// wind of half the airspeed a third remains upwind.
+const MIN_SPEED_M_S: f64 = 4.0;
+const MIN_SPEED_SHARE: f64 = 0.3;
+
+/// Least airspeed, m/s, and least ratio of airspeed to wind; slower vehicles drift.
+const MIN_AIRSPEED_M_S: f64 = 8.0;
+const MIN_AIRSPEED_BY_WIND: f64 = 2.0;
+
+/// Largest radial residual as a fraction of airspeed, and least fraction of velocities within it.
+const MAX_OFF: f64 = 0.15;
+const MIN_ON_CIRCLE: f64 = 0.7;
+
+/// Largest standard deviation of the wind as a fraction of airspeed: 2.9 deg of heading.
+const MAX_WIND_SIGMA: f64 = 0.05;
+
+/// Least time in a direction, seconds, and largest angle between neighbouring directions, degrees: out and back
+/// observes only one component of a one-cycle error.
+const IN_DIRECTION_S: f64 = 3.0;
+const MAX_GAP_DEG: f64 = 150.0;
+
+/// Assumed sideslip, degrees, which no log shows: gusts of 0.5 m/s at 20 m/s.
+const SIDESLIP_DEG: f64 = 1.5;
+
+/// Parts of the flight for the jackknife variance of the wind; each contains gusts and drift.
+const PARTS: usize = 10;
+
+/// Headings in straight flight with the wind solution.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GpsCourseHeading {
+    /// Wind velocity towards true north and east, m/s.
+    pub wind_m_s: [f64; 2],
+    /// Standard deviation of a wind component within a tenth of the flight, m/s.
+    pub wind_sigma_m_s: f64,
+    /// Horizontal airspeed, m/s.
+    pub airspeed_m_s: f64,
+    /// RMS distance of straight flight from the circle, m/s.
+    pub scatter_m_s: f64,
+    /// Largest angle between neighbouring straight directions, degrees.
+    pub widest_gap_deg: f64,
+    heading: Series<1>,
+}
+
+/// Reason why GPS course gives no heading.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GpsCourseRejection {
+    /// No velocity over ground is logged.
+    NotLogged,
+    /// The aircraft is a rotorcraft.
+    Copter,
+    /// No body rates to compare turns of the nose with the course.
+    NoRates,
+    /// The aircraft never flew fast enough.
+    TooSlow,
+    /// The velocities lie on no circle.
+    NoCircle,
+    /// The wind is too strong for the airspeed.
+    StrongWind,
+    /// Too few directions were flown straight.
+    FewDirections,
+    /// The wind estimate is too uncertain.
+    UncertainWind,
+    /// The nose turned differently from the course.
+    NoseMismatch,
+}
+
+impl GpsCourseRejection {
+    /// Description of the reason.
+    #[must_use]
+    pub const fn description(self) -> &'static str {
+        match self {
+            Self::NotLogged => "no velocity over ground is logged",
+            Self::Copter => "a copter's nose need not point where it flies",
+            Self::NoRates => "no body rates are logged to compare the turn of the nose with that of the course",
+            Self::TooSlow => "it never flew fast enough",
+            Self::NoCircle => "velocities over ground lie on no circle about a wind: airspeed or wind changed",
+            Self::StrongWind => "the wind was more than half of the airspeed",
+            Self::FewDirections => "it did not fly straight in three directions or more all round",
+            Self::UncertainWind => "the wind is not certain enough: it changed, or too few directions were flown",
+            Self::NoseMismatch => "the nose did not turn as the course did",
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct GroundVelocity {
+    t_s: f64,
+    /// Velocity towards true north and east, m/s.
+    velocity_m_s: Vector2<f64>,
+}
+
+impl GpsCourseHeading {
+    /// Estimates headings from a flight's velocities.
+    ///
+    /// # Errors
+    ///
+    /// The reason why they give no heading.
+    pub fn from_flight(flight: &Flight) -> Result<Self, GpsCourseRejection> {
+        let velocities = velocities(flight);
+        if velocities.is_empty() {
+            return Err(GpsCourseRejection::NotLogged);
+        }
+        if flight.is_copter {
+            return Err(GpsCourseRejection::Copter);
+        }
+        let moving = moving(velocities).ok_or(GpsCourseRejection::TooSlow)?;
+        let fitted = thin_velocities(&moving);
+        let circle = VelocityCircle::through(&fitted).ok_or(GpsCourseRejection::NoCircle)?;
+        let on_circle_velocities = on_circle(&moving, &circle)?;
+        let turned = HeadingIntegral::from_flight(flight).ok_or(GpsCourseRejection::NoRates)?;
+        let straight: Vec<GroundVelocity> =
+            on_circle_velocities.iter().filter(|v| turned.is_straight(v.t_s)).copied().collect();
+        let course = Self::by(&circle, &fitted, &straight)?;
+        if !turned.follows(&on_circle_velocities, &circle) {
+            return Err(GpsCourseRejection::NoseMismatch);
+        }
+        Ok(course)
+    }
+
+    /// Checks the circle and computes the headings of straight flight.
+    fn by(
+        circle: &VelocityCircle,
+        fitted: &[GroundVelocity],
+        straight: &[GroundVelocity],
+    ) -> Result<Self, GpsCourseRejection> {
+        let airspeed_m_s = circle.radius_m_s;
+        let widest_gap_deg = widest_gap_deg(straight, circle);
+        if widest_gap_deg > MAX_GAP_DEG {
+            return Err(GpsCourseRejection::FewDirections);
+        }
+        let squares: f64 = straight.iter().map(|v| square(circle.radial_residual_m_s(v))).sum();
+        let scatter_m_s = (squares / straight.len() as f64).sqrt();
+        if airspeed_m_s < MIN_AIRSPEED_BY_WIND * circle.wind_m_s.norm() {
+            return Err(GpsCourseRejection::StrongWind);
+        }
+        let wind_sigma_m_s = VelocityCircle::wind_sigma_m_s(fitted).ok_or(GpsCourseRejection::UncertainWind)?;
+        if wind_sigma_m_s > MAX_WIND_SIGMA * airspeed_m_s {
+            return Err(GpsCourseRejection::UncertainWind);
+        }
+        let mut heading = Series::new();
+        for v in straight {
+            heading.push(v.t_s, [circle.heading_rad(v) as f32]);
+        }
+        let wind_m_s = circle.wind_m_s.into();
+        Ok(Self { wind_m_s, wind_sigma_m_s, airspeed_m_s, scatter_m_s, widest_gap_deg, heading })
+    }
+
+    /// True heading at a time in straight flight, radians.
+    #[must_use]
+    pub fn heading_rad(&self, t_s: f64) -> Option<f32> {
+        self.heading.interpolate_angles(t_s, MAX_GAP_S).map(|[heading_rad]| heading_rad)
+    }
+
+    /// Wind speed, m/s.
+    #[must_use]
+    pub fn wind_speed_m_s(&self) -> f64 {
+        libm::hypot(self.wind_m_s[0], self.wind_m_s[1])
+    }
+
+    /// Direction the wind comes from, degrees from true north.
+    #[must_use]
+    pub fn wind_from_deg(&self) -> f64 {
+        libm::atan2(-self.wind_m_s[1], -self.wind_m_s[0]).to_degrees().rem_euclid(360.0)
+    }
+
+    /// Description of the reference's accuracy.
+    #[must_use]
+    pub fn limits(&self) -> String {
+        format!(
+            "no compass is in it: ground velocity less a wind of {:.1} m/s from {:.0} deg true, which the velocities \
+             themselves show; {:.1} m/s through the air, scatter {:.1}. Its own sigma, which is in the figures, is up to \
+             {:.1} deg: {:.1} of the wind as it changed in the flight, {SIDESLIP_DEG} assumed for sideslip. It says \
+             nothing of banked flight, nor of directions that were not flown straight: the widest gap is {:.0} deg",
+            self.wind_speed_m_s(),
+            self.wind_from_deg(),
+            self.airspeed_m_s,
+            self.scatter_m_s,
+            self.sigma_deg(),
+            self.wind_sigma_deg(),
+            self.widest_gap_deg,
+        )
+    }
+
+    /// Standard deviation of a heading, degrees, from wind and assumed sideslip; airspeed changes act along the
+    /// heading.
+    #[must_use]
+    pub fn sigma_deg(&self) -> f64 {
+        libm::hypot(self.wind_sigma_deg(), SIDESLIP_DEG)
+    }
+
+    fn wind_sigma_deg(&self) -> f64 {
+        (self.wind_sigma_m_s / self.airspeed_m_s).to_degrees()
+    }
+}
+
+fn velocities(flight: &Flight) -> Vec<GroundVelocity> {
+    let ground_velocity = |row: &crate::log::series::Stamped<6>| {
+        let Gps { speed_m_s, course_deg, .. } = Gps::from_columns(row.values);
+        let (sin, cos) = libm::sincos(f64::from(course_deg).to_radians());
+        let m_s = Vector2::new(cos, sin) * f64::from(speed_m_s);
+        (m_s.x.is_finite() && m_s.y.is_finite()).then_some(GroundVelocity { t_s: row.t_s, velocity_m_s: m_s })
+    };
+    flight.gps.rows().iter().filter_map(ground_velocity).collect()
+}
+
+/// Velocities in flight, if enough.
+fn moving(velocities: Vec<GroundVelocity>) -> Option<Vec<GroundVelocity>> {
+    const MIN_NUMBER: usize = 30;
+    let mut speeds: Vec<f64> =
+        velocities.iter().map(|v| v.velocity_m_s.norm()).filter(|m_s| *m_s > MIN_SPEED_M_S).collect();
+    speeds.sort_by(f64::total_cmp);
+    let fast_m_s = *speeds.get(speeds.len() * 9 / 10)?;
+    let least_m_s = MIN_SPEED_M_S.max(MIN_SPEED_SHARE * fast_m_s);
+    let moving: Vec<GroundVelocity> = velocities.into_iter().filter(|v| v.velocity_m_s.norm() > least_m_s).collect();
+    (moving.len() >= MIN_NUMBER).then_some(moving)
+}
+
+/// Velocities near the circle, if most are.
+fn on_circle(moving: &[GroundVelocity], circle: &VelocityCircle) -> Result<Vec<GroundVelocity>, GpsCourseRejection> {
+    let airspeed_m_s = circle.radius_m_s;
+    if airspeed_m_s < MIN_AIRSPEED_M_S {
+        return Err(GpsCourseRejection::TooSlow);
+    }
+    let near_circle: Vec<GroundVelocity> =
+        moving.iter().filter(|v| circle.radial_residual_m_s(v).abs() < MAX_OFF * airspeed_m_s).copied().collect();
+    let is_most = near_circle.len() as f64 >= MIN_ON_CIRCLE * moving.len() as f64;
+    is_most.then_some(near_circle).ok_or(GpsCourseRejection::NoCircle)
+}
+
+fn thin_velocities(velocities: &[GroundVelocity]) -> Vec<GroundVelocity> {
+    const MAX_NUMBER: usize = 5000;
+    velocities.iter().step_by(velocities.len().div_ceil(MAX_NUMBER).max(1)).copied().collect()
+}
+
+/// Largest angle between neighbouring straight directions, degrees; 360 without any.
+fn widest_gap_deg(straight: &[GroundVelocity], circle: &VelocityCircle) -> f64 {
+    const BINS: usize = 72;
+    const BIN_DEG: f64 = 360.0 / BINS as f64;
+    let mut flown_s = [0.0; BINS];
+    for pair in straight.windows(2) {
+        let bin = (circle.heading_rad(&pair[0]).to_degrees().rem_euclid(360.0) / BIN_DEG) as usize % BINS;
+        let step_s = pair[1].t_s - pair[0].t_s;
+        flown_s[bin] += if step_s < MAX_GAP_S { step_s } else { 0.0 };
+    }
+    // Adjacent bins count together, since gusts spread a leg over several.
+    let is_flown = |bin: usize| {
+        let around = [BINS - 1, 0, 1].map(|bin_offset| flown_s[(bin + bin_offset) % BINS]);
+        flown_s[bin % BINS] > 0.0 && around.iter().sum::<f64>() >= IN_DIRECTION_S
+    };
+    let (mut empty, mut widest) = (0, 0);
+    for bin in 0..2 * BINS {
+        empty = if is_flown(bin) { 0 } else { empty + 1 };
+        widest = widest.max(empty + 1);
+    }
+    (f64::from(widest) * BIN_DEG).min(360.0)
+}
+
+/// Circle of ground velocities at one airspeed in one wind.
+#[derive(Clone, Copy, Debug)]
+struct VelocityCircle {
+    wind_m_s: Vector2<f64>,
+    radius_m_s: f64,
+}
+
+impl VelocityCircle {
+    /// Robust fit: algebraic start, then iteratively reweighted least squares.
+    fn through(velocities: &[GroundVelocity]) -> Option<Self> {
+        let mut circle = Self::initial_fit(velocities)?;
+        for _ in 0..30 {
+            circle = circle.refined(velocities)?;
+        }
+        (circle.radius_m_s.is_finite() && circle.wind_m_s.norm().is_finite()).then_some(circle)
+    }
+
+    /// Linear least squares of `|v|^2 = 2 w v + k` about the mean.
+    fn initial_fit(velocities: &[GroundVelocity]) -> Option<Self> {
+        let mean = velocities.iter().map(|v| v.velocity_m_s).sum::<Vector2<f64>>() / velocities.len() as f64;
+        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+        for v in velocities {
+            let from = v.velocity_m_s - mean;
+            let row = Vector3::new(2.0 * from.x, 2.0 * from.y, 1.0);
+            normal += row * row.transpose();
+            right += row * from.norm_squared();
+        }
+        let found = normal.cholesky()?.solve(&right);
+        let centre = found.xy();
+        Some(Self { wind_m_s: mean + centre, radius_m_s: (found.z + centre.norm_squared()).max(0.0).sqrt() })
+    }
+
+    /// One Gauss-Newton step on radial distances with Tukey's biweight.
+    fn refined(self, velocities: &[GroundVelocity]) -> Option<Self> {
+        /// Tukey's constant times the MAD factor; and the least scale, a receiver's noise, m/s.
+        const ENDS: f64 = 4.685 * 1.4826;
+        const LEAST_M_S: f64 = 0.1;
+        let scale = median(velocities.iter().map(|v| self.radial_residual_m_s(v).abs())).max(LEAST_M_S) * ENDS;
+        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+        for v in velocities {
+            let residual = self.radial_residual_m_s(v);
+            let weight = square((1.0 - square(residual / scale)).max(0.0));
+            let out = (v.velocity_m_s - self.wind_m_s).normalize();
+            let row = Vector3::new(out.x, out.y, 1.0);
+            normal += row * row.transpose() * weight;
+            right += row * (residual * weight);
+        }
+        let step = normal.cholesky()?.solve(&right);
+        Some(Self { wind_m_s: self.wind_m_s + step.xy(), radius_m_s: self.radius_m_s + step.z })
+    }
+
+    /// Radial residual of a velocity, m/s, outside positive.
+    fn radial_residual_m_s(&self, velocity: &GroundVelocity) -> f64 {
+        (velocity.velocity_m_s - self.wind_m_s).norm() - self.radius_m_s
+    }
+
+    /// Direction of the air velocity, radians from true north.
+    fn heading_rad(&self, velocity: &GroundVelocity) -> f64 {
+        let air = velocity.velocity_m_s - self.wind_m_s;
+        libm::atan2(air.y, air.x)
+    }
+
+    /// Standard deviation of a wind component among the parts of the flight, m/s: the jackknife's of their mean times
+    /// the root of their number.
+    fn wind_sigma_m_s(velocities: &[GroundVelocity]) -> Option<f64> {
+        let mut winds = Vec::new();
+        for part in 0..PARTS {
+            let [from, to] = [part, part + 1].map(|part| part * velocities.len() / PARTS);
+            let rest = [&velocities[..from], &velocities[to..]].concat();
+            winds.push(Self::through(&rest)?.wind_m_s);
+        }
+        let mean = winds.iter().sum::<Vector2<f64>>() / PARTS as f64;
+        let squares: f64 = winds.iter().map(|wind| (wind - mean).norm_squared()).sum();
+        Some((squares * (PARTS - 1) as f64 / 2.0).sqrt())
+    }
+}
+
+struct HeadingIntegral {
+    /// Time, seconds, and integrated heading rate, radians.
+    integral: Vec<(f64, f64)>,
+    /// Times with bank, seconds.
+    banked_s: Vec<f64>,
+}
+
+impl HeadingIntegral {
+    fn from_flight(flight: &Flight) -> Option<Self> {
+        let (mut nose, mut banked_s) = (Vec::new(), Vec::new());
+        let mut last: Option<(f64, f64, f64)> = None;
+        for row in flight.attitude.rows() {
+            let [roll_rad, pitch_rad, _] = row.values;
+            let Some(rates_rad_s) = flight.rates.interpolate(row.t_s, MAX_GAP_S) else { continue };
+            let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
+            let attitude = Attitude { roll_rad, pitch_rad };
+            let Some(motion) =
+                EulerRates::from_report(&AttitudeReport { sender: source, sender_time, attitude, rates_rad_s })
+            else {
+                continue;
+            };
+            if wrap_pi(roll_rad).abs().to_degrees() > MAX_BANK_DEG {
+                banked_s.push(row.t_s);
+            }
+            let rate = f64::from(motion.heading_rad_s);
+            let turned = last.map_or(0.0, |(t_s, turned, before)| turned + rate.midpoint(before) * (row.t_s - t_s));
+            nose.push((row.t_s, turned));
+            last = Some((row.t_s, turned, rate));
+        }
+        (!nose.is_empty()).then_some(Self { integral: nose, banked_s })
+    }
+
+    /// Whether the aircraft flies straight around a time.
+    fn is_straight(&self, t_s: f64) -> bool {
+        let from = self.banked_s.partition_point(|at_s| *at_s < t_s - STRAIGHT_S);
+        let is_banked = self.banked_s.get(from).is_some_and(|at_s| *at_s <= t_s + STRAIGHT_S);
+        let nose = |by_s: f64| self.at_rad(t_s + by_s);
+        let (Some(before), Some(now), Some(after)) = (nose(-STRAIGHT_S), nose(0.0), nose(STRAIGHT_S)) else {
+            return false;
+        };
+        let most = (MAX_TURN_DEG_S * STRAIGHT_S).to_radians();
+        !is_banked && (now - before).abs() < most && (after - now).abs() < most
+    }
+
+    fn at_rad(&self, t_s: f64) -> Option<f64> {
+        let after = self.integral.partition_point(|(at_s, _)| *at_s <= t_s);
+        let (&(from_s, from), &(to_s, to)) = (self.integral.get(after.checked_sub(1)?)?, self.integral.get(after)?);
+        (to_s - from_s < MAX_GAP_S).then(|| from + (to - from) * (t_s - from_s) / (to_s - from_s))
+    }
+
+    /// Whether the nose turned as the air velocity did, over all turns.
+    fn follows(&self, velocities: &[GroundVelocity], circle: &VelocityCircle) -> bool {
+        /// Comparison interval, seconds; least turn, radians; largest fraction that may differ.
+        const OVER_S: f64 = 5.0;
+        const LEAST_RAD: f64 = 0.35;
+        const MAX_OTHERWISE: f64 = 0.3;
+        let (mut all, mut otherwise) = (0.0, 0.0);
+        let mut first = 0;
+        for (i, v) in velocities.iter().enumerate() {
+            // Restart after a gap, over which whole turns could be missed.
+            if i > 0 && v.t_s - velocities[i - 1].t_s > MAX_GAP_S {
+                first = i;
+            }
+            if v.t_s - velocities[first].t_s < OVER_S {
+                continue;
+            }
+            let course: f64 = velocities[first..=i]
+                .windows(2)
+                .map(|pair| f64::from(wrap_pi((circle.heading_rad(&pair[1]) - circle.heading_rad(&pair[0])) as f32)))
+                .sum();
+            let nose = self.at_rad(v.t_s).zip(self.at_rad(velocities[first].t_s)).map(|(to, from)| to - from);
+            first = i;
+            let Some(nose) = nose else { continue };
+            let most = course.abs().max(nose.abs());
+            if most > LEAST_RAD {
+                all += most;
+                otherwise += (course - nose).abs();
+            }
+        }
+        otherwise <= MAX_OTHERWISE * all
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,285 @@
+//! Detects a step of hard iron in flight: its time, size and axis.
+//!
+//! With constant iron the corrected fields `h = W (m - b)` have one strength `F` and one vertical component `F sin I`.
+//! Both residuals of each row are linearised in `W`, `b`, `F`, `F sin I` and a step of `b` at a candidate time. The
+//! candidate with the largest reduction of squared residuals is selected; one backward pass accumulates all normal
+//! equations. Gauss-Newton iterations refine size and time.
+
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+use super::ReplayRow;
+use crate::log::FieldCorrection;
+use crate::numbers::{median, square};
+
+/// Numbers of unknowns: without the step (`W`, `b`, strength, vertical component), and with it.
+const COMMON: usize = 14;
+const ALL: usize = COMMON + 3;
+
+/// Candidate times, and least rows on either side of one.
+const INSTANTS: usize = 120;
+const MIN_ROWS: usize = 60;
+
+/// Largest number of rows used.
+const MAX_ROWS: usize = 4000;
+
+/// Detection thresholds: standard deviations of the largest component, size in microtesla (smaller steps hardly affect
+/// headings), and ratio of the median residual with the step to that without.
+const MIN_SIGMAS: f64 = 8.0;
+const MIN_UT: f64 = 1.0;
+const MAX_SCATTER_LEFT: f64 = 0.85;
+
+/// Alternative ratios for a step near either end: of the shorter side, and of all rows. The second rejects false steps
+/// of 1 to 4 uT in a VTOL's hover, which increase other residuals.
+const MAX_LEFT_OF_FEW: f64 = 0.6;
+const MAX_LEFT_WITH_FEW: f64 = 0.97;
+
+/// Rows with correlated errors, about one second; inflates the step's variance.
+const ALIKE: f64 = 10.0;
+
+/// Largest number of iterations, and change of the step at convergence, standard deviations. A large step clips
+/// residuals and takes about a dozen iterations.
+const PASSES: usize = 40;
+const SETTLED_SIGMAS: f64 = 0.1;
+
+/// Clipping limit of residuals, in robust standard deviations.
+const CLIP: f64 = 3.0;
+
+/// A step of hard iron.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HardIronStep {
+    /// Flight time, seconds.
+    pub at_s: f64,
+    /// Size, body axes, microtesla.
+    pub step_ut: [f64; 3],
+    /// Standard deviation of each component, microtesla.
+    pub sigma_ut: [f64; 3],
+}
+
+impl HardIronStep {
+    /// Magnitude, microtesla.
+    #[must_use]
+    pub fn size_ut(&self) -> f64 {
+        Vector3::from(self.step_ut).norm()
+    }
+
+    /// Axis with the largest component.
+    #[must_use]
+    pub fn axis(&self) -> char {
+        ['x', 'y', 'z'][Vector3::from(self.step_ut).iamax()]
+    }
+}
+
+/// Finds a significant step of hard iron in the usable rows, starting from a correction that fits most of them.
+#[must_use]
+pub fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIronStep> {
+    let usable: Vec<&ReplayRow> = rows.iter().filter(|row| row.usable).collect();
+    let every = usable.len().div_ceil(MAX_ROWS).max(1);
+    let usable: Vec<&ReplayRow> = usable.into_iter().step_by(every).collect();
+    if usable.len() < 2 * MIN_ROWS {
+        return None;
+    }
+    let without = StepEstimate::from_correction(&usable, initial);
+    let mut state = without.clone();
+    let mut change = None;
+    for _ in 0..PASSES {
+        let (before, previous) = (state.step_ut, change.map(|(first, _)| first));
+        let (first, sigma) = state.step(&usable, previous)?;
+        change = Some((state.first_row_after_step(&usable).unwrap_or(first), sigma));
+        let is_settled = (state.step_ut - before).component_div(&sigma).amax() < SETTLED_SIGMAS;
+        if is_settled && change.map(|(first, _)| first) == previous {
+            break;
+        }
+    }
+    let (first, sigma) = change?;
+    let left = |rows: &[&ReplayRow], first| state.scatter(rows, Some(first)) / without.scatter(rows, None);
+    let (before, after) = usable.split_at(first);
+    let left_of_few = if after.len() < before.len() { left(after, 0) } else { left(before, before.len()) };
+    let left_of_all = left(&usable, first);
+    let is_better = left_of_all < MAX_SCATTER_LEFT || left_of_all < MAX_LEFT_WITH_FEW && left_of_few < MAX_LEFT_OF_FEW;
+    let found = HardIronStep { at_s: usable[first].t_s, step_ut: state.step_ut.into(), sigma_ut: sigma.into() };
+    let sigmas = state.step_ut.component_div(&sigma).amax();
+    (sigmas > MIN_SIGMAS && found.size_ut() > MIN_UT && is_better).then_some(found)
+}
+
+#[derive(Clone)]
+struct StepEstimate {
+    matrix: Matrix3<f64>,
+    hard_iron_ut: Vector3<f64>,
+    strength_ut: f64,
+    vertical_ut: f64,
+    motor_ut_per_a: Vector3<f64>,
+    step_ut: Vector3<f64>,
+}
+
+impl StepEstimate {
+    fn from_correction(rows: &[&ReplayRow], correction: &FieldCorrection) -> Self {
+        let of = |row: &&ReplayRow| row.corrected(correction);
+        let strength = median(rows.iter().map(|row| of(row).norm()));
+        let down = median(rows.iter().map(|row| down(row).dot(&of(row))));
+        Self {
+            matrix: correction.matrix,
+            hard_iron_ut: correction.hard_iron_ut,
+            strength_ut: strength,
+            vertical_ut: down,
+            motor_ut_per_a: correction.motor_ut_per_a,
+            step_ut: Vector3::zeros(),
+        }
+    }
+
+    fn without_hard_iron(&self, row: &ReplayRow) -> Vector3<f64> {
+        row.field.ut.map(f64::from) - self.hard_iron_ut - self.motor_ut_per_a * row.current_a.map_or(0.0, f64::from)
+    }
+
+    /// Corrected field of a row before or after the step.
+    fn field(&self, row: &ReplayRow, is_after: bool) -> Vector3<f64> {
+        let moved = if is_after { self.step_ut } else { Vector3::zeros() };
+        self.matrix * (self.without_hard_iron(row) - moved)
+    }
+
+    fn residuals(&self, row: &ReplayRow, is_after: bool) -> [f64; 2] {
+        let field = self.field(row, is_after);
+        [field.norm() - self.strength_ut, down(row).dot(&field) - self.vertical_ut]
+    }
+
+    fn scatter(&self, rows: &[&ReplayRow], first: Option<usize>) -> f64 {
+        let all =
+            rows.iter().enumerate().flat_map(|(i, row)| self.residuals(row, first.is_some_and(|first| i >= first)));
+        median(all.map(f64::abs))
+    }
+
+    /// One Gauss-Newton iteration. Selects the candidate time unless given; returns the first row after the step and
+    /// the step's standard deviation.
+    fn step(&mut self, rows: &[&ReplayRow], given: Option<usize>) -> Option<(usize, Vector3<f64>)> {
+        let scale = (1.4826 * self.scatter(rows, given)).max(1e-6);
+        // Normal equations of the rows from each candidate on; finally of all rows.
+        let instants: Vec<usize> = (1..=INSTANTS).map(|i| rows.len() * i / (INSTANTS + 1)).collect();
+        let mut sums: Vec<(usize, DMatrix<f64>, DVector<f64>)> = Vec::new();
+        let (mut matrix, mut right) = (DMatrix::zeros(COMMON, COMMON), DVector::zeros(COMMON));
+        let mut squares = 0.0;
+        for (i, row) in rows.iter().enumerate().rev() {
+            let is_after = given.is_some_and(|first| i >= first);
+            for (residual, row_derivatives) in
+                self.residuals(row, is_after).into_iter().zip(self.derivatives(row, is_after))
+            {
+                let clipped = residual.clamp(-CLIP * scale, CLIP * scale);
+                squares += clipped * clipped;
+                matrix.ger(1.0, &row_derivatives, &row_derivatives, 1.0);
+                right.axpy(-clipped, &row_derivatives, 1.0);
+            }
+            let is_tried = given.map_or_else(|| instants.contains(&i), |first| first == i);
+            if is_tried && i >= MIN_ROWS && rows.len() - i >= MIN_ROWS {
+                sums.push((i, matrix.clone(), right.clone()));
+            }
+        }
+        let best = sums
+            .iter()
+            .filter_map(|(i, after, after_right)| {
+                let (solved, gain, sigma) = solved(&matrix, &right, after, after_right, &self.prior_sigmas())?;
+                Some((*i, solved, gain, sigma))
+            })
+            .max_by(|(_, _, a, _), (_, _, b, _)| a.total_cmp(b))?;
+        let (first, solved, _, sigma) = best;
+        for row in 0..3 {
+            for column in 0..3 {
+                self.matrix[(row, column)] += solved[3 * row + column];
+            }
+        }
+        let solved_vector = |from: usize| Vector3::new(solved[from], solved[from + 1], solved[from + 2]);
+        self.hard_iron_ut += solved_vector(9);
+        self.strength_ut += solved[12];
+        self.vertical_ut += solved[13];
+        self.step_ut += solved_vector(COMMON);
+        let variance = squares / (2.0 * rows.len() as f64);
+        Some((first, sigma * (variance * ALIKE).sqrt()))
+    }
+
+    /// First row after the step, by least squared residuals of the current estimates.
+    fn first_row_after_step(&self, rows: &[&ReplayRow]) -> Option<usize> {
+        let scale = 1.4826 * self.scatter(rows, None);
+        let squares = |row: &ReplayRow, is_after: bool| -> f64 {
+            self.residuals(row, is_after)
+                .iter()
+                .map(|residual| square(residual.clamp(-CLIP * scale, CLIP * scale)))
+                .sum()
+        };
+        // Cumulative difference of squared residuals, before minus after.
+        let mut saved = 0.0;
+        let sums: Vec<f64> = rows
+            .iter()
+            .map(|row| {
+                saved += squares(row, false) - squares(row, true);
+                saved
+            })
+            .collect();
+        (MIN_ROWS..rows.len().saturating_sub(MIN_ROWS)).min_by(|a, b| sums[a - 1].total_cmp(&sums[b - 1]))
+    }
+
+    /// Derivatives of both residuals by the unknowns.
+    fn derivatives(&self, row: &ReplayRow, is_after: bool) -> [DVector<f64>; 2] {
+        let moved = if is_after { self.step_ut } else { Vector3::zeros() };
+        let raw = self.without_hard_iron(row) - moved;
+        let field = self.matrix * raw;
+        let directions = [field.normalize(), down(row)];
+        let rows_of_residual = |residual_index: usize| {
+            let direction = directions[residual_index];
+            let mut jacobian_row = DVector::zeros(COMMON);
+            for i in 0..3 {
+                for j in 0..3 {
+                    jacobian_row[3 * i + j] = direction[i] * raw[j];
+                }
+            }
+            let by_centre = -(self.matrix.transpose() * direction);
+            jacobian_row.rows_mut(9, 3).copy_from(&by_centre);
+            jacobian_row[12 + residual_index] = -1.0;
+            jacobian_row
+        };
+        [rows_of_residual(0), rows_of_residual(1)]
+    }
+
+    /// Prior standard deviations, for unobservable unknowns. The strength is fixed, since `W` sets the scale.
+    fn prior_sigmas(&self) -> [f64; ALL] {
+        std::array::from_fn(|i| match i {
+            0..9 => 0.3,
+            12 => 1e-3,
+            _ => self.strength_ut,
+        })
+    }
+}
+
+/// Returns the unknowns, the gain over a fit without a step, and the step's standard deviation at unit residual
+/// variance.
+fn solved(
+    matrix: &DMatrix<f64>,
+    right: &DVector<f64>,
+    after: &DMatrix<f64>,
+    after_right: &DVector<f64>,
+    prior_sigmas: &[f64; ALL],
+) -> Option<(DVector<f64>, f64, Vector3<f64>)> {
+    let mut all = DMatrix::zeros(ALL, ALL);
+    all.view_mut((0, 0), (COMMON, COMMON)).copy_from(matrix);
+    let step = after.view((0, 9), (COMMON, 3)).into_owned();
+    all.view_mut((0, COMMON), (COMMON, 3)).copy_from(&step);
+    all.view_mut((COMMON, 0), (3, COMMON)).copy_from(&step.transpose());
+    all.view_mut((COMMON, COMMON), (3, 3)).copy_from(&after.view((9, 9), (3, 3)));
+    for (i, scale) in prior_sigmas.iter().enumerate() {
+        all[(i, i)] += square(*scale).recip();
+    }
+    let mut sides = DVector::zeros(ALL);
+    sides.rows_mut(0, COMMON).copy_from(right);
+    sides.rows_mut(COMMON, 3).copy_from(&after_right.rows(9, 3));
+    let common = all.view((0, 0), (COMMON, COMMON)).into_owned().cholesky()?.solve(right);
+    let cholesky = all.cholesky()?;
+    let solved = cholesky.solve(&sides);
+    let gain = solved.dot(&sides) - common.dot(right);
+    let inverse = cholesky.inverse();
+    let sigma = Vector3::from_fn(|i, _| inverse[(COMMON + i, COMMON + i)].max(0.0).sqrt());
+    Some((solved, gain, sigma))
+}
+
+fn down(row: &ReplayRow) -> Vector3<f64> {
+    let (roll, pitch) = (f64::from(row.attitude.roll_rad), f64::from(row.attitude.pitch_rad));
+    Vector3::new(-libm::sin(pitch), libm::sin(roll) * libm::cos(pitch), libm::cos(roll) * libm::cos(pitch))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,30 @@
+//! Replays a recorded flight through the module's instrument and state machine.
+
+pub mod baseline_fits;
+mod data_loss;
+pub mod evaluation;
+pub mod field_latency;
+mod frozen_field;
+pub mod gps_course;
+pub mod hard_iron_step;
+pub mod module_run;
+pub mod note;
+pub mod parameter_export;
+mod reference;
+mod replay_run;
+mod result;
+mod row;
+mod row_headings;
+mod row_solve;
+mod rows;
+pub mod verdict;
+
+pub use reference::ReferenceHeading;
+pub use replay_run::{replay, replay_with};
+pub use result::{HeadingRow, HeadingScore, ReplayOptions, ReplayResult, RowSelection};
+pub use row::ReplayRow;
+pub use row_headings::{is_monitored, level_field};
+pub use rows::{AttitudeSample, RowCounts, attitudes_between, build_rows};
+
+#[cfg(test)]
+mod tests;

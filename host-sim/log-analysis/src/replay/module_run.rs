@@ -1,0 +1,111 @@
+//! Drives the module's state machine with the samples of a log, as its tasks do, and takes its result.
+
+use autoswing::acceptance::AcceptancePolicy;
+use autoswing::calibration::method_selection::{Procedure, SelectedParts};
+use autoswing::calibration::{Sample, Solution};
+use autoswing::collection::{Collector, RetainedSamples};
+use autoswing::compass::{Command, Compass, Effect, Event};
+use autoswing::messages::{Message, Refusal};
+use autoswing::reading::{Identity, Model};
+use autoswing::settings::Settings;
+use autoswing::store::StoredValues;
+use autoswing::time::WrappingMillis;
+
+use super::result::ReplayOptions;
+use super::row_solve::{RunOutcome, sample_time_s};
+
+/// Arbitrary: samples are already averaged, and nothing is stored.
+const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
+
+/// A module that collects in flight, without a calibration.
+pub struct ModuleRun<'a> {
+    compass: Compass<'a>,
+    /// Last solution that was verified, accepted or not.
+    candidate: Option<Solution>,
+    /// Result of the collection, once it has ended.
+    outcome: Option<Result<(), Refusal>>,
+    ended_s: Option<f64>,
+}
+
+impl<'a> ModuleRun<'a> {
+    /// A module at the start of a collection.
+    #[must_use]
+    pub fn new(options: &ReplayOptions, readings_per_sample: u16, retained: &'a mut RetainedSamples) -> Self {
+        let inclination_deg = options.inclination_deg.map(|degrees| degrees as f32);
+        let settings = Settings { inclination_deg, ..Settings::DEFAULT };
+        let stored = StoredValues { settings, ..StoredValues::default() };
+        let compass = Compass::new(AcceptancePolicy::DEFAULT, &stored, retained);
+        let mut module = Self { compass, candidate: None, outcome: None, ended_s: None };
+        module.process(Event::SensorDetected(SENSOR, readings_per_sample));
+        if let Some((place, day)) = options.place_and_day {
+            module.process(Event::Position(place));
+            module.process(Event::Date(day));
+        }
+        module.process(command(Command::CalStart(Procedure::Flight)));
+        module
+    }
+
+    /// Collects samples until the module ends the collection.
+    pub fn collect(&mut self, samples: &[Sample]) {
+        for &sample in samples {
+            self.process(Event::Sample(sample));
+            if self.outcome.is_some() {
+                self.ended_s = Some(sample_time_s(&sample));
+                return;
+            }
+        }
+    }
+
+    /// Samples of the collection.
+    #[must_use]
+    pub const fn collector(&self) -> &Collector<'a> {
+        self.compass.collector()
+    }
+
+    /// Time of the automatic end, seconds after the first row.
+    #[must_use]
+    pub const fn ended_s(&self) -> Option<f64> {
+        self.ended_s
+    }
+
+    /// The module's result; a collection that has not ended is solved by command.
+    pub(super) fn into_outcome(mut self) -> RunOutcome {
+        if self.outcome.is_none() {
+            self.candidate = None;
+            self.process(command(Command::CalSolve(None)));
+        }
+        let collector = self.compass.collector();
+        let selection = SelectedParts::new(collector.fit(), collector.procedure());
+        RunOutcome {
+            solution: self.candidate,
+            accepted: self.outcome.unwrap_or(Err(Refusal::NoSamples)),
+            fitted_s: selection.select(collector.fit()).all().map(sample_time_s).collect(),
+            ended_s: self.ended_s,
+        }
+    }
+
+    /// Processes an event with all steps of the solve that it starts, and saves what is to be saved.
+    fn process(&mut self, event: Event) {
+        let mut effect = self.compass.step(event);
+        loop {
+            if let Some(candidate) = self.compass.candidate() {
+                self.candidate = Some(*candidate);
+            }
+            let next = match effect {
+                Effect::Save => Event::Saved(Ok(())),
+                _ if self.compass.is_busy() => Event::Advance,
+                _ => break,
+            };
+            effect = self.compass.step(next);
+        }
+        match effect {
+            Effect::Notify(Message::Solved(outcome)) => self.outcome = Some(outcome.map(|_| ())),
+            Effect::Reply(Err(refusal)) => self.outcome = Some(Err(refusal)),
+            _ => {}
+        }
+    }
+}
+
+fn command(command: Command) -> Event {
+    Event::Command(command, WrappingMillis::default())
+}

@@ -1,0 +1,349 @@
+//! Warnings about a log.
+
+use std::fmt;
+
+use serde::{Serialize, Serializer};
+
+use super::evaluation::{CompassEvaluation, FlightEvaluation};
+use super::gps_course::{GpsCourseHeading, GpsCourseRejection};
+use super::{ReferenceHeading, data_loss, frozen_field, is_monitored};
+use crate::log::{Autopilot, Flight, LogFormat, missing_ardupilot_parameters, mounting_parameter_changes};
+
+/// Largest plausible ratio between field strength and model.
+const PLAUSIBLE: f64 = 1.35;
+
+/// Weakest and strongest Earth field, microtesla.
+const EARTH_UT: [f64; 2] = [22.0, 67.0];
+
+/// Warning about a log; displayed as a sentence.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Note {
+    /// No body rates are logged.
+    NoBodyRates,
+    /// The attitude is that of this message, because the autopilot's own is not logged.
+    OtherAttitude(&'static str),
+    /// Field rows have no time.
+    FieldWithoutTime,
+    /// A table's attitude hardly tilts, degrees at most.
+    SmallTilt(f64),
+    /// Field readings per second, too few for the monitor.
+    SlowField(f64),
+    /// Percentage of body rates lost.
+    RatesLost(f64),
+    /// The field strength is implausible.
+    Strength {
+        /// Number of the compass.
+        compass: u8,
+        /// Strength by the sphere fit, microtesla.
+        found_ut: f64,
+        /// Strength by the field model, microtesla; none without a place.
+        model_ut: Option<f64>,
+        /// Likely cause.
+        cause: &'static str,
+    },
+    /// The field is constant while the aircraft moves.
+    FieldFrozen {
+        /// Number of the compass.
+        compass: u8,
+        /// Start and end of the longest interval, seconds.
+        interval_s: [f64; 2],
+    },
+    /// The field ends before the log.
+    FieldEnds {
+        /// Number of the compass.
+        compass: u8,
+        /// Last field row, seconds.
+        at_s: f64,
+        /// Last attitude, seconds.
+        log_s: f64,
+    },
+    /// Mounting parameters changed, with their times from the start, seconds.
+    MountingChanged(Vec<(String, f64)>),
+    /// Component that is evaluated, and other autopilots of the same system.
+    OtherAutopilots(u8, Vec<u8>),
+    /// Percentage of readings with an attitude that contradicts the body rates.
+    RatesContradicted(usize),
+    /// System that is evaluated, and other vehicles on the link.
+    OtherVehicles(u8, Vec<u8>),
+    /// Restarts of the autopilot in the log.
+    Restarts(u32),
+    /// Number and kind of skipped items.
+    Skipped(u64, &'static str),
+    /// The autopilot compensates interference by throttle.
+    ThrottleCompensation,
+    /// GPS course is not the reference.
+    NoGpsCourse(GpsCourseRejection),
+    /// No current is logged.
+    NoCurrent,
+    /// Correction parameters that are not logged.
+    MissingParameters(Vec<String>),
+    /// No correction parameters are logged.
+    NoParameters,
+}
+
+impl Note {
+    /// All warnings about a log and its evaluation.
+    #[must_use]
+    pub fn all(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<Self> {
+        let mut notes = Vec::new();
+        let mut add_if = |applies: bool, note: Self| notes.extend(applies.then_some(note));
+        let Flight { counts, parameters, .. } = flight;
+        let compasses = &evaluation.compasses;
+        // Native formats define their units.
+        let is_table = flight.format == LogFormat::Csv;
+
+        add_if(flight.rates.is_empty(), Self::NoBodyRates);
+        if let Some(source) = flight.attitude_source {
+            add_if(true, Self::OtherAttitude(source));
+        }
+        add_if(flight.rows_without_time > 0, Self::FieldWithoutTime);
+        let tilt_deg = largest_tilt_deg(flight).unwrap_or(f64::INFINITY);
+        add_if(is_table && tilt_deg < 2.0, Self::SmallTilt(tilt_deg));
+        let slowest_s = compasses.iter().map(|compass| compass.reading_interval_s).fold(0.0, f64::max);
+        add_if(!is_monitored(slowest_s), Self::SlowField(1.0 / slowest_s));
+        notes.extend(data_loss::excessive_rate_loss(flight).map(|fraction| Self::RatesLost(fraction * 100.0)));
+        for compass in compasses {
+            notes.extend(implausible_strength(evaluation, compass, is_table));
+            notes.extend(sensor_failure(flight, compass));
+        }
+        notes.extend(mounting_changes(flight, evaluation));
+        notes.extend(others(&flight.components).map(|(own, others)| Self::OtherAutopilots(own, others)));
+        let contradicted = |compass: &&CompassEvaluation| compass.counts.unsettled * 5 > compass.counts.readings;
+        notes.extend(
+            compasses.iter().find(contradicted).map(|compass| {
+                Self::RatesContradicted(compass.counts.unsettled * 100 / compass.counts.readings.max(1))
+            }),
+        );
+        notes.extend(others(&flight.systems).map(|(own, others)| Self::OtherVehicles(own, others)));
+        let mut add_if = |applies: bool, note: Self| notes.extend(applies.then_some(note));
+        add_if(counts.restarts > 0, Self::Restarts(counts.restarts));
+        for (number, items) in [
+            (counts.garbage, "bytes or lines that were not recognised"),
+            (counts.bad_times, "messages with an invalid time"),
+            (counts.unhealthy, "readings out of range, or marked unhealthy by the autopilot"),
+        ] {
+            add_if(number > 0, Self::Skipped(number, items));
+        }
+        let is_ardupilot = flight.autopilot == Autopilot::ArduPilot;
+        let compensation = parameters.last("COMPASS_MOTCT").map(f64::round);
+        add_if(is_ardupilot && compensation == Some(1.0), Self::ThrottleCompensation);
+        if !evaluation.reference.as_ref().is_some_and(ReferenceHeading::is_accuracy)
+            && let Err(why) = GpsCourseHeading::from_flight(flight)
+        {
+            add_if(why != GpsCourseRejection::NotLogged, Self::NoGpsCourse(why));
+        }
+        add_if(flight.current.is_empty(), Self::NoCurrent);
+        let missing: Vec<String> =
+            compasses.iter().flat_map(|compass| missing_ardupilot_parameters(parameters, compass.number)).collect();
+        let has_none = is_ardupilot && parameters.last("COMPASS_OFS_X").is_none() && missing.is_empty();
+        add_if(!missing.is_empty(), Self::MissingParameters(missing));
+        add_if(has_none, Self::NoParameters);
+        notes
+    }
+}
+
+/// The first of several numbers, and the others.
+fn others(numbers: &[u8]) -> Option<(u8, Vec<u8>)> {
+    let (own, others) = numbers.split_first()?;
+    (!others.is_empty()).then(|| (*own, others.to_vec()))
+}
+
+fn mounting_changes(flight: &Flight, evaluation: &FlightEvaluation) -> Option<Note> {
+    let [from_s, _] = flight.time_range_s();
+    let changes = evaluation.compasses.iter().flat_map(|compass| mounting_parameter_changes(flight, compass.number));
+    let mut changes: Vec<(String, f64)> = changes.map(|(name, at_s)| (name, at_s - from_s)).collect();
+    // The board's rotation affects every compass.
+    changes.sort_by(|(one, _), (other, _)| one.cmp(other));
+    changes.dedup();
+    (!changes.is_empty()).then_some(Note::MountingChanged(changes))
+}
+
+fn largest_tilt_deg(flight: &Flight) -> Option<f64> {
+    let tilts = flight.attitude.rows().iter().map(|row| f64::from(row.values[0].abs().max(row.values[1].abs())));
+    tilts.reduce(f64::max).map(f64::to_degrees)
+}
+
+/// Warning about an implausible field strength by the sphere fit, against the field model or, without a place, the
+/// Earth's range.
+fn implausible_strength(evaluation: &FlightEvaluation, compass: &CompassEvaluation, is_table: bool) -> Option<Note> {
+    let found_ut = compass.radius_ut?;
+    let model_ut = evaluation.earth.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
+    let [least, most] = model_ut.map_or(EARTH_UT, |ut| [ut; 2]);
+    let is_in = |factor: f64| (least * factor / PLAUSIBLE..=most * factor * PLAUSIBLE).contains(&found_ut);
+    if is_in(1.0) {
+        return None;
+    }
+    let unit = [
+        (10.0, "milligauss read as microtesla"),
+        (0.1, "microtesla read as milligauss"),
+        (100.0, "nanotesla read as milligauss"),
+        (1000.0, "nanotesla read as microtesla"),
+        (0.01, "gauss read as microtesla"),
+        (0.001, "gauss read as milligauss"),
+    ]
+    .into_iter()
+    .find(|&(factor, _)| is_table && is_in(factor));
+    let other = if is_table { "another unit, or a poor sensor" } else { "a poor sensor, or little was flown" };
+    let cause = unit.map_or(other, |(_, unit)| unit);
+    Some(Note::Strength { compass: compass.number, found_ut, model_ut, cause })
+}
+
+impl fmt::Display for Note {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let list = |numbers: &[u8]| numbers.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
+        match self {
+            Self::NoBodyRates => f.write_str(
+                "no body rates are logged: attitude is interpolated linearly, and headings are not smoothed",
+            ),
+            Self::OtherAttitude(source) => {
+                write!(f, "the autopilot's own attitude is not logged; that of {source} is used")
+            }
+            Self::FieldWithoutTime => f.write_str(
+                "field rows carry no time (logs until 2014); each has that of the message before it, up to a tenth of a \
+                 second early",
+            ),
+            Self::SmallTilt(most_deg) => {
+                write!(f, "the attitude tilts by {most_deg:.2} deg at most: radians in columns of degrees?")
+            }
+            Self::SlowField(hz) => write!(
+                f,
+                "the field is logged {hz:.1} times a second, too slowly for the monitor (ten times): headings are without \
+                 its adjustments",
+            ),
+            Self::RatesLost(percent) => write!(
+                f,
+                "{percent:.0} % of the body rates are lost: headings are without smoothing and monitor, and their sigma \
+                 does not adapt; it is too small where the flight is rougher than the fitted samples",
+            ),
+            Self::Strength { compass, found_ut, model_ut, cause } => {
+                let expected = model_ut.map_or_else(
+                    || format!("the Earth's is {:.0} to {:.0}", EARTH_UT[0], EARTH_UT[1]),
+                    |ut| format!("by the field model {ut:.1}"),
+                );
+                // In a wrong unit the value may be small.
+                let decimals = if *found_ut < 1.0 { 4 } else { 1 };
+                write!(f, "compass {compass}: the field is {found_ut:.decimals$} uT strong, {expected}: {cause}")
+            }
+            Self::FieldFrozen { compass, interval_s: [from_s, to_s] } => write!(
+                f,
+                "compass {compass}: its field is constant while the aircraft moves, from {from_s:.0} to {to_s:.0} s; \
+                 these rows are not used, as in the module (sensor-stuck)",
+            ),
+            Self::FieldEnds { compass, at_s, log_s } => {
+                write!(f, "compass {compass}: its field ends at {at_s:.0} s, the log at {log_s:.0} s")
+            }
+            Self::MountingChanged(changes) => {
+                let changes: Vec<String> =
+                    changes.iter().map(|(name, at_s)| format!("{name} after {at_s:.0} s")).collect();
+                write!(
+                    f,
+                    "mountings were changed in the log: {}; no calibration fits the rows both before and after a change",
+                    changes.join(", ")
+                )
+            }
+            Self::OtherAutopilots(own, others) => write!(
+                f,
+                "several autopilots of the same system on the link: component {own}, received first, is evaluated, not {}",
+                list(others)
+            ),
+            Self::RatesContradicted(percent) => write!(
+                f,
+                "the attitude contradicts the body rates in {percent} % of the log, which is not used: are the rates in \
+                 another unit, or of other axes?",
+            ),
+            Self::OtherVehicles(own, others) => write!(
+                f,
+                "several vehicles on the link: system {own} is evaluated; --system selects another ({})",
+                list(others)
+            ),
+            Self::Restarts(number) => {
+                write!(f, "the autopilot restarted {number} time(s) in the log; time continues after each")
+            }
+            Self::Skipped(number, items) => write!(f, "skipped: {number} {items}"),
+            Self::ThrottleCompensation => f.write_str(
+                "the autopilot compensates by throttle; interference is estimated only from a logged current",
+            ),
+            Self::NoGpsCourse(why) => write!(f, "GPS course gives no heading here: {}", why.description()),
+            Self::NoCurrent => f.write_str(
+                "no current is logged: motor-current interference is neither estimated nor part of the expected error",
+            ),
+            Self::MissingParameters(names) => {
+                write!(f, "parameters that are not in the log, assumed unset: {}", names.join(", "))
+            }
+            Self::NoParameters => {
+                f.write_str("the parameters are not in the log: the autopilot's correction could not be undone")
+            }
+        }
+    }
+}
+
+impl Serialize for Note {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+/// Warning about a sensor that failed: its field ends, or freezes while the aircraft moves.
+pub(super) fn sensor_failure(flight: &Flight, compass: &CompassEvaluation) -> Option<Note> {
+    let number = compass.number;
+    let frozen = frozen_field::frozen_intervals_s(&compass.rows);
+    let longest = frozen.into_iter().max_by(|one, other| (one[1] - one[0]).total_cmp(&(other[1] - other[0])));
+    if let Some(interval_s) = longest {
+        return Some(Note::FieldFrozen { compass: number, interval_s });
+    }
+    let (last, end) = (compass.rows.last()?, flight.attitude.rows().last()?);
+    (end.t_s - last.t_s > frozen_field::LONG_S).then_some(Note::FieldEnds {
+        compass: number,
+        at_s: last.t_s,
+        log_s: end.t_s,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    type Change = fn(&mut Flight);
+
+    /// Notes of a flawless log after a change.
+    fn notes_after(change: Change) -> Vec<String> {
+        let mut flight = Flight::new(LogFormat::DataFlash);
+        flight.autopilot = Autopilot::ArduPilot;
+        flight.parameters.set(0.0, "COMPASS_OFS_X", 1.0);
+        flight.attitude.push(0.0, [0.5, 0.0, 0.0]);
+        flight.rates.push(0.0, [0.0; 3]);
+        flight.current.push(0.0, [10.0]);
+        change(&mut flight);
+        let evaluation =
+            FlightEvaluation { compasses: Vec::new(), reference: None, earth: None, attitude_interval_s: 0.1 };
+        Note::all(&flight, &evaluation).iter().map(ToString::to_string).collect()
+    }
+
+    #[test]
+    fn doubts_about_a_log_are_reported() {
+        assert_eq!(notes_after(|_| {}), [""; 0]);
+        assert_eq!(notes_after(|flight| flight.parameters.set(1.0, "COMPASS_MOTCT", 2.0)), [""; 0]);
+        let cases: [(Change, &str); 10] = [
+            (|flight| flight.rates = crate::log::series::Series::new(), "no body rates"),
+            (
+                |flight| {
+                    flight.format = LogFormat::Csv;
+                    flight.attitude.rows_mut()[0].values[0] = 0.02;
+                },
+                "tilts by 1.15 deg at most",
+            ),
+            (|flight| flight.systems = vec![3, 7, 9], "system 3 is evaluated; --system selects another (7, 9)"),
+            (|flight| flight.counts.restarts = 2, "restarted 2 time"),
+            (|flight| flight.counts.garbage = 3, "skipped: 3 bytes or lines"),
+            (|flight| flight.counts.bad_times = 4, "skipped: 4 messages with an invalid time"),
+            (|flight| flight.counts.unhealthy = 5, "skipped: 5 readings"),
+            (|flight| flight.parameters.set(1.0, "COMPASS_MOTCT", 1.0), "compensates by throttle"),
+            (|flight| flight.current = crate::log::series::Series::new(), "no current is logged"),
+            (|flight| flight.parameters = crate::log::ParameterHistory::default(), "the parameters are not in the log"),
+        ];
+        for (change, words) in cases {
+            let found = notes_after(change);
+            assert!(matches!(&found[..], [note] if note.contains(words)), "{words}: {found:?}");
+        }
+    }
+}

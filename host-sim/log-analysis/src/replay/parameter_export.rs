@@ -1,0 +1,419 @@
+//! Exports the module's solution as autopilot parameters.
+//!
+//! A solution is `h = W (m - b)` in body axes. Autopilots have a symmetric matrix: of the polar decomposition
+//! `W = R S`, rotation times symmetric matrix, they can express `S` only. A rotation close to a right-angle mounting
+//! goes into the orientation parameter.
+
+use std::fmt::Write as _;
+
+use autoswing::frames::Field;
+use nalgebra::{DMatrix, DVector, Matrix3, SVD, Vector3};
+
+use super::evaluation::{CompassEvaluation, score_correction};
+use super::{HeadingScore, ReplayRow};
+use crate::log::{
+    Autopilot, FieldCorrection, Flight, NumberedRotation, ParameterHistory, px4_mounting, symmetric_matrix,
+};
+use crate::numbers::square;
+use crate::score::wrap_180;
+
+/// Format of a parameter file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ParameterFormat {
+    /// ArduPilot `COMPASS_*`, name and value a line.
+    ArduPilot,
+    /// PX4 `CAL_MAGn_*`, as QGroundControl loads them.
+    Px4,
+    /// INAV command lines.
+    Inav,
+}
+
+impl ParameterFormat {
+    /// The format of the autopilot that wrote the log.
+    #[must_use]
+    pub const fn for_autopilot(autopilot: Autopilot) -> Self {
+        match autopilot {
+            Autopilot::Px4 => Self::Px4,
+            Autopilot::ArduPilot | Autopilot::Unknown => Self::ArduPilot,
+        }
+    }
+}
+
+/// A solution in the form an autopilot can express.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExportedCorrection {
+    /// Number of the compass, from 1.
+    pub number: u8,
+    /// Correction of the field rotated as below, body axes.
+    pub correction: FieldCorrection,
+    /// Rotation of the sensor relative to the logged mounting, body axes.
+    pub rotation: NumberedRotation,
+    /// Heading difference to the full solution, degrees: RMS less mean, and mean.
+    pub heading_loss_deg: [f64; 2],
+    /// Heading score, with a reference.
+    pub score: Option<HeadingScore>,
+    /// Warnings about what cannot be expressed or would be rejected.
+    pub warnings: Vec<String>,
+}
+
+/// ArduPilot's default of `COMPASS_OFFS_MAX`, milligauss.
+const USUAL_MAX_OFFSET: f64 = 1800.0;
+
+/// Heading loss that causes a warning, degrees.
+const LOSS_WORTH_SAYING_DEG: f64 = 0.3;
+
+const MILLIGAUSS: f64 = 10.0;
+const GAUSS: f64 = 0.01;
+/// PX4 uses gauss per kiloampere.
+const AMPERES_IN_KILOAMPERE: f64 = 1000.0;
+
+impl ExportedCorrection {
+    fn goes_with_current(&self) -> bool {
+        self.correction.motor_ut_per_a != Vector3::zeros()
+    }
+}
+
+/// Converts the module's accepted result. `total_ut` is the Earth's field strength, if known.
+#[must_use]
+pub fn export_correction(
+    flight: &Flight,
+    evaluation: &CompassEvaluation,
+    total_ut: Option<f64>,
+    dialect: ParameterFormat,
+) -> Option<ExportedCorrection> {
+    let replay_result =
+        [&evaluation.module, &evaluation.all_rows].into_iter().find(|replay_result| replay_result.accepted.is_ok())?;
+    let calibration = replay_result.solution.as_ref()?.calibration;
+    let w = calibration.w_matrix().map(f64::from);
+    let b = calibration.b_vector_ut().map(f64::from);
+    let (turn, symmetric) = polar_decomposition(&w)?;
+    let turned = nearest_mounting(&turn);
+    let q = turned.matrix();
+    let scale = total_ut.map_or(1.0, |total_ut| total_ut / f64::from(calibration.total_ut));
+    let rows: Vec<ReplayRow> = evaluation.rows.iter().map(|row| turned_row(row, &q)).collect();
+    let by_current_ut = Vector3::from(calibration.motor_current.ut_per_a).map(f64::from);
+    let full = FieldCorrection { matrix: w, hard_iron_ut: b, motor_ut_per_a: by_current_ut };
+    // INAV has no current compensation; the mean interference goes into the offsets.
+    let usual_a =
+        if dialect == ParameterFormat::Inav { f64::from(calibration.motor_current.mean_current_a) } else { 0.0 };
+    let near = FieldCorrection {
+        matrix: q * symmetric * q.transpose() * scale,
+        hard_iron_ut: q * (b + by_current_ut * usual_a),
+        motor_ut_per_a: if dialect == ParameterFormat::Inav { Vector3::zeros() } else { q * by_current_ut },
+    };
+    let exportable = nearest(&evaluation.rows, &rows, &full, near, dialect == ParameterFormat::Inav);
+    let lost_deg = heading_loss_deg_of(&evaluation.rows, &rows, &full, &exportable);
+    let mut warnings = Vec::new();
+    if lost_deg[0] > LOSS_WORTH_SAYING_DEG {
+        warnings.push(format!("what cannot be expressed costs {:.1} deg RMS", lost_deg[0]));
+    }
+    if dialect == ParameterFormat::Inav && calibration.motor_current.is_applied() {
+        warnings.push("motor-current interference cannot be expressed".to_owned());
+    }
+    if turned.number() != 0 {
+        warnings.push("the mounting of the compass differs from its parameters: check the orientation".to_owned());
+    }
+    let most = flight.parameters.last("COMPASS_OFFS_MAX").unwrap_or(USUAL_MAX_OFFSET);
+    if dialect == ParameterFormat::ArduPilot && exportable.hard_iron_ut.amax() * MILLIGAUSS > most {
+        warnings.push(format!("offsets beyond COMPASS_OFFS_MAX, {most:.0}, are rejected by the autopilot"));
+    }
+    Some(ExportedCorrection {
+        number: evaluation.number,
+        correction: exportable,
+        rotation: turned,
+        heading_loss_deg: lost_deg,
+        score: score_correction(&rows, &exportable),
+        warnings,
+    })
+}
+
+/// Symmetric (or diagonal) matrix and offsets whose headings over usable rows are nearest to the full correction's, by
+/// Gauss-Newton. Keeps the field strength.
+fn nearest(
+    rows: &[ReplayRow],
+    turned: &[ReplayRow],
+    full: &FieldCorrection,
+    near: FieldCorrection,
+    is_diagonal: bool,
+) -> FieldCorrection {
+    const STEPS: usize = 6;
+    const MAX_ROWS: usize = 1000;
+    /// Regularisation of unobservable parameters: change of a matrix element, and of an offset in microtesla,
+    /// equivalent to 1 deg in one row.
+    const SPARE: [f64; 2] = [0.3, 30.0];
+    let every = rows.iter().filter(|row| row.usable).count().div_ceil(MAX_ROWS).max(1);
+    let pairs: Vec<(&ReplayRow, f64)> = rows
+        .iter()
+        .zip(turned)
+        .filter(|(row, _)| row.usable)
+        .step_by(every)
+        .map(|(row, turned)| (turned, heading_deg(row, full)))
+        .collect();
+    let number = if is_diagonal { 6 } else { 9 };
+    let built = |p: &DVector<f64>| {
+        let off_diagonal_entries = if is_diagonal { Vector3::zeros() } else { Vector3::new(p[6], p[7], p[8]) };
+        let matrix = symmetric_matrix(&Vector3::new(p[0], p[1], p[2]), &off_diagonal_entries);
+        FieldCorrection { matrix, hard_iron_ut: Vector3::new(p[3], p[4], p[5]), ..near }
+    };
+    let [centre, diagonal, off_diagonal_entries] = correction_parts(&near);
+    let start = DVector::from_iterator(
+        number,
+        diagonal.iter().chain(centre.iter()).chain(off_diagonal_entries.iter()).copied().take(number),
+    );
+    let residuals = |p: &DVector<f64>| {
+        let correction = built(p);
+        DVector::from_iterator(
+            pairs.len(),
+            pairs.iter().map(|(row, expected_deg)| wrap_180(heading_deg(row, &correction) - expected_deg)),
+        )
+    };
+    let mut best = (start.clone(), residuals(&start).norm_squared());
+    for _ in 0..STEPS {
+        let from = residuals(&best.0);
+        let mut jacobian = DMatrix::zeros(pairs.len(), number);
+        for i in 0..number {
+            let step = if (3..6).contains(&i) { 0.01 } else { 1e-4 };
+            let mut moved = best.0.clone();
+            moved[i] += step;
+            jacobian.set_column(i, &((residuals(&moved) - &from).map(wrap_180) / step));
+        }
+        let mut normal = jacobian.transpose() * &jacobian;
+        let mut side = -(jacobian.transpose() * from);
+        for i in 0..number {
+            let weight = square(SPARE[usize::from((3..6).contains(&i))]).recip();
+            normal[(i, i)] += weight;
+            side[i] += weight * (start[i] - best.0[i]);
+        }
+        let Some(cholesky) = normal.cholesky() else { break };
+        let candidate = &best.0 + cholesky.solve(&side);
+        let squares = residuals(&candidate).norm_squared();
+        if squares >= best.1 {
+            break;
+        }
+        best = (candidate, squares);
+    }
+    let found = built(&best.0);
+    // Headings do not observe the scale.
+    let total =
+        |correction: &FieldCorrection| -> f64 { pairs.iter().map(|(row, _)| row.corrected(correction).norm()).sum() };
+    let size = total(&near) / total(&found);
+    if size.is_finite() && size > 0.0 { FieldCorrection { matrix: found.matrix * size, ..found } } else { near }
+}
+
+fn heading_deg(row: &ReplayRow, correction: &FieldCorrection) -> f64 {
+    let corrected = row.corrected(correction).map(|axis| axis as f32);
+    f64::from(row.attitude.level(Field::new(corrected)).heading_rad().to_degrees())
+}
+
+fn polar_decomposition(matrix: &Matrix3<f64>) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
+    let SVD { u, v_t, singular_values } = SVD::new(*matrix, true, true);
+    let (u, v_t) = (u?, v_t?);
+    let turn = u * v_t;
+    let symmetric = v_t.transpose() * Matrix3::from_diagonal(&singular_values) * v_t;
+    (turn.determinant() > 0.0).then_some((turn, symmetric))
+}
+
+/// The right-angle mounting within 25 deg of a rotation, else the identity.
+fn nearest_mounting(turn: &Matrix3<f64>) -> NumberedRotation {
+    let (nearest, off_deg) = NumberedRotation::nearest(turn);
+    let is_square = nearest.matrix().iter().all(|number| (number.abs() - 0.5).abs() > 0.49);
+    if is_square && off_deg < 25.0 { nearest } else { NumberedRotation::default() }
+}
+
+fn turned_row(row: &ReplayRow, q: &Matrix3<f64>) -> ReplayRow {
+    let field = q * row.field.ut.map(f64::from);
+    ReplayRow { field: Field::new(field.map(|axis| axis as f32)), ..*row }
+}
+
+/// Heading difference of two corrections over usable rows, degrees: RMS less mean, and mean.
+fn heading_loss_deg_of(
+    rows: &[ReplayRow],
+    turned: &[ReplayRow],
+    full: &FieldCorrection,
+    other: &FieldCorrection,
+) -> [f64; 2] {
+    let differences: Vec<f64> = rows
+        .iter()
+        .zip(turned)
+        .filter(|(row, _)| row.usable)
+        .map(|(row, turned)| wrap_180(heading_deg(turned, other) - heading_deg(row, full)))
+        .collect();
+    let number = differences.len().max(1) as f64;
+    let mean = differences.iter().sum::<f64>() / number;
+    let squares = differences.iter().map(|difference| square(difference - mean)).sum::<f64>();
+    [(squares / number).sqrt(), mean]
+}
+
+/// The parameter file.
+#[must_use]
+pub fn format_parameter_file(flight: &Flight, exports: &[ExportedCorrection], dialect: ParameterFormat) -> String {
+    let mut text = String::new();
+    // Writing to a string cannot fail.
+    let _ = match dialect {
+        ParameterFormat::ArduPilot => ardupilot(&mut text, flight, exports),
+        ParameterFormat::Px4 => px4(&mut text, flight, exports),
+        ParameterFormat::Inav => inav(&mut text, exports),
+    };
+    text
+}
+
+fn comments(text: &mut String, export: &ExportedCorrection) -> std::fmt::Result {
+    writeln!(
+        text,
+        "# compass {}; {:.2} deg RMS are lost by what cannot be expressed",
+        export.number, export.heading_loss_deg[0]
+    )?;
+    export.warnings.iter().try_for_each(|warning| writeln!(text, "# {warning}"))
+}
+
+fn ardupilot(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
+    if exports.iter().any(ExportedCorrection::goes_with_current) {
+        writeln!(text, "COMPASS_MOTCT,2")?;
+    }
+    for export in exports {
+        comments(text, export)?;
+        let index = if export.number == 1 { String::new() } else { export.number.to_string() };
+        let [offsets, diagonal, off_diagonal] = correction_parts(&export.correction);
+        for (name, numbers, decimals) in [
+            ("OFS", -offsets * MILLIGAUSS, 2),
+            ("DIA", diagonal, 5),
+            ("ODI", off_diagonal, 5),
+            // ArduPilot adds this after the matrix.
+            ("MOT", -(export.correction.matrix * export.correction.motor_ut_per_a) * MILLIGAUSS, 3),
+        ] {
+            for (axis, number) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {
+                writeln!(text, "COMPASS_{name}{index}_{axis},{number:.decimals$}")?;
+            }
+        }
+        writeln!(text, "COMPASS_SCALE{index},1")?;
+        let orient = format!("COMPASS_ORIENT{index}");
+        if let Some(now) = flight.parameters.last(&orient) {
+            let external =
+                if export.number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{index}") };
+            let is_internal = flight.parameters.last(&external) == Some(0.0);
+            let combined = NumberedRotation::new(now)
+                .map(|now| NumberedRotation::nearest(&(export.rotation.matrix() * now.matrix())));
+            match combined {
+                _ if export.rotation.number() == 0 => writeln!(text, "{orient},{now:.0}")?,
+                // AHRS_ORIENTATION rotates internal compasses.
+                _ if is_internal => writeln!(text, "# {orient}: not used, because {external} is 0")?,
+                Some((rotation, off_deg)) if off_deg < 1.0 => writeln!(text, "{orient},{}", rotation.number())?,
+                _ => writeln!(text, "# {orient}: the orientation has no number")?,
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Vehicle, component, name, value, type (9 float, 6 integer), tab-separated.
+fn px4(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
+    if exports.iter().any(ExportedCorrection::goes_with_current) {
+        // Current of the first battery.
+        writeln!(text, "1\t1\tCAL_MAG_COMP_TYP\t2\t6")?;
+    }
+    for export in exports {
+        comments(text, export)?;
+        let index = export.number - 1;
+        let configured_rotation =
+            flight.parameters.last(&format!("CAL_MAG{index}_ROT")).filter(|number| *number >= 0.0);
+        let mounting = export.rotation.matrix() * px4_mounting(&flight.parameters, f64::INFINITY, index);
+        let (combined, off_deg) = NumberedRotation::nearest(&mounting);
+        let to_sensor = mounting.transpose();
+        let sensor = FieldCorrection {
+            matrix: to_sensor * export.correction.matrix * to_sensor.transpose(),
+            hard_iron_ut: to_sensor * export.correction.hard_iron_ut,
+            motor_ut_per_a: to_sensor * export.correction.motor_ut_per_a,
+        };
+        let [offsets, diagonal, off_diagonal] = correction_parts(&sensor);
+        let comp = -sensor.motor_ut_per_a * GAUSS * AMPERES_IN_KILOAMPERE;
+        for (name, numbers) in [("OFF", offsets * GAUSS), ("SCALE", diagonal), ("ODIAG", off_diagonal), ("COMP", comp)]
+        {
+            for (axis, number) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {
+                writeln!(text, "1\t1\tCAL_MAG{index}_{axis}{name}\t{number:.6}\t9")?;
+            }
+        }
+        match configured_rotation {
+            // Custom angles are kept.
+            Some(number) if off_deg < 1.0 && NumberedRotation::new(number).is_some() => {
+                writeln!(text, "1\t1\tCAL_MAG{index}_ROT\t{}\t6", combined.number())?;
+            }
+            _ if export.rotation.number() != 0 => {
+                writeln!(text, "# CAL_MAG{index}_ROT: its orientation differs from that of its board")?;
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// INAV uses driver counts in chip axes, which no log contains: written in milligauss and body axes, for an aligned
+/// sensor.
+fn inav(text: &mut String, exports: &[ExportedCorrection]) -> std::fmt::Result {
+    for export in exports.iter().take(1) {
+        comments(text, export)?;
+        writeln!(text, "# milligauss, in body axes: for a driver that counts milligauss, and align_mag that is right")?;
+        for (axis, (zero, gain)) in ["x", "y", "z"]
+            .iter()
+            .zip(export.correction.hard_iron_ut.iter().zip(export.correction.matrix.diagonal().iter()))
+        {
+            writeln!(text, "set magzero_{axis} = {:.0}", zero * MILLIGAUSS)?;
+            writeln!(text, "set maggain_{axis} = {:.0}", 1024.0 / gain)?;
+        }
+        writeln!(text, "save")?;
+    }
+    Ok(())
+}
+
+/// Offsets, diagonal, and elements xy, xz and yz.
+fn correction_parts(correction: &FieldCorrection) -> [Vector3<f64>; 3] {
+    let m = &correction.matrix;
+    [correction.hard_iron_ut, m.diagonal(), Vector3::new(m[(0, 1)], m[(0, 2)], m[(1, 2)])]
+}
+
+/// Parses an exported file on top of other parameters.
+#[must_use]
+pub fn parse_parameter_file(text: &str, others: &ParameterHistory) -> ParameterHistory {
+    let mut parameters = others.clone();
+    for line in text.lines().filter(|line| !line.starts_with('#')) {
+        let words: Vec<&str> = line.split([',', '\t']).collect();
+        let ([name, value] | [_, _, name, value, _]) = *words.as_slice() else { continue };
+        if let Ok(value) = value.parse() {
+            parameters.set(f64::MAX, name, value);
+        }
+    }
+    parameters
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Rotation3;
+
+    use super::*;
+
+    /// Only a mounting within 25 deg of a right angle counts.
+    #[test]
+    fn a_mounting_within_25_deg_of_a_right_angle_is_that_one() {
+        for (yaw_deg, number) in
+            [(0.0, 0), (20.0, 0), (35.0, 0), (45.0, 0), (60.0, 0), (70.0, 2), (90.0, 2), (180.0, 4)]
+        {
+            let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), f64::to_radians(yaw_deg));
+            assert_eq!(nearest_mounting(turn.matrix()).number(), number, "{yaw_deg}");
+        }
+        // No 45 deg mounting lies near this axis.
+        let diagonal = nalgebra::Unit::new_normalize(Vector3::new(1.0, 1.0, 1.0));
+        for (off_deg, number) in [(24.0, 2), (26.0, 0)] {
+            let crooked = Rotation3::from_axis_angle(&diagonal, f64::to_radians(off_deg));
+            let square = NumberedRotation::new(2.0).unwrap().matrix();
+            assert_eq!(nearest_mounting(&(square * crooked.matrix())).number(), number, "{off_deg}");
+        }
+    }
+
+    #[test]
+    fn a_mirrored_matrix_has_no_rotation() {
+        let turn = Rotation3::from_euler_angles(0.1, -0.2, 0.3);
+        let symmetric = symmetric_matrix(&Vector3::new(1.1, 0.9, 1.0), &Vector3::new(0.1, 0.0, -0.05));
+        let (found, rest) = polar_decomposition(&(turn.matrix() * symmetric)).unwrap();
+        assert!((found - turn.matrix()).norm() < 1e-9 && (rest - symmetric).norm() < 1e-9, "{found} {rest}");
+        assert!(polar_decomposition(&-symmetric).is_none());
+    }
+}

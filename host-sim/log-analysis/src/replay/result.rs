@@ -1,0 +1,119 @@
+//! Options and results of a replay.
+
+use autoswing::calibration::Solution;
+use autoswing::earth::{Date, EarthField, Position};
+use autoswing::heading::{Heading, NoHeading};
+use autoswing::instrument::Estimate;
+use autoswing::messages::Refusal;
+
+/// Rows used for the fit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RowSelection {
+    /// All usable rows, evenly thinned to the device's capacity.
+    All,
+    /// Samples kept by the device's turn procedure.
+    Turns,
+    /// Samples kept by the device in any flight, until it ends the collection.
+    Flight,
+}
+
+/// Options of a replay.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReplayOptions {
+    /// Rows used for the fit.
+    pub selected: RowSelection,
+    /// Configured inclination of the Earth field, degrees.
+    pub inclination_deg: Option<f64>,
+    /// Place and day for the field model, used if no inclination is configured and dropped if the samples contradict
+    /// it.
+    pub place_and_day: Option<(Position, Date)>,
+    /// Rows from this flight time on are not fitted, seconds.
+    pub fit_until_s: Option<f64>,
+}
+
+impl ReplayOptions {
+    /// Options with a row selection and no prior information.
+    #[must_use]
+    pub const fn with_selection(selected: RowSelection) -> Self {
+        Self { selected, inclination_deg: None, place_and_day: None, fit_until_s: None }
+    }
+
+    /// Configured inclination, else that of the field model, radians.
+    pub(super) fn inclination_rad(&self) -> Option<f32> {
+        let by_model = || {
+            let (place, day) = self.place_and_day?;
+            Some(EarthField::from_model(place, day)?.inclination_deg)
+        };
+        self.inclination_deg.map(|deg| deg as f32).or_else(by_model).map(f32::to_radians)
+    }
+}
+
+/// Heading of a row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeadingRow {
+    /// Flight time, seconds.
+    pub t_s: f64,
+    /// Magnetic heading, degrees.
+    pub heading_deg: f64,
+    /// Standard deviation of the heading, degrees.
+    pub sigma_deg: f64,
+    /// Smoothed heading and its standard deviation, degrees, if available.
+    pub smooth_deg: Option<[f64; 2]>,
+    /// Whether the module would have sent the heading, or why not.
+    pub status: Result<(), NoHeading>,
+}
+
+impl HeadingRow {
+    /// Combines a heading estimated at any field strength with the module's status.
+    pub(super) fn from_estimate(t_s: f64, estimate: &Estimate, status: Result<(), NoHeading>) -> Self {
+        let degrees = |heading: Heading| [heading.magnetic_deg(), heading.sigma_deg()].map(f64::from);
+        let [heading_deg, sigma_deg] = estimate.heading.map_or([f64::NAN; 2], degrees);
+        Self { t_s, heading_deg, sigma_deg, smooth_deg: estimate.smoothed_heading.map(degrees), status }
+    }
+
+    /// Heading and standard deviation sent by the module, degrees.
+    pub(super) fn sent_deg(&self) -> [f64; 2] {
+        self.smooth_deg.unwrap_or([self.heading_deg, self.sigma_deg])
+    }
+}
+
+/// Heading error over usable rows with a reference.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeadingScore {
+    /// RMS after removing the mean, degrees.
+    pub rms_deg: f64,
+    /// Mean, degrees; includes the declination if the reference is true.
+    pub mean_deg: f64,
+    /// Number of rows.
+    pub rows: usize,
+    /// Percentage of demeaned errors within one and two standard deviations.
+    pub within_percent: [f64; 2],
+}
+
+/// Result of a replay.
+#[derive(Clone, Debug)]
+pub struct ReplayResult {
+    /// The solution, if any.
+    pub solution: Option<Solution>,
+    /// Whether the module would have accepted the solution; otherwise its reason, with what the flight lacked.
+    pub accepted: Result<(), Refusal>,
+    /// Number of samples fitted.
+    pub samples: usize,
+    /// Times of the fitted samples, seconds after the first row, unordered.
+    pub fitted_s: Vec<f64>,
+    /// Time of the automatic end, seconds after the first row.
+    pub ended_s: Option<f64>,
+    /// Headings, one for each row; empty without a solution.
+    pub headings: Vec<HeadingRow>,
+    /// Score of the heading, with a reference.
+    pub score: Option<HeadingScore>,
+    /// Score of the heading sent, smoothed if available.
+    pub smoothed_score: Option<HeadingScore>,
+}
+
+impl ReplayResult {
+    /// Expected error of the solution, degrees RMS.
+    pub(super) fn expected_rms_deg(&self) -> Option<f64> {
+        self.solution.as_ref().map(|solution| f64::from(solution.quality.expected_rms_deg))
+    }
+}

@@ -1,0 +1,35 @@
+//! A row of simultaneous data.
+
+use autoswing::frames::{Attitude, Field, Sensor};
+use nalgebra::Vector3;
+
+use crate::log::FieldCorrection;
+
+/// A row of simultaneous data.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReplayRow {
+    /// Flight time of the measurement, seconds.
+    pub t_s: f64,
+    /// Raw field, body axes.
+    pub field: Field<Sensor>,
+    /// The field as the autopilot corrected it, body axes.
+    pub logged: Field<Sensor>,
+    /// The autopilot's attitude.
+    pub attitude: Attitude,
+    /// Body rates p, q, r, rad/s, if available.
+    pub rates_rad_s: Option<[f32; 3]>,
+    /// Battery current, amperes, if known.
+    pub current_a: Option<f32>,
+    /// Whether the row is used for fit and score.
+    pub usable: bool,
+    /// Reference heading, degrees from an arbitrary north.
+    pub reference_deg: Option<f64>,
+}
+
+impl ReplayRow {
+    /// Corrected field, microtesla; an unknown current counts as zero.
+    #[must_use]
+    pub fn corrected(&self, correction: &FieldCorrection) -> Vector3<f64> {
+        correction.apply(self.field.ut.map(f64::from), self.current_a.map_or(0.0, f64::from))
+    }
+}

@@ -1,0 +1,133 @@
+//! Headings of the rows by the module's instrument, and their score.
+
+use autoswing::attitude::{self, AttitudeReport, EulerRates, SenderId};
+use autoswing::calibration::{Calibration, Part, Rates, Sample, Solution};
+use autoswing::frames::{Attitude, Field, Level};
+use autoswing::heading;
+use autoswing::instrument::{Correction, Estimate, Instrument, InstrumentConfig};
+use autoswing::reading::Reading;
+use autoswing::time::{Timestamp, WrappingMillis};
+
+use super::data_loss;
+use super::result::{HeadingRow, HeadingScore};
+use super::row::ReplayRow;
+use super::rows::{self, attitudes_between};
+use crate::log::Flight;
+use crate::numbers::{mean_angle_deg, square};
+use crate::score::{within_percent, wrap_180};
+
+/// Largest row interval for the monitor, microseconds. At 1 Hz it reports false hard-iron changes and degrades headings
+/// by degrees. Pairs of readings at 11 to 12.5 Hz are up to 0.18 s apart.
+const MAX_WATCHED_US: u32 = 190_000;
+
+/// Whether the monitor runs at a row interval in seconds.
+#[must_use]
+pub fn is_monitored(every_s: f64) -> bool {
+    every_s * 1e6 <= f64::from(MAX_WATCHED_US)
+}
+
+/// Instrument for the interval of these rows; attitude and field are simultaneous.
+pub(super) fn instrument_config(rows: &[ReplayRow]) -> InstrumentConfig {
+    let median_s = rows::median_step_s(rows).unwrap_or(0.1);
+    let attitude = attitude::AttitudeConfig { latency_us: 0, ..attitude::AttitudeConfig::DEFAULT };
+    InstrumentConfig { attitude, ..InstrumentConfig::new((median_s * 1e6).round() as u32) }
+}
+
+fn instant(t_s: f64, start_s: f64) -> Timestamp {
+    Timestamp::from_us(((t_s - start_s) * 1e6).round() as u64)
+}
+
+/// Feeds a row to the instrument; times count from `start_s`.
+pub(super) fn estimate(instrument: &mut Instrument, row: &ReplayRow, start_s: f64) -> Estimate {
+    let at = instant(row.t_s, start_s);
+    instrument.on_attitude(at, report(row.attitude, row.rates_rad_s));
+    if let Some(amperes) = row.current_a {
+        instrument.on_current(at, amperes);
+    }
+    instrument.on_reading(at, Reading { field: row.field, saturated: false, overrun: false })
+}
+
+/// Attitude report of a row, dated by arrival.
+fn report(attitude: Attitude, rates_rad_s: Option<[f32; 3]>) -> AttitudeReport {
+    let (sender_time, rates_rad_s) = (WrappingMillis::default(), rates_rad_s.unwrap_or_default());
+    AttitudeReport { sender: SenderId::default(), sender_time, attitude, rates_rad_s }
+}
+
+/// Field of a row, calibrated and levelled.
+#[must_use]
+pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
+    let EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s } =
+        EulerRates::from_report(&report(row.attitude, row.rates_rad_s)).unwrap_or_default();
+    let rates = Rates::from_rad_s([roll_rad_s, pitch_rad_s, heading_rad_s]);
+    let sample =
+        Sample { field: row.field, attitude: row.attitude, rates, time: WrappingMillis::default(), part: Part::FREE };
+    calibration.corrected_level_field(&sample)
+}
+
+pub(super) fn compute_headings(
+    rows: &[ReplayRow],
+    flight: Option<&Flight>,
+    solution: &Solution,
+    config: InstrumentConfig,
+) -> Vec<HeadingRow> {
+    // Incomplete rates integrate to wrong turns.
+    let is_whole = flight.is_none_or(|flight| data_loss::excessive_rate_loss(flight).is_none());
+    let rates_of = |rates_rad_s: Option<[f32; 3]>| rates_rad_s.filter(|_| is_whole);
+    let start_s = rows.first().map_or(0.0, |row| row.t_s);
+    let calibration = Some((solution.calibration, solution.uncertainty));
+    let [mut device, mut any] = [config.heading, heading::HeadingLimits::ANY_FIELD].map(|heading| {
+        let mut instrument = Instrument::new(InstrumentConfig { heading, ..config });
+        instrument.set_correction(Correction { calibration, ..Correction::NONE });
+        instrument
+    });
+    let mut last_s = start_s;
+    rows.iter()
+        .map(|row| {
+            let row = &ReplayRow { rates_rad_s: rates_of(row.rates_rad_s), ..*row };
+            let from_s = std::mem::replace(&mut last_s, row.t_s);
+            for logged in flight.map_or_else(Vec::new, |flight| attitudes_between(flight, from_s, row.t_s)) {
+                let report = report(logged.attitude, rates_of(logged.rates_rad_s));
+                for instrument in [&mut device, &mut any] {
+                    instrument.on_attitude(instant(logged.t_s, start_s), report);
+                }
+            }
+            // One instrument accepts any field strength; the other determines the status.
+            let [sent, shown] = [&mut device, &mut any].map(|instrument| {
+                let estimate = estimate(instrument, row, start_s);
+                while instrument.next_sample().is_some() {}
+                if is_whole && config.reading_period_us <= MAX_WATCHED_US {
+                    instrument.update_monitor();
+                }
+                estimate
+            });
+            HeadingRow::from_estimate(row.t_s, &shown, sent.heading.map(|_| ()))
+        })
+        .collect()
+}
+
+/// Score over usable rows with a reference; calls `heading` for every row in order.
+pub(super) fn score(
+    rows: &[ReplayRow],
+    mut heading: impl FnMut(&ReplayRow) -> Option<(f64, f64)>,
+) -> Option<HeadingScore> {
+    let errors: Vec<(f64, f64)> = rows
+        .iter()
+        .filter_map(|row| {
+            // No heading before the first report and in gaps.
+            let (heading_deg, sigma_deg) = heading(row).filter(|(heading_deg, _)| heading_deg.is_finite())?;
+            let reference_deg = row.reference_deg.filter(|_| row.usable)?;
+            Some((wrap_180(heading_deg - reference_deg), sigma_deg))
+        })
+        .collect();
+    let number = errors.len() as f64;
+    // Circular, so that errors near 180 deg do not cancel.
+    let mean_deg = mean_angle_deg(errors.iter().map(|(error, _)| *error))?;
+    let rest = |error: f64| wrap_180(error - mean_deg);
+    let normalised: Vec<f64> = errors.iter().map(|(error, sigma_deg)| rest(*error) / sigma_deg).collect();
+    Some(HeadingScore {
+        rms_deg: (errors.iter().map(|(error, _)| square(rest(*error))).sum::<f64>() / number).sqrt(),
+        mean_deg,
+        rows: errors.len(),
+        within_percent: within_percent(&normalised),
+    })
+}

@@ -1,0 +1,118 @@
+//! Solves of rows that are selected without the module: all of them, or those of turns.
+
+use autoswing::calibration::method_selection::{self, Procedure, SelectedParts};
+use autoswing::calibration::{Advice, Method, Orientation, Part, Prior, Sample, Samples, Solution, SolveError, solve};
+use autoswing::collection::{CollectionProblem, Collector, FIT_CAPACITY, LevelLimits, RetainedSamples};
+use autoswing::instrument::InstrumentConfig;
+use autoswing::messages::Refusal;
+
+use super::result::ReplayOptions;
+use crate::score::accepted_by_uncalibrated;
+
+/// Result of a run: the solution, whether the module accepts it, the times of the fitted samples in seconds, and the
+/// time of the automatic end.
+pub(super) struct RunOutcome {
+    pub solution: Option<Solution>,
+    pub accepted: Result<(), Refusal>,
+    pub fitted_s: Vec<f64>,
+    pub ended_s: Option<f64>,
+}
+
+impl RunOutcome {
+    /// Outcome of a solve of samples that were selected without the module.
+    fn new(
+        solved: &Result<Solution, SolveError>,
+        [fit, held_back]: [Samples<'_>; 2],
+        lack: Option<CollectionProblem>,
+    ) -> Self {
+        let accepted = match solved {
+            Ok(solution) => accepted_by_uncalibrated(solution, fit, held_back).map_err(Refusal::Rejected),
+            Err(error) => Err(Refusal::Solve(*error)),
+        };
+        let solution = solved.as_ref().ok().copied();
+        let advice = || solution.as_ref()?.advice.filter(Advice::is_worthwhile);
+        let missing = || advice().map(|advice| CollectionProblem::MissingManoeuvre(advice.manoeuvre));
+        Self {
+            accepted: accepted.map_err(|refusal| refusal.with_cause(lack.or_else(missing))),
+            solution,
+            fitted_s: fit.all().map(sample_time_s).collect(),
+            ended_s: None,
+        }
+    }
+}
+
+pub(super) struct SolverPrior {
+    prior: Prior,
+    /// Whether the inclination is configured.
+    is_inclination_configured: bool,
+}
+
+impl SolverPrior {
+    pub fn new(options: &ReplayOptions, config: InstrumentConfig) -> Self {
+        let prior = Prior {
+            mount: Orientation::NONE,
+            inclination_rad: options.inclination_rad(),
+            readings_per_sample: config.readings_per_sample(),
+        };
+        Self { prior, is_inclination_configured: options.inclination_deg.is_some() }
+    }
+
+    /// Solves as the module does, which drops a contradicted modelled inclination.
+    fn solve(&self, method: Method, samples: Samples<'_>) -> Result<Solution, SolveError> {
+        match solve(method, samples, &self.prior) {
+            Err(SolveError::InclinationContradicted { .. }) if !self.is_inclination_configured => {
+                solve(Method::MaximumLikelihood, samples, &Prior { inclination_rad: None, ..self.prior })
+            }
+            end => end,
+        }
+    }
+}
+
+/// Solves all samples that the procedure of turns retains, with the device's choice of method.
+pub(super) fn from_turns(samples: &[Sample], known: &SolverPrior) -> RunOutcome {
+    let mut retained = RetainedSamples::EMPTY;
+    let mut collector = Collector::new(&mut retained);
+    collector.begin(Procedure::Turns);
+    for &sample in samples {
+        collector.push(sample);
+    }
+    let selection = SelectedParts::new(collector.fit(), Procedure::Turns);
+    let parts = [collector.fit(), collector.held_back()].map(|samples| selection.select(samples));
+    let solved = method_selection::select_method(collector.fit(), Procedure::Turns)
+        .and_then(|method| known.solve(method, parts[0]));
+    RunOutcome::new(&solved, parts, collector.problem())
+}
+
+/// Solves evenly thinned samples; those halfway between are held back.
+pub(super) fn from_all(samples: &[Sample], known: &SolverPrior) -> RunOutcome {
+    let number = samples.len().min(2 * FIT_CAPACITY);
+    let thinned = |phase: f64| -> Vec<Sample> {
+        (0..number)
+            .filter_map(|i| samples.get(((i as f64 + phase) * samples.len() as f64 / number as f64) as usize))
+            .copied()
+            .collect()
+    };
+    let [fit, held_back] = [0.0, 0.5].map(|phase| assign_parts(&thinned(phase)));
+    let [fit, held_back] = [&fit, &held_back].map(|samples| Samples::new(samples));
+    let solved = known.solve(Method::MaximumLikelihood, fit);
+    RunOutcome::new(&solved, [fit, held_back], None)
+}
+
+/// Time of a sample, seconds after the first row.
+pub(super) fn sample_time_s(sample: &Sample) -> f64 {
+    f64::from(sample.time.as_ms()) / 1e3
+}
+
+/// Samples assigned to turns and level flight by their bank.
+fn assign_parts(samples: &[Sample]) -> Vec<Sample> {
+    let limit_rad = LevelLimits::DEFAULT.level_roll_rad;
+    let part_of = |roll_rad: f32| match roll_rad {
+        roll_rad if roll_rad < -limit_rad => Some(Part::LEFT),
+        roll_rad if roll_rad > limit_rad => Some(Part::RIGHT),
+        roll_rad => (roll_rad.abs() <= limit_rad).then_some(Part::LEVEL),
+    };
+    let assigned = samples.iter().filter_map(|s| Some(Sample { part: part_of(s.attitude.roll_rad)?, ..*s }));
+    let mut ordered: Vec<Sample> = assigned.collect();
+    ordered.sort_by_key(|sample| sample.part);
+    ordered
+}

@@ -1,0 +1,334 @@
+//! Builds rows of simultaneous data: a compass's field with attitude and body rates interpolated to its time.
+
+use autoswing::attitude::{AttitudeReport, EulerRates, SenderId};
+use autoswing::frames::{Attitude, Field, wrap_pi};
+use autoswing::time::WrappingMillis;
+use nalgebra::Vector3;
+use serde::Serialize;
+
+use super::data_loss;
+use super::frozen_field::frozen_intervals_s;
+use super::reference::ReferenceHeading;
+use super::row::ReplayRow;
+use crate::log::series::{Series, Stamped};
+use crate::log::{Compass, Flight};
+use crate::numbers::quantile;
+
+/// Largest gap between attitudes, seconds: one lost at 3 Hz.
+const MAX_GAP_S: f64 = 0.7;
+
+/// Readings averaged to one row, seconds: the module's 10 Hz with a margin for jitter.
+const ROW_S: f64 = 0.09;
+
+/// Largest difference between cubic and linear interpolation, radians; beyond it the rates contradict the attitude and
+/// are ignored.
+const MAX_BULGE_RAD: f32 = 0.1;
+
+/// Limits on tilt in a window: margin, radians, and factor on the integrated (sampled) body rates; window, seconds.
+/// More means that a filter aligns or resets.
+const SPARE_RAD: f32 = 0.035;
+const SPARE_TIMES: f32 = 2.0;
+const WITHIN_S: f64 = 1.0;
+
+/// Time after a start or gap in which a filter may align, seconds; data up to its last such change is dropped.
+const ALIGNING_S: f64 = 60.0;
+
+/// Attitude and body rates between two rows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AttitudeSample {
+    /// Flight time, seconds.
+    pub t_s: f64,
+    /// The autopilot's attitude.
+    pub attitude: Attitude,
+    /// Body rates p, q, r, rad/s, if available.
+    pub rates_rad_s: Option<[f32; 3]>,
+}
+
+/// Attitudes at 10 Hz between rows more than 0.15 s apart, as an autopilot sends them to the module. Otherwise rates
+/// are integrated over too long steps and the monitor reports false hard-iron changes.
+#[must_use]
+pub fn attitudes_between(flight: &Flight, from_s: f64, to_s: f64) -> Vec<AttitudeSample> {
+    const EVERY_S: f64 = 0.1;
+    /// A longer pause is a gap of the log.
+    const MAX_PAUSE_S: f64 = 5.0;
+    let pause_s = to_s - from_s;
+    if !(1.5 * EVERY_S..=MAX_PAUSE_S).contains(&pause_s) {
+        return Vec::new();
+    }
+    let steps = (pause_s / EVERY_S).round();
+    let instants = (1..steps as u32).map(|step| from_s + pause_s * f64::from(step) / steps);
+    let attitude_at_instant =
+        |t_s| attitude_at(flight, t_s).map(|(attitude, rates_rad_s)| AttitudeSample { t_s, attitude, rates_rad_s });
+    instants.filter_map(attitude_at_instant).collect()
+}
+
+/// Numbers of readings and rows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct RowCounts {
+    /// Field readings in the log.
+    pub readings: usize,
+    /// Usable rows.
+    pub used: usize,
+    /// Readings without a neighbouring attitude.
+    pub without_attitude: usize,
+    /// Readings with attitude changes that contradict the body rates (filter alignment or reset).
+    pub unsettled: usize,
+    /// Rows while disarmed.
+    pub disarmed: usize,
+    /// Rows before the first and after the last movement, near foreign iron.
+    pub on_the_ground: usize,
+    /// Rows excluded by the log.
+    pub kept_out: usize,
+    /// Rows with a frozen field while the aircraft moved.
+    pub stuck: usize,
+}
+
+impl RowCounts {
+    const fn rejections_by_cause(&self) -> [(usize, &'static str); 6] {
+        [
+            (self.disarmed, "disarmed"),
+            (self.on_the_ground, "on the ground"),
+            (self.without_attitude, "without an attitude near it"),
+            (self.unsettled, "while the attitude contradicts the body rates"),
+            (self.stuck, "with a frozen field"),
+            (self.kept_out, "excluded by the log"),
+        ]
+    }
+
+    /// Causes of rejection with their numbers.
+    #[must_use]
+    pub fn rejection_texts(&self) -> Vec<String> {
+        let rejections_by_cause = self.rejections_by_cause();
+        rejections_by_cause
+            .iter()
+            .filter(|(number, _)| *number > 0)
+            .map(|(number, reason)| format!("{number} {reason}"))
+            .collect()
+    }
+
+    pub(super) fn main_rejection(&self) -> (usize, &'static str) {
+        self.rejections_by_cause().into_iter().max_by_key(|&(number, _)| number).unwrap_or_default()
+    }
+}
+
+/// Builds the rows of a compass with a field latency in seconds.
+#[must_use]
+pub fn build_rows(
+    flight: &Flight,
+    compass: &Compass,
+    age_s: f64,
+    reference: Option<&ReferenceHeading>,
+) -> (Vec<ReplayRow>, RowCounts) {
+    let mut counted = RowCounts { readings: compass.field.rows().len(), ..RowCounts::default() };
+    // A log that was never armed has no arming state.
+    let was_armed = compass.field.rows().iter().any(|row| flight.is_armed(row.t_s - age_s) == Some(true));
+    let unsettled = unsettled(flight);
+    let gap_s = data_loss::max_attitude_gap_s(flight, MAX_GAP_S);
+    let mut rows = Vec::new();
+    let mut run = RowAccumulator::default();
+    for reading in compass.field.rows() {
+        let t_s = reading.t_s - age_s;
+        let known = attitude_at(flight, t_s).filter(|_| flight.attitude.bracket(t_s, gap_s).is_some());
+        let Some((attitude, rates)) = known else {
+            counted.without_attitude += 1;
+            continue;
+        };
+        if unsettled.iter().any(|&[from_s, to_s]| (from_s..=to_s).contains(&t_s)) {
+            counted.unsettled += 1;
+            continue;
+        }
+        if run.number > 0 && t_s - run.first_s >= ROW_S {
+            rows.push(run.row(flight, reference));
+            run = RowAccumulator::default();
+        }
+        run.add(t_s, reading, attitude, rates);
+    }
+    if run.number > 0 {
+        rows.push(run.row(flight, reference));
+    }
+    let [moved_s, stopped_s] = moving_interval_s(flight);
+    for row in &mut rows {
+        let is_excluded =
+            flight.usable.neighbours(row.t_s + age_s + 1e-6).0.is_some_and(|usability| usability.values[0] == 0.0);
+        let is_disarmed = was_armed && flight.is_armed(row.t_s) == Some(false);
+        let is_on_the_ground = row.t_s < moved_s || row.t_s > stopped_s;
+        row.usable = !is_excluded && !is_disarmed && !is_on_the_ground;
+        counted.kept_out += usize::from(is_excluded);
+        counted.disarmed += usize::from(is_disarmed && !is_excluded);
+        counted.on_the_ground += usize::from(is_on_the_ground && !is_disarmed && !is_excluded);
+    }
+    for [from_s, to_s] in frozen_intervals_s(&rows) {
+        for row in rows.iter_mut().filter(|row| row.usable && (from_s..=to_s).contains(&row.t_s)) {
+            row.usable = false;
+            counted.stuck += 1;
+        }
+    }
+    counted.used = rows.iter().filter(|row| row.usable).count();
+    (rows, counted)
+}
+
+#[derive(Default)]
+struct RowAccumulator {
+    number: u16,
+    first_s: f64,
+    t_s: f64,
+    raw: [f32; 3],
+    logged: [f32; 3],
+    first_roll_rad: f32,
+    roll_rad: f32,
+    pitch_rad: f32,
+    rates: [f32; 3],
+    rates_number: u16,
+}
+
+impl RowAccumulator {
+    fn add(&mut self, t_s: f64, reading: &Stamped<6>, attitude: Attitude, rates: Option<[f32; 3]>) {
+        if self.number == 0 {
+            (self.first_s, self.first_roll_rad) = (t_s, attitude.roll_rad);
+        }
+        self.number += 1;
+        self.t_s += t_s - self.first_s;
+        let [x, y, z, cx, cy, cz] = reading.values;
+        for (sum, axis) in self.raw.iter_mut().chain(&mut self.logged).zip([x, y, z, cx, cy, cz]) {
+            *sum += axis;
+        }
+        self.roll_rad += wrap_pi(attitude.roll_rad - self.first_roll_rad);
+        self.pitch_rad += attitude.pitch_rad;
+        if let Some(rates) = rates {
+            self.rates_number += 1;
+            for (sum, rate) in self.rates.iter_mut().zip(rates) {
+                *sum += rate;
+            }
+        }
+    }
+
+    fn row(&self, flight: &Flight, reference: Option<&ReferenceHeading>) -> ReplayRow {
+        let number = f32::from(self.number);
+        let field = |sum: [f32; 3]| {
+            let [x, y, z] = sum.map(|axis| axis / number);
+            Field::from_ut(x, y, z)
+        };
+        let t_s = self.first_s + self.t_s / f64::from(number);
+        let attitude = Attitude {
+            roll_rad: wrap_pi(self.first_roll_rad + self.roll_rad / number),
+            pitch_rad: self.pitch_rad / number,
+        };
+        let rates = self.rates.map(|sum| sum / f32::from(self.rates_number.max(1)));
+        ReplayRow {
+            t_s,
+            field: field(self.raw),
+            logged: field(self.logged),
+            attitude,
+            rates_rad_s: (self.rates_number > 0).then_some(rates),
+            current_a: current_at(flight, t_s),
+            usable: true,
+            reference_deg: reference.and_then(|reference| reference.heading_deg(flight, t_s)),
+        }
+    }
+}
+
+fn current_at(flight: &Flight, t_s: f64) -> Option<f32> {
+    /// Largest gap, seconds; battery status comes at 1 Hz or more.
+    const MAX_GAP_S: f64 = 3.0;
+    flight.current.interpolate_or_hold(t_s, MAX_GAP_S).map(|[amperes]| amperes)
+}
+
+/// Times of the first and last movement over ground, seconds; unbounded without any.
+fn moving_interval_s(flight: &Flight) -> [f64; 2] {
+    /// Speed that counts as movement, m/s; above the noise of a receiver at rest.
+    const MOVING_M_S: f32 = 3.0;
+    /// Shortest flight, seconds.
+    const LONG_S: f64 = 20.0;
+    let moving = || flight.gps.rows().iter().filter(|row| row.values[3] > MOVING_M_S).map(|row| row.t_s);
+    match (moving().next(), moving().next_back()) {
+        (Some(from_s), Some(to_s)) if to_s - from_s > LONG_S => [from_s, to_s],
+        _ => [f64::NEG_INFINITY, f64::INFINITY],
+    }
+}
+
+/// Intervals in which the attitude changed more than the body rates allow, seconds.
+fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
+    let rows = flight.attitude.rows();
+    let mut found: Vec<[f64; 2]> = Vec::new();
+    // Last start or gap, after which a filter may be aligning.
+    let (mut started_s, mut first) = (rows.first().map_or(0.0, |row| row.t_s), 0);
+    let mut turned_rad = vec![0.0_f64; rows.len()];
+    for last in 1..rows.len() {
+        let (before, row) = (&rows[last - 1], &rows[last]);
+        let step_s = row.t_s - before.t_s;
+        if step_s > WITHIN_S {
+            (started_s, first) = (row.t_s, last);
+        }
+        let rate =
+            |at_s: f64| flight.rates.interpolate(at_s, MAX_GAP_S).map(|[p, q, r]| libm::hypotf(libm::hypotf(p, q), r));
+        let Some(rate) = rate(before.t_s).zip(rate(row.t_s)).map(|(from, to)| from.max(to)) else {
+            (started_s, first) = (row.t_s, last);
+            continue;
+        };
+        turned_rad[last] = turned_rad[last - 1] + f64::from(rate) * step_s;
+        while rows[first].t_s < row.t_s - WITHIN_S {
+            first += 1;
+        }
+        let turned = (turned_rad[last] - turned_rad[first]) as f32;
+        if tilted_rad(&rows[first], row) > SPARE_TIMES * turned + SPARE_RAD {
+            let is_aligning = row.t_s - started_s < ALIGNING_S;
+            let from_s = if is_aligning { started_s } else { rows[first].t_s };
+            match found.last_mut().filter(|[_, to_s]| *to_s >= from_s) {
+                Some(span) => *span = [span[0].min(from_s), row.t_s],
+                None => found.push([from_s, row.t_s]),
+            }
+        }
+    }
+    found
+}
+
+/// Angle between the down directions of two attitudes.
+fn tilted_rad(a: &Stamped<3>, b: &Stamped<3>) -> f32 {
+    let down = |row: &Stamped<3>| {
+        let ([sin_roll, sin_pitch], [cos_roll, cos_pitch]) = (
+            [libm::sinf(row.values[0]), libm::sinf(row.values[1])],
+            [libm::cosf(row.values[0]), libm::cosf(row.values[1])],
+        );
+        Vector3::new(-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch)
+    };
+    down(a).angle(&down(b))
+}
+
+/// Roll and pitch by Hermite interpolation with slopes from the body rates, and the rates.
+fn attitude_at(flight: &Flight, t_s: f64) -> Option<(Attitude, Option<[f32; 3]>)> {
+    let (before, after, part) = flight.attitude.bracket(t_s, MAX_GAP_S)?;
+    let rates = flight.rates.interpolate(t_s, MAX_GAP_S);
+    let step_s = (after.t_s - before.t_s) as f32;
+    let part = part as f32;
+    let motions = motion_at(&flight.rates, before).zip(motion_at(&flight.rates, after));
+    let [roll_rad, pitch_rad] = [0, 1].map(|angle| {
+        let turned = wrap_pi(after.values[angle] - before.values[angle]);
+        let straight = part * turned;
+        let bulge = motions.map_or(0.0, |(from, to)| {
+            let rate_of_angle = |motion: &EulerRates| if angle == 0 { motion.roll_rad_s } else { motion.pitch_rad_s };
+            let (rest, left) = (rate_of_angle(&from) * step_s - turned, turned - rate_of_angle(&to) * step_s);
+            part * (1.0 - part) * ((1.0 - part) * rest + part * left)
+        });
+        before.values[angle] + straight + if bulge.abs() <= MAX_BULGE_RAD { bulge } else { 0.0 }
+    });
+    Some((Attitude { roll_rad: wrap_pi(roll_rad), pitch_rad }, rates))
+}
+
+fn motion_at(rates: &Series<3>, at: &Stamped<3>) -> Option<EulerRates> {
+    let [roll_rad, pitch_rad, _] = at.values;
+    let rates_rad_s = rates.interpolate(at.t_s, MAX_GAP_S)?;
+    let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
+    EulerRates::from_report(&AttitudeReport {
+        sender: source,
+        sender_time,
+        attitude: Attitude { roll_rad, pitch_rad },
+        rates_rad_s,
+    })
+}
+
+pub(super) fn median_step_s(rows: &[ReplayRow]) -> Option<f64> {
+    quantile(rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s), 0.5)
+}
+
+#[cfg(test)]
+mod tests;

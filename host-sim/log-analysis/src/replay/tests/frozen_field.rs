@@ -1,0 +1,33 @@
+use autoswing::frames::{Attitude, Field};
+
+use super::*;
+use crate::replay::note;
+
+#[test]
+fn the_longest_frozen_field_is_reported() {
+    for spans in [[(20, 32), (60, 90)], [(20, 50), (60, 72)]] {
+        let (flight, mut compass) = flown();
+        for (from_s, to_s) in spans {
+            for (i, row) in compass.rows.iter_mut().enumerate() {
+                if (from_s * 10..=to_s * 10).contains(&i) {
+                    row.field = Field::from_ut(20.0, 0.0, 40.0);
+                    row.attitude = Attitude::from_deg(if i % 2 == 0 { 10.0 } else { -10.0 }, 0.0);
+                }
+            }
+        }
+        let (from_s, to_s) = if spans[0].1 - spans[0].0 > 20 { spans[0] } else { spans[1] };
+        let note = note::sensor_failure(&flight, &compass).unwrap().to_string();
+        assert!(note.contains(&format!("from {from_s} to {to_s} s")), "{note}");
+    }
+}
+
+/// Gaps up to 10 s occur with slow cards.
+#[test]
+fn a_field_ending_over_10_s_before_the_log_is_reported() {
+    for (early_s, is_reported) in [(9.0, false), (11.0, true)] {
+        let (flight, mut compass) = flown();
+        let end_s = flight.attitude.rows().last().unwrap().t_s;
+        compass.rows.retain(|row| row.t_s <= end_s - early_s);
+        assert_eq!(note::sensor_failure(&flight, &compass).is_some(), is_reported, "{early_s}");
+    }
+}

@@ -1,0 +1,41 @@
+//! Evaluation of a flight that is changed in one respect.
+
+mod data_loss;
+mod frozen_field;
+mod parameter_export;
+mod prior_inclination;
+mod verdict;
+
+use std::sync::LazyLock;
+
+use autoswing::calibration::SolveError;
+use autoswing::messages::Refusal;
+
+use super::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, evaluate_flight};
+use super::*;
+use crate::log::csv::FieldUnit;
+use crate::log::write::encode_dataflash;
+use crate::log::{self, Flight};
+use crate::test_flight::record_turns;
+
+/// A calibrating flight of turns without field latency, and its evaluation.
+static FLOWN: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
+    let recording = record_turns(0.0);
+    let flight = log::read(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
+    let options = EvaluationOptions { age_s: Some(0.0), ..EvaluationOptions::DEFAULT };
+    let verdict = evaluate_flight(&flight, &options);
+    (flight, verdict)
+});
+
+fn flown() -> (Flight, CompassEvaluation) {
+    let (flight, verdict) = FLOWN.clone();
+    let compass = verdict.compasses[0].clone();
+    assert_eq!(compass.module.accepted, Ok(()));
+    (flight, compass)
+}
+
+fn verdict(compasses: Vec<CompassEvaluation>) -> FlightEvaluation {
+    FlightEvaluation { compasses, ..FLOWN.1.clone() }
+}
+
+const REFUSED: Result<(), Refusal> = Err(Refusal::Solve(SolveError::NotConverged));

@@ -1,0 +1,72 @@
+use autoswing::earth::{Date, EarthField, Position};
+
+use super::*;
+
+/// The prior has a standard deviation of 1 deg; samples contradict it beyond 4.
+#[test]
+fn a_configured_inclination_is_used_by_the_solver() {
+    let (_, compass) = flown();
+    let found_deg = f64::from(compass.module.solution.unwrap().calibration.inclination_rad.to_degrees());
+    for (off_deg, is_taken) in [(-6.0, false), (-2.5, true), (0.0, true), (2.5, true), (6.0, false)] {
+        for selected in [RowSelection::All, RowSelection::Turns] {
+            let options =
+                ReplayOptions { inclination_deg: Some(found_deg + off_deg), ..ReplayOptions::with_selection(selected) };
+            assert_eq!(replay(&compass.rows, &options).accepted.is_ok(), is_taken, "{off_deg} of {selected:?}");
+        }
+    }
+}
+
+/// A contradicted prior fails every trial solve.
+#[test]
+fn a_configured_inclination_is_used_by_trial_solves() {
+    let (_, compass) = flown();
+    let found_deg = f64::from(compass.module.solution.unwrap().calibration.inclination_rad.to_degrees());
+    for (off_deg, ends) in [(0.0, true), (12.0, false)] {
+        let options = ReplayOptions {
+            inclination_deg: Some(found_deg + off_deg),
+            ..ReplayOptions::with_selection(RowSelection::Flight)
+        };
+        let replay_result = replay(&compass.rows, &options);
+        assert_eq!((replay_result.ended_s.is_some(), replay_result.accepted.is_ok()), (ends, ends), "{off_deg}");
+    }
+}
+
+/// A place on the Greenwich meridian with a modelled inclination, within 0.5 deg.
+fn place_with_inclination(inclination_deg: f64) -> (Position, Date) {
+    let day = Date::from_unix_s(1_767_225_600).unwrap();
+    let is_there = |place: &Position| {
+        let field = EarthField::from_model(*place, day).unwrap();
+        (f64::from(field.inclination_deg) - inclination_deg).abs() < 0.5
+    };
+    let place =
+        (-160..160).filter_map(|half_deg: i16| Position::new(f32::from(half_deg) / 2.0, 0.0, 100.0)).find(is_there);
+    (place.unwrap(), day)
+}
+
+/// A modelled inclination is dropped if contradicted; a configured one is not, and takes precedence.
+#[test]
+fn a_contradicted_model_inclination_is_dropped() {
+    let (_, compass) = flown();
+    let found_deg = f64::from(compass.module.solution.unwrap().calibration.inclination_rad.to_degrees());
+    for selected in [RowSelection::All, RowSelection::Turns, RowSelection::Flight] {
+        let without_place = ReplayOptions::with_selection(selected);
+        let run_replay = |options: ReplayOptions| replay(&compass.rows, &options);
+        let expected_deg = |replay_result: &ReplayResult| replay_result.solution.unwrap().quality.expected_rms_deg;
+        let [there, elsewhere] = [0.0, 12.0].map(|off_deg| ReplayOptions {
+            place_and_day: Some(place_with_inclination(found_deg + off_deg)),
+            ..without_place
+        });
+        assert!(
+            expected_deg(&run_replay(there)) < expected_deg(&run_replay(without_place)),
+            "{selected:?}: it is one unknown less"
+        );
+        let (with, without) = (run_replay(elsewhere), run_replay(without_place));
+        assert_eq!(
+            (with.accepted.clone(), with.ended_s, expected_deg(&with)),
+            (Ok(()), without.ended_s, expected_deg(&without)),
+            "{selected:?}"
+        );
+        let by_person = run_replay(ReplayOptions { inclination_deg: Some(found_deg + 12.0), ..there });
+        assert!(by_person.accepted.is_err(), "{selected:?}");
+    }
+}

@@ -1,0 +1,127 @@
+use super::*;
+use crate::replay::note::Note;
+use crate::replay::verdict::FlightOutcome;
+
+fn notes(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<String> {
+    Note::all(flight, evaluation).iter().map(ToString::to_string).collect()
+}
+
+fn of_two(change: impl Fn(&mut CompassEvaluation)) -> String {
+    let (_, first) = flown();
+    let mut first = CompassEvaluation { number: 1, ..first };
+    first.module.ended_s = Some(40.0);
+    let mut second = CompassEvaluation { number: 2, ..first.clone() };
+    for (compass, expected_deg) in [(&mut first, 0.52), (&mut second, 0.91)] {
+        compass.module.solution.as_mut().unwrap().quality.expected_rms_deg = expected_deg;
+    }
+    change(&mut second);
+    FlightOutcome::new(&verdict(vec![first, second])).to_string()
+}
+
+#[test]
+fn a_verdict_reports_the_worst_compass_s_time_and_accuracy() {
+    let at = |ended_s: Option<f64>| of_two(|second| second.module.ended_s = ended_s);
+    assert!(at(Some(40.0)).ends_with("each of 2 compasses by itself, 40 s into the flight, expecting 0.9 deg"));
+    // Times less than 1.5 s apart are reported as one.
+    assert!(at(Some(41.4)).contains("by itself, 40 s into"), "{}", at(Some(41.4)));
+    assert!(at(Some(41.6)).contains("by itself, 40 to 42 s into"), "{}", at(Some(41.6)));
+    assert!(at(Some(12.0)).contains("by itself, 12 to 40 s into"), "{}", at(Some(12.0)));
+    assert!(at(None).contains("by a command at the end of the flight, expecting 0.9 deg"), "{}", at(None));
+    let refused = of_two(|second| (second.module.accepted, second.module.ended_s) = (REFUSED, None));
+    assert!(
+        refused.contains("1 of 2 compasses (number 1) by itself, 40 s into the flight, expecting 0.5"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn the_time_to_calibrate_begins_with_the_flight() {
+    let (_, mut compass) = flown();
+    compass.module.ended_s = Some(70.0);
+    let first_s = compass.rows[0].t_s;
+    assert!((compass.calibrated_s().unwrap() - 70.0).abs() < 1e-9);
+    compass.rows.iter_mut().take(300).for_each(|row| row.usable = false);
+    let on_the_ground_s = compass.rows[300].t_s - first_s;
+    assert!(on_the_ground_s > 20.0 && (compass.calibrated_s().unwrap() - (70.0 - on_the_ground_s)).abs() < 1e-9);
+    compass.rows.iter_mut().for_each(|row| row.usable = false);
+    assert_eq!(compass.calibrated_s(), None);
+}
+
+/// The limit is 20 readings and 20 usable rows.
+#[test]
+fn a_log_with_under_20_usable_rows_is_the_cause_of_a_refusal() {
+    let refused = |readings: usize, used: usize| {
+        let (_, mut compass) = flown();
+        (compass.module.accepted, compass.module.ended_s) = (REFUSED, None);
+        compass.counts = RowCounts { readings, used, disarmed: readings - used, ..RowCounts::default() };
+        let own = compass.module.accepted.as_ref().unwrap_err().to_string();
+        FlightOutcome::new(&verdict(vec![compass])).to_string().replace(&own, "its own")
+    };
+    assert!(refused(19, 19).ends_with("the log has 19 readings of the field, too few for a flight"));
+    assert!(refused(20, 19).ends_with("of 20 readings of the field 19 are usable; 1 are disarmed"));
+    assert_eq!(refused(20, 20), "the module would have refused: its own");
+}
+
+#[test]
+fn the_refusal_of_the_compass_closest_to_acceptance_is_reported() {
+    let of = |number: u8, readings: usize| {
+        let (_, mut compass) = flown();
+        (compass.module.accepted, compass.module.ended_s) = (REFUSED, None);
+        compass.counts = RowCounts { readings, used: readings, ..RowCounts::default() };
+        CompassEvaluation { number, ..compass }
+    };
+    let why = of(1, 900).module.accepted.unwrap_err();
+    for (readings, told) in [
+        (900, format!("the module would have refused each of 2 compasses: {why}")),
+        (10, format!("the module would have refused each of 2 compasses; number 2 came nearest: {why}")),
+    ] {
+        assert_eq!(FlightOutcome::new(&verdict(vec![of(1, readings), of(2, 900)])).to_string(), told);
+    }
+}
+
+fn strength(radius_ut: f64, earth_ut: Option<f32>) -> String {
+    use autoswing::earth::{Date, EarthField, Position};
+    let (flight, compass) = flown();
+    let mut verdict = verdict(vec![CompassEvaluation { radius_ut: Some(radius_ut), ..compass }]);
+    verdict.earth = earth_ut.map(|total_ut| {
+        let field = EarthField::from_model(
+            Position::new(48.0, 11.3, 500.0).unwrap(),
+            Date::from_unix_s(1_767_484_800).unwrap(),
+        );
+        (EarthField { total_ut, ..field.unwrap() }, true)
+    });
+    notes(&flight, &verdict).into_iter().find(|note| note.starts_with("compass 1: the field")).unwrap_or_default()
+}
+
+/// The limits are a factor of 1.35 about the model, or about the Earth's range of 22 to 67 uT.
+#[test]
+fn an_implausible_field_strength_is_reported() {
+    for (ut, is_told) in [(48.0, false), (64.0, false), (66.0, true), (36.0, false), (35.0, true)] {
+        assert_eq!(!strength(ut, Some(48.0)).is_empty(), is_told, "{ut} uT where there are 48");
+    }
+    for (ut, is_told) in [(17.0, false), (16.0, true), (90.0, false), (91.0, true)] {
+        assert_eq!(!strength(ut, None).is_empty(), is_told, "{ut} uT anywhere");
+    }
+    assert!(strength(66.04, Some(48.0)).contains("the field is 66.0 uT strong, by the field model 48.0:"));
+    assert!(strength(0.04812, None).contains("the field is 0.0481 uT strong, the Earth's is 22 to 67:"));
+}
+
+#[test]
+fn missing_parameters_are_reported() {
+    let found = |names: &[&str]| {
+        let (mut flight, compass) = flown();
+        flight.parameters = log::ParameterHistory::default();
+        for name in names {
+            flight.parameters.set(0.0, name, 1.0);
+        }
+        notes(&flight, &verdict(vec![compass]))
+            .into_iter()
+            .filter(|note| note.contains("parameters"))
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(found(&["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "COMPASS_OFS2_X"]), [""; 0]);
+    let missing = "parameters that are not in the log, assumed unset: COMPASS_OFS_X, COMPASS_OFS_Z";
+    assert_eq!(found(&["COMPASS_OFS_Y"]), [missing]);
+    let none = found(&[]);
+    assert!(none.len() == 1 && none[0].starts_with("the parameters are not in the log"), "{none:?}");
+}

@@ -1,0 +1,230 @@
+//! Coordinate axes of all pictures.
+
+use super::svg::{Point, Svg};
+use crate::numbers::format_number;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Axis {
+    /// Values at both ends.
+    pub range: [f64; 2],
+    /// Interval of the grid lines.
+    pub step: f64,
+    /// Interval of the numbered grid lines, in grid lines.
+    pub number_every: usize,
+}
+
+impl Axis {
+    /// Heading axis: lines every 30 deg, numbers every 30 or 90 deg.
+    pub const fn headings_deg(numbered_deg: usize) -> Self {
+        Self { range: [0.0, 360.0], step: 30.0, number_every: numbered_deg / 30 }
+    }
+
+    /// Axis over a range, extended to round steps.
+    pub fn for_range(least: f64, most: f64, lines: f64) -> Self {
+        let (least, most) = if least.is_finite() && most.is_finite() { (least, most) } else { (0.0, 1.0) };
+        let span = (most - least).max(least.abs() * 1e-6).max(1e-3);
+        let step = round_step(span / lines);
+        Self { range: [(least / step).floor() * step, (most / step).ceil() * step], step, number_every: 1 }
+            .rounded_to_step()
+    }
+
+    /// Symmetric axis of angles, degrees.
+    pub fn symmetric_deg(most_deg: f64) -> Self {
+        let most = if most_deg.is_finite() { most_deg.clamp(0.1, 180.0) } else { 1.0 };
+        let step = match most {
+            90.0.. => 90.0,
+            45.0.. => 30.0,
+            _ => round_step(most / 3.0),
+        };
+        let end = (most / step).ceil() * step;
+        Self { range: [-end, end], step, number_every: 1 }
+    }
+
+    pub fn seconds(most_s: f64) -> Self {
+        const STEPS: [f64; 13] = [1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1200.0, 3600.0, 7200.0];
+        let most = if most_s.is_finite() { most_s.max(1.0) } else { 1.0 };
+        let step = STEPS.into_iter().find(|step| most / step <= 10.0).unwrap_or_else(|| round_step(most / 10.0));
+        Self { range: [0.0, most], step, number_every: 1 }
+    }
+
+    fn rounded_to_step(self) -> Self {
+        let [from, to] = self.range;
+        if to > from { self } else { Self { range: [from, from + self.step], ..self } }
+    }
+
+    pub fn grid_values(&self) -> impl Iterator<Item = f64> + use<> {
+        let (step, [from, to]) = (self.step, self.range);
+        let first = (from / step - 1e-6).ceil() as i64;
+        let last = (to / step + 1e-6).floor() as i64;
+        (first..=last).map(move |line| line as f64 * step)
+    }
+
+    fn decimals(&self) -> usize {
+        if self.step >= 1.0 { 0 } else { (-libm::log10(self.step) - 1e-9).ceil() as usize }
+    }
+
+    fn fraction(&self, value: f64) -> f64 {
+        (value - self.range[0]) / (self.range[1] - self.range[0])
+    }
+}
+
+/// Smallest 1, 2 or 5 times a power of ten not less than `least`.
+fn round_step(least: f64) -> f64 {
+    let power = libm::pow(10_f64, libm::log10(least).floor());
+    [1.0, 2.0, 5.0].into_iter().map(|times| times * power).find(|step| *step >= least * 0.999).unwrap_or(10.0 * power)
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct PlotFrame {
+    pub x: Axis,
+    pub y: Axis,
+    /// Upper left corner.
+    pub origin: Point,
+    pub size: Point,
+}
+
+impl PlotFrame {
+    /// Position of a point; none if outside or NaN.
+    pub fn point(&self, x: f64, y: f64) -> Option<Point> {
+        let inside = |axis: &Axis, value: f64| (-1e-9..=1.0 + 1e-9).contains(&axis.fraction(value));
+        (inside(&self.x, x) && inside(&self.y, y)).then(|| [self.x_position(x), self.y_position(y)])
+    }
+
+    pub fn x_position(&self, x: f64) -> f64 {
+        self.origin[0] + self.x.fraction(x) * self.size[0]
+    }
+
+    /// Vertical position, clamped to the frame.
+    pub fn y_position(&self, y: f64) -> f64 {
+        self.origin[1] + (1.0 - self.y.fraction(y).clamp(0.0, 1.0)) * self.size[1]
+    }
+
+    pub fn bottom(&self) -> f64 {
+        self.origin[1] + self.size[1]
+    }
+
+    pub fn centre_x(&self) -> f64 {
+        self.origin[0] + self.size[0] / 2.0
+    }
+
+    pub fn draw(&self, svg: &mut Svg, x_name: &str, y_name: &str) {
+        let [left, top] = self.origin;
+        let (right, bottom) = (left + self.size[0], self.bottom());
+        for (i, line) in self.x.grid_values().enumerate() {
+            let x = self.x_position(line);
+            svg.line("grid", [x, top], [x, bottom]);
+            svg.line("axis", [x, bottom], [x, bottom + 4.0]);
+            if i.is_multiple_of(self.x.number_every) && !x_name.is_empty() {
+                svg.text("tick mid", [x, bottom + 17.0], &format_number(line, self.x.decimals()));
+            }
+        }
+        for line in self.y.grid_values() {
+            let y = self.y_position(line);
+            svg.line(if line.abs() < self.y.step / 2.0 { "zero" } else { "grid" }, [left, y], [right, y]);
+            svg.text("tick end", [left - 6.0, y + 4.0], &format_number(line, self.y.decimals()));
+        }
+        svg.rect("box", self.origin, self.size);
+        svg.text("name mid", [self.centre_x(), bottom + 34.0], x_name);
+        svg.vertical_text("name mid", [left - 43.0, top + self.size[1] / 2.0], y_name);
+    }
+}
+
+/// Points of a closed line of errors by heading, interrupted at missing values and at jumps across 180 deg.
+pub fn closed_heading_curve(errors_deg: &[Option<f64>]) -> Vec<Option<Point>> {
+    let step_deg = 360.0 / errors_deg.len().max(1) as f64;
+    let mut points = Vec::new();
+    let mut last: Option<f64> = None;
+    for (i, error) in errors_deg.iter().chain(errors_deg.first()).enumerate() {
+        let error = error.filter(|error| error.is_finite());
+        if last.zip(error).is_some_and(|(last, error)| (error - last).abs() > 180.0) {
+            points.push(None);
+        }
+        points.push(error.map(|error| [i as f64 * step_deg, error]));
+        last = error;
+    }
+    points
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lines(axis: Axis) -> Vec<f64> {
+        axis.grid_values().collect()
+    }
+
+    #[test]
+    fn grid_lines_are_at_round_numbers() {
+        assert_eq!(lines(Axis::headings_deg(30)), (0..=12).map(|i| 30.0 * f64::from(i)).collect::<Vec<_>>());
+        assert_eq!(lines(Axis::symmetric_deg(21.7)), [-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0]);
+        assert_eq!(lines(Axis::symmetric_deg(0.8)), [-1.0, -0.5, 0.0, 0.5, 1.0]);
+        assert_eq!(lines(Axis::symmetric_deg(50.0)), [-60.0, -30.0, 0.0, 30.0, 60.0]);
+        assert_eq!(lines(Axis::symmetric_deg(170.0)), [-180.0, -90.0, 0.0, 90.0, 180.0]);
+        assert_eq!(lines(Axis::seconds(826.0)).len(), 7);
+        assert_eq!(lines(Axis::for_range(-3.0, 41.0, 5.0)), [-10.0, 0.0, 10.0, 20.0, 30.0, 40.0, 50.0]);
+        for axis in [
+            Axis::for_range(f64::NAN, 1.0, 5.0),
+            Axis::for_range(2.0, 2.0, 5.0),
+            Axis::for_range(0.0, 0.0, 5.0),
+            Axis::symmetric_deg(f64::NAN),
+            Axis::seconds(f64::INFINITY),
+        ] {
+            assert!((2..20).contains(&lines(axis).len()), "{axis:?}");
+            assert!(axis.range[1] > axis.range[0], "{axis:?}");
+        }
+    }
+
+    #[test]
+    fn every_grid_line_has_its_number() {
+        let frame = PlotFrame {
+            x: Axis::headings_deg(30),
+            y: Axis::symmetric_deg(0.8),
+            origin: [50.0, 10.0],
+            size: [300.0, 200.0],
+        };
+        let mut svg = Svg::new(400.0, 300.0);
+        frame.draw(&mut svg, "heading, deg", "error, deg");
+        let whole = svg.to_inline("p", "", "");
+        for tick in ["0", "30", "60", "330", "360", "-1.0", "-0.5", "0.0", "0.5", "1.0"] {
+            assert!(whole.contains(&format!(">{tick}</text>")), "{tick}");
+        }
+        let at_ninety = PlotFrame { x: Axis::headings_deg(90), ..frame };
+        let mut svg = Svg::new(400.0, 300.0);
+        at_ninety.draw(&mut svg, "heading, deg", "");
+        let whole = svg.to_inline("p", "", "");
+        assert!(whole.contains(">90</text>") && whole.contains(">360</text>") && !whole.contains(">30</text>"));
+    }
+
+    #[test]
+    fn points_outside_the_frame_are_not_drawn() {
+        let frame = PlotFrame {
+            x: Axis::headings_deg(30),
+            y: Axis::symmetric_deg(1.0),
+            origin: [50.0, 10.0],
+            size: [360.0, 200.0],
+        };
+        assert_eq!(frame.point(90.0, 0.0), Some([140.0, 110.0]));
+        assert_eq!(frame.point(0.0, 1.0), Some([50.0, 10.0]));
+        for (x, y) in [(-1.0, 0.0), (361.0, 0.0), (0.0, 1.1), (0.0, -1.1), (f64::NAN, 0.0), (0.0, f64::NAN)] {
+            assert_eq!(frame.point(x, y), None, "{x} {y}");
+        }
+    }
+
+    #[test]
+    fn a_heading_curve_is_closed_and_broken_at_jumps() {
+        let errors = [Some(1.0), Some(2.0), None, Some(170.0), Some(-170.0), Some(f64::NAN)];
+        let points = closed_heading_curve(&errors);
+        let expected = [
+            Some([0.0, 1.0]),
+            Some([60.0, 2.0]),
+            None,
+            Some([180.0, 170.0]),
+            None,
+            Some([240.0, -170.0]),
+            None,
+            Some([360.0, 1.0]),
+        ];
+        assert_eq!(points, expected);
+        assert!(closed_heading_curve(&[]).is_empty());
+    }
+}

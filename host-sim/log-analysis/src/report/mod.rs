@@ -1,0 +1,30 @@
+//! Self-contained HTML report of a log or of a simulated mission.
+//!
+//! `model` holds the contents of a page, filled from either source; `page` and `sections` render it with the
+//! `pictures`; `frame`, `svg` and `text` are their building blocks; `assets/` has style and script.
+
+mod frame;
+pub mod model;
+mod page;
+mod pictures;
+mod replay_report;
+mod sections;
+mod svg;
+mod text;
+
+pub use model::{Report, ReportOrigin};
+pub use replay_report::report_replay;
+
+/// Renders the page.
+#[must_use]
+pub fn page(report: &Report) -> String {
+    page::render_html(report)
+}
+
+/// Renders the before-and-after picture of the foremost compass as an SVG file.
+#[must_use]
+pub fn picture(report: &Report) -> String {
+    let Some(compass) = report.main_compass() else { return svg::Svg::new(1.0, 1.0).to_file("nothing", "") };
+    let picture = pictures::deviation::combined_picture(compass, report.reference.difference_name);
+    picture.svg.to_file(&picture.title, &picture.description)
+}

@@ -1,0 +1,276 @@
+//! Contents of a page, independent of their source (mission or log).
+
+use autoswing::calibration::Calibration;
+use autoswing::frames::{Field, Level};
+
+use crate::numbers::{mean_angle_deg, quantile};
+use crate::score::wrap_180;
+
+/// A page.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Report {
+    /// Title.
+    pub title: String,
+    /// Whether the module calibrated, or would have.
+    pub accepted: bool,
+    /// Verdict, one line.
+    pub verdict: String,
+    /// Most important figures, name and value.
+    pub figures: Vec<[String; 2]>,
+    /// Warnings.
+    pub notes: Vec<String>,
+    /// Reference of the headings.
+    pub reference: ReferenceInfo,
+    /// Comparison of calibrators.
+    pub calibrators: CalibratorComparison,
+    /// Compasses.
+    pub compasses: Vec<CompassReport>,
+    /// Name and text of a parameter file.
+    pub parameters: Option<[String; 2]>,
+    /// Title and text of the terminal output.
+    pub terminal_output: Option<[String; 2]>,
+    /// Command, version, log, settings.
+    pub origin: Vec<[String; 2]>,
+}
+
+impl Report {
+    /// The first compass with an accepted calibration, else the first; shown on the map.
+    #[must_use]
+    pub fn main_compass(&self) -> Option<&CompassReport> {
+        self.compasses.iter().find(|compass| compass.accepted).or_else(|| self.compasses.first())
+    }
+}
+
+/// Origin of a report, besides its flight.
+#[derive(Clone, Debug, Default)]
+pub struct ReportOrigin {
+    /// Command line.
+    pub command: String,
+    /// Settings, name and value.
+    pub settings: Vec<[String; 2]>,
+    /// Output of the command.
+    pub terminal_output: String,
+    /// Name and text of a parameter file.
+    pub parameters: Option<[String; 2]>,
+}
+
+/// Reference of the headings.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ReferenceInfo {
+    /// Name of a difference from the reference: error, disagreement or correction.
+    pub difference_name: &'static str,
+    /// Name of the reference.
+    pub reference_name: String,
+    /// Limits of the comparison.
+    pub limits: String,
+}
+
+/// Heading errors with the coefficients of several calibrators.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CalibratorComparison {
+    /// Names of the compasses.
+    pub compasses: Vec<String>,
+    /// Calibrators with heading RMS less mean for each compass, degrees.
+    pub rows: Vec<(String, Vec<Option<f64>>)>,
+}
+
+/// Results of a compass.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CompassReport {
+    /// Name.
+    pub name: String,
+    /// Whether its calibration was accepted, or would have been.
+    pub accepted: bool,
+    /// Further results, name and value.
+    pub facts: Vec<[String; 2]>,
+    /// Errors before the calibration.
+    pub before: Vec<DeviationCurve>,
+    /// Errors after the calibration.
+    pub after: Vec<DeviationCurve>,
+    /// Expected standard deviation by heading, degrees; as long as a line, or empty.
+    pub sigma_deg: Vec<f64>,
+    /// Description of the expected standard deviation.
+    pub sigma_description: &'static str,
+    /// States of the flight in order of time.
+    pub samples: Vec<ReportSample>,
+    /// Events on the time axis.
+    pub marks: Vec<EventMark>,
+    /// Horizontal field strength by the calibration, microtesla.
+    pub horizontal_ut: Option<f64>,
+    /// Whether fitted samples are marked.
+    pub has_fitted_marks: bool,
+    /// Advice for the next flight.
+    pub advice: Option<String>,
+    /// Coefficients: `W` by rows and `b`, microtesla.
+    pub coefficients: Option<[[f64; 3]; 4]>,
+}
+
+/// Heading errors over the heading.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DeviationCurve {
+    /// Name in the legend.
+    pub name: String,
+    /// Errors from north clockwise at equal steps, degrees.
+    pub errors_deg: Vec<Option<f64>>,
+}
+
+/// Event on the time axis.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct EventMark {
+    /// Seconds after the first moment.
+    pub at_s: f64,
+    /// Name in the picture.
+    pub name: String,
+}
+
+/// State of the flight at one time.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ReportSample {
+    /// Seconds after the first sample.
+    pub at_s: f64,
+    /// Heading, degrees: reference, else the module's own.
+    pub heading_deg: Option<f64>,
+    /// Bank, right wing down positive, degrees.
+    pub roll_deg: f64,
+    /// Pitch, nose up positive, degrees.
+    pub pitch_deg: f64,
+    /// Position, metres east and north.
+    pub position_m: Option<[f64; 2]>,
+    /// Horizontal field, level axes ahead and left, microtesla, before and after the correction.
+    pub level_ut: [Option<[f64; 2]>; 2],
+    /// Norm residual of the corrected field, percent of the calibrated strength.
+    pub norm_residual_percent: Option<f64>,
+    /// Inclination residual of the corrected field, degrees.
+    pub inclination_residual_deg: Option<f64>,
+    /// Heading error after the correction, degrees.
+    pub error_deg: Option<f64>,
+    /// Standard deviation of the heading, degrees.
+    pub sigma_deg: Option<f64>,
+    /// Heading error before the correction, degrees.
+    pub error_before_deg: Option<f64>,
+    /// Whether field and attitude are usable.
+    pub is_usable: bool,
+    /// Whether the sample was fitted.
+    pub is_fitted: bool,
+    /// Whether the module would not have sent the heading.
+    pub is_heading_withheld: bool,
+}
+
+impl ReportSample {
+    /// Stores the levelled field, and its residuals to the calibration.
+    pub fn set_level_field(&mut self, before: Field<Level>, after: Option<(Field<Level>, &Calibration)>) {
+        let level = |field: &Field<Level>| Some([f64::from(field.ut.x), f64::from(-field.ut.y)]);
+        self.level_ut = [level(&before), after.as_ref().and_then(|(after, _)| level(after))];
+        if let Some((after, calibration)) = after {
+            self.norm_residual_percent = Some(f64::from(after.ut.norm() / calibration.total_ut - 1.0) * 100.0);
+            self.inclination_residual_deg =
+                Some(f64::from((after.inclination_rad() - calibration.inclination_rad).to_degrees()));
+        }
+    }
+}
+
+/// Sector width of mean errors by heading, degrees.
+pub(super) const SECTOR_DEG: f64 = 15.0;
+
+/// Least number of values for a mean.
+const FEW: usize = 3;
+
+/// Circular means by heading over usable moments.
+pub(super) fn means_by_heading(
+    moments: &[ReportSample],
+    quantity: impl Fn(&ReportSample) -> Option<f64>,
+) -> Vec<Option<f64>> {
+    let mut sums = [(0.0, 0.0, 0_usize); 24];
+    for moment in moments.iter().filter(|moment| moment.is_usable) {
+        let (Some(heading_deg), Some(value)) = (moment.heading_deg, quantity(moment).filter(|value| value.is_finite()))
+        else {
+            continue;
+        };
+        let sector = (heading_deg / SECTOR_DEG).round().rem_euclid(24.0) as usize;
+        if let Some((sin, cos, number)) = sums.get_mut(sector) {
+            let (s, c) = libm::sincos(value.to_radians());
+            (*sin, *cos, *number) = (*sin + s, *cos + c, *number + 1);
+        }
+    }
+    sums.iter().map(|(sin, cos, number)| (*number >= FEW).then(|| libm::atan2(*sin, *cos).to_degrees())).collect()
+}
+
+impl CompassReport {
+    /// Subtracts the mean error of usable moments, separately before and after; returns both means.
+    pub(super) fn subtract_mean_errors(&mut self) -> [Option<f64>; 2] {
+        let usable = |quantity: fn(&ReportSample) -> Option<f64>| {
+            mean_angle_deg(self.samples.iter().filter(|moment| moment.is_usable).filter_map(quantity))
+        };
+        let means = [usable(|moment| moment.error_before_deg), usable(|moment| moment.error_deg)];
+        for moment in &mut self.samples {
+            let less = |error: Option<f64>, mean: Option<f64>| Some(wrap_180(error? - mean?));
+            moment.error_before_deg = less(moment.error_before_deg, means[0]);
+            moment.error_deg = less(moment.error_deg, means[1]);
+        }
+        means
+    }
+}
+
+/// Largest magnitude; zero of an empty list.
+pub(super) fn max_magnitude(numbers: impl Iterator<Item = f64>) -> f64 {
+    numbers.filter(|number| number.is_finite()).map(f64::abs).fold(0.0, f64::max)
+}
+
+/// Quantile of the magnitudes, `part` from 0 to 1; zero of an empty list.
+pub(super) fn magnitude_quantile(numbers: impl Iterator<Item = f64>, part: f64) -> f64 {
+    quantile(numbers.filter(|number| number.is_finite()).map(f64::abs), part).unwrap_or(0.0)
+}
+
+/// At most `most` items, evenly spaced.
+pub(super) fn subsample<T>(all: &[T], most: usize) -> impl Iterator<Item = &T> {
+    all.iter().step_by(all.len().div_ceil(most.max(1)).max(1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(heading_deg: f64, error_deg: f64) -> ReportSample {
+        ReportSample {
+            heading_deg: Some(heading_deg),
+            error_deg: Some(error_deg),
+            is_usable: true,
+            ..ReportSample::default()
+        }
+    }
+
+    #[test]
+    fn heading_sectors_are_centred_on_their_heading() {
+        let mut moments: Vec<ReportSample> = [353.0, 0.0, 7.0].map(|heading_deg| at(heading_deg, 2.0)).to_vec();
+        moments.extend([8.0, 15.0, 22.0].map(|heading_deg| at(heading_deg, 5.0)));
+        // Two values are too few for a mean; unusable moments and NaN are ignored.
+        moments.extend([90.0, 90.0].map(|heading_deg| at(heading_deg, 9.0)));
+        moments.push(ReportSample { is_usable: false, ..at(90.0, 9.0) });
+        moments.push(at(90.0, f64::NAN));
+        let means = means_by_heading(&moments, |moment| moment.error_deg);
+        let found: Vec<(usize, f64)> = means.iter().enumerate().filter_map(|(i, mean)| Some((i, (*mean)?))).collect();
+        assert!(matches!(found[..], [(0, a), (1, b)] if (a - 2.0).abs() < 1e-9 && (b - 5.0).abs() < 1e-9), "{found:?}");
+    }
+
+    #[test]
+    fn the_mean_error_is_circular_and_of_usable_samples() {
+        let mut compass_report =
+            CompassReport { samples: vec![at(0.0, 179.0), at(0.0, -179.0)], ..CompassReport::default() };
+        compass_report.samples.push(ReportSample { is_usable: false, ..at(0.0, 0.0) });
+        let [before, after] = compass_report.subtract_mean_errors();
+        assert_eq!(before, None);
+        assert!((after.unwrap().abs() - 180.0).abs() < 1e-9);
+        let errors: Vec<f64> = compass_report.samples.iter().map(|moment| moment.error_deg.unwrap()).collect();
+        assert!((errors[0] + 1.0).abs() < 1e-9 && (errors[1] - 1.0).abs() < 1e-9, "{errors:?}");
+    }
+
+    #[test]
+    fn subsampling_keeps_the_limit() {
+        let all: Vec<usize> = (0..1001).collect();
+        assert_eq!(subsample(&all, 500).count(), 334);
+        assert_eq!(subsample(&all, 2000).count(), 1001);
+        assert_eq!(subsample(&all[..0], 5).count(), 0);
+        assert!((magnitude_quantile([1.0, -2.0, f64::NAN, 3.0, -100.0].into_iter(), 0.67) - 3.0).abs() < 1e-9);
+        assert!(max_magnitude([1.0, -2.0, f64::NAN].into_iter()) < 2.1);
+    }
+}

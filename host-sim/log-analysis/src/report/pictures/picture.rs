@@ -1,0 +1,51 @@
+//! A drawing with its texts, and its legend.
+
+use super::super::svg::{Point, Shape, Svg};
+
+pub struct Picture {
+    pub svg: Svg,
+    pub title: String,
+    /// Description, also for screen readers.
+    pub description: String,
+    /// Whether the picture needs the page's full width.
+    pub is_wide: bool,
+}
+
+/// Sample in a legend.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LegendSample {
+    Line(&'static str),
+    Points(Shape, &'static str),
+    Both(&'static str, Shape, &'static str),
+    Area(&'static str),
+}
+
+const ROW: f64 = 18.0;
+
+/// Draws a legend in as many rows as needed; returns its lower edge.
+pub fn draw_legend(svg: &mut Svg, [left, top]: Point, width: f64, items: &[(LegendSample, &str)]) -> f64 {
+    const SAMPLE: f64 = 24.0;
+    let (mut x, mut y) = (left, top);
+    for (key, name) in items {
+        // Upper bound of the mean letter width, also on narrow screens with larger letters.
+        let length = SAMPLE + 6.0 + 7.6 * name.chars().count() as f64 + 12.0;
+        if x > left && x + length > left + width {
+            (x, y) = (left, y + ROW);
+        }
+        let middle = y + ROW / 2.0;
+        let across = |svg: &mut Svg, class: &str| svg.line(class, [x, middle], [x + SAMPLE, middle]);
+        let centre = [[x + SAMPLE / 2.0, middle]];
+        match *key {
+            LegendSample::Line(class) => across(svg, class),
+            LegendSample::Points(shape, class) => svg.points(class, shape, 3.5, centre),
+            LegendSample::Both(line, shape, class) => {
+                across(svg, line);
+                svg.points(class, shape, 3.5, centre);
+            }
+            LegendSample::Area(class) => svg.rect(class, [x, y + 3.0], [SAMPLE, ROW - 6.0]),
+        }
+        svg.text("name", [x + SAMPLE + 6.0, middle + 4.0], name);
+        x += length;
+    }
+    y + ROW + 8.0
+}

@@ -1,0 +1,431 @@
+//! Report of a replayed log.
+
+use autoswing::calibration::{Calibration, Solution};
+use autoswing::frames::{Body, Field};
+
+use super::model::{
+    CalibratorComparison, CompassReport, DeviationCurve, EventMark, ReferenceInfo, Report, ReportOrigin, ReportSample,
+    means_by_heading,
+};
+use crate::log::{Flight, Gps};
+use crate::numbers::format_number;
+use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation};
+use crate::replay::verdict::Verdict;
+use crate::replay::{HeadingRow, ReplayResult, ReplayRow, level_field};
+use crate::score::wrap_180;
+
+/// Makes the report of a replayed log.
+#[must_use]
+pub fn report_replay(verdict: &Verdict<'_>, log: &str, made: &ReportOrigin) -> Report {
+    let Verdict { flight, evaluation, .. } = *verdict;
+    let lines = [
+        ("command", made.command.clone()),
+        ("made by", format!("host-sim {}", env!("CARGO_PKG_VERSION"))),
+        ("log", verdict.log_description(log)),
+    ];
+    let rows = verdict.comparison_deg().into_iter().map(|(name, cells)| (name.to_owned(), cells));
+    Report {
+        title: format!("Flight {}", log.rsplit(['/', '\\']).next().unwrap_or(log)),
+        accepted: verdict.is_accepted(),
+        verdict: verdict.outcome.to_string(),
+        figures: figures(evaluation),
+        notes: verdict.notes.iter().map(ToString::to_string).collect(),
+        reference: compared(evaluation),
+        calibrators: CalibratorComparison {
+            compasses: evaluation.compasses.iter().map(|compass| format!("compass {}", compass.number)).collect(),
+            rows: rows.collect(),
+        },
+        compasses: verdict
+            .compasses
+            .iter()
+            .map(|compass| swung(flight, evaluation, compass.evaluation, verdict.facts(compass)))
+            .collect(),
+        parameters: made.parameters.clone(),
+        terminal_output: Some(["As the command prints it".to_owned(), made.terminal_output.clone()]),
+        origin: lines
+            .map(|(label, value)| [label.to_owned(), value])
+            .into_iter()
+            .chain(made.settings.iter().cloned())
+            .collect(),
+    }
+}
+
+fn compared(verdict: &FlightEvaluation) -> ReferenceInfo {
+    match &verdict.reference {
+        Some(reference) => ReferenceInfo {
+            difference_name: reference.difference_name(),
+            reference_name: reference.name().to_owned(),
+            limits: format!("{}; less the mean", reference.limits()),
+        },
+        None => ReferenceInfo {
+            difference_name: "correction",
+            reference_name: "the module's own heading".to_owned(),
+            limits: "the log has no reference heading; shown is the change by the module".to_owned(),
+        },
+    }
+}
+
+/// Figures of the first accepted compass, else of the first.
+fn figures(verdict: &FlightEvaluation) -> Vec<[String; 2]> {
+    let is_accepted = |compass: &&CompassEvaluation| compass.module.accepted.is_ok();
+    let Some(compass) = verdict.compasses.iter().find(is_accepted).or(verdict.compasses.first()) else {
+        return Vec::new();
+    };
+    let number_of = compass.number;
+    let mut figures = Vec::new();
+    let mut add = |label: String, value: Option<f64>, decimals: usize, unit: &str| {
+        if let Some(value) = value {
+            figures.push([label, format!("{} {unit}", format_number(value, decimals))]);
+        }
+    };
+    add(format!("compass {number_of}: calibrated after"), compass.calibrated_s(), 0, "s");
+    let solution = compass.module.solution.as_ref();
+    add("expected error, RMS".to_owned(), solution.map(|s| f64::from(s.quality.expected_rms_deg)), 2, "deg");
+    let word = compared(verdict).difference_name;
+    let rms_of = |correction_source: CorrectionSource| {
+        compass.correction_from(correction_source)?.score.map(|score| score.rms_deg)
+    };
+    add(
+        format!("{word} as logged, RMS"),
+        rms_of(CorrectionSource::Autopilot).or(rms_of(CorrectionSource::Uncorrected)),
+        2,
+        "deg",
+    );
+    add(format!("{word} with ours, RMS"), rms_of(CorrectionSource::Module), 2, "deg");
+    figures
+}
+
+fn swung(
+    flight: &Flight,
+    verdict: &FlightEvaluation,
+    compass: &CompassEvaluation,
+    facts: Vec<[String; 2]>,
+) -> CompassReport {
+    let replay_result = compass.displayed_result();
+    let solution = replay_result.solution.as_ref();
+    let has_reference = verdict.reference.is_some();
+    let mut swung = CompassReport {
+        name: format!("Compass {}", compass.number),
+        accepted: compass.module.accepted.is_ok(),
+        facts,
+        sigma_description: "the mean sigma that the module sends with its headings",
+        samples: moments(flight, compass, replay_result, has_reference),
+        marks: marks(compass),
+        horizontal_ut: solution.map(|s| {
+            let Calibration { total_ut, inclination_rad, .. } = s.calibration;
+            f64::from(total_ut * libm::cosf(inclination_rad))
+        }),
+        has_fitted_marks: true,
+        advice: solution.and_then(|s| s.advice).map(|advice| {
+            let [now, then] =
+                [advice.expected_deg, advice.expected_after_deg].map(|deg| format_number(f64::from(deg), 2));
+            format!("{} ({now} to {then} deg)", advice.manoeuvre)
+        }),
+        coefficients: solution.map(|s| {
+            let Calibration { w: [x, y, z], b_ut, .. } = s.calibration;
+            [x, y, z, b_ut].map(|row| row.map(f64::from))
+        }),
+        ..CompassReport::default()
+    };
+    let [before, after] = swung.subtract_mean_errors();
+    for (label, mean) in [("mean as logged, subtracted", before), ("mean with ours, subtracted", after)] {
+        if let Some(mean) = mean {
+            swung.facts.push([label.to_owned(), format!("{} deg, declination included", format_number(mean, 2))]);
+        }
+    }
+    let line = |name: &str, of: fn(&ReportSample) -> Option<f64>| {
+        let errors_deg = means_by_heading(&swung.samples, of);
+        errors_deg.iter().any(Option::is_some).then(|| DeviationCurve { name: name.to_owned(), errors_deg })
+    };
+    let ours = if replay_result.accepted.is_ok() { "ours" } else { "ours, but refused" };
+    let (before, after) = (
+        line(logged_correction_source(compass).name(), |moment| moment.error_before_deg),
+        line(ours, |moment| moment.error_deg),
+    );
+    (swung.before, swung.after) = (before.into_iter().collect(), after.into_iter().collect());
+    if solution.is_some() {
+        let sigma = means_by_heading(&swung.samples, |moment| moment.sigma_deg);
+        swung.sigma_deg = sigma.into_iter().map(|sigma| sigma.unwrap_or(f64::NAN)).collect();
+    }
+    swung
+}
+
+/// Source of the logged field's correction.
+fn logged_correction_source(compass: &CompassEvaluation) -> CorrectionSource {
+    if compass.correction_from(CorrectionSource::Autopilot).is_some() {
+        CorrectionSource::Autopilot
+    } else {
+        CorrectionSource::Uncorrected
+    }
+}
+
+fn marks(compass: &CompassEvaluation) -> Vec<EventMark> {
+    let first_s = compass.rows.first().map_or(0.0, |row| row.t_s);
+    let calibrated = compass.module.ended_s.map(|at_s| EventMark {
+        at_s,
+        name: if compass.module.accepted.is_ok() { "would have calibrated" } else { "would have solved" }.to_owned(),
+    });
+    let changed = compass.hard_iron_step.as_ref().map(|change| EventMark {
+        at_s: change.at_s - first_s,
+        name: format!("iron changed by {} uT, most on {}", format_number(change.size_ut(), 1), change.axis()),
+    });
+    calibrated.into_iter().chain(changed).collect()
+}
+
+fn moments(
+    flight: &Flight,
+    compass: &CompassEvaluation,
+    replay_result: &ReplayResult,
+    has_reference: bool,
+) -> Vec<ReportSample> {
+    let Some(first) = compass.rows.first() else { return Vec::new() };
+    let places = LocalPositions::from_flight(flight);
+    let is_logged = logged_correction_source(compass) == CorrectionSource::Autopilot;
+    let mut moments: Vec<ReportSample> = compass
+        .rows
+        .iter()
+        .enumerate()
+        .map(|(i, row)| {
+            let shown = replay_result.headings.get(i);
+            let mut moment = moment(row, is_logged, replay_result.solution.as_ref(), shown, has_reference);
+            moment.at_s = row.t_s - first.t_s;
+            moment.position_m = places.as_ref().and_then(|places| places.at(flight, row.t_s));
+            moment
+        })
+        .collect();
+    for fitted_s in &replay_result.fitted_s {
+        // The nearest row, since samples are means and their clock has milliseconds.
+        let after = moments.partition_point(|moment| moment.at_s < *fitted_s).min(moments.len() - 1);
+        let near = [after.saturating_sub(1), after];
+        let time_difference =
+            |i: &usize| moments.get(*i).map_or(f64::INFINITY, |moment| (moment.at_s - fitted_s).abs());
+        let nearest = near.into_iter().min_by(|a, b| time_difference(a).total_cmp(&time_difference(b)));
+        if let Some(moment) = nearest.and_then(|nearest| moments.get_mut(nearest)) {
+            moment.is_fitted = true;
+        }
+    }
+    moments
+}
+
+fn moment(
+    row: &ReplayRow,
+    is_logged: bool,
+    solution: Option<&Solution>,
+    shown: Option<&HeadingRow>,
+    compares: bool,
+) -> ReportSample {
+    let raw: Field<Body> = Field::new(if is_logged { row.logged.ut } else { row.field.ut });
+    let before = row.attitude.level(raw);
+    let before_deg = f64::from(before.heading_rad().to_degrees());
+    let ours_deg = shown.map(|shown| shown.heading_deg).filter(|deg| deg.is_finite());
+    let with_deg = if compares { row.reference_deg } else { ours_deg };
+    let error_deg = |heading_deg: f64| Some(wrap_180(heading_deg - with_deg?));
+    let mut moment = ReportSample {
+        heading_deg: row.reference_deg.or(ours_deg).or(Some(before_deg)).map(|deg| deg.rem_euclid(360.0)),
+        roll_deg: f64::from(row.attitude.roll_rad.to_degrees()),
+        pitch_deg: f64::from(row.attitude.pitch_rad.to_degrees()),
+        error_before_deg: error_deg(before_deg),
+        error_deg: ours_deg.filter(|_| compares).and_then(error_deg),
+        sigma_deg: shown.map(|shown| shown.sigma_deg).filter(|deg| deg.is_finite()),
+        is_usable: row.usable,
+        is_heading_withheld: shown.is_some_and(|shown| shown.status.is_err()),
+        ..ReportSample::default()
+    };
+    let after = solution.map(|solution| (level_field(&solution.calibration, row), &solution.calibration));
+    moment.set_level_field(before, after);
+    moment
+}
+
+struct LocalPositions {
+    origin_deg: [f64; 2],
+    metres_per_deg: [f64; 2],
+}
+
+impl LocalPositions {
+    const METRES: f64 = 111_195.0;
+    const MAX_GAP_S: f64 = 3.0;
+
+    fn from_flight(flight: &Flight) -> Option<Self> {
+        let is_place = |gps: &Gps| gps.latitude_deg.abs() + gps.longitude_deg.abs() > 0.0;
+        let first = flight.gps.rows().iter().map(|row| Gps::from_columns(row.values)).find(is_place)?;
+        let first = [first.longitude_deg, first.latitude_deg].map(f64::from);
+        Some(Self {
+            origin_deg: first,
+            metres_per_deg: [Self::METRES * libm::cos(first[1].to_radians()), Self::METRES],
+        })
+    }
+
+    fn at(&self, flight: &Flight, t_s: f64) -> Option<[f64; 2]> {
+        let (before, after, part) = flight.gps.bracket(t_s, Self::MAX_GAP_S)?;
+        let [before, after] = [before, after].map(|row| {
+            let gps = Gps::from_columns(row.values);
+            [gps.longitude_deg, gps.latitude_deg].map(f64::from)
+        });
+        Some(std::array::from_fn(|axis| {
+            let degrees = before[axis] + part * wrap_180(after[axis] - before[axis]);
+            wrap_180(degrees - self.origin_deg[axis]) * self.metres_per_deg[axis]
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::LazyLock;
+
+    use autoswing::calibration::SolveError;
+    use autoswing::earth::{Date, EarthField, Position};
+    use autoswing::messages::Refusal;
+
+    use super::*;
+    use crate::log::csv::FieldUnit;
+    use crate::log::write::{FlightRecording, encode_dataflash};
+    use crate::log::{self, ParameterHistory};
+    use crate::replay::evaluation::{EvaluationOptions, evaluate_flight};
+    use crate::replay::hard_iron_step::HardIronStep;
+    use crate::replay::parameter_export::ParameterFormat;
+    use crate::replay::{ReferenceHeading, RowSelection};
+    use crate::test_flight::record_turns;
+
+    static FLOWN: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
+        let parameters = ["X", "Y", "Z"].map(|axis| (format!("COMPASS_OFS_{axis}"), 100.0)).to_vec();
+        let recording = FlightRecording { parameters, ..record_turns(0.0) };
+        let flight = log::read(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
+        let verdict = evaluate_flight(
+            &flight,
+            &EvaluationOptions { selected: RowSelection::Flight, age_s: Some(0.0), ..EvaluationOptions::DEFAULT },
+        );
+        (flight, verdict)
+    });
+
+    fn report(change: impl Fn(&mut Flight, &mut FlightEvaluation)) -> Report {
+        let (mut flight, mut verdict) = FLOWN.clone();
+        change(&mut flight, &mut verdict);
+        report_replay(
+            &Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot),
+            "flight.bin",
+            &ReportOrigin::default(),
+        )
+    }
+
+    const REFUSED: Result<(), Refusal> = Err(Refusal::Solve(SolveError::NotConverged));
+
+    fn fact(report: &Report, name_wanted: &str) -> Option<String> {
+        report.compasses[0].facts.iter().find(|[name, _]| name == name_wanted).map(|[_, words]| words.clone())
+    }
+
+    #[test]
+    fn a_refused_calibration_is_labelled_as_refused() {
+        let automatic = report(|_, _| {});
+        let refused = report(|_, verdict| verdict.compasses[0].module.accepted = REFUSED);
+        for (report, line, mark, words) in [
+            (&automatic, "ours", "would have calibrated", "would have calibrated itself after"),
+            (&refused, "ours, but refused", "would have solved", "would have been refused: not-converged"),
+        ] {
+            let compass = &report.compasses[0];
+            assert_eq!((compass.after[0].name.as_str(), compass.marks[0].name.as_str()), (line, mark));
+            assert!(fact(report, "verdict").unwrap().starts_with(words), "{:?}", compass.facts);
+        }
+        assert!(automatic.accepted && !refused.accepted);
+        let on_request = report(|_, verdict| verdict.compasses[0].module.ended_s = None);
+        assert!(on_request.compasses[0].marks.is_empty());
+        assert_eq!(fact(&on_request, "verdict").unwrap(), "would have calibrated by a command at the end");
+    }
+
+    #[test]
+    fn calibration_and_hard_iron_step_are_marked_at_their_times() {
+        let report = report(|_, verdict| {
+            let compass = &mut verdict.compasses[0];
+            // 30 s of the log precede the first row.
+            compass.rows.drain(..300);
+            let at_s = compass.rows[0].t_s + 50.0;
+            compass.module.ended_s = Some(90.0);
+            compass.hard_iron_step = Some(HardIronStep { at_s, step_ut: [1.0, -8.0, 0.0], sigma_ut: [0.1; 3] });
+        });
+        let [calibrated, changed] = report.compasses[0].marks.as_slice() else { panic!("two marks") };
+        assert!((calibrated.at_s - 90.0).abs() < 1e-9 && (changed.at_s - 50.0).abs() < 1e-9);
+        assert_eq!(changed.name, "iron changed by 8.1 uT, most on y");
+    }
+
+    #[test]
+    fn a_field_model_of_another_year_is_reported() {
+        for (is_valid, words) in [(true, "by the field model"), (false, "by the field model, of another year")] {
+            let report = report(|_, verdict| {
+                let day = Date::from_unix_s(1_767_484_800).unwrap();
+                let earth = EarthField::from_model(Position::new(48.0, 11.3, 500.0).unwrap(), day).unwrap();
+                verdict.earth = Some((earth, is_valid));
+            });
+            assert!(fact(&report, "strength").unwrap().ends_with(words), "{words}");
+        }
+    }
+
+    #[test]
+    fn the_before_curve_is_the_autopilot_s_correction() {
+        let logged = report(|_, _| {});
+        let raw = report(|_, verdict| {
+            verdict.compasses[0].corrections.retain(|correction| correction.source != CorrectionSource::Autopilot);
+        });
+        let rows = &FLOWN.1.compasses[0].rows;
+        for (report, name, is_logged) in [(&logged, "as logged", true), (&raw, "raw", false)] {
+            let compass = &report.compasses[0];
+            assert_eq!(compass.before[0].name, name);
+            // Errors have their mean removed, so differences between rows are compared.
+            let heading_deg = |i: usize| {
+                let row = &rows[i];
+                let field = Field::<Body>::new(if is_logged { row.logged.ut } else { row.field.ut });
+                f64::from(row.attitude.level(field).heading_rad().to_degrees()) - row.reference_deg.unwrap()
+            };
+            let shown = |i: usize| compass.samples[i].error_before_deg.unwrap();
+            let off_deg = wrap_180(shown(500) - shown(1500) - (heading_deg(500) - heading_deg(1500)));
+            assert!(off_deg.abs() < 1e-6, "{name}: {off_deg}");
+        }
+        assert!(figure(&logged, "as logged") != figure(&raw, "as logged"), "{:?}", raw.figures);
+    }
+
+    fn figure(report: &Report, name_part: &str) -> String {
+        report
+            .figures
+            .iter()
+            .find(|[name, _]| name.contains(name_part))
+            .map(|[_, value]| value.clone())
+            .unwrap_or_default()
+    }
+
+    #[test]
+    fn differences_are_named_by_their_reference() {
+        let report_with_reference = |reference: Option<ReferenceHeading>| {
+            report(|_, verdict| {
+                verdict.reference = reference.clone();
+                if verdict.reference.is_none() {
+                    verdict.compasses[0].rows.iter_mut().for_each(|row| row.reference_deg = None);
+                }
+            })
+        };
+        for (reference, word) in [
+            (Some(ReferenceHeading::Simulator), "error"),
+            (Some(ReferenceHeading::AutopilotYaw), "disagreement"),
+            (None, "correction"),
+        ] {
+            let report = report_with_reference(reference.clone());
+            assert_eq!(report.reference.difference_name, word);
+            assert!(!figure(&report, &format!("{word} as logged")).is_empty(), "{:?}", report.figures);
+            let usable = || report.compasses[0].samples.iter().filter(|moment| moment.is_usable).skip(20);
+            assert_eq!(usable().all(|moment| moment.error_deg.is_some()), reference.is_some(), "{word}");
+            // Without a reference, the difference between the module's and the autopilot's heading is shown.
+            assert!(usable().all(|moment| moment.error_before_deg.is_some()), "{word}");
+            assert_eq!(report.compasses[0].after.is_empty(), reference.is_none(), "{word}");
+        }
+    }
+
+    #[test]
+    fn use_of_the_compass_by_the_autopilot_is_reported() {
+        for (is_used, words) in
+            [(Some(true), Some("uses it for its heading")), (Some(false), Some("does not use it")), (None, None)]
+        {
+            let report = report(|flight, verdict| {
+                flight.parameters = ParameterHistory::default();
+                verdict.compasses[0].is_used = is_used;
+            });
+            assert_eq!(fact(&report, "autopilot").as_deref(), words);
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! Register-level model of the ST LIS3MDL magnetometer, after data sheet DocID024204 and application note AN4602.
+//!
+//! Modelled: identity, reset values, power-down / single / continuous conversion, data rates including `FAST_ODR`, full
+//! scales, operating modes (rate and noise), data-ready and overrun flags, block data update, byte order, self-test,
+//! address auto-increment with its wrap from the last output register to the first, soft reset, temperature. Interrupt
+//! registers only store values. Not modelled: interrupt generator, SPI, averaging during a conversion (a measurement is
+//! the field at the end of its conversion).
+
+mod conversion;
+mod registers;
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use autoswing::frames::{Field, Sensor};
+use testkit::clock;
+
+use self::conversion::{CompletedConversion, Converter};
+use self::registers::Registers;
+use crate::devices::i2c::Target;
+use crate::random::{Purpose, Random};
+
+/// Address with the SA1 pin high, as on ST's boards.
+pub const ADDRESS_SA1_HIGH: u8 = 0x1E;
+/// Address with the SA1 pin low.
+pub const ADDRESS_SA1_LOW: u8 = 0x1C;
+
+/// Field in chip axes as a function of simulation time in microseconds. The time is at most one measurement period (1.6
+/// s) in the past.
+pub type FieldSource = Box<dyn FnMut(u64) -> Field<Sensor>>;
+
+/// Settings of a chip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lis3mdlConfig {
+    /// 7-bit I2C address.
+    pub address: u8,
+    /// Seed of the noise.
+    pub seed: u64,
+    /// Noise relative to the data sheet; 0 leaves only quantisation.
+    pub noise_scale: f64,
+    /// Die temperature, degrees Celsius.
+    pub temperature_c: f64,
+}
+
+impl Default for Lis3mdlConfig {
+    fn default() -> Self {
+        Self { address: ADDRESS_SA1_HIGH, seed: 0, noise_scale: 1.0, temperature_c: 30.0 }
+    }
+}
+
+/// Simulated chip for a [`Bus`](crate::devices::i2c::Bus). Each access first performs the conversions due since the
+/// previous access.
+pub struct Lis3mdl {
+    config: Lis3mdlConfig,
+    registers: Registers,
+    converter: Converter,
+    source: FieldSource,
+    noise: Random,
+    silent: bool,
+    frozen: bool,
+}
+
+impl Lis3mdl {
+    /// A chip after power-on.
+    #[must_use]
+    pub fn new(config: Lis3mdlConfig, source: FieldSource) -> Rc<RefCell<Self>> {
+        Rc::new(RefCell::new(Self {
+            config,
+            registers: Registers::default(),
+            converter: Converter::default(),
+            source,
+            noise: Random::new(config.seed, Purpose::Magnetometer),
+            silent: false,
+            frozen: false,
+        }))
+    }
+
+    /// Fault: the chip does not acknowledge while `silent`.
+    pub fn set_silent(&mut self, silent: bool) {
+        self.silent = silent;
+    }
+
+    /// Fault: while `frozen`, data-ready flags are set but values do not change.
+    pub fn set_frozen(&mut self, frozen: bool) {
+        self.frozen = frozen;
+    }
+
+    /// Fault: a supply drop resets all registers.
+    pub fn power_cycle(&mut self) {
+        self.registers = Registers::default();
+        self.converter = Converter::default();
+    }
+
+    fn catch_up(&mut self) {
+        if let Some(due) = self.converter.take_completed(&mut self.registers, clock::now_us()) {
+            self.convert(&due);
+        }
+    }
+
+    fn convert(&mut self, due: &CompletedConversion) {
+        if !self.frozen {
+            let field = (self.source)(due.at_us);
+            let counts = conversion::counts(&field, &self.registers.mode(), self.config.noise_scale, &mut self.noise);
+            self.registers.set_measurement(counts);
+        }
+        self.registers.set_temperature_c(self.config.temperature_c);
+        self.registers.set_data_ready(due.missed_others);
+    }
+}
+
+impl Target for Lis3mdl {
+    fn acknowledges(&self, address: u8) -> bool {
+        !self.silent && address == self.config.address
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        self.catch_up();
+        if let Some((&pointer, data)) = bytes.split_first() {
+            self.registers.set_pointer(pointer);
+            for &byte in data {
+                if self.registers.write(byte) {
+                    self.converter.restart(&self.registers, clock::now_us());
+                }
+            }
+        }
+    }
+
+    fn read(&mut self, bytes: &mut [u8]) {
+        self.catch_up();
+        bytes.fill_with(|| self.registers.read());
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,303 @@
+use embassy_time::Timer;
+use embedded_hal_async::i2c::I2c;
+
+use super::*;
+use crate::devices::i2c::{Bus, BusError};
+use log_analysis::numbers::square;
+use testkit::simulation::{Level, Simulation};
+
+const READ_XYZ: u8 = 0x28 | 0x80;
+
+/// Runs `script` on a bus with a chip in the field `field_ut(t)`.
+fn on_bus<S, F>(config: Lis3mdlConfig, field_ut: impl FnMut(u64) -> [f32; 3] + 'static, script: S)
+where
+    S: FnOnce(Bus, Rc<RefCell<Lis3mdl>>) -> F + 'static,
+    F: Future<Output = ()> + 'static,
+{
+    let mut field_ut = field_ut;
+    let mut simulation = Simulation::new();
+    let source = move |at_us| {
+        let [x, y, z] = field_ut(at_us);
+        Field::from_ut(x, y, z)
+    };
+    let chip = Lis3mdl::new(config, Box::new(source));
+    let bus = Bus::new();
+    bus.attach(chip.clone());
+    simulation.spawn(Level::Thread, "script", script(bus, chip));
+    simulation.run_for(100_000_000);
+    assert_eq!(simulation.tasks(), 0, "the script did not end");
+}
+
+async fn get(bus: &mut Bus, register: u8) -> u8 {
+    let mut value = [0];
+    bus.write_read(ADDRESS_SA1_HIGH, &[register], &mut value).await.unwrap();
+    value[0]
+}
+
+async fn set(bus: &mut Bus, register: u8, value: u8) {
+    bus.write(ADDRESS_SA1_HIGH, &[register, value]).await.unwrap();
+}
+
+async fn counts(bus: &mut Bus) -> [i16; 3] {
+    let mut bytes = [0; 6];
+    bus.write_read(ADDRESS_SA1_HIGH, &[READ_XYZ], &mut bytes).await.unwrap();
+    [0, 2, 4].map(|low| i16::from_le_bytes([bytes[low], bytes[low + 1]]))
+}
+
+/// Ultra-high performance on all axes, 80 Hz (12.5 ms), 4 gauss, block data update, continuous.
+async fn start(bus: &mut Bus) {
+    bus.write(ADDRESS_SA1_HIGH, &[0x20 | 0x80, 0x7C, 0x00, 0x00, 0x0C, 0x40]).await.unwrap();
+}
+
+const NOISE_FREE: Lis3mdlConfig =
+    Lis3mdlConfig { address: ADDRESS_SA1_HIGH, seed: 1, noise_scale: 0.0, temperature_c: 30.0 };
+
+#[test]
+fn reset_values_are_those_of_the_data_sheet() {
+    on_bus(
+        NOISE_FREE,
+        |_| [0.0; 3],
+        |mut bus, _| async move {
+            for (register, value) in [(0x0F, 0x3D), (0x20, 0x10), (0x21, 0), (0x22, 3), (0x23, 0), (0x24, 0), (0x27, 0)]
+            {
+                assert_eq!(get(&mut bus, register).await, value, "register {register:#04x}");
+            }
+            Timer::after_millis(2000).await;
+            assert_eq!(get(&mut bus, 0x27).await, 0, "powered down: nothing is ever ready");
+        },
+    );
+}
+
+#[test]
+fn burst_write_and_read_follow_auto_increment_and_the_output_wraps() {
+    on_bus(
+        NOISE_FREE,
+        |_| [10.0, -20.0, 40.0],
+        |mut bus, _| async move {
+            start(&mut bus).await;
+            assert_eq!(get(&mut bus, 0x23).await, 0x0C);
+            assert_eq!(get(&mut bus, 0x24).await, 0x40);
+            Timer::after_millis(13).await;
+            let mut bytes = [0; 8];
+            bus.write_read(ADDRESS_SA1_HIGH, &[READ_XYZ], &mut bytes).await.unwrap();
+            // 0.1, -0.2, 0.4 gauss at 6842 counts per gauss.
+            assert_eq!(i16::from_le_bytes([bytes[0], bytes[1]]), 684);
+            assert_eq!(i16::from_le_bytes([bytes[2], bytes[3]]), -1368);
+            assert_eq!(i16::from_le_bytes([bytes[4], bytes[5]]), 2737);
+            assert_eq!(bytes[6..8], bytes[0..2], "after Z comes X again, not the temperature");
+            let mut same = [0; 2];
+            bus.write_read(ADDRESS_SA1_HIGH, &[0x28], &mut same).await.unwrap();
+            assert_eq!(same[0], same[1], "without the increment bit the address stays");
+        },
+    );
+}
+
+#[test]
+fn data_ready_comes_at_the_data_rate_and_overrun_when_late() {
+    on_bus(
+        NOISE_FREE,
+        |_| [0.0; 3],
+        |mut bus, _| async move {
+            start(&mut bus).await;
+            Timer::after_micros(12_300).await;
+            assert_eq!(get(&mut bus, 0x27).await, 0x00, "12.37 ms after the start: one period of 80 Hz is 12.5 ms");
+            Timer::after_micros(130).await;
+            assert_eq!(get(&mut bus, 0x27).await, 0x0F);
+            counts(&mut bus).await;
+            assert_eq!(get(&mut bus, 0x27).await, 0x00, "reading all axes clears the flags");
+            Timer::after_millis(26).await;
+            assert_eq!(get(&mut bus, 0x27).await, 0xFF, "two periods unread: overrun");
+            get(&mut bus, 0x29).await;
+            assert_eq!(get(&mut bus, 0x27).await, 0xE6, "the high byte of x clears x only; no longer all are new");
+        },
+    );
+}
+
+#[test]
+fn every_data_rate_is_kept() {
+    // CTRL_REG1 and the data sheet's rate: DO2:0 in low power, then FAST_ODR in each operating mode.
+    let rates =
+        [(0x00, 0.625), (0x10, 10.0), (0x1C, 80.0), (0x02, 1000.0), (0x22, 560.0), (0x42, 300.0), (0x62, 155.0)];
+    on_bus(
+        NOISE_FREE,
+        |_| [0.0; 3],
+        move |mut bus, _| async move {
+            for (control1, hz) in rates {
+                set(&mut bus, 0x20, control1).await;
+                set(&mut bus, 0x22, 0x00).await;
+                let period_us = 1e6 / hz;
+                Timer::after_micros((0.98 * period_us) as u64 - 90).await;
+                assert_eq!(get(&mut bus, 0x27).await, 0, "{hz} Hz: early");
+                Timer::after_micros((0.04 * period_us) as u64).await;
+                assert_eq!(get(&mut bus, 0x27).await & 0x08, 0x08, "{hz} Hz: late");
+                counts(&mut bus).await;
+                set(&mut bus, 0x22, 0x03).await;
+            }
+        },
+    );
+}
+
+#[test]
+fn a_single_conversion_ends_in_power_down() {
+    on_bus(
+        NOISE_FREE,
+        |_| [1.0; 3],
+        |mut bus, _| async move {
+            set(&mut bus, 0x20, 0x7C).await;
+            set(&mut bus, 0x22, 0x01).await;
+            Timer::after_millis(40).await;
+            assert_eq!(get(&mut bus, 0x27).await, 0x0F, "one measurement, no overrun");
+            assert_eq!(get(&mut bus, 0x22).await & 3, 3);
+        },
+    );
+}
+
+/// A measurement ends between the reads of low and high byte.
+#[test]
+fn block_data_update_keeps_the_two_bytes_of_an_axis_together() {
+    // 255 counts for the first 20 ms, then 256: mixed bytes give 511 or 0.
+    let field = |at_us| if at_us < 20_000 { [3.727; 3] } else { [3.7416; 3] };
+    for (control5, expected) in [(0x40, [0xFF, 0x00]), (0x00, [0xFF, 0x01])] {
+        on_bus(NOISE_FREE, field, move |mut bus, _| async move {
+            start(&mut bus).await;
+            set(&mut bus, 0x24, control5).await;
+            Timer::after_millis(14).await;
+            let low = get(&mut bus, 0x28).await;
+            Timer::after_millis(13).await;
+            let high = get(&mut bus, 0x29).await;
+            assert_eq!([low, high], expected, "CTRL_REG5 {control5:#04x}");
+            assert_eq!(counts(&mut bus).await[0], 256, "afterwards the new measurement is there");
+        });
+    }
+}
+
+#[test]
+fn full_scales_have_their_sensitivities_and_saturate_at_16_bits() {
+    on_bus(
+        NOISE_FREE,
+        |_| [100.0, 1e4, -1e4],
+        |mut bus, _| async move {
+            for (control2, counts_per_gauss) in [(0x00, 6842), (0x20, 3421), (0x40, 2281), (0x60, 1711)] {
+                start(&mut bus).await;
+                set(&mut bus, 0x21, control2).await;
+                Timer::after_millis(20).await;
+                assert_eq!(counts(&mut bus).await, [counts_per_gauss, i16::MAX, i16::MIN]);
+            }
+        },
+    );
+}
+
+/// 4000 measurements determine sigma to 1.1 %; the bound is four times that.
+#[test]
+fn noise_is_that_of_the_data_sheet_and_grows_as_averaging_shrinks() {
+    for (mode, ratio) in [(0x62, 1.0_f64), (0x02, (1000.0_f64 / 155.0).sqrt())] {
+        let config = Lis3mdlConfig { noise_scale: 1.0, ..NOISE_FREE };
+        on_bus(
+            config,
+            |_| [20.0, 0.0, 40.0],
+            move |mut bus, _| async move {
+                set(&mut bus, 0x20, mode).await;
+                set(&mut bus, 0x23, mode >> 3 & 0x0C).await;
+                set(&mut bus, 0x22, 0x00).await;
+                let mut squares = [0.0; 3];
+                for _ in 0..4000 {
+                    Timer::after_millis(7).await;
+                    let measured = counts(&mut bus).await.map(|c| f64::from(c) / 6842.0);
+                    for axis in 0..3 {
+                        squares[axis] += square(measured[axis] - [0.2, 0.0, 0.4][axis]);
+                    }
+                }
+                for (axis, data_sheet) in [3.2e-3, 3.2e-3, 4.1e-3].into_iter().enumerate() {
+                    let sigma = (squares[axis] / 4000.0).sqrt();
+                    let expected = data_sheet * ratio;
+                    assert!((sigma / expected - 1.0).abs() < 0.045, "axis {axis}: {sigma} for {expected} gauss");
+                }
+            },
+        );
+    }
+}
+
+#[test]
+fn temperature_has_8_counts_a_degree_from_25() {
+    on_bus(
+        NOISE_FREE,
+        |_| [0.0; 3],
+        |mut bus, _| async move {
+            start(&mut bus).await;
+            set(&mut bus, 0x20, 0xFC).await;
+            Timer::after_millis(20).await;
+            let mut bytes = [0; 2];
+            bus.write_read(ADDRESS_SA1_HIGH, &[0x2E | 0x80], &mut bytes).await.unwrap();
+            assert_eq!(i16::from_le_bytes(bytes), 40);
+        },
+    );
+}
+
+#[test]
+fn faults_show_on_the_bus() {
+    on_bus(
+        NOISE_FREE,
+        |at_us| [at_us as f32 / 1e4; 3],
+        |mut bus, chip| async move {
+            start(&mut bus).await;
+            Timer::after_millis(20).await;
+            let moving = counts(&mut bus).await;
+            chip.borrow_mut().set_frozen(true);
+            Timer::after_millis(20).await;
+            assert_eq!(get(&mut bus, 0x27).await & 0x08, 0x08, "a frozen chip still announces data");
+            assert_eq!(counts(&mut bus).await, moving);
+            chip.borrow_mut().set_frozen(false);
+            Timer::after_millis(20).await;
+            assert!(counts(&mut bus).await > moving);
+
+            chip.borrow_mut().set_silent(true);
+            let refused = bus.write(ADDRESS_SA1_HIGH, &[0x0F]).await;
+            assert_eq!(refused, Err(BusError::NoAcknowledge(ADDRESS_SA1_HIGH)));
+            chip.borrow_mut().set_silent(false);
+            assert!(bus.write(ADDRESS_SA1_LOW, &[0x0F]).await.is_err(), "nobody lives at the other address");
+
+            chip.borrow_mut().power_cycle();
+            assert_eq!(get(&mut bus, 0x22).await, 3, "back at the reset value");
+            set(&mut bus, 0x24, 0x40).await;
+            set(&mut bus, 0x21, 0x04).await;
+            assert_eq!(get(&mut bus, 0x24).await, 0, "soft reset clears the control registers");
+        },
+    );
+}
+
+/// Nine bytes (address, register, address, six data bytes) of 22.5 us, rounded up.
+#[test]
+fn a_transfer_takes_the_time_of_its_bytes() {
+    on_bus(
+        NOISE_FREE,
+        |_| [0.0; 3],
+        |mut bus, _| async move {
+            let before_us = clock::now_us();
+            counts(&mut bus).await;
+            assert_eq!(clock::now_us() - before_us, 203);
+        },
+    );
+}
+
+/// The self-test adds 2, 2 and 0.55 gauss.
+#[test]
+fn self_test_and_byte_order_match_the_data_sheet() {
+    on_bus(
+        NOISE_FREE,
+        |_| [30.0, 100.0, 50.0],
+        |mut bus, _| async move {
+            start(&mut bus).await;
+            Timer::after_millis(20).await;
+            let plain = counts(&mut bus).await;
+            set(&mut bus, 0x20, 0x7D).await;
+            Timer::after_millis(20).await;
+            let tested = counts(&mut bus).await;
+            let added = [0, 1, 2].map(|axis| (f64::from(tested[axis] - plain[axis]) / 6842.0 * 100.0).round() as i16);
+            assert_eq!(added, [200, 200, 55]);
+            set(&mut bus, 0x20, 0x7C).await;
+            set(&mut bus, 0x23, 0x0E).await;
+            Timer::after_millis(20).await;
+            assert_eq!(counts(&mut bus).await, plain.map(i16::swap_bytes));
+        },
+    );
+}

@@ -1,0 +1,400 @@
+//! NOR flash of the STM32L4: 2 KB pages; 8-byte double words that are programmed once per erase because of their
+//! error-correcting code; power cuts.
+//!
+//! An *operation* programs one double word or erases one page. A power cut, or dropping the future of an operation,
+//! leaves this operation incomplete and all earlier ones complete.
+
+mod cells;
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use embassy_time::{Duration, Timer};
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+use testkit::simulation::Stop;
+
+use self::cells::{Cells, Operation};
+use crate::random::{Purpose, Random};
+
+/// Page size in bytes, the unit of erasing.
+pub const PAGE_BYTES: usize = 2048;
+/// Double-word size in bytes, the unit of programming.
+pub const WORD_BYTES: usize = 8;
+/// Time to program a double word (STM32L475 data sheet, typical 81.7 us).
+const PROGRAM_TIME: Duration = Duration::from_micros(82);
+/// Time to erase a page (STM32L475 data sheet, typical 22.0 ms).
+const ERASE_TIME: Duration = Duration::from_millis(22);
+
+/// Flash access error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FlashError {
+    /// Offset or length is not a multiple of the word or page size.
+    NotAligned,
+    /// The range exceeds the device.
+    OutOfBounds,
+    /// The double word was programmed since its page was erased.
+    NotErased {
+        /// Offset of the double word.
+        offset: u32,
+    },
+    /// The device has no power.
+    PowerLost,
+}
+
+impl NorFlashError for FlashError {
+    fn kind(&self) -> NorFlashErrorKind {
+        match self {
+            Self::NotAligned => NorFlashErrorKind::NotAligned,
+            Self::OutOfBounds => NorFlashErrorKind::OutOfBounds,
+            Self::NotErased { .. } | Self::PowerLost => NorFlashErrorKind::Other,
+        }
+    }
+}
+
+/// Progress of the operation that the power cut interrupts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CutOutcome {
+    /// Not started.
+    NotBegun,
+    /// Partially done.
+    Torn,
+    /// Complete, but reported as failed.
+    Done,
+}
+
+impl CutOutcome {
+    /// All outcomes, for exhaustive tests.
+    pub const ALL: [Self; 3] = [Self::NotBegun, Self::Torn, Self::Done];
+}
+
+struct ScheduledPowerCut {
+    /// Operations that still succeed.
+    operations_left: u32,
+    outcome: CutOutcome,
+    stop: Stop,
+}
+
+/// Wear counters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Wear {
+    /// Page erases, including incomplete ones.
+    pub erases: u64,
+    /// Programmed double words, including incomplete ones.
+    pub writes: u64,
+    /// Erase count of the most erased page.
+    pub worst_page_erases: u32,
+}
+
+struct FlashDevice {
+    cells: Cells,
+    random: Random,
+    cut: Option<ScheduledPowerCut>,
+    powered: bool,
+}
+
+/// Cloneable handle to the flash device.
+#[derive(Clone)]
+pub struct Flash(Rc<RefCell<FlashDevice>>);
+
+impl Flash {
+    /// An erased device with `pages` pages; the seed determines the effects of interrupted operations.
+    #[must_use]
+    pub fn new(pages: usize, seed: u64) -> Self {
+        Self(Rc::new(RefCell::new(FlashDevice {
+            cells: Cells::erased(pages),
+            random: Random::new(seed, Purpose::Flash),
+            cut: None,
+            powered: true,
+        })))
+    }
+
+    /// Fault: after `operations` more operations, the next one is interrupted by a power cut, which also ends the run
+    /// through `stop`. Accesses fail until [`power_on`](Self::power_on).
+    pub fn cut_power_after(&self, operations: u32, outcome: CutOutcome, stop: Stop) {
+        self.0.borrow_mut().cut = Some(ScheduledPowerCut { operations_left: operations, outcome, stop });
+    }
+
+    /// Restores power and cancels a scheduled cut.
+    pub fn power_on(&self) {
+        let mut device = self.0.borrow_mut();
+        device.powered = true;
+        device.cut = None;
+    }
+
+    /// Whether the device has power.
+    #[must_use]
+    pub fn is_powered(&self) -> bool {
+        self.0.borrow().powered
+    }
+
+    /// Wear counters since creation.
+    #[must_use]
+    pub fn wear(&self) -> Wear {
+        self.0.borrow().cells.wear()
+    }
+
+    /// A copy of all bytes.
+    #[must_use]
+    pub fn contents(&self) -> Vec<u8> {
+        self.0.borrow().cells.bytes().to_vec()
+    }
+
+    /// Restores a copy from [`contents`](Self::contents). False without effect if the size differs.
+    #[must_use]
+    pub fn restore(&self, contents: &[u8]) -> bool {
+        self.0.borrow_mut().cells.restore(contents)
+    }
+
+    /// Fault: inverts bits of one byte, as radiation or ageing does.
+    ///
+    /// # Panics
+    ///
+    /// If `offset` is outside the device.
+    pub fn flip_bits(&self, offset: usize, mask: u8) {
+        self.0.borrow_mut().cells.flip_bits(offset, mask);
+    }
+
+    async fn perform(&self, operation: Operation, duration: Duration) -> Result<(), FlashError> {
+        self.0.borrow_mut().begin_operation(operation)?;
+        let mut unfinished = OperationGuard { flash: self, operation, finished: false };
+        Timer::after(duration).await;
+        unfinished.finished = true;
+        self.0.borrow_mut().cells.perform(operation);
+        Ok(())
+    }
+}
+
+/// Guard that leaves the operation incomplete when its future is dropped.
+struct OperationGuard<'a> {
+    flash: &'a Flash,
+    operation: Operation,
+    finished: bool,
+}
+
+impl Drop for OperationGuard<'_> {
+    fn drop(&mut self) {
+        if !self.finished {
+            self.flash.0.borrow_mut().tear(self.operation);
+        }
+    }
+}
+
+impl FlashDevice {
+    /// Checks power and rules, and applies a scheduled power cut.
+    fn begin_operation(&mut self, operation: Operation) -> Result<(), FlashError> {
+        if !self.powered {
+            return Err(FlashError::PowerLost);
+        }
+        self.cells.check(operation)?;
+        match &mut self.cut {
+            Some(cut) if cut.operations_left == 0 => {
+                cut.stop.request();
+                let outcome = cut.outcome;
+                self.powered = false;
+                match outcome {
+                    CutOutcome::NotBegun => {}
+                    CutOutcome::Torn => self.tear(operation),
+                    CutOutcome::Done => self.cells.perform(operation),
+                }
+                Err(FlashError::PowerLost)
+            }
+            Some(cut) => {
+                cut.operations_left -= 1;
+                Ok(())
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn tear(&mut self, operation: Operation) {
+        self.cells.apply_partially(operation, &mut self.random);
+    }
+
+    fn check_range(&self, start: u32, end: u32, unit: usize) -> Result<(), FlashError> {
+        if start > end || end as usize > self.cells.bytes().len() {
+            return Err(FlashError::OutOfBounds);
+        }
+        if !(start as usize).is_multiple_of(unit) || !(end as usize).is_multiple_of(unit) {
+            return Err(FlashError::NotAligned);
+        }
+        Ok(())
+    }
+}
+
+impl ErrorType for Flash {
+    type Error = FlashError;
+}
+
+impl ReadNorFlash for Flash {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
+        let device = self.0.borrow();
+        if !device.powered {
+            return Err(FlashError::PowerLost);
+        }
+        device.check_range(offset, end(offset, bytes.len())?, Self::READ_SIZE)?;
+        let start = offset as usize;
+        bytes.copy_from_slice(&device.cells.bytes()[start..start + bytes.len()]);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.borrow().cells.bytes().len()
+    }
+}
+
+impl NorFlash for Flash {
+    const WRITE_SIZE: usize = WORD_BYTES;
+    const ERASE_SIZE: usize = PAGE_BYTES;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
+        self.0.borrow().check_range(from, to, PAGE_BYTES)?;
+        for page in from as usize / PAGE_BYTES..to as usize / PAGE_BYTES {
+            self.perform(Operation::Erase { page }, ERASE_TIME).await?;
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
+        self.0.borrow().check_range(offset, end(offset, bytes.len())?, WORD_BYTES)?;
+        let (words, _) = bytes.as_chunks::<WORD_BYTES>();
+        for (word, &value) in (offset as usize / WORD_BYTES..).zip(words) {
+            self.perform(Operation::Program { word, value }, PROGRAM_TIME).await?;
+        }
+        Ok(())
+    }
+}
+
+fn end(offset: u32, length: usize) -> Result<u32, FlashError> {
+    u32::try_from(length).ok().and_then(|length| offset.checked_add(length)).ok_or(FlashError::OutOfBounds)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use testkit::clock;
+    use testkit::simulation::{Level, RunEnd, Simulation};
+
+    const OLD: [u8; 8] = *b"old word";
+
+    fn run<T: 'static>(simulation: &mut Simulation, access: impl Future<Output = T> + 'static) -> Option<T> {
+        let result = Rc::new(RefCell::new(None));
+        let slot = Rc::clone(&result);
+        simulation.spawn(Level::Thread, "access", async move {
+            let value = access.await;
+            *slot.borrow_mut() = Some(value);
+        });
+        simulation.run_for(10_000_000);
+        result.take()
+    }
+
+    async fn write(mut flash: Flash, offset: u32, bytes: Vec<u8>) -> Result<(), FlashError> {
+        flash.write(offset, &bytes).await
+    }
+
+    async fn erase(mut flash: Flash, from: u32, to: u32) -> Result<(), FlashError> {
+        flash.erase(from, to).await
+    }
+
+    #[test]
+    fn a_word_is_programmed_once_per_erase() {
+        let mut simulation = Simulation::new();
+        let flash = Flash::new(2, 1);
+        let mut program = |word: [u8; 8]| run(&mut simulation, write(flash.clone(), 8, word.to_vec())).unwrap();
+        // Programming all ones writes the error-correcting code.
+        assert_eq!(program([0xFF; 8]), Ok(()));
+        assert_eq!(program(OLD), Err(FlashError::NotErased { offset: 8 }));
+        assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Ok(())));
+        assert_eq!(run(&mut simulation, write(flash.clone(), 8, OLD.to_vec())), Some(Ok(())));
+        assert_eq!(flash.contents()[8..16], OLD);
+        assert_eq!(flash.wear(), Wear { erases: 1, writes: 2, worst_page_erases: 1 });
+    }
+
+    #[test]
+    fn alignment_and_bounds_are_enforced() {
+        let mut simulation = Simulation::new();
+        let flash = Flash::new(2, 1);
+        let mut zeros = |offset, length| run(&mut simulation, write(flash.clone(), offset, vec![0; length])).unwrap();
+        assert_eq!(zeros(4, 8), Err(FlashError::NotAligned));
+        assert_eq!(zeros(0, 12), Err(FlashError::NotAligned));
+        assert_eq!(zeros(4096, 8), Err(FlashError::OutOfBounds));
+        assert_eq!(zeros(u32::MAX - 7, 16), Err(FlashError::OutOfBounds));
+        let mut clear = |from, to| run(&mut simulation, erase(flash.clone(), from, to)).unwrap();
+        assert_eq!(clear(0, 1024), Err(FlashError::NotAligned));
+        assert_eq!(clear(2048, 6144), Err(FlashError::OutOfBounds));
+        assert_eq!(clear(2048, 0), Err(FlashError::OutOfBounds));
+        assert_eq!(flash.wear(), Wear::default());
+    }
+
+    /// STM32L475 data sheet: 81.7 us per double word, 22.0 ms per page.
+    #[test]
+    fn flash_operations_take_the_time_of_the_data_sheet() {
+        let mut simulation = Simulation::new();
+        let flash = Flash::new(2, 1);
+        let durations_us = run(&mut simulation, async move {
+            let start_us = clock::now_us();
+            write(flash.clone(), 0, vec![0; 24]).await.unwrap();
+            let written_us = clock::now_us();
+            erase(flash, 0, 4096).await.unwrap();
+            (written_us - start_us, clock::now_us() - written_us)
+        });
+        assert_eq!(durations_us, Some((3 * 82, 2 * 22_000)));
+    }
+
+    #[test]
+    fn a_power_cut_occurs_at_the_chosen_operation_and_ends_the_run() {
+        for outcome in CutOutcome::ALL {
+            let mut simulation = Simulation::new();
+            let flash = Flash::new(1, 7);
+            flash.cut_power_after(1, outcome, simulation.stop());
+            let task = write(flash.clone(), 0, [OLD, OLD, OLD].concat());
+            simulation.spawn(Level::Thread, "write", async move {
+                assert_eq!(task.await, Err(FlashError::PowerLost));
+            });
+            assert_eq!(simulation.run_for(1_000_000), RunEnd::Stopped);
+            assert!(!flash.is_powered());
+            assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Err(FlashError::PowerLost)));
+
+            flash.power_on();
+            let bytes = flash.contents();
+            assert_eq!(bytes[0..8], OLD, "what was done before the cut stays");
+            assert_eq!(bytes[16..24], [0xFF; 8], "what would have come after it never happens");
+            let second: [u8; 8] = bytes[8..16].try_into().unwrap();
+            match outcome {
+                CutOutcome::NotBegun => assert_eq!(second, [0xFF; 8]),
+                CutOutcome::Done => assert_eq!(second, OLD),
+                CutOutcome::Torn => {
+                    assert!(second != OLD && second != [0xFF; 8], "seed 7 leaves some bits fallen, some not");
+                    let never_rise = second.iter().zip(OLD).all(|(torn, wanted)| torn & wanted == wanted);
+                    assert!(never_rise, "a bit that should stay one was cleared");
+                }
+            }
+            let again = run(&mut simulation, write(flash.clone(), 8, OLD.to_vec())).unwrap();
+            assert_eq!(again.is_ok(), outcome == CutOutcome::NotBegun, "a touched word needs an erase");
+        }
+    }
+
+    #[test]
+    fn dropping_a_task_tears_its_pending_flash_operation() {
+        let mut simulation = Simulation::new();
+        let flash = Flash::new(2, 3);
+        assert_eq!(run(&mut simulation, write(flash.clone(), 0, OLD.repeat(256))), Some(Ok(())));
+        let erasing = erase(flash.clone(), 0, 2048);
+        simulation.spawn(Level::Thread, "erase", async move {
+            erasing.await.unwrap();
+        });
+        simulation.run_for(10_000);
+        simulation.power_off();
+
+        let page = flash.contents();
+        let (words, _) = page[..2048].as_chunks::<8>();
+        let old = words.iter().filter(|&&word| word == OLD).count();
+        let erased = words.iter().filter(|&&word| word == [0xFF; 8]).count();
+        // A third of 256 words each, within four standard deviations of 7.5.
+        assert!((55..=116).contains(&old), "{old} words as before");
+        assert!((55..=116).contains(&erased), "{erased} words erased");
+        assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Ok(())));
+        assert_eq!(flash.contents()[..2048], [0xFF; 2048], "erasing again mends the page");
+    }
+}

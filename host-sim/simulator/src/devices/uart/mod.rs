@@ -1,0 +1,254 @@
+//! UART cable between the module and a host.
+//!
+//! Bytes take ten bit times each. The module's end is asynchronous, with limited receive and transmit buffers, and is
+//! recreated at each start of the module. The host's end never blocks and never loses a byte.
+
+mod line;
+
+use std::cell::RefCell;
+use std::future::poll_fn;
+use std::rc::Rc;
+use std::task::Poll;
+
+use autoswing::app::SetBaud;
+use autoswing::settings::Baud;
+use embassy_time::{Instant, Timer};
+use embedded_io_async::{Error, ErrorKind, ErrorType, Read, Write};
+use testkit::clock;
+
+use self::line::Line;
+
+/// Condition that wakes a waiting reader at the module's end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WakeCondition {
+    /// Every byte, as with an interrupt-driven receiver.
+    EachByte,
+    /// Line idle for one byte time, or buffer half full, as with a DMA receiver.
+    IdleLine,
+}
+
+/// Settings of the cable and of the module's UART.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct UartConfig {
+    /// Bits per second in both directions.
+    pub baud: u32,
+    /// Receive buffer of the module, bytes.
+    pub receive_buffer: usize,
+    /// Transmit buffer of the module, bytes; a write waits while it is full.
+    pub transmit_buffer: usize,
+    /// Condition that wakes the module's reader.
+    pub delivery: WakeCondition,
+}
+
+impl Default for UartConfig {
+    fn default() -> Self {
+        Self { baud: 115_200, receive_buffer: 512, transmit_buffer: 256, delivery: WakeCondition::IdleLine }
+    }
+}
+
+/// Receive error of the module.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum UartError {
+    /// Bytes were lost because the receive buffer was full.
+    Overrun,
+    /// A stop bit was missing.
+    Framing,
+    /// The samples of a bit disagreed.
+    Noise,
+}
+
+impl std::fmt::Display for UartError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Overrun => "receive buffer overrun",
+            Self::Framing => "framing error",
+            Self::Noise => "noise on the line",
+        })
+    }
+}
+
+impl std::error::Error for UartError {}
+
+impl Error for UartError {
+    fn kind(&self) -> ErrorKind {
+        ErrorKind::Other
+    }
+}
+
+/// Cable with both directions. Keep it for the whole simulation.
+pub struct Cable {
+    to_module: Rc<RefCell<Line>>,
+    to_host: Rc<RefCell<Line>>,
+    transmit_buffer: usize,
+}
+
+impl Cable {
+    /// An unused cable.
+    #[must_use]
+    pub fn new(config: UartConfig) -> Self {
+        Self {
+            to_module: Rc::new(RefCell::new(Line::new(config.baud, config.receive_buffer, config.delivery))),
+            to_host: Rc::new(RefCell::new(Line::new(config.baud, usize::MAX, WakeCondition::EachByte))),
+            transmit_buffer: config.transmit_buffer,
+        }
+    }
+
+    /// The host's end.
+    #[must_use]
+    pub fn host(&self) -> HostEnd {
+        HostEnd { to_module: Rc::clone(&self.to_module), to_host: Rc::clone(&self.to_host) }
+    }
+
+    /// The module's end after power-on; clears the receive buffer. Call it once per start of the module.
+    #[must_use]
+    pub fn module(&self) -> (Receiver, Transmitter) {
+        self.to_module.borrow_mut().clear_received(clock::now_us());
+        let transmitter = Transmitter {
+            line: Rc::clone(&self.to_host),
+            back: Rc::clone(&self.to_module),
+            buffer: self.transmit_buffer,
+        };
+        (Receiver { line: Rc::clone(&self.to_module) }, transmitter)
+    }
+}
+
+/// Byte with the arrival time of its last bit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TimedByte {
+    /// Simulation time, microseconds.
+    pub at_us: u64,
+    /// The byte.
+    pub byte: u8,
+}
+
+/// Cloneable handle to the host's end. Clones share the received bytes.
+#[derive(Clone)]
+pub struct HostEnd {
+    to_module: Rc<RefCell<Line>>,
+    to_host: Rc<RefCell<Line>>,
+}
+
+impl HostEnd {
+    /// Sends bytes as soon as the line is free.
+    pub fn send(&self, bytes: &[u8]) {
+        self.to_module.borrow_mut().send(bytes, clock::now_us());
+    }
+
+    /// Returns and removes the received bytes.
+    #[must_use]
+    pub fn receive(&self) -> Vec<u8> {
+        self.receive_timed().into_iter().map(|timed_byte| timed_byte.byte).collect()
+    }
+
+    /// Returns and removes the received bytes with their arrival times.
+    #[must_use]
+    pub fn receive_timed(&self) -> Vec<TimedByte> {
+        self.to_host.borrow_mut().take_received(usize::MAX, clock::now_us())
+    }
+
+    /// Number of bytes in transmission to the module.
+    #[must_use]
+    pub fn bytes_in_transit(&self) -> usize {
+        self.to_module.borrow().bytes_in_transit(clock::now_us())
+    }
+
+    /// Waits until bytes are available to [`receive`](Self::receive).
+    pub async fn readable(&self) {
+        poll_fn(|context| self.to_host.borrow_mut().poll_readable(clock::now_us(), context.waker())).await;
+    }
+
+    /// Fault: the module's next read returns this error.
+    pub fn inject_error(&self, error: UartError) {
+        self.to_module.borrow_mut().fail(error);
+    }
+
+    /// Number of bytes lost at the module, including those sent while it was off.
+    #[must_use]
+    pub fn lost_bytes(&self) -> u64 {
+        self.to_module.borrow().lost_bytes()
+    }
+}
+
+/// The module's receiver. Cancelling a read has no side effects.
+pub struct Receiver {
+    line: Rc<RefCell<Line>>,
+}
+
+impl ErrorType for Receiver {
+    type Error = UartError;
+}
+
+impl Read for Receiver {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, UartError> {
+        if buffer.is_empty() {
+            return Ok(0);
+        }
+        poll_fn(|context| self.line.borrow_mut().poll_readable(clock::now_us(), context.waker())).await;
+        let mut line = self.line.borrow_mut();
+        if let Some(error) = line.take_error() {
+            return Err(error);
+        }
+        let received = line.take_received(buffer.len(), clock::now_us());
+        for (slot, timed_byte) in buffer.iter_mut().zip(&received) {
+            *slot = timed_byte.byte;
+        }
+        Ok(received.len())
+    }
+}
+
+/// The module's transmitter. Dropping it, as at a power cut, loses bytes in transmission.
+pub struct Transmitter {
+    line: Rc<RefCell<Line>>,
+    /// The opposite direction, which has the same speed.
+    back: Rc<RefCell<Line>>,
+    buffer: usize,
+}
+
+impl ErrorType for Transmitter {
+    type Error = UartError;
+}
+
+impl Write for Transmitter {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, UartError> {
+        if bytes.is_empty() {
+            return Ok(0);
+        }
+        let free = poll_fn(|context| {
+            let line = self.line.borrow();
+            match self.buffer.saturating_sub(line.bytes_in_transit(clock::now_us())) {
+                0 => {
+                    line.wake_at_next_arrival(clock::now_us(), context.waker());
+                    Poll::Pending
+                }
+                free => Poll::Ready(free),
+            }
+        })
+        .await;
+        let accepted = bytes.len().min(free);
+        self.line.borrow_mut().send(&bytes[..accepted], clock::now_us());
+        Ok(accepted)
+    }
+
+    async fn flush(&mut self) -> Result<(), UartError> {
+        let sent_us = self.line.borrow().free_at_us();
+        Timer::at(Instant::from_micros(sent_us)).await;
+        Ok(())
+    }
+}
+
+impl SetBaud for Transmitter {
+    fn set_baud(&mut self, baud: Baud) {
+        for line in [&self.line, &self.back] {
+            line.borrow_mut().set_baud(baud.bits_per_s());
+        }
+    }
+}
+
+impl Drop for Transmitter {
+    fn drop(&mut self) {
+        self.line.borrow_mut().drop_in_transit(clock::now_us());
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,166 @@
+//! Faults of the attitude source: modified messages, and other senders on the same line.
+
+use std::f64::consts::{FRAC_PI_4, TAU};
+
+use mavlink::dialects::common::ATTITUDE_DATA;
+
+use super::Switch;
+use crate::devices::uart::HostEnd;
+use crate::random::{Purpose, Random};
+use crate::world::World;
+use crate::world::attitude_source::{AttitudeSource, Identity, SenderKind};
+
+/// Fault of the attitude source.
+pub trait AttitudeFault {
+    /// Additional age of the attitude, microseconds.
+    fn late_us(&self, _now_us: u64) -> u64 {
+        0
+    }
+
+    /// Modifies a message.
+    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA);
+}
+
+/// Second sender of attitude on the same line, with a roll error.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SecondSender {
+    /// System ID.
+    pub system_id: u8,
+    /// Component ID.
+    pub component_id: u8,
+    /// Type announced in heartbeats; `None` sends no heartbeats.
+    pub heartbeat_kind: Option<SenderKind>,
+    /// Roll error, degrees.
+    pub roll_error_deg: f64,
+}
+
+impl SecondSender {
+    /// Task that never returns: sends attitude at the autopilot's rate and latency with independent noise.
+    pub fn run(self, world: &World, uart: HostEnd) -> impl Future<Output = ()> + use<> {
+        let Self { system_id, component_id, heartbeat_kind: heartbeats, roll_error_deg: roll_deg } = self;
+        let config = world.config();
+        let source = AttitudeSource::new(config.attitude_source, config.seed.wrapping_add(0x5EED));
+        let bias = attitude_bias(Switch::on(), [roll_deg.to_radians(), 0.0]);
+        source.with_identity(Identity { system_id, component_id, heartbeat_kind: heartbeats }).run(
+            world.clone(),
+            uart,
+            vec![Box::new(bias)],
+        )
+    }
+}
+
+impl<F: FnMut(u64, &mut ATTITUDE_DATA)> AttitudeFault for F {
+    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
+        self(now_us, message);
+    }
+}
+
+/// Applies a change to each message while the switch is on.
+fn while_on(switch: Switch, mut change: impl FnMut(&mut ATTITUDE_DATA)) -> impl AttitudeFault {
+    move |now_us: u64, message: &mut ATTITUDE_DATA| {
+        if switch.is_on(now_us) {
+            change(message);
+        }
+    }
+}
+
+fn rates(message: &mut ATTITUDE_DATA) -> [&mut f32; 3] {
+    [&mut message.rollspeed, &mut message.pitchspeed, &mut message.yawspeed]
+}
+
+/// Repeats the last values with new time stamps.
+#[must_use]
+pub fn frozen_attitude(switch: Switch) -> impl AttitudeFault {
+    let mut last: Option<ATTITUDE_DATA> = None;
+    move |now_us: u64, message: &mut ATTITUDE_DATA| match &last {
+        Some(last) if switch.is_on(now_us) => {
+            *message = ATTITUDE_DATA { time_boot_ms: message.time_boot_ms, ..last.clone() };
+        }
+        _ => last = Some(message.clone()),
+    }
+}
+
+/// Roll and pitch errors of 45 deg in a fraction of the messages.
+#[must_use]
+pub fn attitude_spikes(switch: Switch, fraction: f64, seed: u64) -> impl AttitudeFault {
+    let mut random = Random::new(seed, Purpose::AttitudeFault);
+    while_on(switch, move |message| {
+        if random.uniform(0.0, 1.0) < fraction {
+            let mut wrong = || if random.uniform(-1.0, 1.0) < 0.0 { -FRAC_PI_4 } else { FRAC_PI_4 } as f32;
+            message.roll += wrong();
+            message.pitch += wrong();
+        }
+    })
+}
+
+/// Constant error of roll and pitch, radians.
+#[must_use]
+pub fn attitude_bias(switch: Switch, bias_rad: [f64; 2]) -> impl AttitudeFault {
+    while_on(switch, move |message| {
+        message.roll += bias_rad[0] as f32;
+        message.pitch += bias_rad[1] as f32;
+    })
+}
+
+/// Bank-angle scale error: ratio of reported to true bank.
+#[must_use]
+pub fn bank_scale_error(switch: Switch, reported_ratio: f64) -> impl AttitudeFault {
+    while_on(switch, move |message| message.roll *= reported_ratio as f32)
+}
+
+/// Additional attitude latency.
+pub struct AdditionalLatency {
+    /// Active time.
+    pub switch: Switch,
+    /// Additional latency, microseconds.
+    pub latency_us: u64,
+}
+
+impl AttitudeFault for AdditionalLatency {
+    fn late_us(&self, now_us: u64) -> u64 {
+        if self.switch.is_on(now_us) { self.latency_us } else { 0 }
+    }
+
+    fn tamper(&mut self, _now_us: u64, _message: &mut ATTITUDE_DATA) {}
+}
+
+/// Scale error of the body rates, reported over true: 0 for missing rates, -1 for a wrong sign, 57.3 for degrees.
+#[must_use]
+pub fn rate_scale_error(switch: Switch, factor: f64) -> impl AttitudeFault {
+    while_on(switch, move |message| {
+        for rate in rates(message) {
+            *rate *= factor as f32;
+        }
+    })
+}
+
+/// Gyro offset before its calibration, rad/s: 0.01 deg/s as observed on a real autopilot.
+const GYRO_OFFSET_RAD_S: f32 = 2e-4;
+
+/// Alignment of an attitude filter after its start: decaying oscillation of roll and pitch at rest, with its initial
+/// amplitude and the periods of roll and pitch, seconds.
+#[must_use]
+pub fn filter_alignment(switch: Switch, amplitude_deg: f64, periods_s: [f64; 2]) -> impl AttitudeFault {
+    move |now_us: u64, message: &mut ATTITUDE_DATA| {
+        let Some(on_for_s) = switch.active_for_s(now_us) else { return };
+        // Real gyros never output exactly zero.
+        for rate in rates(message) {
+            *rate += GYRO_OFFSET_RAD_S;
+        }
+        let swing_rad = amplitude_deg.to_radians() * (1.0 - switch.progress(now_us));
+        for (angle, period_s) in [&mut message.roll, &mut message.pitch].into_iter().zip(periods_s) {
+            *angle += (swing_rad * libm::sin(TAU * on_for_s / period_s)) as f32;
+        }
+    }
+}
+
+/// Quantisation of roll and pitch.
+#[must_use]
+pub fn attitude_quantisation(resolution_deg: f64) -> impl AttitudeFault {
+    while_on(Switch::on(), move |message| {
+        for angle in [&mut message.roll, &mut message.pitch] {
+            let degrees = (f64::from(*angle).to_degrees() / resolution_deg).round() * resolution_deg;
+            *angle = degrees.to_radians() as f32;
+        }
+    })
+}

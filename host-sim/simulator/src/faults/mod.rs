@@ -1,0 +1,34 @@
+//! Fault injection between the world and the module; devices and world contain no fault code.
+//!
+//! | interface | file | faults |
+//! |---|---|---|
+//! | magnetometer | `sensor.rs` | measurements and register upsets on the I2C bus |
+//! | attitude source | `attitude.rs` | modified messages, and additional senders |
+//! | field | `field.rs` | hard-iron changes and other fields at the chip |
+//!
+//! Each fault is active while its [`Switch`] is on, and depends only on its seed and the simulation time.
+
+pub mod attitude;
+pub mod field;
+pub mod sensor;
+mod switch;
+
+pub use switch::Switch;
+
+use std::rc::Rc;
+
+/// Faults of one module. Default: none.
+#[derive(Default)]
+pub struct Faults {
+    /// Magnetometer faults.
+    pub sensor: Vec<Box<dyn sensor::SensorFault>>,
+    /// Attitude faults.
+    pub attitude: Vec<Box<dyn attitude::AttitudeFault>>,
+    /// Additional senders of attitude on the same line.
+    pub senders: Vec<attitude::SecondSender>,
+    /// Field faults, shared with code that needs the true field.
+    pub field: Vec<Rc<dyn field::FieldFault>>,
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,162 @@
+//! Faults of the magnetometer, injected between chip and bus.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use testkit::clock;
+
+use super::Switch;
+use crate::devices::i2c::{SharedTarget, Target};
+use crate::random::{Purpose, Random};
+
+/// First output register, and the auto-increment bit of the register address.
+const OUT_X_L: u8 = 0x28;
+const AUTO_INCREMENT: u8 = 0x80;
+
+/// Fault of the chip.
+pub trait SensorFault {
+    /// Modifies a measurement, counts of x, y, z.
+    fn tamper(&mut self, _at_us: u64, _counts: &mut [i16; 3]) {}
+
+    /// Register address and bit mask of bits that flip now.
+    fn upset(&mut self, _at_us: u64) -> Option<(u8, u8)> {
+        None
+    }
+}
+
+/// Bus device that applies faults to a chip.
+pub struct FaultyChip {
+    chip: SharedTarget,
+    faults: Vec<Box<dyn SensorFault>>,
+    /// First register of the next read.
+    pointer: u8,
+}
+
+impl FaultyChip {
+    /// A chip with faults.
+    #[must_use]
+    pub fn new(chip: SharedTarget, faults: Vec<Box<dyn SensorFault>>) -> Rc<RefCell<Self>> {
+        Rc::new(RefCell::new(Self { chip, faults, pointer: 0 }))
+    }
+
+    fn flip(&mut self, register: u8, bits: u8) {
+        let mut chip = self.chip.borrow_mut();
+        let mut value = [0];
+        chip.write(&[register]);
+        chip.read(&mut value);
+        chip.write(&[register, value[0] ^ bits]);
+    }
+}
+
+impl Target for FaultyChip {
+    fn acknowledges(&self, address: u8) -> bool {
+        self.chip.borrow().acknowledges(address)
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        let now_us = clock::now_us();
+        let upsets: Vec<_> = self.faults.iter_mut().filter_map(|fault| fault.upset(now_us)).collect();
+        for (register, bits) in upsets {
+            self.flip(register, bits);
+        }
+        if let Some(&pointer) = bytes.first() {
+            self.pointer = pointer;
+        }
+        self.chip.borrow_mut().write(bytes);
+    }
+
+    fn read(&mut self, bytes: &mut [u8]) {
+        self.chip.borrow_mut().read(bytes);
+        let Ok(data): Result<&mut [u8; 6], _> = bytes.try_into() else { return };
+        if self.pointer != OUT_X_L | AUTO_INCREMENT {
+            return;
+        }
+        let [xl, xh, yl, yh, zl, zh] = *data;
+        let mut counts = [[xl, xh], [yl, yh], [zl, zh]].map(i16::from_le_bytes);
+        for fault in &mut self.faults {
+            fault.tamper(clock::now_us(), &mut counts);
+        }
+        let [x, y, z] = counts.map(i16::to_le_bytes);
+        *data = [x[0], x[1], y[0], y[1], z[0], z[1]];
+    }
+}
+
+impl<F: FnMut(u64, &mut [i16; 3])> SensorFault for F {
+    fn tamper(&mut self, at_us: u64, counts: &mut [i16; 3]) {
+        self(at_us, counts);
+    }
+}
+
+/// Axes that repeat their last value before the onset.
+#[must_use]
+pub fn stuck_axes(switch: Switch, axes: [bool; 3]) -> impl SensorFault {
+    let mut last = [0; 3];
+    move |at_us: u64, counts: &mut [i16; 3]| {
+        if !switch.is_on(at_us) {
+            last = *counts;
+            return;
+        }
+        for ((count, last), stuck) in counts.iter_mut().zip(last).zip(axes) {
+            if stuck {
+                *count = last;
+            }
+        }
+    }
+}
+
+/// Additional normally distributed noise on each axis.
+#[must_use]
+pub fn additional_noise(switch: Switch, sigma_counts: f64, seed: u64) -> impl SensorFault {
+    let mut random = Random::new(seed, Purpose::SensorFault);
+    move |at_us: u64, counts: &mut [i16; 3]| {
+        if switch.is_on(at_us) {
+            for count in counts {
+                *count = (f64::from(*count) + sigma_counts * random.normal()).round() as i16;
+            }
+        }
+    }
+}
+
+/// Error in one axis in a fraction of the measurements.
+#[must_use]
+pub fn measurement_spikes(switch: Switch, fraction: f64, height_counts: f64, seed: u64) -> impl SensorFault {
+    let mut random = Random::new(seed, Purpose::SensorFault);
+    move |at_us: u64, counts: &mut [i16; 3]| {
+        if !switch.is_on(at_us) || random.uniform(0.0, 1.0) >= fraction {
+            return;
+        }
+        let axis = random.uniform(0.0, 3.0) as usize;
+        let sign = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
+        counts[axis.min(2)] = (f64::from(counts[axis.min(2)]) + sign * height_counts) as i16;
+    }
+}
+
+/// Early saturation of an axis, 0 to 2.
+#[must_use]
+pub fn axis_clipping(switch: Switch, axis: usize, limit_counts: i16) -> impl SensorFault {
+    move |at_us: u64, counts: &mut [i16; 3]| {
+        if switch.is_on(at_us) {
+            counts[axis] = counts[axis].min(limit_counts);
+        }
+    }
+}
+
+/// Single-event upset of register bits.
+pub struct RegisterUpset {
+    /// Active time; the upset occurs at its start.
+    pub switch: Switch,
+    /// Register address.
+    pub register: u8,
+    /// Bit mask.
+    pub bits: u8,
+    /// Whether the upset has occurred.
+    pub has_occurred: bool,
+}
+
+impl SensorFault for RegisterUpset {
+    fn upset(&mut self, at_us: u64) -> Option<(u8, u8)> {
+        let occurs_now = self.switch.is_on(at_us) && !self.has_occurred;
+        self.has_occurred |= occurs_now;
+        occurs_now.then_some((self.register, self.bits))
+    }
+}

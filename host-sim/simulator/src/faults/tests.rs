@@ -1,0 +1,196 @@
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use mavlink::dialects::common::ATTITUDE_DATA;
+use nalgebra::Vector3;
+use testkit::simulation::Simulation;
+
+use super::Switch;
+use super::attitude::{
+    AdditionalLatency, AttitudeFault, attitude_bias, attitude_quantisation, attitude_spikes, bank_scale_error,
+    frozen_attitude,
+};
+use super::field::{FieldFault, hard_iron_change, passing_object, throttle_interference, zero_drift};
+use super::sensor::{
+    FaultyChip, RegisterUpset, SensorFault, additional_noise, axis_clipping, measurement_spikes, stuck_axes,
+};
+use crate::devices::i2c::Target;
+use log_analysis::numbers::square;
+
+/// On from 1 s to 3 s.
+fn switch() -> Switch {
+    let switch = Switch::off();
+    switch.set_active(1_000_000, 3_000_000);
+    switch
+}
+
+const BEFORE_US: u64 = 999_999;
+const WHILE_US: u64 = 2_000_000;
+
+#[test]
+fn a_switch_is_on_from_its_start_until_its_end() {
+    let switch = Switch::off();
+    assert!(!switch.is_on(0) && !switch.is_on(u64::MAX - 1));
+    switch.set_active(1_000_000, 3_000_000);
+    assert_eq!([999_999, 1_000_000, 2_999_999, 3_000_000].map(|us| switch.is_on(us)), [false, true, true, false]);
+    assert_eq!(switch.active_for_s(2_500_000), Some(1.5));
+    assert_eq!(switch.active_for_s(3_000_000), None);
+    for (at_us, progress) in [(0, 0.0), (1_000_000, 0.0), (2_000_000, 0.5), (4_000_000, 1.0)] {
+        assert!((switch.progress(at_us) - progress).abs() < 1e-9, "{at_us}");
+    }
+    assert!(Switch::on().is_on(0));
+}
+
+#[derive(Default)]
+struct Chip {
+    registers: Vec<u8>,
+    pointer: usize,
+}
+
+impl Target for Chip {
+    fn acknowledges(&self, _address: u8) -> bool {
+        true
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        self.pointer = usize::from(bytes[0] & 0x3F);
+        for &byte in &bytes[1..] {
+            self.registers[self.pointer] = byte;
+        }
+    }
+
+    fn read(&mut self, bytes: &mut [u8]) {
+        let from = self.pointer;
+        bytes.copy_from_slice(&self.registers[from..from + bytes.len()]);
+    }
+}
+
+/// Bytes read from a chip with a fault whose registers contain their addresses.
+fn read(fault: impl SensorFault + 'static, pointer: u8, length: usize) -> (Vec<u8>, Rc<RefCell<Chip>>) {
+    // Starts the simulation clock at zero, when the fault's switch is on.
+    let _simulation = Simulation::new();
+    let chip = Rc::new(RefCell::new(Chip { registers: (0..64).collect(), pointer: 0 }));
+    let faulty = FaultyChip::new(chip.clone(), vec![Box::new(fault)]);
+    faulty.borrow_mut().write(&[pointer]);
+    let mut bytes = vec![0; length];
+    faulty.borrow_mut().read(&mut bytes);
+    (bytes, chip)
+}
+
+/// The output registers contain 0x2928, 0x2B2A, 0x2D2C.
+#[test]
+fn a_sensor_fault_changes_output_registers_only() {
+    let clipped = || axis_clipping(Switch::on(), 1, 0x0100);
+    assert_eq!(read(clipped(), 0xA8, 6).0, [0x28, 0x29, 0x00, 0x01, 0x2C, 0x2D]);
+    assert_eq!(read(clipped(), 0x28, 6).0, [0x28, 0x29, 0x2A, 0x2B, 0x2C, 0x2D], "without counting up");
+    assert_eq!(read(clipped(), 0xA0, 5).0, [0x20, 0x21, 0x22, 0x23, 0x24]);
+    assert_eq!(read(clipped(), 0x80, 6).0, [0, 1, 2, 3, 4, 5]);
+}
+
+/// The flip precedes the next transfer, which is otherwise unaffected.
+#[test]
+fn an_upset_flips_the_bits_of_a_register_once() {
+    let upset = RegisterUpset { switch: Switch::on(), register: 0x21, bits: 0x60, has_occurred: false };
+    let (bytes, chip) = read(upset, 0xA0, 5);
+    assert_eq!(bytes, [0x20, 0x41, 0x22, 0x23, 0x24]);
+    assert_eq!(chip.borrow().registers[0x21], 0x41);
+    let mut upset = RegisterUpset { switch: switch(), register: 0x21, bits: 0x60, has_occurred: false };
+    assert_eq!(upset.upset(BEFORE_US), None);
+    assert_eq!((upset.upset(WHILE_US), upset.upset(WHILE_US)), (Some((0x21, 0x60)), None));
+}
+
+fn apply_sensor_fault(fault: &mut impl SensorFault, at_us: u64, counts: [i16; 3]) -> [i16; 3] {
+    let mut counts = counts;
+    fault.tamper(at_us, &mut counts);
+    counts
+}
+
+#[test]
+fn a_stuck_axis_repeats_what_it_read_last() {
+    let mut stuck = stuck_axes(switch(), [false, true, false]);
+    assert_eq!(apply_sensor_fault(&mut stuck, BEFORE_US, [1, 2, 3]), [1, 2, 3]);
+    assert_eq!(apply_sensor_fault(&mut stuck, WHILE_US, [4, 5, 6]), [4, 2, 6]);
+    assert_eq!(apply_sensor_fault(&mut stuck, WHILE_US, [7, 8, 9]), [7, 2, 9]);
+    assert_eq!(apply_sensor_fault(&mut stuck, 3_000_000, [7, 8, 9]), [7, 8, 9]);
+}
+
+/// 10,000 measurements determine both statistics to a few per cent.
+#[test]
+fn noise_and_spikes_have_the_configured_size_and_rate() {
+    let (mut noisy, mut spiky) = (additional_noise(switch(), 100.0, 1), measurement_spikes(switch(), 0.01, 2000.0, 1));
+    assert_eq!(apply_sensor_fault(&mut noisy, BEFORE_US, [0; 3]), [0; 3]);
+    assert_eq!(apply_sensor_fault(&mut spiky, BEFORE_US, [0; 3]), [0; 3]);
+    let squares: f64 =
+        (0..10_000).map(|_| square(f64::from(apply_sensor_fault(&mut noisy, WHILE_US, [0; 3])[2]))).sum::<f64>()
+            / 10_000.0;
+    assert!((squares.sqrt() - 100.0).abs() < 4.0, "{}", squares.sqrt());
+    let spikes: Vec<[i16; 3]> = (0..10_000)
+        .map(|_| apply_sensor_fault(&mut spiky, WHILE_US, [0; 3]))
+        .filter(|counts| *counts != [0; 3])
+        .collect();
+    assert!((60..=140).contains(&spikes.len()), "{}", spikes.len());
+    assert!(spikes.iter().all(|counts| counts.iter().map(|count| count.unsigned_abs()).sum::<u16>() == 2000));
+}
+
+fn apply_attitude_fault(fault: &mut impl AttitudeFault, at_us: u64, roll: f32) -> ATTITUDE_DATA {
+    let mut message =
+        ATTITUDE_DATA { roll, pitch: 0.1, rollspeed: roll, time_boot_ms: (at_us / 1000) as u32, ..Default::default() };
+    fault.tamper(at_us, &mut message);
+    message
+}
+
+#[test]
+fn a_frozen_source_repeats_everything_but_its_time() {
+    let mut frozen = frozen_attitude(switch());
+    apply_attitude_fault(&mut frozen, BEFORE_US, 0.2);
+    let message = apply_attitude_fault(&mut frozen, WHILE_US, 0.5);
+    assert_eq!((message.roll.to_bits(), message.rollspeed.to_bits()), (0.2_f32.to_bits(), 0.2_f32.to_bits()));
+    assert_eq!(message.time_boot_ms, 2000);
+    assert_eq!(apply_attitude_fault(&mut frozen, 3_000_000, 0.5).roll.to_bits(), 0.5_f32.to_bits());
+}
+
+#[test]
+fn each_attitude_fault_has_its_named_effect() {
+    let roll = |fault: &mut dyn AttitudeFault, at_us| {
+        let mut message = ATTITUDE_DATA { roll: 0.4, ..Default::default() };
+        fault.tamper(at_us, &mut message);
+        message.roll
+    };
+    let mut bank_scale = bank_scale_error(switch(), 0.7);
+    let mut bias = attitude_bias(switch(), [0.1, 0.2]);
+    for (fault, expected) in [(&mut bank_scale as &mut dyn AttitudeFault, 0.28), (&mut bias, 0.5)] {
+        assert!((roll(fault, BEFORE_US) - 0.4).abs() < 1e-6 && (roll(fault, WHILE_US) - expected).abs() < 1e-6);
+    }
+    let late = AdditionalLatency { switch: switch(), latency_us: 200_000 };
+    assert_eq!([BEFORE_US, WHILE_US].map(|us| late.late_us(us)), [0, 200_000]);
+    let coarse = roll(&mut attitude_quantisation(0.1), 0).to_degrees();
+    assert!((coarse - 22.9).abs() < 1e-4, "0.4 rad are 22.918 deg: {coarse}");
+    let mut spikes = attitude_spikes(switch(), 0.01, 1);
+    let wrong: Vec<f32> =
+        (0..10_000).map(|_| apply_attitude_fault(&mut spikes, WHILE_US, 0.0).roll).filter(|r| *r != 0.0).collect();
+    assert!((60..=140).contains(&wrong.len()), "{}", wrong.len());
+    assert!(wrong.iter().all(|roll| (roll.abs().to_degrees() - 45.0).abs() < 1e-3));
+}
+
+#[test]
+fn each_field_fault_has_its_named_effect() {
+    let ut = Vector3::new(3.0, 0.0, 4.0);
+    let added = |fault: &dyn FieldFault, at_us| fault.added_ut(at_us).norm();
+    let moved = hard_iron_change(switch(), ut);
+    let drift = zero_drift(switch(), ut);
+    let passing = passing_object(switch(), ut);
+    for (fault, expected_ut) in [
+        (&moved as &dyn FieldFault, [0.0, 5.0, 5.0, 0.0]),
+        (&drift, [0.0, 1.25, 2.5, 5.0]),
+        (&passing, [0.0, 2.5, 5.0, 0.0]),
+    ] {
+        for (at_us, expected_ut) in [BEFORE_US, 1_500_000, WHILE_US, 4_000_000].into_iter().zip(expected_ut) {
+            assert!((added(fault, at_us) - expected_ut).abs() < 1e-9, "{at_us}: {}", added(fault, at_us));
+        }
+    }
+    let throttle = throttle_interference(Switch::on(), ut, 1);
+    let values: Vec<f64> = (0..600).map(|s| added(&throttle, s * 100_000)).collect();
+    assert!(values[..30].iter().all(|ut| *ut == 0.0), "cruise for three seconds");
+    assert!(values.iter().fold(0.0_f64, |most, ut| most.max(*ut)) > 2.0 && values.iter().all(|ut| *ut <= 5.0));
+    assert!(values.windows(2).all(|pair| (pair[1] - pair[0]).abs() < 2.1), "it follows in half a second");
+}

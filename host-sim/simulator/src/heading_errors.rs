@@ -1,0 +1,75 @@
+//! Evaluation of a calibration: heading errors at exact field and attitude, relative to true magnetic heading.
+
+use std::f64::consts::FRAC_PI_6;
+
+use autoswing::calibration::Calibration;
+use autoswing::frames::{Attitude, Field};
+use log_analysis::score::{ErrorStatistics, wrap_180};
+use nalgebra::Vector3;
+
+use crate::world::rotation::Euler;
+use crate::world::{CRUISE_CURRENT_A, WorldConfig};
+
+/// Banks at which a calibration is evaluated, degrees.
+pub const BANKS_DEG: [f64; 3] = [0.0, 25.0, -25.0];
+
+/// Heading errors (indicated minus true), degrees, at twelve headings from north, 30 deg apart, for each of
+/// [`BANKS_DEG`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct HeadingErrors(pub [[f64; 12]; 3]);
+
+impl HeadingErrors {
+    /// Evaluates a calibration in a world at cruise current.
+    #[must_use]
+    pub fn evaluate(calibration: &Calibration, world: &WorldConfig) -> Self {
+        let error_deg = |bank_deg: f64, heading_rad: f64| {
+            let truth = Euler { roll_rad: bank_deg.to_radians(), pitch_rad: 0.0, heading_rad };
+            let sensed = world.airframe.measured_field(&world.earth.body_field_ut(truth));
+            let sensed = Field::new(sensed.ut + Vector3::from(world.current_interference_ut).cast());
+            // The remaining calculation uses the module's own code.
+            let told_a = world.reports_current.then_some(CRUISE_CURRENT_A as f32);
+            let sensed = calibration.remove_motor_current(sensed, told_a);
+            let attitude = Attitude::from_deg(bank_deg as f32, 0.0);
+            let indicated = attitude.level(calibration.apply(sensed)).heading_rad();
+            wrap_180((f64::from(indicated) - heading_rad).to_degrees())
+        };
+        Self(BANKS_DEG.map(|bank_deg| std::array::from_fn(|i| error_deg(bank_deg, i as f64 * FRAC_PI_6))))
+    }
+
+    /// Statistics of the errors.
+    #[must_use]
+    pub fn statistics(&self) -> ErrorStatistics {
+        ErrorStatistics::from_errors_deg(self.0.as_flattened())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::airframe::Airframe;
+    use autoswing::calibration::{MotorCurrentInterference, Orientation};
+
+    /// A calibration that includes the motor-current interference is exact at cruise if the current is reported.
+    /// Without a reported current it assumes the mean current; a wrong mean causes an error of 12 uT.
+    #[test]
+    fn motor_current_interference_is_scored_by_the_reported_current() {
+        let world = WorldConfig { airframe: Airframe::none(), ..WorldConfig::random(1) };
+        let mut world = world.with_current_interference(12.0);
+        let calibration = |mean_a: f32| Calibration {
+            motor_current: MotorCurrentInterference {
+                ut_per_a: world.current_interference_ut.map(|ut| (ut / CRUISE_CURRENT_A) as f32),
+                mean_current_a: mean_a,
+                ..MotorCurrentInterference::NONE
+            },
+            ..Calibration::uncalibrated(Orientation::NONE)
+        };
+        let [right, wrong] = [CRUISE_CURRENT_A as f32, 0.0].map(calibration);
+        let worst_deg = |calibration: &Calibration, world: &WorldConfig| {
+            HeadingErrors::evaluate(calibration, world).statistics().max_deg
+        };
+        world.reports_current = true;
+        assert!(worst_deg(&right, &world) < 0.01 && worst_deg(&wrong, &world) < 0.01);
+        world.reports_current = false;
+        assert!(worst_deg(&right, &world) < 0.01 && worst_deg(&wrong, &world) > 5.0);
+    }
+}

@@ -1,0 +1,304 @@
+//! Calibration mission: take-off uncalibrated, routine, calibration, restart, flight with a calibrated heading.
+//!
+//! The simulated pilot uses only console and heading sentences; only the evaluation uses the true state.
+
+use autoswing::calibration::{Calibration, Orientation};
+use autoswing::frames::{Attitude, Field, Sensor};
+use serde::Serialize;
+
+use crate::heading_errors::HeadingErrors;
+use crate::module::{Module, ModuleRunEnd};
+use crate::nmea::SentenceReader;
+use crate::rig::Rig;
+use crate::routine::Routine;
+pub use crate::routine::TurnPlan;
+use log_analysis::score::{ErrorStatistics, within_percent, wrap_180};
+
+use crate::transcript::{self, ShownCalibration, SolveNotice};
+use crate::world::autopilot::Leg;
+use crate::world::{TrueState, WorldConfig};
+
+/// Stage of the mission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MissionStage {
+    /// Boot and take-off, uncalibrated.
+    TakeOff,
+    /// Part of the calibration routine, with its name.
+    Routine(&'static str),
+    /// Solving, verifying, storing.
+    Solve,
+    /// Restart, then evaluation of the output on all headings.
+    Stream,
+}
+
+impl MissionStage {
+    /// Name in progress messages.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::TakeOff => "take-off, uncalibrated",
+            Self::Routine(name) => name,
+            Self::Solve => "solve, verify, store",
+            Self::Stream => "restart, fly on",
+        }
+    }
+}
+
+/// Measurement during the routine, for the report's plots.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RoutineMeasurement {
+    /// Field in chip axes.
+    pub field: Field<Sensor>,
+    /// Motor current reported by the autopilot, amperes.
+    pub current_a: Option<f32>,
+    /// True state at the measurement.
+    pub moment: TrueMoment,
+}
+
+/// True state at one time, for the report's plots.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrueMoment {
+    /// Time since the start, seconds.
+    pub at_s: f64,
+    /// Roll and pitch.
+    pub attitude: Attitude,
+    /// Magnetic heading, degrees.
+    pub heading_deg: f64,
+    /// Metres magnetic east and north of the start.
+    pub position_m: [f64; 2],
+}
+
+impl TrueMoment {
+    fn from_state(state: &TrueState) -> Self {
+        Self {
+            at_s: state.time_us as f64 / 1e6,
+            attitude: state.attitude(),
+            heading_deg: state.heading_deg(),
+            position_m: [state.east_m, state.north_m],
+        }
+    }
+}
+
+/// Heading output after the restart, evaluated at the arrival of its sentence.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EvaluatedHeading {
+    /// True state at the arrival.
+    pub moment: TrueMoment,
+    /// Heading error, degrees.
+    pub error_deg: f64,
+    /// Output standard deviation, degrees.
+    pub sigma_deg: f64,
+}
+
+/// Statistics of headings output after the restart. Errors include calibration, attitude, noise and latency.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct OutputStatistics {
+    /// Root mean square, degrees.
+    pub rms_deg: f64,
+    /// Largest error, degrees.
+    pub max_deg: f64,
+    /// Percent of the errors within one and two output standard deviations.
+    pub within_percent: [f64; 2],
+    /// Number of sentences with a heading.
+    pub headings: usize,
+    /// Number of sentences without a heading, including the start-up.
+    pub empty: usize,
+}
+
+/// Results of a mission.
+#[derive(Clone, Debug)]
+pub struct MissionResult {
+    /// World settings.
+    pub world: WorldConfig,
+    /// Stored calibration, or the reason of its rejection, as printed on the console.
+    pub result: Result<ShownCalibration, SolveNotice>,
+    /// Errors of an uncalibrated module.
+    pub before: HeadingErrors,
+    /// Errors with the stored calibration, or of the uncalibrated module without one.
+    pub after: HeadingErrors,
+    /// Statistics of the output after the restart; `None` after a rejection.
+    pub streamed: Option<OutputStatistics>,
+    /// Measurements during the routine.
+    pub routine_measurements: Vec<RoutineMeasurement>,
+    /// Headings output after the restart.
+    pub evaluated_headings: Vec<EvaluatedHeading>,
+    /// Time of the end of the solve, seconds since the start.
+    pub solved_s: f64,
+    /// Console transcript.
+    pub transcript: String,
+    /// Duration, seconds of simulation time.
+    pub duration_s: f64,
+}
+
+/// Flies a mission with the simulated module. `watch` receives the stage and its progress, 0..1.
+pub fn fly(world: WorldConfig, plan: TurnPlan, watch: &mut dyn FnMut(MissionStage, f64)) -> MissionResult {
+    fly_with(&mut Rig::new(world), plan, watch)
+}
+
+/// Flies a mission with a module that was just switched on.
+pub fn fly_with(module: &mut impl Module, plan: TurnPlan, watch: &mut dyn FnMut(MissionStage, f64)) -> MissionResult {
+    let world = module.world().config();
+    let mut mission = Mission { module, session: String::new(), glimpses: Vec::new(), watch };
+    let before = HeadingErrors::evaluate(&Calibration::uncalibrated(Orientation::NONE), &world);
+    let routine = Routine::for_vehicle(world.aircraft.kind, plan, world.aircraft.heading_deg);
+    let result = mission.calibrate(&routine);
+    let solved_s = mission.module.now_us() as f64 / 1e6;
+    let (streamed, headings) = result.as_ref().map_or((None, Vec::new()), |_| {
+        let (streamed, headings) = mission.stream(&routine.mission);
+        (Some(streamed), headings)
+    });
+    let after =
+        result.as_ref().map_or_else(|_| before.clone(), |shown| HeadingErrors::evaluate(&shown.calibration, &world));
+    MissionResult {
+        world,
+        result,
+        before,
+        after,
+        streamed,
+        routine_measurements: mission.glimpses,
+        evaluated_headings: headings,
+        solved_s,
+        transcript: mission.session,
+        duration_s: mission.module.now_us() as f64 / 1e6,
+    }
+}
+
+struct Mission<'a, M> {
+    module: &'a mut M,
+    session: String,
+    glimpses: Vec<RoutineMeasurement>,
+    watch: &'a mut dyn FnMut(MissionStage, f64),
+}
+
+const PIECE_S: f64 = 0.5;
+
+/// Waiting time for the next heartbeat of the autopilot (period 1 s), seconds.
+const HEARTBEAT_S: f64 = 1.2;
+
+/// Timeout of the solve, seconds; solving, verifying and storing take about 1 s.
+const PATIENCE_S: f64 = 10.0;
+
+impl<M: Module> Mission<'_, M> {
+    fn calibrate(&mut self, routine: &Routine) -> Result<ShownCalibration, SolveNotice> {
+        (self.watch)(MissionStage::TakeOff, 0.0);
+        self.module.world().set_armed(true);
+        self.leg(MissionStage::TakeOff, routine.take_off);
+        self.type_line("status");
+        self.type_line(routine.command);
+        for part in &routine.parts {
+            for &leg in &part.legs {
+                self.leg(MissionStage::Routine(part.name), leg);
+            }
+            self.type_line("status");
+        }
+        let notice = self.outcome();
+        match notice {
+            SolveNotice::Calibrated(_) => {
+                transcript::parse_shown_calibration(&self.type_line("cal show")).ok_or(notice)
+            }
+            refused @ SolveNotice::Refused { .. } => Err(refused),
+        }
+    }
+
+    /// Result of the solve. If the module does not solve automatically, the pilot requests it.
+    fn outcome(&mut self) -> SolveNotice {
+        let patience_steps = (PATIENCE_S / PIECE_S) as usize;
+        for piece in 0..2 * patience_steps {
+            if let Some(notice) = transcript::notice(&self.session) {
+                return notice;
+            }
+            if piece == patience_steps
+                && let Some(error) = transcript::parse_error(&self.type_line("cal solve"))
+            {
+                return error;
+            }
+            (self.watch)(MissionStage::Solve, piece as f64 / (2 * patience_steps) as f64);
+            self.piece();
+            self.listen();
+        }
+        SolveNotice::rejected("silent", "the module did not report the end of its solve")
+    }
+
+    /// Restarts the module, flies the mission's legs and compares the output with true headings.
+    fn stream(&mut self, legs: &[Leg]) -> (OutputStatistics, Vec<EvaluatedHeading>) {
+        // Disarmed, because an armed module rejects a reboot.
+        self.module.world().set_armed(false);
+        self.module.run_for_s(HEARTBEAT_S);
+        let _ = self.module.instrument().receive();
+        self.type_line("reboot");
+        self.module.world().set_armed(true);
+        let mut evaluated: Vec<EvaluatedHeading> = Vec::new();
+        let mut empty = 0;
+        let mut reader = SentenceReader::default();
+        for (done, &leg) in legs.iter().enumerate() {
+            self.module.world().fly(leg);
+            while self.module.world().unfinished_legs() > 0 && self.piece() {
+                (self.watch)(MissionStage::Stream, done as f64 / legs.len() as f64);
+                for timed_byte in self.module.instrument().receive_timed() {
+                    let Some(received) = reader.push(timed_byte.at_us, timed_byte.byte).filter(|r| r.kind == "PASWH")
+                    else {
+                        continue;
+                    };
+                    match (received.heading_deg, received.sigma_deg) {
+                        (Some(deg), Some(sigma_deg)) => {
+                            let moment = TrueMoment::from_state(&self.module.world().true_state(timed_byte.at_us));
+                            evaluated.push(EvaluatedHeading {
+                                moment,
+                                error_deg: wrap_180(deg - moment.heading_deg),
+                                sigma_deg,
+                            });
+                        }
+                        _ => empty += 1,
+                    }
+                }
+            }
+        }
+        (self.watch)(MissionStage::Stream, 1.0);
+        self.listen();
+        let errors_deg: Vec<f64> = evaluated.iter().map(|evaluated| evaluated.error_deg).collect();
+        let normalised: Vec<f64> =
+            evaluated.iter().map(|evaluated| evaluated.error_deg / evaluated.sigma_deg).collect();
+        let ErrorStatistics { rms_deg, max_deg, .. } = ErrorStatistics::from_errors_deg(&errors_deg);
+        let (within_percent, headings) = (within_percent(&normalised), evaluated.len());
+        (OutputStatistics { rms_deg, max_deg, within_percent, headings, empty }, evaluated)
+    }
+
+    /// Flies a leg; records measurements during the routine.
+    fn leg(&mut self, stage: MissionStage, leg: Leg) {
+        let began = self.module.world().true_state(self.module.now_us());
+        self.module.world().fly(leg);
+        while self.module.world().unfinished_legs() > 0 && self.piece() {
+            self.listen();
+            let now = self.module.world().true_state(self.module.now_us());
+            if matches!(stage, MissionStage::Routine(_)) {
+                let field = self.module.world().sensor_field(now.time_us);
+                let current_a = self.module.world().reported_current_a(now.time_us).map(|amperes| amperes as f32);
+                self.glimpses.push(RoutineMeasurement { field, current_a, moment: TrueMoment::from_state(&now) });
+            }
+            let done = match leg {
+                Leg::Straight { seconds, .. } | Leg::Hover { seconds } | Leg::Push { seconds, .. } => {
+                    (now.time_us - began.time_us) as f64 / 1e6 / seconds
+                }
+                Leg::Turn { heading_change_deg, .. } | Leg::Yaw { heading_change_deg, .. } => {
+                    (now.heading_rad - began.heading_rad).to_degrees() / heading_change_deg
+                }
+            };
+            (self.watch)(stage, done.clamp(0.0, 1.0));
+        }
+    }
+
+    /// Advances by one step; false if the module has failed.
+    fn piece(&mut self) -> bool {
+        self.module.run_for_s(PIECE_S) == ModuleRunEnd::Time
+    }
+
+    fn type_line(&mut self, line: &str) -> String {
+        let printed = self.module.type_line(line);
+        self.session.push_str(&printed);
+        printed
+    }
+
+    fn listen(&mut self) {
+        self.session.push_str(&self.module.printed());
+    }
+}

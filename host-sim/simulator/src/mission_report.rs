@@ -1,0 +1,194 @@
+//! Report of a simulated mission.
+
+use autoswing::calibration::{Calibration, Orientation};
+use autoswing::frames::{Field, Level};
+use log_analysis::numbers::format_number;
+use log_analysis::report::ReportOrigin;
+use log_analysis::report::model::{CompassReport, DeviationCurve, EventMark, ReferenceInfo, Report, ReportSample};
+use log_analysis::score::{ErrorStatistics, wrap_180};
+
+use crate::heading_errors::{BANKS_DEG, HeadingErrors};
+use crate::mission::{self, EvaluatedHeading, MissionResult, RoutineMeasurement};
+use crate::transcript::SolveNotice;
+
+/// Makes the report of a mission.
+#[must_use]
+pub fn report_mission(mission_result: &MissionResult, made: &ReportOrigin) -> Report {
+    let seed = mission_result.world.seed;
+    let kind = mission_result.world.aircraft.kind.name();
+    Report {
+        title: format!("Simulated {kind}, seed {seed}"),
+        accepted: mission_result.result.is_ok(),
+        verdict: verdict(mission_result),
+        figures: figures(mission_result),
+        reference: ReferenceInfo {
+            difference_name: "error",
+            reference_name: "the simulator's own heading".to_owned(),
+            limits: "exact field and true attitude at twelve headings; indicated less true, the constant included"
+                .to_owned(),
+        },
+        compasses: vec![swung(mission_result)],
+        terminal_output: Some(["Console session".to_owned(), strip_control_sequences(&mission_result.transcript)]),
+        origin: [
+            ["command".to_owned(), made.command.clone()],
+            ["made by".to_owned(), format!("host-sim {}", env!("CARGO_PKG_VERSION"))],
+            ["flight".to_owned(), format!("simulated, {} s, seed {seed}", format_number(mission_result.duration_s, 0))],
+        ]
+        .into_iter()
+        .chain(made.settings.iter().cloned())
+        .collect(),
+        ..Report::default()
+    }
+}
+
+fn verdict(mission_result: &MissionResult) -> String {
+    match &mission_result.result {
+        Ok(shown) => format!(
+            "the module calibrated itself {} s into the flight by {}, expecting {} deg RMS; the true error is {}",
+            format_number(mission_result.solved_s, 0),
+            shown.method,
+            format_number(shown.expected_rms_deg, 2),
+            format_number(mission_result.after.statistics().rms_deg, 2)
+        ),
+        Err(SolveNotice::Refused { code, words }) => format!("the module refused: {code}: {words}"),
+        Err(SolveNotice::Calibrated(words)) => format!("calibrated, but cal show could not be read: {words}"),
+    }
+}
+
+fn figures(mission_result: &MissionResult) -> Vec<[String; 2]> {
+    let (before, after) = (mission_result.before.statistics(), mission_result.after.statistics());
+    let mut figures = vec![["before: largest error".to_owned(), format!("{} deg", format_number(before.max_deg, 2))]];
+    if let Ok(shown) = &mission_result.result {
+        figures.push(["after: largest error".to_owned(), format!("{} deg", format_number(after.max_deg, 2))]);
+        figures.push(["after: RMS".to_owned(), format!("{} deg", format_number(after.rms_deg, 2))]);
+        figures.push(["expected: RMS".to_owned(), format!("{} deg", format_number(shown.expected_rms_deg, 2))]);
+    }
+    if let Some(streamed) = &mission_result.streamed {
+        figures.push(["streamed in flight: RMS".to_owned(), format!("{} deg", format_number(streamed.rms_deg, 2))]);
+        let [one, two] = streamed.within_percent;
+        figures.push([
+            "within 1 and 2 sigma".to_owned(),
+            format!("{} and {} %", format_number(one, 0), format_number(two, 0)),
+        ]);
+    }
+    figures
+}
+
+fn swung(mission_result: &MissionResult) -> CompassReport {
+    let calibration = mission_result.result.as_ref().ok().map(|shown| shown.calibration);
+    let first_s = mission_result.routine_measurements.first().map_or(0.0, |glimpse| glimpse.moment.at_s);
+    let glimpses =
+        mission_result.routine_measurements.iter().map(|glimpse| collected_sample(glimpse, calibration.as_ref()));
+    let mut moments: Vec<ReportSample> =
+        glimpses.chain(mission_result.evaluated_headings.iter().map(streamed_sample)).collect();
+    for moment in &mut moments {
+        moment.at_s -= first_s;
+    }
+    let mut facts = table(mission_result);
+    if let Ok(shown) = &mission_result.result {
+        let Calibration { total_ut, inclination_rad, .. } = shown.calibration;
+        facts.push(["field".to_owned(), format!("{} uT", format_number(f64::from(total_ut), 2))]);
+        let inclination_deg = f64::from(inclination_rad.to_degrees());
+        facts.push(["inclination".to_owned(), format!("{} deg", format_number(inclination_deg, 2))]);
+        let worst = format_number(shown.expected_worst_deg, 2);
+        facts.push(["sigma at the worst heading".to_owned(), format!("{worst} deg")]);
+    }
+    let expected_deg = mission_result.result.as_ref().ok().map(|shown| shown.expected_rms_deg);
+    CompassReport {
+        name: "The module's compass".to_owned(),
+        accepted: mission_result.result.is_ok(),
+        facts,
+        before: lines(&mission_result.before),
+        after: if mission_result.result.is_ok() { lines(&mission_result.after) } else { Vec::new() },
+        sigma_deg: expected_deg.map_or_else(Vec::new, |deg| vec![deg; 12]),
+        sigma_description: "the expected error of the calibration, RMS over all headings",
+        samples: moments,
+        marks: vec![EventMark {
+            at_s: mission_result.solved_s - first_s,
+            name: if mission_result.result.is_ok() { "calibrated, restarted" } else { "refused" }.to_owned(),
+        }],
+        horizontal_ut: calibration.map(|c| f64::from(c.total_ut * libm::cosf(c.inclination_rad))),
+        coefficients: calibration
+            .map(|Calibration { w: [x, y, z], b_ut, .. }| [x, y, z, b_ut].map(|row| row.map(f64::from))),
+        ..CompassReport::default()
+    }
+}
+
+fn table(mission_result: &MissionResult) -> Vec<[String; 2]> {
+    let words = |f: ErrorStatistics| {
+        format!(
+            "largest {}, RMS {}, constant {}, largest less constant {} deg",
+            format_number(f.max_deg, 2),
+            format_number(f.rms_deg, 2),
+            format_number(f.mean_deg, 2),
+            format_number(f.max_demeaned_deg, 2)
+        )
+    };
+    let mut facts = vec![["before".to_owned(), words(mission_result.before.statistics())]];
+    if mission_result.result.is_ok() {
+        facts.push(["after".to_owned(), words(mission_result.after.statistics())]);
+    }
+    if let Some(streamed) = &mission_result.streamed {
+        facts.push([
+            "streamed in flight, attitude noise and age included".to_owned(),
+            format!(
+                "{} headings, largest {}, RMS {} deg",
+                streamed.headings,
+                format_number(streamed.max_deg, 2),
+                format_number(streamed.rms_deg, 2)
+            ),
+        ]);
+    }
+    facts
+}
+
+fn lines(errors: &HeadingErrors) -> Vec<DeviationCurve> {
+    let name = |bank_deg: f64| match bank_deg {
+        0.0 => "level".to_owned(),
+        right if right > 0.0 => format!("right {right:.0}"),
+        left => format!("left {:.0}", -left),
+    };
+    BANKS_DEG
+        .iter()
+        .zip(&errors.0)
+        .map(|(bank_deg, errors)| DeviationCurve {
+            name: name(*bank_deg),
+            errors_deg: errors.iter().copied().map(Some).collect(),
+        })
+        .collect()
+}
+
+fn moment(true_moment: &mission::TrueMoment) -> ReportSample {
+    ReportSample {
+        at_s: true_moment.at_s,
+        heading_deg: Some(true_moment.heading_deg),
+        roll_deg: f64::from(true_moment.attitude.roll_rad.to_degrees()),
+        pitch_deg: f64::from(true_moment.attitude.pitch_rad.to_degrees()),
+        position_m: Some(true_moment.position_m),
+        is_usable: true,
+        ..ReportSample::default()
+    }
+}
+
+/// Moment during the collection.
+fn collected_sample(glimpse: &RoutineMeasurement, calibration: Option<&Calibration>) -> ReportSample {
+    let level = |applied: &Calibration| {
+        glimpse.moment.attitude.level(applied.apply(applied.remove_motor_current(glimpse.field, glimpse.current_a)))
+    };
+    let before = level(&Calibration::uncalibrated(Orientation::NONE));
+    let error_deg =
+        |level: &Field<Level>| wrap_180(f64::from(level.heading_rad().to_degrees()) - glimpse.moment.heading_deg);
+    let mut moment = ReportSample { error_before_deg: Some(error_deg(&before)), ..moment(&glimpse.moment) };
+    moment.set_level_field(before, calibration.map(|applied| (level(applied), applied)));
+    moment
+}
+
+/// Moment after the calibration, with the streamed heading but no field.
+fn streamed_sample(heading: &EvaluatedHeading) -> ReportSample {
+    ReportSample { error_deg: Some(heading.error_deg), sigma_deg: Some(heading.sigma_deg), ..moment(&heading.moment) }
+}
+
+/// Terminal text without control sequences.
+fn strip_control_sequences(session: &str) -> String {
+    session.replace("\r\u{1b}[2K", "").replace('\r', "")
+}

@@ -1,0 +1,129 @@
+//! Recordings of simulated flights, to be written as logs of an autopilot.
+
+use std::f64::consts::TAU;
+
+use autoswing::earth::{self, Date, EarthField};
+use log_analysis::log::write::{FlightRecording, FlightSample};
+
+use crate::devices::uart::HostEnd;
+use crate::module::{Module, ModuleRunEnd};
+use crate::world::aircraft::VehicleKind;
+use crate::world::attitude_source::AttitudeSource;
+use crate::world::autopilot::Leg;
+use crate::world::earth::Earth;
+use crate::world::mavlink_autopilot::{ReportedPosition, START_UNIX_US, XIAN};
+use crate::world::{World, WorldConfig};
+
+/// Recording interval, microseconds: 10 Hz, as autopilots log.
+const EVERY_US: u64 = 100_000;
+
+/// Part of a long step that is recorded, microseconds; the world keeps 2 s of history.
+const REMEMBERED_US: u64 = 1_900_000;
+
+/// Parameters that mark either autopilot as known, with no correction.
+const UNTOUCHED: [&str; 4] = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "CAL_MAG0_ROT"];
+
+/// Appends the state of the world at a time no more than one second past.
+pub fn record_sample(recording: &mut FlightRecording, world: &World, source: &mut AttitudeSource, at_us: u64) {
+    recording.is_copter = world.config().aircraft.kind == VehicleKind::Copter;
+    let (truth, reported) = (world.true_state(at_us), source.report(&world.true_state(at_us)));
+    let field = world.sensor_field(at_us.saturating_sub((recording.field_latency_s * 1e6) as u64)).ut;
+    let declination_rad = recording.declination_deg.to_radians();
+    let heading_rad = (truth.heading_rad + declination_rad).rem_euclid(TAU);
+    let (sin, cos) = libm::sincos(declination_rad);
+    let true_north = |[north, east]: [f64; 2]| [north * cos - east * sin, north * sin + east * cos];
+    recording.samples.push(FlightSample {
+        time_us: at_us,
+        field_ut: vec![[field.x, field.y, field.z].map(f64::from)],
+        attitude_rad: [reported.roll_rad, reported.pitch_rad, heading_rad],
+        rates_rad_s: truth.body_rates_rad_s(),
+        heading_rad,
+        velocity_m_s: true_north([truth.north_m_s, truth.east_m_s]),
+        displacement_m: true_north([truth.north_m, truth.east_m]),
+        current_a: truth.current_a(),
+        is_armed: true,
+    });
+}
+
+/// Sets the place and its declination on 2026-01-01.
+fn set_place(recording: &mut FlightRecording, place: ReportedPosition) {
+    let ReportedPosition { latitude_deg, longitude_deg, height_m } = place;
+    recording.place = Some([latitude_deg, longitude_deg, height_m]);
+    let here = earth::Position::new(latitude_deg as f32, longitude_deg as f32, height_m as f32);
+    let field =
+        here.zip(Date::from_unix_s(START_UNIX_US / 1_000_000)).and_then(|(at, on)| EarthField::from_model(at, on));
+    recording.declination_deg = field.and_then(|field| field.declination_deg).map_or(0.0, f64::from);
+}
+
+/// Records four minutes of turns both ways at 25 and 40 deg of bank, enough for a calibration.
+#[must_use]
+pub fn record_turns(world: &WorldConfig, age_s: f64) -> FlightRecording {
+    let world = World::new(*world);
+    let mut source = world.attitude_source();
+    for bank_deg in [25.0, 40.0] {
+        world.fly(Leg::Straight { heading_deg: 0.0, seconds: 10.0 });
+        for heading_change_deg in [720.0, -720.0] {
+            world.fly(Leg::Turn { bank_deg, heading_change_deg });
+        }
+    }
+    let mut recording = FlightRecording::with_field_latency(age_s);
+    for i in 20..2400 {
+        record_sample(&mut recording, &world, &mut source, i * EVERY_US);
+    }
+    recording
+}
+
+/// Wrapper around a module that records its flight.
+pub struct RecordingModule<'a, M> {
+    module: &'a mut M,
+    source: AttitudeSource,
+    next_us: u64,
+    /// The flight so far.
+    pub recording: FlightRecording,
+}
+
+impl<'a, M: Module> RecordingModule<'a, M> {
+    /// Starts recording now.
+    pub fn new(module: &'a mut M) -> Self {
+        let (source, next_us) = (module.world().attitude_source(), module.now_us());
+        let parameters = UNTOUCHED.map(|name| (name.to_owned(), 0.0)).to_vec();
+        let mut recording = FlightRecording { parameters, ..FlightRecording::default() };
+        if module.world().config().earth == Earth::default() {
+            set_place(&mut recording, XIAN);
+        }
+        Self { module, source, next_us, recording }
+    }
+}
+
+impl<M: Module> Module for RecordingModule<'_, M> {
+    fn world(&self) -> &World {
+        self.module.world()
+    }
+
+    fn console(&self) -> &HostEnd {
+        self.module.console()
+    }
+
+    fn autopilot(&self) -> &HostEnd {
+        self.module.autopilot()
+    }
+
+    fn instrument(&self) -> &HostEnd {
+        self.module.instrument()
+    }
+
+    fn now_us(&self) -> u64 {
+        self.module.now_us()
+    }
+
+    fn run_until(&mut self, until_us: u64) -> ModuleRunEnd {
+        let ran = self.module.run_until(until_us);
+        let now_us = self.module.now_us();
+        self.next_us = self.next_us.max(now_us.saturating_sub(REMEMBERED_US) / EVERY_US * EVERY_US + EVERY_US);
+        while self.next_us <= now_us {
+            record_sample(&mut self.recording, self.module.world(), &mut self.source, self.next_us);
+            self.next_us += EVERY_US;
+        }
+        ran
+    }
+}

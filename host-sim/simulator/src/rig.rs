@@ -1,0 +1,290 @@
+//! Simulated module: the firmware's own tasks on simulated hardware in a simulated world.
+
+use std::cell::{Cell, RefCell};
+use std::rc::Rc;
+
+use autoswing::app::{self, Links, Panel, Platform, Watchdog};
+use autoswing::collection::RetainedSamples;
+use autoswing::health::ResetCause;
+use autoswing::magnetometer::lis3mdl;
+use autoswing::settings::{PORT_COUNT, PortNumber};
+use autoswing::store::Store;
+use embassy_time::{Duration, Timer};
+use testkit::clock;
+use testkit::simulation::{Level, RunEnd, Simulation, Stop};
+
+use crate::devices::i2c::Bus;
+use crate::devices::lis3mdl::{Lis3mdl, Lis3mdlConfig as ChipConfig};
+use crate::devices::nor_flash::{Flash, PAGE_BYTES};
+use crate::devices::uart::{Cable, HostEnd, UartConfig as CableConfig};
+use crate::faults::Faults;
+use crate::faults::sensor::FaultyChip;
+use crate::module::{Module, ModuleRunEnd};
+use crate::world::far_end::{AttachedDevice, FarEnd};
+use crate::world::{World, WorldConfig};
+
+const STORE_PAGES: usize = 8;
+/// Size of the store, bytes.
+pub const STORE_BYTES: usize = STORE_PAGES * PAGE_BYTES;
+
+/// Watchdog period as on the board, microseconds.
+const WATCHDOG_US: u64 = 2_000_000;
+const _: () = assert!(WATCHDOG_US > app::watchdog::MAX_FEED_INTERVAL_US);
+
+/// Module in a vehicle, with cables to its ports.
+pub struct Rig {
+    simulation: Simulation,
+    /// The surrounding world.
+    pub world: World,
+    /// Host end of the console's cable.
+    pub console: HostEnd,
+    /// Host end of the autopilot's cable (port 1).
+    pub autopilot: HostEnd,
+    /// Host end of the instrument's cable (port 2).
+    pub instrument: HostEnd,
+    /// Devices at the two ports.
+    pub far_ends: [AttachedDevice; PORT_COUNT],
+    /// Flash chip.
+    pub flash: Flash,
+    /// Magnetometer chip.
+    pub chip: Rc<RefCell<Lis3mdl>>,
+    /// Lamp and button.
+    pub panel: SimulatedPanel,
+    /// Sample memory, borrowed by the module while it runs.
+    pub retained_samples: Rc<RefCell<RetainedSamples>>,
+    bus: Bus,
+    console_cable: Cable,
+    autopilot_cable: Cable,
+    instrument_cable: Cable,
+    reset: Rc<ResetLine>,
+}
+
+struct ResetLine {
+    stop: Stop,
+    cause: RefCell<Option<ResetCause>>,
+    watchdog_due_us: Cell<u64>,
+}
+
+impl ResetLine {
+    fn request_reset(&self, cause: ResetCause) {
+        *self.cause.borrow_mut() = Some(cause);
+        self.stop.request();
+    }
+}
+
+struct SimulatedPlatform(Rc<ResetLine>);
+
+impl Platform for SimulatedPlatform {
+    fn reboot(&mut self) {
+        self.0.request_reset(ResetCause::Software);
+    }
+}
+
+struct SimulatedWatchdog(Rc<ResetLine>);
+
+impl Watchdog for SimulatedWatchdog {
+    fn feed(&mut self) {
+        self.0.watchdog_due_us.set(clock::now_us() + WATCHDOG_US);
+    }
+}
+
+/// Handle to lamp and button, for the module and for tests.
+#[derive(Clone, Debug, Default)]
+pub struct SimulatedPanel {
+    is_lit: Rc<Cell<bool>>,
+    is_down: Rc<Cell<bool>>,
+}
+
+impl SimulatedPanel {
+    /// Whether the lamp is lit.
+    #[must_use]
+    pub fn is_lit(&self) -> bool {
+        self.is_lit.get()
+    }
+
+    /// Presses or releases the button.
+    pub fn set_button(&self, is_down: bool) {
+        self.is_down.set(is_down);
+    }
+}
+
+impl Panel for SimulatedPanel {
+    fn set_lamp(&mut self, on: bool) {
+        self.is_lit.set(on);
+    }
+
+    fn is_pressed(&self) -> bool {
+        self.is_down.get()
+    }
+}
+
+impl Rig {
+    /// A module with erased flash, switched on now, in a world with these settings.
+    #[must_use]
+    pub fn new(config: WorldConfig) -> Self {
+        Self::with_faults(config, Faults::default())
+    }
+
+    /// As [`new`](Self::new), with faults.
+    #[must_use]
+    pub fn with_faults(config: WorldConfig, faults: Faults) -> Self {
+        Self::with_far_ends(config, faults, [FarEnd::Talker, FarEnd::Unconnected])
+    }
+
+    /// As [`with_faults`](Self::with_faults), with other devices at the ports.
+    #[must_use]
+    pub fn with_far_ends(config: WorldConfig, faults: Faults, far_ends: [FarEnd; PORT_COUNT]) -> Self {
+        let mut simulation = Simulation::new();
+        let world = World::new(config);
+        let console_cable = Cable::new(CableConfig::default());
+        let autopilot_cable = Cable::new(CableConfig::default());
+        let instrument_cable = Cable::new(CableConfig::default());
+        let field = world.magnetometer_source(faults.field);
+        let chip = Lis3mdl::new(ChipConfig { seed: config.seed, ..ChipConfig::default() }, field);
+        let bus = Bus::new();
+        bus.attach(FaultyChip::new(chip.clone(), faults.sensor));
+        let reset = Rc::new(ResetLine {
+            stop: simulation.stop(),
+            cause: RefCell::new(None),
+            watchdog_due_us: Cell::new(u64::MAX),
+        });
+        let (autopilot, instrument) = (autopilot_cable.host(), instrument_cable.host());
+        let [one, two] = far_ends;
+        let far_ends = [
+            one.attach(&mut simulation, &world, autopilot.clone(), faults.attitude),
+            two.attach(&mut simulation, &world, instrument.clone(), Vec::new()),
+        ];
+        for foreign in faults.senders {
+            simulation.spawn(Level::World, "foreign sender", foreign.run(&world, autopilot.clone()));
+        }
+        simulation.spawn(Level::World, "watchdog timer", watchdog_timer(reset.clone()));
+        let mut rig = Self {
+            simulation,
+            world,
+            console: console_cable.host(),
+            autopilot,
+            instrument,
+            far_ends,
+            flash: Flash::new(STORE_PAGES, config.seed),
+            chip,
+            panel: SimulatedPanel::default(),
+            retained_samples: Rc::new(RefCell::new(RetainedSamples::EMPTY)),
+            bus,
+            console_cable,
+            autopilot_cable,
+            instrument_cable,
+            reset,
+        };
+        rig.power_on(ResetCause::PowerOn);
+        rig
+    }
+
+    /// Replaces the flash contents and restarts the module. False without effect if the size is not [`STORE_BYTES`].
+    pub fn load_flash(&mut self, contents: &[u8]) -> bool {
+        let fits = self.flash.restore(contents);
+        if fits {
+            self.power_on(ResetCause::PowerOn);
+        }
+        fits
+    }
+
+    /// Cuts the power; drops the module's tasks.
+    pub fn power_off(&mut self) {
+        self.simulation.power_off();
+        self.reset.watchdog_due_us.set(u64::MAX);
+    }
+
+    /// Restarts the module. Flash contents persist, and sample memory too unless power was lost.
+    #[expect(clippy::await_holding_refcell_ref, reason = "while the module runs the memory is its own")]
+    pub fn power_on(&mut self, cause: ResetCause) {
+        self.power_off();
+        if cause == ResetCause::PowerOn {
+            let mut random = testkit::random::Random(clock::now_us());
+            self.retained_samples.borrow_mut().transform_words(|_| random.bits() as u32);
+        }
+        self.flash.power_on();
+        self.reset.watchdog_due_us.set(clock::now_us() + WATCHDOG_US);
+        let links = Rc::new(Links::new());
+        let (console_rx, console_tx) = self.console_cable.module();
+        let driver = lis3mdl::Lis3mdl::new(self.bus.clone(), lis3mdl::Lis3mdlConfig::default());
+        let store = Store::new(self.flash.clone(), 0..STORE_BYTES as u32);
+        let platform = SimulatedPlatform(self.reset.clone());
+        let dog = SimulatedWatchdog(self.reset.clone());
+        let panel = self.panel.clone();
+        let simulation = &mut self.simulation;
+        let l = links.clone();
+        simulation.spawn(Level::Interrupt, "sensor", async move { app::sensor::run(&l, driver).await });
+        let l = links.clone();
+        simulation.spawn(Level::Interrupt, "instrument", async move { app::instrument::run(&l).await });
+        for (number, cable) in PortNumber::ALL.into_iter().zip([&self.autopilot_cable, &self.instrument_cable]) {
+            let (l, (rx, tx)) = (links.clone(), cable.module());
+            simulation.spawn(Level::Interrupt, "port", async move { app::port::run(&l, number, rx, tx).await });
+        }
+        let l = links.clone();
+        simulation.spawn(Level::Interrupt, "watchdog", async move { app::watchdog::run(&l, dog).await });
+        let l = links.clone();
+        simulation.spawn(Level::Interrupt, "panel", async move { app::panel::run(&l, panel).await });
+        let (l, retained) = (links.clone(), Rc::clone(&self.retained_samples));
+        simulation.spawn(Level::Thread, "compass", async move {
+            // Boxed, because the future with the sample memory is large.
+            Box::pin(app::compass::run(&l, store, &mut retained.borrow_mut())).await;
+        });
+        simulation.spawn(Level::Thread, "console", async move {
+            app::console::run(&links, console_rx, console_tx, platform, cause).await;
+        });
+    }
+
+    /// Schedules a power cut during the flash operation after `operations` more.
+    pub fn cut_power_after(&mut self, operations: u32, outcome: crate::devices::nor_flash::CutOutcome) {
+        self.flash.cut_power_after(operations, outcome, self.simulation.stop());
+    }
+}
+
+impl Module for Rig {
+    fn world(&self) -> &World {
+        &self.world
+    }
+
+    fn console(&self) -> &HostEnd {
+        &self.console
+    }
+
+    fn autopilot(&self) -> &HostEnd {
+        &self.autopilot
+    }
+
+    fn instrument(&self) -> &HostEnd {
+        &self.instrument
+    }
+
+    fn now_us(&self) -> u64 {
+        self.simulation.now_us()
+    }
+
+    /// Restarts the module after a reboot request or a watchdog reset.
+    fn run_until(&mut self, until_us: u64) -> ModuleRunEnd {
+        loop {
+            match self.simulation.run_until(until_us) {
+                RunEnd::Time => return ModuleRunEnd::Time,
+                RunEnd::Stopped => {
+                    let cause = self.reset.cause.borrow_mut().take();
+                    let Some(cause) = cause else {
+                        self.power_off();
+                        return ModuleRunEnd::PowerCut;
+                    };
+                    self.power_on(cause);
+                }
+            }
+        }
+    }
+}
+
+/// Resets the module if the watchdog was not fed in time.
+async fn watchdog_timer(reset: Rc<ResetLine>) {
+    loop {
+        Timer::after(Duration::from_millis(50)).await;
+        if clock::now_us() > reset.watchdog_due_us.get() {
+            reset.request_reset(ResetCause::Watchdog);
+        }
+    }
+}

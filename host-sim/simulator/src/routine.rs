@@ -1,0 +1,301 @@
+//! Calibration routines by vehicle kind, each at most three minutes, the legs flown for evaluation afterwards, and random legs.
+
+use std::fmt::Write as _;
+
+use crate::random::Random;
+use crate::world::aircraft::VehicleKind;
+use crate::world::autopilot::Leg;
+
+/// Settings of an aeroplane's calibration turns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TurnPlan {
+    /// Bank in the turns, degrees.
+    pub bank_deg: f64,
+    /// Full circles to each side.
+    pub circles: f64,
+}
+
+impl Default for TurnPlan {
+    /// Pilot instructions: 25 deg of bank and four circles, one more than necessary in calm air.
+    fn default() -> Self {
+        Self { bank_deg: 25.0, circles: 4.0 }
+    }
+}
+
+/// Part of a routine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RoutinePart {
+    /// Name.
+    pub name: &'static str,
+    /// Instruction to the pilot.
+    pub instruction: &'static str,
+    /// Legs for the simulated autopilot.
+    pub legs: Vec<Leg>,
+}
+
+/// Calibration routine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Routine {
+    /// Console command that starts the collection.
+    pub command: &'static str,
+    /// Uncalibrated leg before the collection.
+    pub take_off: Leg,
+    /// Parts in order.
+    pub parts: Vec<RoutinePart>,
+    /// Legs flown with the calibration.
+    pub mission: Vec<Leg>,
+}
+
+/// Console command for the collection of informative samples, for all vehicles but aeroplanes.
+pub const START_FLIGHT: &str = "cal start";
+
+/// Console command for the collection of an aeroplane's turns.
+const START_TURNS: &str = "cal start turns";
+
+impl Routine {
+    /// Routine of a vehicle kind, with take-off heading; the plan applies to aeroplanes.
+    #[must_use]
+    pub fn for_vehicle(kind: VehicleKind, plan: TurnPlan, heading_deg: f64) -> Self {
+        match kind {
+            VehicleKind::Plane => plane(plan, heading_deg),
+            VehicleKind::Copter => copter(),
+            VehicleKind::Vtol => vtol(heading_deg),
+            VehicleKind::Rover => rover(heading_deg),
+            VehicleKind::Boat => boat(heading_deg),
+        }
+    }
+
+    /// All legs in order.
+    #[must_use]
+    pub fn legs(&self) -> Vec<Leg> {
+        self.parts.iter().flat_map(|part| part.legs.iter().copied()).collect()
+    }
+
+    /// Pilot instructions, one line per part.
+    #[must_use]
+    pub fn instructions(&self) -> String {
+        self.parts.iter().enumerate().fold(String::new(), |mut text, (i, part)| {
+            // Writing to a string never fails.
+            let _ = writeln!(text, "  {}. {}", i + 1, part.instruction);
+            text
+        })
+    }
+}
+
+/// Pilot instructions for all kinds.
+#[must_use]
+pub fn all_instructions() -> String {
+    VehicleKind::ALL.into_iter().fold(String::new(), |text, kind| {
+        let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
+        format!("{text}{}, after `{}`:\n{}", kind.name(), routine.command, routine.instructions())
+    })
+}
+
+fn circle(rate_deg_s: f64, heading_change_deg: f64) -> Leg {
+    Leg::Yaw { rate_deg_s, heading_change_deg }
+}
+
+/// Turn rate in hover that a pilot can hold, degrees per second.
+const HOVER_RATE_DEG_S: f64 = 30.0;
+
+fn yaw_turns() -> RoutinePart {
+    RoutinePart {
+        name: "yaw turns",
+        instruction: "in hover, turn the nose slowly once all round to the right, then once to the left, in 12 s each",
+        legs: vec![circle(HOVER_RATE_DEG_S, 360.0), circle(HOVER_RATE_DEG_S, -360.0)],
+    }
+}
+
+/// At each of `headings` headings a tilt to all four sides, each followed by a rest.
+fn tilts_to_all_sides(name: &'static str, instruction_text: &'static str, headings: usize) -> RoutinePart {
+    const PUSH_S: f64 = 2.0;
+    const REST_S: f64 = 2.5;
+    let turn = circle(2.0 * HOVER_RATE_DEG_S, 360.0 / headings as f64);
+    let each = [0.0, 180.0, 90.0, 270.0].into_iter().flat_map(|toward_deg| {
+        [Leg::Push { toward_deg, tilt_deg: 18.0, seconds: PUSH_S }, Leg::Hover { seconds: REST_S }]
+    });
+    let legs = (0..headings).flat_map(|_| each.clone().chain([turn])).collect();
+    RoutinePart { name, instruction: instruction_text, legs }
+}
+
+fn plane(plan: TurnPlan, heading_deg: f64) -> Routine {
+    let turns =
+        |side: f64| vec![Leg::Turn { bank_deg: plan.bank_deg, heading_change_deg: side * 360.0 * plan.circles }];
+    Routine {
+        command: START_TURNS,
+        take_off: Leg::Straight { heading_deg, seconds: 5.0 },
+        parts: vec![
+            RoutinePart {
+                name: "right turns",
+                instruction: "three or four full circles to the right, at 15 to 45 deg of bank",
+                legs: turns(1.0),
+            },
+            RoutinePart { name: "left turns", instruction: "as many to the left", legs: turns(-1.0) },
+        ],
+        mission: vec![
+            Leg::Turn { bank_deg: 20.0, heading_change_deg: 360.0 },
+            Leg::Straight { heading_deg: 60.0, seconds: 15.0 },
+            Leg::Turn { bank_deg: 30.0, heading_change_deg: -360.0 },
+            Leg::Straight { heading_deg: 250.0, seconds: 15.0 },
+        ],
+    }
+}
+
+fn copter() -> Routine {
+    let instruction_text = "on four headings, a quarter turn apart: push the stick ahead, back, right and left until it tilts by some \
+                20 deg, two seconds each, and let it come to rest in between";
+    Routine {
+        command: START_FLIGHT,
+        take_off: Leg::Hover { seconds: 5.0 },
+        parts: vec![yaw_turns(), tilts_to_all_sides("pushes", instruction_text, 4)],
+        mission: vec![
+            circle(45.0, 360.0),
+            Leg::Straight { heading_deg: 60.0, seconds: 20.0 },
+            Leg::Turn { bank_deg: 10.0, heading_change_deg: -360.0 },
+            Leg::Hover { seconds: 5.0 },
+            Leg::Push { toward_deg: 45.0, tilt_deg: 20.0, seconds: 2.0 },
+            Leg::Straight { heading_deg: 250.0, seconds: 15.0 },
+        ],
+    }
+}
+
+fn vtol(heading_deg: f64) -> Routine {
+    Routine {
+        command: START_FLIGHT,
+        take_off: Leg::Hover { seconds: 5.0 },
+        parts: vec![
+            yaw_turns(),
+            RoutinePart {
+                name: "circles on wings",
+                instruction: "on wings, two full circles to the right and two to the left, at some 30 deg of bank",
+                legs: vec![
+                    Leg::Straight { heading_deg, seconds: 10.0 },
+                    Leg::Turn { bank_deg: 30.0, heading_change_deg: 720.0 },
+                    Leg::Turn { bank_deg: 30.0, heading_change_deg: -720.0 },
+                ],
+            },
+        ],
+        mission: vec![
+            circle(45.0, 360.0),
+            Leg::Straight { heading_deg: 60.0, seconds: 25.0 },
+            Leg::Turn { bank_deg: 20.0, heading_change_deg: -360.0 },
+            Leg::Straight { heading_deg: 250.0, seconds: 15.0 },
+            Leg::Hover { seconds: 15.0 },
+        ],
+    }
+}
+
+/// Alternating circles to both sides, so that they cover different places.
+fn circles(name: &'static str, instruction_text: &'static str, rate_deg_s: f64, number: usize) -> RoutinePart {
+    let sides = [720.0, -720.0].into_iter().cycle();
+    RoutinePart {
+        name,
+        instruction: instruction_text,
+        legs: sides.take(number).map(|change_deg| circle(rate_deg_s, change_deg)).collect(),
+    }
+}
+
+fn surface_mission() -> Vec<Leg> {
+    vec![
+        circle(20.0, 360.0),
+        Leg::Straight { heading_deg: 60.0, seconds: 20.0 },
+        circle(10.0, -360.0),
+        Leg::Straight { heading_deg: 250.0, seconds: 15.0 },
+    ]
+}
+
+fn rover(heading_deg: f64) -> Routine {
+    let instruction_text = "on the roughest ground there is, or across a slope: two circles to the right and two to the left, and both \
+                again, each in 20 s";
+    Routine {
+        command: START_FLIGHT,
+        take_off: Leg::Straight { heading_deg, seconds: 5.0 },
+        parts: vec![circles("circles", instruction_text, 18.0, 4)],
+        mission: surface_mission(),
+    }
+}
+
+fn boat(heading_deg: f64) -> Routine {
+    let instruction_text =
+        "in waves that roll it: two circles to the right and two to the left, and both again, each in 20 s";
+    Routine {
+        command: START_FLIGHT,
+        take_off: Leg::Straight { heading_deg, seconds: 5.0 },
+        parts: vec![circles("circles", instruction_text, 18.0, 4)],
+        mission: surface_mission(),
+    }
+}
+
+/// A random leg suitable for this vehicle kind.
+pub fn random_leg(kind: VehicleKind, random: &mut Random) -> Leg {
+    let side = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
+    let choices = if kind.can_hover() { 5.0 } else { 2.0 };
+    match random.uniform(0.0, choices) as u8 {
+        0 => Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: random.uniform(8.0, 25.0) },
+        1 => {
+            // A copter at 3 m/s turns at 33 deg/s with 10 deg of bank; an aeroplane at 18 deg/s with 35 deg.
+            let bank_deg = if kind == VehicleKind::Copter { [5.0, 15.0] } else { [10.0, 35.0] };
+            let heading_change_deg = side * random.uniform(60.0, 360.0);
+            Leg::Turn { bank_deg: random.uniform(bank_deg[0], bank_deg[1]), heading_change_deg }
+        }
+        2 => Leg::Hover { seconds: random.uniform(2.0, 12.0) },
+        3 => {
+            Leg::Yaw { rate_deg_s: random.uniform(10.0, 60.0), heading_change_deg: side * random.uniform(30.0, 360.0) }
+        }
+        _ => Leg::Push {
+            toward_deg: random.uniform(0.0, 360.0),
+            tilt_deg: random.uniform(8.0, 25.0),
+            seconds: random.uniform(1.0, 3.0),
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::WorldConfig;
+    use crate::world::aircraft::Aircraft;
+
+    fn duration_s(kind: VehicleKind, legs: &[Leg], seed: u64) -> f64 {
+        let config = WorldConfig::random(seed).with_vehicle_kind(kind);
+        let mut aircraft = Aircraft::new(config.aircraft, config.weather, seed, 0);
+        for &leg in legs {
+            aircraft.autopilot_mut().fly(leg);
+        }
+        while aircraft.autopilot().unfinished_legs() > 0 && aircraft.state().time_us < 1_000_000_000 {
+            aircraft.step();
+        }
+        aircraft.state().time_us as f64 / 1e6
+    }
+
+    /// Limited by battery capacity. Three circles suffice for an aeroplane.
+    #[test]
+    fn no_routine_takes_more_than_three_minutes() {
+        for kind in VehicleKind::ALL {
+            let routine = Routine::for_vehicle(kind, TurnPlan { circles: 3.0, ..TurnPlan::default() }, 0.0);
+            let seconds = duration_s(kind, &routine.legs(), 3);
+            assert!((60.0..=185.0).contains(&seconds), "{kind:?}: {seconds} s");
+        }
+    }
+
+    #[test]
+    fn every_vehicle_kind_has_instructions_for_every_part() {
+        let words = all_instructions();
+        for kind in VehicleKind::ALL {
+            let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
+            assert!(words.contains(&format!("{}, after `{}`", kind.name(), routine.command)));
+            assert!(routine.parts.iter().all(|part| words.contains(part.instruction) && !part.legs.is_empty()));
+        }
+    }
+
+    #[test]
+    fn the_documentation_lists_the_same_routines() {
+        let text = include_str!("../../../docs/routines.md").to_lowercase();
+        for kind in VehicleKind::ALL {
+            let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
+            let row = format!("| `{}` | `{}` |", kind.name(), routine.command);
+            let row = text.lines().find(|line| line.starts_with(&row)).unwrap_or_default();
+            assert!(routine.parts.iter().all(|part| row.contains(&part.instruction.to_lowercase())), "{kind:?}: {row}");
+        }
+    }
+}

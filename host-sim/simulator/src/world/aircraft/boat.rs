@@ -1,0 +1,50 @@
+//! Boat: waves roll and pitch it; it turns at a commanded rate and heels outward in turns.
+
+use super::surface::{Surface, roll_pitch_on_slope};
+use super::{GRAVITY_M_S2, Motion, STEP_S, TrueState, VehicleCommand, VehicleConfig, Weather, forward_right};
+
+/// Wave slope along the direction of travel, standard deviation, degrees.
+const SLOPE_DEG: f64 = 6.0;
+/// Roll and pitch per unit of water slope. The hull amplifies roll; its length averages pitch.
+const ROLL_PER_SLOPE: f64 = 1.3;
+const PITCH_PER_SLOPE: f64 = 0.6;
+/// Outward heel as a share of the angle `turn acceleration / g`.
+const HEEL: f64 = 0.5;
+const TURN_RATE_TIME_S: f64 = 1.0;
+
+#[derive(Clone, Debug)]
+pub(super) struct Boat {
+    config: VehicleConfig,
+    water: Surface,
+    heading_rad: f64,
+    turn_rate_rad_s: f64,
+}
+
+impl Boat {
+    pub fn new(config: VehicleConfig, weather: Weather, seed: u64) -> Self {
+        let water = Surface::water(SLOPE_DEG, weather.wind_from_deg.to_radians() + std::f64::consts::PI, seed);
+        Self { config, water, heading_rad: config.heading_deg.to_radians(), turn_rate_rad_s: 0.0 }
+    }
+
+    pub fn step(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
+        self.turn_rate_rad_s += (command.flat_turn_rate_rad_s() - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_S;
+        self.heading_rad += self.turn_rate_rad_s * STEP_S;
+        let time_s = before.time_us as f64 / 1e6;
+        let [ahead, right] = forward_right(self.heading_rad, self.water.slope([before.north_m, before.east_m], time_s));
+        let speed_m_s = self.config.speed_m_s;
+        let turning_m_s2 = speed_m_s * self.turn_rate_rad_s;
+        let [rolled_rad, pitch_rad] = roll_pitch_on_slope([PITCH_PER_SLOPE * ahead, ROLL_PER_SLOPE * right]);
+        let (sin, cos) = libm::sincos(self.heading_rad);
+        Motion {
+            roll_rad: rolled_rad - HEEL * turning_m_s2 / GRAVITY_M_S2,
+            pitch_rad,
+            heading_rad: self.heading_rad,
+            sideslip_rad: 0.0,
+            north_m_s: speed_m_s * cos,
+            east_m_s: speed_m_s * sin,
+            // Sloping water accelerates the boat by `g * slope`.
+            disturbing_acceleration_m_s2: turning_m_s2.abs() + GRAVITY_M_S2 * libm::hypot(ahead, right),
+            current: 1.0,
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! Multirotor: hovers over a spot, yaws without banking, tilts to accelerate, to brake and to hold against wind.
+//!
+//! Thrust carries the weight, so tilt sets acceleration: with pitch `theta` and roll `phi`, `-g tan(theta)` along the
+//! nose and `g tan(phi) / cos(theta)` to the right, less drag.
+
+use super::{
+    GRAVITY_M_S2, Motion, STEP_S, TrueState, Turbulence, VehicleCommand, VehicleConfig, Weather, forward_right,
+    north_east,
+};
+use crate::world::autopilot::TranslationMode;
+
+const TILT_TIME_S: f64 = 0.25;
+/// Time constant from rotor command to tilt rate, seconds.
+const TILT_RATE_TIME_S: f64 = 0.1;
+/// Largest tilt rate, radians per second (90 degrees per second).
+const MAX_TILT_RATE_RAD_S: f64 = std::f64::consts::FRAC_PI_2;
+const TURN_RATE_TIME_S: f64 = 0.3;
+/// Time constant of drag, seconds: 15 degrees of tilt reach 13 m/s.
+const DRAG_TIME_S: f64 = 5.0;
+/// Hover controller gains: acceleration per velocity (1/s) and per position error (1/s^2).
+const PER_VELOCITY_S: f64 = 1.0;
+const PER_OFFSET_S2: f64 = 0.3;
+/// Speed below which the hover controller fixes its position set point, metres per second.
+const AT_REST_M_S: f64 = 1.0;
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CopterLimits {
+    /// Largest tilt of the controller's own choice (braking, position hold, speed hold), degrees. A commanded tilt is
+    /// not limited.
+    pub max_controller_tilt_deg: f64,
+    /// Largest drag deceleration, m/s^2.
+    pub max_drag_m_s2: f64,
+}
+
+impl CopterLimits {
+    /// Multirotor: rotor drag grows with speed without limit.
+    pub const MULTIROTOR: Self = Self { max_controller_tilt_deg: 15.0, max_drag_m_s2: f64::INFINITY };
+}
+/// Relative thrust loss in an upward gust, per metre per second.
+const THRUST_PER_GUST_S_M: f64 = 0.1;
+
+/// Angle with first-order rate control.
+#[derive(Clone, Copy, Debug, Default)]
+struct TiltControl {
+    rad: f64,
+    rate_rad_s: f64,
+}
+
+impl TiltControl {
+    fn step(&mut self, wanted_rad: f64) {
+        let wanted_rate = ((wanted_rad - self.rad) / TILT_TIME_S).clamp(-MAX_TILT_RATE_RAD_S, MAX_TILT_RATE_RAD_S);
+        self.rate_rad_s += (wanted_rate - self.rate_rad_s) * STEP_S / TILT_RATE_TIME_S;
+        self.rad += self.rate_rad_s * STEP_S;
+    }
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Copter {
+    config: VehicleConfig,
+    limits: CopterLimits,
+    weather: Weather,
+    turbulence: Turbulence,
+    roll: TiltControl,
+    pitch: TiltControl,
+    heading_rad: f64,
+    turn_rate_rad_s: f64,
+    velocity_m_s: [f64; 2],
+    /// Hover position set point, north and east, metres.
+    spot_m: [f64; 2],
+}
+
+impl Copter {
+    pub fn new(config: VehicleConfig, limits: CopterLimits, weather: Weather, seed: u64) -> Self {
+        Self {
+            config,
+            limits,
+            weather,
+            turbulence: Turbulence::new(weather, seed),
+            roll: TiltControl::default(),
+            pitch: TiltControl::default(),
+            heading_rad: config.heading_deg.to_radians(),
+            turn_rate_rad_s: 0.0,
+            velocity_m_s: [0.0; 2],
+            spot_m: [0.0; 2],
+        }
+    }
+
+    /// Continues from a state of another vehicle model, with no tilt.
+    pub fn continue_from(&mut self, state: &TrueState) {
+        (self.roll, self.pitch) = (TiltControl::default(), TiltControl::default());
+        (self.heading_rad, self.turn_rate_rad_s) = (state.heading_rad, 0.0);
+        self.velocity_m_s = [state.north_m_s, state.east_m_s];
+    }
+
+    pub fn step(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
+        let (wanted_m_s2, turn_rate_rad_s) = self.desired_motion(command, before);
+        self.turn_rate_rad_s += (turn_rate_rad_s - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_S;
+        self.heading_rad += self.turn_rate_rad_s * STEP_S;
+        self.pitch.step(libm::atan(-wanted_m_s2[0] / GRAVITY_M_S2));
+        self.roll.step(libm::atan(wanted_m_s2[1] * libm::cos(self.pitch.rad) / GRAVITY_M_S2));
+
+        let disturbance = self.turbulence.step();
+        let (roll_rad, pitch_rad) = (self.roll.rad + disturbance.bank_rad, self.pitch.rad + disturbance.pitch_rad);
+        let thrust_m_s2 =
+            [-libm::tan(pitch_rad), libm::tan(roll_rad) / libm::cos(pitch_rad)].map(|part| GRAVITY_M_S2 * part);
+        let thrust_north_east_m_s2 = north_east(self.heading_rad, thrust_m_s2);
+        let gust = north_east(self.heading_rad, [disturbance.along_m_s, disturbance.across_m_s]);
+        let (wind_north, wind_east) = self.weather.wind_velocity_m_s();
+        let air_m_s = [wind_north + gust[0], wind_east + gust[1]];
+        let drag_m_s2 = std::array::from_fn(|i| (self.velocity_m_s[i] - air_m_s[i]) / DRAG_TIME_S);
+        let drag_m_s2 = clamp_length(drag_m_s2, self.limits.max_drag_m_s2);
+        let acceleration: [f64; 2] = std::array::from_fn(|i| thrust_north_east_m_s2[i] - drag_m_s2[i]);
+        for (velocity, acceleration) in self.velocity_m_s.iter_mut().zip(acceleration) {
+            *velocity += acceleration * STEP_S;
+        }
+        let weight = (libm::cos(roll_rad) * libm::cos(pitch_rad)).recip();
+        let thrust = (weight - THRUST_PER_GUST_S_M * disturbance.vertical_m_s).max(0.0);
+        Motion {
+            roll_rad,
+            pitch_rad,
+            heading_rad: self.heading_rad,
+            sideslip_rad: 0.0,
+            north_m_s: self.velocity_m_s[0],
+            east_m_s: self.velocity_m_s[1],
+            disturbing_acceleration_m_s2: libm::hypot(acceleration[0], acceleration[1]),
+            // Rotor power is proportional to thrust^(3/2) (momentum theory).
+            current: libm::pow(thrust, 1.5),
+        }
+    }
+
+    /// Desired acceleration along the nose and to the right (m/s^2), and turn rate (rad/s).
+    fn desired_motion(&mut self, command: VehicleCommand, before: &TrueState) -> ([f64; 2], f64) {
+        let position_m = [before.north_m, before.east_m];
+        let is_at_rest = libm::hypot(self.velocity_m_s[0], self.velocity_m_s[1]) < AT_REST_M_S;
+        if !(matches!(command.mode, TranslationMode::OnTheSpot) && is_at_rest) {
+            self.spot_m = position_m;
+        }
+        let own_limit_m_s2 = GRAVITY_M_S2 * libm::tan(self.limits.max_controller_tilt_deg.to_radians());
+        match command.mode {
+            TranslationMode::OnTheSpot => {
+                let back = std::array::from_fn(|i| {
+                    PER_OFFSET_S2 * (self.spot_m[i] - position_m[i]) - PER_VELOCITY_S * self.velocity_m_s[i]
+                });
+                (clamp_length(forward_right(self.heading_rad, back), own_limit_m_s2), command.turn_rate_rad_s)
+            }
+            TranslationMode::Pushed { toward_rad, tilt_rad } => {
+                let (sin, cos) = libm::sincos(toward_rad);
+                let size_m_s2 = GRAVITY_M_S2 * libm::tan(tilt_rad);
+                ([size_m_s2 * cos, size_m_s2 * sin], command.turn_rate_rad_s)
+            }
+            TranslationMode::Onward => {
+                let [forward, right] = forward_right(self.heading_rad, self.velocity_m_s);
+                let errors = [self.config.speed_m_s - forward, -right].map(|error| PER_VELOCITY_S * error);
+                let [ahead, across] = clamp_length(errors, own_limit_m_s2);
+                let turning_m_s2 = GRAVITY_M_S2 * libm::tan(command.bank_rad);
+                ([ahead, across + turning_m_s2], turning_m_s2 / self.config.speed_m_s)
+            }
+        }
+    }
+}
+
+/// The vector, shortened to a length of at most `most`.
+fn clamp_length(vector: [f64; 2], most: f64) -> [f64; 2] {
+    let share = (most / libm::hypot(vector[0], vector[1])).min(1.0);
+    vector.map(|part| part * share)
+}

@@ -1,0 +1,215 @@
+//! Vehicle models that carry the compass: aeroplane, multirotor, VTOL, rover, boat.
+
+mod boat;
+mod config;
+mod copter;
+mod external_attitude;
+mod motion;
+mod plane;
+mod rover;
+mod surface;
+mod turbulence;
+mod vtol;
+
+use std::f64::consts::{PI, TAU};
+
+pub use self::config::{VehicleConfig, VehicleKind};
+pub use self::motion::STEP_US;
+
+use self::boat::Boat;
+use self::copter::{Copter, CopterLimits};
+use self::external_attitude::AttitudeInterpolation;
+use self::motion::{GRAVITY_M_S2, Motion, STEP_S, forward_right, north_east};
+use self::plane::Plane;
+use self::rover::Rover;
+use self::turbulence::Turbulence;
+use self::vtol::Vtol;
+use super::autopilot::{Autopilot, VehicleCommand};
+use super::rotation::Euler;
+use super::state::TrueState;
+use super::weather::Weather;
+
+#[derive(Clone, Debug)]
+enum Vehicle {
+    Plane(Plane),
+    Copter(Copter),
+    Vtol(Box<Vtol>),
+    Rover(Rover),
+    Boat(Boat),
+}
+
+impl Vehicle {
+    fn new(config: VehicleConfig, weather: Weather, seed: u64) -> Self {
+        match config.kind {
+            VehicleKind::Plane => Self::Plane(Plane::new(config, weather, seed)),
+            VehicleKind::Copter => Self::Copter(Copter::new(config, CopterLimits::MULTIROTOR, weather, seed)),
+            VehicleKind::Vtol => Self::Vtol(Box::new(Vtol::new(config, weather, seed))),
+            VehicleKind::Rover => Self::Rover(Rover::new(config, seed)),
+            VehicleKind::Boat => Self::Boat(Boat::new(config, weather, seed)),
+        }
+    }
+
+    fn step(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
+        match self {
+            Self::Plane(plane) => plane.step(command),
+            Self::Copter(copter) => copter.step(command, before),
+            Self::Vtol(vtol) => vtol.step(command, before),
+            Self::Rover(rover) => rover.step(command, before),
+            Self::Boat(boat) => boat.step(command, before),
+        }
+    }
+}
+
+/// Prescribed motion of a carried vehicle: turned on level ground, held at a heading, tumbled on a bench.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PrescribedMotion {
+    /// Initial roll, degrees.
+    pub roll_deg: f64,
+    /// Constant pitch, degrees.
+    pub pitch_deg: f64,
+    /// Initial magnetic heading, degrees.
+    pub heading_deg: f64,
+    /// Roll rate, degrees per second.
+    pub roll_rate_deg_s: f64,
+    /// Heading rate, degrees per second.
+    pub heading_rate_deg_s: f64,
+}
+
+#[derive(Clone, Debug)]
+enum MotionSource {
+    /// The vehicle model and its autopilot.
+    ByItself,
+    /// A prescribed motion, with its start time in microseconds.
+    Carried(PrescribedMotion, u64),
+    /// Attitudes from an external simulator.
+    Followed(AttitudeInterpolation),
+}
+
+/// Vehicle and its autopilot.
+#[derive(Clone, Debug)]
+pub struct Aircraft {
+    vehicle: Vehicle,
+    autopilot: Autopilot,
+    motion_source: MotionSource,
+    state: TrueState,
+}
+
+impl Aircraft {
+    /// A vehicle at the origin, hovering if it can, otherwise moving straight ahead.
+    #[must_use]
+    pub fn new(config: VehicleConfig, weather: Weather, seed: u64, start_us: u64) -> Self {
+        let heading_rad = config.heading_deg.to_radians();
+        let mut aircraft = Self {
+            vehicle: Vehicle::new(config, weather, seed),
+            autopilot: Autopilot::new(config.kind.can_hover()),
+            motion_source: MotionSource::ByItself,
+            state: TrueState { time_us: start_us, heading_rad, ..TrueState::default() },
+        };
+        // The first step computes an attitude from which rates can be differentiated. A rover or boat starts at the
+        // tilt of its surface, so it needs a second step for correct rates.
+        aircraft.step();
+        if !config.kind.can_fly() {
+            aircraft.step();
+        }
+        aircraft.state = TrueState { time_us: start_us, north_m: 0.0, east_m: 0.0, ..aircraft.state };
+        aircraft
+    }
+
+    /// True state after the last step.
+    #[must_use]
+    pub fn state(&self) -> &TrueState {
+        &self.state
+    }
+
+    /// The autopilot.
+    #[must_use]
+    pub fn autopilot(&self) -> &Autopilot {
+        &self.autopilot
+    }
+
+    /// The autopilot, to give commands.
+    pub fn autopilot_mut(&mut self) -> &mut Autopilot {
+        &mut self.autopilot
+    }
+
+    /// Replaces the vehicle model by a prescribed motion.
+    pub fn set_motion(&mut self, prescribed_motion: PrescribedMotion) {
+        self.motion_source = MotionSource::Carried(prescribed_motion, self.state.time_us);
+    }
+
+    /// Returns control to the vehicle model, which continues from its own last state.
+    pub fn release(&mut self) {
+        self.motion_source = MotionSource::ByItself;
+    }
+
+    /// Moves toward an attitude received now from an external simulator.
+    pub fn follow_attitude(&mut self, received: Euler) {
+        let before = if let MotionSource::Followed(followed) = &self.motion_source { Some(followed) } else { None };
+        self.motion_source = MotionSource::Followed(AttitudeInterpolation::new(before, &self.state, received));
+    }
+
+    /// Advances by one integration step.
+    pub fn step(&mut self) {
+        match &self.motion_source {
+            MotionSource::ByItself => self.fly_on(),
+            MotionSource::Carried(prescribed_motion, since_us) => {
+                self.state = self.carried_state(*prescribed_motion, *since_us);
+            }
+            MotionSource::Followed(followed) => self.state = followed.next_state(&self.state),
+        }
+    }
+
+    fn fly_on(&mut self) {
+        let command = self.autopilot.step(&self.state);
+        let before = &self.state;
+        let motion = self.vehicle.step(command, before);
+        let Motion {
+            roll_rad,
+            pitch_rad,
+            heading_rad,
+            sideslip_rad,
+            north_m_s,
+            east_m_s,
+            disturbing_acceleration_m_s2: push_m_s2,
+            current,
+        } = motion;
+        self.state = TrueState {
+            time_us: before.time_us + STEP_US,
+            roll_rad,
+            pitch_rad,
+            heading_rad,
+            roll_rate_rad_s: (roll_rad - before.roll_rad) / STEP_S,
+            pitch_rate_rad_s: (pitch_rad - before.pitch_rad) / STEP_S,
+            heading_rate_rad_s: (heading_rad - before.heading_rad) / STEP_S,
+            sideslip_rad,
+            north_m: before.north_m + north_m_s * STEP_S,
+            east_m: before.east_m + east_m_s * STEP_S,
+            north_m_s,
+            east_m_s,
+            disturbing_acceleration_m_s2: push_m_s2,
+            relative_current: current,
+        };
+    }
+
+    fn carried_state(&self, prescribed_motion: PrescribedMotion, since_us: u64) -> TrueState {
+        let time_us = self.state.time_us + STEP_US;
+        let seconds = (time_us - since_us) as f64 / 1e6;
+        let [roll_rate_rad_s, heading_rate_rad_s] =
+            [prescribed_motion.roll_rate_deg_s, prescribed_motion.heading_rate_deg_s].map(f64::to_radians);
+        let roll_rad = prescribed_motion.roll_deg.to_radians() + roll_rate_rad_s * seconds;
+        TrueState {
+            time_us,
+            roll_rad: (roll_rad + PI).rem_euclid(TAU) - PI,
+            pitch_rad: prescribed_motion.pitch_deg.to_radians(),
+            heading_rad: prescribed_motion.heading_deg.to_radians() + heading_rate_rad_s * seconds,
+            roll_rate_rad_s,
+            heading_rate_rad_s,
+            north_m: self.state.north_m,
+            east_m: self.state.east_m,
+            ..TrueState::default()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,84 @@
+//! Aeroplane: banks at a limited rate, turns by its bank, drifts with the wind, and is disturbed by gusts.
+
+use super::{GRAVITY_M_S2, Motion, STEP_S, TrueState, Turbulence, VehicleCommand, VehicleConfig, Weather};
+use log_analysis::numbers::square;
+
+const BANK_TIME_S: f64 = 0.5;
+/// Time constant from ailerons to roll rate, seconds.
+const ROLL_RATE_TIME_S: f64 = 0.1;
+const PITCH_TIME_S: f64 = 0.8;
+/// Additional pitch per unit of load factor above one, degrees, for the lift of a turn: 1.2 degrees at a bank of 25.
+const PITCH_PER_LOAD_DEG: f64 = 12.0;
+/// Roll per sideslip (dihedral effect) and pitch per upwash, degrees per degree.
+const BANK_PER_SIDESLIP: f64 = -0.5;
+const PITCH_PER_UPWASH: f64 = 0.3;
+
+/// Attitude without gusts and random disturbances, radians.
+#[derive(Clone, Copy, Debug, Default)]
+struct UndisturbedAttitude {
+    bank: f64,
+    bank_rate: f64,
+    pitch: f64,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Plane {
+    config: VehicleConfig,
+    weather: Weather,
+    air: Turbulence,
+    flown: UndisturbedAttitude,
+    /// Direction of motion through the air, radians, not wrapped.
+    air_course: f64,
+}
+
+impl Plane {
+    pub fn new(config: VehicleConfig, weather: Weather, seed: u64) -> Self {
+        let air_course = config.heading_deg.to_radians();
+        Self { config, weather, air: Turbulence::new(weather, seed), flown: UndisturbedAttitude::default(), air_course }
+    }
+
+    /// Continues from a state of another vehicle model, wings level at first.
+    pub fn continue_from(&mut self, state: &TrueState) {
+        self.flown = UndisturbedAttitude::default();
+        self.air_course = state.heading_rad;
+    }
+
+    pub fn step(&mut self, command: VehicleCommand) -> Motion {
+        self.fly(command);
+        let disturbance = self.air.step();
+        let airspeed_m_s = self.config.airspeed_m_s;
+        let sideslip_rad = disturbance.across_m_s / airspeed_m_s;
+        let upwash_rad = disturbance.vertical_m_s / airspeed_m_s;
+        let roll_rad = self.flown.bank + disturbance.bank_rad + BANK_PER_SIDESLIP * sideslip_rad;
+        let pitch_rad = self.flown.pitch + disturbance.pitch_rad + PITCH_PER_UPWASH * upwash_rad;
+        // Coordinated turn: the horizontal lift component turns the velocity through the air. The nose points along
+        // that velocity less the sideslip.
+        self.air_course += GRAVITY_M_S2 * libm::tan(roll_rad) / airspeed_m_s * STEP_S;
+        let heading_rad = self.air_course - sideslip_rad;
+
+        let (wind_north_m_s, wind_east_m_s) = self.weather.wind_velocity_m_s();
+        let (sin_course, cos_course) = libm::sincos(self.air_course);
+        Motion {
+            roll_rad,
+            pitch_rad,
+            heading_rad,
+            sideslip_rad,
+            north_m_s: airspeed_m_s * cos_course + wind_north_m_s,
+            east_m_s: airspeed_m_s * sin_course + wind_east_m_s,
+            // The attitude source's `turn_error` covers the turn acceleration.
+            disturbing_acceleration_m_s2: 0.0,
+            // Induced drag is proportional to the square of the load factor.
+            current: square(libm::cos(roll_rad)).recip(),
+        }
+    }
+
+    fn fly(&mut self, command: VehicleCommand) {
+        let limit = self.config.max_roll_rate_deg_s.to_radians();
+        let wanted_rate = ((command.bank_rad - self.flown.bank) / BANK_TIME_S).clamp(-limit, limit);
+        self.flown.bank_rate += (wanted_rate - self.flown.bank_rate) * STEP_S / ROLL_RATE_TIME_S;
+        self.flown.bank += self.flown.bank_rate * STEP_S;
+        let load_factor = libm::cos(self.flown.bank).recip();
+        let wanted_pitch = command.pitch_rad + PITCH_PER_LOAD_DEG.to_radians() * (load_factor - 1.0);
+        self.flown.pitch += (wanted_pitch - self.flown.pitch) * STEP_S / PITCH_TIME_S;
+    }
+}

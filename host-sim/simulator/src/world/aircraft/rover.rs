@@ -1,0 +1,44 @@
+//! Rover on rough ground: turns at a commanded rate; the ground slope sets roll and pitch.
+
+use super::surface::{Surface, roll_pitch_on_slope};
+use super::{Motion, STEP_S, TrueState, VehicleCommand, VehicleConfig, forward_right};
+
+/// Ground slope along any direction, standard deviation, degrees.
+const SLOPE_DEG: f64 = 6.0;
+const TURN_RATE_TIME_S: f64 = 0.3;
+/// Relative increase of motor current per unit of uphill slope.
+const CURRENT_PER_SLOPE: f64 = 5.0;
+
+#[derive(Clone, Debug)]
+pub(super) struct Rover {
+    config: VehicleConfig,
+    ground: Surface,
+    heading_rad: f64,
+    turn_rate_rad_s: f64,
+}
+
+impl Rover {
+    pub fn new(config: VehicleConfig, seed: u64) -> Self {
+        let ground = Surface::ground(SLOPE_DEG, seed);
+        Self { config, ground, heading_rad: config.heading_deg.to_radians(), turn_rate_rad_s: 0.0 }
+    }
+
+    pub fn step(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
+        self.turn_rate_rad_s += (command.flat_turn_rate_rad_s() - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_S;
+        self.heading_rad += self.turn_rate_rad_s * STEP_S;
+        let slope = forward_right(self.heading_rad, self.ground.slope([before.north_m, before.east_m], 0.0));
+        let [roll_rad, pitch_rad] = roll_pitch_on_slope(slope);
+        let (sin, cos) = libm::sincos(self.heading_rad);
+        let speed_m_s = self.config.speed_m_s;
+        Motion {
+            roll_rad,
+            pitch_rad,
+            heading_rad: self.heading_rad,
+            sideslip_rad: 0.0,
+            north_m_s: speed_m_s * cos,
+            east_m_s: speed_m_s * sin,
+            disturbing_acceleration_m_s2: (speed_m_s * self.turn_rate_rad_s).abs(),
+            current: (1.0 + CURRENT_PER_SLOPE * slope[0]).max(0.0),
+        }
+    }
+}

@@ -1,0 +1,144 @@
+use nalgebra::Vector3;
+
+use super::super::surface::{Surface, roll_pitch_on_slope};
+use super::*;
+use crate::world::rotation::Euler;
+
+/// A slope of 1:10 is 5.71 deg. On any slope the down axis, rotated to the level frame, is the slope's normal.
+#[test]
+fn the_down_axis_on_a_slope_is_its_normal() {
+    assert!((roll_pitch_on_slope([0.1, 0.0])[1].to_degrees() - 5.71).abs() < 0.01, "it rises ahead: nose up");
+    assert!(
+        (roll_pitch_on_slope([0.0, 0.1])[0].to_degrees() + 5.71).abs() < 0.01,
+        "it rises to the right: right side up"
+    );
+    for slope in [[0.2, 0.3], [-0.1, 0.25], [0.3, -0.05]] {
+        let [roll_rad, pitch_rad] = roll_pitch_on_slope(slope);
+        let euler = Euler { roll_rad, pitch_rad, heading_rad: 0.0 };
+        let down = euler.body_from_level().transpose() * Vector3::new(0.0, 0.0, 1.0);
+        // Height rises by the slope; the z axis points down.
+        let normal = Vector3::new(slope[0], slope[1], 1.0).normalize();
+        assert!((down - normal).norm() < 1e-12, "{slope:?}: {down:?} for {normal:?}");
+    }
+}
+
+#[test]
+fn ground_slopes_are_constant_in_time() {
+    let mut squares = [0.0_f64; 2];
+    for seed in 0..40 {
+        let ground = Surface::ground(6.0, seed);
+        for i in 0..50 {
+            let place = [f64::from(i) * 11.0, f64::from(i % 7) * 13.0];
+            let [now, later] = [0.0, 1e4].map(|time_s| ground.slope(place, time_s).map(f64::to_bits));
+            assert_eq!(now, later);
+            for (sum, slope) in squares.iter_mut().zip(ground.slope(place, 0.0)) {
+                *sum += slope * slope / 2000.0;
+            }
+        }
+    }
+    // 40 seeds with 24 waves: each direction's standard deviation is accurate to 3 %.
+    for square in squares {
+        assert!(
+            (libm::atan(square.sqrt()).to_degrees() - 6.0).abs() < 0.4,
+            "{}",
+            libm::atan(square.sqrt()).to_degrees()
+        );
+    }
+}
+
+/// Waves of 8 to 20 m have periods of 2.3 to 3.6 s. Directions within 40 deg make slopes along the mean direction 2.4
+/// times as large as across it.
+#[test]
+fn waves_travel() {
+    let [mut along, mut across] = [0.0_f64; 2];
+    let mut crossings = 0;
+    for seed in 0..20 {
+        let water = Surface::water(6.0, 0.0, seed);
+        let slopes: Vec<[f64; 2]> = (0..3000).map(|i| water.slope([3.0, 4.0], f64::from(i) * 0.1)).collect();
+        along += mean(slopes.iter().map(|s| s[0] * s[0])) / 20.0;
+        across += mean(slopes.iter().map(|s| s[1] * s[1])) / 20.0;
+        crossings += slopes.windows(2).filter(|pair| pair[0][0] < 0.0 && pair[1][0] >= 0.0).count();
+    }
+    assert!((libm::atan(along.sqrt()).to_degrees() - 6.0).abs() < 0.3, "{}", libm::atan(along.sqrt()).to_degrees());
+    assert!((2.1..2.8).contains(&(along / across).sqrt()), "{}", (along / across).sqrt());
+    let period_s = 20.0 * 300.0 / crossings as f64;
+    assert!((2.5..3.4).contains(&period_s), "{period_s} s");
+}
+
+#[test]
+fn a_rover_has_the_tilt_of_the_ground() {
+    let mut rover = vehicle(VehicleKind::Rover, Weather::default(), 2);
+    let right = fly_leg(&mut rover, Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: 720.0 });
+    let left = fly_leg(&mut rover, Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: -720.0 });
+    assert!((right[2000].heading_rate_rad_s.to_degrees() - 18.0).abs() < 0.1);
+    assert!((left[2000].heading_rate_rad_s.to_degrees() + 18.0).abs() < 0.1);
+    let mut both = right.clone();
+    both.extend_from_slice(&left);
+    assert!((3.0..10.0).contains(&sigma_deg(&both, |s| s.roll_rad)), "{}", sigma_deg(&both, |s| s.roll_rad));
+    assert!((3.0..10.0).contains(&sigma_deg(&both, |s| s.pitch_rad)), "{}", sigma_deg(&both, |s| s.pitch_rad));
+    // In its second circle, 20 s later, the rover has the same tilt at the same place.
+    let (first, second) = (right[1999], right[5999]);
+    assert!(libm::hypot(first.north_m - second.north_m, first.east_m - second.east_m) < 0.5);
+    assert!((first.roll_rad - second.roll_rad).to_degrees().abs() < 1.5, "{first:?} {second:?}");
+    assert!((first.pitch_rad - second.pitch_rad).to_degrees().abs() < 1.5, "{first:?} {second:?}");
+    // 3 m/s at 18 deg/s are 0.94 m/s^2. Driving uphill draws more current.
+    assert!((right[2000].disturbing_acceleration_m_s2 - 0.942).abs() < 0.01);
+    assert!(both.iter().all(|s| (s.relative_current > 1.0) == (s.pitch_rad > 0.0)), "uphill");
+}
+
+/// Expected heel: half of 0.94 m/s^2 / g, 2.8 deg.
+#[test]
+fn a_boat_rolls_in_waves_and_heels_out_of_its_turns() {
+    let mean_roll_deg = |side: f64| {
+        let mut boat = vehicle(VehicleKind::Boat, Weather::default(), 2);
+        let states = fly_leg(&mut boat, Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: side * 7200.0 });
+        assert!((4.0..9.0).contains(&sigma_deg(&states, |s| s.roll_rad)), "{}", sigma_deg(&states, |s| s.roll_rad));
+        assert!((1.5..4.0).contains(&sigma_deg(&states, |s| s.pitch_rad)), "{}", sigma_deg(&states, |s| s.pitch_rad));
+        // Waves with slopes of 6 deg accelerate the boat by about as much as its turns, 0.94 m/s^2.
+        let push_m_s2 = mean(states.iter().map(|s| s.disturbing_acceleration_m_s2));
+        assert!((1.5..2.5).contains(&push_m_s2), "{push_m_s2}");
+        let middle = mean(states.iter().map(|s| s.roll_rad));
+        let crossings = states.windows(2).filter(|s| s[0].roll_rad < middle && s[1].roll_rad >= middle).count();
+        let period_s = states.len() as f64 * STEP_S / crossings as f64;
+        assert!((1.8..5.0).contains(&period_s), "{period_s} s");
+        middle.to_degrees()
+    };
+    // 400 s contain more than a hundred waves: the mean is accurate to half a degree.
+    assert!((mean_roll_deg(1.0) + 2.75).abs() < 0.6, "{}", mean_roll_deg(1.0));
+    assert!((mean_roll_deg(-1.0) - 2.75).abs() < 0.6, "{}", mean_roll_deg(-1.0));
+}
+
+/// Waves travel with the wind, so a boat at 3 m/s meets at least twice as many against the wind as with it.
+#[test]
+fn a_boat_meets_more_waves_against_the_wind() {
+    let crossings = |heading_deg: f64| {
+        let config = VehicleConfig { kind: VehicleKind::Boat, heading_deg, ..VehicleConfig::default() };
+        let mut boat = Aircraft::new(config, Weather::default(), 3, 0);
+        let states = fly_leg(&mut boat, Leg::Straight { heading_deg, seconds: 200.0 });
+        states.windows(2).filter(|s| s[0].pitch_rad < 0.0 && s[1].pitch_rad >= 0.0).count()
+    };
+    // The wind comes from 250 deg.
+    assert!(crossings(250.0) > 2 * crossings(70.0), "{} {}", crossings(250.0), crossings(70.0));
+}
+
+#[test]
+fn rovers_and_boats_start_tilted_by_their_surface() {
+    for kind in [VehicleKind::Rover, VehicleKind::Boat] {
+        let state = *vehicle(kind, Weather::default(), 2).state();
+        assert!(libm::hypot(state.roll_rad, state.pitch_rad).to_degrees() > 1.0, "{kind:?}: {state:?}");
+        assert!(libm::hypot(state.roll_rate_rad_s, state.pitch_rate_rad_s) < 1.0, "{kind:?}: {state:?}");
+    }
+}
+
+/// The turn rate in degrees per second equals the commanded bank in degrees.
+#[test]
+fn rovers_and_boats_hold_a_heading_without_bank() {
+    for kind in [VehicleKind::Rover, VehicleKind::Boat] {
+        let mut vehicle = vehicle(kind, Weather::default(), 3);
+        fly_leg(&mut vehicle, Leg::Straight { heading_deg: 200.0, seconds: 25.0 });
+        assert!((vehicle.state().heading_deg() - 200.0).abs() < 0.5, "{kind:?}: {:?}", vehicle.state());
+        let states = fly_leg(&mut vehicle, Leg::Turn { bank_deg: 15.0, heading_change_deg: 180.0 });
+        let rate_deg_s = states[1500].heading_rate_rad_s.to_degrees();
+        assert!((rate_deg_s - 15.0).abs() < 0.2, "{kind:?}: {rate_deg_s}");
+    }
+}

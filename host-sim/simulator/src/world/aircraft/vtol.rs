@@ -1,0 +1,99 @@
+//! VTOL aircraft: the copter model in hover and tilted flight, the plane model in forward flight. At a transition the
+//! difference between the two models' states decays smoothly.
+//!
+//! Airspeed changes by 2 to 3 m/s^2, as autopilots plan it (2 m/s^2 by default, PX4's `VT_B_DEC_MSS` and ArduPilot's
+//! `Q_TRANS_DECEL`).
+
+use super::copter::{Copter, CopterLimits};
+use super::plane::Plane;
+use super::{Motion, STEP_S, TrueState, VehicleCommand, VehicleConfig, Weather};
+use crate::world::autopilot::TranslationMode;
+
+const ATTITUDE_TIME_S: f64 = 1.0;
+/// Time constant of the velocity difference's critically damped decay, seconds. Its largest acceleration is `22 / (e
+/// 3.2)` = 2.5 m/s^2 for an airspeed of 22 m/s.
+const SPEED_TIME_S: f64 = 3.2;
+
+/// Limits in rotor-borne flight. Drag of a gliding airframe: 22 m/s at a glide ratio of 6.5. Tilt and drag together
+/// brake by at most 3 m/s^2.
+const LIMITS: CopterLimits = CopterLimits { max_controller_tilt_deg: 8.0, max_drag_m_s2: 1.5 };
+
+/// Attitude and velocity of the previous model less those of the present one.
+#[derive(Clone, Copy, Debug, Default)]
+struct TransitionDifference {
+    roll_rad: f64,
+    pitch_rad: f64,
+    heading_rad: f64,
+    north_m_s: f64,
+    east_m_s: f64,
+    north_m_s2: f64,
+    east_m_s2: f64,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Vtol {
+    copter: Copter,
+    plane: Plane,
+    on_wings: bool,
+    difference: TransitionDifference,
+}
+
+impl Vtol {
+    pub fn new(config: VehicleConfig, weather: Weather, seed: u64) -> Self {
+        Self {
+            copter: Copter::new(config, LIMITS, weather, seed),
+            plane: Plane::new(config, weather, seed),
+            on_wings: false,
+            difference: TransitionDifference::default(),
+        }
+    }
+
+    pub fn step(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
+        let on_wings = matches!(command.mode, TranslationMode::Onward);
+        let takes_over = on_wings != self.on_wings;
+        self.on_wings = on_wings;
+        if takes_over && on_wings {
+            self.plane.continue_from(before);
+        } else if takes_over {
+            self.copter.continue_from(before);
+        }
+        let motion = if on_wings { self.plane.step(command) } else { self.copter.step(command, before) };
+        if takes_over {
+            self.difference = TransitionDifference {
+                roll_rad: before.roll_rad - motion.roll_rad,
+                pitch_rad: before.pitch_rad - motion.pitch_rad,
+                heading_rad: before.heading_rad - motion.heading_rad,
+                north_m_s: before.north_m_s - motion.north_m_s,
+                east_m_s: before.east_m_s - motion.east_m_s,
+                ..TransitionDifference::default()
+            };
+        }
+        self.with_difference(motion)
+    }
+
+    /// Adds the remaining difference to a motion, and advances its decay by one step.
+    fn with_difference(&mut self, motion: Motion) -> Motion {
+        let left = &mut self.difference;
+        let with_difference = Motion {
+            roll_rad: motion.roll_rad + left.roll_rad,
+            pitch_rad: motion.pitch_rad + left.pitch_rad,
+            heading_rad: motion.heading_rad + left.heading_rad,
+            north_m_s: motion.north_m_s + left.north_m_s,
+            east_m_s: motion.east_m_s + left.east_m_s,
+            disturbing_acceleration_m_s2: motion.disturbing_acceleration_m_s2
+                + libm::hypot(left.north_m_s2, left.east_m_s2),
+            ..motion
+        };
+        for angle in [&mut left.roll_rad, &mut left.pitch_rad, &mut left.heading_rad] {
+            *angle *= 1.0 - STEP_S / ATTITUDE_TIME_S;
+        }
+        // Critically damped decay from rest: `v'' = -2 v' / T - v / T^2`.
+        for (speed, acceleration) in
+            [(&mut left.north_m_s, &mut left.north_m_s2), (&mut left.east_m_s, &mut left.east_m_s2)]
+        {
+            *acceleration -= (2.0 * *acceleration + *speed / SPEED_TIME_S) / SPEED_TIME_S * STEP_S;
+            *speed += *acceleration * STEP_S;
+        }
+        with_difference
+    }
+}

@@ -1,0 +1,326 @@
+//! Simulated attitude source of the autopilot: MAVLink 2 over a UART, with typical errors.
+
+use std::f64::consts::{PI, TAU};
+
+use embassy_time::{Instant, Timer};
+use mavlink::dialects::common::{
+    ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavState, MavType, SYS_STATUS_DATA,
+};
+use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
+use serde::{Deserialize, Serialize};
+use testkit::clock;
+
+use super::World;
+use super::aircraft;
+use super::gauss_markov::FirstOrder;
+use super::mavlink_autopilot::Frame;
+use super::state::TrueState;
+use crate::devices::uart::HostEnd;
+use crate::faults::attitude::AttitudeFault;
+use crate::random::{Purpose, Random};
+
+/// MAVLink identity of a sender.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// System ID.
+    pub system_id: u8,
+    /// Component ID.
+    pub component_id: u8,
+    /// Type that its heartbeats announce; `None` sends no heartbeats.
+    pub heartbeat_kind: Option<SenderKind>,
+}
+
+/// Type of sender announced in heartbeats.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SenderKind {
+    /// Autopilot.
+    Autopilot,
+    /// Any other component: gimbal, camera, ground station.
+    Other,
+}
+
+impl Identity {
+    /// Identity of the vehicle's autopilot.
+    pub const AUTOPILOT: Self = Self { system_id: 1, component_id: 1, heartbeat_kind: Some(SenderKind::Autopilot) };
+}
+
+const HEARTBEAT_VERSION: u8 = 3;
+const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
+const STATUS_PERIOD_US: u64 = 100_000;
+
+/// Correlation time of the acceleration-induced tilt error, seconds: duration of a typical acceleration.
+const PUSH_TIME_S: f64 = 2.0;
+
+/// Reported yaw; never the true heading, because the module must not depend on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Yaw {
+    /// Gyro yaw with an offset that grows linearly.
+    Drifting,
+    /// NaN.
+    Absent,
+}
+
+/// Error model of the attitude source.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AttitudeSourceConfig {
+    /// Attitude messages per second.
+    pub rate_hz: f64,
+    /// Standard deviation of roll noise and of pitch noise, degrees.
+    pub noise_deg: f64,
+    /// Noise correlation time, seconds.
+    pub noise_time_s: f64,
+    /// Constant tilt error, degrees; the seed selects its horizontal axis.
+    pub bias_deg: f64,
+    /// Age of the attitude at the start of its message, milliseconds.
+    pub latency_ms: f64,
+    /// Bank-angle scale error: fraction of the bank that is missing, as accelerometer aiding causes in turns.
+    pub turn_error: f64,
+    /// Acceleration-induced tilt error of roll and of pitch, degrees per m/s^2, 1 sigma.
+    pub push_error_deg: f64,
+    /// Content of the yaw field.
+    pub yaw: Yaw,
+    /// Initial error of a drifting yaw, degrees.
+    pub yaw_offset_deg: f64,
+    /// Growth of the yaw error, degrees per second.
+    pub yaw_drift_deg_s: f64,
+}
+
+impl Default for AttitudeSourceConfig {
+    fn default() -> Self {
+        Self {
+            rate_hz: 50.0,
+            noise_deg: 0.3,
+            noise_time_s: 0.5,
+            bias_deg: 0.2,
+            latency_ms: 20.0,
+            turn_error: 0.01,
+            push_error_deg: 0.0,
+            yaw: Yaw::Drifting,
+            yaw_offset_deg: 37.0,
+            yaw_drift_deg_s: 0.1,
+        }
+    }
+}
+
+/// Reported attitude, radians.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReportedAttitude {
+    /// Roll.
+    pub roll_rad: f64,
+    /// Pitch.
+    pub pitch_rad: f64,
+    /// Yaw, -pi..pi, or NaN.
+    pub yaw_rad: f64,
+}
+
+/// Attitude source with its noise processes.
+#[derive(Clone, Debug)]
+pub struct AttitudeSource {
+    config: AttitudeSourceConfig,
+    seed: u64,
+    identity: Identity,
+    vehicle: MavType,
+    roll_noise_rad: FirstOrder,
+    pitch_noise_rad: FirstOrder,
+    /// Tilt error per 1 m/s^2 of acceleration.
+    roll_error_per_m_s2_rad: FirstOrder,
+    pitch_error_per_m_s2_rad: FirstOrder,
+    roll_bias_rad: f64,
+    pitch_bias_rad: f64,
+    sequence: u8,
+}
+
+impl AttitudeSource {
+    /// A source with the autopilot's identity in an aeroplane.
+    #[must_use]
+    pub fn new(config: AttitudeSourceConfig, seed: u64) -> Self {
+        let noise = |purpose| {
+            let sigma_rad = config.noise_deg.to_radians();
+            FirstOrder::new(sigma_rad, config.noise_time_s, 1.0 / config.rate_hz, Random::new(seed, purpose))
+        };
+        let push = |purpose| {
+            let sigma_rad = config.push_error_deg.to_radians();
+            FirstOrder::new(sigma_rad, PUSH_TIME_S, 1.0 / config.rate_hz, Random::new(seed, purpose))
+        };
+        let direction_rad = Random::new(seed, Purpose::AttitudeBias).uniform(0.0, TAU);
+        Self {
+            config,
+            seed,
+            identity: Identity::AUTOPILOT,
+            vehicle: MavType::MAV_TYPE_FIXED_WING,
+            roll_noise_rad: noise(Purpose::RollNoise),
+            pitch_noise_rad: noise(Purpose::PitchNoise),
+            roll_error_per_m_s2_rad: push(Purpose::RollPush),
+            pitch_error_per_m_s2_rad: push(Purpose::PitchPush),
+            roll_bias_rad: config.bias_deg.to_radians() * libm::cos(direction_rad),
+            pitch_bias_rad: config.bias_deg.to_radians() * libm::sin(direction_rad),
+            sequence: 0,
+        }
+    }
+
+    /// The same source with another sender identity.
+    #[must_use]
+    pub fn with_identity(self, identity: Identity) -> Self {
+        Self { identity, ..self }
+    }
+
+    /// The same source with this vehicle kind in its heartbeats.
+    #[must_use]
+    pub fn with_vehicle_kind(self, kind: aircraft::VehicleKind) -> Self {
+        let vehicle = match kind {
+            aircraft::VehicleKind::Plane => MavType::MAV_TYPE_FIXED_WING,
+            aircraft::VehicleKind::Copter => MavType::MAV_TYPE_QUADROTOR,
+            aircraft::VehicleKind::Vtol => MavType::MAV_TYPE_VTOL_FIXEDROTOR,
+            aircraft::VehicleKind::Rover => MavType::MAV_TYPE_GROUND_ROVER,
+            aircraft::VehicleKind::Boat => MavType::MAV_TYPE_SURFACE_BOAT,
+        };
+        Self { vehicle, ..self }
+    }
+
+    /// Sets the sample rate of the noise processes and restarts them; the caller schedules the messages.
+    pub(super) fn set_rate_hz(&mut self, rate_hz: f64) {
+        let Self { identity, vehicle, sequence, .. } = *self;
+        *self = Self {
+            identity,
+            vehicle,
+            sequence,
+            ..Self::new(AttitudeSourceConfig { rate_hz, ..self.config }, self.seed)
+        };
+    }
+
+    pub(super) const fn identity(&self) -> Identity {
+        self.identity
+    }
+
+    pub(super) fn latency_us(&self) -> u64 {
+        (self.config.latency_ms * 1e3) as u64
+    }
+
+    /// Reported attitude for a true state. Each call advances the noise by one message period.
+    pub fn report(&mut self, truth: &TrueState) -> ReportedAttitude {
+        let [roll_push_rad, pitch_push_rad] = [&mut self.roll_error_per_m_s2_rad, &mut self.pitch_error_per_m_s2_rad]
+            .map(|push| push.step() * truth.disturbing_acceleration_m_s2);
+        let roll_rad =
+            truth.roll_rad * (1.0 - self.config.turn_error) + self.roll_bias_rad + self.roll_noise_rad.step();
+        let pitch_rad = truth.pitch_rad + self.pitch_bias_rad + self.pitch_noise_rad.step();
+        ReportedAttitude {
+            roll_rad: roll_rad + roll_push_rad,
+            pitch_rad: pitch_rad + pitch_push_rad,
+            yaw_rad: self.yaw_rad(truth),
+        }
+    }
+
+    fn yaw_rad(&self, truth: &TrueState) -> f64 {
+        let seconds = truth.time_us as f64 / 1e6;
+        let error_deg = self.config.yaw_offset_deg + self.config.yaw_drift_deg_s * seconds;
+        match self.config.yaw {
+            Yaw::Drifting => (truth.heading_rad + error_deg.to_radians() + PI).rem_euclid(TAU) - PI,
+            Yaw::Absent => f64::NAN,
+        }
+    }
+
+    /// Next ATTITUDE message, sent at `now_us`, for an earlier true state.
+    pub(super) fn attitude_message(&mut self, truth: &TrueState, now_us: u64) -> ATTITUDE_DATA {
+        let reported = self.report(truth);
+        let [roll_rate, pitch_rate, yaw_rate] = truth.body_rates_rad_s();
+        ATTITUDE_DATA {
+            // Time stamp of sending, as ArduPilot does, so the stamp does not reveal the latency.
+            time_boot_ms: (now_us / 1000) as u32,
+            roll: reported.roll_rad as f32,
+            pitch: reported.pitch_rad as f32,
+            yaw: reported.yaw_rad as f32,
+            rollspeed: roll_rate as f32,
+            pitchspeed: pitch_rate as f32,
+            yawspeed: yaw_rate as f32,
+        }
+    }
+
+    /// Next HEARTBEAT message.
+    pub fn heartbeat_message(&mut self, is_armed: bool) -> Vec<u8> {
+        let (base_mode, system_status) = if is_armed {
+            (MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, MavState::MAV_STATE_ACTIVE)
+        } else {
+            (MavModeFlag::empty(), MavState::MAV_STATE_STANDBY)
+        };
+        self.encode(&HEARTBEAT_DATA {
+            custom_mode: 0,
+            mavtype: self.vehicle,
+            autopilot: match self.identity.heartbeat_kind {
+                Some(SenderKind::Autopilot) => MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+                Some(SenderKind::Other) | None => MavAutopilot::MAV_AUTOPILOT_INVALID,
+            },
+            base_mode,
+            system_status,
+            mavlink_version: HEARTBEAT_VERSION,
+        })
+    }
+
+    /// Next SYS_STATUS message with the battery current, amperes; `None` means not measured.
+    pub(super) fn status_message(&mut self, current_a: Option<f64>) -> Vec<u8> {
+        let current_battery = current_a.map_or(-1, |amperes| (amperes * 100.0).round() as i16);
+        self.encode(&SYS_STATUS_DATA { current_battery, ..SYS_STATUS_DATA::DEFAULT })
+    }
+
+    pub(super) fn encode(&mut self, message: &impl MessageData) -> Vec<u8> {
+        let Identity { system_id, component_id, .. } = self.identity;
+        let header = MavHeader { system_id: system_id.into(), component_id, sequence: self.count() };
+        let mut frame = MAVLinkV2MessageRaw::new();
+        frame.serialize_message_data(header, message);
+        frame.raw_bytes().to_vec()
+    }
+
+    /// Frame of a message with payload fields unknown to the MAVLink library.
+    pub(super) fn encode_raw(&mut self, id: u32, extra_crc: u8, payload: &[u8]) -> Vec<u8> {
+        let Identity { system_id: system, component_id: component, .. } = self.identity;
+        Frame { sequence: self.count(), system, component, id, payload: payload.to_vec() }.bytes(extra_crc)
+    }
+
+    const fn count(&mut self) -> u8 {
+        let sequence = self.sequence;
+        self.sequence = sequence.wrapping_add(1);
+        sequence
+    }
+
+    /// Sends attitude, heartbeats (1 Hz) and, if measured, the current (10 Hz) while the [world enables
+    /// sending](World::set_sends_attitude); never returns. Faults modify each attitude message in order.
+    pub async fn run(mut self, world: World, uart: HostEnd, mut faults: Vec<Box<dyn AttitudeFault>>) {
+        let period_us = 1e6 / self.config.rate_hz;
+        let latency_us = self.latency_us();
+        let began_us = clock::now_us();
+        let mut heartbeat_us = began_us + period_us as u64;
+        let mut status_us = began_us;
+        for tick in 1_u64.. {
+            let now_us = began_us + (tick as f64 * period_us).round() as u64;
+            Timer::at(Instant::from_micros(now_us)).await;
+            if now_us >= heartbeat_us && self.identity.heartbeat_kind.is_some() {
+                heartbeat_us += HEARTBEAT_PERIOD_US;
+                let heartbeat = self.heartbeat_message(world.is_armed());
+                if world.sends_attitude() {
+                    uart.send(&heartbeat);
+                }
+            }
+            if now_us >= status_us && self.identity.heartbeat_kind == Some(SenderKind::Autopilot) {
+                status_us += STATUS_PERIOD_US;
+                if let Some(amperes) = world.reported_current_a(now_us).filter(|_| world.sends_attitude()) {
+                    uart.send(&self.status_message(Some(amperes)));
+                }
+            }
+            let late_us: u64 = faults.iter().map(|fault| fault.late_us(now_us)).sum();
+            let truth = world.true_state(now_us.saturating_sub(latency_us + late_us));
+            let mut message = self.attitude_message(&truth, now_us);
+            for fault in &mut faults {
+                fault.tamper(now_us, &mut message);
+            }
+            // Noise advances also while sending is disabled, so it depends only on time.
+            let frame = self.encode(&message);
+            if world.sends_attitude() {
+                uart.send(&frame);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,224 @@
+use mavlink::dialects::common::MavMessage;
+use mavlink::{MavlinkVersion, Message};
+
+use super::*;
+use crate::devices::uart::{Cable, TimedByte};
+use crate::world::WorldConfig;
+use crate::world::aircraft::VehicleKind;
+use log_analysis::numbers::square;
+use testkit::simulation::{Level, Simulation};
+
+const EXACT: AttitudeSourceConfig = AttitudeSourceConfig {
+    rate_hz: 50.0,
+    noise_deg: 0.0,
+    noise_time_s: 0.5,
+    bias_deg: 0.0,
+    latency_ms: 20.0,
+    turn_error: 0.0,
+    push_error_deg: 0.0,
+    yaw: Yaw::Drifting,
+    yaw_offset_deg: 37.0,
+    yaw_drift_deg_s: 0.1,
+};
+
+/// Bytes received at the module's end of the cable during a turn.
+fn simulate_source(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (World, Vec<TimedByte>) {
+    let mut simulation = Simulation::new();
+    let world = World::new(WorldConfig { seed, attitude_source: config, ..WorldConfig::table1(seed) });
+    world.hold_bank_and_pitch(25.0, 0.0);
+    let cable = Cable::new(crate::devices::uart::UartConfig { receive_buffer: 1 << 20, ..Default::default() });
+    let (mut receiver, _transmitter) = cable.module();
+    let bytes = std::rc::Rc::new(std::cell::RefCell::new(Vec::new()));
+    let log = std::rc::Rc::clone(&bytes);
+    simulation.spawn(Level::Thread, "module", async move {
+        use embedded_io_async::Read;
+        let mut buffer = [0; 1024];
+        loop {
+            let count = receiver.read(&mut buffer).await.unwrap();
+            let at_us = clock::now_us();
+            log.borrow_mut().extend(buffer[..count].iter().map(|&byte| TimedByte { at_us, byte }));
+        }
+    });
+    let source = AttitudeSource::new(config, seed);
+    simulation.spawn(Level::World, "attitude source", source.run(world.clone(), cable.host(), vec![]));
+    simulation.run_until(seconds * 1_000_000 + 10_000);
+    (world, bytes.take())
+}
+
+fn messages(stream: &[TimedByte]) -> Vec<(u64, u8, MavMessage)> {
+    let mut rest = stream;
+    let mut messages = Vec::new();
+    while let [first, length, ..] = rest {
+        assert_eq!(first.byte, 0xFD, "MAVLink 2 begins with FD");
+        let frame_length = usize::from(length.byte) + 12;
+        let frame: Vec<u8> = rest[..frame_length].iter().map(|timed_byte| timed_byte.byte).collect();
+        let id = u32::from_le_bytes([frame[7], frame[8], frame[9], 0]);
+        let crc = mavlink::calculate_crc(&frame[1..frame_length - 2], MavMessage::extra_crc(id));
+        assert_eq!(frame[frame_length - 2..], crc.to_le_bytes());
+        let message = MavMessage::parse(MavlinkVersion::V2, id, &frame[10..frame_length - 2]).unwrap();
+        messages.push((rest[frame_length - 1].at_us, frame[4], message));
+        rest = &rest[frame_length..];
+    }
+    messages
+}
+
+fn attitudes(stream: &[TimedByte]) -> Vec<(u64, ATTITUDE_DATA)> {
+    let attitude = |(at_us, _, message)| match message {
+        MavMessage::ATTITUDE(data) => Some((at_us, data)),
+        _ => None,
+    };
+    messages(stream).into_iter().filter_map(attitude).collect()
+}
+
+#[test]
+fn attitude_comes_at_50_hz_and_a_heartbeat_each_second() {
+    let (_, stream) = simulate_source(AttitudeSourceConfig::default(), 1, 10);
+    let messages = messages(&stream);
+    let heartbeats = messages.iter().filter(|(_, _, message)| matches!(message, MavMessage::HEARTBEAT(_))).count();
+    assert_eq!((heartbeats, messages.len() - heartbeats), (10, 500));
+    for (index, (_, sequence, _)) in messages.iter().enumerate() {
+        assert_eq!(usize::from(*sequence), index % 256, "sequence numbers count all messages");
+    }
+}
+
+/// The autopilot starts disarmed.
+#[test]
+fn the_heartbeat_contains_the_armed_state() {
+    let world = World::new(WorldConfig::table1(1));
+    let mut source = world.attitude_source();
+    let mut next_heartbeat = || {
+        let frame = source.heartbeat_message(world.is_armed());
+        let stream: Vec<TimedByte> = frame.into_iter().map(|byte| TimedByte { at_us: 0, byte }).collect();
+        match messages(&stream).pop() {
+            Some((_, _, MavMessage::HEARTBEAT(data))) => {
+                assert_eq!(data.autopilot, MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA);
+                data.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED)
+            }
+            other => panic!("{other:?}"),
+        }
+    };
+    let mut armed = vec![next_heartbeat()];
+    for is_armed in [true, false] {
+        world.set_armed(is_armed);
+        armed.push(next_heartbeat());
+    }
+    assert_eq!(armed, [false, true, false]);
+}
+
+#[test]
+fn an_exact_source_reports_the_truth_after_its_latency() {
+    let (world, stream) = simulate_source(EXACT, 1, 2);
+    // The world stores only the last two seconds.
+    for (at_us, data) in attitudes(&stream).into_iter().skip(10) {
+        let sent_us = u64::from(data.time_boot_ms) * 1000;
+        let truth = world.true_state(sent_us - 20_000);
+        assert!((f64::from(data.roll) - truth.roll_rad).abs() < 1e-6);
+        assert!((f64::from(data.pitch) - truth.pitch_rad).abs() < 1e-6);
+        let yaw_rate = truth.body_rates_rad_s()[2];
+        assert!((f64::from(data.yawspeed) - yaw_rate).abs() < 1e-6 * (1.0 + yaw_rate.abs()));
+        // 40 bytes of attitude, possibly after 21 bytes of heartbeat, plus one byte time of idle line, 87 us each.
+        let transfer_us = at_us - sent_us;
+        assert!((41 * 86..63 * 87).contains(&transfer_us), "{transfer_us} us");
+    }
+}
+
+/// 600 s are 1200 correlation times of the noise: sigma is accurate to 2 %, the mean to 0.3 deg / sqrt(600) = 0.012
+/// deg.
+#[test]
+fn attitude_errors_have_the_configured_statistics() {
+    let config = AttitudeSourceConfig { latency_ms: 0.0, ..AttitudeSourceConfig::default() };
+    let mut source = AttitudeSource::new(config, 4);
+    let bank_rad = 25_f64.to_radians();
+    let truth = TrueState { roll_rad: bank_rad, ..TrueState::default() };
+    let reports: Vec<ReportedAttitude> = (0..30_000).map(|_| source.report(&truth)).collect();
+    let statistics_deg = |error: fn(&ReportedAttitude, f64) -> f64| {
+        let errors: Vec<f64> = reports.iter().map(|r| error(r, bank_rad).to_degrees()).collect();
+        let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+        let variance = errors.iter().map(|e| square(e - mean)).sum::<f64>() / errors.len() as f64;
+        (mean, variance.sqrt())
+    };
+    let (roll_mean, roll_sigma) = statistics_deg(|r, bank| r.roll_rad - bank);
+    let (pitch_mean, pitch_sigma) = statistics_deg(|r, _| r.pitch_rad);
+    assert!((roll_sigma - 0.3).abs() < 0.03 && (pitch_sigma - 0.3).abs() < 0.03, "{roll_sigma} {pitch_sigma}");
+    // The mean contains the bank-angle scale error, 1 % of 25 degrees, and the bias.
+    let bias_deg = libm::hypot(roll_mean + 0.25, pitch_mean);
+    assert!((bias_deg - 0.2).abs() < 0.06, "{bias_deg}");
+}
+
+/// 2.6 m/s^2 (15 deg of copter tilt) cause 1.04 deg, 1 sigma. 1200 s are 300 correlation times of 2 s: sigma is
+/// accurate to 5 %.
+#[test]
+fn disturbing_acceleration_causes_tilt_error() {
+    let config = AttitudeSourceConfig {
+        noise_deg: 0.0,
+        bias_deg: 0.0,
+        ..WorldConfig::table1(4).with_vehicle_kind(VehicleKind::Copter).attitude_source
+    };
+    let mut source = AttitudeSource::new(config, 4);
+    let mut sigma_deg = |push_m_s2: f64| {
+        let truth = TrueState { disturbing_acceleration_m_s2: push_m_s2, ..TrueState::default() };
+        let reports: Vec<ReportedAttitude> = (0..60_000).map(|_| source.report(&truth)).collect();
+        let mean_angle = |angle: fn(&ReportedAttitude) -> f64| {
+            (reports.iter().map(|r| square(angle(r).to_degrees())).sum::<f64>() / reports.len() as f64).sqrt()
+        };
+        [mean_angle(|r| r.roll_rad), mean_angle(|r| r.pitch_rad)]
+    };
+    for sigma_deg in sigma_deg(2.6) {
+        assert!((sigma_deg - 1.04).abs() < 0.12, "{sigma_deg}");
+    }
+    assert!(sigma_deg(0.0).iter().all(|sigma_deg| *sigma_deg < 1e-12));
+    let plane = WorldConfig::table1(4).with_vehicle_kind(VehicleKind::Plane).attitude_source;
+    assert_eq!(plane.push_error_deg.to_bits(), 0);
+}
+
+#[test]
+fn acceleration_tilt_error_has_a_correlation_time_of_2_s() {
+    let config =
+        AttitudeSourceConfig { noise_deg: 0.0, bias_deg: 0.0, push_error_deg: 1.0, ..AttitudeSourceConfig::default() };
+    let mut source = AttitudeSource::new(config, 9);
+    let truth = TrueState { disturbing_acceleration_m_s2: 1.0, ..TrueState::default() };
+    let errors: Vec<f64> = (0..200_000).map(|_| source.report(&truth).roll_rad).collect();
+    let covariance =
+        |lag: usize| errors.iter().zip(&errors[lag..]).map(|(a, b)| a * b).sum::<f64>() / (errors.len() - lag) as f64;
+    let correlation = covariance(100) / covariance(0);
+    assert!((correlation - 0.37).abs() < 0.07, "{correlation}");
+}
+
+#[test]
+fn the_heartbeat_contains_the_vehicle_kind() {
+    for (kind, expected) in [
+        (VehicleKind::Plane, MavType::MAV_TYPE_FIXED_WING),
+        (VehicleKind::Copter, MavType::MAV_TYPE_QUADROTOR),
+        (VehicleKind::Vtol, MavType::MAV_TYPE_VTOL_FIXEDROTOR),
+        (VehicleKind::Rover, MavType::MAV_TYPE_GROUND_ROVER),
+        (VehicleKind::Boat, MavType::MAV_TYPE_SURFACE_BOAT),
+    ] {
+        let frame =
+            World::new(WorldConfig::table1(1).with_vehicle_kind(kind)).attitude_source().heartbeat_message(false);
+        let stream: Vec<TimedByte> = frame.into_iter().map(|byte| TimedByte { at_us: 0, byte }).collect();
+        assert!(matches!(&messages(&stream)[0].2, MavMessage::HEARTBEAT(data) if data.mavtype == expected), "{kind:?}");
+    }
+}
+
+#[test]
+fn yaw_is_never_the_heading() {
+    let (world, stream) = simulate_source(EXACT, 1, 2);
+    let (_, last) = &attitudes(&stream)[99];
+    let truth = world.true_state(1_980_000);
+    let error_deg = (f64::from(last.yaw) - truth.heading_rad).to_degrees().rem_euclid(360.0);
+    assert!((error_deg - 37.2).abs() < 0.01, "{error_deg}");
+    let (_, stream) = simulate_source(AttitudeSourceConfig { yaw: Yaw::Absent, ..EXACT }, 1, 1);
+    assert!(attitudes(&stream).iter().all(|(_, data)| data.yaw.is_nan()));
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes_at_the_same_times() {
+    let run = |seed| simulate_source(AttitudeSourceConfig::default(), seed, 20).1;
+    assert_eq!(run(8), run(8));
+    assert_ne!(run(8), run(9));
+    // Attitude noise must not change the flight.
+    let (loud, _) = simulate_source(AttitudeSourceConfig::default(), 8, 20);
+    let (quiet, _) = simulate_source(EXACT, 8, 20);
+    assert_eq!(loud.true_state(20_000_000), quiet.true_state(20_000_000));
+    assert!(loud.true_state(20_000_000).time_us.is_multiple_of(aircraft::STEP_US));
+}

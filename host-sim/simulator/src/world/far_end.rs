@@ -1,0 +1,155 @@
+//! Devices at the far end of a port's cable.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use embassy_time::{Duration, Timer};
+use mavlink::dialects::common::ATTITUDE_DATA;
+use testkit::clock;
+use testkit::simulation::{Level, Simulation};
+
+use super::World;
+use super::attitude_source::{AttitudeSource, ReportedAttitude};
+use super::mavlink_autopilot::{self, AutopilotInputs, MavlinkAutopilot, START_UNIX_US, XIAN};
+use super::msp_autopilot::{self, AnswerFaults, AutopilotState, MspAutopilot};
+use crate::devices::uart::HostEnd;
+use crate::faults::attitude::AttitudeFault;
+
+/// Selection of the far-end device.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum FarEnd {
+    /// No simulated device: a test or an external program uses the cable.
+    #[default]
+    Unconnected,
+    /// Autopilot that only sends attitude and heartbeats.
+    Talker,
+    /// Autopilot with bidirectional MAVLink.
+    Mavlink(mavlink_autopilot::MavlinkFirmware),
+    /// Autopilot that uses the module as its MSP compass, with faults in what it sends.
+    Msp(msp_autopilot::MspFirmware, AnswerFaults),
+}
+
+/// Handle to the attached device, to inspect what it received.
+#[derive(Clone)]
+pub enum AttachedDevice {
+    /// No device that records received messages.
+    Deaf,
+    /// MAVLink autopilot.
+    Mavlink(Rc<RefCell<MavlinkAutopilot>>),
+    /// MSP autopilot.
+    Msp(Rc<RefCell<MspAutopilot>>),
+}
+
+impl FarEnd {
+    /// Attaches the device to a cable for the rest of the simulation. The faults modify its attitude messages.
+    pub fn attach(
+        self,
+        simulation: &mut Simulation,
+        world: &World,
+        uart: HostEnd,
+        faults: Vec<Box<dyn AttitudeFault>>,
+    ) -> AttachedDevice {
+        let (world, source) = (world.clone(), world.attitude_source());
+        let latency_us = source.latency_us();
+        match self {
+            Self::Unconnected => AttachedDevice::Deaf,
+            Self::Talker => {
+                simulation.spawn(Level::World, "attitude source", source.run(world, uart, faults));
+                AttachedDevice::Deaf
+            }
+            Self::Mavlink(firmware) => {
+                let device = Rc::new(RefCell::new(MavlinkAutopilot::new(source, firmware, clock::now_us())));
+                let task = mavlink(Rc::clone(&device), latency_us, world, uart, faults);
+                simulation.spawn(Level::World, "autopilot", task);
+                AttachedDevice::Mavlink(device)
+            }
+            Self::Msp(firmware, troubles) => {
+                let device = Rc::new(RefCell::new(MspAutopilot::new(firmware, troubles, world.config().seed)));
+                simulation.spawn(Level::World, "autopilot", msp(Rc::clone(&device), world, uart, source, faults));
+                AttachedDevice::Msp(device)
+            }
+        }
+    }
+}
+
+const LOOK_US: u64 = 1_000;
+
+async fn mavlink(
+    device: Rc<RefCell<MavlinkAutopilot>>,
+    latency_us: u64,
+    world: World,
+    uart: HostEnd,
+    mut faults: Vec<Box<dyn AttitudeFault>>,
+) {
+    loop {
+        let now_us = clock::now_us();
+        {
+            let mut device = device.borrow_mut();
+            device.receive(now_us, &uart.receive());
+            if device.due_us() <= now_us {
+                let late_us: u64 = faults.iter().map(|fault| fault.late_us(now_us)).sum();
+                let truth = world.true_state(now_us.saturating_sub(latency_us + late_us));
+                let tamper = |attitude: &mut ATTITUDE_DATA| {
+                    for fault in &mut faults {
+                        fault.tamper(now_us, attitude);
+                    }
+                };
+                let (is_armed, current_a) = (world.is_armed(), world.reported_current_a(now_us));
+                let bytes = device.send(now_us, &AutopilotInputs { truth, is_armed, current_a }, tamper);
+                if world.sends_attitude() {
+                    uart.send(&bytes);
+                }
+            }
+        }
+        Timer::after(Duration::from_micros(LOOK_US)).await;
+    }
+}
+
+/// Estimates attitude at the rate and latency of the attitude source.
+async fn msp(
+    device: Rc<RefCell<MspAutopilot>>,
+    world: World,
+    uart: HostEnd,
+    mut source: AttitudeSource,
+    mut faults: Vec<Box<dyn AttitudeFault>>,
+) {
+    let latency_us = source.latency_us();
+    let period_us = (1e6 / world.config().attitude_source.rate_hz) as u64;
+    let mut known = AutopilotState::default();
+    let mut estimated_us = 0;
+    loop {
+        let now_us = clock::now_us();
+        if now_us >= estimated_us {
+            estimated_us += period_us;
+            let late_us: u64 = faults.iter().map(|fault| fault.late_us(now_us)).sum();
+            let truth = world.true_state(now_us.saturating_sub(latency_us + late_us));
+            let ReportedAttitude { roll_rad, pitch_rad, yaw_rad } = source.report(&truth);
+            // Attitude faults operate on MAVLink messages; their body rates are unused by MSP.
+            let [roll, pitch, yaw] = [roll_rad, pitch_rad, yaw_rad].map(|rad| rad as f32);
+            let mut attitude = ATTITUDE_DATA { roll, pitch, yaw, ..ATTITUDE_DATA::default() };
+            for fault in &mut faults {
+                fault.tamper(now_us, &mut attitude);
+            }
+            known = AutopilotState {
+                roll_rad: f64::from(attitude.roll),
+                pitch_rad: f64::from(attitude.pitch),
+                yaw_rad: f64::from(attitude.yaw),
+                is_armed: world.is_armed(),
+                position: Some((XIAN.latitude_deg, XIAN.longitude_deg, XIAN.height_m)),
+                unix_s: Some((START_UNIX_US + now_us) / 1_000_000),
+                current_a: world.reported_current_a(now_us),
+            };
+        }
+        {
+            let mut device = device.borrow_mut();
+            for timed_byte in uart.receive_timed() {
+                device.receive_byte(timed_byte.at_us, timed_byte.byte);
+            }
+            let bytes = device.send(now_us, &known);
+            if world.sends_attitude() {
+                uart.send(&bytes);
+            }
+        }
+        Timer::after(Duration::from_micros(LOOK_US)).await;
+    }
+}

@@ -1,0 +1,327 @@
+//! The autopilot alone and with the module's MAVLink protocol.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use autoswing::calibration::method_selection::Procedure;
+use autoswing::compass::{Command, IndicatorState};
+use autoswing::earth::Date;
+use autoswing::instrument::Estimate;
+use autoswing::port::{Mavlink, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use autoswing::settings::Settings;
+use autoswing::time::Timestamp;
+
+use embassy_time::{Duration, with_timeout};
+use embedded_io_async::{Read, Write};
+
+use super::*;
+use crate::devices::uart::Cable;
+use crate::world::attitude_source::{AttitudeSourceConfig, Identity, SenderKind};
+use crate::world::far_end::FarEnd;
+use crate::world::{World, WorldConfig};
+use testkit::clock;
+use testkit::simulation::{Level, Simulation};
+
+const ATTITUDE: u32 = 30;
+const CURRENT: u32 = 1;
+const POSITION: u32 = 33;
+const TIME: u32 = 2;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Request {
+    Message { id: u32, rate_hz: u32 },
+    Stream { rate_hz: u8 },
+}
+
+fn request(frame: &Frame) -> Option<Request> {
+    const COMMAND_LONG: u32 = 76;
+    match frame.id {
+        COMMAND_LONG => {
+            Some(Request::Message { id: frame.float(0) as u32, rate_hz: (1e6 / frame.float(4)).round() as u32 })
+        }
+        REQUEST_DATA_STREAM => Some(Request::Stream { rate_hz: frame.byte(0) }),
+        _ => None,
+    }
+}
+
+/// Module and autopilot on a line without delay, with a clock in milliseconds.
+struct Bench {
+    autopilot: MavlinkAutopilot,
+    module: Mavlink,
+    ms: u64,
+    silent_until_ms: u64,
+    received: Vec<(u64, ReceivedMessage)>,
+    frames: Vec<(u64, Frame)>,
+    seen: AutopilotInputs,
+}
+
+impl Bench {
+    fn new(firmware: MavlinkFirmware) -> Self {
+        let source = AttitudeSource::new(AttitudeSourceConfig::default(), 1);
+        Self {
+            autopilot: MavlinkAutopilot::new(source, firmware, 0),
+            module: Mavlink::new(),
+            ms: 0,
+            silent_until_ms: 0,
+            received: vec![],
+            frames: vec![],
+            seen: AutopilotInputs::default(),
+        }
+    }
+
+    fn run(&mut self, seconds: u64) {
+        for ms in self.ms..self.ms + 1000 * seconds {
+            self.ms = ms;
+            let sent = self.autopilot.send(1000 * ms, &self.seen, |_| ());
+            if ms >= self.silent_until_ms {
+                self.deliver(&sent);
+            }
+            // The sensor samples at nearly 80 Hz.
+            if ms.is_multiple_of(12) {
+                self.poll();
+            }
+        }
+        self.ms += 1;
+    }
+
+    fn deliver(&mut self, bytes: &[u8]) {
+        let at = Timestamp::from_us(1000 * self.ms);
+        for &byte in bytes {
+            self.received.extend(self.module.process_byte(at, byte).map(|received| (self.ms, received)));
+        }
+    }
+
+    fn poll(&mut self) {
+        let snapshot = Snapshot {
+            now: Timestamp::from_us(1000 * self.ms),
+            estimate: &Estimate::EMPTY,
+            settings: &Settings::DEFAULT,
+            indicator: IndicatorState::Idle,
+            calibration: None,
+        };
+        let mut out = TransmitBuffer::new();
+        self.module.poll(&snapshot, &mut out);
+        self.autopilot.receive(1000 * self.ms, out.pending());
+        self.frames.extend(self.autopilot.take_received().into_iter().map(|frame| (self.ms, frame)));
+    }
+
+    fn requests(&self) -> Vec<(u64, Request)> {
+        self.frames.iter().filter_map(|(ms, frame)| Some((*ms, request(frame)?))).collect()
+    }
+
+    fn requested(&self) -> Vec<Request> {
+        self.requests().into_iter().map(|(_, request)| request).collect()
+    }
+
+    fn attitudes_in_the_last_second(&self) -> usize {
+        let is_one = |(ms, received): &&(u64, ReceivedMessage)| {
+            *ms + 1000 >= self.ms && matches!(received, ReceivedMessage::Attitude(_))
+        };
+        self.received.iter().filter(is_one).count()
+    }
+}
+
+const fn attitude(rate_hz: u32) -> Request {
+    Request::Message { id: ATTITUDE, rate_hz }
+}
+
+const CURRENT_PLACE_AND_TIME: [Request; 3] = [
+    Request::Message { id: CURRENT, rate_hz: 10 },
+    Request::Message { id: POSITION, rate_hz: 1 },
+    Request::Message { id: TIME, rate_hz: 1 },
+];
+
+fn assert_paced(bench: &Bench) {
+    for pair in bench.requests().windows(2) {
+        assert!(pair[1].0 - pair[0].0 >= 1000, "{pair:?}");
+    }
+}
+
+/// ArduPilot denies 50 Hz to an aeroplane, so the module requests 40 Hz. The module listens for one second and waits
+/// one second per request.
+#[test]
+fn ardupilot_accepts_an_attitude_rate_of_40_hz_at_once() {
+    let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
+    bench.run(2);
+    assert!(bench.requests()[0].0 <= 1_100, "{:?}", bench.requests());
+    bench.run(60);
+    let requested = [&[attitude(40)][..], &CURRENT_PLACE_AND_TIME].concat();
+    assert_eq!(bench.requested(), requested, "and nothing more");
+    assert_eq!(bench.autopilot.denied(), 0);
+    assert!(bench.attitudes_in_the_last_second().abs_diff(40) <= 1);
+    assert_paced(&bench);
+    assert_eq!((bench.autopilot.invalid_byte_count(), bench.module.rejected_frames()), (0, 0));
+}
+
+/// The module does not request messages that already arrive often enough.
+#[test]
+fn px4_sends_attitude_without_a_request() {
+    let mut bench = Bench::new(MavlinkFirmware::Px4);
+    bench.run(60);
+    assert_eq!(bench.requested(), CURRENT_PLACE_AND_TIME);
+    assert!(bench.attitudes_in_the_last_second().abs_diff(100) <= 1);
+}
+
+#[test]
+fn an_autopilot_with_streams_only_gets_a_stream_request() {
+    let mut bench = Bench::new(MavlinkFirmware::Streams);
+    bench.run(60);
+    let mut expected: Vec<Request> = [40, 25, 20].into_iter().flat_map(|rate| [attitude(rate); 2]).collect();
+    expected.push(Request::Stream { rate_hz: 25 });
+    // The firmware does not provide these messages; the module requests each twice.
+    expected.extend(CURRENT_PLACE_AND_TIME.into_iter().flat_map(|request| [request; 2]));
+    assert_eq!(bench.requested(), expected);
+    assert!(bench.attitudes_in_the_last_second().abs_diff(25) <= 1);
+    assert_paced(&bench);
+}
+
+/// The module requests each message twice and then gives up.
+#[test]
+fn an_autopilot_that_never_answers_gets_each_request_twice() {
+    let mut bench = Bench::new(MavlinkFirmware::Deaf);
+    bench.run(120);
+    assert_eq!(bench.requested().len(), 2 * 7);
+    assert!(bench.requests().last().unwrap().0 < 16_000);
+    assert_eq!(bench.attitudes_in_the_last_second(), 1);
+    assert_paced(&bench);
+}
+
+/// A restarted autopilot is detected within three seconds, with or without a silent interval.
+#[test]
+fn messages_are_requested_again_after_a_restart_or_silence() {
+    for silence_ms in [0, 1_500, 10_000] {
+        let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
+        bench.run(20);
+        let before = bench.requested().len();
+        bench.autopilot.restart(1000 * bench.ms);
+        bench.silent_until_ms = bench.ms + silence_ms;
+        bench.run(silence_ms / 1000 + 8);
+        assert!(bench.attitudes_in_the_last_second().abs_diff(40) <= 1, "{silence_ms}");
+        assert!(bench.requested()[before..].contains(&attitude(40)), "{silence_ms}");
+        assert_paced(&bench);
+    }
+}
+
+#[test]
+fn a_gap_under_2_s_causes_no_new_requests() {
+    let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
+    bench.run(20);
+    let before = bench.requested().len();
+    bench.silent_until_ms = bench.ms + 1_900;
+    bench.run(10);
+    assert_eq!(bench.requested().len(), before);
+    bench.silent_until_ms = bench.ms + 2_200;
+    bench.run(10);
+    assert!(bench.requested().len() > before);
+}
+
+#[test]
+fn position_and_date_of_the_autopilot_are_received() {
+    let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
+    bench.run(10);
+    let place = bench.received.iter().rev().find_map(|(_, received)| match received {
+        ReceivedMessage::Position(place) => Some(*place),
+        _ => None,
+    });
+    let place = place.expect("a place");
+    assert!((f64::from(place.latitude_deg) - XIAN.latitude_deg).abs() < 1e-5);
+    assert!((f64::from(place.longitude_deg) - XIAN.longitude_deg).abs() < 1e-5);
+    assert!((f64::from(place.height_m) - XIAN.height_m).abs() < 0.1);
+    let today = Date::from_unix_s(START_UNIX_US / 1_000_000).unwrap();
+    assert!(bench.received.iter().any(|(_, received)| *received == ReceivedMessage::Date(today)));
+    bench.autopilot.set_position(None);
+    bench.received.clear();
+    bench.run(10);
+    let number =
+        |is_one: fn(&ReceivedMessage) -> bool| bench.received.iter().filter(|(_, received)| is_one(received)).count();
+    assert_eq!(number(|received| matches!(received, ReceivedMessage::Position(_))), 0);
+    assert!(number(|received| matches!(received, ReceivedMessage::Date(_))).abs_diff(10) <= 1);
+}
+
+/// Frames of another aircraft's autopilot, as a radio may relay them, are counted as foreign and ignored.
+#[test]
+fn a_second_autopilot_is_ignored() {
+    let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
+    let foreign = Identity { system_id: 9, component_id: 1, heartbeat_kind: Some(SenderKind::Autopilot) };
+    let source = AttitudeSource::new(AttitudeSourceConfig::default(), 2).with_identity(foreign);
+    let mut other = MavlinkAutopilot::new(source, MavlinkFirmware::Px4, 0);
+    bench.run(1);
+    for _ in 0..10 {
+        bench.run(1);
+        let bytes =
+            other.send(1000 * bench.ms, &AutopilotInputs { is_armed: true, ..AutopilotInputs::default() }, |_| ());
+        bench.deliver(&bytes);
+    }
+    assert!(bench.frames.iter().all(|(_, frame)| (frame.system, frame.component) == (1, 158)));
+    assert!(bench.received.iter().any(|(_, received)| *received == ReceivedMessage::RejectedAttitude));
+    assert_eq!(bench.module.is_armed(Timestamp::from_us(1000 * bench.ms)), Some(false));
+    assert_eq!(bench.autopilot.rate_hz(ATTITUDE), Some(40.0));
+}
+
+/// The autopilot forwards a ground station's command and the module's answer.
+#[test]
+fn a_ground_station_commands_the_module() {
+    const STATION: [u8; 2] = [255, 190];
+    let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
+    bench.run(5);
+    bench.deliver(&command_long(STATION, 1, 42_424, 0, [0.0; 7]));
+    assert_eq!(bench.received.last().unwrap().1, ReceivedMessage::Command(Command::CalStart(Procedure::Flight)));
+    bench.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
+    bench.run(1);
+    let ack = bench.frames.iter().find(|(_, frame)| frame.id == 77).map(|(_, frame)| frame).expect("an answer");
+    assert_eq!(ack.payload, [0xB8, 0xA5, 0, 0, 0, 0, 0, 0, 255, 190]);
+}
+
+/// World task at a cable of 115,200 baud, for ten seconds.
+#[test]
+fn the_autopilot_answers_over_a_serial_cable() {
+    let mut simulation = Simulation::new();
+    let world = World::new(WorldConfig::table1(1));
+    let cable = Cable::new(crate::devices::uart::UartConfig::default());
+    let (mut rx, mut tx) = cable.module();
+    let times = Rc::new(RefCell::new(Vec::new()));
+    let log = Rc::clone(&times);
+    simulation.spawn(Level::Thread, "module", async move {
+        let mut module = Mavlink::new();
+        let mut buffer = [0; 64];
+        loop {
+            let read = with_timeout(Duration::from_millis(10), rx.read(&mut buffer)).await.map_or(0, Result::unwrap);
+            let now = Timestamp::from_us(clock::now_us());
+            let received = buffer[..read].iter().filter_map(|&byte| module.process_byte(now, byte));
+            log.borrow_mut().extend(
+                received.filter(|received| matches!(received, ReceivedMessage::Attitude(_))).map(|_| now.as_us()),
+            );
+            let snapshot = Snapshot {
+                now,
+                estimate: &Estimate::EMPTY,
+                settings: &Settings::DEFAULT,
+                indicator: IndicatorState::Idle,
+                calibration: None,
+            };
+            let mut out = TransmitBuffer::new();
+            module.poll(&snapshot, &mut out);
+            tx.write_all(out.pending()).await.unwrap();
+        }
+    });
+    FarEnd::Mavlink(MavlinkFirmware::ArduPilot).attach(&mut simulation, &world, cable.host(), vec![]);
+    simulation.run_until(10_000_000);
+    let last_second = times.borrow().iter().filter(|&&us| us > 9_000_000).count();
+    assert!(last_second.abs_diff(40) <= 1, "{last_second}");
+    world.set_sends_attitude(false);
+    times.borrow_mut().clear();
+    simulation.run_until(12_000_000);
+    assert_eq!(times.borrow().len(), 0, "somebody else has the line");
+}
+
+/// Frames cut at any byte, with noise between them.
+#[test]
+fn the_reader_finds_every_frame() {
+    let frame = Frame { sequence: 3, system: 1, component: 158, id: 191, payload: vec![7; 17] };
+    let bytes = [&[0xFD, 2, 3][..], &frame.bytes(92), b"noise", &frame.bytes(92)].concat();
+    for cut in 0..bytes.len() {
+        let mut reader = FrameReader::default();
+        let mut found = reader.read(&bytes[..cut]);
+        found.extend(reader.read(&bytes[cut..]));
+        assert_eq!((found, reader.invalid_byte_count()), (vec![frame.clone(), frame.clone()], 8), "{cut}");
+    }
+}

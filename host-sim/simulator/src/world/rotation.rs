@@ -1,0 +1,148 @@
+//! Rotations of the simulated world in `f64`, derived independently of the library.
+//!
+//! A sign error in the library's rotations would cancel if the world used them too. So no code that computes the
+//! simulated field uses the library's rotations.
+//!
+//! Axes: north, east, down for the Earth; forward, right, down for the body. Earth axes become body axes by a yaw about
+//! the down axis, a pitch about the right wing, and a roll about the nose (Euler ZYX; B. L. Stevens, F. L. Lewis,
+//! "Aircraft Control and Simulation", section 1.3). Each elementary matrix transforms the components of a fixed vector
+//! to the rotated axes.
+
+use nalgebra::{Matrix3, Vector3};
+
+/// Euler angles of the body axes, radians.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Euler {
+    /// Roll phi about the nose, right wing down positive.
+    pub roll_rad: f64,
+    /// Pitch theta about the right wing, nose up positive.
+    pub pitch_rad: f64,
+    /// Heading psi about the down axis, clockwise from magnetic north seen from above.
+    pub heading_rad: f64,
+}
+
+impl Euler {
+    /// Attitude from degrees.
+    #[must_use]
+    pub fn from_deg(roll_deg: f64, pitch_deg: f64, heading_deg: f64) -> Self {
+        let [roll_rad, pitch_rad, heading_rad] = [roll_deg, pitch_deg, heading_deg].map(f64::to_radians);
+        Self { roll_rad, pitch_rad, heading_rad }
+    }
+
+    /// Rotation matrix from north, east, down to forward, right, down: `R_x(phi) R_y(theta) R_z(psi)`.
+    #[must_use]
+    pub fn body_from_earth(&self) -> Matrix3<f64> {
+        self.body_from_level() * about_z(self.heading_rad)
+    }
+
+    /// Rotation matrix from level axes (x along the horizontal projection of the nose, z down) to body axes: `R_x(phi)
+    /// R_y(theta)`.
+    #[must_use]
+    pub fn body_from_level(&self) -> Matrix3<f64> {
+        about_x(self.roll_rad) * about_y(self.pitch_rad)
+    }
+
+    /// Earth's field in body axes, in the unit of `total`.
+    #[must_use]
+    pub fn field(&self, total: f64, inclination_rad: f64) -> Vector3<f64> {
+        self.body_from_earth() * earth_field(total, inclination_rad)
+    }
+}
+
+/// Earth's field north, east, down, in the unit of `total`. The east component is zero because north is magnetic north.
+/// Inclination is positive where the field points down (northern hemisphere).
+#[must_use]
+pub fn earth_field(total: f64, inclination_rad: f64) -> Vector3<f64> {
+    Vector3::new(total * libm::cos(inclination_rad), 0.0, total * libm::sin(inclination_rad))
+}
+
+/// Rotation of the axes about x, y towards z.
+fn about_x(angle_rad: f64) -> Matrix3<f64> {
+    let (sin, cos) = libm::sincos(angle_rad);
+    Matrix3::new(1.0, 0.0, 0.0, 0.0, cos, sin, 0.0, -sin, cos)
+}
+
+/// Rotation of the axes about y, z towards x.
+fn about_y(angle_rad: f64) -> Matrix3<f64> {
+    let (sin, cos) = libm::sincos(angle_rad);
+    Matrix3::new(cos, 0.0, -sin, 0.0, 1.0, 0.0, sin, 0.0, cos)
+}
+
+fn about_z(angle_rad: f64) -> Matrix3<f64> {
+    let (sin, cos) = libm::sincos(angle_rad);
+    Matrix3::new(cos, sin, 0.0, -sin, cos, 0.0, 0.0, 0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn assert_near(found: Vector3<f64>, expected: [f64; 3]) {
+        assert!((found - Vector3::from(expected)).norm() < 1e-12, "{found:?} for {expected:?}");
+    }
+
+    #[test]
+    fn a_field_points_north_and_with_positive_inclination_down() {
+        assert_near(earth_field(50.0, 0.0), [50.0, 0.0, 0.0]);
+        assert_near(earth_field(50.0, 90_f64.to_radians()), [0.0, 0.0, 50.0]);
+        assert_near(earth_field(50.0, -30_f64.to_radians()), [50.0 * 0.75_f64.sqrt(), 0.0, -25.0]);
+    }
+
+    /// Heading east, north is to the left; heading south, behind; heading west, to the right.
+    #[test]
+    fn headings_are_clockwise_from_north() {
+        let north = Vector3::new(1.0, 0.0, 0.0);
+        for (heading_deg, expected) in
+            [(0.0, [1.0, 0.0, 0.0]), (90.0, [0.0, -1.0, 0.0]), (180.0, [-1.0, 0.0, 0.0]), (270.0, [0.0, 1.0, 0.0])]
+        {
+            assert_near(Euler::from_deg(0.0, 0.0, heading_deg).body_from_earth() * north, expected);
+        }
+        assert_near(Euler::from_deg(0.0, 0.0, 90.0).body_from_earth() * Vector3::new(0.0, 1.0, 0.0), [1.0, 0.0, 0.0]);
+    }
+
+    /// With the nose straight up, down is behind and the former forward direction is below.
+    #[test]
+    fn pitch_is_nose_up() {
+        let up = Euler::from_deg(0.0, 90.0, 0.0).body_from_earth();
+        assert_near(up * Vector3::new(0.0, 0.0, 1.0), [-1.0, 0.0, 0.0]);
+        assert_near(up * Vector3::new(1.0, 0.0, 0.0), [0.0, 0.0, 1.0]);
+        assert_near(up * Vector3::new(0.0, 1.0, 0.0), [0.0, 1.0, 0.0]);
+    }
+
+    /// With the right wing straight down, down is along the right wing and the former left direction is below.
+    #[test]
+    fn roll_is_right_wing_down() {
+        let banked = Euler::from_deg(90.0, 0.0, 0.0).body_from_earth();
+        assert_near(banked * Vector3::new(0.0, 0.0, 1.0), [0.0, 1.0, 0.0]);
+        assert_near(banked * Vector3::new(0.0, 1.0, 0.0), [0.0, 0.0, -1.0]);
+        assert_near(banked * Vector3::new(1.0, 0.0, 0.0), [1.0, 0.0, 0.0]);
+    }
+
+    /// Heading east, the right wing points south. After pitching up by 90 deg, the body's down axis points east. After
+    /// rolling right by 90 deg, the right wing points east and the down axis north.
+    #[test]
+    fn the_order_is_yaw_pitch_roll() {
+        let earth_from_body = Euler::from_deg(90.0, 90.0, 90.0).body_from_earth().transpose();
+        assert_near(earth_from_body * Vector3::new(1.0, 0.0, 0.0), [0.0, 0.0, -1.0]);
+        assert_near(earth_from_body * Vector3::new(0.0, 1.0, 0.0), [0.0, 1.0, 0.0]);
+        assert_near(earth_from_body * Vector3::new(0.0, 0.0, 1.0), [1.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_rotation_keeps_lengths_and_handedness() {
+        let rotation = Euler::from_deg(-37.0, 12.0, 251.0).body_from_earth();
+        assert!((rotation * rotation.transpose() - Matrix3::identity()).norm() < 1e-12);
+        assert!((rotation.determinant() - 1.0).abs() < 1e-12);
+    }
+
+    /// Manual calculation: 40 uT north and 30 uT down, heading 30 deg, roll 30 deg. Level: forward 40 cos 30 = 34.64,
+    /// right -40 sin 30 = -20, down 30. Banked: right -20 cos 30 + 30 sin 30 = -2.32, down 20 sin 30 + 30 cos 30 =
+    /// 35.98.
+    #[test]
+    fn a_field_in_a_bank_equals_hand_calculation() {
+        let field = Euler::from_deg(30.0, 0.0, 30.0).field(50.0, libm::atan(30_f64 / 40.0));
+        let root = 3_f64.sqrt();
+        assert_near(field, [20.0 * root, 15.0 - 10.0 * root, 10.0 + 15.0 * root]);
+    }
+}

@@ -1,0 +1,193 @@
+use super::*;
+use crate::devices::i2c::Bus;
+use crate::devices::lis3mdl::{self, Lis3mdl};
+use crate::devices::uart::{self, Cable};
+use testkit::simulation::{Level, Simulation};
+
+const EXAMPLE: &str = include_str!("../../../airframes/example.toml");
+
+#[test]
+fn the_example_file_shows_the_defaults() {
+    let config = WorldConfig::from_toml(EXAMPLE, 3).unwrap();
+    let defaults = WorldConfig::table1(3);
+    assert_eq!(WorldConfig { airframe: defaults.airframe, ..config }, defaults);
+    // The file's 8 % of soft iron and 24.8 uT of hard iron; singular values do not depend on the mounting.
+    assert!((config.airframe.b_ut.norm() - 24.8).abs() < 0.1);
+    assert!((config.airframe.a.singular_values().max() - 1.085).abs() < 0.01);
+}
+
+/// Tolerances: half of the last printed digit, and for the matrix also 0.005 deg of mounting.
+#[test]
+fn an_airframe_round_trips_through_its_file() {
+    for seed in 0..200 {
+        let config = WorldConfig::random(seed);
+        let text = config.airframe_toml();
+        let read = WorldConfig::from_toml(&text, seed).unwrap_or_else(|error| panic!("{seed}: {error}\n{text}"));
+        let max_difference = (read.airframe.a - config.airframe.a).abs().max();
+        assert!(max_difference < 0.000_5, "seed {seed}: {max_difference}\n{text}");
+        let off_ut = (read.airframe.b_ut - config.airframe.b_ut).abs().max();
+        assert!(off_ut < 0.006, "seed {seed}: {off_ut}");
+        assert!((read.earth.total_ut - config.earth.total_ut).abs() < 0.006, "seed {seed}");
+        assert!((read.earth.inclination_deg - config.earth.inclination_deg).abs() < 0.006, "seed {seed}");
+    }
+}
+
+#[test]
+fn a_world_file_selects_the_vehicle_kind() {
+    let text = EXAMPLE
+        .replace("kind = \"plane\"", "kind = \"copter\"")
+        .replace("push_error_deg = 0.0", "push_error_deg = 1.5");
+    let copter = WorldConfig::from_toml(&text, 3).unwrap();
+    assert_eq!(copter.aircraft.kind, aircraft::VehicleKind::Copter);
+    assert_eq!(copter.with_vehicle_kind(aircraft::VehicleKind::Copter), copter);
+    let boat = copter.with_vehicle_kind(aircraft::VehicleKind::Boat);
+    assert!((boat.attitude_source.push_error_deg - 0.4).abs() < 1e-9);
+}
+
+#[test]
+fn mistakes_in_a_file_are_named() {
+    let message = |from: &str, to: &str| {
+        assert!(EXAMPLE.contains(from));
+        WorldConfig::from_toml(&EXAMPLE.replace(from, to), 0).unwrap_err().to_string()
+    };
+    assert_eq!(
+        message("inclination_deg = 54.0", "inclination_deg = 95.0"),
+        "earth.inclination_deg is 95; it must lie in -85 to 85"
+    );
+    assert!(message("[1.08, 0.02, 0.01]", "[-1.08, 0.02, 0.01]").starts_with("determinant of airframe.soft_iron"));
+    assert_eq!(message("speed_m_s = 3.0", "speed_m_s = 31.0"), "aircraft.speed_m_s is 31; it must lie in 0.5 to 30");
+    assert_eq!(
+        message("push_error_deg = 0.0", "push_error_deg = 11.0"),
+        "attitude_source.push_error_deg is 11; it must lie in 0 to 10"
+    );
+    assert!(message("kind = \"plane\"", "kind = \"zeppelin\"").contains("unknown variant `zeppelin`"));
+    assert!(message("gust_m_s = 0.5", "gust_m_s = nan").starts_with("weather.gust_m_s is NaN"));
+    assert!(message("noise_deg", "noise_dge").contains("unknown field `noise_dge`"));
+    assert!(message("[12.0, -8.5, 20.0]", "[12.0, -8.5]").contains("hard_iron_ut"));
+}
+
+#[test]
+fn the_flight_does_not_depend_on_queries() {
+    let flight = |look_every_us: u64| {
+        let mut simulation = Simulation::new();
+        let world = World::new(WorldConfig::random(5));
+        let looker = world.clone();
+        simulation.spawn(Level::World, "looker", async move {
+            loop {
+                embassy_time::Timer::after_micros(look_every_us).await;
+                let _ = looker.sensor_field(clock::now_us());
+            }
+        });
+        simulation.run_until(1_234_567);
+        world.fly(Leg::Turn { bank_deg: 20.0, heading_change_deg: 90.0 });
+        simulation.run_until(20_000_000);
+        (world.true_state(20_000_000), world.sensor_field(19_000_001), world.unfinished_legs())
+    };
+    assert_eq!(flight(777), flight(10_000_000));
+}
+
+#[test]
+fn states_of_the_past_two_seconds_are_available() {
+    let mut simulation = Simulation::new();
+    let config = WorldConfig { weather: weather::Weather::still(), ..WorldConfig::table1(1) };
+    let world = World::new(config);
+    world.hold_bank_and_pitch(30.0, 0.0);
+    simulation.run_until(20_000_000);
+    let [now, then] = [20_000_000, 18_006_789].map(|at_us| world.true_state(at_us));
+    assert_eq!(then.time_us, 18_006_789);
+    let turned_rad = now.heading_rad - then.heading_rad;
+    let expected_rad = now.heading_rate_rad_s * 1.993_211;
+    assert!((turned_rad - expected_rad).abs() < 1e-6, "{turned_rad} for {expected_rad}");
+    assert_eq!(world.true_state(0).time_us, 18_005_000, "older times give the oldest state");
+}
+
+#[test]
+fn a_disturbance_adds_to_the_field_until_it_is_removed() {
+    let _simulation = Simulation::new();
+    let world = World::new(WorldConfig::table1(1));
+    let clean = world.sensor_field(0);
+    world.set_disturbance_ut([500.0, 0.0, -3.0]);
+    let difference = world.sensor_field(0).ut - clean.ut;
+    assert!((difference - Vector3::new(500.0, 0.0, -3.0)).norm() < 1e-3);
+    world.set_disturbance_ut([0.0; 3]);
+    assert_eq!(world.sensor_field(0), clean);
+}
+
+/// In still hover the interference is the configured one; a tilt of 18 deg increases the current by a factor of 1.078.
+#[test]
+fn motor_current_interference_is_proportional_to_the_current() {
+    let mut simulation = Simulation::new();
+    let still = WorldConfig { weather: weather::Weather::still(), ..WorldConfig::table1(1) };
+    let world = World::new(still.with_vehicle_kind(aircraft::VehicleKind::Copter));
+    simulation.run_until(2_000_000);
+    let added_ut = |current_ut: [f64; 3]| {
+        let at_us = clock::now_us();
+        world.set_current_interference_ut([0.0; 3]);
+        let clean = world.sensor_field(at_us);
+        world.set_current_interference_ut(current_ut);
+        (world.sensor_field(at_us).ut - clean.ut).x
+    };
+    assert!((added_ut([10.0, 0.0, 0.0]) - 10.0).abs() < 0.01);
+    world.fly(Leg::Push { toward_deg: 90.0, tilt_deg: 18.0, seconds: 3.0 });
+    simulation.run_until(4_900_000);
+    assert!((added_ut([10.0, 0.0, 0.0]) - 10.78).abs() < 0.05);
+    assert_eq!(WorldConfig::table1(1).current_interference_ut.map(f64::to_bits), [0; 3]);
+    let interference_ut_per_a =
+        Vector3::from(WorldConfig::table1(1).with_current_interference(8.0).current_interference_ut);
+    assert!((interference_ut_per_a.norm() - 8.0).abs() < 1e-9);
+    assert_ne!(
+        interference_ut_per_a,
+        Vector3::from(WorldConfig::table1(2).with_current_interference(8.0).current_interference_ut)
+    );
+}
+
+#[test]
+fn a_whole_flight_is_a_function_of_its_seed() {
+    let minute_us = 60_000_000;
+    assert_eq!(fly_everything(7, minute_us), fly_everything(7, minute_us));
+    assert_ne!(fly_everything(7, minute_us).0, fly_everything(8, minute_us).0);
+}
+
+fn fly_everything(seed: u64, duration_us: u64) -> (u64, usize) {
+    use std::hash::{DefaultHasher, Hasher};
+
+    use embedded_hal_async::i2c::I2c;
+    use embedded_io_async::Read;
+
+    let mut simulation = Simulation::new();
+    let world = World::new(WorldConfig::random(seed));
+    let mut bus = Bus::new();
+    bus.attach(Lis3mdl::new(lis3mdl::Lis3mdlConfig { seed, ..Default::default() }, world.magnetometer_source(vec![])));
+    let cable = Cable::new(uart::UartConfig::default());
+    let (mut receiver, _transmitter) = cable.module();
+    let seen = Rc::new(RefCell::new((DefaultHasher::new(), 0)));
+    let note = |seen: &Rc<RefCell<(DefaultHasher, usize)>>, bytes: &[u8]| {
+        let mut seen = seen.borrow_mut();
+        seen.0.write(bytes);
+        seen.1 += bytes.len();
+    };
+
+    simulation.spawn(Level::World, "autopilot", world.attitude_source().run(world.clone(), cable.host(), vec![]));
+    let seen_attitude = Rc::clone(&seen);
+    simulation.spawn(Level::Interrupt, "attitude", async move {
+        let mut buffer = [0; 128];
+        loop {
+            let count = receiver.read(&mut buffer).await.unwrap();
+            note(&seen_attitude, &buffer[..count]);
+        }
+    });
+    let seen_field = Rc::clone(&seen);
+    simulation.spawn(Level::Interrupt, "magnetometer", async move {
+        bus.write(lis3mdl::ADDRESS_SA1_HIGH, &[0xA0, 0x7C, 0x00, 0x00, 0x0C, 0x40]).await.unwrap();
+        loop {
+            embassy_time::Timer::after_micros(12_500).await;
+            let mut bytes = [0; 7];
+            bus.write_read(lis3mdl::ADDRESS_SA1_HIGH, &[0xA7], &mut bytes).await.unwrap();
+            note(&seen_field, &bytes);
+        }
+    });
+    world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 7200.0 });
+    simulation.run_until(duration_us);
+    let seen = seen.borrow();
+    (seen.0.finish(), seen.1)
+}

@@ -1,0 +1,95 @@
+//! Files named on the command line: logs, airframes, reports.
+
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+
+use log_analysis::log::csv::FieldUnit;
+use log_analysis::log::{self, Flight, LogError};
+use log_analysis::report::{self, Report};
+use simulator::world::WorldConfig;
+use simulator::world::aircraft::VehicleKind;
+
+use super::failure::Failure;
+
+/// Reads a flight from a file, or from standard input if its name is `-`. `unit` is the unit of a table's field,
+/// `system` the MAVLink system to read (default: the first autopilot).
+///
+/// # Errors
+///
+/// The file cannot be read, or holds no usable flight.
+pub fn read_log(path: &Path, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
+    if path.as_os_str() == "-" {
+        return log::read_system(&mut io::stdin().lock(), unit, system);
+    }
+    log::read_system(&mut File::open(path)?, unit, system)
+}
+
+/// World for `table1`, `random`, or the path of an airframe file.
+///
+/// # Errors
+///
+/// The file cannot be read or parsed, or a number is out of range.
+pub fn named_world(name: &str, seed: u64) -> Result<WorldConfig, Failure> {
+    match name {
+        "table1" => Ok(WorldConfig::table1(seed)),
+        "random" => Ok(WorldConfig::random(seed)),
+        path => {
+            let text = fs::read_to_string(path).map_err(|error| {
+                let kinds = VehicleKind::ALL.map(VehicleKind::name).join("`, `");
+                Failure(format!(
+                    "airframe-unreadable: {path}: {error} (expected `{kinds}`, `table1`, `random` or an airframe file)"
+                ))
+            })?;
+            WorldConfig::from_toml(&text, seed).map_err(|error| Failure(format!("{}: {path}: {error}", error.code())))
+        }
+    }
+}
+
+/// Writes the page to a file (`index.html` if `path` is a folder), or the before-and-after picture to a `.svg` file.
+/// Creates folders and returns the file's path. Equal reports give equal bytes.
+///
+/// # Errors
+///
+/// The file cannot be written.
+pub fn write_report_file(report: &Report, path: &Path) -> io::Result<PathBuf> {
+    let ends_with = |ends: &[&str]| {
+        path.extension().is_some_and(|extension| ends.iter().any(|end| extension.eq_ignore_ascii_case(end)))
+    };
+    let is_file = ends_with(&["html", "htm", "svg"]) && !path.is_dir();
+    let file = if is_file { path.to_owned() } else { path.join("index.html") };
+    if let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        fs::create_dir_all(folder)?;
+    }
+    fs::write(&file, if is_file && ends_with(&["svg"]) { report::picture(report) } else { report::page(report) })?;
+    Ok(file)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_airframe_file_is_named() {
+        let Failure(missing) = named_world("no/such.toml", 0).unwrap_err();
+        assert!(
+            missing.starts_with("airframe-unreadable: no/such.toml: ") && missing.contains("`table1`"),
+            "{missing}"
+        );
+    }
+
+    #[test]
+    fn a_report_is_written_to_the_given_path() {
+        let folder = tempfile::tempdir().unwrap();
+        let report = Report::default();
+        let at = |name: &str| write_report_file(&report, &folder.path().join(name)).unwrap();
+        assert_eq!(at("new/folder"), folder.path().join("new/folder/index.html"));
+        assert_eq!(at("page.HTML"), folder.path().join("page.HTML"));
+        assert_eq!(at("deep/er/page.html"), folder.path().join("deep/er/page.html"));
+        fs::create_dir(folder.path().join("odd.html")).unwrap();
+        assert_eq!(at("odd.html"), folder.path().join("odd.html/index.html"));
+        let picture = fs::read_to_string(at("only.svg")).unwrap();
+        assert!(picture.starts_with("<svg"));
+        assert!(fs::read_to_string(at("page.html")).unwrap().starts_with("<!doctype html>"));
+    }
+}

@@ -1,9 +1,0 @@
-//! Simulated hardware at register and wire level, with realistic timing on the simulation clock.
-//!
-//! Devices survive a reboot of the module: keep the handle outside the [`Simulation`](crate::simulation::Simulation)
-//! and give clones to its tasks.
-
-pub mod i2c;
-pub mod lis3mdl;
-pub mod nor_flash;
-pub mod uart;

@@ -1,0 +1,151 @@
+//! D-optimal selection of samples, given the whole flight and the true parameters.
+//!
+//! The criterion is the determinant of the Fisher information of the thirteen common parameters (V. V. Fedorov, "Theory
+//! of Optimal Experiments", 1972). Samples are added one by one, each with the largest gain. The gain in
+//! log-determinant is submodular, so the greedy selection is within `1 - 1/e` of the optimum, and a sample whose last
+//! known gain is smaller than another's present gain need not be evaluated again (M. Minoux, "Accelerated greedy
+//! algorithms", 1978).
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+use nalgebra::Matrix2;
+
+use super::cramer_rao::{self, FisherInformation, InformationRoot};
+use super::trial::{Trial, TrueSample};
+
+/// Prior standard deviations: soft-iron elements (relative), hard iron (in units of the field), inclination (rad). They
+/// affect only the first dozen samples, until the parameters are observable.
+const PRIOR_SIGMAS: [f64; 3] = [0.3, 3.0, 1.0];
+
+/// Sample with its last computed gain.
+struct Candidate {
+    gain: f64,
+    index: usize,
+    /// Number of selected samples when the gain was computed.
+    evaluated_at: usize,
+}
+
+impl PartialEq for Candidate {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Candidate {}
+
+impl PartialOrd for Candidate {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+/// Ordered by gain; equal gains by earlier sample.
+impl Ord for Candidate {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.gain.total_cmp(&other.gain).then(other.index.cmp(&self.index))
+    }
+}
+
+/// The `number` most informative samples of a flight, or all if there are fewer, in the order of selection.
+#[must_use]
+pub fn select_samples(trial: &Trial, number: usize) -> Vec<TrueSample> {
+    let instants: Vec<&TrueSample> = trial.true_samples().collect();
+    let rows: Vec<InformationRoot> =
+        instants.iter().map(|instant| cramer_rao::information_root(trial, instant)).collect();
+    let mut covariance = prior();
+    let gain = |covariance: &FisherInformation, index: usize| {
+        libm::log(information_gain_matrix(covariance, &rows[index]).determinant())
+    };
+    let candidate = |index| Candidate { gain: gain(&covariance, index), index, evaluated_at: 0 };
+    let mut candidates: BinaryHeap<Candidate> = (0..rows.len()).map(candidate).collect();
+    let mut chosen = Vec::new();
+    while chosen.len() < number
+        && let Some(best) = candidates.pop()
+    {
+        if best.evaluated_at < chosen.len() {
+            candidates.push(Candidate { gain: gain(&covariance, best.index), evaluated_at: chosen.len(), ..best });
+            continue;
+        }
+        covariance = with_sample(&covariance, &rows[best.index]);
+        chosen.push(*instants[best.index]);
+    }
+    chosen
+}
+
+/// Cramér-Rao bound of the RMS heading error for a selection of `number` samples, degrees.
+#[must_use]
+pub fn rms_deg(trial: &Trial, number: usize) -> Option<f64> {
+    cramer_rao::rms_deg_for(trial, select_samples(trial, number).iter())
+}
+
+fn prior() -> FisherInformation {
+    let [soft, hard, inclination] = PRIOR_SIGMAS;
+    let sigma = |unknown| match unknown {
+        0..9 => soft,
+        9..12 => hard,
+        _ => inclination,
+    };
+    FisherInformation::from_fn(|row, column| if row == column { sigma(row) * sigma(row) } else { 0.0 })
+}
+
+/// `1 + R C R^T`; its determinant is the factor by which the sample increases the determinant of the information.
+fn information_gain_matrix(covariance: &FisherInformation, rows: &InformationRoot) -> Matrix2<f64> {
+    Matrix2::identity() + rows * covariance * rows.transpose()
+}
+
+/// Covariance after adding a sample: `C - C R^T (1 + R C R^T)^-1 R C` (Woodbury identity).
+fn with_sample(covariance: &FisherInformation, rows: &InformationRoot) -> FisherInformation {
+    let to_rows = rows * covariance;
+    // Positive definite, so the inverse exists.
+    let inverse = information_gain_matrix(covariance, rows).try_inverse().unwrap_or_else(Matrix2::zeros);
+    let less = covariance - to_rows.tr_mul(&(inverse * to_rows));
+    (less + less.transpose()) / 2.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::studies::accuracy::flight::{Flight, FlightPattern};
+    use crate::studies::accuracy::trial::{Envelope, Ranges};
+    use simulator::world::aircraft::VehicleKind;
+
+    fn trial(samples: usize) -> Trial {
+        Trial::draw(&Ranges { samples, ..Ranges::HARSH }, 3)
+    }
+
+    /// Reference: evaluates every sample in every step and inverts the whole matrix.
+    #[test]
+    fn lazy_selection_equals_exhaustive_selection() {
+        let trial = trial(30);
+        let rows: Vec<InformationRoot> =
+            trial.true_samples().map(|instant| cramer_rao::information_root(&trial, instant)).collect();
+        let mut information = prior().try_inverse().unwrap();
+        let mut left: Vec<usize> = (0..rows.len()).collect();
+        let mut plain = Vec::new();
+        for _ in 0..20 {
+            let with_sample = |index: usize| information + rows[index].tr_mul(&rows[index]);
+            let determinant = |index: &usize| with_sample(*index).determinant();
+            let best = *left.iter().max_by(|a, b| determinant(a).total_cmp(&determinant(b))).unwrap();
+            information = with_sample(best);
+            left.retain(|&index| index != best);
+            plain.push(trial.true_samples().nth(best).unwrap().time.as_ms());
+        }
+        let lazy: Vec<u32> = select_samples(&trial, 20).iter().map(|instant| instant.time.as_ms()).collect();
+        assert_eq!(lazy, plain);
+    }
+
+    #[test]
+    fn selected_samples_have_a_lower_bound_than_evenly_thinned_ones() {
+        let flight =
+            Flight { kind: VehicleKind::Copter, pattern: FlightPattern::Routine, minutes: 3.0 }.fly(&Ranges::HARSH, 3);
+        let trial = trial(1).with_flight(flight, Envelope::Tilted);
+        let thinned = cramer_rao::rms_deg_for(&trial, trial.true_samples().step_by(9)).unwrap();
+        let chosen = rms_deg(&trial, 200).unwrap();
+        assert!(chosen < 0.9 * thinned, "{chosen} {thinned}");
+        assert!(rms_deg(&trial, 400).unwrap() < chosen);
+        assert_eq!(select_samples(&trial, 10_000).len(), 1800);
+        let all = rms_deg(&trial, 10_000).unwrap();
+        assert!((all / cramer_rao::rms_deg(&trial).unwrap() - 1.0).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,201 @@
+//! Flights of one battery charge that include calibration manoeuvres.
+
+use autoswing::calibration::Rates;
+use autoswing::time::WrappingMillis;
+use serde::Serialize;
+use simulator::random::{Purpose, Random};
+use simulator::routine::{Routine, TurnPlan, random_leg};
+use simulator::world::aircraft::{Aircraft, VehicleConfig, VehicleKind};
+use simulator::world::autopilot::Leg;
+use simulator::world::weather::Weather;
+
+use super::trial::{Ranges, TrueSample};
+
+/// Flight pattern.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FlightPattern {
+    /// Straight legs, with the routine after one third of the remaining time.
+    Routine,
+    /// Straight legs, with the routine reversed in order and mirrored left to right after two thirds of the remaining
+    /// time.
+    Mirrored,
+    /// Random legs only.
+    Wandering,
+}
+
+impl FlightPattern {
+    /// All patterns.
+    pub const ALL: [Self; 3] = [Self::Routine, Self::Mirrored, Self::Wandering];
+
+    /// Name in reports and on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Routine => "routine",
+            Self::Mirrored => "mirrored",
+            Self::Wandering => "wandering",
+        }
+    }
+}
+
+/// Vehicle, pattern and duration of a flight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Flight {
+    /// Vehicle kind.
+    pub kind: VehicleKind,
+    /// Flight pattern.
+    pub pattern: FlightPattern,
+    /// Duration, minutes.
+    pub minutes: f64,
+}
+
+const SAMPLE_US: u64 = 100_000;
+
+impl Flight {
+    /// True attitudes at 10 Hz, in weather drawn from the seed.
+    #[must_use]
+    pub fn fly(&self, ranges: &Ranges, seed: u64) -> Vec<TrueSample> {
+        let mut random = Random::new(seed, Purpose::Legs);
+        let config =
+            VehicleConfig { kind: self.kind, heading_deg: random.uniform(0.0, 360.0), ..VehicleConfig::default() };
+        let mut aircraft = Aircraft::new(config, Weather::default(), seed, 0);
+        let plan = TurnPlan { bank_deg: random.uniform(ranges.bank_deg[0], ranges.bank_deg[1]), circles: 3.0 };
+        let routine = match self.pattern {
+            FlightPattern::Routine => {
+                Some((1.0 / 3.0, Routine::for_vehicle(self.kind, plan, config.heading_deg).legs()))
+            }
+            FlightPattern::Mirrored => {
+                Some((2.0 / 3.0, mirrored(&Routine::for_vehicle(self.kind, plan, config.heading_deg).legs())))
+            }
+            FlightPattern::Wandering => None,
+        };
+        let end_us = (self.minutes * 60e6) as u64;
+        let mut instants = Vec::new();
+        // Time left beside the routine, whose duration a separate simulation determines.
+        let spare_us = routine.as_ref().map_or(0, |(_, legs)| end_us.saturating_sub(duration_us(config, seed, legs)));
+        let mut routine = routine.map(|(share, legs)| ((spare_us as f64 * share) as u64, legs));
+        while aircraft.state().time_us < end_us {
+            if let Some((_, legs)) = routine.take_if(|(at_us, _)| aircraft.state().time_us >= *at_us) {
+                // Aborts the straight leg in progress.
+                aircraft.autopilot_mut().hold_bank_and_pitch(0.0, 0.0);
+                fly_all(&mut aircraft, &legs);
+            } else if aircraft.autopilot().unfinished_legs() == 0 {
+                let leg = if self.pattern == FlightPattern::Wandering {
+                    random_leg(self.kind, &mut random)
+                } else {
+                    straight_leg(&mut random)
+                };
+                aircraft.autopilot_mut().fly(leg);
+            }
+            aircraft.step();
+            if aircraft.state().time_us.is_multiple_of(SAMPLE_US) {
+                instants.push(true_sample(&aircraft));
+            }
+        }
+        instants
+    }
+}
+
+fn true_sample(aircraft: &Aircraft) -> TrueSample {
+    let state = aircraft.state();
+    TrueSample {
+        euler: state.euler(),
+        disturbing_acceleration_m_s2: state.disturbing_acceleration_m_s2,
+        rates: Rates::from_rad_s(
+            [state.roll_rate_rad_s, state.pitch_rate_rad_s, state.heading_rate_rad_s].map(|rad_s| rad_s as f32),
+        ),
+        time: WrappingMillis::new((state.time_us / 1000) as u32),
+    }
+}
+
+fn fly_all(aircraft: &mut Aircraft, legs: &[Leg]) {
+    for &leg in legs {
+        aircraft.autopilot_mut().fly(leg);
+    }
+}
+
+fn duration_us(config: VehicleConfig, seed: u64, legs: &[Leg]) -> u64 {
+    let mut aircraft = Aircraft::new(config, Weather::default(), seed, 0);
+    fly_all(&mut aircraft, legs);
+    while aircraft.autopilot().unfinished_legs() > 0 {
+        aircraft.step();
+    }
+    aircraft.state().time_us
+}
+
+/// Legs in reverse order, mirrored left to right.
+fn mirrored(legs: &[Leg]) -> Vec<Leg> {
+    let mirror = |leg: Leg| match leg {
+        Leg::Turn { bank_deg, heading_change_deg } => Leg::Turn { bank_deg, heading_change_deg: -heading_change_deg },
+        Leg::Yaw { rate_deg_s, heading_change_deg } => Leg::Yaw { rate_deg_s, heading_change_deg: -heading_change_deg },
+        Leg::Push { toward_deg, tilt_deg, seconds } => Leg::Push { toward_deg: -toward_deg, tilt_deg, seconds },
+        Leg::Straight { .. } | Leg::Hover { .. } => leg,
+    };
+    legs.iter().rev().map(|&leg| mirror(leg)).collect()
+}
+
+fn straight_leg(random: &mut Random) -> Leg {
+    Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: random.uniform(20.0, 60.0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fly_pattern(kind: VehicleKind, pattern: FlightPattern, seed: u64) -> Vec<TrueSample> {
+        Flight { kind, pattern, minutes: 3.0 }.fly(&Ranges::HARSH, seed)
+    }
+
+    #[test]
+    fn a_flight_of_three_minutes_has_1800_samples() {
+        for kind in [VehicleKind::Plane, VehicleKind::Copter, VehicleKind::Vtol] {
+            for pattern in FlightPattern::ALL {
+                let instants = fly_pattern(kind, pattern, 4);
+                assert_eq!(instants.len(), 1800, "{kind:?} {pattern:?}");
+                assert!(instants.windows(2).all(|pair| pair[1].time.ms_since(pair[0].time) == 100));
+                let rates =
+                    |instants: &[TrueSample]| instants.iter().map(|true_sample| true_sample.rates).collect::<Vec<_>>();
+                assert_eq!(rates(&instants), rates(&fly_pattern(kind, pattern, 4)));
+                assert_ne!(rates(&instants), rates(&fly_pattern(kind, pattern, 5)));
+            }
+        }
+    }
+
+    #[test]
+    fn a_mirrored_routine_reverses_order_and_sides() {
+        let legs = Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0).legs();
+        let back = mirrored(&legs);
+        assert_eq!(back.len(), legs.len());
+        assert_eq!(
+            back[back.len() - 2..],
+            [
+                Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 360.0 },
+                Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: -360.0 },
+            ]
+        );
+        assert_eq!(mirrored(&back), legs);
+        assert!(back.contains(&Leg::Push { toward_deg: -90.0, tilt_deg: 18.0, seconds: 2.0 }));
+    }
+
+    /// Of 20 minutes the routine leaves 1094 s. It begins at 365 s with the yaw turns, right before left; mirrored, it
+    /// begins at 729 s and ends with the yaw turns at 836 s.
+    #[test]
+    fn the_routine_is_flown_within_the_flight() {
+        for seed in [2, 5, 6] {
+            let fly_pattern =
+                |pattern| Flight { kind: VehicleKind::Copter, pattern, minutes: 20.0 }.fly(&Ranges::HARSH, seed);
+            for (instants, right, left) in [
+                (fly_pattern(FlightPattern::Routine), [3670, 3775], [3790, 3900]),
+                (fly_pattern(FlightPattern::Mirrored), [8115, 8220], [8240, 8350]),
+            ] {
+                assert_eq!(instants.len(), 12_000);
+                let turned_deg = |[from, to]: [usize; 2]| {
+                    (instants[to].euler.heading_rad - instants[from].euler.heading_rad).to_degrees()
+                };
+                assert!(turned_deg(right) > 280.0, "seed {seed}: {}", turned_deg(right));
+                assert!(turned_deg(left) < -280.0, "seed {seed}: {}", turned_deg(left));
+            }
+        }
+    }
+}

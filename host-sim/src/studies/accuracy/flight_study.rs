@@ -1,0 +1,150 @@
+//! Accuracy after whole flights from which the module retains samples, compared with the Cramér-Rao bound of an optimal
+//! selection.
+
+use std::collections::BTreeSet;
+
+use autoswing::calibration::{ConsiderSigmas, Method};
+use log_analysis::numbers::{median, quantile};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use serde::Serialize;
+use simulator::world::aircraft::VehicleKind;
+
+use super::flight::{Flight, FlightPattern};
+use super::trial::{ConstantErrorSigmas, Envelope, Ranges, Trial};
+use super::{
+    AccuracyPlan, COVERAGE_EVERY, Coverage, SolveCounts, coverage, cramer_rao, d_optimal, retention, solve,
+    use_headings,
+};
+
+/// Results of flights of one pattern.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FlightStudyRow {
+    /// Vehicle kind.
+    pub aircraft: &'static str,
+    /// Flight pattern.
+    pub pattern: FlightPattern,
+    /// Duration, minutes.
+    pub minutes: f64,
+    /// Retained samples, median.
+    pub readings: f64,
+    /// Solves that returned coefficients, percent.
+    pub converged_percent: f64,
+    /// Solves that an uncalibrated module accepts, percent.
+    pub accepted_percent: f64,
+    /// Accepted solves with a true RMS error above three times the estimated one.
+    pub wrong: u32,
+    /// RMS heading error, median over the airframes, degrees.
+    pub rms_median_deg: f64,
+    /// RMS heading error, 90th percentile over the airframes, degrees.
+    pub rms_worst_decile_deg: f64,
+    /// RMS heading error over the bound of the retained samples, median: loss of the solver.
+    pub kept_ratio_median: f64,
+    /// Bound of the retained samples over the bound of the optimal selection of equal size, median: loss of the
+    /// selection.
+    pub choice_ratio_median: f64,
+    /// Bound of the optimal selection of equal size, median over the airframes, degrees.
+    pub best_bound_median_deg: f64,
+    /// RMS heading error over the bound of the optimal selection, median.
+    pub best_ratio_median: f64,
+    /// RMS heading error over the bound of the optimal selection, 90th percentile.
+    pub best_ratio_worst_decile: f64,
+    /// Coverage with attitude noise only, which the solver is given.
+    pub coverage: Coverage,
+    /// Coverage with the constant errors that the solver considers ([`ConsiderSigmas::DEFAULT`]).
+    pub coverage_with_faults: Coverage,
+}
+
+/// Runs the plan for one flight. `tick` is called once per airframe, from any thread.
+#[must_use]
+pub fn run(flight: Flight, plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> FlightStudyRow {
+    let trials: Vec<FlightResult> = (plan.seed..plan.seed + plan.airframes)
+        .into_par_iter()
+        .filter_map(|seed| {
+            let flight_result = FlightResult::evaluate(flight, seed, plan.draws);
+            tick();
+            flight_result
+        })
+        .collect();
+    row(flight, &trials)
+}
+
+struct FlightResult {
+    readings: usize,
+    kept_bound_deg: f64,
+    best_bound_deg: f64,
+    counts: SolveCounts,
+    /// Heading errors over their estimated sigmas.
+    normalised: Vec<f64>,
+    normalised_with_faults: Vec<f64>,
+}
+
+impl FlightResult {
+    fn evaluate(flight: Flight, seed: u64, draws: u64) -> Option<Self> {
+        let envelope = if flight.kind == VehicleKind::Plane { Envelope::Banked } else { Envelope::Tilted };
+        let trial = Trial::draw(&Ranges::HARSH, seed).with_flight(flight.fly(&Ranges::HARSH, seed), envelope);
+        let retained_times: BTreeSet<u32> =
+            retention::retain_samples(&trial.record_all(0, ConstantErrorSigmas::NONE).0)
+                .samples()
+                .all()
+                .map(|sample| sample.time.as_ms())
+                .collect();
+        let kept_instants = trial.true_samples().filter(|instant| retained_times.contains(&instant.time.as_ms()));
+        let readings = retained_times.len();
+        let mut flight_result = Self {
+            readings,
+            kept_bound_deg: cramer_rao::rms_deg_for(&trial, kept_instants)?,
+            best_bound_deg: d_optimal::rms_deg(&trial, readings)?,
+            counts: SolveCounts::default(),
+            normalised: Vec::new(),
+            normalised_with_faults: Vec::new(),
+        };
+        for draw in 0..draws {
+            let recorded = retention::retain_samples(&trial.record_all(draw, ConstantErrorSigmas::NONE).0);
+            let solution = solve(Method::MaximumLikelihood, recorded.samples(), ConsiderSigmas::DEFAULT).ok();
+            flight_result.counts.add(&trial, &recorded, solution.as_ref());
+            if draw % COVERAGE_EVERY == 0 {
+                let record = |faults| {
+                    let (samples, source) = trial.record_all(draw, faults);
+                    (retention::retain_samples(&samples), source)
+                };
+                flight_result.normalised.extend(use_headings(&trial, ConsiderSigmas::ZERO, record));
+                flight_result.normalised_with_faults.extend(use_headings(&trial, ConsiderSigmas::DEFAULT, record));
+            }
+        }
+        Some(flight_result)
+    }
+}
+
+fn row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
+    let sum = |count_of: fn(&SolveCounts) -> u32| {
+        trials.iter().map(|flight_result| count_of(&flight_result.counts)).sum::<u32>()
+    };
+    let (solved, refused) = (sum(|c| c.solved), sum(|c| c.refused));
+    let percent = |part: u32| 100.0 * f64::from(part) / f64::from((solved + refused).max(1));
+    let solved_ones = || trials.iter().filter(|flight_result| flight_result.counts.solved > 0);
+    let rms_deg =
+        |part| quantile(solved_ones().map(|flight_result| flight_result.counts.rms_deg()), part).unwrap_or(f64::NAN);
+    let ratios = || solved_ones().map(|flight_result| flight_result.counts.rms_deg() / flight_result.best_bound_deg);
+    let kept_ratios = solved_ones().map(|flight_result| flight_result.counts.rms_deg() / flight_result.kept_bound_deg);
+    let all_of = |errors: fn(&FlightResult) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
+    FlightStudyRow {
+        aircraft: flight.kind.name(),
+        pattern: flight.pattern,
+        minutes: flight.minutes,
+        readings: median(trials.iter().map(|flight_result| flight_result.readings as f64)),
+        converged_percent: percent(solved),
+        accepted_percent: percent(sum(|c| c.accepted)),
+        wrong: sum(|c| c.wrong),
+        rms_median_deg: rms_deg(0.5),
+        rms_worst_decile_deg: rms_deg(0.9),
+        kept_ratio_median: median(kept_ratios),
+        choice_ratio_median: median(
+            trials.iter().map(|flight_result| flight_result.kept_bound_deg / flight_result.best_bound_deg),
+        ),
+        best_bound_median_deg: median(trials.iter().map(|flight_result| flight_result.best_bound_deg)),
+        best_ratio_median: median(ratios()),
+        best_ratio_worst_decile: quantile(ratios(), 0.9).unwrap_or(f64::NAN),
+        coverage: coverage(&all_of(|flight_result| &flight_result.normalised)),
+        coverage_with_faults: coverage(&all_of(|flight_result| &flight_result.normalised_with_faults)),
+    }
+}

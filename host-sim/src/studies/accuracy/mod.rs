@@ -1,0 +1,209 @@
+//! Accuracy study: heading errors of the calibration methods relative to the Cramér-Rao bound.
+//!
+//! Random airframes, places, flights and instruments, each with many noise realisations, are solved by every method.
+//! Results are the RMS heading error over the Cramér-Rao bound and the coverage of the estimated heading sigma.
+//!
+//! This study uses all samples of turns. The study of whole flights uses the samples that the module retains; its
+//! reference is a D-optimal selection.
+
+pub mod cramer_rao;
+pub mod d_optimal;
+pub mod flight;
+pub mod flight_study;
+pub mod retention;
+pub mod trial;
+
+use autoswing::calibration::{ConsiderSigmas, Method, Prior, Samples, Solution, SolveError, Solver};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use serde::Serialize;
+
+use trial::{ConstantErrorSigmas, PostFlightSource, Ranges, Recording, Trial};
+
+use log_analysis::numbers::{median, quantile};
+use log_analysis::score::{accepted_by_uncalibrated, within_percent};
+
+/// Extent of the study.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AccuracyPlan {
+    /// Number of airframes.
+    pub airframes: u64,
+    /// Noise realisations per airframe. The ratio to the bound has a relative standard error of about `0.3 /
+    /// sqrt(draws)`.
+    pub draws: u64,
+    /// Seed of the first airframe.
+    pub seed: u64,
+}
+
+/// Results of a method.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct MethodResult {
+    /// Method name.
+    pub method: &'static str,
+    /// Solves that returned coefficients, percent.
+    pub converged_percent: f64,
+    /// Solves that an uncalibrated module accepts, percent.
+    pub accepted_percent: f64,
+    /// Accepted solves with a true RMS error above three times the estimated one.
+    pub wrong: u32,
+    /// RMS heading error, median over the airframes, degrees.
+    pub rms_median_deg: f64,
+    /// RMS heading error over the bound, median over the airframes.
+    pub ratio_median: f64,
+    /// RMS heading error over the bound, 90th percentile over the airframes.
+    pub ratio_worst_decile: f64,
+}
+
+/// Fraction of heading errors within one and two sigma, percent.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Coverage {
+    /// Within one sigma; ideally 68.3.
+    pub one_sigma_percent: f64,
+    /// Within two sigma; ideally 95.4.
+    pub two_sigma_percent: f64,
+    /// Number of headings.
+    pub headings: usize,
+}
+
+/// Results of the study.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AccuracyResult {
+    /// Cramér-Rao bound, median over the airframes, degrees.
+    pub bound_median_deg: f64,
+    /// Results by method.
+    pub methods: Vec<MethodResult>,
+    /// Coverage with attitude noise only, which the solver is given.
+    pub coverage: Coverage,
+    /// Coverage with the constant errors that the solver considers ([`ConsiderSigmas::DEFAULT`]).
+    pub coverage_with_faults: Coverage,
+}
+
+const METHODS: [Method; 3] = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse];
+
+/// Coverage is evaluated for every fifth noise realisation.
+const COVERAGE_EVERY: u64 = 5;
+
+const HEADINGS: usize = 16;
+
+/// Runs the study. `tick` is called once per airframe, from any thread.
+#[must_use]
+pub fn run(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> AccuracyResult {
+    let trials: Vec<AirframeResult> = (plan.seed..plan.seed + plan.airframes)
+        .into_par_iter()
+        .filter_map(|seed| {
+            let airframe_result = AirframeResult::evaluate(&Trial::draw(&Ranges::HARSH, seed), plan.draws);
+            tick();
+            airframe_result
+        })
+        .collect();
+    let all_of =
+        |errors: fn(&AirframeResult) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
+    AccuracyResult {
+        bound_median_deg: median(trials.iter().map(|t| t.bound_deg)),
+        methods: METHODS.iter().enumerate().map(|(i, &method)| summary(&trials, i, method)).collect(),
+        coverage: coverage(&all_of(|t| &t.normalised)),
+        coverage_with_faults: coverage(&all_of(|t| &t.normalised_with_faults)),
+    }
+}
+
+struct AirframeResult {
+    bound_deg: f64,
+    methods: [SolveCounts; METHODS.len()],
+    /// Heading errors over their estimated sigmas.
+    normalised: Vec<f64>,
+    normalised_with_faults: Vec<f64>,
+}
+
+/// Heading errors over their sigmas after a flight with exactly the attitude errors that the solver considers, which
+/// `record` records.
+fn use_headings(
+    trial: &Trial,
+    consider: ConsiderSigmas,
+    record: impl FnOnce(ConstantErrorSigmas) -> (Recording, PostFlightSource),
+) -> Vec<f64> {
+    let (recorded, mut source) = record(ConstantErrorSigmas::considered_by(consider));
+    let Ok(solution) = solve(Method::MaximumLikelihood, recorded.samples(), consider) else { return Vec::new() };
+    (0..HEADINGS).filter_map(|_| trial.normalised_heading_error(&solution, &mut source)).collect()
+}
+
+#[derive(Clone, Copy, Default)]
+struct SolveCounts {
+    solved: u32,
+    refused: u32,
+    accepted: u32,
+    wrong: u32,
+    /// Sum of the mean squared heading errors of all solves, square degrees.
+    squares: f64,
+}
+
+impl SolveCounts {
+    fn rms_deg(&self) -> f64 {
+        (self.squares / f64::from(self.solved)).sqrt()
+    }
+}
+
+impl AirframeResult {
+    fn evaluate(trial: &Trial, draws: u64) -> Option<Self> {
+        let mut airframe_result = Self {
+            bound_deg: cramer_rao::rms_deg(trial)?,
+            methods: [SolveCounts::default(); METHODS.len()],
+            normalised: Vec::new(),
+            normalised_with_faults: Vec::new(),
+        };
+        for draw in 0..draws {
+            let (recorded, _) = trial.record(draw, ConstantErrorSigmas::NONE);
+            for (counts, method) in airframe_result.methods.iter_mut().zip(METHODS) {
+                counts.add(trial, &recorded, solve(method, recorded.samples(), ConsiderSigmas::DEFAULT).ok().as_ref());
+            }
+            if draw % COVERAGE_EVERY == 0 {
+                let headings = |consider| use_headings(trial, consider, |faults| trial.record(draw, faults));
+                airframe_result.normalised.extend(headings(ConsiderSigmas::ZERO));
+                airframe_result.normalised_with_faults.extend(headings(ConsiderSigmas::DEFAULT));
+            }
+        }
+        Some(airframe_result)
+    }
+}
+
+impl SolveCounts {
+    fn add(&mut self, trial: &Trial, recorded: &Recording, solution: Option<&Solution>) {
+        let Some(solution) = solution else {
+            self.refused += 1;
+            return;
+        };
+        let errors_deg = trial.errors_deg(&solution.calibration);
+        let square = errors_deg.iter().map(|e| e * e).sum::<f64>() / errors_deg.len() as f64;
+        let accepted = accepted_by_uncalibrated(solution, recorded.samples(), recorded.held_back()).is_ok();
+        self.solved += 1;
+        self.squares += square;
+        self.accepted += u32::from(accepted);
+        self.wrong += u32::from(accepted && square.sqrt() > 3.0 * f64::from(solution.quality.expected_rms_deg));
+    }
+}
+
+fn solve(method: Method, samples: Samples<'_>, consider: ConsiderSigmas) -> Result<Solution, SolveError> {
+    // Samples are single measurements, as are the evaluated headings.
+    Solver::with_consider_sigmas(method, samples, &Prior::default(), consider)?.run(samples)
+}
+
+fn summary(trials: &[AirframeResult], index: usize, method: Method) -> MethodResult {
+    let each = || trials.iter().map(|t| (t, &t.methods[index]));
+    let sum = |count_of: fn(&SolveCounts) -> u32| each().map(|(_, counts)| count_of(counts)).sum::<u32>();
+    let (solved, refused) = (sum(|c| c.solved), sum(|c| c.refused));
+    let percent = |part: u32| 100.0 * f64::from(part) / f64::from((solved + refused).max(1));
+    let solved_ones = || each().filter(|(_, counts)| counts.solved > 0);
+    let ratios = || solved_ones().map(|(trial, counts)| counts.rms_deg() / trial.bound_deg);
+    MethodResult {
+        method: method.name(),
+        converged_percent: percent(solved),
+        accepted_percent: percent(sum(|c| c.accepted)),
+        wrong: sum(|c| c.wrong),
+        rms_median_deg: median(solved_ones().map(|(_, counts)| counts.rms_deg())),
+        ratio_median: median(ratios()),
+        ratio_worst_decile: quantile(ratios(), 0.9).unwrap_or(f64::NAN),
+    }
+}
+
+fn coverage(normalised: &[f64]) -> Coverage {
+    let [one_sigma_percent, two_sigma_percent] = within_percent(normalised);
+    Coverage { one_sigma_percent, two_sigma_percent, headings: normalised.len() }
+}

@@ -1,0 +1,97 @@
+//! Sample selection of the module's collector, applied to a recorded flight with ten samples per second.
+
+use autoswing::calibration::method_selection::Procedure;
+use autoswing::calibration::{ConsiderSigmas, Method, Sample};
+use autoswing::collection::{Collector, RetainedSamples};
+use autoswing::compass::TrialSchedule;
+
+use super::solve;
+use super::trial::Recording;
+
+/// Retained samples of a flight. Trial solves update the collector's coefficients at the device's pace.
+#[must_use]
+pub fn retain_samples(samples: &[Sample]) -> Recording {
+    let mut retained = RetainedSamples::EMPTY;
+    let mut collector = Collector::new(&mut retained);
+    collector.begin(Procedure::Flight);
+    let mut pace = TrialSchedule::NONE;
+    for &sample in samples {
+        collector.push(sample);
+        if pace.is_due(&collector, sample.time)
+            && let Ok(found) = solve(Method::MaximumLikelihood, collector.fit(), ConsiderSigmas::DEFAULT)
+        {
+            collector.use_trial_solution(&found);
+        }
+    }
+    let all = |samples: autoswing::calibration::Samples<'_>| {
+        let mut samples: Vec<Sample> = samples.all().copied().collect();
+        samples.sort_by_key(|sample| sample.time.as_ms());
+        samples
+    };
+    Recording::without_sides(all(collector.fit()), all(collector.held_back()))
+}
+
+#[cfg(test)]
+mod tests {
+    use autoswing::calibration::{Part, Rates, Samples};
+    use autoswing::frames::{Attitude, Field};
+    use autoswing::time::WrappingMillis;
+    use log_analysis::replay::module_run::ModuleRun;
+    use log_analysis::replay::{ReplayOptions, RowSelection};
+    use testkit::random::Random;
+
+    use super::*;
+
+    /// Four minutes of small turns about north, insufficient for a calibration.
+    fn samples() -> Vec<Sample> {
+        let mut random = Random(3);
+        let sample_at = |i: u16| {
+            let t_s = f32::from(i) / 10.0;
+            let attitude = Attitude::from_deg(15.0 * libm::sinf(0.31 * t_s), 6.0 * libm::sinf(0.47 * t_s));
+            let body = attitude.body(Field::earth(50.0, 1.1, 0.4 * libm::sinf(0.2 * t_s))).ut;
+            let field = Field::from_ut(
+                body.x + 20.0 + 0.3 * random.normal(),
+                body.y - 10.0 + 0.3 * random.normal(),
+                body.z + 0.3 * random.normal(),
+            );
+            Sample {
+                field,
+                attitude,
+                rates: Rates::NONE,
+                time: WrappingMillis::new(u32::from(i) * 100),
+                part: Part::FREE,
+            }
+        };
+        (0..2400).map(sample_at).collect()
+    }
+
+    fn sorted(samples: Samples<'_>) -> Vec<Sample> {
+        let mut samples: Vec<Sample> = samples.all().copied().collect();
+        samples.sort_by_key(|sample| sample.time.as_ms());
+        samples
+    }
+
+    /// Samples kept without results of trial solves.
+    fn retained_without_trial_solves(samples: &[Sample]) -> Vec<Sample> {
+        let mut retained = RetainedSamples::EMPTY;
+        let mut collector = Collector::new(&mut retained);
+        collector.begin(Procedure::Flight);
+        for &sample in samples {
+            collector.push(sample);
+        }
+        sorted(collector.fit())
+    }
+
+    #[test]
+    fn trial_solves_change_the_retained_samples() {
+        let samples = samples();
+        let options = ReplayOptions::with_selection(RowSelection::Flight);
+        let mut retained = RetainedSamples::EMPTY;
+        let mut module = ModuleRun::new(&options, 1, &mut retained);
+        module.collect(&samples);
+        let collected = sorted(module.collector().fit());
+        assert_eq!(module.ended_s(), None);
+        assert_eq!(collected, sorted(retain_samples(&samples).samples()));
+        assert_ne!(collected, retained_without_trial_solves(&samples));
+    }
+}

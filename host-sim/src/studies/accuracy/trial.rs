@@ -1,0 +1,453 @@
+//! One random airframe with its turns, and simulated recordings of them.
+
+use autoswing::calibration::{Calibration, ConsiderSigmas, Part, Rates, Sample, Samples, Solution};
+use autoswing::frames::{Attitude, Field};
+use autoswing::heading;
+use autoswing::time::WrappingMillis;
+use nalgebra::{Matrix3, Vector3};
+
+use log_analysis::score::wrap_180;
+use simulator::random::{Purpose, Random};
+use simulator::world::aircraft::VehicleKind;
+use simulator::world::rotation::Euler;
+
+/// Ranges of random airframes, places and flights.
+#[derive(Clone, Copy, Debug)]
+pub struct Ranges {
+    /// Largest soft iron, relative.
+    pub soft_iron: f64,
+    /// Largest hard iron, in units of the horizontal field.
+    pub hard_iron: f64,
+    /// Largest mounting error about a random axis, degrees.
+    pub mounting_deg: f64,
+    /// Inclination, degrees.
+    pub inclination_deg: [f64; 2],
+    /// Mean bank of the turns, degrees.
+    pub bank_deg: [f64; 2],
+    /// Standard deviation of random bank and pitch, degrees.
+    pub random_attitude_deg: f64,
+    /// Sensor noise relative to the total field, 1 sigma.
+    pub sensor_noise: [f64; 2],
+    /// Noise of reported roll and pitch, 1 sigma, degrees.
+    pub attitude_noise_deg: [f64; 2],
+    /// Samples per turn direction.
+    pub samples: usize,
+}
+
+impl Ranges {
+    /// Worst realistic airframes, with as many samples as the module's buffers hold.
+    pub const HARSH: Self = Self {
+        soft_iron: 0.3,
+        hard_iron: 3.0,
+        mounting_deg: 20.0,
+        inclination_deg: [-70.0, 75.0],
+        bank_deg: [15.0, 45.0],
+        random_attitude_deg: 2.0,
+        sensor_noise: [0.003, 0.01],
+        attitude_noise_deg: [0.2, 1.0],
+        samples: autoswing::collection::FIT_CAPACITY,
+    };
+}
+
+/// Standard deviations of attitude errors that are constant during a flight.
+#[derive(Clone, Copy, Debug)]
+pub struct ConstantErrorSigmas {
+    /// Roll bias and pitch bias, degrees.
+    pub bias_deg: f64,
+    /// Bank-angle scale error, relative.
+    pub bank_scale: f64,
+}
+
+impl ConstantErrorSigmas {
+    /// No constant errors.
+    pub const NONE: Self = Self { bias_deg: 0.0, bank_scale: 0.0 };
+
+    /// The errors that a solver considers.
+    #[must_use]
+    pub fn considered_by(consider: ConsiderSigmas) -> Self {
+        Self { bias_deg: f64::from(consider.bias_rad.to_degrees()), bank_scale: f64::from(consider.bank_scale) }
+    }
+
+    fn draw(self, random: &mut Random) -> ConstantAttitudeErrors {
+        ConstantAttitudeErrors {
+            roll_bias_rad: (random.normal() * self.bias_deg).to_radians(),
+            pitch_bias_rad: (random.normal() * self.bias_deg).to_radians(),
+            bank_scale: random.normal() * self.bank_scale,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct ConstantAttitudeErrors {
+    roll_bias_rad: f64,
+    pitch_bias_rad: f64,
+    bank_scale: f64,
+}
+
+/// Constant attitude errors and noise stream after a flight.
+#[derive(Clone, Debug)]
+pub struct PostFlightSource {
+    source: ConstantAttitudeErrors,
+    random: Random,
+}
+
+/// True state at one sample of the flight.
+#[derive(Clone, Copy, Debug)]
+pub struct TrueSample {
+    /// True attitude; heading is not wrapped.
+    pub euler: Euler,
+    /// Magnitude of the acceleration that causes tilt errors, m/s^2.
+    pub disturbing_acceleration_m_s2: f64,
+    /// Roll, pitch and heading rates.
+    pub rates: Rates,
+    /// Sample time.
+    pub time: WrappingMillis,
+}
+
+impl TrueSample {
+    fn midpoint(&self, later: &Self) -> Self {
+        let (from, to) = (self.euler, later.euler);
+        Self {
+            euler: Euler {
+                roll_rad: from.roll_rad.midpoint(to.roll_rad),
+                pitch_rad: from.pitch_rad.midpoint(to.pitch_rad),
+                heading_rad: from.heading_rad.midpoint(to.heading_rad),
+            },
+            disturbing_acceleration_m_s2: self
+                .disturbing_acceleration_m_s2
+                .midpoint(later.disturbing_acceleration_m_s2),
+            rates: self.rates,
+            time: WrappingMillis::new(self.time.as_ms() + later.time.ms_since(self.time) / 2),
+        }
+    }
+}
+
+/// Airframe at a place, its turns, and the noise of its instruments. The unit of field is the total intensity.
+#[derive(Clone, Debug)]
+pub struct Trial {
+    seed: u64,
+    /// `A` of Liu 2007 eq. 8, body axes to chip axes.
+    pub a: Matrix3<f64>,
+    /// `b`, in units of the total field.
+    pub b: Vector3<f64>,
+    /// Inclination, radians, positive down.
+    pub inclination_rad: f64,
+    /// Sensor noise of each axis, in units of the total field.
+    pub sensor_sigma: f64,
+    /// Noise of roll and pitch without acceleration, radians.
+    pub attitude_sigma_rad: f64,
+    /// Attitudes at which headings are evaluated.
+    pub envelope: Envelope,
+    /// Samples of left turns.
+    pub left: Vec<TrueSample>,
+    /// Samples of right turns.
+    pub right: Vec<TrueSample>,
+}
+
+/// Attitudes at which a calibration is evaluated, each at twelve headings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Envelope {
+    /// Level and banked by 30 deg to either side, at pitch zero (aeroplane).
+    Banked,
+    /// Level and tilted by 20 deg in eight directions (multirotor).
+    Tilted,
+}
+
+impl Envelope {
+    const TILT_DEG: f64 = 20.0;
+
+    /// All attitudes of the envelope.
+    pub fn attitudes(self) -> impl Iterator<Item = Euler> {
+        let tilts = match self {
+            Self::Banked => [-30.0, 0.0, 30.0].map(|bank_deg| [bank_deg, 0.0]).to_vec(),
+            Self::Tilted => std::iter::once([0.0; 2]).chain((0..8).map(tilt_toward)).collect(),
+        };
+        tilts.into_iter().flat_map(|[roll_deg, pitch_deg]| {
+            (0..12).map(move |step| Euler::from_deg(roll_deg, pitch_deg, f64::from(step * 30)))
+        })
+    }
+}
+
+/// Roll and pitch of a tilt in one of eight directions, degrees.
+fn tilt_toward(side: u8) -> [f64; 2] {
+    let (sin, cos) = libm::sincos(f64::from(side) * std::f64::consts::FRAC_PI_4);
+    [Envelope::TILT_DEG * sin, Envelope::TILT_DEG * cos]
+}
+
+const TOTAL_UT: f64 = 50.0;
+
+/// Acceleration-induced tilt error, degrees per m/s^2, 1 sigma, as of the simulated attitude source of a copter.
+/// Simulated aeroplanes fly without this acceleration.
+const PUSH_ERROR_DEG: f64 = VehicleKind::Copter.tilt_error_deg_per_m_s2();
+
+impl Trial {
+    /// Draws airframe, place and flight.
+    #[must_use]
+    pub fn draw(ranges: &Ranges, seed: u64) -> Self {
+        let mut random = Random::new(seed, Purpose::Airframe);
+        let raw = Matrix3::from_fn(|_, _| random.uniform(-1.0, 1.0));
+        let symmetric = raw + raw.transpose();
+        let size = random.uniform(0.0, ranges.soft_iron) / symmetric.singular_values().max();
+        let mounting = random.rotation(ranges.mounting_deg);
+        let inclination_rad = random.uniform(ranges.inclination_deg[0], ranges.inclination_deg[1]).to_radians();
+        let hard_iron = random.direction() * random.uniform(0.0, ranges.hard_iron) * libm::cos(inclination_rad);
+        let bank_deg = random.uniform(ranges.bank_deg[0], ranges.bank_deg[1]);
+        let [left, right] = [-bank_deg, bank_deg].map(|bank_deg| turn(ranges, bank_deg, &mut random));
+        Self {
+            seed,
+            a: mounting * (Matrix3::identity() + symmetric * size),
+            b: hard_iron,
+            inclination_rad,
+            sensor_sigma: random.uniform(ranges.sensor_noise[0], ranges.sensor_noise[1]),
+            attitude_sigma_rad: random.uniform(ranges.attitude_noise_deg[0], ranges.attitude_noise_deg[1]).to_radians(),
+            envelope: Envelope::Banked,
+            left,
+            right,
+        }
+    }
+
+    /// The same airframe, place and instruments with another flight, without turn directions.
+    #[must_use]
+    pub fn with_flight(self, flight: Vec<TrueSample>, envelope: Envelope) -> Self {
+        Self { envelope, left: flight, right: Vec::new(), ..self }
+    }
+
+    /// Standard deviation of roll and of pitch errors at a sample, radians.
+    #[must_use]
+    pub fn attitude_sigma_rad(&self, instant: &TrueSample) -> f64 {
+        let by_push_rad = PUSH_ERROR_DEG.to_radians() * instant.disturbing_acceleration_m_s2;
+        libm::hypot(self.attitude_sigma_rad, by_push_rad)
+    }
+
+    /// All samples of the flight.
+    pub fn true_samples(&self) -> impl Iterator<Item = &TrueSample> {
+        self.left.iter().chain(&self.right)
+    }
+
+    /// Earth's field in body axes, in units of the total field.
+    #[must_use]
+    pub fn body_field(&self, euler: Euler) -> Vector3<f64> {
+        euler.field(1.0, self.inclination_rad)
+    }
+
+    /// The `repetition`-th noise realisation: recording, and noise stream for later measurements.
+    #[must_use]
+    pub fn record(&self, repetition: u64, faults: ConstantErrorSigmas) -> (Recording, PostFlightSource) {
+        let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
+        let mut random = Random::new(seed, Purpose::Magnetometer);
+        let source = faults.draw(&mut random);
+        let fit = sample_turns(&self.left, &self.right, |instant| self.sample(instant, source, &mut random));
+        // A separate random stream, so that held-back samples do not change the other random numbers.
+        let mut fresh = Random::new(seed, Purpose::HeldBack);
+        let [left, right] = [midpoints(&self.left), midpoints(&self.right)];
+        let held_back = sample_turns(&left, &right, |instant| self.sample(instant, source, &mut fresh));
+        (Recording { fit, held_back }, PostFlightSource { source, random })
+    }
+
+    /// The `repetition`-th noise realisation of all samples, and noise stream for later measurements.
+    #[must_use]
+    pub fn record_all(&self, repetition: u64, faults: ConstantErrorSigmas) -> (Vec<Sample>, PostFlightSource) {
+        let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
+        let mut random = Random::new(seed, Purpose::Magnetometer);
+        let source = faults.draw(&mut random);
+        let samples = self.true_samples().map(|instant| self.sample(instant, source, &mut random)).collect();
+        (samples, PostFlightSource { source, random })
+    }
+
+    /// Heading error over its sigma at a random attitude; `None` if the module outputs no heading.
+    #[must_use]
+    pub fn normalised_heading_error(&self, solution: &Solution, used: &mut PostFlightSource) -> Option<f64> {
+        let random = &mut used.random;
+        let euler = Euler {
+            heading_rad: random.uniform(0.0, std::f64::consts::TAU),
+            roll_rad: random.uniform(-30.0, 30.0).to_radians(),
+            pitch_rad: random.uniform(-10.0, 10.0).to_radians(),
+        };
+        let instant = TrueSample {
+            euler,
+            disturbing_acceleration_m_s2: 0.0,
+            rates: Rates::NONE,
+            time: WrappingMillis::default(),
+        };
+        let Sample { field, attitude, .. } = self.sample(&instant, used.source, random);
+        let config = heading::HeadingLimits::DEFAULT;
+        let shown =
+            heading::compute_heading(config, &solution.calibration, &solution.uncertainty, field, attitude).ok()?;
+        let error_deg = wrap_180((f64::from(shown.magnetic_rad) - euler.heading_rad).to_degrees());
+        Some(error_deg / f64::from(shown.sigma_deg()))
+    }
+
+    fn sample(&self, instant: &TrueSample, source: ConstantAttitudeErrors, random: &mut Random) -> Sample {
+        let euler = instant.euler;
+        let sensed = self.a * self.body_field(euler) + self.b + random.normal_vector() * self.sensor_sigma;
+        let reported_angles = [
+            euler.roll_rad * (1.0 + source.bank_scale) + source.roll_bias_rad,
+            euler.pitch_rad + source.pitch_bias_rad,
+        ];
+        let sigma_rad = self.attitude_sigma_rad(instant);
+        let [roll_rad, pitch_rad] = reported_angles.map(|angle| (angle + random.normal() * sigma_rad) as f32);
+        Sample {
+            field: Field::new((sensed * TOTAL_UT).cast()),
+            attitude: Attitude { roll_rad, pitch_rad },
+            time: instant.time,
+            rates: instant.rates,
+            part: Part::FREE,
+        }
+    }
+
+    /// Heading errors of a calibration over the envelope at exact field and attitude, degrees.
+    #[must_use]
+    pub fn errors_deg(&self, calibration: &Calibration) -> Vec<f64> {
+        self.envelope
+            .attitudes()
+            .map(|euler| {
+                let sensed = (self.a * self.body_field(euler) + self.b) * TOTAL_UT;
+                let attitude = Attitude { roll_rad: euler.roll_rad as f32, pitch_rad: euler.pitch_rad as f32 };
+                let found = attitude.level(calibration.apply(Field::new(sensed.cast()))).heading_rad();
+                wrap_180((f64::from(found) - euler.heading_rad).to_degrees())
+            })
+            .collect()
+    }
+}
+
+fn midpoints(instants: &[TrueSample]) -> Vec<TrueSample> {
+    instants.iter().zip(instants.iter().skip(1)).map(|(earlier, later)| earlier.midpoint(later)).collect()
+}
+
+/// Coordinated turns with random bank and pitch (correlation time 1.5 s), sampled every 0.5 s.
+fn turn(ranges: &Ranges, bank_deg: f64, random: &mut Random) -> Vec<TrueSample> {
+    const STEP_S: f64 = 0.5;
+    let keep = libm::exp(-STEP_S / 1.5_f64);
+    let fresh = (1.0 - keep * keep).sqrt() * ranges.random_attitude_deg;
+    let mut attitude_noise =
+        [random.normal() * ranges.random_attitude_deg, random.normal() * ranges.random_attitude_deg];
+    let mut heading_rad = random.uniform(0.0, std::f64::consts::TAU);
+    (0..ranges.samples)
+        .map(|i| {
+            attitude_noise = attitude_noise.map(|w| keep * w + fresh * random.normal());
+            let roll_rad = (bank_deg + attitude_noise[0]).to_radians();
+            // Coordinated turn at 22 m/s, as of a small UAV.
+            heading_rad += STEP_S * 9.81 * libm::tan(roll_rad) / 22.0;
+            let pitch_rad = (2.0 + attitude_noise[1]).to_radians();
+            let (euler, time) = (Euler { roll_rad, pitch_rad, heading_rad }, WrappingMillis::new(i as u32 * 500));
+            TrueSample { euler, disturbing_acceleration_m_s2: 0.0, rates: Rates::NONE, time }
+        })
+        .collect()
+}
+
+/// Recorded samples of a flight, ordered by part: for the fit, and held back.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    fit: Vec<Sample>,
+    held_back: Vec<Sample>,
+}
+
+impl Recording {
+    /// Samples without turn direction, for the fit and held back.
+    #[must_use]
+    pub fn without_sides(fit: Vec<Sample>, held_back: Vec<Sample>) -> Self {
+        Self { fit, held_back }
+    }
+
+    /// Samples for the fit.
+    #[must_use]
+    pub fn samples(&self) -> Samples<'_> {
+        Samples::new(&self.fit)
+    }
+
+    /// Held-back samples: midpoints of the same flight with independent noise.
+    #[must_use]
+    pub fn held_back(&self) -> Samples<'_> {
+        Samples::new(&self.held_back)
+    }
+}
+
+/// Samples the left turns first.
+fn sample_turns(
+    left: &[TrueSample],
+    right: &[TrueSample],
+    mut sample: impl FnMut(&TrueSample) -> Sample,
+) -> Vec<Sample> {
+    let instants = left.iter().map(|left| (left, Part::LEFT)).chain(right.iter().map(|right| (right, Part::RIGHT)));
+    instants.map(|(instant, part)| Sample { part, ..sample(instant) }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use autoswing::calibration::Side;
+    use log_analysis::numbers::square;
+
+    use super::*;
+
+    #[test]
+    fn the_tilted_envelope_has_20_deg_of_tilt_to_eight_sides() {
+        let mut directions = std::collections::BTreeSet::new();
+        for euler in Envelope::Tilted.attitudes().skip(12) {
+            let tilt_deg = libm::acos(libm::cos(euler.roll_rad) * libm::cos(euler.pitch_rad)).to_degrees();
+            assert!((tilt_deg - 20.0).abs() < 0.2, "{tilt_deg}");
+            directions.insert(libm::atan2(euler.roll_rad, euler.pitch_rad).to_degrees().round() as i32);
+        }
+        assert_eq!(directions.len(), 8);
+        assert_eq!(Envelope::Tilted.attitudes().count(), 108);
+        assert!(Envelope::Banked.attitudes().all(|euler| euler.pitch_rad.abs() < 1e-9));
+    }
+
+    /// 2.6 m/s^2 cause 1.04 deg, added in quadrature to the noise of 0.2 to 1 deg; 2,000 samples determine sigma to 2
+    /// %.
+    #[test]
+    fn attitude_noise_grows_with_disturbing_acceleration() {
+        let instant = |push_m_s2| TrueSample {
+            euler: Euler::from_deg(3.0, -4.0, 100.0),
+            disturbing_acceleration_m_s2: push_m_s2,
+            rates: Rates::from_rad_s([0.1, -0.2, 0.3]),
+            time: WrappingMillis::new(7),
+        };
+        let trial = Trial::draw(&Ranges::HARSH, 3);
+        for (push_m_s2, by_push_deg) in [(0.0, 0.0), (2.6, 1.04)] {
+            let trial = trial.clone().with_flight(vec![instant(push_m_s2); 2000], Envelope::Tilted);
+            let (samples, _) = trial.record_all(0, ConstantErrorSigmas::NONE);
+            let squares = samples.iter().map(|s| square(f64::from(s.attitude.roll_rad.to_degrees() - 3.0)));
+            let sigma_deg = (squares.sum::<f64>() / 2000.0).sqrt();
+            let expected_deg = libm::hypot(trial.attitude_sigma_rad.to_degrees(), by_push_deg);
+            assert!((sigma_deg / expected_deg - 1.0).abs() < 0.06, "{sigma_deg} for {expected_deg}");
+            assert!(samples.iter().all(|s| s.rates == Rates::from_rad_s([0.1, -0.2, 0.3]) && s.time.as_ms() == 7));
+        }
+    }
+
+    /// Held-back times are midpoints; the field differs from the mean of its neighbours by noise of 1 % of 50 uT and by
+    /// half a second of turn (13 deg of heading at 45 deg of bank).
+    #[test]
+    fn held_back_samples_lie_between_those_of_the_fit() {
+        for seed in 0..20 {
+            let trial = Trial::draw(&Ranges::HARSH, seed);
+            let (recorded, _) = trial.record(3, ConstantErrorSigmas::NONE);
+            let (fit, held_back) = (recorded.samples(), recorded.held_back());
+            for (fit, held_back) in [Side::Left, Side::Right].map(|side| (fit.turn(side), held_back.turn(side))) {
+                assert_eq!(held_back.len(), fit.len() - 1);
+                for (pair, held) in fit.windows(2).zip(held_back) {
+                    assert_eq!((held.time.ms_since(pair[0].time), pair[1].time.ms_since(held.time)), (250, 250));
+                    let mean_ut = (pair[0].field.ut + pair[1].field.ut) / 2.0;
+                    assert!((held.field.ut - mean_ut).norm() < 5.0, "seed {seed}: {held:?} between {pair:?}");
+                    assert!(held.field != pair[0].field && held.field != pair[1].field);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn held_back_samples_have_noise_of_their_own_and_the_source_s_bias() {
+        let mean_deg = |samples: Samples<'_>| {
+            let rolls = samples.iter().map(|s| f64::from(s.attitude.roll_rad.to_degrees()));
+            rolls.sum::<f64>() / samples.iter().count() as f64
+        };
+        let trial = Trial::draw(&Ranges::HARSH, 5);
+        let [first, second] =
+            [0, 1].map(|draw| trial.record(draw, ConstantErrorSigmas { bias_deg: 10.0, bank_scale: 0.0 }).0);
+        for recorded in [&first, &second] {
+            let difference_deg = mean_deg(recorded.samples()) - mean_deg(recorded.held_back());
+            assert!(difference_deg.abs() < 0.5, "{difference_deg}");
+        }
+        assert!((mean_deg(first.held_back()) - mean_deg(second.held_back())).abs() > 1.0, "draws differ in their bias");
+        assert_ne!(first.held_back().turn(Side::Left)[0].field, second.held_back().turn(Side::Left)[0].field);
+    }
+}

@@ -1,0 +1,140 @@
+//! Table of all cases.
+
+use std::f64::consts::TAU;
+
+use simulator::faults::attitude::attitude_spikes;
+use simulator::faults::sensor::{additional_noise, measurement_spikes};
+use simulator::world::aircraft::VehicleKind;
+use simulator::world::attitude_source::SenderKind;
+
+use super::{COUNTS_PER_UT, Case, DrawnCase, IN_TURN_S, LEVEL_FLIGHT_S, Onset, SENSOR_SIGMA, SOON_S, USE_S};
+
+const DEG: f64 = 360.0 / TAU;
+
+/// Case for all vehicles and attitude sources.
+const fn case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+    Case {
+        name,
+        description,
+        set_up,
+        vehicles: |_| true,
+        needs_mavlink: false,
+        max_flights: u64::MAX,
+        changes_hard_iron: false,
+    }
+}
+
+/// Case for vehicles that can hover.
+const fn hover_case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+    Case { vehicles: VehicleKind::can_hover, ..case(name, description, set_up) }
+}
+
+/// Case for vehicles that cannot hover.
+const fn turn_case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+    Case { vehicles: |kind| !kind.can_hover(), ..case(name, description, set_up) }
+}
+
+/// Case for autopilots with several senders or body rates.
+const fn mavlink_case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+    Case { needs_mavlink: true, ..case(name, description, set_up) }
+}
+
+/// Case of a permanent hard-iron change in use.
+const fn hard_iron_case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+    Case { changes_hard_iron: true, ..case(name, description, set_up) }
+}
+
+/// All cases in the order of the report.
+pub static CASES: &[Case] = &[
+    case("clean", "nothing", |_| {}),
+    Case {
+        max_flights: 1,
+        ..turn_case("ten-hours", "nothing, one flight of ten hours", |flight| flight.use_s = 36_000.0)
+    },
+    case("stuck-x", "the sensor's x axis repeats", |flight| flight.stick_axes([true, false, false])),
+    case("stuck-y", "the sensor's y axis repeats", |flight| flight.stick_axes([false, true, false])),
+    case("stuck-z", "the sensor's z axis repeats", |flight| flight.stick_axes([false, false, true])),
+    case("stuck-all", "all axes of the sensor repeat", |flight| flight.stick_axes([true; 3])),
+    case("stuck-noisy", "all axes of the sensor repeat, with noise added", |flight| {
+        flight.stick_axes([true; 3]);
+        flight.add_sensor_fault(flight.onset, additional_noise(flight.switch(), SENSOR_SIGMA, flight.seed));
+    }),
+    case("sensor-spikes", "1 % of readings off by 30 uT", |flight| {
+        let fault = measurement_spikes(flight.switch(), 0.01, 30.0 * COUNTS_PER_UT, flight.seed);
+        flight.add_sensor_fault(Onset::SOON, fault);
+    }),
+    case("sensor-noise", "five times the sensor's noise", |flight| {
+        let fault = additional_noise(flight.switch(), 24_f64.sqrt() * SENSOR_SIGMA, flight.seed);
+        flight.add_sensor_fault(Onset::SOON, fault);
+    }),
+    case("sensor-clipped", "an axis saturates within the circle", |flight| flight.clip_axis(Onset::SOON)),
+    case("upset-scale", "a full-scale bit flips", |flight| flight.upset_register(0x21, 0x20)),
+    case("upset-self-test", "the self-test bit flips", |flight| flight.upset_register(0x20, 0x01)),
+    case("upset-byte-order", "the byte-order bit flips", |flight| flight.upset_register(0x23, 0x02)),
+    case("frozen-level", "attitude repeats from level flight on", |flight| flight.freeze_attitude(LEVEL_FLIGHT_S)),
+    case("frozen-turn", "attitude repeats from a turn on", |flight| flight.freeze_attitude(IN_TURN_S)),
+    case("frozen-coarse", "attitude in tenths of a degree repeats from a turn on", |flight| {
+        flight.quantise_attitude();
+        flight.freeze_attitude(IN_TURN_S);
+    }),
+    case("coarse", "attitude in tenths of a degree, without fault", DrawnCase::quantise_attitude),
+    case("spikes", "1 % of attitude messages wrong by 45 deg", |flight| {
+        flight.add_attitude_fault(Onset::SOON, attitude_spikes(flight.switch(), 0.01, flight.seed));
+    }),
+    mavlink_case("foreign", "a gimbal also sends attitude, 5 deg off", |flight| {
+        flight.add_sender(Some(SenderKind::Other));
+    }),
+    mavlink_case("foreign-silent", "another sender of attitude without a heartbeat, 5 deg off", |flight| {
+        flight.add_sender(None);
+    }),
+    case("bias-2", "attitude bias of 2 deg", |flight| flight.bias_attitude(2.0)),
+    case("bias-5", "attitude bias of 5 deg", |flight| flight.bias_attitude(5.0)),
+    mavlink_case("aligning", "the attitude filter aligns on the ground", DrawnCase::align_attitude),
+    case("lean-70", "attitude reads 70 % of the bank", |flight| flight.scale_bank(Onset::SOON, 0.7)),
+    case("lean-30", "attitude reads 30 % of the bank", |flight| flight.scale_bank(Onset::SOON, 0.3)),
+    case("late-200", "attitude 200 ms later", |flight| flight.delay_attitude(200)),
+    case("late-300", "attitude 300 ms later", |flight| flight.delay_attitude(300)),
+    case("late-500", "attitude 500 ms later", |flight| flight.delay_attitude(500)),
+    mavlink_case("rates-zero", "body rates are sent as zero", |flight| flight.scale_rates(0.0)),
+    mavlink_case("rates-small", "body rates 57 times too small", |flight| flight.scale_rates(1.0 / DEG)),
+    mavlink_case("rates-degrees", "body rates in degrees, 57 times too large", |flight| flight.scale_rates(DEG)),
+    mavlink_case("rates-sign", "body rates with the wrong sign", |flight| flight.scale_rates(-1.0)),
+    hard_iron_case("moved-2", "hard iron changes by 2 uT", |flight| flight.change_hard_iron(2.0)),
+    hard_iron_case("moved-3", "hard iron changes by 3 uT", |flight| flight.change_hard_iron(3.0)),
+    hard_iron_case("moved-5", "hard iron changes by 5 uT", |flight| flight.change_hard_iron(5.0)),
+    hard_iron_case("moved-10", "hard iron changes by 10 uT", |flight| flight.change_hard_iron(10.0)),
+    case("throttle-5", "interference of 5 uT follows the throttle", |flight| flight.add_throttle_interference(5.0)),
+    case("throttle-10", "interference of 10 uT follows the throttle", |flight| flight.add_throttle_interference(10.0)),
+    case("warming", "the sensor's zero drifts from 0 to 10 uT", |flight| {
+        flight.drift_zero(Onset::InUse { after_s: SOON_S, for_s: USE_S - SOON_S });
+    }),
+    case("passing-10-1s", "iron of 10 uT passes within 1 s", |flight| flight.pass_object(10.0, 1.0)),
+    case("passing-10-5s", "iron of 10 uT passes within 5 s", |flight| flight.pass_object(10.0, 5.0)),
+    case("passing-10-30s", "iron of 10 uT passes within 30 s", |flight| flight.pass_object(10.0, 30.0)),
+    case("passing-50-30s", "iron of 50 uT passes within 30 s", |flight| flight.pass_object(50.0, 30.0)),
+    case("ferry", "used 1,000 km away", DrawnCase::move_to_other_place),
+    case("cal-moved-2", "hard iron changes by 2 uT during the calibration", |flight| {
+        flight.change_hard_iron_while_calibrating(2.0);
+    }),
+    case("cal-moved-5", "hard iron changes by 5 uT during the calibration", |flight| {
+        flight.change_hard_iron_while_calibrating(5.0);
+    }),
+    case("cal-moved-10", "hard iron changes by 10 uT during the calibration", |flight| {
+        flight.change_hard_iron_while_calibrating(10.0);
+    }),
+    case("cal-warming", "the zero drifts from 0 to 10 uT during the calibration", |flight| {
+        flight.drift_zero(Onset::calibrating(flight.world.aircraft.kind));
+    }),
+    turn_case("cal-bank-5", "calibration turns at 5 deg of bank", |flight| flight.calibrate_at_bank(5.0)),
+    case("cal-clipped", "an axis saturates within the circles, always", |flight| flight.clip_axis(Onset::Always)),
+    case("cal-lean-90", "attitude always reads 90 % of the bank", |flight| flight.scale_bank(Onset::Always, 0.9)),
+    hover_case("cal-hover", "calibration by yaw turns in hover alone", DrawnCase::calibrate_in_hover),
+    hover_case("pushed", "acceleration-induced tilt error always doubled", |flight| {
+        flight.onset = Onset::Always;
+        flight.world.attitude_source.push_error_deg *= 2.0;
+    }),
+    hover_case("current-5", "motor-current interference of 5 uT in hover", |flight| flight.add_current(5.0, false)),
+    hover_case("current-20", "motor-current interference of 20 uT in hover", |flight| flight.add_current(20.0, false)),
+    hover_case("current-5-told", "5 uT in hover, current reported", |flight| flight.add_current(5.0, true)),
+    hover_case("current-20-told", "20 uT in hover, current reported", |flight| flight.add_current(20.0, true)),
+];

@@ -1,0 +1,233 @@
+//! One flight of a case: calibration, then use with evaluation of every output sentence.
+
+use autoswing::calibration::Calibration;
+use autoswing::settings::HeadingKind;
+use log_analysis::score::wrap_180;
+use nalgebra::Vector3;
+use simulator::heading_errors::HeadingErrors;
+use simulator::module::{Module, ModuleRunEnd};
+use simulator::nmea::{HeadingSentence, SentenceReader};
+use simulator::random::{Purpose, Random};
+use simulator::rig::Rig;
+use simulator::transcript::{self, SolveNotice};
+use simulator::world::WorldConfig;
+use simulator::world::aircraft::PrescribedMotion;
+use simulator::world::autopilot::Leg;
+use simulator::world::far_end::FarEnd;
+
+use super::IntegrityPlan;
+use super::case::{Case, DrawnCase, Onset};
+use super::statistics::{EvaluatedSentence, HeadingStatistics};
+use super::use_legs;
+
+/// Accepted calibration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AcceptedCalibration {
+    /// Heading error estimated by the module, degrees RMS.
+    pub expected_deg: f64,
+    /// True heading error at exact field and attitude, with the hard iron at the end of the calibration, degrees RMS.
+    pub true_deg: f64,
+    /// Time from start to acceptance, seconds.
+    pub duration_s: f64,
+}
+
+impl AcceptedCalibration {
+    /// True over estimated heading error.
+    #[must_use]
+    pub fn ratio(&self) -> f64 {
+        self.true_deg / self.expected_deg
+    }
+}
+
+/// Error of the module's estimate of a hard-iron change, relative to the change, after a full turn each way; 1 without
+/// an estimate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HardIronEstimateError(pub f64);
+
+/// Results of a flight.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CaseFlightResult {
+    /// Calibration, or the code of its rejection.
+    pub calibrated: Result<AcceptedCalibration, String>,
+    /// Statistics of the output in use.
+    pub tally: HeadingStatistics,
+    /// Estimation error of a hard-iron change in use.
+    pub hard_iron_error: Option<HardIronEstimateError>,
+}
+
+const PIECE_S: f64 = 0.5;
+
+const SENTENCE_S: f64 = 0.1;
+
+/// Time after the turns within which the module must report the result of its solve, seconds.
+const PATIENCE_S: f64 = 10.0;
+
+/// Flies the case for a seed, with vehicle, attitude source and heading output of the plan.
+#[must_use]
+pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
+    let mut drawn = case.draw(seed, plan.aircraft, plan.source);
+    let faults = std::mem::take(&mut drawn.faults);
+    let fields = faults.field.clone();
+    let mut rig = Rig::with_far_ends(drawn.world, faults, [drawn.far_end, FarEnd::Unconnected]);
+    let DrawnCase { world, ref switch, onset, .. } = drawn;
+    rig.world.set_armed(true);
+    if onset == Onset::Always {
+        switch.set_active(0, u64::MAX);
+    }
+    rig.run_for_s(2.0);
+    rig.type_line(&format!("stream heading {}", plan.heading.name()));
+    rig.type_line(drawn.routine.command);
+    if let Onset::Calibrating { after_s, until_s } = onset {
+        switch.set_active(add_seconds_us(rig.now_us(), after_s), add_seconds_us(rig.now_us(), until_s));
+    }
+    let began_us = rig.now_us();
+    let calibration = calibrate(&mut rig, &drawn.routine.legs());
+    let calibrated = calibration.map(|(shown, at_us)| AcceptedCalibration {
+        expected_deg: shown.expected_rms_deg,
+        true_deg: true_deg(&shown.calibration, &world, fields.iter().map(|fault| fault.added_ut(at_us)).sum()),
+        duration_s: (at_us - began_us) as f64 / 1e6,
+    });
+    let mut tally = HeadingStatistics::default();
+    if calibrated.is_ok() {
+        if let Onset::InUse { after_s, for_s } = onset {
+            let from_us = add_seconds_us(rig.now_us(), after_s);
+            switch.set_active(from_us, add_seconds_us(from_us, for_s));
+        }
+        let counts_from_us =
+            if let Onset::InUse { after_s, .. } = onset { add_seconds_us(rig.now_us(), after_s) } else { 0 };
+        listen(&mut rig, &drawn, seed, &mut |at_us, evaluated_sentence| {
+            // A hard-iron change during calibration remains part of the airframe in use.
+            let faulty = match onset {
+                Onset::Never => false,
+                Onset::Always | Onset::Calibrating { .. } => true,
+                Onset::InUse { .. } => switch.is_on(at_us),
+            };
+            tally.add_sentence(at_us, SENTENCE_S, evaluated_sentence, at_us >= counts_from_us, faulty);
+        });
+    }
+    let hard_iron_error_of_case = (calibrated.is_ok() && case.changes_hard_iron).then(|| {
+        let added_ut = fields.iter().map(|fault| fault.added_ut(rig.now_us())).sum();
+        hard_iron_estimate_error(&mut rig, &world, added_ut)
+    });
+    CaseFlightResult { calibrated, tally, hard_iron_error: hard_iron_error_of_case }
+}
+
+/// Flies a full turn each way and compares the module's estimate with a hard-iron change of `added_ut`, chip axes.
+fn hard_iron_estimate_error(rig: &mut Rig, world: &WorldConfig, added_ut: Vector3<f64>) -> HardIronEstimateError {
+    for heading_change_deg in [360.0, -360.0] {
+        rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg });
+    }
+    while rig.world.unfinished_legs() > 0 && rig.run_for_s(PIECE_S) == ModuleRunEnd::Time {}
+    let told_ut = transcript::hard_iron_change_ut(&rig.type_line("status")).map_or_else(Vector3::zeros, Vector3::from);
+    // By `m = A h + b`, the change in the measurement m equals a change of the field h by `A^-1 added_ut`. A singular
+    // airframe measures nothing.
+    let true_ut = world.airframe.a.try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * added_ut);
+    HardIronEstimateError((told_ut - true_ut).norm() / true_ut.norm())
+}
+
+fn add_seconds_us(from_us: u64, by_s: f64) -> u64 {
+    // The cast saturates, so infinity remains beyond all times.
+    from_us.saturating_add((by_s * 1e6) as u64)
+}
+
+/// Flies the routine until the module reports the result of its solve; returns it with its time.
+fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibration, u64), String> {
+    for &leg in legs {
+        rig.world.fly(leg);
+    }
+    let mut session = String::new();
+    let mut waited_s = 0.0;
+    let mut is_solve_requested = false;
+    let notice = loop {
+        if let Some(notice) = transcript::notice(&session) {
+            break notice;
+        }
+        if rig.run_for_s(PIECE_S) != ModuleRunEnd::Time {
+            return Err("no-power".to_owned());
+        }
+        session.push_str(&rig.printed());
+        if rig.world.unfinished_legs() > 0 {
+            continue;
+        }
+        waited_s += PIECE_S;
+        if waited_s > PATIENCE_S && !is_solve_requested {
+            // If the module does not solve automatically, the pilot requests it.
+            is_solve_requested = true;
+            waited_s = 0.0;
+            let printed = rig.type_line("cal solve");
+            if let Some(error) = transcript::parse_error(&printed) {
+                break error;
+            }
+            session.push_str(&printed);
+        } else if waited_s > PATIENCE_S {
+            return Err("silent".to_owned());
+        }
+    };
+    let at_us = rig.now_us();
+    match notice {
+        SolveNotice::Calibrated(_) => {
+            // Completes the plan.
+            while rig.world.unfinished_legs() > 0 && rig.run_for_s(PIECE_S) == ModuleRunEnd::Time {}
+            let shown = transcript::parse_shown_calibration(&rig.type_line("cal show"))
+                .ok_or_else(|| "not-shown".to_owned())?;
+            Ok((shown, at_us))
+        }
+        SolveNotice::Refused { code, .. } => Err(code),
+    }
+}
+
+/// True heading error with cruise current and present hard iron.
+fn true_deg(calibration: &Calibration, world: &WorldConfig, added_ut: Vector3<f64>) -> f64 {
+    let mut now = *world;
+    now.airframe.b_ut += added_ut;
+    HeadingErrors::evaluate(calibration, &now).statistics().rms_deg
+}
+
+/// Optional time on the ground, then legs for the rest of use; evaluates every sentence.
+fn listen(rig: &mut Rig, drawn: &DrawnCase, seed: u64, on_sentence: &mut dyn FnMut(u64, &EvaluatedSentence)) {
+    let DrawnCase { ground_time_s: stands_s, use_s, next_legs, .. } = *drawn;
+    let mut random = Random::new(seed, Purpose::Legs);
+    if stands_s > 0.0 {
+        // Keeps the last attitude and the unwrapped heading, to avoid jumps.
+        let now = rig.world.true_state(rig.now_us());
+        let [roll_deg, pitch_deg, heading_deg] = [now.roll_rad, now.pitch_rad, now.heading_rad].map(f64::to_degrees);
+        rig.world.set_motion(PrescribedMotion { roll_deg, pitch_deg, heading_deg, ..PrescribedMotion::default() });
+    }
+    let flies_us = add_seconds_us(rig.now_us(), stands_s);
+    let end_us = add_seconds_us(flies_us, use_s);
+    let kind = rig.world.config().aircraft.kind;
+    for leg in use_legs::first_legs(kind, &mut random) {
+        rig.world.fly(leg);
+    }
+    let mut reader = SentenceReader::default();
+    let _ = rig.instrument.receive();
+    while rig.now_us() < end_us {
+        if stands_s > 0.0 && rig.now_us() >= flies_us {
+            rig.world.release();
+        }
+        if rig.world.unfinished_legs() < 2 {
+            for leg in next_legs(kind, &mut random) {
+                rig.world.fly(leg);
+            }
+        }
+        if rig.run_for_s(PIECE_S) != ModuleRunEnd::Time {
+            return;
+        }
+        for timed_byte in rig.instrument.receive_timed() {
+            if let Some(received) = reader.push(timed_byte.at_us, timed_byte.byte).filter(|r| r.kind == "PASWH") {
+                let true_deg = rig.world.true_state(timed_byte.at_us).heading_deg();
+                on_sentence(timed_byte.at_us, &evaluated_sentence(received, true_deg));
+            }
+        }
+    }
+}
+
+fn evaluated_sentence(received: HeadingSentence, true_deg: f64) -> EvaluatedSentence {
+    match (received.heading_deg, received.sigma_deg) {
+        (Some(sent_deg), Some(sigma_deg)) => {
+            let is_smooth = received.heading_kind.as_deref() == Some(HeadingKind::Smooth.name());
+            EvaluatedSentence::Heading { error_deg: wrap_180(sent_deg - true_deg), sigma_deg, is_smooth }
+        }
+        _ => EvaluatedSentence::Empty(received.status.unwrap_or_default()),
+    }
+}

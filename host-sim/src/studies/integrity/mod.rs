@@ -1,0 +1,170 @@
+//! Integrity study: headings output as good while a fault is active.
+//!
+//! Each [`Case`] is a fault during calibration or during use. Random airframes at random places fly it with the
+//! firmware's own tasks ([`flight`]); the statistics count output headings whose error is not covered by their sigma.
+//! True headings come from the simulator.
+
+pub mod case;
+pub mod flight;
+mod statistics;
+mod use_legs;
+
+use autoswing::settings::HeadingKind;
+use rayon::prelude::*;
+use serde::Serialize;
+
+pub use case::{CASES, Case};
+pub use statistics::HeadingStatistics;
+
+use flight::{AcceptedCalibration, CaseFlightResult, HardIronEstimateError};
+
+use log_analysis::numbers::quantile;
+use simulator::world::aircraft::VehicleKind;
+use simulator::world::far_end::FarEnd;
+use simulator::world::msp_autopilot::{self, AnswerFaults};
+
+/// Extent of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct IntegrityPlan {
+    /// Flights per case.
+    pub flights: u64,
+    /// Seed of the first flight; later flights use consecutive seeds.
+    pub seed: u64,
+    /// Heading selected for output.
+    pub heading: HeadingKind,
+    /// Vehicle kind.
+    pub aircraft: VehicleKind,
+    /// Attitude source.
+    pub source: AttitudeProtocol,
+}
+
+/// Protocol of the attitude source.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AttitudeProtocol {
+    /// MAVLink autopilot with body rates.
+    #[default]
+    Mavlink,
+    /// ArduPilot with MSP: polled attitude in tenths of a degree, without body rates.
+    Msp,
+}
+
+impl AttitudeProtocol {
+    const fn far_end(self) -> FarEnd {
+        match self {
+            Self::Mavlink => FarEnd::Talker,
+            Self::Msp => FarEnd::Msp(
+                msp_autopilot::MspFirmware::ArduPilot,
+                AnswerFaults { dropped: 0.0, rejected: 0.0, truncated: 0.0, delayed: 0.0 },
+            ),
+        }
+    }
+}
+
+/// Results of a case.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct IntegrityRow {
+    /// Case name.
+    pub case: &'static str,
+    /// Number of flights.
+    pub flights: usize,
+    /// Accepted calibrations, percent of flights.
+    pub accepted_percent: f64,
+    /// Accepted calibrations with a true error above three times the estimated one, percent of flights.
+    pub wrong_percent: f64,
+    /// True over estimated error of accepted calibrations, median; `None` without any.
+    pub ratio_median: Option<f64>,
+    /// True over estimated error of accepted calibrations, largest.
+    pub ratio_worst: Option<f64>,
+    /// Headings with an error above four sigmas and above 5 deg, percent of all output since the onset.
+    pub bad_percent: f64,
+    /// Longest sequence of such headings, seconds.
+    pub longest_bad_s: f64,
+    /// Largest heading error, degrees.
+    pub worst_deg: f64,
+    /// Smooth headings, percent of all headings.
+    pub smooth_percent: f64,
+    /// RMS heading error, degrees.
+    pub rms_deg: f64,
+    /// Errors within one sigma, percent.
+    pub within_one_sigma_percent: f64,
+    /// Errors within two sigmas, percent.
+    pub within_two_sigma_percent: f64,
+    /// Errors within three sigmas, percent.
+    pub within_three_sigma_percent: f64,
+    /// Sentences without a heading, percent of all since the onset.
+    pub empty_percent: f64,
+    /// False alarms (interruptions of the heading output without an active fault), per hour without fault.
+    pub alarms_per_hour: f64,
+    /// Error of the estimated hard-iron change relative to the change, median, percent; `None` without a
+    /// simulated change.
+    pub iron_error_median_percent: Option<f64>,
+    /// Codes of rejected calibrations with their counts, most frequent first.
+    pub refused: Vec<(String, usize)>,
+    /// Codes of sentences without a heading since the onset, with their counts.
+    pub empty: Vec<(String, usize)>,
+}
+
+/// Flies all cases in parallel; calls `flown` after every flight. The result does not depend on the number of cores.
+pub fn run(plan: IntegrityPlan, cases: &[&'static Case], flown: &(dyn Fn() + Sync)) -> Vec<IntegrityRow> {
+    let flights: Vec<(usize, u64)> = cases
+        .iter()
+        .enumerate()
+        .flat_map(|(i, case)| (0..case.flights(plan.flights)).map(move |n| (i, plan.seed.wrapping_add(n))))
+        .collect();
+    let all: Vec<(usize, CaseFlightResult)> = flights
+        .into_par_iter()
+        .map(|(i, seed)| {
+            let result = (i, flight::fly(cases[i], seed, &plan));
+            flown();
+            result
+        })
+        .collect();
+    let results_of = |i: usize| all.iter().filter(move |(case, _)| *case == i).map(|(_, flown)| flown);
+    cases.iter().enumerate().map(|(i, case)| row(case.name, &results_of(i).collect::<Vec<_>>())).collect()
+}
+
+/// Total number of flights.
+#[must_use]
+pub fn flights(plan: IntegrityPlan, cases: &[&'static Case]) -> u64 {
+    cases.iter().map(|case| case.flights(plan.flights)).sum()
+}
+
+fn row(case: &'static str, results: &[&CaseFlightResult]) -> IntegrityRow {
+    let calibrated = || results.iter().filter_map(|one| one.calibrated.as_ref().ok());
+    let ratios = || calibrated().map(AcceptedCalibration::ratio);
+    let iron_errors = results.iter().filter_map(|one| one.hard_iron_error.map(|HardIronEstimateError(error)| error));
+    let percent_of_flights = |number: usize| 100.0 * number as f64 / results.len().max(1) as f64;
+    let tally = results.iter().fold(HeadingStatistics::default(), |sum, one| sum.merged_with(&one.tally));
+    let [one, two, three] = tally.within_percent();
+    IntegrityRow {
+        case,
+        flights: results.len(),
+        accepted_percent: percent_of_flights(ratios().count()),
+        wrong_percent: percent_of_flights(ratios().filter(|ratio| *ratio > 3.0).count()),
+        ratio_median: quantile(ratios(), 0.5),
+        ratio_worst: quantile(ratios(), 1.0),
+        bad_percent: tally.bad_percent(),
+        longest_bad_s: tally.longest_bad_s,
+        worst_deg: tally.worst_deg,
+        smooth_percent: tally.smooth_percent(),
+        rms_deg: tally.rms_deg(),
+        within_one_sigma_percent: one,
+        within_two_sigma_percent: two,
+        within_three_sigma_percent: three,
+        empty_percent: tally.empty_percent(),
+        alarms_per_hour: tally.alarms_per_hour(),
+        iron_error_median_percent: quantile(iron_errors, 0.5).map(|error| 100.0 * error),
+        refused: count_codes(results.iter().filter_map(|one| one.calibrated.as_ref().err().cloned())),
+        empty: tally.empty.into_iter().collect(),
+    }
+}
+
+fn count_codes(codes: impl Iterator<Item = String>) -> Vec<(String, usize)> {
+    let mut counts = std::collections::BTreeMap::new();
+    for code in codes {
+        *counts.entry(code).or_insert(0) += 1;
+    }
+    let mut counts: Vec<_> = counts.into_iter().collect();
+    counts.sort_by_key(|(_, number)| std::cmp::Reverse(*number));
+    counts
+}

@@ -1,0 +1,59 @@
+//! Legs flown in use: a common start, then random legs.
+
+use simulator::random::Random;
+use simulator::world::aircraft::VehicleKind;
+use simulator::world::autopilot::Leg;
+
+use super::case::{IN_TURN_S, LEVEL_FLIGHT_S};
+
+/// Straight leg, then a full circle that is in progress 48 s after the start.
+pub(super) fn first_legs(kind: VehicleKind, random: &mut Random) -> [Leg; 2] {
+    let straight =
+        Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: LEVEL_FLIGHT_S.midpoint(IN_TURN_S) };
+    let circle = if kind.can_hover() {
+        // 20 s, about the duration of an aeroplane's circle.
+        Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: 360.0 }
+    } else {
+        Leg::Turn { bank_deg: 25.0, heading_change_deg: 360.0 }
+    };
+    [straight, circle]
+}
+
+/// Straight leg; then a turn, or hover, yaw and a tilt to the side.
+pub(super) fn next_legs(kind: VehicleKind, random: &mut Random) -> Vec<Leg> {
+    let straight = Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: random.uniform(15.0, 30.0) };
+    let side = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
+    let heading_change_deg = side * random.uniform(180.0, 360.0);
+    if !kind.can_hover() {
+        return vec![straight, Leg::Turn { bank_deg: random.uniform(15.0, 35.0), heading_change_deg }];
+    }
+    vec![
+        straight,
+        Leg::Hover { seconds: random.uniform(5.0, 10.0) },
+        Leg::Yaw { rate_deg_s: random.uniform(15.0, 60.0), heading_change_deg },
+        Leg::Push {
+            toward_deg: random.uniform(0.0, 360.0),
+            tilt_deg: random.uniform(10.0, 25.0),
+            seconds: random.uniform(1.0, 3.0),
+        },
+        Leg::Hover { seconds: random.uniform(3.0, 6.0) },
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use simulator::random::Purpose;
+
+    /// The order of random draws of an aeroplane's flights must not change.
+    #[test]
+    fn hovering_vehicles_yaw_and_tilt_and_aeroplanes_turn() {
+        let mut random = Random::new(3, Purpose::Legs);
+        assert!(matches!(first_legs(VehicleKind::Plane, &mut random), [Leg::Straight { .. }, Leg::Turn { .. }]));
+        assert!(matches!(next_legs(VehicleKind::Plane, &mut random)[..], [Leg::Straight { .. }, Leg::Turn { .. }]));
+        assert!(matches!(first_legs(VehicleKind::Copter, &mut random), [Leg::Straight { .. }, Leg::Yaw { .. }]));
+        let legs = next_legs(VehicleKind::Copter, &mut random);
+        assert!(legs.iter().any(|leg| matches!(leg, Leg::Push { tilt_deg, .. } if (10.0..25.0).contains(tilt_deg))));
+        assert!(legs.iter().all(|leg| !matches!(leg, Leg::Turn { .. })));
+    }
+}

@@ -1,0 +1,11 @@
+//! Studies: what headings and calibrations of many random flights are worth, and the experiment of the paper.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`accuracy`] | accuracy relative to the Cramér-Rao bound |
+//! | [`integrity`] | headings output as good while a fault is active |
+//! | [`paper`] | reproduction of Liu 2007 table 1 with every method |
+
+pub mod accuracy;
+pub mod integrity;
+pub mod paper;

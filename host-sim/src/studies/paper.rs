@@ -1,0 +1,170 @@
+//! Reproduction of the experiment in Liu 2007 section 4: the aircraft of table 1 at pitch zero, banked to either side,
+//! with all methods on the same samples.
+
+use autoswing::calibration::{
+    Calibration, Mark, Method, Orientation, Part, Prior, Rates, Sample, Samples, SolveError, solve,
+};
+use autoswing::frames::{Attitude, Field};
+use autoswing::instrument::readings_per_sample;
+use autoswing::time::WrappingMillis;
+use nalgebra::Vector3;
+use serde::Serialize;
+
+use log_analysis::score::{ErrorStatistics, wrap_180};
+use simulator::random::{Purpose, Random};
+use simulator::world::airframe::Airframe;
+use simulator::world::earth::Earth;
+use simulator::world::rotation::Euler;
+use simulator::world::table1::{BANK_DEG, BankErrors};
+
+/// Number of headings in the table, 30 deg apart.
+pub const HEADINGS: usize = 12;
+
+/// Noise of one LIS3MDL measurement on x, y and z, microtesla: ultra-high-performance mode (data sheet, table 2). A
+/// module sample averages several measurements.
+const READING_NOISE_UT: [f64; 3] = [0.32, 0.32, 0.41];
+
+/// Measurement period at 80 Hz, microseconds.
+const READING_PERIOD_US: u32 = 12_500;
+
+/// Settings of the experiment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Experiment {
+    /// Samples per side, uniform over all headings.
+    pub samples: u16,
+    /// Seed of the sensor noise; `None` for no noise.
+    pub noise: Option<u64>,
+}
+
+impl Experiment {
+    /// The paper's twelve headings per side, without noise.
+    pub const NOISE_FREE: Self = Self { samples: 12, noise: None };
+
+    /// As many samples as a long flight provides, with the noise of a LIS3MDL.
+    #[must_use]
+    pub const fn noisy(seed: u64) -> Self {
+        Self { samples: 256, noise: Some(seed) }
+    }
+}
+
+/// Errors with one method, degrees, at headings 0, 30, ... 330.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct MethodErrors {
+    /// Method name.
+    pub name: &'static str,
+    /// Right wing down.
+    pub right_deg: [f64; HEADINGS],
+    /// Left wing down.
+    pub left_deg: [f64; HEADINGS],
+}
+
+impl MethodErrors {
+    /// Statistics over both sides.
+    #[must_use]
+    pub fn figures(&self) -> ErrorStatistics {
+        ErrorStatistics::from_errors_deg(&[self.right_deg, self.left_deg].concat())
+    }
+
+    /// Errors at one heading.
+    #[must_use]
+    pub fn sides(&self, row: usize) -> BankErrors {
+        BankErrors { right_deg: self.right_deg[row], left_deg: self.left_deg[row] }
+    }
+}
+
+/// Table columns: uncompensated, compass swing, four ellipses, two planes, maximum likelihood.
+///
+/// # Errors
+///
+/// The error of a method without a solution.
+pub fn method_errors(experiment: Experiment) -> Result<[MethodErrors; 5], SolveError> {
+    let table = Table1Experiment { airframe: Airframe::table1(), earth: Earth::default() };
+    let (left, right) = table.measure(experiment);
+    let turns = [&left[..], &right].concat();
+    let sides = Samples::new(&turns);
+    let marks = Table1Experiment::marks(experiment, &left, &right);
+    let swing = Samples::default().with_marks(&marks);
+    let solved = |name, method, samples| {
+        solve(method, samples, &Prior::default()).map(|solution| table.column(name, &solution.calibration))
+    };
+    Ok([
+        table.column("before", &Calibration::uncalibrated(Orientation::NONE)),
+        solved("reference", Method::CompassSwing, swing)?,
+        solved("four ellipses", Method::FourEllipse, sides)?,
+        solved("two planes", Method::TwoPlane, sides)?,
+        solved("maximum likelihood", Method::MaximumLikelihood, sides)?,
+    ])
+}
+
+struct Table1Experiment {
+    airframe: Airframe,
+    earth: Earth,
+}
+
+impl Table1Experiment {
+    fn sample(&self, roll_deg: f64, heading_rad: f64, noise_ut: Vector3<f64>) -> Sample {
+        let truth = Euler { roll_rad: roll_deg.to_radians(), pitch_rad: 0.0, heading_rad };
+        let field = self.airframe.measured_field(&self.earth.body_field_ut(truth));
+        let attitude = Attitude::from_deg(roll_deg as f32, 0.0);
+        Sample {
+            field: Field::new(field.ut + noise_ut.cast()),
+            attitude,
+            time: WrappingMillis::default(),
+            rates: Rates::NONE,
+            part: Part::FREE,
+        }
+    }
+
+    /// Left and right turns, each in the direction of flight.
+    fn measure(&self, experiment: Experiment) -> (Vec<Sample>, Vec<Sample>) {
+        let mut noise = experiment.noise.map(|seed| Random::new(seed, Purpose::Magnetometer));
+        let mut side = |sign: f64, part: Part| -> Vec<Sample> {
+            (0..experiment.samples)
+                .map(|i| {
+                    let noise_ut = noise.as_mut().map_or_else(Vector3::zeros, |noise| {
+                        noise.normal_vector().component_mul(&Vector3::from(READING_NOISE_UT))
+                            / f64::from(readings_per_sample(READING_PERIOD_US)).sqrt()
+                    });
+                    let sample = self.sample(sign * BANK_DEG, sign * heading_rad(i, experiment.samples), noise_ut);
+                    Sample { time: WrappingMillis::new(u32::from(i) * 400), part, ..sample }
+                })
+                .collect()
+        };
+        (side(-1.0, Part::LEFT), side(1.0, Part::RIGHT))
+    }
+
+    /// A subset of the samples with known headings, limited to the module's capacity.
+    fn marks(experiment: Experiment, left: &[Sample], right: &[Sample]) -> Vec<Mark> {
+        let every = usize::from(experiment.samples) / HEADINGS;
+        let marks_of_turn = |samples: &[Sample], turn_sign: f64| -> Vec<Mark> {
+            (0..experiment.samples)
+                .zip(samples)
+                .step_by(every)
+                .map(|(i, &sample)| {
+                    let heading_rad = (turn_sign * heading_rad(i, experiment.samples)) as f32;
+                    Mark { sample, heading_rad }
+                })
+                .collect()
+        };
+        marks_of_turn(left, -1.0).into_iter().chain(marks_of_turn(right, 1.0)).collect()
+    }
+
+    fn column(&self, name: &'static str, calibration: &Calibration) -> MethodErrors {
+        let error_deg = |roll_deg: f64, row: usize| {
+            let heading_rad = heading_rad(row as u16, HEADINGS as u16);
+            let exact = self.sample(roll_deg, heading_rad, Vector3::zeros());
+            let shown_rad = exact.attitude.level(calibration.apply(exact.field)).heading_rad();
+            wrap_180((f64::from(shown_rad) - heading_rad).to_degrees())
+        };
+        MethodErrors {
+            name,
+            right_deg: std::array::from_fn(|row| error_deg(BANK_DEG, row)),
+            left_deg: std::array::from_fn(|row| error_deg(-BANK_DEG, row)),
+        }
+    }
+}
+
+/// The `i`-th of `number` equally spaced headings.
+fn heading_rad(i: u16, number: u16) -> f64 {
+    f64::from(i) / f64::from(number) * std::f64::consts::TAU
+}

@@ -1,0 +1,35 @@
+# Sourced by scripts that compile for another target than this computer. Two ways, the first that is there:
+#   1. rustup with the target:  rustup target add TARGET
+#   2. no such target (an offline machine, say): Debian's packages cargo-web, rustc-web and rust-web-src build the standard
+#      library from source.
+# Never lets rustup fetch anything: asks only for what is on the disk.
+
+has_rustup_target() {
+    command -v rustc >/dev/null &&
+        compgen -G "$(rustc --print sysroot)/lib/rustlib/$1/lib/libcore-*.rlib" >/dev/null
+}
+
+has_debian_rust() {
+    [ -x /usr/bin/cargo ] && [ -x /usr/bin/rustc ] &&
+        [ -e "$(/usr/bin/rustc --print sysroot)/lib/rustlib/src/rust/library/core" ]
+}
+
+# choose_cargo TARGET LIBRARIES: sets `cargo`, the command, and `target_options`; LIBRARIES are those of the standard library
+# that TARGET needs. Fails if there is no compiler.
+choose_cargo() {
+    target_options=(--target "$1")
+    if has_rustup_target "$1"; then
+        echo "building for $1 with $(rustc --version)"
+        cargo=(cargo)
+    elif has_debian_rust; then
+        echo "building for $1 with Debian's $(/usr/bin/rustc --version), $2 from source"
+        # -Zbuild-std is a nightly option; RUSTC_BOOTSTRAP lets this stable compiler take it.
+        # Its own directory under target/: two compilers in one would rebuild each other's work.
+        cargo=(env RUSTC=/usr/bin/rustc RUSTC_BOOTSTRAP=1 CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-target}/build-std" /usr/bin/cargo)
+        target_options+=("-Zbuild-std=$2")
+    else
+        echo "no compiler for $1. With rustup:  rustup target add $1
+On Debian:  apt-get install cargo-web rustc-web rust-web-src" >&2
+        return 1
+    fi
+}

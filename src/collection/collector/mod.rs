@@ -1,0 +1,268 @@
+//! State and procedure of a collection.
+
+use super::d_optimal_selection::DOptimalSelection;
+use super::flight_statistics::{CollectionProblem, TiltFilter};
+use super::free_flight::{self, FreeFlightSample};
+use super::level_limits::is_level;
+use super::min_distance;
+use super::part_view::{PARTS, PartView, coverage};
+use super::progress::CollectionProgress;
+use super::quota::{Quota, SampleUse};
+use super::retained_samples::{Header, RetainedSamples};
+use super::sector_balance::SectorBalance;
+use super::state::{CollectionContext, CollectionState};
+use super::turn_detector::{TurnDetector, TurnDetectorConfig};
+use crate::calibration::method_selection::Procedure;
+use crate::calibration::{Mark, Method, Part, Sample, Samples, Solution};
+use crate::time::WrappingMillis;
+
+/// Fit samples (4 s of flight) below which a loss is not reported.
+const MIN_REPORTED_LOSS_SAMPLES: usize = 10;
+
+/// Clock advance over a restart, milliseconds: keeps time stamps distinct.
+const RESTART_GAP_MS: u32 = 1000;
+
+/// Sample collector of one calibration. Its procedure selects a policy, which stores samples in the one buffer.
+#[derive(Debug)]
+pub struct Collector<'a> {
+    memory: &'a mut RetainedSamples,
+    /// State of the collection; stored in the memory by [`Collector::save`].
+    header: Header,
+    restored_context: Option<CollectionContext>,
+    /// Whether data changed since the header's checksum.
+    has_changed: bool,
+    /// Offset from sample times to the collection's clock, milliseconds.
+    clock_offset_ms: u32,
+    detector: TurnDetector,
+    tilt_filter: TiltFilter,
+    /// By [`Part::index`].
+    last_taken_at: [Option<WrappingMillis>; PARTS],
+    /// Information of the free-flight fit samples.
+    selection: DOptimalSelection,
+}
+
+impl<'a> Collector<'a> {
+    /// Creates a collector, and resumes the collection in a valid memory.
+    #[must_use]
+    #[inline(never)]
+    pub fn new(memory: &'a mut RetainedSamples) -> Self {
+        let (header, is_whole) = (*memory.header(), memory.is_whole());
+        let mut collector = Self {
+            memory,
+            header,
+            restored_context: is_whole.then(|| header.context()),
+            has_changed: false,
+            clock_offset_ms: header.clock_ms.wrapping_add(RESTART_GAP_MS),
+            detector: TurnDetector::new(TurnDetectorConfig::DEFAULT),
+            tilt_filter: TiltFilter::NONE,
+            last_taken_at: [None; _],
+            selection: DOptimalSelection::NONE,
+        };
+        if is_whole && header.state() != CollectionState::Inactive {
+            collector.memory.count_unexpected_restart();
+        } else {
+            collector.discard();
+            collector.save(CollectionContext::default());
+        }
+        collector
+    }
+
+    /// Context of the resumed collection; `None` if the memory was invalid.
+    #[must_use]
+    pub fn restored_context(&self) -> Option<CollectionContext> {
+        self.restored_context
+    }
+
+    /// State of the collection.
+    #[must_use]
+    pub fn state(&self) -> CollectionState {
+        self.header.state()
+    }
+
+    /// Whether losing this collection is worth reporting.
+    #[must_use]
+    pub fn is_loss_reportable(&self) -> bool {
+        let number = self.memory.samples.of(SampleUse::Fit).len();
+        self.state() != CollectionState::Inactive && number >= MIN_REPORTED_LOSS_SAMPLES
+    }
+
+    /// Updates the header and its checksum after changes. Call it before long operations.
+    pub fn save(&mut self, context: CollectionContext) {
+        let is_over = self.state() == CollectionState::Inactive;
+        if !self.has_changed && (is_over || context == self.memory.header().context()) {
+            return;
+        }
+        self.has_changed = false;
+        if is_over {
+            self.reset_restart_count();
+            return self.memory.seal(Header::EMPTY);
+        }
+        self.header.set_context(context);
+        self.header.clock_ms = self.tilt_filter.last_sample_at().map_or(self.clock_offset_ms, WrappingMillis::as_ms);
+        self.memory.seal(self.header);
+    }
+
+    /// Resets the count of unexpected restarts.
+    pub fn reset_restart_count(&mut self) {
+        self.memory.reset_restart_count();
+    }
+
+    /// Adds the next averaged sample.
+    pub fn push(&mut self, mut sample: Sample) {
+        sample.time = sample.time.plus_ms(self.clock_offset_ms);
+        self.header.statistics.update(&mut self.tilt_filter, &sample);
+        self.has_changed |= match self.header.procedure() {
+            Procedure::Turns => self.push_turn_or_level(sample),
+            Procedure::Level | Procedure::Swing => {
+                is_level(&sample) && SectorBalance::LEVEL.push(self.view(Part::LEVEL), sample)
+            }
+            Procedure::Tumble => self.push_tumbled(sample),
+            Procedure::Flight => self.push_free(sample),
+        };
+    }
+
+    fn push_turn_or_level(&mut self, sample: Sample) -> bool {
+        if let Some(side) = self.detector.update(&sample) {
+            let is_first = !self.header.has_turned();
+            self.header.set_turned();
+            SectorBalance::TURNS.push(self.view(Part::turn(side)), sample) || is_first
+        } else {
+            // Before the first turn the aircraft may be parked near the iron of a hangar.
+            self.header.has_turned() && is_level(&sample) && SectorBalance::LEVEL.push(self.view(Part::LEVEL), sample)
+        }
+    }
+
+    fn push_tumbled(&mut self, sample: Sample) -> bool {
+        let Header { parts, min_distance_ut, .. } = &mut self.header;
+        let part = PartView::new(Part::FREE, &mut self.memory.samples, parts, &mut self.last_taken_at);
+        min_distance::push(part, Quota::TURN, min_distance_ut, sample)
+    }
+
+    fn push_free(&mut self, sample: Sample) -> bool {
+        let parts = &mut self.header.parts;
+        let part = PartView::new(Part::FREE, &mut self.memory.samples, parts, &mut self.last_taken_at);
+        let end = free_flight::push(part, &mut self.selection, sample);
+        if end == FreeFlightSample::Ignored {
+            return false;
+        }
+        self.header.distinct_count = self.header.distinct_count.saturating_add(1);
+        self.header.stored_count = self.header.stored_count.wrapping_add((end == FreeFlightSample::Stored).into());
+        true
+    }
+
+    fn view(&mut self, part: Part) -> PartView<'_> {
+        PartView::new(part, &mut self.memory.samples, &mut self.header.parts, &mut self.last_taken_at)
+    }
+
+    /// Rates free-flight samples with the result of a trial solve that estimates all coefficients.
+    pub fn use_trial_solution(&mut self, found: &Solution) {
+        if found.quality.method == Method::MaximumLikelihood {
+            self.selection.use_trial_solution(&found.calibration, &found.quality);
+        }
+    }
+
+    /// Whether the selection uses the coefficients of a trial solve.
+    #[must_use]
+    pub fn uses_trial_solution(&self) -> bool {
+        self.selection.uses_trial_solution()
+    }
+
+    /// Stores a sample at a known heading; returns false if there is no room.
+    pub fn add_mark(&mut self, mut mark: Mark) -> bool {
+        mark.sample.time = mark.sample.time.plus_ms(self.clock_offset_ms);
+        self.has_changed = true;
+        let room = self.memory.marks.get_mut(usize::from(self.header.mark_count));
+        let has_room = room.is_some();
+        if let Some(room) = room {
+            *room = mark;
+            self.header.mark_count += 1;
+        }
+        has_room
+    }
+
+    /// Discards all samples and starts a procedure.
+    pub fn begin(&mut self, procedure: Procedure) {
+        self.header = Header::new(procedure, min_distance::INITIAL_DISTANCE_UT);
+        self.memory.samples.clear();
+        self.detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
+        self.tilt_filter = TiltFilter::NONE;
+        self.last_taken_at = [None; _];
+        self.selection.reset();
+        self.clock_offset_ms = 0;
+        self.reset_restart_count();
+        self.set_state(CollectionState::Running);
+    }
+
+    /// Discards all samples and ends the collection.
+    pub fn discard(&mut self) {
+        self.begin(Procedure::default());
+        self.set_state(CollectionState::Inactive);
+    }
+
+    /// Sets the state. Samples stay stored until the next collection begins.
+    pub fn set_state(&mut self, state: CollectionState) {
+        self.header.set_state(state);
+        self.has_changed = true;
+    }
+
+    /// Most likely reason for missing or uninformative samples, if known.
+    #[must_use]
+    pub fn problem(&self) -> Option<CollectionProblem> {
+        match self.procedure() {
+            Procedure::Turns => self.header.statistics.diagnose(&self.progress()),
+            Procedure::Flight => self.header.statistics.check_tilt(),
+            Procedure::Level | Procedure::Swing | Procedure::Tumble => None,
+        }
+    }
+
+    /// Number of distinct free-flight samples, stored or not.
+    #[must_use]
+    pub fn distinct_samples(&self) -> u32 {
+        self.header.distinct_count
+    }
+
+    /// Number of free-flight samples stored, including replacements; wraps.
+    #[must_use]
+    pub fn stored_count(&self) -> u16 {
+        self.header.stored_count
+    }
+
+    /// Collection procedure.
+    #[must_use]
+    pub fn procedure(&self) -> Procedure {
+        self.header.procedure()
+    }
+
+    /// Progress by part.
+    #[must_use]
+    pub fn progress(&self) -> CollectionProgress {
+        let of = |part: Part| coverage(&self.memory.samples, part, self.header.parts[part.index()]);
+        let procedure = self.procedure();
+        CollectionProgress {
+            procedure,
+            left: match procedure {
+                Procedure::Flight | Procedure::Tumble => of(Part::FREE),
+                Procedure::Turns | Procedure::Level | Procedure::Swing => of(Part::LEFT),
+            },
+            right: of(Part::RIGHT),
+            level: of(Part::LEVEL),
+            marks: self.header.mark_count,
+            turn_in_progress: self.detector.turn_side(),
+        }
+    }
+
+    /// Fit samples.
+    #[must_use]
+    pub fn fit(&self) -> Samples<'_> {
+        Samples::new(self.memory.samples.of(SampleUse::Fit)).with_marks(self.memory.marks(self.header.mark_count))
+    }
+
+    /// Verification samples, not in the fit.
+    #[must_use]
+    pub fn held_back(&self) -> Samples<'_> {
+        Samples::new(self.memory.samples.of(SampleUse::Verification))
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,90 @@
+//! Policy of free flight: a full buffer replaces the least informative sample.
+
+use super::d_optimal_selection::DOptimalSelection;
+use super::part_view::PartView;
+use super::quota::{Quota, SampleUse};
+use crate::calibration::{Sample, Samples};
+use crate::frames::{Attitude, wrap_pi};
+use crate::trig;
+use crate::trig::Length as _;
+
+/// Smallest change of the field between distinct samples, microtesla: three sigma of an averaged sample.
+const MIN_FIELD_CHANGE_UT: f32 = 1.0;
+
+/// Smallest change of the attitude between distinct samples, radians (1.5 deg).
+const MIN_ATTITUDE_CHANGE_RAD: f32 = 0.026;
+
+/// What became of a sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum FreeFlightSample {
+    /// Not finite, or as the last stored one.
+    Ignored,
+    /// Distinct, but not more informative than those stored.
+    Rejected,
+    /// Stored.
+    Stored,
+}
+
+/// Stores a sample if it is distinct, in place of the least informative one if the quota is used.
+pub(super) fn push(mut part: PartView<'_>, selection: &mut DOptimalSelection, sample: Sample) -> FreeFlightSample {
+    if !is_new_measurement(&part, &sample) {
+        return FreeFlightSample::Ignored;
+    }
+    let purpose = part.assign_use(&sample);
+    if !part.is_full(purpose, Quota::ALL) {
+        part.insert(purpose, sample);
+        return FreeFlightSample::Stored;
+    }
+    let Some(weakest) = find_weakest(part.of(purpose), purpose, selection, &sample) else {
+        return FreeFlightSample::Rejected;
+    };
+    let end = section_ends(purpose, part.of(purpose).len()).into_iter().find(|end| weakest < *end).unwrap_or(0);
+    part.replace_until(purpose, weakest, end, sample);
+    FreeFlightSample::Stored
+}
+
+/// Ends of the sections in which samples are in order of time: a sample replaces one of its section.
+fn section_ends(purpose: SampleUse, length: usize) -> [usize; 3] {
+    let turn = Quota::TURN.of(purpose);
+    [turn, 2 * turn, length].map(|end| end.min(length))
+}
+
+/// Position of the sample that contributes less information than the new one.
+fn find_weakest(
+    samples: &[Sample],
+    purpose: SampleUse,
+    selection: &mut DOptimalSelection,
+    new: &Sample,
+) -> Option<usize> {
+    let samples = Samples::new(samples);
+    let weakest = match purpose {
+        SampleUse::Fit if !selection.may_exceed_weakest(new) => None,
+        SampleUse::Fit => selection.find_weakest(new, samples),
+        SampleUse::Verification => selection.for_other_set().find_weakest(new, samples),
+    };
+    weakest?.checked_sub(1)
+}
+
+/// Whether a sample is finite and differs from the last stored one. A parked aircraft adds no information, and may
+/// be near the iron of a hangar.
+fn is_new_measurement(part: &PartView<'_>, sample: &Sample) -> bool {
+    let lasts = [SampleUse::Fit, SampleUse::Verification].into_iter().flat_map(|purpose| {
+        let samples = part.of(purpose);
+        section_ends(purpose, samples.len()).into_iter().filter_map(|end| samples.get(..end)?.last())
+    });
+    let last = lasts.min_by_key(|last| sample.time.ms_since(last.time));
+    let Attitude { roll_rad, pitch_rad } = sample.attitude;
+    let is_measurement = sample.field.ut.iter().chain(&[roll_rad, pitch_rad]).all(|c| c.is_finite());
+    is_measurement && last.is_none_or(|last| is_distinct(last, sample))
+}
+
+fn is_distinct(last: &Sample, sample: &Sample) -> bool {
+    let tilt_rad = trig::hypot(
+        wrap_pi(sample.attitude.roll_rad - last.attitude.roll_rad),
+        sample.attitude.pitch_rad - last.attitude.pitch_rad,
+    );
+    (sample.field.ut - last.field.ut).length() >= MIN_FIELD_CHANGE_UT || tilt_rad >= MIN_ATTITUDE_CHANGE_RAD
+}
+
+#[cfg(test)]
+mod tests;

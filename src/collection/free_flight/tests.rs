@@ -1,0 +1,120 @@
+use super::super::test_samples::{TestBuffer, sample, turn_samples};
+use super::*;
+use crate::calibration::Part;
+use crate::collection::progress::Coverage;
+
+/// A free flight.
+struct FreeFlight {
+    buffer: TestBuffer,
+    selection: DOptimalSelection,
+}
+
+impl FreeFlight {
+    fn new() -> Self {
+        Self { buffer: TestBuffer::new(), selection: DOptimalSelection::NONE }
+    }
+
+    fn collect(samples: impl Iterator<Item = Sample>) -> Self {
+        let mut flight = Self::new();
+        samples.for_each(|sample| {
+            flight.push(sample);
+        });
+        flight
+    }
+
+    fn push(&mut self, sample: Sample) -> FreeFlightSample {
+        push(self.buffer.view(Part::FREE), &mut self.selection, sample)
+    }
+
+    fn fit_times(&self) -> Vec<u32> {
+        times(self.buffer.fit(Part::FREE))
+    }
+
+    fn held_back_times(&self) -> Vec<u32> {
+        times(self.buffer.held_back(Part::FREE))
+    }
+
+    fn coverage(&mut self) -> Coverage {
+        self.buffer.coverage(Part::FREE)
+    }
+}
+
+fn times(samples: &[Sample]) -> Vec<u32> {
+    samples.iter().map(|sample| sample.time.as_ms()).collect()
+}
+
+/// Right turn, level, left turn, 20 s each, with bank wander; consecutive samples differ.
+fn free_flight(seconds: u16) -> impl Iterator<Item = Sample> {
+    let leg = |from_s: u16| [25.0, 0.0, -25.0][usize::from(from_s / 20 % 3)];
+    (0..seconds).step_by(20).flat_map(move |from_s| turn_samples(leg(from_s), from_s, from_s + 20, 60.0))
+}
+
+#[test]
+fn free_flight_samples_are_stored_until_full() {
+    let mut flight = FreeFlight::collect(free_flight(40));
+    let (fit, held_back) = (flight.fit_times(), flight.held_back_times());
+    assert_eq!((fit.len(), held_back.len()), (300, 100));
+    assert_eq!(held_back[..3], [300, 700, 1100]);
+    let mut all = [fit.clone(), held_back].concat();
+    all.sort_unstable();
+    assert_eq!(all, (0..400).map(|i| i * 100).collect::<Vec<_>>());
+    assert!(fit.is_sorted());
+    assert_eq!(flight.coverage(), Coverage { samples: 300, held_back: 100, ..Coverage::default() });
+    assert!(flight.buffer.fit(Part::LEFT).is_empty() && flight.buffer.held_back(Part::LEVEL).is_empty());
+}
+
+/// Five minutes of level flight, then a turn each way.
+#[test]
+fn informative_samples_replace_uninformative_ones() {
+    let level = |minutes: u16| turn_samples(0.0, 0, 60 * minutes, 60.0);
+    let mut flight = FreeFlight::collect(level(5));
+    let turns = turn_samples(25.0, 300, 320, 60.0).chain(turn_samples(-25.0, 320, 340, 60.0));
+    let stored = turns.filter(|sample| flight.push(*sample) == FreeFlightSample::Stored).count();
+    let mut banked_sum = 0;
+    for purpose in [SampleUse::Fit, SampleUse::Verification] {
+        let (samples, capacity) = (flight.buffer.samples.part(purpose, Part::FREE), Quota::ALL.of(purpose));
+        let banked = samples.iter().filter(|s| s.attitude.roll_rad.abs() > 0.3).count();
+        banked_sum += banked;
+        assert_eq!(samples.len(), capacity);
+        // Of 400 banked samples, one in four is held back.
+        let samples_offered = if purpose == SampleUse::Fit { 300 } else { 100 };
+        assert!(banked * 10 >= samples_offered * 8 || banked * 10 >= capacity * 7, "{banked} of {samples_offered}");
+        let ends = section_ends(purpose, samples.len());
+        for [start, end] in [[0, ends[0]], [ends[0], ends[1]], [ends[1], ends[2]]] {
+            assert!(times(&samples[start..end]).is_sorted());
+        }
+    }
+    assert!(stored >= banked_sum && stored <= 400, "{stored}, {banked_sum}");
+}
+
+#[test]
+fn uninformative_samples_are_rejected() {
+    let mut flight = FreeFlight::collect(free_flight(400));
+    let before = flight.fit_times();
+    let ends: Vec<_> = turn_samples(0.0, 500, 510, 60.0).map(|sample| flight.push(sample)).collect();
+    let new = flight.fit_times().iter().filter(|time| !before.contains(time)).count();
+    assert!(new <= 8, "{new} of 75");
+    assert!(ends.iter().filter(|end| **end == FreeFlightSample::Rejected).count() >= 67, "{ends:?}");
+}
+
+/// Thresholds: 1 uT and 1.5 deg.
+#[test]
+fn identical_samples_are_stored_once() {
+    let mut flight = FreeFlight::new();
+    let mut is_stored = |x_ut: f32, roll_deg: f32, pitch_deg: f32| {
+        let attitude = Attitude::from_deg(roll_deg, pitch_deg);
+        let before = flight.coverage();
+        let end = flight.push(Sample { attitude, ..sample([x_ut, 5.0, 40.0], 100) });
+        let expected = if flight.coverage() == before { FreeFlightSample::Ignored } else { FreeFlightSample::Stored };
+        assert_eq!(end, expected);
+        end == FreeFlightSample::Stored
+    };
+    assert!(is_stored(20.0, 0.0, 0.0));
+    for _ in 0..100 {
+        assert!(!is_stored(20.0, 0.0, 0.0) && !is_stored(20.9, 0.0, 0.0) && !is_stored(20.0, 1.0, -1.0));
+    }
+    assert!(is_stored(21.1, 0.0, 0.0));
+    assert!(is_stored(21.1, -1.6, 0.0));
+    assert!(is_stored(21.1, -1.6, 1.6));
+    assert!(!is_stored(f32::NAN, 0.0, 0.0) && !is_stored(90.0, f32::NAN, 0.0) && !is_stored(90.0, 0.0, f32::INFINITY));
+}

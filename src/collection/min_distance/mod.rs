@@ -1,0 +1,65 @@
+//! Policy of a tumble: a minimum distance in field space, which grows when the part is full.
+
+use super::part_view::PartView;
+use super::progress::percent;
+use super::quota::{Quota, SampleUse};
+use crate::calibration::Sample;
+use crate::trig::Length as _;
+
+/// Initial minimum distance between samples, microtesla: a thirtieth of a circle in a weak field.
+pub(super) const INITIAL_DISTANCE_UT: f32 = 5.0;
+
+/// Factor on the distance when the part is full.
+const DISTANCE_GROWTH: f32 = 1.3;
+
+/// Fit samples that count as 100 percent.
+const TARGET: u16 = 66;
+const _: () = assert!(TARGET as usize <= Quota::TURN.fit);
+
+/// Stores a sample of any attitude if it is due and at least `distance_ut` from the others; increases the distance when
+/// the quota is used. Returns whether it is so.
+pub(super) fn push(mut part: PartView<'_>, quota: Quota, distance_ut: &mut f32, sample: Sample) -> bool {
+    let is_far = !part.both_uses().iter().any(|other| distance(other, &sample) < *distance_ut);
+    let is_taken = part.is_due(&sample) && is_far;
+    if is_taken {
+        let purpose = part.assign_use(&sample);
+        store(&mut part, purpose, quota, distance_ut, sample);
+        part.state.percent = percent(part.of(SampleUse::Fit).len() as u16, TARGET);
+    }
+    is_taken
+}
+
+/// Stores a sample; for the fit if there is no room among the held-back ones.
+fn store(part: &mut PartView<'_>, purpose: SampleUse, quota: Quota, distance_ut: &mut f32, sample: Sample) {
+    if purpose == SampleUse::Verification && !part.is_full(purpose, quota) {
+        return part.insert(purpose, sample);
+    }
+    if part.is_full(SampleUse::Fit, quota) {
+        *distance_ut *= DISTANCE_GROWTH;
+        remove_close_samples(part, *distance_ut);
+    }
+    // If thinning removed nothing, the sample is dropped.
+    if !part.is_full(SampleUse::Fit, quota) {
+        part.insert(SampleUse::Fit, sample);
+    }
+}
+
+/// Removes every fit sample nearer than `distance_ut` to an earlier one.
+fn remove_close_samples(part: &mut PartView<'_>, distance_ut: f32) {
+    let mut i = 0;
+    while let Some((sample, earlier)) = part.of(SampleUse::Fit).get(..=i).and_then(<[_]>::split_last) {
+        if earlier.iter().any(|other| distance(other, sample) < distance_ut) {
+            part.remove(SampleUse::Fit, i);
+        } else {
+            i += 1;
+        }
+    }
+}
+
+/// Distance of two samples in field space, microtesla.
+fn distance(a: &Sample, b: &Sample) -> f32 {
+    (a.field.ut - b.field.ut).length()
+}
+
+#[cfg(test)]
+mod tests;

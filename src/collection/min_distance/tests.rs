@@ -1,0 +1,131 @@
+use super::super::test_samples::{TestBuffer, sample};
+use super::*;
+use crate::calibration::Part;
+use crate::collection::progress::Coverage;
+
+/// A tumble.
+struct Tumble {
+    buffer: TestBuffer,
+    quota: Quota,
+    distance_ut: f32,
+}
+
+impl Tumble {
+    fn new(quota: Quota) -> Self {
+        Self { buffer: TestBuffer::new(), quota, distance_ut: INITIAL_DISTANCE_UT }
+    }
+
+    /// Collects a number of points on a line, `step_ut` apart.
+    fn on_line(number: u32, step_ut: f32) -> Self {
+        let mut tumble = Self::new(Quota::TURN);
+        (0..number).for_each(|i| tumble.push_at(i as f32 * step_ut, i * 400));
+        tumble
+    }
+
+    fn push_at(&mut self, x_ut: f32, time_ms: u32) {
+        push(self.buffer.view(Part::FREE), self.quota, &mut self.distance_ut, sample([x_ut, 0.0, 0.0], time_ms));
+    }
+
+    fn fit(&self) -> &[Sample] {
+        self.buffer.fit(Part::FREE)
+    }
+
+    fn stored(&self) -> usize {
+        self.buffer.stored(Part::FREE)
+    }
+
+    fn coverage(&mut self) -> Coverage {
+        self.buffer.coverage(Part::FREE)
+    }
+}
+
+#[test]
+fn tumbled_samples_are_at_least_5_ut_apart() {
+    assert_eq!(Tumble::on_line(20, 5.1).stored(), 20);
+    assert_eq!(Tumble::on_line(20, 5.0).stored(), 20, "at the very distance");
+    assert_eq!(Tumble::on_line(20, 4.9).stored(), 10, "every other one");
+    let five = Tumble::on_line(5, 5.1);
+    assert_eq!((five.stored(), five.buffer.held_back(Part::FREE).len()), (5, 1), "every fourth is held back");
+}
+
+#[test]
+fn tumbled_samples_are_stored_at_most_every_0_4_s() {
+    for (spacing_ms, expected) in [(400, 20), (399, 10)] {
+        let mut tumble = Tumble::new(Quota::TURN);
+        (0..20).for_each(|i| tumble.push_at(i as f32 * 10.0, i * spacing_ms));
+        assert_eq!(tumble.stored(), expected);
+    }
+}
+
+/// The 253rd sample exceeds the quota: the distance grows from 5 to 6.5 uT and thins steps of 5.1 uT.
+#[test]
+fn a_full_tumble_is_thinned() {
+    let both = Quota::TURN.fit + Quota::TURN.held_back;
+    assert_eq!(Tumble::on_line(both as u32, 5.1).stored(), both);
+    let mut tumble = Tumble::on_line(both as u32 + 1, 5.1);
+    assert_eq!(tumble.stored(), Quota::TURN.held_back + expected_after_thinning() + 1);
+    assert!((tumble.distance_ut - 6.5).abs() < 1e-4, "{}", tumble.distance_ut);
+    let coverage = tumble.coverage();
+    assert_eq!(
+        (coverage.samples as usize, coverage.held_back as usize),
+        (expected_after_thinning() + 1, Quota::TURN.held_back)
+    );
+    // The new distance applies from then on.
+    let stored_count = tumble.fit().len();
+    let last_ut = tumble.fit().last().unwrap().field.ut.x;
+    tumble.push_at(last_ut + 6.4, 1_000_000);
+    assert_eq!(tumble.fit().len(), stored_count);
+    tumble.push_at(last_ut + 6.6, 1_000_000);
+    assert_eq!(tumble.fit().len(), stored_count + 1);
+}
+
+fn expected_after_thinning() -> usize {
+    let Quota { fit, held_back } = Quota::TURN;
+    let is_held_back = |i: usize| i % 4 == 3 && i / 4 < held_back;
+    let fit = (0..fit + held_back).filter(|i| !is_held_back(*i)).map(|i| i as f64 * 5.1);
+    fit.fold((0, f64::NEG_INFINITY), |(count, last), x| if x - last >= 6.5 { (count + 1, x) } else { (count, last) }).0
+}
+
+#[test]
+fn a_tumble_is_complete_at_66_fit_samples() {
+    for (number, percent) in [(44, 50), (86, 98), (87, 100), (200, 100)] {
+        // Three of four are for the fit: 33, 65, 66, 150.
+        let coverage = Tumble::on_line(number, 6.0).coverage();
+        assert_eq!((coverage.percent, coverage.sectors), (percent, 0), "{number}");
+    }
+}
+
+#[test]
+fn thinning_keeps_the_first_of_close_samples() {
+    let mut tumble = Tumble::new(Quota::TURN);
+    for x_ut in [0.0, 1.0, 2.0, 3.0, 2.5, 10.0] {
+        tumble.buffer.view(Part::FREE).insert(SampleUse::Fit, sample([x_ut, 0.0, 0.0], 0));
+    }
+    remove_close_samples(&mut tumble.buffer.view(Part::FREE), 2.0);
+    assert_eq!(tumble.fit().iter().map(|s| s.field.ut.x).collect::<Vec<_>>(), [0.0, 2.0, 10.0]);
+}
+
+#[test]
+fn a_full_held_back_quota_passes_samples_to_the_fit() {
+    let mut tumble = Tumble::new(Quota { fit: 12, held_back: 1 });
+    (0..8).for_each(|i| tumble.push_at(i as f32 * 10.0, i * 400));
+    let coverage = tumble.coverage();
+    assert_eq!((coverage.samples, coverage.held_back), (7, 1));
+}
+
+/// If thinning removes nothing, the new sample is dropped.
+#[test]
+fn a_part_of_distant_samples_stays_as_it_is() {
+    let mut tumble = Tumble::new(Quota { fit: 3, held_back: 1 });
+    (0..12).for_each(|i| tumble.push_at(i as f32 * 1000.0, i * 400));
+    assert_eq!(tumble.fit().iter().map(|s| s.time.as_ms() / 400).collect::<Vec<_>>(), [0, 1, 2]);
+}
+
+#[test]
+fn nonfinite_samples_are_rejected() {
+    let mut tumble = Tumble::new(Quota::TURN);
+    for (i, broken) in (0..).zip([f32::NAN, f32::INFINITY, f32::NEG_INFINITY]) {
+        tumble.push_at(broken, i * 400);
+    }
+    assert_eq!(tumble.stored(), 0);
+}

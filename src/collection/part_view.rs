@@ -1,0 +1,95 @@
+//! What a policy acts on: one part of the buffer, and its state.
+
+use super::progress::Coverage;
+use super::quota::{Quota, SampleUse};
+use super::retained_samples::PartState;
+use super::sample_buffer::SampleBuffer;
+use crate::calibration::{Part, Sample, Samples};
+use crate::time::WrappingMillis;
+
+/// Shortest interval of stored samples, milliseconds: attitude errors are correlated over about 0.5 s.
+const SAMPLE_INTERVAL_MS: u32 = 400;
+
+/// One in this number of samples is held back.
+pub(super) const HOLD_BACK_CYCLE: u16 = 4;
+
+/// Number of parts.
+pub(super) const PARTS: usize = Part::ALL.len();
+
+/// One part of the buffer.
+pub(super) struct PartView<'a> {
+    part: Part,
+    buffer: &'a mut SampleBuffer,
+    pub state: &'a mut PartState,
+    last_taken_at: &'a mut Option<WrappingMillis>,
+}
+
+impl<'a> PartView<'a> {
+    /// View of a part, with all parts' states and times by [`Part::index`].
+    pub fn new(
+        part: Part,
+        buffer: &'a mut SampleBuffer,
+        states: &'a mut [PartState; PARTS],
+        last_taken_at: &'a mut [Option<WrappingMillis>; PARTS],
+    ) -> Self {
+        let index = part.index();
+        Self { part, buffer, state: &mut states[index], last_taken_at: &mut last_taken_at[index] }
+    }
+
+    /// Samples of one use, in the order of their storage.
+    pub fn of(&self, purpose: SampleUse) -> &[Sample] {
+        self.buffer.part(purpose, self.part)
+    }
+
+    /// Fit samples, then the held-back ones.
+    pub fn both_uses(&self) -> Samples<'_> {
+        self.buffer.part_of_both_uses(self.part)
+    }
+
+    pub fn is_full(&self, purpose: SampleUse, quota: Quota) -> bool {
+        self.of(purpose).len() >= quota.of(purpose)
+    }
+
+    /// Whether a sample is finite and at least one sample interval after the last.
+    pub fn is_due(&self, sample: &Sample) -> bool {
+        let is_late = self.last_taken_at.is_none_or(|last| sample.time.ms_since(last) >= SAMPLE_INTERVAL_MS);
+        is_late && sample.field.ut.iter().all(|c| c.is_finite())
+    }
+
+    /// Counts a sample and returns its use.
+    pub fn assign_use(&mut self, sample: &Sample) -> SampleUse {
+        *self.last_taken_at = Some(sample.time);
+        self.state.taken_count = self.state.taken_count.wrapping_add(1);
+        let is_held_back = self.state.taken_count.is_multiple_of(HOLD_BACK_CYCLE);
+        if is_held_back { SampleUse::Verification } else { SampleUse::Fit }
+    }
+
+    /// Stores the latest sample.
+    pub fn insert(&mut self, purpose: SampleUse, sample: Sample) {
+        self.buffer.insert(purpose, Sample { part: self.part, ..sample });
+    }
+
+    /// Stores the latest sample in place of the one at a position.
+    pub fn replace(&mut self, purpose: SampleUse, position: usize, sample: Sample) {
+        self.replace_until(purpose, position, self.of(purpose).len(), sample);
+    }
+
+    pub fn replace_until(&mut self, purpose: SampleUse, position: usize, end: usize, sample: Sample) {
+        self.buffer.replace(purpose, position, end, Sample { part: self.part, ..sample });
+    }
+
+    pub fn remove(&mut self, purpose: SampleUse, position: usize) {
+        self.buffer.remove(purpose, self.part, position);
+    }
+
+    pub fn coverage(&self) -> Coverage {
+        coverage(self.buffer, self.part, *self.state)
+    }
+}
+
+/// Coverage of a part.
+pub(super) fn coverage(buffer: &SampleBuffer, part: Part, state: PartState) -> Coverage {
+    let [samples, held_back] =
+        [SampleUse::Fit, SampleUse::Verification].map(|purpose| buffer.part(purpose, part).len() as u16);
+    Coverage { samples, held_back, sectors: state.sectors, percent: state.percent }
+}

@@ -1,0 +1,41 @@
+//! Uses of samples, and capacities of the parts in the one buffer.
+
+use super::circle::SECTORS;
+
+/// Fit samples per turn side: 16 per sector. 6.1 KB.
+pub const FIT_CAPACITY: usize = 16 * SECTORS;
+
+/// Use of a sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum SampleUse {
+    /// The solve.
+    Fit,
+    /// Comparison of a solution with the active calibration.
+    Verification,
+}
+
+/// Largest numbers of samples of a part.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Quota {
+    pub fit: usize,
+    pub held_back: usize,
+}
+
+impl Quota {
+    /// A turn side; 5 held-back samples per sector. Also a tumble, whose closest samples are searched at each sample.
+    pub const TURN: Self = Self { fit: FIT_CAPACITY, held_back: 5 * SECTORS };
+
+    /// Level flight; 5 fit samples per sector, rounded up.
+    pub const LEVEL: Self = Self { fit: 64, held_back: 20 };
+
+    /// The whole buffer: free flight, or two sides and level flight.
+    pub const ALL: Self =
+        Self { fit: 2 * Self::TURN.fit + Self::LEVEL.fit, held_back: 2 * Self::TURN.held_back + Self::LEVEL.held_back };
+
+    pub const fn of(self, purpose: SampleUse) -> usize {
+        match purpose {
+            SampleUse::Fit => self.fit,
+            SampleUse::Verification => self.held_back,
+        }
+    }
+}

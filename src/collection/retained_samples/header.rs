@@ -1,0 +1,136 @@
+//! State of a collection in retained memory, without its samples.
+
+use super::words::{Words, words};
+use crate::calibration::Part;
+use crate::calibration::method_selection::Procedure;
+use crate::collection::flight_statistics::FlightStatistics;
+use crate::collection::state::{CollectionContext, CollectionState};
+
+/// State of a collection. Every bit pattern is a valid value: states and flags are numbers.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::collection) struct Header {
+    state: u8,
+    procedure: u8,
+    is_automatic: u8,
+    has_turned: u8,
+    calibration_serial: u32,
+    /// Time of the collection's clock, milliseconds.
+    pub clock_ms: u32,
+    /// Number of marks.
+    pub mark_count: u16,
+    /// Number of free-flight samples stored, including replacements; wraps.
+    pub stored_count: u16,
+    /// Number of distinct free-flight samples, stored or not.
+    pub distinct_count: u32,
+    /// Minimum distance between samples of a tumble, microtesla; grows when the buffer is full.
+    pub min_distance_ut: f32,
+    /// By [`Part::index`].
+    pub parts: [PartState; Part::ALL.len()],
+    pub statistics: FlightStatistics,
+}
+
+/// What a policy stores of a part.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::collection) struct PartState {
+    /// Samples taken, stored or not; wraps at a multiple of the hold-back cycle.
+    pub taken_count: u16,
+    /// Sectors with at least one sample.
+    pub sectors: u8,
+    /// Completeness, 0..100 percent.
+    pub percent: u8,
+}
+
+impl PartState {
+    pub const EMPTY: Self = Self { taken_count: 0, sectors: 0, percent: 0 };
+}
+
+impl Header {
+    /// No collection.
+    pub const EMPTY: Self = Self {
+        state: 0,
+        procedure: 0,
+        is_automatic: 0,
+        has_turned: 0,
+        calibration_serial: 0,
+        clock_ms: 0,
+        mark_count: 0,
+        stored_count: 0,
+        distinct_count: 0,
+        min_distance_ut: 0.0,
+        parts: [PartState::EMPTY; _],
+        statistics: FlightStatistics::EMPTY,
+    };
+
+    /// Start of a collection.
+    pub fn new(procedure: Procedure, min_distance_ut: f32) -> Self {
+        let procedure = match procedure {
+            Procedure::Flight => 0,
+            Procedure::Turns => 1,
+            Procedure::Level => 2,
+            Procedure::Swing => 3,
+            Procedure::Tumble => 4,
+        };
+        Self { procedure, min_distance_ut, ..Self::EMPTY }
+    }
+
+    pub const fn procedure(&self) -> Procedure {
+        match self.procedure {
+            1 => Procedure::Turns,
+            2 => Procedure::Level,
+            3 => Procedure::Swing,
+            4 => Procedure::Tumble,
+            _ => Procedure::Flight,
+        }
+    }
+
+    pub const fn state(&self) -> CollectionState {
+        match self.state {
+            1 => CollectionState::Stopped,
+            2 => CollectionState::Running,
+            _ => CollectionState::Inactive,
+        }
+    }
+
+    pub const fn set_state(&mut self, state: CollectionState) {
+        self.state = match state {
+            CollectionState::Inactive => 0,
+            CollectionState::Stopped => 1,
+            CollectionState::Running => 2,
+        };
+    }
+
+    pub const fn context(&self) -> CollectionContext {
+        CollectionContext { is_automatic: self.is_automatic != 0, calibration_serial: self.calibration_serial }
+    }
+
+    pub fn set_context(&mut self, context: CollectionContext) {
+        let CollectionContext { is_automatic, calibration_serial } = context;
+        (self.is_automatic, self.calibration_serial) = (is_automatic.into(), calibration_serial);
+    }
+
+    /// Whether a turn was detected.
+    pub const fn has_turned(&self) -> bool {
+        self.has_turned != 0
+    }
+
+    pub const fn set_turned(&mut self) {
+        self.has_turned = 1;
+    }
+}
+
+words!(Header {
+    state,
+    procedure,
+    is_automatic,
+    has_turned,
+    calibration_serial,
+    clock_ms,
+    mark_count,
+    stored_count,
+    distinct_count,
+    min_distance_ut,
+    parts,
+    statistics,
+});
+words!(PartState { taken_count, sectors, percent });
+words!(FlightStatistics { samples, long_intervals, duration_ms, max_tilt_rad, left_bank_ms, right_bank_ms });

@@ -1,0 +1,112 @@
+//! The one buffer of a collection, in retained memory.
+//!
+//! Samples are ordered by use, part, and time: the fit samples are contiguous, so are the held-back ones, and each part
+//! within them. A new sample is the latest of its part; storing it moves all samples behind that part.
+
+use super::quota::{Quota, SampleUse};
+use crate::calibration::{Part, Rates, Sample, Samples, part_of, part_range};
+use crate::frames::{Attitude, Field};
+use crate::time::WrappingMillis;
+
+const CAPACITY: usize = Quota::ALL.fit + Quota::ALL.held_back;
+
+pub(super) const UNUSED_SAMPLE: Sample = Sample {
+    field: Field::from_ut(0.0, 0.0, 0.0),
+    attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
+    rates: Rates::NONE,
+    time: WrappingMillis::new(0),
+    part: Part::LEFT,
+};
+
+/// Samples and their numbers; valid for every content of its memory.
+#[derive(Clone, Debug)]
+pub(super) struct SampleBuffer {
+    pub samples: [Sample; CAPACITY],
+    pub fit_count: u16,
+    pub held_back_count: u16,
+}
+
+impl SampleBuffer {
+    #[expect(clippy::large_stack_arrays, reason = "a constant, not on a stack")]
+    pub const EMPTY: Self = Self { samples: [UNUSED_SAMPLE; CAPACITY], fit_count: 0, held_back_count: 0 };
+
+    /// All samples; empty if the numbers exceed the capacity, as at power-on.
+    pub fn all(&self) -> &[Sample] {
+        let used = usize::from(self.fit_count) + usize::from(self.held_back_count);
+        self.samples.get(..used).unwrap_or_default()
+    }
+
+    /// Samples of one use, ordered by part, then time.
+    pub fn of(&self, purpose: SampleUse) -> &[Sample] {
+        let (fit, held_back) = self.all().split_at_checked(usize::from(self.fit_count)).unwrap_or_default();
+        match purpose {
+            SampleUse::Fit => fit,
+            SampleUse::Verification => held_back,
+        }
+    }
+
+    /// Samples of one use and part, ordered by time.
+    pub fn part(&self, purpose: SampleUse, part: Part) -> &[Sample] {
+        part_of(self.of(purpose), part)
+    }
+
+    /// Fit samples of a part, then the held-back ones.
+    pub fn part_of_both_uses(&self, part: Part) -> Samples<'_> {
+        Part::ALL.into_iter().filter(|other| *other != part).fold(Samples::new(self.all()), Samples::without)
+    }
+
+    pub fn clear(&mut self) {
+        (self.fit_count, self.held_back_count) = (0, 0);
+    }
+
+    /// Stores a sample as the latest of its part; drops it if the buffer is full.
+    pub fn insert(&mut self, purpose: SampleUse, sample: Sample) {
+        let [_, end] = self.range(purpose, sample.part);
+        let used = self.all().len();
+        if let Some(moved @ [_, ..]) = self.samples.get_mut(end..=used) {
+            moved.copy_within(..moved.len() - 1, 1);
+            moved[0] = sample;
+            *self.count_mut(purpose) += 1;
+        }
+    }
+
+    /// Removes the sample at a position of its part.
+    pub fn remove(&mut self, purpose: SampleUse, part: Part, position: usize) {
+        let [start, end] = self.range(purpose, part);
+        let used = self.all().len();
+        if start + position < end
+            && let Some(moved) = self.samples.get_mut(start + position..used)
+        {
+            moved.copy_within(1.., 0);
+            *self.count_mut(purpose) -= 1;
+        }
+    }
+
+    /// Stores a sample at `end` of its part, exclusive, in place of the one at an earlier position.
+    pub fn replace(&mut self, purpose: SampleUse, position: usize, end: usize, sample: Sample) {
+        let [start, _] = self.range(purpose, sample.part);
+        if let Some(moved @ [_, ..]) = self.samples.get_mut(start + position..start + end) {
+            moved.copy_within(1.., 0);
+            moved[moved.len() - 1] = sample;
+        }
+    }
+
+    /// First and last position (exclusive) of a part.
+    fn range(&self, purpose: SampleUse, part: Part) -> [usize; 2] {
+        let start = match purpose {
+            SampleUse::Fit => 0,
+            SampleUse::Verification => usize::from(self.fit_count),
+        };
+        part_range(self.of(purpose), part).map(|position| start + position)
+    }
+
+    fn count_mut(&mut self, purpose: SampleUse) -> &mut u16 {
+        match purpose {
+            SampleUse::Fit => &mut self.fit_count,
+            SampleUse::Verification => &mut self.held_back_count,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

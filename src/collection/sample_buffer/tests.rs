@@ -1,0 +1,107 @@
+use super::super::test_samples::sample;
+use super::*;
+
+const PARTS: [Part; 3] = [Part::LEFT, Part::LEVEL, Part::FREE];
+
+fn insert(buffer: &mut SampleBuffer, purpose: SampleUse, part: Part, time_ms: u32) {
+    buffer.insert(purpose, Sample { part, ..sample([1.0; 3], time_ms) });
+}
+
+fn times(samples: &[Sample]) -> Vec<u32> {
+    samples.iter().map(|sample| sample.time.as_ms()).collect()
+}
+
+/// Fit and held-back samples of three parts, stored in turn.
+fn filled() -> SampleBuffer {
+    let mut buffer = SampleBuffer::EMPTY;
+    for time_ms in (0..60).step_by(10) {
+        for (i, part) in PARTS.into_iter().enumerate() {
+            let purpose = if time_ms % 20 == 0 { SampleUse::Fit } else { SampleUse::Verification };
+            insert(&mut buffer, purpose, part, time_ms + i as u32);
+        }
+    }
+    buffer
+}
+
+#[test]
+fn samples_are_ordered_by_use_part_and_time() {
+    let buffer = filled();
+    assert_eq!(times(buffer.of(SampleUse::Fit)), [0, 20, 40, 1, 21, 41, 2, 22, 42]);
+    assert_eq!(times(buffer.of(SampleUse::Verification)), [10, 30, 50, 11, 31, 51, 12, 32, 52]);
+    assert_eq!(
+        times(buffer.all()),
+        [times(buffer.of(SampleUse::Fit)), times(buffer.of(SampleUse::Verification))].concat()
+    );
+    assert_eq!(times(buffer.part(SampleUse::Fit, Part::LEVEL)), [1, 21, 41]);
+    assert_eq!(times(buffer.part(SampleUse::Verification, Part::FREE)), [12, 32, 52]);
+    assert!(buffer.part(SampleUse::Fit, Part::RIGHT).is_empty());
+    for (i, part) in PARTS.into_iter().enumerate() {
+        let both: Vec<Sample> = buffer.part_of_both_uses(part).iter().copied().collect();
+        assert_eq!(times(&both), [0, 20, 40, 10, 30, 50].map(|time_ms| time_ms + i as u32));
+    }
+}
+
+#[test]
+fn removing_a_sample_leaves_the_others_in_order() {
+    for (purpose, part, position, removed) in [
+        (SampleUse::Fit, Part::LEFT, 0, 0),
+        (SampleUse::Fit, Part::FREE, 2, 42),
+        (SampleUse::Verification, Part::LEFT, 1, 30),
+        (SampleUse::Verification, Part::FREE, 2, 52),
+    ] {
+        let (before, mut buffer) = (filled(), filled());
+        buffer.remove(purpose, part, position);
+        for use_of in [SampleUse::Fit, SampleUse::Verification] {
+            let expected: Vec<u32> = times(before.of(use_of)).into_iter().filter(|time| *time != removed).collect();
+            assert_eq!(times(buffer.of(use_of)), expected, "{removed}");
+        }
+    }
+    let mut buffer = filled();
+    buffer.remove(SampleUse::Fit, Part::LEFT, 3);
+    buffer.remove(SampleUse::Fit, Part::RIGHT, 0);
+    assert_eq!(buffer.all(), filled().all(), "there is none");
+}
+
+#[test]
+fn a_replacement_changes_its_part_only() {
+    let mut buffer = filled();
+    let new = |part, time_ms| Sample { part, ..sample([2.0; 3], time_ms) };
+    buffer.replace(SampleUse::Fit, 1, 3, new(Part::LEVEL, 99));
+    assert_eq!(times(buffer.of(SampleUse::Fit)), [0, 20, 40, 1, 41, 99, 2, 22, 42]);
+    buffer.replace(SampleUse::Verification, 0, 3, new(Part::FREE, 98));
+    assert_eq!(times(buffer.of(SampleUse::Verification)), [10, 30, 50, 11, 31, 51, 32, 52, 98]);
+    let before = buffer.clone();
+    buffer.replace(SampleUse::Fit, 3, 3, new(Part::LEVEL, 97));
+    assert_eq!(buffer.all(), before.all(), "there is none");
+}
+
+#[test]
+fn a_full_buffer_accepts_no_more() {
+    let mut buffer = SampleBuffer::EMPTY;
+    for time_ms in 0..CAPACITY as u32 + 5 {
+        insert(
+            &mut buffer,
+            if time_ms % 4 == 3 { SampleUse::Verification } else { SampleUse::Fit },
+            Part::FREE,
+            time_ms,
+        );
+    }
+    assert_eq!(buffer.all().len(), CAPACITY);
+    assert!(times(buffer.of(SampleUse::Fit)).is_sorted() && times(buffer.of(SampleUse::Verification)).is_sorted());
+    buffer.clear();
+    assert!(buffer.all().is_empty() && buffer.of(SampleUse::Verification).is_empty());
+}
+
+/// As at power-on.
+#[test]
+fn numbers_beyond_the_capacity_are_an_empty_buffer() {
+    for (fit_count, held_back_count) in [(CAPACITY as u16 + 1, 0), (1, CAPACITY as u16), (u16::MAX, u16::MAX)] {
+        let mut buffer = SampleBuffer { fit_count, held_back_count, ..filled() };
+        assert!([SampleUse::Fit, SampleUse::Verification].iter().all(|purpose| buffer.of(*purpose).is_empty()));
+        buffer.remove(SampleUse::Verification, Part::FREE, 0);
+        buffer.replace(SampleUse::Verification, 0, 1, sample([0.0; 3], 2));
+        buffer.clear();
+        insert(&mut buffer, SampleUse::Fit, Part::FREE, 3);
+        assert_eq!(times(buffer.all()), [3]);
+    }
+}

@@ -1,0 +1,121 @@
+//! Policy of turns, level flight and a compass swing: even coverage of heading sectors.
+//!
+//! A full part replaces samples in its most crowded sector.
+
+use super::circle::{SECTORS, TurnCircle};
+use super::part_view::{HOLD_BACK_CYCLE, PartView};
+use super::progress::percent;
+use super::quota::{Quota, SampleUse};
+use crate::calibration::Sample;
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SectorBalance {
+    /// Capacity.
+    quota: Quota,
+    /// Fit samples that fill a sector.
+    sector_samples: u16,
+    /// Fit samples of a complete part.
+    target: u16,
+    /// Smallest radius of a circle of headings, microtesla: a third of the horizontal field at 75 deg of inclination.
+    /// Noise at a constant heading gives less.
+    min_radius_ut: f32,
+    /// Fewest fit samples that distinguish a circle from noise.
+    min_samples: u16,
+}
+
+/// Smallest number of held-back samples in a complete part; verification must not require more.
+pub(crate) const MIN_HELD_BACK_WHEN_COMPLETE: u16 = SectorBalance::LEVEL.min_held_back_when_complete();
+const _: () = assert!(MIN_HELD_BACK_WHEN_COMPLETE <= SectorBalance::TURNS.min_held_back_when_complete());
+
+// Every part must be able to become complete.
+const _: () = assert!(SectorBalance::TURNS.fits_quota() && SectorBalance::LEVEL.fits_quota());
+
+impl SectorBalance {
+    /// For turns of 5 to 30 deg/s: two passes of a sector at 13 deg/s, about three circles.
+    pub const TURNS: Self =
+        Self { quota: Quota::TURN, sector_samples: 8, target: 132, min_radius_ut: 4.0, min_samples: 10 };
+
+    /// For level flight, with a smaller quota: two circles.
+    pub const LEVEL: Self = Self { quota: Quota::LEVEL, sector_samples: 4, target: 48, ..Self::TURNS };
+
+    /// Whether the quota suffices for a complete part.
+    const fn fits_quota(&self) -> bool {
+        self.target as usize <= self.quota.fit
+            && self.sector_samples as usize * SECTORS <= self.quota.fit
+            && self.min_samples <= self.target
+            && self.min_held_back_when_complete() as usize <= self.quota.held_back
+    }
+
+    /// Fewest held-back samples of a complete part.
+    const fn min_held_back_when_complete(&self) -> u16 {
+        // The last sample of each cycle is held back, and the last cycle may be incomplete.
+        (self.target - 1) / (HOLD_BACK_CYCLE - 1)
+    }
+
+    /// Stores a sample if it is due and its sector is not the most crowded of a full part. Returns whether it is due.
+    pub fn push(&self, mut part: PartView<'_>, sample: Sample) -> bool {
+        let is_due = part.is_due(&sample);
+        if is_due {
+            let circle = TurnCircle::fit_to(&part.both_uses());
+            let sector_of = |s: &Sample| circle.map_or(0, |circle| circle.sector_of(s));
+            let purpose = part.assign_use(&sample);
+            insert_balanced(&mut part, purpose, self.quota, sample, sector_of);
+            self.update_coverage(&mut part, circle);
+        }
+        is_due
+    }
+
+    fn update_coverage(&self, part: &mut PartView<'_>, circle: Option<TurnCircle>) {
+        let samples = part.of(SampleUse::Fit);
+        let number = samples.len() as u16;
+        let turned = circle.filter(|c| c.radius_ut >= self.min_radius_ut && number >= self.min_samples);
+        let (sectors, percent) = turned.map_or((0, 0), |circle| {
+            let counts = count_by_sector(samples, |s| circle.sector_of(s));
+            // Latched: a later sample can shift the circle and its sector borders, but removes no information.
+            let is_complete = part.coverage().is_complete();
+            let percent = if is_complete { 100 } else { self.percent(&counts, number) };
+            (counts.iter().filter(|&&n| n > 0).count() as u8, percent)
+        });
+        (part.state.sectors, part.state.percent) = (sectors, percent);
+    }
+
+    /// Lesser of sector filling and sample number, percent.
+    fn percent(&self, counts: &[u16; SECTORS], samples: u16) -> u8 {
+        let filled: u16 = counts.iter().map(|&n| n.min(self.sector_samples)).sum();
+        percent(filled, self.sector_samples * SECTORS as u16).min(percent(samples, self.target))
+    }
+}
+
+fn count_by_sector(samples: &[Sample], sector_of: impl Fn(&Sample) -> usize) -> [u16; SECTORS] {
+    let mut counts = [0; SECTORS];
+    for sample in samples {
+        if let Some(n) = counts.get_mut(sector_of(sample)) {
+            *n += 1;
+        }
+    }
+    counts
+}
+
+/// Stores a sample. A full part drops the oldest sample of the most crowded sector, or the new sample if it belongs
+/// there.
+fn insert_balanced(
+    part: &mut PartView<'_>,
+    purpose: SampleUse,
+    quota: Quota,
+    sample: Sample,
+    sector_of: impl Fn(&Sample) -> usize,
+) {
+    if !part.is_full(purpose, quota) {
+        return part.insert(purpose, sample);
+    }
+    let counts = count_by_sector(part.of(purpose), &sector_of);
+    let crowded = (0..SECTORS).max_by_key(|&sector| counts[sector]).unwrap_or(0);
+    if crowded != sector_of(&sample)
+        && let Some(oldest) = part.of(purpose).iter().position(|s| sector_of(s) == crowded)
+    {
+        part.replace(purpose, oldest, sample);
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,321 @@
+use super::super::test_samples::{TestBuffer, circle_sample, sample, turn_samples};
+use super::*;
+use crate::calibration::{Part, Rates, Samples};
+use crate::collection::progress::Coverage;
+use crate::frames::{Attitude, Field};
+use crate::time::WrappingMillis;
+
+const QUOTA_12: SectorBalance = SectorBalance { quota: Quota { fit: 12, held_back: 12 }, ..SectorBalance::TURNS };
+
+fn push_turn(buffer: &mut TestBuffer, sample: Sample) -> bool {
+    SectorBalance::TURNS.push(buffer.view(Part::RIGHT), sample)
+}
+
+fn collect(samples: impl Iterator<Item = Sample>) -> TestBuffer {
+    let mut buffer = TestBuffer::new();
+    for sample in samples {
+        push_turn(&mut buffer, sample);
+    }
+    buffer
+}
+
+fn coverage(samples: impl Iterator<Item = Sample>) -> Coverage {
+    collect(samples).coverage(Part::RIGHT)
+}
+
+#[test]
+fn three_circles_complete_a_side_in_spite_of_hard_iron() {
+    // 28 s per circle. Half a circle is 6 of 12 sectors, plus a partial one at each end.
+    let half = coverage(turn_samples(25.0, 0, 14, 13.0));
+    assert!((6..=8).contains(&half.sectors), "{half:?}");
+    assert!(!half.is_complete());
+    let full = coverage(turn_samples(25.0, 0, 84, 13.0));
+    assert_eq!((full.sectors, full.percent), (12, 100), "{full:?}");
+}
+
+#[test]
+fn a_complete_side_stays_complete() {
+    for tenths in (100..200_u16).step_by(4) {
+        let mut buffer = TestBuffer::new();
+        let mut completed = false;
+        for sample in turn_samples(25.0, 0, 150, f32::from(tenths) / 10.0) {
+            push_turn(&mut buffer, sample);
+            let complete = buffer.coverage(Part::RIGHT).is_complete();
+            assert!(complete || !completed, "{tenths} tenths of a degree a second, at {} ms", sample.time.as_ms());
+            completed = complete;
+        }
+        assert!(completed);
+    }
+}
+
+#[test]
+fn a_constant_heading_gives_no_coverage() {
+    let straight = coverage(turn_samples(25.0, 0, 300, 0.0));
+    // Bank wander draws a short line: at most two sectors.
+    assert!(straight.sectors <= 2 && straight.percent < 20, "{straight:?}");
+}
+
+#[test]
+fn a_full_buffer_stores_samples_of_missing_headings() {
+    // Ten minutes back and forth over a third of the circle, then one full circle.
+    let third = (0..12).flat_map(|i| turn_samples(25.0, i * 50, i * 50 + 9, 13.0));
+    let later = turn_samples(25.0, 700, 728, 13.0);
+    let mut buffer = collect(third.chain(later));
+    let coverage = buffer.coverage(Part::RIGHT);
+    assert_eq!(coverage.samples as usize, Quota::TURN.fit, "the buffer was full");
+    assert_eq!(coverage.sectors, 12);
+    assert!(buffer.fit(Part::RIGHT).is_sorted_by_key(|s| s.time.as_ms()));
+}
+
+#[test]
+fn held_back_samples_differ_from_the_fit_and_cover_every_sector() {
+    let buffer = collect(turn_samples(25.0, 0, 120, 13.0));
+    let (fit, held) = (buffer.fit(Part::RIGHT), buffer.held_back(Part::RIGHT));
+    assert!(held.iter().all(|h| fit.iter().all(|f| f.time != h.time)));
+    let circle = TurnCircle::fit_to(&Samples::new(held)).unwrap();
+    for sector in 0..SECTORS {
+        assert!(held.iter().filter(|s| circle.sector_of(s) == sector).count() >= 2, "sector {sector}");
+    }
+}
+
+#[test]
+fn a_complete_level_part_has_15_held_back_samples() {
+    assert_eq!(MIN_HELD_BACK_WHEN_COMPLETE, 15, "a third of the 48 of level flight, less the last one");
+    let mut buffer = TestBuffer::new();
+    for sample in turn_samples(0.0, 0, 84, 13.0).take_while(|s| s.time.as_ms() < 84_000) {
+        SectorBalance::LEVEL.push(buffer.view(Part::LEVEL), sample);
+        if buffer.coverage(Part::LEVEL).is_complete() {
+            break;
+        }
+    }
+    let level = buffer.coverage(Part::LEVEL);
+    assert!(level.is_complete() && level.held_back >= MIN_HELD_BACK_WHEN_COMPLETE, "{level:?}");
+}
+
+#[test]
+fn parts_are_separate() {
+    let mut buffer = TestBuffer::new();
+    for i in 0..8_u32 {
+        // Eight left, four right, four level; every fourth is held back.
+        SectorBalance::TURNS.push(buffer.view(Part::LEFT), sample([i as f32, 0.0, 0.0], i * 400));
+        if i < 4 {
+            SectorBalance::TURNS.push(buffer.view(Part::RIGHT), sample([i as f32, 1.0, 0.0], i * 400));
+            SectorBalance::LEVEL.push(buffer.view(Part::LEVEL), sample([i as f32, 2.0, 0.0], i * 400));
+        }
+    }
+    for (number, part, numbers) in
+        [(0.0_f32, Part::LEFT, (6, 2)), (1.0, Part::RIGHT, (3, 1)), (2.0, Part::LEVEL, (3, 1))]
+    {
+        let coverage = buffer.coverage(part);
+        assert_eq!((coverage.samples, coverage.held_back), numbers);
+        let samples = [buffer.fit(part), buffer.held_back(part)].concat();
+        assert!(samples.iter().all(|s| s.part == part && s.field.ut.y.to_bits() == number.to_bits()));
+    }
+    assert_eq!(buffer.coverage(Part::FREE), Coverage::default());
+}
+
+#[test]
+fn nonfinite_samples_are_rejected() {
+    let mut buffer = TestBuffer::new();
+    for (i, broken) in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY].into_iter().enumerate() {
+        for axis in 0..3 {
+            let mut field_ut = [20.0; 3];
+            field_ut[axis] = broken;
+            assert!(!push_turn(&mut buffer, sample(field_ut, (i * 3 + axis) as u32 * 400)));
+        }
+    }
+    assert_eq!(buffer.stored(Part::RIGHT), 0);
+}
+
+#[test]
+fn no_sensor_value_panics() {
+    let values = [0.0, f32::NAN, f32::INFINITY, f32::MAX, 1e-30, -400.0];
+    let samples = (0..600_u32).map(|i| Sample {
+        field: Field::from_ut(values[i as usize % 6], values[i as usize / 6 % 6], values[i as usize / 36 % 6]),
+        attitude: Attitude::from_deg(25.0, 0.0),
+        time: WrappingMillis::new(i * 400),
+        rates: Rates::NONE,
+        part: Part::FREE,
+    });
+    assert!(coverage(samples).samples > 0);
+}
+
+/// Number of samples stored at this interval, across a wrap of the clock.
+fn stored_at_interval(spacing_ms: u32, number: u32) -> usize {
+    let at = |i: u32| sample([i as f32, 0.0, 0.0], (i * spacing_ms).wrapping_sub(1000));
+    collect((0..number).map(at)).stored(Part::RIGHT)
+}
+
+#[test]
+fn turn_samples_are_stored_at_most_every_0_4_s() {
+    assert_eq!(stored_at_interval(400, 40), 40);
+    assert_eq!(stored_at_interval(399, 40), 20, "every other one");
+    assert_eq!(stored_at_interval(100, 40), 10, "every fourth one");
+}
+
+#[test]
+fn every_fourth_sample_is_held_back() {
+    let buffer = collect((0..13).map(|i| sample([i as f32, 0.0, 0.0], i * 400)));
+    let times = |samples: &[Sample]| samples.iter().map(|s| s.time.as_ms() / 400).collect::<Vec<_>>();
+    assert_eq!(times(buffer.held_back(Part::RIGHT)), [3, 7, 11]);
+    assert_eq!(times(buffer.fit(Part::RIGHT)), [0, 1, 2, 4, 5, 6, 8, 9, 10, 12]);
+}
+
+/// A sample that is due counts, stored or not.
+#[test]
+fn a_sample_too_early_does_not_count() {
+    let mut buffer = TestBuffer::new();
+    assert!(push_turn(&mut buffer, sample([0.0; 3], 0)));
+    assert!(!push_turn(&mut buffer, sample([1.0, 0.0, 0.0], 399)));
+    assert!(push_turn(&mut buffer, sample([1.0, 0.0, 0.0], 400)));
+    assert_eq!(buffer.view(Part::RIGHT).state.taken_count, 2);
+}
+
+/// Samples at `100 sector + age`; sector 3 is the most crowded.
+fn crowded() -> TestBuffer {
+    let mut buffer = TestBuffer::new();
+    for time_ms in [100, 301, 302, 500, 303, 700] {
+        buffer.view(Part::LEFT).insert(SampleUse::Fit, sample([0.0; 3], time_ms));
+    }
+    buffer
+}
+
+const QUOTA_6: Quota = Quota { fit: 6, held_back: 6 };
+
+fn insert_at(buffer: &mut TestBuffer, quota: Quota, time_ms: u32) {
+    let sector_from_time = |sample: &Sample| sample.time.as_ms() as usize / 100;
+    insert_balanced(&mut buffer.view(Part::LEFT), SampleUse::Fit, quota, sample([0.0; 3], time_ms), sector_from_time);
+}
+
+fn times(buffer: &TestBuffer) -> Vec<u32> {
+    buffer.fit(Part::LEFT).iter().map(|s| s.time.as_ms()).collect()
+}
+
+#[test]
+fn a_full_part_replaces_the_oldest_sample_of_the_fullest_sector() {
+    let mut buffer = crowded();
+    insert_at(&mut buffer, QUOTA_6, 1100);
+    assert_eq!(times(&buffer), [100, 302, 500, 303, 700, 1100]);
+    insert_at(&mut buffer, QUOTA_6, 0);
+    assert_eq!(times(&buffer), [100, 500, 303, 700, 1100, 0]);
+}
+
+#[test]
+fn a_full_part_rejects_samples_of_its_fullest_sector() {
+    let mut buffer = crowded();
+    insert_at(&mut buffer, QUOTA_6, 399);
+    assert_eq!(times(&buffer), times(&crowded()));
+}
+
+#[test]
+fn a_part_with_room_accepts_all() {
+    let mut buffer = crowded();
+    for time_ms in [304, 305, 306] {
+        insert_at(&mut buffer, Quota { fit: 9, ..QUOTA_6 }, time_ms);
+    }
+    assert_eq!(times(&buffer), [100, 301, 302, 500, 303, 700, 304, 305, 306]);
+}
+
+/// 8 samples in each of 12 sectors and 132 in all.
+#[test]
+fn a_turn_is_complete_with_8_samples_per_sector_and_132_in_all() {
+    let turns = |counts: &[u16; SECTORS], samples| SectorBalance::TURNS.percent(counts, samples);
+    let mut counts = [8; SECTORS];
+    assert_eq!(turns(&counts, 132), 100);
+    assert_eq!(turns(&counts, 131), 99);
+    assert_eq!(turns(&counts, 66), 50);
+    counts[5] = 7;
+    assert_eq!(turns(&counts, 132), 98);
+    counts = [50; SECTORS];
+    counts[0] = 0;
+    assert_eq!(turns(&counts, 132), 91);
+    let level = |counts: &[u16; SECTORS], samples| SectorBalance::LEVEL.percent(counts, samples);
+    assert_eq!((level(&[4; SECTORS], 48), level(&[4; SECTORS], 47), level(&[3; SECTORS], 48)), (100, 97, 75));
+}
+
+fn circle_coverage(radius_ut: f32, fit: u16) -> Coverage {
+    // The last of each four is held back.
+    let number = u32::from(fit + (fit - 1) / 3);
+    let coverage = coverage((0..number).map(|i| {
+        let (sin, cos) = (i as f32 * 30.5).to_radians().sin_cos();
+        sample([radius_ut * cos, radius_ut * sin, 40.0], i * 400)
+    }));
+    assert_eq!(coverage.samples, fit);
+    coverage
+}
+
+#[test]
+fn sectors_need_a_circle_of_4_ut_and_ten_samples() {
+    let sectors = |coverage: Coverage| (coverage.sectors > 0, coverage.percent > 0);
+    assert_eq!(sectors(circle_coverage(4.1, 60)), (true, true));
+    assert_eq!(sectors(circle_coverage(3.9, 60)), (false, false));
+    assert_eq!(sectors(circle_coverage(20.0, 10)), (true, true));
+    assert_eq!(sectors(circle_coverage(20.0, 9)), (false, false));
+    assert_eq!(
+        (circle_coverage(3.9, 60).samples, circle_coverage(3.9, 60).held_back),
+        (60, 19),
+        "they are counted all the same"
+    );
+    assert_eq!(circle_coverage(20.0, 150).percent, 100);
+}
+
+/// The first twelve samples are of one sector. Of the others, only as many as the quota of the other use are stored.
+#[test]
+fn the_circle_is_fitted_to_fit_and_held_back_samples() {
+    let at = |i: u32| {
+        let heading_deg = if i < 12 { i as f32 * 2.0 } else { i as f32 * 30.0 };
+        Sample { time: WrappingMillis::new(i * 400), ..circle_sample(heading_deg) }
+    };
+    for purpose in [SampleUse::Fit, SampleUse::Verification] {
+        let mut buffer = TestBuffer::new();
+        (0..12).for_each(|i| buffer.view(Part::LEFT).insert(purpose, at(i)));
+        for i in 12..36 {
+            // One before the use in question.
+            buffer.view(Part::LEFT).state.taken_count = if purpose == SampleUse::Fit { 0 } else { 3 };
+            assert!(QUOTA_12.push(buffer.view(Part::LEFT), at(i)));
+        }
+        let samples = if purpose == SampleUse::Fit { buffer.fit(Part::LEFT) } else { buffer.held_back(Part::LEFT) };
+        assert_eq!((samples.len(), buffer.stored(Part::LEFT)), (12, 12));
+        assert!(samples.iter().filter(|s| s.time.as_ms() >= 12 * 400).count() >= 10, "{samples:?}");
+        assert!(purpose == SampleUse::Verification || buffer.coverage(Part::LEFT).sectors >= 11);
+    }
+}
+
+#[test]
+fn sectors_with_a_sample_are_counted() {
+    let coverage = coverage((0..14_u32).map(|i| {
+        // Two arcs of 18 deg: at most four sectors.
+        let heading_deg = if i < 7 { i as f32 * 3.0 } else { 180.0 + (i - 7) as f32 * 3.0 };
+        Sample { time: WrappingMillis::new(i * 400), ..circle_sample(heading_deg) }
+    }));
+    assert!((2..=4).contains(&coverage.sectors), "{coverage:?}");
+}
+
+/// A distant sample spoils the circle.
+#[test]
+fn a_complete_part_stays_complete() {
+    let mut buffer =
+        collect((0..190_u32).map(|i| Sample { time: WrappingMillis::new(i * 400), ..circle_sample(i as f32 * 13.0) }));
+    assert!(buffer.coverage(Part::RIGHT).is_complete());
+    for i in 190..194_u32 {
+        push_turn(&mut buffer, sample([900.0, 0.0, 0.0], i * 400));
+        assert!(buffer.coverage(Part::RIGHT).is_complete(), "{:?}", buffer.coverage(Part::RIGHT));
+    }
+}
+
+#[test]
+fn the_quota_must_suffice_for_a_complete_part() {
+    let with = |fit| SectorBalance { quota: Quota { fit, held_back: 60 }, ..SectorBalance::LEVEL };
+    assert!(with(48).fits_quota() && !with(47).fits_quota(), "either target");
+    assert!(!SectorBalance { target: 49, ..with(48) }.fits_quota());
+    assert!(!SectorBalance { sector_samples: 5, ..with(59) }.fits_quota());
+    assert!(SectorBalance { sector_samples: 5, ..with(60) }.fits_quota());
+    assert!(!SectorBalance { min_samples: 49, ..with(100) }.fits_quota());
+    assert!(SectorBalance { min_samples: 48, ..with(100) }.fits_quota());
+    let held_back = |held_back| SectorBalance { quota: Quota { fit: 48, held_back }, ..SectorBalance::LEVEL };
+    assert!(held_back(15).fits_quota() && !held_back(14).fits_quota());
+    assert_eq!(
+        (SectorBalance::TURNS.min_held_back_when_complete(), SectorBalance::LEVEL.min_held_back_when_complete()),
+        (43, 15)
+    );
+}

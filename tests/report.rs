@@ -1,0 +1,284 @@
+//! Contents and safety of the report's page.
+
+use log_analysis::log::write::{FlightRecording, encode_dataflash};
+use log_analysis::log::{self, csv::FieldUnit};
+use log_analysis::numbers::format_number;
+use log_analysis::replay::evaluation::{CorrectionSource, EvaluationOptions, evaluate_flight};
+use log_analysis::replay::parameter_export::ParameterFormat;
+use log_analysis::replay::verdict::Verdict;
+use log_analysis::report::model::{
+    CalibratorComparison, CompassReport, DeviationCurve, EventMark, ReferenceInfo, Report, ReportSample,
+};
+use log_analysis::report::{ReportOrigin, page, picture, report_replay};
+use log_analysis::score::wrap_180;
+use serde_json::Value;
+use simulator::mission::{MissionResult, TurnPlan, fly};
+use simulator::mission_report::report_mission;
+use simulator::recording::record_turns;
+use simulator::world::WorldConfig;
+
+fn flown(plan: TurnPlan) -> MissionResult {
+    fly(WorldConfig::table1(1), plan, &mut |_, _| {})
+}
+
+fn page_of(mission: &MissionResult) -> String {
+    page(&report_mission(mission, &ReportOrigin { command: "host-sim fly".to_owned(), ..ReportOrigin::default() }))
+}
+
+fn assert_well_formed(html: &str) {
+    const VOID: [&str; 2] = ["meta", "!doctype"];
+    let mut open: Vec<&str> = Vec::new();
+    let mut rest = html;
+    while let Some(at) = rest.find('<') {
+        let end = at + rest[at..].find('>').expect("a tag ends");
+        let tag = &rest[at + 1..end];
+        rest = &rest[end + 1..];
+        let name = tag.trim_start_matches('/').split([' ', '\n', '/']).next().expect("a name");
+        if tag.starts_with('/') {
+            assert_eq!(open.pop(), Some(name), "{tag}");
+        } else if !tag.ends_with('/') && !VOID.contains(&name) {
+            open.push(name);
+            if ["style", "script"].contains(&name) {
+                rest = &rest[rest.find("</").expect("an end")..];
+            }
+        }
+    }
+    assert!(open.is_empty(), "{open:?}");
+}
+
+fn assert_sound(html: &str) {
+    assert_well_formed(html);
+    assert!(html.ends_with("</html>\n"));
+    for never in ["NaN", "inf ", "http:", "https:", "url(", "@import", "\u{1b}", "src=", "<link", "<img", "style=\""] {
+        assert!(!html.contains(never), "{never}");
+    }
+    let pictures = html.matches("<svg ").count();
+    assert_eq!(html.matches("role=\"img\"").count(), pictures);
+    assert_eq!(html.matches("<title id=").count(), pictures);
+    assert_eq!(html.matches("<script").count(), 1, "the page's own");
+    // Scrolling boxes are reachable by keyboard and have a name.
+    assert_eq!(html.matches("class=\"scroll\"").count(), html.matches("tabindex=\"0\" role=\"group\"").count());
+    let ids: Vec<&str> =
+        html.split(" id=\"").skip(1).map(|rest| rest.split('"').next().expect("a first part")).collect();
+    let mut unique = ids.clone();
+    unique.sort_unstable();
+    unique.dedup();
+    assert_eq!(unique.len(), ids.len(), "{ids:?}");
+    for target in html.split("href=\"#").skip(1).map(|rest| rest.split('"').next().expect("a first part")) {
+        assert!(ids.contains(&target), "{target}");
+    }
+}
+
+#[test]
+fn a_calibrated_mission_is_reported_the_same_each_time() {
+    let flown = flown(TurnPlan::default());
+    let html = page_of(&flown);
+    assert_eq!(html, page_of(&flown));
+    assert_sound(&html);
+    for title in [
+        "Verdict",
+        "Before and after, one scale",
+        "After, enlarged",
+        "Deviation card",
+        "What was flown",
+        "Over time",
+        "Horizontal field",
+        "Where it was flown",
+        "How this was made",
+        "Console session",
+    ] {
+        assert!(html.contains(title), "{title}");
+    }
+    let (before, after) = (flown.before.statistics(), flown.after.statistics());
+    let expected_deg = flown.result.as_ref().unwrap().expected_rms_deg;
+    for number in [before.max_deg, after.max_deg, after.rms_deg, expected_deg, flown.streamed.unwrap().rms_deg] {
+        assert!(html.contains(&format!("<dd>{number:.2} deg</dd>")), "{number:.2}");
+    }
+    // All headings and errors of the deviation card.
+    for (step, heading) in (0..12).map(|step| (step, format!("<th scope=\"row\">{:03}</th>", 30 * step))) {
+        assert!(html.contains(&heading), "{heading}");
+        for bank in flown.before.0.iter().chain(&flown.after.0) {
+            assert!(html.contains(&format!("<td>{}</td>", format_number(bank[step], 2))), "{heading}");
+        }
+    }
+    assert!(html.contains(">host-sim fly</dd>") && html.contains(env!("CARGO_PKG_VERSION")));
+    assert!(html.len() < 300_000, "{}", html.len());
+}
+
+#[test]
+fn a_refusal_is_reported_with_its_reason_and_no_after_picture() {
+    let html = page_of(&flown(TurnPlan { bank_deg: 25.0, circles: 0.05 }));
+    assert_sound(&html);
+    assert!(html.contains("too-few-samples") && html.contains("Refused"));
+    assert!(!html.contains("After, enlarged") && !html.contains("<th scope=\"col\">after"));
+}
+
+/// The page and `--json` agree.
+#[test]
+fn a_replayed_log_has_the_numbers_of_its_json() {
+    let mut bytes: &[u8] = include_bytes!("../host-sim/data/flight.csv");
+    let flight = log::read(&mut bytes, FieldUnit::Milligauss).unwrap();
+    let verdict = evaluate_flight(&flight, &EvaluationOptions::DEFAULT);
+    let parameters = Some(["compass.param".to_owned(), "COMPASS_OFS_X,1\n".to_owned()]);
+    let judged = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot);
+    let report = report_replay(&judged, "a folder/flight.csv", &ReportOrigin { parameters, ..ReportOrigin::default() });
+    let html = page(&report);
+    assert_sound(&html);
+    let json = judged.json();
+    let verdict_line = json["verdict"].as_str().unwrap();
+    assert!(!verdict_line.contains(['&', '<', '>', '"', '\'']), "nothing in it is escaped: {verdict_line}");
+    assert!(html.to_lowercase().contains(&verdict_line.to_lowercase()));
+    assert_eq!(json["accepted"], report.accepted);
+    for title in [
+        "side by side",
+        "Deviation card",
+        "Horizontal field",
+        "Parameters to load",
+        "Flight flight.csv",
+        "What was flown",
+    ] {
+        assert!(html.contains(title), "{title}");
+    }
+    // Table cells have two decimals, JSON three.
+    let is_shown = |number: &Value, from: &str, to: &str| {
+        let number = number.as_f64().unwrap();
+        let cells = html.split(from).skip(1).filter_map(|rest| rest.split(to).next()?.parse::<f64>().ok());
+        assert!(cells.into_iter().any(|cell| (cell - number).abs() < 0.0056), "{number}");
+    };
+    for compass in json["compasses"].as_array().unwrap() {
+        is_shown(&compass["module"]["expected_rms_deg"], "<dd>", " deg RMS");
+        for heading in compass["headings"].as_array().unwrap() {
+            is_shown(&heading["against_reference"]["heading_rms_deg"], "<td>", "</td>");
+        }
+    }
+    // Each fitted sample has its row.
+    let fitted = report.compasses[0].samples.iter().filter(|moment| moment.is_fitted).count();
+    assert_eq!(fitted, verdict.compasses[0].module.samples);
+    assert!(fitted > 50, "{fitted}");
+}
+
+/// The first of two compasses is dead.
+#[test]
+fn a_log_report_shows_the_flown_path_and_attitude() {
+    let mut world = WorldConfig::table1(1);
+    // The field model's value for the place.
+    world.earth.inclination_deg = 64.0;
+    let mut recording = FlightRecording { place: Some([48.0, 11.3, 500.0]), ..record_turns(&world, 0.0) };
+    for instant in &mut recording.samples {
+        instant.field_ut.insert(0, [10.0, 20.0, 30.0]);
+    }
+    let flight = log::read(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
+    let verdict = evaluate_flight(&flight, &EvaluationOptions::DEFAULT);
+    let judged = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot);
+    let report = report_replay(&judged, "flight.bin", &ReportOrigin::default());
+    assert!(report.accepted && report.figures[0][0].starts_with("compass 2"), "{:?}", report.figures);
+    assert_eq!(
+        report.compasses.iter().map(|compass_report| compass_report.accepted).collect::<Vec<_>>(),
+        [false, true]
+    );
+    let [_, alive] = verdict.compasses.as_slice() else { panic!("two compasses") };
+    for (figure, correction_source) in [(2, CorrectionSource::Uncorrected), (3, CorrectionSource::Module)] {
+        let rms_deg = alive.correction_from(correction_source).unwrap().score.unwrap().rms_deg;
+        assert_eq!(report.figures[figure][1], format!("{rms_deg:.2} deg"), "{:?}", report.figures);
+    }
+    let moments = &report.compasses[1].samples;
+    let usable = || moments.iter().filter(|moment| moment.is_usable && !moment.is_heading_withheld);
+    assert!(usable().count() > 2000);
+    // Attitude noise of 0.5 deg and field noise of 0.3 uT.
+    assert!(usable().all(|moment| moment.norm_residual_percent.unwrap().abs() < 5.0
+        && moment.inclination_residual_deg.unwrap().abs() < 6.0));
+    for moment in usable() {
+        // When the nose points east, north is to the left.
+        let [ahead, left] = moment.level_ut[1].unwrap();
+        let off_deg = wrap_180(left.atan2(ahead).to_degrees() - moment.heading_deg.unwrap());
+        assert!(off_deg.abs() < 12.0, "{off_deg} at {} s", moment.at_s);
+    }
+    for fitted_s in &alive.module.fitted_s {
+        assert!(moments.iter().any(|moment| moment.is_fitted && (moment.at_s - fitted_s).abs() < 0.06), "{fitted_s}");
+    }
+    // Positions count from the start of the log; f32 degrees resolve 0.5 m, and rows 0.1 s.
+    let (moment, flown) =
+        (moments.iter().rev().find(|moment| moment.position_m.is_some()).unwrap(), &recording.samples);
+    let instant = &flown[(moment.at_s * 10.0).round() as usize];
+    let [north_m, east_m] = [0, 1].map(|axis| instant.displacement_m[axis] - flown[0].displacement_m[axis]);
+    let [east, north] = moment.position_m.unwrap();
+    assert!(north_m.hypot(east_m) > 1000.0 && (east - east_m).hypot(north - north_m) < 5.0, "{:?}", moment.position_m);
+}
+
+/// Text of a log is escaped; numbers that are not finite become dashes or are not drawn.
+#[test]
+fn text_of_a_hostile_log_is_escaped() {
+    const HOSTILE: &str = "</title><script>alert(1)</script>\"'><img src=x onerror=alert(1)>\u{1b}[2K\u{0}";
+    let hostile = || HOSTILE.to_owned();
+    let nan = Some(f64::NAN);
+    let moment = |i: u32| ReportSample {
+        at_s: f64::from(i),
+        heading_deg: nan,
+        roll_deg: f64::NAN,
+        pitch_deg: f64::INFINITY,
+        position_m: Some([f64::NAN, f64::INFINITY]),
+        level_ut: [Some([f64::NAN; 2]); 2],
+        norm_residual_percent: nan,
+        inclination_residual_deg: if i.is_multiple_of(2) { nan } else { Some(1.0) },
+        error_deg: Some(f64::INFINITY),
+        sigma_deg: nan,
+        error_before_deg: nan,
+        is_usable: true,
+        is_fitted: true,
+        is_heading_withheld: true,
+    };
+    let line = DeviationCurve { name: hostile(), errors_deg: vec![None, nan, Some(f64::INFINITY), Some(1.0)] };
+    let compass_report = CompassReport {
+        name: hostile(),
+        accepted: true,
+        facts: vec![[hostile(), hostile()]],
+        before: vec![line.clone()],
+        after: vec![line],
+        sigma_deg: vec![f64::NAN, 0.5, f64::INFINITY, -0.0],
+        samples: (0..50).map(moment).collect(),
+        marks: vec![EventMark { at_s: f64::NAN, name: hostile() }, EventMark { at_s: 1e9, name: hostile() }],
+        horizontal_ut: Some(f64::NAN),
+        advice: Some(hostile()),
+        coefficients: Some([[f64::NAN; 3]; 4]),
+        ..CompassReport::default()
+    };
+    let report = Report {
+        title: hostile(),
+        verdict: hostile(),
+        figures: vec![[hostile(), hostile()]],
+        notes: vec![hostile()],
+        reference: ReferenceInfo { difference_name: "error", reference_name: hostile(), limits: hostile() },
+        calibrators: CalibratorComparison {
+            compasses: vec![hostile()],
+            rows: vec![(hostile(), vec![nan]), (hostile(), vec![Some(1.0)])],
+        },
+        compasses: vec![compass_report],
+        parameters: Some([hostile(), hostile()]),
+        terminal_output: Some([hostile(), hostile()]),
+        origin: vec![[hostile(), hostile()]],
+        ..Report::default()
+    };
+    let html = page(&report);
+    // The text is present, but only escaped.
+    assert!(html.contains("&lt;script&gt;alert(1)") && !html.contains("<img") && !html.contains("<script>alert"));
+    assert_sound(&html.replace("src=x", ""));
+    let svg_text = picture(&report);
+    assert!(!svg_text.contains("NaN") && !svg_text.contains("inf") && !svg_text.contains("<script"), "{svg_text}");
+}
+
+#[test]
+fn an_empty_report_gives_a_valid_page() {
+    assert_sound(&page(&Report::default()));
+    assert_sound(&page(&Report { compasses: vec![CompassReport::default()], ..Report::default() }));
+    assert!(picture(&Report::default()).contains("</svg>"));
+}
+
+#[test]
+fn a_standalone_picture_has_a_background_and_both_colour_schemes() {
+    let svg_text = picture(&report_mission(&flown(TurnPlan::default()), &ReportOrigin::default()));
+    assert!(svg_text.starts_with("<svg xmlns=") && svg_text.ends_with("</svg>\n"));
+    for needed in ["class=\"paper\"", "prefers-color-scheme:dark", "deg before", "expected, 1 sigma"] {
+        assert!(svg_text.contains(needed), "{needed}");
+    }
+    assert!(svg_text.len() < 30_000, "{}", svg_text.len());
+}
