@@ -3,7 +3,7 @@
 //!
 //! [`Compass::step`] takes an [`Event`] and returns an [`Effect`], without blocking or hardware access. A solve is
 //! divided into [`Event::Advance`] steps, so that its driver can do other work in between. A candidate calibration
-//! becomes active after passing [`acceptance`] and being completely saved.
+//! becomes active after passing [`acceptance`](crate::acceptance) and being completely saved.
 
 mod activity;
 mod admission;
