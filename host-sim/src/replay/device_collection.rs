@@ -46,7 +46,7 @@ pub(super) fn collect_on_device<'a>(
 
 #[cfg(test)]
 mod tests {
-    use autoswing::calibration::{Part, Rates, Samples};
+    use autoswing::calibration::{Current, Part, Rates, Samples};
     use autoswing::collection::Collector;
     use autoswing::frames::{Attitude, Field};
     use testkit::random::Random;
@@ -70,8 +70,9 @@ mod tests {
             Sample {
                 field,
                 attitude,
-                rates: Rates::NONE,
+                rates: Rates::ZERO,
                 time: WrappingMillis::new(u32::from(i) * 100),
+                current: Current::UNKNOWN,
                 part: Part::FREE,
             }
         };

@@ -23,7 +23,7 @@ use autoswing::acceptance::Rejection;
 use autoswing::attitude::{self, AttitudeReport, EulerRates, SenderId};
 use autoswing::calibration::method_selection::{self, Procedure, SelectedParts};
 use autoswing::calibration::{
-    Advice, Calibration, Method, Orientation, Part, Prior, Rates, Sample, Samples, Solution, SolveError, solve,
+    Advice, Calibration, Current, Method, Orientation, Part, Prior, Rates, Sample, Samples, Solution, SolveError, solve,
 };
 use autoswing::collection::FIT_CAPACITY;
 use autoswing::collection::{self, CollectionProblem, Collector, RetainedSamples};
@@ -377,8 +377,14 @@ pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
     let EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s } =
         EulerRates::from_report(&report(row.attitude, row.rates_rad_s)).unwrap_or_default();
     let rates = Rates::from_rad_s([roll_rad_s, pitch_rad_s, heading_rad_s]);
-    let sample =
-        Sample { field: row.field, attitude: row.attitude, rates, time: WrappingMillis::default(), part: Part::FREE };
+    let sample = Sample {
+        field: row.field,
+        attitude: row.attitude,
+        rates,
+        time: WrappingMillis::default(),
+        current: Current::UNKNOWN,
+        part: Part::FREE,
+    };
     calibration.corrected_level_field(&sample)
 }
 

@@ -6,7 +6,7 @@ mod restart;
 use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
-use crate::calibration::{Calibration, Orientation, Part, Rates, SamplePart, Side};
+use crate::calibration::{Calibration, Current, Orientation, Part, Rates, SamplePart, Side};
 use crate::collection::CollectionProblem;
 use crate::frames::{Attitude, Field, Sensor};
 use crate::reading::Model;
@@ -87,7 +87,8 @@ impl TestBed {
             field,
             attitude,
             time: self.time(),
-            rates: Rates::NONE,
+            rates: Rates::ZERO,
+            current: Current::UNKNOWN,
             part: Part::FREE,
         }));
         self.now = self.now.wrapping_add(STEP_MS);
@@ -100,7 +101,8 @@ impl TestBed {
                 field,
                 attitude: Attitude::default(),
                 time: self.time(),
-                rates: Rates::NONE,
+                rates: Rates::ZERO,
+                current: Current::UNKNOWN,
                 part: Part::FREE,
             }));
             self.now = self.now.wrapping_add(100);
