@@ -1,6 +1,6 @@
 //! Calibration from samples, and heading of a sample: `no_std`, without allocation.
 
-use autoswing::calibration::{Method, Part, Prior, Rates, Sample, Samples, Solution, SolveError, solve};
+use autoswing::calibration::{Current, Method, Part, Prior, Rates, Sample, Samples, Solution, SolveError, solve};
 use autoswing::frames::{Attitude, Field};
 use autoswing::heading::{HeadingLimits, NoHeading, compute_heading};
 use autoswing::time::WrappingMillis;
@@ -11,8 +11,9 @@ pub fn sample([time_s, x, y, z, roll_deg, pitch_deg]: [f32; 6]) -> Sample {
     Sample {
         field: Field::from_ut(x / 10.0, y / 10.0, z / 10.0),
         attitude: Attitude::from_deg(roll_deg, pitch_deg),
-        rates: Rates::NONE,
+        rates: Rates::ZERO,
         time: WrappingMillis::new((time_s * 1000.0) as u32),
+        current: Current::UNKNOWN,
         part: Part::FREE,
     }
 }

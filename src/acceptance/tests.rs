@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::calibration::tests::synthetic::Parts;
-use crate::calibration::{Envelope, HardIronTimeCourse, HeadingUncertainty, Method, Part, Rates, Sample};
+use crate::calibration::{Current, Envelope, HardIronTimeCourse, HeadingUncertainty, Method, Part, Rates, Sample};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -71,7 +71,8 @@ fn circle(roll_deg: f32, samples: u16) -> Vec<Sample> {
                 field,
                 attitude,
                 time: WrappingMillis::new(u32::from(i) * 400),
-                rates: Rates::NONE,
+                rates: Rates::ZERO,
+                current: Current::UNKNOWN,
                 part: Part::FREE,
             }
         })

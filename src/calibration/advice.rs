@@ -308,7 +308,7 @@ fn report_unobservable(left_to_priors: impl Iterator<Item = PriorQuantity>) -> U
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{Part, Rates, Sample};
+    use crate::calibration::{Current, Part, Rates, Sample};
     use crate::frames::Field;
     use crate::time::WrappingMillis;
 
@@ -371,6 +371,7 @@ mod tests {
                         attitude,
                         time: WrappingMillis::default(),
                         rates,
+                        current: Current::UNKNOWN,
                         part: Part::FREE,
                     }
                 })

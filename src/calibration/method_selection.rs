@@ -112,7 +112,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::{Mark, Part, Rates, Sample};
+    use crate::calibration::{Current, Mark, Part, Rates, Sample};
     use crate::frames::{Attitude, Field, Level};
     use crate::time::WrappingMillis;
 
@@ -124,7 +124,8 @@ mod tests {
                     field: Field::new(field.ut),
                     attitude: Attitude::default(),
                     time: WrappingMillis::default(),
-                    rates: Rates::NONE,
+                    rates: Rates::ZERO,
+                    current: Current::UNKNOWN,
                     part: Part::FREE,
                 }
             })

@@ -8,7 +8,7 @@
 //! ```
 //! use std::f32::consts::TAU;
 //!
-//! use autoswing::calibration::{Method, Part, Prior, Rates, Sample, Samples, solve};
+//! use autoswing::calibration::{Current, Method, Part, Prior, Rates, Sample, Samples, solve};
 //! use autoswing::frames::{Attitude, Field, wrap_pi};
 //! use autoswing::time::WrappingMillis;
 //!
@@ -30,7 +30,7 @@
 //!             let attitude = Attitude::from_deg(bank_deg, 2.0);
 //!             let heading_rad = bank_deg.signum() * TAU * i as f32 / 60.0;
 //!             let (field, time) = (measure(attitude, heading_rad), WrappingMillis::new(i * 500));
-//!             Sample { field, attitude, rates: Rates::NONE, time, part }
+//!             Sample { field, attitude, rates: Rates::ZERO, current: Current::UNKNOWN, time, part }
 //!         })
 //! };
 //! let turns: Vec<Sample> = circle(-25.0, Part::LEFT).chain(circle(25.0, Part::RIGHT)).collect();
@@ -94,7 +94,7 @@ pub use types::{
     orientation::Orientation,
     prior::Prior,
     quality::{AttitudeLatency, Envelope, Quality},
-    rates::Rates,
+    rates::{Current, Rates},
     samples::{Mark, Part, Sample, SamplePart, Samples, Side},
 };
 pub use uncertainty::{

@@ -57,7 +57,7 @@ fn score_calibration(samples: Samples<'_>, knows_attitude: bool, calibration: &C
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{Mark, Orientation, Part, Rates};
+    use crate::calibration::{Current, Mark, Orientation, Part, Rates};
     use crate::frames::{Attitude, Field, Level};
     use crate::time::WrappingMillis;
 
@@ -75,7 +75,8 @@ mod tests {
                     field: Field::new(field.ut),
                     attitude: Attitude::default(),
                     time: WrappingMillis::default(),
-                    rates: Rates::NONE,
+                    rates: Rates::ZERO,
+                    current: Current::UNKNOWN,
                     part: Part::FREE,
                 }
             })

@@ -6,7 +6,7 @@ use super::progress::Coverage;
 use super::quota::SampleUse;
 use super::retained_samples::PartState;
 use super::sample_buffer::SampleBuffer;
-use crate::calibration::{Part, Rates, Sample};
+use crate::calibration::{Current, Part, Rates, Sample};
 use crate::frames::{Attitude, Field, Level};
 use crate::time::WrappingMillis;
 
@@ -59,7 +59,8 @@ pub fn sample(field_ut: [f32; 3], time_ms: u32) -> Sample {
         field: Field::from_ut(field_ut[0], field_ut[1], field_ut[2]),
         attitude: Attitude::default(),
         time: WrappingMillis::new(time_ms),
-        rates: Rates::NONE,
+        rates: Rates::ZERO,
+        current: Current::UNKNOWN,
         part: Part::FREE,
     }
 }
@@ -85,7 +86,8 @@ pub fn turn_samples(roll_deg: f32, from_s: u16, to_s: u16, rate_deg_s: f32) -> i
             field: Field::new(body.ut + HARD_IRON_UT),
             attitude,
             time: WrappingMillis::new(u32::from(i) * 100),
-            rates: Rates::NONE,
+            rates: Rates::ZERO,
+            current: Current::UNKNOWN,
             part: Part::FREE,
         }
     })

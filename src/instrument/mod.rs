@@ -59,7 +59,7 @@ mod smoother;
 mod tests;
 
 use crate::attitude::{AttitudeHistory, AttitudeLookup, AttitudeReport, EulerRates, GyroHeading};
-use crate::calibration::Sample;
+use crate::calibration::{Current, Sample};
 use crate::frames::{Attitude, Body, Field, Sensor};
 use crate::heading::{self, Heading, NoHeading};
 use crate::reading::Reading;
@@ -245,7 +245,7 @@ impl Instrument {
                 let motion_at =
                     |at| self.track.gyro_heading_at(at).map_or_else(EulerRates::default, |turning| turning.euler_rates);
                 let (at, mut sample) = self.pairing.next_sample(|at| self.track.attitude_at(at), motion_at)?;
-                sample.rates = sample.rates.with_current(self.current_a(at));
+                sample.current = Current::from_a(self.current_a(at));
                 self.pending_sample = Some((at, sample));
                 Some(sample)
             }
@@ -253,7 +253,7 @@ impl Instrument {
                 let at_rest = |_| EulerRates::default();
                 let (at, mut sample) =
                     self.pairing.next_sample(|_| AttitudeLookup::Interpolated(Attitude::default()), at_rest)?;
-                sample.rates = sample.rates.with_current(self.current_a(at));
+                sample.current = Current::from_a(self.current_a(at));
                 Some(sample)
             }
         }

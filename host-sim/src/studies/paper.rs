@@ -2,7 +2,7 @@
 //! with all methods on the same samples.
 
 use autoswing::calibration::{
-    Calibration, Mark, Method, Orientation, Part, Prior, Rates, Sample, Samples, SolveError, solve,
+    Calibration, Current, Mark, Method, Orientation, Part, Prior, Rates, Sample, Samples, SolveError, solve,
 };
 use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::readings_per_sample;
@@ -110,7 +110,8 @@ impl Table1Experiment {
             field: Field::new(field.ut + noise_ut.cast()),
             attitude,
             time: WrappingMillis::default(),
-            rates: Rates::NONE,
+            rates: Rates::ZERO,
+            current: Current::UNKNOWN,
             part: Part::FREE,
         }
     }

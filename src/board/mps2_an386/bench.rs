@@ -7,7 +7,7 @@ use core::hint::black_box;
 
 use autoswing::attitude::{AttitudeReport, SenderId};
 use autoswing::calibration::method_selection::Procedure;
-use autoswing::calibration::{Method, Part, Prior, Rates, Sample, Samples, Solution, SolveProgress, Solver};
+use autoswing::calibration::{Current, Method, Part, Prior, Rates, Sample, Samples, Solution, SolveProgress, Solver};
 use autoswing::collection::{CollectionContext, Collector, RetainedSamples};
 use autoswing::frames::{Attitude, Field, Sensor};
 use autoswing::heading::{Heading, HeadingLimits, compute_heading};
@@ -259,14 +259,14 @@ impl Turns {
         for (i, sample) in self.0.iter_mut().enumerate() {
             let amperes = 15.0 + 5.0 * libm::sinf(i as f32 * 0.08);
             sample.field = Field::new(sample.field.ut.add_scalar(ut_per_a * amperes));
-            sample.rates = sample.rates.with_current(Some(amperes));
+            sample.current = Current::from_a(Some(amperes));
         }
     }
 
     /// Removes the currents from the samples.
     fn forget_currents(&mut self) {
         for sample in &mut *self.0 {
-            sample.rates = sample.rates.with_current(None);
+            sample.current = Current::UNKNOWN;
         }
     }
 
@@ -317,6 +317,7 @@ fn sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
         attitude: reported,
         rates,
         time: WrappingMillis::new(SPACING_MS * i as u32),
+        current: Current::UNKNOWN,
         part: Part::FREE,
     }
 }

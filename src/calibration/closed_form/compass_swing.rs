@@ -87,7 +87,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::{Part, Rates, Sample};
+    use crate::calibration::{Current, Part, Rates, Sample};
     use crate::frames::{Attitude, Level};
     use crate::time::WrappingMillis;
 
@@ -109,7 +109,8 @@ mod tests {
                     field,
                     attitude,
                     time: WrappingMillis::default(),
-                    rates: Rates::NONE,
+                    rates: Rates::ZERO,
+                    current: Current::UNKNOWN,
                     part: Part::FREE,
                 },
                 heading_rad,
@@ -191,7 +192,8 @@ mod tests {
                     field,
                     attitude: Attitude::default(),
                     time: WrappingMillis::default(),
-                    rates: Rates::NONE,
+                    rates: Rates::ZERO,
+                    current: Current::UNKNOWN,
                     part: Part::FREE,
                 };
                 Mark { sample, heading_rad }

@@ -82,7 +82,7 @@ pub(in crate::calibration) fn fit_conic(
 
 #[cfg(test)]
 mod tests {
-    use crate::calibration::Part;
+    use crate::calibration::{Current, Part};
     use core::f32::consts::TAU;
 
     use super::*;
@@ -106,7 +106,8 @@ mod tests {
                     field,
                     attitude: Attitude::default(),
                     time: WrappingMillis::default(),
-                    rates: Rates::NONE,
+                    rates: Rates::ZERO,
+                    current: Current::UNKNOWN,
                     part: Part::FREE,
                 }
             })

@@ -127,7 +127,7 @@ impl VerticalAxisFit {
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{Mark, Part, Rates, Sample};
+    use crate::calibration::{Current, Mark, Part, Rates, Sample};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -148,7 +148,8 @@ mod tests {
                     field,
                     attitude: Attitude::default(),
                     time: WrappingMillis::default(),
-                    rates: Rates::NONE,
+                    rates: Rates::ZERO,
+                    current: Current::UNKNOWN,
                     part: Part::FREE,
                 }
             })

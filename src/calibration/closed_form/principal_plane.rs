@@ -58,7 +58,7 @@ fn least_scatter_direction(scatter: &Matrix3<f32>) -> Option<Vector3<f32>> {
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{Part, Rates, Sample};
+    use crate::calibration::{Current, Part, Rates, Sample};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -67,7 +67,8 @@ mod tests {
             field: Field::new(ut),
             attitude: Attitude::default(),
             time: WrappingMillis::default(),
-            rates: Rates::NONE,
+            rates: Rates::ZERO,
+            current: Current::UNKNOWN,
             part: Part::FREE,
         };
         fields_ut.iter().map(sample).collect()

@@ -134,7 +134,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::{Mark, Part, Rates, Sample};
+    use crate::calibration::{Current, Mark, Part, Rates, Sample};
     use crate::frames::{Attitude, Level};
     use crate::time::WrappingMillis;
 
@@ -176,7 +176,14 @@ mod tests {
             (0..24_u8).map(move |i| {
                 let level = Field::<Level>::earth(50.0, 1.0, f32::from(i) / 24.0 * TAU);
                 let field = Field::new(attitude.body(level).ut + b_ut);
-                Sample { field, attitude, time: WrappingMillis::default(), rates: Rates::NONE, part: Part::FREE }
+                Sample {
+                    field,
+                    attitude,
+                    time: WrappingMillis::default(),
+                    rates: Rates::ZERO,
+                    current: Current::UNKNOWN,
+                    part: Part::FREE,
+                }
             })
         };
         banks_deg.iter().flat_map(fly).collect()

@@ -114,8 +114,8 @@ pub(in crate::calibration) fn turn_progress_by_rates_rad(
 
 #[cfg(test)]
 mod tests {
-    use crate::calibration::Part;
     use crate::calibration::tests::synthetic::Parts;
+    use crate::calibration::{Current, Part};
     use core::f32::consts::TAU;
 
     use super::*;
@@ -129,7 +129,8 @@ mod tests {
             field,
             attitude: Attitude::from_deg(roll_deg, 3.0),
             time: WrappingMillis::new(millis),
-            rates: Rates::NONE,
+            rates: Rates::ZERO,
+            current: Current::UNKNOWN,
             part: Part::FREE,
         }
     }

@@ -83,8 +83,8 @@ impl<'a> TurnEllipse<'a> {
 
 #[cfg(test)]
 mod tests {
-    use crate::calibration::Part;
     use crate::calibration::tests::synthetic::Parts;
+    use crate::calibration::{Current, Part};
     use core::f32::consts::TAU;
 
     use super::*;
@@ -103,7 +103,8 @@ mod tests {
                     field: Field::from_ut(x, y * cos, -y * sin),
                     attitude: Attitude::from_deg(bank_deg, 0.0),
                     time: WrappingMillis::new(u32::from(i) * 500),
-                    rates: Rates::NONE,
+                    rates: Rates::ZERO,
+                    current: Current::UNKNOWN,
                     part: Part::FREE,
                 }
             })

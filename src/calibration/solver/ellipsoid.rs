@@ -45,7 +45,7 @@ mod tests {
     use testkit::random::Random;
 
     use super::*;
-    use crate::calibration::{Method, Part, Prior, Quality, Rates, Sample, SamplePart, SolveError, solve};
+    use crate::calibration::{Current, Method, Part, Prior, Quality, Rates, Sample, SamplePart, SolveError, solve};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -78,7 +78,8 @@ mod tests {
                 field: Field::new(ut),
                 attitude: Attitude::default(),
                 time: WrappingMillis::default(),
-                rates: Rates::NONE,
+                rates: Rates::ZERO,
+                current: Current::UNKNOWN,
                 part: Part::FREE,
             })
             .collect();

@@ -8,7 +8,7 @@ use crate::calibration::model::{
     FieldPrediction, Likelihood, MeasuredSample, ModelConfig, ModelParameters, NoiseModel, PriorQuantity,
     SampleEquations, UNKNOWNS, Vector13, for_each_prior,
 };
-use crate::calibration::{Part, Prior, Rates, Sample, Samples};
+use crate::calibration::{Current, Part, Prior, Rates, Sample, Samples};
 use crate::frames::{Attitude, Field, Level, wrap_pi};
 use crate::time::WrappingMillis;
 
@@ -173,8 +173,9 @@ fn sample_at(attitude: Attitude) -> Sample {
     Sample {
         field: Field::from_ut(0.0, 0.0, 0.0),
         attitude,
-        rates: Rates::NONE,
+        rates: Rates::ZERO,
         time: WrappingMillis::default(),
+        current: Current::UNKNOWN,
         part: Part::FREE,
     }
 }

@@ -8,7 +8,7 @@ use crate::calibration::closed_form::starting_point::StartingPoint;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::model::{Likelihood, ModelConfig, ModelParameters, NoiseModel, Vector13};
 use crate::calibration::tests::NO_PRIOR;
-use crate::calibration::{Mark, Orientation, Part, Prior, Rates, Sample, Samples, SolveError};
+use crate::calibration::{Current, Mark, Orientation, Part, Prior, Rates, Sample, Samples, SolveError};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -17,7 +17,8 @@ fn sample(ut: [f32; 3]) -> Sample {
         field: Field::new(ut.into()),
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
-        rates: Rates::NONE,
+        rates: Rates::ZERO,
+        current: Current::UNKNOWN,
         part: Part::FREE,
     }
 }

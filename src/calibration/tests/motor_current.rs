@@ -10,7 +10,7 @@ use crate::calibration::tests::{NO_PRIOR, solved};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::verification;
 use crate::calibration::{
-    Calibration, LeastSquares, Method, MotorCurrentInterference, Orientation, Prior, Sample, Solution, solve,
+    Calibration, Current, LeastSquares, Method, MotorCurrentInterference, Orientation, Prior, Sample, Solution, solve,
 };
 use crate::frames::Field;
 
@@ -40,7 +40,7 @@ fn fly(airframe: &Airframe, k: Vector3<f32>, currents: CurrentProfile, random: &
         for (i, sample) in side.iter_mut().enumerate() {
             let current_a = currents.current_a(i as f32 * 0.4, is_right, random);
             sample.field.ut += k * current_a;
-            sample.rates = sample.rates.with_current(Some(current_a));
+            sample.current = Current::from_a(Some(current_a));
         }
     }
     recorded
@@ -148,8 +148,8 @@ fn without_current_there_is_no_estimate() {
     // Small enough to be accepted without the correction.
     let recorded = fly(&airframe, Vector3::new(0.05, -0.06, 0.03), CurrentProfile::Bursts, &mut random);
     let strip = |samples: &[Sample], every: usize| -> Vec<Sample> {
-        let rates = |i: usize, s: &Sample| if i.is_multiple_of(every) { s.rates.with_current(None) } else { s.rates };
-        samples.iter().enumerate().map(|(i, s)| Sample { rates: rates(i, s), ..*s }).collect()
+        let current = |i: usize, s: &Sample| if i.is_multiple_of(every) { Current::UNKNOWN } else { s.current };
+        samples.iter().enumerate().map(|(i, s)| Sample { current: current(i, s), ..*s }).collect()
     };
     let with_every_nth_current =
         |every: usize| RecordedTurns { left: strip(&recorded.left, every), right: strip(&recorded.right, every) };
@@ -238,7 +238,7 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
         }
         for sample in samples.iter() {
             let equations = likelihood.equations(sample, None, &parameters);
-            let share_a = sample.rates.current_a().unwrap() - likelihood.motor_current.mean_current_a;
+            let share_a = sample.current.amperes().unwrap() - likelihood.motor_current.mean_current_a;
             for equation in equations.iter() {
                 let more = -parameters.w.tr_mul(&equation.row.by_field) * share_a;
                 joint.add(&extended(&equation.row.as_vector(), more), [-equation.residual], equation.weight);
@@ -336,7 +336,7 @@ fn interference_is_estimated_in_sensor_axes() {
 #[test]
 fn current_statistics_are_those_of_the_samples() {
     let (_, _, mut recorded) = one_flight(4);
-    let all: Vec<f32> = recorded.turns().all().filter_map(|s| s.rates.current_a()).collect();
+    let all: Vec<f32> = recorded.turns().all().filter_map(|s| s.current.amperes()).collect();
     let interference = MotorCurrentInterference::from_samples(recorded.turns());
     assert!((interference.mean_current_a - mean(&all)).abs() < 1e-3);
     let rest: Vec<f32> = all.iter().map(|a| a - mean(&all)).collect();
@@ -344,7 +344,7 @@ fn current_statistics_are_those_of_the_samples() {
     let number = recorded.left.len() + recorded.right.len();
     for (unknown, is_known) in [(number / 4, true), (number / 4 + 1, false), (number, false)] {
         for sample in recorded.left.iter_mut().chain(&mut recorded.right).take(unknown) {
-            sample.rates = sample.rates.with_current(None);
+            sample.current = Current::UNKNOWN;
         }
         assert_eq!(
             MotorCurrentInterference::from_samples(recorded.turns()) != MotorCurrentInterference::NONE,

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 pub use testkit::random::Random;
 
 use crate::calibration::closed_form::starting_point::StartingPoint;
-use crate::calibration::{Calibration, Mark, Orientation, Part, Rates, Sample, Samples, Side};
+use crate::calibration::{Calibration, Current, Mark, Orientation, Part, Rates, Sample, Samples, Side};
 use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 
@@ -98,7 +98,8 @@ pub fn sample(airframe: &Airframe, attitude: Attitude, heading_rad: f32, noise_u
         field: Field::new(airframe.field(attitude, heading_rad).ut + noise),
         attitude,
         time: WrappingMillis::default(),
-        rates: Rates::NONE,
+        rates: Rates::ZERO,
+        current: Current::UNKNOWN,
         part: Part::FREE,
     }
 }
@@ -218,7 +219,8 @@ impl Flight {
                         pitch_rad: reported.pitch_rad + bias.pitch_rad,
                     },
                     time: WrappingMillis::new(u32::from(i) * 500),
-                    rates: Rates::NONE,
+                    rates: Rates::ZERO,
+                    current: Current::UNKNOWN,
                     part: Part::FREE,
                 }
             })

@@ -2,8 +2,8 @@
 
 use crate::calibration::tests::synthetic::Parts;
 use crate::calibration::{
-    Axis, Calibration, Envelope, Mark, Method, MotorCurrentInterference, Orientation, Part, Quality, Rates, Sample,
-    SamplePart, Samples, Side, matrix_rows,
+    Axis, Calibration, Current, Envelope, Mark, Method, MotorCurrentInterference, Orientation, Part, Quality, Rates,
+    Sample, SamplePart, Samples, Side, matrix_rows,
 };
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
@@ -13,15 +13,16 @@ fn sample(x_ut: f32) -> Sample {
         field: Field::from_ut(x_ut, 0.0, 0.0),
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
-        rates: Rates::NONE,
+        rates: Rates::ZERO,
+        current: Current::UNKNOWN,
         part: Part::FREE,
     }
 }
 
 /// 1,024 samples of a flight are kept in RAM.
 #[test]
-fn a_sample_takes_32_bytes() {
-    assert_eq!((size_of::<Sample>(), size_of::<Mark>()), (32, 36));
+fn a_sample_takes_36_bytes() {
+    assert_eq!((size_of::<Sample>(), size_of::<Mark>()), (36, 40));
 }
 
 /// Roll wraps at 180 deg, pitch does not; both are constant without rates.
@@ -34,7 +35,7 @@ fn attitude_is_extrapolated_with_its_rates() {
     let earlier = turning.latency_compensated_attitude(-0.1);
     assert!((earlier.roll_rad - 3.0).abs() < 1e-5 && (earlier.pitch_rad - 0.25).abs() < 1e-6);
     assert_eq!(turning.latency_compensated_attitude(0.0), attitude);
-    assert_eq!(Sample { rates: Rates::NONE, ..turning }.latency_compensated_attitude(1.0), attitude);
+    assert_eq!(Sample { rates: Rates::ZERO, ..turning }.latency_compensated_attitude(1.0), attitude);
     let calibration = Calibration { latency_s: 0.1, ..calibration() };
     assert_eq!(calibration.corrected_level_field(&turning), later.level(calibration.apply(turning.field)));
 }

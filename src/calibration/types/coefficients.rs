@@ -105,6 +105,6 @@ impl Calibration {
     /// Corrected field of a sample in the body frame, microtesla, without motor-current interference.
     #[must_use]
     pub fn corrected_body_field(&self, sample: &Sample) -> Field<Body> {
-        self.apply(self.remove_motor_current(sample.field, sample.rates.current_a()))
+        self.apply(self.remove_motor_current(sample.field, sample.current.amperes()))
     }
 }

@@ -27,7 +27,7 @@ impl MotorCurrentInterference {
     pub const NONE: Self = Self { ut_per_a: [0.0; 3], sigma_ut_per_a: 0.0, mean_current_a: 0.0, current_sigma_a: 0.0 };
 
     pub(in crate::calibration) fn from_samples(samples: Samples<'_>) -> Self {
-        let currents = || samples.all().filter_map(|sample| sample.rates.current_a());
+        let currents = || samples.all().filter_map(|sample| sample.current.amperes());
         let known = currents().count();
         if known * MAX_UNKNOWN_ONE_IN < samples.all().count() * (MAX_UNKNOWN_ONE_IN - 1) || known == 0 {
             return Self::NONE;
@@ -51,7 +51,7 @@ impl MotorCurrentInterference {
 
     /// Current minus the mean, amperes; 0 if unknown.
     pub(in crate::calibration) fn current_offset_a(&self, sample: &Sample) -> f32 {
-        sample.rates.current_a().map_or(0.0, |amperes| amperes - self.mean_current_a)
+        sample.current.amperes().map_or(0.0, |amperes| amperes - self.mean_current_a)
     }
 
     /// Field variance on an axis, square microtesla, not covered by the covariance of the coefficients: at currents

@@ -2,19 +2,21 @@
 
 use core::fmt::Debug;
 
-use super::rates::Rates;
+use super::rates::{Current, Rates};
 use crate::frames::{Attitude, Field, Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 
-/// A field measurement with the attitude at its time: the input of calibration. 32 bytes.
+/// A field measurement with the attitude at its time: the input of calibration. 36 bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
     /// Raw field, chip axes, microtesla.
     pub field: Field<Sensor>,
     /// Attitude interpolated to the time of the measurement.
     pub attitude: Attitude,
-    /// Attitude rates and motor current.
+    /// Attitude rates.
     pub rates: Rates,
+    /// Motor current.
+    pub current: Current,
     /// Time of the measurement. Only order and differences within one turn are used.
     pub time: WrappingMillis,
     /// Part of the collection; [`Part::FREE`] before its assignment.
@@ -110,7 +112,7 @@ pub struct Samples<'a> {
     pub marks: &'a [Mark],
 }
 
-/// A sample with a known heading (compass swing). 36 bytes.
+/// A sample with a known heading (compass swing). 40 bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mark {
     /// The sample.
@@ -248,8 +250,9 @@ mod tests {
         let sample = |time_ms| Sample {
             field: Field::from_ut(0.0, 0.0, 0.0),
             attitude: Attitude::default(),
-            rates: Rates::NONE,
+            rates: Rates::ZERO,
             time: WrappingMillis::new(time_ms),
+            current: Current::UNKNOWN,
             part: Part::FREE,
         };
         let [left, right, level, free] = [[1, 2], [3, 4], [5, 6], [7, 8]].map(|times| times.map(sample));

@@ -46,8 +46,8 @@ impl<'a> Iterator for TimeOrdered<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Rates;
     use crate::calibration::tests::synthetic::Parts;
+    use crate::calibration::{Current, Rates};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -56,7 +56,8 @@ mod tests {
             field: Field::from_ut(0.0, 0.0, 0.0),
             attitude: Attitude::default(),
             time: WrappingMillis::new(millis),
-            rates: Rates::NONE,
+            rates: Rates::ZERO,
+            current: Current::UNKNOWN,
             part: Part::FREE,
         };
         millis.iter().map(sample).collect()

@@ -161,7 +161,7 @@ mod tests {
     use super::*;
     use crate::calibration::model::{beta_index, w_index};
     use crate::calibration::tests::synthetic::{max_abs, mean, rms};
-    use crate::calibration::{Method, Orientation, Part, Rates, Sample, matrix_rows};
+    use crate::calibration::{Current, Method, Orientation, Part, Rates, Sample, matrix_rows};
     use crate::frames::wrap_pi;
     use crate::time::WrappingMillis;
 
@@ -248,7 +248,8 @@ mod tests {
             field: Field::from_ut(1.0, 0.0, 0.0),
             attitude: Attitude::from_deg(roll_deg, 0.0),
             time: WrappingMillis::default(),
-            rates: Rates::NONE,
+            rates: Rates::ZERO,
+            current: Current::UNKNOWN,
             part: Part::FREE,
         };
         let of = |method, rolls_deg: &[f32]| {

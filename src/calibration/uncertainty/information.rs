@@ -112,7 +112,7 @@ impl Information {
         let measured = MeasuredSample { x, tilt, heading_rad: None };
         let equations = SampleEquations::new(parameters, &measured, &likelihood.noise, &likelihood.config, false);
         self.system.add(&equations);
-        self.add_inclination(&equations, attitude, Rates::NONE);
+        self.add_inclination(&equations, attitude, Rates::ZERO);
     }
 
     /// Attitude latency, and the derivative of the unknowns by it (1/s). `None` without attitude rates.

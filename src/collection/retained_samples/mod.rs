@@ -20,7 +20,7 @@ use words::{Checksum, Words, words};
 pub const MARKS_CAPACITY: usize = 36;
 
 /// Layout version; increment when the meaning of header or samples changes.
-const LAYOUT_VERSION: u32 = 2;
+const LAYOUT_VERSION: u32 = 3;
 
 /// Checksum seed from layout and firmware version, which rejects memory of other firmware.
 const FIRMWARE_SEED: u32 = {
@@ -37,7 +37,7 @@ const FIRMWARE_SEED: u32 = {
 /// Unexpected restarts in a row, without a completed solve, after which the samples are discarded as a possible cause.
 const MAX_RESTARTS: u32 = 3;
 
-/// Sample memory of one collection, 20 KB.
+/// Sample memory of one collection, 23 KB.
 #[derive(Clone, Debug)]
 pub struct RetainedSamples {
     checksum: u32,

@@ -1,6 +1,6 @@
 //! Values in retained memory as words: for the checksum, and to simulate memory contents.
 
-use crate::calibration::{Mark, Part, Rates, Sample};
+use crate::calibration::{Current, Mark, Part, Rates, Sample};
 use crate::frames::{Attitude, Field, Sensor};
 use crate::time::WrappingMillis;
 
@@ -34,14 +34,26 @@ pub(super) use words;
 
 words!(u32, core::convert::identity, core::convert::identity);
 words!(u16, u32::from, |word| word as Self);
+words!(i16, |number: Self| u32::from(number.cast_unsigned()), |word| (word as u16).cast_signed());
 words!(u8, u32::from, |word| word as Self);
 words!(f32, f32::to_bits, f32::from_bits);
 words!(WrappingMillis, Self::as_ms, Self::new);
-words!(Rates, Self::to_bits, Self::from_bits);
 words!(Part, Self::number, Self::from_number);
 words!(Attitude { roll_rad, pitch_rad });
-words!(Sample { field, attitude, rates, time, part });
+words!(Sample { field, attitude, rates, current, time, part });
 words!(Mark { sample, heading_rad });
+
+impl Words for Rates {
+    fn visit_words(&mut self, visit: &mut impl FnMut(&mut u32)) {
+        self.steps_mut().visit_words(visit);
+    }
+}
+
+impl Words for Current {
+    fn visit_words(&mut self, visit: &mut impl FnMut(&mut u32)) {
+        self.steps_mut().visit_words(visit);
+    }
+}
 
 impl Words for Field<Sensor> {
     fn visit_words(&mut self, visit: &mut impl FnMut(&mut u32)) {

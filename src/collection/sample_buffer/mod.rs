@@ -4,7 +4,7 @@
 //! within them. A new sample is the latest of its part; storing it moves all samples behind that part.
 
 use super::quota::{Quota, SampleUse};
-use crate::calibration::{Part, Rates, Sample, Samples, part_of, part_range};
+use crate::calibration::{Current, Part, Rates, Sample, Samples, part_of, part_range};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -13,8 +13,9 @@ const CAPACITY: usize = Quota::ALL.fit + Quota::ALL.held_back;
 pub(super) const UNUSED_SAMPLE: Sample = Sample {
     field: Field::from_ut(0.0, 0.0, 0.0),
     attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
-    rates: Rates::NONE,
+    rates: Rates::ZERO,
     time: WrappingMillis::new(0),
+    current: Current::UNKNOWN,
     part: Part::LEFT,
 };
 

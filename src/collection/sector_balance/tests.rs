@@ -1,6 +1,6 @@
 use super::super::test_samples::{TestBuffer, circle_sample, sample, turn_samples};
 use super::*;
-use crate::calibration::{Part, Rates, Samples};
+use crate::calibration::{Current, Part, Rates, Samples};
 use crate::collection::progress::Coverage;
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
@@ -134,7 +134,8 @@ fn no_sensor_value_panics() {
         field: Field::from_ut(values[i as usize % 6], values[i as usize / 6 % 6], values[i as usize / 36 % 6]),
         attitude: Attitude::from_deg(25.0, 0.0),
         time: WrappingMillis::new(i * 400),
-        rates: Rates::NONE,
+        rates: Rates::ZERO,
+        current: Current::UNKNOWN,
         part: Part::FREE,
     });
     assert!(coverage(samples).samples > 0);

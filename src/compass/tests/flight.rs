@@ -1,8 +1,8 @@
 //! Collections in flight with trial solves.
 
 use super::*;
-use crate::calibration::Manoeuvre;
 use crate::calibration::tests::synthetic::multirotor_samples;
+use crate::calibration::{Current, Manoeuvre};
 use nalgebra::Vector3;
 
 /// 100 s of a multirotor, 4 samples/s: 40 s of yaw turns, then tilts to all sides.
@@ -77,7 +77,7 @@ fn with_motor_current_two_successive_good_trials_are_required() {
         let mut samples = hover(1);
         for (number, sample) in samples.iter_mut().enumerate() {
             let current_a = 15.0 + 5.0 * (number as f32 * 0.3).sin();
-            sample.rates = sample.rates.with_current(Some(current_a));
+            sample.current = Current::from_a(Some(current_a));
             sample.field.ut += Vector3::new(0.6, -0.7, 0.4) * ut_per_a * current_a;
         }
         let (mut bench, mut good) = (TestBed::with_accuracy(1.5), 0);
@@ -181,7 +181,14 @@ fn a_level_vehicle_is_calibrated_after_a_minute_without_tilt() {
                 let field =
                     crate::calibration::tests::synthetic::sample(&airframe(), attitude, t_s * 0.35, 0.1, &mut random)
                         .field;
-                Sample { field, attitude, rates, time: WrappingMillis::new(u32::from(i) * 100), part: Part::FREE }
+                Sample {
+                    field,
+                    attitude,
+                    rates,
+                    time: WrappingMillis::new(u32::from(i) * 100),
+                    current: Current::UNKNOWN,
+                    part: Part::FREE,
+                }
             })
             .collect()
     };

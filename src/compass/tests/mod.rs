@@ -7,7 +7,7 @@ use super::state::HELD_SAMPLES;
 use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
-use crate::calibration::{Calibration, Method, Orientation, Part, Rates, SamplePart, Side, SolveError};
+use crate::calibration::{Calibration, Current, Method, Orientation, Part, Rates, SamplePart, Side, SolveError};
 use crate::collection::CollectionProblem;
 use crate::frames::{Attitude, Field, Sensor};
 use crate::instrument::{Correction, SampleAttitude};
@@ -91,7 +91,8 @@ impl TestBed {
             field,
             attitude,
             time: self.time(),
-            rates: Rates::NONE,
+            rates: Rates::ZERO,
+            current: Current::UNKNOWN,
             part: Part::FREE,
         }));
         self.now = self.now.wrapping_add(STEP_MS);
@@ -104,7 +105,8 @@ impl TestBed {
                 field,
                 attitude: Attitude::default(),
                 time: self.time(),
-                rates: Rates::NONE,
+                rates: Rates::ZERO,
+                current: Current::UNKNOWN,
                 part: Part::FREE,
             }));
             self.now = self.now.wrapping_add(100);

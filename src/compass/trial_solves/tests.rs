@@ -3,7 +3,9 @@
 use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::method_selection::Procedure;
-use crate::calibration::{Calibration, HeadingUncertainty, Method, MotorCurrentInterference, Orientation, Quality};
+use crate::calibration::{
+    Calibration, Current, HeadingUncertainty, Method, MotorCurrentInterference, Orientation, Quality,
+};
 use crate::calibration::{Part, Rates, Sample};
 use crate::collection::RetainedSamples;
 use crate::frames::{Attitude, Field, Level};
@@ -23,7 +25,14 @@ fn trial_times_in_turns() -> Vec<(f32, u8)> {
         let heading_rad = f32::from(tenths % 180).to_radians() * 2.0;
         let field = Field::new(attitude.body(Field::<Level>::earth(50.0, 1.1, heading_rad)).ut);
         let time = WrappingMillis::new(u32::from(tenths) * 100);
-        collector.push(Sample { field, attitude, rates: Rates::NONE, time, part: Part::FREE });
+        collector.push(Sample {
+            field,
+            attitude,
+            rates: Rates::ZERO,
+            time,
+            current: Current::UNKNOWN,
+            part: Part::FREE,
+        });
         if pace.is_due(&collector, time) {
             due.push((t_s, pace.represented_trials));
         }

@@ -5,7 +5,7 @@ use core::f32::consts::PI;
 use testkit::random::Random;
 
 use super::*;
-use crate::calibration::{Calibration, HeadingUncertainty, Orientation, Part, Rates};
+use crate::calibration::{Calibration, Current, HeadingUncertainty, Orientation, Part, Rates};
 use crate::frames::{Attitude, Field};
 use crate::heading::Heading;
 use crate::time::WrappingMillis;
@@ -150,8 +150,9 @@ impl Flight {
         let sample = Sample {
             field: Field::new(field),
             attitude: reported,
-            rates: Rates::NONE,
+            rates: Rates::ZERO,
             time: at.wrapping_millis(),
+            current: Current::UNKNOWN,
             part: Part::FREE,
         };
         let monitored = MonitoredCalibration {
@@ -425,8 +426,9 @@ fn a_source_without_rates_is_monitored() {
         let sample = Sample {
             field: Field::new(field),
             attitude,
-            rates: Rates::NONE,
+            rates: Rates::ZERO,
             time: at.wrapping_millis(),
+            current: Current::UNKNOWN,
             part: Part::FREE,
         };
         let monitored = MonitoredCalibration {
@@ -455,8 +457,9 @@ fn non_finite_samples_are_ignored() {
     let good = Sample {
         field: Field::from_ut(20.0, 3.0, 40.0),
         attitude: Attitude::default(),
-        rates: Rates::NONE,
+        rates: Rates::ZERO,
         time: WrappingMillis::default(),
+        current: Current::UNKNOWN,
         part: Part::FREE,
     };
     let non_finite = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
@@ -536,8 +539,9 @@ fn a_day_at_rest_changes_no_state() {
         let sample = Sample {
             field: Field::new(field),
             attitude,
-            rates: Rates::NONE,
+            rates: Rates::ZERO,
             time: at.wrapping_millis(),
+            current: Current::UNKNOWN,
             part: Part::FREE,
         };
         let monitored = MonitoredCalibration {

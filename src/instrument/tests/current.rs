@@ -96,6 +96,6 @@ fn samples_keep_their_current() {
             found.extend(samples(&mut instrument));
         }
         assert!(found.len() >= 8, "{}", found.len());
-        assert!(found.iter().all(|sample| sample.rates.current_a() == Some(16.0)), "{sample_attitude:?}");
+        assert!(found.iter().all(|sample| sample.current.amperes() == Some(16.0)), "{sample_attitude:?}");
     }
 }

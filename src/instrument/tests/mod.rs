@@ -4,7 +4,7 @@ mod current;
 
 use super::*;
 use crate::attitude::{AttitudeConfig, RejectedReports, SenderId};
-use crate::calibration::{Calibration, HeadingUncertainty, Orientation, Part, Rates};
+use crate::calibration::{Calibration, Current, HeadingUncertainty, Orientation, Part, Rates};
 use crate::frames::{Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 use testkit::random::Random;
@@ -353,7 +353,14 @@ fn a_recording_at_10_hz_passes_unchanged() {
         instrument.on_attitude(at(us), report);
         let estimate = instrument.on_reading(at(us), reading(field));
         assert_eq!(estimate.attitude, Some(attitude), "row {row}");
-        let sample = Sample { field, attitude, time: at(us).wrapping_millis(), rates: Rates::NONE, part: Part::FREE };
+        let sample = Sample {
+            field,
+            attitude,
+            time: at(us).wrapping_millis(),
+            rates: Rates::ZERO,
+            current: Current::UNKNOWN,
+            part: Part::FREE,
+        };
         assert_eq!(samples(&mut instrument), [sample], "row {row}");
     }
 }

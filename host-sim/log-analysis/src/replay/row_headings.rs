@@ -1,7 +1,7 @@
 //! Headings of the rows by the module's instrument, and their score.
 
 use autoswing::attitude::{self, AttitudeReport, EulerRates, SenderId};
-use autoswing::calibration::{Calibration, Part, Rates, Sample, Solution};
+use autoswing::calibration::{Calibration, Current, Part, Rates, Sample, Solution};
 use autoswing::frames::{Attitude, Field, Level};
 use autoswing::heading;
 use autoswing::instrument::{Correction, Estimate, Instrument, InstrumentConfig};
@@ -59,8 +59,14 @@ pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
     let EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s } =
         EulerRates::from_report(&report(row.attitude, row.rates_rad_s)).unwrap_or_default();
     let rates = Rates::from_rad_s([roll_rad_s, pitch_rad_s, heading_rad_s]);
-    let sample =
-        Sample { field: row.field, attitude: row.attitude, rates, time: WrappingMillis::default(), part: Part::FREE };
+    let sample = Sample {
+        field: row.field,
+        attitude: row.attitude,
+        rates,
+        current: Current::UNKNOWN,
+        time: WrappingMillis::default(),
+        part: Part::FREE,
+    };
     calibration.corrected_level_field(&sample)
 }
 

@@ -33,7 +33,7 @@ pub fn retain_samples(samples: &[Sample]) -> Recording {
 
 #[cfg(test)]
 mod tests {
-    use autoswing::calibration::{Part, Rates, Samples};
+    use autoswing::calibration::{Current, Part, Rates, Samples};
     use autoswing::frames::{Attitude, Field};
     use autoswing::time::WrappingMillis;
     use log_analysis::replay::module_run::ModuleRun;
@@ -57,7 +57,8 @@ mod tests {
             Sample {
                 field,
                 attitude,
-                rates: Rates::NONE,
+                rates: Rates::ZERO,
+                current: Current::UNKNOWN,
                 time: WrappingMillis::new(u32::from(i) * 100),
                 part: Part::FREE,
             }

@@ -1,6 +1,6 @@
 //! One random airframe with its turns, and simulated recordings of them.
 
-use autoswing::calibration::{Calibration, ConsiderSigmas, Part, Rates, Sample, Samples, Solution};
+use autoswing::calibration::{Calibration, ConsiderSigmas, Current, Part, Rates, Sample, Samples, Solution};
 use autoswing::frames::{Attitude, Field};
 use autoswing::heading;
 use autoswing::time::WrappingMillis;
@@ -266,7 +266,7 @@ impl Trial {
         let instant = TrueSample {
             euler,
             disturbing_acceleration_m_s2: 0.0,
-            rates: Rates::NONE,
+            rates: Rates::ZERO,
             time: WrappingMillis::default(),
         };
         let Sample { field, attitude, .. } = self.sample(&instant, used.source, random);
@@ -291,6 +291,7 @@ impl Trial {
             attitude: Attitude { roll_rad, pitch_rad },
             time: instant.time,
             rates: instant.rates,
+            current: Current::UNKNOWN,
             part: Part::FREE,
         }
     }
@@ -330,7 +331,7 @@ fn turn(ranges: &Ranges, bank_deg: f64, random: &mut Random) -> Vec<TrueSample> 
             heading_rad += STEP_S * 9.81 * libm::tan(roll_rad) / 22.0;
             let pitch_rad = (2.0 + attitude_noise[1]).to_radians();
             let (euler, time) = (Euler { roll_rad, pitch_rad, heading_rad }, WrappingMillis::new(i as u32 * 500));
-            TrueSample { euler, disturbing_acceleration_m_s2: 0.0, rates: Rates::NONE, time }
+            TrueSample { euler, disturbing_acceleration_m_s2: 0.0, rates: Rates::ZERO, time }
         })
         .collect()
 }

@@ -7,7 +7,7 @@ use super::*;
 use crate::calibration::closed_form::starting_point;
 use crate::calibration::model::{INCLINATION_INDEX, ModelConfig, ModelParameters};
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns};
-use crate::calibration::{Part, Prior, Rates, Sample};
+use crate::calibration::{Current, Part, Prior, Rates, Sample};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -52,7 +52,8 @@ fn refinement_off_by(sigmas: f32) -> Refinement {
         field: Field::from_ut(50.0, 0.0, 0.0),
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
-        rates: Rates::NONE,
+        rates: Rates::ZERO,
+        current: Current::UNKNOWN,
         part: Part::FREE,
     };
     let samples = Parts { left: &[sample], ..Parts::default() }.samples();
@@ -68,7 +69,8 @@ fn descend(refinement: &mut Refinement, higher: f32) -> RefinementProgress {
         field: Field::from_ut(50.0, 0.0, 0.0),
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
-        rates: Rates::NONE,
+        rates: Rates::ZERO,
+        current: Current::UNKNOWN,
         part: Part::FREE,
     };
     refinement.system.cost += higher;

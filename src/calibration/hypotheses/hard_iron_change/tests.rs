@@ -9,7 +9,7 @@ use crate::calibration::model::{JacobianRow, Likelihood, ModelConfig, NoiseModel
 use crate::calibration::tests::derivatives::assert_derivative;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns};
 use crate::calibration::uncertainty::information::Information;
-use crate::calibration::{Calibration, LeastSquares, Method, Orientation, Part, Prior, Rates, Sample};
+use crate::calibration::{Calibration, Current, LeastSquares, Method, Orientation, Part, Prior, Rates, Sample};
 use crate::frames::Field;
 
 /// Flight with a hard-iron change by `beta_ut` before a time, and unknowns near the maximum likelihood.
@@ -251,7 +251,8 @@ fn the_time_span_covers_all_parts() {
         field: Field::from_ut(0.0, 0.0, 0.0),
         attitude: crate::frames::Attitude::default(),
         time: WrappingMillis::new(millis),
-        rates: Rates::NONE,
+        rates: Rates::ZERO,
+        current: Current::UNKNOWN,
         part: Part::FREE,
     };
     let (left, right, level) = ([at(50), at(900)], [at(20), at(300)], [at(400), at(700)]);

@@ -7,7 +7,7 @@ use super::*;
 use crate::calibration::Axis;
 use crate::calibration::solver::sample_checks::stuck_axis;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
-use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, Mark, Part, Rates};
+use crate::calibration::{Current, DetectedHardIronChange, HardIronTimeCourse, Mark, Part, Rates};
 use crate::frames::Attitude;
 use crate::frames::Field;
 use crate::time::WrappingMillis;
@@ -18,7 +18,8 @@ fn varying_samples(number: u8) -> Vec<Sample> {
         field: field(i),
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
-        rates: Rates::NONE,
+        rates: Rates::ZERO,
+        current: Current::UNKNOWN,
         part: Part::FREE,
     };
     (0..number).map(sample).collect()
