@@ -20,7 +20,7 @@ use autoswing::wire::{msp, nmea};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embedded_io_async::Write as _;
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 use super::clock;
 use super::uart::UartTx;
@@ -237,14 +237,23 @@ struct Turns(&'static mut [Sample]);
 impl Turns {
     /// Call once.
     fn fly() -> Self {
-        static TURNS: StaticCell<[Sample; 2 * SAMPLES]> = StaticCell::new();
+        const EMPTY: Sample = Sample {
+            field: Field::from_ut(0.0, 0.0, 0.0),
+            attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
+            rates: Rates::ZERO,
+            time: WrappingMillis::new(0),
+            current: Current::UNKNOWN,
+            part: Part::FREE,
+        };
+        // Filled in place: the array is larger than half of the stack.
+        static TURNS: ConstStaticCell<[Sample; 2 * SAMPLES]> = ConstStaticCell::new([EMPTY; 2 * SAMPLES]);
+        let turns = TURNS.take();
         let mut noise = Noise(1);
-        Self(TURNS.init_with(|| {
-            core::array::from_fn(|i| {
-                let (side, part) = if i < SAMPLES { (-1.0, Part::LEFT) } else { (1.0, Part::RIGHT) };
-                Sample { part, ..sample(side, i % SAMPLES, &mut noise) }
-            })
-        }))
+        for (i, place) in turns.iter_mut().enumerate() {
+            let (side, part) = if i < SAMPLES { (-1.0, Part::LEFT) } else { (1.0, Part::RIGHT) };
+            *place = Sample { part, ..sample(side, i % SAMPLES, &mut noise) };
+        }
+        Self(turns)
     }
 
     /// Adds attitude latency, seconds.
