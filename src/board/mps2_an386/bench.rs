@@ -20,7 +20,7 @@ use autoswing::wire::{msp, nmea};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embedded_io_async::Write as _;
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 use super::clock;
 use super::uart::UartTx;
@@ -239,14 +239,14 @@ struct Turns(&'static mut [Sample]);
 impl Turns {
     /// Call once.
     fn fly() -> Self {
-        static TURNS: StaticCell<[Sample; 2 * SAMPLES]> = StaticCell::new();
-        let mut noise = Noise(1);
-        Self(TURNS.init_with(|| {
-            core::array::from_fn(|i| {
-                let (side, part) = if i < SAMPLES { (-1.0, Part::LEFT) } else { (1.0, Part::RIGHT) };
-                Sample { part, ..sample(side, i % SAMPLES, &mut noise) }
-            })
-        }))
+        // An array made by a function would be on the stack first.
+        static TURNS: ConstStaticCell<heapless::Vec<Sample, { 2 * SAMPLES }>> =
+            ConstStaticCell::new(heapless::Vec::new());
+        let (turns, mut noise) = (TURNS.take(), Noise(1));
+        for (side, part) in [(-1.0, Part::LEFT), (1.0, Part::RIGHT)] {
+            turns.extend((0..SAMPLES).map(|i| Sample { part, ..sample(side, i, &mut noise) }));
+        }
+        Self(turns)
     }
 
     /// Adds attitude latency, seconds.
