@@ -225,7 +225,8 @@ enum VehicleMotion {
     TiltsOnUnknownHeading,
 }
 
-const MIN_BANK_CORRELATION: f32 = 0.5;
+/// Correlation of bank and heading rate: 1 in coordinated turns, about 0.5 for a VTOL that hovered before them.
+const MIN_BANK_CORRELATION: f32 = 0.45;
 
 /// Whether the vehicle banks into its turns; true for samples of the turns procedure.
 fn banks_into_turns(samples: Samples<'_>) -> bool {
@@ -381,7 +382,7 @@ mod tests {
         assert!(follows_bank(&|t| 25.0 * t.sin(), &|t| 12.0 * t.sin()));
         assert!(!follows_bank(&|t| 25.0 * t.sin(), &|t| -12.0 * t.sin()));
         assert!(!follows_bank(&|t| 25.0 * t.sin(), &|_| 0.0));
-        // Correlation is the cosine of the phase difference: 1/2 at 60 deg.
+        // Correlation is the cosine of the phase difference: 0.45 at 63 deg.
         assert!(follows_bank(&|t| 25.0 * t.sin(), &|t| 12.0 * (t + 0.9).sin()));
         assert!(!follows_bank(&|t| 25.0 * t.sin(), &|t| 12.0 * (t + 1.2).sin()));
         assert!(banks_into_turns(Samples::default()), "who was asked for turns");

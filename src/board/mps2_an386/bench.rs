@@ -185,7 +185,9 @@ fn watching(solution: &Solution) -> u64 {
         let reading = Reading { field: sensed(attitude, heading_rad), saturated: false, overrun: false };
         black_box(instrument.on_reading(at, reading));
         while instrument.next_sample().is_some() {}
-        most = most.max(instructions(|| instrument.update_monitor()));
+        if instrument.is_monitor_update_due() {
+            most = most.max(instructions(|| instrument.update_monitor()));
+        }
     }
     most
 }
@@ -237,21 +239,12 @@ struct Turns(&'static mut [Sample]);
 impl Turns {
     /// Call once.
     fn fly() -> Self {
-        const EMPTY: Sample = Sample {
-            field: Field::from_ut(0.0, 0.0, 0.0),
-            attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
-            rates: Rates::ZERO,
-            time: WrappingMillis::new(0),
-            current: Current::UNKNOWN,
-            part: Part::FREE,
-        };
-        // Filled in place: the array is larger than half of the stack.
-        static TURNS: ConstStaticCell<[Sample; 2 * SAMPLES]> = ConstStaticCell::new([EMPTY; 2 * SAMPLES]);
-        let turns = TURNS.take();
-        let mut noise = Noise(1);
-        for (i, place) in turns.iter_mut().enumerate() {
-            let (side, part) = if i < SAMPLES { (-1.0, Part::LEFT) } else { (1.0, Part::RIGHT) };
-            *place = Sample { part, ..sample(side, i % SAMPLES, &mut noise) };
+        // An array made by a function would be on the stack first.
+        static TURNS: ConstStaticCell<heapless::Vec<Sample, { 2 * SAMPLES }>> =
+            ConstStaticCell::new(heapless::Vec::new());
+        let (turns, mut noise) = (TURNS.take(), Noise(1));
+        for (side, part) in [(-1.0, Part::LEFT), (1.0, Part::RIGHT)] {
+            turns.extend((0..SAMPLES).map(|i| Sample { part, ..sample(side, i, &mut noise) }));
         }
         Self(turns)
     }

@@ -66,10 +66,10 @@ mod tests {
         assert!(seen.iter().all(|&seen| seen));
     }
 
-    fn tumbled(missing: usize) -> Result<Quality, SolveError> {
+    fn tumbled_samples(missing: usize) -> Vec<Sample> {
         let mut random = Random(5);
         let mut noise = move || Vector3::from_fn(|_, _| random.normal());
-        let samples: Vec<Sample> = core::iter::repeat_with(&mut noise)
+        core::iter::repeat_with(&mut noise)
             .map(|v| v.normalize() * 50.0)
             .filter(|field| direction_index(field) >= missing)
             .take(300)
@@ -82,9 +82,27 @@ mod tests {
                 current: Current::UNKNOWN,
                 part: Part::FREE,
             })
-            .collect();
-        solve(Method::Ellipsoid, Parts { level: &samples, ..Parts::default() }.samples(), &Prior::default())
-            .map(|s| s.quality)
+            .collect()
+    }
+
+    fn tumbled(missing: usize) -> Result<Quality, SolveError> {
+        solve(Method::Ellipsoid, Samples::new(&tumbled_samples(missing)), &Prior::default()).map(|s| s.quality)
+    }
+
+    /// The solve starts from the sphere, and its advice assumes turns.
+    #[test]
+    fn neither_attitude_nor_part_of_tumbled_samples_matters() {
+        let mut samples = tumbled_samples(0);
+        for (i, sample) in samples.iter_mut().enumerate() {
+            sample.attitude = Attitude::from_deg(40.0 * (i as f32).sin(), 30.0 * (1.7 * i as f32).cos());
+        }
+        let solved = |parts: Parts<'_>| {
+            let solution = solve(Method::Ellipsoid, parts.samples(), &Prior::default()).unwrap();
+            (solution.calibration, solution.advice)
+        };
+        let free = solved(Parts { free: &samples, ..Parts::default() });
+        assert_eq!(free, solved(Parts { left: &samples, ..Parts::default() }));
+        assert!(free.1.is_some());
     }
 
     #[test]

@@ -123,9 +123,8 @@ impl<'a> Collector<'a> {
 
     fn push_turn_or_level(&mut self, sample: Sample) -> bool {
         if let Some(side) = self.detector.update(&sample) {
-            let is_first = !self.header.has_turned();
             self.header.set_turned();
-            SectorBalance::TURNS.push(self.view(Part::turn(side)), sample) || is_first
+            SectorBalance::TURNS.push(self.view(Part::turn(side)), sample)
         } else {
             // Before the first turn the aircraft may be parked near the iron of a hangar.
             self.header.has_turned() && is_level(&sample) && SectorBalance::LEVEL.push(self.view(Part::LEVEL), sample)

@@ -66,7 +66,7 @@ fn samples_survive_a_restart() {
             (Some(MANUAL), CollectionState::Running),
             "{procedure:?}"
         );
-        assert_eq!(progress, then.0, "{procedure:?}");
+        assert_eq!((progress, progress.procedure), (then.0, procedure));
         assert!(fit == then.1 && held_back == then.2, "{procedure:?}");
         assert_eq!(after.problem().is_some(), before.problem().is_some(), "{procedure:?}");
         assert!(fit.len() > 20 && held_back.len() > 5, "{procedure:?}");
@@ -254,6 +254,16 @@ fn random_memory_is_rejected_and_usable() {
         flight().take(30).for_each(|sample| collector.push(sample));
         assert!(collector.fit().all().all(|sample| sample.field.ut.norm() < 200.0));
     }
+}
+
+/// The first held-back sample would be fitted.
+#[test]
+fn another_use_of_a_sample_invalidates_the_memory() {
+    let retained = empty_memory();
+    collect(retained, Procedure::Turns, flight());
+    retained.samples.fit_count += 1;
+    retained.samples.held_back_count -= 1;
+    assert_eq!(Collector::new(retained).restored_context(), None);
 }
 
 #[test]

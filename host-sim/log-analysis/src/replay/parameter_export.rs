@@ -128,7 +128,7 @@ pub fn export_correction(
 }
 
 /// Symmetric (or diagonal) matrix and offsets whose headings over usable rows are nearest to the full correction's, by
-/// Gauss-Newton. Keeps the field strength.
+/// Gauss-Newton with step halving. Keeps the field strength.
 fn nearest(
     rows: &[ReplayRow],
     turned: &[ReplayRow],
@@ -136,7 +136,8 @@ fn nearest(
     near: FieldCorrection,
     is_diagonal: bool,
 ) -> FieldCorrection {
-    const STEPS: usize = 6;
+    const STEPS: usize = 20;
+    const MAX_HALVINGS: i32 = 6;
     const MAX_ROWS: usize = 1000;
     /// Regularisation of unobservable parameters: change of a matrix element, and of an offset in microtesla,
     /// equivalent to 1 deg in one row.
@@ -185,11 +186,11 @@ fn nearest(
             side[i] += weight * (start[i] - best.0[i]);
         }
         let Some(cholesky) = normal.cholesky() else { break };
-        let candidate = &best.0 + cholesky.solve(&side);
-        let squares = residuals(&candidate).norm_squared();
-        if squares >= best.1 {
-            break;
-        }
+        let step = cholesky.solve(&side);
+        // Far from the minimum, where headings are not linear in the parameters, a full step can lead uphill.
+        let shorter = (0..MAX_HALVINGS).map(|halvings| &best.0 + &step * 0.5_f64.powi(halvings));
+        let mut candidates = shorter.map(|candidate| (residuals(&candidate).norm_squared(), candidate));
+        let Some((squares, candidate)) = candidates.find(|(squares, _)| *squares < best.1) else { break };
         best = (candidate, squares);
     }
     let found = built(&best.0);
