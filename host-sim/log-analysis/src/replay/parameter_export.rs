@@ -137,7 +137,7 @@ fn nearest(
     is_diagonal: bool,
 ) -> FieldCorrection {
     const STEPS: usize = 20;
-    const MAX_HALVINGS: i32 = 6;
+    const MAX_HALVINGS: usize = 6;
     const MAX_ROWS: usize = 1000;
     /// Regularisation of unobservable parameters: change of a matrix element, and of an offset in microtesla,
     /// equivalent to 1 deg in one row.
@@ -188,8 +188,10 @@ fn nearest(
         let Some(cholesky) = normal.cholesky() else { break };
         let step = cholesky.solve(&side);
         // Far from the minimum, where headings are not linear in the parameters, a full step can lead uphill.
-        let shorter = (0..MAX_HALVINGS).map(|halvings| &best.0 + &step * 0.5_f64.powi(halvings));
-        let mut candidates = shorter.map(|candidate| (residuals(&candidate).norm_squared(), candidate));
+        let shorter = std::iter::successors(Some(1.0), |scale| Some(0.5 * scale)).take(MAX_HALVINGS);
+        let mut candidates = shorter
+            .map(|scale| &best.0 + &step * scale)
+            .map(|candidate| (residuals(&candidate).norm_squared(), candidate));
         let Some((squares, candidate)) = candidates.find(|(squares, _)| *squares < best.1) else { break };
         best = (candidate, squares);
     }
