@@ -2,7 +2,7 @@
 
 use super::circle::SECTORS;
 
-/// Fit samples per turn side: 16 per sector. 6.1 KB.
+/// Fit samples per turn side: 16 per sector. 6.9 KB.
 pub const FIT_CAPACITY: usize = 16 * SECTORS;
 
 /// Use of a sample.

@@ -16,7 +16,7 @@ use super::state::CollectionState;
 use crate::calibration::Mark;
 use words::{Checksum, Words, words};
 
-/// Capacity for compass-swing marks: one every 10 deg. 1.3 KB.
+/// Capacity for compass-swing marks: one every 10 deg. 1.4 KB.
 pub const MARKS_CAPACITY: usize = 36;
 
 /// Layout version; increment when the meaning of header or samples changes.

@@ -2,6 +2,7 @@
 //!
 //! Samples are ordered by use, part, and time: the fit samples are contiguous, so are the held-back ones, and each part
 //! within them. A new sample is the latest of its part; storing it moves all samples behind that part.
+//! A full free flight is in order of time within three sections only, in which its policy replaces samples.
 
 use super::quota::{Quota, SampleUse};
 use crate::calibration::{Current, Part, Rates, Sample, Samples, part_of, part_range};
