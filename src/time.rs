@@ -40,12 +40,6 @@ impl Timestamp {
         Self(self.0.saturating_add(us))
     }
 
-    /// The time minus microseconds, at least the start.
-    #[must_use]
-    pub const fn minus_us(self, us: u64) -> Self {
-        Self(self.0.saturating_sub(us))
-    }
-
     /// The time plus signed microseconds, at least the start.
     #[must_use]
     pub const fn plus_signed_us(self, us: i32) -> Self {
@@ -99,8 +93,6 @@ mod tests {
         let early = Timestamp::from_us(1_000);
         let late = early.plus_us(250);
         assert_eq!((late.us_since(early), early.us_since(late)), (250, 0));
-        assert_eq!(late.minus_us(250), early);
-        assert_eq!(early.minus_us(5_000), Timestamp::START);
         assert_eq!((early.plus_signed_us(250), late.plus_signed_us(-250)), (late, early));
         assert_eq!(early.plus_signed_us(-5_000), Timestamp::START);
         assert_eq!(Timestamp::from_us(u64::MAX).plus_us(1).as_us(), u64::MAX);

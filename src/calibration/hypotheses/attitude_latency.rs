@@ -37,7 +37,7 @@ const MAX_TRIAL_SIGMA_S: f32 = 2.0 * MAX_SIGMA_S;
 const CONVERGED_SIGMAS: f32 = 0.5;
 
 /// Maximum number of updates; the first leaves a few per cent, by nonlinearity.
-const MAX_UPDATES: u8 = 2;
+pub(in crate::calibration) const MAX_UPDATES: u8 = 2;
 
 impl AttitudeLatency {
     /// Maximum-likelihood latency and its sigma, with `used_s` applied. `contributions`: of the samples to `U`. `None`

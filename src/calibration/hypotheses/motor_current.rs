@@ -32,7 +32,7 @@ const TRIAL_SIGNIFICANCE: f32 = 30.0;
 const CONVERGED_SIGMAS: f32 = 0.3;
 
 /// Maximum number of updates. The first leaves a tenth, because the noise estimate contained the interference.
-const MAX_UPDATES: u8 = 4;
+pub(in crate::calibration) const MAX_UPDATES: u8 = 4;
 
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct InterferenceEstimate {

@@ -1,6 +1,8 @@
 //! Attempts of a maximum-likelihood solve: where each starts, and which one follows which.
 
 use crate::calibration::assessment::Solution;
+use crate::calibration::fit::levenberg_marquardt::MAX_REFINEMENT_STEPS;
+use crate::calibration::hypotheses::{attitude_latency, motor_current};
 use crate::calibration::{Calibration, Quality, SolveError};
 use crate::trig::Length as _;
 
@@ -33,6 +35,13 @@ pub(super) static QUEUE: [Attempt; 6] = [
     Attempt { start: Start::Sphere, uses_inclination: false },
     Attempt { start: Start::FirstResult, uses_inclination: false },
 ];
+
+/// Bound on the steps of a solve: each attempt refines once, and again after each update of latency and of motor
+/// current.
+pub(super) const MAX_STEPS: u32 = {
+    let refinements = 1 + attitude_latency::MAX_UPDATES as u32 + motor_current::MAX_UPDATES as u32;
+    QUEUE.len() as u32 * refinements * MAX_REFINEMENT_STEPS
+};
 
 impl Attempt {
     /// Whether this attempt may follow another.

@@ -44,6 +44,9 @@ const COST_TOLERANCE: f32 = 1.0;
 /// Noise estimates per solve; after three, sigma changes by less than 1 %.
 const NOISE_ESTIMATES: u8 = 3;
 
+/// Bound on the steps of a refinement: those before the first noise estimate, and after each.
+pub(in crate::calibration) const MAX_REFINEMENT_STEPS: u32 = MAX_STEPS as u32 * (1 + NOISE_ESTIMATES as u32);
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::calibration) enum RefinementProgress {
     /// More steps are needed.

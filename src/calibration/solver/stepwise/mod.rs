@@ -1,6 +1,6 @@
 //! Solver for all methods, in steps: from samples to a calibration with its quality.
 
-use super::attempts::{Attempt, QUEUE, Start, is_accurate, is_good, is_implausible, is_poor};
+use super::attempts::{Attempt, MAX_STEPS, QUEUE, Start, is_accurate, is_good, is_implausible, is_poor};
 use super::ellipsoid;
 use super::inclination::GivenInclination;
 use super::sample_checks::check_samples;
@@ -131,13 +131,12 @@ impl Solver {
     /// the samples do not determine the coefficients ([`SolveError::NotDetermined`]); or the solution is implausible
     /// ([`SolveError::TurnsReversed`], [`SolveError::InclinationContradicted`], [`SolveError::MountContradicted`]).
     pub fn run(mut self, samples: Samples<'_>) -> Result<Solution, SolveError> {
-        // Terminates: each attempt of the queue runs once, with a bounded number of updates of latency and motor
-        // current, and each refinement is of bounded length.
-        loop {
+        for _ in 0..MAX_STEPS {
             if let SolveProgress::Finished(end) = self.step(samples) {
                 return end;
             }
         }
+        Err(SolveError::NotConverged)
     }
 
     /// Starts the next attempt that the end of this one calls for; returns whether there is one.

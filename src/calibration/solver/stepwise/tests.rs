@@ -140,7 +140,7 @@ fn limits_of_a_poor_result() {
 
 fn run(mut solver: Solver, samples: Samples<'_>) -> (Result<Solution, SolveError>, usize) {
     let mut began = 1;
-    loop {
+    for _ in 0..MAX_STEPS {
         let before = solver.attempt;
         match solver.step(samples) {
             SolveProgress::Continue => {}
@@ -148,6 +148,7 @@ fn run(mut solver: Solver, samples: Samples<'_>) -> (Result<Solution, SolveError
         }
         began += usize::from(before != solver.attempt);
     }
+    panic!("no end within {MAX_STEPS} steps")
 }
 
 #[test]
