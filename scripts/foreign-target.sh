@@ -1,8 +1,8 @@
 # Sourced by scripts that compile for another target than this computer. Two ways, the first that is there:
 #   1. rustup with the target:  rustup target add TARGET
-#   2. no such target (an offline machine, say): Debian's packages cargo-web, rustc-web and rust-web-src build the standard
+#   2. without that target, for example offline: Debian's packages cargo-web, rustc-web and rust-web-src compile the standard
 #      library from source.
-# Never lets rustup fetch anything: asks only for what is on the disk.
+# rustup fetches nothing: only files on the disk are checked.
 
 has_rustup_target() {
     command -v rustc >/dev/null &&

@@ -15,7 +15,7 @@
 //! | `free_flight/`, `d_optimal_selection/` | policy of free flight: replacement of the least informative sample |
 //! | `part_view`, `quota` | what a policy acts on: one part of the buffer; its capacity |
 //! | `sample_buffer/`, `retained_samples/` | the one buffer; its memory with header and checksum |
-//! | `flight_statistics/`, `progress` | diagnosis of missing samples; what is collected |
+//! | `flight_statistics/`, `progress` | diagnosis of missing samples; counts and coverage of the stored ones |
 //! | `recent_samples` | the last second, for marks |
 
 mod circle;

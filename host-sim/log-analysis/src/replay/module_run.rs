@@ -84,7 +84,7 @@ impl<'a> ModuleRun<'a> {
         }
     }
 
-    /// Processes an event with all steps of the solve that it starts, and saves what is to be saved.
+    /// Processes an event, and all steps of the solve and the save that it starts.
     fn process(&mut self, event: Event) {
         let mut effect = self.compass.step(event);
         loop {
