@@ -1,9 +1,11 @@
 //! `host-sim bench speed` and `host-sim bench budget`.
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
 use autoswing::calibration::{Method, Prior, Samples, solve};
+use clap::Args;
 use host_sim::emulator::{self, Emulator, EmulatorError};
 use host_sim::studies::accuracy::trial::{ConstantErrorSigmas, Ranges, Trial};
 use log_analysis::numbers::median;
@@ -13,8 +15,29 @@ use simulator::world::WorldConfig;
 
 use super::failure::Failure;
 use super::print::{self, right_aligned, wrapped_table};
+use super::progress::waiting;
 use super::termination::{SecondSignal, TerminationSignals};
-use super::{Budget, Speed, waiting};
+
+/// Instruction counts on a Cortex-M4 against their limits, measured in QEMU.
+///
+/// Needs qemu-system-arm and the bench image from scripts/build-firmware. Exit code 1 if a limit is exceeded.
+#[derive(Args)]
+pub struct Budget {
+    /// Bench image [default: target/firmware/mps2-an386-bench.elf]
+    #[arg(long, value_name = "FILE")]
+    image: Option<PathBuf>,
+    /// Print one JSON object instead of the table
+    #[arg(long)]
+    json: bool,
+}
+
+/// Solve time of each method, and simulated seconds a second, on this machine
+#[derive(Args)]
+pub struct Speed {
+    /// Print one JSON object instead of the text
+    #[arg(long)]
+    json: bool,
+}
 
 pub fn budget(options: &Budget) -> Result<ExitCode, Failure> {
     let image = options.image.clone().unwrap_or_else(emulator::default_bench_image);

@@ -3,3 +3,10 @@
 /// Reason why a command failed; exit code 2.
 #[derive(Debug)]
 pub struct Failure(pub String);
+
+impl Failure {
+    /// An error with its stable code.
+    pub fn with_code(code: &str, error: impl std::fmt::Display) -> Self {
+        Self(format!("{code}: {error}"))
+    }
+}

@@ -1,9 +1,10 @@
 //! `host-sim fly` and `host-sim emulate`.
 
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use clap::Args;
 use comfy_table::Table;
 use host_sim::emulator::{self, Emulator, EmulatorError};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -24,9 +25,72 @@ use simulator::world::aircraft::VehicleKind;
 
 use super::failure::Failure;
 use super::files::named_world;
-use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
+use super::print::{self, airframe_json, append_wrapped, command_line, content_table, right_aligned, write_report};
+use super::range::{integer, number};
 use super::termination::{SecondSignal, TerminationSignals};
-use super::{Emulate, Fly, airframe_json};
+
+/// Take off uncalibrated, fly the calibration routine, restart, and fly on with the calibrated heading (the default).
+///
+/// The routine is flown or driven as by hand; those of all vehicles are listed below. The table compares heading errors
+/// before and after the calibration at twelve headings in level flight and in turns, with exact field and true
+/// attitude. The error of the headings streamed in flight, with noise and latency, is listed separately.
+#[derive(Args)]
+#[command(after_long_help = format!("Routines, none longer than three minutes; each ends automatically; `cal solve` ends it with the samples collected so far:\n\n{}", simulator::routine::all_instructions()))]
+pub struct Fly {
+    /// Seed of weather, ground, waves, noise and, for `random`, of airframe and place, 0 to 18446744073709551615
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer(0, u64::MAX))]
+    seed: u64,
+    /// Kind of aircraft: `plane`, `copter`, `vtol`, `rover` or `boat`; or an airframe as for --airframe, flown as an
+    /// aeroplane
+    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol|rover|boat")]
+    aircraft: String,
+    /// Airframe's hard and soft iron: `table1` (the UAV of Liu 2007, table 1), `random` (drawn from the seed), or an
+    /// airframe file such as host-sim/airframes/example.toml [default: table1]
+    #[arg(long, value_name = "table1|random|FILE")]
+    airframe: Option<String>,
+    /// Motor-current interference in hover, level flight or on level ground, microtesla, 0 to 200; it follows the
+    /// motors' current
+    #[arg(long, default_value_t = 0.0, value_name = "UT", value_parser = number(0.0, 200.0))]
+    current: f64,
+    /// Let the autopilot measure and report that current
+    #[arg(long)]
+    tell_current: bool,
+    /// Bank in an aeroplane's calibration turns, degrees, 5 to 60
+    #[arg(long, default_value_t = 25.0, value_name = "DEG", value_parser = number(5.0, 60.0))]
+    bank: f64,
+    /// An aeroplane's full circles each way, 0 to 100
+    #[arg(long, default_value_t = 4.0, value_name = "N", value_parser = number(0.0, 100.0))]
+    circles: f64,
+    /// Write the report page: a folder for its index.html, or a file (.html; .svg: only the before-and-after picture)
+    /// [default: report; none with --json]
+    #[arg(long, value_name = "DIR|FILE")]
+    report: Option<PathBuf>,
+    /// Write a log as the autopilot would, raw field, ten rows a second: by the file's extension of ArduPilot (.bin,
+    /// .log), PX4 (.ulg) or MAVLink (.tlog), else a table; `replay` reads all of them
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+    /// Print one JSON object instead of the table
+    #[arg(long)]
+    json: bool,
+    /// Show the console session as the pilot sees it
+    #[arg(long)]
+    console: bool,
+}
+
+/// Fly the mission with the firmware as ARM code, in QEMU.
+///
+/// QEMU's mps2-an386 is a Cortex-M4F with QEMU's own magnetometer.
+///
+/// Needs qemu-system-arm and the image from scripts/build-firmware. World and machine run in lockstep, so the result
+/// depends on the seed only, except for a microsecond at a restart. It takes a minute or two.
+#[derive(Args)]
+pub struct Emulate {
+    #[command(flatten)]
+    fly: Fly,
+    /// Firmware image [default: target/firmware/mps2-an386.elf]
+    #[arg(long, value_name = "FILE")]
+    image: Option<PathBuf>,
+}
 
 const DEFAULT_REPORT: &str = "report";
 

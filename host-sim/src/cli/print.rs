@@ -11,6 +11,8 @@ use log_analysis::report::Report;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde::Serialize;
 use serde_json::{Value, json};
+use simulator::world::WorldConfig;
+use simulator::world::airframe::AirframeDescription;
 
 use super::failure::Failure;
 use super::files::write_report_file;
@@ -176,6 +178,18 @@ pub fn append_wrapped(out: &mut String, indent: &str, words: &str) {
     }
     out.push_str(&line);
     out.push('\n');
+}
+
+/// Airframe and Earth field, as objects of the command line show them.
+pub fn airframe_json(world: &WorldConfig) -> Value {
+    let AirframeDescription { soft_iron, hard_iron_ut, mounting_deg } = AirframeDescription::from(&world.airframe);
+    json!({
+        "soft_iron": soft_iron.map(|row| row.map(|number| round_to(number, 4))),
+        "hard_iron_ut": hard_iron_ut,
+        "mounting_deg": mounting_deg,
+        "total_ut": world.earth.total_ut,
+        "inclination_deg": world.earth.inclination_deg,
+    })
 }
 
 #[cfg(test)]

@@ -4,6 +4,11 @@ use std::fmt::Display;
 use std::str::FromStr;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use simulator::world::aircraft::VehicleKind;
+
+/// Vehicles of the studies.
+pub const AIRCRAFT: &[(&str, VehicleKind)] =
+    &[("plane", VehicleKind::Plane), ("copter", VehicleKind::Copter), ("vtol", VehicleKind::Vtol)];
 
 /// Parses a number in a range.
 pub fn number(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {

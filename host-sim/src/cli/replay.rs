@@ -2,22 +2,93 @@
 
 use std::fmt::Write as _;
 use std::io::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use autoswing::heading::NoHeading;
+use clap::Args;
 use comfy_table::Table;
 use log_analysis::log::LogError;
-use log_analysis::replay::HeadingRow;
+use log_analysis::log::csv::FieldUnit;
 use log_analysis::replay::evaluation::{CompassEvaluation, EvaluationOptions, evaluate_flight};
 use log_analysis::replay::parameter_export::{self, ParameterFormat};
 use log_analysis::replay::verdict::Verdict;
+use log_analysis::replay::{HeadingRow, RowSelection};
 use log_analysis::report::{self, ReportOrigin};
 
 use super::failure::Failure;
 use super::files::read_log;
 use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
-use super::{Replay, SAMPLES, waiting};
+use super::progress::waiting;
+use super::range::{integer, number, one_of};
+
+const SAMPLES: &[(&str, RowSelection)] =
+    &[("all", RowSelection::All), ("turns", RowSelection::Turns), ("flight", RowSelection::Flight)];
+
+const PARAMETER_FORMATS: &[(&str, ParameterFormat)] =
+    &[("ardupilot", ParameterFormat::ArduPilot), ("px4", ParameterFormat::Px4), ("inav", ParameterFormat::Inav)];
+
+const UNITS: &[(&str, FieldUnit)] = &[("mg", FieldUnit::Milligauss), ("ut", FieldUnit::Microtesla)];
+
+/// Evaluate the compasses of a flight log, and run the module's collection and solver on each.
+///
+/// Logs of ArduPilot (DataFlash .bin or .log, MAVLink .tlog), of PX4 (.ulg) and tables are recognised by content; `-`
+/// is standard input. The autopilot's own correction is undone, the latency of the logged field is estimated from the
+/// flight, and headings by the autopilot's parameters, a sphere fit, an ellipsoid fit and the module are compared with
+/// the best reference heading in the log. A simulator's true attitude (SIM, SIMSTATE) is used as reference only.
+///
+/// A table has values separated by comma, semicolon or tab, with column names in the first line: t_s (seconds), mx, my,
+/// mz (raw field; body axes forward, right, down), roll_deg, pitch_deg (right wing down, nose up positive). Optional:
+/// `use` (0 excludes a row), p_dps, q_dps, r_dps (body rates, deg/s, each the mean since the row before), yaw_ref_deg
+/// (reference heading), yaw_deg (the autopilot's, from true north), current_a, lat_deg, lon_deg, height_m, speed_m_s
+/// and course_deg (over ground, from true north), armed (0 or 1), and mx2, my2, mz2 of a second compass, up to the
+/// eighth. Invalid lines are skipped.
+///
+/// Exit codes: 0 the module would calibrate with at least one compass, 1 with none, 2 the file cannot be read.
+#[derive(Args)]
+pub struct Replay {
+    /// The log; `-` is standard input
+    file: PathBuf,
+    /// Rows used for the fit: samples the module keeps in any flight until they suffice (`flight`); `all` usable rows,
+    /// evenly thinned to the device's capacity; or the samples of its `turns` procedure
+    #[arg(long, default_value = "flight", value_name = "flight|all|turns", value_parser = one_of(SAMPLES))]
+    samples: RowSelection,
+    /// Evaluate only this compass, by the autopilot's number, 1 to 8
+    #[arg(long, value_name = "N", value_parser = integer(1_u8, 8))]
+    compass: Option<u8>,
+    /// MAVLink system to read if the log has several vehicles, 1 to 255 [default: the first autopilot received]
+    #[arg(long, value_name = "N", value_parser = integer(1_u8, 255))]
+    system: Option<u8>,
+    /// Latency of the logged field at its time stamp, milliseconds, -200 to 500 [default: estimated from the flight]
+    #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = number(-200.0, 500.0))]
+    age: Option<f64>,
+    /// Write the parameters of the compasses that would have calibrated
+    #[arg(long, value_name = "FILE")]
+    params: Option<PathBuf>,
+    /// Format of the parameters [default: of the autopilot that wrote the log, else ArduPilot's]
+    #[arg(long, value_name = "ardupilot|px4|inav", value_parser = one_of(PARAMETER_FORMATS))]
+    params_for: Option<ParameterFormat>,
+    /// Unit of mx, my, mz in a table: milligauss or microtesla
+    #[arg(long, default_value = "mg", value_name = "mg|ut", value_parser = one_of(UNITS))]
+    unit: FieldUnit,
+    /// Inclination of the Earth field, degrees, -90 to 90, positive down [default: by the field model if the log has
+    /// place and day and the samples do not contradict it, else estimated]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = number(-90.0, 90.0))]
+    inclination: Option<f64>,
+    /// Fit only rows before this time of the log, seconds, -1000000000 to 1000000000
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = number(-1e9, 1e9))]
+    fit_until: Option<f64>,
+    /// Write t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg for every row of the first compass; the last
+    /// two are empty without a smoothed heading
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Write the report page: a folder for its index.html, or a file (.html; .svg: only the before-and-after picture)
+    #[arg(long, value_name = "DIR|FILE")]
+    report: Option<PathBuf>,
+    /// Print one JSON object instead of the table
+    #[arg(long)]
+    json: bool,
+}
 
 pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
     let name = options.file.display();

@@ -4,6 +4,9 @@ use std::fmt;
 use std::io;
 use std::path::PathBuf;
 
+/// Program that emulates the machine.
+pub(super) const QEMU: &str = "qemu-system-arm";
+
 /// Reason why the emulator did not start or has ended.
 #[derive(Debug)]
 pub enum EmulatorError {
@@ -44,9 +47,8 @@ impl fmt::Display for EmulatorError {
         match self {
             Self::NoQemu(error) => write!(
                 f,
-                "{} cannot be started ({error}); install QEMU's system emulator for ARM, on Debian: \
-                 apt-get install qemu-system-arm",
-                super::QEMU
+                "{QEMU} cannot be started ({error}); install QEMU's system emulator for ARM, on Debian: \
+                 apt-get install qemu-system-arm"
             ),
             Self::NoImage(path) => {
                 write!(f, "no firmware at {}; build it: scripts/build-firmware", path.display())
@@ -59,7 +61,7 @@ impl fmt::Display for EmulatorError {
                 )
             }
             Self::Interrupted => f.write_str("interrupted"),
-            Self::Ended(output) => write!(f, "{} has ended: {}", super::QEMU, output.trim()),
+            Self::Ended(output) => write!(f, "{QEMU} has ended: {}", output.trim()),
             Self::Connection(detail, error) => write!(f, "the emulator's {detail}: {error}"),
             Self::Protocol(response) => write!(f, "the emulator reported: {response}"),
         }

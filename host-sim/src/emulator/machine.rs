@@ -14,7 +14,7 @@ use serde_json::json;
 use tempfile::TempDir;
 
 use super::elf;
-use super::error::EmulatorError;
+use super::error::{EmulatorError, QEMU};
 use super::qmp::Qmp;
 
 /// Ticks per microsecond of the firmware's clock.
@@ -254,7 +254,7 @@ impl Drop for Qemu {
 }
 
 fn command(image: &Path, flash: &Path, [console, autopilot, lockstep, instrument, qmp]: &[PathBuf; 5]) -> Command {
-    let mut command = Command::new(super::QEMU);
+    let mut command = Command::new(QEMU);
     command
         // Initially stopped, so that no bytes are lost before all ports are connected.
         .args(["-S", "-nodefaults", "-display", "none"])

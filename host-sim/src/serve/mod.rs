@@ -8,11 +8,12 @@ mod external_autopilot;
 mod flash_image;
 mod pilot;
 mod pilot_command;
+mod pilot_pattern;
 
 pub use self::attitude_datagram::{DatagramError, parse_attitude};
 pub use self::flash_image::{FlashImage, FlashImageError};
-pub use self::pilot::PilotPattern;
 pub use self::pilot_command::{COMMANDS, PilotCommand, PilotCommandError};
+pub use self::pilot_pattern::PilotPattern;
 
 use simulator::devices::uart::HostEnd;
 use simulator::module::Module as _;

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::{FromStr, SplitWhitespace};
 
-use super::PilotPattern;
+use super::pilot_pattern::PilotPattern;
 
 /// Pilot command.
 #[derive(Clone, Copy, Debug, PartialEq)]

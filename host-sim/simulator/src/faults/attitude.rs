@@ -9,17 +9,7 @@ use crate::devices::uart::HostEnd;
 use crate::random::{Purpose, Random};
 use crate::world::World;
 use crate::world::attitude_source::{AttitudeSource, Identity, SenderKind};
-
-/// Fault of the attitude source.
-pub trait AttitudeFault {
-    /// Additional age of the attitude, microseconds.
-    fn late_us(&self, _now_us: u64) -> u64 {
-        0
-    }
-
-    /// Modifies a message.
-    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA);
-}
+pub use crate::world::fault_interfaces::AttitudeFault;
 
 /// Second sender of attitude on the same line, with a roll error.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,12 +36,6 @@ impl SecondSender {
             uart,
             vec![Box::new(bias)],
         )
-    }
-}
-
-impl<F: FnMut(u64, &mut ATTITUDE_DATA)> AttitudeFault for F {
-    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
-        self(now_us, message);
     }
 }
 

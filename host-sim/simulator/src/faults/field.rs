@@ -7,25 +7,7 @@ use nalgebra::Vector3;
 use super::Switch;
 use crate::random::{Purpose, Random};
 use crate::world::earth::Earth;
-
-/// Change of the field at the chip. Queries refer to any instant of the last two seconds, in any order.
-pub trait FieldFault {
-    /// Additional field in chip axes, microtesla.
-    fn added_ut(&self, _at_us: u64) -> Vector3<f64> {
-        Vector3::zeros()
-    }
-
-    /// Earth's field at another place, if the aircraft is not at the configured one.
-    fn earth(&self, _at_us: u64) -> Option<Earth> {
-        None
-    }
-}
-
-impl<F: Fn(u64) -> Vector3<f64>> FieldFault for F {
-    fn added_ut(&self, at_us: u64) -> Vector3<f64> {
-        self(at_us)
-    }
-}
+pub use crate::world::fault_interfaces::FieldFault;
 
 /// Permanent hard-iron change, microtesla, chip axes.
 #[must_use]

@@ -8,12 +8,12 @@ use mavlink::dialects::common::ATTITUDE_DATA;
 use testkit::clock;
 use testkit::simulation::{Level, Simulation};
 
-use super::World;
 use super::attitude_source::{AttitudeSource, ReportedAttitude};
+use super::fault_interfaces::AttitudeFault;
 use super::mavlink_autopilot::{self, AutopilotInputs, MavlinkAutopilot, START_UNIX_US, XIAN};
 use super::msp_autopilot::{self, AnswerFaults, AutopilotState, MspAutopilot};
+use super::simulated_world::World;
 use crate::devices::uart::HostEnd;
-use crate::faults::attitude::AttitudeFault;
 
 /// Selection of the far-end device.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -2,13 +2,15 @@
 //!
 //! | file | holds |
 //! |---|---|
+//! | `simulated_world.rs` | the world as a whole |
 //! | `config.rs` | world settings, airframe file |
 //! | `aircraft/`, `autopilot.rs`, `weather.rs` | vehicle models, flight plan, wind and turbulence |
 //! | `state.rs` | true state at one instant |
 //! | `rotation.rs` | rotation from north, east, down to body axes, independent of the library |
 //! | `earth.rs`, `airframe.rs` | Earth's field; soft iron, hard iron and mounting |
 //! | `table1.rs` | airframe and published errors of Liu 2007 table 1 |
-//! | `attitude_source/` | MAVLink attitude with typical errors |
+//! | `attitude_source/`, `attitude_task.rs` | MAVLink attitude with typical errors |
+//! | `fault_interfaces.rs` | how faults change field and attitude |
 //! | `msp_autopilot/` | autopilot that uses the module as MSP compass |
 //! | `mavlink_autopilot/` | autopilot that answers MAVLink requests |
 //! | `far_end.rs` | selection of the device at a port |
@@ -17,233 +19,25 @@
 pub mod aircraft;
 pub mod airframe;
 pub mod attitude_source;
+mod attitude_task;
 pub mod autopilot;
 mod config;
 pub mod earth;
 pub mod far_end;
+pub mod fault_interfaces;
 pub mod gauss_markov;
 pub mod mavlink_autopilot;
+mod mavlink_frame;
 pub mod msp_autopilot;
 pub mod rotation;
+mod simulated_world;
 mod state;
 pub mod table1;
 pub mod weather;
 
-use std::cell::RefCell;
-use std::collections::VecDeque;
-use std::rc::Rc;
-
-use autoswing::frames::{Field, Sensor};
-use nalgebra::Vector3;
-
-use self::aircraft::{Aircraft, PrescribedMotion, STEP_US};
-use self::attitude_source::AttitudeSource;
-use self::autopilot::Leg;
 pub use self::config::{ConfigError, WorldConfig};
-use self::earth::Earth;
-use self::rotation::Euler;
+pub use self::simulated_world::World;
 pub use self::state::{CRUISE_CURRENT_A, TrueState};
-use testkit::clock;
-
-use crate::devices::lis3mdl::FieldSource;
-use crate::faults::field::FieldFault;
-
-/// Stored past states: 2 s. The slowest sensor setting averages over 1.6 s.
-const HISTORY_STEPS: usize = 400;
-
-/// Mean age of a reported current, microseconds: half of the reporting period of 100 ms.
-const CURRENT_AGE_US: u64 = 50_000;
-
-struct WorldState {
-    config: WorldConfig,
-    aircraft: Aircraft,
-    /// Past states, one per step, newest last; never empty.
-    history: VecDeque<TrueState>,
-    disturbance_ut: Vector3<f64>,
-    is_armed: bool,
-    sends_attitude: bool,
-}
-
-/// Cloneable handle to the world. Reading a later state advances the world to that time.
-#[derive(Clone)]
-pub struct World(Rc<RefCell<WorldState>>);
-
-impl World {
-    /// A world that starts now, with the vehicle at its initial state.
-    #[must_use]
-    pub fn new(config: WorldConfig) -> Self {
-        let aircraft = Aircraft::new(config.aircraft, config.weather, config.seed, clock::now_us());
-        let history = VecDeque::from([*aircraft.state()]);
-        Self(Rc::new(RefCell::new(WorldState {
-            config,
-            aircraft,
-            history,
-            disturbance_ut: Vector3::zeros(),
-            is_armed: false,
-            sends_attitude: true,
-        })))
-    }
-
-    /// World settings.
-    #[must_use]
-    pub fn config(&self) -> WorldConfig {
-        self.0.borrow().config
-    }
-
-    /// True state at a time between two seconds ago and now.
-    #[must_use]
-    pub fn true_state(&self, at_us: u64) -> TrueState {
-        self.0.borrow_mut().true_state(at_us)
-    }
-
-    /// Motor current that the autopilot reports, amperes: the mean over the last reporting period; `None` if not
-    /// measured.
-    #[must_use]
-    pub fn reported_current_a(&self, now_us: u64) -> Option<f64> {
-        let is_reported = self.config().reports_current;
-        is_reported.then(|| self.true_state(now_us.saturating_sub(CURRENT_AGE_US)).current_a())
-    }
-
-    /// Field in chip axes at a time between two seconds ago and now.
-    #[must_use]
-    pub fn sensor_field(&self, at_us: u64) -> Field<Sensor> {
-        self.0.borrow_mut().sensor_field(at_us, None)
-    }
-
-    /// Field input of a LIS3MDL. The first fault with a field of another place replaces the Earth's field; added fields
-    /// are summed.
-    #[must_use]
-    pub fn magnetometer_source(&self, faults: Vec<Rc<dyn FieldFault>>) -> FieldSource {
-        let world = self.clone();
-        Box::new(move |at_us| {
-            let earth = faults.iter().find_map(|fault| fault.earth(at_us));
-            let field = world.0.borrow_mut().sensor_field(at_us, earth);
-            let added: Vector3<f64> = faults.iter().map(|fault| fault.added_ut(at_us)).sum();
-            Field::new(field.ut + added.cast())
-        })
-    }
-
-    /// Attitude source of this world; spawn its [`run`](AttitudeSource::run) as a task.
-    #[must_use]
-    pub fn attitude_source(&self) -> AttitudeSource {
-        let config = self.config();
-        AttitudeSource::new(config.attitude_source, config.seed).with_vehicle_kind(config.aircraft.kind)
-    }
-
-    /// Clears the flight plan and holds a bank and a pitch.
-    pub fn hold_bank_and_pitch(&self, bank_deg: f64, pitch_deg: f64) {
-        self.up_to_now().aircraft.autopilot_mut().hold_bank_and_pitch(bank_deg, pitch_deg);
-    }
-
-    /// Clears the flight plan; the vehicle continues wings level, or hovers.
-    pub fn clear_plan(&self) {
-        self.up_to_now().aircraft.autopilot_mut().clear_plan();
-    }
-
-    /// Appends a leg to the flight plan.
-    pub fn fly(&self, leg: Leg) {
-        self.up_to_now().aircraft.autopilot_mut().fly(leg);
-    }
-
-    /// Number of unfinished legs, the present one included.
-    #[must_use]
-    pub fn unfinished_legs(&self) -> usize {
-        self.up_to_now().aircraft.autopilot().unfinished_legs()
-    }
-
-    /// Starts a prescribed motion: on level ground, at a heading, on a bench.
-    pub fn set_motion(&self, how: PrescribedMotion) {
-        self.up_to_now().aircraft.set_motion(how);
-    }
-
-    /// Ends a prescribed motion; the vehicle model continues at the present position.
-    pub fn release(&self) {
-        self.up_to_now().aircraft.release();
-    }
-
-    /// Moves toward an attitude received now from an external simulator.
-    pub fn follow_attitude(&self, received: Euler) {
-        self.up_to_now().aircraft.follow_attitude(received);
-    }
-
-    /// Enables or disables sending of attitude. Initially enabled.
-    pub fn set_sends_attitude(&self, sends: bool) {
-        self.0.borrow_mut().sends_attitude = sends;
-    }
-
-    /// Whether sending of attitude is enabled.
-    #[must_use]
-    pub fn sends_attitude(&self) -> bool {
-        self.0.borrow().sends_attitude
-    }
-
-    /// Sets a disturbing field in chip axes, microtesla; zero removes it. A few hundred microtesla saturate the chip.
-    pub fn set_disturbance_ut(&self, field_ut: [f64; 3]) {
-        self.up_to_now().disturbance_ut = field_ut.into();
-    }
-
-    /// Sets the motor-current interference in chip axes at cruise or hover current, microtesla; proportional to the
-    /// current.
-    pub fn set_current_interference_ut(&self, current_ut: [f64; 3]) {
-        self.up_to_now().config.current_interference_ut = current_ut;
-    }
-
-    /// Enables or disables reporting of the motor current.
-    pub fn set_reports_current(&self, is_reported: bool) {
-        self.up_to_now().config.reports_current = is_reported;
-    }
-
-    /// Arms or disarms the autopilot, reported by the next heartbeat. Initially disarmed.
-    pub fn set_armed(&self, is_armed: bool) {
-        self.0.borrow_mut().is_armed = is_armed;
-    }
-
-    /// Whether the autopilot is armed.
-    #[must_use]
-    pub fn is_armed(&self) -> bool {
-        self.0.borrow().is_armed
-    }
-
-    /// The state advanced to now, so that commands do not affect the past.
-    fn up_to_now(&self) -> std::cell::RefMut<'_, WorldState> {
-        let mut inner = self.0.borrow_mut();
-        inner.advance(clock::now_us());
-        inner
-    }
-}
-
-impl WorldState {
-    fn advance(&mut self, to_us: u64) {
-        while self.aircraft.state().time_us < to_us {
-            self.aircraft.step();
-            if self.history.len() == HISTORY_STEPS {
-                self.history.pop_front();
-            }
-            self.history.push_back(*self.aircraft.state());
-        }
-    }
-
-    fn true_state(&mut self, at_us: u64) -> TrueState {
-        self.advance(at_us);
-        let oldest_us = self.history[0].time_us;
-        let passed_us = at_us.saturating_sub(oldest_us);
-        let index = (passed_us / STEP_US) as usize;
-        let earlier = &self.history[index];
-        match self.history.get(index + 1) {
-            Some(later) if at_us > earlier.time_us => earlier.interpolate(later, at_us),
-            _ => *earlier,
-        }
-    }
-
-    /// Field in chip axes; `elsewhere` replaces the configured Earth's field.
-    fn sensor_field(&mut self, at_us: u64, other_earth: Option<Earth>) -> Field<Sensor> {
-        let truth = self.true_state(at_us);
-        let body_ut = other_earth.unwrap_or(self.config.earth).body_field_ut(truth.euler());
-        let measured = self.config.airframe.measured_field(&body_ut);
-        let current_ut = Vector3::from(self.config.current_interference_ut) * truth.relative_current;
-        Field::new(measured.ut + (self.disturbance_ut + current_ut).cast())
-    }
-}
 
 #[cfg(test)]
 mod tests;

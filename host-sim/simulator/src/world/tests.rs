@@ -1,7 +1,14 @@
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use nalgebra::Vector3;
+
+use super::autopilot::Leg;
 use super::*;
 use crate::devices::i2c::Bus;
 use crate::devices::lis3mdl::{self, Lis3mdl};
 use crate::devices::uart::{self, Cable};
+use testkit::clock;
 use testkit::simulation::{Level, Simulation};
 
 const EXAMPLE: &str = include_str!("../../../airframes/example.toml");

@@ -1,16 +1,16 @@
 //! `host-sim serve` and `host-sim console`.
 
+mod flash_writer;
 mod pace;
 mod run;
 mod wire;
 
 use std::io;
 use std::net::{Ipv4Addr, UdpSocket};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 use std::thread;
-use std::time::Duration;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
@@ -20,10 +20,9 @@ use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
 use self::run::{Connections, OrderInput};
-use self::wire::{Pty, TcpPort, Terminal, Wire};
+use self::wire::{LOOK, PIECE, Pty, TcpPort, Terminal, Wire};
 use super::termination::{SecondSignal, TerminationSignals};
 
-use super::airframe_json;
 use super::files::named_world;
 use super::print;
 use super::range::{integer, number, one_of};
@@ -130,10 +129,6 @@ fn after_help() -> String {
     )
 }
 
-fn failure(code: &str, error: impl std::fmt::Display) -> Failure {
-    Failure(format!("{code}: {error}"))
-}
-
 impl ModuleOptions {
     fn world(&self) -> Result<WorldConfig, Failure> {
         let world = named_world(&self.airframe, self.seed)?;
@@ -146,7 +141,7 @@ impl ModuleOptions {
 
     fn module(&self, attitude: AttitudeProvider, is_visited: bool) -> Result<ServedModule, Failure> {
         let pattern = PilotPattern::from_name(&self.pattern).unwrap_or_default();
-        let no_flash = |error: FlashImageError| failure(error.code(), error);
+        let no_flash = |error: FlashImageError| Failure::with_code(error.code(), error);
         let image = self.flash.as_deref().map(FlashImage::read).transpose().map_err(no_flash)?.flatten();
         let served_module = ServedModule::new(
             self.world()?,
@@ -168,7 +163,7 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     let mut places = Vec::new();
     let mut next = options.tcp;
     for port in PORTS {
-        let pty = Pty::open().map_err(|error| failure("no-pty", error))?;
+        let pty = Pty::open().map_err(|error| Failure::with_code("no-pty", error))?;
         let tcp = next.map(tcp_port).transpose()?;
         next = next.map(|number| if number == 0 { 0 } else { number.wrapping_add(1) });
         places.push(PortAddress { port, pty: pty.path.clone(), tcp: tcp.as_ref().map(|tcp| tcp.port) });
@@ -189,13 +184,13 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
 }
 
 fn tcp_port(number: u16) -> Result<TcpPort, Failure> {
-    TcpPort::open(number).map_err(|error| failure("tcp-unavailable", format!("port {number}: {error}")))
+    TcpPort::open(number).map_err(|error| Failure::with_code("tcp-unavailable", format!("port {number}: {error}")))
 }
 
 fn world_port(number: u16) -> Result<UdpSocket, Failure> {
     let socket =
         UdpSocket::bind((Ipv4Addr::LOCALHOST, number)).and_then(|socket| socket.set_nonblocking(true).map(|()| socket));
-    socket.map_err(|error| failure("world-unavailable", format!("port {number}: {error}")))
+    socket.map_err(|error| Failure::with_code("world-unavailable", format!("port {number}: {error}")))
 }
 
 struct PortAddress {
@@ -207,28 +202,31 @@ struct PortAddress {
 fn describe_ports(aboard: &ModuleOptions, places: &[PortAddress], world: Option<u16>) -> Result<Value, Failure> {
     let ports: Vec<Value> =
         places.iter().map(|place| json!({ "name": place.port.name, "pty": place.pty, "tcp": place.tcp })).collect();
-    Ok(json!({ "ports": ports, "world": world, "airframe": airframe_json(&aboard.world()?) }))
+    Ok(json!({ "ports": ports, "world": world, "airframe": print::airframe_json(&aboard.world()?) }))
 }
 
 fn print_ports(aboard: &ModuleOptions, places: &[PortAddress], world: Option<u16>) -> Result<(), Failure> {
     for (index, PortAddress { port, pty, tcp }) in places.iter().enumerate() {
         let pty = pty.display();
-        print_line(&format!("{}: {}", port.name, port.carries));
+        print::print_line(format_args!("{}: {}", port.name, port.carries));
         let is_console = index == serve::CONSOLE;
         let with = if is_console { format!("picocom {pty}") } else { format!("cat {pty}") };
-        print_line(&format!("  {pty:<22}{with}"));
+        print::print_line(format_args!("  {pty:<22}{with}"));
         if let Some(number) = tcp {
             let with =
                 if is_console { format!("host-sim console --tcp {number}") } else { format!("nc 127.0.0.1 {number}") };
-            print_line(&format!("  {:<22}{with}", format!("tcp 127.0.0.1:{number}")));
+            print::print_line(format_args!("  {:<22}{with}", format!("tcp 127.0.0.1:{number}")));
         }
     }
     match world {
         Some(number) => {
             let example = format!("printf '0 0 90' > /dev/udp/127.0.0.1/{number}");
-            print_line(&format!("attitude of the aircraft\n  {:<22}{example}", format!("udp 127.0.0.1:{number}")));
+            print::print_line(format_args!(
+                "attitude of the aircraft\n  {:<22}{example}",
+                format!("udp 127.0.0.1:{number}")
+            ));
         }
-        None => print_line(&format!(
+        None => print::print_line(format_args!(
             "the aircraft flies: {}. Order it to do something else: help lists how",
             aboard.pattern
         )),
@@ -237,28 +235,19 @@ fn print_ports(aboard: &ModuleOptions, places: &[PortAddress], world: Option<u16
         let file = aboard.world()?.airframe_toml();
         print::print_line(format_args!("the airframe of seed {}, as a file for --airframe:\n\n{file}", aboard.seed));
     }
-    print_line("Ctrl-C ends");
+    print::print_line("Ctrl-C ends");
     Ok(())
 }
 
-fn print_line(line: &str) {
-    print::print_line(line);
-}
-
 pub fn console(options: &Console) -> Result<ExitCode, Failure> {
-    let no_module = |endpoint: String| move |error: io::Error| failure("no-module", format!("{endpoint}: {error}"));
+    let no_module =
+        |endpoint: String| move |error: io::Error| Failure::with_code("no-module", format!("{endpoint}: {error}"));
     match (&options.path, options.tcp) {
         (Some(path), _) => attach(wire::connect_serial(path).map_err(no_module(path.display().to_string()))?),
         (None, Some(port)) => attach(wire::connect_tcp(port).map_err(no_module(format!("TCP port {port}")))?),
         (None, None) => serve_alone(&options.aboard),
     }
 }
-
-/// Polling interval of the wires, shorter than the module's own delays.
-const LOOK: Duration = Duration::from_millis(2);
-
-/// Largest number of bytes transferred in one poll.
-const PIECE: usize = 4096;
 
 fn attach(mut module: impl Wire) -> Result<ExitCode, Failure> {
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
@@ -268,7 +257,7 @@ fn attach(mut module: impl Wire) -> Result<ExitCode, Failure> {
         terminal.write(&module.read(PIECE));
         if module.has_ended() {
             drop(terminal);
-            return Err(failure("no-module", "the module has gone"));
+            return Err(Failure::with_code("no-module", "the module has gone"));
         }
         thread::sleep(LOOK);
     }
@@ -280,7 +269,7 @@ fn open_terminal() -> Result<Terminal, Failure> {
     if io::IsTerminal::is_terminal(&io::stdin()) {
         print::print_error("Ctrl-] ends");
     }
-    Terminal::open().map_err(|error| failure("no-terminal", error))
+    Terminal::open().map_err(|error| Failure::with_code("no-terminal", error))
 }
 
 fn serve_alone(aboard: &ModuleOptions) -> Result<ExitCode, Failure> {
@@ -291,32 +280,6 @@ fn serve_alone(aboard: &ModuleOptions) -> Result<ExitCode, Failure> {
     let wiring = Connections { wires, world: None, orders: None, flash: aboard.flash.clone() };
     wiring.run(&mut served_module, aboard.speed, interruption.stop())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
-}
-
-/// Writes the flash to its file after each change.
-struct FlashWriter<'a> {
-    path: Option<&'a Path>,
-    written_changes: u64,
-    seen_changes: u64,
-}
-
-impl<'a> FlashWriter<'a> {
-    fn new(path: Option<&'a Path>) -> Self {
-        Self { path, written_changes: 0, seen_changes: 0 }
-    }
-
-    /// Writes if the content changed and is stable since the last call, or at the end.
-    fn look(&mut self, served_module: &ServedModule, is_end: bool) -> Result<(), Failure> {
-        let Some(path) = self.path else { return Ok(()) };
-        let changes = served_module.flash_changes();
-        let rests = changes == self.seen_changes || is_end;
-        self.seen_changes = changes;
-        if rests && changes != self.written_changes {
-            served_module.flash().write(path).map_err(|error| failure(error.code(), error))?;
-            self.written_changes = changes;
-        }
-        Ok(())
-    }
 }
 
 #[cfg(test)]

@@ -9,10 +9,11 @@ use std::thread;
 
 use host_sim::serve::ServedModule;
 
+use super::flash_writer::FlashWriter;
 use super::pace::VirtualClock;
-use super::wire::{Wire, read_in_thread};
-use super::{FlashWriter, LOOK, PIECE, print, print_line};
+use super::wire::{LOOK, PIECE, Wire, read_in_thread};
 use crate::cli::failure::Failure;
+use crate::cli::print;
 
 pub struct Connections {
     /// Wires of each of the module's ports.
@@ -111,11 +112,11 @@ impl OrderInput {
 fn answer(served_module: &mut ServedModule, line: &[u8]) {
     let line = String::from_utf8_lossy(line);
     if line.len() > LONGEST_LINE {
-        print_line("error line-too-long: an order has at most 256 characters");
+        print::print_line("error line-too-long: an order has at most 256 characters");
     } else if !line.trim().is_empty() {
         match served_module.execute_line(&line) {
-            Ok(answer) => print_line(&answer),
-            Err(error) => print_line(&format!("error {}: {error}", error.code())),
+            Ok(answer) => print::print_line(&answer),
+            Err(error) => print::print_line(format_args!("error {}: {error}", error.code())),
         }
     }
 }

@@ -17,6 +17,12 @@ use rustix::termios::{OptionalActions, Termios, tcgetattr, tcsetattr};
 
 use super::super::print;
 
+/// Polling interval of the wires, shorter than the module's own delays.
+pub const LOOK: Duration = Duration::from_millis(2);
+
+/// Largest number of bytes transferred in one poll.
+pub const PIECE: usize = 4096;
+
 /// A connection whose far end may be absent.
 pub trait Wire {
     /// Returns received bytes, at most `most`.

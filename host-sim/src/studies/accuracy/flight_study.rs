@@ -9,12 +9,10 @@ use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 use simulator::world::aircraft::VehicleKind;
 
+use super::evaluation::{AccuracyPlan, COVERAGE_EVERY, Coverage, SolveCounts, coverage, solve, use_headings};
 use super::flight::{Flight, FlightPattern};
 use super::trial::{ConstantErrorSigmas, Envelope, Ranges, Trial};
-use super::{
-    AccuracyPlan, COVERAGE_EVERY, Coverage, SolveCounts, coverage, cramer_rao, d_optimal, retention, solve,
-    use_headings,
-};
+use super::{cramer_rao, d_optimal, retention};
 
 /// Results of flights of one pattern.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -8,31 +8,22 @@
 
 pub mod cramer_rao;
 pub mod d_optimal;
+mod evaluation;
 pub mod flight;
 pub mod flight_study;
 pub mod retention;
 pub mod trial;
 
-use autoswing::calibration::{ConsiderSigmas, Method, Prior, Samples, Solution, SolveError, Solver};
+use autoswing::calibration::{ConsiderSigmas, Method};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
-use trial::{ConstantErrorSigmas, PostFlightSource, Ranges, Recording, Trial};
+pub use evaluation::{AccuracyPlan, Coverage};
+
+use evaluation::{COVERAGE_EVERY, SolveCounts, coverage, solve, use_headings};
+use trial::{ConstantErrorSigmas, Ranges, Trial};
 
 use log_analysis::numbers::{median, quantile};
-use log_analysis::score::{accepted_by_uncalibrated, within_percent};
-
-/// Extent of the study.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct AccuracyPlan {
-    /// Number of airframes.
-    pub airframes: u64,
-    /// Noise realisations per airframe. The ratio to the bound has a relative standard error of about `0.3 /
-    /// sqrt(draws)`.
-    pub draws: u64,
-    /// Seed of the first airframe.
-    pub seed: u64,
-}
 
 /// Results of a method.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -53,17 +44,6 @@ pub struct MethodResult {
     pub ratio_worst_decile: f64,
 }
 
-/// Fraction of heading errors within one and two sigma, percent.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Coverage {
-    /// Within one sigma; ideally 68.3.
-    pub one_sigma_percent: f64,
-    /// Within two sigma; ideally 95.4.
-    pub two_sigma_percent: f64,
-    /// Number of headings.
-    pub headings: usize,
-}
-
 /// Results of the study.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AccuracyResult {
@@ -78,11 +58,6 @@ pub struct AccuracyResult {
 }
 
 const METHODS: [Method; 3] = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse];
-
-/// Coverage is evaluated for every fifth noise realisation.
-const COVERAGE_EVERY: u64 = 5;
-
-const HEADINGS: usize = 16;
 
 /// Runs the study. `tick` is called once per airframe, from any thread.
 #[must_use]
@@ -113,34 +88,6 @@ struct AirframeResult {
     normalised_with_faults: Vec<f64>,
 }
 
-/// Heading errors over their sigmas after a flight with exactly the attitude errors that the solver considers, which
-/// `record` records.
-fn use_headings(
-    trial: &Trial,
-    consider: ConsiderSigmas,
-    record: impl FnOnce(ConstantErrorSigmas) -> (Recording, PostFlightSource),
-) -> Vec<f64> {
-    let (recorded, mut source) = record(ConstantErrorSigmas::considered_by(consider));
-    let Ok(solution) = solve(Method::MaximumLikelihood, recorded.samples(), consider) else { return Vec::new() };
-    (0..HEADINGS).filter_map(|_| trial.normalised_heading_error(&solution, &mut source)).collect()
-}
-
-#[derive(Clone, Copy, Default)]
-struct SolveCounts {
-    solved: u32,
-    refused: u32,
-    accepted: u32,
-    wrong: u32,
-    /// Sum of the mean squared heading errors of all solves, square degrees.
-    squares: f64,
-}
-
-impl SolveCounts {
-    fn rms_deg(&self) -> f64 {
-        (self.squares / f64::from(self.solved)).sqrt()
-    }
-}
-
 impl AirframeResult {
     fn evaluate(trial: &Trial, draws: u64) -> Option<Self> {
         let mut airframe_result = Self {
@@ -164,27 +111,6 @@ impl AirframeResult {
     }
 }
 
-impl SolveCounts {
-    fn add(&mut self, trial: &Trial, recorded: &Recording, solution: Option<&Solution>) {
-        let Some(solution) = solution else {
-            self.refused += 1;
-            return;
-        };
-        let errors_deg = trial.errors_deg(&solution.calibration);
-        let square = errors_deg.iter().map(|e| e * e).sum::<f64>() / errors_deg.len() as f64;
-        let accepted = accepted_by_uncalibrated(solution, recorded.samples(), recorded.held_back()).is_ok();
-        self.solved += 1;
-        self.squares += square;
-        self.accepted += u32::from(accepted);
-        self.wrong += u32::from(accepted && square.sqrt() > 3.0 * f64::from(solution.quality.expected_rms_deg));
-    }
-}
-
-fn solve(method: Method, samples: Samples<'_>, consider: ConsiderSigmas) -> Result<Solution, SolveError> {
-    // Samples are single measurements, as are the evaluated headings.
-    Solver::with_consider_sigmas(method, samples, &Prior::default(), consider)?.run(samples)
-}
-
 fn summary(trials: &[AirframeResult], index: usize, method: Method) -> MethodResult {
     let each = || trials.iter().map(|t| (t, &t.methods[index]));
     let sum = |count_of: fn(&SolveCounts) -> u32| each().map(|(_, counts)| count_of(counts)).sum::<u32>();
@@ -201,9 +127,4 @@ fn summary(trials: &[AirframeResult], index: usize, method: Method) -> MethodRes
         ratio_median: median(ratios()),
         ratio_worst_decile: quantile(ratios(), 0.9).unwrap_or(f64::NAN),
     }
-}
-
-fn coverage(normalised: &[f64]) -> Coverage {
-    let [one_sigma_percent, two_sigma_percent] = within_percent(normalised);
-    Coverage { one_sigma_percent, two_sigma_percent, headings: normalised.len() }
 }

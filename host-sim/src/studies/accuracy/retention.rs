@@ -5,7 +5,7 @@ use autoswing::calibration::{ConsiderSigmas, Method, Sample};
 use autoswing::collection::{Collector, RetainedSamples};
 use autoswing::compass::TrialSchedule;
 
-use super::solve;
+use super::evaluation::solve;
 use super::trial::Recording;
 
 /// Retained samples of a flight. Trial solves update the collector's coefficients at the device's pace.

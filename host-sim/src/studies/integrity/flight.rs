@@ -15,8 +15,8 @@ use simulator::world::aircraft::PrescribedMotion;
 use simulator::world::autopilot::Leg;
 use simulator::world::far_end::FarEnd;
 
-use super::IntegrityPlan;
 use super::case::{Case, DrawnCase, Onset};
+use super::plan::IntegrityPlan;
 use super::statistics::{EvaluatedSentence, HeadingStatistics};
 use super::use_legs;
 

@@ -4,7 +4,9 @@ use simulator::random::Random;
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::autopilot::Leg;
 
-use super::case::{IN_TURN_S, LEVEL_FLIGHT_S};
+/// Times in level flight and in a turn after the start of use, seconds.
+pub(super) const LEVEL_FLIGHT_S: f64 = 25.0;
+pub(super) const IN_TURN_S: f64 = 48.0;
 
 /// Straight leg, then a full circle that is in progress 48 s after the start.
 pub(super) fn first_legs(kind: VehicleKind, random: &mut Random) -> [Leg; 2] {

@@ -22,67 +22,23 @@
 //! Lines are parsed by hand in bounded memory: the crate `csv` buffers a record of any length, and real tables have
 //! unclosed quotes, decimal commas and truncated lines.
 
+mod cells;
+mod error;
 mod rates;
+mod reader;
 mod table;
+mod unit;
 
-use std::fmt;
 use std::io::Read;
 
-use super::flight::{Flight, LogFormat};
-use super::flight_builder::FlightBuilder;
+pub use error::CsvError;
+pub use unit::FieldUnit;
+
+use super::flight::Flight;
 use super::read_window::ReadWindow;
-use super::series::Series;
-use rates::rates_at_rows;
+use cells::{is_comment, separator, trimmed};
+use reader::TableReader;
 use table::TableLayout;
-
-/// Unit of the field columns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FieldUnit {
-    /// Milligauss, as ArduPilot logs.
-    Milligauss,
-    /// Microtesla.
-    Microtesla,
-}
-
-impl FieldUnit {
-    const fn microtesla(self) -> f64 {
-        match self {
-            Self::Milligauss => 0.1,
-            Self::Microtesla => 1.0,
-        }
-    }
-}
-
-/// Reason why a table cannot be read.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum CsvError {
-    /// The source cannot be read, with the reason.
-    Source(String),
-    /// Name of a missing required column.
-    NoColumn(String),
-    /// Name of a missing rate column, if others are present.
-    NoRate(&'static str),
-    /// No valid row; line, column and content of the first invalid one.
-    NoRows(Option<(u64, String, String)>),
-}
-
-impl fmt::Display for CsvError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Source(reason) => f.write_str(reason),
-            Self::NoColumn(name) => {
-                write!(f, "no column {name}; needed are t_s, mx, my, mz, roll_deg, pitch_deg, named in the first line")
-            }
-            Self::NoRate(name) => write!(f, "no column {name}; p_dps, q_dps and r_dps belong together"),
-            Self::NoRows(None) => f.write_str("there are no rows"),
-            Self::NoRows(Some((line, column, found))) => {
-                write!(f, "there are no rows; line {line}, {column}: {found:?} is not a number")
-            }
-        }
-    }
-}
-
-impl std::error::Error for CsvError {}
 
 /// Whether the first line that is no comment names the time column.
 #[must_use]
@@ -93,20 +49,6 @@ pub fn begins_in(head: &[u8]) -> bool {
         line.split(separator).any(|name| trimmed(name).eq_ignore_ascii_case("t_s"))
     };
     head.split(|&byte| byte == b'\n').find(|line| !is_comment(line)).is_some_and(names)
-}
-
-fn is_comment(line: &[u8]) -> bool {
-    let text = line.trim_ascii();
-    text.is_empty() || text.starts_with(b"#") || text.starts_with(b"sep=")
-}
-
-/// The most frequent separator of the header.
-fn separator(header: &str) -> char {
-    [',', ';', '\t'].into_iter().max_by_key(|&separator| header.matches(separator).count()).unwrap_or(',')
-}
-
-fn trimmed(value: &str) -> &str {
-    value.trim_start_matches('\u{feff}').trim().trim_matches('"').trim()
 }
 
 /// Reads a flight.
@@ -149,84 +91,10 @@ pub fn read(mut source: impl Read, unit: FieldUnit) -> Result<Flight, CsvError> 
 /// Lines examined for their order in time.
 const LOOKED_AT: usize = 1000;
 
-struct TableReader {
-    recorder: FlightBuilder,
-    rates: Series<3>,
-    armed: Series<1>,
-    /// Median time of the first lines, seconds. Times may be Unix time.
-    median_time_s: f64,
-    /// Whether the lines are not in order of time; then a step back is no restart of the clock.
-    is_unordered: bool,
-    first_invalid: Option<(u64, String, String)>,
-}
-
-impl TableReader {
-    /// Examines the first lines. They are unordered if one step in ten goes back by more than 3 s (the disorder of a
-    /// clock), or two in three go back at all.
-    fn from_first_lines(table: &TableLayout, held: &[(u64, String)]) -> Self {
-        const BACK_S: f64 = 3.0;
-        let mut times_s: Vec<f64> =
-            held.iter().filter_map(|(_, line)| table.values(line).require(table.t_s, "t_s").ok()).collect();
-        let steps = |is: &dyn Fn(f64) -> bool| times_s.windows(2).filter(|pair| is(pair[1] - pair[0])).count();
-        let [back, far_back] = [steps(&|step_s| step_s < 0.0), steps(&|step_s| step_s < -BACK_S)];
-        let is_shuffled = far_back * 10 > times_s.len() || back * 3 > times_s.len() * 2;
-        times_s.sort_by(f64::total_cmp);
-        let about_s = times_s.get(times_s.len() / 2).copied().unwrap_or(0.0);
-        let recorder = FlightBuilder::new(LogFormat::Csv);
-        Self {
-            recorder,
-            rates: Series::new(),
-            armed: Series::new(),
-            median_time_s: about_s,
-            is_unordered: is_shuffled,
-            first_invalid: None,
-        }
-    }
-
-    fn take(&mut self, table: &TableLayout, unit: FieldUnit, number: u64, line: &str) {
-        if let Err((column, found)) = table.read_line(line, unit, self) {
-            self.recorder.flight.counts.garbage += 1;
-            self.first_invalid.get_or_insert((number, column, found));
-        }
-    }
-
-    /// Converts a time of the table to flight time, seconds.
-    fn at(&mut self, t_s: f64) -> Option<f64> {
-        let since_s = t_s - self.median_time_s;
-        if since_s.abs() >= MAX_S {
-            self.recorder.flight.counts.bad_times += 1;
-            None
-        } else if self.is_unordered {
-            Some(since_s)
-        } else {
-            self.recorder.timeline.flight_time_s((since_s * 1e6 + ZERO_US).round() as u64)
-        }
-    }
-
-    fn finish(mut self) -> Result<Flight, CsvError> {
-        self.rates.sort_and_dedup();
-        for (t_s, at) in rates_at_rows(&self.rates) {
-            self.recorder.push_rates(t_s, at);
-        }
-        self.armed.sort_and_dedup();
-        for row in self.armed.rows() {
-            self.recorder.push_armed(row.t_s, row.values[0] != 0.0);
-        }
-        let flight = self.recorder.finish();
-        // Rejected readings count as rows; the caller reports them.
-        let is_empty = flight.compasses.is_empty() && flight.counts.unhealthy == 0;
-        if is_empty { Err(CsvError::NoRows(self.first_invalid)) } else { Ok(flight) }
-    }
-}
-
-/// Clock value of the median time, microseconds, so that earlier times stay positive.
-const ZERO_US: f64 = 1e13;
-
-/// Largest distance from the first lines, seconds.
-const MAX_S: f64 = 1e6;
-
 #[cfg(test)]
 mod tests {
+    use super::super::series::Series;
+    use super::rates::rates_at_rows;
     use super::*;
 
     const GOOD: &str =

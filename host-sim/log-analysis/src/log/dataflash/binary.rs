@@ -4,7 +4,7 @@ use std::io::{self, Read};
 
 use super::super::flight::{Flight, LogFormat};
 use super::super::read_window::ReadWindow;
-use super::{Message, WANTED, recorder, take};
+use super::messages::{Message, WANTED, recorder, take};
 
 const MAGIC: [u8; 2] = [0xA3, 0x95];
 const FMT: u8 = 128;

@@ -1,4 +1,5 @@
-use super::*;
+use super::messages::*;
+use crate::log::flight::{Gps, LogFormat};
 
 struct Numbers<'a>(&'a [(&'a str, f64)]);
 

@@ -6,7 +6,7 @@ use std::io::{self, Read};
 use super::super::flight::{Flight, LogFormat};
 use super::super::read_window::ReadWindow;
 use super::binary::is_unscaled_integer;
-use super::{Message, WANTED, recorder, take};
+use super::messages::{Message, WANTED, recorder, take};
 
 const MAX_KINDS: usize = 512;
 

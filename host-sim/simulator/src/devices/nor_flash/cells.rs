@@ -1,10 +1,26 @@
 //! Memory cells of the flash, and the effects of interrupted operations.
 
-use super::{FlashError, PAGE_BYTES, WORD_BYTES, Wear};
+use super::error::FlashError;
 use crate::random::Random;
+
+/// Page size in bytes, the unit of erasing.
+pub const PAGE_BYTES: usize = 2048;
+/// Double-word size in bytes, the unit of programming.
+pub const WORD_BYTES: usize = 8;
 
 const ERASED: u8 = 0xFF;
 const WORDS_PER_PAGE: usize = PAGE_BYTES / WORD_BYTES;
+
+/// Wear counters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Wear {
+    /// Page erases, including incomplete ones.
+    pub erases: u64,
+    /// Programmed double words, including incomplete ones.
+    pub writes: u64,
+    /// Erase count of the most erased page.
+    pub worst_page_erases: u32,
+}
 
 /// Smallest operation, which a power cut can interrupt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,51 +5,24 @@
 //! leaves this operation incomplete and all earlier ones complete.
 
 mod cells;
+mod error;
 
 use std::cell::RefCell;
 use std::rc::Rc;
 
 use embassy_time::{Duration, Timer};
-use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use testkit::simulation::Stop;
 
 use self::cells::{Cells, Operation};
+pub use self::cells::{PAGE_BYTES, WORD_BYTES, Wear};
+pub use self::error::FlashError;
 use crate::random::{Purpose, Random};
 
-/// Page size in bytes, the unit of erasing.
-pub const PAGE_BYTES: usize = 2048;
-/// Double-word size in bytes, the unit of programming.
-pub const WORD_BYTES: usize = 8;
 /// Time to program a double word (STM32L475 data sheet, typical 81.7 us).
 const PROGRAM_TIME: Duration = Duration::from_micros(82);
 /// Time to erase a page (STM32L475 data sheet, typical 22.0 ms).
 const ERASE_TIME: Duration = Duration::from_millis(22);
-
-/// Flash access error.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FlashError {
-    /// Offset or length is not a multiple of the word or page size.
-    NotAligned,
-    /// The range exceeds the device.
-    OutOfBounds,
-    /// The double word was programmed since its page was erased.
-    NotErased {
-        /// Offset of the double word.
-        offset: u32,
-    },
-    /// The device has no power.
-    PowerLost,
-}
-
-impl NorFlashError for FlashError {
-    fn kind(&self) -> NorFlashErrorKind {
-        match self {
-            Self::NotAligned => NorFlashErrorKind::NotAligned,
-            Self::OutOfBounds => NorFlashErrorKind::OutOfBounds,
-            Self::NotErased { .. } | Self::PowerLost => NorFlashErrorKind::Other,
-        }
-    }
-}
 
 /// Progress of the operation that the power cut interrupts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,17 +45,6 @@ struct ScheduledPowerCut {
     operations_left: u32,
     outcome: CutOutcome,
     stop: Stop,
-}
-
-/// Wear counters.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Wear {
-    /// Page erases, including incomplete ones.
-    pub erases: u64,
-    /// Programmed double words, including incomplete ones.
-    pub writes: u64,
-    /// Erase count of the most erased page.
-    pub worst_page_erases: u32,
 }
 
 struct FlashDevice {

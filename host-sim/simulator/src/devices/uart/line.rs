@@ -3,7 +3,25 @@
 use std::collections::VecDeque;
 use std::task::{Poll, Waker};
 
-use super::{TimedByte, UartError, WakeCondition};
+use super::error::UartError;
+
+/// Condition that wakes a waiting reader at the module's end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WakeCondition {
+    /// Every byte, as with an interrupt-driven receiver.
+    EachByte,
+    /// Line idle for one byte time, or buffer half full, as with a DMA receiver.
+    IdleLine,
+}
+
+/// Byte with the arrival time of its last bit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TimedByte {
+    /// Simulation time, microseconds.
+    pub at_us: u64,
+    /// The byte.
+    pub byte: u8,
+}
 
 /// Start bit, eight data bits, stop bit.
 const BITS_PER_BYTE: u64 = 10;

@@ -3,6 +3,7 @@
 //! Bytes take ten bit times each. The module's end is asynchronous, with limited receive and transmit buffers, and is
 //! recreated at each start of the module. The host's end never blocks and never loses a byte.
 
+mod error;
 mod line;
 
 use std::cell::RefCell;
@@ -13,19 +14,12 @@ use std::task::Poll;
 use autoswing::app::SetBaud;
 use autoswing::settings::Baud;
 use embassy_time::{Instant, Timer};
-use embedded_io_async::{Error, ErrorKind, ErrorType, Read, Write};
+use embedded_io_async::{ErrorType, Read, Write};
 use testkit::clock;
 
+pub use self::error::UartError;
 use self::line::Line;
-
-/// Condition that wakes a waiting reader at the module's end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum WakeCondition {
-    /// Every byte, as with an interrupt-driven receiver.
-    EachByte,
-    /// Line idle for one byte time, or buffer half full, as with a DMA receiver.
-    IdleLine,
-}
+pub use self::line::{TimedByte, WakeCondition};
 
 /// Settings of the cable and of the module's UART.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,35 +37,6 @@ pub struct UartConfig {
 impl Default for UartConfig {
     fn default() -> Self {
         Self { baud: 115_200, receive_buffer: 512, transmit_buffer: 256, delivery: WakeCondition::IdleLine }
-    }
-}
-
-/// Receive error of the module.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum UartError {
-    /// Bytes were lost because the receive buffer was full.
-    Overrun,
-    /// A stop bit was missing.
-    Framing,
-    /// The samples of a bit disagreed.
-    Noise,
-}
-
-impl std::fmt::Display for UartError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Overrun => "receive buffer overrun",
-            Self::Framing => "framing error",
-            Self::Noise => "noise on the line",
-        })
-    }
-}
-
-impl std::error::Error for UartError {}
-
-impl Error for UartError {
-    fn kind(&self) -> ErrorKind {
-        ErrorKind::Other
     }
 }
 
@@ -110,15 +75,6 @@ impl Cable {
         };
         (Receiver { line: Rc::clone(&self.to_module) }, transmitter)
     }
-}
-
-/// Byte with the arrival time of its last bit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TimedByte {
-    /// Simulation time, microseconds.
-    pub at_us: u64,
-    /// The byte.
-    pub byte: u8,
 }
 
 /// Cloneable handle to the host's end. Clones share the received bytes.

@@ -2,21 +2,16 @@
 
 use std::f64::consts::{PI, TAU};
 
-use embassy_time::{Instant, Timer};
 use mavlink::dialects::common::{
     ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavState, MavType, SYS_STATUS_DATA,
 };
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 use serde::{Deserialize, Serialize};
-use testkit::clock;
 
-use super::World;
 use super::aircraft;
 use super::gauss_markov::FirstOrder;
-use super::mavlink_autopilot::Frame;
+use super::mavlink_frame::Frame;
 use super::state::TrueState;
-use crate::devices::uart::HostEnd;
-use crate::faults::attitude::AttitudeFault;
 use crate::random::{Purpose, Random};
 
 /// MAVLink identity of a sender.
@@ -45,8 +40,8 @@ impl Identity {
 }
 
 const HEARTBEAT_VERSION: u8 = 3;
-const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
-const STATUS_PERIOD_US: u64 = 100_000;
+pub(super) const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
+pub(super) const STATUS_PERIOD_US: u64 = 100_000;
 
 /// Correlation time of the acceleration-induced tilt error, seconds: duration of a typical acceleration.
 const PUSH_TIME_S: f64 = 2.0;
@@ -118,9 +113,9 @@ pub struct ReportedAttitude {
 /// Attitude source with its noise processes.
 #[derive(Clone, Debug)]
 pub struct AttitudeSource {
-    config: AttitudeSourceConfig,
+    pub(super) config: AttitudeSourceConfig,
     seed: u64,
-    identity: Identity,
+    pub(super) identity: Identity,
     vehicle: MavType,
     roll_noise_rad: FirstOrder,
     pitch_noise_rad: FirstOrder,
@@ -281,44 +276,6 @@ impl AttitudeSource {
         let sequence = self.sequence;
         self.sequence = sequence.wrapping_add(1);
         sequence
-    }
-
-    /// Sends attitude, heartbeats (1 Hz) and, if measured, the current (10 Hz) while the [world enables
-    /// sending](World::set_sends_attitude); never returns. Faults modify each attitude message in order.
-    pub async fn run(mut self, world: World, uart: HostEnd, mut faults: Vec<Box<dyn AttitudeFault>>) {
-        let period_us = 1e6 / self.config.rate_hz;
-        let latency_us = self.latency_us();
-        let began_us = clock::now_us();
-        let mut heartbeat_us = began_us + period_us as u64;
-        let mut status_us = began_us;
-        for tick in 1_u64.. {
-            let now_us = began_us + (tick as f64 * period_us).round() as u64;
-            Timer::at(Instant::from_micros(now_us)).await;
-            if now_us >= heartbeat_us && self.identity.heartbeat_kind.is_some() {
-                heartbeat_us += HEARTBEAT_PERIOD_US;
-                let heartbeat = self.heartbeat_message(world.is_armed());
-                if world.sends_attitude() {
-                    uart.send(&heartbeat);
-                }
-            }
-            if now_us >= status_us && self.identity.heartbeat_kind == Some(SenderKind::Autopilot) {
-                status_us += STATUS_PERIOD_US;
-                if let Some(amperes) = world.reported_current_a(now_us).filter(|_| world.sends_attitude()) {
-                    uart.send(&self.status_message(Some(amperes)));
-                }
-            }
-            let late_us: u64 = faults.iter().map(|fault| fault.late_us(now_us)).sum();
-            let truth = world.true_state(now_us.saturating_sub(latency_us + late_us));
-            let mut message = self.attitude_message(&truth, now_us);
-            for fault in &mut faults {
-                fault.tamper(now_us, &mut message);
-            }
-            // Noise advances also while sending is disabled, so it depends only on time.
-            let frame = self.encode(&message);
-            if world.sends_attitude() {
-                uart.send(&frame);
-            }
-        }
     }
 }
 

@@ -3,9 +3,10 @@ use mavlink::{MavlinkVersion, Message};
 
 use super::*;
 use crate::devices::uart::{Cable, TimedByte};
-use crate::world::WorldConfig;
 use crate::world::aircraft::VehicleKind;
+use crate::world::{World, WorldConfig};
 use log_analysis::numbers::square;
+use testkit::clock;
 use testkit::simulation::{Level, Simulation};
 
 const EXACT: AttitudeSourceConfig = AttitudeSourceConfig {

@@ -3,8 +3,6 @@
 //! A pure state machine: the caller passes time and bytes. It answers message requests as real firmwares do, as far as
 //! the module can observe. [`FarEnd`](super::far_end::FarEnd) attaches it to a cable.
 
-mod frame;
-
 use mavlink::MessageData;
 use mavlink::dialects::common::{
     ATTITUDE_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavCmd, MavMessage, MavResult,
@@ -13,8 +11,8 @@ use mavlink::dialects::common::{
 use mavlink::{MavlinkVersion, Message};
 
 use super::attitude_source::AttitudeSource;
+pub use super::mavlink_frame::{Frame, FrameReader, command_long};
 use super::state::TrueState;
-pub use frame::{Frame, FrameReader, command_long};
 
 /// Autopilot firmware, which determines the handling of message requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,8 +82,6 @@ pub struct AutopilotInputs {
     /// Battery current, amperes; `None` without a current sensor.
     pub current_a: Option<f64>,
 }
-
-const MODULE: u8 = 158;
 
 const HEARTBEAT_US: u64 = 1_000_000;
 

@@ -1,6 +1,6 @@
 //! MSP version 2 frames as an autopilot decodes and encodes them.
 
-use super::{AutopilotState, MspFirmware};
+use super::state::{AutopilotState, MspFirmware};
 
 const FC_VARIANT: u16 = 2;
 const STATUS: u16 = 101;

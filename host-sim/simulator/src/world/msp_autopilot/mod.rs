@@ -4,22 +4,16 @@
 //! errors are detected. An answer contains the autopilot's state at the time of sending.
 
 mod frame;
+mod state;
 #[cfg(test)]
 mod tests;
 
 use std::collections::VecDeque;
 
+pub use self::state::{AutopilotState, MspFirmware};
+
 use self::frame::{Answer, Request, RequestReader, encode};
 use crate::random::{Purpose, Random};
-
-/// Simulated firmware.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MspFirmware {
-    /// ArduPilot: pitch nose up.
-    ArduPilot,
-    /// INAV: pitch nose down.
-    Inav,
-}
 
 /// Probabilities (0 to 1) of communication faults per answer. At most one fault occurs per answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -32,25 +26,6 @@ pub struct AnswerFaults {
     pub truncated: f64,
     /// Answer delayed until the next one and sent with it.
     pub delayed: f64,
-}
-
-/// State of the autopilot at an instant.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct AutopilotState {
-    /// Roll, radians, right wing down positive.
-    pub roll_rad: f64,
-    /// Pitch, radians, nose up positive.
-    pub pitch_rad: f64,
-    /// Heading, radians.
-    pub yaw_rad: f64,
-    /// Whether the autopilot is armed.
-    pub is_armed: bool,
-    /// Latitude and longitude in degrees, north and east positive, and height in metres; `None` without a fix.
-    pub position: Option<(f64, f64, f64)>,
-    /// Unix time in seconds, UTC; `None` if the clock is not set.
-    pub unix_s: Option<u64>,
-    /// Battery current, amperes; `None` if not measured.
-    pub current_a: Option<f64>,
 }
 
 /// Received compass sample.

@@ -7,7 +7,8 @@ use simulator::faults::sensor::{additional_noise, measurement_spikes};
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::attitude_source::SenderKind;
 
-use super::{COUNTS_PER_UT, Case, DrawnCase, IN_TURN_S, LEVEL_FLIGHT_S, Onset, SENSOR_SIGMA, SOON_S, USE_S};
+use super::definition::{COUNTS_PER_UT, Case, DrawnCase, Onset, SENSOR_SIGMA, SOON_S, USE_S};
+use crate::studies::integrity::use_legs::{IN_TURN_S, LEVEL_FLIGHT_S};
 
 const DEG: f64 = 360.0 / TAU;
 

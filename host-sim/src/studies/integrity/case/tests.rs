@@ -1,4 +1,10 @@
+use nalgebra::Vector3;
+use simulator::routine::{Routine, TurnPlan};
+use simulator::world::WorldConfig;
+use simulator::world::aircraft::VehicleKind;
+
 use super::*;
+use crate::studies::integrity::plan::AttitudeProtocol;
 
 fn names(aircraft: VehicleKind) -> Vec<&'static str> {
     CASES.iter().filter(|case| case.applies_to_vehicle(aircraft)).map(|case| case.name).collect()

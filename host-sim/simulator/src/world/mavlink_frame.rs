@@ -3,7 +3,7 @@
 use mavlink::dialects::common::MavMessage;
 use mavlink::{Message, calculate_crc};
 
-use super::MODULE;
+pub(super) const MODULE: u8 = 158;
 
 /// Received or sent frame.
 #[derive(Clone, Debug, PartialEq, Eq)]

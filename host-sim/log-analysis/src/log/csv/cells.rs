@@ -1,0 +1,15 @@
+//! Lines and cells of a table.
+
+pub(super) fn is_comment(line: &[u8]) -> bool {
+    let text = line.trim_ascii();
+    text.is_empty() || text.starts_with(b"#") || text.starts_with(b"sep=")
+}
+
+/// The most frequent separator of the header.
+pub(super) fn separator(header: &str) -> char {
+    [',', ';', '\t'].into_iter().max_by_key(|&separator| header.matches(separator).count()).unwrap_or(',')
+}
+
+pub(super) fn trimmed(value: &str) -> &str {
+    value.trim_start_matches('\u{feff}').trim().trim_matches('"').trim()
+}

@@ -1,0 +1,149 @@
+//! Rows of a table, recorded as a flight.
+
+use super::super::flight::{Flight, Gps, LogFormat};
+use super::super::flight_builder::{FieldProcessing, FlightBuilder};
+use super::super::series::Series;
+use super::error::CsvError;
+use super::rates::rates_at_rows;
+use super::table::{InvalidCell, TableLayout};
+use super::unit::FieldUnit;
+
+/// Clock value of the median time, microseconds, so that earlier times stay positive.
+const ZERO_US: f64 = 1e13;
+
+/// Largest distance from the first lines, seconds.
+const MAX_S: f64 = 1e6;
+
+/// Flight that is read from a table.
+pub(super) struct TableReader {
+    recorder: FlightBuilder,
+    rates: Series<3>,
+    armed: Series<1>,
+    /// Median time of the first lines, seconds. Times may be Unix time.
+    median_time_s: f64,
+    /// Whether the lines are not in order of time; then a step back is no restart of the clock.
+    is_unordered: bool,
+    first_invalid: Option<(u64, String, String)>,
+}
+
+impl TableReader {
+    /// Examines the first lines. They are unordered if one step in ten goes back by more than 3 s (the disorder of a
+    /// clock), or two in three go back at all.
+    pub fn from_first_lines(table: &TableLayout, held: &[(u64, String)]) -> Self {
+        const BACK_S: f64 = 3.0;
+        let mut times_s: Vec<f64> =
+            held.iter().filter_map(|(_, line)| table.values(line).require(table.t_s, "t_s").ok()).collect();
+        let steps = |is: &dyn Fn(f64) -> bool| times_s.windows(2).filter(|pair| is(pair[1] - pair[0])).count();
+        let [back, far_back] = [steps(&|step_s| step_s < 0.0), steps(&|step_s| step_s < -BACK_S)];
+        let is_shuffled = far_back * 10 > times_s.len() || back * 3 > times_s.len() * 2;
+        times_s.sort_by(f64::total_cmp);
+        let about_s = times_s.get(times_s.len() / 2).copied().unwrap_or(0.0);
+        let recorder = FlightBuilder::new(LogFormat::Csv);
+        Self {
+            recorder,
+            rates: Series::new(),
+            armed: Series::new(),
+            median_time_s: about_s,
+            is_unordered: is_shuffled,
+            first_invalid: None,
+        }
+    }
+
+    pub fn take(&mut self, table: &TableLayout, unit: FieldUnit, number: u64, line: &str) {
+        if let Err((column, found)) = self.read_line(table, unit, line) {
+            self.recorder.flight.counts.garbage += 1;
+            self.first_invalid.get_or_insert((number, column, found));
+        }
+    }
+
+    fn read_line(&mut self, table: &TableLayout, unit: FieldUnit, line: &str) -> Result<(), InvalidCell> {
+        let values = table.values(line);
+        let t_s = values.require(table.t_s, "t_s")?;
+        let [roll_deg, pitch_deg] =
+            [values.require(table.attitude[0], "roll_deg")?, values.require(table.attitude[1], "pitch_deg")?];
+        let mut fields = Vec::new();
+        for &(number, [x, y, z]) in &table.fields {
+            let given = [x, y, z].map(|index| values.get(index));
+            if number == 1 || given.iter().all(Option::is_some) {
+                let field = [values.require(x, "mx")?, values.require(y, "my")?, values.require(z, "mz")?];
+                fields.push((number, field.map(|axis| (axis * unit.microtesla()) as f32)));
+            }
+        }
+        let optional = |index: Option<usize>, name: &str| match index {
+            Some(index) if values.get(index).is_some() => values.require(index, name).map(Some),
+            _ => Ok(None),
+        };
+        let usable = optional(table.usable, "use")?;
+        let reference = optional(table.reference, "yaw_ref_deg")?;
+        let yaw = optional(table.yaw, "yaw_deg")?;
+        let read = match table.rates.filter(|rates| rates.iter().any(|&index| values.get(index).is_some())) {
+            Some([p, q, r]) => {
+                Some([values.require(p, "p_dps")?, values.require(q, "q_dps")?, values.require(r, "r_dps")?])
+            }
+            None => None,
+        };
+        let Some(t_s) = self.at(t_s) else { return Ok(()) };
+        if let Some(read) = read {
+            self.rates.push(t_s, read.map(|dps| dps.to_radians() as f32));
+        }
+        if let Ok(Some(armed)) = optional(table.armed, "armed") {
+            self.armed.push(t_s, [f32::from(armed != 0.0)]);
+        }
+        let into = &mut self.recorder;
+        for (number, field_ut) in fields {
+            into.push_field(number, FieldProcessing::BodyRaw, t_s, field_ut, None);
+        }
+        let angles = [roll_deg, pitch_deg, yaw.unwrap_or(f64::NAN)];
+        into.push_attitude(t_s, angles.map(|deg| deg.to_radians() as f32));
+        let flight = &mut into.flight;
+        if let Some(reference) = reference {
+            flight.reference_heading.push(t_s, [reference.to_radians() as f32]);
+        }
+        if let Some(usable) = usable {
+            flight.usable.push(t_s, [f32::from(usable != 0.0)]);
+        }
+        if let Ok(Some(amperes)) = optional(table.current, "current_a") {
+            into.push_current(t_s, amperes as f32);
+        }
+        if let Some([latitude, longitude]) = table.place.map(|place| place.map(|index| values.get(index)))
+            && let (Some(latitude), Some(longitude)) = (latitude, longitude)
+        {
+            let height_m = table.height.and_then(|index| values.get(index)).unwrap_or(0.0) as f32;
+            let [latitude_deg, longitude_deg] = [latitude, longitude].map(|deg| deg as f32);
+            let known =
+                |index: Option<usize>| index.and_then(|index| values.get(index)).map_or(f32::NAN, |value| value as f32);
+            let [speed_m_s, course_deg] = table.over_ground.map(known);
+            let yaw_deg = f32::NAN;
+            into.push_gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });
+        }
+        Ok(())
+    }
+
+    /// Converts a time of the table to flight time, seconds.
+    fn at(&mut self, t_s: f64) -> Option<f64> {
+        let since_s = t_s - self.median_time_s;
+        if since_s.abs() >= MAX_S {
+            self.recorder.flight.counts.bad_times += 1;
+            None
+        } else if self.is_unordered {
+            Some(since_s)
+        } else {
+            self.recorder.timeline.flight_time_s((since_s * 1e6 + ZERO_US).round() as u64)
+        }
+    }
+
+    pub fn finish(mut self) -> Result<Flight, CsvError> {
+        self.rates.sort_and_dedup();
+        for (t_s, at) in rates_at_rows(&self.rates) {
+            self.recorder.push_rates(t_s, at);
+        }
+        self.armed.sort_and_dedup();
+        for row in self.armed.rows() {
+            self.recorder.push_armed(row.t_s, row.values[0] != 0.0);
+        }
+        let flight = self.recorder.finish();
+        // Rejected readings count as rows; the caller reports them.
+        let is_empty = flight.compasses.is_empty() && flight.counts.unhealthy == 0;
+        if is_empty { Err(CsvError::NoRows(self.first_invalid)) } else { Ok(flight) }
+    }
+}

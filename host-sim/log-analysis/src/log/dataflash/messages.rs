@@ -1,0 +1,223 @@
+//! Messages of a flight, by name, whatever their encoding.
+
+use crate::log::flight::{Autopilot, Gps, LogFormat};
+use crate::log::flight_builder::{FieldProcessing, FlightBuilder};
+
+/// A message with named columns, scaled to degrees and m/s by their format letters.
+pub(super) trait Message {
+    fn number(&self, name: &str) -> Option<f64>;
+    fn has(&self, name: &str) -> bool;
+    /// Whether a column is an unscaled integer.
+    fn is_unscaled_integer(&self, name: &str) -> bool;
+    fn words(&self, name: &str) -> Option<String>;
+}
+
+/// Messages that are read.
+pub(super) const WANTED: [&str; 21] = [
+    "MAG", "MAG2", "MAG3", "ATT", "IMU", "GPS", "BAT", "CURR", "XKF1", "NKF1", "XKQ", "XKQ1", "NKQ", "NKQ1", "AHR2",
+    "PARM", "MSG", "ARM", "EV", "SIM", "VER",
+];
+
+pub(super) fn recorder(format: LogFormat) -> FlightBuilder {
+    let mut recorder = FlightBuilder::new(format);
+    recorder.flight.autopilot = Autopilot::ArduPilot;
+    recorder
+}
+
+pub(super) fn take(recorder: &mut FlightBuilder, name: &str, message: &dyn Message) {
+    if name == "PARM" {
+        if let (Some(name), Some(value)) = (message.words("Name"), message.number("Value")) {
+            recorder.set_parameter(&name, value);
+        }
+        return;
+    }
+    let t_s = match microseconds(name, message) {
+        Some(us) => recorder.timeline.flight_time_s(us),
+        None => unstamped_s(recorder, name, message),
+    };
+    let Some(t_s) = t_s else { return };
+    match name {
+        "MAG" => {
+            let number = message.number("I").map_or(1, |instance| (instance as u8).saturating_add(1));
+            field(recorder, t_s, message, number);
+        }
+        "MAG2" => field(recorder, t_s, message, 2),
+        "MAG3" => field(recorder, t_s, message, 3),
+        "ATT" => {
+            if let Some(angles_rad) = angles_rad(message) {
+                recorder.push_attitude(t_s, angles_rad);
+            }
+        }
+        "IMU" if message.number("I").unwrap_or(0.0) == 0.0 => {
+            if let Some(rates) = numbers(message, ["GyrX", "GyrY", "GyrZ"]) {
+                let bias = recorder.gyro_bias_rad_s;
+                recorder.push_rates(t_s, std::array::from_fn(|axis| rates[axis] as f32 - bias[axis]));
+            }
+        }
+        // Gyro bias of the autopilot's filter, deg/s.
+        "XKF1" | "NKF1" if message.number("C").unwrap_or(0.0) == 0.0 => {
+            push_fallback_attitude(recorder, name, t_s, message);
+            if let Some(bias) =
+                numbers(message, ["GX", "GY", "GZ"]).filter(|bias| bias.iter().all(|axis| axis.abs() < 10.0))
+            {
+                recorder.gyro_bias_rad_s = bias.map(|axis| axis.to_radians() as f32);
+            }
+        }
+        "XKQ" | "XKQ1" | "NKQ" | "NKQ1" | "AHR2" if message.number("C").unwrap_or(0.0) == 0.0 => {
+            push_fallback_attitude(recorder, name, t_s, message);
+        }
+        "GPS" if message.number("I").unwrap_or(0.0) == 0.0 => gps(recorder, t_s, message),
+        "BAT" if message.number("Inst").or_else(|| message.number("Instance")).unwrap_or(0.0) == 0.0 => {
+            current(recorder, t_s, message);
+        }
+        "CURR" => current(recorder, t_s, message),
+        "ARM" => {
+            if let Some(is) = message.number("ArmState") {
+                recorder.push_armed(t_s, is != 0.0);
+            }
+        }
+        "EV" => match message.number("Id").map(|id| id as u8) {
+            // LogEvent: armed, auto-armed; disarmed.
+            Some(10 | 15) => recorder.push_armed(t_s, true),
+            Some(11) => recorder.push_armed(t_s, false),
+            _ => {}
+        },
+        "SIM" => truth(recorder, t_s, message),
+        "VER" => recorder.set_firmware(&message.words("FWS").unwrap_or_default()),
+        "MSG" => {
+            let words = message.words("Message").unwrap_or_default();
+            if ["Ardu", "APM", "Rover", "Blimp", "Antenna"].iter().any(|begin| words.starts_with(begin)) {
+                recorder.set_firmware(&words);
+            }
+        }
+        _ => {}
+    }
+}
+
+/// Time of a message without a stamp (common until 2014): the newest stamp, seconds. Of several rows at one stamp the
+/// first is kept.
+fn unstamped_s(recorder: &mut FlightBuilder, name: &str, message: &dyn Message) -> Option<f64> {
+    let is_damaged = ["TimeUS", "TimeMS"].iter().any(|column| name != "GPS" && message.has(column));
+    if is_damaged {
+        return None;
+    }
+    recorder.flight.rows_without_time += u64::from(matches!(name, "MAG" | "MAG2"));
+    let is_once = matches!(name, "MSG" | "EV");
+    let is_row = matches!(name, "MAG" | "MAG2" | "ATT" | "IMU" | "GPS" | "CURR");
+    (is_once || is_row && recorder.timeline.has_stamps()).then(|| recorder.timeline.newest_s())
+}
+
+/// Roll, pitch and yaw, radians, from columns in degrees; yaw is NaN if absent.
+fn angles_rad(message: &dyn Message) -> Option<[f32; 3]> {
+    let [roll, pitch] = numbers(message, ["Roll", "Pitch"])?;
+    let yaw = message.number("Yaw").unwrap_or(f64::NAN);
+    Some([roll, pitch, yaw].map(|deg| deg.to_radians() as f32))
+}
+
+/// Adds the attitude of the filter's first core, or of AHR2, used if `ATT` is not logged (`LOG_BITMASK`). Quaternions
+/// rank after angles, since the board's trim is not removed from them.
+fn push_fallback_attitude(recorder: &mut FlightBuilder, name: &str, t_s: f64, message: &dyn Message) {
+    let (rank, from) = match name {
+        "XKF1" => (0, "XKF1"),
+        "NKF1" => (1, "NKF1"),
+        "XKQ" | "XKQ1" => (2, "XKQ"),
+        "NKQ" | "NKQ1" => (3, "NKQ"),
+        _ => (4, "AHR2"),
+    };
+    let of_quaternion =
+        || numbers(message, ["Q1", "Q2", "Q3", "Q4"]).map(|q| quaternion_to_euler_rad(q).map(|angle| angle as f32));
+    if let Some(angles_rad) = angles_rad(message).or_else(of_quaternion) {
+        recorder.push_fallback_attitude(rank, from, t_s, angles_rad);
+    }
+}
+
+fn microseconds(name: &str, message: &dyn Message) -> Option<u64> {
+    let scaled_column = |column: &str, scale: f64| {
+        let us = message.number(column)? * scale;
+        (us >= 0.0).then_some(us as u64)
+    };
+    // In old GPS messages TimeMS is the time of week, and T the autopilot's clock.
+    let ms = if name == "GPS" { scaled_column("T", 1e3) } else { scaled_column("TimeMS", 1e3) };
+    scaled_column("TimeUS", 1.0).or(ms)
+}
+
+fn numbers<const N: usize>(message: &dyn Message, names: [&str; N]) -> Option<[f64; N]> {
+    let mut found = [0.0; N];
+    for (number, name) in found.iter_mut().zip(names) {
+        *number = message.number(name).filter(|number| number.is_finite())?;
+    }
+    Some(found)
+}
+
+/// Adds a field row in milligauss.
+fn field(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message, number: u8) {
+    let Some(field) = numbers(message, ["MagX", "MagY", "MagZ"]) else { return };
+    if message.number("Health") == Some(0.0) {
+        recorder.flight.counts.unhealthy += 1;
+        return;
+    }
+    let motor = numbers(message, ["MOX", "MOY", "MOZ"]).or_else(|| numbers(message, ["MOfsX", "MOfsY", "MOfsZ"]));
+    let microtesla = |milligauss: [f64; 3]| milligauss.map(|axis| (axis * 0.1) as f32);
+    update_offset_parameters(recorder, message, number);
+    recorder.push_field(number, FieldProcessing::ArduPilot, t_s, microtesla(field), motor.map(microtesla));
+}
+
+/// Sets the offset parameters from a row: offsets learnt in flight (`COMPASS_LEARN`) or calibrated on the ground appear
+/// in no PARM. Rows are truncated to whole milligauss, so a PARM that agrees is preferred.
+fn update_offset_parameters(recorder: &mut FlightBuilder, message: &dyn Message, number: u8) {
+    const SAME: f64 = 1.5;
+    let Some(logged_offset) = numbers(message, ["OfsX", "OfsY", "OfsZ"]) else { return };
+    let index = if number == 1 { String::new() } else { number.to_string() };
+    for (axis, logged_offset) in ["X", "Y", "Z"].iter().zip(logged_offset) {
+        let name = format!("COMPASS_OFS{index}_{axis}");
+        if (recorder.flight.parameters.last(&name).unwrap_or(0.0) - logged_offset).abs() > SAME {
+            recorder.set_parameter(&name, logged_offset);
+        }
+    }
+}
+
+fn gps(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message) {
+    const FIX_3D: f64 = 3.0;
+    /// 1980-01-06 in Unix time; leap seconds (less than a minute) are ignored.
+    const GPS_EPOCH_UNIX_S: f64 = 315_964_800.0;
+    if message.number("Status").is_none_or(|status| status < FIX_3D) {
+        return;
+    }
+    let Some([latitude, longitude, height, speed, course]) = numbers(message, ["Lat", "Lng", "Alt", "Spd", "GCrs"])
+    else {
+        return;
+    };
+    let yaw_deg = message.number("Yaw").filter(|yaw| *yaw != 0.0).map_or(f32::NAN, |yaw| yaw as f32);
+    let [latitude_deg, longitude_deg, height_m, speed_m_s, course_deg] =
+        [latitude, longitude, height, speed, course].map(|number| number as f32);
+    recorder.push_gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });
+    if let Some(week) = message.number("GWk").or_else(|| message.number("Week")).filter(|week| *week > 0.0) {
+        let ms = message.number("GMS").unwrap_or(0.0);
+        recorder.set_day_from_unix_s((GPS_EPOCH_UNIX_S + week * 604_800.0 + ms / 1e3) as u64);
+    }
+}
+
+/// Adds a current; CURR has integer hundredths of an ampere.
+fn current(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message) {
+    if let Some(logged) = message.number("Curr") {
+        let amperes = if message.is_unscaled_integer("Curr") { logged * 0.01 } else { logged };
+        recorder.push_current(t_s, amperes as f32);
+    }
+}
+
+/// Adds the simulator's attitude, by quaternion if logged, since the angles are rounded to 0.01 deg.
+fn truth(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message) {
+    let angles = numbers(message, ["Q1", "Q2", "Q3", "Q4"]).map(quaternion_to_euler_rad);
+    let logged = || numbers(message, ["Roll", "Pitch", "Yaw"]).map(|angles| angles.map(f64::to_radians));
+    if let Some(angles) = angles.or_else(logged) {
+        recorder.push_truth(t_s, angles.map(|angle| angle as f32));
+    }
+}
+
+/// Roll, pitch and yaw of a quaternion w, x, y, z from body axes to north, east, down.
+pub(in crate::log) fn quaternion_to_euler_rad([w, x, y, z]: [f64; 4]) -> [f64; 3] {
+    let roll = libm::atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y));
+    let pitch = libm::asin((2.0 * (w * y - z * x)).clamp(-1.0, 1.0));
+    let yaw = libm::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z));
+    [roll, pitch, yaw]
+}

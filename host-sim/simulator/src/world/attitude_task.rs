@@ -1,0 +1,58 @@
+//! Attitude source of a world, and its task.
+
+use embassy_time::{Instant, Timer};
+use testkit::clock;
+
+use super::attitude_source::{AttitudeSource, HEARTBEAT_PERIOD_US, STATUS_PERIOD_US, SenderKind};
+use super::fault_interfaces::AttitudeFault;
+use super::simulated_world::World;
+use crate::devices::uart::HostEnd;
+
+impl World {
+    /// Attitude source of this world; spawn its [`run`](AttitudeSource::run) as a task.
+    #[must_use]
+    pub fn attitude_source(&self) -> AttitudeSource {
+        let config = self.config();
+        AttitudeSource::new(config.attitude_source, config.seed).with_vehicle_kind(config.aircraft.kind)
+    }
+}
+
+impl AttitudeSource {
+    /// Sends attitude, heartbeats (1 Hz) and, if measured, the current (10 Hz) while the [world enables
+    /// sending](World::set_sends_attitude); never returns. Faults modify each attitude message in order.
+    pub async fn run(mut self, world: World, uart: HostEnd, mut faults: Vec<Box<dyn AttitudeFault>>) {
+        let period_us = 1e6 / self.config.rate_hz;
+        let latency_us = self.latency_us();
+        let began_us = clock::now_us();
+        let mut heartbeat_us = began_us + period_us as u64;
+        let mut status_us = began_us;
+        for tick in 1_u64.. {
+            let now_us = began_us + (tick as f64 * period_us).round() as u64;
+            Timer::at(Instant::from_micros(now_us)).await;
+            if now_us >= heartbeat_us && self.identity.heartbeat_kind.is_some() {
+                heartbeat_us += HEARTBEAT_PERIOD_US;
+                let heartbeat = self.heartbeat_message(world.is_armed());
+                if world.sends_attitude() {
+                    uart.send(&heartbeat);
+                }
+            }
+            if now_us >= status_us && self.identity.heartbeat_kind == Some(SenderKind::Autopilot) {
+                status_us += STATUS_PERIOD_US;
+                if let Some(amperes) = world.reported_current_a(now_us).filter(|_| world.sends_attitude()) {
+                    uart.send(&self.status_message(Some(amperes)));
+                }
+            }
+            let late_us: u64 = faults.iter().map(|fault| fault.late_us(now_us)).sum();
+            let truth = world.true_state(now_us.saturating_sub(latency_us + late_us));
+            let mut message = self.attitude_message(&truth, now_us);
+            for fault in &mut faults {
+                fault.tamper(now_us, &mut message);
+            }
+            // Noise advances also while sending is disabled, so it depends only on time.
+            let frame = self.encode(&message);
+            if world.sends_attitude() {
+                uart.send(&frame);
+            }
+        }
+    }
+}

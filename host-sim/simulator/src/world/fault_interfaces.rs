@@ -1,0 +1,42 @@
+//! Interfaces by which a fault changes field or attitude; the faults are in [`crate::faults`].
+
+use mavlink::dialects::common::ATTITUDE_DATA;
+use nalgebra::Vector3;
+
+use super::earth::Earth;
+
+/// Change of the field at the chip. Queries refer to any instant of the last two seconds, in any order.
+pub trait FieldFault {
+    /// Additional field in chip axes, microtesla.
+    fn added_ut(&self, _at_us: u64) -> Vector3<f64> {
+        Vector3::zeros()
+    }
+
+    /// Earth's field at another place, if the aircraft is not at the configured one.
+    fn earth(&self, _at_us: u64) -> Option<Earth> {
+        None
+    }
+}
+
+impl<F: Fn(u64) -> Vector3<f64>> FieldFault for F {
+    fn added_ut(&self, at_us: u64) -> Vector3<f64> {
+        self(at_us)
+    }
+}
+
+/// Fault of the attitude source.
+pub trait AttitudeFault {
+    /// Additional age of the attitude, microseconds.
+    fn late_us(&self, _now_us: u64) -> u64 {
+        0
+    }
+
+    /// Modifies a message.
+    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA);
+}
+
+impl<F: FnMut(u64, &mut ATTITUDE_DATA)> AttitudeFault for F {
+    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
+        self(now_us, message);
+    }
+}

@@ -1,0 +1,241 @@
+//! Machine and world in lockstep: the module in its simulated vehicle.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use autoswing::settings::PORT_COUNT;
+use simulator::devices::uart::{Cable, HostEnd, UartConfig as CableConfig, WakeCondition};
+use simulator::module::{Module, ModuleRunEnd};
+use simulator::random::{Purpose, Random};
+use simulator::world::far_end::{AttachedDevice, FarEnd};
+use simulator::world::{World, WorldConfig};
+use testkit::simulation::Simulation;
+
+use super::error::EmulatorError;
+use super::machine::{BenchTest, Machine, MachineMessage, StepInput, TICKS_PER_US};
+use super::machine_port::MachinePort;
+use super::sample_path::{FIELD_AGE_US, SamplePath};
+
+/// Sensor noise, microtesla RMS per axis: 2 mG (LSM303DLHC data sheet).
+const NOISE_UT: f64 = 0.2;
+
+/// Emulated module in a simulated vehicle.
+pub struct Emulator {
+    simulation: Simulation,
+    world: World,
+    console: HostEnd,
+    autopilot: HostEnd,
+    instrument: HostEnd,
+    /// Devices at the ports.
+    pub far_ends: [AttachedDevice; PORT_COUNT],
+    console_wire: MachinePort,
+    autopilot_wire: MachinePort,
+    instrument_wire: MachinePort,
+    machine: Machine,
+    noise: Random,
+    field_set_us: Option<u64>,
+    sensor_broken: bool,
+    sensor_stuck: bool,
+    asked: Option<BenchTest>,
+    reset_pressed: bool,
+    /// World time at the machine's last reset, and machine time since then.
+    since_us: u64,
+    machine_us: u64,
+    sample_path: SamplePath,
+    failure: Option<EmulatorError>,
+}
+
+impl Emulator {
+    /// Starts a firmware image with erased flash in a world with these settings.
+    ///
+    /// # Errors
+    ///
+    /// Missing image or QEMU, or a failed connection. With an image for another machine QEMU ends at once or at the
+    /// first step.
+    pub fn start(image: &Path, config: WorldConfig) -> Result<Self, EmulatorError> {
+        Self::start_wired(image, config, [FarEnd::Talker, FarEnd::Unconnected])
+    }
+
+    /// As [`start`](Self::start), but after `stop` is set every run fails with [`EmulatorError::Interrupted`].
+    ///
+    /// # Errors
+    ///
+    /// As [`start`](Self::start).
+    pub fn start_until(stop: &Arc<AtomicBool>, image: &Path, config: WorldConfig) -> Result<Self, EmulatorError> {
+        Self::start_machine(|| Machine::start(image, Arc::clone(stop)), &config, [FarEnd::Talker, FarEnd::Unconnected])
+    }
+
+    /// As [`start`](Self::start), with other devices at the ports.
+    ///
+    /// # Errors
+    ///
+    /// As [`start`](Self::start).
+    pub fn start_wired(
+        image: &Path,
+        config: WorldConfig,
+        far_ends: [FarEnd; PORT_COUNT],
+    ) -> Result<Self, EmulatorError> {
+        Self::start_machine(|| Machine::start(image, Arc::default()), &config, far_ends)
+    }
+
+    fn start_machine(
+        machine: impl FnOnce() -> Result<Machine, EmulatorError>,
+        config: &WorldConfig,
+        [one, two]: [FarEnd; PORT_COUNT],
+    ) -> Result<Self, EmulatorError> {
+        let mut simulation = Simulation::new();
+        let world = World::new(*config);
+        let cable = || Cable::new(CableConfig { delivery: WakeCondition::EachByte, ..CableConfig::default() });
+        let [console_cable, autopilot_cable, instrument_cable] = [(); 3].map(|()| cable());
+        let [console, autopilot, instrument] = [&console_cable, &autopilot_cable, &instrument_cable].map(Cable::host);
+        let far_ends = [
+            one.attach(&mut simulation, &world, autopilot.clone(), vec![]),
+            two.attach(&mut simulation, &world, instrument.clone(), vec![]),
+        ];
+        Ok(Self {
+            console_wire: MachinePort::new(&console_cable, &mut simulation),
+            autopilot_wire: MachinePort::new(&autopilot_cable, &mut simulation),
+            instrument_wire: MachinePort::new(&instrument_cable, &mut simulation),
+            simulation,
+            world,
+            console,
+            autopilot,
+            instrument,
+            far_ends,
+            machine: machine()?,
+            noise: Random::new(config.seed, Purpose::Magnetometer),
+            field_set_us: None,
+            sensor_broken: false,
+            sensor_stuck: false,
+            asked: None,
+            reset_pressed: false,
+            since_us: 0,
+            machine_us: 0,
+            sample_path: SamplePath::default(),
+            failure: None,
+        })
+    }
+
+    /// Error of the last failed run.
+    pub fn take_failure(&mut self) -> Option<EmulatorError> {
+        self.failure.take()
+    }
+
+    /// Breaks or repairs the sensor's data wire.
+    pub fn break_sensor_wire(&mut self, broken: bool) {
+        self.sensor_broken = broken;
+    }
+
+    /// Freezes or releases the sensor's measured value.
+    pub fn freeze_sensor(&mut self, stuck: bool) {
+        self.sensor_stuck = stuck;
+    }
+
+    /// Requests a test of the bench image at the next step. Other images ignore it.
+    pub fn request_bench_test(&mut self, test: BenchTest) {
+        self.asked = Some(test);
+    }
+
+    /// Requests a reset at the next step.
+    pub fn request_reset(&mut self) {
+        self.reset_pressed = true;
+    }
+
+    /// Instructions from the first sensor access to the last written byte, per sample since the last call.
+    pub fn take_path_instructions(&mut self) -> Vec<u64> {
+        self.sample_path.take_instructions()
+    }
+
+    /// Runs the machine to its next message and the world to the machine's time.
+    fn step(&mut self) -> Result<(), EmulatorError> {
+        let (message, ticks) = self.machine.wait_for_message()?;
+        if message == MachineMessage::Started {
+            self.on_restart();
+            return Ok(());
+        }
+        self.catch_up(ticks / TICKS_PER_US);
+        let [console, autopilot, instrument] = self.machine.take_output()?;
+        self.console_wire.write(&console);
+        self.autopilot_wire.write(&autopilot);
+        self.instrument_wire.write(&instrument);
+        match message {
+            MachineMessage::Written => {
+                self.sample_path.written(ticks);
+                return Ok(());
+            }
+            MachineMessage::Sensor => {
+                self.sample_path.on_poll(ticks);
+                self.set_field()?;
+            }
+            // While the machine waits, no message is in transmission that a reset could truncate.
+            MachineMessage::Step if std::mem::take(&mut self.reset_pressed) => return self.machine.reset(),
+            MachineMessage::Started | MachineMessage::Step => {}
+        }
+        let go = StepInput {
+            console: self.console_wire.take(),
+            autopilot: self.autopilot_wire.take(),
+            instrument: self.instrument_wire.take(),
+            is_sensor_wire_broken: self.sensor_broken,
+            test: self.asked.take(),
+        };
+        self.machine.resume(&go)
+    }
+
+    /// The machine restarted, which takes no time and clears the sensor's field.
+    fn on_restart(&mut self) {
+        self.since_us += self.machine_us;
+        self.machine_us = 0;
+        self.field_set_us = None;
+        self.sample_path.restart();
+    }
+
+    fn catch_up(&mut self, machine_us: u64) {
+        // The message of a step may carry an earlier time.
+        self.machine_us = self.machine_us.max(machine_us);
+        self.simulation.run_until(self.now_us());
+    }
+
+    fn set_field(&mut self) -> Result<(), EmulatorError> {
+        let now_us = self.now_us();
+        let is_fresh = self.field_set_us.is_some_and(|set_us| now_us - set_us < FIELD_AGE_US);
+        if is_fresh || self.sensor_stuck {
+            return Ok(());
+        }
+        self.field_set_us = Some(now_us);
+        let noise_ut = self.noise.normal_vector() * NOISE_UT;
+        self.machine.set_field(self.world.sensor_field(now_us).ut + noise_ut.cast())
+    }
+}
+
+impl Module for Emulator {
+    fn world(&self) -> &World {
+        &self.world
+    }
+
+    fn console(&self) -> &HostEnd {
+        &self.console
+    }
+
+    fn autopilot(&self) -> &HostEnd {
+        &self.autopilot
+    }
+
+    fn instrument(&self) -> &HostEnd {
+        &self.instrument
+    }
+
+    fn now_us(&self) -> u64 {
+        self.since_us + self.machine_us
+    }
+
+    fn run_until(&mut self, until_us: u64) -> ModuleRunEnd {
+        while self.now_us() < until_us {
+            if let Err(error) = self.step() {
+                self.failure = Some(error);
+                return ModuleRunEnd::Failed;
+            }
+        }
+        ModuleRunEnd::Time
+    }
+}

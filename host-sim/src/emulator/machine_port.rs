@@ -1,0 +1,68 @@
+//! The machine's serial ports.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_sync::signal::Signal;
+use embedded_io_async::{Read, Write};
+use simulator::devices::uart::{Cable, Receiver, Transmitter};
+use testkit::simulation::{Level, Simulation};
+
+use super::machine::MAX_STEP_BYTES;
+
+/// Machine end of a cable; buffers received bytes until the machine stops.
+pub struct MachinePort {
+    to_machine: Rc<RefCell<VecDeque<u8>>>,
+    to_cable: Rc<OutgoingBytes>,
+}
+
+#[derive(Default)]
+struct OutgoingBytes {
+    bytes: RefCell<Vec<u8>>,
+    more: Signal<NoopRawMutex, ()>,
+}
+
+impl MachinePort {
+    pub fn new(cable: &Cable, simulation: &mut Simulation) -> Self {
+        let (receiver, transmitter) = cable.module();
+        let wire = Self { to_machine: Rc::default(), to_cable: Rc::default() };
+        simulation.spawn(Level::World, "to machine", receive(receiver, Rc::clone(&wire.to_machine)));
+        simulation.spawn(Level::World, "from machine", transmit(transmitter, Rc::clone(&wire.to_cable)));
+        wire
+    }
+
+    pub fn write(&self, bytes: &[u8]) {
+        if !bytes.is_empty() {
+            self.to_cable.bytes.borrow_mut().extend_from_slice(bytes);
+            self.to_cable.more.signal(());
+        }
+    }
+
+    /// Received bytes, up to the machine's limit per step.
+    pub fn take(&self) -> Vec<u8> {
+        let mut waiting = self.to_machine.borrow_mut();
+        let number = waiting.len().min(MAX_STEP_BYTES);
+        waiting.drain(..number).collect()
+    }
+}
+
+async fn receive(mut receiver: Receiver, to_machine: Rc<RefCell<VecDeque<u8>>>) {
+    let mut buffer = [0; 64];
+    loop {
+        // Line errors are never injected here.
+        if let Ok(read) = receiver.read(&mut buffer).await {
+            to_machine.borrow_mut().extend(&buffer[..read]);
+        }
+    }
+}
+
+async fn transmit(mut transmitter: Transmitter, outgoing: Rc<OutgoingBytes>) {
+    loop {
+        outgoing.more.wait().await;
+        let bytes = outgoing.bytes.take();
+        // A simulated cable never reports write errors.
+        let _ = transmitter.write_all(&bytes).await;
+    }
+}

@@ -1,0 +1,46 @@
+//! Instructions from the sensor's registers to the last byte of each sample.
+
+use super::machine::{INSTRUCTION_NS, TICK_NS, TICKS_PER_US};
+
+/// Update period of the field, microseconds; both accesses of one measurement read the same field.
+pub const FIELD_AGE_US: u64 = 2_000;
+
+/// Path of each sample through the module, from the first sensor access to the last written byte.
+#[derive(Default)]
+pub struct SamplePath {
+    /// Start of the present sample's sensor access, machine ticks.
+    began: Option<u64>,
+    /// Whether the present sample has been output; of several writes the last one counts.
+    written: bool,
+    ticks: Vec<u64>,
+}
+
+impl SamplePath {
+    /// Takes the instructions of the samples since the last call.
+    pub fn take_instructions(&mut self) -> Vec<u64> {
+        let instructions = |ticks: u64| ticks * TICK_NS / INSTRUCTION_NS;
+        std::mem::take(&mut self.ticks).into_iter().map(instructions).collect()
+    }
+
+    /// The machine restarted: the present sample ends.
+    pub fn restart(&mut self) {
+        self.began = None;
+    }
+
+    pub fn on_poll(&mut self, ticks: u64) {
+        let again = self.began.is_some_and(|began| ticks - began < FIELD_AGE_US * TICKS_PER_US);
+        if self.written || !again {
+            self.began = Some(ticks);
+            self.written = false;
+        }
+    }
+
+    pub fn written(&mut self, ticks: u64) {
+        let Some(began) = self.began else { return };
+        if self.written {
+            self.ticks.pop();
+        }
+        self.ticks.push(ticks - began);
+        self.written = true;
+    }
+}

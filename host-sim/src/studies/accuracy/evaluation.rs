@@ -1,0 +1,88 @@
+//! Plan of the accuracy studies, and the evaluation of their solves.
+
+use autoswing::calibration::{ConsiderSigmas, Method, Prior, Samples, Solution, SolveError, Solver};
+use log_analysis::score::{accepted_by_uncalibrated, within_percent};
+use serde::Serialize;
+
+use super::trial::{ConstantErrorSigmas, PostFlightSource, Recording, Trial};
+
+/// Extent of the study.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AccuracyPlan {
+    /// Number of airframes.
+    pub airframes: u64,
+    /// Noise realisations per airframe. The ratio to the bound has a relative standard error of about `0.3 /
+    /// sqrt(draws)`.
+    pub draws: u64,
+    /// Seed of the first airframe.
+    pub seed: u64,
+}
+
+/// Fraction of heading errors within one and two sigma, percent.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Coverage {
+    /// Within one sigma; ideally 68.3.
+    pub one_sigma_percent: f64,
+    /// Within two sigma; ideally 95.4.
+    pub two_sigma_percent: f64,
+    /// Number of headings.
+    pub headings: usize,
+}
+
+/// Coverage is evaluated for every fifth noise realisation.
+pub(super) const COVERAGE_EVERY: u64 = 5;
+
+const HEADINGS: usize = 16;
+
+/// Solves of one method.
+#[derive(Clone, Copy, Default)]
+pub(super) struct SolveCounts {
+    pub(super) solved: u32,
+    pub(super) refused: u32,
+    pub(super) accepted: u32,
+    pub(super) wrong: u32,
+    /// Sum of the mean squared heading errors of all solves, square degrees.
+    squares: f64,
+}
+
+impl SolveCounts {
+    pub(super) fn rms_deg(&self) -> f64 {
+        (self.squares / f64::from(self.solved)).sqrt()
+    }
+
+    pub(super) fn add(&mut self, trial: &Trial, recorded: &Recording, solution: Option<&Solution>) {
+        let Some(solution) = solution else {
+            self.refused += 1;
+            return;
+        };
+        let errors_deg = trial.errors_deg(&solution.calibration);
+        let square = errors_deg.iter().map(|e| e * e).sum::<f64>() / errors_deg.len() as f64;
+        let accepted = accepted_by_uncalibrated(solution, recorded.samples(), recorded.held_back()).is_ok();
+        self.solved += 1;
+        self.squares += square;
+        self.accepted += u32::from(accepted);
+        self.wrong += u32::from(accepted && square.sqrt() > 3.0 * f64::from(solution.quality.expected_rms_deg));
+    }
+}
+
+/// Heading errors over their sigmas after a flight with exactly the attitude errors that the solver considers, which
+/// `record` records.
+pub(super) fn use_headings(
+    trial: &Trial,
+    consider: ConsiderSigmas,
+    record: impl FnOnce(ConstantErrorSigmas) -> (Recording, PostFlightSource),
+) -> Vec<f64> {
+    let (recorded, mut source) = record(ConstantErrorSigmas::considered_by(consider));
+    let Ok(solution) = solve(Method::MaximumLikelihood, recorded.samples(), consider) else { return Vec::new() };
+    (0..HEADINGS).filter_map(|_| trial.normalised_heading_error(&solution, &mut source)).collect()
+}
+
+pub(super) fn solve(method: Method, samples: Samples<'_>, consider: ConsiderSigmas) -> Result<Solution, SolveError> {
+    // Samples are single measurements, as are the evaluated headings.
+    Solver::with_consider_sigmas(method, samples, &Prior::default(), consider)?.run(samples)
+}
+
+pub(super) fn coverage(normalised: &[f64]) -> Coverage {
+    let [one_sigma_percent, two_sigma_percent] = within_percent(normalised);
+    Coverage { one_sigma_percent, two_sigma_percent, headings: normalised.len() }
+}

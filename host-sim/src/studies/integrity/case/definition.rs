@@ -1,0 +1,332 @@
+//! A case: fault, onset and flight.
+
+use std::f64::consts::TAU;
+use std::rc::Rc;
+
+use nalgebra::Vector3;
+use simulator::faults::attitude::{
+    AdditionalLatency, AttitudeFault, SecondSender, attitude_bias, attitude_quantisation, bank_scale_error,
+    filter_alignment, frozen_attitude, rate_scale_error,
+};
+use simulator::faults::field::{
+    FieldFault, OtherPlace, hard_iron_change, passing_object, throttle_interference, zero_drift,
+};
+use simulator::faults::sensor::{RegisterUpset, SensorFault, axis_clipping, stuck_axes};
+use simulator::faults::{Faults, Switch};
+use simulator::random::{Purpose, Random};
+use simulator::routine::{Routine, TurnPlan};
+use simulator::world::WorldConfig;
+use simulator::world::aircraft::VehicleKind;
+use simulator::world::attitude_source::SenderKind;
+use simulator::world::autopilot::Leg;
+use simulator::world::earth::Earth;
+use simulator::world::far_end::FarEnd;
+use simulator::world::rotation::Euler;
+
+use crate::studies::integrity::plan::AttitudeProtocol;
+use crate::studies::integrity::use_legs::{self, IN_TURN_S};
+
+/// Fault and the flights on which it is tested: a row of [`CASES`].
+#[derive(Debug)]
+pub struct Case {
+    /// Name on the command line and in JSON.
+    pub name: &'static str,
+    /// Description of the fault.
+    pub description: &'static str,
+    /// Changes world, attitude source, routine, onset and use of the flight, and adds faults.
+    pub(super) set_up: fn(&mut DrawnCase),
+    /// Vehicles to which the case applies.
+    pub(super) vehicles: fn(VehicleKind) -> bool,
+    /// Whether the case requires several senders or body rates, which MSP does not have.
+    pub(super) needs_mavlink: bool,
+    /// Largest number of flights.
+    pub(super) max_flights: u64,
+    /// Whether hard iron changes permanently in use, so that the module should estimate the change.
+    pub changes_hard_iron: bool,
+}
+
+/// Time during which the fault is active.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Onset {
+    /// No fault.
+    Never,
+    /// During calibration and use.
+    Always,
+    /// During use after the calibration.
+    InUse {
+        /// Time from the start of use to the onset, seconds.
+        after_s: f64,
+        /// Duration, seconds; infinite for a permanent fault.
+        for_s: f64,
+    },
+    /// During the calibration.
+    Calibrating {
+        /// Time from the start of the calibration to the onset, seconds.
+        after_s: f64,
+        /// Time from the start of the calibration to the end of the fault, seconds; infinite for a permanent fault.
+        until_s: f64,
+    },
+}
+
+/// Case with random values drawn from a seed.
+pub struct DrawnCase {
+    /// Airframe, place, weather, errors of the attitude source.
+    pub world: WorldConfig,
+    /// Attitude source.
+    pub far_end: FarEnd,
+    /// Calibration routine.
+    pub routine: Routine,
+    /// Injected faults.
+    pub faults: Faults,
+    /// Switch that activates the faults.
+    pub switch: Switch,
+    /// Time during which the fault is active.
+    pub onset: Onset,
+    /// Time on the ground before use, seconds.
+    pub ground_time_s: f64,
+    /// Duration of use, seconds.
+    pub use_s: f64,
+    /// Draws the further legs of use, after the first.
+    pub next_legs: fn(VehicleKind, &mut Random) -> Vec<Leg>,
+    pub(super) seed: u64,
+    pub(super) random: Random,
+}
+
+/// Duration of a flight in use, seconds. The first legs are the same for all (see [`flight`](crate::studies::integrity::flight)).
+pub(super) const USE_S: f64 = 185.0;
+
+/// Onset of faults without a special time, seconds after the start of use.
+pub(super) const SOON_S: f64 = 10.0;
+
+/// Onset of passing disturbances, seconds after the start of use.
+const PASSING_AT_S: f64 = 60.0;
+
+/// Time on the ground, and alignment time of the restarted autopilot within it, as observed on a real one, seconds.
+const STANDS_S: f64 = 60.0;
+const ALIGNS_S: f64 = 10.0;
+
+/// Shortest calibration, seconds. An aeroplane flies four circles at 25 deg of bank to one side and as many as
+/// necessary to the other: 196 to 215 s in 60 flights. A copter's calibration may be complete after accelerations on
+/// two headings.
+pub(super) const fn calibration_s(aircraft: VehicleKind) -> f64 {
+    if aircraft.can_hover() { 60.0 } else { 195.0 }
+}
+
+pub(super) const COUNTS_PER_UT: f64 = 68.42;
+
+pub(super) const SENSOR_SIGMA: f64 = 0.32 * COUNTS_PER_UT;
+
+impl Case {
+    /// Number of flights of this case, if `asked` are flown of others.
+    #[must_use]
+    pub fn flights(&self, requested: u64) -> u64 {
+        requested.min(self.max_flights)
+    }
+
+    /// Whether the case applies to this vehicle.
+    #[must_use]
+    pub fn applies_to_vehicle(&self, aircraft: VehicleKind) -> bool {
+        (self.vehicles)(aircraft)
+    }
+
+    /// Whether the case applies to this attitude source: MSP has one sender and no body rates.
+    #[must_use]
+    pub const fn applies_to_protocol(&self, source: AttitudeProtocol) -> bool {
+        matches!(source, AttitudeProtocol::Mavlink) || !self.needs_mavlink
+    }
+
+    /// Draws the flight of a seed.
+    #[must_use]
+    pub fn draw(&self, seed: u64, aircraft: VehicleKind, source: AttitudeProtocol) -> DrawnCase {
+        let mut drawn_case = DrawnCase {
+            world: WorldConfig::random(seed).with_vehicle_kind(aircraft),
+            far_end: source.far_end(),
+            routine: Routine::for_vehicle(aircraft, TurnPlan::default(), 0.0),
+            faults: Faults::default(),
+            switch: Switch::off(),
+            onset: Onset::Never,
+            ground_time_s: 0.0,
+            use_s: USE_S,
+            next_legs: use_legs::next_legs,
+            seed,
+            random: Random::new(seed, Purpose::Case),
+        };
+        (self.set_up)(&mut drawn_case);
+        drawn_case
+    }
+}
+
+impl DrawnCase {
+    /// Handle for a fault that is active from the onset on.
+    pub(super) fn switch(&self) -> Switch {
+        self.switch.clone()
+    }
+
+    pub(super) fn add_sensor_fault(&mut self, onset: Onset, fault: impl SensorFault + 'static) {
+        self.onset = onset;
+        self.faults.sensor.push(Box::new(fault));
+    }
+
+    pub(super) fn add_attitude_fault(&mut self, onset: Onset, fault: impl AttitudeFault + 'static) {
+        self.onset = onset;
+        self.faults.attitude.push(Box::new(fault));
+    }
+
+    pub(super) fn add_field_fault(&mut self, onset: Onset, fault: impl FieldFault + 'static) {
+        self.onset = onset;
+        self.faults.field.push(Rc::new(fault));
+    }
+
+    /// Random direction with this magnitude, microtesla, chip axes.
+    pub(super) fn random_ut(&mut self, magnitude_ut: f64) -> Vector3<f64> {
+        self.random.direction() * magnitude_ut
+    }
+
+    /// Onset at a random time of the straight leg or the turn at the start of use.
+    pub(super) fn random_onset(&mut self) -> Onset {
+        Onset::permanent_after(self.random.uniform(SOON_S, IN_TURN_S))
+    }
+
+    pub(super) fn stick_axes(&mut self, axes: [bool; 3]) {
+        let onset = self.random_onset();
+        self.add_sensor_fault(onset, stuck_axes(self.switch(), axes));
+    }
+
+    pub(super) fn upset_register(&mut self, register: u8, bits: u8) {
+        let switch = self.switch();
+        self.add_sensor_fault(Onset::SOON, RegisterUpset { switch, register, bits, has_occurred: false });
+    }
+
+    /// Saturates a random axis within its range on a level circle.
+    pub(super) fn clip_axis(&mut self, onset: Onset) {
+        let axis = (self.random.uniform(0.0, 3.0) as usize).min(2);
+        let limit_counts = clip_at(&self.world, axis, self.random.uniform(0.3, 0.95));
+        self.add_sensor_fault(onset, axis_clipping(self.switch(), axis, limit_counts));
+    }
+
+    pub(super) fn quantise_attitude(&mut self) {
+        self.faults.attitude.push(Box::new(attitude_quantisation(0.1)));
+    }
+
+    pub(super) fn freeze_attitude(&mut self, after_s: f64) {
+        self.add_attitude_fault(Onset::permanent_after(after_s), frozen_attitude(self.switch()));
+    }
+
+    /// Adds a sender with a roll error of 5 deg, present from the beginning; only use is evaluated.
+    pub(super) fn add_sender(&mut self, heartbeat_kind: Option<SenderKind>) {
+        self.onset = Onset::Always;
+        self.faults.senders.push(SecondSender { system_id: 1, component_id: 154, heartbeat_kind, roll_error_deg: 5.0 });
+    }
+
+    pub(super) fn bias_attitude(&mut self, degrees: f64) {
+        let direction_rad = self.random.uniform(0.0, TAU);
+        let bias_rad = [libm::cos(direction_rad), libm::sin(direction_rad)].map(|part| degrees.to_radians() * part);
+        self.add_attitude_fault(Onset::SOON, attitude_bias(self.switch(), bias_rad));
+    }
+
+    /// The autopilot's attitude filter aligns on the ground.
+    pub(super) fn align_attitude(&mut self) {
+        self.ground_time_s = STANDS_S;
+        let [amplitude_deg, roll_s, pitch_s] =
+            [(3.0, 40.0), (1.5, 6.0), (1.5, 6.0)].map(|(a, b)| self.random.uniform(a, b));
+        self.add_attitude_fault(
+            Onset::InUse { after_s: SOON_S, for_s: ALIGNS_S },
+            filter_alignment(self.switch(), amplitude_deg, [roll_s, pitch_s]),
+        );
+    }
+
+    pub(super) fn scale_bank(&mut self, onset: Onset, reported_ratio: f64) {
+        self.add_attitude_fault(onset, bank_scale_error(self.switch(), reported_ratio));
+    }
+
+    pub(super) fn delay_attitude(&mut self, latency_ms: u64) {
+        let fault = AdditionalLatency { switch: self.switch(), latency_us: latency_ms * 1000 };
+        self.add_attitude_fault(Onset::SOON, fault);
+    }
+
+    pub(super) fn scale_rates(&mut self, factor: f64) {
+        self.add_attitude_fault(Onset::SOON, rate_scale_error(self.switch(), factor));
+    }
+
+    pub(super) fn change_hard_iron(&mut self, magnitude_ut: f64) {
+        let change_ut = self.random_ut(magnitude_ut);
+        self.add_field_fault(Onset::SOON, hard_iron_change(self.switch(), change_ut));
+    }
+
+    pub(super) fn change_hard_iron_while_calibrating(&mut self, magnitude_ut: f64) {
+        let change_ut = self.random_ut(magnitude_ut);
+        let after_s = self.random.uniform(0.0, calibration_s(self.world.aircraft.kind));
+        let onset = Onset::Calibrating { after_s, until_s: f64::INFINITY };
+        self.add_field_fault(onset, hard_iron_change(self.switch(), change_ut));
+    }
+
+    pub(super) fn add_throttle_interference(&mut self, full_ut: f64) {
+        let full_ut = self.random_ut(full_ut);
+        self.add_field_fault(Onset::SOON, throttle_interference(self.switch(), full_ut, self.seed));
+    }
+
+    pub(super) fn drift_zero(&mut self, onset: Onset) {
+        let change_ut = self.random_ut(10.0);
+        self.add_field_fault(onset, zero_drift(self.switch(), change_ut));
+    }
+
+    pub(super) fn pass_object(&mut self, peak_ut: f64, for_s: f64) {
+        let peak_ut = self.random_ut(peak_ut);
+        let onset = Onset::InUse { after_s: PASSING_AT_S, for_s };
+        self.add_field_fault(onset, passing_object(self.switch(), peak_ut));
+    }
+
+    pub(super) fn move_to_other_place(&mut self) {
+        self.world.earth = Earth { total_ut: 50.0, inclination_deg: 60.0 };
+        let total_ut = self.random.uniform(45.0, 55.0);
+        let earth = Earth { total_ut, inclination_deg: self.random.uniform(50.0, 70.0) };
+        self.add_field_fault(Onset::SOON, OtherPlace { switch: self.switch(), earth });
+    }
+
+    pub(super) fn calibrate_at_bank(&mut self, bank_deg: f64) {
+        self.onset = Onset::Always;
+        let plan = TurnPlan { bank_deg, ..TurnPlan::default() };
+        self.routine = Routine::for_vehicle(VehicleKind::Plane, plan, 0.0);
+    }
+
+    /// Repeats the routine's first part (yaw turns) up to the duration of the whole routine.
+    pub(super) fn calibrate_in_hover(&mut self) {
+        self.onset = Onset::Always;
+        self.routine.parts.truncate(1);
+        for part in &mut self.routine.parts {
+            part.legs = part.legs.repeat(4);
+        }
+    }
+
+    pub(super) fn add_current(&mut self, in_hover_ut: f64, reports_current: bool) {
+        self.onset = Onset::Always;
+        self.world = WorldConfig { reports_current, ..self.world.with_current_interference(in_hover_ut) };
+    }
+}
+
+impl Onset {
+    /// Shortly after the start of use, permanent.
+    pub(super) const SOON: Self = Self::permanent_after(SOON_S);
+
+    /// This time after the start of use, permanent.
+    pub(super) const fn permanent_after(after_s: f64) -> Self {
+        Self::InUse { after_s, for_s: f64::INFINITY }
+    }
+
+    /// During the shortest calibration of a vehicle.
+    pub(super) const fn calibrating(aircraft: VehicleKind) -> Self {
+        Self::Calibrating { after_s: 0.0, until_s: calibration_s(aircraft) }
+    }
+}
+
+/// Saturation limit of an axis within its range on a level circle, at a fraction of the way from its mean to its
+/// maximum, counts.
+fn clip_at(world: &WorldConfig, axis: usize, part: f64) -> i16 {
+    let measured = |step: u8| {
+        let euler = Euler { heading_rad: f64::from(step) / 36.0 * TAU, ..Euler::from_deg(0.0, 0.0, 0.0) };
+        f64::from(world.airframe.measured_field(&world.earth.body_field_ut(euler)).ut[axis])
+    };
+    let mean = (0..36).map(measured).sum::<f64>() / 36.0;
+    let most = (0..36).map(measured).fold(f64::MIN, f64::max);
+    ((mean + (most - mean) * part) * COUNTS_PER_UT).round() as i16
+}
