@@ -79,6 +79,7 @@ impl Attitude {
 
     /// The rotation, for repeated use.
     #[must_use]
+    #[inline]
     pub fn tilt(&self) -> AttitudeRotation {
         let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) =
             (trig::sin_cos(self.roll_rad), trig::sin_cos(self.pitch_rad));
@@ -87,12 +88,14 @@ impl Attitude {
 
     /// Rotates a body field to the level frame.
     #[must_use]
+    #[inline]
     pub fn level(&self, body: Field<Body>) -> Field<Level> {
         self.tilt().level(body)
     }
 
     /// Rotates a level field to the body frame, the inverse of [`level`](Self::level).
     #[must_use]
+    #[inline]
     pub fn body(&self, level: Field<Level>) -> Field<Body> {
         self.tilt().body(level)
     }
@@ -110,6 +113,7 @@ pub struct AttitudeRotation {
 impl AttitudeRotation {
     /// Unit vector down, body axes.
     #[must_use]
+    #[inline]
     pub(crate) fn down(&self) -> Vector3<f32> {
         Vector3::new(-self.sin_pitch, self.cos_pitch * self.sin_roll, self.cos_pitch * self.cos_roll)
     }
@@ -126,6 +130,7 @@ impl AttitudeRotation {
 
     /// Rotates a body field to the level frame: `C h` (Liu 2007 eq. 7).
     #[must_use]
+    #[inline]
     pub fn level(&self, body: Field<Body>) -> Field<Level> {
         let body = body.ut;
         let lower = self.sin_roll * body.y + self.cos_roll * body.z;
@@ -138,6 +143,7 @@ impl AttitudeRotation {
 
     /// Rotates a level field to the body frame: `C^T l`.
     #[must_use]
+    #[inline]
     pub fn body(&self, level: Field<Level>) -> Field<Body> {
         let level = level.ut;
         let lower = self.sin_pitch * level.x + self.cos_pitch * level.z;
@@ -175,6 +181,7 @@ impl Field<Level> {
 
 /// Wraps an angle in radians to -pi..pi. NaN and infinity give NaN or infinity.
 #[must_use]
+#[inline]
 pub fn wrap_pi(angle_rad: f32) -> f32 {
     // Fast path: most angles are in range.
     if angle_rad.abs() <= PI { angle_rad } else { angle_rad - TAU * libm::floorf((angle_rad + PI) / TAU) }
@@ -182,6 +189,7 @@ pub fn wrap_pi(angle_rad: f32) -> f32 {
 
 /// Wraps an angle in radians to 0..2 pi, exclusive.
 #[must_use]
+#[inline]
 pub fn wrap_two_pi(angle_rad: f32) -> f32 {
     let wrapped = wrap_pi(angle_rad);
     let wrapped = if wrapped < 0.0 { wrapped + TAU } else { wrapped };

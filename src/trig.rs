@@ -28,7 +28,7 @@ pub fn sin_cos(angle_rad: f32) -> (f32, f32) {
     // The cast saturates for non-finite values; the remainder is then NaN.
     let quarters = (quarters + 0.5_f32.copysign(quarters)) as i32;
     let number = quarters as f32;
-    let x = QUARTER.iter().fold(angle_rad, |rest, part| rest - number * part);
+    let x = angle_rad - number * QUARTER[0] - number * QUARTER[1] - number * QUARTER[2];
     let z = x * x;
     let sin = ((-1.951_529_6e-4 * z + 8.332_161e-3) * z - 1.666_665_5e-1) * z * x + x;
     let cos = ((2.443_315_7e-5 * z - 1.388_731_6e-3) * z + 4.166_664_6e-2) * z * z - 0.5 * z + 1.0;

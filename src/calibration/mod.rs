@@ -106,7 +106,7 @@ pub(crate) use {
     fit::information_matrix::InformationMatrix,
     linear_algebra::{
         least_squares::LeastSquares,
-        matrix::{inverse, matrix_rows},
+        matrix::{inverse, matrix_rows, multiply},
     },
     model::{FieldPrediction, JacobianRow},
     types::samples::{part_of, part_range},

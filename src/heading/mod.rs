@@ -27,6 +27,7 @@ impl Heading {
 
     /// The heading with an offset added, degrees.
     #[must_use]
+    #[inline]
     pub fn rotated_by_deg(self, degrees: f32) -> Self {
         Self { magnetic_rad: wrap_two_pi(self.magnetic_rad + degrees.to_radians()), ..self }
     }
@@ -34,6 +35,7 @@ impl Heading {
     /// Raises the systematic variance to `variance_rad2`, square radians, if larger: both values describe the same
     /// errors.
     #[must_use]
+    #[inline]
     pub fn with_min_systematic_variance(self, variance_rad2: f32) -> Self {
         let more_rad2 = (variance_rad2 - self.systematic_variance_rad2).max(0.0);
         Self {
@@ -45,6 +47,7 @@ impl Heading {
 
     /// Adds an independent systematic variance, square radians.
     #[must_use]
+    #[inline]
     pub fn with_added_systematic_variance(self, variance_rad2: f32) -> Self {
         self.with_min_systematic_variance(self.systematic_variance_rad2 + variance_rad2)
     }

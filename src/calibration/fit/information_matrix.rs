@@ -22,12 +22,14 @@ impl InformationMatrix {
         Self { products: [[0.0; 10]; 6], with_inclination: [[0.0; 4]; 3], inclination_squared: 0.0 }
     }
 
+    #[inline]
     pub fn add_row(&mut self, row: &JacobianRow, weight: f32) {
         self.add_inclination_products(row, weight);
         self.add_products(&row.x, weighted_field_products(row, weight));
     }
 
     /// Adds the outer products of two rows of one measurement, hardly slower than one.
+    #[inline]
     pub fn add_row_pair(&mut self, rows: [&JacobianRow; 2], weights: [f32; 2]) {
         let [one, other] = [(rows[0], weights[0]), (rows[1], weights[1])].map(|(row, weight)| {
             self.add_inclination_products(row, weight);
@@ -39,10 +41,11 @@ impl InformationMatrix {
     }
 
     /// Adds weighted products of `k` times those of `(x, 1)`. Unrolled: runs for each sample and pass.
+    #[inline]
     fn add_products(&mut self, x: &Vector3<f32>, of_field: [f32; 6]) {
         let [x, y, z] = [x.x, x.y, x.z];
         let [xx, xy, xz, yy, yz, zz] = [x * x, x * y, x * z, y * y, y * z, z * z];
-        for (sums, k) in self.products.iter_mut().zip(of_field) {
+        for (sums, k) in self.products.iter_mut().zip(&of_field) {
             sums[0] += k * xx;
             sums[1] += k * xy;
             sums[2] += k * xz;
@@ -56,6 +59,7 @@ impl InformationMatrix {
         }
     }
 
+    #[inline]
     fn add_inclination_products(&mut self, row: &JacobianRow, weight: f32) {
         let last = row.by_inclination;
         if last == 0.0 {

@@ -28,6 +28,7 @@ impl NormalEquations {
         Self { information: InformationMatrix::zero(), gradient: Vector13::zeros() }
     }
 
+    #[inline]
     pub fn add(&mut self, equations: &SampleEquations) {
         let SampleEquations { norm, inclination: dip, heading, .. } = equations;
         if let Some(dip) = dip {
@@ -112,6 +113,7 @@ impl LinearisedProblem {
         self.triangle.add(&equation.row.as_vector(), [-equation.residual], equation.weight);
     }
 
+    #[inline]
     fn accumulate_cost(&mut self, equations: &SampleEquations) {
         self.clipped_squares[0] += equations.norm.clipped_square;
         self.clipped_squares[1] += equations.inclination.as_ref().map_or(0.0, |dip| dip.clipped_square);

@@ -21,7 +21,9 @@ use super::noise::NoiseModel;
 use super::parameters::ModelParameters;
 use super::unknowns::{UNKNOWNS, Vector13};
 use crate::calibration::closed_form::starting_point::StartingPoint;
-use crate::calibration::{Calibration, MotorCurrentInterference, Prior, Sample, Samples, SolveError, matrix_rows};
+use crate::calibration::{
+    Calibration, MotorCurrentInterference, Prior, Sample, Samples, SolveError, matrix_rows, multiply,
+};
 use crate::trig;
 use crate::trig::sqrt;
 
@@ -83,6 +85,7 @@ impl Likelihood {
         samples.marks.iter().for_each(|mark| one(&mark.sample, Some(mark.heading_rad)));
     }
 
+    #[inline]
     pub fn equations(
         &self,
         sample: &Sample,
@@ -91,7 +94,7 @@ impl Likelihood {
     ) -> SampleEquations {
         let added_ut = Vector3::from(self.motor_current.ut_per_a) * self.motor_current.current_offset_a(sample);
         let measured = MeasuredSample {
-            x: self.mount_from_chip * (sample.field.ut - added_ut) / self.unit_ut - self.mean_field,
+            x: multiply(&self.mount_from_chip, &(sample.field.ut - added_ut)) / self.unit_ut - self.mean_field,
             tilt: sample.latency_compensated_attitude(self.latency_s).tilt(),
             heading_rad,
         };

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::prediction::FieldPrediction;
 use super::unknowns::{INCLINATION_INDEX, Vector13, d_index, w_index};
-use crate::calibration::inverse;
+use crate::calibration::{inverse, multiply};
 use crate::frames::{AttitudeRotation, Field};
 
 /// One set of unknowns in units of field: the corrected field is `W x + d`, with `x` the field minus the mean of all
@@ -45,8 +45,9 @@ impl ModelParameters {
         inverse(&self.w).map(|field_from_body| field_from_body * self.d)
     }
 
+    #[inline]
     pub fn predict(&self, x: Vector3<f32>, tilt: &AttitudeRotation) -> FieldPrediction {
-        FieldPrediction::new(x, &(self.w * x + self.d), tilt)
+        FieldPrediction::new(x, &(multiply(&self.w, &x) + self.d), tilt)
     }
 
     /// Noise-free field minus the mean, at an attitude and heading: `W^-1 (C^T h - d)`. `None` when `W` is singular.

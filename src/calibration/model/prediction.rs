@@ -35,6 +35,8 @@ pub(crate) struct FieldPrediction {
 }
 
 impl FieldPrediction {
+    #[expect(clippy::inline_always, reason = "runs twice for each sample and pass, and returns sixteen numbers")]
+    #[inline(always)]
     pub fn new(x: Vector3<f32>, corrected: &Vector3<f32>, tilt: &AttitudeRotation) -> Self {
         let total = corrected.length().max(MIN_NORM);
         let direction = corrected / total;

@@ -83,6 +83,7 @@ pub(crate) struct JacobianRow {
 }
 
 impl JacobianRow {
+    #[inline]
     pub fn as_vector(&self) -> Vector13 {
         // Unrolled: runs twice for each sample and pass.
         let [a, b, c] = [self.by_field.x, self.by_field.y, self.by_field.z];
@@ -91,6 +92,7 @@ impl JacobianRow {
         Vector13::from([a * x, a * y, a * z, b * x, b * y, b * z, c * x, c * y, c * z, a, b, c, i])
     }
 
+    #[inline]
     pub fn add_scaled_to(&self, sum: &mut Vector13, weight: f32) {
         let k = self.by_field * weight;
         for (axis, k) in [k.x, k.y, k.z].into_iter().enumerate() {
@@ -102,6 +104,7 @@ impl JacobianRow {
         sum[INCLINATION_INDEX] += weight * self.by_inclination;
     }
 
+    #[inline]
     pub fn dot(&self, change: &Vector13) -> f32 {
         let of = |axis: usize| {
             change[w_index(axis, 0)] * self.x.x

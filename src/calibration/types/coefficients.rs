@@ -60,6 +60,7 @@ impl Calibration {
     /// Corrected field in the body frame, `W (m - b)` (Liu 2007 eq. 8), microtesla. The motor-current interference must
     /// already be removed.
     #[must_use]
+    #[inline]
     pub fn apply(&self, sensor: Field<Sensor>) -> Field<Body> {
         let from_b = sensor.ut - self.b_vector_ut();
         // Scalar expressions: on a Cortex-M4 they compile to straight-line code.
@@ -89,6 +90,7 @@ impl Calibration {
 
     /// Field without motor-current interference, chip axes.
     #[must_use]
+    #[inline]
     pub fn remove_motor_current(&self, field: Field<Sensor>, current_a: Option<f32>) -> Field<Sensor> {
         Field::new(field.ut - self.motor_current.interference_ut(current_a))
     }
@@ -104,6 +106,7 @@ impl Calibration {
 
     /// Corrected field of a sample in the body frame, microtesla, without motor-current interference.
     #[must_use]
+    #[inline]
     pub fn corrected_body_field(&self, sample: &Sample) -> Field<Body> {
         self.apply(self.remove_motor_current(sample.field, sample.current.amperes()))
     }

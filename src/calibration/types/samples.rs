@@ -27,6 +27,7 @@ impl Sample {
     /// Attitude extrapolated by `latency_s` seconds along its rates: compensates an attitude source that lags by that
     /// time.
     #[must_use]
+    #[inline]
     pub fn latency_compensated_attitude(&self, latency_s: f32) -> Attitude {
         let Attitude { roll_rad, pitch_rad } = self.attitude;
         Attitude {

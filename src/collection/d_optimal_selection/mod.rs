@@ -146,8 +146,10 @@ impl DOptimalSelection {
             || self.linearisation.new_sample_factor * leverage_sum >= NEW_SAMPLE_THRESHOLD * self.min_leverage
     }
 
+    #[inline]
     fn leverages(&self, sample: &Sample) -> [f32; 2] {
-        self.linearisation.jacobian_rows(sample).map(|row| self.information.variance(&row.as_vector()))
+        let [norm, inclination] = self.linearisation.jacobian_rows(sample);
+        self.information.variance_pair([&norm.as_vector(), &inclination.as_vector()])
     }
 
     /// Index of the sample with the least leverage, the new one being the first; `None` if there is no sphere through
@@ -171,9 +173,9 @@ impl DOptimalSelection {
             row[i] += PRIOR_INFORMATION;
         }
         self.information = LeastSquares::from_normal_equations(information, [[0.0]; _]);
-        let certain = core::iter::once(self.linearisation.new_sample_factor).chain(core::iter::repeat(1.0));
-        let leverage_of = |(sample, certain)| certain * self.leverages(sample).iter().sum::<f32>();
-        let leverages = all().zip(certain).map(leverage_of).enumerate();
+        let leverage_of = |sample: &Sample| self.leverages(sample).iter().sum::<f32>();
+        let of_new = self.linearisation.new_sample_factor * leverage_of(new);
+        let leverages = core::iter::once(of_new).chain(samples.all().map(leverage_of)).enumerate();
         let (place, least) = leverages.min_by(|a, b| a.1.total_cmp(&b.1))?;
         self.min_leverage = least;
         Some(place)

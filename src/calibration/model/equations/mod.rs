@@ -7,6 +7,7 @@ use super::noise::{NoiseModel, ResidualCovariance};
 use super::parameters::ModelParameters;
 use super::prediction::FieldPrediction;
 use super::unknowns::JacobianRow;
+use crate::calibration::multiply;
 use crate::frames::{AttitudeRotation, wrap_pi};
 use crate::trig::sqrt;
 
@@ -29,6 +30,7 @@ const CLIP_SIGMAS: f32 = 2.0;
 pub(in crate::calibration) const CLIPPED_MEAN_SQUARE: f32 = 0.9205;
 
 impl ResidualEquation {
+    #[inline]
     pub fn new(row: JacobianRow, residual: f32, variance: f32, huber: f32) -> Self {
         let information = 1.0 / variance;
         let square = residual * residual * information;
@@ -155,7 +157,7 @@ fn linearise_at_corrected(
     let move_x =
         noise.likely_sensor_error(&(prediction.direction * by_norm + prediction.inclination_by_field * by_dip));
     let moved = parameters.predict(prediction.x - move_x, &measured.tilt);
-    let move_body = parameters.w * move_x;
+    let move_body = multiply(&parameters.w, &move_x);
     let moved_residuals = Residuals::new(parameters, &moved);
     let residuals = Residuals {
         norm: moved_residuals.norm + moved.direction.dot(&move_body),

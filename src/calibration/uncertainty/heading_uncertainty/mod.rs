@@ -108,7 +108,7 @@ impl HeadingUncertainty {
         let of_f = [f.x * f.x, f.x * f.y, f.x * f.z, f.y * f.y, f.y * f.z, f.z * f.z];
         let of_x = [x.x * x.x, x.x * x.y, x.x * x.z, x.y * x.y, x.y * x.z, x.z * x.z];
         let variance =
-            self.reduced_covariance.iter().zip(of_f).map(|([xx, xy, xz, x1, yy, yz, y1, zz, z1, one], f)| {
+            self.reduced_covariance.iter().zip(&of_f).map(|([xx, xy, xz, x1, yy, yz, y1, zz, z1, one], f)| {
                 let second = xx * of_x[0] + xy * of_x[1] + xz * of_x[2] + yy * of_x[3] + yz * of_x[4] + zz * of_x[5];
                 f * (second - (x1 * x.x + y1 * x.y + z1 * x.z) + one)
             });
