@@ -5,6 +5,7 @@ use mavlink::{MAVLinkV2MessageRaw, MavHeader};
 use simulator::module::Module as _;
 use simulator::rig::Rig;
 use simulator::world::WorldConfig;
+use simulator::world::aircraft::PrescribedMotion;
 use testkit::random::Random;
 
 fn rig() -> Rig {
@@ -278,6 +279,9 @@ fn an_armed_module_refuses_ground_commands() {
     rig.run_for_s(1.1);
     assert!(reply_after(&mut rig, "status").contains("armed: no"));
     assert!(reply_after(&mut rig, "cal start swing").starts_with("ok "));
+    assert!(reply_after(&mut rig, "reboot").starts_with("error armed: "), "in flight");
+    rig.world.set_motion(PrescribedMotion::default());
+    rig.run_for_s(7.0);
     assert!(rig.type_line("reboot").contains("ok restarting"));
 }
 

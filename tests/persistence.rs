@@ -14,7 +14,7 @@ use simulator::rig::Rig;
 use simulator::routine::Routine;
 use simulator::transcript;
 use simulator::world::WorldConfig;
-use simulator::world::aircraft::VehicleKind;
+use simulator::world::aircraft::{PrescribedMotion, VehicleKind};
 use simulator::world::autopilot::Leg;
 use testkit::flash::{CutProgress, RamFlash};
 
@@ -435,7 +435,8 @@ fn a_collection_survives_a_reboot_between_two_flights() {
     let mut rig = start_flight();
     rig.run_for_s(40.0);
     rig.world.set_armed(false);
-    rig.run_for_s(3.0);
+    rig.world.set_motion(PrescribedMotion::default());
+    rig.run_for_s(7.0);
     let before = samples(&mut rig);
     let mut printed = rig.type_line("reboot");
     rig.run_for_s(5.0);
@@ -444,6 +445,7 @@ fn a_collection_survives_a_reboot_between_two_flights() {
     assert_eq!(samples(&mut rig), before);
     let status = rig.type_line("status");
     assert!(status.contains("ok collecting") && status.contains("when the autopilot arms"), "{status}");
+    rig.world.release();
     take_off(&mut rig);
     let transcript_text = fly_to_end(&mut rig);
     assert!(

@@ -10,13 +10,14 @@ use simulator::faults::Faults;
 use simulator::heading_errors::HeadingErrors;
 use simulator::mission::TurnPlan;
 use simulator::module::{Module as _, ModuleRunEnd};
+use simulator::nmea::{HeadingSentence, SentenceReader};
 use simulator::rig::Rig;
 use simulator::routine::Routine;
 use simulator::transcript;
-use simulator::world::aircraft::{VehicleConfig, VehicleKind};
+use simulator::world::aircraft::{PrescribedMotion, VehicleConfig, VehicleKind};
 use simulator::world::autopilot::Leg;
 use simulator::world::far_end::{AttachedDevice, FarEnd};
-use simulator::world::mavlink_autopilot::{self, Frame, command_long};
+use simulator::world::mavlink_autopilot::{self, Frame, ReportedPosition, XIAN, command_long};
 use simulator::world::msp_autopilot::{self, AnswerFaults, CompassSample};
 use simulator::world::{CRUISE_CURRENT_A, TrueState, WorldConfig};
 
@@ -341,8 +342,8 @@ fn mavlink_and_msp_run_at_once() {
     assert!(rig.type_line("status").contains(" 0 not sent;"));
 }
 
-/// A ground station starts and cancels a calibration and restarts the module, which is rejected while armed. Commands
-/// to other systems are ignored.
+/// A ground station starts and cancels a calibration and restarts the module, which is rejected in flight. Commands to
+/// other systems are ignored.
 #[test]
 fn a_ground_station_commands_calibration_and_restart() {
     const START: u16 = 42_424;
@@ -374,11 +375,56 @@ fn a_ground_station_commands_calibration_and_restart() {
     let refused = order(&mut rig, 1, REBOOT, of_us);
     assert!(refused.len() == 1 && refused[0].1 != 0, "{refused:?}");
     assert!(read.borrow().iter().any(|text| text.starts_with("autoswing: refused armed: ")), "{read:?}");
+    // Disarmed in flight: a forged report. It counts after five seconds at rest.
     rig.world.set_armed(false);
-    run(&mut rig, 2.0);
+    run(&mut rig, 10.0);
+    assert_ne!(order(&mut rig, 1, REBOOT, of_us)[0].1, 0);
+    rig.world.set_motion(PrescribedMotion::default());
+    run(&mut rig, 7.0);
     rig.printed();
     assert_eq!(order(&mut rig, 1, REBOOT, of_us), [(REBOOT, 0)]);
     assert!(rig.printed().contains("started by reboot"));
+}
+
+/// Declinations of the true headings sent in the next five seconds, degrees: true minus magnetic heading.
+fn sent_declinations_deg(rig: &mut Rig) -> Vec<f64> {
+    let _ = rig.instrument.receive();
+    run(rig, 5.0);
+    let (mut reader, mut magnetic_deg) = (SentenceReader::default(), None);
+    let received = rig.instrument.receive_timed();
+    let sentences = received.iter().filter_map(|timed_byte| reader.push(timed_byte.at_us, timed_byte.byte));
+    let declination = |sentence: HeadingSentence| match sentence.kind.as_str() {
+        "HCHDM" => {
+            magnetic_deg = sentence.heading_deg;
+            None
+        }
+        "HCHDT" => Some(wrap_180(sentence.heading_deg? - magnetic_deg?)),
+        _ => None,
+    };
+    sentences.filter_map(declination).collect()
+}
+
+/// In Greenland the declination differs by 20 deg and more. Without a fix, an autopilot sends a position near zero, or
+/// none. At Xi'an it is 4.15 deg west (WMM2025); headings have steps of 0.1 deg.
+#[test]
+fn a_position_that_jumps_does_not_turn_the_true_heading() {
+    let mut rig = rig(VehicleKind::Plane, [ARDUPILOT, FarEnd::Unconnected]);
+    fly_routine(&mut rig, VehicleKind::Plane);
+    let height_m = 400.0;
+    let places = [
+        Some(XIAN),
+        Some(ReportedPosition { latitude_deg: 72.0, longitude_deg: -40.0, height_m }),
+        Some(ReportedPosition { latitude_deg: 0.000_3, longitude_deg: 0.000_1, height_m }),
+        None,
+    ];
+    for place in places {
+        let AttachedDevice::Mavlink(autopilot) = &rig.far_ends[0] else { panic!("no MAVLink there") };
+        autopilot.borrow_mut().set_position(place);
+        run(&mut rig, 30.0);
+        let declinations_deg = sent_declinations_deg(&mut rig);
+        assert!(declinations_deg.len() > 40, "{place:?}: {declinations_deg:?}");
+        assert!(declinations_deg.iter().all(|deg| (deg + 4.15).abs() < 0.2), "{place:?}: {declinations_deg:?}");
+    }
 }
 
 fn found(rig: &mut Rig) -> Option<String> {

@@ -11,7 +11,7 @@ use embedded_storage_async::nor_flash::NorFlash;
 
 use super::Links;
 use super::links::{
-    CommandSource, DetectedSensor, ValueReceiver, apply_atomically, increment, now, publish, subscribe,
+    CommandSource, DetectedSensor, Timestamped, ValueReceiver, apply_atomically, increment, now, publish, subscribe,
 };
 use crate::acceptance::AcceptancePolicy;
 use crate::collection::RetainedSamples;
@@ -132,7 +132,7 @@ struct Events<'a> {
     links: &'a Links,
     armed: ValueReceiver<'a, Option<bool>, 1>,
     sensor: ValueReceiver<'a, DetectedSensor, 2>,
-    position: ValueReceiver<'a, Position, 1>,
+    position: ValueReceiver<'a, Timestamped<Position>, 1>,
     date: ValueReceiver<'a, Date, 1>,
 }
 
@@ -162,7 +162,10 @@ impl<'a> Events<'a> {
                 (Event::SensorDetected(identity, readings_per_sample(period_us)), None)
             }),
             pin!(async { (Event::Sample(links.samples.receive().await), None) }),
-            pin!(async { (Event::Position(position.changed().await), None) }),
+            pin!(async {
+                let Timestamped { at, value } = position.changed().await;
+                (Event::Position(value, at.wrapping_millis()), None)
+            }),
             pin!(async { (Event::Date(date.changed().await), None) }),
         ];
         select_array(events).await.0

@@ -73,7 +73,7 @@ pub struct Links {
     /// To the state machine: whether the autopilot is armed, if known.
     pub(super) armed: LatestValue<Option<bool>, 1>,
     /// To the state machine: the autopilot's position. The date is separate, because it may arrive on another port.
-    pub(super) position: LatestValue<Position, 1>,
+    pub(super) position: LatestValue<Timestamped<Position>, 1>,
     /// To the state machine: the date.
     pub(super) date: LatestValue<Date, 1>,
     /// To the instrument, which polls it: the motor current, amperes.
@@ -124,14 +124,22 @@ impl Links {
         number.of(&self.ports)
     }
 
-    /// Whether an attitude report from a port is accepted: one port is selected at a time.
-    pub(super) fn accept_attitude(&self, number: PortNumber, at: Timestamp, report: &AttitudeReport) -> bool {
+    /// Whether an attitude report from a port is accepted, with a gyro's rates or without: one port is selected at a time.
+    pub(super) fn accept_attitude(&self, number: PortNumber, at: Timestamp, has_gyro: bool) -> bool {
         self.lines.lock(|lines| {
             let mut all = lines.get();
-            let takes = all.accept(at, number as u8, report.has_rates());
+            let takes = all.accept(at, number as u8, has_gyro);
             lines.set(all);
             takes
         })
+    }
+
+    /// Publishes a position, also an unchanged one once a second: repeated ones confirm it.
+    pub(super) fn update_position(&self, at: Timestamp, value: Position) {
+        let is_known = |last: Timestamped<Position>| last.value == value && at.us_since(last.at) < 1_000_000;
+        if !self.position.try_get().is_some_and(is_known) {
+            self.position.sender().send(Timestamped { at, value });
+        }
     }
 
     /// Publishes a port's protocol and armed state. The aircraft is armed if the autopilot of any port is.

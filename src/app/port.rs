@@ -10,6 +10,7 @@ use embedded_io_async::{Read, Write};
 
 use super::Links;
 use super::links::{CommandSource, Timestamped, increment, now, publish, subscribe};
+use crate::attitude::AttitudeReport;
 use crate::compass::IndicatorState;
 use crate::health::Counters;
 use crate::instrument::Correction;
@@ -114,9 +115,11 @@ fn poll(links: &Links, port: &mut Port, now: Timestamp, settings: &Settings) {
 
 fn receive_bytes(links: &Links, number: PortNumber, port: &mut Port, bytes: &[u8]) {
     let at = now();
+    let has_gyro =
+        |port: &Port, report: &AttitudeReport| report.has_rates() && port.active_protocol(at) != ProtocolKind::Msp;
     for &byte in bytes {
         match port.process_byte(at, byte) {
-            Some(ReceivedMessage::Attitude(report)) if links.accept_attitude(number, at, &report) => {
+            Some(ReceivedMessage::Attitude(report)) if links.accept_attitude(number, at, has_gyro(port, &report)) => {
                 increment(&links.counters.attitude_reports);
                 links.queue_or_count(&links.reports, Timestamped { at, value: report });
             }
@@ -127,7 +130,7 @@ fn receive_bytes(links: &Links, number: PortNumber, port: &mut Port, bytes: &[u8
             Some(ReceivedMessage::Command(command)) => {
                 let _ = links.commands.try_send((CommandSource::Port(number), command));
             }
-            Some(ReceivedMessage::Position(place)) => publish(&links.position, place),
+            Some(ReceivedMessage::Position(place)) => links.update_position(at, place),
             Some(ReceivedMessage::Date(day)) => publish(&links.date, day),
             Some(ReceivedMessage::Current(value)) => links.current.sender().send(Timestamped { at, value }),
             Some(ReceivedMessage::Other) | None => {}

@@ -5,11 +5,16 @@ use super::{Command, Compass};
 use crate::calibration::method_selection::Procedure;
 use crate::messages::Refusal;
 use crate::settings::SettingChange;
+use crate::time::WrappingMillis;
 
 impl Compass<'_> {
     /// Refuses a command that the present state does not allow. Ends a trial solve that the command would wait for.
-    pub(super) fn admit(&mut self, command: Command) -> Result<(), Refusal> {
-        if self.is_armed == Some(true) && self.requires_disarmed(command) {
+    pub(super) fn admit(&mut self, command: Command, now: WrappingMillis) -> Result<(), Refusal> {
+        let is_armed = self.armed.reported() == Some(true);
+        // A port may send a restart; the other commands are typed.
+        if (is_armed && self.requires_disarmed(command))
+            || (command == Command::Restart && self.armed.is_in_flight(now))
+        {
             return Err(Refusal::Armed);
         }
         let waits_for_solve = match command {

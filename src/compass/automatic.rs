@@ -21,12 +21,12 @@ impl Compass<'_> {
 
     /// Whether the vehicle is armed, or the armed state is unavailable.
     fn is_assumed_armed(&self) -> bool {
-        self.is_armed.unwrap_or(self.automatic.samples_since_start == ARMED_STATE_TIMEOUT_SAMPLES)
+        self.armed.reported().unwrap_or(self.automatic.samples_since_start == ARMED_STATE_TIMEOUT_SAMPLES)
     }
 
     /// Whether automatic collection waits for arming.
     pub(super) fn awaits_arming(&self) -> bool {
-        self.is_armed == Some(false) && (self.activity.is_automatic() || self.wants_automatic_collection())
+        self.armed.reported() == Some(false) && (self.activity.is_automatic() || self.wants_automatic_collection())
     }
 
     fn wants_automatic_collection(&self) -> bool {

@@ -18,8 +18,8 @@ pub enum Event {
     SensorDetected(Identity, u16),
     /// Armed state of the autopilot; `None` if unknown.
     Armed(Option<bool>),
-    /// Position from the autopilot.
-    Position(Position),
+    /// Position from the autopilot, and its time on the sample clock.
+    Position(Position, WrappingMillis),
     /// Date from the autopilot.
     Date(Date),
     /// Next averaged sample.

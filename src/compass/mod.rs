@@ -7,6 +7,7 @@
 
 mod activity;
 mod admission;
+mod armed_state;
 mod automatic;
 mod collecting;
 mod events;
@@ -36,6 +37,7 @@ use crate::settings::SettingChange;
 use crate::store::StoredValues;
 use crate::time::WrappingMillis;
 use activity::{Activity, AutomaticStart, DetectedSensor, PendingSave, Solve, SolvePurpose};
+use armed_state::ArmedState;
 use persistent_state::PersistentState;
 use trial_solves::TrialSolves;
 
@@ -50,7 +52,7 @@ impl<'a> Compass<'a> {
             settings,
             generations,
             sensor: None,
-            is_armed: None,
+            armed: ArmedState::UNKNOWN,
             here: LocalField::UNKNOWN,
             collector: Collector::new(retained),
             recent: RecentSamples::new(),
@@ -89,12 +91,12 @@ impl<'a> Compass<'a> {
                 self.sensor = Some(DetectedSensor { identity, readings_per_sample });
                 Effect::None
             }
-            Event::Armed(is_armed) => {
-                self.is_armed = is_armed;
+            Event::Armed(reported) => {
+                self.armed.update(reported);
                 Effect::None
             }
-            Event::Position(place) => {
-                self.here.set_position(place);
+            Event::Position(place, at) => {
+                self.here.update_position(at, place, self.position_context(at));
                 Effect::None
             }
             Event::Date(day) => {
@@ -115,6 +117,7 @@ impl<'a> Compass<'a> {
     #[inline(never)]
     fn on_sample(&mut self, sample: Sample) -> Effect {
         self.recent.push(sample);
+        self.armed.update_motion(&sample);
         self.start_automatic_collection();
         let Some(starter) = self.activity.starter().filter(|starter| !self.is_paused(*starter)) else {
             return Effect::None;
@@ -143,7 +146,7 @@ impl<'a> Compass<'a> {
 
     #[inline(never)]
     fn on_command(&mut self, command: Command, now: WrappingMillis) -> Result<Effect, Refusal> {
-        self.admit(command)?;
+        self.admit(command, now)?;
         match command {
             Command::CalStart(procedure) => self.start_by_command(procedure, false)?,
             Command::CalStartNew(procedure) => {
@@ -187,7 +190,7 @@ impl<'a> Compass<'a> {
     fn report(&self) -> StatusReport {
         StatusReport {
             state: self.state(),
-            is_armed: self.is_armed,
+            is_armed: self.armed.reported(),
             is_automatic: self.activity.is_automatic(),
             awaits_arming: self.awaits_arming(),
             progress: self.collector.progress(),

@@ -2,17 +2,19 @@
 
 use super::ModuleState;
 use super::activity::{Activity, AutomaticStart, DetectedSensor, PendingSave, Solve, SolvePurpose, SolveStage};
+use super::armed_state::ArmedState;
 use super::persistent_state::PersistentState;
 use super::trial_solves::TrialSolves;
 use crate::acceptance::AcceptancePolicy;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::{Advice, Sample};
 use crate::collection::{Collector, RecentSamples};
-use crate::earth::LocalField;
+use crate::earth::{LocalField, PositionContext};
 use crate::instrument::{Correction, SampleAttitude};
 use crate::messages::Message;
 use crate::settings::Settings;
 use crate::store::{CalibrationRecord, Generations};
+use crate::time::WrappingMillis;
 
 /// Capacity for samples during a solve: 3 s, six times the duration of a solve at 80 MHz. A longer trial solve is ended.
 pub(super) const HELD_SAMPLES: usize = 32;
@@ -24,7 +26,7 @@ pub struct Compass<'a> {
     pub(super) settings: Settings,
     pub(super) generations: Generations,
     pub(super) sensor: Option<DetectedSensor>,
-    pub(super) is_armed: Option<bool>,
+    pub(super) armed: ArmedState,
     pub(super) here: LocalField,
     pub(super) collector: Collector<'a>,
     pub(super) recent: RecentSamples,
@@ -74,7 +76,7 @@ impl Compass<'_> {
             sample_attitude: if tumbles { SampleAttitude::Unknown } else { SampleAttitude::Interpolated },
             mount: self.sensor.map(|_| self.settings.mount),
             total_ut: self.model_field_strength_ut(),
-            is_armed: self.is_armed,
+            is_armed: self.armed.reported(),
         }
     }
 
@@ -101,6 +103,15 @@ impl Compass<'_> {
             declination_deg: declination_deg.or_else(|| field?.declination_deg),
             inclination_deg: inclination_deg.or_else(|| Some(field?.inclination_deg)),
             ..self.settings
+        }
+    }
+
+    /// Knowledge against which reported positions are tested.
+    pub(super) fn position_context(&self, now: WrappingMillis) -> PositionContext {
+        let record = self.active_record().filter(|record| record.quality.knows_inclination);
+        PositionContext {
+            is_disarmed: self.armed.reported() == Some(false) && !self.armed.is_in_flight(now),
+            calibrated_inclination_deg: record.map(|record| record.calibration.inclination_rad.to_degrees()),
         }
     }
 

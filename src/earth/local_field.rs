@@ -2,38 +2,86 @@
 
 use super::model::{EarthField, ModelValidity};
 use super::{Date, Position};
+use crate::time::WrappingMillis;
+use crate::trig;
+
+/// Movement that updates the field, degrees of latitude or longitude: 2 km. Below that, declination changes by less than
+/// a quarter of the model's own error. Height is not compared: 2 km change the field by 0.1 %.
+const MIN_DISTANCE_DEG: f32 = 0.02;
+
+/// Distance from latitude and longitude zero within which a position means none, degrees: without a fix, an autopilot's
+/// estimator starts there and drifts.
+const NO_FIX_DEG: f32 = 0.01;
+
+/// Highest plausible speed, degrees of a great circle per millisecond: 300 m/s, more than unmanned aircraft fly.
+const MAX_SPEED_DEG_MS: f32 = 300.0 / 111_200.0 / 1000.0;
+
+/// Reports of a distant position after which a vehicle on the ground takes it: 10 s at 1 Hz.
+const CONFIRMATIONS: u8 = 10;
+
+/// Largest deviation of the model's inclination from the calibration's, degrees: the limit of headings
+/// (`heading::HeadingLimits::DEFAULT`).
+const MAX_INCLINATION_DEVIATION_DEG: f32 = 12.0;
+
+/// Knowledge against which a reported position is tested.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PositionContext {
+    /// Whether the vehicle is known to be disarmed: only then may the position jump, after a wrong first fix.
+    pub is_disarmed: bool,
+    /// Inclination of the active calibration, degrees.
+    pub calibrated_inclination_deg: Option<f32>,
+}
 
 /// Position and date from an autopilot, and the model field for both.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LocalField {
     position: Option<Position>,
+    /// Time of the last plausible position.
+    seen_at: WrappingMillis,
+    /// Consecutive distant positions.
+    distant_reports: u8,
     date: Option<Date>,
     field: Option<EarthField>,
 }
 
 impl LocalField {
     /// No position, no date.
-    pub const UNKNOWN: Self = Self { position: None, date: None, field: None };
+    pub const UNKNOWN: Self =
+        Self { position: None, seen_at: WrappingMillis::new(0), distant_reports: 0, date: None, field: None };
 
-    /// Updates the position if it moved by at least 0.02 deg (2 km) in latitude or longitude. Below that, declination
-    /// changes by less than a quarter of the model's own error. Height is not compared: 2 km change the field by 0.1 %.
-    pub fn set_position(&mut self, place: Position) {
-        const MIN_DISTANCE_DEG: f32 = 0.02;
-        let is_same = |last: Position| {
-            let off_deg = [last.latitude_deg - place.latitude_deg, last.longitude_deg - place.longitude_deg];
-            off_deg.iter().all(|deg| deg.abs() < MIN_DISTANCE_DEG)
+    /// Updates the position, unless it is that of an estimator without a fix, its distance from the last one implies an
+    /// impossible speed, or its inclination contradicts the calibration.
+    pub fn update_position(&mut self, at: WrappingMillis, place: Position, context: PositionContext) {
+        if place.latitude_deg.abs() < NO_FIX_DEG && place.longitude_deg.abs() < NO_FIX_DEG {
+            return;
+        }
+        let is_plausible = self.position.is_none_or(|last| {
+            let reachable_deg = MIN_DISTANCE_DEG * 1.5 + MAX_SPEED_DEG_MS * at.ms_since(self.seen_at) as f32;
+            distance_deg(last, place) <= reachable_deg
+        });
+        if !is_plausible && !(context.is_disarmed && self.distant_reports >= CONFIRMATIONS) {
+            self.distant_reports = self.distant_reports.saturating_add(1);
+            return;
+        }
+        (self.seen_at, self.distant_reports) = (at, 0);
+        if self.position.is_some_and(|last| is_same(last, place)) {
+            return;
+        }
+        let moved = Self { position: Some(place), ..*self }.with_field();
+        let contradicts = |field: EarthField| {
+            context
+                .calibrated_inclination_deg
+                .is_some_and(|deg| (field.inclination_deg - deg).abs() > MAX_INCLINATION_DEVIATION_DEG)
         };
-        if !self.position.is_some_and(is_same) {
-            self.position = Some(place);
-            self.update_field();
+        if !moved.field.is_some_and(contradicts) {
+            *self = moved;
         }
     }
 
     /// Updates the date.
     pub fn set_date(&mut self, day: Date) {
         if self.date != Some(day) {
-            self.date = Some(day);
-            self.update_field();
+            *self = Self { date: Some(day), ..*self }.with_field();
         }
     }
 
@@ -61,14 +109,30 @@ impl LocalField {
         self.date.map(ModelValidity::on_date)
     }
 
-    fn update_field(&mut self) {
-        self.field = self.position.zip(self.date).and_then(|(place, day)| EarthField::from_model(place, day));
+    fn with_field(self) -> Self {
+        let field = self.position.zip(self.date).and_then(|(place, day)| EarthField::from_model(place, day));
+        Self { field, ..self }
     }
+}
+
+fn is_same(one: Position, other: Position) -> bool {
+    let off_deg = [one.latitude_deg - other.latitude_deg, one.longitude_deg - other.longitude_deg];
+    off_deg.iter().all(|deg| deg.abs() < MIN_DISTANCE_DEG)
+}
+
+/// Distance of two positions, degrees, in the plane of their mean latitude: exact enough for a speed limit.
+fn distance_deg(one: Position, other: Position) -> f32 {
+    let east_deg = (one.longitude_deg - other.longitude_deg).abs();
+    let (_, cos) = trig::sin_cos((0.5 * (one.latitude_deg + other.latitude_deg)).to_radians());
+    trig::hypot(one.latitude_deg - other.latitude_deg, east_deg.min(360.0 - east_deg) * cos)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// After the start of the module; another second later a vehicle can be 300 m away.
+    const LATER: WrappingMillis = WrappingMillis::new(5_000);
 
     fn place(latitude_deg: f32, longitude_deg: f32) -> Position {
         Position::new(latitude_deg, longitude_deg, 100.0).unwrap()
@@ -83,7 +147,7 @@ mod tests {
     fn position_and_date_give_a_field() {
         let (place, day) = (place(51.1, 13.7), day(20_779));
         let mut here = LocalField::UNKNOWN;
-        here.set_position(place);
+        here.update_position(LATER, place, PositionContext::default());
         assert_eq!((here.position(), here.date(), here.field(), here.validity()), (Some(place), None, None, None));
         here.set_date(day);
         assert_eq!(here.field(), EarthField::from_model(place, day).as_ref());
@@ -91,7 +155,7 @@ mod tests {
         let mut other = LocalField::UNKNOWN;
         other.set_date(day);
         assert_eq!((other.field(), other.validity()), (None, Some(ModelValidity::Valid)));
-        other.set_position(place);
+        other.update_position(LATER, place, PositionContext::default());
         assert_eq!(other, here);
     }
 
@@ -100,7 +164,7 @@ mod tests {
     fn the_field_follows_the_date() {
         let place = place(51.1, 13.7);
         let mut here = LocalField::UNKNOWN;
-        here.set_position(place);
+        here.update_position(LATER, place, PositionContext::default());
         for days in [20_000, 20_779, 20_780, 21_000] {
             here.set_date(day(days));
             assert_eq!(
@@ -124,16 +188,77 @@ mod tests {
             (51.1, -13.7, false),
         ] {
             let mut here = LocalField { date: Some(day(20_779)), ..LocalField::UNKNOWN };
-            here.set_position(start);
+            here.update_position(LATER, start, PositionContext::default());
             let before = here;
-            here.set_position(place(latitude_deg, longitude_deg));
-            assert_eq!(here == before, is_same, "{latitude_deg} {longitude_deg}");
+            here.update_position(
+                LATER.plus_ms(12 * 3_600_000),
+                place(latitude_deg, longitude_deg),
+                PositionContext::default(),
+            );
+            assert_eq!(here.field() == before.field(), is_same, "{latitude_deg} {longitude_deg}");
         }
         let mut here = LocalField::UNKNOWN;
         for step in 0..10_u8 {
-            here.set_position(place(51.1 + 0.015 * f32::from(step), 13.7));
+            let at = LATER.plus_ms(10_000 * u32::from(step));
+            here.update_position(at, place(51.1 + 0.015 * f32::from(step), 13.7), PositionContext::default());
         }
         assert!((here.position().unwrap().latitude_deg - 51.22).abs() < 0.001, "{here:?}");
+    }
+
+    /// Bavaria; in Greenland the inclination differs by 15 deg, at the same latitude in Canada by 5 deg.
+    const BAVARIA: [f32; 2] = [48.1, 11.6];
+    const GREENLAND: [f32; 2] = [72.0, -40.0];
+    const CANADA: [f32; 2] = [48.1, -80.0];
+
+    /// Reports one position each second for 30 s, long after the last one from Bavaria; returns whether it is accepted.
+    fn is_accepted([latitude_deg, longitude_deg]: [f32; 2], after_ms: u32, context: PositionContext) -> bool {
+        let mut here = LocalField { date: Some(day(20_779)), ..LocalField::UNKNOWN };
+        here.update_position(LATER, place(BAVARIA[0], BAVARIA[1]), context);
+        let before = here.field().copied();
+        assert!(before.is_some());
+        for second in 0..30 {
+            let at = LATER.plus_ms(after_ms + 1000 * second);
+            here.update_position(at, place(latitude_deg, longitude_deg), context);
+        }
+        here.field().copied() != before
+    }
+
+    /// 6,200 km in ten hours are 170 m/s, in four hours 430 m/s.
+    #[test]
+    fn a_position_moves_at_a_plausible_speed() {
+        let hours = |hours: u32| hours * 3_600_000;
+        for (after_ms, is_expected) in [(1000, false), (hours(4), false), (hours(10), true)] {
+            assert_eq!(is_accepted(CANADA, after_ms, PositionContext::default()), is_expected, "{after_ms}");
+        }
+    }
+
+    #[test]
+    fn a_disarmed_vehicle_takes_a_distant_position_that_persists() {
+        let context = PositionContext { is_disarmed: true, ..PositionContext::default() };
+        assert!(is_accepted(CANADA, 1000, context) && is_accepted(GREENLAND, 1000, context));
+        // A single jump, and the return from it.
+        let mut here = LocalField::UNKNOWN;
+        for [latitude_deg, longitude_deg] in [BAVARIA, GREENLAND, BAVARIA] {
+            here.update_position(LATER, place(latitude_deg, longitude_deg), context);
+            assert_eq!(here.position(), Some(place(BAVARIA[0], BAVARIA[1])));
+        }
+    }
+
+    #[test]
+    fn a_position_near_zero_is_none() {
+        for (latitude_deg, longitude_deg, is_none) in
+            [(0.000_3, -0.009, true), (0.000_3, 0.02, false), (-0.02, 0.0, false)]
+        {
+            let mut here = LocalField::UNKNOWN;
+            here.update_position(LATER, place(latitude_deg, longitude_deg), PositionContext::default());
+            assert_eq!(here.position().is_none(), is_none, "{latitude_deg} {longitude_deg}");
+        }
+    }
+
+    #[test]
+    fn a_position_must_agree_with_the_calibrated_inclination() {
+        let context = PositionContext { is_disarmed: true, calibrated_inclination_deg: Some(64.0) };
+        assert!(is_accepted(CANADA, 1000, context) && !is_accepted(GREENLAND, 1000, context));
     }
 
     /// Largest change of declination within 0.02 deg, relative to the model's error `sqrt(0.26^2 + (5.417 uT / H)^2)`

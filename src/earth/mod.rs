@@ -6,6 +6,6 @@ mod model;
 mod position;
 
 pub use date::Date;
-pub use local_field::LocalField;
+pub use local_field::{LocalField, PositionContext};
 pub use model::{EarthField, MODEL_NAME, ModelValidity};
 pub use position::Position;

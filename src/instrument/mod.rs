@@ -179,9 +179,12 @@ impl Instrument {
         }
     }
 
-    /// Stores the motor current, amperes, reported at `at`.
-    pub const fn on_current(&mut self, at: Timestamp, amperes: f32) {
-        self.motor_current = Some((at, amperes));
+    /// Stores the motor current, amperes, reported at `at`, unless it contradicts the currents of the calibration.
+    pub fn on_current(&mut self, at: Timestamp, amperes: f32) {
+        let calibration = self.active.base.calibration.as_ref();
+        if calibration.is_none_or(|(calibration, _)| calibration.motor_current.is_plausible(amperes)) {
+            self.motor_current = Some((at, amperes));
+        }
     }
 
     fn current_a(&self, at: Timestamp) -> Option<f32> {

@@ -54,8 +54,8 @@ impl Refusal {
         match self {
             Self::Armed => show(
                 "armed",
-                format_args!("the autopilot is armed, and this command is for the ground"),
-                format_args!("land and disarm first"),
+                format_args!("the autopilot is armed or the vehicle still moves, and this command is for the ground"),
+                format_args!("land, disarm and wait for 5 s"),
             ),
             Self::Busy => show("busy", format_args!("a solve is running"), format_args!("wait for it, or cal abort")),
             Self::Collecting { present: present_procedure, requested: wanted } => show(

@@ -29,7 +29,11 @@ fn refusals() -> impl Iterator<Item = Expected> {
 
 fn refused_commands() -> Vec<Expected> {
     vec![
-        (Refusal::Armed, "armed", "the autopilot is armed, and this command is for the ground; land and disarm first"),
+        (
+            Refusal::Armed,
+            "armed",
+            "the autopilot is armed or the vehicle still moves, and this command is for the ground; land, disarm and wait for 5 s",
+        ),
         (Refusal::Busy, "busy", "a solve is running; wait for it, or cal abort"),
         (
             Refusal::Collecting { present: Procedure::Flight, requested: Procedure::Turns },
@@ -276,7 +280,7 @@ fn messages() -> Vec<(Message, Severity, &'static str)> {
         (
             Message::CommandRejected(refusal),
             Severity::Warning,
-            "refused armed: the autopilot is armed, and this command is for the ground; land and disarm first",
+            "refused armed: the autopilot is armed or the vehicle still moves, and this command is for the ground; land, disarm and wait for 5 s",
         ),
         (
             Message::StoreFailed(StoreError::Corrupt),

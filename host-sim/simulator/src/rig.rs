@@ -154,6 +154,9 @@ impl Rig {
             one.attach(&mut simulation, &world, autopilot.clone(), faults.attitude),
             two.attach(&mut simulation, &world, instrument.clone(), Vec::new()),
         ];
+        for fault in faults.link {
+            simulation.spawn(Level::World, "link fault", fault.run(world.clone(), autopilot.clone()));
+        }
         for foreign in faults.senders {
             simulation.spawn(Level::World, "foreign sender", foreign.run(&world, autopilot.clone()));
         }

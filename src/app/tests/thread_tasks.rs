@@ -9,7 +9,7 @@ use testkit::flash::{RamFlash, SilentFault};
 
 use super::TaskBench;
 use super::devices::{Chip, DeviceBehaviour, Line, Port, SENSOR};
-use crate::app::links::{CommandSource, DetectedSensor, publish};
+use crate::app::links::{CommandSource, DetectedSensor, now, publish};
 use crate::app::{Platform, compass, console};
 use crate::calibration::Sample;
 use crate::calibration::method_selection::Procedure;
@@ -67,7 +67,7 @@ fn position_and_date_apply_the_field_model() {
     publish(&bench.links.date, day);
     bench.ms(1);
     assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
-    publish(&bench.links.position, place);
+    bench.links.update_position(now(), place);
     bench.ms(1);
     let inclination_deg = Some(field.inclination_deg);
     let by_model = Settings { declination_deg: field.declination_deg, inclination_deg, ..Settings::DEFAULT };

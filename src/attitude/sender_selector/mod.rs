@@ -8,6 +8,12 @@
 //!   autopilot.
 //! - A selected sender, also one of several autopilots, remains selected until its attitude is absent for the expiry
 //!   time. Selection needs attitude, so senders of heartbeats alone do not block it.
+//! - While armed, the selected sender is not replaced by one of another system, however long its attitude is absent:
+//!   that is another vehicle.
+//! - The first selected autopilot is the module's own. Where another one replaced it, it is selected again as soon as it
+//!   sends attitude.
+//! - A sender whose attitude has contradicted the field for a minute is released to another autopilot that sends attitude.
+//! - A heartbeat without an autopilot from the address of a known autopilot is ignored.
 
 use crate::time::Timestamp;
 
@@ -27,6 +33,11 @@ impl SenderId {
     pub const fn number(self) -> u16 {
         self.0
     }
+
+    /// System, of which the sender is a component: the upper byte.
+    const fn system(self) -> u8 {
+        self.0.to_be_bytes()[0]
+    }
 }
 
 /// Heartbeat of a sender, about 1 Hz.
@@ -42,6 +53,13 @@ pub struct Heartbeat {
 
 /// Expiry time of heartbeats and of the selection, microseconds: ten heartbeats.
 const EXPIRY_US: u64 = 10_000_000;
+
+/// Time of contradictions after which a sender is released, microseconds: several times the duration of a passing
+/// disturbance.
+const MAX_CONTRADICTED_US: u64 = 60_000_000;
+
+/// Longest interval between two checks that counts in full, microseconds.
+const MAX_CHECK_INTERVAL_US: u64 = 1_000_000;
 
 /// Capacity of the sender table.
 const MAX_SENDERS: usize = 8;
@@ -82,18 +100,37 @@ pub struct SenderSelector {
     /// Kept after expiry until another sender is selected, so that the armed state remains available when attitude
     /// fails.
     selected: Option<SelectedSender>,
+    /// First selected autopilot.
+    own: Option<SenderId>,
+    /// Last sender released for its contradictions.
+    released: Option<SenderId>,
+    /// Time with contradictions minus time without, at least 0, microseconds, and its last update.
+    contradicted_us: u64,
+    checked_at: Timestamp,
 }
 
 impl SenderSelector {
     /// No senders yet.
     #[must_use]
     pub const fn new() -> Self {
-        Self { entries: heapless::Vec::new(), selected: None }
+        Self {
+            entries: heapless::Vec::new(),
+            selected: None,
+            own: None,
+            released: None,
+            contradicted_us: 0,
+            checked_at: Timestamp::START,
+        }
     }
 
     /// Processes a heartbeat received at `now`.
     pub fn update_heartbeat(&mut self, now: Timestamp, heartbeat: Heartbeat) {
         let Heartbeat { sender: source, is_autopilot, .. } = heartbeat;
+        let is_known_autopilot = self.selected.is_some_and(|chosen| chosen.source == source && chosen.is_autopilot)
+            || self.heartbeat(now, source).is_some_and(|known| known.is_autopilot);
+        if is_known_autopilot && !is_autopilot {
+            return;
+        }
         if let Some(known) = self.entry_or_insert(now, source) {
             known.heartbeat = Some((now, heartbeat));
         }
@@ -112,15 +149,54 @@ impl SenderSelector {
         if let Some(known) = self.entry_or_insert(now, source) {
             known.attitude_at = Some(now);
         }
-        let current_sender = self.selected.filter(|chosen| is_unexpired(chosen.attitude_at, now));
-        let next = match current_sender {
-            Some(current_sender) => (current_sender.source == source).then_some(current_sender),
-            None => self.try_select(now, source),
+        let next = match self.selected {
+            Some(chosen) if chosen.source == source => Some(chosen),
+            _ if self.own == Some(source) => Some(SelectedSender { source, attitude_at: now, is_autopilot: true }),
+            Some(chosen) if is_unexpired(chosen.attitude_at, now) || self.is_other_vehicle(chosen, source) => None,
+            _ => self.try_select(now, source),
         };
         if let Some(next) = next {
             self.selected = Some(SelectedSender { attitude_at: now, ..next });
+            if next.is_autopilot {
+                self.own.get_or_insert(source);
+            }
         }
         next.is_some()
+    }
+
+    /// Records whether the selected sender's attitude contradicts the field at `now`; releases the sender after
+    /// [`MAX_CONTRADICTED_US`] if another autopilot sends attitude.
+    pub fn record_consistency(&mut self, now: Timestamp, is_contradicted: bool) {
+        let elapsed_us = now.us_since(self.checked_at).min(MAX_CHECK_INTERVAL_US);
+        self.checked_at = now;
+        self.contradicted_us = if is_contradicted {
+            (self.contradicted_us + elapsed_us).min(MAX_CONTRADICTED_US)
+        } else {
+            self.contradicted_us.saturating_sub(elapsed_us)
+        };
+        if let Some(SelectedSender { source, .. }) = self.selected
+            && self.contradicted_us == MAX_CONTRADICTED_US
+            && self.has_other_autopilot(now, source)
+        {
+            (self.selected, self.own, self.released) = (None, None, Some(source));
+            self.contradicted_us = 0;
+        }
+    }
+
+    /// Whether `source` is of another system than the selected sender, whose last heartbeat was armed.
+    fn is_other_vehicle(&self, chosen: SelectedSender, source: SenderId) -> bool {
+        let last_heartbeat =
+            self.entries.iter().find(|known| known.source == chosen.source).and_then(|known| known.heartbeat);
+        chosen.source.system() != source.system() && last_heartbeat.is_some_and(|(_, heartbeat)| heartbeat.is_armed)
+    }
+
+    /// Whether an autopilot other than `source` sends attitude.
+    fn has_other_autopilot(&self, now: Timestamp, source: SenderId) -> bool {
+        self.entries.iter().any(|other| {
+            other.source != source
+                && other.attitude_at.is_some_and(|at| is_unexpired(at, now))
+                && other.heartbeat(now).is_some_and(|heartbeat| heartbeat.is_autopilot)
+        })
     }
 
     /// Armed state of the selected sender; `None` without a recent heartbeat.
@@ -147,8 +223,9 @@ impl SenderSelector {
         let heartbeat_of_source = self.heartbeat(now, source);
         let autopilots =
             || self.entries.iter().filter_map(|known| known.heartbeat(now)).any(|other| other.is_autopilot);
-        let is_selectable =
-            heartbeat_of_source.map_or_else(|| !autopilots(), |heartbeat_of_source| heartbeat_of_source.is_autopilot);
+        let is_selectable = heartbeat_of_source
+            .map_or_else(|| !autopilots(), |heartbeat_of_source| heartbeat_of_source.is_autopilot)
+            && !(self.released == Some(source) && self.has_other_autopilot(now, source));
         is_selectable.then_some(SelectedSender {
             source,
             attitude_at: now,

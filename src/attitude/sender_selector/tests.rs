@@ -126,8 +126,8 @@ fn a_silent_sender_is_released_after_ten_seconds() {
     assert!(!bench.send_attitude(SECOND));
     bench.ms += 1;
     assert!(bench.send_attitude(SECOND));
-    bench.send_heartbeat(AUTOPILOT, Ready);
-    assert!(!bench.send_attitude(AUTOPILOT), "it is the other one's turn");
+    assert!(bench.send_attitude(AUTOPILOT), "the module's own autopilot has returned");
+    assert!(!bench.send_attitude(SECOND));
 }
 
 #[test]
@@ -271,5 +271,61 @@ fn the_oldest_sender_is_evicted() {
     assert!(!bench.send_attitude(GIMBAL));
     for other in 0..7 {
         assert!(bench.senders.heartbeat(bench.now(), SenderId::new(other)).is_none(), "{other}");
+    }
+}
+
+/// Another vehicle's autopilot, and a second autopilot of the same vehicle.
+#[test]
+fn while_armed_only_the_same_vehicle_replaces_a_silent_autopilot() {
+    let same_vehicle = SenderId::new(0x0102);
+    for (content, other, replaces) in
+        [(Armed, SECOND, false), (Armed, same_vehicle, true), (Ready, SECOND, true), (Ready, same_vehicle, true)]
+    {
+        let mut bench = TestSenders::new();
+        assert_eq!(bench.run(1, [(AUTOPILOT, content), (other, Ready)]), [20, 0]);
+        let accepted = bench.run(60, [(other, Armed)]);
+        assert_eq!(accepted[0] > 0, replaces, "{other:?}");
+        assert_eq!(bench.run(1, [(AUTOPILOT, content), (other, Armed)]), [20, 0]);
+    }
+}
+
+/// Forged, or of a component with the same address. The autopilot is silent for 12 s, longer than heartbeats are valid.
+#[test]
+fn a_heartbeat_without_autopilot_does_not_displace_the_autopilot() {
+    for silent_ms in [0, 12_000] {
+        let mut bench = TestSenders::new();
+        bench.send_heartbeat(AUTOPILOT, Armed);
+        assert!(bench.send_attitude(AUTOPILOT));
+        bench.ms += silent_ms;
+        bench.send_heartbeat(AUTOPILOT, Other);
+        bench.send_heartbeat(SECOND, Ready);
+        assert!(!bench.send_attitude(SECOND) && bench.send_attitude(AUTOPILOT));
+        assert_eq!(bench.is_armed(), silent_ms == 0);
+    }
+}
+
+/// Each sender in turn, because neither may be the module's own. Occasional agreement does not restart the minute.
+#[test]
+fn a_sender_that_contradicts_the_field_for_a_minute_is_released() {
+    let mut bench = TestSenders::new();
+    let mut accepted = [0; 2];
+    for second in 0..140_u32 {
+        let now = bench.now();
+        bench.senders.record_consistency(now, second % 10 != 9);
+        let more = bench.run(1, [(AUTOPILOT, Armed), (SECOND, Armed)]);
+        accepted = [accepted[0] + more[0], accepted[1] + more[1]];
+        match second {
+            59 => assert_eq!(accepted, [1200, 0]),
+            90 => assert!(accepted[1] > 200, "{accepted:?}"),
+            _ => {}
+        }
+    }
+    assert_eq!(accepted[0] + accepted[1], 2800);
+    // Alone, it is kept.
+    let mut bench = TestSenders::new();
+    for _ in 0..140 {
+        let now = bench.now();
+        bench.senders.record_consistency(now, true);
+        assert_eq!(bench.run(1, [(AUTOPILOT, Armed)]), [20]);
     }
 }

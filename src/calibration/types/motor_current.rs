@@ -5,6 +5,9 @@ use nalgebra::Vector3;
 use super::samples::{Sample, Samples};
 use crate::trig::sqrt;
 
+/// Largest plausible current, relative to the highest of the calibration: a copter's full throttle is five times hover.
+const MAX_CURRENT_RATIO: f32 = 5.0;
+
 /// At most one of this many samples may lack a current.
 const MAX_UNKNOWN_ONE_IN: usize = 4;
 
@@ -41,6 +44,13 @@ impl MotorCurrentInterference {
     #[must_use]
     pub fn is_applied(&self) -> bool {
         self.ut_per_a.iter().any(|axis| *axis != 0.0)
+    }
+
+    /// Whether an aircraft with the currents of the samples can draw this one. Others are errors of the report.
+    #[must_use]
+    pub fn is_plausible(&self, current_a: f32) -> bool {
+        let highest_a = self.mean_current_a.abs() + 2.0 * self.current_sigma_a;
+        self.sigma_ut_per_a == 0.0 || current_a.abs() <= MAX_CURRENT_RATIO * highest_a
     }
 
     /// Interference of a current, microtesla, chip axes; of the mean current if unknown.

@@ -182,3 +182,30 @@ fn a_failed_solve_continues_the_automatic_collection() {
     assert!(bench.collect_until_end(&hover(8)[100..]).unwrap().is_ok());
     assert_eq!(bench.compass.state(), ModuleState::Calibrated);
 }
+
+/// A forged report of disarming, in hover. Rest counts after five seconds; a sensor that fails does not prevent it.
+#[test]
+fn a_disarmed_vehicle_is_in_flight_until_it_is_at_rest() {
+    let mut bench = TestBed::new();
+    bench.done(Command::CalStart(Procedure::Level));
+    let hover_samples = hover(6);
+    let fly = |bench: &mut TestBed| assert!(bench.collect_until_end(&hover_samples[..60]).is_none());
+    bench.arm(true);
+    fly(&mut bench);
+    bench.arm(false);
+    assert_eq!(bench.refused(Command::Restart), Refusal::Armed);
+    fly(&mut bench);
+    assert_eq!(bench.refused(Command::Restart), Refusal::Armed);
+    let last_sample = bench.now;
+    bench.now = last_sample.wrapping_add(5_001);
+    bench.done(Command::Restart);
+    bench.now = last_sample;
+    bench.stand(some_field(), 50);
+    assert_eq!(bench.refused(Command::Restart), Refusal::Armed);
+    bench.stand(some_field(), 2);
+    bench.done(Command::Restart);
+    fly(&mut bench);
+    bench.done(Command::Restart);
+    bench.arm(true);
+    assert_eq!(bench.refused(Command::Restart), Refusal::Armed);
+}

@@ -20,7 +20,7 @@ fn naples() -> Position {
 
 impl TestBed {
     fn set_place(&mut self, place: Position) {
-        assert!(matches!(self.compass.step(Event::Position(place)), Effect::None));
+        assert!(matches!(self.compass.step(Event::Position(place, self.time())), Effect::None));
         assert!(matches!(self.compass.step(Event::Date(today())), Effect::None));
     }
 

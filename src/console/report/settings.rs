@@ -161,12 +161,14 @@ const fn side(deg: f32, positive: &'static str, negative: &'static str) -> &'sta
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::earth::Date;
+    use crate::earth::{Date, PositionContext};
+    use crate::time::WrappingMillis;
 
     fn line(place: Option<[f32; 2]>, days: Option<u64>) -> String {
         let mut here = LocalField::UNKNOWN;
         if let Some([latitude_deg, longitude_deg]) = place {
-            here.set_position(Position::new(latitude_deg, longitude_deg, 100.0).unwrap());
+            let place = Position::new(latitude_deg, longitude_deg, 100.0).unwrap();
+            here.update_position(WrappingMillis::default(), place, PositionContext::default());
         }
         if let Some(days) = days {
             here.set_date(Date::from_unix_s(days * 86_400).unwrap());

@@ -27,6 +27,7 @@ use crate::attitude::{SenderId, SenderSelector};
 use crate::calibration::Calibration;
 use crate::compass::{Command, IndicatorState};
 use crate::frames::wrap_pi;
+use crate::heading::{Heading, NoHeading};
 use crate::messages::{Message as Notice, Refusal};
 use crate::time::Timestamp;
 use crate::wire::mavlink::{Address, InboundMessage, OutboundMessage, Pose, Receiver};
@@ -193,6 +194,7 @@ impl Protocol for Mavlink {
     /// messages together are fewer than the slowest sensor's readings.
     fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
         let now = snapshot.now;
+        self.senders.record_consistency(now, is_contradicted(snapshot.estimate.heading));
         self.collection.update(snapshot, &mut self.texts);
         let Some(autopilot) = self.senders.autopilot_to_query(now) else { return };
         let mut sequence = self.sequence;
@@ -207,6 +209,11 @@ impl Protocol for Mavlink {
             || self.send_heading(snapshot, line);
         self.sequence = sequence;
     }
+}
+
+/// Whether attitude and field contradict each other; the attitude may be that of another vehicle.
+const fn is_contradicted(heading: Result<Heading, NoHeading>) -> bool {
+    matches!(heading, Err(NoHeading::AttitudeContradicted | NoHeading::FieldDisturbed | NoHeading::FieldChanged))
 }
 
 /// State of the module in MAVLink's terms.

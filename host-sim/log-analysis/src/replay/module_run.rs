@@ -38,7 +38,7 @@ impl<'a> ModuleRun<'a> {
         let mut module = Self { compass, candidate: None, outcome: None, ended_s: None };
         module.process(Event::SensorDetected(SENSOR, readings_per_sample));
         if let Some((place, day)) = options.place_and_day {
-            module.process(Event::Position(place));
+            module.process(Event::Position(place, WrappingMillis::default()));
             module.process(Event::Date(day));
         }
         module.process(command(Command::CalStart(Procedure::Flight)));

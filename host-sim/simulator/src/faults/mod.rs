@@ -4,12 +4,14 @@
 //! |---|---|---|
 //! | magnetometer | `sensor.rs` | measurements and register upsets on the I2C bus |
 //! | attitude source | `attitude.rs` | modified messages, and additional senders |
+//! | link | `link.rs` | an autopilot that pauses, other vehicles, forged messages |
 //! | field | `field.rs` | hard-iron changes and other fields at the chip |
 //!
 //! Each fault is active while its [`Switch`] is on, and depends only on its seed and the simulation time.
 
 pub mod attitude;
 pub mod field;
+pub mod link;
 pub mod sensor;
 mod switch;
 
@@ -26,6 +28,8 @@ pub struct Faults {
     pub attitude: Vec<Box<dyn attitude::AttitudeFault>>,
     /// Additional senders of attitude on the same line.
     pub senders: Vec<attitude::SecondSender>,
+    /// Faults of the link to the autopilot.
+    pub link: Vec<link::LinkFault>,
     /// Field faults, shared with code that needs the true field.
     pub field: Vec<Rc<dyn field::FieldFault>>,
 }

@@ -253,7 +253,7 @@ impl AttitudeSource {
     }
 
     /// Next SYS_STATUS message with the battery current, amperes; `None` means not measured.
-    pub(super) fn status_message(&mut self, current_a: Option<f64>) -> Vec<u8> {
+    pub fn status_message(&mut self, current_a: Option<f64>) -> Vec<u8> {
         let current_battery = current_a.map_or(-1, |amperes| (amperes * 100.0).round() as i16);
         self.encode(&SYS_STATUS_DATA { current_battery, ..SYS_STATUS_DATA::DEFAULT })
     }

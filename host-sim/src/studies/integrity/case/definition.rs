@@ -11,6 +11,7 @@ use simulator::faults::attitude::{
 use simulator::faults::field::{
     FieldFault, OtherPlace, hard_iron_change, passing_object, throttle_interference, zero_drift,
 };
+use simulator::faults::link::{ForgedMessage, LinkFault};
 use simulator::faults::sensor::{RegisterUpset, SensorFault, axis_clipping, stuck_axes};
 use simulator::faults::{Faults, Switch};
 use simulator::random::{Purpose, Random};
@@ -37,7 +38,7 @@ pub struct Case {
     pub(super) set_up: fn(&mut DrawnCase),
     /// Vehicles to which the case applies.
     pub(super) vehicles: fn(VehicleKind) -> bool,
-    /// Whether the case requires several senders or body rates, which MSP does not have.
+    /// Whether the case requires several senders or a gyro's rates, which MSP does not have.
     pub(super) needs_mavlink: bool,
     /// Largest number of flights.
     pub(super) max_flights: u64,
@@ -129,7 +130,7 @@ impl Case {
         (self.vehicles)(aircraft)
     }
 
-    /// Whether the case applies to this attitude source: MSP has one sender and no body rates.
+    /// Whether the case applies to this attitude source: MSP has one sender, and a gyro only by INAV.
     #[must_use]
     pub const fn applies_to_protocol(&self, source: AttitudeProtocol) -> bool {
         matches!(source, AttitudeProtocol::Mavlink) || !self.needs_mavlink
@@ -216,6 +217,20 @@ impl DrawnCase {
     pub(super) fn add_sender(&mut self, heartbeat_kind: Option<SenderKind>) {
         self.onset = Onset::Always;
         self.faults.senders.push(SecondSender { system_id: 1, component_id: 154, heartbeat_kind, roll_error_deg: 5.0 });
+    }
+
+    /// The autopilot pauses for 12 s, longer than a sender's selection is kept on the ground, while another vehicle's
+    /// autopilot goes on. Flown for 300 s, of which the pause itself is 4 %.
+    pub(super) fn pause_beside_other_vehicle(&mut self) {
+        self.use_s = 300.0;
+        self.onset = Onset::InUse { after_s: SOON_S, for_s: 12.0 };
+        self.faults.link = vec![LinkFault::Pause(self.switch()), LinkFault::OtherVehicle(2)];
+    }
+
+    /// Forged messages in the autopilot's name, among its own, permanently from soon after the start of use.
+    pub(super) fn forge(&mut self, message: ForgedMessage) {
+        self.onset = Onset::SOON;
+        self.faults.link.push(LinkFault::Forged(self.switch(), message));
     }
 
     pub(super) fn bias_attitude(&mut self, degrees: f64) {

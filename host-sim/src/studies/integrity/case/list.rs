@@ -3,6 +3,7 @@
 use std::f64::consts::TAU;
 
 use simulator::faults::attitude::attitude_spikes;
+use simulator::faults::link::ForgedMessage;
 use simulator::faults::sensor::{additional_noise, measurement_spikes};
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::attitude_source::SenderKind;
@@ -87,6 +88,21 @@ pub static CASES: &[Case] = &[
     }),
     mavlink_case("foreign-silent", "another sender of attitude without a heartbeat, 5 deg off", |flight| {
         flight.add_sender(None);
+    }),
+    mavlink_case(
+        "second-vehicle",
+        "the autopilot pauses for 12 s, another vehicle's goes on",
+        DrawnCase::pause_beside_other_vehicle,
+    ),
+    mavlink_case("no-autopilot", "forged heartbeats of no autopilot", |flight| {
+        flight.forge(ForgedMessage::NoAutopilot)
+    }),
+    mavlink_case("disarm-forged", "forged heartbeats of a disarmed autopilot", |flight| {
+        flight.forge(ForgedMessage::Disarmed);
+    }),
+    mavlink_case("current-forged", "current reported, forged reports of 300 A among them", |flight| {
+        flight.add_current(5.0, true);
+        flight.forge(ForgedMessage::Current(300.0));
     }),
     case("bias-2", "attitude bias of 2 deg", |flight| flight.bias_attitude(2.0)),
     case("bias-5", "attitude bias of 5 deg", |flight| flight.bias_attitude(5.0)),

@@ -1,0 +1,89 @@
+//! Faults of the link to the autopilot: an autopilot that pauses, another vehicle, and forged messages on the same line.
+
+use std::pin::Pin;
+
+use embassy_time::{Duration, Timer};
+use testkit::clock;
+
+use super::Switch;
+use crate::devices::uart::HostEnd;
+use crate::world::attitude_source::{AttitudeSource, Identity, SenderKind};
+use crate::world::autopilot::Leg;
+use crate::world::{World, WorldConfig};
+
+/// Interval at which switches are looked at, and of forged messages, milliseconds.
+const STEP_MS: u64 = 100;
+
+/// Fault of the link.
+#[derive(Clone, Debug)]
+pub enum LinkFault {
+    /// The vehicle's autopilot sends nothing while the switch is on.
+    Pause(Switch),
+    /// Another vehicle flies circles; its autopilot sends heartbeats and attitude with this system ID from the beginning.
+    OtherVehicle(u8),
+    /// Messages in the autopilot's name, ten a second while the switch is on.
+    Forged(Switch, ForgedMessage),
+}
+
+/// Message in the autopilot's name.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ForgedMessage {
+    /// SYS_STATUS with this current, amperes.
+    Current(f64),
+    /// HEARTBEAT of a component that is no autopilot.
+    NoAutopilot,
+    /// HEARTBEAT of a disarmed autopilot.
+    Disarmed,
+}
+
+impl LinkFault {
+    /// Task that never returns, on the line of the autopilot of `world`.
+    pub fn run(self, world: World, uart: HostEnd) -> Pin<Box<dyn Future<Output = ()>>> {
+        match self {
+            Self::Pause(switch) => Box::pin(pause(switch, world)),
+            Self::OtherVehicle(system_id) => Box::pin(other_vehicle(system_id, world.config(), uart)),
+            Self::Forged(switch, message) => Box::pin(forge(switch, message, world.attitude_source(), uart)),
+        }
+    }
+}
+
+async fn pause(switch: Switch, world: World) {
+    loop {
+        let is_on = switch.is_on(clock::now_us());
+        if is_on == world.sends_attitude() {
+            world.set_sends_attitude(!is_on);
+        }
+        Timer::after(Duration::from_millis(STEP_MS)).await;
+    }
+}
+
+/// A vehicle of the same kind, armed, in circles to alternating sides.
+async fn other_vehicle(system_id: u8, config: WorldConfig, uart: HostEnd) {
+    /// More than ten hours of flight.
+    const CIRCLES: usize = 4000;
+    let world = World::new(WorldConfig { seed: config.seed.wrapping_add(0x0711), ..config });
+    world.set_armed(true);
+    for circle in 0..CIRCLES {
+        let heading_change_deg = if circle % 2 == 0 { 360.0 } else { -360.0 };
+        world.fly(Leg::Turn { bank_deg: 20.0, heading_change_deg });
+    }
+    let identity = Identity { system_id, component_id: 1, heartbeat_kind: Some(SenderKind::Autopilot) };
+    world.attitude_source().with_identity(identity).run(world, uart, Vec::new()).await;
+}
+
+async fn forge(switch: Switch, message: ForgedMessage, mut autopilot: AttitudeSource, uart: HostEnd) {
+    if message == ForgedMessage::NoAutopilot {
+        autopilot =
+            autopilot.with_identity(Identity { heartbeat_kind: Some(SenderKind::Other), ..Identity::AUTOPILOT });
+    }
+    loop {
+        if switch.is_on(clock::now_us()) {
+            uart.send(&match message {
+                ForgedMessage::Current(amperes) => autopilot.status_message(Some(amperes)),
+                ForgedMessage::NoAutopilot => autopilot.heartbeat_message(true),
+                ForgedMessage::Disarmed => autopilot.heartbeat_message(false),
+            });
+        }
+        Timer::after(Duration::from_millis(STEP_MS)).await;
+    }
+}

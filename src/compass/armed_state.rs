@@ -1,0 +1,61 @@
+//! Armed state. A report of disarming ends a flight once the vehicle is at rest, so that a forged one cannot interrupt it.
+
+use crate::calibration::Sample;
+use crate::frames::{Field, Sensor};
+use crate::time::WrappingMillis;
+use crate::trig::Length as _;
+
+/// Time without motion after which a vehicle is at rest, milliseconds. In level flight and in hover, turbulence exceeds
+/// the limit within this time.
+const REST_MS: u32 = 5_000;
+
+/// Longest interval between samples at rest, milliseconds.
+const MAX_GAP_MS: u32 = 1_000;
+
+/// Largest change of the field at rest, microtesla: six times the noise of a sample, or 1 deg of rotation.
+const MAX_CHANGE_UT: f32 = 0.7;
+
+/// Reported armed state, and the evidence for rest.
+#[derive(Debug)]
+pub(super) struct ArmedState {
+    reported: Option<bool>,
+    /// Whether the vehicle moved while armed, and has not been at rest while disarmed since.
+    has_flown: bool,
+    /// Field of the first sample at rest; times of the first and the last one.
+    rest: Option<(Field<Sensor>, WrappingMillis, WrappingMillis)>,
+}
+
+impl ArmedState {
+    pub const UNKNOWN: Self = Self { reported: None, has_flown: false, rest: None };
+
+    /// Armed state by the autopilot's last report, if known.
+    pub const fn reported(&self) -> Option<bool> {
+        self.reported
+    }
+
+    /// Processes the autopilot's report; `None` without a recent one.
+    pub const fn update(&mut self, reported: Option<bool>) {
+        self.reported = reported;
+    }
+
+    /// Updates the evidence for rest.
+    pub fn update_motion(&mut self, sample: &Sample) {
+        let is_steady = |(field, _, last): &(Field<Sensor>, WrappingMillis, WrappingMillis)| {
+            (sample.field.ut - field.ut).length() <= MAX_CHANGE_UT && sample.time.ms_since(*last) <= MAX_GAP_MS
+        };
+        let steady = self.rest.filter(is_steady);
+        self.has_flown |= self.reported == Some(true) && self.rest.is_some() && steady.is_none();
+        let (field, since, _) = steady.unwrap_or((sample.field, sample.time, sample.time));
+        self.rest = Some((field, since, sample.time));
+        self.has_flown &= self.reported != Some(false) || sample.time.ms_since(since) < REST_MS;
+    }
+
+    /// Whether the vehicle is armed, or has flown and still moves. Without samples there is no evidence of motion.
+    pub fn is_in_flight(&self, now: WrappingMillis) -> bool {
+        let has_samples = self.rest.is_some_and(|(_, _, last)| now.ms_since(last) <= REST_MS);
+        match self.reported {
+            Some(is_armed) => is_armed || (self.has_flown && has_samples),
+            None => false,
+        }
+    }
+}
