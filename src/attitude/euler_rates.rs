@@ -1,7 +1,7 @@
 //! Rates of roll, pitch and heading, from body rates.
 
 use super::AttitudeReport;
-use crate::frames::wrap_pi;
+use crate::frames::{Attitude, wrap_pi};
 use crate::trig;
 
 /// Euler-angle rates, rad/s (ZYX kinematics).
@@ -36,6 +36,18 @@ impl EulerRates {
             pitch_rad_s: q * cos_roll - r * sin_roll,
             heading_rad_s: about_level / cos_pitch.max(MIN_COS_PITCH),
         })
+    }
+
+    /// Body rates p, q, r at an attitude, rad/s: the inverse of [`from_report`](Self::from_report).
+    pub(super) fn to_body_rates(self, attitude: Attitude) -> [f32; 3] {
+        let (sin_roll, cos_roll) = trig::sin_cos(attitude.roll_rad);
+        let (sin_pitch, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
+        let about_level = self.heading_rad_s * cos_pitch;
+        [
+            self.roll_rad_s - self.heading_rad_s * sin_pitch,
+            self.pitch_rad_s * cos_roll + about_level * sin_roll,
+            about_level * cos_roll - self.pitch_rad_s * sin_roll,
+        ]
     }
 
     /// Linear interpolation; `fraction` 0 is `self`, 1 is `later`.
@@ -125,7 +137,6 @@ mod tests {
 
     use super::super::SenderId;
     use super::*;
-    use crate::frames::Attitude;
     use crate::time::WrappingMillis;
 
     fn report(roll_deg: f32, pitch_deg: f32, rates_deg_s: [f32; 3]) -> AttitudeReport {

@@ -1,7 +1,7 @@
 //! Selection of one input line for attitude.
 //!
 //! One autopilot may send attitude on two lines (MAVLink with body rates, MSP without), or two autopilots on one each;
-//! a mixture would jump. The first line is used until it is silent; a line with body rates replaces one without.
+//! a mixture would jump. The first line is used until it is silent; a line with a gyro's rates replaces one without.
 
 use crate::time::Timestamp;
 
@@ -12,7 +12,7 @@ const RELEASE_US: u64 = 1_000_000;
 #[derive(Clone, Copy, Debug)]
 struct SelectedLine {
     line: u8,
-    has_rates: bool,
+    has_gyro: bool,
     at: Timestamp,
 }
 
@@ -27,13 +27,13 @@ impl LineSelector {
         Self(None)
     }
 
-    /// Returns whether a report received at `now` on `line` is accepted; `has_rates`: its protocol has body rates.
-    pub fn accept(&mut self, now: Timestamp, line: u8, has_rates: bool) -> bool {
+    /// Returns whether a report received at `now` on `line` is accepted; `has_gyro`: with the rates of a gyro.
+    pub fn accept(&mut self, now: Timestamp, line: u8, has_gyro: bool) -> bool {
         let is_accepted = self.0.is_none_or(|selected| {
-            selected.line == line || (has_rates && !selected.has_rates) || now.us_since(selected.at) > RELEASE_US
+            selected.line == line || (has_gyro && !selected.has_gyro) || now.us_since(selected.at) > RELEASE_US
         });
         if is_accepted {
-            self.0 = Some(SelectedLine { line, has_rates, at: now });
+            self.0 = Some(SelectedLine { line, has_gyro, at: now });
         }
         is_accepted
     }

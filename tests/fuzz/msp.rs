@@ -9,6 +9,7 @@ use crate::{Promise, hold};
 
 const FC_VARIANT: u16 = 2;
 const STATUS: u16 = 101;
+const RAW_IMU: u16 = 102;
 const RAW_GPS: u16 = 106;
 const ATTITUDE: u16 = 108;
 const ANALOG: u16 = 110;
@@ -33,8 +34,17 @@ fn framed(direction: u8, function: u16, claims: u16, payload: &[u8]) -> Vec<u8> 
 
 /// Frame of any function, mostly requested ones with plausible payloads.
 pub fn frame() -> impl Strategy<Value = Vec<u8>> {
-    let functions =
-        [(FC_VARIANT, 4), (STATUS, 11), (RAW_GPS, 16), (RAW_GPS, 18), (ATTITUDE, 6), (ANALOG, 7), (RTC, 9), (RTC, 6)];
+    let functions = [
+        (FC_VARIANT, 4),
+        (STATUS, 11),
+        (RAW_IMU, 18),
+        (RAW_GPS, 16),
+        (RAW_GPS, 18),
+        (ATTITUDE, 6),
+        (ANALOG, 7),
+        (RTC, 9),
+        (RTC, 6),
+    ];
     let function = prop_oneof![9 => proptest::sample::select(functions.to_vec()), 1 => (any::<u16>(), 0..80_usize)];
     let direction = prop_oneof![8 => Just(b'>'), 1 => Just(b'!'), 1 => Just(b'<')];
     let length_error = prop_oneof![6 => Just(0_i16), 1 => -8..8_i16, 1 => any::<i16>()];
@@ -108,8 +118,9 @@ impl stream::Intact<MspReply> for Intact<'_> {
         }
         !self.is_error
             && match *message {
-                MspReply::Attitude(MspAngles { roll_decideg, pitch_decideg }) => {
-                    self.function == ATTITUDE && [self.i16(0), self.i16(2)] == [Some(roll_decideg), Some(pitch_decideg)]
+                MspReply::Attitude(MspAngles { roll_decideg, pitch_decideg, heading_deg }) => {
+                    self.function == ATTITUDE
+                        && [0, 2, 4].map(|at| self.i16(at)) == [roll_decideg, pitch_decideg, heading_deg].map(Some)
                 }
                 MspReply::FcVariant(firmware) => {
                     let is = |name: &[u8]| self.payload.starts_with(name);
@@ -123,6 +134,9 @@ impl stream::Intact<MspReply> for Intact<'_> {
                 }
                 MspReply::Armed(is_armed) => {
                     self.function == STATUS && self.payload.get(6).is_some_and(|flags| (flags & 1 == 1) == is_armed)
+                }
+                MspReply::Gyro(counts) => {
+                    self.function == RAW_IMU && [6, 8, 10].map(|at| self.i16(at)) == counts.map(Some)
                 }
                 MspReply::RawGps(_) => self.function == RAW_GPS,
                 MspReply::Current(amperes) => {

@@ -15,7 +15,8 @@ use super::range::{AIRCRAFT, integer, one_of};
 
 const HEADINGS: &[(&str, HeadingKind)] = &[("raw", HeadingKind::Raw), ("smooth", HeadingKind::Smooth)];
 
-const SOURCES: &[(&str, AttitudeProtocol)] = &[("mavlink", AttitudeProtocol::Mavlink), ("msp", AttitudeProtocol::Msp)];
+const SOURCES: &[(&str, AttitudeProtocol)] =
+    &[("mavlink", AttitudeProtocol::Mavlink), ("msp", AttitudeProtocol::Msp), ("msp-inav", AttitudeProtocol::MspInav)];
 
 /// Faults in flight and during calibration: fraction of wrong headings among those sent as good.
 ///
@@ -38,9 +39,9 @@ pub struct Integrity {
     /// Run only this case; may be repeated; `list` shows the cases
     #[arg(long = "case", value_name = "NAME")]
     cases: Vec<String>,
-    /// Protocol of the attitude source: MAVLink with body rates, or MSP, which is polled, in tenths of a degree, without
-    /// body rates
-    #[arg(long, default_value = "mavlink", value_name = "mavlink|msp", value_parser = one_of(SOURCES))]
+    /// Attitude source: MAVLink; ArduPilot by MSP, polled, in steps of 0.1 deg without body rates; or INAV by MSP, with
+    /// body rates in steps of 1 deg/s
+    #[arg(long, default_value = "mavlink", value_name = "mavlink|msp|msp-inav", value_parser = one_of(SOURCES))]
     source: AttitudeProtocol,
     /// Heading that is sent: raw, or smoothed if available
     #[arg(long, default_value = "smooth", value_name = "raw|smooth", value_parser = one_of(HEADINGS))]

@@ -4,14 +4,15 @@
 //! autopilot then operates without a compass.
 //!
 //! One attitude request is open at a time, so that a reply is as recent as possible: autopilots reply in 3.5 to 18 ms.
-//! Until the firmware is known, which determines the signs of the attitude, the firmware is requested instead. Other
-//! requests are sent in turn, each about once a second and every second one for the current, without waiting for
-//! replies. The firmware remains among them, because an autopilot can be exchanged while the module runs.
+//! INAV's gyro is requested with it. Until the firmware is known, which determines the signs of the attitude, the firmware
+//! is requested instead. Other requests are sent in turn, each about once a second and every second one for the current,
+//! without waiting for replies. The firmware remains among them, because an autopilot can be exchanged while the module
+//! runs.
 
 use super::{MessageSchedule, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
-use crate::attitude::{AttitudeReport, SenderId};
+use crate::attitude::{AttitudeReport, RateEstimator, SenderId};
 use crate::time::{Timestamp, WrappingMillis};
-use crate::wire::msp::{Firmware, Function, MspAngles, MspReply, Receiver, compass, request};
+use crate::wire::msp::{Firmware, Function, MspAngles, MspReply, Receiver, compass, inav_body_rates_rad_s, request};
 
 /// Rate of compass readings, Hz: INAV drops a compass after 250 ms, ArduPilot after 500 ms; ArduPilot's filter uses 10
 /// Hz.
@@ -50,6 +51,9 @@ pub struct Msp {
     receiver: Receiver,
     firmware: Option<Firmware>,
     armed: Option<(Timestamp, bool)>,
+    /// Time and body rates of the last MSP_RAW_IMU, rad/s.
+    gyro: Option<(Timestamp, [f32; 3])>,
+    rate_estimator: RateEstimator,
     /// Time of the open request for attitude or firmware.
     requested_at: Option<Timestamp>,
     compass: MessageSchedule,
@@ -67,6 +71,8 @@ impl Msp {
             receiver: Receiver::new(),
             firmware: None,
             armed: None,
+            gyro: None,
+            rate_estimator: RateEstimator::new(),
             requested_at: None,
             compass: MessageSchedule::new(),
             attitude: MessageSchedule::new(),
@@ -80,7 +86,11 @@ impl Msp {
             self.requested_at = None;
         }
         match message {
-            MspReply::Attitude(angles) => return self.report(angles),
+            MspReply::Attitude(angles) => return self.report(at, angles),
+            MspReply::Gyro(counts) if self.firmware == Some(Firmware::Inav) => {
+                self.gyro = Some((at, inav_body_rates_rad_s(counts)));
+            }
+            MspReply::Gyro(_) => {}
             MspReply::RawGps(place) => return place.map(ReceivedMessage::Position),
             MspReply::Current(amperes) => return Some(ReceivedMessage::Current(amperes)),
             MspReply::Rtc(day) => return day.map(ReceivedMessage::Date),
@@ -91,11 +101,14 @@ impl Msp {
         None
     }
 
-    fn report(&self, angles: MspAngles) -> Option<ReceivedMessage> {
-        // MSP has one sender, without a clock and without body rates.
+    fn report(&mut self, at: Timestamp, angles: MspAngles) -> Option<ReceivedMessage> {
+        // MSP has one sender, without a clock.
         let (source, sender_time) = (SenderId::default(), WrappingMillis::new(0));
         let attitude = self.firmware?.attitude_from_angles(angles)?;
-        Some(ReceivedMessage::Attitude(AttitudeReport { sender: source, sender_time, attitude, rates_rad_s: [0.0; 3] }))
+        let estimated = self.rate_estimator.update(at, attitude, f32::from(angles.heading_deg).to_radians());
+        let measured = self.gyro.filter(|(received_at, _)| at.us_since(*received_at) <= REPLY_TIMEOUT_US);
+        let rates_rad_s = measured.map_or(estimated, |(_, rates_rad_s)| rates_rad_s);
+        Some(ReceivedMessage::Attitude(AttitudeReport { sender: source, sender_time, attitude, rates_rad_s }))
     }
 
     fn next_periodic_request(&mut self) -> Function {
@@ -148,14 +161,19 @@ impl Protocol for Msp {
         {
             out.append(&[&compass(INSTANCE, snapshot.estimate.at.wrapping_millis().as_ms(), field)]);
         }
-        if self.others.is_due(now, OTHERS_HZ) {
+        let is_other_due = self.others.is_due(now, OTHERS_HZ);
+        if is_other_due {
             out.append(&[&request(self.next_periodic_request())]);
         }
         if let Some(function) = self.repeated_request()
             && self.may_request(now)
             && self.attitude.is_due(now, ATTITUDE_HZ)
         {
-            self.requested_at = out.append(&[&request(function)]).then_some(now);
+            // The reply to the first request arrives first. At most two requests at a time: rates remain valid for 50 ms.
+            let gyro = request(Function::RawImu);
+            let has_gyro = function == Function::Attitude && self.firmware == Some(Firmware::Inav) && !is_other_due;
+            let requests = [if has_gyro { &gyro[..] } else { &[] }, &request(function)];
+            self.requested_at = out.append(&requests).then_some(now);
         }
     }
 }

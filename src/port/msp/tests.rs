@@ -147,6 +147,39 @@ fn attitude_is_received_with_the_firmware_s_signs() {
     assert!(matches!(received[..], [ReceivedMessage::Attitude(report)] if report.attitude.pitch_rad < 0.0));
 }
 
+/// INAV's gyro: forward, left, up, deg/s. ArduPilot answers with an empty frame, and is not asked again for each attitude.
+#[test]
+fn inav_s_gyro_gives_the_body_rates() {
+    let gyro: Vec<u8> = [0_i16, 0, 512, 3, -4, -18, 0, 0, 0].iter().flat_map(|number| number.to_le_bytes()).collect();
+    for (name, expected_deg_s) in [(b"INAV", [3.0, 4.0, 18.0]), (b"ARDU", [0.0; 3]), (b"BTFL", [0.0; 3])] {
+        let mut msp = msp_with_firmware(name);
+        assert!(receive(&mut msp, 0, b'>', Function::RawImu, &gyro).is_empty());
+        let received = receive(&mut msp, 0, b'>', Function::Attitude, &ANGLES);
+        let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
+        for (found, expected) in report.rates_rad_s.map(f32::to_degrees).into_iter().zip(expected_deg_s) {
+            assert!((found - expected).abs() < 1e-4, "{name:?}: {report:?}");
+        }
+        let requested = requested(&mut msp, 10, Some(10_000));
+        let [attitudes, gyros] = [Function::Attitude, Function::RawImu].map(|f| count_requests(&requested, f));
+        let expected = if name == b"INAV" { attitudes * 3 / 4..attitudes } else { 0..1 };
+        assert!(attitudes > 100 && expected.contains(&gyros), "{name:?}: {attitudes} {gyros}");
+    }
+}
+
+/// Without a gyro, from a heading that turns by 1 deg in 50 ms.
+#[test]
+fn without_a_gyro_the_attitude_s_changes_give_the_body_rates() {
+    let mut msp = msp_with_firmware(b"ARDU");
+    let mut sum_deg_s = 0.0;
+    for step in 0..100_u16 {
+        let angles: Vec<u8> = [0, 0, (350 + step * 2 / 5) % 360].iter().flat_map(|angle| angle.to_le_bytes()).collect();
+        let received = receive(&mut msp, u64::from(step) * 20_000, b'>', Function::Attitude, &angles);
+        let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
+        sum_deg_s += if step >= 50 { report.rates_rad_s[2].to_degrees() } else { 0.0 };
+    }
+    assert!((sum_deg_s / 50.0 - 20.0).abs() < 0.5, "{}", sum_deg_s / 50.0);
+}
+
 /// 50 Hz at most, less for a slow autopilot, in steps of the estimates. Others about once a second each, the current
 /// four times.
 #[test]

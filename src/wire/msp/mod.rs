@@ -24,6 +24,18 @@
 //! components of nose and left wing). ArduPilot's ports for DJI's goggles and for MSP DisplayPort can report `BTFL`
 //! with a pitch positive nose up; its MSP port proper (SERIALn_PROTOCOL 32) reports `ARDU`.
 //!
+//! # Body rates
+//!
+//! MSP_RAW_IMU has the gyro's rates at byte 6, three integers of two bytes:
+//!
+//! | firmware | unit | axes | source |
+//! |---|---|---|---|
+//! | `INAV` | 1 deg/s, rounded | forward, left, up | INAV, sensors/gyro.c, `gyroRateDps`: `lrintf(gyro.gyroADCf[axis])` |
+//! | `BTFL` | the sensor's counts: 1/16.4 deg/s, with some sensors 0.07 or 1/8.2 | forward, left, up | Betaflight, sensors/gyro.c, `gyroRateDps`: divided by `gyroDev.scale` |
+//! | `ARDU` | not supported: an empty reply | | ArduPilot, AP_MSP_Telem_Backend.cpp, `msp_process_out_command` |
+//!
+//! Only INAV's are used: Betaflight's unit depends on a sensor that it does not report.
+//!
 //! # Armed state
 //!
 //! MSP_STATUS has the flight mode flags at byte 6. Their bits are the boxes in the order of MSP_BOXIDS. ARM is the
@@ -43,6 +55,8 @@ pub enum Function {
     FcVariant = 2,
     /// MSP_STATUS: armed state, among others.
     Status = 101,
+    /// MSP_RAW_IMU: body rates.
+    RawImu = 102,
     /// MSP_RAW_GPS: position.
     RawGps = 106,
     /// MSP_ATTITUDE: roll and pitch.
@@ -54,7 +68,8 @@ pub enum Function {
 }
 
 impl Function {
-    const ALL: [Self; 6] = [Self::FcVariant, Self::Status, Self::RawGps, Self::Attitude, Self::Analog, Self::Rtc];
+    const ALL: [Self; 7] =
+        [Self::FcVariant, Self::Status, Self::RawImu, Self::RawGps, Self::Attitude, Self::Analog, Self::Rtc];
 
     fn from_number(number: u16) -> Option<Self> {
         Self::ALL.into_iter().find(|function| *function as u16 == number)
@@ -87,13 +102,23 @@ impl Firmware {
     }
 }
 
-/// Roll and pitch of MSP_ATTITUDE, tenths of a degree.
+/// Body rates p, q, r of INAV's MSP_RAW_IMU, rad/s.
+#[must_use]
+pub fn inav_body_rates_rad_s([forward, left, up]: [i16; 3]) -> [f32; 3] {
+    let deg_s = [f32::from(forward), -f32::from(left), -f32::from(up)];
+    deg_s.map(f32::to_radians)
+}
+
+/// Angles of MSP_ATTITUDE: roll and pitch in tenths of a degree, heading in degrees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MspAngles {
     /// Positive right wing down, -1800..=1800.
     pub roll_decideg: i16,
     /// -900..=900; the sign depends on the firmware.
     pub pitch_decideg: i16,
+    /// Heading of any reference, degrees, 0..=359: `yaw_sensor` of ArduPilot, `attitude.values.yaw` of INAV and Betaflight,
+    /// truncated.
+    pub heading_deg: i16,
 }
 
 /// Decoded reply.
@@ -107,6 +132,8 @@ pub enum MspReply {
     RawGps(Option<Position>),
     /// Roll and pitch.
     Attitude(MspAngles),
+    /// Gyro's rates, in unit and axes of the firmware.
+    Gyro([i16; 3]),
     /// Current, amperes; 0 if it is not measured.
     Current(f32),
     /// Date; none if the clock was never set.
@@ -216,7 +243,10 @@ fn decode(frame: &[u8]) -> Option<MspReply> {
         (Function::FcVariant, payload) => payload.get(..4).map(|name| MspReply::FcVariant(firmware(name))),
         (Function::Status, [_, _, _, _, _, _, flags, _, _, _, _profile, ..]) => Some(MspReply::Armed(flags & 1 != 0)),
         (Function::RawGps, payload) => raw_gps(payload),
-        (Function::Attitude, [r0, r1, p0, p1, _, _, ..]) => angles([*r0, *r1], [*p0, *p1]),
+        (Function::Attitude, [r0, r1, p0, p1, h0, h1, ..]) => angles([[*r0, *r1], [*p0, *p1], [*h0, *h1]]),
+        (Function::RawImu, [_, _, _, _, _, _, x0, x1, y0, y1, z0, z1, ..]) => {
+            Some(MspReply::Gyro([[*x0, *x1], [*y0, *y1], [*z0, *z1]].map(i16::from_le_bytes)))
+        }
         // Voltage, charge, signal strength, then the current in hundredths of an ampere.
         (Function::Analog, [_, _, _, _, _, c0, c1, ..]) => {
             Some(MspReply::Current(f32::from(i16::from_le_bytes([*c0, *c1])) * 0.01))
@@ -235,10 +265,10 @@ fn firmware(name: &[u8]) -> Firmware {
     }
 }
 
-fn angles(roll: [u8; 2], pitch: [u8; 2]) -> Option<MspReply> {
-    let (roll_decideg, pitch_decideg) = (i16::from_le_bytes(roll), i16::from_le_bytes(pitch));
+fn angles(bytes: [[u8; 2]; 3]) -> Option<MspReply> {
+    let [roll_decideg, pitch_decideg, heading_deg] = bytes.map(i16::from_le_bytes);
     let possible = (-1800..=1800).contains(&roll_decideg) && (-900..=900).contains(&pitch_decideg);
-    possible.then_some(MspReply::Attitude(MspAngles { roll_decideg, pitch_decideg }))
+    possible.then_some(MspReply::Attitude(MspAngles { roll_decideg, pitch_decideg, heading_deg }))
 }
 
 /// Kind of fix, satellites, latitude and longitude in 1e-7 deg, height in metres, speed, course; later versions append

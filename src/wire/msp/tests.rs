@@ -20,11 +20,11 @@ fn reply(function: Function, payload: &[u8]) -> Vec<u8> {
 }
 
 fn attitude(roll: i16, pitch: i16) -> Vec<u8> {
-    reply(Function::Attitude, &[roll.to_le_bytes(), pitch.to_le_bytes(), 359_i16.to_le_bytes()].concat())
+    reply(Function::Attitude, &[roll.to_le_bytes(), pitch.to_le_bytes(), 10_i16.to_le_bytes()].concat())
 }
 
 fn angles_of(roll_decideg: i16, pitch_decideg: i16) -> MspReply {
-    MspReply::Attitude(MspAngles { roll_decideg, pitch_decideg })
+    MspReply::Attitude(MspAngles { roll_decideg, pitch_decideg, heading_deg: 10 })
 }
 
 /// All messages in a stream, and the number of rejected frames.
@@ -132,11 +132,15 @@ fn firmware_is_identified_by_its_name() {
 fn the_sign_of_pitch_is_that_of_the_firmware() {
     let expected = Attitude::from_deg(12.3, 5.0);
     for (firmware, pitch_decideg) in [(Firmware::ArduPilot, 50), (Firmware::Inav, -50), (Firmware::Betaflight, -50)] {
-        let found = firmware.attitude_from_angles(MspAngles { roll_decideg: 123, pitch_decideg }).unwrap();
+        let found =
+            firmware.attitude_from_angles(MspAngles { roll_decideg: 123, pitch_decideg, heading_deg: 0 }).unwrap();
         assert!((found.roll_rad - expected.roll_rad).abs() < 1e-6, "{firmware:?} {found:?}");
         assert!((found.pitch_rad - expected.pitch_rad).abs() < 1e-6, "{firmware:?} {found:?}");
     }
-    assert_eq!(Firmware::Other.attitude_from_angles(MspAngles { roll_decideg: 0, pitch_decideg: 0 }), None);
+    assert_eq!(
+        Firmware::Other.attitude_from_angles(MspAngles { roll_decideg: 0, pitch_decideg: 0, heading_deg: 0 }),
+        None
+    );
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::pin::Pin;
 use embassy_time::{Duration, Timer};
 use testkit::clock;
 
-use super::Switch;
+use super::switch::Switch;
 use crate::devices::uart::HostEnd;
 use crate::world::attitude_source::{AttitudeSource, Identity, SenderKind};
 use crate::world::autopilot::Leg;

@@ -8,7 +8,7 @@ use mavlink::dialects::common::ATTITUDE_DATA;
 use testkit::clock;
 use testkit::simulation::{Level, Simulation};
 
-use super::attitude_source::{AttitudeSource, ReportedAttitude};
+use super::attitude_source::AttitudeSource;
 use super::fault_interfaces::AttitudeFault;
 use super::mavlink_autopilot::{self, AutopilotInputs, MavlinkAutopilot, START_UNIX_US, XIAN};
 use super::msp_autopilot::{self, AnswerFaults, AutopilotState, MspAutopilot};
@@ -123,10 +123,8 @@ async fn msp(
             estimated_us += period_us;
             let late_us: u64 = faults.iter().map(|fault| fault.late_us(now_us)).sum();
             let truth = world.true_state(now_us.saturating_sub(latency_us + late_us));
-            let ReportedAttitude { roll_rad, pitch_rad, yaw_rad } = source.report(&truth);
-            // Attitude faults operate on MAVLink messages; their body rates are unused by MSP.
-            let [roll, pitch, yaw] = [roll_rad, pitch_rad, yaw_rad].map(|rad| rad as f32);
-            let mut attitude = ATTITUDE_DATA { roll, pitch, yaw, ..ATTITUDE_DATA::default() };
+            // Attitude faults operate on MAVLink messages.
+            let mut attitude = source.attitude_message(&truth, now_us);
             for fault in &mut faults {
                 fault.tamper(now_us, &mut attitude);
             }
@@ -134,6 +132,7 @@ async fn msp(
                 roll_rad: f64::from(attitude.roll),
                 pitch_rad: f64::from(attitude.pitch),
                 yaw_rad: f64::from(attitude.yaw),
+                body_rates_rad_s: [attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed].map(f64::from),
                 is_armed: world.is_armed(),
                 position: Some((XIAN.latitude_deg, XIAN.longitude_deg, XIAN.height_m)),
                 unix_s: Some((START_UNIX_US + now_us) / 1_000_000),

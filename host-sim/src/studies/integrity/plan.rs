@@ -3,7 +3,7 @@
 use autoswing::settings::HeadingKind;
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::far_end::FarEnd;
-use simulator::world::msp_autopilot::{self, AnswerFaults};
+use simulator::world::msp_autopilot::{AnswerFaults, MspFirmware};
 
 /// Extent of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,18 +26,18 @@ pub enum AttitudeProtocol {
     /// MAVLink autopilot with body rates.
     #[default]
     Mavlink,
-    /// ArduPilot with MSP: polled attitude in tenths of a degree, without body rates.
+    /// ArduPilot with MSP: polled attitude in tenths of a degree, heading in degrees, without body rates.
     Msp,
+    /// INAV with MSP: also polled body rates in degrees per second.
+    MspInav,
 }
 
 impl AttitudeProtocol {
     pub(super) const fn far_end(self) -> FarEnd {
         match self {
             Self::Mavlink => FarEnd::Talker,
-            Self::Msp => FarEnd::Msp(
-                msp_autopilot::MspFirmware::ArduPilot,
-                AnswerFaults { dropped: 0.0, rejected: 0.0, truncated: 0.0, delayed: 0.0 },
-            ),
+            Self::Msp => FarEnd::Msp(MspFirmware::ArduPilot, AnswerFaults::NONE),
+            Self::MspInav => FarEnd::Msp(MspFirmware::Inav, AnswerFaults::NONE),
         }
     }
 }

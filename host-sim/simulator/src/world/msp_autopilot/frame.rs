@@ -4,6 +4,7 @@ use super::state::{AutopilotState, MspFirmware};
 
 const FC_VARIANT: u16 = 2;
 const STATUS: u16 = 101;
+const RAW_IMU: u16 = 102;
 const RAW_GPS: u16 = 106;
 const ATTITUDE: u16 = 108;
 const ANALOG: u16 = 110;
@@ -93,6 +94,7 @@ pub(super) fn payload(firmware: MspFirmware, function: u16, known: &AutopilotSta
             MspFirmware::Inav => b"INAV".to_vec(),
         }),
         STATUS => Some(status(firmware, known.is_armed)),
+        RAW_IMU => raw_imu(firmware, known),
         RAW_GPS => Some(raw_gps(known)),
         ATTITUDE => Some(attitude(firmware, known)),
         ANALOG => Some(analog(firmware, known.current_a)),
@@ -122,6 +124,14 @@ fn status(firmware: MspFirmware, is_armed: bool) -> Vec<u8> {
     let mut payload = vec![0; length];
     payload[6] = u8::from(is_armed) | others;
     payload
+}
+
+/// Accelerometer, gyro and magnetometer of INAV, of which the module uses the gyro: whole deg/s in axes forward, left, up.
+/// ArduPilot does not support it.
+fn raw_imu(firmware: MspFirmware, known: &AutopilotState) -> Option<Vec<u8>> {
+    let [p, q, r] = known.body_rates_rad_s.map(|rate| rate.to_degrees().round() as i16);
+    let numbers = [0, 0, 512, p, -q, -r, 0, 0, 0];
+    (firmware == MspFirmware::Inav).then(|| numbers.map(i16::to_le_bytes).concat())
 }
 
 fn raw_gps(known: &AutopilotState) -> Vec<u8> {

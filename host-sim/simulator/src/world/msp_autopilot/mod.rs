@@ -28,6 +28,11 @@ pub struct AnswerFaults {
     pub delayed: f64,
 }
 
+impl AnswerFaults {
+    /// No faults.
+    pub const NONE: Self = Self { dropped: 0.0, rejected: 0.0, truncated: 0.0, delayed: 0.0 };
+}
+
 /// Received compass sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CompassSample {

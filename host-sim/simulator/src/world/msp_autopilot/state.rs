@@ -18,6 +18,8 @@ pub struct AutopilotState {
     pub pitch_rad: f64,
     /// Heading, radians.
     pub yaw_rad: f64,
+    /// Body rates p, q, r, radians per second.
+    pub body_rates_rad_s: [f64; 3],
     /// Whether the autopilot is armed.
     pub is_armed: bool,
     /// Latitude and longitude in degrees, north and east positive, and height in metres; `None` without a fix.

@@ -13,6 +13,7 @@ const KNOWN: AutopilotState = AutopilotState {
     roll_rad: 0.2,
     pitch_rad: 0.1,
     yaw_rad: -0.1,
+    body_rates_rad_s: [0.05, -0.07, 0.3],
     is_armed: true,
     position: Some((-33.9, 151.2, 20.0)),
     // 2026-11-22, noon.
