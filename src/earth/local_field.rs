@@ -59,7 +59,8 @@ impl LocalField {
             let reachable_deg = MIN_DISTANCE_DEG * 1.5 + MAX_SPEED_DEG_MS * at.ms_since(self.seen_at) as f32;
             distance_deg(last, place) <= reachable_deg
         });
-        if !is_plausible && !(context.is_disarmed && self.distant_reports >= CONFIRMATIONS) {
+        let is_confirmed = context.is_disarmed && self.distant_reports >= CONFIRMATIONS;
+        if !(is_plausible || is_confirmed) {
             self.distant_reports = self.distant_reports.saturating_add(1);
             return;
         }

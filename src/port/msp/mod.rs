@@ -90,13 +90,12 @@ impl Msp {
             MspReply::Gyro(counts) if self.firmware == Some(Firmware::Inav) => {
                 self.gyro = Some((at, inav_body_rates_rad_s(counts)));
             }
-            MspReply::Gyro(_) => {}
             MspReply::RawGps(place) => return place.map(ReceivedMessage::Position),
             MspReply::Current(amperes) => return Some(ReceivedMessage::Current(amperes)),
             MspReply::Rtc(day) => return day.map(ReceivedMessage::Date),
             MspReply::FcVariant(firmware) => self.firmware = Some(firmware),
             MspReply::Armed(is_armed) => self.armed = Some((at, is_armed)),
-            MspReply::Refused(_) => {}
+            MspReply::Gyro(_) | MspReply::Refused(_) => {}
         }
         None
     }
