@@ -55,6 +55,14 @@ pub enum Purpose {
     Current = 22,
     /// Delays and faults of MSP answers.
     Msp = 23,
+    /// Errors and noise of the autopilot's gyro.
+    Gyro = 24,
+    /// Drift of the gyro's x axis.
+    GyroDriftX = 25,
+    /// Drift of the gyro's y axis.
+    GyroDriftY = 26,
+    /// Drift of the gyro's z axis.
+    GyroDriftZ = 27,
 }
 
 /// Stream of random numbers.

@@ -36,7 +36,7 @@ pub fn record_sample(recording: &mut FlightRecording, world: &World, source: &mu
         time_us: at_us,
         field_ut: vec![[field.x, field.y, field.z].map(f64::from)],
         attitude_rad: [reported.roll_rad, reported.pitch_rad, heading_rad],
-        rates_rad_s: truth.body_rates_rad_s(),
+        rates_rad_s: source.measured_rates_rad_s(&truth),
         heading_rad,
         velocity_m_s: true_north([truth.north_m_s, truth.east_m_s]),
         displacement_m: true_north([truth.north_m, truth.east_m]),

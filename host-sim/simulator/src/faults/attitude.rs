@@ -29,7 +29,7 @@ impl SecondSender {
     pub fn run(self, world: &World, uart: HostEnd) -> impl Future<Output = ()> + use<> {
         let Self { system_id, component_id, heartbeat_kind: heartbeats, roll_error_deg: roll_deg } = self;
         let config = world.config();
-        let source = AttitudeSource::new(config.attitude_source, config.seed.wrapping_add(0x5EED));
+        let source = AttitudeSource::new(config.attitude_source, config.gyro, config.seed.wrapping_add(0x5EED));
         let bias = attitude_bias(Switch::on(), [roll_deg.to_radians(), 0.0]);
         source.with_identity(Identity { system_id, component_id, heartbeat_kind: heartbeats }).run(
             world.clone(),
@@ -116,6 +116,17 @@ pub fn rate_scale_error(switch: Switch, factor: f64) -> impl AttitudeFault {
             *rate *= factor as f32;
         }
     })
+}
+
+/// Gyro offset that grows linearly from the onset on, degrees per second per second.
+#[must_use]
+pub fn rate_offset_ramp(switch: Switch, growth_deg_s2: [f64; 3]) -> impl AttitudeFault {
+    move |now_us: u64, message: &mut ATTITUDE_DATA| {
+        let Some(on_for_s) = switch.active_for_s(now_us) else { return };
+        for (rate, growth_deg_s2) in rates(message).into_iter().zip(growth_deg_s2) {
+            *rate += (growth_deg_s2.to_radians() * on_for_s) as f32;
+        }
+    }
 }
 
 /// Gyro offset before its calibration, rad/s: 0.01 deg/s as observed on a real autopilot.

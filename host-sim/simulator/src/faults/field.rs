@@ -21,6 +21,15 @@ pub fn zero_drift(switch: Switch, change_ut: Vector3<f64>) -> impl FieldFault {
     move |at_us| change_ut * switch.progress(at_us)
 }
 
+/// Hard iron that relaxes to a new value, as of a magnetised part that warms; microtesla, chip axes.
+#[must_use]
+pub fn hard_iron_drift(switch: Switch, change_ut: Vector3<f64>, time_constant_s: f64) -> impl FieldFault {
+    move |at_us| {
+        let on_for_s = switch.active_for_s(at_us).unwrap_or(0.0);
+        change_ut * (1.0 - libm::exp(-on_for_s / time_constant_s))
+    }
+}
+
 /// Passing magnetic object: a raised cosine over the active time; its peak in microtesla, chip axes.
 #[must_use]
 pub fn passing_object(switch: Switch, peak_ut: Vector3<f64>) -> impl FieldFault {

@@ -13,7 +13,7 @@ impl World {
     #[must_use]
     pub fn attitude_source(&self) -> AttitudeSource {
         let config = self.config();
-        AttitudeSource::new(config.attitude_source, config.seed).with_vehicle_kind(config.aircraft.kind)
+        AttitudeSource::new(config.attitude_source, config.gyro, config.seed).with_vehicle_kind(config.aircraft.kind)
     }
 }
 

@@ -7,6 +7,7 @@ use serde::Deserialize;
 use super::aircraft::VehicleKind;
 use super::airframe::{Airframe, AirframeDescription};
 use super::earth::Earth;
+use super::gyro::GyroConfig;
 use super::weather::Weather;
 use super::{aircraft, attitude_source};
 use crate::random::{Purpose, Random};
@@ -26,13 +27,16 @@ pub struct WorldConfig {
     pub weather: Weather,
     /// Error model of the attitude source.
     pub attitude_source: attitude_source::AttitudeSourceConfig,
+    /// Error model of the autopilot's gyro.
+    pub gyro: GyroConfig,
     /// Motor-current interference at cruise or hover current, chip axes, microtesla.
     pub current_interference_ut: [f64; 3],
     /// Whether the autopilot measures and reports the motor current.
     pub reports_current: bool,
 }
 
-/// Airframe file: tables `[airframe]` (required), `[earth]`, `[aircraft]`, `[weather]`, `[attitude_source]`.
+/// Airframe file: tables `[airframe]` (required), `[earth]`, `[aircraft]`, `[weather]`, `[attitude_source]`,
+/// `[gyro]`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct AirframeFile {
@@ -45,6 +49,8 @@ struct AirframeFile {
     weather: Weather,
     #[serde(default)]
     attitude_source: attitude_source::AttitudeSourceConfig,
+    #[serde(default)]
+    gyro: GyroConfig,
 }
 
 /// Reason why settings were rejected.
@@ -117,6 +123,7 @@ impl WorldConfig {
             aircraft: file.aircraft,
             weather: file.weather,
             attitude_source: file.attitude_source,
+            gyro: file.gyro,
             current_interference_ut: [0.0; 3],
             reports_current: false,
         };
@@ -133,6 +140,7 @@ impl WorldConfig {
             aircraft: aircraft::VehicleConfig::default(),
             weather: Weather::default(),
             attitude_source: attitude_source::AttitudeSourceConfig::default(),
+            gyro: GyroConfig::default(),
             current_interference_ut: [0.0; 3],
             reports_current: false,
         }
@@ -187,7 +195,7 @@ impl WorldConfig {
     ///
     /// [`ConfigError::OutOfRange`] with the first invalid number.
     pub fn validate(&self) -> Result<(), ConfigError> {
-        let Self { airframe, earth, aircraft, weather, attitude_source: source, .. } = self;
+        let Self { airframe, earth, aircraft, weather, attitude_source: source, gyro, .. } = self;
         let singular = airframe.a.singular_values();
         let ranges = [
             // Weaker or stronger soft iron makes any compass useless; a negative determinant is a mirrored chip.
@@ -218,6 +226,12 @@ impl WorldConfig {
             ("attitude_source.push_error_deg", source.push_error_deg, 0.0, 10.0),
             ("attitude_source.yaw_offset_deg", source.yaw_offset_deg, -360.0, 360.0),
             ("attitude_source.yaw_drift_deg_s", source.yaw_drift_deg_s, -90.0, 90.0),
+            ("gyro.scale_percent", gyro.scale_percent, 0.0, 50.0),
+            ("gyro.offset_deg_s", gyro.offset_deg_s, 0.0, 20.0),
+            ("gyro.drift_deg_s", gyro.drift_deg_s, 0.0, 20.0),
+            ("gyro.drift_time_s", gyro.drift_time_s, 0.1, 1e6),
+            ("gyro.noise_deg_s", gyro.noise_deg_s, 0.0, 20.0),
+            ("gyro.g_sensitivity_deg_s", gyro.g_sensitivity_deg_s, 0.0, 1.0),
         ];
         match ranges.into_iter().find(|(_, value, min, max)| !(min..=max).contains(&value)) {
             Some((setting, value, min, max)) => Err(ConfigError::OutOfRange { setting, value, min, max }),

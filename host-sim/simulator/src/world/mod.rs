@@ -10,6 +10,7 @@
 //! | `earth.rs`, `airframe.rs` | Earth's field; soft iron, hard iron and mounting |
 //! | `table1.rs` | airframe and published errors of Liu 2007 table 1 |
 //! | `attitude_source/`, `attitude_task.rs` | MAVLink attitude with typical errors |
+//! | `gyro.rs` | the autopilot's gyro with the errors of its data sheet |
 //! | `fault_interfaces.rs` | how faults change field and attitude |
 //! | `msp_autopilot/` | autopilot that uses the module as MSP compass |
 //! | `mavlink_autopilot/` | autopilot that answers MAVLink requests |
@@ -26,6 +27,7 @@ pub mod earth;
 pub mod far_end;
 pub mod fault_interfaces;
 pub mod gauss_markov;
+pub mod gyro;
 pub mod mavlink_autopilot;
 mod mavlink_frame;
 pub mod msp_autopilot;

@@ -46,6 +46,10 @@ pub struct IntegrityRow {
     pub smooth_percent: f64,
     /// RMS heading error, degrees.
     pub rms_deg: f64,
+    /// RMS of the output sigmas, degrees.
+    pub sigma_rms_deg: f64,
+    /// Largest error that was exceeded for 10 s without a break while every output sigma was 2 deg or less, degrees.
+    pub worst_10s_deg: f64,
     /// Errors within one sigma, percent.
     pub within_one_sigma_percent: f64,
     /// Errors within two sigmas, percent.
@@ -109,6 +113,8 @@ fn row(case: &'static str, results: &[&CaseFlightResult]) -> IntegrityRow {
         worst_deg: tally.worst_deg,
         smooth_percent: tally.smooth_percent(),
         rms_deg: tally.rms_deg(),
+        sigma_rms_deg: tally.sigma_rms_deg(),
+        worst_10s_deg: tally.worst_10s_deg,
         within_one_sigma_percent: one,
         within_two_sigma_percent: two,
         within_three_sigma_percent: three,

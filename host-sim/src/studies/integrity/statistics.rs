@@ -1,11 +1,15 @@
 //! Statistics of the output headings.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
 /// A heading is bad if its error exceeds both this multiple of its sigma and 5 deg.
 const BAD_SIGMAS: f64 = 4.0;
 /// Error below which a heading is never bad, degrees.
 const BAD_DEG: f64 = 5.0;
+
+/// Duration of an error that counts as sustained, seconds, and the sigma up to which the output claims to be good.
+const SUSTAINED_S: f64 = 10.0;
+const SUSTAINED_SIGMA_DEG: f64 = 2.0;
 
 /// Evaluated output sentence.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,11 +34,14 @@ pub struct HeadingStatistics {
     smooth: u64,
     bad: u64,
     squares_deg: f64,
+    sigma_squares_deg: f64,
     within: [u64; 3],
     /// Largest heading error, degrees.
     pub worst_deg: f64,
     /// Longest sequence of bad headings, seconds.
     pub longest_bad_s: f64,
+    /// Largest error exceeded for 10 s without a break while every sigma was 2 deg or less, degrees.
+    pub worst_10s_deg: f64,
     /// Sentences without heading, by status code.
     pub empty: BTreeMap<String, usize>,
     alarms: u64,
@@ -42,6 +49,8 @@ pub struct HeadingStatistics {
     /// Start of the present sequence of bad headings, microseconds.
     bad_since_us: Option<u64>,
     was_empty: bool,
+    /// Errors of the last 10 s of uninterrupted headings with a small sigma.
+    recent_errors: VecDeque<f64>,
 }
 
 impl HeadingStatistics {
@@ -61,6 +70,7 @@ impl HeadingStatistics {
             EvaluatedSentence::Empty(reason) => {
                 *self.empty.entry(reason.clone()).or_insert(0) += 1;
                 self.bad_since_us = None;
+                self.recent_errors.clear();
             }
             EvaluatedSentence::Heading { error_deg, sigma_deg, is_smooth } => {
                 self.smooth += u64::from(*is_smooth);
@@ -72,6 +82,8 @@ impl HeadingStatistics {
     fn heading(&mut self, at_us: u64, step_s: f64, error_deg: f64, sigma_deg: f64) {
         self.headings += 1;
         self.squares_deg += error_deg * error_deg;
+        self.sigma_squares_deg += sigma_deg * sigma_deg;
+        self.sustained_error(step_s, error_deg, sigma_deg);
         self.worst_deg = self.worst_deg.max(error_deg);
         for (within, sigmas) in self.within.iter_mut().zip([1.0, 2.0, 3.0]) {
             *within += u64::from(error_deg <= sigmas * sigma_deg);
@@ -85,6 +97,22 @@ impl HeadingStatistics {
         }
     }
 
+    fn sustained_error(&mut self, step_s: f64, error_deg: f64, sigma_deg: f64) {
+        if sigma_deg > SUSTAINED_SIGMA_DEG {
+            self.recent_errors.clear();
+            return;
+        }
+        self.recent_errors.push_back(error_deg);
+        let count = (SUSTAINED_S / step_s).round() as usize;
+        if self.recent_errors.len() > count {
+            self.recent_errors.pop_front();
+        }
+        if self.recent_errors.len() == count {
+            let least_deg = self.recent_errors.iter().copied().fold(f64::INFINITY, f64::min);
+            self.worst_10s_deg = self.worst_10s_deg.max(least_deg);
+        }
+    }
+
     /// Sum of the counts of both.
     #[must_use]
     pub fn merged_with(mut self, other: &Self) -> Self {
@@ -92,6 +120,8 @@ impl HeadingStatistics {
         self.smooth += other.smooth;
         self.bad += other.bad;
         self.squares_deg += other.squares_deg;
+        self.sigma_squares_deg += other.sigma_squares_deg;
+        self.worst_10s_deg = self.worst_10s_deg.max(other.worst_10s_deg);
         for (sum, more) in self.within.iter_mut().zip(other.within) {
             *sum += more;
         }
@@ -127,6 +157,12 @@ impl HeadingStatistics {
     #[must_use]
     pub fn rms_deg(&self) -> f64 {
         (self.squares_deg / self.headings.max(1) as f64).sqrt()
+    }
+
+    /// RMS of the output sigmas, degrees.
+    #[must_use]
+    pub fn sigma_rms_deg(&self) -> f64 {
+        (self.sigma_squares_deg / self.headings.max(1) as f64).sqrt()
     }
 
     /// Sentences without heading, percent of all sentences.

@@ -42,6 +42,11 @@ pub(super) fn next_legs(kind: VehicleKind, random: &mut Random) -> Vec<Leg> {
     ]
 }
 
+/// Hover at the present heading; vehicles that cannot hover fly straight.
+pub(super) fn steady_leg(_: VehicleKind, _: &mut Random) -> Vec<Leg> {
+    vec![Leg::Hover { seconds: 60.0 }]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::aircraft;
 use super::gauss_markov::FirstOrder;
+use super::gyro::{Gyro, GyroConfig};
 use super::mavlink_frame::Frame;
 use super::state::TrueState;
 use crate::random::{Purpose, Random};
@@ -114,6 +115,8 @@ pub struct ReportedAttitude {
 #[derive(Clone, Debug)]
 pub struct AttitudeSource {
     pub(super) config: AttitudeSourceConfig,
+    gyro_config: GyroConfig,
+    gyro: Gyro,
     seed: u64,
     pub(super) identity: Identity,
     vehicle: MavType,
@@ -130,7 +133,7 @@ pub struct AttitudeSource {
 impl AttitudeSource {
     /// A source with the autopilot's identity in an aeroplane.
     #[must_use]
-    pub fn new(config: AttitudeSourceConfig, seed: u64) -> Self {
+    pub fn new(config: AttitudeSourceConfig, gyro_config: GyroConfig, seed: u64) -> Self {
         let noise = |purpose| {
             let sigma_rad = config.noise_deg.to_radians();
             FirstOrder::new(sigma_rad, config.noise_time_s, 1.0 / config.rate_hz, Random::new(seed, purpose))
@@ -142,6 +145,8 @@ impl AttitudeSource {
         let direction_rad = Random::new(seed, Purpose::AttitudeBias).uniform(0.0, TAU);
         Self {
             config,
+            gyro_config,
+            gyro: Gyro::new(gyro_config, seed, 1.0 / config.rate_hz),
             seed,
             identity: Identity::AUTOPILOT,
             vehicle: MavType::MAV_TYPE_FIXED_WING,
@@ -181,7 +186,7 @@ impl AttitudeSource {
             identity,
             vehicle,
             sequence,
-            ..Self::new(AttitudeSourceConfig { rate_hz, ..self.config }, self.seed)
+            ..Self::new(AttitudeSourceConfig { rate_hz, ..self.config }, self.gyro_config, self.seed)
         };
     }
 
@@ -207,6 +212,11 @@ impl AttitudeSource {
         }
     }
 
+    /// Measured body rates for a true state, radians per second. Each call advances the gyro by one message period.
+    pub fn measured_rates_rad_s(&mut self, truth: &TrueState) -> [f64; 3] {
+        self.gyro.measure(truth)
+    }
+
     fn yaw_rad(&self, truth: &TrueState) -> f64 {
         let seconds = truth.time_us as f64 / 1e6;
         let error_deg = self.config.yaw_offset_deg + self.config.yaw_drift_deg_s * seconds;
@@ -219,7 +229,7 @@ impl AttitudeSource {
     /// Next ATTITUDE message, sent at `now_us`, for an earlier true state.
     pub(super) fn attitude_message(&mut self, truth: &TrueState, now_us: u64) -> ATTITUDE_DATA {
         let reported = self.report(truth);
-        let [roll_rate, pitch_rate, yaw_rate] = truth.body_rates_rad_s();
+        let [roll_rate, pitch_rate, yaw_rate] = self.measured_rates_rad_s(truth);
         ATTITUDE_DATA {
             // Time stamp of sending, as ArduPilot does, so the stamp does not reveal the latency.
             time_boot_ms: (now_us / 1000) as u32,

@@ -9,7 +9,7 @@ use simulator::faults::attitude::{
     filter_alignment, frozen_attitude, rate_scale_error,
 };
 use simulator::faults::field::{
-    FieldFault, OtherPlace, hard_iron_change, passing_object, throttle_interference, zero_drift,
+    FieldFault, OtherPlace, hard_iron_change, hard_iron_drift, passing_object, throttle_interference, zero_drift,
 };
 use simulator::faults::link::{ForgedMessage, LinkFault};
 use simulator::faults::sensor::{RegisterUpset, SensorFault, axis_clipping, stuck_axes};
@@ -22,6 +22,7 @@ use simulator::world::attitude_source::SenderKind;
 use simulator::world::autopilot::Leg;
 use simulator::world::earth::Earth;
 use simulator::world::far_end::FarEnd;
+use simulator::world::gyro::GyroConfig;
 use simulator::world::rotation::Euler;
 
 use crate::studies::integrity::plan::AttitudeProtocol;
@@ -98,6 +99,10 @@ pub(super) const USE_S: f64 = 185.0;
 
 /// Onset of faults without a special time, seconds after the start of use.
 pub(super) const SOON_S: f64 = 10.0;
+
+/// Onset and duration of steady flight, seconds after the start of use: after the first legs.
+const STEADY_AFTER_S: f64 = 90.0;
+const STEADY_S: f64 = 600.0;
 
 /// Onset of passing disturbances, seconds after the start of use.
 const PASSING_AT_S: f64 = 60.0;
@@ -263,6 +268,12 @@ impl DrawnCase {
         self.add_attitude_fault(Onset::SOON, rate_scale_error(self.switch(), factor));
     }
 
+    /// A gyro with exact scale errors and cross-axis sensitivities, always.
+    pub(super) fn scale_gyro(&mut self, scale_percent: f64) {
+        self.onset = Onset::Always;
+        self.world.gyro = GyroConfig { scale_percent, exact: true, ..GyroConfig::default() };
+    }
+
     pub(super) fn change_hard_iron(&mut self, magnitude_ut: f64) {
         let change_ut = self.random_ut(magnitude_ut);
         self.add_field_fault(Onset::SOON, hard_iron_change(self.switch(), change_ut));
@@ -283,6 +294,15 @@ impl DrawnCase {
     pub(super) fn drift_zero(&mut self, onset: Onset) {
         let change_ut = self.random_ut(10.0);
         self.add_field_fault(onset, zero_drift(self.switch(), change_ut));
+    }
+
+    /// Straight flight or hover for ten minutes after the first legs, in which hard iron drifts.
+    pub(super) fn drift_hard_iron(&mut self, time_constant_s: f64) {
+        self.use_s = STEADY_AFTER_S + STEADY_S;
+        self.next_legs = use_legs::steady_leg;
+        let change_ut = self.random_ut(10.0);
+        let onset = Onset::permanent_after(STEADY_AFTER_S);
+        self.add_field_fault(onset, hard_iron_drift(self.switch(), change_ut, time_constant_s));
     }
 
     pub(super) fn pass_object(&mut self, peak_ut: f64, for_s: f64) {

@@ -2,11 +2,12 @@
 
 use std::f64::consts::TAU;
 
-use simulator::faults::attitude::attitude_spikes;
+use simulator::faults::attitude::{attitude_spikes, rate_offset_ramp};
 use simulator::faults::link::ForgedMessage;
 use simulator::faults::sensor::{additional_noise, measurement_spikes};
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::attitude_source::SenderKind;
+use simulator::world::gyro::GyroConfig;
 
 use super::definition::{COUNTS_PER_UT, Case, DrawnCase, Onset, SENSOR_SIGMA, SOON_S, USE_S};
 use crate::studies::integrity::use_legs::{IN_TURN_S, LEVEL_FLIGHT_S};
@@ -52,6 +53,42 @@ pub static CASES: &[Case] = &[
     Case {
         max_flights: 1,
         ..turn_case("ten-hours", "nothing, one flight of ten hours", |flight| flight.use_s = 36_000.0)
+    },
+    mavlink_case("gyro-perfect", "a gyro without errors", |flight| flight.world.gyro = GyroConfig::PERFECT),
+    mavlink_case("gyro-1", "scale and cross-axis errors of the gyro of exactly 1 %", |flight| flight.scale_gyro(1.0)),
+    mavlink_case("gyro-3", "scale and cross-axis errors of the gyro of exactly 3 %", |flight| flight.scale_gyro(3.0)),
+    mavlink_case("gyro-5", "scale and cross-axis errors of the gyro of exactly 5 %", |flight| flight.scale_gyro(5.0)),
+    mavlink_case("gyro-10", "scale and cross-axis errors of the gyro of exactly 10 %", |flight| {
+        flight.scale_gyro(10.0)
+    }),
+    mavlink_case("gyro-offset-1", "gyro offsets of exactly 1 deg/s", |flight| {
+        flight.onset = Onset::Always;
+        flight.world.gyro = GyroConfig { offset_deg_s: 1.0, exact: true, ..GyroConfig::default() };
+    }),
+    mavlink_case("gyro-ramp", "a gyro offset that grows by 2 deg/s in a minute", |flight| {
+        let growth_deg_s2 = flight.random.direction() * (2.0 / 60.0);
+        flight.add_attitude_fault(Onset::SOON, rate_offset_ramp(flight.switch(), growth_deg_s2.into()));
+    }),
+    Case {
+        needs_mavlink: true,
+        ..hard_iron_case("gyro-1-moved-5", "as gyro-1, and hard iron moved by 5 uT", |flight| {
+            flight.scale_gyro(1.0);
+            flight.change_hard_iron(5.0);
+        })
+    },
+    Case {
+        needs_mavlink: true,
+        ..hard_iron_case("gyro-5-moved-5", "as gyro-5, and hard iron moved by 5 uT", |flight| {
+            flight.scale_gyro(5.0);
+            flight.change_hard_iron(5.0);
+        })
+    },
+    Case {
+        needs_mavlink: true,
+        ..hard_iron_case("gyro-10-moved-5", "as gyro-10, and hard iron moved by 5 uT", |flight| {
+            flight.scale_gyro(10.0);
+            flight.change_hard_iron(5.0);
+        })
     },
     case("stuck-x", "the sensor's x axis repeats", |flight| flight.stick_axes([true, false, false])),
     case("stuck-y", "the sensor's y axis repeats", |flight| flight.stick_axes([false, true, false])),
@@ -120,6 +157,21 @@ pub static CASES: &[Case] = &[
     hard_iron_case("moved-3", "hard iron changes by 3 uT", |flight| flight.change_hard_iron(3.0)),
     hard_iron_case("moved-5", "hard iron changes by 5 uT", |flight| flight.change_hard_iron(5.0)),
     hard_iron_case("moved-10", "hard iron changes by 10 uT", |flight| flight.change_hard_iron(10.0)),
+    turn_case("drift-straight-60", "hard iron drifts by 10 uT within 60 s in straight flight", |flight| {
+        flight.drift_hard_iron(60.0);
+    }),
+    turn_case("drift-straight-300", "hard iron drifts by 10 uT within 300 s in straight flight", |flight| {
+        flight.drift_hard_iron(300.0);
+    }),
+    hover_case("drift-hover-300", "hard iron drifts by 10 uT within 300 s in hover", |flight| {
+        flight.drift_hard_iron(300.0);
+    }),
+    turn_case("steady", "nothing, ten minutes of straight flight", |flight| {
+        flight.drift_hard_iron(f64::INFINITY);
+    }),
+    hover_case("steady-hover", "nothing, ten minutes of hover", |flight| {
+        flight.drift_hard_iron(f64::INFINITY);
+    }),
     case("throttle-5", "interference of 5 uT follows the throttle", |flight| flight.add_throttle_interference(5.0)),
     case("throttle-10", "interference of 10 uT follows the throttle", |flight| flight.add_throttle_interference(10.0)),
     case("warming", "the sensor's zero drifts from 0 to 10 uT", |flight| {
