@@ -50,6 +50,7 @@ mod compass_field;
 mod config;
 mod correction;
 mod estimate;
+mod gyro_error;
 mod monitor;
 mod output_map;
 mod pairing;
@@ -69,6 +70,7 @@ use compass_field::CompassField;
 pub use config::{InstrumentConfig, readings_per_sample};
 pub use correction::{Correction, SampleAttitude};
 pub use estimate::{Estimate, RejectionCounts};
+use gyro_error::GyroTurn;
 pub use monitor::{HardIronChange, HardIronChangeReporter};
 use monitor::{Monitor, MonitorOutput, MonitoredCalibration};
 use pairing::PairingQueue;
@@ -218,7 +220,9 @@ impl Instrument {
             Some(fault) => Err(fault.into()),
             None => self.compute_heading((field, corrected), current_a, attitude, turning.as_ref()),
         };
-        let smoothed_heading = self.smoother.smooth_heading(at, heading.as_ref().ok(), turning);
+        let errors = &self.active.adjustment.gyro_errors;
+        let turn = turning.zip(attitude.ok()).map(|(turning, attitude)| GyroTurn::new(turning, attitude, errors));
+        let smoothed_heading = self.smoother.smooth_heading(at, heading.as_ref().ok(), turn.as_ref());
         let compass_field = self.compass_field.output_field(at, &self.active, field, corrected);
         Estimate {
             at,

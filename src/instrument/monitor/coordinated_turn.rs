@@ -4,7 +4,8 @@
 //! `-psi' cos(theta) e` to it, so that the integral deviates from the reported pitch. Over a window of 2 s in a turn
 //! the deviation measures `a_r + k phi`.
 
-use super::measurement_model::{BANK_SCALE_ERROR, ROLL_BIAS, STATE_COUNT, StateVector};
+use super::super::gyro_error::{GYRO_ERROR_COUNT, GyroErrors};
+use super::measurement_model::{BANK_SCALE_ERROR, GYRO_ERRORS, ROLL_BIAS, STATE_COUNT, StateVector};
 use super::ud_filter::Measurement;
 use crate::attitude::EulerRates;
 use crate::frames::Attitude;
@@ -22,6 +23,8 @@ pub(super) struct CoordinatedTurn {
     pitch_change_rad: f32,
     heading_change_rad: f32,
     roll_integral_rad_s: f32,
+    /// Derivatives of the pitch change by the gyro's errors.
+    gyro_row: GyroErrors,
 }
 
 impl CoordinatedTurn {
@@ -31,6 +34,7 @@ impl CoordinatedTurn {
         pitch_change_rad: 0.0,
         heading_change_rad: 0.0,
         roll_integral_rad_s: 0.0,
+        gyro_row: [0.0; GYRO_ERROR_COUNT],
     };
 
     /// Integrates a sample `step_s` after the last; returns a measurement at the end of each window.
@@ -38,6 +42,7 @@ impl CoordinatedTurn {
         &mut self,
         reported: Attitude,
         motion: &EulerRates,
+        gyro_row: &GyroErrors,
         step_s: f32,
         unknowns: &StateVector,
     ) -> Option<Measurement<STATE_COUNT>> {
@@ -49,17 +54,23 @@ impl CoordinatedTurn {
         self.pitch_change_rad += motion.pitch_rad_s * step_s;
         self.heading_change_rad += motion.heading_rad_s * step_s;
         self.roll_integral_rad_s += reported.roll_rad * step_s;
+        for (sum, d) in self.gyro_row.iter_mut().zip(gyro_row) {
+            *sum += d * step_s;
+        }
         if self.duration_s < WINDOW_S {
             return None;
         }
         let (heading_rad_s, roll_rad) =
             (self.heading_change_rad / self.duration_s, self.roll_integral_rad_s / self.duration_s);
         let unbalanced = (self.pitch_change_rad - (reported.pitch_rad - from_pitch_rad)) / self.duration_s;
-        *self = Self { start_pitch_rad: Some(reported.pitch_rad), ..Self::EMPTY };
         let mut row = [0.0; STATE_COUNT];
+        for (d, sum) in row.iter_mut().skip(GYRO_ERRORS).zip(self.gyro_row) {
+            *d = sum / self.duration_s;
+        }
+        *self = Self { start_pitch_rad: Some(reported.pitch_rad), ..Self::EMPTY };
         row[ROLL_BIAS] = -heading_rad_s;
         row[BANK_SCALE_ERROR] = -heading_rad_s * roll_rad;
-        let predicted = row[ROLL_BIAS] * unknowns[ROLL_BIAS] + row[BANK_SCALE_ERROR] * unknowns[BANK_SCALE_ERROR];
+        let predicted = row.iter().zip(unknowns).map(|(d, x)| d * x).sum::<f32>();
         Some(Measurement { jacobian: row, residual: unbalanced - predicted, variance: PITCH_RATE_VARIANCE_RAD2_S2 })
     }
 }
@@ -69,6 +80,8 @@ mod tests {
     use super::*;
     use crate::attitude::{AttitudeReport, SenderId};
     use crate::time::WrappingMillis;
+
+    const NO_GYRO: GyroErrors = [0.0; GYRO_ERROR_COUNT];
 
     /// Level turn at 45 deg bank and 0.3 rad/s with roll bias and bank-angle scale error.
     fn measured(bias_rad: f32, bank: f32, unknowns: &StateVector) -> Measurement<STATE_COUNT> {
@@ -83,7 +96,7 @@ mod tests {
         };
         let motion = EulerRates::from_report(&report).unwrap();
         let mut balance = CoordinatedTurn::EMPTY;
-        (0..30).find_map(|_| balance.integrate(reported_attitude, &motion, 0.1, unknowns)).unwrap()
+        (0..30).find_map(|_| balance.integrate(reported_attitude, &motion, &NO_GYRO, 0.1, unknowns)).unwrap()
     }
 
     /// Bias: 0.02 rad * 0.3 rad/s = 6 mrad/s; scale error: 0.1 * 0.8 rad * 0.3 rad/s = 24 mrad/s.
@@ -109,7 +122,9 @@ mod tests {
         let mut balance = CoordinatedTurn::EMPTY;
         let reported_attitude = |i: u8| Attitude { roll_rad: 0.3, pitch_rad: 0.05 * 0.1 * f32::from(i) };
         let (i, found) = (0..60)
-            .find_map(|i| Some((i, balance.integrate(reported_attitude(i), &motion, 0.1, &[0.0; STATE_COUNT])?)))
+            .find_map(|i| {
+                Some((i, balance.integrate(reported_attitude(i), &motion, &NO_GYRO, 0.1, &[0.0; STATE_COUNT])?))
+            })
             .unwrap();
         assert!((20..=21).contains(&i), "two seconds: {i}");
         assert!(found.residual.abs() < 1e-5, "{found:?}");
@@ -118,7 +133,7 @@ mod tests {
             "{found:?}"
         );
         let next = (i + 1..60)
-            .find_map(|i| balance.integrate(reported_attitude(i), &motion, 0.1, &[0.0; STATE_COUNT]))
+            .find_map(|i| balance.integrate(reported_attitude(i), &motion, &NO_GYRO, 0.1, &[0.0; STATE_COUNT]))
             .unwrap();
         assert!(next.residual.abs() < 1e-5, "{next:?}");
     }

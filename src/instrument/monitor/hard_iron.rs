@@ -21,6 +21,9 @@ pub struct HardIronChangeReporter {
 /// Relative difference from the last report that causes another one.
 const REPORT_AGAIN_RATIO: f32 = 0.5;
 
+/// Smallest such difference, microtesla: less is the estimate's own motion.
+const MIN_REPORT_AGAIN_UT: f32 = 2.0;
+
 impl HardIronChangeReporter {
     /// Nothing reported yet.
     pub const NONE: Self = Self { last_reported: None };
@@ -30,7 +33,8 @@ impl HardIronChangeReporter {
         let is_news = match (self.last_reported, now) {
             (None, None) => false,
             (Some(reported), Some(now)) => {
-                (now.change_ut - reported.change_ut).length() > REPORT_AGAIN_RATIO * reported.change_ut.length()
+                let least_ut = (REPORT_AGAIN_RATIO * reported.change_ut.length()).max(MIN_REPORT_AGAIN_UT);
+                (now.change_ut - reported.change_ut).length() > least_ut
             }
             (Some(_), None) | (None, Some(_)) => true,
         };
@@ -50,7 +54,7 @@ const SIGNIFICANCE_SIGMAS: f32 = 4.0;
 /// Time without a failed gate before a report, seconds, for objects that pass by.
 const MIN_UNDISTURBED_S: f32 = 15.0;
 
-const HYSTERESIS_RATIO: f32 = 0.5;
+const HYSTERESIS_RATIO: f32 = 0.75;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct HardIronDetector {
@@ -130,8 +134,8 @@ mod tests {
         let mut moved = HardIronDetector::NEW;
         assert!(repeat_update(&mut moved, 0.1, 0.01, false, 200));
         assert!(repeat_update(&mut moved, 0.1, 0.2, true, 50));
-        assert!(repeat_update(&mut moved, 0.011, 0.01, false, 1));
-        assert!(!repeat_update(&mut moved, 0.009, 0.01, false, 1));
-        assert!(!repeat_update(&mut moved, 0.011, 0.001, false, 200));
+        assert!(repeat_update(&mut moved, 0.016, 0.01, false, 1));
+        assert!(!repeat_update(&mut moved, 0.014, 0.01, false, 1));
+        assert!(!repeat_update(&mut moved, 0.016, 0.001, false, 200));
     }
 }

@@ -53,6 +53,14 @@ const MAX_GROSS_COUNT: u8 = 13;
 /// Time for which headings are withheld after a detected change, seconds.
 const WITHHOLD_S: f32 = 4.0;
 
+/// Withheld time beyond which the states no longer explain the field, seconds: three detected changes. It is forgotten
+/// with the time constant below.
+const MAX_WITHHELD_S: f32 = 12.0;
+const FORGETTING_TIME_S: f32 = 60.0;
+
+/// Turn without a detected change that then restores trust, radians: 60 deg. In straight flight wrong states may agree.
+const REQUIRED_TURN_RAD: f32 = 1.05;
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum GateResult {
     /// No change detected. A first innovation beyond the wide gate is not used.
@@ -74,11 +82,32 @@ pub(super) struct InnovationGate {
     beyond_narrow_gate: PerKind<u8>,
     gross_count: u8,
     withhold_left_s: f32,
+    withheld_s: f32,
+    required_turn_rad: f32,
 }
 
 impl InnovationGate {
-    pub const NONE: Self =
-        Self { beyond_wide_gate: [0; 3], beyond_narrow_gate: [0; 3], gross_count: 0, withhold_left_s: 0.0 };
+    pub const NONE: Self = Self {
+        beyond_wide_gate: [0; 3],
+        beyond_narrow_gate: [0; 3],
+        gross_count: 0,
+        withhold_left_s: 0.0,
+        withheld_s: 0.0,
+        required_turn_rad: 0.0,
+    };
+
+    /// Counts a turn of the gyro, radians, `step_s` long, after the innovations of its end have been tested.
+    pub fn update_turn(&mut self, turned_rad: f32, step_s: f32) {
+        if self.withhold_left_s > 0.0 {
+            self.withheld_s += step_s;
+        } else {
+            self.withheld_s *= (1.0 - step_s / FORGETTING_TIME_S).max(0.0);
+            self.required_turn_rad = (self.required_turn_rad - turned_rad.abs()).max(0.0);
+        }
+        if self.withheld_s > MAX_WITHHELD_S {
+            (self.withheld_s, self.required_turn_rad) = (MAX_WITHHELD_S, REQUIRED_TURN_RAD);
+        }
+    }
 
     /// Tests the innovations of a sample `step_s` after the last one; `None` for a kind without a measurement.
     pub fn test_innovations(&mut self, innovations: PerKind<Option<Innovation>>, step_s: f32) -> GateResult {
@@ -124,7 +153,7 @@ impl InnovationGate {
     }
 
     pub fn is_withholding(&self) -> bool {
-        self.withhold_left_s > 0.0 || self.gross_count > 0
+        self.withhold_left_s > 0.0 || self.gross_count > 0 || self.required_turn_rad > 0.0
     }
 }
 
@@ -255,5 +284,24 @@ mod tests {
             gate.test_innovations(innovations_of_sigmas([9.0; 3]), 0.1);
         }
         assert!(gate.is_withholding());
+    }
+
+    /// After 12 s of withheld headings, as of three changes in succession, a turn of 60 deg must show agreement.
+    #[test]
+    fn repeated_changes_require_a_turn() {
+        let mut gate = InnovationGate::NONE;
+        let mut pass = |sigmas: f32, turned_rad: f32, samples: usize| {
+            for _ in 0..samples {
+                gate.test_innovations(innovations_of_sigmas([sigmas; 3]), 0.1);
+                gate.update_turn(turned_rad, 0.1);
+            }
+            gate.is_withholding()
+        };
+        assert!(pass(5.0, 0.0, 60));
+        assert!(!pass(0.0, 0.0, 60), "one change alone ends by itself");
+        assert!(pass(5.0, 0.0, 130));
+        assert!(pass(0.0, 0.0, 600), "straight flight shows nothing");
+        assert!(pass(0.0, -0.02, 52));
+        assert!(!pass(0.0, -0.02, 2));
     }
 }

@@ -7,30 +7,37 @@
 //! |---|---|---|
 //! | `beta` (3) | change of hard iron since the calibration, body axes | `h - beta` is the Earth's field |
 //! | `f`, `i` | change of field strength (relative) and of inclination | strength `1 + f`, inclination `I + i` |
-//! | `c`, `g` | gyro heading: offset and drift rate | heading `integral + c + tau psi'` |
 //! | `a_r`, `a_p`, `k` | roll bias, pitch bias, bank-angle scale error | roll `phi - a_r - k phi` |
 //! | `tau` | residual attitude latency | `phi + tau phi'`, `theta + tau theta'` |
+//! | `c` | offset of the gyro heading | heading `integral + c + tau psi'` |
+//! | gyro (8) | offsets, scale errors, cross-axis sensitivities | `c' = - row . gyro`, see `gyro_error.rs` |
 
 use core::array;
 
 use nalgebra::Vector3;
 
+use super::super::gyro_error::GYRO_ERROR_COUNT;
 use super::innovation_gate::PerKind;
 use super::ud_filter::Measurement;
 use crate::attitude::{EulerRates, GyroHeading};
 use crate::calibration::FieldPrediction;
 use crate::frames::{Attitude, Field, wrap_pi};
 
-pub(super) const STATE_COUNT: usize = 11;
+pub(super) const STATE_COUNT: usize = GYRO_ERRORS + GYRO_ERROR_COUNT;
 pub(super) const HARD_IRON_CHANGE: usize = 0;
+pub(super) const HARD_IRON_AXES: [usize; 3] = [HARD_IRON_CHANGE, HARD_IRON_CHANGE + 1, HARD_IRON_CHANGE + 2];
 pub(super) const STRENGTH_CHANGE: usize = 3;
 pub(super) const INCLINATION_CHANGE: usize = 4;
-pub(super) const GYRO_OFFSET: usize = 5;
-pub(super) const GYRO_DRIFT: usize = 6;
-pub(super) const ROLL_BIAS: usize = 7;
-pub(super) const PITCH_BIAS: usize = 8;
-pub(super) const BANK_SCALE_ERROR: usize = 9;
-pub(super) const ATTITUDE_LATENCY: usize = 10;
+pub(super) const ROLL_BIAS: usize = 5;
+pub(super) const PITCH_BIAS: usize = 6;
+pub(super) const BANK_SCALE_ERROR: usize = 7;
+pub(super) const ATTITUDE_LATENCY: usize = 8;
+/// Before the gyro's errors, from which it is propagated.
+pub(super) const GYRO_OFFSET: usize = 9;
+/// First of the gyro's errors, which are the last states.
+pub(super) const GYRO_ERRORS: usize = 10;
+/// Offsets of the y and the z axis among them.
+pub(super) const GYRO_OFFSETS: [usize; 2] = [GYRO_ERRORS, GYRO_ERRORS + GYRO_ERROR_COUNT / 2];
 
 pub(super) type StateVector = [f32; STATE_COUNT];
 

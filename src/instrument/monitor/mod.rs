@@ -20,6 +20,7 @@ mod adaptive_noise;
 mod coordinated_turn;
 mod hard_iron;
 mod innovation_gate;
+mod mean_innovation;
 mod measurement_model;
 mod monitored_calibration;
 mod output;
@@ -33,6 +34,7 @@ use core::ops::Range;
 
 use nalgebra::Vector3;
 
+use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrorEstimate, GyroErrorRows, GyroErrors};
 use crate::attitude::{EulerRates, GyroHeading};
 use crate::calibration::Sample;
 use crate::frames::{Field, wrap_pi};
@@ -46,18 +48,22 @@ use coordinated_turn::CoordinatedTurn;
 use hard_iron::HardIronDetector;
 pub use hard_iron::{HardIronChange, HardIronChangeReporter};
 use innovation_gate::{GateResult, Innovation, InnovationGate, PerKind};
+use mean_innovation::{MeanInnovations, SlowChange};
 use measurement_model::{
-    ATTITUDE_LATENCY, BANK_SCALE_ERROR, GYRO_DRIFT, GYRO_OFFSET, HARD_IRON_CHANGE, INCLINATION_CHANGE,
-    MeasurementModel, MonitorSample, PITCH_BIAS, PredictedField, ROLL_BIAS, STATE_COUNT, STRENGTH_CHANGE, StateVector,
+    ATTITUDE_LATENCY, BANK_SCALE_ERROR, GYRO_ERRORS, GYRO_OFFSET, GYRO_OFFSETS, HARD_IRON_AXES, HARD_IRON_CHANGE,
+    INCLINATION_CHANGE, MeasurementModel, MonitorSample, PITCH_BIAS, PredictedField, ROLL_BIAS, STATE_COUNT,
+    STRENGTH_CHANGE, StateVector,
 };
 pub(super) use monitored_calibration::MonitoredCalibration;
 pub(super) use output::MonitorOutput;
 use parameters::{
-    ATTITUDE_JITTER_S, ATTITUDE_SHARE, COEFFICIENT_VARIANCE_FACTOR, DECAY_TIME_S, INITIAL_STEP_S,
-    MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_GAP_S, MAX_HARD_IRON_CHANGE,
-    MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INNOVATION, MAX_STRENGTH_CHANGE, MAX_TILT_INNOVATION_RAD,
-    MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON, POST_CHANGE_INFLATION, POST_CHANGE_S, SAMPLE_VARIANCE_FACTORS,
-    STATE_NOISE, UNKNOWN_ANGLE_VARIANCE_RAD2, VARIANCE_FLOORS,
+    ATTITUDE_JITTER_S, ATTITUDE_SHARE, COEFFICIENT_VARIANCE_FACTOR, DECAY_TIME_S, DRIFT_FACTOR, DRIFT_TIME_S,
+    INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_GAP_S,
+    MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD,
+    MAX_INCLINATION_CHANGE_RAD, MAX_INNOVATION, MAX_SLOW_HARD_IRON_VARIANCE, MAX_STRENGTH_CHANGE,
+    MAX_TILT_INNOVATION_RAD, MIN_DRIFT, MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON, POST_CHANGE_INFLATION,
+    POST_CHANGE_S, SAMPLE_VARIANCE_FACTORS, SLOW_CHANGE_SHARE, SLOW_CHANGE_TIME_S, STATE_NOISE,
+    UNKNOWN_ANGLE_VARIANCE_RAD2, VARIANCE_FLOORS,
 };
 use ud_filter::{Measurement, UdFilter};
 
@@ -73,6 +79,13 @@ pub(super) struct Monitor {
     /// Remaining time of increased hard-iron process noise, seconds.
     post_change_left_s: f32,
     coordinated_turn: CoordinatedTurn,
+    /// Derivatives of the heading rate by the gyro's errors at the last sample.
+    last_gyro_row: Option<GyroErrors>,
+    mean_innovations: MeanInnovations,
+    /// Hard iron, strength and inclination change about a minute ago.
+    past_field: [f32; ROLL_BIAS],
+    /// State whose process noise is added next; all in turn, to save time.
+    next_noise: usize,
     acceleration_tilt: AccelerationTilt,
     hard_iron_detector: HardIronDetector,
     last_sample_at: Option<Timestamp>,
@@ -90,6 +103,10 @@ impl Monitor {
             max_coefficient_variance: 0.0,
             post_change_left_s: 0.0,
             coordinated_turn: CoordinatedTurn::EMPTY,
+            last_gyro_row: None,
+            mean_innovations: MeanInnovations::NONE,
+            past_field: [0.0; ROLL_BIAS],
+            next_noise: 0,
             acceleration_tilt: AccelerationTilt::NEW,
             hard_iron_detector: HardIronDetector::NEW,
             last_sample_at: None,
@@ -123,12 +140,15 @@ impl Monitor {
         self.last_sample_at = Some(at);
         self.acceleration_tilt.update(seen.attitude, &seen.motion, step_s);
         self.predict(step_s);
+        let gyro_rows = turning.map(|_| GyroErrorRows::new(seen.attitude, &seen.motion));
+        self.follow_drift(step_s);
+        self.propagate_gyro_offset(gyro_rows.map(|rows| rows.heading), step_s);
         self.track_gyro_offset(&seen, turning, step_s);
         // Position relative to the hard iron, which errors of the soft iron multiply.
         let position = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
         self.update_measurements(monitored, &seen, &position, turning.as_ref(), step_s);
-        if turning.is_some() {
-            self.update_coordinated_turn(&seen, step_s);
+        if let Some(rows) = gyro_rows {
+            self.update_coordinated_turn(&seen, &rows.pitch, step_s);
         }
         let offset_rad = self.filter.mean()[GYRO_OFFSET];
         self.filter.set_mean(GYRO_OFFSET, wrap_pi(offset_rad));
@@ -152,18 +172,30 @@ impl Monitor {
         if self.post_change_left_s > 0.0 {
             noise_by_state[HARD_IRON_CHANGE..STRENGTH_CHANGE].fill(POST_CHANGE_HARD_IRON);
         }
-        for (i, noise) in noise_by_state.into_iter().enumerate() {
-            if i == GYRO_OFFSET || self.filter.state_variance(i) < noise.initial_sigma * noise.initial_sigma {
-                self.filter.inflate_variance(i, noise.process_noise_per_s * step_s);
-            }
+        self.filter.inflate_variance(GYRO_OFFSET, STATE_NOISE[GYRO_OFFSET].process_noise_per_s * step_s);
+        let i = self.next_noise;
+        self.next_noise = (i + 1) % STATE_COUNT;
+        let noise = noise_by_state[i];
+        if i != GYRO_OFFSET && self.filter.state_variance(i) < noise.initial_sigma * noise.initial_sigma {
+            self.filter.inflate_variance(i, noise.process_noise_per_s * step_s * STATE_COUNT as f32);
         }
-        self.filter.propagate(GYRO_OFFSET, GYRO_DRIFT, step_s);
         // Unobservable states must not accumulate a day of noise; a confirmed change of hard iron must persist.
         let decay = (1.0 - step_s / DECAY_TIME_S).max(0.0);
         if measurement_model::hard_iron_change(self.filter.mean()).length() < MAX_DECAYING_HARD_IRON {
             self.decay_states(HARD_IRON_CHANGE..STRENGTH_CHANGE, decay);
         }
-        self.decay_states(ROLL_BIAS..STATE_COUNT, decay);
+        self.decay_states(ROLL_BIAS..GYRO_OFFSET, decay);
+    }
+
+    /// Time update of the gyro heading's offset, with the mean of the gyro's rows at both ends of the step.
+    fn propagate_gyro_offset(&mut self, gyro_row: Option<GyroErrors>, step_s: f32) {
+        let last = core::mem::replace(&mut self.last_gyro_row, gyro_row);
+        let Some((now, last)) = gyro_row.zip(last).filter(|_| step_s <= MAX_GAP_S) else { return };
+        let mut row = [0.0; STATE_COUNT];
+        for i in 0..GYRO_ERROR_COUNT {
+            row[GYRO_ERRORS + i] = -0.5 * step_s * (now[i] + last[i]);
+        }
+        self.filter.propagate(GYRO_OFFSET, &row);
     }
 
     fn decay_states(&mut self, states: Range<usize>, decay: f32) {
@@ -203,6 +235,9 @@ impl Monitor {
         let measurements = model.measurements(&predicted, seen, variances);
         self.adapt_noise_to_residuals(monitored, &measurements, step_s);
         let is_usable = self.test_innovations(&model, &measurements, step_s);
+        if let Some(turning) = turning {
+            self.innovation_gate.update_turn(turning.euler_rates.heading_rad_s * step_s, step_s);
+        }
         for (measurement, is_usable) in measurements.iter().zip(is_usable) {
             if let (Some(measurement), true) = (measurement, is_usable) {
                 self.apply_measurement(measurement, &states);
@@ -264,12 +299,64 @@ impl Monitor {
         step_s: f32,
     ) -> PerKind<bool> {
         let innovations = array::from_fn(|kind| measurements[kind].as_ref().map(|m| self.innovation(m)));
+        if let Some(change) = self.mean_innovations.update(&innovations, step_s)
+            && self.post_change_left_s <= 0.0
+        {
+            self.follow_slow_change(change, model.tan_inclination, step_s);
+        }
         match self.innovation_gate.test_innovations(innovations, step_s) {
             GateResult::Consistent { is_usable } => is_usable,
             GateResult::ChangeDetected { exceeding_residuals } => {
                 self.inflate_covariance(model, exceeding_residuals);
                 [true; 3]
             }
+        }
+    }
+
+    /// Inflates the variances of states that may change faster than their process noise.
+    fn follow_slow_change(&mut self, change: SlowChange, tan_inclination: f32, step_s: f32) {
+        let part = step_s / SLOW_CHANGE_TIME_S;
+        match change {
+            SlowChange::Inclination(size_rad) => self.inflate_all(&[ROLL_BIAS, PITCH_BIAS], size_rad * size_rad * part),
+            SlowChange::Heading(size_rad) => {
+                let rate_rad_s = size_rad / SLOW_CHANGE_TIME_S;
+                self.inflate_up_to(MAX_GYRO_OFFSET_VARIANCE, &GYRO_OFFSETS, rate_rad_s * rate_rad_s * part);
+                // A tilt, or a field across the horizontal one, that changes the heading as much.
+                let cos_squared = 1.0 / (1.0 + tan_inclination * tan_inclination);
+                let variance = SLOW_CHANGE_SHARE * size_rad * size_rad * cos_squared * part;
+                self.inflate_all(&[ROLL_BIAS, PITCH_BIAS], variance);
+                self.inflate_up_to(MAX_SLOW_HARD_IRON_VARIANCE, &HARD_IRON_AXES, variance);
+            }
+        }
+    }
+
+    fn inflate_all(&mut self, states: &[usize], variance: f32) {
+        self.inflate_up_to(f32::INFINITY, states, variance);
+    }
+
+    fn inflate_up_to(&mut self, most: f32, states: &[usize], variance: f32) {
+        for &state in states {
+            if self.filter.state_variance(state) < most {
+                self.filter.inflate_variance(state, variance);
+            }
+        }
+    }
+
+    /// Follows a drift of the field: where the flight does not show it, hard iron may have drifted as much as where it
+    /// does.
+    fn follow_drift(&mut self, step_s: f32) {
+        let states = self.filter.mean();
+        let now: [f32; ROLL_BIAS] = array::from_fn(|i| states[i]);
+        if self.post_change_left_s > 0.0 {
+            self.past_field = now;
+        }
+        let mut drift_squared = 0.0;
+        for (past, now) in self.past_field.iter_mut().zip(now) {
+            *past += (now - *past) * step_s / (DRIFT_TIME_S + step_s);
+            drift_squared += (now - *past) * (now - *past);
+        }
+        if drift_squared > MIN_DRIFT * MIN_DRIFT {
+            self.inflate_all(&HARD_IRON_AXES, DRIFT_FACTOR * drift_squared * step_s / DRIFT_TIME_S);
         }
     }
 
@@ -288,9 +375,10 @@ impl Monitor {
     }
 
     /// Updates with the coordinated-turn pseudo-measurement at the end of its window.
-    fn update_coordinated_turn(&mut self, seen: &MonitorSample, step_s: f32) {
+    fn update_coordinated_turn(&mut self, seen: &MonitorSample, gyro_row: &GyroErrors, step_s: f32) {
         let states = self.filter.mean();
-        let measured = self.coordinated_turn.integrate(seen.attitude, &seen.motion, step_s.min(MAX_GAP_S), states);
+        let step_s = step_s.min(MAX_GAP_S);
+        let measured = self.coordinated_turn.integrate(seen.attitude, &seen.motion, gyro_row, step_s, states);
         if let Some(measurement) = measured {
             self.filter.update(&measurement);
         }
@@ -304,16 +392,13 @@ impl Monitor {
             [strength, inclination, heading * cos_inclination].map(|size| size.min(MAX_INNOVATION));
         let field = strength.max(inclination);
         let hard_iron_sigma = field.max(across);
-        for axis in 0..3 {
-            self.filter.inflate_variance(HARD_IRON_CHANGE + axis, hard_iron_sigma * hard_iron_sigma);
-        }
+        self.inflate_all(&HARD_IRON_AXES, hard_iron_sigma * hard_iron_sigma);
         self.filter.inflate_variance(STRENGTH_CHANGE, field * field);
         self.filter.inflate_variance(INCLINATION_CHANGE, field * field);
         // A heading error is `tan(inclination)` times the tilt.
         let sin_inclination = (model.tan_inclination * cos_inclination).abs().max(MIN_SIN_INCLINATION);
         let tilt_rad = ATTITUDE_SHARE * inclination.max(across / sin_inclination).min(MAX_TILT_INNOVATION_RAD);
-        self.filter.inflate_variance(ROLL_BIAS, tilt_rad * tilt_rad);
-        self.filter.inflate_variance(PITCH_BIAS, tilt_rad * tilt_rad);
+        self.inflate_all(&[ROLL_BIAS, PITCH_BIAS], tilt_rad * tilt_rad);
         self.has_strength_failed |= strength > 0.0;
         self.post_change_left_s = POST_CHANGE_S;
     }
@@ -330,18 +415,31 @@ impl Monitor {
         let predicted = PredictedField::new(&states, monitored.calibration.inclination_rad, turning);
         let heading_jacobian = MeasurementModel::new(seen, &states, &predicted).heading_jacobian;
         let variance_rad2 = self.filter.projected_variance(&heading_jacobian);
+        let mut by_field = heading_jacobian;
+        by_field[STRENGTH_CHANGE..].fill(0.0);
         self.has_strength_failed &= self.innovation_gate.is_withholding();
         let change = measurement_model::hard_iron_change(&states);
         // Without a detected change only coefficient errors remain, which the calibration's uncertainty contains.
         let is_unchanged = self.post_change_left_s <= 0.0 && change.length() < MAX_DECAYING_HARD_IRON;
+        let sent_rad2 = if is_unchanged {
+            self.filter.projected_variance(&by_field)
+        } else {
+            POST_CHANGE_INFLATION * variance_rad2
+        };
         self.output = MonitorOutput {
             states,
-            heading_variance_rad2: if is_unchanged { 0.0 } else { POST_CHANGE_INFLATION * variance_rad2 },
+            heading_variance_rad2: sent_rad2,
             sample_noise: self.output_noise(monitored.sample_noise()),
+            gyro_errors: self.gyro_errors(),
             gyro_offset: self.gyro_run.map(|run| (run, self.filter.state_variance(GYRO_OFFSET))),
-            validity: self.assess_validity(&states, seen, &heading_jacobian, variance_rad2),
+            validity: self.assess_validity(&states, seen, &heading_jacobian, [variance_rad2, sent_rad2]),
             hard_iron_change: self.detect_hard_iron_change(&change, monitored.calibration.total_ut, step_s),
         };
+    }
+
+    fn gyro_errors(&self) -> GyroErrorEstimate {
+        let (mean, upper, diagonal) = self.filter.last_states(GYRO_ERRORS);
+        GyroErrorEstimate { mean, upper, diagonal }
     }
 
     fn output_noise(&self, calibration_noise: SampleNoise) -> Option<SampleNoise> {
@@ -355,10 +453,13 @@ impl Monitor {
         let sigma = (0..3).map(|axis| sqrt(self.filter.state_variance(HARD_IRON_CHANGE + axis))).fold(0.0, f32::max);
         // Coefficient errors resemble hard iron.
         let sigma_with_coefficients = sqrt(sigma * sigma + self.max_coefficient_variance);
-        let is_withholding = self.innovation_gate.is_withholding();
+        // A change that is not one of hard iron has no size to report.
+        let is_withholding = self.innovation_gate.is_withholding() || change.length() > MAX_HARD_IRON_CHANGE;
         self.hard_iron_detector
             .update(change, sigma_with_coefficients, is_withholding, step_s)
-            .then(|| HardIronChange { change_ut: change * total_ut, sigma_ut: sigma * total_ut })
+            .then_some(change)
+            .filter(|change| change.length() <= MAX_HARD_IRON_CHANGE)
+            .map(|change| HardIronChange { change_ut: change * total_ut, sigma_ut: sigma * total_ut })
     }
 
     /// Whether headings are withheld, and why.
@@ -368,7 +469,7 @@ impl Monitor {
         states: &StateVector,
         seen: &MonitorSample,
         heading_jacobian: &StateVector,
-        variance_rad2: f32,
+        [variance_rad2, sent_rad2]: [f32; 2],
     ) -> Result<(), NoHeading> {
         let hard_iron_change = measurement_model::hard_iron_change(states).length();
         let bias_rad = states[ROLL_BIAS].abs().max(states[PITCH_BIAS].abs());
@@ -386,10 +487,13 @@ impl Monitor {
         {
             return Err(NoHeading::FieldDisturbed);
         }
+        if is_gyro_implausible(states) {
+            return Err(NoHeading::AttitudeContradicted);
+        }
         if bias_rad > MAX_ATTITUDE_BIAS_RAD || states[BANK_SCALE_ERROR].abs() > MAX_BANK_SCALE_ERROR {
             return Err(NoHeading::AttitudeContradicted);
         }
-        if variance_rad2 > MAX_HEADING_SIGMA_RAD * MAX_HEADING_SIGMA_RAD {
+        if sent_rad2 > MAX_HEADING_SIGMA_RAD * MAX_HEADING_SIGMA_RAD {
             let mut by_field = *heading_jacobian;
             by_field[ROLL_BIAS..=ATTITUDE_LATENCY].fill(0.0);
             let is_field = self.filter.projected_variance(&by_field) > variance_rad2 / 2.0;
@@ -397,4 +501,13 @@ impl Monitor {
         }
         Ok(())
     }
+}
+
+/// Whether errors of the gyro are beyond those of a usable one: a field that does not turn resembles a gyro that turns
+/// too much.
+fn is_gyro_implausible(states: &StateVector) -> bool {
+    (GYRO_ERRORS..STATE_COUNT).any(|i| {
+        let limit = if GYRO_OFFSETS.contains(&i) { MAX_GYRO_OFFSET_RAD_S } else { MAX_GYRO_SCALE_ERROR };
+        states[i].abs() > limit
+    })
 }

@@ -22,17 +22,13 @@ const fn state(initial_sigma: f32, process_noise_per_s: f32) -> StateNoise {
 /// Symbols as in `measurement_model.rs`.
 pub(super) const STATE_NOISE: [StateNoise; STATE_COUNT] = [
     // beta: 0.3 uT of 50, which a calibration leaves; in a minute 0.1 uT more.
-    state(0.006, 1e-7),
-    state(0.006, 1e-7),
-    state(0.006, 1e-7),
+    state(0.0025, 1e-7),
+    state(0.0025, 1e-7),
+    state(0.0025, 1e-7),
     // f: half of the 10 % by which the field strength changes over 1000 km.
     state(0.06, 1e-7),
     // i: 5.7 deg, as over 1000 km.
     state(0.1, 1e-7),
-    // c: unknown, more than pi; random walk of the gyro 0.06 deg in a second.
-    state(10.0, 1e-6),
-    // g: 0.15 deg/s, what an autopilot leaves of its gyro's offset.
-    state(0.0026, 1e-9),
     // a_r, a_p: 0.23 deg, an autopilot's level trim; in a minute 0.24 deg more, by centripetal acceleration.
     state(0.004, 3e-7),
     state(0.004, 3e-7),
@@ -40,7 +36,25 @@ pub(super) const STATE_NOISE: [StateNoise; STATE_COUNT] = [
     state(0.02, 1e-7),
     // tau: 0.1 s, the delay of a telemetry link; it varies with the load of the link.
     state(0.1, 3e-5),
+    // c: unknown, more than pi; random walk of the gyro 0.06 deg in a second.
+    state(10.0, 1e-6),
+    // b_y, and the row of y.
+    GYRO_OFFSET_NOISE,
+    GYRO_SCALE_NOISE,
+    GYRO_SCALE_NOISE,
+    GYRO_SCALE_NOISE,
+    // b_z, and the row of z.
+    GYRO_OFFSET_NOISE,
+    GYRO_SCALE_NOISE,
+    GYRO_SCALE_NOISE,
+    GYRO_SCALE_NOISE,
 ];
+
+/// Offset of a gyro axis: 0.15 deg/s, what an autopilot leaves of it.
+const GYRO_OFFSET_NOISE: StateNoise = state(0.0026, 1e-9);
+
+/// Scale error and cross-axis sensitivity of a gyro: 2 %.
+const GYRO_SCALE_NOISE: StateNoise = state(0.02, 1e-10);
 
 /// Time after a detected change during which hard iron is less certain, seconds: the change may go on.
 pub(super) const POST_CHANGE_S: f32 = 60.0;
@@ -49,7 +63,7 @@ pub(super) const POST_CHANGE_S: f32 = 60.0;
 pub(super) const POST_CHANGE_HARD_IRON: StateNoise = state(0.01, 1e-6);
 
 /// Inflation of the heading variance after a detected change (dimensionless): the states may not model the change.
-pub(super) const POST_CHANGE_INFLATION: f32 = 5.0;
+pub(super) const POST_CHANGE_INFLATION: f32 = 3.0;
 
 /// Hard-iron norm below which the estimate decays: 1.5 uT of 50. A larger one is a change, and persists.
 pub(super) const MAX_DECAYING_HARD_IRON: f32 = 0.03;
@@ -112,3 +126,26 @@ pub(super) const MAX_BANK_SCALE_ERROR: f32 = 0.5;
 
 /// Gate of a single reading's heading against the gyro heading, sigmas.
 pub(super) const READING_GATE_SIGMAS: f32 = 4.5;
+
+/// Time over which a drift of the field is measured, seconds; its smallest size, and the factor on its square.
+pub(super) const DRIFT_TIME_S: f32 = 60.0;
+pub(super) const MIN_DRIFT: f32 = 0.004;
+pub(super) const DRIFT_FACTOR: f32 = 2.0;
+
+/// Time within which a significant mean innovation counts as a change of the states, seconds.
+pub(super) const SLOW_CHANGE_TIME_S: f32 = 3.0;
+
+/// Share of such a change of the heading for which attitude and hard iron may account; the gyro's offset may for all.
+pub(super) const SLOW_CHANGE_SHARE: f32 = 0.2;
+
+/// Largest variance to which it inflates hard iron: (1.5 uT of 50)^2.
+pub(super) const MAX_SLOW_HARD_IRON_VARIANCE: f32 = 0.03 * 0.03;
+
+/// Largest variance to which a gyro offset is loosened, (1 deg/s)^2.
+pub(super) const MAX_GYRO_OFFSET_VARIANCE: f32 = 0.0175 * 0.0175;
+
+/// Largest gyro offset, rad/s: 8.6 deg/s.
+pub(super) const MAX_GYRO_OFFSET_RAD_S: f32 = 0.15;
+
+/// Largest scale error or cross-axis sensitivity of a gyro.
+pub(super) const MAX_GYRO_SCALE_ERROR: f32 = 0.2;

@@ -104,13 +104,19 @@ impl<const N: usize> UdFilter<N> {
         }
     }
 
-    /// Time update `x_to += factor x_by`, for `by > to`.
-    pub fn propagate(&mut self, to: usize, from: usize, factor: f32) {
-        self.mean[to] += factor * self.mean[from];
-        self.upper[to][from] += factor;
-        for j in from + 1..N {
-            self.upper[to][j] += factor * self.upper[from][j];
+    /// Time update `x_to += row . x`; the elements of `row` up to `to` must be zero.
+    pub fn propagate(&mut self, to: usize, row: &[f32; N]) {
+        self.mean[to] += row.iter().zip(&self.mean).map(|(d, x)| d * x).sum::<f32>();
+        for j in to + 1..N {
+            self.upper[to][j] += self.u_transposed_times(row, j);
         }
+    }
+
+    /// Means and covariance factors of the last states, from `from` on.
+    pub fn last_states<const M: usize>(&self, from: usize) -> ([f32; M], [[f32; M]; M], [f32; M]) {
+        let upper = core::array::from_fn(|i| core::array::from_fn(|j| self.upper[from + i][from + j]));
+        let [mean, diagonal] = [&self.mean, &self.diagonal].map(|all| core::array::from_fn(|i| all[from + i]));
+        (mean, upper, diagonal)
     }
 }
 
@@ -170,7 +176,7 @@ mod tests {
             let (index, noise) = (step % N, random.uniform(0.0, 0.1));
             state.inflate_variance(index, noise);
             textbook.covariance[(index, index)] += f64::from(noise);
-            state.propagate(1, 3, 0.1);
+            state.propagate(1, &[0.0, 0.0, 0.0, 0.1, 0.0]);
             let mut growth = Matrix::identity();
             growth[(1, 3)] = f64::from(0.1_f32);
             textbook.mean = growth * textbook.mean;

@@ -1,10 +1,11 @@
 //! Smoothed heading: a two-state Kalman filter over raw heading and gyro.
 //!
 //! The error of a raw heading is correlated over seconds; the gyro has little short-term error but drifts. States are
-//! heading `psi` and gyro bias `beta`:
+//! heading `psi` and gyro bias `beta`. The turn is corrected by the monitor's estimate `e` of the gyro's errors, with
+//! covariance `P` and the row `r` of the heading rate:
 //!
 //! ```text
-//! psi  += turned - beta dt        Q_psi = 0.2^2 deg^2/s dt, and 3 % of the turn
+//! psi  += turned - r e dt - beta dt        Q_psi = 0.2^2 deg^2/s dt + r P r^T T dt, T = 10 s
 //! beta += 0                       Q_beta = 0.002^2 (deg/s)^2/s dt
 //! z     = raw - psi               R = v 2 tau / dt, v = variance of the raw heading without coefficient errors
 //! ```
@@ -14,14 +15,16 @@
 //!
 //! The filter's own variance is not a usable accuracy: three times too large in simulation with an ideal gyro, half of
 //! the actual error on recorded flights. Therefore the fraction of raw noise that remains is estimated from the
-//! residuals. The coefficients' variance is added unchanged, because it is common to all readings.
+//! residuals. The coefficients' variance is added unchanged, because it is common to all readings. The gyro's errors are
+//! consider states (Schmidt 1966): the derivatives `s` of the smoothed heading by them, `s <- (1 - K) (s + r dt)`, add
+//! `s P s^T` to its variance.
 //!
 //! The smoothed heading is output only while it agrees with the raw one: a wrong gyro shows in the first turn.
 
 mod agreement;
 mod residual_noise;
 
-use crate::attitude::GyroHeading;
+use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrors, GyroTurn};
 use crate::frames::{wrap_pi, wrap_two_pi};
 use crate::heading::Heading;
 use crate::time::Timestamp;
@@ -48,8 +51,11 @@ const BIAS_PROCESS_NOISE: f32 = square(0.002 * DEG);
 /// Initial variance of the gyro bias, (rad/s)^2: autopilots remove most of it.
 const INITIAL_BIAS_VARIANCE: f32 = square(0.1 * DEG);
 
-/// Scale error of the turn rate: 3 %, independent in each 0.1 s, seconds.
-const SCALE_PROCESS_NOISE_S: f32 = square(0.03) * 0.1;
+/// Time for which an error of the gyro's rate keeps its sign, seconds: that of a turn.
+const GYRO_NOISE_TIME_S: f32 = 10.0;
+
+/// Fraction of the raw variance that remains in `noise_variance` at the usual gain.
+const NOMINAL_NOISE_FRACTION: f32 = 0.24;
 
 /// Limits of a raw heading's variance, rad^2: 0.05 deg and 180 deg.
 const MIN_VARIANCE_RAD2: f32 = square(0.05 * DEG);
@@ -58,7 +64,7 @@ const MAX_VARIANCE_RAD2: f32 = square(180.0 * DEG);
 /// Normalised innovation beyond which a measurement counts less.
 const OUTLIER_SIGMAS: f32 = 3.0;
 
-/// Filter, agreement test and remaining noise. 84 bytes.
+/// Filter, agreement test and remaining noise. 120 bytes.
 #[derive(Clone, Debug)]
 pub(super) struct HeadingSmoother {
     state: Option<SmootherState>,
@@ -81,24 +87,26 @@ impl HeadingSmoother {
         &mut self,
         at: Timestamp,
         raw: Option<&Heading>,
-        turning: Option<GyroHeading>,
+        turn: Option<&GyroTurn<'_>>,
     ) -> Option<Heading> {
-        let turning = turning?;
-        if turning.euler_rates.heading_rad_s.abs() > MAX_TURN_RATE_RAD_S {
+        let turn = turn?;
+        if turn.heading.euler_rates.heading_rad_s.abs() > MAX_TURN_RATE_RAD_S {
             self.state = None;
         }
         let raw = raw?;
         #[expect(clippy::manual_clamp, reason = "what is not a number becomes one here, and would not in a clamp")]
         let variance =
             (square(raw.sigma_rad) - raw.systematic_variance_rad2).max(MIN_VARIANCE_RAD2).min(MAX_VARIANCE_RAD2);
-        let agreed = self.update_filter(at, raw.magnetic_rad, variance, &turning);
+        let agreed = self.update_filter(at, raw.magnetic_rad, variance, turn);
         if agreed == AgreementResult::Lost {
             self.agreement.restart();
             self.residual_noise.restart();
-            self.state = Some(SmootherState::new_at(at, raw.magnetic_rad, variance, &turning));
+            self.state = Some(SmootherState::new_at(at, raw.magnetic_rad, variance, turn));
         }
         let state = self.state.as_ref().filter(|_| agreed == AgreementResult::InAgreement)?;
-        let noise = self.residual_noise.remaining_fraction() * variance + self.agreement.excess_variance_rad2();
+        let noise = self.residual_noise.remaining_fraction() / NOMINAL_NOISE_FRACTION * state.noise_variance
+            + self.agreement.excess_variance_rad2()
+            + turn.errors.variance(&state.gyro_sensitivity);
         Some(Heading {
             magnetic_rad: wrap_two_pi(state.heading_rad),
             sigma_rad: sqrt(noise + raw.systematic_variance_rad2),
@@ -107,9 +115,9 @@ impl HeadingSmoother {
     }
 
     /// Time and measurement update; requests a restart if the filter is lost.
-    fn update_filter(&mut self, at: Timestamp, raw_rad: f32, variance: f32, turning: &GyroHeading) -> AgreementResult {
+    fn update_filter(&mut self, at: Timestamp, raw_rad: f32, variance: f32, turn: &GyroTurn<'_>) -> AgreementResult {
         let Some(state) = &mut self.state else { return AgreementResult::Lost };
-        let Some(step) = state.predict(at, turning) else { return AgreementResult::Lost };
+        let Some(step) = state.predict(at, turn) else { return AgreementResult::Lost };
         let off_rad = wrap_pi(raw_rad - state.heading_rad);
         if !off_rad.is_finite() {
             return AgreementResult::Lost; // A NaN must not enter the state.
@@ -135,19 +143,25 @@ struct SmootherState {
     bias_variance: f32,
     bias_regression_s: f32,
     conditional_heading_variance: f32,
+    /// Derivatives of the smoothed heading by the gyro's errors.
+    gyro_sensitivity: GyroErrors,
+    /// Variance of the smoothed heading by noise of the raw ones of the assumed correlation time, rad^2.
+    noise_variance: f32,
 }
 
 impl SmootherState {
-    fn new_at(at: Timestamp, heading_rad: f32, variance: f32, turning: &GyroHeading) -> Self {
+    fn new_at(at: Timestamp, heading_rad: f32, variance: f32, turn: &GyroTurn<'_>) -> Self {
         Self {
             at,
-            turned_rad: turning.relative_heading_rad,
-            gyro_run: turning.run,
+            turned_rad: turn.heading.relative_heading_rad,
+            gyro_run: turn.heading.run,
             heading_rad: wrap_pi(heading_rad),
             bias_rad_s: 0.0,
             bias_variance: INITIAL_BIAS_VARIANCE,
             bias_regression_s: 0.0,
             conditional_heading_variance: variance,
+            gyro_sensitivity: [0.0; GYRO_ERROR_COUNT],
+            noise_variance: NOMINAL_NOISE_FRACTION * variance,
         }
     }
 
@@ -156,18 +170,22 @@ impl SmootherState {
     }
 
     /// Time update. `None` after a gap or a restart of the gyro's integration.
-    fn predict(&mut self, at: Timestamp, turning: &GyroHeading) -> Option<GyroStep> {
+    fn predict(&mut self, at: Timestamp, turn: &GyroTurn<'_>) -> Option<GyroStep> {
+        let GyroTurn { heading: turning, row, errors } = turn;
         let step_us = at.us_since(self.at);
         if turning.run != self.gyro_run || step_us > MAX_GAP_US {
             return None;
         }
         let step_s = step_us as f32 * 1e-6;
-        let turned_rad = wrap_pi(turning.relative_heading_rad - self.turned_rad);
+        let turned_rad = wrap_pi(turning.relative_heading_rad - self.turned_rad - errors.error(row) * step_s);
         (self.at, self.turned_rad) = (at, turning.relative_heading_rad);
         self.heading_rad = wrap_pi(self.heading_rad + turned_rad - self.bias_rad_s * step_s);
         self.bias_regression_s -= step_s;
-        let scale = SCALE_PROCESS_NOISE_S * square(turning.euler_rates.heading_rad_s);
-        self.conditional_heading_variance += (HEADING_PROCESS_NOISE + scale) * step_s;
+        for (sensitivity, d) in self.gyro_sensitivity.iter_mut().zip(row) {
+            *sensitivity += d * step_s;
+        }
+        let gyro_noise = GYRO_NOISE_TIME_S * errors.variance(row);
+        self.conditional_heading_variance += (HEADING_PROCESS_NOISE + gyro_noise) * step_s;
         // Bias process noise weakens the regression of heading on bias.
         let walk = BIAS_PROCESS_NOISE * step_s;
         let walked = self.bias_variance + walk;
@@ -188,8 +206,12 @@ impl SmootherState {
         let known = self.conditional_heading_variance;
         let heading_by_bias = self.bias_regression_s * self.bias_variance;
         let sum = known + self.bias_regression_s * heading_by_bias + noise;
-        self.heading_rad =
-            wrap_pi(self.heading_rad + off_rad * (known + self.bias_regression_s * heading_by_bias) / sum);
+        let gain = (known + self.bias_regression_s * heading_by_bias) / sum;
+        self.heading_rad = wrap_pi(self.heading_rad + off_rad * gain);
+        self.noise_variance = square(1.0 - gain) * self.noise_variance + square(gain) * noise;
+        for sensitivity in &mut self.gyro_sensitivity {
+            *sensitivity *= 1.0 - gain;
+        }
         self.bias_rad_s += off_rad * heading_by_bias / sum;
         // UD measurement update for two states (Bierman 1977).
         let rest = noise / (known + noise);

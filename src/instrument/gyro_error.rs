@@ -1,0 +1,144 @@
+//! Errors of the gyro as they act on the rates of heading and pitch.
+//!
+//! The measured body rates are `(I + M) w + b` of the true ones `w`, with the scale errors on the diagonal of `M`, the
+//! cross-axis sensitivities beside it, and the offsets `b`. In `theta' = q cos(phi) - r sin(phi)` and
+//! `psi' = (q sin(phi) + r cos(phi)) / cos(theta)` only the rows of y and z appear: eight numbers.
+
+use crate::attitude::{EulerRates, GyroHeading};
+use crate::frames::Attitude;
+use crate::trig;
+
+/// `b_y`, then the row of y in `M`; `b_z`, then the row of z. Offsets in rad/s.
+pub(super) type GyroErrors = [f32; GYRO_ERROR_COUNT];
+
+pub(super) const GYRO_ERROR_COUNT: usize = 8;
+
+/// Smallest cosine of pitch, as in the rate of heading.
+const MIN_COS_PITCH: f32 = 0.2;
+
+/// Derivatives of the measured rates of heading and pitch by the errors.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct GyroErrorRows {
+    pub heading: GyroErrors,
+    pub pitch: GyroErrors,
+}
+
+impl GyroErrorRows {
+    pub fn new(attitude: Attitude, motion: &EulerRates) -> Self {
+        let (sin_roll, cos_roll) = trig::sin_cos(attitude.roll_rad);
+        let (sin_pitch, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
+        let EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s } = *motion;
+        let by_axis = [
+            1.0,
+            roll_rad_s - heading_rad_s * sin_pitch,
+            pitch_rad_s * cos_roll + heading_rad_s * sin_roll * cos_pitch,
+            heading_rad_s * cos_roll * cos_pitch - pitch_rad_s * sin_roll,
+        ];
+        let per_cos_pitch = 1.0 / cos_pitch.max(MIN_COS_PITCH);
+        Self {
+            heading: of_axes(&by_axis, sin_roll * per_cos_pitch, cos_roll * per_cos_pitch),
+            pitch: of_axes(&by_axis, cos_roll, -sin_roll),
+        }
+    }
+}
+
+/// The errors of the y axis weighted by `y`, those of z by `z`.
+fn of_axes(by_axis: &[f32; 4], y: f32, z: f32) -> GyroErrors {
+    core::array::from_fn(|i| by_axis[i % 4] * if i < 4 { y } else { z })
+}
+
+/// Estimated errors with their covariance `U D U^T`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct GyroErrorEstimate {
+    pub mean: GyroErrors,
+    /// `U`; elements on and below the diagonal are unused.
+    pub upper: [GyroErrors; GYRO_ERROR_COUNT],
+    pub diagonal: GyroErrors,
+}
+
+impl GyroErrorEstimate {
+    /// No error, and no uncertainty.
+    pub const NONE: Self = Self {
+        mean: [0.0; GYRO_ERROR_COUNT],
+        upper: [[0.0; GYRO_ERROR_COUNT]; GYRO_ERROR_COUNT],
+        diagonal: [0.0; GYRO_ERROR_COUNT],
+    };
+
+    /// Estimate of `row . errors`.
+    pub fn error(&self, row: &GyroErrors) -> f32 {
+        row.iter().zip(&self.mean).map(|(d, error)| d * error).sum()
+    }
+
+    /// Variance of `row . errors`.
+    pub fn variance(&self, row: &GyroErrors) -> f32 {
+        let squares = self.diagonal.iter().enumerate().map(|(j, d)| {
+            let f = row[j] + (0..j).map(|i| self.upper[i][j] * row[i]).sum::<f32>();
+            d * f * f
+        });
+        squares.sum()
+    }
+}
+
+/// The gyro's heading at an instant, with its errors.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct GyroTurn<'a> {
+    pub heading: GyroHeading,
+    /// Derivatives of the heading rate by the errors.
+    pub row: GyroErrors,
+    pub errors: &'a GyroErrorEstimate,
+}
+
+impl<'a> GyroTurn<'a> {
+    pub fn new(heading: GyroHeading, attitude: Attitude, errors: &'a GyroErrorEstimate) -> Self {
+        Self { heading, row: GyroErrorRows::new(attitude, &heading.euler_rates).heading, errors }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::attitude::{AttitudeReport, SenderId};
+    use crate::time::WrappingMillis;
+
+    fn euler_rates(attitude: Attitude, rates_rad_s: [f32; 3]) -> EulerRates {
+        let report = AttitudeReport {
+            sender: SenderId::default(),
+            sender_time: WrappingMillis::default(),
+            attitude,
+            rates_rad_s,
+        };
+        EulerRates::from_report(&report).unwrap()
+    }
+
+    /// By the model of the module's documentation: measured rates `(I + M) w + b`.
+    #[test]
+    fn rows_are_the_derivatives_of_the_measured_rates() {
+        let attitude = Attitude::from_deg(35.0, -12.0);
+        let rates = [0.3, -0.1, 0.25];
+        let exact = euler_rates(attitude, rates);
+        let rows = GyroErrorRows::new(attitude, &exact);
+        for i in 0..GYRO_ERROR_COUNT {
+            let (axis, error) = (1 + i / 4, 1e-2);
+            let mut measured = rates;
+            measured[axis] += error * if i % 4 == 0 { 1.0 } else { rates[i % 4 - 1] };
+            let found = euler_rates(attitude, measured);
+            let heading = (found.heading_rad_s - exact.heading_rad_s) / error;
+            let pitch = (found.pitch_rad_s - exact.pitch_rad_s) / error;
+            assert!((rows.heading[i] - heading).abs() < 1e-4, "{i}: {} {heading}", rows.heading[i]);
+            assert!((rows.pitch[i] - pitch).abs() < 1e-4, "{i}: {} {pitch}", rows.pitch[i]);
+        }
+    }
+
+    #[test]
+    fn the_variance_is_that_of_the_factors() {
+        let mut estimate = GyroErrorEstimate::NONE;
+        estimate.diagonal[0] = 4.0;
+        estimate.diagonal[7] = 0.25;
+        estimate.upper[0][7] = 2.0;
+        estimate.mean[7] = 0.1;
+        let mut row = [0.0; GYRO_ERROR_COUNT];
+        (row[0], row[7]) = (1.0, 3.0);
+        // P = [[4 + 0.25 * 4, 0.5], [0.5, 0.25]]: 5 + 2 * 3 * 0.5 + 9 * 0.25.
+        assert!((estimate.variance(&row) - 10.25).abs() < 1e-5 && (estimate.error(&row) - 0.3).abs() < 1e-6);
+    }
+}
