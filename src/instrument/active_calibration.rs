@@ -40,12 +40,12 @@ impl ActiveCalibration {
     }
 
     /// Adjusts the calibration to the monitor's states.
-    pub fn adjust(&mut self, at: Timestamp, adjustment: MonitorOutput, readings_per_sample: u16) {
+    pub fn adjust(&mut self, at: Timestamp, adjustment: &MonitorOutput, readings_per_sample: u16) {
         let Some((calibration, uncertainty)) = &self.base.calibration else { return };
         let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
         self.adjusted = Some(adjustment.correct_calibration(&monitored));
         self.output_map = OutputMap::new(&self.base, measured_ut(self.adjusted.as_ref()));
-        (self.adjustment, self.adjusted_at) = (adjustment, at);
+        (self.adjustment, self.adjusted_at) = (*adjustment, at);
     }
 
     /// The calibration of readings; before the first one, the mounting alone.

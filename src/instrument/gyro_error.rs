@@ -4,7 +4,7 @@
 //! cross-axis sensitivities beside it, and the offsets `b`. In `theta' = q cos(phi) - r sin(phi)` and
 //! `psi' = (q sin(phi) + r cos(phi)) / cos(theta)` only the rows of y and z appear: eight numbers.
 
-use crate::attitude::{EulerRates, GyroHeading};
+use crate::attitude::EulerRates;
 use crate::frames::Attitude;
 use crate::trig;
 
@@ -79,18 +79,24 @@ impl GyroErrorEstimate {
     }
 }
 
-/// The gyro's heading at an instant, with its errors.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct GyroTurn<'a> {
-    pub heading: GyroHeading,
-    /// Derivatives of the heading rate by the errors.
+/// The error of the rate of heading at the last sample, about ten times a second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct HeadingRateError {
+    pub errors: GyroErrorEstimate,
+    /// Derivatives of the rate of heading by the errors.
     pub row: GyroErrors,
-    pub errors: &'a GyroErrorEstimate,
+    /// Error of the rate, rad/s, and its variance.
+    pub rad_s: f32,
+    pub variance: f32,
 }
 
-impl<'a> GyroTurn<'a> {
-    pub fn new(heading: GyroHeading, attitude: Attitude, errors: &'a GyroErrorEstimate) -> Self {
-        Self { heading, row: GyroErrorRows::new(attitude, &heading.euler_rates).heading, errors }
+impl HeadingRateError {
+    /// No error, and no uncertainty.
+    pub const NONE: Self =
+        Self { errors: GyroErrorEstimate::NONE, row: [0.0; GYRO_ERROR_COUNT], rad_s: 0.0, variance: 0.0 };
+
+    pub fn new(errors: &GyroErrorEstimate, row: GyroErrors) -> Self {
+        Self { rad_s: errors.error(&row), variance: errors.variance(&row), errors: *errors, row }
     }
 }
 

@@ -70,7 +70,6 @@ use compass_field::CompassField;
 pub use config::{InstrumentConfig, readings_per_sample};
 pub use correction::{Correction, SampleAttitude};
 pub use estimate::{Estimate, RejectionCounts};
-use gyro_error::GyroTurn;
 pub use monitor::{HardIronChange, HardIronChangeReporter};
 use monitor::{Monitor, MonitorOutput, MonitoredCalibration};
 use pairing::PairingQueue;
@@ -220,9 +219,8 @@ impl Instrument {
             Some(fault) => Err(fault.into()),
             None => self.compute_heading((field, corrected), current_a, attitude, turning.as_ref()),
         };
-        let errors = &self.active.adjustment.gyro_errors;
-        let turn = turning.zip(attitude.ok()).map(|(turning, attitude)| GyroTurn::new(turning, attitude, errors));
-        let smoothed_heading = self.smoother.smooth_heading(at, heading.as_ref().ok(), turn.as_ref());
+        let gyro = &self.active.adjustment.heading_rate_error;
+        let smoothed_heading = self.smoother.smooth_heading(at, heading.as_ref().ok(), turning.as_ref(), gyro);
         let compass_field = self.compass_field.output_field(at, &self.active, field, corrected);
         Estimate {
             at,
@@ -282,11 +280,10 @@ impl Instrument {
         let readings_per_sample = self.config.readings_per_sample();
         let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
         self.monitor.update(&monitored, at, &sample, turning);
-        let mut adjustment = *self.monitor.output();
-        if self.config.heading.accepts_any_field() && adjustment.validity.is_err() {
-            // Limits are disabled: headings ignore the monitor.
-            adjustment = MonitorOutput::INITIAL;
-        }
+        let adjustment = self.monitor.output();
+        // Without limits headings ignore the monitor.
+        let is_ignored = self.config.heading.accepts_any_field() && adjustment.validity.is_err();
+        let adjustment = if is_ignored { &MonitorOutput::INITIAL } else { adjustment };
         self.active.adjust(at, adjustment, readings_per_sample);
     }
 

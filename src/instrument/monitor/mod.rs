@@ -34,7 +34,7 @@ use core::ops::Range;
 
 use nalgebra::Vector3;
 
-use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrorEstimate, GyroErrorRows, GyroErrors};
+use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrorEstimate, GyroErrorRows, GyroErrors, HeadingRateError};
 use crate::attitude::{EulerRates, GyroHeading};
 use crate::calibration::Sample;
 use crate::frames::{Field, wrap_pi};
@@ -430,16 +430,17 @@ impl Monitor {
             states,
             heading_variance_rad2: sent_rad2,
             sample_noise: self.output_noise(monitored.sample_noise()),
-            gyro_errors: self.gyro_errors(),
+            heading_rate_error: self.heading_rate_error(),
             gyro_offset: self.gyro_run.map(|run| (run, self.filter.state_variance(GYRO_OFFSET))),
             validity: self.assess_validity(&states, seen, &heading_jacobian, [variance_rad2, sent_rad2]),
             hard_iron_change: self.detect_hard_iron_change(&change, monitored.calibration.total_ut, step_s),
         };
     }
 
-    fn gyro_errors(&self) -> GyroErrorEstimate {
+    fn heading_rate_error(&self) -> HeadingRateError {
         let (mean, upper, diagonal) = self.filter.last_states(GYRO_ERRORS);
-        GyroErrorEstimate { mean, upper, diagonal }
+        let row = self.last_gyro_row.unwrap_or([0.0; GYRO_ERROR_COUNT]);
+        HeadingRateError::new(&GyroErrorEstimate { mean, upper, diagonal }, row)
     }
 
     fn output_noise(&self, calibration_noise: SampleNoise) -> Option<SampleNoise> {

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::super::gyro_error::GyroErrorEstimate;
+use super::super::gyro_error::HeadingRateError;
 use super::adaptive_noise::SampleNoise;
 use super::hard_iron::HardIronChange;
 use super::measurement_model::{
@@ -23,8 +23,8 @@ pub(crate) struct MonitorOutput {
     /// Heading variance due to the states' covariance, square radians.
     pub heading_variance_rad2: f32,
     pub(super) sample_noise: Option<SampleNoise>,
-    /// Errors of the gyro.
-    pub gyro_errors: GyroErrorEstimate,
+    /// Errors of the gyro, and of its rate of heading.
+    pub heading_rate_error: HeadingRateError,
     /// Gyro integration run, and variance of its heading offset, square radians.
     pub(super) gyro_offset: Option<(u8, f32)>,
     /// Reason why headings are withheld.
@@ -38,7 +38,7 @@ impl MonitorOutput {
         states: [0.0; STATE_COUNT],
         heading_variance_rad2: 0.0,
         sample_noise: None,
-        gyro_errors: GyroErrorEstimate::NONE,
+        heading_rate_error: HeadingRateError::NONE,
         gyro_offset: None,
         validity: Ok(()),
         hard_iron_change: None,

@@ -357,7 +357,7 @@ fn the_scale_error_of_the_gyro_is_estimated() {
         assert!(flight_result.none.len() < 50 && flight_result.worst_deg < 5.0, "{flight_result:?}");
         let (attitude, motion, _) = moment(STRAIGHT_S + CIRCLE_S / 2.0);
         let row = GyroErrorRows::new(attitude, &motion).heading;
-        let errors = flight.monitor.output().gyro_errors;
+        let errors = flight.monitor.output().heading_rate_error.errors;
         let found = errors.error(&row) / motion.heading_rad_s;
         // The errors are those of the true rates, the row is taken at the measured ones.
         let expected = (gyro_scale - 1.0) / gyro_scale;

@@ -24,7 +24,8 @@
 mod agreement;
 mod residual_noise;
 
-use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrors, GyroTurn};
+use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrors, HeadingRateError};
+use crate::attitude::GyroHeading;
 use crate::frames::{wrap_pi, wrap_two_pi};
 use crate::heading::Heading;
 use crate::time::Timestamp;
@@ -87,26 +88,27 @@ impl HeadingSmoother {
         &mut self,
         at: Timestamp,
         raw: Option<&Heading>,
-        turn: Option<&GyroTurn<'_>>,
+        turning: Option<&GyroHeading>,
+        gyro: &HeadingRateError,
     ) -> Option<Heading> {
-        let turn = turn?;
-        if turn.heading.euler_rates.heading_rad_s.abs() > MAX_TURN_RATE_RAD_S {
+        let turning = turning?;
+        if turning.euler_rates.heading_rad_s.abs() > MAX_TURN_RATE_RAD_S {
             self.state = None;
         }
         let raw = raw?;
         #[expect(clippy::manual_clamp, reason = "what is not a number becomes one here, and would not in a clamp")]
         let variance =
             (square(raw.sigma_rad) - raw.systematic_variance_rad2).max(MIN_VARIANCE_RAD2).min(MAX_VARIANCE_RAD2);
-        let agreed = self.update_filter(at, raw.magnetic_rad, variance, turn);
+        let agreed = self.update_filter((at, raw.magnetic_rad, variance), turning, gyro);
         if agreed == AgreementResult::Lost {
             self.agreement.restart();
             self.residual_noise.restart();
-            self.state = Some(SmootherState::new_at(at, raw.magnetic_rad, variance, turn));
+            self.state = Some(SmootherState::new_at(at, raw.magnetic_rad, variance, turning));
         }
         let state = self.state.as_ref().filter(|_| agreed == AgreementResult::InAgreement)?;
         let noise = self.residual_noise.remaining_fraction() / NOMINAL_NOISE_FRACTION * state.noise_variance
             + self.agreement.excess_variance_rad2()
-            + turn.errors.variance(&state.gyro_sensitivity);
+            + gyro.errors.variance(&state.gyro_sensitivity);
         Some(Heading {
             magnetic_rad: wrap_two_pi(state.heading_rad),
             sigma_rad: sqrt(noise + raw.systematic_variance_rad2),
@@ -115,9 +117,14 @@ impl HeadingSmoother {
     }
 
     /// Time and measurement update; requests a restart if the filter is lost.
-    fn update_filter(&mut self, at: Timestamp, raw_rad: f32, variance: f32, turn: &GyroTurn<'_>) -> AgreementResult {
+    fn update_filter(
+        &mut self,
+        (at, raw_rad, variance): (Timestamp, f32, f32),
+        turning: &GyroHeading,
+        gyro: &HeadingRateError,
+    ) -> AgreementResult {
         let Some(state) = &mut self.state else { return AgreementResult::Lost };
-        let Some(step) = state.predict(at, turn) else { return AgreementResult::Lost };
+        let Some(step) = state.predict(at, turning, gyro) else { return AgreementResult::Lost };
         let off_rad = wrap_pi(raw_rad - state.heading_rad);
         if !off_rad.is_finite() {
             return AgreementResult::Lost; // A NaN must not enter the state.
@@ -150,11 +157,11 @@ struct SmootherState {
 }
 
 impl SmootherState {
-    fn new_at(at: Timestamp, heading_rad: f32, variance: f32, turn: &GyroTurn<'_>) -> Self {
+    fn new_at(at: Timestamp, heading_rad: f32, variance: f32, turning: &GyroHeading) -> Self {
         Self {
             at,
-            turned_rad: turn.heading.relative_heading_rad,
-            gyro_run: turn.heading.run,
+            turned_rad: turning.relative_heading_rad,
+            gyro_run: turning.run,
             heading_rad: wrap_pi(heading_rad),
             bias_rad_s: 0.0,
             bias_variance: INITIAL_BIAS_VARIANCE,
@@ -170,22 +177,20 @@ impl SmootherState {
     }
 
     /// Time update. `None` after a gap or a restart of the gyro's integration.
-    fn predict(&mut self, at: Timestamp, turn: &GyroTurn<'_>) -> Option<GyroStep> {
-        let GyroTurn { heading: turning, row, errors } = turn;
+    fn predict(&mut self, at: Timestamp, turning: &GyroHeading, gyro: &HeadingRateError) -> Option<GyroStep> {
         let step_us = at.us_since(self.at);
         if turning.run != self.gyro_run || step_us > MAX_GAP_US {
             return None;
         }
         let step_s = step_us as f32 * 1e-6;
-        let turned_rad = wrap_pi(turning.relative_heading_rad - self.turned_rad - errors.error(row) * step_s);
+        let turned_rad = wrap_pi(turning.relative_heading_rad - self.turned_rad - gyro.rad_s * step_s);
         (self.at, self.turned_rad) = (at, turning.relative_heading_rad);
         self.heading_rad = wrap_pi(self.heading_rad + turned_rad - self.bias_rad_s * step_s);
         self.bias_regression_s -= step_s;
-        for (sensitivity, d) in self.gyro_sensitivity.iter_mut().zip(row) {
+        for (sensitivity, d) in self.gyro_sensitivity.iter_mut().zip(gyro.row) {
             *sensitivity += d * step_s;
         }
-        let gyro_noise = GYRO_NOISE_TIME_S * errors.variance(row);
-        self.conditional_heading_variance += (HEADING_PROCESS_NOISE + gyro_noise) * step_s;
+        self.conditional_heading_variance += (HEADING_PROCESS_NOISE + GYRO_NOISE_TIME_S * gyro.variance) * step_s;
         // Bias process noise weakens the regression of heading on bias.
         let walk = BIAS_PROCESS_NOISE * step_s;
         let walked = self.bias_variance + walk;

@@ -4,7 +4,7 @@ use core::f32::consts::{PI, TAU};
 
 use testkit::random::Random;
 
-use super::super::gyro_error::GyroErrorEstimate;
+use super::super::gyro_error::{GyroErrorEstimate, GyroErrorRows};
 use super::*;
 use crate::attitude::{EulerRates, GyroHeading};
 use crate::frames::Attitude;
@@ -19,8 +19,8 @@ type Gyro = fn(f32) -> f32;
 const ERRORS: GyroErrorEstimate =
     GyroErrorEstimate { diagonal: [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, square(0.003)], ..GyroErrorEstimate::NONE };
 
-fn level(turning: GyroHeading) -> GyroTurn<'static> {
-    GyroTurn::new(turning, Attitude::default(), &ERRORS)
+fn level(turning: &GyroHeading) -> HeadingRateError {
+    HeadingRateError::new(&ERRORS, GyroErrorRows::new(Attitude::default(), &turning.euler_rates).heading)
 }
 
 struct Flight {
@@ -94,11 +94,8 @@ impl Flight {
 
     fn step(&mut self, rate_deg_s: f32) -> HeadingPair {
         let rate_rad_s = self.pass(rate_deg_s);
-        let smooth = self.smoother.smooth_heading(
-            Timestamp::from_us(self.at_us),
-            Some(&self.raw()),
-            Some(&level(self.turning(rate_rad_s))),
-        );
+        let (at, raw, turning) = (Timestamp::from_us(self.at_us), self.raw(), self.turning(rate_rad_s));
+        let smooth = self.smoother.smooth_heading(at, Some(&raw), Some(&turning), &level(&turning));
         let error_and_sigma = |smooth: Heading| (wrap_pi(smooth.magnetic_rad - self.heading_rad), smooth.sigma_rad);
         HeadingPair { raw_rad: self.noise_rad, smooth: smooth.map(error_and_sigma) }
     }
@@ -207,7 +204,7 @@ fn the_smoother_equals_a_conventional_kalman_filter() {
     let mut random = Random(5);
     let mut turning = GyroHeading::default();
     let mut at_us = 0_u64;
-    let mut state = SmootherState::new_at(Timestamp::from_us(0), 0.5, square(deg) as f32, &level(turning));
+    let mut state = SmootherState::new_at(Timestamp::from_us(0), 0.5, square(deg) as f32, &turning);
     let (mut psi, mut beta) = (0.5_f64, 0.0_f64);
     let mut p = [[square(deg), 0.0], [0.0, square(0.1 * deg)]];
     for i in 0..4000 {
@@ -217,7 +214,7 @@ fn the_smoother_equals_a_conventional_kalman_filter() {
         turning.euler_rates.heading_rad_s = random.uniform(-0.4, 0.4);
         let turned = turning.euler_rates.heading_rad_s * dt as f32;
         turning.relative_heading_rad = wrap_pi(turning.relative_heading_rad + turned);
-        state.predict(Timestamp::from_us(at_us), &level(turning)).unwrap();
+        state.predict(Timestamp::from_us(at_us), &turning, &level(&turning)).unwrap();
         psi += f64::from(turned) - beta * dt;
         let rate = f64::from(turning.euler_rates.heading_rad_s);
         let [[a, b], [_, c]] = p;
@@ -320,7 +317,7 @@ fn a_gap_is_bridged_by_the_gyro_for_three_seconds() {
             let rate_rad_s = flight.pass(40.0);
             let at = Timestamp::from_us(flight.at_us);
             assert_eq!(
-                flight.smoother.smooth_heading(at, None, Some(&level(flight.turning(rate_rad_s)))),
+                flight.smoother.smooth_heading(at, None, Some(&flight.turning(rate_rad_s)), &HeadingRateError::NONE),
                 None,
                 "nothing to tell"
             );
@@ -339,7 +336,7 @@ fn no_smoothed_heading_without_a_gyro_or_after_a_new_gyro_run() {
     flight.wander();
     flight.pass(0.0);
     let at = Timestamp::from_us(flight.at_us);
-    assert_eq!(flight.smoother.smooth_heading(at, Some(&flight.raw()), None), None);
+    assert_eq!(flight.smoother.smooth_heading(at, Some(&flight.raw()), None, &HeadingRateError::NONE), None);
     assert!(flight.step(0.0).smooth.is_some(), "it is back within three seconds");
     (flight.run, flight.turned_rad) = (2, -1.0);
     assert!(none_smooth(&flight.fly(0.0, 1.9)));
@@ -374,7 +371,7 @@ fn a_spike_of_the_raw_heading_changes_nothing() {
         let rate_rad_s = flight.pass(0.0);
         let raw = Heading { magnetic_rad: wrap_two_pi(flight.heading_rad + spike_rad), ..flight.raw() };
         let turning = flight.turning(rate_rad_s);
-        let output = flight.smoother.smooth_heading(at(&flight), Some(&raw), Some(&level(turning))).unwrap();
+        let output = flight.smoother.smooth_heading(at(&flight), Some(&raw), Some(&turning), &level(&turning)).unwrap();
         assert!(wrap_pi(output.magnetic_rad - flight.heading_rad).abs() < DEG);
         assert!(all_smooth(&flight.fly(0.0, 1.0)), "{spike_rad}");
     }
@@ -438,7 +435,12 @@ fn non_finite_input_is_discarded() {
                 let rate_rad_s = flight.pass(0.0);
                 let (mut raw, mut turning) = (flight.raw(), flight.turning(rate_rad_s));
                 corrupt(&mut raw, &mut turning, bad);
-                flight.smoother.smooth_heading(Timestamp::from_us(flight.at_us), Some(&raw), Some(&level(turning)));
+                flight.smoother.smooth_heading(
+                    Timestamp::from_us(flight.at_us),
+                    Some(&raw),
+                    Some(&turning),
+                    &level(&turning),
+                );
             }
             flight.wander();
             flight.wander();
