@@ -36,7 +36,7 @@ impl Budget {
 /// convergence. The solve runs at the lowest priority and takes 0.5 to 1.5 s on the reference board.
 const COUNTED_WITHIN: [(&str, &str, u64); 11] = [
     ("heading", "field and attitude to corrected heading with sigma", 1_000),
-    ("watch", "the monitor, an averaged sample: ten times a second, after its sentences", 26_000),
+    ("watch", "the monitor, an averaged sample: ten times a second, after its sentences", 45_000),
     ("collect", "a further sample of a flight, compared with all retained ones, at the lowest priority", 1_900_000),
     ("nmea", "the longest of the NMEA sentences, with its checksum", 1_200),
     ("mavlink", "a MAVLink 2 ATTITUDE frame, byte by byte", 3_000),

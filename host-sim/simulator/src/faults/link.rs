@@ -38,10 +38,11 @@ pub enum ForgedMessage {
 
 impl LinkFault {
     /// Task that never returns, on the line of the autopilot of `world`.
+    #[must_use]
     pub fn run(self, world: World, uart: HostEnd) -> Pin<Box<dyn Future<Output = ()>>> {
         match self {
             Self::Pause(switch) => Box::pin(pause(switch, world)),
-            Self::OtherVehicle(system_id) => Box::pin(other_vehicle(system_id, world.config(), uart)),
+            Self::OtherVehicle(system_id) => Box::pin(other_vehicle(system_id, world, uart)),
             Self::Forged(switch, message) => Box::pin(forge(switch, message, world.attitude_source(), uart)),
         }
     }
@@ -58,9 +59,10 @@ async fn pause(switch: Switch, world: World) {
 }
 
 /// A vehicle of the same kind, armed, in circles to alternating sides.
-async fn other_vehicle(system_id: u8, config: WorldConfig, uart: HostEnd) {
+async fn other_vehicle(system_id: u8, own: World, uart: HostEnd) {
     /// More than ten hours of flight.
     const CIRCLES: usize = 4000;
+    let config = own.config();
     let world = World::new(WorldConfig { seed: config.seed.wrapping_add(0x0711), ..config });
     world.set_armed(true);
     for circle in 0..CIRCLES {

@@ -59,7 +59,7 @@ pub static CASES: &[Case] = &[
     mavlink_case("gyro-3", "scale and cross-axis errors of the gyro of exactly 3 %", |flight| flight.scale_gyro(3.0)),
     mavlink_case("gyro-5", "scale and cross-axis errors of the gyro of exactly 5 %", |flight| flight.scale_gyro(5.0)),
     mavlink_case("gyro-10", "scale and cross-axis errors of the gyro of exactly 10 %", |flight| {
-        flight.scale_gyro(10.0)
+        flight.scale_gyro(10.0);
     }),
     mavlink_case("gyro-offset-1", "gyro offsets of exactly 1 deg/s", |flight| {
         flight.onset = Onset::Always;
@@ -132,7 +132,7 @@ pub static CASES: &[Case] = &[
         DrawnCase::pause_beside_other_vehicle,
     ),
     mavlink_case("no-autopilot", "forged heartbeats of no autopilot", |flight| {
-        flight.forge(ForgedMessage::NoAutopilot)
+        flight.forge(ForgedMessage::NoAutopilot);
     }),
     mavlink_case("disarm-forged", "forged heartbeats of a disarmed autopilot", |flight| {
         flight.forge(ForgedMessage::Disarmed);
