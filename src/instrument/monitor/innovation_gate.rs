@@ -53,9 +53,9 @@ const MAX_GROSS_COUNT: u8 = 13;
 /// Time for which headings are withheld after a detected change, seconds.
 const WITHHOLD_S: f32 = 4.0;
 
-/// Withheld time beyond which the states no longer explain the field, seconds: three detected changes. It is forgotten
+/// Withheld time beyond which the states no longer explain the field, seconds: four detected changes. It is forgotten
 /// with the time constant below.
-const MAX_WITHHELD_S: f32 = 12.0;
+const MAX_WITHHELD_S: f32 = 16.0;
 const FORGETTING_TIME_S: f32 = 60.0;
 
 /// Turn without a detected change that then restores trust, radians: 60 deg. In straight flight wrong states may agree.
@@ -286,7 +286,7 @@ mod tests {
         assert!(gate.is_withholding());
     }
 
-    /// After 12 s of withheld headings, as of three changes in succession, a turn of 60 deg must show agreement.
+    /// After 16 s of withheld headings, as of four changes in succession, a turn of 60 deg must show agreement.
     #[test]
     fn repeated_changes_require_a_turn() {
         let mut gate = InnovationGate::NONE;
@@ -299,7 +299,7 @@ mod tests {
         };
         assert!(pass(5.0, 0.0, 60));
         assert!(!pass(0.0, 0.0, 60), "one change alone ends by itself");
-        assert!(pass(5.0, 0.0, 130));
+        assert!(pass(5.0, 0.0, 170));
         assert!(pass(0.0, 0.0, 600), "straight flight shows nothing");
         assert!(pass(0.0, -0.02, 52));
         assert!(!pass(0.0, -0.02, 2));
