@@ -7,6 +7,7 @@ use simulator::rig::Rig;
 use simulator::transcript::{self, ShownCalibration, SolveNotice};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::PrescribedMotion;
+use simulator::world::gyro::GyroConfig;
 
 fn rig(config: &WorldConfig) -> Rig {
     let rig = Rig::new(*config);
@@ -15,7 +16,8 @@ fn rig(config: &WorldConfig) -> Rig {
 }
 
 fn table1() -> Rig {
-    let mut rig = rig(&WorldConfig::table1(3));
+    // The vehicle is put on a heading at once, which a gyro would contradict.
+    let mut rig = rig(&WorldConfig { gyro: GyroConfig::PERFECT, ..WorldConfig::table1(3) });
     rig.run_for_s(1.0);
     rig
 }

@@ -123,8 +123,8 @@ fn the_pilot_flies_the_commanded_legs() {
 
     assert!(typed_command(&mut served_module, "reboot").contains("error armed: "));
     assert_eq!(served_module.execute_line("land").unwrap(), "ok lands");
-    // Five seconds to level out, one until the next heartbeat.
-    served_module.advance(7 * SECOND_US);
+    // Five seconds to level out, one until the next heartbeat, five of rest until a disarmed state counts.
+    served_module.advance(13 * SECOND_US);
     assert_eq!(served_module.execute_line("turn 25 90").unwrap_err().code(), "landed");
     assert!(served_module.execute_line("status").unwrap().contains("stands on the ground: roll 0.0, pitch 0.0"));
     assert!(typed_command(&mut served_module, "reboot").contains("started by reboot"));
@@ -195,14 +195,17 @@ fn an_attached_autopilot_replaces_the_simulated_attitude() {
     for (attitude, is_believed, expected_counts) in [
         // Accepted reports at 50 Hz: 1.5 s of the simulator, then 2 s of the other autopilot, ten seconds after its
         // first.
-        (AttitudeProvider::Auto, true, 165.0..185.0),
+        (AttitudeProvider::Auto, true, 515.0..535.0),
         // Reports of the simulator during 14 s.
-        (AttitudeProvider::Own, false, 670.0..710.0),
+        (AttitudeProvider::Own, false, 1020.0..1060.0),
         // All reports of the other autopilot.
         (AttitudeProvider::Peer, true, 600.0..602.0),
     ] {
         let options = ServeOptions { attitude, pattern: PilotPattern::Level, has_external_simulator: false };
         let mut served_module = served_module(options, None);
+        // While armed, another system does not replace the autopilot. Seven more seconds of own reports.
+        let _ = served_module.execute_line("land");
+        served_module.advance(7 * SECOND_US);
         let has_own = attitude != AttitudeProvider::Peer;
         assert_eq!(typed_command(&mut served_module, "status").contains("attitude: none"), !has_own, "{attitude:?}");
         for tick in 0..600 {

@@ -19,6 +19,7 @@ use simulator::devices::uart::HostEnd;
 use simulator::module::Module as _;
 use simulator::rig::Rig;
 use simulator::world::WorldConfig;
+use simulator::world::gyro::GyroConfig;
 use simulator::world::rotation::Euler;
 
 use self::external_autopilot::ExternalAutopilot;
@@ -100,7 +101,9 @@ impl ServedModule {
     /// unless an external simulator controls it.
     #[must_use]
     pub fn new(world: WorldConfig, options: ServeOptions, image: Option<&FlashImage>) -> Self {
-        let mut rig = Rig::new(world);
+        // Attitudes of an external simulator come without rates: those derived from them are no gyro's.
+        let gyro = if options.has_external_simulator { GyroConfig::PERFECT } else { world.gyro };
+        let mut rig = Rig::new(WorldConfig { gyro, ..world });
         if let Some(image) = image {
             // Image sizes are checked on reading.
             rig.load_flash(image.bytes());

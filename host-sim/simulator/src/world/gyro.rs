@@ -127,6 +127,8 @@ fn specific_force_change_g(truth: &TrueState) -> Vector3<f64> {
 
 #[cfg(test)]
 mod tests {
+    use log_analysis::numbers::square;
+
     use super::*;
 
     const STEP_S: f64 = 0.02;
@@ -138,7 +140,8 @@ mod tests {
     #[test]
     fn a_perfect_gyro_measures_the_true_rates() {
         let truth = turning();
-        assert_eq!(Gyro::new(GyroConfig::PERFECT, 1, STEP_S).measure(&truth), truth.body_rates_rad_s());
+        let measured = Gyro::new(GyroConfig::PERFECT, 1, STEP_S).measure(&truth);
+        assert_eq!(measured.map(f64::to_bits), truth.body_rates_rad_s().map(f64::to_bits));
     }
 
     /// Each element of the error is 5 % in size, and both signs occur.
@@ -160,7 +163,7 @@ mod tests {
             let rates: Vec<f64> = (0..3000).map(|_| gyro.measure(&TrueState::default())[2].to_degrees()).collect();
             let mean = rates.iter().sum::<f64>() / 3000.0;
             offsets += mean * mean / 400.0;
-            noise += rates.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum::<f64>() / (2.0 * 2999.0 * 400.0);
+            noise += rates.windows(2).map(|pair| square(pair[1] - pair[0])).sum::<f64>() / (2.0 * 2999.0 * 400.0);
         }
         assert!((offsets.sqrt() - 0.1).abs() < 0.012, "{}", offsets.sqrt());
         assert!((noise.sqrt() - 0.1).abs() < 0.002, "{}", noise.sqrt());

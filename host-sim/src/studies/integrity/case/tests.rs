@@ -16,10 +16,19 @@ fn each_vehicle_kind_has_its_applicable_cases() {
     let only = |included: &[&'static str], excluded: &[&'static str]| -> Vec<&'static str> {
         included.iter().filter(|name| !excluded.contains(name)).copied().collect()
     };
-    assert_eq!(only(&plane, &copter), ["ten-hours", "cal-bank-5"]);
+    assert_eq!(only(&plane, &copter), ["ten-hours", "drift-straight-60", "drift-straight-300", "steady", "cal-bank-5"]);
     assert_eq!(
         only(&copter, &plane),
-        ["cal-hover", "pushed", "current-5", "current-20", "current-5-told", "current-20-told"]
+        [
+            "drift-hover-300",
+            "steady-hover",
+            "cal-hover",
+            "pushed",
+            "current-5",
+            "current-20",
+            "current-5-told",
+            "current-20-told"
+        ]
     );
     assert_eq!(names(VehicleKind::Vtol), copter);
 }
