@@ -165,7 +165,7 @@ impl SenderSelector {
     }
 
     /// Records whether the selected sender's attitude contradicts the field at `now`; releases the sender after
-    /// [`MAX_CONTRADICTED_US`] if another autopilot sends attitude.
+    /// a net minute if another autopilot sends attitude.
     pub fn record_consistency(&mut self, now: Timestamp, is_contradicted: bool) {
         let elapsed_us = now.us_since(self.checked_at).min(MAX_CHECK_INTERVAL_US);
         self.checked_at = now;

@@ -28,7 +28,7 @@ use simulator::world::rotation::Euler;
 use crate::studies::integrity::plan::AttitudeProtocol;
 use crate::studies::integrity::use_legs::{self, IN_TURN_S};
 
-/// Fault and the flights on which it is tested: a row of [`CASES`].
+/// Fault and the flights on which it is tested: a row of [`CASES`](super::CASES).
 #[derive(Debug)]
 pub struct Case {
     /// Name on the command line and in JSON.
