@@ -42,8 +42,9 @@ impl<const N: usize> UdFilter<N> {
 
     /// Variance of `row . states`: `sum d_j (U^T row)_j^2`, never negative.
     pub fn projected_variance(&self, row: &[f32; N]) -> f32 {
+        let length = used_length(row);
         let squares = self.diagonal.iter().enumerate().map(|(j, d)| {
-            let f = self.u_transposed_times(row, j);
+            let f = self.u_transposed_times(row, length, j);
             d * f * f
         });
         squares.sum()
@@ -55,14 +56,16 @@ impl<const N: usize> UdFilter<N> {
         variance + others.sum::<f32>()
     }
 
-    fn u_transposed_times(&self, row: &[f32; N], j: usize) -> f32 {
-        row[j] + (0..j).map(|i| self.upper[i][j] * row[i]).sum::<f32>()
+    /// Element `j` of `U^T row`, for a row that is zero from `length` on.
+    fn u_transposed_times(&self, row: &[f32; N], length: usize, j: usize) -> f32 {
+        row[j] + (0..j.min(length)).map(|i| self.upper[i][j] * row[i]).sum::<f32>()
     }
 
     /// Measurement update (Bierman).
     pub fn update(&mut self, measurement: &Measurement<N>) {
         let Measurement { jacobian: row, residual, variance } = measurement;
-        let f: [f32; N] = core::array::from_fn(|j| self.u_transposed_times(row, j));
+        let length = used_length(row);
+        let f: [f32; N] = core::array::from_fn(|j| self.u_transposed_times(row, length, j));
         let mut gain = [0.0; N];
         // Innovation variance from noise and states up to `j`.
         let mut before = *variance;
@@ -108,7 +111,7 @@ impl<const N: usize> UdFilter<N> {
     pub fn propagate(&mut self, to: usize, row: &[f32; N]) {
         self.mean[to] += row.iter().zip(&self.mean).map(|(d, x)| d * x).sum::<f32>();
         for j in to + 1..N {
-            self.upper[to][j] += self.u_transposed_times(row, j);
+            self.upper[to][j] += self.u_transposed_times(row, N, j);
         }
     }
 
@@ -118,6 +121,11 @@ impl<const N: usize> UdFilter<N> {
         let [mean, diagonal] = [&self.mean, &self.diagonal].map(|all| core::array::from_fn(|i| all[from + i]));
         (mean, upper, diagonal)
     }
+}
+
+/// Number of elements up to the last one that is not zero: measurements do not depend on the last states directly.
+fn used_length<const N: usize>(row: &[f32; N]) -> usize {
+    row.iter().rposition(|element| *element != 0.0).map_or(0, |last| last + 1)
 }
 
 #[cfg(test)]

@@ -55,6 +55,9 @@ const INITIAL_BIAS_VARIANCE: f32 = square(0.1 * DEG);
 /// Time for which an error of the gyro's rate keeps its sign, seconds: that of a turn.
 const GYRO_NOISE_TIME_S: f32 = 10.0;
 
+/// Period in which the variance by the gyro's errors is computed, microseconds: that of the monitor's samples.
+const GYRO_VARIANCE_PERIOD_US: u64 = 100_000;
+
 /// Fraction of the raw variance that remains in `noise_variance` at the usual gain.
 const NOMINAL_NOISE_FRACTION: f32 = 0.24;
 
@@ -108,7 +111,7 @@ impl HeadingSmoother {
         let state = self.state.as_ref().filter(|_| agreed == AgreementResult::InAgreement)?;
         let noise = self.residual_noise.remaining_fraction() / NOMINAL_NOISE_FRACTION * state.noise_variance
             + self.agreement.excess_variance_rad2()
-            + gyro.errors.variance(&state.gyro_sensitivity);
+            + state.gyro_variance;
         Some(Heading {
             magnetic_rad: wrap_two_pi(state.heading_rad),
             sigma_rad: sqrt(noise + raw.systematic_variance_rad2),
@@ -152,6 +155,9 @@ struct SmootherState {
     conditional_heading_variance: f32,
     /// Derivatives of the smoothed heading by the gyro's errors.
     gyro_sensitivity: GyroErrors,
+    /// Variance of the smoothed heading by the gyro's errors, rad^2, and the time of its computation.
+    gyro_variance: f32,
+    gyro_variance_at: Timestamp,
     /// Variance of the smoothed heading by noise of the raw ones of the assumed correlation time, rad^2.
     noise_variance: f32,
 }
@@ -168,6 +174,8 @@ impl SmootherState {
             bias_regression_s: 0.0,
             conditional_heading_variance: variance,
             gyro_sensitivity: [0.0; GYRO_ERROR_COUNT],
+            gyro_variance: 0.0,
+            gyro_variance_at: at,
             noise_variance: NOMINAL_NOISE_FRACTION * variance,
         }
     }
@@ -189,6 +197,9 @@ impl SmootherState {
         self.bias_regression_s -= step_s;
         for (sensitivity, d) in self.gyro_sensitivity.iter_mut().zip(gyro.row) {
             *sensitivity += d * step_s;
+        }
+        if at.us_since(self.gyro_variance_at) >= GYRO_VARIANCE_PERIOD_US {
+            (self.gyro_variance, self.gyro_variance_at) = (gyro.errors.variance(&self.gyro_sensitivity), at);
         }
         self.conditional_heading_variance += (HEADING_PROCESS_NOISE + GYRO_NOISE_TIME_S * gyro.variance) * step_s;
         // Bias process noise weakens the regression of heading on bias.
