@@ -49,7 +49,7 @@ const COUNTED_WITHIN: [(&str, &str, u64); 11] = [
 ];
 
 const SAMPLE: (&str, &str, u64) =
-    ("sample", "I2C registers to the last byte of three sentences, calibrated, two ports, median", 12_000);
+    ("sample", "I2C registers to the last byte of three sentences, calibrated, two ports, median", 12_400);
 
 /// Time limit of the solve, seconds, at a fifth of the board's speed.
 const PATIENCE_S: u32 = 30;
