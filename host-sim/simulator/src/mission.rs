@@ -15,7 +15,6 @@ pub use crate::routine::TurnPlan;
 use log_analysis::score::{ErrorStatistics, within_percent, wrap_180};
 
 use crate::transcript::{self, ShownCalibration, SolveNotice};
-use crate::world::aircraft::PrescribedMotion;
 use crate::world::autopilot::Leg;
 use crate::world::{TrueState, WorldConfig};
 
@@ -173,8 +172,8 @@ struct Mission<'a, M> {
 
 const PIECE_S: f64 = 0.5;
 
-/// Time within which the module sees a disarmed vehicle at rest, seconds: the next heartbeat, and five of rest.
-const REST_S: f64 = 7.0;
+/// Waiting time for the next heartbeat of the autopilot (period 1 s), seconds.
+const HEARTBEAT_S: f64 = 1.2;
 
 /// Timeout of the solve, seconds; solving, verifying and storing take about 1 s.
 const PATIENCE_S: f64 = 10.0;
@@ -220,24 +219,14 @@ impl<M: Module> Mission<'_, M> {
         SolveNotice::rejected("silent", "the module did not report the end of its solve")
     }
 
-    /// Stops the vehicle at its attitude, without a jump, until the module sees it at rest.
-    fn stand_still(&mut self) {
-        let now = self.module.world().true_state(self.module.now_us());
-        let [roll_deg, pitch_deg, heading_deg] = [now.roll_rad, now.pitch_rad, now.heading_rad].map(f64::to_degrees);
-        let motion = PrescribedMotion { roll_deg, pitch_deg, heading_deg, ..PrescribedMotion::default() };
-        self.module.world().set_motion(motion);
-        self.module.run_for_s(REST_S);
-    }
-
     /// Restarts the module, flies the mission's legs and compares the output with true headings.
     fn stream(&mut self, legs: &[Leg]) -> (OutputStatistics, Vec<EvaluatedHeading>) {
-        // Disarmed and at rest, because a module that may be in flight rejects a reboot.
+        // Disarmed, because an armed module rejects a reboot.
         self.module.world().set_armed(false);
-        self.stand_still();
+        self.module.run_for_s(HEARTBEAT_S);
         let _ = self.module.instrument().receive();
         self.type_line("reboot");
         self.module.world().set_armed(true);
-        self.module.world().release();
         let mut evaluated: Vec<EvaluatedHeading> = Vec::new();
         let mut empty = 0;
         let mut reader = SentenceReader::default();
