@@ -16,7 +16,7 @@ pub struct EulerRates {
 }
 
 /// Limits of the singularity at vertical pitch, reached at 78.5 deg.
-const MIN_COS_PITCH: f32 = 0.2;
+pub(crate) const MIN_COS_PITCH: f32 = 0.2;
 const MAX_TAN_PITCH: f32 = 5.0;
 
 impl EulerRates {
@@ -39,7 +39,7 @@ impl EulerRates {
     }
 
     /// Body rates p, q, r at an attitude, rad/s: the inverse of [`from_report`](Self::from_report).
-    pub(super) fn to_body_rates(self, attitude: Attitude) -> [f32; 3] {
+    pub(crate) fn to_body_rates(self, attitude: Attitude) -> [f32; 3] {
         let (sin_roll, cos_roll) = trig::sin_cos(attitude.roll_rad);
         let (sin_pitch, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
         let about_level = self.heading_rad_s * cos_pitch;

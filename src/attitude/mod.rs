@@ -17,6 +17,7 @@ use crate::time::Timestamp;
 use alignment_detector::AlignmentDetector;
 pub use config::AttitudeConfig;
 use euler_rates::HeadingIntegral;
+pub(crate) use euler_rates::MIN_COS_PITCH;
 pub use euler_rates::{EulerRates, GyroHeading};
 pub use line_selector::LineSelector;
 use plausibility::{FreezeDetector, SpikeFilter};

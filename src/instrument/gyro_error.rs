@@ -1,10 +1,11 @@
 //! Errors of the gyro as they act on the rates of heading and pitch.
 //!
-//! The measured body rates are `(I + M) w + b` of the true ones `w`, with the scale errors on the diagonal of `M`, the
-//! cross-axis sensitivities beside it, and the offsets `b`. In `theta' = q cos(phi) - r sin(phi)` and
+//! The measured body rates are `(I + M) w + b`, with the true rates `w` and the offsets `b`. The diagonal of `M` has the
+//! scale errors, its other elements the cross-axis sensitivities. In `theta' = q cos(phi) - r sin(phi)` and
 //! `psi' = (q sin(phi) + r cos(phi)) / cos(theta)` only the rows of y and z appear: eight numbers.
 
-use crate::attitude::EulerRates;
+use super::ud_filter::UdFilter;
+use crate::attitude::{EulerRates, MIN_COS_PITCH};
 use crate::frames::Attitude;
 use crate::trig;
 
@@ -12,9 +13,6 @@ use crate::trig;
 pub(super) type GyroErrors = [f32; GYRO_ERROR_COUNT];
 
 pub(super) const GYRO_ERROR_COUNT: usize = 8;
-
-/// Smallest cosine of pitch, as in the rate of heading.
-const MIN_COS_PITCH: f32 = 0.2;
 
 /// Derivatives of the measured rates of heading and pitch by the errors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -26,14 +24,9 @@ pub(super) struct GyroErrorRows {
 impl GyroErrorRows {
     pub fn new(attitude: Attitude, motion: &EulerRates) -> Self {
         let (sin_roll, cos_roll) = trig::sin_cos(attitude.roll_rad);
-        let (sin_pitch, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
-        let EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s } = *motion;
-        let by_axis = [
-            1.0,
-            roll_rad_s - heading_rad_s * sin_pitch,
-            pitch_rad_s * cos_roll + heading_rad_s * sin_roll * cos_pitch,
-            heading_rad_s * cos_roll * cos_pitch - pitch_rad_s * sin_roll,
-        ];
+        let (_, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
+        let [p, q, r] = motion.to_body_rates(attitude);
+        let by_axis = [1.0, p, q, r];
         let per_cos_pitch = 1.0 / cos_pitch.max(MIN_COS_PITCH);
         Self {
             heading: of_axes(&by_axis, sin_roll * per_cos_pitch, cos_roll * per_cos_pitch),
@@ -47,42 +40,11 @@ fn of_axes(by_axis: &[f32; 4], y: f32, z: f32) -> GyroErrors {
     core::array::from_fn(|i| by_axis[i % 4] * if i < 4 { y } else { z })
 }
 
-/// Estimated errors with their covariance `U D U^T`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct GyroErrorEstimate {
-    pub mean: GyroErrors,
-    /// `U`; elements on and below the diagonal are unused.
-    pub upper: [GyroErrors; GYRO_ERROR_COUNT],
-    pub diagonal: GyroErrors,
-}
-
-impl GyroErrorEstimate {
-    /// No error, and no uncertainty.
-    pub const NONE: Self = Self {
-        mean: [0.0; GYRO_ERROR_COUNT],
-        upper: [[0.0; GYRO_ERROR_COUNT]; GYRO_ERROR_COUNT],
-        diagonal: [0.0; GYRO_ERROR_COUNT],
-    };
-
-    /// Estimate of `row . errors`.
-    pub fn error(&self, row: &GyroErrors) -> f32 {
-        row.iter().zip(&self.mean).map(|(d, error)| d * error).sum()
-    }
-
-    /// Variance of `row . errors`.
-    pub fn variance(&self, row: &GyroErrors) -> f32 {
-        let squares = self.diagonal.iter().enumerate().map(|(j, d)| {
-            let f = row[j] + (0..j).map(|i| self.upper[i][j] * row[i]).sum::<f32>();
-            d * f * f
-        });
-        squares.sum()
-    }
-}
-
 /// The error of the rate of heading at the last sample, about ten times a second.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct HeadingRateError {
-    pub errors: GyroErrorEstimate,
+    /// Estimated errors with their covariance.
+    pub errors: UdFilter<GYRO_ERROR_COUNT>,
     /// Derivatives of the rate of heading by the errors.
     pub row: GyroErrors,
     /// Error of the rate, rad/s, and its variance.
@@ -92,11 +54,10 @@ pub(super) struct HeadingRateError {
 
 impl HeadingRateError {
     /// No error, and no uncertainty.
-    pub const NONE: Self =
-        Self { errors: GyroErrorEstimate::NONE, row: [0.0; GYRO_ERROR_COUNT], rad_s: 0.0, variance: 0.0 };
+    pub const NONE: Self = Self { errors: UdFilter::ZERO, row: [0.0; GYRO_ERROR_COUNT], rad_s: 0.0, variance: 0.0 };
 
-    pub fn new(errors: &GyroErrorEstimate, row: GyroErrors) -> Self {
-        Self { rad_s: errors.error(&row), variance: errors.variance(&row), errors: *errors, row }
+    pub fn new(errors: &UdFilter<GYRO_ERROR_COUNT>, row: GyroErrors) -> Self {
+        Self { rad_s: errors.projected_mean(&row), variance: errors.projected_variance(&row), errors: *errors, row }
     }
 }
 
@@ -133,18 +94,5 @@ mod tests {
             assert!((rows.heading[i] - heading).abs() < 1e-4, "{i}: {} {heading}", rows.heading[i]);
             assert!((rows.pitch[i] - pitch).abs() < 1e-4, "{i}: {} {pitch}", rows.pitch[i]);
         }
-    }
-
-    #[test]
-    fn the_variance_is_that_of_the_factors() {
-        let mut estimate = GyroErrorEstimate::NONE;
-        estimate.diagonal[0] = 4.0;
-        estimate.diagonal[7] = 0.25;
-        estimate.upper[0][7] = 2.0;
-        estimate.mean[7] = 0.1;
-        let mut row = [0.0; GYRO_ERROR_COUNT];
-        (row[0], row[7]) = (1.0, 3.0);
-        // P = [[4 + 0.25 * 4, 0.5], [0.5, 0.25]]: 5 + 2 * 3 * 0.5 + 9 * 0.25.
-        assert!((estimate.variance(&row) - 10.25).abs() < 1e-5 && (estimate.error(&row) - 0.3).abs() < 1e-6);
     }
 }

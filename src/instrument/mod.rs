@@ -58,6 +58,7 @@ mod sensor_check;
 mod smoother;
 #[cfg(test)]
 mod tests;
+mod ud_filter;
 
 use crate::attitude::{AttitudeHistory, AttitudeLookup, AttitudeReport, EulerRates, GyroHeading};
 use crate::calibration::{Current, Sample};

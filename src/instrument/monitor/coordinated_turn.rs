@@ -5,8 +5,8 @@
 //! the deviation measures `a_r + k phi`.
 
 use super::super::gyro_error::{GYRO_ERROR_COUNT, GyroErrors};
+use super::super::ud_filter::Measurement;
 use super::measurement_model::{BANK_SCALE_ERROR, GYRO_ERRORS, ROLL_BIAS, STATE_COUNT, StateVector};
-use super::ud_filter::Measurement;
 use crate::attitude::EulerRates;
 use crate::frames::Attitude;
 

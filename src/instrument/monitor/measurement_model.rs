@@ -17,8 +17,8 @@ use core::array;
 use nalgebra::Vector3;
 
 use super::super::gyro_error::GYRO_ERROR_COUNT;
+use super::super::ud_filter::Measurement;
 use super::innovation_gate::PerKind;
-use super::ud_filter::Measurement;
 use crate::attitude::{EulerRates, GyroHeading};
 use crate::calibration::FieldPrediction;
 use crate::frames::{Attitude, Field, wrap_pi};

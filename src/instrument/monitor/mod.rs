@@ -27,14 +27,14 @@ mod output;
 mod parameters;
 #[cfg(test)]
 mod tests;
-mod ud_filter;
 
 use core::array;
 use core::ops::Range;
 
 use nalgebra::Vector3;
 
-use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrorEstimate, GyroErrorRows, GyroErrors, HeadingRateError};
+use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrorRows, GyroErrors, HeadingRateError};
+use super::ud_filter::{Measurement, UdFilter};
 use crate::attitude::{EulerRates, GyroHeading};
 use crate::calibration::Sample;
 use crate::frames::{Field, wrap_pi};
@@ -65,7 +65,6 @@ use parameters::{
     POST_CHANGE_S, SAMPLE_VARIANCE_FACTORS, SLOW_CHANGE_SHARE, SLOW_CHANGE_TIME_S, STATE_NOISE,
     UNKNOWN_ANGLE_VARIANCE_RAD2, VARIANCE_FLOORS,
 };
-use ud_filter::{Measurement, UdFilter};
 
 /// The monitor. 2.3 KB.
 #[derive(Debug)]
@@ -167,15 +166,12 @@ impl Monitor {
     }
 
     fn predict(&mut self, step_s: f32) {
-        let mut noise_by_state = STATE_NOISE;
         self.post_change_left_s = (self.post_change_left_s - step_s).max(0.0);
-        if self.post_change_left_s > 0.0 {
-            noise_by_state[HARD_IRON_CHANGE..STRENGTH_CHANGE].fill(POST_CHANGE_HARD_IRON);
-        }
         self.filter.inflate_variance(GYRO_OFFSET, STATE_NOISE[GYRO_OFFSET].process_noise_per_s * step_s);
         let i = self.next_noise;
         self.next_noise = (i + 1) % STATE_COUNT;
-        let noise = noise_by_state[i];
+        let is_unsettled = self.post_change_left_s > 0.0 && HARD_IRON_AXES.contains(&i);
+        let noise = if is_unsettled { POST_CHANGE_HARD_IRON } else { STATE_NOISE[i] };
         if i != GYRO_OFFSET && self.filter.state_variance(i) < noise.initial_sigma * noise.initial_sigma {
             self.filter.inflate_variance(i, noise.process_noise_per_s * step_s * STATE_COUNT as f32);
         }
@@ -419,7 +415,7 @@ impl Monitor {
         by_field[STRENGTH_CHANGE..].fill(0.0);
         self.has_strength_failed &= self.innovation_gate.is_withholding();
         let change = measurement_model::hard_iron_change(&states);
-        // Without a detected change only coefficient errors remain, which the calibration's uncertainty contains.
+        // Without a detected change, attitude errors are part of the noise; hard iron may drift all the same.
         let is_unchanged = self.post_change_left_s <= 0.0 && change.length() < MAX_DECAYING_HARD_IRON;
         let sent_rad2 = if is_unchanged {
             self.filter.projected_variance(&by_field)
@@ -438,9 +434,8 @@ impl Monitor {
     }
 
     fn heading_rate_error(&self) -> HeadingRateError {
-        let (mean, upper, diagonal) = self.filter.last_states(GYRO_ERRORS);
         let row = self.last_gyro_row.unwrap_or([0.0; GYRO_ERROR_COUNT]);
-        HeadingRateError::new(&GyroErrorEstimate { mean, upper, diagonal }, row)
+        HeadingRateError::new(&self.filter.last_states(GYRO_ERRORS), row)
     }
 
     fn output_noise(&self, calibration_noise: SampleNoise) -> Option<SampleNoise> {

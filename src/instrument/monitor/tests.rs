@@ -358,11 +358,11 @@ fn the_scale_error_of_the_gyro_is_estimated() {
         let (attitude, motion, _) = moment(STRAIGHT_S + CIRCLE_S / 2.0);
         let row = GyroErrorRows::new(attitude, &motion).heading;
         let errors = flight.monitor.output().heading_rate_error.errors;
-        let found = errors.error(&row) / motion.heading_rad_s;
+        let found = errors.projected_mean(&row) / motion.heading_rad_s;
         // The errors are those of the true rates, the row is taken at the measured ones.
         let expected = (gyro_scale - 1.0) / gyro_scale;
         assert!((found - expected).abs() < 0.005, "{gyro_scale}: {found}");
-        assert!(sqrt(errors.variance(&row)) / motion.heading_rad_s < 0.005);
+        assert!(sqrt(errors.projected_variance(&row)) / motion.heading_rad_s < 0.005);
     }
 }
 

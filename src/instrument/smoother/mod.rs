@@ -199,7 +199,7 @@ impl SmootherState {
             *sensitivity += d * step_s;
         }
         if at.us_since(self.gyro_variance_at) >= GYRO_VARIANCE_PERIOD_US {
-            (self.gyro_variance, self.gyro_variance_at) = (gyro.errors.variance(&self.gyro_sensitivity), at);
+            (self.gyro_variance, self.gyro_variance_at) = (gyro.errors.projected_variance(&self.gyro_sensitivity), at);
         }
         self.conditional_heading_variance += (HEADING_PROCESS_NOISE + GYRO_NOISE_TIME_S * gyro.variance) * step_s;
         // Bias process noise weakens the regression of heading on bias.

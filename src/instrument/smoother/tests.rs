@@ -4,7 +4,8 @@ use core::f32::consts::{PI, TAU};
 
 use testkit::random::Random;
 
-use super::super::gyro_error::{GyroErrorEstimate, GyroErrorRows};
+use super::super::gyro_error::GyroErrorRows;
+use super::super::ud_filter::UdFilter;
 use super::*;
 use crate::attitude::{EulerRates, GyroHeading};
 use crate::frames::Attitude;
@@ -16,11 +17,12 @@ const STEP_S: f32 = 0.0125;
 type Gyro = fn(f32) -> f32;
 
 /// The monitor's estimate after some turns: no error, 0.3 % of the z axis unknown.
-const ERRORS: GyroErrorEstimate =
-    GyroErrorEstimate { diagonal: [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, square(0.003)], ..GyroErrorEstimate::NONE };
+fn errors() -> UdFilter<GYRO_ERROR_COUNT> {
+    UdFilter::new(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.003])
+}
 
 fn level(turning: &GyroHeading) -> HeadingRateError {
-    HeadingRateError::new(&ERRORS, GyroErrorRows::new(Attitude::default(), &turning.euler_rates).heading)
+    HeadingRateError::new(&errors(), GyroErrorRows::new(Attitude::default(), &turning.euler_rates).heading)
 }
 
 struct Flight {

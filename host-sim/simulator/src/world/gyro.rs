@@ -4,8 +4,8 @@
 //! measured = (I + M) rate + offset + drift(t) + g-sensitivity * specific force + noise
 //! ```
 //!
-//! `M` has the scale errors on its diagonal and the cross-axis sensitivities beside it. An autopilot that knows its gyro's
-//! offset subtracts it, so that `offset` is what its estimator leaves, not the chip's zero-rate output.
+//! The diagonal of `M` has the scale errors, its other elements the cross-axis sensitivities. Autopilots estimate and
+//! subtract the zero-rate output of the chip; `offset` is the error of that estimate.
 //!
 //! | data sheet | scale | cross-axis | zero rate, deg/s | noise | g-sensitivity |
 //! |---|---|---|---|---|---|

@@ -47,6 +47,11 @@ const fn hard_iron_case(name: &'static str, description: &'static str, set_up: f
     Case { changes_hard_iron: true, ..case(name, description, set_up) }
 }
 
+/// The same for autopilots with body rates.
+const fn mavlink_hard_iron_case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+    Case { needs_mavlink: true, ..hard_iron_case(name, description, set_up) }
+}
+
 /// All cases in the order of the report.
 pub static CASES: &[Case] = &[
     case("clean", "nothing", |_| {}),
@@ -69,27 +74,18 @@ pub static CASES: &[Case] = &[
         let growth_deg_s2 = flight.random.direction() * (2.0 / 60.0);
         flight.add_attitude_fault(Onset::SOON, rate_offset_ramp(flight.switch(), growth_deg_s2.into()));
     }),
-    Case {
-        needs_mavlink: true,
-        ..hard_iron_case("gyro-1-moved-5", "as gyro-1, and hard iron moved by 5 uT", |flight| {
-            flight.scale_gyro(1.0);
-            flight.change_hard_iron(5.0);
-        })
-    },
-    Case {
-        needs_mavlink: true,
-        ..hard_iron_case("gyro-5-moved-5", "as gyro-5, and hard iron moved by 5 uT", |flight| {
-            flight.scale_gyro(5.0);
-            flight.change_hard_iron(5.0);
-        })
-    },
-    Case {
-        needs_mavlink: true,
-        ..hard_iron_case("gyro-10-moved-5", "as gyro-10, and hard iron moved by 5 uT", |flight| {
-            flight.scale_gyro(10.0);
-            flight.change_hard_iron(5.0);
-        })
-    },
+    mavlink_hard_iron_case("gyro-1-moved-5", "as gyro-1, and hard iron moved by 5 uT", |flight| {
+        flight.scale_gyro(1.0);
+        flight.change_hard_iron(5.0);
+    }),
+    mavlink_hard_iron_case("gyro-5-moved-5", "as gyro-5, and hard iron moved by 5 uT", |flight| {
+        flight.scale_gyro(5.0);
+        flight.change_hard_iron(5.0);
+    }),
+    mavlink_hard_iron_case("gyro-10-moved-5", "as gyro-10, and hard iron moved by 5 uT", |flight| {
+        flight.scale_gyro(10.0);
+        flight.change_hard_iron(5.0);
+    }),
     case("stuck-x", "the sensor's x axis repeats", |flight| flight.stick_axes([true, false, false])),
     case("stuck-y", "the sensor's y axis repeats", |flight| flight.stick_axes([false, true, false])),
     case("stuck-z", "the sensor's z axis repeats", |flight| flight.stick_axes([false, false, true])),

@@ -5,7 +5,7 @@
 //! "Factorization Methods for Discrete Sequential Estimation" (1977): his measurement update, and the Agee-Turner
 //! rank-one update (appendix III.C) for process noise.
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct UdFilter<const N: usize> {
     mean: [f32; N],
     /// `U` by rows; elements on and below the diagonal are unused.
@@ -22,6 +22,9 @@ pub(super) struct Measurement<const N: usize> {
 }
 
 impl<const N: usize> UdFilter<N> {
+    /// States of zero without uncertainty.
+    pub const ZERO: Self = Self { mean: [0.0; N], upper: [[0.0; N]; N], diagonal: [0.0; N] };
+
     pub fn new(sigmas: &[f32; N]) -> Self {
         Self { mean: [0.0; N], upper: [[0.0; N]; N], diagonal: sigmas.map(|sigma| sigma * sigma) }
     }
@@ -38,6 +41,11 @@ impl<const N: usize> UdFilter<N> {
 
     pub fn is_finite(&self) -> bool {
         self.mean.iter().chain(&self.diagonal).chain(self.upper.as_flattened()).all(|x| x.is_finite())
+    }
+
+    /// Mean of `row . states`.
+    pub fn projected_mean(&self, row: &[f32; N]) -> f32 {
+        row.iter().zip(&self.mean).map(|(d, mean)| d * mean).sum()
     }
 
     /// Variance of `row . states`: `sum d_j (U^T row)_j^2`, never negative.
@@ -109,21 +117,21 @@ impl<const N: usize> UdFilter<N> {
 
     /// Time update `x_to += row . x`; the elements of `row` up to `to` must be zero.
     pub fn propagate(&mut self, to: usize, row: &[f32; N]) {
-        self.mean[to] += row.iter().zip(&self.mean).map(|(d, x)| d * x).sum::<f32>();
+        self.mean[to] += self.projected_mean(row);
         for j in to + 1..N {
             self.upper[to][j] += self.u_transposed_times(row, N, j);
         }
     }
 
-    /// Means and covariance factors of the last states, from `from` on.
-    pub fn last_states<const M: usize>(&self, from: usize) -> ([f32; M], [[f32; M]; M], [f32; M]) {
+    /// The last states alone, from `from` on: their covariance has their part of the factors.
+    pub fn last_states<const M: usize>(&self, from: usize) -> UdFilter<M> {
         let upper = core::array::from_fn(|i| core::array::from_fn(|j| self.upper[from + i][from + j]));
         let [mean, diagonal] = [&self.mean, &self.diagonal].map(|all| core::array::from_fn(|i| all[from + i]));
-        (mean, upper, diagonal)
+        UdFilter { mean, upper, diagonal }
     }
 }
 
-/// Number of elements up to the last one that is not zero: measurements do not depend on the last states directly.
+/// Number of elements up to the last one that is not zero. Measurements have zeros for the last states.
 fn used_length<const N: usize>(row: &[f32; N]) -> usize {
     row.iter().rposition(|element| *element != 0.0).map_or(0, |last| last + 1)
 }
@@ -234,5 +242,18 @@ mod tests {
         let mut state = UdFilter::<N>::new(&[1.0; N]);
         state.inflate_variance(1, f32::INFINITY);
         assert!(!state.is_finite());
+    }
+
+    /// `P = [[4 + 0.25 * 4, 0.5], [0.5, 0.25]]` of the last two of three states: `5 + 2 * 3 * 0.5 + 9 * 0.25`.
+    #[test]
+    fn the_last_states_keep_their_covariance() {
+        let mut state = UdFilter::<3>::new(&[9.0, 2.0, 0.5]);
+        state.upper[0] = [0.0, 7.0, 8.0];
+        state.upper[1][2] = 2.0;
+        state.mean = [5.0, 0.0, 0.1];
+        let last: UdFilter<2> = state.last_states(1);
+        let row = [1.0, 3.0];
+        assert!((last.projected_variance(&row) - 10.25).abs() < 1e-5 && (last.projected_mean(&row) - 0.3).abs() < 1e-6);
+        assert!((state.projected_variance(&[0.0, 1.0, 3.0]) - 10.25).abs() < 1e-5);
     }
 }
