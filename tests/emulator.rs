@@ -85,8 +85,8 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     let streamed = mission_result.streamed.unwrap();
     assert!(streamed.rms_deg <= 2.0 && streamed.empty <= 10, "{streamed:?}");
 
-    // The mission restarted the module by command; the reset button restarts it here.
-    emulator.request_reset();
+    // The mission reset the module in flight; here it rests.
+    emulator.reset();
     emulator.run_for_s(1.0);
     let status = emulator.type_line("status");
     assert!(status.contains("started by reset pin") && status.contains("ok calibrated"), "{status}");
@@ -288,7 +288,7 @@ fn a_collection_continues_after_a_reboot() {
         if restarts == 0 {
             emulator.type_line("reboot");
         } else {
-            emulator.request_reset();
+            emulator.reset();
         }
         emulator.run_for_s(1.0);
         let printed = emulator.printed();

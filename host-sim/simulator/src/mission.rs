@@ -172,8 +172,8 @@ struct Mission<'a, M> {
 
 const PIECE_S: f64 = 0.5;
 
-/// Waiting time for the next heartbeat of the autopilot (period 1 s), seconds.
-const HEARTBEAT_S: f64 = 1.2;
+/// Time of a restart to its first line on the console, seconds.
+const RESTART_S: f64 = 0.5;
 
 /// Timeout of the solve, seconds; solving, verifying and storing take about 1 s.
 const PATIENCE_S: f64 = 10.0;
@@ -221,12 +221,11 @@ impl<M: Module> Mission<'_, M> {
 
     /// Restarts the module, flies the mission's legs and compares the output with true headings.
     fn stream(&mut self, legs: &[Leg]) -> (OutputStatistics, Vec<EvaluatedHeading>) {
-        // Disarmed, because an armed module rejects a reboot.
-        self.module.world().set_armed(false);
-        self.module.run_for_s(HEARTBEAT_S);
+        // By the pin, because a module in flight refuses the command.
         let _ = self.module.instrument().receive();
-        self.type_line("reboot");
-        self.module.world().set_armed(true);
+        self.module.reset();
+        self.module.run_for_s(RESTART_S);
+        self.listen();
         let mut evaluated: Vec<EvaluatedHeading> = Vec::new();
         let mut empty = 0;
         let mut reader = SentenceReader::default();

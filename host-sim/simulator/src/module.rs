@@ -34,6 +34,9 @@ pub trait Module {
     /// Advances to a time.
     fn run_until(&mut self, until_us: u64) -> ModuleRunEnd;
 
+    /// Resets the module by its reset pin; it starts when time advances.
+    fn reset(&mut self);
+
     /// Advances by some seconds.
     fn run_for_s(&mut self, seconds: f64) -> ModuleRunEnd {
         self.run_until(self.now_us() + (seconds * 1e6) as u64)

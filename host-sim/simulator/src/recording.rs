@@ -116,6 +116,10 @@ impl<M: Module> Module for RecordingModule<'_, M> {
         self.module.now_us()
     }
 
+    fn reset(&mut self) {
+        self.module.reset();
+    }
+
     fn run_until(&mut self, until_us: u64) -> ModuleRunEnd {
         let ran = self.module.run_until(until_us);
         let now_us = self.module.now_us();

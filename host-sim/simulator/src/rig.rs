@@ -264,6 +264,10 @@ impl Module for Rig {
         self.simulation.now_us()
     }
 
+    fn reset(&mut self) {
+        self.power_on(ResetCause::Pin);
+    }
+
     /// Restarts the module after a reboot request or a watchdog reset.
     fn run_until(&mut self, until_us: u64) -> ModuleRunEnd {
         loop {

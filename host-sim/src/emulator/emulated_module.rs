@@ -137,11 +137,6 @@ impl Emulator {
         self.asked = Some(test);
     }
 
-    /// Requests a reset at the next step.
-    pub fn request_reset(&mut self) {
-        self.reset_pressed = true;
-    }
-
     /// Instructions from the first sensor access to the last written byte, per sample since the last call.
     pub fn take_path_instructions(&mut self) -> Vec<u64> {
         self.sample_path.take_instructions()
@@ -227,6 +222,10 @@ impl Module for Emulator {
 
     fn now_us(&self) -> u64 {
         self.since_us + self.machine_us
+    }
+
+    fn reset(&mut self) {
+        self.reset_pressed = true;
     }
 
     fn run_until(&mut self, until_us: u64) -> ModuleRunEnd {

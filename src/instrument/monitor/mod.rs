@@ -36,7 +36,7 @@ use nalgebra::Vector3;
 use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrorRows, GyroErrors, HeadingRateError};
 use super::ud_filter::{Measurement, UdFilter};
 use crate::attitude::{EulerRates, GyroHeading};
-use crate::calibration::Sample;
+use crate::calibration::{Calibration, Sample};
 use crate::frames::{Field, wrap_pi};
 use crate::heading::NoHeading;
 use crate::time::Timestamp;
@@ -58,11 +58,11 @@ pub(super) use monitored_calibration::MonitoredCalibration;
 pub(super) use output::MonitorOutput;
 use parameters::{
     ATTITUDE_JITTER_S, ATTITUDE_SHARE, COEFFICIENT_VARIANCE_FACTOR, DECAY_TIME_S, DRIFT_FACTOR, DRIFT_TIME_S,
-    INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_GAP_S,
-    MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD,
-    MAX_INCLINATION_CHANGE_RAD, MAX_INNOVATION, MAX_SENT_SIGMA_RAD, MAX_SLOW_HARD_IRON_VARIANCE, MAX_STRENGTH_CHANGE,
-    MAX_TILT_INNOVATION_RAD, MIN_DRIFT, MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON, POST_CHANGE_INFLATION,
-    POST_CHANGE_S, SAMPLE_VARIANCE_FACTORS, SLOW_CHANGE_SHARE, SLOW_CHANGE_TIME_S, STATE_NOISE,
+    INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_AWAITED_SAMPLES, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON,
+    MAX_GAP_S, MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE,
+    MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INNOVATION, MAX_SENT_SIGMA_RAD, MAX_SLOW_HARD_IRON_VARIANCE,
+    MAX_STRENGTH_CHANGE, MAX_TILT_INNOVATION_RAD, MIN_DRIFT, MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON,
+    POST_CHANGE_INFLATION, POST_CHANGE_S, SAMPLE_VARIANCE_FACTORS, SLOW_CHANGE_SHARE, SLOW_CHANGE_TIME_S, STATE_NOISE,
     UNKNOWN_ANGLE_VARIANCE_RAD2, VARIANCE_FLOORS,
 };
 
@@ -88,6 +88,8 @@ pub(super) struct Monitor {
     acceleration_tilt: AccelerationTilt,
     hard_iron_detector: HardIronDetector,
     last_sample_at: Option<Timestamp>,
+    /// Samples discarded while the first report of the motor current is awaited.
+    awaited_samples: u8,
     gyro_run: Option<u8>,
     output: MonitorOutput,
 }
@@ -109,6 +111,7 @@ impl Monitor {
             acceleration_tilt: AccelerationTilt::NEW,
             hard_iron_detector: HardIronDetector::NEW,
             last_sample_at: None,
+            awaited_samples: 0,
             gyro_run: None,
             output: MonitorOutput::INITIAL,
         }
@@ -132,7 +135,10 @@ impl Monitor {
         let motion = turning.map_or_else(EulerRates::default, |turning| turning.euler_rates);
         let seen =
             MonitorSample { field, attitude: sample.latency_compensated_attitude(calibration.latency_s), motion };
-        if !seen.is_finite() || turning.is_some_and(|turning| !turning.relative_heading_rad.is_finite()) {
+        if self.is_awaiting_current(calibration, sample)
+            || !seen.is_finite()
+            || turning.is_some_and(|turning| !turning.relative_heading_rad.is_finite())
+        {
             return;
         }
         let step_s = self.last_sample_at.map_or(INITIAL_STEP_S, |last| at.us_since(last) as f32 * 1e-6);
@@ -157,6 +163,17 @@ impl Monitor {
             return;
         }
         self.update_output(monitored, &seen, turning.as_ref(), step_s);
+    }
+
+    /// Whether to discard a sample because the motor current is not reported yet, for which the calibration corrects: the
+    /// first samples would be estimated as another field.
+    fn is_awaiting_current(&mut self, calibration: &Calibration, sample: &Sample) -> bool {
+        let is_awaiting = self.last_sample_at.is_none()
+            && self.awaited_samples < MAX_AWAITED_SAMPLES
+            && calibration.motor_current.is_applied()
+            && sample.current.amperes().is_none();
+        self.awaited_samples += u8::from(is_awaiting);
+        is_awaiting
     }
 
     /// Not inlined: a whole monitor is on the stack.

@@ -21,7 +21,7 @@ const fn state(initial_sigma: f32, process_noise_per_s: f32) -> StateNoise {
 
 /// Symbols as in `measurement_model.rs`.
 pub(super) const STATE_NOISE: [StateNoise; STATE_COUNT] = [
-    // beta: 0.3 uT of 50, which a calibration leaves; in a minute 0.1 uT more.
+    // beta: 0.13 uT of 50 beside the coefficient errors; in a minute 0.1 uT more.
     state(0.0025, 1e-7),
     state(0.0025, 1e-7),
     state(0.0025, 1e-7),
@@ -152,3 +152,6 @@ pub(super) const MAX_GYRO_OFFSET_RAD_S: f32 = 0.15;
 
 /// Largest scale error or cross-axis sensitivity of a gyro.
 pub(super) const MAX_GYRO_SCALE_ERROR: f32 = 0.2;
+
+/// Longest wait for the first report of the motor current, samples: 3 s, three periods of the slowest autopilot.
+pub(super) const MAX_AWAITED_SAMPLES: u8 = 30;

@@ -5,7 +5,9 @@ use core::f32::consts::PI;
 use testkit::random::Random;
 
 use super::*;
-use crate::calibration::{Calibration, Current, HeadingUncertainty, Orientation, Part, Rates};
+use crate::calibration::{
+    Calibration, Current, HeadingUncertainty, MotorCurrentInterference, Orientation, Part, Rates,
+};
 use crate::frames::{Attitude, Field};
 use crate::heading::Heading;
 use crate::time::WrappingMillis;
@@ -61,6 +63,7 @@ struct Flight {
     wrong: SimulatedErrors,
     samples: u32,
     gyro_rad: f32,
+    current: Current,
 }
 
 const STEP_S: f32 = 0.1;
@@ -114,6 +117,7 @@ impl Flight {
             wrong: SimulatedErrors::NOTHING,
             samples: 0,
             gyro_rad: 2.0,
+            current: Current::UNKNOWN,
         }
     }
 
@@ -156,7 +160,7 @@ impl Flight {
             attitude: reported,
             rates: Rates::ZERO,
             time: at.wrapping_millis(),
-            current: Current::UNKNOWN,
+            current: self.current,
             part: Part::FREE,
         };
         let monitored = MonitoredCalibration {
@@ -363,6 +367,25 @@ fn the_scale_error_of_the_gyro_is_estimated() {
         let expected = (gyro_scale - 1.0) / gyro_scale;
         assert!((found - expected).abs() < 0.005, "{gyro_scale}: {found}");
         assert!(sqrt(errors.projected_variance(&row)) / motion.heading_rad_s < 0.005);
+    }
+}
+
+/// With a calibration that corrects for the motor current, samples before its first report are discarded for 3 s.
+#[test]
+fn the_first_report_of_a_corrected_current_is_awaited() {
+    let applied = MotorCurrentInterference { ut_per_a: [0.8, 0.0, 0.0], ..MotorCurrentInterference::NONE };
+    for (motor_current, reported_a, discarded) in
+        [(MotorCurrentInterference::NONE, None, 0), (applied, Some(15.0), 0), (applied, None, 30)]
+    {
+        let mut flight = Flight::new(15);
+        flight.calibration.motor_current = motor_current;
+        flight.current = Current::from_a(reported_a);
+        let is_new = |flight: &Flight| flight.monitor.last_sample_at.is_none();
+        let waited = (0..100).take_while(|_| {
+            let _ = flight.step();
+            is_new(&flight)
+        });
+        assert_eq!(waited.count(), discarded, "{motor_current:?} {reported_a:?}");
     }
 }
 

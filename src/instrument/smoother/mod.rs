@@ -109,9 +109,9 @@ impl HeadingSmoother {
             self.state = Some(SmootherState::new_at(at, raw.magnetic_rad, variance, turning));
         }
         let state = self.state.as_ref().filter(|_| agreed == AgreementResult::InAgreement)?;
-        let noise = self.residual_noise.remaining_fraction() / NOMINAL_NOISE_FRACTION * state.noise_variance
-            + self.agreement.excess_variance_rad2()
-            + state.gyro_variance;
+        let noise = self.residual_noise.remaining_fraction() / NOMINAL_NOISE_FRACTION * state.noise_variance;
+        // The remaining noise is estimated from innovations, which contain the gyro's errors as well.
+        let noise = noise.max(state.gyro_variance) + self.agreement.excess_variance_rad2();
         Some(Heading {
             magnetic_rad: wrap_two_pi(state.heading_rad),
             sigma_rad: sqrt(noise + raw.systematic_variance_rad2),
