@@ -264,7 +264,7 @@ fn sectors_need_a_circle_of_4_ut_and_ten_samples() {
 #[test]
 fn the_circle_is_fitted_to_fit_and_held_back_samples() {
     let at = |i: u32| {
-        let heading_deg = if i < 12 { i as f32 * 2.0 } else { i as f32 * 30.0 };
+        let heading_deg = if i < 12 { 1.0 + i as f32 * 2.0 } else { 15.0 + i as f32 * 30.0 };
         Sample { time: WrappingMillis::new(i * 400), ..circle_sample(heading_deg) }
     };
     for purpose in [SampleUse::Fit, SampleUse::Verification] {
