@@ -141,11 +141,11 @@ pub struct Flight {
     pub attitude: Series<3>,
     /// Message that replaced a missing autopilot attitude.
     pub attitude_source: Option<&'static str>,
-    /// Body rates p, q, r, rad/s: logged, or differences of the attitude.
+    /// Body rates p, q, r, rad/s: as logged, repaired, or differences of the attitude.
     pub rates: Series<3>,
-    /// Reason for differences of the attitude as body rates.
+    /// Reason why body rates are not as logged.
     pub rates_problem: Option<RatesProblem>,
-    /// Whether a heading can be integrated from the rates.
+    /// Whether a heading can be integrated from the rates: not from differences of the attitude.
     pub has_heading_rates: bool,
     /// GPS rows; columns as in [`Gps`].
     pub gps: Series<6>,

@@ -1,4 +1,4 @@
-//! Body rates of a flight: the logged ones where they agree with the attitude, else differences of the attitude.
+//! Body rates of a flight: as logged, repaired by the attitude, or differences of the attitude.
 
 use autoswing::frames::wrap_pi;
 
@@ -22,21 +22,30 @@ const MIN_MOTION_RAD_S: f64 = 0.017;
 /// Least correlation of rates with the attitude's change that shows their sign and unit.
 const MIN_CORRELATION: f64 = 0.6;
 
-/// Ratio of the attitude's change to the rates beyond which they have another unit; radians and degrees are 57 apart.
+/// Ratio of the attitude's change to the rates beyond which they have another unit.
 const MAX_RATIO: f64 = 10.0;
 
-/// Random walk of the heading integrated from the rates beyond which the attitude's differences are better, deg/s^0.5:
-/// twice what the module's smoother allows for.
-const MAX_WALK_DEG: f64 = 0.2;
+/// Random walk of the heading integrated from the rates beyond which the monitor is better without them, deg/s^0.5. With
+/// noise added to the rates of the recorded flights in docs/your-flight.md, headings had 0.5 to 0.7 deg RMS at 0.4, 0.7 to
+/// 1.0 at 0.6 and 1.2 to 2.8 at 1.1; without rates 0.6.
+const MAX_WALK_DEG: f64 = 0.4;
 
-/// Checks the logged body rates against the attitude, and replaces them if they are missing or worse than its
-/// differences. Without a yaw, differences have no heading rate.
+/// Repairs of an axis each, and one of the unit.
+const MAX_REPAIRS: usize = 4;
+
+/// Checks the logged body rates against the attitude, and repairs a wrong sign or unit. Missing or inexact rates are
+/// replaced by differences of the attitude, which give no heading: those of the yaw contain the errors of its compass.
 pub(super) fn check_rates(flight: &mut Flight) {
     let differences = differences(&flight.attitude);
-    let Some(problem) = problem(&differences, flight) else { return };
-    let has_yaw = flight.attitude.rows().iter().any(|row| row.values[2].is_finite());
-    flight.has_heading_rates = has_yaw && problem != RatesProblem::NotLogged;
-    flight.rates_problem = Some(problem);
+    for _ in 0..=MAX_REPAIRS {
+        let Some(problem) = problem(&differences, flight) else { return };
+        flight.rates_problem.get_or_insert(problem);
+        let Some(factors) = problem.repair() else { break };
+        for row in flight.rates.rows_mut() {
+            row.values = std::array::from_fn(|axis| row.values[axis] * factors[axis]);
+        }
+    }
+    flight.has_heading_rates = false;
     flight.rates = Series::new();
     for row in differences {
         flight.rates.push(row.t_s, row.values);
@@ -77,7 +86,7 @@ fn sign_or_unit(pairs: &[([f32; 3], [f32; 3])], axis: usize) -> Option<RatesProb
     }
     let ratio = (seen / logged).sqrt();
     if (1.0 / MAX_RATIO..MAX_RATIO).contains(&ratio) {
-        (correlation < 0.0).then_some(RatesProblem::WrongSign(['x', 'y', 'z'][axis]))
+        (correlation < 0.0).then_some(RatesProblem::WrongSign(axis))
     } else {
         Some(RatesProblem::WrongUnit(ratio))
     }
@@ -137,27 +146,37 @@ mod tests {
             (flight(|_, rates| rates[2] = -rates[2]), "about z has the sign opposite"),
             (flight(|_, rates| *rates = rates.map(f32::to_degrees)), "0.017 times as fast"),
             (flight(|_, rates| *rates = rates.map(f32::to_radians)), "57."),
-            // Vibration of 6 deg/s, sampled at points: 0.1 s of it is 1.9 deg in a second.
-            (flight(|i, rates| rates[2] += if i % 2 == 0 { 0.1 } else { -0.1 }), "sampled too coarsely"),
+            (flight(|_, rates| *rates = rates.map(|rate| -rate.to_degrees())), "0.017 times as fast"),
         ] {
             let changed = checked(changed);
             let problem = changed.rates_problem.unwrap().to_string();
             assert!(problem.contains(expected), "{expected}: {problem}");
             assert!(changed.has_heading_rates);
+            for (row, truth) in changed.rates.rows().iter().zip(good.rates.rows()) {
+                assert!((0..3).all(|axis| (row.values[axis] - truth.values[axis]).abs() < 1e-5), "{row:?} {truth:?}");
+            }
+        }
+    }
+
+    /// Differences of the yaw are no measurement of the turn, since a compass made it.
+    #[test]
+    fn missing_or_inexact_rates_are_replaced_by_differences_that_give_no_heading() {
+        let good = flight(|_, _| {});
+        let missing = Flight { rates: Series::new(), ..good.clone() };
+        // Vibration of 6 deg/s, sampled at points: 0.1 s of it is 1.9 deg in a second.
+        let inexact = flight(|i, rates| rates[2] += if i % 2 == 0 { 0.1 } else { -0.1 });
+        let unknown_unit = flight(|_, rates| *rates = rates.map(|rate| rate * 1000.0));
+        for (changed, expected) in
+            [(missing, "no body rates"), (inexact, "sampled too coarsely"), (unknown_unit, "0.001 times as fast")]
+        {
+            let changed = checked(changed);
+            let problem = changed.rates_problem.unwrap().to_string();
+            assert!(problem.contains(expected) && !changed.has_heading_rates, "{expected}: {problem}");
+            assert!(changed.rates.rows().len() > 590);
             // Differences over 0.2 s at a period of 10 s.
             for (row, truth) in changed.rates.rows().iter().zip(&good.rates.rows()[1..]) {
                 assert!((0..3).all(|axis| (row.values[axis] - truth.values[axis]).abs() < 0.01), "{row:?} {truth:?}");
             }
         }
-    }
-
-    /// Without a yaw the differences have no heading rate, and without rates nothing is smoothed.
-    #[test]
-    fn missing_rates_are_differences_of_roll_and_pitch() {
-        let mut flight = flight(|_, _| {});
-        flight.rates = Series::new();
-        let flight = checked(flight);
-        assert_eq!((flight.rates_problem, flight.has_heading_rates), (Some(RatesProblem::NotLogged), false));
-        assert!(flight.rates.rows().len() > 590);
     }
 }

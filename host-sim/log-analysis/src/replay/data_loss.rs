@@ -31,7 +31,7 @@ pub(super) fn max_attitude_gap_s(flight: &Flight, most_s: f64) -> f64 {
 
 /// Fraction of gaps in the logged rates, if they are unusable. Differences of the attitude are means over their gaps.
 pub(super) fn excessive_rate_loss(flight: &Flight) -> Option<f64> {
-    if flight.rates_problem.is_some() {
+    if !flight.has_heading_rates {
         return None;
     }
     let (gaps, steps) = gaps(&flight.rates);

@@ -24,8 +24,13 @@ const LATE_ATTITUDE_S: f64 = 0.1;
 /// Warning about a log; displayed as a sentence.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Note {
-    /// No body rates are logged, or they are worse than differences of the attitude.
-    BodyRates(RatesProblem),
+    /// Body rates are not used as logged: they are repaired, or replaced by differences of the attitude.
+    BodyRates {
+        /// Reason.
+        problem: RatesProblem,
+        /// Whether they are repaired.
+        is_repaired: bool,
+    },
     /// The attitude is that of this message, because the autopilot's own is not logged.
     OtherAttitude(&'static str),
     /// Field rows have no time.
@@ -103,7 +108,7 @@ impl Note {
         let is_table = flight.format == LogFormat::Csv;
 
         if let Some(problem) = flight.rates_problem {
-            add_if(true, Self::BodyRates(problem));
+            add_if(true, Self::BodyRates { problem, is_repaired: flight.has_heading_rates });
         }
         if let Some(source) = flight.attitude_source {
             add_if(true, Self::OtherAttitude(source));
@@ -207,10 +212,10 @@ impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let list = |numbers: &[u8]| numbers.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
         match self {
-            Self::BodyRates(problem @ RatesProblem::NotLogged) => {
-                write!(f, "{problem}: those of the attitude's changes are used, and headings are not smoothed")
+            Self::BodyRates { problem, is_repaired: true } => write!(f, "{problem}; they are corrected"),
+            Self::BodyRates { problem, is_repaired: false } => {
+                write!(f, "{problem}: headings are without smoothing and monitor")
             }
-            Self::BodyRates(problem) => write!(f, "{problem}: those of the attitude's changes are used"),
             Self::OtherAttitude(source) => {
                 write!(f, "the autopilot's own attitude is not logged; that of {source} is used")
             }
