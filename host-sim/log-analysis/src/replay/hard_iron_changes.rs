@@ -3,7 +3,7 @@
 use autoswing::calibration::Solution;
 use nalgebra::Vector3;
 
-use super::hard_iron_step::{HardIronStep, find_step};
+use super::hard_iron_step::{HardIronStep, MIN_SIGMAS, find_step};
 use super::replay_run::solve_all_rows;
 use super::row_headings::monitored_changes_ut;
 use super::row_solve::solved_correction;
@@ -112,9 +112,11 @@ impl Search<'_> {
         let moved = FieldCorrection { hard_iron_ut: unmoved.hard_iron_ut + moved * sign, ..unmoved };
         let [without, with] = [unmoved, moved].map(|correction| residual_ut(other, &correction, solution));
         let is_confirmed = is_detected || without > MIN_RESIDUAL_RATIO * with;
+        // On one heading a step's component across it hardly shows, and a significant vertical one bends no heading.
+        let is_bend_significant = change.xy().norm() > MIN_SIGMAS * Vector3::from(step.sigma_ut).xy().norm();
         let horizontal_ut = f64::from(solution.calibration.total_ut * libm::cosf(solution.calibration.inclination_rad));
         let bend_deg = libm::atan(change.xy().norm() / horizontal_ut).to_degrees();
-        (is_confirmed && bend_deg >= MIN_BEND_DEG).then_some(bend_deg)
+        (is_confirmed && is_bend_significant && bend_deg >= MIN_BEND_DEG).then_some(bend_deg)
     }
 }
 

@@ -24,7 +24,7 @@ const MAX_ROWS: usize = 4000;
 
 /// Detection thresholds: standard deviations of the largest component, size in microtesla (smaller steps hardly affect
 /// headings), and ratio of the median residual with the step to that without.
-const MIN_SIGMAS: f64 = 8.0;
+pub(super) const MIN_SIGMAS: f64 = 8.0;
 const MIN_UT: f64 = 1.0;
 const MAX_SCATTER_LEFT: f64 = 0.85;
 
