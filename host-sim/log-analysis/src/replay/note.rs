@@ -212,7 +212,7 @@ impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let list = |numbers: &[u8]| numbers.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
         match self {
-            Self::BodyRates { problem, is_repaired: true } => write!(f, "{problem}; they are corrected"),
+            Self::BodyRates { problem, is_repaired: true } => write!(f, "{problem}; corrected by the attitude"),
             Self::BodyRates { problem, is_repaired: false } => {
                 write!(f, "{problem}: headings are without smoothing and monitor")
             }

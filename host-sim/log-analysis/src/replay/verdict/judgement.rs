@@ -135,6 +135,7 @@ impl Judgement {
         let unknown = if accurate_reference(evaluation).is_some() { Reason::FewHeadings } else { Reason::NoReference };
         let error = as_logged_rms_deg.map_or(unknown, Reason::ErrorAsLogged);
         let given = match parameters {
+            Ok(_) if failure.is_some() => None,
             Ok(export) => export.held_back.map(Reason::Parameters),
             Err(why) => Some(Reason::NoParameters(why.clone())),
         };
