@@ -177,3 +177,13 @@ fn a_plane_report_names_the_injected_cause_and_no_other() {
 fn a_copter_report_names_the_injected_cause_and_no_other() {
     check_causes(VehicleKind::Copter);
 }
+
+/// Recorded copters hover on few headings after 118 s, where a vertical step shows, and one across the heading hardly.
+#[test]
+fn a_vertical_step_of_iron_on_one_heading_is_not_reported_to_bend_headings() {
+    for seed in 0..6 {
+        let cause: Cause = |t_s, sample| sample.field_ut[0][2] += if t_s > 118.0 { 2.0 } else { 0.0 };
+        let Reported { text, changes, .. } = report(VehicleKind::Copter, seed, cause);
+        assert_eq!(changes, 0, "seed {seed}: {text}");
+    }
+}
