@@ -161,6 +161,7 @@ fn check_causes(kind: VehicleKind) {
             assert!(text.contains(case.words), "{about}");
             assert_eq!(changes, case.changes, "{about}");
             assert!(!text.contains("mounted"), "{about}");
+            assert_eq!(text.contains("with these parameters"), action == CompassAction::Load, "{about}");
             if let (LOAD, Some(rms_deg), Some(untouched_deg)) = (case.actions, rms_deg, untouched.rms_deg) {
                 assert!(rms_deg < 1.2 * untouched_deg + 0.2, "{about}: {untouched_deg} deg untouched");
             }

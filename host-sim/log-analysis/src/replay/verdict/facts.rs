@@ -3,6 +3,7 @@
 use autoswing::calibration::{AttitudeLatency, MotorCurrentInterference, Solution};
 
 use super::flight_verdict::{CompassVerdict, Verdict};
+use super::judgement::CompassAction;
 use crate::numbers::format_number;
 use crate::replay::RowCounts;
 use crate::replay::hard_iron_changes::HardIronChange;
@@ -33,7 +34,7 @@ impl Verdict<'_> {
             );
         }
         match parameters {
-            Ok(exported) => {
+            Ok(exported) if judgement.action == CompassAction::Load => {
                 if let Some([from_s, to_s]) = exported.rows_s {
                     add("parameters", format!("fitted to {from_s:.0} to {to_s:.0} s of the log"));
                 }
@@ -41,6 +42,8 @@ impl Verdict<'_> {
                 add("as parameters", format!("{lost} deg RMS lost"));
                 exported.warnings.iter().for_each(|warning| add("parameters", warning.clone()));
             }
+            // Of a failed sensor.
+            Ok(_) => {}
             Err(why) => add("parameters", format!("none: {why}")),
         }
         add("module", outcome.to_string());
