@@ -1,7 +1,9 @@
 //! Replays of simulated flights.
 #![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
+mod causes;
 mod course;
+mod judgement;
 mod native;
 mod rows;
 

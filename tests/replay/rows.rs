@@ -105,17 +105,18 @@ fn body_rates_reduce_the_heading_error_by_smoothing() {
     assert!(ratios.iter().sum::<f64>() < 0.9 * ratios.len() as f64, "{ratios:?}");
 }
 
-/// `--fit-until` and `--inclination`.
+/// A part of the rows, and `--inclination`.
 #[test]
 fn a_fit_to_a_part_of_the_flight_is_good_or_refused() {
     let rows = recorded(&WorldConfig::table1(1), 3.0);
-    let early = replay(&rows, &ReplayOptions { fit_until_s: Some(25.0), ..TURNS });
+    let until = |end_s: f64| -> Vec<ReplayRow> { rows.iter().filter(|row| row.t_s < end_s).copied().collect() };
+    let early = replay(&until(25.0), &TURNS);
     assert!(matches!(early.accepted, Err(Refusal::Solve(_))), "{:?}", early.accepted);
     assert!(early.headings.is_empty() && early.score.is_none());
     let told = replay(&rows, &ReplayOptions { inclination_deg: Some(54.0), ..TURNS }).solution.unwrap();
     assert!((told.calibration.inclination_rad.to_degrees() - 54.0).abs() < 1.0);
     let all = replay(&rows, &ALL);
-    assert!(all.samples > replay(&rows, &ReplayOptions { fit_until_s: Some(35.0), ..ALL }).samples);
+    assert!(all.samples > replay(&until(35.0), &ALL).samples);
 }
 
 /// A straight leg and a third of a circle.

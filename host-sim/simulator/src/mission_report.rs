@@ -3,8 +3,11 @@
 use autoswing::calibration::{Calibration, Orientation};
 use autoswing::frames::{Field, Level};
 use log_analysis::numbers::format_number;
+use log_analysis::replay::verdict::CompassState;
 use log_analysis::report::ReportOrigin;
-use log_analysis::report::model::{CompassReport, DeviationCurve, EventMark, ReferenceInfo, Report, ReportSample};
+use log_analysis::report::model::{
+    CompassReport, DeviationCurve, EventMark, ReferenceInfo, Report, ReportSample, VerdictLine,
+};
 use log_analysis::score::{ErrorStatistics, wrap_180};
 
 use crate::heading_errors::{BANKS_DEG, HeadingErrors};
@@ -18,8 +21,7 @@ pub fn report_mission(mission_result: &MissionResult, made: &ReportOrigin) -> Re
     let kind = mission_result.world.aircraft.kind.name();
     Report {
         title: format!("Simulated {kind}, seed {seed}"),
-        accepted: mission_result.result.is_ok(),
-        verdict: verdict(mission_result),
+        verdicts: vec![verdict_line(mission_result)],
         figures: figures(mission_result),
         reference: ReferenceInfo {
             difference_name: "error",
@@ -41,8 +43,12 @@ pub fn report_mission(mission_result: &MissionResult, made: &ReportOrigin) -> Re
     }
 }
 
-fn verdict(mission_result: &MissionResult) -> String {
-    match &mission_result.result {
+fn verdict_line(mission_result: &MissionResult) -> VerdictLine {
+    let (state, word) = match &mission_result.result {
+        Ok(_) => (CompassState::Good, "Accepted"),
+        Err(_) => (CompassState::Bad, "Refused"),
+    };
+    let text = match &mission_result.result {
         Ok(shown) => format!(
             "the module calibrated itself {} s into the flight by {}, expecting {} deg RMS; the true error is {}",
             format_number(mission_result.solved_s, 0),
@@ -52,7 +58,8 @@ fn verdict(mission_result: &MissionResult) -> String {
         ),
         Err(SolveNotice::Refused { code, words }) => format!("the module refused: {code}: {words}"),
         Err(SolveNotice::Calibrated(words)) => format!("calibrated, but cal show could not be read: {words}"),
-    }
+    };
+    VerdictLine { state, word, text }
 }
 
 fn figures(mission_result: &MissionResult) -> Vec<[String; 2]> {

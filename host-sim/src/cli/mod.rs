@@ -4,6 +4,7 @@ mod accuracy;
 mod bench;
 mod failure;
 mod files;
+mod fleet;
 mod fly;
 mod integrity;
 mod print;
@@ -78,7 +79,10 @@ fn carry_out(command: &Command) -> Result<ExitCode, Failure> {
         Command::Serve(options) => serve::serve(options),
         Command::Console(options) => serve::console(options),
         Command::Table1(options) => table1::run(options),
-        Command::Replay(options) => replay::run(options),
+        Command::Replay(options) => match options.files.as_slice() {
+            [file] if !file.is_dir() => replay::run(file, options),
+            _ => fleet::run(options),
+        },
         Command::Bench(Bench::Accuracy(options)) => accuracy::run(options),
         Command::Bench(Bench::Budget(options)) => bench::budget(options),
         Command::Bench(Bench::Integrity(options)) => integrity::run(options),

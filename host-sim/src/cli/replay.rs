@@ -1,4 +1,4 @@
-//! `host-sim replay`.
+//! `host-sim replay` of one log.
 
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -8,12 +8,12 @@ use std::process::ExitCode;
 use autoswing::heading::NoHeading;
 use clap::Args;
 use comfy_table::Table;
-use log_analysis::log::LogError;
 use log_analysis::log::csv::FieldUnit;
-use log_analysis::replay::evaluation::{CompassEvaluation, EvaluationOptions, evaluate_flight};
+use log_analysis::log::{Flight, LogError};
+use log_analysis::replay::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, evaluate_flight};
 use log_analysis::replay::parameter_export::{self, ParameterFormat};
 use log_analysis::replay::verdict::Verdict;
-use log_analysis::replay::{HeadingRow, RowSelection};
+use log_analysis::replay::{ReferenceHeading, ReferenceKind, ReplayResult, RowSelection};
 use log_analysis::report::{self, ReportOrigin};
 
 use super::failure::Failure;
@@ -27,6 +27,14 @@ const SAMPLES: &[(&str, RowSelection)] =
 
 const PARAMETER_FORMATS: &[(&str, ParameterFormat)] =
     &[("ardupilot", ParameterFormat::ArduPilot), ("px4", ParameterFormat::Px4), ("inav", ParameterFormat::Inav)];
+
+const REFERENCES: &[(&str, ReferenceKind)] = &[
+    ("simulator", ReferenceKind::Simulator),
+    ("column", ReferenceKind::Column),
+    ("gps-yaw", ReferenceKind::GpsYaw),
+    ("gps-course", ReferenceKind::GpsCourse),
+    ("autopilot", ReferenceKind::AutopilotYaw),
+];
 
 const UNITS: &[(&str, FieldUnit)] = &[("mg", FieldUnit::Milligauss), ("ut", FieldUnit::Microtesla)];
 
@@ -44,87 +52,134 @@ const UNITS: &[(&str, FieldUnit)] = &[("mg", FieldUnit::Milligauss), ("ut", Fiel
 /// and course_deg (over ground, from true north), armed (0 or 1), and mx2, my2, mz2 of a second compass, up to the
 /// eighth. Invalid lines are skipped.
 ///
-/// Exit codes: 0 the module would calibrate with at least one compass, 1 with none, 2 the file cannot be read.
+/// The verdict is on each compass as the aircraft flies it now, the one in use first, and on what to do: load the
+/// parameters, leave it, fly again, or replace it.
+///
+/// Exit codes: 0 the compass in use is good or parameters for it are given, 1 neither, 2 the file cannot be read; of
+/// several logs the highest.
 #[derive(Args)]
 pub struct Replay {
-    /// The log; `-` is standard input
-    file: PathBuf,
+    /// The log, `-` is standard input; several logs, or folders of logs, give one line each, the worst first
+    #[arg(required = true)]
+    pub files: Vec<PathBuf>,
     /// Rows used for the fit: samples the module keeps in any flight until they suffice (`flight`); `all` usable rows,
     /// evenly thinned to the device's capacity; or the samples of its `turns` procedure
     #[arg(long, default_value = "flight", value_name = "flight|all|turns", value_parser = one_of(SAMPLES))]
-    samples: RowSelection,
+    pub samples: RowSelection,
     /// Evaluate only this compass, by the autopilot's number, 1 to 8
     #[arg(long, value_name = "N", value_parser = integer(1_u8, 8))]
-    compass: Option<u8>,
+    pub compass: Option<u8>,
     /// MAVLink system to read if the log has several vehicles, 1 to 255 [default: the first autopilot received]
     #[arg(long, value_name = "N", value_parser = integer(1_u8, 255))]
-    system: Option<u8>,
+    pub system: Option<u8>,
     /// Latency of the logged field at its time stamp, milliseconds, -200 to 500 [default: estimated from the flight]
     #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = number(-200.0, 500.0))]
-    age: Option<f64>,
-    /// Write the parameters of the compasses that would have calibrated
+    pub age: Option<f64>,
+    /// Write the parameters to load; without any, an existing file is left as it is
     #[arg(long, value_name = "FILE")]
-    params: Option<PathBuf>,
+    pub params: Option<PathBuf>,
     /// Format of the parameters [default: of the autopilot that wrote the log, else ArduPilot's]
     #[arg(long, value_name = "ardupilot|px4|inav", value_parser = one_of(PARAMETER_FORMATS))]
-    params_for: Option<ParameterFormat>,
+    pub params_for: Option<ParameterFormat>,
     /// Unit of mx, my, mz in a table: milligauss or microtesla
     #[arg(long, default_value = "mg", value_name = "mg|ut", value_parser = one_of(UNITS))]
-    unit: FieldUnit,
+    pub unit: FieldUnit,
     /// Inclination of the Earth field, degrees, -90 to 90, positive down [default: by the field model if the log has
     /// place and day and the samples do not contradict it, else estimated]
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = number(-90.0, 90.0))]
-    inclination: Option<f64>,
-    /// Fit only rows before this time of the log, seconds, -1000000000 to 1000000000
+    pub inclination: Option<f64>,
+    /// Use only rows from this time of the log on, seconds, -1000000000 to 1000000000
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = number(-1e9, 1e9))]
-    fit_until: Option<f64>,
+    pub from: Option<f64>,
+    /// Use only rows up to this time of the log, seconds, -1000000000 to 1000000000
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = number(-1e9, 1e9))]
+    pub to: Option<f64>,
+    /// Heading that errors are measured against [default: the best in the log, in this order]
+    #[arg(long, value_name = "simulator|column|gps-yaw|gps-course|autopilot", value_parser = one_of(REFERENCES))]
+    pub reference: Option<ReferenceKind>,
     /// Write t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg for every row of the first compass; the last
     /// two are empty without a smoothed heading
     #[arg(long, value_name = "FILE")]
-    out: Option<PathBuf>,
+    pub out: Option<PathBuf>,
     /// Write the report page: a folder for its index.html, or a file (.html; .svg: only the before-and-after picture)
     #[arg(long, value_name = "DIR|FILE")]
-    report: Option<PathBuf>,
+    pub report: Option<PathBuf>,
     /// Print one JSON object instead of the table
     #[arg(long)]
-    json: bool,
+    pub json: bool,
 }
 
-pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
-    let name = options.file.display();
-    let bar = waiting("reading the log");
-    let flight = read_log(&options.file, options.unit, options.system).map_err(|e| match e {
+/// Reads a log.
+///
+/// # Errors
+///
+/// The file cannot be read, or holds no usable flight.
+pub fn read_flight(file: &Path, options: &Replay) -> Result<Flight, Failure> {
+    let name = file.display();
+    read_log(file, options.unit, options.system).map_err(|e| match e {
         LogError::Io(why) => {
             Failure(format!("cannot read {name}: {why}; give the path of a log, or - for standard input"))
         }
         other => Failure(format!("{name}: {other}")),
-    })?;
-    bar.set_message("evaluating the compasses");
+    })
+}
+
+/// Evaluates a log.
+///
+/// # Errors
+///
+/// The log does not have the compass or the reference of the options.
+pub fn evaluate(file: &Path, flight: &Flight, options: &Replay) -> Result<FlightEvaluation, Failure> {
+    let name = file.display();
     let evaluation = evaluate_flight(
-        &flight,
+        flight,
         &EvaluationOptions {
             selected: options.samples,
             compass: options.compass,
             inclination_deg: options.inclination,
-            fit_until_s: options.fit_until,
+            window_s: [options.from.unwrap_or(f64::NEG_INFINITY), options.to.unwrap_or(f64::INFINITY)],
+            reference: options.reference,
             age_s: options.age.map(|ms| ms / 1e3),
         },
     );
-    bar.finish_and_clear();
     if evaluation.compasses.is_empty() {
         let numbers: Vec<String> = flight.compasses.iter().map(|compass| compass.number.to_string()).collect();
         return Err(Failure(format!("{name}: the log has no compass of this number; it has {}", numbers.join(", "))));
     }
+    if options.reference.is_some() && evaluation.reference.is_none() {
+        let has = |(_, kind): &&(&str, ReferenceKind)| ReferenceHeading::of_kind(flight, *kind).is_some();
+        let others: Vec<&str> = REFERENCES.iter().filter(has).map(|(name, _)| *name).collect();
+        return Err(Failure(format!("{name}: the log has no such reference; it has {}", others.join(", "))));
+    }
+    Ok(evaluation)
+}
+
+pub fn run(file: &Path, options: &Replay) -> Result<ExitCode, Failure> {
+    if options.params_for.is_some() && options.params.is_none() && options.report.is_none() {
+        return Err(Failure("--params-for chooses the format of a file: give --params FILE, or --report".to_owned()));
+    }
+    let name = file.display();
+    let bar = waiting("reading the log");
+    let flight = read_flight(file, options)?;
+    bar.set_message("evaluating the compasses");
+    let evaluation = evaluate(file, &flight, options)?;
+    bar.finish_and_clear();
     let format = options.params_for.unwrap_or_else(|| ParameterFormat::for_autopilot(flight.autopilot));
     let verdict = Verdict::new(&flight, &evaluation, format);
     let parameters = verdict.parameters();
     let parameter_file = || parameter_export::format_parameter_file(&flight, &parameters, format);
     if let Some(path) = &options.params {
-        std::fs::write(path, parameter_file()).map_err(|e| cannot_write(path, &e))?;
+        let numbers: Vec<String> = parameters.iter().map(|export| export.number.to_string()).collect();
+        if numbers.is_empty() {
+            print::print_error(format_args!("host-sim: no parameters to load; {} is not written", path.display()));
+        } else {
+            std::fs::write(path, parameter_file()).map_err(|e| cannot_write(path, &e))?;
+            print::print_error(format_args!("parameters of compass {}: {}", numbers.join(", "), path.display()));
+        }
     }
     if let Some(path) = &options.out {
-        let headings = evaluation.compasses.first().map_or(&[][..], |compass| &compass.module.headings);
-        write_headings(path, headings).map_err(|e| cannot_write(path, &e))?;
+        let module = verdict.by_use().first().map(|compass| &compass.evaluation.module);
+        write_headings(path, module).map_err(|e| cannot_write(path, &e))?;
     }
     let text = verdict_text(&name.to_string(), &verdict);
     if let Some(path) = &options.report {
@@ -144,7 +199,7 @@ pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
     } else {
         print::print_text(&text);
     }
-    Ok(if verdict.is_accepted() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if verdict.is_solved() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 fn settings(options: &Replay) -> Vec<[String; 2]> {
@@ -153,7 +208,12 @@ fn settings(options: &Replay) -> Vec<[String; 2]> {
     let mut settings = vec![["samples".to_owned(), samples], ["age of the field".to_owned(), age]];
     let given = [
         ("inclination", options.inclination.map(|deg| format!("{deg} deg"))),
-        ("fitted until", options.fit_until.map(|s| format!("{s} s"))),
+        ("from", options.from.map(|s| format!("{s} s"))),
+        ("to", options.to.map(|s| format!("{s} s"))),
+        (
+            "reference",
+            REFERENCES.iter().find(|(_, kind)| Some(*kind) == options.reference).map(|(name, _)| (*name).to_owned()),
+        ),
         ("compass", options.compass.map(|number| number.to_string())),
         ("system", options.system.map(|number| number.to_string())),
     ];
@@ -167,9 +227,12 @@ fn cannot_write(path: &Path, error: &std::io::Error) -> Failure {
 
 fn verdict_text(name: &str, verdict: &Verdict<'_>) -> String {
     let mut out = String::new();
-    append_wrapped(&mut out, "", &format!("VERDICT: {}", verdict.outcome));
+    for (compass, sentence) in verdict.by_use().iter().zip(verdict.sentences()) {
+        append_wrapped(&mut out, &format!("{}: ", compass.judgement.state.to_string().to_uppercase()), &sentence);
+    }
     append_wrapped(&mut out, "", &verdict.log_description(name));
-    for compass in &verdict.compasses {
+    append_wrapped(&mut out, "", &format!("an Autoswing module on this flight: {}", verdict.outcome));
+    for compass in verdict.by_use() {
         let _ = writeln!(out, "\ncompass {}", compass.evaluation.number);
         for [name, value] in verdict.facts(compass) {
             append_wrapped(&mut out, "  ", &format!("{name}: {value}"));
@@ -214,12 +277,15 @@ fn table(verdict: &Verdict<'_>) -> Table {
     table
 }
 
-/// Writes the heading of each row; the status shows whether the module would have sent it.
-fn write_headings(path: &Path, shown: &[HeadingRow]) -> std::io::Result<()> {
+/// Writes the heading of each row; the status shows whether the module would have sent it. After a refusal it is that of
+/// a module without a calibration.
+fn write_headings(path: &Path, module: Option<&ReplayResult>) -> std::io::Result<()> {
     let mut out = std::io::BufWriter::new(std::fs::File::create(path)?);
     writeln!(out, "t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg")?;
-    for row in shown {
-        let status = row.status.map_or_else(NoHeading::code, |()| "ok");
+    let is_refused = module.is_some_and(|module| module.accepted.is_err());
+    for row in module.map_or(&[][..], |module| &module.headings) {
+        let status = if is_refused { Err(NoHeading::Uncalibrated) } else { row.status };
+        let status = status.map_or_else(NoHeading::code, |()| "ok");
         let smooth =
             row.smooth_deg.map_or_else(|| ",".to_owned(), |[deg, sigma_deg]| format!("{deg:.2},{sigma_deg:.2}"));
         writeln!(out, "{:.3},{:.2},{:.2},{status},{smooth}", row.t_s, row.heading_deg, row.sigma_deg)?;

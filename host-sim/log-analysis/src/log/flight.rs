@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use super::ParameterHistory;
 use super::correction::FieldCorrection;
+use super::rates_problem::RatesProblem;
 use super::series::Series;
 
 /// Log file format.
@@ -140,8 +141,12 @@ pub struct Flight {
     pub attitude: Series<3>,
     /// Message that replaced a missing autopilot attitude.
     pub attitude_source: Option<&'static str>,
-    /// Body rates p, q, r, rad/s.
+    /// Body rates p, q, r, rad/s: as logged, repaired, or differences of the attitude.
     pub rates: Series<3>,
+    /// Reason why body rates are not as logged.
+    pub rates_problem: Option<RatesProblem>,
+    /// Whether a heading can be integrated from the rates: not from differences of the attitude.
+    pub has_heading_rates: bool,
     /// GPS rows; columns as in [`Gps`].
     pub gps: Series<6>,
     /// Battery current, amperes.
@@ -181,6 +186,8 @@ impl Flight {
             attitude: Series::new(),
             attitude_source: None,
             rates: Series::new(),
+            rates_problem: None,
+            has_heading_rates: true,
             gps: Series::new(),
             current: Series::new(),
             armed: Vec::new(),

@@ -22,6 +22,8 @@ mod dataflash;
 mod flight;
 mod flight_builder;
 mod parameters;
+mod rates;
+mod rates_problem;
 mod read_window;
 mod rotation;
 pub mod series;
@@ -36,6 +38,7 @@ pub use correction::{FieldCorrection, missing_ardupilot_parameters};
 pub(crate) use correction::{px4_mounting, symmetric_matrix};
 pub use flight::{Autopilot, Compass, Flight, Gps, LogFormat, SkippedCounts, mounting_parameter_changes};
 pub use parameters::ParameterHistory;
+pub use rates_problem::RatesProblem;
 pub use rotation::NumberedRotation;
 
 use std::fmt;
@@ -124,6 +127,13 @@ pub fn read(source: &mut dyn Read, unit: FieldUnit) -> Result<Flight, LogError> 
 ///
 /// The source cannot be read, or holds no usable flight.
 pub fn read_system(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
+    let mut flight = read_as_logged(source, unit, system)?;
+    rates::check_rates(&mut flight);
+    Ok(flight)
+}
+
+/// Reads a flight with its body rates unchecked.
+fn read_as_logged(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
     let mut head = Vec::new();
     (&mut *source).take(HEAD as u64).read_to_end(&mut head)?;
     let format = detect_format(&head)?;

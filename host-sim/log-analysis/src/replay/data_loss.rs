@@ -15,13 +15,25 @@ const SOON_S: f64 = 0.25;
 /// Rates with more than one gap in this many steps are unusable for integration.
 const ONE_IN: usize = 25;
 
+/// Interval of the attitude from which on interpolation is unreliable, seconds: 3 Hz with a margin for jitter.
+pub(super) const SLOW_ATTITUDE_S: f64 = 0.34;
+
+/// Whether a heading can be integrated from the rates of a flight.
+pub(super) fn has_integrable_rates(flight: &Flight) -> bool {
+    let is_slow = flight.attitude.median_step_s().is_some_and(|step_s| step_s > SLOW_ATTITUDE_S);
+    flight.has_heading_rates && !is_slow && excessive_rate_loss(flight).is_none()
+}
+
 /// Largest interpolation gap of attitudes, seconds, at most `most_s`.
 pub(super) fn max_attitude_gap_s(flight: &Flight, most_s: f64) -> f64 {
     flight.attitude.median_step_s().map_or(most_s, |step_s| (TWO_LOST * step_s).clamp(SOON_S, most_s))
 }
 
-/// Fraction of gaps in the rates, if they are unusable.
+/// Fraction of gaps in the logged rates, if they are unusable. Differences of the attitude are means over their gaps.
 pub(super) fn excessive_rate_loss(flight: &Flight) -> Option<f64> {
+    if !flight.has_heading_rates {
+        return None;
+    }
     let (gaps, steps) = gaps(&flight.rates);
     (gaps * ONE_IN > steps).then(|| gaps as f64 / steps as f64)
 }

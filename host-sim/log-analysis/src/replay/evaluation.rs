@@ -6,14 +6,15 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::field_latency::{self, FieldLatency};
-use super::hard_iron_step::{self, HardIronStep};
-use super::replay_run::solve_all_rows;
+use super::hard_iron_changes::{HardIronChange, find_changes};
+use super::parameter_fit::ParameterFit;
 use super::row_headings::score;
+use super::row_solve::solved_correction;
 use super::{
-    HeadingScore, ReferenceHeading, ReplayOptions, ReplayResult, ReplayRow, RowCounts, RowSelection, baseline_fits,
-    build_rows, replay_with,
+    HeadingScore, ReferenceHeading, ReferenceKind, ReplayOptions, ReplayResult, ReplayRow, RowCounts, RowSelection,
+    baseline_fits, build_rows, replay_with,
 };
-use crate::log::{Compass, FieldCorrection, Flight, Gps};
+use crate::log::{Compass, FieldCorrection, Flight, Gps, mounting_parameter_changes};
 
 /// Options of an evaluation.
 #[derive(Clone, Copy, Debug)]
@@ -24,16 +25,24 @@ pub struct EvaluationOptions {
     pub compass: Option<u8>,
     /// Inclination of the Earth field, degrees; default: the field model.
     pub inclination_deg: Option<f64>,
-    /// Rows from this flight time on are not fitted, seconds.
-    pub fit_until_s: Option<f64>,
+    /// Seconds of the log from and up to which rows are used, for fits and scores.
+    pub window_s: [f64; 2],
+    /// Reference heading; default: the best in the log.
+    pub reference: Option<ReferenceKind>,
     /// Latency of the logged field, seconds; default: estimated.
     pub age_s: Option<f64>,
 }
 
 impl EvaluationOptions {
     /// All compasses, with the samples the module keeps in flight.
-    pub const DEFAULT: Self =
-        Self { selected: RowSelection::Flight, compass: None, inclination_deg: None, fit_until_s: None, age_s: None };
+    pub const DEFAULT: Self = Self {
+        selected: RowSelection::Flight,
+        compass: None,
+        inclination_deg: None,
+        window_s: [f64::NEG_INFINITY, f64::INFINITY],
+        reference: None,
+        age_s: None,
+    };
 }
 
 /// Evaluation of a compass.
@@ -61,10 +70,10 @@ pub struct CompassEvaluation {
     pub corrections: Vec<ScoredCorrection>,
     /// Field strength by a sphere fit, microtesla.
     pub radius_ut: Option<f64>,
-    /// Step of hard iron in flight.
-    pub hard_iron_step: Option<HardIronStep>,
-    /// Expected RMS of the rows before and after the step alone, degrees; none without a solution.
-    pub expected_rms_by_part_deg: Vec<Option<f64>>,
+    /// Changes of hard iron in flight, in order of time.
+    pub changes: Vec<HardIronChange>,
+    /// Fits for the parameters.
+    pub parameter_fit: ParameterFit,
 }
 
 /// A correction with its score.
@@ -130,8 +139,11 @@ pub struct FlightEvaluation {
 /// Evaluates a flight.
 #[must_use]
 pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) -> FlightEvaluation {
-    let reference = ReferenceHeading::best(flight);
+    let reference = evaluation_options
+        .reference
+        .map_or_else(|| ReferenceHeading::best(flight), |kind| ReferenceHeading::of_kind(flight, kind));
     let earth = earth(flight);
+    let earth_ut = earth.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
     let compasses: Vec<&Compass> = flight
         .compasses
         .iter()
@@ -151,12 +163,12 @@ pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) 
         selected: evaluation_options.selected,
         inclination_deg: evaluation_options.inclination_deg,
         place_and_day: place(flight).zip(flight.day),
-        fit_until_s: evaluation_options.fit_until_s,
     };
+    let context = Context { flight, reference: reference.as_ref(), earth_ut, window_s: evaluation_options.window_s };
     let compasses: Vec<CompassEvaluation> = compasses
         .par_iter()
         .zip(ages)
-        .map(|(compass, age)| evaluate_compass(flight, compass, age, reference.as_ref(), &options))
+        .map(|(compass, age)| evaluate_compass(&context, compass, age, &options))
         .collect();
     FlightEvaluation {
         compasses,
@@ -166,14 +178,36 @@ pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) 
     }
 }
 
+/// Common to the compasses of a flight.
+struct Context<'a> {
+    flight: &'a Flight,
+    reference: Option<&'a ReferenceHeading>,
+    earth_ut: Option<f64>,
+    window_s: [f64; 2],
+}
+
+impl Context<'_> {
+    /// Rows of a compass; those outside the window are not usable.
+    fn rows(&self, compass: &Compass, age: FieldLatency) -> (Vec<ReplayRow>, RowCounts) {
+        let (mut rows, mut counted) = build_rows(self.flight, compass, age.used_s, self.reference);
+        let [from_s, to_s] = self.window_s;
+        for row in rows.iter_mut().filter(|row| row.usable && !(from_s..=to_s).contains(&row.t_s)) {
+            row.usable = false;
+            counted.used -= 1;
+            counted.kept_out += 1;
+        }
+        (rows, counted)
+    }
+}
+
 fn evaluate_compass(
-    flight: &Flight,
+    context: &Context<'_>,
     compass: &Compass,
     age: FieldLatency,
-    reference: Option<&ReferenceHeading>,
     options: &ReplayOptions,
 ) -> CompassEvaluation {
-    let (rows, counted) = build_rows(flight, compass, age.used_s, reference);
+    let &Context { flight, earth_ut, .. } = context;
+    let (rows, counted) = context.rows(compass, age);
     let module = replay_with(&rows, Some(flight), options);
     let all_rows = if options.selected == RowSelection::All {
         module.clone()
@@ -199,7 +233,7 @@ fn evaluate_compass(
     corrections.push(scored(CorrectionSource::Ellipsoid, baseline_fits::fit_ellipsoid(&fields).map(|(iron, _)| iron)));
     let solved = |correction_source, replayed: &ReplayResult| ScoredCorrection {
         source: correction_source,
-        correction: solved_correction(replayed),
+        correction: replayed.solution.as_ref().map(solved_correction),
         score: replayed.score,
     };
     corrections.push(solved(CorrectionSource::Module, &module));
@@ -208,17 +242,13 @@ fn evaluate_compass(
     }
     let sphere = baseline_fits::fit_sphere(&fields);
     let radius_ut = sphere.map(|(_, radius_ut)| radius_ut).filter(|_| is_turned(&fields));
-    let initial_correction =
-        solved_correction(&all_rows).or_else(|| solved_correction(&module)).or(sphere.map(|(iron, _)| iron));
-    let hard_iron_step =
-        initial_correction.and_then(|initial_correction| hard_iron_step::find_step(&rows, &initial_correction));
-    let expected_rms_by_part_deg = hard_iron_step.as_ref().map_or_else(Vec::new, |change| {
-        let [before, after]: [Vec<ReplayRow>; 2] =
-            [true, false].map(|is| rows.iter().filter(|row| (row.t_s < change.at_s) == is).copied().collect());
-        let expected =
-            |part: &Vec<ReplayRow>| solve_all_rows(part).map(|solution| f64::from(solution.quality.expected_rms_deg));
-        vec![expected(&before), expected(&after)]
-    });
+    let initial = [&all_rows, &module].into_iter().find_map(|result| result.solution.as_ref().map(solved_correction));
+    let initial = initial.or(sphere.map(|(iron, _)| iron));
+    let total_ut = earth_ut.or(radius_ut).unwrap_or(f64::INFINITY);
+    let changes = initial.map_or_else(Vec::new, |initial| find_changes(&rows, flight, &initial, total_ut));
+    let remounted_s = mounting_parameter_changes(flight, compass.number).into_iter().map(|(_, at_s)| at_s);
+    let changed_s = changes.iter().map(|change| change.step.at_s).chain(remounted_s).reduce(f64::max);
+    let parameter_fit = ParameterFit::new(&rows, changed_s, options);
     let reading_interval_s = compass.field.median_step_s().unwrap_or(f64::NAN);
     let Compass { number, is_used, .. } = *compass;
     CompassEvaluation {
@@ -233,8 +263,8 @@ fn evaluate_compass(
         rms_without_current_deg: without_current_deg,
         corrections,
         radius_ut,
-        hard_iron_step,
-        expected_rms_by_part_deg,
+        changes,
+        parameter_fit,
     }
 }
 
@@ -262,24 +292,14 @@ fn without_current_deg(
     Some(replay_with(&rows_without_current, Some(flight), options).score?.rms_deg)
 }
 
-fn solved_correction(replay_result: &ReplayResult) -> Option<FieldCorrection> {
-    let calibration = replay_result.solution.as_ref()?.calibration;
-    let matrix = calibration.w_matrix().map(f64::from);
-    let by_current_ut = Vector3::from(calibration.motor_current.ut_per_a).map(f64::from);
-    Some(FieldCorrection {
-        matrix,
-        hard_iron_ut: calibration.b_vector_ut().map(f64::from),
-        motor_ut_per_a: by_current_ut,
-    })
-}
-
 /// Heading score of a correction.
 #[must_use]
 pub fn score_correction(rows: &[ReplayRow], correction: &FieldCorrection) -> Option<HeadingScore> {
     score(rows, |row| Some((heading_deg(row, row.corrected(correction)), f64::NAN)))
 }
 
-fn heading_deg(row: &ReplayRow, corrected: Vector3<f64>) -> f64 {
+/// Heading of a row by a corrected field, degrees.
+pub(super) fn heading_deg(row: &ReplayRow, corrected: Vector3<f64>) -> f64 {
     let field: Field<Body> = Field::new(corrected.map(|axis| axis as f32));
     f64::from(row.attitude.level(field).heading_rad().to_degrees())
 }

@@ -14,14 +14,14 @@ use crate::numbers::square;
 /// Largest standard deviation of a usable estimate, seconds: 0.6 deg at 30 deg/s.
 const MAX_SIGMA_S: f64 = 0.02;
 
-/// Search range of the latency, seconds.
-const MIN_S: f64 = -0.2;
+/// Search range of the latency, seconds; negative if the attitude is later than the field.
+const MIN_S: f64 = -0.5;
 const MAX_S: f64 = 0.5;
 
 /// Remaining shift at which the search has converged, seconds.
 const SETTLED_S: f64 = 0.002;
 
-const MAX_TRIED: usize = 4;
+const MAX_TRIED: usize = 8;
 
 /// Latency of a logged field, from measurement to time stamp.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

@@ -8,19 +8,62 @@ pub(super) const LONG_S: f64 = 10.0;
 /// Least change of roll or pitch, radians (3 deg); at rest a quiet field may stay constant.
 const MOVES_RAD: f32 = 0.05;
 
-/// Intervals with a frozen field while the aircraft moves, seconds.
-pub(super) fn frozen_intervals_s(rows: &[ReplayRow]) -> Vec<[f64; 2]> {
-    rows.chunk_by(|previous, next| previous.field.ut == next.field.ut).filter_map(frozen_interval).collect()
+/// Largest change of a stuck axis, fraction of the field strength (2 mG in 500): logs have integers of a milligauss, of
+/// which a correction mixes three.
+const STUCK: f32 = 0.004;
+
+/// Least change of the other axes, fraction of the field strength, that a working axis takes part in.
+const OTHERS_CHANGE: f32 = 0.25;
+
+/// An interval with a frozen field or axis while the aircraft moves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct FrozenInterval {
+    /// First and last row, seconds.
+    pub interval_s: [f64; 2],
+    /// The stuck axis; none if all are.
+    pub axis: Option<char>,
+}
+
+/// Intervals with a frozen field or axis while the aircraft moves.
+pub(super) fn frozen_intervals(rows: &[ReplayRow]) -> Vec<FrozenInterval> {
+    let whole = rows.chunk_by(|previous, next| previous.field.ut == next.field.ut).filter_map(frozen_interval);
+    let mut found: Vec<FrozenInterval> = whole.map(|interval_s| FrozenInterval { interval_s, axis: None }).collect();
+    for (axis, name) in ['x', 'y', 'z'].into_iter().enumerate() {
+        found.extend(stuck_axis(rows, axis).map(|interval_s| FrozenInterval { interval_s, axis: Some(name) }));
+    }
+    found
+}
+
+fn span(rows: &[ReplayRow], value_of: impl Fn(&ReplayRow) -> f32) -> f32 {
+    let values = || rows.iter().map(&value_of);
+    values().fold(f32::MIN, f32::max) - values().fold(f32::MAX, f32::min)
 }
 
 fn frozen_interval(run: &[ReplayRow]) -> Option<[f64; 2]> {
-    let moves = |angle_of: fn(&ReplayRow) -> f32| {
-        let angles = || run.iter().map(angle_of);
-        angles().fold(f32::MIN, f32::max) - angles().fold(f32::MAX, f32::min) > MOVES_RAD
-    };
     let [from_s, to_s] = [run.first()?.t_s, run.last()?.t_s];
-    let is_dead = to_s - from_s > LONG_S && (moves(|row| row.attitude.roll_rad) || moves(|row| row.attitude.pitch_rad));
-    is_dead.then_some([from_s, to_s])
+    let moves = span(run, |row| row.attitude.roll_rad).max(span(run, |row| row.attitude.pitch_rad)) > MOVES_RAD;
+    (to_s - from_s > LONG_S && moves).then_some([from_s, to_s])
+}
+
+/// Intervals in which an axis is constant although the others show that the field turned.
+fn stuck_axis(rows: &[ReplayRow], axis: usize) -> impl Iterator<Item = [f64; 2]> + use<'_> {
+    let mut rest = rows;
+    std::iter::from_fn(move || {
+        let first = rest.first()?.field.ut;
+        let (mut least, mut most, limit_ut) = (first[axis], first[axis], STUCK * first.norm());
+        let is_same = |row: &&ReplayRow| {
+            (least, most) = (least.min(row.field.ut[axis]), most.max(row.field.ut[axis]));
+            most - least <= limit_ut
+        };
+        let (run, later) = rest.split_at(rest.iter().take_while(is_same).count().max(1));
+        rest = later;
+        Some(run)
+    })
+    .filter_map(move |run| {
+        let strength_ut = run.first()?.field.ut.norm();
+        let others = [1, 2].map(|other| span(run, |row| row.field.ut[(axis + other) % 3]));
+        frozen_interval(run).filter(|_| others[0].max(others[1]) > OTHERS_CHANGE * strength_ut)
+    })
 }
 
 #[cfg(test)]
@@ -54,8 +97,26 @@ mod tests {
             [(11, 4.0, 0.0, true), (11, 0.0, 4.0, true), (9, 20.0, 20.0, false), (60, 2.0, 2.0, false)]
         {
             let expected = if is_dead { vec![[0.0, f64::from(seconds)]] } else { Vec::new() };
-            let found = frozen_intervals_s(&still(seconds, roll_deg, pitch_deg));
+            let found: Vec<[f64; 2]> =
+                frozen_intervals(&still(seconds, roll_deg, pitch_deg)).iter().map(|found| found.interval_s).collect();
             assert_eq!(found, expected, "{seconds} s, {roll_deg} and {pitch_deg} deg");
+        }
+    }
+
+    /// The y axis stays within a milligauss, or within five, while the others turn with the aircraft.
+    #[test]
+    fn an_axis_that_is_constant_while_the_field_turns_is_stuck() {
+        for (y_ut, is_stuck) in [(0.1, true), (0.5, false)] {
+            let mut rows = still(30, 20.0, 0.0);
+            for (i, row) in rows.iter_mut().enumerate() {
+                let heading = i as f32 / 30.0;
+                let ripple = if i % 2 == 0 { y_ut } else { 0.0 };
+                row.field = Field::from_ut(20.0 * libm::cosf(heading), 7.0 + ripple, 40.0 + libm::sinf(heading));
+            }
+            let found = frozen_intervals(&rows);
+            let expected =
+                if is_stuck { vec![FrozenInterval { interval_s: [0.0, 30.0], axis: Some('y') }] } else { Vec::new() };
+            assert_eq!(found, expected, "{y_ut}");
         }
     }
 }

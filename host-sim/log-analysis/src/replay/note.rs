@@ -5,9 +5,12 @@ use std::fmt;
 use serde::{Serialize, Serializer};
 
 use super::evaluation::{CompassEvaluation, FlightEvaluation};
+use super::frozen_field::{self, FrozenInterval, frozen_intervals};
 use super::gps_course::{GpsCourseHeading, GpsCourseRejection};
-use super::{ReferenceHeading, data_loss, frozen_field, is_monitored};
-use crate::log::{Autopilot, Flight, LogFormat, missing_ardupilot_parameters, mounting_parameter_changes};
+use super::{ReferenceHeading, data_loss, is_monitored};
+use crate::log::{
+    Autopilot, Flight, LogFormat, RatesProblem, missing_ardupilot_parameters, mounting_parameter_changes,
+};
 
 /// Largest plausible ratio between field strength and model.
 const PLAUSIBLE: f64 = 1.35;
@@ -15,11 +18,19 @@ const PLAUSIBLE: f64 = 1.35;
 /// Weakest and strongest Earth field, microtesla.
 const EARTH_UT: [f64; 2] = [22.0, 67.0];
 
+/// Lag of the attitude behind the field that is reported, seconds: 3 deg of heading at 30 deg/s.
+const LATE_ATTITUDE_S: f64 = 0.1;
+
 /// Warning about a log; displayed as a sentence.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Note {
-    /// No body rates are logged.
-    NoBodyRates,
+    /// Body rates are not used as logged: they are repaired, or replaced by differences of the attitude.
+    BodyRates {
+        /// Reason.
+        problem: RatesProblem,
+        /// Whether they are repaired.
+        is_repaired: bool,
+    },
     /// The attitude is that of this message, because the autopilot's own is not logged.
     OtherAttitude(&'static str),
     /// Field rows have no time.
@@ -41,10 +52,12 @@ pub enum Note {
         /// Likely cause.
         cause: &'static str,
     },
-    /// The field is constant while the aircraft moves.
+    /// The field, or an axis of it, is constant while the aircraft moves.
     FieldFrozen {
         /// Number of the compass.
         compass: u8,
+        /// The stuck axis; none if all are.
+        axis: Option<char>,
         /// Start and end of the longest interval, seconds.
         interval_s: [f64; 2],
     },
@@ -59,6 +72,8 @@ pub enum Note {
     },
     /// Mounting parameters changed, with their times from the start, seconds.
     MountingChanged(Vec<(String, f64)>),
+    /// Milliseconds that the logged attitude is later than the field.
+    LateAttitude(f64),
     /// Component that is evaluated, and other autopilots of the same system.
     OtherAutopilots(u8, Vec<u8>),
     /// Percentage of readings with an attitude that contradicts the body rates.
@@ -92,7 +107,9 @@ impl Note {
         // Native formats define their units.
         let is_table = flight.format == LogFormat::Csv;
 
-        add_if(flight.rates.is_empty(), Self::NoBodyRates);
+        if let Some(problem) = flight.rates_problem {
+            add_if(true, Self::BodyRates { problem, is_repaired: flight.has_heading_rates });
+        }
         if let Some(source) = flight.attitude_source {
             add_if(true, Self::OtherAttitude(source));
         }
@@ -106,6 +123,9 @@ impl Note {
             notes.extend(implausible_strength(evaluation, compass, is_table));
             notes.extend(sensor_failure(flight, compass));
         }
+        let oldest_s = compasses.iter().filter(|compass| compass.latency.sigma_s.is_some());
+        let oldest_s = oldest_s.map(|compass| compass.latency.used_s).fold(f64::INFINITY, f64::min);
+        notes.extend((oldest_s < -LATE_ATTITUDE_S).then_some(Self::LateAttitude(-oldest_s * 1e3)));
         notes.extend(mounting_changes(flight, evaluation));
         notes.extend(others(&flight.components).map(|(own, others)| Self::OtherAutopilots(own, others)));
         let contradicted = |compass: &&CompassEvaluation| compass.counts.unsettled * 5 > compass.counts.readings;
@@ -192,9 +212,10 @@ impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let list = |numbers: &[u8]| numbers.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
         match self {
-            Self::NoBodyRates => f.write_str(
-                "no body rates are logged: attitude is interpolated linearly, and headings are not smoothed",
-            ),
+            Self::BodyRates { problem, is_repaired: true } => write!(f, "{problem}; corrected by the attitude"),
+            Self::BodyRates { problem, is_repaired: false } => {
+                write!(f, "{problem}: headings are without smoothing and monitor")
+            }
             Self::OtherAttitude(source) => {
                 write!(f, "the autopilot's own attitude is not logged; that of {source} is used")
             }
@@ -224,11 +245,14 @@ impl fmt::Display for Note {
                 let decimals = if *found_ut < 1.0 { 4 } else { 1 };
                 write!(f, "compass {compass}: the field is {found_ut:.decimals$} uT strong, {expected}: {cause}")
             }
-            Self::FieldFrozen { compass, interval_s: [from_s, to_s] } => write!(
-                f,
-                "compass {compass}: its field is constant while the aircraft moves, from {from_s:.0} to {to_s:.0} s; \
-                 these rows are not used, as in the module (sensor-stuck)",
-            ),
+            Self::FieldFrozen { compass, axis, interval_s: [from_s, to_s] } => {
+                let stuck = axis.map_or_else(|| "field".to_owned(), |axis| format!("{axis} axis"));
+                write!(
+                    f,
+                    "compass {compass}: its {stuck} is constant while the aircraft moves, from {from_s:.0} to \
+                     {to_s:.0} s; these rows are not used, as in the module (sensor-stuck)",
+                )
+            }
             Self::FieldEnds { compass, at_s, log_s } => {
                 write!(f, "compass {compass}: its field ends at {at_s:.0} s, the log at {log_s:.0} s")
             }
@@ -241,6 +265,11 @@ impl fmt::Display for Note {
                     changes.join(", ")
                 )
             }
+            Self::LateAttitude(ms) => write!(
+                f,
+                "the attitude is logged {ms:.0} ms later than the field; the comparison allows for it, but a module that \
+                 receives it so late does not",
+            ),
             Self::OtherAutopilots(own, others) => write!(
                 f,
                 "several autopilots of the same system on the link: component {own}, received first, is evaluated, not {}",
@@ -286,10 +315,11 @@ impl Serialize for Note {
 /// Warning about a sensor that failed: its field ends, or freezes while the aircraft moves.
 pub(super) fn sensor_failure(flight: &Flight, compass: &CompassEvaluation) -> Option<Note> {
     let number = compass.number;
-    let frozen = frozen_field::frozen_intervals_s(&compass.rows);
-    let longest = frozen.into_iter().max_by(|one, other| (one[1] - one[0]).total_cmp(&(other[1] - other[0])));
-    if let Some(interval_s) = longest {
-        return Some(Note::FieldFrozen { compass: number, interval_s });
+    let duration_s = |frozen: &FrozenInterval| frozen.interval_s[1] - frozen.interval_s[0];
+    let longest =
+        frozen_intervals(&compass.rows).into_iter().max_by(|one, other| duration_s(one).total_cmp(&duration_s(other)));
+    if let Some(FrozenInterval { interval_s, axis }) = longest {
+        return Some(Note::FieldFrozen { compass: number, axis, interval_s });
     }
     let (last, end) = (compass.rows.last()?, flight.attitude.rows().last()?);
     (end.t_s - last.t_s > frozen_field::LONG_S).then_some(Note::FieldEnds {
@@ -324,7 +354,7 @@ mod tests {
         assert_eq!(notes_after(|_| {}), [""; 0]);
         assert_eq!(notes_after(|flight| flight.parameters.set(1.0, "COMPASS_MOTCT", 2.0)), [""; 0]);
         let cases: [(Change, &str); 10] = [
-            (|flight| flight.rates = crate::log::series::Series::new(), "no body rates"),
+            (|flight| flight.rates_problem = Some(RatesProblem::NotLogged), "no body rates"),
             (
                 |flight| {
                     flight.format = LogFormat::Csv;

@@ -6,15 +6,15 @@
 
 use std::fmt::Write as _;
 
+use autoswing::calibration::Calibration;
 use autoswing::frames::Field;
 use nalgebra::{DMatrix, DVector, Matrix3, SVD, Vector3};
 
-use super::evaluation::{CompassEvaluation, score_correction};
-use super::{HeadingScore, ReplayRow};
+use super::ReplayRow;
 use crate::log::{
     Autopilot, FieldCorrection, Flight, NumberedRotation, ParameterHistory, px4_mounting, symmetric_matrix,
 };
-use crate::numbers::square;
+use crate::numbers::{format_number, square};
 use crate::score::wrap_180;
 
 /// Format of a parameter file.
@@ -39,6 +39,20 @@ impl ParameterFormat {
     }
 }
 
+/// Heading error of parameters on held-back rows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeldBackScore {
+    /// With the parameters, degrees RMS less mean.
+    pub rms_deg: f64,
+    /// As logged, same rows, degrees RMS less mean.
+    pub as_logged_rms_deg: f64,
+    /// Whether both are estimates from strength and inclination of the corrected field, for want of a reference.
+    pub is_estimate: bool,
+    /// Heading error that corresponds to the scatter of the corrected strength, degrees RMS. Errors of the attitude do
+    /// not contribute: a large value is a disturbed field.
+    pub disturbed_deg: f64,
+}
+
 /// A solution in the form an autopilot can express.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExportedCorrection {
@@ -50,8 +64,10 @@ pub struct ExportedCorrection {
     pub rotation: NumberedRotation,
     /// Heading difference to the full solution, degrees: RMS less mean, and mean.
     pub heading_loss_deg: [f64; 2],
-    /// Heading score, with a reference.
-    pub score: Option<HeadingScore>,
+    /// First and last row fitted, seconds.
+    pub rows_s: Option<[f64; 2]>,
+    /// Heading error on held-back rows.
+    pub held_back: Option<HeldBackScore>,
     /// Warnings about what cannot be expressed or would be rejected.
     pub warnings: Vec<String>,
 }
@@ -71,26 +87,36 @@ impl ExportedCorrection {
     fn goes_with_current(&self) -> bool {
         self.correction.motor_ut_per_a != Vector3::zeros()
     }
+
+    /// Largest offset, milligauss.
+    pub(super) fn largest_offset_mg(&self) -> f64 {
+        self.correction.hard_iron_ut.amax() * MILLIGAUSS
+    }
+
+    /// Limit of the offsets that the autopilot rejects, milligauss, if exceeded.
+    pub(super) fn exceeded_offset_mg(&self, flight: &Flight, dialect: ParameterFormat) -> Option<f64> {
+        let limit_mg = flight.parameters.last("COMPASS_OFFS_MAX").unwrap_or(USUAL_MAX_OFFSET);
+        (dialect == ParameterFormat::ArduPilot && self.largest_offset_mg() > limit_mg).then_some(limit_mg)
+    }
 }
 
-/// Converts the module's accepted result. `total_ut` is the Earth's field strength, if known.
+/// Converts a calibration of a compass, with the rows that it is for. `total_ut` is the Earth's field strength, if
+/// known.
 #[must_use]
 pub fn export_correction(
-    flight: &Flight,
-    evaluation: &CompassEvaluation,
+    number: u8,
+    own_rows: &[ReplayRow],
+    calibration: &Calibration,
     total_ut: Option<f64>,
     dialect: ParameterFormat,
 ) -> Option<ExportedCorrection> {
-    let replay_result =
-        [&evaluation.module, &evaluation.all_rows].into_iter().find(|replay_result| replay_result.accepted.is_ok())?;
-    let calibration = replay_result.solution.as_ref()?.calibration;
     let w = calibration.w_matrix().map(f64::from);
     let b = calibration.b_vector_ut().map(f64::from);
     let (turn, symmetric) = polar_decomposition(&w)?;
     let turned = nearest_mounting(&turn);
     let q = turned.matrix();
     let scale = total_ut.map_or(1.0, |total_ut| total_ut / f64::from(calibration.total_ut));
-    let rows: Vec<ReplayRow> = evaluation.rows.iter().map(|row| turned_row(row, &q)).collect();
+    let rows: Vec<ReplayRow> = own_rows.iter().map(|row| turned_row(row, &q)).collect();
     let by_current_ut = Vector3::from(calibration.motor_current.ut_per_a).map(f64::from);
     let full = FieldCorrection { matrix: w, hard_iron_ut: b, motor_ut_per_a: by_current_ut };
     // INAV has no current compensation; the mean interference goes into the offsets.
@@ -101,8 +127,8 @@ pub fn export_correction(
         hard_iron_ut: q * (b + by_current_ut * usual_a),
         motor_ut_per_a: if dialect == ParameterFormat::Inav { Vector3::zeros() } else { q * by_current_ut },
     };
-    let exportable = nearest(&evaluation.rows, &rows, &full, near, dialect == ParameterFormat::Inav);
-    let lost_deg = heading_loss_deg_of(&evaluation.rows, &rows, &full, &exportable);
+    let exportable = nearest(own_rows, &rows, &full, near, dialect == ParameterFormat::Inav);
+    let lost_deg = heading_loss_deg_of(own_rows, &rows, &full, &exportable);
     let mut warnings = Vec::new();
     if lost_deg[0] > LOSS_WORTH_SAYING_DEG {
         warnings.push(format!("what cannot be expressed costs {:.1} deg RMS", lost_deg[0]));
@@ -113,18 +139,45 @@ pub fn export_correction(
     if turned.number() != 0 {
         warnings.push("the mounting of the compass differs from its parameters: check the orientation".to_owned());
     }
-    let most = flight.parameters.last("COMPASS_OFFS_MAX").unwrap_or(USUAL_MAX_OFFSET);
-    if dialect == ParameterFormat::ArduPilot && exportable.hard_iron_ut.amax() * MILLIGAUSS > most {
-        warnings.push(format!("offsets beyond COMPASS_OFFS_MAX, {most:.0}, are rejected by the autopilot"));
-    }
     Some(ExportedCorrection {
-        number: evaluation.number,
+        number,
         correction: exportable,
         rotation: turned,
         heading_loss_deg: lost_deg,
-        score: score_correction(&rows, &exportable),
+        rows_s: None,
+        held_back: None,
         warnings,
     })
+}
+
+/// The field of a row, microtesla, as the autopilot corrects it by exported parameters: with the digits of the file.
+pub(super) fn applied_field(
+    flight: &Flight,
+    export: &ExportedCorrection,
+    dialect: ParameterFormat,
+) -> impl Fn(&ReplayRow) -> Vector3<f64> + use<> {
+    let text = format_parameter_file(flight, std::slice::from_ref(export), dialect);
+    let parameters = parse_parameter_file(&text, &flight.parameters);
+    let correction = match dialect {
+        ParameterFormat::ArduPilot => FieldCorrection::from_ardupilot(&parameters, export.number),
+        ParameterFormat::Px4 => FieldCorrection::from_px4(&parameters, export.number),
+        ParameterFormat::Inav => inav_correction(&text),
+    };
+    let q = export.rotation.matrix();
+    // The heading is that of the body axes, to which the orientation parameter turns the field first.
+    move |row| turned_row(row, &q).corrected(&correction)
+}
+
+/// INAV's `(raw - zero) 1024 / gain`, in milligauss.
+fn inav_correction(text: &str) -> FieldCorrection {
+    let values = |name: &str, unset: f64| {
+        Vector3::from(["x", "y", "z"].map(|axis| {
+            let prefix = format!("set {name}_{axis} = ");
+            text.lines().find_map(|line| line.strip_prefix(&prefix)?.parse::<f64>().ok()).unwrap_or(unset)
+        }))
+    };
+    let scale = values("maggain", 1024.0).map(|gain| 1024.0 / gain);
+    FieldCorrection::without_current(Matrix3::from_diagonal(&scale), values("magzero", 0.0) / MILLIGAUSS)
 }
 
 /// Symmetric (or diagonal) matrix and offsets whose headings over usable rows are nearest to the full correction's, by
@@ -261,17 +314,22 @@ pub fn format_parameter_file(flight: &Flight, exports: &[ExportedCorrection], di
 }
 
 fn comments(text: &mut String, export: &ExportedCorrection) -> std::fmt::Result {
-    writeln!(
-        text,
-        "# compass {}; {:.2} deg RMS are lost by what cannot be expressed",
-        export.number, export.heading_loss_deg[0]
-    )?;
+    write!(text, "# compass {}", export.number)?;
+    if let Some(HeldBackScore { rms_deg, as_logged_rms_deg, is_estimate, .. }) = export.held_back {
+        let estimated = if is_estimate { " (estimated)" } else { "" };
+        write!(text, ": {rms_deg:.2} deg RMS on held-back rows, {as_logged_rms_deg:.2} as logged{estimated}")?;
+    }
+    if let Some([from_s, to_s]) = export.rows_s {
+        write!(text, "; fitted to {from_s:.0} to {to_s:.0} s of the log")?;
+    }
+    writeln!(text, "\n# {:.2} deg RMS are lost by what cannot be expressed", export.heading_loss_deg[0])?;
     export.warnings.iter().try_for_each(|warning| writeln!(text, "# {warning}"))
 }
 
 fn ardupilot(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
     if exports.iter().any(ExportedCorrection::goes_with_current) {
         writeln!(text, "COMPASS_MOTCT,2")?;
+        zero_other_compensations(text, flight, exports)?;
     }
     for export in exports {
         comments(text, export)?;
@@ -285,7 +343,7 @@ fn ardupilot(text: &mut String, flight: &Flight, exports: &[ExportedCorrection])
             ("MOT", -(export.correction.matrix * export.correction.motor_ut_per_a) * MILLIGAUSS, 3),
         ] {
             for (axis, number) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {
-                writeln!(text, "COMPASS_{name}{index}_{axis},{number:.decimals$}")?;
+                writeln!(text, "COMPASS_{name}{index}_{axis},{}", format_number(*number, decimals))?;
             }
         }
         writeln!(text, "COMPASS_SCALE{index},1")?;
@@ -302,6 +360,21 @@ fn ardupilot(text: &mut String, flight: &Flight, exports: &[ExportedCorrection])
                 _ if is_internal => writeln!(text, "# {orient}: not used, because {external} is 0")?,
                 Some((rotation, off_deg)) if off_deg < 1.0 => writeln!(text, "{orient},{}", rotation.number())?,
                 _ => writeln!(text, "# {orient}: the orientation has no number")?,
+            }
+        }
+    }
+    Ok(())
+}
+
+/// `COMPASS_MOTCT` is common to all compasses: values of another kind (throttle) are set to zero.
+fn zero_other_compensations(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
+    let parameter = |name: &str| flight.parameters.last(name).unwrap_or(0.0);
+    let others = flight.compasses.iter().filter(|other| exports.iter().all(|export| export.number != other.number));
+    for other in others.filter(|_| parameter("COMPASS_MOTCT").round() as i32 != 2) {
+        let index = if other.number == 1 { String::new() } else { other.number.to_string() };
+        for name in ["X", "Y", "Z"].map(|axis| format!("COMPASS_MOT{index}_{axis}")) {
+            if parameter(&name) != 0.0 {
+                writeln!(text, "{name},0")?;
             }
         }
     }
@@ -332,7 +405,7 @@ fn px4(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> st
         for (name, numbers) in [("OFF", offsets * GAUSS), ("SCALE", diagonal), ("ODIAG", off_diagonal), ("COMP", comp)]
         {
             for (axis, number) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {
-                writeln!(text, "1\t1\tCAL_MAG{index}_{axis}{name}\t{number:.6}\t9")?;
+                writeln!(text, "1\t1\tCAL_MAG{index}_{axis}{name}\t{}\t9", format_number(*number, 6))?;
             }
         }
         match configured_rotation {

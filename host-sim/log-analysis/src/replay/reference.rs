@@ -20,6 +20,26 @@ pub enum ReferenceHeading {
     AutopilotYaw,
 }
 
+/// Kind of a reference heading, best first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ReferenceKind {
+    /// True attitude of a simulator.
+    Simulator,
+    /// Column of a table.
+    Column,
+    /// Yaw of two antennas.
+    GpsYaw,
+    /// GPS course.
+    GpsCourse,
+    /// The autopilot's own yaw.
+    AutopilotYaw,
+}
+
+impl ReferenceKind {
+    /// All, best first.
+    pub const ALL: [Self; 5] = [Self::Simulator, Self::Column, Self::GpsYaw, Self::GpsCourse, Self::AutopilotYaw];
+}
+
 /// Largest interpolation gap, seconds.
 const MAX_GAP_S: f64 = 0.5;
 
@@ -27,18 +47,21 @@ impl ReferenceHeading {
     /// Selects the best reference in a log.
     #[must_use]
     pub fn best(flight: &Flight) -> Option<Self> {
-        let has_yaw =
-            |series: &crate::log::series::Series<3>| series.rows().iter().any(|row| row.values[2].is_finite());
-        if !flight.truth.is_empty() {
-            Some(Self::Simulator)
-        } else if !flight.reference_heading.is_empty() {
-            Some(Self::Column)
-        } else if flight.gps.rows().iter().filter(|row| row.values[5].is_finite()).count() > 20 {
-            Some(Self::GpsYaw)
-        } else if let Ok(course) = GpsCourseHeading::from_flight(flight) {
-            Some(Self::GpsCourse(course))
-        } else {
-            has_yaw(&flight.attitude).then_some(Self::AutopilotYaw)
+        ReferenceKind::ALL.into_iter().find_map(|kind| Self::of_kind(flight, kind))
+    }
+
+    /// The reference of a kind, if the log has it.
+    #[must_use]
+    pub fn of_kind(flight: &Flight, kind: ReferenceKind) -> Option<Self> {
+        let gps_yaws = || flight.gps.rows().iter().filter(|row| row.values[5].is_finite()).count();
+        match kind {
+            ReferenceKind::Simulator => (!flight.truth.is_empty()).then_some(Self::Simulator),
+            ReferenceKind::Column => (!flight.reference_heading.is_empty()).then_some(Self::Column),
+            ReferenceKind::GpsYaw => (gps_yaws() > 20).then_some(Self::GpsYaw),
+            ReferenceKind::GpsCourse => GpsCourseHeading::from_flight(flight).ok().map(Self::GpsCourse),
+            ReferenceKind::AutopilotYaw => {
+                flight.attitude.rows().iter().any(|row| row.values[2].is_finite()).then_some(Self::AutopilotYaw)
+            }
         }
     }
 
@@ -79,6 +102,20 @@ impl ReferenceHeading {
     #[must_use]
     pub const fn is_accuracy(&self) -> bool {
         !matches!(self, Self::AutopilotYaw)
+    }
+
+    /// Standard deviation of a reference that is accurate enough to judge a compass, degrees; of a column it is unknown
+    /// and taken for zero.
+    #[must_use]
+    pub fn accurate_sigma_deg(&self) -> Option<f64> {
+        const MAX_SIGMA_DEG: f64 = 2.0;
+        let sigma_deg = match self {
+            Self::Simulator | Self::Column => 0.0,
+            Self::GpsYaw => 1.0,
+            Self::GpsCourse(course) => course.sigma_deg(),
+            Self::AutopilotYaw => f64::INFINITY,
+        };
+        (sigma_deg <= MAX_SIGMA_DEG).then_some(sigma_deg)
     }
 
     /// Name of a difference from the reference.

@@ -1,5 +1,6 @@
 //! Replays rows: samples by the instrument, a solution by the module or of a selection, headings of all rows.
 
+use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Sample, Solution};
 use autoswing::collection::RetainedSamples;
 use autoswing::instrument::{Instrument, InstrumentConfig};
@@ -8,8 +9,11 @@ use super::module_run::ModuleRun;
 use super::result::{HeadingRow, ReplayOptions, ReplayResult, RowSelection};
 use super::row::ReplayRow;
 use super::row_headings::{compute_headings, estimate, instrument_config, score};
-use super::row_solve::{RunOutcome, SolverPrior, from_all, from_turns};
+use super::row_solve::{RunOutcome, SolverPrior, from_all, from_procedure};
 use crate::log::Flight;
+
+/// Expected error of a poor solve, degrees RMS: larger than that of a good compass.
+const POOR_DEG: f32 = 2.0;
 
 /// Replays rows, in order of time, without attitudes between them.
 #[must_use]
@@ -21,10 +25,10 @@ pub fn replay(rows: &[ReplayRow], options: &ReplayOptions) -> ReplayResult {
 #[must_use]
 pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &ReplayOptions) -> ReplayResult {
     let config = instrument_config(rows);
-    let usable = fitted(rows, options, config);
+    let usable = fitted(rows, config);
     let run = match options.selected {
         RowSelection::All => from_all(&usable, &SolverPrior::new(options, config)),
-        RowSelection::Turns => from_turns(&usable, &SolverPrior::new(options, config)),
+        RowSelection::Turns => from_procedure(&usable, Procedure::Turns, &SolverPrior::new(options, config)),
         RowSelection::Flight => {
             let mut retained = RetainedSamples::EMPTY;
             let mut module = ModuleRun::new(options, config.readings_per_sample(), &mut retained);
@@ -44,15 +48,33 @@ pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &Replay
     ReplayResult { solution, accepted, samples, fitted_s, ended_s, headings: shown, score: raw, smoothed_score: smooth }
 }
 
+/// Solves the usable rows, evenly thinned.
 pub(super) fn solve_all_rows(rows: &[ReplayRow]) -> Option<Solution> {
-    let config = instrument_config(rows);
-    let options = ReplayOptions::with_selection(RowSelection::All);
-    from_all(&fitted(rows, &options, config), &SolverPrior::new(&options, config)).solution
+    solve_rows(rows, &ReplayOptions::with_selection(RowSelection::All)).0
 }
 
-/// Samples of the usable rows before the fit limit.
-fn fitted(rows: &[ReplayRow], options: &ReplayOptions, config: InstrumentConfig) -> Vec<Sample> {
-    let usable = rows.iter().filter(|row| row.usable && options.fit_until_s.is_none_or(|until_s| row.t_s < until_s));
+/// Solves the usable rows, evenly thinned, and evaluates whether the module would accept the result. Where that fails,
+/// as in flights that are mostly straight, solves the samples that the module would retain of all of them.
+pub(super) fn solve_rows(rows: &[ReplayRow], options: &ReplayOptions) -> (Option<Solution>, bool) {
+    let config = instrument_config(rows);
+    let options = ReplayOptions { selected: RowSelection::All, ..*options };
+    let (samples, known) = (fitted(rows, config), SolverPrior::new(&options, config));
+    let expected_deg = |outcome: &RunOutcome| {
+        outcome.solution.as_ref().map_or(f32::INFINITY, |solution| solution.quality.expected_rms_deg)
+    };
+    let mut outcome = from_all(&samples, &known);
+    if expected_deg(&outcome) > POOR_DEG {
+        let retained = from_procedure(&samples, Procedure::Flight, &known);
+        if expected_deg(&retained) < expected_deg(&outcome) {
+            outcome = retained;
+        }
+    }
+    (outcome.solution, outcome.accepted.is_ok())
+}
+
+/// Samples of the usable rows.
+fn fitted(rows: &[ReplayRow], config: InstrumentConfig) -> Vec<Sample> {
+    let usable = rows.iter().filter(|row| row.usable);
     let start_s = rows.first().map_or(0.0, |row| row.t_s);
     let mut instrument = Instrument::new(config);
     usable

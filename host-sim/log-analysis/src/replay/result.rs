@@ -27,15 +27,13 @@ pub struct ReplayOptions {
     /// Place and day for the field model, used if no inclination is configured and dropped if the samples contradict
     /// it.
     pub place_and_day: Option<(Position, Date)>,
-    /// Rows from this flight time on are not fitted, seconds.
-    pub fit_until_s: Option<f64>,
 }
 
 impl ReplayOptions {
     /// Options with a row selection and no prior information.
     #[must_use]
     pub const fn with_selection(selected: RowSelection) -> Self {
-        Self { selected, inclination_deg: None, place_and_day: None, fit_until_s: None }
+        Self { selected, inclination_deg: None, place_and_day: None }
     }
 
     /// Configured inclination, else that of the field model, radians.

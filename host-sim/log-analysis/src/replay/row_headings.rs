@@ -7,6 +7,7 @@ use autoswing::heading;
 use autoswing::instrument::{Correction, Estimate, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
+use nalgebra::Vector3;
 
 use super::data_loss;
 use super::result::{HeadingRow, HeadingScore};
@@ -70,45 +71,82 @@ pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
     calibration.corrected_level_field(&sample)
 }
 
+/// Feeds instruments with the rows of a flight, and with its attitudes between them.
+struct RowFeed<'a> {
+    flight: Option<&'a Flight>,
+    /// Incomplete rates integrate to wrong turns.
+    has_whole_rates: bool,
+    start_s: f64,
+    last_s: f64,
+}
+
+impl<'a> RowFeed<'a> {
+    fn new(rows: &[ReplayRow], flight: Option<&'a Flight>) -> Self {
+        let has_whole_rates = flight.is_none_or(data_loss::has_integrable_rates);
+        let start_s = rows.first().map_or(0.0, |row| row.t_s);
+        Self { flight, has_whole_rates, start_s, last_s: start_s }
+    }
+
+    fn rates(&self, rates_rad_s: Option<[f32; 3]>) -> Option<[f32; 3]> {
+        rates_rad_s.filter(|_| self.has_whole_rates)
+    }
+
+    fn feed<const N: usize>(&mut self, instruments: [&mut Instrument; N], row: &ReplayRow) -> [Estimate; N] {
+        let row = &ReplayRow { rates_rad_s: self.rates(row.rates_rad_s), ..*row };
+        let from_s = std::mem::replace(&mut self.last_s, row.t_s);
+        let between = self.flight.map_or_else(Vec::new, |flight| attitudes_between(flight, from_s, row.t_s));
+        instruments.map(|instrument| {
+            for logged in &between {
+                let report = report(logged.attitude, self.rates(logged.rates_rad_s));
+                instrument.on_attitude(instant(logged.t_s, self.start_s), report);
+            }
+            let estimate = estimate(instrument, row, self.start_s);
+            while instrument.next_sample().is_some() {}
+            if self.has_whole_rates && instrument.config().reading_period_us <= MAX_WATCHED_US {
+                instrument.update_monitor();
+            }
+            estimate
+        })
+    }
+}
+
+fn calibrated_instrument(config: InstrumentConfig, solution: &Solution) -> Instrument {
+    let mut instrument = Instrument::new(config);
+    let calibration = Some((solution.calibration, solution.uncertainty));
+    instrument.set_correction(Correction { calibration, ..Correction::NONE });
+    instrument
+}
+
 pub(super) fn compute_headings(
     rows: &[ReplayRow],
     flight: Option<&Flight>,
     solution: &Solution,
     config: InstrumentConfig,
 ) -> Vec<HeadingRow> {
-    // Incomplete rates integrate to wrong turns.
-    let is_whole = flight.is_none_or(|flight| data_loss::excessive_rate_loss(flight).is_none());
-    let rates_of = |rates_rad_s: Option<[f32; 3]>| rates_rad_s.filter(|_| is_whole);
-    let start_s = rows.first().map_or(0.0, |row| row.t_s);
-    let calibration = Some((solution.calibration, solution.uncertainty));
-    let [mut device, mut any] = [config.heading, heading::HeadingLimits::ANY_FIELD].map(|heading| {
-        let mut instrument = Instrument::new(InstrumentConfig { heading, ..config });
-        instrument.set_correction(Correction { calibration, ..Correction::NONE });
-        instrument
-    });
-    let mut last_s = start_s;
+    let mut feed = RowFeed::new(rows, flight);
+    // One instrument accepts any field strength; the other determines the status.
+    let [mut device, mut any] = [config.heading, heading::HeadingLimits::ANY_FIELD]
+        .map(|heading| calibrated_instrument(InstrumentConfig { heading, ..config }, solution));
     rows.iter()
         .map(|row| {
-            let row = &ReplayRow { rates_rad_s: rates_of(row.rates_rad_s), ..*row };
-            let from_s = std::mem::replace(&mut last_s, row.t_s);
-            for logged in flight.map_or_else(Vec::new, |flight| attitudes_between(flight, from_s, row.t_s)) {
-                let report = report(logged.attitude, rates_of(logged.rates_rad_s));
-                for instrument in [&mut device, &mut any] {
-                    instrument.on_attitude(instant(logged.t_s, start_s), report);
-                }
-            }
-            // One instrument accepts any field strength; the other determines the status.
-            let [sent, shown] = [&mut device, &mut any].map(|instrument| {
-                let estimate = estimate(instrument, row, start_s);
-                while instrument.next_sample().is_some() {}
-                if is_whole && config.reading_period_us <= MAX_WATCHED_US {
-                    instrument.update_monitor();
-                }
-                estimate
-            });
+            let [sent, shown] = feed.feed([&mut device, &mut any], row);
             HeadingRow::from_estimate(row.t_s, &shown, sent.heading.map(|_| ()))
         })
         .collect()
+}
+
+/// Changes of hard iron that the monitor reports in usable rows after a calibration: of the corrected field, body axes,
+/// microtesla.
+pub(super) fn monitored_changes_ut(rows: &[ReplayRow], flight: &Flight, solution: &Solution) -> Vec<Vector3<f64>> {
+    let mut feed = RowFeed::new(rows, Some(flight));
+    let mut instrument = calibrated_instrument(instrument_config(rows), solution);
+    let mut changes: Vec<Vector3<f64>> = Vec::new();
+    for row in rows.iter().filter(|row| row.usable) {
+        feed.feed([&mut instrument], row);
+        let change = instrument.hard_iron_change().map(|change| change.change_ut.map(f64::from));
+        changes.extend(change.filter(|change| changes.last() != Some(change)));
+    }
+    changes
 }
 
 /// Score over usable rows with a reference; calls `heading` for every row in order.

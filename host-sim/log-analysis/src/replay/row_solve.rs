@@ -5,8 +5,10 @@ use autoswing::calibration::{Advice, Method, Orientation, Part, Prior, Sample, S
 use autoswing::collection::{CollectionProblem, Collector, FIT_CAPACITY, LevelLimits, RetainedSamples};
 use autoswing::instrument::InstrumentConfig;
 use autoswing::messages::Refusal;
+use nalgebra::Vector3;
 
 use super::result::ReplayOptions;
+use crate::log::FieldCorrection;
 use crate::score::accepted_by_uncalibrated;
 
 /// Result of a run: the solution, whether the module accepts it, the times of the fitted samples in seconds, and the
@@ -41,6 +43,16 @@ impl RunOutcome {
     }
 }
 
+/// The correction by a solution.
+pub(super) fn solved_correction(solution: &Solution) -> FieldCorrection {
+    let calibration = &solution.calibration;
+    FieldCorrection {
+        matrix: calibration.w_matrix().map(f64::from),
+        hard_iron_ut: calibration.b_vector_ut().map(f64::from),
+        motor_ut_per_a: Vector3::from(calibration.motor_current.ut_per_a).map(f64::from),
+    }
+}
+
 pub(super) struct SolverPrior {
     prior: Prior,
     /// Whether the inclination is configured.
@@ -68,18 +80,18 @@ impl SolverPrior {
     }
 }
 
-/// Solves all samples that the procedure of turns retains, with the device's choice of method.
-pub(super) fn from_turns(samples: &[Sample], known: &SolverPrior) -> RunOutcome {
+/// Solves all samples that a procedure retains, with the device's choice of method.
+pub(super) fn from_procedure(samples: &[Sample], procedure: Procedure, known: &SolverPrior) -> RunOutcome {
     let mut retained = RetainedSamples::EMPTY;
     let mut collector = Collector::new(&mut retained);
-    collector.begin(Procedure::Turns);
+    collector.begin(procedure);
     for &sample in samples {
         collector.push(sample);
     }
-    let selection = SelectedParts::new(collector.fit(), Procedure::Turns);
+    let selection = SelectedParts::new(collector.fit(), procedure);
     let parts = [collector.fit(), collector.held_back()].map(|samples| selection.select(samples));
-    let solved = method_selection::select_method(collector.fit(), Procedure::Turns)
-        .and_then(|method| known.solve(method, parts[0]));
+    let solved =
+        method_selection::select_method(collector.fit(), procedure).and_then(|method| known.solve(method, parts[0]));
     RunOutcome::new(&solved, parts, collector.problem())
 }
 

@@ -4,6 +4,7 @@ use autoswing::calibration::Calibration;
 use autoswing::frames::{Field, Level};
 
 use crate::numbers::{mean_angle_deg, quantile};
+use crate::replay::verdict::CompassState;
 use crate::score::wrap_180;
 
 /// A page.
@@ -11,10 +12,10 @@ use crate::score::wrap_180;
 pub struct Report {
     /// Title.
     pub title: String,
-    /// Whether the module calibrated, or would have.
-    pub accepted: bool,
-    /// Verdict, one line.
-    pub verdict: String,
+    /// Verdicts, the most important first.
+    pub verdicts: Vec<VerdictLine>,
+    /// Of a log: whether a module would have calibrated itself.
+    pub module_verdict: Option<String>,
     /// Most important figures, name and value.
     pub figures: Vec<[String; 2]>,
     /// Warnings.
@@ -39,6 +40,17 @@ impl Report {
     pub fn main_compass(&self) -> Option<&CompassReport> {
         self.compasses.iter().find(|compass| compass.accepted).or_else(|| self.compasses.first())
     }
+}
+
+/// A verdict on one line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VerdictLine {
+    /// State.
+    pub state: CompassState,
+    /// The state in a word.
+    pub word: &'static str,
+    /// The verdict.
+    pub text: String,
 }
 
 /// Origin of a report, besides its flight.

@@ -43,6 +43,9 @@ struct PageSection {
 fn parts(report: &Report) -> Vec<PageSection> {
     let part = |id: &str, title: &str, html: String| PageSection { id: id.to_owned(), title: title.to_owned(), html };
     let mut parts = vec![part("verdict", "Verdict", sections::verdict_section(report))];
+    if let Some([name, text]) = report.parameters.as_ref().filter(|[_, text]| !text.is_empty()) {
+        parts.push(part("parameters", "Parameters to load", sections::parameters_section(name, text)));
+    }
     if !report.calibrators.rows.is_empty() {
         parts.push(part("compasses", "Compasses side by side", sections::comparison_section(report)));
     }
@@ -52,9 +55,6 @@ fn parts(report: &Report) -> Vec<PageSection> {
     }
     if let Some(map) = report.main_compass().and_then(sections::map_section) {
         parts.push(part("map", "Map", map));
-    }
-    if let Some([name, text]) = report.parameters.as_ref().filter(|[_, text]| !text.is_empty()) {
-        parts.push(part("parameters", "Parameters to load", sections::parameters_section(name, text)));
     }
     parts.push(part("made", "How this was made", sections::origin_section(report)));
     parts

@@ -5,12 +5,13 @@ use autoswing::frames::{Body, Field};
 
 use super::model::{
     CalibratorComparison, CompassReport, DeviationCurve, EventMark, ReferenceInfo, Report, ReportOrigin, ReportSample,
-    means_by_heading,
+    VerdictLine, means_by_heading,
 };
 use crate::log::{Flight, Gps};
 use crate::numbers::format_number;
 use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation};
-use crate::replay::verdict::Verdict;
+use crate::replay::hard_iron_changes::HardIronChange;
+use crate::replay::verdict::{CompassState, CompassVerdict, Verdict};
 use crate::replay::{HeadingRow, ReplayResult, ReplayRow, level_field};
 use crate::score::wrap_180;
 
@@ -26,9 +27,9 @@ pub fn report_replay(verdict: &Verdict<'_>, log: &str, made: &ReportOrigin) -> R
     let rows = verdict.comparison_deg().into_iter().map(|(name, cells)| (name.to_owned(), cells));
     Report {
         title: format!("Flight {}", log.rsplit(['/', '\\']).next().unwrap_or(log)),
-        accepted: verdict.is_accepted(),
-        verdict: verdict.outcome.to_string(),
-        figures: figures(evaluation),
+        verdicts: verdict.by_use().into_iter().map(verdict_line).collect(),
+        module_verdict: Some(verdict.outcome.to_string()),
+        figures: figures(verdict),
         notes: verdict.notes.iter().map(ToString::to_string).collect(),
         reference: compared(evaluation),
         calibrators: CalibratorComparison {
@@ -50,6 +51,16 @@ pub fn report_replay(verdict: &Verdict<'_>, log: &str, made: &ReportOrigin) -> R
     }
 }
 
+fn verdict_line(compass: &CompassVerdict<'_>) -> VerdictLine {
+    let state = compass.judgement.state;
+    let word = match state {
+        CompassState::Good => "Good",
+        CompassState::Doubtful => "Doubtful",
+        CompassState::Bad => "Bad",
+    };
+    VerdictLine { state, word, text: compass.sentence() }
+}
+
 fn compared(verdict: &FlightEvaluation) -> ReferenceInfo {
     match &verdict.reference {
         Some(reference) => ReferenceInfo {
@@ -65,33 +76,28 @@ fn compared(verdict: &FlightEvaluation) -> ReferenceInfo {
     }
 }
 
-/// Figures of the first accepted compass, else of the first.
-fn figures(verdict: &FlightEvaluation) -> Vec<[String; 2]> {
-    let is_accepted = |compass: &&CompassEvaluation| compass.module.accepted.is_ok();
-    let Some(compass) = verdict.compasses.iter().find(is_accepted).or(verdict.compasses.first()) else {
-        return Vec::new();
-    };
-    let number_of = compass.number;
+/// Figures of the compass in use.
+fn figures(verdict: &Verdict<'_>) -> Vec<[String; 2]> {
+    let Some(compass) = verdict.by_use().first().copied() else { return Vec::new() };
     let mut figures = Vec::new();
     let mut add = |label: String, value: Option<f64>, decimals: usize, unit: &str| {
         if let Some(value) = value {
             figures.push([label, format!("{} {unit}", format_number(value, decimals))]);
         }
     };
-    add(format!("compass {number_of}: calibrated after"), compass.calibrated_s(), 0, "s");
-    let solution = compass.module.solution.as_ref();
-    add("expected error, RMS".to_owned(), solution.map(|s| f64::from(s.quality.expected_rms_deg)), 2, "deg");
-    let word = compared(verdict).difference_name;
-    let rms_of = |correction_source: CorrectionSource| {
-        compass.correction_from(correction_source)?.score.map(|score| score.rms_deg)
-    };
+    let number = compass.evaluation.number;
+    let held_back = compass.parameters.as_ref().ok().and_then(|export| export.held_back);
+    let word = compared(verdict.evaluation).difference_name;
+    let rms_of = |source: CorrectionSource| Some(compass.evaluation.correction_from(source)?.score?.rms_deg);
+    let as_logged = rms_of(CorrectionSource::Autopilot).or(rms_of(CorrectionSource::Uncorrected));
     add(
-        format!("{word} as logged, RMS"),
-        rms_of(CorrectionSource::Autopilot).or(rms_of(CorrectionSource::Uncorrected)),
+        format!("compass {number}: {word} as logged, RMS"),
+        compass.judgement.as_logged_rms_deg.or(as_logged),
         2,
         "deg",
     );
-    add(format!("{word} with ours, RMS"), rms_of(CorrectionSource::Module), 2, "deg");
+    add(format!("{word} with these parameters, RMS"), held_back.map(|held_back| held_back.rms_deg), 2, "deg");
+    add(format!("{word} with a module, RMS"), rms_of(CorrectionSource::Module), 2, "deg");
     figures
 }
 
@@ -165,9 +171,9 @@ fn marks(compass: &CompassEvaluation) -> Vec<EventMark> {
         at_s,
         name: if compass.module.accepted.is_ok() { "would have calibrated" } else { "would have solved" }.to_owned(),
     });
-    let changed = compass.hard_iron_step.as_ref().map(|change| EventMark {
-        at_s: change.at_s - first_s,
-        name: format!("iron changed by {} uT, most on {}", format_number(change.size_ut(), 1), change.axis()),
+    let changed = compass.changes.iter().map(|HardIronChange { step, .. }| EventMark {
+        at_s: step.at_s - first_s,
+        name: format!("iron changed by {} uT, most on {}", format_number(step.size_ut(), 1), step.axis()),
     });
     calibrated.into_iter().chain(changed).collect()
 }
@@ -323,12 +329,11 @@ mod tests {
         ] {
             let compass = &report.compasses[0];
             assert_eq!((compass.after[0].name.as_str(), compass.marks[0].name.as_str()), (line, mark));
-            assert!(fact(report, "verdict").unwrap().starts_with(words), "{:?}", compass.facts);
+            assert!(fact(report, "module").unwrap().starts_with(words), "{:?}", compass.facts);
         }
-        assert!(automatic.accepted && !refused.accepted);
         let on_request = report(|_, verdict| verdict.compasses[0].module.ended_s = None);
         assert!(on_request.compasses[0].marks.is_empty());
-        assert_eq!(fact(&on_request, "verdict").unwrap(), "would have calibrated by a command at the end");
+        assert_eq!(fact(&on_request, "module").unwrap(), "would have calibrated by a command at the end");
     }
 
     #[test]
@@ -339,7 +344,8 @@ mod tests {
             compass.rows.drain(..300);
             let at_s = compass.rows[0].t_s + 50.0;
             compass.module.ended_s = Some(90.0);
-            compass.hard_iron_step = Some(HardIronStep { at_s, step_ut: [1.0, -8.0, 0.0], sigma_ut: [0.1; 3] });
+            let step = HardIronStep { at_s, step_ut: [1.0, -8.0, 0.0], sigma_ut: [0.1; 3] };
+            compass.changes = vec![HardIronChange { step, bend_deg: 15.0 }];
         });
         let [calibrated, changed] = report.compasses[0].marks.as_slice() else { panic!("two marks") };
         assert!((calibrated.at_s - 90.0).abs() < 1e-9 && (changed.at_s - 50.0).abs() < 1e-9);

@@ -1,16 +1,13 @@
 //! Sections of the page.
 
-use super::model::{CompassReport, DeviationCurve, ReferenceInfo, Report};
+use super::model::{CompassReport, DeviationCurve, ReferenceInfo, Report, VerdictLine};
 use super::pictures::{Picture, coverage, deviation, field, map as map_of, methods as side_by_side, residuals};
 use super::text::{concat_map, escape_html};
 use crate::numbers::{format_number, format_optional};
+use crate::replay::verdict::CompassState;
 
 pub fn verdict_section(report: &Report) -> String {
-    let (class, sign, word) = if report.accepted { ("good", "✓", "Accepted") } else { ("bad", "✗", "Refused") };
-    let mut html = vec![format!(
-        "<p class=\"verdict {class}\"><span aria-hidden=\"true\">{sign}</span> <b>{word}.</b> {}.</p>\n",
-        escape_html(&capitalised(report.verdict.trim_end_matches('.')))
-    )];
+    let mut html: Vec<String> = report.verdicts.iter().map(verdict_line).collect();
     if !report.figures.is_empty() {
         let rows = concat_map(&report.figures, |[label, value]| {
             format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(label), escape_html(value))
@@ -25,11 +22,30 @@ pub fn verdict_section(report: &Report) -> String {
             escape_html(report.reference.difference_name)
         ));
     }
+    if let Some(module_verdict) = &report.module_verdict {
+        html.push(format!(
+            "<p>An Autoswing module on this flight: {}.</p>\n",
+            escape_html(module_verdict.trim_end_matches('.'))
+        ));
+    }
     if !report.notes.is_empty() {
         let notes = concat_map(&report.notes, |note| format!("<li>{}</li>\n", escape_html(note)));
         html.push(format!("<h3>Findings</h3>\n<ul>\n{notes}</ul>\n"));
     }
     html.concat()
+}
+
+fn verdict_line(line: &VerdictLine) -> String {
+    let (class, sign) = match line.state {
+        CompassState::Good => ("good", "✓"),
+        CompassState::Doubtful => ("doubtful", "?"),
+        CompassState::Bad => ("bad", "✗"),
+    };
+    format!(
+        "<p class=\"verdict {class}\"><span aria-hidden=\"true\">{sign}</span> <b>{}.</b> {}.</p>\n",
+        line.word,
+        escape_html(&capitalised(line.text.trim_end_matches('.')))
+    )
 }
 
 /// Comparison of calibrators and compasses, picture and table.

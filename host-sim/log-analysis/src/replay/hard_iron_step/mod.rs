@@ -24,7 +24,7 @@ const MAX_ROWS: usize = 4000;
 
 /// Detection thresholds: standard deviations of the largest component, size in microtesla (smaller steps hardly affect
 /// headings), and ratio of the median residual with the step to that without.
-const MIN_SIGMAS: f64 = 8.0;
+pub(super) const MIN_SIGMAS: f64 = 8.0;
 const MIN_UT: f64 = 1.0;
 const MAX_SCATTER_LEFT: f64 = 0.85;
 
@@ -115,7 +115,7 @@ impl StepEstimate {
     fn from_correction(rows: &[&ReplayRow], correction: &FieldCorrection) -> Self {
         let of = |row: &&ReplayRow| row.corrected(correction);
         let strength = median(rows.iter().map(|row| of(row).norm()));
-        let down = median(rows.iter().map(|row| down(row).dot(&of(row))));
+        let down = median(rows.iter().map(|row| row.down().dot(&of(row))));
         Self {
             matrix: correction.matrix,
             hard_iron_ut: correction.hard_iron_ut,
@@ -138,7 +138,7 @@ impl StepEstimate {
 
     fn residuals(&self, row: &ReplayRow, is_after: bool) -> [f64; 2] {
         let field = self.field(row, is_after);
-        [field.norm() - self.strength_ut, down(row).dot(&field) - self.vertical_ut]
+        [field.norm() - self.strength_ut, row.down().dot(&field) - self.vertical_ut]
     }
 
     fn scatter(&self, rows: &[&ReplayRow], first: Option<usize>) -> f64 {
@@ -219,7 +219,7 @@ impl StepEstimate {
         let moved = if is_after { self.step_ut } else { Vector3::zeros() };
         let raw = self.without_hard_iron(row) - moved;
         let field = self.matrix * raw;
-        let directions = [field.normalize(), down(row)];
+        let directions = [field.normalize(), row.down()];
         let rows_of_residual = |residual_index: usize| {
             let direction = directions[residual_index];
             let mut jacobian_row = DVector::zeros(COMMON);
@@ -274,11 +274,6 @@ fn solved(
     let inverse = cholesky.inverse();
     let sigma = Vector3::from_fn(|i, _| inverse[(COMMON + i, COMMON + i)].max(0.0).sqrt());
     Some((solved, gain, sigma))
-}
-
-fn down(row: &ReplayRow) -> Vector3<f64> {
-    let (roll, pitch) = (f64::from(row.attitude.roll_rad), f64::from(row.attitude.pitch_rad));
-    Vector3::new(-libm::sin(pitch), libm::sin(roll) * libm::cos(pitch), libm::cos(roll) * libm::cos(pitch))
 }
 
 #[cfg(test)]

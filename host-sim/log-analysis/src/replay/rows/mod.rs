@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::data_loss;
-use super::frozen_field::frozen_intervals_s;
+use super::frozen_field::frozen_intervals;
 use super::reference::ReferenceHeading;
 use super::row::ReplayRow;
 use crate::log::series::{Series, Stamped};
@@ -29,6 +29,12 @@ const MAX_BULGE_RAD: f32 = 0.1;
 const SPARE_RAD: f32 = 0.035;
 const SPARE_TIMES: f32 = 2.0;
 const WITHIN_S: f64 = 1.0;
+
+/// Margin of a single step of tilt beyond the body rates, radians (6 deg): more is a jump of the attitude.
+const JUMP_RAD: f32 = 0.1;
+
+/// Two jumps within this time enclose a wrong attitude, seconds.
+const JUMP_BACK_S: f64 = 3.0;
 
 /// Time after a start or gap in which a filter may align, seconds; data up to its last such change is dropped.
 const ALIGNING_S: f64 = 60.0;
@@ -157,7 +163,7 @@ pub fn build_rows(
         counted.disarmed += usize::from(is_disarmed && !is_excluded);
         counted.on_the_ground += usize::from(is_on_the_ground && !is_disarmed && !is_excluded);
     }
-    for [from_s, to_s] in frozen_intervals_s(&rows) {
+    for [from_s, to_s] in frozen_intervals(&rows).into_iter().map(|frozen| frozen.interval_s) {
         for row in rows.iter_mut().filter(|row| row.usable && (from_s..=to_s).contains(&row.t_s)) {
             row.usable = false;
             counted.stuck += 1;
@@ -253,6 +259,7 @@ fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
     // Last start or gap, after which a filter may be aligning.
     let (mut started_s, mut first) = (rows.first().map_or(0.0, |row| row.t_s), 0);
     let mut turned_rad = vec![0.0_f64; rows.len()];
+    let mut jumps: Vec<[f64; 2]> = Vec::new();
     for last in 1..rows.len() {
         let (before, row) = (&rows[last - 1], &rows[last]);
         let step_s = row.t_s - before.t_s;
@@ -265,6 +272,9 @@ fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
             (started_s, first) = (row.t_s, last);
             continue;
         };
+        if tilted_rad(before, row) > SPARE_TIMES * rate * step_s as f32 + JUMP_RAD {
+            jumps.push([before.t_s, row.t_s]);
+        }
         turned_rad[last] = turned_rad[last - 1] + f64::from(rate) * step_s;
         while rows[first].t_s < row.t_s - WITHIN_S {
             first += 1;
@@ -279,6 +289,10 @@ fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
             }
         }
     }
+    let wrong_until = |(i, jump): (usize, &[f64; 2])| {
+        jumps.get(i + 1).filter(|back| back[0] - jump[1] <= JUMP_BACK_S).map_or(jump[1], |back| back[1])
+    };
+    found.extend(jumps.iter().enumerate().map(|jump| [jump.1[0], wrong_until(jump)]));
     found
 }
 

@@ -4,38 +4,16 @@ use super::*;
 use crate::log::{FieldCorrection, NumberedRotation};
 use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat, export_correction, format_parameter_file};
 
-fn shifted_result(replay_result: &ReplayResult, by_ut: f32) -> ReplayResult {
-    let mut shifted_result = replay_result.clone();
-    shifted_result.solution.as_mut().unwrap().calibration.b_ut[0] += by_ut;
-    shifted_result
-}
-
-/// The module's result has precedence over that of all rows.
-#[test]
-fn the_accepted_calibration_is_exported() {
-    let (flight, compass) = flown();
-    let own_ut = f64::from(compass.module.solution.unwrap().calibration.b_ut[0]);
-    for (by_module, by_all_rows, off_ut) in [
-        (Ok(()), Ok(()), Some(0.0)),
-        (REFUSED, Ok(()), Some(40.0)),
-        (Ok(()), REFUSED, Some(0.0)),
-        (REFUSED, REFUSED, None),
-    ] {
-        let mut evaluation = compass.clone();
-        evaluation.all_rows = ReplayResult { accepted: by_all_rows, ..shifted_result(&compass.module, 40.0) };
-        evaluation.module.accepted = by_module;
-        let export = export_correction(&flight, &evaluation, None, ParameterFormat::ArduPilot);
-        let found_ut = export.map(|export| export.correction.hard_iron_ut.x - own_ut);
-        assert_eq!(found_ut.is_some(), off_ut.is_some(), "{found_ut:?}");
-        // The symmetric approximation shifts the hard iron slightly.
-        assert!(found_ut.zip(off_ut).is_none_or(|(found, off)| (found - off).abs() < 10.0), "{found_ut:?} {off_ut:?}");
-    }
+/// Export of the module's calibration for its own rows.
+fn export_module(compass: &CompassEvaluation, dialect: ParameterFormat) -> ExportedCorrection {
+    let calibration = &compass.module.solution.as_ref().unwrap().calibration;
+    export_correction(compass.number, &compass.rows, calibration, None, dialect).unwrap()
 }
 
 /// ArduPilot's limit is 1800 mG or `COMPASS_OFFS_MAX`.
 #[test]
-fn offsets_beyond_ardupilots_limit_are_reported() {
-    for (dialect, most, offset_mg, expects_warning) in [
+fn offsets_beyond_ardupilots_limit_are_not_exported() {
+    for (dialect, most, offset_mg, is_exceeded) in [
         (ParameterFormat::ArduPilot, None, 1780.0, false),
         (ParameterFormat::ArduPilot, None, 1820.0, true),
         (ParameterFormat::ArduPilot, Some(1850.0), 1820.0, false),
@@ -43,26 +21,25 @@ fn offsets_beyond_ardupilots_limit_are_reported() {
         (ParameterFormat::Px4, None, 1820.0, false),
         (ParameterFormat::Inav, None, 1820.0, false),
     ] {
-        let (mut flight, mut compass) = flown();
+        let (mut flight, compass) = flown();
         if let Some(most) = most {
             flight.parameters.set(0.0, "COMPASS_OFFS_MAX", most);
         }
-        let plain = export_correction(&flight, &compass, None, dialect).unwrap();
-        let by_ut = (offset_mg / 10.0 - plain.correction.hard_iron_ut.x) as f32;
-        compass.rows.iter_mut().for_each(|row| row.field.ut.x += by_ut);
-        compass.module = shifted_result(&compass.module, by_ut);
-        let export = export_correction(&flight, &compass, None, dialect).unwrap();
-        assert!((export.correction.hard_iron_ut.amax() * 10.0 - offset_mg).abs() < 5.0, "{:?}", export.correction);
-        let is_warned = export.warnings.iter().any(|warning| warning.contains("COMPASS_OFFS_MAX"));
-        assert_eq!(is_warned, expects_warning, "{dialect:?} {most:?} {offset_mg}: {:?}", export.warnings);
+        let mut export = export_module(&compass, dialect);
+        export.correction.hard_iron_ut.x = offset_mg / 10.0;
+        assert_eq!(
+            export.exceeded_offset_mg(&flight, dialect).is_some(),
+            is_exceeded,
+            "{dialect:?} {most:?} {offset_mg}"
+        );
     }
 }
 
 /// A misalignment cannot be expressed by a symmetric matrix; warned from 0.3 deg on.
 #[test]
 fn an_inexpressible_correction_is_reported_from_0_3_deg_on() {
-    let (flight, mut compass) = flown();
-    let square = export_correction(&flight, &compass, None, ParameterFormat::ArduPilot).unwrap().correction;
+    let (_, mut compass) = flown();
+    let square = export_module(&compass, ParameterFormat::ArduPilot).correction;
     let (mut little, mut much) = (0, 0);
     for quarters in 0..60_u8 {
         let calibration = &mut compass.module.solution.as_mut().unwrap().calibration;
@@ -70,7 +47,7 @@ fn an_inexpressible_correction_is_reported_from_0_3_deg_on() {
         let w = turn.matrix() * square.matrix;
         calibration.w = std::array::from_fn(|i| std::array::from_fn(|j| w[(i, j)] as f32));
         calibration.b_ut = square.hard_iron_ut.map(|axis| axis as f32).into();
-        let export = export_correction(&flight, &compass, None, ParameterFormat::ArduPilot).unwrap();
+        let export = export_module(&compass, ParameterFormat::ArduPilot);
         let warns_of_loss = export.warnings.iter().any(|warning| warning.contains("cannot be expressed costs"));
         assert_eq!(warns_of_loss, export.heading_loss_deg[0] > 0.3, "{quarters}: {:?}", export.heading_loss_deg);
         little += usize::from((0.2..0.3).contains(&export.heading_loss_deg[0]));
@@ -81,7 +58,7 @@ fn an_inexpressible_correction_is_reported_from_0_3_deg_on() {
 
 #[test]
 fn inavs_offsets_include_interference_at_the_mean_current() {
-    let (flight, mut compass) = flown();
+    let (_, mut compass) = flown();
     let by_current_ut = Vector3::new(0.5_f32, -0.3, 0.0);
     let calibration = &mut compass.module.solution.as_mut().unwrap().calibration;
     (calibration.motor_current.ut_per_a, calibration.motor_current.mean_current_a) = (by_current_ut.into(), 20.0);
@@ -89,7 +66,7 @@ fn inavs_offsets_include_interference_at_the_mean_current() {
         row.current_a = Some(20.0);
         row.field.ut += by_current_ut * 20.0;
     }
-    let exported = |dialect| export_correction(&flight, &compass, None, dialect).unwrap();
+    let exported = |dialect| export_module(&compass, dialect);
     let (inav, ardupilot) = (exported(ParameterFormat::Inav), exported(ParameterFormat::ArduPilot));
     let added_ut = inav.correction.hard_iron_ut - ardupilot.correction.hard_iron_ut;
     assert!((added_ut.xy() - Vector3::new(10.0, -6.0, 0.0).xy()).norm() < 1.0, "{added_ut}");
@@ -107,7 +84,8 @@ fn turned(number: u8, by: f64) -> ExportedCorrection {
         correction: FieldCorrection::identity(),
         rotation: turned,
         heading_loss_deg: [0.0; 2],
-        score: None,
+        rows_s: None,
+        held_back: None,
         warnings: Vec::new(),
     }
 }

@@ -1,0 +1,182 @@
+//! Body rates of a flight: as logged, repaired by the attitude, or differences of the attitude.
+
+use autoswing::frames::wrap_pi;
+
+use super::flight::Flight;
+use super::rates_problem::RatesProblem;
+use super::series::{Series, Stamped};
+use crate::numbers::median;
+
+/// Longest interval between the neighbours of a row for a difference, seconds.
+const MAX_SPAN_S: f64 = 1.0;
+
+/// Largest gap for an interpolation of logged rates, seconds.
+const MAX_GAP_S: f64 = 0.7;
+
+/// Fewer rows than this test nothing: 10 s at 10 Hz.
+const MIN_ROWS: usize = 100;
+
+/// An axis with less motion than this tests nothing, rad/s RMS (1 deg/s).
+const MIN_MOTION_RAD_S: f64 = 0.017;
+
+/// Least correlation of rates with the attitude's change that shows their sign and unit.
+const MIN_CORRELATION: f64 = 0.6;
+
+/// Ratio of the attitude's change to the rates beyond which they have another unit.
+const MAX_RATIO: f64 = 10.0;
+
+/// Random walk of the heading integrated from the rates beyond which the monitor is better without them, deg/s^0.5. With
+/// noise added to the rates of the recorded flights in docs/your-flight.md, headings had 0.5 to 0.7 deg RMS at 0.4, 0.7 to
+/// 1.0 at 0.6 and 1.2 to 2.8 at 1.1; without rates 0.6.
+const MAX_WALK_DEG: f64 = 0.4;
+
+/// Repairs of an axis each, and one of the unit.
+const MAX_REPAIRS: usize = 4;
+
+/// Checks the logged body rates against the attitude, and repairs a wrong sign or unit. Missing or inexact rates are
+/// replaced by differences of the attitude, which give no heading: those of the yaw contain the errors of its compass.
+pub(super) fn check_rates(flight: &mut Flight) {
+    let differences = differences(&flight.attitude);
+    for _ in 0..=MAX_REPAIRS {
+        let Some(problem) = problem(&differences, flight) else { return };
+        flight.rates_problem.get_or_insert(problem);
+        let Some(factors) = problem.repair() else { break };
+        for row in flight.rates.rows_mut() {
+            row.values = std::array::from_fn(|axis| row.values[axis] * factors[axis]);
+        }
+    }
+    flight.has_heading_rates = false;
+    flight.rates = Series::new();
+    for row in differences {
+        flight.rates.push(row.t_s, row.values);
+    }
+}
+
+fn problem(differences: &[Stamped<3>], flight: &Flight) -> Option<RatesProblem> {
+    if flight.rates.is_empty() {
+        return (!differences.is_empty()).then_some(RatesProblem::NotLogged);
+    }
+    let pairs: Vec<([f32; 3], [f32; 3])> = differences
+        .iter()
+        .filter_map(|row| Some((row.values, flight.rates.interpolate(row.t_s, MAX_GAP_S)?)))
+        .collect();
+    if pairs.len() < MIN_ROWS {
+        return None;
+    }
+    let has_yaw = flight.attitude.rows().iter().any(|row| row.values[2].is_finite());
+    (0..if has_yaw { 3 } else { 2 }).find_map(|axis| sign_or_unit(&pairs, axis)).or_else(|| {
+        let step_s = flight.attitude.median_step_s().filter(|_| has_yaw)?;
+        let off = |(seen, logged): &([f32; 3], [f32; 3])| f64::from(seen[2] - logged[2]);
+        // Corrections of the yaw by the autopilot's filter are slow, and not the rates' fault.
+        let white = median(pairs.windows(2).map(|two| (off(&two[1]) - off(&two[0])).abs())) / std::f64::consts::SQRT_2;
+        let walk_deg = (1.4826 * white * step_s.sqrt()).to_degrees();
+        (walk_deg > MAX_WALK_DEG).then_some(RatesProblem::Inexact(walk_deg))
+    })
+}
+
+fn sign_or_unit(pairs: &[([f32; 3], [f32; 3])], axis: usize) -> Option<RatesProblem> {
+    let sum = |product: &dyn Fn(f64, f64) -> f64| -> f64 {
+        let each = pairs.iter().map(|(seen, logged)| product(f64::from(seen[axis]), f64::from(logged[axis])));
+        each.sum::<f64>() / pairs.len() as f64
+    };
+    let [seen, logged, both] = [sum(&|seen, _| seen * seen), sum(&|_, logged| logged * logged), sum(&|a, b| a * b)];
+    let correlation = both / (seen * logged).sqrt();
+    if seen.sqrt() < MIN_MOTION_RAD_S || correlation.is_nan() || correlation.abs() < MIN_CORRELATION {
+        return None;
+    }
+    let ratio = (seen / logged).sqrt();
+    if (1.0 / MAX_RATIO..MAX_RATIO).contains(&ratio) {
+        (correlation < 0.0).then_some(RatesProblem::WrongSign(axis))
+    } else {
+        Some(RatesProblem::WrongUnit(ratio))
+    }
+}
+
+/// Body rates by central differences of the attitude; a missing yaw counts as constant.
+fn differences(attitude: &Series<3>) -> Vec<Stamped<3>> {
+    let rate_at = |three: &[Stamped<3>]| {
+        let [before, at, after] = three else { return None };
+        let span_s = after.t_s - before.t_s;
+        let [roll, pitch, yaw]: [f32; 3] =
+            std::array::from_fn(|i| wrap_pi(after.values[i] - before.values[i]) / span_s as f32);
+        let yaw = if yaw.is_finite() { yaw } else { 0.0 };
+        let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) = (libm::sincosf(at.values[0]), libm::sincosf(at.values[1]));
+        let values = [
+            roll - yaw * sin_pitch,
+            pitch * cos_roll + yaw * sin_roll * cos_pitch,
+            -pitch * sin_roll + yaw * cos_roll * cos_pitch,
+        ];
+        (span_s <= MAX_SPAN_S).then_some(Stamped { t_s: at.t_s, values })
+    };
+    attitude.rows().windows(3).filter_map(rate_at).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::LogFormat;
+
+    /// A minute of banked turns to both sides at 10 Hz, with its body rates.
+    fn flight(change: impl Fn(usize, &mut [f32; 3])) -> Flight {
+        let mut flight = Flight::new(LogFormat::DataFlash);
+        for i in 0..600_u16 {
+            let t_s = f32::from(i) / 10.0;
+            let (roll, roll_rate) = (0.5 * libm::sinf(0.6 * t_s), 0.3 * libm::cosf(0.6 * t_s));
+            let yaw = -0.5 * libm::cosf(0.6 * t_s);
+            let yaw_rate = 0.3 * libm::sinf(0.6 * t_s);
+            let mut rates = [roll_rate, yaw_rate * libm::sinf(roll), yaw_rate * libm::cosf(roll)];
+            change(usize::from(i), &mut rates);
+            flight.attitude.push(f64::from(i) / 10.0, [roll, 0.0, yaw]);
+            flight.rates.push(f64::from(i) / 10.0, rates);
+        }
+        flight
+    }
+
+    fn checked(mut flight: Flight) -> Flight {
+        check_rates(&mut flight);
+        flight
+    }
+
+    #[test]
+    fn rates_of_wrong_sign_or_unit_are_named_and_replaced() {
+        let good = flight(|_, _| {});
+        assert_eq!(checked(good.clone()).rates_problem, None);
+        for (changed, expected) in [
+            (flight(|_, rates| rates[0] = -rates[0]), "about x has the sign opposite"),
+            (flight(|_, rates| rates[2] = -rates[2]), "about z has the sign opposite"),
+            (flight(|_, rates| *rates = rates.map(f32::to_degrees)), "0.017 times as fast"),
+            (flight(|_, rates| *rates = rates.map(f32::to_radians)), "57."),
+            (flight(|_, rates| *rates = rates.map(|rate| -rate.to_degrees())), "0.017 times as fast"),
+        ] {
+            let changed = checked(changed);
+            let problem = changed.rates_problem.unwrap().to_string();
+            assert!(problem.contains(expected), "{expected}: {problem}");
+            assert!(changed.has_heading_rates);
+            for (row, truth) in changed.rates.rows().iter().zip(good.rates.rows()) {
+                assert!((0..3).all(|axis| (row.values[axis] - truth.values[axis]).abs() < 1e-5), "{row:?} {truth:?}");
+            }
+        }
+    }
+
+    /// Differences of the yaw are no measurement of the turn, since a compass made it.
+    #[test]
+    fn missing_or_inexact_rates_are_replaced_by_differences_that_give_no_heading() {
+        let good = flight(|_, _| {});
+        let missing = Flight { rates: Series::new(), ..good.clone() };
+        // Vibration of 6 deg/s, sampled at points: 0.1 s of it is 1.9 deg in a second.
+        let inexact = flight(|i, rates| rates[2] += if i % 2 == 0 { 0.1 } else { -0.1 });
+        let unknown_unit = flight(|_, rates| *rates = rates.map(|rate| rate * 1000.0));
+        for (changed, expected) in
+            [(missing, "no body rates"), (inexact, "sampled too coarsely"), (unknown_unit, "0.001 times as fast")]
+        {
+            let changed = checked(changed);
+            let problem = changed.rates_problem.unwrap().to_string();
+            assert!(problem.contains(expected) && !changed.has_heading_rates, "{expected}: {problem}");
+            assert!(changed.rates.rows().len() > 590);
+            // Differences over 0.2 s at a period of 10 s.
+            for (row, truth) in changed.rates.rows().iter().zip(&good.rates.rows()[1..]) {
+                assert!((0..3).all(|axis| (row.values[axis] - truth.values[axis]).abs() < 0.01), "{row:?} {truth:?}");
+            }
+        }
+    }
+}

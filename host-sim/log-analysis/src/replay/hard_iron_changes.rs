@@ -1,0 +1,136 @@
+//! Changes of hard iron in a flight, each confirmed by an independent method.
+
+use autoswing::calibration::Solution;
+use nalgebra::Vector3;
+
+use super::hard_iron_step::{HardIronStep, MIN_SIGMAS, find_step};
+use super::replay_run::solve_all_rows;
+use super::row_headings::monitored_changes_ut;
+use super::row_solve::solved_correction;
+use super::{ReplayRow, is_monitored, rows};
+use crate::log::{FieldCorrection, Flight};
+use crate::numbers::median;
+
+/// Largest number of changes reported.
+const MAX_CHANGES: usize = 8;
+
+/// Largest expected error of a calibration that can confirm a change, degrees RMS: that of the module's acceptance.
+const MAX_EXPECTED_DEG: f32 = 3.0;
+
+/// Smallest effect of a change on a level heading, degrees: less is within the error of a good calibration.
+const MIN_BEND_DEG: f64 = 1.0;
+
+/// Largest difference between a step and its confirmation, relative to the step.
+const MAX_DISAGREEMENT: f64 = 0.5;
+
+/// Shortest part that the monitor is run on, seconds: it reports a change after 15 s without a failed gate.
+const MONITORED_S: f64 = 30.0;
+
+/// Least ratio of the residuals without the step to those with it, where the monitor does not report it.
+const MIN_RESIDUAL_RATIO: f64 = 2.0;
+
+/// A confirmed change of hard iron.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HardIronChange {
+    /// Its time, size and uncertainty.
+    pub step: HardIronStep,
+    /// Largest effect on a level heading, degrees.
+    pub bend_deg: f64,
+}
+
+/// Finds the changes of hard iron, in order of time, by splitting the flight at the most significant one first.
+/// `initial` is a correction that fits most of the rows; `total_ut` the strength of the Earth's field.
+#[must_use]
+pub fn find_changes(
+    rows: &[ReplayRow],
+    flight: &Flight,
+    initial: &FieldCorrection,
+    total_ut: f64,
+) -> Vec<HardIronChange> {
+    let mut found = Vec::new();
+    search(&Search { flight, total_ut }, rows, initial, &mut found);
+    found.sort_by(|one, other| one.step.at_s.total_cmp(&other.step.at_s));
+    found
+}
+
+struct Search<'a> {
+    flight: &'a Flight,
+    total_ut: f64,
+}
+
+fn search(search_of: &Search<'_>, rows: &[ReplayRow], initial: &FieldCorrection, found: &mut Vec<HardIronChange>) {
+    if found.len() >= MAX_CHANGES {
+        return;
+    }
+    let Some(step) = find_step(rows, initial).filter(|step| step.size_ut() < search_of.total_ut) else { return };
+    let split = |step: &HardIronStep| {
+        let (before, after) = rows.split_at(rows.partition_point(|row| row.t_s < step.at_s));
+        [before, after]
+    };
+    let solutions = split(&step).map(solve_all_rows);
+    // The initial correction fits neither side; from that of one side the step converges to its full size.
+    let best = solutions
+        .iter()
+        .flatten()
+        .min_by(|one, other| one.quality.expected_rms_deg.total_cmp(&other.quality.expected_rms_deg));
+    let step = best.and_then(|solution| find_step(rows, &solved_correction(solution))).unwrap_or(step);
+    let parts = split(&step);
+    let Some(bend_deg) = search_of.confirmed_bend_deg(&step, parts, &solutions) else { return };
+    found.push(HardIronChange { step, bend_deg });
+    for (part, solution) in parts.into_iter().zip(&solutions) {
+        if let Some(solution) = solution {
+            search(search_of, part, &solved_correction(solution), found);
+        }
+    }
+}
+
+impl Search<'_> {
+    /// Effect of a step on a level heading, degrees, if it is significant and confirmed: the monitor, started with the
+    /// calibration of the better observed part of the flight, detects it in the other, or the step halves the
+    /// residuals of that other part under the calibration.
+    fn confirmed_bend_deg(
+        &self,
+        step: &HardIronStep,
+        [before, after]: [&[ReplayRow]; 2],
+        [of_before, of_after]: &[Option<Solution>; 2],
+    ) -> Option<f64> {
+        let expected_deg =
+            |solution: &Option<Solution>| solution.as_ref().map_or(f32::INFINITY, |s| s.quality.expected_rms_deg);
+        let (solution, other, sign) = if expected_deg(of_before) <= expected_deg(of_after) {
+            (of_before, after, 1.0)
+        } else {
+            (of_after, before, -1.0)
+        };
+        let solution = solution.as_ref().filter(|s| s.quality.expected_rms_deg <= MAX_EXPECTED_DEG)?;
+        let moved = Vector3::from(step.step_ut);
+        let change = solution.calibration.w_matrix().map(f64::from) * moved * sign;
+        let duration_s = other.last()?.t_s - other.first()?.t_s;
+        let is_monitored = rows::median_step_s(other).is_some_and(is_monitored) && duration_s >= MONITORED_S;
+        let is_detected = is_monitored
+            && monitored_changes_ut(other, self.flight, solution).iter().any(|found| agrees(found, &change));
+        let unmoved = solved_correction(solution);
+        let moved = FieldCorrection { hard_iron_ut: unmoved.hard_iron_ut + moved * sign, ..unmoved };
+        let [without, with] = [unmoved, moved].map(|correction| residual_ut(other, &correction, solution));
+        let is_confirmed = is_detected || without > MIN_RESIDUAL_RATIO * with;
+        // On one heading a step's component across it hardly shows, and a significant vertical one bends no heading.
+        let is_bend_significant = change.xy().norm() > MIN_SIGMAS * Vector3::from(step.sigma_ut).xy().norm();
+        let horizontal_ut = f64::from(solution.calibration.total_ut * libm::cosf(solution.calibration.inclination_rad));
+        let bend_deg = libm::atan(change.xy().norm() / horizontal_ut).to_degrees();
+        (is_confirmed && is_bend_significant && bend_deg >= MIN_BEND_DEG).then_some(bend_deg)
+    }
+}
+
+/// Median residual of strength and vertical component to a calibration, microtesla.
+fn residual_ut(rows: &[ReplayRow], correction: &FieldCorrection, solution: &Solution) -> f64 {
+    let total_ut = f64::from(solution.calibration.total_ut);
+    let vertical_ut = total_ut * libm::sin(f64::from(solution.calibration.inclination_rad));
+    let usable = rows.iter().filter(|row| row.usable);
+    median(usable.flat_map(|row| {
+        let field = row.corrected(correction);
+        [field.norm() - total_ut, row.down().dot(&field) - vertical_ut].map(f64::abs)
+    }))
+}
+
+fn agrees(found: &Vector3<f64>, expected: &Vector3<f64>) -> bool {
+    (found - expected).norm() < MAX_DISAGREEMENT * expected.norm()
+}

@@ -1,0 +1,237 @@
+//! Chooses the parameters for a compass: scored as the autopilot applies them, on rows that were held back from the fit,
+//! and given only if they improve the compass.
+
+use std::fmt;
+
+use autoswing::calibration::Solution;
+use nalgebra::Vector3;
+
+use super::evaluation::{CompassEvaluation, heading_deg};
+use super::parameter_export::{ExportedCorrection, HeldBackScore, ParameterFormat, applied_field, export_correction};
+use super::parameter_fit::{FitVariant, half_of};
+use super::row_headings::score;
+use super::{ReferenceHeading, ReplayRow};
+use crate::log::Flight;
+use crate::numbers::{median, square};
+
+/// Fewer rows than this since the last change are not fitted: 10 s at 10 Hz.
+const MIN_ROWS: usize = 100;
+
+/// Fewer rows with a reference than this do not judge a compass.
+const MIN_REFERENCE_ROWS: usize = 50;
+
+/// Largest error of parameters on held-back rows, degrees RMS; it adds in squares to that of the reference.
+const MAX_RMS_DEG: f64 = 1.0;
+
+/// A larger error is accepted if at most this fraction of the error as logged remains: the attitude source limits both.
+const MAX_REMAINING: f64 = 0.5;
+
+/// Least gain over the parameters in use, degrees RMS and fraction of the error as logged.
+const MIN_GAIN_DEG: f64 = 0.3;
+const MIN_GAIN: f64 = 0.2;
+
+/// Largest expected error over all headings, degrees RMS: what the flight leaves unknown.
+const MAX_EXPECTED_DEG: f64 = 2.0;
+
+/// Motor compensation: least significance, standard deviations, and least effect on headings, degrees RMS.
+const MOTOR_SIGMAS: f32 = 3.0;
+const MIN_MOTOR_DEG: f32 = 0.2;
+
+/// Reason for giving no parameters; displayed as a clause.
+#[derive(Clone, Debug, PartialEq)]
+pub enum NoParameters {
+    /// Too few usable rows.
+    FewRows(usize),
+    /// The rows, or half of them, give no solution.
+    Unsolved,
+    /// The flight leaves too much unknown.
+    Unobservable {
+        /// Expected error over all headings, degrees RMS.
+        expected_deg: f64,
+        /// Manoeuvre that is missing most.
+        manoeuvre: Option<String>,
+    },
+    /// The module's verification rejects the fit, and there is no reference to judge it by.
+    Unverified,
+    /// The parameters in use are as good.
+    NoGain(HeldBackScore),
+    /// No parameters reach a useful accuracy.
+    Inaccurate(HeldBackScore),
+    /// The autopilot rejects offsets of this size.
+    OffsetsTooLarge {
+        /// Largest offset, milligauss.
+        offset_mg: f64,
+        /// Its limit, milligauss.
+        limit_mg: f64,
+    },
+}
+
+/// Parameters of a compass, or the reason for giving none. `reference` is the heading reference of the rows.
+///
+/// # Errors
+///
+/// The parameters are not safe, or no better than those in use.
+pub fn choose_parameters(
+    flight: &Flight,
+    evaluation: &CompassEvaluation,
+    reference: Option<&ReferenceHeading>,
+    total_ut: Option<f64>,
+    format: ParameterFormat,
+) -> Result<ExportedCorrection, NoParameters> {
+    let fit = &evaluation.parameter_fit;
+    let rows: Vec<ReplayRow> = fit.rows(&evaluation.rows).copied().collect();
+    if rows.len() < MIN_ROWS {
+        return Err(NoParameters::FewRows(rows.len()));
+    }
+    let sigma_deg = reference.and_then(ReferenceHeading::accurate_sigma_deg);
+    let sigma_deg =
+        sigma_deg.filter(|_| rows.iter().filter(|row| row.reference_deg.is_some()).count() >= MIN_REFERENCE_ROWS);
+    let candidate = |variant: &FitVariant| {
+        let held_back =
+            |solution: &Solution| export_correction(evaluation.number, &rows, &solution.calibration, total_ut, format);
+        let exported = held_back(&variant.whole)?;
+        let halves = [variant.halves[0].as_ref()?, variant.halves[1].as_ref()?].map(held_back);
+        let [Some(first), Some(second)] = halves else { return None };
+        let held_back = score_held_back(flight, &rows, &[first, second], format, sigma_deg.is_some())?;
+        Some(Candidate { solution: variant.whole, is_accepted: variant.is_accepted, exported, held_back })
+    };
+    let mut candidates = fit.variants.iter().filter_map(candidate);
+    let mut best = candidates.next().ok_or(NoParameters::Unsolved)?;
+    for other in candidates {
+        if is_motor_significant(&other.solution) && other.held_back.rms_deg < best.held_back.rms_deg {
+            best = other;
+        }
+    }
+    best.check(sigma_deg)?;
+    let Candidate { mut exported, held_back, .. } = best;
+    if let Some(limit_mg) = exported.exceeded_offset_mg(flight, format) {
+        return Err(NoParameters::OffsetsTooLarge { offset_mg: exported.largest_offset_mg(), limit_mg });
+    }
+    exported.held_back = Some(held_back);
+    exported.rows_s = fit.rows_s;
+    Ok(exported)
+}
+
+struct Candidate {
+    solution: Solution,
+    is_accepted: bool,
+    exported: ExportedCorrection,
+    held_back: HeldBackScore,
+}
+
+impl Candidate {
+    fn check(&self, reference_sigma_deg: Option<f64>) -> Result<(), NoParameters> {
+        let HeldBackScore { rms_deg, as_logged_rms_deg, .. } = self.held_back;
+        let expected_deg = f64::from(self.solution.quality.expected_rms_deg);
+        let limit_deg = libm::hypot(MAX_RMS_DEG, reference_sigma_deg.unwrap_or(0.0));
+        let is_gain = as_logged_rms_deg - rms_deg >= MIN_GAIN_DEG && rms_deg <= (1.0 - MIN_GAIN) * as_logged_rms_deg;
+        if expected_deg.is_nan() || expected_deg > MAX_EXPECTED_DEG {
+            let manoeuvre = self.solution.advice.map(|advice| advice.manoeuvre.to_string());
+            Err(NoParameters::Unobservable { expected_deg, manoeuvre })
+        } else if !is_gain {
+            Err(NoParameters::NoGain(self.held_back))
+        } else if rms_deg > limit_deg && rms_deg > MAX_REMAINING * as_logged_rms_deg {
+            Err(NoParameters::Inaccurate(self.held_back))
+        } else if reference_sigma_deg.is_none() && !self.is_accepted {
+            Err(NoParameters::Unverified)
+        } else {
+            Ok(())
+        }
+    }
+}
+
+/// Whether motor-current interference is known and large enough to be compensated.
+fn is_motor_significant(solution: &Solution) -> bool {
+    let calibration = &solution.calibration;
+    let motor = &calibration.motor_current;
+    let ut_per_a = Vector3::from(motor.ut_per_a);
+    let horizontal_ut = calibration.total_ut * libm::cosf(calibration.inclination_rad);
+    let effect_deg = (ut_per_a.norm() * motor.current_sigma_a / horizontal_ut).to_degrees();
+    ut_per_a.amax() >= MOTOR_SIGMAS * motor.sigma_ut_per_a && effect_deg >= MIN_MOTOR_DEG
+}
+
+/// Scores rows with the parameters of the half that they are not part of.
+fn score_held_back(
+    flight: &Flight,
+    rows: &[ReplayRow],
+    halves: &[ExportedCorrection; 2],
+    format: ParameterFormat,
+    has_reference: bool,
+) -> Option<HeldBackScore> {
+    let [first, second] = halves.each_ref().map(|half| applied_field(flight, half, format));
+    let field = |row: &ReplayRow| if half_of(row.t_s) == 0 { second(row) } else { first(row) };
+    let logged = |row: &ReplayRow| row.logged.ut.map(f64::from);
+    let [rms_deg, as_logged_rms_deg] = if has_reference {
+        let rms = |field: &dyn Fn(&ReplayRow) -> Vector3<f64>| {
+            Some(score(rows, |row| Some((heading_deg(row, field(row)), f64::NAN)))?.rms_deg)
+        };
+        [rms(&field)?, rms(&logged)?]
+    } else {
+        [&field as &dyn Fn(&ReplayRow) -> Vector3<f64>, &logged].map(|field| rms_deg_by_scatter(scatter(rows, field)))
+    };
+    let [disturbed_deg, _] = scatter(rows, &field);
+    let is_estimate = !has_reference;
+    rms_deg.is_finite().then_some(HeldBackScore { rms_deg, as_logged_rms_deg, is_estimate, disturbed_deg })
+}
+
+/// Heading errors that correspond to the scatter of strength and of inclination, degrees RMS: an isotropic disturbance
+/// of the field by a fraction of its strength turns the inclination by as much, and the heading by `1 / cos I` of it.
+fn scatter(rows: &[ReplayRow], field: &dyn Fn(&ReplayRow) -> Vector3<f64>) -> [f64; 2] {
+    let polar: Vec<[f64; 2]> = rows
+        .iter()
+        .map(|row| {
+            let field = field(row);
+            let down = row.down().dot(&field);
+            [field.norm(), libm::atan2(down, (field.norm_squared() - square(down)).max(0.0).sqrt())]
+        })
+        .collect();
+    let [strength, inclination_rad] = [0, 1].map(|i| median(polar.iter().map(|polar| polar[i])));
+    let rms = |residual: &dyn Fn(&[f64; 2]) -> f64| {
+        (polar.iter().map(|polar| square(residual(polar))).sum::<f64>() / polar.len() as f64).sqrt()
+    };
+    [rms(&|[f, _]| f / strength - 1.0), rms(&|[_, i]| i - inclination_rad)]
+        .map(|rms| rms.to_degrees() / libm::cos(inclination_rad))
+}
+
+fn rms_deg_by_scatter([by_strength_deg, by_inclination_deg]: [f64; 2]) -> f64 {
+    libm::hypot(by_strength_deg, by_inclination_deg) / std::f64::consts::SQRT_2
+}
+
+impl NoParameters {
+    /// Code for programs.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::FewRows(_) => "few-rows",
+            Self::Unsolved => "unsolved",
+            Self::Unobservable { .. } => "unobservable",
+            Self::Unverified => "unverified",
+            Self::NoGain(_) => "no-gain",
+            Self::Inaccurate(_) => "inaccurate",
+            Self::OffsetsTooLarge { .. } => "offsets-too-large",
+        }
+    }
+}
+
+impl fmt::Display for NoParameters {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::FewRows(rows) => write!(f, "{rows} usable rows are too few for a fit"),
+            Self::Unsolved => f.write_str("no fit of these rows converges"),
+            Self::Unobservable { expected_deg, manoeuvre } => {
+                write!(f, "the attitudes flown leave an error of {expected_deg:.1} deg over all headings")?;
+                manoeuvre.as_ref().map_or(Ok(()), |manoeuvre| write!(f, "; missing most: {manoeuvre}"))
+            }
+            Self::Unverified => f.write_str("the fit fails the module's verification, and no reference confirms it"),
+            Self::NoGain(HeldBackScore { rms_deg, .. }) => {
+                write!(f, "a fit is no better: {rms_deg:.1} deg RMS on held-back rows")
+            }
+            Self::Inaccurate(HeldBackScore { rms_deg, .. }) => {
+                write!(f, "the best fit leaves {rms_deg:.1} deg RMS on held-back rows")
+            }
+            Self::OffsetsTooLarge { offset_mg, limit_mg } => {
+                write!(f, "an offset of {offset_mg:.0} mG exceeds COMPASS_OFFS_MAX, {limit_mg:.0}")
+            }
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! Fits for the parameters of an autopilot: to the rows flown since the last change, and to two halves of them for
+//! cross-validation.
+
+use autoswing::calibration::Solution;
+
+use super::replay_run::solve_rows;
+use super::{ReplayOptions, ReplayRow};
+
+/// Blocks of rows that are fitted or held back together, seconds: longer than the correlation of attitude errors.
+const BLOCK_S: f64 = 10.0;
+
+/// Time after a change that is not fitted, seconds: the time of a step is uncertain by a few rows.
+const AFTER_CHANGE_S: f64 = 1.0;
+
+/// Fits to the rows since the last change of hard iron or mounting.
+#[derive(Clone, Debug)]
+pub struct ParameterFit {
+    /// Time of the last change, seconds; none without a change.
+    pub changed_s: Option<f64>,
+    /// First and last usable row fitted, seconds; none without usable rows.
+    pub rows_s: Option<[f64; 2]>,
+    /// Fit without the current, and one with it if it estimates motor-current interference.
+    pub variants: Vec<FitVariant>,
+}
+
+/// Fits with the same unknowns.
+#[derive(Clone, Debug)]
+pub struct FitVariant {
+    /// Fit to all rows; whether the module would have accepted it.
+    pub whole: Solution,
+    /// Whether the module's verification accepts the fit.
+    pub is_accepted: bool,
+    /// Fits to each half; none where a half gives no solution.
+    pub halves: [Option<Solution>; 2],
+}
+
+impl ParameterFit {
+    /// Fits the rows after the last change.
+    #[must_use]
+    pub fn new(rows: &[ReplayRow], changed_s: Option<f64>, options: &ReplayOptions) -> Self {
+        let from_s = changed_s.map_or(f64::NEG_INFINITY, |at_s| at_s + AFTER_CHANGE_S);
+        let since: Vec<ReplayRow> = rows.iter().filter(|row| row.usable && row.t_s >= from_s).copied().collect();
+        let without_current: Vec<ReplayRow> = since.iter().map(|row| ReplayRow { current_a: None, ..*row }).collect();
+        let with = FitVariant::new(&since, options);
+        let is_by_current = |fit: &FitVariant| fit.whole.calibration.motor_current.is_applied();
+        let variants = match with.filter(is_by_current) {
+            Some(with) => FitVariant::new(&without_current, options).into_iter().chain([with]).collect(),
+            None => FitVariant::new(&without_current, options).into_iter().collect(),
+        };
+        Self { changed_s, rows_s: since.first().zip(since.last()).map(|(first, last)| [first.t_s, last.t_s]), variants }
+    }
+
+    /// Rows that the fit is for.
+    pub fn rows<'a>(&self, rows: &'a [ReplayRow]) -> impl Iterator<Item = &'a ReplayRow> + use<'a> {
+        let [from_s, to_s] = self.rows_s.unwrap_or([f64::INFINITY; 2]);
+        rows.iter().filter(move |row| row.usable && (from_s..=to_s).contains(&row.t_s))
+    }
+}
+
+impl FitVariant {
+    fn new(rows: &[ReplayRow], options: &ReplayOptions) -> Option<Self> {
+        let (solution, is_accepted) = solve_rows(rows, options);
+        let half = |number: usize| -> Vec<ReplayRow> {
+            rows.iter().filter(|row| half_of(row.t_s) == number).copied().collect()
+        };
+        Some(Self { whole: solution?, is_accepted, halves: [0, 1].map(|number| solve_rows(&half(number), options).0) })
+    }
+}
+
+/// Half of the flight that a time belongs to: blocks alternate irregularly (by the golden ratio), so that circles of any
+/// period are divided evenly.
+#[must_use]
+pub fn half_of(t_s: f64) -> usize {
+    const GOLDEN: f64 = 0.618_033_988_749_895;
+    usize::from(((t_s / BLOCK_S).floor() * GOLDEN).rem_euclid(1.0) < 0.5)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A circle of 20 s is two blocks: regular alternation would give each half one half of every circle.
+    #[test]
+    fn both_halves_contain_every_phase_of_a_circle() {
+        for period_s in [20, 40, 60] {
+            for phase_s in (0..period_s).step_by(10) {
+                let halves: Vec<usize> =
+                    (0..20).map(|circle| half_of(f64::from(circle * period_s + phase_s) + 5.0)).collect();
+                let ones = halves.iter().sum::<usize>();
+                assert!((4..=16).contains(&ones), "{period_s} s, {phase_s} s: {ones} of 20");
+            }
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! Facts about a compass, as names and values.
+
+use autoswing::calibration::{AttitudeLatency, MotorCurrentInterference, Solution};
+
+use super::flight_verdict::{CompassVerdict, Verdict};
+use super::judgement::CompassAction;
+use crate::numbers::format_number;
+use crate::replay::RowCounts;
+use crate::replay::hard_iron_changes::HardIronChange;
+
+impl Verdict<'_> {
+    /// Facts about a compass, name and value.
+    #[must_use]
+    pub fn facts(&self, compass: &CompassVerdict<'_>) -> Vec<[String; 2]> {
+        let sent_percent = compass.sent_percent();
+        let CompassVerdict { evaluation: compass, judgement, outcome, parameters } = compass;
+        let mut facts: Vec<[String; 2]> = Vec::new();
+        let mut add = |name: &str, value: String| facts.push([name.to_owned(), value]);
+        add("verdict", format!("{}: {judgement}", judgement.state));
+        if let Some(is_used) = compass.is_used {
+            add("autopilot", if is_used { "uses it for its heading" } else { "does not use it" }.to_owned());
+        }
+        for HardIronChange { step, bend_deg } in &compass.changes {
+            let [x, y, z] = step.step_ut;
+            add(
+                "iron changed",
+                format!(
+                    "{} uT at {:.0} s of the log, most on {} (x {x:+.1}, y {y:+.1}, z {z:+.1}), up to {bend_deg:.0} deg of \
+                     heading; a drift shows as a step, too",
+                    format_number(step.size_ut(), 1),
+                    step.at_s,
+                    step.axis(),
+                ),
+            );
+        }
+        match parameters {
+            Ok(exported) if judgement.action == CompassAction::Load => {
+                if let Some([from_s, to_s]) = exported.rows_s {
+                    add("parameters", format!("fitted to {from_s:.0} to {to_s:.0} s of the log"));
+                }
+                let lost = format_number(exported.heading_loss_deg[0], 2);
+                add("as parameters", format!("{lost} deg RMS lost"));
+                exported.warnings.iter().for_each(|warning| add("parameters", warning.clone()));
+            }
+            // Of a failed sensor.
+            Ok(_) => {}
+            Err(why) => add("parameters", format!("none: {why}")),
+        }
+        add("module", outcome.to_string());
+        if let Some(percent) = sent_percent {
+            add("module's headings", format!("in {} % of the flight", format_number(percent, 0)));
+        }
+        if let Some(solution) = &compass.displayed_result().solution {
+            let of = if compass.module.solution.is_some() { "" } else { ", of all rows" };
+            add("solved by", format!("{}{of}", solution.quality.method.name()));
+            add_solution_facts(solution, &mut add);
+        }
+        if let Some(without_deg) = compass.rms_without_current_deg {
+            add("without the current", format!("{} deg RMS", format_number(without_deg, 2)));
+        }
+        match (&compass.module.accepted, &compass.all_rows.accepted) {
+            (Ok(()), Err(refusal)) => add("all rows, thinned", format!("would have been refused: {refusal}")),
+            (Err(_), Ok(())) => add("all rows, thinned", "would have been accepted".to_owned()),
+            _ => {}
+        }
+        let source = compass.latency.sigma_s.map_or_else(
+            || "not estimated from this flight".to_owned(),
+            |sigma_s| format!("estimated from this flight, sigma {} ms", format_number(sigma_s * 1e3, 0)),
+        );
+        let age = format_number(compass.latency.used_s * 1e3, 0);
+        let hz = format_number(1.0 / compass.reading_interval_s, 1);
+        add("field", format!("{hz} times a second, {age} ms old at its time stamp ({source})"));
+        if let (Some((earth, is_valid)), Some(radius_ut)) = (&self.evaluation.earth, compass.radius_ut) {
+            let year = if *is_valid { "" } else { ", of another year" };
+            let model = format_number(f64::from(earth.total_ut), 1);
+            add("strength", format!("{} uT, {model} by the field model{year}", format_number(radius_ut, 1)));
+        }
+        let rejected: Vec<String> =
+            compass.counts.rejection_texts().into_iter().map(|rejected| format!("; {rejected}")).collect();
+        let RowCounts { used, .. } = compass.counts;
+        add("rows", format!("{used} usable, {} fitted to{}", compass.module.samples, rejected.concat()));
+        facts
+    }
+}
+
+fn add_solution_facts(solution: &Solution, add: &mut dyn FnMut(&str, String)) {
+    let Solution { calibration, quality, .. } = solution;
+    let deg = |deg: f32| format_number(f64::from(deg), 2);
+    let [rms, worst] = [quality.expected_rms_deg, quality.expected_worst_deg].map(deg);
+    add("expected error", format!("{rms} deg RMS, sigma {worst} at the worst heading"));
+    let inclination_deg = f64::from(calibration.inclination_rad.to_degrees());
+    add("inclination", format!("{} deg", format_number(inclination_deg, 1)));
+    if let Some(AttitudeLatency { estimate_s, sigma_s }) = quality.latency.filter(|_| calibration.uses_latency()) {
+        let [estimate, sigma] = [estimate_s, sigma_s].map(|s| format_number(f64::from(s) * 1e3, 0));
+        add("attitude latency", format!("{estimate} ms more than the age of the field, sigma {sigma} ms"));
+    }
+    let MotorCurrentInterference { ut_per_a: [x, y, z], sigma_ut_per_a, mean_current_a, current_sigma_a } =
+        calibration.motor_current;
+    if current_sigma_a > 0.0 {
+        let found = if calibration.motor_current.is_applied() {
+            format!("x {x:+.3}, y {y:+.3}, z {z:+.3} uT/A (sigma {sigma_ut_per_a:.3})")
+        } else {
+            format!("no interference that is certain (sigma {sigma_ut_per_a:.3} uT/A)")
+        };
+        add("motor current", format!("{found}, of {mean_current_a:.1} A that varied by {current_sigma_a:.1} A"));
+    }
+    // Either residual has several causes (latency, an attitude that lags in turns, interference): none is named.
+    if let Some(finding) = &solution.hard_iron_change {
+        add("allowed for", format!("{} deg: residuals that change in time", deg(finding.added_error_deg)));
+    }
+    if let Some(finding) = &solution.bank_scale_error {
+        add("allowed for", format!("{} deg: residuals that depend on the bank", deg(finding.added_error_deg)));
+    }
+    if let Some(advice) = &solution.advice {
+        let [now, then] = [advice.expected_deg, advice.expected_after_deg].map(deg);
+        add("weakest", format!("{} ({} deg)", advice.weakest.name(), deg(advice.weakest_deg)));
+        add("best next", format!("{} ({now} to {then} deg)", advice.manoeuvre));
+    }
+}

@@ -1,0 +1,146 @@
+//! The verdict on a flight and its compasses.
+
+use super::judgement::{CompassAction, CompassState, Judgement};
+use super::module_outcome::{CompassOutcome, FlightOutcome};
+use crate::log::Flight;
+use crate::numbers::format_number;
+use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation};
+use crate::replay::note::{Note, sensor_failure};
+use crate::replay::parameter_choice::{NoParameters, choose_parameters};
+use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat};
+
+/// Verdict on a flight.
+#[derive(Clone, Debug)]
+pub struct Verdict<'a> {
+    /// The log.
+    pub flight: &'a Flight,
+    /// Its evaluation.
+    pub evaluation: &'a FlightEvaluation,
+    /// Whether the module would have calibrated.
+    pub outcome: FlightOutcome,
+    /// Warnings about the log.
+    pub notes: Vec<Note>,
+    /// The compasses, by number.
+    pub compasses: Vec<CompassVerdict<'a>>,
+}
+
+/// Verdict on a compass.
+#[derive(Clone, Debug)]
+pub struct CompassVerdict<'a> {
+    /// Its evaluation.
+    pub evaluation: &'a CompassEvaluation,
+    /// State, and what to do.
+    pub judgement: Judgement,
+    /// Whether the module would have calibrated it.
+    pub outcome: CompassOutcome,
+    /// Parameters to load, or the reason for giving none.
+    pub parameters: Result<ExportedCorrection, NoParameters>,
+}
+
+impl<'a> Verdict<'a> {
+    /// Verdict on an evaluated log; `format` is that of the parameters.
+    #[must_use]
+    pub fn new(flight: &'a Flight, evaluation: &'a FlightEvaluation, format: ParameterFormat) -> Self {
+        let total_ut = evaluation.earth.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
+        let reference = evaluation.reference.as_ref();
+        let compass = |compass: &'a CompassEvaluation| {
+            let parameters = choose_parameters(flight, compass, reference, total_ut, format);
+            let failure = sensor_failure(flight, compass);
+            CompassVerdict {
+                evaluation: compass,
+                judgement: Judgement::new(evaluation, compass, failure, &parameters),
+                outcome: CompassOutcome::new(compass),
+                parameters,
+            }
+        };
+        Self {
+            flight,
+            evaluation,
+            outcome: FlightOutcome::new(evaluation),
+            notes: Note::all(flight, evaluation),
+            compasses: evaluation.compasses.iter().map(compass).collect(),
+        }
+    }
+
+    /// Whether the module would have calibrated a compass.
+    #[must_use]
+    pub const fn is_accepted(&self) -> bool {
+        matches!(self.outcome, FlightOutcome::Calibrated { .. })
+    }
+
+    /// The compasses, those in use first.
+    #[must_use]
+    pub fn by_use(&self) -> Vec<&CompassVerdict<'a>> {
+        let mut compasses: Vec<&CompassVerdict<'a>> = self.compasses.iter().collect();
+        // Unknown between used and unused.
+        compasses.sort_by_key(|compass| match compass.evaluation.is_used {
+            Some(true) => 0,
+            None => 1,
+            Some(false) => 2,
+        });
+        compasses
+    }
+
+    /// State of the compass in use; bad without any.
+    #[must_use]
+    pub fn state(&self) -> CompassState {
+        self.by_use().first().map_or(CompassState::Bad, |compass| compass.judgement.state)
+    }
+
+    /// Whether the compass in use is good, or has parameters to load.
+    #[must_use]
+    pub fn is_solved(&self) -> bool {
+        self.by_use().first().is_some_and(|compass| {
+            compass.judgement.state == CompassState::Good || compass.judgement.action == CompassAction::Load
+        })
+    }
+
+    /// Judgement of each compass, in sentences.
+    #[must_use]
+    pub fn sentences(&self) -> Vec<String> {
+        self.by_use().into_iter().map(CompassVerdict::sentence).collect()
+    }
+
+    /// Parameters to load.
+    #[must_use]
+    pub fn parameters(&self) -> Vec<ExportedCorrection> {
+        let loaded = self.compasses.iter().filter(|compass| compass.judgement.action == CompassAction::Load);
+        loaded.filter_map(|compass| compass.parameters.clone().ok()).collect()
+    }
+
+    /// Name and duration of the log.
+    #[must_use]
+    pub fn log_description(&self, name: &str) -> String {
+        let [from_s, to_s] = self.flight.time_range_s();
+        let firmware = self.flight.firmware.as_deref().unwrap_or("firmware not named");
+        format!("{name}: {}, {firmware}, {} s", self.flight.format.name(), format_number(to_s - from_s, 0))
+    }
+
+    /// RMS less mean against the reference by correction and compass, degrees; corrections without any are omitted.
+    #[must_use]
+    pub fn comparison_deg(&self) -> Vec<(&'static str, Vec<Option<f64>>)> {
+        let rows = CorrectionSource::ALL.map(|source| {
+            let rms_deg = |compass: &CompassEvaluation| Some(compass.correction_from(source)?.score?.rms_deg);
+            (source.name(), self.evaluation.compasses.iter().map(rms_deg).collect::<Vec<_>>())
+        });
+        rows.into_iter().filter(|(_, cells)| cells.iter().any(Option::is_some)).collect()
+    }
+}
+
+impl CompassVerdict<'_> {
+    /// Judgement of the compass, a sentence.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        let used = if self.evaluation.is_used == Some(true) { ", in use," } else { "" };
+        format!("Compass {}{used} {}.", self.evaluation.number, self.judgement)
+    }
+
+    /// Percentage of usable rows for which the module, so calibrated, would have sent a heading.
+    #[must_use]
+    pub fn sent_percent(&self) -> Option<f64> {
+        let rows = self.evaluation.rows.iter().zip(&self.evaluation.displayed_result().headings);
+        let sent: Vec<bool> = rows.filter(|(row, _)| row.usable).map(|(_, heading)| heading.status.is_ok()).collect();
+        let number = sent.iter().filter(|is_sent| **is_sent).count();
+        (!sent.is_empty()).then(|| 100.0 * number as f64 / sent.len() as f64)
+    }
+}

@@ -1,0 +1,166 @@
+//! The verdict as a JSON object, which docs/your-flight.md describes.
+
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use super::flight_verdict::{CompassVerdict, Verdict};
+use super::judgement::CompassAction;
+use crate::numbers::{coefficients_json, round_to};
+use crate::replay::gps_course::GpsCourseHeading;
+use crate::replay::hard_iron_changes::HardIronChange;
+use crate::replay::parameter_export::ExportedCorrection;
+use crate::replay::{HeadingScore, ReplayResult, RowCounts};
+
+/// Version of the JSON schema.
+const SCHEMA: u32 = 3;
+
+impl Verdict<'_> {
+    /// The verdict as a JSON object.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        let Self { flight, evaluation, .. } = self;
+        let [from_s, to_s] = flight.time_range_s();
+        json!({
+            "schema": SCHEMA,
+            "verdict": self.sentences().join(" "),
+            "state": self.state(),
+            "in_use": self.by_use().first().map(|compass| compass.evaluation.number),
+            "module_verdict": self.outcome,
+            "accepted": self.is_accepted(),
+            "log": {
+                "format": flight.format.name(),
+                "autopilot": flight.autopilot,
+                "firmware": flight.firmware,
+                "from_s": round_to(from_s, 3),
+                "to_s": round_to(to_s, 3),
+                "attitude_hz": round_to(1.0 / evaluation.attitude_interval_s, 2),
+                "has_current": !flight.current.is_empty(),
+                "passed_over": flight.counts,
+            },
+            "reference": evaluation.reference.as_ref().map(|reference| json!({
+                "name": reference.name(),
+                "is_accuracy": reference.is_accuracy(),
+                "limits": reference.limits(),
+                "course": reference.course().map(course_json),
+            })),
+            "field_model": evaluation.earth.as_ref().map(|(earth, is_valid)| json!({
+                "total_ut": round_to(f64::from(earth.total_ut), 2),
+                "inclination_deg": round_to(f64::from(earth.inclination_deg), 2),
+                "declination_deg": earth.declination_deg.map(|deg| round_to(f64::from(deg), 2)),
+                "is_of_that_day": is_valid,
+            })),
+            "notes": self.notes,
+            "compasses": self.compasses.iter().map(CompassVerdict::json).collect::<Vec<_>>(),
+        })
+    }
+}
+
+fn course_json(course: &GpsCourseHeading) -> Value {
+    json!({
+        "wind_m_s": round_to(course.wind_speed_m_s(), 2),
+        "wind_from_deg": round_to(course.wind_from_deg(), 1),
+        "wind_sigma_m_s": round_to(course.wind_sigma_m_s, 2),
+        "airspeed_m_s": round_to(course.airspeed_m_s, 2),
+        "scatter_m_s": round_to(course.scatter_m_s, 2),
+        "sigma_deg": round_to(course.sigma_deg(), 2),
+        "widest_gap_deg": course.widest_gap_deg,
+    })
+}
+
+impl CompassVerdict<'_> {
+    fn json(&self) -> Value {
+        #[derive(Serialize)]
+        struct Rows {
+            #[serde(flatten)]
+            counted: RowCounts,
+            fitted: usize,
+        }
+        let compass = self.evaluation;
+        json!({
+            "compass": compass.number,
+            "is_used": compass.is_used,
+            "verdict": {
+                "state": self.judgement.state,
+                "action": self.judgement.action,
+                "reasons": self.judgement.reason_codes(),
+            },
+            "as_logged_rms_deg": self.judgement.as_logged_rms_deg.map(|deg| round_to(deg, 3)),
+            "sent_percent": self.sent_percent().map(|percent| round_to(percent, 1)),
+            "field_hz": round_to(1.0 / compass.reading_interval_s, 2),
+            "field_age_ms": round_to(compass.latency.used_s * 1e3, 1),
+            "field_age_sigma_ms": compass.latency.sigma_s.map(|s| round_to(s * 1e3, 1)),
+            "field_ut": compass.radius_ut.map(|ut| round_to(ut, 2)),
+            "rows": Rows { counted: compass.counts, fitted: compass.module.samples },
+            "calibrated_s": compass.calibrated_s().map(|s| round_to(s, 1)),
+            "module": result_json(&compass.module),
+            "without_current_rms_deg": compass.rms_without_current_deg.map(|deg| round_to(deg, 3)),
+            "all_rows": result_json(&compass.all_rows),
+            "headings": compass.corrections.iter().map(|correction| json!({
+                "by": correction.source.name(),
+                "against_reference": correction.score.as_ref().map(score_json),
+            })).collect::<Vec<_>>(),
+            "changes": compass.changes.iter().map(|HardIronChange { step, bend_deg }| json!({
+                "at_s": round_to(step.at_s, 1),
+                "ut": step.step_ut.map(|axis| round_to(axis, 2)),
+                "sigma_ut": step.sigma_ut.map(|axis| round_to(axis, 2)),
+                "bend_deg": round_to(*bend_deg, 1),
+            })).collect::<Vec<_>>(),
+            "parameters": (self.judgement.action == CompassAction::Load)
+                .then_some(self.parameters.as_ref().ok().map(parameters_json)),
+        })
+    }
+}
+
+fn result_json(result: &ReplayResult) -> Value {
+    let solution = result.solution.as_ref();
+    let rounded = |value: f32, decimals: i32| round_to(f64::from(value), decimals);
+    let ms = |seconds: f32| round_to(f64::from(seconds) * 1e3, 1);
+    let latency = solution.and_then(|s| s.quality.latency);
+    let current = solution.map(|s| s.calibration.motor_current).filter(|current| current.current_sigma_a > 0.0);
+    json!({
+        "accepted": result.accepted.is_ok(),
+        "refusal": result.accepted.as_ref().err().map(|r| json!({ "code": r.code(), "words": r.to_string() })),
+        "method": solution.map(|s| s.quality.method.name()),
+        "coefficients": solution.map(|s| coefficients_json(&s.calibration)),
+        "inclination_deg": solution.map(|s| rounded(s.calibration.inclination_rad.to_degrees(), 2)),
+        "expected_rms_deg": solution.map(|s| rounded(s.quality.expected_rms_deg, 3)),
+        "iron_changed_ut": solution.and_then(|s| s.hard_iron_change).map(|finding| rounded(finding.violation.size_ut, 2)),
+        "bank_read": solution.and_then(|s| s.bank_scale_error).map(|finding| rounded(finding.violation.read_ratio, 3)),
+        "latency_ms": solution.map(|s| ms(s.calibration.latency_s)),
+        "latency_found_ms": latency.map(|latency| ms(latency.estimate_s)),
+        "latency_sigma_ms": latency.map(|latency| ms(latency.sigma_s)),
+        "by_current": current.map(|current| json!({
+            "ut_per_a": current.ut_per_a.map(|axis| rounded(axis, 4)),
+            "sigma_ut_per_a": rounded(current.sigma_ut_per_a, 4),
+            "mean_a": rounded(current.mean_current_a, 2),
+            "spread_a": rounded(current.current_sigma_a, 2),
+        })),
+        "samples": result.samples,
+        "smooth": result.smoothed_score.as_ref().map(score_json),
+    })
+}
+
+fn score_json(score: &HeadingScore) -> Value {
+    let has_sigma = score.within_percent[1] > 0.0;
+    json!({
+        "heading_rms_deg": round_to(score.rms_deg, 3),
+        "heading_mean_deg": round_to(score.mean_deg, 3),
+        "rows": score.rows,
+        "within_one_sigma_percent": has_sigma.then(|| round_to(score.within_percent[0], 1)),
+        "within_two_sigma_percent": has_sigma.then(|| round_to(score.within_percent[1], 1)),
+    })
+}
+
+fn parameters_json(exported: &ExportedCorrection) -> Value {
+    json!({
+        "matrix": exported.correction.matrix.transpose().iter().map(|number| round_to(*number, 5)).collect::<Vec<_>>(),
+        "offsets_ut": exported.correction.hard_iron_ut.iter().map(|number| round_to(-number, 3)).collect::<Vec<_>>(),
+        "lost_rms_deg": round_to(exported.heading_loss_deg[0], 3),
+        "lost_mean_deg": round_to(exported.heading_loss_deg[1], 3),
+        "heading_rms_deg": exported.held_back.map(|score| round_to(score.rms_deg, 3)),
+        "is_estimate": exported.held_back.map(|score| score.is_estimate),
+        "rows_from_s": exported.rows_s.map(|[from_s, _]| round_to(from_s, 1)),
+        "rows_to_s": exported.rows_s.map(|[_, to_s]| round_to(to_s, 1)),
+        "warnings": exported.warnings,
+    })
+}

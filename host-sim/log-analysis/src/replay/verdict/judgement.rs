@@ -1,0 +1,235 @@
+//! Judgement of a compass as the aircraft flies it now, and what to do with it.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::replay::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg};
+use crate::replay::note::Note;
+use crate::replay::parameter_choice::NoParameters;
+use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
+use crate::replay::row_headings::score;
+use crate::replay::{ReferenceHeading, ReplayRow};
+
+/// Largest error as logged of a good compass, degrees RMS.
+const GOOD_DEG: f64 = 2.0;
+
+/// Error as logged, degrees RMS, or effect of a change of hard iron, degrees, beyond which a compass is bad.
+const BAD_DEG: f64 = 5.0;
+
+/// Sectors of 30 deg of heading, with at least this many rows (half a second), that a flight must cover to judge a compass: errors
+/// are less their mean, which on few headings is all of them.
+const MIN_SECTORS: usize = 4;
+const SECTOR_ROWS: usize = 5;
+
+/// State of a compass with the parameters in use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CompassState {
+    /// At most 2 deg RMS as logged, and no change of hard iron.
+    Good,
+    /// Between good and bad, or no reference of 2 deg or better, or too few headings.
+    Doubtful,
+    /// Over 5 deg RMS, a change of hard iron with an effect of over 5 deg, or a failed sensor.
+    Bad,
+}
+
+/// What to do with a compass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CompassAction {
+    /// Load the parameters.
+    Load,
+    /// Leave it as it is.
+    Leave,
+    /// Fly again, since this flight does not determine parameters.
+    FlyAgain,
+    /// Replace or move it.
+    Replace,
+}
+
+/// Reason of a judgement.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Reason {
+    /// The sensor failed.
+    SensorFailed(Note),
+    /// Hard iron changed: time of the last change, seconds, its size, microtesla, and effect, degrees.
+    IronChanged {
+        /// Time, seconds of the log.
+        at_s: f64,
+        /// Size, microtesla.
+        size_ut: f64,
+        /// Largest effect on a level heading, degrees.
+        bend_deg: f64,
+    },
+    /// Error as logged, degrees RMS less mean.
+    ErrorAsLogged(f64),
+    /// No reference of 2 deg or better.
+    NoReference,
+    /// Too few headings with a reference.
+    FewHeadings,
+    /// Parameters with this error are given.
+    Parameters(HeldBackScore),
+    /// None are given.
+    NoParameters(NoParameters),
+}
+
+impl Reason {
+    /// Code for programs.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::SensorFailed(_) => "sensor-failed",
+            Self::IronChanged { .. } => "iron-changed",
+            Self::ErrorAsLogged(rms_deg) if *rms_deg <= GOOD_DEG => "good-as-logged",
+            Self::ErrorAsLogged(_) => "error-as-logged",
+            Self::NoReference => "no-reference",
+            Self::FewHeadings => "few-headings",
+            Self::Parameters(_) => "parameters-gain",
+            Self::NoParameters(why) => why.code(),
+        }
+    }
+}
+
+/// Judgement of a compass.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Judgement {
+    /// State.
+    pub state: CompassState,
+    /// Action.
+    pub action: CompassAction,
+    /// Reasons.
+    pub reasons: Vec<Reason>,
+    /// Error as logged since the last change, degrees RMS less mean; none without a reference of 2 deg or better.
+    pub as_logged_rms_deg: Option<f64>,
+}
+
+impl Judgement {
+    /// Judges a compass by its evaluation and the parameters found for it.
+    #[must_use]
+    pub fn new(
+        evaluation: &FlightEvaluation,
+        compass: &CompassEvaluation,
+        failure: Option<Note>,
+        parameters: &Result<ExportedCorrection, NoParameters>,
+    ) -> Self {
+        let as_logged_rms_deg = as_logged_rms_deg(evaluation, compass);
+        let change = compass.changes.last();
+        let bend_deg = compass.changes.iter().map(|change| change.bend_deg).fold(0.0, f64::max);
+        let state = match as_logged_rms_deg {
+            _ if failure.is_some() || bend_deg > BAD_DEG => CompassState::Bad,
+            Some(rms_deg) if rms_deg > BAD_DEG => CompassState::Bad,
+            Some(rms_deg) if rms_deg <= GOOD_DEG && change.is_none() => CompassState::Good,
+            _ => CompassState::Doubtful,
+        };
+        let action = if failure.is_some() {
+            CompassAction::Replace
+        } else {
+            parameters.as_ref().map_or_else(|why| action_without_parameters(state, why), |_| CompassAction::Load)
+        };
+        let changed = change.map(|change| Reason::IronChanged {
+            at_s: change.step.at_s,
+            size_ut: change.step.size_ut(),
+            bend_deg: change.bend_deg,
+        });
+        let unknown = if accurate_reference(evaluation).is_some() { Reason::FewHeadings } else { Reason::NoReference };
+        let error = as_logged_rms_deg.map_or(unknown, Reason::ErrorAsLogged);
+        let given = match parameters {
+            Ok(_) if failure.is_some() => None,
+            Ok(export) => export.held_back.map(Reason::Parameters),
+            Err(why) => Some(Reason::NoParameters(why.clone())),
+        };
+        let reasons =
+            failure.map(Reason::SensorFailed).into_iter().chain(changed).chain([error]).chain(given).collect();
+        Self { state, action, reasons, as_logged_rms_deg }
+    }
+
+    /// Codes of the reasons.
+    #[must_use]
+    pub fn reason_codes(&self) -> Vec<&'static str> {
+        self.reasons.iter().map(Reason::code).collect()
+    }
+}
+
+fn action_without_parameters(state: CompassState, why: &NoParameters) -> CompassAction {
+    match why {
+        NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
+        NoParameters::NoGain(held_back) | NoParameters::Inaccurate(held_back)
+            if !held_back.is_estimate && held_back.rms_deg.min(held_back.disturbed_deg) > BAD_DEG =>
+        {
+            CompassAction::Replace
+        }
+        _ if state == CompassState::Good => CompassAction::Leave,
+        NoParameters::NoGain(_) => CompassAction::Leave,
+        _ => CompassAction::FlyAgain,
+    }
+}
+
+fn accurate_reference(evaluation: &FlightEvaluation) -> Option<&ReferenceHeading> {
+    evaluation.reference.as_ref().filter(|reference| reference.accurate_sigma_deg().is_some())
+}
+
+/// Error as logged since the last change, degrees RMS less mean; none on too few headings.
+fn as_logged_rms_deg(evaluation: &FlightEvaluation, compass: &CompassEvaluation) -> Option<f64> {
+    accurate_reference(evaluation)?;
+    let rows: Vec<ReplayRow> = compass.parameter_fit.rows(&compass.rows).copied().collect();
+    let mut sectors = [0_usize; 12];
+    for heading_deg in rows.iter().filter_map(|row| row.reference_deg) {
+        sectors[(heading_deg.rem_euclid(360.0) / 30.0) as usize % 12] += 1;
+    }
+    if sectors.iter().filter(|number| **number >= SECTOR_ROWS).count() < MIN_SECTORS {
+        return None;
+    }
+    let logged = score(&rows, |row| Some((heading_deg(row, row.logged.ut.map(f64::from)), f64::NAN)));
+    logged.map(|score| score.rms_deg)
+}
+
+impl fmt::Display for CompassState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Good => "good",
+            Self::Doubtful => "doubtful",
+            Self::Bad => "bad",
+        })
+    }
+}
+
+impl fmt::Display for Judgement {
+    /// The judgement after a subject: "is off by 7.3 deg RMS; with these parameters 0.6: load them".
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut joint = "";
+        for reason in &self.reasons {
+            let text = match reason {
+                Reason::SensorFailed(note) => {
+                    let note = note.to_string();
+                    format!("failed: {}", note.split_once(": ").map_or(note.as_str(), |(_, rest)| rest))
+                }
+                Reason::IronChanged { at_s, size_ut, bend_deg } => format!(
+                    "has other iron around it since {at_s:.0} s, by {size_ut:.1} uT, which bends headings by up to \
+                     {bend_deg:.0} deg"
+                ),
+                Reason::ErrorAsLogged(rms_deg) if self.state == CompassState::Good => {
+                    format!("is good already ({rms_deg:.2} deg RMS)")
+                }
+                Reason::ErrorAsLogged(rms_deg) => format!("is off by {rms_deg:.1} deg RMS"),
+                Reason::FewHeadings => "was flown on too few headings to be judged".to_owned(),
+                Reason::NoReference => "cannot be compared with a heading of 2 deg or better in this log".to_owned(),
+                Reason::Parameters(HeldBackScore { rms_deg, as_logged_rms_deg, is_estimate: true, .. }) => format!(
+                    "with these parameters its field is consistent to {rms_deg:.1} deg, as logged to \
+                     {as_logged_rms_deg:.1}"
+                ),
+                Reason::Parameters(held_back) => format!("with these parameters {:.1}", held_back.rms_deg),
+                Reason::NoParameters(_) if self.state == CompassState::Good => continue,
+                Reason::NoParameters(why) => why.to_string(),
+            };
+            write!(f, "{joint}{text}")?;
+            joint = "; ";
+        }
+        f.write_str(match self.action {
+            CompassAction::Load => ": load them",
+            CompassAction::Leave => ": leave it as it is",
+            CompassAction::FlyAgain => ": fly again",
+            CompassAction::Replace => ": replace or move it",
+        })
+    }
+}

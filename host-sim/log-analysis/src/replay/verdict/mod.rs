@@ -1,0 +1,12 @@
+//! Verdict on a flight, which the terminal, the page and `--json` show: on each compass as the aircraft flies it, the one
+//! in use first; then whether the module would have calibrated itself.
+
+mod facts;
+mod flight_verdict;
+mod json;
+mod judgement;
+mod module_outcome;
+
+pub use flight_verdict::{CompassVerdict, Verdict};
+pub use judgement::{CompassAction, CompassState, Judgement, Reason};
+pub use module_outcome::{CompassOutcome, FlightOutcome, FlightRefusal};

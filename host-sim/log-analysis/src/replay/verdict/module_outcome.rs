@@ -1,0 +1,215 @@
+//! Whether, when and how accurately the module would have calibrated itself.
+
+use std::fmt;
+
+use autoswing::messages::Refusal;
+use serde::{Serialize, Serializer};
+
+use crate::numbers::format_number;
+use crate::replay::RowCounts;
+use crate::replay::data_loss::SLOW_ATTITUDE_S;
+use crate::replay::evaluation::{CompassEvaluation, FlightEvaluation};
+
+/// Fewer rows than this are no flight (2 s at 10 Hz).
+const NO_FLIGHT: usize = 20;
+
+/// Whether, when and how accurately the module would have calibrated; displayed as a line.
+#[derive(Clone, Debug, PartialEq)]
+pub enum FlightOutcome {
+    /// Calibrated.
+    Calibrated {
+        /// Numbers of the calibrated compasses.
+        numbers: Vec<u8>,
+        /// Number of all compasses.
+        of: usize,
+        /// First and last calibration without a command, seconds into the flight; none if one required a command.
+        at_s: Option<[f64; 2]>,
+        /// Largest expected error, degrees RMS.
+        expected_deg: f64,
+        /// Interval of an attitude that is too slow, seconds.
+        slow_attitude_s: Option<f64>,
+    },
+    /// Refused.
+    Refused {
+        /// Number of all compasses.
+        of: usize,
+        /// Number of the compass nearest to a calibration, if the causes differ.
+        nearest: Option<u8>,
+        /// Cause for this compass.
+        cause: FlightRefusal,
+        /// Interval of an attitude that is too slow, seconds.
+        slow_attitude_s: Option<f64>,
+    },
+}
+
+/// Cause of a refusal.
+#[derive(Clone, Debug, PartialEq)]
+pub enum FlightRefusal {
+    /// Number of readings, too few for a flight.
+    FewReadings(usize),
+    /// Too few usable rows.
+    FewRows {
+        /// Number of readings.
+        readings: usize,
+        /// Number of usable rows.
+        used: usize,
+        /// The most frequent rejection: number and cause.
+        rejected: (usize, &'static str),
+    },
+    /// The module's reason.
+    Module(Refusal),
+}
+
+/// Whether and when the module would have calibrated a compass; displayed as a phrase.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CompassOutcome {
+    /// Calibrated without a command after this time in flight, seconds.
+    Automatic(f64),
+    /// Calibrated by a command at the end.
+    Commanded,
+    /// Refused.
+    Refused(Refusal),
+}
+
+impl FlightOutcome {
+    /// Outcome of an evaluated flight.
+    #[must_use]
+    pub fn new(evaluation: &FlightEvaluation) -> Self {
+        let compasses = &evaluation.compasses;
+        let of = compasses.len();
+        let accepted: Vec<&CompassEvaluation> =
+            compasses.iter().filter(|compass| compass.module.accepted.is_ok()).collect();
+        let slow_attitude_s = Some(evaluation.attitude_interval_s).filter(|interval_s| *interval_s > SLOW_ATTITUDE_S);
+        if accepted.is_empty() {
+            let nearest = nearest(compasses);
+            let cause = nearest.map_or(FlightRefusal::FewReadings(0), FlightRefusal::new);
+            // Causes with other numbers are the same cause if their texts are.
+            let is_shared =
+                compasses.iter().all(|compass| FlightRefusal::new(compass).to_string() == cause.to_string());
+            let nearest = nearest.filter(|_| !is_shared).map(|compass| compass.number);
+            return Self::Refused { of, nearest, cause, slow_attitude_s };
+        }
+        let times_s: Option<Vec<f64>> = accepted.iter().map(|compass| compass.calibrated_s()).collect();
+        Self::Calibrated {
+            numbers: accepted.iter().map(|compass| compass.number).collect(),
+            of,
+            at_s: times_s.map(|times_s| {
+                times_s
+                    .iter()
+                    .fold([f64::INFINITY, f64::NEG_INFINITY], |[first, last], &at_s| [first.min(at_s), last.max(at_s)])
+            }),
+            expected_deg: accepted.iter().filter_map(|compass| compass.module.expected_rms_deg()).fold(0.0, f64::max),
+            slow_attitude_s,
+        }
+    }
+}
+
+/// The rejected compass closest to a calibration.
+fn nearest(compasses: &[CompassEvaluation]) -> Option<&CompassEvaluation> {
+    let expected_deg = |compass: &CompassEvaluation| compass.module.expected_rms_deg().unwrap_or(f64::INFINITY);
+    // Compasses that are unused or hardly logged rank last.
+    let is_out = |compass: &CompassEvaluation| (compass.counts.used < NO_FLIGHT, compass.is_used == Some(false));
+    compasses.iter().min_by(|a, b| {
+        let by_rows = || b.counts.used.cmp(&a.counts.used);
+        is_out(a).cmp(&is_out(b)).then_with(|| expected_deg(a).total_cmp(&expected_deg(b))).then_with(by_rows)
+    })
+}
+
+impl FlightRefusal {
+    /// Too few usable rows, else the module's reason.
+    fn new(compass: &CompassEvaluation) -> Self {
+        let RowCounts { readings, used, .. } = compass.counts;
+        match &compass.module.accepted {
+            Err(refusal) if used >= NO_FLIGHT => Self::Module(refusal.clone()),
+            _ if readings < NO_FLIGHT => Self::FewReadings(readings),
+            _ => Self::FewRows { readings, used, rejected: compass.counts.main_rejection() },
+        }
+    }
+}
+
+impl CompassOutcome {
+    pub(super) fn new(compass: &CompassEvaluation) -> Self {
+        match (&compass.module.accepted, compass.calibrated_s()) {
+            (Err(refusal), _) => Self::Refused(refusal.clone()),
+            (Ok(()), Some(after_s)) => Self::Automatic(after_s),
+            (Ok(()), None) => Self::Commanded,
+        }
+    }
+}
+
+impl fmt::Display for FlightOutcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (Self::Calibrated { slow_attitude_s, .. } | Self::Refused { slow_attitude_s, .. }) = self;
+        let slow = slow_attitude_s.map_or_else(String::new, |interval_s| {
+            let hz = 1.0 / interval_s;
+            format!("the attitude is logged {hz:.1} times a second; below 3 Hz its interpolation is unreliable")
+        });
+        let slow_after = |joint: &str| if slow.is_empty() { String::new() } else { format!("; {joint}{slow}") };
+        match self {
+            Self::Calibrated { numbers, of, at_s, expected_deg, .. } => {
+                f.write_str("the module would have calibrated")?;
+                match (numbers.len(), *of) {
+                    (1, 1) => {}
+                    (some, of) if some == of => write!(f, " each of {of} compasses")?,
+                    (some, of) => {
+                        let numbers: Vec<String> = numbers.iter().map(u8::to_string).collect();
+                        write!(f, " {some} of {of} compasses (number {})", numbers.join(", "))?;
+                    }
+                }
+                match at_s {
+                    Some([first, last]) if last - first < 1.5 => write!(f, " by itself, {first:.0} s into the flight"),
+                    Some([first, last]) => write!(f, " by itself, {first:.0} to {last:.0} s into the flight"),
+                    None => f.write_str(" by a command at the end of the flight"),
+                }?;
+                write!(f, ", expecting {expected_deg:.1} deg{}", slow_after("but "))
+            }
+            Self::Refused { of, nearest, cause, .. } => {
+                f.write_str("the module would have refused")?;
+                if *of > 1 {
+                    write!(f, " each of {of} compasses")?;
+                }
+                if let Some(number) = nearest {
+                    write!(f, "; number {number} came nearest")?;
+                }
+                let slow = match cause {
+                    FlightRefusal::FewReadings(_) => String::new(),
+                    FlightRefusal::FewRows { .. } => slow_after(""),
+                    FlightRefusal::Module(_) => slow_after("and "),
+                };
+                write!(f, ": {cause}{slow}")
+            }
+        }
+    }
+}
+
+impl Serialize for FlightOutcome {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl fmt::Display for FlightRefusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::FewReadings(number) => {
+                write!(f, "the log has {number} readings of the field, too few for a flight")
+            }
+            Self::FewRows { readings, used, rejected: (number, why) } => {
+                write!(f, "of {readings} readings of the field {used} are usable; {number} are {why}")
+            }
+            Self::Module(refusal) => refusal.fmt(f),
+        }
+    }
+}
+
+impl fmt::Display for CompassOutcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Automatic(after_s) => {
+                write!(f, "would have calibrated itself after {} s", format_number(*after_s, 0))
+            }
+            Self::Commanded => f.write_str("would have calibrated by a command at the end"),
+            Self::Refused(refusal) => write!(f, "would have been refused: {}: {refusal}", refusal.code()),
+        }
+    }
+}

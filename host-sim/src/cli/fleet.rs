@@ -1,0 +1,106 @@
+//! `host-sim replay` of several logs: one line each, the worst first.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use log_analysis::replay::parameter_export::ParameterFormat;
+use log_analysis::replay::verdict::{CompassState, Verdict};
+use rayon::prelude::*;
+use serde_json::{Value, json};
+
+use super::failure::Failure;
+use super::print::{self, append_wrapped};
+use super::progress::waiting;
+use super::replay::{Replay, evaluate, read_flight};
+
+/// Names of logs in a folder end in one of these.
+const LOG_EXTENSIONS: [&str; 5] = ["bin", "log", "tlog", "ulg", "csv"];
+
+/// Result of a log.
+struct LogLine {
+    /// Order: unreadable first, then by state, then by error as logged, milli-degrees.
+    rank: (u8, u64),
+    code: u8,
+    text: String,
+    json: Value,
+}
+
+pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
+    if options.params.is_some() || options.params_for.is_some() || options.out.is_some() || options.report.is_some() {
+        return Err(Failure("--params, --params-for, --out and --report take one log".to_owned()));
+    }
+    let logs = expand_folders(&options.files)?;
+    let bar = waiting("evaluating the logs");
+    let mut lines: Vec<LogLine> = logs.par_iter().map(|log| judge_log(log, options)).collect();
+    bar.finish_and_clear();
+    lines.sort_by(|one, other| other.rank.cmp(&one.rank).then_with(|| one.text.cmp(&other.text)));
+    for line in &lines {
+        if options.json {
+            print::print_line(&line.json);
+        } else {
+            let mut text = String::new();
+            append_wrapped(&mut text, "", &line.text);
+            print::print_text(&text);
+        }
+    }
+    Ok(ExitCode::from(lines.iter().map(|line| line.code).max().unwrap_or(2)))
+}
+
+/// The logs, and those in the folders, by name.
+fn expand_folders(files: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
+    let mut logs = Vec::new();
+    for file in files {
+        if !file.is_dir() {
+            logs.push(file.clone());
+            continue;
+        }
+        let unreadable = |error| Failure(format!("cannot read {}: {error}", file.display()));
+        let entries = std::fs::read_dir(file).map_err(unreadable)?;
+        let paths = entries.map(|entry| Ok(entry?.path())).collect::<std::io::Result<Vec<PathBuf>>>();
+        let mut found: Vec<PathBuf> = paths.map_err(unreadable)?.into_iter().filter(|path| is_log(path)).collect();
+        found.sort();
+        logs.extend(found);
+    }
+    if logs.is_empty() {
+        return Err(Failure(format!("no logs in these folders (.{})", LOG_EXTENSIONS.join(", ."))));
+    }
+    Ok(logs)
+}
+
+fn is_log(path: &Path) -> bool {
+    let is_known = |ending: &std::ffi::OsStr| LOG_EXTENSIONS.iter().any(|known| ending.eq_ignore_ascii_case(known));
+    path.extension().is_some_and(is_known)
+}
+
+fn judge_log(log: &Path, options: &Replay) -> LogLine {
+    let name = log.display().to_string();
+    let judged = read_flight(log, options).and_then(|flight| {
+        let evaluation = evaluate(log, &flight, options)?;
+        let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::for_autopilot(flight.autopilot));
+        let mut json = verdict.json();
+        json["file"] = json!(name);
+        let as_logged_deg = verdict.by_use().first().and_then(|compass| compass.judgement.as_logged_rms_deg);
+        let state = verdict.state();
+        let sentences = verdict.sentences().join(" ");
+        Ok(LogLine {
+            rank: (state_rank(state), (as_logged_deg.unwrap_or(0.0) * 1e3) as u64),
+            code: u8::from(!verdict.is_solved()),
+            text: format!("{}: {name}: {sentences}", state.to_string().to_uppercase()),
+            json,
+        })
+    });
+    judged.unwrap_or_else(|Failure(why)| LogLine {
+        rank: (u8::MAX, 0),
+        code: 2,
+        text: format!("UNREADABLE: {why}"),
+        json: json!({ "file": name, "error": why }),
+    })
+}
+
+const fn state_rank(state: CompassState) -> u8 {
+    match state {
+        CompassState::Good => 0,
+        CompassState::Doubtful => 1,
+        CompassState::Bad => 2,
+    }
+}
