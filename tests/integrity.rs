@@ -188,6 +188,17 @@ fn a_bank_scale_error_is_refused_or_in_the_expected_error() {
     }
 }
 
+/// None of 89 flights was accepted.
+#[test]
+fn yaw_turns_without_tilt_are_refused() {
+    for aircraft in [VehicleKind::Copter, VehicleKind::Vtol] {
+        for row in rows_of(IntegrityPlan { flights: 4, aircraft, ..PLAN }, &["cal-yaw-only"]) {
+            assert!(row.accepted_percent <= 0.0, "{row:?}");
+            assert!(row.refused.iter().any(|(code, _)| code == "unobservable"), "{row:?}");
+        }
+    }
+}
+
 /// With fine attitude and with tenths of a degree.
 #[test]
 fn a_clean_flight_raises_no_alarm() {
@@ -227,7 +238,8 @@ fn faults_in_use_of_a_copter_are_compensated_or_withhold_the_heading() {
 
 #[test]
 fn motor_current_interference_in_hover_is_calibrated_as_hard_iron() {
-    for row in rows_of(IntegrityPlan { flights: 8, aircraft: VehicleKind::Copter, ..PLAN }, &["current-5"]) {
+    for row in rows_of(IntegrityPlan { flights: 8, aircraft: VehicleKind::Copter, ..PLAN }, &["cal-current-unreported"])
+    {
         assert!(all_accepted(&row) && row.bad_percent <= 0.1, "{row:?}");
     }
 }

@@ -9,6 +9,7 @@
 //! | `iron-changed` | hard iron changed during the collection, and dominates the expected error |
 //! | `attitude-contradicted` | bank-angle scale error of the attitude source, expected heading error too large |
 //! | `not-accurate` | expected heading error too large |
+//! | `unobservable` | free flight without tilt, or too little of it |
 //! | `not-better` | no better than the active calibration on held-back samples |
 //! | `thinner` | less information than behind the active calibration, which the samples do not contradict |
 
@@ -16,7 +17,8 @@ use core::fmt;
 
 use crate::calibration::verification::{self, HeldBackScores};
 use crate::calibration::{
-    BankScaleFinding, Calibration, DetectedHardIronChange, Finding, Orientation, Part, Quality, Samples, Solution,
+    BankScaleFinding, Calibration, DetectedHardIronChange, Finding, Method, Orientation, Part, Quality, Samples,
+    Solution, UnobservableQuantities,
 };
 use crate::decimal::Decimal;
 
@@ -108,6 +110,8 @@ pub enum Rejection {
         /// Expected heading error, degrees RMS.
         expected_rms_deg: f32,
     },
+    /// The vehicle tilted too little to determine the coefficients.
+    Unobservable,
     /// No better than the active calibration on held-back samples.
     NotBetter {
         /// Score of the candidate; smaller is better.
@@ -138,9 +142,10 @@ pub fn evaluate_candidate(
     check_held_back(policy, &grounds)?;
     check_iron_change(policy, candidate)?;
     check_accuracy(policy, candidate)?;
+    check_observability(candidate, &grounds)?;
     let scores = check_scores(candidate, &grounds, incumbent)?;
     if let Some(quality) = &incumbent.quality {
-        check_information(policy, &candidate.quality, quality, scores)?;
+        check_information(policy, candidate, quality, scores)?;
     }
     Ok(scores)
 }
@@ -170,6 +175,16 @@ fn check_iron_change(policy: &AcceptancePolicy, candidate: &Solution) -> Result<
         return Err(Rejection::IronChanged(change));
     }
     Ok(())
+}
+
+/// Rejects free flight without tilt: of calibrations from yaw turns in hover, whose tilt keeps its direction over the
+/// ground, 30 % had more than three times the expected error. Ground procedures have no free samples.
+fn check_observability(candidate: &Solution, grounds: &AcceptanceSamples<'_>) -> Result<(), Rejection> {
+    let rests_on_priors =
+        candidate.advice.as_ref().is_some_and(|advice| advice.unobservable != UnobservableQuantities::default());
+    let is_undetermined = rests_on_priors || !candidate.quality.determines_all_coefficients();
+    let is_free_flight = candidate.quality.method == Method::MaximumLikelihood && grounds.fit.has_free();
+    if is_free_flight && is_undetermined { Err(Rejection::Unobservable) } else { Ok(()) }
 }
 
 /// Tests the expected error, which includes a detected bank-angle scale error. If only that makes it too large, a
@@ -222,16 +237,19 @@ fn check_scores(
     }
 }
 
-/// Protects the active calibration from thin data, whose held-back samples are as thin as those of the fit.
+/// Protects the active calibration from thin data, whose held-back samples are as thin as those of the fit, and from an
+/// attitude source with an error, which contradicts it without cause.
 fn check_information(
     policy: &AcceptancePolicy,
-    new: &Quality,
+    candidate: &Solution,
     old: &Quality,
     scores: HeldBackScores,
 ) -> Result<(), Rejection> {
+    let new = &candidate.quality;
     let thinner = new.expected_rms_deg > policy.thinner_ratio * old.expected_rms_deg
         || (old.determines_all_coefficients() && !new.determines_all_coefficients());
-    let contradicted = scores.active > policy.contradiction_ratio * scores.candidate;
+    let contradicted =
+        scores.active > policy.contradiction_ratio * scores.candidate && candidate.bank_scale_error.is_none();
     if thinner && !contradicted {
         let (expected_rms_deg, incumbent_rms_deg) = (new.expected_rms_deg, old.expected_rms_deg);
         return Err(Rejection::Thinner { expected_rms_deg, incumbent_rms_deg });
@@ -247,6 +265,7 @@ impl fmt::Display for Rejection {
                 write!(f, "{have} of {need} samples to verify with on the side with fewer")
             }
             Self::IronChanged(change) => change.fmt(f),
+            Self::Unobservable => f.write_str("turns without tilt do not determine a calibration"),
             Self::AttitudeContradicted { bank_ratio: read, expected_rms_deg } => {
                 let (percent, expected) = (Decimal::<0>(100.0 * read), Decimal::<1>(expected_rms_deg));
                 write!(f, "the attitude source seems to read {percent} % of the bank, which costs {expected} deg")

@@ -2,7 +2,10 @@
 
 use super::*;
 use crate::calibration::tests::synthetic::Parts;
-use crate::calibration::{Current, Envelope, HardIronTimeCourse, HeadingUncertainty, Method, Part, Rates, Sample};
+use crate::calibration::{
+    Advice, Current, Deviation, Envelope, HardIronTimeCourse, HeadingUncertainty, Manoeuvre, Method, Part, Rates,
+    Sample,
+};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -225,6 +228,39 @@ fn expected_error_above_1_5_times_the_active_one_is_rejected() {
     assert!(evaluate_with_rms(1.5).is_ok());
     assert_eq!(evaluate_with_rms(1.51), Err(Rejection::Thinner { expected_rms_deg: 1.51, incumbent_rms_deg: 1.0 }));
     assert!(evaluate(ENOUGH_HELD_BACK, &candidate(0.9, quality(1.51)), &NOT_CALIBRATED).is_ok());
+}
+
+/// Free flight alone: the expected error of the other procedures contains what they leave undetermined.
+#[test]
+fn a_free_flight_without_tilt_is_unobservable() {
+    let level = Quality { envelope: Envelope::Level, ..quality(0.5) };
+    let samples = circle(0.0, 24);
+    let [free, swung] = [
+        Parts { free: &samples, ..Parts::default() }.samples(),
+        Parts { level: &samples, ..Parts::default() }.samples(),
+    ];
+    for (quality, parts, expected) in [
+        (level, free, Err(Rejection::Unobservable)),
+        (quality(0.5), free, Ok(())),
+        (Quality { method: Method::CompassSwing, ..level }, swung, Ok(())),
+        (Quality { method: Method::Ellipsoid, ..quality(0.5) }, free, Ok(())),
+    ] {
+        let grounds = AcceptanceSamples { fit: parts, held_back: parts, is_attitude_known: true };
+        let found = evaluate_candidate(&POLICY, &candidate(0.1, quality), grounds, &NOT_CALIBRATED);
+        assert_eq!(found.map(drop), expected, "{quality:?}");
+    }
+    let advice = Advice {
+        weakest: Deviation::Constant,
+        weakest_deg: 0.5,
+        expected_deg: 0.5,
+        manoeuvre: Manoeuvre::YawTurn,
+        expected_after_deg: 0.5,
+        floor_deg: 0.5,
+        unobservable: UnobservableQuantities { mounting: true, ..UnobservableQuantities::default() },
+    };
+    let on_priors = Solution { advice: Some(advice), ..candidate(0.1, quality(0.5)) };
+    let grounds = AcceptanceSamples { fit: free, held_back: free, is_attitude_known: true };
+    assert_eq!(evaluate_candidate(&POLICY, &on_priors, grounds, &NOT_CALIBRATED), Err(Rejection::Unobservable));
 }
 
 /// A level envelope or an unobservable mounting makes a candidate thinner.

@@ -84,7 +84,7 @@ impl Compass<'_> {
         if let SolvePurpose::Trial(starter) = purpose {
             let refusal = accepted.as_ref().err().cloned();
             self.collector.use_trial_solution(candidate);
-            if !self.trials.record_result(candidate, refusal, &self.collector, self.settings.accuracy_deg) {
+            if !self.trials.record_result(candidate, refusal, self.settings.accuracy_deg) {
                 self.resume_collection(starter);
                 return Effect::None;
             }

@@ -163,6 +163,11 @@ fn rejection(rejection: &Rejection, show: EntryWriter<'_>) -> fmt::Result {
     match rejection {
         Rejection::TooFewHeldBack { .. } => show("too-few-held-back", fact, format_args!("fly longer turns each way")),
         Rejection::IronChanged(change) => iron_changed(change, show),
+        Rejection::Unobservable => show(
+            "unobservable",
+            fact,
+            format_args!("tilt by 15 deg or more ahead, back, right and left on four headings"),
+        ),
         Rejection::AttitudeContradicted { .. } => {
             show("attitude-contradicted", fact, format_args!("calibrate the attitude source and fly again"))
         }

@@ -124,7 +124,10 @@ impl Refusal {
                     | SolveError::SamePlane
             ),
             Self::Rejected(rejection) => {
-                matches!(rejection, Rejection::TooFewHeldBack { .. } | Rejection::NotAccurate { .. })
+                matches!(
+                    rejection,
+                    Rejection::TooFewHeldBack { .. } | Rejection::NotAccurate { .. } | Rejection::Unobservable
+                )
             }
             _ => false,
         }

@@ -216,6 +216,12 @@ fn rejections() -> Vec<Expected> {
             "5 of 8 samples to verify with on the side with fewer; fly longer turns each way",
         ),
         (
+            Refusal::Rejected(Rejection::Unobservable),
+            "unobservable",
+            "turns without tilt do not determine a calibration; tilt by 15 deg or more ahead, back, right and left on \
+             four headings",
+        ),
+        (
             Refusal::Rejected(Rejection::AttitudeContradicted { bank_ratio: 0.91, expected_rms_deg: 3.01 }),
             "attitude-contradicted",
             "the attitude source seems to read 91 % of the bank, which costs 3.0 deg; calibrate the attitude source \

@@ -7,8 +7,7 @@ use autoswing::frames::{Attitude, Field};
 use log_analysis::score::{ErrorStatistics, wrap_180};
 use nalgebra::Vector3;
 
-use crate::world::rotation::Euler;
-use crate::world::{CRUISE_CURRENT_A, WorldConfig};
+use crate::world::{CRUISE_CURRENT_A, TrueState, WorldConfig};
 
 /// Banks at which a calibration is evaluated, degrees.
 pub const BANKS_DEG: [f64; 3] = [0.0, 25.0, -25.0];
@@ -22,10 +21,21 @@ impl HeadingErrors {
     /// Evaluates a calibration in a world at cruise current.
     #[must_use]
     pub fn evaluate(calibration: &Calibration, world: &WorldConfig) -> Self {
+        Self::evaluate_with_field(calibration, world, &|_| Vector3::zeros())
+    }
+
+    /// As [`evaluate`](Self::evaluate), with an additional field in chip axes, microtesla, at each steady state.
+    #[must_use]
+    pub fn evaluate_with_field(
+        calibration: &Calibration,
+        world: &WorldConfig,
+        added_ut: &dyn Fn(&TrueState) -> Vector3<f64>,
+    ) -> Self {
         let error_deg = |bank_deg: f64, heading_rad: f64| {
-            let truth = Euler { roll_rad: bank_deg.to_radians(), pitch_rad: 0.0, heading_rad };
-            let sensed = world.airframe.measured_field(&world.earth.body_field_ut(truth));
-            let sensed = Field::new(sensed.ut + Vector3::from(world.current_interference_ut).cast());
+            let truth = TrueState { roll_rad: bank_deg.to_radians(), heading_rad, ..TrueState::default() };
+            let sensed = world.airframe.measured_field(&world.earth.body_field_ut(truth.euler()));
+            let added_ut = added_ut(&truth) + Vector3::from(world.current_interference_ut);
+            let sensed = Field::new(sensed.ut + added_ut.cast());
             // The remaining calculation uses the module's own code.
             let told_a = world.reports_current.then_some(CRUISE_CURRENT_A as f32);
             let sensed = calibration.remove_motor_current(sensed, told_a);

@@ -1,6 +1,6 @@
 //! Trial solves during a collection in flight: estimate accuracy, recommend a manoeuvre, end the collection.
 
-use crate::calibration::{Advice, Envelope, Manoeuvre, NOTICEABLE_ERROR_RATIO, Solution};
+use crate::calibration::{Advice, Manoeuvre, NOTICEABLE_ERROR_RATIO, Solution};
 use crate::collection::{CollectionProblem, Collector};
 use crate::messages::Refusal;
 use crate::time::WrappingMillis;
@@ -16,8 +16,6 @@ struct TrialConfig {
     min_newly_retained: u16,
     /// With fewer stored samples, only every n-th trial runs (once a minute), to detect stagnation.
     idle_trial_period: u8,
-    /// Distinct samples (one minute of turning) after which a flight without tilt is assumed to remain level.
-    level_flight_measurements: u32,
     /// Consecutive trials (one minute), run or skipped, without noticeable improvement that end a collection.
     max_stalled_trials: u8,
 }
@@ -28,7 +26,6 @@ const CONFIG: TrialConfig = TrialConfig {
     min_new_measurements: 10,
     min_newly_retained: 10,
     idle_trial_period: 6,
-    level_flight_measurements: 600,
     max_stalled_trials: 6,
 };
 
@@ -155,20 +152,12 @@ impl TrialSolves {
     /// With motor-current interference among the unknowns, the errors of a few manoeuvres can be absorbed, and the
     /// expected error is too small; twice in a row that is rare. Of 400 simulated copters with 20 uT in hover, five had
     /// three times the expected error when one trial sufficed, two with two trials.
-    pub fn record_result(
-        &mut self,
-        found: &Solution,
-        refusal: Option<Refusal>,
-        collector: &Collector,
-        wanted_deg: f32,
-    ) -> bool {
+    pub fn record_result(&mut self, found: &Solution, refusal: Option<Refusal>, wanted_deg: f32) -> bool {
         let mut prospect = TrialResult::from_solution(found, refusal);
         prospect.is_stalled = self.update_stalled(found.quality.expected_rms_deg);
-        let is_of_use = found.quality.envelope == Envelope::Banked
-            || collector.distinct_samples() >= CONFIG.level_flight_measurements;
         let is_confirmed = !found.calibration.motor_current.is_applied()
             || self.last_result.as_ref().is_some_and(|before| before.reaches_accuracy(wanted_deg));
-        let is_over = is_of_use && prospect.ends_collection(wanted_deg, is_confirmed);
+        let is_over = prospect.ends_collection(wanted_deg, is_confirmed);
         self.last_result = Some(prospect);
         is_over
     }

@@ -4,7 +4,7 @@ use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::{
-    Calibration, Current, HeadingUncertainty, Method, MotorCurrentInterference, Orientation, Quality,
+    Calibration, Current, Envelope, HeadingUncertainty, Method, MotorCurrentInterference, Orientation, Quality,
 };
 use crate::calibration::{Part, Rates, Sample};
 use crate::collection::RetainedSamples;
@@ -142,8 +142,6 @@ fn solution_with(expected_rms_deg: f32, ut_per_a: f32) -> Solution {
 
 #[test]
 fn motor_current_interference_requires_two_good_trial_solves_in_a_row() {
-    let mut retained = RetainedSamples::EMPTY;
-    let collector = Collector::new(&mut retained);
     for (ut_per_a, trials_deg, ends) in [
         (0.0, &[0.9][..], &[true][..]),
         (0.0, &[1.1, 0.9], &[false, true]),
@@ -152,10 +150,8 @@ fn motor_current_interference_requires_two_good_trial_solves_in_a_row() {
         (0.5, &[0.9, 1.1, 0.9, 0.9], &[false, false, false, true]),
     ] {
         let mut trials = TrialSolves::NONE;
-        let ended: Vec<bool> = trials_deg
-            .iter()
-            .map(|&deg| trials.record_result(&solution_with(deg, ut_per_a), None, &collector, 1.0))
-            .collect();
+        let ended: Vec<bool> =
+            trials_deg.iter().map(|&deg| trials.record_result(&solution_with(deg, ut_per_a), None, 1.0)).collect();
         assert_eq!(ended, ends, "{ut_per_a} uT/A, {trials_deg:?}");
     }
 }

@@ -92,6 +92,20 @@ pub fn bank_scale_error(switch: Switch, reported_ratio: f64) -> impl AttitudeFau
     while_on(switch, move |message| message.roll *= reported_ratio as f32)
 }
 
+/// Lean of a filter that trusts its accelerometers in long turns, where gravity and centripetal acceleration give no
+/// bank: the missing bank approaches `share` of the bank with this time constant (M. Euston et al., "A Complementary
+/// Filter for Attitude Estimation of a Fixed-Wing UAV", IROS 2008, section IV).
+#[must_use]
+pub fn lagging_lean(switch: Switch, share: f64, time_s: f64) -> impl AttitudeFault {
+    let (mut lean_rad, mut before_us) = (0.0, None);
+    move |now_us: u64, message: &mut ATTITUDE_DATA| {
+        let step_s = now_us.saturating_sub(before_us.replace(now_us).unwrap_or(now_us)) as f64 / 1e6;
+        let target_rad = if switch.is_on(now_us) { share * f64::from(message.roll) } else { 0.0 };
+        lean_rad += (target_rad - lean_rad) * (step_s / time_s).min(1.0);
+        message.roll -= lean_rad as f32;
+    }
+}
+
 /// Additional attitude latency.
 pub struct AdditionalLatency {
     /// Active time.

@@ -1,24 +1,28 @@
-//! Faults of the field: hard-iron changes, currents, passing objects, another place.
+//! Faults of the field: hard-iron changes, currents, passing objects, moving iron, hysteresis, another place.
 
+use std::cell::Cell;
 use std::f64::consts::PI;
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use super::Switch;
 use crate::random::{Purpose, Random};
+use crate::world::TrueState;
+use crate::world::airframe::Airframe;
 use crate::world::earth::Earth;
 pub use crate::world::fault_interfaces::FieldFault;
+use crate::world::rotation::Euler;
 
 /// Permanent hard-iron change, microtesla, chip axes.
 #[must_use]
 pub fn hard_iron_change(switch: Switch, change_ut: Vector3<f64>) -> impl FieldFault {
-    move |at_us| if switch.is_on(at_us) { change_ut } else { Vector3::zeros() }
+    move |truth: &TrueState| if switch.is_on(truth.time_us) { change_ut } else { Vector3::zeros() }
 }
 
 /// Zero drift of a warming sensor: linear while the switch is on, then constant; microtesla, chip axes.
 #[must_use]
 pub fn zero_drift(switch: Switch, change_ut: Vector3<f64>) -> impl FieldFault {
-    move |at_us| change_ut * switch.progress(at_us)
+    move |truth: &TrueState| change_ut * switch.progress(truth.time_us)
 }
 
 /// Hard iron that relaxes to a new value, as of a magnetised part that warms; microtesla, chip axes.
@@ -33,8 +37,9 @@ pub fn hard_iron_drift(switch: Switch, change_ut: Vector3<f64>, time_constant_s:
 /// Passing magnetic object: a raised cosine over the active time; its peak in microtesla, chip axes.
 #[must_use]
 pub fn passing_object(switch: Switch, peak_ut: Vector3<f64>) -> impl FieldFault {
-    move |at_us| {
-        let near = if switch.is_on(at_us) { (1.0 - libm::cos(2.0 * PI * switch.progress(at_us))) / 2.0 } else { 0.0 };
+    move |&TrueState { time_us, .. }: &TrueState| {
+        let near =
+            if switch.is_on(time_us) { (1.0 - libm::cos(2.0 * PI * switch.progress(time_us))) / 2.0 } else { 0.0 };
         peak_ut * near
     }
 }
@@ -51,13 +56,71 @@ pub fn throttle_interference(switch: Switch, full_ut: Vector3<f64>, seed: u64) -
         at_s += random.uniform(3.0, 12.0);
         moves.push((at_s, random.uniform(-1.0, 1.0)));
     }
-    move |at_us| {
-        let Some(on_s) = switch.active_for_s(at_us) else { return Vector3::zeros() };
+    move |truth: &TrueState| {
+        let Some(on_s) = switch.active_for_s(truth.time_us) else { return Vector3::zeros() };
         let next = moves.partition_point(|&(from_s, _)| from_s <= on_s);
         let (from_s, now) = moves[next - 1];
         let before = moves[next.saturating_sub(2)].1;
         let share = ((on_s - from_s) / 0.5).min(1.0);
         full_ut * (before + (now - before) * share)
+    }
+}
+
+/// Bank at which an elevator linkage reaches the end of its range, degrees: that of the calibration turns.
+const LINKAGE_BANK_DEG: f64 = 25.0;
+
+/// Iron in the linkage of the elevator, which deflects in turns by the load factor less one (W. F. Phillips, Mechanics
+/// of Flight, 2010, 6.4). `full_ut`: field at 25 deg of bank and above, microtesla, chip axes.
+#[must_use]
+pub fn elevator_linkage(full_ut: Vector3<f64>) -> impl FieldFault {
+    let deflection = |bank_rad: f64| 1.0 / libm::cos(bank_rad) - 1.0;
+    let full = deflection(LINKAGE_BANK_DEG.to_radians());
+    move |truth: &TrueState| full_ut * (deflection(truth.roll_rad) / full).clamp(0.0, 1.0)
+}
+
+/// Hysteresis of the soft iron: its magnetisation turns with the field only after a play (the play operator of M. A.
+/// Krasnosel'skii and A. V. Pokrovskii, Systems with Hysteresis, 1989), so that it lags in a turn, and in the following
+/// straight flight remains as the turn left it.
+pub struct SoftIronHysteresis {
+    /// Field of the soft iron per field in body axes, chip axes.
+    soft_iron: Matrix3<f64>,
+    earth: Earth,
+    play_rad: f64,
+    /// Heading at which the soft iron would have its present magnetisation without hysteresis; `None` at the start.
+    magnetised_at_rad: Cell<Option<f64>>,
+}
+
+impl SoftIronHysteresis {
+    /// Hysteresis of an airframe's soft iron.
+    #[must_use]
+    pub fn new(airframe: &Airframe, earth: Earth, play_deg: f64) -> Self {
+        Self {
+            soft_iron: airframe.soft_iron(),
+            earth,
+            play_rad: play_deg.to_radians(),
+            magnetised_at_rad: Cell::new(None),
+        }
+    }
+
+    fn at_heading(&self, truth: &TrueState, magnetised_at_rad: f64) -> Vector3<f64> {
+        let body_ut = |heading_rad| self.earth.body_field_ut(Euler { heading_rad, ..truth.euler() });
+        self.soft_iron * (body_ut(magnetised_at_rad) - body_ut(truth.heading_rad))
+    }
+}
+
+impl FieldFault for SoftIronHysteresis {
+    fn added_ut(&self, truth: &TrueState) -> Vector3<f64> {
+        let heading_rad = truth.heading_rad;
+        let before_rad = self.magnetised_at_rad.get().unwrap_or(heading_rad);
+        let now_rad = before_rad.clamp(heading_rad - self.play_rad, heading_rad + self.play_rad);
+        self.magnetised_at_rad.set(Some(now_rad));
+        self.at_heading(truth, now_rad)
+    }
+
+    /// In level flight the mean of both directions of the turn before it.
+    fn steady_ut(&self, truth: &TrueState) -> Vector3<f64> {
+        let lag_rad = if truth.roll_rad == 0.0 { 0.0 } else { self.play_rad.copysign(truth.roll_rad) };
+        self.at_heading(truth, truth.heading_rad - lag_rad)
     }
 }
 

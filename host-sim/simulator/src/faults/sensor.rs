@@ -1,8 +1,10 @@
 //! Faults of the magnetometer, injected between chip and bus.
 
 use std::cell::RefCell;
+use std::f64::consts::TAU;
 use std::rc::Rc;
 
+use nalgebra::Vector3;
 use testkit::clock;
 
 use super::Switch;
@@ -128,6 +130,19 @@ pub fn measurement_spikes(switch: Switch, fraction: f64, height_counts: f64, see
         let axis = random.uniform(0.0, 3.0) as usize;
         let sign = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
         counts[axis.min(2)] = (f64::from(counts[axis.min(2)]) + sign * height_counts) as i16;
+    }
+}
+
+/// Vibration of the sensor against iron near a multiple of its sample rate: the alias is slow, and passes all averaging
+/// (a motor at 4,800 rpm vibrates at the 80 Hz of a LIS3MDL). `alias_hz`: the difference.
+#[must_use]
+pub fn aliased_vibration(switch: Switch, peak_counts: Vector3<f64>, alias_hz: f64) -> impl SensorFault {
+    move |at_us: u64, counts: &mut [i16; 3]| {
+        let Some(on_s) = switch.active_for_s(at_us) else { return };
+        let now = libm::sin(TAU * alias_hz * on_s);
+        for (count, peak) in counts.iter_mut().zip(&peak_counts) {
+            *count = (f64::from(*count) + peak * now).round() as i16;
+        }
     }
 }
 

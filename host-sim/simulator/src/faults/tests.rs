@@ -8,13 +8,20 @@ use testkit::simulation::Simulation;
 use super::Switch;
 use super::attitude::{
     AdditionalLatency, AttitudeFault, attitude_bias, attitude_quantisation, attitude_spikes, bank_scale_error,
-    frozen_attitude,
+    frozen_attitude, lagging_lean,
 };
-use super::field::{FieldFault, hard_iron_change, passing_object, throttle_interference, zero_drift};
+use super::field::{
+    FieldFault, SoftIronHysteresis, elevator_linkage, hard_iron_change, passing_object, throttle_interference,
+    zero_drift,
+};
 use super::sensor::{
-    FaultyChip, RegisterUpset, SensorFault, additional_noise, axis_clipping, measurement_spikes, stuck_axes,
+    FaultyChip, RegisterUpset, SensorFault, additional_noise, aliased_vibration, axis_clipping, measurement_spikes,
+    stuck_axes,
 };
 use crate::devices::i2c::Target;
+use crate::world::airframe::Airframe;
+use crate::world::earth::Earth;
+use crate::world::{TrueState, WorldConfig};
 use log_analysis::numbers::square;
 
 /// On from 1 s to 3 s.
@@ -175,7 +182,7 @@ fn each_attitude_fault_has_its_named_effect() {
 #[test]
 fn each_field_fault_has_its_named_effect() {
     let ut = Vector3::new(3.0, 0.0, 4.0);
-    let added = |fault: &dyn FieldFault, at_us| fault.added_ut(at_us).norm();
+    let added = |fault: &dyn FieldFault, time_us| fault.added_ut(&TrueState { time_us, ..TrueState::default() }).norm();
     let moved = hard_iron_change(switch(), ut);
     let drift = zero_drift(switch(), ut);
     let passing = passing_object(switch(), ut);
@@ -193,4 +200,55 @@ fn each_field_fault_has_its_named_effect() {
     assert!(values[..30].iter().all(|ut| *ut == 0.0), "cruise for three seconds");
     assert!(values.iter().fold(0.0_f64, |most, ut| most.max(*ut)) > 2.0 && values.iter().all(|ut| *ut <= 5.0));
     assert!(values.windows(2).all(|pair| (pair[1] - pair[0]).abs() < 2.1), "it follows in half a second");
+}
+
+#[test]
+fn a_linkage_moves_in_turns_to_both_sides_only() {
+    let linkage = elevator_linkage(Vector3::new(0.0, 3.0, 0.0));
+    for (bank_deg, expected_ut) in [(0.0_f64, 0.0), (25.0, 3.0), (-25.0, 3.0), (40.0, 3.0), (12.0, 0.646)] {
+        let state = TrueState { roll_rad: bank_deg.to_radians(), ..TrueState::default() };
+        let added_ut = linkage.added_ut(&state).y;
+        assert!((added_ut - expected_ut).abs() < 0.01, "{bank_deg}: {added_ut}");
+    }
+}
+
+/// After a turn the magnetisation stays behind by the play, on the side that the turn came from.
+#[test]
+fn hysteresis_depends_on_the_side_of_the_last_turn() {
+    let WorldConfig { airframe, earth, .. } = WorldConfig::random(3);
+    let iron = SoftIronHysteresis::new(&airframe, earth, 15.0);
+    let at = |heading_deg: f64| TrueState { heading_rad: heading_deg.to_radians(), ..TrueState::default() };
+    let fly = |from: i32, to: i32| {
+        let step = (to - from).signum();
+        (0..=(to - from).abs()).fold(Vector3::zeros(), |_, n| iron.added_ut(&at(f64::from(from + step * n))))
+    };
+    let lag_ut = |heading_deg: f64, of_deg: f64| iron.at_heading(&at(heading_deg), of_deg.to_radians());
+    assert!((fly(0, 90) - lag_ut(90.0, 75.0)).norm() < 1e-9);
+    assert!((fly(90, 100) - lag_ut(100.0, 85.0)).norm() < 1e-9);
+    assert!((fly(100, 20) - lag_ut(20.0, 35.0)).norm() < 1e-9);
+    assert!((fly(20, 25) - lag_ut(25.0, 35.0)).norm() < 1e-9, "within the play nothing moves");
+    let banked = |bank_deg: f64| TrueState { roll_rad: bank_deg.to_radians(), ..at(90.0) };
+    assert!((iron.steady_ut(&banked(25.0)) - iron.at_heading(&banked(25.0), 75_f64.to_radians())).norm() < 1e-9);
+    assert!(iron.steady_ut(&banked(0.0)).norm() < 1e-9 && lag_ut(90.0, 75.0).norm() > 0.1);
+    let none = SoftIronHysteresis::new(&Airframe::none(), Earth::default(), 15.0);
+    assert!(none.steady_ut(&banked(25.0)).norm() < 1e-9);
+}
+
+#[test]
+fn a_lean_grows_with_its_time_constant() {
+    let mut lean = lagging_lean(Switch::on(), 0.12, 10.0);
+    let mut message = ATTITUDE_DATA::default();
+    for step in 0..=500 {
+        message = ATTITUDE_DATA { roll: 0.5, ..ATTITUDE_DATA::default() };
+        lean.tamper(step * 20_000, &mut message);
+    }
+    let expected = 0.5 * (1.0 - 0.12 * (1.0 - (-1.0_f32).exp()));
+    assert!((message.roll - expected).abs() < 1e-4, "{}", message.roll);
+}
+
+#[test]
+fn an_alias_of_a_vibration_is_slow() {
+    let mut vibration = aliased_vibration(Switch::on(), Vector3::new(100.0, 0.0, -200.0), 0.1);
+    assert_eq!(apply_sensor_fault(&mut vibration, 2_500_000, [1, 2, 3]), [101, 2, -197]);
+    assert_eq!(apply_sensor_fault(&mut vibration, 5_000_000, [1, 2, 3]), [1, 2, 3]);
 }

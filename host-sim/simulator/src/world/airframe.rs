@@ -94,6 +94,12 @@ impl Airframe {
         Self { a: mounting * soft_iron, b_ut: hard_iron * earth.horizontal_ut() }
     }
 
+    /// Field of the soft iron per field in body axes, chip axes: `A` less its rotation, the mounting.
+    #[must_use]
+    pub fn soft_iron(&self) -> Matrix3<f64> {
+        self.a - Rotation3::from_matrix(&self.a).into_inner()
+    }
+
     /// Field at the chip for a field in body axes, microtesla.
     #[must_use]
     pub fn measured_field(&self, body_ut: &Vector3<f64>) -> Field<Sensor> {

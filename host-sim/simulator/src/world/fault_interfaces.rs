@@ -4,12 +4,18 @@ use mavlink::dialects::common::ATTITUDE_DATA;
 use nalgebra::Vector3;
 
 use super::earth::Earth;
+use super::state::TrueState;
 
 /// Change of the field at the chip. Queries refer to any instant of the last two seconds, in any order.
 pub trait FieldFault {
-    /// Additional field in chip axes, microtesla.
-    fn added_ut(&self, _at_us: u64) -> Vector3<f64> {
+    /// Additional field in chip axes, microtesla, at a state of the flight.
+    fn added_ut(&self, _truth: &TrueState) -> Vector3<f64> {
         Vector3::zeros()
+    }
+
+    /// Additional field in a steady turn at this bank, or in steady level flight: what a calibration is compared with.
+    fn steady_ut(&self, truth: &TrueState) -> Vector3<f64> {
+        self.added_ut(truth)
     }
 
     /// Earth's field at another place, if the aircraft is not at the configured one.
@@ -18,9 +24,9 @@ pub trait FieldFault {
     }
 }
 
-impl<F: Fn(u64) -> Vector3<f64>> FieldFault for F {
-    fn added_ut(&self, at_us: u64) -> Vector3<f64> {
-        self(at_us)
+impl<F: Fn(&TrueState) -> Vector3<f64>> FieldFault for F {
+    fn added_ut(&self, truth: &TrueState) -> Vector3<f64> {
+        self(truth)
     }
 }
 

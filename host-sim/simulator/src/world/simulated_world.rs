@@ -87,7 +87,8 @@ impl World {
         Box::new(move |at_us| {
             let earth = faults.iter().find_map(|fault| fault.earth(at_us));
             let field = world.0.borrow_mut().sensor_field(at_us, earth);
-            let added: Vector3<f64> = faults.iter().map(|fault| fault.added_ut(at_us)).sum();
+            let truth = world.true_state(at_us);
+            let added: Vector3<f64> = faults.iter().map(|fault| fault.added_ut(&truth)).sum();
             Field::new(field.ut + added.cast())
         })
     }

@@ -10,10 +10,10 @@ use simulator::nmea::{HeadingSentence, SentenceReader};
 use simulator::random::{Purpose, Random};
 use simulator::rig::Rig;
 use simulator::transcript::{self, SolveNotice};
-use simulator::world::WorldConfig;
 use simulator::world::aircraft::PrescribedMotion;
 use simulator::world::autopilot::Leg;
 use simulator::world::far_end::FarEnd;
+use simulator::world::{TrueState, WorldConfig};
 
 use super::case::{Case, DrawnCase, Onset};
 use super::plan::IntegrityPlan;
@@ -84,7 +84,9 @@ pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
     let calibration = calibrate(&mut rig, &drawn.routine.legs());
     let calibrated = calibration.map(|(shown, at_us)| AcceptedCalibration {
         expected_deg: shown.expected_rms_deg,
-        true_deg: true_deg(&shown.calibration, &world, fields.iter().map(|fault| fault.added_ut(at_us)).sum()),
+        true_deg: true_deg(&shown.calibration, &world, &|state| {
+            fields.iter().map(|fault| fault.steady_ut(&TrueState { time_us: at_us, ..*state })).sum()
+        }),
         duration_s: (at_us - began_us) as f64 / 1e6,
     });
     let mut tally = HeadingStatistics::default();
@@ -106,7 +108,8 @@ pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
         });
     }
     let hard_iron_error_of_case = (calibrated.is_ok() && case.changes_hard_iron).then(|| {
-        let added_ut = fields.iter().map(|fault| fault.added_ut(rig.now_us())).sum();
+        let now = rig.world.true_state(rig.now_us());
+        let added_ut = fields.iter().map(|fault| fault.added_ut(&now)).sum();
         hard_iron_estimate_error(&mut rig, &world, added_ut)
     });
     CaseFlightResult { calibrated, tally, hard_iron_error: hard_iron_error_of_case }
@@ -176,11 +179,9 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
     }
 }
 
-/// True heading error with cruise current and present hard iron.
-fn true_deg(calibration: &Calibration, world: &WorldConfig, added_ut: Vector3<f64>) -> f64 {
-    let mut now = *world;
-    now.airframe.b_ut += added_ut;
-    HeadingErrors::evaluate(calibration, &now).statistics().rms_deg
+/// True heading error with cruise current and the present additional field.
+fn true_deg(calibration: &Calibration, world: &WorldConfig, added_ut: &dyn Fn(&TrueState) -> Vector3<f64>) -> f64 {
+    HeadingErrors::evaluate_with_field(calibration, world, added_ut).statistics().rms_deg
 }
 
 /// Optional time on the ground, then legs for the rest of use; evaluates every sentence.

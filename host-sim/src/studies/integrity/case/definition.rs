@@ -6,13 +6,14 @@ use std::rc::Rc;
 use nalgebra::Vector3;
 use simulator::faults::attitude::{
     AdditionalLatency, AttitudeFault, SecondSender, attitude_bias, attitude_quantisation, bank_scale_error,
-    filter_alignment, frozen_attitude, rate_scale_error,
+    filter_alignment, frozen_attitude, lagging_lean, rate_scale_error,
 };
 use simulator::faults::field::{
-    FieldFault, OtherPlace, hard_iron_change, hard_iron_drift, passing_object, throttle_interference, zero_drift,
+    FieldFault, OtherPlace, SoftIronHysteresis, elevator_linkage, hard_iron_change, hard_iron_drift, passing_object,
+    throttle_interference, zero_drift,
 };
 use simulator::faults::link::{ForgedMessage, LinkFault};
-use simulator::faults::sensor::{RegisterUpset, SensorFault, axis_clipping, stuck_axes};
+use simulator::faults::sensor::{RegisterUpset, SensorFault, aliased_vibration, axis_clipping, stuck_axes};
 use simulator::faults::{Faults, Switch};
 use simulator::random::{Purpose, Random};
 use simulator::routine::{Routine, TurnPlan};
@@ -257,6 +258,32 @@ impl DrawnCase {
 
     pub(super) fn scale_bank(&mut self, onset: Onset, reported_ratio: f64) {
         self.add_attitude_fault(onset, bank_scale_error(self.switch(), reported_ratio));
+    }
+
+    pub(super) fn lean_with_lag(&mut self) {
+        self.add_attitude_fault(Onset::Always, lagging_lean(self.switch(), 0.12, 10.0));
+    }
+
+    pub(super) fn level_attitude_wrongly(&mut self, degrees: f64) {
+        self.bias_attitude(degrees);
+        self.onset = Onset::Always;
+    }
+
+    pub(super) fn add_linkage(&mut self, in_turns_ut: f64) {
+        let full_ut = self.random_ut(in_turns_ut);
+        self.add_field_fault(Onset::Always, elevator_linkage(full_ut));
+    }
+
+    pub(super) fn add_hysteresis(&mut self, play_deg: f64) {
+        let WorldConfig { airframe, earth, .. } = self.world;
+        self.add_field_fault(Onset::Always, SoftIronHysteresis::new(&airframe, earth, play_deg));
+    }
+
+    /// Aliases from below the rate of a circle up, so that no average removes them.
+    pub(super) fn vibrate(&mut self, peak_ut: f64) {
+        let peak_counts = self.random_ut(peak_ut) * COUNTS_PER_UT;
+        let alias_hz = self.random.uniform(0.01, 0.5);
+        self.add_sensor_fault(Onset::Always, aliased_vibration(self.switch(), peak_counts, alias_hz));
     }
 
     pub(super) fn delay_attitude(&mut self, latency_ms: u64) {

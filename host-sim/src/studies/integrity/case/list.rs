@@ -193,13 +193,31 @@ pub static CASES: &[Case] = &[
     turn_case("cal-bank-5", "calibration turns at 5 deg of bank", |flight| flight.calibrate_at_bank(5.0)),
     case("cal-clipped", "an axis saturates within the circles, always", |flight| flight.clip_axis(Onset::Always)),
     case("cal-lean-90", "attitude always reads 90 % of the bank", |flight| flight.scale_bank(Onset::Always, 0.9)),
-    hover_case("cal-hover", "calibration by yaw turns in hover alone", DrawnCase::calibrate_in_hover),
+    case("cal-lean-lag", "attitude loses 12 % of the bank in turns, within 10 s, always", DrawnCase::lean_with_lag),
+    case("cal-level-3", "attitude levelled 3 deg off, always", |flight| flight.level_attitude_wrongly(3.0)),
+    Case {
+        vehicles: |kind| matches!(kind, VehicleKind::Plane | VehicleKind::Vtol),
+        ..case("cal-linkage-3", "elevator linkage: 3 uT in turns only, always", |flight| flight.add_linkage(3.0))
+    },
+    case("cal-hysteresis-15", "soft iron follows turns with a play of 15 deg, always", |flight| {
+        flight.add_hysteresis(15.0);
+    }),
+    case("cal-vibration-3", "aliased vibration of 3 uT, always", |flight| flight.vibrate(3.0)),
+    hover_case("cal-yaw-only", "calibration by yaw turns in hover alone", DrawnCase::calibrate_in_hover),
     hover_case("pushed", "acceleration-induced tilt error always doubled", |flight| {
         flight.onset = Onset::Always;
         flight.world.attitude_source.push_error_deg *= 2.0;
     }),
-    hover_case("current-5", "motor-current interference of 5 uT in hover", |flight| flight.add_current(5.0, false)),
-    hover_case("current-20", "motor-current interference of 20 uT in hover", |flight| flight.add_current(20.0, false)),
-    hover_case("current-5-told", "5 uT in hover, current reported", |flight| flight.add_current(5.0, true)),
-    hover_case("current-20-told", "20 uT in hover, current reported", |flight| flight.add_current(20.0, true)),
+    hover_case("cal-current-unreported", "motor current of 5 uT in hover, not reported", |flight| {
+        flight.add_current(5.0, false);
+    }),
+    hover_case("cal-current-unreported-20", "motor current of 20 uT in hover, not reported", |flight| {
+        flight.add_current(20.0, false);
+    }),
+    hover_case("cal-current-reported", "motor current of 5 uT in hover, reported", |flight| {
+        flight.add_current(5.0, true);
+    }),
+    hover_case("cal-current-reported-20", "motor current of 20 uT in hover, reported", |flight| {
+        flight.add_current(20.0, true);
+    }),
 ];

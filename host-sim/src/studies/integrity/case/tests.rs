@@ -16,21 +16,24 @@ fn each_vehicle_kind_has_its_applicable_cases() {
     let only = |included: &[&'static str], excluded: &[&'static str]| -> Vec<&'static str> {
         included.iter().filter(|name| !excluded.contains(name)).copied().collect()
     };
-    assert_eq!(only(&plane, &copter), ["ten-hours", "drift-straight-60", "drift-straight-300", "steady", "cal-bank-5"]);
+    assert_eq!(
+        only(&plane, &copter),
+        ["ten-hours", "drift-straight-60", "drift-straight-300", "steady", "cal-bank-5", "cal-linkage-3"]
+    );
     assert_eq!(
         only(&copter, &plane),
         [
             "drift-hover-300",
             "steady-hover",
-            "cal-hover",
+            "cal-yaw-only",
             "pushed",
-            "current-5",
-            "current-20",
-            "current-5-told",
-            "current-20-told"
+            "cal-current-unreported",
+            "cal-current-unreported-20",
+            "cal-current-reported",
+            "cal-current-reported-20"
         ]
     );
-    assert_eq!(names(VehicleKind::Vtol), copter);
+    assert_eq!(only(&names(VehicleKind::Vtol), &copter), ["cal-linkage-3"]);
 }
 
 #[test]
@@ -41,10 +44,10 @@ fn a_copter_s_cases_are_flown_by_a_copter() {
     assert_eq!(clean.routine, Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0));
     let pushed = draw_case("pushed").world.attitude_source.push_error_deg;
     assert!((pushed / clean.world.attitude_source.push_error_deg - 2.0).abs() < 1e-9);
-    let current_ut = Vector3::from(draw_case("current-20").world.current_interference_ut);
+    let current_ut = Vector3::from(draw_case("cal-current-unreported-20").world.current_interference_ut);
     assert!((current_ut.norm() - 20.0).abs() < 1e-9);
-    assert_eq!(draw_case("current-20").onset, Onset::Always);
-    let hover = draw_case("cal-hover").routine;
+    assert_eq!(draw_case("cal-current-unreported-20").onset, Onset::Always);
+    let hover = draw_case("cal-yaw-only").routine;
     assert_eq!(hover.legs(), clean.routine.parts[0].legs.repeat(4));
     assert_eq!(hover.command, clean.routine.command);
 }
