@@ -28,8 +28,8 @@ pub fn zero_drift(switch: Switch, change_ut: Vector3<f64>) -> impl FieldFault {
 /// Hard iron that relaxes to a new value, as of a magnetised part that warms; microtesla, chip axes.
 #[must_use]
 pub fn hard_iron_drift(switch: Switch, change_ut: Vector3<f64>, time_constant_s: f64) -> impl FieldFault {
-    move |at_us| {
-        let on_for_s = switch.active_for_s(at_us).unwrap_or(0.0);
+    move |truth: &TrueState| {
+        let on_for_s = switch.active_for_s(truth.time_us).unwrap_or(0.0);
         change_ut * (1.0 - libm::exp(-on_for_s / time_constant_s))
     }
 }
@@ -102,7 +102,7 @@ impl SoftIronHysteresis {
         }
     }
 
-    fn at_heading(&self, truth: &TrueState, magnetised_at_rad: f64) -> Vector3<f64> {
+    pub(super) fn at_heading(&self, truth: &TrueState, magnetised_at_rad: f64) -> Vector3<f64> {
         let body_ut = |heading_rad| self.earth.body_field_ut(Euler { heading_rad, ..truth.euler() });
         self.soft_iron * (body_ut(magnetised_at_rad) - body_ut(truth.heading_rad))
     }
