@@ -1,8 +1,7 @@
 //! Test of the mean innovations for slow changes, which the gates of single innovations do not detect.
 //!
 //! Innovations of a correct filter are white. A mean over some seconds beyond its own variance shows a state that
-//! changes faster than its process noise: the attitude's bias, if the inclination shows it and the strength does not;
-//! the gyro's offset, the attitude or hard iron across the field, if only the heading shows it.
+//! changes faster than its process noise: the gyro's offset, if only the heading shows it.
 
 use super::innovation_gate::{Innovation, PerKind};
 
@@ -12,7 +11,7 @@ const MEAN_TIME_S: f32 = 4.0;
 /// Normalised mean beyond which it is significant.
 const GATE_SIGMAS: f32 = 3.0;
 
-/// Normalised mean of strength or inclination up to which these show no change.
+/// Normalised mean of strength or inclination beyond which the field or the attitude has changed, and not the gyro.
 const QUIET_SIGMAS: f32 = 2.0;
 
 /// Mean innovations of strength, inclination and heading.
@@ -21,20 +20,12 @@ pub(super) struct MeanInnovations {
     means: PerKind<f32>,
 }
 
-/// Significant mean innovation, radians.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum SlowChange {
-    /// Of the heading alone.
-    Heading(f32),
-    /// Of the inclination, but not of the strength.
-    Inclination(f32),
-}
-
 impl MeanInnovations {
     pub const NONE: Self = Self { means: [0.0; 3] };
 
-    /// Takes the innovations of a sample `step_s` after the last one.
-    pub fn update(&mut self, innovations: &PerKind<Option<Innovation>>, step_s: f32) -> Option<SlowChange> {
+    /// Takes the innovations of a sample `step_s` after the last one. Mean innovation of the heading, radians, if it is
+    /// significant and that of no other measurement is; otherwise 0.
+    pub fn update(&mut self, innovations: &PerKind<Option<Innovation>>, step_s: f32) -> f32 {
         let part = step_s / (MEAN_TIME_S + step_s);
         let mut sigmas_squared = [0.0; 3];
         for ((mean, innovation), sigmas_squared) in self.means.iter_mut().zip(innovations).zip(&mut sigmas_squared) {
@@ -44,13 +35,8 @@ impl MeanInnovations {
             *sigmas_squared = *mean * *mean * (2.0 - part) / (variance * part);
         }
         let beyond = |kind: usize, sigmas: f32| sigmas_squared[kind] > sigmas * sigmas;
-        if beyond(0, QUIET_SIGMAS) {
-            None
-        } else if beyond(1, GATE_SIGMAS) {
-            Some(SlowChange::Inclination(self.means[1]))
-        } else {
-            (beyond(2, GATE_SIGMAS) && !beyond(1, QUIET_SIGMAS)).then_some(SlowChange::Heading(self.means[2]))
-        }
+        let is_of_heading = beyond(2, GATE_SIGMAS) && !beyond(0, QUIET_SIGMAS) && !beyond(1, QUIET_SIGMAS);
+        if is_of_heading { self.means[2] } else { 0.0 }
     }
 }
 
@@ -59,28 +45,26 @@ mod tests {
     use super::*;
 
     /// Change that is significant after `samples` of constant residuals, in sigmas, at 10 Hz.
-    fn change_after(sigmas: PerKind<f32>, samples: usize) -> Option<SlowChange> {
+    fn change_after(sigmas: PerKind<f32>, samples: usize) -> f32 {
         let mut means = MeanInnovations::NONE;
         let innovations = sigmas.map(|n| Some(Innovation { residual: 0.01 * n, variance: 1e-4 }));
-        (0..samples).map(|_| means.update(&innovations, 0.1)).last().flatten()
+        (0..samples).map(|_| means.update(&innovations, 0.1)).last().unwrap_or(0.0)
     }
 
     /// The mean of `n` white innovations within 4 s, 80 samples, has a ninth of their sigma.
     #[test]
     fn a_mean_beyond_three_of_its_sigmas_is_a_slow_change() {
-        assert!(
-            matches!(change_after([0.0, 0.0, 0.4], 300), Some(SlowChange::Heading(rad)) if (0.003..0.004_1).contains(&rad))
-        );
-        assert!(matches!(change_after([0.0, -0.4, 0.4], 300), Some(SlowChange::Inclination(rad)) if rad < 0.0));
-        assert_eq!(change_after([0.0, 0.0, 0.3], 300), None);
-        assert_eq!(change_after([0.0, 0.0, 0.4], 20), None);
+        assert!((0.003..0.004_1).contains(&change_after([0.0, 0.0, 0.4], 300)));
+        assert!((-0.004_1..-0.003).contains(&change_after([0.0, 0.0, -0.4], 300)));
+        assert_eq!(change_after([0.0, 0.0, 0.3], 300), 0.0);
+        assert_eq!(change_after([0.0, 0.0, 0.4], 20), 0.0);
     }
 
     /// A strength that changes as well shows hard iron, an inclination an attitude: no change of the gyro.
     #[test]
     fn other_kinds_veto_a_change_of_the_heading_alone() {
-        assert_eq!(change_after([0.3, 0.0, 0.9], 300), None);
-        assert_eq!(change_after([0.0, 0.3, 0.9], 300), None);
-        assert_eq!(change_after([0.3, 0.9, 0.0], 300), None);
+        assert_eq!(change_after([0.3, 0.0, 0.9], 300), 0.0);
+        assert_eq!(change_after([0.0, 0.3, 0.9], 300), 0.0);
+        assert_eq!(change_after([0.3, 0.9, 0.0], 300), 0.0);
     }
 }

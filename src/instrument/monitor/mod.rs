@@ -48,7 +48,7 @@ use coordinated_turn::CoordinatedTurn;
 use hard_iron::HardIronDetector;
 pub use hard_iron::{HardIronChange, HardIronChangeReporter};
 use innovation_gate::{GateResult, Innovation, InnovationGate, PerKind};
-use mean_innovation::{MeanInnovations, SlowChange};
+use mean_innovation::MeanInnovations;
 use measurement_model::{
     ATTITUDE_LATENCY, BANK_SCALE_ERROR, GYRO_ERRORS, GYRO_OFFSET, GYRO_OFFSETS, HARD_IRON_AXES, HARD_IRON_CHANGE,
     INCLINATION_CHANGE, MeasurementModel, MonitorSample, PITCH_BIAS, PredictedField, ROLL_BIAS, STATE_COUNT,
@@ -60,10 +60,10 @@ use parameters::{
     ATTITUDE_JITTER_S, ATTITUDE_SHARE, COEFFICIENT_VARIANCE_FACTOR, DECAY_TIME_S, DRIFT_FACTOR, DRIFT_TIME_S,
     INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_AWAITED_SAMPLES, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON,
     MAX_GAP_S, MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE,
-    MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INNOVATION, MAX_SENT_SIGMA_RAD, MAX_SLOW_HARD_IRON_VARIANCE,
-    MAX_STRENGTH_CHANGE, MAX_TILT_INNOVATION_RAD, MIN_DRIFT, MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON,
-    POST_CHANGE_INFLATION, POST_CHANGE_S, SAMPLE_VARIANCE_FACTORS, SLOW_CHANGE_SHARE, SLOW_CHANGE_TIME_S, STATE_NOISE,
-    UNKNOWN_ANGLE_VARIANCE_RAD2, VARIANCE_FLOORS,
+    MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INNOVATION, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE,
+    MAX_TILT_INNOVATION_RAD, MIN_DRIFT, MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON, POST_CHANGE_INFLATION,
+    POST_CHANGE_S, SAMPLE_VARIANCE_FACTORS, SLOW_CHANGE_TIME_S, STATE_NOISE, UNKNOWN_ANGLE_VARIANCE_RAD2,
+    VARIANCE_FLOORS,
 };
 
 /// The monitor. 2.3 KB.
@@ -312,10 +312,9 @@ impl Monitor {
         step_s: f32,
     ) -> PerKind<bool> {
         let innovations = array::from_fn(|kind| measurements[kind].as_ref().map(|m| self.innovation(m)));
-        if let Some(change) = self.mean_innovations.update(&innovations, step_s)
-            && self.post_change_left_s <= 0.0
-        {
-            self.follow_slow_change(change, model.tan_inclination, step_s);
+        let heading_change_rad = self.mean_innovations.update(&innovations, step_s);
+        if self.post_change_left_s <= 0.0 {
+            self.follow_gyro_offset(heading_change_rad, step_s);
         }
         match self.innovation_gate.test_innovations(innovations, step_s) {
             GateResult::Consistent { is_usable } => is_usable,
@@ -326,32 +325,21 @@ impl Monitor {
         }
     }
 
-    /// Inflates the variances of states that may change faster than their process noise.
-    fn follow_slow_change(&mut self, change: SlowChange, tan_inclination: f32, step_s: f32) {
-        let part = step_s / SLOW_CHANGE_TIME_S;
-        match change {
-            SlowChange::Inclination(size_rad) => self.inflate_all(&[ROLL_BIAS, PITCH_BIAS], size_rad * size_rad * part),
-            SlowChange::Heading(size_rad) => {
-                let rate_rad_s = size_rad / SLOW_CHANGE_TIME_S;
-                self.inflate_up_to(MAX_GYRO_OFFSET_VARIANCE, &GYRO_OFFSETS, rate_rad_s * rate_rad_s * part);
-                // A tilt, or a field across the horizontal one, that changes the heading as much.
-                let cos_squared = 1.0 / (1.0 + tan_inclination * tan_inclination);
-                let variance = SLOW_CHANGE_SHARE * size_rad * size_rad * cos_squared * part;
-                self.inflate_all(&[ROLL_BIAS, PITCH_BIAS], variance);
-                self.inflate_up_to(MAX_SLOW_HARD_IRON_VARIANCE, &HARD_IRON_AXES, variance);
+    /// Inflates the variance of the gyro's offsets, which may change faster than their process noise. Other states are not
+    /// inflated: on recorded flights they would follow the attitude's errors.
+    fn follow_gyro_offset(&mut self, heading_change_rad: f32, step_s: f32) {
+        let rate_rad_s = heading_change_rad / SLOW_CHANGE_TIME_S;
+        let variance = rate_rad_s * rate_rad_s * step_s / SLOW_CHANGE_TIME_S;
+        for state in GYRO_OFFSETS {
+            if self.filter.state_variance(state) < MAX_GYRO_OFFSET_VARIANCE {
+                self.filter.inflate_variance(state, variance);
             }
         }
     }
 
     fn inflate_all(&mut self, states: &[usize], variance: f32) {
-        self.inflate_up_to(f32::INFINITY, states, variance);
-    }
-
-    fn inflate_up_to(&mut self, most: f32, states: &[usize], variance: f32) {
         for &state in states {
-            if self.filter.state_variance(state) < most {
-                self.filter.inflate_variance(state, variance);
-            }
+            self.filter.inflate_variance(state, variance);
         }
     }
 

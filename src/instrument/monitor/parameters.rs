@@ -135,14 +135,8 @@ pub(super) const DRIFT_TIME_S: f32 = 60.0;
 pub(super) const MIN_DRIFT: f32 = 0.004;
 pub(super) const DRIFT_FACTOR: f32 = 2.0;
 
-/// Time within which a significant mean innovation counts as a change of the states, seconds.
+/// Time within which the gyro's offset accounts for a significant mean innovation of the heading, seconds.
 pub(super) const SLOW_CHANGE_TIME_S: f32 = 3.0;
-
-/// Share of such a change of the heading for which attitude and hard iron may account; the gyro's offset may for all.
-pub(super) const SLOW_CHANGE_SHARE: f32 = 0.2;
-
-/// Largest variance to which it inflates hard iron: (1.5 uT of 50)^2.
-pub(super) const MAX_SLOW_HARD_IRON_VARIANCE: f32 = 0.03 * 0.03;
 
 /// Largest variance to which a gyro offset is loosened, (1 deg/s)^2.
 pub(super) const MAX_GYRO_OFFSET_VARIANCE: f32 = 0.0175 * 0.0175;
