@@ -35,7 +35,8 @@ use collection::CollectionReporter;
 use commands::CommandHandler;
 use requests::RequestSequence;
 use texts::PendingTexts;
-use transmitter::{COMPONENT, Transmitter, own_address};
+pub(super) use transmitter::Transmitter;
+use transmitter::{COMPONENT, own_address};
 
 /// Rate of poses, Hz. Autopilots drop poses at higher rates, and detect a loss below 3 Hz.
 const VISION_HZ: u8 = 50;
@@ -198,7 +199,7 @@ impl Protocol for Mavlink {
         self.collection.update(snapshot, &mut self.texts);
         let Some(autopilot) = self.senders.autopilot_to_query(now) else { return };
         let mut sequence = self.sequence;
-        let line = &mut Transmitter { out, own: own_address(autopilot), sequence: &mut sequence };
+        let line = &mut Transmitter::new(out, autopilot, &mut sequence);
         let _is_sent = self.commands.send(line)
             || self.send_pose(snapshot, line)
             || self.send_heartbeat(snapshot, line)

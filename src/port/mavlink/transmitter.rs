@@ -13,13 +13,18 @@ pub(super) fn own_address(autopilot: SenderId) -> Address {
 }
 
 /// Numbers messages and appends them to an output.
-pub(super) struct Transmitter<'a> {
+pub(in crate::port) struct Transmitter<'a> {
     pub out: &'a mut TransmitBuffer,
     pub own: Address,
     pub sequence: &'a mut u8,
 }
 
-impl Transmitter<'_> {
+impl<'a> Transmitter<'a> {
+    /// Creates a sender in an autopilot's system.
+    pub fn new(out: &'a mut TransmitBuffer, autopilot: SenderId, sequence: &'a mut u8) -> Self {
+        Self { out, own: own_address(autopilot), sequence }
+    }
+
     /// Appends a message; returns whether there was room. Only appended messages take a sequence number, so that a gap
     /// means a loss on the line.
     pub fn send(&mut self, message: OutboundMessage) -> bool {
