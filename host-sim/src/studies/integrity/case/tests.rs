@@ -16,7 +16,10 @@ fn each_vehicle_kind_has_its_applicable_cases() {
     let only = |included: &[&'static str], excluded: &[&'static str]| -> Vec<&'static str> {
         included.iter().filter(|name| !excluded.contains(name)).copied().collect()
     };
-    assert_eq!(only(&plane, &copter), ["ten-hours", "drift-straight-60", "drift-straight-300", "steady", "cal-bank-5"]);
+    assert_eq!(
+        only(&plane, &copter),
+        ["ten-hours", "drift-straight-60", "drift-straight-300", "steady", "link-gaps", "cal-bank-5"]
+    );
     assert_eq!(
         only(&copter, &plane),
         [
