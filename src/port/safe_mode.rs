@@ -6,7 +6,7 @@ use super::TransmitBuffer;
 use super::mavlink::Transmitter;
 use crate::heading::NoHeading;
 use crate::settings::HeadingKind;
-use crate::wire::mavlink::{Address, OutboundMessage};
+use crate::wire::mavlink::{Address, OutboundMessage, Signatures};
 use crate::wire::nmea;
 
 /// Text for ground stations, of at most 50 characters.
@@ -32,7 +32,9 @@ impl SafeModeReporter {
     pub fn report(&mut self, out: &mut TransmitBuffer) {
         // The line end separates the sentences from the binary messages before them.
         out.append(&[b"\r\n", &nmea::hdm(None), &nmea::quality(&Err(NoHeading::SafeMode), HeadingKind::Raw)]);
-        let mut line = Transmitter::new(out, AUTOPILOT.sender(), &mut self.sequence);
+        // Unsigned, because the key is one of the settings.
+        let mut signatures = Signatures::default();
+        let mut line = Transmitter::new(out, AUTOPILOT.sender(), &mut self.sequence, &mut signatures);
         line.send(OutboundMessage::heartbeat(MavState::MAV_STATE_CRITICAL));
         if self.count == 0 {
             line.send(OutboundMessage::text(MavSeverity::MAV_SEVERITY_CRITICAL, TEXT, 0, 0));

@@ -16,7 +16,7 @@ use autoswing::instrument::{Correction, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::settings::HeadingKind;
 use autoswing::time::{Timestamp, WrappingMillis};
-use autoswing::wire::mavlink::{self, Address, OutboundMessage, Pose};
+use autoswing::wire::mavlink::{self, Address, OutboundMessage, Pose, Signatures};
 use autoswing::wire::{msp, nmea};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
@@ -162,7 +162,11 @@ fn budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut Results) 
     });
     let to_pose = instructions(|| {
         let own_address = Address { system: 1, component: 158 };
-        drop(black_box(OutboundMessage::pose_estimate(black_box(&POSE)).frame(own_address, 0)));
+        drop(black_box(OutboundMessage::pose_estimate(black_box(&POSE)).frame(
+            own_address,
+            0,
+            &mut Signatures::default(),
+        )));
     });
     let to_compass = instructions(|| {
         black_box(msp::compass(0, black_box(123_456), black_box(Field::from_ut(20.0, -5.1, 44.2))));
