@@ -210,15 +210,15 @@ fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
     emulator.run_for_s(1.0);
     emulator.type_line("stream rate 20");
     emulator.request_bench_test(BenchTest::PanicAtStarts);
-    let check_safe_mode = |emulator: &mut Emulator| {
+    let check_safe_mode = |emulator: &mut Emulator, mut printed: String| {
         emulator.run_for_s(2.0);
-        let printed = emulator.printed();
+        printed += &emulator.printed();
         assert_eq!(printed.matches("started by panic: ").count(), 3, "{printed}");
         assert!(printed.contains("note safe-mode: "), "{printed}");
         let status = emulator.type_line("status");
         assert!(status.contains("ok safe-mode: ") && status.contains("at each start"), "{status}");
     };
-    check_safe_mode(&mut emulator);
+    check_safe_mode(&mut emulator, String::new());
     assert!(emulator.type_line("cal start").contains("error safe-mode: "));
     assert!(emulator.type_line("cal clear all").contains("ok uncalibrated"));
     let (headings, empty) = listen(&mut emulator, 4.0);
@@ -229,8 +229,8 @@ fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
     assert!(received.iter().any(|frame| frame.id == 253 && text(frame)), "{received:?}");
 
     emulator.printed();
-    emulator.type_line("reboot");
-    check_safe_mode(&mut emulator);
+    let printed = emulator.type_line("reboot");
+    check_safe_mode(&mut emulator, printed);
 }
 
 /// Without a further panic the start after safe mode is an ordinary one, with erased settings.

@@ -15,6 +15,13 @@ use crate::trig::Length as _;
 /// offset.
 const MEMORY_S: f32 = 2.0;
 
+/// Time constant of the estimated gyro offset, seconds: much longer than a roll. An offset that grows by 2 deg/s in a minute is
+/// followed with an error of 1 deg/s.
+const OFFSET_TIME_S: f32 = 30.0;
+
+/// Largest gyro offset on an axis, rad/s: that of the monitor.
+const MAX_OFFSET_RAD_S: f32 = 0.15;
+
 /// Smallest predicted but missing motion of the vertical, radians (4 deg): a gyro offset of 1 deg/s on two axes reaches
 /// 2.8 deg, noise of the attitude 0.6 deg.
 const MIN_MISSING_RAD: f32 = 0.07;
@@ -44,6 +51,8 @@ pub(super) struct HangDetector {
     field_direction: Option<Vector3<f32>>,
     /// Time and body rates of the last report.
     last: Option<(Timestamp, Vector3<f32>)>,
+    /// Gyro offset across the vertical, rad/s.
+    offset: Vector3<f32>,
     vertical: Motion,
     field: Motion,
     /// Evidence that the field follows the rates, leaky, square radians times seconds.
@@ -67,6 +76,7 @@ impl HangDetector {
         Self {
             field_direction: None,
             last: None,
+            offset: Vector3::new(0.0, 0.0, 0.0),
             vertical: Motion::new(),
             field: Motion::new(),
             field_evidence: 0.0,
@@ -90,16 +100,21 @@ impl HangDetector {
         let rates = Vector3::from(report.rates_rad_s);
         let (last_at, last_rates) = self.last.replace((at, rates)).unwrap_or((at, rates));
         let step_s = at.us_since(last_at) as f32 * 1e-6;
-        let turn = (last_rates + rates) * (0.5 * step_s);
+        let turn = ((last_rates + rates) * 0.5 - self.offset) * step_s;
         let kept = 1.0 - step_s / MEMORY_S;
         self.turned_rad = kept * self.turned_rad + turn.length();
         if step_s > MAX_STEP_S || !self.turned_rad.is_finite() {
             // Forgets the motion before a gap.
-            let Self { field_direction, last, is_hanging, .. } = *self;
-            *self = Self { field_direction, last, is_hanging, ..Self::new() };
+            let Self { field_direction, last, offset, is_hanging, .. } = *self;
+            *self = Self { field_direction, last, offset, is_hanging, ..Self::new() };
             return is_hanging;
         }
-        self.vertical.add(report.attitude.tilt().down(), turn, kept);
+        let down = report.attitude.tilt().down();
+        let missing = self.vertical.add(down, turn, kept);
+        if !self.is_hanging {
+            let offset = self.offset + missing.cross(&down) / OFFSET_TIME_S;
+            self.offset = offset.map(|rad_s| rad_s.clamp(-MAX_OFFSET_RAD_S, MAX_OFFSET_RAD_S));
+        }
         self.field.add(field, turn, kept);
         let Motion { observed, predicted, .. } = &self.field;
         self.field_evidence *= 1.0 - step_s / EVIDENCE_MEMORY_S;
@@ -127,11 +142,14 @@ impl Motion {
         Self { last: None, observed: NONE, predicted: NONE }
     }
 
-    /// Adds the step to the vector's present value, with the integrated body rates; keeps a part of earlier motion.
-    fn add(&mut self, now: Vector3<f32>, turn: Vector3<f32>, kept: f32) {
+    /// Adds the step to the vector's present value, with the integrated body rates; keeps a part of earlier motion. Returns the
+    /// predicted but missing motion of the step.
+    fn add(&mut self, now: Vector3<f32>, turn: Vector3<f32>, kept: f32) -> Vector3<f32> {
         let last = self.last.replace(now).unwrap_or(now);
-        self.observed = self.observed * kept + (now - last);
-        self.predicted = self.predicted * kept + (last + now).cross(&turn) * 0.5;
+        let (observed, predicted) = (now - last, (last + now).cross(&turn) * 0.5);
+        self.observed = self.observed * kept + observed;
+        self.predicted = self.predicted * kept + predicted;
+        predicted - observed
     }
 
     /// Whether the vector has moved as predicted, by at least this angle.
@@ -161,6 +179,8 @@ mod tests {
         scale: f32,
         cross: f32,
         offset_deg_s: f32,
+        /// Growth of the offsets, deg/s in a second.
+        growth_deg_s2: [f32; 3],
         /// Factors of rates and field, where the unit or the sensor is wrong.
         rates: f32,
         field_hangs: bool,
@@ -172,6 +192,7 @@ mod tests {
         scale: 0.0,
         cross: 0.0,
         offset_deg_s: 0.0,
+        growth_deg_s2: [0.0; 3],
         rates: 1.0,
         field_hangs: false,
     };
@@ -201,10 +222,12 @@ mod tests {
             let (sin_roll, cos_roll) = roll_deg.to_radians().sin_cos();
             let true_deg_s =
                 [(roll_deg - before_deg) * 50.0, heading_rate_deg_s * sin_roll, heading_rate_deg_s * cos_roll];
+            let offset_deg_s = errors.growth_deg_s2.map(|growth_deg_s2| errors.offset_deg_s + growth_deg_s2 * t_s);
             let sum_deg_s = true_deg_s.iter().sum::<f32>();
-            let rates_rad_s = true_deg_s.map(|rate| {
+            let rates_rad_s = [0, 1, 2].map(|axis| {
+                let (rate, offset_deg_s) = (true_deg_s[axis], offset_deg_s[axis]);
                 let with_errors = rate * (1.0 + errors.scale) + (sum_deg_s - rate) * errors.cross;
-                (errors.rates * (with_errors + errors.offset_deg_s + noise_deg())).to_radians()
+                (errors.rates * (with_errors + offset_deg_s + noise_deg())).to_radians()
             });
             let field_at = if errors.field_hangs { [0.0; 2] } else { [heading_deg, roll_deg] };
             let earth = Field::earth(50.0, 1.1, field_at[0].to_radians() + 0.3);
@@ -250,12 +273,17 @@ mod tests {
         }
     }
 
-    /// Gyro errors of 10 % and 1 deg/s, a wrong unit or sign of the rates, and a field that does not move.
+    /// Gyro errors of 10 % and 1 deg/s, offsets that grow by 4 deg/s in a minute, a wrong unit or sign of the rates, and a field
+    /// that does not move.
     #[test]
     fn other_faults_are_no_hanging_attitude() {
         for seed in 0..20 {
             for (scale, cross, offset_deg_s) in [(0.1, 0.1, 1.0), (-0.1, 0.1, -1.0), (0.1, -0.1, 1.0)] {
                 assert_eq!(detected(Errors { scale, cross, offset_deg_s, ..GOOD }, seed), []);
+            }
+            for direction in [[0.0, 1.0, 0.0], [1.0, -1.0, 1.0], [-1.0, -1.0, 1.0]] {
+                let growth_deg_s2 = direction.map(|axis| axis * 4.0 / 60.0);
+                assert_eq!(detected(Errors { growth_deg_s2, ..GOOD }, seed), [], "{direction:?}");
             }
             for rates in [57.3, 1.0 / 57.3, -1.0] {
                 assert_eq!(detected(Errors { rates, ..GOOD }, seed), [], "{rates}");
