@@ -52,7 +52,7 @@ pub struct StackUse {
 }
 
 /// Reason for the last start.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResetCause {
     /// Power-on.
     PowerOn,
@@ -62,8 +62,38 @@ pub enum ResetCause {
     Software,
     /// Watchdog, after a task had stopped.
     Watchdog,
-    /// Panic or fault, with its message.
-    Panic(heapless::String<96>),
+    /// Panic or fault.
+    Panic(PanicReport),
+}
+
+/// Panic or fault of the previous run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PanicReport {
+    /// File, line and message.
+    pub message: &'static str,
+    /// Consecutive runs that ended in an early panic, this one included.
+    pub early_panics: u8,
+}
+
+/// Consecutive early panics after which the module starts in safe mode.
+const MAX_EARLY_PANICS: u8 = 3;
+
+/// Time after a start during which a panic is early, seconds. Stored data and the autopilot's messages are used within
+/// seconds of a start. A module that panics later sends headings for longer than it restarts: safe mode would end them.
+const EARLY_S: u64 = 60;
+
+/// Number of consecutive early panics after another panic, `uptime_s` after the start.
+#[must_use]
+pub const fn count_early_panics(before: u8, uptime_s: u64) -> u8 {
+    if uptime_s < EARLY_S { before.saturating_add(1) } else { 0 }
+}
+
+impl ResetCause {
+    /// Whether the module starts in safe mode.
+    #[must_use]
+    pub const fn requires_safe_mode(&self) -> bool {
+        matches!(self, Self::Panic(report) if report.early_panics >= MAX_EARLY_PANICS)
+    }
 }
 
 macro_rules! counters {
@@ -254,6 +284,18 @@ mod tests {
             ..some
         };
         SampleLoss::from_counts(&some, &now)
+    }
+
+    /// Three panics within a minute of their starts; one after that begins the count anew.
+    #[test]
+    fn three_early_panics_in_a_row_require_safe_mode() {
+        let after = |uptimes_s: &[u64]| {
+            let early_panics = uptimes_s.iter().fold(0, |count, &uptime_s| count_early_panics(count, uptime_s));
+            ResetCause::Panic(PanicReport { message: "", early_panics }).requires_safe_mode()
+        };
+        assert!(!after(&[0, 0]) && after(&[0, 59, 1]) && after(&[0; 300]));
+        assert!(!after(&[0, 0, 60]) && !after(&[0, 0, 60, 0, 0]) && after(&[60, 0, 0, 0]));
+        assert!(!ResetCause::Watchdog.requires_safe_mode());
     }
 
     #[test]

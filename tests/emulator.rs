@@ -40,6 +40,11 @@ fn with_bench_image() -> Emulator {
 /// Largest allowed stack use, bytes: 22.5 KB.
 const STACK_BYTES: usize = 45 * 512;
 
+/// Message of the bench's panic, 200 characters after the source file.
+const PANIC: &str = "asked for, with a message of 200 characters, the most that the next run has to show whole. \
+                     0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 \
+                     0123456789 end of it.";
+
 fn stack(status: &str) -> StackUse {
     let line = status.lines().find_map(|line| line.strip_prefix("stack: ")).unwrap_or_else(|| panic!("{status}"));
     let numbers: Vec<usize> = line.split(' ').filter_map(|word| word.parse().ok()).collect();
@@ -182,7 +187,7 @@ fn the_cause_of_a_crash_is_reported_after_the_restart() {
     for (test, words) in [
         (BenchTest::Fault, "panic: fault at pc "),
         (BenchTest::Overflow, "panic: stack overflow"),
-        (BenchTest::Panic, "asked for"),
+        (BenchTest::Panic, PANIC),
     ] {
         emulator.request_bench_test(test);
         emulator.run_for_s(1.0);
@@ -194,11 +199,64 @@ fn the_cause_of_a_crash_is_reported_after_the_restart() {
     assert!(emulator.type_line("status").contains("started by reboot"), "they are forgotten");
 }
 
+/// The bench panics at every start that runs its task. The fourth start does not reach it, answers, and sends the reason
+/// on both ports; after a reboot the count begins anew.
+#[test]
+#[ignore = "needs qemu-system-arm and scripts/build-firmware"]
+fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
+    let image = emulator::default_bench_image();
+    let far_ends = [FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot), FarEnd::Unconnected];
+    let mut emulator = Emulator::start_wired(&image, WorldConfig::table1(1), far_ends).unwrap();
+    emulator.run_for_s(1.0);
+    emulator.type_line("stream rate 20");
+    emulator.request_bench_test(BenchTest::PanicAtStarts);
+    let check_safe_mode = |emulator: &mut Emulator, mut printed: String| {
+        emulator.run_for_s(2.0);
+        printed += &emulator.printed();
+        assert_eq!(printed.matches("started by panic: ").count(), 3, "{printed}");
+        assert!(printed.contains("note safe-mode: "), "{printed}");
+        let status = emulator.type_line("status");
+        assert!(status.contains("ok safe-mode: ") && status.contains("at each start"), "{status}");
+    };
+    check_safe_mode(&mut emulator, String::new());
+    assert!(emulator.type_line("cal start").contains("error safe-mode: "));
+    assert!(emulator.type_line("cal clear all").contains("ok uncalibrated"));
+    let (headings, empty) = listen(&mut emulator, 4.0);
+    assert!(headings == 0 && empty >= 8, "{headings} {empty}");
+    let [AttachedDevice::Mavlink(autopilot), _] = emulator.far_ends.clone() else { panic!() };
+    let received = autopilot.borrow_mut().take_received();
+    let text = |frame: &Frame| String::from_utf8_lossy(&frame.payload).contains("autoswing: safe-mode: ");
+    assert!(received.iter().any(|frame| frame.id == 253 && text(frame)), "{received:?}");
+
+    emulator.printed();
+    let printed = emulator.type_line("reboot");
+    check_safe_mode(&mut emulator, printed);
+}
+
+/// Without a further panic the start after safe mode is an ordinary one, with erased settings.
+#[test]
+#[ignore = "needs qemu-system-arm and scripts/build-firmware"]
+fn a_reboot_ends_safe_mode() {
+    let mut emulator = with_bench_image();
+    emulator.type_line("stream rate 20");
+    for _ in 0..3 {
+        emulator.request_bench_test(BenchTest::Panic);
+        emulator.run_for_s(1.0);
+    }
+    let status = emulator.type_line("status");
+    assert!(status.contains("ok safe-mode: ") && status.contains(PANIC), "{status}");
+    emulator.type_line("cal clear all");
+    emulator.type_line("reboot");
+    let status = emulator.type_line("status");
+    assert!(status.contains("ok uncalibrated") && status.contains("stream: on, 10 Hz"), "{status}");
+}
+
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn only_the_bench_image_runs_the_tests_of_the_bench() {
     let mut emulator = start_emulator();
-    for test in [BenchTest::Budgets, BenchTest::Fault, BenchTest::Overflow, BenchTest::Panic] {
+    for test in [BenchTest::Budgets, BenchTest::Fault, BenchTest::Overflow, BenchTest::Panic, BenchTest::PanicAtStarts]
+    {
         emulator.printed();
         emulator.request_bench_test(test);
         emulator.run_for_s(2.0);

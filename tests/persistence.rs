@@ -476,7 +476,7 @@ fn a_lost_collection_is_reported() {
             });
         }
         let cause = if damage { ResetCause::Watchdog } else { ResetCause::PowerOn };
-        rig.power_on(cause.clone());
+        rig.power_on(cause);
         rig.run_for_s(1.0);
         let printed = rig.printed();
         assert!(printed.contains("note collection-lost: "), "{printed}");

@@ -109,7 +109,7 @@ impl Terminal<'_> {
             hard_iron_change: change,
             current_a,
             event_counts: self.links.counts(),
-            reset_cause: self.reset.clone(),
+            reset_cause: self.reset,
             uptime_s: Instant::now().as_secs() as u32,
             stack_use: platform.stack(),
             ports: self.links.port_protocols(),

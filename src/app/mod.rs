@@ -23,6 +23,7 @@ pub mod instrument;
 mod links;
 pub mod panel;
 pub mod port;
+pub mod safe_mode;
 pub mod sensor;
 #[cfg(test)]
 mod tests;

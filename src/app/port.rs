@@ -39,6 +39,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
     let chosen = settings.ports.port(number);
     let mut port = Port::new(chosen.protocol, *number.of(&links.port_protocols()), now());
     apply_settings(&mut port, &mut tx, Settings::DEFAULT.ports.port(number), chosen);
+    port.mavlink.set_signing_key(settings.signing_key);
     let mut counted = PublishedCounts::default();
     let mut silence_check = MessageSchedule::new();
     let mut bytes = [0; 64];
@@ -60,6 +61,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                 if let Some(changed) = changes.try_changed() {
                     apply_settings(&mut port, &mut tx, settings.ports.port(number), changed.ports.port(number));
                     settings = changed;
+                    port.mavlink.set_signing_key(settings.signing_key);
                 }
                 // MAVLink messages are less urgent than the other port's sentences of the same reading.
                 if port.active_protocol(now()) == ProtocolKind::Mavlink {

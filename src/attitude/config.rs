@@ -18,8 +18,8 @@ pub struct AttitudeConfig {
     /// Growth of the clock-offset estimate, microseconds per report. 50 reports per second track 500 ppm of drift, ten
     /// times that of two poor crystals.
     pub clock_leak_us: u32,
-    /// Longest interval between reports over which rates are integrated, microseconds: in a steady turn, 2 s cost a
-    /// heading error of 1 to 2 deg.
+    /// Longest interval between reports over which rates are integrated, microseconds. Over 1.5 s in turns of 45 deg of bank
+    /// they cost a heading error of up to 6 deg, which no sigma includes.
     pub max_integrated_gap_us: u32,
 }
 
@@ -31,6 +31,6 @@ impl AttitudeConfig {
         max_gap_us: 250_000,
         max_clock_error_us: 100_000,
         clock_leak_us: 10,
-        max_integrated_gap_us: 2_000_000,
+        max_integrated_gap_us: 500_000,
     };
 }

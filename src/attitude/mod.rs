@@ -3,6 +3,7 @@
 mod alignment_detector;
 mod config;
 mod euler_rates;
+mod hang_detector;
 mod line_selector;
 mod plausibility;
 mod rate_consistency;
@@ -19,6 +20,7 @@ pub use config::AttitudeConfig;
 use euler_rates::HeadingIntegral;
 pub(crate) use euler_rates::MIN_COS_PITCH;
 pub use euler_rates::{EulerRates, GyroHeading};
+use hang_detector::HangDetector;
 pub use line_selector::LineSelector;
 use plausibility::{FreezeDetector, SpikeFilter};
 use rate_consistency::RateConsistency;
@@ -27,6 +29,10 @@ pub use report::AttitudeReport;
 use sender_clock::SenderClock;
 pub use sender_selector::{Heartbeat, SenderId, SenderSelector};
 use timed_report::{TimedReport, extrapolate, interpolate};
+
+/// Time after a restart of the sender within which its attitude filter aligns, microseconds: 10 s on an ArduPilot, and some
+/// margin. In motion the alignment itself is not detectable.
+const ALIGNMENT_US: u64 = 15_000_000;
 
 /// Attitude at a requested instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,8 +47,8 @@ pub enum AttitudeLookup {
     Stale,
     /// The source repeats the same attitude.
     Frozen,
-    /// The source's filter is still converging.
-    Aligning,
+    /// The source's filter is still converging, or its attitude hangs.
+    Contradicted,
 }
 
 /// Counts of rejected reports; each wraps.
@@ -50,7 +56,7 @@ pub enum AttitudeLookup {
 pub struct RejectedReports {
     /// Too far from the prediction of the previous report.
     pub spikes: u32,
-    /// Repeated by a frozen source.
+    /// Repeated by a frozen source, or of a hanging attitude.
     pub frozen: u32,
     /// Body rates that contradict the attitude; the report is used without them.
     pub contradicting_rates: u32,
@@ -70,8 +76,11 @@ pub struct AttitudeHistory {
     spike_filter: SpikeFilter,
     freeze_detector: FreezeDetector,
     alignment_detector: AlignmentDetector,
-    /// Time of the last report, while the source is aligning.
-    last_aligning_at: Option<Timestamp>,
+    hang_detector: HangDetector,
+    /// Time of the first report after a restart of the sender.
+    restarted_at: Option<Timestamp>,
+    /// Time of the last report, while the source is aligning or hangs.
+    last_contradicted_at: Option<Timestamp>,
     rate_consistency: RateConsistency,
     rejected: RejectedReports,
 }
@@ -87,7 +96,9 @@ impl AttitudeHistory {
             spike_filter: SpikeFilter::new(),
             freeze_detector: FreezeDetector::new(),
             alignment_detector: AlignmentDetector::new(),
-            last_aligning_at: None,
+            hang_detector: HangDetector::new(),
+            restarted_at: None,
+            last_contradicted_at: None,
             rate_consistency: RateConsistency::EMPTY,
             rejected: RejectedReports::NONE,
         }
@@ -98,6 +109,9 @@ impl AttitudeHistory {
         if self.reports.back().is_some_and(|last| last.report.sender != report.sender) {
             // Clock offset and history are valid for one sender only.
             *self = Self { rejected: self.rejected, ..Self::new(self.config) };
+        }
+        if self.clock.has_restarted(report.sender_time) {
+            *self = Self { rejected: self.rejected, restarted_at: Some(arrival), ..Self::new(self.config) };
         }
         let at = self.clock.sending_time(arrival, report.sender_time, &self.config);
         // Drops reports out of order. A rebooted sender's are stamped by arrival, hence newer.
@@ -116,9 +130,14 @@ impl AttitudeHistory {
             return;
         }
         // Contradicting rates cannot show that the aircraft is at rest.
-        let is_aligning = self.alignment_detector.update(at, &report) && !self.rate_consistency.is_contradicted();
-        self.last_aligning_at = is_aligning.then_some(at);
-        if is_aligning {
+        let is_aligning = self.alignment_detector.update(at, &report) && !self.rate_consistency.is_contradicted()
+            || self.restarted_at.is_some_and(|restart| at.us_since(restart) < ALIGNMENT_US);
+        let is_hanging = self.hang_detector.update(at, &report);
+        self.last_contradicted_at = (is_aligning || is_hanging).then_some(at);
+        if is_hanging {
+            self.rejected.frozen = self.rejected.frozen.wrapping_add(1);
+        }
+        if is_aligning || is_hanging {
             return;
         }
         if self.rate_consistency.update(at, &report) {
@@ -133,8 +152,9 @@ impl AttitudeHistory {
         let _ = self.reports.push_back(TimedReport { sent_at: at, report, heading_integral: integral });
     }
 
-    /// Updates the frozen-attitude detector with the corrected field of a reading.
+    /// Updates the detectors of frozen and of hanging attitude with the corrected field of a reading.
     pub fn update_field(&mut self, field: Field<Body>) {
+        self.hang_detector.update_field(field);
         self.freeze_detector.update_field(field);
     }
 
@@ -217,7 +237,7 @@ impl AttitudeHistory {
         if is_recent(self.freeze_detector.frozen_at()) {
             Some(AttitudeLookup::Frozen)
         } else {
-            is_recent(self.last_aligning_at).then_some(AttitudeLookup::Aligning)
+            is_recent(self.last_contradicted_at).then_some(AttitudeLookup::Contradicted)
         }
     }
 

@@ -3,6 +3,9 @@
 use super::AttitudeConfig;
 use crate::time::{Timestamp, WrappingMillis};
 
+/// Step back of a sender's time stamp that is a restart, milliseconds; a smaller one is a report out of order.
+const MIN_RESTART_STEP_MS: i32 = 1_000;
+
 /// Clock-offset estimator. The smallest delay observed is the one without queueing, so reports are stamped by the
 /// sender's regular interval without the line's jitter.
 #[derive(Debug)]
@@ -14,6 +17,11 @@ pub(super) struct SenderClock {
 impl SenderClock {
     pub const fn new() -> Self {
         Self { last_report: None }
+    }
+
+    /// Whether the sender has restarted since the last report.
+    pub fn has_restarted(&self, sender: WrappingMillis) -> bool {
+        self.last_report.is_some_and(|(last_sender, _)| sender.signed_ms_since(last_sender) <= -MIN_RESTART_STEP_MS)
     }
 
     pub fn sending_time(&mut self, arrival: Timestamp, sender: WrappingMillis, config: &AttitudeConfig) -> Timestamp {

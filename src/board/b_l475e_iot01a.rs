@@ -167,7 +167,8 @@ impl UartBuffers {
 /// A UART at 115200 8N1.
 ///
 /// Interrupt-driven, at most 4 % processor load. Of the HAL's receivers, only this one continues after a line error;
-/// the DMA receiver stops.
+/// the DMA receiver stops. The receive pin has a pull-up, the level of an idle line: an unconnected pin would pick up noise
+/// as bytes with line errors.
 fn uart<T: usart::Instance>(
     uart: Peri<'static, T>,
     rx: Peri<'static, impl usart::RxPin<T>>,
@@ -177,6 +178,7 @@ fn uart<T: usart::Instance>(
 ) -> (UartTx, BufferedUartRx<'static>) {
     let mut config = usart::Config::default();
     config.eager_reads = Some(UART_WAKE);
+    config.rx_pull = Pull::Up;
     let (tx, rx) = BufferedUart::new(uart, rx, tx, &mut buffers.tx, &mut buffers.rx, irqs, config)
         .expect("80 MHz can be divided to 115200 baud")
         .split();

@@ -6,36 +6,50 @@ use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 
 use super::stack;
+use autoswing::health::{PanicReport, count_early_panics};
 use cortex_m::peripheral::SCB;
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
+use embassy_time::Instant;
+use static_cell::StaticCell;
 
-/// Longest message, the capacity of `ResetCause`.
-const CAPACITY: usize = 96;
+/// Longest message: 200 characters with the path of a source file and its line.
+const CAPACITY: usize = 288;
 const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
 /// A message with CRC: after power-on the memory has random contents.
 #[derive(Clone, Copy)]
 struct Message {
     length: usize,
+    /// Consecutive early panics.
+    early_panics: u8,
     text: [u8; CAPACITY],
     crc: u32,
 }
 
 impl Message {
-    const EMPTY: Self = Self { length: 0, text: [0; CAPACITY], crc: 0 };
+    const EMPTY: Self = Self { length: 0, early_panics: 0, text: [0; CAPACITY], crc: 0 };
 
     fn checksum(&self) -> u32 {
         let mut digest = CRC.digest();
         digest.update(&self.length.to_le_bytes());
+        digest.update(&[self.early_panics]);
         digest.update(&self.text);
         // Inverted, so that all zeros are invalid.
         !digest.finalize()
     }
 
-    /// The message, if valid.
-    fn text(&self) -> Option<heapless::String<CAPACITY>> {
-        let text = self.text.get(..self.length).filter(|text| !text.is_empty() && self.crc == self.checksum())?;
-        heapless::String::try_from(core::str::from_utf8(text).ok()?).ok()
+    /// The stored message, or an empty one after power-on.
+    fn load() -> Self {
+        // SAFETY: called before tasks and interrupts start, or with interrupts disabled, so there is no other access. The
+        // message consists of integers, valid for any contents.
+        let stored = unsafe { LAST_WORDS.0.get().read_volatile().assume_init() };
+        if stored.crc == stored.checksum() { stored } else { Self::EMPTY }
+    }
+
+    fn store(mut self) {
+        self.crc = self.checksum();
+        // SAFETY: as above. Volatile, because nothing reads it in this run.
+        unsafe { LAST_WORDS.0.get().write_volatile(MaybeUninit::new(self)) };
     }
 }
 
@@ -65,37 +79,30 @@ static LAST_WORDS: Kept = Kept(UnsafeCell::new(MaybeUninit::uninit()));
 /// Stores a message and resets.
 fn die(message: fmt::Arguments<'_>) -> ! {
     cortex_m::interrupt::disable();
-    let mut words = Message::EMPTY;
+    let early_panics = count_early_panics(Message::load().early_panics, Instant::now().as_secs());
+    let mut words = Message { early_panics, ..Message::EMPTY };
     // Infallible: a message is truncated.
     let _ = words.write_fmt(message);
-    words.crc = words.checksum();
-    // SAFETY: interrupts are disabled, so there is no other access. Volatile, because nothing reads it in this run.
-    unsafe { LAST_WORDS.0.get().write_volatile(MaybeUninit::new(words)) };
+    words.store();
     SCB::sys_reset()
 }
 
-/// Returns the message of the previous run and erases it. Call once, first of all.
-pub fn take() -> Option<heapless::String<CAPACITY>> {
-    // SAFETY: there is no other access before tasks and interrupts start. The message consists of integers, valid for
-    // any contents.
-    let words = unsafe { LAST_WORDS.0.get().read_volatile().assume_init() };
-    // SAFETY: as above.
-    unsafe { LAST_WORDS.0.get().write_volatile(MaybeUninit::new(Message::EMPTY)) };
-    words.text()
+/// Returns the panic of the previous run and erases its message; the number of early panics stays until a run ends
+/// otherwise. Call once, first of all.
+pub fn take() -> Option<PanicReport> {
+    static TEXT: StaticCell<[u8; CAPACITY]> = StaticCell::new();
+    let Message { length, early_panics, text, .. } = Message::load();
+    let message = TEXT.init(text).get(..length).and_then(|text| core::str::from_utf8(text).ok())?;
+    let has_panicked = !message.is_empty();
+    Message { early_panics: if has_panicked { early_panics } else { 0 }, ..Message::EMPTY }.store();
+    has_panicked.then_some(PanicReport { message, early_panics })
 }
 
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
     let message = info.message();
     match info.location() {
-        // Only the file name, since a long message is truncated at its end.
-        Some(place) => {
-            let path = place.file();
-            // By bytes: a search by characters costs 0.5 KB of flash.
-            let file =
-                path.bytes().rposition(|byte| byte == b'/').and_then(|slash| path.get(slash + 1..)).unwrap_or(path);
-            die(format_args!("{file}:{} {message}", place.line()))
-        }
+        Some(place) => die(format_args!("{}:{} {message}", place.file(), place.line())),
         None => die(format_args!("{message}")),
     }
 }

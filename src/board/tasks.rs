@@ -14,9 +14,18 @@ use super::kept;
 /// Initialised at run time, so that `.data` costs no flash.
 static LINKS: StaticCell<Links> = StaticCell::new();
 
-/// Spawns all tasks: heading tasks on the executor `above`, which interrupts `below` with the slow tasks.
+/// Spawns all tasks: heading tasks on the executor `above`, which interrupts `below` with the slow tasks. In safe mode,
+/// spawns the console and the task of that mode only.
 pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
     let links = LINKS.init_with(Links::new);
+    let region = hardware.flash.region();
+    let store = Store::new(hardware.flash, region);
+    let (console_tx, console_rx) = hardware.console;
+    below.spawn(spawned(console(links, console_rx, console_tx, hardware.platform, hardware.reset)));
+    if hardware.reset.requires_safe_mode() {
+        below.spawn(spawned(safe_mode(links, store, hardware.ports.map(|(tx, _)| tx), hardware.watchdog)));
+        return;
+    }
     above.spawn(spawned(sensor(links, hardware.magnetometer)));
     above.spawn(spawned(instrument(links)));
     for (number, (tx, rx)) in PortNumber::ALL.into_iter().zip(hardware.ports) {
@@ -24,11 +33,7 @@ pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
     }
     above.spawn(spawned(watch(links, hardware.watchdog)));
     above.spawn(spawned(panel(links, hardware.panel)));
-
-    let region = hardware.flash.region();
-    let (console_tx, console_rx) = hardware.console;
-    below.spawn(spawned(compass(links, Store::new(hardware.flash, region), kept::lend())));
-    below.spawn(spawned(console(links, console_rx, console_tx, hardware.platform, hardware.reset)));
+    below.spawn(spawned(compass(links, store, kept::lend())));
 }
 
 /// Infallible: each task has as many instances as are spawned.
@@ -69,4 +74,14 @@ async fn compass(links: &'static Links, store: Store<StoreFlash>, retained: &'st
 #[embassy_executor::task]
 async fn console(links: &'static Links, rx: UartRx, tx: UartTx, platform: Platform, reset: ResetCause) -> ! {
     app::console::run(links, rx, tx, platform, reset).await
+}
+
+#[embassy_executor::task]
+async fn safe_mode(
+    links: &'static Links,
+    store: Store<StoreFlash>,
+    ports: [UartTx; PORT_COUNT],
+    watchdog: Watchdog,
+) -> ! {
+    app::safe_mode::run(links, store, ports, watchdog).await
 }

@@ -95,6 +95,8 @@ pub enum Reply {
     Advice(Advice),
     /// Full report.
     Report(StatusReport),
+    /// State in safe mode.
+    SafeMode,
 }
 
 /// State of the module, as shown to users.

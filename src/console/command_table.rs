@@ -7,7 +7,7 @@ use core::ops::RangeInclusive;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::{Method, Orientation};
 use crate::compass::Command;
-use crate::settings::{AttitudeError, HeadingKind, SettingChange, Settings};
+use crate::settings::{AttitudeError, HeadingKind, SettingChange, Settings, SigningKey};
 use crate::settings::{Baud, PortNumber, ProtocolKind};
 
 /// Command, or the first word of several commands.
@@ -58,6 +58,8 @@ pub enum ArgumentKind {
     },
     /// Confirmation word.
     Confirmation(&'static str),
+    /// A word from which a key is derived, or `off`.
+    Passphrase,
 }
 
 /// Parsed argument.
@@ -69,6 +71,8 @@ pub enum ArgumentValue {
     Number(f32),
     /// Index of a choice.
     Choice(usize),
+    /// Key of a passphrase.
+    Key(SigningKey),
 }
 
 /// Parsed arguments of a command, two at most.
@@ -88,6 +92,13 @@ impl Arguments {
             Some(&ArgumentValue::Choice(number)) => value_of_index(number),
             _ => None,
         }
+    }
+}
+
+fn signing_key(given: &Arguments) -> Option<SigningKey> {
+    match given.0 {
+        [ArgumentValue::Key(key), _] => Some(key),
+        _ => None,
     }
 }
 
@@ -122,6 +133,7 @@ impl ArgumentSpec {
             ArgumentKind::Number { or, .. } => only(or),
             ArgumentKind::Whole { .. } => None,
             ArgumentKind::Confirmation(word) => only(Some(word)),
+            ArgumentKind::Passphrase => only(Some("off")),
         }
     }
 }
@@ -273,6 +285,9 @@ pub static COMMANDS: &[CommandSpec] = &[
             ArgumentKind::Whole { range: Settings::ATTITUDE_RATE_HZ, unit: "a second" },
         )])
         .with_request(|given| set(SettingChange::AttitudeRateHz(given.number(0).unwrap_or_default() as u8))),
+    CommandSpec::new("set", "signing", "sign MAVLink frames, and reject others, with the key of a passphrase")
+        .with_arguments(&[ArgumentSpec::new("PASSPHRASE", ArgumentKind::Passphrase)])
+        .with_request(|given| set(SettingChange::Signing(signing_key(given)))),
     CommandSpec::new("reboot", "", "restart the module").with_request(|_| Command::Restart.into()),
 ];
 

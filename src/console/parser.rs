@@ -5,6 +5,7 @@ use core::fmt::{self, Display};
 use super::command_table::{ArgumentKind, ArgumentSpec, ArgumentValue, Arguments, COMMANDS, CommandSpec, Request};
 use super::editor::LINE_CAPACITY;
 use crate::decimal::{self, ShortestDecimal};
+use crate::wire::mavlink::key_from_passphrase;
 
 /// Reason why a line is invalid.
 #[derive(Clone, Copy, Debug)]
@@ -148,8 +149,9 @@ fn value_of(argument: &ArgumentSpec, typed: &str) -> Option<ArgumentValue> {
     let choice = (0..).map_while(|number| argument.nth_word(number)).position(|word| word.eq_ignore_ascii_case(typed));
     match &argument.kind {
         ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_) => choice.map(ArgumentValue::Choice),
-        ArgumentKind::Number { .. } if choice.is_some() => Some(ArgumentValue::Absent),
+        ArgumentKind::Number { .. } | ArgumentKind::Passphrase if choice.is_some() => Some(ArgumentValue::Absent),
         ArgumentKind::Number { .. } => decimal::parse(typed).map(ArgumentValue::Number),
+        ArgumentKind::Passphrase => Some(ArgumentValue::Key(key_from_passphrase(typed))),
         ArgumentKind::Whole { .. } => typed.parse::<u8>().ok().map(|number| ArgumentValue::Number(f32::from(number))),
     }
 }
@@ -287,6 +289,7 @@ impl Display for ArgumentSpec {
             ArgumentKind::Whole { range, unit } => {
                 write!(f, "a whole number, {} to {} {unit}", range.start(), range.end())?;
             }
+            ArgumentKind::Passphrase => f.write_str("a word, upper and lower case differ")?,
             ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_) => {
                 return write_list(f, &|number| self.nth_word(number), " or ");
             }
@@ -411,6 +414,8 @@ mod tests {
             ("set vision on", set(SettingChange::Vision(true))),
             ("set vision off", set(SettingChange::Vision(false))),
             ("set attitude-rate 50", set(SettingChange::AttitudeRateHz(50))),
+            ("set signing off", set(SettingChange::Signing(None))),
+            ("set signing 4711", set(SettingChange::Signing(Some(key_from_passphrase("4711"))))),
             ("set attitude-error default", set(SettingChange::AttitudeError(AttitudeError::DEFAULT))),
         ];
         for (line, meaning) in examples {
@@ -436,6 +441,16 @@ mod tests {
             assert!(tested_lines.any(|line| line.to_ascii_lowercase().starts_with(words.trim_end())), "{words}");
         }
         assert!(parse("").is_none() && parse("   ").is_none());
+    }
+
+    /// As ground stations take it.
+    #[test]
+    fn a_passphrase_keeps_its_case() {
+        for passphrase in ["aBc", "abc"] {
+            let line = format!("set signing {passphrase}");
+            let expected = SettingChange::Signing(Some(key_from_passphrase(passphrase)));
+            assert!(matches!(parse(&line), Some(Ok(Request::Command(Command::Set(setting)))) if setting == expected));
+        }
     }
 
     #[test]

@@ -84,6 +84,8 @@ pub enum NoHeading {
     FieldChanged,
     /// Attitude, body rates and field are inconsistent, most likely due to the attitude.
     AttitudeContradicted,
+    /// The module is in safe mode after repeated panics.
+    SafeMode,
 }
 
 impl NoHeading {
@@ -102,6 +104,7 @@ impl NoHeading {
             Self::FieldDisturbed => "field-disturbed",
             Self::FieldChanged => "field-changed",
             Self::AttitudeContradicted => "attitude-contradicted",
+            Self::SafeMode => "safe-mode",
         }
     }
 }

@@ -154,6 +154,7 @@ fn every_reason_for_an_empty_heading_has_a_code() {
         NoHeading::FieldDisturbed,
         NoHeading::FieldChanged,
         NoHeading::AttitudeContradicted,
+        NoHeading::SafeMode,
     ]
     .map(NoHeading::code);
     let expected = [
@@ -168,6 +169,7 @@ fn every_reason_for_an_empty_heading_has_a_code() {
         "field-disturbed",
         "field-changed",
         "attitude-contradicted",
+        "safe-mode",
     ];
     assert_eq!(codes, expected);
 }

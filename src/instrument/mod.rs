@@ -327,7 +327,7 @@ impl Instrument {
         match self.track.attitude_at(self.attitude_lookup_time(at)) {
             AttitudeLookup::Interpolated(attitude) | AttitudeLookup::Extrapolated(attitude) => Ok(attitude),
             AttitudeLookup::Frozen => Err(NoHeading::AttitudeFrozen),
-            AttitudeLookup::Aligning => Err(NoHeading::AttitudeContradicted),
+            AttitudeLookup::Contradicted => Err(NoHeading::AttitudeContradicted),
             AttitudeLookup::Missing | AttitudeLookup::Stale => Err(NoHeading::AttitudeStale),
         }
     }

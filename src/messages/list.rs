@@ -45,6 +45,7 @@ impl Message {
                 format_args!("headings are corrected for it; fix what moved, or calibrate again"),
             ),
             Self::HardIronRestored => show("iron-back", format_args!("as calibrated again"), NO_ADVICE),
+            Self::SafeMode => safe_mode(show),
         }
     }
 }
@@ -123,8 +124,17 @@ impl Refusal {
             Self::Solve(error) => solve_error(error, show),
             Self::Rejected(rejection) => self::rejection(rejection, show),
             Self::Store(error) => store_error(*error, show),
+            Self::SafeMode => safe_mode(show),
         }
     }
+}
+
+fn safe_mode(show: EntryWriter<'_>) -> fmt::Result {
+    show(
+        "safe-mode",
+        format_args!("three starts in a row ended in a panic, so only the console runs"),
+        format_args!("report the panic shown by status; to erase all stored data: cal clear all, then reboot"),
+    )
 }
 
 fn solve_error(error: &SolveError, show: EntryWriter<'_>) -> fmt::Result {

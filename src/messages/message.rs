@@ -24,6 +24,8 @@ pub enum Message {
     HardIronChanged(HardIronChange),
     /// Hard iron is as calibrated again.
     HardIronRestored,
+    /// The module is in safe mode after repeated panics.
+    SafeMode,
 }
 
 /// Result of a solve: expected accuracy of the new active calibration, or the reason for its absence.
@@ -50,7 +52,8 @@ impl Message {
             | Self::CommandRejected(_)
             | Self::StoreFailed(_)
             | Self::CollectionLost
-            | Self::HardIronChanged(_) => Severity::Warning,
+            | Self::HardIronChanged(_)
+            | Self::SafeMode => Severity::Warning,
         }
     }
 

@@ -66,6 +66,8 @@ pub enum Refusal {
     Rejected(Rejection),
     /// The save failed; the active calibration is unchanged.
     Store(StoreError),
+    /// The command is not available in safe mode.
+    SafeMode,
 }
 
 /// Cause of missing or uninformative samples.

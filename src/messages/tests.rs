@@ -27,6 +27,9 @@ fn refusals() -> impl Iterator<Item = Expected> {
     [refused_commands(), known_causes(), solve_errors(), rejections(), store_errors()].into_iter().flatten()
 }
 
+const SAFE_MODE: &str = "three starts in a row ended in a panic, so only the console runs; report the panic shown by \
+                         status; to erase all stored data: cal clear all, then reboot";
+
 fn refused_commands() -> Vec<Expected> {
     vec![
         (
@@ -69,6 +72,7 @@ fn refused_commands() -> Vec<Expected> {
         (Refusal::NoSensor, "no-sensor", "the magnetometer does not answer; check its wiring, see status"),
         (Refusal::NoPreviousCalibration, "nothing-to-undo", "there is no previous calibration"),
         (Refusal::OutOfRange(OutOfRange("a rate is 1 to 80")), "out-of-range", "a rate is 1 to 80"),
+        (Refusal::SafeMode, "safe-mode", SAFE_MODE),
     ]
 }
 
@@ -307,6 +311,12 @@ fn messages() -> Vec<(Message, Severity, &'static str)> {
              corrected for it; fix what moved, or calibrate again",
         ),
         (Message::HardIronRestored, Severity::Info, "iron-back: as calibrated again"),
+        (
+            Message::SafeMode,
+            Severity::Warning,
+            "safe-mode: three starts in a row ended in a panic, so only the console runs; report the panic shown by \
+             status; to erase all stored data: cal clear all, then reboot",
+        ),
     ]
 }
 

@@ -2,6 +2,7 @@
 
 mod ports;
 
+use core::fmt;
 use core::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
@@ -39,6 +40,19 @@ pub struct Settings {
     pub sends_vision_yaw: bool,
     /// Highest rate at which attitude is requested from a MAVLink autopilot, Hz.
     pub attitude_rate_hz: u8,
+    /// Key of MAVLink's signatures; with a key, frames without a valid signature are rejected.
+    pub signing_key: Option<SigningKey>,
+}
+
+/// Secret key of MAVLink's signatures.
+#[derive(Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SigningKey(pub [u8; 32]);
+
+/// Hides the secret.
+impl fmt::Debug for SigningKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("SigningKey")
+    }
 }
 
 /// Kind of heading.
@@ -124,6 +138,7 @@ impl Settings {
         ports: PortsSettings::DEFAULT,
         sends_vision_yaw: false,
         attitude_rate_hz: 40,
+        signing_key: None,
     };
 
     /// Range of the declination, degrees.
@@ -184,6 +199,8 @@ pub enum SettingChange {
     Vision(bool),
     /// Highest requested attitude rate, Hz.
     AttitudeRateHz(u8),
+    /// Key of MAVLink's signatures; `None` accepts and sends frames without.
+    Signing(Option<SigningKey>),
 }
 
 /// Description of the valid range, for a value outside of it.
@@ -205,7 +222,8 @@ impl SettingChange {
             | Self::Protocol(..)
             | Self::Baud(..)
             | Self::Vision(_)
-            | Self::AttitudeRateHz(_) => false,
+            | Self::AttitudeRateHz(_)
+            | Self::Signing(_) => false,
         }
     }
 
@@ -219,6 +237,7 @@ impl SettingChange {
             Self::Inclination(_) => "an inclination is -90 to 90 degrees, positive down",
             Self::Mount(_) => "a mounting is one of the 24 right-angle ones",
             Self::AttitudeError(_) => "a constant error is 0 to 5 degrees, one of bank 0 to 20 percent",
+            Self::Signing(_) => "a passphrase or off",
             Self::Accuracy(_) => "an accuracy is 0.2 to 3 degrees",
             Self::Protocol(..) => "a protocol that this firmware was built with",
             Self::Baud(..) => "57600, 115200, 230400 or 460800 baud",
@@ -248,6 +267,7 @@ impl Settings {
             SettingChange::Baud(port, baud) => changed.ports.port_mut(port).baud = baud,
             SettingChange::Vision(on) => changed.sends_vision_yaw = on,
             SettingChange::AttitudeRateHz(hz) => changed.attitude_rate_hz = hz,
+            SettingChange::Signing(key) => changed.signing_key = key,
         }
         if changed.is_valid() { Ok(changed) } else { Err(OutOfRange(setting.valid_range())) }
     }

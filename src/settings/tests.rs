@@ -91,6 +91,14 @@ fn heading_kind_names_round_trip() {
     assert_eq!(Settings::DEFAULT.stream_heading, HeadingKind::Smooth);
 }
 
+const KEY: SigningKey = SigningKey([7; 32]);
+
+/// The log of a test or of a probe does not contain it.
+#[test]
+fn a_signing_key_is_not_printed() {
+    assert_eq!(format!("{:?}", SettingChange::Signing(Some(KEY))), "Signing(Some(SigningKey))");
+}
+
 #[test]
 fn a_setting_changes_itself_and_nothing_else() {
     let before = Settings { align_deg: 3.0, ..Settings::DEFAULT };
@@ -103,6 +111,7 @@ fn a_setting_changes_itself_and_nothing_else() {
         (SettingChange::Auto(false), Settings { auto_on: false, ..before }),
         (SettingChange::Vision(true), Settings { sends_vision_yaw: true, ..before }),
         (SettingChange::AttitudeRateHz(50), Settings { attitude_rate_hz: 50, ..before }),
+        (SettingChange::Signing(Some(KEY)), Settings { signing_key: Some(KEY), ..before }),
         (SettingChange::Declination(Some(-3.5)), Settings { declination_deg: Some(-3.5), ..before }),
         (SettingChange::Inclination(Some(60.0)), Settings { inclination_deg: Some(60.0), ..before }),
         (SettingChange::Mount(mount), Settings { mount, ..before }),
@@ -157,6 +166,7 @@ fn solves_use_mounting_inclination_and_the_attitude_s_error() {
         (SettingChange::Baud(PortNumber::One, Baud::B57600), false),
         (SettingChange::Vision(true), false),
         (SettingChange::AttitudeRateHz(50), false),
+        (SettingChange::Signing(None), false),
     ] {
         assert_eq!(setting.is_used_by_solves(), used, "{setting:?}");
     }

@@ -243,6 +243,7 @@ impl Fields for StoredState {
             ports,
             sends_vision_yaw,
             attitude_rate_hz,
+            signing_key,
         } = settings;
         visitor.optional(4, declination_deg);
         visitor.optional(5, inclination_deg);
@@ -266,6 +267,7 @@ impl Fields for StoredState {
         visitor.optional(21, first);
         visitor.optional(22, second);
         visitor.optional(23, attitude_rate_hz);
+        visitor.optional(24, signing_key);
     }
 
     fn is_valid(&self) -> bool {

@@ -152,6 +152,18 @@ impl<F: NorFlash> Store<F> {
         self.write_state(page, &state).await
     }
 
+    /// Erases all pages without reading them: afterwards nothing is stored.
+    ///
+    /// # Errors
+    ///
+    /// [`StoreError::Flash`]: a page could not be erased.
+    pub async fn erase_all(&mut self) -> Result<(), StoreError> {
+        for page in 0..self.page_count() {
+            self.erase(page).await?;
+        }
+        Ok(())
+    }
+
     /// Replaces a store of another format by the default state. Erases the page with that format's item last, so that
     /// it is still reported after a power failure.
     async fn replace_other_format(&mut self, other: u32) -> Result<(), StoreError> {

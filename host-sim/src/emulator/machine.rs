@@ -91,8 +91,10 @@ pub enum BenchTest {
     Fault = 2,
     /// Overflows the stack.
     Overflow = 3,
-    /// Panics.
+    /// Panics with a message of 200 characters.
     Panic = 4,
+    /// Panics, now and at each later start.
+    PanicAtStarts = 5,
 }
 
 /// Largest number of bytes per port and step.

@@ -4,6 +4,7 @@ mod devices;
 mod heading;
 mod panel;
 mod port;
+mod safe_mode;
 mod sensor;
 mod thread_tasks;
 mod watchdog;

@@ -29,7 +29,7 @@ use crate::time::WrappingMillis;
 pub(super) type Flash = RamFlash<2048>;
 pub(super) const PAGES: usize = 8;
 
-fn store(flash: Flash) -> Store<Flash> {
+pub(super) fn store(flash: Flash) -> Store<Flash> {
     Store::new(flash, 0..(2048 * PAGES) as u32)
 }
 

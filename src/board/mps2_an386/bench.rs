@@ -4,6 +4,7 @@
 use core::f32::consts::TAU;
 use core::fmt::{self, Write as _};
 use core::hint::black_box;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use autoswing::attitude::{AttitudeReport, SenderId};
 use autoswing::calibration::method_selection::Procedure;
@@ -15,7 +16,7 @@ use autoswing::instrument::{Correction, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::settings::HeadingKind;
 use autoswing::time::{Timestamp, WrappingMillis};
-use autoswing::wire::mavlink::{self, Address, OutboundMessage, Pose};
+use autoswing::wire::mavlink::{self, Address, OutboundMessage, Pose, Signatures};
 use autoswing::wire::{msp, nmea};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
@@ -47,15 +48,27 @@ enum Test {
     Fault = 2,
     /// Overflow the stack.
     Overflow = 3,
-    /// Panic.
+    /// Panic with a message of 200 characters.
     Panic = 4,
+    /// Panic, now and at each later start.
+    PanicAtStarts = 5,
 }
+
+/// Whether each start panics: this value in memory that survives a reset.
+const PANICS_AT_STARTS: u32 = 0x0BAD_57A7;
+
+#[unsafe(link_section = ".uninit.starts")]
+static STARTS: AtomicU32 = AtomicU32::new(0);
+
+const LONG_MESSAGE: &str = "asked for, with a message of 200 characters, the most that the next run has to show whole. \
+    0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 end of it.";
+const _: () = assert!(LONG_MESSAGE.len() == 200);
 
 static ASKED: Signal<CriticalSectionRawMutex, Test> = Signal::new();
 
 /// Requests a test by number; zero requests none.
 pub fn ask(number: u8) {
-    let tests = [Test::Budgets, Test::Fault, Test::Overflow, Test::Panic];
+    let tests = [Test::Budgets, Test::Fault, Test::Overflow, Test::Panic, Test::PanicAtStarts];
     if let Some(test) = tests.into_iter().find(|&test| test as u8 == number) {
         ASKED.signal(test);
     }
@@ -64,6 +77,7 @@ pub fn ask(number: u8) {
 /// Runs requested tests. Fatal ones end the run.
 pub async fn run(mut tx: UartTx) -> ! {
     static KEPT: StaticCell<RetainedSamples> = StaticCell::new();
+    panic_if_asked();
     let mut turns = Turns::fly();
     let mut collector = Collector::new(KEPT.init_with(|| RetainedSamples::EMPTY));
     loop {
@@ -75,12 +89,22 @@ pub async fn run(mut tx: UartTx) -> ! {
                 fill_stack(black_box(0));
                 results.write_str("\nerror no-overflow: the stack has no end\n")
             }
-            Test::Panic => panic!("asked for"),
+            Test::Panic => panic!("{LONG_MESSAGE}"),
+            Test::PanicAtStarts => {
+                STARTS.store(PANICS_AT_STARTS, Ordering::Relaxed);
+                panic_if_asked();
+                Ok(())
+            }
         };
         // Truncated results are detected by the simulator.
         let _ = written;
         let Ok(()) = tx.write_all(results.as_bytes()).await;
     }
+}
+
+/// Panics if each start has to.
+fn panic_if_asked() {
+    assert!(STARTS.load(Ordering::Relaxed) != PANICS_AT_STARTS, "at each start");
 }
 
 type Results = heapless::String<256>;
@@ -138,7 +162,11 @@ fn budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut Results) 
     });
     let to_pose = instructions(|| {
         let own_address = Address { system: 1, component: 158 };
-        drop(black_box(OutboundMessage::pose_estimate(black_box(&POSE)).frame(own_address, 0)));
+        drop(black_box(OutboundMessage::pose_estimate(black_box(&POSE)).frame(
+            own_address,
+            0,
+            &mut Signatures::default(),
+        )));
     });
     let to_compass = instructions(|| {
         black_box(msp::compass(0, black_box(123_456), black_box(Field::from_ut(20.0, -5.1, 44.2))));

@@ -120,6 +120,8 @@ pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! 
         // SAFETY: their handlers are in the table above.
         unsafe { NVIC::unmask(interrupt) };
     }
+    #[cfg(feature = "bench")]
+    let is_safe_mode = reset.requires_safe_mode();
     let hardware = Hardware {
         magnetometer: Magnetometer::new(SensorBus::new()),
         ports: [
@@ -140,7 +142,9 @@ pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! 
     let below = OTHER_TASKS.start(Interrupt::OtherTasks);
     spawn_tasks(above, below, hardware);
     #[cfg(feature = "bench")]
-    below.spawn(bench_tests().expect("one task"));
+    if !is_safe_mode {
+        below.spawn(bench_tests().expect("one task"));
+    }
     loop {
         asm::wfi();
     }

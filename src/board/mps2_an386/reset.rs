@@ -17,7 +17,7 @@ static STATE: AtomicU32 = AtomicU32::new(0);
 pub fn cause() -> ResetCause {
     let before = STATE.swap(RUNS, Ordering::Relaxed);
     match (last_words::take(), before) {
-        (Some(text), RUNS) => ResetCause::Panic(text),
+        (Some(report), RUNS) => ResetCause::Panic(report),
         (_, REBOOTS) => ResetCause::Software,
         (_, RUNS) => ResetCause::Pin,
         _ => ResetCause::PowerOn,

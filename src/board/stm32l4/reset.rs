@@ -13,7 +13,7 @@ pub fn cause() -> ResetCause {
     // Brown-out first, since memory is then undefined. Reset pin last, since every reset sets its flag.
     match last_words {
         _ if flags.borrstf() => ResetCause::PowerOn,
-        Some(text) => ResetCause::Panic(text),
+        Some(report) => ResetCause::Panic(report),
         None if flags.iwdgrstf() || flags.wwdgrstf() => ResetCause::Watchdog,
         None if flags.sftrstf() => ResetCause::Software,
         None => ResetCause::Pin,

@@ -17,7 +17,7 @@ use calibration::{CalibrationTitle, advise, calibration};
 pub use error::line_error;
 use error::refusal;
 use settings::{SettingGroup, setting_line};
-use status::{Reset, status};
+use status::{Reset, safe_mode_status, status};
 
 /// The firmware's version.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -60,6 +60,7 @@ pub fn reply(
         (Ok(Reply::Done(state)), _) => writeln!(out, "ok {}", state.name()),
         (Ok(Reply::Marked(number)), _) => writeln!(out, "ok mark {number}"),
         (Ok(Reply::Advice(advice)), _) => advise(out, advice),
+        (Ok(Reply::SafeMode), _) => safe_mode_status(out, health),
     }
 }
 

@@ -19,10 +19,11 @@ pub(super) enum SettingGroup {
     Port(PortNumber),
     Vision,
     AttitudeRate,
+    Signing,
 }
 
 impl SettingGroup {
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Stream,
         Self::Declination,
         Self::Inclination,
@@ -34,6 +35,7 @@ impl SettingGroup {
         Self::Port(PortNumber::Two),
         Self::Vision,
         Self::AttitudeRate,
+        Self::Signing,
     ];
 
     pub const fn containing(setting: SettingChange) -> Self {
@@ -50,6 +52,7 @@ impl SettingGroup {
             SettingChange::Protocol(port, _) | SettingChange::Baud(port, _) => Self::Port(port),
             SettingChange::Vision(_) => Self::Vision,
             SettingChange::AttitudeRateHz(_) => Self::AttitudeRate,
+            SettingChange::Signing(_) => Self::Signing,
         }
     }
 }
@@ -100,6 +103,7 @@ pub(super) fn setting_line(
         }
         SettingGroup::Vision => write!(out, "vision{between}{}", on_or_off(settings.sends_vision_yaw)),
         SettingGroup::AttitudeRate => write!(out, "attitude-rate{between}{} Hz at most", settings.attitude_rate_hz),
+        SettingGroup::Signing => write!(out, "signing{between}{}", on_or_off(settings.signing_key.is_some())),
     }
 }
 

@@ -47,6 +47,16 @@ pub(super) fn status(out: &mut impl Write, report: &StatusReport, health: &Diagn
     if let Some(StackUse { used_bytes: used, size_bytes: size }) = health.stack_use {
         writeln!(out, "stack: {used} of {size} bytes used at most")?;
     }
+    uptime(out, health)
+}
+
+/// Writes the reply to `status` in safe mode.
+pub(super) fn safe_mode_status(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
+    writeln!(out, "ok {}: {}", Message::SafeMode.code(), Message::SafeMode.text())?;
+    uptime(out, health)
+}
+
+fn uptime(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
     writeln!(out, "up: {} s, started by {}", health.uptime_s, Reset(&health.reset_cause))
 }
 
@@ -194,7 +204,7 @@ impl Display for Reset<'_> {
             ResetCause::Pin => f.write_str("reset pin"),
             ResetCause::Software => f.write_str("reboot"),
             ResetCause::Watchdog => f.write_str("watchdog"),
-            ResetCause::Panic(words) => write!(f, "panic: {words}"),
+            ResetCause::Panic(report) => write!(f, "panic: {}", report.message),
         }
     }
 }

@@ -29,13 +29,15 @@ use crate::compass::{Command, IndicatorState};
 use crate::frames::wrap_pi;
 use crate::heading::{Heading, NoHeading};
 use crate::messages::{Message as Notice, Refusal};
+use crate::settings::SigningKey;
 use crate::time::Timestamp;
 use crate::wire::mavlink::{Address, InboundMessage, OutboundMessage, Pose, Receiver};
 use collection::CollectionReporter;
 use commands::CommandHandler;
 use requests::RequestSequence;
 use texts::PendingTexts;
-use transmitter::{COMPONENT, Transmitter, own_address};
+pub(super) use transmitter::Transmitter;
+use transmitter::{COMPONENT, own_address};
 
 /// Rate of poses, Hz. Autopilots drop poses at higher rates, and detect a loss below 3 Hz.
 const VISION_HZ: u8 = 50;
@@ -69,6 +71,11 @@ impl Mavlink {
     #[must_use]
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// Sets or removes the key of signatures.
+    pub fn set_signing_key(&mut self, key: Option<SigningKey>) {
+        self.receiver.signatures.set_key(key);
     }
 
     /// Whether a calibration differs from the last reported one.
@@ -197,8 +204,8 @@ impl Protocol for Mavlink {
         self.senders.record_consistency(now, is_contradicted(snapshot.estimate.heading));
         self.collection.update(snapshot, &mut self.texts);
         let Some(autopilot) = self.senders.autopilot_to_query(now) else { return };
-        let mut sequence = self.sequence;
-        let line = &mut Transmitter { out, own: own_address(autopilot), sequence: &mut sequence };
+        let (mut sequence, mut signatures) = (self.sequence, core::mem::take(&mut self.receiver.signatures));
+        let line = &mut Transmitter::new(out, autopilot, &mut sequence, &mut signatures);
         let _is_sent = self.commands.send(line)
             || self.send_pose(snapshot, line)
             || self.send_heartbeat(snapshot, line)
@@ -207,7 +214,7 @@ impl Protocol for Mavlink {
             || self.send_percent(snapshot, line)
             || self.texts.send(now, line)
             || self.send_heading(snapshot, line);
-        self.sequence = sequence;
+        (self.sequence, self.receiver.signatures) = (sequence, signatures);
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::attitude::SenderId;
 use crate::port::TransmitBuffer;
-use crate::wire::mavlink::{Address, OutboundMessage};
+use crate::wire::mavlink::{Address, OutboundMessage, Signatures};
 
 /// MAV_COMP_ID_PERIPHERAL.
 pub(super) const COMPONENT: u8 = 158;
@@ -13,17 +13,28 @@ pub(super) fn own_address(autopilot: SenderId) -> Address {
 }
 
 /// Numbers messages and appends them to an output.
-pub(super) struct Transmitter<'a> {
+pub(in crate::port) struct Transmitter<'a> {
     pub out: &'a mut TransmitBuffer,
     pub own: Address,
     pub sequence: &'a mut u8,
+    pub signatures: &'a mut Signatures,
 }
 
-impl Transmitter<'_> {
+impl<'a> Transmitter<'a> {
+    /// Creates a sender in an autopilot's system.
+    pub fn new(
+        out: &'a mut TransmitBuffer,
+        autopilot: SenderId,
+        sequence: &'a mut u8,
+        signatures: &'a mut Signatures,
+    ) -> Self {
+        Self { out, own: own_address(autopilot), sequence, signatures }
+    }
+
     /// Appends a message; returns whether there was room. Only appended messages take a sequence number, so that a gap
     /// means a loss on the line.
     pub fn send(&mut self, message: OutboundMessage) -> bool {
-        let fits = self.out.append(&[&message.frame(self.own, *self.sequence)]);
+        let fits = self.out.append(&[&message.frame(self.own, *self.sequence, self.signatures)]);
         *self.sequence = self.sequence.wrapping_add(u8::from(fits));
         fits
     }

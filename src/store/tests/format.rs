@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::*;
-use crate::settings::{AttitudeError, Baud, PortNumber};
+use crate::settings::{AttitudeError, Baud, PortNumber, SigningKey};
 
 fn state() -> StoredState {
     let mut settings = Settings {
@@ -68,6 +68,15 @@ const STATE: &str = "
     0d 0400 0000c03f  0e 0100 00  0f 0100 00  10 0100 03  11 0100 02  12 0100 01  13 0100 01
     14 0100 01  15 0100 01  16 0100 00  17 0100 28
     1826569a ffff";
+/// Items with the fields added since.
+const LATER_STATE: &str = "
+    01 9b00
+    01 0200 ac02  02 0700 0102f8acd19101  03 0100 00  04 0500 0100004841  05 0500 01000070c2
+    06 0400 00006040  07 0100 00  08 0100 19  09 0100 01  0a 0400 0000003f  0b 0400 00000040  0c 0100 00
+    0d 0400 0000c03f  0e 0100 00  0f 0100 00  10 0100 03  11 0100 02  12 0100 01  13 0100 01
+    14 0100 01  15 0100 01  16 0100 00  17 0100 28
+    18 2100 01 0707070707070707070707070707070707070707070707070707070707070707
+    840136ec ffffffffffff";
 const CALIBRATION_BEGIN: &str = "
     01 ba01
     01 2400 0000803f 00000000 00000000 00000000 0000803f 00000000 00000000 00000000 0000803f
@@ -92,10 +101,13 @@ fn items_of_the_first_release_are_read() {
     assert_eq!(fields::decode(&fields_of(&pinned_calibration())), Ok(calibration()));
 }
 
-/// If this fails, the written bytes have changed. After appending a field, add its bytes as another item.
+/// If this fails, the written bytes have changed. After appending a field, add its bytes to the later item.
 #[test]
-fn written_bytes_are_those_of_the_first_release() {
-    assert_eq!(item_of(&state()), bytes_of(STATE));
+fn written_bytes_are_those_of_the_first_release_and_later_fields() {
+    let mut later = state();
+    later.settings.signing_key = Some(SigningKey([7; 32]));
+    assert_eq!(item_of(&later), bytes_of(LATER_STATE));
+    assert_eq!(fields::decode(&fields_of(&bytes_of(LATER_STATE))), Ok(later));
     assert_eq!(item_of(&calibration()), pinned_calibration());
 }
 

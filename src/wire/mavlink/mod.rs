@@ -10,10 +10,12 @@
 //! | `frame.rs` | header, address and CRC |
 //! | `inbound.rs` | decoding of payloads |
 //! | `outbound.rs` | messages to send, as frames of version 2 |
+//! | `signature.rs` | signatures of frames of version 2 |
 
 mod frame;
 mod inbound;
 mod outbound;
+mod signature;
 
 use crate::attitude::SenderId;
 pub use frame::Address;
@@ -21,9 +23,10 @@ use frame::{V1, V1_HEADER, V2, V2_HEADER, checksum};
 pub use inbound::{Acknowledgement, InboundMessage, ReceivedCommand};
 use inbound::{MAX_PAYLOAD_LENGTH, MessageSpec, SUPPORTED_MESSAGES};
 pub use outbound::{Frame, MagCalReport, OutboundMessage, Pose};
+pub use signature::{Signatures, key_from_passphrase};
 
 /// Longest frame of version 2, bytes: header, payload, 2 of CRC, 13 of signature.
-const MAX_FRAME: usize = V2_HEADER + MAX_PAYLOAD_LENGTH + 2 + 13;
+const MAX_FRAME: usize = V2_HEADER + MAX_PAYLOAD_LENGTH + 2 + signature::LENGTH;
 
 /// Receiver of supported messages in a stream of bytes.
 #[derive(Debug, Default)]
@@ -31,8 +34,10 @@ pub struct Receiver {
     buffer: heapless::Vec<u8, { MAX_FRAME }>,
     /// Buffered bytes below which a scan finds nothing new.
     needed: usize,
-    /// Number of frames with a supported header but a wrong CRC or impossible values; wraps.
+    /// Number of frames with a supported header but a wrong CRC, impossible values, or a missing or wrong signature; wraps.
     pub rejected: u32,
+    /// Signatures of received and sent frames.
+    pub signatures: Signatures,
 }
 
 struct FrameLayout {
@@ -62,7 +67,7 @@ impl Receiver {
     /// Creates an empty receiver.
     #[must_use]
     pub const fn new() -> Self {
-        Self { buffer: heapless::Vec::new(), needed: 0, rejected: 0 }
+        Self { buffer: heapless::Vec::new(), needed: 0, rejected: 0, signatures: Signatures::new() }
     }
 
     /// Processes a received byte; returns the message that it completes.
@@ -87,7 +92,7 @@ impl Receiver {
                     if self.buffer.len() < self.needed {
                         return None;
                     }
-                    let message = decode(&self.buffer, &layout);
+                    let message = decode(&self.buffer, &layout).filter(|_| self.is_signature_accepted(&layout));
                     if message.is_some() {
                         self.drop_front(layout.frame());
                         return message;
@@ -100,6 +105,11 @@ impl Receiver {
         }
     }
 
+    fn is_signature_accepted(&mut self, layout: &FrameLayout) -> bool {
+        let frame = self.buffer.get(..layout.frame()).unwrap_or_default();
+        self.signatures.accept(frame, layout.source, layout.signature > 0)
+    }
+
     fn drop_front(&mut self, count: usize) {
         self.needed = 0;
         let count = count.min(self.buffer.len());
@@ -109,7 +119,6 @@ impl Receiver {
 }
 
 fn candidate(bytes: &[u8]) -> FrameCandidate {
-    const SIGNED: u8 = 0x01;
     match *bytes {
         [V1, length, _, system, component, id, ..] => {
             let payload = usize::from(length);
@@ -123,12 +132,12 @@ fn candidate(bytes: &[u8]) -> FrameCandidate {
             let payload = usize::from(length);
             let id = u32::from_le_bytes([m0, m1, m2, 0]);
             // An unknown flag may change the format. Trailing zeros of the payload are truncated, to one byte at least.
-            let is_known = incompatibility & !SIGNED == 0;
+            let is_known = incompatibility & !signature::IS_SIGNED == 0;
             let matches_layout =
                 |wanted: &&MessageSpec| is_known && wanted.id == id && (1..=wanted.extended).contains(&payload);
             SUPPORTED_MESSAGES.iter().find(matches_layout).map_or(FrameCandidate::No, |wanted| {
                 let source = Address { system, component }.sender();
-                let signature = if incompatibility & SIGNED == 0 { 0 } else { 13 };
+                let signature = if incompatibility & signature::IS_SIGNED == 0 { 0 } else { signature::LENGTH };
                 FrameCandidate::Yes(FrameLayout { wanted, source, header: V2_HEADER, payload, signature })
             })
         }

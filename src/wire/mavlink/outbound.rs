@@ -11,13 +11,14 @@ use mavlink::dialects::common::{
 };
 
 use super::frame::{Address, V2, V2_HEADER, checksum};
+use super::signature::{self, Signatures};
 use crate::time::Timestamp;
 
 /// Longest payload, bytes: VISION_POSITION_ESTIMATE with its covariance.
 const MAX_PAYLOAD: usize = 117;
 
 /// Frame to write.
-pub type Frame = heapless::Vec<u8, { V2_HEADER + MAX_PAYLOAD + 2 }>;
+pub type Frame = heapless::Vec<u8, { V2_HEADER + MAX_PAYLOAD + 2 + signature::LENGTH }>;
 
 /// Message to send.
 #[derive(Clone, Debug)]
@@ -173,20 +174,22 @@ impl OutboundMessage {
         message
     }
 
-    /// Sets sender and sequence number, truncates trailing zeros and appends the CRC.
+    /// Sets sender and sequence number, truncates trailing zeros, appends the CRC and, with a key, the signature.
     #[must_use]
-    pub fn frame(mut self, from: Address, sequence: u8) -> Frame {
+    pub fn frame(mut self, from: Address, sequence: u8, signatures: &mut Signatures) -> Frame {
         // At least one byte of payload remains.
         while self.frame.len() > V2_HEADER + 1 && self.frame.last() == Some(&0) {
             self.frame.pop();
         }
         let payload = self.frame.len() - V2_HEADER;
-        if let [_, length, _, _, number, system, component, ..] = self.frame.as_mut_slice() {
+        if let [_, length, flags, _, number, system, component, ..] = self.frame.as_mut_slice() {
+            *flags = if signatures.has_key() { signature::IS_SIGNED } else { 0 };
             (*length, *number) = (payload as u8, sequence);
             (*system, *component) = (from.system, from.component);
         }
         let crc = checksum(self.frame.get(1..).unwrap_or_default(), self.extra_crc);
         self.put(&crc.to_le_bytes());
+        signatures.sign(&mut self.frame);
         self.frame
     }
 

@@ -8,8 +8,9 @@ use super::Switch;
 use crate::devices::uart::HostEnd;
 use crate::random::{Purpose, Random};
 use crate::world::World;
-use crate::world::attitude_source::{AttitudeSource, Identity, SenderKind};
+use crate::world::attitude_source::{AttitudeSource, AttitudeSourceConfig, Identity, SenderKind};
 pub use crate::world::fault_interfaces::AttitudeFault;
+use crate::world::gauss_markov::FirstOrder;
 
 /// Second sender of attitude on the same line, with a roll error.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,6 +62,70 @@ pub fn frozen_attitude(switch: Switch) -> impl AttitudeFault {
             *message = ATTITUDE_DATA { time_boot_ms: message.time_boot_ms, ..last.clone() };
         }
         _ => last = Some(message.clone()),
+    }
+}
+
+/// Roll and pitch of the onset with the source's noise, while the body rates go on: a filter that ignores its gyro.
+#[must_use]
+pub fn hanging_attitude(switch: Switch, source: &AttitudeSourceConfig, seed: u64) -> impl AttitudeFault + use<> {
+    let noise = |seed| {
+        let random = Random::new(seed, Purpose::AttitudeFault);
+        FirstOrder::new(source.noise_deg.to_radians(), source.noise_time_s, 1.0 / source.rate_hz, random)
+    };
+    let (mut roll_noise_rad, mut pitch_noise_rad) = (noise(seed), noise(!seed));
+    let mut held_rad = None;
+    while_on(switch, move |message| {
+        let [roll_rad, pitch_rad] = *held_rad.get_or_insert([message.roll, message.pitch]);
+        message.roll = roll_rad + roll_noise_rad.step() as f32;
+        message.pitch = pitch_rad + pitch_noise_rad.step() as f32;
+    })
+}
+
+/// Silence of the source, in one or several intervals.
+pub struct Silence {
+    /// Active time.
+    pub switch: Switch,
+    /// Duration of an interval, seconds.
+    pub silent_s: f64,
+    /// Time between the beginnings of two intervals, seconds; infinite for a single one.
+    pub period_s: f64,
+    /// Whether the source's clock stops in an interval, so that its later time stamps are behind.
+    pub stops_clock: bool,
+}
+
+impl AttitudeFault for Silence {
+    fn is_silent(&self, now_us: u64) -> bool {
+        self.switch.active_for_s(now_us).is_some_and(|on_for_s| on_for_s % self.period_s < self.silent_s)
+    }
+
+    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
+        if let Some(on_for_s) = self.switch.active_for_s(now_us).filter(|_| self.stops_clock) {
+            let intervals = (on_for_s / self.period_s).floor() + 1.0;
+            message.time_boot_ms = message.time_boot_ms.wrapping_sub((1e3 * intervals * self.silent_s) as u32);
+        }
+    }
+}
+
+/// Restart of the source: silence, then time stamps from zero and the alignment of its filter.
+pub struct Restart {
+    /// Active time, which begins with the silence.
+    pub switch: Switch,
+    /// Duration of the silence, seconds.
+    pub silent_s: f64,
+    /// Alignment afterwards.
+    pub alignment: Alignment,
+}
+
+impl AttitudeFault for Restart {
+    fn is_silent(&self, now_us: u64) -> bool {
+        self.switch.active_for_s(now_us).is_some_and(|on_for_s| on_for_s < self.silent_s)
+    }
+
+    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
+        if let Some(on_for_s) = self.switch.active_for_s(now_us) {
+            message.time_boot_ms = (1e3 * on_for_s) as u32;
+            self.alignment.add_error(on_for_s - self.silent_s, message);
+        }
     }
 }
 
@@ -146,20 +211,37 @@ pub fn rate_offset_ramp(switch: Switch, growth_deg_s2: [f64; 3]) -> impl Attitud
 /// Gyro offset before its calibration, rad/s: 0.01 deg/s as observed on a real autopilot.
 const GYRO_OFFSET_RAD_S: f32 = 2e-4;
 
-/// Alignment of an attitude filter after its start: decaying oscillation of roll and pitch at rest, with its initial
-/// amplitude and the periods of roll and pitch, seconds.
+/// Alignment of an attitude filter after its start: decaying oscillation of roll and pitch.
+#[derive(Clone, Copy, Debug)]
+pub struct Alignment {
+    /// Initial amplitude, degrees.
+    pub amplitude_deg: f64,
+    /// Periods of roll and pitch, seconds.
+    pub periods_s: [f64; 2],
+    /// Duration, seconds.
+    pub for_s: f64,
+}
+
+impl Alignment {
+    /// Adds the error at a time after the start.
+    fn add_error(&self, after_s: f64, message: &mut ATTITUDE_DATA) {
+        let swing_rad = self.amplitude_deg.to_radians() * (1.0 - after_s / self.for_s).clamp(0.0, 1.0);
+        for (angle, period_s) in [&mut message.roll, &mut message.pitch].into_iter().zip(self.periods_s) {
+            *angle += (swing_rad * libm::sin(TAU * after_s / period_s)) as f32;
+        }
+    }
+}
+
+/// Alignment of the source's filter at rest, from the onset on.
 #[must_use]
-pub fn filter_alignment(switch: Switch, amplitude_deg: f64, periods_s: [f64; 2]) -> impl AttitudeFault {
+pub fn filter_alignment(switch: Switch, alignment: Alignment) -> impl AttitudeFault {
     move |now_us: u64, message: &mut ATTITUDE_DATA| {
         let Some(on_for_s) = switch.active_for_s(now_us) else { return };
         // Real gyros never output exactly zero.
         for rate in rates(message) {
             *rate += GYRO_OFFSET_RAD_S;
         }
-        let swing_rad = amplitude_deg.to_radians() * (1.0 - switch.progress(now_us));
-        for (angle, period_s) in [&mut message.roll, &mut message.pitch].into_iter().zip(periods_s) {
-            *angle += (swing_rad * libm::sin(TAU * on_for_s / period_s)) as f32;
-        }
+        alignment.add_error(on_for_s, message);
     }
 }
 

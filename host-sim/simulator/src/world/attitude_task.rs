@@ -4,7 +4,7 @@ use embassy_time::{Instant, Timer};
 use testkit::clock;
 
 use super::attitude_source::{AttitudeSource, HEARTBEAT_PERIOD_US, STATUS_PERIOD_US, SenderKind};
-use super::fault_interfaces::AttitudeFault;
+use super::fault_interfaces::{AttitudeFault, is_silent};
 use super::simulated_world::World;
 use crate::devices::uart::HostEnd;
 
@@ -29,16 +29,17 @@ impl AttitudeSource {
         for tick in 1_u64.. {
             let now_us = began_us + (tick as f64 * period_us).round() as u64;
             Timer::at(Instant::from_micros(now_us)).await;
+            let sends = world.sends_attitude() && !is_silent(&faults, now_us);
             if now_us >= heartbeat_us && self.identity.heartbeat_kind.is_some() {
                 heartbeat_us += HEARTBEAT_PERIOD_US;
                 let heartbeat = self.heartbeat_message(world.is_armed());
-                if world.sends_attitude() {
+                if sends {
                     uart.send(&heartbeat);
                 }
             }
             if now_us >= status_us && self.identity.heartbeat_kind == Some(SenderKind::Autopilot) {
                 status_us += STATUS_PERIOD_US;
-                if let Some(amperes) = world.reported_current_a(now_us).filter(|_| world.sends_attitude()) {
+                if let Some(amperes) = world.reported_current_a(now_us).filter(|_| sends) {
                     uart.send(&self.status_message(Some(amperes)));
                 }
             }
@@ -50,7 +51,7 @@ impl AttitudeSource {
             }
             // Noise advances also while sending is disabled, so it depends only on time.
             let frame = self.encode(&message);
-            if world.sends_attitude() {
+            if sends {
                 uart.send(&frame);
             }
         }

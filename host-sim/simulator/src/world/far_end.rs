@@ -9,7 +9,7 @@ use testkit::clock;
 use testkit::simulation::{Level, Simulation};
 
 use super::attitude_source::AttitudeSource;
-use super::fault_interfaces::AttitudeFault;
+use super::fault_interfaces::{AttitudeFault, is_silent};
 use super::mavlink_autopilot::{self, AutopilotInputs, MavlinkAutopilot, START_UNIX_US, XIAN};
 use super::msp_autopilot::{self, AnswerFaults, AutopilotState, MspAutopilot};
 use super::simulated_world::World;
@@ -96,7 +96,7 @@ async fn mavlink(
                 };
                 let (is_armed, current_a) = (world.is_armed(), world.reported_current_a(now_us));
                 let bytes = device.send(now_us, &AutopilotInputs { truth, is_armed, current_a }, tamper);
-                if world.sends_attitude() {
+                if world.sends_attitude() && !is_silent(&faults, now_us) {
                     uart.send(&bytes);
                 }
             }
@@ -145,7 +145,7 @@ async fn msp(
                 device.receive_byte(timed_byte.at_us, timed_byte.byte);
             }
             let bytes = device.send(now_us, &known);
-            if world.sends_attitude() {
+            if world.sends_attitude() && !is_silent(&faults, now_us) {
                 uart.send(&bytes);
             }
         }

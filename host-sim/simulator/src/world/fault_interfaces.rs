@@ -37,8 +37,18 @@ pub trait AttitudeFault {
         0
     }
 
+    /// Whether the source sends nothing.
+    fn is_silent(&self, _now_us: u64) -> bool {
+        false
+    }
+
     /// Modifies a message.
     fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA);
+}
+
+/// Whether one of the faults silences the source.
+pub(super) fn is_silent(faults: &[Box<dyn AttitudeFault>], now_us: u64) -> bool {
+    faults.iter().any(|fault| fault.is_silent(now_us))
 }
 
 impl<F: FnMut(u64, &mut ATTITUDE_DATA)> AttitudeFault for F {

@@ -47,6 +47,17 @@ pub(super) fn steady_leg(_: VehicleKind, _: &mut Random) -> Vec<Leg> {
     vec![Leg::Hover { seconds: 60.0 }]
 }
 
+/// Straight leg, then a turn at 45 deg of bank.
+pub(super) fn steep_turns(kind: VehicleKind, random: &mut Random) -> Vec<Leg> {
+    let mut legs = next_legs(kind, random);
+    for leg in &mut legs {
+        if let Leg::Turn { bank_deg, .. } = leg {
+            *bank_deg = 45.0;
+        }
+    }
+    legs
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

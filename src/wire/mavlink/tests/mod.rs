@@ -3,6 +3,7 @@
 mod inbound;
 mod outbound;
 mod random_bytes;
+mod signature;
 
 use super::*;
 use crate::attitude::{AttitudeReport, Heartbeat};

@@ -5,8 +5,8 @@ use std::rc::Rc;
 
 use nalgebra::Vector3;
 use simulator::faults::attitude::{
-    AdditionalLatency, AttitudeFault, SecondSender, attitude_bias, attitude_quantisation, bank_scale_error,
-    filter_alignment, frozen_attitude, lagging_lean, rate_scale_error,
+    AdditionalLatency, Alignment, AttitudeFault, Restart, SecondSender, Silence, attitude_bias, attitude_quantisation,
+    bank_scale_error, filter_alignment, frozen_attitude, hanging_attitude, lagging_lean, rate_scale_error,
 };
 use simulator::faults::field::{
     FieldFault, OtherPlace, SoftIronHysteresis, elevator_linkage, hard_iron_change, hard_iron_drift, passing_object,
@@ -111,6 +111,9 @@ const PASSING_AT_S: f64 = 60.0;
 /// Time on the ground, and alignment time of the restarted autopilot within it, as observed on a real one, seconds.
 const STANDS_S: f64 = 60.0;
 const ALIGNS_S: f64 = 10.0;
+
+/// Silence of a restarting autopilot before its first attitude, seconds. An assumption: boot loader, then its sensors.
+const BOOTS_S: f64 = 4.0;
 
 /// Shortest calibration, seconds. An aeroplane flies four circles at 25 deg of bank to one side and as many as
 /// necessary to the other: 196 to 215 s in 60 flights. A copter's calibration may be complete after accelerations on
@@ -248,12 +251,54 @@ impl DrawnCase {
     /// The autopilot's attitude filter aligns on the ground.
     pub(super) fn align_attitude(&mut self) {
         self.ground_time_s = STANDS_S;
+        let fault = filter_alignment(self.switch(), self.random_alignment());
+        self.add_attitude_fault(Onset::InUse { after_s: SOON_S, for_s: ALIGNS_S }, fault);
+    }
+
+    fn random_alignment(&mut self) -> Alignment {
         let [amplitude_deg, roll_s, pitch_s] =
             [(3.0, 40.0), (1.5, 6.0), (1.5, 6.0)].map(|(a, b)| self.random.uniform(a, b));
-        self.add_attitude_fault(
-            Onset::InUse { after_s: SOON_S, for_s: ALIGNS_S },
-            filter_alignment(self.switch(), amplitude_deg, [roll_s, pitch_s]),
-        );
+        Alignment { amplitude_deg, periods_s: [roll_s, pitch_s], for_s: ALIGNS_S }
+    }
+
+    pub(super) fn hang_attitude(&mut self) {
+        let onset = self.random_onset();
+        let fault = hanging_attitude(self.switch(), &self.world.attitude_source, self.seed);
+        self.add_attitude_fault(onset, fault);
+    }
+
+    /// Gaps in turns of 45 deg of bank, within the two seconds over which body rates are integrated.
+    pub(super) fn interrupt_link(&mut self) {
+        self.next_legs = use_legs::steep_turns;
+        let switch = self.switch();
+        self.add_attitude_fault(Onset::SOON, Silence { switch, silent_s: 1.5, period_s: 10.0, stops_clock: false });
+    }
+
+    /// The source stalls once for 1.4 s in a turn, as a simulated autopilot on a busy computer did: it is silent, with time
+    /// stamps that go on or stop meanwhile, or it repeats its last message with new time stamps.
+    pub(super) fn stall_source(&mut self) {
+        const STALL_S: f64 = 1.4;
+        let after_s = self.random.uniform(IN_TURN_S - 5.0, IN_TURN_S + 5.0);
+        let switch = self.switch();
+        let kind = self.random.uniform(0.0, 3.0);
+        if kind < 1.0 {
+            self.add_attitude_fault(Onset::InUse { after_s, for_s: STALL_S }, frozen_attitude(switch));
+        } else {
+            let stops_clock = kind < 2.0;
+            let fault = Silence { switch, silent_s: STALL_S, period_s: f64::INFINITY, stops_clock };
+            self.add_attitude_fault(Onset::permanent_after(after_s), fault);
+        }
+    }
+
+    /// The autopilot restarts, on the ground or in the air: silence, then time stamps from zero and an attitude that aligns.
+    pub(super) fn restart_autopilot(&mut self) {
+        let mut after_s = self.random.uniform(SOON_S, IN_TURN_S);
+        if self.random.uniform(0.0, 1.0) < 0.5 {
+            self.ground_time_s = STANDS_S;
+            after_s = SOON_S;
+        }
+        let (switch, alignment) = (self.switch(), self.random_alignment());
+        self.add_attitude_fault(Onset::permanent_after(after_s), Restart { switch, silent_s: BOOTS_S, alignment });
     }
 
     pub(super) fn scale_bank(&mut self, onset: Onset, reported_ratio: f64) {

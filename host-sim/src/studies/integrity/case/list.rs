@@ -112,6 +112,10 @@ pub static CASES: &[Case] = &[
         flight.quantise_attitude();
         flight.freeze_attitude(IN_TURN_S);
     }),
+    mavlink_case("attitude-hangs", "roll and pitch stay but for noise, body rates go on", DrawnCase::hang_attitude),
+    turn_case("link-gaps", "attitude gaps of 1.5 s in turns at 45 deg of bank", DrawnCase::interrupt_link),
+    case("source-stalls", "the attitude source stalls for 1.4 s in a turn", DrawnCase::stall_source),
+    case("autopilot-restarts", "the autopilot restarts on the ground or in the air", DrawnCase::restart_autopilot),
     case("coarse", "attitude in tenths of a degree, without fault", DrawnCase::quantise_attitude),
     case("spikes", "1 % of attitude messages wrong by 45 deg", |flight| {
         flight.add_attitude_fault(Onset::SOON, attitude_spikes(flight.switch(), 0.01, flight.seed));

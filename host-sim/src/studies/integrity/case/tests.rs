@@ -18,7 +18,7 @@ fn each_vehicle_kind_has_its_applicable_cases() {
     };
     assert_eq!(
         only(&plane, &copter),
-        ["ten-hours", "drift-straight-60", "drift-straight-300", "steady", "cal-bank-5", "cal-linkage-3"]
+        ["ten-hours", "link-gaps", "drift-straight-60", "drift-straight-300", "steady", "cal-bank-5", "cal-linkage-3"]
     );
     assert_eq!(
         only(&copter, &plane),

@@ -1,0 +1,70 @@
+//! Safe mode, after repeated panics: the console answers, the ports report the mode, and nothing else runs. No code is
+//! executed that depends on stored data, retained samples, the sensor or received messages, because one of them is the
+//! probable cause.
+
+use embassy_futures::select::{Either, select};
+use embassy_time::{Duration, Ticker, with_timeout};
+use embedded_io_async::Write;
+use embedded_storage_async::nor_flash::NorFlash;
+
+use super::{Links, Watchdog};
+use crate::compass::{Command, ModuleState, Reply};
+use crate::messages::{Message, Refusal};
+use crate::port::{SafeModeReporter, TransmitBuffer};
+use crate::settings::PORT_COUNT;
+use crate::store::{Store, StoreError};
+
+/// Interval of reports, and of feeding the watchdog.
+const REPORT_INTERVAL: Duration = Duration::from_millis(500);
+
+/// Timeout of a report on a port that accepts no bytes.
+const WRITE_TIMEOUT: Duration = Duration::from_millis(100);
+
+/// Timeout of erasing the store; as long as that of a save.
+const ERASE_TIMEOUT: Duration = Duration::from_millis(500);
+
+const _: () = assert!(
+    REPORT_INTERVAL.as_micros() + PORT_COUNT as u64 * WRITE_TIMEOUT.as_micros() + ERASE_TIMEOUT.as_micros()
+        <= super::watchdog::MAX_FEED_INTERVAL_US
+);
+
+/// Answers the commands of the console, reports on the ports and feeds the watchdog, for ever.
+pub async fn run<F: NorFlash>(
+    links: &Links,
+    mut store: Store<F>,
+    mut ports: [impl Write; PORT_COUNT],
+    mut watchdog: impl Watchdog,
+) -> ! {
+    links.announce(&Message::SafeMode);
+    let mut ticker = Ticker::every(REPORT_INTERVAL);
+    let mut reporter = SafeModeReporter::default();
+    let mut output = TransmitBuffer::new();
+    loop {
+        match select(links.commands.receive(), ticker.next()).await {
+            Either::First((_, command)) => {
+                let reply = match command {
+                    Command::Status => Ok(Reply::SafeMode),
+                    Command::Restart => {
+                        links.restart.signal(());
+                        Ok(Reply::SafeMode)
+                    }
+                    Command::CalClear => with_timeout(ERASE_TIMEOUT, store.erase_all())
+                        .await
+                        .unwrap_or(Err(StoreError::Timeout))
+                        .map(|()| Reply::Done(ModuleState::Uncalibrated))
+                        .map_err(Refusal::Store),
+                    _ => Err(Refusal::SafeMode),
+                };
+                links.replies.send(reply).await;
+            }
+            Either::Second(()) => {
+                watchdog.feed();
+                reporter.report(&mut output);
+                for port in &mut ports {
+                    let _ = with_timeout(WRITE_TIMEOUT, port.write_all(output.pending())).await;
+                }
+                output.consume(usize::MAX);
+            }
+        }
+    }
+}

@@ -1,0 +1,308 @@
+//! Detects a source whose attitude hangs but for its noise while its body rates go on.
+//!
+//! A vector that is fixed to the Earth changes in body axes by `v' = v x w` with the body rates `w`. The rates predict the
+//! motion of two such vectors: the vertical, as the attitude reports it, and the field. If the field moves as predicted and
+//! the vertical does not, the attitude is at fault. If neither does, the rates are (see `rate_consistency`).
+
+use nalgebra::Vector3;
+
+use super::AttitudeReport;
+use crate::frames::{Body, Field};
+use crate::time::Timestamp;
+use crate::trig::Length as _;
+
+/// Time constant with which motion is forgotten, seconds: longer than a roll into a turn. It limits the effect of a gyro
+/// offset.
+const MEMORY_S: f32 = 2.0;
+
+/// Time constant of the estimated gyro offset, seconds: much longer than a roll. An offset that grows by 2 deg/s in a minute is
+/// followed with an error of 1 deg/s.
+const OFFSET_TIME_S: f32 = 30.0;
+
+/// Largest gyro offset on an axis, rad/s: that of the monitor.
+const MAX_OFFSET_RAD_S: f32 = 0.15;
+
+/// Smallest predicted but missing motion of the vertical, radians (4 deg): a gyro offset of 1 deg/s on two axes reaches
+/// 2.8 deg, noise of the attitude 0.6 deg.
+const MIN_MISSING_RAD: f32 = 0.07;
+
+/// The same per radian turned: scale and cross-axis errors of 10 % on each of two axes are 14 %.
+const MISSING_PER_TURNED: f32 = 0.15;
+
+/// Largest reported part of the predicted motion of a hanging vertical. A bank scale of a third passes.
+const MAX_HANGING_PART: f32 = 0.3;
+
+/// Smallest part of the predicted motion that a vector which follows the rates makes.
+const MIN_FOLLOWING_PART: f32 = 0.5;
+
+/// Smallest predicted motion of the field that shows whether it follows, radians (2 deg): three times its noise.
+const MIN_FIELD_MOTION_RAD: f32 = 0.035;
+
+/// Time constant of the evidence that the field follows the rates, seconds. Rates in degrees predict the field's motion for
+/// an instant now and then, but not for long.
+const EVIDENCE_MEMORY_S: f32 = 20.0;
+
+/// Longest interval between reports over which rates are integrated, seconds.
+const MAX_STEP_S: f32 = 0.25;
+
+#[derive(Debug)]
+pub(super) struct HangDetector {
+    /// Direction of the last reading's field.
+    field_direction: Option<Vector3<f32>>,
+    /// Time and body rates of the last report.
+    last: Option<(Timestamp, Vector3<f32>)>,
+    /// Gyro offset across the vertical, rad/s.
+    offset: Vector3<f32>,
+    vertical: Motion,
+    field: Motion,
+    /// Evidence that the field follows the rates, leaky, square radians times seconds.
+    field_evidence: f32,
+    /// Integrated magnitude of the body rates with exponential forgetting, radians.
+    turned_rad: f32,
+    is_hanging: bool,
+}
+
+/// Recent motion of a unit vector in body axes, with exponential forgetting, radians.
+#[derive(Debug)]
+struct Motion {
+    last: Option<Vector3<f32>>,
+    observed: Vector3<f32>,
+    /// By the body rates.
+    predicted: Vector3<f32>,
+}
+
+impl HangDetector {
+    pub const fn new() -> Self {
+        Self {
+            field_direction: None,
+            last: None,
+            offset: Vector3::new(0.0, 0.0, 0.0),
+            vertical: Motion::new(),
+            field: Motion::new(),
+            field_evidence: 0.0,
+            turned_rad: 0.0,
+            is_hanging: false,
+        }
+    }
+
+    /// Updates the field direction with a corrected reading.
+    pub fn update_field(&mut self, field: Field<Body>) {
+        self.field_direction = Some(field.ut / field.ut.length());
+    }
+
+    /// Processes a report; returns whether the attitude hangs. Always false without a field or without body rates. A
+    /// detected attitude hangs until it follows the rates, or the field contradicts them.
+    pub fn update(&mut self, at: Timestamp, report: &AttitudeReport) -> bool {
+        let Some(field) = self.field_direction.filter(|_| report.has_rates()) else {
+            *self = Self::new();
+            return false;
+        };
+        let rates = Vector3::from(report.rates_rad_s);
+        let (last_at, last_rates) = self.last.replace((at, rates)).unwrap_or((at, rates));
+        let step_s = at.us_since(last_at) as f32 * 1e-6;
+        let turn = ((last_rates + rates) * 0.5 - self.offset) * step_s;
+        let kept = 1.0 - step_s / MEMORY_S;
+        self.turned_rad = kept * self.turned_rad + turn.length();
+        if step_s > MAX_STEP_S || !self.turned_rad.is_finite() {
+            // Forgets the motion before a gap.
+            let Self { field_direction, last, offset, is_hanging, .. } = *self;
+            *self = Self { field_direction, last, offset, is_hanging, ..Self::new() };
+            return is_hanging;
+        }
+        let down = report.attitude.tilt().down();
+        let missing = self.vertical.add(down, turn, kept);
+        if !self.is_hanging {
+            let offset = self.offset + missing.cross(&down) / OFFSET_TIME_S;
+            self.offset = offset.map(|rad_s| rad_s.clamp(-MAX_OFFSET_RAD_S, MAX_OFFSET_RAD_S));
+        }
+        self.field.add(field, turn, kept);
+        let Motion { observed, predicted, .. } = &self.field;
+        self.field_evidence *= 1.0 - step_s / EVIDENCE_MEMORY_S;
+        self.field_evidence += step_s * (observed - predicted * MIN_FOLLOWING_PART).dot(predicted);
+        let hangs = if self.is_hanging {
+            !self.vertical.follows(MIN_MISSING_RAD)
+        } else {
+            self.is_vertical_missing() && self.field.follows(MIN_FIELD_MOTION_RAD)
+        };
+        self.is_hanging = hangs && self.field_evidence > 0.0;
+        self.is_hanging
+    }
+
+    /// Whether the vertical does not move while the rates show that it should.
+    fn is_vertical_missing(&self) -> bool {
+        let Motion { observed, predicted, .. } = &self.vertical;
+        (predicted - observed).length() > MIN_MISSING_RAD + MISSING_PER_TURNED * self.turned_rad
+            && observed.length() < MAX_HANGING_PART * predicted.length()
+    }
+}
+
+impl Motion {
+    const fn new() -> Self {
+        const NONE: Vector3<f32> = Vector3::new(0.0, 0.0, 0.0);
+        Self { last: None, observed: NONE, predicted: NONE }
+    }
+
+    /// Adds the step to the vector's present value, with the integrated body rates; keeps a part of earlier motion. Returns the
+    /// predicted but missing motion of the step.
+    fn add(&mut self, now: Vector3<f32>, turn: Vector3<f32>, kept: f32) -> Vector3<f32> {
+        let last = self.last.replace(now).unwrap_or(now);
+        let (observed, predicted) = (now - last, (last + now).cross(&turn) * 0.5);
+        self.observed = self.observed * kept + observed;
+        self.predicted = self.predicted * kept + predicted;
+        predicted - observed
+    }
+
+    /// Whether the vector has moved as predicted, by at least this angle.
+    fn follows(&self, least_rad: f32) -> bool {
+        let predicted_rad = self.predicted.length();
+        predicted_rad > least_rad
+            && (self.observed - self.predicted).length() < (1.0 - MIN_FOLLOWING_PART) * predicted_rad
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use testkit::random::Random;
+
+    use super::super::SenderId;
+    use super::*;
+    use crate::frames::{Attitude, Field};
+    use crate::time::WrappingMillis;
+
+    /// Errors of the simulated sensors.
+    #[derive(Clone, Copy, Default)]
+    struct Errors {
+        /// Time from which roll and pitch stay, seconds.
+        hangs_from_s: Option<f32>,
+        hangs_until_s: f32,
+        /// Scale error and cross-axis error of the gyro.
+        scale: f32,
+        cross: f32,
+        offset_deg_s: f32,
+        /// Growth of the offsets, deg/s in a second.
+        growth_deg_s2: [f32; 3],
+        /// Factors of rates and field, where the unit or the sensor is wrong.
+        rates: f32,
+        field_hangs: bool,
+    }
+
+    const GOOD: Errors = Errors {
+        hangs_from_s: None,
+        hangs_until_s: f32::INFINITY,
+        scale: 0.0,
+        cross: 0.0,
+        offset_deg_s: 0.0,
+        growth_deg_s2: [0.0; 3],
+        rates: 1.0,
+        field_hangs: false,
+    };
+
+    /// 9 s of straight flight, a roll to 25 deg in 1 s, a turn of 18 deg/s for 9 s, and back in 1 s; repeated. Heading and
+    /// roll at a time, degrees.
+    fn flown(t_s: f32) -> [f32; 2] {
+        let in_leg_s = t_s.rem_euclid(20.0);
+        let part = |t_s: f32| (t_s - 9.0).clamp(0.0, 1.0) * (20.0 - t_s).clamp(0.0, 1.0);
+        let turned_deg = (0..(in_leg_s * 50.0) as u16).map(|i| part(f32::from(i) / 50.0) * 18.0 / 50.0).sum::<f32>();
+        let legs = (t_s / 20.0).floor();
+        [180.0 * legs + turned_deg, 25.0 * part(in_leg_s) + 1.1 * (1.1 * t_s).sin()]
+    }
+
+    /// Times at which the detection begins and ends, seconds, of 100 s at 50 Hz with 0.3 deg of noise each of attitude and
+    /// rates.
+    fn detected(errors: Errors, seed: u64) -> Vec<f32> {
+        let (mut random, mut detector, mut changes, mut was_hanging) =
+            (Random(seed), HangDetector::new(), Vec::new(), false);
+        for i in 0..5000_u16 {
+            let t_s = f32::from(i) / 50.0;
+            let ([heading_deg, roll_deg], [_, before_deg]) = (flown(t_s), flown(t_s - 0.02));
+            let heading_rate_deg_s = (flown(t_s)[0] - flown(t_s - 0.02)[0]).max(0.0) * 50.0;
+            let mut noise_deg = || 0.3 * random.normal();
+            let hangs = errors.hangs_from_s.filter(|from_s| t_s >= *from_s && t_s < errors.hangs_until_s);
+            let attitude = Attitude::from_deg(flown(hangs.unwrap_or(t_s))[1] + noise_deg(), noise_deg());
+            let (sin_roll, cos_roll) = roll_deg.to_radians().sin_cos();
+            let true_deg_s =
+                [(roll_deg - before_deg) * 50.0, heading_rate_deg_s * sin_roll, heading_rate_deg_s * cos_roll];
+            let offset_deg_s = errors.growth_deg_s2.map(|growth_deg_s2| errors.offset_deg_s + growth_deg_s2 * t_s);
+            let sum_deg_s = true_deg_s.iter().sum::<f32>();
+            let rates_rad_s = [0, 1, 2].map(|axis| {
+                let (rate, offset_deg_s) = (true_deg_s[axis], offset_deg_s[axis]);
+                let with_errors = rate * (1.0 + errors.scale) + (sum_deg_s - rate) * errors.cross;
+                (errors.rates * (with_errors + offset_deg_s + noise_deg())).to_radians()
+            });
+            let field_at = if errors.field_hangs { [0.0; 2] } else { [heading_deg, roll_deg] };
+            let earth = Field::earth(50.0, 1.1, field_at[0].to_radians() + 0.3);
+            let field = Attitude::from_deg(field_at[1], 0.0).body(Field::new(earth.ut));
+            detector.update_field(Field::new(field.ut.map(|ut| ut + 0.3 * random.normal())));
+            let (sender, sender_time) = (SenderId::default(), WrappingMillis::default());
+            let report = AttitudeReport { sender, sender_time, attitude, rates_rad_s };
+            let is_hanging = detector.update(Timestamp::from_us(u64::from(i) * 20_000), &report);
+            if is_hanging != was_hanging {
+                changes.push(t_s);
+                was_hanging = is_hanging;
+            }
+        }
+        changes
+    }
+
+    /// In level flight it is detected in the next roll, which begins at 29 s and takes 1 s; in the turn in the roll back to
+    /// level, which begins at 39 s. Gyro errors of 10 % and 1 deg/s can hide it until the rotation of the turn adds up.
+    #[test]
+    fn a_hanging_attitude_is_detected_in_the_next_roll() {
+        for seed in 0..20 {
+            for (from_s, roll_from_s) in [(25.0, 29.0), (33.0, 39.0)] {
+                for (scale, cross, offset_deg_s, within_s) in
+                    [(0.0, 0.0, 0.0, 1.0), (0.1, 0.1, 1.0, 10.0), (-0.1, -0.1, -1.0, 10.0)]
+                {
+                    let errors = Errors { hangs_from_s: Some(from_s), scale, cross, offset_deg_s, ..GOOD };
+                    let found = detected(errors, seed);
+                    assert!(
+                        matches!(found[..], [at_s] if (from_s..roll_from_s + within_s).contains(&at_s)),
+                        "{found:?}"
+                    );
+                }
+            }
+        }
+    }
+
+    /// It hangs from 25 s to 45 s; the next roll that it follows begins at 49 s.
+    #[test]
+    fn an_attitude_that_follows_again_is_accepted() {
+        for seed in 0..20 {
+            let found = detected(Errors { hangs_from_s: Some(25.0), hangs_until_s: 45.0, ..GOOD }, seed);
+            assert!(matches!(found[..], [_, end_s] if (49.0..50.0).contains(&end_s)), "{found:?}");
+        }
+    }
+
+    /// Gyro errors of 10 % and 1 deg/s, offsets that grow by 4 deg/s in a minute, a wrong unit or sign of the rates, and a field
+    /// that does not move.
+    #[test]
+    fn other_faults_are_no_hanging_attitude() {
+        for seed in 0..20 {
+            for (scale, cross, offset_deg_s) in [(0.1, 0.1, 1.0), (-0.1, 0.1, -1.0), (0.1, -0.1, 1.0)] {
+                assert_eq!(detected(Errors { scale, cross, offset_deg_s, ..GOOD }, seed), []);
+            }
+            for direction in [[0.0, 1.0, 0.0], [1.0, -1.0, 1.0], [-1.0, -1.0, 1.0]] {
+                let growth_deg_s2 = direction.map(|axis| axis * 4.0 / 60.0);
+                assert_eq!(detected(Errors { growth_deg_s2, ..GOOD }, seed), [], "{direction:?}");
+            }
+            for rates in [57.3, 1.0 / 57.3, -1.0] {
+                assert_eq!(detected(Errors { rates, ..GOOD }, seed), [], "{rates}");
+            }
+            assert_eq!(detected(Errors { hangs_from_s: Some(25.0), field_hangs: true, ..GOOD }, seed), []);
+        }
+    }
+
+    #[test]
+    fn infinite_rates_are_discarded() {
+        let mut detector = HangDetector::new();
+        detector.update_field(Field::from_ut(20.0, 0.0, 43.0));
+        for (i, rate_rad_s) in [f32::INFINITY, 0.1, 0.1].into_iter().enumerate() {
+            let (sender, sender_time) = (SenderId::default(), WrappingMillis::default());
+            let attitude = Attitude::default();
+            let report = AttitudeReport { sender, sender_time, attitude, rates_rad_s: [rate_rad_s, 0.0, 0.0] };
+            detector.update(Timestamp::from_us(i as u64 * 20_000), &report);
+        }
+        // The mean of two steps has the infinite rate, too.
+        assert!(detector.turned_rad.is_finite() && detector.vertical.predicted.length() < 0.01);
+    }
+}

@@ -1,0 +1,44 @@
+//! Report of safe mode, as NMEA sentences and MAVLink messages.
+
+use ::mavlink::dialects::common::{MavSeverity, MavState};
+
+use super::TransmitBuffer;
+use super::mavlink::Transmitter;
+use crate::heading::NoHeading;
+use crate::settings::HeadingKind;
+use crate::wire::mavlink::{Address, OutboundMessage, Signatures};
+use crate::wire::nmea;
+
+/// Text for ground stations, of at most 50 characters.
+const TEXT: &[u8] = b"autoswing: safe-mode: see its console";
+const _: () = assert!(TEXT.len() <= OutboundMessage::TEXT);
+
+/// Most common address of an autopilot.
+const AUTOPILOT: Address = Address { system: 1, component: 1 };
+
+/// Reports between two texts.
+const REPORTS_PER_TEXT: u8 = 20;
+
+/// Sender of the report. Settings are not loaded and received bytes not processed, either of which can be the cause of the
+/// panics: both protocols are sent on every port, MAVLink as a component of system 1.
+#[derive(Debug, Default)]
+pub struct SafeModeReporter {
+    sequence: u8,
+    count: u8,
+}
+
+impl SafeModeReporter {
+    /// Appends sentences without a heading, a heartbeat, and at every twentieth call a text.
+    pub fn report(&mut self, out: &mut TransmitBuffer) {
+        // The line end separates the sentences from the binary messages before them.
+        out.append(&[b"\r\n", &nmea::hdm(None), &nmea::quality(&Err(NoHeading::SafeMode), HeadingKind::Raw)]);
+        // Unsigned, because the key is one of the settings.
+        let mut signatures = Signatures::default();
+        let mut line = Transmitter::new(out, AUTOPILOT.sender(), &mut self.sequence, &mut signatures);
+        line.send(OutboundMessage::heartbeat(MavState::MAV_STATE_CRITICAL));
+        if self.count == 0 {
+            line.send(OutboundMessage::text(MavSeverity::MAV_SEVERITY_CRITICAL, TEXT, 0, 0));
+        }
+        self.count = (self.count + 1) % REPORTS_PER_TEXT;
+    }
+}

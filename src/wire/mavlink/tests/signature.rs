@@ -1,0 +1,79 @@
+//! Signatures of received and sent frames.
+
+use mavlink::dialects::common::MavState;
+
+use super::super::signature::{IS_SIGNED, LENGTH, MAX_AGE};
+use super::super::{Address, Frame, InboundMessage, OutboundMessage, Receiver, Signatures, key_from_passphrase};
+
+const AUTOPILOT: Address = Address { system: 1, component: 1 };
+
+/// HEARTBEAT of an armed autopilot with the passphrase "swing", link 2, time 100,000,000; made with Python's hashlib.
+const SIGNED: [u8; 34] = [
+    0xFD, 9, 1, 0, 7, 1, 1, 0, 0, 0, 0, 0, 0, 0, 1, 3, 0x80, 4, 3, 0xFD, 0xBC, 2, 0, 0xE1, 0xF5, 5, 0, 0, 0xF0, 0xA8,
+    0x65, 0x87, 0x0C, 0xD4,
+];
+
+fn receiver(passphrase: &str) -> Receiver {
+    let mut receiver = Receiver::new();
+    receiver.signatures.set_key(Some(key_from_passphrase(passphrase)));
+    receiver
+}
+
+fn is_accepted(receiver: &mut Receiver, frame: &[u8]) -> bool {
+    frame.iter().filter_map(|&byte| receiver.push(byte)).any(|message| matches!(message, InboundMessage::Heartbeat(_)))
+}
+
+fn sent(signatures: &mut Signatures, from: Address) -> Frame {
+    OutboundMessage::heartbeat(MavState::MAV_STATE_ACTIVE).frame(from, 0, signatures)
+}
+
+#[test]
+fn a_frame_is_accepted_once_and_with_the_right_key() {
+    let mut right = receiver("swing");
+    assert!(is_accepted(&mut right, &SIGNED));
+    assert!(!is_accepted(&mut right, &SIGNED) && right.rejected == 1, "repeated");
+    assert!(!is_accepted(&mut receiver("Swing"), &SIGNED));
+    assert!(is_accepted(&mut Receiver::new(), &SIGNED), "without a key");
+    for byte in [5, 14, 16, 22, 23, 33] {
+        let mut changed = SIGNED;
+        changed[byte] ^= 1;
+        assert!(!is_accepted(&mut receiver("swing"), &changed), "{byte}");
+    }
+}
+
+#[test]
+fn with_a_key_unsigned_frames_are_rejected_and_sent_ones_signed() {
+    let (mut one, mut other) = (receiver("swing"), receiver("swing"));
+    let unsigned = sent(&mut Signatures::new(), AUTOPILOT);
+    assert!(!is_accepted(&mut one, &unsigned) && one.rejected == 1);
+    assert!(is_accepted(&mut Receiver::new(), &unsigned));
+    for _ in 0..3 {
+        let signed = sent(&mut one.signatures, AUTOPILOT);
+        assert_eq!((signed.len(), signed[2]), (unsigned.len() + LENGTH, IS_SIGNED));
+        assert!(is_accepted(&mut other, &signed));
+    }
+    // The time follows the newest received frame.
+    assert!(is_accepted(&mut one, &SIGNED));
+    let signed = sent(&mut one.signatures, AUTOPILOT);
+    assert!(is_accepted(&mut other, &signed) && other.signatures.time == 100_000_001);
+}
+
+/// A minute behind the newest frame; a ninth stream, and no key.
+#[test]
+fn old_streams_and_too_many_are_rejected() {
+    let frame_at = |time, system| {
+        let mut sender = Signatures::new();
+        sender.set_key(Some(key_from_passphrase("swing")));
+        sender.time = time;
+        sent(&mut sender, Address { system, component: 1 })
+    };
+    let mut receiver = receiver("swing");
+    assert!(is_accepted(&mut receiver, &frame_at(2 * MAX_AGE, 1)));
+    assert!(!is_accepted(&mut receiver, &frame_at(MAX_AGE - 1, 2)));
+    assert!(is_accepted(&mut receiver, &frame_at(MAX_AGE, 2)));
+    for system in 3..=8 {
+        assert!(is_accepted(&mut receiver, &frame_at(2 * MAX_AGE, system)));
+    }
+    assert!(!is_accepted(&mut receiver, &frame_at(2 * MAX_AGE, 9)));
+    assert!(is_accepted(&mut receiver, &frame_at(3 * MAX_AGE, 1)));
+}
