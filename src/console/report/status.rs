@@ -123,7 +123,7 @@ fn write_expected_accuracy(out: &mut impl Write, prospect: Option<&TrialResult>,
         (None, Some(_)) => {}
     }
     match refusal {
-        Some(refusal) if expected_deg.is_none() || !refusal.is_curable_by_samples() => {
+        Some(refusal) if missing.is_none() || expected_deg.is_none() || !refusal.is_curable_by_samples() => {
             writeln!(out, "{}{}: {refusal}", if expected_deg.is_some() { "; " } else { "" }, refusal.code())
         }
         _ => writeln!(out),
