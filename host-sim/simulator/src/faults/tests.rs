@@ -242,7 +242,7 @@ fn a_lean_grows_with_its_time_constant() {
         message = ATTITUDE_DATA { roll: 0.5, ..ATTITUDE_DATA::default() };
         lean.tamper(step * 20_000, &mut message);
     }
-    let expected = 0.5 * (1.0 - 0.12 * (1.0 - (-1.0_f32).exp()));
+    let expected = 0.5 * (1.0 - 0.12 * (1.0 - libm::expf(-1.0)));
     assert!((message.roll - expected).abs() < 1e-4, "{}", message.roll);
 }
 
