@@ -411,11 +411,11 @@ fn the_private_console_takes_orders_and_quits() {
         read = read_until(&mut printed, contains("ok "));
     }
     keys.write_all(b"version\rquit\rhelp\r").unwrap();
+    drop(keys);
     let mut rest = String::new();
     printed.read_to_string(&mut rest).unwrap();
     assert!(console.wait().unwrap().success());
     assert!(rest.contains("ok autoswing 0.1.0") && !rest.contains("lists the commands"), "{rest}");
-    drop(keys);
 }
 
 #[test]

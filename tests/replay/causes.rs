@@ -69,6 +69,7 @@ const fn case(
 
 const LOAD: &[CompassAction] = &[CompassAction::Load];
 const FLY_AGAIN: &[CompassAction] = &[CompassAction::FlyAgain];
+const LOAD_OR_FLY: &[CompassAction] = &[CompassAction::Load, CompassAction::FlyAgain];
 const REPLACE: &[CompassAction] = &[CompassAction::Replace];
 
 /// Steps are at 118 s, after half of the turns.
@@ -103,7 +104,13 @@ const CASES: [Case; 20] = [
     case("current of 300 A", |_, s| s.current_a = 300.0, LOAD, "", 0),
     case("field twice as strong", |_, s| s.field_ut[0] = s.field_ut[0].map(|ut| 2.0 * ut), LOAD, "", 0),
     case("iron by 6 uT", |t_s, s| s.field_ut[0][1] += if t_s > 118.0 { 6.0 } else { 0.0 }, LOAD, "since 118 s, by", 1),
-    case("iron by 4 uT", |t_s, s| s.field_ut[0][0] -= if t_s > 118.0 { 4.0 } else { 0.0 }, LOAD, "since 118 s, by", 1),
+    case(
+        "iron by 4 uT",
+        |t_s, s| s.field_ut[0][0] -= if t_s > 118.0 { 4.0 } else { 0.0 },
+        LOAD_OR_FLY,
+        "since 118 s, by",
+        1,
+    ),
     Case {
         is_shown_by_copter: false,
         ..case(
