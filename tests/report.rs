@@ -249,7 +249,12 @@ fn text_of_a_hostile_log_is_escaped() {
         module_verdict: Some(hostile()),
         figures: vec![[hostile(), hostile()]],
         notes: vec![hostile()],
-        reference: ReferenceInfo { difference_name: "error", reference_name: hostile(), limits: hostile() },
+        reference: ReferenceInfo {
+            difference_name: "error",
+            reference_name: hostile(),
+            limits: hostile(),
+            is_accurate: true,
+        },
         calibrators: CalibratorComparison {
             compasses: vec![hostile()],
             rows: vec![(hostile(), vec![nan]), (hostile(), vec![Some(1.0)])],

@@ -75,6 +75,8 @@ pub struct ReferenceInfo {
     pub reference_name: String,
     /// Limits of the comparison.
     pub limits: String,
+    /// Whether it is known to 2 deg or better, as a deviation card requires.
+    pub is_accurate: bool,
 }
 
 /// Heading errors with the coefficients of several calibrators.

@@ -67,11 +67,13 @@ fn compared(verdict: &FlightEvaluation) -> ReferenceInfo {
             difference_name: reference.difference_name(),
             reference_name: reference.name().to_owned(),
             limits: format!("{}; less the mean", reference.limits()),
+            is_accurate: reference.accurate_sigma_deg().is_some(),
         },
         None => ReferenceInfo {
             difference_name: "correction",
             reference_name: "the module's own heading".to_owned(),
             limits: "the log has no reference heading; shown is the change by the module".to_owned(),
+            is_accurate: false,
         },
     }
 }
@@ -415,6 +417,8 @@ mod tests {
         ] {
             let report = report_with_reference(reference.clone());
             assert_eq!(report.reference.difference_name, word);
+            let has_card = crate::report::page(&report).contains("Deviation card");
+            assert_eq!(has_card, word == "error", "a card is for a known accuracy");
             assert!(!figure(&report, &format!("{word} as logged")).is_empty(), "{:?}", report.figures);
             let usable = || report.compasses[0].samples.iter().filter(|moment| moment.is_usable).skip(20);
             assert_eq!(usable().all(|moment| moment.error_deg.is_some()), reference.is_some(), "{word}");
