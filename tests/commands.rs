@@ -339,6 +339,8 @@ fn errors_are_reported_with_a_remedy() {
         ("emulate --image /nowhere.elf".to_owned(), "/nowhere.elf".to_owned(), "scripts/build-firmware"),
         ("replay /nowhere.bin".to_owned(), "/nowhere.bin".to_owned(), "give the path of a log"),
         (format!("replay {file}"), file.to_string(), ""),
+        ("flight.BIN".to_owned(), "flight.BIN is a log".to_owned(), "host-sim replay flight.BIN"),
+        (format!("fly --circles 0.1 --report {file}.pdf"), "a report is .html or .svg".to_owned(), "names another"),
         ("fly --airframe /nowhere.toml".to_owned(), "/nowhere.toml".to_owned(), "expected"),
         ("fly --json --circles 0.1 --record /nowhere/x.csv".to_owned(), "/nowhere/x.csv".to_owned(), "--record names"),
         (format!("fly --circles 0.1 --report {file}"), file.to_string(), "--report names another folder"),
@@ -350,6 +352,52 @@ fn errors_are_reported_with_a_remedy() {
     }
 }
 
+/// A terminal of a width, and the thread that reads its output.
+fn terminal(columns: u16) -> (File, thread::JoinHandle<String>) {
+    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    grantpt(&master).unwrap();
+    unlockpt(&master).unwrap();
+    let name = ptsname(&master, Vec::new()).unwrap();
+    let terminal = File::options().write(true).open(name.to_str().unwrap()).unwrap();
+    let size = rustix::termios::Winsize { ws_row: 24, ws_col: columns, ws_xpixel: 0, ws_ypixel: 0 };
+    rustix::termios::tcsetwinsize(&terminal, size).unwrap();
+    let shown = thread::spawn(move || {
+        let (mut master, mut shown) = (File::from(master), Vec::new());
+        // The end of a pseudo-terminal is reported as an error.
+        let _ = master.read_to_end(&mut shown);
+        String::from_utf8_lossy(&shown).into_owned()
+    });
+    (terminal, shown)
+}
+
+/// The last characters return to the start of the line and erase it.
+#[test]
+fn ctrl_c_removes_the_progress_bar() {
+    let (terminal, shown) = terminal(80);
+    let words = "bench accuracy --airframes 1000000";
+    let mut child = host_sim(words).stdout(Stdio::null()).stderr(terminal).spawn().unwrap();
+    wait_until_it_listens(child.id());
+    thread::sleep(Duration::from_millis(500));
+    kill_process(Pid::from_child(&child), Signal::INT).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    let shown = shown.join().unwrap();
+    assert!(shown.contains("airframes") && shown.ends_with("\r\u{1b}[2K"), "{shown:?}");
+}
+
+#[test]
+fn text_fits_a_narrow_terminal() {
+    for words in ["replay host-sim/data/flight.csv", "serve --help"] {
+        let (terminal, shown) = terminal(60);
+        host_sim(words).stdout(terminal).stderr(Stdio::null()).status().unwrap();
+        let shown = shown.join().unwrap();
+        // Escape sequences of bold text have no width.
+        for line in shown.lines().filter(|line| !line.contains('\u{1b}')) {
+            assert!(line.chars().count() <= 60, "{words}: {line}");
+        }
+        assert!(shown.lines().count() > 10, "{words}: {shown}");
+    }
+}
+
 #[test]
 fn progress_is_shown_on_a_terminal_only() {
     for (words, bar) in [
@@ -358,23 +406,8 @@ fn progress_is_shown_on_a_terminal_only() {
         ("replay host-sim/data/flight.csv", "evaluating the compasses"),
         ("fly --json --circles 0.1", "take-off"),
     ] {
-        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
-        grantpt(&master).unwrap();
-        unlockpt(&master).unwrap();
-        let name = ptsname(&master, Vec::new()).unwrap();
-        let terminal = File::options().write(true).open(name.to_str().unwrap()).unwrap();
-        rustix::termios::tcsetwinsize(
-            &terminal,
-            rustix::termios::Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 },
-        )
-        .unwrap();
+        let (terminal, shown) = terminal(80);
         let child = host_sim(words).stdout(Stdio::piped()).stderr(terminal).spawn().unwrap();
-        let shown = thread::spawn(move || {
-            let (mut master, mut shown) = (File::from(master), Vec::new());
-            // The end of a pseudo-terminal is reported as an error.
-            let _ = master.read_to_end(&mut shown);
-            String::from_utf8_lossy(&shown).into_owned()
-        });
         let Output { stdout, .. } = child.wait_with_output().unwrap();
         let shown = shown.join().unwrap().to_lowercase();
         assert!(shown.contains(bar), "{words}: {shown:?}");

@@ -126,7 +126,7 @@ fn a_mounting_change_within_the_log_is_reported() {
         };
         let (flight, verdict) = evaluate(&text.lines().enumerate().map(change).collect::<String>());
         let notes = notes(&flight, &verdict);
-        assert_eq!(notes.contains(&format!("mountings were changed in the log: {name} after ")), is_noted, "{notes}");
+        assert_eq!(notes.contains(&format!("mountings were changed in the log: {name} at ")), is_noted, "{notes}");
     }
 }
 
@@ -218,7 +218,7 @@ fn a_compass_that_fails_in_flight_is_reported() {
     let (still, verdict) = second(str::to_owned);
     assert!(
         still.len() == 1
-            && still[0].starts_with("compass 2: its field is constant while the aircraft moves, from 118 to 238 s"),
+            && still[0].starts_with("compass 2: its field is constant while the aircraft moves, from 120 to 240 s"),
         "{still:?}"
     );
     // Half of its rows are rejected; the others are as good as the first compass's.
@@ -229,7 +229,7 @@ fn a_compass_that_fails_in_flight_is_reported() {
         "the bound of `replay/native.rs`"
     );
     let (ends, _) = second(|_| String::new());
-    assert!(ends.len() == 1 && ends[0].starts_with("compass 2: its field ends at 118 s, the log at 238 s"), "{ends:?}");
+    assert!(ends.len() == 1 && ends[0].starts_with("compass 2: its field ends at 120 s, the log at 240 s"), "{ends:?}");
 }
 
 /// The log with changed lines; empty ones are removed.

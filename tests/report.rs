@@ -193,13 +193,14 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
         let off_deg = wrap_180(left.atan2(ahead).to_degrees() - moment.heading_deg.unwrap());
         assert!(off_deg.abs() < 12.0, "{off_deg} at {} s", moment.at_s);
     }
-    for fitted_s in &verdict.compasses[1].module.fitted_s {
+    let first_s = moments[0].at_s;
+    for fitted_s in verdict.compasses[1].module.fitted_s.iter().map(|since_s| first_s + since_s) {
         assert!(moments.iter().any(|moment| moment.is_fitted && (moment.at_s - fitted_s).abs() < 0.06), "{fitted_s}");
     }
     // Positions count from the start of the log; f32 degrees resolve 0.5 m, and rows 0.1 s.
     let (moment, flown) =
         (moments.iter().rev().find(|moment| moment.position_m.is_some()).unwrap(), &recording.samples);
-    let instant = &flown[(moment.at_s * 10.0).round() as usize];
+    let instant = flown.iter().find(|instant| instant.time_us as f64 * 1e-6 > moment.at_s - 0.01).unwrap();
     let [north_m, east_m] = [0, 1].map(|axis| instant.displacement_m[axis] - flown[0].displacement_m[axis]);
     let [east, north] = moment.position_m.unwrap();
     assert!(north_m.hypot(east_m) > 1000.0 && (east - east_m).hypot(north - north_m) < 5.0, "{:?}", moment.position_m);
@@ -248,7 +249,12 @@ fn text_of_a_hostile_log_is_escaped() {
         module_verdict: Some(hostile()),
         figures: vec![[hostile(), hostile()]],
         notes: vec![hostile()],
-        reference: ReferenceInfo { difference_name: "error", reference_name: hostile(), limits: hostile() },
+        reference: ReferenceInfo {
+            difference_name: "error",
+            reference_name: hostile(),
+            limits: hostile(),
+            is_accurate: true,
+        },
         calibrators: CalibratorComparison {
             compasses: vec![hostile()],
             rows: vec![(hostile(), vec![nan]), (hostile(), vec![Some(1.0)])],

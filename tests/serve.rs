@@ -375,6 +375,50 @@ fn serve_over_a_pseudo_terminal_answers_and_removes_it() {
 }
 
 #[test]
+fn attaching_programs_are_reported_and_a_flash_file_has_one_user() {
+    let folder = tempfile::tempdir().unwrap();
+    let flash = folder.path().join("flash.bin");
+    let flash = flash.to_str().unwrap();
+    let mut program = Program::serve(&["--tcp", "0", "--flash", flash]);
+    let Output { status, stderr, .. } = host_sim(&["serve", "--flash", flash]).output().unwrap();
+    let stderr_text = String::from_utf8(stderr).unwrap();
+    assert!(status.code() == Some(2) && stderr_text.contains("flash-in-use: "), "{stderr_text}");
+    let number = program.places["ports"][INSTRUMENT]["tcp"].to_string();
+    let nmea = fs::File::open(program.pty(INSTRUMENT)).unwrap();
+    let mut stderr = program.child.stderr.take().unwrap();
+    read_until(&mut stderr, contains(&format!("port 2: a program attached to {}", program.pty(INSTRUMENT))));
+    let client = program.tcp(INSTRUMENT);
+    read_until(&mut stderr, contains(&format!(" attached to TCP port {number}")));
+    drop((client, nmea));
+    read_until(&mut stderr, contains(&format!("a program detached from TCP port {number}")));
+    assert_eq!(program.interrupt(), Some(130));
+}
+
+/// `reboot` requires a disarmed vehicle; lines after `quit` are not sent.
+#[test]
+fn the_private_console_takes_orders_and_quits() {
+    let mut console = host_sim(&["console", "--speed", "20"]).spawn().unwrap();
+    let mut keys = console.stdin.take().unwrap();
+    let mut printed = console.stdout.take().unwrap();
+    keys.write_all(b"reboot\r!land\r").unwrap();
+    read_until(&mut printed, contains("ok lands"));
+    keys.write_all(b"!status\r").unwrap();
+    let is_landed = |read: &[u8]| contains("stands on the ground")(read);
+    let mut read = Vec::new();
+    while !is_landed(&read) {
+        std::thread::sleep(Duration::from_millis(100));
+        keys.write_all(b"!status\r").unwrap();
+        read = read_until(&mut printed, contains("ok "));
+    }
+    keys.write_all(b"version\rquit\rhelp\r").unwrap();
+    drop(keys);
+    let mut rest = String::new();
+    printed.read_to_string(&mut rest).unwrap();
+    assert!(console.wait().unwrap().success());
+    assert!(rest.contains("ok autoswing 0.1.0") && !rest.contains("lists the commands"), "{rest}");
+}
+
+#[test]
 fn the_console_command_runs_its_own_module() {
     let mut console = host_sim(&["console", "--speed", "5"]).spawn().unwrap();
     console.stdin.take().unwrap().write_all(b"version\r").unwrap();

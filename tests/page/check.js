@@ -29,6 +29,21 @@ async function opened(browser, file, width, colorScheme) {
   return { context, page, say };
 }
 
+// Folded, the page is short, and the first screen has the parameters.
+const MOST_SCREENS = 5;
+
+async function isShort({ page, say }) {
+  const [screens, button] = await page.evaluate(() => {
+    const copy = document.querySelector("button[data-copy]");
+    return [document.documentElement.scrollHeight / innerHeight, copy === null ? 0 : copy.getBoundingClientRect().bottom / innerHeight];
+  });
+  if (screens > MOST_SCREENS) say(`${screens.toFixed(1)} screens`);
+  if (button > 1) say(`the parameters are ${button.toFixed(1)} screens down`);
+}
+
+const unfold = ({ page }, isOpen) =>
+  page.evaluate((open) => document.querySelectorAll("details").forEach((part) => (part.open = open)), isOpen);
+
 async function looksRight({ page, say }) {
   await page.evaluate(inPage);
   for (const what of await page.evaluate(() => window.looked())) say(what);
@@ -86,7 +101,10 @@ async function main(files) {
     for (const width of WIDTHS) {
       for (const scheme of SCHEMES) {
         const look = await opened(browser, file, width, scheme);
+        await isShort(look);
+        await unfold(look, true);
         await looksRight(look);
+        await unfold(look, false);
         const shot = `${path.basename(file, ".html")}-${width}-${scheme}.png`;
         await look.page.screenshot({ path: path.join(process.env.PAGE_SHOTS, shot), fullPage: true });
         if (scheme === "light" && width !== 768) await keyboardReaches(look);

@@ -70,7 +70,7 @@
 
   const candidates = () =>
     [...document.querySelectorAll("a[href], button, summary, [tabindex='0']")].filter(
-      (element) => !element.hidden && (element.closest("details:not([open])") === null || element.tagName === "SUMMARY"),
+      (element) => !element.hidden && (element.tagName === "SUMMARY" ? element.parentElement.parentElement : element).closest("details:not([open])") === null,
     );
   window.usable = () => candidates().length;
   window.focused = () => {

@@ -69,9 +69,10 @@ const fn case(
 
 const LOAD: &[CompassAction] = &[CompassAction::Load];
 const FLY_AGAIN: &[CompassAction] = &[CompassAction::FlyAgain];
+const LOAD_OR_FLY: &[CompassAction] = &[CompassAction::Load, CompassAction::FlyAgain];
 const REPLACE: &[CompassAction] = &[CompassAction::Replace];
 
-/// Steps are at 118 s, after half of the turns.
+/// Steps are at 118 s, after half of the turns; the log's clock is 2 s ahead.
 const CASES: [Case; 20] = [
     case("rate about x of the wrong sign", |_, s| s.rates_rad_s[0] *= -1.0, LOAD, "about x has the sign opposite", 0),
     case("rate about z of the wrong sign", |_, s| s.rates_rad_s[2] *= -1.0, LOAD, "about z has the sign opposite", 0),
@@ -102,15 +103,21 @@ const CASES: [Case; 20] = [
     case("level trim of 2 deg", |_, s| s.attitude_rad[0] += 0.035, LOAD, "", 0),
     case("current of 300 A", |_, s| s.current_a = 300.0, LOAD, "", 0),
     case("field twice as strong", |_, s| s.field_ut[0] = s.field_ut[0].map(|ut| 2.0 * ut), LOAD, "", 0),
-    case("iron by 6 uT", |t_s, s| s.field_ut[0][1] += if t_s > 118.0 { 6.0 } else { 0.0 }, LOAD, "since 118 s, by", 1),
-    case("iron by 4 uT", |t_s, s| s.field_ut[0][0] -= if t_s > 118.0 { 4.0 } else { 0.0 }, LOAD, "since 118 s, by", 1),
+    case("iron by 6 uT", |t_s, s| s.field_ut[0][1] += if t_s > 118.0 { 6.0 } else { 0.0 }, LOAD, "since 120 s, by", 1),
+    case(
+        "iron by 4 uT",
+        |t_s, s| s.field_ut[0][0] -= if t_s > 118.0 { 4.0 } else { 0.0 },
+        LOAD_OR_FLY,
+        "since 120 s, by",
+        1,
+    ),
     Case {
         is_shown_by_copter: false,
         ..case(
             "iron by 8 uT in the last 15 s",
             |t_s, s| s.field_ut[0][0] += if t_s > 222.0 { 8.0 } else { 0.0 },
             FLY_AGAIN,
-            "since 222 s, by",
+            "since 224 s, by",
             1,
         )
     },

@@ -28,6 +28,7 @@ pub fn report_mission(mission_result: &MissionResult, made: &ReportOrigin) -> Re
             reference_name: "the simulator's own heading".to_owned(),
             limits: "exact field and true attitude at twelve headings; indicated less true, the constant included"
                 .to_owned(),
+            is_accurate: true,
         },
         compasses: vec![swung(mission_result)],
         terminal_output: Some(["Console session".to_owned(), strip_control_sequences(&mission_result.transcript)]),

@@ -46,17 +46,23 @@ pub fn named_world(name: &str, seed: u64) -> Result<WorldConfig, Failure> {
     }
 }
 
+/// Endings of files that a report is not; a folder of such a name must exist.
+const OTHER_FILES: [&str; 10] = ["pdf", "png", "jpg", "json", "csv", "txt", "md", "xml", "param", "docx"];
+
 /// Writes the page to a file (`index.html` if `path` is a folder), or the before-and-after picture to a `.svg` file.
 /// Creates folders and returns the file's path. Equal reports give equal bytes.
 ///
 /// # Errors
 ///
-/// The file cannot be written.
+/// The file cannot be written, or its name ends as that of another kind of file.
 pub fn write_report_file(report: &Report, path: &Path) -> io::Result<PathBuf> {
     let ends_with = |ends: &[&str]| {
         path.extension().is_some_and(|extension| ends.iter().any(|end| extension.eq_ignore_ascii_case(end)))
     };
     let is_file = ends_with(&["html", "htm", "svg"]) && !path.is_dir();
+    if !is_file && !path.is_dir() && ends_with(&OTHER_FILES) {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "a report is .html or .svg"));
+    }
     let file = if is_file { path.to_owned() } else { path.join("index.html") };
     if let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         fs::create_dir_all(folder)?;
@@ -88,6 +94,10 @@ mod tests {
         assert_eq!(at("deep/er/page.html"), folder.path().join("deep/er/page.html"));
         fs::create_dir(folder.path().join("odd.html")).unwrap();
         assert_eq!(at("odd.html"), folder.path().join("odd.html/index.html"));
+        let pdf = folder.path().join("page.pdf");
+        assert!(write_report_file(&report, &pdf).is_err() && !pdf.exists());
+        fs::create_dir(&pdf).unwrap();
+        assert_eq!(at("page.pdf"), pdf.join("index.html"));
         let picture = fs::read_to_string(at("only.svg")).unwrap();
         assert!(picture.starts_with("<svg"));
         assert!(fs::read_to_string(at("page.html")).unwrap().starts_with("<!doctype html>"));

@@ -67,7 +67,8 @@ fn expand_folders(files: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     Ok(logs)
 }
 
-fn is_log(path: &Path) -> bool {
+/// Whether the name of a file is that of a log.
+pub fn is_log(path: &Path) -> bool {
     let is_known = |ending: &std::ffi::OsStr| LOG_EXTENSIONS.iter().any(|known| ending.eq_ignore_ascii_case(known));
     path.extension().is_some_and(is_known)
 }

@@ -15,6 +15,7 @@ mod serve;
 mod table1;
 mod termination;
 
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -28,7 +29,7 @@ use termination::TerminationSignals;
 /// and `console` follow the wall clock and their inputs. Exit codes: 0 calibrated, 1 the module refused, 2 wrong
 /// command; 130 ended by Ctrl-C, 141 the reader closed the pipe. docs/json.md describes the output of --json.
 #[derive(Parser)]
-#[command(version, about, long_about, args_conflicts_with_subcommands = true, term_width = print::WIDTH)]
+#[command(version, about, long_about, args_conflicts_with_subcommands = true, max_term_width = print::WIDTH)]
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
@@ -59,7 +60,13 @@ enum Bench {
 }
 
 pub fn run() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = Cli::try_parse().unwrap_or_else(|error| {
+        if let Some(log) = std::env::args().nth(1).filter(|word| fleet::is_log(Path::new(word))) {
+            print::print_error(format_args!("host-sim: {log} is a log; to evaluate it: host-sim replay {log}"));
+            std::process::exit(2)
+        }
+        error.exit()
+    });
     let command = cli.command.unwrap_or(Command::Fly(cli.fly));
     print::final_exit_code(carry_out(&command).unwrap_or_else(|Failure(message)| {
         print::print_error(format_args!("host-sim: {message}"));
@@ -179,7 +186,7 @@ mod tests {
     /// Existing files that the help names, by their path from the repository's root.
     #[test]
     fn paths_in_the_help_exist_in_the_repository() {
-        let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
         let mut seen = 0;
         for (_, mut command) in commands() {
             let help = command.render_long_help().to_string();

@@ -9,6 +9,7 @@ use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
 use log_analysis::numbers::round_to;
 use log_analysis::report::Report;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::termios::tcgetwinsize;
 use serde::Serialize;
 use serde_json::{Value, json};
 use simulator::world::WorldConfig;
@@ -17,12 +18,25 @@ use simulator::world::airframe::AirframeDescription;
 use super::failure::Failure;
 use super::files::write_report_file;
 
+/// Width of the output in columns; a narrower terminal has its own.
 pub const WIDTH: usize = 80;
+
+/// Least width, which the longest words need.
+const MIN_WIDTH: usize = 40;
 
 static LOST: OnceLock<io::Error> = OnceLock::new();
 
 /// Exit code of a program ended by SIGPIPE: 128 plus the signal's number, 13.
 const CLOSED: u8 = 141;
+
+/// Width of the output: that of the terminal, at most [`WIDTH`], which is also that of files and pipes.
+pub fn width() -> usize {
+    static COLUMNS: OnceLock<usize> = OnceLock::new();
+    *COLUMNS.get_or_init(|| {
+        let columns = tcgetwinsize(io::stdout()).map_or(0, |size| usize::from(size.ws_col));
+        if columns == 0 { WIDTH } else { columns.clamp(MIN_WIDTH, WIDTH) }
+    })
+}
 
 /// Prints text, or drops it once the output has failed, so that clean-up still takes place.
 pub fn print_text(text: &str) {
@@ -135,10 +149,13 @@ pub fn right_aligned(text: impl ToString) -> Cell {
     Cell::new(text).set_alignment(CellAlignment::Right)
 }
 
-/// An empty table as wide as its content; numbers are not wrapped, and headers only at their line breaks.
+/// An empty table as wide as its content, wrapped only on a narrow terminal; headers wrap at their line breaks.
 pub fn content_table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
+    if width() < WIDTH {
+        table.set_content_arrangement(ContentArrangement::Dynamic).set_width(width() as u16);
+    }
     table.set_header(names.into_iter().map(right_aligned));
     table
 }
@@ -152,21 +169,21 @@ pub fn narrow_table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
     table
 }
 
-/// A table whose text wraps at [`WIDTH`].
+/// A table whose text wraps at [`width`].
 pub fn wrapped_table<const N: usize>(names: [&str; N]) -> Table {
     let mut table = content_table([""; N]);
     table.set_header(names);
-    table.set_content_arrangement(ContentArrangement::Dynamic).set_width(WIDTH as u16);
+    table.set_content_arrangement(ContentArrangement::Dynamic).set_width(width() as u16);
     table
 }
 
-/// Appends text wrapped at [`WIDTH`]; continuation lines are indented by two more.
+/// Appends text wrapped at [`width`]; continuation lines are indented by two more.
 pub fn append_wrapped(out: &mut String, indent: &str, words: &str) {
     let further = " ".repeat(indent.len() + 2);
     let mut line = indent.to_owned();
     let mut has_word = false;
     for word in words.split(' ') {
-        if has_word && line.chars().count() + 1 + word.chars().count() > WIDTH {
+        if has_word && line.chars().count() + 1 + word.chars().count() > width() {
             out.push_str(&line);
             out.push('\n');
             line.clone_from(&further);

@@ -1,6 +1,23 @@
 //! Progress of long commands, on the error output if that is a terminal.
 
+use std::sync::{Mutex, PoisonError};
+
 use indicatif::{ProgressBar, ProgressStyle};
+
+/// The displayed progress bar or spinner.
+static DISPLAYED: Mutex<Option<ProgressBar>> = Mutex::new(None);
+
+fn display(bar: ProgressBar) -> ProgressBar {
+    *DISPLAYED.lock().unwrap_or_else(PoisonError::into_inner) = Some(bar.clone());
+    bar
+}
+
+/// Removes the displayed progress bar, before the program is ended by a signal.
+pub fn clear() {
+    if let Some(bar) = DISPLAYED.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        bar.finish_and_clear();
+    }
+}
 
 /// Progress bar.
 pub fn progress(words: &str, total: u64) -> ProgressBar {
@@ -8,12 +25,13 @@ pub fn progress(words: &str, total: u64) -> ProgressBar {
     if let Ok(style) = ProgressStyle::with_template(&format!("{words} {{bar:40}} {{pos}}/{{len}} {{eta}}")) {
         bar.set_style(style);
     }
-    bar
+    bar.tick();
+    display(bar)
 }
 
 /// Spinner for a task of unknown duration.
 pub fn waiting(words: &'static str) -> ProgressBar {
     let bar = ProgressBar::new_spinner().with_message(words);
     bar.enable_steady_tick(std::time::Duration::from_millis(100));
-    bar
+    display(bar)
 }

@@ -88,11 +88,11 @@ pub struct Replay {
     /// place and day and the samples do not contradict it, else estimated]
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = number(-90.0, 90.0))]
     pub inclination: Option<f64>,
-    /// Use only rows from this time of the log on, seconds, -1000000000 to 1000000000
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = number(-1e9, 1e9))]
+    /// Use only rows from this time on, seconds of the log's clock, -10000000000 to 10000000000
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = number(-1e10, 1e10))]
     pub from: Option<f64>,
-    /// Use only rows up to this time of the log, seconds, -1000000000 to 1000000000
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = number(-1e9, 1e9))]
+    /// Use only rows up to this time, seconds of the log's clock, -10000000000 to 10000000000
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = number(-1e10, 1e10))]
     pub to: Option<f64>,
     /// Heading that errors are measured against [default: the best in the log, in this order]
     #[arg(long, value_name = "simulator|column|gps-yaw|gps-course|autopilot", value_parser = one_of(REFERENCES))]

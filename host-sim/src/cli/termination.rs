@@ -3,11 +3,14 @@
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::thread;
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
+use signal_hook::iterator::Signals;
 
 use super::failure::Failure;
+use super::progress;
 
 pub struct TerminationSignals {
     stop: Arc<AtomicBool>,
@@ -25,10 +28,13 @@ pub enum SecondSignal {
 impl TerminationSignals {
     /// Installs immediate termination, for commands without clean-up.
     pub fn exit_immediately() -> Result<(), Failure> {
-        let always = Arc::new(AtomicBool::new(true));
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
-            flag::register_conditional_shutdown(signal, status(signal), Arc::clone(&always)).map_err(failed)?;
-        }
+        let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(failed)?;
+        thread::spawn(move || {
+            if let Some(signal) = signals.forever().next() {
+                progress::clear();
+                signal_hook::low_level::exit(status(signal));
+            }
+        });
         Ok(())
     }
 

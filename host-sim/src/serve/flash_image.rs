@@ -1,7 +1,7 @@
 //! Flash contents in a file, which preserves them between runs.
 
 use std::fmt;
-use std::fs;
+use std::fs::{self, File, TryLockError};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
@@ -20,6 +20,8 @@ pub enum FlashImageError {
     Size(PathBuf, u64),
     /// The file cannot be written.
     Unwritable(PathBuf, io::Error),
+    /// Another module has locked the file.
+    InUse(PathBuf),
 }
 
 impl FlashImageError {
@@ -30,6 +32,7 @@ impl FlashImageError {
             Self::Unreadable(..) => "flash-unreadable",
             Self::Size(..) => "flash-size",
             Self::Unwritable(..) => "flash-unwritable",
+            Self::InUse(_) => "flash-in-use",
         }
     }
 }
@@ -44,6 +47,9 @@ impl fmt::Display for FlashImageError {
                  there yet",
                 path.display()
             ),
+            Self::InUse(path) => {
+                write!(f, "{}: another served module uses this file; end it, or name another file", path.display())
+            }
             Self::Unwritable(path, error) => write!(f, "{} cannot be written: {error}", path.display()),
         }
     }
@@ -81,18 +87,37 @@ impl FlashImage {
         }
     }
 
-    /// Writes the file atomically through a temporary file in the same directory.
+    /// Locks a file against other modules until the handle is dropped; `None` if it does not exist.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be opened, or is locked.
+    pub fn lock(path: &Path) -> Result<Option<File>, FlashImageError> {
+        let file = match File::open(path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(FlashImageError::Unreadable(path.to_owned(), error)),
+            Ok(file) => file,
+        };
+        match file.try_lock() {
+            Ok(()) => Ok(Some(file)),
+            Err(TryLockError::WouldBlock) => Err(FlashImageError::InUse(path.to_owned())),
+            Err(TryLockError::Error(error)) => Err(FlashImageError::Unreadable(path.to_owned(), error)),
+        }
+    }
+
+    /// Writes the file atomically through a temporary file in the same directory; returns it, locked against other
+    /// modules until the handle is dropped.
     ///
     /// # Errors
     ///
     /// The file cannot be written.
-    pub fn write(&self, path: &Path) -> Result<(), FlashImageError> {
+    pub fn write(&self, path: &Path) -> Result<File, FlashImageError> {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let written = tempfile::NamedTempFile::new_in(folder).and_then(|mut file| {
             file.write_all(&self.0)?;
             file.as_file().sync_all()?;
-            file.persist(path)?;
-            Ok(())
+            file.as_file().try_lock()?;
+            Ok(file.persist(path)?)
         });
         written.map_err(|error| FlashImageError::Unwritable(path.to_owned(), error))
     }
@@ -113,6 +138,22 @@ mod tests {
             assert_eq!(FlashImage::read(&path).unwrap(), Some(image));
         }
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    /// The lock moves with the file's content.
+    #[test]
+    fn a_file_in_use_is_locked() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("flash.bin");
+        assert!(FlashImage::lock(&path).unwrap().is_none());
+        let image = FlashImage(vec![0x5A; STORE_BYTES]);
+        let first = image.write(&path).unwrap();
+        assert_eq!(FlashImage::lock(&path).unwrap_err().code(), "flash-in-use");
+        let second = image.write(&path).unwrap();
+        drop(first);
+        assert_eq!(FlashImage::lock(&path).unwrap_err().code(), "flash-in-use");
+        drop(second);
+        assert!(FlashImage::lock(&path).unwrap().is_some());
     }
 
     #[test]

@@ -215,9 +215,12 @@ impl ServedModule {
                 format!("; {followed} attitudes received, {malformed} malformed")
             });
         format!(
-            "ok {seconds:.1} s, {flies}: roll {roll_deg:.1}, pitch {pitch_deg:.1}, magnetic heading {:.1} deg; attitude \
-             from {source}{sender_text}",
-            truth.heading_deg()
+            "ok {seconds:.1} s, {flies}: roll {roll_deg:.1}, pitch {pitch_deg:.1}, magnetic heading {:.1} deg, {:.0} m \
+             north and {:.0} m east of the start, motor current {:.1} A; attitude from {source}{sender_text}",
+            truth.heading_deg(),
+            truth.north_m,
+            truth.east_m,
+            truth.current_a()
         )
     }
 

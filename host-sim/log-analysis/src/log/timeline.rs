@@ -1,4 +1,4 @@
-//! Continuous flight time from a log's clock, across restarts and invalid stamps.
+//! Continuous time from a log's clock, across restarts and invalid stamps: the clock itself until a restart.
 
 /// Largest step back attributed to reordering, microseconds.
 const BACK_US: u64 = 3_000_000;
@@ -17,14 +17,14 @@ pub struct Timeline {
     newest_us: Option<u64>,
     /// An implausible stamp waiting for confirmation.
     unconfirmed_us: Option<u64>,
-    /// Flight time at zero of the current clock, seconds.
+    /// Time at zero of the current clock, seconds; zero until a restart.
     offset_s: f64,
     restarts: u32,
     rejected_count: u64,
 }
 
 impl Timeline {
-    /// Flight time of a stamp, seconds; none if the stamp is rejected.
+    /// Time of a stamp, seconds; none if the stamp is rejected.
     pub fn flight_time_s(&mut self, us: u64) -> Option<f64> {
         if us > MAX_US {
             self.rejected_count += 1;
@@ -32,8 +32,7 @@ impl Timeline {
         }
         let Some(newest_us) = self.newest_us else {
             self.newest_us = Some(us);
-            self.offset_s = -seconds(us);
-            return Some(0.0);
+            return Some(seconds(us));
         };
         let is_near = |of_us: u64| us.saturating_add(BACK_US) >= of_us && us <= of_us.saturating_add(AHEAD_US);
         if is_near(newest_us) {
@@ -91,9 +90,9 @@ mod tests {
     }
 
     #[test]
-    fn time_starts_at_the_first_stamp_and_small_disorder_is_kept() {
+    fn time_is_the_log_s_clock_and_small_disorder_is_kept() {
         let (placed, line) = placed(&[100.0, 101.0, 100.5, 98.1, 130.0]);
-        for (at_s, expected) in placed.iter().zip([0.0, 1.0, 0.5, -1.9, 30.0]) {
+        for (at_s, expected) in placed.iter().zip([100.0, 101.0, 100.5, 98.1, 130.0]) {
             assert!((at_s.unwrap() - expected).abs() < 1e-9, "{placed:?}");
         }
         assert_eq!((line.restarts(), line.rejected_count()), (0, 0));
@@ -104,7 +103,7 @@ mod tests {
         for wrong_s in [5.0, 1e6, 1e12] {
             let (placed, line) = placed(&[100.0, 101.0, wrong_s, 101.1, 101.2]);
             assert_eq!(placed[2], None);
-            assert!((placed[4].unwrap() - 1.2).abs() < 1e-9, "{placed:?}");
+            assert!((placed[4].unwrap() - 101.2).abs() < 1e-9, "{placed:?}");
             assert_eq!((line.restarts(), line.rejected_count()), (0, 1));
         }
     }
@@ -114,14 +113,14 @@ mod tests {
         let (placed, line) = placed(&[100.0, 120.0, 120.1, 5.0, 5.1, 5.2]);
         assert_eq!(line.restarts(), 1);
         assert_eq!(placed[3], None, "one stamp alone is no restart");
-        assert!((placed[4].unwrap() - 30.1).abs() < 1e-9 && (placed[5].unwrap() - 30.2).abs() < 1e-9, "{placed:?}");
+        assert!((placed[4].unwrap() - 130.1).abs() < 1e-9 && (placed[5].unwrap() - 130.2).abs() < 1e-9, "{placed:?}");
     }
 
     #[test]
     fn a_pause_of_minutes_is_kept_as_a_pause() {
         let (placed, line) = placed(&[100.0, 500.0, 500.1, 500.2]);
         assert_eq!(placed[1], None);
-        assert!((placed[3].unwrap() - 400.2).abs() < 1e-9, "{placed:?}");
+        assert!((placed[3].unwrap() - 500.2).abs() < 1e-9, "{placed:?}");
         assert_eq!((line.restarts(), line.rejected_count()), (0, 0), "what a second stamp agrees with is no nonsense");
     }
 }

@@ -321,12 +321,11 @@ fn earth(flight: &Flight) -> Option<(EarthField, bool)> {
 }
 
 impl CompassEvaluation {
-    /// Time to calibration from the first usable row, seconds; none without an automatic end.
+    /// Time of the calibration on the log's clock, seconds; none without an automatic end.
     #[must_use]
     pub fn calibrated_s(&self) -> Option<f64> {
         let first_s = self.rows.first()?.t_s;
-        let used_s = self.rows.iter().find(|row| row.usable)?.t_s;
-        Some(self.module.ended_s? + first_s - used_s)
+        Some(self.module.ended_s? + first_s)
     }
 
     /// The correction from one source.

@@ -169,9 +169,8 @@ fn others(numbers: &[u8]) -> Option<(u8, Vec<u8>)> {
 }
 
 fn mounting_changes(flight: &Flight, evaluation: &FlightEvaluation) -> Option<Note> {
-    let [from_s, _] = flight.time_range_s();
     let changes = evaluation.compasses.iter().flat_map(|compass| mounting_parameter_changes(flight, compass.number));
-    let mut changes: Vec<(String, f64)> = changes.map(|(name, at_s)| (name, at_s - from_s)).collect();
+    let mut changes: Vec<(String, f64)> = changes.collect();
     // The board's rotation affects every compass.
     changes.sort_by(|(one, _), (other, _)| one.cmp(other));
     changes.dedup();
@@ -258,7 +257,7 @@ impl fmt::Display for Note {
             }
             Self::MountingChanged(changes) => {
                 let changes: Vec<String> =
-                    changes.iter().map(|(name, at_s)| format!("{name} after {at_s:.0} s")).collect();
+                    changes.iter().map(|(name, at_s)| format!("{name} at {at_s:.0} s")).collect();
                 write!(
                     f,
                     "mountings were changed in the log: {}; no calibration fits the rows both before and after a change",

@@ -20,11 +20,13 @@ const MIN_ROWS: usize = 100;
 /// Fewer rows with a reference than this do not judge a compass.
 const MIN_REFERENCE_ROWS: usize = 50;
 
-/// Largest error of parameters on held-back rows, degrees RMS; it adds in squares to that of the reference.
-const MAX_RMS_DEG: f64 = 1.0;
+/// Largest error of a good compass, degrees RMS, and of parameters on held-back rows: they must make the compass good,
+/// however bad it was. A larger remainder has a cause that parameters do not correct.
+pub const GOOD_DEG: f64 = 2.0;
 
-/// A larger error is accepted if at most this fraction of the error as logged remains: the attitude source limits both.
-const MAX_REMAINING: f64 = 0.5;
+/// Error beyond which a compass is bad, degrees RMS. Up to this error parameters are given if all but [`GOOD_DEG`] of it
+/// (in squares) is the known loss by the autopilot's symmetric matrix: flying again does not reduce that.
+pub const BAD_DEG: f64 = 5.0;
 
 /// Least gain over the parameters in use, degrees RMS and fraction of the error as logged.
 const MIN_GAIN_DEG: f64 = 0.3;
@@ -123,14 +125,14 @@ impl Candidate {
     fn check(&self, reference_sigma_deg: Option<f64>) -> Result<(), NoParameters> {
         let HeldBackScore { rms_deg, as_logged_rms_deg, .. } = self.held_back;
         let expected_deg = f64::from(self.solution.quality.expected_rms_deg);
-        let limit_deg = libm::hypot(MAX_RMS_DEG, reference_sigma_deg.unwrap_or(0.0));
+        let unexplained_deg = (square(rms_deg) - square(self.exported.heading_loss_deg[0])).max(0.0).sqrt();
         let is_gain = as_logged_rms_deg - rms_deg >= MIN_GAIN_DEG && rms_deg <= (1.0 - MIN_GAIN) * as_logged_rms_deg;
         if expected_deg.is_nan() || expected_deg > MAX_EXPECTED_DEG {
             let manoeuvre = self.solution.advice.map(|advice| advice.manoeuvre.to_string());
             Err(NoParameters::Unobservable { expected_deg, manoeuvre })
         } else if !is_gain {
             Err(NoParameters::NoGain(self.held_back))
-        } else if rms_deg > limit_deg && rms_deg > MAX_REMAINING * as_logged_rms_deg {
+        } else if rms_deg > GOOD_DEG && (rms_deg > BAD_DEG || unexplained_deg > GOOD_DEG) {
             Err(NoParameters::Inaccurate(self.held_back))
         } else if reference_sigma_deg.is_none() && !self.is_accepted {
             Err(NoParameters::Unverified)
@@ -227,7 +229,11 @@ impl fmt::Display for NoParameters {
                 write!(f, "a fit is no better: {rms_deg:.1} deg RMS on held-back rows")
             }
             Self::Inaccurate(HeldBackScore { rms_deg, .. }) => {
-                write!(f, "the best fit leaves {rms_deg:.1} deg RMS on held-back rows")
+                write!(
+                    f,
+                    "the best parameters leave {rms_deg:.1} deg RMS on held-back rows, too much to be loaded \
+                     ({GOOD_DEG:.0} deg)"
+                )
             }
             Self::OffsetsTooLarge { offset_mg, limit_mg } => {
                 write!(f, "an offset of {offset_mg:.0} mG exceeds COMPASS_OFFS_MAX, {limit_mg:.0}")

@@ -75,6 +75,8 @@ pub struct ReferenceInfo {
     pub reference_name: String,
     /// Limits of the comparison.
     pub limits: String,
+    /// Whether it is known to 2 deg or better, as a deviation card requires.
+    pub is_accurate: bool,
 }
 
 /// Heading errors with the coefficients of several calibrators.
@@ -129,7 +131,7 @@ pub struct DeviationCurve {
 /// Event on the time axis.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EventMark {
-    /// Seconds after the first moment.
+    /// Seconds on the clock of the samples.
     pub at_s: f64,
     /// Name in the picture.
     pub name: String,
@@ -138,7 +140,7 @@ pub struct EventMark {
 /// State of the flight at one time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReportSample {
-    /// Seconds after the first sample.
+    /// Seconds on the clock of the log, or after the first sample of a mission.
     pub at_s: f64,
     /// Heading, degrees: reference, else the module's own.
     pub heading_deg: Option<f64>,

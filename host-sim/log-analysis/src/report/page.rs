@@ -19,7 +19,13 @@ pub fn render_html(report: &Report) -> String {
         concat_map(&parts, |part| format!("<li><a href=\"#{}\">{}</a></li>", part.id, escape_html(&part.title)));
     let body = concat_map(&parts, |part| {
         let (id, title) = (&part.id, escape_html(&part.title));
-        format!("<section aria-labelledby=\"{id}\">\n<h2 id=\"{id}\">{title}</h2>\n{}</section>\n", part.html)
+        let heading = format!("<h2 id=\"{id}\">{title}</h2>");
+        let content = if part.is_folded {
+            format!("<details><summary>{heading}</summary>\n{}</details>\n", part.html)
+        } else {
+            format!("{heading}\n{}", part.html)
+        };
+        format!("<section aria-labelledby=\"{id}\">\n{content}</section>\n")
     });
     let title = escape_html(&report.title);
     format!(
@@ -28,8 +34,8 @@ pub fn render_html(report: &Report) -> String {
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <meta name=\"color-scheme\" content=\"light dark\">\n<title>{title} - Autoswing</title>\n\
          <style>\n{}{STYLE}</style></head>\n<body>\n<a class=\"skip\" href=\"#verdict\">Skip to the verdict</a>\n\
-         <header><p class=\"brand\">Autoswing</p><h1>{title}</h1>\n<nav aria-label=\"Parts of the page\"><ul>{links}</ul></nav>\
-         </header>\n<main>\n{body}</main>\n<script>{SCRIPT}</script>\n</body></html>\n",
+         <header><p class=\"brand\">Autoswing</p><h1>{title}</h1></header>\n<main>\n{body}</main>\n\
+         <nav aria-label=\"Parts of the page\"><ul>{links}</ul></nav>\n<script>{SCRIPT}</script>\n</body></html>\n",
         style()
     )
 }
@@ -38,14 +44,22 @@ struct PageSection {
     id: String,
     title: String,
     html: String,
+    is_folded: bool,
 }
 
 fn parts(report: &Report) -> Vec<PageSection> {
-    let part = |id: &str, title: &str, html: String| PageSection { id: id.to_owned(), title: title.to_owned(), html };
-    let mut parts = vec![part("verdict", "Verdict", sections::verdict_section(report))];
+    let open = |id: &str, title: &str, html: String| PageSection {
+        id: id.to_owned(),
+        title: title.to_owned(),
+        html,
+        is_folded: false,
+    };
+    let part = |id: &str, title: &str, html: String| PageSection { is_folded: true, ..open(id, title, html) };
+    let mut parts = vec![open("verdict", "Verdict", sections::verdict_section(report))];
     if let Some([name, text]) = report.parameters.as_ref().filter(|[_, text]| !text.is_empty()) {
-        parts.push(part("parameters", "Parameters to load", sections::parameters_section(name, text)));
+        parts.push(open("parameters", "Parameters to load", sections::parameters_section(name, text)));
     }
+    parts.push(open("findings", "Findings", sections::findings_section(report)));
     if !report.calibrators.rows.is_empty() {
         parts.push(part("compasses", "Compasses side by side", sections::comparison_section(report)));
     }

@@ -67,11 +67,13 @@ fn compared(verdict: &FlightEvaluation) -> ReferenceInfo {
             difference_name: reference.difference_name(),
             reference_name: reference.name().to_owned(),
             limits: format!("{}; less the mean", reference.limits()),
+            is_accurate: reference.accurate_sigma_deg().is_some(),
         },
         None => ReferenceInfo {
             difference_name: "correction",
             reference_name: "the module's own heading".to_owned(),
             limits: "the log has no reference heading; shown is the change by the module".to_owned(),
+            is_accurate: false,
         },
     }
 }
@@ -168,11 +170,11 @@ fn logged_correction_source(compass: &CompassEvaluation) -> CorrectionSource {
 fn marks(compass: &CompassEvaluation) -> Vec<EventMark> {
     let first_s = compass.rows.first().map_or(0.0, |row| row.t_s);
     let calibrated = compass.module.ended_s.map(|at_s| EventMark {
-        at_s,
+        at_s: first_s + at_s,
         name: if compass.module.accepted.is_ok() { "would have calibrated" } else { "would have solved" }.to_owned(),
     });
     let changed = compass.changes.iter().map(|HardIronChange { step, .. }| EventMark {
-        at_s: step.at_s - first_s,
+        at_s: step.at_s,
         name: format!("iron changed by {} uT, most on {}", format_number(step.size_ut(), 1), step.axis()),
     });
     calibrated.into_iter().chain(changed).collect()
@@ -194,14 +196,14 @@ fn moments(
         .map(|(i, row)| {
             let shown = replay_result.headings.get(i);
             let mut moment = moment(row, is_logged, replay_result.solution.as_ref(), shown, has_reference);
-            moment.at_s = row.t_s - first.t_s;
+            moment.at_s = row.t_s;
             moment.position_m = places.as_ref().and_then(|places| places.at(flight, row.t_s));
             moment
         })
         .collect();
-    for fitted_s in &replay_result.fitted_s {
+    for fitted_s in replay_result.fitted_s.iter().map(|since_s| since_s + first.t_s) {
         // The nearest row, since samples are means and their clock has milliseconds.
-        let after = moments.partition_point(|moment| moment.at_s < *fitted_s).min(moments.len() - 1);
+        let after = moments.partition_point(|moment| moment.at_s < fitted_s).min(moments.len() - 1);
         let near = [after.saturating_sub(1), after];
         let time_difference =
             |i: &usize| moments.get(*i).map_or(f64::INFINITY, |moment| (moment.at_s - fitted_s).abs());
@@ -324,7 +326,7 @@ mod tests {
         let automatic = report(|_, _| {});
         let refused = report(|_, verdict| verdict.compasses[0].module.accepted = REFUSED);
         for (report, line, mark, words) in [
-            (&automatic, "ours", "would have calibrated", "would have calibrated itself after"),
+            (&automatic, "ours", "would have calibrated", "would have calibrated itself at"),
             (&refused, "ours, but refused", "would have solved", "would have been refused: not-converged"),
         ] {
             let compass = &report.compasses[0];
@@ -348,7 +350,9 @@ mod tests {
             compass.changes = vec![HardIronChange { step, bend_deg: 15.0 }];
         });
         let [calibrated, changed] = report.compasses[0].marks.as_slice() else { panic!("two marks") };
-        assert!((calibrated.at_s - 90.0).abs() < 1e-9 && (changed.at_s - 50.0).abs() < 1e-9);
+        // On the log's clock.
+        let first_s = FLOWN.1.compasses[0].rows[300].t_s;
+        assert!((calibrated.at_s - first_s - 90.0).abs() < 1e-9 && (changed.at_s - first_s - 50.0).abs() < 1e-9);
         assert_eq!(changed.name, "iron changed by 8.1 uT, most on y");
     }
 
@@ -413,6 +417,8 @@ mod tests {
         ] {
             let report = report_with_reference(reference.clone());
             assert_eq!(report.reference.difference_name, word);
+            let has_card = crate::report::page(&report).contains("Deviation card");
+            assert_eq!(has_card, word == "error", "a card is for a known accuracy");
             assert!(!figure(&report, &format!("{word} as logged")).is_empty(), "{:?}", report.figures);
             let usable = || report.compasses[0].samples.iter().filter(|moment| moment.is_usable).skip(20);
             assert_eq!(usable().all(|moment| moment.error_deg.is_some()), reference.is_some(), "{word}");

@@ -6,8 +6,14 @@ use super::text::{concat_map, escape_html};
 use crate::numbers::{format_number, format_optional};
 use crate::replay::verdict::CompassState;
 
+/// State of each compass and what to do.
 pub fn verdict_section(report: &Report) -> String {
-    let mut html: Vec<String> = report.verdicts.iter().map(verdict_line).collect();
+    concat_map(&report.verdicts, verdict_line)
+}
+
+/// Figures, reference, the module's result and doubts.
+pub fn findings_section(report: &Report) -> String {
+    let mut html: Vec<String> = Vec::new();
     if !report.figures.is_empty() {
         let rows = concat_map(&report.figures, |[label, value]| {
             format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(label), escape_html(value))
@@ -30,7 +36,7 @@ pub fn verdict_section(report: &Report) -> String {
     }
     if !report.notes.is_empty() {
         let notes = concat_map(&report.notes, |note| format!("<li>{}</li>\n", escape_html(note)));
-        html.push(format!("<h3>Findings</h3>\n<ul>\n{notes}</ul>\n"));
+        html.push(format!("<ul>\n{notes}</ul>\n"));
     }
     html.concat()
 }
@@ -80,7 +86,9 @@ pub fn compass_section(id: &str, compass_report: &CompassReport, compared: &Refe
         html.push(figure(&format!("{id}-after"), &picture));
     }
     html.push("</div>\n".to_owned());
-    html.push(deviation_card(compass_report, compared));
+    if compared.is_accurate {
+        html.push(deviation_card(compass_report, compared));
+    }
     html.push(figure(&format!("{id}-coverage"), &coverage::coverage_picture(compass_report)));
     let rest = [
         ("time", residuals::residuals_picture(compass_report, compared.difference_name)),
@@ -149,9 +157,11 @@ pub fn map_section(compass_report: &CompassReport) -> Option<String> {
 pub fn parameters_section(name: &str, text: &str) -> String {
     let name = escape_html(name);
     format!(
-        "<p>Save it as <code>{name}</code> and load it with a ground station; look at the heading on the ground before you \
-         fly by it.</p>\n<p><button type=\"button\" data-copy=\"parameters-text\" hidden>Copy the parameters</button> \
-         <span role=\"status\" id=\"copied\"></span></p>\n{}",
+        "<p><button type=\"button\" data-copy=\"parameters-text\" hidden>Copy</button> \
+         <a class=\"button\" download=\"{name}\" href=\"data:text/plain;charset=utf-8,{}\">Download {name}</a> \
+         <span role=\"status\" id=\"copied\"></span></p>\n<p>Load it with a ground station, and compare the heading on \
+         the ground before you fly by it.</p>\n{}",
+        percent_encoded(text),
         listing("parameters-text", "Parameters", text)
     )
 }
@@ -200,6 +210,14 @@ fn table(caption: &str, corner: &str, columns: &[&str], rows: impl Iterator<Item
         "<div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"{caption}\"><table><caption>{caption}</caption>\n\
          <thead><tr>{corner}{head}</tr></thead>\n<tbody>\n{body}</tbody></table></div>\n"
     )
+}
+
+/// Text as part of a URI (RFC 3986).
+fn percent_encoded(text: &str) -> String {
+    concat_map(text.bytes(), |byte| match byte {
+        b'A'..=b'Z' | b'a'..=b'z' | b'0'..=b'9' | b'-' | b'.' | b'_' | b'~' => char::from(byte).to_string(),
+        _ => format!("%{byte:02X}"),
+    })
 }
 
 fn listing(id: &str, name: &str, text: &str) -> String {

@@ -1,33 +1,50 @@
 //! File of the module's flash.
 
-use std::path::Path;
+use std::fs::File;
+use std::path::{Path, PathBuf};
 
-use host_sim::serve::ServedModule;
+use host_sim::serve::{FlashImage, FlashImageError, ServedModule};
 
 use crate::cli::failure::Failure;
 
-/// Writes the flash to its file after each change.
-pub struct FlashWriter<'a> {
-    path: Option<&'a Path>,
+/// Writes the flash to its file after each change, and keeps the file locked.
+#[derive(Default)]
+pub struct FlashWriter {
+    path: Option<PathBuf>,
+    lock: Option<File>,
     written_changes: u64,
     seen_changes: u64,
 }
 
-impl<'a> FlashWriter<'a> {
-    pub fn new(path: Option<&'a Path>) -> Self {
-        Self { path, written_changes: 0, seen_changes: 0 }
+impl FlashWriter {
+    /// Locks and reads a file.
+    pub fn open(path: Option<&Path>) -> Result<(Self, Option<FlashImage>), Failure> {
+        let lock = path.map(FlashImage::lock).transpose().map_err(failed)?.flatten();
+        let image = path.map(FlashImage::read).transpose().map_err(failed)?.flatten();
+        Ok((Self { path: path.map(Path::to_owned), lock, ..Self::default() }, image))
+    }
+
+    /// Writes the flash now.
+    pub fn write(&mut self, served_module: &ServedModule) -> Result<(), Failure> {
+        if let Some(path) = &self.path {
+            self.lock = Some(served_module.flash().write(path).map_err(failed)?);
+        }
+        Ok(())
     }
 
     /// Writes if the content changed and is stable since the last call, or at the end.
     pub fn look(&mut self, served_module: &ServedModule, is_end: bool) -> Result<(), Failure> {
-        let Some(path) = self.path else { return Ok(()) };
         let changes = served_module.flash_changes();
         let rests = changes == self.seen_changes || is_end;
         self.seen_changes = changes;
         if rests && changes != self.written_changes {
-            served_module.flash().write(path).map_err(|error| Failure::with_code(error.code(), error))?;
+            self.write(served_module)?;
             self.written_changes = changes;
         }
         Ok(())
     }
+}
+
+fn failed(error: FlashImageError) -> Failure {
+    Failure::with_code(error.code(), error)
 }

@@ -10,15 +10,17 @@ use std::net::{Ipv4Addr, UdpSocket};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
+use std::sync::mpsc::{self, Sender};
 use std::thread;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use host_sim::serve::{self, AttitudeProvider, FlashImage, FlashImageError, PORTS, PilotPattern, ServedModule};
+use host_sim::serve::{self, AttitudeProvider, PORTS, PilotPattern, ServedModule};
 use serde_json::{Value, json};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
+use self::flash_writer::FlashWriter;
 use self::run::{Connections, OrderInput};
 use self::wire::{LOOK, PIECE, Pty, TcpPort, Terminal, Wire};
 use super::termination::{SecondSignal, TerminationSignals};
@@ -30,17 +32,17 @@ use crate::cli::failure::Failure;
 
 /// Serve the simulated module to a terminal, an autopilot, an instrument or another simulator.
 ///
-/// The module runs in real time, or --speed times as fast, with its ports on
-/// pseudo-terminals and, with --tcp, on TCP ports of this computer. The program
-/// prints how to attach to each. The aircraft flies a pattern; orders typed on
+/// The module runs in real time, or --speed times as fast, with its ports on pseudo-terminals and, with --tcp, on TCP
+/// ports of this computer. The program prints how to attach to each. The aircraft flies a pattern; orders typed on
 /// standard input change it. Try:
 ///
-/// host-sim serve --tcp 5760
-/// host-sim console --tcp 5760        in another terminal; then: cal start
+/// `host-sim serve --tcp 5760`
+///
+/// `host-sim console --tcp 5760` in another terminal; then: cal start
 ///
 /// Exit codes: 130 ended by Ctrl-C, 2 wrong command or unavailable port.
 #[derive(Args)]
-#[command(verbatim_doc_comment, after_long_help = after_help())]
+#[command(after_long_help = after_help())]
 pub struct Serve {
     #[command(flatten)]
     aboard: ModuleOptions,
@@ -65,8 +67,9 @@ pub struct Serve {
 /// Type to a module's console, as with `picocom`: a served module, a board, or a private one.
 ///
 /// With --tcp or the path of a pseudo-terminal it connects to a module of `host-sim serve`; with a serial port, to a
-/// board (set it to 115200 baud with stty). Without either it runs a private module. Ctrl-] ends. Piped input is sent,
-/// and its answers are awaited.
+/// board (set it to 115200 baud with stty). Without either it runs a private module, whose pilot takes orders after an
+/// exclamation mark: `!land` disarms, `!help` lists them. `quit`, Ctrl-D on an empty line and Ctrl-] end. Piped input is
+/// sent, and its answers are awaited.
 #[derive(Args)]
 pub struct Console {
     /// Pseudo-terminal or serial port
@@ -110,8 +113,8 @@ const ATTITUDES: &[(&str, AttitudeProvider)] =
 /// An order with its description, wrapped to a terminal's width.
 fn format_order(order: &str, description: &str) -> String {
     let mut text = String::new();
-    print::append_wrapped(&mut text, &" ".repeat(15), description);
-    format!("  {order:13}{}", text.trim_start())
+    print::append_wrapped(&mut text, &" ".repeat(16), description);
+    format!("  {order:14}{}", text.trim_start())
 }
 
 fn after_help() -> String {
@@ -121,7 +124,8 @@ fn after_help() -> String {
          Attach, with --tcp 5760 (or the pseudo-terminal that is printed in place of the TCP port):\n  \
            host-sim console --tcp 5760           type to the module\n  \
            nc 127.0.0.1 5762                     read its headings\n  \
-           gpsd -N -n tcp://127.0.0.1:5762       the same for a navigation program\n  \
+           gpsd -N -n tcp://127.0.0.1:5762       the same for a navigation program, which\n    \
+             shows a heading once the module has a declination: set declination 3\n  \
            --serial5=tcpclient:127.0.0.1:5761    ArduPilot's simulator as the attitude\n    \
              source, with SERIAL5_PROTOCOL 2\n\n\
          The virtual time of the module stands still while this program does not run; what the module does is a function of \
@@ -139,26 +143,23 @@ impl ModuleOptions {
             .map_or(world, |kind| world.with_vehicle_kind(kind)))
     }
 
-    fn module(&self, attitude: AttitudeProvider, is_visited: bool) -> Result<ServedModule, Failure> {
+    fn module(&self, attitude: AttitudeProvider, is_visited: bool) -> Result<(ServedModule, FlashWriter), Failure> {
         let pattern = PilotPattern::from_name(&self.pattern).unwrap_or_default();
-        let no_flash = |error: FlashImageError| Failure::with_code(error.code(), error);
-        let image = self.flash.as_deref().map(FlashImage::read).transpose().map_err(no_flash)?.flatten();
+        let (mut flash, image) = FlashWriter::open(self.flash.as_deref())?;
         let served_module = ServedModule::new(
             self.world()?,
             serve::ServeOptions { pattern, attitude, has_external_simulator: is_visited },
             image.as_ref(),
         );
-        if let Some(path) = &self.flash {
-            // Written at the start, so that an unwritable file is noticed before a calibration is lost.
-            served_module.flash().write(path).map_err(no_flash)?;
-        }
-        Ok(served_module)
+        // Written at the start, so that an unwritable file is noticed before a calibration is lost.
+        flash.write(&served_module)?;
+        Ok((served_module, flash))
     }
 }
 
 pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
-    let mut served_module = options.aboard.module(options.attitude, options.world.is_some())?;
+    let (mut served_module, flash) = options.aboard.module(options.attitude, options.world.is_some())?;
     let mut wires: Vec<Vec<Box<dyn Wire>>> = Vec::new();
     let mut places = Vec::new();
     let mut next = options.tcp;
@@ -177,8 +178,7 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     } else {
         print_ports(&options.aboard, &places, world_number)?;
     }
-    let wiring =
-        Connections { wires, world, orders: Some(OrderInput::from_stdin()), flash: options.aboard.flash.clone() };
+    let wiring = Connections { wires, world, orders: Some(OrderInput::from_stdin()), flash };
     wiring.run(&mut served_module, options.aboard.speed, interruption.stop())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
@@ -209,12 +209,18 @@ fn print_ports(aboard: &ModuleOptions, places: &[PortAddress], world: Option<u16
     for (index, PortAddress { port, pty, tcp }) in places.iter().enumerate() {
         let pty = pty.display();
         print::print_line(format_args!("{}: {}", port.name, port.carries));
-        let is_console = index == serve::CONSOLE;
-        let with = if is_console { format!("picocom {pty}") } else { format!("cat {pty}") };
+        let with = match index {
+            serve::CONSOLE => format!("picocom {pty}"),
+            serve::AUTOPILOT => format!("mavproxy.py --master={pty}"),
+            _ => format!("cat {pty}"),
+        };
         print::print_line(format_args!("  {pty:<22}{with}"));
         if let Some(number) = tcp {
-            let with =
-                if is_console { format!("host-sim console --tcp {number}") } else { format!("nc 127.0.0.1 {number}") };
+            let with = match index {
+                serve::CONSOLE => format!("host-sim console --tcp {number}"),
+                serve::AUTOPILOT => format!("mavproxy.py --master=tcp:127.0.0.1:{number}"),
+                _ => format!("nc 127.0.0.1 {number}"),
+            };
             print::print_line(format_args!("  {:<22}{with}", format!("tcp 127.0.0.1:{number}")));
         }
     }
@@ -251,7 +257,7 @@ pub fn console(options: &Console) -> Result<ExitCode, Failure> {
 
 fn attach(mut module: impl Wire) -> Result<ExitCode, Failure> {
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
-    let mut terminal = open_terminal()?;
+    let mut terminal = open_terminal(None)?;
     while !interruption.stop().load(Ordering::SeqCst) && !terminal.has_ended() {
         module.write(&terminal.read(PIECE));
         terminal.write(&module.read(PIECE));
@@ -265,19 +271,22 @@ fn attach(mut module: impl Wire) -> Result<ExitCode, Failure> {
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
 
-fn open_terminal() -> Result<Terminal, Failure> {
+/// `orders` receives lines for the simulated pilot, of a private module.
+fn open_terminal(orders: Option<Sender<Vec<u8>>>) -> Result<Terminal, Failure> {
     if io::IsTerminal::is_terminal(&io::stdin()) {
-        print::print_error("Ctrl-] ends");
+        let pilot = if orders.is_some() { "; !ORDER is for the pilot: !land, !help" } else { "" };
+        print::print_error(format_args!("quit, Ctrl-D or Ctrl-] ends{pilot}"));
     }
-    Terminal::open().map_err(|error| Failure::with_code("no-terminal", error))
+    Terminal::open(orders).map_err(|error| Failure::with_code("no-terminal", error))
 }
 
 fn serve_alone(aboard: &ModuleOptions) -> Result<ExitCode, Failure> {
-    let mut served_module = aboard.module(AttitudeProvider::Own, false)?;
+    let (mut served_module, flash) = aboard.module(AttitudeProvider::Own, false)?;
     let mut wires: Vec<Vec<Box<dyn Wire>>> = PORTS.iter().map(|_| Vec::new()).collect();
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
-    wires[serve::CONSOLE].push(Box::new(open_terminal()?));
-    let wiring = Connections { wires, world: None, orders: None, flash: aboard.flash.clone() };
+    let (orders, order_lines) = mpsc::channel();
+    wires[serve::CONSOLE].push(Box::new(open_terminal(Some(orders))?));
+    let wiring = Connections { wires, world: None, orders: Some(OrderInput::from_channel(order_lines)), flash };
     wiring.run(&mut served_module, aboard.speed, interruption.stop())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }

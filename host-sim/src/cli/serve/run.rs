@@ -1,13 +1,12 @@
 //! Main loop of a served module.
 
-use std::io;
+use std::io::{self, IsTerminal as _};
 use std::net::UdpSocket;
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
 use std::thread;
 
-use host_sim::serve::ServedModule;
+use host_sim::serve::{PORTS, ServedModule};
 
 use super::flash_writer::FlashWriter;
 use super::pace::VirtualClock;
@@ -20,7 +19,7 @@ pub struct Connections {
     pub wires: Vec<Vec<Box<dyn Wire>>>,
     pub world: Option<UdpSocket>,
     pub orders: Option<OrderInput>,
-    pub flash: Option<PathBuf>,
+    pub flash: FlashWriter,
 }
 
 /// Largest number of datagrams read in one poll; the system's buffer drops the excess.
@@ -30,7 +29,6 @@ impl Connections {
     /// Runs until stopped, a wire has ended, or the reader has closed standard output.
     pub fn run(mut self, served_module: &mut ServedModule, speed: f64, stop: &AtomicBool) -> Result<(), Failure> {
         let mut pace = VirtualClock::new(speed);
-        let mut flash_writer = FlashWriter::new(self.flash.as_deref());
         let mut is_malformed_told = false;
         let has_ended = |wires: &[Vec<Box<dyn Wire>>]| wires.iter().flatten().any(|wire| wire.has_ended());
         while !stop.load(Ordering::SeqCst) && !has_ended(&self.wires) && !print::poll_output_closed() {
@@ -39,6 +37,9 @@ impl Connections {
                     // A faster sender waits, as on a real line.
                     let bytes = wire.read(served_module.free_bytes(port).min(PIECE));
                     served_module.send(port, &bytes);
+                    for notice in wire.take_notices() {
+                        print::print_error(format_args!("{}: {notice}", PORTS[port].name));
+                    }
                 }
             }
             if let Some(world) = &self.world {
@@ -57,10 +58,10 @@ impl Connections {
             if let Some(complaint) = pace.take_warning() {
                 print::print_error(format_args!("{complaint}\r"));
             }
-            flash_writer.look(served_module, false)?;
+            self.flash.look(served_module, false)?;
             thread::sleep(LOOK);
         }
-        flash_writer.look(served_module, true)
+        self.flash.look(served_module, true)
     }
 }
 
@@ -96,6 +97,11 @@ impl OrderInput {
         Self { input: read_in_thread(io::stdin()), line: Vec::new() }
     }
 
+    /// Orders from the console of a private module.
+    pub const fn from_channel(input: Receiver<Vec<u8>>) -> Self {
+        Self { input, line: Vec::new() }
+    }
+
     fn execute_orders(&mut self, served_module: &mut ServedModule) {
         while let Ok(bytes) = self.input.try_recv() {
             for byte in bytes {
@@ -114,9 +120,10 @@ fn answer(served_module: &mut ServedModule, line: &[u8]) {
     if line.len() > LONGEST_LINE {
         print::print_line("error line-too-long: an order has at most 256 characters");
     } else if !line.trim().is_empty() {
-        match served_module.execute_line(&line) {
-            Ok(answer) => print::print_line(&answer),
-            Err(error) => print::print_line(format_args!("error {}: {error}", error.code())),
-        }
+        let answer =
+            served_module.execute_line(&line).unwrap_or_else(|error| format!("error {}: {error}", error.code()));
+        // A raw terminal, of a private console, needs the carriage return.
+        let end = if io::stdin().is_terminal() { "\r\n" } else { "\n" };
+        print::print_text(&format!("{}{end}", answer.replace('\n', end)));
     }
 }

@@ -7,7 +7,7 @@ use std::net::{Ipv4Addr, TcpListener, TcpStream};
 use std::os::fd::AsFd;
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{self, Receiver, TryRecvError};
+use std::sync::mpsc::{self, Receiver, Sender, TryRecvError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -30,6 +30,11 @@ pub trait Wire {
 
     /// Sends bytes; they are lost if nobody receives.
     fn write(&mut self, bytes: &[u8]);
+
+    /// Programs that attached or left since the last call, as texts.
+    fn take_notices(&mut self) -> Vec<String> {
+        Vec::new()
+    }
 
     /// Whether the connection is closed for good.
     fn has_ended(&self) -> bool {
@@ -92,6 +97,7 @@ fn is_passing(error: &io::Error) -> bool {
 /// A pseudo-terminal, closed when dropped.
 pub struct Pty {
     master: BufferedStream<File>,
+    is_attached: bool,
     pub path: PathBuf,
 }
 
@@ -104,7 +110,7 @@ impl Pty {
         rustix::io::ioctl_fionbio(&ours, true)?;
         // Opened and closed once: before that, an absent far end is not reported.
         make_raw(&open_serial(&path)?)?;
-        Ok(Self { master: BufferedStream::new(File::from(ours)), path })
+        Ok(Self { master: BufferedStream::new(File::from(ours)), is_attached: false, path })
     }
 }
 
@@ -115,6 +121,13 @@ impl Wire for Pty {
 
     fn write(&mut self, bytes: &[u8]) {
         self.master.write(bytes);
+    }
+
+    fn take_notices(&mut self) -> Vec<String> {
+        let is_attached = !self.master.is_disconnected;
+        let has_changed = std::mem::replace(&mut self.is_attached, is_attached) != is_attached;
+        let change = if is_attached { "attached to" } else { "detached from" };
+        has_changed.then(|| format!("a program {change} {}", self.path.display())).into_iter().collect()
     }
 }
 
@@ -136,6 +149,7 @@ fn make_raw(terminal: impl AsFd) -> io::Result<Termios> {
 pub struct TcpPort {
     listener: TcpListener,
     clients: Vec<BufferedStream<TcpStream>>,
+    notices: Vec<String>,
     pub port: u16,
 }
 
@@ -147,16 +161,25 @@ impl TcpPort {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port))?;
         listener.set_nonblocking(true)?;
         let port = listener.local_addr()?.port();
-        Ok(Self { listener, clients: Vec::new(), port })
+        Ok(Self { listener, clients: Vec::new(), notices: Vec::new(), port })
     }
 
     fn accept(&mut self) {
-        while let Ok((client, _)) = self.listener.accept() {
+        while let Ok((client, from)) = self.listener.accept() {
             if self.clients.len() < CLIENTS && client.set_nonblocking(true).is_ok() {
                 // Failure only adds delay.
                 let _ = client.set_nodelay(true);
                 self.clients.push(BufferedStream::new(client));
+                self.notices.push(format!("{from} attached to TCP port {}", self.port));
             }
+        }
+    }
+
+    fn drop_disconnected(&mut self) {
+        let before = self.clients.len();
+        self.clients.retain(|client| !client.is_disconnected);
+        for _ in self.clients.len()..before {
+            self.notices.push(format!("a program detached from TCP port {}", self.port));
         }
     }
 }
@@ -168,13 +191,17 @@ impl Wire for TcpPort {
         for client in &mut self.clients {
             bytes.extend(client.read(most - bytes.len()));
         }
-        self.clients.retain(|client| !client.is_disconnected);
+        self.drop_disconnected();
         bytes
     }
 
     fn write(&mut self, bytes: &[u8]) {
         self.clients.iter_mut().for_each(|client| client.write(bytes));
-        self.clients.retain(|client| !client.is_disconnected);
+        self.drop_disconnected();
+    }
+
+    fn take_notices(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.notices)
     }
 }
 
@@ -209,6 +236,18 @@ impl<S: Read + Write> Wire for Connection<S> {
 /// Ctrl-], as in telnet.
 const LEAVE: u8 = 0x1D;
 
+/// Ctrl-D, which ends the session on an empty line.
+const END: u8 = 0x04;
+
+/// Ctrl-U, which clears the line.
+const CANCEL: u8 = 0x15;
+
+/// First character of a line for the simulated pilot.
+const ORDER: u8 = b'!';
+
+/// Longest line whose text is known, bytes; a longer one is no `quit`.
+const LONGEST_LINE: usize = 256;
+
 /// Pause in the answers after the last piped input that ends the session.
 const PAUSE: Duration = Duration::from_secs(1);
 
@@ -216,6 +255,10 @@ const PAUSE: Duration = Duration::from_secs(1);
 pub struct Terminal {
     input: Receiver<Vec<u8>>,
     pending: VecDeque<u8>,
+    /// The line being typed.
+    line: Vec<u8>,
+    /// Pilot of a private module.
+    orders: Option<Sender<Vec<u8>>>,
     is_closed: bool,
     /// Time of the last output after the end of the input.
     last_activity: Option<Instant>,
@@ -223,17 +266,69 @@ pub struct Terminal {
 }
 
 impl Terminal {
-    /// Switches the terminal to raw mode until dropped.
-    pub fn open() -> io::Result<Self> {
+    /// Switches the terminal to raw mode until dropped. `orders` receives lines for the simulated pilot.
+    pub fn open(orders: Option<Sender<Vec<u8>>>) -> io::Result<Self> {
         let stdin = io::stdin();
         let before = if stdin.is_terminal() { Some(make_raw(&stdin)?) } else { None };
         Ok(Self {
             input: read_in_thread(stdin),
             pending: VecDeque::new(),
+            line: Vec::new(),
+            orders,
             is_closed: false,
             last_activity: None,
             saved_settings: before,
         })
+    }
+
+    /// Handles a typed byte; returns whether the module receives it.
+    fn is_for_module(&mut self, byte: u8) -> bool {
+        let is_typed_by_a_person = self.saved_settings.is_some();
+        let is_order = self.orders.is_some() && self.line.first().unwrap_or(&byte) == &ORDER;
+        match byte {
+            LEAVE if is_typed_by_a_person => self.is_closed = true,
+            END if is_typed_by_a_person && self.line.is_empty() => self.is_closed = true,
+            b'\r' | b'\n' => {
+                let line = std::mem::take(&mut self.line);
+                if is_order && !line.is_empty() {
+                    self.send_order(&line);
+                    return false;
+                }
+                if [&b"quit"[..], b"exit"].contains(&line.trim_ascii()) {
+                    self.leave();
+                }
+            }
+            CANCEL if !is_order => self.line.clear(),
+            0x08 | 0x7F => {
+                self.line.pop();
+                if is_order {
+                    print::print_text("\x08 \x08");
+                }
+            }
+            _ if self.line.len() <= LONGEST_LINE => self.line.push(byte),
+            _ => {}
+        }
+        if is_order && self.saved_settings.is_some() && byte >= b' ' && byte != 0x7F {
+            print::print_bytes(&[byte]);
+        }
+        !is_order && !self.is_closed
+    }
+
+    fn send_order(&self, line: &[u8]) {
+        if self.saved_settings.is_some() {
+            print::print_text("\r\n");
+        }
+        if let Some(orders) = &self.orders {
+            // The receiver lives as long as the session.
+            let _ = orders.send([&line[1..], b"\n"].concat());
+        }
+    }
+
+    /// Ends the session: at once at a terminal, else as the end of the input does.
+    fn leave(&mut self) {
+        self.is_closed |= self.saved_settings.is_some();
+        self.pending.clear();
+        self.last_activity.get_or_insert_with(Instant::now);
     }
 
     fn listen(&mut self) {
@@ -254,9 +349,13 @@ impl Wire for Terminal {
     fn read(&mut self, most: usize) -> Vec<u8> {
         self.listen();
         let bytes: Vec<u8> = self.pending.drain(..most.min(self.pending.len())).collect();
-        let is_typed_by_a_person = self.saved_settings.is_some();
-        self.is_closed |= is_typed_by_a_person && bytes.contains(&LEAVE);
-        bytes
+        let mut sent = Vec::new();
+        for byte in bytes {
+            if self.is_for_module(byte) {
+                sent.push(byte);
+            }
+        }
+        sent
     }
 
     fn write(&mut self, bytes: &[u8]) {

@@ -119,16 +119,17 @@ impl TableReader {
         Ok(())
     }
 
-    /// Converts a time of the table to flight time, seconds.
+    /// Time of a row, seconds: that of the table until a restart.
     fn at(&mut self, t_s: f64) -> Option<f64> {
         let since_s = t_s - self.median_time_s;
         if since_s.abs() >= MAX_S {
             self.recorder.flight.counts.bad_times += 1;
             None
         } else if self.is_unordered {
-            Some(since_s)
+            Some(t_s)
         } else {
-            self.recorder.timeline.flight_time_s((since_s * 1e6 + ZERO_US).round() as u64)
+            let placed_s = self.recorder.timeline.flight_time_s((since_s * 1e6 + ZERO_US).round() as u64)?;
+            Some(placed_s - ZERO_US * 1e-6 + self.median_time_s)
         }
     }
 

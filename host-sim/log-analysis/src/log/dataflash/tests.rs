@@ -134,7 +134,7 @@ fn rows_without_time_get_the_time_of_the_previous_row() {
         .iter()
         .map(|row| ((row.t_s * 1e3).round() as i32, row.values[0] as i32))
         .collect();
-    assert_eq!(rows, [(0, 20), (100, 40)]);
+    assert_eq!(rows, [(5000, 20), (5100, 40)]);
     assert_eq!((flight.attitude.rows().len(), flight.rows_without_time), (1, 4));
     let flight = read_messages(&[("MAG", &mag(100.0)), ("ATT", &attitude)]);
     assert!(flight.compasses.is_empty() && flight.rows_without_time == 1);

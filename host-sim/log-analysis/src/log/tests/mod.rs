@@ -154,7 +154,7 @@ fn autopilot_firmware_and_armed_state_are_read() {
     );
     assert_eq!(bin.compasses[0].is_used.zip(bin.compasses[1].is_used), Some((true, false)));
     assert_eq!([&bin, &link, &px4, &table].map(|flight| flight.day.is_some()), [true, true, true, false]);
-    assert_eq!((link.is_armed(5.0), table.is_armed(5.0), bin.is_armed(5.0)), (Some(true), Some(true), None));
+    assert_eq!((link.is_armed(45.0), table.is_armed(45.0), bin.is_armed(45.0)), (Some(true), Some(true), None));
 }
 
 #[test]

@@ -113,7 +113,8 @@ impl<'a> Verdict<'a> {
     pub fn log_description(&self, name: &str) -> String {
         let [from_s, to_s] = self.flight.time_range_s();
         let firmware = self.flight.firmware.as_deref().unwrap_or("firmware not named");
-        format!("{name}: {}, {firmware}, {} s", self.flight.format.name(), format_number(to_s - from_s, 0))
+        let [duration_s, from_s, to_s] = [to_s - from_s, from_s, to_s].map(|s| format_number(s, 0));
+        format!("{name}: {}, {firmware}, {duration_s} s: {from_s} to {to_s} s of its clock", self.flight.format.name())
     }
 
     /// RMS less mean against the reference by correction and compass, degrees; corrections without any are omitted.

@@ -6,16 +6,10 @@ use serde::Serialize;
 
 use crate::replay::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg};
 use crate::replay::note::Note;
-use crate::replay::parameter_choice::NoParameters;
+use crate::replay::parameter_choice::{BAD_DEG, GOOD_DEG, NoParameters};
 use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
 use crate::replay::row_headings::score;
 use crate::replay::{ReferenceHeading, ReplayRow};
-
-/// Largest error as logged of a good compass, degrees RMS.
-const GOOD_DEG: f64 = 2.0;
-
-/// Error as logged, degrees RMS, or effect of a change of hard iron, degrees, beyond which a compass is bad.
-const BAD_DEG: f64 = 5.0;
 
 /// Sectors of 30 deg of heading, with at least this many rows (half a second), that a flight must cover to judge a compass: errors
 /// are less their mean, which on few headings is all of them.
@@ -218,7 +212,12 @@ impl fmt::Display for Judgement {
                     "with these parameters its field is consistent to {rms_deg:.1} deg, as logged to \
                      {as_logged_rms_deg:.1}"
                 ),
-                Reason::Parameters(held_back) => format!("with these parameters {:.1}", held_back.rms_deg),
+                Reason::Parameters(HeldBackScore { rms_deg, .. }) if *rms_deg > GOOD_DEG => {
+                    format!(
+                        "with these parameters {rms_deg:.1}, part of it what the autopilot's parameters cannot express"
+                    )
+                }
+                Reason::Parameters(HeldBackScore { rms_deg, .. }) => format!("with these parameters {rms_deg:.1}"),
                 Reason::NoParameters(_) if self.state == CompassState::Good => continue,
                 Reason::NoParameters(why) => why.to_string(),
             };

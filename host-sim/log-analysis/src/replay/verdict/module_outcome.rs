@@ -22,7 +22,7 @@ pub enum FlightOutcome {
         numbers: Vec<u8>,
         /// Number of all compasses.
         of: usize,
-        /// First and last calibration without a command, seconds into the flight; none if one required a command.
+        /// First and last calibration without a command, seconds on the log's clock; none if one required a command.
         at_s: Option<[f64; 2]>,
         /// Largest expected error, degrees RMS.
         expected_deg: f64,
@@ -63,7 +63,7 @@ pub enum FlightRefusal {
 /// Whether and when the module would have calibrated a compass; displayed as a phrase.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CompassOutcome {
-    /// Calibrated without a command after this time in flight, seconds.
+    /// Calibrated without a command at this time of the log, seconds.
     Automatic(f64),
     /// Calibrated by a command at the end.
     Commanded,
@@ -131,7 +131,7 @@ impl CompassOutcome {
     pub(super) fn new(compass: &CompassEvaluation) -> Self {
         match (&compass.module.accepted, compass.calibrated_s()) {
             (Err(refusal), _) => Self::Refused(refusal.clone()),
-            (Ok(()), Some(after_s)) => Self::Automatic(after_s),
+            (Ok(()), Some(at_s)) => Self::Automatic(at_s),
             (Ok(()), None) => Self::Commanded,
         }
     }
@@ -157,8 +157,8 @@ impl fmt::Display for FlightOutcome {
                     }
                 }
                 match at_s {
-                    Some([first, last]) if last - first < 1.5 => write!(f, " by itself, {first:.0} s into the flight"),
-                    Some([first, last]) => write!(f, " by itself, {first:.0} to {last:.0} s into the flight"),
+                    Some([first, last]) if last - first < 1.5 => write!(f, " by itself at {first:.0} s of the log"),
+                    Some([first, last]) => write!(f, " by themselves at {first:.0} to {last:.0} s of the log"),
                     None => f.write_str(" by a command at the end of the flight"),
                 }?;
                 write!(f, ", expecting {expected_deg:.1} deg{}", slow_after("but "))
@@ -205,8 +205,8 @@ impl fmt::Display for FlightRefusal {
 impl fmt::Display for CompassOutcome {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Automatic(after_s) => {
-                write!(f, "would have calibrated itself after {} s", format_number(*after_s, 0))
+            Self::Automatic(at_s) => {
+                write!(f, "would have calibrated itself at {} s of the log", format_number(*at_s, 0))
             }
             Self::Commanded => f.write_str("would have calibrated by a command at the end"),
             Self::Refused(refusal) => write!(f, "would have been refused: {}: {refusal}", refusal.code()),

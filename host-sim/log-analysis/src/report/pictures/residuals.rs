@@ -29,7 +29,7 @@ pub fn residuals_picture(compass_report: &CompassReport, word: &str) -> Option<P
     .into_iter()
     .filter(|(_, quantity)| compass_report.samples.iter().any(|moment| quantity(moment).is_some_and(f64::is_finite)))
     .collect();
-    let x = Axis::seconds(compass_report.samples.last()?.at_s);
+    let x = Axis::seconds(compass_report.samples.first()?.at_s, compass_report.samples.last()?.at_s);
     if panels.is_empty() {
         return None;
     }
@@ -62,12 +62,12 @@ pub fn residuals_picture(compass_report: &CompassReport, word: &str) -> Option<P
             }
         }
         for mark in &compass_report.marks {
-            let across = frame.x_position(mark.at_s.clamp(0.0, x.range[1]));
+            let across = frame.x_position(mark.at_s.clamp(x.range[0], x.range[1]));
             svg.line("moment", [across, at[1]], [across, frame.bottom()]);
         }
     }
     for (i, mark) in compass_report.marks.iter().take(3).enumerate() {
-        let across = LEFT + WIDTH * (mark.at_s / x.range[1]).clamp(0.0, 1.0);
+        let across = LEFT + WIDTH * ((mark.at_s - x.range[0]) / (x.range[1] - x.range[0])).clamp(0.0, 1.0);
         let class = if across > LEFT + WIDTH / 2.0 { "name end" } else { "name" };
         let y = top - 6.0 - 15.0 * (rows - 1.0 - i as f64);
         svg.text(class, [across, y], &mark.name);
@@ -102,7 +102,8 @@ fn columns(moments: &[ReportSample]) -> usize {
 }
 
 fn column(frame: &PlotFrame, columns: usize, at_s: f64) -> usize {
-    ((at_s / frame.x.range[1] * columns as f64) as usize).min(columns - 1)
+    let [from_s, to_s] = frame.x.range;
+    (((at_s - from_s) / (to_s - from_s) * columns as f64) as usize).min(columns - 1)
 }
 
 /// Extremes or mean of each column as a line, interrupted at gaps.
@@ -120,7 +121,7 @@ fn line(
             cell.push([moment.at_s, value]);
         }
     }
-    let gap_s = GAP_S.max(GAP_COLUMNS * frame.x.range[1] / number as f64);
+    let gap_s = GAP_S.max(GAP_COLUMNS * (frame.x.range[1] - frame.x.range[0]) / number as f64);
     let mut points = Vec::new();
     let mut last_s = None;
     for cell in each {
@@ -208,8 +209,12 @@ mod tests {
     #[test]
     fn a_gap_breaks_the_line_and_no_samples_give_no_picture() {
         let mut compass_report = flight(400, 0.1);
-        let frame =
-            PlotFrame { x: Axis::seconds(139.9), y: Axis::symmetric_deg(3.0), origin: [0.0; 2], size: [500.0, 100.0] };
+        let frame = PlotFrame {
+            x: Axis::seconds(0.0, 139.9),
+            y: Axis::symmetric_deg(3.0),
+            origin: [0.0; 2],
+            size: [500.0, 100.0],
+        };
         let gaps = |compass_report: &CompassReport| {
             line(&frame, &compass_report.samples, &|moment: &ReportSample| moment.norm_residual_percent, false)
                 .iter()
