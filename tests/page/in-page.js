@@ -69,8 +69,8 @@
   window.looked = () => [...overflows(), ...new Set(pictures())];
 
   const candidates = () =>
-    [...document.querySelectorAll("a[href], button, summary, [tabindex='0']")].filter(
-      (element) => !element.hidden && (element.closest("details:not([open])") === null || element.tagName === "SUMMARY"),
+    [...document.querySelectorAll("a[href], button, input, select, summary, [tabindex='0']")].filter(
+      (element) => element.closest("[hidden]") === null && (element.closest("details:not([open])") === null || element.tagName === "SUMMARY"),
     );
   window.usable = () => candidates().length;
   window.focused = () => {
