@@ -48,13 +48,18 @@ async function compare({ page, say }, expected, what) {
 // Drops a file by the events of a mouse; the page's file dialog is used otherwise.
 async function drop(page, log) {
   const bytes = fs.readFileSync(log).toString("base64");
-  await page.evaluate(([name, base64]) => {
+  const transfer = await page.evaluateHandle(([name, base64]) => {
     const transfer = new DataTransfer();
     transfer.items.add(new File([Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0))], name));
+    return transfer;
+  }, [path.basename(log), bytes]);
+  await page.waitForTimeout(100);
+  await page.evaluate((transfer) => {
+    window.longest = 0;
     for (const type of ["dragover", "drop"]) {
       document.body.dispatchEvent(new DragEvent(type, { dataTransfer: transfer, bubbles: true, cancelable: true }));
     }
-  }, [path.basename(log), bytes]);
+  }, transfer);
 }
 
 const choose = (page, log) => page.setInputFiles("#file", log);

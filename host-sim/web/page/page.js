@@ -108,7 +108,7 @@ async function show() {
   report.removeAttribute("aria-busy");
   for (const id of ["choices", "downloads"]) $(id).hidden = false;
   $("save-parameters").hidden = judged.parameters === null;
-  say(judged.sentences.join(" "), null);
+  say("Judged.", null);
 }
 
 function save(name, type, text) {

@@ -4,8 +4,8 @@
 use std::cell::RefCell;
 use std::io::{self, Read};
 
-use serde::de::DeserializeOwned;
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 use serde_json::json;
 
 use crate::loaded_log::LoadedLog;

@@ -53,8 +53,6 @@ pub struct JudgedLog {
     pub page: String,
     /// The verdict as `host-sim replay --json` prints it.
     pub json: String,
-    /// Verdict on each compass, in sentences.
-    pub sentences: Vec<String>,
     /// Name and text of the parameter file.
     pub parameters: Option<[String; 2]>,
 }
@@ -109,11 +107,11 @@ impl LoadedLog {
         let exported = verdict.parameters();
         let parameters = (!exported.is_empty())
             .then(|| [format.file_name().to_owned(), format_parameter_file(flight, &exported, format)]);
-        let origin = ReportOrigin { settings: settings(choices), parameters: parameters.clone(), ..ReportOrigin::default() };
+        let origin =
+            ReportOrigin { settings: settings(choices), parameters: parameters.clone(), ..ReportOrigin::default() };
         Ok(JudgedLog {
             page: report::page(&report::report_replay(&verdict, name, &origin)),
             json: verdict.json().to_string(),
-            sentences: verdict.sentences(),
             parameters,
         })
     }
@@ -127,4 +125,45 @@ fn settings(choices: &Choices) -> Vec<[String; 2]> {
         ("to", choices.to_s.map(|s| format!("{s} s"))),
     ];
     given.into_iter().filter_map(|(name, value)| Some([name.to_owned(), value?])).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CHOICES: &str = r#"{ "samples": "all", "compass": 1, "from_s": 30, "to_s": null }"#;
+
+    fn loaded() -> LoadedLog {
+        let request = serde_json::from_str(r#"{ "name": "flight.csv", "unit": "mg" }"#).unwrap();
+        LoadedLog::read(&mut include_bytes!("../../data/flight.csv").as_slice(), request).unwrap()
+    }
+
+    #[test]
+    fn choices_of_the_page_are_used_and_stated_in_the_report() {
+        let log = loaded();
+        let LogSummary { compasses, range_s: [from_s, to_s], is_table } = log.summary();
+        assert!(compasses == [1] && from_s < 30.0 && to_s > 199.0 && is_table, "{from_s} to {to_s} s");
+        let all = Choices { samples: RowSelection::Flight, compass: None, from_s: None, to_s: None };
+        let [all, chosen] = [all, serde_json::from_str(CHOICES).unwrap()].map(|choices| log.judge(&choices).unwrap());
+        let used = |judged: &JudgedLog| {
+            let json: serde_json::Value = serde_json::from_str(&judged.json).unwrap();
+            [&json["compasses"][0]["rows"]["used"], &json["compasses"][0]["rows"]["fitted"]]
+                .map(|n| n.as_u64().unwrap())
+        };
+        let [[rows, kept], [later_rows, later_kept]] = [used(&all), used(&chosen)];
+        assert!(later_rows < rows && later_kept != kept, "{rows} rows, {kept} kept; {later_rows}, {later_kept}");
+        for setting in ["<dt>samples</dt><dd>all</dd>", "<dt>compass</dt><dd>1</dd>", "<dt>from</dt><dd>30 s</dd>"] {
+            assert!(chosen.page.contains(setting), "{setting}");
+        }
+        assert!(!chosen.page.contains("<dt>to</dt>") && !chosen.page.contains("<dt>command</dt>"));
+    }
+
+    #[test]
+    fn a_log_that_cannot_be_judged_is_an_error_in_words() {
+        let request: LogRequest = serde_json::from_str(r#"{ "name": "letter", "unit": "ut" }"#).unwrap();
+        let error = LoadedLog::read(&mut b"Dear reader".as_slice(), request).unwrap_err();
+        assert!(error.starts_with("not a known log"), "{error}");
+        let missing = Choices { compass: Some(8), ..serde_json::from_str(CHOICES).unwrap() };
+        assert_eq!(loaded().judge(&missing).unwrap_err(), "the log has no compass of this number");
+    }
 }
