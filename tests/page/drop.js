@@ -123,14 +123,16 @@ async function keyboardReaches({ page, say }) {
   if (new Set(reached).size !== all + 1 || !inOrder) say(`Tab reaches ${reached} of ${all}`);
 }
 
+const withoutPolicy = (source) => source.replace(/<meta http-equiv="Content-Security-Policy"[^>]*>/, "");
+
 // A page that asks for something is found out, with its policy and without it, whether the page or its worker asks.
 async function findsRequests(browser, file, connections) {
   const text = fs.readFileSync(file, "utf8");
   const ask = 'fetch("http://192.0.2.1/").catch(() => 0);\n';
-  const withoutPolicy = text.replace(/<meta http-equiv="Content-Security-Policy"[^>]*>/, "");
+  const bare = withoutPolicy(text);
   const fromPage = (source) => source.replace("startWorker();\n</script>", `startWorker();\n${ask}</script>`);
   const fromWorker = (source) => source.replace("let loading;\n", `let loading;\n${ask}`);
-  const changed = { fromPage: fromPage(text), openPage: fromPage(withoutPolicy), openWorker: fromWorker(withoutPolicy) };
+  const changed = { fromPage: fromPage(text), openPage: fromPage(bare), openWorker: fromWorker(bare) };
   for (const [name, source] of Object.entries(changed)) {
     const copy = path.join(work, `${name}.html`);
     fs.writeFileSync(copy, source);
@@ -156,7 +158,9 @@ async function main([file, ...logs]) {
     socket.once("data", (request) => (counted(request), socket.destroy())).on("error", () => socket.destroy());
   });
   const browser = await launched([`--proxy-server=127.0.0.1:${await listening(proxy)}`]);
-  const server = http.createServer((_, answer) => answer.setHeader("content-type", "text/html").end(fs.readFileSync(file)));
+  // Served without its policy, which would keep back what a worker asks for, so that the proxy sees it.
+  const bare = withoutPolicy(fs.readFileSync(file, "utf8"));
+  const server = http.createServer((_, answer) => answer.setHeader("content-type", "text/html").end(bare));
   const served = `http://127.0.0.1:${await listening(server)}/`;
   const start = async (url, viewport, scheme) => {
     const look = await opened(browser, url, viewport, scheme, `${path.basename(file)} at ${viewport.width} px, ${scheme}`);
