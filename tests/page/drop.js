@@ -90,11 +90,15 @@ async function choosesAgain(look, log) {
   await page.selectOption("select[name=compass]", compass);
   await page.selectOption("select[name=samples]", "all");
   await page.fill("input[name=from_s]", `${from}`);
+  const isTable = await page.locator("select[name=unit]").isVisible();
+  if (isTable) await page.selectOption("select[name=unit]", "ut");
+  await page.focus("input[name=from_s]");
   const before = await page.locator("#report section").first().elementHandle();
   await page.keyboard.press("Enter");
   await page.waitForFunction((element) => !element.isConnected, before, WAIT);
   await ends(page);
-  await compare(look, byCommand(log, "--compass", compass, "--samples", "all", "--from", `${from}`), `${log} with choices`);
+  const options = ["--compass", compass, "--samples", "all", "--from", `${from}`, ...(isTable ? ["--unit", "ut"] : [])];
+  await compare(look, byCommand(log, ...options), `${log} with choices`);
 }
 
 async function refuses({ page, say }) {
@@ -196,6 +200,7 @@ async function main([file, ...logs]) {
   await judge(phone, logs[0], drop);
   await looksRight(phone);
   await shot(phone, "phone");
+  await choosesAgain(phone, logs[0]);
   await phone.context.close();
 
   if (connections > 0) wrong.push(`${connections} connections were tried`);
