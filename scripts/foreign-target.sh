@@ -33,3 +33,26 @@ On Debian:  apt-get install cargo-web rustc-web rust-web-src" >&2
         return 1
     fi
 }
+
+# find_lld NAME: rust-lld of a rustup toolchain, else the linker NAME.
+find_lld() {
+    local lld
+    if command -v rustc >/dev/null; then
+        for lld in "$(rustc --print sysroot)"/lib/rustlib/*/bin/rust-lld; do
+            [ -x "$lld" ] && { echo "$lld"; return; }
+        done
+    fi
+    for lld in "$1" rust-lld; do command -v "$lld" && return; done
+    echo "no linker: neither rust-lld nor $1 is installed" >&2
+    return 1
+}
+
+# Messages of panics name source files. Without the places where cargo and the compiler keep them on this computer the
+# program is smaller and the same on every computer.
+flags_without_places() {
+    local sources
+    for sources in "${CARGO_HOME:-$HOME/.cargo}"/registry/src/*/ /usr/lib/rustlib/src/rust/library/; do
+        [ -d "$sources" ] && printf ' --remap-path-prefix=%s=' "$sources"
+    done
+    return 0
+}

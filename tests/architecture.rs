@@ -14,7 +14,8 @@ use syn::{Item, UseTree};
 type Names = Vec<String>;
 
 /// Source folders of the library and of the host's crates.
-const SOURCES: [&str; 4] = ["src", "host-sim/log-analysis/src", "host-sim/simulator/src", "host-sim/src"];
+const SOURCES: [&str; 5] =
+    ["src", "host-sim/log-analysis/src", "host-sim/simulator/src", "host-sim/web/src", "host-sim/src"];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")

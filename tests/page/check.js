@@ -2,32 +2,12 @@
 // fails if there are any. Arguments: pages. Environment: PAGE_MODULES (directory of node_modules), PAGE_SHOTS (screenshot
 // directory), CHROMIUM (browser).
 "use strict";
-const fs = require("node:fs");
 const path = require("node:path");
-const { createRequire } = require("node:module");
 const { pathToFileURL } = require("node:url");
-
-const installed = createRequire(path.join(process.env.PAGE_MODULES, "package.json"));
-const { chromium } = installed("playwright-core");
-const axe = fs.readFileSync(installed.resolve("axe-core/axe.min.js"), "utf8");
-const inPage = fs.readFileSync(path.join(__dirname, "in-page.js"), "utf8");
+const { failed, inPage, launched, looksRight, opened, reported, wrong } = require("./browser.js");
 
 const WIDTHS = [320, 768, 1440];
 const SCHEMES = ["light", "dark"];
-const wrong = [];
-
-async function opened(browser, file, width, colorScheme) {
-  const context = await browser.newContext({ viewport: { width, height: 900 }, colorScheme });
-  const page = await context.newPage();
-  const where = `${path.basename(file)} at ${width} px, ${colorScheme}`;
-  const say = (what) => wrong.push(`${where}: ${what}`);
-  page.on("console", (message) => ["error", "warning"].includes(message.type()) && say(`console: ${message.text()}`));
-  page.on("pageerror", (error) => say(`script: ${error.message}`));
-  const url = pathToFileURL(path.resolve(file)).href;
-  page.on("request", (request) => request.url() !== url && say(`asks for ${request.url()}`));
-  await page.goto(url);
-  return { context, page, say };
-}
 
 // Folded, the page is short, and the first screen has the parameters.
 const MOST_SCREENS = 5;
@@ -43,14 +23,6 @@ async function isShort({ page, say }) {
 
 const unfold = ({ page }, isOpen) =>
   page.evaluate((open) => document.querySelectorAll("details").forEach((part) => (part.open = open)), isOpen);
-
-async function looksRight({ page, say }) {
-  await page.evaluate(inPage);
-  for (const what of await page.evaluate(() => window.looked())) say(what);
-  await page.evaluate(axe);
-  const { violations } = await page.evaluate(() => window.axe.run(document));
-  for (const { id, nodes } of violations) say(`axe: ${id}: ${nodes.slice(0, 3).map((node) => node.target).join(", ")}`);
-}
 
 // Tab reaches all controls in page order with a visible focus.
 async function keyboardReaches({ page, say }) {
@@ -94,13 +66,13 @@ async function prints({ page, say }) {
 }
 
 async function main(files) {
-  const args = process.getuid() === 0 ? ["--no-sandbox"] : [];
-  const browser = await chromium.launch({ executablePath: process.env.CHROMIUM, args });
+  const browser = await launched();
   let copied = 0;
   for (const file of files) {
     for (const width of WIDTHS) {
       for (const scheme of SCHEMES) {
-        const look = await opened(browser, file, width, scheme);
+        const where = `${path.basename(file)} at ${width} px, ${scheme}`;
+        const look = await opened(browser, pathToFileURL(path.resolve(file)).href, { width, height: 900 }, scheme, where);
         await isShort(look);
         await unfold(look, true);
         await looksRight(look);
@@ -117,12 +89,7 @@ async function main(files) {
   }
   await browser.close();
   if (copied === 0) wrong.push("no page had anything to copy");
-  for (const what of wrong) console.error(`page: ${what}`);
-  if (wrong.length) process.exit(1);
-  console.log(`page: ${files.length} pages, ${WIDTHS.length} widths, ${SCHEMES.length} schemes: all right`);
+  reported(`${files.length} pages, ${WIDTHS.length} widths, ${SCHEMES.length} schemes: all right`);
 }
 
-main(process.argv.slice(2)).catch((error) => {
-  for (const what of [...wrong, error.message]) console.error(`page: ${what}`);
-  process.exit(1);
-});
+main(process.argv.slice(2)).catch(failed);

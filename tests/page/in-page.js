@@ -69,8 +69,10 @@
   window.looked = () => [...overflows(), ...new Set(pictures())];
 
   const candidates = () =>
-    [...document.querySelectorAll("a[href], button, summary, [tabindex='0']")].filter(
-      (element) => !element.hidden && (element.tagName === "SUMMARY" ? element.parentElement.parentElement : element).closest("details:not([open])") === null,
+    [...document.querySelectorAll("a[href], button, input, select, summary, [tabindex='0']")].filter(
+      (element) =>
+        element.closest("[hidden]") === null &&
+        (element.tagName === "SUMMARY" ? element.parentElement.parentElement : element).closest("details:not([open])") === null,
     );
   window.usable = () => candidates().length;
   window.focused = () => {

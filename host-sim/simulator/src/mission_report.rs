@@ -34,7 +34,7 @@ pub fn report_mission(mission_result: &MissionResult, made: &ReportOrigin) -> Re
         terminal_output: Some(["Console session".to_owned(), strip_control_sequences(&mission_result.transcript)]),
         origin: [
             ["command".to_owned(), made.command.clone()],
-            ["made by".to_owned(), format!("host-sim {}", env!("CARGO_PKG_VERSION"))],
+            ["made by".to_owned(), format!("Autoswing {}", env!("CARGO_PKG_VERSION"))],
             ["flight".to_owned(), format!("simulated, {} s, seed {seed}", format_number(mission_result.duration_s, 0))],
         ]
         .into_iter()

@@ -22,8 +22,11 @@ use super::print::{self, append_wrapped, command_line, content_table, right_alig
 use super::progress::waiting;
 use super::range::{integer, number, one_of};
 
-const SAMPLES: &[(&str, RowSelection)] =
-    &[("all", RowSelection::All), ("turns", RowSelection::Turns), ("flight", RowSelection::Flight)];
+const SAMPLES: &[(&str, RowSelection)] = &[
+    (RowSelection::All.name(), RowSelection::All),
+    (RowSelection::Turns.name(), RowSelection::Turns),
+    (RowSelection::Flight.name(), RowSelection::Flight),
+];
 
 const PARAMETER_FORMATS: &[(&str, ParameterFormat)] =
     &[("ardupilot", ParameterFormat::ArduPilot), ("px4", ParameterFormat::Px4), ("inav", ParameterFormat::Inav)];
@@ -187,10 +190,7 @@ pub fn run(file: &Path, options: &Replay) -> Result<ExitCode, Failure> {
             command: command_line(),
             settings: settings(options),
             terminal_output: text.clone(),
-            parameters: (!parameters.is_empty()).then(|| {
-                let end = if format == ParameterFormat::Inav { "txt" } else { "param" };
-                [format!("compass.{end}"), parameter_file()]
-            }),
+            parameters: (!parameters.is_empty()).then(|| [format.file_name().to_owned(), parameter_file()]),
         };
         write_report(&report::report_replay(&verdict, &name.to_string(), &made), path)?;
     }
@@ -203,7 +203,7 @@ pub fn run(file: &Path, options: &Replay) -> Result<ExitCode, Failure> {
 }
 
 fn settings(options: &Replay) -> Vec<[String; 2]> {
-    let samples = SAMPLES.iter().find(|(_, value)| *value == options.samples).map_or("", |(name, _)| name).to_owned();
+    let samples = options.samples.name().to_owned();
     let age = options.age.map_or_else(|| "estimated from the flight".to_owned(), |ms| format!("{ms} ms"));
     let mut settings = vec![["samples".to_owned(), samples], ["age of the field".to_owned(), age]];
     let given = [

@@ -37,6 +37,15 @@ impl ParameterFormat {
             Autopilot::ArduPilot | Autopilot::Unknown => Self::ArduPilot,
         }
     }
+
+    /// Name of the parameter file.
+    #[must_use]
+    pub const fn file_name(self) -> &'static str {
+        match self {
+            Self::ArduPilot | Self::Px4 => "compass.param",
+            Self::Inav => "compass.txt",
+        }
+    }
 }
 
 /// Heading error of parameters on held-back rows.

@@ -5,9 +5,11 @@ use autoswing::earth::{Date, EarthField, Position};
 use autoswing::heading::{Heading, NoHeading};
 use autoswing::instrument::Estimate;
 use autoswing::messages::Refusal;
+use serde::Deserialize;
 
 /// Rows used for the fit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum RowSelection {
     /// All usable rows, evenly thinned to the device's capacity.
     All,
@@ -15,6 +17,18 @@ pub enum RowSelection {
     Turns,
     /// Samples kept by the device in any flight, until it ends the collection.
     Flight,
+}
+
+impl RowSelection {
+    /// Name in options and reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::All => "all",
+            Self::Turns => "turns",
+            Self::Flight => "flight",
+        }
+    }
 }
 
 /// Options of a replay.

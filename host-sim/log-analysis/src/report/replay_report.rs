@@ -21,7 +21,7 @@ pub fn report_replay(verdict: &Verdict<'_>, log: &str, made: &ReportOrigin) -> R
     let Verdict { flight, evaluation, .. } = *verdict;
     let lines = [
         ("command", made.command.clone()),
-        ("made by", format!("host-sim {}", env!("CARGO_PKG_VERSION"))),
+        ("made by", format!("Autoswing {}", env!("CARGO_PKG_VERSION"))),
         ("log", verdict.log_description(log)),
     ];
     let rows = verdict.comparison_deg().into_iter().map(|(name, cells)| (name.to_owned(), cells));
@@ -42,10 +42,12 @@ pub fn report_replay(verdict: &Verdict<'_>, log: &str, made: &ReportOrigin) -> R
             .map(|compass| swung(flight, evaluation, compass.evaluation, verdict.facts(compass)))
             .collect(),
         parameters: made.parameters.clone(),
-        terminal_output: Some(["As the command prints it".to_owned(), made.terminal_output.clone()]),
+        terminal_output: (!made.terminal_output.is_empty())
+            .then(|| ["As the command prints it".to_owned(), made.terminal_output.clone()]),
         origin: lines
-            .map(|(label, value)| [label.to_owned(), value])
             .into_iter()
+            .filter(|(_, value)| !value.is_empty())
+            .map(|(label, value)| [label.to_owned(), value])
             .chain(made.settings.iter().cloned())
             .collect(),
     }

@@ -1,11 +1,15 @@
 //! Unit of the field columns.
 
+use serde::Deserialize;
+
 /// Unit of the field columns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 pub enum FieldUnit {
     /// Milligauss, as ArduPilot logs.
+    #[serde(rename = "mg")]
     Milligauss,
     /// Microtesla.
+    #[serde(rename = "ut")]
     Microtesla,
 }
 

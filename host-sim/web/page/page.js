@@ -1,0 +1,139 @@
+"use strict";
+const $ = (id) => document.getElementById(id);
+const [form, status, progress, report] = ["choices", "status", "progress", "report"].map($);
+let worker, file, judged, isBusy, next;
+
+function startWorker() {
+  worker?.terminate();
+  const source = URL.createObjectURL(new Blob([$("worker").textContent], { type: "text/javascript" }));
+  worker = new Worker(source);
+  worker.onmessage = ({ data }) => receive(data);
+  worker.onerror = (event) => fail(event.message || "this browser does not start the worker");
+  worker.postMessage({ module: $("module").textContent });
+}
+
+function send(request) {
+  isBusy = true;
+  report.setAttribute("aria-busy", "true");
+  worker.postMessage(request);
+}
+
+// Choices of the form, null where none is made.
+function choices() {
+  const number = (name) => (form.elements[name].value === "" ? null : form.elements[name].valueAsNumber);
+  const compass = Number(form.elements.compass.value) || null;
+  return { samples: form.elements.samples.value, compass, from_s: number("from_s"), to_s: number("to_s") };
+}
+
+const NONE = { samples: "flight", compass: null, from_s: null, to_s: null };
+
+// Reads a log, and judges all its compasses.
+function open(chosen) {
+  if (isBusy) startWorker();
+  file = chosen;
+  [judged, next] = [null, null];
+  form.reset();
+  for (const id of ["choices", "downloads"]) $(id).hidden = true;
+  report.replaceChildren();
+  say(`Reading ${file.name}`, 0);
+  send({ open: { name: file.name, unit: "mg" }, judge: NONE, file });
+}
+
+// Judges the log with the choices of the form; while the worker is busy, after it.
+function judgeAgain() {
+  if (!form.reportValidity()) return;
+  const request = { judge: choices() };
+  if (!$("unit").hidden) Object.assign(request, { open: { name: file.name, unit: form.elements.unit.value }, file });
+  if (isBusy) next = request;
+  else send(request);
+}
+
+// Shows a state: `done` is the part that is done, undefined if that is not known, null if nothing is being done.
+function say(text, done) {
+  if (status.textContent !== text) status.textContent = text;
+  progress.hidden = done === null;
+  if (typeof done === "number") progress.value = done;
+  else progress.removeAttribute("value");
+}
+
+function fail(text) {
+  [isBusy, next] = [false, null];
+  report.removeAttribute("aria-busy");
+  say(`${file ? `${file.name}: ` : ""}${text}`, null);
+}
+
+function receive(message) {
+  if (message.step) return say(message.step, message.done);
+  if (message.summary) return showChoices(message.summary);
+  if (message.isFault) startWorker();
+  if (message.error !== undefined) return fail(message.isFault ? `the program failed (${message.error}); please report it` : message.error);
+  isBusy = false;
+  judged = message.judged;
+  if (next) return send(next), (next = null);
+  return show();
+}
+
+function showChoices({ compasses, range_s: [from, to], is_table: isTable }) {
+  const select = form.elements.compass;
+  const chosen = select.value;
+  select.replaceChildren(new Option("all", ""), ...compasses.map((number) => new Option(number, number)));
+  if (compasses.includes(Number(chosen))) select.value = chosen;
+  $("unit").hidden = !isTable;
+  form.elements.from_s.placeholder = from.toFixed(1);
+  form.elements.to_s.placeholder = to.toFixed(1);
+}
+
+const pause = () => new Promise((resolve) => setTimeout(resolve));
+
+// Shows the report page inside this one, a section at a time, so that the browser answers in between.
+async function show() {
+  const showing = judged;
+  const page = new DOMParser().parseFromString(judged.page, "text/html");
+  $("title").textContent = page.querySelector("h1").textContent;
+  document.title = page.title;
+  const style = page.querySelector("style");
+  style.id = "report-style";
+  $("report-style")?.remove();
+  document.head.append(style);
+  report.replaceChildren(page.querySelector("nav"));
+  for (const section of page.querySelectorAll("main > section")) {
+    await pause();
+    if (judged !== showing) return;
+    report.append(section);
+  }
+  // The report's own script: the button that copies the parameters.
+  const script = document.createElement("script");
+  script.textContent = page.querySelector("script").textContent;
+  report.append(script);
+  report.removeAttribute("aria-busy");
+  for (const id of ["choices", "downloads"]) $(id).hidden = false;
+  $("save-parameters").hidden = judged.parameters === null;
+  say("Judged.", null);
+}
+
+function save(name, type, text) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([text], { type }));
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+}
+
+$("file").addEventListener("change", ({ target }) => target.files.length && open(target.files[0]));
+form.addEventListener("submit", (event) => (event.preventDefault(), judgeAgain()));
+$("save-parameters").addEventListener("click", () => save(judged.parameters[0], "text/plain", judged.parameters[1]));
+$("save-page").addEventListener("click", () => save(`${file.name}.html`, "text/html", judged.page));
+$("save-json").addEventListener("click", () => save(`${file.name}.json`, "application/json", `${judged.json}\n`));
+
+addEventListener("dragover", (event) => {
+  event.preventDefault();
+  $("drop").classList.add("over");
+});
+addEventListener("dragleave", () => $("drop").classList.remove("over"));
+addEventListener("drop", (event) => {
+  event.preventDefault();
+  $("drop").classList.remove("over");
+  const [dropped] = event.dataTransfer.files;
+  if (dropped) open(dropped);
+});
+startWorker();

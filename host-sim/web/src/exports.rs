@@ -1,0 +1,111 @@
+//! Functions of the WebAssembly module. The worker writes a request into the buffer of [`request_buffer`], calls
+//! [`open_log`] or [`judge_log`], and reads the answer: JSON, with `error` if the request failed.
+
+use std::cell::RefCell;
+use std::io::{self, Read};
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::json;
+
+use crate::loaded_log::LoadedLog;
+
+#[link(wasm_import_module = "page")]
+unsafe extern "C" {
+    /// Copies the next bytes of the log to `into`, at most `length`; returns their number, 0 at the end of the log, and
+    /// `usize::MAX` if the file cannot be read.
+    fn read_log(into: *mut u8, length: usize) -> usize;
+}
+
+/// The file that the worker reads.
+struct PageFile;
+
+impl Read for PageFile {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        // SAFETY: the worker writes at most `length` bytes, and `into` has that length.
+        match unsafe { read_log(into.as_mut_ptr(), into.len()) } {
+            usize::MAX => Err(io::Error::other("the browser cannot read the file")),
+            number => Ok(number.min(into.len())),
+        }
+    }
+}
+
+#[derive(Default)]
+struct State {
+    request: Vec<u8>,
+    answer: Vec<u8>,
+    log: Option<LoadedLog>,
+}
+
+thread_local! {
+    static STATE: RefCell<State> = RefCell::default();
+}
+
+impl State {
+    fn request<T: DeserializeOwned>(&self) -> Result<T, String> {
+        serde_json::from_slice(&self.request).map_err(|error| error.to_string())
+    }
+
+    fn open_log(&mut self) -> Result<impl Serialize + use<>, String> {
+        self.log = None;
+        let log = LoadedLog::read(&mut PageFile, self.request()?)?;
+        let summary = log.summary();
+        self.log = Some(log);
+        Ok(summary)
+    }
+
+    fn judge_log(&self) -> Result<impl Serialize + use<>, String> {
+        let log = self.log.as_ref().ok_or("no log is open")?;
+        log.judge(&self.request()?)
+    }
+
+    fn set_answer(&mut self, result: Result<impl Serialize, String>) {
+        let answer = result.and_then(|answer| serde_json::to_vec(&answer).map_err(|error| error.to_string()));
+        self.answer = answer.unwrap_or_else(|error| json!({ "error": error }).to_string().into_bytes());
+    }
+}
+
+/// Buffer for a request of `length` bytes.
+// SAFETY: no other function of this name is linked; so for all below.
+#[unsafe(no_mangle)]
+extern "C" fn request_buffer(length: usize) -> *mut u8 {
+    STATE.with_borrow_mut(|state| {
+        state.request.clear();
+        state.request.resize(length, 0);
+        state.request.as_mut_ptr()
+    })
+}
+
+/// Reads a log: a `LogRequest`, answered by a `LogSummary`.
+// SAFETY: as above.
+#[unsafe(no_mangle)]
+extern "C" fn open_log() {
+    STATE.with_borrow_mut(|state| {
+        let result = state.open_log();
+        state.set_answer(result);
+    });
+}
+
+/// Judges the log: `Choices`, answered by a `JudgedLog`.
+// SAFETY: as above.
+#[unsafe(no_mangle)]
+extern "C" fn judge_log() {
+    STATE.with_borrow_mut(|state| {
+        let result = state.judge_log();
+        state.set_answer(result);
+    });
+}
+
+/// First byte of the answer.
+// SAFETY: as above.
+#[unsafe(no_mangle)]
+extern "C" fn answer() -> *const u8 {
+    STATE.with_borrow(|state| state.answer.as_ptr())
+}
+
+/// Length of the answer, bytes.
+// SAFETY: as above.
+#[unsafe(no_mangle)]
+extern "C" fn answer_length() -> usize {
+    STATE.with_borrow(|state| state.answer.len())
+}

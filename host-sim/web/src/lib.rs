@@ -1,0 +1,15 @@
+//! The judgement of a log in a browser.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`loaded_log`] | a log that was read, and its judgement with the options of the page |
+//! | `exports` | the functions that the worker calls, on WebAssembly only |
+//!
+//! `page/` has the page and its worker, `scripts/build-web` puts all into one HTML file. Requests and answers are JSON in
+//! buffers of this module's memory, so that no generated code is needed between Rust and JavaScript.
+
+#![warn(clippy::disallowed_methods)]
+
+#[cfg(target_arch = "wasm32")]
+mod exports;
+pub mod loaded_log;

@@ -1,0 +1,169 @@
+//! A log that was read, and its judgement.
+
+use std::io::Read;
+
+use log_analysis::log::csv::FieldUnit;
+use log_analysis::log::{self, Flight, LogFormat};
+use log_analysis::replay::RowSelection;
+use log_analysis::replay::evaluation::{EvaluationOptions, evaluate_flight};
+use log_analysis::replay::parameter_export::{ParameterFormat, format_parameter_file};
+use log_analysis::replay::verdict::Verdict;
+use log_analysis::report::{self, ReportOrigin};
+use serde::{Deserialize, Serialize};
+
+/// Request to read a log.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LogRequest {
+    /// Name of the file.
+    pub name: String,
+    /// Unit of the field, if the log is a table.
+    pub unit: FieldUnit,
+}
+
+/// Choices on the page, as the options of `host-sim replay`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Choices {
+    /// Rows used for the fit.
+    pub samples: RowSelection,
+    /// Number of the only compass to evaluate.
+    pub compass: Option<u8>,
+    /// First time of the log that is used, seconds.
+    pub from_s: Option<f64>,
+    /// Last time of the log that is used, seconds.
+    pub to_s: Option<f64>,
+}
+
+/// Contents of a log that the page offers choices of.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LogSummary {
+    /// Numbers of the compasses.
+    pub compasses: Vec<u8>,
+    /// Times of the first and the last row, seconds.
+    pub range_s: [f64; 2],
+    /// Whether the log is a table, whose unit is not recorded.
+    pub is_table: bool,
+}
+
+/// Judgement of a log.
+#[derive(Clone, Debug, Serialize)]
+pub struct JudgedLog {
+    /// The report page.
+    pub page: String,
+    /// The verdict as `host-sim replay --json` prints it.
+    pub json: String,
+    /// Name and text of the parameter file.
+    pub parameters: Option<[String; 2]>,
+}
+
+/// A log that was read.
+#[derive(Debug)]
+pub struct LoadedLog {
+    name: String,
+    flight: Flight,
+}
+
+impl LoadedLog {
+    /// Reads a log.
+    ///
+    /// # Errors
+    ///
+    /// The source cannot be read, or holds no usable flight.
+    pub fn read(source: &mut dyn Read, request: LogRequest) -> Result<Self, String> {
+        let flight = log::read(source, request.unit).map_err(|error| error.to_string())?;
+        Ok(Self { name: request.name, flight })
+    }
+
+    /// Contents of the log.
+    #[must_use]
+    pub fn summary(&self) -> LogSummary {
+        LogSummary {
+            compasses: self.flight.compasses.iter().map(|compass| compass.number).collect(),
+            range_s: self.flight.time_range_s(),
+            is_table: self.flight.format == LogFormat::Csv,
+        }
+    }
+
+    /// Judges the log.
+    ///
+    /// # Errors
+    ///
+    /// The log does not have the compass.
+    pub fn judge(&self, choices: &Choices) -> Result<JudgedLog, String> {
+        let Self { name, flight } = self;
+        let options = EvaluationOptions {
+            selected: choices.samples,
+            compass: choices.compass,
+            window_s: [choices.from_s.unwrap_or(f64::NEG_INFINITY), choices.to_s.unwrap_or(f64::INFINITY)],
+            ..EvaluationOptions::DEFAULT
+        };
+        let evaluation = evaluate_flight(flight, &options);
+        if evaluation.compasses.is_empty() {
+            return Err("the log has no compass of this number".to_owned());
+        }
+        let format = ParameterFormat::for_autopilot(flight.autopilot);
+        let verdict = Verdict::new(flight, &evaluation, format);
+        let exported = verdict.parameters();
+        let parameters = (!exported.is_empty())
+            .then(|| [format.file_name().to_owned(), format_parameter_file(flight, &exported, format)]);
+        let origin =
+            ReportOrigin { settings: settings(choices), parameters: parameters.clone(), ..ReportOrigin::default() };
+        Ok(JudgedLog {
+            page: report::page(&report::report_replay(&verdict, name, &origin)),
+            json: verdict.json().to_string(),
+            parameters,
+        })
+    }
+}
+
+fn settings(choices: &Choices) -> Vec<[String; 2]> {
+    let given = [
+        ("samples", Some(choices.samples.name().to_owned())),
+        ("compass", choices.compass.map(|number| number.to_string())),
+        ("from", choices.from_s.map(|s| format!("{s} s"))),
+        ("to", choices.to_s.map(|s| format!("{s} s"))),
+    ];
+    given.into_iter().filter_map(|(name, value)| Some([name.to_owned(), value?])).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CHOICES: &str = r#"{ "samples": "all", "compass": 1, "from_s": 30, "to_s": null }"#;
+
+    fn loaded() -> LoadedLog {
+        let request = serde_json::from_str(r#"{ "name": "flight.csv", "unit": "mg" }"#).unwrap();
+        LoadedLog::read(&mut include_bytes!("../../data/flight.csv").as_slice(), request).unwrap()
+    }
+
+    #[test]
+    fn choices_of_the_page_are_used_and_stated_in_the_report() {
+        let log = loaded();
+        let LogSummary { compasses, range_s: [from_s, to_s], is_table } = log.summary();
+        assert!(compasses == [1] && from_s < 30.0 && to_s > 199.0 && is_table, "{from_s} to {to_s} s");
+        let all = Choices { samples: RowSelection::Flight, compass: None, from_s: None, to_s: None };
+        let [all, chosen] = [all, serde_json::from_str(CHOICES).unwrap()].map(|choices| log.judge(&choices).unwrap());
+        let used = |judged: &JudgedLog| {
+            let json: serde_json::Value = serde_json::from_str(&judged.json).unwrap();
+            [&json["compasses"][0]["rows"]["used"], &json["compasses"][0]["rows"]["fitted"]]
+                .map(|n| n.as_u64().unwrap())
+        };
+        let [[rows, kept], [later_rows, later_kept]] = [used(&all), used(&chosen)];
+        assert!(later_rows < rows && later_kept != kept, "{rows} rows, {kept} kept; {later_rows}, {later_kept}");
+        for setting in ["<dt>samples</dt><dd>all</dd>", "<dt>compass</dt><dd>1</dd>", "<dt>from</dt><dd>30 s</dd>"] {
+            assert!(chosen.page.contains(setting), "{setting}");
+        }
+        assert!(!chosen.page.contains("<dt>to</dt>") && !chosen.page.contains("<dt>command</dt>"));
+    }
+
+    #[test]
+    fn a_log_that_cannot_be_judged_is_an_error_in_words() {
+        let request: LogRequest = serde_json::from_str(r#"{ "name": "letter", "unit": "ut" }"#).unwrap();
+        let error = LoadedLog::read(&mut b"Dear reader".as_slice(), request).unwrap_err();
+        assert!(error.starts_with("not a known log"), "{error}");
+        let missing = Choices { compass: Some(8), ..serde_json::from_str(CHOICES).unwrap() };
+        assert_eq!(loaded().judge(&missing).unwrap_err(), "the log has no compass of this number");
+    }
+}

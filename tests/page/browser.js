@@ -1,0 +1,51 @@
+// What the checks of pages share: the browser, and findings. Environment: PAGE_MODULES (directory of node_modules), CHROMIUM
+// (browser).
+"use strict";
+const fs = require("node:fs");
+const path = require("node:path");
+const { createRequire } = require("node:module");
+
+const installed = createRequire(path.join(process.env.PAGE_MODULES, "package.json"));
+const { chromium } = installed("playwright-core");
+const axe = fs.readFileSync(installed.resolve("axe-core/axe.min.js"), "utf8");
+const inPage = fs.readFileSync(path.join(__dirname, "in-page.js"), "utf8");
+
+const wrong = [];
+
+function launched(more = []) {
+  const args = process.getuid() === 0 ? ["--no-sandbox", ...more] : more;
+  return chromium.launch({ executablePath: process.env.CHROMIUM, args });
+}
+
+// Opens a page; its errors, and any request but its own, are findings.
+async function opened(browser, url, viewport, colorScheme, where) {
+  const context = await browser.newContext({ viewport, colorScheme });
+  const page = await context.newPage();
+  const say = (what) => wrong.push(`${where}: ${what}`);
+  page.on("console", (message) => ["error", "warning"].includes(message.type()) && say(`console: ${message.text()}`));
+  page.on("pageerror", (error) => say(`script: ${error.message}`));
+  page.on("request", (request) => request.url() !== url && !request.url().startsWith("blob:") && say(`asks for ${request.url()}`));
+  await page.goto(url);
+  return { context, page, say };
+}
+
+async function looksRight({ page, say }) {
+  await page.evaluate(inPage);
+  for (const what of await page.evaluate(() => window.looked())) say(what);
+  await page.evaluate(axe);
+  const { violations } = await page.evaluate(() => window.axe.run(document));
+  for (const { id, nodes } of violations) say(`axe: ${id}: ${nodes.slice(0, 3).map((node) => node.target).join(", ")}`);
+}
+
+function reported(text) {
+  for (const what of wrong) console.error(`page: ${what}`);
+  if (wrong.length) process.exit(1);
+  console.log(`page: ${text}`);
+}
+
+function failed(error) {
+  wrong.push(error.message);
+  reported("");
+}
+
+module.exports = { failed, inPage, launched, looksRight, opened, reported, wrong };

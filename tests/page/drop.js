@@ -1,0 +1,214 @@
+// Judges logs on the page of scripts/build-web in headless Chromium: the figures and parameters are those of the command line,
+// byte for byte; no connection is tried; what cannot be judged is refused in words. Arguments: the page, then logs. Environment:
+// as browser.js, and PAGE_SHOTS (screenshot directory), HOST_SIM (the command line).
+"use strict";
+const { spawnSync } = require("node:child_process");
+const fs = require("node:fs");
+const http = require("node:http");
+const net = require("node:net");
+const os = require("node:os");
+const path = require("node:path");
+const { pathToFileURL } = require("node:url");
+const { failed, inPage, launched, looksRight, opened, reported, wrong } = require("./browser.js");
+
+const WIDE = { width: 1440, height: 900 };
+const PHONE = { width: 320, height: 700 };
+const WAIT = { timeout: 300000 };
+// Larger than any log of a flight, and read in pieces: a reader of the whole file would not have the memory.
+const HUGE_BYTES = 500e6;
+// Longest task of the page while it judges and shows a log, milliseconds: 80 were measured; less than this is not felt as a halt,
+// and busy computers take longer.
+const LONGEST_MS = 250;
+// Chromium looks for updates of itself, and asks for its user's account.
+const OF_THE_BROWSER = /^(CONNECT |POST http:\/\/)[a-z.-]+\.google(apis)?\.com[:/]/;
+
+const work = fs.mkdtempSync(path.join(os.tmpdir(), "page-"));
+process.on("exit", () => fs.rmSync(work, { recursive: true }));
+
+function byCommand(log, ...options) {
+  const parameters = path.join(work, "command.param");
+  fs.rmSync(parameters, { force: true });
+  const { stdout, status, stderr } = spawnSync(process.env.HOST_SIM, ["replay", log, "--json", "--params", parameters, ...options]);
+  if (status > 1) throw new Error(`host-sim: ${stderr}`);
+  return { json: stdout.toString(), parameters: fs.existsSync(parameters) ? fs.readFileSync(parameters, "utf8") : null };
+}
+
+const ends = (page) => page.waitForFunction(() => document.querySelector("progress").hidden, null, WAIT);
+
+async function saved(page, id) {
+  const button = page.locator(`#${id}`);
+  if (!(await button.isVisible())) return null;
+  const [download] = await Promise.all([page.waitForEvent("download"), button.click()]);
+  return fs.readFileSync(await download.path(), "utf8");
+}
+
+async function compare({ page, say }, expected, what) {
+  const json = await saved(page, "save-json");
+  if (json !== expected.json) say(`${what}: figures differ: ${json} is not ${expected.json}`);
+  if ((await saved(page, "save-parameters")) !== expected.parameters) say(`${what}: parameters differ`);
+}
+
+// Drops a file by the events of a mouse; the page's file dialog is used otherwise.
+async function drop(page, log) {
+  const bytes = fs.readFileSync(log).toString("base64");
+  const transfer = await page.evaluateHandle(([name, base64]) => {
+    const transfer = new DataTransfer();
+    transfer.items.add(new File([Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0))], name));
+    return transfer;
+  }, [path.basename(log), bytes]);
+  await page.waitForTimeout(100);
+  await page.evaluate((transfer) => {
+    window.longest = 0;
+    for (const type of ["dragover", "drop"]) {
+      document.body.dispatchEvent(new DragEvent(type, { dataTransfer: transfer, bubbles: true, cancelable: true }));
+    }
+  }, transfer);
+}
+
+const choose = (page, log) => page.setInputFiles("#file", log);
+
+// Judges a log and compares it with the command line. Returns the seconds, and the longest task of the page in milliseconds.
+async function judge(look, log, give) {
+  const { page, say } = look;
+  await page.evaluate(() => (window.longest = 0));
+  const start = performance.now();
+  await give(page, log);
+  await ends(page);
+  const seconds = (performance.now() - start) / 1e3;
+  if (!(await page.locator("#verdict").isVisible())) say(`${log}: ${await page.locator("#status").textContent()}`);
+  await compare(look, byCommand(log), log);
+  const longest_ms = await page.evaluate(() => window.longest);
+  if (longest_ms > LONGEST_MS) say(`${log}: does not answer for ${longest_ms} ms`);
+  return { seconds, longest_ms };
+}
+
+// The choices of the form judge anew, as the options of the command do.
+async function choosesAgain(look, log) {
+  const { page } = look;
+  const compass = await page.locator("select[name=compass] option").nth(1).textContent();
+  const from = Math.ceil(Number(await page.locator("input[name=from_s]").getAttribute("placeholder"))) + 20;
+  await page.selectOption("select[name=compass]", compass);
+  await page.selectOption("select[name=samples]", "all");
+  await page.fill("input[name=from_s]", `${from}`);
+  const isTable = await page.locator("select[name=unit]").isVisible();
+  if (isTable) await page.selectOption("select[name=unit]", "ut");
+  await page.focus("input[name=from_s]");
+  const before = await page.locator("#report section").first().elementHandle();
+  await page.keyboard.press("Enter");
+  await page.waitForFunction((element) => !element.isConnected, before, WAIT);
+  await ends(page);
+  const options = ["--compass", compass, "--samples", "all", "--from", `${from}`, ...(isTable ? ["--unit", "ut"] : [])];
+  await compare(look, byCommand(log, ...options), `${log} with choices`);
+}
+
+async function refuses({ page, say }) {
+  const text = path.join(work, "letter.txt");
+  fs.writeFileSync(text, "Dear reader\n");
+  const huge = path.join(work, "huge.csv");
+  fs.writeFileSync(huge, "t_s,mx,my,mz,roll_deg,pitch_deg\n");
+  fs.truncateSync(huge, HUGE_BYTES);
+  for (const [log, words] of [[text, "not a known log"], [huge, "huge.csv: "]]) {
+    await choose(page, log);
+    await ends(page);
+    const status = await page.locator("#status").textContent();
+    if (!status.includes(words) || status.includes("failed")) say(`of ${log} it says: ${status}`);
+    if (await page.locator("#choices").isVisible()) say(`offers choices of ${log}`);
+  }
+}
+
+// Each control is reached by Tab, in the order of the page, with a visible focus.
+async function keyboardReaches({ page, say }) {
+  await page.evaluate(inPage);
+  const all = await page.evaluate(() => window.usable());
+  const reached = [];
+  // From the control that was clicked last to the end, then from the start of the page, which is number -1.
+  for (let i = 0; i <= all; i++) {
+    await page.keyboard.press("Tab");
+    const { number, isSeen } = await page.evaluate(() => window.focused());
+    reached.push(number);
+    if (!isSeen && number >= 0) say(`focus on number ${number} is not seen`);
+  }
+  const inOrder = reached.every((number, i) => i === 0 || number === reached[i - 1] + 1 || number === -1);
+  if (new Set(reached).size !== all + 1 || !inOrder) say(`Tab reaches ${reached} of ${all}`);
+}
+
+const withoutPolicy = (source) => source.replace(/<meta http-equiv="Content-Security-Policy"[^>]*>/, "");
+
+// A page that asks for something is found out, with its policy and without it, whether the page or its worker asks.
+async function findsRequests(browser, file, connections) {
+  const text = fs.readFileSync(file, "utf8");
+  const ask = 'fetch("http://192.0.2.1/").catch(() => 0);\n';
+  const bare = withoutPolicy(text);
+  const fromPage = (source) => source.replace("startWorker();\n</script>", `startWorker();\n${ask}</script>`);
+  const fromWorker = (source) => source.replace("let loading;\n", `let loading;\n${ask}`);
+  const changed = { fromPage: fromPage(text), openPage: fromPage(bare), openWorker: fromWorker(bare) };
+  for (const [name, source] of Object.entries(changed)) {
+    const copy = path.join(work, `${name}.html`);
+    fs.writeFileSync(copy, source);
+    const [findings, tried] = [wrong.length, connections()];
+    const { page, context } = await opened(browser, pathToFileURL(copy).href, WIDE, "light", name);
+    await page.waitForTimeout(1000);
+    await context.close();
+    const isNoticed = name === "openWorker" ? connections() > tried : wrong.length > findings;
+    wrong.splice(findings);
+    if (!isNoticed) wrong.push(`a request of ${name} was not noticed`);
+  }
+}
+
+function listening(server) {
+  return new Promise((resolve) => server.listen(0, "127.0.0.1", () => resolve(server.address().port)));
+}
+
+async function main([file, ...logs]) {
+  // All connections but those to the computer itself go through a proxy that counts them, without those of the browser itself.
+  let connections = 0;
+  const counted = (request) => OF_THE_BROWSER.test(request) || connections++;
+  const proxy = net.createServer((socket) => {
+    socket.once("data", (request) => (counted(request), socket.destroy())).on("error", () => socket.destroy());
+  });
+  const browser = await launched([`--proxy-server=127.0.0.1:${await listening(proxy)}`]);
+  // Served without its policy, which would keep back what a worker asks for, so that the proxy sees it.
+  const bare = withoutPolicy(fs.readFileSync(file, "utf8"));
+  const server = http.createServer((_, answer) => answer.setHeader("content-type", "text/html").end(bare));
+  const served = `http://127.0.0.1:${await listening(server)}/`;
+  const start = async (url, viewport, scheme) => {
+    const look = await opened(browser, url, viewport, scheme, `${path.basename(file)} at ${viewport.width} px, ${scheme}`);
+    await look.page.evaluate(() => {
+      window.longest = 0;
+      const noted = (list) => list.getEntries().forEach(({ duration }) => (window.longest = Math.max(window.longest, duration)));
+      new PerformanceObserver(noted).observe({ type: "longtask" });
+    });
+    return look;
+  };
+  const shot = (look, name) => look.page.screenshot({ path: path.join(process.env.PAGE_SHOTS, `drop-${name}.png`), fullPage: true });
+
+  const look = await start(pathToFileURL(path.resolve(file)).href, WIDE, "light");
+  await looksRight(look);
+  await shot(look, "empty");
+  for (const [i, log] of logs.entries()) {
+    const { seconds, longest_ms } = await judge(look, log, i % 2 ? drop : choose);
+    console.log(`${path.basename(log)}: ${seconds.toFixed(1)} s, longest task ${longest_ms.toFixed(0)} ms`);
+  }
+  await looksRight(look);
+  await keyboardReaches(look);
+  await shot(look, "wide");
+  await choosesAgain(look, logs.at(-1));
+  await refuses(look);
+  await look.context.close();
+
+  const phone = await start(served, PHONE, "dark");
+  await judge(phone, logs[0], drop);
+  await looksRight(phone);
+  await shot(phone, "phone");
+  await choosesAgain(phone, logs[0]);
+  await phone.context.close();
+
+  if (connections > 0) wrong.push(`${connections} connections were tried`);
+  await findsRequests(browser, file, () => connections);
+  await browser.close();
+  server.close();
+  proxy.close();
+  reported(`${logs.length} logs judged on the page as by the command line`);
+}
+
+main(process.argv.slice(2)).catch(failed);
