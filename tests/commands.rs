@@ -447,3 +447,28 @@ fn the_examples_of_the_documentation_work_from_the_root() {
     let example = fs::read_to_string(root().join("host-sim/airframes/example.toml")).unwrap();
     assert!(example.contains("--airframe host-sim/airframes/example.toml"));
 }
+
+/// Bash reads the completions and offers a command; every command has its page.
+#[test]
+fn completions_and_manual_pages_name_every_command() {
+    for shell in ["bash", "zsh", "fish", "powershell"] {
+        let script = stdout_text(&format!("completions {shell}"));
+        assert!(script.contains("replay") && script.contains("params-for"), "{shell}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let script = folder.path().join("completions");
+    fs::write(&script, stdout_text("completions bash")).unwrap();
+    let asked =
+        ". \"$0\"; COMP_WORDS=(host-sim rep) COMP_CWORD=1; _host__sim host-sim rep host-sim; echo \"${COMPREPLY[@]}\"";
+    let offered = Command::new("bash").args(["-c", asked]).arg(&script).output().unwrap();
+    assert_eq!(String::from_utf8(offered.stdout).unwrap(), "replay\n");
+
+    let pages = folder.path().join("man1");
+    stdout_text(&format!("man {}", pages.display()));
+    for command in ["", "-fly", "-replay", "-serve", "-bench", "-bench-accuracy"] {
+        let page = fs::read_to_string(pages.join(format!("host-sim{command}.1"))).unwrap();
+        assert!(page.contains(".SH SYNOPSIS"), "{command}: {page}");
+    }
+    let (code, _, error) = run_command("man Cargo.toml/pages");
+    assert!(code == Some(2) && error.contains("Cargo.toml/pages"), "{code:?} {error}");
+}

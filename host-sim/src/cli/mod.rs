@@ -12,13 +12,14 @@ mod progress;
 mod range;
 mod replay;
 mod serve;
+mod shell_files;
 mod table1;
 mod termination;
 
 use std::path::Path;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, Parser, Subcommand};
 
 use failure::Failure;
 use termination::TerminationSignals;
@@ -49,6 +50,8 @@ enum Command {
     /// Measure accuracy or speed
     #[command(subcommand)]
     Bench(Bench),
+    Completions(shell_files::Completions),
+    Man(shell_files::Man),
 }
 
 #[derive(Subcommand)]
@@ -94,13 +97,13 @@ fn carry_out(command: &Command) -> Result<ExitCode, Failure> {
         Command::Bench(Bench::Budget(options)) => bench::budget(options),
         Command::Bench(Bench::Integrity(options)) => integrity::run(options),
         Command::Bench(Bench::Speed(options)) => bench::speed(options),
+        Command::Completions(options) => Ok(shell_files::completions(options, Cli::command())),
+        Command::Man(options) => shell_files::man(options, Cli::command()),
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory as _;
-
     use super::print::WIDTH;
     use super::*;
 
@@ -124,7 +127,7 @@ mod tests {
     #[test]
     fn no_help_is_wider_than_a_terminal() {
         let commands = commands();
-        assert_eq!(commands.len(), 12, "itself, bench, and ten that do something");
+        assert_eq!(commands.len(), 14, "itself, bench, and twelve that do something");
         for (name, mut command) in commands {
             for help in [command.render_help(), command.render_long_help()] {
                 for line in help.to_string().lines() {
