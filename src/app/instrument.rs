@@ -59,7 +59,7 @@ pub async fn run(links: &Links) -> ! {
                 instrument.set_correction(changed);
             }
             instrument.update_monitor();
-            if let Some(change) = change_report.update(instrument.hard_iron_change()) {
+            if let Some(change) = change_report.update(now(), instrument.hard_iron_change()) {
                 links.announce(&change.map_or(Message::HardIronRestored, Message::HardIronChanged));
             }
         }

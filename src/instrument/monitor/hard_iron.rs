@@ -1,7 +1,9 @@
 //! Significance test for a change of hard iron since the calibration.
 
-use crate::trig::Length as _;
 use nalgebra::Vector3;
+
+use crate::time::Timestamp;
+use crate::trig::Length as _;
 
 /// Change of hard iron since the calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,10 +14,11 @@ pub struct HardIronChange {
     pub sigma_ut: f32,
 }
 
-/// Reports each change of hard iron once.
+/// Reports each change of hard iron once, and not more often than every 30 s.
 #[derive(Clone, Copy, Debug)]
 pub struct HardIronChangeReporter {
     last_reported: Option<HardIronChange>,
+    last_report_at: Option<Timestamp>,
 }
 
 /// Relative difference from the last report that causes another one.
@@ -24,12 +27,18 @@ const REPORT_AGAIN_RATIO: f32 = 0.5;
 /// Smallest such difference, microtesla: less is the estimate's own motion.
 const MIN_REPORT_AGAIN_UT: f32 = 2.0;
 
+/// Shortest time between two reports, microseconds: iron that comes and goes is not reported at each turn.
+const MIN_REPORT_PERIOD_US: u64 = 30_000_000;
+
 impl HardIronChangeReporter {
     /// Nothing reported yet.
-    pub const NONE: Self = Self { last_reported: None };
+    pub const NONE: Self = Self { last_reported: None, last_report_at: None };
 
     /// Returns the present change if it is to be reported; `Some(None)` if hard iron is back as calibrated.
-    pub fn update(&mut self, now: Option<HardIronChange>) -> Option<Option<HardIronChange>> {
+    pub fn update(&mut self, at: Timestamp, now: Option<HardIronChange>) -> Option<Option<HardIronChange>> {
+        if self.last_report_at.is_some_and(|last| at.us_since(last) < MIN_REPORT_PERIOD_US) {
+            return None;
+        }
         let is_news = match (self.last_reported, now) {
             (None, None) => false,
             (Some(reported), Some(now)) => {
@@ -39,7 +48,7 @@ impl HardIronChangeReporter {
             (Some(_), None) | (None, Some(_)) => true,
         };
         is_news.then(|| {
-            self.last_reported = now;
+            (self.last_reported, self.last_report_at) = (now, Some(at));
             now
         })
     }
@@ -105,6 +114,7 @@ mod tests {
     fn each_change_is_reported_once() {
         let change = |y_ut: f32| Some(HardIronChange { change_ut: Vector3::new(0.0, y_ut, 0.0), sigma_ut: 0.1 });
         let mut reporter = HardIronChangeReporter::NONE;
+        let mut at = Timestamp::from_us(0);
         for (now, expected) in [
             (None, None),
             (change(4.0), Some(change(4.0))),
@@ -117,8 +127,21 @@ mod tests {
             (None, Some(None)),
             (None, None),
         ] {
-            assert_eq!(reporter.update(now), expected, "{now:?}");
+            at = at.plus_us(MIN_REPORT_PERIOD_US);
+            assert_eq!(reporter.update(at, now), expected, "{now:?}");
         }
+    }
+
+    /// Iron that comes and goes within 30 s causes one text, and the next one has what holds then.
+    #[test]
+    fn reports_are_30_seconds_apart() {
+        let change = Some(HardIronChange { change_ut: Vector3::new(5.0, 0.0, 0.0), sigma_ut: 0.1 });
+        let mut reporter = HardIronChangeReporter::NONE;
+        let mut reports = (0..700_u32).filter_map(|tenth| {
+            let now = if tenth / 10 % 2 == 0 { change } else { None };
+            reporter.update(Timestamp::from_us(u64::from(tenth) * 100_000), now).map(|report| (tenth, report))
+        });
+        assert_eq!(reports.by_ref().collect::<Vec<_>>(), [(0, change), (310, None), (620, change)]);
     }
 
     #[test]
