@@ -87,7 +87,8 @@ impl HangDetector {
 
     /// Updates the field direction with a corrected reading.
     pub fn update_field(&mut self, field: Field<Body>) {
-        self.field_direction = Some(field.ut / field.ut.length());
+        let strength_ut = field.ut.length();
+        self.field_direction = (strength_ut > 0.0).then(|| field.ut / strength_ut);
     }
 
     /// Processes a report; returns whether the attitude hangs. Always false without a field or without body rates. A
@@ -304,5 +305,12 @@ mod tests {
         }
         // The mean of two steps has the infinite rate, too.
         assert!(detector.turned_rad.is_finite() && detector.vertical.predicted.length() < 0.01);
+    }
+
+    #[test]
+    fn a_field_of_zero_has_no_direction() {
+        let mut detector = HangDetector::new();
+        detector.update_field(Field::from_ut(0.0, 0.0, 0.0));
+        assert_eq!(detector.field_direction, None);
     }
 }
