@@ -24,8 +24,8 @@ impl MeanInnovations {
     pub const NONE: Self = Self { means: [0.0; 3] };
 
     /// Takes the innovations of a sample `step_s` after the last one. Mean innovation of the heading, radians, if it is
-    /// significant and that of no other measurement is; otherwise 0.
-    pub fn update(&mut self, innovations: &PerKind<Option<Innovation>>, step_s: f32) -> f32 {
+    /// significant and that of no other measurement is.
+    pub fn update(&mut self, innovations: &PerKind<Option<Innovation>>, step_s: f32) -> Option<f32> {
         let part = step_s / (MEAN_TIME_S + step_s);
         let mut sigmas_squared = [0.0; 3];
         for ((mean, innovation), sigmas_squared) in self.means.iter_mut().zip(innovations).zip(&mut sigmas_squared) {
@@ -36,7 +36,7 @@ impl MeanInnovations {
         }
         let beyond = |kind: usize, sigmas: f32| sigmas_squared[kind] > sigmas * sigmas;
         let is_of_heading = beyond(2, GATE_SIGMAS) && !beyond(0, QUIET_SIGMAS) && !beyond(1, QUIET_SIGMAS);
-        if is_of_heading { self.means[2] } else { 0.0 }
+        is_of_heading.then_some(self.means[2])
     }
 }
 
@@ -45,26 +45,26 @@ mod tests {
     use super::*;
 
     /// Change that is significant after `samples` of constant residuals, in sigmas, at 10 Hz.
-    fn change_after(sigmas: PerKind<f32>, samples: usize) -> f32 {
+    fn change_after(sigmas: PerKind<f32>, samples: usize) -> Option<f32> {
         let mut means = MeanInnovations::NONE;
         let innovations = sigmas.map(|n| Some(Innovation { residual: 0.01 * n, variance: 1e-4 }));
-        (0..samples).map(|_| means.update(&innovations, 0.1)).last().unwrap_or(0.0)
+        (0..samples).map(|_| means.update(&innovations, 0.1)).last().flatten()
     }
 
     /// The mean of `n` white innovations within 4 s, 80 samples, has a ninth of their sigma.
     #[test]
     fn a_mean_beyond_three_of_its_sigmas_is_a_slow_change() {
-        assert!((0.003..0.004_1).contains(&change_after([0.0, 0.0, 0.4], 300)));
-        assert!((-0.004_1..-0.003).contains(&change_after([0.0, 0.0, -0.4], 300)));
-        assert!(change_after([0.0, 0.0, 0.3], 300).abs() < 1e-9);
-        assert!(change_after([0.0, 0.0, 0.4], 20).abs() < 1e-9);
+        assert!(change_after([0.0, 0.0, 0.4], 300).is_some_and(|rad| (0.003..0.004_1).contains(&rad)));
+        assert!(change_after([0.0, 0.0, -0.4], 300).is_some_and(|rad| (-0.004_1..-0.003).contains(&rad)));
+        assert_eq!(change_after([0.0, 0.0, 0.3], 300), None);
+        assert_eq!(change_after([0.0, 0.0, 0.4], 20), None);
     }
 
     /// A strength that changes as well shows hard iron, an inclination an attitude: no change of the gyro.
     #[test]
     fn other_kinds_veto_a_change_of_the_heading_alone() {
-        assert!(change_after([0.3, 0.0, 0.9], 300).abs() < 1e-9);
-        assert!(change_after([0.0, 0.3, 0.9], 300).abs() < 1e-9);
-        assert!(change_after([0.3, 0.9, 0.0], 300).abs() < 1e-9);
+        assert_eq!(change_after([0.3, 0.0, 0.9], 300), None);
+        assert_eq!(change_after([0.0, 0.3, 0.9], 300), None);
+        assert_eq!(change_after([0.3, 0.9, 0.0], 300), None);
     }
 }

@@ -312,8 +312,9 @@ impl Monitor {
         step_s: f32,
     ) -> PerKind<bool> {
         let innovations = array::from_fn(|kind| measurements[kind].as_ref().map(|m| self.innovation(m)));
-        let heading_change_rad = self.mean_innovations.update(&innovations, step_s);
-        if self.post_change_left_s <= 0.0 {
+        if let Some(heading_change_rad) = self.mean_innovations.update(&innovations, step_s)
+            && self.post_change_left_s <= 0.0
+        {
             self.follow_gyro_offset(heading_change_rad, step_s);
         }
         match self.innovation_gate.test_innovations(innovations, step_s) {
