@@ -296,6 +296,7 @@ impl Terminal {
                 }
                 if [&b"quit"[..], b"exit"].contains(&line.trim_ascii()) {
                     self.leave();
+                    return false;
                 }
             }
             CANCEL if !is_order => self.line.clear(),
