@@ -5,7 +5,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
-use crate::instrument::{self, HardIronChange};
+use crate::instrument::{self, InstallationChange};
 use crate::reading::Identity;
 use crate::settings::{PORT_COUNT, PortNumber, ProtocolKind};
 
@@ -18,8 +18,8 @@ pub struct Diagnostics {
     pub attitude: Option<Attitude>,
     /// Last heading, or the reason for its absence.
     pub heading: Result<Heading, NoHeading>,
-    /// Change of hard iron since the calibration, once significant.
-    pub hard_iron_change: Option<HardIronChange>,
+    /// Change of the installation since the calibration, once significant.
+    pub installation_change: Option<InstallationChange>,
     /// Motor current, amperes, if reported recently.
     pub current_a: Option<f32>,
     /// Event counters.

@@ -100,13 +100,13 @@ impl Terminal<'_> {
     }
 
     fn health(&self, platform: &impl Platform) -> Diagnostics {
-        let Estimate { attitude, heading, hard_iron_change: change, current_a, .. } =
+        let Estimate { attitude, heading, installation_change: change, current_a, .. } =
             self.links.estimates.try_get().unwrap_or(Estimate::EMPTY);
         Diagnostics {
             sensor: self.links.sensor.try_get().map(|found| found.identity),
             attitude,
             heading,
-            hard_iron_change: change,
+            installation_change: change,
             current_a,
             event_counts: self.links.counts(),
             reset_cause: self.reset,

@@ -6,7 +6,7 @@ use embassy_time::{Instant, Timer};
 
 use super::Links;
 use super::links::{DetectedSensor, increment, now, subscribe};
-use crate::instrument::{HardIronChangeReporter, Instrument, InstrumentConfig};
+use crate::instrument::{ChangeReporter, Instrument, InstrumentConfig};
 use crate::messages::Message;
 
 /// Reading period of the reference sensor, microseconds; used until a sensor is detected.
@@ -18,7 +18,7 @@ pub async fn run(links: &Links) -> ! {
     let mut correction = subscribe(&links.correction);
     let estimates = links.estimates.sender();
     let mut instrument = Instrument::new(InstrumentConfig::new(FIRST_PERIOD_US));
-    let mut change_report = HardIronChangeReporter::NONE;
+    let mut change_report = ChangeReporter::NONE;
     let mut silent_at = silence_from_now(&instrument);
     loop {
         // Reports before readings, so that a reading uses attitude of its own instant.
@@ -59,8 +59,9 @@ pub async fn run(links: &Links) -> ! {
                 instrument.set_correction(changed);
             }
             instrument.update_monitor();
-            if let Some(change) = change_report.update(now(), instrument.hard_iron_change()) {
-                links.announce(&change.map_or(Message::HardIronRestored, Message::HardIronChanged));
+            let is_armed = links.is_armed() == Some(true);
+            if let Some(change) = change_report.update(now(), is_armed, instrument.installation_change()) {
+                links.announce(&change.map_or(Message::InstallationRestored, Message::InstallationChanged));
             }
         }
     }

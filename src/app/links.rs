@@ -142,16 +142,18 @@ impl Links {
         }
     }
 
-    /// Publishes a port's protocol and armed state. The aircraft is armed if the autopilot of any port is.
+    /// Publishes a port's protocol and armed state.
     pub(super) fn update_port_state(&self, number: PortNumber, protocol: ProtocolKind, is_armed: Option<bool>) {
         self.port(number).state.lock(|state| state.set(PortState { protocol, is_armed }));
-        publish(
-            &self.armed,
-            match self.port_states().map(|state| state.is_armed) {
-                [Some(one), Some(two)] => Some(one || two),
-                [known, None] | [None, known] => known,
-            },
-        );
+        publish(&self.armed, self.is_armed());
+    }
+
+    /// Whether the autopilot of any port is armed, if known.
+    pub(super) fn is_armed(&self) -> Option<bool> {
+        match self.port_states().map(|state| state.is_armed) {
+            [Some(one), Some(two)] => Some(one || two),
+            [known, None] | [None, known] => known,
+        }
     }
 
     /// Sets the ports' initial protocols to those detected before the restart.

@@ -1,6 +1,6 @@
 //! Results of the instrument at one time, and counters of rejected inputs.
 
-use super::monitor::HardIronChange;
+use super::monitor::InstallationChange;
 use crate::attitude::RejectedReports;
 use crate::frames::{Attitude, Body, Field};
 use crate::heading::{Heading, NoHeading};
@@ -26,7 +26,7 @@ pub struct Estimate {
     /// Attitude at that time, if reports are recent.
     pub attitude: Option<Attitude>,
     /// Change of hard iron since the calibration, once significant.
-    pub hard_iron_change: Option<HardIronChange>,
+    pub installation_change: Option<InstallationChange>,
     /// Motor current, amperes, if reported recently.
     pub current_a: Option<f32>,
 }
@@ -40,7 +40,7 @@ impl Estimate {
         heading: Err(NoHeading::SensorSilent),
         smoothed_heading: None,
         attitude: None,
-        hard_iron_change: None,
+        installation_change: None,
         current_a: None,
     };
 }

@@ -71,7 +71,7 @@ use compass_field::CompassField;
 pub use config::{InstrumentConfig, readings_per_sample};
 pub use correction::{Correction, SampleAttitude};
 pub use estimate::{Estimate, RejectionCounts};
-pub use monitor::{HardIronChange, HardIronChangeReporter};
+pub use monitor::{ChangeReporter, HardIronChange, InstallationChange, MountTurn};
 use monitor::{Monitor, MonitorOutput, MonitoredCalibration};
 use pairing::PairingQueue;
 use sensor_check::{ReadingFault, SensorCheck};
@@ -230,7 +230,7 @@ impl Instrument {
             heading,
             smoothed_heading,
             attitude: attitude.ok(),
-            hard_iron_change: self.hard_iron_change(),
+            installation_change: self.installation_change(),
             current_a,
         }
     }
@@ -239,7 +239,7 @@ impl Instrument {
     #[must_use]
     pub fn on_silence(&self, at: Timestamp) -> Estimate {
         let (attitude, current_a) = (self.attitude_at(at).ok(), self.current_a(at));
-        Estimate { at, attitude, hard_iron_change: self.hard_iron_change(), current_a, ..Estimate::EMPTY }
+        Estimate { at, attitude, installation_change: self.installation_change(), current_a, ..Estimate::EMPTY }
     }
 
     /// The next complete sample. Call until `None` after each reading and report; one report can complete several
@@ -288,10 +288,10 @@ impl Instrument {
         self.active.adjust(at, adjustment, readings_per_sample);
     }
 
-    /// Change of hard iron since the calibration, once significant.
+    /// Change of the installation since the calibration, once significant.
     #[must_use]
-    pub const fn hard_iron_change(&self) -> Option<HardIronChange> {
-        self.monitor.output().hard_iron_change
+    pub const fn installation_change(&self) -> Option<InstallationChange> {
+        self.monitor.output().change
     }
 
     /// Rejected inputs so far.

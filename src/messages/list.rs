@@ -11,7 +11,7 @@ use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, SamplePart,
 use crate::collection::CollectionProblem;
 use crate::decimal::{Decimal, ShortestDecimal};
 use crate::health::SampleLoss;
-use crate::instrument::HardIronChange;
+use crate::instrument::{HardIronChange, InstallationChange, MountTurn};
 use crate::settings::OutOfRange;
 use crate::store::StoreError;
 use crate::trig::Length as _;
@@ -39,12 +39,17 @@ impl Message {
             ),
             Self::Collecting(percent) => show("collecting", format_args!("{percent} %"), NO_ADVICE),
             Self::CollectionEnded => show("collection-ended", format_args!("no more samples"), NO_ADVICE),
-            Self::HardIronChanged(change) => show(
+            Self::InstallationChanged(InstallationChange::HardIron(change)) => show(
                 "iron-moved",
                 format_args!("{}", HardIronChangeText(change)),
                 format_args!("headings are corrected for it; fix what moved, or calibrate again"),
             ),
-            Self::HardIronRestored => show("iron-back", format_args!("as calibrated again"), NO_ADVICE),
+            Self::InstallationChanged(InstallationChange::Mount(turn)) => show(
+                "mount-moved",
+                format_args!("{}", MountTurnText(turn)),
+                format_args!("headings are corrected for it; fasten the module and calibrate again"),
+            ),
+            Self::InstallationRestored => show("iron-back", format_args!("as calibrated again"), NO_ADVICE),
             Self::SafeMode => safe_mode(show),
         }
     }
@@ -254,6 +259,18 @@ impl RefusalCause {
                 }
             }
         }
+    }
+}
+
+/// Text of a turn in the mount.
+struct MountTurnText<'a>(&'a MountTurn);
+
+impl Display for MountTurnText<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let MountTurn { turn_rad, sigma_rad } = self.0;
+        let direction = if *turn_rad < 0.0 { "counterclockwise" } else { "clockwise" };
+        let [turn_deg, sigma_deg] = [turn_rad.abs(), *sigma_rad].map(|rad| Decimal::<1>(rad.to_degrees()));
+        write!(f, "{turn_deg} deg {direction} since the calibration, from above (sigma {sigma_deg})")
     }
 }
 

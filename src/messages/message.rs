@@ -1,7 +1,7 @@
 //! Unsolicited messages.
 
 use super::{ExpectedAccuracy, Refusal, RefusalCause};
-use crate::instrument::HardIronChange;
+use crate::instrument::InstallationChange;
 use crate::store::StoreError;
 
 /// Unsolicited report to the user.
@@ -20,10 +20,10 @@ pub enum Message {
     Collecting(u8),
     /// End of a collection, before its solve. MAVLink only.
     CollectionEnded,
-    /// Hard iron changed since the calibration.
-    HardIronChanged(HardIronChange),
-    /// Hard iron is as calibrated again.
-    HardIronRestored,
+    /// Hard iron changed, or the module turned in its mount, since the calibration.
+    InstallationChanged(InstallationChange),
+    /// The installation is as calibrated again.
+    InstallationRestored,
     /// The module is in safe mode after repeated panics.
     SafeMode,
 }
@@ -45,14 +45,14 @@ impl Message {
     #[must_use]
     pub const fn severity(&self) -> Severity {
         match self {
-            Self::Solved(Ok(_)) | Self::Collecting(_) | Self::CollectionEnded | Self::HardIronRestored => {
+            Self::Solved(Ok(_)) | Self::Collecting(_) | Self::CollectionEnded | Self::InstallationRestored => {
                 Severity::Info
             }
             Self::Solved(Err(_))
             | Self::CommandRejected(_)
             | Self::StoreFailed(_)
             | Self::CollectionLost
-            | Self::HardIronChanged(_)
+            | Self::InstallationChanged(_)
             | Self::SafeMode => Severity::Warning,
         }
     }

@@ -10,7 +10,7 @@ use crate::calibration::{
 };
 use crate::collection::CollectionProblem;
 use crate::health::SampleLoss;
-use crate::instrument::HardIronChange;
+use crate::instrument::{HardIronChange, InstallationChange, MountTurn};
 use crate::settings::OutOfRange;
 use crate::store::StoreError;
 
@@ -305,12 +305,18 @@ fn messages() -> Vec<(Message, Severity, &'static str)> {
         (Message::Collecting(40), Severity::Info, "collecting: 40 %"),
         (Message::CollectionEnded, Severity::Info, "collection-ended: no more samples"),
         (
-            Message::HardIronChanged(change),
+            Message::InstallationChanged(InstallationChange::HardIron(change)),
             Severity::Warning,
             "iron-moved: 5.2 uT since the calibration, mostly aft (x -4.9, y 0.3, z -1.7, sigma 0.4); headings are \
              corrected for it; fix what moved, or calibrate again",
         ),
-        (Message::HardIronRestored, Severity::Info, "iron-back: as calibrated again"),
+        (
+            Message::InstallationChanged(InstallationChange::Mount(MountTurn { turn_rad: -0.171, sigma_rad: 0.0105 })),
+            Severity::Warning,
+            "mount-moved: 9.8 deg counterclockwise since the calibration, from above (sigma 0.6); headings are corrected for \
+             it; fasten the module and calibrate again",
+        ),
+        (Message::InstallationRestored, Severity::Info, "iron-back: as calibrated again"),
         (
             Message::SafeMode,
             Severity::Warning,
@@ -372,7 +378,8 @@ fn the_direction_of_a_hard_iron_change_is_its_largest_axis() {
         ([1.0, 1.0, 3.0], "down"),
         ([1.0, 1.0, -3.0], "up"),
     ] {
-        let line = Message::HardIronChanged(HardIronChange { change_ut: change_ut.into(), sigma_ut: 0.2 }).to_string();
+        let change = HardIronChange { change_ut: change_ut.into(), sigma_ut: 0.2 };
+        let line = Message::InstallationChanged(InstallationChange::HardIron(change)).to_string();
         assert!(line.contains(&format!("mostly {direction} (x ")), "{line}");
     }
 }

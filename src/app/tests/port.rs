@@ -231,7 +231,7 @@ fn a_message_is_sent_as_mavlink_status_text() {
         let bytes = port.written.take();
         move |text: &str| bytes.windows(text.len()).any(|window| window == text.as_bytes())
     };
-    assert!(!sent(&mut bench, &Message::HardIronRestored)("autoswing"), "sentences");
+    assert!(!sent(&mut bench, &Message::InstallationRestored)("autoswing"), "sentences");
     let other =
         Settings::DEFAULT.with_setting(SettingChange::Protocol(PortNumber::Two, ProtocolKind::Mavlink)).unwrap();
     publish(&bench.links.settings, other);

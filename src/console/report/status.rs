@@ -10,6 +10,7 @@ use crate::compass::{ModuleState, StatusReport, TrialResult};
 use crate::decimal::{Decimal, ShortestDecimal};
 use crate::frames::Attitude;
 use crate::health::{Counts, Diagnostics, ResetCause, StackUse};
+use crate::instrument::InstallationChange;
 use crate::messages::Message;
 use crate::settings::ProtocolKind;
 
@@ -149,8 +150,14 @@ fn heading_lines(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
         }
         Err(reason) => writeln!(out, "heading: none, {}", reason.code()),
     }?;
-    match &health.hard_iron_change {
-        Some(change) => writeln!(out, "hard iron: changed by {}", Message::HardIronChanged(*change).text()),
+    match &health.installation_change {
+        Some(change) => {
+            let what = match change {
+                InstallationChange::HardIron(_) => "hard iron: changed by",
+                InstallationChange::Mount(_) => "mount: turned by",
+            };
+            writeln!(out, "{what} {}", Message::InstallationChanged(*change).text())
+        }
         None => writeln!(out, "hard iron: no change detected"),
     }
 }

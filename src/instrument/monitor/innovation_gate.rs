@@ -152,6 +152,11 @@ impl InnovationGate {
         is_waiting
     }
 
+    /// Time for which headings were withheld, seconds, forgotten within a minute.
+    pub const fn withheld_s(&self) -> f32 {
+        self.withheld_s
+    }
+
     pub fn is_withholding(&self) -> bool {
         self.withhold_left_s > 0.0 || self.gross_count > 0 || self.required_turn_rad > 0.0
     }

@@ -5,10 +5,11 @@
 //!
 //! | state | meaning | model |
 //! |---|---|---|
-//! | `beta` (3) | change of hard iron since the calibration, body axes | `h - beta` is the Earth's field |
+//! | `beta` (3) | change of hard iron since the calibration, body axes | see `mu` |
 //! | `f`, `i` | change of field strength (relative) and of inclination | strength `1 + f`, inclination `I + i` |
 //! | `a_r`, `a_p`, `k` | roll bias, pitch bias, bank-angle scale error | roll `phi - a_r - k phi` |
 //! | `tau` | residual attitude latency | `phi + tau phi'`, `theta + tau theta'` |
+//! | `mu` | turn of the module in its mount, clockwise from above | `R_z(mu) (h - beta)` is the Earth's field |
 //! | `c` | offset of the gyro heading | heading `integral + c + tau psi'` |
 //! | gyro (8) | offsets, scale errors, cross-axis sensitivities | `c' = - row . gyro`, see `gyro_error.rs` |
 
@@ -21,7 +22,8 @@ use super::super::ud_filter::Measurement;
 use super::innovation_gate::PerKind;
 use crate::attitude::{EulerRates, GyroHeading};
 use crate::calibration::FieldPrediction;
-use crate::frames::{Attitude, Field, wrap_pi};
+use crate::frames::{Attitude, Body, Field, wrap_pi};
+use crate::trig;
 
 pub(super) const STATE_COUNT: usize = GYRO_ERRORS + GYRO_ERROR_COUNT;
 pub(super) const HARD_IRON_CHANGE: usize = 0;
@@ -32,10 +34,11 @@ pub(super) const ROLL_BIAS: usize = 5;
 pub(super) const PITCH_BIAS: usize = 6;
 pub(super) const BANK_SCALE_ERROR: usize = 7;
 pub(super) const ATTITUDE_LATENCY: usize = 8;
+pub(super) const MOUNT_TURN: usize = 9;
 /// Before the gyro's errors, from which it is propagated.
-pub(super) const GYRO_OFFSET: usize = 9;
+pub(super) const GYRO_OFFSET: usize = 10;
 /// First of the gyro's errors, which are the last states.
-pub(super) const GYRO_ERRORS: usize = 10;
+pub(super) const GYRO_ERRORS: usize = 11;
 /// Offsets of the y and the z axis among them.
 pub(super) const GYRO_OFFSETS: [usize; 2] = [GYRO_ERRORS, GYRO_ERRORS + GYRO_ERROR_COUNT / 2];
 
@@ -43,6 +46,39 @@ pub(super) type StateVector = [f32; STATE_COUNT];
 
 pub(super) fn hard_iron_change(states: &StateVector) -> Vector3<f32> {
     Vector3::new(states[HARD_IRON_CHANGE], states[HARD_IRON_CHANGE + 1], states[HARD_IRON_CHANGE + 2])
+}
+
+/// Rotation of a vector in the module's axes to body axes: `R_z(mu)`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MountRotation {
+    sin: f32,
+    cos: f32,
+}
+
+impl MountRotation {
+    pub fn new(states: &StateVector) -> Self {
+        Self::by(states[MOUNT_TURN])
+    }
+
+    pub fn by(turn_rad: f32) -> Self {
+        let (sin, cos) = trig::sin_cos(turn_rad);
+        Self { sin, cos }
+    }
+
+    pub fn rotate(&self, v: &Vector3<f32>) -> Vector3<f32> {
+        let Self { sin, cos } = *self;
+        Vector3::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y, v.z)
+    }
+
+    /// `R_z(mu)^T v`.
+    pub fn rotate_back(&self, v: &Vector3<f32>) -> Vector3<f32> {
+        Self { sin: -self.sin, cos: self.cos }.rotate(v)
+    }
+}
+
+/// The Earth's field in body axes, by a sample and the states.
+pub(super) fn body_field(seen: &MonitorSample, states: &StateVector) -> Field<Body> {
+    Field::new(MountRotation::new(states).rotate(&(seen.field - hard_iron_change(states))))
 }
 
 pub(super) fn correct_attitude(reported: Attitude, motion: &EulerRates, states: &StateVector) -> Attitude {
@@ -104,6 +140,8 @@ pub(super) struct MeasurementModel {
     pub inclination_rad: f32,
     pub heading_rad: f32,
     pub tan_inclination: f32,
+    /// Measured field, corrected as calibrated, less the predicted one, body axes.
+    pub uncorrected_residual: Vector3<f32>,
     pub strength_jacobian: StateVector,
     pub inclination_jacobian: StateVector,
     pub heading_jacobian: StateVector,
@@ -115,7 +153,7 @@ impl MeasurementModel {
     #[inline(never)]
     pub fn new(seen: &MonitorSample, states: &StateVector, predicted: &PredictedField) -> Self {
         let tilt = correct_attitude(seen.attitude, &seen.motion, states).tilt();
-        let measured = tilt.level(Field::new(seen.field - hard_iron_change(states)));
+        let measured = tilt.level(body_field(seen, states));
         let heading_rad = measured.heading_rad();
         let level =
             Field::earth(predicted.strength, predicted.inclination_rad, predicted.heading_rad.unwrap_or(heading_rad));
@@ -123,14 +161,17 @@ impl MeasurementModel {
         let prediction = FieldPrediction::new(earth, &earth, &tilt);
         let inclination_by_tilt = prediction.inclination_by_attitude(&tilt);
         let heading_by_tilt = prediction.heading_by_attitude(&tilt);
+        let mount = MountRotation::new(states);
+        let row = |by_field: &Vector3<f32>, by_tilt| jacobian_row(seen, &earth, &mount, by_field, by_tilt);
         Self {
             strength: measured.total_ut(),
             inclination_rad: measured.inclination_rad(),
             heading_rad,
             tan_inclination: prediction.level.z / prediction.horizontal,
-            strength_jacobian: jacobian_row(seen, &prediction.direction, [0.0; 2]),
-            inclination_jacobian: jacobian_row(seen, &prediction.inclination_by_field, inclination_by_tilt),
-            heading_jacobian: jacobian_row(seen, &prediction.heading_by_field(&tilt), heading_by_tilt),
+            uncorrected_residual: seen.field - earth,
+            strength_jacobian: row(&prediction.direction, [0.0; 2]),
+            inclination_jacobian: row(&prediction.inclination_by_field, inclination_by_tilt),
+            heading_jacobian: row(&prediction.heading_by_field(&tilt), heading_by_tilt),
         }
     }
 
@@ -167,13 +208,22 @@ impl MeasurementModel {
     }
 }
 
-/// Jacobian row by the chain rule, from derivatives with respect to the field and to roll and pitch.
-fn jacobian_row(seen: &MonitorSample, by_field: &Vector3<f32>, [by_roll, by_pitch]: [f32; 2]) -> StateVector {
+/// Jacobian row by the chain rule, from derivatives with respect to the field, `earth` in body axes, and to roll and
+/// pitch.
+fn jacobian_row(
+    seen: &MonitorSample,
+    earth: &Vector3<f32>,
+    mount: &MountRotation,
+    by_field: &Vector3<f32>,
+    [by_roll, by_pitch]: [f32; 2],
+) -> StateVector {
     let MonitorSample { attitude, motion, .. } = seen;
     let mut row = [0.0; STATE_COUNT];
+    let by_module_field = mount.rotate_back(by_field);
     for axis in 0..3 {
-        row[HARD_IRON_CHANGE + axis] = -by_field[axis];
+        row[HARD_IRON_CHANGE + axis] = -by_module_field[axis];
     }
+    row[MOUNT_TURN] = by_field.y * earth.x - by_field.x * earth.y;
     row[ROLL_BIAS] = -by_roll;
     row[PITCH_BIAS] = -by_pitch;
     row[BANK_SCALE_ERROR] = -by_roll * attitude.roll_rad;

@@ -18,11 +18,12 @@
 mod acceleration_tilt;
 mod adaptive_noise;
 mod coordinated_turn;
-mod hard_iron;
 mod innovation_gate;
+mod installation_change;
 mod mean_innovation;
 mod measurement_model;
 mod monitored_calibration;
+mod mount_turn;
 mod output;
 mod parameters;
 #[cfg(test)]
@@ -37,7 +38,7 @@ use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrorRows, GyroErrors, HeadingRate
 use super::ud_filter::{Measurement, UdFilter};
 use crate::attitude::{EulerRates, GyroHeading};
 use crate::calibration::{Calibration, Sample};
-use crate::frames::{Field, wrap_pi};
+use crate::frames::wrap_pi;
 use crate::heading::NoHeading;
 use crate::time::Timestamp;
 use crate::trig;
@@ -45,25 +46,26 @@ use crate::trig::{Length as _, sqrt};
 use acceleration_tilt::AccelerationTilt;
 use adaptive_noise::{AdaptiveNoise, SampleNoise};
 use coordinated_turn::CoordinatedTurn;
-use hard_iron::HardIronDetector;
-pub use hard_iron::{HardIronChange, HardIronChangeReporter};
 use innovation_gate::{GateResult, Innovation, InnovationGate, PerKind};
+use installation_change::{ChangeDetector, MIN_HARD_IRON_CHANGE, MIN_MOUNT_TURN_RAD};
+pub use installation_change::{ChangeReporter, HardIronChange, InstallationChange, MountTurn};
 use mean_innovation::MeanInnovations;
 use measurement_model::{
     ATTITUDE_LATENCY, BANK_SCALE_ERROR, GYRO_ERRORS, GYRO_OFFSET, GYRO_OFFSETS, HARD_IRON_AXES, HARD_IRON_CHANGE,
-    INCLINATION_CHANGE, MeasurementModel, MonitorSample, PITCH_BIAS, PredictedField, ROLL_BIAS, STATE_COUNT,
-    STRENGTH_CHANGE, StateVector,
+    INCLINATION_CHANGE, MOUNT_TURN, MeasurementModel, MonitorSample, PITCH_BIAS, PredictedField, ROLL_BIAS,
+    STATE_COUNT, STRENGTH_CHANGE, StateVector,
 };
 pub(super) use monitored_calibration::MonitoredCalibration;
+use mount_turn::TurnedMount;
 pub(super) use output::MonitorOutput;
 use parameters::{
     ATTITUDE_JITTER_S, ATTITUDE_SHARE, COEFFICIENT_VARIANCE_FACTOR, DECAY_TIME_S, DRIFT_FACTOR, DRIFT_TIME_S,
     INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_AWAITED_SAMPLES, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON,
-    MAX_GAP_S, MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE,
-    MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INNOVATION, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE,
-    MAX_TILT_INNOVATION_RAD, MIN_DRIFT, MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON, POST_CHANGE_INFLATION,
-    POST_CHANGE_S, SAMPLE_VARIANCE_FACTORS, SLOW_CHANGE_TIME_S, STATE_NOISE, UNKNOWN_ANGLE_VARIANCE_RAD2,
-    VARIANCE_FLOORS,
+    MAX_DECAYING_MOUNT_TURN_RAD, MAX_GAP_S, MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR,
+    MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INNOVATION, MAX_MOUNT_TURN_RAD,
+    MAX_MOUNT_TURNING_S, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE, MAX_TILT_INNOVATION_RAD, MIN_DRIFT,
+    MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON, POST_CHANGE_INFLATION, POST_CHANGE_S, SAMPLE_VARIANCE_FACTORS,
+    SLOW_CHANGE_TIME_S, STATE_NOISE, UNKNOWN_ANGLE_VARIANCE_RAD2, VARIANCE_FLOORS,
 };
 
 /// The monitor. 2.3 KB.
@@ -86,7 +88,8 @@ pub(super) struct Monitor {
     /// State whose process noise is added next; all in turn, to save time.
     next_noise: usize,
     acceleration_tilt: AccelerationTilt,
-    hard_iron_detector: HardIronDetector,
+    hard_iron_detector: ChangeDetector,
+    mount_detector: ChangeDetector,
     last_sample_at: Option<Timestamp>,
     /// Samples discarded while the first report of the motor current is awaited.
     awaited_samples: u8,
@@ -109,7 +112,8 @@ impl Monitor {
             past_field: [0.0; ROLL_BIAS],
             next_noise: 0,
             acceleration_tilt: AccelerationTilt::NEW,
-            hard_iron_detector: HardIronDetector::NEW,
+            hard_iron_detector: ChangeDetector::new(MIN_HARD_IRON_CHANGE),
+            mount_detector: ChangeDetector::new(MIN_MOUNT_TURN_RAD),
             last_sample_at: None,
             awaited_samples: 0,
             gyro_run: None,
@@ -197,7 +201,10 @@ impl Monitor {
         if measurement_model::hard_iron_change(self.filter.mean()).length() < MAX_DECAYING_HARD_IRON {
             self.decay_states(HARD_IRON_CHANGE..STRENGTH_CHANGE, decay);
         }
-        self.decay_states(ROLL_BIAS..GYRO_OFFSET, decay);
+        self.decay_states(ROLL_BIAS..MOUNT_TURN, decay);
+        if self.filter.mean()[MOUNT_TURN].abs() < MAX_DECAYING_MOUNT_TURN_RAD {
+            self.decay_states(MOUNT_TURN..GYRO_OFFSET, decay);
+        }
     }
 
     /// Time update of the gyro heading's offset, with the mean of the gyro's rows at both ends of the step.
@@ -221,9 +228,9 @@ impl Monitor {
     /// Re-initialises the gyro heading offset after a gap or a restart of the integration.
     fn track_gyro_offset(&mut self, seen: &MonitorSample, turning: Option<GyroHeading>, step_s: f32) {
         if let Some(turning) = turning.filter(|turning| self.gyro_run != Some(turning.run) || step_s > MAX_GAP_S) {
-            let measured = seen.field - measurement_model::hard_iron_change(self.filter.mean());
+            let measured = measurement_model::body_field(seen, self.filter.mean());
             let attitude = measurement_model::correct_attitude(seen.attitude, &seen.motion, self.filter.mean());
-            let heading_rad = attitude.level(Field::new(measured)).heading_rad();
+            let heading_rad = attitude.level(measured).heading_rad();
             self.filter.set_mean(GYRO_OFFSET, wrap_pi(heading_rad - turning.relative_heading_rad));
             self.filter.inflate_variance(GYRO_OFFSET, UNKNOWN_ANGLE_VARIANCE_RAD2);
             self.coordinated_turn = CoordinatedTurn::EMPTY;
@@ -247,7 +254,7 @@ impl Monitor {
         let variances = self.measurement_variances(monitored, seen, &model, position, step_s);
         let measurements = model.measurements(&predicted, seen, variances);
         self.adapt_noise_to_residuals(monitored, &measurements, step_s);
-        let is_usable = self.test_innovations(&model, &measurements, step_s);
+        let is_usable = self.test_innovations(monitored.calibration, &model, &measurements, position, step_s);
         if let Some(turning) = turning {
             self.innovation_gate.update_turn(turning.euler_rates.heading_rad_s * step_s, step_s);
         }
@@ -307,8 +314,10 @@ impl Monitor {
     /// Tests the innovations and inflates the covariance after a change; whether each measurement is usable.
     fn test_innovations(
         &mut self,
+        calibration: &Calibration,
         model: &MeasurementModel,
         measurements: &PerKind<Option<Measurement<STATE_COUNT>>>,
+        position: &Vector3<f32>,
         step_s: f32,
     ) -> PerKind<bool> {
         let innovations = array::from_fn(|kind| measurements[kind].as_ref().map(|m| self.innovation(m)));
@@ -320,7 +329,9 @@ impl Monitor {
         match self.innovation_gate.test_innovations(innovations, step_s) {
             GateResult::Consistent { is_usable } => is_usable,
             GateResult::ChangeDetected { exceeding_residuals } => {
+                let turned = TurnedMount::explaining(calibration, &model.uncorrected_residual, position);
                 self.inflate_covariance(model, exceeding_residuals);
+                self.test_mount_turn(turned, exceeding_residuals);
                 [true; 3]
             }
         }
@@ -405,6 +416,29 @@ impl Monitor {
         self.post_change_left_s = POST_CHANGE_S;
     }
 
+    /// Takes a turn of the module for the cause of a detected change if it explains the field. A module turns once: when the
+    /// field changes again and again, an estimated turn must go on to explain it.
+    fn test_mount_turn(&mut self, turned: Option<TurnedMount>, residuals: PerKind<f32>) {
+        let estimated_rad = self.filter.mean()[MOUNT_TURN];
+        let is_first = self.innovation_gate.withheld_s() < MAX_MOUNT_TURNING_S;
+        let is_confirmed = turned.is_some_and(|t| (t.turn_rad - estimated_rad).abs() < MAX_DECAYING_MOUNT_TURN_RAD);
+        match turned {
+            Some(turned) if is_first => self.turn_mount(&turned, residuals),
+            _ if is_first || is_confirmed || estimated_rad.abs() < MAX_DECAYING_MOUNT_TURN_RAD => {}
+            _ => self.turn_mount(&TurnedMount::AS_CALIBRATED, residuals),
+        }
+    }
+
+    /// Starts again from a turn of the module that explains the field, with the variance of the heading's residual.
+    fn turn_mount(&mut self, turned: &TurnedMount, [_, _, heading_rad]: PerKind<f32>) {
+        let rad = heading_rad.min(MAX_MOUNT_TURN_RAD);
+        self.filter.inflate_variance(MOUNT_TURN, rad * rad);
+        self.filter.set_mean(MOUNT_TURN, turned.turn_rad);
+        for (axis, change) in HARD_IRON_AXES.into_iter().zip(turned.hard_iron_change.iter()) {
+            self.filter.set_mean(axis, *change);
+        }
+    }
+
     #[inline(never)]
     fn update_output(
         &mut self,
@@ -422,7 +456,9 @@ impl Monitor {
         self.has_strength_failed &= self.innovation_gate.is_withholding();
         let change = measurement_model::hard_iron_change(&states);
         // Without a detected change, attitude errors are part of the noise; hard iron may drift all the same.
-        let is_unchanged = self.post_change_left_s <= 0.0 && change.length() < MAX_DECAYING_HARD_IRON;
+        let is_unchanged = self.post_change_left_s <= 0.0
+            && change.length() < MAX_DECAYING_HARD_IRON
+            && states[MOUNT_TURN].abs() < MAX_DECAYING_MOUNT_TURN_RAD;
         let sent_rad2 = if is_unchanged {
             self.filter.projected_variance(&by_field)
         } else {
@@ -435,7 +471,7 @@ impl Monitor {
             heading_rate_error: self.heading_rate_error(),
             gyro_offset: self.gyro_run.map(|run| (run, self.filter.state_variance(GYRO_OFFSET))),
             validity: self.assess_validity(&states, seen, &heading_jacobian, [variance_rad2, sent_rad2]),
-            hard_iron_change: self.detect_hard_iron_change(&change, monitored.calibration.total_ut, step_s),
+            change: self.detect_change(&change, monitored.calibration.total_ut, step_s),
         };
     }
 
@@ -450,18 +486,30 @@ impl Monitor {
         Some(noise)
     }
 
-    /// The change of hard iron, relative to the field strength, in microtesla if it is significant.
-    fn detect_hard_iron_change(&mut self, change: &Vector3<f32>, total_ut: f32, step_s: f32) -> Option<HardIronChange> {
-        let sigma = (0..3).map(|axis| sqrt(self.filter.state_variance(HARD_IRON_CHANGE + axis))).fold(0.0, f32::max);
+    /// The change of the installation if it is significant. `hard_iron_change` is relative to the field strength.
+    fn detect_change(
+        &mut self,
+        hard_iron_change: &Vector3<f32>,
+        total_ut: f32,
+        step_s: f32,
+    ) -> Option<InstallationChange> {
+        let size = hard_iron_change.length();
+        // A change that is not one of hard iron has no size to report.
+        let is_withholding = self.innovation_gate.is_withholding() || size > MAX_HARD_IRON_CHANGE;
+        let turn_rad = self.filter.mean()[MOUNT_TURN];
+        let sigma_rad = sqrt(self.filter.state_variance(MOUNT_TURN));
+        if self.mount_detector.update(turn_rad.abs(), sigma_rad, is_withholding, step_s) {
+            // Hard iron that stays while the module turns looks changed as well.
+            return Some(InstallationChange::Mount(MountTurn { turn_rad, sigma_rad }));
+        }
+        let sigma = HARD_IRON_AXES.map(|axis| sqrt(self.filter.state_variance(axis))).into_iter().fold(0.0, f32::max);
         // Coefficient errors resemble hard iron.
         let sigma_with_coefficients = sqrt(sigma * sigma + self.max_coefficient_variance);
-        // A change that is not one of hard iron has no size to report.
-        let is_withholding = self.innovation_gate.is_withholding() || change.length() > MAX_HARD_IRON_CHANGE;
-        self.hard_iron_detector
-            .update(change, sigma_with_coefficients, is_withholding, step_s)
-            .then_some(change)
-            .filter(|change| change.length() <= MAX_HARD_IRON_CHANGE)
-            .map(|change| HardIronChange { change_ut: change * total_ut, sigma_ut: sigma * total_ut })
+        let is_significant = self.hard_iron_detector.update(size, sigma_with_coefficients, is_withholding, step_s);
+        (is_significant && size <= MAX_HARD_IRON_CHANGE).then(|| {
+            let (change_ut, sigma_ut) = (hard_iron_change * total_ut, sigma * total_ut);
+            InstallationChange::HardIron(HardIronChange { change_ut, sigma_ut })
+        })
     }
 
     /// Whether headings are withheld, and why.
@@ -475,7 +523,7 @@ impl Monitor {
     ) -> Result<(), NoHeading> {
         let hard_iron_change = measurement_model::hard_iron_change(states).length();
         let bias_rad = states[ROLL_BIAS].abs().max(states[PITCH_BIAS].abs());
-        if hard_iron_change > MAX_HARD_IRON_CHANGE {
+        if hard_iron_change > MAX_HARD_IRON_CHANGE || states[MOUNT_TURN].abs() > MAX_MOUNT_TURN_RAD {
             return Err(NoHeading::FieldChanged);
         }
         if self.innovation_gate.is_withholding() {

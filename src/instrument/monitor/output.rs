@@ -1,17 +1,17 @@
 //! Output of the monitor: correction of calibration and attitude, heading variance, validity.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use super::super::gyro_error::HeadingRateError;
 use super::adaptive_noise::SampleNoise;
-use super::hard_iron::HardIronChange;
+use super::installation_change::InstallationChange;
 use super::measurement_model::{
-    self, ATTITUDE_LATENCY, GYRO_OFFSET, INCLINATION_CHANGE, STATE_COUNT, STRENGTH_CHANGE, StateVector,
+    self, ATTITUDE_LATENCY, GYRO_OFFSET, INCLINATION_CHANGE, MountRotation, STATE_COUNT, STRENGTH_CHANGE, StateVector,
 };
 use super::monitored_calibration::MonitoredCalibration;
 use super::parameters::READING_GATE_SIGMAS;
 use crate::attitude::{EulerRates, GyroHeading};
-use crate::calibration::{Calibration, HeadingUncertainty, inverse};
+use crate::calibration::{Calibration, HeadingUncertainty, inverse, matrix_rows};
 use crate::frames::{Attitude, wrap_pi};
 use crate::heading::{Heading, NoHeading};
 use crate::trig::sqrt;
@@ -29,8 +29,8 @@ pub(crate) struct MonitorOutput {
     pub(super) gyro_offset: Option<(u8, f32)>,
     /// Reason why headings are withheld.
     pub validity: Result<(), NoHeading>,
-    /// Change of hard iron, once it is significant.
-    pub hard_iron_change: Option<HardIronChange>,
+    /// Change of the installation, once it is significant.
+    pub change: Option<InstallationChange>,
 }
 
 impl MonitorOutput {
@@ -41,7 +41,7 @@ impl MonitorOutput {
         heading_rate_error: HeadingRateError::NONE,
         gyro_offset: None,
         validity: Ok(()),
-        hard_iron_change: None,
+        change: None,
     };
 
     pub fn correct_attitude(&self, reported: Attitude, motion: &EulerRates) -> Attitude {
@@ -61,13 +61,17 @@ impl MonitorOutput {
             || innovation_rad * innovation_rad <= READING_GATE_SIGMAS * READING_GATE_SIGMAS * variance_rad2
     }
 
-    /// Calibration and noise corrected by the estimated states. The change of hard iron converts to sensor axes: `W (m - b) - beta F = W (m - (b + W^-1 beta F))`.
+    /// Calibration and noise corrected by the estimated states. The change of hard iron converts to sensor axes: `W (m - b) - beta F = W (m - (b + W^-1 beta F))`;
+    /// the turn in the mount becomes part of `W`.
     #[inline(never)]
     pub fn correct_calibration(&self, monitored: &MonitoredCalibration<'_>) -> (Calibration, HeadingUncertainty) {
         let MonitoredCalibration { calibration, uncertainty, readings_per_sample } = *monitored;
         let beta_ut = measurement_model::hard_iron_change(&self.states) * calibration.total_ut;
         let change_ut = inverse(&calibration.w_matrix()).map_or_else(Vector3::zeros, |inverse| inverse * beta_ut);
+        let (w, mount) = (calibration.w_matrix(), MountRotation::new(&self.states));
+        let w = Matrix3::from_columns(&[0, 1, 2].map(|i| mount.rotate(&w.column(i).into_owned())));
         let corrected = Calibration {
+            w: matrix_rows(&w),
             b_ut: (calibration.b_vector_ut() + change_ut).into(),
             inclination_rad: calibration.inclination_rad + self.states[INCLINATION_CHANGE],
             total_ut: calibration.total_ut * (1.0 + self.states[STRENGTH_CHANGE]),

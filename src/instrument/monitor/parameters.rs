@@ -36,6 +36,8 @@ pub(super) const STATE_NOISE: [StateNoise; STATE_COUNT] = [
     state(0.02, 1e-7),
     // tau: 0.1 s, the delay of a telemetry link; it varies with the load of the link.
     state(0.1, 3e-5),
+    // mu: 0.4 deg, play of a mount; in a minute 0.3 deg more.
+    state(0.0075, 5e-7),
     // c: unknown, more than pi; random walk of the gyro 0.06 deg in a second.
     state(10.0, 1e-6),
     // b_y, and the row of y.
@@ -114,6 +116,16 @@ pub(super) const MAX_SENT_SIGMA_RAD: f32 = 0.2;
 
 /// Largest change of hard iron: beyond it, the sensor's range and the linear model end.
 pub(super) const MAX_HARD_IRON_CHANGE: f32 = 0.6;
+
+/// Turn of the mount below which its estimate decays, radians: 2.3 deg. A larger one persists.
+pub(super) const MAX_DECAYING_MOUNT_TURN_RAD: f32 = 0.04;
+
+/// Largest turn of the mount, radians: 34 deg.
+pub(super) const MAX_MOUNT_TURN_RAD: f32 = 0.6;
+
+/// Time withheld within a minute or so up to which a change may be a turn of the mount, seconds: a module turns once, and
+/// what changes again and again is a disturbance.
+pub(super) const MAX_MOUNT_TURNING_S: f32 = 5.0;
 
 /// Largest change of field strength: that of 2000 km.
 pub(super) const MAX_STRENGTH_CHANGE: f32 = 0.2;

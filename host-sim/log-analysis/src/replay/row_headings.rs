@@ -4,7 +4,7 @@ use autoswing::attitude::{self, AttitudeReport, EulerRates, SenderId};
 use autoswing::calibration::{Calibration, Current, Part, Rates, Sample, Solution};
 use autoswing::frames::{Attitude, Field, Level};
 use autoswing::heading;
-use autoswing::instrument::{Correction, Estimate, Instrument, InstrumentConfig};
+use autoswing::instrument::{Correction, Estimate, InstallationChange, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
 use nalgebra::Vector3;
@@ -143,7 +143,10 @@ pub(super) fn monitored_changes_ut(rows: &[ReplayRow], flight: &Flight, solution
     let mut changes: Vec<Vector3<f64>> = Vec::new();
     for row in rows.iter().filter(|row| row.usable) {
         feed.feed([&mut instrument], row);
-        let change = instrument.hard_iron_change().map(|change| change.change_ut.map(f64::from));
+        let change = match instrument.installation_change() {
+            Some(InstallationChange::HardIron(change)) => Some(change.change_ut.map(f64::from)),
+            Some(InstallationChange::Mount(_)) | None => None,
+        };
         changes.extend(change.filter(|change| changes.last() != Some(change)));
     }
     changes

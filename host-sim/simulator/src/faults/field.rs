@@ -3,7 +3,7 @@
 use std::cell::Cell;
 use std::f64::consts::PI;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::Switch;
 use crate::random::{Purpose, Random};
@@ -121,6 +121,29 @@ impl FieldFault for SoftIronHysteresis {
     fn steady_ut(&self, truth: &TrueState) -> Vector3<f64> {
         let lag_rad = if truth.roll_rad == 0.0 { 0.0 } else { self.play_rad.copysign(truth.roll_rad) };
         self.at_heading(truth, truth.heading_rad - lag_rad)
+    }
+}
+
+/// A module that turns about the body's z axis in its mount, within an airframe whose iron stays.
+pub struct MountTurn {
+    /// Active while the module turns.
+    pub switch: Switch,
+    /// The airframe.
+    pub airframe: Airframe,
+    /// Earth's field.
+    pub earth: Earth,
+    /// Final turn, degrees, clockwise as seen from above.
+    pub turn_deg: f64,
+}
+
+impl FieldFault for MountTurn {
+    fn added_ut(&self, truth: &TrueState) -> Vector3<f64> {
+        let Airframe { a, b_ut } = self.airframe;
+        let field_ut = a * self.earth.body_field_ut(truth.euler()) + b_ut;
+        let axis = Rotation3::from_matrix(&a) * Vector3::z_axis();
+        let turn_rad = self.turn_deg.to_radians() * self.switch.progress(truth.time_us);
+        // The field turns the other way in the module's axes.
+        Rotation3::from_axis_angle(&axis, -turn_rad) * field_ut - field_ut
     }
 }
 

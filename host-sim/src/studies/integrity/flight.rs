@@ -223,20 +223,6 @@ fn listen(rig: &mut Rig, drawn: &DrawnCase, seed: u64, on_sentence: &mut dyn FnM
         for timed_byte in rig.instrument.receive_timed() {
             if let Some(received) = reader.push(timed_byte.at_us, timed_byte.byte).filter(|r| r.kind == "PASWH") {
                 let true_deg = rig.world.true_state(timed_byte.at_us).heading_deg();
-                if std::env::var_os("TRACE").is_some() {
-                    let t = rig.world.true_state(timed_byte.at_us);
-                    eprintln!(
-                        "T {} {:.1} {:.2} {:.2} {:.2} {:?} {:?} {:?}",
-                        seed,
-                        timed_byte.at_us as f64 / 1e6,
-                        true_deg,
-                        t.roll_rad.to_degrees(),
-                        t.heading_rate_rad_s.to_degrees(),
-                        received.heading_deg.map(|h| wrap_180(h - true_deg)),
-                        received.sigma_deg,
-                        received.status
-                    );
-                }
                 on_sentence(timed_byte.at_us, &evaluated_sentence(received, true_deg));
             }
         }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::*;
-use crate::instrument::HardIronChange;
+use crate::instrument::{HardIronChange, InstallationChange};
 use crate::settings::HeadingKind;
 use crate::settings::OutOfRange;
 
@@ -17,7 +17,7 @@ fn notice_with_end(end: &str) -> Notice {
 #[test]
 fn nothing_is_sent_before_an_autopilot_s_heartbeat() {
     let mut bench = MavlinkBench::new();
-    bench.module.queue_text(&Notice::HardIronRestored);
+    bench.module.queue_text(&Notice::InstallationRestored);
     bench.hear(&heartbeat(GIMBAL, false, false));
     bench.hear(&attitude(GIMBAL, 0));
     bench.hear(&command(STATION, [0, 158], 42_424, 0, [0.0; 4]));
@@ -228,8 +228,11 @@ fn a_pose_needs_declination_heading_attitude_and_the_setting() {
 #[test]
 fn a_text_has_the_severity_of_its_message() {
     let mut bench = MavlinkBench::beside_an_autopilot();
-    let moved = Notice::HardIronChanged(HardIronChange { change_ut: Vector3::new(3.0, 0.0, 0.0), sigma_ut: 0.4 });
-    for message in [&Notice::CommandRejected(Refusal::NoSensor), &moved, &Notice::HardIronRestored] {
+    let moved = Notice::InstallationChanged(InstallationChange::HardIron(HardIronChange {
+        change_ut: Vector3::new(3.0, 0.0, 0.0),
+        sigma_ut: 0.4,
+    }));
+    for message in [&Notice::CommandRejected(Refusal::NoSensor), &moved, &Notice::InstallationRestored] {
         bench.module.queue_text(message);
     }
     bench.run(2_000);

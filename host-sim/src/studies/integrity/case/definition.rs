@@ -9,8 +9,8 @@ use simulator::faults::attitude::{
     bank_scale_error, filter_alignment, frozen_attitude, hanging_attitude, lagging_lean, rate_scale_error,
 };
 use simulator::faults::field::{
-    FieldFault, OtherPlace, SoftIronHysteresis, elevator_linkage, hard_iron_change, hard_iron_drift, passing_object,
-    throttle_interference, zero_drift,
+    FieldFault, MountTurn, OtherPlace, SoftIronHysteresis, elevator_linkage, hard_iron_change, hard_iron_drift,
+    passing_object, throttle_interference, zero_drift,
 };
 use simulator::faults::link::{ForgedMessage, LinkFault};
 use simulator::faults::sensor::{RegisterUpset, SensorFault, aliased_vibration, axis_clipping, stuck_axes};
@@ -375,6 +375,14 @@ impl DrawnCase {
         let change_ut = self.random_ut(10.0);
         let onset = Onset::permanent_after(STEADY_AFTER_S);
         self.add_field_fault(onset, hard_iron_drift(self.switch(), change_ut, time_constant_s));
+    }
+
+    /// Turns the module in its mount within `for_s` seconds.
+    pub(super) fn turn_mount(&mut self, turn_deg: f64, for_s: f64) {
+        let side = if self.random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
+        let onset = Onset::InUse { after_s: SOON_S, for_s };
+        let (airframe, earth) = (self.world.airframe, self.world.earth);
+        self.add_field_fault(onset, MountTurn { switch: self.switch(), airframe, earth, turn_deg: side * turn_deg });
     }
 
     pub(super) fn pass_object(&mut self, peak_ut: f64, for_s: f64) {

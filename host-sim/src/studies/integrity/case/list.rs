@@ -157,6 +157,12 @@ pub static CASES: &[Case] = &[
     hard_iron_case("moved-3", "hard iron changes by 3 uT", |flight| flight.change_hard_iron(3.0)),
     hard_iron_case("moved-5", "hard iron changes by 5 uT", |flight| flight.change_hard_iron(5.0)),
     hard_iron_case("moved-10", "hard iron changes by 10 uT", |flight| flight.change_hard_iron(10.0)),
+    mavlink_case("mount-turned-5", "the module turns by 5 deg in its mount", |flight| flight.turn_mount(5.0, 0.5)),
+    mavlink_case("mount-turned-10", "the module turns by 10 deg in its mount", |flight| flight.turn_mount(10.0, 0.5)),
+    mavlink_case("mount-turned-20", "the module turns by 20 deg in its mount", |flight| flight.turn_mount(20.0, 0.5)),
+    mavlink_case("mount-turned-10-slow", "the module turns by 10 deg in its mount within 200 s", |flight| {
+        flight.turn_mount(10.0, 200.0);
+    }),
     turn_case("drift-straight-60", "hard iron drifts by 10 uT within 60 s in straight flight", |flight| {
         flight.drift_hard_iron(60.0);
     }),

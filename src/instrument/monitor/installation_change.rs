@@ -1,0 +1,253 @@
+//! Changes of the installation since the calibration: significance test, and when to report them.
+
+use nalgebra::Vector3;
+
+use crate::time::Timestamp;
+use crate::trig::{DEG, Length as _};
+
+/// Change of hard iron since the calibration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HardIronChange {
+    /// Change of the corrected field, body axes, microtesla.
+    pub change_ut: Vector3<f32>,
+    /// Standard deviation of the least certain component, microtesla.
+    pub sigma_ut: f32,
+}
+
+/// Turn of the module in its mount since the calibration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MountTurn {
+    /// About the body's z axis, clockwise from above, radians.
+    pub turn_rad: f32,
+    /// Its standard deviation, radians.
+    pub sigma_rad: f32,
+}
+
+/// What changed in the installation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum InstallationChange {
+    /// Hard iron of the airframe.
+    HardIron(HardIronChange),
+    /// The module turned in its mount.
+    Mount(MountTurn),
+}
+
+impl InstallationChange {
+    /// Whether the change differs from one that was reported by enough to report it again.
+    fn differs_from(&self, reported: &Self) -> bool {
+        match (self, reported) {
+            (Self::HardIron(now), Self::HardIron(reported)) => {
+                let least_ut = (REPORT_AGAIN_SIGMAS * now.sigma_ut).max(MIN_REPORT_AGAIN_UT);
+                (now.change_ut - reported.change_ut).length() > least_ut
+            }
+            (Self::Mount(now), Self::Mount(reported)) => {
+                let least_rad = (REPORT_AGAIN_SIGMAS * now.sigma_rad).max(MIN_MOUNT_TURN_RAD);
+                (now.turn_rad - reported.turn_rad).abs() > least_rad
+            }
+            _ => true,
+        }
+    }
+}
+
+/// Reports each change once, not more often than every 30 s, and at most five times a flight.
+#[derive(Clone, Copy, Debug)]
+pub struct ChangeReporter {
+    last_reported: Option<InstallationChange>,
+    last_report_at: Option<Timestamp>,
+    /// Reports since the vehicle was last disarmed.
+    count: u8,
+}
+
+/// Difference from the last report that causes another one, sigmas, and microtesla: less is the estimate's own motion.
+const REPORT_AGAIN_SIGMAS: f32 = 3.0;
+const MIN_REPORT_AGAIN_UT: f32 = 2.0;
+
+/// Shortest time between two reports, microseconds: iron that comes and goes is not reported at each turn.
+const MIN_REPORT_PERIOD_US: u64 = 30_000_000;
+
+/// Most reports in a flight.
+const MAX_REPORTS: u8 = 5;
+
+impl ChangeReporter {
+    /// Nothing reported yet.
+    pub const NONE: Self = Self { last_reported: None, last_report_at: None, count: 0 };
+
+    /// Returns the present change if it is to be reported; `Some(None)` if all is as calibrated again.
+    pub fn update(
+        &mut self,
+        at: Timestamp,
+        is_armed: bool,
+        now: Option<InstallationChange>,
+    ) -> Option<Option<InstallationChange>> {
+        if !is_armed {
+            self.count = 0;
+        }
+        if self.count >= MAX_REPORTS || self.last_report_at.is_some_and(|last| at.us_since(last) < MIN_REPORT_PERIOD_US)
+        {
+            return None;
+        }
+        let is_news = match (self.last_reported, now) {
+            (None, None) => false,
+            (Some(reported), Some(now)) => now.differs_from(&reported),
+            (Some(_), None) | (None, Some(_)) => true,
+        };
+        is_news.then(|| {
+            (self.last_reported, self.last_report_at) = (now, Some(at));
+            self.count += 1;
+            now
+        })
+    }
+}
+
+/// Smallest reported change of hard iron, relative to the field strength: 1 uT in 50 uT, 1 deg of heading at the least.
+pub(super) const MIN_HARD_IRON_CHANGE: f32 = 0.02;
+
+/// Smallest reported turn of the mount, radians.
+pub(super) const MIN_MOUNT_TURN_RAD: f32 = 3.0 * DEG;
+
+/// Significance: sigmas of the least certain component.
+const SIGNIFICANCE_SIGMAS: f32 = 5.0;
+
+/// Time without a failed gate before a report, seconds, for objects that pass by.
+const MIN_UNDISTURBED_S: f32 = 15.0;
+
+const HYSTERESIS_RATIO: f32 = 0.75;
+
+/// Whether a change of one kind is significant.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ChangeDetector {
+    min_size: f32,
+    is_significant: bool,
+    undisturbed_s: f32,
+}
+
+impl ChangeDetector {
+    /// Detector of changes of `min_size` and more.
+    pub const fn new(min_size: f32) -> Self {
+        Self { min_size, is_significant: false, undisturbed_s: 0.0 }
+    }
+
+    /// Updates with the size of the estimated change and its sigma, `step_s` after the last.
+    pub fn update(&mut self, size: f32, sigma: f32, is_silent: bool, step_s: f32) -> bool {
+        self.undisturbed_s = if is_silent { 0.0 } else { self.undisturbed_s + step_s };
+        self.is_significant = if self.is_significant {
+            // A larger sigma does not end a reported change.
+            size > HYSTERESIS_RATIO * self.min_size
+        } else {
+            self.undisturbed_s >= MIN_UNDISTURBED_S && size > self.min_size.max(SIGNIFICANCE_SIGMAS * sigma)
+        };
+        self.is_significant
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DETECTOR: ChangeDetector = ChangeDetector::new(MIN_HARD_IRON_CHANGE);
+
+    fn repeat_update(moved: &mut ChangeDetector, change: f32, sigma: f32, is_silent: bool, tenths: usize) -> bool {
+        (0..tenths).map(|_| moved.update(change, sigma, is_silent, 0.1)).last().unwrap()
+    }
+
+    #[test]
+    fn a_large_and_certain_hard_iron_change_is_reported() {
+        for (change, sigma, expected) in
+            [(0.021, 0.004, true), (0.019, 0.001, false), (0.1, 0.019, true), (0.1, 0.021, false)]
+        {
+            assert_eq!(repeat_update(&mut DETECTOR.clone(), change, sigma, false, 200), expected, "{change} {sigma}");
+        }
+    }
+
+    fn hard_iron_change(change_ut: Vector3<f32>) -> InstallationChange {
+        InstallationChange::HardIron(HardIronChange { change_ut, sigma_ut: 0.1 })
+    }
+
+    #[test]
+    fn each_change_is_reported_once() {
+        let change = |y_ut: f32| Some(hard_iron_change(Vector3::new(0.0, y_ut, 0.0)));
+        let mut reporter = ChangeReporter::NONE;
+        let mut at = Timestamp::from_us(0);
+        for (now, expected) in [
+            (None, None),
+            (change(4.0), Some(change(4.0))),
+            (change(4.1), None),
+            (change(5.9), None),
+            (change(2.1), None),
+            (change(6.1), Some(change(6.1))),
+            (change(4.2), None),
+            (change(-6.0), Some(change(-6.0))),
+            (None, Some(None)),
+            (None, None),
+        ] {
+            at = at.plus_us(MIN_REPORT_PERIOD_US);
+            assert_eq!(reporter.update(at, false, now), expected, "{now:?}");
+        }
+    }
+
+    /// Iron that comes and goes within 30 s causes one text, and the next one has what holds then.
+    #[test]
+    fn reports_are_30_seconds_apart() {
+        let change = Some(hard_iron_change(Vector3::new(5.0, 0.0, 0.0)));
+        let mut reporter = ChangeReporter::NONE;
+        let mut reports = (0..700_u32).filter_map(|tenth| {
+            let now = if tenth / 10 % 2 == 0 { change } else { None };
+            reporter.update(Timestamp::from_us(u64::from(tenth) * 100_000), false, now).map(|report| (tenth, report))
+        });
+        assert_eq!(reports.by_ref().collect::<Vec<_>>(), [(0, change), (310, None), (620, change)]);
+    }
+
+    /// 3 sigma, and 2 uT or 3 deg.
+    #[test]
+    fn a_further_change_must_be_significant() {
+        let reports_again = |first: InstallationChange, then: InstallationChange| {
+            let mut reporter = ChangeReporter::NONE;
+            reporter.update(Timestamp::from_us(0), false, Some(first));
+            reporter.update(Timestamp::from_us(MIN_REPORT_PERIOD_US), false, Some(then)).is_some()
+        };
+        let iron = |y_ut: f32, sigma_ut: f32| {
+            InstallationChange::HardIron(HardIronChange { change_ut: Vector3::new(0.0, y_ut, 0.0), sigma_ut })
+        };
+        assert!(!reports_again(iron(4.0, 1.0), iron(6.9, 1.0)) && reports_again(iron(4.0, 1.0), iron(7.1, 1.0)));
+        let mount = |turn_deg: f32, sigma_deg: f32| {
+            InstallationChange::Mount(MountTurn { turn_rad: turn_deg * DEG, sigma_rad: sigma_deg * DEG })
+        };
+        assert!(!reports_again(mount(9.0, 0.3), mount(11.9, 0.3)) && reports_again(mount(9.0, 0.3), mount(12.1, 0.3)));
+        assert!(!reports_again(mount(9.0, 2.0), mount(14.9, 2.0)) && reports_again(mount(9.0, 2.0), mount(15.1, 2.0)));
+        assert!(reports_again(mount(9.0, 0.3), iron(4.0, 0.1)));
+    }
+
+    #[test]
+    fn a_flight_has_five_reports_at_most() {
+        let mut reporter = ChangeReporter::NONE;
+        let mut reports = |from: u64, is_armed: bool| {
+            let change = Some(hard_iron_change(Vector3::new(5.0, 0.0, 0.0)));
+            let update = |i: &u64| {
+                let at = Timestamp::from_us(i * MIN_REPORT_PERIOD_US);
+                reporter.update(at, is_armed, change.filter(|_| i % 2 == 0)).is_some()
+            };
+            (from..from + 20).filter(update).count()
+        };
+        assert_eq!(reports(0, true), 5);
+        assert_eq!(reports(21, false), 20);
+        assert_eq!(reports(41, true), 4, "and the last one on the ground");
+    }
+
+    #[test]
+    fn a_hard_iron_change_is_reported_after_15_calm_seconds() {
+        let mut moved = DETECTOR;
+        assert!(!repeat_update(&mut moved, 0.1, 0.01, true, 300));
+        assert!(!repeat_update(&mut moved, 0.1, 0.01, false, 149));
+        assert!(repeat_update(&mut moved, 0.1, 0.01, false, 2));
+    }
+
+    #[test]
+    fn a_reported_hard_iron_change_holds_until_it_vanishes() {
+        let mut moved = DETECTOR;
+        assert!(repeat_update(&mut moved, 0.1, 0.01, false, 200));
+        assert!(repeat_update(&mut moved, 0.1, 0.2, true, 50));
+        assert!(repeat_update(&mut moved, 0.016, 0.01, false, 1));
+        assert!(!repeat_update(&mut moved, 0.014, 0.01, false, 1));
+        assert!(!repeat_update(&mut moved, 0.016, 0.001, false, 200));
+    }
+}

@@ -1,0 +1,110 @@
+//! A module that turns about the body's z axis in its mount, as opposed to iron that changes.
+//!
+//! Sensor and calibration turn together within the field, so that the measured field keeps its magnitude and its component
+//! along the axis: with `d` the difference between the measured field `m` and the predicted one, `d . (2 m - d) = 0` and
+//! `d . axis = 0`. A change of hard iron has that direction by chance only.
+
+use nalgebra::Vector3;
+
+use super::measurement_model::MountRotation;
+use crate::calibration::{Calibration, inverse};
+use crate::trig::Length as _;
+
+/// Largest cosine between the difference and the mean of both fields, or the axis: 17 deg from across.
+const MAX_COSINE: f32 = 0.15;
+
+/// Largest difference with which the field is as calibrated: 1 uT of 50.
+const MAX_DIFFERENCE: f32 = 0.02;
+
+/// The field by a turn of the module.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct TurnedMount {
+    /// Clockwise from above, radians.
+    pub turn_rad: f32,
+    /// Change of hard iron in the module's axes because the airframe's stays, `(R_z(mu)^T - 1) W b`, in units of the field
+    /// strength.
+    pub hard_iron_change: Vector3<f32>,
+}
+
+impl TurnedMount {
+    /// No turn.
+    pub const AS_CALIBRATED: Self = Self { turn_rad: 0.0, hard_iron_change: Vector3::new(0.0, 0.0, 0.0) };
+
+    /// The turn that explains a field, `None` if none does. `difference`: measured field after correction as calibrated,
+    /// less the predicted one, in units of the field strength; `position`: measured field less hard iron, sensor axes, same
+    /// units.
+    pub fn explaining(calibration: &Calibration, difference: &Vector3<f32>, position: &Vector3<f32>) -> Option<Self> {
+        if difference.length() < MAX_DIFFERENCE {
+            return Some(Self::AS_CALIBRATED);
+        }
+        let w = calibration.w_matrix();
+        let sensor_from_body = inverse(&w)?;
+        let difference = sensor_from_body * difference;
+        let hard_iron = calibration.b_vector_ut() / calibration.total_ut;
+        let mean = position + hard_iron - difference * 0.5;
+        let axis = (sensor_from_body * Vector3::z()).unit();
+        let is_across = |direction: &Vector3<f32>| {
+            difference.dot(direction).abs() <= MAX_COSINE * difference.length() * direction.length()
+        };
+        if ![mean, axis].iter().all(is_across) {
+            return None;
+        }
+        // The field turns against the module: a chord across the axis.
+        let across = axis.cross(&mean);
+        let half_tangent = -0.5 * difference.dot(&across) / across.norm_squared();
+        let turn_rad = 2.0 * libm::atanf(half_tangent);
+        let body_iron = w * hard_iron;
+        let hard_iron_change = MountRotation::by(turn_rad).rotate_back(&body_iron) - body_iron;
+        Some(Self { turn_rad, hard_iron_change })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix3, Rotation3};
+
+    use super::*;
+    use crate::calibration::Orientation;
+
+    /// Soft iron of 10 %, hard iron of 20 uT, a mounting of 30 deg.
+    fn calibration() -> Calibration {
+        let soft_iron = Matrix3::new(1.05, 0.03, 0.0, 0.03, 0.95, 0.02, 0.0, 0.02, 1.0);
+        let a = Rotation3::from_euler_angles(0.1, -0.1, 0.5) * soft_iron;
+        let w = a.try_inverse().unwrap();
+        Calibration {
+            w: core::array::from_fn(|row| core::array::from_fn(|column| w[(row, column)])),
+            b_ut: [15.0, -10.0, 8.0],
+            total_ut: 50.0,
+            ..Calibration::uncalibrated(Orientation::NONE)
+        }
+    }
+
+    fn explained(module_turn_deg: f32, iron_ut: [f32; 3]) -> Option<TurnedMount> {
+        let calibration = calibration();
+        let (w, b_ut) = (calibration.w_matrix(), calibration.b_vector_ut());
+        let earth = Vector3::new(0.3, -0.25, 0.9);
+        let field_ut = w.try_inverse().unwrap() * earth * 50.0 + b_ut;
+        let axis = Rotation3::from_euler_angles(0.1, -0.1, 0.5) * Vector3::z_axis();
+        let turned_ut =
+            Rotation3::from_axis_angle(&axis, -module_turn_deg.to_radians()) * field_ut + Vector3::from(iron_ut);
+        let position = (turned_ut - b_ut) / 50.0;
+        TurnedMount::explaining(&calibration, &(w * position - earth), &position)
+    }
+
+    /// Soft iron is taken for small in the axis and in the chord: a tenth of the turn.
+    #[test]
+    fn a_turn_explains_the_field_of_a_turned_module() {
+        for turn_deg in [5.0_f32, -10.0, 20.0, -20.0] {
+            let found = explained(turn_deg, [0.0; 3]).unwrap();
+            assert!((found.turn_rad.to_degrees() / turn_deg - 1.0).abs() < 0.1, "{turn_deg}: {found:?}");
+        }
+        assert_eq!(explained(0.0, [0.5, 0.5, 0.0]), Some(TurnedMount::AS_CALIBRATED));
+    }
+
+    #[test]
+    fn changes_of_strength_or_along_the_axis_are_no_turn() {
+        for iron_ut in [[0.0, 0.0, 6.0], [0.0, 0.0, -6.0], [4.0, -4.0, 3.0], [5.0, 0.0, 0.0]] {
+            assert_eq!(explained(0.0, iron_ut), None, "{iron_ut:?}");
+        }
+    }
+}
