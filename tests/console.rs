@@ -128,14 +128,14 @@ fn every_command_answers_ok_or_error_with_a_code() {
 #[test]
 fn status_shows_what_is_connected() {
     let mut rig = rig();
-    let status = reply_after(&mut rig, "status");
+    let status = reply_after(&mut rig, "status all");
     assert!(status.contains("sensor: LIS3MDL at 1e"), "{status}");
     assert!(status.contains("attitude: roll "), "{status}");
     assert!(status.contains("heading: none, uncalibrated"), "{status}");
     rig.chip.borrow_mut().set_silent(true);
     rig.autopilot.send(&[0; 4000]);
     rig.run_for_s(0.3);
-    let status = reply_after(&mut rig, "status");
+    let status = reply_after(&mut rig, "status all");
     // 4000 zero bytes occupy the line for a third of a second, so the next attitude is stale.
     assert!(status.contains("attitude: none"), "{status}");
     assert!(status.contains("heading: none, sensor-silent"), "{status}");
@@ -151,7 +151,7 @@ fn status_counts_attitude_of_other_senders() {
         rig.autopilot.send(frame.raw_bytes());
         rig.run_for_s(0.02);
         if tick % 10 == 0 {
-            let status = reply_after(&mut rig, "status");
+            let status = reply_after(&mut rig, "status all");
             assert!(!status.contains("attitude: roll -4"), "{status}");
             assert!(status.contains(&format!(" {} from others, 0 rejected", tick + 1)), "{status}");
         }
@@ -216,14 +216,14 @@ fn split_escape_sequences_and_all_line_ends_are_accepted() {
 fn settings_last_over_a_restart() {
     let mut rig = rig();
     rig.type_line("set declination -11.27");
-    assert!(reply(&mut rig, "status").join("\n").contains("stream: on, 10 Hz, smooth heading"));
+    assert!(reply(&mut rig, "status all").join("\n").contains("stream: on, 10 Hz, smooth heading"));
     rig.type_line("stream rate 5");
     rig.type_line("stream heading raw");
     rig.type_line("set inclination 61.125");
     rig.type_line("set mount yaw180");
     rig.type_line("set attitude-error 1.25 3.125");
     assert!(rig.type_line("reboot").contains("started by reboot"));
-    let status = reply(&mut rig, "status").join("\n");
+    let status = reply(&mut rig, "status all").join("\n");
     for line in [
         "stream: on, 5 Hz, raw heading",
         "declination: -11.27 deg",
@@ -234,7 +234,7 @@ fn settings_last_over_a_restart() {
         assert!(status.contains(line), "{line} in {status}");
     }
     rig.type_line("set attitude-error default");
-    let status = reply(&mut rig, "status").join("\n");
+    let status = reply(&mut rig, "status all").join("\n");
     assert!(status.contains("attitude-error: 0.20 deg, 1.0 % of bank, 1 sigma"), "{status}");
 }
 
@@ -245,7 +245,7 @@ fn an_armed_module_refuses_ground_commands() {
     rig.world.set_armed(true);
     // Heartbeats are 1 s apart.
     rig.run_for_s(1.1);
-    assert!(reply_after(&mut rig, "status").contains("armed: yes"));
+    assert!(reply_after(&mut rig, "status all").contains("armed: yes"));
     for line in ["reboot", "cal clear all", "cal undo", "set mount yaw90", "cal start swing", "cal mark 90"] {
         let reply = reply_after(&mut rig, line);
         assert!(reply.starts_with("error armed: the autopilot is armed"), "{line}: {reply}");
@@ -277,7 +277,7 @@ fn an_armed_module_refuses_ground_commands() {
     }
     rig.world.set_armed(false);
     rig.run_for_s(1.1);
-    assert!(reply_after(&mut rig, "status").contains("armed: no"));
+    assert!(reply_after(&mut rig, "status all").contains("armed: no"));
     assert!(reply_after(&mut rig, "cal start swing").starts_with("ok "));
     assert!(reply_after(&mut rig, "reboot").starts_with("error armed: "), "in flight");
     rig.world.set_motion(PrescribedMotion::default());
@@ -314,7 +314,7 @@ fn random_keys_do_not_stop_the_console() {
     rig.type_line("\x03");
     let text = rig.type_line("version");
     assert!(text.contains("ok autoswing"), "{text:?}");
-    assert!(rig.type_line("status").contains("started by power-on"), "it did not restart");
+    assert!(rig.type_line("status all").contains("started by power-on"), "it did not restart");
 }
 
 #[test]
@@ -332,7 +332,7 @@ fn no_bytes_stop_the_console() {
     rig.type_line("\r");
     let text = rig.type_line("version");
     assert!(text.contains("ok autoswing"), "{text:?}");
-    assert!(rig.type_line("status").contains("started by power-on"), "it did not restart");
+    assert!(rig.type_line("status all").contains("started by power-on"), "it did not restart");
 }
 
 /// Example commands in the documents are valid, and replies that need no previous flight match; `...` matches any text.

@@ -77,7 +77,7 @@ fn listen(emulator: &mut Emulator, seconds: f64) -> (usize, usize) {
 fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     // Two circles to each side are not enough for automatic solving; the pilot requests it.
     let mut emulator = start_emulator();
-    let status = emulator.type_line("status");
+    let status = emulator.type_line("status all");
     assert!(status.contains("sensor: LSM303DLHC at 1e"), "{status}");
     emulator.console().send(&random_noise(1, 500));
     emulator.autopilot().send(&random_noise(2, 2000));
@@ -93,14 +93,14 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     // The mission reset the module in flight; here it rests.
     emulator.reset();
     emulator.run_for_s(1.0);
-    let status = emulator.type_line("status");
+    let status = emulator.type_line("status all");
     assert!(status.contains("started by reset pin") && status.contains("ok calibrated"), "{status}");
 
     // Broken and repaired data wire.
     emulator.break_sensor_wire(true);
     emulator.run_for_s(0.5);
     assert_eq!(listen(&mut emulator, 1.0).0, 0);
-    assert!(emulator.type_line("status").contains("heading: none, sensor-silent"));
+    assert!(emulator.type_line("status all").contains("heading: none, sensor-silent"));
     emulator.break_sensor_wire(false);
     emulator.run_for_s(1.0);
     let (headings, empty) = listen(&mut emulator, 1.0);
@@ -112,7 +112,7 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     emulator.freeze_sensor(true);
     let (headings, _) = listen(&mut emulator, 3.0);
     assert!(headings <= 15, "{headings}");
-    let status = emulator.type_line("status");
+    let status = emulator.type_line("status all");
     // If it freezes at the extreme of its measured range, it is reported as clipped.
     let reported =
         ["sensor-stuck", "sensor-clipped"].map(|reason| status.contains(&format!("heading: none, {reason}")));
@@ -157,7 +157,7 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     println!("from register to last byte {least_us:.0} to {most_us:.0} us");
     // Measured: 0.57 and 0.60 ms. The margin is for more interrupts that coincide with a sample.
     assert!(most_us - least_us <= 1200.0, "{least_us} to {most_us} us");
-    let status = emulator.type_line("status");
+    let status = emulator.type_line("status all");
     assert!(status.contains("ok calibrated"), "{status}");
     let stack = stack(&status);
     println!("stack {stack:?}");
@@ -174,7 +174,7 @@ fn one_seed_gives_one_run() {
         emulator.type_line("cal start turns");
         emulator.world().fly(Leg::Turn { bank_deg: 30.0, heading_change_deg: 90.0 });
         emulator.run_for_s(10.0);
-        let status = emulator.type_line("status");
+        let status = emulator.type_line("status all");
         (status, emulator.instrument().receive())
     };
     assert_eq!(run(), run());
@@ -191,12 +191,12 @@ fn the_cause_of_a_crash_is_reported_after_the_restart() {
     ] {
         emulator.request_bench_test(test);
         emulator.run_for_s(1.0);
-        let status = emulator.type_line("status");
+        let status = emulator.type_line("status all");
         let line = status.lines().find(|line| line.starts_with("up: ")).unwrap_or_else(|| panic!("{test:?}: {status}"));
         assert!(line.contains("started by panic: ") && line.contains(words), "{test:?}: {line}");
     }
     emulator.type_line("reboot");
-    assert!(emulator.type_line("status").contains("started by reboot"), "they are forgotten");
+    assert!(emulator.type_line("status all").contains("started by reboot"), "they are forgotten");
 }
 
 /// The bench panics at every start that runs its task. The fourth start does not reach it, answers, and sends the reason
@@ -215,7 +215,7 @@ fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
         printed += &emulator.printed();
         assert_eq!(printed.matches("started by panic: ").count(), 3, "{printed}");
         assert!(printed.contains("note safe-mode: "), "{printed}");
-        let status = emulator.type_line("status");
+        let status = emulator.type_line("status all");
         assert!(status.contains("ok safe-mode: ") && status.contains("at each start"), "{status}");
     };
     check_safe_mode(&mut emulator, String::new());
@@ -243,11 +243,11 @@ fn a_reboot_ends_safe_mode() {
         emulator.request_bench_test(BenchTest::Panic);
         emulator.run_for_s(1.0);
     }
-    let status = emulator.type_line("status");
+    let status = emulator.type_line("status all");
     assert!(status.contains("ok safe-mode: ") && status.contains(PANIC), "{status}");
     emulator.type_line("cal clear all");
     emulator.type_line("reboot");
-    let status = emulator.type_line("status");
+    let status = emulator.type_line("status all");
     assert!(status.contains("ok uncalibrated") && status.contains("stream: on, 10 Hz"), "{status}");
 }
 
@@ -262,7 +262,7 @@ fn only_the_bench_image_runs_the_tests_of_the_bench() {
         emulator.run_for_s(2.0);
         assert_eq!(emulator.printed(), "", "{test:?}");
     }
-    assert!(emulator.type_line("status").contains("started by power-on"));
+    assert!(emulator.type_line("status all").contains("started by power-on"));
 }
 
 #[test]
@@ -321,7 +321,7 @@ fn mavlink_and_msp_run_at_once_on_the_emulator() {
     assert!(ages_ms.clone().all(|age_ms| (0..=8).contains(&age_ms)), "{:?}", ages_ms.max());
     let heartbeats = mavlink.borrow_mut().take_received().iter().filter(|frame| frame.id == 0).count();
     assert!((9..=11).contains(&heartbeats), "{heartbeats}");
-    let status = emulator.type_line("status");
+    let status = emulator.type_line("status all");
     assert!(status.contains("found mavlink\r\nport2: msp, 115200 baud\r\n"), "{status}");
     assert!(status.contains("by the field model") && status.contains(" 0 not sent;"), "{status}");
 }
@@ -330,7 +330,7 @@ fn mavlink_and_msp_run_at_once_on_the_emulator() {
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn a_collection_continues_after_a_reboot() {
     let samples = |emulator: &mut Emulator| {
-        let status = emulator.type_line("status");
+        let status = emulator.type_line("status all");
         let line = status.lines().find_map(|line| line.strip_prefix("attitudes: ")).expect("a collection").to_owned();
         assert!(status.contains("ok collecting"), "{status}");
         line.split(' ').next().and_then(|number| number.parse::<u32>().ok()).expect("a number")
@@ -412,7 +412,7 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
             config.current_interference_ut
         );
     }
-    let stack = stack(&emulator.type_line("status"));
+    let stack = stack(&emulator.type_line("status all"));
     println!("stack {stack:?}");
     assert!(stack.used_bytes <= STACK_BYTES, "{stack:?}");
 

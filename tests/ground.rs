@@ -66,7 +66,7 @@ fn level_errors_deg(rig: &Rig, shown: &ShownCalibration) -> (f64, f64) {
 fn shown_error_deg(rig: &mut Rig, heading_deg: f64) -> f64 {
     let mut error = || {
         rig.run_for_s(0.2);
-        let status = rig.type_line("status");
+        let status = rig.type_line("status all");
         let line = status.lines().find_map(|line| line.strip_prefix("heading: ")).expect("a heading line");
         let shown: f64 =
             line.split(' ').next().and_then(|number| number.parse().ok()).unwrap_or_else(|| panic!("{line}"));
@@ -210,7 +210,7 @@ fn a_tumbled_module_shows_headings() {
     // A field of half the strength contradicts the calibration.
     rig.world.set_disturbance_ut([0.0, 0.0, 40.0]);
     rig.run_for_s(1.0);
-    assert!(rig.type_line("status").contains("heading: none, field-disturbed"));
+    assert!(rig.type_line("status all").contains("heading: none, field-disturbed"));
 }
 
 #[test]

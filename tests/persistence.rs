@@ -66,7 +66,7 @@ fn a_calibration_survives_a_restart_and_a_power_cut() {
     rig.power_on(ResetCause::PowerOn);
     rig.run_for_s(1.0);
     assert_eq!(shown_calibration(&mut rig).unwrap(), before);
-    assert!(rig.type_line("status").contains("ok calibrated"));
+    assert!(rig.type_line("status all").contains("ok calibrated"));
 }
 
 /// Power cut at every operation of the first save, in three ways: the module starts uncalibrated or with the complete
@@ -239,7 +239,7 @@ fn two_power_cuts_in_a_row_lose_nothing() {
                     rig.run_for_s(0.2);
                 }
                 rig.printed();
-                let status = rig.type_line("status");
+                let status = rig.type_line("status all");
                 assert!(status.contains("declination: 7.0 deg"), "after {first} and {second} {outcomes:?}: {status}");
             }
         }
@@ -386,7 +386,7 @@ fn differ_deg(first: &Calibration, second: &Calibration) -> f32 {
 
 /// Number of free-flight samples in `status`.
 fn samples(rig: &mut Rig) -> u32 {
-    let status = rig.type_line("status");
+    let status = rig.type_line("status all");
     let line = status.lines().find_map(|line| line.strip_prefix("attitudes: ")).unwrap_or_else(|| panic!("{status}"));
     line.split(' ').next().and_then(|number| number.parse().ok()).unwrap_or_else(|| panic!("{line}"))
 }
@@ -443,7 +443,7 @@ fn a_collection_survives_a_reboot_between_two_flights() {
     printed.push_str(&rig.printed());
     assert!(printed.contains("started by reboot") && !printed.contains("collection-lost"), "{printed}");
     assert_eq!(samples(&mut rig), before);
-    let status = rig.type_line("status");
+    let status = rig.type_line("status all");
     assert!(status.contains("ok collecting") && status.contains("when the autopilot arms"), "{status}");
     rig.world.release();
     take_off(&mut rig);
@@ -454,7 +454,7 @@ fn a_collection_survives_a_reboot_between_two_flights() {
     );
     rig.power_on(ResetCause::Watchdog);
     rig.run_for_s(3.0);
-    let status = rig.type_line("status");
+    let status = rig.type_line("status all");
     assert!(status.contains("ok calibrated") && !status.contains("collection-lost"), "{status}");
     assert_eq!(samples(&mut rig), 0);
 }
@@ -480,7 +480,7 @@ fn a_lost_collection_is_reported() {
         rig.run_for_s(1.0);
         let printed = rig.printed();
         assert!(printed.contains("note collection-lost: "), "{printed}");
-        assert!(rig.type_line("status").contains("collection-lost: "));
+        assert!(rig.type_line("status all").contains("collection-lost: "));
         assert!(samples(&mut rig) < 10);
         rig.power_on(cause);
         rig.run_for_s(1.0);

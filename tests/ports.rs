@@ -140,7 +140,7 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
         let before = received_frames(&rig, 0);
         assert!(before.iter().all(|frame| (frame.system, frame.component) == (1, 158)));
         assert!(frames_with_id(HEARTBEAT, &before).len() >= 10);
-        let status = rig.type_line("status");
+        let status = rig.type_line("status all");
         assert!(status.contains("port1: auto, 115200 baud, found mavlink\r\n"), "{status}");
         assert!(status.contains("by the field model"), "{status}");
         assert!(status.contains("armed: no\r\n"), "{status}");
@@ -193,7 +193,7 @@ fn msp_gets_the_raw_field_at_first_and_the_corrected_field_later() {
         run(&mut rig, 0.5);
         assert!(readings(&rig, 0).len() >= 15, "from power-up");
         run(&mut rig, 5.0);
-        let status = rig.type_line("status");
+        let status = rig.type_line("status all");
         assert!(status.contains("port1: auto, 115200 baud, found msp\r\n"), "{status}");
         assert!(status.contains("armed: no\r\n") && status.contains("attitude: roll "), "{status}");
         let _ = readings(&rig, 0);
@@ -222,7 +222,7 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
             WorldConfig { reports_current: is_reported, ..world(VehicleKind::Copter).with_current_interference(12.0) };
         let mut rig = Rig::with_far_ends(config, Faults::default(), [far_end, FarEnd::Unconnected]);
         run(&mut rig, 12.0);
-        let status = rig.type_line("status");
+        let status = rig.type_line("status all");
         let current = status.lines().find_map(|line| line.strip_prefix("current: ")).expect("a line of the current");
         let amperes = current.strip_suffix(" A").and_then(|amperes| amperes.parse::<f64>().ok());
         // Gusts change the hover current.
@@ -255,9 +255,9 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
         let told_deg = sigma_deg(&mut rig);
         rig.world.set_reports_current(false);
         run(&mut rig, 2.0);
-        assert!(rig.type_line("status").contains("\r\ncurrent: 1"), "it holds for three seconds");
+        assert!(rig.type_line("status all").contains("\r\ncurrent: 1"), "it holds for three seconds");
         run(&mut rig, 2.0);
-        assert!(rig.type_line("status").contains("\r\ncurrent: not reported\r\n"));
+        assert!(rig.type_line("status all").contains("\r\ncurrent: not reported\r\n"));
         // A current spread of 1 A causes 0.8 uT of 28 uT horizontal field: 1.6 deg.
         let silent_deg = sigma_deg(&mut rig);
         assert!(silent_deg > told_deg.hypot(1.2), "{told_deg} {silent_deg}");
@@ -265,7 +265,7 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
 }
 
 fn sigma_deg(rig: &mut Rig) -> f64 {
-    let status = rig.type_line("status");
+    let status = rig.type_line("status all");
     let sigma = status.split_once("deg magnetic, sigma ").and_then(|(_, sigma)| sigma.split_once(' '));
     sigma.and_then(|(sigma, _)| sigma.parse().ok()).unwrap_or_else(|| panic!("{status}"))
 }
@@ -303,7 +303,7 @@ fn mavlink_and_msp_run_at_once() {
     assert!(rig.type_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
     assert!(rig.type_line("set vision on").contains("ok vision on"));
     run(&mut rig, 10.0);
-    let status = rig.type_line("status");
+    let status = rig.type_line("status all");
     assert!(status.contains("found mavlink\r\nport2: msp, 115200 baud\r\n"), "{status}");
     fly_routine(&mut rig, VehicleKind::Plane);
     let (_, rms) = readings_all_round(&mut rig, 1);
@@ -339,7 +339,7 @@ fn mavlink_and_msp_run_at_once() {
         // 20 bytes at 57600 baud take 3.5 ms, after a request of 9 bytes.
         assert!(ages_ms.iter().all(|age_ms| (1..=8).contains(age_ms)), "at {baud}: {:?}", ages_ms.iter().max());
     }
-    assert!(rig.type_line("status").contains(" 0 not sent;"));
+    assert!(rig.type_line("status all").contains(" 0 not sent;"));
 }
 
 /// A ground station starts and cancels a calibration and restarts the module, which is rejected in flight. Commands to
@@ -364,11 +364,11 @@ fn a_ground_station_commands_calibration_and_restart() {
         answers.map(|frame| (u16::from_le_bytes([frame.byte(0), frame.byte(1)]), frame.byte(2))).collect::<Vec<_>>()
     };
     assert_eq!(order(&mut rig, 7, START, [0.0; 7]).len(), 0);
-    assert!(rig.type_line("status").contains("ok uncalibrated"));
+    assert!(rig.type_line("status all").contains("ok uncalibrated"));
     assert_eq!(order(&mut rig, 1, START, [0.0; 7]), [(START, 0)], "accepted");
-    assert!(rig.type_line("status").contains("ok collecting"));
+    assert!(rig.type_line("status all").contains("ok collecting"));
     assert_eq!(order(&mut rig, 1, CANCEL, [0.0; 7]), [(CANCEL, 0)]);
-    assert!(rig.type_line("status").contains("ok uncalibrated"));
+    assert!(rig.type_line("status all").contains("ok uncalibrated"));
     let of_us = [0.0, 0.0, 1.0, 158.0, 0.0, 0.0, 0.0];
     rig.world.set_armed(true);
     run(&mut rig, 2.0);
@@ -428,7 +428,7 @@ fn a_position_that_jumps_does_not_turn_the_true_heading() {
 }
 
 fn found(rig: &mut Rig) -> Option<String> {
-    let status = rig.type_line("status");
+    let status = rig.type_line("status all");
     let line = status.lines().find(|line| line.starts_with("port1: ")).expect("a first port");
     line.split_once("found ").map(|(_, found)| found.to_owned())
 }

@@ -49,13 +49,18 @@ fn assert_well_formed(html: &str) {
 fn assert_sound(html: &str) {
     assert_well_formed(html);
     assert!(html.ends_with("</html>\n"));
+    let (contents, script) = html.split_once("<script>").expect("the page's own script");
     for never in ["NaN", "inf ", "http:", "https:", "url(", "@import", "\u{1b}", "src=", "<link", "<img", "style=\""] {
-        assert!(!html.contains(never), "{never}");
+        assert!(!contents.contains(never), "{never}");
     }
-    let pictures = html.matches("<svg ").count();
-    assert_eq!(html.matches("role=\"img\"").count(), pictures);
-    assert_eq!(html.matches("<title id=").count(), pictures);
-    assert_eq!(html.matches("<script").count(), 1, "the page's own");
+    // The script names the origin of uPlot; the page's policy allows no request.
+    assert_eq!(script.matches("https:").count() + script.matches("http:").count(), 1);
+    assert!(contents.contains("default-src 'none'"));
+    let pictures = contents.matches("<svg ").count();
+    let charts = contents.matches("class=\"chart\"").count();
+    assert_eq!(contents.matches("role=\"img\"").count(), pictures + charts);
+    assert_eq!(contents.matches("<title id=").count(), pictures);
+    assert_eq!(contents.matches("<script").count(), contents.matches("<script type=\"application/json\">").count());
     // Scrolling boxes are reachable by keyboard and have a name.
     assert_eq!(html.matches("class=\"scroll\"").count(), html.matches("tabindex=\"0\" role=\"group\"").count());
     let ids: Vec<&str> =
@@ -77,12 +82,13 @@ fn a_calibrated_mission_is_reported_the_same_each_time() {
     assert_sound(&html);
     for title in [
         "Verdict",
-        "Before and after, one scale",
-        "After, enlarged",
+        "Field strength and current",
+        "Heading over time",
+        "Heading by heading",
+        "Three axes, expected and measured",
+        "Directions of the field",
         "Deviation card",
         "What was flown",
-        "Over time",
-        "Horizontal field",
         "Where it was flown",
         "How this was made",
         "Console session",
@@ -110,7 +116,7 @@ fn a_refusal_is_reported_with_its_reason_and_no_after_picture() {
     let html = page_of(&flown(TurnPlan { bank_deg: 25.0, circles: 0.05 }));
     assert_sound(&html);
     assert!(html.contains("too-few-samples") && html.contains("Refused"));
-    assert!(!html.contains("After, enlarged") && !html.contains("<th scope=\"col\">after"));
+    assert!(!html.contains("Three axes") && !html.contains("<th scope=\"col\">after"));
 }
 
 /// The page and `--json` agree.
@@ -135,7 +141,9 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
     for title in [
         "side by side",
         "Deviation card",
-        "Horizontal field",
+        "Field strength and current",
+        "Heading by heading",
+        "Directions of the field",
         "Parameters to load",
         "Flight flight.csv",
         "What was flown",
@@ -185,11 +193,16 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
     let usable = || moments.iter().filter(|moment| moment.is_usable && !moment.is_heading_withheld);
     assert!(usable().count() > 2000);
     // Attitude noise of 0.5 deg and field noise of 0.3 uT.
-    assert!(usable().all(|moment| moment.norm_residual_percent.unwrap().abs() < 5.0
-        && moment.inclination_residual_deg.unwrap().abs() < 6.0));
+    let [total_ut, inclination_deg] = report.compasses[1].earth.unwrap();
+    assert!((inclination_deg - 64.0).abs() < 1.0, "{inclination_deg}");
     for moment in usable() {
+        let [x, y, z] = moment.corrected_ut.unwrap();
+        assert!((x.hypot(y).hypot(z) / total_ut - 1.0).abs() < 0.05);
         // When the nose points east, north is to the left.
-        let [ahead, left] = moment.level_ut[1].unwrap();
+        let [(sin_roll, cos_roll), (sin_pitch, cos_pitch)] =
+            [moment.roll_deg, moment.pitch_deg].map(|deg| deg.to_radians().sin_cos());
+        let below = y * sin_roll + z * cos_roll;
+        let (ahead, left) = (x * cos_pitch + below * sin_pitch, z * sin_roll - y * cos_roll);
         let off_deg = wrap_180(left.atan2(ahead).to_degrees() - moment.heading_deg.unwrap());
         assert!(off_deg.abs() < 12.0, "{off_deg} at {} s", moment.at_s);
     }
@@ -218,9 +231,11 @@ fn text_of_a_hostile_log_is_escaped() {
         roll_deg: f64::NAN,
         pitch_deg: f64::INFINITY,
         position_m: Some([f64::NAN, f64::INFINITY]),
-        level_ut: [Some([f64::NAN; 2]); 2],
-        norm_residual_percent: nan,
-        inclination_residual_deg: if i.is_multiple_of(2) { nan } else { Some(1.0) },
+        raw_ut: Some([f64::NAN; 3]),
+        logged_ut: Some([f64::INFINITY; 3]),
+        corrected_ut: if i.is_multiple_of(2) { Some([f64::NAN; 3]) } else { Some([1.0; 3]) },
+        current_a: nan,
+        error_parameters_deg: nan,
         error_deg: Some(f64::INFINITY),
         sigma_deg: nan,
         error_before_deg: nan,
@@ -228,7 +243,11 @@ fn text_of_a_hostile_log_is_escaped() {
         is_fitted: true,
         is_heading_withheld: true,
     };
-    let line = DeviationCurve { name: hostile(), errors_deg: vec![None, nan, Some(f64::INFINITY), Some(1.0)] };
+    let line = DeviationCurve {
+        name: hostile(),
+        errors_deg: vec![None, nan, Some(f64::INFINITY), Some(1.0)],
+        constant_deg: f64::NAN,
+    };
     let compass_report = CompassReport {
         name: hostile(),
         accepted: true,
@@ -238,7 +257,8 @@ fn text_of_a_hostile_log_is_escaped() {
         sigma_deg: vec![f64::NAN, 0.5, f64::INFINITY, -0.0],
         samples: (0..50).map(moment).collect(),
         marks: vec![EventMark { at_s: f64::NAN, name: hostile() }, EventMark { at_s: 1e9, name: hostile() }],
-        horizontal_ut: Some(f64::NAN),
+        earth: Some([f64::NAN; 2]),
+        magnetic_offset_deg: f64::NAN,
         advice: Some(hostile()),
         coefficients: Some([[f64::NAN; 3]; 4]),
         ..CompassReport::default()
@@ -253,6 +273,7 @@ fn text_of_a_hostile_log_is_escaped() {
             difference_name: "error",
             reference_name: hostile(),
             limits: hostile(),
+            card_constant: hostile(),
             is_accurate: true,
         },
         calibrators: CalibratorComparison {

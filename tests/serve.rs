@@ -74,12 +74,12 @@ const HEADING_BOUND_DEG: f64 = 2.5;
 #[test]
 fn console_commands_are_answered_and_flash_survives_a_restart() {
     let mut first = served_module(ServeOptions::default(), None);
-    assert!(typed_command(&mut first, "status").contains("calibration: none"));
+    assert!(typed_command(&mut first, "status all").contains("calibration: none"));
     assert!(typed_command(&mut first, "frobnicate").contains("error unknown-command: "));
     assert!(headings(&mut first, 1).iter().all(Option::is_none));
     drop(first);
     let mut again = served_module(ServeOptions::default(), Some(&CALIBRATED));
-    assert!(typed_command(&mut again, "status").contains("ok calibrated"));
+    assert!(typed_command(&mut again, "status all").contains("ok calibrated"));
     let headings = headings(&mut again, 3);
     assert!(headings.len() >= 29 && headings.iter().all(Option::is_some), "{headings:?}");
 }
@@ -90,7 +90,7 @@ fn the_output_does_not_depend_on_the_time_steps() {
         let options = ServeOptions { pattern: PilotPattern::Wandering, ..ServeOptions::default() };
         let mut served_module = ServedModule::new(WorldConfig::table1(3), options, Some(&CALIBRATED));
         let mut pieces = pieces_us.iter().cycle();
-        for typed_command in [&b"status\r"[..], b"cal start\r", b"status\r"] {
+        for typed_command in [&b"status all\r"[..], b"cal start\r", b"status all\r"] {
             let until_us = served_module.now_us() + 20 * SECOND_US;
             served_module.send(CONSOLE, typed_command);
             while served_module.now_us() < until_us {
@@ -207,19 +207,37 @@ fn an_attached_autopilot_replaces_the_simulated_attitude() {
         let _ = served_module.execute_line("land");
         served_module.advance(7 * SECOND_US);
         let has_own = attitude != AttitudeProvider::Peer;
-        assert_eq!(typed_command(&mut served_module, "status").contains("attitude: none"), !has_own, "{attitude:?}");
+        assert_eq!(
+            typed_command(&mut served_module, "status all").contains("attitude: none"),
+            !has_own,
+            "{attitude:?}"
+        );
         for tick in 0..600 {
             served_module.send(AUTOPILOT, &peer_frame(tick));
             served_module.advance(SECOND_US / 50);
         }
         served_module.send(AUTOPILOT, &peer_frame(600));
-        let status = typed_command(&mut served_module, "status");
+        let status = typed_command(&mut served_module, "status all");
         assert_eq!(status.contains("attitude: roll 40."), is_believed, "{attitude:?}: {status}");
         assert!(expected_counts.contains(&number_after(&status, "reports: ")), "{attitude:?}: {status}");
         served_module.advance(12 * SECOND_US);
-        let status = typed_command(&mut served_module, "status");
+        let status = typed_command(&mut served_module, "status all");
         assert_eq!(status.contains("attitude: none"), !has_own, "{attitude:?}: {status}");
         assert!(!status.contains("attitude: roll 40."), "{status}");
+    }
+}
+
+/// A navigation program finds a true heading without a command; a field that is not that of Xi'an has no place.
+#[test]
+fn a_served_module_knows_declination_and_current() {
+    for (world, declination) in [
+        (WorldConfig::table1(1), "declination: -4.2 deg, by the field model"),
+        (WorldConfig::random(1), "declination: not set"),
+    ] {
+        let mut served_module = ServedModule::new(world, ServeOptions::default(), None);
+        served_module.advance(5 * SECOND_US);
+        let status = typed_command(&mut served_module, "status all");
+        assert!(status.contains(declination) && number_after(&status, "current: ") > 1.0, "{status}");
     }
 }
 
@@ -239,8 +257,8 @@ fn no_bytes_stop_the_served_module() {
     }
     assert!(served_module.free_bytes(AUTOPILOT) < 1152 && served_module.free_bytes(3) == 0);
     served_module.advance(2 * SECOND_US);
-    // Except for one ATTITUDE frame of the simulator, 40 bytes.
-    assert!(served_module.free_bytes(AUTOPILOT) >= 1152 - 40);
+    // Except for the simulator's messages of one instant: heartbeat, position, date, current and attitude.
+    assert!(served_module.free_bytes(AUTOPILOT) >= 1152 - 200);
     typed_command(&mut served_module, "");
     assert!(typed_command(&mut served_module, "version").contains("ok autoswing"));
 }
@@ -349,7 +367,7 @@ fn serve_over_tcp_answers_streams_follows_and_ends() {
     let image = FlashImage::read(&flash).unwrap().unwrap();
     assert!(image != *CALIBRATED, "what was set is kept");
     let mut again = served_module(ServeOptions::default(), Some(&image));
-    let status = typed_command(&mut again, "status");
+    let status = typed_command(&mut again, "status all");
     assert!(status.contains("ok calibrated") && status.contains("declination: 7.0 deg"), "{status}");
 }
 
@@ -362,7 +380,7 @@ fn serve_over_a_pseudo_terminal_answers_and_removes_it() {
         let mut console = host_sim(&["console", &path]).spawn().unwrap();
         let mut printed = console.stdout.take().unwrap();
         let mut keys = console.stdin.take().unwrap();
-        keys.write_all(b"\rstatus\r").unwrap();
+        keys.write_all(b"\rstatus all\r").unwrap();
         read_until(&mut printed, contains("calibration: none"));
         drop(keys);
         assert!(console.wait().unwrap().success(), "it ends when nothing more is typed");

@@ -125,7 +125,7 @@ fn a_saturated_sensor_gives_no_heading() {
     rig.run_for_s(0.2);
     let received = listen(&mut rig, 2.0);
     assert!(received.len() >= 30 && headings(&received) == 0, "{} of {}", headings(&received), received.len());
-    assert!(rig.type_line("status").contains("heading: none, sensor-saturated"));
+    assert!(rig.type_line("status all").contains("heading: none, sensor-saturated"));
     rig.world.set_disturbance_ut([0.0; 3]);
     rig.run_for_s(0.2);
     let received = listen(&mut rig, 2.0);
@@ -139,7 +139,7 @@ fn a_disturbed_field_gives_no_heading() {
     rig.world.set_disturbance_ut([0.0, 0.0, 25.0]);
     rig.run_for_s(0.2);
     assert_eq!(headings(&listen(&mut rig, 2.0)), 0);
-    assert!(rig.type_line("status").contains("heading: none, field-disturbed"));
+    assert!(rig.type_line("status all").contains("heading: none, field-disturbed"));
 }
 
 /// Empty sentences within 0.25 s; headings resume although the chip has lost its configuration.
@@ -150,14 +150,14 @@ fn a_lost_sensor_is_detected_and_used_again_when_it_returns() {
     rig.run_for_s(0.25);
     let received = listen(&mut rig, 2.0);
     assert!(received.len() >= 20 && headings(&received) == 0, "{} of {}", headings(&received), received.len());
-    assert!(rig.type_line("status").contains("heading: none, sensor-silent"));
+    assert!(rig.type_line("status all").contains("heading: none, sensor-silent"));
     rig.chip.borrow_mut().power_cycle();
     rig.chip.borrow_mut().set_silent(false);
     rig.run_for_s(1.0);
     let received = listen(&mut rig, 2.0);
     assert_eq!(headings(&received), received.len());
     // The module did not restart.
-    assert!(rig.type_line("status").contains("started by power-on"));
+    assert!(rig.type_line("status all").contains("started by power-on"));
 }
 
 #[test]

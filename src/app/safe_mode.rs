@@ -43,7 +43,7 @@ pub async fn run<F: NorFlash>(
         match select(links.commands.receive(), ticker.next()).await {
             Either::First((_, command)) => {
                 let reply = match command {
-                    Command::Status => Ok(Reply::SafeMode),
+                    Command::Status | Command::StatusAll => Ok(Reply::SafeMode),
                     Command::Restart => {
                         links.restart.signal(());
                         Ok(Reply::SafeMode)

@@ -18,7 +18,7 @@ impl Compass<'_> {
             return Err(Refusal::Armed);
         }
         let waits_for_solve = match command {
-            Command::Status | Command::CalShow | Command::CalAdvise => return Ok(()),
+            Command::Status | Command::StatusAll | Command::CalShow | Command::CalAdvise => return Ok(()),
             Command::CalAbort | Command::Restart => false,
             Command::Set(setting) => setting.is_used_by_solves(),
             _ => true,
@@ -53,6 +53,7 @@ impl Compass<'_> {
             | Command::CalAbort
             | Command::CalShow
             | Command::Status
+            | Command::StatusAll
             | Command::Set(_)
             | Command::Align(_)
             | Command::AlignConfirmed(_) => false,

@@ -55,8 +55,10 @@ pub enum Command {
     CalClear,
     /// Restore the previous calibration.
     CalUndo,
-    /// Report state, progress and settings.
+    /// Report the state in six lines.
     Status,
+    /// Report state, progress, settings and counters.
+    StatusAll,
     /// Report the stored calibration.
     CalShow,
     /// Change a setting.

@@ -172,7 +172,9 @@ impl<'a> Compass<'a> {
             }
             Command::CalClear => return Ok(self.request_save(PendingSave::Clear)),
             Command::CalUndo => return self.restore_previous(),
-            Command::Status | Command::CalShow => return Ok(Effect::Reply(Ok(Reply::Report(self.report())))),
+            Command::Status | Command::StatusAll | Command::CalShow => {
+                return Ok(Effect::Reply(Ok(Reply::Report(self.report()))));
+            }
             Command::Set(setting) => {
                 let settings = self.settings.with_setting(setting).map_err(Refusal::OutOfRange)?;
                 if let SettingChange::Auto(true) = setting {

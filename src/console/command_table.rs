@@ -154,8 +154,12 @@ const fn number_or(word: &'static str, range: RangeInclusive<f32>) -> ArgumentKi
 pub static COMMANDS: &[CommandSpec] = &[
     CommandSpec::new("help", "", "list the commands, or explain one"),
     CommandSpec::new("version", "", "show the firmware's version").with_request(|_| Request::Version),
-    CommandSpec::new("status", "", "show state, sensors, progress, settings and counters")
-        .with_request(|_| Command::Status.into()),
+    CommandSpec::new("status", "", "show the state in six lines; all: also settings and counters")
+        .with_arguments(&[ArgumentSpec::optional("all", ArgumentKind::Confirmation("all"))])
+        .with_request(|given| match given.0 {
+            [ArgumentValue::Choice(_), _] => Command::StatusAll.into(),
+            _ => Command::Status.into(),
+        }),
     CommandSpec::new("cal", "", "calibration"),
     CommandSpec::new(
         "cal",
@@ -285,9 +289,13 @@ pub static COMMANDS: &[CommandSpec] = &[
             ArgumentKind::Whole { range: Settings::ATTITUDE_RATE_HZ, unit: "a second" },
         )])
         .with_request(|given| set(SettingChange::AttitudeRateHz(given.number(0).unwrap_or_default() as u8))),
-    CommandSpec::new("set", "signing", "sign MAVLink frames, and reject others, with the key of a passphrase")
-        .with_arguments(&[ArgumentSpec::new("PASSPHRASE", ArgumentKind::Passphrase)])
-        .with_request(|given| set(SettingChange::Signing(signing_key(given)))),
+    CommandSpec::new(
+        "set",
+        "signing",
+        "sign MAVLink frames, and reject others, with the key of a passphrase, one word",
+    )
+    .with_arguments(&[ArgumentSpec::new("PASSPHRASE", ArgumentKind::Passphrase)])
+    .with_request(|given| set(SettingChange::Signing(signing_key(given)))),
     CommandSpec::new("reboot", "", "restart the module").with_request(|_| Command::Restart.into()),
 ];
 

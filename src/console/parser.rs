@@ -289,7 +289,7 @@ impl Display for ArgumentSpec {
             ArgumentKind::Whole { range, unit } => {
                 write!(f, "a whole number, {} to {} {unit}", range.start(), range.end())?;
             }
-            ArgumentKind::Passphrase => f.write_str("a word, upper and lower case differ")?,
+            ArgumentKind::Passphrase => f.write_str("one word, upper and lower case differ, such as Heron-4711")?,
             ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_) => {
                 return write_list(f, &|number| self.nth_word(number), " or ");
             }
@@ -427,6 +427,7 @@ mod tests {
         let others = [
             ("version", "Version"),
             ("STATUS", "Command(Status)"),
+            ("status all", "Command(StatusAll)"),
             ("Cal Show", "Command(CalShow)"),
             ("reboot", "Command(Restart)"),
             ("help", "Help"),
@@ -491,6 +492,12 @@ mod tests {
             ("stream rate -1", "bad-value: expected a whole number, 1 to 80 a second"),
             ("set align 90 no", "bad-value: expected yes"),
             ("set align none yes", "unexpected-argument: too many words; it is set align HEADING [yes]"),
+            (
+                "set signing",
+                "missing-argument: <PASSPHRASE> is missing; expected one word, upper and lower case differ, such as \
+                 Heron-4711, or off",
+            ),
+            ("status twice", "bad-value: expected all"),
             ("cal clear", "needs-word: this cannot be undone; type cal clear all"),
             ("cal clear everything", "needs-word: this cannot be undone; type cal clear all"),
         ] {

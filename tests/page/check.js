@@ -1,4 +1,4 @@
-// Checks report pages in headless Chromium: three widths, both colour schemes, keyboard only, printed. Reports all findings, then
+// Checks report pages in headless Chromium: four widths, both colour schemes, keyboard only, printed. Reports all findings, then
 // fails if there are any. Arguments: pages. Environment: PAGE_MODULES (directory of node_modules), PAGE_SHOTS (screenshot
 // directory), CHROMIUM (browser).
 "use strict";
@@ -6,11 +6,14 @@ const path = require("node:path");
 const { pathToFileURL } = require("node:url");
 const { failed, inPage, launched, looksRight, opened, reported, wrong } = require("./browser.js");
 
-const WIDTHS = [320, 768, 1440];
+const WIDTHS = [320, 390, 820, 1280];
+const HEIGHT = 844;
 const SCHEMES = ["light", "dark"];
 
 // Folded, the page is short, and the first screen has the parameters.
 const MOST_SCREENS = 5;
+// Of a page with three compasses, all unfolded.
+const MOST_SHEETS = 6;
 
 async function isShort({ page, say }) {
   const [screens, button] = await page.evaluate(() => {
@@ -24,8 +27,53 @@ async function isShort({ page, say }) {
 const unfold = ({ page }, isOpen) =>
   page.evaluate((open) => document.querySelectorAll("details").forEach((part) => (part.open = open)), isOpen);
 
+// Each chart is drawn in several colours; the pointer shows values; a dragged range is that of all charts over time, until the
+// button shows the whole flight; the sphere turns by keys.
+async function chartsWork({ page, say }) {
+  const charts = page.locator(".chart");
+  for (let i = 0; i < (await charts.count()); i++) {
+    const isDrawn = await charts.nth(i).evaluate((chart) => {
+      const canvas = chart.querySelector("canvas");
+      const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+      return new Set(new Uint32Array(data.buffer)).size > 20;
+    });
+    if (!isDrawn) say(`chart ${i} is empty`);
+  }
+  const over = page.locator('[data-chart="errors"] .u-over').first();
+  if ((await over.count()) === 0) return 0;
+  await over.scrollIntoViewIfNeeded();
+  const { x, y, width, height } = await over.boundingBox();
+  await page.mouse.move(x + width / 4, y + height / 2);
+  const legend = await page.locator('[data-chart="errors"] .u-value').first().textContent();
+  if (!/^\d/.test(legend)) say(`the pointer shows ${legend}`);
+  const ranges = () => page.evaluate(() => [...document.querySelector(".range").querySelectorAll("input")].map((input) => input.valueAsNumber));
+  const other = () => page.locator('[data-chart="strength"] canvas').first().evaluate((canvas) => canvas.toDataURL());
+  const [[from, to], before] = [await ranges(), await other()];
+  await page.mouse.down();
+  await page.mouse.move(x + width / 2, y + height / 2, { steps: 4 });
+  await page.mouse.up();
+  await page.waitForTimeout(100);
+  const [[zoomFrom, zoomTo], zoomed] = [await ranges(), await other()];
+  const share = (zoomTo - zoomFrom) / (to - from);
+  if (!(share > 0.2 && share < 0.3) || zoomed === before) say(`dragging a quarter shows ${share}`);
+  await page.locator(".range button").first().click();
+  await page.mouse.move(0, 0);
+  await page.waitForTimeout(100);
+  const [wholeFrom, wholeTo] = await ranges();
+  if (Math.abs(wholeFrom - from) + Math.abs(wholeTo - to) > 0.2) say(`the whole flight is ${wholeFrom} to ${wholeTo}`);
+  const sphere = page.locator('[data-chart="sphere"] canvas').first();
+  const picture = () => sphere.evaluate((canvas) => canvas.toDataURL());
+  const still = await picture();
+  await sphere.focus();
+  await page.keyboard.press("ArrowRight");
+  if ((await picture()) === still) say("the sphere does not turn");
+  return 1;
+}
+
 // Tab reaches all controls in page order with a visible focus.
 async function keyboardReaches({ page, say }) {
+  await page.reload();
+  await page.evaluate(inPage);
   const all = await page.evaluate(() => window.usable());
   const reached = [];
   for (let i = 0; i < all; i++) {
@@ -62,33 +110,41 @@ async function prints({ page, say }) {
   await page.emulateMedia({ media: "print", colorScheme: "light" });
   for (const what of await page.evaluate(() => window.printed())) say(what);
   const paper = await page.pdf({ format: "A4" });
+  const sheets = paper.toString("latin1").match(/\/Type\s*\/Page\b(?!s)/g).length;
   if (paper.length < 20000) say("prints nothing");
+  if (sheets > MOST_SHEETS) say(`prints ${sheets} sheets`);
 }
 
 async function main(files) {
   const browser = await launched();
-  let copied = 0;
+  let [copied, charted] = [0, 0];
   for (const file of files) {
     for (const width of WIDTHS) {
       for (const scheme of SCHEMES) {
         const where = `${path.basename(file)} at ${width} px, ${scheme}`;
-        const look = await opened(browser, pathToFileURL(path.resolve(file)).href, { width, height: 900 }, scheme, where);
+        const look = await opened(browser, pathToFileURL(path.resolve(file)).href, { width, height: HEIGHT }, scheme, where);
+        const shot = (state) => `${path.basename(file, ".html")}-${width}-${scheme}-${state}.png`;
         await isShort(look);
         await unfold(look, true);
         await looksRight(look);
+        charted += await chartsWork(look);
+        await look.page.screenshot({ path: path.join(process.env.PAGE_SHOTS, shot("unfolded")), fullPage: true });
         await unfold(look, false);
-        const shot = `${path.basename(file, ".html")}-${width}-${scheme}.png`;
-        await look.page.screenshot({ path: path.join(process.env.PAGE_SHOTS, shot), fullPage: true });
-        if (scheme === "light" && width !== 768) await keyboardReaches(look);
+        await look.page.screenshot({ path: path.join(process.env.PAGE_SHOTS, shot("folded")), fullPage: true });
+        if (scheme === "light" && width !== 820) await keyboardReaches(look);
         if (scheme === "light") copied += await copies(look);
         await look.page.evaluate(inPage);
-        if (scheme === "dark" && width === 1440) await prints(look);
+        if (scheme === "dark" && width === 1280) {
+          await unfold(look, true);
+          await prints(look);
+        }
         await look.context.close();
       }
     }
   }
   await browser.close();
   if (copied === 0) wrong.push("no page had anything to copy");
+  if (charted === 0) wrong.push("no page had charts");
   reported(`${files.length} pages, ${WIDTHS.length} widths, ${SCHEMES.length} schemes: all right`);
 }
 

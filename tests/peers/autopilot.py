@@ -199,7 +199,7 @@ with Served("--attitude", "peer", "--speed", str(SPEED)) as module:
         assert flight.heard[name] > 5 or name == "STATUSTEXT", flight.heard
     notes = [text for text in flight.texts if text.startswith("autoswing: calibrated: expected error ")]
     assert len(notes) == 1, flight.texts
-    module.type("status", "saves: ")
+    module.type("status all", "saves: ")
     assert " 0 rejected, 0 line errors" in module.printed, module.printed
     assert "found mavlink" in module.printed, module.printed
 print(f"pymavlink: {notes[0]}; fitness {report.fitness:.1f} mG; {dict(flight.heard)}")

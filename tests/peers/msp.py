@@ -83,7 +83,7 @@ def fly(variant):
                 reply = answer(function, variant)
                 if reply is not None:
                     line.sendall(frame(function, reply))
-        printed = module.type("status", "saves: ")
+        printed = module.type("status all", "saves: ")
         assert "found msp" in printed and "armed: no" in printed and "attitude: roll 0.0 deg" in printed, printed
         assert "ok calibrated" in printed and "by the field model" in printed, printed
     return readings

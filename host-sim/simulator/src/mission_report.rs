@@ -1,7 +1,7 @@
 //! Report of a simulated mission.
 
 use autoswing::calibration::{Calibration, Orientation};
-use autoswing::frames::{Field, Level};
+use autoswing::frames::{Body, Field};
 use log_analysis::numbers::format_number;
 use log_analysis::replay::verdict::CompassState;
 use log_analysis::report::ReportOrigin;
@@ -28,6 +28,7 @@ pub fn report_mission(mission_result: &MissionResult, made: &ReportOrigin) -> Re
             reference_name: "the simulator's own heading".to_owned(),
             limits: "exact field and true attitude at twelve headings; indicated less true, the constant included"
                 .to_owned(),
+            card_constant: String::new(),
             is_accurate: true,
         },
         compasses: vec![swung(mission_result)],
@@ -115,7 +116,9 @@ fn swung(mission_result: &MissionResult) -> CompassReport {
             at_s: mission_result.solved_s - first_s,
             name: if mission_result.result.is_ok() { "calibrated, restarted" } else { "refused" }.to_owned(),
         }],
-        horizontal_ut: calibration.map(|c| f64::from(c.total_ut * libm::cosf(c.inclination_rad))),
+        before_name: "uncorrected",
+        corrected_by: "by the module",
+        earth: calibration.map(|c| [c.total_ut, c.inclination_rad.to_degrees()].map(f64::from)),
         coefficients: calibration
             .map(|Calibration { w: [x, y, z], b_ut, .. }| [x, y, z, b_ut].map(|row| row.map(f64::from))),
         ..CompassReport::default()
@@ -162,6 +165,7 @@ fn lines(errors: &HeadingErrors) -> Vec<DeviationCurve> {
         .map(|(bank_deg, errors)| DeviationCurve {
             name: name(*bank_deg),
             errors_deg: errors.iter().copied().map(Some).collect(),
+            constant_deg: 0.0,
         })
         .collect()
 }
@@ -180,15 +184,18 @@ fn moment(true_moment: &mission::TrueMoment) -> ReportSample {
 
 /// Moment during the collection.
 fn collected_sample(glimpse: &RoutineMeasurement, calibration: Option<&Calibration>) -> ReportSample {
-    let level = |applied: &Calibration| {
-        glimpse.moment.attitude.level(applied.apply(applied.remove_motor_current(glimpse.field, glimpse.current_a)))
-    };
-    let before = level(&Calibration::uncalibrated(Orientation::NONE));
-    let error_deg =
-        |level: &Field<Level>| wrap_180(f64::from(level.heading_rad().to_degrees()) - glimpse.moment.heading_deg);
-    let mut moment = ReportSample { error_before_deg: Some(error_deg(&before)), ..moment(&glimpse.moment) };
-    moment.set_level_field(before, calibration.map(|applied| (level(applied), applied)));
-    moment
+    let corrected =
+        |applied: &Calibration| applied.apply(applied.remove_motor_current(glimpse.field, glimpse.current_a));
+    let before = corrected(&Calibration::uncalibrated(Orientation::NONE));
+    let before_deg = f64::from(glimpse.moment.attitude.level(before).heading_rad().to_degrees());
+    let body_ut = |field: Field<Body>| field.ut.map(f64::from).into();
+    ReportSample {
+        raw_ut: Some(body_ut(before)),
+        corrected_ut: calibration.map(|applied| body_ut(corrected(applied))),
+        current_a: glimpse.current_a.map(f64::from),
+        error_before_deg: Some(wrap_180(before_deg - glimpse.moment.heading_deg)),
+        ..moment(&glimpse.moment)
+    }
 }
 
 /// Moment after the calibration, with the streamed heading but no field.

@@ -267,13 +267,13 @@ fn table(verdict: &Verdict<'_>) -> Table {
         add(name, cells.into_iter().map(|deg| Some(format!("{:.2}", deg?))).collect());
     }
     let of_each = |cell: &dyn Fn(&CompassEvaluation) -> Option<String>| compasses.iter().map(cell).collect();
-    add("ours, smooth", of_each(&|compass| Some(format!("{:.2}", compass.module.smoothed_score?.rms_deg))));
-    add("ours, mean", of_each(&|compass| Some(format!("{:+.2}", compass.module.score?.mean_deg))));
+    add("module, smoothed", of_each(&|compass| Some(format!("{:.2}", compass.module.smoothed_score?.rms_deg))));
+    add("module, mean", of_each(&|compass| Some(format!("{:+.2}", compass.module.score?.mean_deg))));
     let within = |compass: &CompassEvaluation| {
         let [one, two] = compass.module.score?.within_percent;
         Some(format!("{one:.0}, {two:.0} %"))
     };
-    add("ours, in 1 and 2 sigma", of_each(&within));
+    add("module, within 1, 2 sigma", of_each(&within));
     table
 }
 

@@ -19,6 +19,7 @@ use simulator::devices::uart::HostEnd;
 use simulator::module::Module as _;
 use simulator::rig::Rig;
 use simulator::world::WorldConfig;
+use simulator::world::earth::Earth;
 use simulator::world::gyro::GyroConfig;
 use simulator::world::rotation::Euler;
 
@@ -103,7 +104,9 @@ impl ServedModule {
     pub fn new(world: WorldConfig, options: ServeOptions, image: Option<&FlashImage>) -> Self {
         // Attitudes of an external simulator come without rates: those derived from them are no gyro's.
         let gyro = if options.has_external_simulator { GyroConfig::PERFECT } else { world.gyro };
-        let mut rig = Rig::new(WorldConfig { gyro, ..world });
+        // The place is known where the field is that of Xi'an.
+        let reports_position = world.earth == Earth::default();
+        let mut rig = Rig::new(WorldConfig { gyro, reports_current: true, reports_position, ..world });
         if let Some(image) = image {
             // Image sizes are checked on reading.
             rig.load_flash(image.bytes());

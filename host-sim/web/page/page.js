@@ -101,9 +101,9 @@ async function show() {
     if (judged !== showing) return;
     report.append(section);
   }
-  // The report's own script: the button that copies the parameters.
+  // The report's own script: the charts, and the button that copies the parameters.
   const script = document.createElement("script");
-  script.textContent = page.querySelector("script").textContent;
+  script.textContent = page.querySelector("body > script").textContent;
   report.append(script);
   report.removeAttribute("aria-busy");
   for (const id of ["choices", "downloads"]) $(id).hidden = false;

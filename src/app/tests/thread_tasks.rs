@@ -299,7 +299,7 @@ fn every_kind_of_request_is_answered() {
 #[test]
 fn status_shows_the_module_s_health() {
     let (mut bench, line, port, _) = with_console();
-    let status = type_line(&mut bench, &line, &port, "status");
+    let status = type_line(&mut bench, &line, &port, "status all");
     for expected in ["sensor: not found", "attitude: none", "heading: none, sensor-silent", "started by watchdog"] {
         assert!(status.contains(expected), "{expected}: {status}");
     }
@@ -311,7 +311,7 @@ fn status_shows_the_module_s_health() {
     let attitude = Some(Attitude::from_deg(12.0, -3.0));
     bench.links.estimates.sender().send(Estimate { heading, attitude, ..Estimate::EMPTY });
     bench.ms(12_000);
-    let status = type_line(&mut bench, &line, &port, "status");
+    let status = type_line(&mut bench, &line, &port, "status all");
     for expected in [
         "sensor: LIS3MDL at 1e",
         "attitude: roll 12.0 deg, pitch -3.0 deg",
@@ -343,9 +343,9 @@ fn an_armed_module_does_not_reboot() {
     assert!(reply.contains("\r\nerror armed: the autopilot is armed") && !reply.contains("ok"), "{reply}");
     bench.ms(1_000);
     assert_eq!(board.0.get(), 0);
-    assert!(type_line(&mut bench, &line, &port, "status").contains("\r\narmed: yes\r\n"));
+    assert!(type_line(&mut bench, &line, &port, "status all").contains("\r\narmed: yes\r\n"));
     publish(&bench.links.armed, Some(false));
-    assert!(type_line(&mut bench, &line, &port, "status").contains("\r\narmed: no\r\n"));
+    assert!(type_line(&mut bench, &line, &port, "status all").contains("\r\narmed: no\r\n"));
     assert!(type_line(&mut bench, &line, &port, "reboot").contains("ok restarting"));
     bench.ms(50);
     assert_eq!(board.0.get(), 1);

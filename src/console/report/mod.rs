@@ -17,7 +17,7 @@ use calibration::{CalibrationTitle, advise, calibration};
 pub use error::line_error;
 use error::refusal;
 use settings::{SettingGroup, setting_line};
-use status::{Reset, safe_mode_status, status};
+use status::{Reset, full_status, safe_mode_status, status};
 
 /// The firmware's version.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -55,6 +55,7 @@ pub fn reply(
         (Err(reason), _) => refusal(out, reason),
         (Ok(_), Command::Restart) => writeln!(out, "ok restarting"),
         (Ok(Reply::Report(report)), Command::Status) => status(out, report, health),
+        (Ok(Reply::Report(report)), Command::StatusAll) => full_status(out, report, health),
         (Ok(Reply::Report(report)), Command::CalShow) => calibration(out, report),
         (Ok(Reply::Report(report)), _) => changed_state(out, command, report),
         (Ok(Reply::Done(state)), _) => writeln!(out, "ok {}", state.name()),

@@ -1,4 +1,4 @@
-//! `status`: state, settings and counters.
+//! `status`: the state in six lines, or with settings and counters.
 
 use core::fmt::{self, Display, Write};
 
@@ -14,8 +14,51 @@ use crate::instrument::InstallationChange;
 use crate::messages::Message;
 use crate::settings::ProtocolKind;
 
-/// Writes the reply to `status`.
+/// Writes the reply to `status`: the state, sensors, and the collection, what went wrong last, or the
+/// calibration.
 pub(super) fn status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
+    writeln!(out, "ok {}", report.state.name())?;
+    heading_lines(out, health)?;
+    match (report.state, &report.last_outcome) {
+        (ModuleState::Collecting, _) if report.progress.procedure == Procedure::Flight => {
+            write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)
+        }
+        (ModuleState::Collecting, _) => collected(out, report),
+        (_, None | Some(Message::Solved(Ok(_)))) => calibration_line(out, report),
+        _ => last_outcome(out, report),
+    }
+}
+
+/// Writes the share of a procedure that is collected.
+fn collected(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
+    let progress = &report.progress;
+    let [left, right, level] = [&progress.left, &progress.right, &progress.level].map(|part| part.percent);
+    write!(out, "collecting: {}", progress.procedure.name())?;
+    match progress.procedure {
+        Procedure::Turns => writeln!(out, ", left {left} %, right {right} %, level {level} %"),
+        Procedure::Level => writeln!(out, ", {level} %"),
+        Procedure::Swing => writeln!(out, ", {} marks, level {level} %", progress.marks),
+        Procedure::Flight | Procedure::Tumble => writeln!(out, ", {} samples", progress.left.samples),
+    }
+}
+
+fn last_outcome(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
+    match &report.last_outcome {
+        Some(Message::Solved(Ok(_))) => writeln!(out, "last solve: ok"),
+        Some(message) => writeln!(out, "last solve: {}: {}", message.code(), message.text()),
+        None => writeln!(out, "last solve: none"),
+    }
+}
+
+fn calibration_line(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
+    match &report.stored_calibration {
+        Some(record) => writeln!(out, "calibration: number {}, {}", record.serial, record.expected_accuracy()),
+        None => writeln!(out, "calibration: none"),
+    }
+}
+
+/// Writes the reply to `status all`.
+pub(super) fn full_status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
     writeln!(out, "ok {}", report.state.name())?;
     heading_lines(out, health)?;
     writeln!(out, "armed: {}", report.is_armed.map_or("not known", |armed| if armed { "yes" } else { "no" }))?;
@@ -24,18 +67,11 @@ pub(super) fn status(out: &mut impl Write, report: &StatusReport, health: &Diagn
     if let (ModuleState::Collecting, Procedure::Flight) = (report.state, report.progress.procedure) {
         write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)?;
     }
-    match &report.stored_calibration {
-        Some(record) => {
-            writeln!(out, "calibration: number {}, {}", record.serial, record.expected_accuracy())?;
-            latency(out, &record.calibration, record.quality.latency)?;
-        }
-        None => writeln!(out, "calibration: none")?,
+    calibration_line(out, report)?;
+    if let Some(record) = &report.stored_calibration {
+        latency(out, &record.calibration, record.quality.latency)?;
     }
-    match &report.last_outcome {
-        Some(Message::Solved(Ok(_))) => writeln!(out, "last solve: ok")?,
-        Some(message) => writeln!(out, "last solve: {}: {}", message.code(), message.text())?,
-        None => writeln!(out, "last solve: none")?,
-    }
+    last_outcome(out, report)?;
     for line in SettingGroup::ALL {
         setting_line(out, line, ": ", report)?;
         if let SettingGroup::Port(port) = line {

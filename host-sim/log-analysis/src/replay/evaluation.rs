@@ -113,12 +113,12 @@ impl CorrectionSource {
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Uncorrected => "raw",
+            Self::Uncorrected => "uncorrected",
             Self::Autopilot => "as logged",
             Self::Sphere => "sphere",
             Self::Ellipsoid => "ellipsoid",
-            Self::Module => "ours",
-            Self::ModuleAllRows => "ours, all rows",
+            Self::Module => "module",
+            Self::ModuleAllRows => "module, all rows",
         }
     }
 }
@@ -299,7 +299,7 @@ pub fn score_correction(rows: &[ReplayRow], correction: &FieldCorrection) -> Opt
 }
 
 /// Heading of a row by a corrected field, degrees.
-pub(super) fn heading_deg(row: &ReplayRow, corrected: Vector3<f64>) -> f64 {
+pub(crate) fn heading_deg(row: &ReplayRow, corrected: Vector3<f64>) -> f64 {
     let field: Field<Body> = Field::new(corrected.map(|axis| axis as f32));
     f64::from(row.attitude.level(field).heading_rad().to_degrees())
 }

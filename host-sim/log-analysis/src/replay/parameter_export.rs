@@ -160,7 +160,7 @@ pub fn export_correction(
 }
 
 /// The field of a row, microtesla, as the autopilot corrects it by exported parameters: with the digits of the file.
-pub(super) fn applied_field(
+pub fn applied_field(
     flight: &Flight,
     export: &ExportedCorrection,
     dialect: ParameterFormat,

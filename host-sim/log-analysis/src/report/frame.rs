@@ -40,14 +40,6 @@ impl Axis {
         Self { range: [-end, end], step, number_every: 1 }
     }
 
-    pub fn seconds(from_s: f64, to_s: f64) -> Self {
-        const STEPS: [f64; 13] = [1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1200.0, 3600.0, 7200.0];
-        let (from, to) = if from_s.is_finite() && to_s.is_finite() { (from_s, to_s) } else { (0.0, 1.0) };
-        let span = (to - from).max(1.0);
-        let step = STEPS.into_iter().find(|step| span / step <= 10.0).unwrap_or_else(|| round_step(span / 10.0));
-        Self { range: [from, from + span], step, number_every: 1 }
-    }
-
     fn rounded_to_step(self) -> Self {
         let [from, to] = self.range;
         if to > from { self } else { Self { range: [from, from + self.step], ..self } }
@@ -161,14 +153,12 @@ mod tests {
         assert_eq!(lines(Axis::symmetric_deg(0.8)), [-1.0, -0.5, 0.0, 0.5, 1.0]);
         assert_eq!(lines(Axis::symmetric_deg(50.0)), [-60.0, -30.0, 0.0, 30.0, 60.0]);
         assert_eq!(lines(Axis::symmetric_deg(170.0)), [-180.0, -90.0, 0.0, 90.0, 180.0]);
-        assert_eq!(lines(Axis::seconds(30.0, 856.0)).len(), 7);
         assert_eq!(lines(Axis::for_range(-3.0, 41.0, 5.0)), [-10.0, 0.0, 10.0, 20.0, 30.0, 40.0, 50.0]);
         for axis in [
             Axis::for_range(f64::NAN, 1.0, 5.0),
             Axis::for_range(2.0, 2.0, 5.0),
             Axis::for_range(0.0, 0.0, 5.0),
             Axis::symmetric_deg(f64::NAN),
-            Axis::seconds(0.0, f64::INFINITY),
         ] {
             assert!((2..20).contains(&lines(axis).len()), "{axis:?}");
             assert!(axis.range[1] > axis.range[0], "{axis:?}");

@@ -1,13 +1,15 @@
 //! Self-contained HTML report of a log or of a simulated mission.
 //!
 //! `model` holds the contents of a page, filled from either source; `page` and `sections` render it with the
-//! `pictures`; `frame`, `svg` and `text` are their building blocks; `assets/` has style and script.
+//! `pictures`; `frame`, `svg` and `text` are their building blocks. `samples` gives the charts of `assets/charts.js` their
+//! numbers; `assets/` has style and scripts, and uPlot.
 
 mod frame;
 pub mod model;
 mod page;
 mod pictures;
 mod replay_report;
+mod samples;
 mod sections;
 mod svg;
 mod text;

@@ -1,8 +1,5 @@
 //! Contents of a page, independent of their source (mission or log).
 
-use autoswing::calibration::Calibration;
-use autoswing::frames::{Field, Level};
-
 use crate::numbers::{mean_angle_deg, quantile};
 use crate::replay::verdict::CompassState;
 use crate::score::wrap_180;
@@ -75,6 +72,8 @@ pub struct ReferenceInfo {
     pub reference_name: String,
     /// Limits of the comparison.
     pub limits: String,
+    /// Constant part of the errors on a deviation card, a sentence.
+    pub card_constant: String,
     /// Whether it is known to 2 deg or better, as a deviation card requires.
     pub is_accurate: bool,
 }
@@ -109,8 +108,14 @@ pub struct CompassReport {
     pub samples: Vec<ReportSample>,
     /// Events on the time axis.
     pub marks: Vec<EventMark>,
-    /// Horizontal field strength by the calibration, microtesla.
-    pub horizontal_ut: Option<f64>,
+    /// Correction of the headings before the calibration.
+    pub before_name: &'static str,
+    /// Correction of the samples' fields.
+    pub corrected_by: &'static str,
+    /// Earth's field that the corrected field should have: strength, microtesla, and inclination, degrees.
+    pub earth: Option<[f64; 2]>,
+    /// Magnetic heading less the heading of the samples, degrees.
+    pub magnetic_offset_deg: f64,
     /// Whether fitted samples are marked.
     pub has_fitted_marks: bool,
     /// Advice for the next flight.
@@ -126,6 +131,15 @@ pub struct DeviationCurve {
     pub name: String,
     /// Errors from north clockwise at equal steps, degrees.
     pub errors_deg: Vec<Option<f64>>,
+    /// Constant that a deviation card has in addition, degrees.
+    pub constant_deg: f64,
+}
+
+impl DeviationCurve {
+    /// Error on the deviation card at a step, degrees.
+    pub(super) fn card_deg(&self, step: usize) -> Option<f64> {
+        Some(wrap_180(self.errors_deg.get(step).copied().flatten()? + self.constant_deg))
+    }
 }
 
 /// Event on the time axis.
@@ -150,13 +164,17 @@ pub struct ReportSample {
     pub pitch_deg: f64,
     /// Position, metres east and north.
     pub position_m: Option<[f64; 2]>,
-    /// Horizontal field, level axes ahead and left, microtesla, before and after the correction.
-    pub level_ut: [Option<[f64; 2]>; 2],
-    /// Norm residual of the corrected field, percent of the calibrated strength.
-    pub norm_residual_percent: Option<f64>,
-    /// Inclination residual of the corrected field, degrees.
-    pub inclination_residual_deg: Option<f64>,
-    /// Heading error after the correction, degrees.
+    /// Field without a correction, body axes, microtesla.
+    pub raw_ut: Option<[f64; 3]>,
+    /// Field as logged.
+    pub logged_ut: Option<[f64; 3]>,
+    /// Corrected field.
+    pub corrected_ut: Option<[f64; 3]>,
+    /// Battery current, amperes.
+    pub current_a: Option<f64>,
+    /// Heading error with the parameters to load, degrees.
+    pub error_parameters_deg: Option<f64>,
+    /// Heading error of the module, degrees.
     pub error_deg: Option<f64>,
     /// Standard deviation of the heading, degrees.
     pub sigma_deg: Option<f64>,
@@ -168,19 +186,6 @@ pub struct ReportSample {
     pub is_fitted: bool,
     /// Whether the module would not have sent the heading.
     pub is_heading_withheld: bool,
-}
-
-impl ReportSample {
-    /// Stores the levelled field, and its residuals to the calibration.
-    pub fn set_level_field(&mut self, before: Field<Level>, after: Option<(Field<Level>, &Calibration)>) {
-        let level = |field: &Field<Level>| Some([f64::from(field.ut.x), f64::from(-field.ut.y)]);
-        self.level_ut = [level(&before), after.as_ref().and_then(|(after, _)| level(after))];
-        if let Some((after, calibration)) = after {
-            self.norm_residual_percent = Some(f64::from(after.ut.norm() / calibration.total_ut - 1.0) * 100.0);
-            self.inclination_residual_deg =
-                Some(f64::from((after.inclination_rad() - calibration.inclination_rad).to_degrees()));
-        }
-    }
 }
 
 /// Sector width of mean errors by heading, degrees.
@@ -210,16 +215,22 @@ pub(super) fn means_by_heading(
 }
 
 impl CompassReport {
-    /// Subtracts the mean error of usable moments, separately before and after; returns both means.
-    pub(super) fn subtract_mean_errors(&mut self) -> [Option<f64>; 2] {
+    /// Subtracts the mean error of usable moments, separately as logged, with the parameters and of the module; returns
+    /// the means.
+    pub(super) fn subtract_mean_errors(&mut self) -> [Option<f64>; 3] {
         let usable = |quantity: fn(&ReportSample) -> Option<f64>| {
             mean_angle_deg(self.samples.iter().filter(|moment| moment.is_usable).filter_map(quantity))
         };
-        let means = [usable(|moment| moment.error_before_deg), usable(|moment| moment.error_deg)];
+        let means = [
+            usable(|moment| moment.error_before_deg),
+            usable(|moment| moment.error_parameters_deg),
+            usable(|moment| moment.error_deg),
+        ];
         for moment in &mut self.samples {
             let less = |error: Option<f64>, mean: Option<f64>| Some(wrap_180(error? - mean?));
             moment.error_before_deg = less(moment.error_before_deg, means[0]);
-            moment.error_deg = less(moment.error_deg, means[1]);
+            moment.error_parameters_deg = less(moment.error_parameters_deg, means[1]);
+            moment.error_deg = less(moment.error_deg, means[2]);
         }
         means
     }
@@ -271,8 +282,8 @@ mod tests {
         let mut compass_report =
             CompassReport { samples: vec![at(0.0, 179.0), at(0.0, -179.0)], ..CompassReport::default() };
         compass_report.samples.push(ReportSample { is_usable: false, ..at(0.0, 0.0) });
-        let [before, after] = compass_report.subtract_mean_errors();
-        assert_eq!(before, None);
+        let [before, parameters, after] = compass_report.subtract_mean_errors();
+        assert_eq!((before, parameters), (None, None));
         assert!((after.unwrap().abs() - 180.0).abs() < 1e-9);
         let errors: Vec<f64> = compass_report.samples.iter().map(|moment| moment.error_deg.unwrap()).collect();
         assert!((errors[0] + 1.0).abs() < 1e-9 && (errors[1] - 1.0).abs() < 1e-9, "{errors:?}");

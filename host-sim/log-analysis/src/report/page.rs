@@ -6,12 +6,20 @@ use super::svg::style;
 use super::text::{concat_map, escape_html};
 
 const STYLE: &str = include_str!("assets/page.css");
-const SCRIPT: &str = include_str!("assets/copy.js");
+const SCRIPT: &str = concat!(
+    include_str!("assets/copy.js"),
+    "/*\n",
+    include_str!("assets/uplot/LICENSE"),
+    "*/\n",
+    include_str!("assets/uplot/uPlot.iife.min.js"),
+    include_str!("assets/charts.js")
+);
+const CHART_STYLE: &str = include_str!("assets/uplot/uPlot.min.css");
 
 /// Content security policy: inline style, this script by its checksum, no network. scripts/page fails if the checksum
 /// is outdated.
 const POLICY: &str =
-    "default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-z8uWZq3bMOHQkVibYXdVc3SUbaFWVdfGElziXV1G3Po='";
+    "default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-U3Ow37qEPDXWLmhOLWcek4fZZyoqKwC/NAF4+nCGuEM='";
 
 pub fn render_html(report: &Report) -> String {
     let parts = parts(report);
@@ -33,7 +41,7 @@ pub fn render_html(report: &Report) -> String {
          <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <meta name=\"color-scheme\" content=\"light dark\">\n<title>{title} - Autoswing</title>\n\
-         <style>\n{}{STYLE}</style></head>\n<body>\n<a class=\"skip\" href=\"#verdict\">Skip to the verdict</a>\n\
+         <style>\n{}{CHART_STYLE}\n{STYLE}</style></head>\n<body>\n<a class=\"skip\" href=\"#verdict\">Skip to the verdict</a>\n\
          <header><p class=\"brand\">Autoswing</p><h1>{title}</h1></header>\n<main>\n{body}</main>\n\
          <nav aria-label=\"Parts of the page\"><ul>{links}</ul></nav>\n<script>{SCRIPT}</script>\n</body></html>\n",
         style()

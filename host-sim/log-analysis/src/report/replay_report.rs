@@ -1,7 +1,7 @@
 //! Report of a replayed log.
 
 use autoswing::calibration::{Calibration, Solution};
-use autoswing::frames::{Body, Field};
+use nalgebra::Vector3;
 
 use super::model::{
     CalibratorComparison, CompassReport, DeviationCurve, EventMark, ReferenceInfo, Report, ReportOrigin, ReportSample,
@@ -9,16 +9,17 @@ use super::model::{
 };
 use crate::log::{Flight, Gps};
 use crate::numbers::format_number;
-use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation};
+use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation, heading_deg};
 use crate::replay::hard_iron_changes::HardIronChange;
+use crate::replay::parameter_export::applied_field;
 use crate::replay::verdict::{CompassState, CompassVerdict, Verdict};
-use crate::replay::{HeadingRow, ReplayResult, ReplayRow, level_field};
+use crate::replay::{HeadingRow, ReferenceHeading, ReplayResult, ReplayRow};
 use crate::score::wrap_180;
 
 /// Makes the report of a replayed log.
 #[must_use]
 pub fn report_replay(verdict: &Verdict<'_>, log: &str, made: &ReportOrigin) -> Report {
-    let Verdict { flight, evaluation, .. } = *verdict;
+    let evaluation = verdict.evaluation;
     let lines = [
         ("command", made.command.clone()),
         ("made by", format!("Autoswing {}", env!("CARGO_PKG_VERSION"))),
@@ -36,11 +37,7 @@ pub fn report_replay(verdict: &Verdict<'_>, log: &str, made: &ReportOrigin) -> R
             compasses: evaluation.compasses.iter().map(|compass| format!("compass {}", compass.number)).collect(),
             rows: rows.collect(),
         },
-        compasses: verdict
-            .compasses
-            .iter()
-            .map(|compass| swung(flight, evaluation, compass.evaluation, verdict.facts(compass)))
-            .collect(),
+        compasses: verdict.compasses.iter().map(|compass| compass_report(verdict, compass)).collect(),
         parameters: made.parameters.clone(),
         terminal_output: (!made.terminal_output.is_empty())
             .then(|| ["As the command prints it".to_owned(), made.terminal_output.clone()]),
@@ -68,13 +65,21 @@ fn compared(verdict: &FlightEvaluation) -> ReferenceInfo {
         Some(reference) => ReferenceInfo {
             difference_name: reference.difference_name(),
             reference_name: reference.name().to_owned(),
-            limits: format!("{}; less the mean", reference.limits()),
+            limits: format!(
+                "{}; the mean difference, which declination and mounting cause, is subtracted",
+                reference.limits()
+            ),
+            card_constant: declination_deg(verdict).map_or_else(
+                || "The mean is subtracted: the declination there is not known.".to_owned(),
+                |deg| format!("The declination, {} deg by the field model, is subtracted.", format_number(deg, 1)),
+            ),
             is_accurate: reference.accurate_sigma_deg().is_some(),
         },
         None => ReferenceInfo {
             difference_name: "correction",
             reference_name: "the module's own heading".to_owned(),
             limits: "the log has no reference heading; shown is the change by the module".to_owned(),
+            card_constant: String::new(),
             is_accurate: false,
         },
     }
@@ -105,26 +110,30 @@ fn figures(verdict: &Verdict<'_>) -> Vec<[String; 2]> {
     figures
 }
 
-fn swung(
-    flight: &Flight,
-    verdict: &FlightEvaluation,
-    compass: &CompassEvaluation,
-    facts: Vec<[String; 2]>,
-) -> CompassReport {
+fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> CompassReport {
+    let Verdict { flight, evaluation, .. } = *verdict;
+    let facts = verdict.facts(compass);
+    let exported = compass.to_load();
+    let compass = compass.evaluation;
     let replay_result = compass.displayed_result();
     let solution = replay_result.solution.as_ref();
-    let has_reference = verdict.reference.is_some();
-    let mut swung = CompassReport {
+    let parameters = exported.map(|export| applied_field(flight, export, verdict.format));
+    let shown = ShownCorrections {
+        is_logged: logged_correction_source(compass) == CorrectionSource::Autopilot,
+        parameters: parameters.as_ref().map(|field| field as &FieldOfRow<'_>),
+        solution,
+        has_reference: evaluation.reference.is_some(),
+    };
+    let mut report = CompassReport {
         name: format!("Compass {}", compass.number),
         accepted: compass.module.accepted.is_ok(),
         facts,
         sigma_description: "the mean sigma that the module sends with its headings",
-        samples: moments(flight, compass, replay_result, has_reference),
+        samples: samples(flight, compass, replay_result, &shown),
         marks: marks(compass),
-        horizontal_ut: solution.map(|s| {
-            let Calibration { total_ut, inclination_rad, .. } = s.calibration;
-            f64::from(total_ut * libm::cosf(inclination_rad))
-        }),
+        before_name: logged_correction_source(compass).name(),
+        corrected_by: if exported.is_some() { "with the parameters to load" } else { "by the module" },
+        earth: solution.map(|s| expected_earth(evaluation, &s.calibration, exported.is_some())),
         has_fitted_marks: true,
         advice: solution.and_then(|s| s.advice).map(|advice| {
             let [now, then] =
@@ -137,27 +146,54 @@ fn swung(
         }),
         ..CompassReport::default()
     };
-    let [before, after] = swung.subtract_mean_errors();
-    for (label, mean) in [("mean as logged, subtracted", before), ("mean with ours, subtracted", after)] {
-        if let Some(mean) = mean {
-            swung.facts.push([label.to_owned(), format!("{} deg, declination included", format_number(mean, 2))]);
-        }
+    let means = report.subtract_mean_errors();
+    report.magnetic_offset_deg = means[1].or(means[2]).unwrap_or(0.0);
+    let means_words: Vec<String> = ["as logged", "with the parameters", "of the module"]
+        .into_iter()
+        .zip(means)
+        .filter_map(|(name, mean)| Some(format!("{} {name}", format_number(mean?, 2))))
+        .collect();
+    if !means_words.is_empty() {
+        let words = format!("{} deg, declination included", means_words.join(", "));
+        report.facts.push(["means subtracted".to_owned(), words]);
     }
-    let line = |name: &str, of: fn(&ReportSample) -> Option<f64>| {
-        let errors_deg = means_by_heading(&swung.samples, of);
-        errors_deg.iter().any(Option::is_some).then(|| DeviationCurve { name: name.to_owned(), errors_deg })
+    let declination_deg = declination_deg(evaluation);
+    let line = |name: &str, mean_deg: Option<f64>, of: fn(&ReportSample) -> Option<f64>| {
+        let errors_deg = means_by_heading(&report.samples, of);
+        let constant_deg = declination_deg.zip(mean_deg).map_or(0.0, |(declination, mean)| mean + declination);
+        errors_deg.iter().any(Option::is_some).then(|| DeviationCurve {
+            name: name.to_owned(),
+            errors_deg,
+            constant_deg,
+        })
     };
-    let ours = if replay_result.accepted.is_ok() { "ours" } else { "ours, but refused" };
-    let (before, after) = (
-        line(logged_correction_source(compass).name(), |moment| moment.error_before_deg),
-        line(ours, |moment| moment.error_deg),
-    );
-    (swung.before, swung.after) = (before.into_iter().collect(), after.into_iter().collect());
+    let module = if replay_result.accepted.is_ok() { "module" } else { "module, but refused" };
+    let before = line(logged_correction_source(compass).name(), means[0], |sample| sample.error_before_deg);
+    let after = [
+        line("parameters", means[1], |sample| sample.error_parameters_deg),
+        line(module, means[2], |sample| sample.error_deg),
+    ];
+    (report.before, report.after) = (before.into_iter().collect(), after.into_iter().flatten().collect());
     if solution.is_some() {
-        let sigma = means_by_heading(&swung.samples, |moment| moment.sigma_deg);
-        swung.sigma_deg = sigma.into_iter().map(|sigma| sigma.unwrap_or(f64::NAN)).collect();
+        let sigma = means_by_heading(&report.samples, |sample| sample.sigma_deg);
+        report.sigma_deg = sigma.into_iter().map(|sigma| sigma.unwrap_or(f64::NAN)).collect();
     }
-    swung
+    report
+}
+
+/// Declination by the field model, degrees, for a reference from true north.
+fn declination_deg(evaluation: &FlightEvaluation) -> Option<f64> {
+    let is_true = evaluation.reference.as_ref().is_some_and(|reference| !matches!(reference, ReferenceHeading::Column));
+    let (earth, _) = evaluation.earth.as_ref().filter(|_| is_true)?;
+    earth.declination_deg.map(f64::from)
+}
+
+/// Strength, microtesla, and inclination, degrees, that a corrected field should have: exported parameters have the scale
+/// of the field model, a calibration its own.
+fn expected_earth(evaluation: &FlightEvaluation, calibration: &Calibration, is_exported: bool) -> [f64; 2] {
+    let modelled = evaluation.earth.as_ref().filter(|_| is_exported).map(|(earth, _)| earth.total_ut);
+    let inclination_deg = calibration.inclination_rad.to_degrees();
+    [modelled.unwrap_or(calibration.total_ut), inclination_deg].map(f64::from)
 }
 
 /// Source of the logged field's correction.
@@ -182,68 +218,84 @@ fn marks(compass: &CompassEvaluation) -> Vec<EventMark> {
     calibrated.into_iter().chain(changed).collect()
 }
 
-fn moments(
+/// Corrected field of a row, body axes, microtesla.
+type FieldOfRow<'a> = dyn Fn(&ReplayRow) -> Vector3<f64> + 'a;
+
+/// Corrections whose results a sample has.
+struct ShownCorrections<'a> {
+    /// Whether the autopilot corrected the logged field.
+    is_logged: bool,
+    /// Field with the parameters to load.
+    parameters: Option<&'a FieldOfRow<'a>>,
+    /// The module's calibration.
+    solution: Option<&'a Solution>,
+    has_reference: bool,
+}
+
+fn samples(
     flight: &Flight,
     compass: &CompassEvaluation,
     replay_result: &ReplayResult,
-    has_reference: bool,
+    shown: &ShownCorrections<'_>,
 ) -> Vec<ReportSample> {
     let Some(first) = compass.rows.first() else { return Vec::new() };
     let places = LocalPositions::from_flight(flight);
-    let is_logged = logged_correction_source(compass) == CorrectionSource::Autopilot;
-    let mut moments: Vec<ReportSample> = compass
+    let mut samples: Vec<ReportSample> = compass
         .rows
         .iter()
         .enumerate()
-        .map(|(i, row)| {
-            let shown = replay_result.headings.get(i);
-            let mut moment = moment(row, is_logged, replay_result.solution.as_ref(), shown, has_reference);
-            moment.at_s = row.t_s;
-            moment.position_m = places.as_ref().and_then(|places| places.at(flight, row.t_s));
-            moment
+        .map(|(i, row)| ReportSample {
+            position_m: places.as_ref().and_then(|places| places.at(flight, row.t_s)),
+            ..shown.sample(row, replay_result.headings.get(i))
         })
         .collect();
     for fitted_s in replay_result.fitted_s.iter().map(|since_s| since_s + first.t_s) {
         // The nearest row, since samples are means and their clock has milliseconds.
-        let after = moments.partition_point(|moment| moment.at_s < fitted_s).min(moments.len() - 1);
+        let after = samples.partition_point(|sample| sample.at_s < fitted_s).min(samples.len() - 1);
         let near = [after.saturating_sub(1), after];
         let time_difference =
-            |i: &usize| moments.get(*i).map_or(f64::INFINITY, |moment| (moment.at_s - fitted_s).abs());
+            |i: &usize| samples.get(*i).map_or(f64::INFINITY, |sample| (sample.at_s - fitted_s).abs());
         let nearest = near.into_iter().min_by(|a, b| time_difference(a).total_cmp(&time_difference(b)));
-        if let Some(moment) = nearest.and_then(|nearest| moments.get_mut(nearest)) {
-            moment.is_fitted = true;
+        if let Some(sample) = nearest.and_then(|nearest| samples.get_mut(nearest)) {
+            sample.is_fitted = true;
         }
     }
-    moments
+    samples
 }
 
-fn moment(
-    row: &ReplayRow,
-    is_logged: bool,
-    solution: Option<&Solution>,
-    shown: Option<&HeadingRow>,
-    compares: bool,
-) -> ReportSample {
-    let raw: Field<Body> = Field::new(if is_logged { row.logged.ut } else { row.field.ut });
-    let before = row.attitude.level(raw);
-    let before_deg = f64::from(before.heading_rad().to_degrees());
-    let ours_deg = shown.map(|shown| shown.heading_deg).filter(|deg| deg.is_finite());
-    let with_deg = if compares { row.reference_deg } else { ours_deg };
-    let error_deg = |heading_deg: f64| Some(wrap_180(heading_deg - with_deg?));
-    let mut moment = ReportSample {
-        heading_deg: row.reference_deg.or(ours_deg).or(Some(before_deg)).map(|deg| deg.rem_euclid(360.0)),
-        roll_deg: f64::from(row.attitude.roll_rad.to_degrees()),
-        pitch_deg: f64::from(row.attitude.pitch_rad.to_degrees()),
-        error_before_deg: error_deg(before_deg),
-        error_deg: ours_deg.filter(|_| compares).and_then(error_deg),
-        sigma_deg: shown.map(|shown| shown.sigma_deg).filter(|deg| deg.is_finite()),
-        is_usable: row.usable,
-        is_heading_withheld: shown.is_some_and(|shown| shown.status.is_err()),
-        ..ReportSample::default()
-    };
-    let after = solution.map(|solution| (level_field(&solution.calibration, row), &solution.calibration));
-    moment.set_level_field(before, after);
-    moment
+impl ShownCorrections<'_> {
+    fn sample(&self, row: &ReplayRow, module: Option<&HeadingRow>) -> ReportSample {
+        let raw = row.field.ut.map(f64::from);
+        let logged = row.logged.ut.map(f64::from);
+        let with_parameters = self.parameters.map(|field| field(row));
+        let before_deg = heading_deg(row, if self.is_logged { logged } else { raw });
+        let module_deg = module.map(|module| module.heading_deg).filter(|deg| deg.is_finite());
+        let compared_deg = if self.has_reference { row.reference_deg } else { module_deg };
+        let error_deg = |heading_deg: f64| Some(wrap_180(heading_deg - compared_deg?));
+        let by_module = |solution: &Solution| {
+            let calibration = &solution.calibration;
+            calibration.apply(calibration.remove_motor_current(row.field, row.current_a)).ut.map(f64::from)
+        };
+        ReportSample {
+            at_s: row.t_s,
+            heading_deg: row.reference_deg.or(module_deg).or(Some(before_deg)).map(|deg| deg.rem_euclid(360.0)),
+            roll_deg: f64::from(row.attitude.roll_rad.to_degrees()),
+            pitch_deg: f64::from(row.attitude.pitch_rad.to_degrees()),
+            raw_ut: Some(raw.into()),
+            logged_ut: self.is_logged.then(|| logged.into()),
+            corrected_ut: with_parameters.or_else(|| self.solution.map(by_module)).map(Into::into),
+            current_a: row.current_a.map(f64::from),
+            error_before_deg: error_deg(before_deg),
+            error_parameters_deg: with_parameters
+                .filter(|_| self.has_reference)
+                .and_then(|field| error_deg(heading_deg(row, field))),
+            error_deg: module_deg.filter(|_| self.has_reference).and_then(error_deg),
+            sigma_deg: module.map(|module| module.sigma_deg).filter(|deg| deg.is_finite()),
+            is_usable: row.usable,
+            is_heading_withheld: module.is_some_and(|module| module.status.is_err()),
+            ..ReportSample::default()
+        }
+    }
 }
 
 struct LocalPositions {
@@ -290,10 +342,10 @@ mod tests {
     use crate::log::csv::FieldUnit;
     use crate::log::write::{FlightRecording, encode_dataflash};
     use crate::log::{self, ParameterHistory};
+    use crate::replay::RowSelection;
     use crate::replay::evaluation::{EvaluationOptions, evaluate_flight};
     use crate::replay::hard_iron_step::HardIronStep;
     use crate::replay::parameter_export::ParameterFormat;
-    use crate::replay::{ReferenceHeading, RowSelection};
     use crate::test_flight::record_turns;
 
     static FLOWN: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
@@ -328,11 +380,11 @@ mod tests {
         let automatic = report(|_, _| {});
         let refused = report(|_, verdict| verdict.compasses[0].module.accepted = REFUSED);
         for (report, line, mark, words) in [
-            (&automatic, "ours", "would have calibrated", "would have calibrated itself at"),
-            (&refused, "ours, but refused", "would have solved", "would have been refused: not-converged"),
+            (&automatic, "module", "would have calibrated", "would have calibrated itself at"),
+            (&refused, "module, but refused", "would have solved", "would have been refused: not-converged"),
         ] {
             let compass = &report.compasses[0];
-            assert_eq!((compass.after[0].name.as_str(), compass.marks[0].name.as_str()), (line, mark));
+            assert_eq!((compass.after.last().unwrap().name.as_str(), compass.marks[0].name.as_str()), (line, mark));
             assert!(fact(report, "module").unwrap().starts_with(words), "{:?}", compass.facts);
         }
         let on_request = report(|_, verdict| verdict.compasses[0].module.ended_s = None);
@@ -377,17 +429,17 @@ mod tests {
             verdict.compasses[0].corrections.retain(|correction| correction.source != CorrectionSource::Autopilot);
         });
         let rows = &FLOWN.1.compasses[0].rows;
-        for (report, name, is_logged) in [(&logged, "as logged", true), (&raw, "raw", false)] {
+        for (report, name, is_logged) in [(&logged, "as logged", true), (&raw, "uncorrected", false)] {
             let compass = &report.compasses[0];
             assert_eq!(compass.before[0].name, name);
             // Errors have their mean removed, so differences between rows are compared.
-            let heading_deg = |i: usize| {
+            let difference_deg = |i: usize| {
                 let row = &rows[i];
-                let field = Field::<Body>::new(if is_logged { row.logged.ut } else { row.field.ut });
-                f64::from(row.attitude.level(field).heading_rad().to_degrees()) - row.reference_deg.unwrap()
+                let ut = if is_logged { row.logged.ut } else { row.field.ut };
+                heading_deg(row, ut.map(f64::from)) - row.reference_deg.unwrap()
             };
             let shown = |i: usize| compass.samples[i].error_before_deg.unwrap();
-            let off_deg = wrap_180(shown(500) - shown(1500) - (heading_deg(500) - heading_deg(1500)));
+            let off_deg = wrap_180(shown(500) - shown(1500) - (difference_deg(500) - difference_deg(1500)));
             assert!(off_deg.abs() < 1e-6, "{name}: {off_deg}");
         }
         assert!(figure(&logged, "as logged") != figure(&raw, "as logged"), "{:?}", raw.figures);

@@ -1,7 +1,8 @@
 //! Sections of the page.
 
-use super::model::{CompassReport, DeviationCurve, ReferenceInfo, Report, VerdictLine};
-use super::pictures::{Picture, coverage, deviation, field, map as map_of, methods as side_by_side, residuals};
+use super::model::{CompassReport, DeviationCurve, ReferenceInfo, Report, ReportSample, VerdictLine};
+use super::pictures::{Picture, coverage, map as map_of};
+use super::samples::{has_samples, samples_json};
 use super::text::{concat_map, escape_html};
 use crate::numbers::{format_number, format_optional};
 use crate::replay::verdict::CompassState;
@@ -54,7 +55,7 @@ fn verdict_line(line: &VerdictLine) -> String {
     )
 }
 
-/// Comparison of calibrators and compasses, picture and table.
+/// Comparison of calibrators and compasses.
 pub fn comparison_section(report: &Report) -> String {
     let names: Vec<&str> = report.calibrators.compasses.iter().map(String::as_str).collect();
     let rows = report.calibrators.rows.iter().map(|(name, cells)| {
@@ -62,53 +63,127 @@ pub fn comparison_section(report: &Report) -> String {
         (name.clone(), cells)
     });
     let caption = format!(
-        "{} of headings against {}, degrees RMS less mean",
+        "{} of headings against {}, degrees RMS about the mean",
         capitalised(report.reference.difference_name),
         report.reference.reference_name
     );
-    let table = table(&caption, "corrected by", &names, rows);
-    let picture = side_by_side::comparison_picture(&report.calibrators, &report.reference);
-    format!("{}{table}", picture.map_or_else(String::new, |picture| figure("methods", &picture)))
+    format!("<p>{CORRECTIONS}</p>\n{}", table(&caption, "corrected by", &names, rows))
+}
+
+const CORRECTIONS: &str = "Uncorrected: the sensor's field. As logged: with the autopilot's parameters. Sphere, ellipsoid: the usual \
+                           fits. Module: an Autoswing module on this flight, from the samples it would have collected, and from all \
+                           rows. Parameters to load: as the autopilot would apply them, on rows that were held back from their fit.";
+
+/// A chart of `assets/charts.js`: its kind, title and description.
+type Chart = (&'static str, &'static str, String);
+
+fn charts(compass_report: &CompassReport, word: &str) -> Vec<Chart> {
+    let has = |of: fn(&ReportSample) -> bool| compass_report.samples.iter().any(of);
+    let by = compass_report.corrected_by;
+    let marks = concat_map(&compass_report.marks, |mark| format!(" {} s: {}.", format_number(mark.at_s, 0), mark.name));
+    let chart = |is: bool, kind, title, description| is.then_some((kind, title, description));
+    [
+        chart(
+            has(|sample| sample.raw_ut.is_some()),
+            "strength",
+            "Field strength and current",
+            format!(
+                "Corrected {by}, the strength should be that of the Earth's field at all times: a step is iron that changed, a \
+                 bump motor current or iron nearby.{marks}"
+            ),
+        ),
+        chart(
+            has(|sample| sample.error_deg.is_some() || sample.error_before_deg.is_some()),
+            "errors",
+            "Heading over time",
+            format!("{}, mean subtracted, with one sigma of the module.{}", capitalised(word), withheld(compass_report)),
+        ),
+        chart(
+            !compass_report.before.is_empty(),
+            "by_heading",
+            "Heading by heading",
+            format!("{} of each heading, and means. Choose a name in the legend to hide it.", capitalised(word)),
+        ),
+        chart(
+            has(|sample| sample.corrected_ut.is_some()),
+            "axes",
+            "Three axes, expected and measured",
+            format!(
+                "The field corrected {by}, and the Earth's field turned into the axes of the aircraft by its attitude and \
+                 heading (dashed)."
+            ),
+        ),
+        chart(
+            has(|sample| sample.current_a.is_some_and(|a| a > 0.0) && sample.corrected_ut.is_some()),
+            "current",
+            "Field against current",
+            format!(
+                "Measured less expected field by axis, as logged and corrected {by}: a slope is interference by the motors."
+            ),
+        ),
+        chart(
+            has(|sample| sample.raw_ut.is_some()),
+            "sphere",
+            "Directions of the field",
+            format!(
+                "Samples before the correction and corrected {by}, in the axes of the aircraft. Shaded: directions without a \
+                 sample. Turn it by dragging or with the arrow keys."
+            ),
+        ),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+fn withheld(compass_report: &CompassReport) -> String {
+    let number = compass_report.samples.iter().filter(|sample| sample.is_heading_withheld).count();
+    if number == 0 {
+        return String::new();
+    }
+    let percent = 100.0 * number as f64 / compass_report.samples.len().max(1) as f64;
+    let percent = format_number(percent, if percent < 1.0 { 2 } else { 1 });
+    format!(" Shaded: {percent} % of the time, without a heading of the module.")
 }
 
 pub fn compass_section(id: &str, compass_report: &CompassReport, compared: &ReferenceInfo) -> String {
     let facts = concat_map(&compass_report.facts, |[label, value]| {
         format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(label), escape_html(value))
     });
-    let mut html = vec![format!("<dl class=\"facts\">\n{facts}</dl>\n<div class=\"pair\">\n")];
-    if !compass_report.before.is_empty() {
-        html.push(figure(
-            &format!("{id}-scale"),
-            &deviation::common_scale_picture(compass_report, compared.difference_name),
+    let mut html = vec![format!("<dl class=\"facts\">\n{facts}</dl>\n")];
+    if has_samples(compass_report) {
+        let charts = concat_map(charts(compass_report, compared.difference_name), |(kind, title, words)| {
+            let words = escape_html(&words);
+            format!(
+                "<figure><div class=\"chart\" data-chart=\"{kind}\" role=\"img\" aria-label=\"{title}: {words}\"></div>\
+                 <figcaption><b>{title}.</b> {words}</figcaption></figure>\n"
+            )
+        });
+        // In a script, "<" could end it.
+        let json = samples_json(compass_report, compared.difference_name).to_string().replace('<', "\\u003c");
+        html.push(format!(
+            "<div class=\"charts\">\n<script type=\"application/json\">{json}</script>\n{charts}</div>\n\
+             <noscript><p>The pictures need JavaScript.</p></noscript>\n"
         ));
     }
-    if let Some(picture) = deviation::enlarged_picture(compass_report, compared.difference_name) {
-        html.push(figure(&format!("{id}-after"), &picture));
-    }
-    html.push("</div>\n".to_owned());
     if compared.is_accurate {
         html.push(deviation_card(compass_report, compared));
     }
+    html.push("<div class=\"pair\">\n".to_owned());
     html.push(figure(&format!("{id}-coverage"), &coverage::coverage_picture(compass_report)));
-    let rest = [
-        ("time", residuals::residuals_picture(compass_report, compared.difference_name)),
-        ("field", field::field_picture(compass_report)),
-    ];
-    for (name, picture) in rest.into_iter().filter_map(|(name, picture)| Some((name, picture?))) {
-        html.push(figure(&format!("{id}-{name}"), &picture));
-    }
     if let Some([x, y, z, b]) = compass_report.coefficients {
         let row = |name: &str, values_of_row: [f64; 3], decimals| {
             (name.to_owned(), values_of_row.iter().map(|number_of| format_number(*number_of, decimals)).collect())
         };
         let rows = [row("W, x", x, 5), row("W, y", y, 5), row("W, z", z, 5), row("b, uT", b, 3)];
         html.push(table(
-            "Coefficients: corrected field = W (m - b), body axes",
+            "The module's coefficients: corrected field = W (m - b), body axes",
             "",
             &["x", "y", "z"],
             rows.into_iter(),
         ));
     }
+    html.push("</div>\n".to_owned());
     html.concat()
 }
 
@@ -127,8 +202,7 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
     let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
     let row = |i: usize| {
         let lines = compass_report.before.iter().chain(&compass_report.after);
-        let mut cells: Vec<String> =
-            lines.map(|line| format_optional(line.errors_deg.get(i).copied().flatten(), 2)).collect();
+        let mut cells: Vec<String> = lines.map(|line| format_optional(line.card_deg(i), 2)).collect();
         if has_sigma {
             let sigma = format_optional(compass_report.sigma_deg.get(i).copied(), 2);
             cells.push(if sigma == "–" { sigma } else { format!("± {sigma}") });
@@ -141,11 +215,12 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
         table(&caption, "heading", &columns, half.map(row))
     });
     format!(
-        "<div class=\"card\">\n<h3>Deviation card: {}</h3>\n<p>{} by heading, degrees: indicated less {}. Take it off what the \
-         compass shows.</p>\n<div class=\"halves\">{}</div></div>\n",
+        "<div class=\"card\">\n<h3>Deviation card: {}</h3>\n<p>Degrees by heading: indicated less {}. Subtract it from the \
+         indicated heading: with +3.00 at 090, a compass that shows 093 points to 090. {}</p>\n<div class=\"halves\">{}</div>\
+         </div>\n",
         escape_html(&compass_report.name),
-        capitalised(compared.difference_name),
         escape_html(&compared.reference_name),
+        escape_html(&compared.card_constant),
         concat_map(halves, |half| half)
     )
 }
@@ -174,7 +249,7 @@ pub fn origin_section(report: &Report) -> String {
     let mut html = vec![format!("<dl class=\"facts\">\n{rows}</dl>\n")];
     if let Some([title, text]) = &report.terminal_output {
         html.push(format!(
-            "<details><summary>{}</summary>\n{}</details>\n",
+            "<details class=\"terminal\"><summary>{}</summary>\n{}</details>\n",
             escape_html(title),
             listing("printed-text", title, text)
         ));

@@ -22,17 +22,6 @@ pub enum Shape {
     Dot,
 }
 
-impl Shape {
-    pub const fn for_series(number: usize) -> Self {
-        match number % 4 {
-            0 => Self::Circle,
-            1 => Self::Triangle,
-            2 => Self::Square,
-            _ => Self::Diamond,
-        }
-    }
-}
-
 pub struct Svg {
     size: Point,
     body: String,

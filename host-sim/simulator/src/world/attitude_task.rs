@@ -5,6 +5,7 @@ use testkit::clock;
 
 use super::attitude_source::{AttitudeSource, HEARTBEAT_PERIOD_US, STATUS_PERIOD_US, SenderKind};
 use super::fault_interfaces::{AttitudeFault, is_silent};
+use super::mavlink_autopilot::XIAN;
 use super::simulated_world::World;
 use crate::devices::uart::HostEnd;
 
@@ -18,7 +19,7 @@ impl World {
 }
 
 impl AttitudeSource {
-    /// Sends attitude, heartbeats (1 Hz) and, if measured, the current (10 Hz) while the [world enables
+    /// Sends attitude, heartbeats (1 Hz) and, as far as reported, position and date (1 Hz) and current (10 Hz) while the [world enables
     /// sending](World::set_sends_attitude); never returns. Faults modify each attitude message in order.
     pub async fn run(mut self, world: World, uart: HostEnd, mut faults: Vec<Box<dyn AttitudeFault>>) {
         let period_us = 1e6 / self.config.rate_hz;
@@ -35,6 +36,12 @@ impl AttitudeSource {
                 let heartbeat = self.heartbeat_message(world.is_armed());
                 if sends {
                     uart.send(&heartbeat);
+                }
+                if world.config().reports_position && sends {
+                    let truth = world.true_state(now_us);
+                    let place = XIAN.displaced([truth.north_m, truth.east_m]);
+                    uart.send(&self.position_message(Some(place), now_us));
+                    uart.send(&self.time_message(now_us, now_us));
                 }
             }
             if now_us >= status_us && self.identity.heartbeat_kind == Some(SenderKind::Autopilot) {

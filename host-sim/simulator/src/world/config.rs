@@ -33,6 +33,8 @@ pub struct WorldConfig {
     pub current_interference_ut: [f64; 3],
     /// Whether the autopilot measures and reports the motor current.
     pub reports_current: bool,
+    /// Whether an attitude source that answers no requests reports position and date, in Xi'an.
+    pub reports_position: bool,
 }
 
 /// Airframe file: tables `[airframe]` (required), `[earth]`, `[aircraft]`, `[weather]`, `[attitude_source]`,
@@ -126,6 +128,7 @@ impl WorldConfig {
             gyro: file.gyro,
             current_interference_ut: [0.0; 3],
             reports_current: false,
+            reports_position: false,
         };
         config.validate()?;
         Ok(config)
@@ -143,6 +146,7 @@ impl WorldConfig {
             gyro: GyroConfig::default(),
             current_interference_ut: [0.0; 3],
             reports_current: false,
+            reports_position: false,
         }
     }
 

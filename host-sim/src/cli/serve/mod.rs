@@ -124,8 +124,7 @@ fn after_help() -> String {
          Attach, with --tcp 5760 (or the pseudo-terminal that is printed in place of the TCP port):\n  \
            host-sim console --tcp 5760           type to the module\n  \
            nc 127.0.0.1 5762                     read its headings\n  \
-           gpsd -N -n tcp://127.0.0.1:5762       the same for a navigation program, which\n    \
-             shows a heading once the module has a declination: set declination 3\n  \
+           gpsd -N -n tcp://127.0.0.1:5762       the same for a navigation program\n  \
            --serial5=tcpclient:127.0.0.1:5761    ArduPilot's simulator as the attitude\n    \
              source, with SERIAL5_PROTOCOL 2\n\n\
          The virtual time of the module stands still while this program does not run; what the module does is a function of \

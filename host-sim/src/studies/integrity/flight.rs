@@ -124,7 +124,8 @@ fn hard_iron_estimate_error(rig: &mut Rig, world: &WorldConfig, added_ut: Vector
         rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
     while rig.world.unfinished_legs() > 0 && rig.run_for_s(PIECE_S) == ModuleRunEnd::Time {}
-    let told_ut = transcript::hard_iron_change_ut(&rig.type_line("status")).map_or_else(Vector3::zeros, Vector3::from);
+    let told_ut =
+        transcript::hard_iron_change_ut(&rig.type_line("status all")).map_or_else(Vector3::zeros, Vector3::from);
     // By `m = A h + b`, the change in the measurement m equals a change of the field h by `A^-1 added_ut`. A singular
     // airframe measures nothing.
     let true_ut = world.airframe.a.try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * added_ut);

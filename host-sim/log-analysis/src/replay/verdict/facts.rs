@@ -16,7 +16,6 @@ impl Verdict<'_> {
         let CompassVerdict { evaluation: compass, judgement, outcome, parameters } = compass;
         let mut facts: Vec<[String; 2]> = Vec::new();
         let mut add = |name: &str, value: String| facts.push([name.to_owned(), value]);
-        add("verdict", format!("{}: {judgement}", judgement.state));
         if let Some(is_used) = compass.is_used {
             add("autopilot", if is_used { "uses it for its heading" } else { "does not use it" }.to_owned());
         }

@@ -22,6 +22,8 @@ pub struct Verdict<'a> {
     pub notes: Vec<Note>,
     /// The compasses, by number.
     pub compasses: Vec<CompassVerdict<'a>>,
+    /// Format of the parameters.
+    pub format: ParameterFormat,
 }
 
 /// Verdict on a compass.
@@ -59,6 +61,7 @@ impl<'a> Verdict<'a> {
             outcome: FlightOutcome::new(evaluation),
             notes: Note::all(flight, evaluation),
             compasses: evaluation.compasses.iter().map(compass).collect(),
+            format,
         }
     }
 
@@ -104,8 +107,7 @@ impl<'a> Verdict<'a> {
     /// Parameters to load.
     #[must_use]
     pub fn parameters(&self) -> Vec<ExportedCorrection> {
-        let loaded = self.compasses.iter().filter(|compass| compass.judgement.action == CompassAction::Load);
-        loaded.filter_map(|compass| compass.parameters.clone().ok()).collect()
+        self.compasses.iter().filter_map(|compass| compass.to_load().cloned()).collect()
     }
 
     /// Name and duration of the log.
@@ -124,11 +126,21 @@ impl<'a> Verdict<'a> {
             let rms_deg = |compass: &CompassEvaluation| Some(compass.correction_from(source)?.score?.rms_deg);
             (source.name(), self.evaluation.compasses.iter().map(rms_deg).collect::<Vec<_>>())
         });
-        rows.into_iter().filter(|(_, cells)| cells.iter().any(Option::is_some)).collect()
+        let held_back = |compass: &CompassVerdict<'_>| {
+            compass.to_load()?.held_back.filter(|score| !score.is_estimate).map(|score| score.rms_deg)
+        };
+        let parameters = ("parameters to load", self.compasses.iter().map(held_back).collect());
+        rows.into_iter().chain([parameters]).filter(|(_, cells)| cells.iter().any(Option::is_some)).collect()
     }
 }
 
 impl CompassVerdict<'_> {
+    /// Parameters to load.
+    #[must_use]
+    pub fn to_load(&self) -> Option<&ExportedCorrection> {
+        self.parameters.as_ref().ok().filter(|_| self.judgement.action == CompassAction::Load)
+    }
+
     /// Judgement of the compass, a sentence.
     #[must_use]
     pub fn sentence(&self) -> String {

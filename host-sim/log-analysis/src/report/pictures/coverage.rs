@@ -38,7 +38,7 @@ impl CoverageCell {
 
 /// Whether a moment is usable and has a field.
 fn counts(moment: &ReportSample) -> bool {
-    moment.is_usable && moment.level_ut[0].is_some()
+    moment.is_usable && moment.raw_ut.is_some()
 }
 
 fn cells(compass_report: &CompassReport) -> [[CoverageCell; SECTORS]; ROWS.len()] {
@@ -140,7 +140,7 @@ mod tests {
             at_s,
             heading_deg: Some(heading_deg),
             roll_deg,
-            level_ut: [Some([20.0, 0.0]), None],
+            raw_ut: Some([20.0, 0.0, 40.0]),
             is_usable: true,
             is_fitted,
             ..ReportSample::default()

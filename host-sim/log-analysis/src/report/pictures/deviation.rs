@@ -196,7 +196,8 @@ mod tests {
     use super::*;
 
     fn line(errors_deg: &[f64]) -> DeviationCurve {
-        DeviationCurve { name: "level".to_owned(), errors_deg: errors_deg.iter().map(|error| Some(*error)).collect() }
+        let errors_deg = errors_deg.iter().map(|error| Some(*error)).collect();
+        DeviationCurve { name: "level".to_owned(), errors_deg, constant_deg: 0.0 }
     }
 
     #[test]

@@ -86,8 +86,8 @@ fn kinds(knows_fitted: bool) -> [TrackClass; 2] {
         ]
     } else {
         [
-            kind("while it collected", "trace", |moment| moment.level_ut[0].is_some()),
-            kind("afterwards", "l l2 thin", |moment| moment.level_ut[0].is_none()),
+            kind("while it collected", "trace", |moment| moment.raw_ut.is_some()),
+            kind("afterwards", "l l2 thin", |moment| moment.raw_ut.is_none()),
         ]
     }
 }

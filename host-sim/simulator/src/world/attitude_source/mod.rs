@@ -3,7 +3,8 @@
 use std::f64::consts::{PI, TAU};
 
 use mavlink::dialects::common::{
-    ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavState, MavType, SYS_STATUS_DATA,
+    ATTITUDE_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavState, MavType,
+    SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 use serde::{Deserialize, Serialize};
@@ -11,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::aircraft;
 use super::gauss_markov::FirstOrder;
 use super::gyro::{Gyro, GyroConfig};
+use super::mavlink_autopilot::{ReportedPosition, START_UNIX_US};
 use super::mavlink_frame::Frame;
 use super::state::TrueState;
 use crate::random::{Purpose, Random};
@@ -266,6 +268,25 @@ impl AttitudeSource {
     pub fn status_message(&mut self, current_a: Option<f64>) -> Vec<u8> {
         let current_battery = current_a.map_or(-1, |amperes| (amperes * 100.0).round() as i16);
         self.encode(&SYS_STATUS_DATA { current_battery, ..SYS_STATUS_DATA::DEFAULT })
+    }
+
+    /// Next GLOBAL_POSITION_INT message; `None` means no position fix.
+    pub(super) fn position_message(&mut self, place: Option<ReportedPosition>, clock_us: u64) -> Vec<u8> {
+        let place = place.unwrap_or(ReportedPosition { latitude_deg: 0.0, longitude_deg: 0.0, height_m: 0.0 });
+        self.encode(&GLOBAL_POSITION_INT_DATA {
+            time_boot_ms: (clock_us / 1000) as u32,
+            lat: (place.latitude_deg * 1e7) as i32,
+            lon: (place.longitude_deg * 1e7) as i32,
+            alt: (place.height_m * 1e3) as i32,
+            hdg: u16::MAX,
+            ..Default::default()
+        })
+    }
+
+    /// Next SYSTEM_TIME message.
+    pub(super) fn time_message(&mut self, now_us: u64, clock_us: u64) -> Vec<u8> {
+        let time_unix_usec = START_UNIX_US + now_us;
+        self.encode(&SYSTEM_TIME_DATA { time_unix_usec, time_boot_ms: (clock_us / 1000) as u32 })
     }
 
     pub(super) fn encode(&mut self, message: &impl MessageData) -> Vec<u8> {

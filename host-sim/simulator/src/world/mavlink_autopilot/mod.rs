@@ -66,6 +66,19 @@ pub struct ReportedPosition {
 pub const XIAN: ReportedPosition =
     ReportedPosition { latitude_deg: 34.341_6, longitude_deg: 108.939_8, height_m: 400.0 };
 
+impl ReportedPosition {
+    /// Position at a displacement, metres north and east.
+    #[must_use]
+    pub fn displaced(self, [north_m, east_m]: [f64; 2]) -> Self {
+        const METRES_PER_DEG: f64 = 111_195.0;
+        Self {
+            latitude_deg: self.latitude_deg + north_m / METRES_PER_DEG,
+            longitude_deg: self.longitude_deg + east_m / (METRES_PER_DEG * libm::cos(self.latitude_deg.to_radians())),
+            ..self
+        }
+    }
+}
+
 /// Unix time at the start of the simulation clock, microseconds: 2026-01-01.
 pub const START_UNIX_US: u64 = 1_767_225_600_000_000;
 
@@ -191,26 +204,11 @@ impl MavlinkAutopilot {
                     self.source.encode(&attitude)
                 }
                 SYS_STATUS_DATA::ID => self.source.status_message(inputs.current_a),
-                GLOBAL_POSITION_INT_DATA::ID => self.position(clock_us),
-                _ => {
-                    let time_unix_usec = START_UNIX_US + now_us;
-                    self.source.encode(&SYSTEM_TIME_DATA { time_unix_usec, time_boot_ms: (clock_us / 1000) as u32 })
-                }
+                GLOBAL_POSITION_INT_DATA::ID => self.source.position_message(self.place, clock_us),
+                _ => self.source.time_message(now_us, clock_us),
             });
         }
         bytes
-    }
-
-    fn position(&mut self, clock_us: u64) -> Vec<u8> {
-        let place = self.place.unwrap_or(ReportedPosition { latitude_deg: 0.0, longitude_deg: 0.0, height_m: 0.0 });
-        self.source.encode(&GLOBAL_POSITION_INT_DATA {
-            time_boot_ms: (clock_us / 1000) as u32,
-            lat: (place.latitude_deg * 1e7) as i32,
-            lon: (place.longitude_deg * 1e7) as i32,
-            alt: (place.height_m * 1e3) as i32,
-            hdg: u16::MAX,
-            ..Default::default()
-        })
     }
 
     fn handle_frame(&mut self, now_us: u64, frame: &Frame) {
