@@ -224,7 +224,7 @@ mod tests {
             let change = Some(hard_iron_change(Vector3::new(5.0, 0.0, 0.0)));
             let update = |i: &u64| {
                 let at = Timestamp::from_us(i * MIN_REPORT_PERIOD_US);
-                reporter.update(at, is_armed, change.filter(|_| i % 2 == 0)).is_some()
+                reporter.update(at, is_armed, change.filter(|_| i.is_multiple_of(2))).is_some()
             };
             (from..from + 20).filter(update).count()
         };

@@ -65,13 +65,13 @@ impl MountRotation {
         Self { sin, cos }
     }
 
-    pub fn rotate(&self, v: &Vector3<f32>) -> Vector3<f32> {
-        let Self { sin, cos } = *self;
+    pub fn rotate(self, v: &Vector3<f32>) -> Vector3<f32> {
+        let Self { sin, cos } = self;
         Vector3::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y, v.z)
     }
 
     /// `R_z(mu)^T v`.
-    pub fn rotate_back(&self, v: &Vector3<f32>) -> Vector3<f32> {
+    pub fn rotate_back(self, v: &Vector3<f32>) -> Vector3<f32> {
         Self { sin: -self.sin, cos: self.cos }.rotate(v)
     }
 }
@@ -162,7 +162,7 @@ impl MeasurementModel {
         let inclination_by_tilt = prediction.inclination_by_attitude(&tilt);
         let heading_by_tilt = prediction.heading_by_attitude(&tilt);
         let mount = MountRotation::new(states);
-        let row = |by_field: &Vector3<f32>, by_tilt| jacobian_row(seen, &earth, &mount, by_field, by_tilt);
+        let row = |by_field: &Vector3<f32>, by_tilt| jacobian_row(seen, &earth, mount, by_field, by_tilt);
         Self {
             strength: measured.total_ut(),
             inclination_rad: measured.inclination_rad(),
@@ -213,7 +213,7 @@ impl MeasurementModel {
 fn jacobian_row(
     seen: &MonitorSample,
     earth: &Vector3<f32>,
-    mount: &MountRotation,
+    mount: MountRotation,
     by_field: &Vector3<f32>,
     [by_roll, by_pitch]: [f32; 2],
 ) -> StateVector {

@@ -155,7 +155,7 @@ impl Monitor {
         self.track_gyro_offset(&seen, turning, step_s);
         // Position relative to the hard iron, which errors of the soft iron multiply.
         let position = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
-        self.update_measurements(monitored, &seen, &position, turning.as_ref(), step_s);
+        let heading_jacobian = self.update_measurements(monitored, &seen, &position, turning.as_ref(), step_s);
         if let Some(rows) = gyro_rows {
             self.update_coordinated_turn(&seen, &rows.pitch, step_s);
         }
@@ -166,7 +166,7 @@ impl Monitor {
             self.reset();
             return;
         }
-        self.update_output(monitored, &seen, turning.as_ref(), step_s);
+        self.update_output(monitored, &seen, &heading_jacobian, step_s);
     }
 
     /// Whether to discard a sample because the motor current is not reported yet, for which the calibration corrects: the
@@ -238,7 +238,8 @@ impl Monitor {
         self.gyro_run = turning.map(|turning| turning.run);
     }
 
-    /// Updates with the measurements of strength, inclination and heading that pass the innovation gates.
+    /// Updates with the measurements of strength, inclination and heading that pass the innovation gates. Returns the
+    /// derivatives of the heading by the states.
     #[inline(never)]
     fn update_measurements(
         &mut self,
@@ -247,7 +248,7 @@ impl Monitor {
         position: &Vector3<f32>,
         turning: Option<&GyroHeading>,
         step_s: f32,
-    ) {
+    ) -> StateVector {
         let states = *self.filter.mean();
         let predicted = PredictedField::new(&states, monitored.calibration.inclination_rad, turning);
         let model = MeasurementModel::new(seen, &states, &predicted);
@@ -263,6 +264,7 @@ impl Monitor {
                 self.apply_measurement(measurement, &states);
             }
         }
+        model.heading_jacobian
     }
 
     /// Measurement noise: the sample's, a floor, and the coefficient covariance. Adapts the strength noise first.
@@ -446,7 +448,7 @@ impl Monitor {
         seen: &MonitorSample,
         turning: Option<&GyroHeading>,
         step_s: f32,
-    ) {
+    ) -> StateVector {
         let states = *self.filter.mean();
         let predicted = PredictedField::new(&states, monitored.calibration.inclination_rad, turning);
         let heading_jacobian = MeasurementModel::new(seen, &states, &predicted).heading_jacobian;
@@ -470,7 +472,7 @@ impl Monitor {
             sample_noise: self.output_noise(monitored.sample_noise()),
             heading_rate_error: self.heading_rate_error(),
             gyro_offset: self.gyro_run.map(|run| (run, self.filter.state_variance(GYRO_OFFSET))),
-            validity: self.assess_validity(&states, seen, &heading_jacobian, [variance_rad2, sent_rad2]),
+            validity: self.assess_validity(&states, seen, heading_jacobian, [variance_rad2, sent_rad2]),
             change: self.detect_change(&change, monitored.calibration.total_ut, step_s),
         };
     }
