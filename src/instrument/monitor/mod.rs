@@ -446,14 +446,12 @@ impl Monitor {
         &mut self,
         monitored: &MonitoredCalibration<'_>,
         seen: &MonitorSample,
-        turning: Option<&GyroHeading>,
+        heading_jacobian: &StateVector,
         step_s: f32,
-    ) -> StateVector {
+    ) {
         let states = *self.filter.mean();
-        let predicted = PredictedField::new(&states, monitored.calibration.inclination_rad, turning);
-        let heading_jacobian = MeasurementModel::new(seen, &states, &predicted).heading_jacobian;
-        let variance_rad2 = self.filter.projected_variance(&heading_jacobian);
-        let mut by_field = heading_jacobian;
+        let variance_rad2 = self.filter.projected_variance(heading_jacobian);
+        let mut by_field = *heading_jacobian;
         by_field[STRENGTH_CHANGE..].fill(0.0);
         self.has_strength_failed &= self.innovation_gate.is_withholding();
         let change = measurement_model::hard_iron_change(&states);
