@@ -1,0 +1,165 @@
+//! Bit packing of DSDL: a value as little-endian bytes, a partial last byte left-aligned, the most significant bit first.
+
+use super::transfer::Payload;
+
+/// Writer of a payload. Values beyond the capacity are cut: all sent messages are shorter.
+#[derive(Debug, Default)]
+pub(super) struct BitWriter {
+    bytes: Payload,
+    /// Unused low bits of the last byte.
+    free: u32,
+}
+
+impl BitWriter {
+    /// Appends the low bits of a value.
+    pub fn put(&mut self, value: u64, bits: u32) {
+        let (mut value, mut left) = (value, bits);
+        while left > 0 {
+            let count = left.min(8);
+            self.put_part(value as u8, count);
+            value >>= 8;
+            left -= count;
+        }
+    }
+
+    /// Appends 1 to 8 low bits of a byte.
+    fn put_part(&mut self, value: u8, count: u32) {
+        let aligned = value << (8 - count);
+        match self.bytes.last_mut().filter(|_| self.free > 0) {
+            None => {
+                let _ = self.bytes.push(aligned);
+                self.free = 8 - count;
+            }
+            Some(last) => {
+                *last |= aligned >> (8 - self.free);
+                if count > self.free {
+                    let _ = self.bytes.push(aligned << self.free);
+                    self.free += 8;
+                }
+                self.free -= count;
+            }
+        }
+    }
+
+    /// Appends bytes.
+    pub fn put_bytes(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.put_part(byte, 8);
+        }
+    }
+
+    /// Appends a number of half precision.
+    pub fn put_f16(&mut self, value: f32) {
+        self.put(half::f16::from_f32(value).to_bits().into(), 16);
+    }
+
+    /// The payload, with the last byte filled up with zeros.
+    pub fn finish(self) -> Payload {
+        self.bytes
+    }
+}
+
+/// Reader of a payload. Bits beyond its end are zero.
+#[derive(Debug)]
+pub(super) struct BitReader<'a> {
+    bytes: &'a [u8],
+    bit: usize,
+}
+
+impl<'a> BitReader<'a> {
+    pub const fn new(bytes: &'a [u8]) -> Self {
+        Self { bytes, bit: 0 }
+    }
+
+    /// Next bits, at most 64.
+    pub fn take(&mut self, bits: u32) -> u64 {
+        let (mut value, mut shift) = (0, 0);
+        while shift < bits {
+            let count = (bits - shift).min(8);
+            value |= u64::from(self.take_part(count)) << shift;
+            shift += 8;
+        }
+        value
+    }
+
+    /// Next 1 to 8 bits.
+    fn take_part(&mut self, count: u32) -> u8 {
+        let byte = |index| self.bytes.get(index).copied().unwrap_or(0);
+        let index = self.bit / 8;
+        let two = u16::from_be_bytes([byte(index), byte(index + 1)]);
+        let value = (two << (self.bit % 8)) >> (16 - count);
+        self.bit += count as usize;
+        value as u8
+    }
+
+    /// Next signed integer.
+    pub fn take_signed(&mut self, bits: u32) -> i64 {
+        let unused = 64 - bits;
+        (self.take(bits) << unused).cast_signed() >> unused
+    }
+
+    /// Next number of half precision.
+    pub fn take_f16(&mut self) -> f32 {
+        half::f16::from_bits(self.take(16) as u16).to_f32()
+    }
+
+    /// Next bytes, fewer at the end of the payload. Only used where all values before are whole bytes.
+    pub fn take_bytes(&mut self, count: usize) -> &'a [u8] {
+        let rest = self.bytes.get(self.bit.div_ceil(8)..).unwrap_or_default();
+        let taken = rest.get(..count).unwrap_or(rest);
+        self.bit += 8 * taken.len();
+        taken
+    }
+
+    /// All bytes up to the end.
+    pub fn take_rest(&mut self) -> &'a [u8] {
+        self.take_bytes(usize::MAX)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Example of the specification: a 13-bit integer of 300 and a tag of zero.
+    #[test]
+    fn a_partial_byte_is_left_aligned() {
+        let mut writer = BitWriter::default();
+        writer.put(300, 13);
+        writer.put(0, 3);
+        let payload = writer.finish();
+        assert_eq!(payload, [0x2C, 0x08]);
+        let mut reader = BitReader::new(&payload);
+        assert_eq!((reader.take(13), reader.take(3)), (300, 0));
+    }
+
+    /// Widths that leave every bit offset, with values of all ones and of a pattern.
+    #[test]
+    fn values_of_every_width_are_read_back_at_every_offset() {
+        for offset in 0..8 {
+            for width in 1..=64 {
+                for pattern in [u64::MAX, 0x0123_4567_89AB_CDEF, 1] {
+                    let value = pattern & (u64::MAX >> (64 - width));
+                    let mut writer = BitWriter::default();
+                    writer.put(0, offset);
+                    writer.put(pattern, width);
+                    writer.put(1, 1);
+                    let payload = writer.finish();
+                    let mut reader = BitReader::new(&payload);
+                    assert_eq!(reader.take(offset), 0);
+                    assert_eq!(reader.take(width), value, "{width} bits at {offset}");
+                    assert_eq!(reader.take(1), 1);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn missing_bits_are_zero_and_missing_bytes_none() {
+        let mut reader = BitReader::new(&[0xFF]);
+        assert_eq!(reader.take(12), 0xFF);
+        assert_eq!((reader.take(64), reader.take_rest()), (0, &[][..]));
+        assert_eq!(BitReader::new(&[0xFE]).take_signed(8), -2);
+        assert_eq!(BitReader::new(&[1, 2, 3]).take_bytes(2), [1, 2]);
+    }
+}

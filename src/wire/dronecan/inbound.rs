@@ -1,0 +1,268 @@
+//! Received messages and requests, and the decoding of their payloads. Missing values at the end of a payload are zero or
+//! empty, further bytes are ignored.
+
+use super::bits::BitReader;
+use super::frame::NodeId;
+use super::transfer::DataType;
+use crate::earth::{Date, Position};
+
+/// Length of a unique id, bytes.
+pub const UNIQUE_ID_LENGTH: usize = 16;
+
+/// Longest name of a parameter in a request, bytes.
+const NAME_LENGTH: usize = 92;
+
+/// Longest path of a firmware image, bytes.
+pub const PATH_LENGTH: usize = 200;
+
+/// Number that a request for a restart must contain.
+const RESTART_MAGIC: u64 = 0xAC_CE55_1B1E;
+
+/// Decoded message or request.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum InboundMessage<'a> {
+    /// Step of a dynamic allocation of node numbers.
+    Allocation(Allocation<'a>),
+    /// Request for the description of this node.
+    GetNodeInfo,
+    /// Request to read or write a parameter.
+    GetSet(GetSet<'a>),
+    /// Request to save or to reset all parameters.
+    ExecuteOpcode(Opcode),
+    /// Request to restart; false without the number that confirms it.
+    RestartNode(bool),
+    /// Request for the counters of frames.
+    GetTransportStats,
+    /// Request to load another firmware.
+    BeginFirmwareUpdate {
+        /// Node with the file; `None`: the sender.
+        server: Option<NodeId>,
+        /// Path of the file.
+        path: &'a [u8],
+    },
+    /// Bytes of a serial line.
+    Targetted(Targetted<'a>),
+    /// Whether the vehicle is armed.
+    ArmingStatus(bool),
+    /// Battery.
+    Battery {
+        /// Number of the battery at its node.
+        battery: u8,
+        /// Current, amperes, if measured.
+        current_a: Option<f32>,
+    },
+    /// Position and date, each if known.
+    Fix(Option<Position>, Option<Date>),
+}
+
+/// Step of an allocation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Allocation<'a> {
+    /// Allocated number; `None` until the unique id is complete.
+    pub node: Option<NodeId>,
+    /// Unique id, or its first bytes.
+    pub unique_id: &'a [u8],
+}
+
+/// Request to read or write a parameter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GetSet<'a> {
+    /// Position of the parameter; ignored if there is a name.
+    pub index: u16,
+    /// New value; empty to read.
+    pub value: Value<'a>,
+    /// Name, if not empty.
+    pub name: &'a [u8],
+}
+
+/// Value of a parameter.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Value<'a> {
+    /// None.
+    #[default]
+    Empty,
+    /// Integer.
+    Integer(i64),
+    /// Number.
+    Real(f32),
+    /// Switch.
+    Boolean(bool),
+    /// Text.
+    Text(&'a [u8]),
+}
+
+/// Operation on all parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Opcode {
+    /// Save.
+    Save,
+    /// Reset to the defaults.
+    Erase,
+    /// Unknown.
+    Other,
+}
+
+/// Bytes of a serial line between two nodes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Targetted<'a> {
+    /// Kind of the bytes.
+    pub protocol: u8,
+    /// Addressee.
+    pub target: u8,
+    /// Number of the serial line, -16 to 15; -1 is the default one.
+    pub serial: i8,
+    /// Options.
+    pub options: u8,
+    /// Bits per second.
+    pub baud: u32,
+    /// Bytes.
+    pub data: &'a [u8],
+}
+
+impl Targetted<'_> {
+    /// Bytes are MAVLink, version 1 or 2.
+    pub const MAVLINK: u8 = 0;
+    /// Bytes are MAVLink 2.
+    pub const MAVLINK_2: u8 = 1;
+    /// Largest number of bytes of a message.
+    pub const LENGTH: usize = 120;
+}
+
+/// Data type with its decoder.
+pub(super) struct ReceivedType {
+    pub data_type: DataType,
+    pub decode: for<'a> fn(&'a [u8]) -> Option<InboundMessage<'a>>,
+}
+
+impl ReceivedType {
+    const fn new(data_type: DataType, decode: for<'a> fn(&'a [u8]) -> Option<InboundMessage<'a>>) -> Self {
+        Self { data_type, decode }
+    }
+}
+
+/// Received data types, the most frequent first.
+static RECEIVED_TYPES: [ReceivedType; 11] = [
+    ReceivedType::new(DataType::TARGETTED, targetted),
+    ReceivedType::new(DataType::ARMING_STATUS, arming_status),
+    ReceivedType::new(DataType::BATTERY_INFO, battery),
+    ReceivedType::new(DataType::FIX_2, fix),
+    ReceivedType::new(DataType::ALLOCATION, allocation),
+    ReceivedType::new(DataType::GET_NODE_INFO, |_| Some(InboundMessage::GetNodeInfo)),
+    ReceivedType::new(DataType::GET_SET, get_set),
+    ReceivedType::new(DataType::EXECUTE_OPCODE, execute_opcode),
+    ReceivedType::new(DataType::RESTART_NODE, restart),
+    ReceivedType::new(DataType::GET_TRANSPORT_STATS, |_| Some(InboundMessage::GetTransportStats)),
+    ReceivedType::new(DataType::BEGIN_FIRMWARE_UPDATE, begin_firmware_update),
+];
+
+/// Received type with this number; of an anonymous message only the two low bits are known, and allocation is the only one.
+pub(super) fn find_type(is_service: bool, id: u16, is_anonymous: bool) -> Option<&'static ReceivedType> {
+    RECEIVED_TYPES.iter().find(|received| {
+        let DataType { id: known, is_service: is_known_service, .. } = received.data_type;
+        (is_known_service, known) == (is_service, id) && (!is_anonymous || received.data_type == DataType::ALLOCATION)
+    })
+}
+
+fn allocation(payload: &[u8]) -> Option<InboundMessage<'_>> {
+    let mut fields = BitReader::new(payload);
+    let node = NodeId::new(fields.take(7) as u8);
+    let _is_first_part = fields.take(1);
+    let unique_id = fields.take_rest();
+    (unique_id.len() <= UNIQUE_ID_LENGTH).then_some(InboundMessage::Allocation(Allocation { node, unique_id }))
+}
+
+fn get_set(payload: &[u8]) -> Option<InboundMessage<'_>> {
+    let mut fields = BitReader::new(payload);
+    let index = fields.take(13) as u16;
+    let value = match fields.take(3) {
+        0 => Value::Empty,
+        1 => Value::Integer(fields.take(64).cast_signed()),
+        2 => Value::Real(f32::from_bits(fields.take(32) as u32)),
+        3 => Value::Boolean(fields.take(8) != 0),
+        4 => {
+            let length = fields.take(8) as usize;
+            let text = fields.take_bytes(length);
+            (text.len() == length).then_some(Value::Text(text))?
+        }
+        _ => return None,
+    };
+    let name = fields.take_rest();
+    (name.len() <= NAME_LENGTH).then_some(InboundMessage::GetSet(GetSet { index, value, name }))
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn execute_opcode(payload: &[u8]) -> Option<InboundMessage<'_>> {
+    Some(InboundMessage::ExecuteOpcode(match BitReader::new(payload).take(8) {
+        0 if !payload.is_empty() => Opcode::Save,
+        1 => Opcode::Erase,
+        _ => Opcode::Other,
+    }))
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn restart(payload: &[u8]) -> Option<InboundMessage<'_>> {
+    Some(InboundMessage::RestartNode(BitReader::new(payload).take(40) == RESTART_MAGIC))
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn begin_firmware_update(payload: &[u8]) -> Option<InboundMessage<'_>> {
+    let mut fields = BitReader::new(payload);
+    let server = NodeId::new(fields.take(8) as u8);
+    Some(InboundMessage::BeginFirmwareUpdate { server, path: fields.take_rest() })
+}
+
+fn targetted(payload: &[u8]) -> Option<InboundMessage<'_>> {
+    let mut fields = BitReader::new(payload);
+    let message = Targetted {
+        protocol: fields.take(8) as u8,
+        target: fields.take(7) as u8,
+        serial: fields.take_signed(5) as i8,
+        options: fields.take(4) as u8,
+        baud: fields.take(24) as u32,
+        data: fields.take_rest(),
+    };
+    (message.data.len() <= Targetted::LENGTH).then_some(InboundMessage::Targetted(message))
+}
+
+fn arming_status(payload: &[u8]) -> Option<InboundMessage<'_>> {
+    match payload {
+        [0, ..] => Some(InboundMessage::ArmingStatus(false)),
+        [255, ..] => Some(InboundMessage::ArmingStatus(true)),
+        _ => None,
+    }
+}
+
+/// Temperature, voltage, current, five numbers of energy and charge, then the number of the battery.
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn battery(payload: &[u8]) -> Option<InboundMessage<'_>> {
+    const UNTIL_CURRENT: usize = 4;
+    const UNTIL_BATTERY: usize = 12;
+    let mut fields = BitReader::new(payload);
+    fields.take_bytes(UNTIL_CURRENT);
+    let current_a = Some(fields.take_f16()).filter(|current_a| current_a.is_finite());
+    fields.take_bytes(UNTIL_BATTERY);
+    Some(InboundMessage::Battery { battery: fields.take(8) as u8, current_a })
+}
+
+/// Times of the node and of the satellites in microseconds, longitude and latitude in 1e-8 deg, heights in millimetres.
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn fix(payload: &[u8]) -> Option<InboundMessage<'_>> {
+    const UTC: u64 = 2;
+    const VELOCITY_BITS: u32 = 96;
+    const THREE_DIMENSIONAL: u64 = 3;
+    let mut fields = BitReader::new(payload);
+    fields.take(56);
+    let (satellite_us, time_standard) = (fields.take(56), fields.take(3));
+    fields.take(13 + 8);
+    let [longitude_deg, latitude_deg] = [(); 2].map(|()| (fields.take_signed(37) as f64 * 1e-8) as f32);
+    fields.take(27);
+    let height_m = fields.take_signed(27) as f32 / 1000.0;
+    for _ in 0..VELOCITY_BITS / 32 {
+        fields.take(32);
+    }
+    fields.take(6);
+    let has_fix = fields.take(2) == THREE_DIMENSIONAL;
+    let date = (time_standard == UTC).then(|| Date::from_unix_s(satellite_us / 1_000_000)).flatten();
+    let position = has_fix.then(|| Position::new(latitude_deg, longitude_deg, height_m)).flatten();
+    Some(InboundMessage::Fix(position, date))
+}

@@ -1,0 +1,19 @@
+//! DroneCAN (UAVCAN v0): frames of a CAN bus and the messages of a compass.
+//!
+//! Layouts and signatures are those of the DSDL definitions of github.com/dronecan/DSDL; frames and payloads are tested
+//! with those of pydronecan. `canadensis` implements another version of the protocol, and the crate `dronecan` few of the
+//! messages.
+
+mod bits;
+mod frame;
+mod inbound;
+pub mod outbound;
+mod receiver;
+#[cfg(test)]
+mod tests;
+mod transfer;
+
+pub use frame::{CanFrame, FrameHeader, NodeId, TRANSFER_ID_MASK, TransferKind, priority};
+pub use inbound::{Allocation, GetSet, InboundMessage, Opcode, PATH_LENGTH, Targetted, UNIQUE_ID_LENGTH, Value};
+pub use receiver::{InboundTransfer, LONGEST_RECEIVED, Receiver};
+pub use transfer::{DataType, OutboundTransfer, PAYLOAD_CAPACITY, Payload};

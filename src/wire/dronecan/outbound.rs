@@ -1,0 +1,277 @@
+//! Payloads of sent messages and responses.
+
+use super::bits::BitWriter;
+use super::inbound::{Targetted, UNIQUE_ID_LENGTH, Value};
+use super::transfer::Payload;
+
+/// Health of a node.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Health {
+    /// Works.
+    #[default]
+    Ok = 0,
+    /// Does not work; autopilots refuse to arm.
+    Error = 2,
+}
+
+/// Mode of a node.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mode {
+    /// Normal.
+    #[default]
+    Operational = 0,
+    /// Before the first reading.
+    Initialization = 1,
+    /// About to load another firmware.
+    SoftwareUpdate = 3,
+}
+
+/// State of a node.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct NodeStatus {
+    /// Time since the start, seconds.
+    pub uptime_s: u32,
+    /// Health.
+    pub health: Health,
+    /// Mode.
+    pub mode: Mode,
+    /// Code of the vendor.
+    pub vendor_code: u16,
+}
+
+impl NodeStatus {
+    fn put(self, out: &mut BitWriter) {
+        out.put(self.uptime_s.into(), 32);
+        out.put(self.health as u64, 2);
+        out.put(self.mode as u64, 3);
+        out.put(0, 3);
+        out.put(self.vendor_code.into(), 16);
+    }
+
+    /// Message.
+    #[must_use]
+    pub fn payload(self) -> Payload {
+        let mut out = BitWriter::default();
+        self.put(&mut out);
+        out.finish()
+    }
+}
+
+/// Software of a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SoftwareVersion {
+    /// Major version.
+    pub major: u8,
+    /// Minor version.
+    pub minor: u8,
+    /// First 32 bits of the commit, if known.
+    pub commit: Option<u32>,
+    /// CRC of the image, if known.
+    pub image_crc: Option<u64>,
+}
+
+/// Description of a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NodeInfo {
+    /// Name, a reversed domain, at most 80 characters.
+    pub name: &'static str,
+    /// Software.
+    pub software: SoftwareVersion,
+    /// Major and minor version of the hardware.
+    pub hardware: [u8; 2],
+    /// Unique id of the hardware.
+    pub unique_id: [u8; UNIQUE_ID_LENGTH],
+}
+
+impl NodeInfo {
+    /// Response to GetNodeInfo.
+    #[must_use]
+    pub fn payload(&self, status: NodeStatus) -> Payload {
+        let SoftwareVersion { major, minor, commit, image_crc } = self.software;
+        let mut out = BitWriter::default();
+        status.put(&mut out);
+        out.put_bytes(&[major, minor, u8::from(commit.is_some()) | u8::from(image_crc.is_some()) << 1]);
+        out.put(commit.unwrap_or(0).into(), 32);
+        out.put(image_crc.unwrap_or(0), 64);
+        out.put_bytes(&self.hardware);
+        out.put_bytes(&self.unique_id);
+        // No certificate of authenticity.
+        out.put_bytes(&[0]);
+        out.put_bytes(self.name.as_bytes());
+        out.finish()
+    }
+}
+
+/// Request of an allocation: the next part of the unique id.
+#[must_use]
+pub fn allocation(is_first_part: bool, unique_id_part: &[u8]) -> Payload {
+    let mut out = BitWriter::default();
+    // No preferred number: the allocator remembers that of the unique id.
+    out.put(0, 7);
+    out.put(is_first_part.into(), 1);
+    out.put_bytes(unique_id_part);
+    out.finish()
+}
+
+/// Response to GetSet. Without a name there is no such parameter, and all values are empty.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Parameter<'a> {
+    /// Value.
+    pub value: Value<'a>,
+    /// Default value.
+    pub default: Value<'a>,
+    /// Largest value: an integer, a number, or empty.
+    pub max: Value<'a>,
+    /// Least value, likewise.
+    pub min: Value<'a>,
+    /// Name.
+    pub name: &'a str,
+}
+
+impl Parameter<'_> {
+    /// Response.
+    #[must_use]
+    pub fn payload(&self) -> Payload {
+        let mut out = BitWriter::default();
+        for (value, tag_bits) in [(self.value, 3), (self.default, 3), (self.max, 2), (self.min, 2)] {
+            out.put(0, 8 - tag_bits);
+            put_value(&mut out, value, tag_bits);
+        }
+        out.put_bytes(self.name.as_bytes());
+        out.finish()
+    }
+}
+
+fn put_value(out: &mut BitWriter, value: Value<'_>, tag_bits: u32) {
+    match value {
+        Value::Empty => out.put(0, tag_bits),
+        Value::Integer(number) => {
+            out.put(1, tag_bits);
+            out.put(number.cast_unsigned(), 64);
+        }
+        Value::Real(number) => {
+            out.put(2, tag_bits);
+            out.put(number.to_bits().into(), 32);
+        }
+        Value::Boolean(is_on) => {
+            out.put(3, tag_bits);
+            out.put(is_on.into(), 8);
+        }
+        Value::Text(text) => {
+            out.put(4, tag_bits);
+            out.put_bytes(&[text.len() as u8]);
+            out.put_bytes(text);
+        }
+    }
+}
+
+/// Response to ExecuteOpcode.
+#[must_use]
+pub fn opcode_result(is_ok: bool) -> Payload {
+    let mut out = BitWriter::default();
+    out.put(0, 48);
+    out.put(is_ok.into(), 1);
+    out.finish()
+}
+
+/// Response to RestartNode.
+#[must_use]
+pub fn restart_result(is_ok: bool) -> Payload {
+    let mut out = BitWriter::default();
+    out.put(is_ok.into(), 1);
+    out.finish()
+}
+
+/// Counters of a bus since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BusCounts {
+    /// Sent frames.
+    pub sent: u32,
+    /// Received frames.
+    pub received: u32,
+    /// Errors of the bus.
+    pub errors: u32,
+}
+
+/// Response to GetTransportStats: sent and received transfers, errors; the same of frames for the only bus.
+#[must_use]
+pub fn transport_stats(transfers: BusCounts, frames: BusCounts) -> Payload {
+    let mut out = BitWriter::default();
+    for BusCounts { sent, received, errors } in [transfers, frames] {
+        for count in [sent, received, errors] {
+            out.put(count.into(), 48);
+        }
+    }
+    out.finish()
+}
+
+/// Level of a text.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LogLevel {
+    /// No action required.
+    Info = 1,
+    /// Action required.
+    Warning = 2,
+}
+
+/// Largest length of a text, bytes.
+pub const LOG_TEXT_LENGTH: usize = 90;
+
+/// Text for people; `source` of at most 31 and `text` of at most 90 bytes.
+#[must_use]
+pub fn log_message(level: LogLevel, source: &str, text: &[u8]) -> Payload {
+    let mut out = BitWriter::default();
+    out.put(level as u64, 3);
+    out.put(source.len() as u64, 5);
+    out.put_bytes(source.as_bytes());
+    out.put_bytes(text);
+    out.finish()
+}
+
+/// Magnetic field, gauss, with the variances of the axes, square gauss, if given.
+#[must_use]
+pub fn magnetic_field(sensor: u8, field_gauss: [f32; 3], variances: Option<[f32; 3]>) -> Payload {
+    let mut out = BitWriter::default();
+    out.put_bytes(&[sensor]);
+    for number in field_gauss.into_iter().chain(variances.into_iter().flatten()) {
+        out.put_f16(number);
+    }
+    out.finish()
+}
+
+/// Result of a request to load another firmware.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum UpdateResult {
+    /// The boot loader takes over.
+    Ok = 0,
+    /// Not in this state.
+    InvalidMode = 1,
+    /// The update has begun.
+    InProgress = 2,
+    /// The request is wrong.
+    Unknown = 255,
+}
+
+/// Response to BeginFirmwareUpdate, with a reason of at most 80 bytes.
+#[must_use]
+pub fn update_result(result: UpdateResult, reason: &str) -> Payload {
+    let mut out = BitWriter::default();
+    out.put_bytes(&[result as u8]);
+    out.put_bytes(reason.as_bytes());
+    out.finish()
+}
+
+impl Targetted<'_> {
+    /// Message to a node.
+    #[must_use]
+    pub fn payload(&self) -> Payload {
+        let mut out = BitWriter::default();
+        out.put(self.protocol.into(), 8);
+        out.put(self.target.into(), 7);
+        out.put(i64::from(self.serial).cast_unsigned(), 5);
+        out.put(self.options.into(), 4);
+        out.put(self.baud.into(), 24);
+        out.put_bytes(self.data);
+        out.finish()
+    }
+}

@@ -1,0 +1,173 @@
+//! Receiver of transfers: reassembly of frames, with bounds on every array.
+//!
+//! A transfer is dropped when its first frame is missing, when it is longer than the longest accepted one, when two seconds
+//! pass between its frames, or when its CRC is wrong. A first frame always begins anew. A repeated frame, whose toggle bit
+//! is wrong, is ignored; a missing one shows in the CRC.
+
+use super::frame::{CanFrame, FRAME_CAPACITY, FrameHeader, NodeId, TailByte, TransferKind};
+use super::inbound::{InboundMessage, ReceivedType, find_type};
+use super::transfer::{CRC_LENGTH, DataType};
+use crate::time::Timestamp;
+
+/// Longest received payload, bytes: GetSet with the longest string and name.
+pub const LONGEST_RECEIVED: usize = 224;
+
+/// Number of transfers of several frames that are received at the same time; the frames of one follow each other within
+/// milliseconds.
+const SLOTS: usize = 4;
+
+/// Longest time between two frames of a transfer, microseconds.
+const TRANSFER_TIMEOUT_US: u64 = 2_000_000;
+
+/// Bits of an identifier without the priority.
+const KEY_MASK: u32 = 0x00FF_FFFF;
+
+/// Received transfer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InboundTransfer<'a> {
+    /// Sender; `None` if anonymous.
+    pub source: Option<NodeId>,
+    /// Priority, which a response copies.
+    pub priority: u8,
+    /// Number, which a response copies.
+    pub transfer_id: u8,
+    /// Decoded message or request.
+    pub message: InboundMessage<'a>,
+}
+
+/// Receiver of the transfers that this node understands. 1 KB.
+#[derive(Debug)]
+pub struct Receiver {
+    slots: [Slot; SLOTS],
+    /// Frames and transfers dropped since the start; wraps.
+    pub rejected: u32,
+}
+
+impl Default for Receiver {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Receiver {
+    /// Creates a receiver.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { slots: [const { Slot::EMPTY }; SLOTS], rejected: 0 }
+    }
+
+    /// Processes a frame; returns the transfer that it completes. Requests to other nodes than `own` are ignored.
+    pub fn push<'a>(
+        &'a mut self,
+        at: Timestamp,
+        own: Option<NodeId>,
+        frame: &'a CanFrame,
+    ) -> Option<InboundTransfer<'a>> {
+        let header = FrameHeader::from_id(frame.id())?;
+        let ReceivedType { data_type, decode } = match header.kind {
+            TransferKind::Message => find_type(false, header.type_id, header.source.is_none()),
+            TransferKind::Request(to) if Some(to) == own => find_type(true, header.type_id, false),
+            TransferKind::Request(_) | TransferKind::Response(_) => None,
+        }?;
+        let (tail, part) = frame.split_tail()?;
+        let is_single = tail.is_start() && tail.is_end();
+        let progress = if is_single {
+            if tail.toggle() { Progress::Rejected } else { Progress::Complete(part) }
+        } else if header.source.is_none() || (!tail.is_end() && part.len() + 1 < FRAME_CAPACITY) {
+            Progress::Rejected
+        } else {
+            match find_slot(&mut self.slots, frame.id() & KEY_MASK, tail.is_start()) {
+                Some(slot) => slot.push(at, tail, part, data_type),
+                None => Progress::Rejected,
+            }
+        };
+        let message = match progress {
+            Progress::Waiting => return None,
+            Progress::Rejected => None,
+            Progress::Complete(payload) => decode(payload),
+        };
+        if message.is_none() {
+            self.rejected = self.rejected.wrapping_add(1);
+        }
+        let (source, priority, transfer_id) = (header.source, header.priority, tail.transfer_id());
+        message.map(|message| InboundTransfer { source, priority, transfer_id, message })
+    }
+}
+
+/// Slot of a sender and type. A first frame without one takes a free slot, or that of the longest silent transfer.
+fn find_slot(slots: &mut [Slot; SLOTS], key: u32, is_start: bool) -> Option<&mut Slot> {
+    let index = slots.iter().position(|slot| slot.key == Some(key)).or_else(|| {
+        let oldest = slots.iter().enumerate().min_by_key(|(_, slot)| (slot.key.is_some(), slot.last));
+        oldest.map(|(index, _)| index).filter(|_| is_start)
+    })?;
+    let slot = slots.get_mut(index)?;
+    if is_start {
+        *slot = Slot { key: Some(key), ..Slot::EMPTY };
+    }
+    Some(slot)
+}
+
+/// Effect of a frame on its transfer.
+enum Progress<'a> {
+    Waiting,
+    Rejected,
+    Complete(&'a [u8]),
+}
+
+/// Transfer being received.
+#[derive(Debug)]
+struct Slot {
+    /// Identifier without priority; `None` if free.
+    key: Option<u32>,
+    transfer_id: u8,
+    /// Toggle bit of the next frame.
+    toggle: bool,
+    last: Timestamp,
+    crc: [u8; CRC_LENGTH],
+    payload: heapless::Vec<u8, LONGEST_RECEIVED>,
+}
+
+impl Slot {
+    const EMPTY: Self = Self {
+        key: None,
+        transfer_id: 0,
+        toggle: false,
+        last: Timestamp::START,
+        crc: [0; CRC_LENGTH],
+        payload: heapless::Vec::new(),
+    };
+
+    fn push(&mut self, at: Timestamp, tail: TailByte, part: &[u8], data_type: &DataType) -> Progress<'_> {
+        let part = if tail.is_start() {
+            let Some((crc, part)) = part.split_first_chunk() else { return self.reject() };
+            (self.transfer_id, self.crc) = (tail.transfer_id(), *crc);
+            part
+        } else {
+            if tail.transfer_id() != self.transfer_id || at.us_since(self.last) > TRANSFER_TIMEOUT_US {
+                return self.reject();
+            }
+            part
+        };
+        if tail.toggle() != self.toggle {
+            return if tail.is_start() { self.reject() } else { Progress::Waiting };
+        }
+        (self.toggle, self.last) = (!self.toggle, at);
+        if self.payload.extend_from_slice(part).is_err() {
+            return self.reject();
+        }
+        if !tail.is_end() {
+            return Progress::Waiting;
+        }
+        self.key = None;
+        if data_type.crc(&self.payload) == u16::from_le_bytes(self.crc) {
+            Progress::Complete(&self.payload)
+        } else {
+            Progress::Rejected
+        }
+    }
+
+    const fn reject(&mut self) -> Progress<'_> {
+        self.key = None;
+        Progress::Rejected
+    }
+}

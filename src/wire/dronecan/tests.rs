@@ -1,0 +1,430 @@
+//! Frames and payloads compared with those of pydronecan 1.0.27; node 42 is the compass, node 10 its peer.
+
+use super::outbound::{
+    self, BusCounts, Health, LogLevel, Mode, NodeInfo, NodeStatus, Parameter, SoftwareVersion, UpdateResult,
+};
+use super::*;
+use crate::earth::{Date, Position};
+use crate::time::Timestamp;
+
+fn node(number: u8) -> NodeId {
+    NodeId::new(number).unwrap()
+}
+
+fn bytes_of(hex: &str) -> Vec<u8> {
+    let digits: Vec<u8> = hex.chars().filter_map(|digit| digit.to_digit(16)).map(|digit| digit as u8).collect();
+    digits.chunks(2).map(|pair| pair[0] << 4 | pair[1]).collect()
+}
+
+/// Frames of a text: data in hexadecimal digits, frames separated by semicolons.
+fn frames_of(id: u32, text: &str) -> Vec<CanFrame> {
+    text.split(';').map(|data| CanFrame::new(id, &bytes_of(data)).unwrap()).collect()
+}
+
+fn transfer(data_type: DataType, kind: TransferKind, transfer_id: u8, payload: Payload) -> OutboundTransfer {
+    OutboundTransfer { data_type, priority: priority::LOW, kind, transfer_id, payload }
+}
+
+fn message(data_type: DataType, transfer_id: u8, payload: Payload) -> OutboundTransfer {
+    transfer(data_type, TransferKind::Message, transfer_id, payload)
+}
+
+fn response(data_type: DataType, transfer_id: u8, payload: Payload) -> OutboundTransfer {
+    OutboundTransfer { priority: 30, ..transfer(data_type, TransferKind::Response(node(10)), transfer_id, payload) }
+}
+
+#[track_caller]
+fn assert_frames(transfer: &OutboundTransfer, id: u32, text: &str) {
+    let frames: Vec<CanFrame> = transfer.frames(Some(node(42))).collect();
+    assert_eq!(frames, frames_of(id, text));
+    assert_eq!(frames.len(), transfer.frame_count());
+}
+
+/// Passes frames to a node 42; returns its last transfer as text, which outlives the frames.
+fn receive_all(frames: &[CanFrame]) -> (Option<String>, u32) {
+    let mut receiver = Receiver::new();
+    let mut last = None;
+    for frame in frames {
+        last = receiver.push(Timestamp::START, Some(node(42)), frame).map(|transfer| format!("{transfer:?}"));
+    }
+    (last, receiver.rejected)
+}
+
+#[track_caller]
+fn assert_received(id: u32, text: &str, expected: &InboundTransfer<'_>) {
+    assert_eq!(receive_all(&frames_of(id, text)), (Some(format!("{expected:?}")), 0));
+}
+
+fn inbound(priority: u8, source: Option<NodeId>, transfer_id: u8, message: InboundMessage<'_>) -> InboundTransfer<'_> {
+    InboundTransfer { source, priority, transfer_id, message }
+}
+
+const UNIQUE_ID: [u8; UNIQUE_ID_LENGTH] =
+    [0x11, 0x12, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18, 0x19, 0x1A, 0x1B, 0x1C, 0, 0, 0, 0];
+
+const STATUS: NodeStatus =
+    NodeStatus { uptime_s: 0x1234_5678, health: Health::Ok, mode: Mode::Operational, vendor_code: 0xBEEF };
+
+#[test]
+fn a_field_is_one_frame_and_three_with_variances() {
+    let field = [0.2, -0.05, 0.45];
+    let mag = DataType::MAGNETIC_FIELD_STRENGTH_2;
+    let without = message(mag, 0, outbound::magnetic_field(0, field, None));
+    assert_frames(&without, 0x1803_EA2A, "00 66 32 66 AA 33 37 C0");
+    let with = message(mag, 1, outbound::magnetic_field(0, field, Some([1e-4; 3])));
+    assert_frames(&with, 0x1803_EA2A, "40 85 00 66 32 66 AA 81 ; 33 37 8E 06 8E 06 8E 21 ; 06 41");
+}
+
+/// Types that the node does not send: field without a sensor's number, field in single precision, request of a file,
+/// NotifyState.
+#[test]
+fn any_payload_is_divided_as_pydronecan_does() {
+    let data_type = |id, is_service, signature| DataType { id, is_service, signature };
+    let payload = |hex| Payload::from_slice(&bytes_of(hex)).unwrap();
+    let field = data_type(1001, false, 0xE2A7_D4A9_460B_C2F2);
+    assert_frames(&message(field, 2, payload("66 32 66 AA 33 37")), 0x1803_E92A, "66 32 66 AA 33 37 C2");
+    let precise = data_type(1043, false, 0x3053_EBE3_D750_286F);
+    assert_frames(
+        &message(precise, 31, payload("01 CD CC 4C 3E CD CC 4C BD 66 66 E6 3E")),
+        0x1804_132A,
+        "94 27 01 CD CC 4C 3E 9F ; CD CC 4C BD 66 66 E6 3F ; 3E 5F",
+    );
+    let read = data_type(48, true, 0x8DCD_CA93_9F33_F678);
+    let request = OutboundTransfer {
+        priority: 30,
+        ..transfer(read, TransferKind::Request(node(10)), 0, payload("00 01 00 00 00 61 2E 62 69 6E"))
+    };
+    assert_frames(&request, 0x1E30_8AAA, "4E FE 00 01 00 00 00 80 ; 61 2E 62 69 6E 60");
+}
+
+#[test]
+fn status_texts_and_results_are_those_of_pydronecan() {
+    // The frame of pydronecan has the health WARNING, which this node never sends.
+    let mut warning = STATUS.payload();
+    warning[4] |= 0x40;
+    assert_frames(&message(DataType::NODE_STATUS, 3, warning), 0x1801_552A, "78 56 34 12 40 EF BE C3");
+    let failed = NodeStatus { health: Health::Error, mode: Mode::SoftwareUpdate, ..STATUS };
+    assert_eq!(failed.payload()[4], 0b1001_1000);
+    let text = message(DataType::LOG_MESSAGE, 0, outbound::log_message(LogLevel::Info, "mag", b"ok"));
+    assert_frames(&text, 0x183F_FF2A, "23 6D 61 67 6F 6B C0");
+    let restarted = response(DataType::RESTART_NODE, 2, outbound::restart_result(true));
+    assert_frames(&restarted, 0x1E05_0AAA, "80 C2");
+    let updated = response(DataType::BEGIN_FIRMWARE_UPDATE, 4, outbound::update_result(UpdateResult::Ok, ""));
+    assert_frames(&updated, 0x1E28_0AAA, "00 C4");
+    let saved = response(DataType::EXECUTE_OPCODE, 1, outbound::opcode_result(true));
+    assert_frames(&saved, 0x1E0A_0AAA, "00 00 00 00 00 00 80 C1");
+}
+
+/// Payload of 46 bytes with the CRC bytes EE 5E in 7 frames, for a status of WARNING; here with that of this node.
+#[test]
+fn node_info_has_versions_unique_id_and_name() {
+    let software =
+        SoftwareVersion { major: 1, minor: 9, commit: Some(0xDEAD_BEEF), image_crc: Some(0x1122_3344_5566_7788) };
+    let info = NodeInfo { name: "org.x", software, hardware: [4, 64], unique_id: UNIQUE_ID };
+    let mut payload = info.payload(STATUS);
+    assert_eq!(payload.len(), 46);
+    payload[4] = 0x40;
+    let frames: Vec<CanFrame> = response(DataType::GET_NODE_INFO, 0, payload).frames(Some(node(42))).collect();
+    assert_eq!((frames.len(), frames[0].id(), &frames[0].data()[..2]), (7, 0x1E01_0AAA, &[0xEE, 0x5E][..]));
+    let unknown = SoftwareVersion { commit: None, image_crc: None, ..software };
+    assert_eq!(
+        NodeInfo { software: unknown, ..info }.payload(STATUS)[7..22],
+        [1, 9, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    );
+}
+
+#[test]
+fn an_allocation_is_requested_and_granted_in_three_parts() {
+    for (transfer_id, part, id, text) in [
+        (0, 0..6, 0x188F_F500, "01 11 12 13 14 15 16 C0"),
+        (1, 6..12, 0x188A_7500, "00 17 18 19 1A 1B 1C C1"),
+        (2, 12..16, 0x1822_1900, "00 00 00 00 00 C2"),
+    ] {
+        let payload = outbound::allocation(part.start == 0, &UNIQUE_ID[part]);
+        let request = message(DataType::ALLOCATION, transfer_id, payload);
+        assert_eq!(request.frames(None).collect::<Vec<_>>(), frames_of(id, text));
+    }
+    for (transfer_id, number, length, text) in [
+        (0, 0, 6, "00 11 12 13 14 15 16 C0"),
+        (1, 0, 12, "91 D3 00 11 12 13 14 81 ; 15 16 17 18 19 1A 1B 21 ; 1C 41"),
+        (2, 125, 16, "0D 70 FA 11 12 13 14 82 ; 15 16 17 18 19 1A 1B 22 ; 1C 00 00 00 00 42"),
+    ] {
+        let allocation = Allocation { node: NodeId::new(number), unique_id: &UNIQUE_ID[..length] };
+        let expected = inbound(30, Some(node(10)), transfer_id, InboundMessage::Allocation(allocation));
+        assert_received(0x1E00_010A, text, &expected);
+    }
+    // Another client's request.
+    let part = Allocation { node: None, unique_id: &UNIQUE_ID[..6] };
+    let expected = inbound(24, None, 0, InboundMessage::Allocation(part));
+    assert_received(0x188F_F500, "01 11 12 13 14 15 16 C0", &expected);
+}
+
+#[test]
+fn parameters_are_read_and_written_by_name_or_index() {
+    let request = |index, value, name| InboundMessage::GetSet(GetSet { index, value, name });
+    for (transfer_id, text, expected) in [
+        (5, "AC 76 00 00 43 41 4E 85 ; 5F 4E 4F 44 45 65", request(0, Value::Empty, &b"CAN_NODE"[..])),
+        (6, "03 00 C6", request(3, Value::Empty, b"")),
+        (
+            7,
+            "4A 24 00 01 32 00 00 87 ; 00 00 00 00 00 43 41 27 ; 4E 5F 4E 4F 44 45 47",
+            request(0, Value::Integer(50), b"CAN_NODE"),
+        ),
+    ] {
+        assert_received(0x1E0B_AA8A, text, &inbound(30, Some(node(10)), transfer_id, expected));
+    }
+    let answer = Parameter { value: Value::Integer(50), name: "CAN_NODE", ..Parameter::default() };
+    assert_frames(
+        &response(DataType::GET_SET, 7, answer.payload()),
+        0x1E0B_0AAA,
+        "7A 95 01 32 00 00 00 87 ; 00 00 00 00 00 00 00 27 ; 43 41 4E 5F 4E 4F 44 07 ; 45 67",
+    );
+    let unknown = response(DataType::GET_SET, 9, Parameter::default().payload());
+    assert_frames(&unknown, 0x1E0B_0AAA, "00 00 00 00 C9");
+}
+
+/// Layout by the table of the definition: tags of three and of two bits, each in a byte of its own.
+#[test]
+fn a_parameter_has_value_default_and_range() {
+    let parameter = Parameter {
+        value: Value::Real(1.0),
+        default: Value::Boolean(true),
+        max: Value::Real(2.0),
+        min: Value::Integer(-1),
+        name: "P",
+    };
+    let expected = "02 00 00 80 3F  03 01  02 00 00 00 40  01 FF FF FF FF FF FF FF FF  50";
+    assert_eq!(parameter.payload()[..], bytes_of(expected));
+    let text = Parameter { value: Value::Text(b"on"), ..Parameter::default() };
+    assert_eq!(text.payload()[..], bytes_of("04 02 6F 6E  00 00 00"));
+}
+
+#[test]
+fn services_are_requests_to_this_node() {
+    let from_peer = |transfer_id, message| inbound(30, Some(node(10)), transfer_id, message);
+    assert_received(0x1E01_AA8A, "C0", &from_peer(0, InboundMessage::GetNodeInfo));
+    assert_received(0x1E05_AA8A, "1E 1B 55 CE AC C2", &from_peer(2, InboundMessage::RestartNode(true)));
+    assert_received(0x1E05_AA8A, "1E 1B 55 CE AD C2", &from_peer(2, InboundMessage::RestartNode(false)));
+    assert_received(0x1E05_AA8A, "C2", &from_peer(2, InboundMessage::RestartNode(false)));
+    let update = |server, path| InboundMessage::BeginFirmwareUpdate { server, path };
+    assert_received(0x1E28_AA8A, "00 61 2E 62 69 6E C4", &from_peer(4, update(None, b"a.bin")));
+    assert_received(0x1E28_AA8A, "0B 61 C4", &from_peer(4, update(NodeId::new(11), b"a")));
+    for (text, opcode) in [
+        ("00 00 00 00 00 00 00 C0", Opcode::Save),
+        ("01 00 00 00 00 00 00 C0", Opcode::Erase),
+        ("02 C0", Opcode::Other),
+        ("C0", Opcode::Other),
+    ] {
+        assert_received(0x1E0A_AA8A, text, &from_peer(0, InboundMessage::ExecuteOpcode(opcode)));
+    }
+    assert_received(0x1E04_AA8A, "C0", &from_peer(0, InboundMessage::GetTransportStats));
+    // To another node, a response, and a service without a sender.
+    for id in [0x1E01_AB8A, 0x1E01_2A8A, 0x1E01_AA80] {
+        assert_eq!(receive_all(&frames_of(id, "C0")), (None, 0), "{id:X}");
+    }
+}
+
+#[test]
+fn counters_of_transfers_and_frames_are_sent() {
+    let count = |sent, received, errors| BusCounts { sent, received, errors };
+    let payload = outbound::transport_stats(count(1, 2, 3), count(4, 5, 0x1_0000));
+    let expected = "01 00 00 00 00 00 02 00 00 00 00 00 03 00 00 00 00 00
+                    04 00 00 00 00 00 05 00 00 00 00 00 00 00 01 00 00 00";
+    assert_eq!(payload[..], bytes_of(expected));
+}
+
+#[test]
+fn bytes_of_a_serial_line_are_sent_and_received() {
+    let text = "9D 83 01 14 01 00 E1 89 ; 00 FD 01 02 69";
+    let data = &[0xFD, 1, 2][..];
+    let piece = Targetted { protocol: Targetted::MAVLINK_2, target: 10, serial: 0, options: 1, baud: 57_600, data };
+    assert_received(0x100B_B92A, text, &inbound(16, Some(node(42)), 9, InboundMessage::Targetted(piece)));
+    let sent = OutboundTransfer { priority: priority::MEDIUM, ..message(DataType::TARGETTED, 9, piece.payload()) };
+    assert_frames(&sent, 0x100B_B92A, text);
+    let default = Targetted { serial: -1, data: &[0; Targetted::LENGTH], ..piece };
+    assert_eq!(default.payload().len(), 126);
+    let frames: Vec<_> = message(DataType::TARGETTED, 0, default.payload()).frames(Some(node(42))).collect();
+    assert_eq!(
+        receive_all(&frames).0,
+        Some(format!("{:?}", inbound(24, Some(node(42)), 0, InboundMessage::Targetted(default))))
+    );
+}
+
+/// NotifyState is not received.
+#[test]
+fn the_vehicle_s_state_is_received() {
+    let from_peer = |message| inbound(24, Some(node(10)), 0, message);
+    assert_received(0x1804_4C0A, "FF C0", &from_peer(InboundMessage::ArmingStatus(true)));
+    assert_received(0x1804_4C0A, "00 C0", &from_peer(InboundMessage::ArmingStatus(false)));
+    assert_eq!(receive_all(&frames_of(0x1804_4C0A, "01 C0")), (None, 1), "no state of this meaning");
+    assert_eq!(receive_all(&frames_of(0x184E_270A, "03 77 00 02 50 46 06 81 ; 00 00 00 00 00 00 00 61")), (None, 0));
+}
+
+/// Transfer of any length from node 10, in frames.
+fn frames_from_peer(data_type: DataType, payload: &[u8]) -> Vec<CanFrame> {
+    let checked = [&data_type.crc(payload).to_le_bytes()[..], payload].concat();
+    let id = FrameHeader { priority: 24, kind: TransferKind::Message, type_id: data_type.id, source: Some(node(10)) };
+    let count = checked.len().div_ceil(7);
+    let frame = |(number, part): (usize, &[u8])| {
+        let tail = u8::from(number == 0) << 7 | u8::from(number + 1 == count) << 6 | (number as u8 % 2) << 5;
+        CanFrame::new(id.to_id(), &[part, &[tail]].concat()).unwrap()
+    };
+    checked.chunks(7).enumerate().map(frame).collect()
+}
+
+/// Layout by the table of the definition: 12.5 A is 4A40, battery 3 at byte 18.
+#[test]
+fn the_current_of_a_battery_is_received() {
+    let mut payload = [0; 40];
+    payload[4..6].copy_from_slice(&0x4A40_u16.to_le_bytes());
+    payload[18] = 3;
+    let received = |current_a| {
+        Some(format!("{:?}", inbound(24, Some(node(10)), 0, InboundMessage::Battery { battery: 3, current_a })))
+    };
+    assert_eq!(receive_all(&frames_from_peer(DataType::BATTERY_INFO, &payload)).0, received(Some(12.5)));
+    // Not a number: not measured.
+    payload[4..6].copy_from_slice(&0x7E00_u16.to_le_bytes());
+    assert_eq!(receive_all(&frames_from_peer(DataType::BATTERY_INFO, &payload)).0, received(None));
+}
+
+/// Bits by the table of the definition.
+fn fix_payload(status: u64, time_standard: u64) -> Vec<u8> {
+    let mut bits = bits::BitWriter::default();
+    let signed = i64::cast_unsigned;
+    bits.put(0, 56);
+    bits.put(1_795_000_000_000_000, 56);
+    bits.put(time_standard, 3);
+    bits.put(0, 13 + 8);
+    bits.put(signed(-7_010_000_000), 37);
+    bits.put(signed(-3_390_000_000), 37);
+    bits.put(0, 27);
+    bits.put(signed(-1_500), 27);
+    bits.put(0, 64);
+    bits.put(0, 32);
+    bits.put(9, 6);
+    bits.put(status, 2);
+    bits.put(0, 40);
+    bits.finish().to_vec()
+}
+
+#[test]
+fn position_and_date_of_satellites_are_received() {
+    let position = Position::new(-33.9, -70.1, -1.5);
+    let date = Date::from_unix_s(1_795_000_000);
+    for (status, time_standard, position, date) in
+        [(3, 2, position, date), (2, 2, None, date), (3, 3, position, None), (0, 0, None, None)]
+    {
+        let frames = frames_from_peer(DataType::FIX_2, &fix_payload(status, time_standard));
+        let expected = inbound(24, Some(node(10)), 0, InboundMessage::Fix(position, date));
+        assert_eq!(receive_all(&frames).0, Some(format!("{expected:?}")));
+    }
+}
+
+/// A transfer of seven frames.
+fn piece_frames() -> Vec<CanFrame> {
+    let piece = Targetted { protocol: 1, target: 42, serial: 0, options: 0, baud: 0, data: &[7; 40] };
+    frames_from_peer(DataType::TARGETTED, &piece.payload())
+}
+
+/// A lost frame drops the transfer; a repeated one does not; the next transfer is received.
+#[test]
+fn lost_frames_drop_a_transfer_and_repeated_ones_do_not() {
+    let frames = piece_frames();
+    for at in 0..frames.len() {
+        let mut lost = frames.clone();
+        lost.remove(at);
+        assert_eq!(receive_all(&lost).0, None, "frame {at} lost");
+        let mut repeated = frames.clone();
+        repeated.insert(at, frames[at].clone());
+        if at + 1 < frames.len() {
+            assert!(receive_all(&repeated).0.is_some(), "frame {at} repeated");
+        }
+        let next = [lost, frames.clone()].concat();
+        assert!(receive_all(&next).0.is_some(), "after the loss of frame {at}");
+    }
+}
+
+/// Old bytes of repeated first frames do not count in the length: repeated starts once overflowed other receivers.
+#[test]
+fn a_first_frame_always_begins_anew() {
+    let frames = piece_frames();
+    let starts = vec![frames[0].clone(); 100];
+    assert!(receive_all(&[starts, frames.clone()].concat()).0.is_some());
+    let middle = [&frames[..3], &vec![frames[2].clone(); 100], &frames[..]].concat();
+    assert!(receive_all(&middle).0.is_some());
+}
+
+/// More bytes than the longest payload, with all toggles and ids right.
+#[test]
+fn a_transfer_without_an_end_is_dropped() {
+    let frames = piece_frames();
+    let endless: Vec<CanFrame> =
+        frames[..1].iter().chain([&frames[1], &frames[2]].into_iter().cycle().take(1000)).cloned().collect();
+    let (message, rejected) = receive_all(&endless);
+    assert_eq!(message, None);
+    assert!(rejected > 0);
+}
+
+/// Both sides of two seconds between two frames, and a frame of another transfer between.
+#[test]
+fn a_transfer_expires_after_two_seconds() {
+    let frames = piece_frames();
+    for (pause_us, is_complete) in [(2_000_000, true), (2_000_001, false)] {
+        let mut receiver = Receiver::new();
+        let mut completed = false;
+        for (number, frame) in frames.iter().enumerate() {
+            let at = Timestamp::from_us(if number < 3 { 5 } else { 5 + pause_us });
+            completed |= receiver.push(at, Some(node(42)), frame).is_some();
+        }
+        assert_eq!(completed, is_complete, "{pause_us}");
+    }
+}
+
+/// First frames of many senders take the slot of the transfer that is silent for longest.
+#[test]
+fn a_flood_of_first_frames_does_not_stop_a_transfer_in_progress() {
+    let frames = piece_frames();
+    let mut receiver = Receiver::new();
+    let mut is_received = false;
+    for (number, frame) in frames.iter().enumerate() {
+        for sender in 11..14 {
+            let flood = CanFrame::new(frame.id() & !0x7F | sender, frames[0].data()).unwrap();
+            let at = Timestamp::from_us(number as u64 * 100 + u64::from(sender));
+            assert_eq!(receiver.push(at, Some(node(42)), &flood), None);
+        }
+        is_received |= receiver.push(Timestamp::from_us(number as u64 * 100 + 20), Some(node(42)), frame).is_some();
+    }
+    assert!(is_received);
+}
+
+/// A CRC of another signature is another layout.
+#[test]
+fn a_wrong_crc_drops_a_transfer() {
+    let mut frames = piece_frames();
+    let mut data = frames[2].data().to_vec();
+    data[3] ^= 1;
+    frames[2] = CanFrame::new(frames[2].id(), &data).unwrap();
+    assert_eq!(receive_all(&frames), (None, 1));
+}
+
+#[test]
+fn only_classic_extended_frames_exist() {
+    assert!(CanFrame::new(0x1FFF_FFFF, &[0; 8]).is_some());
+    assert!(CanFrame::new(0x2000_0000, &[]).is_none());
+    assert!(CanFrame::new(1, &[0; 9]).is_none());
+    assert_eq!(receive_all(&[CanFrame::new(0x1804_4C0A, &[]).unwrap()]), (None, 0), "no tail byte");
+    assert_eq!([NodeId::new(0), NodeId::new(128), NodeId::new(127).map(|_| node(127))], [None, None, Some(node(127))]);
+}
+
+/// Every identifier of a message and of a service is encoded as it is decoded.
+#[test]
+fn identifiers_are_decoded_as_they_are_encoded() {
+    let mut random = testkit::random::Random(7);
+    for _ in 0..10_000 {
+        let id = random.bits() as u32 & 0x1FFF_FFFF;
+        let Some(header) = FrameHeader::from_id(id) else { continue };
+        if header.source.is_some() {
+            assert_eq!(header.to_id(), id);
+        }
+    }
+}
