@@ -8,6 +8,8 @@ use crate::heading::{Heading, NoHeading};
 use crate::instrument::{self, InstallationChange};
 use crate::reading::Identity;
 use crate::settings::{PORT_COUNT, PortNumber, ProtocolKind};
+use crate::wire::dronecan::NodeId;
+use crate::wire::dronecan::outbound::BusCounts;
 
 /// Diagnostics in addition to the state machine's report.
 #[derive(Clone, Debug)]
@@ -32,6 +34,19 @@ pub struct Diagnostics {
     pub stack_use: Option<StackUse>,
     /// Detected protocol of each port; `Auto` while searching.
     pub ports: [ProtocolKind; PORT_COUNT],
+    /// Node on a CAN bus, if the board has one.
+    pub can: Option<CanState>,
+}
+
+/// State of the node on a CAN bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CanState {
+    /// Number, once there is one.
+    pub node: Option<NodeId>,
+    /// Whether another node has the same number.
+    pub has_conflict: bool,
+    /// Counters of frames.
+    pub frames: BusCounts,
 }
 
 impl Diagnostics {

@@ -94,7 +94,7 @@ async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut C
             }
             match source {
                 CommandSource::Console => links.replies.send(reply).await,
-                CommandSource::Port(number) => links.port(number).answers.signal((command, reply.map(|_| ()))),
+                CommandSource::Line(line) => links.line(line).answers.signal((command, reply.map(|_| ()))),
                 CommandSource::Button => {}
             }
         }
@@ -184,6 +184,7 @@ fn announce_unreadable(links: &Links, error: StoreError) {
 /// that ends without a message was aborted.
 fn publish_state(links: &Links, compass: &Compass<'_>, message: Option<&Message>) {
     publish(&links.correction, compass.correction());
+    publish(&links.stored_settings, *compass.settings());
     publish(&links.settings, compass.effective_settings());
     let glance = compass.indicator_state();
     if let Some(message) = message {

@@ -113,6 +113,7 @@ impl Terminal<'_> {
             uptime_s: Instant::now().as_secs() as u32,
             stack_use: platform.stack(),
             ports: self.links.port_protocols(),
+            can: self.links.can_state(),
         }
     }
 }

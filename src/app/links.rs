@@ -14,7 +14,7 @@ use crate::attitude::{AttitudeReport, LineSelector};
 use crate::calibration::Sample;
 use crate::compass::{Command, IndicatorState, Reply};
 use crate::earth::{Date, Position};
-use crate::health::{Counters, Counts};
+use crate::health::{CanState, Counters, Counts};
 use crate::instrument::{Correction, Estimate};
 use crate::messages::{Message, Refusal};
 use crate::reading::{Identity, Reading};
@@ -41,9 +41,32 @@ pub(super) struct DetectedSensor {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum CommandSource {
     Console,
-    Port(PortNumber),
+    Line(AutopilotLine),
     /// Receives no reply; the lamp shows the state.
     Button,
+}
+
+/// Line to an autopilot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum AutopilotLine {
+    Port(PortNumber),
+    /// CAN bus, with a tunnelled serial line.
+    Can,
+}
+
+/// Number of lines.
+const LINES: usize = PORT_COUNT + 1;
+
+impl AutopilotLine {
+    /// All lines.
+    pub const ALL: [Self; LINES] = [Self::Port(PortNumber::One), Self::Port(PortNumber::Two), Self::Can];
+
+    const fn number(self) -> u8 {
+        match self {
+            Self::Port(number) => number as u8,
+            Self::Can => PORT_COUNT as u8,
+        }
+    }
 }
 
 /// Channel whose sender never waits: an item that finds it full is counted and dropped.
@@ -61,10 +84,10 @@ pub struct Links {
     pub(super) reports: Queue<Timestamped<AttitudeReport>, 8>,
     pub(super) samples: Queue<Sample, 8>,
     /// To the state machine. Capacity: one command of each source.
-    pub(super) commands: Queue<(CommandSource, Command), { 2 + PORT_COUNT }>,
+    pub(super) commands: Queue<(CommandSource, Command), { 2 + LINES }>,
     /// To the console: replies to its commands.
     pub(super) replies: Queue<Result<Reply, Refusal>, 1>,
-    /// To the console: unsolicited messages. Each port has a queue of its own.
+    /// To the console: unsolicited messages. Each line has a queue of its own.
     pub(super) notices: Queue<Message, MESSAGES>,
     /// To the lamp, which polls it.
     pub(super) indicator: LatestValue<IndicatorState, 1>,
@@ -80,14 +103,17 @@ pub struct Links {
     pub(super) current: LatestValue<Timestamped<f32>, 0>,
     /// To the instrument: replaced as a whole, so that a heading never mixes two calibrations.
     pub(super) correction: LatestValue<Correction, 1>,
-    /// To the ports.
-    pub(super) settings: LatestValue<Settings, PORT_COUNT>,
-    /// To the ports; the console polls it.
-    pub(super) estimates: LatestValue<Estimate, PORT_COUNT>,
+    /// To the lines: effective settings.
+    pub(super) settings: LatestValue<Settings, LINES>,
+    /// To the CAN bus, which polls it: settings as stored.
+    pub(super) stored_settings: LatestValue<Settings, 0>,
+    /// To the lines; the console polls it.
+    pub(super) estimates: LatestValue<Estimate, LINES>,
     /// To the console, which restarts the module.
     pub(super) restart: Signal<CriticalSectionRawMutex, ()>,
-    ports: [PortLinks; PORT_COUNT],
-    lines: Mutex<CriticalSectionRawMutex, Cell<LineSelector>>,
+    lines: [LineLinks; LINES],
+    attitude_line: Mutex<CriticalSectionRawMutex, Cell<LineSelector>>,
+    can_state: Mutex<CriticalSectionRawMutex, Cell<Option<CanState>>>,
     pub(super) counters: Counters,
     pub(super) heartbeats: Heartbeats,
 }
@@ -111,27 +137,44 @@ impl Links {
             current: Watch::new(),
             correction: Watch::new(),
             settings: Watch::new(),
+            stored_settings: Watch::new(),
             estimates: Watch::new(),
             restart: Signal::new(),
-            ports: [const { PortLinks::new() }; PORT_COUNT],
-            lines: Mutex::new(Cell::new(LineSelector::new())),
+            lines: [const { LineLinks::new() }; LINES],
+            attitude_line: Mutex::new(Cell::new(LineSelector::new())),
+            can_state: Mutex::new(Cell::new(None)),
             counters: Counters::new(),
             heartbeats: Heartbeats::new(),
         }
     }
 
-    pub(super) const fn port(&self, number: PortNumber) -> &PortLinks {
-        number.of(&self.ports)
+    pub(super) const fn line(&self, line: AutopilotLine) -> &LineLinks {
+        let [one, two, can] = &self.lines;
+        match line {
+            AutopilotLine::Port(PortNumber::One) => one,
+            AutopilotLine::Port(PortNumber::Two) => two,
+            AutopilotLine::Can => can,
+        }
     }
 
-    /// Whether an attitude report from a port is accepted, with a gyro's rates or without: one port is selected at a time.
-    pub(super) fn accept_attitude(&self, number: PortNumber, at: Timestamp, has_gyro: bool) -> bool {
-        self.lines.lock(|lines| {
-            let mut all = lines.get();
-            let takes = all.accept(at, number as u8, has_gyro);
-            lines.set(all);
+    /// Whether an attitude report from a line is accepted, with a gyro's rates or without: one line is selected at a time.
+    pub(super) fn accept_attitude(&self, line: AutopilotLine, at: Timestamp, has_gyro: bool) -> bool {
+        self.attitude_line.lock(|selector| {
+            let mut all = selector.get();
+            let takes = all.accept(at, line.number(), has_gyro);
+            selector.set(all);
             takes
         })
+    }
+
+    /// Publishes the state of the node on a CAN bus.
+    pub(super) fn set_can_state(&self, state: CanState) {
+        self.can_state.lock(|present| present.set(Some(state)));
+    }
+
+    /// State of the node on a CAN bus; `None` until it runs.
+    pub(super) fn can_state(&self) -> Option<CanState> {
+        self.can_state.lock(Cell::get)
     }
 
     /// Publishes a position, also an unchanged one once a second: repeated ones confirm it.
@@ -142,34 +185,30 @@ impl Links {
         }
     }
 
-    /// Publishes a port's protocol and armed state.
-    pub(super) fn update_port_state(&self, number: PortNumber, protocol: ProtocolKind, is_armed: Option<bool>) {
-        self.port(number).state.lock(|state| state.set(PortState { protocol, is_armed }));
+    /// Publishes a line's protocol and armed state.
+    pub(super) fn update_line_state(&self, line: AutopilotLine, protocol: ProtocolKind, is_armed: Option<bool>) {
+        self.line(line).state.lock(|state| state.set(LineState { protocol, is_armed }));
         publish(&self.armed, self.is_armed());
     }
 
-    /// Whether the autopilot of any port is armed, if known.
+    /// Whether the autopilot of any line is armed, if known.
     pub(super) fn is_armed(&self) -> Option<bool> {
-        match self.port_states().map(|state| state.is_armed) {
-            [Some(one), Some(two)] => Some(one || two),
-            [known, None] | [None, known] => known,
-        }
+        let known = AutopilotLine::ALL.into_iter().filter_map(|line| self.line(line).state.lock(Cell::get).is_armed);
+        known.reduce(|one, two| one || two)
     }
 
     /// Sets the ports' initial protocols to those detected before the restart.
     pub(super) fn set_initial_protocols(&self, found: [ProtocolKind; PORT_COUNT]) {
         for (number, found) in PortNumber::ALL.into_iter().zip(found) {
-            self.port(number).state.lock(|state| state.set(PortState { protocol: found, ..state.get() }));
+            self.line(AutopilotLine::Port(number))
+                .state
+                .lock(|state| state.set(LineState { protocol: found, ..state.get() }));
         }
-    }
-
-    fn port_states(&self) -> [PortState; PORT_COUNT] {
-        PortNumber::ALL.map(|number| self.port(number).state.lock(Cell::get))
     }
 
     /// Protocols of the ports; the initial ones until a port runs.
     pub(super) fn port_protocols(&self) -> [ProtocolKind; PORT_COUNT] {
-        self.port_states().map(|state| state.protocol)
+        PortNumber::ALL.map(|number| self.line(AutopilotLine::Port(number)).state.lock(Cell::get).protocol)
     }
 
     /// Present counter values.
@@ -178,10 +217,9 @@ impl Links {
         self.counters.snapshot()
     }
 
-    /// Sends a message to the console and to the ports.
+    /// Sends a message to the console and to the lines.
     pub(super) fn announce(&self, message: &Message) {
-        let ports = PortNumber::ALL.map(|number| &self.port(number).messages);
-        for queue in ports.into_iter().chain([&self.notices]) {
+        for queue in self.lines.iter().map(|line| &line.messages).chain([&self.notices]) {
             if queue.is_full() {
                 let _ = queue.try_receive();
             }
@@ -240,32 +278,32 @@ pub(super) fn increment(counter: &AtomicU32) {
 /// Capacity of a message queue; a full one drops its oldest message.
 const MESSAGES: usize = 3;
 
-/// State that a port reports.
+/// State that a line reports.
 #[derive(Clone, Copy)]
-struct PortState {
+struct LineState {
     /// `Auto` during detection.
     protocol: ProtocolKind,
     /// Whether its autopilot is armed, if known.
     is_armed: Option<bool>,
 }
 
-pub(super) struct PortLinks {
-    /// Heartbeat counter; 0 for a port that does not run.
+pub(super) struct LineLinks {
+    /// Heartbeat counter; 0 for a line that does not run.
     pub heartbeat: AtomicU32,
     /// Unsolicited messages.
     pub messages: Queue<Message, MESSAGES>,
-    /// Result of a command received on this port.
+    /// Result of a command received on this line.
     pub answers: Signal<CriticalSectionRawMutex, (Command, Result<(), Refusal>)>,
-    state: Mutex<CriticalSectionRawMutex, Cell<PortState>>,
+    state: Mutex<CriticalSectionRawMutex, Cell<LineState>>,
 }
 
-impl PortLinks {
+impl LineLinks {
     const fn new() -> Self {
         Self {
             heartbeat: AtomicU32::new(0),
             messages: Channel::new(),
             answers: Signal::new(),
-            state: Mutex::new(Cell::new(PortState { protocol: ProtocolKind::Auto, is_armed: None })),
+            state: Mutex::new(Cell::new(LineState { protocol: ProtocolKind::Auto, is_armed: None })),
         }
     }
 }
@@ -280,7 +318,7 @@ pub(super) struct Heartbeats {
 /// Number of heartbeats that every board has, the first port's included.
 pub(super) const ALWAYS_THERE: usize = 4;
 
-pub(super) const HEARTBEATS: usize = ALWAYS_THERE - 1 + PORT_COUNT;
+pub(super) const HEARTBEATS: usize = ALWAYS_THERE - 1 + LINES;
 
 impl Heartbeats {
     pub const fn new() -> Self {
@@ -289,10 +327,10 @@ impl Heartbeats {
 }
 
 impl Links {
-    /// All heartbeat counters; 0 for a port that does not run.
+    /// All heartbeat counters; 0 for a line that does not run.
     pub(super) fn heartbeat_counts(&self) -> [u32; HEARTBEATS] {
         let Heartbeats { sensor, instrument, compass } = &self.heartbeats;
-        let [one, two] = PortNumber::ALL.map(|number| &self.port(number).heartbeat);
-        [sensor, instrument, compass, one, two].map(|beat| beat.load(Ordering::Relaxed))
+        let [one, two, can] = self.lines.each_ref().map(|line| &line.heartbeat);
+        [sensor, instrument, compass, one, two, can].map(|beat| beat.load(Ordering::Relaxed))
     }
 }

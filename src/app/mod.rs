@@ -4,7 +4,7 @@
 //! ```text
 //! interrupt executor                                                    thread executor
 //! sensor ----readings---> instrument ---samples------------------------> compass ---notices---> console
-//! port   ----reports----> instrument <--correction---------------------- compass <--commands--- console
+//! port, can --reports---> instrument <--correction---------------------- compass <--commands--- console
 //!        <---estimates--- instrument
 //!        ----armed, commands-------------------------------------------> compass
 //!        <---settings, answers------------------------------------------ compass
@@ -17,9 +17,11 @@
 //! Tasks that make headings preempt the slow ones (solve, flash erase, console), which therefore never delay a
 //! sentence. All connections between tasks are in one [`Links`]; there are no globals.
 
+pub mod can;
 pub mod compass;
 pub mod console;
 pub mod instrument;
+mod line;
 mod links;
 pub mod panel;
 pub mod port;

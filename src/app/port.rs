@@ -9,12 +9,10 @@ use embassy_time::{Duration, Timer};
 use embedded_io_async::{Read, Write};
 
 use super::Links;
-use super::links::{CommandSource, Timestamped, increment, now, publish, subscribe};
-use crate::attitude::AttitudeReport;
-use crate::compass::IndicatorState;
+use super::line::{distribute, new_calibration, with_snapshot};
+use super::links::{AutopilotLine, increment, now, subscribe};
 use crate::health::Counters;
-use crate::instrument::Correction;
-use crate::port::{MessageSchedule, Port, ReceivedMessage, Snapshot, TransmitBuffer};
+use crate::port::{MessageSchedule, Port, TransmitBuffer};
 use crate::settings::{Baud, PortNumber, PortSettings, ProtocolKind, Settings};
 use crate::time::Timestamp;
 
@@ -34,7 +32,8 @@ pub trait SetBaud {
 pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: impl Write + SetBaud) -> ! {
     let mut estimates = subscribe(&links.estimates);
     let mut changes = subscribe(&links.settings);
-    let wires = links.port(number);
+    let line = AutopilotLine::Port(number);
+    let wires = links.line(line);
     let mut settings = changes.changed().await;
     let chosen = settings.ports.port(number);
     let mut port = Port::new(chosen.protocol, *number.of(&links.port_protocols()), now());
@@ -74,7 +73,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                     _ => poll(links, &mut port, at, &settings),
                 }
                 if silence_check.is_due(at, SILENCE_CHECK_HZ) {
-                    links.update_port_state(number, port.active_protocol(at), port.is_armed(at));
+                    links.update_line_state(line, port.active_protocol(at), port.is_armed(at));
                 }
                 counted.add_new_counts(&port, &links.counters);
             }
@@ -82,7 +81,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
             Either4::Second(_) => port.output.fail(),
             Either4::Third((command, result)) => port.mavlink.complete_command(command, result.as_ref().copied()),
             Either4::Fourth(Ok(read)) if read > 0 => {
-                receive_bytes(links, number, &mut port, bytes.get(..read).unwrap_or_default());
+                receive_bytes(links, line, &mut port, bytes.get(..read).unwrap_or_default());
             }
             Either4::Fourth(_) => {
                 increment(&links.counters.attitude_line_errors);
@@ -102,43 +101,20 @@ fn apply_settings(port: &mut Port, tx: &mut impl SetBaud, before: PortSettings, 
 /// Polls the protocol. A separate function, because the data is large and must not be kept across a wait.
 #[inline(never)]
 fn poll(links: &Links, port: &mut Port, now: Timestamp, settings: &Settings) {
-    let Some(estimate) = links.estimates.try_get() else { return };
-    let indicator_state = links.indicator.try_get().unwrap_or(IndicatorState::Idle);
-    // Only MAVLink reports the calibration, which rarely changes.
+    // Only MAVLink reports the calibration.
     let is_reported = port.active_protocol(now) == ProtocolKind::Mavlink;
-    let is_new = |correction: &Correction| {
-        is_reported
-            && correction.calibration.as_ref().is_some_and(|(calibration, _)| port.mavlink.is_unreported(calibration))
-    };
-    let correction = links.correction.try_get_and(is_new);
-    let calibration = correction.as_ref().and_then(|correction| correction.calibration.as_ref());
-    port.poll(&Snapshot { now, estimate: &estimate, settings, indicator: indicator_state, calibration });
+    let correction = new_calibration(links, |calibration| is_reported && port.mavlink.is_unreported(calibration));
+    with_snapshot(links, now, settings, correction.as_ref(), |snapshot| port.poll(snapshot));
 }
 
-fn receive_bytes(links: &Links, number: PortNumber, port: &mut Port, bytes: &[u8]) {
+fn receive_bytes(links: &Links, line: AutopilotLine, port: &mut Port, bytes: &[u8]) {
     let at = now();
-    let has_gyro =
-        |port: &Port, report: &AttitudeReport| report.has_rates() && port.active_protocol(at) != ProtocolKind::Msp;
     for &byte in bytes {
-        match port.process_byte(at, byte) {
-            Some(ReceivedMessage::Attitude(report)) if links.accept_attitude(number, at, has_gyro(port, &report)) => {
-                increment(&links.counters.attitude_reports);
-                links.queue_or_count(&links.reports, Timestamped { at, value: report });
-            }
-            Some(ReceivedMessage::Attitude(_) | ReceivedMessage::RejectedAttitude) => {
-                increment(&links.counters.attitude_foreign);
-            }
-            // The sender repeats a command that is not answered.
-            Some(ReceivedMessage::Command(command)) => {
-                let _ = links.commands.try_send((CommandSource::Port(number), command));
-            }
-            Some(ReceivedMessage::Position(place)) => links.update_position(at, place),
-            Some(ReceivedMessage::Date(day)) => publish(&links.date, day),
-            Some(ReceivedMessage::Current(value)) => links.current.sender().send(Timestamped { at, value }),
-            Some(ReceivedMessage::Other) | None => {}
+        if let Some(message) = port.process_byte(at, byte) {
+            distribute(links, line, at, message, port.active_protocol(at) != ProtocolKind::Msp);
         }
     }
-    links.update_port_state(number, port.active_protocol(at), port.is_armed(at));
+    links.update_line_state(line, port.active_protocol(at), port.is_armed(at));
 }
 
 /// Counts of a port that the module's counters already include.

@@ -46,6 +46,7 @@ impl Compass<'_> {
             | Command::CalClear
             | Command::CalUndo
             | Command::Set(SettingChange::Mount(_))
+            | Command::ResetSettings
             | Command::Restart => true,
             Command::CalStop
             | Command::CalSolve(_)

@@ -61,6 +61,8 @@ pub enum Command {
     CalShow,
     /// Change a setting.
     Set(SettingChange),
+    /// Reset all settings but the alignment.
+    ResetSettings,
     /// Set the alignment so that the present heading becomes this one, degrees; `None` resets it.
     Align(Option<f32>),
     /// Set the alignment without a limit of its size.

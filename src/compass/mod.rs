@@ -33,7 +33,7 @@ use crate::calibration::method_selection::Procedure;
 use crate::collection::{CollectionState, Collector, RecentSamples, RetainedSamples};
 use crate::earth::LocalField;
 use crate::messages::Refusal;
-use crate::settings::SettingChange;
+use crate::settings::{SettingChange, Settings};
 use crate::store::StoredValues;
 use crate::time::WrappingMillis;
 use activity::{Activity, AutomaticStart, DetectedSensor, PendingSave, Solve, SolvePurpose};
@@ -179,6 +179,10 @@ impl<'a> Compass<'a> {
                     self.return_control(true);
                 }
                 return Ok(self.request_save(PendingSave::Settings(settings)));
+            }
+            Command::ResetSettings => {
+                self.return_control(Settings::DEFAULT.auto_on);
+                return Ok(self.request_save(PendingSave::Settings(self.settings.reset())));
             }
             Command::Align(heading_deg) => return self.set_alignment(heading_deg, false, now),
             Command::AlignConfirmed(heading_deg) => return self.set_alignment(Some(heading_deg), true, now),

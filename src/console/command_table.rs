@@ -7,7 +7,7 @@ use core::ops::RangeInclusive;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::{Method, Orientation};
 use crate::compass::Command;
-use crate::settings::{AttitudeError, HeadingKind, SettingChange, Settings, SigningKey};
+use crate::settings::{AttitudeError, CanSettings, HeadingKind, SettingChange, Settings, SigningKey};
 use crate::settings::{Baud, PortNumber, ProtocolKind};
 
 /// Command, or the first word of several commands.
@@ -288,6 +288,21 @@ pub static COMMANDS: &[CommandSpec] = &[
     CommandSpec::new("set", "signing", "sign MAVLink frames, and reject others, with the key of a passphrase")
         .with_arguments(&[ArgumentSpec::new("PASSPHRASE", ArgumentKind::Passphrase)])
         .with_request(|given| set(SettingChange::Signing(signing_key(given)))),
+    CommandSpec::new("set", "can-node", "number on the CAN bus, after a restart; 0: the autopilot gives one")
+        .with_arguments(&[ArgumentSpec::new(
+            "NUMBER",
+            ArgumentKind::Whole { range: CanSettings::NODE, unit: "as a node" },
+        )])
+        .with_request(|given| set(SettingChange::CanNode(given.number(0).unwrap_or_default() as u8))),
+    CommandSpec::new("set", "can-rate", "rate of the field on the CAN bus")
+        .with_arguments(&[ArgumentSpec::new(
+            "HZ",
+            ArgumentKind::Whole { range: CanSettings::RATE_HZ, unit: "a second" },
+        )])
+        .with_request(|given| set(SettingChange::CanRateHz(given.number(0).unwrap_or_default() as u8))),
+    CommandSpec::new("set", "can-covariance", "send the field on the CAN bus with its covariance")
+        .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
+        .with_request(|given| set(SettingChange::CanCovariance(given.choice(0, nth_switch).unwrap_or(false)))),
     CommandSpec::new("reboot", "", "restart the module").with_request(|_| Command::Restart.into()),
 ];
 

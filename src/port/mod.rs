@@ -1,9 +1,12 @@
-//! Ports: serial lines to an autopilot or an instrument, and their protocols.
+//! Ports: serial lines to an autopilot or an instrument, and their protocols; the node on a CAN bus.
 //!
 //! A [`Protocol`] performs no I/O. The task of a port (`app::port`) gives it received bytes and a snapshot of the
-//! module's state, distributes the decoded messages, and writes its output.
+//! module's state, distributes the decoded messages, and writes its output. [`CanNode`] is the same for frames of a CAN
+//! bus (`app::can`).
 
+mod characters;
 mod detection;
+mod dronecan;
 mod mavlink;
 mod msp;
 mod nmea;
@@ -14,6 +17,7 @@ mod snapshot;
 mod transmit_buffer;
 
 pub use detection::Port;
+pub use dronecan::{CanNode, FirmwareUpdate, NodeContext};
 pub use mavlink::Mavlink;
 pub use msp::Msp;
 pub use nmea::Nmea;

@@ -1,5 +1,6 @@
 //! User settings.
 
+pub mod parameters;
 mod ports;
 
 use core::fmt;
@@ -42,6 +43,34 @@ pub struct Settings {
     pub attitude_rate_hz: u8,
     /// Key of MAVLink's signatures; with a key, frames without a valid signature are rejected.
     pub signing_key: Option<SigningKey>,
+    /// Node on a CAN bus.
+    pub can: CanSettings,
+}
+
+/// Settings of the node on a CAN bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CanSettings {
+    /// Number of the node; 0 asks the autopilot for one.
+    pub node: u8,
+    /// Rate of the field, Hz.
+    pub rate_hz: u8,
+    /// Whether the field is sent with its covariance, in three frames instead of one.
+    pub sends_covariance: bool,
+}
+
+impl CanSettings {
+    /// Factory settings. Autopilots drop a compass after 500 ms.
+    pub const DEFAULT: Self = Self { node: 0, rate_hz: 50, sends_covariance: false };
+
+    /// Range of the node's number; 126 and 127 are for tools.
+    pub const NODE: RangeInclusive<u8> = 0..=125;
+
+    /// Range of the field's rate, up to the measurement rate.
+    pub const RATE_HZ: RangeInclusive<u8> = 5..=80;
+
+    fn is_valid(self) -> bool {
+        Self::NODE.contains(&self.node) && Self::RATE_HZ.contains(&self.rate_hz)
+    }
 }
 
 /// Secret key of MAVLink's signatures.
@@ -139,7 +168,14 @@ impl Settings {
         sends_vision_yaw: false,
         attitude_rate_hz: 40,
         signing_key: None,
+        can: CanSettings::DEFAULT,
     };
+
+    /// Factory settings with the present alignment, which belongs to the calibration.
+    #[must_use]
+    pub const fn reset(&self) -> Self {
+        Self { align_deg: self.align_deg, ..Self::DEFAULT }
+    }
 
     /// Range of the declination, degrees.
     pub const DECLINATION_DEG: RangeInclusive<f32> = -180.0..=180.0;
@@ -167,6 +203,7 @@ impl Settings {
             && self.mount.is_valid()
             && self.attitude_error.is_valid()
             && Self::ACCURACY_DEG.contains(&self.accuracy_deg)
+            && self.can.is_valid()
     }
 }
 
@@ -201,6 +238,12 @@ pub enum SettingChange {
     AttitudeRateHz(u8),
     /// Key of MAVLink's signatures; `None` accepts and sends frames without.
     Signing(Option<SigningKey>),
+    /// Number of the node on a CAN bus; 0 asks for one.
+    CanNode(u8),
+    /// Rate of the field on a CAN bus, Hz.
+    CanRateHz(u8),
+    /// Whether the field is sent with its covariance on a CAN bus.
+    CanCovariance(bool),
 }
 
 /// Description of the valid range, for a value outside of it.
@@ -223,13 +266,16 @@ impl SettingChange {
             | Self::Baud(..)
             | Self::Vision(_)
             | Self::AttitudeRateHz(_)
-            | Self::Signing(_) => false,
+            | Self::Signing(_)
+            | Self::CanNode(_)
+            | Self::CanRateHz(_)
+            | Self::CanCovariance(_) => false,
         }
     }
 
     const fn valid_range(self) -> &'static str {
         match self {
-            Self::StreamOn(_) | Self::Auto(_) | Self::Vision(_) => "on or off",
+            Self::StreamOn(_) | Self::Auto(_) | Self::Vision(_) | Self::CanCovariance(_) => "on or off",
             Self::StreamRateHz(_) => "a rate is 1 to 80 sentences a second",
             Self::StreamHeading(_) => "a heading is raw or smooth",
             Self::AttitudeRateHz(_) => "a rate of attitude is 20 to 50 Hz",
@@ -240,6 +286,8 @@ impl SettingChange {
             Self::Signing(_) => "a passphrase or off",
             Self::Accuracy(_) => "an accuracy is 0.2 to 3 degrees",
             Self::Protocol(..) => "a protocol that this firmware was built with",
+            Self::CanNode(_) => "a node is 1 to 125, or 0 to ask the autopilot for one",
+            Self::CanRateHz(_) => "a rate of the field is 5 to 80 Hz",
             Self::Baud(..) => "57600, 115200, 230400 or 460800 baud",
         }
     }
@@ -268,6 +316,9 @@ impl Settings {
             SettingChange::Vision(on) => changed.sends_vision_yaw = on,
             SettingChange::AttitudeRateHz(hz) => changed.attitude_rate_hz = hz,
             SettingChange::Signing(key) => changed.signing_key = key,
+            SettingChange::CanNode(node) => changed.can.node = node,
+            SettingChange::CanRateHz(hz) => changed.can.rate_hz = hz,
+            SettingChange::CanCovariance(on) => changed.can.sends_covariance = on,
         }
         if changed.is_valid() { Ok(changed) } else { Err(OutOfRange(setting.valid_range())) }
     }

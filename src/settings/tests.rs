@@ -31,6 +31,16 @@ fn every_setting_has_its_range() {
             "a rate is 1 to 80",
         ),
         (
+            &[SettingChange::CanNode(0), SettingChange::CanNode(125)],
+            &[SettingChange::CanNode(126), SettingChange::CanNode(255)],
+            "a node is 1 to 125",
+        ),
+        (
+            &[SettingChange::CanRateHz(5), SettingChange::CanRateHz(80)],
+            &[SettingChange::CanRateHz(4), SettingChange::CanRateHz(81)],
+            "a rate of the field is 5 to 80",
+        ),
+        (
             &[
                 SettingChange::Declination(Some(-180.0)),
                 SettingChange::Declination(Some(180.0)),
@@ -112,6 +122,12 @@ fn a_setting_changes_itself_and_nothing_else() {
         (SettingChange::Vision(true), Settings { sends_vision_yaw: true, ..before }),
         (SettingChange::AttitudeRateHz(50), Settings { attitude_rate_hz: 50, ..before }),
         (SettingChange::Signing(Some(KEY)), Settings { signing_key: Some(KEY), ..before }),
+        (SettingChange::CanNode(9), Settings { can: CanSettings { node: 9, ..before.can }, ..before }),
+        (SettingChange::CanRateHz(20), Settings { can: CanSettings { rate_hz: 20, ..before.can }, ..before }),
+        (
+            SettingChange::CanCovariance(true),
+            Settings { can: CanSettings { sends_covariance: true, ..before.can }, ..before },
+        ),
         (SettingChange::Declination(Some(-3.5)), Settings { declination_deg: Some(-3.5), ..before }),
         (SettingChange::Inclination(Some(60.0)), Settings { inclination_deg: Some(60.0), ..before }),
         (SettingChange::Mount(mount), Settings { mount, ..before }),
@@ -167,6 +183,9 @@ fn solves_use_mounting_inclination_and_the_attitude_s_error() {
         (SettingChange::Vision(true), false),
         (SettingChange::AttitudeRateHz(50), false),
         (SettingChange::Signing(None), false),
+        (SettingChange::CanNode(1), false),
+        (SettingChange::CanRateHz(20), false),
+        (SettingChange::CanCovariance(true), false),
     ] {
         assert_eq!(setting.is_used_by_solves(), used, "{setting:?}");
     }

@@ -7,7 +7,7 @@ use crate::calibration::{
     AttitudeLatency, Calibration, Envelope, HeadingUncertainty, Method, MotorCurrentInterference, Orientation, Quality,
 };
 use crate::reading::{Identity, Model};
-use crate::settings::{AttitudeError, PORT_COUNT, PortNumber, PortSettings, ProtocolKind, Settings};
+use crate::settings::{AttitudeError, CanSettings, PORT_COUNT, PortNumber, PortSettings, ProtocolKind, Settings};
 
 /// Pages for calibrations: two that the valid state refers to, and two for the next state.
 pub(super) const CALIBRATION_SLOTS: u8 = 4;
@@ -244,6 +244,7 @@ impl Fields for StoredState {
             sends_vision_yaw,
             attitude_rate_hz,
             signing_key,
+            can: CanSettings { node, rate_hz, sends_covariance },
         } = settings;
         visitor.optional(4, declination_deg);
         visitor.optional(5, inclination_deg);
@@ -268,6 +269,9 @@ impl Fields for StoredState {
         visitor.optional(22, second);
         visitor.optional(23, attitude_rate_hz);
         visitor.optional(24, signing_key);
+        visitor.optional(25, node);
+        visitor.optional(26, rate_hz);
+        visitor.optional(27, sends_covariance);
     }
 
     fn is_valid(&self) -> bool {

@@ -195,7 +195,7 @@ fn a_port_writes_at_its_rate_and_counts() {
     let counts = bench.links.counts();
     assert_eq!((counts.messages, counts.messages_empty), (20, 10));
     assert_eq!(port.text().matches("$PASWH,,,uncalibrated").count(), 10);
-    assert_eq!(bench.links.heartbeat_counts(), [0, 0, 0, 0, 160], "one for each estimate");
+    assert_eq!(bench.links.heartbeat_counts(), [0, 0, 0, 0, 160, 0], "one for each estimate");
 }
 
 #[test]

@@ -9,7 +9,7 @@ use testkit::flash::{RamFlash, SilentFault};
 
 use super::TaskBench;
 use super::devices::{Chip, DeviceBehaviour, Line, Port, SENSOR};
-use crate::app::links::{CommandSource, DetectedSensor, now, publish};
+use crate::app::links::{AutopilotLine, CommandSource, DetectedSensor, now, publish};
 use crate::app::{Platform, compass, console};
 use crate::calibration::Sample;
 use crate::calibration::method_selection::Procedure;
@@ -105,14 +105,14 @@ fn a_save_that_never_completes_is_given_up_and_reported() {
     assert!(matches!(reply, Ok(Err(Refusal::Store(StoreError::Timeout)))), "{reply:?}");
     assert_eq!((bench.links.counts().saves, bench.links.counts().store_errors), (0, 1));
     assert!(matches!(ask(&mut bench, Command::Status), Ok(Reply::Report(_))));
-    bench.links.update_port_state(PortNumber::One, ProtocolKind::Mavlink, None);
+    bench.links.update_line_state(AutopilotLine::Port(PortNumber::One), ProtocolKind::Mavlink, None);
     for is_armed in [true, false] {
         publish(&bench.links.armed, Some(is_armed));
         bench.ms(5_500);
     }
     let message = Ok(Message::StoreFailed(StoreError::Timeout));
     assert_eq!(bench.links.notices.try_receive(), message);
-    assert_eq!(bench.links.port(PortNumber::One).messages.try_receive(), message);
+    assert_eq!(bench.links.line(AutopilotLine::Port(PortNumber::One)).messages.try_receive(), message);
     assert_eq!(bench.links.counts().store_errors, 2);
     assert!(matches!(ask(&mut bench, Command::Status), Ok(Reply::Report(_))));
 }
@@ -168,7 +168,10 @@ fn samples_become_a_correction() {
     assert_eq!(bench.links.counts().saves, 2, "that there is a collection, and its calibration");
     assert_eq!(bench.links.indicator.try_get(), Some(IndicatorState::Calibrated));
     for number in PortNumber::ALL {
-        assert!(matches!(bench.links.port(number).messages.try_receive(), Ok(Message::Solved(Ok(_)))), "{number:?}");
+        assert!(
+            matches!(bench.links.line(AutopilotLine::Port(number)).messages.try_receive(), Ok(Message::Solved(Ok(_)))),
+            "{number:?}"
+        );
     }
     // The console is answered between the steps of a solve.
     assert!(matches!(ask(&mut bench, Command::CalSolve(None)), Ok(Reply::Done(ModuleState::Solving))));
@@ -234,11 +237,18 @@ fn a_restart_commanded_on_a_port_needs_a_disarmed_autopilot() {
     let mut bench = with_compass(Flash::new(PAGES));
     for (is_armed, result) in [(true, Err(Refusal::Armed)), (false, Ok(()))] {
         publish(&bench.links.armed, Some(is_armed));
-        bench.links.commands.try_send((CommandSource::Port(PortNumber::Two), Command::Restart)).unwrap();
+        bench
+            .links
+            .commands
+            .try_send((CommandSource::Line(AutopilotLine::Port(PortNumber::Two)), Command::Restart))
+            .unwrap();
         bench.ms(1);
         assert_eq!(bench.links.restart.signaled(), result.is_ok());
-        assert_eq!(bench.links.port(PortNumber::Two).answers.try_take(), Some((Command::Restart, result)));
-        assert!(bench.links.port(PortNumber::One).answers.try_take().is_none());
+        assert_eq!(
+            bench.links.line(AutopilotLine::Port(PortNumber::Two)).answers.try_take(),
+            Some((Command::Restart, result))
+        );
+        assert!(bench.links.line(AutopilotLine::Port(PortNumber::One)).answers.try_take().is_none());
     }
 }
 

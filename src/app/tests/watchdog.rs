@@ -9,12 +9,11 @@ use testkit::flash::SilentFault;
 
 use super::TaskBench;
 use super::thread_tasks::{Flash, PAGES, with_compass};
-use crate::app::links::{ALWAYS_THERE, CommandSource, HEARTBEATS, Heartbeats, increment};
+use crate::app::links::{ALWAYS_THERE, AutopilotLine, CommandSource, HEARTBEATS, Heartbeats, increment};
 use crate::app::watchdog::{self, MAX_FEED_INTERVAL_US};
 use crate::app::{Links, Watchdog};
 use crate::compass::Command;
 use crate::messages::Refusal;
-use crate::settings::PortNumber;
 use crate::store::StoreError;
 
 #[derive(Clone, Default)]
@@ -28,8 +27,8 @@ impl Watchdog for FakeWatchdog {
 
 fn all(links: &Links) -> [&AtomicU32; HEARTBEATS] {
     let Heartbeats { sensor, instrument, compass } = &links.heartbeats;
-    let [one, two] = PortNumber::ALL.map(|number| &links.port(number).heartbeat);
-    [sensor, instrument, compass, one, two]
+    let [one, two, can] = AutopilotLine::ALL.map(|line| &links.line(line).heartbeat);
+    [sensor, instrument, compass, one, two, can]
 }
 
 /// Tasks with heartbeats, one of which may stop after a second.
@@ -99,7 +98,7 @@ fn the_longest_feed_interval_is_1_4_s() {
 fn an_idle_state_machine_shows_that_it_runs() {
     let mut bench = with_compass(Flash::new(PAGES));
     bench.ms(998);
-    assert_eq!(bench.links.heartbeat_counts(), [0, 0, 5, 0, 0]);
+    assert_eq!(bench.links.heartbeat_counts(), [0, 0, 5, 0, 0, 0]);
 }
 
 /// The state machine gives a save up before the watchdog would reset the module.

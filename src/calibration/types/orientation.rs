@@ -42,9 +42,12 @@ impl Orientation {
     /// Chip axes equal to body axes.
     pub const NONE: Self = Self(0);
 
+    /// Number of orientations.
+    pub const COUNT: u8 = 24;
+
     /// All 24, in MAVLink order.
     pub fn all() -> impl Iterator<Item = Self> {
-        (0..24).map(Self)
+        (0..Self::COUNT).map(Self)
     }
 
     /// Parses the output of [`name`](Self::name).

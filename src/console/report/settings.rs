@@ -5,7 +5,7 @@ use core::fmt::{self, Write};
 use crate::compass::StatusReport;
 use crate::decimal::{Decimal, ShortestDecimal};
 use crate::earth::{EarthField, LocalField, MODEL_NAME, ModelValidity, Position};
-use crate::settings::{AttitudeError, PortNumber, PortSettings, SettingChange};
+use crate::settings::{AttitudeError, CanSettings, PortNumber, PortSettings, SettingChange};
 
 #[derive(Clone, Copy)]
 pub(super) enum SettingGroup {
@@ -20,9 +20,11 @@ pub(super) enum SettingGroup {
     Vision,
     AttitudeRate,
     Signing,
+    Can,
 }
 
 impl SettingGroup {
+    /// All groups but that of the CAN bus, which not every board has.
     pub const ALL: [Self; 12] = [
         Self::Stream,
         Self::Declination,
@@ -53,6 +55,7 @@ impl SettingGroup {
             SettingChange::Vision(_) => Self::Vision,
             SettingChange::AttitudeRateHz(_) => Self::AttitudeRate,
             SettingChange::Signing(_) => Self::Signing,
+            SettingChange::CanNode(_) | SettingChange::CanRateHz(_) | SettingChange::CanCovariance(_) => Self::Can,
         }
     }
 }
@@ -104,6 +107,15 @@ pub(super) fn setting_line(
         SettingGroup::Vision => write!(out, "vision{between}{}", on_or_off(settings.sends_vision_yaw)),
         SettingGroup::AttitudeRate => write!(out, "attitude-rate{between}{} Hz at most", settings.attitude_rate_hz),
         SettingGroup::Signing => write!(out, "signing{between}{}", on_or_off(settings.signing_key.is_some())),
+        SettingGroup::Can => {
+            let CanSettings { node, rate_hz, sends_covariance } = settings.can;
+            write!(out, "can{between}")?;
+            match node {
+                0 => out.write_str("node by allocation")?,
+                node => write!(out, "node {node}")?,
+            }
+            write!(out, ", {rate_hz} Hz, covariance {}", on_or_off(sends_covariance))
+        }
     }
 }
 

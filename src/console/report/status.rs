@@ -9,10 +9,11 @@ use crate::collection::{Coverage, SECTORS};
 use crate::compass::{ModuleState, StatusReport, TrialResult};
 use crate::decimal::{Decimal, ShortestDecimal};
 use crate::frames::Attitude;
-use crate::health::{Counts, Diagnostics, ResetCause, StackUse};
+use crate::health::{CanState, Counts, Diagnostics, ResetCause, StackUse};
 use crate::instrument::InstallationChange;
 use crate::messages::Message;
 use crate::settings::ProtocolKind;
+use crate::wire::dronecan::outbound::BusCounts;
 
 /// Writes the reply to `status`.
 pub(super) fn status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
@@ -42,6 +43,10 @@ pub(super) fn status(out: &mut impl Write, report: &StatusReport, health: &Diagn
             write_detected_protocol(out, report.settings.ports.port(port).protocol, health.port_protocol(port))?;
         }
         writeln!(out)?;
+    }
+    if let Some(can) = &health.can {
+        setting_line(out, SettingGroup::Can, ": ", report)?;
+        write_can_state(out, can)?;
     }
     field_model(out, &report.local_field)?;
     counters(out, &health.event_counts)?;
@@ -75,6 +80,19 @@ fn write_detected_protocol(out: &mut impl Write, chosen: ProtocolKind, detected:
         (ProtocolKind::Auto, detected) => write!(out, ", found {}", detected.name()),
         _ => Ok(()),
     }
+}
+
+/// Writes the number of the node, and its traffic.
+fn write_can_state(out: &mut impl Write, can: &CanState) -> fmt::Result {
+    match can.node {
+        Some(node) => write!(out, "; node {}", node.get())?,
+        None => out.write_str("; no number yet")?,
+    }
+    if can.has_conflict {
+        out.write_str(", which another node has, too")?;
+    }
+    let BusCounts { sent, received, errors } = can.frames;
+    writeln!(out, "; {sent} frames sent, {received} received, {errors} errors")
 }
 
 fn progress(out: &mut impl Write, report: &StatusReport) -> fmt::Result {

@@ -1,20 +1,18 @@
 //! Text messages as STATUSTEXT, which every ground station shows.
 
-use core::fmt::{self, Write};
+use core::fmt::Write as _;
 
 use ::mavlink::dialects::common::MavSeverity;
 
 use super::transmitter::Transmitter;
 use crate::messages::{Message, Severity};
 use crate::port::MessageSchedule;
+use crate::port::characters::Characters;
 use crate::time::Timestamp;
 use crate::wire::mavlink::OutboundMessage;
 
 /// Capacity for texts: progress of a collection, its end, and the outcome of the solve.
 const WAITING: usize = 3;
-
-/// Capacity of a text with its prefix, characters: five chunks at most. Longer texts are cut.
-const LENGTH: usize = 240;
 
 /// Rate of chunks, Hz; leaves room for headings on a slow line.
 const CHUNKS_HZ: u8 = 10;
@@ -26,19 +24,6 @@ const NAME: &str = "autoswing: ";
 struct Text {
     severity: MavSeverity,
     characters: Characters,
-}
-
-#[derive(Debug, Default)]
-struct Characters(heapless::Vec<u8, LENGTH>);
-
-/// Characters beyond the capacity are cut.
-impl Write for Characters {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        for byte in text.bytes() {
-            let _ = self.0.push(byte);
-        }
-        Ok(())
-    }
 }
 
 /// Pending texts. When full, the oldest is dropped, except one whose first chunk was sent.
@@ -73,7 +58,7 @@ impl PendingTexts {
         if !self.pace.is_due(now, CHUNKS_HZ) {
             return false;
         }
-        let characters = &text.characters.0;
+        let characters = text.characters.bytes();
         let is_long = characters.len() > OutboundMessage::TEXT;
         let rest = characters.get(usize::from(self.sent) * OutboundMessage::TEXT..).unwrap_or_default();
         let chunk = rest.get(..OutboundMessage::TEXT).unwrap_or(rest);

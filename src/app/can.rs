@@ -1,0 +1,124 @@
+//! Task of a CAN bus: passes frames to the node and sends its frames, with every estimate and whenever the bus is free.
+//!
+//! A board implements [`ReceiveFrame`] and [`SendFrame`] for its controller, [`HandOver`] for its boot loader, and runs
+//! this task beside those of the ports.
+
+use core::future::pending;
+
+use embassy_futures::select::{Either4, select4};
+use embassy_time::{Duration, Timer};
+
+use super::Links;
+use super::line::{distribute, new_calibration, with_snapshot};
+use super::links::{AutopilotLine, CommandSource, increment, now, subscribe};
+use crate::port::{CanNode, FirmwareUpdate, NodeContext};
+use crate::settings::{ProtocolKind, Settings};
+use crate::wire::dronecan::CanFrame;
+use crate::wire::dronecan::outbound::NodeInfo;
+
+/// Pause after an error of the bus, so that a permanent error does not occupy the processor.
+const PAUSE: Duration = Duration::from_micros(500);
+
+/// Receiver of a CAN controller.
+pub trait ReceiveFrame {
+    /// Error of the bus.
+    type Error;
+
+    /// Waits for a data frame with an extended identifier; drops others. A cancelled call loses no frame.
+    fn receive(&mut self) -> impl Future<Output = Result<CanFrame, Self::Error>>;
+}
+
+/// Sender of a CAN controller. It leaves the state bus-off within a second on its own, and does not disturb a bus with
+/// another bit rate: it listens only until a frame is received.
+pub trait SendFrame {
+    /// Error of the bus.
+    type Error;
+
+    /// Waits until the controller has accepted the frame. A cancelled call has not sent it.
+    fn send(&mut self, frame: &CanFrame) -> impl Future<Output = Result<(), Self::Error>>;
+}
+
+/// Hand-over to the boot loader of a board.
+pub trait HandOver {
+    /// Stores the update where the boot loader finds it after the restart, which follows within 50 ms.
+    fn hand_over(&mut self, update: &FirmwareUpdate);
+}
+
+/// Runs the node for ever. It is silent until the settings are loaded; its configured number is that at the start.
+pub async fn run(
+    links: &Links,
+    info: NodeInfo,
+    mut rx: impl ReceiveFrame,
+    mut tx: impl SendFrame,
+    mut boot_loader: impl HandOver,
+) -> ! {
+    let mut estimates = subscribe(&links.estimates);
+    let mut changes = subscribe(&links.settings);
+    let wires = links.line(AutopilotLine::Can);
+    let mut settings = changes.changed().await;
+    let mut node = CanNode::new(info, settings.can);
+    node.set_signing_key(settings.signing_key);
+    loop {
+        let sent = async {
+            match node.next_frame() {
+                None => pending().await,
+                Some(frame) => tx.send(frame).await,
+            }
+        };
+        // The estimate is read again later: as this future's result it would occupy memory across every wait.
+        let estimated = async {
+            estimates.changed().await;
+        };
+        // Estimates first, because a bus in error is always ready.
+        match select4(estimated, sent, wires.answers.wait(), rx.receive()).await {
+            Either4::First(()) => {
+                increment(&wires.heartbeat);
+                if let Some(changed) = changes.try_changed() {
+                    settings = changed;
+                    node.set_signing_key(settings.signing_key);
+                }
+                if let Ok(message) = wires.messages.try_receive() {
+                    node.queue_text(&message);
+                }
+                poll(links, &mut node, &settings);
+            }
+            Either4::Second(Ok(())) => node.frame_sent(now()),
+            Either4::Third((command, result)) => {
+                node.complete_command(command, result.as_ref().copied());
+                if let Some(update) = node.granted_update() {
+                    boot_loader.hand_over(update);
+                }
+                poll(links, &mut node, &settings);
+            }
+            Either4::Fourth(Ok(frame)) => {
+                let at = now();
+                node.receive(at, &frame, &mut |message| distribute(links, AutopilotLine::Can, at, message, true));
+                if node.has_requests() {
+                    poll(links, &mut node, &settings);
+                }
+            }
+            Either4::Second(Err(_)) | Either4::Fourth(Err(_)) => {
+                node.bus_error();
+                Timer::after(PAUSE).await;
+            }
+        }
+    }
+}
+
+/// Polls the node. A separate function, because the data is large and must not be kept across a wait.
+#[inline(never)]
+fn poll(links: &Links, node: &mut CanNode, settings: &Settings) {
+    let now = now();
+    links.update_line_state(AutopilotLine::Can, ProtocolKind::Mavlink, node.is_armed(now));
+    links.set_can_state(node.state(now));
+    let Some(stored_settings) = links.stored_settings.try_get() else { return };
+    let is_armed = links.is_armed() == Some(true);
+    let correction = new_calibration(links, |calibration| node.is_unreported(calibration));
+    let command = with_snapshot(links, now, settings, correction.as_ref(), |snapshot| {
+        node.poll(&NodeContext { snapshot: *snapshot, stored_settings: &stored_settings, is_armed })
+    });
+    if let Some(command) = command.flatten() {
+        // Without room the request times out, and its sender repeats it.
+        let _ = links.commands.try_send((CommandSource::Line(AutopilotLine::Can), command));
+    }
+}

@@ -1,0 +1,58 @@
+//! What the tasks of all lines share: snapshots of the module, and the way of received messages.
+
+use super::Links;
+use super::links::{AutopilotLine, CommandSource, Timestamped, increment, publish};
+use crate::calibration::Calibration;
+use crate::compass::IndicatorState;
+use crate::instrument::Correction;
+use crate::port::{ReceivedMessage, Snapshot};
+use crate::settings::Settings;
+use crate::time::Timestamp;
+
+/// Active calibration, if it is to be reported. It is large and rarely changes.
+pub(super) fn new_calibration(links: &Links, is_new: impl Fn(&Calibration) -> bool) -> Option<Correction> {
+    links
+        .correction
+        .try_get_and(|correction| correction.calibration.as_ref().is_some_and(|(calibration, _)| is_new(calibration)))
+}
+
+/// Calls a function with a snapshot of the module's state; not before the first estimate.
+pub(super) fn with_snapshot<R>(
+    links: &Links,
+    now: Timestamp,
+    settings: &Settings,
+    correction: Option<&Correction>,
+    use_snapshot: impl FnOnce(&Snapshot<'_>) -> R,
+) -> Option<R> {
+    let estimate = links.estimates.try_get()?;
+    let indicator = links.indicator.try_get().unwrap_or(IndicatorState::Idle);
+    let calibration = correction.and_then(|correction| correction.calibration.as_ref());
+    Some(use_snapshot(&Snapshot { now, estimate: &estimate, settings, indicator, calibration }))
+}
+
+/// Passes a received message to the task that needs it. `can_have_gyro`: body rates are a gyro's if the report has any.
+pub(super) fn distribute(
+    links: &Links,
+    line: AutopilotLine,
+    at: Timestamp,
+    message: ReceivedMessage,
+    can_have_gyro: bool,
+) {
+    match message {
+        ReceivedMessage::Attitude(report) if links.accept_attitude(line, at, report.has_rates() && can_have_gyro) => {
+            increment(&links.counters.attitude_reports);
+            links.queue_or_count(&links.reports, Timestamped { at, value: report });
+        }
+        ReceivedMessage::Attitude(_) | ReceivedMessage::RejectedAttitude => {
+            increment(&links.counters.attitude_foreign);
+        }
+        // The sender repeats a command that is not answered.
+        ReceivedMessage::Command(command) => {
+            let _ = links.commands.try_send((CommandSource::Line(line), command));
+        }
+        ReceivedMessage::Position(place) => links.update_position(at, place),
+        ReceivedMessage::Date(day) => publish(&links.date, day),
+        ReceivedMessage::Current(value) => links.current.sender().send(Timestamped { at, value }),
+        ReceivedMessage::Other => {}
+    }
+}

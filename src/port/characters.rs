@@ -1,0 +1,26 @@
+//! Text of a message with a limited length.
+
+use core::fmt;
+
+/// Capacity, characters: five chunks of a STATUSTEXT, three of a LogMessage.
+const LENGTH: usize = 240;
+
+/// Text. Characters beyond the capacity are cut.
+#[derive(Debug, Default)]
+pub(super) struct Characters(heapless::Vec<u8, LENGTH>);
+
+impl Characters {
+    /// The text.
+    pub fn bytes(&self) -> &[u8] {
+        &self.0
+    }
+}
+
+impl fmt::Write for Characters {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        for byte in text.bytes() {
+            let _ = self.0.push(byte);
+        }
+        Ok(())
+    }
+}

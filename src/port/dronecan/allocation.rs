@@ -1,0 +1,75 @@
+//! Dynamic allocation of the node's number by the autopilot.
+//!
+//! The client sends its unique id in three parts. The allocator repeats the parts received so far, and at the end grants a
+//! number; it remembers the unique id, so that the number stays. Random delays separate clients that start together. Any
+//! message that does not continue this client's exchange makes it begin again.
+
+use crate::time::Timestamp;
+use crate::wire::dronecan::{Allocation, NodeId, Payload, UNIQUE_ID_LENGTH, outbound};
+
+/// Delay of a request, microseconds: a fixed and a random part.
+const REQUEST_US: [u64; 2] = [600_000, 400_000];
+
+/// Random delay of a following part, microseconds.
+const FOLLOW_UP_US: [u64; 2] = [0, 400_000];
+
+/// Longest part of the unique id in an anonymous message, bytes.
+const PART: usize = 6;
+
+/// Client of an allocation.
+#[derive(Debug)]
+pub(super) struct AllocationClient {
+    unique_id: [u8; UNIQUE_ID_LENGTH],
+    random: u32,
+    /// Time of the next first part; `None` before the first poll.
+    request_at: Option<Timestamp>,
+    /// Time and offset of the next following part.
+    follow_up: Option<(Timestamp, usize)>,
+}
+
+impl AllocationClient {
+    pub fn new(unique_id: [u8; UNIQUE_ID_LENGTH]) -> Self {
+        // FNV-1a; the state of the generator must not be zero.
+        let random =
+            unique_id.iter().fold(0x811C_9DC5_u32, |hash, &byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
+        Self { unique_id, random: random | 1, request_at: None, follow_up: None }
+    }
+
+    /// Processes a step of any exchange on the bus; returns the granted number.
+    pub fn receive(&mut self, at: Timestamp, source: Option<NodeId>, step: Allocation<'_>) -> Option<NodeId> {
+        self.follow_up = None;
+        self.request_at = Some(self.after(at, REQUEST_US));
+        let received = step.unique_id.len();
+        if source.is_none() || received == 0 || !self.unique_id.starts_with(step.unique_id) {
+            return None;
+        }
+        if received == UNIQUE_ID_LENGTH {
+            return step.node;
+        }
+        self.follow_up = Some((self.after(at, FOLLOW_UP_US), received));
+        None
+    }
+
+    /// Next message, if due.
+    pub fn poll(&mut self, now: Timestamp) -> Option<Payload> {
+        if let Some((_, offset)) = self.follow_up.take_if(|(at, _)| *at <= now) {
+            let rest = self.unique_id.get(offset..).unwrap_or_default();
+            return Some(outbound::allocation(false, rest.get(..PART).unwrap_or(rest)));
+        }
+        let request_at = self.request_at;
+        if request_at.is_some_and(|at| now < at) || self.follow_up.is_some() {
+            return None;
+        }
+        self.request_at = Some(self.after(now, REQUEST_US));
+        let first = self.unique_id.get(..PART).unwrap_or_default();
+        request_at.map(|_| outbound::allocation(true, first))
+    }
+
+    /// Random time within a range after another. Xorshift (G. Marsaglia, J. Stat. Soft. 8, 2003).
+    fn after(&mut self, at: Timestamp, [least_us, spread_us]: [u64; 2]) -> Timestamp {
+        self.random ^= self.random << 13;
+        self.random ^= self.random >> 17;
+        self.random ^= self.random << 5;
+        at.plus_us(least_us + u64::from(self.random) % spread_us)
+    }
+}

@@ -1,0 +1,115 @@
+//! Texts for people, as LogMessage: what the module reports, and changes of its state.
+
+use core::fmt::Write as _;
+
+use crate::compass::IndicatorState;
+use crate::heading::NoHeading;
+use crate::messages::{Message, Severity};
+use crate::port::characters::Characters;
+use crate::port::{MessageSchedule, Snapshot};
+use crate::time::Timestamp;
+use crate::wire::dronecan::Payload;
+use crate::wire::dronecan::outbound::{LOG_TEXT_LENGTH, LogLevel, log_message};
+
+/// Name of the source.
+const SOURCE: &str = "autoswing";
+
+/// Capacity, texts: a full queue drops its oldest.
+const WAITING: usize = 3;
+
+/// Rate of pieces, Hz.
+const PIECES_HZ: u8 = 10;
+
+/// Time after which a state that lasts is reported, microseconds.
+const LASTING_US: u64 = 2_000_000;
+
+#[derive(Debug)]
+struct Text {
+    level: LogLevel,
+    characters: Characters,
+    /// Bytes sent.
+    sent: usize,
+}
+
+/// State that is reported when it changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct LoggedState {
+    activity: &'static str,
+    /// Reason why no field is sent.
+    withheld: Option<NoHeading>,
+}
+
+/// Queue of texts.
+#[derive(Debug, Default)]
+pub(super) struct Log {
+    waiting: heapless::Deque<Text, WAITING>,
+    pace: MessageSchedule,
+    logged: Option<LoggedState>,
+    /// State that differs from the last reported one, and since when.
+    candidate: Option<(LoggedState, Timestamp)>,
+}
+
+impl Log {
+    /// Queues a message.
+    pub fn push(&mut self, message: &Message) {
+        let level = match message.severity() {
+            Severity::Info => LogLevel::Info,
+            Severity::Warning => LogLevel::Warning,
+        };
+        self.write(level, format_args!("{message}"));
+    }
+
+    /// Queues a text about a state that has changed for two seconds.
+    pub fn update(&mut self, snapshot: &Snapshot<'_>) {
+        let state = LoggedState {
+            activity: match snapshot.indicator {
+                IndicatorState::Idle => "uncalibrated",
+                IndicatorState::Collecting(_) => "collecting",
+                IndicatorState::Calibrated => "calibrated",
+                IndicatorState::Refused => "calibration refused",
+            },
+            withheld: snapshot.estimate.heading.err().filter(|_| snapshot.estimate.compass_field.is_none()),
+        };
+        if self.logged == Some(state) {
+            self.candidate = None;
+            return;
+        }
+        let since = self.candidate.filter(|(candidate, _)| *candidate == state).map_or(snapshot.now, |(_, at)| at);
+        self.candidate = Some((state, since));
+        if snapshot.now.us_since(since) < LASTING_US {
+            return;
+        }
+        (self.logged, self.candidate) = (Some(state), None);
+        match state.withheld {
+            None => self.write(LogLevel::Info, format_args!("{}", state.activity)),
+            Some(reason) => {
+                self.write(LogLevel::Warning, format_args!("{}; no field: {}", state.activity, reason.code()));
+            }
+        }
+    }
+
+    fn write(&mut self, level: LogLevel, text: core::fmt::Arguments<'_>) {
+        let mut characters = Characters::default();
+        let _ = characters.write_fmt(text);
+        if self.waiting.is_full() {
+            self.waiting.pop_front();
+        }
+        let _ = self.waiting.push_back(Text { level, characters, sent: 0 });
+    }
+
+    /// Next piece, if due. A longer text is continued in the next message.
+    pub fn next_piece(&mut self, now: Timestamp) -> Option<Payload> {
+        let text = self.waiting.front_mut()?;
+        if !self.pace.is_due(now, PIECES_HZ) {
+            return None;
+        }
+        let rest = text.characters.bytes().get(text.sent..).unwrap_or_default();
+        let piece = rest.get(..LOG_TEXT_LENGTH).unwrap_or(rest);
+        let payload = log_message(text.level, SOURCE, piece);
+        text.sent += piece.len();
+        if piece.len() == rest.len() {
+            self.waiting.pop_front();
+        }
+        Some(payload)
+    }
+}

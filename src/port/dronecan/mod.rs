@@ -1,0 +1,352 @@
+//! DroneCAN: the module as a compass node of the autopilot's CAN bus.
+//!
+//! The node is a pure value: frames and snapshots of the module in, frames and commands out. It is silent until it has
+//! received a frame. Without a configured number it asks the autopilot for one. Then it
+//!
+//! - sends its status once a second, and the corrected field, while it is trusted;
+//! - answers requests for its description, parameters, counters, a restart, a firmware update;
+//! - sends what the module reports as texts;
+//! - carries MAVLink of one serial line of the autopilot;
+//! - uses armed state, battery current, position and date of other nodes.
+//!
+//! The bus has no authentication: nothing changes while the vehicle is armed, and a second node with the same number stops
+//! the field.
+
+mod allocation;
+mod log;
+mod outbox;
+mod parameters;
+mod services;
+mod status;
+#[cfg(test)]
+mod tests;
+mod tunnel;
+mod update;
+mod vehicle;
+
+use super::{MessageSchedule, Protocol as _, ReceivedMessage, Snapshot};
+use crate::calibration::Calibration;
+use crate::compass::Command;
+use crate::frames::{Body, Field};
+use crate::health::CanState;
+use crate::instrument::Estimate;
+use crate::messages::{Message as Notice, Refusal};
+use crate::settings::{CanSettings, Settings, SigningKey};
+use crate::time::Timestamp;
+use crate::trig::sqrt;
+use crate::wire::dronecan::outbound::{self, BusCounts, NodeInfo};
+use crate::wire::dronecan::{
+    CanFrame, DataType, FrameHeader, InboundMessage, InboundTransfer, NodeId, Receiver, priority,
+};
+use allocation::AllocationClient;
+use log::Log;
+use outbox::Outbox;
+use services::{Services, Step};
+use status::StatusMonitor;
+use tunnel::Tunnel;
+pub use update::FirmwareUpdate;
+use vehicle::Vehicle;
+
+/// Rate of the status, Hz.
+const STATUS_HZ: u8 = 1;
+
+/// Number of the only sensor. Autopilots recognise a compass by the numbers of node and sensor.
+const SENSOR: u8 = 0;
+
+/// Time without a frame of another node with the same number, after which the field is sent again, microseconds.
+const CONFLICT_US: u64 = 3_000_000;
+
+/// Microtesla of a gauss.
+const UT_PER_GAUSS: f32 = 100.0;
+
+/// Number of this node, or the client that asks for one.
+#[derive(Debug)]
+enum Address {
+    Configured(NodeId),
+    Allocated(NodeId),
+    Unallocated,
+}
+
+/// State of the module, from which messages and answers are made.
+#[derive(Clone, Copy, Debug)]
+pub struct NodeContext<'a> {
+    /// Snapshot as for a port, with the effective settings.
+    pub snapshot: Snapshot<'a>,
+    /// Settings as stored, for the parameters.
+    pub stored_settings: &'a Settings,
+    /// Whether the vehicle is armed, as far as any port or the bus knows.
+    pub is_armed: bool,
+}
+
+/// Compass node of a CAN bus.
+#[derive(Debug)]
+pub struct CanNode {
+    info: NodeInfo,
+    address: Address,
+    allocation: AllocationClient,
+    receiver: Receiver,
+    outbox: Outbox,
+    services: Services,
+    status: StatusMonitor,
+    vehicle: Vehicle,
+    log: Log,
+    tunnel: Tunnel,
+    field: MessageSchedule,
+    status_schedule: MessageSchedule,
+    /// Last frame of another node with this number.
+    conflict_at: Option<Timestamp>,
+    frames: BusCounts,
+    received_transfers: u32,
+}
+
+impl CanNode {
+    /// Creates a node.
+    #[must_use]
+    pub fn new(info: NodeInfo, settings: CanSettings) -> Self {
+        Self {
+            address: NodeId::new(settings.node).map_or(Address::Unallocated, Address::Configured),
+            allocation: AllocationClient::new(info.unique_id),
+            info,
+            receiver: Receiver::new(),
+            outbox: Outbox::default(),
+            services: Services::default(),
+            status: StatusMonitor::default(),
+            vehicle: Vehicle::default(),
+            log: Log::default(),
+            tunnel: Tunnel::default(),
+            field: MessageSchedule::new(),
+            status_schedule: MessageSchedule::new(),
+            conflict_at: None,
+            frames: BusCounts::default(),
+            received_transfers: 0,
+        }
+    }
+
+    /// Processes a frame; passes on the messages that it completes. A request is answered by [`poll`](Self::poll).
+    pub fn receive(&mut self, at: Timestamp, frame: &CanFrame, deliver: &mut dyn FnMut(ReceivedMessage)) {
+        self.frames.received = self.frames.received.wrapping_add(1);
+        let own = self.number();
+        if own.is_some() && FrameHeader::from_id(frame.id()).and_then(|header| header.source) == own {
+            self.on_conflict(at);
+            return;
+        }
+        let Self { receiver, services, vehicle, tunnel, allocation, .. } = self;
+        let Some(transfer) = receiver.push(at, own, frame) else { return };
+        self.received_transfers = self.received_transfers.wrapping_add(1);
+        let InboundTransfer { source, message, .. } = transfer;
+        match (message, own, source) {
+            (InboundMessage::Allocation(step), None, _) => {
+                if let Some(number) = allocation.receive(at, source, step) {
+                    self.address = Address::Allocated(number);
+                }
+            }
+            (InboundMessage::Targetted(piece), Some(own), _) if piece.target == own.get() => {
+                let has_battery = vehicle.has_battery(at);
+                tunnel.receive(at, &transfer, &piece, &mut |message| match message {
+                    ReceivedMessage::Current(_) if has_battery => {}
+                    message => deliver(message),
+                });
+            }
+            (InboundMessage::ArmingStatus(is_armed), _, Some(source)) => vehicle.update_armed(at, source, is_armed),
+            (InboundMessage::Battery { battery, current_a: Some(current_a) }, _, Some(source))
+                if vehicle.accept_battery(at, source, battery) =>
+            {
+                deliver(ReceivedMessage::Current(current_a));
+            }
+            (InboundMessage::Fix(position, date), _, Some(_)) => {
+                position.map(ReceivedMessage::Position).into_iter().for_each(&mut *deliver);
+                date.map(ReceivedMessage::Date).into_iter().for_each(&mut *deliver);
+            }
+            (_, Some(own), _) => services.receive(own, &transfer),
+            _ => {}
+        }
+    }
+
+    /// Queues due messages and answers; returns a command to execute, whose result [`complete_command`] takes. Called for
+    /// every estimate, and after received frames.
+    ///
+    /// [`complete_command`]: Self::complete_command
+    pub fn poll(&mut self, context: &NodeContext<'_>) -> Option<Command> {
+        let NodeContext { snapshot, .. } = context;
+        let now = snapshot.now;
+        self.status.update(snapshot);
+        self.log.update(snapshot);
+        self.outbox.expire(now);
+        if self.frames.received == 0 {
+            return None;
+        }
+        let Some(own) = self.number() else {
+            if let Some(payload) = self.allocation.poll(now) {
+                self.outbox.send_message(now, None, DataType::ALLOCATION, priority::LOW, payload);
+            }
+            return None;
+        };
+        self.send_field(own, snapshot);
+        self.send_status(own, snapshot);
+        let command = self.answer_requests(own, context);
+        self.send_tunnel(own, snapshot);
+        self.send_log(own, now);
+        command
+    }
+
+    /// Processes the result of a command: of a request, or of one through the tunnel.
+    pub fn complete_command(&mut self, command: Command, result: Result<(), &Refusal>) {
+        if !self.services.complete(command, result) {
+            self.tunnel.mavlink.complete_command(command, result);
+        }
+    }
+
+    /// Update to hand over to the boot loader before the restart that follows.
+    #[must_use]
+    pub const fn granted_update(&self) -> Option<&FirmwareUpdate> {
+        self.services.granted_update()
+    }
+
+    /// Queues a message for people.
+    pub fn queue_text(&mut self, message: &Notice) {
+        self.log.push(message);
+        self.tunnel.mavlink.queue_text(message);
+    }
+
+    /// Sets or removes the key of MAVLink's signatures.
+    pub fn set_signing_key(&mut self, key: Option<SigningKey>) {
+        self.tunnel.mavlink.set_signing_key(key);
+    }
+
+    /// Whether a calibration differs from the last one reported by MAVLink.
+    #[must_use]
+    pub fn is_unreported(&self, calibration: &Calibration) -> bool {
+        self.tunnel.mavlink.is_unreported(calibration)
+    }
+
+    /// Whether the vehicle is armed, if another node has reported that recently; `armed` of either report counts.
+    #[must_use]
+    pub fn is_armed(&self, now: Timestamp) -> Option<bool> {
+        match (self.vehicle.is_armed(now), self.tunnel.mavlink.is_armed(now)) {
+            (Some(one), Some(two)) => Some(one || two),
+            (known, None) | (None, known) => known,
+        }
+    }
+
+    /// Frame to send next.
+    #[must_use]
+    pub fn next_frame(&self) -> Option<&CanFrame> {
+        self.outbox.front()
+    }
+
+    /// Removes the frame after it was sent.
+    pub fn frame_sent(&mut self, now: Timestamp) {
+        self.outbox.pop(now);
+        self.frames.sent = self.frames.sent.wrapping_add(1);
+    }
+
+    /// Whether a request waits for [`poll`](Self::poll).
+    #[must_use]
+    pub fn has_requests(&self) -> bool {
+        self.services.has_requests()
+    }
+
+    /// Counts an error of the bus.
+    pub const fn bus_error(&mut self) {
+        self.frames.errors = self.frames.errors.wrapping_add(1);
+    }
+
+    /// State for people.
+    #[must_use]
+    pub fn state(&self, now: Timestamp) -> CanState {
+        CanState { node: self.number(), has_conflict: self.has_conflict(now), frames: self.frames }
+    }
+
+    const fn number(&self) -> Option<NodeId> {
+        match self.address {
+            Address::Configured(number) | Address::Allocated(number) => Some(number),
+            Address::Unallocated => None,
+        }
+    }
+
+    /// Another node has this number: a configured one stays, without a field; another allocated one is asked for.
+    fn on_conflict(&mut self, at: Timestamp) {
+        self.conflict_at = Some(at);
+        if let Address::Allocated(_) = self.address {
+            self.address = Address::Unallocated;
+            self.outbox.clear();
+        }
+    }
+
+    fn has_conflict(&self, now: Timestamp) -> bool {
+        self.conflict_at.is_some_and(|at| now.us_since(at) <= CONFLICT_US)
+    }
+
+    fn send_field(&mut self, own: NodeId, snapshot: &Snapshot<'_>) {
+        let CanSettings { rate_hz, sends_covariance, .. } = snapshot.settings.can;
+        let Some(field) = snapshot.estimate.compass_field.filter(|_| !self.has_conflict(snapshot.now)) else { return };
+        if field.ut.iter().all(|ut| ut.is_finite()) && self.field.is_due(snapshot.now, rate_hz) {
+            let variances =
+                if sends_covariance { variance_gauss2(snapshot.estimate, field).map(|axis| [axis; 3]) } else { None };
+            let gauss = [field.ut.x, field.ut.y, field.ut.z].map(|ut| ut / UT_PER_GAUSS);
+            let payload = outbound::magnetic_field(SENSOR, gauss, variances);
+            self.outbox.send_field(snapshot.now, own, priority::LOW, payload);
+        }
+    }
+
+    fn send_status(&mut self, own: NodeId, snapshot: &Snapshot<'_>) {
+        if self.status_schedule.is_due(snapshot.now, STATUS_HZ) {
+            let status = self.node_status(snapshot);
+            self.outbox.send_message(snapshot.now, Some(own), DataType::NODE_STATUS, priority::LOW, status.payload());
+        }
+    }
+
+    fn node_status(&self, snapshot: &Snapshot<'_>) -> outbound::NodeStatus {
+        self.status.status(snapshot, self.services.is_updating(), self.has_conflict(snapshot.now))
+    }
+
+    fn answer_requests(&mut self, own: NodeId, context: &NodeContext<'_>) -> Option<Command> {
+        let NodeContext { snapshot, stored_settings, is_armed } = context;
+        let status = self.node_status(snapshot);
+        let transfers = BusCounts {
+            sent: self.outbox.transfers,
+            received: self.received_transfers,
+            errors: self.receiver.rejected.wrapping_add(self.outbox.lost),
+        };
+        let Self { info, services, outbox, frames, .. } = self;
+        let describe = |data_type| match data_type {
+            DataType::GET_NODE_INFO => info.payload(status),
+            _ => outbound::transport_stats(transfers, *frames),
+        };
+        loop {
+            match services.step(snapshot.now, stored_settings, *is_armed, describe) {
+                Step::Execute(command) => return Some(command),
+                Step::Respond(response) if outbox.send(snapshot.now, Some(own), &response) => services.pop(),
+                // Without room the response is made again later.
+                Step::Respond(_) | Step::Idle => return None,
+            }
+        }
+    }
+
+    fn send_tunnel(&mut self, own: NodeId, snapshot: &Snapshot<'_>) {
+        self.tunnel.poll(snapshot);
+        if let Some((payload, length)) = self.tunnel.next_piece()
+            && self.outbox.send_message(snapshot.now, Some(own), DataType::TARGETTED, priority::MEDIUM, payload)
+        {
+            self.tunnel.consume(length);
+        }
+    }
+
+    fn send_log(&mut self, own: NodeId, now: Timestamp) {
+        if self.outbox.has_room_for_text()
+            && let Some(payload) = self.log.next_piece(now)
+        {
+            self.outbox.send_message(now, Some(own), DataType::LOG_MESSAGE, priority::LOW, payload);
+        }
+    }
+}
+
+/// Variance of each axis, square gauss: the heading's standard deviation is caused by an error across the horizontal field.
+/// Unknown without a heading.
+fn variance_gauss2(estimate: &Estimate, field: Field<Body>) -> Option<f32> {
+    let (heading, attitude) = (estimate.heading.ok()?, estimate.attitude?);
+    let level = attitude.level(field);
+    let horizontal_gauss = sqrt(level.ut.x * level.ut.x + level.ut.y * level.ut.y) / UT_PER_GAUSS;
+    let sigma_gauss = heading.sigma_rad * horizontal_gauss;
+    Some(sigma_gauss * sigma_gauss)
+}

@@ -1,0 +1,146 @@
+//! Frames to send. A transfer is queued whole or not at all.
+
+use crate::time::Timestamp;
+use crate::wire::dronecan::{CanFrame, DataType, NodeId, OutboundTransfer, Payload, TRANSFER_ID_MASK, TransferKind};
+
+/// Capacity, frames: two transfers of the longest tunnelled piece, and some short ones.
+const FRAMES: usize = 48;
+
+/// Frames of the longest text: 90 characters with their source.
+const TEXT_FRAMES: usize = 15;
+
+/// Frames of a field with its covariance.
+const FIELD_FRAMES: usize = 3;
+
+/// Time without a sent frame after which the frames are out of date and dropped, microseconds.
+const TIMEOUT_US: u64 = 1_000_000;
+
+/// Messages with a counter of transfers.
+const COUNTED: [DataType; 5] = [
+    DataType::MAGNETIC_FIELD_STRENGTH_2,
+    DataType::NODE_STATUS,
+    DataType::LOG_MESSAGE,
+    DataType::TARGETTED,
+    DataType::ALLOCATION,
+];
+
+/// Queue of frames; a field is sent before the others, and replaces one that waits.
+#[derive(Debug, Default)]
+pub(super) struct Outbox {
+    field: heapless::Deque<CanFrame, FIELD_FRAMES>,
+    /// Whether the first frame of the field was sent.
+    is_field_begun: bool,
+    frames: heapless::Deque<CanFrame, FRAMES>,
+    transfer_ids: [u8; COUNTED.len()],
+    /// Time of the last sent frame, or of the first frame in an empty queue.
+    progress_at: Timestamp,
+    /// Queued transfers; wraps.
+    pub transfers: u32,
+    /// Transfers dropped for lack of room or time; wraps.
+    pub lost: u32,
+}
+
+impl Outbox {
+    /// Queues a transfer; returns whether there was room.
+    pub fn send(&mut self, now: Timestamp, source: Option<NodeId>, transfer: &OutboundTransfer) -> bool {
+        self.begin(now);
+        if self.frames.len() + transfer.frame_count() > FRAMES {
+            return false;
+        }
+        for frame in transfer.frames(source) {
+            let _ = self.frames.push_back(frame);
+        }
+        self.transfers = self.transfers.wrapping_add(1);
+        true
+    }
+
+    /// Queues a message; returns whether there was room.
+    pub fn send_message(
+        &mut self,
+        now: Timestamp,
+        source: Option<NodeId>,
+        data_type: DataType,
+        priority: u8,
+        payload: Payload,
+    ) -> bool {
+        let transfer_id = self.transfer_id(data_type);
+        let kind = TransferKind::Message;
+        let is_queued = self.send(now, source, &OutboundTransfer { data_type, priority, kind, transfer_id, payload });
+        if is_queued {
+            self.count(data_type);
+        }
+        is_queued
+    }
+
+    /// Queues a field, in place of one of which no frame was sent.
+    pub fn send_field(&mut self, now: Timestamp, source: NodeId, priority: u8, payload: Payload) {
+        self.begin(now);
+        if !self.field.is_empty() {
+            self.lost = self.lost.wrapping_add(1);
+            if self.is_field_begun {
+                return;
+            }
+            self.field.clear();
+        }
+        let data_type = DataType::MAGNETIC_FIELD_STRENGTH_2;
+        let transfer_id = self.transfer_id(data_type);
+        let kind = TransferKind::Message;
+        for frame in (OutboundTransfer { data_type, priority, kind, transfer_id, payload }).frames(Some(source)) {
+            let _ = self.field.push_back(frame);
+        }
+        self.is_field_begun = false;
+        self.transfers = self.transfers.wrapping_add(1);
+        self.count(data_type);
+    }
+
+    /// Next frame.
+    pub fn front(&self) -> Option<&CanFrame> {
+        self.field.front().or_else(|| self.frames.front())
+    }
+
+    /// Removes the next frame after it was sent.
+    pub fn pop(&mut self, now: Timestamp) {
+        self.progress_at = now;
+        self.is_field_begun = self.field.pop_front().is_some() || {
+            self.frames.pop_front();
+            false
+        };
+    }
+
+    /// Drops the frames that the bus did not accept in time.
+    pub fn expire(&mut self, now: Timestamp) {
+        if self.front().is_some() && now.us_since(self.progress_at) > TIMEOUT_US {
+            self.clear();
+            self.lost = self.lost.wrapping_add(1);
+        }
+    }
+
+    /// Drops all frames.
+    pub fn clear(&mut self) {
+        self.field.clear();
+        self.frames.clear();
+    }
+
+    /// Whether a text fits.
+    pub fn has_room_for_text(&self) -> bool {
+        self.frames.len() + TEXT_FRAMES <= FRAMES
+    }
+
+    fn begin(&mut self, now: Timestamp) {
+        if self.front().is_none() {
+            self.progress_at = now;
+        }
+    }
+
+    fn transfer_id(&self, data_type: DataType) -> u8 {
+        COUNTED.iter().zip(&self.transfer_ids).find(|(counted, _)| **counted == data_type).map_or(0, |(_, &id)| id)
+    }
+
+    fn count(&mut self, data_type: DataType) {
+        for (counted, id) in COUNTED.iter().zip(&mut self.transfer_ids) {
+            if *counted == data_type {
+                *id = (*id + 1) & TRANSFER_ID_MASK;
+            }
+        }
+    }
+}

@@ -1,0 +1,56 @@
+//! Settings as parameters of GetSet.
+
+use crate::settings::Settings;
+use crate::settings::parameters::{PARAMETERS, Parameter, ParameterValue};
+use crate::wire::dronecan::{GetSet, Payload, Value, outbound};
+use crate::wire::mavlink::key_from_passphrase;
+
+/// Word that removes the key of signatures, and what is read without one.
+const OFF: &str = "off";
+
+/// Parameter of a request: by its name, otherwise by its position.
+pub(super) fn requested(request: &GetSet<'_>) -> Option<&'static Parameter> {
+    if request.name.is_empty() {
+        return PARAMETERS.get(usize::from(request.index));
+    }
+    PARAMETERS.iter().find(|parameter| parameter.name.as_bytes() == request.name)
+}
+
+/// Value of a request in the parameter's kind; `None` for another kind, which is a request to read.
+pub(super) fn requested_value(parameter: &Parameter, value: Value<'_>) -> Option<ParameterValue> {
+    match (parameter.value(&Settings::DEFAULT), value) {
+        (ParameterValue::Whole(_), Value::Integer(number)) => u32::try_from(number).ok().map(ParameterValue::Whole),
+        (ParameterValue::Whole(_), Value::Boolean(is_on)) => Some(ParameterValue::Whole(is_on.into())),
+        (ParameterValue::Number(_), Value::Real(number)) => Some(ParameterValue::Number(number)),
+        (ParameterValue::Number(_), Value::Integer(number)) => Some(ParameterValue::Number(number as f32)),
+        (ParameterValue::Key(_), Value::Text(word)) => {
+            let word = core::str::from_utf8(word).ok().filter(|word| !word.is_empty())?;
+            let key = (!word.eq_ignore_ascii_case(OFF)).then(|| key_from_passphrase(word));
+            Some(ParameterValue::Key(key))
+        }
+        _ => None,
+    }
+}
+
+/// Response with value, default and range; empty without such a parameter.
+pub(super) fn response(parameter: Option<&Parameter>, settings: &Settings) -> Payload {
+    let Some(parameter) = parameter else { return outbound::Parameter::default().payload() };
+    let [min, max] = parameter.range().map_or([Value::Empty; 2], |range| range.map(to_value));
+    outbound::Parameter {
+        value: to_value(parameter.value(settings)),
+        default: to_value(parameter.value(&Settings::DEFAULT)),
+        max,
+        min,
+        name: parameter.name,
+    }
+    .payload()
+}
+
+/// A key is not sent, only whether there is one.
+fn to_value(value: ParameterValue) -> Value<'static> {
+    match value {
+        ParameterValue::Whole(number) => Value::Integer(number.into()),
+        ParameterValue::Number(number) => Value::Real(number),
+        ParameterValue::Key(key) => Value::Text(key.map_or(OFF, |_| "on").as_bytes()),
+    }
+}

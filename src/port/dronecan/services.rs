@@ -1,0 +1,243 @@
+//! Requests of other nodes. They wait until the module's state is known, and while the state machine executes a command.
+
+use super::parameters;
+use super::update::FirmwareUpdate;
+use crate::compass::Command;
+use crate::messages::Refusal;
+use crate::settings::Settings;
+use crate::settings::parameters::{Parameter, ParameterValue};
+use crate::time::Timestamp;
+use crate::wire::dronecan::outbound::{self, UpdateResult};
+use crate::wire::dronecan::{
+    DataType, InboundMessage, InboundTransfer, NodeId, Opcode, OutboundTransfer, Payload, TransferKind,
+};
+
+/// Capacity, requests. While the queue is full, further ones are not answered, and their senders repeat them.
+const WAITING: usize = 4;
+
+/// Timeout of a command, microseconds: longer than any save.
+const RESULT_TIMEOUT_US: u64 = 2_000_000;
+
+/// Where a response goes.
+#[derive(Clone, Copy, Debug)]
+struct Requester {
+    node: NodeId,
+    priority: u8,
+    transfer_id: u8,
+}
+
+impl Requester {
+    fn response(self, (data_type, payload): (DataType, Payload)) -> OutboundTransfer {
+        let Self { node, priority, transfer_id } = self;
+        OutboundTransfer { data_type, priority, kind: TransferKind::Response(node), transfer_id, payload }
+    }
+}
+
+/// Request without its requester.
+#[derive(Clone, Copy, Debug)]
+enum Request {
+    GetNodeInfo,
+    GetTransportStats,
+    Parameter { parameter: Option<&'static Parameter>, value: Option<ParameterValue> },
+    Opcode(Opcode),
+    Restart { is_confirmed: bool },
+    Update { is_valid: bool },
+}
+
+/// Command in execution for a requester.
+#[derive(Clone, Copy, Debug)]
+struct OpenCommand {
+    at: Timestamp,
+    command: Command,
+    requester: Requester,
+    request: Request,
+}
+
+/// Next step with the oldest request.
+pub(super) enum Step {
+    /// Nothing to do.
+    Idle,
+    /// Send a response, then call [`Services::pop`].
+    Respond(OutboundTransfer),
+    /// Execute a command, then call [`Services::complete`].
+    Execute(Command),
+}
+
+/// Queue of requests.
+#[derive(Debug, Default)]
+pub(super) struct Services {
+    waiting: heapless::Deque<(Requester, Request), WAITING>,
+    open: Option<OpenCommand>,
+    /// Request of an executed command, and its result, which is sent before all others.
+    finished: Option<(Requester, Request, Result<(), &'static str>)>,
+    /// Requested update; one at a time.
+    update: Option<FirmwareUpdate>,
+    /// Update that the state machine has granted.
+    granted: Option<FirmwareUpdate>,
+}
+
+impl Services {
+    /// Queues a request.
+    pub fn receive(&mut self, own: NodeId, transfer: &InboundTransfer<'_>) {
+        let Some(node) = transfer.source else { return };
+        let request = match transfer.message {
+            InboundMessage::GetNodeInfo => Request::GetNodeInfo,
+            InboundMessage::GetTransportStats => Request::GetTransportStats,
+            InboundMessage::GetSet(request) => {
+                let parameter = parameters::requested(&request);
+                let value = parameter.and_then(|parameter| parameters::requested_value(parameter, request.value));
+                Request::Parameter { parameter, value }
+            }
+            InboundMessage::ExecuteOpcode(opcode) => Request::Opcode(opcode),
+            InboundMessage::RestartNode(is_confirmed) => Request::Restart { is_confirmed },
+            InboundMessage::BeginFirmwareUpdate { server, path } => {
+                let update = FirmwareUpdate::new(server.unwrap_or(node), own, path);
+                let is_valid = update.is_some();
+                self.update = self.update.take().or(update);
+                Request::Update { is_valid }
+            }
+            _ => return,
+        };
+        let requester = Requester { node, priority: transfer.priority, transfer_id: transfer.transfer_id };
+        let _ = self.waiting.push_back((requester, request));
+    }
+
+    /// Whether a request waits.
+    pub fn has_requests(&self) -> bool {
+        !self.waiting.is_empty() || self.finished.is_some()
+    }
+
+    /// Next step. Nothing changes while the vehicle is armed. `describe` returns the responses that only the node knows.
+    pub fn step(
+        &mut self,
+        now: Timestamp,
+        settings: &Settings,
+        is_armed: bool,
+        describe: impl Fn(DataType) -> Payload,
+    ) -> Step {
+        if self.open.is_some_and(|open| now.us_since(open.at) > RESULT_TIMEOUT_US) {
+            self.finish(Err("timeout"));
+        }
+        if let Some((requester, request, result)) = self.finished {
+            return Step::Respond(requester.response(result_of(request, result, settings)));
+        }
+        let Some((requester, request)) = self.waiting.front().copied() else { return Step::Idle };
+        match self.decide(request, settings, is_armed, describe) {
+            Decision::Answer(data_type, payload) => Step::Respond(requester.response((data_type, payload))),
+            Decision::Execute(_) if self.open.is_some() => Step::Idle,
+            Decision::Execute(command) => {
+                self.waiting.pop_front();
+                self.open = Some(OpenCommand { at: now, command, requester, request });
+                Step::Execute(command)
+            }
+        }
+    }
+
+    /// Removes the request after its response was queued.
+    pub fn pop(&mut self) {
+        if self.finished.take().is_none() {
+            self.waiting.pop_front();
+        }
+    }
+
+    /// Processes the result of a command; returns whether a request waited for it.
+    pub fn complete(&mut self, command: Command, result: Result<(), &Refusal>) -> bool {
+        let is_open = self.open.is_some_and(|open| open.command == command);
+        if is_open {
+            self.finish(result.map_err(Refusal::code));
+        }
+        is_open
+    }
+
+    /// Whether the module is about to load another firmware.
+    pub const fn is_updating(&self) -> bool {
+        self.granted.is_some()
+    }
+
+    /// Granted update, to be handed over before the restart.
+    pub const fn granted_update(&self) -> Option<&FirmwareUpdate> {
+        self.granted.as_ref()
+    }
+
+    fn decide(
+        &mut self,
+        request: Request,
+        settings: &Settings,
+        is_armed: bool,
+        describe: impl Fn(DataType) -> Payload,
+    ) -> Decision {
+        let described = |data_type| Decision::Answer(data_type, describe(data_type));
+        match request {
+            Request::GetNodeInfo => described(DataType::GET_NODE_INFO),
+            Request::GetTransportStats => described(DataType::GET_TRANSPORT_STATS),
+            Request::Parameter { parameter, value } => {
+                let change =
+                    parameter.zip(value).filter(|(parameter, value)| !is_armed && parameter.value(settings) != *value);
+                change.and_then(|(parameter, value)| parameter.change(settings, value)).map_or_else(
+                    || Decision::Answer(DataType::GET_SET, parameters::response(parameter, settings)),
+                    |change| Decision::Execute(Command::Set(change)),
+                )
+            }
+            Request::Opcode(Opcode::Erase) if !is_armed => Decision::Execute(Command::ResetSettings),
+            // A parameter is saved when it is set.
+            Request::Opcode(opcode) => {
+                Decision::Answer(DataType::EXECUTE_OPCODE, outbound::opcode_result(opcode == Opcode::Save))
+            }
+            Request::Restart { is_confirmed: true } if !is_armed => Decision::Execute(Command::Restart),
+            Request::Restart { .. } => Decision::Answer(DataType::RESTART_NODE, outbound::restart_result(false)),
+            Request::Update { is_valid } => self.decide_update(is_valid, is_armed),
+        }
+    }
+
+    fn decide_update(&mut self, is_valid: bool, is_armed: bool) -> Decision {
+        let (result, reason) = if self.is_updating() || self.is_update_open() {
+            (UpdateResult::InProgress, "")
+        } else if is_armed {
+            self.update = None;
+            (UpdateResult::InvalidMode, "armed")
+        } else if !is_valid {
+            (UpdateResult::Unknown, "a path has 1 to 200 characters")
+        } else {
+            return Decision::Execute(Command::Restart);
+        };
+        Decision::Answer(DataType::BEGIN_FIRMWARE_UPDATE, outbound::update_result(result, reason))
+    }
+
+    fn is_update_open(&self) -> bool {
+        matches!(self.open, Some(OpenCommand { request: Request::Update { .. }, .. }))
+    }
+
+    /// Ends the open command.
+    fn finish(&mut self, result: Result<(), &'static str>) {
+        let Some(OpenCommand { requester, request, .. }) = self.open.take() else { return };
+        if let Request::Update { .. } = request {
+            self.granted = self.update.take().filter(|_| result.is_ok());
+        }
+        self.finished = Some((requester, request, result));
+    }
+}
+
+/// Response to a request after its command. A parameter is answered with the value that is then in force.
+fn result_of(request: Request, result: Result<(), &'static str>, settings: &Settings) -> (DataType, Payload) {
+    match request {
+        Request::Parameter { parameter, .. } => (DataType::GET_SET, parameters::response(parameter, settings)),
+        Request::Opcode(_) => (DataType::EXECUTE_OPCODE, outbound::opcode_result(result.is_ok())),
+        Request::Update { .. } => {
+            let (code, reason) = match result {
+                Ok(()) => (UpdateResult::Ok, ""),
+                Err(reason) => (UpdateResult::InvalidMode, reason),
+            };
+            (DataType::BEGIN_FIRMWARE_UPDATE, outbound::update_result(code, reason))
+        }
+        // The others need no command.
+        Request::Restart { .. } | Request::GetNodeInfo | Request::GetTransportStats => {
+            (DataType::RESTART_NODE, outbound::restart_result(result.is_ok()))
+        }
+    }
+}
+
+/// Answer to a request, or the command that it needs.
+enum Decision {
+    Answer(DataType, Payload),
+    Execute(Command),
+}

@@ -1,0 +1,77 @@
+//! State of the node in NodeStatus.
+
+use crate::compass::IndicatorState;
+use crate::heading::NoHeading;
+use crate::port::Snapshot;
+use crate::time::Timestamp;
+use crate::wire::dronecan::outbound::{Health, Mode, NodeStatus};
+
+/// Silence of the sensor that is a fault of the node, microseconds. It is the only one: an autopilot does not arm while a
+/// node is not healthy, and everything else shows in the field that is not sent.
+const SENSOR_FAULT_US: u64 = 10_000_000;
+
+/// Conditions of the status that last.
+#[derive(Debug, Default)]
+pub(super) struct StatusMonitor {
+    has_reading: bool,
+    /// Begin of the sensor's silence.
+    silent_since: Option<Timestamp>,
+}
+
+impl StatusMonitor {
+    /// Updates the conditions with an estimate.
+    pub fn update(&mut self, snapshot: &Snapshot<'_>) {
+        if snapshot.estimate.heading == Err(NoHeading::SensorSilent) {
+            self.silent_since.get_or_insert(snapshot.now);
+        } else {
+            (self.has_reading, self.silent_since) = (true, None);
+        }
+    }
+
+    /// Status to send.
+    pub fn status(&self, snapshot: &Snapshot<'_>, is_updating: bool, has_conflict: bool) -> NodeStatus {
+        let is_faulty = self.silent_since.is_some_and(|since| snapshot.now.us_since(since) >= SENSOR_FAULT_US);
+        NodeStatus {
+            uptime_s: (snapshot.now.as_us() / 1_000_000) as u32,
+            health: if is_faulty { Health::Error } else { Health::Ok },
+            mode: match (is_updating, self.has_reading || is_faulty) {
+                (true, _) => Mode::SoftwareUpdate,
+                (false, false) => Mode::Initialization,
+                (false, true) => Mode::Operational,
+            },
+            vendor_code: vendor_code(snapshot, has_conflict),
+        }
+    }
+}
+
+/// State in 16 bits: bits 0 to 3 the reason for an empty heading (0: there is one), bits 4 and 5 the calibration, bit 6 a
+/// field that is not sent, bit 7 another node with this number, bits 8 to 14 the progress of a collection in percent.
+fn vendor_code(snapshot: &Snapshot<'_>, has_conflict: bool) -> u16 {
+    let reason = snapshot.estimate.heading.err().map_or(0, reason_number);
+    let (calibration, percent) = match snapshot.indicator {
+        IndicatorState::Idle => (0, 0),
+        IndicatorState::Collecting(percent) => (1, percent.min(100)),
+        IndicatorState::Calibrated => (2, 100),
+        IndicatorState::Refused => (3, 0),
+    };
+    let is_withheld = snapshot.estimate.compass_field.is_none() || has_conflict;
+    reason | calibration << 4 | u16::from(is_withheld) << 6 | u16::from(has_conflict) << 7 | u16::from(percent) << 8
+}
+
+/// Number of a reason, which documents name.
+const fn reason_number(reason: NoHeading) -> u16 {
+    match reason {
+        NoHeading::Uncalibrated => 1,
+        NoHeading::SensorSilent => 2,
+        NoHeading::SensorSaturated => 3,
+        NoHeading::SensorClipped => 4,
+        NoHeading::SensorStuck => 5,
+        NoHeading::SensorSpike => 6,
+        NoHeading::AttitudeStale => 7,
+        NoHeading::AttitudeFrozen => 8,
+        NoHeading::AttitudeContradicted => 9,
+        NoHeading::FieldDisturbed => 10,
+        NoHeading::FieldChanged => 11,
+        NoHeading::SafeMode => 12,
+    }
+}

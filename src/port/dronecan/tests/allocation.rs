@@ -1,0 +1,175 @@
+//! Dynamic allocation of numbers, by an allocator written from its specification.
+
+use super::*;
+use testkit::random::Random;
+
+/// Allocator: grants numbers from 125 down, remembers them by unique id, and forgets an exchange after 500 ms.
+struct Allocator {
+    granted: Vec<[u8; UNIQUE_ID_LENGTH]>,
+    exchange: Vec<u8>,
+    last_us: u64,
+    transfer_id: u8,
+}
+
+impl Allocator {
+    const fn new() -> Self {
+        Self { granted: Vec::new(), exchange: Vec::new(), last_us: 0, transfer_id: 0 }
+    }
+
+    fn respond(&mut self, now_us: u64, request: &CanFrame) -> Option<OutboundTransfer> {
+        let header = FrameHeader::from_id(request.id()).unwrap();
+        let (_, [first, part @ ..]) = request.data().split_last()? else { return None };
+        if header.source.is_some() || header.type_id != 1 {
+            return None;
+        }
+        if now_us > self.last_us + 500_000 {
+            self.exchange.clear();
+        }
+        match (first & 1, self.exchange.len()) {
+            (1, _) => self.exchange = part.to_vec(),
+            (_, 6 | 12) => self.exchange.extend_from_slice(part),
+            _ => return None,
+        }
+        self.last_us = now_us;
+        let mut number = 0;
+        if let Ok(unique_id) = <[u8; UNIQUE_ID_LENGTH]>::try_from(&self.exchange[..]) {
+            let known = self.granted.iter().position(|granted| *granted == unique_id);
+            let position = known.unwrap_or_else(|| {
+                self.granted.push(unique_id);
+                self.granted.len() - 1
+            });
+            number = 125 - position as u8;
+        }
+        let payload = [&[number << 1], &self.exchange[..]].concat();
+        if number > 0 {
+            self.exchange.clear();
+        }
+        self.transfer_id = (self.transfer_id + 1) % 32;
+        Some(transfer(DataType::ALLOCATION, self.transfer_id, &payload))
+    }
+}
+
+/// A bus of unallocated nodes and an allocator, which is heard once a second; frames are lost, repeated or late by chance.
+struct AllocationBus {
+    nodes: Vec<Bench>,
+    allocator: Allocator,
+    random: Random,
+    loss: f32,
+}
+
+impl AllocationBus {
+    fn new(first_bytes: &[u8], loss: f32, seed: u64) -> Self {
+        let nodes = first_bytes.iter().map(|&first| Bench::unallocated(first)).collect();
+        Self { nodes, allocator: Allocator::new(), random: Random(seed), loss }
+    }
+
+    fn numbers(&self) -> Vec<Option<u8>> {
+        self.nodes.iter().map(|bench| bench.node.number().map(NodeId::get)).collect()
+    }
+
+    /// Runs until all nodes have numbers; returns the time in milliseconds.
+    fn run(&mut self, at_most_ms: u64) -> Option<u64> {
+        let mut on_bus: Vec<(usize, CanFrame)> = Vec::new();
+        for now_us in (0..at_most_ms * 1000).step_by(PERIOD_US as usize) {
+            for (number, bench) in self.nodes.iter_mut().enumerate() {
+                bench.now_us = now_us;
+                bench.poll();
+                bench.send();
+                on_bus.extend(bench.frames.drain(..).map(|frame| (number, frame)));
+            }
+            if now_us.is_multiple_of(1_000_000) {
+                let heard = transfer(DataType::ARMING_STATUS, 0, &[0]);
+                on_bus.extend(heard.frames(NodeId::new(PEER)).map(|frame| (usize::MAX, frame)));
+            }
+            let mut delivered = Vec::new();
+            for (sender, frame) in on_bus.drain(..) {
+                if self.random.uniform(0.0, 1.0) < self.loss {
+                    continue;
+                }
+                let answer = (sender != usize::MAX).then(|| self.allocator.respond(now_us, &frame)).flatten();
+                delivered.push((sender, frame));
+                let frames: Vec<_> = answer.iter().flat_map(|answer| answer.frames(NodeId::new(PEER))).collect();
+                for frame in frames {
+                    let copies = usize::from(self.random.uniform(0.0, 1.0) >= self.loss)
+                        + usize::from(self.random.uniform(0.0, 1.0) < self.loss);
+                    delivered.extend(vec![(usize::MAX, frame); copies]);
+                }
+            }
+            for (sender, frame) in delivered {
+                for (number, bench) in self.nodes.iter_mut().enumerate() {
+                    if number != sender {
+                        bench.receive_frame(&frame);
+                    }
+                }
+            }
+            if self.numbers().iter().all(Option::is_some) {
+                return Some(now_us / 1000);
+            }
+        }
+        None
+    }
+}
+
+/// Two seconds are what people expect; the random delays are up to 1.0, 0.4 and 0.4 s.
+#[test]
+fn a_number_is_allocated_within_two_seconds() {
+    for first_byte in 0..50 {
+        let mut bus = AllocationBus::new(&[first_byte], 0.0, 1);
+        let ms = bus.run(5000).expect("a number");
+        assert!((600..2000).contains(&ms), "{ms} ms");
+        assert_eq!(bus.numbers(), [Some(125)]);
+    }
+}
+
+/// Each collision of their exchanges costs both another turn.
+#[test]
+fn two_modules_on_one_bus_get_different_numbers() {
+    for first_byte in 0..50 {
+        let mut bus = AllocationBus::new(&[first_byte, 200 - first_byte], 0.0, 1);
+        assert!(bus.run(20_000).is_some());
+        let mut numbers = bus.numbers();
+        numbers.sort_unstable();
+        assert_eq!(numbers, [Some(124), Some(125)]);
+    }
+}
+
+/// A tenth of the frames is lost, and a tenth repeated.
+#[test]
+fn a_number_is_allocated_on_a_bad_bus() {
+    for seed in 0..50 {
+        let mut bus = AllocationBus::new(&[7], 0.1, seed);
+        assert!(bus.run(30_000).is_some(), "seed {seed}");
+        assert_eq!(bus.numbers(), [Some(125)]);
+    }
+}
+
+/// A bus with another bit rate has no valid frames.
+#[test]
+fn a_node_is_silent_until_it_hears_another() {
+    let mut bench = Bench::unallocated(1);
+    assert_eq!(bench.run(5000), []);
+    bench.receive(PEER, &transfer(DataType::ARMING_STATUS, 0, &[0]));
+    assert_eq!(bench.sent(DataType::ALLOCATION, 1100).len(), 1);
+}
+
+/// Without an allocator the node asks every 0.6 to 1 s, and sends nothing else.
+#[test]
+fn an_unallocated_node_only_asks_for_a_number() {
+    let mut bench = Bench::unallocated(1);
+    bench.receive(PEER, &transfer(DataType::ARMING_STATUS, 0, &[0]));
+    let sent = bench.run(60_000);
+    assert!((60..=101).contains(&sent.len()), "{}", sent.len());
+    assert!(sent.iter().all(|sent| sent.header.source.is_none() && sent.payload.len() == 7));
+}
+
+/// The same unique id has the same number: the allocator remembers it.
+#[test]
+fn another_node_with_an_allocated_number_makes_the_node_ask_again() {
+    let mut bus = AllocationBus::new(&[7], 0.0, 1);
+    bus.run(5000).unwrap();
+    let bench = &mut bus.nodes[0];
+    assert!(!bench.sent(DataType::MAGNETIC_FIELD_STRENGTH_2, 1000).is_empty());
+    bench.receive(125, &transfer(DataType::ARMING_STATUS, 0, &[0]));
+    assert_eq!(bench.node.number(), None);
+    assert!(bench.run(500).iter().all(|sent| sent.header.source.is_none()));
+}

@@ -1,0 +1,188 @@
+//! The node against frames of other nodes, at readings of 80 Hz.
+
+mod allocation;
+mod requests;
+mod sending;
+mod vehicle;
+
+use super::*;
+use crate::compass::IndicatorState;
+use crate::frames::Attitude;
+use crate::heading::{Heading, NoHeading};
+use crate::wire::dronecan::outbound::SoftwareVersion;
+use crate::wire::dronecan::{OutboundTransfer, Payload, TransferKind, UNIQUE_ID_LENGTH};
+
+const PERIOD_US: u64 = 12_500;
+const OWN: u8 = 42;
+const PEER: u8 = 10;
+
+fn node(number: u8) -> NodeId {
+    NodeId::new(number).unwrap()
+}
+
+const fn info(first_byte: u8) -> NodeInfo {
+    let mut unique_id = [7; UNIQUE_ID_LENGTH];
+    unique_id[0] = first_byte;
+    let software = SoftwareVersion { major: 0, minor: 1, commit: None, image_crc: None };
+    NodeInfo { name: "org.autoswing.test", software, hardware: [1, 0], unique_id }
+}
+
+/// Transfer from another node; a request to this one if the type is a service.
+fn transfer(data_type: DataType, transfer_id: u8, payload: &[u8]) -> OutboundTransfer {
+    let kind = if data_type.is_service { TransferKind::Request(node(OWN)) } else { TransferKind::Message };
+    let payload = Payload::from_slice(payload).unwrap();
+    OutboundTransfer { data_type, priority: 20, kind, transfer_id, payload }
+}
+
+/// A transfer of several frames or of one, reassembled from sent frames.
+#[derive(Clone, Debug, PartialEq)]
+struct Sent {
+    header: FrameHeader,
+    transfer_id: u8,
+    payload: Vec<u8>,
+}
+
+/// Reassembles sent transfers of one node, and checks that none is incomplete.
+fn reassemble(frames: &[CanFrame]) -> Vec<Sent> {
+    let mut open: Vec<(u32, Vec<u8>)> = Vec::new();
+    let mut all = Vec::new();
+    for frame in frames {
+        let (&tail, part) = frame.data().split_last().unwrap();
+        if tail & 0x80 != 0 {
+            assert!(open.iter().all(|(id, _)| *id != frame.id()), "a transfer begins within another");
+            open.push((frame.id(), Vec::new()));
+        }
+        let at = open.iter().position(|(id, _)| *id == frame.id()).expect("a first frame before the others");
+        open[at].1.extend_from_slice(part);
+        if tail & 0x40 != 0 {
+            let (id, mut payload) = open.remove(at);
+            if tail & 0x80 == 0 {
+                payload.drain(..2);
+            }
+            all.push(Sent { header: FrameHeader::from_id(id).unwrap(), transfer_id: tail & 0x1F, payload });
+        }
+    }
+    all
+}
+
+/// Node with its module.
+struct Bench {
+    node: CanNode,
+    now_us: u64,
+    settings: Settings,
+    estimate: Estimate,
+    indicator: IndicatorState,
+    is_armed: bool,
+    commands: Vec<Command>,
+    delivered: Vec<ReceivedMessage>,
+    frames: Vec<CanFrame>,
+}
+
+const FIELD: Field<Body> = Field::from_ut(20.0, -5.0, 45.0);
+
+const NORTH: Heading = Heading { magnetic_rad: 0.0, sigma_rad: 0.01, systematic_variance_rad2: 0.0 };
+
+impl Bench {
+    fn unallocated(first_byte: u8) -> Self {
+        Self::with_settings(first_byte, Settings::DEFAULT)
+    }
+
+    /// Node 42, which has heard another node.
+    fn new() -> Self {
+        let can = CanSettings { node: OWN, ..CanSettings::DEFAULT };
+        let mut bench = Self::with_settings(1, Settings { can, ..Settings::DEFAULT });
+        bench.receive(PEER, &transfer(DataType::ARMING_STATUS, 0, &[0]));
+        bench
+    }
+
+    fn with_settings(first_byte: u8, settings: Settings) -> Self {
+        Self {
+            node: CanNode::new(info(first_byte), settings.can),
+            now_us: 0,
+            settings,
+            estimate: Estimate {
+                compass_field: Some(FIELD),
+                heading: Ok(NORTH),
+                attitude: Some(Attitude::default()),
+                ..Estimate::EMPTY
+            },
+            indicator: IndicatorState::Calibrated,
+            is_armed: false,
+            commands: Vec::new(),
+            delivered: Vec::new(),
+            frames: Vec::new(),
+        }
+    }
+
+    fn now(&self) -> Timestamp {
+        Timestamp::from_us(self.now_us)
+    }
+
+    fn receive(&mut self, source: u8, transfer: &OutboundTransfer) {
+        for frame in transfer.frames(NodeId::new(source)) {
+            self.receive_frame(&frame);
+        }
+    }
+
+    fn receive_frame(&mut self, frame: &CanFrame) {
+        let (now, delivered) = (self.now(), &mut self.delivered);
+        self.node.receive(now, frame, &mut |message| delivered.push(message));
+    }
+
+    /// Polls once, without sending.
+    fn poll(&mut self) {
+        self.estimate.at = self.now();
+        let snapshot = Snapshot {
+            now: self.now(),
+            estimate: &self.estimate,
+            settings: &self.settings,
+            indicator: self.indicator,
+            calibration: None,
+        };
+        let context = NodeContext { snapshot, stored_settings: &self.settings, is_armed: self.is_armed };
+        self.commands.extend(self.node.poll(&context));
+    }
+
+    /// Sends all queued frames.
+    fn send(&mut self) {
+        while let Some(frame) = self.node.next_frame().cloned() {
+            self.node.frame_sent(self.now());
+            self.frames.push(frame);
+        }
+    }
+
+    /// Polls and sends for a time; returns the transfers sent in it.
+    fn run(&mut self, ms: u64) -> Vec<Sent> {
+        let end_us = self.now_us + ms * 1000;
+        while self.now_us < end_us {
+            self.now_us += PERIOD_US;
+            self.poll();
+            self.send();
+        }
+        reassemble(&std::mem::take(&mut self.frames))
+    }
+
+    fn sent(&mut self, data_type: DataType, ms: u64) -> Vec<Sent> {
+        self.run(ms).into_iter().filter(|sent| is_of(sent, data_type)).collect()
+    }
+
+    /// Sends a request, runs for 25 ms, and returns the response.
+    fn ask(&mut self, data_type: DataType, payload: &[u8]) -> Option<Vec<u8>> {
+        self.receive(PEER, &transfer(data_type, 9, payload));
+        self.response(data_type)
+    }
+
+    fn response(&mut self, data_type: DataType) -> Option<Vec<u8>> {
+        let mut sent = self.sent(data_type, 25);
+        assert!(sent.len() <= 1);
+        sent.pop().map(|sent| {
+            assert_eq!((sent.header.kind, sent.header.priority), (TransferKind::Response(node(PEER)), 20));
+            assert_eq!((sent.header.source, sent.transfer_id), (Some(node(OWN)), 9));
+            sent.payload
+        })
+    }
+}
+
+fn is_of(sent: &Sent, data_type: DataType) -> bool {
+    (sent.header.type_id, sent.header.kind != TransferKind::Message) == (data_type.id, data_type.is_service)
+}

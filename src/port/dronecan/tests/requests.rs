@@ -1,0 +1,212 @@
+//! Requests of other nodes: description, parameters, restart, firmware update.
+
+use super::*;
+use crate::settings::parameters::{PARAMETERS, ParameterValue};
+use crate::settings::{SettingChange, SigningKey};
+use crate::wire::mavlink::key_from_passphrase;
+
+const GET_SET: DataType = DataType::GET_SET;
+
+#[test]
+fn a_node_describes_itself() {
+    let mut bench = Bench::new();
+    let payload = bench.ask(DataType::GET_NODE_INFO, &[]).unwrap();
+    assert_eq!(payload[7..10], [0, 1, 0], "version");
+    assert_eq!(payload[22..24], [1, 0], "hardware");
+    assert_eq!(payload[24..40], info(1).unique_id);
+    assert_eq!(payload[41..], *b"org.autoswing.test");
+}
+
+#[test]
+fn traffic_is_counted() {
+    let mut bench = Bench::new();
+    bench.run(1000);
+    bench.node.bus_error();
+    let payload = bench.ask(DataType::GET_TRANSPORT_STATS, &[]).unwrap();
+    let count = |at: usize| u32::from_le_bytes(payload[6 * at..6 * at + 4].try_into().unwrap());
+    assert_eq!(payload.len(), 36);
+    assert!(count(0) >= 50 && count(3) >= 50, "{payload:?}");
+    assert_eq!([count(1), count(2), count(4), count(5)], [2, 0, 2, 1]);
+}
+
+/// Every parameter by its position, with value, default and range; then an empty answer.
+#[test]
+fn all_parameters_are_listed() {
+    let mut bench = Bench::new();
+    for (index, parameter) in PARAMETERS.iter().enumerate() {
+        let payload = bench.ask(GET_SET, &[index as u8, 0]).unwrap();
+        let name = parameter.name.as_bytes();
+        assert!(payload.ends_with(name), "{} {payload:?}", parameter.name);
+        let tags = |value| match value {
+            ParameterValue::Whole(_) => 9,
+            ParameterValue::Number(_) => 5,
+            ParameterValue::Key(_) => 0,
+        };
+        if let Some([least, _]) = parameter.range() {
+            assert_eq!(payload.len() - name.len(), 4 * tags(least), "{}", parameter.name);
+        }
+    }
+    assert_eq!(bench.ask(GET_SET, &[20, 0]), Some(vec![0; 4]));
+    assert_eq!(bench.ask(GET_SET, b"\x00\x00UNKNOWN"), Some(vec![0; 4]));
+}
+
+fn integer(value: i64, name: &str) -> Vec<u8> {
+    [&[0, 1][..], &value.to_le_bytes(), name.as_bytes()].concat()
+}
+
+/// The answer waits for the state machine, and has the value that is then in force.
+#[test]
+fn a_parameter_is_set_by_a_command() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.ask(GET_SET, &integer(20, "CAN_RATE")), None);
+    let command = Command::Set(SettingChange::CanRateHz(20));
+    assert_eq!(bench.commands, [command]);
+    bench.settings.can.rate_hz = 20;
+    bench.node.complete_command(command, Ok(()));
+    assert_eq!(bench.response(GET_SET).unwrap()[..9], [1, 20, 0, 0, 0, 0, 0, 0, 0]);
+}
+
+#[test]
+fn a_refused_or_unanswered_setting_is_answered_with_the_old_value() {
+    let old = [1, 50, 0, 0, 0, 0, 0, 0, 0];
+    let mut bench = Bench::new();
+    bench.ask(GET_SET, &integer(81, "CAN_RATE"));
+    bench.node.complete_command(Command::Set(SettingChange::CanRateHz(81)), Err(&Refusal::Busy));
+    assert_eq!(bench.response(GET_SET).unwrap()[..9], old);
+    bench.ask(GET_SET, &integer(30, "CAN_RATE"));
+    assert_eq!(bench.sent(GET_SET, 1900).len(), 0);
+    assert_eq!(bench.sent(GET_SET, 200)[0].payload[..9], old, "after two seconds");
+}
+
+/// The same value, another kind of value, and a number beyond all.
+#[test]
+fn requests_that_change_nothing_are_answered_at_once() {
+    let mut bench = Bench::new();
+    for request in [
+        integer(50, "CAN_RATE"),
+        integer(i64::MAX, "CAN_RATE"),
+        b"\x00\x02\x00\x00\x00\x00CAN_RATE".to_vec(),
+        b"\x00\x04\x02onCAN_RATE".to_vec(),
+    ] {
+        assert_eq!(bench.ask(GET_SET, &request).unwrap()[..9], [1, 50, 0, 0, 0, 0, 0, 0, 0]);
+    }
+    assert_eq!(bench.commands, []);
+}
+
+/// The key is not sent back.
+#[test]
+fn a_passphrase_is_set_and_not_read() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.ask(GET_SET, b"\x00\x04\x04wordSIGNING"), None);
+    assert_eq!(bench.commands, [Command::Set(SettingChange::Signing(Some(key_from_passphrase("word"))))]);
+    bench.node.complete_command(bench.commands[0], Ok(()));
+    bench.settings.signing_key = Some(SigningKey([7; 32]));
+    assert_eq!(bench.response(GET_SET).unwrap(), b"\x04\x02on\x04\x03off\x00\x00SIGNING");
+    bench.ask(GET_SET, b"\x00\x04\x03offSIGNING");
+    assert_eq!(bench.commands[1], Command::Set(SettingChange::Signing(None)));
+}
+
+const MAGIC: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
+
+#[test]
+fn nothing_changes_while_the_vehicle_is_armed() {
+    let mut bench = Bench::new();
+    bench.is_armed = true;
+    assert_eq!(bench.ask(GET_SET, &integer(20, "CAN_RATE")).unwrap()[1], 50);
+    assert_eq!(bench.ask(DataType::RESTART_NODE, &MAGIC), Some(vec![0]));
+    assert_eq!(bench.ask(DataType::EXECUTE_OPCODE, &[1, 0, 0, 0, 0, 0, 0]), Some(vec![0; 7]));
+    assert_eq!(bench.ask(DataType::BEGIN_FIRMWARE_UPDATE, b"\x00a.bin"), Some(b"\x01armed".to_vec()));
+    assert_eq!(bench.commands, []);
+}
+
+#[test]
+fn a_restart_needs_its_magic_number_and_the_state_machine() {
+    let mut bench = Bench::new();
+    for magic in [&MAGIC[..4], &[0; 5], b""] {
+        assert_eq!(bench.ask(DataType::RESTART_NODE, magic), Some(vec![0]));
+    }
+    assert_eq!(bench.commands, []);
+    for (result, answer) in [(Err(&Refusal::Armed), 0), (Ok(()), 0x80)] {
+        assert_eq!(bench.ask(DataType::RESTART_NODE, &MAGIC), None);
+        assert_eq!(bench.commands.pop(), Some(Command::Restart));
+        bench.node.complete_command(Command::Restart, result);
+        assert_eq!(bench.response(DataType::RESTART_NODE), Some(vec![answer]));
+    }
+    assert_eq!(bench.node.granted_update(), None);
+}
+
+#[test]
+fn parameters_are_saved_when_set_and_reset_by_a_command() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.ask(DataType::EXECUTE_OPCODE, &[0; 7]), Some(vec![0, 0, 0, 0, 0, 0, 0x80]));
+    assert_eq!(bench.ask(DataType::EXECUTE_OPCODE, &[9; 7]), Some(vec![0; 7]));
+    assert_eq!(bench.ask(DataType::EXECUTE_OPCODE, &[1, 0, 0, 0, 0, 0, 0]), None);
+    assert_eq!(bench.commands, [Command::ResetSettings]);
+    bench.node.complete_command(Command::ResetSettings, Ok(()));
+    assert_eq!(bench.response(DataType::EXECUTE_OPCODE), Some(vec![0, 0, 0, 0, 0, 0, 0x80]));
+}
+
+/// Offsets and the size are those of the boot loader; no byte is left as it was.
+#[test]
+fn an_update_is_handed_over_with_the_restart() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.ask(DataType::BEGIN_FIRMWARE_UPDATE, b"\x00a.bin"), None);
+    assert_eq!(bench.commands, [Command::Restart]);
+    assert_eq!(bench.node.granted_update(), None, "not before the state machine");
+    bench.node.complete_command(Command::Restart, Ok(()));
+    let update = bench.node.granted_update().unwrap();
+    assert_eq!((update.server, update.own, update.path()), (node(PEER), node(OWN), &b"a.bin"[..]));
+    let bytes = update.boot_loader_bytes();
+    assert_eq!(bytes[..4], [0x9A, 0xAD, 0x44, 0xC5]);
+    assert_eq!(bytes[4..22], [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, PEER, OWN]);
+    assert_eq!(bytes[22..27], *b"a.bin");
+    assert!(bytes[27..].iter().all(|byte| *byte == 0) && bytes.len() == 224);
+    assert_eq!(bench.response(DataType::BEGIN_FIRMWARE_UPDATE), Some(vec![0]));
+    assert_eq!(bench.ask(DataType::BEGIN_FIRMWARE_UPDATE, b"\x00b.bin"), Some(vec![2]));
+    let status = bench.sent(DataType::NODE_STATUS, 1000);
+    assert_eq!(status[0].payload[4] >> 3 & 7, 3, "software update");
+}
+
+/// The longest path is whole, with its end, and another server than the sender is named.
+#[test]
+fn a_path_is_checked() {
+    let path = |length| [&[11][..], &vec![b'x'; length]].concat();
+    let mut bench = Bench::new();
+    for wrong in [vec![0], b"\x00a\x00b".to_vec()] {
+        let answer = bench.ask(DataType::BEGIN_FIRMWARE_UPDATE, &wrong).unwrap();
+        assert_eq!(answer[0], 255, "{wrong:?}");
+    }
+    assert_eq!(bench.commands, []);
+    // Payloads beyond those that this node sends, through the decoder's type.
+    let own = node(OWN);
+    assert!(FirmwareUpdate::new(node(11), own, &path(200)).is_none(), "201 bytes");
+    let longest = FirmwareUpdate::new(node(11), own, &path(199)).unwrap().boot_loader_bytes();
+    assert_eq!((longest[22], longest[221], &longest[222..]), (11, b'x', &[0, 0][..]));
+    bench.ask(DataType::BEGIN_FIRMWARE_UPDATE, &path(5));
+    bench.node.complete_command(Command::Restart, Ok(()));
+    assert_eq!(bench.node.granted_update().unwrap().server, node(11));
+}
+
+#[test]
+fn a_refused_update_can_be_repeated() {
+    let mut bench = Bench::new();
+    bench.ask(DataType::BEGIN_FIRMWARE_UPDATE, b"\x00a");
+    bench.node.complete_command(Command::Restart, Err(&Refusal::Busy));
+    assert_eq!(bench.response(DataType::BEGIN_FIRMWARE_UPDATE), Some(b"\x01busy".to_vec()));
+    assert_eq!(bench.node.granted_update(), None);
+    bench.ask(DataType::BEGIN_FIRMWARE_UPDATE, b"\x00b");
+    bench.node.complete_command(Command::Restart, Ok(()));
+    assert_eq!(bench.node.granted_update().unwrap().path(), b"b");
+}
+
+/// Requests of several nodes at once are answered to each; further ones than four wait for a repetition.
+#[test]
+fn each_requester_gets_its_answer() {
+    let mut bench = Bench::new();
+    for source in 11..20 {
+        bench.receive(source, &transfer(DataType::GET_NODE_INFO, source, &[]));
+    }
+    let sent = bench.sent(DataType::GET_NODE_INFO, 100);
+    let answered: Vec<_> = sent.iter().map(|sent| (sent.header.kind, sent.transfer_id)).collect();
+    assert_eq!(answered, [11, 12, 13, 14].map(|source| (TransferKind::Response(node(source)), source)));
+}

@@ -1,0 +1,172 @@
+//! Field, status and texts; load of the bus.
+
+use super::*;
+use crate::messages::Message;
+
+const MAG: DataType = DataType::MAGNETIC_FIELD_STRENGTH_2;
+
+/// 0.2, -0.05 and 0.45 gauss, as pydronecan encodes them.
+#[test]
+fn the_field_is_sent_at_its_rate_in_gauss() {
+    let mut bench = Bench::new();
+    let sent = bench.sent(MAG, 10_000);
+    assert!(sent.len().abs_diff(500) <= 1, "{}", sent.len());
+    assert!(sent.iter().all(|sent| sent.payload == [0x00, 0x66, 0x32, 0x66, 0xAA, 0x33, 0x37]));
+    assert!(sent.iter().zip(sent.iter().skip(1)).all(|(one, next)| next.transfer_id == (one.transfer_id + 1) % 32));
+    bench.settings.can.rate_hz = 20;
+    assert!(bench.sent(MAG, 10_000).len().abs_diff(200) <= 1);
+}
+
+#[test]
+fn no_field_is_sent_while_it_is_not_trusted() {
+    let mut bench = Bench::new();
+    bench.estimate.compass_field = None;
+    assert!(bench.sent(MAG, 2000).is_empty());
+    bench.estimate.compass_field = Some(Field::from_ut(f32::NAN, 0.0, 0.0));
+    assert!(bench.sent(MAG, 2000).is_empty());
+    bench.estimate.compass_field = Some(FIELD);
+    assert!(!bench.sent(MAG, 100).is_empty());
+}
+
+/// Sigma of 0.01 rad of a horizontal field of 0.206 gauss: a variance of 4.25e-6, in steps of 6e-8.
+#[test]
+fn the_covariance_is_that_of_the_heading_s_sigma() {
+    let mut bench = Bench::new();
+    bench.settings.can.sends_covariance = true;
+    let sent = bench.sent(MAG, 100);
+    let variances: Vec<f32> =
+        sent[0].payload[7..].chunks(2).map(|pair| half::f16::from_le_bytes([pair[0], pair[1]]).to_f32()).collect();
+    assert_eq!(variances.len(), 3);
+    assert!(variances.iter().all(|variance| (variance - 4.25e-6).abs() < 6e-8), "{variances:?}");
+    bench.estimate.heading = Err(NoHeading::AttitudeStale);
+    assert!(bench.sent(MAG, 100).iter().all(|sent| sent.payload.len() == 7), "unknown without a heading");
+}
+
+/// Longest bits of a frame with an extended identifier: 67 and the data, with a stuff bit after every four of the 54 and
+/// the data; an interframe space is among them (ISO 11898-1).
+fn worst_bits(frame: &CanFrame) -> usize {
+    let data = 8 * frame.data().len();
+    67 + data + (54 + data - 1) / 4
+}
+
+/// 3 % of 1 Mbit/s at the highest rate, with a text every second; it is 1.5 %.
+#[test]
+fn the_bus_is_loaded_by_3_percent_at_most() {
+    let mut bench = Bench::new();
+    bench.settings.can.rate_hz = 80;
+    let mut bits = 0;
+    for _ in 0..10 * 80 {
+        if bench.now_us.is_multiple_of(1_000_000) {
+            bench.node.queue_text(&Message::CollectionLost);
+        }
+        bench.now_us += PERIOD_US;
+        bench.poll();
+        bench.send();
+        bits += bench.frames.drain(..).map(|frame| worst_bits(&frame)).sum::<usize>();
+    }
+    let percent = bits as f32 / 10.0 / 1e6 * 100.0;
+    assert!((1.0..2.0).contains(&percent), "{percent} %");
+}
+
+fn status_of(sent: &Sent) -> (u8, u8, u16) {
+    let [.., flags, low, high] = sent.payload[..] else { panic!("{sent:?}") };
+    (flags >> 6, flags >> 3 & 7, u16::from_le_bytes([low, high]))
+}
+
+#[test]
+fn the_status_is_ok_unless_the_sensor_is_silent() {
+    let mut bench = Bench::new();
+    let sent = bench.sent(DataType::NODE_STATUS, 10_000);
+    assert_eq!(sent.len(), 11, "once a second");
+    assert_eq!(sent[10].payload[..4], [10, 0, 0, 0]);
+    // Calibrated, 100 percent.
+    assert_eq!(status_of(&sent[10]), (0, 0, 0x6420));
+    bench.estimate = Estimate { heading: Err(NoHeading::SensorSilent), compass_field: None, ..bench.estimate };
+    let sent = bench.sent(DataType::NODE_STATUS, 15_000);
+    assert_eq!(status_of(&sent[5]), (0, 0, 0x6462), "not yet");
+    assert_eq!(status_of(&sent[14]), (2, 0, 0x6462), "error");
+    bench.estimate = Estimate { heading: Ok(NORTH), compass_field: Some(FIELD), ..bench.estimate };
+    assert_eq!(status_of(&bench.sent(DataType::NODE_STATUS, 1000)[0]), (0, 0, 0x6420));
+}
+
+/// What keeps an autopilot from arming is only the health.
+#[test]
+fn calibration_and_reasons_are_in_the_vendor_s_code() {
+    for (indicator, heading, code) in [
+        (IndicatorState::Idle, Err(NoHeading::Uncalibrated), 0x0001),
+        (IndicatorState::Collecting(40), Err(NoHeading::Uncalibrated), 0x2811),
+        (IndicatorState::Refused, Err(NoHeading::Uncalibrated), 0x0031),
+        (IndicatorState::Calibrated, Err(NoHeading::FieldChanged), 0x642B),
+        (IndicatorState::Calibrated, Ok(NORTH), 0x6420),
+    ] {
+        let mut bench = Bench::new();
+        (bench.indicator, bench.estimate.heading) = (indicator, heading);
+        assert_eq!(status_of(&bench.sent(DataType::NODE_STATUS, 100)[0]), (0, 0, code), "{heading:?}");
+    }
+}
+
+#[test]
+fn a_node_without_a_reading_is_initialising() {
+    let mut bench = Bench::new();
+    bench.estimate = Estimate { attitude: None, ..Estimate::EMPTY };
+    assert_eq!(status_of(&bench.sent(DataType::NODE_STATUS, 100)[0]), (0, 1, 0x6462));
+}
+
+/// Two nodes with one number: an autopilot would mix their fields.
+#[test]
+fn a_second_node_with_this_number_stops_the_field() {
+    let mut bench = Bench::new();
+    assert!(!bench.sent(MAG, 100).is_empty());
+    bench.receive(OWN, &transfer(DataType::ARMING_STATUS, 0, &[0]));
+    let sent = bench.run(2000);
+    assert!(sent.iter().all(|sent| !is_of(sent, MAG)));
+    let status = sent.iter().find(|sent| is_of(sent, DataType::NODE_STATUS)).unwrap();
+    assert_eq!(status_of(status), (0, 0, 0x64E0));
+    assert!(!bench.sent(MAG, 2000).is_empty(), "three seconds after the last frame");
+}
+
+fn texts(sent: &[Sent]) -> Vec<String> {
+    let logs = sent.iter().filter(|sent| is_of(sent, DataType::LOG_MESSAGE));
+    logs.map(|sent| {
+        let source = usize::from(sent.payload[0] & 0x1F);
+        let text = String::from_utf8(sent.payload[1 + source..].to_vec()).unwrap();
+        format!("{} {text}", sent.payload[0] >> 5)
+    })
+    .collect()
+}
+
+/// Level 1 is information, 2 a warning; a longer text has further messages.
+#[test]
+fn messages_and_changes_of_state_are_texts() {
+    let mut bench = Bench::new();
+    assert_eq!(texts(&bench.run(3000)), ["1 calibrated"]);
+    bench.node.queue_text(&Message::InstallationRestored);
+    bench.node.queue_text(&Message::CollectionLost);
+    let sent = texts(&bench.run(1000));
+    assert_eq!(sent[0], format!("1 {}", Message::InstallationRestored));
+    let long: String = sent[1..].iter().map(|text| text.trim_start_matches("2 ")).collect();
+    assert_eq!((sent.len() > 2, long), (true, Message::CollectionLost.to_string()));
+    bench.estimate = Estimate { heading: Err(NoHeading::SensorStuck), compass_field: None, ..bench.estimate };
+    assert_eq!(texts(&bench.run(10_000)), ["2 calibrated; no field: sensor-stuck"]);
+    // A state of less than two seconds is not reported.
+    bench.indicator = IndicatorState::Collecting(1);
+    assert_eq!(texts(&bench.run(1900)), [] as [&str; 0]);
+    bench.indicator = IndicatorState::Calibrated;
+    assert_eq!(texts(&bench.run(3000)), [] as [&str; 0]);
+}
+
+/// What waited longer than a second is out of date; a new field replaces one that waits.
+#[test]
+fn frames_that_the_bus_does_not_accept_are_dropped() {
+    let mut bench = Bench::new();
+    bench.run(100);
+    for _ in 0..400 {
+        bench.now_us += PERIOD_US;
+        bench.poll();
+    }
+    bench.send();
+    let sent = reassemble(&std::mem::take(&mut bench.frames));
+    assert!(sent.iter().filter(|sent| is_of(sent, MAG)).count() <= 1, "{sent:?}");
+    assert!(sent.len() <= 4, "{sent:?}");
+    assert!(bench.sent(MAG, 1000).len() >= 49);
+}

@@ -1,0 +1,141 @@
+//! Other nodes: armed state, battery, satellites, and the tunnel of a serial line.
+
+use super::*;
+use crate::wire::dronecan::Targetted;
+use ::mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag};
+use ::mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
+
+fn arm(bench: &mut Bench, source: u8, is_armed: bool) {
+    bench.receive(source, &transfer(DataType::ARMING_STATUS, 0, &[u8::from(is_armed) * 255]));
+}
+
+/// A forged report of disarming does not end a flight while the autopilot reports that it is armed.
+#[test]
+fn armed_counts_until_the_same_node_disarms() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.node.is_armed(bench.now()), Some(false));
+    arm(&mut bench, PEER, true);
+    arm(&mut bench, 66, false);
+    assert_eq!(bench.node.is_armed(bench.now()), Some(true));
+    arm(&mut bench, PEER, false);
+    assert_eq!(bench.node.is_armed(bench.now()), Some(false));
+    arm(&mut bench, 66, true);
+    assert_eq!(bench.node.is_armed(bench.now()), Some(true));
+    bench.now_us += 10_000_000;
+    assert_eq!(bench.node.is_armed(bench.now()), Some(true));
+    bench.now_us += 1;
+    assert_eq!(bench.node.is_armed(bench.now()), None, "silence");
+    arm(&mut bench, PEER, false);
+    assert_eq!(bench.node.is_armed(bench.now()), Some(false));
+}
+
+/// Current as half precision at byte 4, number of the battery at byte 18.
+fn battery(number: u8, current_a: f32) -> OutboundTransfer {
+    let mut payload = [0; 30];
+    payload[4..6].copy_from_slice(&half::f16::from_f32(current_a).to_le_bytes());
+    payload[18] = number;
+    transfer(DataType::BATTERY_INFO, 0, &payload)
+}
+
+#[test]
+fn the_current_is_that_of_the_first_battery() {
+    let mut bench = Bench::new();
+    for (source, number, current_a) in [(20, 0, 12.5), (20, 1, 3.0), (21, 0, 4.0), (20, 0, 13.0)] {
+        bench.receive(source, &battery(number, current_a));
+    }
+    bench.receive(20, &battery(0, f32::NAN));
+    assert_eq!(bench.delivered, [12.5, 13.0].map(ReceivedMessage::Current));
+    bench.now_us += 10_000_001;
+    bench.receive(21, &battery(0, 4.0));
+    assert_eq!(bench.delivered[2], ReceivedMessage::Current(4.0));
+}
+
+fn mavlink_frame(data: &impl MessageData) -> Vec<u8> {
+    let mut raw = MAVLinkV2MessageRaw::new();
+    raw.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 0 }, data);
+    raw.raw_bytes().to_vec()
+}
+
+fn attitude(roll: f32) -> Vec<u8> {
+    mavlink_frame(&ATTITUDE_DATA { time_boot_ms: 77, roll, rollspeed: 0.1, ..Default::default() })
+}
+
+fn heartbeat(base_mode: MavModeFlag) -> Vec<u8> {
+    let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
+    mavlink_frame(&HEARTBEAT_DATA { autopilot, base_mode, ..HEARTBEAT_DATA::default() })
+}
+
+fn piece(transfer_id: u8, target: u8, serial: i8, data: &[u8]) -> OutboundTransfer {
+    let piece = Targetted { protocol: Targetted::MAVLINK_2, target, serial, options: 1, baud: 57_600, data };
+    transfer(DataType::TARGETTED, transfer_id, &piece.payload())
+}
+
+fn rolls(bench: &Bench) -> Vec<f32> {
+    let roll = |message: &ReceivedMessage| match message {
+        ReceivedMessage::Attitude(report) => Some(report.attitude.roll_rad),
+        _ => None,
+    };
+    bench.delivered.iter().filter_map(roll).collect()
+}
+
+/// A frame over two pieces, with a repeated piece between.
+#[test]
+fn mavlink_is_received_through_the_tunnel() {
+    let mut bench = Bench::new();
+    let stream = [heartbeat(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED), attitude(0.1), attitude(0.2)].concat();
+    let (first, second) = stream.split_at(50);
+    for (transfer_id, data) in [(0, first), (0, first), (1, second), (1, second)] {
+        bench.receive(PEER, &piece(transfer_id, OWN, 0, data));
+    }
+    assert_eq!(rolls(&bench), [0.1, 0.2]);
+    assert_eq!(bench.node.is_armed(bench.now()), Some(true));
+}
+
+/// To another node, of another node while the first is there, on another serial line, of another protocol.
+#[test]
+fn one_serial_line_of_one_node_uses_the_tunnel() {
+    let mut bench = Bench::new();
+    bench.receive(PEER, &piece(0, OWN, 0, &attitude(0.1)));
+    bench.receive(PEER, &piece(1, OWN + 1, 0, &attitude(0.2)));
+    bench.receive(66, &piece(1, OWN, 0, &attitude(0.3)));
+    bench.receive(PEER, &piece(2, OWN, 1, &attitude(0.4)));
+    let gps = Targetted { protocol: 2, target: OWN, serial: 0, options: 0, baud: 0, data: &attitude(0.5) };
+    bench.receive(PEER, &transfer(DataType::TARGETTED, 3, &gps.payload()));
+    assert_eq!(rolls(&bench), [0.1]);
+    bench.now_us += 3_000_001;
+    bench.receive(66, &piece(4, OWN, 0, &attitude(0.6)));
+    assert_eq!(rolls(&bench), [0.1, 0.6]);
+}
+
+/// Requests for attitude, heartbeats and headings, to the serial line from which the autopilot sends; nothing without it.
+#[test]
+fn mavlink_is_sent_through_the_tunnel() {
+    let mut bench = Bench::new();
+    assert!(bench.sent(DataType::TARGETTED, 2000).is_empty());
+    let mut bytes = Vec::new();
+    for transfer_id in 0..20 {
+        bench.receive(PEER, &piece(transfer_id, OWN, 3, &heartbeat(MavModeFlag::empty())));
+        for sent in bench.sent(DataType::TARGETTED, 500) {
+            // Protocol, target and serial line, options, baud rate.
+            assert_eq!(sent.payload[..6], [1, PEER << 1, 0x30, 0x00, 0xE1, 0x00], "{sent:?}");
+            bytes.extend_from_slice(&sent.payload[6..]);
+        }
+    }
+    let starts = bytes.windows(10).filter(|window| window[0] == 0xFD && window[5..7] == [1, 158]).count();
+    assert!(starts > 100, "{starts} messages of component 158");
+    bench.run(3100);
+    assert!(bench.sent(DataType::TARGETTED, 5000).is_empty(), "the autopilot is silent");
+}
+
+#[test]
+fn a_battery_replaces_the_current_of_the_tunnel() {
+    use ::mavlink::dialects::common::SYS_STATUS_DATA;
+    let status = mavlink_frame(&SYS_STATUS_DATA { current_battery: 500, ..SYS_STATUS_DATA::default() });
+    let mut bench = Bench::new();
+    bench.receive(PEER, &piece(0, OWN, 0, &[heartbeat(MavModeFlag::empty()), attitude(0.1), status.clone()].concat()));
+    assert!(bench.delivered.contains(&ReceivedMessage::Current(5.0)), "{:?}", bench.delivered);
+    bench.receive(20, &battery(0, 12.5));
+    bench.delivered.clear();
+    bench.receive(PEER, &piece(1, OWN, 0, &status));
+    assert_eq!(bench.delivered, []);
+}

@@ -1,0 +1,83 @@
+//! MAVLink of a serial line of the autopilot, carried by the bus.
+
+use crate::port::{Mavlink, Protocol as _, ReceivedMessage, Snapshot, TransmitBuffer};
+use crate::time::Timestamp;
+use crate::wire::dronecan::{InboundTransfer, NodeId, Payload, Targetted};
+
+/// Silence after which another node may use the tunnel, and nothing is sent, microseconds. An idle autopilot sends an
+/// empty message twice a second.
+const RELEASE_US: u64 = 3_000_000;
+
+/// Options of sent messages: none.
+const OPTIONS: u8 = 0;
+
+/// Node at the other end, and its serial line.
+#[derive(Clone, Copy, Debug)]
+struct Peer {
+    node: NodeId,
+    protocol: u8,
+    serial: i8,
+    baud: u32,
+    last: Timestamp,
+    transfer_id: u8,
+}
+
+/// MAVLink with one node at a time.
+#[derive(Debug, Default)]
+pub(super) struct Tunnel {
+    pub mavlink: Mavlink,
+    output: TransmitBuffer,
+    peer: Option<Peer>,
+}
+
+impl Tunnel {
+    /// Processes received bytes; passes on the decoded messages.
+    pub fn receive(
+        &mut self,
+        at: Timestamp,
+        transfer: &InboundTransfer<'_>,
+        piece: &Targetted<'_>,
+        deliver: &mut dyn FnMut(ReceivedMessage),
+    ) {
+        let Some(node) = transfer.source else { return };
+        if ![Targetted::MAVLINK, Targetted::MAVLINK_2].contains(&piece.protocol) {
+            return;
+        }
+        let active = self.peer.filter(|peer| at.us_since(peer.last) <= RELEASE_US);
+        let is_other = |peer: Peer| (peer.node, peer.serial) != (node, piece.serial);
+        let is_repeated = |peer: Peer| peer.transfer_id == transfer.transfer_id;
+        if active.is_some_and(|peer| is_other(peer) || is_repeated(peer)) {
+            return;
+        }
+        let Targetted { protocol, serial, baud, .. } = *piece;
+        self.peer = Some(Peer { node, protocol, serial, baud, last: at, transfer_id: transfer.transfer_id });
+        for &byte in piece.data {
+            if let Some(message) = self.mavlink.process_byte(at, byte) {
+                deliver(message);
+            }
+        }
+    }
+
+    /// Due messages, while a node is at the other end.
+    pub fn poll(&mut self, snapshot: &Snapshot<'_>) {
+        if self.peer.is_some_and(|peer| snapshot.now.us_since(peer.last) <= RELEASE_US) {
+            self.mavlink.poll(snapshot, &mut self.output);
+        } else {
+            self.output.consume(usize::MAX);
+        }
+    }
+
+    /// Next piece of the output, and its length.
+    pub fn next_piece(&self) -> Option<(Payload, usize)> {
+        let Peer { node, protocol, serial, baud, .. } = self.peer?;
+        let pending = self.output.pending();
+        let data = pending.get(..Targetted::LENGTH).unwrap_or(pending);
+        let piece = Targetted { protocol, target: node.get(), serial, options: OPTIONS, baud, data };
+        (!data.is_empty()).then(|| (piece.payload(), data.len()))
+    }
+
+    /// Removes a sent piece.
+    pub fn consume(&mut self, length: usize) {
+        self.output.consume(length);
+    }
+}

@@ -1,0 +1,51 @@
+//! Hand-over to the boot loader for a firmware update over the bus.
+
+use crate::wire::dronecan::{NodeId, PATH_LENGTH};
+
+/// Accepted request to load another firmware. The board's boot loader fetches it after a restart.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FirmwareUpdate {
+    /// Node with the file.
+    pub server: NodeId,
+    /// Number of this node, which the boot loader keeps.
+    pub own: NodeId,
+    path: heapless::Vec<u8, PATH_LENGTH>,
+}
+
+/// Size of the structure that ArduPilot's boot loaders read, bytes.
+pub const BOOT_LOADER_BYTES: usize = 224;
+
+impl FirmwareUpdate {
+    /// An update by a path of 1 to 200 bytes without NUL; `None` for another path.
+    pub(super) fn new(server: NodeId, own: NodeId, path: &[u8]) -> Option<Self> {
+        let path = heapless::Vec::from_slice(path).ok()?;
+        (!path.is_empty() && !path.contains(&0)).then_some(Self { server, own, path })
+    }
+
+    /// Path of the file at the server.
+    #[must_use]
+    pub fn path(&self) -> &[u8] {
+        &self.path
+    }
+
+    /// Structure at the begin of the RAM for ArduPilot's boot loaders (`app_bootloader_comms` in app_comms.h): magic number,
+    /// twelve bytes for Ethernet, server, own number, path with its NUL. All bytes are to be written.
+    #[must_use]
+    pub fn boot_loader_bytes(&self) -> [u8; BOOT_LOADER_BYTES] {
+        const MAGIC: u32 = 0xC544_AD9A;
+        const SERVER: usize = 20;
+        const OWN: usize = 21;
+        const PATH: usize = 22;
+        const _: () = assert!(PATH + PATH_LENGTH < BOOT_LOADER_BYTES);
+        let mut bytes = [0; BOOT_LOADER_BYTES];
+        let fields = MAGIC.to_le_bytes().into_iter().enumerate();
+        let nodes = [(SERVER, self.server.get()), (OWN, self.own.get())];
+        let path = self.path.iter().copied().enumerate().map(|(at, byte)| (PATH + at, byte));
+        for (at, byte) in fields.chain(nodes).chain(path) {
+            if let Some(place) = bytes.get_mut(at) {
+                *place = byte;
+            }
+        }
+        bytes
+    }
+}

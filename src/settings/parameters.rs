@@ -1,0 +1,291 @@
+//! The settings as a list of named parameters, for protocols that read and write them one by one. Ranges, choices and
+//! defaults are those of [`Settings`].
+
+use core::ops::RangeInclusive;
+
+use super::{
+    AttitudeError, Baud, CanSettings, HeadingKind, PortNumber, ProtocolKind, SettingChange, Settings, SigningKey,
+};
+use crate::calibration::Orientation;
+
+/// Setting with a name of at most 16 characters.
+#[derive(Debug)]
+pub struct Parameter {
+    /// Name, that of the console's command in capitals.
+    pub name: &'static str,
+    kind: Kind,
+}
+
+/// Value of a parameter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ParameterValue {
+    /// Integer; 0 and 1 of a switch, the position of a choice.
+    Whole(u32),
+    /// Number; not a number where the setting has none.
+    Number(f32),
+    /// Key of signatures.
+    Key(Option<SigningKey>),
+}
+
+#[derive(Debug)]
+enum Kind {
+    Whole { range: [u32; 2], get: fn(&Settings) -> u32, set: fn(u32) -> Option<SettingChange> },
+    Number { range: RangeInclusive<f32>, get: fn(&Settings) -> f32, set: fn(&Settings, f32) -> SettingChange },
+    Key { get: fn(&Settings) -> Option<SigningKey>, set: fn(Option<SigningKey>) -> SettingChange },
+}
+
+/// All parameters. Tools refer to them by position as well, so that a new one is the last.
+pub static PARAMETERS: [Parameter; 20] = [
+    whole("CAN_NODE", bytes(&CanSettings::NODE), |s| s.can.node.into(), |v| byte(v, SettingChange::CanNode)),
+    whole("CAN_RATE", bytes(&CanSettings::RATE_HZ), |s| s.can.rate_hz.into(), |v| byte(v, SettingChange::CanRateHz)),
+    whole("CAN_COVARIANCE", SWITCH, |s| s.can.sends_covariance.into(), |v| switch(v, SettingChange::CanCovariance)),
+    whole("AUTO", SWITCH, |s| s.auto_on.into(), |v| switch(v, SettingChange::Auto)),
+    number("ACCURACY", Settings::ACCURACY_DEG, |s| s.accuracy_deg, |_, deg| SettingChange::Accuracy(deg)),
+    number(
+        "DECLINATION",
+        Settings::DECLINATION_DEG,
+        |s| s.declination_deg.unwrap_or(f32::NAN),
+        |_, deg| SettingChange::Declination(if_number(deg)),
+    ),
+    number(
+        "INCLINATION",
+        Settings::INCLINATION_DEG,
+        |s| s.inclination_deg.unwrap_or(f32::NAN),
+        |_, deg| SettingChange::Inclination(if_number(deg)),
+    ),
+    whole(
+        "MOUNT",
+        [0, Orientation::COUNT as u32 - 1],
+        |s| position(Orientation::all(), &s.mount),
+        |v| nth(Orientation::all(), v).map(SettingChange::Mount),
+    ),
+    number(
+        "ATT_ERROR_DEG",
+        AttitudeError::BIAS_DEG,
+        |s| s.attitude_error.bias_deg,
+        |s, bias_deg| SettingChange::AttitudeError(AttitudeError { bias_deg, ..s.attitude_error }),
+    ),
+    number(
+        "ATT_ERROR_BANK",
+        AttitudeError::BANK_PERCENT,
+        |s| s.attitude_error.bank_percent,
+        |s, bank_percent| SettingChange::AttitudeError(AttitudeError { bank_percent, ..s.attitude_error }),
+    ),
+    whole(
+        "ATTITUDE_RATE",
+        bytes(&Settings::ATTITUDE_RATE_HZ),
+        |s| s.attitude_rate_hz.into(),
+        |v| byte(v, SettingChange::AttitudeRateHz),
+    ),
+    whole("VISION", SWITCH, |s| s.sends_vision_yaw.into(), |v| switch(v, SettingChange::Vision)),
+    Parameter { name: "SIGNING", kind: Kind::Key { get: |s| s.signing_key, set: SettingChange::Signing } },
+    whole("PORT1", PROTOCOLS, |s| protocol(s, PortNumber::One), |v| set_protocol(PortNumber::One, v)),
+    whole("PORT2", PROTOCOLS, |s| protocol(s, PortNumber::Two), |v| set_protocol(PortNumber::Two, v)),
+    whole("BAUD1", BAUDS, |s| baud(s, PortNumber::One), |v| set_baud(PortNumber::One, v)),
+    whole("BAUD2", BAUDS, |s| baud(s, PortNumber::Two), |v| set_baud(PortNumber::Two, v)),
+    whole("STREAM", SWITCH, |s| s.stream_on.into(), |v| switch(v, SettingChange::StreamOn)),
+    whole(
+        "STREAM_RATE",
+        bytes(&Settings::STREAM_RATE_HZ),
+        |s| s.stream_rate_hz.into(),
+        |v| byte(v, SettingChange::StreamRateHz),
+    ),
+    whole(
+        "STREAM_HEADING",
+        [0, HeadingKind::ALL.len() as u32 - 1],
+        |s| position(HeadingKind::ALL, &s.stream_heading),
+        |v| nth(HeadingKind::ALL, v).map(SettingChange::StreamHeading),
+    ),
+];
+
+const SWITCH: [u32; 2] = [0, 1];
+const PROTOCOLS: [u32; 2] = [0, ProtocolKind::ALL.len() as u32 - 1];
+const BAUDS: [u32; 2] = {
+    let [least, .., most] = Baud::ALL;
+    [least.bits_per_s(), most.bits_per_s()]
+};
+
+impl Parameter {
+    /// Value in these settings.
+    #[must_use]
+    pub fn value(&self, settings: &Settings) -> ParameterValue {
+        match self.kind {
+            Kind::Whole { get, .. } => ParameterValue::Whole(get(settings)),
+            Kind::Number { get, .. } => ParameterValue::Number(get(settings)),
+            Kind::Key { get, .. } => ParameterValue::Key(get(settings)),
+        }
+    }
+
+    /// Least and largest value; `None` of a key.
+    #[must_use]
+    pub fn range(&self) -> Option<[ParameterValue; 2]> {
+        match &self.kind {
+            Kind::Whole { range, .. } => Some(range.map(ParameterValue::Whole)),
+            Kind::Number { range, .. } => Some([*range.start(), *range.end()].map(ParameterValue::Number)),
+            Kind::Key { .. } => None,
+        }
+    }
+
+    /// Change to a value; `None` for one of another kind, or of no choice. The state machine checks ranges.
+    #[must_use]
+    pub fn change(&self, settings: &Settings, value: ParameterValue) -> Option<SettingChange> {
+        match (&self.kind, value) {
+            (Kind::Whole { set, .. }, ParameterValue::Whole(value)) => set(value),
+            (Kind::Number { set, .. }, ParameterValue::Number(value)) => Some(set(settings, value)),
+            (Kind::Key { set, .. }, ParameterValue::Key(key)) => Some(set(key)),
+            _ => None,
+        }
+    }
+}
+
+const fn whole(
+    name: &'static str,
+    range: [u32; 2],
+    get: fn(&Settings) -> u32,
+    set: fn(u32) -> Option<SettingChange>,
+) -> Parameter {
+    Parameter { name, kind: Kind::Whole { range, get, set } }
+}
+
+const fn number(
+    name: &'static str,
+    range: RangeInclusive<f32>,
+    get: fn(&Settings) -> f32,
+    set: fn(&Settings, f32) -> SettingChange,
+) -> Parameter {
+    Parameter { name, kind: Kind::Number { range, get, set } }
+}
+
+const fn bytes(range: &RangeInclusive<u8>) -> [u32; 2] {
+    [*range.start() as u32, *range.end() as u32]
+}
+
+fn byte(value: u32, set: fn(u8) -> SettingChange) -> Option<SettingChange> {
+    u8::try_from(value).ok().map(set)
+}
+
+fn switch(value: u32, set: fn(bool) -> SettingChange) -> Option<SettingChange> {
+    nth([false, true], value).map(set)
+}
+
+/// The number, if it is one.
+fn if_number(value: f32) -> Option<f32> {
+    (!value.is_nan()).then_some(value)
+}
+
+fn position<T: PartialEq>(all: impl IntoIterator<Item = T>, value: &T) -> u32 {
+    all.into_iter().position(|one| one == *value).map_or(0, |position| position as u32)
+}
+
+fn nth<T>(all: impl IntoIterator<Item = T>, position: u32) -> Option<T> {
+    all.into_iter().nth(usize::try_from(position).ok()?)
+}
+
+fn protocol(settings: &Settings, port: PortNumber) -> u32 {
+    position(ProtocolKind::ALL, &settings.ports.port(port).protocol)
+}
+
+fn set_protocol(port: PortNumber, value: u32) -> Option<SettingChange> {
+    nth(ProtocolKind::ALL, value).map(|kind| SettingChange::Protocol(port, kind))
+}
+
+fn baud(settings: &Settings, port: PortNumber) -> u32 {
+    settings.ports.port(port).baud.bits_per_s()
+}
+
+fn set_baud(port: PortNumber, value: u32) -> Option<SettingChange> {
+    let baud = Baud::ALL.into_iter().find(|baud| baud.bits_per_s() == value)?;
+    Some(SettingChange::Baud(port, baud))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::settings::SigningKey;
+
+    /// Extremes of a parameter, or a key.
+    fn extremes(parameter: &Parameter) -> [ParameterValue; 2] {
+        parameter.range().unwrap_or([None, Some(SigningKey([7; 32]))].map(ParameterValue::Key))
+    }
+
+    /// The extremes are within the range of the settings, each is read back, and no other parameter changes.
+    #[test]
+    fn a_parameter_changes_itself_and_nothing_else() {
+        for parameter in &PARAMETERS {
+            for value in extremes(parameter) {
+                let change = parameter.change(&Settings::DEFAULT, value).unwrap();
+                let changed = Settings::DEFAULT.with_setting(change).unwrap();
+                assert_eq!(parameter.value(&changed), value, "{}", parameter.name);
+                for other in PARAMETERS.iter().filter(|other| other.name != parameter.name) {
+                    let [before, after] =
+                        [&Settings::DEFAULT, &changed].map(|settings| format!("{:?}", other.value(settings)));
+                    assert_eq!(before, after, "{} by {}", other.name, parameter.name);
+                }
+            }
+        }
+    }
+
+    /// One past each end of the range is refused, by the parameter or by the settings.
+    #[test]
+    fn ranges_are_those_of_the_settings() {
+        let settings = Settings::DEFAULT;
+        let refuses = |parameter: &Parameter, value| {
+            parameter.change(&settings, value).is_none_or(|change| settings.with_setting(change).is_err())
+        };
+        for parameter in &PARAMETERS {
+            let outside = match parameter.range() {
+                Some([ParameterValue::Whole(least), ParameterValue::Whole(most)]) => {
+                    [least.wrapping_sub(1), most + 1].map(ParameterValue::Whole)
+                }
+                Some([ParameterValue::Number(least), ParameterValue::Number(most)]) => {
+                    [least - 0.01, most + 0.01].map(ParameterValue::Number)
+                }
+                _ => [ParameterValue::Whole(0), ParameterValue::Number(0.0)],
+            };
+            for value in outside {
+                assert!(refuses(parameter, value), "{} {value:?}", parameter.name);
+            }
+        }
+    }
+
+    /// Position of a variant; a new one is missing here at compile time.
+    const fn variant(change: SettingChange) -> u8 {
+        match change {
+            SettingChange::StreamOn(_) => 0,
+            SettingChange::StreamRateHz(_) => 1,
+            SettingChange::StreamHeading(_) => 2,
+            SettingChange::Declination(_) => 3,
+            SettingChange::Inclination(_) => 4,
+            SettingChange::Mount(_) => 5,
+            SettingChange::AttitudeError(_) => 6,
+            SettingChange::Accuracy(_) => 7,
+            SettingChange::Auto(_) => 8,
+            SettingChange::Protocol(port, _) => 9 + port as u8,
+            SettingChange::Baud(port, _) => 11 + port as u8,
+            SettingChange::Vision(_) => 13,
+            SettingChange::AttitudeRateHz(_) => 14,
+            SettingChange::Signing(_) => 15,
+            SettingChange::CanNode(_) => 16,
+            SettingChange::CanRateHz(_) => 17,
+            SettingChange::CanCovariance(_) => 18,
+        }
+    }
+
+    #[test]
+    fn every_setting_is_a_parameter_with_a_short_unique_name() {
+        let changes = PARAMETERS.iter().filter_map(|one| one.change(&Settings::DEFAULT, extremes(one)[0]));
+        assert_eq!(changes.map(variant).collect::<BTreeSet<_>>(), (0..19).collect());
+        let names: BTreeSet<&str> = PARAMETERS.iter().map(|parameter| parameter.name).collect();
+        assert_eq!(names.len(), PARAMETERS.len());
+        assert!(names.iter().all(|name| name.len() <= 16));
+    }
+
+    #[test]
+    fn not_a_number_removes_an_entered_angle() {
+        let declination = PARAMETERS.iter().find(|parameter| parameter.name == "DECLINATION").unwrap();
+        let none = declination.change(&Settings::DEFAULT, ParameterValue::Number(f32::NAN));
+        assert_eq!(none, Some(SettingChange::Declination(None)));
+    }
+}
