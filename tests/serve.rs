@@ -140,7 +140,7 @@ fn number_after(text: &str, words: &str) -> f64 {
 }
 
 const VISITED: ServeOptions =
-    ServeOptions { pattern: PilotPattern::Routine, attitude: AttitudeProvider::Auto, has_external_simulator: true };
+    ServeOptions { pattern: PilotPattern::Routine, attitude: AttitudeProvider::Auto, has_external_simulator: true, has_can: false };
 
 #[test]
 fn attitudes_of_another_simulator_turn_the_heading() {
@@ -201,7 +201,7 @@ fn an_attached_autopilot_replaces_the_simulated_attitude() {
         // All reports of the other autopilot.
         (AttitudeProvider::Peer, true, 600.0..602.0),
     ] {
-        let options = ServeOptions { attitude, pattern: PilotPattern::Level, has_external_simulator: false };
+        let options = ServeOptions { attitude, pattern: PilotPattern::Level, ..ServeOptions::default() };
         let mut served_module = served_module(options, None);
         // While armed, another system does not replace the autopilot. Seven more seconds of own reports.
         let _ = served_module.execute_line("land");

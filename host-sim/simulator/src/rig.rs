@@ -3,16 +3,21 @@
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
+use autoswing::app::can::HandOver;
 use autoswing::app::{self, Links, Panel, Platform, Watchdog};
 use autoswing::collection::RetainedSamples;
 use autoswing::health::ResetCause;
 use autoswing::magnetometer::lis3mdl;
+use autoswing::port::FirmwareUpdate;
 use autoswing::settings::{PORT_COUNT, PortNumber};
 use autoswing::store::Store;
+use autoswing::wire::dronecan::UNIQUE_ID_LENGTH;
+use autoswing::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
 use embassy_time::{Duration, Timer};
 use testkit::clock;
 use testkit::simulation::{Level, RunEnd, Simulation, Stop};
 
+use crate::devices::can::CanEnd;
 use crate::devices::i2c::Bus;
 use crate::devices::lis3mdl::{Lis3mdl, Lis3mdlConfig as ChipConfig};
 use crate::devices::nor_flash::{Flash, PAGE_BYTES};
@@ -50,6 +55,8 @@ pub struct Rig {
     pub chip: Rc<RefCell<Lis3mdl>>,
     /// Lamp and button.
     pub panel: SimulatedPanel,
+    /// Firmware update handed over to the boot loader, which is not simulated.
+    pub firmware_update: Rc<RefCell<Option<FirmwareUpdate>>>,
     /// Sample memory, borrowed by the module while it runs.
     pub retained_samples: Rc<RefCell<RetainedSamples>>,
     bus: Bus,
@@ -57,6 +64,15 @@ pub struct Rig {
     autopilot_cable: Cable,
     instrument_cable: Cable,
     reset: Rc<ResetLine>,
+    can: Option<(CanEnd, NodeInfo)>,
+}
+
+struct SimulatedBootLoader(Rc<RefCell<Option<FirmwareUpdate>>>);
+
+impl HandOver for SimulatedBootLoader {
+    fn hand_over(&mut self, update: &FirmwareUpdate) {
+        *self.0.borrow_mut() = Some(update.clone());
+    }
 }
 
 struct ResetLine {
@@ -171,15 +187,26 @@ impl Rig {
             flash: Flash::new(STORE_PAGES, config.seed),
             chip,
             panel: SimulatedPanel::default(),
+            firmware_update: Rc::default(),
             retained_samples: Rc::new(RefCell::new(RetainedSamples::EMPTY)),
             bus,
             console_cable,
             autopilot_cable,
             instrument_cable,
             reset,
+            can: None,
         };
         rig.power_on(ResetCause::PowerOn);
         rig
+    }
+
+    /// Attaches the module to a CAN bus with a unique id from a number, and restarts it.
+    pub fn attach_can(&mut self, end: CanEnd, number: u64) {
+        let mut unique_id = [0; UNIQUE_ID_LENGTH];
+        unique_id[..8].copy_from_slice(&number.to_be_bytes());
+        let software = SoftwareVersion::of_this_firmware(None);
+        self.can = Some((end, NodeInfo { name: "org.autoswing.simulator", software, hardware: [1, 0], unique_id }));
+        self.power_on(ResetCause::PowerOn);
     }
 
     /// Replaces the flash contents and restarts the module. False without effect if the size is not [`STORE_BYTES`].
@@ -222,6 +249,14 @@ impl Rig {
         for (number, cable) in PortNumber::ALL.into_iter().zip([&self.autopilot_cable, &self.instrument_cable]) {
             let (l, (rx, tx)) = (links.clone(), cable.module());
             simulation.spawn(Level::Interrupt, "port", async move { app::port::run(&l, number, rx, tx).await });
+        }
+        if let Some((end, info)) = self.can.clone() {
+            end.reset();
+            let (l, tx, boot_loader) =
+                (links.clone(), end.clone(), SimulatedBootLoader(Rc::clone(&self.firmware_update)));
+            simulation.spawn(Level::Interrupt, "can", async move {
+                app::can::run(&l, info, end, tx, boot_loader).await;
+            });
         }
         let l = links.clone();
         simulation.spawn(Level::Interrupt, "watchdog", async move { app::watchdog::run(&l, dog).await });

@@ -6,6 +6,7 @@
 mod attitude_datagram;
 mod external_autopilot;
 mod flash_image;
+pub mod multicast;
 mod pilot;
 mod pilot_command;
 mod pilot_pattern;
@@ -15,6 +16,8 @@ pub use self::flash_image::{FlashImage, FlashImageError};
 pub use self::pilot_command::{COMMANDS, PilotCommand, PilotCommandError};
 pub use self::pilot_pattern::PilotPattern;
 
+use autoswing::wire::dronecan::CanFrame;
+use simulator::devices::can::{CanBus, CanEnd, CanFaults};
 use simulator::devices::uart::HostEnd;
 use simulator::module::Module as _;
 use simulator::rig::Rig;
@@ -70,6 +73,8 @@ pub struct ServeOptions {
     pub attitude: AttitudeProvider,
     /// Whether an external simulator provides the attitude of the aircraft.
     pub has_external_simulator: bool,
+    /// Whether the module is a node of a CAN bus.
+    pub has_can: bool,
 }
 
 /// Period of pilot actions and attitude-source selection, microseconds.
@@ -85,6 +90,8 @@ pub struct ServedModule {
     peer: ExternalAutopilot,
     attitude: AttitudeProvider,
     visits: Option<DatagramCounts>,
+    /// The bus as other nodes see it.
+    can: Option<CanEnd>,
 }
 
 /// Counters of attitude datagrams from an external simulator.
@@ -108,11 +115,16 @@ impl ServedModule {
             // Image sizes are checked on reading.
             rig.load_flash(image.bytes());
         }
+        let can = options.has_can.then(|| {
+            let bus = CanBus::new(CanFaults::default());
+            rig.attach_can(bus.attach(), world.seed);
+            bus.attach()
+        });
         rig.world.set_sends_attitude(options.attitude != AttitudeProvider::Peer);
         let pilot = Pilot::new(&world, options.pattern, options.has_external_simulator);
         pilot.start(&rig.world);
         let visits = options.has_external_simulator.then(DatagramCounts::default);
-        Self { rig, pilot, peer: ExternalAutopilot::default(), attitude: options.attitude, visits }
+        Self { rig, pilot, peer: ExternalAutopilot::default(), attitude: options.attitude, visits, can }
     }
 
     /// Time since power-on, microseconds.
@@ -149,6 +161,27 @@ impl ServedModule {
     #[must_use]
     pub fn receive(&self, port: usize) -> Vec<u8> {
         PORTS.get(port).map_or_else(Vec::new, |port| (port.cable)(&self.rig).receive())
+    }
+
+    /// Puts a frame of another node on the CAN bus; ignored without one.
+    pub fn send_frame(&self, frame: &CanFrame) {
+        if let Some(can) = &self.can {
+            can.offer(frame);
+        }
+    }
+
+    /// Frames that the module has sent on the CAN bus.
+    #[must_use]
+    pub fn take_frames(&self) -> Vec<CanFrame> {
+        self.can.as_ref().map_or_else(Vec::new, CanEnd::take_received)
+    }
+
+    /// Path of a firmware update that the module has handed over since the last call, and the node that has it. The
+    /// simulated module has no boot loader: it restarts with the same firmware.
+    #[must_use]
+    pub fn take_firmware_update(&self) -> Option<(String, u8)> {
+        let update = self.rig.firmware_update.take()?;
+        Some((String::from_utf8_lossy(update.path()).into_owned(), update.server.get()))
     }
 
     /// Executes a pilot command line and returns the answer.

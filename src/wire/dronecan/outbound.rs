@@ -70,6 +70,21 @@ pub struct SoftwareVersion {
     pub image_crc: Option<u64>,
 }
 
+impl SoftwareVersion {
+    /// Version of this firmware, with the first 32 bits of its commit, if known.
+    #[must_use]
+    pub const fn of_this_firmware(commit: Option<u32>) -> Self {
+        const fn number(text: &str) -> u8 {
+            match u8::from_str_radix(text, 10) {
+                Ok(number) => number,
+                Err(_) => 0,
+            }
+        }
+        let (major, minor) = (number(env!("CARGO_PKG_VERSION_MAJOR")), number(env!("CARGO_PKG_VERSION_MINOR")));
+        Self { major, minor, commit, image_crc: None }
+    }
+}
+
 /// Description of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NodeInfo {

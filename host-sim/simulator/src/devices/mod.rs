@@ -3,6 +3,7 @@
 //! Devices survive a reboot of the module: keep the handle outside the [`Simulation`](testkit::simulation::Simulation)
 //! and give clones to its tasks.
 
+pub mod can;
 pub mod i2c;
 pub mod lis3mdl;
 pub mod nor_flash;

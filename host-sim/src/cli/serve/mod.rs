@@ -1,5 +1,6 @@
 //! `host-sim serve` and `host-sim console`.
 
+mod can;
 mod flash_writer;
 mod pace;
 mod run;
@@ -20,6 +21,7 @@ use serde_json::{Value, json};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
+use self::can::MulticastBus;
 use self::flash_writer::FlashWriter;
 use self::run::{Connections, OrderInput};
 use self::wire::{LOOK, PIECE, Pty, TcpPort, Terminal, Wire};
@@ -55,6 +57,10 @@ pub struct Serve {
     /// at 20 Hz or more. The simulator's own attitude is then sent as disarmed
     #[arg(long, value_name = "PORT", value_parser = integer(0, u16::MAX))]
     world: Option<u16>,
+    /// Put the module on a CAN bus as a DroneCAN node: mcast:0 to mcast:9, UDP multicast in the local network, as ArduPilot's
+    /// simulator and pydronecan use it
+    #[arg(long, value_name = "mcast:N", value_parser = one_of(BUSES))]
+    can: Option<u8>,
     /// Sender of the module's attitude: the simulator unless the autopilot's port receives one (auto), always the
     /// simulator (own), or only that port (peer). The module switches senders after 10 s
     #[arg(long, default_value = "auto", value_name = "auto|own|peer", value_parser = one_of(ATTITUDES))]
@@ -110,6 +116,19 @@ struct ModuleOptions {
 const ATTITUDES: &[(&str, AttitudeProvider)] =
     &[("auto", AttitudeProvider::Auto), ("own", AttitudeProvider::Own), ("peer", AttitudeProvider::Peer)];
 
+const BUSES: &[(&str, u8)] = &[
+    ("mcast:0", 0),
+    ("mcast:1", 1),
+    ("mcast:2", 2),
+    ("mcast:3", 3),
+    ("mcast:4", 4),
+    ("mcast:5", 5),
+    ("mcast:6", 6),
+    ("mcast:7", 7),
+    ("mcast:8", 8),
+    ("mcast:9", 9),
+];
+
 /// An order with its description, wrapped to a terminal's width.
 fn format_order(order: &str, description: &str) -> String {
     let mut text = String::new();
@@ -143,12 +162,17 @@ impl ModuleOptions {
             .map_or(world, |kind| world.with_vehicle_kind(kind)))
     }
 
-    fn module(&self, attitude: AttitudeProvider, is_visited: bool) -> Result<(ServedModule, FlashWriter), Failure> {
+    fn module(
+        &self,
+        attitude: AttitudeProvider,
+        is_visited: bool,
+        has_can: bool,
+    ) -> Result<(ServedModule, FlashWriter), Failure> {
         let pattern = PilotPattern::from_name(&self.pattern).unwrap_or_default();
         let (mut flash, image) = FlashWriter::open(self.flash.as_deref())?;
         let served_module = ServedModule::new(
             self.world()?,
-            serve::ServeOptions { pattern, attitude, has_external_simulator: is_visited },
+            serve::ServeOptions { pattern, attitude, has_external_simulator: is_visited, has_can },
             image.as_ref(),
         );
         // Written at the start, so that an unwritable file is noticed before a calibration is lost.
@@ -159,7 +183,7 @@ impl ModuleOptions {
 
 pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
-    let (mut served_module, flash) = options.aboard.module(options.attitude, options.world.is_some())?;
+    let (mut served_module, flash) = options.aboard.module(options.attitude, options.world.is_some(), options.can.is_some())?;
     let mut wires: Vec<Vec<Box<dyn Wire>>> = Vec::new();
     let mut places = Vec::new();
     let mut next = options.tcp;
@@ -172,13 +196,14 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
         wires.push(std::iter::once(Box::new(pty) as Box<dyn Wire>).chain(tcp).collect());
     }
     let world = options.world.map(world_port).transpose()?;
+    let can = options.can.map(can_bus).transpose()?;
     let world_number = world.as_ref().and_then(|world| world.local_addr().ok()).map(|address| address.port());
     if options.json {
-        print::print_json(describe_ports(&options.aboard, &places, world_number)?)?;
+        print::print_json(describe_ports(options, &places, world_number)?)?;
     } else {
-        print_ports(&options.aboard, &places, world_number)?;
+        print_ports(options, &places, world_number)?;
     }
-    let wiring = Connections { wires, world, orders: Some(OrderInput::from_stdin()), flash };
+    let wiring = Connections { wires, world, can, orders: Some(OrderInput::from_stdin()), flash };
     wiring.run(&mut served_module, options.aboard.speed, interruption.stop())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
@@ -193,19 +218,29 @@ fn world_port(number: u16) -> Result<UdpSocket, Failure> {
     socket.map_err(|error| Failure::with_code("world-unavailable", format!("port {number}: {error}")))
 }
 
+fn can_bus(number: u8) -> Result<MulticastBus, Failure> {
+    MulticastBus::open(number).map_err(|error| Failure::with_code("can-unavailable", format!("{}: {error}", bus_name(number))))
+}
+
 struct PortAddress {
     port: &'static serve::Port,
     pty: PathBuf,
     tcp: Option<u16>,
 }
 
-fn describe_ports(aboard: &ModuleOptions, places: &[PortAddress], world: Option<u16>) -> Result<Value, Failure> {
+fn describe_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> Result<Value, Failure> {
     let ports: Vec<Value> =
         places.iter().map(|place| json!({ "name": place.port.name, "pty": place.pty, "tcp": place.tcp })).collect();
-    Ok(json!({ "ports": ports, "world": world, "airframe": print::airframe_json(&aboard.world()?) }))
+    let airframe = print::airframe_json(&options.aboard.world()?);
+    Ok(json!({ "ports": ports, "world": world, "can": options.can.map(bus_name), "airframe": airframe }))
 }
 
-fn print_ports(aboard: &ModuleOptions, places: &[PortAddress], world: Option<u16>) -> Result<(), Failure> {
+fn bus_name(number: u8) -> String {
+    format!("mcast:{number}")
+}
+
+fn print_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> Result<(), Failure> {
+    let aboard = &options.aboard;
     for (index, PortAddress { port, pty, tcp }) in places.iter().enumerate() {
         let pty = pty.display();
         print::print_line(format_args!("{}: {}", port.name, port.carries));
@@ -223,6 +258,9 @@ fn print_ports(aboard: &ModuleOptions, places: &[PortAddress], world: Option<u16
             };
             print::print_line(format_args!("  {:<22}{with}", format!("tcp 127.0.0.1:{number}")));
         }
+    }
+    if let Some(bus) = options.can.map(bus_name) {
+        print::print_line(format_args!("CAN bus: DroneCAN, in the local network\n  {bus:<22}dronecan_gui_tool"));
     }
     match world {
         Some(number) => {
@@ -281,12 +319,12 @@ fn open_terminal(orders: Option<Sender<Vec<u8>>>) -> Result<Terminal, Failure> {
 }
 
 fn serve_alone(aboard: &ModuleOptions) -> Result<ExitCode, Failure> {
-    let (mut served_module, flash) = aboard.module(AttitudeProvider::Own, false)?;
+    let (mut served_module, flash) = aboard.module(AttitudeProvider::Own, false, false)?;
     let mut wires: Vec<Vec<Box<dyn Wire>>> = PORTS.iter().map(|_| Vec::new()).collect();
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
     let (orders, order_lines) = mpsc::channel();
     wires[serve::CONSOLE].push(Box::new(open_terminal(Some(orders))?));
-    let wiring = Connections { wires, world: None, orders: Some(OrderInput::from_channel(order_lines)), flash };
+    let wiring = Connections { wires, world: None, can: None, orders: Some(OrderInput::from_channel(order_lines)), flash };
     wiring.run(&mut served_module, aboard.speed, interruption.stop())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }

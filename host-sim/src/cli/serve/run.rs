@@ -8,6 +8,7 @@ use std::thread;
 
 use host_sim::serve::{PORTS, ServedModule};
 
+use super::can::MulticastBus;
 use super::flash_writer::FlashWriter;
 use super::pace::VirtualClock;
 use super::wire::{LOOK, PIECE, Wire, read_in_thread};
@@ -18,6 +19,7 @@ pub struct Connections {
     /// Wires of each of the module's ports.
     pub wires: Vec<Vec<Box<dyn Wire>>>,
     pub world: Option<UdpSocket>,
+    pub can: Option<MulticastBus>,
     pub orders: Option<OrderInput>,
     pub flash: FlashWriter,
 }
@@ -48,7 +50,18 @@ impl Connections {
             if let Some(orders) = &mut self.orders {
                 orders.execute_orders(served_module);
             }
+            if let Some(can) = &self.can {
+                can.receive().iter().for_each(|frame| served_module.send_frame(frame));
+            }
             served_module.advance(pace.elapsed_us());
+            if let Some(can) = &self.can {
+                served_module.take_frames().iter().for_each(|frame| can.send(frame));
+            }
+            if let Some((path, server)) = served_module.take_firmware_update() {
+                print::print_error(format_args!(
+                    "firmware update: {path} of node {server}; a simulated module has no boot loader, and restarts"
+                ));
+            }
             for (port, wires) in self.wires.iter_mut().enumerate() {
                 let bytes = served_module.receive(port);
                 for wire in wires {

@@ -1,0 +1,200 @@
+//! CAN bus at 1 Mbit/s: a frame occupies it for its bits, and reaches all other nodes. Faults are drawn from a seed.
+//!
+//! Arbitration is not modelled: frames are sent in the order in which nodes offer them.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::future::poll_fn;
+use std::rc::Rc;
+use std::task::{Context, Poll, Waker};
+
+use autoswing::app::can::{ReceiveFrame, SendFrame};
+use autoswing::wire::dronecan::CanFrame;
+use testkit::clock;
+use testkit::random::Random;
+
+/// Capacity of a node's receiver, frames; further ones are lost.
+const RECEIVER_FRAMES: usize = 64;
+
+/// Duration of a frame without data bytes, and of a data byte, microseconds: with the mean number of stuff bits.
+const FRAME_US: u64 = 75;
+const BYTE_US: u64 = 9;
+
+/// Longest delay of a frame that overtakes, microseconds.
+const LATE_US: f32 = 5_000.0;
+
+/// Shares of frames with a fault, each for each receiver.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CanFaults {
+    /// Seed of the faults.
+    pub seed: u64,
+    /// Lost frames.
+    pub loss: f32,
+    /// Frames that are received twice.
+    pub duplication: f32,
+    /// Frames that are received up to 5 ms late, after later ones.
+    pub reordering: f32,
+}
+
+/// Error of the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BusOff;
+
+/// Bus with its nodes.
+#[derive(Clone)]
+pub struct CanBus(Rc<RefCell<State>>);
+
+struct State {
+    faults: CanFaults,
+    random: Random,
+    free_at_us: u64,
+    /// End of the state bus-off of all controllers.
+    off_until_us: u64,
+    nodes: Vec<Inbox>,
+    frames: u64,
+}
+
+#[derive(Default)]
+struct Inbox {
+    /// Frames with their times of arrival.
+    frames: VecDeque<(u64, CanFrame)>,
+    reader: Option<Waker>,
+}
+
+impl CanBus {
+    /// A bus without nodes.
+    #[must_use]
+    pub fn new(faults: CanFaults) -> Self {
+        Self(Rc::new(RefCell::new(State {
+            faults,
+            random: Random(faults.seed),
+            free_at_us: 0,
+            off_until_us: 0,
+            nodes: Vec::new(),
+            frames: 0,
+        })))
+    }
+
+    /// Attaches a node.
+    #[must_use]
+    pub fn attach(&self) -> CanEnd {
+        let mut state = self.0.borrow_mut();
+        state.nodes.push(Inbox::default());
+        CanEnd { bus: self.clone(), node: state.nodes.len() - 1 }
+    }
+
+    /// Fault: no frame is sent for this time, as after many errors.
+    pub fn go_off(&self, duration_us: u64) {
+        self.0.borrow_mut().off_until_us = clock::now_us() + duration_us;
+    }
+
+    /// Number of frames sent since the start.
+    #[must_use]
+    pub fn frame_count(&self) -> u64 {
+        self.0.borrow().frames
+    }
+}
+
+/// A node's end of the bus. Clones share it.
+#[derive(Clone)]
+pub struct CanEnd {
+    bus: CanBus,
+    node: usize,
+}
+
+impl CanEnd {
+    /// Clears the receiver, as at the start of the node.
+    pub fn reset(&self) {
+        self.bus.0.borrow_mut().nodes[self.node] = Inbox::default();
+    }
+
+    /// Sends a frame as soon as the bus is free, behind all frames offered before.
+    pub fn offer(&self, frame: &CanFrame) {
+        self.bus.0.borrow_mut().transmit(self.node, frame, clock::now_us());
+    }
+
+    /// Returns and removes the received frames.
+    #[must_use]
+    pub fn take_received(&self) -> Vec<CanFrame> {
+        std::iter::from_fn(|| self.bus.0.borrow_mut().nodes[self.node].pop(clock::now_us())).collect()
+    }
+
+    fn poll_send(&self, frame: &CanFrame, context: &Context<'_>) -> Poll<Result<(), BusOff>> {
+        let mut state = self.bus.0.borrow_mut();
+        let now_us = clock::now_us();
+        if now_us < state.off_until_us {
+            return Poll::Ready(Err(BusOff));
+        }
+        if now_us < state.free_at_us {
+            embassy_time_driver::schedule_wake(state.free_at_us, context.waker());
+            return Poll::Pending;
+        }
+        state.transmit(self.node, frame, now_us);
+        Poll::Ready(Ok(()))
+    }
+
+    fn poll_receive(&self, context: &Context<'_>) -> Poll<CanFrame> {
+        let inbox = &mut self.bus.0.borrow_mut().nodes[self.node];
+        if let Some(frame) = inbox.pop(clock::now_us()) {
+            return Poll::Ready(frame);
+        }
+        inbox.reader = Some(context.waker().clone());
+        if let Some((at_us, _)) = inbox.frames.front() {
+            embassy_time_driver::schedule_wake(*at_us, context.waker());
+        }
+        Poll::Pending
+    }
+}
+
+impl SendFrame for CanEnd {
+    type Error = BusOff;
+
+    async fn send(&mut self, frame: &CanFrame) -> Result<(), BusOff> {
+        poll_fn(|context| self.poll_send(frame, context)).await
+    }
+}
+
+impl ReceiveFrame for CanEnd {
+    type Error = BusOff;
+
+    async fn receive(&mut self) -> Result<CanFrame, BusOff> {
+        Ok(poll_fn(|context| self.poll_receive(context)).await)
+    }
+}
+
+impl State {
+    fn transmit(&mut self, sender: usize, frame: &CanFrame, now_us: u64) {
+        self.frames += 1;
+        self.free_at_us = self.free_at_us.max(now_us) + FRAME_US + BYTE_US * frame.data().len() as u64;
+        let CanFaults { loss, duplication, reordering, .. } = self.faults;
+        for (_, inbox) in self.nodes.iter_mut().enumerate().filter(|(node, _)| *node != sender) {
+            let mut happens = |share: f32| share > 0.0 && self.random.uniform(0.0, 1.0) < share;
+            if happens(loss) {
+                continue;
+            }
+            let copies = if happens(duplication) { 2 } else { 1 };
+            let is_late = happens(reordering);
+            for _ in 0..copies {
+                let late_us = if is_late { self.random.uniform(0.0, LATE_US) as u64 } else { 0 };
+                inbox.push(self.free_at_us + late_us, frame);
+            }
+        }
+    }
+}
+
+impl Inbox {
+    fn push(&mut self, at_us: u64, frame: &CanFrame) {
+        if self.frames.len() >= RECEIVER_FRAMES {
+            return;
+        }
+        let place = self.frames.partition_point(|(other_us, _)| *other_us <= at_us);
+        self.frames.insert(place, (at_us, frame.clone()));
+        if let Some(reader) = self.reader.take() {
+            reader.wake();
+        }
+    }
+
+    fn pop(&mut self, now_us: u64) -> Option<CanFrame> {
+        self.frames.pop_front_if(|(at_us, _)| *at_us <= now_us).map(|(_, frame)| frame)
+    }
+}

@@ -1,0 +1,52 @@
+//! CAN bus on a multicast group of the local network.
+
+use std::io;
+use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
+
+use autoswing::wire::dronecan::CanFrame;
+use host_sim::serve::multicast::{DATAGRAM, from_datagram, to_datagram};
+use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, socket_with, sockopt};
+
+const PORT: u16 = 57_732;
+
+/// Largest number of datagrams read in one poll.
+const DATAGRAMS: usize = 256;
+
+/// The bus of a number, shared with other programs of this computer.
+pub struct MulticastBus {
+    input: UdpSocket,
+    output: UdpSocket,
+}
+
+impl MulticastBus {
+    pub fn open(number: u8) -> io::Result<Self> {
+        let group = Ipv4Addr::new(239, 65, 82, number);
+        let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+        let input = socket_with(AddressFamily::INET, SocketType::DGRAM, flags, None)?;
+        // Before binding, which the standard library cannot: other programs have the same port.
+        sockopt::set_socket_reuseaddr(&input, true)?;
+        bind(&input, &SocketAddrV4::new(group, PORT))?;
+        let input = UdpSocket::from(input);
+        input.join_multicast_v4(&group, &Ipv4Addr::UNSPECIFIED)?;
+        let output = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
+        output.connect((group, PORT))?;
+        output.set_nonblocking(true)?;
+        Ok(Self { input, output })
+    }
+
+    /// Frames of others.
+    pub fn receive(&self) -> Vec<CanFrame> {
+        let own = self.output.local_addr().map(|address| address.port());
+        let is_own = |from: SocketAddr| own.as_ref().is_ok_and(|own| *own == from.port());
+        let mut datagram = [0; DATAGRAM];
+        let datagrams = (0..DATAGRAMS).map_while(|_| self.input.recv_from(&mut datagram).ok().map(|(length, from)| {
+            from_datagram(&datagram[..length]).filter(|_| !is_own(from))
+        }));
+        datagrams.flatten().collect()
+    }
+
+    /// Sends a frame; it is lost where the network does not take it, as on a bus without other nodes.
+    pub fn send(&self, frame: &CanFrame) {
+        let _ = self.output.send(&to_datagram(frame));
+    }
+}

@@ -1,0 +1,66 @@
+//! CAN frames in datagrams, as ArduPilot's simulator and pydronecan exchange them (`mcast:0`).
+
+use autoswing::wire::dronecan::CanFrame;
+use crc::{CRC_16_IBM_3740, Crc};
+
+const MAGIC: u16 = 0x2934;
+
+/// Magic number, CRC of everything after it, flags, identifier.
+const HEADER: usize = 10;
+
+const EXTENDED: u32 = 1 << 31;
+
+/// Largest datagram: a frame of CAN FD, which is dropped.
+pub const DATAGRAM: usize = HEADER + 64;
+
+const CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_3740);
+
+/// Datagram of a frame.
+#[must_use]
+pub fn to_datagram(frame: &CanFrame) -> Vec<u8> {
+    const FLAGS: u16 = 0;
+    let id = frame.id() | EXTENDED;
+    let checked = [&FLAGS.to_le_bytes(), &id.to_le_bytes()[..], frame.data()].concat();
+    [&MAGIC.to_le_bytes(), &CRC.checksum(&checked).to_le_bytes(), &checked[..]].concat()
+}
+
+/// Frame of a datagram; `None` for anything but an intact classic frame with an extended identifier.
+#[must_use]
+pub fn from_datagram(datagram: &[u8]) -> Option<CanFrame> {
+    let ([magic_low, magic_high, crc_low, crc_high], checked) = datagram.split_first_chunk()?;
+    let (&[flags_low, flags_high, a, b, c, d], data) = checked.split_first_chunk()?;
+    let id = u32::from_le_bytes([a, b, c, d]);
+    let is_intact = u16::from_le_bytes([*magic_low, *magic_high]) == MAGIC
+        && u16::from_le_bytes([*crc_low, *crc_high]) == CRC.checksum(checked);
+    let is_classic = [flags_low, flags_high] == [0, 0] && id & EXTENDED != 0;
+    CanFrame::new(id & !EXTENDED, data).filter(|_| is_intact && is_classic)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sent by pydronecan 1.0.27: ArmingStatus of node 10.
+    #[test]
+    fn a_datagram_is_that_of_pydronecan() {
+        let frame = CanFrame::new(0x1804_4C0A, &[0xFF, 0xC0]).unwrap();
+        let datagram = to_datagram(&frame);
+        assert_eq!(datagram, PYDRONECAN);
+        assert_eq!(from_datagram(&datagram), Some(frame));
+    }
+
+    const PYDRONECAN: &[u8] = &[0x34, 0x29, 0xA5, 0xEC, 0x00, 0x00, 0x0A, 0x4C, 0x04, 0x98, 0xFF, 0xC0];
+
+    #[test]
+    fn damaged_and_foreign_datagrams_are_dropped() {
+        for length in 0..PYDRONECAN.len() {
+            assert_eq!(from_datagram(&PYDRONECAN[..length]), None);
+        }
+        for bit in 0..PYDRONECAN.len() * 8 {
+            let mut damaged = PYDRONECAN.to_vec();
+            damaged[bit / 8] ^= 1 << (bit % 8);
+            assert_eq!(from_datagram(&damaged), None, "bit {bit}");
+        }
+        assert_eq!(from_datagram(&[0; DATAGRAM]), None);
+    }
+}

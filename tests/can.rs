@@ -1,0 +1,304 @@
+//! The module as a node of a CAN bus, beside an autopilot's node and others, on a simulated bus with faults.
+
+use autoswing::wire::dronecan::outbound::NodeStatus;
+use autoswing::wire::dronecan::{
+    Allocation, CanFrame, DataType, FrameHeader, NodeId, OutboundTransfer, Payload, Targetted, TransferKind, priority,
+};
+use simulator::devices::can::{CanBus, CanEnd, CanFaults};
+use simulator::module::Module as _;
+use simulator::rig::Rig;
+use simulator::world::WorldConfig;
+
+const MAG: DataType = DataType::MAGNETIC_FIELD_STRENGTH_2;
+
+fn node(number: u8) -> NodeId {
+    NodeId::new(number).unwrap()
+}
+
+fn source(frame: &CanFrame) -> Option<NodeId> {
+    FrameHeader::from_id(frame.id()).and_then(|header| header.source)
+}
+
+fn is_message(frame: &CanFrame, data_type: DataType) -> bool {
+    FrameHeader::from_id(frame.id())
+        .is_some_and(|header| (header.kind, header.type_id) == (TransferKind::Message, data_type.id))
+}
+
+/// Autopilot: sends its status and its armed state, and allocates numbers.
+struct Autopilot {
+    end: CanEnd,
+    number: NodeId,
+    transfer_id: u8,
+    unique_ids: Vec<Vec<u8>>,
+    exchange: Vec<u8>,
+    is_armed: bool,
+    /// Frames of other nodes.
+    received: Vec<CanFrame>,
+}
+
+impl Autopilot {
+    fn new(bus: &CanBus) -> Self {
+        Self {
+            end: bus.attach(),
+            number: node(10),
+            transfer_id: 0,
+            unique_ids: Vec::new(),
+            exchange: Vec::new(),
+            is_armed: false,
+            received: Vec::new(),
+        }
+    }
+
+    fn send(&mut self, data_type: DataType, kind: TransferKind, payload: &[u8]) {
+        let payload = Payload::from_slice(payload).unwrap();
+        self.transfer_id = (self.transfer_id + 1) % 32;
+        let transfer =
+            OutboundTransfer { data_type, priority: priority::LOW, kind, transfer_id: self.transfer_id, payload };
+        for frame in transfer.frames(Some(self.number)) {
+            self.end.offer(&frame);
+        }
+    }
+
+    /// Sends twice a second, as ArduPilot does.
+    fn report(&mut self) {
+        self.send(DataType::NODE_STATUS, TransferKind::Message, &NodeStatus::default().payload());
+        self.send(DataType::ARMING_STATUS, TransferKind::Message, &[u8::from(self.is_armed) * 255]);
+    }
+
+    fn listen(&mut self) {
+        for frame in self.end.take_received() {
+            if is_message(&frame, DataType::ALLOCATION) && source(&frame).is_none() {
+                self.allocate(&frame);
+            }
+            self.received.push(frame);
+        }
+    }
+
+    /// Continues an exchange of three parts; the number of a known unique id is the same.
+    fn allocate(&mut self, request: &CanFrame) {
+        let [first, part @ .., _tail] = request.data() else { return };
+        if first & 1 == 1 {
+            self.exchange.clear();
+        }
+        self.exchange.extend_from_slice(part);
+        let mut number = 0;
+        if self.exchange.len() == 16 {
+            let position = self.unique_ids.iter().position(|known| *known == self.exchange).unwrap_or_else(|| {
+                self.unique_ids.push(self.exchange.clone());
+                self.unique_ids.len() - 1
+            });
+            number = 125 - position as u8;
+        }
+        let answer = Allocation { node: NodeId::new(number), unique_id: &self.exchange };
+        let payload = [&[answer.node.map_or(0, NodeId::get) << 1], answer.unique_id].concat();
+        self.send(DataType::ALLOCATION, TransferKind::Message, &payload);
+    }
+
+    fn take_fields(&mut self, number: u8) -> usize {
+        let count = self.received.iter().filter(|frame| is_message(frame, MAG) && source(frame) == Some(node(number)));
+        let count = count.count();
+        self.received.clear();
+        count
+    }
+}
+
+/// A module on a bus, with an autopilot.
+struct Bench {
+    rig: Rig,
+    bus: CanBus,
+    autopilot: Autopilot,
+}
+
+impl Bench {
+    fn new(faults: CanFaults) -> Self {
+        let mut rig = Rig::new(WorldConfig::default());
+        let bus = CanBus::new(faults);
+        rig.attach_can(bus.attach(), 1);
+        Self { rig, autopilot: Autopilot::new(&bus), bus }
+    }
+
+    /// Runs in steps of 5 ms; calls a function in each.
+    fn run_with(&mut self, ms: u64, mut step: impl FnMut(&mut Self)) {
+        let end_us = self.rig.now_us() + ms * 1000;
+        while self.rig.now_us() < end_us {
+            let now_us = self.rig.now_us();
+            if now_us.is_multiple_of(500_000) {
+                self.autopilot.report();
+            }
+            step(self);
+            self.autopilot.listen();
+            let _ = self.rig.run_until(now_us + 5_000);
+        }
+    }
+
+    fn run(&mut self, ms: u64) {
+        self.run_with(ms, |_| {});
+    }
+}
+
+/// An uncalibrated module sends the raw field, as by MSP, so that the autopilot finds its compass within five seconds.
+#[test]
+fn a_module_is_a_compass_within_seconds() {
+    let mut bench = Bench::new(CanFaults::default());
+    bench.run(2_500);
+    assert!(bench.autopilot.take_fields(125) > 5);
+    bench.run(2_000);
+    assert!(bench.autopilot.take_fields(125).abs_diff(100) <= 2);
+}
+
+/// A twentieth of the frames lost, a twentieth repeated, a twentieth late.
+#[test]
+fn a_module_is_a_compass_on_a_bad_bus() {
+    for seed in 0..5 {
+        let mut bench = Bench::new(CanFaults { seed, loss: 0.05, duplication: 0.05, reordering: 0.05 });
+        bench.run(15_000);
+        bench.autopilot.take_fields(125);
+        bench.run(2_000);
+        let fields = bench.autopilot.take_fields(125);
+        assert!((85..=115).contains(&fields), "seed {seed}: {fields}");
+    }
+}
+
+/// After a restart the allocator recognises the unique id, so that the autopilot keeps the calibration of this compass.
+#[test]
+fn a_module_keeps_its_number_over_a_restart() {
+    let mut bench = Bench::new(CanFaults::default());
+    bench.run(3_000);
+    bench.rig.reset();
+    bench.autopilot.take_fields(125);
+    bench.run(3_000);
+    assert!(bench.autopilot.take_fields(125) > 10);
+    assert_eq!(bench.autopilot.unique_ids.len(), 1);
+}
+
+/// Bus-off: frames of the present are sent within a second of its end, old ones not.
+#[test]
+fn a_module_sends_again_after_bus_off() {
+    let mut bench = Bench::new(CanFaults::default());
+    bench.run(3_000);
+    bench.bus.go_off(2_000_000);
+    bench.run(2_000);
+    bench.autopilot.take_fields(125);
+    bench.run(1_000);
+    assert!(bench.autopilot.take_fields(125).abs_diff(50) <= 2);
+    bench.rig.console.send(b"status\r");
+    bench.run(100);
+    let status = String::from_utf8_lossy(&bench.rig.console.receive()).into_owned();
+    assert!(status.contains("can: node by allocation, 50 Hz, covariance off; node 125; "), "{status}");
+    assert!(!status.contains(" 0 errors"), "{status}");
+}
+
+/// 20 frames each 5 ms, half of the bus: first frames of transfers from every number, of types that the module receives.
+#[test]
+fn a_babbling_node_does_not_stop_the_field() {
+    let mut bench = Bench::new(CanFaults::default());
+    bench.run(3_000);
+    bench.autopilot.take_fields(125);
+    let babbler = bench.bus.attach();
+    let mut random = testkit::random::Random(3);
+    bench.run_with(5_000, |_| {
+        for _ in 0..20 {
+            let types = [DataType::TARGETTED, DataType::ALLOCATION, DataType::BATTERY_INFO, DataType::FIX_2];
+            let type_id = types[random.bits() as usize % types.len()].id;
+            let source = NodeId::new(1 + random.byte() % 124);
+            let header = FrameHeader { priority: 0, kind: TransferKind::Message, type_id, source };
+            let data = random.bytes(8);
+            babbler.offer(&CanFrame::new(header.to_id(), &data).unwrap());
+        }
+    });
+    let fields = bench.autopilot.take_fields(125);
+    assert!(fields > 240, "{fields}");
+}
+
+/// A node with the module's number that begins later.
+#[test]
+fn a_second_node_with_this_number_silences_the_field() {
+    let mut bench = Bench::new(CanFaults::default());
+    bench.rig.console.send(b"set can-node 42\rreboot\r");
+    bench.run(3_000);
+    assert!(bench.autopilot.take_fields(42) > 10);
+    let second = bench.bus.attach();
+    let status = OutboundTransfer {
+        data_type: DataType::NODE_STATUS,
+        priority: priority::LOW,
+        kind: TransferKind::Message,
+        transfer_id: 0,
+        payload: NodeStatus::default().payload(),
+    };
+    bench.run_with(5_000, |bench| {
+        if bench.rig.now_us().is_multiple_of(1_000_000) {
+            status.frames(Some(node(42))).for_each(|frame| second.offer(&frame));
+        }
+    });
+    bench.autopilot.take_fields(42);
+    bench.rig.console.send(b"status\r");
+    bench.run_with(900, |_| {});
+    assert_eq!(bench.autopilot.take_fields(42), 0);
+    let status = String::from_utf8_lossy(&bench.rig.console.receive()).into_owned();
+    assert!(status.contains("; node 42, which another node has, too"), "{status}");
+    bench.run(4_000);
+    assert!(bench.autopilot.take_fields(42) > 10, "the other one is gone");
+}
+
+/// Attitude, commands and texts by MAVLink, as over a serial line: a collection begins and is refused what it cannot do.
+#[test]
+fn mavlink_goes_through_the_tunnel() {
+    use mavlink::dialects::common::{ATTITUDE_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot};
+    use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
+
+    fn frame(data: &impl MessageData) -> Vec<u8> {
+        let mut raw = MAVLinkV2MessageRaw::new();
+        raw.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 0 }, data);
+        raw.raw_bytes().to_vec()
+    }
+    let mut bench = Bench::new(CanFaults::default());
+    bench.rig.world.set_sends_attitude(false);
+    bench.run(3_000);
+    let send = |bench: &mut Bench, data: &[u8]| {
+        let piece = Targetted { protocol: 1, target: 125, serial: 0, options: 1, baud: 57_600, data };
+        bench.autopilot.send(DataType::TARGETTED, TransferKind::Message, &piece.payload());
+    };
+    let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
+    let heartbeat = frame(&HEARTBEAT_DATA { autopilot, ..HEARTBEAT_DATA::default() });
+    let mut time_boot_ms = 0;
+    bench.run_with(3_000, |bench| {
+        time_boot_ms += 5;
+        if time_boot_ms % 1000 == 0 {
+            send(bench, &heartbeat);
+        }
+        if time_boot_ms % 50 == 0 {
+            let roll = 0.1 + time_boot_ms as f32 * 1e-6;
+            send(bench, &frame(&ATTITUDE_DATA { time_boot_ms, roll, ..ATTITUDE_DATA::default() }));
+        }
+    });
+    bench.rig.console.send(b"status\r");
+    bench.run(100);
+    let status = String::from_utf8_lossy(&bench.rig.console.receive()).into_owned();
+    assert!(status.contains("attitude: roll 5.9 deg") || status.contains("attitude: roll 5.7 deg"), "{status}");
+    let cancel = COMMAND_LONG_DATA {
+        command: mavlink::dialects::common::MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN,
+        param3: 1.0,
+        param4: 158.0,
+        target_system: 1,
+        target_component: 158,
+        ..COMMAND_LONG_DATA::default()
+    };
+    bench.autopilot.received.clear();
+    send(&mut bench, &frame(&cancel));
+    bench.run(4_000);
+    assert!(bench.autopilot.received.iter().any(|frame| is_message(frame, DataType::TARGETTED)));
+    let console = String::from_utf8_lossy(&bench.rig.console.receive()).into_owned();
+    assert!(console.contains("started by software") || console.contains("started by"), "{console}");
+}
+
+/// Two modules and their autopilot on one bus: both are compasses with numbers of their own.
+#[test]
+fn a_frame_of_the_bus_reaches_all_other_nodes() {
+    let _simulation = testkit::simulation::Simulation::new();
+    let bus = CanBus::new(CanFaults::default());
+    let [one, two, three] = [bus.attach(), bus.attach(), bus.attach()];
+    let frame = CanFrame::new(1, &[0; 8]).unwrap();
+    one.offer(&frame);
+    testkit::clock::advance(1_000);
+    assert_eq!((one.take_received().len(), two.take_received(), three.take_received().len()), (0, vec![frame], 1));
+}
