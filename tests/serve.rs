@@ -139,8 +139,12 @@ fn number_after(text: &str, words: &str) -> f64 {
     rest.split([',', ' ', ';']).next().unwrap().parse().unwrap()
 }
 
-const VISITED: ServeOptions =
-    ServeOptions { pattern: PilotPattern::Routine, attitude: AttitudeProvider::Auto, has_external_simulator: true, has_can: false };
+const VISITED: ServeOptions = ServeOptions {
+    pattern: PilotPattern::Routine,
+    attitude: AttitudeProvider::Auto,
+    has_external_simulator: true,
+    has_can: false,
+};
 
 #[test]
 fn attitudes_of_another_simulator_turn_the_heading() {

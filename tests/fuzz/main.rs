@@ -12,6 +12,7 @@
 //! receives no sentences.
 
 mod console;
+mod dronecan;
 mod mavlink;
 mod msp;
 mod port;

@@ -39,9 +39,12 @@ impl MulticastBus {
         let own = self.output.local_addr().map(|address| address.port());
         let is_own = |from: SocketAddr| own.as_ref().is_ok_and(|own| *own == from.port());
         let mut datagram = [0; DATAGRAM];
-        let datagrams = (0..DATAGRAMS).map_while(|_| self.input.recv_from(&mut datagram).ok().map(|(length, from)| {
-            from_datagram(&datagram[..length]).filter(|_| !is_own(from))
-        }));
+        let datagrams = (0..DATAGRAMS).map_while(|_| {
+            self.input
+                .recv_from(&mut datagram)
+                .ok()
+                .map(|(length, from)| from_datagram(&datagram[..length]).filter(|_| !is_own(from)))
+        });
         datagrams.flatten().collect()
     }
 

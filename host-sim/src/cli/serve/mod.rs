@@ -183,7 +183,8 @@ impl ModuleOptions {
 
 pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
-    let (mut served_module, flash) = options.aboard.module(options.attitude, options.world.is_some(), options.can.is_some())?;
+    let (mut served_module, flash) =
+        options.aboard.module(options.attitude, options.world.is_some(), options.can.is_some())?;
     let mut wires: Vec<Vec<Box<dyn Wire>>> = Vec::new();
     let mut places = Vec::new();
     let mut next = options.tcp;
@@ -219,7 +220,8 @@ fn world_port(number: u16) -> Result<UdpSocket, Failure> {
 }
 
 fn can_bus(number: u8) -> Result<MulticastBus, Failure> {
-    MulticastBus::open(number).map_err(|error| Failure::with_code("can-unavailable", format!("{}: {error}", bus_name(number))))
+    MulticastBus::open(number)
+        .map_err(|error| Failure::with_code("can-unavailable", format!("{}: {error}", bus_name(number))))
 }
 
 struct PortAddress {
@@ -324,7 +326,8 @@ fn serve_alone(aboard: &ModuleOptions) -> Result<ExitCode, Failure> {
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
     let (orders, order_lines) = mpsc::channel();
     wires[serve::CONSOLE].push(Box::new(open_terminal(Some(orders))?));
-    let wiring = Connections { wires, world: None, can: None, orders: Some(OrderInput::from_channel(order_lines)), flash };
+    let wiring =
+        Connections { wires, world: None, can: None, orders: Some(OrderInput::from_channel(order_lines)), flash };
     wiring.run(&mut served_module, aboard.speed, interruption.stop())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }

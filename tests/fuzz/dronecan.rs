@@ -1,0 +1,207 @@
+//! Fuzz test of the DroneCAN receiver and of the node.
+
+use autoswing::compass::IndicatorState;
+use autoswing::instrument::Estimate;
+use autoswing::port::{CanNode, NodeContext, Snapshot};
+use autoswing::settings::{CanSettings, Settings};
+use autoswing::time::Timestamp;
+use autoswing::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
+use autoswing::wire::dronecan::{CanFrame, DataType, InboundMessage, LONGEST_RECEIVED, NodeId, Receiver};
+use proptest::collection::vec;
+use proptest::prelude::*;
+
+use crate::{Promise, hold};
+
+/// Number of the fuzzed node.
+const OWN: u8 = 42;
+
+/// Frames of one transfer with its CRC, divided as the protocol requires.
+fn frames(id: u32, data_type: DataType, transfer_id: u8, payload: &[u8]) -> Vec<CanFrame> {
+    let checked = if payload.len() <= 7 {
+        payload.to_vec()
+    } else {
+        [&crc(&[&data_type.signature.to_le_bytes(), payload].concat()).to_le_bytes(), payload].concat()
+    };
+    let count = checked.len().div_ceil(7).max(1);
+    (0..count)
+        .map(|number| {
+            let part = &checked[7 * number..checked.len().min(7 * number + 7)];
+            let flags = u8::from(number == 0) << 7 | u8::from(number + 1 == count) << 6 | (number as u8 & 1) << 5;
+            CanFrame::new(id, &[part, &[flags | transfer_id & 0x1F]].concat()).expect("eight bytes")
+        })
+        .collect()
+}
+
+/// CRC-16-CCITT, bit by bit.
+fn crc(bytes: &[u8]) -> u16 {
+    bytes.iter().fold(0xFFFF, |crc, byte| {
+        (0..8).fold(
+            crc ^ u16::from(*byte) << 8,
+            |crc: u16, _| {
+                if crc & 0x8000 == 0 { crc << 1 } else { crc << 1 ^ 0x1021 }
+            },
+        )
+    })
+}
+
+const TYPES: [DataType; 12] = [
+    DataType::TARGETTED,
+    DataType::ARMING_STATUS,
+    DataType::BATTERY_INFO,
+    DataType::FIX_2,
+    DataType::ALLOCATION,
+    DataType::GET_NODE_INFO,
+    DataType::GET_SET,
+    DataType::EXECUTE_OPCODE,
+    DataType::RESTART_NODE,
+    DataType::GET_TRANSPORT_STATS,
+    DataType::BEGIN_FIRMWARE_UPDATE,
+    DataType::NODE_STATUS,
+];
+
+/// Transfers of received types with any payload, up to lengths beyond the longest; source 0 is anonymous.
+fn transfer() -> impl Strategy<Value = Vec<CanFrame>> {
+    let source = prop_oneof![6 => Just(10_u8), 2 => 0..128_u8, 1 => Just(OWN)];
+    let length = prop_oneof![6 => 0..30_usize, 3 => 30..140_usize, 1 => 200..300_usize];
+    (proptest::sample::select(TYPES.to_vec()), source, any::<u8>(), length, vec(any::<u8>(), 300)).prop_map(
+        |(data_type, source, transfer_id, length, payload)| {
+            let id = if data_type.is_service {
+                0x1E00_8080 | u32::from(data_type.id) << 16 | u32::from(OWN) << 8 | u32::from(source)
+            } else {
+                0x1800_0000 | u32::from(data_type.id) << 8 | u32::from(source)
+            };
+            frames(id, data_type, transfer_id, &payload[..length])
+        },
+    )
+}
+
+/// Damage to a sequence of frames: a frame removed, repeated, moved or changed at an index modulo the length.
+#[derive(Clone, Debug)]
+enum Damage {
+    None,
+    Remove(usize),
+    Repeat(usize),
+    Swap(usize, usize),
+    Flip(usize, usize),
+}
+
+fn damage() -> impl Strategy<Value = Damage> {
+    let any = any::<usize>;
+    prop_oneof![
+        4 => Just(Damage::None),
+        1 => any().prop_map(Damage::Remove),
+        1 => any().prop_map(Damage::Repeat),
+        1 => (any(), any()).prop_map(|(one, other)| Damage::Swap(one, other)),
+        1 => (any(), any()).prop_map(|(frame, bit)| Damage::Flip(frame, bit)),
+    ]
+}
+
+impl Damage {
+    fn apply(&self, frames: &mut Vec<CanFrame>) {
+        let count = frames.len().max(1);
+        match *self {
+            Self::None => {}
+            Self::Remove(at) => drop(frames.remove(at % count)),
+            Self::Repeat(at) => frames.insert(at % count, frames[at % count].clone()),
+            Self::Swap(one, other) => frames.swap(one % count, other % count),
+            Self::Flip(at, bit) => {
+                let frame = &mut frames[at % count];
+                let mut data = frame.data().to_vec();
+                let bits = 29 + 8 * data.len();
+                let (mut id, bit) = (frame.id(), bit % bits);
+                if let Some(bit) = bit.checked_sub(29) {
+                    data[bit / 8] ^= 1 << (bit % 8);
+                } else {
+                    id ^= 1 << bit;
+                }
+                *frame = CanFrame::new(id, &data).expect("29 bits and eight bytes");
+            }
+        }
+    }
+}
+
+/// Transfers with damage, interleaved, and noise.
+fn traffic() -> impl Strategy<Value = Vec<CanFrame>> {
+    let damaged = (transfer(), damage()).prop_map(|(mut frames, damage)| {
+        damage.apply(&mut frames);
+        frames
+    });
+    let noise = (0..1_u32 << 29, vec(any::<u8>(), 0..=8))
+        .prop_map(|(id, data)| vec![CanFrame::new(id, &data).expect("29 bits and eight bytes")]);
+    let all = vec(prop_oneof![6 => damaged, 1 => noise], 0..5);
+    (all, any::<bool>()).prop_map(|(all, is_interleaved)| {
+        let longest = all.iter().map(Vec::len).max().unwrap_or(0);
+        if is_interleaved {
+            (0..longest).flat_map(|at| all.iter().filter_map(move |frames| frames.get(at).cloned())).collect()
+        } else {
+            all.concat()
+        }
+    })
+}
+
+/// Lengths of what a message contains.
+fn is_bounded(message: &InboundMessage<'_>) -> bool {
+    match message {
+        InboundMessage::Allocation(step) => step.unique_id.len() <= 16,
+        InboundMessage::GetSet(request) => request.name.len() <= 92,
+        InboundMessage::BeginFirmwareUpdate { path, .. } => path.len() < LONGEST_RECEIVED,
+        InboundMessage::Targetted(piece) => piece.data.len() <= 120,
+        _ => true,
+    }
+}
+
+/// Nothing panics, every message is within its bounds, and an intact transfer after the traffic is received.
+#[test]
+fn any_frames_are_received_or_dropped() {
+    hold(traffic(), |traffic| -> Promise {
+        let mut receiver = Receiver::new();
+        for frame in &traffic {
+            if let Some(transfer) = receiver.push(Timestamp::START, NodeId::new(OWN), frame) {
+                prop_assert!(is_bounded(&transfer.message), "{transfer:?}");
+            }
+        }
+        let good = frames(0x1804_440A, DataType::BATTERY_INFO, 5, &[0; 30]);
+        let mut last = false;
+        for frame in &good {
+            last = receiver.push(Timestamp::START, NodeId::new(OWN), frame).is_some();
+        }
+        prop_assert!(last, "an intact transfer is dropped");
+        Ok(())
+    });
+}
+
+/// The node answers with whole transfers of its own, whatever it receives; without a number it sends only requests for one.
+#[test]
+fn a_node_survives_any_frames() {
+    const INFO: NodeInfo = NodeInfo {
+        name: "org.autoswing.fuzz",
+        software: SoftwareVersion::of_this_firmware(None),
+        hardware: [1, 0],
+        unique_id: [7; 16],
+    };
+    hold((traffic(), any::<bool>(), any::<bool>()), |(traffic, has_number, is_armed)| -> Promise {
+        let can = CanSettings { node: if has_number { OWN } else { 0 }, ..CanSettings::DEFAULT };
+        let settings = Settings { can, ..Settings::DEFAULT };
+        let mut node = CanNode::new(INFO, can);
+        for (number, frame) in traffic.iter().enumerate() {
+            let now = Timestamp::from_us(number as u64 * 12_500);
+            node.receive(now, frame, &mut |_| {});
+            let estimate = Estimate { at: now, ..Estimate::EMPTY };
+            let indicator = IndicatorState::Idle;
+            let snapshot = Snapshot { now, estimate: &estimate, settings: &settings, indicator, calibration: None };
+            let command = node.poll(&NodeContext { snapshot, stored_settings: &settings, is_armed });
+            prop_assert!(!is_armed || command.is_none(), "{command:?} while armed");
+            if let Some(command) = command {
+                node.complete_command(command, Ok(()));
+            }
+            for _ in 0..100 {
+                let Some(frame) = node.next_frame() else { break };
+                let source = frame.id() as u8 & 0x7F;
+                prop_assert!(frame.data().len() <= 8 && (has_number || frame.id() & 0x80 == 0 || source != 0));
+                node.frame_sent(now);
+            }
+            prop_assert!(node.next_frame().is_none(), "frames without an end");
+        }
+        Ok(())
+    });
+}
