@@ -17,7 +17,7 @@
 //! | [`frames`], [`time`] | types for fields in frames, attitude, time |
 //! | [`calibration`] | the twelve coefficients and their covariance from samples |
 //! | [`heading`], [`attitude`], [`earth`] | heading from a corrected field; attitude track; field model |
-//! | [`magnetometer`], [`wire`] | sensor drivers; MAVLink, MSP, NMEA |
+//! | [`magnetometer`], [`wire`] | sensor drivers; MAVLink, MSP, NMEA, DroneCAN |
 //! | [`instrument`] | readings and attitude in, headings and samples out |
 //! | [`collection`], [`acceptance`], [`store`] | selection of samples, acceptance of results, flash |
 //! | [`compass`], [`port`], [`console`], [`app`] | state machine, output, tasks |

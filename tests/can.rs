@@ -14,7 +14,7 @@ use simulator::world::far_end::FarEnd;
 const MAG: DataType = DataType::MAGNETIC_FIELD_STRENGTH_2;
 
 fn node(number: u8) -> NodeId {
-    NodeId::new(number).unwrap()
+    NodeId::new(number).expect("1 to 127")
 }
 
 fn source(frame: &CanFrame) -> Option<NodeId> {
@@ -52,7 +52,7 @@ impl Autopilot {
     }
 
     fn send(&mut self, data_type: DataType, kind: TransferKind, payload: &[u8]) {
-        let payload = Payload::from_slice(payload).unwrap();
+        let payload = Payload::from_slice(payload).expect("a short payload");
         self.transfer_id = (self.transfer_id + 1) % 32;
         let transfer =
             OutboundTransfer { data_type, priority: priority::LOW, kind, transfer_id: self.transfer_id, payload };

@@ -10,6 +10,7 @@ mod dronecan;
 mod mavlink;
 mod msp;
 mod nmea;
+mod parameters;
 mod protocol;
 mod safe_mode;
 mod schedule;

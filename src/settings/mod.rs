@@ -1,6 +1,5 @@
 //! User settings.
 
-pub mod parameters;
 mod ports;
 
 use core::fmt;

@@ -139,7 +139,7 @@ fn traffic() -> impl Strategy<Value = Vec<CanFrame>> {
     })
 }
 
-/// Lengths of what a message contains.
+/// Whether the lengths in a message are within their limits.
 fn is_bounded(message: &InboundMessage<'_>) -> bool {
     match message {
         InboundMessage::Allocation(step) => step.unique_id.len() <= 16,

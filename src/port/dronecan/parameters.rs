@@ -1,11 +1,11 @@
 //! Settings as parameters of GetSet.
 
+use crate::port::parameters::{PARAMETERS, Parameter, ParameterValue};
 use crate::settings::Settings;
-use crate::settings::parameters::{PARAMETERS, Parameter, ParameterValue};
 use crate::wire::dronecan::{GetSet, Payload, Value, outbound};
 use crate::wire::mavlink::key_from_passphrase;
 
-/// Word that removes the key of signatures, and what is read without one.
+/// Word that removes the key of signatures; the value without a key.
 const OFF: &str = "off";
 
 /// Parameter of a request: by its name, otherwise by its position.

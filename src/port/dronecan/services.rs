@@ -4,8 +4,8 @@ use super::parameters;
 use super::update::FirmwareUpdate;
 use crate::compass::Command;
 use crate::messages::Refusal;
+use crate::port::parameters::{Parameter, ParameterValue};
 use crate::settings::Settings;
-use crate::settings::parameters::{Parameter, ParameterValue};
 use crate::time::Timestamp;
 use crate::wire::dronecan::outbound::{self, UpdateResult};
 use crate::wire::dronecan::{
@@ -41,7 +41,17 @@ enum Request {
     Parameter { parameter: Option<&'static Parameter>, value: Option<ParameterValue> },
     Opcode(Opcode),
     Restart { is_confirmed: bool },
-    Update { is_valid: bool },
+    Update(UpdateRequest),
+}
+
+/// Request for an update, whose data is kept apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum UpdateRequest {
+    Valid,
+    /// The path is wrong.
+    Invalid,
+    /// Another request for an update waits or is executed.
+    Second,
 }
 
 /// Command in execution for a requester.
@@ -79,7 +89,7 @@ pub(super) struct Services {
 impl Services {
     /// Queues a request.
     pub fn receive(&mut self, own: NodeId, transfer: &InboundTransfer<'_>) {
-        let Some(node) = transfer.source else { return };
+        let Some(node) = transfer.source.filter(|_| !self.waiting.is_full()) else { return };
         let request = match transfer.message {
             InboundMessage::GetNodeInfo => Request::GetNodeInfo,
             InboundMessage::GetTransportStats => Request::GetTransportStats,
@@ -91,10 +101,7 @@ impl Services {
             InboundMessage::ExecuteOpcode(opcode) => Request::Opcode(opcode),
             InboundMessage::RestartNode(is_confirmed) => Request::Restart { is_confirmed },
             InboundMessage::BeginFirmwareUpdate { server, path } => {
-                let update = FirmwareUpdate::new(server.unwrap_or(node), own, path);
-                let is_valid = update.is_some();
-                self.update = self.update.take().or(update);
-                Request::Update { is_valid }
+                Request::Update(self.receive_update(FirmwareUpdate::new(server.unwrap_or(node), own, path)))
             }
             _ => return,
         };
@@ -102,9 +109,20 @@ impl Services {
         let _ = self.waiting.push_back((requester, request));
     }
 
-    /// Whether a request waits.
+    fn receive_update(&mut self, update: Option<FirmwareUpdate>) -> UpdateRequest {
+        match (&self.update, update) {
+            (Some(_), _) => UpdateRequest::Second,
+            (None, None) => UpdateRequest::Invalid,
+            (None, update) => {
+                self.update = update;
+                UpdateRequest::Valid
+            }
+        }
+    }
+
+    /// Whether a request can be answered or executed.
     pub fn has_requests(&self) -> bool {
-        !self.waiting.is_empty() || self.finished.is_some()
+        self.finished.is_some() || (self.open.is_none() && !self.waiting.is_empty())
     }
 
     /// Next step. Nothing changes while the vehicle is armed. `describe` returns the responses that only the node knows.
@@ -185,32 +203,31 @@ impl Services {
             }
             Request::Restart { is_confirmed: true } if !is_armed => Decision::Execute(Command::Restart),
             Request::Restart { .. } => Decision::Answer(DataType::RESTART_NODE, outbound::restart_result(false)),
-            Request::Update { is_valid } => self.decide_update(is_valid, is_armed),
+            Request::Update(request) => self.decide_update(request, is_armed),
         }
     }
 
-    fn decide_update(&mut self, is_valid: bool, is_armed: bool) -> Decision {
-        let (result, reason) = if self.is_updating() || self.is_update_open() {
-            (UpdateResult::InProgress, "")
-        } else if is_armed {
-            self.update = None;
-            (UpdateResult::InvalidMode, "armed")
-        } else if !is_valid {
-            (UpdateResult::Unknown, "a path has 1 to 200 characters")
-        } else {
-            return Decision::Execute(Command::Restart);
+    fn decide_update(&mut self, request: UpdateRequest, is_armed: bool) -> Decision {
+        let (result, reason) = match request {
+            UpdateRequest::Second => (UpdateResult::InProgress, ""),
+            UpdateRequest::Valid if self.is_updating() => {
+                self.update = None;
+                (UpdateResult::InProgress, "")
+            }
+            UpdateRequest::Valid if is_armed => {
+                self.update = None;
+                (UpdateResult::InvalidMode, "armed")
+            }
+            UpdateRequest::Valid => return Decision::Execute(Command::Restart),
+            UpdateRequest::Invalid => (UpdateResult::Unknown, "a path has 1 to 200 characters"),
         };
         Decision::Answer(DataType::BEGIN_FIRMWARE_UPDATE, outbound::update_result(result, reason))
-    }
-
-    fn is_update_open(&self) -> bool {
-        matches!(self.open, Some(OpenCommand { request: Request::Update { .. }, .. }))
     }
 
     /// Ends the open command.
     fn finish(&mut self, result: Result<(), &'static str>) {
         let Some(OpenCommand { requester, request, .. }) = self.open.take() else { return };
-        if let Request::Update { .. } = request {
+        if let Request::Update(_) = request {
             self.granted = self.update.take().filter(|_| result.is_ok());
         }
         self.finished = Some((requester, request, result));
@@ -222,7 +239,7 @@ fn result_of(request: Request, result: Result<(), &'static str>, settings: &Sett
     match request {
         Request::Parameter { parameter, .. } => (DataType::GET_SET, parameters::response(parameter, settings)),
         Request::Opcode(_) => (DataType::EXECUTE_OPCODE, outbound::opcode_result(result.is_ok())),
-        Request::Update { .. } => {
+        Request::Update(_) => {
             let (code, reason) = match result {
                 Ok(()) => (UpdateResult::Ok, ""),
                 Err(reason) => (UpdateResult::InvalidMode, reason),

@@ -1,7 +1,7 @@
 //! Requests of other nodes: description, parameters, restart, firmware update.
 
 use super::*;
-use crate::settings::parameters::{PARAMETERS, ParameterValue};
+use crate::port::parameters::{PARAMETERS, ParameterValue};
 use crate::settings::{SettingChange, SigningKey};
 use crate::wire::mavlink::key_from_passphrase;
 
@@ -197,6 +197,24 @@ fn a_refused_update_can_be_repeated() {
     bench.ask(DataType::BEGIN_FIRMWARE_UPDATE, b"\x00b");
     bench.node.complete_command(Command::Restart, Ok(()));
     assert_eq!(bench.node.granted_update().unwrap().path(), b"b");
+}
+
+/// The second of two requests does not replace the path of the first, nor does one for which there was no room.
+#[test]
+fn one_update_is_requested_at_a_time() {
+    let mut bench = Bench::new();
+    let update = |transfer_id, payload| transfer(DataType::BEGIN_FIRMWARE_UPDATE, transfer_id, payload);
+    for source in 11..15 {
+        bench.receive(source, &transfer(DataType::GET_NODE_INFO, 0, &[]));
+    }
+    bench.receive(PEER, &update(0, b"\x00lost"));
+    bench.run(100);
+    bench.receive(PEER, &update(1, b"\x00a"));
+    bench.receive(66, &update(2, b"\x00b"));
+    let answers = bench.sent(DataType::BEGIN_FIRMWARE_UPDATE, 100);
+    assert_eq!(answers.iter().map(|sent| (sent.transfer_id, sent.payload[0])).collect::<Vec<_>>(), [(2, 2)]);
+    bench.node.complete_command(Command::Restart, Ok(()));
+    assert_eq!(bench.node.granted_update().unwrap().path(), b"a");
 }
 
 /// Requests of several nodes at once are answered to each; further ones than four wait for a repetition.

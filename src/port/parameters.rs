@@ -3,10 +3,10 @@
 
 use core::ops::RangeInclusive;
 
-use super::{
+use crate::calibration::Orientation;
+use crate::settings::{
     AttitudeError, Baud, CanSettings, HeadingKind, PortNumber, ProtocolKind, SettingChange, Settings, SigningKey,
 };
-use crate::calibration::Orientation;
 
 /// Setting with a name of at most 16 characters.
 #[derive(Debug)]
@@ -203,7 +203,6 @@ mod tests {
     use std::collections::BTreeSet;
 
     use super::*;
-    use crate::settings::SigningKey;
 
     /// Extremes of a parameter, or a key.
     fn extremes(parameter: &Parameter) -> [ParameterValue; 2] {
