@@ -285,7 +285,10 @@ fn json_output_of_serve_is_documented() {
         child.wait().unwrap();
         serde_json::from_str(&line).unwrap()
     };
-    check_schema("serve --json", &[startup_output("serve --json"), startup_output("serve --json --tcp 0 --world 0")]);
+    check_schema(
+        "serve --json",
+        &[startup_output("serve --json"), startup_output("serve --json --tcp 0 --world 0 --can mcast:9")],
+    );
 }
 
 #[test]

@@ -14,6 +14,7 @@ const DATAGRAMS: usize = 256;
 
 /// The bus of a number, shared with other programs of this computer.
 pub struct MulticastBus {
+    group: Ipv4Addr,
     input: UdpSocket,
     output: UdpSocket,
 }
@@ -27,11 +28,12 @@ impl MulticastBus {
         sockopt::set_socket_reuseaddr(&input, true)?;
         bind(&input, &SocketAddrV4::new(group, PORT))?;
         let input = UdpSocket::from(input);
-        input.join_multicast_v4(&group, &Ipv4Addr::UNSPECIFIED)?;
+        // A computer without a network has only the loopback interface.
+        let join = |interface| input.join_multicast_v4(&group, &interface);
+        join(Ipv4Addr::UNSPECIFIED).or_else(|_| join(Ipv4Addr::LOCALHOST))?;
         let output = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
-        output.connect((group, PORT))?;
         output.set_nonblocking(true)?;
-        Ok(Self { input, output })
+        Ok(Self { group, input, output })
     }
 
     /// Frames of others.
@@ -50,6 +52,6 @@ impl MulticastBus {
 
     /// Sends a frame; it is lost where the network does not take it, as on a bus without other nodes.
     pub fn send(&self, frame: &CanFrame) {
-        let _ = self.output.send(&to_datagram(frame));
+        let _ = self.output.send_to(&to_datagram(frame), (self.group, PORT));
     }
 }
