@@ -112,7 +112,7 @@ fn poll(links: &Links, node: &mut CanNode, settings: &Settings) {
     links.update_line_state(AutopilotLine::Can, ProtocolKind::Mavlink, node.is_armed(now));
     links.set_can_state(node.state(now));
     let Some(stored_settings) = links.stored_settings.try_get() else { return };
-    let is_armed = links.armed.try_get().flatten() == Some(true);
+    let is_armed = links.is_armed() == Some(true);
     let correction = new_calibration(links, |calibration| node.is_unreported(calibration));
     let command = with_snapshot(links, now, settings, correction.as_ref(), |snapshot| {
         node.poll(&NodeContext { snapshot: *snapshot, stored_settings: &stored_settings, is_armed })
