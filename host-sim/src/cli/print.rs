@@ -8,12 +8,11 @@ use std::sync::OnceLock;
 use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
 use log_analysis::numbers::round_to;
 use log_analysis::report::Report;
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::termios::tcgetwinsize;
 use serde::Serialize;
 use serde_json::{Value, json};
 use simulator::world::WorldConfig;
 use simulator::world::airframe::AirframeDescription;
+use terminal_size::terminal_size_of;
 
 use super::failure::Failure;
 use super::files::write_report_file;
@@ -33,7 +32,7 @@ const CLOSED: u8 = 141;
 pub fn width() -> usize {
     static COLUMNS: OnceLock<usize> = OnceLock::new();
     *COLUMNS.get_or_init(|| {
-        let columns = tcgetwinsize(io::stdout()).map_or(0, |size| usize::from(size.ws_col));
+        let columns = terminal_size_of(io::stdout()).map_or(0, |(columns, _)| usize::from(columns.0));
         if columns == 0 { WIDTH } else { columns.clamp(MIN_WIDTH, WIDTH) }
     })
 }
@@ -61,16 +60,24 @@ pub fn has_output_failed() -> bool {
     LOST.get().is_some()
 }
 
-/// Polls whether the reader has closed the pipe, for commands that rarely print.
+/// Polls whether the reader has closed the pipe, for commands that rarely print. Windows cannot be asked: there the next
+/// output fails.
 pub fn poll_output_closed() -> bool {
+    #[cfg(unix)]
+    if is_pipe_closed() {
+        let _ = LOST.set(ErrorKind::BrokenPipe.into());
+    }
+    has_output_failed()
+}
+
+#[cfg(unix)]
+fn is_pipe_closed() -> bool {
+    use rustix::event::{PollFd, PollFlags, Timespec, poll};
     let stdout = io::stdout();
     let mut ends = [PollFd::new(&stdout, PollFlags::empty())];
     let now = Timespec { tv_sec: 0, tv_nsec: 0 };
     // Only pipes report this; files and terminals do not.
-    if poll(&mut ends, Some(&now)).is_ok() && ends[0].revents().contains(PollFlags::ERR) {
-        let _ = LOST.set(ErrorKind::BrokenPipe.into());
-    }
-    has_output_failed()
+    poll(&mut ends, Some(&now)).is_ok() && ends[0].revents().contains(PollFlags::ERR)
 }
 
 /// Prints a line to the error output; ignores errors.

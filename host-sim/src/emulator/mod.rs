@@ -7,6 +7,7 @@ pub mod budget;
 mod elf;
 mod emulated_module;
 mod error;
+mod local_socket;
 mod machine;
 mod machine_port;
 mod qmp;

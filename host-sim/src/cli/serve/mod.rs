@@ -2,11 +2,13 @@
 
 mod flash_writer;
 mod pace;
+#[cfg_attr(not(unix), path = "no_pty.rs")]
+mod pty;
 mod run;
 mod wire;
 
 use std::io;
-use std::net::{Ipv4Addr, UdpSocket};
+use std::net::{Ipv4Addr, TcpStream, UdpSocket};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
@@ -22,7 +24,7 @@ use simulator::world::aircraft::VehicleKind;
 
 use self::flash_writer::FlashWriter;
 use self::run::{Connections, OrderInput};
-use self::wire::{LOOK, PIECE, Pty, TcpPort, Terminal, Wire};
+use self::wire::{Connection, LOOK, PIECE, TcpPort, Terminal, Wire};
 use super::termination::{SecondSignal, TerminationSignals};
 
 use super::files::named_world;
@@ -164,12 +166,18 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     let mut places = Vec::new();
     let mut next = options.tcp;
     for port in PORTS {
-        let pty = Pty::open().map_err(|error| Failure::with_code("no-pty", error))?;
+        let (pty, pty_path) = pty::open()?.unzip();
+        if pty.is_none() && next.is_none() {
+            return Err(Failure::with_code(
+                "no-pty",
+                "this system has no pseudo-terminals; serve TCP ports: --tcp 5760",
+            ));
+        }
         let tcp = next.map(tcp_port).transpose()?;
         next = next.map(|number| if number == 0 { 0 } else { number.wrapping_add(1) });
-        places.push(PortAddress { port, pty: pty.path.clone(), tcp: tcp.as_ref().map(|tcp| tcp.port) });
+        places.push(PortAddress { port, pty: pty_path, tcp: tcp.as_ref().map(|tcp| tcp.port) });
         let tcp = tcp.map(|tcp| Box::new(tcp) as Box<dyn Wire>);
-        wires.push(std::iter::once(Box::new(pty) as Box<dyn Wire>).chain(tcp).collect());
+        wires.push(pty.into_iter().chain(tcp).collect());
     }
     let world = options.world.map(world_port).transpose()?;
     let world_number = world.as_ref().and_then(|world| world.local_addr().ok()).map(|address| address.port());
@@ -195,7 +203,7 @@ fn world_port(number: u16) -> Result<UdpSocket, Failure> {
 
 struct PortAddress {
     port: &'static serve::Port,
-    pty: PathBuf,
+    pty: Option<PathBuf>,
     tcp: Option<u16>,
 }
 
@@ -207,14 +215,16 @@ fn describe_ports(aboard: &ModuleOptions, places: &[PortAddress], world: Option<
 
 fn print_ports(aboard: &ModuleOptions, places: &[PortAddress], world: Option<u16>) -> Result<(), Failure> {
     for (index, PortAddress { port, pty, tcp }) in places.iter().enumerate() {
-        let pty = pty.display();
         print::print_line(format_args!("{}: {}", port.name, port.carries));
-        let with = match index {
-            serve::CONSOLE => format!("picocom {pty}"),
-            serve::AUTOPILOT => format!("mavproxy.py --master={pty}"),
-            _ => format!("cat {pty}"),
-        };
-        print::print_line(format_args!("  {pty:<22}{with}"));
+        if let Some(pty) = pty {
+            let pty = pty.display();
+            let with = match index {
+                serve::CONSOLE => format!("picocom {pty}"),
+                serve::AUTOPILOT => format!("mavproxy.py --master={pty}"),
+                _ => format!("cat {pty}"),
+            };
+            print::print_line(format_args!("  {pty:<22}{with}"));
+        }
         if let Some(number) = tcp {
             let with = match index {
                 serve::CONSOLE => format!("host-sim console --tcp {number}"),
@@ -246,13 +256,15 @@ fn print_ports(aboard: &ModuleOptions, places: &[PortAddress], world: Option<u16
 }
 
 pub fn console(options: &Console) -> Result<ExitCode, Failure> {
-    let no_module =
-        |endpoint: String| move |error: io::Error| Failure::with_code("no-module", format!("{endpoint}: {error}"));
     match (&options.path, options.tcp) {
-        (Some(path), _) => attach(wire::connect_serial(path).map_err(no_module(path.display().to_string()))?),
-        (None, Some(port)) => attach(wire::connect_tcp(port).map_err(no_module(format!("TCP port {port}")))?),
+        (Some(path), _) => attach(pty::connect_serial(path)?),
+        (None, Some(port)) => attach(connect_tcp(port)?),
         (None, None) => serve_alone(&options.aboard),
     }
+}
+
+fn connect_tcp(port: u16) -> Result<Connection<TcpStream>, Failure> {
+    wire::connect_tcp(port).map_err(|error| Failure::with_code("no-module", format!("TCP port {port}: {error}")))
 }
 
 fn attach(mut module: impl Wire) -> Result<ExitCode, Failure> {
