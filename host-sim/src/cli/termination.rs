@@ -47,7 +47,7 @@ impl TerminationSignals {
                 thread::sleep(PAUSE);
             }
             progress::clear();
-            signal_hook::low_level::exit(signals.signal.load(Ordering::SeqCst) as i32);
+            signal_hook::low_level::exit(i32::from(signals.signal.load(Ordering::SeqCst) as u8));
         });
         Ok(())
     }

@@ -19,6 +19,7 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use host_sim::serve::{self, AttitudeProvider, PORTS, PilotPattern, ServedModule};
 use serde_json::{Value, json};
+use simulator::mission_report::airframe_json;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
@@ -35,8 +36,8 @@ use crate::cli::failure::Failure;
 /// Serve the simulated module to a terminal, an autopilot, an instrument or another simulator.
 ///
 /// The module runs in real time, or --speed times as fast, with its ports on pseudo-terminals and, with --tcp, on TCP
-/// ports of this computer. The program prints how to attach to each. The aircraft flies a pattern; orders typed on
-/// standard input change it. Try:
+/// ports of this computer; Windows has no pseudo-terminals and needs --tcp. The program prints how to attach to each.
+/// The aircraft flies a pattern; orders typed on standard input change it. Try:
 ///
 /// `host-sim serve --tcp 5760`
 ///
@@ -69,7 +70,7 @@ pub struct Serve {
 /// Type to a module's console, as with `picocom`: a served module, a board, or a private one.
 ///
 /// With --tcp or the path of a pseudo-terminal it connects to a module of `host-sim serve`; with a serial port, to a
-/// board (set it to 115200 baud with stty). Without either it runs a private module, whose pilot takes orders after an
+/// board (set it to 115200 baud with stty; not on Windows). Without either it runs a private module, whose pilot takes orders after an
 /// exclamation mark: `!land` disarms, `!help` lists them. `quit`, Ctrl-D on an empty line and Ctrl-] end. Piped input is
 /// sent, and its answers are awaited.
 #[derive(Args)]
@@ -210,7 +211,7 @@ struct PortAddress {
 fn describe_ports(aboard: &ModuleOptions, places: &[PortAddress], world: Option<u16>) -> Result<Value, Failure> {
     let ports: Vec<Value> =
         places.iter().map(|place| json!({ "name": place.port.name, "pty": place.pty, "tcp": place.tcp })).collect();
-    Ok(json!({ "ports": ports, "world": world, "airframe": print::airframe_json(&aboard.world()?) }))
+    Ok(json!({ "ports": ports, "world": world, "airframe": airframe_json(&aboard.world()?) }))
 }
 
 fn print_ports(aboard: &ModuleOptions, places: &[PortAddress], world: Option<u16>) -> Result<(), Failure> {

@@ -1,14 +1,14 @@
 //! What `pty.rs` is on Unix, for systems without pseudo-terminals.
 
 use std::net::TcpStream;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use super::wire::{Connection, Wire};
+use super::wire::{Connection, OpenedPty};
 use crate::cli::failure::Failure;
 
 /// None: the module is served on TCP ports alone.
 #[expect(clippy::unnecessary_wraps, reason = "as on Unix, where it can fail")]
-pub fn open() -> Result<Option<(Box<dyn Wire>, PathBuf)>, Failure> {
+pub fn open() -> Result<Option<OpenedPty>, Failure> {
     Ok(None)
 }
 

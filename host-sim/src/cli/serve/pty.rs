@@ -9,12 +9,11 @@ use rustix::fs::OFlags;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
-use super::wire::{BufferedStream, Connection, Wire};
+use super::wire::{BufferedStream, Connection, OpenedPty, Wire};
 use crate::cli::failure::Failure;
 
 /// A pseudo-terminal with its path, closed when dropped.
-#[expect(clippy::unnecessary_wraps, reason = "other systems have none")]
-pub fn open() -> Result<Option<(Box<dyn Wire>, PathBuf)>, Failure> {
+pub fn open() -> Result<Option<OpenedPty>, Failure> {
     let pty = Pty::open().map_err(|error| Failure::with_code("no-pty", error))?;
     let path = pty.path.clone();
     Ok(Some((Box::new(pty), path)))

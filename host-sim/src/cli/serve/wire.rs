@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind, IsTerminal as _, Read, Write};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, Sender, TryRecvError};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -35,6 +36,9 @@ pub trait Wire {
         false
     }
 }
+
+/// A pseudo-terminal with its path.
+pub type OpenedPty = (Box<dyn Wire>, PathBuf);
 
 /// Largest backlog of a slow receiver, bytes: six seconds of a full line.
 const BACKLOG: usize = 65_536;
