@@ -2,6 +2,7 @@
 const $ = (id) => document.getElementById(id);
 const [form, status, progress, report] = ["choices", "status", "progress", "report"].map($);
 let worker, file, judged, isBusy, next, largest;
+let steps = [];
 
 function startWorker() {
   worker?.terminate();
@@ -31,7 +32,7 @@ const NONE = { samples: "flight", compass: null, from_s: null, to_s: null };
 function begin(chosen) {
   if (isBusy) startWorker();
   file = chosen;
-  [judged, next] = [null, null];
+  [judged, next, steps] = [null, null, []];
   form.reset();
   for (const id of ["choices", "downloads", "flight"]) $(id).hidden = true;
   report.replaceChildren();
@@ -59,6 +60,16 @@ function draw(picture, name, attributes) {
   picture.append(shape);
 }
 
+// The flight takes a second; its steps are shown one a frame, all at once to people who want no motion.
+function play() {
+  const isStill = matchMedia("(prefers-reduced-motion: reduce)").matches;
+  for (const step of steps.splice(0, isStill ? steps.length : 1)) showStep(step);
+  if (steps.length) requestAnimationFrame(play);
+  else if (judged) show();
+}
+
+// Microtesla and degrees in units of the pictures.
+const SCALE = { field: 1.5, error: 2 };
 const SECTOR_DEG = 15;
 const RINGS = [["right", 1, 92], ["left", -1, 84]];
 // A bank that makes a turn of the calibration, degrees.
@@ -85,9 +96,9 @@ function showStep(step) {
   const points = { measured: [step.measured_ut, step.before_deg], corrected: [step.corrected_ut, step.after_deg] };
   for (const [kind, [field, error]] of Object.entries(points)) {
     if (field === null) continue;
-    const [forward, right] = field;
+    const [forward, right] = field.map((component) => SCALE.field * component);
     draw($("circles"), "circle", { class: kind, cx: right.toFixed(1), cy: (-forward).toFixed(1), r: 1.2 });
-    draw($("errors"), "circle", { class: kind, cx: step.heading_deg.toFixed(1), cy: (-error).toFixed(2), r: 1.5 });
+    draw($("errors"), "circle", { class: kind, cx: step.heading_deg.toFixed(1), cy: (-SCALE.error * error).toFixed(2), r: 1.5 });
     largest[kind] = Math.max(largest[kind], Math.abs(error));
   }
   const after = largest.corrected === null ? "" : `, with it ${largest.corrected.toFixed(2)} deg`;
@@ -119,14 +130,14 @@ function fail(text) {
 
 function receive(message) {
   if (message.step) return say(message.step, message.done);
-  if (message.flight) return showStep(message.flight);
+  if (message.flight) return steps.push(message.flight) === 1 && requestAnimationFrame(play);
   if (message.summary) return showChoices(message.summary);
   if (message.isFault) startWorker();
   if (message.error !== undefined) return fail(message.isFault ? `the program failed (${message.error}); please report it` : message.error);
   isBusy = false;
   judged = message.judged;
   if (next) return send(next), (next = null);
-  return show();
+  return steps.length || show();
 }
 
 function showChoices({ compasses, range_s: [from, to], is_table: isTable }) {
