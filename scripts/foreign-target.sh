@@ -60,9 +60,10 @@ flags_without_places() {
 }
 
 # Sets AUTOSWING_VERSION, which the programs print in place of the package's version: with the commit, and `-dirty` if a file
-# differs from it. Without git it stays unset.
+# differs from it. Without git it stays unset, and one that is set stays.
 export_version() {
     local version commit
+    [ -z "${AUTOSWING_VERSION:-}" ] || return 0
     version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
     commit=$(git describe --always --exclude='*' --abbrev=10 --dirty 2>/dev/null) || return 0
     export AUTOSWING_VERSION="$version ($commit)"
