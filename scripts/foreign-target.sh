@@ -47,12 +47,24 @@ find_lld() {
     return 1
 }
 
-# Messages of panics name source files. Without the places where cargo and the compiler keep them on this computer the
-# program is smaller and the same on every computer.
+# Messages of panics and debug information name source files. Without the folders where this computer keeps them, those of cargo,
+# of the compiler, of this repository and of what is built, the program is smaller and the same on every computer.
 flags_without_places() {
-    local sources
-    for sources in "${CARGO_HOME:-$HOME/.cargo}"/registry/src/*/ /usr/lib/rustlib/src/rust/library/; do
-        [ -d "$sources" ] && printf ' --remap-path-prefix=%s=' "$sources"
+    local folder
+    # Of several that fit a name, the compiler takes the last.
+    for folder in "${CARGO_HOME:-$HOME/.cargo}"/registry/src/*/ /usr/lib/rustlib/src/rust/library/ "$PWD/" \
+        "$(realpath -m "${CARGO_TARGET_DIR:-target}")/"; do
+        [ -d "$folder" ] && [[ $folder != *[[:space:]]* ]] && printf ' --remap-path-prefix=%s=' "$folder"
     done
     return 0
+}
+
+# Sets AUTOSWING_VERSION, which the programs print in place of the package's version: with the commit, and `-dirty` if a file
+# differs from it. Without git it stays unset, and one that is set stays.
+export_version() {
+    local version commit
+    [ -z "${AUTOSWING_VERSION:-}" ] || return 0
+    version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
+    commit=$(git describe --always --exclude='*' --abbrev=10 --dirty 2>/dev/null) || return 0
+    export AUTOSWING_VERSION="$version ($commit)"
 }

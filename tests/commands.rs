@@ -1,4 +1,5 @@
 //! Exit codes, output width, JSON schema and error messages of the commands.
+#![cfg(unix)]
 #![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
 use std::collections::BTreeSet;

@@ -1,9 +1,11 @@
 //! Tests of the ARM firmware in QEMU. They need qemu-system-arm and the images of scripts/build-firmware and are
 //! ignored by default: cargo test --release --test emulator -- --ignored
 
+use std::path::{Path, PathBuf};
+
 use autoswing::calibration::MotorCurrentInterference;
 use autoswing::health::StackUse;
-use host_sim::emulator::{self, BenchTest, Emulator, budget};
+use host_sim::emulator::{BenchTest, Emulator, budget};
 use log_analysis::score::wrap_180;
 use simulator::mission::{TurnPlan, fly_with};
 use simulator::module::{Module as _, ModuleRunEnd};
@@ -19,18 +21,23 @@ use simulator::world::msp_autopilot::{self, AnswerFaults};
 use simulator::world::{CRUISE_CURRENT_A, WorldConfig};
 use testkit::random::Random;
 
+/// An image that `scripts/build-firmware` left.
+fn image(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/firmware").join(name)
+}
+
 fn start_emulator() -> Emulator {
     start_emulator_in(&WorldConfig::table1(1))
 }
 
 fn start_emulator_in(world: &WorldConfig) -> Emulator {
-    let mut emulator = Emulator::start(&emulator::default_image(), *world).unwrap_or_else(|e| panic!("{e}"));
+    let mut emulator = Emulator::start(&image("mps2-an386.elf"), *world).unwrap_or_else(|e| panic!("{e}"));
     emulator.run_for_s(1.0);
     emulator
 }
 
 fn with_bench_image() -> Emulator {
-    let image = emulator::default_bench_image();
+    let image = image("mps2-an386-bench.elf");
     let mut emulator = Emulator::start(&image, WorldConfig::table1(1)).unwrap_or_else(|e| panic!("{e}"));
     emulator.run_for_s(1.0);
     emulator.printed();
@@ -204,7 +211,7 @@ fn the_cause_of_a_crash_is_reported_after_the_restart() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
-    let image = emulator::default_bench_image();
+    let image = image("mps2-an386-bench.elf");
     let far_ends = [FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot), FarEnd::Unconnected];
     let mut emulator = Emulator::start_wired(&image, WorldConfig::table1(1), far_ends).unwrap();
     emulator.run_for_s(1.0);
@@ -268,7 +275,7 @@ fn only_the_bench_image_runs_the_tests_of_the_bench() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn instructions_stay_within_their_budgets() {
-    let image = emulator::default_bench_image();
+    let image = image("mps2-an386-bench.elf");
     let mut emulator = Emulator::start(&image, WorldConfig::table1(1)).unwrap_or_else(|e| panic!("{e}"));
     for budget in budget::count_budgets(&mut emulator).unwrap() {
         assert!(budget.is_within_limit(), "{budget:?}");
@@ -285,7 +292,7 @@ fn a_missing_image_is_reported_with_the_build_command() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn an_image_for_another_machine_ends_the_emulator_with_an_error() {
-    let path = emulator::default_image().with_file_name("autoswing.elf");
+    let path = image("autoswing.elf");
     let error = Emulator::start(&path, WorldConfig::table1(1)).map_or_else(
         |error| error,
         |mut emulator| {
@@ -307,7 +314,7 @@ fn mavlink_and_msp_run_at_once_on_the_emulator() {
         FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot),
         FarEnd::Msp(msp_autopilot::MspFirmware::ArduPilot, calm),
     ];
-    let mut emulator = Emulator::start_wired(&emulator::default_image(), WorldConfig::table1(2), far_ends).unwrap();
+    let mut emulator = Emulator::start_wired(&image("mps2-an386.elf"), WorldConfig::table1(2), far_ends).unwrap();
     emulator.run_for_s(1.0);
     assert!(emulator.type_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
     emulator.run_for_s(10.0);
@@ -371,7 +378,7 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     let config = WorldConfig::table1(7);
     let config = WorldConfig { aircraft: VehicleConfig { kind: VehicleKind::Copter, ..config.aircraft }, ..config };
     let config = WorldConfig { reports_current: true, ..config.with_current_interference(12.0) };
-    let mut emulator = Emulator::start_wired(&emulator::default_image(), config, far_ends).unwrap();
+    let mut emulator = Emulator::start_wired(&image("mps2-an386.elf"), config, far_ends).unwrap();
     let AttachedDevice::Mavlink(autopilot) = emulator.far_ends[0].clone() else { panic!("no MAVLink there") };
     assert_eq!(emulator.run_for_s(8.0), ModuleRunEnd::Time);
     emulator.world().set_armed(true);

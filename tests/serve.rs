@@ -1,4 +1,5 @@
 //! Simulated module for external programs, in simulation time and through real sockets and pseudo-terminals.
+#![cfg(unix)]
 #![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
 use std::fs;
@@ -368,7 +369,7 @@ fn serve_over_tcp_answers_streams_follows_and_ends() {
     read_until(&mut console, contains("ok declination 7.0 deg"));
     assert_eq!(program.interrupt(), Some(130));
     drop(program);
-    let image = FlashImage::read(&flash).unwrap().unwrap();
+    let (_, image) = FlashImage::lock_and_read(&flash).unwrap().unwrap();
     assert!(image != *CALIBRATED, "what was set is kept");
     let mut again = served_module(ServeOptions::default(), Some(&image));
     let status = typed_command(&mut again, "status all");

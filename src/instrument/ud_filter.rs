@@ -40,7 +40,12 @@ impl<const N: usize> UdFilter<N> {
     }
 
     pub fn is_finite(&self) -> bool {
-        self.mean.iter().chain(&self.diagonal).chain(self.upper.as_flattened()).all(|x| x.is_finite())
+        // Zero times what is not finite is not a number, which a sum keeps: half the time of testing each.
+        let mut sum: f32 = self.mean.iter().chain(&self.diagonal).map(|x| x * 0.0).sum();
+        for (i, row) in self.upper.iter().enumerate() {
+            sum += row.iter().skip(i + 1).map(|x| x * 0.0).sum::<f32>();
+        }
+        sum.is_finite()
     }
 
     /// Mean of `row . states`.
@@ -119,7 +124,7 @@ impl<const N: usize> UdFilter<N> {
     pub fn propagate(&mut self, to: usize, row: &[f32; N]) {
         self.mean[to] += self.projected_mean(row);
         for j in to + 1..N {
-            self.upper[to][j] += self.u_transposed_times(row, N, j);
+            self.upper[to][j] += row[j] + (to + 1..j).map(|i| self.upper[i][j] * row[i]).sum::<f32>();
         }
     }
 

@@ -1,5 +1,5 @@
-// Judges logs on the page of scripts/build-web in headless Chromium: the figures and parameters are those of the command line,
-// byte for byte; no connection is tried; what cannot be judged is refused in words. Arguments: the page, then logs. Environment:
+// Judges logs on the page of scripts/build-web in headless Chromium, and flies the example aircraft there: the figures and parameters
+// are those of the command line, byte for byte; no connection is tried; what cannot be judged is refused in words. Arguments: the page, then logs. Environment:
 // as browser.js, and PAGE_SHOTS (screenshot directory), HOST_SIM (the command line).
 "use strict";
 const { spawnSync } = require("node:child_process");
@@ -63,6 +63,33 @@ async function drop(page, log) {
       document.body.dispatchEvent(new DragEvent(type, { dataTransfer: transfer, bubbles: true, cancelable: true }));
     }
   }, transfer);
+}
+
+// Flies the example aircraft: its figures are those of `host-sim fly`, its pictures grow, and its report follows.
+async function flies(look, seed, shot) {
+  const { page, say } = look;
+  const expected = spawnSync(process.env.HOST_SIM, ["fly", "--json", "--seed", `${seed}`]).stdout.toString();
+  await page.evaluate(() => (window.longest = 0));
+  await page.fill("#seed", `${seed}`);
+  const start = performance.now();
+  await page.click("#fly");
+  await page.waitForFunction(() => document.querySelectorAll("#circles .measured").length > 50, null, WAIT);
+  const measured = () => page.locator("#circles .measured").count();
+  const covered = () => page.locator("#circles .covered").count();
+  const early = [await measured(), await covered()];
+  await ends(page);
+  const seconds = (performance.now() - start) / 1e3;
+  const late = [await measured(), await covered()];
+  if (late[0] <= early[0] || late[1] <= early[1]) say(`the pictures do not grow: ${early} to ${late}`);
+  if ((await page.locator("#circles .corrected").count()) < 50) say("no circle is corrected");
+  const json = await saved(page, "save-json");
+  if (json !== expected) say(`seed ${seed}: figures differ: ${json} is not ${expected}`);
+  if (!(await page.locator("#verdict").isVisible())) say("no report of the flight");
+  const longest_ms = await page.evaluate(() => window.longest);
+  if (longest_ms > LONGEST_MS) say(`the flight: does not answer for ${longest_ms} ms`);
+  await looksRight(look);
+  await shot(look, `flight-${seed}`);
+  console.log(`example flight: ${seconds.toFixed(1)} s, ${late[0]} steps, longest task ${longest_ms.toFixed(0)} ms`);
 }
 
 const choose = (page, log) => page.setInputFiles("#file", log);
@@ -194,6 +221,7 @@ async function main([file, ...logs]) {
   await shot(look, "wide");
   await choosesAgain(look, logs.at(-1));
   await refuses(look);
+  await flies(look, 1, shot);
   await look.context.close();
 
   const phone = await start(served, PHONE, "dark");
@@ -201,6 +229,7 @@ async function main([file, ...logs]) {
   await looksRight(phone);
   await shot(phone, "phone");
   await choosesAgain(phone, logs[0]);
+  await flies(phone, 7, shot);
   await phone.context.close();
 
   if (connections > 0) wrong.push(`${connections} connections were tried`);
@@ -208,7 +237,7 @@ async function main([file, ...logs]) {
   await browser.close();
   server.close();
   proxy.close();
-  reported(`${logs.length} logs judged on the page as by the command line`);
+  reported(`${logs.length} logs judged on the page as by the command line, and the example flown`);
 }
 
 main(process.argv.slice(2)).catch(failed);

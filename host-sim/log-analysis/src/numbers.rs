@@ -10,6 +10,37 @@ pub fn round_to(value: f64, decimals: i32) -> f64 {
     (value * scale).round() / scale + 0.0
 }
 
+/// Decimals by the suffix of a field's name: the meaningful digits and one more.
+const DECIMALS: [(&str, i32); 7] =
+    [("soft_iron", 4), ("_deg", 3), ("_percent", 2), ("_ut", 3), ("_ms", 3), ("_s", 2), ("readings", 0)];
+
+/// Decimals of ratios and of values without unit.
+const OTHER_DECIMALS: i32 = 3;
+
+/// Field that is not rounded: the calibration itself, at most nine digits of an f32.
+const EXACT: &str = "coefficients";
+
+/// Rounds all numbers of a value for JSON, by the names of their fields; see docs/json.md.
+pub fn round_json(value: &mut Value) {
+    round_by_name(value, OTHER_DECIMALS);
+}
+
+fn round_by_name(value: &mut Value, decimals: i32) {
+    match value {
+        Value::Number(number) if number.is_f64() => {
+            *value = json!(round_to(number.as_f64().unwrap_or(f64::NAN), decimals));
+        }
+        Value::Array(values) => values.iter_mut().for_each(|value| round_by_name(value, decimals)),
+        Value::Object(fields) => {
+            for (name, value) in fields.iter_mut().filter(|(name, _)| *name != EXACT) {
+                let unit_decimals = DECIMALS.iter().find(|(end, _)| name.ends_with(end));
+                round_by_name(value, unit_decimals.map_or(decimals, |(_, decimals)| *decimals));
+            }
+        }
+        _ => {}
+    }
+}
+
 /// Square; `f64::powi` may round differently on another platform.
 #[must_use]
 pub fn square(value: f64) -> f64 {
@@ -87,6 +118,23 @@ mod tests {
         }
         let rounded = [round_to(0.125_4, 3), round_to(-0.000_1, 3)];
         assert_eq!(rounded.map(f64::to_bits), [0.125, 0.0].map(f64::to_bits));
+    }
+
+    #[test]
+    fn numbers_are_rounded_to_the_digits_of_their_unit() {
+        let mut value = json!({
+            "rms_deg": 0.123_456_789, "ratio": 1.000_55, "within_percent": [68.268_9, 95.0], "wrong": 3,
+            "readings": 191.6, "mean_deg": -0.000_01,
+            "coefficients": { "w": [1.012_345_6] }, "errors": [{ "right_deg": [[1.234_56]] }],
+        });
+        round_json(&mut value);
+        let expected = json!({
+            "rms_deg": 0.123, "ratio": 1.001, "within_percent": [68.27, 95.0], "wrong": 3,
+            "readings": 192.0, "mean_deg": 0.0,
+            "coefficients": { "w": [1.012_345_6] }, "errors": [{ "right_deg": [[1.235]] }],
+        });
+        assert_eq!(value, expected);
+        assert_eq!(value["mean_deg"].to_string(), "0.0");
     }
 
     #[test]

@@ -1,18 +1,21 @@
-//! Report of a simulated mission.
+//! Report of a simulated mission, as a page and as JSON.
 
 use autoswing::calibration::{Calibration, Orientation};
 use autoswing::frames::{Body, Field};
-use log_analysis::numbers::format_number;
+use log_analysis::numbers::{coefficients_json, format_number, round_json, round_to};
 use log_analysis::replay::verdict::CompassState;
 use log_analysis::report::ReportOrigin;
 use log_analysis::report::model::{
     CompassReport, DeviationCurve, EventMark, ReferenceInfo, Report, ReportSample, VerdictLine,
 };
 use log_analysis::score::{ErrorStatistics, wrap_180};
+use serde_json::{Value, json};
 
 use crate::heading_errors::{BANKS_DEG, HeadingErrors};
 use crate::mission::{self, EvaluatedHeading, MissionResult, RoutineMeasurement};
 use crate::transcript::SolveNotice;
+use crate::world::WorldConfig;
+use crate::world::airframe::AirframeDescription;
 
 /// Makes the report of a mission.
 #[must_use]
@@ -43,6 +46,48 @@ pub fn report_mission(mission_result: &MissionResult, made: &ReportOrigin) -> Re
         .collect(),
         ..Report::default()
     }
+}
+
+/// Figures of a mission as `host-sim fly --json` prints them: one object with rounded numbers.
+#[must_use]
+pub fn mission_json(mission_result: &MissionResult) -> Value {
+    let (before, after) = (mission_result.before.statistics(), mission_result.after.statistics());
+    let shown = mission_result.result.as_ref().ok();
+    let refusal = match &mission_result.result {
+        Err(SolveNotice::Refused { code, words }) => json!({ "code": code, "words": words }),
+        Err(SolveNotice::Calibrated(_)) => json!({ "code": "unreadable", "words": "cal show could not be read" }),
+        Ok(_) => Value::Null,
+    };
+    let mut figures = json!({
+        "accepted": shown.is_some(),
+        "refusal": refusal,
+        "method": shown.map(|s| &s.method),
+        "coefficients": shown.map(|s| coefficients_json(&s.calibration)),
+        "inclination_deg": shown.map(|s| s.calibration.inclination_rad.to_degrees()),
+        "expected_rms_deg": shown.map(|s| s.expected_rms_deg),
+        "before": before,
+        "after": shown.map(|_| after),
+        "streamed": mission_result.streamed,
+        "duration_s": mission_result.duration_s,
+        "aircraft": mission_result.world.aircraft.kind.name(),
+        "airframe": airframe_json(&mission_result.world),
+        "seed": mission_result.world.seed,
+    });
+    round_json(&mut figures);
+    figures
+}
+
+/// Airframe and Earth field, as objects of the command line show them.
+#[must_use]
+pub fn airframe_json(world: &WorldConfig) -> Value {
+    let AirframeDescription { soft_iron, hard_iron_ut, mounting_deg } = AirframeDescription::from(&world.airframe);
+    json!({
+        "soft_iron": soft_iron.map(|row| row.map(|number| round_to(number, 4))),
+        "hard_iron_ut": hard_iron_ut,
+        "mounting_deg": mounting_deg,
+        "total_ut": world.earth.total_ut,
+        "inclination_deg": world.earth.inclination_deg,
+    })
 }
 
 fn verdict_line(mission_result: &MissionResult) -> VerdictLine {

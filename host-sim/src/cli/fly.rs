@@ -9,13 +9,11 @@ use comfy_table::Table;
 use host_sim::emulator::{self, Emulator, EmulatorError};
 use indicatif::{ProgressBar, ProgressStyle};
 use log_analysis::log::write::{self, FlightRecording};
-use log_analysis::numbers::coefficients_json;
 use log_analysis::report::ReportOrigin;
 use log_analysis::score::ErrorStatistics;
-use serde_json::{Value, json};
 use simulator::heading_errors::HeadingErrors;
 use simulator::mission::{self, MissionResult, MissionStage, OutputStatistics, TurnPlan};
-use simulator::mission_report::report_mission;
+use simulator::mission_report::{mission_json, report_mission};
 use simulator::module::Module;
 use simulator::recording::RecordingModule;
 use simulator::rig::Rig;
@@ -25,7 +23,7 @@ use simulator::world::aircraft::VehicleKind;
 
 use super::failure::Failure;
 use super::files::named_world;
-use super::print::{self, airframe_json, append_wrapped, command_line, content_table, right_aligned, write_report};
+use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
 use super::range::{integer, number};
 use super::termination::{SecondSignal, TerminationSignals};
 
@@ -140,7 +138,7 @@ impl Fly {
 
 fn report_result(options: &Fly, mission_result: &MissionResult) -> Result<ExitCode, Failure> {
     if options.json {
-        print::print_json(summary(mission_result))?;
+        print::print_line(mission_json(mission_result));
     } else {
         print::print_text(&format_result(options, mission_result));
     }
@@ -208,31 +206,6 @@ fn finish(current: Option<(MissionStage, ProgressBar)>) {
     if let Some((_, bar)) = current {
         bar.finish();
     }
-}
-
-fn summary(mission_result: &MissionResult) -> Value {
-    let (before, after) = (mission_result.before.statistics(), mission_result.after.statistics());
-    let shown = mission_result.result.as_ref().ok();
-    let refusal = match &mission_result.result {
-        Err(SolveNotice::Refused { code, words }) => json!({ "code": code, "words": words }),
-        Err(SolveNotice::Calibrated(_)) => json!({ "code": "unreadable", "words": "cal show could not be read" }),
-        Ok(_) => Value::Null,
-    };
-    json!({
-        "accepted": shown.is_some(),
-        "refusal": refusal,
-        "method": shown.map(|s| &s.method),
-        "coefficients": shown.map(|s| coefficients_json(&s.calibration)),
-        "inclination_deg": shown.map(|s| s.calibration.inclination_rad.to_degrees()),
-        "expected_rms_deg": shown.map(|s| s.expected_rms_deg),
-        "before": before,
-        "after": shown.map(|_| after),
-        "streamed": mission_result.streamed,
-        "duration_s": mission_result.duration_s,
-        "aircraft": mission_result.world.aircraft.kind.name(),
-        "airframe": airframe_json(&mission_result.world),
-        "seed": mission_result.world.seed,
-    })
 }
 
 fn format_result(options: &Fly, mission_result: &MissionResult) -> String {

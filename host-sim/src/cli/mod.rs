@@ -24,13 +24,19 @@ use clap::{CommandFactory as _, Parser, Subcommand};
 use failure::Failure;
 use termination::TerminationSignals;
 
+/// The version; with its commit if a script of this repository built the program (`scripts/foreign-target.sh`).
+const VERSION: &str = match option_env!("AUTOSWING_VERSION") {
+    Some(version) => version,
+    None => env!("CARGO_PKG_VERSION"),
+};
+
 /// Fly the firmware of the Autoswing heading module in a simulated aircraft.
 ///
 /// Everything runs in virtual time and depends on the seed only: the same command prints the same bytes. Only `serve`
 /// and `console` follow the wall clock and their inputs. Exit codes: 0 calibrated, 1 the module refused, 2 wrong
 /// command; 130 ended by Ctrl-C, 141 the reader closed the pipe. docs/json.md describes the output of --json.
 #[derive(Parser)]
-#[command(version, about, long_about, args_conflicts_with_subcommands = true, max_term_width = print::WIDTH)]
+#[command(version = VERSION, about, long_about, args_conflicts_with_subcommands = true, max_term_width = print::WIDTH)]
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,

@@ -6,14 +6,10 @@ use std::process::ExitCode;
 use std::sync::OnceLock;
 
 use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
-use log_analysis::numbers::round_to;
+use log_analysis::numbers::round_json;
 use log_analysis::report::Report;
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::termios::tcgetwinsize;
 use serde::Serialize;
-use serde_json::{Value, json};
-use simulator::world::WorldConfig;
-use simulator::world::airframe::AirframeDescription;
+use terminal_size::terminal_size_of;
 
 use super::failure::Failure;
 use super::files::write_report_file;
@@ -33,7 +29,7 @@ const CLOSED: u8 = 141;
 pub fn width() -> usize {
     static COLUMNS: OnceLock<usize> = OnceLock::new();
     *COLUMNS.get_or_init(|| {
-        let columns = tcgetwinsize(io::stdout()).map_or(0, |size| usize::from(size.ws_col));
+        let columns = terminal_size_of(io::stdout()).map_or(0, |(columns, _)| usize::from(columns.0));
         if columns == 0 { WIDTH } else { columns.clamp(MIN_WIDTH, WIDTH) }
     })
 }
@@ -61,16 +57,24 @@ pub fn has_output_failed() -> bool {
     LOST.get().is_some()
 }
 
-/// Polls whether the reader has closed the pipe, for commands that rarely print.
+/// Polls whether the reader has closed the pipe, for commands that rarely print. Windows cannot be asked: there the next
+/// output fails.
 pub fn poll_output_closed() -> bool {
+    #[cfg(unix)]
+    if is_pipe_closed() {
+        let _ = LOST.set(ErrorKind::BrokenPipe.into());
+    }
+    has_output_failed()
+}
+
+#[cfg(unix)]
+fn is_pipe_closed() -> bool {
+    use rustix::event::{PollFd, PollFlags, Timespec, poll};
     let stdout = io::stdout();
     let mut ends = [PollFd::new(&stdout, PollFlags::empty())];
     let now = Timespec { tv_sec: 0, tv_nsec: 0 };
     // Only pipes report this; files and terminals do not.
-    if poll(&mut ends, Some(&now)).is_ok() && ends[0].revents().contains(PollFlags::ERR) {
-        let _ = LOST.set(ErrorKind::BrokenPipe.into());
-    }
-    has_output_failed()
+    poll(&mut ends, Some(&now)).is_ok() && ends[0].revents().contains(PollFlags::ERR)
 }
 
 /// Prints a line to the error output; ignores errors.
@@ -90,38 +94,12 @@ pub fn final_exit_code(code: ExitCode) -> ExitCode {
     }
 }
 
-/// Decimals by the suffix of a field's name: the meaningful digits and one more.
-const DECIMALS: [(&str, i32); 7] =
-    [("soft_iron", 4), ("_deg", 3), ("_percent", 2), ("_ut", 3), ("_ms", 3), ("_s", 2), ("readings", 0)];
-
-/// Decimals of ratios and of values without unit.
-const OTHER_DECIMALS: i32 = 3;
-
-/// Field that is not rounded: the calibration itself, at most nine digits of an f32.
-const EXACT: &str = "coefficients";
-
 /// Prints a value as one line of JSON with rounded numbers; see docs/json.md.
 pub fn print_json(value: impl Serialize) -> Result<(), Failure> {
     let mut value = serde_json::to_value(value).map_err(|error| Failure(error.to_string()))?;
-    round(&mut value, OTHER_DECIMALS);
+    round_json(&mut value);
     print_line(value);
     Ok(())
-}
-
-fn round(value: &mut Value, decimals: i32) {
-    match value {
-        Value::Number(number) if number.is_f64() => {
-            *value = json!(round_to(number.as_f64().unwrap_or(f64::NAN), decimals));
-        }
-        Value::Array(values) => values.iter_mut().for_each(|value| round(value, decimals)),
-        Value::Object(fields) => {
-            for (name, value) in fields.iter_mut().filter(|(name, _)| *name != EXACT) {
-                let unit_decimals = DECIMALS.iter().find(|(end, _)| name.ends_with(end));
-                round(value, unit_decimals.map_or(decimals, |(_, decimals)| *decimals));
-            }
-        }
-        _ => {}
-    }
 }
 
 /// Writes a report and prints its path on the error output, since standard output may be JSON.
@@ -195,38 +173,4 @@ pub fn append_wrapped(out: &mut String, indent: &str, words: &str) {
     }
     out.push_str(&line);
     out.push('\n');
-}
-
-/// Airframe and Earth field, as objects of the command line show them.
-pub fn airframe_json(world: &WorldConfig) -> Value {
-    let AirframeDescription { soft_iron, hard_iron_ut, mounting_deg } = AirframeDescription::from(&world.airframe);
-    json!({
-        "soft_iron": soft_iron.map(|row| row.map(|number| round_to(number, 4))),
-        "hard_iron_ut": hard_iron_ut,
-        "mounting_deg": mounting_deg,
-        "total_ut": world.earth.total_ut,
-        "inclination_deg": world.earth.inclination_deg,
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbers_are_rounded_to_the_digits_of_their_unit() {
-        let mut value = json!({
-            "rms_deg": 0.123_456_789, "ratio": 1.000_55, "within_percent": [68.268_9, 95.0], "wrong": 3,
-            "readings": 191.6, "mean_deg": -0.000_01,
-            "coefficients": { "w": [1.012_345_6] }, "errors": [{ "right_deg": [[1.234_56]] }],
-        });
-        round(&mut value, OTHER_DECIMALS);
-        let expected = json!({
-            "rms_deg": 0.123, "ratio": 1.001, "within_percent": [68.27, 95.0], "wrong": 3,
-            "readings": 192.0, "mean_deg": 0.0,
-            "coefficients": { "w": [1.012_345_6] }, "errors": [{ "right_deg": [[1.235]] }],
-        });
-        assert_eq!(value, expected);
-        assert_eq!(value["mean_deg"].to_string(), "0.0");
-    }
 }

@@ -4,13 +4,26 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread;
+use std::time::Duration;
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+#[cfg(unix)]
+use signal_hook::consts::SIGHUP;
+use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
-use signal_hook::iterator::Signals;
 
 use super::failure::Failure;
 use super::progress;
+
+/// Signals that end the program. On Windows, SIGINT is Ctrl-C.
+const SIGNALS: &[i32] = &[
+    SIGINT,
+    SIGTERM,
+    #[cfg(unix)]
+    SIGHUP,
+];
+
+/// Poll period of a command without clean-up.
+const PAUSE: Duration = Duration::from_millis(20);
 
 pub struct TerminationSignals {
     stop: Arc<AtomicBool>,
@@ -28,12 +41,13 @@ pub enum SecondSignal {
 impl TerminationSignals {
     /// Installs immediate termination, for commands without clean-up.
     pub fn exit_immediately() -> Result<(), Failure> {
-        let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(failed)?;
+        let signals = Self::install(SecondSignal::Exits)?;
         thread::spawn(move || {
-            if let Some(signal) = signals.forever().next() {
-                progress::clear();
-                signal_hook::low_level::exit(status(signal));
+            while !signals.stop.load(Ordering::SeqCst) {
+                thread::sleep(PAUSE);
             }
+            progress::clear();
+            signal_hook::low_level::exit(i32::from(signals.signal.load(Ordering::SeqCst) as u8));
         });
         Ok(())
     }
@@ -41,7 +55,7 @@ impl TerminationSignals {
     /// Installs handlers that record the signal.
     pub fn install(second: SecondSignal) -> Result<Self, Failure> {
         let interruption = Self { stop: Arc::new(AtomicBool::new(false)), signal: Arc::new(AtomicUsize::new(0)) };
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
+        for &signal in SIGNALS {
             if second == SecondSignal::Exits {
                 flag::register_conditional_shutdown(signal, status(signal), Arc::clone(&interruption.stop))
                     .map_err(failed)?;

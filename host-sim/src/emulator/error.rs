@@ -12,6 +12,8 @@ pub(super) const QEMU: &str = "qemu-system-arm";
 pub enum EmulatorError {
     /// QEMU could not be started.
     NoQemu(io::Error),
+    /// This system has no local sockets to connect QEMU by.
+    NoLocalSockets,
     /// No file at this path.
     NoImage(PathBuf),
     /// The file at this path is not a firmware image; its actual type.
@@ -32,6 +34,7 @@ impl EmulatorError {
     pub const fn code(&self) -> &'static str {
         match self {
             Self::NoQemu(_) => "no-qemu",
+            Self::NoLocalSockets => "no-local-sockets",
             Self::NoImage(_) => "no-image",
             Self::NotFirmware(..) => "not-firmware",
             Self::Interrupted => "interrupted",
@@ -49,6 +52,10 @@ impl fmt::Display for EmulatorError {
                 f,
                 "{QEMU} cannot be started ({error}); install QEMU's system emulator for ARM, on Debian: \
                  apt-get install qemu-system-arm"
+            ),
+            Self::NoLocalSockets => f.write_str(
+                "the emulator needs Unix sockets, which this system does not have; emulate on Linux or macOS, or fly the \
+                 same code without an emulator: host-sim fly",
             ),
             Self::NoImage(path) => {
                 write!(f, "no firmware at {}; build it: scripts/build-firmware", path.display())

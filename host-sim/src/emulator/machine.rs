@@ -2,7 +2,6 @@
 
 use std::fs;
 use std::io::{ErrorKind, Read, Write};
-use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
@@ -15,6 +14,7 @@ use tempfile::TempDir;
 
 use super::elf;
 use super::error::{EmulatorError, QEMU};
+use super::local_socket::{self, LocalStream};
 use super::qmp::Qmp;
 
 /// Ticks per microsecond of the firmware's clock.
@@ -104,10 +104,10 @@ pub const MAX_STEP_BYTES: usize = 255;
 pub struct Machine {
     qemu: Qemu,
     qmp: Qmp,
-    console: UnixStream,
-    autopilot: UnixStream,
-    instrument: UnixStream,
-    lockstep: UnixStream,
+    console: LocalStream,
+    autopilot: LocalStream,
+    instrument: LocalStream,
+    lockstep: LocalStream,
     /// Set by the caller to stop the machine.
     stop: Arc<AtomicBool>,
     /// Directory of sockets and flash, removed on drop.
@@ -117,6 +117,9 @@ pub struct Machine {
 impl Machine {
     /// Starts QEMU with a firmware image and erased flash. Setting `stop` cancels all waiting.
     pub fn start(image: &Path, stop: Arc<AtomicBool>) -> Result<Self, EmulatorError> {
+        if !local_socket::ARE_SUPPORTED {
+            return Err(EmulatorError::NoLocalSockets);
+        }
         elf::check_image(image)?;
         let directory = tempfile::tempdir().map_err(|error| EmulatorError::Connection("directory", error))?;
         let flash = directory.path().join("flash.bin");
@@ -176,7 +179,7 @@ impl Machine {
 
     /// Continues the machine. Each port receives at most 255 bytes; excess bytes are dropped.
     pub fn resume(&mut self, go: &StepInput) -> Result<(), EmulatorError> {
-        let send = |stream: &mut UnixStream, bytes: &[u8], socket_name| {
+        let send = |stream: &mut LocalStream, bytes: &[u8], socket_name| {
             stream.write_all(bytes).map_err(|error| EmulatorError::Connection(socket_name, error))
         };
         let [console, autopilot, instrument] =
@@ -212,11 +215,11 @@ struct Qemu {
 
 impl Qemu {
     /// Connects as soon as the socket exists.
-    fn connect(&mut self, socket_name: &'static str, socket: &Path) -> Result<UnixStream, EmulatorError> {
+    fn connect(&mut self, socket_name: &'static str, socket: &Path) -> Result<LocalStream, EmulatorError> {
         let failed = |error| EmulatorError::Connection(socket_name, error);
         let mut left = PATIENCE;
         loop {
-            match UnixStream::connect(socket) {
+            match local_socket::connect(socket) {
                 Ok(stream) => {
                     stream.set_read_timeout(Some(PATIENCE)).map_err(failed)?;
                     return Ok(stream);
@@ -278,14 +281,14 @@ fn command(image: &Path, flash: &Path, [console, autopilot, lockstep, instrument
     command
 }
 
-fn non_blocking(stream: UnixStream) -> Result<UnixStream, EmulatorError> {
+fn non_blocking(stream: LocalStream) -> Result<LocalStream, EmulatorError> {
     stream.set_nonblocking(true).map_err(|error| EmulatorError::Connection("port", error))?;
     Ok(stream)
 }
 
 /// Fills `bytes` from a stream within the response timeout and until `stop` is set; the stream has a short read
 /// timeout.
-fn read_until(stream: &mut UnixStream, bytes: &mut [u8], stop: &AtomicBool) -> std::io::Result<()> {
+fn read_until(stream: &mut LocalStream, bytes: &mut [u8], stop: &AtomicBool) -> std::io::Result<()> {
     let (mut filled, mut left) = (0, PATIENCE);
     while filled < bytes.len() && !stop.load(Ordering::SeqCst) {
         match stream.read(&mut bytes[filled..]) {
@@ -300,7 +303,7 @@ fn read_until(stream: &mut UnixStream, bytes: &mut [u8], stop: &AtomicBool) -> s
 }
 
 /// All available bytes; the lockstep connection detects the end of the process.
-fn read_available(stream: &mut UnixStream) -> std::io::Result<Vec<u8>> {
+fn read_available(stream: &mut LocalStream) -> std::io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let mut buffer = [0; 4096];
     loop {

@@ -7,21 +7,22 @@ pub mod budget;
 mod elf;
 mod emulated_module;
 mod error;
+mod local_socket;
 mod machine;
 mod machine_port;
 mod qmp;
 mod sample_path;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 pub use self::emulated_module::Emulator;
 pub use self::error::EmulatorError;
 pub use self::machine::BenchTest;
 
-/// Path of the image that `scripts/build-firmware` builds.
+/// Path of the image that `scripts/build-firmware` builds, from the repository's root.
 #[must_use]
 pub fn default_image() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/firmware/mps2-an386.elf")
+    PathBuf::from("target/firmware/mps2-an386.elf")
 }
 
 /// Path of the bench image that `scripts/build-firmware` builds, for budget and crash tests.

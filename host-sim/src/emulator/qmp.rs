@@ -1,21 +1,21 @@
 //! Client of QEMU's machine protocol (QMP): one line of JSON per message.
 
 use std::io::{BufRead, BufReader, Write};
-use std::os::unix::net::UnixStream;
 
 use serde_json::{Value, json};
 
 use super::error::EmulatorError;
+use super::local_socket::LocalStream;
 
 /// Connection in command mode.
 pub struct Qmp {
-    reader: BufReader<UnixStream>,
-    writer: UnixStream,
+    reader: BufReader<LocalStream>,
+    writer: LocalStream,
 }
 
 impl Qmp {
     /// Reads the greeting and enters command mode.
-    pub fn new(stream: UnixStream) -> Result<Self, EmulatorError> {
+    pub fn new(stream: LocalStream) -> Result<Self, EmulatorError> {
         let writer = stream.try_clone().map_err(failed)?;
         let mut qmp = Self { reader: BufReader::new(stream), writer };
         qmp.line()?;

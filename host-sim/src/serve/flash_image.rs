@@ -1,8 +1,8 @@
 //! Flash contents in a file, which preserves them between runs.
 
 use std::fmt;
-use std::fs::{self, File, TryLockError};
-use std::io::{self, Write as _};
+use std::fs::{File, TryLockError};
+use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
 use simulator::rig::STORE_BYTES;
@@ -64,45 +64,31 @@ impl FlashImage {
         &self.0
     }
 
-    /// Reads a file; `None` if it does not exist.
+    /// Locks a file against other modules until the handle is dropped, and reads it; `None` if it does not exist.
     ///
     /// # Errors
     ///
-    /// The file cannot be read or has a wrong size.
-    pub fn read(path: &Path) -> Result<Option<Self>, FlashImageError> {
+    /// The file cannot be read, has a wrong size, or is locked.
+    pub fn lock_and_read(path: &Path) -> Result<Option<(File, Self)>, FlashImageError> {
         let unreadable = |error| FlashImageError::Unreadable(path.to_owned(), error);
-        // Checks the size first, so that an endless file is not read.
-        let bytes = match fs::metadata(path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(unreadable(error)),
-            Ok(there) if there.len() != STORE_BYTES as u64 => {
-                return Err(FlashImageError::Size(path.to_owned(), there.len()));
-            }
-            Ok(_) => fs::read(path).map_err(unreadable)?,
-        };
-        if bytes.len() == STORE_BYTES {
-            Ok(Some(Self(bytes)))
-        } else {
-            Err(FlashImageError::Size(path.to_owned(), bytes.len() as u64))
-        }
-    }
-
-    /// Locks a file against other modules until the handle is dropped; `None` if it does not exist.
-    ///
-    /// # Errors
-    ///
-    /// The file cannot be opened, or is locked.
-    pub fn lock(path: &Path) -> Result<Option<File>, FlashImageError> {
         let file = match File::open(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(FlashImageError::Unreadable(path.to_owned(), error)),
+            Err(error) => return Err(unreadable(error)),
             Ok(file) => file,
         };
         match file.try_lock() {
-            Ok(()) => Ok(Some(file)),
-            Err(TryLockError::WouldBlock) => Err(FlashImageError::InUse(path.to_owned())),
-            Err(TryLockError::Error(error)) => Err(FlashImageError::Unreadable(path.to_owned(), error)),
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(FlashImageError::InUse(path.to_owned())),
+            Err(TryLockError::Error(error)) => return Err(unreadable(error)),
         }
+        // Windows lets only this handle read a locked file. Of an endless file, one byte too many is read.
+        let mut bytes = Vec::new();
+        (&file).take(STORE_BYTES as u64 + 1).read_to_end(&mut bytes).map_err(unreadable)?;
+        if bytes.len() != STORE_BYTES {
+            let size = file.metadata().map_err(unreadable)?.len();
+            return Err(FlashImageError::Size(path.to_owned(), size));
+        }
+        Ok(Some((file, Self(bytes))))
     }
 
     /// Writes the file atomically through a temporary file in the same directory; returns it, locked against other
@@ -125,17 +111,23 @@ impl FlashImage {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
+
+    fn read(path: &Path) -> Option<FlashImage> {
+        FlashImage::lock_and_read(path).unwrap().map(|(_, image)| image)
+    }
 
     #[test]
     fn a_written_image_is_read_back_without_temporary_files() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("flash.bin");
-        assert_eq!(FlashImage::read(&path).unwrap(), None);
+        assert_eq!(read(&path), None);
         for fill in [0x5A, 0xA5] {
             let image = FlashImage(vec![fill; STORE_BYTES]);
             image.write(&path).unwrap();
-            assert_eq!(FlashImage::read(&path).unwrap(), Some(image));
+            assert_eq!(read(&path), Some(image));
         }
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
@@ -145,15 +137,15 @@ mod tests {
     fn a_file_in_use_is_locked() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("flash.bin");
-        assert!(FlashImage::lock(&path).unwrap().is_none());
+        assert!(read(&path).is_none());
         let image = FlashImage(vec![0x5A; STORE_BYTES]);
         let first = image.write(&path).unwrap();
-        assert_eq!(FlashImage::lock(&path).unwrap_err().code(), "flash-in-use");
+        assert_eq!(FlashImage::lock_and_read(&path).unwrap_err().code(), "flash-in-use");
         let second = image.write(&path).unwrap();
         drop(first);
-        assert_eq!(FlashImage::lock(&path).unwrap_err().code(), "flash-in-use");
+        assert_eq!(FlashImage::lock_and_read(&path).unwrap_err().code(), "flash-in-use");
         drop(second);
-        assert!(FlashImage::lock(&path).unwrap().is_some());
+        assert!(read(&path).is_some());
     }
 
     #[test]
@@ -162,12 +154,12 @@ mod tests {
         let path = folder.path().join("flash.bin");
         for size in [0, 1, STORE_BYTES - 1, STORE_BYTES + 1] {
             fs::write(&path, vec![0xFF; size]).unwrap();
-            let error = FlashImage::read(&path).unwrap_err();
+            let error = FlashImage::lock_and_read(&path).unwrap_err();
             assert_eq!(error.code(), "flash-size");
             assert!(error.to_string().contains(&format!("16384 bytes, this file has {size};")), "{error}");
             assert_eq!(fs::read(&path).unwrap().len(), size, "it is left as it was");
         }
-        assert!(matches!(FlashImage::read(Path::new("/dev/zero")).unwrap_err(), FlashImageError::Size(_, 0)));
+        assert!(matches!(FlashImage::lock_and_read(Path::new("/dev/zero")).unwrap_err(), FlashImageError::Size(_, 0)));
         let nowhere = folder.path().join("none").join("flash.bin");
         let error = FlashImage(vec![0; STORE_BYTES]).write(&nowhere).unwrap_err();
         assert_eq!(error.code(), "flash-unwritable");

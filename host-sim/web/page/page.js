@@ -1,7 +1,8 @@
 "use strict";
 const $ = (id) => document.getElementById(id);
 const [form, status, progress, report] = ["choices", "status", "progress", "report"].map($);
-let worker, file, judged, isBusy, next;
+let worker, file, judged, isBusy, next, largest;
+let steps = [];
 
 function startWorker() {
   worker?.terminate();
@@ -27,16 +28,81 @@ function choices() {
 
 const NONE = { samples: "flight", compass: null, from_s: null, to_s: null };
 
-// Reads a log, and judges all its compasses.
-function open(chosen) {
+// Begins with another log, or with the example flight, which has no file.
+function begin(chosen) {
   if (isBusy) startWorker();
   file = chosen;
-  [judged, next] = [null, null];
+  [judged, next, steps] = [null, null, []];
   form.reset();
-  for (const id of ["choices", "downloads"]) $(id).hidden = true;
+  for (const id of ["choices", "downloads", "flight"]) $(id).hidden = true;
   report.replaceChildren();
+}
+
+// Reads a log, and judges all its compasses.
+function open(chosen) {
+  begin(chosen);
   say(`Reading ${file.name}`, 0);
   send({ open: { name: file.name, unit: "mg" }, judge: NONE, file });
+}
+
+function fly() {
+  begin(null);
+  for (const point of document.querySelectorAll("#flight circle, #flight .covered")) point.remove();
+  largest = { measured: 0, corrected: null };
+  $("flight").hidden = false;
+  say("Starting", 0);
+  send({ fly: { seed: $("seed").valueAsNumber } });
+}
+
+function draw(picture, name, attributes) {
+  const shape = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) shape.setAttribute(key, value);
+  picture.append(shape);
+}
+
+// The flight takes a second; its steps are shown one a frame, all at once to people who want no motion.
+function play() {
+  const isStill = matchMedia("(prefers-reduced-motion: reduce)").matches;
+  for (const step of steps.splice(0, isStill ? steps.length : 1)) showStep(step);
+  if (steps.length) requestAnimationFrame(play);
+  else if (judged) show();
+}
+
+// Microtesla and degrees in units of the pictures.
+const SCALE = { field: 1.5, error: 2 };
+const SECTOR_DEG = 15;
+const RINGS = [["right", 1, 92], ["left", -1, 84]];
+// A bank that makes a turn of the calibration, degrees.
+const TURN_DEG = 10;
+
+// Marks the heading as covered by a turn: an arc of a ring.
+function cover({ heading_deg: heading, roll_deg: roll }) {
+  for (const [side, sign, radius] of RINGS) {
+    const sector = Math.floor(heading / SECTOR_DEG);
+    const id = `${side}-${sector}`;
+    if (roll * sign < TURN_DEG || $(id)) continue;
+    const [from, to] = [sector, sector + 0.9].map((at) => {
+      const angle = (at * SECTOR_DEG * Math.PI) / 180;
+      return `${(radius * Math.sin(angle)).toFixed(1)} ${(-radius * Math.cos(angle)).toFixed(1)}`;
+    });
+    draw($("circles"), "path", { id, class: "covered", d: `M${from}A${radius} ${radius} 0 0 1 ${to}` });
+  }
+}
+
+// Adds a step of the flight to the pictures.
+function showStep(step) {
+  say(step.stage, step.done);
+  cover(step);
+  const points = { measured: [step.measured_ut, step.before_deg], corrected: [step.corrected_ut, step.after_deg] };
+  for (const [kind, [field, error]] of Object.entries(points)) {
+    if (field === null) continue;
+    const [forward, right] = field.map((component) => SCALE.field * component);
+    draw($("circles"), "circle", { class: kind, cx: right.toFixed(1), cy: (-forward).toFixed(1), r: 1.2 });
+    draw($("errors"), "circle", { class: kind, cx: step.heading_deg.toFixed(1), cy: (-SCALE.error * error).toFixed(2), r: 1.5 });
+    largest[kind] = Math.max(largest[kind], Math.abs(error));
+  }
+  const after = largest.corrected === null ? "" : `, with it ${largest.corrected.toFixed(2)} deg`;
+  $("largest").textContent = `without calibration ${largest.measured.toFixed(1)} deg${after}`;
 }
 
 // Judges the log with the choices of the form; while the worker is busy, after it.
@@ -64,13 +130,14 @@ function fail(text) {
 
 function receive(message) {
   if (message.step) return say(message.step, message.done);
+  if (message.flight) return steps.push(message.flight) === 1 && requestAnimationFrame(play);
   if (message.summary) return showChoices(message.summary);
   if (message.isFault) startWorker();
   if (message.error !== undefined) return fail(message.isFault ? `the program failed (${message.error}); please report it` : message.error);
   isBusy = false;
   judged = message.judged;
   if (next) return send(next), (next = null);
-  return show();
+  return steps.length || show();
 }
 
 function showChoices({ compasses, range_s: [from, to], is_table: isTable }) {
@@ -106,9 +173,10 @@ async function show() {
   script.textContent = page.querySelector("body > script").textContent;
   report.append(script);
   report.removeAttribute("aria-busy");
-  for (const id of ["choices", "downloads"]) $(id).hidden = false;
-  $("save-parameters").hidden = judged.parameters === null;
-  say("Judged.", null);
+  $("choices").hidden = !file;
+  $("downloads").hidden = false;
+  $("save-parameters").hidden = !judged.parameters;
+  say(file ? "Judged." : "Landed.", null);
 }
 
 function save(name, type, text) {
@@ -122,8 +190,10 @@ function save(name, type, text) {
 $("file").addEventListener("change", ({ target }) => target.files.length && open(target.files[0]));
 form.addEventListener("submit", (event) => (event.preventDefault(), judgeAgain()));
 $("save-parameters").addEventListener("click", () => save(judged.parameters[0], "text/plain", judged.parameters[1]));
-$("save-page").addEventListener("click", () => save(`${file.name}.html`, "text/html", judged.page));
-$("save-json").addEventListener("click", () => save(`${file.name}.json`, "application/json", `${judged.json}\n`));
+const savedName = () => file?.name ?? "example-flight";
+$("save-page").addEventListener("click", () => save(`${savedName()}.html`, "text/html", judged.page));
+$("save-json").addEventListener("click", () => save(`${savedName()}.json`, "application/json", `${judged.json}\n`));
+$("example").addEventListener("submit", (event) => (event.preventDefault(), fly()));
 
 addEventListener("dragover", (event) => {
   event.preventDefault();

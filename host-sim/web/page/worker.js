@@ -1,6 +1,6 @@
-// Runs the WebAssembly module. Messages in: { module } once, the module as gzip in base64; then { open, file, judge } or
-// { judge }: requests as host-sim/web/src/loaded_log.rs describes them. Messages out: { step, done }, progress; { summary },
-// contents of the log; { judged } or { error }.
+// Runs the WebAssembly module. Messages in: { module } once, the module as gzip in base64; then { open, file, judge },
+// { judge } or { fly }: requests as host-sim/web/src/loaded_log.rs and example_flight.rs describe them. Messages out: { step, done },
+// progress; { flight }, a step of a flight; { summary }, contents of the log; { judged } or { error }.
 "use strict";
 let wasm, file, position, shown;
 
@@ -18,10 +18,13 @@ function readLog(into, length) {
   }
 }
 
+const read = (at, length) => JSON.parse(new TextDecoder().decode(new Uint8Array(wasm.memory.buffer, at, length)));
+const reportStep = (at, length) => postMessage({ flight: read(at, length) });
+
 async function load(base64) {
   const packed = Uint8Array.from(atob(base64.trim()), (letter) => letter.charCodeAt(0));
   const bytes = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const { instance } = await WebAssembly.instantiate(await new Response(bytes).arrayBuffer(), { page: { read_log: readLog } });
+  const { instance } = await WebAssembly.instantiate(await new Response(bytes).arrayBuffer(), { page: { read_log: readLog, report_step: reportStep } });
   wasm = instance.exports;
 }
 
@@ -31,12 +34,13 @@ function call(name, request) {
   const at = wasm.request_buffer(bytes.length);
   new Uint8Array(wasm.memory.buffer, at, bytes.length).set(bytes);
   wasm[name]();
-  const answer = JSON.parse(new TextDecoder().decode(new Uint8Array(wasm.memory.buffer, wasm.answer(), wasm.answer_length())));
+  const answer = read(wasm.answer(), wasm.answer_length());
   if (answer.error !== undefined) throw new Error(answer.error);
   return answer;
 }
 
-function answer({ open, judge, file: next }) {
+function answer({ open, judge, fly, file: next }) {
+  if (fly) return postMessage({ judged: call("fly_example", fly) });
   if (open) {
     [file, position, shown] = [next, 0, -1];
     postMessage({ summary: call("open_log", open) });

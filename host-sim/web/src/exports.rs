@@ -1,5 +1,5 @@
 //! Functions of the WebAssembly module. The worker writes a request into the buffer of [`request_buffer`], calls
-//! [`open_log`] or [`judge_log`], and reads the answer: JSON, with `error` if the request failed.
+//! [`open_log`], [`judge_log`] or [`fly_example`], and reads the answer: JSON, with `error` if the request failed.
 
 use std::cell::RefCell;
 use std::io::{self, Read};
@@ -8,6 +8,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::json;
 
+use crate::example_flight;
 use crate::loaded_log::LoadedLog;
 
 #[link(wasm_import_module = "page")]
@@ -15,6 +16,9 @@ unsafe extern "C" {
     /// Copies the next bytes of the log to `into`, at most `length`; returns their number, 0 at the end of the log, and
     /// `usize::MAX` if the file cannot be read.
     fn read_log(into: *mut u8, length: usize) -> usize;
+
+    /// Receives a step of the example flight: JSON of `length` bytes.
+    fn report_step(json: *const u8, length: usize);
 }
 
 /// The file that the worker reads.
@@ -59,6 +63,15 @@ impl State {
         log.judge(&self.request()?)
     }
 
+    fn fly_example(&self) -> Result<impl Serialize + use<>, String> {
+        let request = self.request()?;
+        Ok(example_flight::fly_example(request, &mut |step| {
+            let json = serde_json::to_vec(step).unwrap_or_default();
+            // SAFETY: the worker reads `length` bytes before it returns.
+            unsafe { report_step(json.as_ptr(), json.len()) }
+        }))
+    }
+
     fn set_answer(&mut self, result: Result<impl Serialize, String>) {
         let answer = result.and_then(|answer| serde_json::to_vec(&answer).map_err(|error| error.to_string()));
         self.answer = answer.unwrap_or_else(|error| json!({ "error": error }).to_string().into_bytes());
@@ -92,6 +105,16 @@ extern "C" fn open_log() {
 extern "C" fn judge_log() {
     STATE.with_borrow_mut(|state| {
         let result = state.judge_log();
+        state.set_answer(result);
+    });
+}
+
+/// Flies the example aircraft: a `FlightRequest`, answered by a `FlownExample`, after a `FlightStep` for each step.
+// SAFETY: as above.
+#[unsafe(no_mangle)]
+extern "C" fn fly_example() {
+    STATE.with_borrow_mut(|state| {
+        let result = state.fly_example();
         state.set_answer(result);
     });
 }

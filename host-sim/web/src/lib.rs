@@ -1,8 +1,9 @@
-//! The judgement of a log in a browser.
+//! The judgement of a log, and an example flight, in a browser.
 //!
 //! | module | holds |
 //! |---|---|
 //! | [`loaded_log`] | a log that was read, and its judgement with the options of the page |
+//! | [`example_flight`] | the example aircraft, observed while it calibrates itself |
 //! | `exports` | the functions that the worker calls, on WebAssembly only |
 //!
 //! `page/` has the page and its worker, `scripts/build-web` puts all into one HTML file. Requests and answers are JSON in
@@ -10,6 +11,7 @@
 
 #![warn(clippy::disallowed_methods)]
 
+pub mod example_flight;
 #[cfg(target_arch = "wasm32")]
 mod exports;
 pub mod loaded_log;

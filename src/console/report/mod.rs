@@ -19,8 +19,11 @@ use error::refusal;
 use settings::{SettingGroup, setting_line};
 use status::{Reset, full_status, safe_mode_status, status};
 
-/// The firmware's version.
-pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+/// The firmware's version; with its commit if a script of this repository built it (`scripts/foreign-target.sh`).
+pub const VERSION: &str = match option_env!("AUTOSWING_VERSION") {
+    Some(version) => version,
+    None => env!("CARGO_PKG_VERSION"),
+};
 
 /// Writes the reply to `version`.
 ///

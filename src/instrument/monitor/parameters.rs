@@ -36,8 +36,8 @@ pub(super) const STATE_NOISE: [StateNoise; STATE_COUNT] = [
     state(0.02, 1e-7),
     // tau: 0.1 s, the delay of a telemetry link; it varies with the load of the link.
     state(0.1, 3e-5),
-    // mu: 0.34 deg, play of a mount; in a minute 0.24 deg more.
-    state(0.006, 3e-7),
+    // mu: 0.4 deg, play of a mount; in a minute 0.3 deg more.
+    state(0.007, 4e-7),
     // c: unknown, more than pi; random walk of the gyro 0.06 deg in a second.
     state(10.0, 1e-6),
     // b_y, and the row of y.

@@ -5,7 +5,7 @@ use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 
 use autoswing::wire::dronecan::CanFrame;
 use host_sim::serve::multicast::{DATAGRAM, from_datagram, to_datagram};
-use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, socket_with, sockopt};
+use socket2::{Domain, Socket, Type};
 
 const PORT: u16 = 57_732;
 
@@ -22,11 +22,13 @@ pub struct MulticastBus {
 impl MulticastBus {
     pub fn open(number: u8) -> io::Result<Self> {
         let group = Ipv4Addr::new(239, 65, 82, number);
-        let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
-        let input = socket_with(AddressFamily::INET, SocketType::DGRAM, flags, None)?;
+        let input = Socket::new(Domain::IPV4, Type::DGRAM, None)?;
+        input.set_nonblocking(true)?;
         // Before binding, which the standard library cannot: other programs have the same port.
-        sockopt::set_socket_reuseaddr(&input, true)?;
-        bind(&input, &SocketAddrV4::new(group, PORT))?;
+        input.set_reuse_address(true)?;
+        // Windows binds to no group.
+        let address = if cfg!(unix) { group } else { Ipv4Addr::UNSPECIFIED };
+        input.bind(&SocketAddrV4::new(address, PORT).into())?;
         let input = UdpSocket::from(input);
         // A computer without a network has only the loopback interface.
         let join = |interface| input.join_multicast_v4(&group, &interface);

@@ -19,14 +19,17 @@ pub struct FlashWriter {
 impl FlashWriter {
     /// Locks and reads a file.
     pub fn open(path: Option<&Path>) -> Result<(Self, Option<FlashImage>), Failure> {
-        let lock = path.map(FlashImage::lock).transpose().map_err(failed)?.flatten();
-        let image = path.map(FlashImage::read).transpose().map_err(failed)?.flatten();
+        let (lock, image) = path.map(FlashImage::lock_and_read).transpose().map_err(failed)?.flatten().unzip();
         Ok((Self { path: path.map(Path::to_owned), lock, ..Self::default() }, image))
     }
 
     /// Writes the flash now.
     pub fn write(&mut self, served_module: &ServedModule) -> Result<(), Failure> {
         if let Some(path) = &self.path {
+            if cfg!(windows) {
+                // Windows replaces no file that is open.
+                self.lock = None;
+            }
             self.lock = Some(served_module.flash().write(path).map_err(failed)?);
         }
         Ok(())

@@ -3,11 +3,13 @@
 mod can;
 mod flash_writer;
 mod pace;
+#[cfg_attr(not(unix), path = "no_pty.rs")]
+mod pty;
 mod run;
 mod wire;
 
 use std::io;
-use std::net::{Ipv4Addr, UdpSocket};
+use std::net::{Ipv4Addr, TcpStream, UdpSocket};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
@@ -18,13 +20,14 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use host_sim::serve::{self, AttitudeProvider, PORTS, PilotPattern, ServedModule};
 use serde_json::{Value, json};
+use simulator::mission_report::airframe_json;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
 use self::can::MulticastBus;
 use self::flash_writer::FlashWriter;
 use self::run::{Connections, OrderInput};
-use self::wire::{LOOK, PIECE, Pty, TcpPort, Terminal, Wire};
+use self::wire::{Connection, LOOK, PIECE, TcpPort, Terminal, Wire};
 use super::termination::{SecondSignal, TerminationSignals};
 
 use super::files::named_world;
@@ -35,8 +38,8 @@ use crate::cli::failure::Failure;
 /// Serve the simulated module to a terminal, an autopilot, an instrument or another simulator.
 ///
 /// The module runs in real time, or --speed times as fast, with its ports on pseudo-terminals and, with --tcp, on TCP
-/// ports of this computer. The program prints how to attach to each. The aircraft flies a pattern; orders typed on
-/// standard input change it. Try:
+/// ports of this computer; Windows has no pseudo-terminals and needs --tcp. The program prints how to attach to each.
+/// The aircraft flies a pattern; orders typed on standard input change it. Try:
 ///
 /// `host-sim serve --tcp 5760`
 ///
@@ -73,7 +76,7 @@ pub struct Serve {
 /// Type to a module's console, as with `picocom`: a served module, a board, or a private one.
 ///
 /// With --tcp or the path of a pseudo-terminal it connects to a module of `host-sim serve`; with a serial port, to a
-/// board (set it to 115200 baud with stty). Without either it runs a private module, whose pilot takes orders after an
+/// board (set it to 115200 baud with stty; not on Windows). Without either it runs a private module, whose pilot takes orders after an
 /// exclamation mark: `!land` disarms, `!help` lists them. `quit`, Ctrl-D on an empty line and Ctrl-] end. Piped input is
 /// sent, and its answers are awaited.
 #[derive(Args)]
@@ -188,12 +191,18 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     let mut places = Vec::new();
     let mut next = options.tcp;
     for port in PORTS {
-        let pty = Pty::open().map_err(|error| Failure::with_code("no-pty", error))?;
+        let (pty, pty_path) = pty::open()?.unzip();
+        if pty.is_none() && next.is_none() {
+            return Err(Failure::with_code(
+                "no-pty",
+                "this system has no pseudo-terminals; serve TCP ports: --tcp 5760",
+            ));
+        }
         let tcp = next.map(tcp_port).transpose()?;
         next = next.map(|number| if number == 0 { 0 } else { number.wrapping_add(1) });
-        places.push(PortAddress { port, pty: pty.path.clone(), tcp: tcp.as_ref().map(|tcp| tcp.port) });
+        places.push(PortAddress { port, pty: pty_path, tcp: tcp.as_ref().map(|tcp| tcp.port) });
         let tcp = tcp.map(|tcp| Box::new(tcp) as Box<dyn Wire>);
-        wires.push(std::iter::once(Box::new(pty) as Box<dyn Wire>).chain(tcp).collect());
+        wires.push(pty.into_iter().chain(tcp).collect());
     }
     let world = options.world.map(world_port).transpose()?;
     let can = options.can.map(can_bus).transpose()?;
@@ -225,14 +234,14 @@ fn can_bus(number: u8) -> Result<MulticastBus, Failure> {
 
 struct PortAddress {
     port: &'static serve::Port,
-    pty: PathBuf,
+    pty: Option<PathBuf>,
     tcp: Option<u16>,
 }
 
 fn describe_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> Result<Value, Failure> {
     let ports: Vec<Value> =
         places.iter().map(|place| json!({ "name": place.port.name, "pty": place.pty, "tcp": place.tcp })).collect();
-    let airframe = print::airframe_json(&options.aboard.world()?);
+    let airframe = airframe_json(&options.aboard.world()?);
     Ok(json!({ "ports": ports, "world": world, "can": options.can.map(bus_name), "airframe": airframe }))
 }
 
@@ -243,14 +252,16 @@ fn bus_name(number: u8) -> String {
 fn print_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> Result<(), Failure> {
     let aboard = &options.aboard;
     for (index, PortAddress { port, pty, tcp }) in places.iter().enumerate() {
-        let pty = pty.display();
         print::print_line(format_args!("{}: {}", port.name, port.carries));
-        let with = match index {
-            serve::CONSOLE => format!("picocom {pty}"),
-            serve::AUTOPILOT => format!("mavproxy.py --master={pty}"),
-            _ => format!("cat {pty}"),
-        };
-        print::print_line(format_args!("  {pty:<22}{with}"));
+        if let Some(pty) = pty {
+            let pty = pty.display();
+            let with = match index {
+                serve::CONSOLE => format!("picocom {pty}"),
+                serve::AUTOPILOT => format!("mavproxy.py --master={pty}"),
+                _ => format!("cat {pty}"),
+            };
+            print::print_line(format_args!("  {pty:<22}{with}"));
+        }
         if let Some(number) = tcp {
             let with = match index {
                 serve::CONSOLE => format!("host-sim console --tcp {number}"),
@@ -285,13 +296,15 @@ fn print_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> R
 }
 
 pub fn console(options: &Console) -> Result<ExitCode, Failure> {
-    let no_module =
-        |endpoint: String| move |error: io::Error| Failure::with_code("no-module", format!("{endpoint}: {error}"));
     match (&options.path, options.tcp) {
-        (Some(path), _) => attach(wire::connect_serial(path).map_err(no_module(path.display().to_string()))?),
-        (None, Some(port)) => attach(wire::connect_tcp(port).map_err(no_module(format!("TCP port {port}")))?),
+        (Some(path), _) => attach(pty::connect_serial(path)?),
+        (None, Some(port)) => attach(connect_tcp(port)?),
         (None, None) => serve_alone(&options.aboard),
     }
+}
+
+fn connect_tcp(port: u16) -> Result<Connection<TcpStream>, Failure> {
+    wire::connect_tcp(port).map_err(|error| Failure::with_code("no-module", format!("TCP port {port}: {error}")))
 }
 
 fn attach(mut module: impl Wire) -> Result<ExitCode, Failure> {

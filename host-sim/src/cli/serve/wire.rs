@@ -1,19 +1,14 @@
-//! Non-blocking connections: pseudo-terminals, TCP on the loopback interface, and the program's own terminal.
+//! Non-blocking connections: TCP on the loopback interface, and the program's own terminal. `pty.rs` has those of Unix.
 
 use std::collections::VecDeque;
-use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, IsTerminal as _, Read, Write};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
-use std::os::fd::AsFd;
-use std::os::unix::fs::OpenOptionsExt as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, Sender, TryRecvError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use rustix::fs::OFlags;
-use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-use rustix::termios::{OptionalActions, Termios, tcgetattr, tcsetattr};
+use crossterm::terminal::{disable_raw_mode, enable_raw_mode};
 
 use super::super::print;
 
@@ -42,22 +37,25 @@ pub trait Wire {
     }
 }
 
+/// A pseudo-terminal with its path.
+pub type OpenedPty = (Box<dyn Wire>, PathBuf);
+
 /// Largest backlog of a slow receiver, bytes: six seconds of a full line.
 const BACKLOG: usize = 65_536;
 
 /// A non-blocking stream with a backlog of unsent bytes.
-struct BufferedStream<S> {
+pub struct BufferedStream<S> {
     endpoint: S,
     backlog: VecDeque<u8>,
-    is_disconnected: bool,
+    pub is_disconnected: bool,
 }
 
 impl<S: Read + Write> BufferedStream<S> {
-    fn new(far: S) -> Self {
+    pub fn new(far: S) -> Self {
         Self { endpoint: far, backlog: VecDeque::new(), is_disconnected: false }
     }
 
-    fn read(&mut self, most: usize) -> Vec<u8> {
+    pub fn read(&mut self, most: usize) -> Vec<u8> {
         let mut bytes = vec![0; most];
         let read = match self.endpoint.read(&mut bytes) {
             Ok(0) if most > 0 => Err(ErrorKind::UnexpectedEof.into()),
@@ -69,7 +67,7 @@ impl<S: Read + Write> BufferedStream<S> {
         bytes
     }
 
-    fn write(&mut self, bytes: &[u8]) {
+    pub fn write(&mut self, bytes: &[u8]) {
         if self.is_disconnected {
             self.backlog.clear();
             return;
@@ -92,57 +90,6 @@ impl<S: Read + Write> BufferedStream<S> {
 
 fn is_passing(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
-}
-
-/// A pseudo-terminal, closed when dropped.
-pub struct Pty {
-    master: BufferedStream<File>,
-    is_attached: bool,
-    pub path: PathBuf,
-}
-
-impl Pty {
-    pub fn open() -> io::Result<Self> {
-        let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
-        grantpt(&ours)?;
-        unlockpt(&ours)?;
-        let path = PathBuf::from(ptsname(&ours, Vec::new())?.to_string_lossy().into_owned());
-        rustix::io::ioctl_fionbio(&ours, true)?;
-        // Opened and closed once: before that, an absent far end is not reported.
-        make_raw(&open_serial(&path)?)?;
-        Ok(Self { master: BufferedStream::new(File::from(ours)), is_attached: false, path })
-    }
-}
-
-impl Wire for Pty {
-    fn read(&mut self, most: usize) -> Vec<u8> {
-        self.master.read(most)
-    }
-
-    fn write(&mut self, bytes: &[u8]) {
-        self.master.write(bytes);
-    }
-
-    fn take_notices(&mut self) -> Vec<String> {
-        let is_attached = !self.master.is_disconnected;
-        let has_changed = std::mem::replace(&mut self.is_attached, is_attached) != is_attached;
-        let change = if is_attached { "attached to" } else { "detached from" };
-        has_changed.then(|| format!("a program {change} {}", self.path.display())).into_iter().collect()
-    }
-}
-
-fn open_serial(path: &Path) -> io::Result<File> {
-    let flags = (OFlags::NOCTTY | OFlags::NONBLOCK).bits().cast_signed();
-    OpenOptions::new().read(true).write(true).custom_flags(flags).open(path)
-}
-
-/// Disables echo, translation and control characters; returns the previous settings.
-fn make_raw(terminal: impl AsFd) -> io::Result<Termios> {
-    let before = tcgetattr(&terminal)?;
-    let mut raw = before.clone();
-    raw.make_raw();
-    tcsetattr(&terminal, OptionalActions::Now, &raw)?;
-    Ok(before)
 }
 
 /// A TCP port on the loopback interface. All clients receive the same bytes and may send.
@@ -205,13 +152,8 @@ impl Wire for TcpPort {
     }
 }
 
-pub struct Connection<S>(BufferedStream<S>);
-
-pub fn connect_serial(path: &Path) -> io::Result<Connection<File>> {
-    let port = open_serial(path)?;
-    make_raw(&port)?;
-    Ok(Connection(BufferedStream::new(port)))
-}
+/// A connection to a module, for a console.
+pub struct Connection<S>(pub BufferedStream<S>);
 
 pub fn connect_tcp(port: u16) -> io::Result<Connection<TcpStream>> {
     let stream = TcpStream::connect((Ipv4Addr::LOCALHOST, port))?;
@@ -262,14 +204,21 @@ pub struct Terminal {
     is_closed: bool,
     /// Time of the last output after the end of the input.
     last_activity: Option<Instant>,
-    saved_settings: Option<Termios>,
+    /// Whether a person types, into a terminal in raw mode.
+    is_raw: bool,
 }
 
 impl Terminal {
     /// Switches the terminal to raw mode until dropped. `orders` receives lines for the simulated pilot.
     pub fn open(orders: Option<Sender<Vec<u8>>>) -> io::Result<Self> {
         let stdin = io::stdin();
-        let before = if stdin.is_terminal() { Some(make_raw(&stdin)?) } else { None };
+        let is_raw = stdin.is_terminal();
+        if is_raw {
+            enable_raw_mode()?;
+            // Only a Windows console has to be asked whether it understands control sequences; asked, it does.
+            #[cfg(windows)]
+            let _ = crossterm::ansi_support::supports_ansi();
+        }
         Ok(Self {
             input: read_in_thread(stdin),
             pending: VecDeque::new(),
@@ -277,17 +226,16 @@ impl Terminal {
             orders,
             is_closed: false,
             last_activity: None,
-            saved_settings: before,
+            is_raw,
         })
     }
 
     /// Handles a typed byte; returns whether the module receives it.
     fn is_for_module(&mut self, byte: u8) -> bool {
-        let is_typed_by_a_person = self.saved_settings.is_some();
         let is_order = self.orders.is_some() && self.line.first().unwrap_or(&byte) == &ORDER;
         match byte {
-            LEAVE if is_typed_by_a_person => self.is_closed = true,
-            END if is_typed_by_a_person && self.line.is_empty() => self.is_closed = true,
+            LEAVE if self.is_raw => self.is_closed = true,
+            END if self.is_raw && self.line.is_empty() => self.is_closed = true,
             b'\r' | b'\n' => {
                 let line = std::mem::take(&mut self.line);
                 if is_order && !line.is_empty() {
@@ -309,14 +257,14 @@ impl Terminal {
             _ if self.line.len() <= LONGEST_LINE => self.line.push(byte),
             _ => {}
         }
-        if is_order && self.saved_settings.is_some() && byte >= b' ' && byte != 0x7F {
+        if is_order && self.is_raw && byte >= b' ' && byte != 0x7F {
             print::print_bytes(&[byte]);
         }
         !is_order && !self.is_closed
     }
 
     fn send_order(&self, line: &[u8]) {
-        if self.saved_settings.is_some() {
+        if self.is_raw {
             print::print_text("\r\n");
         }
         if let Some(orders) = &self.orders {
@@ -327,7 +275,7 @@ impl Terminal {
 
     /// Ends the session: at once at a terminal, else as the end of the input does.
     fn leave(&mut self) {
-        self.is_closed |= self.saved_settings.is_some();
+        self.is_closed |= self.is_raw;
         self.pending.clear();
         self.last_activity.get_or_insert_with(Instant::now);
     }
@@ -376,9 +324,9 @@ impl Wire for Terminal {
 
 impl Drop for Terminal {
     fn drop(&mut self) {
-        if let Some(before) = &self.saved_settings {
+        if self.is_raw {
             // An error cannot be reported here.
-            let _ = tcsetattr(io::stdin(), OptionalActions::Now, before);
+            let _ = disable_raw_mode();
         }
     }
 }

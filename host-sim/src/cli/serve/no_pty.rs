@@ -1,0 +1,20 @@
+//! What `pty.rs` is on Unix, for systems without pseudo-terminals.
+
+use std::net::TcpStream;
+use std::path::Path;
+
+use super::wire::{Connection, OpenedPty};
+use crate::cli::failure::Failure;
+
+/// None: the module is served on TCP ports alone.
+#[expect(clippy::unnecessary_wraps, reason = "as on Unix, where it can fail")]
+pub fn open() -> Result<Option<OpenedPty>, Failure> {
+    Ok(None)
+}
+
+/// Fails: a serial port is no file here. The type is never used.
+pub fn connect_serial(path: &Path) -> Result<Connection<TcpStream>, Failure> {
+    let reason =
+        "this system's serial ports are no files; use a terminal program such as PuTTY, or, for a served module, --tcp";
+    Err(Failure::with_code("no-serial", format!("{}: {reason}", path.display())))
+}

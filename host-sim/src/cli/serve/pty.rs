@@ -1,0 +1,75 @@
+//! Pseudo-terminals and serial ports, files of Unix. Other systems have `no_pty.rs`.
+
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::{Path, PathBuf};
+
+use rustix::fs::OFlags;
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+
+use super::wire::{BufferedStream, Connection, OpenedPty, Wire};
+use crate::cli::failure::Failure;
+
+/// A pseudo-terminal with its path, closed when dropped.
+pub fn open() -> Result<Option<OpenedPty>, Failure> {
+    let pty = Pty::open().map_err(|error| Failure::with_code("no-pty", error))?;
+    let path = pty.path.clone();
+    Ok(Some((Box::new(pty), path)))
+}
+
+/// Opens a serial port, or a served pseudo-terminal.
+pub fn connect_serial(path: &Path) -> Result<Connection<File>, Failure> {
+    let port = open_serial(path).and_then(|port| make_raw(&port).map(|()| port));
+    let port = port.map_err(|error| Failure::with_code("no-module", format!("{}: {error}", path.display())))?;
+    Ok(Connection(BufferedStream::new(port)))
+}
+
+struct Pty {
+    master: BufferedStream<File>,
+    is_attached: bool,
+    path: PathBuf,
+}
+
+impl Pty {
+    fn open() -> io::Result<Self> {
+        let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
+        grantpt(&ours)?;
+        unlockpt(&ours)?;
+        let path = PathBuf::from(ptsname(&ours, Vec::new())?.to_string_lossy().into_owned());
+        rustix::io::ioctl_fionbio(&ours, true)?;
+        // Opened and closed once: before that, an absent far end is not reported.
+        make_raw(&open_serial(&path)?)?;
+        Ok(Self { master: BufferedStream::new(File::from(ours)), is_attached: false, path })
+    }
+}
+
+impl Wire for Pty {
+    fn read(&mut self, most: usize) -> Vec<u8> {
+        self.master.read(most)
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        self.master.write(bytes);
+    }
+
+    fn take_notices(&mut self) -> Vec<String> {
+        let is_attached = !self.master.is_disconnected;
+        let has_changed = std::mem::replace(&mut self.is_attached, is_attached) != is_attached;
+        let change = if is_attached { "attached to" } else { "detached from" };
+        has_changed.then(|| format!("a program {change} {}", self.path.display())).into_iter().collect()
+    }
+}
+
+fn open_serial(path: &Path) -> io::Result<File> {
+    let flags = (OFlags::NOCTTY | OFlags::NONBLOCK).bits().cast_signed();
+    OpenOptions::new().read(true).write(true).custom_flags(flags).open(path)
+}
+
+/// Disables echo, translation and control characters.
+fn make_raw(terminal: &File) -> io::Result<()> {
+    let mut settings = tcgetattr(terminal)?;
+    settings.make_raw();
+    Ok(tcsetattr(terminal, OptionalActions::Now, &settings)?)
+}

@@ -1,0 +1,26 @@
+//! Streams of local sockets, by which QEMU is connected.
+
+use std::io;
+use std::path::Path;
+
+/// Whether this system has local sockets. Without them, as on Windows, no emulator starts.
+pub const ARE_SUPPORTED: bool = cfg!(unix);
+
+#[cfg(unix)]
+pub use std::os::unix::net::UnixStream as LocalStream;
+
+/// Never connected: only its type is needed.
+#[cfg(not(unix))]
+pub use std::net::TcpStream as LocalStream;
+
+/// Connects to a socket.
+#[cfg(unix)]
+pub fn connect(socket: &Path) -> io::Result<LocalStream> {
+    LocalStream::connect(socket)
+}
+
+/// Fails: see [`ARE_SUPPORTED`].
+#[cfg(not(unix))]
+pub fn connect(_socket: &Path) -> io::Result<LocalStream> {
+    Err(io::ErrorKind::Unsupported.into())
+}

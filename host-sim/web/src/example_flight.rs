@@ -1,0 +1,163 @@
+//! The example aircraft, observed while it flies its calibration mission.
+
+use std::cell::Cell;
+
+use autoswing::calibration::{Calibration, Orientation};
+use log_analysis::report::{self, ReportOrigin};
+use log_analysis::score::wrap_180;
+use serde::{Deserialize, Serialize};
+use simulator::devices::uart::HostEnd;
+use simulator::mission::{self, MissionStage, TurnPlan};
+use simulator::mission_report::{mission_json, report_mission};
+use simulator::module::{Module, ModuleRunEnd};
+use simulator::rig::Rig;
+use simulator::transcript;
+use simulator::world::{World, WorldConfig};
+
+/// Request of the page.
+#[derive(Clone, Copy, Debug, Deserialize)]
+pub struct FlightRequest {
+    /// Seed of weather and noise.
+    pub seed: u64,
+}
+
+/// State of the flight after one of its steps.
+#[derive(Clone, Debug, Serialize)]
+pub struct FlightStep {
+    /// Stage of the mission.
+    pub stage: &'static str,
+    /// Part of the stage that is done, 0 to 1.
+    pub done: f64,
+    /// True magnetic heading, degrees.
+    pub heading_deg: f64,
+    /// Bank, right wing down positive, degrees.
+    pub roll_deg: f64,
+    /// Horizontal field as measured, forward and right, microtesla.
+    pub measured_ut: [f32; 2],
+    /// Heading error without a calibration, degrees.
+    pub before_deg: f64,
+    /// Horizontal field corrected by the module's calibration; none before it has one.
+    pub corrected_ut: Option<[f32; 2]>,
+    /// Heading error with the module's calibration, degrees.
+    pub after_deg: Option<f64>,
+}
+
+/// The flight as a whole.
+#[derive(Clone, Debug, Serialize)]
+pub struct FlownExample {
+    /// The page that `host-sim fly --report` writes.
+    pub page: String,
+    /// The object that `host-sim fly --json` prints.
+    pub json: String,
+}
+
+/// Flies the mission on the aircraft of the paper, and reports each step.
+pub fn fly_example(request: FlightRequest, report_step: &mut dyn FnMut(&FlightStep)) -> FlownExample {
+    let progress = Cell::new((MissionStage::TakeOff, 0.0));
+    let mut rig = Rig::new(WorldConfig::table1(request.seed));
+    let mut observed =
+        ObservedModule { module: &mut rig, progress: &progress, calibration: Cell::new(None), report_step };
+    let flown = mission::fly_with(&mut observed, TurnPlan::default(), &mut |stage, done| progress.set((stage, done)));
+    let origin = ReportOrigin {
+        command: format!("host-sim fly --seed {}", request.seed),
+        settings: vec![["airframe".to_owned(), "table1".to_owned()], ["seed".to_owned(), request.seed.to_string()]],
+        ..ReportOrigin::default()
+    };
+    FlownExample { page: report::page(&report_mission(&flown, &origin)), json: mission_json(&flown).to_string() }
+}
+
+/// Wrapper around a module that reports a step whenever time advances.
+struct ObservedModule<'a> {
+    module: &'a mut Rig,
+    progress: &'a Cell<(MissionStage, f64)>,
+    /// The module's calibration, once the pilot has asked for it.
+    calibration: Cell<Option<Calibration>>,
+    report_step: &'a mut dyn FnMut(&FlightStep),
+}
+
+impl ObservedModule<'_> {
+    fn step(&self) -> FlightStep {
+        let world = self.module.world();
+        let state = world.true_state(self.module.now_us());
+        let field = world.sensor_field(state.time_us);
+        let level = |applied: &Calibration| state.attitude().level(applied.apply(field));
+        let error_deg = |applied: &Calibration| {
+            wrap_180(f64::from(level(applied).heading_rad().to_degrees()) - state.heading_deg())
+        };
+        let horizontal_ut = |applied: &Calibration| [level(applied).ut.x, level(applied).ut.y];
+        let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
+        let calibration = self.calibration.get();
+        let (stage, done) = self.progress.get();
+        FlightStep {
+            stage: stage.name(),
+            done,
+            heading_deg: state.heading_deg(),
+            roll_deg: f64::from(state.attitude().roll_rad.to_degrees()),
+            measured_ut: horizontal_ut(&uncalibrated),
+            before_deg: error_deg(&uncalibrated),
+            corrected_ut: calibration.as_ref().map(horizontal_ut),
+            after_deg: calibration.as_ref().map(error_deg),
+        }
+    }
+}
+
+impl Module for ObservedModule<'_> {
+    fn world(&self) -> &World {
+        self.module.world()
+    }
+
+    fn console(&self) -> &HostEnd {
+        self.module.console()
+    }
+
+    fn autopilot(&self) -> &HostEnd {
+        self.module.autopilot()
+    }
+
+    fn instrument(&self) -> &HostEnd {
+        self.module.instrument()
+    }
+
+    fn now_us(&self) -> u64 {
+        self.module.now_us()
+    }
+
+    fn run_until(&mut self, until_us: u64) -> ModuleRunEnd {
+        let end = self.module.run_until(until_us);
+        let step = self.step();
+        (self.report_step)(&step);
+        end
+    }
+
+    fn reset(&mut self) {
+        self.module.reset();
+    }
+
+    fn printed(&self) -> String {
+        let printed = self.module.printed();
+        if let Some(shown) = transcript::parse_shown_calibration(&printed) {
+            self.calibration.set(Some(shown.calibration));
+        }
+        printed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_show_the_error_before_and_after_the_calibration() {
+        let mut steps = Vec::new();
+        let flown = fly_example(FlightRequest { seed: 1 }, &mut |step| steps.push(step.clone()));
+        let largest = |errors: &[f64]| errors.iter().fold(0.0, |largest: f64, error| largest.max(error.abs()));
+        let before: Vec<f64> = steps.iter().map(|step| step.before_deg).collect();
+        let after: Vec<f64> = steps.iter().filter_map(|step| step.after_deg).collect();
+        assert!(after.len() > 60 && before.len() > after.len() + 60, "{} of {}", after.len(), before.len());
+        // Liu 2007, table 1: more than 20 deg before the calibration, less than 1 deg after it.
+        assert!(largest(&before) > 20.0 && largest(&after) < 1.0, "{} to {}", largest(&before), largest(&after));
+        let json: serde_json::Value = serde_json::from_str(&flown.json).unwrap();
+        assert_eq!(json["accepted"], true);
+        assert!(flown.page.contains("<dd>host-sim fly --seed 1</dd>"));
+    }
+}
