@@ -476,3 +476,33 @@ fn completions_and_manual_pages_name_every_command() {
     let (code, _, error) = run_command("man Cargo.toml/pages");
     assert!(code == Some(2) && error.contains("Cargo.toml/pages"), "{code:?} {error}");
 }
+
+/// A table in the axes of a sensor that is turned by 90 deg has the result of the table in body axes.
+#[test]
+fn a_table_of_a_turned_sensor_is_judged_with_its_mount() {
+    let table = fs::read_to_string(root().join("host-sim/data/flight.csv")).unwrap();
+    let mut lines = table.lines().filter(|line| !line.starts_with('#'));
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let [x, y] = ["mx", "my"].map(|wanted| names.iter().position(|name| *name == wanted).unwrap());
+    // yaw90: the sensor's x axis points right, its y axis back.
+    let turned = lines.map(|line| {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        let (ahead, right) = (cells[x].clone(), cells[y].clone());
+        cells[x] = right;
+        cells[y] = ahead.strip_prefix('-').map_or_else(|| format!("-{ahead}"), str::to_owned);
+        cells.join(",")
+    });
+    let text = std::iter::once(names.join(",")).chain(turned).collect::<Vec<_>>().join("\n");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("turned.csv");
+    fs::write(&path, text).unwrap();
+    let path = path.to_str().unwrap();
+    let json = |words: &[&str]| {
+        let (_, stdout, stderr) = run_command(&words.join(" "));
+        let json: Value = serde_json::from_str(&stdout).unwrap_or_else(|error| panic!("{error}: {stderr}"));
+        json["compasses"].clone()
+    };
+    let straight = json(&["replay host-sim/data/flight.csv --json"]);
+    assert_eq!(straight, json(&["replay", path, "--mount yaw90 --json"]));
+    assert_ne!(straight, json(&["replay", path, "--json"]));
+}

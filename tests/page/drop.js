@@ -117,14 +117,16 @@ async function choosesAgain(look, log) {
   await page.selectOption("select[name=compass]", compass);
   await page.selectOption("select[name=samples]", "all");
   await page.fill("input[name=from_s]", `${from}`);
-  const isTable = await page.locator("select[name=unit]").isVisible();
+    const isTable = await page.locator("select[name=unit]").isVisible();
   if (isTable) await page.selectOption("select[name=unit]", "ut");
+  const reference = isTable ? "column" : "autopilot";
+  await page.selectOption("select[name=reference]", reference);
   await page.focus("input[name=from_s]");
   const before = await page.locator("#report section").first().elementHandle();
   await page.keyboard.press("Enter");
   await page.waitForFunction((element) => !element.isConnected, before, WAIT);
   await ends(page);
-  const options = ["--compass", compass, "--samples", "all", "--from", `${from}`, ...(isTable ? ["--unit", "ut"] : [])];
+  const options = ["--compass", compass, "--samples", "all", "--from", `${from}`, "--reference", reference, ...(isTable ? ["--unit", "ut"] : [])];
   await compare(look, byCommand(log, ...options), `${log} with choices`);
 }
 

@@ -8,7 +8,6 @@ from served import HEADING_BOUND_DEG, PATIENCE_S, Served
 HEADING_DEG = 301.0
 
 with Served() as module:
-    module.type("set declination none", "ok declination not set")
     module.hold(HEADING_DEG)
     command = ["node", Path(__file__).with_name("boat.js"), str(module.tcp), str(HEADING_DEG), str(HEADING_BOUND_DEG)]
     subprocess.run(command, check=True, timeout=PATIENCE_S)

@@ -5,11 +5,12 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use autoswing::calibration::Orientation;
 use autoswing::heading::NoHeading;
 use clap::Args;
 use comfy_table::Table;
 use log_analysis::log::csv::FieldUnit;
-use log_analysis::log::{Flight, LogError};
+use log_analysis::log::{Flight, LogError, LogFormat};
 use log_analysis::replay::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, evaluate_flight};
 use log_analysis::replay::parameter_export::{self, ParameterFormat};
 use log_analysis::replay::verdict::Verdict;
@@ -20,7 +21,7 @@ use super::failure::Failure;
 use super::files::read_log;
 use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
 use super::progress::waiting;
-use super::range::{integer, number, one_of};
+use super::range::{integer, log_time, number, one_of};
 
 const SAMPLES: &[(&str, RowSelection)] = &[
     (RowSelection::All.name(), RowSelection::All),
@@ -87,15 +88,19 @@ pub struct Replay {
     /// Unit of mx, my, mz in a table: milligauss or microtesla
     #[arg(long, default_value = "mg", value_name = "mg|ut", value_parser = one_of(UNITS))]
     pub unit: FieldUnit,
+    /// Orientation of the sensors of a table, by ArduPilot's names, such as yaw90: its field is then that of the sensors'
+    /// axes [default: none]
+    #[arg(long, value_name = "ORIENTATION", value_parser = orientation)]
+    pub mount: Option<Orientation>,
     /// Inclination of the Earth field, degrees, -90 to 90, positive down [default: by the field model if the log has
     /// place and day and the samples do not contradict it, else estimated]
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = number(-90.0, 90.0))]
     pub inclination: Option<f64>,
-    /// Use only rows from this time on, seconds of the log's clock, -10000000000 to 10000000000
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = number(-1e10, 1e10))]
+    /// Use only rows from this time on, of the log's clock: seconds, M:SS or H:MM:SS
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = log_time)]
     pub from: Option<f64>,
-    /// Use only rows up to this time, seconds of the log's clock, -10000000000 to 10000000000
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = number(-1e10, 1e10))]
+    /// Use only rows up to this time, of the log's clock: seconds, M:SS or H:MM:SS
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = log_time)]
     pub to: Option<f64>,
     /// Heading that errors are measured against [default: the best in the log, in this order]
     #[arg(long, value_name = "simulator|column|gps-yaw|gps-course|autopilot", value_parser = one_of(REFERENCES))]
@@ -119,11 +124,25 @@ pub struct Replay {
 /// The file cannot be read, or holds no usable flight.
 pub fn read_flight(file: &Path, options: &Replay) -> Result<Flight, Failure> {
     let name = file.display();
-    read_log(file, options.unit, options.system).map_err(|e| match e {
+    let mut flight = read_log(file, options.unit, options.system).map_err(|e| match e {
         LogError::Io(why) => {
             Failure(format!("cannot read {name}: {why}; give the path of a log, or - for standard input"))
         }
         other => Failure(format!("{name}: {other}")),
+    })?;
+    if let Some(mount) = options.mount {
+        if flight.format != LogFormat::Csv {
+            return Err(Failure(format!("{name}: --mount is for tables; other logs record the orientation")));
+        }
+        flight.rotate_sensors(mount);
+    }
+    Ok(flight)
+}
+
+fn orientation(name: &str) -> Result<Orientation, String> {
+    Orientation::from_name(&name.to_ascii_lowercase()).ok_or_else(|| {
+        let names: Vec<&str> = Orientation::all().map(Orientation::name).collect();
+        format!("must be one of {}", names.join(", "))
     })
 }
 
@@ -208,6 +227,7 @@ fn settings(options: &Replay) -> Vec<[String; 2]> {
     let mut settings = vec![["samples".to_owned(), samples], ["age of the field".to_owned(), age]];
     let given = [
         ("inclination", options.inclination.map(|deg| format!("{deg} deg"))),
+        ("mount", options.mount.map(|mount| mount.name().to_owned())),
         ("from", options.from.map(|s| format!("{s} s"))),
         ("to", options.to.map(|s| format!("{s} s"))),
         (

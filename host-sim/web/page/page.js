@@ -23,10 +23,10 @@ function send(request) {
 function choices() {
   const number = (name) => (form.elements[name].value === "" ? null : form.elements[name].valueAsNumber);
   const compass = Number(form.elements.compass.value) || null;
-  return { samples: form.elements.samples.value, compass, from_s: number("from_s"), to_s: number("to_s") };
+  return { samples: form.elements.samples.value, compass, from_s: number("from_s"), to_s: number("to_s"), reference: form.elements.reference.value || null };
 }
 
-const NONE = { samples: "flight", compass: null, from_s: null, to_s: null };
+const NONE = { samples: "flight", compass: null, from_s: null, to_s: null, reference: null };
 
 // Begins with another log, or with the example flight, which has no file.
 function begin(chosen) {

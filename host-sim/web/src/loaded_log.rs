@@ -4,10 +4,10 @@ use std::io::Read;
 
 use log_analysis::log::csv::FieldUnit;
 use log_analysis::log::{self, Flight, LogFormat};
-use log_analysis::replay::RowSelection;
 use log_analysis::replay::evaluation::{EvaluationOptions, evaluate_flight};
 use log_analysis::replay::parameter_export::{ParameterFormat, format_parameter_file};
 use log_analysis::replay::verdict::Verdict;
+use log_analysis::replay::{ReferenceKind, RowSelection};
 use log_analysis::report::{self, ReportOrigin};
 use serde::{Deserialize, Serialize};
 
@@ -33,6 +33,8 @@ pub struct Choices {
     pub from_s: Option<f64>,
     /// Last time of the log that is used, seconds.
     pub to_s: Option<f64>,
+    /// Heading that errors are measured against; the best in the log if absent.
+    pub reference: Option<ReferenceKind>,
 }
 
 /// Contents of a log that the page offers choices of.
@@ -96,11 +98,15 @@ impl LoadedLog {
             selected: choices.samples,
             compass: choices.compass,
             window_s: [choices.from_s.unwrap_or(f64::NEG_INFINITY), choices.to_s.unwrap_or(f64::INFINITY)],
+            reference: choices.reference,
             ..EvaluationOptions::DEFAULT
         };
         let evaluation = evaluate_flight(flight, &options);
         if evaluation.compasses.is_empty() {
             return Err("the log has no compass of this number".to_owned());
+        }
+        if choices.reference.is_some() && evaluation.reference.is_none() {
+            return Err("the log has no such reference".to_owned());
         }
         let format = ParameterFormat::for_autopilot(flight.autopilot);
         let verdict = Verdict::new(flight, &evaluation, format);
@@ -123,6 +129,7 @@ fn settings(choices: &Choices) -> Vec<[String; 2]> {
         ("compass", choices.compass.map(|number| number.to_string())),
         ("from", choices.from_s.map(|s| format!("{s} s"))),
         ("to", choices.to_s.map(|s| format!("{s} s"))),
+        ("reference", choices.reference.map(|_| "as chosen; named in the findings".to_owned())),
     ];
     given.into_iter().filter_map(|(name, value)| Some([name.to_owned(), value?])).collect()
 }
@@ -131,7 +138,7 @@ fn settings(choices: &Choices) -> Vec<[String; 2]> {
 mod tests {
     use super::*;
 
-    const CHOICES: &str = r#"{ "samples": "all", "compass": 1, "from_s": 30, "to_s": null }"#;
+    const CHOICES: &str = r#"{ "samples": "all", "compass": 1, "from_s": 30, "to_s": null, "reference": "column" }"#;
 
     fn loaded() -> LoadedLog {
         let request = serde_json::from_str(r#"{ "name": "flight.csv", "unit": "mg" }"#).unwrap();
@@ -143,7 +150,7 @@ mod tests {
         let log = loaded();
         let LogSummary { compasses, range_s: [from_s, to_s], is_table } = log.summary();
         assert!(compasses == [1] && from_s < 30.0 && to_s > 199.0 && is_table, "{from_s} to {to_s} s");
-        let all = Choices { samples: RowSelection::Flight, compass: None, from_s: None, to_s: None };
+        let all = Choices { samples: RowSelection::Flight, compass: None, from_s: None, to_s: None, reference: None };
         let [all, chosen] = [all, serde_json::from_str(CHOICES).unwrap()].map(|choices| log.judge(&choices).unwrap());
         let used = |judged: &JudgedLog| {
             let json: serde_json::Value = serde_json::from_str(&judged.json).unwrap();
@@ -163,6 +170,8 @@ mod tests {
         let request: LogRequest = serde_json::from_str(r#"{ "name": "letter", "unit": "ut" }"#).unwrap();
         let error = LoadedLog::read(&mut b"Dear reader".as_slice(), request).unwrap_err();
         assert!(error.starts_with("not a known log"), "{error}");
+        let missing = Choices { reference: Some(ReferenceKind::GpsYaw), ..serde_json::from_str(CHOICES).unwrap() };
+        assert_eq!(loaded().judge(&missing).unwrap_err(), "the log has no such reference");
         let missing = Choices { compass: Some(8), ..serde_json::from_str(CHOICES).unwrap() };
         assert_eq!(loaded().judge(&missing).unwrap_err(), "the log has no compass of this number");
     }

@@ -1,6 +1,8 @@
 //! A logged flight, independent of the log's format.
 
+use autoswing::calibration::Orientation;
 use autoswing::earth::Date;
+use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::ParameterHistory;
@@ -174,6 +176,17 @@ pub struct Flight {
 }
 
 impl Flight {
+    /// Turns the fields of all compasses from the axes of sensors of this orientation to body axes.
+    pub fn rotate_sensors(&mut self, mount: Orientation) {
+        let body_from_sensor = mount.body_from_sensor();
+        for row in self.compasses.iter_mut().flat_map(|compass| compass.field.rows_mut()) {
+            let [x, y, z, logged_x, logged_y, logged_z] = row.values;
+            let raw = body_from_sensor * Vector3::new(x, y, z);
+            let logged = body_from_sensor * Vector3::new(logged_x, logged_y, logged_z);
+            row.values = [raw.x, raw.y, raw.z, logged.x, logged.y, logged.z];
+        }
+    }
+
     /// Creates an empty flight.
     #[must_use]
     pub fn new(format: LogFormat) -> Self {

@@ -9,7 +9,7 @@
 //! | values separated by comma, semicolon or tab | `.csv` | a first line that names `t_s` |
 //!
 //! The format is detected from the content, not the file name. Logs are read as streams: a [`Flight`] holds at most
-//! half a million rows of each series, whatever the length of the file. Any input gives a flight or an error.
+//! a hundred thousand rows of each series, whatever the length of the file. Any input gives a flight or an error.
 //!
 //! Published readers were rejected: `ardupilot-binlog` 0.2 can underflow a length and gives up after 256 damaged bytes;
 //! `px4-ulog` 0.6 panics on a key longer than its message (file_reader.rs, line 419, found by fuzzing); `yule_log` 0.4

@@ -5,6 +5,9 @@ use super::row::ReplayRow;
 /// Least duration, seconds: noise of 0.5 mG changes a working sensor sooner, and logs have gaps of seconds.
 pub(super) const LONG_S: f64 = 10.0;
 
+/// Longest step between rows that counts, seconds: over a gap an axis may be the same by chance.
+const MAX_STEP_S: f64 = 2.0;
+
 /// Least change of roll or pitch, radians (3 deg); at rest a quiet field may stay constant.
 const MOVES_RAD: f32 = 0.05;
 
@@ -42,7 +45,8 @@ fn span(rows: &[ReplayRow], value_of: impl Fn(&ReplayRow) -> f32) -> f32 {
 fn frozen_interval(run: &[ReplayRow]) -> Option<[f64; 2]> {
     let [from_s, to_s] = [run.first()?.t_s, run.last()?.t_s];
     let moves = span(run, |row| row.attitude.roll_rad).max(span(run, |row| row.attitude.pitch_rad)) > MOVES_RAD;
-    (to_s - from_s > LONG_S && moves).then_some([from_s, to_s])
+    let logged_s: f64 = run.windows(2).map(|pair| (pair[1].t_s - pair[0].t_s).min(MAX_STEP_S)).sum();
+    (logged_s > LONG_S && moves).then_some([from_s, to_s])
 }
 
 /// Intervals in which an axis is constant although the others show that the field turned.
@@ -101,6 +105,15 @@ mod tests {
                 frozen_intervals(&still(seconds, roll_deg, pitch_deg)).iter().map(|found| found.interval_s).collect();
             assert_eq!(found, expected, "{seconds} s, {roll_deg} and {pitch_deg} deg");
         }
+    }
+
+    #[test]
+    fn a_gap_does_not_count() {
+        let mut rows = still(8, 20.0, 0.0);
+        for row in &mut rows[40..] {
+            row.t_s += 256.0;
+        }
+        assert_eq!(frozen_intervals(&rows), []);
     }
 
     /// The y axis stays within a milligauss, or within five, while the others turn with the aircraft.

@@ -1,8 +1,10 @@
 //! Reference headings and their quality.
 
 use autoswing::frames::wrap_pi;
+use serde::Deserialize;
 
 use super::gps_course::GpsCourseHeading;
+
 use crate::log::Flight;
 
 /// Reference heading of a log, best first.
@@ -21,7 +23,8 @@ pub enum ReferenceHeading {
 }
 
 /// Kind of a reference heading, best first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum ReferenceKind {
     /// True attitude of a simulator.
     Simulator,
@@ -32,6 +35,7 @@ pub enum ReferenceKind {
     /// GPS course.
     GpsCourse,
     /// The autopilot's own yaw.
+    #[serde(rename = "autopilot")]
     AutopilotYaw,
 }
 

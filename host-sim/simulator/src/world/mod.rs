@@ -14,6 +14,7 @@
 //! | `fault_interfaces.rs` | how faults change field and attitude |
 //! | `msp_autopilot/` | autopilot that uses the module as MSP compass |
 //! | `mavlink_autopilot/` | autopilot that answers MAVLink requests |
+//! | `place.rs` | place and date of the flight |
 //! | `far_end.rs` | selection of the device at a port |
 //! | `gauss_markov.rs` | coloured noise |
 
@@ -31,6 +32,7 @@ pub mod gyro;
 pub mod mavlink_autopilot;
 mod mavlink_frame;
 pub mod msp_autopilot;
+pub mod place;
 pub mod rotation;
 mod simulated_world;
 mod state;

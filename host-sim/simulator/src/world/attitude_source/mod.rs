@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 use super::aircraft;
 use super::gauss_markov::FirstOrder;
 use super::gyro::{Gyro, GyroConfig};
-use super::mavlink_autopilot::{ReportedPosition, START_UNIX_US};
 use super::mavlink_frame::Frame;
+use super::place::{ReportedPosition, START_UNIX_US};
 use super::state::TrueState;
 use crate::random::{Purpose, Random};
 

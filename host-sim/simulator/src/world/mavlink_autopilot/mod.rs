@@ -12,6 +12,7 @@ use mavlink::{MavlinkVersion, Message};
 
 use super::attitude_source::AttitudeSource;
 pub use super::mavlink_frame::{Frame, FrameReader, command_long};
+pub use super::place::{ReportedPosition, START_UNIX_US, XIAN};
 use super::state::TrueState;
 
 /// Autopilot firmware, which determines the handling of message requests.
@@ -50,37 +51,6 @@ struct PeriodicMessage {
     period_us: u64,
     due_us: u64,
 }
-
-/// Reported position.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ReportedPosition {
-    /// Latitude, degrees north.
-    pub latitude_deg: f64,
-    /// Longitude, degrees east.
-    pub longitude_deg: f64,
-    /// Height above mean sea level, metres.
-    pub height_m: f64,
-}
-
-/// Xi'an, where the aircraft of Liu 2007 table 1 was measured.
-pub const XIAN: ReportedPosition =
-    ReportedPosition { latitude_deg: 34.341_6, longitude_deg: 108.939_8, height_m: 400.0 };
-
-impl ReportedPosition {
-    /// Position at a displacement, metres north and east.
-    #[must_use]
-    pub fn displaced(self, [north_m, east_m]: [f64; 2]) -> Self {
-        const METRES_PER_DEG: f64 = 111_195.0;
-        Self {
-            latitude_deg: self.latitude_deg + north_m / METRES_PER_DEG,
-            longitude_deg: self.longitude_deg + east_m / (METRES_PER_DEG * libm::cos(self.latitude_deg.to_radians())),
-            ..self
-        }
-    }
-}
-
-/// Unix time at the start of the simulation clock, microseconds: 2026-01-01.
-pub const START_UNIX_US: u64 = 1_767_225_600_000_000;
 
 const KNOWN: [u32; 5] =
     [HEARTBEAT_DATA::ID, SYS_STATUS_DATA::ID, ATTITUDE_DATA::ID, GLOBAL_POSITION_INT_DATA::ID, SYSTEM_TIME_DATA::ID];
