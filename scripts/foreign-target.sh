@@ -48,7 +48,7 @@ find_lld() {
 }
 
 # Messages of panics and debug information name source files. Without the folders where this computer keeps them, those of cargo,
-# of the compiler, of this repository and of what is built, the program is smaller and the same on every computer.
+# of the compiler, of this repository and of the target folder, the program is smaller and the same on every computer.
 flags_without_places() {
     local folder
     # Of several that fit a name, the compiler takes the last.
@@ -60,7 +60,7 @@ flags_without_places() {
 }
 
 # Sets AUTOSWING_VERSION, which the programs print in place of the package's version: with the commit, and `-dirty` if a file
-# differs from it. Without git it stays unset, and one that is set stays.
+# differs from it. Without git it stays unset, and a value from outside stays.
 export_version() {
     local version commit
     [ -z "${AUTOSWING_VERSION:-}" ] || return 0

@@ -40,7 +40,7 @@ impl<const N: usize> UdFilter<N> {
     }
 
     pub fn is_finite(&self) -> bool {
-        // Zero times what is not finite is not a number, which a sum keeps: half the time of testing each.
+        // Zero times infinity or NaN is NaN, and so is the sum: half the time of a test of each element.
         let mut sum: f32 = self.mean.iter().chain(&self.diagonal).map(|x| x * 0.0).sum();
         for (i, row) in self.upper.iter().enumerate() {
             sum += row.iter().skip(i + 1).map(|x| x * 0.0).sum::<f32>();
@@ -136,7 +136,7 @@ impl<const N: usize> UdFilter<N> {
     }
 }
 
-/// Number of elements up to the last one that is not zero. Measurements have zeros for the last states.
+/// Number of elements up to the last nonzero one. Measurements have zeros for the last states.
 fn used_length<const N: usize>(row: &[f32; N]) -> usize {
     row.iter().rposition(|element| *element != 0.0).map_or(0, |last| last + 1)
 }

@@ -13,7 +13,7 @@ use crate::{ASKED, read};
 /// Change of a recording; `t_s` counts from its start.
 type Cause = fn(t_s: f64, sample: &mut FlightSample);
 
-/// What is reported of a cause.
+/// Report on a cause.
 struct Reported {
     action: CompassAction,
     /// Sentence of the compass, and notes.

@@ -84,7 +84,7 @@ fn parameters_make_a_bad_compass_good() {
     }
 }
 
-/// A change of 6 uT in the middle: parameters fit what was flown since, not what was flown before.
+/// A change of 6 uT in the middle: parameters fit the flight after it, not before.
 #[test]
 fn after_a_change_of_iron_parameters_fit_what_was_flown_since() {
     for seed in [3, 5, 7] {

@@ -33,7 +33,7 @@ pub enum InstallationChange {
 }
 
 impl InstallationChange {
-    /// Whether the change differs from one that was reported by enough to report it again.
+    /// Whether the change differs enough from the last report for another one.
     fn differs_from(&self, reported: &Self) -> bool {
         match (self, reported) {
             (Self::HardIron(now), Self::HardIron(reported)) => {

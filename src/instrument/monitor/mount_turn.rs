@@ -91,7 +91,7 @@ mod tests {
         TurnedMount::explaining(&calibration, &(w * position - earth), &position)
     }
 
-    /// Soft iron is taken for small in the axis and in the chord: a tenth of the turn.
+    /// Soft iron is neglected in the axis and in the chord, which costs a tenth of the turn.
     #[test]
     fn a_turn_explains_the_field_of_a_turned_module() {
         for turn_deg in [5.0_f32, -10.0, 20.0, -20.0] {

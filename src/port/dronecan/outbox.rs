@@ -24,7 +24,7 @@ const COUNTED: [DataType; 5] = [
     DataType::ALLOCATION,
 ];
 
-/// Queue of frames; a field is sent before the others, and replaces one that waits.
+/// Queue of frames; a field is sent before the others, and replaces a waiting one.
 #[derive(Debug, Default)]
 pub(super) struct Outbox {
     field: heapless::Deque<CanFrame, FIELD_FRAMES>,

@@ -128,7 +128,7 @@ pub fn allocation(is_first_part: bool, unique_id_part: &[u8]) -> Payload {
     out.finish()
 }
 
-/// Response to GetSet. Without a name there is no such parameter, and all values are empty.
+/// Response to GetSet. Without a name the parameter does not exist, and all values are empty.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Parameter<'a> {
     /// Value.

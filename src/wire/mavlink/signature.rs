@@ -20,7 +20,7 @@ pub(super) const LENGTH: usize = 13;
 /// Bytes of the hash in a signature.
 const HASH: usize = 6;
 
-/// Flag of a signed frame, among those that a receiver must know.
+/// Flag of a signed frame, among the flags which a receiver must know.
 pub(super) const IS_SIGNED: u8 = 0x01;
 
 /// Largest age of a new stream's first frame, units of 10 us: one minute.

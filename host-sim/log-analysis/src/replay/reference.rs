@@ -109,7 +109,7 @@ impl ReferenceHeading {
     }
 
     /// Standard deviation of a reference that is accurate enough to judge a compass, degrees; of a column it is unknown
-    /// and taken for zero.
+    /// and set to zero.
     #[must_use]
     pub fn accurate_sigma_deg(&self) -> Option<f64> {
         const MAX_SIGMA_DEG: f64 = 2.0;

@@ -177,7 +177,7 @@ fn a_path_is_checked() {
         assert_eq!(answer[0], 255, "{wrong:?}");
     }
     assert_eq!(bench.commands, []);
-    // Payloads beyond those that this node sends, through the decoder's type.
+    // Payloads that this node does not send, through the decoder's type.
     let own = node(OWN);
     assert!(FirmwareUpdate::new(node(11), own, &path(200)).is_none(), "201 bytes");
     let longest = FirmwareUpdate::new(node(11), own, &path(199)).unwrap().boot_loader_bytes();

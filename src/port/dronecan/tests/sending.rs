@@ -155,7 +155,7 @@ fn messages_and_changes_of_state_are_texts() {
     assert_eq!(texts(&bench.run(3000)), [] as [&str; 0]);
 }
 
-/// What waited longer than a second is out of date; a new field replaces one that waits.
+/// A frame that waited longer than a second is out of date; a new field replaces a waiting one.
 #[test]
 fn frames_that_the_bus_does_not_accept_are_dropped() {
     let mut bench = Bench::new();
