@@ -168,8 +168,8 @@ fn a_vehicle_at_rest_causes_no_further_trial_solve() {
     assert_ne!(bench.prospect(), before);
 }
 
-/// At 10 samples/s and 20 deg/s: a vehicle that tilts by less than 10 deg is not calibrated in flight, one with larger tilt
-/// more is, in less than a minute.
+/// At 10 samples/s and 20 deg/s: a vehicle that tilts by less than 10 deg is not calibrated in flight; with
+/// more tilt it is, in less than a minute.
 #[test]
 fn a_vehicle_without_tilt_is_not_calibrated_in_flight() {
     let rover = |tilt_deg: f32, samples: u16| -> Vec<Sample> {
