@@ -2,8 +2,9 @@
 //!
 //! A heading depends on the calibration and on the attitude, and either can become wrong in flight. The measurements
 //! are redundant: field strength and inclination do not depend on the heading, the magnetic heading must turn with the
-//! gyro, and pitch and roll must follow the body rates. Eighteen states model the known causes of disagreement: changed
-//! hard iron, another geographic place, gyro drift, attitude bias, bank-angle scale error and attitude latency.
+//! gyro, and pitch and roll must follow the body rates. Nineteen states model the known causes of disagreement: changed
+//! hard iron, another geographic place, a module that turned in its mount, errors of the gyro, attitude bias, bank-angle
+//! scale error and attitude latency.
 //! Headings are corrected by the estimated states and their variance includes the filter's covariance. Innovations
 //! beyond the gates suppress the heading.
 //!

@@ -10,13 +10,13 @@ use super::measurement_model::MountRotation;
 use crate::calibration::{Calibration, inverse};
 use crate::trig::Length as _;
 
-/// Largest cosine between the difference and the mean of both fields, or the axis: 17 deg from across.
+/// Largest cosine between the difference and the mean of both fields, or the axis: at most 9 deg from a right angle.
 const MAX_COSINE: f32 = 0.15;
 
 /// Largest difference with which the field is as calibrated: 1 uT of 50.
 const MAX_DIFFERENCE: f32 = 0.02;
 
-/// The field by a turn of the module.
+/// A turn of the module that explains the field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct TurnedMount {
     /// Clockwise from above, radians.
@@ -46,13 +46,13 @@ impl TurnedMount {
         let is_across = |direction: &Vector3<f32>| {
             difference.dot(direction).abs() <= MAX_COSINE * difference.length() * direction.length()
         };
-        if ![mean, axis].iter().all(is_across) {
-            return None;
-        }
-        // The field turns against the module: a chord across the axis.
+        // The field turns against the module: a chord across the axis. Not a number if the field is along the axis.
         let across = axis.cross(&mean);
         let half_tangent = -0.5 * difference.dot(&across) / across.norm_squared();
         let turn_rad = 2.0 * libm::atanf(half_tangent);
+        if !turn_rad.is_finite() || ![mean, axis].iter().all(is_across) {
+            return None;
+        }
         let body_iron = w * hard_iron;
         let hard_iron_change = MountRotation::by(turn_rad).rotate_back(&body_iron) - body_iron;
         Some(Self { turn_rad, hard_iron_change })
