@@ -42,6 +42,11 @@ fn all_accepted(row: &IntegrityRow) -> bool {
     row.accepted_percent >= 100.0 && row.wrong_percent <= 0.0
 }
 
+/// Notes of a code in all flights of a row.
+fn count_of(row: &IntegrityRow, code: &str) -> usize {
+    row.notes.iter().filter(|(noted, _)| noted == code).map(|(_, count)| count).sum()
+}
+
 /// Without a gyro (ArduPilot) the rates are the changes of a heading in steps of 1 deg, with it (INAV) they have steps of
 /// 1 deg/s. Twice the error of MAVLink's (0.4 deg RMS); a stuck sensor is found as by MAVLink. Bounds are 1.5 times the
 /// measured values, of `stuck-noisy` the promise.
@@ -113,7 +118,7 @@ fn a_hanging_attitude_gives_no_heading_after_the_next_roll() {
 #[test]
 fn gaps_and_stalls_of_the_attitude_are_no_change_of_iron() {
     for row in rows(&["link-gaps", "source-stalls"]) {
-        assert!(row.iron_reports == 0 && row.bad_percent <= 0.05 && row.worst_deg <= 6.5, "{row:?}");
+        assert!(count_of(&row, "iron-moved") == 0 && row.bad_percent <= 0.05 && row.worst_deg <= 6.5, "{row:?}");
         assert!(row.within_two_sigma_percent > 78.0 && row.empty_percent < 18.0, "{row:?}");
     }
 }
@@ -123,7 +128,7 @@ fn gaps_and_stalls_of_the_attitude_are_no_change_of_iron() {
 #[test]
 fn a_restart_of_the_autopilot_gives_no_wrong_heading() {
     for row in rows(&["autopilot-restarts"]) {
-        assert!(row.iron_reports == 0 && row.bad_percent <= 0.05 && row.worst_deg <= 6.5, "{row:?}");
+        assert!(count_of(&row, "iron-moved") == 0 && row.bad_percent <= 0.05 && row.worst_deg <= 6.5, "{row:?}");
         assert!((5.0..16.0).contains(&row.empty_percent), "{row:?}");
     }
 }
@@ -328,6 +333,7 @@ fn a_turn_of_the_module_in_its_mount_is_estimated() {
     {
         for row in rows(&[case]) {
             assert!(all_accepted(&row) && row.bad_percent <= bad_percent && row.empty_percent <= 15.0, "{row:?}");
+            assert!(count_of(&row, "mount-moved") > 0, "{row:?}");
         }
     }
 }
@@ -339,11 +345,12 @@ fn a_drift_in_straight_flight_is_in_the_sigma() {
     for case in ["drift-straight-60", "drift-straight-300"] {
         for row in rows(&[case]) {
             assert!(row.bad_percent <= 3.0 && row.within_two_sigma_percent >= 75.0, "{row:?}");
-            assert!(row.sigma_rms_deg < 8.0, "{row:?}");
+            assert!(row.sigma_rms_deg < 8.0 && count_of(&row, "turn-wanted") > 0, "{row:?}");
         }
     }
     for row in rows(&["steady"]) {
         assert!(row.bad_percent <= 0.0 && row.empty_percent <= 0.0 && row.sigma_rms_deg < 1.0, "{row:?}");
+        assert!(row.notes.is_empty(), "{row:?}");
     }
 }
 

@@ -6,7 +6,7 @@ use embassy_time::{Instant, Timer};
 
 use super::Links;
 use super::links::{DetectedSensor, increment, now, subscribe};
-use crate::instrument::{ChangeReporter, Instrument, InstrumentConfig};
+use crate::instrument::{ChangeReporter, Instrument, InstrumentConfig, TurnRequest};
 use crate::messages::Message;
 
 /// Reading period of the reference sensor, microseconds; used until a sensor is detected.
@@ -19,6 +19,7 @@ pub async fn run(links: &Links) -> ! {
     let estimates = links.estimates.sender();
     let mut instrument = Instrument::new(InstrumentConfig::new(FIRST_PERIOD_US));
     let mut change_report = ChangeReporter::NONE;
+    let mut turn_request = TurnRequest::NONE;
     let mut silent_at = silence_from_now(&instrument);
     loop {
         // Reports before readings, so that a reading uses attitude of its own instant.
@@ -36,7 +37,12 @@ pub async fn run(links: &Links) -> ! {
                 }
             }
             Either4::Third(reading) => {
-                estimates.send(instrument.on_reading(reading.at, reading.value));
+                let estimate = instrument.on_reading(reading.at, reading.value);
+                let wanted = turn_request.update(&estimate).filter(|_| links.is_armed() != Some(false));
+                estimates.send(estimate);
+                if let Some(sigma_rad) = wanted {
+                    links.announce(&Message::TurnWanted { sigma_rad });
+                }
                 silent_at = silence_from_now(&instrument);
             }
             Either4::Fourth(()) => {

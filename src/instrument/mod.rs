@@ -58,6 +58,7 @@ mod sensor_check;
 mod smoother;
 #[cfg(test)]
 mod tests;
+mod turn_request;
 mod ud_filter;
 
 use crate::attitude::{AttitudeHistory, AttitudeLookup, AttitudeReport, EulerRates, GyroHeading};
@@ -76,6 +77,7 @@ use monitor::{Monitor, MonitorOutput, MonitoredCalibration};
 use pairing::PairingQueue;
 use sensor_check::{ReadingFault, SensorCheck};
 use smoother::HeadingSmoother;
+pub use turn_request::TurnRequest;
 
 /// Instrument state, about 4 KB. Larger methods are not inlined, to limit the stack.
 #[derive(Debug)]

@@ -50,6 +50,11 @@ impl Message {
                 format_args!("headings are corrected for it; fasten the module and calibrate again"),
             ),
             Self::InstallationRestored => show("iron-back", format_args!("as calibrated again"), NO_ADVICE),
+            Self::TurnWanted { sigma_rad } => show(
+                "turn-wanted",
+                format_args!("headings have a sigma of {} deg by now", Decimal::<1>(sigma_rad.to_degrees())),
+                format_args!("turn once each way, so that a drift of iron is determined"),
+            ),
             Self::SafeMode => safe_mode(show),
         }
     }

@@ -24,6 +24,11 @@ pub enum Message {
     InstallationChanged(InstallationChange),
     /// The installation is as calibrated again.
     InstallationRestored,
+    /// The headings have become uncertain in straight flight.
+    TurnWanted {
+        /// Standard deviation of the heading, radians.
+        sigma_rad: f32,
+    },
     /// The module is in safe mode after repeated panics.
     SafeMode,
 }
@@ -53,6 +58,7 @@ impl Message {
             | Self::StoreFailed(_)
             | Self::CollectionLost
             | Self::InstallationChanged(_)
+            | Self::TurnWanted { .. }
             | Self::SafeMode => Severity::Warning,
         }
     }

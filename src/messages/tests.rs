@@ -316,6 +316,11 @@ fn messages() -> Vec<(Message, Severity, &'static str)> {
             "mount-moved: 9.8 deg counterclockwise since the calibration, from above (sigma 0.6); headings are corrected for \
              it; fasten the module and calibrate again",
         ),
+        (
+            Message::TurnWanted { sigma_rad: 0.06 },
+            Severity::Warning,
+            "turn-wanted: headings have a sigma of 3.4 deg by now; turn once each way, so that a drift of iron is determined",
+        ),
         (Message::InstallationRestored, Severity::Info, "iron-back: as calibrated again"),
         (
             Message::SafeMode,

@@ -51,8 +51,8 @@ pub struct CaseFlightResult {
     pub calibrated: Result<AcceptedCalibration, String>,
     /// Statistics of the output in use.
     pub tally: HeadingStatistics,
-    /// Messages of changed hard iron in use.
-    pub iron_reports: usize,
+    /// Codes of the console's notes in use.
+    pub notes: Vec<String>,
     /// Estimation error of a hard-iron change in use.
     pub hard_iron_error: Option<HardIronEstimateError>,
 }
@@ -92,7 +92,7 @@ pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
         duration_s: (at_us - began_us) as f64 / 1e6,
     });
     let mut tally = HeadingStatistics::default();
-    let mut iron_reports = 0;
+    let mut notes = Vec::new();
     if calibrated.is_ok() {
         if let Onset::InUse { after_s, for_s } = onset {
             let from_us = add_seconds_us(rig.now_us(), after_s);
@@ -100,7 +100,7 @@ pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
         }
         let counts_from_us =
             if let Onset::InUse { after_s, .. } = onset { add_seconds_us(rig.now_us(), after_s) } else { 0 };
-        iron_reports = listen(&mut rig, &drawn, seed, &mut |at_us, evaluated_sentence| {
+        notes = listen(&mut rig, &drawn, seed, &mut |at_us, evaluated_sentence| {
             // A hard-iron change during calibration remains part of the airframe in use.
             let faulty = match onset {
                 Onset::Never => false,
@@ -115,7 +115,7 @@ pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
         let added_ut = fields.iter().map(|fault| fault.added_ut(&now)).sum();
         hard_iron_estimate_error(&mut rig, &world, added_ut)
     });
-    CaseFlightResult { calibrated, tally, iron_reports, hard_iron_error: hard_iron_error_of_case }
+    CaseFlightResult { calibrated, tally, notes, hard_iron_error: hard_iron_error_of_case }
 }
 
 /// Flies a full turn each way and compares the module's estimate with a hard-iron change of `added_ut`, chip axes.
@@ -188,9 +188,14 @@ fn true_deg(calibration: &Calibration, world: &WorldConfig, added_ut: &dyn Fn(&T
     HeadingErrors::evaluate_with_field(calibration, world, added_ut).statistics().rms_deg
 }
 
-/// Optional time on the ground, then legs for the rest of use; evaluates every sentence. Returns the number of messages of
-/// changed hard iron.
-fn listen(rig: &mut Rig, drawn: &DrawnCase, seed: u64, on_sentence: &mut dyn FnMut(u64, &EvaluatedSentence)) -> usize {
+/// Optional time on the ground, then legs for the rest of use; evaluates every sentence. Returns the codes of the
+/// console's notes.
+fn listen(
+    rig: &mut Rig,
+    drawn: &DrawnCase,
+    seed: u64,
+    on_sentence: &mut dyn FnMut(u64, &EvaluatedSentence),
+) -> Vec<String> {
     let DrawnCase { ground_time_s: stands_s, use_s, next_legs, .. } = *drawn;
     let mut random = Random::new(seed, Purpose::Legs);
     if stands_s > 0.0 {
@@ -207,7 +212,7 @@ fn listen(rig: &mut Rig, drawn: &DrawnCase, seed: u64, on_sentence: &mut dyn FnM
     }
     let mut reader = SentenceReader::default();
     let _ = (rig.instrument.receive(), rig.printed());
-    let mut iron_reports = 0;
+    let mut notes = Vec::new();
     while rig.now_us() < end_us {
         if stands_s > 0.0 && rig.now_us() >= flies_us {
             rig.world.release();
@@ -220,7 +225,9 @@ fn listen(rig: &mut Rig, drawn: &DrawnCase, seed: u64, on_sentence: &mut dyn FnM
         if rig.run_for_s(PIECE_S) != ModuleRunEnd::Time {
             break;
         }
-        iron_reports += rig.printed().matches("note iron-moved: ").count();
+        let printed = rig.printed();
+        // The console erases the line before a note.
+        notes.extend(printed.split("note ").skip(1).filter_map(|text| Some(text.split_once(": ")?.0.to_owned())));
         for timed_byte in rig.instrument.receive_timed() {
             if let Some(received) = reader.push(timed_byte.at_us, timed_byte.byte).filter(|r| r.kind == "PASWH") {
                 let true_deg = rig.world.true_state(timed_byte.at_us).heading_deg();
@@ -228,7 +235,7 @@ fn listen(rig: &mut Rig, drawn: &DrawnCase, seed: u64, on_sentence: &mut dyn FnM
             }
         }
     }
-    iron_reports
+    notes
 }
 
 fn evaluated_sentence(received: HeadingSentence, true_deg: f64) -> EvaluatedSentence {

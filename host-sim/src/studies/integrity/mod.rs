@@ -60,8 +60,8 @@ pub struct IntegrityRow {
     pub empty_percent: f64,
     /// False alarms (interruptions of the heading output without an active fault), per hour without fault.
     pub alarms_per_hour: f64,
-    /// Messages of changed hard iron in use.
-    pub iron_reports: usize,
+    /// Codes of the console's notes in use, with their counts, most frequent first.
+    pub notes: Vec<(String, usize)>,
     /// Error of the estimated hard-iron change relative to the change, median, percent; `None` without a
     /// simulated change.
     pub iron_error_median_percent: Option<f64>,
@@ -122,7 +122,7 @@ fn row(case: &'static str, results: &[&CaseFlightResult]) -> IntegrityRow {
         within_three_sigma_percent: three,
         empty_percent: tally.empty_percent(),
         alarms_per_hour: tally.alarms_per_hour(),
-        iron_reports: results.iter().map(|one| one.iron_reports).sum(),
+        notes: count_codes(results.iter().flat_map(|one| one.notes.iter().cloned())),
         iron_error_median_percent: quantile(iron_errors, 0.5).map(|error| 100.0 * error),
         refused: count_codes(results.iter().filter_map(|one| one.calibrated.as_ref().err().cloned())),
         empty: tally.empty.into_iter().collect(),

@@ -1,0 +1,78 @@
+//! When to ask the pilot for a turn each way: straight flight does not show all of a drift of hard iron, and the sigma of the
+//! headings grows with it.
+
+use super::estimate::Estimate;
+use crate::time::Timestamp;
+use crate::trig::DEG;
+
+/// Sigma of the heading that asks for a turn, radians: above that of ten minutes of straight flight without a drift.
+const ASK_SIGMA_RAD: f32 = 3.0 * DEG;
+
+/// Sigma below which a later growth asks again, radians.
+const SETTLED_SIGMA_RAD: f32 = 2.0 * DEG;
+
+/// Time with that sigma before it asks, microseconds: the turns after a sudden change of iron take less.
+const ASK_AFTER_US: u64 = 20_000_000;
+
+/// Asks once for each growth of the sigma.
+#[derive(Clone, Copy, Debug)]
+pub struct TurnRequest {
+    grown_at: Option<Timestamp>,
+    has_asked: bool,
+}
+
+impl TurnRequest {
+    /// No growth so far.
+    pub const NONE: Self = Self { grown_at: None, has_asked: false };
+
+    /// Updates with an estimate; the sigma of the heading, radians, if a turn is wanted.
+    pub fn update(&mut self, estimate: &Estimate) -> Option<f32> {
+        let heading = estimate.smoothed_heading.as_ref().or(estimate.heading.as_ref().ok())?;
+        if heading.sigma_rad < SETTLED_SIGMA_RAD {
+            *self = Self::NONE;
+        }
+        if heading.sigma_rad < ASK_SIGMA_RAD {
+            self.grown_at = None;
+            return None;
+        }
+        let grown_at = *self.grown_at.get_or_insert(estimate.at);
+        let asks = !self.has_asked && estimate.at.us_since(grown_at) >= ASK_AFTER_US;
+        self.has_asked |= asks;
+        asks.then_some(heading.sigma_rad)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::heading::Heading;
+
+    fn asked_at_s(sigmas_deg: impl Fn(u32) -> f32) -> Vec<u32> {
+        let mut request = TurnRequest::NONE;
+        let mut asks = |second: &u32| {
+            let heading =
+                Heading { magnetic_rad: 1.0, sigma_rad: sigmas_deg(*second) * DEG, systematic_variance_rad2: 0.0 };
+            let at = Timestamp::from_us(u64::from(*second) * 1_000_000);
+            request.update(&Estimate { at, heading: Ok(heading), ..Estimate::EMPTY }).is_some()
+        };
+        (0..300).filter(|second| asks(second)).collect()
+    }
+
+    #[test]
+    fn a_sigma_over_3_deg_for_20_s_asks_once() {
+        assert_eq!(asked_at_s(|_| 3.1), [20]);
+        assert_eq!(asked_at_s(|_| 2.9), []);
+        assert_eq!(asked_at_s(|second| if second % 20 == 19 { 2.9 } else { 4.0 }), []);
+    }
+
+    #[test]
+    fn it_asks_again_after_the_sigma_was_small() {
+        assert_eq!(asked_at_s(|second| if second == 100 { 2.1 } else { 4.0 }), [20]);
+        assert_eq!(asked_at_s(|second| if second == 100 { 1.9 } else { 4.0 }), [20, 121]);
+    }
+
+    #[test]
+    fn without_headings_nothing_is_asked() {
+        assert_eq!(TurnRequest::NONE.clone().update(&Estimate::EMPTY), None);
+    }
+}
