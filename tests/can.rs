@@ -185,7 +185,7 @@ fn a_module_sends_again_after_bus_off() {
     bench.run(1_000);
     let fields = bench.autopilot.take_fields(125);
     assert!(fields.abs_diff(50) <= 2, "{fields}");
-    bench.rig.console.send(b"status\r");
+    bench.rig.console.send(b"status all\r");
     bench.run(100);
     let status = String::from_utf8_lossy(&bench.rig.console.receive()).into_owned();
     let line = status.lines().find(|line| line.starts_with("can: ")).unwrap_or_default();
@@ -236,7 +236,7 @@ fn a_second_node_with_this_number_silences_the_field() {
         }
     });
     bench.autopilot.take_fields(42);
-    bench.rig.console.send(b"status\r");
+    bench.rig.console.send(b"status all\r");
     bench.run_with(900, |_| {});
     assert_eq!(bench.autopilot.take_fields(42), 0);
     let status = String::from_utf8_lossy(&bench.rig.console.receive()).into_owned();
@@ -277,7 +277,7 @@ fn mavlink_goes_through_the_tunnel() {
             send(bench, &frame(&ATTITUDE_DATA { time_boot_ms, roll, ..ATTITUDE_DATA::default() }));
         }
     });
-    bench.rig.console.send(b"status\r");
+    bench.rig.console.send(b"status all\r");
     bench.run(100);
     let status = String::from_utf8_lossy(&bench.rig.console.receive()).into_owned();
     assert!(status.contains("attitude: roll 5.9 deg"), "{status}");

@@ -64,9 +64,9 @@ use parameters::{
     INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_AWAITED_SAMPLES, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON,
     MAX_DECAYING_MOUNT_TURN_RAD, MAX_GAP_S, MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR,
     MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INNOVATION, MAX_MOUNT_TURN_RAD,
-    MAX_MOUNT_TURNING_S, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE, MAX_TILT_INNOVATION_RAD, MIN_DRIFT,
-    MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON, POST_CHANGE_INFLATION, POST_CHANGE_S, SAMPLE_VARIANCE_FACTORS,
-    SLOW_CHANGE_TIME_S, STATE_NOISE, UNKNOWN_ANGLE_VARIANCE_RAD2, VARIANCE_FLOORS,
+    MAX_MOUNT_TURNING_BANK_RAD, MAX_MOUNT_TURNING_S, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE, MAX_TILT_INNOVATION_RAD,
+    MIN_DRIFT, MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON, POST_CHANGE_INFLATION, POST_CHANGE_S,
+    SAMPLE_VARIANCE_FACTORS, SLOW_CHANGE_TIME_S, STATE_NOISE, UNKNOWN_ANGLE_VARIANCE_RAD2, VARIANCE_FLOORS,
 };
 
 /// The monitor. 2.3 KB.
@@ -256,7 +256,7 @@ impl Monitor {
         let variances = self.measurement_variances(monitored, seen, &model, position, step_s);
         let measurements = model.measurements(&predicted, seen, variances);
         self.adapt_noise_to_residuals(monitored, &measurements, step_s);
-        let is_usable = self.test_innovations(monitored.calibration, &model, &measurements, position, step_s);
+        let is_usable = self.test_innovations(monitored.calibration, seen, &model, &measurements, position, step_s);
         if let Some(turning) = turning {
             self.innovation_gate.update_turn(turning.euler_rates.heading_rad_s * step_s, step_s);
         }
@@ -318,6 +318,7 @@ impl Monitor {
     fn test_innovations(
         &mut self,
         calibration: &Calibration,
+        seen: &MonitorSample,
         model: &MeasurementModel,
         measurements: &PerKind<Option<Measurement<STATE_COUNT>>>,
         position: &Vector3<f32>,
@@ -333,8 +334,9 @@ impl Monitor {
             GateResult::Consistent { is_usable } => is_usable,
             GateResult::ChangeDetected { exceeding_residuals } => {
                 let turned = TurnedMount::explaining(calibration, &model.uncorrected_residual, position);
+                let is_level = seen.attitude.roll_rad.abs() < MAX_MOUNT_TURNING_BANK_RAD;
                 self.inflate_covariance(model, exceeding_residuals);
-                self.test_mount_turn(turned, exceeding_residuals);
+                self.test_mount_turn(turned, is_level, exceeding_residuals);
                 [true; 3]
             }
         }
@@ -421,21 +423,26 @@ impl Monitor {
 
     /// Takes a turn of the module for the cause of a detected change if it explains the field. A module turns once: when the
     /// field changes again and again, an estimated turn must go on to explain it.
-    fn test_mount_turn(&mut self, turned: Option<TurnedMount>, residuals: PerKind<f32>) {
+    fn test_mount_turn(&mut self, turned: Option<TurnedMount>, is_level: bool, residuals: PerKind<f32>) {
         let estimated_rad = self.filter.mean()[MOUNT_TURN];
         let is_first = self.innovation_gate.withheld_s() < MAX_MOUNT_TURNING_S;
         let is_confirmed = turned.is_some_and(|t| (t.turn_rad - estimated_rad).abs() < MAX_DECAYING_MOUNT_TURN_RAD);
         match turned {
-            Some(turned) if is_first => self.turn_mount(&turned, residuals),
+            Some(turned) if is_first && is_level => self.turn_mount(&turned, residuals),
+            Some(_) if is_first => self.inflate_mount_turn(residuals),
             _ if is_first || is_confirmed || estimated_rad.abs() < MAX_DECAYING_MOUNT_TURN_RAD => {}
             _ => self.turn_mount(&TurnedMount::AS_CALIBRATED, residuals),
         }
     }
 
-    /// Starts again from a turn of the module that explains the field, with the variance of the heading's residual.
-    fn turn_mount(&mut self, turned: &TurnedMount, [_, _, heading_rad]: PerKind<f32>) {
+    fn inflate_mount_turn(&mut self, [_, _, heading_rad]: PerKind<f32>) {
         let rad = heading_rad.min(MAX_MOUNT_TURN_RAD);
         self.filter.inflate_variance(MOUNT_TURN, rad * rad);
+    }
+
+    /// Starts again from a turn of the module that explains the field, with the variance of the heading's residual.
+    fn turn_mount(&mut self, turned: &TurnedMount, residuals: PerKind<f32>) {
+        self.inflate_mount_turn(residuals);
         self.filter.set_mean(MOUNT_TURN, turned.turn_rad);
         for (axis, change) in HARD_IRON_AXES.into_iter().zip(turned.hard_iron_change.iter()) {
             self.filter.set_mean(axis, *change);

@@ -127,6 +127,10 @@ pub(super) const MAX_MOUNT_TURN_RAD: f32 = 0.6;
 /// what changes again and again is a disturbance.
 pub(super) const MAX_MOUNT_TURNING_S: f32 = 5.0;
 
+/// Largest bank at which a change may be a turn of the mount, radians: 10 deg. Beyond it an error of the attitude, in
+/// proportion to the bank, resembles one.
+pub(super) const MAX_MOUNT_TURNING_BANK_RAD: f32 = 0.17;
+
 /// Largest change of field strength: that of 2000 km.
 pub(super) const MAX_STRENGTH_CHANGE: f32 = 0.2;
 
