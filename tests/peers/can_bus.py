@@ -131,7 +131,7 @@ with Served("--can", BUS) as module:
     assert answer.value.integer_value == 20, answer
     answer = bus.parameter(number, name="SIGNING", value=uavcan.protocol.param.Value(string_value="open sesame"))
     assert str(answer.value.string_value) == "on", answer
-    printed = module.type("status", "saves: ")
+    printed = module.type("status all", "saves: ")
     assert f"; node {number};" in printed and "signing: on" in printed, printed
     opcode = uavcan.protocol.param.ExecuteOpcode
     assert bus.ask(opcode.Request(opcode=opcode.Request().OPCODE_ERASE), number).ok
