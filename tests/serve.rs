@@ -163,6 +163,23 @@ fn attitudes_of_another_simulator_turn_the_heading() {
     assert_eq!(served_module.execute_line("turn 25 90").unwrap_err().code(), "flown-by-another");
 }
 
+/// The first datagram moves the aircraft without a turn of its gyro. When attitudes were sent before it, a served module took
+/// the jump to 301 deg for a change of iron, and was 3 deg off.
+#[test]
+fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
+    for deg in [0.0, 100.0, 301.0] {
+        let mut served_module = served_module(VISITED, Some(&CALIBRATED));
+        assert!(headings(&mut served_module, 2).iter().all(Option::is_none), "{deg}");
+        assert!(served_module.execute_line("status").unwrap().contains("attitude from nobody yet"));
+        for _ in 0..160 {
+            served_module.follow_datagram(format!("0 0 {deg}").as_bytes()).unwrap();
+            served_module.advance(SECOND_US / 20);
+        }
+        let off_deg = |heading: &Option<f64>| wrap_180(heading.expect("a heading") - deg).abs();
+        assert!(headings(&mut served_module, 2).iter().all(|heading| off_deg(heading) < HEADING_BOUND_DEG), "{deg}");
+    }
+}
+
 #[test]
 fn malformed_attitudes_are_counted_and_ignored() {
     let mut served_module = served_module(VISITED, None);

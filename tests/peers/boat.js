@@ -18,8 +18,8 @@ function fail (why) {
 
 readline.createInterface({ input: socket }).on('line', (line) => {
   const kind = line.slice(3, 6)
-  // The first line may be incomplete; Signal K ignores proprietary sentences. After the turn to the heading there is none to trust.
-  if (!line.startsWith('$HC') || !(kind in counts) || line.split(',')[1] === '') return
+  // The first line may be incomplete; Signal K ignores proprietary sentences.
+  if (!line.startsWith('$HC') || !(kind in counts)) return
   const delta = parser.parse(line)
   if (!delta) fail(`not understood: ${line}`)
   const values = delta.updates[0].values.filter(({ path }) => path === 'navigation.headingMagnetic')

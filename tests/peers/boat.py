@@ -5,8 +5,7 @@ from pathlib import Path
 
 from served import HEADING_BOUND_DEG, PATIENCE_S, Served
 
-# Near the heading at which the simulation begins: a jump is a change that no gyro shows, and leaves a large sigma.
-HEADING_DEG = 2.0
+HEADING_DEG = 301.0
 
 with Served() as module:
     module.hold(HEADING_DEG)

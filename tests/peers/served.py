@@ -58,14 +58,14 @@ class Served:
         self.datagrams.sendto(f"{roll_deg:.4f} {pitch_deg:.4f} {yaw_deg:.4f}".encode(), self.world)
 
     def hold(self, yaw_deg):
-        """Holds the aircraft level at a heading until the end; waits until it is reached and the module's filters agree."""
+        """Holds the aircraft level at a heading until the end; waits until it is reached."""
 
         def tell():
             while not self.held.wait(0.05):
                 self.lie(0.0, 0.0, yaw_deg)
 
         threading.Thread(target=tell, daemon=True).start()
-        time.sleep(5.0)
+        time.sleep(1.0)
 
     def type(self, line, answer):
         """Types a line on the console, waits for its answer and returns all output until then."""

@@ -245,7 +245,11 @@ impl ServedModule {
         let [roll_deg, pitch_deg] = [truth.roll_rad, truth.pitch_rad].map(f64::to_degrees);
         let seconds = self.now_us() as f64 / 1e6;
         let flies = if self.visits.is_some() { "follows" } else { self.pilot.activity() };
-        let source = if self.rig.world.sends_attitude() { "the simulator" } else { "who is attached" };
+        let source = match self.rig.world.sends_attitude() {
+            true => "the simulator",
+            false if self.awaits_datagram() => "nobody yet",
+            false => "who is attached",
+        };
         let sender_text =
             self.visits.map_or_else(String::new, |DatagramCounts { accepted: followed, rejected: malformed }| {
                 format!("; {followed} attitudes received, {malformed} malformed")
@@ -260,9 +264,15 @@ impl ServedModule {
         )
     }
 
+    /// Whether an external simulator has sent no attitude yet. The first one moves the aircraft without a turn of its gyro, so
+    /// that none may be sent before it.
+    fn awaits_datagram(&self) -> bool {
+        self.visits.is_some_and(|counts| counts.accepted == 0)
+    }
+
     fn hand_over_attitude(&self) {
         if self.attitude == AttitudeProvider::Auto {
-            self.rig.world.set_sends_attitude(!self.peer.is_active(self.rig.now_us()));
+            self.rig.world.set_sends_attitude(!self.awaits_datagram() && !self.peer.is_active(self.rig.now_us()));
         }
     }
 }
