@@ -7,8 +7,8 @@ use log_analysis::log::write;
 use log_analysis::log::{self, Gps};
 use log_analysis::replay::evaluation::{CorrectionSource, EvaluationOptions, evaluate_flight};
 use log_analysis::score::wrap_180;
-use simulator::module::Module as _;
-use simulator::recording::RecordingModule;
+use simulator::module::{Module as _, ObservedModule};
+use simulator::recording::Recorder;
 use simulator::rig::Rig;
 use simulator::world::WorldConfig;
 use simulator::world::autopilot::Leg;
@@ -19,7 +19,8 @@ const ASKED: EvaluationOptions = EvaluationOptions::DEFAULT;
 #[test]
 fn a_recorded_flight_has_its_position_and_true_headings() {
     let mut rig = Rig::new(WorldConfig::table1(1));
-    let mut module = RecordingModule::new(&mut rig);
+    let recorder = Recorder::new(&rig);
+    let mut module = ObservedModule::new(&mut rig, recorder);
     for heading_change_deg in [1440.0, -1440.0] {
         module.world().fly(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
@@ -28,7 +29,7 @@ fn a_recorded_flight_has_its_position_and_true_headings() {
         module.run_for_s(1.0);
     }
     for name in ["flight.bin", "flight.log", "flight.tlog", "flight.ulg", "flight.csv"] {
-        let bytes = write::encode_for_path(Path::new(name), &module.recording);
+        let bytes = write::encode_for_path(Path::new(name), &module.observer.recording);
         let flight = log::read(&mut bytes.as_slice(), FieldUnit::Milligauss).unwrap();
         let verdict = evaluate_flight(&flight, &ASKED);
         let ours = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
@@ -45,7 +46,7 @@ fn a_recorded_flight_has_its_position_and_true_headings() {
         assert!(off_deg.abs() < 3.0, "{name}: {off_deg}");
     }
     assert!(
-        module.recording.parameters.iter().any(|(name, _)| name == "COMPASS_OFS_X"),
+        module.observer.recording.parameters.iter().any(|(name, _)| name == "COMPASS_OFS_X"),
         "it says that nothing is applied"
     );
 }

@@ -55,3 +55,65 @@ pub trait Module {
         String::from_utf8_lossy(&self.console().receive()).into_owned()
     }
 }
+
+/// Observer of a module that somebody else uses.
+pub trait Observer {
+    /// Time has advanced.
+    fn time_advanced(&mut self, module: &impl Module);
+
+    /// Console output was taken.
+    fn output_taken(&self, _text: &str) {}
+}
+
+/// Module with an observer.
+#[derive(Debug)]
+pub struct ObservedModule<'a, M, O> {
+    module: &'a mut M,
+    /// The observer.
+    pub observer: O,
+}
+
+impl<'a, M: Module, O: Observer> ObservedModule<'a, M, O> {
+    /// Begins to observe.
+    pub const fn new(module: &'a mut M, observer: O) -> Self {
+        Self { module, observer }
+    }
+}
+
+impl<M: Module, O: Observer> Module for ObservedModule<'_, M, O> {
+    fn world(&self) -> &World {
+        self.module.world()
+    }
+
+    fn console(&self) -> &HostEnd {
+        self.module.console()
+    }
+
+    fn autopilot(&self) -> &HostEnd {
+        self.module.autopilot()
+    }
+
+    fn instrument(&self) -> &HostEnd {
+        self.module.instrument()
+    }
+
+    fn now_us(&self) -> u64 {
+        self.module.now_us()
+    }
+
+    fn run_until(&mut self, until_us: u64) -> ModuleRunEnd {
+        let end = self.module.run_until(until_us);
+        self.observer.time_advanced(self.module);
+        end
+    }
+
+    fn reset(&mut self) {
+        self.module.reset();
+    }
+
+    fn printed(&self) -> String {
+        let printed = self.module.printed();
+        self.observer.output_taken(&printed);
+        printed
+    }
+}

@@ -5,8 +5,7 @@ use std::f64::consts::TAU;
 use autoswing::earth::{self, Date, EarthField};
 use log_analysis::log::write::{FlightRecording, FlightSample};
 
-use crate::devices::uart::HostEnd;
-use crate::module::{Module, ModuleRunEnd};
+use crate::module::{Module, Observer};
 use crate::world::aircraft::VehicleKind;
 use crate::world::attitude_source::AttitudeSource;
 use crate::world::autopilot::Leg;
@@ -73,61 +72,34 @@ pub fn record_turns(world: &WorldConfig, age_s: f64) -> FlightRecording {
     recording
 }
 
-/// Wrapper around a module that records its flight.
-pub struct RecordingModule<'a, M> {
-    module: &'a mut M,
+/// Observer that records a flight.
+pub struct Recorder {
     source: AttitudeSource,
     next_us: u64,
     /// The flight so far.
     pub recording: FlightRecording,
 }
 
-impl<'a, M: Module> RecordingModule<'a, M> {
+impl Recorder {
     /// Starts recording now.
-    pub fn new(module: &'a mut M) -> Self {
+    pub fn new(module: &impl Module) -> Self {
         let (source, next_us) = (module.world().attitude_source(), module.now_us());
         let parameters = UNTOUCHED.map(|name| (name.to_owned(), 0.0)).to_vec();
         let mut recording = FlightRecording { parameters, ..FlightRecording::default() };
         if module.world().config().earth == Earth::default() {
             set_place(&mut recording, XIAN);
         }
-        Self { module, source, next_us, recording }
+        Self { source, next_us, recording }
     }
 }
 
-impl<M: Module> Module for RecordingModule<'_, M> {
-    fn world(&self) -> &World {
-        self.module.world()
-    }
-
-    fn console(&self) -> &HostEnd {
-        self.module.console()
-    }
-
-    fn autopilot(&self) -> &HostEnd {
-        self.module.autopilot()
-    }
-
-    fn instrument(&self) -> &HostEnd {
-        self.module.instrument()
-    }
-
-    fn now_us(&self) -> u64 {
-        self.module.now_us()
-    }
-
-    fn reset(&mut self) {
-        self.module.reset();
-    }
-
-    fn run_until(&mut self, until_us: u64) -> ModuleRunEnd {
-        let ran = self.module.run_until(until_us);
-        let now_us = self.module.now_us();
+impl Observer for Recorder {
+    fn time_advanced(&mut self, module: &impl Module) {
+        let now_us = module.now_us();
         self.next_us = self.next_us.max(now_us.saturating_sub(REMEMBERED_US) / EVERY_US * EVERY_US + EVERY_US);
         while self.next_us <= now_us {
-            record_sample(&mut self.recording, self.module.world(), &mut self.source, self.next_us);
+            record_sample(&mut self.recording, module.world(), &mut self.source, self.next_us);
             self.next_us += EVERY_US;
         }
-        ran
     }
 }

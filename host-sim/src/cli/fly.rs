@@ -14,8 +14,8 @@ use log_analysis::score::ErrorStatistics;
 use simulator::heading_errors::HeadingErrors;
 use simulator::mission::{self, MissionResult, MissionStage, OutputStatistics, TurnPlan};
 use simulator::mission_report::{mission_json, report_mission};
-use simulator::module::Module;
-use simulator::recording::RecordingModule;
+use simulator::module::{Module, ObservedModule};
+use simulator::recording::Recorder;
 use simulator::rig::Rig;
 use simulator::transcript::SolveNotice;
 use simulator::world::WorldConfig;
@@ -169,9 +169,10 @@ fn fly_recorded(module: &mut impl Module, options: &Fly) -> (MissionResult, Opti
     if options.record.is_none() {
         return (fly(module, options), None);
     }
-    let mut module = RecordingModule::new(module);
+    let recorder = Recorder::new(module);
+    let mut module = ObservedModule::new(module, recorder);
     let mission_result = fly(&mut module, options);
-    (mission_result, Some(module.recording))
+    (mission_result, Some(module.observer.recording))
 }
 
 fn write_log(options: &Fly, recording: Option<&FlightRecording>) -> Result<(), Failure> {

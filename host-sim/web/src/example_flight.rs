@@ -6,13 +6,12 @@ use autoswing::calibration::{Calibration, Orientation};
 use log_analysis::report::{self, ReportOrigin};
 use log_analysis::score::wrap_180;
 use serde::{Deserialize, Serialize};
-use simulator::devices::uart::HostEnd;
 use simulator::mission::{self, MissionStage, TurnPlan};
 use simulator::mission_report::{mission_json, report_mission};
-use simulator::module::{Module, ModuleRunEnd};
+use simulator::module::{Module, ObservedModule, Observer};
 use simulator::rig::Rig;
 use simulator::transcript;
-use simulator::world::{World, WorldConfig};
+use simulator::world::WorldConfig;
 
 /// Request of the page.
 #[derive(Clone, Copy, Debug, Deserialize)]
@@ -55,8 +54,8 @@ pub struct FlownExample {
 pub fn fly_example(request: FlightRequest, report_step: &mut dyn FnMut(&FlightStep)) -> FlownExample {
     let progress = Cell::new((MissionStage::TakeOff, 0.0));
     let mut rig = Rig::new(WorldConfig::table1(request.seed));
-    let mut observed =
-        ObservedModule { module: &mut rig, progress: &progress, calibration: Cell::new(None), report_step };
+    let reporter = StepReporter { progress: &progress, calibration: Cell::new(None), report_step };
+    let mut observed = ObservedModule::new(&mut rig, reporter);
     let flown = mission::fly_with(&mut observed, TurnPlan::default(), &mut |stage, done| progress.set((stage, done)));
     let origin = ReportOrigin {
         command: format!("host-sim fly --seed {}", request.seed),
@@ -66,19 +65,18 @@ pub fn fly_example(request: FlightRequest, report_step: &mut dyn FnMut(&FlightSt
     FlownExample { page: report::page(&report_mission(&flown, &origin)), json: mission_json(&flown).to_string() }
 }
 
-/// Wrapper around a module that reports a step whenever time advances.
-struct ObservedModule<'a> {
-    module: &'a mut Rig,
+/// Observer that reports a step whenever time advances.
+struct StepReporter<'a> {
     progress: &'a Cell<(MissionStage, f64)>,
     /// The module's calibration, once the pilot has asked for it.
     calibration: Cell<Option<Calibration>>,
     report_step: &'a mut dyn FnMut(&FlightStep),
 }
 
-impl ObservedModule<'_> {
-    fn step(&self) -> FlightStep {
-        let world = self.module.world();
-        let state = world.true_state(self.module.now_us());
+impl StepReporter<'_> {
+    fn step(&self, module: &impl Module) -> FlightStep {
+        let world = module.world();
+        let state = world.true_state(module.now_us());
         let field = world.sensor_field(state.time_us);
         let level = |applied: &Calibration| state.attitude().level(applied.apply(field));
         let error_deg = |applied: &Calibration| {
@@ -101,44 +99,16 @@ impl ObservedModule<'_> {
     }
 }
 
-impl Module for ObservedModule<'_> {
-    fn world(&self) -> &World {
-        self.module.world()
-    }
-
-    fn console(&self) -> &HostEnd {
-        self.module.console()
-    }
-
-    fn autopilot(&self) -> &HostEnd {
-        self.module.autopilot()
-    }
-
-    fn instrument(&self) -> &HostEnd {
-        self.module.instrument()
-    }
-
-    fn now_us(&self) -> u64 {
-        self.module.now_us()
-    }
-
-    fn run_until(&mut self, until_us: u64) -> ModuleRunEnd {
-        let end = self.module.run_until(until_us);
-        let step = self.step();
+impl Observer for StepReporter<'_> {
+    fn time_advanced(&mut self, module: &impl Module) {
+        let step = self.step(module);
         (self.report_step)(&step);
-        end
     }
 
-    fn reset(&mut self) {
-        self.module.reset();
-    }
-
-    fn printed(&self) -> String {
-        let printed = self.module.printed();
-        if let Some(shown) = transcript::parse_shown_calibration(&printed) {
+    fn output_taken(&self, text: &str) {
+        if let Some(shown) = transcript::parse_shown_calibration(text) {
             self.calibration.set(Some(shown.calibration));
         }
-        printed
     }
 }
 
