@@ -1,4 +1,4 @@
-//! Test support shared by the library and the simulator: simulation clock, executor, random numbers, flash.
+//! Test support shared by the library and the simulator: simulation clock, executor, random numbers, flash, documents.
 //!
 //! | module | holds |
 //! |---|---|
@@ -6,11 +6,13 @@
 //! | [`simulation`] | executor: tasks, priorities, power-off |
 //! | [`random`] | random numbers for tests |
 //! | [`flash`] | NOR flash with power cuts and faults |
+//! | [`documents`] | figures that documents state |
 //!
 //! A separate package, because the simulator depends on the library and the library's tests must not depend on the
 //! simulator.
 
 pub mod clock;
+pub mod documents;
 pub mod flash;
 pub mod random;
 pub mod simulation;

@@ -1,0 +1,16 @@
+//! Figures that documents state and tests measure.
+
+use std::path::Path;
+
+/// Asserts that the last cell of a table's row is `measured`.
+///
+/// `document` is a path from the project's root; `row` is the text of the row's other cells, from its start on.
+pub fn assert_states(document: &str, row: &str, measured: &str) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(document);
+    let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{document}: {error}"));
+    let start = format!("| {row}");
+    let found =
+        text.lines().find(|line| line.starts_with(&start)).unwrap_or_else(|| panic!("{document}: no row {row:?}"));
+    let stated = found.trim_end_matches(['|', ' ']).rsplit('|').next().unwrap_or_default().trim();
+    assert!(stated == measured, "{document}, row {row:?}: it states {stated}, measured is {measured}");
+}
