@@ -17,7 +17,7 @@ use crate::wire::dronecan::CanFrame;
 use crate::wire::dronecan::outbound::NodeInfo;
 
 /// Pause after an error of the bus, so that a permanent error does not occupy the processor.
-const PAUSE: Duration = Duration::from_micros(500);
+const BUS_ERROR_PAUSE: Duration = Duration::from_micros(500);
 
 /// Receiver of a CAN controller.
 pub trait ReceiveFrame {
@@ -99,7 +99,7 @@ pub async fn run(
             }
             Either4::Second(Err(_)) | Either4::Fourth(Err(_)) => {
                 node.bus_error();
-                Timer::after(PAUSE).await;
+                Timer::after(BUS_ERROR_PAUSE).await;
             }
         }
     }

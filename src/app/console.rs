@@ -20,7 +20,7 @@ const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 const PAUSE: Duration = Duration::from_micros(200);
 
 /// Time for the reply to `reboot` to leave the port.
-const LAST_WORDS: Duration = Duration::from_millis(50);
+const REBOOT_REPLY_TIME: Duration = Duration::from_millis(50);
 
 /// Functions of a board for the tasks.
 pub trait Platform {
@@ -60,7 +60,7 @@ pub async fn run(
         }
         match select3(links.restart.wait(), rx.read(&mut bytes), links.notices.receive()).await {
             Either3::First(()) => {
-                Timer::after(LAST_WORDS).await;
+                Timer::after(REBOOT_REPLY_TIME).await;
                 platform.reboot();
             }
             Either3::Second(Ok(number)) if number > 0 => read = 0..number,

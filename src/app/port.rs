@@ -17,10 +17,10 @@ use crate::settings::{Baud, PortNumber, PortSettings, ProtocolKind, Settings};
 use crate::time::Timestamp;
 
 /// Pause after a line error, one or two bytes long, so that a permanent error does not occupy the processor.
-const PAUSE: Duration = Duration::from_micros(200);
+const LINE_ERROR_PAUSE: Duration = Duration::from_micros(200);
 
 /// Rate of checks for a silent autopilot; received changes apply at once.
-const SILENCE_CHECK_HZ: u8 = 5;
+const AUTOPILOT_SILENCE_CHECK_HZ: u8 = 5;
 
 /// Port with a selectable baud rate.
 pub trait SetBaud {
@@ -72,7 +72,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                     Ok(message) if port.carries_texts() => port.mavlink.queue_text(&message),
                     _ => poll(links, &mut port, at, &settings),
                 }
-                if silence_check.is_due(at, SILENCE_CHECK_HZ) {
+                if silence_check.is_due(at, AUTOPILOT_SILENCE_CHECK_HZ) {
                     links.update_line_state(line, port.active_protocol(at), port.is_armed(at));
                 }
                 counted.add_new_counts(&port, &links.counters);
@@ -85,7 +85,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
             }
             Either4::Fourth(_) => {
                 increment(&links.counters.attitude_line_errors);
-                Timer::after(PAUSE).await;
+                Timer::after(LINE_ERROR_PAUSE).await;
             }
         }
     }

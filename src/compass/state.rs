@@ -17,7 +17,7 @@ use crate::store::{CalibrationRecord, Generations};
 use crate::time::WrappingMillis;
 
 /// Capacity for samples during a solve: 3 s, six times the duration of a solve at 80 MHz. A longer trial solve is ended.
-pub(super) const HELD_SAMPLES: usize = 32;
+pub(super) const HELD_SAMPLES_CAPACITY: usize = 32;
 
 /// State machine. About 4 KB; samples are in borrowed memory.
 #[derive(Debug)]
@@ -32,7 +32,7 @@ pub struct Compass<'a> {
     pub(super) recent: RecentSamples,
     pub(super) activity: Activity,
     /// Samples received during the solve, for a collection that continues; those of the solve do not change.
-    pub(super) held: heapless::Vec<Sample, HELD_SAMPLES>,
+    pub(super) held: heapless::Vec<Sample, HELD_SAMPLES_CAPACITY>,
     pub(super) saving: Option<PendingSave>,
     pub(super) last_outcome: Option<Message>,
     pub(super) advice: Option<Advice>,

@@ -11,13 +11,13 @@ const MIN_DISTANCE_DEG: f32 = 0.02;
 
 /// Distance from latitude and longitude zero within which a position means none, degrees: without a fix, an autopilot's
 /// estimator starts there and drifts.
-const NO_FIX_DEG: f32 = 0.01;
+const MAX_NO_FIX_DISTANCE_DEG: f32 = 0.01;
 
 /// Highest plausible speed, degrees of a great circle per millisecond: 300 m/s, more than unmanned aircraft fly.
 const MAX_SPEED_DEG_MS: f32 = 300.0 / 111_200.0 / 1000.0;
 
 /// Reports of a distant position after which a vehicle on the ground takes it: 10 s at 1 Hz.
-const CONFIRMATIONS: u8 = 10;
+const REQUIRED_DISTANT_REPORTS: u8 = 10;
 
 /// Largest deviation of the model's inclination from the calibration's, degrees: the limit of headings
 /// (`heading::HeadingLimits::DEFAULT`).
@@ -52,14 +52,14 @@ impl LocalField {
     /// Updates the position, unless it is that of an estimator without a fix, its distance from the last one implies an
     /// impossible speed, or its inclination contradicts the calibration.
     pub fn update_position(&mut self, at: WrappingMillis, place: Position, context: PositionContext) {
-        if place.latitude_deg.abs() < NO_FIX_DEG && place.longitude_deg.abs() < NO_FIX_DEG {
+        if place.latitude_deg.abs() < MAX_NO_FIX_DISTANCE_DEG && place.longitude_deg.abs() < MAX_NO_FIX_DISTANCE_DEG {
             return;
         }
         let is_plausible = self.position.is_none_or(|last| {
             let reachable_deg = MIN_DISTANCE_DEG * 1.5 + MAX_SPEED_DEG_MS * at.ms_since(self.seen_at) as f32;
             distance_deg(last, place) <= reachable_deg
         });
-        let is_confirmed = context.is_disarmed && self.distant_reports >= CONFIRMATIONS;
+        let is_confirmed = context.is_disarmed && self.distant_reports >= REQUIRED_DISTANT_REPORTS;
         if !(is_plausible || is_confirmed) {
             self.distant_reports = self.distant_reports.saturating_add(1);
             return;

@@ -38,8 +38,13 @@ enum Kind {
 pub static PARAMETERS: [Parameter; 20] = [
     whole("CAN_NODE", bytes(&CanSettings::NODE), |s| s.can.node.into(), |v| byte(v, SettingChange::CanNode)),
     whole("CAN_RATE", bytes(&CanSettings::RATE_HZ), |s| s.can.rate_hz.into(), |v| byte(v, SettingChange::CanRateHz)),
-    whole("CAN_COVARIANCE", SWITCH, |s| s.can.sends_covariance.into(), |v| switch(v, SettingChange::CanCovariance)),
-    whole("AUTO", SWITCH, |s| s.auto_on.into(), |v| switch(v, SettingChange::Auto)),
+    whole(
+        "CAN_COVARIANCE",
+        SWITCH_RANGE,
+        |s| s.can.sends_covariance.into(),
+        |v| switch(v, SettingChange::CanCovariance),
+    ),
+    whole("AUTO", SWITCH_RANGE, |s| s.auto_on.into(), |v| switch(v, SettingChange::Auto)),
     number("ACCURACY", Settings::ACCURACY_DEG, |s| s.accuracy_deg, |_, deg| SettingChange::Accuracy(deg)),
     number(
         "DECLINATION",
@@ -77,13 +82,13 @@ pub static PARAMETERS: [Parameter; 20] = [
         |s| s.attitude_rate_hz.into(),
         |v| byte(v, SettingChange::AttitudeRateHz),
     ),
-    whole("VISION", SWITCH, |s| s.sends_vision_yaw.into(), |v| switch(v, SettingChange::Vision)),
+    whole("VISION", SWITCH_RANGE, |s| s.sends_vision_yaw.into(), |v| switch(v, SettingChange::Vision)),
     Parameter { name: "SIGNING", kind: Kind::Key { get: |s| s.signing_key, set: SettingChange::Signing } },
     whole("PORT1", PROTOCOLS, |s| protocol(s, PortNumber::One), |v| set_protocol(PortNumber::One, v)),
     whole("PORT2", PROTOCOLS, |s| protocol(s, PortNumber::Two), |v| set_protocol(PortNumber::Two, v)),
     whole("BAUD1", BAUDS, |s| baud(s, PortNumber::One), |v| set_baud(PortNumber::One, v)),
     whole("BAUD2", BAUDS, |s| baud(s, PortNumber::Two), |v| set_baud(PortNumber::Two, v)),
-    whole("STREAM", SWITCH, |s| s.stream_on.into(), |v| switch(v, SettingChange::StreamOn)),
+    whole("STREAM", SWITCH_RANGE, |s| s.stream_on.into(), |v| switch(v, SettingChange::StreamOn)),
     whole(
         "STREAM_RATE",
         bytes(&Settings::STREAM_RATE_HZ),
@@ -98,7 +103,7 @@ pub static PARAMETERS: [Parameter; 20] = [
     ),
 ];
 
-const SWITCH: [u32; 2] = [0, 1];
+const SWITCH_RANGE: [u32; 2] = [0, 1];
 const PROTOCOLS: [u32; 2] = [0, ProtocolKind::ALL.len() as u32 - 1];
 const BAUDS: [u32; 2] = {
     let [least, .., most] = Baud::ALL;

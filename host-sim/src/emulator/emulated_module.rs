@@ -15,7 +15,7 @@ use testkit::simulation::Simulation;
 use super::error::EmulatorError;
 use super::machine::{BenchTest, Machine, MachineMessage, StepInput, TICKS_PER_US};
 use super::machine_port::MachinePort;
-use super::sample_path::{FIELD_AGE_US, SamplePath};
+use super::sample_path::{FIELD_UPDATE_PERIOD_US, SamplePath};
 
 /// Sensor noise, microtesla RMS per axis: 2 mG (LSM303DLHC data sheet).
 const NOISE_UT: f64 = 0.2;
@@ -193,7 +193,7 @@ impl Emulator {
 
     fn set_field(&mut self) -> Result<(), EmulatorError> {
         let now_us = self.now_us();
-        let is_fresh = self.field_set_us.is_some_and(|set_us| now_us - set_us < FIELD_AGE_US);
+        let is_fresh = self.field_set_us.is_some_and(|set_us| now_us - set_us < FIELD_UPDATE_PERIOD_US);
         if is_fresh || self.sensor_stuck {
             return Ok(());
         }

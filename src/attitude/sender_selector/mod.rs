@@ -52,7 +52,7 @@ pub struct Heartbeat {
 }
 
 /// Expiry time of heartbeats and of the selection, microseconds: ten heartbeats.
-const EXPIRY_US: u64 = 10_000_000;
+const SELECTION_EXPIRY_US: u64 = 10_000_000;
 
 /// Time of contradictions after which a sender is released, microseconds: several times the duration of a passing
 /// disturbance.
@@ -254,7 +254,7 @@ impl SenderSelector {
 }
 
 fn is_unexpired(at: Timestamp, now: Timestamp) -> bool {
-    now.us_since(at) <= EXPIRY_US
+    now.us_since(at) <= SELECTION_EXPIRY_US
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@ mod earth;
 mod flight;
 mod restart;
 
-use super::state::HELD_SAMPLES;
+use super::state::HELD_SAMPLES_CAPACITY;
 use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};

@@ -60,7 +60,7 @@ pub(super) use monitored_calibration::MonitoredCalibration;
 use mount_turn::TurnedMount;
 pub(super) use output::MonitorOutput;
 use parameters::{
-    ATTITUDE_JITTER_S, ATTITUDE_SHARE, COEFFICIENT_VARIANCE_FACTOR, DECAY_TIME_S, DRIFT_FACTOR, DRIFT_TIME_S,
+    ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_VARIANCE_FACTOR, DECAY_TIME_S, DRIFT_FACTOR, DRIFT_TIME_S,
     INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_AWAITED_SAMPLES, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON,
     MAX_DECAYING_MOUNT_TURN_RAD, MAX_GAP_S, MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR,
     MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INNOVATION, MAX_MOUNT_TURN_RAD,
@@ -415,7 +415,8 @@ impl Monitor {
         self.filter.inflate_variance(INCLINATION_CHANGE, field * field);
         // A heading error is `tan(inclination)` times the tilt.
         let sin_inclination = (model.tan_inclination * cos_inclination).abs().max(MIN_SIN_INCLINATION);
-        let tilt_rad = ATTITUDE_SHARE * inclination.max(across / sin_inclination).min(MAX_TILT_INNOVATION_RAD);
+        let tilt_rad =
+            ATTITUDE_SHARE_OF_CHANGE * inclination.max(across / sin_inclination).min(MAX_TILT_INNOVATION_RAD);
         self.inflate_all(&[ROLL_BIAS, PITCH_BIAS], tilt_rad * tilt_rad);
         self.has_strength_failed |= strength > 0.0;
         self.post_change_left_s = POST_CHANGE_S;
@@ -431,7 +432,7 @@ impl Monitor {
             Some(turned) if is_first && is_level => self.turn_mount(&turned, residuals),
             Some(_) if is_first => self.inflate_mount_turn(residuals),
             _ if is_first || is_confirmed || estimated_rad.abs() < MAX_DECAYING_MOUNT_TURN_RAD => {}
-            _ => self.turn_mount(&TurnedMount::AS_CALIBRATED, residuals),
+            _ => self.turn_mount(&TurnedMount::NO_TURN, residuals),
         }
     }
 

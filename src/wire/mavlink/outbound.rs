@@ -60,10 +60,10 @@ impl OutboundMessage {
     /// HEARTBEAT of an onboard controller that is no autopilot.
     #[must_use]
     pub fn heartbeat(state: MavState) -> Self {
-        const VERSION: u8 = 3;
+        const MAVLINK_VERSION: u8 = 3;
         let (kind, autopilot) = (MavType::MAV_TYPE_ONBOARD_CONTROLLER, MavAutopilot::MAV_AUTOPILOT_INVALID);
         let mut message = Self::from_library::<HEARTBEAT_DATA>();
-        message.put(&[0, 0, 0, 0, kind as u8, autopilot as u8, 0, state as u8, VERSION]);
+        message.put(&[0, 0, 0, 0, kind as u8, autopilot as u8, 0, state as u8, MAVLINK_VERSION]);
         message
     }
 
@@ -78,14 +78,14 @@ impl OutboundMessage {
         message
     }
 
-    /// REQUEST_DATA_STREAM: requests the stream that contains ATTITUDE (`EXTRA1`) at a rate.
+    /// REQUEST_DATA_STREAM: requests the stream that contains ATTITUDE (`STREAM_EXTRA1`) at a rate.
     #[must_use]
     pub fn request_attitude_stream(target: Address, rate_hz: u8) -> Self {
-        const EXTRA1: u8 = 10;
-        const START: u8 = 1;
+        const STREAM_EXTRA1: u8 = 10;
+        const START_SENDING: u8 = 1;
         // By number, because the library marks it as superseded; it is for autopilots without the successor.
         let mut message = Self::new(66, 148);
-        message.put(&[rate_hz, 0, target.system, target.component, EXTRA1, START]);
+        message.put(&[rate_hz, 0, target.system, target.component, STREAM_EXTRA1, START_SENDING]);
         message
     }
 
@@ -137,7 +137,7 @@ impl OutboundMessage {
         let status =
             if percent < 100 { MagCalStatus::MAG_CAL_RUNNING_STEP_ONE } else { MagCalStatus::MAG_CAL_RUNNING_STEP_TWO };
         message.floats(&direction);
-        message.put(&[0, COMPASSES, status as u8, 1, percent]);
+        message.put(&[0, COMPASS_MASK, status as u8, 1, percent]);
         message
     }
 
@@ -150,7 +150,7 @@ impl OutboundMessage {
         for three in [&report.offset_mg, &report.diagonal, &report.off_diagonal] {
             message.floats(three);
         }
-        message.put(&[0, COMPASSES, status as u8, u8::from(report.is_success)]);
+        message.put(&[0, COMPASS_MASK, status as u8, u8::from(report.is_success)]);
         message
     }
 
@@ -159,7 +159,7 @@ impl OutboundMessage {
     #[must_use]
     pub fn pose_estimate(pose: &Pose) -> Self {
         /// Upper right triangle over x, y, z, roll, pitch, yaw without its last element, the variance of yaw.
-        const UNKNOWN: [f32; 20] = {
+        const UNKNOWN_COVARIANCE: [f32; 20] = {
             let mut covariance = [0.0; 20];
             covariance[0] = f32::NAN;
             covariance
@@ -168,7 +168,7 @@ impl OutboundMessage {
         message.put(&pose.at.as_us().to_le_bytes());
         message.floats(&[0.0; 3]);
         message.floats(&pose.roll_pitch_yaw_rad);
-        message.floats(&UNKNOWN);
+        message.floats(&UNKNOWN_COVARIANCE);
         message.floats(&[pose.yaw_variance_rad2]);
         message.put(&[pose.reset_counter]);
         message
@@ -216,4 +216,4 @@ impl OutboundMessage {
     }
 }
 
-const COMPASSES: u8 = 1;
+const COMPASS_MASK: u8 = 1;

@@ -47,7 +47,7 @@ use std::io::{self, Read};
 use csv::{CsvError, FieldUnit};
 
 /// Bytes searched to detect the format.
-const HEAD: usize = 1 << 16;
+const FORMAT_DETECTION_BYTES: usize = 1 << 16;
 
 /// Reason why a log cannot be read.
 #[derive(Debug)]
@@ -135,7 +135,7 @@ pub fn read_system(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -
 /// Reads a flight with its body rates unchecked.
 fn read_as_logged(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
     let mut head = Vec::new();
-    (&mut *source).take(HEAD as u64).read_to_end(&mut head)?;
+    (&mut *source).take(FORMAT_DETECTION_BYTES as u64).read_to_end(&mut head)?;
     let format = detect_format(&head)?;
     let mut source = io::Cursor::new(head).chain(source);
     let flight = match format {

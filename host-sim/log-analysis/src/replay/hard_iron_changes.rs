@@ -18,13 +18,13 @@ const MAX_CHANGES: usize = 8;
 const MAX_EXPECTED_DEG: f32 = 3.0;
 
 /// Smallest effect of a change on a level heading, degrees: less is within the error of a good calibration.
-const MIN_BEND_DEG: f64 = 1.0;
+const MIN_HEADING_EFFECT_DEG: f64 = 1.0;
 
 /// Largest difference between a step and its confirmation, relative to the step.
 const MAX_DISAGREEMENT: f64 = 0.5;
 
 /// Shortest part that the monitor is run on, seconds: it reports a change after 15 s without a failed gate.
-const MONITORED_S: f64 = 30.0;
+const MIN_MONITORED_S: f64 = 30.0;
 
 /// Least ratio of the residuals without the step to those with it, where the monitor does not report it.
 const MIN_RESIDUAL_RATIO: f64 = 2.0;
@@ -105,7 +105,7 @@ impl Search<'_> {
         let moved = Vector3::from(step.step_ut);
         let change = solution.calibration.w_matrix().map(f64::from) * moved * sign;
         let duration_s = other.last()?.t_s - other.first()?.t_s;
-        let is_monitored = rows::median_step_s(other).is_some_and(is_monitored) && duration_s >= MONITORED_S;
+        let is_monitored = rows::median_step_s(other).is_some_and(is_monitored) && duration_s >= MIN_MONITORED_S;
         let is_detected = is_monitored
             && monitored_changes_ut(other, self.flight, solution).iter().any(|found| agrees(found, &change));
         let unmoved = solved_correction(solution);
@@ -116,7 +116,7 @@ impl Search<'_> {
         let is_bend_significant = change.xy().norm() > MIN_SIGMAS * Vector3::from(step.sigma_ut).xy().norm();
         let horizontal_ut = f64::from(solution.calibration.total_ut * libm::cosf(solution.calibration.inclination_rad));
         let bend_deg = libm::atan(change.xy().norm() / horizontal_ut).to_degrees();
-        (is_confirmed && is_bend_significant && bend_deg >= MIN_BEND_DEG).then_some(bend_deg)
+        (is_confirmed && is_bend_significant && bend_deg >= MIN_HEADING_EFFECT_DEG).then_some(bend_deg)
     }
 }
 

@@ -19,12 +19,12 @@ use crate::score::{within_percent, wrap_180};
 
 /// Largest row interval for the monitor, microseconds. At 1 Hz it reports false hard-iron changes and degrades headings
 /// by degrees. Pairs of readings at 11 to 12.5 Hz are up to 0.18 s apart.
-const MAX_WATCHED_US: u32 = 190_000;
+const MAX_MONITORED_INTERVAL_US: u32 = 190_000;
 
 /// Whether the monitor runs at a row interval in seconds.
 #[must_use]
 pub fn is_monitored(every_s: f64) -> bool {
-    every_s * 1e6 <= f64::from(MAX_WATCHED_US)
+    every_s * 1e6 <= f64::from(MAX_MONITORED_INTERVAL_US)
 }
 
 /// Instrument for the interval of these rows; attitude and field are simultaneous.
@@ -102,7 +102,7 @@ impl<'a> RowFeed<'a> {
             }
             let estimate = estimate(instrument, row, self.start_s);
             while instrument.next_sample().is_some() {}
-            if self.has_whole_rates && instrument.config().reading_period_us <= MAX_WATCHED_US {
+            if self.has_whole_rates && instrument.config().reading_period_us <= MAX_MONITORED_INTERVAL_US {
                 instrument.update_monitor();
             }
             estimate

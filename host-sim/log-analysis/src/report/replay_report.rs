@@ -304,7 +304,7 @@ struct LocalPositions {
 }
 
 impl LocalPositions {
-    const METRES: f64 = 111_195.0;
+    const METRES_PER_DEGREE: f64 = 111_195.0;
     const MAX_GAP_S: f64 = 3.0;
 
     fn from_flight(flight: &Flight) -> Option<Self> {
@@ -313,7 +313,7 @@ impl LocalPositions {
         let first = [first.longitude_deg, first.latitude_deg].map(f64::from);
         Some(Self {
             origin_deg: first,
-            metres_per_deg: [Self::METRES * libm::cos(first[1].to_radians()), Self::METRES],
+            metres_per_deg: [Self::METRES_PER_DEGREE * libm::cos(first[1].to_radians()), Self::METRES_PER_DEGREE],
         })
     }
 

@@ -72,7 +72,7 @@ impl FarEnd {
     }
 }
 
-const LOOK_US: u64 = 1_000;
+const POLL_INTERVAL_US: u64 = 1_000;
 
 async fn mavlink(
     device: Rc<RefCell<MavlinkAutopilot>>,
@@ -101,7 +101,7 @@ async fn mavlink(
                 }
             }
         }
-        Timer::after(Duration::from_micros(LOOK_US)).await;
+        Timer::after(Duration::from_micros(POLL_INTERVAL_US)).await;
     }
 }
 
@@ -149,6 +149,6 @@ async fn msp(
                 uart.send(&bytes);
             }
         }
-        Timer::after(Duration::from_micros(LOOK_US)).await;
+        Timer::after(Duration::from_micros(POLL_INTERVAL_US)).await;
     }
 }

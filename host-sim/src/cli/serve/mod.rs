@@ -27,7 +27,7 @@ use simulator::world::aircraft::VehicleKind;
 use self::can::MulticastBus;
 use self::flash_writer::FlashWriter;
 use self::run::{Connections, OrderInput};
-use self::wire::{Connection, LOOK, PIECE, TcpPort, Terminal, Wire};
+use self::wire::{Connection, MAX_POLL_BYTES, POLL_INTERVAL, TcpPort, Terminal, Wire};
 use super::termination::{SecondSignal, TerminationSignals};
 
 use super::files::named_world;
@@ -62,11 +62,11 @@ pub struct Serve {
     world: Option<u16>,
     /// Put the module on a CAN bus as a DroneCAN node: mcast:0 to mcast:9, UDP multicast in the local network, as ArduPilot's
     /// simulator and pydronecan use it
-    #[arg(long, value_name = "mcast:N", value_parser = one_of(BUSES))]
+    #[arg(long, value_name = "mcast:N", value_parser = one_of(CAN_BUSES))]
     can: Option<u8>,
     /// Sender of the module's attitude: the simulator unless the autopilot's port receives one (auto), always the
     /// simulator (own), or only that port (peer). The module switches senders after 10 s
-    #[arg(long, default_value = "auto", value_name = "auto|own|peer", value_parser = one_of(ATTITUDES))]
+    #[arg(long, default_value = "auto", value_name = "auto|own|peer", value_parser = one_of(ATTITUDE_PROVIDERS))]
     attitude: AttitudeProvider,
     /// Print the ports as one JSON object
     #[arg(long)]
@@ -116,10 +116,10 @@ struct ModuleOptions {
     flash: Option<PathBuf>,
 }
 
-const ATTITUDES: &[(&str, AttitudeProvider)] =
+const ATTITUDE_PROVIDERS: &[(&str, AttitudeProvider)] =
     &[("auto", AttitudeProvider::Auto), ("own", AttitudeProvider::Own), ("peer", AttitudeProvider::Peer)];
 
-const BUSES: &[(&str, u8)] = &[
+const CAN_BUSES: &[(&str, u8)] = &[
     ("mcast:0", 0),
     ("mcast:1", 1),
     ("mcast:2", 2),
@@ -311,13 +311,13 @@ fn attach(mut module: impl Wire) -> Result<ExitCode, Failure> {
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
     let mut terminal = open_terminal(None)?;
     while !interruption.stop().load(Ordering::SeqCst) && !terminal.has_ended() {
-        module.write(&terminal.read(PIECE));
-        terminal.write(&module.read(PIECE));
+        module.write(&terminal.read(MAX_POLL_BYTES));
+        terminal.write(&module.read(MAX_POLL_BYTES));
         if module.has_ended() {
             drop(terminal);
             return Err(Failure::with_code("no-module", "the module has gone"));
         }
-        thread::sleep(LOOK);
+        thread::sleep(POLL_INTERVAL);
     }
     drop(terminal);
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))

@@ -11,7 +11,7 @@ use host_sim::serve::{PORTS, ServedModule};
 use super::can::MulticastBus;
 use super::flash_writer::FlashWriter;
 use super::pace::VirtualClock;
-use super::wire::{LOOK, PIECE, Wire, read_in_thread};
+use super::wire::{MAX_POLL_BYTES, POLL_INTERVAL, Wire, read_in_thread};
 use crate::cli::failure::Failure;
 use crate::cli::print;
 
@@ -37,7 +37,7 @@ impl Connections {
             for (port, wires) in self.wires.iter_mut().enumerate() {
                 for wire in wires {
                     // A faster sender waits, as on a real line.
-                    let bytes = wire.read(served_module.free_bytes(port).min(PIECE));
+                    let bytes = wire.read(served_module.free_bytes(port).min(MAX_POLL_BYTES));
                     served_module.send(port, &bytes);
                     for notice in wire.take_notices() {
                         print::print_error(format_args!("{}: {notice}", PORTS[port].name));
@@ -72,7 +72,7 @@ impl Connections {
                 print::print_error(format_args!("{complaint}\r"));
             }
             self.flash.look(served_module, false)?;
-            thread::sleep(LOOK);
+            thread::sleep(POLL_INTERVAL);
         }
         self.flash.look(served_module, true)
     }

@@ -30,7 +30,7 @@ pub struct Coverage {
 }
 
 /// Coverage is evaluated for every fifth noise realisation.
-pub(super) const COVERAGE_EVERY: u64 = 5;
+pub(super) const COVERAGE_DRAW_INTERVAL: u64 = 5;
 
 const HEADINGS: usize = 16;
 

@@ -9,7 +9,7 @@ use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 use simulator::world::aircraft::VehicleKind;
 
-use super::evaluation::{AccuracyPlan, COVERAGE_EVERY, Coverage, SolveCounts, coverage, solve, use_headings};
+use super::evaluation::{AccuracyPlan, COVERAGE_DRAW_INTERVAL, Coverage, SolveCounts, coverage, solve, use_headings};
 use super::flight::{Flight, FlightPattern};
 use super::trial::{ConstantErrorSigmas, Envelope, Ranges, Trial};
 use super::{cramer_rao, d_optimal, retention};
@@ -100,7 +100,7 @@ impl FlightResult {
             let recorded = retention::retain_samples(&trial.record_all(draw, ConstantErrorSigmas::NONE).0);
             let solution = solve(Method::MaximumLikelihood, recorded.samples(), ConsiderSigmas::DEFAULT).ok();
             flight_result.counts.add(&trial, &recorded, solution.as_ref());
-            if draw % COVERAGE_EVERY == 0 {
+            if draw % COVERAGE_DRAW_INTERVAL == 0 {
                 let record = |faults| {
                     let (samples, source) = trial.record_all(draw, faults);
                     (retention::retain_samples(&samples), source)

@@ -3,13 +3,13 @@
 use std::collections::{BTreeMap, VecDeque};
 
 /// A heading is bad if its error exceeds both this multiple of its sigma and 5 deg.
-const BAD_SIGMAS: f64 = 4.0;
+const MIN_BAD_ERROR_SIGMAS: f64 = 4.0;
 /// Error below which a heading is never bad, degrees.
-const BAD_DEG: f64 = 5.0;
+const MIN_BAD_ERROR_DEG: f64 = 5.0;
 
 /// Duration of an error that counts as sustained, seconds, and the sigma up to which the output claims to be good.
-const SUSTAINED_S: f64 = 10.0;
-const SUSTAINED_SIGMA_DEG: f64 = 2.0;
+const MIN_SUSTAINED_ERROR_S: f64 = 10.0;
+const MAX_SUSTAINED_SIGMA_DEG: f64 = 2.0;
 
 /// Evaluated output sentence.
 #[derive(Clone, Debug, PartialEq)]
@@ -88,7 +88,7 @@ impl HeadingStatistics {
         for (within, sigmas) in self.within.iter_mut().zip([1.0, 2.0, 3.0]) {
             *within += u64::from(error_deg <= sigmas * sigma_deg);
         }
-        if error_deg > (BAD_SIGMAS * sigma_deg).max(BAD_DEG) {
+        if error_deg > (MIN_BAD_ERROR_SIGMAS * sigma_deg).max(MIN_BAD_ERROR_DEG) {
             self.bad += 1;
             let since_us = *self.bad_since_us.get_or_insert(at_us);
             self.longest_bad_s = self.longest_bad_s.max((at_us - since_us) as f64 / 1e6 + step_s);
@@ -98,12 +98,12 @@ impl HeadingStatistics {
     }
 
     fn sustained_error(&mut self, step_s: f64, error_deg: f64, sigma_deg: f64) {
-        if sigma_deg > SUSTAINED_SIGMA_DEG {
+        if sigma_deg > MAX_SUSTAINED_SIGMA_DEG {
             self.recent_errors.clear();
             return;
         }
         self.recent_errors.push_back(error_deg);
-        let count = (SUSTAINED_S / step_s).round() as usize;
+        let count = (MIN_SUSTAINED_ERROR_S / step_s).round() as usize;
         if self.recent_errors.len() > count {
             self.recent_errors.pop_front();
         }

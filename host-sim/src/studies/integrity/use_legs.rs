@@ -5,13 +5,15 @@ use simulator::world::aircraft::VehicleKind;
 use simulator::world::autopilot::Leg;
 
 /// Times in level flight and in a turn after the start of use, seconds.
-pub(super) const LEVEL_FLIGHT_S: f64 = 25.0;
-pub(super) const IN_TURN_S: f64 = 48.0;
+pub(super) const TIME_IN_LEVEL_FLIGHT_S: f64 = 25.0;
+pub(super) const TIME_IN_TURN_S: f64 = 48.0;
 
 /// Straight leg, then a full circle that is in progress 48 s after the start.
 pub(super) fn first_legs(kind: VehicleKind, random: &mut Random) -> [Leg; 2] {
-    let straight =
-        Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: LEVEL_FLIGHT_S.midpoint(IN_TURN_S) };
+    let straight = Leg::Straight {
+        heading_deg: random.uniform(0.0, 360.0),
+        seconds: TIME_IN_LEVEL_FLIGHT_S.midpoint(TIME_IN_TURN_S),
+    };
     let circle = if kind.can_hover() {
         // 20 s, about the duration of an aeroplane's circle.
         Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: 360.0 }

@@ -77,7 +77,7 @@ pub fn read(mut source: impl Read, unit: FieldUnit) -> Result<Flight, CsvError> 
             continue;
         }
         held.push((number, line));
-        if held.len() == LOOKED_AT {
+        if held.len() == MAX_ORDER_CHECK_LINES {
             let began = reading.insert(TableReader::from_first_lines(table, &held));
             held.drain(..).for_each(|(number, line)| began.take(table, unit, number, &line));
         }
@@ -89,7 +89,7 @@ pub fn read(mut source: impl Read, unit: FieldUnit) -> Result<Flight, CsvError> 
 }
 
 /// Lines examined for their order in time.
-const LOOKED_AT: usize = 1000;
+const MAX_ORDER_CHECK_LINES: usize = 1000;
 
 #[cfg(test)]
 mod tests {

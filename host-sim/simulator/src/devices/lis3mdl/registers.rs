@@ -22,7 +22,7 @@ use address::{
     TEMP_OUT_L, WHO_AM_I,
 };
 
-const COUNT: usize = 0x40;
+const REGISTER_COUNT: usize = 0x40;
 const ADDRESS_MASK: u8 = 0x3F;
 const AUTO_INCREMENT: u8 = 0x80;
 const TEMPERATURE_ENABLE: u8 = 0x80;
@@ -61,7 +61,7 @@ pub(super) const FAST_RATE_HZ: [f64; 4] = [1000.0, 560.0, 300.0, 155.0];
 
 /// Registers, address pointer, and measurements delayed by block data update.
 pub(super) struct Registers {
-    bytes: [u8; COUNT],
+    bytes: [u8; REGISTER_COUNT],
     pointer: u8,
     auto_increment: bool,
     /// Bit mask of axes whose low byte was read and high byte was not.
@@ -72,7 +72,7 @@ pub(super) struct Registers {
 
 impl Default for Registers {
     fn default() -> Self {
-        let mut bytes = [0; COUNT];
+        let mut bytes = [0; REGISTER_COUNT];
         for (register, reset) in [(WHO_AM_I, 0x3D), (CTRL_REG1, 0x10), (CTRL_REG3, POWER_DOWN), (INT_CFG, 0xE8)] {
             bytes[usize::from(register)] = reset;
         }

@@ -47,7 +47,7 @@ pub struct CompassSample {
 }
 
 /// Shortest and longest delay from request to answer observed with ArduPilot, milliseconds.
-const DELAY_MS: (f64, f64) = (3.5, 18.0);
+const ANSWER_DELAY_RANGE_MS: (f64, f64) = (3.5, 18.0);
 
 /// MSP autopilot.
 #[derive(Clone, Debug)]
@@ -77,7 +77,7 @@ impl MspAutopilot {
         if let Some((instance, time_ms, field_mg)) = request.compass_sample() {
             self.readings.push(CompassSample { at_us, instance, time_ms, field_mg });
         } else if !request.is_sensor_function() {
-            let delay_us = 1e3 * self.random.uniform(DELAY_MS.0, DELAY_MS.1);
+            let delay_us = 1e3 * self.random.uniform(ANSWER_DELAY_RANGE_MS.0, ANSWER_DELAY_RANGE_MS.1);
             // Requests are answered in order.
             let after_us = self.waiting.back().map_or(0, |(due_us, _)| *due_us);
             self.waiting.push_back((after_us.max(at_us + delay_us as u64), request));
