@@ -52,7 +52,7 @@ pub async fn run(
         if let Some(&byte) = read.next().and_then(|next| bytes.get(next)) {
             let Some(command) = terminal.byte(byte) else { continue };
             let mut answer = execute_command(links, command).await;
-            if shows_state(command) && answer.is_ok() {
+            if reports_resulting_state(command) && answer.is_ok() {
                 answer = execute_command(links, Command::Status).await;
             }
             terminal.write_reply(command, &answer, &platform);
@@ -71,7 +71,7 @@ pub async fn run(
 }
 
 /// Whether the reply shows the resulting state, which has to be requested after the command.
-const fn shows_state(command: Command) -> bool {
+const fn reports_resulting_state(command: Command) -> bool {
     matches!(command, Command::Set(_) | Command::Align(_) | Command::AlignConfirmed(_) | Command::CalUndo)
 }
 

@@ -9,7 +9,7 @@ use embassy_time::{Duration, Timer};
 use embedded_io_async::{Read, Write};
 
 use super::Links;
-use super::line::{distribute, new_calibration, with_snapshot};
+use super::line::{new_calibration, route_message, with_snapshot};
 use super::links::{AutopilotLine, increment, now, subscribe};
 use crate::health::Counters;
 use crate::port::{MessageSchedule, Port, TransmitBuffer};
@@ -103,7 +103,8 @@ fn apply_settings(port: &mut Port, tx: &mut impl SetBaud, before: PortSettings, 
 fn poll(links: &Links, port: &mut Port, now: Timestamp, settings: &Settings) {
     // Only MAVLink reports the calibration.
     let is_reported = port.active_protocol(now) == ProtocolKind::Mavlink;
-    let correction = new_calibration(links, |calibration| is_reported && port.mavlink.is_unreported(calibration));
+    let correction =
+        new_calibration(links, |calibration| is_reported && port.mavlink.differs_from_reported(calibration));
     with_snapshot(links, now, settings, correction.as_ref(), |snapshot| port.poll(snapshot));
 }
 
@@ -111,7 +112,7 @@ fn receive_bytes(links: &Links, line: AutopilotLine, port: &mut Port, bytes: &[u
     let at = now();
     for &byte in bytes {
         if let Some(message) = port.process_byte(at, byte) {
-            distribute(links, line, at, message, port.active_protocol(at) != ProtocolKind::Msp);
+            route_message(links, line, at, message, port.active_protocol(at) != ProtocolKind::Msp);
         }
     }
     links.update_line_state(line, port.active_protocol(at), port.is_armed(at));

@@ -121,9 +121,9 @@ impl HangDetector {
         self.field_evidence *= 1.0 - step_s / EVIDENCE_MEMORY_S;
         self.field_evidence += step_s * (observed - predicted * MIN_FOLLOWING_FRACTION).dot(predicted);
         let hangs = if self.is_hanging {
-            !self.vertical.follows(MIN_MISSING_RAD)
+            !self.vertical.moved_as_predicted(MIN_MISSING_RAD)
         } else {
-            self.is_vertical_missing() && self.field.follows(MIN_FIELD_MOTION_RAD)
+            self.is_vertical_missing() && self.field.moved_as_predicted(MIN_FIELD_MOTION_RAD)
         };
         self.is_hanging = hangs && self.field_evidence > 0.0;
         self.is_hanging
@@ -154,7 +154,7 @@ impl Motion {
     }
 
     /// Whether the vector has moved as predicted, by at least this angle.
-    fn follows(&self, least_rad: f32) -> bool {
+    fn moved_as_predicted(&self, least_rad: f32) -> bool {
         let predicted_rad = self.predicted.length();
         predicted_rad > least_rad
             && (self.observed - self.predicted).length() < (1.0 - MIN_FOLLOWING_FRACTION) * predicted_rad

@@ -146,7 +146,7 @@ const fn number(range: RangeInclusive<f32>, unit: &'static str) -> ArgumentKind 
     ArgumentKind::Number { range, unit, or: None }
 }
 
-const fn number_or(word: &'static str, range: RangeInclusive<f32>) -> ArgumentKind {
+const fn number_or_word(word: &'static str, range: RangeInclusive<f32>) -> ArgumentKind {
     ArgumentKind::Number { range, unit: DEGREES_UNIT, or: Some(word) }
 }
 
@@ -222,7 +222,7 @@ pub static COMMANDS: &[CommandSpec] = &[
     .with_request(|given| set(SettingChange::StreamHeading(given.choice(0, nth_kind).unwrap_or(HeadingKind::Smooth)))),
     CommandSpec::new("set", "", "settings"),
     CommandSpec::new("set", "declination", "declination, east positive; none: by the field model")
-        .with_arguments(&[ArgumentSpec::new("DEG", number_or("none", Settings::DECLINATION_DEG))])
+        .with_arguments(&[ArgumentSpec::new("DEG", number_or_word("none", Settings::DECLINATION_DEG))])
         .with_request(|given| set(SettingChange::Declination(given.number(0)))),
     CommandSpec::new(
         "set",
@@ -236,7 +236,7 @@ pub static COMMANDS: &[CommandSpec] = &[
         "inclination",
         "inclination of the local field, positive down; none: by the field model or the samples",
     )
-    .with_arguments(&[ArgumentSpec::new("DEG", number_or("none", Settings::INCLINATION_DEG))])
+    .with_arguments(&[ArgumentSpec::new("DEG", number_or_word("none", Settings::INCLINATION_DEG))])
     .with_request(|given| set(SettingChange::Inclination(given.number(0)))),
     CommandSpec::new(
         "set",
@@ -244,7 +244,7 @@ pub static COMMANDS: &[CommandSpec] = &[
         "magnetic heading of the vehicle now: removes a constant error; none: as calibrated; yes: of any size",
     )
     .with_arguments(&[
-        ArgumentSpec::new("HEADING", number_or("none", 0.0..=360.0)),
+        ArgumentSpec::new("HEADING", number_or_word("none", 0.0..=360.0)),
         ArgumentSpec::optional("yes", ArgumentKind::Confirmation("yes")),
     ])
     .with_request(|given| match given.0 {
@@ -257,7 +257,7 @@ pub static COMMANDS: &[CommandSpec] = &[
         "constant attitude error of a flight, 1 sigma: in degrees, and in percent of the bank",
     )
     .with_arguments(&[
-        ArgumentSpec::new("DEG", number_or("default", AttitudeError::BIAS_DEG)),
+        ArgumentSpec::new("DEG", number_or_word("default", AttitudeError::BIAS_DEG)),
         ArgumentSpec::new("PERCENT", number(AttitudeError::BANK_PERCENT, "%")),
     ])
     .with_request(|given| set(SettingChange::AttitudeError(attitude_error(given)))),

@@ -131,7 +131,7 @@ fn world(options: &Fly) -> Result<WorldConfig, Failure> {
 }
 
 impl Fly {
-    fn draws_the_airframe(&self) -> bool {
+    fn is_airframe_random(&self) -> bool {
         self.airframe.as_deref().unwrap_or(&self.aircraft) == "random"
     }
 }
@@ -259,7 +259,7 @@ fn format_result(options: &Fly, mission_result: &MissionResult) -> String {
         );
     }
     let _ = writeln!(text, "{:.0} s of flight, seed {}", mission_result.duration_s, mission_result.world.seed);
-    if options.draws_the_airframe() {
+    if options.is_airframe_random() {
         let _ = write!(
             text,
             "the airframe of this seed, as a file for --airframe:\n\n{}",

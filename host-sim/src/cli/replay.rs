@@ -200,7 +200,7 @@ pub fn run(file: &Path, options: &Replay) -> Result<ExitCode, Failure> {
         }
     }
     if let Some(path) = &options.out {
-        let module = verdict.by_use().first().map(|compass| &compass.evaluation.module);
+        let module = verdict.compasses_in_use_first().first().map(|compass| &compass.evaluation.module);
         write_headings(path, module).map_err(|e| cannot_write(path, &e))?;
     }
     let text = verdict_text(&name.to_string(), &verdict);
@@ -247,12 +247,12 @@ fn cannot_write(path: &Path, error: &std::io::Error) -> Failure {
 
 fn verdict_text(name: &str, verdict: &Verdict<'_>) -> String {
     let mut out = String::new();
-    for (compass, sentence) in verdict.by_use().iter().zip(verdict.sentences()) {
+    for (compass, sentence) in verdict.compasses_in_use_first().iter().zip(verdict.sentences()) {
         append_wrapped(&mut out, &format!("{}: ", compass.judgement.state.to_string().to_uppercase()), &sentence);
     }
     append_wrapped(&mut out, "", &verdict.log_description(name));
     append_wrapped(&mut out, "", &format!("an Autoswing module on this flight: {}", verdict.outcome));
-    for compass in verdict.by_use() {
+    for compass in verdict.compasses_in_use_first() {
         let _ = writeln!(out, "\ncompass {}", compass.evaluation.number);
         for [name, value] in verdict.facts(compass) {
             append_wrapped(&mut out, "  ", &format!("{name}: {value}"));

@@ -33,7 +33,11 @@ impl TurnedMount {
     /// The turn that explains a field, `None` if none does. `difference`: measured field after correction as calibrated,
     /// less the predicted one, in units of the field strength; `position`: measured field less hard iron, sensor axes, same
     /// units.
-    pub fn explaining(calibration: &Calibration, difference: &Vector3<f32>, position: &Vector3<f32>) -> Option<Self> {
+    pub fn from_field_difference(
+        calibration: &Calibration,
+        difference: &Vector3<f32>,
+        position: &Vector3<f32>,
+    ) -> Option<Self> {
         if difference.length() < MAX_UNCHANGED_FIELD_DIFFERENCE {
             return Some(Self::NO_TURN);
         }
@@ -88,7 +92,7 @@ mod tests {
         let turned_ut =
             Rotation3::from_axis_angle(&axis, -module_turn_deg.to_radians()) * field_ut + Vector3::from(iron_ut);
         let position = (turned_ut - b_ut) / 50.0;
-        TurnedMount::explaining(&calibration, &(w * position - earth), &position)
+        TurnedMount::from_field_difference(&calibration, &(w * position - earth), &position)
     }
 
     /// Soft iron is neglected in the axis and in the chord, which costs a tenth of the turn.

@@ -43,7 +43,7 @@ struct LoggedState {
 #[derive(Debug, Default)]
 pub(super) struct Log {
     waiting: heapless::Deque<Text, QUEUE_CAPACITY>,
-    pace: MessageSchedule,
+    schedule: MessageSchedule,
     logged: Option<LoggedState>,
     /// State that differs from the last reported one, and since when.
     candidate: Option<(LoggedState, Timestamp)>,
@@ -100,7 +100,7 @@ impl Log {
     /// Next piece, if due. A longer text is continued in the next message.
     pub fn next_piece(&mut self, now: Timestamp) -> Option<Payload> {
         let text = self.waiting.front_mut()?;
-        if !self.pace.is_due(now, PIECE_RATE_HZ) {
+        if !self.schedule.is_due(now, PIECE_RATE_HZ) {
             return None;
         }
         let rest = text.characters.bytes().get(text.sent..).unwrap_or_default();

@@ -215,8 +215,8 @@ impl CanNode {
 
     /// Whether a calibration differs from the last one reported by MAVLink.
     #[must_use]
-    pub fn is_unreported(&self, calibration: &Calibration) -> bool {
-        self.tunnel.mavlink.is_unreported(calibration)
+    pub fn differs_from_reported(&self, calibration: &Calibration) -> bool {
+        self.tunnel.mavlink.differs_from_reported(calibration)
     }
 
     /// Whether the vehicle is armed, if another node has reported that recently; `armed` of either report counts.

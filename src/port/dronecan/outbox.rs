@@ -29,7 +29,7 @@ const COUNTED_TYPES: [DataType; 5] = [
 pub(super) struct Outbox {
     field: heapless::Deque<CanFrame, FRAMES_PER_FIELD>,
     /// Whether the first frame of the field was sent.
-    is_field_begun: bool,
+    is_first_field_frame_sent: bool,
     frames: heapless::Deque<CanFrame, CAPACITY_FRAMES>,
     transfer_ids: [u8; COUNTED_TYPES.len()],
     /// Time of the last sent frame, or of the first frame in an empty queue.
@@ -77,7 +77,7 @@ impl Outbox {
         self.begin(now);
         if !self.field.is_empty() {
             self.lost = self.lost.wrapping_add(1);
-            if self.is_field_begun {
+            if self.is_first_field_frame_sent {
                 return;
             }
             self.field.clear();
@@ -88,7 +88,7 @@ impl Outbox {
         for frame in (OutboundTransfer { data_type, priority, kind, transfer_id, payload }).frames(Some(source)) {
             let _ = self.field.push_back(frame);
         }
-        self.is_field_begun = false;
+        self.is_first_field_frame_sent = false;
         self.transfers = self.transfers.wrapping_add(1);
         self.count(data_type);
     }
@@ -101,7 +101,7 @@ impl Outbox {
     /// Removes the next frame after it was sent.
     pub fn pop(&mut self, now: Timestamp) {
         self.progress_at = now;
-        self.is_field_begun = self.field.pop_front().is_some() || {
+        self.is_first_field_frame_sent = self.field.pop_front().is_some() || {
             self.frames.pop_front();
             false
         };

@@ -80,8 +80,8 @@ impl Mavlink {
 
     /// Whether a calibration differs from the last reported one.
     #[must_use]
-    pub fn is_unreported(&self, calibration: &Calibration) -> bool {
-        self.collection.is_unreported(calibration)
+    pub fn differs_from_reported(&self, calibration: &Calibration) -> bool {
+        self.collection.differs_from_reported(calibration)
     }
 
     /// Acknowledges the command, and queues the reason of a refusal as a text. The output must be written before a
@@ -201,7 +201,7 @@ impl Protocol for Mavlink {
     /// messages together are fewer than the slowest sensor's readings.
     fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
         let now = snapshot.now;
-        self.senders.record_consistency(now, is_contradicted(snapshot.estimate.heading));
+        self.senders.record_field_contradiction(now, is_contradicted(snapshot.estimate.heading));
         self.collection.update(snapshot, &mut self.texts);
         let Some(autopilot) = self.senders.autopilot_to_query(now) else { return };
         let (mut sequence, mut signatures) = (self.sequence, core::mem::take(&mut self.receiver.signatures));

@@ -34,7 +34,7 @@ pub(super) struct PendingTexts {
     sent: u8,
     /// STATUSTEXT's `id`, counted for texts of several chunks; 0 is for texts of one chunk.
     id: u16,
-    pace: MessageSchedule,
+    schedule: MessageSchedule,
 }
 
 impl PendingTexts {
@@ -55,7 +55,7 @@ impl PendingTexts {
     /// Sends the next due chunk; returns whether one was sent.
     pub fn send(&mut self, now: Timestamp, line: &mut Transmitter<'_>) -> bool {
         let Some(text) = self.waiting.first() else { return false };
-        if !self.pace.is_due(now, CHUNK_RATE_HZ) {
+        if !self.schedule.is_due(now, CHUNK_RATE_HZ) {
             return false;
         }
         let characters = text.characters.bytes();

@@ -58,7 +58,7 @@ pub struct Msp {
     requested_at: Option<Timestamp>,
     compass: MessageSchedule,
     attitude: MessageSchedule,
-    others: MessageSchedule,
+    other_requests: MessageSchedule,
     /// Index of the next one of the other requests.
     next: usize,
 }
@@ -76,7 +76,7 @@ impl Msp {
             requested_at: None,
             compass: MessageSchedule::new(),
             attitude: MessageSchedule::new(),
-            others: MessageSchedule::new(),
+            other_requests: MessageSchedule::new(),
             next: 0,
         }
     }
@@ -160,7 +160,7 @@ impl Protocol for Msp {
         {
             out.append(&[&compass(COMPASS_NUMBER, snapshot.estimate.at.wrapping_millis().as_ms(), field)]);
         }
-        let is_other_due = self.others.is_due(now, PERIODIC_REQUESTS_HZ);
+        let is_other_due = self.other_requests.is_due(now, PERIODIC_REQUESTS_HZ);
         if is_other_due {
             out.append(&[&request(self.next_periodic_request())]);
         }

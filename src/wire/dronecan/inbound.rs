@@ -142,7 +142,7 @@ impl ReceivedType {
 
 /// Received data types, the most frequent first.
 static RECEIVED_TYPES: [ReceivedType; 11] = [
-    ReceivedType::new(DataType::TARGETTED, targetted),
+    ReceivedType::new(DataType::TARGETTED, tunnel_targetted),
     ReceivedType::new(DataType::ARMING_STATUS, arming_status),
     ReceivedType::new(DataType::BATTERY_INFO, battery),
     ReceivedType::new(DataType::FIX_2, fix),
@@ -211,7 +211,7 @@ fn begin_firmware_update(payload: &[u8]) -> Option<InboundMessage<'_>> {
     Some(InboundMessage::BeginFirmwareUpdate { server, path: fields.take_rest() })
 }
 
-fn targetted(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn tunnel_targetted(payload: &[u8]) -> Option<InboundMessage<'_>> {
     let mut fields = BitReader::new(payload);
     let message = Targetted {
         protocol: fields.take(8) as u8,

@@ -91,7 +91,7 @@ pub(super) const SUPPORTED_MESSAGES: [MessageSpec; 9] = [
     MessageSpec::from_library::<ATTITUDE_DATA>(attitude),
     MessageSpec::from_library::<SYS_STATUS_DATA>(system_status).extended(43),
     MessageSpec::from_library::<HEARTBEAT_DATA>(heartbeat),
-    MessageSpec::from_library::<GLOBAL_POSITION_INT_DATA>(place),
+    MessageSpec::from_library::<GLOBAL_POSITION_INT_DATA>(global_position),
     MessageSpec::from_library::<BATTERY_STATUS_DATA>(battery_status).extended(54),
     MessageSpec::from_library::<SYSTEM_TIME_DATA>(day),
     MessageSpec::from_library::<COMMAND_LONG_DATA>(command_long),
@@ -185,7 +185,7 @@ fn heartbeat(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
 
 /// Latitude and longitude in 1e-7 deg, height above mean sea level in millimetres.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn place(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+fn global_position(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const LATITUDE_OFFSET: usize = 4;
     const LONGITUDE_OFFSET: usize = 8;
     const HEIGHT_OFFSET: usize = 12;
@@ -200,7 +200,7 @@ fn place(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn system_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const CURRENT_OFFSET: usize = 16;
-    Some(InboundMessage::Current(source, amperes(PayloadReader(payload).u16(CURRENT_OFFSET))))
+    Some(InboundMessage::Current(source, amperes_from_centiamperes(PayloadReader(payload).u16(CURRENT_OFFSET))))
 }
 
 /// Only the first battery, as in SYS_STATUS.
@@ -210,11 +210,11 @@ fn battery_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const BATTERY_ID_OFFSET: usize = 32;
     let fields = PayloadReader(payload);
     let is_first = fields.u8(BATTERY_ID_OFFSET) == 0;
-    Some(InboundMessage::Current(source, amperes(fields.u16(CURRENT_OFFSET)).filter(|_| is_first)))
+    Some(InboundMessage::Current(source, amperes_from_centiamperes(fields.u16(CURRENT_OFFSET)).filter(|_| is_first)))
 }
 
 /// Converts hundredths of an ampere; -1 means unknown.
-fn amperes(centiamperes: u16) -> Option<f32> {
+fn amperes_from_centiamperes(centiamperes: u16) -> Option<f32> {
     let centiamperes = centiamperes.cast_signed();
     (centiamperes != -1).then_some(f32::from(centiamperes) * 0.01)
 }

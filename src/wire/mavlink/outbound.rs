@@ -72,7 +72,7 @@ impl OutboundMessage {
     pub fn set_message_interval(target: Address, message_id: u32, rate_hz: u8) -> Self {
         let interval_us = 1e6 / f32::from(rate_hz.max(1));
         let mut message = Self::from_library::<COMMAND_LONG_DATA>();
-        message.floats(&[message_id as f32, interval_us, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        message.put_floats(&[message_id as f32, interval_us, 0.0, 0.0, 0.0, 0.0, 0.0]);
         message.put(&(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16).to_le_bytes());
         message.put(&[target.system, target.component, 0]);
         message
@@ -123,7 +123,7 @@ impl OutboundMessage {
         field.iter_mut().zip(name.bytes()).for_each(|(to, from)| *to = from);
         let mut message = Self::from_library::<NAMED_VALUE_FLOAT_DATA>();
         message.put(&at.wrapping_millis().as_ms().to_le_bytes());
-        message.floats(&[value]);
+        message.put_floats(&[value]);
         message.put(&field);
         message
     }
@@ -136,7 +136,7 @@ impl OutboundMessage {
         let mut message = Self::new(191, 92);
         let status =
             if percent < 100 { MagCalStatus::MAG_CAL_RUNNING_STEP_ONE } else { MagCalStatus::MAG_CAL_RUNNING_STEP_TWO };
-        message.floats(&direction);
+        message.put_floats(&direction);
         message.put(&[0, COMPASS_MASK, status as u8, 1, percent]);
         message
     }
@@ -146,9 +146,9 @@ impl OutboundMessage {
     pub fn mag_cal_report(report: &MagCalReport) -> Self {
         let mut message = Self::from_library::<MAG_CAL_REPORT_DATA>();
         let status = if report.is_success { MagCalStatus::MAG_CAL_SUCCESS } else { MagCalStatus::MAG_CAL_FAILED };
-        message.floats(&[report.fitness_mg]);
+        message.put_floats(&[report.fitness_mg]);
         for three in [&report.offset_mg, &report.diagonal, &report.off_diagonal] {
-            message.floats(three);
+            message.put_floats(three);
         }
         message.put(&[0, COMPASS_MASK, status as u8, u8::from(report.is_success)]);
         message
@@ -166,10 +166,10 @@ impl OutboundMessage {
         };
         let mut message = Self::from_library::<VISION_POSITION_ESTIMATE_DATA>();
         message.put(&pose.at.as_us().to_le_bytes());
-        message.floats(&[0.0; 3]);
-        message.floats(&pose.roll_pitch_yaw_rad);
-        message.floats(&UNKNOWN_COVARIANCE);
-        message.floats(&[pose.yaw_variance_rad2]);
+        message.put_floats(&[0.0; 3]);
+        message.put_floats(&pose.roll_pitch_yaw_rad);
+        message.put_floats(&UNKNOWN_COVARIANCE);
+        message.put_floats(&[pose.yaw_variance_rad2]);
         message.put(&[pose.reset_counter]);
         message
     }
@@ -209,7 +209,7 @@ impl OutboundMessage {
         let _ = self.frame.extend_from_slice(bytes);
     }
 
-    fn floats(&mut self, numbers: &[f32]) {
+    fn put_floats(&mut self, numbers: &[f32]) {
         for number in numbers {
             self.put(&number.to_le_bytes());
         }

@@ -253,7 +253,7 @@ impl TlogReader {
                 self.field(frame, 3, u64::from(m.time_boot_ms) * 1000, [m.xmag, m.ymag, m.zmag]);
             }
             MavMessage::HIGHRES_IMU(m) => {
-                if is_new(m.fields_updated.bits())
+                if has_field_update(m.fields_updated.bits())
                     && let Some(t_s) = self.time_by_sender(frame, m.time_usec)
                 {
                     let field_ut = [m.xmag, m.ymag, m.zmag].map(|gauss| gauss * GAUSS_UT);
@@ -346,7 +346,7 @@ fn parameter_value(autopilot: Autopilot, m: &PARAM_VALUE_DATA) -> f64 {
 }
 
 /// Whether a HIGHRES_IMU carries a new field. One without update flags is assumed to.
-const fn is_new(updated: u16) -> bool {
+const fn has_field_update(updated: u16) -> bool {
     const FIELD_VALID_FLAGS: u16 = 64 | 128 | 256;
     updated == 0 || updated & FIELD_VALID_FLAGS != 0
 }
@@ -387,7 +387,7 @@ mod tests {
     /// A repeated field with a new acceleration would be dated too late.
     #[test]
     fn a_repeated_field_is_not_read_again() {
-        let [acceleration, field, nothing] = [7, 64 | 128 | 256, 0].map(is_new);
+        let [acceleration, field, nothing] = [7, 64 | 128 | 256, 0].map(has_field_update);
         assert!(!acceleration && field && nothing);
     }
 }

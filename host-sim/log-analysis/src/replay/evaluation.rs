@@ -194,7 +194,7 @@ impl Context<'_> {
         for row in rows.iter_mut().filter(|row| row.usable && !(from_s..=to_s).contains(&row.t_s)) {
             row.usable = false;
             counted.used -= 1;
-            counted.kept_out += 1;
+            counted.excluded_by_log += 1;
         }
         (rows, counted)
     }

@@ -48,17 +48,22 @@ pub fn find_changes(
     total_ut: f64,
 ) -> Vec<HardIronChange> {
     let mut found = Vec::new();
-    search(&Search { flight, total_ut }, rows, initial, &mut found);
+    search(&ChangeSearch { flight, total_ut }, rows, initial, &mut found);
     found.sort_by(|one, other| one.step.at_s.total_cmp(&other.step.at_s));
     found
 }
 
-struct Search<'a> {
+struct ChangeSearch<'a> {
     flight: &'a Flight,
     total_ut: f64,
 }
 
-fn search(search_of: &Search<'_>, rows: &[ReplayRow], initial: &FieldCorrection, found: &mut Vec<HardIronChange>) {
+fn search(
+    search_of: &ChangeSearch<'_>,
+    rows: &[ReplayRow],
+    initial: &FieldCorrection,
+    found: &mut Vec<HardIronChange>,
+) {
     if found.len() >= MAX_CHANGES {
         return;
     }
@@ -84,7 +89,7 @@ fn search(search_of: &Search<'_>, rows: &[ReplayRow], initial: &FieldCorrection,
     }
 }
 
-impl Search<'_> {
+impl ChangeSearch<'_> {
     /// Effect of a step on a level heading, degrees, if it is significant and confirmed: the monitor, started with the
     /// calibration of the better observed part of the flight, detects it in the other, or the step halves the
     /// residuals of that other part under the calibration.
@@ -107,10 +112,10 @@ impl Search<'_> {
         let duration_s = other.last()?.t_s - other.first()?.t_s;
         let is_monitored = rows::median_step_s(other).is_some_and(is_monitored) && duration_s >= MIN_MONITORED_S;
         let is_detected = is_monitored
-            && monitored_changes_ut(other, self.flight, solution).iter().any(|found| agrees(found, &change));
+            && monitored_changes_ut(other, self.flight, solution).iter().any(|found| is_confirmed_by(found, &change));
         let unmoved = solved_correction(solution);
         let moved = FieldCorrection { hard_iron_ut: unmoved.hard_iron_ut + moved * sign, ..unmoved };
-        let [without, with] = [unmoved, moved].map(|correction| residual_ut(other, &correction, solution));
+        let [without, with] = [unmoved, moved].map(|correction| median_residual_ut(other, &correction, solution));
         let is_confirmed = is_detected || without > MIN_RESIDUAL_RATIO * with;
         // On one heading a step's component across it hardly shows, and a significant vertical one bends no heading.
         let is_bend_significant = change.xy().norm() > MIN_SIGMAS * Vector3::from(step.sigma_ut).xy().norm();
@@ -121,7 +126,7 @@ impl Search<'_> {
 }
 
 /// Median residual of strength and vertical component to a calibration, microtesla.
-fn residual_ut(rows: &[ReplayRow], correction: &FieldCorrection, solution: &Solution) -> f64 {
+fn median_residual_ut(rows: &[ReplayRow], correction: &FieldCorrection, solution: &Solution) -> f64 {
     let total_ut = f64::from(solution.calibration.total_ut);
     let vertical_ut = total_ut * libm::sin(f64::from(solution.calibration.inclination_rad));
     let usable = rows.iter().filter(|row| row.usable);
@@ -131,6 +136,6 @@ fn residual_ut(rows: &[ReplayRow], correction: &FieldCorrection, solution: &Solu
     }))
 }
 
-fn agrees(found: &Vector3<f64>, expected: &Vector3<f64>) -> bool {
+fn is_confirmed_by(found: &Vector3<f64>, expected: &Vector3<f64>) -> bool {
     (found - expected).norm() < MAX_DISAGREEMENT * expected.norm()
 }

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 
 use super::evaluation::{CompassEvaluation, heading_deg};
 use super::parameter_export::{ExportedCorrection, HeldBackScore, ParameterFormat, applied_field, export_correction};
-use super::parameter_fit::{FitVariant, half_of};
+use super::parameter_fit::{FitVariant, half_at};
 use super::row_headings::score;
 use super::{ReferenceHeading, ReplayRow};
 use crate::log::Flight;
@@ -164,7 +164,7 @@ fn score_held_back(
     has_reference: bool,
 ) -> Option<HeldBackScore> {
     let [first, second] = halves.each_ref().map(|half| applied_field(flight, half, format));
-    let field = |row: &ReplayRow| if half_of(row.t_s) == 0 { second(row) } else { first(row) };
+    let field = |row: &ReplayRow| if half_at(row.t_s) == 0 { second(row) } else { first(row) };
     let logged = |row: &ReplayRow| row.logged.ut.map(f64::from);
     let [rms_deg, as_logged_rms_deg] = if has_reference {
         let rms = |field: &dyn Fn(&ReplayRow) -> Vector3<f64>| {

@@ -93,7 +93,7 @@ const GAUSS: f64 = 0.01;
 const AMPERES_PER_KILOAMPERE: f64 = 1000.0;
 
 impl ExportedCorrection {
-    fn goes_with_current(&self) -> bool {
+    fn has_motor_compensation(&self) -> bool {
         self.correction.motor_ut_per_a != Vector3::zeros()
     }
 
@@ -336,7 +336,7 @@ fn comments(text: &mut String, export: &ExportedCorrection) -> std::fmt::Result 
 }
 
 fn ardupilot(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
-    if exports.iter().any(ExportedCorrection::goes_with_current) {
+    if exports.iter().any(ExportedCorrection::has_motor_compensation) {
         writeln!(text, "COMPASS_MOTCT,2")?;
         zero_other_compensations(text, flight, exports)?;
     }
@@ -392,7 +392,7 @@ fn zero_other_compensations(text: &mut String, flight: &Flight, exports: &[Expor
 
 /// Vehicle, component, name, value, type (9 float, 6 integer), tab-separated.
 fn px4(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
-    if exports.iter().any(ExportedCorrection::goes_with_current) {
+    if exports.iter().any(ExportedCorrection::has_motor_compensation) {
         // Current of the first battery.
         writeln!(text, "1\t1\tCAL_MAG_COMP_TYP\t2\t6")?;
     }

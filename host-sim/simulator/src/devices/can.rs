@@ -84,7 +84,7 @@ impl CanBus {
     }
 
     /// Fault: no frame is sent for this time, as after many errors.
-    pub fn go_off(&self, duration_us: u64) {
+    pub fn switch_bus_off(&self, duration_us: u64) {
         self.0.borrow_mut().off_until_us = clock::now_us() + duration_us;
     }
 
@@ -175,8 +175,9 @@ impl State {
             let copies = if happens(duplication) { 2 } else { 1 };
             let is_late = happens(reordering);
             for _ in 0..copies {
-                let late_us = if is_late { self.random.uniform(0.0, MAX_OVERTAKEN_DELAY_US) as u64 } else { 0 };
-                inbox.push(self.free_at_us + late_us, frame);
+                let added_latency_us =
+                    if is_late { self.random.uniform(0.0, MAX_OVERTAKEN_DELAY_US) as u64 } else { 0 };
+                inbox.push(self.free_at_us + added_latency_us, frame);
             }
         }
     }

@@ -50,7 +50,7 @@ use crate::cli::failure::Failure;
 #[command(after_long_help = after_help())]
 pub struct Serve {
     #[command(flatten)]
-    aboard: ModuleOptions,
+    module_options: ModuleOptions,
     /// Serve the ports also on successive TCP ports of this computer, starting at this one, 0 to 65535: console,
     /// autopilot, instrument; 0: any free ones. Each accepts up to eight clients
     #[arg(long, value_name = "PORT", value_parser = integer(0, u16::MAX))]
@@ -88,7 +88,7 @@ pub struct Console {
     #[arg(long, value_name = "PORT", value_parser = integer(1, u16::MAX))]
     tcp: Option<u16>,
     #[command(flatten)]
-    aboard: ModuleOptions,
+    module_options: ModuleOptions,
 }
 
 /// Options of the simulated module.
@@ -186,7 +186,7 @@ impl ModuleOptions {
 pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
     let (mut served_module, flash) =
-        options.aboard.module(options.attitude, options.world.is_some(), options.can.is_some())?;
+        options.module_options.module(options.attitude, options.world.is_some(), options.can.is_some())?;
     let mut wires: Vec<Vec<Box<dyn Wire>>> = Vec::new();
     let mut places = Vec::new();
     let mut next = options.tcp;
@@ -213,7 +213,7 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
         print_ports(options, &places, world_number)?;
     }
     let wiring = Connections { wires, world, can, orders: Some(OrderInput::from_stdin()), flash };
-    wiring.run(&mut served_module, options.aboard.speed, interruption.stop())?;
+    wiring.run(&mut served_module, options.module_options.speed, interruption.stop())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
 
@@ -241,7 +241,7 @@ struct PortAddress {
 fn describe_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> Result<Value, Failure> {
     let ports: Vec<Value> =
         places.iter().map(|place| json!({ "name": place.port.name, "pty": place.pty, "tcp": place.tcp })).collect();
-    let airframe = airframe_json(&options.aboard.world()?);
+    let airframe = airframe_json(&options.module_options.world()?);
     Ok(json!({ "ports": ports, "world": world, "can": options.can.map(bus_name), "airframe": airframe }))
 }
 
@@ -250,7 +250,7 @@ fn bus_name(number: u8) -> String {
 }
 
 fn print_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> Result<(), Failure> {
-    let aboard = &options.aboard;
+    let module_options = &options.module_options;
     for (index, PortAddress { port, pty, tcp }) in places.iter().enumerate() {
         print::print_line(format_args!("{}: {}", port.name, port.carries));
         if let Some(pty) = pty {
@@ -284,11 +284,11 @@ fn print_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> R
         }
         None => print::print_line(format_args!(
             "the aircraft flies: {}. Order it to do something else: help lists how",
-            aboard.pattern
+            module_options.pattern
         )),
     }
-    if aboard.airframe == "random" {
-        let file = aboard.world()?.airframe_toml();
+    if module_options.airframe == "random" {
+        let file = module_options.world()?.airframe_toml();
         print::print_line(format_args!("the airframe of seed {}, as a file for --airframe:\n\n{file}", aboard.seed));
     }
     print::print_line("Ctrl-C ends");
@@ -299,7 +299,7 @@ pub fn console(options: &Console) -> Result<ExitCode, Failure> {
     match (&options.path, options.tcp) {
         (Some(path), _) => attach(pty::connect_serial(path)?),
         (None, Some(port)) => attach(connect_tcp(port)?),
-        (None, None) => serve_alone(&options.aboard),
+        (None, None) => serve_alone(&options.module_options),
     }
 }
 
@@ -332,15 +332,15 @@ fn open_terminal(orders: Option<Sender<Vec<u8>>>) -> Result<Terminal, Failure> {
     Terminal::open(orders).map_err(|error| Failure::with_code("no-terminal", error))
 }
 
-fn serve_alone(aboard: &ModuleOptions) -> Result<ExitCode, Failure> {
-    let (mut served_module, flash) = aboard.module(AttitudeProvider::Own, false, false)?;
+fn serve_alone(module_options: &ModuleOptions) -> Result<ExitCode, Failure> {
+    let (mut served_module, flash) = module_options.module(AttitudeProvider::Own, false, false)?;
     let mut wires: Vec<Vec<Box<dyn Wire>>> = PORTS.iter().map(|_| Vec::new()).collect();
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
     let (orders, order_lines) = mpsc::channel();
     wires[serve::CONSOLE].push(Box::new(open_terminal(Some(orders))?));
     let wiring =
         Connections { wires, world: None, can: None, orders: Some(OrderInput::from_channel(order_lines)), flash };
-    wiring.run(&mut served_module, aboard.speed, interruption.stop())?;
+    wiring.run(&mut served_module, module_options.speed, interruption.stop())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
 

@@ -45,7 +45,7 @@ impl Connections {
                 }
             }
             if let Some(world) = &self.world {
-                is_malformed_told |= follow(world, served_module, is_malformed_told);
+                is_malformed_told |= apply_datagrams(world, served_module, is_malformed_told);
             }
             if let Some(orders) = &mut self.orders {
                 orders.execute_orders(served_module);
@@ -71,15 +71,15 @@ impl Connections {
             if let Some(complaint) = pace.take_warning() {
                 print::print_error(format_args!("{complaint}\r"));
             }
-            self.flash.look(served_module, false)?;
+            self.flash.write_if_stable(served_module, false)?;
             thread::sleep(POLL_INTERVAL);
         }
-        self.flash.look(served_module, true)
+        self.flash.write_if_stable(served_module, true)
     }
 }
 
 /// Applies received attitudes; returns whether a malformed one has been reported.
-fn follow(world: &UdpSocket, served_module: &mut ServedModule, is_reported: bool) -> bool {
+fn apply_datagrams(world: &UdpSocket, served_module: &mut ServedModule, is_reported: bool) -> bool {
     let mut datagram = [0; 256];
     let mut is_reported = is_reported;
     for _ in 0..DATAGRAMS {

@@ -62,7 +62,7 @@ impl<S: Read + Write> BufferedStream<S> {
             read => read,
         };
         // Reading a pseudo-terminal that nobody has opened fails.
-        self.is_disconnected = read.as_ref().is_err_and(|error: &io::Error| !is_passing(error));
+        self.is_disconnected = read.as_ref().is_err_and(|error: &io::Error| !is_temporary(error));
         bytes.truncate(read.unwrap_or(0));
         bytes
     }
@@ -78,7 +78,7 @@ impl<S: Read + Write> BufferedStream<S> {
         while !self.backlog.is_empty() {
             match self.endpoint.write(self.backlog.as_slices().0) {
                 Ok(written) if written > 0 => drop(self.backlog.drain(..written)),
-                Err(error) if is_passing(&error) => return,
+                Err(error) if is_temporary(&error) => return,
                 _ => {
                     self.is_disconnected = true;
                     return;
@@ -88,7 +88,7 @@ impl<S: Read + Write> BufferedStream<S> {
     }
 }
 
-fn is_passing(error: &io::Error) -> bool {
+fn is_temporary(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
@@ -243,7 +243,7 @@ impl Terminal {
                     return false;
                 }
                 if [&b"quit"[..], b"exit"].contains(&line.trim_ascii()) {
-                    self.leave();
+                    self.end_session();
                     return false;
                 }
             }
@@ -274,7 +274,7 @@ impl Terminal {
     }
 
     /// Ends the session: at once at a terminal, else as the end of the input does.
-    fn leave(&mut self) {
+    fn end_session(&mut self) {
         self.is_closed |= self.is_raw;
         self.pending.clear();
         self.last_activity.get_or_insert_with(Instant::now);

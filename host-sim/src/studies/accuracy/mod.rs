@@ -20,7 +20,7 @@ use serde::Serialize;
 
 pub use evaluation::{AccuracyPlan, Coverage};
 
-use evaluation::{COVERAGE_DRAW_INTERVAL, SolveCounts, coverage, solve, use_headings};
+use evaluation::{COVERAGE_DRAW_INTERVAL, SolveCounts, coverage, normalised_errors_in_use, solve};
 use trial::{ConstantErrorSigmas, Ranges, Trial};
 
 use log_analysis::numbers::{median, quantile};
@@ -102,7 +102,8 @@ impl AirframeResult {
                 counts.add(trial, &recorded, solve(method, recorded.samples(), ConsiderSigmas::DEFAULT).ok().as_ref());
             }
             if draw % COVERAGE_DRAW_INTERVAL == 0 {
-                let headings = |consider| use_headings(trial, consider, |faults| trial.record(draw, faults));
+                let headings =
+                    |consider| normalised_errors_in_use(trial, consider, |faults| trial.record(draw, faults));
                 airframe_result.normalised.extend(headings(ConsiderSigmas::ZERO));
                 airframe_result.normalised_with_faults.extend(headings(ConsiderSigmas::DEFAULT));
             }

@@ -64,7 +64,7 @@ impl ConstantErrorSigmas {
 
     /// The errors that a solver considers.
     #[must_use]
-    pub fn considered_by(consider: ConsiderSigmas) -> Self {
+    pub fn from_considered(consider: ConsiderSigmas) -> Self {
         Self { bias_deg: f64::from(consider.bias_rad.to_degrees()), bank_scale: f64::from(consider.bank_scale) }
     }
 
@@ -346,7 +346,7 @@ pub struct Recording {
 impl Recording {
     /// Samples without turn direction, for the fit and held back.
     #[must_use]
-    pub fn without_sides(fit: Vec<Sample>, held_back: Vec<Sample>) -> Self {
+    pub fn from_samples_without_side(fit: Vec<Sample>, held_back: Vec<Sample>) -> Self {
         Self { fit, held_back }
     }
 

@@ -196,7 +196,7 @@ fn listen(
     seed: u64,
     on_sentence: &mut dyn FnMut(u64, &EvaluatedSentence),
 ) -> Vec<String> {
-    let DrawnCase { ground_time_s: stands_s, use_s, next_legs, .. } = *drawn;
+    let DrawnCase { ground_time_s: stands_s, use_s, further_legs, .. } = *drawn;
     let mut random = Random::new(seed, Purpose::Legs);
     if stands_s > 0.0 {
         // Keeps the last attitude and the unwrapped heading, to avoid jumps.
@@ -218,7 +218,7 @@ fn listen(
             rig.world.release();
         }
         if rig.world.unfinished_legs() < 2 {
-            for leg in next_legs(kind, &mut random) {
+            for leg in further_legs(kind, &mut random) {
                 rig.world.fly(leg);
             }
         }

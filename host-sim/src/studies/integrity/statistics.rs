@@ -196,12 +196,12 @@ mod tests {
     }
 
     /// Sentences at 10 Hz after the onset.
-    fn tally(sentences: &[EvaluatedSentence], faulty: bool) -> HeadingStatistics {
-        let mut tally = HeadingStatistics::default();
+    fn statistics_of(sentences: &[EvaluatedSentence], faulty: bool) -> HeadingStatistics {
+        let mut statistics_of = HeadingStatistics::default();
         for (i, sentence) in (0..).zip(sentences) {
-            tally.add_sentence(i * 100_000, 0.1, sentence, true, faulty);
+            statistics_of.add_sentence(i * 100_000, 0.1, sentence, true, faulty);
         }
-        tally
+        statistics_of
     }
 
     #[test]
@@ -210,7 +210,10 @@ mod tests {
             [(4.9, 0.1, false), (5.1, 0.1, true), (-5.1, 0.1, true), (7.9, 2.0, false), (8.1, 2.0, true)]
         {
             let percent = if bad { 100.0 } else { 0.0 };
-            assert_eq!(tally(&[heading(error_deg, sigma_deg)], true).bad_percent().to_bits(), f64::to_bits(percent));
+            assert_eq!(
+                statistics_of(&[heading(error_deg, sigma_deg)], true).bad_percent().to_bits(),
+                f64::to_bits(percent)
+            );
         }
     }
 
@@ -218,16 +221,16 @@ mod tests {
     fn a_run_of_bad_headings_ends_with_a_good_one_or_none() {
         let (good, bad) = (heading(0.5, 1.0), heading(9.0, 1.0));
         let two = [bad.clone(), bad.clone(), good.clone(), bad.clone(), empty(), bad.clone()];
-        assert!((tally(&two, true).longest_bad_s - 0.2).abs() < 1e-9);
+        assert!((statistics_of(&two, true).longest_bad_s - 0.2).abs() < 1e-9);
         let three = [good, bad.clone(), bad.clone(), bad];
-        assert!((tally(&three, true).longest_bad_s - 0.3).abs() < 1e-9);
-        assert!((tally(&two, true).bad_percent() - 80.0).abs() < 1e-9);
+        assert!((statistics_of(&three, true).longest_bad_s - 0.3).abs() < 1e-9);
+        assert!((statistics_of(&two, true).bad_percent() - 80.0).abs() < 1e-9);
     }
 
     #[test]
     fn smooth_headings_are_counted() {
         let sentences = [heading(0.1, 2.0), heading(0.1, 1.0), empty(), heading(0.1, 1.0), heading(0.1, 1.0)];
-        assert!((tally(&sentences, true).smooth_percent() - 25.0).abs() < 1e-9);
+        assert!((statistics_of(&sentences, true).smooth_percent() - 25.0).abs() < 1e-9);
     }
 
     /// An interruption counts once, if it begins without a fault.
@@ -236,24 +239,24 @@ mod tests {
         let good = heading(0.5, 1.0);
         let sentences = [good.clone(), empty(), empty(), good.clone(), empty(), good];
         // Two in 0.6 s.
-        assert!((tally(&sentences, false).alarms_per_hour() - 2.0 * 3600.0).abs() < 1e-6);
-        assert_eq!(tally(&sentences, true).alarms_per_hour().to_bits(), 0);
-        assert!((tally(&sentences, true).empty_percent() - 50.0).abs() < 1e-9);
-        assert_eq!(tally(&sentences, true).empty["sensor-silent"], 3);
+        assert!((statistics_of(&sentences, false).alarms_per_hour() - 2.0 * 3600.0).abs() < 1e-6);
+        assert_eq!(statistics_of(&sentences, true).alarms_per_hour().to_bits(), 0);
+        assert!((statistics_of(&sentences, true).empty_percent() - 50.0).abs() < 1e-9);
+        assert_eq!(statistics_of(&sentences, true).empty["sensor-silent"], 3);
     }
 
     #[test]
     fn headings_before_the_fault_are_not_counted() {
-        let mut tally = HeadingStatistics::default();
-        tally.add_sentence(0, 0.1, &heading(90.0, 1.0), false, false);
-        assert_eq!(tally.worst_deg.to_bits(), 0);
-        assert_eq!(tally.headings, 0);
+        let mut statistics_of = HeadingStatistics::default();
+        statistics_of.add_sentence(0, 0.1, &heading(90.0, 1.0), false, false);
+        assert_eq!(statistics_of.worst_deg.to_bits(), 0);
+        assert_eq!(statistics_of.headings, 0);
     }
 
     #[test]
     fn statistics_of_flights_are_merged() {
-        let one = tally(&[heading(3.0, 2.0), heading(1.0, 2.0)], true);
-        let other = tally(&[heading(-5.0, 2.0), empty(), heading(1.0, 2.0)], true);
+        let one = statistics_of(&[heading(3.0, 2.0), heading(1.0, 2.0)], true);
+        let other = statistics_of(&[heading(-5.0, 2.0), empty(), heading(1.0, 2.0)], true);
         let both = one.merged_with(&other);
         assert_eq!(both.within_percent().map(|percent| percent as u8), [50, 75, 100]);
         assert!((both.rms_deg() - 3.0).abs() < 1e-9 && (both.worst_deg - 5.0).abs() < 1e-9);

@@ -24,7 +24,7 @@ pub(super) fn first_legs(kind: VehicleKind, random: &mut Random) -> [Leg; 2] {
 }
 
 /// Straight leg; then a turn, or hover, yaw and a tilt to the side.
-pub(super) fn next_legs(kind: VehicleKind, random: &mut Random) -> Vec<Leg> {
+pub(super) fn further_legs(kind: VehicleKind, random: &mut Random) -> Vec<Leg> {
     let straight = Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: random.uniform(15.0, 30.0) };
     let side = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
     let heading_change_deg = side * random.uniform(180.0, 360.0);
@@ -51,7 +51,7 @@ pub(super) fn steady_leg(_: VehicleKind, _: &mut Random) -> Vec<Leg> {
 
 /// Straight leg, then a turn at 45 deg of bank.
 pub(super) fn steep_turns(kind: VehicleKind, random: &mut Random) -> Vec<Leg> {
-    let mut legs = next_legs(kind, random);
+    let mut legs = further_legs(kind, random);
     for leg in &mut legs {
         if let Leg::Turn { bank_deg, .. } = leg {
             *bank_deg = 45.0;
@@ -70,9 +70,9 @@ mod tests {
     fn hovering_vehicles_yaw_and_tilt_and_aeroplanes_turn() {
         let mut random = Random::new(3, Purpose::Legs);
         assert!(matches!(first_legs(VehicleKind::Plane, &mut random), [Leg::Straight { .. }, Leg::Turn { .. }]));
-        assert!(matches!(next_legs(VehicleKind::Plane, &mut random)[..], [Leg::Straight { .. }, Leg::Turn { .. }]));
+        assert!(matches!(further_legs(VehicleKind::Plane, &mut random)[..], [Leg::Straight { .. }, Leg::Turn { .. }]));
         assert!(matches!(first_legs(VehicleKind::Copter, &mut random), [Leg::Straight { .. }, Leg::Yaw { .. }]));
-        let legs = next_legs(VehicleKind::Copter, &mut random);
+        let legs = further_legs(VehicleKind::Copter, &mut random);
         assert!(legs.iter().any(|leg| matches!(leg, Leg::Push { tilt_deg, .. } if (10.0..25.0).contains(tilt_deg))));
         assert!(legs.iter().all(|leg| !matches!(leg, Leg::Turn { .. })));
     }

@@ -119,7 +119,7 @@ impl Solver {
         if self.method == Method::MaximumLikelihood && self.start_next_attempt(&end, samples) {
             return SolveProgress::Continue;
         }
-        let end = self.inclination.overrule(&end).map_or(end, Err);
+        let end = self.inclination.decide_against_samples(&end).map_or(end, Err);
         SolveProgress::Finished(end.map_err(|error| self.implausible_error.unwrap_or(error)))
     }
 

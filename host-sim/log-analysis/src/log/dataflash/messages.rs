@@ -33,7 +33,7 @@ pub(super) fn take(recorder: &mut FlightBuilder, name: &str, message: &dyn Messa
     }
     let t_s = match microseconds(name, message) {
         Some(us) => recorder.timeline.flight_time_s(us),
-        None => unstamped_s(recorder, name, message),
+        None => time_of_unstamped_message_s(recorder, name, message),
     };
     let Some(t_s) = t_s else { return };
     match name {
@@ -96,7 +96,7 @@ pub(super) fn take(recorder: &mut FlightBuilder, name: &str, message: &dyn Messa
 
 /// Time of a message without a stamp (common until 2014): the newest stamp, seconds. Of several rows at one stamp the
 /// first is kept.
-fn unstamped_s(recorder: &mut FlightBuilder, name: &str, message: &dyn Message) -> Option<f64> {
+fn time_of_unstamped_message_s(recorder: &mut FlightBuilder, name: &str, message: &dyn Message) -> Option<f64> {
     let is_damaged = ["TimeUS", "TimeMS"].iter().any(|column| name != "GPS" && message.has(column));
     if is_damaged {
         return None;

@@ -45,7 +45,7 @@ pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
     while let &[low, high, kind, ..] = window.peek(HEADER_LENGTH)? {
         let end = HEADER_LENGTH + usize::from(u16::from_le_bytes([low, high]));
         debug_assert!(end + HEADER_LENGTH <= MAX_PEEK);
-        if is_lost && !is_chain(window.peek(RESYNC_MESSAGES * (HEADER_LENGTH + MAX_RESYNC_LENGTH))?) {
+        if is_lost && !is_header_sequence(window.peek(RESYNC_MESSAGES * (HEADER_LENGTH + MAX_RESYNC_LENGTH))?) {
             log.builder.flight.counts.garbage += 1;
             window.consume(1);
             continue;
@@ -74,7 +74,7 @@ const RESYNC_MESSAGES: usize = 3;
 const MAX_RESYNC_LENGTH: usize = 1024;
 
 /// Whether a sequence of valid message headers, or the end, follows.
-fn is_chain(bytes: &[u8]) -> bool {
+fn is_header_sequence(bytes: &[u8]) -> bool {
     let mut rest = bytes;
     (0..RESYNC_MESSAGES).all(|_| match *rest {
         [low, high, kind, ref after @ ..] => {

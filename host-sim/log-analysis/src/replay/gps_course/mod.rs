@@ -132,20 +132,20 @@ impl GpsCourseHeading {
         }
         let moving = moving(velocities).ok_or(GpsCourseRejection::TooSlow)?;
         let fitted = thin_velocities(&moving);
-        let circle = VelocityCircle::through(&fitted).ok_or(GpsCourseRejection::NoCircle)?;
+        let circle = VelocityCircle::fit_robustly(&fitted).ok_or(GpsCourseRejection::NoCircle)?;
         let on_circle_velocities = on_circle(&moving, &circle)?;
         let turned = HeadingIntegral::from_flight(flight).ok_or(GpsCourseRejection::NoRates)?;
         let straight: Vec<GroundVelocity> =
             on_circle_velocities.iter().filter(|v| turned.is_straight(v.t_s)).copied().collect();
-        let course = Self::by(&circle, &fitted, &straight)?;
-        if !turned.follows(&on_circle_velocities, &circle) {
+        let course = Self::from_fitted_circle(&circle, &fitted, &straight)?;
+        if !turned.nose_turns_with_velocity(&on_circle_velocities, &circle) {
             return Err(GpsCourseRejection::NoseMismatch);
         }
         Ok(course)
     }
 
     /// Checks the circle and computes the headings of straight flight.
-    fn by(
+    fn from_fitted_circle(
         circle: &VelocityCircle,
         fitted: &[GroundVelocity],
         straight: &[GroundVelocity],
@@ -195,7 +195,7 @@ impl GpsCourseHeading {
     pub fn limits(&self) -> String {
         format!(
             "no compass is in it: ground velocity less a wind of {:.1} m/s from {:.0} deg true, which the velocities \
-             themselves show; {:.1} m/s through the air, scatter {:.1}. Its own sigma, which is in the figures, is up to \
+             themselves show; {:.1} m/s fit_robustly the air, scatter {:.1}. Its own sigma, which is in the figures, is up to \
              {:.1} deg: {:.1} of the wind as it changed in the flight, {SIDESLIP_DEG} assumed for sideslip. It says \
              nothing of banked flight, nor of directions that were not flown straight: the widest gap is {:.0} deg",
             self.wind_speed_m_s(),
@@ -294,7 +294,7 @@ struct VelocityCircle {
 
 impl VelocityCircle {
     /// Robust fit: algebraic start, then iteratively reweighted least squares.
-    fn through(velocities: &[GroundVelocity]) -> Option<Self> {
+    fn fit_robustly(velocities: &[GroundVelocity]) -> Option<Self> {
         let mut circle = Self::initial_fit(velocities)?;
         for _ in 0..30 {
             circle = circle.refined(velocities)?;
@@ -355,7 +355,7 @@ impl VelocityCircle {
         for part in 0..JACKKNIFE_PARTS {
             let [from, to] = [part, part + 1].map(|part| part * velocities.len() / JACKKNIFE_PARTS);
             let rest = [&velocities[..from], &velocities[to..]].concat();
-            winds.push(Self::through(&rest)?.wind_m_s);
+            winds.push(Self::fit_robustly(&rest)?.wind_m_s);
         }
         let mean = winds.iter().sum::<Vector2<f64>>() / JACKKNIFE_PARTS as f64;
         let squares: f64 = winds.iter().map(|wind| (wind - mean).norm_squared()).sum();
@@ -399,7 +399,7 @@ impl HeadingIntegral {
     fn is_straight(&self, t_s: f64) -> bool {
         let from = self.banked_s.partition_point(|at_s| *at_s < t_s - MIN_STRAIGHT_S);
         let is_banked = self.banked_s.get(from).is_some_and(|at_s| *at_s <= t_s + MIN_STRAIGHT_S);
-        let nose = |by_s: f64| self.at_rad(t_s + by_s);
+        let nose = |by_s: f64| self.nose_angle_rad(t_s + by_s);
         let (Some(before), Some(now), Some(after)) = (nose(-MIN_STRAIGHT_S), nose(0.0), nose(MIN_STRAIGHT_S)) else {
             return false;
         };
@@ -407,14 +407,14 @@ impl HeadingIntegral {
         !is_banked && (now - before).abs() < most && (after - now).abs() < most
     }
 
-    fn at_rad(&self, t_s: f64) -> Option<f64> {
+    fn nose_angle_rad(&self, t_s: f64) -> Option<f64> {
         let after = self.integral.partition_point(|(at_s, _)| *at_s <= t_s);
         let (&(from_s, from), &(to_s, to)) = (self.integral.get(after.checked_sub(1)?)?, self.integral.get(after)?);
         (to_s - from_s < MAX_GAP_S).then(|| from + (to - from) * (t_s - from_s) / (to_s - from_s))
     }
 
     /// Whether the nose turned as the air velocity did, over all turns.
-    fn follows(&self, velocities: &[GroundVelocity], circle: &VelocityCircle) -> bool {
+    fn nose_turns_with_velocity(&self, velocities: &[GroundVelocity], circle: &VelocityCircle) -> bool {
         /// Comparison interval, seconds; least turn, radians; largest fraction that may differ.
         const COMPARISON_INTERVAL_S: f64 = 5.0;
         const MIN_COMPARED_TURN_RAD: f64 = 0.35;
@@ -433,7 +433,8 @@ impl HeadingIntegral {
                 .windows(2)
                 .map(|pair| f64::from(wrap_pi((circle.heading_rad(&pair[1]) - circle.heading_rad(&pair[0])) as f32)))
                 .sum();
-            let nose = self.at_rad(v.t_s).zip(self.at_rad(velocities[first].t_s)).map(|(to, from)| to - from);
+            let nose =
+                self.nose_angle_rad(v.t_s).zip(self.nose_angle_rad(velocities[first].t_s)).map(|(to, from)| to - from);
             first = i;
             let Some(nose) = nose else { continue };
             let most = course.abs().max(nose.abs());

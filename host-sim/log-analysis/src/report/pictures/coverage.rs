@@ -97,7 +97,12 @@ pub fn coverage_picture(compass_report: &CompassReport) -> Picture {
         );
     }
     svg.text("name mid", [LEFT_MARGIN + CELL_SIZE[0] * HEADING_SECTORS as f64 / 2.0, bottom + 34.0], "heading, deg");
-    Picture { svg, title: "What was flown".to_owned(), description: words(compass_report, &cells), is_wide: true }
+    Picture {
+        svg,
+        title: "What was flown".to_owned(),
+        description: coverage_in_words(compass_report, &cells),
+        is_wide: true,
+    }
 }
 
 fn draw(svg: &mut Svg, [x, y]: Point, [width, height]: Point, cell: CoverageCell, knows_fitted: bool) {
@@ -114,8 +119,11 @@ fn draw(svg: &mut Svg, [x, y]: Point, [width, height]: Point, cell: CoverageCell
     }
 }
 
-fn words(compass_report: &CompassReport, cells: &[[CoverageCell; HEADING_SECTORS]; TILT_ROWS.len()]) -> String {
-    let mut words = Vec::new();
+fn coverage_in_words(
+    compass_report: &CompassReport,
+    cells: &[[CoverageCell; HEADING_SECTORS]; TILT_ROWS.len()],
+) -> String {
+    let mut coverage_in_words = Vec::new();
     for ((name, _), row) in TILT_ROWS.iter().zip(cells) {
         let missing: Vec<String> = row
             .iter()
@@ -123,7 +131,7 @@ fn words(compass_report: &CompassReport, cells: &[[CoverageCell; HEADING_SECTORS
             .filter(|(_, cell)| cell.is_missing())
             .map(|(sector, _)| (30 * sector).to_string())
             .collect();
-        words.push(match missing.len() {
+        coverage_in_words.push(match missing.len() {
             0 => format!("{name}: all headings flown"),
             HEADING_SECTORS => format!("{name}: none flown"),
             _ => format!("{name}: not flown {}", missing.join(", ")),
@@ -131,7 +139,7 @@ fn words(compass_report: &CompassReport, cells: &[[CoverageCell; HEADING_SECTORS
     }
     let advice =
         compass_report.advice.as_ref().map_or_else(String::new, |advice| format!(" Most useful next: {advice}."));
-    format!("{}. Not every cell is required.{advice}", words.join("; "))
+    format!("{}. Not every cell is required.{advice}", coverage_in_words.join("; "))
 }
 
 #[cfg(test)]

@@ -34,9 +34,9 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
         }
     };
     let mut svg = Svg::new(MAP_SIDE + 90.0, MAP_SIDE + 110.0);
-    let kinds = kinds(compass_report.has_fitted_marks);
+    let track_classes = track_classes(compass_report.has_fitted_marks);
     let mut items: Vec<(LegendSample, &str)> =
-        kinds.iter().map(|kind| (LegendSample::Line(kind.class), kind.name)).collect();
+        track_classes.iter().map(|kind| (LegendSample::Line(kind.class), kind.name)).collect();
     if compass_report.has_fitted_marks {
         items.push((LegendSample::Points(Shape::Circle, "p2"), "collected"));
     }
@@ -48,7 +48,7 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
     let frame = PlotFrame { x: axis(east), y: axis(north), origin: [70.0, top], size: [MAP_SIDE, MAP_SIDE] };
     frame.draw(&mut svg, &format!("east, {unit}"), &format!("north, {unit}"));
     let point = |[x, y]: Point| frame.point(x / per, y / per);
-    for kind in &kinds {
+    for kind in &track_classes {
         let track = subsample(&compass_report.samples, POINTS)
             .map(|moment| moment.position_m.filter(|_| (kind.belongs)(moment)).and_then(point));
         svg.path(kind.class, track);
@@ -77,7 +77,7 @@ struct TrackClass {
 }
 
 /// Classes of the track: usability in a log, collection in a mission.
-fn kinds(knows_fitted: bool) -> [TrackClass; 2] {
+fn track_classes(knows_fitted: bool) -> [TrackClass; 2] {
     let kind = |name, class, belongs| TrackClass { name, class, belongs };
     if knows_fitted {
         [

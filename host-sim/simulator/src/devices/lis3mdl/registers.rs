@@ -106,7 +106,7 @@ impl Registers {
         self.advance();
         let value = self.bytes[usize::from(register)];
         if (OUT_X_L..=OUT_Z_H).contains(&register) {
-            self.note_output_read(register - OUT_X_L);
+            self.lock_axis_while_read(register - OUT_X_L);
         }
         value
     }
@@ -120,7 +120,7 @@ impl Registers {
     }
 
     /// Reading a low byte locks the axis until its high byte is read, which clears the axis's flags.
-    fn note_output_read(&mut self, offset: u8) {
+    fn lock_axis_while_read(&mut self, offset: u8) {
         let axis = offset / 2;
         let bit = 1 << axis;
         if offset.is_multiple_of(2) {

@@ -6,7 +6,7 @@ use std::rc::Rc;
 use nalgebra::Vector3;
 use simulator::faults::attitude::{
     AdditionalLatency, Alignment, AttitudeFault, Restart, SecondSender, Silence, attitude_bias, attitude_quantisation,
-    bank_scale_error, filter_alignment, frozen_attitude, hanging_attitude, lagging_lean, rate_scale_error,
+    bank_scale_error, filter_alignment, frozen_attitude, hanging_attitude, lagging_bank_error, rate_scale_error,
 };
 use simulator::faults::field::{
     FieldFault, MountTurn, OtherPlace, SoftIronHysteresis, elevator_linkage, hard_iron_change, hard_iron_drift,
@@ -90,7 +90,7 @@ pub struct DrawnCase {
     /// Duration of use, seconds.
     pub use_s: f64,
     /// Draws the further legs of use, after the first.
-    pub next_legs: fn(VehicleKind, &mut Random) -> Vec<Leg>,
+    pub further_legs: fn(VehicleKind, &mut Random) -> Vec<Leg>,
     pub(super) seed: u64,
     pub(super) random: Random,
 }
@@ -157,7 +157,7 @@ impl Case {
             onset: Onset::Never,
             ground_time_s: 0.0,
             use_s: USE_DURATION_S,
-            next_legs: use_legs::next_legs,
+            further_legs: use_legs::further_legs,
             seed,
             random: Random::new(seed, Purpose::Case),
         };
@@ -269,7 +269,7 @@ impl DrawnCase {
 
     /// Gaps in turns of 45 deg of bank, within the two seconds over which body rates are integrated.
     pub(super) fn interrupt_link(&mut self) {
-        self.next_legs = use_legs::steep_turns;
+        self.further_legs = use_legs::steep_turns;
         let switch = self.switch();
         self.add_attitude_fault(
             Onset::SOON_AND_PERMANENT,
@@ -311,8 +311,8 @@ impl DrawnCase {
         self.add_attitude_fault(onset, bank_scale_error(self.switch(), reported_ratio));
     }
 
-    pub(super) fn lean_with_lag(&mut self) {
-        self.add_attitude_fault(Onset::Always, lagging_lean(self.switch(), 0.12, 10.0));
+    pub(super) fn lag_bank_in_turns(&mut self) {
+        self.add_attitude_fault(Onset::Always, lagging_bank_error(self.switch(), 0.12, 10.0));
     }
 
     pub(super) fn level_attitude_wrongly(&mut self, degrees: f64) {
@@ -377,7 +377,7 @@ impl DrawnCase {
     /// Straight flight or hover for ten minutes after the first legs, in which hard iron drifts.
     pub(super) fn drift_hard_iron(&mut self, time_constant_s: f64) {
         self.use_s = STEADY_FLIGHT_ONSET_S + STEADY_FLIGHT_DURATION_S;
-        self.next_legs = use_legs::steady_leg;
+        self.further_legs = use_legs::steady_leg;
         let change_ut = self.random_ut(10.0);
         let onset = Onset::permanent_after(STEADY_FLIGHT_ONSET_S);
         self.add_field_fault(onset, hard_iron_drift(self.switch(), change_ut, time_constant_s));

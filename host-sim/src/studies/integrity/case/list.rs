@@ -207,7 +207,7 @@ pub static ALL_CASES: &[Case] = &[
     turn_case("cal-bank-5", "calibration turns at 5 deg of bank", |flight| flight.calibrate_at_bank(5.0)),
     case("cal-clipped", "an axis saturates within the circles, always", |flight| flight.clip_axis(Onset::Always)),
     case("cal-lean-90", "attitude always reads 90 % of the bank", |flight| flight.scale_bank(Onset::Always, 0.9)),
-    case("cal-lean-lag", "attitude loses 12 % of the bank in turns, within 10 s, always", DrawnCase::lean_with_lag),
+    case("cal-lean-lag", "attitude loses 12 % of the bank in turns, within 10 s, always", DrawnCase::lag_bank_in_turns),
     case("cal-level-3", "attitude levelled 3 deg off, always", |flight| flight.level_attitude_wrongly(3.0)),
     Case {
         vehicles: |kind| matches!(kind, VehicleKind::Plane | VehicleKind::Vtol),
