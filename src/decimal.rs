@@ -25,7 +25,7 @@ impl fmt::Display for ShortestDecimal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self(value, mut decimals) = *self;
         let mut text = fixed(value, decimals);
-        while decimals < MOST_DIGITS && parse(&text) != Some(value) {
+        while decimals < MAX_DIGITS && parse(&text) != Some(value) {
             decimals += 1;
             text = fixed(value, decimals);
         }
@@ -34,7 +34,7 @@ impl fmt::Display for ShortestDecimal {
 }
 
 /// Formats a number with a fixed number of decimals; not generic, so that flash contains one copy.
-const CAPACITY: usize = 41 + MOST_DIGITS;
+const CAPACITY: usize = 41 + MAX_DIGITS;
 fn fixed(value: f32, decimals: usize) -> heapless::String<CAPACITY> {
     let mut text = heapless::String::new();
     // Sign, seven digits, point and decimals always fit.
@@ -51,7 +51,7 @@ fn fixed(value: f32, decimals: usize) -> heapless::String<CAPACITY> {
 }
 
 /// Maximum number of digits before and after the point.
-const MOST_DIGITS: usize = 6;
+const MAX_DIGITS: usize = 6;
 
 /// Parses a number such as `12`, `-3.75`, `+0.5` or `.5`: a sign, up to 6 digits, up to 6 decimals.
 ///
@@ -66,7 +66,7 @@ pub fn parse(text: &str) -> Option<f32> {
     let point = digits.iter().position(|&b| b == b'.').unwrap_or(digits.len());
     let (whole, fraction) = digits.split_at(point);
     let fraction = fraction.get(1..).unwrap_or(&[]);
-    if whole.len() > MOST_DIGITS || fraction.len() > MOST_DIGITS || whole.len() + fraction.len() == 0 {
+    if whole.len() > MAX_DIGITS || fraction.len() > MAX_DIGITS || whole.len() + fraction.len() == 0 {
         return None;
     }
     let number = |digits: &[u8]| {

@@ -95,12 +95,12 @@ const MAX_EARLY_PANICS: u8 = 3;
 
 /// Time after a start during which a panic is early, seconds. Stored data and the autopilot's messages are used within
 /// seconds of a start. A module that panics later sends headings for longer than it restarts: safe mode would end them.
-const EARLY_S: u64 = 60;
+const EARLY_PANIC_S: u64 = 60;
 
 /// Number of consecutive early panics after another panic, `uptime_s` after the start.
 #[must_use]
 pub const fn count_early_panics(before: u8, uptime_s: u64) -> u8 {
-    if uptime_s < EARLY_S { before.saturating_add(1) } else { 0 }
+    if uptime_s < EARLY_PANIC_S { before.saturating_add(1) } else { 0 }
 }
 
 impl ResetCause {

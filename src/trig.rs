@@ -23,12 +23,13 @@ pub const fn square(x: f32) -> f32 {
 #[must_use]
 pub fn sin_cos(angle_rad: f32) -> (f32, f32) {
     // pi/2 in parts whose products with small integers are exact.
-    const QUARTER: [f32; 3] = [1.570_312_5, 4.837_513e-4, 7.549_79e-8];
+    const QUARTER_TURN_PARTS: [f32; 3] = [1.570_312_5, 4.837_513e-4, 7.549_79e-8];
     let quarters = angle_rad * FRAC_2_PI;
     // The cast saturates for non-finite values; the remainder is then NaN.
     let quarters = (quarters + 0.5_f32.copysign(quarters)) as i32;
     let number = quarters as f32;
-    let x = angle_rad - number * QUARTER[0] - number * QUARTER[1] - number * QUARTER[2];
+    let x =
+        angle_rad - number * QUARTER_TURN_PARTS[0] - number * QUARTER_TURN_PARTS[1] - number * QUARTER_TURN_PARTS[2];
     let z = x * x;
     let sin = ((-1.951_529_6e-4 * z + 8.332_161e-3) * z - 1.666_665_5e-1) * z * x + x;
     let cos = ((2.443_315_7e-5 * z - 1.388_731_6e-3) * z + 4.166_664_6e-2) * z * z - 0.5 * z + 1.0;
@@ -82,8 +83,8 @@ impl<const N: usize, S: Storage<f32, Const<N>>> Length for Vector<f32, Const<N>,
 #[must_use]
 pub fn reciprocal_cbrt(x: f32) -> f32 {
     /// Limits the error of the initial value to 4 %.
-    const GUESS: u32 = 0x54A2_1D2A;
-    let guess = f32::from_bits(GUESS.saturating_sub(x.to_bits() / 3));
+    const INVERSE_CUBE_ROOT_GUESS: u32 = 0x54A2_1D2A;
+    let guess = f32::from_bits(INVERSE_CUBE_ROOT_GUESS.saturating_sub(x.to_bits() / 3));
     (0..4).fold(guess, |y, _| y * (4.0 - x * y * y * y) / 3.0)
 }
 

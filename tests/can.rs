@@ -179,7 +179,7 @@ fn a_module_keeps_its_number_over_a_restart() {
 fn a_module_sends_again_after_bus_off() {
     let mut bench = Bench::new(CanFaults::default());
     bench.run(3_000);
-    bench.bus.go_off(2_000_000);
+    bench.bus.switch_bus_off(2_000_000);
     bench.run(2_000);
     bench.autopilot.take_fields(125);
     bench.run(1_000);

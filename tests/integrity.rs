@@ -7,7 +7,7 @@ use autoswing::instrument::{Correction, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::settings::HeadingKind;
 use autoswing::time::{Timestamp, WrappingMillis};
-use host_sim::studies::integrity::{self, CASES, IntegrityPlan, IntegrityRow, case, run};
+use host_sim::studies::integrity::{self, ALL_CASES, IntegrityPlan, IntegrityRow, case, run};
 use simulator::faults::Faults;
 use simulator::faults::attitude::{AttitudeFault, attitude_quantisation};
 use simulator::module::Module as _;
@@ -63,7 +63,7 @@ fn attitude_by_msp_has_rates() {
         }
     }
     // MSP has one sender, so these faults do not apply.
-    let applicable_cases = |source| CASES.iter().filter(|case| case.applies_to_protocol(source)).count();
+    let applicable_cases = |source| ALL_CASES.iter().filter(|case| case.applies_to_protocol(source)).count();
     assert_eq!(
         applicable_cases(integrity::AttitudeProtocol::Mavlink) - applicable_cases(integrity::AttitudeProtocol::Msp),
         26

@@ -9,7 +9,7 @@ use embassy_futures::select::{Either4, select4};
 use embassy_time::{Duration, Timer};
 
 use super::Links;
-use super::line::{distribute, new_calibration, with_snapshot};
+use super::line::{new_calibration, route_message, with_snapshot};
 use super::links::{AutopilotLine, CommandSource, increment, now, subscribe};
 use crate::port::{CanNode, FirmwareUpdate, NodeContext};
 use crate::settings::{ProtocolKind, Settings};
@@ -17,7 +17,7 @@ use crate::wire::dronecan::CanFrame;
 use crate::wire::dronecan::outbound::NodeInfo;
 
 /// Pause after an error of the bus, so that a permanent error does not occupy the processor.
-const PAUSE: Duration = Duration::from_micros(500);
+const BUS_ERROR_PAUSE: Duration = Duration::from_micros(500);
 
 /// Receiver of a CAN controller.
 pub trait ReceiveFrame {
@@ -92,14 +92,14 @@ pub async fn run(
             }
             Either4::Fourth(Ok(frame)) => {
                 let at = now();
-                node.receive(at, &frame, &mut |message| distribute(links, AutopilotLine::Can, at, message, true));
+                node.receive(at, &frame, &mut |message| route_message(links, AutopilotLine::Can, at, message, true));
                 if node.has_requests() {
                     poll(links, &mut node, &settings);
                 }
             }
             Either4::Second(Err(_)) | Either4::Fourth(Err(_)) => {
                 node.bus_error();
-                Timer::after(PAUSE).await;
+                Timer::after(BUS_ERROR_PAUSE).await;
             }
         }
     }
@@ -113,7 +113,7 @@ fn poll(links: &Links, node: &mut CanNode, settings: &Settings) {
     links.set_can_state(node.state(now));
     let Some(stored_settings) = links.stored_settings.try_get() else { return };
     let is_armed = links.is_armed() == Some(true);
-    let correction = new_calibration(links, |calibration| node.is_unreported(calibration));
+    let correction = new_calibration(links, |calibration| node.differs_from_reported(calibration));
     let command = with_snapshot(links, now, settings, correction.as_ref(), |snapshot| {
         node.poll(&NodeContext { snapshot: *snapshot, stored_settings: &stored_settings, is_armed })
     });

@@ -36,9 +36,9 @@ pub(super) const MAX_HEARTBEAT_INTERVAL_MS: u64 = SAVE_TIMEOUT.as_millis() + 100
 pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>, retained: &mut RetainedSamples) -> ! {
     // The loaded data is dropped at the end of this block and takes no room in this task's memory afterwards.
     let mut compass = {
-        let Loaded { stored, error } = poll_in_own_frame(pin!(store.load())).await;
+        let Loaded { stored, error } = poll_in_own_stack_frame(pin!(store.load())).await;
         if let Some(error) = error {
-            announce_unreadable(links, error);
+            report_unreadable_flash(links, error);
         }
         links.set_initial_protocols(stored.remembered.detected_protocols);
         Compass::new(AcceptancePolicy::DEFAULT, &stored, retained)
@@ -70,14 +70,14 @@ async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut C
             continue;
         };
         let mut effect = compass.step(event);
-        if is_start(event) && matches!(effect, Effect::Reply(Ok(_))) {
+        if is_cal_start(event) && matches!(effect, Effect::Reply(Ok(_))) {
             began = links.counts();
         }
         if let Effect::None = effect {
             effect = compass.step(Event::ProtocolsDetected(links.port_protocols(), now().wrapping_millis()));
         }
-        while let (Effect::Save, Some(change)) = (&effect, compass.to_save()) {
-            let result = with_timeout(SAVE_TIMEOUT, poll_in_own_frame(pin!(store.save(change))))
+        while let (Effect::Save, Some(change)) = (&effect, compass.pending_change()) {
+            let result = with_timeout(SAVE_TIMEOUT, poll_in_own_stack_frame(pin!(store.save(change))))
                 .await
                 .unwrap_or(Err(StoreError::Timeout));
             increment(if result.is_ok() { &links.counters.saves } else { &links.counters.store_errors });
@@ -101,7 +101,7 @@ async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut C
     }
 }
 
-const fn is_start(event: Event) -> bool {
+const fn is_cal_start(event: Event) -> bool {
     matches!(event, Event::Command(Command::CalStart(_) | Command::CalStartNew(_), _))
 }
 
@@ -119,7 +119,7 @@ fn add_sample_loss(effect: &mut Effect, loss: Option<SampleLoss>) {
 
 /// Polls a future in a separate stack frame: the store's buffers are large and would otherwise enlarge this task's
 /// frame, which also holds a solve. The caller pins the future; passed by value it would exist twice, 6 KB each.
-async fn poll_in_own_frame<F: Future>(mut future: Pin<&mut F>) -> F::Output {
+async fn poll_in_own_stack_frame<F: Future>(mut future: Pin<&mut F>) -> F::Output {
     #[inline(never)]
     fn poll<F: Future>(future: Pin<&mut F>, context: &mut Context<'_>) -> Poll<F::Output> {
         future.poll(context)
@@ -173,7 +173,7 @@ impl<'a> Events<'a> {
 }
 
 /// Counts and reports unreadable flash; the module starts without stored data.
-fn announce_unreadable(links: &Links, error: StoreError) {
+fn report_unreadable_flash(links: &Links, error: StoreError) {
     let message = Message::StoreFailed(error);
     warning!("load: {=str}", message.code());
     increment(&links.counters.store_errors);

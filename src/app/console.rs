@@ -20,7 +20,7 @@ const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 const PAUSE: Duration = Duration::from_micros(200);
 
 /// Time for the reply to `reboot` to leave the port.
-const LAST_WORDS: Duration = Duration::from_millis(50);
+const REBOOT_REPLY_TIME: Duration = Duration::from_millis(50);
 
 /// Functions of a board for the tasks.
 pub trait Platform {
@@ -52,7 +52,7 @@ pub async fn run(
         if let Some(&byte) = read.next().and_then(|next| bytes.get(next)) {
             let Some(command) = terminal.byte(byte) else { continue };
             let mut answer = execute_command(links, command).await;
-            if shows_state(command) && answer.is_ok() {
+            if reports_resulting_state(command) && answer.is_ok() {
                 answer = execute_command(links, Command::Status).await;
             }
             terminal.write_reply(command, &answer, &platform);
@@ -60,7 +60,7 @@ pub async fn run(
         }
         match select3(links.restart.wait(), rx.read(&mut bytes), links.notices.receive()).await {
             Either3::First(()) => {
-                Timer::after(LAST_WORDS).await;
+                Timer::after(REBOOT_REPLY_TIME).await;
                 platform.reboot();
             }
             Either3::Second(Ok(number)) if number > 0 => read = 0..number,
@@ -71,7 +71,7 @@ pub async fn run(
 }
 
 /// Whether the reply shows the resulting state, which has to be requested after the command.
-const fn shows_state(command: Command) -> bool {
+const fn reports_resulting_state(command: Command) -> bool {
     matches!(command, Command::Set(_) | Command::Align(_) | Command::AlignConfirmed(_) | Command::CalUndo)
 }
 

@@ -10,14 +10,14 @@ use crate::instrument::{ChangeReporter, Instrument, InstrumentConfig, TurnReques
 use crate::messages::Message;
 
 /// Reading period of the reference sensor, microseconds; used until a sensor is detected.
-const FIRST_PERIOD_US: u32 = 12_500;
+const DEFAULT_READING_PERIOD_US: u32 = 12_500;
 
 /// Runs the instrument for ever.
 pub async fn run(links: &Links) -> ! {
     let mut sensor = subscribe(&links.sensor);
     let mut correction = subscribe(&links.correction);
     let estimates = links.estimates.sender();
-    let mut instrument = Instrument::new(InstrumentConfig::new(FIRST_PERIOD_US));
+    let mut instrument = Instrument::new(InstrumentConfig::new(DEFAULT_READING_PERIOD_US));
     let mut change_report = ChangeReporter::NONE;
     let mut turn_request = TurnRequest::NONE;
     let mut silent_at = silence_from_now(&instrument);

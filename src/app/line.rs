@@ -31,7 +31,7 @@ pub(super) fn with_snapshot<R>(
 }
 
 /// Passes a received message to the task that needs it. `can_have_gyro`: body rates are a gyro's if the report has any.
-pub(super) fn distribute(
+pub(super) fn route_message(
     links: &Links,
     line: AutopilotLine,
     at: Timestamp,

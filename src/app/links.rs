@@ -55,11 +55,11 @@ pub(super) enum AutopilotLine {
 }
 
 /// Number of lines.
-const LINES: usize = PORT_COUNT + 1;
+const LINE_COUNT: usize = PORT_COUNT + 1;
 
 impl AutopilotLine {
     /// All lines.
-    pub const ALL: [Self; LINES] = [Self::Port(PortNumber::One), Self::Port(PortNumber::Two), Self::Can];
+    pub const ALL: [Self; LINE_COUNT] = [Self::Port(PortNumber::One), Self::Port(PortNumber::Two), Self::Can];
 
     const fn number(self) -> u8 {
         match self {
@@ -84,11 +84,11 @@ pub struct Links {
     pub(super) reports: Queue<Timestamped<AttitudeReport>, 8>,
     pub(super) samples: Queue<Sample, 8>,
     /// To the state machine. Capacity: one command of each source.
-    pub(super) commands: Queue<(CommandSource, Command), { 2 + LINES }>,
+    pub(super) commands: Queue<(CommandSource, Command), { 2 + LINE_COUNT }>,
     /// To the console: replies to its commands.
     pub(super) replies: Queue<Result<Reply, Refusal>, 1>,
     /// To the console: unsolicited messages. Each line has a queue of its own.
-    pub(super) notices: Queue<Message, MESSAGES>,
+    pub(super) notices: Queue<Message, MESSAGE_QUEUE_CAPACITY>,
     /// To the lamp, which polls it.
     pub(super) indicator: LatestValue<IndicatorState, 1>,
     /// To the instrument and to the state machine.
@@ -104,14 +104,14 @@ pub struct Links {
     /// To the instrument: replaced as a whole, so that a heading never mixes two calibrations.
     pub(super) correction: LatestValue<Correction, 1>,
     /// To the lines: effective settings.
-    pub(super) settings: LatestValue<Settings, LINES>,
+    pub(super) settings: LatestValue<Settings, LINE_COUNT>,
     /// To the CAN bus, which polls it: settings as stored.
     pub(super) stored_settings: LatestValue<Settings, 0>,
     /// To the lines; the console polls it.
-    pub(super) estimates: LatestValue<Estimate, LINES>,
+    pub(super) estimates: LatestValue<Estimate, LINE_COUNT>,
     /// To the console, which restarts the module.
     pub(super) restart: Signal<CriticalSectionRawMutex, ()>,
-    lines: [LineLinks; LINES],
+    lines: [LineLinks; LINE_COUNT],
     attitude_line: Mutex<CriticalSectionRawMutex, Cell<LineSelector>>,
     can_state: Mutex<CriticalSectionRawMutex, Cell<Option<CanState>>>,
     pub(super) counters: Counters,
@@ -140,7 +140,7 @@ impl Links {
             stored_settings: Watch::new(),
             estimates: Watch::new(),
             restart: Signal::new(),
-            lines: [const { LineLinks::new() }; LINES],
+            lines: [const { LineLinks::new() }; LINE_COUNT],
             attitude_line: Mutex::new(Cell::new(LineSelector::new())),
             can_state: Mutex::new(Cell::new(None)),
             counters: Counters::new(),
@@ -276,7 +276,7 @@ pub(super) fn increment(counter: &AtomicU32) {
 }
 
 /// Capacity of a message queue; a full one drops its oldest message.
-const MESSAGES: usize = 3;
+const MESSAGE_QUEUE_CAPACITY: usize = 3;
 
 /// State that a line reports.
 #[derive(Clone, Copy)]
@@ -291,7 +291,7 @@ pub(super) struct LineLinks {
     /// Heartbeat counter; 0 for a line that does not run.
     pub heartbeat: AtomicU32,
     /// Unsolicited messages.
-    pub messages: Queue<Message, MESSAGES>,
+    pub messages: Queue<Message, MESSAGE_QUEUE_CAPACITY>,
     /// Result of a command received on this line.
     pub answers: Signal<CriticalSectionRawMutex, (Command, Result<(), Refusal>)>,
     state: Mutex<CriticalSectionRawMutex, Cell<LineState>>,
@@ -316,9 +316,9 @@ pub(super) struct Heartbeats {
 }
 
 /// Number of heartbeats that every board has, the first port's included.
-pub(super) const ALWAYS_THERE: usize = 4;
+pub(super) const HEARTBEATS_OF_EVERY_BOARD: usize = 4;
 
-pub(super) const HEARTBEATS: usize = ALWAYS_THERE - 1 + LINES;
+pub(super) const MAX_HEARTBEATS: usize = HEARTBEATS_OF_EVERY_BOARD - 1 + LINE_COUNT;
 
 impl Heartbeats {
     pub const fn new() -> Self {
@@ -328,7 +328,7 @@ impl Heartbeats {
 
 impl Links {
     /// All heartbeat counters; 0 for a line that does not run.
-    pub(super) fn heartbeat_counts(&self) -> [u32; HEARTBEATS] {
+    pub(super) fn heartbeat_counts(&self) -> [u32; MAX_HEARTBEATS] {
         let Heartbeats { sensor, instrument, compass } = &self.heartbeats;
         let [one, two, can] = self.lines.each_ref().map(|line| &line.heartbeat);
         [sensor, instrument, compass, one, two, can].map(|beat| beat.load(Ordering::Relaxed))

@@ -27,15 +27,15 @@ pub trait Panel {
 }
 
 /// Polling period of lamp and button, milliseconds; longer than the contact bounces.
-const STEP_MS: u16 = 50;
+const POLL_PERIOD_MS: u16 = 50;
 
 /// Hold time of the button, milliseconds; long enough to exclude accidents.
-const HOLD_MS: u16 = 2000;
+const BUTTON_HOLD_MS: u16 = 2000;
 
 /// Period of the lamp's patterns, milliseconds.
-const ROUND_MS: u16 = 2000;
+const PATTERN_PERIOD_MS: u16 = 2000;
 
-const SHORT_MS: u16 = 100;
+const SHORT_FLASH_MS: u16 = 100;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum LampPattern {
@@ -47,28 +47,28 @@ impl LampPattern {
     /// Whether the lamp is lit at a time within the pattern, milliseconds.
     fn is_lit(self, ms: u16) -> bool {
         match self {
-            Self::Of(IndicatorState::Idle) => ms < SHORT_MS,
+            Self::Of(IndicatorState::Idle) => ms < SHORT_FLASH_MS,
             Self::Of(IndicatorState::Collecting(percent)) => {
                 // The lamp is lit for at least a tenth and at most nine tenths of each second.
                 ms % 1000 < u16::from(percent.clamp(10, 90)) * 10
             }
-            Self::Of(IndicatorState::Calibrated) => ms >= SHORT_MS,
-            Self::Of(IndicatorState::Refused) | Self::Fault => (ms / SHORT_MS).is_multiple_of(2),
+            Self::Of(IndicatorState::Calibrated) => ms >= SHORT_FLASH_MS,
+            Self::Of(IndicatorState::Refused) | Self::Fault => (ms / SHORT_FLASH_MS).is_multiple_of(2),
         }
     }
 }
 
 /// Drives the lamp and polls the button for ever.
 pub async fn run(links: &Links, mut panel: impl Panel) -> ! {
-    let mut ticker = Ticker::every(Duration::from_millis(STEP_MS.into()));
+    let mut ticker = Ticker::every(Duration::from_millis(POLL_PERIOD_MS.into()));
     let (mut ms, mut held_ms) = (0, 0);
     loop {
         ticker.next().await;
         panel.set_lamp(select_pattern(links).is_lit(ms));
-        ms = (ms + STEP_MS) % ROUND_MS;
+        ms = (ms + POLL_PERIOD_MS) % PATTERN_PERIOD_MS;
         let before_ms = held_ms;
-        held_ms = if panel.is_pressed() { (held_ms + STEP_MS).min(HOLD_MS) } else { 0 };
-        if held_ms == HOLD_MS && before_ms < HOLD_MS {
+        held_ms = if panel.is_pressed() { (held_ms + POLL_PERIOD_MS).min(BUTTON_HOLD_MS) } else { 0 };
+        if held_ms == BUTTON_HOLD_MS && before_ms < BUTTON_HOLD_MS {
             let _ = links.commands.try_send((CommandSource::Button, Command::CalStart(Procedure::Flight)));
         }
     }

@@ -9,7 +9,7 @@ use embassy_time::{Duration, Timer};
 use embedded_io_async::{Read, Write};
 
 use super::Links;
-use super::line::{distribute, new_calibration, with_snapshot};
+use super::line::{new_calibration, route_message, with_snapshot};
 use super::links::{AutopilotLine, increment, now, subscribe};
 use crate::health::Counters;
 use crate::port::{MessageSchedule, Port, TransmitBuffer};
@@ -17,10 +17,10 @@ use crate::settings::{Baud, PortNumber, PortSettings, ProtocolKind, Settings};
 use crate::time::Timestamp;
 
 /// Pause after a line error, one or two bytes long, so that a permanent error does not occupy the processor.
-const PAUSE: Duration = Duration::from_micros(200);
+const LINE_ERROR_PAUSE: Duration = Duration::from_micros(200);
 
 /// Rate of checks for a silent autopilot; received changes apply at once.
-const SILENCE_CHECK_HZ: u8 = 5;
+const AUTOPILOT_SILENCE_CHECK_HZ: u8 = 5;
 
 /// Port with a selectable baud rate.
 pub trait SetBaud {
@@ -72,7 +72,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                     Ok(message) if port.carries_texts() => port.mavlink.queue_text(&message),
                     _ => poll(links, &mut port, at, &settings),
                 }
-                if silence_check.is_due(at, SILENCE_CHECK_HZ) {
+                if silence_check.is_due(at, AUTOPILOT_SILENCE_CHECK_HZ) {
                     links.update_line_state(line, port.active_protocol(at), port.is_armed(at));
                 }
                 counted.add_new_counts(&port, &links.counters);
@@ -85,7 +85,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
             }
             Either4::Fourth(_) => {
                 increment(&links.counters.attitude_line_errors);
-                Timer::after(PAUSE).await;
+                Timer::after(LINE_ERROR_PAUSE).await;
             }
         }
     }
@@ -103,7 +103,8 @@ fn apply_settings(port: &mut Port, tx: &mut impl SetBaud, before: PortSettings, 
 fn poll(links: &Links, port: &mut Port, now: Timestamp, settings: &Settings) {
     // Only MAVLink reports the calibration.
     let is_reported = port.active_protocol(now) == ProtocolKind::Mavlink;
-    let correction = new_calibration(links, |calibration| is_reported && port.mavlink.is_unreported(calibration));
+    let correction =
+        new_calibration(links, |calibration| is_reported && port.mavlink.differs_from_reported(calibration));
     with_snapshot(links, now, settings, correction.as_ref(), |snapshot| port.poll(snapshot));
 }
 
@@ -111,7 +112,7 @@ fn receive_bytes(links: &Links, line: AutopilotLine, port: &mut Port, bytes: &[u
     let at = now();
     for &byte in bytes {
         if let Some(message) = port.process_byte(at, byte) {
-            distribute(links, line, at, message, port.active_protocol(at) != ProtocolKind::Msp);
+            route_message(links, line, at, message, port.active_protocol(at) != ProtocolKind::Msp);
         }
     }
     links.update_line_state(line, port.active_protocol(at), port.is_armed(at));

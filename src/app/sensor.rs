@@ -8,16 +8,16 @@ use crate::log::{info, warning};
 use crate::magnetometer::{Magnetometer, MagnetometerError};
 
 /// Delay before a failed sensor is initialised again.
-const RETRY: Duration = Duration::from_millis(200);
+const RETRY_DELAY: Duration = Duration::from_millis(200);
 
 /// Timeout of a driver call: a longer one means that the bus hangs.
-const PATIENCE: Duration = Duration::from_millis(400);
+const DRIVER_TIMEOUT: Duration = Duration::from_millis(400);
 
 /// Interval of configuration checks: a flipped bit costs at most a second of headings.
-const VERIFY_EVERY: Duration = Duration::from_secs(1);
+const VERIFICATION_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Longest time between heartbeats of this task, milliseconds.
-pub(super) const MAX_HEARTBEAT_INTERVAL_MS: u64 = RETRY.as_millis() + PATIENCE.as_millis();
+pub(super) const MAX_HEARTBEAT_INTERVAL_MS: u64 = RETRY_DELAY.as_millis() + DRIVER_TIMEOUT.as_millis();
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum StopReason {
@@ -30,7 +30,7 @@ enum StopReason {
 /// Initialises the magnetometer and reads every measurement; starts again after any error.
 pub async fn run(links: &Links, mut magnetometer: impl Magnetometer) -> ! {
     loop {
-        match with_timeout(PATIENCE, magnetometer.init()).await {
+        match with_timeout(DRIVER_TIMEOUT, magnetometer.init()).await {
             Ok(Ok(identity)) => {
                 info!("magnetometer {=str}", identity.model.name());
                 let (period_us, stuck_after) = (magnetometer.period_us(), magnetometer.stuck_reading_count());
@@ -45,13 +45,13 @@ pub async fn run(links: &Links, mut magnetometer: impl Magnetometer) -> ! {
         }
         increment(&links.counters.sensor_errors);
         increment(&links.heartbeats.sensor);
-        Timer::after(RETRY).await;
+        Timer::after(RETRY_DELAY).await;
     }
 }
 
 async fn read_until_error(links: &Links, magnetometer: &mut impl Magnetometer) -> StopReason {
-    let mut verify_at = Instant::now() + VERIFY_EVERY;
-    while let Ok(Ok(reading)) = with_timeout(PATIENCE, magnetometer.read()).await {
+    let mut verify_at = Instant::now() + VERIFICATION_INTERVAL;
+    while let Ok(Ok(reading)) = with_timeout(DRIVER_TIMEOUT, magnetometer.read()).await {
         let reading = stamped(reading);
         increment(&links.counters.readings);
         increment(&links.heartbeats.sensor);
@@ -61,8 +61,8 @@ async fn read_until_error(links: &Links, magnetometer: &mut impl Magnetometer) -
         links.queue_or_count(&links.readings, reading);
         // Just after a measurement the next one is furthest away.
         if Instant::now() >= verify_at {
-            verify_at += VERIFY_EVERY;
-            match with_timeout(PATIENCE, magnetometer.verify_configuration()).await {
+            verify_at += VERIFICATION_INTERVAL;
+            match with_timeout(DRIVER_TIMEOUT, magnetometer.verify_configuration()).await {
                 Ok(Ok(())) => {}
                 Ok(Err(MagnetometerError::Configuration { .. })) => {
                     warning!("magnetometer upset");

@@ -3,16 +3,16 @@
 use embassy_time::{Duration, Timer};
 
 use super::Links;
-use super::links::{ALWAYS_THERE, HEARTBEATS};
+use super::links::{HEARTBEATS_OF_EVERY_BOARD, MAX_HEARTBEATS};
 
 /// Interval of checks; longer than the slowest heartbeat, that of a sensor that does not answer.
-const LOOK: Duration = Duration::from_millis(700);
+const CHECK_INTERVAL: Duration = Duration::from_millis(700);
 
 /// Longest time between feeds, microseconds, which the hardware's period must exceed: one failed check is allowed.
-pub const MAX_FEED_INTERVAL_US: u64 = 2 * LOOK.as_micros();
+pub const MAX_FEED_INTERVAL_US: u64 = 2 * CHECK_INTERVAL.as_micros();
 
-const _: () = assert!(LOOK.as_millis() > super::sensor::MAX_HEARTBEAT_INTERVAL_MS);
-const _: () = assert!(LOOK.as_millis() > super::compass::MAX_HEARTBEAT_INTERVAL_MS);
+const _: () = assert!(CHECK_INTERVAL.as_millis() > super::sensor::MAX_HEARTBEAT_INTERVAL_MS);
+const _: () = assert!(CHECK_INTERVAL.as_millis() > super::compass::MAX_HEARTBEAT_INTERVAL_MS);
 
 /// Hardware watchdog: resets the module unless [`feed`](Self::feed) is called within its period.
 pub trait Watchdog {
@@ -25,7 +25,7 @@ pub trait Watchdog {
 pub async fn run(links: &Links, mut watchdog: impl Watchdog) -> ! {
     let mut before = links.heartbeat_counts();
     loop {
-        Timer::after(LOOK).await;
+        Timer::after(CHECK_INTERVAL).await;
         let now = links.heartbeat_counts();
         if all_sent_heartbeats(&before, &now) {
             watchdog.feed();
@@ -35,7 +35,7 @@ pub async fn run(links: &Links, mut watchdog: impl Watchdog) -> ! {
 }
 
 /// Whether each task has sent a heartbeat; a port after the first is exempt until its first one.
-fn all_sent_heartbeats(before: &[u32; HEARTBEATS], now: &[u32; HEARTBEATS]) -> bool {
-    let is_unused_port = |i: usize, beat: u32| i >= ALWAYS_THERE && beat == 0;
+fn all_sent_heartbeats(before: &[u32; MAX_HEARTBEATS], now: &[u32; MAX_HEARTBEATS]) -> bool {
+    let is_unused_port = |i: usize, beat: u32| i >= HEARTBEATS_OF_EVERY_BOARD && beat == 0;
     now.iter().zip(before).enumerate().all(|(i, (now, before))| now != before || is_unused_port(i, *now))
 }

@@ -13,7 +13,7 @@ use crate::trig::Length as _;
 
 /// Time constant with which motion is forgotten, seconds: longer than a roll into a turn. It limits the effect of a gyro
 /// offset.
-const MEMORY_S: f32 = 2.0;
+const MOTION_MEMORY_S: f32 = 2.0;
 
 /// Time constant of the estimated gyro offset, seconds: much longer than a roll. An offset that grows by 2 deg/s in a minute is
 /// followed with an error of 1 deg/s.
@@ -27,13 +27,13 @@ const MAX_OFFSET_RAD_S: f32 = 0.15;
 const MIN_MISSING_RAD: f32 = 0.07;
 
 /// The same per radian turned: scale and cross-axis errors of 10 % on each of two axes are 14 %.
-const MISSING_PER_TURNED: f32 = 0.15;
+const MIN_MISSING_PER_RAD_TURNED: f32 = 0.15;
 
 /// Largest reported part of the predicted motion of a hanging vertical. A bank scale of a third passes.
-const MAX_HANGING_PART: f32 = 0.3;
+const MAX_HANGING_FRACTION: f32 = 0.3;
 
 /// Smallest part of the predicted motion that a vector which follows the rates makes.
-const MIN_FOLLOWING_PART: f32 = 0.5;
+const MIN_FOLLOWING_FRACTION: f32 = 0.5;
 
 /// Smallest predicted motion of the field that shows whether it follows, radians (2 deg): three times its noise.
 const MIN_FIELD_MOTION_RAD: f32 = 0.035;
@@ -102,7 +102,7 @@ impl HangDetector {
         let (last_at, last_rates) = self.last.replace((at, rates)).unwrap_or((at, rates));
         let step_s = at.us_since(last_at) as f32 * 1e-6;
         let turn = ((last_rates + rates) * 0.5 - self.offset) * step_s;
-        let kept = 1.0 - step_s / MEMORY_S;
+        let kept = 1.0 - step_s / MOTION_MEMORY_S;
         self.turned_rad = kept * self.turned_rad + turn.length();
         if step_s > MAX_STEP_S || !self.turned_rad.is_finite() {
             // Forgets the motion before a gap.
@@ -119,11 +119,11 @@ impl HangDetector {
         self.field.add(field, turn, kept);
         let Motion { observed, predicted, .. } = &self.field;
         self.field_evidence *= 1.0 - step_s / EVIDENCE_MEMORY_S;
-        self.field_evidence += step_s * (observed - predicted * MIN_FOLLOWING_PART).dot(predicted);
+        self.field_evidence += step_s * (observed - predicted * MIN_FOLLOWING_FRACTION).dot(predicted);
         let hangs = if self.is_hanging {
-            !self.vertical.follows(MIN_MISSING_RAD)
+            !self.vertical.moved_as_predicted(MIN_MISSING_RAD)
         } else {
-            self.is_vertical_missing() && self.field.follows(MIN_FIELD_MOTION_RAD)
+            self.is_vertical_missing() && self.field.moved_as_predicted(MIN_FIELD_MOTION_RAD)
         };
         self.is_hanging = hangs && self.field_evidence > 0.0;
         self.is_hanging
@@ -132,8 +132,8 @@ impl HangDetector {
     /// Whether the vertical does not move while the rates show that it should.
     fn is_vertical_missing(&self) -> bool {
         let Motion { observed, predicted, .. } = &self.vertical;
-        (predicted - observed).length() > MIN_MISSING_RAD + MISSING_PER_TURNED * self.turned_rad
-            && observed.length() < MAX_HANGING_PART * predicted.length()
+        (predicted - observed).length() > MIN_MISSING_RAD + MIN_MISSING_PER_RAD_TURNED * self.turned_rad
+            && observed.length() < MAX_HANGING_FRACTION * predicted.length()
     }
 }
 
@@ -154,10 +154,10 @@ impl Motion {
     }
 
     /// Whether the vector has moved as predicted, by at least this angle.
-    fn follows(&self, least_rad: f32) -> bool {
+    fn moved_as_predicted(&self, least_rad: f32) -> bool {
         let predicted_rad = self.predicted.length();
         predicted_rad > least_rad
-            && (self.observed - self.predicted).length() < (1.0 - MIN_FOLLOWING_PART) * predicted_rad
+            && (self.observed - self.predicted).length() < (1.0 - MIN_FOLLOWING_FRACTION) * predicted_rad
     }
 }
 

@@ -6,7 +6,7 @@
 use crate::time::Timestamp;
 
 /// Silence after which another line may be selected, microseconds: several reports of the slowest source.
-const RELEASE_US: u64 = 1_000_000;
+const LINE_RELEASE_US: u64 = 1_000_000;
 
 /// Selected line.
 #[derive(Clone, Copy, Debug)]
@@ -30,7 +30,7 @@ impl LineSelector {
     /// Returns whether a report received at `now` on `line` is accepted; `has_gyro`: with the rates of a gyro.
     pub fn accept(&mut self, now: Timestamp, line: u8, has_gyro: bool) -> bool {
         let is_accepted = self.0.is_none_or(|selected| {
-            selected.line == line || (has_gyro && !selected.has_gyro) || now.us_since(selected.at) > RELEASE_US
+            selected.line == line || (has_gyro && !selected.has_gyro) || now.us_since(selected.at) > LINE_RELEASE_US
         });
         if is_accepted {
             self.0 = Some(SelectedLine { line, has_gyro, at: now });

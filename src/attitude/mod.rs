@@ -32,7 +32,7 @@ use timed_report::{TimedReport, extrapolate, interpolate};
 
 /// Time after a restart of the sender within which its attitude filter aligns, microseconds: 10 s on an ArduPilot, and some
 /// margin. In motion the alignment itself is not detectable.
-const ALIGNMENT_US: u64 = 15_000_000;
+const RESTART_ALIGNMENT_US: u64 = 15_000_000;
 
 /// Attitude at a requested instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -131,7 +131,7 @@ impl AttitudeHistory {
         }
         // Contradicting rates cannot show that the aircraft is at rest.
         let is_aligning = self.alignment_detector.update(at, &report) && !self.rate_consistency.is_contradicted()
-            || self.restarted_at.is_some_and(|restart| at.us_since(restart) < ALIGNMENT_US);
+            || self.restarted_at.is_some_and(|restart| at.us_since(restart) < RESTART_ALIGNMENT_US);
         let is_hanging = self.hang_detector.update(at, &report);
         self.last_contradicted_at = (is_aligning || is_hanging).then_some(at);
         if is_hanging {

@@ -28,7 +28,7 @@ type Angles = [f32; 3];
 
 /// Smoothed angles and their rates.
 #[derive(Clone, Copy, Debug)]
-struct Track {
+struct SmoothedAngles {
     at: Timestamp,
     angles_rad: Angles,
     rates_rad_s: Angles,
@@ -37,7 +37,7 @@ struct Track {
 
 /// Tracking filter of roll, pitch and heading.
 #[derive(Debug, Default)]
-pub struct RateEstimator(Option<Track>);
+pub struct RateEstimator(Option<SmoothedAngles>);
 
 impl RateEstimator {
     /// No angles yet.
@@ -50,7 +50,7 @@ impl RateEstimator {
     /// unknown.
     pub fn update(&mut self, at: Timestamp, attitude: Attitude, heading_rad: f32) -> [f32; 3] {
         let measured = [attitude.roll_rad, attitude.pitch_rad, heading_rad];
-        let started = Track { at, angles_rad: measured, rates_rad_s: [0.0; 3], outliers: 0 };
+        let started = SmoothedAngles { at, angles_rad: measured, rates_rad_s: [0.0; 3], outliers: 0 };
         let Some(last) = self.0.replace(started) else { return [0.0; 3] };
         let step_s = at.us_since(last.at) as f32 * 1e-6;
         if !(0.0..=MAX_STEP_S).contains(&step_s) {
@@ -69,7 +69,7 @@ impl RateEstimator {
         // First-order approximation of exp(-step / time constant).
         let memory = 1.0 / (1.0 + step_s / TIME_CONSTANT_S);
         let (angle_gain, rate_gain) = (1.0 - memory * memory, (1.0 - memory) * (1.0 - memory) / step_s);
-        self.0 = Some(Track {
+        self.0 = Some(SmoothedAngles {
             at,
             angles_rad: from_fn(|i| wrap_pi(predicted[i] + angle_gain * residuals[i])),
             rates_rad_s: from_fn(|i| last.rates_rad_s[i] + rate_gain * residuals[i]),

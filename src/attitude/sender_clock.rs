@@ -48,5 +48,5 @@ fn predicted_sending_time(
     let expected = last_sent.plus_us(passed_ms * 1000);
     let error_us = arrival.us_since(expected).max(expected.us_since(arrival));
     (error_us <= u64::from(config.max_clock_error_us))
-        .then(|| arrival.min(expected.plus_us(u64::from(config.clock_leak_us))))
+        .then(|| arrival.min(expected.plus_us(u64::from(config.clock_offset_growth_us))))
 }

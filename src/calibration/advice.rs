@@ -58,7 +58,7 @@ pub enum HeadingQuadrant {
 }
 
 /// Tilt of a recommended manoeuvre, degrees; rough roads or waves cause as much.
-const TILT_DEG: f32 = 15.0;
+const RECOMMENDED_TILT_DEG: f32 = 15.0;
 
 /// Cheapest first, because the first of equals is recommended.
 const CIRCLE_MANOEUVRES: [Manoeuvre; 7] = [
@@ -76,10 +76,10 @@ impl TiltDirection {
 
     fn tilt_attitude(self) -> Attitude {
         let [roll_deg, pitch_deg] = match self {
-            Self::Ahead => [0.0, -TILT_DEG],
-            Self::Back => [0.0, TILT_DEG],
-            Self::Left => [-TILT_DEG, 0.0],
-            Self::Right => [TILT_DEG, 0.0],
+            Self::Ahead => [0.0, -RECOMMENDED_TILT_DEG],
+            Self::Back => [0.0, RECOMMENDED_TILT_DEG],
+            Self::Left => [-RECOMMENDED_TILT_DEG, 0.0],
+            Self::Right => [RECOMMENDED_TILT_DEG, 0.0],
         };
         Attitude::from_deg(roll_deg, pitch_deg)
     }

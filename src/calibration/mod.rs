@@ -109,7 +109,7 @@ pub(crate) use {
         matrix::{inverse, matrix_rows, multiply},
     },
     model::{FieldPrediction, JacobianRow},
-    types::samples::{part_of, part_range},
+    types::samples::{part_range, samples_of_part},
 };
 
 #[cfg(test)]

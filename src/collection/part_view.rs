@@ -42,8 +42,8 @@ impl<'a> PartView<'a> {
     }
 
     /// Fit samples, then the held-back ones.
-    pub fn both_uses(&self) -> Samples<'_> {
-        self.buffer.part_of_both_uses(self.part)
+    pub fn fit_then_held_back(&self) -> Samples<'_> {
+        self.buffer.part_fit_then_held_back(self.part)
     }
 
     pub fn is_full(&self, purpose: SampleUse, quota: Quota) -> bool {

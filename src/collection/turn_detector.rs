@@ -37,7 +37,7 @@ const _: () = assert!(TurnDetectorConfig::DEFAULT.leave_roll_rad < TurnDetectorC
 const _: () = assert!(TurnDetectorConfig::DEFAULT.enter_roll_rad < TurnDetectorConfig::DEFAULT.max_roll_rad);
 
 #[derive(Clone, Copy, Debug)]
-struct HeldBank {
+struct SteadyBank {
     side: Side,
     start: WrappingMillis,
     last: WrappingMillis,
@@ -46,7 +46,7 @@ struct HeldBank {
 #[derive(Debug)]
 pub(super) struct TurnDetector {
     config: TurnDetectorConfig,
-    bank: Option<HeldBank>,
+    bank: Option<SteadyBank>,
 }
 
 impl TurnDetector {
@@ -65,7 +65,7 @@ impl TurnDetector {
         self.bank.filter(|bank| bank.last.ms_since(bank.start) >= self.config.settling_ms).map(|bank| bank.side)
     }
 
-    fn next_bank(&self, sample: &Sample) -> Option<HeldBank> {
+    fn next_bank(&self, sample: &Sample) -> Option<SteadyBank> {
         let roll_rad = sample.attitude.roll_rad;
         let side = if roll_rad < 0.0 { Side::Left } else { Side::Right };
         let held =
@@ -73,7 +73,7 @@ impl TurnDetector {
         let least_rad = if held.is_some() { self.config.leave_roll_rad } else { self.config.enter_roll_rad };
         let is_banked = (least_rad..=self.config.max_roll_rad).contains(&roll_rad.abs());
         let is_usable = is_banked && sample.attitude.pitch_rad.abs() <= self.config.max_pitch_rad;
-        is_usable.then(|| HeldBank { side, start: held.map_or(sample.time, |bank| bank.start), last: sample.time })
+        is_usable.then(|| SteadyBank { side, start: held.map_or(sample.time, |bank| bank.start), last: sample.time })
     }
 }
 

@@ -83,7 +83,7 @@ pub enum Effect {
     Reply(Result<Reply, Refusal>),
     /// Message to all users.
     Notify(Message),
-    /// Write [`Compass::to_save`](super::Compass::to_save) to flash, then send [`Event::Saved`].
+    /// Write [`Compass::pending_change`](super::Compass::pending_change) to flash, then send [`Event::Saved`].
     Save,
 }
 

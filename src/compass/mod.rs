@@ -53,7 +53,7 @@ impl<'a> Compass<'a> {
             generations,
             sensor: None,
             armed: ArmedState::UNKNOWN,
-            here: LocalField::UNKNOWN,
+            local_field: LocalField::UNKNOWN,
             collector: Collector::new(retained),
             recent: RecentSamples::new(),
             activity: Activity::Idle,
@@ -96,11 +96,11 @@ impl<'a> Compass<'a> {
                 Effect::None
             }
             Event::Position(place, at) => {
-                self.here.update_position(at, place, self.position_context(at));
+                self.local_field.update_position(at, place, self.position_context(at));
                 Effect::None
             }
             Event::Date(day) => {
-                self.here.set_date(day);
+                self.local_field.set_date(day);
                 Effect::None
             }
             Event::Sample(sample) => self.on_sample(sample),
@@ -202,7 +202,7 @@ impl<'a> Compass<'a> {
             progress: self.collector.progress(),
             last_trial: self.trials.last_result.clone(),
             settings: self.settings,
-            local_field: self.here,
+            local_field: self.local_field,
             stored_calibration: self.generations.current.as_ref().map(CalibrationSummary::from),
             can_undo: self.generations.previous.is_some(),
             last_outcome: self.last_outcome.clone(),

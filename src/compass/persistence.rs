@@ -55,7 +55,7 @@ impl Compass<'_> {
                 wanted.is_collecting || self.collector.is_loss_reportable()
             }
         };
-        if let Some(settled) = self.persistent.settled_protocols(detected, now) {
+        if let Some(settled) = self.persistent.stable_protocols(detected, now) {
             for ((number, found), kind) in PortNumber::ALL.into_iter().zip(&mut wanted.detected_protocols).zip(settled)
             {
                 // Failed detection does not replace an earlier result, nor does a configured protocol.

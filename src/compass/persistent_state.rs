@@ -26,7 +26,7 @@ impl PersistentState {
     }
 
     /// Detected protocols, once constant for long enough.
-    pub fn settled_protocols(
+    pub fn stable_protocols(
         &mut self,
         detected: [ProtocolKind; PORT_COUNT],
         now: WrappingMillis,

@@ -8,7 +8,7 @@ use crate::store::{Generations, StoreChange, StoreError};
 impl Compass<'_> {
     /// Data to write after [`Effect::Save`].
     #[must_use]
-    pub fn to_save(&self) -> Option<StoreChange<'_>> {
+    pub fn pending_change(&self) -> Option<StoreChange<'_>> {
         let Generations { current, previous } = &self.generations;
         if let Activity::Solving(Solve { stage: SolveStage::Saving(record), .. }) = &self.activity {
             return Some(StoreChange::Generations { current: Some(record), previous: current.as_ref() });
@@ -22,7 +22,7 @@ impl Compass<'_> {
     }
 
     pub(super) fn is_saving(&self) -> bool {
-        self.to_save().is_some()
+        self.pending_change().is_some()
     }
 
     pub(super) fn restore_previous(&mut self) -> Result<Effect, Refusal> {

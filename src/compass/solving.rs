@@ -37,7 +37,7 @@ impl Compass<'_> {
             readings_per_sample: sensor.readings_per_sample,
         };
         let consider = self.settings.attitude_error.to_consider_sigmas();
-        let solver = Solver::with_consider_sigmas(method, samples_to_fit(&self.collector), &prior, consider)
+        let solver = Solver::with_consider_sigmas(method, collected_samples(&self.collector), &prior, consider)
             .map_err(Refusal::Solve)?;
         self.activity = Activity::Solving(Solve { stage: SolveStage::Fitting(solver), purpose, sensor });
         Ok(())
@@ -48,7 +48,7 @@ impl Compass<'_> {
         let Activity::Solving(solve) = &mut self.activity else { return Effect::None };
         let (purpose, sensor) = (solve.purpose, solve.sensor);
         match &mut solve.stage {
-            SolveStage::Fitting(solver) => match solver.step(samples_to_fit(&self.collector)) {
+            SolveStage::Fitting(solver) => match solver.step(collected_samples(&self.collector)) {
                 Solving::Continue => Effect::None,
                 Solving::Finished(Ok(solution)) => {
                     self.advice = solution.advice;
@@ -150,6 +150,6 @@ impl Compass<'_> {
     }
 }
 
-fn samples_to_fit<'a>(collector: &'a Collector<'_>) -> Samples<'a> {
+fn collected_samples<'a>(collector: &'a Collector<'_>) -> Samples<'a> {
     SelectedParts::new(collector.fit(), collector.procedure()).select(collector.fit())
 }

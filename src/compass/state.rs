@@ -17,7 +17,7 @@ use crate::store::{CalibrationRecord, Generations};
 use crate::time::WrappingMillis;
 
 /// Capacity for samples during a solve: 3 s, six times the duration of a solve at 80 MHz. A longer trial solve is ended.
-pub(super) const HELD_SAMPLES: usize = 32;
+pub(super) const HELD_SAMPLES_CAPACITY: usize = 32;
 
 /// State machine. About 4 KB; samples are in borrowed memory.
 #[derive(Debug)]
@@ -27,12 +27,12 @@ pub struct Compass<'a> {
     pub(super) generations: Generations,
     pub(super) sensor: Option<DetectedSensor>,
     pub(super) armed: ArmedState,
-    pub(super) here: LocalField,
+    pub(super) local_field: LocalField,
     pub(super) collector: Collector<'a>,
     pub(super) recent: RecentSamples,
     pub(super) activity: Activity,
     /// Samples received during the solve, for a collection that continues; those of the solve do not change.
-    pub(super) held: heapless::Vec<Sample, HELD_SAMPLES>,
+    pub(super) held: heapless::Vec<Sample, HELD_SAMPLES_CAPACITY>,
     pub(super) saving: Option<PendingSave>,
     pub(super) last_outcome: Option<Message>,
     pub(super) advice: Option<Advice>,
@@ -98,7 +98,7 @@ impl Compass<'_> {
     #[must_use]
     pub fn effective_settings(&self) -> Settings {
         let Settings { declination_deg, inclination_deg, .. } = self.settings;
-        let field = self.here.field();
+        let field = self.local_field.field();
         Settings {
             declination_deg: declination_deg.or_else(|| field?.declination_deg),
             inclination_deg: inclination_deg.or_else(|| Some(field?.inclination_deg)),
@@ -118,7 +118,7 @@ impl Compass<'_> {
     /// Field strength of the field model, microtesla.
     #[must_use]
     pub fn model_field_strength_ut(&self) -> Option<f32> {
-        self.here.field().map(|field| field.total_ut)
+        self.local_field.field().map(|field| field.total_ut)
     }
 
     /// State for users.

@@ -138,16 +138,16 @@ impl ArgumentSpec {
     }
 }
 
-const DEGREES: &str = "deg";
+const DEGREES_UNIT: &str = "deg";
 
-const HEADING: ArgumentKind = ArgumentKind::Number { range: 0.0..=360.0, unit: DEGREES, or: None };
+const HEADING: ArgumentKind = ArgumentKind::Number { range: 0.0..=360.0, unit: DEGREES_UNIT, or: None };
 
 const fn number(range: RangeInclusive<f32>, unit: &'static str) -> ArgumentKind {
     ArgumentKind::Number { range, unit, or: None }
 }
 
-const fn number_or(word: &'static str, range: RangeInclusive<f32>) -> ArgumentKind {
-    ArgumentKind::Number { range, unit: DEGREES, or: Some(word) }
+const fn number_or_word(word: &'static str, range: RangeInclusive<f32>) -> ArgumentKind {
+    ArgumentKind::Number { range, unit: DEGREES_UNIT, or: Some(word) }
 }
 
 /// All commands in the order of `help`, adjacent if they share the first word.
@@ -171,7 +171,7 @@ pub static COMMANDS: &[CommandSpec] = &[
         ArgumentSpec::optional("again", ArgumentKind::Confirmation("again")),
     ])
     .with_request(|given| match (given.0, given.choice(0, nth_procedure)) {
-        ([ArgumentValue::Choice(AGAIN), _] | [_, ArgumentValue::Choice(_)], procedure) => {
+        ([ArgumentValue::Choice(CHOICE_AGAIN), _] | [_, ArgumentValue::Choice(_)], procedure) => {
             Command::CalStartNew(procedure).into()
         }
         (_, procedure) => Command::CalStart(procedure.unwrap_or_default()).into(),
@@ -222,7 +222,7 @@ pub static COMMANDS: &[CommandSpec] = &[
     .with_request(|given| set(SettingChange::StreamHeading(given.choice(0, nth_kind).unwrap_or(HeadingKind::Smooth)))),
     CommandSpec::new("set", "", "settings"),
     CommandSpec::new("set", "declination", "declination, east positive; none: by the field model")
-        .with_arguments(&[ArgumentSpec::new("DEG", number_or("none", Settings::DECLINATION_DEG))])
+        .with_arguments(&[ArgumentSpec::new("DEG", number_or_word("none", Settings::DECLINATION_DEG))])
         .with_request(|given| set(SettingChange::Declination(given.number(0)))),
     CommandSpec::new(
         "set",
@@ -236,7 +236,7 @@ pub static COMMANDS: &[CommandSpec] = &[
         "inclination",
         "inclination of the local field, positive down; none: by the field model or the samples",
     )
-    .with_arguments(&[ArgumentSpec::new("DEG", number_or("none", Settings::INCLINATION_DEG))])
+    .with_arguments(&[ArgumentSpec::new("DEG", number_or_word("none", Settings::INCLINATION_DEG))])
     .with_request(|given| set(SettingChange::Inclination(given.number(0)))),
     CommandSpec::new(
         "set",
@@ -244,7 +244,7 @@ pub static COMMANDS: &[CommandSpec] = &[
         "magnetic heading of the vehicle now: removes a constant error; none: as calibrated; yes: of any size",
     )
     .with_arguments(&[
-        ArgumentSpec::new("HEADING", number_or("none", 0.0..=360.0)),
+        ArgumentSpec::new("HEADING", number_or_word("none", 0.0..=360.0)),
         ArgumentSpec::optional("yes", ArgumentKind::Confirmation("yes")),
     ])
     .with_request(|given| match given.0 {
@@ -257,12 +257,12 @@ pub static COMMANDS: &[CommandSpec] = &[
         "constant attitude error of a flight, 1 sigma: in degrees, and in percent of the bank",
     )
     .with_arguments(&[
-        ArgumentSpec::new("DEG", number_or("default", AttitudeError::BIAS_DEG)),
+        ArgumentSpec::new("DEG", number_or_word("default", AttitudeError::BIAS_DEG)),
         ArgumentSpec::new("PERCENT", number(AttitudeError::BANK_PERCENT, "%")),
     ])
     .with_request(|given| set(SettingChange::AttitudeError(attitude_error(given)))),
     CommandSpec::new("set", "accuracy", "expected error at which a collection in flight ends")
-        .with_arguments(&[ArgumentSpec::new("DEG", number(Settings::ACCURACY_DEG, DEGREES))])
+        .with_arguments(&[ArgumentSpec::new("DEG", number(Settings::ACCURACY_DEG, DEGREES_UNIT))])
         .with_request(|given| set(SettingChange::Accuracy(given.number(0).unwrap_or(f32::NAN)))),
     CommandSpec::new("set", "port1", "protocol of the first port; auto: detect the autopilot's")
         .with_arguments(&[PROTOCOL])
@@ -340,10 +340,10 @@ fn procedure(number: usize) -> Option<&'static str> {
 }
 
 /// Index of the choice `again`, which follows the procedures: the last procedure with an empty collection.
-const AGAIN: usize = Procedure::ALL.len();
+const CHOICE_AGAIN: usize = Procedure::ALL.len();
 
 fn procedure_or_again(number: usize) -> Option<&'static str> {
-    if number == AGAIN { Some("again") } else { procedure(number) }
+    if number == CHOICE_AGAIN { Some("again") } else { procedure(number) }
 }
 
 fn nth_switch(number: usize) -> Option<bool> {

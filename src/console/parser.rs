@@ -308,7 +308,7 @@ pub fn help(out: &mut dyn fmt::Write, topic: Option<&'static CommandSpec>) -> fm
         writeln!(out, "ok help COMMAND explains one")?;
         return write_subcommands(out, ExpectedElement::First);
     };
-    writeln!(out, "ok {}", Explained(topic))?;
+    writeln!(out, "ok {}", CommandHelp(topic))?;
     for argument in topic.arguments {
         writeln!(out, "{}: {argument}", argument.name)?;
     }
@@ -321,16 +321,16 @@ fn write_subcommands(out: &mut dyn fmt::Write, next: ExpectedElement) -> fmt::Re
     for word in (0..).map_while(|number| next.nth_word(number)) {
         let words = if let ExpectedElement::Second(first) = next { [first, word] } else { [word, ""] };
         if let Some(row) = find(words) {
-            writeln!(out, "{}", Explained(row))?;
+            writeln!(out, "{}", CommandHelp(row))?;
         }
     }
     Ok(())
 }
 
 /// Syntax and description of a command; for a first word also its second words.
-struct Explained(&'static CommandSpec);
+struct CommandHelp(&'static CommandSpec);
 
-impl Display for Explained {
+impl Display for CommandHelp {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.0, self.0.help)?;
         let [first, second] = self.0.words;

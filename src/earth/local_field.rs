@@ -11,13 +11,13 @@ const MIN_DISTANCE_DEG: f32 = 0.02;
 
 /// Distance from latitude and longitude zero within which a position means none, degrees: without a fix, an autopilot's
 /// estimator starts there and drifts.
-const NO_FIX_DEG: f32 = 0.01;
+const MAX_NO_FIX_DISTANCE_DEG: f32 = 0.01;
 
 /// Highest plausible speed, degrees of a great circle per millisecond: 300 m/s, more than unmanned aircraft fly.
 const MAX_SPEED_DEG_MS: f32 = 300.0 / 111_200.0 / 1000.0;
 
 /// Reports of a distant position after which a vehicle on the ground takes it: 10 s at 1 Hz.
-const CONFIRMATIONS: u8 = 10;
+const REQUIRED_DISTANT_REPORTS: u8 = 10;
 
 /// Largest deviation of the model's inclination from the calibration's, degrees: the limit of headings
 /// (`heading::HeadingLimits::DEFAULT`).
@@ -51,24 +51,26 @@ impl LocalField {
 
     /// Updates the position, unless it is that of an estimator without a fix, its distance from the last one implies an
     /// impossible speed, or its inclination contradicts the calibration.
-    pub fn update_position(&mut self, at: WrappingMillis, place: Position, context: PositionContext) {
-        if place.latitude_deg.abs() < NO_FIX_DEG && place.longitude_deg.abs() < NO_FIX_DEG {
+    pub fn update_position(&mut self, at: WrappingMillis, position_at: Position, context: PositionContext) {
+        if position_at.latitude_deg.abs() < MAX_NO_FIX_DISTANCE_DEG
+            && position_at.longitude_deg.abs() < MAX_NO_FIX_DISTANCE_DEG
+        {
             return;
         }
         let is_plausible = self.position.is_none_or(|last| {
             let reachable_deg = MIN_DISTANCE_DEG * 1.5 + MAX_SPEED_DEG_MS * at.ms_since(self.seen_at) as f32;
-            distance_deg(last, place) <= reachable_deg
+            distance_deg(last, position_at) <= reachable_deg
         });
-        let is_confirmed = context.is_disarmed && self.distant_reports >= CONFIRMATIONS;
+        let is_confirmed = context.is_disarmed && self.distant_reports >= REQUIRED_DISTANT_REPORTS;
         if !(is_plausible || is_confirmed) {
             self.distant_reports = self.distant_reports.saturating_add(1);
             return;
         }
         (self.seen_at, self.distant_reports) = (at, 0);
-        if self.position.is_some_and(|last| is_same(last, place)) {
+        if self.position.is_some_and(|last| is_same(last, position_at)) {
             return;
         }
-        let moved = Self { position: Some(place), ..*self }.with_field();
+        let moved = Self { position: Some(position_at), ..*self }.with_field();
         let contradicts = |field: EarthField| {
             context
                 .calibrated_inclination_deg
@@ -111,7 +113,8 @@ impl LocalField {
     }
 
     fn with_field(self) -> Self {
-        let field = self.position.zip(self.date).and_then(|(place, day)| EarthField::from_model(place, day));
+        let field =
+            self.position.zip(self.date).and_then(|(position_at, day)| EarthField::from_model(position_at, day));
         Self { field, ..self }
     }
 }
@@ -135,7 +138,7 @@ mod tests {
     /// After the start of the module; another second later a vehicle can be 300 m away.
     const LATER: WrappingMillis = WrappingMillis::new(5_000);
 
-    fn place(latitude_deg: f32, longitude_deg: f32) -> Position {
+    fn position_at(latitude_deg: f32, longitude_deg: f32) -> Position {
         Position::new(latitude_deg, longitude_deg, 100.0).unwrap()
     }
 
@@ -146,31 +149,34 @@ mod tests {
     /// In either order.
     #[test]
     fn position_and_date_give_a_field() {
-        let (place, day) = (place(51.1, 13.7), day(20_779));
+        let (position_at, day) = (position_at(51.1, 13.7), day(20_779));
         let mut here = LocalField::UNKNOWN;
-        here.update_position(LATER, place, PositionContext::default());
-        assert_eq!((here.position(), here.date(), here.field(), here.validity()), (Some(place), None, None, None));
+        here.update_position(LATER, position_at, PositionContext::default());
+        assert_eq!(
+            (here.position(), here.date(), here.field(), here.validity()),
+            (Some(position_at), None, None, None)
+        );
         here.set_date(day);
-        assert_eq!(here.field(), EarthField::from_model(place, day).as_ref());
+        assert_eq!(here.field(), EarthField::from_model(position_at, day).as_ref());
         assert!(here.field().is_some());
         let mut other = LocalField::UNKNOWN;
         other.set_date(day);
         assert_eq!((other.field(), other.validity()), (None, Some(ModelValidity::Valid)));
-        other.update_position(LATER, place, PositionContext::default());
+        other.update_position(LATER, position_at, PositionContext::default());
         assert_eq!(other, here);
     }
 
     /// Midnight passes, or the first date was wrong.
     #[test]
     fn the_field_follows_the_date() {
-        let place = place(51.1, 13.7);
+        let position_at = position_at(51.1, 13.7);
         let mut here = LocalField::UNKNOWN;
-        here.update_position(LATER, place, PositionContext::default());
+        here.update_position(LATER, position_at, PositionContext::default());
         for days in [20_000, 20_779, 20_780, 21_000] {
             here.set_date(day(days));
             assert_eq!(
                 (here.date(), here.field()),
-                (Some(day(days)), EarthField::from_model(place, day(days)).as_ref())
+                (Some(day(days)), EarthField::from_model(position_at, day(days)).as_ref())
             );
         }
     }
@@ -178,7 +184,7 @@ mod tests {
     /// Distance counts from the position of the last update.
     #[test]
     fn small_movements_keep_the_field() {
-        let start = place(51.1, 13.7);
+        let start = position_at(51.1, 13.7);
         for (latitude_deg, longitude_deg, is_same) in [
             (51.119, 13.719, true),
             (51.081, 13.681, true),
@@ -193,7 +199,7 @@ mod tests {
             let before = here;
             here.update_position(
                 LATER.plus_ms(12 * 3_600_000),
-                place(latitude_deg, longitude_deg),
+                position_at(latitude_deg, longitude_deg),
                 PositionContext::default(),
             );
             assert_eq!(here.field() == before.field(), is_same, "{latitude_deg} {longitude_deg}");
@@ -201,7 +207,7 @@ mod tests {
         let mut here = LocalField::UNKNOWN;
         for step in 0..10_u8 {
             let at = LATER.plus_ms(10_000 * u32::from(step));
-            here.update_position(at, place(51.1 + 0.015 * f32::from(step), 13.7), PositionContext::default());
+            here.update_position(at, position_at(51.1 + 0.015 * f32::from(step), 13.7), PositionContext::default());
         }
         assert!((here.position().unwrap().latitude_deg - 51.22).abs() < 0.001, "{here:?}");
     }
@@ -214,12 +220,12 @@ mod tests {
     /// Reports one position each second for 30 s, long after the last one from Bavaria; returns whether it is accepted.
     fn is_accepted([latitude_deg, longitude_deg]: [f32; 2], after_ms: u32, context: PositionContext) -> bool {
         let mut here = LocalField { date: Some(day(20_779)), ..LocalField::UNKNOWN };
-        here.update_position(LATER, place(BAVARIA[0], BAVARIA[1]), context);
+        here.update_position(LATER, position_at(BAVARIA[0], BAVARIA[1]), context);
         let before = here.field().copied();
         assert!(before.is_some());
         for second in 0..30 {
             let at = LATER.plus_ms(after_ms + 1000 * second);
-            here.update_position(at, place(latitude_deg, longitude_deg), context);
+            here.update_position(at, position_at(latitude_deg, longitude_deg), context);
         }
         here.field().copied() != before
     }
@@ -240,8 +246,8 @@ mod tests {
         // A single jump, and the return from it.
         let mut here = LocalField::UNKNOWN;
         for [latitude_deg, longitude_deg] in [BAVARIA, GREENLAND, BAVARIA] {
-            here.update_position(LATER, place(latitude_deg, longitude_deg), context);
-            assert_eq!(here.position(), Some(place(BAVARIA[0], BAVARIA[1])));
+            here.update_position(LATER, position_at(latitude_deg, longitude_deg), context);
+            assert_eq!(here.position(), Some(position_at(BAVARIA[0], BAVARIA[1])));
         }
     }
 
@@ -251,7 +257,7 @@ mod tests {
             [(0.000_3, -0.009, true), (0.000_3, 0.02, false), (-0.02, 0.0, false)]
         {
             let mut here = LocalField::UNKNOWN;
-            here.update_position(LATER, place(latitude_deg, longitude_deg), PositionContext::default());
+            here.update_position(LATER, position_at(latitude_deg, longitude_deg), PositionContext::default());
             assert_eq!(here.position().is_none(), is_none, "{latitude_deg} {longitude_deg}");
         }
     }
@@ -269,14 +275,14 @@ mod tests {
         let mut worst: f32 = 0.0;
         for row in 0..170_u8 {
             for column in 0..90_u8 {
-                let at = place(f32::from(row) - 84.5, 4.0 * f32::from(column) - 179.5);
-                let field = |place| EarthField::from_model(place, day(20_779)).unwrap();
+                let at = position_at(f32::from(row) - 84.5, 4.0 * f32::from(column) - 179.5);
+                let field = |position_at| EarthField::from_model(position_at, day(20_779)).unwrap();
                 let here = field(at);
                 let Some(declination_deg) = here.declination_deg else { continue };
                 let horizontal_ut = here.total_ut * here.inclination_deg.to_radians().cos();
                 let sigma_deg = 0.26_f32.hypot(5.417 / horizontal_ut);
                 for (north_deg, east_deg) in [(0.02, 0.0), (0.0, 0.02), (0.02, 0.02), (0.02, -0.02)] {
-                    let moved = field(place(at.latitude_deg + north_deg, at.longitude_deg + east_deg));
+                    let moved = field(position_at(at.latitude_deg + north_deg, at.longitude_deg + east_deg));
                     let Some(moved_deg) = moved.declination_deg else { continue };
                     let change_deg = moved_deg - declination_deg;
                     let change_deg = change_deg - 360.0 * (change_deg / 360.0).round();

@@ -84,7 +84,7 @@ pub use turn_request::TurnRequest;
 pub struct Instrument {
     config: InstrumentConfig,
     active: ActiveCalibration,
-    track: AttitudeHistory,
+    attitude_history: AttitudeHistory,
     sensor_check: SensorCheck,
     pairing: PairingQueue,
     smoother: HeadingSmoother,
@@ -116,7 +116,7 @@ impl Instrument {
         Self {
             config,
             active: ActiveCalibration::new(Correction::NONE),
-            track: AttitudeHistory::new(config.attitude),
+            attitude_history: AttitudeHistory::new(config.attitude),
             sensor_check: SensorCheck::new(&config),
             pairing: PairingQueue::new(config.readings_per_sample(), config.max_step_us()),
             smoother: HeadingSmoother::new(),
@@ -172,10 +172,10 @@ impl Instrument {
     /// Processes an attitude report whose last byte arrived at `at`. It may complete samples.
     #[inline(never)]
     pub fn on_attitude(&mut self, at: Timestamp, report: AttitudeReport) {
-        let before = self.track.rejected().contradicting_rates;
-        self.track.push(at, report);
+        let before = self.attitude_history.rejected().contradicting_rates;
+        self.attitude_history.push(at, report);
         self.compass_field.update_attitude(at, report.attitude);
-        let is_contradicted = self.track.rejected().contradicting_rates != before;
+        let is_contradicted = self.attitude_history.rejected().contradicting_rates != before;
         self.consecutive_rejected_rates =
             if is_contradicted { self.consecutive_rejected_rates.saturating_add(1) } else { 0 };
         if self.consecutive_rejected_rates == MAX_REJECTED_RATES {
@@ -200,24 +200,24 @@ impl Instrument {
     /// Processes a reading taken at `at`. It may complete a sample.
     #[inline(never)]
     pub fn on_reading(&mut self, at: Timestamp, reading: Reading) -> Estimate {
-        let fault = self.sensor_check.check(at, &reading, self.track.body_rate_rad_s());
+        let fault = self.sensor_check.check(at, &reading, self.attitude_history.body_rate_rad_s());
         if let Some(fault) = fault {
             self.count_rejection(fault);
             // Earlier readings still time out while waiting for an attitude.
             self.pairing.advance_time(at);
         } else {
             self.pairing.push(at, reading.field);
-            self.track.update_raw_field(reading.field);
+            self.attitude_history.update_raw_field(reading.field);
         }
         let current_a = self.current_a(at);
         let field = self.active.remove_motor_current(reading.field, current_a);
         let corrected = self.active.apply(field);
         let body_field = corrected.filter(|_| fault.is_none());
         if let Some(body_field) = body_field {
-            self.track.update_field(body_field);
+            self.attitude_history.update_field(body_field);
         }
         let attitude = self.attitude_at(at);
-        let turning = self.track.gyro_heading_at(self.attitude_lookup_time(at));
+        let turning = self.attitude_history.gyro_heading_at(self.attitude_lookup_time(at));
         let heading = match fault {
             Some(fault) => Err(fault.into()),
             None => self.compute_heading((field, corrected), current_a, attitude, turning.as_ref()),
@@ -250,9 +250,13 @@ impl Instrument {
     pub fn next_sample(&mut self) -> Option<Sample> {
         match self.active.base.sample_attitude {
             SampleAttitude::Interpolated => {
-                let motion_at =
-                    |at| self.track.gyro_heading_at(at).map_or_else(EulerRates::default, |turning| turning.euler_rates);
-                let (at, mut sample) = self.pairing.next_sample(|at| self.track.attitude_at(at), motion_at)?;
+                let motion_at = |at| {
+                    self.attitude_history
+                        .gyro_heading_at(at)
+                        .map_or_else(EulerRates::default, |turning| turning.euler_rates)
+                };
+                let (at, mut sample) =
+                    self.pairing.next_sample(|at| self.attitude_history.attitude_at(at), motion_at)?;
                 sample.current = Current::from_a(self.current_a(at));
                 self.pending_sample = Some((at, sample));
                 Some(sample)
@@ -278,8 +282,10 @@ impl Instrument {
         };
         // A sample's time is the middle of its readings.
         let ahead_s = at.wrapping_millis().signed_ms_since(sample.time) as f32 * 1e-3;
-        let turning =
-            self.track.gyro_heading_at(self.attitude_lookup_time(at)).map(|turning| turning.extrapolated_back(ahead_s));
+        let turning = self
+            .attitude_history
+            .gyro_heading_at(self.attitude_lookup_time(at))
+            .map(|turning| turning.extrapolated_back(ahead_s));
         let readings_per_sample = self.config.readings_per_sample();
         let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
         self.monitor.update(&monitored, at, &sample, turning);
@@ -299,7 +305,11 @@ impl Instrument {
     /// Rejected inputs so far.
     #[must_use]
     pub const fn rejections(&self) -> RejectionCounts {
-        RejectionCounts { unpaired: self.pairing.unpaired(), attitude: self.track.rejected(), ..self.rejections }
+        RejectionCounts {
+            unpaired: self.pairing.unpaired(),
+            attitude: self.attitude_history.rejected(),
+            ..self.rejections
+        }
     }
 
     /// The parameters.
@@ -326,7 +336,7 @@ impl Instrument {
     }
 
     fn attitude_at(&self, at: Timestamp) -> Result<Attitude, NoHeading> {
-        match self.track.attitude_at(self.attitude_lookup_time(at)) {
+        match self.attitude_history.attitude_at(self.attitude_lookup_time(at)) {
             AttitudeLookup::Interpolated(attitude) | AttitudeLookup::Extrapolated(attitude) => Ok(attitude),
             AttitudeLookup::Frozen => Err(NoHeading::AttitudeFrozen),
             AttitudeLookup::Contradicted => Err(NoHeading::AttitudeContradicted),

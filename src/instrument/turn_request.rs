@@ -6,24 +6,24 @@ use crate::time::Timestamp;
 use crate::trig::DEG;
 
 /// Sigma of the heading that asks for a turn, radians: above that of ten minutes of straight flight without a drift.
-const ASK_SIGMA_RAD: f32 = 3.0 * DEG;
+const REQUEST_SIGMA_RAD: f32 = 3.0 * DEG;
 
 /// Sigma below which a later growth asks again, radians.
 const SETTLED_SIGMA_RAD: f32 = 2.0 * DEG;
 
 /// Time with that sigma before it asks, microseconds: the turns after a sudden change of iron take less.
-const ASK_AFTER_US: u64 = 20_000_000;
+const REQUEST_DELAY_US: u64 = 20_000_000;
 
 /// Asks once for each growth of the sigma.
 #[derive(Clone, Copy, Debug)]
 pub struct TurnRequest {
-    grown_at: Option<Timestamp>,
-    has_asked: bool,
+    sigma_exceeded_at: Option<Timestamp>,
+    is_request_sent: bool,
 }
 
 impl TurnRequest {
     /// No growth so far.
-    pub const NONE: Self = Self { grown_at: None, has_asked: false };
+    pub const NONE: Self = Self { sigma_exceeded_at: None, is_request_sent: false };
 
     /// Updates with an estimate; the sigma of the heading, radians, if a turn is wanted.
     pub fn update(&mut self, estimate: &Estimate) -> Option<f32> {
@@ -31,13 +31,13 @@ impl TurnRequest {
         if heading.sigma_rad < SETTLED_SIGMA_RAD {
             *self = Self::NONE;
         }
-        if heading.sigma_rad < ASK_SIGMA_RAD {
-            self.grown_at = None;
+        if heading.sigma_rad < REQUEST_SIGMA_RAD {
+            self.sigma_exceeded_at = None;
             return None;
         }
-        let grown_at = *self.grown_at.get_or_insert(estimate.at);
-        let asks = !self.has_asked && estimate.at.us_since(grown_at) >= ASK_AFTER_US;
-        self.has_asked |= asks;
+        let sigma_exceeded_at = *self.sigma_exceeded_at.get_or_insert(estimate.at);
+        let asks = !self.is_request_sent && estimate.at.us_since(sigma_exceeded_at) >= REQUEST_DELAY_US;
+        self.is_request_sent |= asks;
         asks.then_some(heading.sigma_rad)
     }
 }

@@ -3,11 +3,11 @@
 use core::fmt;
 
 /// Capacity, characters: five chunks of a STATUSTEXT, three of a LogMessage.
-const LENGTH: usize = 240;
+const TEXT_CAPACITY: usize = 240;
 
 /// Text. Characters beyond the capacity are cut.
 #[derive(Debug, Default)]
-pub(super) struct Characters(heapless::Vec<u8, LENGTH>);
+pub(super) struct Characters(heapless::Vec<u8, TEXT_CAPACITY>);
 
 impl Characters {
     /// The text.

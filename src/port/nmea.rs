@@ -8,20 +8,20 @@ use crate::wire::nmea;
 /// `stream rate` and the heading of `stream heading`. Received bytes are ignored.
 #[derive(Debug, Default)]
 pub struct Nmea {
-    pace: MessageSchedule,
+    schedule: MessageSchedule,
 }
 
 impl Nmea {
     /// Creates the protocol with the first sentences due at once.
     #[must_use]
     pub const fn new() -> Self {
-        Self { pace: MessageSchedule::new() }
+        Self { schedule: MessageSchedule::new() }
     }
 
     /// Appends the due sentences.
     pub fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
         let Snapshot { estimate, settings, .. } = snapshot;
-        if !(settings.stream_on && self.pace.is_due(estimate.at, settings.stream_rate_hz)) {
+        if !(settings.stream_on && self.schedule.is_due(estimate.at, settings.stream_rate_hz)) {
             return;
         }
         let (heading, kind) = snapshot.selected_heading();

@@ -36,24 +36,34 @@ enum Kind {
 
 /// All parameters. Tools refer to them by position as well, so that a new one is the last.
 pub static PARAMETERS: [Parameter; 20] = [
-    whole("CAN_NODE", bytes(&CanSettings::NODE), |s| s.can.node.into(), |v| byte(v, SettingChange::CanNode)),
-    whole("CAN_RATE", bytes(&CanSettings::RATE_HZ), |s| s.can.rate_hz.into(), |v| byte(v, SettingChange::CanRateHz)),
-    whole("CAN_COVARIANCE", SWITCH, |s| s.can.sends_covariance.into(), |v| switch(v, SettingChange::CanCovariance)),
-    whole("AUTO", SWITCH, |s| s.auto_on.into(), |v| switch(v, SettingChange::Auto)),
+    whole_number("CAN_NODE", bytes(&CanSettings::NODE), |s| s.can.node.into(), |v| byte(v, SettingChange::CanNode)),
+    whole_number(
+        "CAN_RATE",
+        bytes(&CanSettings::RATE_HZ),
+        |s| s.can.rate_hz.into(),
+        |v| byte(v, SettingChange::CanRateHz),
+    ),
+    whole_number(
+        "CAN_COVARIANCE",
+        SWITCH_RANGE,
+        |s| s.can.sends_covariance.into(),
+        |v| switch(v, SettingChange::CanCovariance),
+    ),
+    whole_number("AUTO", SWITCH_RANGE, |s| s.auto_on.into(), |v| switch(v, SettingChange::Auto)),
     number("ACCURACY", Settings::ACCURACY_DEG, |s| s.accuracy_deg, |_, deg| SettingChange::Accuracy(deg)),
     number(
         "DECLINATION",
         Settings::DECLINATION_DEG,
         |s| s.declination_deg.unwrap_or(f32::NAN),
-        |_, deg| SettingChange::Declination(if_number(deg)),
+        |_, deg| SettingChange::Declination(not_nan(deg)),
     ),
     number(
         "INCLINATION",
         Settings::INCLINATION_DEG,
         |s| s.inclination_deg.unwrap_or(f32::NAN),
-        |_, deg| SettingChange::Inclination(if_number(deg)),
+        |_, deg| SettingChange::Inclination(not_nan(deg)),
     ),
-    whole(
+    whole_number(
         "MOUNT",
         [0, Orientation::COUNT as u32 - 1],
         |s| position(Orientation::all(), &s.mount),
@@ -71,26 +81,26 @@ pub static PARAMETERS: [Parameter; 20] = [
         |s| s.attitude_error.bank_percent,
         |s, bank_percent| SettingChange::AttitudeError(AttitudeError { bank_percent, ..s.attitude_error }),
     ),
-    whole(
+    whole_number(
         "ATTITUDE_RATE",
         bytes(&Settings::ATTITUDE_RATE_HZ),
         |s| s.attitude_rate_hz.into(),
         |v| byte(v, SettingChange::AttitudeRateHz),
     ),
-    whole("VISION", SWITCH, |s| s.sends_vision_yaw.into(), |v| switch(v, SettingChange::Vision)),
+    whole_number("VISION", SWITCH_RANGE, |s| s.sends_vision_yaw.into(), |v| switch(v, SettingChange::Vision)),
     Parameter { name: "SIGNING", kind: Kind::Key { get: |s| s.signing_key, set: SettingChange::Signing } },
-    whole("PORT1", PROTOCOLS, |s| protocol(s, PortNumber::One), |v| set_protocol(PortNumber::One, v)),
-    whole("PORT2", PROTOCOLS, |s| protocol(s, PortNumber::Two), |v| set_protocol(PortNumber::Two, v)),
-    whole("BAUD1", BAUDS, |s| baud(s, PortNumber::One), |v| set_baud(PortNumber::One, v)),
-    whole("BAUD2", BAUDS, |s| baud(s, PortNumber::Two), |v| set_baud(PortNumber::Two, v)),
-    whole("STREAM", SWITCH, |s| s.stream_on.into(), |v| switch(v, SettingChange::StreamOn)),
-    whole(
+    whole_number("PORT1", PROTOCOLS, |s| protocol(s, PortNumber::One), |v| set_protocol(PortNumber::One, v)),
+    whole_number("PORT2", PROTOCOLS, |s| protocol(s, PortNumber::Two), |v| set_protocol(PortNumber::Two, v)),
+    whole_number("BAUD1", BAUDS, |s| baud(s, PortNumber::One), |v| set_baud(PortNumber::One, v)),
+    whole_number("BAUD2", BAUDS, |s| baud(s, PortNumber::Two), |v| set_baud(PortNumber::Two, v)),
+    whole_number("STREAM", SWITCH_RANGE, |s| s.stream_on.into(), |v| switch(v, SettingChange::StreamOn)),
+    whole_number(
         "STREAM_RATE",
         bytes(&Settings::STREAM_RATE_HZ),
         |s| s.stream_rate_hz.into(),
         |v| byte(v, SettingChange::StreamRateHz),
     ),
-    whole(
+    whole_number(
         "STREAM_HEADING",
         [0, HeadingKind::ALL.len() as u32 - 1],
         |s| position(HeadingKind::ALL, &s.stream_heading),
@@ -98,7 +108,7 @@ pub static PARAMETERS: [Parameter; 20] = [
     ),
 ];
 
-const SWITCH: [u32; 2] = [0, 1];
+const SWITCH_RANGE: [u32; 2] = [0, 1];
 const PROTOCOLS: [u32; 2] = [0, ProtocolKind::ALL.len() as u32 - 1];
 const BAUDS: [u32; 2] = {
     let [least, .., most] = Baud::ALL;
@@ -138,7 +148,7 @@ impl Parameter {
     }
 }
 
-const fn whole(
+const fn whole_number(
     name: &'static str,
     range: [u32; 2],
     get: fn(&Settings) -> u32,
@@ -169,7 +179,7 @@ fn switch(value: u32, set: fn(bool) -> SettingChange) -> Option<SettingChange> {
 }
 
 /// The number, if it is one.
-fn if_number(value: f32) -> Option<f32> {
+fn not_nan(value: f32) -> Option<f32> {
     (!value.is_nan()).then_some(value)
 }
 

@@ -10,11 +10,11 @@ use crate::wire::mavlink::{Address, OutboundMessage, Signatures};
 use crate::wire::nmea;
 
 /// Text for ground stations, of at most 50 characters.
-const TEXT: &[u8] = b"autoswing: safe-mode: see its console";
-const _: () = assert!(TEXT.len() <= OutboundMessage::TEXT);
+const SAFE_MODE_TEXT: &[u8] = b"autoswing: safe-mode: see its console";
+const _: () = assert!(SAFE_MODE_TEXT.len() <= OutboundMessage::TEXT);
 
 /// Most common address of an autopilot.
-const AUTOPILOT: Address = Address { system: 1, component: 1 };
+const USUAL_AUTOPILOT: Address = Address { system: 1, component: 1 };
 
 /// Reports between two texts.
 const REPORTS_PER_TEXT: u8 = 20;
@@ -34,10 +34,10 @@ impl SafeModeReporter {
         out.append(&[b"\r\n", &nmea::hdm(None), &nmea::quality(&Err(NoHeading::SafeMode), HeadingKind::Raw)]);
         // Unsigned, because the key is one of the settings.
         let mut signatures = Signatures::default();
-        let mut line = Transmitter::new(out, AUTOPILOT.sender(), &mut self.sequence, &mut signatures);
+        let mut line = Transmitter::new(out, USUAL_AUTOPILOT.sender(), &mut self.sequence, &mut signatures);
         line.send(OutboundMessage::heartbeat(MavState::MAV_STATE_CRITICAL));
         if self.count == 0 {
-            line.send(OutboundMessage::text(MavSeverity::MAV_SEVERITY_CRITICAL, TEXT, 0, 0));
+            line.send(OutboundMessage::text(MavSeverity::MAV_SEVERITY_CRITICAL, SAFE_MODE_TEXT, 0, 0));
         }
         self.count = (self.count + 1) % REPORTS_PER_TEXT;
     }

@@ -34,8 +34,8 @@ mod tests {
 
     /// Number of messages due in a second of readings with this period.
     fn in_a_second(period_us: u64, rate_hz: u8) -> usize {
-        let mut pace = MessageSchedule::new();
-        (0..1_000_000 / period_us).filter(|i| pace.is_due(Timestamp::from_us(1 + i * period_us), rate_hz)).count()
+        let mut schedule = MessageSchedule::new();
+        (0..1_000_000 / period_us).filter(|i| schedule.is_due(Timestamp::from_us(1 + i * period_us), rate_hz)).count()
     }
 
     /// Readings at 80, 155 and 200 Hz, which need not be multiples of the rate.
@@ -54,15 +54,15 @@ mod tests {
     /// One message after a pause of seconds.
     #[test]
     fn messages_missed_in_a_pause_are_not_sent_later() {
-        let mut pace = MessageSchedule::new();
-        assert!(pace.is_due(Timestamp::from_us(1_000_000), 10));
-        assert!(pace.is_due(Timestamp::from_us(5_000_000), 10));
-        assert!(!pace.is_due(Timestamp::from_us(5_099_999), 10));
-        assert!(pace.is_due(Timestamp::from_us(5_100_000), 10));
+        let mut schedule = MessageSchedule::new();
+        assert!(schedule.is_due(Timestamp::from_us(1_000_000), 10));
+        assert!(schedule.is_due(Timestamp::from_us(5_000_000), 10));
+        assert!(!schedule.is_due(Timestamp::from_us(5_099_999), 10));
+        assert!(schedule.is_due(Timestamp::from_us(5_100_000), 10));
         // This message is 40 ms late; the next one is due on the old grid.
-        assert!(pace.is_due(Timestamp::from_us(5_240_000), 10));
-        assert!(!pace.is_due(Timestamp::from_us(5_299_999), 10));
-        assert!(pace.is_due(Timestamp::from_us(5_300_000), 10));
+        assert!(schedule.is_due(Timestamp::from_us(5_240_000), 10));
+        assert!(!schedule.is_due(Timestamp::from_us(5_299_999), 10));
+        assert!(schedule.is_due(Timestamp::from_us(5_300_000), 10));
     }
 
     /// A rate of zero, which the settings reject, means 1 Hz here.

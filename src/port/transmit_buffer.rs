@@ -3,7 +3,7 @@
 /// Bytes to write. A message that does not fit is dropped whole.
 #[derive(Debug)]
 pub struct TransmitBuffer {
-    bytes: [u8; OUTPUT],
+    bytes: [u8; TRANSMIT_CAPACITY],
     begin: usize,
     end: usize,
     /// Number of messages since the start; wraps, as the other counters do.
@@ -16,7 +16,7 @@ pub struct TransmitBuffer {
 
 /// Capacity, bytes, for the longest simultaneous messages: a STATUSTEXT, a VISION_POSITION_ESTIMATE and some smaller
 /// ones; or twice three NMEA sentences.
-pub(super) const OUTPUT: usize = 384;
+pub(super) const TRANSMIT_CAPACITY: usize = 384;
 
 impl Default for TransmitBuffer {
     fn default() -> Self {
@@ -28,18 +28,18 @@ impl TransmitBuffer {
     /// Creates an empty buffer.
     #[must_use]
     pub const fn new() -> Self {
-        Self { bytes: [0; OUTPUT], begin: 0, end: 0, messages: 0, empty: 0, lost: 0 }
+        Self { bytes: [0; TRANSMIT_CAPACITY], begin: 0, end: 0, messages: 0, empty: 0, lost: 0 }
     }
 
     /// Appends a message given in parts; returns whether there was room.
     pub fn append(&mut self, parts: &[&[u8]]) -> bool {
         self.messages = self.messages.wrapping_add(1);
         let length: usize = parts.iter().map(|part| part.len()).sum();
-        if self.end + length > OUTPUT {
+        if self.end + length > TRANSMIT_CAPACITY {
             self.bytes.copy_within(self.begin..self.end, 0);
             (self.begin, self.end) = (0, self.end - self.begin);
         }
-        if self.end + length > OUTPUT {
+        if self.end + length > TRANSMIT_CAPACITY {
             self.lost = self.lost.wrapping_add(1);
             return false;
         }
@@ -85,17 +85,17 @@ mod tests {
     #[test]
     fn a_message_is_written_whole_or_not_at_all() {
         let mut out = TransmitBuffer::new();
-        assert!(out.append(&[&[1; OUTPUT - 2], &[1]]));
+        assert!(out.append(&[&[1; TRANSMIT_CAPACITY - 2], &[1]]));
         assert!(!out.append(&[&[2], &[2]]));
-        assert_eq!(out.pending(), [1; OUTPUT - 1]);
+        assert_eq!(out.pending(), [1; TRANSMIT_CAPACITY - 1]);
         assert!(out.append(&[&[3]]));
         assert_eq!((out.messages, out.lost), (3, 1));
-        out.consume(OUTPUT - 2);
+        out.consume(TRANSMIT_CAPACITY - 2);
         assert_eq!(out.pending(), [1, 3]);
         out.fail();
         assert!(out.pending().is_empty());
         assert_eq!(out.lost, 2);
-        assert!(out.append(&[&[4; OUTPUT]]));
+        assert!(out.append(&[&[4; TRANSMIT_CAPACITY]]));
         out.consume(usize::MAX);
         assert!(out.pending().is_empty());
     }
@@ -104,12 +104,12 @@ mod tests {
     #[test]
     fn room_of_sent_bytes_is_reused() {
         let mut out = TransmitBuffer::new();
-        assert!(out.append(&[&[1; OUTPUT]]));
+        assert!(out.append(&[&[1; TRANSMIT_CAPACITY]]));
         out.consume(100);
-        assert_eq!(out.pending(), [1; OUTPUT - 100]);
+        assert_eq!(out.pending(), [1; TRANSMIT_CAPACITY - 100]);
         assert!(!out.append(&[&[2; 101]]));
-        assert_eq!(out.pending(), [1; OUTPUT - 100]);
+        assert_eq!(out.pending(), [1; TRANSMIT_CAPACITY - 100]);
         assert!(out.append(&[&[2; 60], &[3; 40]]));
-        assert_eq!(out.pending(), [vec![1; OUTPUT - 100], vec![2; 60], vec![3; 40]].concat());
+        assert_eq!(out.pending(), [vec![1; TRANSMIT_CAPACITY - 100], vec![2; 60], vec![3; 40]].concat());
     }
 }

@@ -145,8 +145,8 @@ impl<F: NorFlash> Store<F> {
                     return Err(StoreError::Invalid);
                 }
                 let in_use = [state.current, state.previous];
-                state.current = self.place(current, &in_use).await?;
-                state.previous = self.place(previous, &[in_use[0], in_use[1], state.current]).await?;
+                state.current = self.write_to_free_slot(current, &in_use).await?;
+                state.previous = self.write_to_free_slot(previous, &[in_use[0], in_use[1], state.current]).await?;
             }
         }
         self.write_state(page, &state).await
@@ -203,7 +203,7 @@ impl<F: NorFlash> Store<F> {
     }
 
     /// Writes a calibration to a free slot, unless a slot already holds it. Slots in `kept` are not free.
-    async fn place(
+    async fn write_to_free_slot(
         &mut self,
         record: Option<&CalibrationRecord>,
         in_use: &[Option<SlotReference>],

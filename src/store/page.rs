@@ -16,7 +16,7 @@ use super::StoreError;
 use super::fields::{self, Fields};
 
 /// Changes with the position or meaning of stored bytes; appended fields do not change it.
-pub const FORMAT: u8 = 1;
+pub const STORE_FORMAT: u8 = 1;
 
 /// Largest item of any format, bytes: twice a calibration of the first release.
 pub const ITEM_SIZE: usize = 1024;
@@ -52,7 +52,7 @@ pub fn parse(page: &[u8]) -> PageContent<'_> {
     let Some(&[format, low, high]) = page.first_chunk::<HEADER_SIZE>() else { return PageContent::Damaged };
     let length = HEADER_SIZE + usize::from(u16::from_le_bytes([low, high]));
     match split_checked(page, length) {
-        Some((item, crc)) if format == FORMAT => PageContent::Item(Item { fields: &item[HEADER_SIZE..], crc }),
+        Some((item, crc)) if format == STORE_FORMAT => PageContent::Item(Item { fields: &item[HEADER_SIZE..], crc }),
         Some(_) => PageContent::OtherFormat(format),
         None => match development_format(page) {
             Some(format) => PageContent::OtherFormat(format),
@@ -67,7 +67,7 @@ pub fn encode<'a, T: Fields>(value: &T, buffer: &'a mut [u8; ITEM_SIZE]) -> Resu
     buffer.fill(0xFF);
     let length = HEADER_SIZE + fields::encode(value, &mut buffer[HEADER_SIZE..ITEM_SIZE - CRC_SIZE])?;
     let [low, high] = ((length - HEADER_SIZE) as u16).to_le_bytes();
-    buffer[..HEADER_SIZE].copy_from_slice(&[FORMAT, low, high]);
+    buffer[..HEADER_SIZE].copy_from_slice(&[STORE_FORMAT, low, high]);
     let crc = CRC.checksum(&buffer[..length]);
     buffer[length..length + CRC_SIZE].copy_from_slice(&crc.to_le_bytes());
     Ok((&buffer[..(length + CRC_SIZE).next_multiple_of(WORD_SIZE)], crc))

@@ -11,14 +11,14 @@ pub fn round_to(value: f64, decimals: i32) -> f64 {
 }
 
 /// Decimals by the suffix of a field's name: the meaningful digits and one more.
-const DECIMALS: [(&str, i32); 7] =
+const DECIMALS_BY_SUFFIX: [(&str, i32); 7] =
     [("soft_iron", 4), ("_deg", 3), ("_percent", 2), ("_ut", 3), ("_ms", 3), ("_s", 2), ("readings", 0)];
 
 /// Decimals of ratios and of values without unit.
 const OTHER_DECIMALS: i32 = 3;
 
 /// Field that is not rounded: the calibration itself, at most nine digits of an f32.
-const EXACT: &str = "coefficients";
+const UNROUNDED_FIELD: &str = "coefficients";
 
 /// Rounds all numbers of a value for JSON, by the names of their fields; see docs/json.md.
 pub fn round_json(value: &mut Value) {
@@ -32,8 +32,8 @@ fn round_by_name(value: &mut Value, decimals: i32) {
         }
         Value::Array(values) => values.iter_mut().for_each(|value| round_by_name(value, decimals)),
         Value::Object(fields) => {
-            for (name, value) in fields.iter_mut().filter(|(name, _)| *name != EXACT) {
-                let unit_decimals = DECIMALS.iter().find(|(end, _)| name.ends_with(end));
+            for (name, value) in fields.iter_mut().filter(|(name, _)| *name != UNROUNDED_FIELD) {
+                let unit_decimals = DECIMALS_BY_SUFFIX.iter().find(|(end, _)| name.ends_with(end));
                 round_by_name(value, unit_decimals.map_or(decimals, |(_, decimals)| *decimals));
             }
         }

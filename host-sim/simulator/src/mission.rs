@@ -170,13 +170,13 @@ struct Mission<'a, M> {
     watch: &'a mut dyn FnMut(MissionStage, f64),
 }
 
-const PIECE_S: f64 = 0.5;
+const RUN_STEP_S: f64 = 0.5;
 
 /// Time of a restart to its first line on the console, seconds.
-const RESTART_S: f64 = 0.5;
+const RESTART_DURATION_S: f64 = 0.5;
 
 /// Timeout of the solve, seconds; solving, verifying and storing take about 1 s.
-const PATIENCE_S: f64 = 10.0;
+const SOLVE_TIMEOUT_S: f64 = 10.0;
 
 impl<M: Module> Mission<'_, M> {
     fn calibrate(&mut self, routine: &Routine) -> Result<ShownCalibration, SolveNotice> {
@@ -202,7 +202,7 @@ impl<M: Module> Mission<'_, M> {
 
     /// Result of the solve. If the module does not solve automatically, the pilot requests it.
     fn outcome(&mut self) -> SolveNotice {
-        let patience_steps = (PATIENCE_S / PIECE_S) as usize;
+        let patience_steps = (SOLVE_TIMEOUT_S / RUN_STEP_S) as usize;
         for piece in 0..2 * patience_steps {
             if let Some(notice) = transcript::notice(&self.session) {
                 return notice;
@@ -224,7 +224,7 @@ impl<M: Module> Mission<'_, M> {
         // By the pin, because a module in flight refuses the command.
         let _ = self.module.instrument().receive();
         self.module.reset();
-        self.module.run_for_s(RESTART_S);
+        self.module.run_for_s(RESTART_DURATION_S);
         self.listen();
         let mut evaluated: Vec<EvaluatedHeading> = Vec::new();
         let mut empty = 0;
@@ -288,7 +288,7 @@ impl<M: Module> Mission<'_, M> {
 
     /// Advances by one step; false if the module has failed.
     fn piece(&mut self) -> bool {
-        self.module.run_for_s(PIECE_S) == ModuleRunEnd::Time
+        self.module.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time
     }
 
     fn type_line(&mut self, line: &str) -> String {

@@ -14,13 +14,13 @@ use crate::world::mavlink_autopilot::{ReportedPosition, START_UNIX_US, XIAN};
 use crate::world::{World, WorldConfig};
 
 /// Recording interval, microseconds: 10 Hz, as autopilots log.
-const EVERY_US: u64 = 100_000;
+const RECORDING_INTERVAL_US: u64 = 100_000;
 
 /// Part of a long step that is recorded, microseconds; the world keeps 2 s of history.
-const REMEMBERED_US: u64 = 1_900_000;
+const MAX_RECORDED_STEP_US: u64 = 1_900_000;
 
 /// Parameters that mark either autopilot as known, with no correction.
-const UNTOUCHED: [&str; 4] = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "CAL_MAG0_ROT"];
+const ZERO_PARAMETERS: [&str; 4] = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "CAL_MAG0_ROT"];
 
 /// Appends the state of the world at a time no more than one second past.
 pub fn record_sample(recording: &mut FlightRecording, world: &World, source: &mut AttitudeSource, at_us: u64) {
@@ -67,7 +67,7 @@ pub fn record_turns(world: &WorldConfig, age_s: f64) -> FlightRecording {
     }
     let mut recording = FlightRecording::with_field_latency(age_s);
     for i in 20..2400 {
-        record_sample(&mut recording, &world, &mut source, i * EVERY_US);
+        record_sample(&mut recording, &world, &mut source, i * RECORDING_INTERVAL_US);
     }
     recording
 }
@@ -84,7 +84,7 @@ impl Recorder {
     /// Starts recording now.
     pub fn new(module: &impl Module) -> Self {
         let (source, next_us) = (module.world().attitude_source(), module.now_us());
-        let parameters = UNTOUCHED.map(|name| (name.to_owned(), 0.0)).to_vec();
+        let parameters = ZERO_PARAMETERS.map(|name| (name.to_owned(), 0.0)).to_vec();
         let mut recording = FlightRecording { parameters, ..FlightRecording::default() };
         if module.world().config().earth == Earth::default() {
             set_place(&mut recording, XIAN);
@@ -96,10 +96,13 @@ impl Recorder {
 impl Observer for Recorder {
     fn time_advanced(&mut self, module: &impl Module) {
         let now_us = module.now_us();
-        self.next_us = self.next_us.max(now_us.saturating_sub(REMEMBERED_US) / EVERY_US * EVERY_US + EVERY_US);
+        self.next_us = self.next_us.max(
+            now_us.saturating_sub(MAX_RECORDED_STEP_US) / RECORDING_INTERVAL_US * RECORDING_INTERVAL_US
+                + RECORDING_INTERVAL_US,
+        );
         while self.next_us <= now_us {
             record_sample(&mut self.recording, module.world(), &mut self.source, self.next_us);
-            self.next_us += EVERY_US;
+            self.next_us += RECORDING_INTERVAL_US;
         }
     }
 }

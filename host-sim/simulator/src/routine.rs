@@ -108,11 +108,11 @@ fn yaw_turns() -> RoutinePart {
 
 /// At each of `headings` headings a tilt to all four sides, each followed by a rest.
 fn tilts_to_all_sides(name: &'static str, instruction_text: &'static str, headings: usize) -> RoutinePart {
-    const PUSH_S: f64 = 2.0;
-    const REST_S: f64 = 2.5;
+    const TILT_DURATION_S: f64 = 2.0;
+    const REST_AFTER_TILT_S: f64 = 2.5;
     let turn = circle(2.0 * HOVER_RATE_DEG_S, 360.0 / headings as f64);
     let each = [0.0, 180.0, 90.0, 270.0].into_iter().flat_map(|toward_deg| {
-        [Leg::Push { toward_deg, tilt_deg: 18.0, seconds: PUSH_S }, Leg::Hover { seconds: REST_S }]
+        [Leg::Push { toward_deg, tilt_deg: 18.0, seconds: TILT_DURATION_S }, Leg::Hover { seconds: REST_AFTER_TILT_S }]
     });
     let legs = (0..headings).flat_map(|_| each.clone().chain([turn])).collect();
     RoutinePart { name, instruction: instruction_text, legs }

@@ -15,7 +15,7 @@ use super::print::{self, append_wrapped, narrow_table, right_aligned};
 use super::progress::progress;
 use super::range::{AIRCRAFT, integer, number, one_of};
 
-const PATTERNS: &[(&str, FlightPattern)] = &[
+const FLIGHT_PATTERNS: &[(&str, FlightPattern)] = &[
     ("routine", FlightPattern::Routine),
     ("mirrored", FlightPattern::Mirrored),
     ("wandering", FlightPattern::Wandering),
@@ -37,7 +37,7 @@ pub struct Accuracy {
     #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = one_of(AIRCRAFT))]
     aircraft: VehicleKind,
     /// Flight patterns, one row each [default: all three; for an aeroplane turns only, all of them solved]
-    #[arg(long = "pattern", value_name = "routine|mirrored|wandering", value_parser = one_of(PATTERNS))]
+    #[arg(long = "pattern", value_name = "routine|mirrored|wandering", value_parser = one_of(FLIGHT_PATTERNS))]
     patterns: Vec<FlightPattern>,
     /// Duration of a flight, minutes, 1 to 120 [default: 3]
     #[arg(long, value_name = "MINUTES", value_parser = number(1.0, 120.0))]

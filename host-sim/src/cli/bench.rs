@@ -70,11 +70,11 @@ pub fn budget(options: &Budget) -> Result<ExitCode, Failure> {
 
 /// Measures wall-clock time, so the result is not reproducible from a seed.
 pub fn speed(options: &Speed) -> Result<ExitCode, Failure> {
-    const RUNS: usize = 21;
+    const TIMED_RUNS: usize = 21;
     let trial = Trial::draw(&Ranges { samples: 256, ..Ranges::HARSH }, 1);
     let (recorded, _) = trial.record(0, ConstantErrorSigmas::NONE);
     let methods = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse]
-        .map(|method| (method.name(), median((0..RUNS).map(|_| time_ms(method, recorded.samples())))));
+        .map(|method| (method.name(), median((0..TIMED_RUNS).map(|_| time_ms(method, recorded.samples())))));
     let start = Instant::now();
     let mission_result = mission::fly(WorldConfig::table1(1), mission::TurnPlan::default(), &mut |_, _| {});
     let simulated_per_real = mission_result.duration_s / start.elapsed().as_secs_f64();
@@ -84,7 +84,7 @@ pub fn speed(options: &Speed) -> Result<ExitCode, Failure> {
         print::print_json(json!({ "solve_ms": solve_ms, "simulated_seconds_per_second": simulated_per_real.round() }))?;
     } else {
         for (name, ms) in methods {
-            print::print_line(format_args!("{name}: {ms:.2} ms for 2 x 256 samples, median of {RUNS}"));
+            print::print_line(format_args!("{name}: {ms:.2} ms for 2 x 256 samples, median of {TIMED_RUNS}"));
         }
         print::print_line(format_args!("{simulated_per_real:.0} simulated seconds a second"));
     }

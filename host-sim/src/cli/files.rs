@@ -47,7 +47,7 @@ pub fn named_world(name: &str, seed: u64) -> Result<WorldConfig, Failure> {
 }
 
 /// Endings of files that a report is not; a folder of such a name must exist.
-const OTHER_FILES: [&str; 10] = ["pdf", "png", "jpg", "json", "csv", "txt", "md", "xml", "param", "docx"];
+const NON_REPORT_EXTENSIONS: [&str; 10] = ["pdf", "png", "jpg", "json", "csv", "txt", "md", "xml", "param", "docx"];
 
 /// Writes the page to a file (`index.html` if `path` is a folder), or the before-and-after picture to a `.svg` file.
 /// Creates folders and returns the file's path. Equal reports give equal bytes.
@@ -60,7 +60,7 @@ pub fn write_report_file(report: &Report, path: &Path) -> io::Result<PathBuf> {
         path.extension().is_some_and(|extension| ends.iter().any(|end| extension.eq_ignore_ascii_case(end)))
     };
     let is_file = ends_with(&["html", "htm", "svg"]) && !path.is_dir();
-    if !is_file && !path.is_dir() && ends_with(&OTHER_FILES) {
+    if !is_file && !path.is_dir() && ends_with(&NON_REPORT_EXTENSIONS) {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "a report is .html or .svg"));
     }
     let file = if is_file { path.to_owned() } else { path.join("index.html") };

@@ -80,7 +80,8 @@ fn judge_log(log: &Path, options: &Replay) -> LogLine {
         let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::for_autopilot(flight.autopilot));
         let mut json = verdict.json();
         json["file"] = json!(name);
-        let as_logged_deg = verdict.by_use().first().and_then(|compass| compass.judgement.as_logged_rms_deg);
+        let as_logged_deg =
+            verdict.compasses_in_use_first().first().and_then(|compass| compass.judgement.as_logged_rms_deg);
         let state = verdict.state();
         let sentences = verdict.sentences().join(" ");
         Ok(LogLine {

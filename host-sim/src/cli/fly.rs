@@ -131,7 +131,7 @@ fn world(options: &Fly) -> Result<WorldConfig, Failure> {
 }
 
 impl Fly {
-    fn draws_the_airframe(&self) -> bool {
+    fn is_airframe_random(&self) -> bool {
         self.airframe.as_deref().unwrap_or(&self.aircraft) == "random"
     }
 }
@@ -183,20 +183,20 @@ fn write_log(options: &Fly, recording: Option<&FlightRecording>) -> Result<(), F
 
 /// Flies with a progress bar for each stage, on the error output if that is a terminal.
 fn fly(module: &mut impl Module, options: &Fly) -> MissionResult {
-    const TICKS: u64 = 1000;
+    const PROGRESS_TICKS: u64 = 1000;
     let mut current: Option<(MissionStage, ProgressBar)> = None;
     let plan = TurnPlan { bank_deg: options.bank, circles: options.circles };
     let mission_result = mission::fly_with(module, plan, &mut |stage, fraction| {
         if current.as_ref().is_none_or(|(shown, _)| *shown != stage) {
             finish(current.take());
-            let bar = ProgressBar::new(TICKS).with_message(stage.name());
+            let bar = ProgressBar::new(PROGRESS_TICKS).with_message(stage.name());
             if let Ok(style) = ProgressStyle::with_template("{msg:24} {bar:40} {percent:>3} %") {
                 bar.set_style(style);
             }
             current = Some((stage, bar));
         }
         if let Some((_, bar)) = &current {
-            bar.set_position((fraction * TICKS as f64) as u64);
+            bar.set_position((fraction * PROGRESS_TICKS as f64) as u64);
         }
     });
     finish(current);
@@ -259,7 +259,7 @@ fn format_result(options: &Fly, mission_result: &MissionResult) -> String {
         );
     }
     let _ = writeln!(text, "{:.0} s of flight, seed {}", mission_result.duration_s, mission_result.world.seed);
-    if options.draws_the_airframe() {
+    if options.is_airframe_random() {
         let _ = write!(
             text,
             "the airframe of this seed, as a file for --airframe:\n\n{}",

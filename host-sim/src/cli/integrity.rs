@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use autoswing::settings::HeadingKind;
 use clap::Args;
 use comfy_table::Table;
-use host_sim::studies::integrity::{self, AttitudeProtocol, CASES, Case, IntegrityPlan, IntegrityRow, case};
+use host_sim::studies::integrity::{self, ALL_CASES, AttitudeProtocol, Case, IntegrityPlan, IntegrityRow, case};
 use simulator::world::aircraft::VehicleKind;
 
 use super::failure::Failure;
@@ -13,9 +13,9 @@ use super::print::{self, narrow_table, right_aligned, wrapped_table};
 use super::progress::progress;
 use super::range::{AIRCRAFT, integer, one_of};
 
-const HEADINGS: &[(&str, HeadingKind)] = &[("raw", HeadingKind::Raw), ("smooth", HeadingKind::Smooth)];
+const HEADING_KINDS: &[(&str, HeadingKind)] = &[("raw", HeadingKind::Raw), ("smooth", HeadingKind::Smooth)];
 
-const SOURCES: &[(&str, AttitudeProtocol)] =
+const ATTITUDE_PROTOCOLS: &[(&str, AttitudeProtocol)] =
     &[("mavlink", AttitudeProtocol::Mavlink), ("msp", AttitudeProtocol::Msp), ("msp-inav", AttitudeProtocol::MspInav)];
 
 /// Faults in flight and during calibration: fraction of wrong headings among those sent as good.
@@ -41,10 +41,10 @@ pub struct Integrity {
     cases: Vec<String>,
     /// Attitude source: MAVLink; ArduPilot by MSP, polled, in steps of 0.1 deg without body rates; or INAV by MSP, with
     /// body rates in steps of 1 deg/s
-    #[arg(long, default_value = "mavlink", value_name = "mavlink|msp|msp-inav", value_parser = one_of(SOURCES))]
+    #[arg(long, default_value = "mavlink", value_name = "mavlink|msp|msp-inav", value_parser = one_of(ATTITUDE_PROTOCOLS))]
     source: AttitudeProtocol,
     /// Heading that is sent: raw, or smoothed if available
-    #[arg(long, default_value = "smooth", value_name = "raw|smooth", value_parser = one_of(HEADINGS))]
+    #[arg(long, default_value = "smooth", value_name = "raw|smooth", value_parser = one_of(HEADING_KINDS))]
     heading: HeadingKind,
     /// Print a JSON list of one object a case instead of the table
     #[arg(long)]
@@ -81,7 +81,7 @@ fn selected_cases(
     aircraft: VehicleKind,
 ) -> Result<Vec<&'static Case>, Failure> {
     if names.is_empty() {
-        return Ok(CASES.iter().filter(|case| applies(case)).collect());
+        return Ok(ALL_CASES.iter().filter(|case| applies(case)).collect());
     }
     let find = |name: &String| {
         let case = case::find_by_name(name).filter(|case| applies(case));
@@ -94,7 +94,7 @@ fn selected_cases(
 
 fn print_cases(applies: &dyn Fn(&Case) -> bool) {
     let mut table = wrapped_table(["case", "fault"]);
-    for case in CASES.iter().filter(|case| applies(case)) {
+    for case in ALL_CASES.iter().filter(|case| applies(case)) {
         table.add_row([case.name, case.description]);
     }
     print::print_line(table);

@@ -36,7 +36,7 @@ const VERSION: &str = match option_env!("AUTOSWING_VERSION") {
 /// and `console` follow the wall clock and their inputs. Exit codes: 0 calibrated, 1 the module refused, 2 wrong
 /// command; 130 ended by Ctrl-C, 141 the reader closed the pipe. docs/json.md describes the output of --json.
 #[derive(Parser)]
-#[command(version = VERSION, about, long_about, args_conflicts_with_subcommands = true, max_term_width = print::WIDTH)]
+#[command(version = VERSION, about, long_about, args_conflicts_with_subcommands = true, max_term_width = print::MAX_OUTPUT_COLUMNS)]
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
@@ -110,7 +110,7 @@ fn carry_out(command: &Command) -> Result<ExitCode, Failure> {
 
 #[cfg(test)]
 mod tests {
-    use super::print::WIDTH;
+    use super::print::MAX_OUTPUT_COLUMNS;
     use super::*;
 
     /// All commands with their full name, such as `bench speed`.
@@ -137,7 +137,7 @@ mod tests {
         for (name, mut command) in commands {
             for help in [command.render_help(), command.render_long_help()] {
                 for line in help.to_string().lines() {
-                    assert!(line.chars().count() <= WIDTH, "{name:?}: {line}");
+                    assert!(line.chars().count() <= MAX_OUTPUT_COLUMNS, "{name:?}: {line}");
                 }
             }
         }

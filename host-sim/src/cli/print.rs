@@ -15,22 +15,22 @@ use super::failure::Failure;
 use super::files::write_report_file;
 
 /// Width of the output in columns; a narrower terminal has its own.
-pub const WIDTH: usize = 80;
+pub const MAX_OUTPUT_COLUMNS: usize = 80;
 
 /// Least width, which the longest words need.
-const MIN_WIDTH: usize = 40;
+const MIN_OUTPUT_COLUMNS: usize = 40;
 
-static LOST: OnceLock<io::Error> = OnceLock::new();
+static FIRST_WRITE_ERROR: OnceLock<io::Error> = OnceLock::new();
 
 /// Exit code of a program ended by SIGPIPE: 128 plus the signal's number, 13.
-const CLOSED: u8 = 141;
+const CLOSED_PIPE_EXIT_CODE: u8 = 141;
 
-/// Width of the output: that of the terminal, at most [`WIDTH`], which is also that of files and pipes.
+/// Width of the output: that of the terminal, at most [`MAX_OUTPUT_COLUMNS`], which is also that of files and pipes.
 pub fn width() -> usize {
-    static COLUMNS: OnceLock<usize> = OnceLock::new();
-    *COLUMNS.get_or_init(|| {
+    static OUTPUT_COLUMNS: OnceLock<usize> = OnceLock::new();
+    *OUTPUT_COLUMNS.get_or_init(|| {
         let columns = terminal_size_of(io::stdout()).map_or(0, |(columns, _)| usize::from(columns.0));
-        if columns == 0 { WIDTH } else { columns.clamp(MIN_WIDTH, WIDTH) }
+        if columns == 0 { MAX_OUTPUT_COLUMNS } else { columns.clamp(MIN_OUTPUT_COLUMNS, MAX_OUTPUT_COLUMNS) }
     })
 }
 
@@ -44,7 +44,7 @@ pub fn print_bytes(bytes: &[u8]) {
         let mut stdout = io::stdout().lock();
         if let Err(error) = stdout.write_all(bytes).and_then(|()| stdout.flush()) {
             // Only the first error is kept.
-            let _ = LOST.set(error);
+            let _ = FIRST_WRITE_ERROR.set(error);
         }
     }
 }
@@ -54,7 +54,7 @@ pub fn print_line(text: impl std::fmt::Display) {
 }
 
 pub fn has_output_failed() -> bool {
-    LOST.get().is_some()
+    FIRST_WRITE_ERROR.get().is_some()
 }
 
 /// Polls whether the reader has closed the pipe, for commands that rarely print. Windows cannot be asked: there the next
@@ -62,7 +62,7 @@ pub fn has_output_failed() -> bool {
 pub fn poll_output_closed() -> bool {
     #[cfg(unix)]
     if is_pipe_closed() {
-        let _ = LOST.set(ErrorKind::BrokenPipe.into());
+        let _ = FIRST_WRITE_ERROR.set(ErrorKind::BrokenPipe.into());
     }
     has_output_failed()
 }
@@ -84,9 +84,9 @@ pub fn print_error(text: impl std::fmt::Display) {
 
 /// Exit code of a command: replaced by 141 after a closed pipe, without a message, and by 2 after another write error.
 pub fn final_exit_code(code: ExitCode) -> ExitCode {
-    match LOST.get() {
+    match FIRST_WRITE_ERROR.get() {
         None => code,
-        Some(error) if error.kind() == ErrorKind::BrokenPipe => ExitCode::from(CLOSED),
+        Some(error) if error.kind() == ErrorKind::BrokenPipe => ExitCode::from(CLOSED_PIPE_EXIT_CODE),
         Some(error) => {
             print_error(format_args!("host-sim: cannot write to the standard output: {error}"));
             ExitCode::from(2)
@@ -131,7 +131,7 @@ pub fn right_aligned(text: impl ToString) -> Cell {
 pub fn content_table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
-    if width() < WIDTH {
+    if width() < MAX_OUTPUT_COLUMNS {
         table.set_content_arrangement(ContentArrangement::Dynamic).set_width(width() as u16);
     }
     table.set_header(names.into_iter().map(right_aligned));

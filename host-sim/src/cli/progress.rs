@@ -5,16 +5,16 @@ use std::sync::{Mutex, PoisonError};
 use indicatif::{ProgressBar, ProgressStyle};
 
 /// The displayed progress bar or spinner.
-static DISPLAYED: Mutex<Option<ProgressBar>> = Mutex::new(None);
+static DISPLAYED_PROGRESS: Mutex<Option<ProgressBar>> = Mutex::new(None);
 
 fn display(bar: ProgressBar) -> ProgressBar {
-    *DISPLAYED.lock().unwrap_or_else(PoisonError::into_inner) = Some(bar.clone());
+    *DISPLAYED_PROGRESS.lock().unwrap_or_else(PoisonError::into_inner) = Some(bar.clone());
     bar
 }
 
 /// Removes the displayed progress bar, before the program is ended by a signal.
 pub fn clear() {
-    if let Some(bar) = DISPLAYED.lock().unwrap_or_else(PoisonError::into_inner).take() {
+    if let Some(bar) = DISPLAYED_PROGRESS.lock().unwrap_or_else(PoisonError::into_inner).take() {
         bar.finish_and_clear();
     }
 }

@@ -23,7 +23,7 @@ use super::print::{self, append_wrapped, command_line, content_table, right_alig
 use super::progress::waiting;
 use super::range::{integer, log_time, number, one_of};
 
-const SAMPLES: &[(&str, RowSelection)] = &[
+const ROW_SELECTIONS: &[(&str, RowSelection)] = &[
     (RowSelection::All.name(), RowSelection::All),
     (RowSelection::Turns.name(), RowSelection::Turns),
     (RowSelection::Flight.name(), RowSelection::Flight),
@@ -40,7 +40,7 @@ const REFERENCES: &[(&str, ReferenceKind)] = &[
     ("autopilot", ReferenceKind::AutopilotYaw),
 ];
 
-const UNITS: &[(&str, FieldUnit)] = &[("mg", FieldUnit::Milligauss), ("ut", FieldUnit::Microtesla)];
+const FIELD_UNITS: &[(&str, FieldUnit)] = &[("mg", FieldUnit::Milligauss), ("ut", FieldUnit::Microtesla)];
 
 /// Evaluate the compasses of a flight log, and run the module's collection and solver on each.
 ///
@@ -68,7 +68,7 @@ pub struct Replay {
     pub files: Vec<PathBuf>,
     /// Rows used for the fit: samples the module keeps in any flight until they suffice (`flight`); `all` usable rows,
     /// evenly thinned to the device's capacity; or the samples of its `turns` procedure
-    #[arg(long, default_value = "flight", value_name = "flight|all|turns", value_parser = one_of(SAMPLES))]
+    #[arg(long, default_value = "flight", value_name = "flight|all|turns", value_parser = one_of(ROW_SELECTIONS))]
     pub samples: RowSelection,
     /// Evaluate only this compass, by the autopilot's number, 1 to 8
     #[arg(long, value_name = "N", value_parser = integer(1_u8, 8))]
@@ -86,7 +86,7 @@ pub struct Replay {
     #[arg(long, value_name = "ardupilot|px4|inav", value_parser = one_of(PARAMETER_FORMATS))]
     pub params_for: Option<ParameterFormat>,
     /// Unit of mx, my, mz in a table: milligauss or microtesla
-    #[arg(long, default_value = "mg", value_name = "mg|ut", value_parser = one_of(UNITS))]
+    #[arg(long, default_value = "mg", value_name = "mg|ut", value_parser = one_of(FIELD_UNITS))]
     pub unit: FieldUnit,
     /// Orientation of the sensors of a table, by ArduPilot's names, such as yaw90: its field is then that of the sensors'
     /// axes [default: none]
@@ -200,7 +200,7 @@ pub fn run(file: &Path, options: &Replay) -> Result<ExitCode, Failure> {
         }
     }
     if let Some(path) = &options.out {
-        let module = verdict.by_use().first().map(|compass| &compass.evaluation.module);
+        let module = verdict.compasses_in_use_first().first().map(|compass| &compass.evaluation.module);
         write_headings(path, module).map_err(|e| cannot_write(path, &e))?;
     }
     let text = verdict_text(&name.to_string(), &verdict);
@@ -247,12 +247,12 @@ fn cannot_write(path: &Path, error: &std::io::Error) -> Failure {
 
 fn verdict_text(name: &str, verdict: &Verdict<'_>) -> String {
     let mut out = String::new();
-    for (compass, sentence) in verdict.by_use().iter().zip(verdict.sentences()) {
+    for (compass, sentence) in verdict.compasses_in_use_first().iter().zip(verdict.sentences()) {
         append_wrapped(&mut out, &format!("{}: ", compass.judgement.state.to_string().to_uppercase()), &sentence);
     }
     append_wrapped(&mut out, "", &verdict.log_description(name));
     append_wrapped(&mut out, "", &format!("an Autoswing module on this flight: {}", verdict.outcome));
-    for compass in verdict.by_use() {
+    for compass in verdict.compasses_in_use_first() {
         let _ = writeln!(out, "\ncompass {}", compass.evaluation.number);
         for [name, value] in verdict.facts(compass) {
             append_wrapped(&mut out, "  ", &format!("{name}: {value}"));

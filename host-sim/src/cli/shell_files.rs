@@ -10,7 +10,7 @@ use clap_complete::Shell;
 use super::failure::Failure;
 use super::print;
 
-const NAME: &str = "host-sim";
+const PROGRAM_NAME: &str = "host-sim";
 
 /// Print a shell's completions of commands and options.
 ///
@@ -35,7 +35,7 @@ pub struct Man {
 /// Prints the completions of a command line.
 pub fn completions(options: &Completions, mut command_line: Command) -> ExitCode {
     let mut script = Vec::new();
-    clap_complete::generate(options.shell, &mut command_line, NAME, &mut script);
+    clap_complete::generate(options.shell, &mut command_line, PROGRAM_NAME, &mut script);
     print::print_bytes(&script);
     ExitCode::SUCCESS
 }

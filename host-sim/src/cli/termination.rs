@@ -15,7 +15,7 @@ use super::failure::Failure;
 use super::progress;
 
 /// Signals that end the program. On Windows, SIGINT is Ctrl-C.
-const SIGNALS: &[i32] = &[
+const TERMINATION_SIGNALS: &[i32] = &[
     SIGINT,
     SIGTERM,
     #[cfg(unix)]
@@ -23,7 +23,7 @@ const SIGNALS: &[i32] = &[
 ];
 
 /// Poll period of a command without clean-up.
-const PAUSE: Duration = Duration::from_millis(20);
+const POLL_PERIOD: Duration = Duration::from_millis(20);
 
 pub struct TerminationSignals {
     stop: Arc<AtomicBool>,
@@ -44,7 +44,7 @@ impl TerminationSignals {
         let signals = Self::install(SecondSignal::Exits)?;
         thread::spawn(move || {
             while !signals.stop.load(Ordering::SeqCst) {
-                thread::sleep(PAUSE);
+                thread::sleep(POLL_PERIOD);
             }
             progress::clear();
             signal_hook::low_level::exit(i32::from(signals.signal.load(Ordering::SeqCst) as u8));
@@ -55,7 +55,7 @@ impl TerminationSignals {
     /// Installs handlers that record the signal.
     pub fn install(second: SecondSignal) -> Result<Self, Failure> {
         let interruption = Self { stop: Arc::new(AtomicBool::new(false)), signal: Arc::new(AtomicUsize::new(0)) };
-        for &signal in SIGNALS {
+        for &signal in TERMINATION_SIGNALS {
             if second == SecondSignal::Exits {
                 flag::register_conditional_shutdown(signal, status(signal), Arc::clone(&interruption.stop))
                     .map_err(failed)?;

@@ -34,7 +34,7 @@ impl Budget {
 /// A solve spends half of its instructions on eight passes over the samples, a quarter on diagnostics and a sixth on
 /// advice. An estimated attitude latency requires a second solve; motor-current interference is iterated to
 /// convergence. The solve runs at the lowest priority and takes 0.5 to 1.5 s on the reference board.
-const COUNTED_WITHIN: [(&str, &str, u64); 11] = [
+const INSTRUCTION_LIMITS: [(&str, &str, u64); 11] = [
     ("heading", "field and attitude to corrected heading with sigma", 1_000),
     ("watch", "the monitor, an averaged sample: ten times a second, after its sentences", 45_000),
     ("collect", "a further sample of a flight, compared with all retained ones, at the lowest priority", 1_900_000),
@@ -48,11 +48,11 @@ const COUNTED_WITHIN: [(&str, &str, u64); 11] = [
     ("solve", "maximum likelihood of 2 x 256 samples, assessment and advice included", 18_000_000),
 ];
 
-const SAMPLE: (&str, &str, u64) =
+const SAMPLE_LIMIT: (&str, &str, u64) =
     ("sample", "I2C registers to the last byte of three sentences, calibrated, two ports, median", 12_400);
 
 /// Time limit of the solve, seconds, at a fifth of the board's speed.
-const PATIENCE_S: u32 = 30;
+const SOLVE_TIMEOUT_S: u32 = 30;
 
 /// Counts instructions with the bench image in a newly started emulator.
 ///
@@ -65,7 +65,7 @@ pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<Budget>, EmulatorErr
     emulator.printed();
     emulator.request_bench_test(BenchTest::Budgets);
     let mut printed = String::new();
-    for _ in 0..PATIENCE_S {
+    for _ in 0..SOLVE_TIMEOUT_S {
         // The last line is complete.
         let is_all = printed.split_once("solve: ").is_some_and(|(_, rest)| rest.contains('\n'));
         if is_all || emulator.run_for_s(1.0) == ModuleRunEnd::Failed {
@@ -77,8 +77,8 @@ pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<Budget>, EmulatorErr
         return Err(error);
     }
     let image_budgets =
-        COUNTED_WITHIN.iter().map(|&(name, of, limit)| Budget { name, of, limit, counted: value(&printed, name) });
-    let (name, of, limit) = SAMPLE;
+        INSTRUCTION_LIMITS.iter().map(|&(name, of, limit)| Budget { name, of, limit, counted: value(&printed, name) });
+    let (name, of, limit) = SAMPLE_LIMIT;
     Ok(image_budgets.chain([Budget { name, of, limit, counted: sample }]).collect())
 }
 

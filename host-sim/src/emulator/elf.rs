@@ -7,11 +7,11 @@ use std::path::Path;
 use super::error::EmulatorError;
 
 /// Length of the ELF header up to the machine field, bytes.
-const HEADER: usize = 20;
+const HEADER_LENGTH: usize = 20;
 /// Magic number, 32 bits, little-endian (System V ABI, "ELF Header").
 const ELF_32_LITTLE: [u8; 6] = [0x7F, b'E', b'L', b'F', 1, 1];
-const EXECUTABLE: u16 = 2;
-const ARM: u16 = 40;
+const TYPE_EXECUTABLE: u16 = 2;
+const MACHINE_ARM: u16 = 40;
 
 /// Checks that a file is an ELF executable for ARM. QEMU would load any other file as raw memory and run it without an
 /// error.
@@ -25,7 +25,7 @@ pub fn check_image(path: &Path) -> Result<(), EmulatorError> {
     if !path.is_file() {
         return Err(EmulatorError::NoImage(path.to_owned()));
     }
-    let mut header = [0; HEADER];
+    let mut header = [0; HEADER_LENGTH];
     match File::open(path).map_err(no_image)?.read_exact(&mut header) {
         Err(error) if error.kind() == ErrorKind::UnexpectedEof => return not_firmware("it is too short"),
         read => read.map_err(no_image)?,
@@ -34,9 +34,9 @@ pub fn check_image(path: &Path) -> Result<(), EmulatorError> {
     if !magic.starts_with(&ELF_32_LITTLE[..4]) {
         return not_firmware("it is no ELF file");
     }
-    let is_arm = magic.starts_with(&ELF_32_LITTLE) && u16::from_le_bytes([machine_0, machine_1]) == ARM;
+    let is_arm = magic.starts_with(&ELF_32_LITTLE) && u16::from_le_bytes([machine_0, machine_1]) == MACHINE_ARM;
     match u16::from_le_bytes([kind_0, kind_1]) {
-        EXECUTABLE if is_arm => Ok(()),
+        TYPE_EXECUTABLE if is_arm => Ok(()),
         _ if is_arm => not_firmware("it is no executable"),
         _ => not_firmware("it is for another processor than ARM"),
     }
@@ -66,7 +66,7 @@ mod tests {
         assert_eq!(checked(&header(&[])), Ok(()));
         for (bytes, reason) in [
             (vec![], "it is too short"),
-            (header(&[])[..HEADER - 1].to_vec(), "it is too short"),
+            (header(&[])[..HEADER_LENGTH - 1].to_vec(), "it is too short"),
             (header(&[(0, b'#')]), "it is no ELF file"),
             (header(&[(3, b'f')]), "it is no ELF file"),
             // 64 bits, big-endian, x86-64, a library.

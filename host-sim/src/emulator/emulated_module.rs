@@ -15,7 +15,7 @@ use testkit::simulation::Simulation;
 use super::error::EmulatorError;
 use super::machine::{BenchTest, Machine, MachineMessage, StepInput, TICKS_PER_US};
 use super::machine_port::MachinePort;
-use super::sample_path::{FIELD_AGE_US, SamplePath};
+use super::sample_path::{FIELD_UPDATE_PERIOD_US, SamplePath};
 
 /// Sensor noise, microtesla RMS per axis: 2 mG (LSM303DLHC data sheet).
 const NOISE_UT: f64 = 0.2;
@@ -37,7 +37,7 @@ pub struct Emulator {
     field_set_us: Option<u64>,
     sensor_broken: bool,
     sensor_stuck: bool,
-    asked: Option<BenchTest>,
+    requested_bench_test: Option<BenchTest>,
     reset_pressed: bool,
     /// World time at the machine's last reset, and machine time since then.
     since_us: u64,
@@ -108,7 +108,7 @@ impl Emulator {
             field_set_us: None,
             sensor_broken: false,
             sensor_stuck: false,
-            asked: None,
+            requested_bench_test: None,
             reset_pressed: false,
             since_us: 0,
             machine_us: 0,
@@ -134,7 +134,7 @@ impl Emulator {
 
     /// Requests a test of the bench image at the next step. Other images ignore it.
     pub fn request_bench_test(&mut self, test: BenchTest) {
-        self.asked = Some(test);
+        self.requested_bench_test = Some(test);
     }
 
     /// Instructions from the first sensor access to the last written byte, per sample since the last call.
@@ -172,7 +172,7 @@ impl Emulator {
             autopilot: self.autopilot_wire.take(),
             instrument: self.instrument_wire.take(),
             is_sensor_wire_broken: self.sensor_broken,
-            test: self.asked.take(),
+            test: self.requested_bench_test.take(),
         };
         self.machine.resume(&go)
     }
@@ -193,7 +193,7 @@ impl Emulator {
 
     fn set_field(&mut self) -> Result<(), EmulatorError> {
         let now_us = self.now_us();
-        let is_fresh = self.field_set_us.is_some_and(|set_us| now_us - set_us < FIELD_AGE_US);
+        let is_fresh = self.field_set_us.is_some_and(|set_us| now_us - set_us < FIELD_UPDATE_PERIOD_US);
         if is_fresh || self.sensor_stuck {
             return Ok(());
         }

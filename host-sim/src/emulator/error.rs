@@ -5,7 +5,7 @@ use std::io;
 use std::path::PathBuf;
 
 /// Program that emulates the machine.
-pub(super) const QEMU: &str = "qemu-system-arm";
+pub(super) const QEMU_PROGRAM: &str = "qemu-system-arm";
 
 /// Reason why the emulator did not start or has ended.
 #[derive(Debug)]
@@ -50,7 +50,7 @@ impl fmt::Display for EmulatorError {
         match self {
             Self::NoQemu(error) => write!(
                 f,
-                "{QEMU} cannot be started ({error}); install QEMU's system emulator for ARM, on Debian: \
+                "{QEMU_PROGRAM} cannot be started ({error}); install QEMU's system emulator for ARM, on Debian: \
                  apt-get install qemu-system-arm"
             ),
             Self::NoLocalSockets => f.write_str(
@@ -68,7 +68,7 @@ impl fmt::Display for EmulatorError {
                 )
             }
             Self::Interrupted => f.write_str("interrupted"),
-            Self::Ended(output) => write!(f, "{QEMU} has ended: {}", output.trim()),
+            Self::Ended(output) => write!(f, "{QEMU_PROGRAM} has ended: {}", output.trim()),
             Self::Connection(detail, error) => write!(f, "the emulator's {detail}: {error}"),
             Self::Protocol(response) => write!(f, "the emulator reported: {response}"),
         }

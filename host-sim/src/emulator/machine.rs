@@ -13,7 +13,7 @@ use serde_json::json;
 use tempfile::TempDir;
 
 use super::elf;
-use super::error::{EmulatorError, QEMU};
+use super::error::{EmulatorError, QEMU_PROGRAM};
 use super::local_socket::{self, LocalStream};
 use super::qmp::Qmp;
 
@@ -32,20 +32,20 @@ pub const INSTRUCTION_NS: u64 = 1 << ICOUNT_SHIFT;
 const FLASH_BYTES: usize = 16 << 20;
 
 /// Host time after which a silent machine counts as hanging.
-const PATIENCE: Duration = Duration::from_mins(1);
+const REPLY_TIMEOUT: Duration = Duration::from_mins(1);
 
 /// Poll period for start, end and stop requests.
-const PAUSE: Duration = Duration::from_millis(10);
+const POLL_PERIOD: Duration = Duration::from_millis(10);
 
 /// Host time within which QEMU ends after closing a connection.
-const ENDING: Duration = Duration::from_secs(2);
+const EXIT_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Offset in microtesla on x, y and z, because QEMU's sensor accepts only non-negative values. The firmware's board
 /// file subtracts it.
-const ADDED_UT: [f64; 3] = [93.0, 93.0, 104.0];
+const FIELD_OFFSET_UT: [f64; 3] = [93.0, 93.0, 104.0];
 const NT_PER_UT: f64 = 1000.0;
 /// Largest value that QEMU accepts at this gain: 2047 counts at 1100 and 980 counts per gauss.
-const LARGEST_NT: [f64; 3] = [186_000.0, 186_000.0, 208_800.0];
+const MAX_FIELD_NT: [f64; 3] = [186_000.0, 186_000.0, 208_800.0];
 
 /// Reason for which the machine stopped or reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -134,10 +134,10 @@ impl Machine {
         let autopilot = non_blocking(qemu.connect("autopilot port", autopilot)?)?;
         let instrument = non_blocking(qemu.connect("instrument port", instrument)?)?;
         let lockstep = qemu.connect("lockstep", lockstep)?;
-        lockstep.set_read_timeout(Some(PAUSE)).map_err(|error| EmulatorError::Connection("lockstep", error))?;
+        lockstep.set_read_timeout(Some(POLL_PERIOD)).map_err(|error| EmulatorError::Connection("lockstep", error))?;
         let mut qmp = Qmp::new(qemu.connect("machine protocol", qmp)?)?;
         // With an image for another machine QEMU may end before it answers.
-        qmp.execute(&[json!({ "execute": "cont" })]).map_err(|error| qemu.exit_error(ENDING).unwrap_or(error))?;
+        qmp.execute(&[json!({ "execute": "cont" })]).map_err(|error| qemu.exit_error(EXIT_TIMEOUT).unwrap_or(error))?;
         Ok(Self { qemu, qmp, console, autopilot, instrument, lockstep, stop, _directory: directory })
     }
 
@@ -150,7 +150,7 @@ impl Machine {
             return Err(EmulatorError::Interrupted);
         }
         if let Err(error) = read {
-            return Err(self.qemu.exit_error(ENDING).unwrap_or(EmulatorError::Connection("lockstep", error)));
+            return Err(self.qemu.exit_error(EXIT_TIMEOUT).unwrap_or(EmulatorError::Connection("lockstep", error)));
         }
         let [kind, ticks @ ..] = bytes;
         let message = match kind {
@@ -165,15 +165,16 @@ impl Machine {
 
     /// Sets the field at the sensor, microtesla in chip axes.
     pub fn set_field(&mut self, field_ut: Vector3<f32>) -> Result<(), EmulatorError> {
-        let commands = ["mag-x", "mag-y", "mag-z"].iter().zip(field_ut.iter().zip(ADDED_UT).zip(LARGEST_NT)).map(
-            |(property, ((&ut, added_ut), largest_nt))| {
+        let commands = ["mag-x", "mag-y", "mag-z"]
+            .iter()
+            .zip(field_ut.iter().zip(FIELD_OFFSET_UT).zip(MAX_FIELD_NT))
+            .map(|(property, ((&ut, added_ut), largest_nt))| {
                 let value = ((f64::from(ut) + added_ut) * NT_PER_UT).round().clamp(0.0, largest_nt) as i64;
                 json!({
                     "execute": "qom-set",
                     "arguments": { "path": "mag", "property": property, "value": value },
                 })
-            },
-        );
+            });
         self.qmp.execute(&commands.collect::<Vec<_>>())
     }
 
@@ -217,20 +218,20 @@ impl Qemu {
     /// Connects as soon as the socket exists.
     fn connect(&mut self, socket_name: &'static str, socket: &Path) -> Result<LocalStream, EmulatorError> {
         let failed = |error| EmulatorError::Connection(socket_name, error);
-        let mut left = PATIENCE;
+        let mut left = REPLY_TIMEOUT;
         loop {
             match local_socket::connect(socket) {
                 Ok(stream) => {
-                    stream.set_read_timeout(Some(PATIENCE)).map_err(failed)?;
+                    stream.set_read_timeout(Some(REPLY_TIMEOUT)).map_err(failed)?;
                     return Ok(stream);
                 }
                 Err(_) if self.stop.load(Ordering::SeqCst) => return Err(EmulatorError::Interrupted),
                 Err(error) if left.is_zero() => return Err(failed(error)),
                 Err(_) => {
-                    if let Some(ended) = self.exit_error(PAUSE) {
+                    if let Some(ended) = self.exit_error(POLL_PERIOD) {
                         return Err(ended);
                     }
-                    left = left.saturating_sub(PAUSE);
+                    left = left.saturating_sub(POLL_PERIOD);
                 }
             }
         }
@@ -243,8 +244,8 @@ impl Qemu {
             if left.is_zero() {
                 return None;
             }
-            std::thread::sleep(PAUSE);
-            left = left.saturating_sub(PAUSE);
+            std::thread::sleep(POLL_PERIOD);
+            left = left.saturating_sub(POLL_PERIOD);
         }
         Some(EmulatorError::Ended(fs::read_to_string(&self.log).unwrap_or_default()))
     }
@@ -259,7 +260,7 @@ impl Drop for Qemu {
 }
 
 fn command(image: &Path, flash: &Path, [console, autopilot, lockstep, instrument, qmp]: &[PathBuf; 5]) -> Command {
-    let mut command = Command::new(QEMU);
+    let mut command = Command::new(QEMU_PROGRAM);
     command
         // Initially stopped, so that no bytes are lost before all ports are connected.
         .args(["-S", "-nodefaults", "-display", "none"])
@@ -289,13 +290,15 @@ fn non_blocking(stream: LocalStream) -> Result<LocalStream, EmulatorError> {
 /// Fills `bytes` from a stream within the response timeout and until `stop` is set; the stream has a short read
 /// timeout.
 fn read_until(stream: &mut LocalStream, bytes: &mut [u8], stop: &AtomicBool) -> std::io::Result<()> {
-    let (mut filled, mut left) = (0, PATIENCE);
+    let (mut filled, mut left) = (0, REPLY_TIMEOUT);
     while filled < bytes.len() && !stop.load(Ordering::SeqCst) {
         match stream.read(&mut bytes[filled..]) {
             Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
             Ok(read) => filled += read,
             Err(error) if error.kind() == ErrorKind::Interrupted => {}
-            Err(error) if error.kind() == ErrorKind::WouldBlock && !left.is_zero() => left = left.saturating_sub(PAUSE),
+            Err(error) if error.kind() == ErrorKind::WouldBlock && !left.is_zero() => {
+                left = left.saturating_sub(POLL_PERIOD)
+            }
             Err(error) => return Err(error),
         }
     }

@@ -3,7 +3,7 @@
 use super::machine::{INSTRUCTION_NS, TICK_NS, TICKS_PER_US};
 
 /// Update period of the field, microseconds; both accesses of one measurement read the same field.
-pub const FIELD_AGE_US: u64 = 2_000;
+pub const FIELD_UPDATE_PERIOD_US: u64 = 2_000;
 
 /// Path of each sample through the module, from the first sensor access to the last written byte.
 #[derive(Default)]
@@ -28,7 +28,7 @@ impl SamplePath {
     }
 
     pub fn on_poll(&mut self, ticks: u64) {
-        let again = self.began.is_some_and(|began| ticks - began < FIELD_AGE_US * TICKS_PER_US);
+        let again = self.began.is_some_and(|began| ticks - began < FIELD_UPDATE_PERIOD_US * TICKS_PER_US);
         if self.written || !again {
             self.began = Some(ticks);
             self.written = false;

@@ -4,7 +4,7 @@ use autoswing::wire::mavlink::{InboundMessage, Receiver};
 use autoswing::wire::msp;
 
 /// Timeout, microseconds. An autopilot without message requests sends attitude once a second.
-const GONE_US: u64 = 3_000_000;
+const ATTITUDE_TIMEOUT_US: u64 = 3_000_000;
 
 /// Detector for messages at the autopilot port.
 #[derive(Debug, Default)]
@@ -27,6 +27,6 @@ impl ExternalAutopilot {
 
     /// Whether an autopilot has sent within the timeout.
     pub fn is_active(&self, now_us: u64) -> bool {
-        self.last_message_us.is_some_and(|heard_us| now_us - heard_us < GONE_US)
+        self.last_message_us.is_some_and(|heard_us| now_us - heard_us < ATTITUDE_TIMEOUT_US)
     }
 }

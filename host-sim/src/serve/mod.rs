@@ -79,10 +79,10 @@ pub struct ServeOptions {
 }
 
 /// Period of pilot actions and attitude-source selection, microseconds.
-const TICK_US: u64 = 100_000;
+const PILOT_PERIOD_US: u64 = 100_000;
 
 /// Limit of bytes in transmission to a port: 0.1 s of traffic.
-const ON_THE_WAY: usize = 1152;
+const MAX_BYTES_IN_TRANSMISSION: usize = 1152;
 
 /// Simulated module in its vehicle, with its ports.
 pub struct ServedModule {
@@ -140,7 +140,7 @@ impl ServedModule {
     pub fn advance(&mut self, by_us: u64) {
         let until_us = self.now_us() + by_us;
         while self.now_us() < until_us {
-            let tick_us = (self.now_us() / TICK_US + 1) * TICK_US;
+            let tick_us = (self.now_us() / PILOT_PERIOD_US + 1) * PILOT_PERIOD_US;
             // No power cut is scheduled in this rig.
             let _ = self.rig.run_until(tick_us.min(until_us));
             if self.now_us() == tick_us {
@@ -224,7 +224,9 @@ impl ServedModule {
     /// Number of bytes that the port accepts now; 0 for an invalid index.
     #[must_use]
     pub fn free_bytes(&self, port: usize) -> usize {
-        PORTS.get(port).map_or(0, |port| ON_THE_WAY.saturating_sub((port.cable)(&self.rig).bytes_in_transit()))
+        PORTS
+            .get(port)
+            .map_or(0, |port| MAX_BYTES_IN_TRANSMISSION.saturating_sub((port.cable)(&self.rig).bytes_in_transit()))
     }
 
     /// Present flash contents.

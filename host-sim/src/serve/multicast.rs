@@ -6,12 +6,12 @@ use crc::{CRC_16_IBM_3740, Crc};
 const MAGIC: u16 = 0x2934;
 
 /// Magic number, CRC of everything after it, flags, identifier.
-const HEADER: usize = 10;
+const HEADER_LENGTH: usize = 10;
 
-const EXTENDED: u32 = 1 << 31;
+const EXTENDED_IDENTIFIER_FLAG: u32 = 1 << 31;
 
 /// Largest datagram: a frame of CAN FD, which is dropped.
-pub const DATAGRAM: usize = HEADER + 64;
+pub const DATAGRAM: usize = HEADER_LENGTH + 64;
 
 const CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_3740);
 
@@ -19,7 +19,7 @@ const CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_3740);
 #[must_use]
 pub fn to_datagram(frame: &CanFrame) -> Vec<u8> {
     const FLAGS: u16 = 0;
-    let id = frame.id() | EXTENDED;
+    let id = frame.id() | EXTENDED_IDENTIFIER_FLAG;
     let checked = [&FLAGS.to_le_bytes(), &id.to_le_bytes()[..], frame.data()].concat();
     [&MAGIC.to_le_bytes(), &CRC.checksum(&checked).to_le_bytes(), &checked[..]].concat()
 }
@@ -32,8 +32,8 @@ pub fn from_datagram(datagram: &[u8]) -> Option<CanFrame> {
     let id = u32::from_le_bytes([a, b, c, d]);
     let is_intact = u16::from_le_bytes([*magic_low, *magic_high]) == MAGIC
         && u16::from_le_bytes([*crc_low, *crc_high]) == CRC.checksum(checked);
-    let is_classic = [flags_low, flags_high] == [0, 0] && id & EXTENDED != 0;
-    CanFrame::new(id & !EXTENDED, data).filter(|_| is_intact && is_classic)
+    let is_classic = [flags_low, flags_high] == [0, 0] && id & EXTENDED_IDENTIFIER_FLAG != 0;
+    CanFrame::new(id & !EXTENDED_IDENTIFIER_FLAG, data).filter(|_| is_intact && is_classic)
 }
 
 #[cfg(test)]

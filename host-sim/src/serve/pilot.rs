@@ -10,7 +10,7 @@ use simulator::world::{World, WorldConfig};
 use super::pilot_command::{PilotCommand, PilotCommandError};
 use super::pilot_pattern::PilotPattern;
 
-const LANDING_S: f64 = 5.0;
+const LANDING_DURATION_S: f64 = 5.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PilotTask {
@@ -83,7 +83,7 @@ impl Pilot {
             }
             (_, PilotCommand::Land) => {
                 self.take(world, PilotTask::Landing);
-                world.fly(Leg::Straight { heading_deg: heading_deg(world), seconds: LANDING_S });
+                world.fly(Leg::Straight { heading_deg: heading_deg(world), seconds: LANDING_DURATION_S });
             }
             (_, PilotCommand::TakeOff | PilotCommand::Status | PilotCommand::Help) => {}
         }

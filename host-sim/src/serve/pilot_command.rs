@@ -141,18 +141,18 @@ impl FromStr for PilotCommand {
 }
 
 fn bank(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
-    let deg = number(words, "BANK", -60.0..=60.0, BANK_RANGE)?;
-    if deg.abs() >= 1.0 { Ok(deg) } else { Err(PilotCommandError::OutOfRange(BANK_RANGE)) }
+    let deg = number(words, "BANK", -60.0..=60.0, BANK_RANGE_TEXT)?;
+    if deg.abs() >= 1.0 { Ok(deg) } else { Err(PilotCommandError::OutOfRange(BANK_RANGE_TEXT)) }
 }
 
-const BANK_RANGE: &str = "a bank is 1 to 60 deg, either way";
+const BANK_RANGE_TEXT: &str = "a bank is 1 to 60 deg, either way";
 
 fn change(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
-    let deg = number(words, "DEG", -3600.0..=3600.0, CHANGE_RANGE)?;
-    if deg.abs() >= 1.0 { Ok(deg) } else { Err(PilotCommandError::OutOfRange(CHANGE_RANGE)) }
+    let deg = number(words, "DEG", -3600.0..=3600.0, TURN_RANGE_TEXT)?;
+    if deg.abs() >= 1.0 { Ok(deg) } else { Err(PilotCommandError::OutOfRange(TURN_RANGE_TEXT)) }
 }
 
-const CHANGE_RANGE: &str = "a turn goes through 1 to 3600 deg, either way";
+const TURN_RANGE_TEXT: &str = "a turn goes through 1 to 3600 deg, either way";
 
 fn seconds(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
     number(words, "S", 0.1..=3600.0, "a time is 0.1 to 3600 s")

@@ -42,7 +42,7 @@ struct State {
 }
 
 thread_local! {
-    static STATE: RefCell<State> = RefCell::default();
+    static PAGE_STATE: RefCell<State> = RefCell::default();
 }
 
 impl State {
@@ -82,7 +82,7 @@ impl State {
 // SAFETY: no other function of this name is linked; so for all below.
 #[unsafe(no_mangle)]
 extern "C" fn request_buffer(length: usize) -> *mut u8 {
-    STATE.with_borrow_mut(|state| {
+    PAGE_STATE.with_borrow_mut(|state| {
         state.request.clear();
         state.request.resize(length, 0);
         state.request.as_mut_ptr()
@@ -93,7 +93,7 @@ extern "C" fn request_buffer(length: usize) -> *mut u8 {
 // SAFETY: as above.
 #[unsafe(no_mangle)]
 extern "C" fn open_log() {
-    STATE.with_borrow_mut(|state| {
+    PAGE_STATE.with_borrow_mut(|state| {
         let result = state.open_log();
         state.set_answer(result);
     });
@@ -103,7 +103,7 @@ extern "C" fn open_log() {
 // SAFETY: as above.
 #[unsafe(no_mangle)]
 extern "C" fn judge_log() {
-    STATE.with_borrow_mut(|state| {
+    PAGE_STATE.with_borrow_mut(|state| {
         let result = state.judge_log();
         state.set_answer(result);
     });
@@ -113,7 +113,7 @@ extern "C" fn judge_log() {
 // SAFETY: as above.
 #[unsafe(no_mangle)]
 extern "C" fn fly_example() {
-    STATE.with_borrow_mut(|state| {
+    PAGE_STATE.with_borrow_mut(|state| {
         let result = state.fly_example();
         state.set_answer(result);
     });
@@ -123,12 +123,12 @@ extern "C" fn fly_example() {
 // SAFETY: as above.
 #[unsafe(no_mangle)]
 extern "C" fn answer() -> *const u8 {
-    STATE.with_borrow(|state| state.answer.as_ptr())
+    PAGE_STATE.with_borrow(|state| state.answer.as_ptr())
 }
 
 /// Length of the answer, bytes.
 // SAFETY: as above.
 #[unsafe(no_mangle)]
 extern "C" fn answer_length() -> usize {
-    STATE.with_borrow(|state| state.answer.len())
+    PAGE_STATE.with_borrow(|state| state.answer.len())
 }

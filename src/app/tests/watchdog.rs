@@ -9,7 +9,9 @@ use testkit::flash::SilentFault;
 
 use super::TaskBench;
 use super::thread_tasks::{Flash, PAGES, with_compass};
-use crate::app::links::{ALWAYS_THERE, AutopilotLine, CommandSource, HEARTBEATS, Heartbeats, increment};
+use crate::app::links::{
+    AutopilotLine, CommandSource, HEARTBEATS_OF_EVERY_BOARD, Heartbeats, MAX_HEARTBEATS, increment,
+};
 use crate::app::watchdog::{self, MAX_FEED_INTERVAL_US};
 use crate::app::{Links, Watchdog};
 use crate::compass::Command;
@@ -25,7 +27,7 @@ impl Watchdog for FakeWatchdog {
     }
 }
 
-fn all(links: &Links) -> [&AtomicU32; HEARTBEATS] {
+fn all(links: &Links) -> [&AtomicU32; MAX_HEARTBEATS] {
     let Heartbeats { sensor, instrument, compass } = &links.heartbeats;
     let [one, two, can] = AutopilotLine::ALL.map(|line| &links.line(line).heartbeat);
     [sensor, instrument, compass, one, two, can]
@@ -59,7 +61,7 @@ fn the_watchdog_is_fed_while_all_tasks_run() {
 
 #[test]
 fn the_watchdog_is_not_fed_after_any_task_stops() {
-    for silent in 0..HEARTBEATS {
+    for silent in 0..MAX_HEARTBEATS {
         let (mut bench, watchdog_timer) = with_silent(Some(silent));
         bench.ms(1_450);
         let fed = watchdog_timer.0.get();
@@ -72,7 +74,7 @@ fn the_watchdog_is_not_fed_after_any_task_stops() {
 /// The first port has to run; a second one need not exist.
 #[test]
 fn the_watchdog_does_not_wait_for_ports_that_never_ran() {
-    for (counted_tasks, fed) in [(ALWAYS_THERE, 10), (ALWAYS_THERE - 1, 0)] {
+    for (counted_tasks, fed) in [(HEARTBEATS_OF_EVERY_BOARD, 10), (HEARTBEATS_OF_EVERY_BOARD - 1, 0)] {
         let (mut bench, watchdog_timer) = (TaskBench::new(), FakeWatchdog::default());
         let watchdog_clone = watchdog_timer.clone();
         bench.run("watchdog", |links| async move { watchdog::run(&links, watchdog_clone).await });

@@ -52,7 +52,7 @@ pub struct Heartbeat {
 }
 
 /// Expiry time of heartbeats and of the selection, microseconds: ten heartbeats.
-const EXPIRY_US: u64 = 10_000_000;
+const SELECTION_EXPIRY_US: u64 = 10_000_000;
 
 /// Time of contradictions after which a sender is released, microseconds: several times the duration of a passing
 /// disturbance.
@@ -79,7 +79,7 @@ impl SenderEntry {
     }
 
     /// Retention rank: senders of recent attitude first, regardless of heartbeats, then by last message.
-    fn retention_rank(&self, now: Timestamp) -> (bool, Timestamp) {
+    fn retention_priority(&self, now: Timestamp) -> (bool, Timestamp) {
         let last_received_at = self.heartbeat.map(|(at, _)| at).max(self.attitude_at).unwrap_or_default();
         (self.attitude_at.is_some_and(|at| is_unexpired(at, now)), last_received_at)
     }
@@ -166,7 +166,7 @@ impl SenderSelector {
 
     /// Records whether the selected sender's attitude contradicts the field at `now`; releases the sender after
     /// a net minute if another autopilot sends attitude.
-    pub fn record_consistency(&mut self, now: Timestamp, is_contradicted: bool) {
+    pub fn record_field_contradiction(&mut self, now: Timestamp, is_contradicted: bool) {
         let elapsed_us = now.us_since(self.checked_at).min(MAX_CHECK_INTERVAL_US);
         self.checked_at = now;
         self.contradicted_us = if is_contradicted {
@@ -243,7 +243,7 @@ impl SenderSelector {
             if self.entries.is_full() {
                 let chosen = self.selected.map(|chosen| chosen.source);
                 let others = self.entries.iter().enumerate().filter(|(_, known)| Some(known.source) != chosen);
-                let (least, _) = others.min_by_key(|(_, known)| known.retention_rank(now))?;
+                let (least, _) = others.min_by_key(|(_, known)| known.retention_priority(now))?;
                 self.entries.swap_remove(least);
             }
             // Cannot fail: an entry was removed if full.
@@ -254,7 +254,7 @@ impl SenderSelector {
 }
 
 fn is_unexpired(at: Timestamp, now: Timestamp) -> bool {
-    now.us_since(at) <= EXPIRY_US
+    now.us_since(at) <= SELECTION_EXPIRY_US
 }
 
 #[cfg(test)]

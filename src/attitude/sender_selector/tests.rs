@@ -311,7 +311,7 @@ fn a_sender_that_contradicts_the_field_for_a_minute_is_released() {
     let mut accepted = [0; 2];
     for second in 0..140_u32 {
         let now = bench.now();
-        bench.senders.record_consistency(now, second % 10 != 9);
+        bench.senders.record_field_contradiction(now, second % 10 != 9);
         let more = bench.run(1, [(AUTOPILOT, Armed), (SECOND, Armed)]);
         accepted = [accepted[0] + more[0], accepted[1] + more[1]];
         match second {
@@ -325,7 +325,7 @@ fn a_sender_that_contradicts_the_field_for_a_minute_is_released() {
     let mut bench = TestSenders::new();
     for _ in 0..140 {
         let now = bench.now();
-        bench.senders.record_consistency(now, true);
+        bench.senders.record_field_contradiction(now, true);
         assert_eq!(bench.run(1, [(AUTOPILOT, Armed)]), [20]);
     }
 }

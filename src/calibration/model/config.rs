@@ -53,8 +53,8 @@ impl ModelConfig {
     };
 
     /// For samples that do not determine the mounting: fixed to the configured one within half a degree.
-    pub const FIXED_MOUNTING: Self = Self { mounting_sigma: 0.009, ..Self::DEFAULT };
+    pub const WITH_FIXED_MOUNTING: Self = Self { mounting_sigma: 0.009, ..Self::DEFAULT };
 
     /// For tumbling on a bench, without attitude.
-    pub const NO_ATTITUDE: Self = Self { uses_attitude: false, ..Self::FIXED_MOUNTING };
+    pub const WITHOUT_ATTITUDE: Self = Self { uses_attitude: false, ..Self::WITH_FIXED_MOUNTING };
 }

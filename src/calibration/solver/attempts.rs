@@ -27,7 +27,7 @@ pub(super) struct Attempt {
 
 /// All attempts in order. The next attempt is the first later entry that [may follow](Attempt::may_follow), is needed
 /// and can start. The last attempt gives the result.
-pub(super) static QUEUE: [Attempt; 6] = [
+pub(super) static ATTEMPT_QUEUE: [Attempt; 6] = [
     Attempt { start: Start::ClosedForm, uses_inclination: true },
     Attempt { start: Start::Sphere, uses_inclination: true },
     Attempt { start: Start::FirstResult, uses_inclination: true },
@@ -38,9 +38,9 @@ pub(super) static QUEUE: [Attempt; 6] = [
 
 /// Bound on the steps of a solve: each attempt refines once, and again after each update of latency and of motor
 /// current.
-pub(super) const MAX_STEPS: u32 = {
+pub(super) const MAX_SOLVE_STEPS: u32 = {
     let refinements = 1 + attitude_latency::MAX_UPDATES as u32 + motor_current::MAX_UPDATES as u32;
-    QUEUE.len() as u32 * refinements * MAX_REFINEMENT_STEPS
+    ATTEMPT_QUEUE.len() as u32 * refinements * MAX_REFINEMENT_STEPS
 };
 
 impl Attempt {

@@ -34,7 +34,7 @@ impl GivenInclination {
     ///
     /// A contradiction stands: only a person can find its cause. Without one, a solve that failed with the given
     /// inclination is not replaced by one without it.
-    pub const fn overrule(self, end: &Result<Solution, SolveError>) -> Option<SolveError> {
+    pub const fn decide_against_samples(self, end: &Result<Solution, SolveError>) -> Option<SolveError> {
         match (end, self) {
             (Err(SolveError::InclinationContradicted { .. }), _) | (_, Self::Unknown | Self::Prior(_)) => None,
             (_, Self::Dropped { error, .. }) => error,

@@ -11,7 +11,7 @@ const MAX_FIELD_UT: f32 = 1e6;
 const RANGE_END_FRACTION: f32 = 0.01;
 
 /// Stuck if more than 1/5 of the samples are at one end of the range.
-const STUCK_ONE_IN: usize = 5;
+const MIN_SAMPLES_PER_RANGE_END: usize = 5;
 
 pub(super) fn check_samples(method: Method, samples: Samples<'_>) -> Result<(), SolveError> {
     let part = if method == Method::Level { SamplePart::Level } else { SamplePart::All };
@@ -39,7 +39,8 @@ pub(super) fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
         let values = || turns().map(|s| s.field.ut[axis as usize]);
         let (low, high) = values().fold((f32::MAX, f32::MIN), |(low, high), v| (low.min(v), high.max(v)));
         let near = RANGE_END_FRACTION * (high - low);
-        let is_stuck_at = |end: f32| values().filter(|v| (v - end).abs() <= near).count() * STUCK_ONE_IN > number;
+        let is_stuck_at =
+            |end: f32| values().filter(|v| (v - end).abs() <= near).count() * MIN_SAMPLES_PER_RANGE_END > number;
         number >= MIN_SAMPLES && (is_stuck_at(low) || is_stuck_at(high))
     })
 }

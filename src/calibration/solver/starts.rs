@@ -77,8 +77,8 @@ pub(super) fn begin(
     assumed: SampleCorrections,
 ) -> Result<Refinement, SolveError> {
     let config = match method {
-        Method::Level => ModelConfig::FIXED_MOUNTING,
-        Method::Ellipsoid => ModelConfig::NO_ATTITUDE,
+        Method::Level => ModelConfig::WITH_FIXED_MOUNTING,
+        Method::Ellipsoid => ModelConfig::WITHOUT_ATTITUDE,
         Method::FourEllipse | Method::TwoPlane | Method::MaximumLikelihood | Method::CompassSwing => {
             ModelConfig::DEFAULT
         }

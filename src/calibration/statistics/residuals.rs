@@ -9,7 +9,7 @@ use crate::calibration::model::Vector13;
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct ResidualStatistics {
     /// Information of the inclination residuals.
-    pub inclination_part: InformationMatrix,
+    pub inclination_information: InformationMatrix,
     /// Of norm and inclination residuals.
     pub autocorrelation: Autocorrelation,
     pub heteroscedasticity: Heteroscedasticity,
@@ -19,7 +19,7 @@ pub(in crate::calibration) struct ResidualStatistics {
 impl ResidualStatistics {
     pub fn zero() -> Self {
         Self {
-            inclination_part: InformationMatrix::zero(),
+            inclination_information: InformationMatrix::zero(),
             autocorrelation: Autocorrelation::default(),
             heteroscedasticity: Heteroscedasticity::default(),
             white_noise: WhiteNoiseFraction::default(),
@@ -34,8 +34,8 @@ impl ResidualStatistics {
     }
 
     /// `(x - than) H_incl vector`, with `x` the variance inflation of the inclination residuals; zero if `x < than`.
-    pub fn excess_inclination_times(&self, vector: &Vector13, than: f32) -> Vector13 {
+    pub fn excess_inclination_product(&self, vector: &Vector13, than: f32) -> Vector13 {
         let [_, of_dip] = self.autocorrelation.excess_inflation();
-        self.inclination_part.multiply_vector(vector) * (1.0 + of_dip - than).max(0.0)
+        self.inclination_information.multiply_vector(vector) * (1.0 + of_dip - than).max(0.0)
     }
 }

@@ -315,9 +315,11 @@ fn each_prior_constrains_its_own_quantity() {
 fn prior_sigmas_match_their_sources() {
     let unknowns =
         ModelParameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 0.5 }.unknowns().unwrap();
-    for (config, mounting) in
-        [(ModelConfig::DEFAULT, 0.35), (ModelConfig::FIXED_MOUNTING, 0.009), (ModelConfig::NO_ATTITUDE, 0.009)]
-    {
+    for (config, mounting) in [
+        (ModelConfig::DEFAULT, 0.35),
+        (ModelConfig::WITH_FIXED_MOUNTING, 0.009),
+        (ModelConfig::WITHOUT_ATTITUDE, 0.009),
+    ] {
         for known in [None, Some(0.9)] {
             let priors = priors(&Likelihood { config, ..likelihood(known) }, &unknowns);
             let of = |quantity| priors.iter().filter(move |(of, ..)| *of == quantity).map(|p| p.3).collect::<Vec<_>>();

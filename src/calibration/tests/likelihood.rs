@@ -213,7 +213,7 @@ fn the_cost_sums_all_equations_and_priors() {
     let marks =
         [Mark { sample: recorded.left[3], heading_rad: 1.0 }, Mark { sample: recorded.left[9], heading_rad: 2.0 }];
     let samples = Parts { left: &recorded.left[..40], marks: &marks, ..Parts::default() }.samples();
-    for config in [ModelConfig::DEFAULT, ModelConfig::NO_ATTITUDE] {
+    for config in [ModelConfig::DEFAULT, ModelConfig::WITHOUT_ATTITUDE] {
         let likelihood = Likelihood::new(&NO_PRIOR, config, samples, airframe.total_ut);
         let unknowns = ModelParameters { d: likelihood.mean_field, ..ModelParameters::new(&identity_unknowns()) }
             .unknowns()
@@ -242,7 +242,7 @@ fn damping_shortens_a_step() {
     let samples = [sample([50.0, 0.0, 0.0])];
     let samples = Parts { left: &samples, ..Parts::default() }.samples();
     let prior = Prior { inclination_rad: Some(0.3), ..NO_PRIOR };
-    let likelihood = Likelihood::new(&prior, ModelConfig::NO_ATTITUDE, samples, 50.0);
+    let likelihood = Likelihood::new(&prior, ModelConfig::WITHOUT_ATTITUDE, samples, 50.0);
     let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::x(), inclination_rad: 0.3 + 0.035 };
     let system = LinearisedProblem::linearise(&likelihood, samples, &parameters.unknowns().unwrap());
     assert!((system.cost - 2.0).abs() < 1e-3, "{}", system.cost);

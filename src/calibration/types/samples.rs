@@ -173,7 +173,7 @@ impl<'a> Samples<'a> {
     /// Samples of a part, in order of time.
     #[must_use]
     pub fn part(&self, part: Part) -> &'a [Sample] {
-        if self.is_excluded[part.index()] { &[] } else { part_of(self.ordered, part) }
+        if self.is_excluded[part.index()] { &[] } else { samples_of_part(self.ordered, part) }
     }
 
     /// Samples of the turns of a side, in order of time.
@@ -198,7 +198,7 @@ impl<'a> Samples<'a> {
 }
 
 /// Samples of a part, of samples ordered by part.
-pub(crate) fn part_of(ordered: &[Sample], part: Part) -> &[Sample] {
+pub(crate) fn samples_of_part(ordered: &[Sample], part: Part) -> &[Sample] {
     let [start, end] = part_range(ordered, part);
     ordered.get(start..end).unwrap_or_default()
 }

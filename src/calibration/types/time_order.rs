@@ -6,12 +6,12 @@ use super::samples::{Part, Sample, Samples};
 pub(in crate::calibration) const PARTS: usize = Part::ALL.len();
 
 /// Runs of samples in order of time: free flight has up to three.
-const RUNS: usize = PARTS + 2;
+const MAX_ORDERED_RUNS: usize = PARTS + 2;
 
 /// Iterator over samples in time order, each with the index of its part.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct TimeOrdered<'a> {
-    remaining: [&'a [Sample]; RUNS],
+    remaining: [&'a [Sample]; MAX_ORDERED_RUNS],
 }
 
 impl<'a> TimeOrdered<'a> {

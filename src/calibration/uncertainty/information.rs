@@ -95,7 +95,7 @@ impl Information {
 
     pub(super) fn add_inclination(&mut self, equations: &SampleEquations, attitude: Attitude, rates: Rates) {
         let Some(dip) = &equations.inclination else { return };
-        self.residuals.inclination_part.add_row(&dip.row, dip.weight);
+        self.residuals.inclination_information.add_row(&dip.row, dip.weight);
         add_inclination(&mut self.attitude_errors, equations, attitude, rates);
     }
 

@@ -50,7 +50,7 @@ pub(in crate::calibration) fn sandwich_covariance(
         if j == 0 {
             // `fill` visits the lower triangle row by row, so each row starts with column 0.
             inflated = units.jacobian_row(i) * (1.0 + of_norm)
-                + information.residuals.inclination_part.multiply_vector(&columns[i]) * (of_dip - of_norm);
+                + information.residuals.inclination_information.multiply_vector(&columns[i]) * (of_dip - of_norm);
         }
         inflated.dot(&columns[j])
     });

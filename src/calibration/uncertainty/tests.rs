@@ -109,7 +109,7 @@ fn covariance_is_the_sum_of_its_terms() {
         JacobianRow { by_field: Vector3::new(1.0, -0.7, 0.5), x: Vector3::new(0.6, 0.9, -1.1), by_inclination: -1.0 };
     let dip_row = dip.as_vector();
     information.system.add_row(&dip_row, 0.0, 3e3);
-    information.residuals.inclination_part.add_row(&dip, 3e3);
+    information.residuals.inclination_information.add_row(&dip, 3e3);
     for residuals in [[1.0, 1.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
         information.residuals.autocorrelation.add(0, residuals);
     }
@@ -247,7 +247,7 @@ fn inclination_information_and_gradients_are_summed() {
         information.add_inclination(&equations, attitude, rates);
     }
     for i in 0..UNKNOWNS {
-        let found = information.residuals.inclination_part.multiply_vector(&Vector13::ith(i, 1.0));
+        let found = information.residuals.inclination_information.multiply_vector(&Vector13::ith(i, 1.0));
         assert!((found - dip.column(i)).norm() < 1e-4 * dip.norm());
     }
     for (found, expected) in information.attitude_errors.iter().zip(effects) {
@@ -312,7 +312,7 @@ fn the_sensor_s_noise_is_that_of_a_single_reading() {
 
 #[test]
 fn unobserved_attitude_noise_is_half_a_degree() {
-    let likelihood = likelihood(&Prior::default(), ModelConfig::NO_ATTITUDE);
+    let likelihood = likelihood(&Prior::default(), ModelConfig::WITHOUT_ATTITUDE);
     let found =
         heading_uncertainty(&likelihood, &parameters().unknowns().unwrap(), &CoefficientCovariance::ZERO, 1.0).unwrap();
     assert!((found.attitude_sigma_rad.to_degrees() - 0.5).abs() < 0.002);

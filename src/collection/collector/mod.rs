@@ -112,16 +112,16 @@ impl<'a> Collector<'a> {
         sample.time = sample.time.plus_ms(self.clock_offset_ms);
         self.header.statistics.update(&mut self.tilt_filter, &sample);
         self.has_changed |= match self.header.procedure() {
-            Procedure::Turns => self.push_turn_or_level(sample),
+            Procedure::Turns => self.push_turn_or_level_sample(sample),
             Procedure::Level | Procedure::Swing => {
                 is_level(&sample) && SectorBalance::LEVEL.push(self.view(Part::LEVEL), sample)
             }
-            Procedure::Tumble => self.push_tumbled(sample),
-            Procedure::Flight => self.push_free(sample),
+            Procedure::Tumble => self.push_tumble_sample(sample),
+            Procedure::Flight => self.push_free_flight_sample(sample),
         };
     }
 
-    fn push_turn_or_level(&mut self, sample: Sample) -> bool {
+    fn push_turn_or_level_sample(&mut self, sample: Sample) -> bool {
         if let Some(side) = self.detector.update(&sample) {
             self.header.set_turned();
             SectorBalance::TURNS.push(self.view(Part::turn(side)), sample)
@@ -131,13 +131,13 @@ impl<'a> Collector<'a> {
         }
     }
 
-    fn push_tumbled(&mut self, sample: Sample) -> bool {
+    fn push_tumble_sample(&mut self, sample: Sample) -> bool {
         let Header { parts, min_distance_ut, .. } = &mut self.header;
         let part = PartView::new(Part::FREE, &mut self.memory.samples, parts, &mut self.last_taken_at);
         min_distance::push(part, Quota::TURN, min_distance_ut, sample)
     }
 
-    fn push_free(&mut self, sample: Sample) -> bool {
+    fn push_free_flight_sample(&mut self, sample: Sample) -> bool {
         let parts = &mut self.header.parts;
         let part = PartView::new(Part::FREE, &mut self.memory.samples, parts, &mut self.last_taken_at);
         let end = free_flight::push(part, &mut self.selection, sample);

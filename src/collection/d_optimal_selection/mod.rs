@@ -113,7 +113,7 @@ impl DOptimalSelection {
     pub const NONE: Self =
         Self { linearisation: Linearisation::NONE, information: LeastSquares::new(), min_leverage: 0.0 };
 
-    pub fn for_other_set(&self) -> Self {
+    pub fn with_reset_leverages(&self) -> Self {
         Self { linearisation: self.linearisation.clone(), information: LeastSquares::new(), min_leverage: 0.0 }
     }
 

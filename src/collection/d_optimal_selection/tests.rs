@@ -216,7 +216,7 @@ fn a_trial_solution_applies_to_all_sets() {
         spread.linearisation.calibration.b_ut.map(f32::to_bits),
         "nor is it a sphere again"
     );
-    let mut others = spread.for_other_set();
+    let mut others = spread.with_reset_leverages();
     assert_eq!(others.linearisation.calibration, spread.linearisation.calibration);
     assert!(others.may_exceed_weakest(&inside), "what these tell, those do not");
     others.reset();

@@ -60,7 +60,7 @@ fn find_weakest(
     let weakest = match purpose {
         SampleUse::Fit if !selection.may_exceed_weakest(new) => None,
         SampleUse::Fit => selection.find_weakest(new, samples),
-        SampleUse::Verification => selection.for_other_set().find_weakest(new, samples),
+        SampleUse::Verification => selection.with_reset_leverages().find_weakest(new, samples),
     };
     weakest?.checked_sub(1)
 }

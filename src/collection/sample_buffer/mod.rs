@@ -5,7 +5,7 @@
 //! A full free flight is in order of time within three sections only, in which its policy replaces samples.
 
 use super::quota::{Quota, SampleUse};
-use crate::calibration::{Current, Part, Rates, Sample, Samples, part_of, part_range};
+use crate::calibration::{Current, Part, Rates, Sample, Samples, part_range, samples_of_part};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -49,11 +49,11 @@ impl SampleBuffer {
 
     /// Samples of one use and part, ordered by time.
     pub fn part(&self, purpose: SampleUse, part: Part) -> &[Sample] {
-        part_of(self.of(purpose), part)
+        samples_of_part(self.of(purpose), part)
     }
 
     /// Fit samples of a part, then the held-back ones.
-    pub fn part_of_both_uses(&self, part: Part) -> Samples<'_> {
+    pub fn part_fit_then_held_back(&self, part: Part) -> Samples<'_> {
         Part::ALL.into_iter().filter(|other| *other != part).fold(Samples::new(self.all()), Samples::without)
     }
 

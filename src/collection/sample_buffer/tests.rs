@@ -36,7 +36,7 @@ fn samples_are_ordered_by_use_part_and_time() {
     assert_eq!(times(buffer.part(SampleUse::Verification, Part::FREE)), [12, 32, 52]);
     assert!(buffer.part(SampleUse::Fit, Part::RIGHT).is_empty());
     for (i, part) in PARTS.into_iter().enumerate() {
-        let both: Vec<Sample> = buffer.part_of_both_uses(part).iter().copied().collect();
+        let both: Vec<Sample> = buffer.part_fit_then_held_back(part).iter().copied().collect();
         assert_eq!(times(&both), [0, 20, 40, 10, 30, 50].map(|time_ms| time_ms + i as u32));
     }
 }

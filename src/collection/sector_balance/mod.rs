@@ -56,7 +56,7 @@ impl SectorBalance {
     pub fn push(&self, mut part: PartView<'_>, sample: Sample) -> bool {
         let is_due = part.is_due(&sample);
         if is_due {
-            let circle = TurnCircle::fit_to(&part.both_uses());
+            let circle = TurnCircle::fit_to(&part.fit_then_held_back());
             let sector_of = |s: &Sample| circle.map_or(0, |circle| circle.sector_of(s));
             let purpose = part.assign_use(&sample);
             insert_balanced(&mut part, purpose, self.quota, sample, sector_of);

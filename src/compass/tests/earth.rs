@@ -60,7 +60,7 @@ fn configured_declination_and_inclination_override_the_model() {
     assert_eq!(bench.active_field(), (declination_deg, Some(60.0)));
     assert!(matches!(bench.command(Command::Set(SettingChange::StreamOn(false))), Effect::Save));
     let written = Settings { inclination_deg: Some(60.0), stream_on: false, ..Settings::DEFAULT };
-    assert!(matches!(bench.compass.to_save(), Some(StoreChange::Settings(settings)) if *settings == written));
+    assert!(matches!(bench.compass.pending_change(), Some(StoreChange::Settings(settings)) if *settings == written));
 }
 
 /// A model error of 2 deg shifts the estimate like a configured value.

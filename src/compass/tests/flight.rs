@@ -243,8 +243,8 @@ fn samples_during_a_trial_are_stored_after_it() {
 
 #[test]
 fn a_trial_that_takes_too_long_is_ended_without_loss_of_samples() {
-    assert!(collect_during_trial(HELD_SAMPLES).prospect().is_some());
-    assert!(collect_during_trial(HELD_SAMPLES + 1).prospect().is_none());
+    assert!(collect_during_trial(HELD_SAMPLES_CAPACITY).prospect().is_some());
+    assert!(collect_during_trial(HELD_SAMPLES_CAPACITY + 1).prospect().is_none());
 }
 
 /// Queries do not interrupt a trial, other commands do.

@@ -3,7 +3,7 @@ mod earth;
 mod flight;
 mod restart;
 
-use super::state::HELD_SAMPLES;
+use super::state::HELD_SAMPLES_CAPACITY;
 use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
@@ -79,7 +79,7 @@ impl TestBed {
     /// Sends a command with a reply after saving.
     fn saved(&mut self, command: Command) -> Result<Reply, Refusal> {
         assert!(matches!(self.command(command), Effect::Save), "{command:?}");
-        assert!(self.compass.to_save().is_some());
+        assert!(self.compass.pending_change().is_some());
         match self.compass.step(Event::Saved(Ok(()))) {
             Effect::Reply(reply) => reply,
             other => panic!("{command:?}: {other:?}"),
@@ -218,8 +218,9 @@ fn full_turns_to_both_sides_give_a_calibration() {
     assert!(matches!(bench.compass.step(Event::Advance), Effect::Save));
     assert_eq!(bench.compass.state(), ModuleState::Verifying, "until it is written");
     assert!(bench.compass.active_record().is_none());
-    let Some(StoreChange::Generations { current: Some(written), previous: None }) = bench.compass.to_save() else {
-        panic!("{:?}", bench.compass.to_save())
+    let Some(StoreChange::Generations { current: Some(written), previous: None }) = bench.compass.pending_change()
+    else {
+        panic!("{:?}", bench.compass.pending_change())
     };
     let written = *written;
     let Effect::Notify(Message::Solved(Ok(verdict))) = bench.compass.step(Event::Saved(Ok(()))) else {
@@ -229,7 +230,7 @@ fn full_turns_to_both_sides_give_a_calibration() {
     assert_eq!(bench.compass.active_record(), Some(&written));
     assert_eq!((written.serial, written.sensor, written.mount), (1, SENSOR, Orientation::NONE));
     assert_eq!(verdict, ExpectedAccuracy::new(written.quality, &written.calibration));
-    assert!(bench.compass.to_save().is_none());
+    assert!(bench.compass.pending_change().is_none());
     assert!(rms(&airframe().errors_deg(&written.calibration)) < 3.0 * verdict.quality.expected_rms_deg);
     assert_eq!(bench.compass.correction().calibration, Some((written.calibration, written.uncertainty)));
     let report = bench.report();
@@ -460,7 +461,7 @@ fn a_rejected_calibration_is_not_used() {
         assert_eq!(refused.code(), code);
         assert!(matches!(refused, Refusal::Rejected(_)));
         assert_eq!(bench.compass.state(), ModuleState::Uncalibrated);
-        assert!(bench.compass.to_save().is_none());
+        assert!(bench.compass.pending_change().is_none());
     }
 }
 
@@ -736,7 +737,7 @@ fn clear_removes_all_calibrations_and_undo_needs_a_previous_one() {
     assert_eq!(bench.refused(Command::CalUndo), Refusal::NoPreviousCalibration);
     bench.compass.generations.previous = Some(record(1));
     assert!(matches!(bench.command(Command::CalClear), Effect::Save));
-    assert!(matches!(bench.compass.to_save(), Some(StoreChange::Clear)));
+    assert!(matches!(bench.compass.pending_change(), Some(StoreChange::Clear)));
     assert!(bench.compass.active_record().is_some(), "until it is written");
     assert!(matches!(
         bench.compass.step(Event::Saved(Ok(()))),
@@ -759,7 +760,7 @@ fn a_change_that_cannot_be_stored_has_no_effect() {
         assert!(matches!(effect, Effect::Reply(Err(Refusal::Store(StoreError::Verify)))), "{command:?}: {effect:?}");
         assert_eq!(bench.compass.generations, generations);
         assert_eq!(*bench.compass.settings(), Settings::DEFAULT);
-        assert!(bench.compass.to_save().is_none());
+        assert!(bench.compass.pending_change().is_none());
     }
     let mut bench = TestBed::new();
     bench.done(Command::CalStart(Procedure::Turns));
@@ -788,9 +789,9 @@ fn settings_out_of_range_are_refused_and_not_written() {
     let mut bench = TestBed::new();
     let refused = bench.refused(Command::Set(SettingChange::StreamRateHz(81)));
     assert_eq!(refused, Refusal::OutOfRange(OutOfRange("a rate is 1 to 80 sentences a second")));
-    assert!(bench.compass.to_save().is_none());
+    assert!(bench.compass.pending_change().is_none());
     assert!(matches!(bench.command(Command::Set(SettingChange::StreamRateHz(80))), Effect::Save));
-    assert!(matches!(bench.compass.to_save(), Some(StoreChange::Settings(Settings { stream_rate_hz: 80, .. }))));
+    assert!(matches!(bench.compass.pending_change(), Some(StoreChange::Settings(Settings { stream_rate_hz: 80, .. }))));
 }
 
 #[test]

@@ -55,7 +55,7 @@ impl Run<'_> {
     /// Passes detected protocols as in idle time; saves if requested.
     fn detect_protocols(&mut self, detected: [ProtocolKind; PORT_COUNT]) {
         if let Effect::Save = self.compass.step(Event::ProtocolsDetected(detected, WrappingMillis::new(*self.now))) {
-            let Some(StoreChange::Remembered(remembered)) = self.compass.to_save() else { panic!() };
+            let Some(StoreChange::Remembered(remembered)) = self.compass.pending_change() else { panic!() };
             self.stored.remembered = remembered;
             *self.writes += 1;
             assert!(matches!(self.compass.step(Event::Saved(Ok(()))), Effect::None));
@@ -72,7 +72,9 @@ impl Run<'_> {
                 match self.compass.step(Event::Advance) {
                     Effect::None => self.detect_protocols(SILENT),
                     Effect::Save => {
-                        let Some(StoreChange::Generations { current, .. }) = self.compass.to_save() else { panic!() };
+                        let Some(StoreChange::Generations { current, .. }) = self.compass.pending_change() else {
+                            panic!()
+                        };
                         self.stored.generations.current = current.copied();
                         self.stored.remembered.is_collecting = false;
                         let Effect::Notify(Message::Solved(outcome)) = self.compass.step(Event::Saved(Ok(()))) else {

@@ -20,7 +20,7 @@ struct TrialConfig {
     max_stalled_trials: u8,
 }
 
-const CONFIG: TrialConfig = TrialConfig {
+const TRIAL_CONFIG: TrialConfig = TrialConfig {
     min_samples: 53,
     min_interval_ms: 10_000,
     min_new_measurements: 10,
@@ -102,7 +102,7 @@ impl TrialSchedule {
         last_trial_at: WrappingMillis::new(0),
         measurements_at_last: 0,
         retained_at_last: 0,
-        skipped_trials: CONFIG.idle_trial_period - 1,
+        skipped_trials: TRIAL_CONFIG.idle_trial_period - 1,
         represented_trials: 0,
     };
 
@@ -110,18 +110,18 @@ impl TrialSchedule {
     pub fn is_due(&mut self, collector: &Collector, now: WrappingMillis) -> bool {
         let (new_samples, kept) = (collector.distinct_samples() as u16, collector.stored_count());
         let is_early = if self.represented_trials == 0 {
-            kept < CONFIG.min_samples
+            kept < TRIAL_CONFIG.min_samples
         } else {
-            now.ms_since(self.last_trial_at) < CONFIG.min_interval_ms
-                || new_samples.wrapping_sub(self.measurements_at_last) < CONFIG.min_new_measurements
+            now.ms_since(self.last_trial_at) < TRIAL_CONFIG.min_interval_ms
+                || new_samples.wrapping_sub(self.measurements_at_last) < TRIAL_CONFIG.min_new_measurements
         };
         if is_early {
             return false;
         }
         (self.last_trial_at, self.measurements_at_last) = (now, new_samples);
         self.skipped_trials += 1;
-        let is_due = self.skipped_trials >= CONFIG.idle_trial_period
-            || kept.wrapping_sub(self.retained_at_last) >= CONFIG.min_newly_retained;
+        let is_due = self.skipped_trials >= TRIAL_CONFIG.idle_trial_period
+            || kept.wrapping_sub(self.retained_at_last) >= TRIAL_CONFIG.min_newly_retained;
         if is_due {
             (self.retained_at_last, self.skipped_trials, self.represented_trials) = (kept, 0, self.skipped_trials);
         }
@@ -169,7 +169,7 @@ impl TrialSolves {
         } else {
             self.trials_since_best = self.trials_since_best.saturating_add(self.schedule.represented_trials);
         }
-        self.trials_since_best >= CONFIG.max_stalled_trials
+        self.trials_since_best >= TRIAL_CONFIG.max_stalled_trials
     }
 }
 

@@ -52,14 +52,14 @@ impl ModelValidity {
     #[must_use]
     pub const fn on_date(day: Date) -> Self {
         /// 2025-01-01, 2030-01-01 and 2035-01-01, days since 1970-01-01.
-        const VALID: u16 = 20_089;
-        const OVERDUE: u16 = 21_915;
-        const TOO_OLD: u16 = 23_741;
+        const VALID_FROM_DAY: u16 = 20_089;
+        const OVERDUE_FROM_DAY: u16 = 21_915;
+        const TOO_OLD_FROM_DAY: u16 = 23_741;
         match day.days_since_1970() {
-            ..VALID => Self::TooEarly,
-            VALID..OVERDUE => Self::Valid,
-            OVERDUE..TOO_OLD => Self::Extrapolated,
-            TOO_OLD.. => Self::TooOld,
+            ..VALID_FROM_DAY => Self::TooEarly,
+            VALID_FROM_DAY..OVERDUE_FROM_DAY => Self::Valid,
+            OVERDUE_FROM_DAY..TOO_OLD_FROM_DAY => Self::Extrapolated,
+            TOO_OLD_FROM_DAY.. => Self::TooOld,
         }
     }
 
@@ -112,19 +112,19 @@ struct GeocentricPosition {
 impl GeocentricPosition {
     fn from_position(place: Position) -> Self {
         /// WGS 84: semi-major axis, metres; first eccentricity squared.
-        const AXIS_M: f32 = 6_378_137.0;
+        const SEMI_MAJOR_AXIS_M: f32 = 6_378_137.0;
         const ECCENTRICITY_SQUARED: f32 = 0.006_694_38;
-        const REFERENCE_M: f32 = 6_371_200.0;
+        const REFERENCE_RADIUS_M: f32 = 6_371_200.0;
         /// North is undefined at the pole; this keeps the division finite.
         const MIN_SIN_COLATITUDE: f32 = 1e-6;
         let (sin_latitude, cos_latitude) = trig::sin_cos(place.latitude_deg.to_radians());
-        let curvature_m = AXIS_M / sqrt(1.0 - ECCENTRICITY_SQUARED * sin_latitude * sin_latitude);
+        let curvature_m = SEMI_MAJOR_AXIS_M / sqrt(1.0 - ECCENTRICITY_SQUARED * sin_latitude * sin_latitude);
         let from_axis_m = (curvature_m + place.height_m) * cos_latitude;
         let from_equator_m = (curvature_m * (1.0 - ECCENTRICITY_SQUARED) + place.height_m) * sin_latitude;
         let distance_m = trig::hypot(from_axis_m, from_equator_m);
         let (sin, cos) = ((from_axis_m / distance_m).max(MIN_SIN_COLATITUDE), from_equator_m / distance_m);
         let turn = (cos * cos_latitude - sin * sin_latitude, sin * cos_latitude + cos * sin_latitude);
-        Self { ratio: REFERENCE_M / distance_m, sin, cos, latitude_difference: turn }
+        Self { ratio: REFERENCE_RADIUS_M / distance_m, sin, cos, latitude_difference: turn }
     }
 }
 
@@ -165,7 +165,7 @@ fn components_nt(place: Position, years: f32) -> [f32; 3] {
     let mut coefficients = COEFFICIENTS.iter();
     // For order `m`: first function, power of the ratio, sine and cosine of `m` times longitude.
     let (mut first, mut first_power, mut sin_m, mut cos_m) = ((1.0, 0.0), ratio * ratio, 0.0, 1.0);
-    for m in 0..=DEGREE {
+    for m in 0..=MAX_DEGREE {
         let order = f32::from(m);
         if m > 0 {
             let factor = if m == 1 { 1.0 } else { sqrt(1.0 - 0.5 / order) };
@@ -175,7 +175,7 @@ fn components_nt(place: Position, years: f32) -> [f32; 3] {
                 (sin_m * cos_longitude + cos_m * sin_longitude, cos_m * cos_longitude - sin_m * sin_longitude);
         }
         let (mut function, mut power) = (LegendreFunction::first(first), first_power);
-        for n in m..=DEGREE {
+        for n in m..=MAX_DEGREE {
             let degree = f32::from(n);
             // Degree 0 (magnetic monopole) has no coefficients.
             if n > 0 {
@@ -204,7 +204,7 @@ fn coefficients_at(tenths: [i16; 4], degree: u8, order: u8, years: f32) -> [f32;
 }
 
 /// Largest degree `n` and order `m`.
-const DEGREE: u8 = 12;
+const MAX_DEGREE: u8 = 12;
 
 /// `g`, `h` at 2025.0 and their yearly changes, tenths of a nanotesla, by order and then degree. The dipole exceeds
 /// `i16`: 30,000 nT are added to the first `g`, 3,000 nT subtracted from the first `h` of order 1.

@@ -70,8 +70,8 @@ fn coefficients_match_noaa() {
     for (years, [sum, squares, h_sum, h_squares]) in expected {
         let mut found = [0.0_f64; 4];
         let mut coefficients = COEFFICIENTS.iter();
-        for m in 0..=DEGREE {
-            for n in m.max(1)..=DEGREE {
+        for m in 0..=MAX_DEGREE {
+            for n in m.max(1)..=MAX_DEGREE {
                 let [g, h] = coefficients_at(*coefficients.next().unwrap(), n, m, years).map(f64::from);
                 found = [found[0] + g, found[1] + g * g, found[2] + h, found[3] + h * h];
             }

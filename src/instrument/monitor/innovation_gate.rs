@@ -81,7 +81,7 @@ pub(super) struct InnovationGate {
     beyond_wide_gate: PerKind<u8>,
     beyond_narrow_gate: PerKind<u8>,
     gross_count: u8,
-    withhold_left_s: f32,
+    withholding_remaining_s: f32,
     withheld_s: f32,
     required_turn_rad: f32,
 }
@@ -91,14 +91,14 @@ impl InnovationGate {
         beyond_wide_gate: [0; 3],
         beyond_narrow_gate: [0; 3],
         gross_count: 0,
-        withhold_left_s: 0.0,
+        withholding_remaining_s: 0.0,
         withheld_s: 0.0,
         required_turn_rad: 0.0,
     };
 
     /// Counts a turn of the gyro, radians, `step_s` long, after the innovations of its end have been tested.
     pub fn update_turn(&mut self, turned_rad: f32, step_s: f32) {
-        if self.withhold_left_s > 0.0 {
+        if self.withholding_remaining_s > 0.0 {
             self.withheld_s += step_s;
         } else {
             self.withheld_s *= (1.0 - step_s / FORGETTING_TIME_S).max(0.0);
@@ -111,7 +111,7 @@ impl InnovationGate {
 
     /// Tests the innovations of a sample `step_s` after the last one; `None` for a kind without a measurement.
     pub fn test_innovations(&mut self, innovations: PerKind<Option<Innovation>>, step_s: f32) -> GateResult {
-        self.withhold_left_s = (self.withhold_left_s - step_s).max(0.0);
+        self.withholding_remaining_s = (self.withholding_remaining_s - step_s).max(0.0);
         if self.is_awaiting_gross_end(&innovations) {
             return GateResult::Consistent { is_usable: [false; 3] };
         }
@@ -132,7 +132,7 @@ impl InnovationGate {
             sizes[i] = if is_beyond_narrow { residual.abs() } else { 0.0 };
         }
         if has_changed {
-            self.withhold_left_s = WITHHOLD_S;
+            self.withholding_remaining_s = WITHHOLD_S;
             GateResult::ChangeDetected { exceeding_residuals: sizes }
         } else {
             GateResult::Consistent { is_usable: usable }
@@ -158,7 +158,7 @@ impl InnovationGate {
     }
 
     pub fn is_withholding(&self) -> bool {
-        self.withhold_left_s > 0.0 || self.gross_count > 0 || self.required_turn_rad > 0.0
+        self.withholding_remaining_s > 0.0 || self.gross_count > 0 || self.required_turn_rad > 0.0
     }
 }
 

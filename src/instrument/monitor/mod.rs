@@ -60,7 +60,7 @@ pub(super) use monitored_calibration::MonitoredCalibration;
 use mount_turn::TurnedMount;
 pub(super) use output::MonitorOutput;
 use parameters::{
-    ATTITUDE_JITTER_S, ATTITUDE_SHARE, COEFFICIENT_VARIANCE_FACTOR, DECAY_TIME_S, DRIFT_FACTOR, DRIFT_TIME_S,
+    ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_VARIANCE_FACTOR, DECAY_TIME_S, DRIFT_FACTOR, DRIFT_TIME_S,
     INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_AWAITED_SAMPLES, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON,
     MAX_DECAYING_MOUNT_TURN_RAD, MAX_GAP_S, MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR,
     MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INNOVATION, MAX_MOUNT_TURN_RAD,
@@ -75,11 +75,11 @@ pub(super) struct Monitor {
     filter: UdFilter<STATE_COUNT>,
     adaptive_noise: Option<AdaptiveNoise>,
     innovation_gate: InnovationGate,
-    has_strength_failed: bool,
+    is_strength_test_failed: bool,
     /// Largest measurement variance due to coefficient errors in the last sample.
     max_coefficient_variance: f32,
     /// Remaining time of increased hard-iron process noise, seconds.
-    post_change_left_s: f32,
+    post_change_remaining_s: f32,
     coordinated_turn: CoordinatedTurn,
     /// Derivatives of the heading rate by the gyro's errors at the last sample.
     last_gyro_row: Option<GyroErrors>,
@@ -93,7 +93,7 @@ pub(super) struct Monitor {
     mount_detector: ChangeDetector,
     last_sample_at: Option<Timestamp>,
     /// Samples discarded while the first report of the motor current is awaited.
-    awaited_samples: u8,
+    samples_awaiting_current: u8,
     gyro_run: Option<u8>,
     output: MonitorOutput,
 }
@@ -104,9 +104,9 @@ impl Monitor {
             filter: UdFilter::new(&STATE_NOISE.map(|state| state.initial_sigma)),
             adaptive_noise: None,
             innovation_gate: InnovationGate::NONE,
-            has_strength_failed: false,
+            is_strength_test_failed: false,
             max_coefficient_variance: 0.0,
-            post_change_left_s: 0.0,
+            post_change_remaining_s: 0.0,
             coordinated_turn: CoordinatedTurn::EMPTY,
             last_gyro_row: None,
             mean_innovations: MeanInnovations::NONE,
@@ -116,7 +116,7 @@ impl Monitor {
             hard_iron_detector: ChangeDetector::new(MIN_HARD_IRON_CHANGE),
             mount_detector: ChangeDetector::new(MIN_MOUNT_TURN_RAD),
             last_sample_at: None,
-            awaited_samples: 0,
+            samples_awaiting_current: 0,
             gyro_run: None,
             output: MonitorOutput::INITIAL,
         }
@@ -174,10 +174,10 @@ impl Monitor {
     /// first samples would be estimated as another field.
     fn is_awaiting_current(&mut self, calibration: &Calibration, sample: &Sample) -> bool {
         let is_awaiting = self.last_sample_at.is_none()
-            && self.awaited_samples < MAX_AWAITED_SAMPLES
+            && self.samples_awaiting_current < MAX_AWAITED_SAMPLES
             && calibration.motor_current.is_applied()
             && sample.current.amperes().is_none();
-        self.awaited_samples += u8::from(is_awaiting);
+        self.samples_awaiting_current += u8::from(is_awaiting);
         is_awaiting
     }
 
@@ -188,11 +188,11 @@ impl Monitor {
     }
 
     fn predict(&mut self, step_s: f32) {
-        self.post_change_left_s = (self.post_change_left_s - step_s).max(0.0);
+        self.post_change_remaining_s = (self.post_change_remaining_s - step_s).max(0.0);
         self.filter.inflate_variance(GYRO_OFFSET, STATE_NOISE[GYRO_OFFSET].process_noise_per_s * step_s);
         let i = self.next_noise;
         self.next_noise = (i + 1) % STATE_COUNT;
-        let is_unsettled = self.post_change_left_s > 0.0 && HARD_IRON_AXES.contains(&i);
+        let is_unsettled = self.post_change_remaining_s > 0.0 && HARD_IRON_AXES.contains(&i);
         let noise = if is_unsettled { POST_CHANGE_HARD_IRON } else { STATE_NOISE[i] };
         if i != GYRO_OFFSET && self.filter.state_variance(i) < noise.initial_sigma * noise.initial_sigma {
             self.filter.inflate_variance(i, noise.process_noise_per_s * step_s * STATE_COUNT as f32);
@@ -326,14 +326,14 @@ impl Monitor {
     ) -> PerKind<bool> {
         let innovations = array::from_fn(|kind| measurements[kind].as_ref().map(|m| self.innovation(m)));
         if let Some(heading_change_rad) = self.mean_innovations.update(&innovations, step_s)
-            && self.post_change_left_s <= 0.0
+            && self.post_change_remaining_s <= 0.0
         {
             self.follow_gyro_offset(heading_change_rad, step_s);
         }
         match self.innovation_gate.test_innovations(innovations, step_s) {
             GateResult::Consistent { is_usable } => is_usable,
             GateResult::ChangeDetected { exceeding_residuals } => {
-                let turned = TurnedMount::explaining(calibration, &model.uncorrected_residual, position);
+                let turned = TurnedMount::from_field_difference(calibration, &model.uncorrected_residual, position);
                 let is_level = seen.attitude.roll_rad.abs() < MAX_MOUNT_TURNING_BANK_RAD;
                 self.inflate_covariance(model, exceeding_residuals);
                 self.test_mount_turn(turned, is_level, exceeding_residuals);
@@ -365,7 +365,7 @@ impl Monitor {
     fn follow_drift(&mut self, step_s: f32) {
         let states = self.filter.mean();
         let now: [f32; ROLL_BIAS] = array::from_fn(|i| states[i]);
-        if self.post_change_left_s > 0.0 {
+        if self.post_change_remaining_s > 0.0 {
             self.past_field = now;
         }
         let mut drift_squared = 0.0;
@@ -415,10 +415,11 @@ impl Monitor {
         self.filter.inflate_variance(INCLINATION_CHANGE, field * field);
         // A heading error is `tan(inclination)` times the tilt.
         let sin_inclination = (model.tan_inclination * cos_inclination).abs().max(MIN_SIN_INCLINATION);
-        let tilt_rad = ATTITUDE_SHARE * inclination.max(across / sin_inclination).min(MAX_TILT_INNOVATION_RAD);
+        let tilt_rad =
+            ATTITUDE_SHARE_OF_CHANGE * inclination.max(across / sin_inclination).min(MAX_TILT_INNOVATION_RAD);
         self.inflate_all(&[ROLL_BIAS, PITCH_BIAS], tilt_rad * tilt_rad);
-        self.has_strength_failed |= strength > 0.0;
-        self.post_change_left_s = POST_CHANGE_S;
+        self.is_strength_test_failed |= strength > 0.0;
+        self.post_change_remaining_s = POST_CHANGE_S;
     }
 
     /// Takes a turn of the module for the cause of a detected change if it explains the field. A module turns once: when the
@@ -431,7 +432,7 @@ impl Monitor {
             Some(turned) if is_first && is_level => self.turn_mount(&turned, residuals),
             Some(_) if is_first => self.inflate_mount_turn(residuals),
             _ if is_first || is_confirmed || estimated_rad.abs() < MAX_DECAYING_MOUNT_TURN_RAD => {}
-            _ => self.turn_mount(&TurnedMount::AS_CALIBRATED, residuals),
+            _ => self.turn_mount(&TurnedMount::NO_TURN, residuals),
         }
     }
 
@@ -461,10 +462,10 @@ impl Monitor {
         let variance_rad2 = self.filter.projected_variance(heading_jacobian);
         let mut by_field = *heading_jacobian;
         by_field[STRENGTH_CHANGE..].fill(0.0);
-        self.has_strength_failed &= self.innovation_gate.is_withholding();
+        self.is_strength_test_failed &= self.innovation_gate.is_withholding();
         let change = measurement_model::hard_iron_change(&states);
         // Without a detected change, attitude errors are part of the noise; hard iron may drift all the same.
-        let is_unchanged = self.post_change_left_s <= 0.0
+        let is_unchanged = self.post_change_remaining_s <= 0.0
             && change.length() < MAX_DECAYING_HARD_IRON
             && states[MOUNT_TURN].abs() < MAX_DECAYING_MOUNT_TURN_RAD;
         let sent_rad2 = if is_unchanged {
@@ -537,7 +538,7 @@ impl Monitor {
         if self.innovation_gate.is_withholding() {
             // A wrong attitude leaves the field strength unchanged.
             let tilt_rad = bias_rad.max((states[BANK_SCALE_ERROR] * seen.attitude.roll_rad).abs());
-            let is_attitude = !self.has_strength_failed && tilt_rad > hard_iron_change;
+            let is_attitude = !self.is_strength_test_failed && tilt_rad > hard_iron_change;
             return Err(if is_attitude { NoHeading::AttitudeContradicted } else { NoHeading::FieldDisturbed });
         }
         if states[STRENGTH_CHANGE].abs() > MAX_STRENGTH_CHANGE

@@ -11,10 +11,10 @@ use crate::calibration::{Calibration, inverse};
 use crate::trig::Length as _;
 
 /// Largest cosine between the difference and the mean of both fields, or the axis: at most 9 deg from a right angle.
-const MAX_COSINE: f32 = 0.15;
+const MAX_COSINE_OF_CHANGE: f32 = 0.15;
 
 /// Largest difference with which the field is as calibrated: 1 uT of 50.
-const MAX_DIFFERENCE: f32 = 0.02;
+const MAX_UNCHANGED_FIELD_DIFFERENCE: f32 = 0.02;
 
 /// A turn of the module that explains the field.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,14 +28,18 @@ pub(super) struct TurnedMount {
 
 impl TurnedMount {
     /// No turn.
-    pub const AS_CALIBRATED: Self = Self { turn_rad: 0.0, hard_iron_change: Vector3::new(0.0, 0.0, 0.0) };
+    pub const NO_TURN: Self = Self { turn_rad: 0.0, hard_iron_change: Vector3::new(0.0, 0.0, 0.0) };
 
     /// The turn that explains a field, `None` if none does. `difference`: measured field after correction as calibrated,
     /// less the predicted one, in units of the field strength; `position`: measured field less hard iron, sensor axes, same
     /// units.
-    pub fn explaining(calibration: &Calibration, difference: &Vector3<f32>, position: &Vector3<f32>) -> Option<Self> {
-        if difference.length() < MAX_DIFFERENCE {
-            return Some(Self::AS_CALIBRATED);
+    pub fn from_field_difference(
+        calibration: &Calibration,
+        difference: &Vector3<f32>,
+        position: &Vector3<f32>,
+    ) -> Option<Self> {
+        if difference.length() < MAX_UNCHANGED_FIELD_DIFFERENCE {
+            return Some(Self::NO_TURN);
         }
         let w = calibration.w_matrix();
         let sensor_from_body = inverse(&w)?;
@@ -44,7 +48,7 @@ impl TurnedMount {
         let mean = position + hard_iron - difference * 0.5;
         let axis = (sensor_from_body * Vector3::z()).unit();
         let is_across = |direction: &Vector3<f32>| {
-            difference.dot(direction).abs() <= MAX_COSINE * difference.length() * direction.length()
+            difference.dot(direction).abs() <= MAX_COSINE_OF_CHANGE * difference.length() * direction.length()
         };
         // The field turns against the module: a chord across the axis. Not a number if the field is along the axis.
         let across = axis.cross(&mean);
@@ -88,7 +92,7 @@ mod tests {
         let turned_ut =
             Rotation3::from_axis_angle(&axis, -module_turn_deg.to_radians()) * field_ut + Vector3::from(iron_ut);
         let position = (turned_ut - b_ut) / 50.0;
-        TurnedMount::explaining(&calibration, &(w * position - earth), &position)
+        TurnedMount::from_field_difference(&calibration, &(w * position - earth), &position)
     }
 
     /// Soft iron is neglected in the axis and in the chord, which costs a tenth of the turn.
@@ -98,7 +102,7 @@ mod tests {
             let found = explained(turn_deg, [0.0; 3]).unwrap();
             assert!((found.turn_rad.to_degrees() / turn_deg - 1.0).abs() < 0.1, "{turn_deg}: {found:?}");
         }
-        assert_eq!(explained(0.0, [0.5, 0.5, 0.0]), Some(TurnedMount::AS_CALIBRATED));
+        assert_eq!(explained(0.0, [0.5, 0.5, 0.0]), Some(TurnedMount::NO_TURN));
     }
 
     #[test]

@@ -103,7 +103,7 @@ pub(super) const MAX_INNOVATION: f32 = 0.5;
 pub(super) const MAX_TILT_INNOVATION_RAD: f32 = 0.3;
 
 /// Share of a detected change attributed to the attitude.
-pub(super) const ATTITUDE_SHARE: f32 = 0.5;
+pub(super) const ATTITUDE_SHARE_OF_CHANGE: f32 = 0.5;
 
 /// Lower limit of the sine of the inclination in that share, for the magnetic equator.
 pub(super) const MIN_SIN_INCLINATION: f32 = 0.3;

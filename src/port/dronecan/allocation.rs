@@ -8,13 +8,13 @@ use crate::time::Timestamp;
 use crate::wire::dronecan::{Allocation, NodeId, Payload, UNIQUE_ID_LENGTH, outbound};
 
 /// Delay of a request, microseconds: a fixed and a random part.
-const REQUEST_US: [u64; 2] = [600_000, 400_000];
+const REQUEST_DELAY_US: [u64; 2] = [600_000, 400_000];
 
 /// Random delay of a following part, microseconds.
-const FOLLOW_UP_US: [u64; 2] = [0, 400_000];
+const FOLLOW_UP_DELAY_US: [u64; 2] = [0, 400_000];
 
 /// Longest part of the unique id in an anonymous message, bytes.
-const PART: usize = 6;
+const MAX_ID_PART_LENGTH: usize = 6;
 
 /// Client of an allocation.
 #[derive(Debug)]
@@ -38,7 +38,7 @@ impl AllocationClient {
     /// Processes a step of any exchange on the bus; returns the granted number.
     pub fn receive(&mut self, at: Timestamp, source: Option<NodeId>, step: Allocation<'_>) -> Option<NodeId> {
         self.follow_up = None;
-        self.request_at = Some(self.after(at, REQUEST_US));
+        self.request_at = Some(self.after(at, REQUEST_DELAY_US));
         let received = step.unique_id.len();
         if source.is_none() || received == 0 || !self.unique_id.starts_with(step.unique_id) {
             return None;
@@ -46,7 +46,7 @@ impl AllocationClient {
         if received == UNIQUE_ID_LENGTH {
             return step.node;
         }
-        self.follow_up = Some((self.after(at, FOLLOW_UP_US), received));
+        self.follow_up = Some((self.after(at, FOLLOW_UP_DELAY_US), received));
         None
     }
 
@@ -54,14 +54,14 @@ impl AllocationClient {
     pub fn poll(&mut self, now: Timestamp) -> Option<Payload> {
         if let Some((_, offset)) = self.follow_up.take_if(|(at, _)| *at <= now) {
             let rest = self.unique_id.get(offset..).unwrap_or_default();
-            return Some(outbound::allocation(false, rest.get(..PART).unwrap_or(rest)));
+            return Some(outbound::allocation(false, rest.get(..MAX_ID_PART_LENGTH).unwrap_or(rest)));
         }
         let request_at = self.request_at;
         if request_at.is_some_and(|at| now < at) || self.follow_up.is_some() {
             return None;
         }
-        self.request_at = Some(self.after(now, REQUEST_US));
-        let first = self.unique_id.get(..PART).unwrap_or_default();
+        self.request_at = Some(self.after(now, REQUEST_DELAY_US));
+        let first = self.unique_id.get(..MAX_ID_PART_LENGTH).unwrap_or_default();
         request_at.map(|_| outbound::allocation(true, first))
     }
 

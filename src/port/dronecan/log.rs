@@ -12,16 +12,16 @@ use crate::wire::dronecan::Payload;
 use crate::wire::dronecan::outbound::{LOG_TEXT_LENGTH, LogLevel, log_message};
 
 /// Name of the source.
-const SOURCE: &str = "autoswing";
+const LOG_SOURCE: &str = "autoswing";
 
 /// Capacity, texts: a full queue drops its oldest.
-const WAITING: usize = 3;
+const QUEUE_CAPACITY: usize = 3;
 
 /// Rate of pieces, Hz.
-const PIECES_HZ: u8 = 10;
+const PIECE_RATE_HZ: u8 = 10;
 
 /// Time after which a state that lasts is reported, microseconds.
-const LASTING_US: u64 = 2_000_000;
+const MIN_STATE_DURATION_US: u64 = 2_000_000;
 
 #[derive(Debug)]
 struct Text {
@@ -42,8 +42,8 @@ struct LoggedState {
 /// Queue of texts.
 #[derive(Debug, Default)]
 pub(super) struct Log {
-    waiting: heapless::Deque<Text, WAITING>,
-    pace: MessageSchedule,
+    waiting: heapless::Deque<Text, QUEUE_CAPACITY>,
+    schedule: MessageSchedule,
     logged: Option<LoggedState>,
     /// State that differs from the last reported one, and since when.
     candidate: Option<(LoggedState, Timestamp)>,
@@ -76,7 +76,7 @@ impl Log {
         }
         let since = self.candidate.filter(|(candidate, _)| *candidate == state).map_or(snapshot.now, |(_, at)| at);
         self.candidate = Some((state, since));
-        if snapshot.now.us_since(since) < LASTING_US {
+        if snapshot.now.us_since(since) < MIN_STATE_DURATION_US {
             return;
         }
         (self.logged, self.candidate) = (Some(state), None);
@@ -100,12 +100,12 @@ impl Log {
     /// Next piece, if due. A longer text is continued in the next message.
     pub fn next_piece(&mut self, now: Timestamp) -> Option<Payload> {
         let text = self.waiting.front_mut()?;
-        if !self.pace.is_due(now, PIECES_HZ) {
+        if !self.schedule.is_due(now, PIECE_RATE_HZ) {
             return None;
         }
         let rest = text.characters.bytes().get(text.sent..).unwrap_or_default();
         let piece = rest.get(..LOG_TEXT_LENGTH).unwrap_or(rest);
-        let payload = log_message(text.level, SOURCE, piece);
+        let payload = log_message(text.level, LOG_SOURCE, piece);
         text.sent += piece.len();
         if piece.len() == rest.len() {
             self.waiting.pop_front();

@@ -51,10 +51,10 @@ use vehicle::Vehicle;
 const STATUS_HZ: u8 = 1;
 
 /// Number of the only sensor. Autopilots recognise a compass by the numbers of node and sensor.
-const SENSOR: u8 = 0;
+const SENSOR_NUMBER: u8 = 0;
 
 /// Time without a frame of another node with the same number, after which the field is sent again, microseconds.
-const CONFLICT_US: u64 = 3_000_000;
+const NODE_CONFLICT_HOLD_US: u64 = 3_000_000;
 
 /// Microtesla of a gauss.
 const UT_PER_GAUSS: f32 = 100.0;
@@ -215,8 +215,8 @@ impl CanNode {
 
     /// Whether a calibration differs from the last one reported by MAVLink.
     #[must_use]
-    pub fn is_unreported(&self, calibration: &Calibration) -> bool {
-        self.tunnel.mavlink.is_unreported(calibration)
+    pub fn differs_from_reported(&self, calibration: &Calibration) -> bool {
+        self.tunnel.mavlink.differs_from_reported(calibration)
     }
 
     /// Whether the vehicle is armed, if another node has reported that recently; `armed` of either report counts.
@@ -274,7 +274,7 @@ impl CanNode {
     }
 
     fn has_conflict(&self, now: Timestamp) -> bool {
-        self.conflict_at.is_some_and(|at| now.us_since(at) <= CONFLICT_US)
+        self.conflict_at.is_some_and(|at| now.us_since(at) <= NODE_CONFLICT_HOLD_US)
     }
 
     fn send_field(&mut self, own: NodeId, snapshot: &Snapshot<'_>) {
@@ -284,7 +284,7 @@ impl CanNode {
             let variances =
                 if sends_covariance { variance_gauss2(snapshot.estimate, field).map(|axis| [axis; 3]) } else { None };
             let gauss = [field.ut.x, field.ut.y, field.ut.z].map(|ut| ut / UT_PER_GAUSS);
-            let payload = outbound::magnetic_field(SENSOR, gauss, variances);
+            let payload = outbound::magnetic_field(SENSOR_NUMBER, gauss, variances);
             self.outbox.send_field(snapshot.now, own, priority::LOW, payload);
         }
     }

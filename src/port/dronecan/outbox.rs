@@ -4,19 +4,19 @@ use crate::time::Timestamp;
 use crate::wire::dronecan::{CanFrame, DataType, NodeId, OutboundTransfer, Payload, TRANSFER_ID_MASK, TransferKind};
 
 /// Capacity, frames: two transfers of the longest tunnelled piece, and some short ones.
-const FRAMES: usize = 48;
+const CAPACITY_FRAMES: usize = 48;
 
 /// Frames of the longest text: 90 characters with their source.
-const TEXT_FRAMES: usize = 15;
+const MAX_FRAMES_PER_TEXT: usize = 15;
 
 /// Frames of a field with its covariance.
-const FIELD_FRAMES: usize = 3;
+const FRAMES_PER_FIELD: usize = 3;
 
 /// Time without a sent frame after which the frames are out of date and dropped, microseconds.
 const TIMEOUT_US: u64 = 1_000_000;
 
 /// Messages with a counter of transfers.
-const COUNTED: [DataType; 5] = [
+const COUNTED_TYPES: [DataType; 5] = [
     DataType::MAGNETIC_FIELD_STRENGTH_2,
     DataType::NODE_STATUS,
     DataType::LOG_MESSAGE,
@@ -27,11 +27,11 @@ const COUNTED: [DataType; 5] = [
 /// Queue of frames; a field is sent before the others, and replaces a waiting one.
 #[derive(Debug, Default)]
 pub(super) struct Outbox {
-    field: heapless::Deque<CanFrame, FIELD_FRAMES>,
+    field: heapless::Deque<CanFrame, FRAMES_PER_FIELD>,
     /// Whether the first frame of the field was sent.
-    is_field_begun: bool,
-    frames: heapless::Deque<CanFrame, FRAMES>,
-    transfer_ids: [u8; COUNTED.len()],
+    is_first_field_frame_sent: bool,
+    frames: heapless::Deque<CanFrame, CAPACITY_FRAMES>,
+    transfer_ids: [u8; COUNTED_TYPES.len()],
     /// Time of the last sent frame, or of the first frame in an empty queue.
     progress_at: Timestamp,
     /// Queued transfers; wraps.
@@ -44,7 +44,7 @@ impl Outbox {
     /// Queues a transfer; returns whether there was room.
     pub fn send(&mut self, now: Timestamp, source: Option<NodeId>, transfer: &OutboundTransfer) -> bool {
         self.begin(now);
-        if self.frames.len() + transfer.frame_count() > FRAMES {
+        if self.frames.len() + transfer.frame_count() > CAPACITY_FRAMES {
             return false;
         }
         for frame in transfer.frames(source) {
@@ -77,7 +77,7 @@ impl Outbox {
         self.begin(now);
         if !self.field.is_empty() {
             self.lost = self.lost.wrapping_add(1);
-            if self.is_field_begun {
+            if self.is_first_field_frame_sent {
                 return;
             }
             self.field.clear();
@@ -88,7 +88,7 @@ impl Outbox {
         for frame in (OutboundTransfer { data_type, priority, kind, transfer_id, payload }).frames(Some(source)) {
             let _ = self.field.push_back(frame);
         }
-        self.is_field_begun = false;
+        self.is_first_field_frame_sent = false;
         self.transfers = self.transfers.wrapping_add(1);
         self.count(data_type);
     }
@@ -101,7 +101,7 @@ impl Outbox {
     /// Removes the next frame after it was sent.
     pub fn pop(&mut self, now: Timestamp) {
         self.progress_at = now;
-        self.is_field_begun = self.field.pop_front().is_some() || {
+        self.is_first_field_frame_sent = self.field.pop_front().is_some() || {
             self.frames.pop_front();
             false
         };
@@ -123,7 +123,7 @@ impl Outbox {
 
     /// Whether a text fits.
     pub fn has_room_for_text(&self) -> bool {
-        self.frames.len() + TEXT_FRAMES <= FRAMES
+        self.frames.len() + MAX_FRAMES_PER_TEXT <= CAPACITY_FRAMES
     }
 
     fn begin(&mut self, now: Timestamp) {
@@ -133,11 +133,15 @@ impl Outbox {
     }
 
     fn transfer_id(&self, data_type: DataType) -> u8 {
-        COUNTED.iter().zip(&self.transfer_ids).find(|(counted, _)| **counted == data_type).map_or(0, |(_, &id)| id)
+        COUNTED_TYPES
+            .iter()
+            .zip(&self.transfer_ids)
+            .find(|(counted, _)| **counted == data_type)
+            .map_or(0, |(_, &id)| id)
     }
 
     fn count(&mut self, data_type: DataType) {
-        for (counted, id) in COUNTED.iter().zip(&mut self.transfer_ids) {
+        for (counted, id) in COUNTED_TYPES.iter().zip(&mut self.transfer_ids) {
             if *counted == data_type {
                 *id = (*id + 1) & TRANSFER_ID_MASK;
             }

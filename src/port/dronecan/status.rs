@@ -47,7 +47,7 @@ impl StatusMonitor {
 /// State in 16 bits: bits 0 to 3 the reason for an empty heading (0: there is one), bits 4 and 5 the calibration, bit 6 a
 /// field that is not sent, bit 7 another node with this number, bits 8 to 14 the progress of a collection in percent.
 fn vendor_code(snapshot: &Snapshot<'_>, has_conflict: bool) -> u16 {
-    let reason = snapshot.estimate.heading.err().map_or(0, reason_number);
+    let reason = snapshot.estimate.heading.err().map_or(0, no_heading_number);
     let (calibration, percent) = match snapshot.indicator {
         IndicatorState::Idle => (0, 0),
         IndicatorState::Collecting(percent) => (1, percent.min(100)),
@@ -59,7 +59,7 @@ fn vendor_code(snapshot: &Snapshot<'_>, has_conflict: bool) -> u16 {
 }
 
 /// Number of a reason, which documents name.
-const fn reason_number(reason: NoHeading) -> u16 {
+const fn no_heading_number(reason: NoHeading) -> u16 {
     match reason {
         NoHeading::Uncalibrated => 1,
         NoHeading::SensorSilent => 2,

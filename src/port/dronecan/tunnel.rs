@@ -6,10 +6,10 @@ use crate::wire::dronecan::{InboundTransfer, NodeId, Payload, Targetted};
 
 /// Silence after which another node may use the tunnel, and nothing is sent, microseconds. An idle autopilot sends an
 /// empty message twice a second.
-const RELEASE_US: u64 = 3_000_000;
+const TUNNEL_RELEASE_US: u64 = 3_000_000;
 
 /// Options of sent messages: none.
-const OPTIONS: u8 = 0;
+const TARGETTED_OPTIONS: u8 = 0;
 
 /// Node at the other end, and its serial line.
 #[derive(Clone, Copy, Debug)]
@@ -43,7 +43,7 @@ impl Tunnel {
         if ![Targetted::MAVLINK, Targetted::MAVLINK_2].contains(&piece.protocol) {
             return;
         }
-        let active = self.peer.filter(|peer| at.us_since(peer.last) <= RELEASE_US);
+        let active = self.peer.filter(|peer| at.us_since(peer.last) <= TUNNEL_RELEASE_US);
         let is_other = |peer: Peer| (peer.node, peer.serial) != (node, piece.serial);
         let is_repeated = |peer: Peer| peer.transfer_id == transfer.transfer_id;
         if active.is_some_and(|peer| is_other(peer) || is_repeated(peer)) {
@@ -60,7 +60,7 @@ impl Tunnel {
 
     /// Due messages, while a node is at the other end.
     pub fn poll(&mut self, snapshot: &Snapshot<'_>) {
-        if self.peer.is_some_and(|peer| snapshot.now.us_since(peer.last) <= RELEASE_US) {
+        if self.peer.is_some_and(|peer| snapshot.now.us_since(peer.last) <= TUNNEL_RELEASE_US) {
             self.mavlink.poll(snapshot, &mut self.output);
         } else {
             self.output.consume(usize::MAX);
@@ -72,7 +72,7 @@ impl Tunnel {
         let Peer { node, protocol, serial, baud, .. } = self.peer?;
         let pending = self.output.pending();
         let data = pending.get(..Targetted::LENGTH).unwrap_or(pending);
-        let piece = Targetted { protocol, target: node.get(), serial, options: OPTIONS, baud, data };
+        let piece = Targetted { protocol, target: node.get(), serial, options: TARGETTED_OPTIONS, baud, data };
         (!data.is_empty()).then(|| (piece.payload(), data.len()))
     }
 

@@ -32,15 +32,15 @@ impl FirmwareUpdate {
     /// twelve bytes for Ethernet, server, own number, path with its NUL. All bytes are to be written.
     #[must_use]
     pub fn boot_loader_bytes(&self) -> [u8; BOOT_LOADER_BYTES] {
-        const MAGIC: u32 = 0xC544_AD9A;
-        const SERVER: usize = 20;
-        const OWN: usize = 21;
-        const PATH: usize = 22;
-        const _: () = assert!(PATH + PATH_LENGTH < BOOT_LOADER_BYTES);
+        const BOOT_LOADER_MAGIC: u32 = 0xC544_AD9A;
+        const SERVER_NODE_OFFSET: usize = 20;
+        const OWN_NODE_OFFSET: usize = 21;
+        const PATH_OFFSET: usize = 22;
+        const _: () = assert!(PATH_OFFSET + PATH_LENGTH < BOOT_LOADER_BYTES);
         let mut bytes = [0; BOOT_LOADER_BYTES];
-        let fields = MAGIC.to_le_bytes().into_iter().enumerate();
-        let nodes = [(SERVER, self.server.get()), (OWN, self.own.get())];
-        let path = self.path.iter().copied().enumerate().map(|(at, byte)| (PATH + at, byte));
+        let fields = BOOT_LOADER_MAGIC.to_le_bytes().into_iter().enumerate();
+        let nodes = [(SERVER_NODE_OFFSET, self.server.get()), (OWN_NODE_OFFSET, self.own.get())];
+        let path = self.path.iter().copied().enumerate().map(|(at, byte)| (PATH_OFFSET + at, byte));
         for (at, byte) in fields.chain(nodes).chain(path) {
             if let Some(place) = bytes.get_mut(at) {
                 *place = byte;

@@ -26,7 +26,7 @@ pub(super) struct CollectionReporter {
     /// Number of calibrations that became active; wraps.
     calibrations: u8,
     /// Tenths of progress already sent as a text; none without a collection.
-    tenths: Option<u8>,
+    reported_tenths: Option<u8>,
     /// Whether the last solve succeeded; none once it was reported.
     outcome: Option<bool>,
     /// Whether the pending report is a success; none without a pending report.
@@ -40,7 +40,7 @@ impl CollectionReporter {
     }
 
     /// Whether a calibration differs from the last reported one.
-    pub fn is_unreported(&self, calibration: &Calibration) -> bool {
+    pub fn differs_from_reported(&self, calibration: &Calibration) -> bool {
         self.calibration.as_ref().is_none_or(|(seen, _)| seen != calibration)
     }
 
@@ -52,18 +52,18 @@ impl CollectionReporter {
     /// Tracks the module's state; must be called also while no autopilot is known.
     pub fn update(&mut self, snapshot: &Snapshot<'_>, texts: &mut PendingTexts) {
         if let Some((calibration, uncertainty)) =
-            snapshot.calibration.filter(|(calibration, _)| self.is_unreported(calibration))
+            snapshot.calibration.filter(|(calibration, _)| self.differs_from_reported(calibration))
         {
             self.calibration = Some((*calibration, uncertainty.sensor_sigma));
             self.calibrations = self.calibrations.wrapping_add(1);
         }
         // An automatic collection continues after a refused solve: that outcome does not end it.
         let outcome = self.outcome.take();
-        match (self.tenths, snapshot.indicator) {
-            (tenths, IndicatorState::Collecting(percent)) => self.collect(tenths, percent, texts),
+        match (self.reported_tenths, snapshot.indicator) {
+            (reported_tenths, IndicatorState::Collecting(percent)) => self.collect(reported_tenths, percent, texts),
             (Some(_), indicator) => {
                 texts.push(&Message::CollectionEnded);
-                self.tenths = None;
+                self.reported_tenths = None;
                 self.report = outcome.or((indicator != IndicatorState::Idle).then_some(false));
             }
             (None, _) => self.report = outcome.or(self.report),
@@ -72,11 +72,11 @@ impl CollectionReporter {
 
     /// Queues a text for each tenth of progress, and for a collection that starts again from nothing.
     fn collect(&mut self, before: Option<u8>, percent: u8, texts: &mut PendingTexts) {
-        let tenths = percent / 10;
-        let is_new = before.is_none_or(|before| tenths > before || (percent == 0 && before > 0));
+        let reported_tenths = percent / 10;
+        let is_new = before.is_none_or(|before| reported_tenths > before || (percent == 0 && before > 0));
         if is_new {
-            self.tenths = Some(tenths);
-            texts.push(&Message::Collecting(10 * tenths));
+            self.reported_tenths = Some(reported_tenths);
+            texts.push(&Message::Collecting(10 * reported_tenths));
         }
     }
 

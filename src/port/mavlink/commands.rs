@@ -2,7 +2,7 @@
 
 use ::mavlink::dialects::common::{MavCmd, MavResult};
 
-use super::transmitter::{COMPONENT, Transmitter};
+use super::transmitter::{OWN_COMPONENT, Transmitter};
 use crate::attitude::SenderId;
 use crate::calibration::method_selection::Procedure;
 use crate::compass::Command;
@@ -18,7 +18,7 @@ const DO_ACCEPT_MAG_CAL: u16 = 42_425;
 const DO_CANCEL_MAG_CAL: u16 = 42_426;
 
 /// Time within which a repeated command counts as executed, microseconds.
-const REPEATED_US: u64 = 1_000_000;
+const REPETITION_WINDOW_US: u64 = 1_000_000;
 
 /// Timeout of a command's result, microseconds; after it the next command is accepted.
 const RESULT_TIMEOUT_US: u64 = 5_000_000;
@@ -103,7 +103,7 @@ impl CommandHandler {
             let age_us = at.us_since(last.at);
             let is_open = last.result.is_none() && age_us <= RESULT_TIMEOUT_US;
             let is_the_same = last.by == received.source && last.number == received.command;
-            if is_the_same && received.confirmation > 0 && (is_open || age_us <= REPEATED_US) {
+            if is_the_same && received.confirmation > 0 && (is_open || age_us <= REPETITION_WINDOW_US) {
                 return Err((last.result.unwrap_or(MavResult::MAV_RESULT_IN_PROGRESS), None));
             }
             if is_open {
@@ -119,16 +119,16 @@ impl CommandHandler {
 }
 
 fn command(received: &ReceivedCommand) -> Result<Command, Rejection> {
-    const REBOOT: u16 = MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN as u16;
+    const REBOOT_COMMAND: u16 = MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN as u16;
     match received.command {
         DO_START_MAG_CAL => Ok(Command::CalStart(Procedure::Flight)),
         DO_ACCEPT_MAG_CAL => Ok(Command::CalSolve(None)),
         DO_CANCEL_MAG_CAL => Ok(Command::CalAbort),
-        REBOOT if wants_restart(received.parameters) => Ok(Command::Restart),
-        REBOOT => {
-            const RANGE: OutOfRange =
+        REBOOT_COMMAND if wants_restart(received.parameters) => Ok(Command::Restart),
+        REBOOT_COMMAND => {
+            const PARAMETER_OUT_OF_RANGE: OutOfRange =
                 OutOfRange("the module can restart, but neither shut down nor wait in a bootloader");
-            Err((MavResult::MAV_RESULT_DENIED, Some(Refusal::OutOfRange(RANGE))))
+            Err((MavResult::MAV_RESULT_DENIED, Some(Refusal::OutOfRange(PARAMETER_OUT_OF_RANGE))))
         }
         _ => Err((MavResult::MAV_RESULT_UNSUPPORTED, None)),
     }
@@ -137,6 +137,6 @@ fn command(received: &ReceivedCommand) -> Result<Command, Rejection> {
 /// Whether the parameters request a restart of this component: the first one of all components, the third one of the
 /// component in the fourth, 0 for all (MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN in common.xml).
 fn wants_restart([autopilot, _companion, component, which]: [f32; 4]) -> bool {
-    const RESTART: f32 = 1.0;
-    autopilot == RESTART || (component == RESTART && [0.0, f32::from(COMPONENT)].contains(&which))
+    const REBOOT_PARAMETER: f32 = 1.0;
+    autopilot == REBOOT_PARAMETER || (component == REBOOT_PARAMETER && [0.0, f32::from(OWN_COMPONENT)].contains(&which))
 }

@@ -37,7 +37,7 @@ use commands::CommandHandler;
 use requests::RequestSequence;
 use texts::PendingTexts;
 pub(super) use transmitter::Transmitter;
-use transmitter::{COMPONENT, own_address};
+use transmitter::{OWN_COMPONENT, own_address};
 
 /// Rate of poses, Hz. Autopilots drop poses at higher rates, and detect a loss below 3 Hz.
 const VISION_HZ: u8 = 50;
@@ -46,7 +46,7 @@ const MAX_PENDING_BEFORE_POSE_BYTES: usize = 64;
 const HEARTBEAT_HZ: u8 = 1;
 /// Rate of named values, heading and sigma in turn, Hz.
 const HEADING_HZ: u8 = 10;
-const PERCENT_HZ: u8 = 1;
+const PERCENTAGE_RATE_HZ: u8 = 1;
 
 /// MAVLink protocol of a port.
 #[derive(Debug, Default)]
@@ -80,8 +80,8 @@ impl Mavlink {
 
     /// Whether a calibration differs from the last reported one.
     #[must_use]
-    pub fn is_unreported(&self, calibration: &Calibration) -> bool {
-        self.collection.is_unreported(calibration)
+    pub fn differs_from_reported(&self, calibration: &Calibration) -> bool {
+        self.collection.differs_from_reported(calibration)
     }
 
     /// Acknowledges the command, and queues the reason of a refusal as a text. The output must be written before a
@@ -121,7 +121,7 @@ impl Mavlink {
             InboundMessage::Current(source, current) => {
                 current.filter(|_| is_autopilot(&source)).map(ReceivedMessage::Current)
             }
-            InboundMessage::Command(command) if command.target.component == COMPONENT && is_own(command.target) => {
+            InboundMessage::Command(command) if command.target.component == OWN_COMPONENT && is_own(command.target) => {
                 match self.commands.process_command(at, &command) {
                     Ok(command) => Some(ReceivedMessage::Command(command)),
                     Err(reason) => {
@@ -173,7 +173,7 @@ impl Mavlink {
 
     fn send_percent(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
         let percent = f32::from(percent(snapshot.indicator));
-        self.percent.is_due(snapshot.now, PERCENT_HZ)
+        self.percent.is_due(snapshot.now, PERCENTAGE_RATE_HZ)
             && line.send(OutboundMessage::named_value(snapshot.now, "cal_pct", percent))
     }
 }
@@ -201,7 +201,7 @@ impl Protocol for Mavlink {
     /// messages together are fewer than the slowest sensor's readings.
     fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
         let now = snapshot.now;
-        self.senders.record_consistency(now, is_contradicted(snapshot.estimate.heading));
+        self.senders.record_field_contradiction(now, is_contradicted(snapshot.estimate.heading));
         self.collection.update(snapshot, &mut self.texts);
         let Some(autopilot) = self.senders.autopilot_to_query(now) else { return };
         let (mut sequence, mut signatures) = (self.sequence, core::mem::take(&mut self.receiver.signatures));

@@ -41,19 +41,19 @@ const REQUESTS: [MessageRequest; 8] = [
 const CURRENT_HZ: u8 = 10;
 
 /// Index of the first request after those for attitude.
-const AFTER_ATTITUDE: usize = 5;
+const FIRST_NON_ATTITUDE_REQUEST: usize = 5;
 
 /// Time for the reply to a request and for the first messages, microseconds; also the least time between requests.
 const REPLY_TIMEOUT_US: u64 = 1_000_000;
 
 /// Number of requests for a message that does not arrive.
-const ATTEMPTS: u8 = 2;
+const ATTEMPTS_PER_REQUEST: u8 = 2;
 
 /// Silence of the attitude after which all requests are repeated, microseconds.
 const ATTITUDE_TIMEOUT_US: u64 = 2_000_000;
 
 /// Backward step of the autopilot's clock, milliseconds, that indicates a restart, which discards its requests.
-const RESTART_MS: i32 = 1_000;
+const MIN_RESTART_STEP_MS: i32 = 1_000;
 
 /// Requests to the autopilot, and their progress.
 #[derive(Debug, Default)]
@@ -76,7 +76,7 @@ pub(super) struct RequestSequence {
 impl RequestSequence {
     /// Records an attitude report of the selected sender.
     pub fn on_attitude(&mut self, at: Timestamp, sender_time: WrappingMillis) {
-        if self.last.is_some_and(|(_, before)| before.signed_ms_since(sender_time) > RESTART_MS) {
+        if self.last.is_some_and(|(_, before)| before.signed_ms_since(sender_time) > MIN_RESTART_STEP_MS) {
             self.begin(at);
         }
         self.reports = self.reports.saturating_add(1);
@@ -153,8 +153,8 @@ impl RequestSequence {
             return None;
         }
         if periodic_request.is_some_and(|periodic_request| periodic_request.is_satisfied(self.reports, elapsed_us)) {
-            self.select_request(AFTER_ATTITUDE);
-        } else if self.attempts >= ATTEMPTS {
+            self.select_request(FIRST_NON_ATTITUDE_REQUEST);
+        } else if self.attempts >= ATTEMPTS_PER_REQUEST {
             self.select_request(self.request_index + 1);
         }
         REQUESTS.get(self.request_index).copied()

@@ -12,13 +12,13 @@ use crate::time::Timestamp;
 use crate::wire::mavlink::OutboundMessage;
 
 /// Capacity for texts: progress of a collection, its end, and the outcome of the solve.
-const WAITING: usize = 3;
+const QUEUE_CAPACITY: usize = 3;
 
 /// Rate of chunks, Hz; leaves room for headings on a slow line.
-const CHUNKS_HZ: u8 = 10;
+const CHUNK_RATE_HZ: u8 = 10;
 
 /// Prefix of every text: a ground station shows the texts of all components in one list.
-const NAME: &str = "autoswing: ";
+const TEXT_PREFIX: &str = "autoswing: ";
 
 #[derive(Debug)]
 struct Text {
@@ -29,12 +29,12 @@ struct Text {
 /// Pending texts. When full, the oldest is dropped, except one whose first chunk was sent.
 #[derive(Debug, Default)]
 pub(super) struct PendingTexts {
-    waiting: heapless::Vec<Text, WAITING>,
+    waiting: heapless::Vec<Text, QUEUE_CAPACITY>,
     /// Number of sent chunks of the first text.
     sent: u8,
     /// STATUSTEXT's `id`, counted for texts of several chunks; 0 is for texts of one chunk.
     id: u16,
-    pace: MessageSchedule,
+    schedule: MessageSchedule,
 }
 
 impl PendingTexts {
@@ -45,7 +45,7 @@ impl PendingTexts {
             Severity::Warning => MavSeverity::MAV_SEVERITY_WARNING,
         };
         let mut characters = Characters::default();
-        let _ = write!(characters, "{NAME}{message}");
+        let _ = write!(characters, "{TEXT_PREFIX}{message}");
         if self.waiting.is_full() {
             self.waiting.remove(usize::from(self.sent > 0));
         }
@@ -55,7 +55,7 @@ impl PendingTexts {
     /// Sends the next due chunk; returns whether one was sent.
     pub fn send(&mut self, now: Timestamp, line: &mut Transmitter<'_>) -> bool {
         let Some(text) = self.waiting.first() else { return false };
-        if !self.pace.is_due(now, CHUNKS_HZ) {
+        if !self.schedule.is_due(now, CHUNK_RATE_HZ) {
             return false;
         }
         let characters = text.characters.bytes();

@@ -5,11 +5,11 @@ use crate::port::TransmitBuffer;
 use crate::wire::mavlink::{Address, OutboundMessage, Signatures};
 
 /// MAV_COMP_ID_PERIPHERAL.
-pub(super) const COMPONENT: u8 = 158;
+pub(super) const OWN_COMPONENT: u8 = 158;
 
 /// The module's address in an autopilot's system.
 pub(super) fn own_address(autopilot: SenderId) -> Address {
-    Address { component: COMPONENT, ..Address::from_sender(autopilot) }
+    Address { component: OWN_COMPONENT, ..Address::from_sender(autopilot) }
 }
 
 /// Numbers messages and appends them to an output.

@@ -22,7 +22,7 @@ const COMPASS_HZ: u8 = 50;
 const ATTITUDE_HZ: u8 = 50;
 
 /// Rate of other requests, Hz: each about once a second, the current four times.
-const OTHERS_HZ: u8 = PERIODIC_REQUESTS.len() as u8;
+const PERIODIC_REQUESTS_HZ: u8 = PERIODIC_REQUESTS.len() as u8;
 
 /// Other requests, in turn.
 const PERIODIC_REQUESTS: [Function; 8] = [
@@ -43,7 +43,7 @@ const REPLY_TIMEOUT_US: u64 = 50_000;
 const ARMED_EXPIRY_US: u64 = 10_000_000;
 
 /// Number of the only compass on this line.
-const INSTANCE: u8 = 0;
+const COMPASS_NUMBER: u8 = 0;
 
 /// MSP protocol of a port.
 #[derive(Debug, Default)]
@@ -58,7 +58,7 @@ pub struct Msp {
     requested_at: Option<Timestamp>,
     compass: MessageSchedule,
     attitude: MessageSchedule,
-    others: MessageSchedule,
+    other_requests: MessageSchedule,
     /// Index of the next one of the other requests.
     next: usize,
 }
@@ -76,7 +76,7 @@ impl Msp {
             requested_at: None,
             compass: MessageSchedule::new(),
             attitude: MessageSchedule::new(),
-            others: MessageSchedule::new(),
+            other_requests: MessageSchedule::new(),
             next: 0,
         }
     }
@@ -158,9 +158,9 @@ impl Protocol for Msp {
         if let Some(field) = snapshot.estimate.compass_field
             && self.compass.is_due(now, COMPASS_HZ)
         {
-            out.append(&[&compass(INSTANCE, snapshot.estimate.at.wrapping_millis().as_ms(), field)]);
+            out.append(&[&compass(COMPASS_NUMBER, snapshot.estimate.at.wrapping_millis().as_ms(), field)]);
         }
-        let is_other_due = self.others.is_due(now, OTHERS_HZ);
+        let is_other_due = self.other_requests.is_due(now, PERIODIC_REQUESTS_HZ);
         if is_other_due {
             out.append(&[&request(self.next_periodic_request())]);
         }

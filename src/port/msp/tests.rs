@@ -28,9 +28,9 @@ fn poll(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
     let mut rest = out.pending();
     let mut frames = Vec::new();
     while let [b'$', b'X', b'<', _, _, _, length, ..] = rest {
-        let (frame, others) = rest.split_at(9 + usize::from(*length));
+        let (frame, other_requests) = rest.split_at(9 + usize::from(*length));
         frames.push(frame.to_vec());
-        rest = others;
+        rest = other_requests;
     }
     assert!(rest.is_empty());
     frames

@@ -7,7 +7,7 @@ use testkit::flash::CutProgress;
 use super::*;
 
 /// A later format.
-const LATER: u8 = page::FORMAT + 1;
+const LATER: u8 = page::STORE_FORMAT + 1;
 
 /// Item of another format, longer than any of this one.
 fn other_item(format: u8) -> Vec<u8> {
@@ -77,7 +77,7 @@ fn another_format_is_reported_and_left_untouched() {
 
 #[test]
 fn each_other_format_is_named() {
-    for format in (0..=255).filter(|format| *format != page::FORMAT) {
+    for format in (0..=255).filter(|format| *format != page::STORE_FORMAT) {
         assert_eq!(page::parse(&other_item(format)), PageContent::OtherFormat(format));
     }
     for format in 2..=9 {

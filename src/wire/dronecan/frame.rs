@@ -132,26 +132,26 @@ impl FrameHeader {
 pub(super) struct TailByte(pub u8);
 
 impl TailByte {
-    const START: u8 = 0x80;
-    const END: u8 = 0x40;
+    const START_OF_TRANSFER: u8 = 0x80;
+    const END_OF_TRANSFER: u8 = 0x40;
     const TOGGLE: u8 = 0x20;
 
     pub fn new(is_start: bool, is_end: bool, toggle: bool, transfer_id: u8) -> Self {
         let flag = |is_set, flag| if is_set { flag } else { 0 };
         Self(
-            flag(is_start, Self::START)
-                | flag(is_end, Self::END)
+            flag(is_start, Self::START_OF_TRANSFER)
+                | flag(is_end, Self::END_OF_TRANSFER)
                 | flag(toggle, Self::TOGGLE)
                 | transfer_id & TRANSFER_ID_MASK,
         )
     }
 
     pub const fn is_start(self) -> bool {
-        self.0 & Self::START != 0
+        self.0 & Self::START_OF_TRANSFER != 0
     }
 
     pub const fn is_end(self) -> bool {
-        self.0 & Self::END != 0
+        self.0 & Self::END_OF_TRANSFER != 0
     }
 
     pub const fn toggle(self) -> bool {

@@ -142,7 +142,7 @@ impl ReceivedType {
 
 /// Received data types, the most frequent first.
 static RECEIVED_TYPES: [ReceivedType; 11] = [
-    ReceivedType::new(DataType::TARGETTED, targetted),
+    ReceivedType::new(DataType::TARGETTED, tunnel_targetted),
     ReceivedType::new(DataType::ARMING_STATUS, arming_status),
     ReceivedType::new(DataType::BATTERY_INFO, battery),
     ReceivedType::new(DataType::FIX_2, fix),
@@ -211,7 +211,7 @@ fn begin_firmware_update(payload: &[u8]) -> Option<InboundMessage<'_>> {
     Some(InboundMessage::BeginFirmwareUpdate { server, path: fields.take_rest() })
 }
 
-fn targetted(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn tunnel_targetted(payload: &[u8]) -> Option<InboundMessage<'_>> {
     let mut fields = BitReader::new(payload);
     let message = Targetted {
         protocol: fields.take(8) as u8,
@@ -235,21 +235,21 @@ fn arming_status(payload: &[u8]) -> Option<InboundMessage<'_>> {
 /// Temperature, voltage, current, five numbers of energy and charge, then the number of the battery.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn battery(payload: &[u8]) -> Option<InboundMessage<'_>> {
-    const UNTIL_CURRENT: usize = 4;
-    const UNTIL_BATTERY: usize = 12;
+    const BYTES_BEFORE_CURRENT: usize = 4;
+    const BYTES_BEFORE_BATTERY_ID: usize = 12;
     let mut fields = BitReader::new(payload);
-    fields.take_bytes(UNTIL_CURRENT);
+    fields.take_bytes(BYTES_BEFORE_CURRENT);
     let current_a = Some(fields.take_f16()).filter(|current_a| current_a.is_finite());
-    fields.take_bytes(UNTIL_BATTERY);
+    fields.take_bytes(BYTES_BEFORE_BATTERY_ID);
     Some(InboundMessage::Battery { battery: fields.take(8) as u8, current_a })
 }
 
 /// Times of the node and of the satellites in microseconds, longitude and latitude in 1e-8 deg, heights in millimetres.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn fix(payload: &[u8]) -> Option<InboundMessage<'_>> {
-    const UTC: u64 = 2;
+    const TIME_STANDARD_UTC: u64 = 2;
     const VELOCITY_BITS: u32 = 96;
-    const THREE_DIMENSIONAL: u64 = 3;
+    const STATUS_3D_FIX: u64 = 3;
     let mut fields = BitReader::new(payload);
     fields.take(56);
     let (satellite_us, time_standard) = (fields.take(56), fields.take(3));
@@ -261,8 +261,8 @@ fn fix(payload: &[u8]) -> Option<InboundMessage<'_>> {
         fields.take(32);
     }
     fields.take(6);
-    let has_fix = fields.take(2) == THREE_DIMENSIONAL;
-    let date = (time_standard == UTC).then(|| Date::from_unix_s(satellite_us / 1_000_000)).flatten();
+    let has_fix = fields.take(2) == STATUS_3D_FIX;
+    let date = (time_standard == TIME_STANDARD_UTC).then(|| Date::from_unix_s(satellite_us / 1_000_000)).flatten();
     let position = has_fix.then(|| Position::new(latitude_deg, longitude_deg, height_m)).flatten();
     Some(InboundMessage::Fix(position, date))
 }

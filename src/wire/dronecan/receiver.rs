@@ -14,7 +14,7 @@ pub const LONGEST_RECEIVED: usize = 224;
 
 /// Number of transfers of several frames that are received at the same time; the frames of one follow each other within
 /// milliseconds.
-const SLOTS: usize = 4;
+const TRANSFER_SLOTS: usize = 4;
 
 /// Longest time between two frames of a transfer, microseconds.
 const TRANSFER_TIMEOUT_US: u64 = 2_000_000;
@@ -38,7 +38,7 @@ pub struct InboundTransfer<'a> {
 /// Receiver of the transfers that this node understands. 1 KB.
 #[derive(Debug)]
 pub struct Receiver {
-    slots: [Slot; SLOTS],
+    slots: [Slot; TRANSFER_SLOTS],
     /// Frames and transfers dropped since the start; wraps.
     pub rejected: u32,
 }
@@ -53,7 +53,7 @@ impl Receiver {
     /// Creates a receiver.
     #[must_use]
     pub const fn new() -> Self {
-        Self { slots: [const { Slot::EMPTY }; SLOTS], rejected: 0 }
+        Self { slots: [const { Slot::EMPTY }; TRANSFER_SLOTS], rejected: 0 }
     }
 
     /// Processes a frame; returns the transfer that it completes. Requests to other nodes than `own` are ignored.
@@ -95,7 +95,7 @@ impl Receiver {
 }
 
 /// Slot of a sender and type. A first frame without one takes a free slot, or that of the longest silent transfer.
-fn find_slot(slots: &mut [Slot; SLOTS], key: u32, is_start: bool) -> Option<&mut Slot> {
+fn find_slot(slots: &mut [Slot; TRANSFER_SLOTS], key: u32, is_start: bool) -> Option<&mut Slot> {
     let index = slots.iter().position(|slot| slot.key == Some(key)).or_else(|| {
         let oldest = slots.iter().enumerate().min_by_key(|(_, slot)| (slot.key.is_some(), slot.last));
         oldest.map(|(index, _)| index).filter(|_| is_start)

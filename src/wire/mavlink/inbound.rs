@@ -91,7 +91,7 @@ pub(super) const SUPPORTED_MESSAGES: [MessageSpec; 9] = [
     MessageSpec::from_library::<ATTITUDE_DATA>(attitude),
     MessageSpec::from_library::<SYS_STATUS_DATA>(system_status).extended(43),
     MessageSpec::from_library::<HEARTBEAT_DATA>(heartbeat),
-    MessageSpec::from_library::<GLOBAL_POSITION_INT_DATA>(place),
+    MessageSpec::from_library::<GLOBAL_POSITION_INT_DATA>(global_position),
     MessageSpec::from_library::<BATTERY_STATUS_DATA>(battery_status).extended(54),
     MessageSpec::from_library::<SYSTEM_TIME_DATA>(day),
     MessageSpec::from_library::<COMMAND_LONG_DATA>(command_long),
@@ -147,13 +147,13 @@ impl PayloadReader<'_> {
 }
 
 fn attitude(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const ROLL: usize = 4;
-    const PITCH: usize = 8;
-    const RATES: usize = 16;
+    const ROLL_OFFSET: usize = 4;
+    const PITCH_OFFSET: usize = 8;
+    const RATES_OFFSET: usize = 16;
     let fields = PayloadReader(payload);
-    let (roll_rad, pitch_rad) = (fields.f32(ROLL), fields.f32(PITCH));
+    let (roll_rad, pitch_rad) = (fields.f32(ROLL_OFFSET), fields.f32(PITCH_OFFSET));
     let rate = |axis| {
-        let rad_s = fields.f32(RATES + 4 * axis);
+        let rad_s = fields.f32(RATES_OFFSET + 4 * axis);
         if rad_s.is_finite() { rad_s } else { 0.0 }
     };
     let is_possible = roll_rad.abs() <= MAX_ROLL_RAD && pitch_rad.abs() <= MAX_PITCH_RAD;
@@ -173,45 +173,48 @@ const MAX_PITCH_RAD: f32 = core::f32::consts::FRAC_PI_2 + 0.001;
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn heartbeat(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const AUTOPILOT: usize = 5;
-    const BASE_MODE: usize = 6;
+    const AUTOPILOT_OFFSET: usize = 5;
+    const BASE_MODE_OFFSET: usize = 6;
     let fields = PayloadReader(payload);
     Some(InboundMessage::Heartbeat(Heartbeat {
         sender: source,
-        is_autopilot: fields.u8(AUTOPILOT) != MavAutopilot::MAV_AUTOPILOT_INVALID as u8,
-        is_armed: fields.u8(BASE_MODE) & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0,
+        is_autopilot: fields.u8(AUTOPILOT_OFFSET) != MavAutopilot::MAV_AUTOPILOT_INVALID as u8,
+        is_armed: fields.u8(BASE_MODE_OFFSET) & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0,
     }))
 }
 
 /// Latitude and longitude in 1e-7 deg, height above mean sea level in millimetres.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn place(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const LATITUDE: usize = 4;
-    const LONGITUDE: usize = 8;
-    const HEIGHT: usize = 12;
+fn global_position(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    const LATITUDE_OFFSET: usize = 4;
+    const LONGITUDE_OFFSET: usize = 8;
+    const HEIGHT_OFFSET: usize = 12;
     let fields = PayloadReader(payload);
-    let (latitude_deg, longitude_deg) = (fields.scaled(LATITUDE, 1e-7), fields.scaled(LONGITUDE, 1e-7));
-    Some(InboundMessage::Position(source, Position::new(latitude_deg, longitude_deg, fields.scaled(HEIGHT, 1e-3))))
+    let (latitude_deg, longitude_deg) = (fields.scaled(LATITUDE_OFFSET, 1e-7), fields.scaled(LONGITUDE_OFFSET, 1e-7));
+    Some(InboundMessage::Position(
+        source,
+        Position::new(latitude_deg, longitude_deg, fields.scaled(HEIGHT_OFFSET, 1e-3)),
+    ))
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn system_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const CURRENT: usize = 16;
-    Some(InboundMessage::Current(source, amperes(PayloadReader(payload).u16(CURRENT))))
+    const CURRENT_OFFSET: usize = 16;
+    Some(InboundMessage::Current(source, amperes_from_centiamperes(PayloadReader(payload).u16(CURRENT_OFFSET))))
 }
 
 /// Only the first battery, as in SYS_STATUS.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn battery_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const CURRENT: usize = 30;
-    const BATTERY: usize = 32;
+    const CURRENT_OFFSET: usize = 30;
+    const BATTERY_ID_OFFSET: usize = 32;
     let fields = PayloadReader(payload);
-    let is_first = fields.u8(BATTERY) == 0;
-    Some(InboundMessage::Current(source, amperes(fields.u16(CURRENT)).filter(|_| is_first)))
+    let is_first = fields.u8(BATTERY_ID_OFFSET) == 0;
+    Some(InboundMessage::Current(source, amperes_from_centiamperes(fields.u16(CURRENT_OFFSET)).filter(|_| is_first)))
 }
 
 /// Converts hundredths of an ampere; -1 means unknown.
-fn amperes(centiamperes: u16) -> Option<f32> {
+fn amperes_from_centiamperes(centiamperes: u16) -> Option<f32> {
     let centiamperes = centiamperes.cast_signed();
     (centiamperes != -1).then_some(f32::from(centiamperes) * 0.01)
 }
@@ -226,8 +229,8 @@ fn day(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn command_long(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const CONFIRMATION: usize = 32;
-    Some(InboundMessage::Command(command(source, payload, PayloadReader(payload).u8(CONFIRMATION))))
+    const CONFIRMATION_OFFSET: usize = 32;
+    Some(InboundMessage::Command(command(source, payload, PayloadReader(payload).u8(CONFIRMATION_OFFSET))))
 }
 
 /// Has a coordinate frame in the place of COMMAND_LONG's confirmation; the fields before it are equal.
@@ -237,13 +240,13 @@ fn command_int(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
 }
 
 fn command(source: SenderId, payload: &[u8], confirmation: u8) -> ReceivedCommand {
-    const COMMAND: usize = 28;
-    const TARGET: usize = 30;
+    const COMMAND_OFFSET: usize = 28;
+    const TARGET_OFFSET: usize = 30;
     let fields = PayloadReader(payload);
     ReceivedCommand {
         source,
-        target: fields.address(TARGET),
-        command: fields.u16(COMMAND),
+        target: fields.address(TARGET_OFFSET),
+        command: fields.u16(COMMAND_OFFSET),
         confirmation,
         parameters: from_fn(|parameter| fields.f32(4 * parameter)),
     }
@@ -251,14 +254,14 @@ fn command(source: SenderId, payload: &[u8], confirmation: u8) -> ReceivedComman
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn acknowledgement(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const COMMAND: usize = 0;
-    const RESULT: usize = 2;
-    const TARGET: usize = 8;
+    const COMMAND_OFFSET: usize = 0;
+    const RESULT_OFFSET: usize = 2;
+    const TARGET_OFFSET: usize = 8;
     let fields = PayloadReader(payload);
     Some(InboundMessage::Acknowledgement(Acknowledgement {
         source,
-        target: fields.address(TARGET),
-        command: fields.u16(COMMAND),
-        result: fields.u8(RESULT),
+        target: fields.address(TARGET_OFFSET),
+        command: fields.u16(COMMAND_OFFSET),
+        result: fields.u8(RESULT_OFFSET),
     }))
 }

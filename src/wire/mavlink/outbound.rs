@@ -60,10 +60,10 @@ impl OutboundMessage {
     /// HEARTBEAT of an onboard controller that is no autopilot.
     #[must_use]
     pub fn heartbeat(state: MavState) -> Self {
-        const VERSION: u8 = 3;
+        const MAVLINK_VERSION: u8 = 3;
         let (kind, autopilot) = (MavType::MAV_TYPE_ONBOARD_CONTROLLER, MavAutopilot::MAV_AUTOPILOT_INVALID);
         let mut message = Self::from_library::<HEARTBEAT_DATA>();
-        message.put(&[0, 0, 0, 0, kind as u8, autopilot as u8, 0, state as u8, VERSION]);
+        message.put(&[0, 0, 0, 0, kind as u8, autopilot as u8, 0, state as u8, MAVLINK_VERSION]);
         message
     }
 
@@ -72,20 +72,20 @@ impl OutboundMessage {
     pub fn set_message_interval(target: Address, message_id: u32, rate_hz: u8) -> Self {
         let interval_us = 1e6 / f32::from(rate_hz.max(1));
         let mut message = Self::from_library::<COMMAND_LONG_DATA>();
-        message.floats(&[message_id as f32, interval_us, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        message.put_floats(&[message_id as f32, interval_us, 0.0, 0.0, 0.0, 0.0, 0.0]);
         message.put(&(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16).to_le_bytes());
         message.put(&[target.system, target.component, 0]);
         message
     }
 
-    /// REQUEST_DATA_STREAM: requests the stream that contains ATTITUDE (`EXTRA1`) at a rate.
+    /// REQUEST_DATA_STREAM: requests the stream that contains ATTITUDE (`STREAM_EXTRA1`) at a rate.
     #[must_use]
     pub fn request_attitude_stream(target: Address, rate_hz: u8) -> Self {
-        const EXTRA1: u8 = 10;
-        const START: u8 = 1;
+        const STREAM_EXTRA1: u8 = 10;
+        const START_SENDING: u8 = 1;
         // By number, because the library marks it as superseded; it is for autopilots without the successor.
         let mut message = Self::new(66, 148);
-        message.put(&[rate_hz, 0, target.system, target.component, EXTRA1, START]);
+        message.put(&[rate_hz, 0, target.system, target.component, STREAM_EXTRA1, START_SENDING]);
         message
     }
 
@@ -123,7 +123,7 @@ impl OutboundMessage {
         field.iter_mut().zip(name.bytes()).for_each(|(to, from)| *to = from);
         let mut message = Self::from_library::<NAMED_VALUE_FLOAT_DATA>();
         message.put(&at.wrapping_millis().as_ms().to_le_bytes());
-        message.floats(&[value]);
+        message.put_floats(&[value]);
         message.put(&field);
         message
     }
@@ -136,8 +136,8 @@ impl OutboundMessage {
         let mut message = Self::new(191, 92);
         let status =
             if percent < 100 { MagCalStatus::MAG_CAL_RUNNING_STEP_ONE } else { MagCalStatus::MAG_CAL_RUNNING_STEP_TWO };
-        message.floats(&direction);
-        message.put(&[0, COMPASSES, status as u8, 1, percent]);
+        message.put_floats(&direction);
+        message.put(&[0, COMPASS_MASK, status as u8, 1, percent]);
         message
     }
 
@@ -146,11 +146,11 @@ impl OutboundMessage {
     pub fn mag_cal_report(report: &MagCalReport) -> Self {
         let mut message = Self::from_library::<MAG_CAL_REPORT_DATA>();
         let status = if report.is_success { MagCalStatus::MAG_CAL_SUCCESS } else { MagCalStatus::MAG_CAL_FAILED };
-        message.floats(&[report.fitness_mg]);
+        message.put_floats(&[report.fitness_mg]);
         for three in [&report.offset_mg, &report.diagonal, &report.off_diagonal] {
-            message.floats(three);
+            message.put_floats(three);
         }
-        message.put(&[0, COMPASSES, status as u8, u8::from(report.is_success)]);
+        message.put(&[0, COMPASS_MASK, status as u8, u8::from(report.is_success)]);
         message
     }
 
@@ -159,17 +159,17 @@ impl OutboundMessage {
     #[must_use]
     pub fn pose_estimate(pose: &Pose) -> Self {
         /// Upper right triangle over x, y, z, roll, pitch, yaw without its last element, the variance of yaw.
-        const UNKNOWN: [f32; 20] = {
+        const UNKNOWN_COVARIANCE: [f32; 20] = {
             let mut covariance = [0.0; 20];
             covariance[0] = f32::NAN;
             covariance
         };
         let mut message = Self::from_library::<VISION_POSITION_ESTIMATE_DATA>();
         message.put(&pose.at.as_us().to_le_bytes());
-        message.floats(&[0.0; 3]);
-        message.floats(&pose.roll_pitch_yaw_rad);
-        message.floats(&UNKNOWN);
-        message.floats(&[pose.yaw_variance_rad2]);
+        message.put_floats(&[0.0; 3]);
+        message.put_floats(&pose.roll_pitch_yaw_rad);
+        message.put_floats(&UNKNOWN_COVARIANCE);
+        message.put_floats(&[pose.yaw_variance_rad2]);
         message.put(&[pose.reset_counter]);
         message
     }
@@ -209,11 +209,11 @@ impl OutboundMessage {
         let _ = self.frame.extend_from_slice(bytes);
     }
 
-    fn floats(&mut self, numbers: &[f32]) {
+    fn put_floats(&mut self, numbers: &[f32]) {
         for number in numbers {
             self.put(&number.to_le_bytes());
         }
     }
 }
 
-const COMPASSES: u8 = 1;
+const COMPASS_MASK: u8 = 1;

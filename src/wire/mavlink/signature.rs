@@ -18,7 +18,7 @@ use crate::settings::SigningKey;
 pub(super) const LENGTH: usize = 13;
 
 /// Bytes of the hash in a signature.
-const HASH: usize = 6;
+const HASH_LENGTH: usize = 6;
 
 /// Flag of a signed frame, among the flags which a receiver must know.
 pub(super) const IS_SIGNED: u8 = 0x01;
@@ -30,7 +30,7 @@ pub(super) const MAX_AGE: u64 = 6_000_000;
 const MAX_STREAMS: usize = 8;
 
 /// Number of the module's link, of which it has one for each key.
-const LINK: u8 = 0;
+const OWN_LINK: u8 = 0;
 
 /// Key of a passphrase, as ground stations derive it.
 #[must_use]
@@ -76,7 +76,7 @@ impl Signatures {
     /// Whether a frame with a valid CRC is accepted; `is_signed`: it ends with a signature.
     pub(super) fn accept(&mut self, frame: &[u8], source: SenderId, is_signed: bool) -> bool {
         let Some(key) = &self.key else { return true };
-        let Some((signed, hash)) = frame.split_last_chunk::<HASH>().filter(|_| is_signed) else { return false };
+        let Some((signed, hash)) = frame.split_last_chunk::<HASH_LENGTH>().filter(|_| is_signed) else { return false };
         let Some(&[link, t0, t1, t2, t3, t4, t5]) = signed.last_chunk() else { return false };
         let time = u64::from_le_bytes([t0, t1, t2, t3, t4, t5, 0, 0]);
         let known = self.streams.iter_mut().find(|stream| (stream.link, stream.source) == (link, source));
@@ -100,12 +100,12 @@ impl Signatures {
         self.time += 1;
         let [t0, t1, t2, t3, t4, t5, ..] = self.time.to_le_bytes();
         // A frame's capacity includes the signature.
-        let _ = frame.extend_from_slice(&[LINK, t0, t1, t2, t3, t4, t5]);
+        let _ = frame.extend_from_slice(&[OWN_LINK, t0, t1, t2, t3, t4, t5]);
         let _ = frame.extend_from_slice(&hash_of(key, frame));
     }
 }
 
-fn hash_of(key: &SigningKey, signed: &[u8]) -> [u8; HASH] {
+fn hash_of(key: &SigningKey, signed: &[u8]) -> [u8; HASH_LENGTH] {
     let digest: [u8; 32] = Sha256::new().chain_update(key.0).chain_update(signed).finalize().into();
     // Never the default: the digest is longer.
     digest.first_chunk().copied().unwrap_or_default()

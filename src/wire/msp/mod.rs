@@ -295,14 +295,14 @@ fn rtc(payload: &[u8]) -> Option<MspReply> {
 /// Converts a date of the Gregorian calendar. Years begin in March, so that the leap day is their last.
 fn date(year: u16, month: u8, day: u8) -> Option<Date> {
     /// Days from March of the year 0 to 1970.
-    const BEFORE_1970: u32 = 719_469;
+    const DAYS_BEFORE_1970: u32 = 719_469;
     if !((1970..=9999).contains(&year) && (1..=12).contains(&month) && (1..=31).contains(&day)) {
         return None;
     }
     let since_march = (u32::from(month) + 9) % 12;
     let years = u32::from(year) - u32::from(since_march >= 10);
     let days = 365 * years + years / 4 - years / 100 + years / 400 + (153 * since_march + 2) / 5 + u32::from(day);
-    Date::from_unix_s(u64::from(days - BEFORE_1970) * 86_400)
+    Date::from_unix_s(u64::from(days - DAYS_BEFORE_1970) * 86_400)
 }
 
 /// Encodes a request.

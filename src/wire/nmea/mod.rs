@@ -95,10 +95,10 @@ fn rounded_tenths(value: f32) -> u32 {
 /// Writes tenths as a number with one decimal and a minimum of digits before the point.
 fn put_tenths(body: &mut Sentence, tenths: u32, least_digits: usize) -> Fits {
     /// Digits of the largest whole part.
-    const DIGITS: usize = 9;
+    const MAX_WHOLE_DIGITS: usize = 9;
     let digit = |value: u32| b'0' + (value % 10) as u8;
-    let mut text = [b'.'; DIGITS + 2];
-    let (whole, fraction) = text.split_at_mut(DIGITS);
+    let mut text = [b'.'; MAX_WHOLE_DIGITS + 2];
+    let (whole, fraction) = text.split_at_mut(MAX_WHOLE_DIGITS);
     if let Some(last) = fraction.last_mut() {
         *last = digit(tenths);
     }
@@ -112,18 +112,18 @@ fn put_tenths(body: &mut Sentence, tenths: u32, least_digits: usize) -> Fits {
         rest /= 10;
         digits += 1;
     }
-    body.extend_from_slice(text.get(DIGITS - digits..)?).ok()
+    body.extend_from_slice(text.get(MAX_WHOLE_DIGITS - digits..)?).ok()
 }
 
 /// Adds `$`, checksum and line end to a body. A sentence that does not fit is cut, and lacks the checksum, so that
 /// receivers reject it.
 fn sentence(fill: impl FnOnce(&mut Sentence) -> Fits) -> Sentence {
-    const HEX: &[u8; 16] = b"0123456789ABCDEF";
+    const HEX_DIGITS: &[u8; 16] = b"0123456789ABCDEF";
     let mut out = Sentence::new();
     let complete = put(&mut out, "$").and_then(|()| fill(&mut out));
     if complete.is_some() {
         let checksum = checksum(out.get(1..).unwrap_or_default());
-        let [high, low] = [checksum >> 4, checksum & 15].map(|nibble| HEX[usize::from(nibble)]);
+        let [high, low] = [checksum >> 4, checksum & 15].map(|nibble| HEX_DIGITS[usize::from(nibble)]);
         let end = [b'*', high, low, b'\r', b'\n'];
         // There is room: bodies have at most 40 characters.
         let _ = out.extend_from_slice(&end);

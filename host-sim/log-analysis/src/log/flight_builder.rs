@@ -16,7 +16,7 @@ pub const MAX_COMPASSES: u8 = 8;
 /// Largest accepted field component, microtesla: admits nanotesla read as microtesla, which replay reports.
 const MAX_FIELD_UT: f32 = 200_000.0;
 
-const MAX_ARMED: usize = 100_000;
+const MAX_ARMED_CHANGES: usize = 100_000;
 
 pub struct FlightBuilder {
     pub flight: Flight,
@@ -117,7 +117,7 @@ impl FlightBuilder {
 
     pub fn push_armed(&mut self, t_s: f64, is_armed: bool) {
         let is_news = self.flight.armed.last().is_none_or(|&(_, last)| last != is_armed);
-        if is_news && self.flight.armed.len() < MAX_ARMED {
+        if is_news && self.flight.armed.len() < MAX_ARMED_CHANGES {
             self.flight.armed.push((t_s, is_armed));
         }
     }

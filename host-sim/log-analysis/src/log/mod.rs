@@ -47,7 +47,7 @@ use std::io::{self, Read};
 use csv::{CsvError, FieldUnit};
 
 /// Bytes searched to detect the format.
-const HEAD: usize = 1 << 16;
+const FORMAT_DETECTION_BYTES: usize = 1 << 16;
 
 /// Reason why a log cannot be read.
 #[derive(Debug)]
@@ -127,15 +127,15 @@ pub fn read(source: &mut dyn Read, unit: FieldUnit) -> Result<Flight, LogError> 
 ///
 /// The source cannot be read, or holds no usable flight.
 pub fn read_system(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
-    let mut flight = read_as_logged(source, unit, system)?;
+    let mut flight = read_with_unchecked_rates(source, unit, system)?;
     rates::check_rates(&mut flight);
     Ok(flight)
 }
 
 /// Reads a flight with its body rates unchecked.
-fn read_as_logged(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
+fn read_with_unchecked_rates(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
     let mut head = Vec::new();
-    (&mut *source).take(HEAD as u64).read_to_end(&mut head)?;
+    (&mut *source).take(FORMAT_DETECTION_BYTES as u64).read_to_end(&mut head)?;
     let format = detect_format(&head)?;
     let mut source = io::Cursor::new(head).chain(source);
     let flight = match format {
@@ -172,7 +172,7 @@ fn detect_format(head: &[u8]) -> Result<LogFormat, LogError> {
         Ok(LogFormat::TLog)
     } else if text().any(|line| line.starts_with(b"FMT,")) {
         Ok(LogFormat::DataFlashText)
-    } else if csv::begins_in(head) {
+    } else if csv::is_table(head) {
         Ok(LogFormat::Csv)
     } else {
         Err(LogError::UnknownFormat)

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 /// Largest number of parameters.
-const MAX_NAMES: usize = 8192;
+const MAX_PARAMETERS: usize = 8192;
 
 /// Largest number of changes of a parameter.
-const MAX_CHANGES: usize = 256;
+const MAX_CHANGES_PER_PARAMETER: usize = 256;
 
 /// Values by name, each valid from its time on. The first value also holds before its time, since a link sends it late.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -20,10 +20,10 @@ impl ParameterHistory {
         }
         if let Some(values) = self.0.get_mut(name) {
             let is_new = values.last().is_none_or(|&(_, last)| last.total_cmp(&value).is_ne());
-            if is_new && values.len() < MAX_CHANGES {
+            if is_new && values.len() < MAX_CHANGES_PER_PARAMETER {
                 values.push((t_s, value));
             }
-        } else if self.0.len() < MAX_NAMES {
+        } else if self.0.len() < MAX_PARAMETERS {
             self.0.insert(name.to_owned(), vec![(t_s, value)]);
         }
     }

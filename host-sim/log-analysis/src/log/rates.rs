@@ -8,27 +8,27 @@ use super::series::{Series, Stamped};
 use crate::numbers::median;
 
 /// Longest interval between the neighbours of a row for a difference, seconds.
-const MAX_SPAN_S: f64 = 1.0;
+const MAX_DIFFERENCE_INTERVAL_S: f64 = 1.0;
 
 /// Largest gap for an interpolation of logged rates, seconds.
 const MAX_GAP_S: f64 = 0.7;
 
 /// Fewer rows than this test nothing: 10 s at 10 Hz.
-const MIN_ROWS: usize = 100;
+const MIN_TESTED_ROWS: usize = 100;
 
 /// An axis with less motion than this tests nothing, rad/s RMS (1 deg/s).
 const MIN_MOTION_RAD_S: f64 = 0.017;
 
 /// Least correlation of rates with the attitude's change that shows their sign and unit.
-const MIN_CORRELATION: f64 = 0.6;
+const MIN_RATE_CORRELATION: f64 = 0.6;
 
 /// Ratio of the attitude's change to the rates beyond which they have another unit.
-const MAX_RATIO: f64 = 10.0;
+const MAX_RATE_RATIO: f64 = 10.0;
 
 /// Random walk of the heading integrated from the rates beyond which the monitor is better without them, deg/s^0.5. With
 /// noise added to the rates of the recorded flights in docs/your-flight.md, headings had 0.5 to 0.7 deg RMS at 0.4, 0.7 to
 /// 1.0 at 0.6 and 1.2 to 2.8 at 1.1; without rates 0.6.
-const MAX_WALK_DEG: f64 = 0.4;
+const MAX_HEADING_RANDOM_WALK_DEG: f64 = 0.4;
 
 /// Repairs of an axis each, and one of the unit.
 const MAX_REPAIRS: usize = 4;
@@ -60,7 +60,7 @@ fn problem(differences: &[Stamped<3>], flight: &Flight) -> Option<RatesProblem> 
         .iter()
         .filter_map(|row| Some((row.values, flight.rates.interpolate(row.t_s, MAX_GAP_S)?)))
         .collect();
-    if pairs.len() < MIN_ROWS {
+    if pairs.len() < MIN_TESTED_ROWS {
         return None;
     }
     let has_yaw = flight.attitude.rows().iter().any(|row| row.values[2].is_finite());
@@ -70,7 +70,7 @@ fn problem(differences: &[Stamped<3>], flight: &Flight) -> Option<RatesProblem> 
         // Corrections of the yaw by the autopilot's filter are slow, and not the rates' fault.
         let white = median(pairs.windows(2).map(|two| (off(&two[1]) - off(&two[0])).abs())) / std::f64::consts::SQRT_2;
         let walk_deg = (1.4826 * white * step_s.sqrt()).to_degrees();
-        (walk_deg > MAX_WALK_DEG).then_some(RatesProblem::Inexact(walk_deg))
+        (walk_deg > MAX_HEADING_RANDOM_WALK_DEG).then_some(RatesProblem::Inexact(walk_deg))
     })
 }
 
@@ -81,11 +81,11 @@ fn sign_or_unit(pairs: &[([f32; 3], [f32; 3])], axis: usize) -> Option<RatesProb
     };
     let [seen, logged, both] = [sum(&|seen, _| seen * seen), sum(&|_, logged| logged * logged), sum(&|a, b| a * b)];
     let correlation = both / (seen * logged).sqrt();
-    if seen.sqrt() < MIN_MOTION_RAD_S || correlation.is_nan() || correlation.abs() < MIN_CORRELATION {
+    if seen.sqrt() < MIN_MOTION_RAD_S || correlation.is_nan() || correlation.abs() < MIN_RATE_CORRELATION {
         return None;
     }
     let ratio = (seen / logged).sqrt();
-    if (1.0 / MAX_RATIO..MAX_RATIO).contains(&ratio) {
+    if (1.0 / MAX_RATE_RATIO..MAX_RATE_RATIO).contains(&ratio) {
         (correlation < 0.0).then_some(RatesProblem::WrongSign(axis))
     } else {
         Some(RatesProblem::WrongUnit(ratio))
@@ -106,7 +106,7 @@ fn differences(attitude: &Series<3>) -> Vec<Stamped<3>> {
             pitch * cos_roll + yaw * sin_roll * cos_pitch,
             -pitch * sin_roll + yaw * cos_roll * cos_pitch,
         ];
-        (span_s <= MAX_SPAN_S).then_some(Stamped { t_s: at.t_s, values })
+        (span_s <= MAX_DIFFERENCE_INTERVAL_S).then_some(Stamped { t_s: at.t_s, values })
     };
     attitude.rows().windows(3).filter_map(rate_at).collect()
 }

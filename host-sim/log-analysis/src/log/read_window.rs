@@ -48,11 +48,11 @@ impl<'a> ReadWindow<'a> {
     ///
     /// The source cannot be read.
     pub fn next_line(&mut self) -> io::Result<Option<String>> {
-        const USUAL: usize = 4096;
-        for number in [USUAL, MAX_PEEK] {
+        const READ_CHUNK_BYTES: usize = 4096;
+        for number in [READ_CHUNK_BYTES, MAX_PEEK] {
             let bytes = self.peek(number)?;
             let end = bytes.iter().position(|&byte| byte == b'\n');
-            if end.is_none() && bytes.len() == USUAL && number == USUAL {
+            if end.is_none() && bytes.len() == READ_CHUNK_BYTES && number == READ_CHUNK_BYTES {
                 continue;
             }
             if bytes.is_empty() {

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Rotation3};
 
 /// Roll, pitch, yaw in degrees, by number, where ArduPilot and PX4 agree.
-const DEGREES: [[u16; 3]; 41] = [
+const ROTATION_ANGLES_DEG: [[u16; 3]; 41] = [
     [0, 0, 0],
     [0, 0, 45],
     [0, 0, 90],
@@ -56,7 +56,7 @@ impl NumberedRotation {
     #[must_use]
     pub fn new(number: f64) -> Option<Self> {
         let whole = number.round();
-        (0.0..DEGREES.len() as f64).contains(&whole).then_some(Self(whole as u8))
+        (0.0..ROTATION_ANGLES_DEG.len() as f64).contains(&whole).then_some(Self(whole as u8))
     }
 
     /// Number of the rotation.
@@ -68,7 +68,8 @@ impl NumberedRotation {
     /// Rotation matrix from sensor to body axes: roll, then pitch, then yaw.
     #[must_use]
     pub fn matrix(self) -> Matrix3<f64> {
-        let [roll, pitch, yaw] = DEGREES[usize::from(self.0) % DEGREES.len()].map(|deg| f64::from(deg).to_radians());
+        let [roll, pitch, yaw] =
+            ROTATION_ANGLES_DEG[usize::from(self.0) % ROTATION_ANGLES_DEG.len()].map(|deg| f64::from(deg).to_radians());
         Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
     }
 
@@ -79,7 +80,7 @@ impl NumberedRotation {
             let trace = (rotation.matrix().transpose() * matrix).trace();
             libm::acos(((trace - 1.0) / 2.0).clamp(-1.0, 1.0)).to_degrees()
         };
-        (0..DEGREES.len() as u8)
+        (0..ROTATION_ANGLES_DEG.len() as u8)
             .map(|number| (Self(number), angle_deg(Self(number))))
             .min_by(|(_, a), (_, b)| a.total_cmp(b))
             .unwrap_or_default()

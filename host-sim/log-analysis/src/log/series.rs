@@ -7,10 +7,10 @@ use autoswing::frames::wrap_pi;
 const MAX_ROWS: usize = 3 << 15;
 
 /// Length of the parts dropped whole, seconds; the same parts in all series.
-const PART_S: f64 = 256.0;
+const DROPPED_INTERVAL_S: f64 = 256.0;
 
 /// Row rate at or below which parts are dropped instead of rows, Hz.
-const FEW_HZ: f64 = 20.0;
+const LOWEST_THINNED_RATE_HZ: f64 = 20.0;
 
 /// A row of `N` values with its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,7 +65,7 @@ impl<const N: usize> Series<N> {
         let mut steps_s: Vec<f64> = self.rows.windows(2).map(|pair| (pair[1].t_s - pair[0].t_s).abs()).collect();
         let middle = steps_s.len() / 2;
         let step_s = *steps_s.select_nth_unstable_by(middle, f64::total_cmp).1;
-        if step_s * FEW_HZ >= 1.0 && self.part_stride_log2 < 40 {
+        if step_s * LOWEST_THINNED_RATE_HZ >= 1.0 && self.part_stride_log2 < 40 {
             self.part_stride_log2 += 1;
             let parts = self.part_stride_log2;
             self.rows.retain(|row| is_in_retained_part(row.t_s, parts));
@@ -156,7 +156,7 @@ impl<const N: usize> Series<N> {
 }
 
 fn is_in_retained_part(t_s: f64, parts: u8) -> bool {
-    ((t_s / PART_S).floor() as i64).rem_euclid(1 << parts) == 0
+    ((t_s / DROPPED_INTERVAL_S).floor() as i64).rem_euclid(1 << parts) == 0
 }
 
 #[cfg(test)]
@@ -224,6 +224,6 @@ mod tests {
         assert!(series.rows().len() <= MAX_ROWS && series.rows().len() > MAX_ROWS / 2, "{}", series.rows().len());
         assert!((series.median_step_s().unwrap() - 0.1).abs() < 1e-6);
         let gaps = series.rows().windows(2).filter(|pair| pair[1].t_s - pair[0].t_s > 1.0).count();
-        assert_eq!(gaps, (3.0 * MAX_ROWS as f64 * 0.1 / PART_S / 4.0) as usize);
+        assert_eq!(gaps, (3.0 * MAX_ROWS as f64 * 0.1 / DROPPED_INTERVAL_S / 4.0) as usize);
     }
 }

@@ -1,16 +1,16 @@
 //! Continuous time from a log's clock, across restarts and invalid stamps: the clock itself until a restart.
 
 /// Largest step back attributed to reordering, microseconds.
-const BACK_US: u64 = 3_000_000;
+const MAX_REORDERING_US: u64 = 3_000_000;
 
 /// Largest step ahead accepted without a confirming stamp, microseconds.
-const AHEAD_US: u64 = 30_000_000;
+const MAX_UNCONFIRMED_STEP_US: u64 = 30_000_000;
 
 /// Gap inserted at a restart, seconds, so that no interpolation crosses it.
 const RESTART_GAP_S: f64 = 10.0;
 
 /// Largest valid clock, microseconds: thirty years.
-const MAX_US: u64 = 1_000_000_000_000_000;
+const MAX_CLOCK_US: u64 = 1_000_000_000_000_000;
 
 #[derive(Clone, Debug, Default)]
 pub struct Timeline {
@@ -26,7 +26,7 @@ pub struct Timeline {
 impl Timeline {
     /// Time of a stamp, seconds; none if the stamp is rejected.
     pub fn flight_time_s(&mut self, us: u64) -> Option<f64> {
-        if us > MAX_US {
+        if us > MAX_CLOCK_US {
             self.rejected_count += 1;
             return None;
         }
@@ -34,7 +34,9 @@ impl Timeline {
             self.newest_us = Some(us);
             return Some(seconds(us));
         };
-        let is_near = |of_us: u64| us.saturating_add(BACK_US) >= of_us && us <= of_us.saturating_add(AHEAD_US);
+        let is_near = |of_us: u64| {
+            us.saturating_add(MAX_REORDERING_US) >= of_us && us <= of_us.saturating_add(MAX_UNCONFIRMED_STEP_US)
+        };
         if is_near(newest_us) {
             self.newest_us = Some(newest_us.max(us));
             self.unconfirmed_us = None;

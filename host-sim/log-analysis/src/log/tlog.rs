@@ -13,13 +13,13 @@ use super::flight::{Autopilot, Flight, Gps, LogFormat};
 use super::flight_builder::{FieldProcessing, FlightBuilder};
 use super::read_window::ReadWindow;
 
-const CLOCK: usize = 8;
+const CLOCK_LENGTH: usize = 8;
 /// Lengths of the headers of versions 1 and 2, of the checksum and of the signature, bytes.
 const HEADER_1: usize = 6;
 const HEADER_2: usize = 10;
-const CHECKSUM: usize = 2;
-const SIGNATURE: usize = 13;
-const MAX_FRAME: usize = HEADER_2 + 255 + CHECKSUM + SIGNATURE;
+const CHECKSUM_LENGTH: usize = 2;
+const SIGNATURE_LENGTH: usize = 13;
+const MAX_FRAME: usize = HEADER_2 + 255 + CHECKSUM_LENGTH + SIGNATURE_LENGTH;
 
 /// ArduPilot's SIMSTATE, absent from the common dialect: message number and CRC extra byte.
 const SIMSTATE: (u32, u8) = (164, 154);
@@ -27,7 +27,7 @@ const SIMSTATE: (u32, u8) = (164, 154);
 const MILLIGAUSS_UT: f32 = 0.1;
 const GAUSS_UT: f32 = 100.0;
 
-const WITHIN: usize = 4096;
+const MAX_START_SEARCH_BYTES: usize = 4096;
 
 pub fn matches_header(head: &[u8]) -> bool {
     find_clock_length(head).is_some()
@@ -39,10 +39,11 @@ fn find_clock_length(head: &[u8]) -> Option<usize> {
     let right = |at: usize, clock: usize| Frame::first(head.get(at..)?, clock).filter(|frame| frame.is_checksum_valid);
     let is_chain =
         |at: usize, clock: usize| right(at, clock).is_some_and(|one| right(at + one.total_len, clock).is_some());
-    let begins = || (0..head.len().min(WITHIN)).flat_map(|at| [CLOCK, 0].map(|clock| (at, clock)));
+    let begins =
+        || (0..head.len().min(MAX_START_SEARCH_BYTES)).flat_map(|at| [CLOCK_LENGTH, 0].map(|clock| (at, clock)));
     let chain = begins().find(|&(at, clock)| is_chain(at, clock)).map(|(_, clock)| clock);
     // A single frame is accepted only with a clock.
-    chain.or_else(|| begins().any(|(at, _)| right(at, CLOCK).is_some()).then_some(CLOCK))
+    chain.or_else(|| begins().any(|(at, _)| right(at, CLOCK_LENGTH).is_some()).then_some(CLOCK_LENGTH))
 }
 
 /// Reads the flight of a system, or of the first autopilot received.
@@ -53,9 +54,10 @@ fn find_clock_length(head: &[u8]) -> Option<usize> {
 pub fn read(source: &mut dyn Read, system: Option<u8>) -> io::Result<Flight> {
     let mut window = ReadWindow::new(source);
     let mut log = TlogReader::new(system);
-    let clock = find_clock_length(window.peek(WITHIN + 2 * (CLOCK + MAX_FRAME))?).unwrap_or(CLOCK);
+    let clock = find_clock_length(window.peek(MAX_START_SEARCH_BYTES + 2 * (CLOCK_LENGTH + MAX_FRAME))?)
+        .unwrap_or(CLOCK_LENGTH);
     loop {
-        let bytes = window.peek(CLOCK + MAX_FRAME)?;
+        let bytes = window.peek(CLOCK_LENGTH + MAX_FRAME)?;
         if bytes.is_empty() {
             break;
         }
@@ -99,10 +101,10 @@ impl<'a> Frame<'a> {
             _ => return None,
         };
         let end = header + usize::from(*frame.get(1)?);
-        let [low, high] = *frame.get(end..end + CHECKSUM)? else { return None };
+        let [low, high] = *frame.get(end..end + CHECKSUM_LENGTH)? else { return None };
         let extra_crc = if id == SIMSTATE.0 { SIMSTATE.1 } else { MavMessage::extra_crc(id) };
         let is_right = calculate_crc(frame.get(1..end)?, extra_crc) == u16::from_le_bytes([low, high]);
-        let frame_len = clock + end + CHECKSUM + if has_signature { SIGNATURE } else { 0 };
+        let frame_len = clock + end + CHECKSUM_LENGTH + if has_signature { SIGNATURE_LENGTH } else { 0 };
         // An unknown message, or one whose definition has changed, fails its checksum. If another frame follows, the
         // frame is skipped whole and its content ignored.
         let is_followed = || bytes.get(frame_len + clock).is_none_or(|marker| matches!(marker, 0xFE | 0xFD));
@@ -124,12 +126,14 @@ const HEARTBEAT: u32 = 0;
 
 /// The autopilot (`MAV_AUTOPILOT`) of a heartbeat; none of other messages and components.
 fn autopilot_of_heartbeat(frame: &Frame<'_>) -> Option<u8> {
-    const INVALID: u8 = 8;
+    const INVALID_AUTOPILOT: u8 = 8;
     // MAV_TYPE: ground station, onboard controller, gimbal, ADS-B, camera. Some report a generic autopilot.
-    const NO_VEHICLES: [u8; 5] = [6, 18, 26, 27, 30];
+    const NON_VEHICLE_TYPES: [u8; 5] = [6, 18, 26, 27, 30];
     let byte = |at: usize| frame.payload.get(at).copied().unwrap_or(0);
-    let is_one =
-        frame.id == HEARTBEAT && frame.is_checksum_valid && byte(5) != INVALID && !NO_VEHICLES.contains(&byte(4));
+    let is_one = frame.id == HEARTBEAT
+        && frame.is_checksum_valid
+        && byte(5) != INVALID_AUTOPILOT
+        && !NON_VEHICLE_TYPES.contains(&byte(4));
     is_one.then(|| byte(5))
 }
 
@@ -201,15 +205,15 @@ impl TlogReader {
     fn process_heartbeat(&mut self, frame: &Frame<'_>) {
         const ARDUPILOT: u8 = 3;
         const PX4: u8 = 12;
-        const ARMED: u8 = 0x80;
+        const ARMED_FLAG: u8 = 0x80;
         // MAV_TYPE: quadrotor, coaxial, helicopter, hexa-, octo-, tri-, dodeca-, decarotor.
-        const ROTORS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
+        const ROTORCRAFT_TYPES: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
         let byte = |at: usize| frame.payload.get(at).copied().unwrap_or(0);
         let mode = byte(6);
         let Some(autopilot) = autopilot_of_heartbeat(frame) else { return };
         if self.autopilot.is_none() {
             self.autopilot = Some(frame.sender);
-            self.builder.flight.is_copter = ROTORS.contains(&byte(4));
+            self.builder.flight.is_copter = ROTORCRAFT_TYPES.contains(&byte(4));
             self.builder.flight.autopilot = match autopilot {
                 ARDUPILOT => Autopilot::ArduPilot,
                 PX4 => Autopilot::Px4,
@@ -217,7 +221,7 @@ impl TlogReader {
             };
         }
         if let Some(t_s) = self.time_by_receiver(frame) {
-            self.builder.push_armed(t_s, mode & ARMED != 0);
+            self.builder.push_armed(t_s, mode & ARMED_FLAG != 0);
         }
     }
 
@@ -249,7 +253,7 @@ impl TlogReader {
                 self.field(frame, 3, u64::from(m.time_boot_ms) * 1000, [m.xmag, m.ymag, m.zmag]);
             }
             MavMessage::HIGHRES_IMU(m) => {
-                if is_new(m.fields_updated.bits())
+                if has_field_update(m.fields_updated.bits())
                     && let Some(t_s) = self.time_by_sender(frame, m.time_usec)
                 {
                     let field_ut = [m.xmag, m.ymag, m.zmag].map(|gauss| gauss * GAUSS_UT);
@@ -342,15 +346,15 @@ fn parameter_value(autopilot: Autopilot, m: &PARAM_VALUE_DATA) -> f64 {
 }
 
 /// Whether a HIGHRES_IMU carries a new field. One without update flags is assumed to.
-const fn is_new(updated: u16) -> bool {
-    const FIELD: u16 = 64 | 128 | 256;
-    updated == 0 || updated & FIELD != 0
+const fn has_field_update(updated: u16) -> bool {
+    const FIELD_VALID_FLAGS: u16 = 64 | 128 | 256;
+    updated == 0 || updated & FIELD_VALID_FLAGS != 0
 }
 
 fn gps(m: &mavlink::dialects::common::GPS_RAW_INT_DATA) -> Gps {
     /// Unknown speed or course.
-    const UNKNOWN: u16 = u16::MAX;
-    let hundredths = |number: u16| if number == UNKNOWN { f32::NAN } else { f32::from(number) * 0.01 };
+    const UNKNOWN_SPEED_OR_COURSE: u16 = u16::MAX;
+    let hundredths = |number: u16| if number == UNKNOWN_SPEED_OR_COURSE { f32::NAN } else { f32::from(number) * 0.01 };
     Gps {
         latitude_deg: (f64::from(m.lat) * 1e-7) as f32,
         longitude_deg: (f64::from(m.lon) * 1e-7) as f32,
@@ -383,7 +387,7 @@ mod tests {
     /// A repeated field with a new acceleration would be dated too late.
     #[test]
     fn a_repeated_field_is_not_read_again() {
-        let [acceleration, field, nothing] = [7, 64 | 128 | 256, 0].map(is_new);
+        let [acceleration, field, nothing] = [7, 64 | 128 | 256, 0].map(has_field_update);
         assert!(!acceleration && field && nothing);
     }
 }

@@ -5,15 +5,15 @@ use crate::log::series::Series;
 
 /// A step longer than this factor times the median is a gap, unless shorter than this time, seconds, in which rates
 /// hardly change.
-const FURTHER: f64 = 1.5;
-const NEAR_S: f64 = 0.15;
+const GAP_IN_MEDIAN_STEPS: f64 = 1.5;
+const MIN_RATE_GAP_S: f64 = 0.15;
 
 /// Largest interpolation gap of attitudes: median steps (one lost row), or seconds.
-const TWO_LOST: f64 = 2.5;
-const SOON_S: f64 = 0.25;
+const MAX_INTERPOLATION_STEPS: f64 = 2.5;
+const MIN_ATTITUDE_GAP_S: f64 = 0.25;
 
 /// Rates with more than one gap in this many steps are unusable for integration.
-const ONE_IN: usize = 25;
+const MIN_STEPS_PER_GAP: usize = 25;
 
 /// Interval of the attitude from which on interpolation is unreliable, seconds: 3 Hz with a margin for jitter.
 pub(super) const SLOW_ATTITUDE_S: f64 = 0.34;
@@ -26,7 +26,10 @@ pub(super) fn has_integrable_rates(flight: &Flight) -> bool {
 
 /// Largest interpolation gap of attitudes, seconds, at most `most_s`.
 pub(super) fn max_attitude_gap_s(flight: &Flight, most_s: f64) -> f64 {
-    flight.attitude.median_step_s().map_or(most_s, |step_s| (TWO_LOST * step_s).clamp(SOON_S, most_s))
+    flight
+        .attitude
+        .median_step_s()
+        .map_or(most_s, |step_s| (MAX_INTERPOLATION_STEPS * step_s).clamp(MIN_ATTITUDE_GAP_S, most_s))
 }
 
 /// Fraction of gaps in the logged rates, if they are unusable. Differences of the attitude are means over their gaps.
@@ -35,12 +38,14 @@ pub(super) fn excessive_rate_loss(flight: &Flight) -> Option<f64> {
         return None;
     }
     let (gaps, steps) = gaps(&flight.rates);
-    (gaps * ONE_IN > steps).then(|| gaps as f64 / steps as f64)
+    (gaps * MIN_STEPS_PER_GAP > steps).then(|| gaps as f64 / steps as f64)
 }
 
 fn gaps(series: &Series<3>) -> (usize, usize) {
     let Some(step_s) = series.median_step_s() else { return (0, 0) };
     let rows = series.rows();
-    let is_long = |pair: &&[crate::log::series::Stamped<3>]| pair[1].t_s - pair[0].t_s > NEAR_S.max(FURTHER * step_s);
+    let is_long = |pair: &&[crate::log::series::Stamped<3>]| {
+        pair[1].t_s - pair[0].t_s > MIN_RATE_GAP_S.max(GAP_IN_MEDIAN_STEPS * step_s)
+    };
     (rows.windows(2).filter(is_long).count(), rows.len() - 1)
 }

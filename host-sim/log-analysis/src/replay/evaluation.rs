@@ -194,7 +194,7 @@ impl Context<'_> {
         for row in rows.iter_mut().filter(|row| row.usable && !(from_s..=to_s).contains(&row.t_s)) {
             row.usable = false;
             counted.used -= 1;
-            counted.kept_out += 1;
+            counted.excluded_by_log += 1;
         }
         (rows, counted)
     }
@@ -270,11 +270,11 @@ fn evaluate_compass(
 
 /// Whether the field turned by a quarter of its magnitude on some axis; at rest a sphere fit shows only sensor noise.
 fn is_turned(fields: &[Vector3<f64>]) -> bool {
-    const PART: f64 = 0.25;
+    const MIN_FIELD_TURN: f64 = 0.25;
     let mean = fields.iter().sum::<Vector3<f64>>() / fields.len().max(1) as f64;
     (0..3).any(|axis| {
         let along = || fields.iter().map(|field| field[axis]);
-        along().fold(f64::MIN, f64::max) - along().fold(f64::MAX, f64::min) > PART * mean.norm()
+        along().fold(f64::MIN, f64::max) - along().fold(f64::MAX, f64::min) > MIN_FIELD_TURN * mean.norm()
     })
 }
 

@@ -15,13 +15,13 @@ use crate::numbers::square;
 const MAX_SIGMA_S: f64 = 0.02;
 
 /// Search range of the latency, seconds; negative if the attitude is later than the field.
-const MIN_S: f64 = -0.5;
-const MAX_S: f64 = 0.5;
+const MIN_LATENCY_S: f64 = -0.5;
+const MAX_LATENCY_S: f64 = 0.5;
 
 /// Remaining shift at which the search has converged, seconds.
-const SETTLED_S: f64 = 0.002;
+const CONVERGED_SHIFT_S: f64 = 0.002;
 
-const MAX_TRIED: usize = 8;
+const MAX_ITERATIONS: usize = 8;
 
 /// Latency of a logged field, from measurement to time stamp.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -38,14 +38,14 @@ pub fn estimate_latency(flight: &Flight, compass: &Compass) -> FieldLatency {
     let usual = FieldLatency { used_s: flight.format.default_field_latency_s(), sigma_s: None };
     let mut age_s = usual.used_s;
     let mut known = None;
-    for _ in 0..MAX_TRIED {
+    for _ in 0..MAX_ITERATIONS {
         let (rows, _) = build_rows(flight, compass, age_s, None);
         let Some(latency) = solve_all_rows(&rows).and_then(|solution| solution.quality.latency) else { return usual };
         let (left_s, sigma_s) = (f64::from(latency.estimate_s), f64::from(latency.sigma_s));
         // The matching attitude is `left_s` later, so the latency is that much smaller.
-        age_s = (age_s - left_s).clamp(MIN_S, MAX_S);
+        age_s = (age_s - left_s).clamp(MIN_LATENCY_S, MAX_LATENCY_S);
         known = Some(sigma_s);
-        if left_s.abs() < SETTLED_S {
+        if left_s.abs() < CONVERGED_SHIFT_S {
             break;
         }
     }
@@ -54,7 +54,7 @@ pub fn estimate_latency(flight: &Flight, compass: &Compass) -> FieldLatency {
 
 /// The estimate, if precise and not at a bound of the search.
 fn accept_estimate(age_s: f64, sigma_s: f64) -> Option<FieldLatency> {
-    let is_inside = age_s > MIN_S && age_s < MAX_S;
+    let is_inside = age_s > MIN_LATENCY_S && age_s < MAX_LATENCY_S;
     (sigma_s < MAX_SIGMA_S && is_inside).then_some(FieldLatency { used_s: age_s, sigma_s: Some(sigma_s) })
 }
 
@@ -83,7 +83,7 @@ mod tests {
     #[test]
     fn a_field_latency_is_accepted_if_certain_and_within_bounds() {
         assert_eq!(accept_estimate(0.1, 0.019), Some(FieldLatency { used_s: 0.1, sigma_s: Some(0.019) }));
-        for (age_s, sigma_s) in [(0.1, 0.021), (0.1, f64::NAN), (MIN_S, 0.001), (MAX_S, 0.001)] {
+        for (age_s, sigma_s) in [(0.1, 0.021), (0.1, f64::NAN), (MIN_LATENCY_S, 0.001), (MAX_LATENCY_S, 0.001)] {
             assert_eq!(accept_estimate(age_s, sigma_s), None, "{age_s} {sigma_s}");
         }
     }

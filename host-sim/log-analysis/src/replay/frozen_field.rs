@@ -3,20 +3,20 @@
 use super::row::ReplayRow;
 
 /// Least duration, seconds: noise of 0.5 mG changes a working sensor sooner, and logs have gaps of seconds.
-pub(super) const LONG_S: f64 = 10.0;
+pub(super) const MIN_FROZEN_S: f64 = 10.0;
 
 /// Longest step between rows that counts, seconds: over a gap an axis may be the same by chance.
 const MAX_STEP_S: f64 = 2.0;
 
 /// Least change of roll or pitch, radians (3 deg); at rest a quiet field may stay constant.
-const MOVES_RAD: f32 = 0.05;
+const MIN_TILT_CHANGE_RAD: f32 = 0.05;
 
 /// Largest change of a stuck axis, fraction of the field strength (2 mG in 500): logs have integers of a milligauss, of
 /// which a correction mixes three.
-const STUCK: f32 = 0.004;
+const MAX_STUCK_AXIS_CHANGE: f32 = 0.004;
 
 /// Least change of the other axes, fraction of the field strength, that a working axis takes part in.
-const OTHERS_CHANGE: f32 = 0.25;
+const MIN_OTHER_AXES_CHANGE: f32 = 0.25;
 
 /// An interval with a frozen field or axis while the aircraft moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,9 +44,10 @@ fn span(rows: &[ReplayRow], value_of: impl Fn(&ReplayRow) -> f32) -> f32 {
 
 fn frozen_interval(run: &[ReplayRow]) -> Option<[f64; 2]> {
     let [from_s, to_s] = [run.first()?.t_s, run.last()?.t_s];
-    let moves = span(run, |row| row.attitude.roll_rad).max(span(run, |row| row.attitude.pitch_rad)) > MOVES_RAD;
+    let moves =
+        span(run, |row| row.attitude.roll_rad).max(span(run, |row| row.attitude.pitch_rad)) > MIN_TILT_CHANGE_RAD;
     let logged_s: f64 = run.windows(2).map(|pair| (pair[1].t_s - pair[0].t_s).min(MAX_STEP_S)).sum();
-    (logged_s > LONG_S && moves).then_some([from_s, to_s])
+    (logged_s > MIN_FROZEN_S && moves).then_some([from_s, to_s])
 }
 
 /// Intervals in which an axis is constant although the others show that the field turned.
@@ -54,7 +55,7 @@ fn stuck_axis(rows: &[ReplayRow], axis: usize) -> impl Iterator<Item = [f64; 2]>
     let mut rest = rows;
     std::iter::from_fn(move || {
         let first = rest.first()?.field.ut;
-        let (mut least, mut most, limit_ut) = (first[axis], first[axis], STUCK * first.norm());
+        let (mut least, mut most, limit_ut) = (first[axis], first[axis], MAX_STUCK_AXIS_CHANGE * first.norm());
         let is_same = |row: &&ReplayRow| {
             (least, most) = (least.min(row.field.ut[axis]), most.max(row.field.ut[axis]));
             most - least <= limit_ut
@@ -66,7 +67,7 @@ fn stuck_axis(rows: &[ReplayRow], axis: usize) -> impl Iterator<Item = [f64; 2]>
     .filter_map(move |run| {
         let strength_ut = run.first()?.field.ut.norm();
         let others = [1, 2].map(|other| span(run, |row| row.field.ut[(axis + other) % 3]));
-        frozen_interval(run).filter(|_| others[0].max(others[1]) > OTHERS_CHANGE * strength_ut)
+        frozen_interval(run).filter(|_| others[0].max(others[1]) > MIN_OTHER_AXES_CHANGE * strength_ut)
     })
 }
 

@@ -18,13 +18,13 @@ const MAX_CHANGES: usize = 8;
 const MAX_EXPECTED_DEG: f32 = 3.0;
 
 /// Smallest effect of a change on a level heading, degrees: less is within the error of a good calibration.
-const MIN_BEND_DEG: f64 = 1.0;
+const MIN_HEADING_EFFECT_DEG: f64 = 1.0;
 
 /// Largest difference between a step and its confirmation, relative to the step.
 const MAX_DISAGREEMENT: f64 = 0.5;
 
 /// Shortest part that the monitor is run on, seconds: it reports a change after 15 s without a failed gate.
-const MONITORED_S: f64 = 30.0;
+const MIN_MONITORED_S: f64 = 30.0;
 
 /// Least ratio of the residuals without the step to those with it, where the monitor does not report it.
 const MIN_RESIDUAL_RATIO: f64 = 2.0;
@@ -48,17 +48,22 @@ pub fn find_changes(
     total_ut: f64,
 ) -> Vec<HardIronChange> {
     let mut found = Vec::new();
-    search(&Search { flight, total_ut }, rows, initial, &mut found);
+    search(&ChangeSearch { flight, total_ut }, rows, initial, &mut found);
     found.sort_by(|one, other| one.step.at_s.total_cmp(&other.step.at_s));
     found
 }
 
-struct Search<'a> {
+struct ChangeSearch<'a> {
     flight: &'a Flight,
     total_ut: f64,
 }
 
-fn search(search_of: &Search<'_>, rows: &[ReplayRow], initial: &FieldCorrection, found: &mut Vec<HardIronChange>) {
+fn search(
+    search_of: &ChangeSearch<'_>,
+    rows: &[ReplayRow],
+    initial: &FieldCorrection,
+    found: &mut Vec<HardIronChange>,
+) {
     if found.len() >= MAX_CHANGES {
         return;
     }
@@ -84,7 +89,7 @@ fn search(search_of: &Search<'_>, rows: &[ReplayRow], initial: &FieldCorrection,
     }
 }
 
-impl Search<'_> {
+impl ChangeSearch<'_> {
     /// Effect of a step on a level heading, degrees, if it is significant and confirmed: the monitor, started with the
     /// calibration of the better observed part of the flight, detects it in the other, or the step halves the
     /// residuals of that other part under the calibration.
@@ -105,23 +110,23 @@ impl Search<'_> {
         let moved = Vector3::from(step.step_ut);
         let change = solution.calibration.w_matrix().map(f64::from) * moved * sign;
         let duration_s = other.last()?.t_s - other.first()?.t_s;
-        let is_monitored = rows::median_step_s(other).is_some_and(is_monitored) && duration_s >= MONITORED_S;
+        let is_monitored = rows::median_step_s(other).is_some_and(is_monitored) && duration_s >= MIN_MONITORED_S;
         let is_detected = is_monitored
-            && monitored_changes_ut(other, self.flight, solution).iter().any(|found| agrees(found, &change));
+            && monitored_changes_ut(other, self.flight, solution).iter().any(|found| is_confirmed_by(found, &change));
         let unmoved = solved_correction(solution);
         let moved = FieldCorrection { hard_iron_ut: unmoved.hard_iron_ut + moved * sign, ..unmoved };
-        let [without, with] = [unmoved, moved].map(|correction| residual_ut(other, &correction, solution));
+        let [without, with] = [unmoved, moved].map(|correction| median_residual_ut(other, &correction, solution));
         let is_confirmed = is_detected || without > MIN_RESIDUAL_RATIO * with;
         // On one heading a step's component across it hardly shows, and a significant vertical one bends no heading.
         let is_bend_significant = change.xy().norm() > MIN_SIGMAS * Vector3::from(step.sigma_ut).xy().norm();
         let horizontal_ut = f64::from(solution.calibration.total_ut * libm::cosf(solution.calibration.inclination_rad));
         let bend_deg = libm::atan(change.xy().norm() / horizontal_ut).to_degrees();
-        (is_confirmed && is_bend_significant && bend_deg >= MIN_BEND_DEG).then_some(bend_deg)
+        (is_confirmed && is_bend_significant && bend_deg >= MIN_HEADING_EFFECT_DEG).then_some(bend_deg)
     }
 }
 
 /// Median residual of strength and vertical component to a calibration, microtesla.
-fn residual_ut(rows: &[ReplayRow], correction: &FieldCorrection, solution: &Solution) -> f64 {
+fn median_residual_ut(rows: &[ReplayRow], correction: &FieldCorrection, solution: &Solution) -> f64 {
     let total_ut = f64::from(solution.calibration.total_ut);
     let vertical_ut = total_ut * libm::sin(f64::from(solution.calibration.inclination_rad));
     let usable = rows.iter().filter(|row| row.usable);
@@ -131,6 +136,6 @@ fn residual_ut(rows: &[ReplayRow], correction: &FieldCorrection, solution: &Solu
     }))
 }
 
-fn agrees(found: &Vector3<f64>, expected: &Vector3<f64>) -> bool {
+fn is_confirmed_by(found: &Vector3<f64>, expected: &Vector3<f64>) -> bool {
     (found - expected).norm() < MAX_DISAGREEMENT * expected.norm()
 }

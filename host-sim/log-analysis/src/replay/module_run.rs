@@ -15,7 +15,7 @@ use super::result::ReplayOptions;
 use super::row_solve::{RunOutcome, sample_time_s};
 
 /// Arbitrary: samples are already averaged, and nothing is stored.
-const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
+const PLACEHOLDER_SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
 
 /// A module that collects in flight, without a calibration.
 pub struct ModuleRun<'a> {
@@ -36,7 +36,7 @@ impl<'a> ModuleRun<'a> {
         let stored = StoredValues { settings, ..StoredValues::default() };
         let compass = Compass::new(AcceptancePolicy::DEFAULT, &stored, retained);
         let mut module = Self { compass, candidate: None, outcome: None, ended_s: None };
-        module.process(Event::SensorDetected(SENSOR, readings_per_sample));
+        module.process(Event::SensorDetected(PLACEHOLDER_SENSOR, readings_per_sample));
         if let Some((place, day)) = options.place_and_day {
             module.process(Event::Position(place, WrappingMillis::default()));
             module.process(Event::Date(day));

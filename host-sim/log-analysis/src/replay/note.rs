@@ -13,10 +13,10 @@ use crate::log::{
 };
 
 /// Largest plausible ratio between field strength and model.
-const PLAUSIBLE: f64 = 1.35;
+const MAX_STRENGTH_RATIO: f64 = 1.35;
 
 /// Weakest and strongest Earth field, microtesla.
-const EARTH_UT: [f64; 2] = [22.0, 67.0];
+const EARTH_FIELD_RANGE_UT: [f64; 2] = [22.0, 67.0];
 
 /// Lag of the attitude behind the field that is reported, seconds: 3 deg of heading at 30 deg/s.
 const LATE_ATTITUDE_S: f64 = 0.1;
@@ -128,12 +128,11 @@ impl Note {
         notes.extend((oldest_s < -LATE_ATTITUDE_S).then_some(Self::LateAttitude(-oldest_s * 1e3)));
         notes.extend(mounting_changes(flight, evaluation));
         notes.extend(others(&flight.components).map(|(own, others)| Self::OtherAutopilots(own, others)));
-        let contradicted = |compass: &&CompassEvaluation| compass.counts.unsettled * 5 > compass.counts.readings;
-        notes.extend(
-            compasses.iter().find(contradicted).map(|compass| {
-                Self::RatesContradicted(compass.counts.unsettled * 100 / compass.counts.readings.max(1))
-            }),
-        );
+        let contradicted =
+            |compass: &&CompassEvaluation| compass.counts.during_filter_alignment * 5 > compass.counts.readings;
+        notes.extend(compasses.iter().find(contradicted).map(|compass| {
+            Self::RatesContradicted(compass.counts.during_filter_alignment * 100 / compass.counts.readings.max(1))
+        }));
         notes.extend(others(&flight.systems).map(|(own, others)| Self::OtherVehicles(own, others)));
         let mut add_if = |applies: bool, note: Self| notes.extend(applies.then_some(note));
         add_if(counts.restarts > 0, Self::Restarts(counts.restarts));
@@ -187,8 +186,9 @@ fn largest_tilt_deg(flight: &Flight) -> Option<f64> {
 fn implausible_strength(evaluation: &FlightEvaluation, compass: &CompassEvaluation, is_table: bool) -> Option<Note> {
     let found_ut = compass.radius_ut?;
     let model_ut = evaluation.earth.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
-    let [least, most] = model_ut.map_or(EARTH_UT, |ut| [ut; 2]);
-    let is_in = |factor: f64| (least * factor / PLAUSIBLE..=most * factor * PLAUSIBLE).contains(&found_ut);
+    let [least, most] = model_ut.map_or(EARTH_FIELD_RANGE_UT, |ut| [ut; 2]);
+    let is_in =
+        |factor: f64| (least * factor / MAX_STRENGTH_RATIO..=most * factor * MAX_STRENGTH_RATIO).contains(&found_ut);
     if is_in(1.0) {
         return None;
     }
@@ -237,7 +237,7 @@ impl fmt::Display for Note {
             ),
             Self::Strength { compass, found_ut, model_ut, cause } => {
                 let expected = model_ut.map_or_else(
-                    || format!("the Earth's is {:.0} to {:.0}", EARTH_UT[0], EARTH_UT[1]),
+                    || format!("the Earth's is {:.0} to {:.0}", EARTH_FIELD_RANGE_UT[0], EARTH_FIELD_RANGE_UT[1]),
                     |ut| format!("by the field model {ut:.1}"),
                 );
                 // In a wrong unit the value may be small.
@@ -321,7 +321,7 @@ pub(super) fn sensor_failure(flight: &Flight, compass: &CompassEvaluation) -> Op
         return Some(Note::FieldFrozen { compass: number, axis, interval_s });
     }
     let (last, end) = (compass.rows.last()?, flight.attitude.rows().last()?);
-    (end.t_s - last.t_s > frozen_field::LONG_S).then_some(Note::FieldEnds {
+    (end.t_s - last.t_s > frozen_field::MIN_FROZEN_S).then_some(Note::FieldEnds {
         compass: number,
         at_s: last.t_s,
         log_s: end.t_s,

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 
 use super::evaluation::{CompassEvaluation, heading_deg};
 use super::parameter_export::{ExportedCorrection, HeldBackScore, ParameterFormat, applied_field, export_correction};
-use super::parameter_fit::{FitVariant, half_of};
+use super::parameter_fit::{FitVariant, half_at};
 use super::row_headings::score;
 use super::{ReferenceHeading, ReplayRow};
 use crate::log::Flight;
@@ -22,22 +22,22 @@ const MIN_REFERENCE_ROWS: usize = 50;
 
 /// Largest error of a good compass, degrees RMS, and of parameters on held-back rows: they must make the compass good,
 /// however bad it was. A larger remainder has a cause that parameters do not correct.
-pub const GOOD_DEG: f64 = 2.0;
+pub const GOOD_COMPASS_RMS_DEG: f64 = 2.0;
 
-/// Error beyond which a compass is bad, degrees RMS. Up to this error parameters are given if all but [`GOOD_DEG`] of it
+/// Error beyond which a compass is bad, degrees RMS. Up to this error parameters are given if all but [`GOOD_COMPASS_RMS_DEG`] of it
 /// (in squares) is the known loss by the autopilot's symmetric matrix: flying again does not reduce that.
-pub const BAD_DEG: f64 = 5.0;
+pub const BAD_COMPASS_RMS_DEG: f64 = 5.0;
 
 /// Least gain over the parameters in use, degrees RMS and fraction of the error as logged.
 const MIN_GAIN_DEG: f64 = 0.3;
-const MIN_GAIN: f64 = 0.2;
+const MIN_RELATIVE_GAIN: f64 = 0.2;
 
 /// Largest expected error over all headings, degrees RMS: what the flight leaves unknown.
 const MAX_EXPECTED_DEG: f64 = 2.0;
 
 /// Motor compensation: least significance, standard deviations, and least effect on headings, degrees RMS.
-const MOTOR_SIGMAS: f32 = 3.0;
-const MIN_MOTOR_DEG: f32 = 0.2;
+const MIN_MOTOR_SIGNIFICANCE: f32 = 3.0;
+const MIN_MOTOR_EFFECT_DEG: f32 = 0.2;
 
 /// Reason for giving no parameters; displayed as a clause.
 #[derive(Clone, Debug, PartialEq)]
@@ -126,13 +126,16 @@ impl Candidate {
         let HeldBackScore { rms_deg, as_logged_rms_deg, .. } = self.held_back;
         let expected_deg = f64::from(self.solution.quality.expected_rms_deg);
         let unexplained_deg = (square(rms_deg) - square(self.exported.heading_loss_deg[0])).max(0.0).sqrt();
-        let is_gain = as_logged_rms_deg - rms_deg >= MIN_GAIN_DEG && rms_deg <= (1.0 - MIN_GAIN) * as_logged_rms_deg;
+        let is_gain =
+            as_logged_rms_deg - rms_deg >= MIN_GAIN_DEG && rms_deg <= (1.0 - MIN_RELATIVE_GAIN) * as_logged_rms_deg;
         if expected_deg.is_nan() || expected_deg > MAX_EXPECTED_DEG {
             let manoeuvre = self.solution.advice.map(|advice| advice.manoeuvre.to_string());
             Err(NoParameters::Unobservable { expected_deg, manoeuvre })
         } else if !is_gain {
             Err(NoParameters::NoGain(self.held_back))
-        } else if rms_deg > GOOD_DEG && (rms_deg > BAD_DEG || unexplained_deg > GOOD_DEG) {
+        } else if rms_deg > GOOD_COMPASS_RMS_DEG
+            && (rms_deg > BAD_COMPASS_RMS_DEG || unexplained_deg > GOOD_COMPASS_RMS_DEG)
+        {
             Err(NoParameters::Inaccurate(self.held_back))
         } else if reference_sigma_deg.is_none() && !self.is_accepted {
             Err(NoParameters::Unverified)
@@ -149,7 +152,7 @@ fn is_motor_significant(solution: &Solution) -> bool {
     let ut_per_a = Vector3::from(motor.ut_per_a);
     let horizontal_ut = calibration.total_ut * libm::cosf(calibration.inclination_rad);
     let effect_deg = (ut_per_a.norm() * motor.current_sigma_a / horizontal_ut).to_degrees();
-    ut_per_a.amax() >= MOTOR_SIGMAS * motor.sigma_ut_per_a && effect_deg >= MIN_MOTOR_DEG
+    ut_per_a.amax() >= MIN_MOTOR_SIGNIFICANCE * motor.sigma_ut_per_a && effect_deg >= MIN_MOTOR_EFFECT_DEG
 }
 
 /// Scores rows with the parameters of the half that they are not part of.
@@ -161,7 +164,7 @@ fn score_held_back(
     has_reference: bool,
 ) -> Option<HeldBackScore> {
     let [first, second] = halves.each_ref().map(|half| applied_field(flight, half, format));
-    let field = |row: &ReplayRow| if half_of(row.t_s) == 0 { second(row) } else { first(row) };
+    let field = |row: &ReplayRow| if half_at(row.t_s) == 0 { second(row) } else { first(row) };
     let logged = |row: &ReplayRow| row.logged.ut.map(f64::from);
     let [rms_deg, as_logged_rms_deg] = if has_reference {
         let rms = |field: &dyn Fn(&ReplayRow) -> Vector3<f64>| {
@@ -232,7 +235,7 @@ impl fmt::Display for NoParameters {
                 write!(
                     f,
                     "the best parameters leave {rms_deg:.1} deg RMS on held-back rows, too much to be loaded \
-                     ({GOOD_DEG:.0} deg)"
+                     ({GOOD_COMPASS_RMS_DEG:.0} deg)"
                 )
             }
             Self::OffsetsTooLarge { offset_mg, limit_mg } => {

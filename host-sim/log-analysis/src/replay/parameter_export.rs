@@ -82,18 +82,18 @@ pub struct ExportedCorrection {
 }
 
 /// ArduPilot's default of `COMPASS_OFFS_MAX`, milligauss.
-const USUAL_MAX_OFFSET: f64 = 1800.0;
+const DEFAULT_MAX_OFFSET_MG: f64 = 1800.0;
 
 /// Heading loss that causes a warning, degrees.
-const LOSS_WORTH_SAYING_DEG: f64 = 0.3;
+const MIN_REPORTED_LOSS_DEG: f64 = 0.3;
 
 const MILLIGAUSS: f64 = 10.0;
 const GAUSS: f64 = 0.01;
 /// PX4 uses gauss per kiloampere.
-const AMPERES_IN_KILOAMPERE: f64 = 1000.0;
+const AMPERES_PER_KILOAMPERE: f64 = 1000.0;
 
 impl ExportedCorrection {
-    fn goes_with_current(&self) -> bool {
+    fn has_motor_compensation(&self) -> bool {
         self.correction.motor_ut_per_a != Vector3::zeros()
     }
 
@@ -104,7 +104,7 @@ impl ExportedCorrection {
 
     /// Limit of the offsets that the autopilot rejects, milligauss, if exceeded.
     pub(super) fn exceeded_offset_mg(&self, flight: &Flight, dialect: ParameterFormat) -> Option<f64> {
-        let limit_mg = flight.parameters.last("COMPASS_OFFS_MAX").unwrap_or(USUAL_MAX_OFFSET);
+        let limit_mg = flight.parameters.last("COMPASS_OFFS_MAX").unwrap_or(DEFAULT_MAX_OFFSET_MG);
         (dialect == ParameterFormat::ArduPilot && self.largest_offset_mg() > limit_mg).then_some(limit_mg)
     }
 }
@@ -139,7 +139,7 @@ pub fn export_correction(
     let exportable = nearest(own_rows, &rows, &full, near, dialect == ParameterFormat::Inav);
     let lost_deg = heading_loss_deg_of(own_rows, &rows, &full, &exportable);
     let mut warnings = Vec::new();
-    if lost_deg[0] > LOSS_WORTH_SAYING_DEG {
+    if lost_deg[0] > MIN_REPORTED_LOSS_DEG {
         warnings.push(format!("what cannot be expressed costs {:.1} deg RMS", lost_deg[0]));
     }
     if dialect == ParameterFormat::Inav && calibration.motor_current.is_applied() {
@@ -198,12 +198,12 @@ fn nearest(
     near: FieldCorrection,
     is_diagonal: bool,
 ) -> FieldCorrection {
-    const STEPS: usize = 20;
+    const MAX_GAUSS_NEWTON_STEPS: usize = 20;
     const MAX_HALVINGS: usize = 6;
     const MAX_ROWS: usize = 1000;
     /// Regularisation of unobservable parameters: change of a matrix element, and of an offset in microtesla,
     /// equivalent to 1 deg in one row.
-    const SPARE: [f64; 2] = [0.3, 30.0];
+    const REGULARISATION_SIGMAS: [f64; 2] = [0.3, 30.0];
     let every = rows.iter().filter(|row| row.usable).count().div_ceil(MAX_ROWS).max(1);
     let pairs: Vec<(&ReplayRow, f64)> = rows
         .iter()
@@ -231,7 +231,7 @@ fn nearest(
         )
     };
     let mut best = (start.clone(), residuals(&start).norm_squared());
-    for _ in 0..STEPS {
+    for _ in 0..MAX_GAUSS_NEWTON_STEPS {
         let from = residuals(&best.0);
         let mut jacobian = DMatrix::zeros(pairs.len(), number);
         for i in 0..number {
@@ -243,7 +243,7 @@ fn nearest(
         let mut normal = jacobian.transpose() * &jacobian;
         let mut side = -(jacobian.transpose() * from);
         for i in 0..number {
-            let weight = square(SPARE[usize::from((3..6).contains(&i))]).recip();
+            let weight = square(REGULARISATION_SIGMAS[usize::from((3..6).contains(&i))]).recip();
             normal[(i, i)] += weight;
             side[i] += weight * (start[i] - best.0[i]);
         }
@@ -336,7 +336,7 @@ fn comments(text: &mut String, export: &ExportedCorrection) -> std::fmt::Result 
 }
 
 fn ardupilot(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
-    if exports.iter().any(ExportedCorrection::goes_with_current) {
+    if exports.iter().any(ExportedCorrection::has_motor_compensation) {
         writeln!(text, "COMPASS_MOTCT,2")?;
         zero_other_compensations(text, flight, exports)?;
     }
@@ -392,7 +392,7 @@ fn zero_other_compensations(text: &mut String, flight: &Flight, exports: &[Expor
 
 /// Vehicle, component, name, value, type (9 float, 6 integer), tab-separated.
 fn px4(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
-    if exports.iter().any(ExportedCorrection::goes_with_current) {
+    if exports.iter().any(ExportedCorrection::has_motor_compensation) {
         // Current of the first battery.
         writeln!(text, "1\t1\tCAL_MAG_COMP_TYP\t2\t6")?;
     }
@@ -410,7 +410,7 @@ fn px4(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> st
             motor_ut_per_a: to_sensor * export.correction.motor_ut_per_a,
         };
         let [offsets, diagonal, off_diagonal] = correction_parts(&sensor);
-        let comp = -sensor.motor_ut_per_a * GAUSS * AMPERES_IN_KILOAMPERE;
+        let comp = -sensor.motor_ut_per_a * GAUSS * AMPERES_PER_KILOAMPERE;
         for (name, numbers) in [("OFF", offsets * GAUSS), ("SCALE", diagonal), ("ODIAG", off_diagonal), ("COMP", comp)]
         {
             for (axis, number) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {

@@ -7,10 +7,10 @@ use super::replay_run::solve_rows;
 use super::{ReplayOptions, ReplayRow};
 
 /// Blocks of rows that are fitted or held back together, seconds: longer than the correlation of attitude errors.
-const BLOCK_S: f64 = 10.0;
+const FIT_BLOCK_S: f64 = 10.0;
 
 /// Time after a change that is not fitted, seconds: the time of a step is uncertain by a few rows.
-const AFTER_CHANGE_S: f64 = 1.0;
+const SKIPPED_AFTER_CHANGE_S: f64 = 1.0;
 
 /// Fits to the rows since the last change of hard iron or mounting.
 #[derive(Clone, Debug)]
@@ -38,7 +38,7 @@ impl ParameterFit {
     /// Fits the rows after the last change.
     #[must_use]
     pub fn new(rows: &[ReplayRow], changed_s: Option<f64>, options: &ReplayOptions) -> Self {
-        let from_s = changed_s.map_or(f64::NEG_INFINITY, |at_s| at_s + AFTER_CHANGE_S);
+        let from_s = changed_s.map_or(f64::NEG_INFINITY, |at_s| at_s + SKIPPED_AFTER_CHANGE_S);
         let since: Vec<ReplayRow> = rows.iter().filter(|row| row.usable && row.t_s >= from_s).copied().collect();
         let without_current: Vec<ReplayRow> = since.iter().map(|row| ReplayRow { current_a: None, ..*row }).collect();
         let with = FitVariant::new(&since, options);
@@ -61,7 +61,7 @@ impl FitVariant {
     fn new(rows: &[ReplayRow], options: &ReplayOptions) -> Option<Self> {
         let (solution, is_accepted) = solve_rows(rows, options);
         let half = |number: usize| -> Vec<ReplayRow> {
-            rows.iter().filter(|row| half_of(row.t_s) == number).copied().collect()
+            rows.iter().filter(|row| half_at(row.t_s) == number).copied().collect()
         };
         Some(Self { whole: solution?, is_accepted, halves: [0, 1].map(|number| solve_rows(&half(number), options).0) })
     }
@@ -70,9 +70,9 @@ impl FitVariant {
 /// Half of the flight that a time belongs to: blocks alternate irregularly (by the golden ratio), so that circles of any
 /// period are divided evenly.
 #[must_use]
-pub fn half_of(t_s: f64) -> usize {
+pub fn half_at(t_s: f64) -> usize {
     const GOLDEN: f64 = 0.618_033_988_749_895;
-    usize::from(((t_s / BLOCK_S).floor() * GOLDEN).rem_euclid(1.0) < 0.5)
+    usize::from(((t_s / FIT_BLOCK_S).floor() * GOLDEN).rem_euclid(1.0) < 0.5)
 }
 
 #[cfg(test)]
@@ -85,7 +85,7 @@ mod tests {
         for period_s in [20, 40, 60] {
             for phase_s in (0..period_s).step_by(10) {
                 let halves: Vec<usize> =
-                    (0..20).map(|circle| half_of(f64::from(circle * period_s + phase_s) + 5.0)).collect();
+                    (0..20).map(|circle| half_at(f64::from(circle * period_s + phase_s) + 5.0)).collect();
                 let ones = halves.iter().sum::<usize>();
                 assert!((4..=16).contains(&ones), "{period_s} s, {phase_s} s: {ones} of 20");
             }

@@ -13,7 +13,7 @@ use super::row_solve::{RunOutcome, SolverPrior, from_all, from_procedure};
 use crate::log::Flight;
 
 /// Expected error of a poor solve, degrees RMS: larger than that of a good compass.
-const POOR_DEG: f32 = 2.0;
+const POOR_SOLVE_RMS_DEG: f32 = 2.0;
 
 /// Replays rows, in order of time, without attitudes between them.
 #[must_use]
@@ -63,7 +63,7 @@ pub(super) fn solve_rows(rows: &[ReplayRow], options: &ReplayOptions) -> (Option
         outcome.solution.as_ref().map_or(f32::INFINITY, |solution| solution.quality.expected_rms_deg)
     };
     let mut outcome = from_all(&samples, &known);
-    if expected_deg(&outcome) > POOR_DEG {
+    if expected_deg(&outcome) > POOR_SOLVE_RMS_DEG {
         let retained = from_procedure(&samples, Procedure::Flight, &known);
         if expected_deg(&retained) < expected_deg(&outcome) {
             outcome = retained;

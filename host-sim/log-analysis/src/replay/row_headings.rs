@@ -19,12 +19,12 @@ use crate::score::{within_percent, wrap_180};
 
 /// Largest row interval for the monitor, microseconds. At 1 Hz it reports false hard-iron changes and degrades headings
 /// by degrees. Pairs of readings at 11 to 12.5 Hz are up to 0.18 s apart.
-const MAX_WATCHED_US: u32 = 190_000;
+const MAX_MONITORED_INTERVAL_US: u32 = 190_000;
 
 /// Whether the monitor runs at a row interval in seconds.
 #[must_use]
 pub fn is_monitored(every_s: f64) -> bool {
-    every_s * 1e6 <= f64::from(MAX_WATCHED_US)
+    every_s * 1e6 <= f64::from(MAX_MONITORED_INTERVAL_US)
 }
 
 /// Instrument for the interval of these rows; attitude and field are simultaneous.
@@ -34,13 +34,13 @@ pub(super) fn instrument_config(rows: &[ReplayRow]) -> InstrumentConfig {
     InstrumentConfig { attitude, ..InstrumentConfig::new((median_s * 1e6).round() as u32) }
 }
 
-fn instant(t_s: f64, start_s: f64) -> Timestamp {
+fn row_timestamp(t_s: f64, start_s: f64) -> Timestamp {
     Timestamp::from_us(((t_s - start_s) * 1e6).round() as u64)
 }
 
 /// Feeds a row to the instrument; times count from `start_s`.
 pub(super) fn estimate(instrument: &mut Instrument, row: &ReplayRow, start_s: f64) -> Estimate {
-    let at = instant(row.t_s, start_s);
+    let at = row_timestamp(row.t_s, start_s);
     instrument.on_attitude(at, report(row.attitude, row.rates_rad_s));
     if let Some(amperes) = row.current_a {
         instrument.on_current(at, amperes);
@@ -75,20 +75,20 @@ pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
 struct RowFeed<'a> {
     flight: Option<&'a Flight>,
     /// Incomplete rates integrate to wrong turns.
-    has_whole_rates: bool,
+    has_complete_rates: bool,
     start_s: f64,
     last_s: f64,
 }
 
 impl<'a> RowFeed<'a> {
     fn new(rows: &[ReplayRow], flight: Option<&'a Flight>) -> Self {
-        let has_whole_rates = flight.is_none_or(data_loss::has_integrable_rates);
+        let has_complete_rates = flight.is_none_or(data_loss::has_integrable_rates);
         let start_s = rows.first().map_or(0.0, |row| row.t_s);
-        Self { flight, has_whole_rates, start_s, last_s: start_s }
+        Self { flight, has_complete_rates, start_s, last_s: start_s }
     }
 
     fn rates(&self, rates_rad_s: Option<[f32; 3]>) -> Option<[f32; 3]> {
-        rates_rad_s.filter(|_| self.has_whole_rates)
+        rates_rad_s.filter(|_| self.has_complete_rates)
     }
 
     fn feed<const N: usize>(&mut self, instruments: [&mut Instrument; N], row: &ReplayRow) -> [Estimate; N] {
@@ -98,11 +98,11 @@ impl<'a> RowFeed<'a> {
         instruments.map(|instrument| {
             for logged in &between {
                 let report = report(logged.attitude, self.rates(logged.rates_rad_s));
-                instrument.on_attitude(instant(logged.t_s, self.start_s), report);
+                instrument.on_attitude(row_timestamp(logged.t_s, self.start_s), report);
             }
             let estimate = estimate(instrument, row, self.start_s);
             while instrument.next_sample().is_some() {}
-            if self.has_whole_rates && instrument.config().reading_period_us <= MAX_WATCHED_US {
+            if self.has_complete_rates && instrument.config().reading_period_us <= MAX_MONITORED_INTERVAL_US {
                 instrument.update_monitor();
             }
             estimate

@@ -192,7 +192,7 @@ pub struct ReportSample {
 pub(super) const SECTOR_DEG: f64 = 15.0;
 
 /// Least number of values for a mean.
-const FEW: usize = 3;
+const MIN_SECTOR_VALUES: usize = 3;
 
 /// Circular means by heading over usable moments.
 pub(super) fn means_by_heading(
@@ -211,7 +211,9 @@ pub(super) fn means_by_heading(
             (*sin, *cos, *number) = (*sin + s, *cos + c, *number + 1);
         }
     }
-    sums.iter().map(|(sin, cos, number)| (*number >= FEW).then(|| libm::atan2(*sin, *cos).to_degrees())).collect()
+    sums.iter()
+        .map(|(sin, cos, number)| (*number >= MIN_SECTOR_VALUES).then(|| libm::atan2(*sin, *cos).to_degrees()))
+        .collect()
 }
 
 impl CompassReport {

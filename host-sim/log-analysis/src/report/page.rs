@@ -18,7 +18,7 @@ const CHART_STYLE: &str = include_str!("assets/uplot/uPlot.min.css");
 
 /// Content security policy: inline style, this script by its checksum, no network. scripts/page fails if the checksum
 /// is outdated.
-const POLICY: &str =
+const CONTENT_SECURITY_POLICY: &str =
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-U3Ow37qEPDXWLmhOLWcek4fZZyoqKwC/NAF4+nCGuEM='";
 
 pub fn render_html(report: &Report) -> String {
@@ -38,7 +38,7 @@ pub fn render_html(report: &Report) -> String {
     let title = escape_html(&report.title);
     format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n\
-         <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"{CONTENT_SECURITY_POLICY}\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <meta name=\"color-scheme\" content=\"light dark\">\n<title>{title} - Autoswing</title>\n\
          <style>\n{}{CHART_STYLE}\n{STYLE}</style></head>\n<body>\n<a class=\"skip\" href=\"#verdict\">Skip to the verdict</a>\n\

@@ -28,11 +28,11 @@ pub fn report_replay(verdict: &Verdict<'_>, log: &str, made: &ReportOrigin) -> R
     let rows = verdict.comparison_deg().into_iter().map(|(name, cells)| (name.to_owned(), cells));
     Report {
         title: format!("Flight {}", log.rsplit(['/', '\\']).next().unwrap_or(log)),
-        verdicts: verdict.by_use().into_iter().map(verdict_line).collect(),
+        verdicts: verdict.compasses_in_use_first().into_iter().map(verdict_line).collect(),
         module_verdict: Some(verdict.outcome.to_string()),
         figures: figures(verdict),
         notes: verdict.notes.iter().map(ToString::to_string).collect(),
-        reference: compared(evaluation),
+        reference: reference_info(evaluation),
         calibrators: CalibratorComparison {
             compasses: evaluation.compasses.iter().map(|compass| format!("compass {}", compass.number)).collect(),
             rows: rows.collect(),
@@ -60,7 +60,7 @@ fn verdict_line(compass: &CompassVerdict<'_>) -> VerdictLine {
     VerdictLine { state, word, text: compass.sentence() }
 }
 
-fn compared(verdict: &FlightEvaluation) -> ReferenceInfo {
+fn reference_info(verdict: &FlightEvaluation) -> ReferenceInfo {
     match &verdict.reference {
         Some(reference) => ReferenceInfo {
             difference_name: reference.difference_name(),
@@ -87,7 +87,7 @@ fn compared(verdict: &FlightEvaluation) -> ReferenceInfo {
 
 /// Figures of the compass in use.
 fn figures(verdict: &Verdict<'_>) -> Vec<[String; 2]> {
-    let Some(compass) = verdict.by_use().first().copied() else { return Vec::new() };
+    let Some(compass) = verdict.compasses_in_use_first().first().copied() else { return Vec::new() };
     let mut figures = Vec::new();
     let mut add = |label: String, value: Option<f64>, decimals: usize, unit: &str| {
         if let Some(value) = value {
@@ -96,7 +96,7 @@ fn figures(verdict: &Verdict<'_>) -> Vec<[String; 2]> {
     };
     let number = compass.evaluation.number;
     let held_back = compass.parameters.as_ref().ok().and_then(|export| export.held_back);
-    let word = compared(verdict.evaluation).difference_name;
+    let word = reference_info(verdict.evaluation).difference_name;
     let rms_of = |source: CorrectionSource| Some(compass.evaluation.correction_from(source)?.score?.rms_deg);
     let as_logged = rms_of(CorrectionSource::Autopilot).or(rms_of(CorrectionSource::Uncorrected));
     add(
@@ -113,7 +113,7 @@ fn figures(verdict: &Verdict<'_>) -> Vec<[String; 2]> {
 fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> CompassReport {
     let Verdict { flight, evaluation, .. } = *verdict;
     let facts = verdict.facts(compass);
-    let exported = compass.to_load();
+    let exported = compass.parameters_to_load();
     let compass = compass.evaluation;
     let replay_result = compass.displayed_result();
     let solution = replay_result.solution.as_ref();
@@ -304,7 +304,7 @@ struct LocalPositions {
 }
 
 impl LocalPositions {
-    const METRES: f64 = 111_195.0;
+    const METRES_PER_DEGREE: f64 = 111_195.0;
     const MAX_GAP_S: f64 = 3.0;
 
     fn from_flight(flight: &Flight) -> Option<Self> {
@@ -313,7 +313,7 @@ impl LocalPositions {
         let first = [first.longitude_deg, first.latitude_deg].map(f64::from);
         Some(Self {
             origin_deg: first,
-            metres_per_deg: [Self::METRES * libm::cos(first[1].to_radians()), Self::METRES],
+            metres_per_deg: [Self::METRES_PER_DEGREE * libm::cos(first[1].to_radians()), Self::METRES_PER_DEGREE],
         })
     }
 

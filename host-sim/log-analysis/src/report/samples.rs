@@ -5,16 +5,16 @@ use serde_json::{Value, json};
 use super::model::{CompassReport, DeviationCurve, ReportSample};
 
 /// Largest number of samples of a compass on the page: 100 KB each thousand.
-const MOST: usize = 2400;
+const MAX_PAGE_SAMPLES: usize = 2400;
 
 /// A line is interrupted at gaps longer than this time, seconds, and this number of mean steps.
-const GAP_S: f64 = 3.0;
-const GAP_STEPS: f64 = 4.0;
+const LINE_GAP_S: f64 = 3.0;
+const LINE_GAP_STEPS: f64 = 4.0;
 
 /// A number for each sample.
 type Column = (&'static str, fn(&ReportSample) -> Option<f64>);
 
-const COLUMNS: [Column; 17] = [
+const SAMPLE_COLUMNS: [Column; 17] = [
     ("heading", |sample| sample.heading_deg),
     ("roll", |sample| Some(sample.roll_deg)),
     ("pitch", |sample| Some(sample.pitch_deg)),
@@ -48,7 +48,7 @@ pub fn samples_json(compass: &CompassReport, error_name: &str) -> Value {
         cells.iter().any(Option::is_some).then(|| cells.into_iter().map(Value::from).collect())
     };
     let columns: serde_json::Map<String, Value> =
-        COLUMNS.iter().filter_map(|(name, of)| Some(((*name).to_owned(), Value::from(column(of)?)))).collect();
+        SAMPLE_COLUMNS.iter().filter_map(|(name, of)| Some(((*name).to_owned(), Value::from(column(of)?)))).collect();
     let kinds: String = rows.iter().map(|(_, sample)| sample.map_or('0', kind)).collect();
     let curves = |curves: &[DeviationCurve]| -> Vec<Value> {
         let curve = |curve: &DeviationCurve| {
@@ -82,7 +82,7 @@ fn kind(sample: &ReportSample) -> char {
 
 /// Of many samples, three of each interval: those with the weakest and the strongest field, and with the largest error.
 fn drawn_samples(samples: &[ReportSample]) -> Vec<&ReportSample> {
-    let size = if samples.len() > MOST { (3 * samples.len()).div_ceil(MOST) } else { 1 };
+    let size = if samples.len() > MAX_PAGE_SAMPLES { (3 * samples.len()).div_ceil(MAX_PAGE_SAMPLES) } else { 1 };
     let strength = |sample: &&ReportSample| {
         sample.corrected_ut.or(sample.raw_ut).map_or(0.0, |[x, y, z]| libm::hypot(libm::hypot(x, y), z))
     };
@@ -108,7 +108,7 @@ fn drawn_samples(samples: &[ReportSample]) -> Vec<&ReportSample> {
 /// Samples with their times, and none in the middle of each gap.
 fn with_gaps<'a>(samples: &[&'a ReportSample]) -> Vec<(f64, Option<&'a ReportSample>)> {
     let span_s = samples.first().zip(samples.last()).map_or(0.0, |(first, last)| last.at_s - first.at_s);
-    let gap_s = GAP_S.max(GAP_STEPS * span_s / samples.len().max(1) as f64);
+    let gap_s = LINE_GAP_S.max(LINE_GAP_STEPS * span_s / samples.len().max(1) as f64);
     let mut rows = Vec::new();
     let mut last_s = f64::INFINITY;
     for sample in samples.iter().filter(|sample| sample.at_s.is_finite()) {
@@ -144,7 +144,7 @@ mod tests {
         hour.samples[120_000].error_deg = Some(-77.0);
         let json = samples_json(&hour, "error");
         let len = json["t"].as_array().unwrap().len();
-        assert!((MOST / 2..=MOST + 2).contains(&len), "{len}");
+        assert!((MAX_PAGE_SAMPLES / 2..=MAX_PAGE_SAMPLES + 2).contains(&len), "{len}");
         let has = |column: &str, number: i64| json["columns"][column].as_array().unwrap().contains(&json!(number));
         assert!(has("raw_x", 9900) && has("module", -7700) && !has("raw_x", 1));
         assert!(json["columns"].get("sigma").is_none(), "a column without numbers");

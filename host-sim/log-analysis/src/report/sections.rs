@@ -67,10 +67,10 @@ pub fn comparison_section(report: &Report) -> String {
         capitalised(report.reference.difference_name),
         report.reference.reference_name
     );
-    format!("<p>{CORRECTIONS}</p>\n{}", table(&caption, "corrected by", &names, rows))
+    format!("<p>{CORRECTIONS_EXPLAINED}</p>\n{}", table(&caption, "corrected by", &names, rows))
 }
 
-const CORRECTIONS: &str = "Uncorrected: the sensor's field. As logged: with the autopilot's parameters. Sphere, ellipsoid: the usual \
+const CORRECTIONS_EXPLAINED: &str = "Uncorrected: the sensor's field. As logged: with the autopilot's parameters. Sphere, ellipsoid: the usual \
                            fits. Module: an Autoswing module on this flight, from the samples it would have collected, and from all \
                            rows. Parameters to load: as the autopilot would apply them, on rows that were held back from their fit.";
 
@@ -96,7 +96,7 @@ fn charts(compass_report: &CompassReport, word: &str) -> Vec<Chart> {
             has(|sample| sample.error_deg.is_some() || sample.error_before_deg.is_some()),
             "errors",
             "Heading over time",
-            format!("{}, mean subtracted, with one sigma of the module.{}", capitalised(word), withheld(compass_report)),
+            format!("{}, mean subtracted, with one sigma of the module.{}", capitalised(word), withheld_headings_note(compass_report)),
         ),
         chart(
             !compass_report.before.is_empty(),
@@ -136,7 +136,7 @@ fn charts(compass_report: &CompassReport, word: &str) -> Vec<Chart> {
     .collect()
 }
 
-fn withheld(compass_report: &CompassReport) -> String {
+fn withheld_headings_note(compass_report: &CompassReport) -> String {
     let number = compass_report.samples.iter().filter(|sample| sample.is_heading_withheld).count();
     if number == 0 {
         return String::new();

@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 
 use super::text::escape_html;
 
-const COLOURS: &str = include_str!("assets/colours.css");
-const PICTURE: &str = include_str!("assets/picture.css");
+const COLOURS_CSS: &str = include_str!("assets/colours.css");
+const PICTURE_CSS: &str = include_str!("assets/picture.css");
 
 /// Position in a picture, right and down.
 pub type Point = [f64; 2];
@@ -120,7 +120,7 @@ impl Svg {
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" role=\"img\" width=\"{width}\" height=\"{height}\" \
              viewBox=\"0 0 {width} {height}\" aria-labelledby=\"t d\">\n<title id=\"t\">{title}</title><desc id=\"d\">{words}\
-             </desc>\n<style>\n{COLOURS}{PICTURE}</style>\n<rect class=\"paper\" width=\"{width}\" height=\"{height}\"/>\n{}\
+             </desc>\n<style>\n{COLOURS_CSS}{PICTURE_CSS}</style>\n<rect class=\"paper\" width=\"{width}\" height=\"{height}\"/>\n{}\
              </svg>\n",
             self.body
         )
@@ -128,7 +128,7 @@ impl Svg {
 }
 
 pub fn style() -> String {
-    format!("{COLOURS}{PICTURE}")
+    format!("{COLOURS_CSS}{PICTURE_CSS}")
 }
 
 /// Coordinates rounded to 0.1; none if any is not finite.

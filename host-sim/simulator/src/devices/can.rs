@@ -14,14 +14,14 @@ use testkit::clock;
 use testkit::random::Random;
 
 /// Capacity of a node's receiver, frames; further ones are lost.
-const RECEIVER_FRAMES: usize = 64;
+const RECEIVER_CAPACITY_FRAMES: usize = 64;
 
 /// Duration of a frame without data bytes, and of a data byte, microseconds: with the mean number of stuff bits.
-const FRAME_US: u64 = 75;
-const BYTE_US: u64 = 9;
+const EMPTY_FRAME_US: u64 = 75;
+const DATA_BYTE_US: u64 = 9;
 
 /// Longest delay of a frame that overtakes, microseconds.
-const LATE_US: f32 = 5_000.0;
+const MAX_OVERTAKEN_DELAY_US: f32 = 5_000.0;
 
 /// Shares of frames with a fault, each for each receiver.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -84,7 +84,7 @@ impl CanBus {
     }
 
     /// Fault: no frame is sent for this time, as after many errors.
-    pub fn go_off(&self, duration_us: u64) {
+    pub fn switch_bus_off(&self, duration_us: u64) {
         self.0.borrow_mut().off_until_us = clock::now_us() + duration_us;
     }
 
@@ -165,7 +165,7 @@ impl ReceiveFrame for CanEnd {
 impl State {
     fn transmit(&mut self, sender: usize, frame: &CanFrame, now_us: u64) {
         self.frames += 1;
-        self.free_at_us = self.free_at_us.max(now_us) + FRAME_US + BYTE_US * frame.data().len() as u64;
+        self.free_at_us = self.free_at_us.max(now_us) + EMPTY_FRAME_US + DATA_BYTE_US * frame.data().len() as u64;
         let CanFaults { loss, duplication, reordering, .. } = self.faults;
         for (_, inbox) in self.nodes.iter_mut().enumerate().filter(|(node, _)| *node != sender) {
             let mut happens = |share: f32| share > 0.0 && self.random.uniform(0.0, 1.0) < share;
@@ -175,8 +175,9 @@ impl State {
             let copies = if happens(duplication) { 2 } else { 1 };
             let is_late = happens(reordering);
             for _ in 0..copies {
-                let late_us = if is_late { self.random.uniform(0.0, LATE_US) as u64 } else { 0 };
-                inbox.push(self.free_at_us + late_us, frame);
+                let added_latency_us =
+                    if is_late { self.random.uniform(0.0, MAX_OVERTAKEN_DELAY_US) as u64 } else { 0 };
+                inbox.push(self.free_at_us + added_latency_us, frame);
             }
         }
     }
@@ -184,7 +185,7 @@ impl State {
 
 impl Inbox {
     fn push(&mut self, at_us: u64, frame: &CanFrame) {
-        if self.frames.len() >= RECEIVER_FRAMES {
+        if self.frames.len() >= RECEIVER_CAPACITY_FRAMES {
             return;
         }
         let place = self.frames.partition_point(|(other_us, _)| *other_us <= at_us);

@@ -41,7 +41,7 @@ impl SecondSender {
 }
 
 /// Applies a change to each message while the switch is on.
-fn while_on(switch: Switch, mut change: impl FnMut(&mut ATTITUDE_DATA)) -> impl AttitudeFault {
+fn change_while_on(switch: Switch, mut change: impl FnMut(&mut ATTITUDE_DATA)) -> impl AttitudeFault {
     move |now_us: u64, message: &mut ATTITUDE_DATA| {
         if switch.is_on(now_us) {
             change(message);
@@ -74,7 +74,7 @@ pub fn hanging_attitude(switch: Switch, source: &AttitudeSourceConfig, seed: u64
     };
     let (mut roll_noise_rad, mut pitch_noise_rad) = (noise(seed), noise(!seed));
     let mut held_rad = None;
-    while_on(switch, move |message| {
+    change_while_on(switch, move |message| {
         let [roll_rad, pitch_rad] = *held_rad.get_or_insert([message.roll, message.pitch]);
         message.roll = roll_rad + roll_noise_rad.step() as f32;
         message.pitch = pitch_rad + pitch_noise_rad.step() as f32;
@@ -133,7 +133,7 @@ impl AttitudeFault for Restart {
 #[must_use]
 pub fn attitude_spikes(switch: Switch, fraction: f64, seed: u64) -> impl AttitudeFault {
     let mut random = Random::new(seed, Purpose::AttitudeFault);
-    while_on(switch, move |message| {
+    change_while_on(switch, move |message| {
         if random.uniform(0.0, 1.0) < fraction {
             let mut wrong = || if random.uniform(-1.0, 1.0) < 0.0 { -FRAC_PI_4 } else { FRAC_PI_4 } as f32;
             message.roll += wrong();
@@ -145,7 +145,7 @@ pub fn attitude_spikes(switch: Switch, fraction: f64, seed: u64) -> impl Attitud
 /// Constant error of roll and pitch, radians.
 #[must_use]
 pub fn attitude_bias(switch: Switch, bias_rad: [f64; 2]) -> impl AttitudeFault {
-    while_on(switch, move |message| {
+    change_while_on(switch, move |message| {
         message.roll += bias_rad[0] as f32;
         message.pitch += bias_rad[1] as f32;
     })
@@ -154,14 +154,14 @@ pub fn attitude_bias(switch: Switch, bias_rad: [f64; 2]) -> impl AttitudeFault {
 /// Bank-angle scale error: ratio of reported to true bank.
 #[must_use]
 pub fn bank_scale_error(switch: Switch, reported_ratio: f64) -> impl AttitudeFault {
-    while_on(switch, move |message| message.roll *= reported_ratio as f32)
+    change_while_on(switch, move |message| message.roll *= reported_ratio as f32)
 }
 
 /// Lean of a filter that trusts its accelerometers in long turns, where gravity and centripetal acceleration give no
 /// bank: the missing bank approaches `share` of the bank with this time constant (M. Euston et al., "A Complementary
 /// Filter for Attitude Estimation of a Fixed-Wing UAV", IROS 2008, section IV).
 #[must_use]
-pub fn lagging_lean(switch: Switch, share: f64, time_s: f64) -> impl AttitudeFault {
+pub fn lagging_bank_error(switch: Switch, share: f64, time_s: f64) -> impl AttitudeFault {
     let (mut lean_rad, mut before_us) = (0.0, None);
     move |now_us: u64, message: &mut ATTITUDE_DATA| {
         let step_s = now_us.saturating_sub(before_us.replace(now_us).unwrap_or(now_us)) as f64 / 1e6;
@@ -180,7 +180,7 @@ pub struct AdditionalLatency {
 }
 
 impl AttitudeFault for AdditionalLatency {
-    fn late_us(&self, now_us: u64) -> u64 {
+    fn added_latency_us(&self, now_us: u64) -> u64 {
         if self.switch.is_on(now_us) { self.latency_us } else { 0 }
     }
 
@@ -190,7 +190,7 @@ impl AttitudeFault for AdditionalLatency {
 /// Scale error of the body rates, reported over true: 0 for missing rates, -1 for a wrong sign, 57.3 for degrees.
 #[must_use]
 pub fn rate_scale_error(switch: Switch, factor: f64) -> impl AttitudeFault {
-    while_on(switch, move |message| {
+    change_while_on(switch, move |message| {
         for rate in rates(message) {
             *rate *= factor as f32;
         }
@@ -248,7 +248,7 @@ pub fn filter_alignment(switch: Switch, alignment: Alignment) -> impl AttitudeFa
 /// Quantisation of roll and pitch.
 #[must_use]
 pub fn attitude_quantisation(resolution_deg: f64) -> impl AttitudeFault {
-    while_on(Switch::on(), move |message| {
+    change_while_on(Switch::on(), move |message| {
         for angle in [&mut message.roll, &mut message.pitch] {
             let degrees = (f64::from(*angle).to_degrees() / resolution_deg).round() * resolution_deg;
             *angle = degrees.to_radians() as f32;

@@ -85,7 +85,7 @@ pub struct SoftIronHysteresis {
     /// Field of the soft iron per field in body axes, chip axes.
     soft_iron: Matrix3<f64>,
     earth: Earth,
-    play_rad: f64,
+    linkage_play_rad: f64,
     /// Heading at which the soft iron would have its present magnetisation without hysteresis; `None` at the start.
     magnetised_at_rad: Cell<Option<f64>>,
 }
@@ -97,7 +97,7 @@ impl SoftIronHysteresis {
         Self {
             soft_iron: airframe.soft_iron(),
             earth,
-            play_rad: play_deg.to_radians(),
+            linkage_play_rad: play_deg.to_radians(),
             magnetised_at_rad: Cell::new(None),
         }
     }
@@ -112,14 +112,14 @@ impl FieldFault for SoftIronHysteresis {
     fn added_ut(&self, truth: &TrueState) -> Vector3<f64> {
         let heading_rad = truth.heading_rad;
         let before_rad = self.magnetised_at_rad.get().unwrap_or(heading_rad);
-        let now_rad = before_rad.clamp(heading_rad - self.play_rad, heading_rad + self.play_rad);
+        let now_rad = before_rad.clamp(heading_rad - self.linkage_play_rad, heading_rad + self.linkage_play_rad);
         self.magnetised_at_rad.set(Some(now_rad));
         self.at_heading(truth, now_rad)
     }
 
     /// In level flight the mean of both directions of the turn before it.
     fn steady_ut(&self, truth: &TrueState) -> Vector3<f64> {
-        let lag_rad = if truth.roll_rad == 0.0 { 0.0 } else { self.play_rad.copysign(truth.roll_rad) };
+        let lag_rad = if truth.roll_rad == 0.0 { 0.0 } else { self.linkage_play_rad.copysign(truth.roll_rad) };
         self.at_heading(truth, truth.heading_rad - lag_rad)
     }
 }

@@ -12,7 +12,7 @@ use crate::world::autopilot::Leg;
 use crate::world::{World, WorldConfig};
 
 /// Interval at which switches are looked at, and of forged messages, milliseconds.
-const STEP_MS: u64 = 100;
+const SWITCH_CHECK_MS: u64 = 100;
 
 /// Fault of the link.
 #[derive(Clone, Debug)]
@@ -54,18 +54,18 @@ async fn pause(switch: Switch, world: World) {
         if is_on == world.sends_attitude() {
             world.set_sends_attitude(!is_on);
         }
-        Timer::after(Duration::from_millis(STEP_MS)).await;
+        Timer::after(Duration::from_millis(SWITCH_CHECK_MS)).await;
     }
 }
 
 /// A vehicle of the same kind, armed, in circles to alternating sides.
 async fn other_vehicle(system_id: u8, own: World, uart: HostEnd) {
     /// More than ten hours of flight.
-    const CIRCLES: usize = 4000;
+    const MAX_FLIGHT_CIRCLES: usize = 4000;
     let config = own.config();
     let world = World::new(WorldConfig { seed: config.seed.wrapping_add(0x0711), ..config });
     world.set_armed(true);
-    for circle in 0..CIRCLES {
+    for circle in 0..MAX_FLIGHT_CIRCLES {
         let heading_change_deg = if circle % 2 == 0 { 360.0 } else { -360.0 };
         world.fly(Leg::Turn { bank_deg: 20.0, heading_change_deg });
     }
@@ -86,6 +86,6 @@ async fn forge(switch: Switch, message: ForgedMessage, mut autopilot: AttitudeSo
                 ForgedMessage::Disarmed => autopilot.heartbeat_message(false),
             });
         }
-        Timer::after(Duration::from_millis(STEP_MS)).await;
+        Timer::after(Duration::from_millis(SWITCH_CHECK_MS)).await;
     }
 }

@@ -8,7 +8,7 @@ use testkit::simulation::Simulation;
 use super::Switch;
 use super::attitude::{
     AdditionalLatency, AttitudeFault, attitude_bias, attitude_quantisation, attitude_spikes, bank_scale_error,
-    frozen_attitude, lagging_lean,
+    frozen_attitude, lagging_bank_error,
 };
 use super::field::{
     FieldFault, SoftIronHysteresis, elevator_linkage, hard_iron_change, passing_object, throttle_interference,
@@ -169,7 +169,7 @@ fn each_attitude_fault_has_its_named_effect() {
         assert!((roll(fault, BEFORE_US) - 0.4).abs() < 1e-6 && (roll(fault, WHILE_US) - expected).abs() < 1e-6);
     }
     let late = AdditionalLatency { switch: switch(), latency_us: 200_000 };
-    assert_eq!([BEFORE_US, WHILE_US].map(|us| late.late_us(us)), [0, 200_000]);
+    assert_eq!([BEFORE_US, WHILE_US].map(|us| late.added_latency_us(us)), [0, 200_000]);
     let coarse = roll(&mut attitude_quantisation(0.1), 0).to_degrees();
     assert!((coarse - 22.9).abs() < 1e-4, "0.4 rad are 22.918 deg: {coarse}");
     let mut spikes = attitude_spikes(switch(), 0.01, 1);
@@ -236,7 +236,7 @@ fn hysteresis_depends_on_the_side_of_the_last_turn() {
 
 #[test]
 fn a_lean_grows_with_its_time_constant() {
-    let mut lean = lagging_lean(Switch::on(), 0.12, 10.0);
+    let mut lean = lagging_bank_error(Switch::on(), 0.12, 10.0);
     let mut message = ATTITUDE_DATA::default();
     for step in 0..=500 {
         message = ATTITUDE_DATA { roll: 0.5, ..ATTITUDE_DATA::default() };

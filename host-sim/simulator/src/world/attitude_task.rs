@@ -50,8 +50,8 @@ impl AttitudeSource {
                     uart.send(&self.status_message(Some(amperes)));
                 }
             }
-            let late_us: u64 = faults.iter().map(|fault| fault.late_us(now_us)).sum();
-            let truth = world.true_state(now_us.saturating_sub(latency_us + late_us));
+            let added_latency_us: u64 = faults.iter().map(|fault| fault.added_latency_us(now_us)).sum();
+            let truth = world.true_state(now_us.saturating_sub(latency_us + added_latency_us));
             let mut message = self.attitude_message(&truth, now_us);
             for fault in &mut faults {
                 fault.tamper(now_us, &mut message);

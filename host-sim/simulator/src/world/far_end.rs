@@ -72,7 +72,7 @@ impl FarEnd {
     }
 }
 
-const LOOK_US: u64 = 1_000;
+const POLL_INTERVAL_US: u64 = 1_000;
 
 async fn mavlink(
     device: Rc<RefCell<MavlinkAutopilot>>,
@@ -87,8 +87,8 @@ async fn mavlink(
             let mut device = device.borrow_mut();
             device.receive(now_us, &uart.receive());
             if device.due_us() <= now_us {
-                let late_us: u64 = faults.iter().map(|fault| fault.late_us(now_us)).sum();
-                let truth = world.true_state(now_us.saturating_sub(latency_us + late_us));
+                let added_latency_us: u64 = faults.iter().map(|fault| fault.added_latency_us(now_us)).sum();
+                let truth = world.true_state(now_us.saturating_sub(latency_us + added_latency_us));
                 let tamper = |attitude: &mut ATTITUDE_DATA| {
                     for fault in &mut faults {
                         fault.tamper(now_us, attitude);
@@ -101,7 +101,7 @@ async fn mavlink(
                 }
             }
         }
-        Timer::after(Duration::from_micros(LOOK_US)).await;
+        Timer::after(Duration::from_micros(POLL_INTERVAL_US)).await;
     }
 }
 
@@ -121,8 +121,8 @@ async fn msp(
         let now_us = clock::now_us();
         if now_us >= estimated_us {
             estimated_us += period_us;
-            let late_us: u64 = faults.iter().map(|fault| fault.late_us(now_us)).sum();
-            let truth = world.true_state(now_us.saturating_sub(latency_us + late_us));
+            let added_latency_us: u64 = faults.iter().map(|fault| fault.added_latency_us(now_us)).sum();
+            let truth = world.true_state(now_us.saturating_sub(latency_us + added_latency_us));
             // Attitude faults operate on MAVLink messages.
             let mut attitude = source.attitude_message(&truth, now_us);
             for fault in &mut faults {
@@ -149,6 +149,6 @@ async fn msp(
                 uart.send(&bytes);
             }
         }
-        Timer::after(Duration::from_micros(LOOK_US)).await;
+        Timer::after(Duration::from_micros(POLL_INTERVAL_US)).await;
     }
 }

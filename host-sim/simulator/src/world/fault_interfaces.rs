@@ -33,7 +33,7 @@ impl<F: Fn(&TrueState) -> Vector3<f64>> FieldFault for F {
 /// Fault of the attitude source.
 pub trait AttitudeFault {
     /// Additional age of the attitude, microseconds.
-    fn late_us(&self, _now_us: u64) -> u64 {
+    fn added_latency_us(&self, _now_us: u64) -> u64 {
         0
     }
 

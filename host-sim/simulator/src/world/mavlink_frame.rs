@@ -3,7 +3,7 @@
 use mavlink::dialects::common::MavMessage;
 use mavlink::{Message, calculate_crc};
 
-pub(super) const MODULE: u8 = 158;
+pub(super) const MODULE_COMPONENT: u8 = 158;
 
 /// Received or sent frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -52,7 +52,7 @@ impl Frame {
 pub fn command_long(from: [u8; 2], system: u8, command: u16, confirmation: u8, parameters: [f32; 7]) -> Vec<u8> {
     let mut payload: Vec<u8> = parameters.iter().flat_map(|parameter| parameter.to_le_bytes()).collect();
     payload.extend(command.to_le_bytes());
-    payload.extend([system, MODULE, confirmation]);
+    payload.extend([system, MODULE_COMPONENT, confirmation]);
     let [from_system, from_component] = from;
     Frame { sequence: 0, system: from_system, component: from_component, id: 76, payload }.bytes(152)
 }

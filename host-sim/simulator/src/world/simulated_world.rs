@@ -95,38 +95,38 @@ impl World {
 
     /// Clears the flight plan and holds a bank and a pitch.
     pub fn hold_bank_and_pitch(&self, bank_deg: f64, pitch_deg: f64) {
-        self.up_to_now().aircraft.autopilot_mut().hold_bank_and_pitch(bank_deg, pitch_deg);
+        self.advanced_to_now().aircraft.autopilot_mut().hold_bank_and_pitch(bank_deg, pitch_deg);
     }
 
     /// Clears the flight plan; the vehicle continues wings level, or hovers.
     pub fn clear_plan(&self) {
-        self.up_to_now().aircraft.autopilot_mut().clear_plan();
+        self.advanced_to_now().aircraft.autopilot_mut().clear_plan();
     }
 
     /// Appends a leg to the flight plan.
     pub fn fly(&self, leg: Leg) {
-        self.up_to_now().aircraft.autopilot_mut().fly(leg);
+        self.advanced_to_now().aircraft.autopilot_mut().fly(leg);
     }
 
     /// Number of unfinished legs, the present one included.
     #[must_use]
     pub fn unfinished_legs(&self) -> usize {
-        self.up_to_now().aircraft.autopilot().unfinished_legs()
+        self.advanced_to_now().aircraft.autopilot().unfinished_legs()
     }
 
     /// Starts a prescribed motion: on level ground, at a heading, on a bench.
     pub fn set_motion(&self, how: PrescribedMotion) {
-        self.up_to_now().aircraft.set_motion(how);
+        self.advanced_to_now().aircraft.set_motion(how);
     }
 
     /// Ends a prescribed motion; the vehicle model continues at the present position.
     pub fn release(&self) {
-        self.up_to_now().aircraft.release();
+        self.advanced_to_now().aircraft.release();
     }
 
     /// Moves toward an attitude received now from an external simulator.
     pub fn follow_attitude(&self, received: Euler) {
-        self.up_to_now().aircraft.follow_attitude(received);
+        self.advanced_to_now().aircraft.follow_attitude(received);
     }
 
     /// Enables or disables sending of attitude. Initially enabled.
@@ -142,18 +142,18 @@ impl World {
 
     /// Sets a disturbing field in chip axes, microtesla; zero removes it. A few hundred microtesla saturate the chip.
     pub fn set_disturbance_ut(&self, field_ut: [f64; 3]) {
-        self.up_to_now().disturbance_ut = field_ut.into();
+        self.advanced_to_now().disturbance_ut = field_ut.into();
     }
 
     /// Sets the motor-current interference in chip axes at cruise or hover current, microtesla; proportional to the
     /// current.
     pub fn set_current_interference_ut(&self, current_ut: [f64; 3]) {
-        self.up_to_now().config.current_interference_ut = current_ut;
+        self.advanced_to_now().config.current_interference_ut = current_ut;
     }
 
     /// Enables or disables reporting of the motor current.
     pub fn set_reports_current(&self, is_reported: bool) {
-        self.up_to_now().config.reports_current = is_reported;
+        self.advanced_to_now().config.reports_current = is_reported;
     }
 
     /// Arms or disarms the autopilot, reported by the next heartbeat. Initially disarmed.
@@ -168,7 +168,7 @@ impl World {
     }
 
     /// The state advanced to now, so that commands do not affect the past.
-    fn up_to_now(&self) -> std::cell::RefMut<'_, WorldState> {
+    fn advanced_to_now(&self) -> std::cell::RefMut<'_, WorldState> {
         let mut inner = self.0.borrow_mut();
         inner.advance(clock::now_us());
         inner

@@ -7,10 +7,10 @@ use autoswing::wire::dronecan::CanFrame;
 use host_sim::serve::multicast::{DATAGRAM, from_datagram, to_datagram};
 use socket2::{Domain, Socket, Type};
 
-const PORT: u16 = 57_732;
+const MULTICAST_PORT: u16 = 57_732;
 
 /// Largest number of datagrams read in one poll.
-const DATAGRAMS: usize = 256;
+const MAX_DATAGRAMS_PER_POLL: usize = 256;
 
 /// The bus of a number, shared with other programs of this computer.
 pub struct MulticastBus {
@@ -28,7 +28,7 @@ impl MulticastBus {
         input.set_reuse_address(true)?;
         // Windows binds to no group.
         let address = if cfg!(unix) { group } else { Ipv4Addr::UNSPECIFIED };
-        input.bind(&SocketAddrV4::new(address, PORT).into())?;
+        input.bind(&SocketAddrV4::new(address, MULTICAST_PORT).into())?;
         let input = UdpSocket::from(input);
         // A computer without a network has only the loopback interface.
         let join = |interface| input.join_multicast_v4(&group, &interface);
@@ -43,7 +43,7 @@ impl MulticastBus {
         let own = self.output.local_addr().map(|address| address.port());
         let is_own = |from: SocketAddr| own.as_ref().is_ok_and(|own| *own == from.port());
         let mut datagram = [0; DATAGRAM];
-        let datagrams = (0..DATAGRAMS).map_while(|_| {
+        let datagrams = (0..MAX_DATAGRAMS_PER_POLL).map_while(|_| {
             self.input
                 .recv_from(&mut datagram)
                 .ok()
@@ -54,6 +54,6 @@ impl MulticastBus {
 
     /// Sends a frame; it is lost where the network does not take it, as on a bus without other nodes.
     pub fn send(&self, frame: &CanFrame) {
-        let _ = self.output.send_to(&to_datagram(frame), (self.group, PORT));
+        let _ = self.output.send_to(&to_datagram(frame), (self.group, MULTICAST_PORT));
     }
 }

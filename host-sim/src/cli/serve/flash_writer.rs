@@ -36,7 +36,7 @@ impl FlashWriter {
     }
 
     /// Writes if the content changed and is stable since the last call, or at the end.
-    pub fn look(&mut self, served_module: &ServedModule, is_end: bool) -> Result<(), Failure> {
+    pub fn write_if_stable(&mut self, served_module: &ServedModule, is_end: bool) -> Result<(), Failure> {
         let changes = served_module.flash_changes();
         let rests = changes == self.seen_changes || is_end;
         self.seen_changes = changes;

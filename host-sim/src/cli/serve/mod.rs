@@ -27,7 +27,7 @@ use simulator::world::aircraft::VehicleKind;
 use self::can::MulticastBus;
 use self::flash_writer::FlashWriter;
 use self::run::{Connections, OrderInput};
-use self::wire::{Connection, LOOK, PIECE, TcpPort, Terminal, Wire};
+use self::wire::{Connection, MAX_POLL_BYTES, POLL_INTERVAL, TcpPort, Terminal, Wire};
 use super::termination::{SecondSignal, TerminationSignals};
 
 use super::files::named_world;
@@ -50,7 +50,7 @@ use crate::cli::failure::Failure;
 #[command(after_long_help = after_help())]
 pub struct Serve {
     #[command(flatten)]
-    aboard: ModuleOptions,
+    module_options: ModuleOptions,
     /// Serve the ports also on successive TCP ports of this computer, starting at this one, 0 to 65535: console,
     /// autopilot, instrument; 0: any free ones. Each accepts up to eight clients
     #[arg(long, value_name = "PORT", value_parser = integer(0, u16::MAX))]
@@ -62,11 +62,11 @@ pub struct Serve {
     world: Option<u16>,
     /// Put the module on a CAN bus as a DroneCAN node: mcast:0 to mcast:9, UDP multicast in the local network, as ArduPilot's
     /// simulator and pydronecan use it
-    #[arg(long, value_name = "mcast:N", value_parser = one_of(BUSES))]
+    #[arg(long, value_name = "mcast:N", value_parser = one_of(CAN_BUSES))]
     can: Option<u8>,
     /// Sender of the module's attitude: the simulator unless the autopilot's port receives one (auto), always the
     /// simulator (own), or only that port (peer). The module switches senders after 10 s
-    #[arg(long, default_value = "auto", value_name = "auto|own|peer", value_parser = one_of(ATTITUDES))]
+    #[arg(long, default_value = "auto", value_name = "auto|own|peer", value_parser = one_of(ATTITUDE_PROVIDERS))]
     attitude: AttitudeProvider,
     /// Print the ports as one JSON object
     #[arg(long)]
@@ -88,7 +88,7 @@ pub struct Console {
     #[arg(long, value_name = "PORT", value_parser = integer(1, u16::MAX))]
     tcp: Option<u16>,
     #[command(flatten)]
-    aboard: ModuleOptions,
+    module_options: ModuleOptions,
 }
 
 /// Options of the simulated module.
@@ -116,10 +116,10 @@ struct ModuleOptions {
     flash: Option<PathBuf>,
 }
 
-const ATTITUDES: &[(&str, AttitudeProvider)] =
+const ATTITUDE_PROVIDERS: &[(&str, AttitudeProvider)] =
     &[("auto", AttitudeProvider::Auto), ("own", AttitudeProvider::Own), ("peer", AttitudeProvider::Peer)];
 
-const BUSES: &[(&str, u8)] = &[
+const CAN_BUSES: &[(&str, u8)] = &[
     ("mcast:0", 0),
     ("mcast:1", 1),
     ("mcast:2", 2),
@@ -186,7 +186,7 @@ impl ModuleOptions {
 pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
     let (mut served_module, flash) =
-        options.aboard.module(options.attitude, options.world.is_some(), options.can.is_some())?;
+        options.module_options.module(options.attitude, options.world.is_some(), options.can.is_some())?;
     let mut wires: Vec<Vec<Box<dyn Wire>>> = Vec::new();
     let mut places = Vec::new();
     let mut next = options.tcp;
@@ -213,7 +213,7 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
         print_ports(options, &places, world_number)?;
     }
     let wiring = Connections { wires, world, can, orders: Some(OrderInput::from_stdin()), flash };
-    wiring.run(&mut served_module, options.aboard.speed, interruption.stop())?;
+    wiring.run(&mut served_module, options.module_options.speed, interruption.stop())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
 
@@ -241,7 +241,7 @@ struct PortAddress {
 fn describe_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> Result<Value, Failure> {
     let ports: Vec<Value> =
         places.iter().map(|place| json!({ "name": place.port.name, "pty": place.pty, "tcp": place.tcp })).collect();
-    let airframe = airframe_json(&options.aboard.world()?);
+    let airframe = airframe_json(&options.module_options.world()?);
     Ok(json!({ "ports": ports, "world": world, "can": options.can.map(bus_name), "airframe": airframe }))
 }
 
@@ -250,7 +250,7 @@ fn bus_name(number: u8) -> String {
 }
 
 fn print_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> Result<(), Failure> {
-    let aboard = &options.aboard;
+    let module_options = &options.module_options;
     for (index, PortAddress { port, pty, tcp }) in places.iter().enumerate() {
         print::print_line(format_args!("{}: {}", port.name, port.carries));
         if let Some(pty) = pty {
@@ -284,11 +284,11 @@ fn print_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> R
         }
         None => print::print_line(format_args!(
             "the aircraft flies: {}. Order it to do something else: help lists how",
-            aboard.pattern
+            module_options.pattern
         )),
     }
-    if aboard.airframe == "random" {
-        let file = aboard.world()?.airframe_toml();
+    if module_options.airframe == "random" {
+        let file = module_options.world()?.airframe_toml();
         print::print_line(format_args!("the airframe of seed {}, as a file for --airframe:\n\n{file}", aboard.seed));
     }
     print::print_line("Ctrl-C ends");
@@ -299,7 +299,7 @@ pub fn console(options: &Console) -> Result<ExitCode, Failure> {
     match (&options.path, options.tcp) {
         (Some(path), _) => attach(pty::connect_serial(path)?),
         (None, Some(port)) => attach(connect_tcp(port)?),
-        (None, None) => serve_alone(&options.aboard),
+        (None, None) => serve_alone(&options.module_options),
     }
 }
 
@@ -311,13 +311,13 @@ fn attach(mut module: impl Wire) -> Result<ExitCode, Failure> {
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
     let mut terminal = open_terminal(None)?;
     while !interruption.stop().load(Ordering::SeqCst) && !terminal.has_ended() {
-        module.write(&terminal.read(PIECE));
-        terminal.write(&module.read(PIECE));
+        module.write(&terminal.read(MAX_POLL_BYTES));
+        terminal.write(&module.read(MAX_POLL_BYTES));
         if module.has_ended() {
             drop(terminal);
             return Err(Failure::with_code("no-module", "the module has gone"));
         }
-        thread::sleep(LOOK);
+        thread::sleep(POLL_INTERVAL);
     }
     drop(terminal);
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
@@ -332,15 +332,15 @@ fn open_terminal(orders: Option<Sender<Vec<u8>>>) -> Result<Terminal, Failure> {
     Terminal::open(orders).map_err(|error| Failure::with_code("no-terminal", error))
 }
 
-fn serve_alone(aboard: &ModuleOptions) -> Result<ExitCode, Failure> {
-    let (mut served_module, flash) = aboard.module(AttitudeProvider::Own, false, false)?;
+fn serve_alone(module_options: &ModuleOptions) -> Result<ExitCode, Failure> {
+    let (mut served_module, flash) = module_options.module(AttitudeProvider::Own, false, false)?;
     let mut wires: Vec<Vec<Box<dyn Wire>>> = PORTS.iter().map(|_| Vec::new()).collect();
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
     let (orders, order_lines) = mpsc::channel();
     wires[serve::CONSOLE].push(Box::new(open_terminal(Some(orders))?));
     let wiring =
         Connections { wires, world: None, can: None, orders: Some(OrderInput::from_channel(order_lines)), flash };
-    wiring.run(&mut served_module, aboard.speed, interruption.stop())?;
+    wiring.run(&mut served_module, module_options.speed, interruption.stop())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
 

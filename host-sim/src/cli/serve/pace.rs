@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 /// Largest step that is caught up; longer gaps mean that the computer slept or is overloaded.
-const LONGEST: Duration = Duration::from_millis(250);
+const MAX_CATCH_UP: Duration = Duration::from_millis(250);
 
 pub struct VirtualClock {
     speed: f64,
@@ -23,8 +23,8 @@ impl VirtualClock {
         let now = Instant::now();
         let passed = now - self.last;
         self.last = now;
-        self.lost += passed.saturating_sub(LONGEST);
-        (passed.min(LONGEST).as_secs_f64() * self.speed * 1e6) as u64
+        self.lost += passed.saturating_sub(MAX_CATCH_UP);
+        (passed.min(MAX_CATCH_UP).as_secs_f64() * self.speed * 1e6) as u64
     }
 
     /// A warning, returned once, if the computer is too slow.

@@ -11,7 +11,7 @@ use host_sim::serve::{PORTS, ServedModule};
 use super::can::MulticastBus;
 use super::flash_writer::FlashWriter;
 use super::pace::VirtualClock;
-use super::wire::{LOOK, PIECE, Wire, read_in_thread};
+use super::wire::{MAX_POLL_BYTES, POLL_INTERVAL, Wire, read_in_thread};
 use crate::cli::failure::Failure;
 use crate::cli::print;
 
@@ -37,7 +37,7 @@ impl Connections {
             for (port, wires) in self.wires.iter_mut().enumerate() {
                 for wire in wires {
                     // A faster sender waits, as on a real line.
-                    let bytes = wire.read(served_module.free_bytes(port).min(PIECE));
+                    let bytes = wire.read(served_module.free_bytes(port).min(MAX_POLL_BYTES));
                     served_module.send(port, &bytes);
                     for notice in wire.take_notices() {
                         print::print_error(format_args!("{}: {notice}", PORTS[port].name));
@@ -45,7 +45,7 @@ impl Connections {
                 }
             }
             if let Some(world) = &self.world {
-                is_malformed_told |= follow(world, served_module, is_malformed_told);
+                is_malformed_told |= apply_datagrams(world, served_module, is_malformed_told);
             }
             if let Some(orders) = &mut self.orders {
                 orders.execute_orders(served_module);
@@ -71,15 +71,15 @@ impl Connections {
             if let Some(complaint) = pace.take_warning() {
                 print::print_error(format_args!("{complaint}\r"));
             }
-            self.flash.look(served_module, false)?;
-            thread::sleep(LOOK);
+            self.flash.write_if_stable(served_module, false)?;
+            thread::sleep(POLL_INTERVAL);
         }
-        self.flash.look(served_module, true)
+        self.flash.write_if_stable(served_module, true)
     }
 }
 
 /// Applies received attitudes; returns whether a malformed one has been reported.
-fn follow(world: &UdpSocket, served_module: &mut ServedModule, is_reported: bool) -> bool {
+fn apply_datagrams(world: &UdpSocket, served_module: &mut ServedModule, is_reported: bool) -> bool {
     let mut datagram = [0; 256];
     let mut is_reported = is_reported;
     for _ in 0..DATAGRAMS {

@@ -13,10 +13,10 @@ use crossterm::terminal::{disable_raw_mode, enable_raw_mode};
 use super::super::print;
 
 /// Polling interval of the wires, shorter than the module's own delays.
-pub const LOOK: Duration = Duration::from_millis(2);
+pub const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 /// Largest number of bytes transferred in one poll.
-pub const PIECE: usize = 4096;
+pub const MAX_POLL_BYTES: usize = 4096;
 
 /// A connection whose far end may be absent.
 pub trait Wire {
@@ -41,7 +41,7 @@ pub trait Wire {
 pub type OpenedPty = (Box<dyn Wire>, PathBuf);
 
 /// Largest backlog of a slow receiver, bytes: six seconds of a full line.
-const BACKLOG: usize = 65_536;
+const MAX_BACKLOG_BYTES: usize = 65_536;
 
 /// A non-blocking stream with a backlog of unsent bytes.
 pub struct BufferedStream<S> {
@@ -62,7 +62,7 @@ impl<S: Read + Write> BufferedStream<S> {
             read => read,
         };
         // Reading a pseudo-terminal that nobody has opened fails.
-        self.is_disconnected = read.as_ref().is_err_and(|error: &io::Error| !is_passing(error));
+        self.is_disconnected = read.as_ref().is_err_and(|error: &io::Error| !is_temporary(error));
         bytes.truncate(read.unwrap_or(0));
         bytes
     }
@@ -72,13 +72,13 @@ impl<S: Read + Write> BufferedStream<S> {
             self.backlog.clear();
             return;
         }
-        if self.backlog.len() + bytes.len() <= BACKLOG {
+        if self.backlog.len() + bytes.len() <= MAX_BACKLOG_BYTES {
             self.backlog.extend(bytes);
         }
         while !self.backlog.is_empty() {
             match self.endpoint.write(self.backlog.as_slices().0) {
                 Ok(written) if written > 0 => drop(self.backlog.drain(..written)),
-                Err(error) if is_passing(&error) => return,
+                Err(error) if is_temporary(&error) => return,
                 _ => {
                     self.is_disconnected = true;
                     return;
@@ -88,7 +88,7 @@ impl<S: Read + Write> BufferedStream<S> {
     }
 }
 
-fn is_passing(error: &io::Error) -> bool {
+fn is_temporary(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
@@ -101,7 +101,7 @@ pub struct TcpPort {
 }
 
 /// Largest number of clients; further ones are disconnected.
-const CLIENTS: usize = 8;
+const MAX_CLIENTS: usize = 8;
 
 impl TcpPort {
     pub fn open(port: u16) -> io::Result<Self> {
@@ -113,7 +113,7 @@ impl TcpPort {
 
     fn accept(&mut self) {
         while let Ok((client, from)) = self.listener.accept() {
-            if self.clients.len() < CLIENTS && client.set_nonblocking(true).is_ok() {
+            if self.clients.len() < MAX_CLIENTS && client.set_nonblocking(true).is_ok() {
                 // Failure only adds delay.
                 let _ = client.set_nodelay(true);
                 self.clients.push(BufferedStream::new(client));
@@ -176,22 +176,22 @@ impl<S: Read + Write> Wire for Connection<S> {
 }
 
 /// Ctrl-], as in telnet.
-const LEAVE: u8 = 0x1D;
+const LEAVE_KEY: u8 = 0x1D;
 
 /// Ctrl-D, which ends the session on an empty line.
-const END: u8 = 0x04;
+const END_OF_INPUT_KEY: u8 = 0x04;
 
 /// Ctrl-U, which clears the line.
-const CANCEL: u8 = 0x15;
+const CLEAR_LINE_KEY: u8 = 0x15;
 
 /// First character of a line for the simulated pilot.
-const ORDER: u8 = b'!';
+const PILOT_LINE_PREFIX: u8 = b'!';
 
 /// Longest line whose text is known, bytes; a longer one is no `quit`.
 const LONGEST_LINE: usize = 256;
 
 /// Pause in the answers after the last piped input that ends the session.
-const PAUSE: Duration = Duration::from_secs(1);
+const END_OF_SESSION_PAUSE: Duration = Duration::from_secs(1);
 
 /// The program's terminal, or its redirected input and output.
 pub struct Terminal {
@@ -232,10 +232,10 @@ impl Terminal {
 
     /// Handles a typed byte; returns whether the module receives it.
     fn is_for_module(&mut self, byte: u8) -> bool {
-        let is_order = self.orders.is_some() && self.line.first().unwrap_or(&byte) == &ORDER;
+        let is_order = self.orders.is_some() && self.line.first().unwrap_or(&byte) == &PILOT_LINE_PREFIX;
         match byte {
-            LEAVE if self.is_raw => self.is_closed = true,
-            END if self.is_raw && self.line.is_empty() => self.is_closed = true,
+            LEAVE_KEY if self.is_raw => self.is_closed = true,
+            END_OF_INPUT_KEY if self.is_raw && self.line.is_empty() => self.is_closed = true,
             b'\r' | b'\n' => {
                 let line = std::mem::take(&mut self.line);
                 if is_order && !line.is_empty() {
@@ -243,11 +243,11 @@ impl Terminal {
                     return false;
                 }
                 if [&b"quit"[..], b"exit"].contains(&line.trim_ascii()) {
-                    self.leave();
+                    self.end_session();
                     return false;
                 }
             }
-            CANCEL if !is_order => self.line.clear(),
+            CLEAR_LINE_KEY if !is_order => self.line.clear(),
             0x08 | 0x7F => {
                 self.line.pop();
                 if is_order {
@@ -274,7 +274,7 @@ impl Terminal {
     }
 
     /// Ends the session: at once at a terminal, else as the end of the input does.
-    fn leave(&mut self) {
+    fn end_session(&mut self) {
         self.is_closed |= self.is_raw;
         self.pending.clear();
         self.last_activity.get_or_insert_with(Instant::now);
@@ -317,7 +317,7 @@ impl Wire for Terminal {
     }
 
     fn has_ended(&self) -> bool {
-        let is_answered = |last: Instant| self.pending.is_empty() && last.elapsed() > PAUSE;
+        let is_answered = |last: Instant| self.pending.is_empty() && last.elapsed() > END_OF_SESSION_PAUSE;
         self.is_closed || self.last_activity.is_some_and(is_answered)
     }
 }

@@ -30,7 +30,7 @@ pub struct Coverage {
 }
 
 /// Coverage is evaluated for every fifth noise realisation.
-pub(super) const COVERAGE_EVERY: u64 = 5;
+pub(super) const COVERAGE_DRAW_INTERVAL: u64 = 5;
 
 const HEADINGS: usize = 16;
 
@@ -67,12 +67,12 @@ impl SolveCounts {
 
 /// Heading errors over their sigmas after a flight with exactly the attitude errors that the solver considers, which
 /// `record` records.
-pub(super) fn use_headings(
+pub(super) fn normalised_errors_in_use(
     trial: &Trial,
     consider: ConsiderSigmas,
     record: impl FnOnce(ConstantErrorSigmas) -> (Recording, PostFlightSource),
 ) -> Vec<f64> {
-    let (recorded, mut source) = record(ConstantErrorSigmas::considered_by(consider));
+    let (recorded, mut source) = record(ConstantErrorSigmas::from_considered(consider));
     let Ok(solution) = solve(Method::MaximumLikelihood, recorded.samples(), consider) else { return Vec::new() };
     (0..HEADINGS).filter_map(|_| trial.normalised_heading_error(&solution, &mut source)).collect()
 }

@@ -50,7 +50,7 @@ pub struct Flight {
     pub minutes: f64,
 }
 
-const SAMPLE_US: u64 = 100_000;
+const SAMPLE_PERIOD_US: u64 = 100_000;
 
 impl Flight {
     /// True attitudes at 10 Hz, in weather drawn from the seed.
@@ -89,7 +89,7 @@ impl Flight {
                 aircraft.autopilot_mut().fly(leg);
             }
             aircraft.step();
-            if aircraft.state().time_us.is_multiple_of(SAMPLE_US) {
+            if aircraft.state().time_us.is_multiple_of(SAMPLE_PERIOD_US) {
                 instants.push(true_sample(&aircraft));
             }
         }

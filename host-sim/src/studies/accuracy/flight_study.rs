@@ -9,7 +9,9 @@ use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 use simulator::world::aircraft::VehicleKind;
 
-use super::evaluation::{AccuracyPlan, COVERAGE_EVERY, Coverage, SolveCounts, coverage, solve, use_headings};
+use super::evaluation::{
+    AccuracyPlan, COVERAGE_DRAW_INTERVAL, Coverage, SolveCounts, coverage, normalised_errors_in_use, solve,
+};
 use super::flight::{Flight, FlightPattern};
 use super::trial::{ConstantErrorSigmas, Envelope, Ranges, Trial};
 use super::{cramer_rao, d_optimal, retention};
@@ -68,7 +70,7 @@ pub fn run(flight: Flight, plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> Flig
 
 struct FlightResult {
     readings: usize,
-    kept_bound_deg: f64,
+    retained_bound_deg: f64,
     best_bound_deg: f64,
     counts: SolveCounts,
     /// Heading errors over their estimated sigmas.
@@ -90,7 +92,7 @@ impl FlightResult {
         let readings = retained_times.len();
         let mut flight_result = Self {
             readings,
-            kept_bound_deg: cramer_rao::rms_deg_for(&trial, kept_instants)?,
+            retained_bound_deg: cramer_rao::rms_deg_for(&trial, kept_instants)?,
             best_bound_deg: d_optimal::rms_deg(&trial, readings)?,
             counts: SolveCounts::default(),
             normalised: Vec::new(),
@@ -100,13 +102,17 @@ impl FlightResult {
             let recorded = retention::retain_samples(&trial.record_all(draw, ConstantErrorSigmas::NONE).0);
             let solution = solve(Method::MaximumLikelihood, recorded.samples(), ConsiderSigmas::DEFAULT).ok();
             flight_result.counts.add(&trial, &recorded, solution.as_ref());
-            if draw % COVERAGE_EVERY == 0 {
+            if draw % COVERAGE_DRAW_INTERVAL == 0 {
                 let record = |faults| {
                     let (samples, source) = trial.record_all(draw, faults);
                     (retention::retain_samples(&samples), source)
                 };
-                flight_result.normalised.extend(use_headings(&trial, ConsiderSigmas::ZERO, record));
-                flight_result.normalised_with_faults.extend(use_headings(&trial, ConsiderSigmas::DEFAULT, record));
+                flight_result.normalised.extend(normalised_errors_in_use(&trial, ConsiderSigmas::ZERO, record));
+                flight_result.normalised_with_faults.extend(normalised_errors_in_use(
+                    &trial,
+                    ConsiderSigmas::DEFAULT,
+                    record,
+                ));
             }
         }
         Some(flight_result)
@@ -123,7 +129,8 @@ fn row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
     let rms_deg =
         |part| quantile(solved_ones().map(|flight_result| flight_result.counts.rms_deg()), part).unwrap_or(f64::NAN);
     let ratios = || solved_ones().map(|flight_result| flight_result.counts.rms_deg() / flight_result.best_bound_deg);
-    let kept_ratios = solved_ones().map(|flight_result| flight_result.counts.rms_deg() / flight_result.kept_bound_deg);
+    let kept_ratios =
+        solved_ones().map(|flight_result| flight_result.counts.rms_deg() / flight_result.retained_bound_deg);
     let all_of = |errors: fn(&FlightResult) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
     FlightStudyRow {
         aircraft: flight.kind.name(),
@@ -137,7 +144,7 @@ fn row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
         rms_worst_decile_deg: rms_deg(0.9),
         kept_ratio_median: median(kept_ratios),
         choice_ratio_median: median(
-            trials.iter().map(|flight_result| flight_result.kept_bound_deg / flight_result.best_bound_deg),
+            trials.iter().map(|flight_result| flight_result.retained_bound_deg / flight_result.best_bound_deg),
         ),
         best_bound_median_deg: median(trials.iter().map(|flight_result| flight_result.best_bound_deg)),
         best_ratio_median: median(ratios()),

@@ -20,7 +20,7 @@ use serde::Serialize;
 
 pub use evaluation::{AccuracyPlan, Coverage};
 
-use evaluation::{COVERAGE_EVERY, SolveCounts, coverage, solve, use_headings};
+use evaluation::{COVERAGE_DRAW_INTERVAL, SolveCounts, coverage, normalised_errors_in_use, solve};
 use trial::{ConstantErrorSigmas, Ranges, Trial};
 
 use log_analysis::numbers::{median, quantile};
@@ -57,7 +57,7 @@ pub struct AccuracyResult {
     pub coverage_with_faults: Coverage,
 }
 
-const METHODS: [Method; 3] = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse];
+const COMPARED_METHODS: [Method; 3] = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse];
 
 /// Runs the study. `tick` is called once per airframe, from any thread.
 #[must_use]
@@ -74,7 +74,7 @@ pub fn run(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> AccuracyResult {
         |errors: fn(&AirframeResult) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
     AccuracyResult {
         bound_median_deg: median(trials.iter().map(|t| t.bound_deg)),
-        methods: METHODS.iter().enumerate().map(|(i, &method)| summary(&trials, i, method)).collect(),
+        methods: COMPARED_METHODS.iter().enumerate().map(|(i, &method)| summary(&trials, i, method)).collect(),
         coverage: coverage(&all_of(|t| &t.normalised)),
         coverage_with_faults: coverage(&all_of(|t| &t.normalised_with_faults)),
     }
@@ -82,7 +82,7 @@ pub fn run(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> AccuracyResult {
 
 struct AirframeResult {
     bound_deg: f64,
-    methods: [SolveCounts; METHODS.len()],
+    methods: [SolveCounts; COMPARED_METHODS.len()],
     /// Heading errors over their estimated sigmas.
     normalised: Vec<f64>,
     normalised_with_faults: Vec<f64>,
@@ -92,17 +92,18 @@ impl AirframeResult {
     fn evaluate(trial: &Trial, draws: u64) -> Option<Self> {
         let mut airframe_result = Self {
             bound_deg: cramer_rao::rms_deg(trial)?,
-            methods: [SolveCounts::default(); METHODS.len()],
+            methods: [SolveCounts::default(); COMPARED_METHODS.len()],
             normalised: Vec::new(),
             normalised_with_faults: Vec::new(),
         };
         for draw in 0..draws {
             let (recorded, _) = trial.record(draw, ConstantErrorSigmas::NONE);
-            for (counts, method) in airframe_result.methods.iter_mut().zip(METHODS) {
+            for (counts, method) in airframe_result.methods.iter_mut().zip(COMPARED_METHODS) {
                 counts.add(trial, &recorded, solve(method, recorded.samples(), ConsiderSigmas::DEFAULT).ok().as_ref());
             }
-            if draw % COVERAGE_EVERY == 0 {
-                let headings = |consider| use_headings(trial, consider, |faults| trial.record(draw, faults));
+            if draw % COVERAGE_DRAW_INTERVAL == 0 {
+                let headings =
+                    |consider| normalised_errors_in_use(trial, consider, |faults| trial.record(draw, faults));
                 airframe_result.normalised.extend(headings(ConsiderSigmas::ZERO));
                 airframe_result.normalised_with_faults.extend(headings(ConsiderSigmas::DEFAULT));
             }

@@ -28,7 +28,7 @@ pub fn retain_samples(samples: &[Sample]) -> Recording {
         samples.sort_by_key(|sample| sample.time.as_ms());
         samples
     };
-    Recording::without_sides(all(collector.fit()), all(collector.held_back()))
+    Recording::from_samples_without_side(all(collector.fit()), all(collector.held_back()))
 }
 
 #[cfg(test)]

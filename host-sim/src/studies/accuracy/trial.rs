@@ -64,7 +64,7 @@ impl ConstantErrorSigmas {
 
     /// The errors that a solver considers.
     #[must_use]
-    pub fn considered_by(consider: ConsiderSigmas) -> Self {
+    pub fn from_considered(consider: ConsiderSigmas) -> Self {
         Self { bias_deg: f64::from(consider.bias_rad.to_degrees()), bank_scale: f64::from(consider.bank_scale) }
     }
 
@@ -174,11 +174,11 @@ fn tilt_toward(side: u8) -> [f64; 2] {
     [Envelope::TILT_DEG * sin, Envelope::TILT_DEG * cos]
 }
 
-const TOTAL_UT: f64 = 50.0;
+const FIELD_STRENGTH_UT: f64 = 50.0;
 
 /// Acceleration-induced tilt error, degrees per m/s^2, 1 sigma, as of the simulated attitude source of a copter.
 /// Simulated aeroplanes fly without this acceleration.
-const PUSH_ERROR_DEG: f64 = VehicleKind::Copter.tilt_error_deg_per_m_s2();
+const TILT_ERROR_DEG_PER_M_S2: f64 = VehicleKind::Copter.tilt_error_deg_per_m_s2();
 
 impl Trial {
     /// Draws airframe, place and flight.
@@ -215,7 +215,7 @@ impl Trial {
     /// Standard deviation of roll and of pitch errors at a sample, radians.
     #[must_use]
     pub fn attitude_sigma_rad(&self, instant: &TrueSample) -> f64 {
-        let by_push_rad = PUSH_ERROR_DEG.to_radians() * instant.disturbing_acceleration_m_s2;
+        let by_push_rad = TILT_ERROR_DEG_PER_M_S2.to_radians() * instant.disturbing_acceleration_m_s2;
         libm::hypot(self.attitude_sigma_rad, by_push_rad)
     }
 
@@ -287,7 +287,7 @@ impl Trial {
         let sigma_rad = self.attitude_sigma_rad(instant);
         let [roll_rad, pitch_rad] = reported_angles.map(|angle| (angle + random.normal() * sigma_rad) as f32);
         Sample {
-            field: Field::new((sensed * TOTAL_UT).cast()),
+            field: Field::new((sensed * FIELD_STRENGTH_UT).cast()),
             attitude: Attitude { roll_rad, pitch_rad },
             time: instant.time,
             rates: instant.rates,
@@ -302,7 +302,7 @@ impl Trial {
         self.envelope
             .attitudes()
             .map(|euler| {
-                let sensed = (self.a * self.body_field(euler) + self.b) * TOTAL_UT;
+                let sensed = (self.a * self.body_field(euler) + self.b) * FIELD_STRENGTH_UT;
                 let attitude = Attitude { roll_rad: euler.roll_rad as f32, pitch_rad: euler.pitch_rad as f32 };
                 let found = attitude.level(calibration.apply(Field::new(sensed.cast()))).heading_rad();
                 wrap_180((f64::from(found) - euler.heading_rad).to_degrees())
@@ -346,7 +346,7 @@ pub struct Recording {
 impl Recording {
     /// Samples without turn direction, for the fit and held back.
     #[must_use]
-    pub fn without_sides(fit: Vec<Sample>, held_back: Vec<Sample>) -> Self {
+    pub fn from_samples_without_side(fit: Vec<Sample>, held_back: Vec<Sample>) -> Self {
         Self { fit, held_back }
     }
 

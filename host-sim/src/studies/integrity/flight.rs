@@ -57,12 +57,12 @@ pub struct CaseFlightResult {
     pub hard_iron_error: Option<HardIronEstimateError>,
 }
 
-const PIECE_S: f64 = 0.5;
+const RUN_STEP_S: f64 = 0.5;
 
-const SENTENCE_S: f64 = 0.1;
+const SENTENCE_INTERVAL_S: f64 = 0.1;
 
 /// Time after the turns within which the module must report the result of its solve, seconds.
-const PATIENCE_S: f64 = 10.0;
+const SOLVE_TIMEOUT_S: f64 = 10.0;
 
 /// Flies the case for a seed, with vehicle, attitude source and heading output of the plan.
 #[must_use]
@@ -107,7 +107,7 @@ pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
                 Onset::Always | Onset::Calibrating { .. } => true,
                 Onset::InUse { .. } => switch.is_on(at_us),
             };
-            tally.add_sentence(at_us, SENTENCE_S, evaluated_sentence, at_us >= counts_from_us, faulty);
+            tally.add_sentence(at_us, SENTENCE_INTERVAL_S, evaluated_sentence, at_us >= counts_from_us, faulty);
         });
     }
     let hard_iron_error_of_case = (calibrated.is_ok() && case.changes_hard_iron).then(|| {
@@ -123,7 +123,7 @@ fn hard_iron_estimate_error(rig: &mut Rig, world: &WorldConfig, added_ut: Vector
     for heading_change_deg in [360.0, -360.0] {
         rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
-    while rig.world.unfinished_legs() > 0 && rig.run_for_s(PIECE_S) == ModuleRunEnd::Time {}
+    while rig.world.unfinished_legs() > 0 && rig.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time {}
     let told_ut =
         transcript::hard_iron_change_ut(&rig.type_line("status all")).map_or_else(Vector3::zeros, Vector3::from);
     // By `m = A h + b`, the change in the measurement m equals a change of the field h by `A^-1 added_ut`. A singular
@@ -149,15 +149,15 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
         if let Some(notice) = transcript::notice(&session) {
             break notice;
         }
-        if rig.run_for_s(PIECE_S) != ModuleRunEnd::Time {
+        if rig.run_for_s(RUN_STEP_S) != ModuleRunEnd::Time {
             return Err("no-power".to_owned());
         }
         session.push_str(&rig.printed());
         if rig.world.unfinished_legs() > 0 {
             continue;
         }
-        waited_s += PIECE_S;
-        if waited_s > PATIENCE_S && !is_solve_requested {
+        waited_s += RUN_STEP_S;
+        if waited_s > SOLVE_TIMEOUT_S && !is_solve_requested {
             // If the module does not solve automatically, the pilot requests it.
             is_solve_requested = true;
             waited_s = 0.0;
@@ -166,7 +166,7 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
                 break error;
             }
             session.push_str(&printed);
-        } else if waited_s > PATIENCE_S {
+        } else if waited_s > SOLVE_TIMEOUT_S {
             return Err("silent".to_owned());
         }
     };
@@ -174,7 +174,7 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
     match notice {
         SolveNotice::Calibrated(_) => {
             // Completes the plan.
-            while rig.world.unfinished_legs() > 0 && rig.run_for_s(PIECE_S) == ModuleRunEnd::Time {}
+            while rig.world.unfinished_legs() > 0 && rig.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time {}
             let shown = transcript::parse_shown_calibration(&rig.type_line("cal show"))
                 .ok_or_else(|| "not-shown".to_owned())?;
             Ok((shown, at_us))
@@ -196,7 +196,7 @@ fn listen(
     seed: u64,
     on_sentence: &mut dyn FnMut(u64, &EvaluatedSentence),
 ) -> Vec<String> {
-    let DrawnCase { ground_time_s: stands_s, use_s, next_legs, .. } = *drawn;
+    let DrawnCase { ground_time_s: stands_s, use_s, further_legs, .. } = *drawn;
     let mut random = Random::new(seed, Purpose::Legs);
     if stands_s > 0.0 {
         // Keeps the last attitude and the unwrapped heading, to avoid jumps.
@@ -218,11 +218,11 @@ fn listen(
             rig.world.release();
         }
         if rig.world.unfinished_legs() < 2 {
-            for leg in next_legs(kind, &mut random) {
+            for leg in further_legs(kind, &mut random) {
                 rig.world.fly(leg);
             }
         }
-        if rig.run_for_s(PIECE_S) != ModuleRunEnd::Time {
+        if rig.run_for_s(RUN_STEP_S) != ModuleRunEnd::Time {
             break;
         }
         let printed = rig.printed();

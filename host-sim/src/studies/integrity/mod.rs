@@ -13,7 +13,7 @@ mod use_legs;
 use rayon::prelude::*;
 use serde::Serialize;
 
-pub use case::{CASES, Case};
+pub use case::{ALL_CASES, Case};
 pub use plan::{AttitudeProtocol, IntegrityPlan};
 pub use statistics::HeadingStatistics;
 

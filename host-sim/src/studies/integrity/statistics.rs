@@ -3,13 +3,13 @@
 use std::collections::{BTreeMap, VecDeque};
 
 /// A heading is bad if its error exceeds both this multiple of its sigma and 5 deg.
-const BAD_SIGMAS: f64 = 4.0;
+const MIN_BAD_ERROR_SIGMAS: f64 = 4.0;
 /// Error below which a heading is never bad, degrees.
-const BAD_DEG: f64 = 5.0;
+const MIN_BAD_ERROR_DEG: f64 = 5.0;
 
 /// Duration of an error that counts as sustained, seconds, and the sigma up to which the output claims to be good.
-const SUSTAINED_S: f64 = 10.0;
-const SUSTAINED_SIGMA_DEG: f64 = 2.0;
+const MIN_SUSTAINED_ERROR_S: f64 = 10.0;
+const MAX_SUSTAINED_SIGMA_DEG: f64 = 2.0;
 
 /// Evaluated output sentence.
 #[derive(Clone, Debug, PartialEq)]
@@ -88,7 +88,7 @@ impl HeadingStatistics {
         for (within, sigmas) in self.within.iter_mut().zip([1.0, 2.0, 3.0]) {
             *within += u64::from(error_deg <= sigmas * sigma_deg);
         }
-        if error_deg > (BAD_SIGMAS * sigma_deg).max(BAD_DEG) {
+        if error_deg > (MIN_BAD_ERROR_SIGMAS * sigma_deg).max(MIN_BAD_ERROR_DEG) {
             self.bad += 1;
             let since_us = *self.bad_since_us.get_or_insert(at_us);
             self.longest_bad_s = self.longest_bad_s.max((at_us - since_us) as f64 / 1e6 + step_s);
@@ -98,12 +98,12 @@ impl HeadingStatistics {
     }
 
     fn sustained_error(&mut self, step_s: f64, error_deg: f64, sigma_deg: f64) {
-        if sigma_deg > SUSTAINED_SIGMA_DEG {
+        if sigma_deg > MAX_SUSTAINED_SIGMA_DEG {
             self.recent_errors.clear();
             return;
         }
         self.recent_errors.push_back(error_deg);
-        let count = (SUSTAINED_S / step_s).round() as usize;
+        let count = (MIN_SUSTAINED_ERROR_S / step_s).round() as usize;
         if self.recent_errors.len() > count {
             self.recent_errors.pop_front();
         }
@@ -196,12 +196,12 @@ mod tests {
     }
 
     /// Sentences at 10 Hz after the onset.
-    fn tally(sentences: &[EvaluatedSentence], faulty: bool) -> HeadingStatistics {
-        let mut tally = HeadingStatistics::default();
+    fn statistics_of(sentences: &[EvaluatedSentence], faulty: bool) -> HeadingStatistics {
+        let mut statistics_of = HeadingStatistics::default();
         for (i, sentence) in (0..).zip(sentences) {
-            tally.add_sentence(i * 100_000, 0.1, sentence, true, faulty);
+            statistics_of.add_sentence(i * 100_000, 0.1, sentence, true, faulty);
         }
-        tally
+        statistics_of
     }
 
     #[test]
@@ -210,7 +210,10 @@ mod tests {
             [(4.9, 0.1, false), (5.1, 0.1, true), (-5.1, 0.1, true), (7.9, 2.0, false), (8.1, 2.0, true)]
         {
             let percent = if bad { 100.0 } else { 0.0 };
-            assert_eq!(tally(&[heading(error_deg, sigma_deg)], true).bad_percent().to_bits(), f64::to_bits(percent));
+            assert_eq!(
+                statistics_of(&[heading(error_deg, sigma_deg)], true).bad_percent().to_bits(),
+                f64::to_bits(percent)
+            );
         }
     }
 
@@ -218,16 +221,16 @@ mod tests {
     fn a_run_of_bad_headings_ends_with_a_good_one_or_none() {
         let (good, bad) = (heading(0.5, 1.0), heading(9.0, 1.0));
         let two = [bad.clone(), bad.clone(), good.clone(), bad.clone(), empty(), bad.clone()];
-        assert!((tally(&two, true).longest_bad_s - 0.2).abs() < 1e-9);
+        assert!((statistics_of(&two, true).longest_bad_s - 0.2).abs() < 1e-9);
         let three = [good, bad.clone(), bad.clone(), bad];
-        assert!((tally(&three, true).longest_bad_s - 0.3).abs() < 1e-9);
-        assert!((tally(&two, true).bad_percent() - 80.0).abs() < 1e-9);
+        assert!((statistics_of(&three, true).longest_bad_s - 0.3).abs() < 1e-9);
+        assert!((statistics_of(&two, true).bad_percent() - 80.0).abs() < 1e-9);
     }
 
     #[test]
     fn smooth_headings_are_counted() {
         let sentences = [heading(0.1, 2.0), heading(0.1, 1.0), empty(), heading(0.1, 1.0), heading(0.1, 1.0)];
-        assert!((tally(&sentences, true).smooth_percent() - 25.0).abs() < 1e-9);
+        assert!((statistics_of(&sentences, true).smooth_percent() - 25.0).abs() < 1e-9);
     }
 
     /// An interruption counts once, if it begins without a fault.
@@ -236,24 +239,24 @@ mod tests {
         let good = heading(0.5, 1.0);
         let sentences = [good.clone(), empty(), empty(), good.clone(), empty(), good];
         // Two in 0.6 s.
-        assert!((tally(&sentences, false).alarms_per_hour() - 2.0 * 3600.0).abs() < 1e-6);
-        assert_eq!(tally(&sentences, true).alarms_per_hour().to_bits(), 0);
-        assert!((tally(&sentences, true).empty_percent() - 50.0).abs() < 1e-9);
-        assert_eq!(tally(&sentences, true).empty["sensor-silent"], 3);
+        assert!((statistics_of(&sentences, false).alarms_per_hour() - 2.0 * 3600.0).abs() < 1e-6);
+        assert_eq!(statistics_of(&sentences, true).alarms_per_hour().to_bits(), 0);
+        assert!((statistics_of(&sentences, true).empty_percent() - 50.0).abs() < 1e-9);
+        assert_eq!(statistics_of(&sentences, true).empty["sensor-silent"], 3);
     }
 
     #[test]
     fn headings_before_the_fault_are_not_counted() {
-        let mut tally = HeadingStatistics::default();
-        tally.add_sentence(0, 0.1, &heading(90.0, 1.0), false, false);
-        assert_eq!(tally.worst_deg.to_bits(), 0);
-        assert_eq!(tally.headings, 0);
+        let mut statistics_of = HeadingStatistics::default();
+        statistics_of.add_sentence(0, 0.1, &heading(90.0, 1.0), false, false);
+        assert_eq!(statistics_of.worst_deg.to_bits(), 0);
+        assert_eq!(statistics_of.headings, 0);
     }
 
     #[test]
     fn statistics_of_flights_are_merged() {
-        let one = tally(&[heading(3.0, 2.0), heading(1.0, 2.0)], true);
-        let other = tally(&[heading(-5.0, 2.0), empty(), heading(1.0, 2.0)], true);
+        let one = statistics_of(&[heading(3.0, 2.0), heading(1.0, 2.0)], true);
+        let other = statistics_of(&[heading(-5.0, 2.0), empty(), heading(1.0, 2.0)], true);
         let both = one.merged_with(&other);
         assert_eq!(both.within_percent().map(|percent| percent as u8), [50, 75, 100]);
         assert!((both.rms_deg() - 3.0).abs() < 1e-9 && (both.worst_deg - 5.0).abs() < 1e-9);

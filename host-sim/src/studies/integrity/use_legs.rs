@@ -5,13 +5,15 @@ use simulator::world::aircraft::VehicleKind;
 use simulator::world::autopilot::Leg;
 
 /// Times in level flight and in a turn after the start of use, seconds.
-pub(super) const LEVEL_FLIGHT_S: f64 = 25.0;
-pub(super) const IN_TURN_S: f64 = 48.0;
+pub(super) const TIME_IN_LEVEL_FLIGHT_S: f64 = 25.0;
+pub(super) const TIME_IN_TURN_S: f64 = 48.0;
 
 /// Straight leg, then a full circle that is in progress 48 s after the start.
 pub(super) fn first_legs(kind: VehicleKind, random: &mut Random) -> [Leg; 2] {
-    let straight =
-        Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: LEVEL_FLIGHT_S.midpoint(IN_TURN_S) };
+    let straight = Leg::Straight {
+        heading_deg: random.uniform(0.0, 360.0),
+        seconds: TIME_IN_LEVEL_FLIGHT_S.midpoint(TIME_IN_TURN_S),
+    };
     let circle = if kind.can_hover() {
         // 20 s, about the duration of an aeroplane's circle.
         Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: 360.0 }
@@ -22,7 +24,7 @@ pub(super) fn first_legs(kind: VehicleKind, random: &mut Random) -> [Leg; 2] {
 }
 
 /// Straight leg; then a turn, or hover, yaw and a tilt to the side.
-pub(super) fn next_legs(kind: VehicleKind, random: &mut Random) -> Vec<Leg> {
+pub(super) fn further_legs(kind: VehicleKind, random: &mut Random) -> Vec<Leg> {
     let straight = Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: random.uniform(15.0, 30.0) };
     let side = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
     let heading_change_deg = side * random.uniform(180.0, 360.0);
@@ -49,7 +51,7 @@ pub(super) fn steady_leg(_: VehicleKind, _: &mut Random) -> Vec<Leg> {
 
 /// Straight leg, then a turn at 45 deg of bank.
 pub(super) fn steep_turns(kind: VehicleKind, random: &mut Random) -> Vec<Leg> {
-    let mut legs = next_legs(kind, random);
+    let mut legs = further_legs(kind, random);
     for leg in &mut legs {
         if let Leg::Turn { bank_deg, .. } = leg {
             *bank_deg = 45.0;
@@ -68,9 +70,9 @@ mod tests {
     fn hovering_vehicles_yaw_and_tilt_and_aeroplanes_turn() {
         let mut random = Random::new(3, Purpose::Legs);
         assert!(matches!(first_legs(VehicleKind::Plane, &mut random), [Leg::Straight { .. }, Leg::Turn { .. }]));
-        assert!(matches!(next_legs(VehicleKind::Plane, &mut random)[..], [Leg::Straight { .. }, Leg::Turn { .. }]));
+        assert!(matches!(further_legs(VehicleKind::Plane, &mut random)[..], [Leg::Straight { .. }, Leg::Turn { .. }]));
         assert!(matches!(first_legs(VehicleKind::Copter, &mut random), [Leg::Straight { .. }, Leg::Yaw { .. }]));
-        let legs = next_legs(VehicleKind::Copter, &mut random);
+        let legs = further_legs(VehicleKind::Copter, &mut random);
         assert!(legs.iter().any(|leg| matches!(leg, Leg::Push { tilt_deg, .. } if (10.0..25.0).contains(tilt_deg))));
         assert!(legs.iter().all(|leg| !matches!(leg, Leg::Turn { .. })));
     }

@@ -42,10 +42,10 @@ const NEARLY_CONVERGED_COST: f32 = 0.5;
 const COST_TOLERANCE: f32 = 1.0;
 
 /// Noise estimates per solve; after three, sigma changes by less than 1 %.
-const NOISE_ESTIMATES: u8 = 3;
+const MAX_NOISE_ESTIMATES: u8 = 3;
 
 /// Bound on the steps of a refinement: those before the first noise estimate, and after each.
-pub(in crate::calibration) const MAX_REFINEMENT_STEPS: u32 = MAX_STEPS as u32 * (1 + NOISE_ESTIMATES as u32);
+pub(in crate::calibration) const MAX_REFINEMENT_STEPS: u32 = MAX_STEPS as u32 * (1 + MAX_NOISE_ESTIMATES as u32);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::calibration) enum RefinementProgress {
@@ -63,23 +63,23 @@ struct Damping {
 }
 
 impl Damping {
-    const FIRST_GROWTH: f32 = 4.0;
+    const INITIAL_GROWTH: f32 = 4.0;
     /// Damping at which steps are negligible, which ends the search.
     const MAX: f32 = 1e6;
     /// Damping below `f32` resolution.
     const MIN: f32 = 1e-9;
 
     /// For a starting point that may be far from the solution.
-    const START: Self = Self { value: 1e-3, growth: Self::FIRST_GROWTH };
+    const START: Self = Self { value: 1e-3, growth: Self::INITIAL_GROWTH };
     /// For new weights near a converged solution.
-    const REWEIGHTED: f32 = 1e-6;
+    const AFTER_REWEIGHTING: f32 = 1e-6;
 
     /// Damping after an accepted step that achieved a `share` of the promised gain: a tenth for all of it, more for
     /// less than half (H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05).
     fn after_success(self, share: f32) -> Self {
         let excess = 2.0 * share.clamp(0.0, 1.0) - 1.0;
         let value = (self.value * (1.0 - excess * excess * excess).max(0.1)).max(Self::MIN);
-        Self { value, growth: Self::FIRST_GROWTH }
+        Self { value, growth: Self::INITIAL_GROWTH }
     }
 
     fn after_failure(self) -> Self {
@@ -136,7 +136,7 @@ impl Refinement {
         self.unknowns += follow;
         self.restart_near_solution(samples);
         // The noise estimate contained the interference, so one more is needed.
-        self.noise_estimates = NOISE_ESTIMATES - 2;
+        self.noise_estimates = MAX_NOISE_ESTIMATES - 2;
     }
 
     #[inline(never)]
@@ -147,9 +147,9 @@ impl Refinement {
 
     #[inline(never)]
     fn restart_near_solution(&mut self, samples: Samples<'_>) {
-        self.noise_estimates = NOISE_ESTIMATES - 1;
+        self.noise_estimates = MAX_NOISE_ESTIMATES - 1;
         self.steps_since_estimate = 0;
-        self.damping.value = Damping::REWEIGHTED;
+        self.damping.value = Damping::AFTER_REWEIGHTING;
         self.system = LinearisedProblem::linearise(&self.likelihood, samples, &self.unknowns);
     }
 
@@ -162,16 +162,16 @@ impl Refinement {
                 other => return other,
             }
         }
-        if self.noise_estimates == NOISE_ESTIMATES {
+        if self.noise_estimates == MAX_NOISE_ESTIMATES {
             return RefinementProgress::Converged;
         }
         self.noise_estimates += 1;
         self.steps_since_estimate = 0;
         self.likelihood.estimate_noise(self.system.clipped_squares, self.system.samples, &self.unknowns);
         // The last pass and the covariance need all digits, which sums of thin data lose.
-        self.likelihood.uses_normal_equations &= self.noise_estimates < NOISE_ESTIMATES;
+        self.likelihood.uses_normal_equations &= self.noise_estimates < MAX_NOISE_ESTIMATES;
         self.system = LinearisedProblem::linearise(&self.likelihood, samples, &self.unknowns);
-        self.damping.value = Damping::REWEIGHTED;
+        self.damping.value = Damping::AFTER_REWEIGHTING;
         RefinementProgress::Continue
     }
 
@@ -182,7 +182,7 @@ impl Refinement {
         };
         let trial = self.unknowns + change;
         if promised.abs()
-            <= if self.noise_estimates == NOISE_ESTIMATES { CONVERGED_COST } else { NEARLY_CONVERGED_COST }
+            <= if self.noise_estimates == MAX_NOISE_ESTIMATES { CONVERGED_COST } else { NEARLY_CONVERGED_COST }
         {
             self.unknowns = trial;
             self.system.reset_origin();

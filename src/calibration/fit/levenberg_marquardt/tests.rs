@@ -58,7 +58,7 @@ fn refinement_off_by(sigmas: f32) -> Refinement {
     };
     let samples = Parts { left: &[sample], ..Parts::default() }.samples();
     let prior = Prior { inclination_rad: Some(0.0), ..Prior::default() };
-    let likelihood = Likelihood::new(&prior, ModelConfig::NO_ATTITUDE, samples, 50.0);
+    let likelihood = Likelihood::new(&prior, ModelConfig::WITHOUT_ATTITUDE, samples, 50.0);
     let inclination_rad = sigmas * likelihood.config.known_inclination_sigma_rad;
     let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::new(1.0, 0.0, 0.0), inclination_rad };
     Refinement::new(likelihood, samples, parameters.unknowns().unwrap(), true)
@@ -81,9 +81,9 @@ fn descend(refinement: &mut Refinement, higher: f32) -> RefinementProgress {
 #[test]
 fn a_refinement_converges_when_the_predicted_gain_is_small() {
     for (rounds, sigmas, progress) in [
-        (NOISE_ESTIMATES, 0.098, RefinementProgress::Converged),
-        (NOISE_ESTIMATES, -0.102, RefinementProgress::Continue),
-        (NOISE_ESTIMATES - 1, -0.98, RefinementProgress::Converged),
+        (MAX_NOISE_ESTIMATES, 0.098, RefinementProgress::Converged),
+        (MAX_NOISE_ESTIMATES, -0.102, RefinementProgress::Continue),
+        (MAX_NOISE_ESTIMATES - 1, -0.98, RefinementProgress::Converged),
         (0, 0.98, RefinementProgress::Converged),
         (0, 1.02, RefinementProgress::Continue),
     ] {
@@ -217,7 +217,7 @@ fn a_restart_converges_in_one_round() {
     late.restart_with_latency(recorded.turns(), 0.05, &Vector13::repeat(1e-4));
     assert_eq!(late.likelihood.latency_s.to_bits(), 0.05_f32.to_bits());
     assert!((late.unknowns - there.unknowns - Vector13::repeat(1e-4)).norm() < 1e-6);
-    assert_eq!((late.noise_estimates, late.steps_since_estimate), (NOISE_ESTIMATES - 1, 0));
+    assert_eq!((late.noise_estimates, late.steps_since_estimate), (MAX_NOISE_ESTIMATES - 1, 0));
 }
 
 #[test]
@@ -252,7 +252,7 @@ fn only_the_last_pass_rotates_equations() {
     let (_, recorded) = flight(1);
     let mut refinement = refinement(&recorded, true);
     while refinement.step(recorded.turns()) == RefinementProgress::Continue {
-        assert_eq!(refinement.likelihood.uses_normal_equations, refinement.noise_estimates < NOISE_ESTIMATES);
+        assert_eq!(refinement.likelihood.uses_normal_equations, refinement.noise_estimates < MAX_NOISE_ESTIMATES);
     }
     assert!(!refinement.likelihood.uses_normal_equations);
     for (samples, sums_up) in [(128, false), (129, true)] {

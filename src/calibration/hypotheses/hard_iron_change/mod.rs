@@ -95,7 +95,7 @@ fn norm_significance(
     let mut variance = sums.information * norm;
     let score = sums.eliminate(system, to_likeliest)?;
     for (axis, column) in score.columns.iter().enumerate() {
-        let dips = residuals.excess_inclination_times(column, norm);
+        let dips = residuals.excess_inclination_product(column, norm);
         for (other, with) in sums.cross_information.iter().enumerate() {
             variance[(axis, other)] += score.columns[other].dot(&dips) - column.dot(with) * norm;
         }

@@ -203,7 +203,7 @@ fn the_significance_of_norms_is_that_of_their_gradient() {
         if is_norm { 0.0 } else { equation.weight * equation.row.by_inclination.powi(2) }
     };
     let dips: f32 = case.equations(form).into_iter().map(of_inclination).sum();
-    let of_dip = information.residuals.excess_inclination_times(&Vector13::ith(12, 1.0), 0.0)[12] / dips;
+    let of_dip = information.residuals.excess_inclination_product(&Vector13::ith(12, 1.0), 0.0)[12] / dips;
     let norm = 1.3;
     let mut variance = Matrix3::zeros();
     for (equation, by_beta, is_norm) in case.equations(form) {

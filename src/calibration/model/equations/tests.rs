@@ -60,9 +60,9 @@ fn without_attitude_there_is_no_inclination_equation() {
     let equations = |config| SampleEquations::new(&parameters, &measured, &NoiseModel::INITIAL, &config, true);
     assert!(
         equations(ModelConfig::DEFAULT).inclination.is_some()
-            && equations(ModelConfig::FIXED_MOUNTING).inclination.is_some()
+            && equations(ModelConfig::WITH_FIXED_MOUNTING).inclination.is_some()
     );
-    assert!(equations(ModelConfig::NO_ATTITUDE).inclination.is_none());
+    assert!(equations(ModelConfig::WITHOUT_ATTITUDE).inclination.is_none());
     assert!(equations(ModelConfig::DEFAULT).heading.is_none());
 }
 

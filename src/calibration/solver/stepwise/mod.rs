@@ -1,6 +1,6 @@
 //! Solver for all methods, in steps: from samples to a calibration with its quality.
 
-use super::attempts::{Attempt, MAX_STEPS, QUEUE, Start, is_accurate, is_good, is_implausible, is_poor};
+use super::attempts::{ATTEMPT_QUEUE, Attempt, MAX_SOLVE_STEPS, Start, is_accurate, is_good, is_implausible, is_poor};
 use super::ellipsoid;
 use super::inclination::GivenInclination;
 use super::sample_checks::check_samples;
@@ -119,7 +119,7 @@ impl Solver {
         if self.method == Method::MaximumLikelihood && self.start_next_attempt(&end, samples) {
             return SolveProgress::Continue;
         }
-        let end = self.inclination.overrule(&end).map_or(end, Err);
+        let end = self.inclination.decide_against_samples(&end).map_or(end, Err);
         SolveProgress::Finished(end.map_err(|error| self.implausible_error.unwrap_or(error)))
     }
 
@@ -131,7 +131,7 @@ impl Solver {
     /// the samples do not determine the coefficients ([`SolveError::NotDetermined`]); or the solution is implausible
     /// ([`SolveError::TurnsReversed`], [`SolveError::InclinationContradicted`], [`SolveError::MountContradicted`]).
     pub fn run(mut self, samples: Samples<'_>) -> Result<Solution, SolveError> {
-        for _ in 0..MAX_STEPS {
+        for _ in 0..MAX_SOLVE_STEPS {
             if let SolveProgress::Finished(end) = self.step(samples) {
                 return end;
             }
@@ -142,7 +142,7 @@ impl Solver {
     /// Starts the next attempt that the end of this one calls for; returns whether there is one.
     fn start_next_attempt(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
         let current = self.attempt;
-        let mut later = QUEUE.iter().skip_while(|attempt| **attempt != current).skip(1);
+        let mut later = ATTEMPT_QUEUE.iter().skip_while(|attempt| **attempt != current).skip(1);
         later.any(|next| {
             next.may_follow(current)
                 && match next.start {

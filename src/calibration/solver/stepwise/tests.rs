@@ -140,7 +140,7 @@ fn limits_of_a_poor_result() {
 
 fn run(mut solver: Solver, samples: Samples<'_>) -> (Result<Solution, SolveError>, usize) {
     let mut began = 1;
-    for _ in 0..MAX_STEPS {
+    for _ in 0..MAX_SOLVE_STEPS {
         let before = solver.attempt;
         match solver.step(samples) {
             SolveProgress::Continue => {}
@@ -148,7 +148,7 @@ fn run(mut solver: Solver, samples: Samples<'_>) -> (Result<Solution, SolveError
         }
         began += usize::from(before != solver.attempt);
     }
-    panic!("no end within {MAX_STEPS} steps")
+    panic!("no end within {MAX_SOLVE_STEPS} steps")
 }
 
 #[test]
@@ -244,8 +244,8 @@ fn a_poor_result_is_retried_without_the_inclination() {
 #[test]
 fn every_attempt_has_its_place() {
     let successors = |before: Attempt| -> Vec<usize> {
-        let later = QUEUE.iter().enumerate().skip_while(move |(_, attempt)| **attempt != before).skip(1);
+        let later = ATTEMPT_QUEUE.iter().enumerate().skip_while(move |(_, attempt)| **attempt != before).skip(1);
         later.filter(|(_, next)| next.may_follow(before)).map(|(place, _)| place).collect()
     };
-    assert_eq!(QUEUE.map(successors), [vec![1, 3], vec![2, 3], vec![3], vec![4], vec![5], vec![]]);
+    assert_eq!(ATTEMPT_QUEUE.map(successors), [vec![1, 3], vec![2, 3], vec![3], vec![4], vec![5], vec![]]);
 }

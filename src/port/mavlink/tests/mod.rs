@@ -12,7 +12,7 @@ use crate::earth::Date;
 use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
 use crate::instrument::Estimate;
-use crate::port::transmit_buffer::OUTPUT;
+use crate::port::transmit_buffer::TRANSMIT_CAPACITY;
 use crate::settings::Settings;
 use ::mavlink::calculate_crc;
 
@@ -139,7 +139,7 @@ impl MavlinkBench {
             calibration: self.calibration.as_ref(),
         };
         let mut out = TransmitBuffer::new();
-        let others = self.room.map_or(0, |room| OUTPUT - room);
+        let others = self.room.map_or(0, |room| TRANSMIT_CAPACITY - room);
         assert!(out.append(&[&vec![0; others]]));
         self.module.poll(&snapshot, &mut out);
         let rest = &out.pending()[others..];

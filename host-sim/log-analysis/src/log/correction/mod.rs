@@ -152,7 +152,7 @@ pub fn missing_ardupilot_parameters(parameters: &ParameterHistory, number: u8) -
 /// Rotation from sensor to body axes of a PX4 compass: `CAL_MAGn_ROT` (100: custom angles), or, if negative, the
 /// board's rotation trimmed by `SENS_BOARD_X_OFF`, `_Y_OFF` and `_Z_OFF`.
 pub(crate) fn px4_mounting(parameters: &ParameterHistory, t_s: f64, index: u8) -> Matrix3<f64> {
-    const CUSTOM: f64 = 100.0;
+    const CUSTOM_ROTATION_NUMBER: f64 = 100.0;
     let value = |name: &str| parameters.at(t_s, name);
     let turned = |names: [String; 3]| {
         let [roll, pitch, yaw] = names.map(|name| value(&name).unwrap_or(0.0).to_radians());
@@ -160,7 +160,7 @@ pub(crate) fn px4_mounting(parameters: &ParameterHistory, t_s: f64, index: u8) -
     };
     let numbered = |number: f64| NumberedRotation::new(number).unwrap_or_default().matrix();
     match value(&format!("CAL_MAG{index}_ROT")).filter(|number| *number >= 0.0) {
-        Some(CUSTOM) => turned(["ROLL", "PITCH", "YAW"].map(|angle| format!("CAL_MAG{index}_{angle}"))),
+        Some(CUSTOM_ROTATION_NUMBER) => turned(["ROLL", "PITCH", "YAW"].map(|angle| format!("CAL_MAG{index}_{angle}"))),
         Some(number) => numbered(number),
         None => {
             let board = value("SENS_BOARD_ROT").map_or_else(Matrix3::identity, numbered);

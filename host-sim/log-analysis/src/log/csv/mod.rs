@@ -42,7 +42,7 @@ use table::TableLayout;
 
 /// Whether the first line that is no comment names the time column.
 #[must_use]
-pub fn begins_in(head: &[u8]) -> bool {
+pub fn is_table(head: &[u8]) -> bool {
     let names = |line: &[u8]| {
         let line = String::from_utf8_lossy(line).into_owned();
         let separator = separator(&line);
@@ -77,7 +77,7 @@ pub fn read(mut source: impl Read, unit: FieldUnit) -> Result<Flight, CsvError> 
             continue;
         }
         held.push((number, line));
-        if held.len() == LOOKED_AT {
+        if held.len() == MAX_ORDER_CHECK_LINES {
             let began = reading.insert(TableReader::from_first_lines(table, &held));
             held.drain(..).for_each(|(number, line)| began.take(table, unit, number, &line));
         }
@@ -89,7 +89,7 @@ pub fn read(mut source: impl Read, unit: FieldUnit) -> Result<Flight, CsvError> 
 }
 
 /// Lines examined for their order in time.
-const LOOKED_AT: usize = 1000;
+const MAX_ORDER_CHECK_LINES: usize = 1000;
 
 #[cfg(test)]
 mod tests {
@@ -127,9 +127,9 @@ mod tests {
         ] {
             let flight = read_text(&text).unwrap();
             assert_eq!(flight.compasses[0].field, commas.compasses[0].field, "{text}");
-            assert!(begins_in(text.as_bytes()), "{text}");
+            assert!(is_table(text.as_bytes()), "{text}");
         }
-        assert!(!begins_in(b"time,mx\n") && !begins_in(b""));
+        assert!(!is_table(b"time,mx\n") && !is_table(b""));
     }
 
     #[test]

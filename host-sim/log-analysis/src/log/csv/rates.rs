@@ -3,7 +3,7 @@
 use super::super::series::Series;
 
 /// Length of a gap, in median steps; its mean does not represent its ends.
-const GAP_STEPS: f64 = 3.0;
+const MAX_GAP_IN_MEDIAN_STEPS: f64 = 3.0;
 
 /// Converts means over the preceding interval to rates at the rows: the average of the means before and after, which
 /// has no lag. At a gap only the other side's mean is used, if there is one.
@@ -12,7 +12,7 @@ pub(super) fn rates_at_rows(rates: &Series<3>) -> Vec<(f64, [f32; 3])> {
         return rates.rows().iter().map(|row| (row.t_s, row.values)).collect();
     };
     let rows = rates.rows();
-    let is_gap = |later: usize| rows[later].t_s - rows[later - 1].t_s > GAP_STEPS * step_s;
+    let is_gap = |later: usize| rows[later].t_s - rows[later - 1].t_s > MAX_GAP_IN_MEDIAN_STEPS * step_s;
     (0..rows.len())
         .map(|i| {
             let before = rows[i].values;

@@ -9,10 +9,10 @@ use super::table::{InvalidCell, TableLayout};
 use super::unit::FieldUnit;
 
 /// Clock value of the median time, microseconds, so that earlier times stay positive.
-const ZERO_US: f64 = 1e13;
+const MEDIAN_CLOCK_US: f64 = 1e13;
 
 /// Largest distance from the first lines, seconds.
-const MAX_S: f64 = 1e6;
+const MAX_TIME_FROM_START_S: f64 = 1e6;
 
 /// Flight that is read from a table.
 pub(super) struct TableReader {
@@ -30,11 +30,11 @@ impl TableReader {
     /// Examines the first lines. They are unordered if one step in ten goes back by more than 3 s (the disorder of a
     /// clock), or two in three go back at all.
     pub fn from_first_lines(table: &TableLayout, held: &[(u64, String)]) -> Self {
-        const BACK_S: f64 = 3.0;
+        const MAX_REORDERING_S: f64 = 3.0;
         let mut times_s: Vec<f64> =
             held.iter().filter_map(|(_, line)| table.values(line).require(table.t_s, "t_s").ok()).collect();
         let steps = |is: &dyn Fn(f64) -> bool| times_s.windows(2).filter(|pair| is(pair[1] - pair[0])).count();
-        let [back, far_back] = [steps(&|step_s| step_s < 0.0), steps(&|step_s| step_s < -BACK_S)];
+        let [back, far_back] = [steps(&|step_s| step_s < 0.0), steps(&|step_s| step_s < -MAX_REORDERING_S)];
         let is_shuffled = far_back * 10 > times_s.len() || back * 3 > times_s.len() * 2;
         times_s.sort_by(f64::total_cmp);
         let about_s = times_s.get(times_s.len() / 2).copied().unwrap_or(0.0);
@@ -122,14 +122,14 @@ impl TableReader {
     /// Time of a row, seconds: that of the table until a restart.
     fn at(&mut self, t_s: f64) -> Option<f64> {
         let since_s = t_s - self.median_time_s;
-        if since_s.abs() >= MAX_S {
+        if since_s.abs() >= MAX_TIME_FROM_START_S {
             self.recorder.flight.counts.bad_times += 1;
             None
         } else if self.is_unordered {
             Some(t_s)
         } else {
-            let placed_s = self.recorder.timeline.flight_time_s((since_s * 1e6 + ZERO_US).round() as u64)?;
-            Some(placed_s - ZERO_US * 1e-6 + self.median_time_s)
+            let placed_s = self.recorder.timeline.flight_time_s((since_s * 1e6 + MEDIAN_CLOCK_US).round() as u64)?;
+            Some(placed_s - MEDIAN_CLOCK_US * 1e-6 + self.median_time_s)
         }
     }
 

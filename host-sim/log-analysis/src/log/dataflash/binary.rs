@@ -4,16 +4,18 @@ use std::io::{self, Read};
 
 use super::super::flight::{Flight, LogFormat};
 use super::super::read_window::ReadWindow;
-use super::messages::{Message, WANTED, recorder, take};
+use super::messages::{Message, READ_MESSAGES, recorder, take};
 
-const MAGIC: [u8; 2] = [0xA3, 0x95];
-const FMT: u8 = 128;
+const FRAME_START: [u8; 2] = [0xA3, 0x95];
+const FMT_MESSAGE_NUMBER: u8 = 128;
 const FMT_LENGTH: usize = 89;
-const HEADER: usize = 3;
+const HEADER_LENGTH: usize = 3;
 
 pub fn matches_header(head: &[u8]) -> bool {
-    const WITHIN: usize = 1024;
-    head.windows(HEADER).take(WITHIN).any(|at| at == [MAGIC[0], MAGIC[1], FMT])
+    const MAX_START_SEARCH_BYTES: usize = 1024;
+    head.windows(HEADER_LENGTH)
+        .take(MAX_START_SEARCH_BYTES)
+        .any(|at| at == [FRAME_START[0], FRAME_START[1], FMT_MESSAGE_NUMBER])
 }
 
 /// Reads a flight.
@@ -28,9 +30,9 @@ pub fn read_binary(source: &mut dyn Read) -> io::Result<Flight> {
     loop {
         let bytes = window.peek(256)?;
         let [first, second, number, ..] = *bytes else { break };
-        let taken = if [first, second] != MAGIC {
+        let taken = if [first, second] != FRAME_START {
             None
-        } else if number == FMT {
+        } else if number == FMT_MESSAGE_NUMBER {
             bytes.get(..FMT_LENGTH).map(|message| {
                 if let Some((number, layout)) = MessageLayout::from_fmt(message) {
                     layouts[usize::from(number)] = Some(layout);
@@ -39,7 +41,7 @@ pub fn read_binary(source: &mut dyn Read) -> io::Result<Flight> {
             })
         } else {
             layouts[usize::from(number)].as_ref().and_then(|layout| {
-                let body = bytes.get(HEADER..layout.length)?;
+                let body = bytes.get(HEADER_LENGTH..layout.length)?;
                 if layout.is_wanted {
                     take(&mut recorder, &layout.name, &BinaryMessage { layout, body });
                 }
@@ -78,8 +80,8 @@ impl MessageLayout {
             at += size(kind)?;
         }
         let length = usize::from(*length);
-        let is_wanted = WANTED.contains(&name.as_str());
-        (length >= HEADER + at).then_some((*number, Self { length, name, is_wanted, columns }))
+        let is_wanted = READ_MESSAGES.contains(&name.as_str());
+        (length >= HEADER_LENGTH + at).then_some((*number, Self { length, name, is_wanted, columns }))
     }
 }
 

@@ -13,7 +13,7 @@ pub(super) trait Message {
 }
 
 /// Messages that are read.
-pub(super) const WANTED: [&str; 21] = [
+pub(super) const READ_MESSAGES: [&str; 21] = [
     "MAG", "MAG2", "MAG3", "ATT", "IMU", "GPS", "BAT", "CURR", "XKF1", "NKF1", "XKQ", "XKQ1", "NKQ", "NKQ1", "AHR2",
     "PARM", "MSG", "ARM", "EV", "SIM", "VER",
 ];
@@ -33,7 +33,7 @@ pub(super) fn take(recorder: &mut FlightBuilder, name: &str, message: &dyn Messa
     }
     let t_s = match microseconds(name, message) {
         Some(us) => recorder.timeline.flight_time_s(us),
-        None => unstamped_s(recorder, name, message),
+        None => time_of_unstamped_message_s(recorder, name, message),
     };
     let Some(t_s) = t_s else { return };
     match name {
@@ -96,7 +96,7 @@ pub(super) fn take(recorder: &mut FlightBuilder, name: &str, message: &dyn Messa
 
 /// Time of a message without a stamp (common until 2014): the newest stamp, seconds. Of several rows at one stamp the
 /// first is kept.
-fn unstamped_s(recorder: &mut FlightBuilder, name: &str, message: &dyn Message) -> Option<f64> {
+fn time_of_unstamped_message_s(recorder: &mut FlightBuilder, name: &str, message: &dyn Message) -> Option<f64> {
     let is_damaged = ["TimeUS", "TimeMS"].iter().any(|column| name != "GPS" && message.has(column));
     if is_damaged {
         return None;
@@ -165,12 +165,12 @@ fn field(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message, number: 
 /// Sets the offset parameters from a row: offsets learnt in flight (`COMPASS_LEARN`) or calibrated on the ground appear
 /// in no PARM. Rows are truncated to whole milligauss, so a PARM that agrees is preferred.
 fn update_offset_parameters(recorder: &mut FlightBuilder, message: &dyn Message, number: u8) {
-    const SAME: f64 = 1.5;
+    const SAME_OFFSET_MG: f64 = 1.5;
     let Some(logged_offset) = numbers(message, ["OfsX", "OfsY", "OfsZ"]) else { return };
     let index = if number == 1 { String::new() } else { number.to_string() };
     for (axis, logged_offset) in ["X", "Y", "Z"].iter().zip(logged_offset) {
         let name = format!("COMPASS_OFS{index}_{axis}");
-        if (recorder.flight.parameters.last(&name).unwrap_or(0.0) - logged_offset).abs() > SAME {
+        if (recorder.flight.parameters.last(&name).unwrap_or(0.0) - logged_offset).abs() > SAME_OFFSET_MG {
             recorder.set_parameter(&name, logged_offset);
         }
     }

@@ -6,9 +6,9 @@ use std::io::{self, Read};
 use super::super::flight::{Flight, LogFormat};
 use super::super::read_window::ReadWindow;
 use super::binary::is_unscaled_integer;
-use super::messages::{Message, WANTED, recorder, take};
+use super::messages::{Message, READ_MESSAGES, recorder, take};
 
-const MAX_KINDS: usize = 512;
+const MAX_MESSAGE_KINDS: usize = 512;
 
 /// Reads a flight.
 ///
@@ -24,13 +24,13 @@ pub fn read_text(source: &mut dyn Read) -> io::Result<Flight> {
         let name = values.next().unwrap_or_default();
         if name == "FMT" {
             // Type, length, name, format, columns.
-            if let Some(name) = values.nth(2).filter(|_| columns.len() < MAX_KINDS) {
+            if let Some(name) = values.nth(2).filter(|_| columns.len() < MAX_MESSAGE_KINDS) {
                 let kinds = values.next().unwrap_or_default().bytes().take(32).collect();
                 columns
                     .insert(name.to_owned(), LineLayout { kinds, names: values.take(32).map(str::to_owned).collect() });
             }
         } else if let Some(layout) = columns.get(name) {
-            if WANTED.contains(&name) {
+            if READ_MESSAGES.contains(&name) {
                 take(&mut recorder, name, &TextMessage { layout, values: values.collect() });
             }
         } else {

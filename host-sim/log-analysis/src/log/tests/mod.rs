@@ -93,7 +93,7 @@ fn each() -> [(LogFormat, Vec<u8>, f64); 5] {
 
 fn read_bytes(bytes: &[u8]) -> Result<Flight, LogError> {
     let mut source = bytes;
-    read_as_logged(&mut source, FieldUnit::Milligauss, None)
+    read_with_unchecked_rates(&mut source, FieldUnit::Milligauss, None)
 }
 
 #[test]

@@ -18,16 +18,16 @@ use super::series::Series;
 /// Start of a log; version and time follow.
 pub const MAGIC: [u8; 7] = *b"ULog\x01\x12\x35";
 const FILE_HEADER: usize = 16;
-const HEADER: usize = 3;
+const HEADER_LENGTH: usize = 3;
 
-const KINDS: &[u8] = b"BFIMPQARDLCSO";
+const MESSAGE_TYPES: &[u8] = b"BFIMPQARDLCSO";
 
 /// Limits on formats and their nesting, to bound memory.
 const MAX_FORMATS: usize = 4096;
-const MAX_DEPTH: u8 = 6;
+const MAX_FORMAT_NESTING: u8 = 6;
 
 /// `vehicle_status.arming_state` of an armed aircraft.
-const ARMED: u8 = 2;
+const ARMED_STATE: u8 = 2;
 
 const GAUSS_UT: f32 = 100.0;
 
@@ -42,18 +42,18 @@ pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
     window.consume(FILE_HEADER);
     let mut log = UlogReader::new();
     let mut is_lost = false;
-    while let &[low, high, kind, ..] = window.peek(HEADER)? {
-        let end = HEADER + usize::from(u16::from_le_bytes([low, high]));
-        debug_assert!(end + HEADER <= MAX_PEEK);
-        if is_lost && !is_chain(window.peek(CHAIN * (HEADER + USUAL))?) {
+    while let &[low, high, kind, ..] = window.peek(HEADER_LENGTH)? {
+        let end = HEADER_LENGTH + usize::from(u16::from_le_bytes([low, high]));
+        debug_assert!(end + HEADER_LENGTH <= MAX_PEEK);
+        if is_lost && !is_header_sequence(window.peek(RESYNC_MESSAGES * (HEADER_LENGTH + MAX_RESYNC_LENGTH))?) {
             log.builder.flight.counts.garbage += 1;
             window.consume(1);
             continue;
         }
         // A valid message is followed by another or by the end.
-        let bytes = window.peek(end + HEADER)?;
-        let is_followed = bytes.get(end + HEADER - 1).is_none_or(|next| KINDS.contains(next));
-        let body = bytes.get(HEADER..end).filter(|_| KINDS.contains(&kind) && is_followed);
+        let bytes = window.peek(end + HEADER_LENGTH)?;
+        let is_followed = bytes.get(end + HEADER_LENGTH - 1).is_none_or(|next| MESSAGE_TYPES.contains(next));
+        let body = bytes.get(HEADER_LENGTH..end).filter(|_| MESSAGE_TYPES.contains(&kind) && is_followed);
         let length = if let Some(body) = body {
             log.take(kind, body);
             is_lost = false;
@@ -70,17 +70,17 @@ pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
 
 /// Messages that must follow one another after damage, and their largest length, bytes. One byte in twenty of noise
 /// looks like a message header, with a mean length of 32 KB.
-const CHAIN: usize = 3;
-const USUAL: usize = 1024;
+const RESYNC_MESSAGES: usize = 3;
+const MAX_RESYNC_LENGTH: usize = 1024;
 
 /// Whether a sequence of valid message headers, or the end, follows.
-fn is_chain(bytes: &[u8]) -> bool {
+fn is_header_sequence(bytes: &[u8]) -> bool {
     let mut rest = bytes;
-    (0..CHAIN).all(|_| match *rest {
+    (0..RESYNC_MESSAGES).all(|_| match *rest {
         [low, high, kind, ref after @ ..] => {
             let length = usize::from(u16::from_le_bytes([low, high]));
             rest = after.get(length..).unwrap_or_default();
-            KINDS.contains(&kind) && length <= USUAL
+            MESSAGE_TYPES.contains(&kind) && length <= MAX_RESYNC_LENGTH
         }
         _ => true,
     })
@@ -160,7 +160,7 @@ impl UlogReader {
         let name = String::from_utf8_lossy(name).into_owned();
         let mut columns = Columns::new();
         let mut at = 0;
-        if WANTED.contains(&name.as_str()) && self.compute_columns(&name, "", &mut at, 0, &mut columns).is_some() {
+        if READ_TOPICS.contains(&name.as_str()) && self.compute_columns(&name, "", &mut at, 0, &mut columns).is_some() {
             self.has_angular_velocity |= name == "vehicle_angular_velocity";
             let topic = Topic { name, instance: *instance, columns };
             self.topics.insert(u16::from_le_bytes([*low, *high]), topic);
@@ -169,7 +169,7 @@ impl UlogReader {
 
     /// Computes the columns of a format, with nested formats by `prefix`; none if invalid.
     fn compute_columns(&self, name: &str, prefix: &str, at: &mut usize, depth: u8, into: &mut Columns) -> Option<()> {
-        if depth > MAX_DEPTH {
+        if depth > MAX_FORMAT_NESTING {
             return None;
         }
         for declared in self.formats.get(name)?.split(';').filter(|declared| !declared.is_empty()) {
@@ -259,7 +259,7 @@ impl UlogReader {
             }
             "vehicle_status" => {
                 if let Some(state) = row.number("arming_state") {
-                    self.builder.push_armed(t_s, state as u8 == ARMED);
+                    self.builder.push_armed(t_s, state as u8 == ARMED_STATE);
                 }
                 self.builder.flight.is_copter |= is_copter(&row);
             }
@@ -291,7 +291,7 @@ impl UlogReader {
 }
 
 /// Topics that are read.
-const WANTED: [&str; 10] = [
+const READ_TOPICS: [&str; 10] = [
     "sensor_mag",
     "vehicle_magnetometer",
     "vehicle_attitude",

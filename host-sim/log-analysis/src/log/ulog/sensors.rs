@@ -4,7 +4,7 @@ use super::super::ParameterHistory;
 use super::super::flight_builder::MAX_COMPASSES;
 
 /// PX4 has parameters `CAL_MAG0` to `CAL_MAG3`.
-const CALIBRATED: u8 = 4;
+const MAX_CALIBRATED_COMPASSES: u8 = 4;
 
 /// Sensors by topic instance and device id, with compass index from 0.
 #[derive(Default)]
@@ -26,7 +26,7 @@ impl CompassAssignment {
         let primary = || parameters.last("CAL_MAG_PRIME").filter(|_| instance == 0);
         let id_told = if id == 0 { primary() } else { Some(f64::from(id)) };
         let owner = |index: u8| parameters.last(&format!("CAL_MAG{index}_ID")).filter(|id| *id != 0.0);
-        let named = (0..CALIBRATED).find(|&index| id_told.is_some() && owner(index) == id_told);
+        let named = (0..MAX_CALIBRATED_COMPASSES).find(|&index| id_told.is_some() && owner(index) == id_told);
         let is_taken = |index: u8| self.0.iter().any(|&(_, other)| other == index);
         let is_free = |index: &u8| !is_taken(*index) && (id == 0 || owner(*index).is_none());
         let index = named.or_else(|| (instance..MAX_COMPASSES).chain(0..instance.min(MAX_COMPASSES)).find(is_free))?;

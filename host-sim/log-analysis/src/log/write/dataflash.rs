@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::recording::FlightRecording;
 
 /// Number, name, format letters and columns of each message written.
-const MESSAGES: [(u8, &str, &str, &str); 8] = [
+const WRITTEN_MESSAGES: [(u8, &str, &str, &str); 8] = [
     (128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"),
     (64, "PARM", "QNff", "TimeUS,Name,Value,Default"),
     (65, "MSG", "QZ", "TimeUS,Message"),
@@ -17,7 +17,7 @@ const MESSAGES: [(u8, &str, &str, &str); 8] = [
 ];
 
 /// GPS week 2400 began 2026-01-04.
-const WEEK: u16 = 2400;
+const FLIGHT_GPS_WEEK: u16 = 2400;
 
 #[derive(Clone)]
 enum Value {
@@ -35,14 +35,14 @@ impl From<f64> for Value {
 #[must_use]
 pub fn encode_dataflash(recording: &FlightRecording) -> Vec<u8> {
     let mut bytes = Vec::new();
-    for (number, name, format_codes, columns) in MESSAGES {
+    for (number, name, format_codes, columns) in WRITTEN_MESSAGES {
         bytes.extend([0xA3, 0x95, 128, number, (3 + format_codes.bytes().map(size).sum::<usize>()) as u8]);
         for (words, length) in [(name, 4), (format_codes, 16), (columns, 64)] {
             bytes.extend(padded(words, length));
         }
     }
     messages(recording, &mut |index, values| {
-        let (number, _, format_codes, _) = MESSAGES[index];
+        let (number, _, format_codes, _) = WRITTEN_MESSAGES[index];
         bytes.extend([0xA3, 0x95, number]);
         for (format_code, value) in format_codes.bytes().zip(values) {
             match value {
@@ -58,12 +58,12 @@ pub fn encode_dataflash(recording: &FlightRecording) -> Vec<u8> {
 #[must_use]
 pub fn encode_dataflash_text(recording: &FlightRecording) -> Vec<u8> {
     let mut text = String::new();
-    for (number, name, format_codes, columns) in MESSAGES {
+    for (number, name, format_codes, columns) in WRITTEN_MESSAGES {
         let length = 3 + format_codes.bytes().map(size).sum::<usize>();
         let _ = writeln!(text, "FMT, {number}, {length}, {name}, {format_codes}, {columns}");
     }
     messages(recording, &mut |index, values| {
-        let (_, name, format_codes, _) = MESSAGES[index];
+        let (_, name, format_codes, _) = WRITTEN_MESSAGES[index];
         text.push_str(name);
         for (format_code, value) in format_codes.bytes().zip(values) {
             let _ = match value {
@@ -77,7 +77,7 @@ pub fn encode_dataflash_text(recording: &FlightRecording) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Writes each message: index in [`MESSAGES`] and values.
+/// Writes each message: index in [`WRITTEN_MESSAGES`] and values.
 fn messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Value])) {
     let first_us = recording.samples.first().map_or(0.0, |instant| instant.time_us as f64);
     let words = |words: &str| Value::Text(words.to_owned());
@@ -106,7 +106,7 @@ fn messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Value]))
         if let Some([latitude, longitude, height]) = recording.place_at(instant).filter(|_| i % 2 == 0) {
             let [speed_m_s, course_rad] = instant.over_ground();
             let over_ground = [speed_m_s, course_rad.to_degrees()];
-            let place = [0.0, 3.0, us / 1e3, f64::from(WEEK), latitude, longitude, height];
+            let place = [0.0, 3.0, us / 1e3, f64::from(FLIGHT_GPS_WEEK), latitude, longitude, height];
             row(6, &[&place[..], &over_ground].concat());
         }
     }

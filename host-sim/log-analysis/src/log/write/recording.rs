@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 /// Start of a flight: GPS week 2400, 2026-01-04, microseconds.
-pub(super) const UTC_US: u64 = 1_767_484_800_000_000;
+pub(super) const FLIGHT_START_UTC_US: u64 = 1_767_484_800_000_000;
 
 /// Simulated autopilot data at one time.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,9 +64,9 @@ impl FlightRecording {
     /// Latitude, longitude, degrees, and height, metres, of a sample.
     pub(super) fn place_at(&self, instant: &FlightSample) -> Option<[f64; 3]> {
         /// Length of one degree of latitude, metres.
-        const DEGREE_M: f64 = 111_200.0;
+        const METRES_PER_DEGREE: f64 = 111_200.0;
         let [latitude_deg, longitude_deg, height_m] = self.place?;
-        let [north_deg, east_deg] = instant.displacement_m.map(|metres| metres / DEGREE_M);
+        let [north_deg, east_deg] = instant.displacement_m.map(|metres| metres / METRES_PER_DEGREE);
         let shrinks = libm::cos(latitude_deg.to_radians());
         Some([latitude_deg + north_deg, longitude_deg + east_deg / shrinks, height_m])
     }

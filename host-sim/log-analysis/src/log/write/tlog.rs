@@ -6,7 +6,7 @@ use mavlink::dialects::common::{
 };
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
-use super::recording::{FlightRecording, FlightSample, UTC_US};
+use super::recording::{FLIGHT_START_UTC_US, FlightRecording, FlightSample};
 
 /// Encodes a recording as a MAVLink log.
 #[must_use]
@@ -51,7 +51,7 @@ impl FrameWriter {
         let mut frame = MAVLinkV2MessageRaw::new();
         frame.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: self.sequence }, message);
         self.sequence = self.sequence.wrapping_add(1);
-        self.bytes.extend((UTC_US + self.at_us).to_be_bytes());
+        self.bytes.extend((FLIGHT_START_UTC_US + self.at_us).to_be_bytes());
         self.bytes.extend(frame.raw_bytes());
     }
 
@@ -63,7 +63,7 @@ impl FrameWriter {
         let mavtype = if recording.is_copter { MavType::MAV_TYPE_QUADROTOR } else { MavType::MAV_TYPE_FIXED_WING };
         self.send(&HEARTBEAT_DATA { autopilot, base_mode, mavtype, ..Default::default() });
         let time_boot_ms = (instant.time_us / 1000) as u32;
-        self.send(&SYSTEM_TIME_DATA { time_unix_usec: UTC_US + instant.time_us, time_boot_ms });
+        self.send(&SYSTEM_TIME_DATA { time_unix_usec: FLIGHT_START_UTC_US + instant.time_us, time_boot_ms });
         let current_battery = (instant.current_a * 100.0) as i16;
         self.send(&SYS_STATUS_DATA { current_battery, ..Default::default() });
         if let Some([latitude, longitude, height]) = recording.place_at(instant) {

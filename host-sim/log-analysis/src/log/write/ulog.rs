@@ -1,6 +1,6 @@
 //! ULog writer, as PX4 with corrected compasses (`vehicle_magnetometer`).
 
-use super::recording::{FlightRecording, UTC_US};
+use super::recording::{FLIGHT_START_UTC_US, FlightRecording};
 use crate::log::FieldCorrection;
 use crate::log::ParameterHistory;
 
@@ -77,7 +77,7 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
                 .collect();
             let ([speed_m_s, course_rad], [north, east]) = (instant.over_ground(), instant.velocity_m_s);
             let over_ground = floats(&[speed_m_s, north, east, course_rad]);
-            data(compasses + 3, &[&place, &over_ground, &(UTC_US + instant.time_us).to_le_bytes(), &[3]]);
+            data(compasses + 3, &[&place, &over_ground, &(FLIGHT_START_UTC_US + instant.time_us).to_le_bytes(), &[3]]);
         }
     }
     bytes

@@ -17,7 +17,7 @@ use crate::numbers::{median, square};
 /// Largest bank in straight flight, degrees (gusts roll by a few), and the straight time required before and after,
 /// seconds: receivers are 0.1 to 0.4 s late, a roll-out takes 1 s.
 const MAX_BANK_DEG: f32 = 10.0;
-const STRAIGHT_S: f64 = 2.0;
+const MIN_STRAIGHT_S: f64 = 2.0;
 
 /// Largest mean turn rate over that time, degrees a second; single gyro readings vibrate.
 const MAX_TURN_DEG_S: f64 = 3.0;
@@ -28,29 +28,29 @@ const MAX_GAP_S: f64 = 1.5;
 /// Least ground speed in flight, m/s, and as a fraction of the 90th percentile, which excludes taxiing and hover. In a
 /// wind of half the airspeed a third remains upwind.
 const MIN_SPEED_M_S: f64 = 4.0;
-const MIN_SPEED_SHARE: f64 = 0.3;
+const MIN_SHARE_OF_FAST_SPEED: f64 = 0.3;
 
 /// Least airspeed, m/s, and least ratio of airspeed to wind; slower vehicles drift.
 const MIN_AIRSPEED_M_S: f64 = 8.0;
 const MIN_AIRSPEED_BY_WIND: f64 = 2.0;
 
 /// Largest radial residual as a fraction of airspeed, and least fraction of velocities within it.
-const MAX_OFF: f64 = 0.15;
-const MIN_ON_CIRCLE: f64 = 0.7;
+const MAX_RADIAL_RESIDUAL: f64 = 0.15;
+const MIN_FRACTION_ON_CIRCLE: f64 = 0.7;
 
 /// Largest standard deviation of the wind as a fraction of airspeed: 2.9 deg of heading.
 const MAX_WIND_SIGMA: f64 = 0.05;
 
 /// Least time in a direction, seconds, and largest angle between neighbouring directions, degrees: out and back
 /// observes only one component of a one-cycle error.
-const IN_DIRECTION_S: f64 = 3.0;
-const MAX_GAP_DEG: f64 = 150.0;
+const MIN_TIME_PER_DIRECTION_S: f64 = 3.0;
+const MAX_DIRECTION_GAP_DEG: f64 = 150.0;
 
 /// Assumed sideslip, degrees, which no log shows: gusts of 0.5 m/s at 20 m/s.
 const SIDESLIP_DEG: f64 = 1.5;
 
 /// Parts of the flight for the jackknife variance of the wind; each contains gusts and drift.
-const PARTS: usize = 10;
+const JACKKNIFE_PARTS: usize = 10;
 
 /// Headings in straight flight with the wind solution.
 #[derive(Clone, Debug, PartialEq)]
@@ -132,27 +132,27 @@ impl GpsCourseHeading {
         }
         let moving = moving(velocities).ok_or(GpsCourseRejection::TooSlow)?;
         let fitted = thin_velocities(&moving);
-        let circle = VelocityCircle::through(&fitted).ok_or(GpsCourseRejection::NoCircle)?;
+        let circle = VelocityCircle::fit_robustly(&fitted).ok_or(GpsCourseRejection::NoCircle)?;
         let on_circle_velocities = on_circle(&moving, &circle)?;
         let turned = HeadingIntegral::from_flight(flight).ok_or(GpsCourseRejection::NoRates)?;
         let straight: Vec<GroundVelocity> =
             on_circle_velocities.iter().filter(|v| turned.is_straight(v.t_s)).copied().collect();
-        let course = Self::by(&circle, &fitted, &straight)?;
-        if !turned.follows(&on_circle_velocities, &circle) {
+        let course = Self::from_fitted_circle(&circle, &fitted, &straight)?;
+        if !turned.nose_turns_with_velocity(&on_circle_velocities, &circle) {
             return Err(GpsCourseRejection::NoseMismatch);
         }
         Ok(course)
     }
 
     /// Checks the circle and computes the headings of straight flight.
-    fn by(
+    fn from_fitted_circle(
         circle: &VelocityCircle,
         fitted: &[GroundVelocity],
         straight: &[GroundVelocity],
     ) -> Result<Self, GpsCourseRejection> {
         let airspeed_m_s = circle.radius_m_s;
         let widest_gap_deg = widest_gap_deg(straight, circle);
-        if widest_gap_deg > MAX_GAP_DEG {
+        if widest_gap_deg > MAX_DIRECTION_GAP_DEG {
             return Err(GpsCourseRejection::FewDirections);
         }
         let squares: f64 = straight.iter().map(|v| square(circle.radial_residual_m_s(v))).sum();
@@ -195,7 +195,7 @@ impl GpsCourseHeading {
     pub fn limits(&self) -> String {
         format!(
             "no compass is in it: ground velocity less a wind of {:.1} m/s from {:.0} deg true, which the velocities \
-             themselves show; {:.1} m/s through the air, scatter {:.1}. Its own sigma, which is in the figures, is up to \
+             themselves show; {:.1} m/s fit_robustly the air, scatter {:.1}. Its own sigma, which is in the figures, is up to \
              {:.1} deg: {:.1} of the wind as it changed in the flight, {SIDESLIP_DEG} assumed for sideslip. It says \
              nothing of banked flight, nor of directions that were not flown straight: the widest gap is {:.0} deg",
             self.wind_speed_m_s(),
@@ -232,14 +232,14 @@ fn velocities(flight: &Flight) -> Vec<GroundVelocity> {
 
 /// Velocities in flight, if enough.
 fn moving(velocities: Vec<GroundVelocity>) -> Option<Vec<GroundVelocity>> {
-    const MIN_NUMBER: usize = 30;
+    const MIN_VELOCITIES: usize = 30;
     let mut speeds: Vec<f64> =
         velocities.iter().map(|v| v.velocity_m_s.norm()).filter(|m_s| *m_s > MIN_SPEED_M_S).collect();
     speeds.sort_by(f64::total_cmp);
     let fast_m_s = *speeds.get(speeds.len() * 9 / 10)?;
-    let least_m_s = MIN_SPEED_M_S.max(MIN_SPEED_SHARE * fast_m_s);
+    let least_m_s = MIN_SPEED_M_S.max(MIN_SHARE_OF_FAST_SPEED * fast_m_s);
     let moving: Vec<GroundVelocity> = velocities.into_iter().filter(|v| v.velocity_m_s.norm() > least_m_s).collect();
-    (moving.len() >= MIN_NUMBER).then_some(moving)
+    (moving.len() >= MIN_VELOCITIES).then_some(moving)
 }
 
 /// Velocities near the circle, if most are.
@@ -248,15 +248,18 @@ fn on_circle(moving: &[GroundVelocity], circle: &VelocityCircle) -> Result<Vec<G
     if airspeed_m_s < MIN_AIRSPEED_M_S {
         return Err(GpsCourseRejection::TooSlow);
     }
-    let near_circle: Vec<GroundVelocity> =
-        moving.iter().filter(|v| circle.radial_residual_m_s(v).abs() < MAX_OFF * airspeed_m_s).copied().collect();
-    let is_most = near_circle.len() as f64 >= MIN_ON_CIRCLE * moving.len() as f64;
+    let near_circle: Vec<GroundVelocity> = moving
+        .iter()
+        .filter(|v| circle.radial_residual_m_s(v).abs() < MAX_RADIAL_RESIDUAL * airspeed_m_s)
+        .copied()
+        .collect();
+    let is_most = near_circle.len() as f64 >= MIN_FRACTION_ON_CIRCLE * moving.len() as f64;
     is_most.then_some(near_circle).ok_or(GpsCourseRejection::NoCircle)
 }
 
 fn thin_velocities(velocities: &[GroundVelocity]) -> Vec<GroundVelocity> {
-    const MAX_NUMBER: usize = 5000;
-    velocities.iter().step_by(velocities.len().div_ceil(MAX_NUMBER).max(1)).copied().collect()
+    const MAX_VELOCITIES: usize = 5000;
+    velocities.iter().step_by(velocities.len().div_ceil(MAX_VELOCITIES).max(1)).copied().collect()
 }
 
 /// Largest angle between neighbouring straight directions, degrees; 360 without any.
@@ -272,7 +275,7 @@ fn widest_gap_deg(straight: &[GroundVelocity], circle: &VelocityCircle) -> f64 {
     // Adjacent bins count together, since gusts spread a leg over several.
     let is_flown = |bin: usize| {
         let around = [BINS - 1, 0, 1].map(|bin_offset| flown_s[(bin + bin_offset) % BINS]);
-        flown_s[bin % BINS] > 0.0 && around.iter().sum::<f64>() >= IN_DIRECTION_S
+        flown_s[bin % BINS] > 0.0 && around.iter().sum::<f64>() >= MIN_TIME_PER_DIRECTION_S
     };
     let (mut empty, mut widest) = (0, 0);
     for bin in 0..2 * BINS {
@@ -291,7 +294,7 @@ struct VelocityCircle {
 
 impl VelocityCircle {
     /// Robust fit: algebraic start, then iteratively reweighted least squares.
-    fn through(velocities: &[GroundVelocity]) -> Option<Self> {
+    fn fit_robustly(velocities: &[GroundVelocity]) -> Option<Self> {
         let mut circle = Self::initial_fit(velocities)?;
         for _ in 0..30 {
             circle = circle.refined(velocities)?;
@@ -317,9 +320,10 @@ impl VelocityCircle {
     /// One Gauss-Newton step on radial distances with Tukey's biweight.
     fn refined(self, velocities: &[GroundVelocity]) -> Option<Self> {
         /// Tukey's constant times the MAD factor; and the least scale, a receiver's noise, m/s.
-        const ENDS: f64 = 4.685 * 1.4826;
-        const LEAST_M_S: f64 = 0.1;
-        let scale = median(velocities.iter().map(|v| self.radial_residual_m_s(v).abs())).max(LEAST_M_S) * ENDS;
+        const TUKEY_CUTOFF_PER_MAD: f64 = 4.685 * 1.4826;
+        const MIN_SCALE_M_S: f64 = 0.1;
+        let scale = median(velocities.iter().map(|v| self.radial_residual_m_s(v).abs())).max(MIN_SCALE_M_S)
+            * TUKEY_CUTOFF_PER_MAD;
         let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
         for v in velocities {
             let residual = self.radial_residual_m_s(v);
@@ -348,14 +352,14 @@ impl VelocityCircle {
     /// the root of their number.
     fn wind_sigma_m_s(velocities: &[GroundVelocity]) -> Option<f64> {
         let mut winds = Vec::new();
-        for part in 0..PARTS {
-            let [from, to] = [part, part + 1].map(|part| part * velocities.len() / PARTS);
+        for part in 0..JACKKNIFE_PARTS {
+            let [from, to] = [part, part + 1].map(|part| part * velocities.len() / JACKKNIFE_PARTS);
             let rest = [&velocities[..from], &velocities[to..]].concat();
-            winds.push(Self::through(&rest)?.wind_m_s);
+            winds.push(Self::fit_robustly(&rest)?.wind_m_s);
         }
-        let mean = winds.iter().sum::<Vector2<f64>>() / PARTS as f64;
+        let mean = winds.iter().sum::<Vector2<f64>>() / JACKKNIFE_PARTS as f64;
         let squares: f64 = winds.iter().map(|wind| (wind - mean).norm_squared()).sum();
-        Some((squares * (PARTS - 1) as f64 / 2.0).sqrt())
+        Some((squares * (JACKKNIFE_PARTS - 1) as f64 / 2.0).sqrt())
     }
 }
 
@@ -393,28 +397,28 @@ impl HeadingIntegral {
 
     /// Whether the aircraft flies straight around a time.
     fn is_straight(&self, t_s: f64) -> bool {
-        let from = self.banked_s.partition_point(|at_s| *at_s < t_s - STRAIGHT_S);
-        let is_banked = self.banked_s.get(from).is_some_and(|at_s| *at_s <= t_s + STRAIGHT_S);
-        let nose = |by_s: f64| self.at_rad(t_s + by_s);
-        let (Some(before), Some(now), Some(after)) = (nose(-STRAIGHT_S), nose(0.0), nose(STRAIGHT_S)) else {
+        let from = self.banked_s.partition_point(|at_s| *at_s < t_s - MIN_STRAIGHT_S);
+        let is_banked = self.banked_s.get(from).is_some_and(|at_s| *at_s <= t_s + MIN_STRAIGHT_S);
+        let nose = |by_s: f64| self.nose_angle_rad(t_s + by_s);
+        let (Some(before), Some(now), Some(after)) = (nose(-MIN_STRAIGHT_S), nose(0.0), nose(MIN_STRAIGHT_S)) else {
             return false;
         };
-        let most = (MAX_TURN_DEG_S * STRAIGHT_S).to_radians();
+        let most = (MAX_TURN_DEG_S * MIN_STRAIGHT_S).to_radians();
         !is_banked && (now - before).abs() < most && (after - now).abs() < most
     }
 
-    fn at_rad(&self, t_s: f64) -> Option<f64> {
+    fn nose_angle_rad(&self, t_s: f64) -> Option<f64> {
         let after = self.integral.partition_point(|(at_s, _)| *at_s <= t_s);
         let (&(from_s, from), &(to_s, to)) = (self.integral.get(after.checked_sub(1)?)?, self.integral.get(after)?);
         (to_s - from_s < MAX_GAP_S).then(|| from + (to - from) * (t_s - from_s) / (to_s - from_s))
     }
 
     /// Whether the nose turned as the air velocity did, over all turns.
-    fn follows(&self, velocities: &[GroundVelocity], circle: &VelocityCircle) -> bool {
+    fn nose_turns_with_velocity(&self, velocities: &[GroundVelocity], circle: &VelocityCircle) -> bool {
         /// Comparison interval, seconds; least turn, radians; largest fraction that may differ.
-        const OVER_S: f64 = 5.0;
-        const LEAST_RAD: f64 = 0.35;
-        const MAX_OTHERWISE: f64 = 0.3;
+        const COMPARISON_INTERVAL_S: f64 = 5.0;
+        const MIN_COMPARED_TURN_RAD: f64 = 0.35;
+        const MAX_MISMATCHED_FRACTION: f64 = 0.3;
         let (mut all, mut otherwise) = (0.0, 0.0);
         let mut first = 0;
         for (i, v) in velocities.iter().enumerate() {
@@ -422,23 +426,24 @@ impl HeadingIntegral {
             if i > 0 && v.t_s - velocities[i - 1].t_s > MAX_GAP_S {
                 first = i;
             }
-            if v.t_s - velocities[first].t_s < OVER_S {
+            if v.t_s - velocities[first].t_s < COMPARISON_INTERVAL_S {
                 continue;
             }
             let course: f64 = velocities[first..=i]
                 .windows(2)
                 .map(|pair| f64::from(wrap_pi((circle.heading_rad(&pair[1]) - circle.heading_rad(&pair[0])) as f32)))
                 .sum();
-            let nose = self.at_rad(v.t_s).zip(self.at_rad(velocities[first].t_s)).map(|(to, from)| to - from);
+            let nose =
+                self.nose_angle_rad(v.t_s).zip(self.nose_angle_rad(velocities[first].t_s)).map(|(to, from)| to - from);
             first = i;
             let Some(nose) = nose else { continue };
             let most = course.abs().max(nose.abs());
-            if most > LEAST_RAD {
+            if most > MIN_COMPARED_TURN_RAD {
                 all += most;
                 otherwise += (course - nose).abs();
             }
         }
-        otherwise <= MAX_OTHERWISE * all
+        otherwise <= MAX_MISMATCHED_FRACTION * all
     }
 }
 

@@ -38,7 +38,7 @@ fn a_climb_does_not_move_the_circle() {
         let air = if i.is_multiple_of(8) { Vector2::new(14.0, 0.0) } else { Vector2::new(cos, sin) * 21.0 };
         GroundVelocity { t_s: f64::from(i), velocity_m_s: air + Vector2::new(3.0, -5.0) }
     };
-    let circle = VelocityCircle::through(&(0..800).map(velocity_at).collect::<Vec<_>>()).unwrap();
+    let circle = VelocityCircle::fit_robustly(&(0..800).map(velocity_at).collect::<Vec<_>>()).unwrap();
     let off_m_s = (circle.wind_m_s - Vector2::new(3.0, -5.0)).norm();
     assert!(off_m_s < 0.05 && (circle.radius_m_s - 21.0).abs() < 0.05, "{circle:?}");
 }
@@ -119,8 +119,11 @@ fn a_strong_wind_is_refused() {
             velocities_at_headings(20.0, 0.0, 1.0, circle_headings(600)),
             straight(&[(2.0, 10), (122.0, 10), (242.0, 10)]),
         );
-        let course =
-            GpsCourseHeading::by(&VelocityCircle { wind_m_s: wind, ..CIRCLE }, &blown(fitted), &blown(straight));
+        let course = GpsCourseHeading::from_fitted_circle(
+            &VelocityCircle { wind_m_s: wind, ..CIRCLE },
+            &blown(fitted),
+            &blown(straight),
+        );
         assert_eq!(course.as_ref().err(), (!is_taken).then_some(&GpsCourseRejection::StrongWind), "{wind_m_s}");
         assert!(course.is_err() || (course.unwrap().sigma_deg() - SIDESLIP_DEG).abs() < 0.1);
     }
@@ -148,8 +151,11 @@ fn a_direction_counts_after_three_seconds_of_flight() {
         let straight = straight(legs);
         let found_deg = widest_gap_deg(&straight, &CIRCLE);
         assert!((gap_deg - 0.1..gap_deg + 10.1).contains(&found_deg), "{legs:?}: {found_deg}");
-        let course =
-            GpsCourseHeading::by(&CIRCLE, &velocities_at_headings(20.0, 0.0, 1.0, circle_headings(600)), &straight);
+        let course = GpsCourseHeading::from_fitted_circle(
+            &CIRCLE,
+            &velocities_at_headings(20.0, 0.0, 1.0, circle_headings(600)),
+            &straight,
+        );
         assert_eq!(course.is_ok(), is_enough, "{legs:?}: {course:?}");
     }
     assert!((widest_gap_deg(&[], &CIRCLE) - 360.0).abs() < 1e-9);
@@ -167,7 +173,8 @@ fn a_drifting_wind_is_uncertain() {
         let fitted = velocities_at_headings(20.0, drift_m_s, 1.0, circle_headings(1200));
         let sigma_m_s = VelocityCircle::wind_sigma_m_s(&fitted).unwrap();
         assert!((0.95..1.35).contains(&(sigma_m_s / (0.22 * drift_m_s))), "{drift_m_s}: {sigma_m_s}");
-        let course = GpsCourseHeading::by(&CIRCLE, &fitted, &straight(&[(2.0, 10), (122.0, 10), (242.0, 10)]));
+        let course =
+            GpsCourseHeading::from_fitted_circle(&CIRCLE, &fitted, &straight(&[(2.0, 10), (122.0, 10), (242.0, 10)]));
         assert_eq!(course.err(), (!is_certain).then_some(GpsCourseRejection::UncertainWind), "{drift_m_s}");
     }
 }
@@ -183,8 +190,12 @@ fn the_gyro_heading_must_follow_the_course() {
         HeadingIntegral { integral: points.iter().enumerate().map(at).collect(), banked_s: Vec::new() }
     };
     let velocities = velocities_at_headings(20.0, 0.0, 0.5, circle_headings(240));
-    for (share, follows) in [(1.0, true), (0.72, true), (0.68, false), (-1.0, false)] {
-        assert_eq!(nose(share, &velocities, 0.0).follows(&velocities, &CIRCLE), follows, "{share}");
+    for (share, nose_turns_with_velocity) in [(1.0, true), (0.72, true), (0.68, false), (-1.0, false)] {
+        assert_eq!(
+            nose(share, &velocities, 0.0).nose_turns_with_velocity(&velocities, &CIRCLE),
+            nose_turns_with_velocity,
+            "{share}"
+        );
     }
     let mut with_gap = velocities.clone();
     with_gap[120..].iter_mut().for_each(|v| v.t_s += 30.0);
@@ -193,6 +204,9 @@ fn the_gyro_heading_must_follow_the_course() {
         .enumerate()
         .map(|(i, v)| GroundVelocity { velocity_m_s: velocities[usize::from(i >= 120)].velocity_m_s, ..*v })
         .collect();
-    assert!(nose(0.0, &legs, 9.0).follows(&legs, &CIRCLE));
-    assert!(nose(1.0, &with_gap, 0.0).at_rad(75.0).is_none() && nose(1.0, &with_gap, 0.0).at_rad(30.1).is_some());
+    assert!(nose(0.0, &legs, 9.0).nose_turns_with_velocity(&legs, &CIRCLE));
+    assert!(
+        nose(1.0, &with_gap, 0.0).nose_angle_rad(75.0).is_none()
+            && nose(1.0, &with_gap, 0.0).nose_angle_rad(30.1).is_some()
+    );
 }

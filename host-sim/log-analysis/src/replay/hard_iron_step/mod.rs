@@ -12,11 +12,11 @@ use crate::log::FieldCorrection;
 use crate::numbers::{median, square};
 
 /// Numbers of unknowns: without the step (`W`, `b`, strength, vertical component), and with it.
-const COMMON: usize = 14;
-const ALL: usize = COMMON + 3;
+const UNKNOWNS_WITHOUT_STEP: usize = 14;
+const UNKNOWNS_WITH_STEP: usize = UNKNOWNS_WITHOUT_STEP + 3;
 
 /// Candidate times, and least rows on either side of one.
-const INSTANTS: usize = 120;
+const CANDIDATE_TIMES: usize = 120;
 const MIN_ROWS: usize = 60;
 
 /// Largest number of rows used.
@@ -25,24 +25,24 @@ const MAX_ROWS: usize = 4000;
 /// Detection thresholds: standard deviations of the largest component, size in microtesla (smaller steps hardly affect
 /// headings), and ratio of the median residual with the step to that without.
 pub(super) const MIN_SIGMAS: f64 = 8.0;
-const MIN_UT: f64 = 1.0;
-const MAX_SCATTER_LEFT: f64 = 0.85;
+const MIN_STEP_UT: f64 = 1.0;
+const MAX_TOTAL_SCATTER_RATIO: f64 = 0.85;
 
 /// Alternative ratios for a step near either end: of the shorter side, and of all rows. The second rejects false steps
 /// of 1 to 4 uT in a VTOL's hover, which increase other residuals.
-const MAX_LEFT_OF_FEW: f64 = 0.6;
-const MAX_LEFT_WITH_FEW: f64 = 0.97;
+const MAX_SHORT_SIDE_SCATTER_RATIO: f64 = 0.6;
+const MAX_TOTAL_SCATTER_RATIO_NEAR_END: f64 = 0.97;
 
 /// Rows with correlated errors, about one second; inflates the step's variance.
-const ALIKE: f64 = 10.0;
+const CORRELATED_ROWS: f64 = 10.0;
 
 /// Largest number of iterations, and change of the step at convergence, standard deviations. A large step clips
 /// residuals and takes about a dozen iterations.
-const PASSES: usize = 40;
-const SETTLED_SIGMAS: f64 = 0.1;
+const MAX_ITERATIONS: usize = 40;
+const CONVERGED_SIGMAS: f64 = 0.1;
 
 /// Clipping limit of residuals, in robust standard deviations.
-const CLIP: f64 = 3.0;
+const CLIP_SIGMAS: f64 = 3.0;
 
 /// A step of hard iron.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,11 +81,11 @@ pub fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIr
     let without = StepEstimate::from_correction(&usable, initial);
     let mut state = without.clone();
     let mut change = None;
-    for _ in 0..PASSES {
+    for _ in 0..MAX_ITERATIONS {
         let (before, previous) = (state.step_ut, change.map(|(first, _)| first));
         let (first, sigma) = state.step(&usable, previous)?;
         change = Some((state.first_row_after_step(&usable).unwrap_or(first), sigma));
-        let is_settled = (state.step_ut - before).component_div(&sigma).amax() < SETTLED_SIGMAS;
+        let is_settled = (state.step_ut - before).component_div(&sigma).amax() < CONVERGED_SIGMAS;
         if is_settled && change.map(|(first, _)| first) == previous {
             break;
         }
@@ -95,10 +95,11 @@ pub fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIr
     let (before, after) = usable.split_at(first);
     let left_of_few = if after.len() < before.len() { left(after, 0) } else { left(before, before.len()) };
     let left_of_all = left(&usable, first);
-    let is_better = left_of_all < MAX_SCATTER_LEFT || left_of_all < MAX_LEFT_WITH_FEW && left_of_few < MAX_LEFT_OF_FEW;
+    let is_better = left_of_all < MAX_TOTAL_SCATTER_RATIO
+        || left_of_all < MAX_TOTAL_SCATTER_RATIO_NEAR_END && left_of_few < MAX_SHORT_SIDE_SCATTER_RATIO;
     let found = HardIronStep { at_s: usable[first].t_s, step_ut: state.step_ut.into(), sigma_ut: sigma.into() };
     let sigmas = state.step_ut.component_div(&sigma).amax();
-    (sigmas > MIN_SIGMAS && found.size_ut() > MIN_UT && is_better).then_some(found)
+    (sigmas > MIN_SIGMAS && found.size_ut() > MIN_STEP_UT && is_better).then_some(found)
 }
 
 #[derive(Clone)]
@@ -152,16 +153,17 @@ impl StepEstimate {
     fn step(&mut self, rows: &[&ReplayRow], given: Option<usize>) -> Option<(usize, Vector3<f64>)> {
         let scale = (1.4826 * self.scatter(rows, given)).max(1e-6);
         // Normal equations of the rows from each candidate on; finally of all rows.
-        let instants: Vec<usize> = (1..=INSTANTS).map(|i| rows.len() * i / (INSTANTS + 1)).collect();
+        let instants: Vec<usize> = (1..=CANDIDATE_TIMES).map(|i| rows.len() * i / (CANDIDATE_TIMES + 1)).collect();
         let mut sums: Vec<(usize, DMatrix<f64>, DVector<f64>)> = Vec::new();
-        let (mut matrix, mut right) = (DMatrix::zeros(COMMON, COMMON), DVector::zeros(COMMON));
+        let (mut matrix, mut right) =
+            (DMatrix::zeros(UNKNOWNS_WITHOUT_STEP, UNKNOWNS_WITHOUT_STEP), DVector::zeros(UNKNOWNS_WITHOUT_STEP));
         let mut squares = 0.0;
         for (i, row) in rows.iter().enumerate().rev() {
             let is_after = given.is_some_and(|first| i >= first);
             for (residual, row_derivatives) in
                 self.residuals(row, is_after).into_iter().zip(self.derivatives(row, is_after))
             {
-                let clipped = residual.clamp(-CLIP * scale, CLIP * scale);
+                let clipped = residual.clamp(-CLIP_SIGMAS * scale, CLIP_SIGMAS * scale);
                 squares += clipped * clipped;
                 matrix.ger(1.0, &row_derivatives, &row_derivatives, 1.0);
                 right.axpy(-clipped, &row_derivatives, 1.0);
@@ -188,9 +190,9 @@ impl StepEstimate {
         self.hard_iron_ut += solved_vector(9);
         self.strength_ut += solved[12];
         self.vertical_ut += solved[13];
-        self.step_ut += solved_vector(COMMON);
+        self.step_ut += solved_vector(UNKNOWNS_WITHOUT_STEP);
         let variance = squares / (2.0 * rows.len() as f64);
-        Some((first, sigma * (variance * ALIKE).sqrt()))
+        Some((first, sigma * (variance * CORRELATED_ROWS).sqrt()))
     }
 
     /// First row after the step, by least squared residuals of the current estimates.
@@ -199,7 +201,7 @@ impl StepEstimate {
         let squares = |row: &ReplayRow, is_after: bool| -> f64 {
             self.residuals(row, is_after)
                 .iter()
-                .map(|residual| square(residual.clamp(-CLIP * scale, CLIP * scale)))
+                .map(|residual| square(residual.clamp(-CLIP_SIGMAS * scale, CLIP_SIGMAS * scale)))
                 .sum()
         };
         // Cumulative difference of squared residuals, before minus after.
@@ -222,7 +224,7 @@ impl StepEstimate {
         let directions = [field.normalize(), row.down()];
         let rows_of_residual = |residual_index: usize| {
             let direction = directions[residual_index];
-            let mut jacobian_row = DVector::zeros(COMMON);
+            let mut jacobian_row = DVector::zeros(UNKNOWNS_WITHOUT_STEP);
             for i in 0..3 {
                 for j in 0..3 {
                     jacobian_row[3 * i + j] = direction[i] * raw[j];
@@ -237,7 +239,7 @@ impl StepEstimate {
     }
 
     /// Prior standard deviations, for unobservable unknowns. The strength is fixed, since `W` sets the scale.
-    fn prior_sigmas(&self) -> [f64; ALL] {
+    fn prior_sigmas(&self) -> [f64; UNKNOWNS_WITH_STEP] {
         std::array::from_fn(|i| match i {
             0..9 => 0.3,
             12 => 1e-3,
@@ -253,26 +255,27 @@ fn solved(
     right: &DVector<f64>,
     after: &DMatrix<f64>,
     after_right: &DVector<f64>,
-    prior_sigmas: &[f64; ALL],
+    prior_sigmas: &[f64; UNKNOWNS_WITH_STEP],
 ) -> Option<(DVector<f64>, f64, Vector3<f64>)> {
-    let mut all = DMatrix::zeros(ALL, ALL);
-    all.view_mut((0, 0), (COMMON, COMMON)).copy_from(matrix);
-    let step = after.view((0, 9), (COMMON, 3)).into_owned();
-    all.view_mut((0, COMMON), (COMMON, 3)).copy_from(&step);
-    all.view_mut((COMMON, 0), (3, COMMON)).copy_from(&step.transpose());
-    all.view_mut((COMMON, COMMON), (3, 3)).copy_from(&after.view((9, 9), (3, 3)));
+    let mut all = DMatrix::zeros(UNKNOWNS_WITH_STEP, UNKNOWNS_WITH_STEP);
+    all.view_mut((0, 0), (UNKNOWNS_WITHOUT_STEP, UNKNOWNS_WITHOUT_STEP)).copy_from(matrix);
+    let step = after.view((0, 9), (UNKNOWNS_WITHOUT_STEP, 3)).into_owned();
+    all.view_mut((0, UNKNOWNS_WITHOUT_STEP), (UNKNOWNS_WITHOUT_STEP, 3)).copy_from(&step);
+    all.view_mut((UNKNOWNS_WITHOUT_STEP, 0), (3, UNKNOWNS_WITHOUT_STEP)).copy_from(&step.transpose());
+    all.view_mut((UNKNOWNS_WITHOUT_STEP, UNKNOWNS_WITHOUT_STEP), (3, 3)).copy_from(&after.view((9, 9), (3, 3)));
     for (i, scale) in prior_sigmas.iter().enumerate() {
         all[(i, i)] += square(*scale).recip();
     }
-    let mut sides = DVector::zeros(ALL);
-    sides.rows_mut(0, COMMON).copy_from(right);
-    sides.rows_mut(COMMON, 3).copy_from(&after_right.rows(9, 3));
-    let common = all.view((0, 0), (COMMON, COMMON)).into_owned().cholesky()?.solve(right);
+    let mut sides = DVector::zeros(UNKNOWNS_WITH_STEP);
+    sides.rows_mut(0, UNKNOWNS_WITHOUT_STEP).copy_from(right);
+    sides.rows_mut(UNKNOWNS_WITHOUT_STEP, 3).copy_from(&after_right.rows(9, 3));
+    let common = all.view((0, 0), (UNKNOWNS_WITHOUT_STEP, UNKNOWNS_WITHOUT_STEP)).into_owned().cholesky()?.solve(right);
     let cholesky = all.cholesky()?;
     let solved = cholesky.solve(&sides);
     let gain = solved.dot(&sides) - common.dot(right);
     let inverse = cholesky.inverse();
-    let sigma = Vector3::from_fn(|i, _| inverse[(COMMON + i, COMMON + i)].max(0.0).sqrt());
+    let sigma =
+        Vector3::from_fn(|i, _| inverse[(UNKNOWNS_WITHOUT_STEP + i, UNKNOWNS_WITHOUT_STEP + i)].max(0.0).sqrt());
     Some((solved, gain, sigma))
 }
 

@@ -18,26 +18,26 @@ use crate::numbers::quantile;
 const MAX_GAP_S: f64 = 0.7;
 
 /// Readings averaged to one row, seconds: the module's 10 Hz with a margin for jitter.
-const ROW_S: f64 = 0.09;
+const ROW_AVERAGING_S: f64 = 0.09;
 
 /// Largest difference between cubic and linear interpolation, radians; beyond it the rates contradict the attitude and
 /// are ignored.
-const MAX_BULGE_RAD: f32 = 0.1;
+const MAX_CUBIC_DEVIATION_RAD: f32 = 0.1;
 
 /// Limits on tilt in a window: margin, radians, and factor on the integrated (sampled) body rates; window, seconds.
 /// More means that a filter aligns or resets.
-const SPARE_RAD: f32 = 0.035;
-const SPARE_TIMES: f32 = 2.0;
-const WITHIN_S: f64 = 1.0;
+const TILT_MARGIN_RAD: f32 = 0.035;
+const TILT_RATE_FACTOR: f32 = 2.0;
+const TILT_WINDOW_S: f64 = 1.0;
 
 /// Margin of a single step of tilt beyond the body rates, radians (6 deg): more is a jump of the attitude.
-const JUMP_RAD: f32 = 0.1;
+const TILT_JUMP_MARGIN_RAD: f32 = 0.1;
 
 /// Two jumps within this time enclose a wrong attitude, seconds.
-const JUMP_BACK_S: f64 = 3.0;
+const MAX_WRONG_ATTITUDE_S: f64 = 3.0;
 
 /// Time after a start or gap in which a filter may align, seconds; data up to its last such change is dropped.
-const ALIGNING_S: f64 = 60.0;
+const MAX_FILTER_ALIGNMENT_S: f64 = 60.0;
 
 /// Attitude and body rates between two rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,14 +54,14 @@ pub struct AttitudeSample {
 /// are integrated over too long steps and the monitor reports false hard-iron changes.
 #[must_use]
 pub fn attitudes_between(flight: &Flight, from_s: f64, to_s: f64) -> Vec<AttitudeSample> {
-    const EVERY_S: f64 = 0.1;
+    const PAUSE_SAMPLING_S: f64 = 0.1;
     /// A longer pause is a gap of the log.
-    const MAX_PAUSE_S: f64 = 5.0;
+    const MAX_LOG_PAUSE_S: f64 = 5.0;
     let pause_s = to_s - from_s;
-    if !(1.5 * EVERY_S..=MAX_PAUSE_S).contains(&pause_s) {
+    if !(1.5 * PAUSE_SAMPLING_S..=MAX_LOG_PAUSE_S).contains(&pause_s) {
         return Vec::new();
     }
-    let steps = (pause_s / EVERY_S).round();
+    let steps = (pause_s / PAUSE_SAMPLING_S).round();
     let instants = (1..steps as u32).map(|step| from_s + pause_s * f64::from(step) / steps);
     let attitude_at_instant =
         |t_s| attitude_at(flight, t_s).map(|(attitude, rates_rad_s)| AttitudeSample { t_s, attitude, rates_rad_s });
@@ -78,13 +78,13 @@ pub struct RowCounts {
     /// Readings without a neighbouring attitude.
     pub without_attitude: usize,
     /// Readings with attitude changes that contradict the body rates (filter alignment or reset).
-    pub unsettled: usize,
+    pub during_filter_alignment: usize,
     /// Rows while disarmed.
     pub disarmed: usize,
     /// Rows before the first and after the last movement, near foreign iron.
     pub on_the_ground: usize,
     /// Rows excluded by the log.
-    pub kept_out: usize,
+    pub excluded_by_log: usize,
     /// Rows with a frozen field while the aircraft moved.
     pub stuck: usize,
 }
@@ -95,9 +95,9 @@ impl RowCounts {
             (self.disarmed, "disarmed"),
             (self.on_the_ground, "on the ground"),
             (self.without_attitude, "without an attitude near it"),
-            (self.unsettled, "while the attitude contradicts the body rates"),
+            (self.during_filter_alignment, "while the attitude contradicts the body rates"),
             (self.stuck, "with a frozen field"),
-            (self.kept_out, "excluded by the log"),
+            (self.excluded_by_log, "excluded by the log"),
         ]
     }
 
@@ -128,7 +128,7 @@ pub fn build_rows(
     let mut counted = RowCounts { readings: compass.field.rows().len(), ..RowCounts::default() };
     // A log that was never armed has no arming state.
     let was_armed = compass.field.rows().iter().any(|row| flight.is_armed(row.t_s - age_s) == Some(true));
-    let unsettled = unsettled(flight);
+    let during_filter_alignment = during_filter_alignment(flight);
     let gap_s = data_loss::max_attitude_gap_s(flight, MAX_GAP_S);
     let mut rows = Vec::new();
     let mut run = RowAccumulator::default();
@@ -139,11 +139,11 @@ pub fn build_rows(
             counted.without_attitude += 1;
             continue;
         };
-        if unsettled.iter().any(|&[from_s, to_s]| (from_s..=to_s).contains(&t_s)) {
-            counted.unsettled += 1;
+        if during_filter_alignment.iter().any(|&[from_s, to_s]| (from_s..=to_s).contains(&t_s)) {
+            counted.during_filter_alignment += 1;
             continue;
         }
-        if run.number > 0 && t_s - run.first_s >= ROW_S {
+        if run.number > 0 && t_s - run.first_s >= ROW_AVERAGING_S {
             rows.push(run.row(flight, reference));
             run = RowAccumulator::default();
         }
@@ -159,7 +159,7 @@ pub fn build_rows(
         let is_disarmed = was_armed && flight.is_armed(row.t_s) == Some(false);
         let is_on_the_ground = row.t_s < moved_s || row.t_s > stopped_s;
         row.usable = !is_excluded && !is_disarmed && !is_on_the_ground;
-        counted.kept_out += usize::from(is_excluded);
+        counted.excluded_by_log += usize::from(is_excluded);
         counted.disarmed += usize::from(is_disarmed && !is_excluded);
         counted.on_the_ground += usize::from(is_on_the_ground && !is_disarmed && !is_excluded);
     }
@@ -242,18 +242,18 @@ fn current_at(flight: &Flight, t_s: f64) -> Option<f32> {
 /// Times of the first and last movement over ground, seconds; unbounded without any.
 fn moving_interval_s(flight: &Flight) -> [f64; 2] {
     /// Speed that counts as movement, m/s; above the noise of a receiver at rest.
-    const MOVING_M_S: f32 = 3.0;
+    const MIN_MOVING_SPEED_M_S: f32 = 3.0;
     /// Shortest flight, seconds.
-    const LONG_S: f64 = 20.0;
-    let moving = || flight.gps.rows().iter().filter(|row| row.values[3] > MOVING_M_S).map(|row| row.t_s);
+    const MIN_FLIGHT_S: f64 = 20.0;
+    let moving = || flight.gps.rows().iter().filter(|row| row.values[3] > MIN_MOVING_SPEED_M_S).map(|row| row.t_s);
     match (moving().next(), moving().next_back()) {
-        (Some(from_s), Some(to_s)) if to_s - from_s > LONG_S => [from_s, to_s],
+        (Some(from_s), Some(to_s)) if to_s - from_s > MIN_FLIGHT_S => [from_s, to_s],
         _ => [f64::NEG_INFINITY, f64::INFINITY],
     }
 }
 
 /// Intervals in which the attitude changed more than the body rates allow, seconds.
-fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
+fn during_filter_alignment(flight: &Flight) -> Vec<[f64; 2]> {
     let rows = flight.attitude.rows();
     let mut found: Vec<[f64; 2]> = Vec::new();
     // Last start or gap, after which a filter may be aligning.
@@ -263,7 +263,7 @@ fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
     for last in 1..rows.len() {
         let (before, row) = (&rows[last - 1], &rows[last]);
         let step_s = row.t_s - before.t_s;
-        if step_s > WITHIN_S {
+        if step_s > TILT_WINDOW_S {
             (started_s, first) = (row.t_s, last);
         }
         let rate =
@@ -272,16 +272,16 @@ fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
             (started_s, first) = (row.t_s, last);
             continue;
         };
-        if tilted_rad(before, row) > SPARE_TIMES * rate * step_s as f32 + JUMP_RAD {
+        if tilted_rad(before, row) > TILT_RATE_FACTOR * rate * step_s as f32 + TILT_JUMP_MARGIN_RAD {
             jumps.push([before.t_s, row.t_s]);
         }
         turned_rad[last] = turned_rad[last - 1] + f64::from(rate) * step_s;
-        while rows[first].t_s < row.t_s - WITHIN_S {
+        while rows[first].t_s < row.t_s - TILT_WINDOW_S {
             first += 1;
         }
         let turned = (turned_rad[last] - turned_rad[first]) as f32;
-        if tilted_rad(&rows[first], row) > SPARE_TIMES * turned + SPARE_RAD {
-            let is_aligning = row.t_s - started_s < ALIGNING_S;
+        if tilted_rad(&rows[first], row) > TILT_RATE_FACTOR * turned + TILT_MARGIN_RAD {
+            let is_aligning = row.t_s - started_s < MAX_FILTER_ALIGNMENT_S;
             let from_s = if is_aligning { started_s } else { rows[first].t_s };
             match found.last_mut().filter(|[_, to_s]| *to_s >= from_s) {
                 Some(span) => *span = [span[0].min(from_s), row.t_s],
@@ -290,7 +290,7 @@ fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
         }
     }
     let wrong_until = |(i, jump): (usize, &[f64; 2])| {
-        jumps.get(i + 1).filter(|back| back[0] - jump[1] <= JUMP_BACK_S).map_or(jump[1], |back| back[1])
+        jumps.get(i + 1).filter(|back| back[0] - jump[1] <= MAX_WRONG_ATTITUDE_S).map_or(jump[1], |back| back[1])
     };
     found.extend(jumps.iter().enumerate().map(|jump| [jump.1[0], wrong_until(jump)]));
     found
@@ -323,7 +323,7 @@ fn attitude_at(flight: &Flight, t_s: f64) -> Option<(Attitude, Option<[f32; 3]>)
             let (rest, left) = (rate_of_angle(&from) * step_s - turned, turned - rate_of_angle(&to) * step_s);
             part * (1.0 - part) * ((1.0 - part) * rest + part * left)
         });
-        before.values[angle] + straight + if bulge.abs() <= MAX_BULGE_RAD { bulge } else { 0.0 }
+        before.values[angle] + straight + if bulge.abs() <= MAX_CUBIC_DEVIATION_RAD { bulge } else { 0.0 }
     });
     Some((Attitude { roll_rad: wrap_pi(roll_rad), pitch_rad }, rates))
 }

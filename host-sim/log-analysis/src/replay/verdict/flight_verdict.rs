@@ -73,7 +73,7 @@ impl<'a> Verdict<'a> {
 
     /// The compasses, those in use first.
     #[must_use]
-    pub fn by_use(&self) -> Vec<&CompassVerdict<'a>> {
+    pub fn compasses_in_use_first(&self) -> Vec<&CompassVerdict<'a>> {
         let mut compasses: Vec<&CompassVerdict<'a>> = self.compasses.iter().collect();
         // Unknown between used and unused.
         compasses.sort_by_key(|compass| match compass.evaluation.is_used {
@@ -87,13 +87,13 @@ impl<'a> Verdict<'a> {
     /// State of the compass in use; bad without any.
     #[must_use]
     pub fn state(&self) -> CompassState {
-        self.by_use().first().map_or(CompassState::Bad, |compass| compass.judgement.state)
+        self.compasses_in_use_first().first().map_or(CompassState::Bad, |compass| compass.judgement.state)
     }
 
     /// Whether the compass in use is good, or has parameters to load.
     #[must_use]
     pub fn is_solved(&self) -> bool {
-        self.by_use().first().is_some_and(|compass| {
+        self.compasses_in_use_first().first().is_some_and(|compass| {
             compass.judgement.state == CompassState::Good || compass.judgement.action == CompassAction::Load
         })
     }
@@ -101,13 +101,13 @@ impl<'a> Verdict<'a> {
     /// Judgement of each compass, in sentences.
     #[must_use]
     pub fn sentences(&self) -> Vec<String> {
-        self.by_use().into_iter().map(CompassVerdict::sentence).collect()
+        self.compasses_in_use_first().into_iter().map(CompassVerdict::sentence).collect()
     }
 
     /// Parameters to load.
     #[must_use]
     pub fn parameters(&self) -> Vec<ExportedCorrection> {
-        self.compasses.iter().filter_map(|compass| compass.to_load().cloned()).collect()
+        self.compasses.iter().filter_map(|compass| compass.parameters_to_load().cloned()).collect()
     }
 
     /// Name and duration of the log.
@@ -127,7 +127,7 @@ impl<'a> Verdict<'a> {
             (source.name(), self.evaluation.compasses.iter().map(rms_deg).collect::<Vec<_>>())
         });
         let held_back = |compass: &CompassVerdict<'_>| {
-            compass.to_load()?.held_back.filter(|score| !score.is_estimate).map(|score| score.rms_deg)
+            compass.parameters_to_load()?.held_back.filter(|score| !score.is_estimate).map(|score| score.rms_deg)
         };
         let parameters = ("parameters to load", self.compasses.iter().map(held_back).collect());
         rows.into_iter().chain([parameters]).filter(|(_, cells)| cells.iter().any(Option::is_some)).collect()
@@ -137,7 +137,7 @@ impl<'a> Verdict<'a> {
 impl CompassVerdict<'_> {
     /// Parameters to load.
     #[must_use]
-    pub fn to_load(&self) -> Option<&ExportedCorrection> {
+    pub fn parameters_to_load(&self) -> Option<&ExportedCorrection> {
         self.parameters.as_ref().ok().filter(|_| self.judgement.action == CompassAction::Load)
     }
 

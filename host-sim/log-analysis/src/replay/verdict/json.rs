@@ -24,7 +24,7 @@ impl Verdict<'_> {
             "schema": SCHEMA,
             "verdict": self.sentences().join(" "),
             "state": self.state(),
-            "in_use": self.by_use().first().map(|compass| compass.evaluation.number),
+            "in_use": self.compasses_in_use_first().first().map(|compass| compass.evaluation.number),
             "module_verdict": self.outcome,
             "accepted": self.is_accepted(),
             "log": {

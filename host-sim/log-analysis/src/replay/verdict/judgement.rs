@@ -6,15 +6,15 @@ use serde::Serialize;
 
 use crate::replay::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg};
 use crate::replay::note::Note;
-use crate::replay::parameter_choice::{BAD_DEG, GOOD_DEG, NoParameters};
+use crate::replay::parameter_choice::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, NoParameters};
 use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
 use crate::replay::row_headings::score;
 use crate::replay::{ReferenceHeading, ReplayRow};
 
 /// Sectors of 30 deg of heading, with at least this many rows (half a second), that a flight must cover to judge a compass: errors
 /// are less their mean, which on few headings is all of them.
-const MIN_SECTORS: usize = 4;
-const SECTOR_ROWS: usize = 5;
+const MIN_HEADING_SECTORS: usize = 4;
+const MIN_ROWS_PER_SECTOR: usize = 5;
 
 /// State of a compass with the parameters in use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -75,7 +75,7 @@ impl Reason {
         match self {
             Self::SensorFailed(_) => "sensor-failed",
             Self::IronChanged { .. } => "iron-changed",
-            Self::ErrorAsLogged(rms_deg) if *rms_deg <= GOOD_DEG => "good-as-logged",
+            Self::ErrorAsLogged(rms_deg) if *rms_deg <= GOOD_COMPASS_RMS_DEG => "good-as-logged",
             Self::ErrorAsLogged(_) => "error-as-logged",
             Self::NoReference => "no-reference",
             Self::FewHeadings => "few-headings",
@@ -111,9 +111,9 @@ impl Judgement {
         let change = compass.changes.last();
         let bend_deg = compass.changes.iter().map(|change| change.bend_deg).fold(0.0, f64::max);
         let state = match as_logged_rms_deg {
-            _ if failure.is_some() || bend_deg > BAD_DEG => CompassState::Bad,
-            Some(rms_deg) if rms_deg > BAD_DEG => CompassState::Bad,
-            Some(rms_deg) if rms_deg <= GOOD_DEG && change.is_none() => CompassState::Good,
+            _ if failure.is_some() || bend_deg > BAD_COMPASS_RMS_DEG => CompassState::Bad,
+            Some(rms_deg) if rms_deg > BAD_COMPASS_RMS_DEG => CompassState::Bad,
+            Some(rms_deg) if rms_deg <= GOOD_COMPASS_RMS_DEG && change.is_none() => CompassState::Good,
             _ => CompassState::Doubtful,
         };
         let action = if failure.is_some() {
@@ -149,7 +149,7 @@ fn action_without_parameters(state: CompassState, why: &NoParameters) -> Compass
     match why {
         NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
         NoParameters::NoGain(held_back) | NoParameters::Inaccurate(held_back)
-            if !held_back.is_estimate && held_back.rms_deg.min(held_back.disturbed_deg) > BAD_DEG =>
+            if !held_back.is_estimate && held_back.rms_deg.min(held_back.disturbed_deg) > BAD_COMPASS_RMS_DEG =>
         {
             CompassAction::Replace
         }
@@ -171,7 +171,7 @@ fn as_logged_rms_deg(evaluation: &FlightEvaluation, compass: &CompassEvaluation)
     for heading_deg in rows.iter().filter_map(|row| row.reference_deg) {
         sectors[(heading_deg.rem_euclid(360.0) / 30.0) as usize % 12] += 1;
     }
-    if sectors.iter().filter(|number| **number >= SECTOR_ROWS).count() < MIN_SECTORS {
+    if sectors.iter().filter(|number| **number >= MIN_ROWS_PER_SECTOR).count() < MIN_HEADING_SECTORS {
         return None;
     }
     let logged = score(&rows, |row| Some((heading_deg(row, row.logged.ut.map(f64::from)), f64::NAN)));
@@ -212,7 +212,7 @@ impl fmt::Display for Judgement {
                     "with these parameters its field is consistent to {rms_deg:.1} deg, as logged to \
                      {as_logged_rms_deg:.1}"
                 ),
-                Reason::Parameters(HeldBackScore { rms_deg, .. }) if *rms_deg > GOOD_DEG => {
+                Reason::Parameters(HeldBackScore { rms_deg, .. }) if *rms_deg > GOOD_COMPASS_RMS_DEG => {
                     format!(
                         "with these parameters {rms_deg:.1}, part of it what the autopilot's parameters cannot express"
                     )

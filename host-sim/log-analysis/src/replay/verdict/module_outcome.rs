@@ -11,7 +11,7 @@ use crate::replay::data_loss::SLOW_ATTITUDE_S;
 use crate::replay::evaluation::{CompassEvaluation, FlightEvaluation};
 
 /// Fewer rows than this are no flight (2 s at 10 Hz).
-const NO_FLIGHT: usize = 20;
+const MIN_FLIGHT_ROWS: usize = 20;
 
 /// Whether, when and how accurately the module would have calibrated; displayed as a line.
 #[derive(Clone, Debug, PartialEq)]
@@ -108,7 +108,7 @@ impl FlightOutcome {
 fn nearest(compasses: &[CompassEvaluation]) -> Option<&CompassEvaluation> {
     let expected_deg = |compass: &CompassEvaluation| compass.module.expected_rms_deg().unwrap_or(f64::INFINITY);
     // Compasses that are unused or hardly logged rank last.
-    let is_out = |compass: &CompassEvaluation| (compass.counts.used < NO_FLIGHT, compass.is_used == Some(false));
+    let is_out = |compass: &CompassEvaluation| (compass.counts.used < MIN_FLIGHT_ROWS, compass.is_used == Some(false));
     compasses.iter().min_by(|a, b| {
         let by_rows = || b.counts.used.cmp(&a.counts.used);
         is_out(a).cmp(&is_out(b)).then_with(|| expected_deg(a).total_cmp(&expected_deg(b))).then_with(by_rows)
@@ -120,8 +120,8 @@ impl FlightRefusal {
     fn new(compass: &CompassEvaluation) -> Self {
         let RowCounts { readings, used, .. } = compass.counts;
         match &compass.module.accepted {
-            Err(refusal) if used >= NO_FLIGHT => Self::Module(refusal.clone()),
-            _ if readings < NO_FLIGHT => Self::FewReadings(readings),
+            Err(refusal) if used >= MIN_FLIGHT_ROWS => Self::Module(refusal.clone()),
+            _ if readings < MIN_FLIGHT_ROWS => Self::FewReadings(readings),
             _ => Self::FewRows { readings, used, rejected: compass.counts.main_rejection() },
         }
     }

@@ -6,12 +6,12 @@ use super::{LegendSample, Picture, draw_legend};
 use crate::numbers::format_number;
 
 /// Heading sectors, centred on their number.
-const SECTORS: usize = 12;
+const HEADING_SECTORS: usize = 12;
 
 /// Row of the picture: name and predicate.
 type TiltRow = (&'static str, fn(&ReportSample) -> bool);
 
-const ROWS: [TiltRow; 8] = [
+const TILT_ROWS: [TiltRow; 8] = [
     ("30 and more right", |moment| moment.roll_deg >= 30.0),
     ("10 to 30 right", |moment| (10.0..30.0).contains(&moment.roll_deg)),
     ("wings level", |moment| moment.roll_deg.abs() < 10.0),
@@ -22,7 +22,7 @@ const ROWS: [TiltRow; 8] = [
     ("10 and more down", |moment| moment.pitch_deg <= -10.0),
 ];
 
-const BANKS: usize = 5;
+const BANK_BINS: usize = 5;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct CoverageCell {
@@ -41,8 +41,8 @@ fn counts(moment: &ReportSample) -> bool {
     moment.is_usable && moment.raw_ut.is_some()
 }
 
-fn cells(compass_report: &CompassReport) -> [[CoverageCell; SECTORS]; ROWS.len()] {
-    let mut cells = [[CoverageCell::default(); SECTORS]; ROWS.len()];
+fn cells(compass_report: &CompassReport) -> [[CoverageCell; HEADING_SECTORS]; TILT_ROWS.len()] {
+    let mut cells = [[CoverageCell::default(); HEADING_SECTORS]; TILT_ROWS.len()];
     // A moment lasts until the next, at most 1 s.
     let nexts = compass_report
         .samples
@@ -52,8 +52,8 @@ fn cells(compass_report: &CompassReport) -> [[CoverageCell; SECTORS]; ROWS.len()
         .chain(compass_report.samples.last().map(|last| last.at_s));
     for (moment, next_s) in compass_report.samples.iter().zip(nexts).filter(|(moment, _)| counts(moment)) {
         let Some(heading_deg) = moment.heading_deg.filter(|deg| deg.is_finite()) else { continue };
-        let sector = (heading_deg / 30.0).round().rem_euclid(SECTORS as f64) as usize;
-        for (row, (_, belongs)) in cells.iter_mut().zip(ROWS) {
+        let sector = (heading_deg / 30.0).round().rem_euclid(HEADING_SECTORS as f64) as usize;
+        for (row, (_, belongs)) in cells.iter_mut().zip(TILT_ROWS) {
             if let Some(cell) = row.get_mut(sector).filter(|_| belongs(moment)) {
                 cell.flown_s += (next_s - moment.at_s).clamp(0.0, 1.0);
                 cell.fitted += usize::from(moment.is_fitted);
@@ -64,10 +64,10 @@ fn cells(compass_report: &CompassReport) -> [[CoverageCell; SECTORS]; ROWS.len()
 }
 
 pub fn coverage_picture(compass_report: &CompassReport) -> Picture {
-    const LEFT: f64 = 142.0;
-    const CELL: Point = [40.0, 26.0];
+    const LEFT_MARGIN: f64 = 142.0;
+    const CELL_SIZE: Point = [40.0, 26.0];
     let cells = cells(compass_report);
-    let mut svg = Svg::new(LEFT + CELL[0] * SECTORS as f64 + 16.0, 346.0);
+    let mut svg = Svg::new(LEFT_MARGIN + CELL_SIZE[0] * HEADING_SECTORS as f64 + 16.0, 346.0);
     let knows = compass_report.has_fitted_marks;
     let number_is = if knows { "collected and fitted, number" } else { "flown, seconds" };
     let mut items = vec![(LegendSample::Area("cell used"), number_is)];
@@ -77,23 +77,32 @@ pub fn coverage_picture(compass_report: &CompassReport) -> Picture {
     items.push((LegendSample::Area("missed"), "not flown"));
     let top = draw_legend(&mut svg, [16.0, 8.0], 600.0, &items) + 14.0;
     svg.text("name", [16.0, top - 4.0], "bank, deg");
-    for (row, ((name, _), cells)) in ROWS.iter().zip(&cells).enumerate() {
-        let gap = if row < BANKS { 0.0 } else { 22.0 };
-        let y = top + CELL[1] * row as f64 + gap;
-        if row == BANKS {
+    for (row, ((name, _), cells)) in TILT_ROWS.iter().zip(&cells).enumerate() {
+        let gap = if row < BANK_BINS { 0.0 } else { 22.0 };
+        let y = top + CELL_SIZE[1] * row as f64 + gap;
+        if row == BANK_BINS {
             svg.text("name", [16.0, y - 4.0], "pitch, deg");
         }
-        svg.text("tick end", [LEFT - 6.0, y + 17.0], name);
+        svg.text("tick end", [LEFT_MARGIN - 6.0, y + 17.0], name);
         for (sector, cell) in cells.iter().enumerate() {
-            draw(&mut svg, [LEFT + CELL[0] * sector as f64, y], CELL, *cell, knows);
+            draw(&mut svg, [LEFT_MARGIN + CELL_SIZE[0] * sector as f64, y], CELL_SIZE, *cell, knows);
         }
     }
-    let bottom = top + CELL[1] * ROWS.len() as f64 + 22.0;
-    for sector in 0..SECTORS {
-        svg.text("tick mid", [LEFT + CELL[0] * (sector as f64 + 0.5), bottom + 16.0], &(30 * sector).to_string());
+    let bottom = top + CELL_SIZE[1] * TILT_ROWS.len() as f64 + 22.0;
+    for sector in 0..HEADING_SECTORS {
+        svg.text(
+            "tick mid",
+            [LEFT_MARGIN + CELL_SIZE[0] * (sector as f64 + 0.5), bottom + 16.0],
+            &(30 * sector).to_string(),
+        );
     }
-    svg.text("name mid", [LEFT + CELL[0] * SECTORS as f64 / 2.0, bottom + 34.0], "heading, deg");
-    Picture { svg, title: "What was flown".to_owned(), description: words(compass_report, &cells), is_wide: true }
+    svg.text("name mid", [LEFT_MARGIN + CELL_SIZE[0] * HEADING_SECTORS as f64 / 2.0, bottom + 34.0], "heading, deg");
+    Picture {
+        svg,
+        title: "What was flown".to_owned(),
+        description: coverage_in_words(compass_report, &cells),
+        is_wide: true,
+    }
 }
 
 fn draw(svg: &mut Svg, [x, y]: Point, [width, height]: Point, cell: CoverageCell, knows_fitted: bool) {
@@ -110,24 +119,27 @@ fn draw(svg: &mut Svg, [x, y]: Point, [width, height]: Point, cell: CoverageCell
     }
 }
 
-fn words(compass_report: &CompassReport, cells: &[[CoverageCell; SECTORS]; ROWS.len()]) -> String {
-    let mut words = Vec::new();
-    for ((name, _), row) in ROWS.iter().zip(cells) {
+fn coverage_in_words(
+    compass_report: &CompassReport,
+    cells: &[[CoverageCell; HEADING_SECTORS]; TILT_ROWS.len()],
+) -> String {
+    let mut coverage_in_words = Vec::new();
+    for ((name, _), row) in TILT_ROWS.iter().zip(cells) {
         let missing: Vec<String> = row
             .iter()
             .enumerate()
             .filter(|(_, cell)| cell.is_missing())
             .map(|(sector, _)| (30 * sector).to_string())
             .collect();
-        words.push(match missing.len() {
+        coverage_in_words.push(match missing.len() {
             0 => format!("{name}: all headings flown"),
-            SECTORS => format!("{name}: none flown"),
+            HEADING_SECTORS => format!("{name}: none flown"),
             _ => format!("{name}: not flown {}", missing.join(", ")),
         });
     }
     let advice =
         compass_report.advice.as_ref().map_or_else(String::new, |advice| format!(" Most useful next: {advice}."));
-    format!("{}. Not every cell is required.{advice}", words.join("; "))
+    format!("{}. Not every cell is required.{advice}", coverage_in_words.join("; "))
 }
 
 #[cfg(test)]

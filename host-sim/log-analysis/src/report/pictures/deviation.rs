@@ -6,20 +6,20 @@ use super::super::svg::{Point, Shape, Svg};
 use super::{LegendSample, Picture, draw_legend};
 use crate::numbers::format_number;
 
-const SIZE: Point = [440.0, 350.0];
+const PICTURE_SIZE: Point = [440.0, 350.0];
 
 /// Largest number of points drawn.
-const POINTS: usize = 700;
+const MAX_POINTS: usize = 700;
 
 /// Fraction of points within the frame.
-const MOST: f64 = 0.98;
+const FRAMED_FRACTION: f64 = 0.98;
 
 /// Classes of the lines before the calibration: line, points.
-const BEFORE: [(&str, Shape, &str); 3] =
+const UNCALIBRATED_LINES: [(&str, Shape, &str); 3] =
     [("l l0", Shape::Circle, "p0"), ("l l1", Shape::Triangle, "p1"), ("l l2", Shape::Square, "p2")];
 
 pub fn common_scale_picture(compass_report: &CompassReport, word: &str) -> Picture {
-    let mut svg = Svg::new(SIZE[0], SIZE[1]);
+    let mut svg = Svg::new(PICTURE_SIZE[0], PICTURE_SIZE[1]);
     draw_one_scale(&mut svg, [0.0, 0.0], compass_report, word);
     let [before, after] = [&compass_report.before, &compass_report.after].map(|lines| max_error_deg(lines));
     let title = headline(compass_report).to_owned();
@@ -42,7 +42,7 @@ pub fn enlarged_picture(compass_report: &CompassReport, word: &str) -> Option<Pi
     if compass_report.after.is_empty() {
         return None;
     }
-    let mut svg = Svg::new(SIZE[0], SIZE[1]);
+    let mut svg = Svg::new(PICTURE_SIZE[0], PICTURE_SIZE[1]);
     let outside = draw_enlarged(&mut svg, [0.0, 0.0], compass_report, word);
     let mut words = vec![format!(
         "The largest {word} by heading is {} deg.",
@@ -64,11 +64,11 @@ pub fn enlarged_picture(compass_report: &CompassReport, word: &str) -> Option<Pi
 
 /// Draws both frames side by side, for documents with one picture.
 pub fn combined_picture(compass_report: &CompassReport, word: &str) -> Picture {
-    let mut svg = Svg::new(2.0 * SIZE[0], SIZE[1]);
+    let mut svg = Svg::new(2.0 * PICTURE_SIZE[0], PICTURE_SIZE[1]);
     draw_one_scale(&mut svg, [0.0, 0.0], compass_report, word);
     let (first, second) = (common_scale_picture(compass_report, word), enlarged_picture(compass_report, word));
     if second.is_some() {
-        draw_enlarged(&mut svg, [SIZE[0], 0.0], compass_report, word);
+        draw_enlarged(&mut svg, [PICTURE_SIZE[0], 0.0], compass_report, word);
     }
     let words = second
         .map_or_else(|| first.description.clone(), |second| format!("{} {}", first.description, second.description));
@@ -90,7 +90,12 @@ fn max_error_deg(lines: &[DeviationCurve]) -> f64 {
 
 fn frame(top: f64, [left, up]: Point, y: Axis) -> PlotFrame {
     let at = [left + 58.0, top];
-    PlotFrame { x: Axis::headings_deg(90), y, origin: at, size: [SIZE[0] - 58.0 - 16.0, up + SIZE[1] - 44.0 - top] }
+    PlotFrame {
+        x: Axis::headings_deg(90),
+        y,
+        origin: at,
+        size: [PICTURE_SIZE[0] - 58.0 - 16.0, up + PICTURE_SIZE[1] - 44.0 - top],
+    }
 }
 
 fn title(svg: &mut Svg, [left, up]: Point, words: &str) -> Point {
@@ -102,7 +107,7 @@ fn draw_one_scale(svg: &mut Svg, at: Point, compass_report: &CompassReport, word
     let below = title(svg, at, headline(compass_report));
     let names: Vec<String> =
         compass_report.before.iter().map(|line| format!("before{}", name_suffix(&line.name))).collect();
-    let mut items: Vec<(LegendSample, &str)> = BEFORE
+    let mut items: Vec<(LegendSample, &str)> = UNCALIBRATED_LINES
         .iter()
         .zip(&names)
         .map(|(&(line, shape, class), name)| (LegendSample::Both(line, shape, class), &**name))
@@ -114,11 +119,11 @@ fn draw_one_scale(svg: &mut Svg, at: Point, compass_report: &CompassReport, word
     if !compass_report.after.is_empty() {
         items.push((LegendSample::Line("l l3"), &after));
     }
-    let top = draw_legend(svg, below, SIZE[0] - 32.0, &items);
+    let top = draw_legend(svg, below, PICTURE_SIZE[0] - 32.0, &items);
     let y = Axis::symmetric_deg(max_error_deg(&compass_report.before).max(max_error_deg(&compass_report.after)));
     let frame = frame(top, at, y);
     frame.draw(svg, "heading, deg", &format!("{word}, deg"));
-    for (line, (class, shape, points)) in compass_report.before.iter().zip(BEFORE) {
+    for (line, (class, shape, points)) in compass_report.before.iter().zip(UNCALIBRATED_LINES) {
         draw(svg, &frame, line, class, Some((shape, points)));
     }
     for line in &compass_report.after {
@@ -138,7 +143,7 @@ fn draw_enlarged(svg: &mut Svg, at: Point, compass_report: &CompassReport, word:
     let names: Vec<String> =
         compass_report.after.iter().map(|line| format!("after{}", name_suffix(&line.name))).collect();
     // A single line looks as in the common frame.
-    let classes = if compass_report.after.len() > 1 { BEFORE } else { [("l l3", Shape::Circle, "p3"); 3] };
+    let classes = if compass_report.after.len() > 1 { UNCALIBRATED_LINES } else { [("l l3", Shape::Circle, "p3"); 3] };
     let mut items: Vec<(LegendSample, &str)> = classes
         .iter()
         .zip(&names)
@@ -150,14 +155,14 @@ fn draw_enlarged(svg: &mut Svg, at: Point, compass_report: &CompassReport, word:
     if !points.is_empty() {
         items.push((LegendSample::Points(Shape::Dot, "dot"), "single headings"));
     }
-    let top = draw_legend(svg, below, SIZE[0] - 32.0, &items);
+    let top = draw_legend(svg, below, PICTURE_SIZE[0] - 32.0, &items);
     let most = max_error_deg(&compass_report.after)
         .max(max_magnitude(compass_report.sigma_deg.iter().copied()))
-        .max(magnitude_quantile(points.iter().map(|[_, error]| *error), MOST));
+        .max(magnitude_quantile(points.iter().map(|[_, error]| *error), FRAMED_FRACTION));
     let frame = frame(top, at, Axis::symmetric_deg(most));
     band(svg, &frame, &compass_report.sigma_deg);
     frame.draw(svg, "heading, deg", &format!("{word}, deg"));
-    let plotted: Vec<Option<Point>> = subsample(&points, POINTS).map(|&[x, y]| frame.point(x, y)).collect();
+    let plotted: Vec<Option<Point>> = subsample(&points, MAX_POINTS).map(|&[x, y]| frame.point(x, y)).collect();
     svg.points("dot", Shape::Dot, 1.4, plotted.iter().copied().flatten());
     for (line, (class, shape, points)) in compass_report.after.iter().zip(classes) {
         draw(svg, &frame, line, class, Some((shape, points)));

@@ -11,7 +11,7 @@ const POINTS: usize = 2500;
 
 /// Draws the map; none without positions.
 pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
-    const SIDE: f64 = 400.0;
+    const MAP_SIDE: f64 = 400.0;
     let places: Vec<Point> = compass_report.samples.iter().filter_map(|moment| moment.position_m).collect();
     let [east, north] = [0, 1].map(|axis| {
         let all = places.iter().map(move |place| place[axis]).filter(|number| number.is_finite());
@@ -33,10 +33,10 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
             number_every: 1,
         }
     };
-    let mut svg = Svg::new(SIDE + 90.0, SIDE + 110.0);
-    let kinds = kinds(compass_report.has_fitted_marks);
+    let mut svg = Svg::new(MAP_SIDE + 90.0, MAP_SIDE + 110.0);
+    let track_classes = track_classes(compass_report.has_fitted_marks);
     let mut items: Vec<(LegendSample, &str)> =
-        kinds.iter().map(|kind| (LegendSample::Line(kind.class), kind.name)).collect();
+        track_classes.iter().map(|kind| (LegendSample::Line(kind.class), kind.name)).collect();
     if compass_report.has_fitted_marks {
         items.push((LegendSample::Points(Shape::Circle, "p2"), "collected"));
     }
@@ -44,11 +44,11 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
         (LegendSample::Points(Shape::Triangle, "p0"), "begins"),
         (LegendSample::Points(Shape::Square, "p0"), "ends"),
     ]);
-    let top = draw_legend(&mut svg, [16.0, 8.0], SIDE + 58.0, &items);
-    let frame = PlotFrame { x: axis(east), y: axis(north), origin: [70.0, top], size: [SIDE, SIDE] };
+    let top = draw_legend(&mut svg, [16.0, 8.0], MAP_SIDE + 58.0, &items);
+    let frame = PlotFrame { x: axis(east), y: axis(north), origin: [70.0, top], size: [MAP_SIDE, MAP_SIDE] };
     frame.draw(&mut svg, &format!("east, {unit}"), &format!("north, {unit}"));
     let point = |[x, y]: Point| frame.point(x / per, y / per);
-    for kind in &kinds {
+    for kind in &track_classes {
         let track = subsample(&compass_report.samples, POINTS)
             .map(|moment| moment.position_m.filter(|_| (kind.belongs)(moment)).and_then(point));
         svg.path(kind.class, track);
@@ -77,7 +77,7 @@ struct TrackClass {
 }
 
 /// Classes of the track: usability in a log, collection in a mission.
-fn kinds(knows_fitted: bool) -> [TrackClass; 2] {
+fn track_classes(knows_fitted: bool) -> [TrackClass; 2] {
     let kind = |name, class, belongs| TrackClass { name, class, belongs };
     if knows_fitted {
         [

@@ -20,21 +20,21 @@ pub enum LegendSample {
     Area(&'static str),
 }
 
-const ROW: f64 = 18.0;
+const LEGEND_ROW_HEIGHT: f64 = 18.0;
 
 /// Draws a legend in as many rows as needed; returns its lower edge.
 pub fn draw_legend(svg: &mut Svg, [left, top]: Point, width: f64, items: &[(LegendSample, &str)]) -> f64 {
-    const SAMPLE: f64 = 24.0;
+    const LEGEND_SAMPLE_WIDTH: f64 = 24.0;
     let (mut x, mut y) = (left, top);
     for (key, name) in items {
         // Upper bound of the mean letter width, also on narrow screens with larger letters.
-        let length = SAMPLE + 6.0 + 7.6 * name.chars().count() as f64 + 12.0;
+        let length = LEGEND_SAMPLE_WIDTH + 6.0 + 7.6 * name.chars().count() as f64 + 12.0;
         if x > left && x + length > left + width {
-            (x, y) = (left, y + ROW);
+            (x, y) = (left, y + LEGEND_ROW_HEIGHT);
         }
-        let middle = y + ROW / 2.0;
-        let across = |svg: &mut Svg, class: &str| svg.line(class, [x, middle], [x + SAMPLE, middle]);
-        let centre = [[x + SAMPLE / 2.0, middle]];
+        let middle = y + LEGEND_ROW_HEIGHT / 2.0;
+        let across = |svg: &mut Svg, class: &str| svg.line(class, [x, middle], [x + LEGEND_SAMPLE_WIDTH, middle]);
+        let centre = [[x + LEGEND_SAMPLE_WIDTH / 2.0, middle]];
         match *key {
             LegendSample::Line(class) => across(svg, class),
             LegendSample::Points(shape, class) => svg.points(class, shape, 3.5, centre),
@@ -42,10 +42,10 @@ pub fn draw_legend(svg: &mut Svg, [left, top]: Point, width: f64, items: &[(Lege
                 across(svg, line);
                 svg.points(class, shape, 3.5, centre);
             }
-            LegendSample::Area(class) => svg.rect(class, [x, y + 3.0], [SAMPLE, ROW - 6.0]),
+            LegendSample::Area(class) => svg.rect(class, [x, y + 3.0], [LEGEND_SAMPLE_WIDTH, LEGEND_ROW_HEIGHT - 6.0]),
         }
-        svg.text("name", [x + SAMPLE + 6.0, middle + 4.0], name);
+        svg.text("name", [x + LEGEND_SAMPLE_WIDTH + 6.0, middle + 4.0], name);
         x += length;
     }
-    y + ROW + 8.0
+    y + LEGEND_ROW_HEIGHT + 8.0
 }

@@ -22,7 +22,7 @@ use address::{
     TEMP_OUT_L, WHO_AM_I,
 };
 
-const COUNT: usize = 0x40;
+const REGISTER_COUNT: usize = 0x40;
 const ADDRESS_MASK: u8 = 0x3F;
 const AUTO_INCREMENT: u8 = 0x80;
 const TEMPERATURE_ENABLE: u8 = 0x80;
@@ -61,7 +61,7 @@ pub(super) const FAST_RATE_HZ: [f64; 4] = [1000.0, 560.0, 300.0, 155.0];
 
 /// Registers, address pointer, and measurements delayed by block data update.
 pub(super) struct Registers {
-    bytes: [u8; COUNT],
+    bytes: [u8; REGISTER_COUNT],
     pointer: u8,
     auto_increment: bool,
     /// Bit mask of axes whose low byte was read and high byte was not.
@@ -72,7 +72,7 @@ pub(super) struct Registers {
 
 impl Default for Registers {
     fn default() -> Self {
-        let mut bytes = [0; COUNT];
+        let mut bytes = [0; REGISTER_COUNT];
         for (register, reset) in [(WHO_AM_I, 0x3D), (CTRL_REG1, 0x10), (CTRL_REG3, POWER_DOWN), (INT_CFG, 0xE8)] {
             bytes[usize::from(register)] = reset;
         }
@@ -106,7 +106,7 @@ impl Registers {
         self.advance();
         let value = self.bytes[usize::from(register)];
         if (OUT_X_L..=OUT_Z_H).contains(&register) {
-            self.note_output_read(register - OUT_X_L);
+            self.lock_axis_while_read(register - OUT_X_L);
         }
         value
     }
@@ -120,7 +120,7 @@ impl Registers {
     }
 
     /// Reading a low byte locks the axis until its high byte is read, which clears the axis's flags.
-    fn note_output_read(&mut self, offset: u8) {
+    fn lock_axis_while_read(&mut self, offset: u8) {
         let axis = offset / 2;
         let bit = 1 << axis;
         if offset.is_multiple_of(2) {

@@ -57,7 +57,7 @@ impl Line {
     }
 
     pub fn send(&mut self, bytes: &[u8], now_us: u64) {
-        self.settle(now_us);
+        self.deliver_arrived_bytes(now_us);
         self.free_at = self.free_at.max(now_us * self.baud);
         for &byte in bytes {
             self.free_at += BITS_PER_BYTE * MICROSECONDS_PER_SECOND;
@@ -87,14 +87,14 @@ impl Line {
 
     /// Drops bytes in transmission, as when the sender is switched off.
     pub fn drop_in_transit(&mut self, now_us: u64) {
-        self.settle(now_us);
+        self.deliver_arrived_bytes(now_us);
         self.wire.clear();
         self.free_at = now_us * self.baud;
     }
 
     /// Clears the receive buffer, as when the receiver is switched on.
     pub fn clear_received(&mut self, now_us: u64) {
-        self.settle(now_us);
+        self.deliver_arrived_bytes(now_us);
         self.received.clear();
         self.error = None;
         self.reader = None;
@@ -102,7 +102,7 @@ impl Line {
 
     /// Up to `limit` received bytes.
     pub fn take_received(&mut self, limit: usize, now_us: u64) -> Vec<TimedByte> {
-        self.settle(now_us);
+        self.deliver_arrived_bytes(now_us);
         let count = limit.min(self.received.len());
         self.received.drain(..count).collect()
     }
@@ -124,7 +124,7 @@ impl Line {
 
     /// Ready when a byte or an error is available.
     pub fn poll_readable(&mut self, now_us: u64, waker: &Waker) -> Poll<()> {
-        self.settle(now_us);
+        self.deliver_arrived_bytes(now_us);
         if self.error.is_some() || !self.received.is_empty() {
             self.reader = None;
             return Poll::Ready(());
@@ -141,7 +141,7 @@ impl Line {
     }
 
     /// Moves arrived bytes into the receive buffer. An overflow loses bytes and sets the overrun error.
-    fn settle(&mut self, now_us: u64) {
+    fn deliver_arrived_bytes(&mut self, now_us: u64) {
         while let Some(timed_byte) = self.wire.pop_front_if(|timed_byte| timed_byte.at_us <= now_us) {
             if self.received.len() < self.capacity {
                 self.received.push_back(timed_byte);

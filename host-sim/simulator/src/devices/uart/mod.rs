@@ -70,7 +70,7 @@ impl Cable {
         self.to_module.borrow_mut().clear_received(clock::now_us());
         let transmitter = Transmitter {
             line: Rc::clone(&self.to_host),
-            back: Rc::clone(&self.to_module),
+            opposite_direction: Rc::clone(&self.to_module),
             buffer: self.transmit_buffer,
         };
         (Receiver { line: Rc::clone(&self.to_module) }, transmitter)
@@ -156,7 +156,7 @@ impl Read for Receiver {
 pub struct Transmitter {
     line: Rc<RefCell<Line>>,
     /// The opposite direction, which has the same speed.
-    back: Rc<RefCell<Line>>,
+    opposite_direction: Rc<RefCell<Line>>,
     buffer: usize,
 }
 
@@ -194,7 +194,7 @@ impl Write for Transmitter {
 
 impl SetBaud for Transmitter {
     fn set_baud(&mut self, baud: Baud) {
-        for line in [&self.line, &self.back] {
+        for line in [&self.line, &self.opposite_direction] {
             line.borrow_mut().set_baud(baud.bits_per_s());
         }
     }

@@ -9,7 +9,7 @@ const SLOPE_DEG: f64 = 6.0;
 const ROLL_PER_SLOPE: f64 = 1.3;
 const PITCH_PER_SLOPE: f64 = 0.6;
 /// Outward heel as a share of the angle `turn acceleration / g`.
-const HEEL: f64 = 0.5;
+const HEEL_PER_TURN_ANGLE: f64 = 0.5;
 const TURN_RATE_TIME_S: f64 = 1.0;
 
 #[derive(Clone, Debug)]
@@ -36,7 +36,7 @@ impl Boat {
         let [rolled_rad, pitch_rad] = roll_pitch_on_slope([PITCH_PER_SLOPE * ahead, ROLL_PER_SLOPE * right]);
         let (sin, cos) = libm::sincos(self.heading_rad);
         Motion {
-            roll_rad: rolled_rad - HEEL * turning_m_s2 / GRAVITY_M_S2,
+            roll_rad: rolled_rad - HEEL_PER_TURN_ANGLE * turning_m_s2 / GRAVITY_M_S2,
             pitch_rad,
             heading_rad: self.heading_rad,
             sideslip_rad: 0.0,

@@ -18,8 +18,8 @@ const TURN_RATE_TIME_S: f64 = 0.3;
 /// Time constant of drag, seconds: 15 degrees of tilt reach 13 m/s.
 const DRAG_TIME_S: f64 = 5.0;
 /// Hover controller gains: acceleration per velocity (1/s) and per position error (1/s^2).
-const PER_VELOCITY_S: f64 = 1.0;
-const PER_OFFSET_S2: f64 = 0.3;
+const VELOCITY_GAIN_S: f64 = 1.0;
+const POSITION_GAIN_S2: f64 = 0.3;
 /// Speed below which the hover controller fixes its position set point, metres per second.
 const AT_REST_M_S: f64 = 1.0;
 #[derive(Clone, Copy, Debug)]
@@ -138,7 +138,7 @@ impl Copter {
         match command.mode {
             TranslationMode::OnTheSpot => {
                 let back = std::array::from_fn(|i| {
-                    PER_OFFSET_S2 * (self.spot_m[i] - position_m[i]) - PER_VELOCITY_S * self.velocity_m_s[i]
+                    POSITION_GAIN_S2 * (self.spot_m[i] - position_m[i]) - VELOCITY_GAIN_S * self.velocity_m_s[i]
                 });
                 (clamp_length(forward_right(self.heading_rad, back), own_limit_m_s2), command.turn_rate_rad_s)
             }
@@ -149,7 +149,7 @@ impl Copter {
             }
             TranslationMode::Onward => {
                 let [forward, right] = forward_right(self.heading_rad, self.velocity_m_s);
-                let errors = [self.config.speed_m_s - forward, -right].map(|error| PER_VELOCITY_S * error);
+                let errors = [self.config.speed_m_s - forward, -right].map(|error| VELOCITY_GAIN_S * error);
                 let [ahead, across] = clamp_length(errors, own_limit_m_s2);
                 let turning_m_s2 = GRAVITY_M_S2 * libm::tan(command.bank_rad);
                 ([ahead, across + turning_m_s2], turning_m_s2 / self.config.speed_m_s)

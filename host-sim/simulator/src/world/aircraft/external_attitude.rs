@@ -10,7 +10,7 @@ use super::{STEP_US, TrueState};
 use crate::world::rotation::Euler;
 
 /// Longest interpolation, microseconds: attitudes at 4 Hz are still interpolated without a rest.
-const LONGEST_US: u64 = 250_000;
+const MAX_INTERPOLATION_US: u64 = 250_000;
 
 /// Interpolation to a received attitude.
 #[derive(Clone, Copy, Debug)]
@@ -33,7 +33,7 @@ impl AttitudeInterpolation {
             pitch_rad: received.pitch_rad - from.pitch_rad,
             heading_rad: wrap_pi_rad(received.heading_rad - from.heading_rad),
         };
-        Self { from, change, received_us: state.time_us, takes_us: since_us.clamp(STEP_US, LONGEST_US) }
+        Self { from, change, received_us: state.time_us, takes_us: since_us.clamp(STEP_US, MAX_INTERPOLATION_US) }
     }
 
     /// State one step after `before`.

@@ -153,7 +153,7 @@ impl Aircraft {
         match &self.motion_source {
             MotionSource::ByItself => self.fly_on(),
             MotionSource::Carried(prescribed_motion, since_us) => {
-                self.state = self.carried_state(*prescribed_motion, *since_us);
+                self.state = self.state_in_prescribed_motion(*prescribed_motion, *since_us);
             }
             MotionSource::Followed(followed) => self.state = followed.next_state(&self.state),
         }
@@ -191,7 +191,7 @@ impl Aircraft {
         };
     }
 
-    fn carried_state(&self, prescribed_motion: PrescribedMotion, since_us: u64) -> TrueState {
+    fn state_in_prescribed_motion(&self, prescribed_motion: PrescribedMotion, since_us: u64) -> TrueState {
         let time_us = self.state.time_us + STEP_US;
         let seconds = (time_us - since_us) as f64 / 1e6;
         let [roll_rate_rad_s, heading_rate_rad_s] =

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use super::GRAVITY_M_S2;
 use crate::random::{Purpose, Random};
 
-const WAVES: usize = 24;
+const WAVE_COUNT: usize = 24;
 
 /// Plane wave with slope `slope cos(k (n cos d + e sin d) - w t + p)` along its direction `d`.
 #[derive(Clone, Copy, Debug)]
@@ -31,24 +31,24 @@ impl Surface {
         let mut random = Random::new(seed, Purpose::Surface);
         // The mean square slope along a fixed direction is a quarter of the squared amplitude: one half from the wave
         // directions, one half from the cosine.
-        let slope = libm::tan(slope_deg.to_radians()) * (4.0 / WAVES as f64).sqrt();
-        Self((0..WAVES).map(|_| Wave::new(&mut random, slope, [5.0, 40.0], [0.0, TAU])).collect())
+        let slope = libm::tan(slope_deg.to_radians()) * (4.0 / WAVE_COUNT as f64).sqrt();
+        Self((0..WAVE_COUNT).map(|_| Wave::new(&mut random, slope, [5.0, 40.0], [0.0, TAU])).collect())
     }
 
     /// Waves of 8 to 20 m length (periods 2.3 to 3.6 s) that travel within 40 degrees of `toward_rad`; `slope_deg` is
     /// the standard deviation of the slope along `toward_rad`.
     pub fn water(slope_deg: f64, toward_rad: f64, seed: u64) -> Self {
-        const SPREAD_RAD: f64 = 0.7;
+        const WAVE_DIRECTION_SPREAD_RAD: f64 = 0.7;
         let mut random = Random::new(seed, Purpose::Surface);
         // The mean square of the cosine over +-0.7 rad is 0.85.
-        let slope = libm::tan(slope_deg.to_radians()) * (2.0 / 0.85 / WAVES as f64).sqrt();
-        let directions = [toward_rad - SPREAD_RAD, toward_rad + SPREAD_RAD];
+        let slope = libm::tan(slope_deg.to_radians()) * (2.0 / 0.85 / WAVE_COUNT as f64).sqrt();
+        let directions = [toward_rad - WAVE_DIRECTION_SPREAD_RAD, toward_rad + WAVE_DIRECTION_SPREAD_RAD];
         let travelling = |wave: Wave| {
             // Dispersion relation of deep water: w^2 = g k.
             let number_per_m = libm::hypot(wave.number_per_m[0], wave.number_per_m[1]);
             Wave { frequency_rad_s: (GRAVITY_M_S2 * number_per_m).sqrt(), ..wave }
         };
-        Self((0..WAVES).map(|_| travelling(Wave::new(&mut random, slope, [8.0, 20.0], directions))).collect())
+        Self((0..WAVE_COUNT).map(|_| travelling(Wave::new(&mut random, slope, [8.0, 20.0], directions))).collect())
     }
 
     /// Slope to the north and to the east, upward positive (height over distance).

@@ -16,7 +16,7 @@ const SPEED_TIME_S: f64 = 3.2;
 
 /// Limits in rotor-borne flight. Drag of a gliding airframe: 22 m/s at a glide ratio of 6.5. Tilt and drag together
 /// brake by at most 3 m/s^2.
-const LIMITS: CopterLimits = CopterLimits { max_controller_tilt_deg: 8.0, max_drag_m_s2: 1.5 };
+const ROTOR_BORNE_LIMITS: CopterLimits = CopterLimits { max_controller_tilt_deg: 8.0, max_drag_m_s2: 1.5 };
 
 /// Attitude and velocity of the previous model less those of the present one.
 #[derive(Clone, Copy, Debug, Default)]
@@ -41,7 +41,7 @@ pub(super) struct Vtol {
 impl Vtol {
     pub fn new(config: VehicleConfig, weather: Weather, seed: u64) -> Self {
         Self {
-            copter: Copter::new(config, LIMITS, weather, seed),
+            copter: Copter::new(config, ROTOR_BORNE_LIMITS, weather, seed),
             plane: Plane::new(config, weather, seed),
             on_wings: false,
             difference: TransitionDifference::default(),

@@ -52,7 +52,7 @@ struct PeriodicMessage {
     due_us: u64,
 }
 
-const KNOWN: [u32; 5] =
+const REQUESTABLE_MESSAGES: [u32; 5] =
     [HEARTBEAT_DATA::ID, SYS_STATUS_DATA::ID, ATTITUDE_DATA::ID, GLOBAL_POSITION_INT_DATA::ID, SYSTEM_TIME_DATA::ID];
 
 /// Sensor inputs of the autopilot.
@@ -190,7 +190,9 @@ impl MavlinkAutopilot {
         {
             self.execute_command(now_us, frame, &command);
         }
-        if frame.id == REQUEST_DATA_STREAM && self.is_addressed(frame.byte(2), frame.byte(3)) && frame.byte(4) == EXTRA1
+        if frame.id == REQUEST_DATA_STREAM
+            && self.is_addressed(frame.byte(2), frame.byte(3))
+            && frame.byte(4) == STREAM_EXTRA1
         {
             let asked_hz = f64::from(u16::from_le_bytes([frame.byte(0), frame.byte(1)]));
             let most_hz = 1e6 / f64::from(self.firmware.least_interval_us());
@@ -212,7 +214,7 @@ impl MavlinkAutopilot {
         } else if command.param2 < self.firmware.least_interval_us() {
             self.denied += 1;
             MavResult::MAV_RESULT_DENIED
-        } else if !KNOWN.contains(&(command.param1 as u32)) {
+        } else if !REQUESTABLE_MESSAGES.contains(&(command.param1 as u32)) {
             MavResult::MAV_RESULT_FAILED
         } else {
             self.stream(command.param1 as u32, 1e6 / f64::from(command.param2), now_us);
@@ -237,7 +239,7 @@ impl MavlinkAutopilot {
 /// Message superseded by SET_MESSAGE_INTERVAL.
 const REQUEST_DATA_STREAM: u32 = 66;
 
-const EXTRA1: u8 = 10;
+const STREAM_EXTRA1: u8 = 10;
 
 #[cfg(test)]
 mod tests;

@@ -47,13 +47,13 @@ pub struct CompassSample {
 }
 
 /// Shortest and longest delay from request to answer observed with ArduPilot, milliseconds.
-const DELAY_MS: (f64, f64) = (3.5, 18.0);
+const ANSWER_DELAY_RANGE_MS: (f64, f64) = (3.5, 18.0);
 
 /// MSP autopilot.
 #[derive(Clone, Debug)]
 pub struct MspAutopilot {
     firmware: MspFirmware,
-    troubles: AnswerFaults,
+    answer_faults: AnswerFaults,
     random: Random,
     frames: RequestReader,
     /// Pending requests with answer time, in order of reception.
@@ -65,10 +65,10 @@ pub struct MspAutopilot {
 impl MspAutopilot {
     /// An autopilot that was just switched on.
     #[must_use]
-    pub fn new(firmware: MspFirmware, troubles: AnswerFaults, seed: u64) -> Self {
+    pub fn new(firmware: MspFirmware, answer_faults: AnswerFaults, seed: u64) -> Self {
         let random = Random::new(seed, Purpose::Msp);
         let (frames, waiting) = (RequestReader::default(), VecDeque::new());
-        Self { firmware, troubles, random, frames, waiting, held: Vec::new(), readings: Vec::new() }
+        Self { firmware, answer_faults, random, frames, waiting, held: Vec::new(), readings: Vec::new() }
     }
 
     /// Processes a byte received at `at_us`.
@@ -77,7 +77,7 @@ impl MspAutopilot {
         if let Some((instance, time_ms, field_mg)) = request.compass_sample() {
             self.readings.push(CompassSample { at_us, instance, time_ms, field_mg });
         } else if !request.is_sensor_function() {
-            let delay_us = 1e3 * self.random.uniform(DELAY_MS.0, DELAY_MS.1);
+            let delay_us = 1e3 * self.random.uniform(ANSWER_DELAY_RANGE_MS.0, ANSWER_DELAY_RANGE_MS.1);
             // Requests are answered in order.
             let after_us = self.waiting.back().map_or(0, |(due_us, _)| *due_us);
             self.waiting.push_back((after_us.max(at_us + delay_us as u64), request));
@@ -95,7 +95,7 @@ impl MspAutopilot {
         let mut sent = Vec::new();
         while let Some((_, request)) = self.waiting.pop_front_if(|(due_us, _)| *due_us <= now_us) {
             let answer = self.answer(&request, known);
-            self.pass_through_trouble(&answer, &request, &mut sent);
+            self.send_with_faults(&answer, &request, &mut sent);
         }
         sent
     }
@@ -122,8 +122,8 @@ impl MspAutopilot {
         )
     }
 
-    fn pass_through_trouble(&mut self, answer: &Answer, request: &Request, sent: &mut Vec<u8>) {
-        let AnswerFaults { dropped, rejected: refused, truncated: cut, delayed: joined } = self.troubles;
+    fn send_with_faults(&mut self, answer: &Answer, request: &Request, sent: &mut Vec<u8>) {
+        let AnswerFaults { dropped, rejected: refused, truncated: cut, delayed: joined } = self.answer_faults;
         // A uniform random number selects the fault by cumulative probability.
         let draw = self.random.uniform(0.0, 1.0);
         if draw < dropped {

@@ -137,8 +137,8 @@ fn answers_are_delayed_by_3_5_to_18_ms() {
 }
 
 /// Messages, bytes and rejected frames from a thousand requests.
-fn replies_with_faults(troubles: AnswerFaults) -> (Vec<MspReply>, usize, u32) {
-    let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, troubles, 5);
+fn replies_with_faults(answer_faults: AnswerFaults) -> (Vec<MspReply>, usize, u32) {
+    let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, answer_faults, 5);
     let mut bytes = Vec::new();
     for i in 0..1_000_u64 {
         send_request(&mut autopilot, i * 20_000, &msp::request(Function::Attitude));
@@ -175,7 +175,7 @@ fn a_delayed_answer_is_sent_with_the_next() {
     let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, AnswerFaults { delayed: 1.0, ..NONE }, 5);
     send_request(&mut autopilot, 0, &msp::request(Function::Attitude));
     assert!(autopilot.send(20_000, &KNOWN).is_empty());
-    autopilot.troubles = NONE;
+    autopilot.answer_faults = NONE;
     send_request(&mut autopilot, 20_000, &msp::request(Function::Status));
     assert_eq!(autopilot.send(40_000, &KNOWN).len(), 15 + 31);
 }
@@ -191,9 +191,9 @@ struct Exchange {
 }
 
 /// Communication for `seconds`, with a new estimate every 12.5 ms.
-fn exchange(firmware: MspFirmware, troubles: AnswerFaults, seconds: u64) -> Exchange {
+fn exchange(firmware: MspFirmware, answer_faults: AnswerFaults, seconds: u64) -> Exchange {
     let (mut port, mut output) = (Msp::new(), TransmitBuffer::new());
-    let mut autopilot = MspAutopilot::new(firmware, troubles, 11);
+    let mut autopilot = MspAutopilot::new(firmware, answer_faults, 11);
     let settings = Settings::DEFAULT;
     let mut exchange = Exchange { attitudes: 0, gap_us: 0, places: 0, days: 0, is_armed: None, readings: Vec::new() };
     let mut heard_us = 1_000_000;
@@ -250,8 +250,8 @@ fn the_module_and_the_autopilot_exchange_messages() {
 
 #[test]
 fn answer_faults_do_not_stop_the_exchange() {
-    let troubles = AnswerFaults { dropped: 0.1, rejected: 0.1, truncated: 0.1, delayed: 0.1 };
-    let exchange = exchange(MspFirmware::Inav, troubles, 60);
+    let answer_faults = AnswerFaults { dropped: 0.1, rejected: 0.1, truncated: 0.1, delayed: 0.1 };
+    let exchange = exchange(MspFirmware::Inav, answer_faults, 60);
     assert!((2_990..=3_010).contains(&exchange.readings.len()));
     assert!((1_000..2_600).contains(&exchange.attitudes), "{}", exchange.attitudes);
     // Six faults in a row, 50 ms each, have a probability of about 0.001.

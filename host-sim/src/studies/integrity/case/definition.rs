@@ -6,7 +6,7 @@ use std::rc::Rc;
 use nalgebra::Vector3;
 use simulator::faults::attitude::{
     AdditionalLatency, Alignment, AttitudeFault, Restart, SecondSender, Silence, attitude_bias, attitude_quantisation,
-    bank_scale_error, filter_alignment, frozen_attitude, hanging_attitude, lagging_lean, rate_scale_error,
+    bank_scale_error, filter_alignment, frozen_attitude, hanging_attitude, lagging_bank_error, rate_scale_error,
 };
 use simulator::faults::field::{
     FieldFault, MountTurn, OtherPlace, SoftIronHysteresis, elevator_linkage, hard_iron_change, hard_iron_drift,
@@ -27,9 +27,9 @@ use simulator::world::gyro::GyroConfig;
 use simulator::world::rotation::Euler;
 
 use crate::studies::integrity::plan::AttitudeProtocol;
-use crate::studies::integrity::use_legs::{self, IN_TURN_S};
+use crate::studies::integrity::use_legs::{self, TIME_IN_TURN_S};
 
-/// Fault and the flights on which it is tested: a row of [`CASES`](super::CASES).
+/// Fault and the flights on which it is tested: a row of [`ALL_CASES`](super::ALL_CASES).
 #[derive(Debug)]
 pub struct Case {
     /// Name on the command line and in JSON.
@@ -90,30 +90,30 @@ pub struct DrawnCase {
     /// Duration of use, seconds.
     pub use_s: f64,
     /// Draws the further legs of use, after the first.
-    pub next_legs: fn(VehicleKind, &mut Random) -> Vec<Leg>,
+    pub further_legs: fn(VehicleKind, &mut Random) -> Vec<Leg>,
     pub(super) seed: u64,
     pub(super) random: Random,
 }
 
 /// Duration of a flight in use, seconds. The first legs are the same for all (see [`flight`](crate::studies::integrity::flight)).
-pub(super) const USE_S: f64 = 185.0;
+pub(super) const USE_DURATION_S: f64 = 185.0;
 
 /// Onset of faults without a special time, seconds after the start of use.
-pub(super) const SOON_S: f64 = 10.0;
+pub(super) const USUAL_ONSET_S: f64 = 10.0;
 
 /// Onset and duration of steady flight, seconds after the start of use: after the first legs.
-const STEADY_AFTER_S: f64 = 90.0;
-const STEADY_S: f64 = 600.0;
+const STEADY_FLIGHT_ONSET_S: f64 = 90.0;
+const STEADY_FLIGHT_DURATION_S: f64 = 600.0;
 
 /// Onset of passing disturbances, seconds after the start of use.
-const PASSING_AT_S: f64 = 60.0;
+const PASSING_ONSET_S: f64 = 60.0;
 
 /// Time on the ground, and alignment time of the restarted autopilot within it, as observed on a real one, seconds.
-const STANDS_S: f64 = 60.0;
-const ALIGNS_S: f64 = 10.0;
+const TIME_ON_GROUND_S: f64 = 60.0;
+const RESTART_ALIGNMENT_S: f64 = 10.0;
 
 /// Silence of a restarting autopilot before its first attitude, seconds. An assumption: boot loader, then its sensors.
-const BOOTS_S: f64 = 4.0;
+const RESTART_SILENCE_S: f64 = 4.0;
 
 /// Shortest calibration, seconds. An aeroplane flies four circles at 25 deg of bank to one side and as many as
 /// necessary to the other: 196 to 215 s in 60 flights. A copter's calibration may be complete after accelerations on
@@ -124,7 +124,7 @@ pub(super) const fn calibration_s(aircraft: VehicleKind) -> f64 {
 
 pub(super) const COUNTS_PER_UT: f64 = 68.42;
 
-pub(super) const SENSOR_SIGMA: f64 = 0.32 * COUNTS_PER_UT;
+pub(super) const SENSOR_SIGMA_COUNTS: f64 = 0.32 * COUNTS_PER_UT;
 
 impl Case {
     /// Number of flights of this case, if `asked` are flown of others.
@@ -156,8 +156,8 @@ impl Case {
             switch: Switch::off(),
             onset: Onset::Never,
             ground_time_s: 0.0,
-            use_s: USE_S,
-            next_legs: use_legs::next_legs,
+            use_s: USE_DURATION_S,
+            further_legs: use_legs::further_legs,
             seed,
             random: Random::new(seed, Purpose::Case),
         };
@@ -194,7 +194,7 @@ impl DrawnCase {
 
     /// Onset at a random time of the straight leg or the turn at the start of use.
     pub(super) fn random_onset(&mut self) -> Onset {
-        Onset::permanent_after(self.random.uniform(SOON_S, IN_TURN_S))
+        Onset::permanent_after(self.random.uniform(USUAL_ONSET_S, TIME_IN_TURN_S))
     }
 
     pub(super) fn stick_axes(&mut self, axes: [bool; 3]) {
@@ -204,7 +204,7 @@ impl DrawnCase {
 
     pub(super) fn upset_register(&mut self, register: u8, bits: u8) {
         let switch = self.switch();
-        self.add_sensor_fault(Onset::SOON, RegisterUpset { switch, register, bits, has_occurred: false });
+        self.add_sensor_fault(Onset::SOON_AND_PERMANENT, RegisterUpset { switch, register, bits, has_occurred: false });
     }
 
     /// Saturates a random axis within its range on a level circle.
@@ -232,33 +232,33 @@ impl DrawnCase {
     /// autopilot goes on. Flown for 300 s, of which the pause itself is 4 %.
     pub(super) fn pause_beside_other_vehicle(&mut self) {
         self.use_s = 300.0;
-        self.onset = Onset::InUse { after_s: SOON_S, for_s: 12.0 };
+        self.onset = Onset::InUse { after_s: USUAL_ONSET_S, for_s: 12.0 };
         self.faults.link = vec![LinkFault::Pause(self.switch()), LinkFault::OtherVehicle(2)];
     }
 
     /// Forged messages in the autopilot's name, among its own, permanently from soon after the start of use.
     pub(super) fn forge(&mut self, message: ForgedMessage) {
-        self.onset = Onset::SOON;
+        self.onset = Onset::SOON_AND_PERMANENT;
         self.faults.link.push(LinkFault::Forged(self.switch(), message));
     }
 
     pub(super) fn bias_attitude(&mut self, degrees: f64) {
         let direction_rad = self.random.uniform(0.0, TAU);
         let bias_rad = [libm::cos(direction_rad), libm::sin(direction_rad)].map(|part| degrees.to_radians() * part);
-        self.add_attitude_fault(Onset::SOON, attitude_bias(self.switch(), bias_rad));
+        self.add_attitude_fault(Onset::SOON_AND_PERMANENT, attitude_bias(self.switch(), bias_rad));
     }
 
     /// The autopilot's attitude filter aligns on the ground.
     pub(super) fn align_attitude(&mut self) {
-        self.ground_time_s = STANDS_S;
+        self.ground_time_s = TIME_ON_GROUND_S;
         let fault = filter_alignment(self.switch(), self.random_alignment());
-        self.add_attitude_fault(Onset::InUse { after_s: SOON_S, for_s: ALIGNS_S }, fault);
+        self.add_attitude_fault(Onset::InUse { after_s: USUAL_ONSET_S, for_s: RESTART_ALIGNMENT_S }, fault);
     }
 
     fn random_alignment(&mut self) -> Alignment {
         let [amplitude_deg, roll_s, pitch_s] =
             [(3.0, 40.0), (1.5, 6.0), (1.5, 6.0)].map(|(a, b)| self.random.uniform(a, b));
-        Alignment { amplitude_deg, periods_s: [roll_s, pitch_s], for_s: ALIGNS_S }
+        Alignment { amplitude_deg, periods_s: [roll_s, pitch_s], for_s: RESTART_ALIGNMENT_S }
     }
 
     pub(super) fn hang_attitude(&mut self) {
@@ -269,44 +269,50 @@ impl DrawnCase {
 
     /// Gaps in turns of 45 deg of bank, within the two seconds over which body rates are integrated.
     pub(super) fn interrupt_link(&mut self) {
-        self.next_legs = use_legs::steep_turns;
+        self.further_legs = use_legs::steep_turns;
         let switch = self.switch();
-        self.add_attitude_fault(Onset::SOON, Silence { switch, silent_s: 1.5, period_s: 10.0, stops_clock: false });
+        self.add_attitude_fault(
+            Onset::SOON_AND_PERMANENT,
+            Silence { switch, silent_s: 1.5, period_s: 10.0, stops_clock: false },
+        );
     }
 
     /// The source stalls once for 1.4 s in a turn, as a simulated autopilot on a busy computer did: it is silent, with time
     /// stamps that go on or stop meanwhile, or it repeats its last message with new time stamps.
     pub(super) fn stall_source(&mut self) {
-        const STALL_S: f64 = 1.4;
-        let after_s = self.random.uniform(IN_TURN_S - 5.0, IN_TURN_S + 5.0);
+        const SENSOR_STALL_S: f64 = 1.4;
+        let after_s = self.random.uniform(TIME_IN_TURN_S - 5.0, TIME_IN_TURN_S + 5.0);
         let switch = self.switch();
         let kind = self.random.uniform(0.0, 3.0);
         if kind < 1.0 {
-            self.add_attitude_fault(Onset::InUse { after_s, for_s: STALL_S }, frozen_attitude(switch));
+            self.add_attitude_fault(Onset::InUse { after_s, for_s: SENSOR_STALL_S }, frozen_attitude(switch));
         } else {
             let stops_clock = kind < 2.0;
-            let fault = Silence { switch, silent_s: STALL_S, period_s: f64::INFINITY, stops_clock };
+            let fault = Silence { switch, silent_s: SENSOR_STALL_S, period_s: f64::INFINITY, stops_clock };
             self.add_attitude_fault(Onset::permanent_after(after_s), fault);
         }
     }
 
     /// The autopilot restarts, on the ground or in the air: silence, then time stamps from zero and an attitude that aligns.
     pub(super) fn restart_autopilot(&mut self) {
-        let mut after_s = self.random.uniform(SOON_S, IN_TURN_S);
+        let mut after_s = self.random.uniform(USUAL_ONSET_S, TIME_IN_TURN_S);
         if self.random.uniform(0.0, 1.0) < 0.5 {
-            self.ground_time_s = STANDS_S;
-            after_s = SOON_S;
+            self.ground_time_s = TIME_ON_GROUND_S;
+            after_s = USUAL_ONSET_S;
         }
         let (switch, alignment) = (self.switch(), self.random_alignment());
-        self.add_attitude_fault(Onset::permanent_after(after_s), Restart { switch, silent_s: BOOTS_S, alignment });
+        self.add_attitude_fault(
+            Onset::permanent_after(after_s),
+            Restart { switch, silent_s: RESTART_SILENCE_S, alignment },
+        );
     }
 
     pub(super) fn scale_bank(&mut self, onset: Onset, reported_ratio: f64) {
         self.add_attitude_fault(onset, bank_scale_error(self.switch(), reported_ratio));
     }
 
-    pub(super) fn lean_with_lag(&mut self) {
-        self.add_attitude_fault(Onset::Always, lagging_lean(self.switch(), 0.12, 10.0));
+    pub(super) fn lag_bank_in_turns(&mut self) {
+        self.add_attitude_fault(Onset::Always, lagging_bank_error(self.switch(), 0.12, 10.0));
     }
 
     pub(super) fn level_attitude_wrongly(&mut self, degrees: f64) {
@@ -333,11 +339,11 @@ impl DrawnCase {
 
     pub(super) fn delay_attitude(&mut self, latency_ms: u64) {
         let fault = AdditionalLatency { switch: self.switch(), latency_us: latency_ms * 1000 };
-        self.add_attitude_fault(Onset::SOON, fault);
+        self.add_attitude_fault(Onset::SOON_AND_PERMANENT, fault);
     }
 
     pub(super) fn scale_rates(&mut self, factor: f64) {
-        self.add_attitude_fault(Onset::SOON, rate_scale_error(self.switch(), factor));
+        self.add_attitude_fault(Onset::SOON_AND_PERMANENT, rate_scale_error(self.switch(), factor));
     }
 
     /// A gyro with exact scale errors and cross-axis sensitivities, always.
@@ -348,7 +354,7 @@ impl DrawnCase {
 
     pub(super) fn change_hard_iron(&mut self, magnitude_ut: f64) {
         let change_ut = self.random_ut(magnitude_ut);
-        self.add_field_fault(Onset::SOON, hard_iron_change(self.switch(), change_ut));
+        self.add_field_fault(Onset::SOON_AND_PERMANENT, hard_iron_change(self.switch(), change_ut));
     }
 
     pub(super) fn change_hard_iron_while_calibrating(&mut self, magnitude_ut: f64) {
@@ -360,7 +366,7 @@ impl DrawnCase {
 
     pub(super) fn add_throttle_interference(&mut self, full_ut: f64) {
         let full_ut = self.random_ut(full_ut);
-        self.add_field_fault(Onset::SOON, throttle_interference(self.switch(), full_ut, self.seed));
+        self.add_field_fault(Onset::SOON_AND_PERMANENT, throttle_interference(self.switch(), full_ut, self.seed));
     }
 
     pub(super) fn drift_zero(&mut self, onset: Onset) {
@@ -370,24 +376,24 @@ impl DrawnCase {
 
     /// Straight flight or hover for ten minutes after the first legs, in which hard iron drifts.
     pub(super) fn drift_hard_iron(&mut self, time_constant_s: f64) {
-        self.use_s = STEADY_AFTER_S + STEADY_S;
-        self.next_legs = use_legs::steady_leg;
+        self.use_s = STEADY_FLIGHT_ONSET_S + STEADY_FLIGHT_DURATION_S;
+        self.further_legs = use_legs::steady_leg;
         let change_ut = self.random_ut(10.0);
-        let onset = Onset::permanent_after(STEADY_AFTER_S);
+        let onset = Onset::permanent_after(STEADY_FLIGHT_ONSET_S);
         self.add_field_fault(onset, hard_iron_drift(self.switch(), change_ut, time_constant_s));
     }
 
     /// Turns the module in its mount within `for_s` seconds.
     pub(super) fn turn_mount(&mut self, turn_deg: f64, for_s: f64) {
         let side = if self.random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
-        let onset = Onset::InUse { after_s: SOON_S, for_s };
+        let onset = Onset::InUse { after_s: USUAL_ONSET_S, for_s };
         let (airframe, earth) = (self.world.airframe, self.world.earth);
         self.add_field_fault(onset, MountTurn { switch: self.switch(), airframe, earth, turn_deg: side * turn_deg });
     }
 
     pub(super) fn pass_object(&mut self, peak_ut: f64, for_s: f64) {
         let peak_ut = self.random_ut(peak_ut);
-        let onset = Onset::InUse { after_s: PASSING_AT_S, for_s };
+        let onset = Onset::InUse { after_s: PASSING_ONSET_S, for_s };
         self.add_field_fault(onset, passing_object(self.switch(), peak_ut));
     }
 
@@ -395,7 +401,7 @@ impl DrawnCase {
         self.world.earth = Earth { total_ut: 50.0, inclination_deg: 60.0 };
         let total_ut = self.random.uniform(45.0, 55.0);
         let earth = Earth { total_ut, inclination_deg: self.random.uniform(50.0, 70.0) };
-        self.add_field_fault(Onset::SOON, OtherPlace { switch: self.switch(), earth });
+        self.add_field_fault(Onset::SOON_AND_PERMANENT, OtherPlace { switch: self.switch(), earth });
     }
 
     pub(super) fn calibrate_at_bank(&mut self, bank_deg: f64) {
@@ -421,7 +427,7 @@ impl DrawnCase {
 
 impl Onset {
     /// Shortly after the start of use, permanent.
-    pub(super) const SOON: Self = Self::permanent_after(SOON_S);
+    pub(super) const SOON_AND_PERMANENT: Self = Self::permanent_after(USUAL_ONSET_S);
 
     /// This time after the start of use, permanent.
     pub(super) const fn permanent_after(after_s: f64) -> Self {

@@ -9,10 +9,10 @@ use simulator::world::aircraft::VehicleKind;
 use simulator::world::attitude_source::SenderKind;
 use simulator::world::gyro::GyroConfig;
 
-use super::definition::{COUNTS_PER_UT, Case, DrawnCase, Onset, SENSOR_SIGMA, SOON_S, USE_S};
-use crate::studies::integrity::use_legs::{IN_TURN_S, LEVEL_FLIGHT_S};
+use super::definition::{COUNTS_PER_UT, Case, DrawnCase, Onset, SENSOR_SIGMA_COUNTS, USE_DURATION_S, USUAL_ONSET_S};
+use crate::studies::integrity::use_legs::{TIME_IN_LEVEL_FLIGHT_S, TIME_IN_TURN_S};
 
-const DEG: f64 = 360.0 / TAU;
+const DEGREES_PER_RADIAN: f64 = 360.0 / TAU;
 
 /// Case for all vehicles and attitude sources.
 const fn case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
@@ -53,7 +53,7 @@ const fn mavlink_hard_iron_case(name: &'static str, description: &'static str, s
 }
 
 /// All cases in the order of the report.
-pub static CASES: &[Case] = &[
+pub static ALL_CASES: &[Case] = &[
     case("clean", "nothing", |_| {}),
     Case {
         max_flights: 1,
@@ -72,7 +72,7 @@ pub static CASES: &[Case] = &[
     }),
     mavlink_case("gyro-ramp", "a gyro offset that grows by 2 deg/s in a minute", |flight| {
         let growth_deg_s2 = flight.random.direction() * (2.0 / 60.0);
-        flight.add_attitude_fault(Onset::SOON, rate_offset_ramp(flight.switch(), growth_deg_s2.into()));
+        flight.add_attitude_fault(Onset::SOON_AND_PERMANENT, rate_offset_ramp(flight.switch(), growth_deg_s2.into()));
     }),
     mavlink_hard_iron_case("gyro-1-moved-5", "as gyro-1, and hard iron moved by 5 uT", |flight| {
         flight.scale_gyro(1.0);
@@ -92,25 +92,27 @@ pub static CASES: &[Case] = &[
     case("stuck-all", "all axes of the sensor repeat", |flight| flight.stick_axes([true; 3])),
     case("stuck-noisy", "all axes of the sensor repeat, with noise added", |flight| {
         flight.stick_axes([true; 3]);
-        flight.add_sensor_fault(flight.onset, additional_noise(flight.switch(), SENSOR_SIGMA, flight.seed));
+        flight.add_sensor_fault(flight.onset, additional_noise(flight.switch(), SENSOR_SIGMA_COUNTS, flight.seed));
     }),
     case("sensor-spikes", "1 % of readings off by 30 uT", |flight| {
         let fault = measurement_spikes(flight.switch(), 0.01, 30.0 * COUNTS_PER_UT, flight.seed);
-        flight.add_sensor_fault(Onset::SOON, fault);
+        flight.add_sensor_fault(Onset::SOON_AND_PERMANENT, fault);
     }),
     case("sensor-noise", "five times the sensor's noise", |flight| {
-        let fault = additional_noise(flight.switch(), 24_f64.sqrt() * SENSOR_SIGMA, flight.seed);
-        flight.add_sensor_fault(Onset::SOON, fault);
+        let fault = additional_noise(flight.switch(), 24_f64.sqrt() * SENSOR_SIGMA_COUNTS, flight.seed);
+        flight.add_sensor_fault(Onset::SOON_AND_PERMANENT, fault);
     }),
-    case("sensor-clipped", "an axis saturates within the circle", |flight| flight.clip_axis(Onset::SOON)),
+    case("sensor-clipped", "an axis saturates within the circle", |flight| flight.clip_axis(Onset::SOON_AND_PERMANENT)),
     case("upset-scale", "a full-scale bit flips", |flight| flight.upset_register(0x21, 0x20)),
     case("upset-self-test", "the self-test bit flips", |flight| flight.upset_register(0x20, 0x01)),
     case("upset-byte-order", "the byte-order bit flips", |flight| flight.upset_register(0x23, 0x02)),
-    case("frozen-level", "attitude repeats from level flight on", |flight| flight.freeze_attitude(LEVEL_FLIGHT_S)),
-    case("frozen-turn", "attitude repeats from a turn on", |flight| flight.freeze_attitude(IN_TURN_S)),
+    case("frozen-level", "attitude repeats from level flight on", |flight| {
+        flight.freeze_attitude(TIME_IN_LEVEL_FLIGHT_S)
+    }),
+    case("frozen-turn", "attitude repeats from a turn on", |flight| flight.freeze_attitude(TIME_IN_TURN_S)),
     case("frozen-coarse", "attitude in tenths of a degree repeats from a turn on", |flight| {
         flight.quantise_attitude();
-        flight.freeze_attitude(IN_TURN_S);
+        flight.freeze_attitude(TIME_IN_TURN_S);
     }),
     mavlink_case("attitude-hangs", "roll and pitch stay but for noise, body rates go on", DrawnCase::hang_attitude),
     turn_case("link-gaps", "attitude gaps of 1.5 s in turns at 45 deg of bank", DrawnCase::interrupt_link),
@@ -118,7 +120,7 @@ pub static CASES: &[Case] = &[
     case("autopilot-restarts", "the autopilot restarts on the ground or in the air", DrawnCase::restart_autopilot),
     case("coarse", "attitude in tenths of a degree, without fault", DrawnCase::quantise_attitude),
     case("spikes", "1 % of attitude messages wrong by 45 deg", |flight| {
-        flight.add_attitude_fault(Onset::SOON, attitude_spikes(flight.switch(), 0.01, flight.seed));
+        flight.add_attitude_fault(Onset::SOON_AND_PERMANENT, attitude_spikes(flight.switch(), 0.01, flight.seed));
     }),
     mavlink_case("foreign", "a gimbal also sends attitude, 5 deg off", |flight| {
         flight.add_sender(Some(SenderKind::Other));
@@ -144,14 +146,16 @@ pub static CASES: &[Case] = &[
     case("bias-2", "attitude bias of 2 deg", |flight| flight.bias_attitude(2.0)),
     case("bias-5", "attitude bias of 5 deg", |flight| flight.bias_attitude(5.0)),
     mavlink_case("aligning", "the attitude filter aligns on the ground", DrawnCase::align_attitude),
-    case("lean-70", "attitude reads 70 % of the bank", |flight| flight.scale_bank(Onset::SOON, 0.7)),
-    case("lean-30", "attitude reads 30 % of the bank", |flight| flight.scale_bank(Onset::SOON, 0.3)),
+    case("lean-70", "attitude reads 70 % of the bank", |flight| flight.scale_bank(Onset::SOON_AND_PERMANENT, 0.7)),
+    case("lean-30", "attitude reads 30 % of the bank", |flight| flight.scale_bank(Onset::SOON_AND_PERMANENT, 0.3)),
     case("late-200", "attitude 200 ms later", |flight| flight.delay_attitude(200)),
     case("late-300", "attitude 300 ms later", |flight| flight.delay_attitude(300)),
     case("late-500", "attitude 500 ms later", |flight| flight.delay_attitude(500)),
     mavlink_case("rates-zero", "body rates are sent as zero", |flight| flight.scale_rates(0.0)),
-    mavlink_case("rates-small", "body rates 57 times too small", |flight| flight.scale_rates(1.0 / DEG)),
-    mavlink_case("rates-degrees", "body rates in degrees, 57 times too large", |flight| flight.scale_rates(DEG)),
+    mavlink_case("rates-small", "body rates 57 times too small", |flight| flight.scale_rates(1.0 / DEGREES_PER_RADIAN)),
+    mavlink_case("rates-degrees", "body rates in degrees, 57 times too large", |flight| {
+        flight.scale_rates(DEGREES_PER_RADIAN)
+    }),
     mavlink_case("rates-sign", "body rates with the wrong sign", |flight| flight.scale_rates(-1.0)),
     hard_iron_case("moved-2", "hard iron changes by 2 uT", |flight| flight.change_hard_iron(2.0)),
     hard_iron_case("moved-3", "hard iron changes by 3 uT", |flight| flight.change_hard_iron(3.0)),
@@ -181,7 +185,7 @@ pub static CASES: &[Case] = &[
     case("throttle-5", "interference of 5 uT follows the throttle", |flight| flight.add_throttle_interference(5.0)),
     case("throttle-10", "interference of 10 uT follows the throttle", |flight| flight.add_throttle_interference(10.0)),
     case("warming", "the sensor's zero drifts from 0 to 10 uT", |flight| {
-        flight.drift_zero(Onset::InUse { after_s: SOON_S, for_s: USE_S - SOON_S });
+        flight.drift_zero(Onset::InUse { after_s: USUAL_ONSET_S, for_s: USE_DURATION_S - USUAL_ONSET_S });
     }),
     case("passing-10-1s", "iron of 10 uT passes within 1 s", |flight| flight.pass_object(10.0, 1.0)),
     case("passing-10-5s", "iron of 10 uT passes within 5 s", |flight| flight.pass_object(10.0, 5.0)),
@@ -203,7 +207,7 @@ pub static CASES: &[Case] = &[
     turn_case("cal-bank-5", "calibration turns at 5 deg of bank", |flight| flight.calibrate_at_bank(5.0)),
     case("cal-clipped", "an axis saturates within the circles, always", |flight| flight.clip_axis(Onset::Always)),
     case("cal-lean-90", "attitude always reads 90 % of the bank", |flight| flight.scale_bank(Onset::Always, 0.9)),
-    case("cal-lean-lag", "attitude loses 12 % of the bank in turns, within 10 s, always", DrawnCase::lean_with_lag),
+    case("cal-lean-lag", "attitude loses 12 % of the bank in turns, within 10 s, always", DrawnCase::lag_bank_in_turns),
     case("cal-level-3", "attitude levelled 3 deg off, always", |flight| flight.level_attitude_wrongly(3.0)),
     Case {
         vehicles: |kind| matches!(kind, VehicleKind::Plane | VehicleKind::Vtol),

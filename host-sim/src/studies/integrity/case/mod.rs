@@ -4,12 +4,12 @@ mod definition;
 mod list;
 
 pub use definition::{Case, DrawnCase, Onset};
-pub use list::CASES;
+pub use list::ALL_CASES;
 
 /// The case with this name, if any.
 #[must_use]
 pub fn find_by_name(name: &str) -> Option<&'static Case> {
-    CASES.iter().find(|case| case.name == name)
+    ALL_CASES.iter().find(|case| case.name == name)
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use super::*;
 use crate::studies::integrity::plan::AttitudeProtocol;
 
 fn names(aircraft: VehicleKind) -> Vec<&'static str> {
-    CASES.iter().filter(|case| case.applies_to_vehicle(aircraft)).map(|case| case.name).collect()
+    ALL_CASES.iter().filter(|case| case.applies_to_vehicle(aircraft)).map(|case| case.name).collect()
 }
 
 #[test]
