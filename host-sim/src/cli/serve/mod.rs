@@ -289,7 +289,10 @@ fn print_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> R
     }
     if module_options.airframe == "random" {
         let file = module_options.world()?.airframe_toml();
-        print::print_line(format_args!("the airframe of seed {}, as a file for --airframe:\n\n{file}", aboard.seed));
+        print::print_line(format_args!(
+            "the airframe of seed {}, as a file for --airframe:\n\n{file}",
+            module_options.seed
+        ));
     }
     print::print_line("Ctrl-C ends");
     Ok(())
