@@ -55,7 +55,7 @@ pub fn hypot(a: f32, b: f32) -> f32 {
 
 /// Lengths of vectors by the FPU's square root; nalgebra's own call `libm`'s.
 pub trait Length {
-    /// The same vector with length 1.
+    /// Vector of the same direction with length 1.
     type Unit;
 
     /// Euclidean length.
@@ -82,7 +82,7 @@ impl<const N: usize, S: Storage<f32, Const<N>>> Length for Vector<f32, Const<N>,
 /// Newton's method for `y^-3 = x`, starting from a third of the exponent.
 #[must_use]
 pub fn reciprocal_cbrt(x: f32) -> f32 {
-    /// Limits the error of the initial value to 4 %.
+    /// Subtrahend of the float's bits that limits the error of the initial value to 4 %.
     const INVERSE_CUBE_ROOT_GUESS: u32 = 0x54A2_1D2A;
     let guess = f32::from_bits(INVERSE_CUBE_ROOT_GUESS.saturating_sub(x.to_bits() / 3));
     (0..4).fold(guess, |y, _| y * (4.0 - x * y * y * y) / 3.0)

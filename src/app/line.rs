@@ -1,4 +1,4 @@
-//! What the tasks of all lines share: snapshots of the module, and the way of received messages.
+//! Shared by the tasks of all lines: snapshots of the module, and routing of received messages.
 
 use super::Links;
 use super::links::{AutopilotLine, CommandSource, Timestamped, increment, publish};

@@ -26,7 +26,7 @@ const MAX_OFFSET_RAD_S: f32 = 0.15;
 /// 2.8 deg, noise of the attitude 0.6 deg.
 const MIN_MISSING_RAD: f32 = 0.07;
 
-/// The same per radian turned: scale and cross-axis errors of 10 % on each of two axes are 14 %.
+/// Additional missing motion per radian turned: gyro scale and cross-axis errors of 10 % on two axes are 14 %.
 const MIN_MISSING_PER_RAD_TURNED: f32 = 0.15;
 
 /// Largest reported part of the predicted motion of a hanging vertical. A bank scale of a third passes.

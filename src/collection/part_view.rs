@@ -1,4 +1,4 @@
-//! What a policy acts on: one part of the buffer, and its state.
+//! One part of the buffer and its state, on which a retention policy acts.
 
 use super::progress::Coverage;
 use super::quota::{Quota, SampleUse};

@@ -48,7 +48,7 @@ impl Compass<'_> {
         }
         let Some(saving) = self.saving.take() else { return Effect::None };
         match (saving, result) {
-            // Not requested by a user: no reply, no retry. Headings continue, so that nothing else shows the failure.
+            // The module saved by itself: no reply, no retry. Headings continue, so only this message shows the failure.
             (PendingSave::Remembered(_), Err(error @ StoreError::Timeout)) => {
                 Effect::Notify(Message::StoreFailed(error))
             }

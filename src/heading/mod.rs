@@ -134,7 +134,7 @@ impl HeadingLimits {
         self.max_strength_deviation.is_none()
     }
 
-    /// The same without a limit of inclination.
+    /// These limits without that of inclination.
     #[must_use]
     pub const fn without_inclination_limit(self) -> Self {
         Self { min_cos_of_inclination_deviation: None, ..self }
@@ -156,7 +156,7 @@ pub fn compute_heading(
     compute_corrected_heading(limits, calibration, uncertainty, (field, calibration.apply(field)), attitude)
 }
 
-/// The same for a field that is corrected already: the raw field, and the corrected one.
+/// Heading from an already corrected field. `field` holds the raw field and the corrected one.
 ///
 /// # Errors
 ///

@@ -47,6 +47,6 @@ impl Correction {
 pub enum SampleAttitude {
     /// Attitude reports, interpolated to the time of each reading.
     Interpolated,
-    /// None: samples contain the field only, with level attitude.
+    /// No attitude is used: samples contain the field only, with level attitude.
     Unknown,
 }

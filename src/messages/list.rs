@@ -304,7 +304,7 @@ impl Message {
         code(|show| self.entry(show))
     }
 
-    /// What happened and what to do.
+    /// Text of the message: what happened, then what to do.
     #[must_use]
     pub fn text(&self) -> impl Display {
         fmt::from_fn(|f| text(f, |show| self.entry(show)))
@@ -327,7 +327,7 @@ impl Refusal {
     }
 }
 
-/// What happened and what to do.
+/// Text of the message: what happened, then what to do.
 impl Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         text(f, |show| self.entry(show))

@@ -21,7 +21,7 @@ pub struct Parameter {
 pub enum ParameterValue {
     /// Integer; 0 and 1 of a switch, the position of a choice.
     Whole(u32),
-    /// Number; not a number where the setting has none.
+    /// Number; NaN if the setting has no value.
     Number(f32),
     /// Key of signatures.
     Key(Option<SigningKey>),
@@ -178,7 +178,7 @@ fn switch(value: u32, set: fn(bool) -> SettingChange) -> Option<SettingChange> {
     nth([false, true], value).map(set)
 }
 
-/// The number, if it is one.
+/// The number unless it is NaN.
 fn not_nan(value: f32) -> Option<f32> {
     (!value.is_nan()).then_some(value)
 }

@@ -10,7 +10,7 @@ use crate::time::Timestamp;
 /// Snapshot of the module's state, from which messages are made.
 #[derive(Clone, Copy, Debug)]
 pub struct Snapshot<'a> {
-    /// Current time, not before the estimate's.
+    /// Current time; never earlier than the time of the estimate.
     pub now: Timestamp,
     /// Latest estimate.
     pub estimate: &'a Estimate,

@@ -8,7 +8,7 @@ pub struct TransmitBuffer {
     end: usize,
     /// Number of messages since the start; wraps, as the other counters do.
     pub messages: u32,
-    /// Number of messages without a heading.
+    /// Number of sent messages that have no valid heading.
     pub empty: u32,
     /// Number of dropped or lost messages.
     pub lost: u32,

@@ -58,7 +58,7 @@ pub struct CanSettings {
 }
 
 impl CanSettings {
-    /// Factory settings. Autopilots drop a compass after 500 ms.
+    /// Factory settings. CAN rates: autopilots drop a compass after 500 ms of silence.
     pub const DEFAULT: Self = Self { node: 0, rate_hz: 50, sends_covariance: false };
 
     /// Range of the node's number; 126 and 127 are for tools.

@@ -11,7 +11,7 @@ pub enum StoreError {
     Corrupt,
     /// The store has another format.
     OtherFormat(u8),
-    /// The value does not fit into the store.
+    /// A value is too long for its place in the store.
     Full,
     /// The written bytes read back differently.
     Verify,

@@ -141,7 +141,7 @@ impl Generations {
         self.current = Some(*record);
     }
 
-    /// Swaps both, so that a second `undo` reverses the first.
+    /// Swaps the current and the previous calibration, so that a second `undo` reverses the first.
     pub fn undo(&mut self) {
         core::mem::swap(&mut self.current, &mut self.previous);
     }

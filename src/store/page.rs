@@ -32,9 +32,9 @@ pub const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
 #[derive(Debug, PartialEq, Eq)]
 pub enum PageContent<'a> {
-    /// No write since the last erase.
+    /// The page was not written since its last erase.
     Erased,
-    /// No complete item: damaged, or interrupted by a power failure.
+    /// The page has no complete item: damaged, or interrupted by a power failure.
     Damaged,
     /// A complete item of another format.
     OtherFormat(u8),

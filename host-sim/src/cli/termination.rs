@@ -34,7 +34,7 @@ pub struct TerminationSignals {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SecondSignal {
     Exits,
-    /// No effect: clean-up is short and must finish.
+    /// A second signal has no effect, because the clean-up is short and must finish.
     IsIgnored,
 }
 

@@ -15,7 +15,7 @@ const SPIKE_MARGIN_RAD: f32 = 0.1;
 /// Additional deviation per second since that report, rad/s: body rates change.
 const SPIKE_MARGIN_RAD_S: f32 = 1.0;
 
-/// The same without body rates, hence without extrapolation: a fast roll.
+/// Additional deviation per second, rad/s, if the source has no body rates to extrapolate with: a fast roll.
 const SPIKE_MARGIN_WITHOUT_RATES_RAD_S: f32 = 4.0;
 
 /// Consecutive rejections after which a report is accepted as a real change.

@@ -6,10 +6,10 @@ use crate::trig::sqrt;
 /// Gate of the test of the configured inclination against the samples', sigmas.
 const INCLINATION_GATE_SIGMAS: f32 = 4.0;
 
-/// The given inclination, and what became of it.
+/// The given inclination, and its use in the solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum GivenInclination {
-    /// Not given: the samples determine it.
+    /// No inclination is given: the samples determine it.
     Unknown,
     /// A prior of the fit, radians.
     Prior(f32),

@@ -10,7 +10,7 @@ use crate::calibration::model::Vector13;
 pub(in crate::calibration) struct ResidualStatistics {
     /// Information of the inclination residuals.
     pub inclination_information: InformationMatrix,
-    /// Of norm and inclination residuals.
+    /// Lag-1 autocorrelation of the norm and inclination residuals.
     pub autocorrelation: Autocorrelation,
     pub heteroscedasticity: Heteroscedasticity,
     pub white_noise: WhiteNoiseFraction,

@@ -1,4 +1,4 @@
-//! What the samples determine without priors: the inclination, and which quantities rest on priors.
+//! Observability: whether the samples determine the inclination, and which quantities rest on priors alone.
 
 use super::information::Information;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;

@@ -14,10 +14,10 @@ const MIN_FIELD_CHANGE_UT: f32 = 1.0;
 /// Smallest change of the attitude between distinct samples, radians (1.5 deg).
 const MIN_ATTITUDE_CHANGE_RAD: f32 = 0.026;
 
-/// What became of a sample.
+/// Result of offering a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FreeFlightSample {
-    /// Not finite, or as the last stored one.
+    /// Dropped, because it is not finite or does not differ from the last stored one.
     Ignored,
     /// Distinct, but not more informative than those stored.
     Rejected,

@@ -29,7 +29,7 @@ pub(in crate::collection) struct Header {
     pub statistics: FlightStatistics,
 }
 
-/// What a policy stores of a part.
+/// State of a part that its retention policy stores.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::collection) struct PartState {
     /// Samples taken, stored or not; wraps at a multiple of the hold-back cycle.

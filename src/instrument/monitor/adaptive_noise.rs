@@ -6,9 +6,9 @@ use crate::trig::sqrt;
 /// Noise variances of an averaged sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SampleNoise {
-    /// Of the relative field strength.
+    /// Variance of the relative field strength.
     pub strength_variance: f32,
-    /// Of the tilt about each horizontal axis, square radians.
+    /// Variance of the tilt about each horizontal axis, square radians.
     pub tilt_rad2: f32,
 }
 

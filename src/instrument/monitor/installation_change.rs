@@ -23,7 +23,7 @@ pub struct MountTurn {
     pub sigma_rad: f32,
 }
 
-/// What changed in the installation.
+/// Change of the installation: hard iron, or the direction of the mount.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum InstallationChange {
     /// Hard iron of the airframe.

@@ -111,7 +111,7 @@ pub(super) const MIN_SIN_INCLINATION: f32 = 0.3;
 /// Largest heading sigma by the filter, radians: 8 deg. Beyond it headings are withheld.
 pub(super) const MAX_HEADING_SIGMA_RAD: f32 = 0.14;
 
-/// The same of the sigma that is sent, inflated after a change: 11 deg.
+/// Largest heading sigma that is sent, radians: 11 deg. It is inflated after a change.
 pub(super) const MAX_SENT_SIGMA_RAD: f32 = 0.2;
 
 /// Largest change of hard iron: beyond it, the sensor's range and the linear model end.

@@ -13,9 +13,9 @@ pub(super) struct GyroStep {
 pub(super) enum AgreementResult {
     /// In agreement for long enough.
     InAgreement,
-    /// Not in agreement, or not for long enough.
+    /// Compass and gyro disagree, or have not agreed for long enough.
     NotInAgreement,
-    /// Not in agreement for so long that the filter must restart.
+    /// Compass and gyro have disagreed for so long that the filter must restart.
     Lost,
 }
 

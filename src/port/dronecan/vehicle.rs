@@ -3,8 +3,8 @@
 use crate::time::Timestamp;
 use crate::wire::dronecan::NodeId;
 
-/// Silence after which a report expires, microseconds.
-const EXPIRY_US: u64 = 10_000_000;
+/// Age at which an armed state or a battery of another node expires, microseconds.
+const REPORT_EXPIRY_US: u64 = 10_000_000;
 
 /// Reports of other nodes. Of several armed states, `armed` counts until the same node reports otherwise; of several
 /// batteries, the first one.
@@ -18,7 +18,7 @@ impl Vehicle {
     /// Processes an armed state.
     pub fn update_armed(&mut self, at: Timestamp, source: NodeId, is_armed: bool) {
         let is_held = |(last, node, was_armed): (Timestamp, NodeId, bool)| {
-            was_armed && !is_armed && node != source && at.us_since(last) <= EXPIRY_US
+            was_armed && !is_armed && node != source && at.us_since(last) <= REPORT_EXPIRY_US
         };
         if !self.armed.is_some_and(is_held) {
             self.armed = Some((at, source, is_armed));
@@ -27,12 +27,13 @@ impl Vehicle {
 
     /// Whether the vehicle is armed, if that was reported recently.
     pub fn is_armed(&self, now: Timestamp) -> Option<bool> {
-        self.armed.filter(|(at, ..)| now.us_since(*at) <= EXPIRY_US).map(|(.., is_armed)| is_armed)
+        self.armed.filter(|(at, ..)| now.us_since(*at) <= REPORT_EXPIRY_US).map(|(.., is_armed)| is_armed)
     }
 
     /// Whether the current of this battery is used.
     pub fn accept_battery(&mut self, at: Timestamp, source: NodeId, number: u8) -> bool {
-        let is_other = |(last, node, battery)| (node, battery) != (source, number) && at.us_since(last) <= EXPIRY_US;
+        let is_other =
+            |(last, node, battery)| (node, battery) != (source, number) && at.us_since(last) <= REPORT_EXPIRY_US;
         let accepts = !self.battery.is_some_and(is_other);
         if accepts {
             self.battery = Some((at, source, number));
@@ -42,6 +43,6 @@ impl Vehicle {
 
     /// Whether a battery reports its current.
     pub fn has_battery(&self, now: Timestamp) -> bool {
-        self.battery.is_some_and(|(at, ..)| now.us_since(at) <= EXPIRY_US)
+        self.battery.is_some_and(|(at, ..)| now.us_since(at) <= REPORT_EXPIRY_US)
     }
 }

@@ -59,7 +59,7 @@ pub struct Msp {
     compass: MessageSchedule,
     attitude: MessageSchedule,
     other_requests: MessageSchedule,
-    /// Index of the next one of the other requests.
+    /// Index of the next periodic request other than attitude.
     next: usize,
 }
 

@@ -33,9 +33,9 @@ pub enum InboundMessage<'a> {
     RestartNode(bool),
     /// Request for the counters of frames.
     GetTransportStats,
-    /// Request to load another firmware.
+    /// Request to load a firmware image from a file server.
     BeginFirmwareUpdate {
-        /// Node with the file; `None`: the sender.
+        /// Node that serves the image file; `None` for the sender itself.
         server: Option<NodeId>,
         /// Path of the file.
         path: &'a [u8],

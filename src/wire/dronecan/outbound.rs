@@ -10,7 +10,7 @@ pub enum Health {
     /// Works.
     #[default]
     Ok = 0,
-    /// Does not work; autopilots refuse to arm.
+    /// The node does not work; autopilots then refuse to arm.
     Error = 2,
 }
 
@@ -121,7 +121,7 @@ impl NodeInfo {
 #[must_use]
 pub fn allocation(is_first_part: bool, unique_id_part: &[u8]) -> Payload {
     let mut out = BitWriter::default();
-    // No preferred number: the allocator remembers that of the unique id.
+    // A request without a preferred number: the allocator remembers the number of each unique id.
     out.put(0, 7);
     out.put(is_first_part.into(), 1);
     out.put_bytes(unique_id_part);
@@ -257,7 +257,7 @@ pub fn magnetic_field(sensor: u8, field_gauss: [f32; 3], variances: Option<[f32;
 /// Result of a request to load another firmware.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UpdateResult {
-    /// The boot loader takes over.
+    /// Accepted: the boot loader loads the image.
     Ok = 0,
     /// Not in this state.
     InvalidMode = 1,

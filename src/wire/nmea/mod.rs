@@ -94,7 +94,7 @@ fn rounded_tenths(value: f32) -> u32 {
 
 /// Writes tenths as a number with one decimal and a minimum of digits before the point.
 fn put_tenths(body: &mut Sentence, tenths: u32, least_digits: usize) -> Fits {
-    /// Digits of the largest whole part.
+    /// Largest number of digits before the decimal point.
     const MAX_WHOLE_DIGITS: usize = 9;
     let digit = |value: u32| b'0' + (value % 10) as u8;
     let mut text = [b'.'; MAX_WHOLE_DIGITS + 2];

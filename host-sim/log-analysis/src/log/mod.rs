@@ -60,7 +60,7 @@ pub enum LogError {
     UnknownFormat,
     /// Error in the values of a table.
     Csv(CsvError),
-    /// No valid field; number of rejected magnetometer readings.
+    /// The log has no valid magnetometer reading. Number of rejected ones.
     NoField(LogFormat, u64),
     /// The log has no attitude.
     NoAttitude(LogFormat),

@@ -30,7 +30,7 @@ const MAX_RATE_RATIO: f64 = 10.0;
 /// 1.0 at 0.6 and 1.2 to 2.8 at 1.1; without rates 0.6.
 const MAX_HEADING_RANDOM_WALK_DEG: f64 = 0.4;
 
-/// Repairs of an axis each, and one of the unit.
+/// Largest number of repairs: one for each axis, and one for the unit.
 const MAX_REPAIRS: usize = 4;
 
 /// Checks the logged body rates against the attitude, and repairs a wrong sign or unit. Missing or inexact rates are

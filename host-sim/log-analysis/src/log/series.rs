@@ -9,7 +9,7 @@ const MAX_ROWS: usize = 3 << 15;
 /// Length of the parts dropped whole, seconds; the same parts in all series.
 const DROPPED_INTERVAL_S: f64 = 256.0;
 
-/// Row rate at or below which parts are dropped instead of rows, Hz.
+/// Lowest rate, Hz, at which every second row is dropped; below it, whole parts of the flight.
 const LOWEST_THINNED_RATE_HZ: f64 = 20.0;
 
 /// A row of `N` values with its time.

@@ -105,7 +105,7 @@ pub enum CorrectionSource {
 }
 
 impl CorrectionSource {
-    /// All, in the order of reports.
+    /// All sources, in the order of reports.
     pub const ALL: [Self; 6] =
         [Self::Uncorrected, Self::Autopilot, Self::Sphere, Self::Ellipsoid, Self::Module, Self::ModuleAllRows];
 
@@ -178,7 +178,7 @@ pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) 
     }
 }
 
-/// Common to the compasses of a flight.
+/// Inputs of the evaluation that all compasses of a flight share.
 struct Context<'a> {
     flight: &'a Flight,
     reference: Option<&'a ReferenceHeading>,
@@ -194,7 +194,7 @@ impl Context<'_> {
         for row in rows.iter_mut().filter(|row| row.usable && !(from_s..=to_s).contains(&row.t_s)) {
             row.usable = false;
             counted.used -= 1;
-            counted.excluded_by_log += 1;
+            counted.kept_out += 1;
         }
         (rows, counted)
     }

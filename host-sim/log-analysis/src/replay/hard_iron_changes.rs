@@ -32,7 +32,7 @@ const MIN_RESIDUAL_RATIO: f64 = 2.0;
 /// A confirmed change of hard iron.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HardIronChange {
-    /// Its time, size and uncertainty.
+    /// Time, size and uncertainty of the change.
     pub step: HardIronStep,
     /// Largest effect on a level heading, degrees.
     pub bend_deg: f64,

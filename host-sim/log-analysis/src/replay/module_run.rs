@@ -14,7 +14,7 @@ use autoswing::time::WrappingMillis;
 use super::result::ReplayOptions;
 use super::row_solve::{RunOutcome, sample_time_s};
 
-/// Arbitrary: samples are already averaged, and nothing is stored.
+/// Arbitrary sensor identity, since samples are already averaged and nothing is stored.
 const PLACEHOLDER_SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
 
 /// A module that collects in flight, without a calibration.

@@ -128,11 +128,12 @@ impl Note {
         notes.extend((oldest_s < -LATE_ATTITUDE_S).then_some(Self::LateAttitude(-oldest_s * 1e3)));
         notes.extend(mounting_changes(flight, evaluation));
         notes.extend(others(&flight.components).map(|(own, others)| Self::OtherAutopilots(own, others)));
-        let contradicted =
-            |compass: &&CompassEvaluation| compass.counts.during_filter_alignment * 5 > compass.counts.readings;
-        notes.extend(compasses.iter().find(contradicted).map(|compass| {
-            Self::RatesContradicted(compass.counts.during_filter_alignment * 100 / compass.counts.readings.max(1))
-        }));
+        let contradicted = |compass: &&CompassEvaluation| compass.counts.unsettled * 5 > compass.counts.readings;
+        notes.extend(
+            compasses.iter().find(contradicted).map(|compass| {
+                Self::RatesContradicted(compass.counts.unsettled * 100 / compass.counts.readings.max(1))
+            }),
+        );
         notes.extend(others(&flight.systems).map(|(own, others)| Self::OtherVehicles(own, others)));
         let mut add_if = |applies: bool, note: Self| notes.extend(applies.then_some(note));
         add_if(counts.restarts > 0, Self::Restarts(counts.restarts));

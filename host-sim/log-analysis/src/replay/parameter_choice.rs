@@ -46,7 +46,7 @@ pub enum NoParameters {
     FewRows(usize),
     /// The rows, or half of them, give no solution.
     Unsolved,
-    /// The flight leaves too much unknown.
+    /// The flight leaves the parameters too uncertain.
     Unobservable {
         /// Expected error over all headings, degrees RMS.
         expected_deg: f64,

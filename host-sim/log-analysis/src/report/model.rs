@@ -11,7 +11,7 @@ pub struct Report {
     pub title: String,
     /// Verdicts, the most important first.
     pub verdicts: Vec<VerdictLine>,
-    /// Of a log: whether a module would have calibrated itself.
+    /// Whether a module would have calibrated itself on this flight; only for a log.
     pub module_verdict: Option<String>,
     /// Most important figures, name and value.
     pub figures: Vec<[String; 2]>,

@@ -80,7 +80,7 @@ fn kind(sample: &ReportSample) -> char {
     char::from(b'0' + bits)
 }
 
-/// Of many samples, three of each interval: those with the weakest and the strongest field, and with the largest error.
+/// Thins many samples to three per interval: the weakest and the strongest field, and the largest error.
 fn drawn_samples(samples: &[ReportSample]) -> Vec<&ReportSample> {
     let size = if samples.len() > MAX_PAGE_SAMPLES { (3 * samples.len()).div_ceil(MAX_PAGE_SAMPLES) } else { 1 };
     let strength = |sample: &&ReportSample| {

@@ -82,7 +82,7 @@ pub fn elevator_linkage(full_ut: Vector3<f64>) -> impl FieldFault {
 /// Krasnosel'skii and A. V. Pokrovskii, Systems with Hysteresis, 1989), so that it lags in a turn, and in the following
 /// straight flight remains as the turn left it.
 pub struct SoftIronHysteresis {
-    /// Field of the soft iron per field in body axes, chip axes.
+    /// Field of the soft iron in chip axes per unit of field in body axes.
     soft_iron: Matrix3<f64>,
     earth: Earth,
     linkage_play_rad: f64,

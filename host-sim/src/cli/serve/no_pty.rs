@@ -1,4 +1,4 @@
-//! What `pty.rs` is on Unix, for systems without pseudo-terminals.
+//! Replaces `pty.rs` on systems without pseudo-terminals, such as Windows.
 
 use std::net::TcpStream;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::path::Path;
 use super::wire::{Connection, OpenedPty};
 use crate::cli::failure::Failure;
 
-/// None: the module is served on TCP ports alone.
+/// Opens nothing: without pseudo-terminals the module is served on TCP ports alone.
 #[expect(clippy::unnecessary_wraps, reason = "as on Unix, where it can fail")]
 pub fn open() -> Result<Option<OpenedPty>, Failure> {
     Ok(None)

@@ -190,7 +190,7 @@ const PILOT_LINE_PREFIX: u8 = b'!';
 /// Longest line whose text is known, bytes; a longer one is no `quit`.
 const LONGEST_LINE: usize = 256;
 
-/// Pause in the answers after the last piped input that ends the session.
+/// After the end of piped input: silence of the module that ends the session.
 const END_OF_SESSION_PAUSE: Duration = Duration::from_secs(1);
 
 /// The program's terminal, or its redirected input and output.

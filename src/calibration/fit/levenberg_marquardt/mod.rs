@@ -35,7 +35,7 @@ const MAX_STEPS: u8 = 40;
 /// worst direction. The last step is applied without evaluation and leaves 1 % of itself.
 const CONVERGED_COST: f32 = 0.005;
 
-/// The same before the last noise estimate, one sigma: new weights move the solution anyway.
+/// Convergence threshold before the last noise estimate: one sigma. New weights move the solution anyway.
 const NEARLY_CONVERGED_COST: f32 = 0.5;
 
 /// Accepted increase of the cost, same units: with corrected measurements the gradient is not exactly that of the cost.

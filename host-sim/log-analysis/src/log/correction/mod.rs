@@ -99,7 +99,7 @@ impl InvertibleCorrection {
         let soft = if diagonal.iter().flatten().all(|axis| *axis == 0.0) {
             Matrix3::identity()
         } else {
-            // A link may lose one of three; it gets its default.
+            // A telemetry link may lose one parameter of three, which then has its default.
             symmetric_matrix(&Vector3::from(diagonal.map(|axis| axis.unwrap_or(1.0))), &off_diagonal)
         };
         let is_by_current = value("COMPASS_MOTCT").is_some_and(|kind| kind.round() as i32 == 2);

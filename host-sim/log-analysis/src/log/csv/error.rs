@@ -11,7 +11,7 @@ pub enum CsvError {
     NoColumn(String),
     /// Name of a missing rate column, if others are present.
     NoRate(&'static str),
-    /// No valid row; line, column and content of the first invalid one.
+    /// The table has no valid row. Line, column and content of the first invalid one.
     NoRows(Option<(u64, String, String)>),
 }
 

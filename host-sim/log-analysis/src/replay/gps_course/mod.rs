@@ -195,7 +195,7 @@ impl GpsCourseHeading {
     pub fn limits(&self) -> String {
         format!(
             "no compass is in it: ground velocity less a wind of {:.1} m/s from {:.0} deg true, which the velocities \
-             themselves show; {:.1} m/s fit_robustly the air, scatter {:.1}. Its own sigma, which is in the figures, is up to \
+             themselves show; {:.1} m/s through the air, scatter {:.1}. Its own sigma, which is in the figures, is up to \
              {:.1} deg: {:.1} of the wind as it changed in the flight, {SIDESLIP_DEG} assumed for sideslip. It says \
              nothing of banked flight, nor of directions that were not flown straight: the widest gap is {:.0} deg",
             self.wind_speed_m_s(),
@@ -262,7 +262,7 @@ fn thin_velocities(velocities: &[GroundVelocity]) -> Vec<GroundVelocity> {
     velocities.iter().step_by(velocities.len().div_ceil(MAX_VELOCITIES).max(1)).copied().collect()
 }
 
-/// Largest angle between neighbouring straight directions, degrees; 360 without any.
+/// Largest angle between neighbouring directions flown straight, degrees; 360 if none was flown.
 fn widest_gap_deg(straight: &[GroundVelocity], circle: &VelocityCircle) -> f64 {
     const BINS: usize = 72;
     const BIN_DEG: f64 = 360.0 / BINS as f64;

@@ -15,7 +15,7 @@ use crate::numbers::{median, square};
 const UNKNOWNS_WITHOUT_STEP: usize = 14;
 const UNKNOWNS_WITH_STEP: usize = UNKNOWNS_WITHOUT_STEP + 3;
 
-/// Candidate times, and least rows on either side of one.
+/// Number of candidate times, and least number of rows on either side of one.
 const CANDIDATE_TIMES: usize = 120;
 const MIN_ROWS: usize = 60;
 
@@ -33,7 +33,7 @@ const MAX_TOTAL_SCATTER_RATIO: f64 = 0.85;
 const MAX_SHORT_SIDE_SCATTER_RATIO: f64 = 0.6;
 const MAX_TOTAL_SCATTER_RATIO_NEAR_END: f64 = 0.97;
 
-/// Rows with correlated errors, about one second; inflates the step's variance.
+/// Number of successive rows with correlated errors, about one second; inflates the step's variance.
 const CORRELATED_ROWS: f64 = 10.0;
 
 /// Largest number of iterations, and change of the step at convergence, standard deviations. A large step clips

@@ -78,13 +78,13 @@ pub struct RowCounts {
     /// Readings without a neighbouring attitude.
     pub without_attitude: usize,
     /// Readings with attitude changes that contradict the body rates (filter alignment or reset).
-    pub during_filter_alignment: usize,
+    pub unsettled: usize,
     /// Rows while disarmed.
     pub disarmed: usize,
     /// Rows before the first and after the last movement, near foreign iron.
     pub on_the_ground: usize,
     /// Rows excluded by the log.
-    pub excluded_by_log: usize,
+    pub kept_out: usize,
     /// Rows with a frozen field while the aircraft moved.
     pub stuck: usize,
 }
@@ -95,9 +95,9 @@ impl RowCounts {
             (self.disarmed, "disarmed"),
             (self.on_the_ground, "on the ground"),
             (self.without_attitude, "without an attitude near it"),
-            (self.during_filter_alignment, "while the attitude contradicts the body rates"),
+            (self.unsettled, "while the attitude contradicts the body rates"),
             (self.stuck, "with a frozen field"),
-            (self.excluded_by_log, "excluded by the log"),
+            (self.kept_out, "excluded by the log"),
         ]
     }
 
@@ -128,7 +128,7 @@ pub fn build_rows(
     let mut counted = RowCounts { readings: compass.field.rows().len(), ..RowCounts::default() };
     // A log that was never armed has no arming state.
     let was_armed = compass.field.rows().iter().any(|row| flight.is_armed(row.t_s - age_s) == Some(true));
-    let during_filter_alignment = during_filter_alignment(flight);
+    let unsettled = unsettled(flight);
     let gap_s = data_loss::max_attitude_gap_s(flight, MAX_GAP_S);
     let mut rows = Vec::new();
     let mut run = RowAccumulator::default();
@@ -139,8 +139,8 @@ pub fn build_rows(
             counted.without_attitude += 1;
             continue;
         };
-        if during_filter_alignment.iter().any(|&[from_s, to_s]| (from_s..=to_s).contains(&t_s)) {
-            counted.during_filter_alignment += 1;
+        if unsettled.iter().any(|&[from_s, to_s]| (from_s..=to_s).contains(&t_s)) {
+            counted.unsettled += 1;
             continue;
         }
         if run.number > 0 && t_s - run.first_s >= ROW_AVERAGING_S {
@@ -159,7 +159,7 @@ pub fn build_rows(
         let is_disarmed = was_armed && flight.is_armed(row.t_s) == Some(false);
         let is_on_the_ground = row.t_s < moved_s || row.t_s > stopped_s;
         row.usable = !is_excluded && !is_disarmed && !is_on_the_ground;
-        counted.excluded_by_log += usize::from(is_excluded);
+        counted.kept_out += usize::from(is_excluded);
         counted.disarmed += usize::from(is_disarmed && !is_excluded);
         counted.on_the_ground += usize::from(is_on_the_ground && !is_disarmed && !is_excluded);
     }
@@ -253,7 +253,7 @@ fn moving_interval_s(flight: &Flight) -> [f64; 2] {
 }
 
 /// Intervals in which the attitude changed more than the body rates allow, seconds.
-fn during_filter_alignment(flight: &Flight) -> Vec<[f64; 2]> {
+fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
     let rows = flight.attitude.rows();
     let mut found: Vec<[f64; 2]> = Vec::new();
     // Last start or gap, after which a filter may be aligning.

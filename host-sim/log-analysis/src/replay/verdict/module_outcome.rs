@@ -33,7 +33,7 @@ pub enum FlightOutcome {
     Refused {
         /// Number of all compasses.
         of: usize,
-        /// Number of the compass nearest to a calibration, if the causes differ.
+        /// If the causes differ: number of the compass that came nearest to a calibration; `cause` is its cause.
         nearest: Option<u8>,
         /// Cause for this compass.
         cause: FlightRefusal,

@@ -142,7 +142,7 @@ fn draw_enlarged(svg: &mut Svg, at: Point, compass_report: &CompassReport, word:
         .collect();
     let names: Vec<String> =
         compass_report.after.iter().map(|line| format!("after{}", name_suffix(&line.name))).collect();
-    // A single line looks as in the common frame.
+    // A single line is drawn in the style of the combined picture.
     let classes = if compass_report.after.len() > 1 { UNCALIBRATED_LINES } else { [("l l3", Shape::Circle, "p3"); 3] };
     let mut items: Vec<(LegendSample, &str)> = classes
         .iter()

@@ -426,10 +426,10 @@ impl DrawnCase {
 }
 
 impl Onset {
-    /// Shortly after the start of use, permanent.
+    /// Permanent from shortly after the start of use.
     pub(super) const SOON_AND_PERMANENT: Self = Self::permanent_after(USUAL_ONSET_S);
 
-    /// This time after the start of use, permanent.
+    /// Permanent from `after_s` after the start of use.
     pub(super) const fn permanent_after(after_s: f64) -> Self {
         Self::InUse { after_s, for_s: f64::INFINITY }
     }
