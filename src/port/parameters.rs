@@ -13,7 +13,7 @@ use crate::settings::{
 pub struct Parameter {
     /// Name, that of the console's command in capitals.
     pub name: &'static str,
-    kind: Kind,
+    kind: ParameterKind,
 }
 
 /// Value of a parameter.
@@ -28,7 +28,7 @@ pub enum ParameterValue {
 }
 
 #[derive(Debug)]
-enum Kind {
+enum ParameterKind {
     Whole { range: [u32; 2], get: fn(&Settings) -> u32, set: fn(u32) -> Option<SettingChange> },
     Number { range: RangeInclusive<f32>, get: fn(&Settings) -> f32, set: fn(&Settings, f32) -> SettingChange },
     Key { get: fn(&Settings) -> Option<SigningKey>, set: fn(Option<SigningKey>) -> SettingChange },
@@ -88,7 +88,7 @@ pub static PARAMETERS: [Parameter; 20] = [
         |v| byte(v, SettingChange::AttitudeRateHz),
     ),
     whole_number("VISION", SWITCH_RANGE, |s| s.sends_vision_yaw.into(), |v| switch(v, SettingChange::Vision)),
-    Parameter { name: "SIGNING", kind: Kind::Key { get: |s| s.signing_key, set: SettingChange::Signing } },
+    Parameter { name: "SIGNING", kind: ParameterKind::Key { get: |s| s.signing_key, set: SettingChange::Signing } },
     whole_number("PORT1", PROTOCOLS, |s| protocol(s, PortNumber::One), |v| set_protocol(PortNumber::One, v)),
     whole_number("PORT2", PROTOCOLS, |s| protocol(s, PortNumber::Two), |v| set_protocol(PortNumber::Two, v)),
     whole_number("BAUD1", BAUDS, |s| baud(s, PortNumber::One), |v| set_baud(PortNumber::One, v)),
@@ -120,9 +120,9 @@ impl Parameter {
     #[must_use]
     pub fn value(&self, settings: &Settings) -> ParameterValue {
         match self.kind {
-            Kind::Whole { get, .. } => ParameterValue::Whole(get(settings)),
-            Kind::Number { get, .. } => ParameterValue::Number(get(settings)),
-            Kind::Key { get, .. } => ParameterValue::Key(get(settings)),
+            ParameterKind::Whole { get, .. } => ParameterValue::Whole(get(settings)),
+            ParameterKind::Number { get, .. } => ParameterValue::Number(get(settings)),
+            ParameterKind::Key { get, .. } => ParameterValue::Key(get(settings)),
         }
     }
 
@@ -130,9 +130,9 @@ impl Parameter {
     #[must_use]
     pub fn range(&self) -> Option<[ParameterValue; 2]> {
         match &self.kind {
-            Kind::Whole { range, .. } => Some(range.map(ParameterValue::Whole)),
-            Kind::Number { range, .. } => Some([*range.start(), *range.end()].map(ParameterValue::Number)),
-            Kind::Key { .. } => None,
+            ParameterKind::Whole { range, .. } => Some(range.map(ParameterValue::Whole)),
+            ParameterKind::Number { range, .. } => Some([*range.start(), *range.end()].map(ParameterValue::Number)),
+            ParameterKind::Key { .. } => None,
         }
     }
 
@@ -140,9 +140,9 @@ impl Parameter {
     #[must_use]
     pub fn change(&self, settings: &Settings, value: ParameterValue) -> Option<SettingChange> {
         match (&self.kind, value) {
-            (Kind::Whole { set, .. }, ParameterValue::Whole(value)) => set(value),
-            (Kind::Number { set, .. }, ParameterValue::Number(value)) => Some(set(settings, value)),
-            (Kind::Key { set, .. }, ParameterValue::Key(key)) => Some(set(key)),
+            (ParameterKind::Whole { set, .. }, ParameterValue::Whole(value)) => set(value),
+            (ParameterKind::Number { set, .. }, ParameterValue::Number(value)) => Some(set(settings, value)),
+            (ParameterKind::Key { set, .. }, ParameterValue::Key(key)) => Some(set(key)),
             _ => None,
         }
     }
@@ -154,7 +154,7 @@ const fn whole_number(
     get: fn(&Settings) -> u32,
     set: fn(u32) -> Option<SettingChange>,
 ) -> Parameter {
-    Parameter { name, kind: Kind::Whole { range, get, set } }
+    Parameter { name, kind: ParameterKind::Whole { range, get, set } }
 }
 
 const fn number(
@@ -163,7 +163,7 @@ const fn number(
     get: fn(&Settings) -> f32,
     set: fn(&Settings, f32) -> SettingChange,
 ) -> Parameter {
-    Parameter { name, kind: Kind::Number { range, get, set } }
+    Parameter { name, kind: ParameterKind::Number { range, get, set } }
 }
 
 const fn bytes(range: &RangeInclusive<u8>) -> [u32; 2] {
