@@ -96,6 +96,7 @@ fn every_command_answers_ok_or_error_with_a_code() {
         ("set align none", "ok align 0.0 deg, added to every heading"),
         ("set attitude-error 0.5 2", "ok attitude-error 0.50 deg, 2.0 % of bank, 1 sigma"),
         ("set attitude-error 0 0", "ok "),
+        ("set sensor-error 5 1", "ok sensor-error gyro 5.0 %, drift 1.00 % of the field a minute, 1 sigma"),
         ("set attitude-error 5 20", "ok "),
         (
             "set attitude-error 5.1 20",

@@ -77,6 +77,7 @@ impl Compass<'_> {
             mount: self.sensor.map(|_| self.settings.mount),
             total_ut: self.model_field_strength_ut(),
             is_armed: self.armed.reported(),
+            sensor_errors: self.settings.sensor_error.to_sigmas(),
         }
     }
 

@@ -7,7 +7,7 @@ use core::ops::RangeInclusive;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::{Method, Orientation};
 use crate::compass::Command;
-use crate::settings::{AttitudeError, CanSettings, HeadingKind, SettingChange, Settings, SigningKey};
+use crate::settings::{AttitudeError, CanSettings, HeadingKind, SensorError, SettingChange, Settings, SigningKey};
 use crate::settings::{Baud, PortNumber, ProtocolKind};
 
 /// Command, or the first word of several commands.
@@ -261,6 +261,16 @@ pub static COMMANDS: &[CommandSpec] = &[
         ArgumentSpec::new("PERCENT", number(AttitudeError::BANK_PERCENT, "%")),
     ])
     .with_request(|given| set(SettingChange::AttitudeError(attitude_error(given)))),
+    CommandSpec::new(
+        "set",
+        "sensor-error",
+        "errors that the monitor expects, 1 sigma: gyro's scale, and drift of iron in a minute, of the field",
+    )
+    .with_arguments(&[
+        ArgumentSpec::new("GYRO", number_or_word("default", SensorError::GYRO_PERCENT)),
+        ArgumentSpec::new("DRIFT", number(SensorError::DRIFT_PERCENT, "%")),
+    ])
+    .with_request(|given| set(SettingChange::SensorError(sensor_error(given)))),
     CommandSpec::new("set", "accuracy", "expected error at which a collection in flight ends")
         .with_arguments(&[ArgumentSpec::new("DEG", number(Settings::ACCURACY_DEG, DEGREES_UNIT))])
         .with_request(|given| set(SettingChange::Accuracy(given.number(0).unwrap_or(f32::NAN)))),
@@ -398,6 +408,13 @@ fn attitude_error(given: &Arguments) -> AttitudeError {
     match (given.number(0), given.number(1)) {
         (Some(bias_deg), Some(bank_percent)) => AttitudeError { bias_deg, bank_percent },
         _ => AttitudeError::DEFAULT,
+    }
+}
+
+fn sensor_error(given: &Arguments) -> SensorError {
+    match (given.number(0), given.number(1)) {
+        (Some(gyro_percent), Some(drift_percent)) => SensorError { gyro_percent, drift_percent },
+        _ => SensorError::DEFAULT,
     }
 }
 

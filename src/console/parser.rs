@@ -348,7 +348,7 @@ mod tests {
     use crate::calibration::method_selection::Procedure;
     use crate::calibration::{Method, Orientation};
     use crate::compass::Command;
-    use crate::settings::{AttitudeError, HeadingKind, SettingChange};
+    use crate::settings::{AttitudeError, HeadingKind, SensorError, SettingChange};
     use crate::settings::{Baud, PortNumber, ProtocolKind};
 
     fn command(line: &str) -> Command {
@@ -419,6 +419,11 @@ mod tests {
             ("set can-covariance on", set(SettingChange::CanCovariance(true))),
             ("set signing off", set(SettingChange::Signing(None))),
             ("set signing 4711", set(SettingChange::Signing(Some(key_from_passphrase("4711"))))),
+            (
+                "set sensor-error 5 0.5",
+                set(SettingChange::SensorError(SensorError { gyro_percent: 5.0, drift_percent: 0.5 })),
+            ),
+            ("set sensor-error default", set(SettingChange::SensorError(SensorError::DEFAULT))),
             ("set attitude-error default", set(SettingChange::AttitudeError(AttitudeError::DEFAULT))),
         ];
         for (line, meaning) in examples {

@@ -20,6 +20,22 @@ pub struct Correction {
     pub total_ut: Option<f32>,
     /// Whether the autopilot is armed, if reported.
     pub is_armed: Option<bool>,
+    /// Errors of gyro and magnetometer to expect.
+    pub sensor_errors: SensorErrorSigmas,
+}
+
+/// Errors of gyro and magnetometer that the monitor expects before a flight shows them, 1 sigma.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorErrorSigmas {
+    /// Scale error and cross-axis sensitivity of the gyro, relative.
+    pub gyro_scale: f32,
+    /// Drift of each axis of the hard iron in a minute, relative to the field strength.
+    pub hard_iron_drift: f32,
+}
+
+impl SensorErrorSigmas {
+    /// A gyro of 2 %; hard iron that drifts by 0.25 % of the field, 0.12 of 50 uT.
+    pub const DEFAULT: Self = Self { gyro_scale: 0.02, hard_iron_drift: 0.0025 };
 }
 
 impl Correction {
@@ -32,6 +48,7 @@ impl Correction {
         mount: None,
         total_ut: None,
         is_armed: None,
+        sensor_errors: SensorErrorSigmas::DEFAULT,
     };
 
     /// Whether both produce the same headings.

@@ -70,7 +70,7 @@ use crate::time::Timestamp;
 use active_calibration::ActiveCalibration;
 use compass_field::CompassField;
 pub use config::{InstrumentConfig, readings_per_sample};
-pub use correction::{Correction, SampleAttitude};
+pub use correction::{Correction, SampleAttitude, SensorErrorSigmas};
 pub use estimate::{Estimate, RejectionCounts};
 pub use monitor::{ChangeReporter, HardIronChange, InstallationChange, MountTurn};
 use monitor::{Monitor, MonitorOutput, MonitoredCalibration};
@@ -121,7 +121,7 @@ impl Instrument {
             pairing: PairingQueue::new(config.readings_per_sample(), config.max_step_us()),
             smoother: HeadingSmoother::new(),
             rejections: RejectionCounts::NONE,
-            monitor: Monitor::new(),
+            monitor: Monitor::new(SensorErrorSigmas::DEFAULT),
             pending_sample: None,
             compass_field: CompassField::INITIAL,
             consecutive_rejected_rates: 0,
@@ -140,17 +140,17 @@ impl Instrument {
         if !correction.gives_same_headings(base) {
             self.smoother.reset();
         }
-        if correction.calibration == base.calibration {
+        if correction.calibration == base.calibration && correction.sensor_errors == base.sensor_errors {
             self.replace_active(self.active.clone().with_base(correction));
         } else {
             self.restart_monitor(correction);
         }
     }
 
-    /// Restarts the monitor after a change of calibration or wrong body rates.
+    /// Restarts the monitor after a change of calibration or of expected errors, or wrong body rates.
     #[inline(never)]
     fn restart_monitor(&mut self, correction: Correction) {
-        self.monitor = Monitor::new();
+        self.monitor = Monitor::new(correction.sensor_errors);
         self.pending_sample = None;
         self.replace_active(ActiveCalibration::new(correction));
     }

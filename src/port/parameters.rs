@@ -5,7 +5,8 @@ use core::ops::RangeInclusive;
 
 use crate::calibration::Orientation;
 use crate::settings::{
-    AttitudeError, Baud, CanSettings, HeadingKind, PortNumber, ProtocolKind, SettingChange, Settings, SigningKey,
+    AttitudeError, Baud, CanSettings, HeadingKind, PortNumber, ProtocolKind, SensorError, SettingChange, Settings,
+    SigningKey,
 };
 
 /// Setting with a name of at most 16 characters.
@@ -35,7 +36,7 @@ enum ParameterKind {
 }
 
 /// All parameters. Tools refer to them by position as well, so that a new one is the last.
-pub static PARAMETERS: [Parameter; 20] = [
+pub static PARAMETERS: [Parameter; 22] = [
     whole_number("CAN_NODE", bytes(&CanSettings::NODE), |s| s.can.node.into(), |v| byte(v, SettingChange::CanNode)),
     whole_number(
         "CAN_RATE",
@@ -105,6 +106,18 @@ pub static PARAMETERS: [Parameter; 20] = [
         [0, HeadingKind::ALL.len() as u32 - 1],
         |s| position(HeadingKind::ALL, &s.stream_heading),
         |v| nth(HeadingKind::ALL, v).map(SettingChange::StreamHeading),
+    ),
+    number(
+        "GYRO_ERROR",
+        SensorError::GYRO_PERCENT,
+        |s| s.sensor_error.gyro_percent,
+        |s, gyro_percent| SettingChange::SensorError(SensorError { gyro_percent, ..s.sensor_error }),
+    ),
+    number(
+        "IRON_DRIFT",
+        SensorError::DRIFT_PERCENT,
+        |s| s.sensor_error.drift_percent,
+        |s, drift_percent| SettingChange::SensorError(SensorError { drift_percent, ..s.sensor_error }),
     ),
 ];
 
@@ -279,13 +292,14 @@ mod tests {
             SettingChange::CanNode(_) => 16,
             SettingChange::CanRateHz(_) => 17,
             SettingChange::CanCovariance(_) => 18,
+            SettingChange::SensorError(_) => 19,
         }
     }
 
     #[test]
     fn every_setting_is_a_parameter_with_a_short_unique_name() {
         let changes = PARAMETERS.iter().filter_map(|one| one.change(&Settings::DEFAULT, extremes(one)[0]));
-        assert_eq!(changes.map(variant).collect::<BTreeSet<_>>(), (0..19).collect());
+        assert_eq!(changes.map(variant).collect::<BTreeSet<_>>(), (0..20).collect());
         let names: BTreeSet<&str> = PARAMETERS.iter().map(|parameter| parameter.name).collect();
         assert_eq!(names.len(), PARAMETERS.len());
         assert!(names.iter().all(|name| name.len() <= 16));

@@ -8,6 +8,7 @@ use core::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 
 use crate::calibration::{ConsiderSigmas, Orientation};
+use crate::instrument::SensorErrorSigmas;
 pub use ports::{Baud, PORT_COUNT, PortNumber, PortSettings, PortsSettings, ProtocolKind};
 
 /// User settings.
@@ -44,6 +45,8 @@ pub struct Settings {
     pub signing_key: Option<SigningKey>,
     /// Node on a CAN bus.
     pub can: CanSettings,
+    /// Errors of gyro and magnetometer that the monitor expects.
+    pub sensor_error: SensorError,
 }
 
 /// Settings of the node on a CAN bus.
@@ -143,6 +146,36 @@ impl AttitudeError {
     }
 }
 
+/// Errors of gyro and magnetometer that the monitor expects, 1 sigma.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SensorError {
+    /// Scale error and cross-axis sensitivity of the gyro, percent.
+    pub gyro_percent: f32,
+    /// Drift of the hard iron in a minute, percent of the field.
+    pub drift_percent: f32,
+}
+
+impl SensorError {
+    /// The monitor's default.
+    pub const DEFAULT: Self = Self { gyro_percent: 2.0, drift_percent: 0.25 };
+
+    /// Range of the gyro's error, percent, up to the largest that the monitor estimates.
+    pub const GYRO_PERCENT: RangeInclusive<f32> = 0.1..=20.0;
+
+    /// Range of the drift, percent of the field.
+    pub const DRIFT_PERCENT: RangeInclusive<f32> = 0.05..=5.0;
+
+    /// Converts to the monitor's units.
+    #[must_use]
+    pub fn to_sigmas(self) -> SensorErrorSigmas {
+        SensorErrorSigmas { gyro_scale: self.gyro_percent / 100.0, hard_iron_drift: self.drift_percent / 100.0 }
+    }
+
+    fn is_valid(self) -> bool {
+        Self::GYRO_PERCENT.contains(&self.gyro_percent) && Self::DRIFT_PERCENT.contains(&self.drift_percent)
+    }
+}
+
 impl Default for Settings {
     fn default() -> Self {
         Self::DEFAULT
@@ -168,6 +201,7 @@ impl Settings {
         attitude_rate_hz: 40,
         signing_key: None,
         can: CanSettings::DEFAULT,
+        sensor_error: SensorError::DEFAULT,
     };
 
     /// Factory settings with the present alignment, which belongs to the calibration.
@@ -203,6 +237,7 @@ impl Settings {
             && self.attitude_error.is_valid()
             && Self::ACCURACY_DEG.contains(&self.accuracy_deg)
             && self.can.is_valid()
+            && self.sensor_error.is_valid()
     }
 }
 
@@ -243,6 +278,8 @@ pub enum SettingChange {
     CanRateHz(u8),
     /// Whether the field is sent with its covariance on a CAN bus.
     CanCovariance(bool),
+    /// Expected errors of gyro and magnetometer.
+    SensorError(SensorError),
 }
 
 /// Description of the valid range, for a value outside of it.
@@ -268,7 +305,8 @@ impl SettingChange {
             | Self::Signing(_)
             | Self::CanNode(_)
             | Self::CanRateHz(_)
-            | Self::CanCovariance(_) => false,
+            | Self::CanCovariance(_)
+            | Self::SensorError(_) => false,
         }
     }
 
@@ -282,6 +320,7 @@ impl SettingChange {
             Self::Inclination(_) => "an inclination is -90 to 90 degrees, positive down",
             Self::Mount(_) => "a mounting is one of the 24 right-angle ones",
             Self::AttitudeError(_) => "a constant error is 0 to 5 degrees, one of bank 0 to 20 percent",
+            Self::SensorError(_) => "an error of the gyro is 0.1 to 20 percent, a drift 0.05 to 5 percent of the field",
             Self::Signing(_) => "a passphrase or off",
             Self::Accuracy(_) => "an accuracy is 0.2 to 3 degrees",
             Self::Protocol(..) => "a protocol that this firmware was built with",
@@ -318,6 +357,7 @@ impl Settings {
             SettingChange::CanNode(node) => changed.can.node = node,
             SettingChange::CanRateHz(hz) => changed.can.rate_hz = hz,
             SettingChange::CanCovariance(on) => changed.can.sends_covariance = on,
+            SettingChange::SensorError(error) => changed.sensor_error = error,
         }
         if changed.is_valid() { Ok(changed) } else { Err(OutOfRange(setting.valid_range())) }
     }

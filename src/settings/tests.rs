@@ -21,6 +21,18 @@ fn attitude_errors_convert_to_the_solver_s_units() {
     }
 }
 
+const fn sensor_error(gyro_percent: f32, drift_percent: f32) -> SettingChange {
+    SettingChange::SensorError(SensorError { gyro_percent, drift_percent })
+}
+
+#[test]
+fn expected_sensor_errors_convert_to_the_monitor_s_units() {
+    assert_eq!(SensorError::DEFAULT.to_sigmas(), SensorErrorSigmas::DEFAULT);
+    let SensorErrorSigmas { gyro_scale, hard_iron_drift } =
+        SensorError { gyro_percent: 10.0, drift_percent: 0.5 }.to_sigmas();
+    assert!((gyro_scale - 0.1).abs() < 1e-7 && (hard_iron_drift - 0.005).abs() < 1e-8);
+}
+
 #[test]
 fn every_setting_has_its_range() {
     let nan = f32::NAN;
@@ -65,6 +77,18 @@ fn every_setting_has_its_range() {
                 SettingChange::Inclination(Some(nan)),
             ],
             "an inclination is -90 to 90",
+        ),
+        (
+            &[sensor_error(0.1, 0.05), sensor_error(20.0, 5.0)],
+            &[
+                sensor_error(0.0, 1.0),
+                sensor_error(20.1, 1.0),
+                sensor_error(nan, 1.0),
+                sensor_error(1.0, 0.0),
+                sensor_error(1.0, 5.1),
+                sensor_error(1.0, nan),
+            ],
+            "an error of the gyro is 0.1 to 20",
         ),
         (
             &[attitude_error(0.0, 0.0), attitude_error(5.0, 0.0), attitude_error(0.0, 20.0)],
@@ -132,6 +156,10 @@ fn a_setting_changes_itself_and_nothing_else() {
         (SettingChange::Inclination(Some(60.0)), Settings { inclination_deg: Some(60.0), ..before }),
         (SettingChange::Mount(mount), Settings { mount, ..before }),
         (
+            sensor_error(5.0, 1.0),
+            Settings { sensor_error: SensorError { gyro_percent: 5.0, drift_percent: 1.0 }, ..before },
+        ),
+        (
             attitude_error(1.5, 3.0),
             Settings { attitude_error: AttitudeError { bias_deg: 1.5, bank_percent: 3.0 }, ..before },
         ),
@@ -186,6 +214,7 @@ fn solves_use_mounting_inclination_and_the_attitude_s_error() {
         (SettingChange::CanNode(1), false),
         (SettingChange::CanRateHz(20), false),
         (SettingChange::CanCovariance(true), false),
+        (sensor_error(2.0, 1.0), false),
     ] {
         assert_eq!(setting.is_used_by_solves(), used, "{setting:?}");
     }

@@ -7,7 +7,9 @@ use crate::calibration::{
     AttitudeLatency, Calibration, Envelope, HeadingUncertainty, Method, MotorCurrentInterference, Orientation, Quality,
 };
 use crate::reading::{Identity, Model};
-use crate::settings::{AttitudeError, CanSettings, PORT_COUNT, PortNumber, PortSettings, ProtocolKind, Settings};
+use crate::settings::{
+    AttitudeError, CanSettings, PORT_COUNT, PortNumber, PortSettings, ProtocolKind, SensorError, Settings,
+};
 
 /// Pages for calibrations: two that the valid state refers to, and two for the next state.
 pub(super) const CALIBRATION_SLOTS: u8 = 4;
@@ -245,6 +247,7 @@ impl Fields for StoredState {
             attitude_rate_hz,
             signing_key,
             can: CanSettings { node, rate_hz, sends_covariance },
+            sensor_error: SensorError { gyro_percent, drift_percent },
         } = settings;
         visitor.optional(4, declination_deg);
         visitor.optional(5, inclination_deg);
@@ -272,6 +275,8 @@ impl Fields for StoredState {
         visitor.optional(25, node);
         visitor.optional(26, rate_hz);
         visitor.optional(27, sends_covariance);
+        visitor.optional(28, gyro_percent);
+        visitor.optional(29, drift_percent);
     }
 
     fn is_valid(&self) -> bool {

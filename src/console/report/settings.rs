@@ -5,7 +5,7 @@ use core::fmt::{self, Write};
 use crate::compass::StatusReport;
 use crate::decimal::{Decimal, ShortestDecimal};
 use crate::earth::{EarthField, LocalField, MODEL_NAME, ModelValidity, Position};
-use crate::settings::{AttitudeError, CanSettings, PortNumber, PortSettings, SettingChange};
+use crate::settings::{AttitudeError, CanSettings, PortNumber, PortSettings, SensorError, SettingChange};
 
 #[derive(Clone, Copy)]
 pub(super) enum SettingGroup {
@@ -14,6 +14,7 @@ pub(super) enum SettingGroup {
     Inclination,
     Mount,
     AttitudeError,
+    SensorError,
     Accuracy,
     Auto,
     Port(PortNumber),
@@ -25,12 +26,13 @@ pub(super) enum SettingGroup {
 
 impl SettingGroup {
     /// All groups but that of the CAN bus, which not every board has.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Stream,
         Self::Declination,
         Self::Inclination,
         Self::Mount,
         Self::AttitudeError,
+        Self::SensorError,
         Self::Accuracy,
         Self::Auto,
         Self::Port(PortNumber::One),
@@ -49,6 +51,7 @@ impl SettingGroup {
             SettingChange::Inclination(_) => Self::Inclination,
             SettingChange::Mount(_) => Self::Mount,
             SettingChange::AttitudeError(_) => Self::AttitudeError,
+            SettingChange::SensorError(_) => Self::SensorError,
             SettingChange::Accuracy(_) => Self::Accuracy,
             SettingChange::Auto(_) => Self::Auto,
             SettingChange::Protocol(port, _) | SettingChange::Baud(port, _) => Self::Port(port),
@@ -91,6 +94,11 @@ pub(super) fn setting_line(
             let AttitudeError { bias_deg, bank_percent } = settings.attitude_error;
             let (bias, bank) = (ShortestDecimal(bias_deg, 2), ShortestDecimal(bank_percent, 1));
             write!(out, "attitude-error{between}{bias} deg, {bank} % of bank, 1 sigma")
+        }
+        SettingGroup::SensorError => {
+            let SensorError { gyro_percent, drift_percent } = settings.sensor_error;
+            let (gyro, drift) = (ShortestDecimal(gyro_percent, 1), ShortestDecimal(drift_percent, 2));
+            write!(out, "sensor-error{between}gyro {gyro} %, drift {drift} % of the field a minute, 1 sigma")
         }
         SettingGroup::Accuracy => {
             write!(out, "accuracy{between}{} deg wanted", ShortestDecimal(settings.accuracy_deg, 1))

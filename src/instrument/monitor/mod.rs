@@ -35,6 +35,7 @@ use core::ops::Range;
 
 use nalgebra::Vector3;
 
+use super::correction::SensorErrorSigmas;
 use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrorRows, GyroErrors, HeadingRateError};
 use super::ud_filter::{Measurement, UdFilter};
 use crate::attitude::{EulerRates, GyroHeading};
@@ -66,12 +67,13 @@ use parameters::{
     MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INNOVATION, MAX_MOUNT_TURN_RAD,
     MAX_MOUNT_TURNING_BANK_RAD, MAX_MOUNT_TURNING_S, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE, MAX_TILT_INNOVATION_RAD,
     MIN_DRIFT, MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON, POST_CHANGE_INFLATION, POST_CHANGE_S,
-    SAMPLE_VARIANCE_FACTORS, SLOW_CHANGE_TIME_S, STATE_NOISE, UNKNOWN_ANGLE_VARIANCE_RAD2, VARIANCE_FLOORS,
+    SAMPLE_VARIANCE_FACTORS, SLOW_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2, VARIANCE_FLOORS, state_noise,
 };
 
 /// The monitor. 2.3 KB.
 #[derive(Debug)]
 pub(super) struct Monitor {
+    expected_errors: SensorErrorSigmas,
     filter: UdFilter<STATE_COUNT>,
     adaptive_noise: Option<AdaptiveNoise>,
     innovation_gate: InnovationGate,
@@ -99,9 +101,10 @@ pub(super) struct Monitor {
 }
 
 impl Monitor {
-    pub fn new() -> Self {
+    pub fn new(expected_errors: SensorErrorSigmas) -> Self {
         Self {
-            filter: UdFilter::new(&STATE_NOISE.map(|state| state.initial_sigma)),
+            expected_errors,
+            filter: UdFilter::new(&array::from_fn(|i| state_noise(i, expected_errors).initial_sigma)),
             adaptive_noise: None,
             innovation_gate: InnovationGate::NONE,
             is_strength_test_failed: false,
@@ -184,16 +187,17 @@ impl Monitor {
     /// Not inlined: a whole monitor is on the stack.
     #[inline(never)]
     fn reset(&mut self) {
-        *self = Self::new();
+        *self = Self::new(self.expected_errors);
     }
 
     fn predict(&mut self, step_s: f32) {
         self.post_change_remaining_s = (self.post_change_remaining_s - step_s).max(0.0);
-        self.filter.inflate_variance(GYRO_OFFSET, STATE_NOISE[GYRO_OFFSET].process_noise_per_s * step_s);
+        self.filter
+            .inflate_variance(GYRO_OFFSET, state_noise(GYRO_OFFSET, self.expected_errors).process_noise_per_s * step_s);
         let i = self.next_noise;
         self.next_noise = (i + 1) % STATE_COUNT;
         let is_unsettled = self.post_change_remaining_s > 0.0 && HARD_IRON_AXES.contains(&i);
-        let noise = if is_unsettled { POST_CHANGE_HARD_IRON } else { STATE_NOISE[i] };
+        let noise = if is_unsettled { POST_CHANGE_HARD_IRON } else { state_noise(i, self.expected_errors) };
         if i != GYRO_OFFSET && self.filter.state_variance(i) < noise.initial_sigma * noise.initial_sigma {
             self.filter.inflate_variance(i, noise.process_noise_per_s * step_s * STATE_COUNT as f32);
         }

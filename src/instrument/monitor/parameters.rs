@@ -5,7 +5,11 @@
 //! Gates have theirs in `innovation_gate.rs`, adaptation in `adaptive_noise.rs`.
 
 use super::innovation_gate::PerKind;
-use super::measurement_model::STATE_COUNT;
+use super::measurement_model::{
+    ATTITUDE_LATENCY, BANK_SCALE_ERROR, GYRO_OFFSET, GYRO_OFFSETS, HARD_IRON_CHANGE, INCLINATION_CHANGE, MOUNT_TURN,
+    PITCH_BIAS, ROLL_BIAS, STRENGTH_CHANGE,
+};
+use crate::instrument::correction::SensorErrorSigmas;
 
 /// Initial standard deviation of a state, and its process noise: variance per second, added while the variance is
 /// below the initial one; for the gyro heading offset always.
@@ -19,44 +23,36 @@ const fn state(initial_sigma: f32, process_noise_per_s: f32) -> StateNoise {
     StateNoise { initial_sigma, process_noise_per_s }
 }
 
-/// Symbols as in `measurement_model.rs`.
-pub(super) const STATE_NOISE: [StateNoise; STATE_COUNT] = [
-    // beta: 0.13 uT of 50 beside the coefficient errors; in a minute 0.1 uT more.
-    state(0.0025, 1e-7),
-    state(0.0025, 1e-7),
-    state(0.0025, 1e-7),
-    // f: half of the 10 % by which the field strength changes over 1000 km.
-    state(0.06, 1e-7),
-    // i: 5.7 deg, as over 1000 km.
-    state(0.1, 1e-7),
-    // a_r, a_p: 0.23 deg, an autopilot's level trim; in a minute 0.24 deg more, by centripetal acceleration.
-    state(0.004, 3e-7),
-    state(0.004, 3e-7),
-    // k: 2 % of the bank angle.
-    state(0.02, 1e-7),
-    // tau: 0.1 s, the delay of a telemetry link; it varies with the load of the link.
-    state(0.1, 3e-5),
-    // mu: 0.4 deg, play of a mount; in a minute 0.3 deg more.
-    state(0.007, 4e-7),
-    // c: unknown, more than pi; random walk of the gyro 0.06 deg in a second.
-    state(10.0, 1e-6),
-    // b_y, and the row of y.
-    GYRO_OFFSET_NOISE,
-    GYRO_SCALE_NOISE,
-    GYRO_SCALE_NOISE,
-    GYRO_SCALE_NOISE,
-    // b_z, and the row of z.
-    GYRO_OFFSET_NOISE,
-    GYRO_SCALE_NOISE,
-    GYRO_SCALE_NOISE,
-    GYRO_SCALE_NOISE,
-];
+/// Time in which a random walk of the hard iron has the expected drift, seconds.
+const HARD_IRON_DRIFT_TIME_S: f32 = 62.5;
 
-/// Offset of a gyro axis: 0.15 deg/s, what an autopilot leaves of it.
-const GYRO_OFFSET_NOISE: StateNoise = state(0.0026, 1e-9);
-
-/// Scale error and cross-axis sensitivity of a gyro: 2 %.
-const GYRO_SCALE_NOISE: StateNoise = state(0.02, 1e-10);
+/// Noise of state `i` of [`measurement_model`](super::measurement_model), with its symbols.
+pub(super) fn state_noise(i: usize, errors: SensorErrorSigmas) -> StateNoise {
+    match i {
+        // beta: coefficient errors are as large as a minute's drift.
+        HARD_IRON_CHANGE..STRENGTH_CHANGE => {
+            state(errors.hard_iron_drift, errors.hard_iron_drift * errors.hard_iron_drift / HARD_IRON_DRIFT_TIME_S)
+        }
+        // f: half of the 10 % by which the field strength changes over 1000 km.
+        STRENGTH_CHANGE => state(0.06, 1e-7),
+        // i: 5.7 deg, as over 1000 km.
+        INCLINATION_CHANGE => state(0.1, 1e-7),
+        // a_r, a_p: 0.23 deg, an autopilot's level trim; in a minute 0.24 deg more, by centripetal acceleration.
+        ROLL_BIAS | PITCH_BIAS => state(0.004, 3e-7),
+        // k: 2 % of the bank angle.
+        BANK_SCALE_ERROR => state(0.02, 1e-7),
+        // tau: 0.1 s, the delay of a telemetry link; it varies with the load of the link.
+        ATTITUDE_LATENCY => state(0.1, 3e-5),
+        // mu: 0.4 deg, play of a mount; in a minute 0.3 deg more.
+        MOUNT_TURN => state(0.007, 4e-7),
+        // c: unknown, more than pi; random walk of the gyro 0.06 deg in a second.
+        GYRO_OFFSET => state(10.0, 1e-6),
+        // b_y, b_z: 0.15 deg/s, what an autopilot leaves of a gyro's offset.
+        _ if GYRO_OFFSETS.contains(&i) => state(0.0026, 1e-9),
+        // Rows of y and z of the gyro's scale matrix.
+        _ => state(errors.gyro_scale, 1e-10),
+    }
+}
 
 /// Time after a detected change during which hard iron is less certain, seconds: the change may go on.
 pub(super) const POST_CHANGE_S: f32 = 60.0;

@@ -114,7 +114,7 @@ impl Flight {
             ..HeadingUncertainty::NONE
         };
         Self {
-            monitor: Monitor::new(),
+            monitor: Monitor::new(SensorErrorSigmas::DEFAULT),
             calibration,
             uncertainty,
             random: Random(seed),
@@ -386,7 +386,7 @@ fn the_scale_error_of_the_gyro_is_estimated() {
         let (attitude, motion, _) = moment(STRAIGHT_S + CIRCLE_S / 2.0);
         let row = GyroErrorRows::new(attitude, &motion).heading;
         let errors = flight.monitor.output().heading_rate_error.errors;
-        let found = errors.projected_mean(&row) / motion.heading_rad_s;
+        let found = estimated_scale_error(&flight, STRAIGHT_S + CIRCLE_S / 2.0);
         // The errors are those of the true rates, the row is taken at the measured ones.
         let expected = (gyro_scale - 1.0) / gyro_scale;
         assert!((found - expected).abs() < 0.005, "{gyro_scale}: {found}");
@@ -411,6 +411,38 @@ fn the_first_report_of_a_corrected_current_is_awaited() {
         });
         assert_eq!(waited.count(), discarded, "{motor_current:?} {reported_a:?}");
     }
+}
+
+/// The estimated scale error of the gyro's rate of heading at `t_s`, relative.
+fn estimated_scale_error(flight: &Flight, t_s: f32) -> f32 {
+    let (attitude, motion, _) = moment(t_s);
+    let row = GyroErrorRows::new(attitude, &motion).heading;
+    flight.monitor.output().heading_rate_error.errors.projected_mean(&row) / motion.heading_rad_s
+}
+
+/// After a third of a circle with a gyro of 10 %: an expected error of 10 % follows it, one of 0.2 % lags behind.
+#[test]
+fn the_expected_scale_error_limits_what_a_turn_estimates() {
+    let [narrow, wide] = [0.002, 0.1].map(|gyro_scale| {
+        let expected_errors = SensorErrorSigmas { gyro_scale, ..SensorErrorSigmas::DEFAULT };
+        let mut flight = Flight { monitor: Monitor::new(expected_errors), ..Flight::new(8) };
+        flight.wrong.gyro_scale = 1.1;
+        flight.fly((STRAIGHT_S + CIRCLE_S / 3.0) as u32);
+        estimated_scale_error(&flight, STRAIGHT_S + CIRCLE_S / 3.0)
+    });
+    assert!((wide - 0.1 / 1.1).abs() < 0.02 && narrow < 0.7 * wide, "{narrow} {wide}");
+}
+
+/// In a minute of straight flight the sigma of the heading grows with the expected drift.
+#[test]
+fn the_expected_drift_of_the_hard_iron_is_in_the_sigma() {
+    let [usual, large] = [0.0025, 0.01].map(|hard_iron_drift| {
+        let expected_errors = SensorErrorSigmas { hard_iron_drift, ..SensorErrorSigmas::DEFAULT };
+        let mut flight = Flight { monitor: Monitor::new(expected_errors), ..Flight::new(8) };
+        flight.fly(STRAIGHT_S as u32);
+        flight.step().unwrap().1
+    });
+    assert!(large > 1.5 * usual, "{large} {usual}");
 }
 
 /// Beyond 8.6 deg/s and 20 %: such a gyro is one of a field that does not turn.
@@ -520,7 +552,7 @@ fn a_heading_with_sigma_over_8_deg_is_withheld() {
 #[test]
 fn a_source_without_rates_is_monitored() {
     let flight = Flight::new(12);
-    let mut monitor = Monitor::new();
+    let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
     let mut verdicts = Vec::new();
     for i in 0..240_u16 {
         let iron_ut = if i < 200 { 0.0 } else { 8.0 };
@@ -634,7 +666,7 @@ fn estimated_changes_are_applied_to_the_calibration() {
 fn a_day_at_rest_changes_no_state() {
     let mut random = Random(15);
     let flight = Flight::new(15);
-    let mut monitor = Monitor::new();
+    let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
     let attitude = Attitude::from_deg(2.0, 5.0);
     let body = attitude.body(Field::earth(TOTAL_UT, INCLINATION_RAD, 0.7)).ut;
     for i in 0..864_000_u32 {

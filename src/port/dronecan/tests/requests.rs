@@ -46,7 +46,7 @@ fn all_parameters_are_listed() {
             assert_eq!(payload.len() - name.len(), 4 * tags(least), "{}", parameter.name);
         }
     }
-    assert_eq!(bench.ask(GET_SET, &[20, 0]), Some(vec![0; 4]));
+    assert_eq!(bench.ask(GET_SET, &[PARAMETERS.len() as u8, 0]), Some(vec![0; 4]));
     assert_eq!(bench.ask(GET_SET, b"\x00\x00UNKNOWN"), Some(vec![0; 4]));
 }
 
