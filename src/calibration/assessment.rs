@@ -2,10 +2,11 @@
 
 use crate::calibration::advice::{self, Advice};
 use crate::calibration::fit::converged_fit::ConvergedFit;
-use crate::calibration::hypotheses::attitude_error::AttitudeErrorTest;
+use crate::calibration::hypotheses::attitude_error::{AttitudeErrorFinding, AttitudeErrorTest};
 use crate::calibration::hypotheses::hard_iron_change::{ConfirmedChange, HardIronScan};
+use crate::calibration::hypotheses::lagging_lean::MIN_REPORTED_SIGMAS;
 use crate::calibration::hypotheses::table::{
-    ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, ERRORS, ROLL_BIAS, assumed_sigmas,
+    ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, ERRORS, LAGGING_LEAN, ROLL_BIAS, assumed_sigmas,
 };
 use crate::calibration::uncertainty::coefficient_covariance::CoefficientCovariance;
 use crate::calibration::uncertainty::expected_error::{ExpectedError, expected_heading_error};
@@ -55,6 +56,21 @@ impl<T> Finding<T> {
         let Self { violation: of, added_error_deg, expected_without_deg } = self;
         Finding { violation: violation(of), added_error_deg, expected_without_deg }
     }
+}
+
+/// The more significant one of a constant and a lagging lean. Below the minimum, a lagging one is only in the expected
+/// error.
+fn bank_scale_error(
+    constant: Option<Finding<AttitudeErrorFinding>>,
+    lagging: Option<Finding<AttitudeErrorFinding>>,
+) -> Option<Finding<BankScaleFinding>> {
+    let sigmas = |finding: &Finding<AttitudeErrorFinding>| finding.violation.significance_sigmas;
+    let lagging = lagging.filter(|finding| sigmas(finding) > MIN_REPORTED_SIGMAS);
+    let larger = [constant, lagging].into_iter().flatten().max_by(|a, b| sigmas(a).total_cmp(&sigmas(b)))?;
+    Some(larger.map(|found| BankScaleFinding {
+        read_ratio: 1.0 / (1.0 + found.estimate),
+        significance_sigmas: found.significance_sigmas,
+    }))
 }
 
 impl ConvergedFit<'_> {
@@ -110,12 +126,7 @@ impl ConvergedFit<'_> {
             uncertainty,
             advice,
             hard_iron_change: iron,
-            bank_scale_error: attitude_errors[BANK_SCALE].map(|finding| {
-                finding.map(|found| BankScaleFinding {
-                    read_ratio: 1.0 / (1.0 + found.estimate),
-                    significance_sigmas: found.significance_sigmas,
-                })
-            }),
+            bank_scale_error: bank_scale_error(attitude_errors[BANK_SCALE], attitude_errors[LAGGING_LEAN]),
         })
     }
 
