@@ -51,26 +51,22 @@ impl<T> Finding<T> {
         let squared = with_deg * with_deg - without_deg * without_deg;
         Self { violation: of, added_error_deg: sqrt(squared.max(0.0)), expected_without_deg: without_deg }
     }
-
-    fn map<U>(self, violation: impl FnOnce(T) -> U) -> Finding<U> {
-        let Self { violation: of, added_error_deg, expected_without_deg } = self;
-        Finding { violation: violation(of), added_error_deg, expected_without_deg }
-    }
 }
 
-/// The more significant one of a constant and a lagging lean. Below the minimum, a lagging one is only in the expected
-/// error.
+/// The more significant one of a constant and a lagging lean, with the effect of both. Below the minimum, a lagging one
+/// is only in the expected error.
 fn bank_scale_error(
     constant: Option<Finding<AttitudeErrorFinding>>,
     lagging: Option<Finding<AttitudeErrorFinding>>,
+    with_deg: f32,
 ) -> Option<Finding<BankScaleFinding>> {
-    let sigmas = |finding: &Finding<AttitudeErrorFinding>| finding.violation.significance_sigmas;
-    let lagging = lagging.filter(|finding| sigmas(finding) > MIN_REPORTED_SIGMAS);
-    let larger = [constant, lagging].into_iter().flatten().max_by(|a, b| sigmas(a).total_cmp(&sigmas(b)))?;
-    Some(larger.map(|found| BankScaleFinding {
-        read_ratio: 1.0 / (1.0 + found.estimate),
-        significance_sigmas: found.significance_sigmas,
-    }))
+    let without_deg = constant.or(lagging)?.expected_without_deg;
+    let lagging = lagging.filter(|finding| finding.violation.significance_sigmas > MIN_REPORTED_SIGMAS);
+    let found = [constant, lagging].into_iter().flatten().map(|finding| finding.violation);
+    let larger = found.max_by(|a, b| a.significance_sigmas.total_cmp(&b.significance_sigmas))?;
+    let violation =
+        BankScaleFinding { read_ratio: 1.0 / (1.0 + larger.estimate), significance_sigmas: larger.significance_sigmas };
+    Some(Finding::new(violation, with_deg, without_deg))
 }
 
 impl ConvergedFit<'_> {
@@ -101,6 +97,8 @@ impl ConvergedFit<'_> {
             expected = self.expected(information, &sigmas, &mut covariance)?;
             attitude_errors[index] = Some(Finding::new(found, expected.rms_deg, without_deg));
         }
+        let bank_scale_error =
+            bank_scale_error(attitude_errors[BANK_SCALE], attitude_errors[LAGGING_LEAN], expected.rms_deg);
         if let Some(change) = change {
             let without_deg = expected.rms_deg;
             information.hard_iron_gradient = change.effect;
@@ -126,7 +124,7 @@ impl ConvergedFit<'_> {
             uncertainty,
             advice,
             hard_iron_change: iron,
-            bank_scale_error: bank_scale_error(attitude_errors[BANK_SCALE], attitude_errors[LAGGING_LEAN]),
+            bank_scale_error,
         })
     }
 

@@ -2,8 +2,8 @@
 //! flight after it.
 //!
 //! Soft iron that lags by a small angle has the field of a heading less far turned. With `S` the response of the soft
-//! iron alone and `dh` the change of the field in body axes by the turn, the measurement has an additional
-//! `-S diag(play) dh`. The unknowns are the angles of play of the body axes, in radians.
+//! iron alone and `dh` the change of the field in body axes by a turn of one radian, the measurement has an additional `-play S dh`. The
+//! unknown is the angle of play, in radians.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -64,20 +64,14 @@ impl Hysteresis {
         })
     }
 
-    /// Derivative of the corrected field by the angles of play, after a turn in a direction.
-    pub fn response(&self, sample: &Sample, direction: f32, equations: &SampleEquations) -> Matrix3<f32> {
+    /// Derivative of the corrected field by the play, after a turn in a direction; down in body axes.
+    pub fn response(&self, down: &Vector3<f32>, direction: f32, equations: &SampleEquations) -> Vector3<f32> {
         let body = multiply(&self.w, &equations.norm.row.x) + self.d;
-        let by_heading = body.cross(&sample.attitude.tilt().down());
-        let mut response = self.soft_iron;
-        for axis in 0..3 {
-            response.column_mut(axis).scale_mut(-direction * by_heading[axis]);
-        }
-        response
+        multiply(&self.soft_iron, &(down.cross(&body) * direction))
     }
 
-    /// RMS field of these angles of play over the headings, units of field.
-    pub fn size(&self, play_rad: &Vector3<f32>) -> f32 {
-        let lag = self.soft_iron * Matrix3::from_diagonal(play_rad);
-        sqrt(0.5 * lag.fixed_columns::<2>(0).norm_squared()) * self.cos_inclination
+    /// RMS field of a play over the headings, units of field.
+    pub fn size(&self, play_rad: f32) -> f32 {
+        play_rad.abs() * sqrt(0.5 * self.soft_iron.fixed_columns::<2>(0).norm_squared()) * self.cos_inclination
     }
 }

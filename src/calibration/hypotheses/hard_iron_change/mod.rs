@@ -3,8 +3,8 @@
 //!
 //! A change `beta` of the hard iron `b` is tested as three additional unknowns of a [score test](super::score_test):
 //! `b + beta` before one of about thirty times and `b` after it (step), a linear transition over the flight (drift), or a
-//! share of `beta` that follows the load factor (linkage). Of [hysteresis](super::hysteresis) the three unknowns are the
-//! angles by which the soft iron's field lags in turns.
+//! share of `beta` that follows the load factor (linkage). Of [hysteresis](super::hysteresis) one unknown is the angle by which the soft
+//! iron's field lags in turns, and two have no effect.
 //!
 //! Errors are correlated, and the misfit inflates sigma. So a second pass, if the first is suspicious, takes both from
 //! the residuals that remain with the change.
@@ -19,11 +19,14 @@
 //! residuals; a moved payload has 30 or more from these.
 //!
 //! Iron of 3 uT in a linkage has 70 to 270, because bank varies within turns, but down to 1 from norm residuals if it
-//! hardly changes the norm. Hysteresis of 15 deg has 20 to 300 where it costs half a degree or more. In 60 clean flights the second
-//! pass has at most 10 of a step, 7 of these two, each tested once only.
+//! hardly changes the norm. Hysteresis of 15 deg has 20 to 300 where it costs half a degree or more. Of 60 clean flights the first
+//! pass has at most 10 of these two, which are tested once.
 
-use nalgebra::{Matrix3, Vector3};
+mod sums;
 
+use nalgebra::{Matrix3, Vector1, Vector3};
+
+use self::sums::HardIronSums;
 use super::hysteresis::{Hysteresis, LastTurn};
 use super::score_test::ScoreTest;
 use crate::calibration::fit::converged_fit::ConvergedFit;
@@ -40,7 +43,7 @@ use crate::trig::{Length as _, sqrt};
 const MAX_TESTED_STEPS: usize = 32;
 
 /// Significance that triggers the second pass.
-const SECOND_PASS_SIGNIFICANCE: f32 = 20.0;
+const SECOND_PASS_SIGNIFICANCE: f32 = 16.0;
 
 /// Significance that confirms a change, in the second pass.
 const MIN_SIGNIFICANCE: f32 = 30.0;
@@ -49,11 +52,12 @@ const MIN_SIGNIFICANCE: f32 = 30.0;
 /// look like a change in the inclination residuals.
 const MIN_NORM_SIGNIFICANCE: f32 = 16.0;
 
-/// The same for hysteresis, which is tested once.
-const MIN_HYSTERESIS_SIGNIFICANCE: f32 = 18.0;
+/// The same for hysteresis, which is tested once, and has one unknown.
+const MIN_HYSTERESIS_SIGNIFICANCE: f32 = 12.0;
 
-/// The same from norm residuals, for hypotheses that are tested once: 95 % quantile of chi-squared.
-const MIN_SINGLE_NORM_SIGNIFICANCE: f32 = 7.8;
+/// The same from norm residuals, for hypotheses that are tested once: 99 % quantile of chi-squared
+/// with one degree of freedom.
+const MIN_SINGLE_NORM_SIGNIFICANCE: f32 = 6.6;
 
 /// Significance that confirms iron in a linkage whatever the norm residuals are.
 const CERTAIN_SIGNIFICANCE: f32 = 60.0;
@@ -95,16 +99,24 @@ impl TimeSpan {
         match form {
             TestedCourse::Step(until_ms) => f32::from(u8::from(ms <= until_ms)),
             TestedCourse::Drift => 1.0 - ms as f32 / self.duration_ms as f32,
-            TestedCourse::Load => load_fraction(sample),
+            TestedCourse::Load => load_fraction(&sample.attitude.tilt().down()),
             TestedCourse::Hysteresis => 1.0,
         }
     }
 }
 
-/// Load factor less one, relative to the reference; at most 1.
-fn load_fraction(sample: &Sample) -> f32 {
-    let cos_bank = libm::cosf(sample.attitude.roll_rad).max(0.1);
-    ((1.0 / cos_bank - 1.0) / REFERENCE_LOAD).min(1.0)
+/// Load factor less one, relative to the reference, with down in body axes; at most 1.
+fn load_fraction(down: &Vector3<f32>) -> f32 {
+    ((1.0 / down.z.max(0.1) - 1.0) / REFERENCE_LOAD).min(1.0)
+}
+
+/// The sums of one unknown as those of three, of which two have no effect.
+fn with_two_unused(sums: &ScoreTest<1>) -> ScoreTest<3> {
+    let mut test = ScoreTest::<3>::zero();
+    test.cross_information[0] = sums.cross_information[0];
+    test.information[(0, 0)] = sums.information.x;
+    test.gradient.x = sums.gradient.x;
+    test
 }
 
 /// Estimate and its significance.
@@ -153,20 +165,20 @@ pub(in crate::calibration) struct ConfirmedChange {
     pub effect: Vector13,
 }
 
-/// Search for a hard-iron change in one pass in time order. About 1.2 KB.
+/// Search for a hard-iron change in one pass in time order. About 900 bytes.
 #[derive(Debug)]
 pub(in crate::calibration) struct HardIronScan {
     span: TimeSpan,
     /// `W`: maps a hard-iron change to the corrected field.
     w: Matrix3<f32>,
     step_to_maximum: Vector13,
-    so_far: ScoreTest<3>,
-    with_load: ScoreTest<3>,
-    with_hysteresis: ScoreTest<3>,
+    so_far: HardIronSums,
+    with_load: HardIronSums,
+    with_hysteresis: ScoreTest<1>,
     hysteresis: Hysteresis,
     last_turn: LastTurn,
     /// Sums of a drift, approximated by steps at the tested times.
-    drifting: ScoreTest<3>,
+    drifting: HardIronSums,
     drift_fraction: f32,
     samples_seen: usize,
     sample_count: usize,
@@ -184,10 +196,10 @@ impl HardIronScan {
             last_turn: LastTurn::default(),
             w: parameters.w,
             step_to_maximum: system.step_to_maximum()?,
-            so_far: ScoreTest::zero(),
-            with_load: ScoreTest::zero(),
+            so_far: HardIronSums::zero(),
+            with_load: HardIronSums::zero(),
             with_hysteresis: ScoreTest::zero(),
-            drifting: ScoreTest::zero(),
+            drifting: HardIronSums::zero(),
             drift_fraction: 1.0,
             samples_seen: 0,
             sample_count: samples.iter().count(),
@@ -198,13 +210,12 @@ impl HardIronScan {
 
     pub fn add(&mut self, system: &LinearisedProblem, sample: &Sample, equations: &SampleEquations) {
         let time = sample.time;
-        let load = load_fraction(sample);
-        let lagging = self.hysteresis.response(sample, self.last_turn.update(sample), equations);
+        let down = sample.attitude.tilt().down();
+        self.so_far.add(equations, 1.0);
+        self.with_load.add(equations, load_fraction(&down));
+        let lagging = self.hysteresis.response(&down, self.last_turn.update(sample), equations);
         for equation in hard_iron_residuals(equations) {
-            let by_change = derivative_by_hard_iron(&self.w, equation);
-            self.so_far.add(equation, &by_change, 1.0);
-            self.with_load.add(equation, &by_change, load);
-            self.with_hysteresis.add(equation, &lagging.tr_mul(&equation.row.by_field), 1.0);
+            self.with_hysteresis.add(equation, &Vector1::new(lagging.dot(&equation.row.by_field)), 1.0);
         }
         self.samples_seen += 1;
         if self.samples_seen.is_multiple_of(self.sample_count.div_ceil(MAX_TESTED_STEPS))
@@ -223,12 +234,12 @@ impl HardIronScan {
     /// Tests a time course whose sums are complete.
     fn test_course(&mut self, system: &LinearisedProblem, form: TestedCourse) {
         let sums = match form {
-            TestedCourse::Step(_) => &self.so_far,
-            TestedCourse::Drift => &self.drifting,
-            TestedCourse::Load => &self.with_load,
-            TestedCourse::Hysteresis => &self.with_hysteresis,
+            TestedCourse::Step(_) => self.so_far.score_test(&self.w),
+            TestedCourse::Drift => self.drifting.score_test(&self.w),
+            TestedCourse::Load => self.with_load.score_test(&self.w),
+            TestedCourse::Hysteresis => with_two_unused(&self.with_hysteresis),
         };
-        let Some((beta, significance)) = estimate(sums, system, &self.step_to_maximum) else { return };
+        let Some((beta, significance)) = estimate(&sums, system, &self.step_to_maximum) else { return };
         if self.best.is_none_or(|found| significance > found.significance) {
             self.effect = sums.effect(&beta);
             self.best = Some(ChangeEstimate { form, beta, significance });
@@ -255,7 +266,7 @@ impl HardIronScan {
             TestedCourse::Hysteresis => HardIronTimeCourse::BehindTurns,
         };
         let size = match found.form {
-            TestedCourse::Hysteresis => self.hysteresis.size(&found.beta),
+            TestedCourse::Hysteresis => self.hysteresis.size(found.beta.x),
             _ => found.beta.length(),
         };
         let iron = DetectedHardIronChange {
@@ -268,7 +279,7 @@ impl HardIronScan {
     }
 
     fn significance(
-        &mut self,
+        &self,
         found: &ChangeEstimate,
         fit: &ConvergedFit<'_>,
         system: &LinearisedProblem,
@@ -277,14 +288,15 @@ impl HardIronScan {
         let move_unknowns = self.step_to_maximum - system.covariance_times(&self.effect)?;
         let parameters = ModelParameters::new(fit.unknowns);
         let mut remaining = Autocorrelation::default();
-        let norms = &mut self.so_far;
-        *norms = ScoreTest::zero();
+        let mut norms = ScoreTest::zero();
         let mut last_turn = LastTurn::default();
         for (part, sample) in TimeOrdered::new(fit.samples) {
             let equations = fit.likelihood.equations(sample, None, &parameters);
             let share = self.span.fraction_at(found.form, sample);
             let response = if found.form == TestedCourse::Hysteresis {
-                self.hysteresis.response(sample, last_turn.update(sample), &equations)
+                let down = sample.attitude.tilt().down();
+                let lagging = self.hysteresis.response(&down, last_turn.update(sample), &equations);
+                Matrix3::from_columns(&[lagging, Vector3::zeros(), Vector3::zeros()])
             } else {
                 -self.w
             };
@@ -302,7 +314,7 @@ impl HardIronScan {
         let [of_norm, of_dip] = remaining.excess_inflation();
         let [norm, dip] = remaining.sums_of_squares();
         let [norm, dip] = [norm * (1.0 + of_norm) / freedom, dip * (1.0 + of_dip) / freedom];
-        let of_norms = norm_significance(norms, system, residuals, &self.step_to_maximum, norm)?;
+        let of_norms = norm_significance(&norms, system, residuals, &self.step_to_maximum, norm)?;
         Some([found.significance / norm.max(dip), of_norms])
     }
 }
@@ -311,6 +323,7 @@ fn is_significant(form: TestedCourse, [of_both, of_norms]: [f32; 2]) -> bool {
     let (both, norms) = match form {
         TestedCourse::Step(_) | TestedCourse::Drift => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE),
         TestedCourse::Load if of_both > CERTAIN_SIGNIFICANCE => return true,
+        TestedCourse::Hysteresis if of_both > MIN_SIGNIFICANCE => return true,
         TestedCourse::Load => (MIN_SIGNIFICANCE, MIN_SINGLE_NORM_SIGNIFICANCE),
         TestedCourse::Hysteresis => (MIN_HYSTERESIS_SIGNIFICANCE, MIN_SINGLE_NORM_SIGNIFICANCE),
     };
