@@ -24,14 +24,14 @@
 
 mod sums;
 
-use nalgebra::{Matrix3, Vector1, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 use self::sums::HardIronSums;
 use super::hysteresis::{Hysteresis, LastTurn};
 use super::score_test::ScoreTest;
 use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
-use crate::calibration::model::{ModelParameters, ResidualEquation, SampleEquations, Vector13};
+use crate::calibration::model::{JacobianRow, ModelParameters, ResidualEquation, SampleEquations, Vector13};
 use crate::calibration::statistics::autocorrelation::Autocorrelation;
 use crate::calibration::statistics::residuals::ResidualStatistics;
 use crate::calibration::types::time_order::TimeOrdered;
@@ -108,6 +108,21 @@ impl TimeSpan {
 /// Load factor less one, relative to the reference, with down in body axes; at most 1.
 fn load_fraction(down: &Vector3<f32>) -> f32 {
     ((1.0 / down.z.max(0.1) - 1.0) / REFERENCE_LOAD).min(1.0)
+}
+
+/// Adds both residuals of a sample by an unknown with this effect on the corrected field: faster than one by one, because
+/// their rows have the measurement in common.
+fn add_pair(sums: &mut ScoreTest<1>, equations: &SampleEquations, effect: &Vector3<f32>) {
+    let mut pair = JacobianRow { by_field: Vector3::zeros(), x: equations.norm.row.x, by_inclination: 0.0 };
+    for equation in hard_iron_residuals(equations) {
+        let by_unknown = effect.dot(&equation.row.by_field);
+        let weighted = by_unknown * equation.weight;
+        pair.by_field += equation.row.by_field * weighted;
+        pair.by_inclination += equation.row.by_inclination * weighted;
+        sums.information.x += weighted * by_unknown;
+        sums.gradient.x -= weighted * equation.residual;
+    }
+    pair.add_scaled_to(&mut sums.cross_information[0], 1.0);
 }
 
 /// The sums of one unknown as those of three, of which two have no effect.
@@ -214,9 +229,7 @@ impl HardIronScan {
         self.so_far.add(equations, 1.0);
         self.with_load.add(equations, load_fraction(&down));
         let lagging = self.hysteresis.response(&down, self.last_turn.update(sample), equations);
-        for equation in hard_iron_residuals(equations) {
-            self.with_hysteresis.add(equation, &Vector1::new(lagging.dot(&equation.row.by_field)), 1.0);
-        }
+        add_pair(&mut self.with_hysteresis, equations, &lagging);
         self.samples_seen += 1;
         if self.samples_seen.is_multiple_of(self.sample_count.div_ceil(MAX_TESTED_STEPS))
             && self.samples_seen < self.sample_count
