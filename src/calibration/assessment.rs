@@ -2,10 +2,11 @@
 
 use crate::calibration::advice::{self, Advice};
 use crate::calibration::fit::converged_fit::ConvergedFit;
-use crate::calibration::hypotheses::attitude_error::AttitudeErrorTest;
+use crate::calibration::hypotheses::attitude_error::{AttitudeErrorFinding, AttitudeErrorTest};
 use crate::calibration::hypotheses::hard_iron_change::{ConfirmedChange, HardIronScan};
+use crate::calibration::hypotheses::lagging_lean::MIN_REPORTED_SIGMAS;
 use crate::calibration::hypotheses::table::{
-    ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, ERRORS, ROLL_BIAS, assumed_sigmas,
+    ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, ERRORS, LAGGING_LEAN, ROLL_BIAS, assumed_sigmas,
 };
 use crate::calibration::uncertainty::coefficient_covariance::CoefficientCovariance;
 use crate::calibration::uncertainty::expected_error::{ExpectedError, expected_heading_error};
@@ -50,11 +51,22 @@ impl<T> Finding<T> {
         let squared = with_deg * with_deg - without_deg * without_deg;
         Self { violation: of, added_error_deg: sqrt(squared.max(0.0)), expected_without_deg: without_deg }
     }
+}
 
-    fn map<U>(self, violation: impl FnOnce(T) -> U) -> Finding<U> {
-        let Self { violation: of, added_error_deg, expected_without_deg } = self;
-        Finding { violation: violation(of), added_error_deg, expected_without_deg }
-    }
+/// The more significant one of a constant and a lagging lean, with the effect of both. Below the minimum, a lagging one
+/// is only in the expected error.
+fn bank_scale_error(
+    constant: Option<Finding<AttitudeErrorFinding>>,
+    lagging: Option<Finding<AttitudeErrorFinding>>,
+    with_deg: f32,
+) -> Option<Finding<BankScaleFinding>> {
+    let without_deg = constant.or(lagging)?.expected_without_deg;
+    let lagging = lagging.filter(|finding| finding.violation.significance_sigmas > MIN_REPORTED_SIGMAS);
+    let found = [constant, lagging].into_iter().flatten().map(|finding| finding.violation);
+    let larger = found.max_by(|a, b| a.significance_sigmas.total_cmp(&b.significance_sigmas))?;
+    let violation =
+        BankScaleFinding { read_ratio: 1.0 / (1.0 + larger.estimate), significance_sigmas: larger.significance_sigmas };
+    Some(Finding::new(violation, with_deg, without_deg))
 }
 
 impl ConvergedFit<'_> {
@@ -85,6 +97,8 @@ impl ConvergedFit<'_> {
             expected = self.expected(information, &sigmas, &mut covariance)?;
             attitude_errors[index] = Some(Finding::new(found, expected.rms_deg, without_deg));
         }
+        let bank_scale_error =
+            bank_scale_error(attitude_errors[BANK_SCALE], attitude_errors[LAGGING_LEAN], expected.rms_deg);
         if let Some(change) = change {
             let without_deg = expected.rms_deg;
             information.hard_iron_gradient = change.effect;
@@ -110,12 +124,7 @@ impl ConvergedFit<'_> {
             uncertainty,
             advice,
             hard_iron_change: iron,
-            bank_scale_error: attitude_errors[BANK_SCALE].map(|finding| {
-                finding.map(|found| BankScaleFinding {
-                    read_ratio: 1.0 / (1.0 + found.estimate),
-                    significance_sigmas: found.significance_sigmas,
-                })
-            }),
+            bank_scale_error,
         })
     }
 

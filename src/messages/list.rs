@@ -203,6 +203,10 @@ fn iron_changed(change: &DetectedHardIronChange, show: EntryWriter<'_>) -> fmt::
     let advice = match change.time_course {
         HardIronTimeCourse::Step { .. } => format_args!("fix what moved and fly again"),
         HardIronTimeCourse::Drift => format_args!("wait until temperatures settle and fly again"),
+        HardIronTimeCourse::InTurns => {
+            format_args!("remove the iron of the linkage, or move the module away from it, and fly again")
+        }
+        HardIronTimeCourse::BehindTurns => format_args!("move the module away from steel and fly again"),
     };
     show("iron-changed", format_args!("{change}"), advice)
 }

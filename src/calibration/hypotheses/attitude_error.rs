@@ -11,19 +11,35 @@ use crate::trig::sqrt;
 
 /// Row of the [table](super::table).
 pub(in crate::calibration) struct AttitudeError {
-    /// Change of roll and pitch by one unit of the error, radians, at an attitude and its rates.
-    pub effect: fn(Attitude, Rates) -> [f32; 2],
+    /// Change of roll and pitch by one unit of the error, radians.
+    pub effect: fn(&AttitudeState) -> [f32; 2],
     /// Standard deviation assumed without a test.
     pub assumed_sigma: fn(ConsiderSigmas) -> f32,
     /// Rule of acceptance of an error that is not corrected, but allowed for when found.
     pub test: Option<fn(&AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding>>,
 }
 
+/// Attitude of a sample, and its history as far as an error depends on it.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::calibration) struct AttitudeState {
+    pub attitude: Attitude,
+    pub rates: Rates,
+    /// Roll with the [lag of a lean](super::lagging_lean::LaggedRoll), radians.
+    pub lagged_roll_rad: f32,
+}
+
+impl AttitudeState {
+    /// State in a long turn.
+    pub const fn steady(attitude: Attitude, rates: Rates) -> Self {
+        Self { attitude, rates, lagged_roll_rad: attitude.roll_rad }
+    }
+}
+
 impl AttitudeError {
     /// Derivative of a sample's inclination by the error.
-    pub fn inclination_derivative(&self, equations: &SampleEquations, attitude: Attitude, rates: Rates) -> f32 {
+    pub fn inclination_derivative(&self, equations: &SampleEquations, state: &AttitudeState) -> f32 {
         let [by_roll, by_pitch] = equations.inclination_by_attitude;
-        let [roll, pitch] = (self.effect)(attitude, rates);
+        let [roll, pitch] = (self.effect)(state);
         by_roll * roll + by_pitch * pitch
     }
 }

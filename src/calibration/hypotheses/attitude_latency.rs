@@ -18,8 +18,11 @@ use crate::calibration::statistics::autocorrelation::Autocorrelation;
 use crate::trig::sqrt;
 
 /// Row of the table of attitude errors. The sigma is estimated, and the latency corrected rather than allowed for.
-pub(super) const LATENCY_ERROR: AttitudeError =
-    AttitudeError { effect: |_, rates| [rates.roll_rad_s(), rates.pitch_rad_s()], assumed_sigma: |_| 0.0, test: None };
+pub(super) const LATENCY_ERROR: AttitudeError = AttitudeError {
+    effect: |state| [state.rates.roll_rad_s(), state.rates.pitch_rad_s()],
+    assumed_sigma: |_| 0.0,
+    test: None,
+};
 
 /// Prior sigma of the latency, seconds.
 const PRIOR_SIGMA_S: f32 = 0.1;

@@ -10,7 +10,7 @@
 //! 330 samples of turns at 25 deg give a sigma of 2 %. Correcting for `k` makes the headings of a good source worse
 //! (0.12 to 0.32 deg), so it is only a finding.
 
-use super::attitude_error::{AttitudeError, AttitudeErrorFinding, AttitudeErrorTest};
+use super::attitude_error::{AttitudeError, AttitudeErrorFinding, AttitudeErrorTest, AttitudeState};
 use super::score_test::EfficientScore;
 use crate::calibration::model::{ModelParameters, ResidualEquation, SampleEquations, Vector13};
 use crate::calibration::types::time_order::{PARTS, TimeOrdered};
@@ -18,7 +18,7 @@ use crate::trig::sqrt;
 
 /// Row of the table of attitude errors.
 pub(super) const BANK_SCALE_ERROR: AttitudeError = AttitudeError {
-    effect: |attitude, _| [attitude.roll_rad, 0.0],
+    effect: |state| [state.attitude.roll_rad, 0.0],
     assumed_sigma: |consider| consider.bank_scale,
     test: Some(find_error),
 };
@@ -59,7 +59,8 @@ fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
     for (part, sample) in TimeOrdered::new(test.fit.samples) {
         let equations = test.fit.likelihood.equations(sample, None, &parameters);
         let attitude = sample.latency_compensated_attitude(test.fit.likelihood.latency_s);
-        let by_bank = BANK_SCALE_ERROR.inclination_derivative(&equations, attitude, sample.rates);
+        let state = AttitudeState::steady(attitude, sample.rates);
+        let by_bank = BANK_SCALE_ERROR.inclination_derivative(&equations, &state);
         clusters.add(part, &equations, by_bank, &score.columns[0]);
     }
     found.with_cluster_variance(clusters)?.finding(test.assumed_sigma)

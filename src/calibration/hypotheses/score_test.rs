@@ -47,15 +47,6 @@ impl<const K: usize> ScoreTest<K> {
         self.gradient.axpy(-equation.residual, &weighted, 1.0);
     }
 
-    /// Adds other sums of which the samples have a fraction, given with its square.
-    pub fn add_scaled(&mut self, sums: &Self, fraction: f32, squared: f32) {
-        for (sum, with) in self.cross_information.iter_mut().zip(&sums.cross_information) {
-            sum.axpy(fraction, with, 1.0);
-        }
-        self.information += sums.information * squared;
-        self.gradient.axpy(fraction, &sums.gradient, 1.0);
-    }
-
     /// `H_ub beta`: effect of `beta` on the gradient of the thirteen unknowns.
     pub fn effect(&self, beta: &SVector<f32, K>) -> Vector13 {
         self.cross_information.iter().zip(beta).map(|(with, beta)| with * *beta).sum()

@@ -7,19 +7,19 @@ use core::array;
 
 use nalgebra::Vector1;
 
-use super::attitude_error::AttitudeError;
+use super::attitude_error::{AttitudeError, AttitudeState};
 use super::score_test::ScoreTest;
-use super::{attitude_latency, bank_scale};
+use super::{attitude_latency, bank_scale, lagging_lean};
 use crate::calibration::model::SampleEquations;
-use crate::calibration::{AttitudeLatency, ConsiderSigmas, Rates};
-use crate::frames::Attitude;
+use crate::calibration::{AttitudeLatency, ConsiderSigmas};
 
 /// The errors, in the order in which they are tested.
 pub(in crate::calibration) const ATTITUDE_ERRORS: &[AttitudeError] = &[
-    AttitudeError { effect: |_, _| [1.0, 0.0], assumed_sigma: |consider| consider.bias_rad, test: None },
-    AttitudeError { effect: |_, _| [0.0, 1.0], assumed_sigma: |consider| consider.bias_rad, test: None },
+    AttitudeError { effect: |_| [1.0, 0.0], assumed_sigma: |consider| consider.bias_rad, test: None },
+    AttitudeError { effect: |_| [0.0, 1.0], assumed_sigma: |consider| consider.bias_rad, test: None },
     bank_scale::BANK_SCALE_ERROR,
     attitude_latency::LATENCY_ERROR,
+    lagging_lean::LAGGING_LEAN,
 ];
 
 /// Number of errors.
@@ -30,6 +30,8 @@ pub(in crate::calibration) const ROLL_BIAS: usize = 0;
 pub(in crate::calibration) const BANK_SCALE: usize = 2;
 /// Index of the attitude latency, whose sigma is estimated.
 pub(in crate::calibration) const LATENCY: usize = 3;
+/// Index of the lean with a time constant.
+pub(in crate::calibration) const LAGGING_LEAN: usize = 4;
 
 /// Standard deviations of all errors.
 pub(in crate::calibration) type AttitudeErrorSigmas = [f32; ERRORS];
@@ -51,11 +53,10 @@ pub(in crate::calibration) type AttitudeErrorSums = [ScoreTest<1>; ERRORS];
 pub(in crate::calibration) fn add_inclination(
     sums: &mut AttitudeErrorSums,
     equations: &SampleEquations,
-    attitude: Attitude,
-    rates: Rates,
+    state: &AttitudeState,
 ) {
     let Some(inclination) = &equations.inclination else { return };
     for (sums, error) in sums.iter_mut().zip(ATTITUDE_ERRORS) {
-        sums.add(inclination, &Vector1::new(error.inclination_derivative(equations, attitude, rates)), 1.0);
+        sums.add(inclination, &Vector1::new(error.inclination_derivative(equations, state)), 1.0);
     }
 }

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::synthetic::{Random, vector};
+use crate::calibration::hypotheses::attitude_error::AttitudeState;
 use crate::calibration::hypotheses::table::ATTITUDE_ERRORS;
 use crate::calibration::model::{
     FieldPrediction, Likelihood, MeasuredSample, ModelConfig, ModelParameters, NoiseModel, PriorQuantity,
@@ -152,7 +153,7 @@ fn inclination_by_attitude() {
         assert_derivative(by_pitch, pitched, "dip by pitch");
         let equations = equations(&case, &case.unknowns, None, false);
         let [roll_bias, pitch_bias, bank_scale, latency] = core::array::from_fn(|index| {
-            ATTITUDE_ERRORS[index].inclination_derivative(&equations, case.attitude, rates())
+            ATTITUDE_ERRORS[index].inclination_derivative(&equations, &AttitudeState::steady(case.attitude, rates()))
         });
         assert_derivative(roll_bias, rolled, "dip by roll bias");
         assert_derivative(pitch_bias, pitched, "dip by pitch bias");

@@ -3,7 +3,9 @@
 use nalgebra::Vector3;
 
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
+use crate::calibration::hypotheses::attitude_error::AttitudeState;
 use crate::calibration::hypotheses::hard_iron_change::{HardIronScan, derivative_by_hard_iron, hard_iron_residuals};
+use crate::calibration::hypotheses::lagging_lean::LaggedRoll;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
 use crate::calibration::hypotheses::score_test::ScoreTest;
 use crate::calibration::hypotheses::table::{ATTITUDE_ERRORS, AttitudeErrorSums, LATENCY, add_inclination};
@@ -56,10 +58,13 @@ impl Information {
         mut scan: Option<&mut HardIronScan>,
     ) {
         let parameters = ModelParameters::new(unknowns);
+        let mut lagged_roll = LaggedRoll::default();
         for (part, sample) in TimeOrdered::new(samples) {
             let equations = likelihood.equations(sample, None, &parameters);
             let attitude = sample.latency_compensated_attitude(likelihood.latency_s);
-            self.add_inclination(&equations, attitude, sample.rates);
+            let lagged_roll_rad = lagged_roll.update(sample.time, attitude.roll_rad);
+            let state = AttitudeState { attitude, rates: sample.rates, lagged_roll_rad };
+            self.add_inclination(&equations, &state);
             if likelihood.motor_current.current_sigma_a > 0.0 {
                 let share_a = likelihood.motor_current.current_offset_a(sample);
                 hard_iron_residuals(&equations).for_each(|equation| {
@@ -67,7 +72,7 @@ impl Information {
                 });
             }
             if let Some(dip) = &equations.inclination {
-                let by_latency = ATTITUDE_ERRORS[LATENCY].inclination_derivative(&equations, attitude, sample.rates);
+                let by_latency = ATTITUDE_ERRORS[LATENCY].inclination_derivative(&equations, &state);
                 self.latency_contributions.add(part, [dip.weight * by_latency * dip.residual, 0.0]);
             }
             let dip = equations.inclination.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
@@ -78,25 +83,22 @@ impl Information {
             self.residuals.heteroscedasticity.add(sample.attitude, dip);
             self.residuals.white_noise.add(part, sample.time, equations.norm.clipped_residual());
             if let Some(scan) = &mut scan {
-                scan.add(&self.system, sample.time, &equations);
+                scan.add(&self.system, sample, &equations);
             }
         }
         for mark in samples.marks {
             let equations = likelihood.equations(&mark.sample, Some(mark.heading_rad), &parameters);
-            self.add_inclination(
-                &equations,
-                mark.sample.latency_compensated_attitude(likelihood.latency_s),
-                mark.sample.rates,
-            );
+            let attitude = mark.sample.latency_compensated_attitude(likelihood.latency_s);
+            self.add_inclination(&equations, &AttitudeState::steady(attitude, mark.sample.rates));
             let dip = equations.inclination.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
             self.residuals.autocorrelation.add(PARTS - 1, [0.0, dip]);
         }
     }
 
-    pub(super) fn add_inclination(&mut self, equations: &SampleEquations, attitude: Attitude, rates: Rates) {
+    pub(super) fn add_inclination(&mut self, equations: &SampleEquations, state: &AttitudeState) {
         let Some(dip) = &equations.inclination else { return };
         self.residuals.inclination_information.add_row(&dip.row, dip.weight);
-        add_inclination(&mut self.attitude_errors, equations, attitude, rates);
+        add_inclination(&mut self.attitude_errors, equations, state);
     }
 
     /// Adds a hypothetical noise-free sample at an attitude and a heading. Its residual is zero.
@@ -112,7 +114,7 @@ impl Information {
         let measured = MeasuredSample { x, tilt, heading_rad: None };
         let equations = SampleEquations::new(parameters, &measured, &likelihood.noise, &likelihood.config, false);
         self.system.add(&equations);
-        self.add_inclination(&equations, attitude, Rates::ZERO);
+        self.add_inclination(&equations, &AttitudeState::steady(attitude, Rates::ZERO));
     }
 
     /// Attitude latency, and the derivative of the unknowns by it (1/s). `None` without attitude rates.

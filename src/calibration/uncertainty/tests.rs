@@ -9,6 +9,7 @@ use super::information::Information;
 use super::observability::{inclination_from_samples, unobservable_quantities};
 use super::sandwich_covariance::{CovarianceContent, sandwich_covariance};
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
+use crate::calibration::hypotheses::attitude_error::AttitudeState;
 use crate::calibration::hypotheses::hard_iron_change::derivative_by_hard_iron;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
 use crate::calibration::hypotheses::table::{
@@ -235,16 +236,16 @@ fn inclination_information_and_gradients_are_summed() {
         let attitude = Attitude::from_deg(bank_deg, 3.0);
         let tilt = attitude.tilt();
         let x = parameters.expected_field(&tilt, heading_rad).unwrap();
-        let rates = Rates::from_rad_s([0.3, -0.2, 0.0]);
+        let state = AttitudeState::steady(attitude, Rates::from_rad_s([0.3, -0.2, 0.0]));
         let measured = MeasuredSample { x, tilt, heading_rad: None };
         let equations = SampleEquations::new(&parameters, &measured, &likelihood.noise, &likelihood.config, false);
         let of_dip = equations.inclination.as_ref().unwrap();
         let row = of_dip.row.as_vector();
         dip += row * row.transpose() * of_dip.weight;
         for (sum, error) in effects.iter_mut().zip(ATTITUDE_ERRORS) {
-            *sum += row * (of_dip.weight * error.inclination_derivative(&equations, attitude, rates));
+            *sum += row * (of_dip.weight * error.inclination_derivative(&equations, &state));
         }
-        information.add_inclination(&equations, attitude, rates);
+        information.add_inclination(&equations, &state);
     }
     for i in 0..UNKNOWNS {
         let found = information.residuals.inclination_information.multiply_vector(&Vector13::ith(i, 1.0));

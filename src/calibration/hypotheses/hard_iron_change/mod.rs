@@ -1,8 +1,10 @@
-//! Score test for a hard-iron change during a flight: a moved payload (step) or a temperature drift of the sensor's
-//! zero.
+//! Score test for iron that does not stay the same during a flight: a moved payload (step), a temperature drift of the
+//! sensor's zero, iron in a linkage that moves in turns, or magnetic hysteresis.
 //!
 //! A change `beta` of the hard iron `b` is tested as three additional unknowns of a [score test](super::score_test):
-//! `b + beta` before one of about thirty times and `b` after it (step), or a linear transition over the flight (drift).
+//! `b + beta` before one of about thirty times and `b` after it (step), a linear transition over the flight (drift), or a
+//! share of `beta` that follows the load factor (linkage). Of [hysteresis](super::hysteresis) one unknown is the angle by which the soft
+//! iron's field lags in turns, and two have no effect.
 //!
 //! Errors are correlated, and the misfit inflates sigma. So a second pass, if the first is suspicious, takes both from
 //! the residuals that remain with the change.
@@ -15,17 +17,25 @@
 //!
 //! Attitude errors of real flights last longer. One recorded flight without a change has 43, but only 10 from norm
 //! residuals; a moved payload has 30 or more from these.
+//!
+//! Iron of 3 uT in a linkage has 70 to 270, because bank varies within turns, but down to 1 from norm residuals if it
+//! hardly changes the norm. Hysteresis of 15 deg has 20 to 300 where it costs half a degree or more. Of 60 clean flights the first
+//! pass has at most 10 of these two, which are tested once.
+
+mod sums;
 
 use nalgebra::{Matrix3, Vector3};
 
+use self::sums::HardIronSums;
+use super::hysteresis::{Hysteresis, LastTurn};
 use super::score_test::ScoreTest;
 use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
-use crate::calibration::model::{ModelParameters, ResidualEquation, SampleEquations, Vector13};
+use crate::calibration::model::{JacobianRow, ModelParameters, ResidualEquation, SampleEquations, Vector13};
 use crate::calibration::statistics::autocorrelation::Autocorrelation;
 use crate::calibration::statistics::residuals::ResidualStatistics;
 use crate::calibration::types::time_order::TimeOrdered;
-use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, Samples, inverse};
+use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, Sample, Samples, inverse};
 use crate::time::WrappingMillis;
 use crate::trig::{Length as _, sqrt};
 
@@ -33,7 +43,7 @@ use crate::trig::{Length as _, sqrt};
 const MAX_TESTED_STEPS: usize = 32;
 
 /// Significance that triggers the second pass.
-const SECOND_PASS_SIGNIFICANCE: f32 = 20.0;
+const SECOND_PASS_SIGNIFICANCE: f32 = 16.0;
 
 /// Significance that confirms a change, in the second pass.
 const MIN_SIGNIFICANCE: f32 = 30.0;
@@ -41,6 +51,19 @@ const MIN_SIGNIFICANCE: f32 = 30.0;
 /// Significance from norm residuals alone that confirms a change. Attitude errors do not affect the norm; lasting ones
 /// look like a change in the inclination residuals.
 const MIN_NORM_SIGNIFICANCE: f32 = 16.0;
+
+/// The same for hysteresis, which is tested once, and has one unknown.
+const MIN_HYSTERESIS_SIGNIFICANCE: f32 = 12.0;
+
+/// The same from norm residuals, for hypotheses that are tested once: 99 % quantile of chi-squared
+/// with one degree of freedom.
+const MIN_SINGLE_NORM_SIGNIFICANCE: f32 = 6.6;
+
+/// Significance that confirms iron in a linkage whatever the norm residuals are.
+const CERTAIN_SIGNIFICANCE: f32 = 60.0;
+
+/// Load factor less one in a turn at 25 deg of bank, for which the size of iron in a linkage is reported.
+const REFERENCE_LOAD: f32 = 0.1034;
 
 /// Relative `f32` rounding error of the information about `beta`.
 const RELATIVE_ROUNDING: f32 = 1e-5;
@@ -51,6 +74,10 @@ enum TestedCourse {
     Step(u32),
     /// Linear decrease of `beta` to zero.
     Drift,
+    /// In proportion to the load factor less one, up to that at 25 deg of bank: deflection of the elevator.
+    Load,
+    /// Lag of the soft iron's field behind the turn.
+    Hysteresis,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -66,13 +93,45 @@ impl TimeSpan {
         Some(Self { start: first.time, duration_ms: ms })
     }
 
-    fn fraction_at(self, form: TestedCourse, time: WrappingMillis) -> f32 {
-        let ms = time.ms_since(self.start);
+    /// Fraction of `beta` that a sample has.
+    fn fraction_at(self, form: TestedCourse, sample: &Sample) -> f32 {
+        let ms = sample.time.ms_since(self.start);
         match form {
             TestedCourse::Step(until_ms) => f32::from(u8::from(ms <= until_ms)),
             TestedCourse::Drift => 1.0 - ms as f32 / self.duration_ms as f32,
+            TestedCourse::Load => load_fraction(&sample.attitude.tilt().down()),
+            TestedCourse::Hysteresis => 1.0,
         }
     }
+}
+
+/// Load factor less one, relative to the reference, with down in body axes; at most 1.
+fn load_fraction(down: &Vector3<f32>) -> f32 {
+    ((1.0 / down.z.max(0.1) - 1.0) / REFERENCE_LOAD).min(1.0)
+}
+
+/// Adds both residuals of a sample by an unknown with this effect on the corrected field: faster than one by one, because
+/// their rows have the measurement in common.
+fn add_pair(sums: &mut ScoreTest<1>, equations: &SampleEquations, effect: &Vector3<f32>) {
+    let mut pair = JacobianRow { by_field: Vector3::zeros(), x: equations.norm.row.x, by_inclination: 0.0 };
+    for equation in hard_iron_residuals(equations) {
+        let by_unknown = effect.dot(&equation.row.by_field);
+        let weighted = by_unknown * equation.weight;
+        pair.by_field += equation.row.by_field * weighted;
+        pair.by_inclination += equation.row.by_inclination * weighted;
+        sums.information.x += weighted * by_unknown;
+        sums.gradient.x -= weighted * equation.residual;
+    }
+    pair.add_scaled_to(&mut sums.cross_information[0], 1.0);
+}
+
+/// The sums of one unknown as those of three, of which two have no effect.
+fn with_two_unused(sums: &ScoreTest<1>) -> ScoreTest<3> {
+    let mut test = ScoreTest::<3>::zero();
+    test.cross_information[0] = sums.cross_information[0];
+    test.information[(0, 0)] = sums.information.x;
+    test.gradient.x = sums.gradient.x;
+    test
 }
 
 /// Estimate and its significance.
@@ -121,16 +180,20 @@ pub(in crate::calibration) struct ConfirmedChange {
     pub effect: Vector13,
 }
 
-/// Search for a hard-iron change in one pass in time order. About 700 bytes.
+/// Search for a hard-iron change in one pass in time order. About 900 bytes.
 #[derive(Debug)]
 pub(in crate::calibration) struct HardIronScan {
     span: TimeSpan,
     /// `W`: maps a hard-iron change to the corrected field.
     w: Matrix3<f32>,
     step_to_maximum: Vector13,
-    so_far: ScoreTest<3>,
+    so_far: HardIronSums,
+    with_load: HardIronSums,
+    with_hysteresis: ScoreTest<1>,
+    hysteresis: Hysteresis,
+    last_turn: LastTurn,
     /// Sums of a drift, approximated by steps at the tested times.
-    drifting: ScoreTest<3>,
+    drifting: HardIronSums,
     drift_fraction: f32,
     samples_seen: usize,
     sample_count: usize,
@@ -141,12 +204,17 @@ pub(in crate::calibration) struct HardIronScan {
 impl HardIronScan {
     #[inline(never)]
     pub fn new(samples: Samples<'_>, system: &LinearisedProblem, unknowns: &Vector13) -> Option<Self> {
+        let parameters = ModelParameters::new(unknowns);
         Some(Self {
             span: TimeSpan::from_samples(samples).filter(|span| span.duration_ms > 0)?,
-            w: ModelParameters::new(unknowns).w,
+            hysteresis: Hysteresis::new(&parameters)?,
+            last_turn: LastTurn::default(),
+            w: parameters.w,
             step_to_maximum: system.step_to_maximum()?,
-            so_far: ScoreTest::zero(),
-            drifting: ScoreTest::zero(),
+            so_far: HardIronSums::zero(),
+            with_load: HardIronSums::zero(),
+            with_hysteresis: ScoreTest::zero(),
+            drifting: HardIronSums::zero(),
             drift_fraction: 1.0,
             samples_seen: 0,
             sample_count: samples.iter().count(),
@@ -155,16 +223,19 @@ impl HardIronScan {
         })
     }
 
-    pub fn add(&mut self, system: &LinearisedProblem, time: WrappingMillis, equations: &SampleEquations) {
-        for equation in hard_iron_residuals(equations) {
-            self.so_far.add(equation, &derivative_by_hard_iron(&self.w, equation), 1.0);
-        }
+    pub fn add(&mut self, system: &LinearisedProblem, sample: &Sample, equations: &SampleEquations) {
+        let time = sample.time;
+        let down = sample.attitude.tilt().down();
+        self.so_far.add(equations, 1.0);
+        self.with_load.add(equations, load_fraction(&down));
+        let lagging = self.hysteresis.response(&down, self.last_turn.update(sample), equations);
+        add_pair(&mut self.with_hysteresis, equations, &lagging);
         self.samples_seen += 1;
         if self.samples_seen.is_multiple_of(self.sample_count.div_ceil(MAX_TESTED_STEPS))
             && self.samples_seen < self.sample_count
         {
             self.test_course(system, TestedCourse::Step(time.ms_since(self.span.start)));
-            self.extend_drift(self.span.fraction_at(TestedCourse::Drift, time));
+            self.extend_drift(self.span.fraction_at(TestedCourse::Drift, sample));
         }
     }
 
@@ -175,8 +246,13 @@ impl HardIronScan {
 
     /// Tests a time course whose sums are complete.
     fn test_course(&mut self, system: &LinearisedProblem, form: TestedCourse) {
-        let sums = if form == TestedCourse::Drift { &self.drifting } else { &self.so_far };
-        let Some((beta, significance)) = estimate(sums, system, &self.step_to_maximum) else { return };
+        let sums = match form {
+            TestedCourse::Step(_) => self.so_far.score_test(&self.w),
+            TestedCourse::Drift => self.drifting.score_test(&self.w),
+            TestedCourse::Load => self.with_load.score_test(&self.w),
+            TestedCourse::Hysteresis => with_two_unused(&self.with_hysteresis),
+        };
+        let Some((beta, significance)) = estimate(&sums, system, &self.step_to_maximum) else { return };
         if self.best.is_none_or(|found| significance > found.significance) {
             self.effect = sums.effect(&beta);
             self.best = Some(ChangeEstimate { form, beta, significance });
@@ -192,23 +268,31 @@ impl HardIronScan {
         residuals: &ResidualStatistics,
     ) -> Option<ConfirmedChange> {
         self.extend_drift(0.0);
-        self.test_course(system, TestedCourse::Drift);
+        for form in [TestedCourse::Drift, TestedCourse::Load, TestedCourse::Hysteresis] {
+            self.test_course(system, form);
+        }
         let found = self.best.filter(|found| found.significance > SECOND_PASS_SIGNIFICANCE)?;
         let course = match found.form {
             TestedCourse::Step(until_ms) => HardIronTimeCourse::Step { after_s: whole_seconds(until_ms) },
             TestedCourse::Drift => HardIronTimeCourse::Drift,
+            TestedCourse::Load => HardIronTimeCourse::InTurns,
+            TestedCourse::Hysteresis => HardIronTimeCourse::BehindTurns,
+        };
+        let size = match found.form {
+            TestedCourse::Hysteresis => self.hysteresis.size(found.beta.x),
+            _ => found.beta.length(),
         };
         let iron = DetectedHardIronChange {
-            size_ut: found.beta.length() * fit.likelihood.unit_ut,
+            size_ut: size * fit.likelihood.unit_ut,
             time_course: course,
             duration_s: whole_seconds(self.span.duration_ms),
         };
-        is_significant(self.significance(&found, fit, system, residuals)?)
+        is_significant(found.form, self.significance(&found, fit, system, residuals)?)
             .then_some(ConfirmedChange { change: iron, effect: self.effect })
     }
 
     fn significance(
-        &mut self,
+        &self,
         found: &ChangeEstimate,
         fit: &ConvergedFit<'_>,
         system: &LinearisedProblem,
@@ -217,31 +301,46 @@ impl HardIronScan {
         let move_unknowns = self.step_to_maximum - system.covariance_times(&self.effect)?;
         let parameters = ModelParameters::new(fit.unknowns);
         let mut remaining = Autocorrelation::default();
-        let norms = &mut self.so_far;
-        *norms = ScoreTest::zero();
+        let mut norms = ScoreTest::zero();
+        let mut last_turn = LastTurn::default();
         for (part, sample) in TimeOrdered::new(fit.samples) {
-            let share = self.span.fraction_at(found.form, sample.time);
+            let equations = fit.likelihood.equations(sample, None, &parameters);
+            let share = self.span.fraction_at(found.form, sample);
+            let response = if found.form == TestedCourse::Hysteresis {
+                let down = sample.attitude.tilt().down();
+                let lagging = self.hysteresis.response(&down, last_turn.update(sample), &equations);
+                Matrix3::from_columns(&[lagging, Vector3::zeros(), Vector3::zeros()])
+            } else {
+                -self.w
+            };
+            let derivative = |equation: &ResidualEquation| response.tr_mul(&equation.row.by_field);
             let residual = |equation: &ResidualEquation| {
-                let by_change = derivative_by_hard_iron(&self.w, equation).dot(&found.beta) * share;
+                let by_change = derivative(equation).dot(&found.beta) * share;
                 let residual = equation.residual + equation.row.dot(&move_unknowns) + by_change;
                 residual * sqrt(equation.weight)
             };
-            let equations = fit.likelihood.equations(sample, None, &parameters);
             remaining.add(part, [residual(&equations.norm), equations.inclination.as_ref().map_or(0.0, residual)]);
-            norms.add(&equations.norm, &derivative_by_hard_iron(&self.w, &equations.norm), share);
+            norms.add(&equations.norm, &derivative(&equations.norm), share);
         }
         // Degrees of freedom: half of the sixteen unknowns for each kind of residual.
         let freedom = (self.sample_count as f32 - 8.0).max(1.0);
         let [of_norm, of_dip] = remaining.excess_inflation();
         let [norm, dip] = remaining.sums_of_squares();
         let [norm, dip] = [norm * (1.0 + of_norm) / freedom, dip * (1.0 + of_dip) / freedom];
-        let of_norms = norm_significance(norms, system, residuals, &self.step_to_maximum, norm)?;
+        let of_norms = norm_significance(&norms, system, residuals, &self.step_to_maximum, norm)?;
         Some([found.significance / norm.max(dip), of_norms])
     }
 }
 
-fn is_significant([of_both, of_norms]: [f32; 2]) -> bool {
-    of_both > MIN_SIGNIFICANCE && of_norms > MIN_NORM_SIGNIFICANCE
+fn is_significant(form: TestedCourse, [of_both, of_norms]: [f32; 2]) -> bool {
+    let (both, norms) = match form {
+        TestedCourse::Step(_) | TestedCourse::Drift => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE),
+        TestedCourse::Load if of_both > CERTAIN_SIGNIFICANCE => return true,
+        TestedCourse::Hysteresis if of_both > MIN_SIGNIFICANCE => return true,
+        TestedCourse::Load => (MIN_SIGNIFICANCE, MIN_SINGLE_NORM_SIGNIFICANCE),
+        TestedCourse::Hysteresis => (MIN_HYSTERESIS_SIGNIFICANCE, MIN_SINGLE_NORM_SIGNIFICANCE),
+    };
+    of_both > both && of_norms > norms
 }
 
 fn whole_seconds(ms: u32) -> u16 {

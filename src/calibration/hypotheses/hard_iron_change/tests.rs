@@ -75,7 +75,7 @@ impl Case {
         let mut all = Vec::new();
         for (_, sample) in TimeOrdered::new(self.recorded.turns()) {
             let equations = self.likelihood.equations(sample, None, &parameters);
-            let share = span.fraction_at(form, sample.time);
+            let share = span.fraction_at(form, sample);
             for (equation, is_norm) in hard_iron_residuals(&equations).zip([true, false]) {
                 all.push((equation.clone(), derivative_by_hard_iron(&w, equation) * share, is_norm));
             }
@@ -168,7 +168,7 @@ fn drift_sums_approximate_the_exact_sums() {
         exact.add(&equation, &by_beta, 1.0);
     }
     let of = |sums: &ScoreTest<3>| estimate(sums, &information.system, &scan.step_to_maximum).unwrap();
-    let ((found, significance), (beta, expected)) = (of(&scan.drifting), of(&exact));
+    let ((found, significance), (beta, expected)) = (of(&scan.drifting.score_test(&scan.w)), of(&exact));
     assert!((found - beta).norm() < 0.03 * beta.norm(), "{found} {beta}");
     assert!((significance / expected - 1.0).abs() < 0.03, "{significance} {expected}");
 }
@@ -219,42 +219,51 @@ fn the_significance_of_norms_is_that_of_their_gradient() {
 
 #[test]
 fn both_significance_thresholds_must_be_exceeded() {
-    assert!(is_significant([30.1, 16.1]));
-    assert!(!is_significant([29.9, 1e3]) && !is_significant([1e3, 15.9]) && !is_significant([f32::NAN, 1e3]));
+    for form in [TestedCourse::Step(0), TestedCourse::Drift] {
+        assert!(is_significant(form, [30.1, 16.1]) && !is_significant(form, [29.9, 1e3]));
+        assert!(!is_significant(form, [1e3, 15.9]) && !is_significant(form, [f32::NAN, 1e3]));
+    }
+    let load = |significance| is_significant(TestedCourse::Load, significance);
+    assert!(load([30.1, 6.7]) && load([60.1, 0.0]) && !load([59.9, 6.5]) && !load([29.9, 1e3]));
+    let hysteresis = |significance| is_significant(TestedCourse::Hysteresis, significance);
+    assert!(hysteresis([12.1, 6.7]) && hysteresis([30.1, 0.0]) && !hysteresis([11.9, 1e3]) && !hysteresis([29.9, 6.5]));
     // Sigmas inflated by the misfit: the residuals with the change are much smaller.
     let mut case = Case::new(PAYLOAD_CHANGE_UT * 4.0, 60_000);
     case.likelihood.noise = NoiseModel::new(0.012, 0.024, Matrix3::identity());
     let calibration = Calibration::uncalibrated(Orientation::NONE);
-    for (significance, is_found) in [(20.1, true), (19.9, false)] {
+    for (significance, is_found) in [(16.1, true), (15.9, false)] {
         let (mut scan, information) = case.scanned();
-        (scan.drifting, scan.drift_fraction) = (ScoreTest::zero(), 0.0);
+        (scan.drifting, scan.drift_fraction) = (HardIronSums::zero(), 0.0);
+        (scan.with_load, scan.with_hysteresis) = (HardIronSums::zero(), ScoreTest::zero());
         scan.best.as_mut().unwrap().significance = significance;
         let found = scan.confirm_change(&case.fit(&calibration), &information.system, &information.residuals);
         assert_eq!(found.is_some(), is_found, "{significance}");
     }
 }
 
+const STILL: Sample = Sample {
+    field: Field::from_ut(0.0, 0.0, 0.0),
+    attitude: crate::frames::Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
+    time: WrappingMillis::new(0),
+    rates: Rates::ZERO,
+    current: Current::UNKNOWN,
+    part: Part::FREE,
+};
+
 #[test]
 fn fraction_of_the_change_at_a_time() {
     let span = TimeSpan { start: WrappingMillis::new(u32::MAX - 999), duration_ms: 4_000 };
-    let at = |ms: u32| WrappingMillis::new((u32::MAX - 999).wrapping_add(ms));
+    let at = |ms: u32| Sample { time: WrappingMillis::new((u32::MAX - 999).wrapping_add(ms)), ..STILL };
     for (ms, step, drift) in [(0, 1.0, 1.0), (1_000, 1.0, 0.75), (1_001, 0.0, 0.749_75), (4_000, 0.0, 0.0)] {
-        assert!((span.fraction_at(TestedCourse::Step(1_000), at(ms)) - step).abs() < 1e-6, "{ms}");
-        assert!((span.fraction_at(TestedCourse::Drift, at(ms)) - drift).abs() < 1e-6, "{ms}");
+        assert!((span.fraction_at(TestedCourse::Step(1_000), &at(ms)) - step).abs() < 1e-6, "{ms}");
+        assert!((span.fraction_at(TestedCourse::Drift, &at(ms)) - drift).abs() < 1e-6, "{ms}");
     }
     assert_eq!((whole_seconds(999), whole_seconds(31_999), whole_seconds(u32::MAX)), (0, 31, 65_535));
 }
 
 #[test]
 fn the_time_span_covers_all_parts() {
-    let at = |millis| Sample {
-        field: Field::from_ut(0.0, 0.0, 0.0),
-        attitude: crate::frames::Attitude::default(),
-        time: WrappingMillis::new(millis),
-        rates: Rates::ZERO,
-        current: Current::UNKNOWN,
-        part: Part::FREE,
-    };
+    let at = |millis| Sample { time: WrappingMillis::new(millis), ..STILL };
     let (left, right, level) = ([at(50), at(900)], [at(20), at(300)], [at(400), at(700)]);
     let of = |left, right, level| TimeSpan::from_samples(Parts { left, right, level, ..Parts::default() }.samples());
     let span = of(&left, &right, &level).unwrap();

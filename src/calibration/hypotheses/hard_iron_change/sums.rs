@@ -1,0 +1,95 @@
+//! Score-test sums of a hard-iron change, in the products that they have in common.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::hard_iron_residuals;
+use crate::calibration::hypotheses::score_test::ScoreTest;
+use crate::calibration::model::{INCLINATION_INDEX, PAIRS_OF_3, SampleEquations, product_index};
+
+/// Sums over residuals with the derivative `k` by the corrected field and the fraction `f` of the change: of
+/// `f k k^T (x, 1)`, `f^2 k k^T`, and `f k` times residual and derivative by the inclination. A quarter of the
+/// operations of a [`ScoreTest`], which follows by the derivative `-W^T k` of a residual by hard iron.
+#[derive(Clone, Debug)]
+pub(super) struct HardIronSums {
+    /// By pairs of components of `k`, then by components of `(x, 1)`.
+    products: [[f32; 4]; 6],
+    with_inclination: Vector3<f32>,
+    information: [f32; 6],
+    gradient: Vector3<f32>,
+}
+
+impl HardIronSums {
+    pub const fn zero() -> Self {
+        Self {
+            products: [[0.0; 4]; 6],
+            with_inclination: Vector3::new(0.0, 0.0, 0.0),
+            information: [0.0; 6],
+            gradient: Vector3::new(0.0, 0.0, 0.0),
+        }
+    }
+
+    /// Adds both residuals of a sample, which has a fraction of the change. Unrolled: runs twice for each sample.
+    pub fn add(&mut self, equations: &SampleEquations, fraction: f32) {
+        let mut pairs = [0.0; 6];
+        for equation in hard_iron_residuals(equations) {
+            let k = equation.row.by_field;
+            let weighted = k * (equation.weight * fraction);
+            let [a, b, c, d, e, f] = pairs;
+            pairs = [
+                a + weighted.x * k.x,
+                b + weighted.x * k.y,
+                c + weighted.x * k.z,
+                d + weighted.y * k.y,
+                e + weighted.y * k.z,
+                f + weighted.z * k.z,
+            ];
+            self.gradient += weighted * equation.residual;
+            self.with_inclination += weighted * equation.row.by_inclination;
+        }
+        let x = equations.norm.row.x;
+        for ((sums, information), pair) in self.products.iter_mut().zip(&mut self.information).zip(&pairs) {
+            sums[0] += pair * x.x;
+            sums[1] += pair * x.y;
+            sums[2] += pair * x.z;
+            sums[3] += pair;
+            *information += pair * fraction;
+        }
+    }
+
+    /// Adds other sums of which the samples have a fraction, given with its square.
+    pub fn add_scaled(&mut self, sums: &Self, fraction: f32, squared: f32) {
+        for (sum, with) in self.products.as_flattened_mut().iter_mut().zip(sums.products.as_flattened()) {
+            *sum += with * fraction;
+        }
+        for (sum, with) in self.information.iter_mut().zip(&sums.information) {
+            *sum += with * squared;
+        }
+        self.with_inclination += sums.with_inclination * fraction;
+        self.gradient += sums.gradient * fraction;
+    }
+
+    /// Sums by the hard-iron change.
+    pub fn score_test(&self, w: &Matrix3<f32>) -> ScoreTest<3> {
+        let mut test = ScoreTest::zero();
+        let mut information = Matrix3::zeros();
+        for ((&(k, l), products), of_pair) in PAIRS_OF_3.iter().zip(&self.products).zip(&self.information) {
+            information[(k, l)] = *of_pair;
+            information[(l, k)] = *of_pair;
+            for (axis, sums) in test.cross_information.iter_mut().enumerate() {
+                for (a, product) in products.iter().enumerate() {
+                    sums[product_index(k, a)] -= w[(l, axis)] * product;
+                    if k != l {
+                        sums[product_index(l, a)] -= w[(k, axis)] * product;
+                    }
+                }
+            }
+        }
+        let with_inclination = w.tr_mul(&self.with_inclination);
+        for (axis, sums) in test.cross_information.iter_mut().enumerate() {
+            sums[INCLINATION_INDEX] = -with_inclination[axis];
+        }
+        test.information = w.tr_mul(&(information * w));
+        test.gradient = w.tr_mul(&self.gradient);
+        test
+    }
+}

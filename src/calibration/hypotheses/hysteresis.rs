@@ -1,0 +1,77 @@
+//! Magnetic hysteresis of the soft iron: its field lags in turns, and keeps the lag of the last turn in the straight
+//! flight after it.
+//!
+//! Soft iron that lags by a small angle has the field of a heading less far turned. With `S` the response of the soft
+//! iron alone and `dh` the change of the field in body axes by a turn of one radian, the measurement has an additional `-play S dh`. The
+//! unknown is the angle of play, in radians.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::calibration::model::{ModelParameters, SampleEquations};
+use crate::calibration::{Sample, inverse, multiply};
+use crate::trig::sqrt;
+
+/// Heading rate from which an aircraft turns, rad/s: 3 deg/s.
+const MIN_TURN_RATE_RAD_S: f32 = 0.05;
+
+/// Bank from which an aircraft without rates turns, radians: 8 deg.
+const MIN_TURN_BANK_RAD: f32 = 0.14;
+
+/// Iterations of the polar decomposition, which converges quadratically.
+const POLAR_ITERATIONS: u8 = 5;
+
+/// Direction of the last turn: 1 right, -1 left, 0 before the first.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct LastTurn(f32);
+
+impl LastTurn {
+    /// Direction at the next sample.
+    pub fn update(&mut self, sample: &Sample) -> f32 {
+        let (rate, bank) = (sample.rates.heading_rad_s(), sample.attitude.roll_rad);
+        if rate.abs() > MIN_TURN_RATE_RAD_S {
+            self.0 = 1_f32.copysign(rate);
+        } else if sample.rates == crate::calibration::Rates::ZERO && bank.abs() > MIN_TURN_BANK_RAD {
+            self.0 = 1_f32.copysign(bank);
+        }
+        self.0
+    }
+}
+
+/// Response of the corrected field to the soft iron's lag.
+#[derive(Clone, Debug)]
+pub(super) struct Hysteresis {
+    /// `W S`: share of the soft iron in the corrected field.
+    soft_iron: Matrix3<f32>,
+    w: Matrix3<f32>,
+    d: Vector3<f32>,
+    cos_inclination: f32,
+}
+
+impl Hysteresis {
+    /// `S` is the response `W^-1` less its rotation, the mounting, of equal volume. `None` if `W` is singular.
+    pub fn new(parameters: &ModelParameters) -> Option<Self> {
+        let response = inverse(&parameters.w)?;
+        let mut mounting = response;
+        for _ in 0..POLAR_ITERATIONS {
+            mounting = (mounting + inverse(&mounting)?.transpose()) * 0.5;
+        }
+        let scale = libm::cbrtf(response.determinant());
+        Some(Self {
+            soft_iron: Matrix3::identity() - parameters.w * mounting * scale,
+            w: parameters.w,
+            d: parameters.d,
+            cos_inclination: libm::cosf(parameters.inclination_rad),
+        })
+    }
+
+    /// Derivative of the corrected field by the play, after a turn in a direction; down in body axes.
+    pub fn response(&self, down: &Vector3<f32>, direction: f32, equations: &SampleEquations) -> Vector3<f32> {
+        let body = multiply(&self.w, &equations.norm.row.x) + self.d;
+        multiply(&self.soft_iron, &(down.cross(&body) * direction))
+    }
+
+    /// RMS field of a play over the headings, units of field.
+    pub fn size(&self, play_rad: f32) -> f32 {
+        play_rad.abs() * sqrt(0.5 * self.soft_iron.fixed_columns::<2>(0).norm_squared()) * self.cos_inclination
+    }
+}
