@@ -43,11 +43,12 @@ async fn can(links: &'static Links, bus: CanBus) -> ! {
 #[embassy_executor::task]
 async fn uart(
     links: &'static Links,
-    (above, below): (SendSpawner, SendSpawner),
-    (tx, rx): (UartTx, UartRx),
+    spawners: (SendSpawner, SendSpawner),
+    line: (UartTx, UartRx),
     platform: Platform,
     reset: ResetCause,
 ) {
+    let ((above, below), (tx, rx)) = (spawners, line);
     if app::port::has_protocol(links, PortNumber::One).await {
         above.spawn(spawned(port(links, PortNumber::One, tx, rx)));
         app::console::restart_without_terminal(links, platform).await
