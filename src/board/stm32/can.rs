@@ -28,7 +28,9 @@ pub struct CanBuffers {
 }
 
 impl CanBuffers {
-    pub const NEW: Self = Self { rx: RxBuf::new(), tx: TxBuf::new() };
+    pub const fn new() -> Self {
+        Self { rx: RxBuf::new(), tx: TxBuf::new() }
+    }
 }
 
 /// Starts a controller whose transceiver is on, in restricted mode.
@@ -39,14 +41,15 @@ pub fn start(
 ) -> (CanReceiver, CanSender) {
     can.set_bitrate(BITS_PER_S);
     // Frames leave in the order of the node's queue: those of one transfer have the same identifier.
-    let config = can.config().set_tx_buffer_mode(TxBufferMode::Fifo).set_automatic_bus_off_recovery(true).set_global_filter(
-        GlobalFilter {
-            handle_standard_frames: NonMatchingFilter::Reject,
-            handle_extended_frames: NonMatchingFilter::IntoRxFifo0,
-            reject_remote_standard_frames: true,
-            reject_remote_extended_frames: true,
-        },
-    );
+    let config =
+        can.config().set_tx_buffer_mode(TxBufferMode::Fifo).set_automatic_bus_off_recovery(true).set_global_filter(
+            GlobalFilter {
+                handle_standard_frames: NonMatchingFilter::Reject,
+                handle_extended_frames: NonMatchingFilter::IntoRxFifo0,
+                reject_remote_standard_frames: true,
+                reject_remote_extended_frames: true,
+            },
+        );
     can.set_config(config);
     let bus = can.start(OperatingMode::RestrictedOperationMode).buffered(&mut buffers.tx, &mut buffers.rx);
     let sender = CanSender { frames: bus.writer(), _transceiver: transceiver };

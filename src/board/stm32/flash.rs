@@ -11,6 +11,8 @@ use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorF
 
 /// Start address of the flash.
 const FLASH_BASE: u32 = embassy_stm32::flash::FLASH_BASE as u32;
+/// Size of each of the two banks.
+const BANK_SIZE: u32 = embassy_stm32::flash::FLASH_SIZE as u32 / 2;
 
 unsafe extern "C" {
     // Bounds of region STORE in memory.x; only the addresses are meaningful.
@@ -147,7 +149,6 @@ impl Drop for DataCacheOff {
 /// continues, and the store's CRC rejects the data; in the program it panics.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
-    const BANK_SIZE: u32 = embassy_stm32::flash::FLASH_SIZE as u32 / 2;
     let eccr = pac::FLASH.eccr().read();
     // The register's address counts from the start of the bank.
     let offset = eccr.addr_ecc() % BANK_SIZE + if eccr.bk_ecc() { BANK_SIZE } else { 0 };

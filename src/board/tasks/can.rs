@@ -51,7 +51,7 @@ async fn uart(
     let ((above, below), (tx, rx)) = (spawners, line);
     if app::port::has_protocol(links, PortNumber::One).await {
         above.spawn(spawned(port(links, PortNumber::One, tx, rx)));
-        app::console::restart_without_terminal(links, platform).await
+        app::console::restart_without_terminal(links, platform).await;
     } else {
         below.spawn(spawned(console(links, rx, tx, platform, reset)));
     }
