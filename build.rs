@@ -5,8 +5,9 @@ use std::path::PathBuf;
 use std::{fs, io};
 
 /// Cargo's names of the board features, and the memory layout of each board.
-const BOARDS: [(&str, &str); 2] = [
+const BOARDS: [(&str, &str); 3] = [
     ("CARGO_FEATURE_BOARD_B_L475E_IOT01A", "src/board/b_l475e_iot01a.x"),
+    ("CARGO_FEATURE_BOARD_HOLYBRO_RM3100", "src/board/holybro_rm3100.x"),
     ("CARGO_FEATURE_BOARD_MPS2_AN386", "src/board/mps2_an386.x"),
 ];
 

@@ -19,7 +19,7 @@ const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 /// Pause after a line error, one or two bytes long, so that a permanent error does not occupy the processor.
 const PAUSE: Duration = Duration::from_micros(200);
 
-/// Time for the reply to `reboot` to leave the port.
+/// Time for the reply to `reboot` to leave its line.
 const REBOOT_REPLY_TIME: Duration = Duration::from_millis(50);
 
 /// Functions of a board for the tasks.
@@ -73,6 +73,15 @@ pub async fn run(
 /// Whether the reply shows the resulting state, which has to be requested after the command.
 const fn reports_resulting_state(command: Command) -> bool {
     matches!(command, Command::Set(_) | Command::Align(_) | Command::AlignConfirmed(_) | Command::CalUndo)
+}
+
+/// Executes requested restarts, in place of the console on a board whose UART serves a port.
+pub async fn restart_without_terminal(links: &Links, mut platform: impl Platform) -> ! {
+    loop {
+        links.restart.wait().await;
+        Timer::after(REBOOT_REPLY_TIME).await;
+        platform.reboot();
+    }
 }
 
 /// Terminal session and the sources of its replies.

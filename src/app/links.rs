@@ -315,10 +315,10 @@ pub(super) struct Heartbeats {
     pub compass: AtomicU32,
 }
 
-/// Number of heartbeats that every board has, the first port's included.
-pub(super) const HEARTBEATS_OF_EVERY_BOARD: usize = 4;
+/// Number of heartbeats that every board has. Boards differ in their lines.
+pub(super) const HEARTBEATS_OF_EVERY_BOARD: usize = 3;
 
-pub(super) const MAX_HEARTBEATS: usize = HEARTBEATS_OF_EVERY_BOARD - 1 + LINE_COUNT;
+pub(super) const MAX_HEARTBEATS: usize = HEARTBEATS_OF_EVERY_BOARD + LINE_COUNT;
 
 impl Heartbeats {
     pub const fn new() -> Self {

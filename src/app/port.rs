@@ -28,6 +28,12 @@ pub trait SetBaud {
     fn set_baud(&mut self, baud: Baud);
 }
 
+/// Waits for the settings; returns whether they name a protocol of a port. A board with one UART runs the console on it
+/// otherwise.
+pub async fn has_protocol(links: &Links, number: PortNumber) -> bool {
+    subscribe(&links.settings).changed().await.ports.port(number).protocol != ProtocolKind::Auto
+}
+
 /// Runs a port for ever. Until the settings are loaded it is silent, at the baud rate of [`Settings::DEFAULT`].
 pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: impl Write + SetBaud) -> ! {
     let mut estimates = subscribe(&links.estimates);

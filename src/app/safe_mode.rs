@@ -29,12 +29,13 @@ const _: () = assert!(
 );
 
 /// Answers the commands of the console, reports on the ports and feeds the watchdog, for ever.
-pub async fn run<F: NorFlash>(
+pub async fn run<F: NorFlash, const PORTS: usize>(
     links: &Links,
     mut store: Store<F>,
-    mut ports: [impl Write; PORT_COUNT],
+    mut ports: [impl Write; PORTS],
     mut watchdog: impl Watchdog,
 ) -> ! {
+    const { assert!(PORTS <= PORT_COUNT) };
     links.announce(&Message::SafeMode);
     let mut ticker = Ticker::every(REPORT_INTERVAL);
     let mut reporter = SafeModeReporter::default();

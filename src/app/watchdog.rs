@@ -34,8 +34,8 @@ pub async fn run(links: &Links, mut watchdog: impl Watchdog) -> ! {
     }
 }
 
-/// Whether each task has sent a heartbeat; a port after the first is exempt until its first one.
+/// Whether each task has sent a heartbeat; a line is exempt until its first one.
 fn all_sent_heartbeats(before: &[u32; MAX_HEARTBEATS], now: &[u32; MAX_HEARTBEATS]) -> bool {
-    let is_unused_port = |i: usize, beat: u32| i >= HEARTBEATS_OF_EVERY_BOARD && beat == 0;
-    now.iter().zip(before).enumerate().all(|(i, (now, before))| now != before || is_unused_port(i, *now))
+    let is_unused_line = |i: usize, beat: u32| i >= HEARTBEATS_OF_EVERY_BOARD && beat == 0;
+    now.iter().zip(before).enumerate().all(|(i, (now, before))| now != before || is_unused_line(i, *now))
 }

@@ -16,10 +16,8 @@
 //! 3. Executor of the heading tasks, in an unused peripheral's interrupt.
 //! 4. Thread executor: solving, flash, console. These cannot delay a heading.
 
-use autoswing::app::{self, watchdog};
-use autoswing::health::StackUse;
+use autoswing::app;
 use autoswing::magnetometer::lis3mdl::{Lis3mdl, Lis3mdlConfig};
-use cortex_m::peripheral::SCB;
 use defmt_rtt as _;
 use embassy_executor::{Executor, InterruptExecutor, SendSpawner};
 use embassy_stm32::flash::{self, Flash};
@@ -27,17 +25,18 @@ use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
 use embassy_stm32::i2c::{self, I2c, Master};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::mode::Async;
-use embassy_stm32::peripherals::{self, DMA1_CH4, DMA1_CH5, I2C2, IWDG, PB10, PB11};
-use embassy_stm32::usart::{self, BufferedUart, BufferedUartRx};
-use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_stm32::{Peri, bind_interrupts, dma, interrupt, pac, rcc};
+use embassy_stm32::peripherals::{self, DMA1_CH4, DMA1_CH5, I2C2, PB10, PB11};
+use embassy_stm32::{bind_interrupts, dma, interrupt, pac, rcc, usart};
 use static_cell::StaticCell;
 
-pub use super::stm32l4::flash::StoreFlash;
-use super::stm32l4::i2c::I2cBus;
-use super::stm32l4::reset;
-pub use super::stm32l4::uart::UartTx;
-use super::{hardware, stack};
+use super::hardware::{self, Uarts};
+pub use super::stm32::flash::StoreFlash;
+use super::stm32::i2c::I2cBus;
+pub use super::stm32::platform::Platform;
+use super::stm32::reset;
+use super::stm32::uart::{UartBuffers, uart};
+pub use super::stm32::uart::{UartRx, UartTx};
+pub use super::stm32::watchdog::Watchdog;
 
 bind_interrupts!(struct Irqs {
     I2C2_EV => i2c::EventInterruptHandler<I2C2>;
@@ -55,20 +54,9 @@ const SENSOR_BUS_PRIORITY: Priority = Priority::P4;
 const EXECUTOR_PRIORITY: Priority = Priority::P6;
 const FLASH_PRIORITY: Priority = Priority::P8;
 
-/// Exceeds the longest interval between feedings, one missed check included, even if the watchdog clock runs at 34 kHz
-/// instead of 32 kHz (data sheet, LSI).
-const WATCHDOG_PERIOD_US: u32 = 2_000_000;
-const _: () = assert!(WATCHDOG_PERIOD_US as u64 * 32 > watchdog::MAX_FEED_INTERVAL_US * 34);
-
-/// Size of the UART buffers: 22 ms of input.
-const UART_BUFFER: usize = 256;
-/// Bytes received until the reader is woken, unless a pause occurs: 1.4 ms, which limits the timing error of an
-/// attitude.
-const UART_WAKE: usize = 16;
-
 pub type Magnetometer = Lis3mdl<I2cBus>;
-pub type UartRx = BufferedUartRx<'static>;
-pub type Hardware = hardware::Hardware<Magnetometer, UartTx, UartRx, Watchdog, Panel, StoreFlash, Platform>;
+pub type Lines = Uarts<UartTx, UartRx>;
+pub type Hardware = hardware::Hardware<Magnetometer, Lines, Watchdog, Panel, StoreFlash, Platform>;
 
 /// Executor of the heading tasks.
 static HEADING_TASKS: InterruptExecutor = InterruptExecutor::new();
@@ -83,19 +71,20 @@ pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! 
     let p = embassy_stm32::init(clocks());
     // A debugger that halts the processor also halts the watchdog.
     pac::DBGMCU.apb1fzr1().modify(|freeze| freeze.set_iwdg(true));
-    let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_PERIOD_US);
-    watchdog.unleash();
+    let watchdog = Watchdog::start(p.IWDG);
 
     // SAFETY: `i2c2` creates the driver with these pins, and its peripherals are used nowhere else.
     let bus = unsafe { I2cBus::new(p.PB10.into(), p.PB11.into(), i2c2) };
     let hardware = Hardware {
         magnetometer: Lis3mdl::new(bus, Lis3mdlConfig::default()),
-        ports: [
-            uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_BUFFERS.init(UartBuffers::NEW)),
-            uart(p.USART2, p.PD6, p.PD5, Irqs, INSTRUMENT_BUFFERS.init(UartBuffers::NEW)),
-        ],
-        console: uart(p.USART1, p.PB7, p.PB6, Irqs, CONSOLE_BUFFERS.init(UartBuffers::NEW)),
-        watchdog: Watchdog(watchdog),
+        lines: Uarts {
+            ports: [
+                uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_BUFFERS.init(UartBuffers::NEW)),
+                uart(p.USART2, p.PD6, p.PD5, Irqs, INSTRUMENT_BUFFERS.init(UartBuffers::NEW)),
+            ],
+            console: uart(p.USART1, p.PB7, p.PB6, Irqs, CONSOLE_BUFFERS.init(UartBuffers::NEW)),
+        },
+        watchdog,
         panel: Panel {
             lamp: Output::new(p.PB14, Level::High, Speed::Low),
             // The board has an external pull-up resistor.
@@ -152,45 +141,7 @@ fn i2c2() -> I2c<'static, Async, Master> {
     // SAFETY: only `I2cBus` calls this, after dropping the previous driver, and nothing else uses these peripherals.
     let (i2c, scl, sda, tx, rx) =
         unsafe { (I2C2::steal(), PB10::steal(), PB11::steal(), DMA1_CH4::steal(), DMA1_CH5::steal()) };
-    I2c::new(i2c, scl, sda, tx, rx, Irqs, super::stm32l4::i2c::config())
-}
-
-struct UartBuffers {
-    tx: [u8; UART_BUFFER],
-    rx: [u8; UART_BUFFER],
-}
-
-impl UartBuffers {
-    const NEW: Self = Self { tx: [0; UART_BUFFER], rx: [0; UART_BUFFER] };
-}
-
-/// A UART at 115200 8N1.
-///
-/// Interrupt-driven, at most 4 % processor load. Of the HAL's receivers, only this one continues after a line error;
-/// the DMA receiver stops. The receive pin has a pull-up, the level of an idle line: an unconnected pin would pick up noise
-/// as bytes with line errors.
-fn uart<T: usart::Instance>(
-    uart: Peri<'static, T>,
-    rx: Peri<'static, impl usart::RxPin<T>>,
-    tx: Peri<'static, impl usart::TxPin<T>>,
-    irqs: impl interrupt::typelevel::Binding<T::Interrupt, usart::BufferedInterruptHandler<T>> + 'static,
-    buffers: &'static mut UartBuffers,
-) -> (UartTx, BufferedUartRx<'static>) {
-    let mut config = usart::Config::default();
-    config.eager_reads = Some(UART_WAKE);
-    config.rx_pull = Pull::Up;
-    let (tx, rx) = BufferedUart::new(uart, rx, tx, &mut buffers.tx, &mut buffers.rx, irqs, config)
-        .expect("80 MHz can be divided to 115200 baud")
-        .split();
-    (UartTx::new(tx), rx)
-}
-
-pub struct Watchdog(IndependentWatchdog<'static, IWDG>);
-
-impl app::Watchdog for Watchdog {
-    fn feed(&mut self) {
-        self.0.pet();
-    }
+    I2c::new(i2c, scl, sda, tx, rx, Irqs, super::stm32::i2c::config())
 }
 
 pub struct Panel {
@@ -205,17 +156,5 @@ impl app::Panel for Panel {
 
     fn is_pressed(&self) -> bool {
         self.button.is_low()
-    }
-}
-
-pub struct Platform;
-
-impl app::Platform for Platform {
-    fn reboot(&mut self) {
-        SCB::sys_reset()
-    }
-
-    fn stack(&self) -> Option<StackUse> {
-        Some(stack::high_water())
     }
 }

@@ -1,18 +1,30 @@
 //! Hardware that a board initialises for the tasks.
 
 use autoswing::health::ResetCause;
-use autoswing::settings::PORT_COUNT;
 
 /// Initialised hardware for the tasks, in the types of a board.
-pub struct Hardware<Magnetometer, UartTx, UartRx, Watchdog, Panel, StoreFlash, Platform> {
+pub struct Hardware<Magnetometer, Lines, Watchdog, Panel, StoreFlash, Platform> {
     pub magnetometer: Magnetometer,
-    /// Autopilot port and instrument port.
-    pub ports: [(UartTx, UartRx); PORT_COUNT],
-    pub console: (UartTx, UartRx),
+    pub lines: Lines,
     pub watchdog: Watchdog,
     pub panel: Panel,
     pub flash: StoreFlash,
     pub platform: Platform,
     /// Reason for the last start.
     pub reset: ResetCause,
+}
+
+/// CAN bus, and a UART: the console, or port 1.
+#[cfg(feature = "board-holybro-rm3100")]
+pub struct CanAndUart<CanBus, UartTx, UartRx> {
+    pub can: CanBus,
+    pub uart: (UartTx, UartRx),
+}
+
+/// UARTs of a board without a CAN bus.
+#[cfg(not(feature = "board-holybro-rm3100"))]
+pub struct Uarts<UartTx, UartRx> {
+    /// Autopilot port and instrument port.
+    pub ports: [(UartTx, UartRx); autoswing::settings::PORT_COUNT],
+    pub console: (UartTx, UartRx),
 }

@@ -8,18 +8,25 @@
 #[cfg(feature = "board-b-l475e-iot01a")]
 mod b_l475e_iot01a;
 mod hardware;
+#[cfg(feature = "board-holybro-rm3100")]
+mod holybro_rm3100;
 mod kept;
 mod last_words;
 #[cfg(feature = "board-mps2-an386")]
 mod mps2_an386;
 mod stack;
-#[cfg(feature = "board-b-l475e-iot01a")]
-mod stm32l4;
+#[cfg(any(feature = "board-b-l475e-iot01a", feature = "board-holybro-rm3100"))]
+mod stm32;
 mod tasks;
 
 #[cfg(feature = "board-b-l475e-iot01a")]
 use b_l475e_iot01a as chosen;
-#[cfg(all(feature = "board-mps2-an386", not(feature = "board-b-l475e-iot01a")))]
+#[cfg(all(feature = "board-holybro-rm3100", not(feature = "board-b-l475e-iot01a")))]
+use holybro_rm3100 as chosen;
+#[cfg(all(
+    feature = "board-mps2-an386",
+    not(any(feature = "board-b-l475e-iot01a", feature = "board-holybro-rm3100"))
+))]
 use mps2_an386 as chosen;
 
 /// Starts the selected board.

@@ -18,7 +18,7 @@ mod snapshot;
 mod transmit_buffer;
 
 pub use detection::Port;
-pub use dronecan::{CanNode, FirmwareUpdate, NodeContext};
+pub use dronecan::{BOOT_LOADER_BYTES, CanNode, FirmwareUpdate, NodeContext};
 pub use mavlink::Mavlink;
 pub use msp::Msp;
 pub use nmea::Nmea;

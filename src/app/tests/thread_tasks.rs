@@ -10,7 +10,7 @@ use testkit::flash::{RamFlash, SilentFault};
 use super::TaskBench;
 use super::devices::{Chip, DeviceBehaviour, Line, Port, SENSOR};
 use crate::app::links::{AutopilotLine, CommandSource, DetectedSensor, now, publish};
-use crate::app::{Platform, compass, console};
+use crate::app::{Platform, compass, console, port};
 use crate::calibration::Sample;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, multirotor_samples};
@@ -342,6 +342,39 @@ fn a_reboot_is_announced_first() {
     assert_eq!(board.0.get(), 0);
     bench.ms(10);
     assert_eq!(board.0.get(), 1);
+}
+
+/// On a board whose only UART serves a port.
+#[test]
+fn a_module_without_a_console_restarts_on_command() {
+    let mut bench = with_compass(Flash::new(PAGES));
+    let board = Board::default();
+    let platform = board.clone();
+    bench.run("restart", |links| async move { console::restart_without_terminal(&links, platform).await });
+    bench.links.commands.try_send((CommandSource::Line(AutopilotLine::Can), Command::Restart)).unwrap();
+    bench.ms(49);
+    assert_eq!(board.0.get(), 0);
+    bench.ms(2);
+    assert_eq!(board.0.get(), 1);
+}
+
+/// The only UART of a board is the console unless a protocol is selected for port 1, and not before the settings are known.
+#[test]
+fn a_selected_protocol_turns_the_console_into_a_port() {
+    for (selected, expected) in
+        [(None, None), (Some(ProtocolKind::Auto), Some(false)), (Some(ProtocolKind::Msp), Some(true))]
+    {
+        let (mut bench, found) = (TaskBench::new(), Rc::new(Cell::new(None)));
+        let result = Rc::clone(&found);
+        bench.run("uart", |links| async move { result.set(Some(port::has_protocol(&links, PortNumber::One).await)) });
+        if let Some(protocol) = selected {
+            let mut settings = Settings::DEFAULT;
+            settings.ports.port_mut(PortNumber::One).protocol = protocol;
+            publish(&bench.links.settings, settings);
+        }
+        bench.ms(10);
+        assert_eq!(found.get(), expected, "{selected:?}");
+    }
 }
 
 /// The heading is needed in flight.

@@ -71,9 +71,9 @@ fn the_watchdog_is_not_fed_after_any_task_stops() {
     }
 }
 
-/// The first port has to run; a second one need not exist.
+/// Boards differ in their lines.
 #[test]
-fn the_watchdog_does_not_wait_for_ports_that_never_ran() {
+fn the_watchdog_does_not_wait_for_lines_that_never_ran() {
     for (counted_tasks, fed) in [(HEARTBEATS_OF_EVERY_BOARD, 10), (HEARTBEATS_OF_EVERY_BOARD - 1, 0)] {
         let (mut bench, watchdog_timer) = (TaskBench::new(), FakeWatchdog::default());
         let watchdog_clone = watchdog_timer.clone();

@@ -39,10 +39,12 @@ use self::registers::{Interrupt, Vector};
 pub use self::sensor::Sensor as Magnetometer;
 pub use self::uart::UartTx;
 use self::uart::{AUTOPILOT, CONSOLE, INSTRUMENT, LOCKSTEP, Received};
-use super::{hardware, stack};
+use super::hardware::{self, Uarts};
+use super::stack;
 
 pub type UartRx = &'static Received;
-pub type Hardware = hardware::Hardware<Magnetometer, UartTx, UartRx, Watchdog, Panel, StoreFlash, Platform>;
+pub type Lines = Uarts<UartTx, UartRx>;
+pub type Hardware = hardware::Hardware<Magnetometer, Lines, Watchdog, Panel, StoreFlash, Platform>;
 
 const CONSOLE_TX: UartTx = UartTx { uart: &CONSOLE, written: || {} };
 
@@ -124,11 +126,13 @@ pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! 
     let is_safe_mode = reset.requires_safe_mode();
     let hardware = Hardware {
         magnetometer: Magnetometer::new(SensorBus::new()),
-        ports: [
-            (UartTx { uart: &AUTOPILOT, written: || {} }, &AUTOPILOT.received),
-            (UartTx { uart: &INSTRUMENT, written: lockstep::instrument_written }, &INSTRUMENT.received),
-        ],
-        console: (CONSOLE_TX, &CONSOLE.received),
+        lines: Uarts {
+            ports: [
+                (UartTx { uart: &AUTOPILOT, written: || {} }, &AUTOPILOT.received),
+                (UartTx { uart: &INSTRUMENT, written: lockstep::instrument_written }, &INSTRUMENT.received),
+            ],
+            console: (CONSOLE_TX, &CONSOLE.received),
+        },
         watchdog: Watchdog,
         panel: Panel,
         flash: StoreFlash::new(),

@@ -44,7 +44,7 @@ use outbox::Outbox;
 use services::{Services, Step};
 use status::StatusMonitor;
 use tunnel::Tunnel;
-pub use update::FirmwareUpdate;
+pub use update::{BOOT_LOADER_BYTES, FirmwareUpdate};
 use vehicle::Vehicle;
 
 /// Rate of the status, Hz.

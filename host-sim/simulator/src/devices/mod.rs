@@ -7,4 +7,7 @@ pub mod can;
 pub mod i2c;
 pub mod lis3mdl;
 pub mod nor_flash;
+pub mod rm3100;
+pub mod sensor;
+pub mod spi;
 pub mod uart;

@@ -1,7 +1,7 @@
 //! Flash of the store, in bank 2 of the internal flash.
 //!
-//! The program runs from bank 1 meanwhile: an erase (22 ms) is awaited, a write (90 us per double word) blocks only the
-//! thread executor.
+//! A program in bank 1 runs meanwhile: an erase (22 ms) is awaited, a write (90 us per double word) blocks only the thread
+//! executor. Code in bank 2, if a board has it there, waits for the end of the erase or write.
 
 use core::ops::Range;
 
@@ -11,6 +11,8 @@ use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorF
 
 /// Start address of the flash.
 const FLASH_BASE: u32 = embassy_stm32::flash::FLASH_BASE as u32;
+/// Size of each of the two banks.
+const BANK_SIZE: u32 = embassy_stm32::flash::FLASH_SIZE as u32 / 2;
 
 unsafe extern "C" {
     // Bounds of region STORE in memory.x; only the addresses are meaningful.
@@ -48,9 +50,13 @@ pub struct StoreFlash {
 impl StoreFlash {
     /// The pages reserved in memory.x.
     pub fn new(flash: Flash<'static, Async>) -> Self {
+        Self { flash, pages: Self::reserved_pages() }
+    }
+
+    fn reserved_pages() -> Range<u32> {
         let start = (&raw const __store_start).addr() as u32 - FLASH_BASE;
         let end = (&raw const __store_end).addr() as u32 - FLASH_BASE;
-        Self { flash, pages: start..end }
+        start..end
     }
 
     /// All pages, as offsets.
@@ -119,8 +125,8 @@ impl NorFlash for StoreFlash {
 
 /// Guard that disables the data cache and invalidates it at the end.
 ///
-/// STM32L47x errata, "Data cache might be corrupted during Flash memory read-while-write operation": bank 1 must not be
-/// read through the data cache while bank 2 is written.
+/// Errata of STM32L47x and STM32G47x, "Data cache might be corrupted during Flash memory read-while-write operation": bank 1
+/// must not be read through the data cache while bank 2 is written.
 struct DataCacheOff;
 
 impl DataCacheOff {
@@ -140,11 +146,13 @@ impl Drop for DataCacheOff {
 }
 
 /// ECC error on reading a double word whose programming was interrupted by a power failure. In the store the read
-/// continues, and the store's CRC rejects the data; in the program's bank it panics.
+/// continues, and the store's CRC rejects the data; in the program it panics.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
     let eccr = pac::FLASH.eccr().read();
-    assert!(eccr.eccd() && eccr.bk_ecc(), "NMI, ECCR {:08x}", eccr.0);
+    // The register's address counts from the start of the bank.
+    let offset = eccr.addr_ecc() % BANK_SIZE + if eccr.bk_ecc() { BANK_SIZE } else { 0 };
+    assert!(eccr.eccd() && StoreFlash::reserved_pages().contains(&offset), "NMI, ECCR {:08x}", eccr.0);
     // Writing one clears the flag.
     pac::FLASH.eccr().modify(|eccr| eccr.set_eccd(true));
 }

@@ -1,15 +1,26 @@
 //! Concrete tasks of all boards: the library's tasks with the selected board's types.
 
+#[cfg(feature = "board-holybro-rm3100")]
+mod can;
+mod lines;
+#[cfg(not(feature = "board-holybro-rm3100"))]
+mod uarts;
+
+#[cfg(feature = "board-holybro-rm3100")]
+use can as board_lines;
+#[cfg(not(feature = "board-holybro-rm3100"))]
+use uarts as board_lines;
+
 use autoswing::app::{self, Links};
 use autoswing::collection::RetainedSamples;
-use autoswing::health::ResetCause;
-use autoswing::settings::{PORT_COUNT, PortNumber};
 use autoswing::store::Store;
-use embassy_executor::{SendSpawner, SpawnError, SpawnToken};
+use embassy_executor::SendSpawner;
 use static_cell::StaticCell;
 
-use super::chosen::{Hardware, Magnetometer, Panel, Platform, StoreFlash, UartRx, UartTx, Watchdog};
+use super::chosen::{Hardware, Magnetometer, Panel, StoreFlash, UartTx, Watchdog};
 use super::kept;
+use board_lines::SAFE_MODE_PORTS;
+use lines::spawned;
 
 /// Initialised at run time, so that `.data` costs no flash.
 static LINKS: StaticCell<Links> = StaticCell::new();
@@ -20,25 +31,18 @@ pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
     let links = LINKS.init_with(Links::new);
     let region = hardware.flash.region();
     let store = Store::new(hardware.flash, region);
-    let (console_tx, console_rx) = hardware.console;
-    below.spawn(spawned(console(links, console_rx, console_tx, hardware.platform, hardware.reset)));
+    let restart = (hardware.platform, hardware.reset);
     if hardware.reset.requires_safe_mode() {
-        below.spawn(spawned(safe_mode(links, store, hardware.ports.map(|(tx, _)| tx), hardware.watchdog)));
+        let ports = board_lines::spawn_in_safe_mode(links, below, hardware.lines, restart);
+        below.spawn(spawned(safe_mode(links, store, ports, hardware.watchdog)));
         return;
     }
+    board_lines::spawn(links, (above, below), hardware.lines, restart);
     above.spawn(spawned(sensor(links, hardware.magnetometer)));
     above.spawn(spawned(instrument(links)));
-    for (number, (tx, rx)) in PortNumber::ALL.into_iter().zip(hardware.ports) {
-        above.spawn(spawned(port(links, number, tx, rx)));
-    }
     above.spawn(spawned(watch(links, hardware.watchdog)));
     above.spawn(spawned(panel(links, hardware.panel)));
     below.spawn(spawned(compass(links, store, kept::lend())));
-}
-
-/// Infallible: each task has as many instances as are spawned.
-fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
-    token.expect("one task of each")
 }
 
 #[embassy_executor::task]
@@ -49,11 +53,6 @@ async fn sensor(links: &'static Links, magnetometer: Magnetometer) -> ! {
 #[embassy_executor::task]
 async fn instrument(links: &'static Links) -> ! {
     app::instrument::run(links).await
-}
-
-#[embassy_executor::task(pool_size = PORT_COUNT)]
-async fn port(links: &'static Links, number: PortNumber, tx: UartTx, rx: UartRx) -> ! {
-    app::port::run(links, number, rx, tx).await
 }
 
 #[embassy_executor::task]
@@ -72,15 +71,10 @@ async fn compass(links: &'static Links, store: Store<StoreFlash>, retained: &'st
 }
 
 #[embassy_executor::task]
-async fn console(links: &'static Links, rx: UartRx, tx: UartTx, platform: Platform, reset: ResetCause) -> ! {
-    app::console::run(links, rx, tx, platform, reset).await
-}
-
-#[embassy_executor::task]
 async fn safe_mode(
     links: &'static Links,
     store: Store<StoreFlash>,
-    ports: [UartTx; PORT_COUNT],
+    ports: [UartTx; SAFE_MODE_PORTS],
     watchdog: Watchdog,
 ) -> ! {
     app::safe_mode::run(links, store, ports, watchdog).await

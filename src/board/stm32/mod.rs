@@ -1,0 +1,13 @@
+//! STM32: fault-tolerant wrappers of the HAL's drivers, reset cause, start from a boot loader.
+
+#[cfg(feature = "board-holybro-rm3100")]
+pub mod boot_loader;
+#[cfg(feature = "board-holybro-rm3100")]
+pub mod can;
+pub mod flash;
+#[cfg(feature = "board-b-l475e-iot01a")]
+pub mod i2c;
+pub mod platform;
+pub mod reset;
+pub mod uart;
+pub mod watchdog;

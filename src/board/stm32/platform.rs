@@ -1,0 +1,19 @@
+//! Restart and stack.
+
+use autoswing::app;
+use autoswing::health::StackUse;
+use cortex_m::peripheral::SCB;
+
+use crate::board::stack;
+
+pub struct Platform;
+
+impl app::Platform for Platform {
+    fn reboot(&mut self) {
+        SCB::sys_reset()
+    }
+
+    fn stack(&self) -> Option<StackUse> {
+        Some(stack::high_water())
+    }
+}

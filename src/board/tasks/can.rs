@@ -1,0 +1,58 @@
+//! Lines of a board with a CAN bus and one UART: the console, or port 1 once a protocol is selected for it.
+
+use autoswing::app::{self, Links};
+use autoswing::health::ResetCause;
+use autoswing::settings::PortNumber;
+use embassy_executor::SendSpawner;
+
+use super::lines::{console, port, spawned};
+use crate::board::chosen::{CanBus, Lines, Platform, UartRx, UartTx};
+
+/// Ports that report safe mode: the only UART is the console then.
+pub const SAFE_MODE_PORTS: usize = 0;
+
+/// Spawns CAN bus and port on `above`, the console on `below`.
+pub fn spawn(
+    links: &'static Links,
+    (above, below): (SendSpawner, SendSpawner),
+    lines: Lines,
+    (platform, reset): (Platform, ResetCause),
+) {
+    above.spawn(spawned(can(links, lines.can)));
+    below.spawn(spawned(uart(links, (above, below), lines.uart, platform, reset)));
+}
+
+/// Spawns the console alone, whatever is selected for the UART.
+pub fn spawn_in_safe_mode(
+    links: &'static Links,
+    below: SendSpawner,
+    lines: Lines,
+    (platform, reset): (Platform, ResetCause),
+) -> [UartTx; SAFE_MODE_PORTS] {
+    let (tx, rx) = lines.uart;
+    below.spawn(spawned(console(links, rx, tx, platform, reset)));
+    []
+}
+
+#[embassy_executor::task]
+async fn can(links: &'static Links, bus: CanBus) -> ! {
+    let CanBus { info, rx, tx, boot_loader } = bus;
+    app::can::run(links, info, rx, tx, boot_loader).await
+}
+
+#[embassy_executor::task]
+async fn uart(
+    links: &'static Links,
+    spawners: (SendSpawner, SendSpawner),
+    line: (UartTx, UartRx),
+    platform: Platform,
+    reset: ResetCause,
+) {
+    let ((above, below), (tx, rx)) = (spawners, line);
+    if app::port::has_protocol(links, PortNumber::One).await {
+        above.spawn(spawned(port(links, PortNumber::One, tx, rx)));
+        app::console::restart_without_terminal(links, platform).await;
+    } else {
+        below.spawn(spawned(console(links, rx, tx, platform, reset)));
+    }
+}

@@ -1,0 +1,26 @@
+//! Tasks of the lines: console and ports.
+
+use autoswing::app::{self, Links};
+use autoswing::health::ResetCause;
+use autoswing::settings::PortNumber;
+use embassy_executor::{SpawnError, SpawnToken};
+
+use crate::board::chosen::{Platform, UartRx, UartTx};
+
+/// Number of ports of the selected board.
+const PORTS: usize = if cfg!(feature = "board-holybro-rm3100") { 1 } else { autoswing::settings::PORT_COUNT };
+
+/// Infallible: each task has as many instances as are spawned.
+pub fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
+    token.expect("one task of each")
+}
+
+#[embassy_executor::task(pool_size = PORTS)]
+pub async fn port(links: &'static Links, number: PortNumber, tx: UartTx, rx: UartRx) -> ! {
+    app::port::run(links, number, rx, tx).await
+}
+
+#[embassy_executor::task]
+pub async fn console(links: &'static Links, rx: UartRx, tx: UartTx, platform: Platform, reset: ResetCause) -> ! {
+    app::console::run(links, rx, tx, platform, reset).await
+}

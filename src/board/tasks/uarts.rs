@@ -1,0 +1,38 @@
+//! Lines of a board with a UART for each port and one for the console.
+
+use autoswing::app::Links;
+use autoswing::health::ResetCause;
+use autoswing::settings::{PORT_COUNT, PortNumber};
+use embassy_executor::SendSpawner;
+
+use super::lines::{console, port, spawned};
+use crate::board::chosen::{Lines, Platform, UartTx};
+
+/// Ports that report safe mode.
+pub const SAFE_MODE_PORTS: usize = PORT_COUNT;
+
+/// Spawns the console on `below`, the ports on `above`.
+pub fn spawn(
+    links: &'static Links,
+    (above, below): (SendSpawner, SendSpawner),
+    lines: Lines,
+    (platform, reset): (Platform, ResetCause),
+) {
+    let (tx, rx) = lines.console;
+    below.spawn(spawned(console(links, rx, tx, platform, reset)));
+    for (number, (tx, rx)) in PortNumber::ALL.into_iter().zip(lines.ports) {
+        above.spawn(spawned(port(links, number, tx, rx)));
+    }
+}
+
+/// Spawns the console alone; returns the transmitters of the ports.
+pub fn spawn_in_safe_mode(
+    links: &'static Links,
+    below: SendSpawner,
+    lines: Lines,
+    (platform, reset): (Platform, ResetCause),
+) -> [UartTx; SAFE_MODE_PORTS] {
+    let (tx, rx) = lines.console;
+    below.spawn(spawned(console(links, rx, tx, platform, reset)));
+    lines.ports.map(|(tx, _)| tx)
+}
