@@ -1,5 +1,7 @@
 //! Measurement of a magnetometer, and identity of the sensor.
 
+use core::fmt;
+
 use crate::frames::{Field, Sensor};
 
 /// Measurement of a magnetometer.
@@ -19,8 +21,23 @@ pub struct Reading {
 pub struct Identity {
     /// Model.
     pub model: Model,
-    /// 7-bit I2C address.
+    /// 7-bit I2C address, or [`SPI`](Self::SPI).
     pub address: u8,
+}
+
+impl Identity {
+    /// Address of a sensor on an SPI bus; no I2C device has it.
+    pub const SPI: u8 = 0;
+}
+
+impl fmt::Display for Identity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.model.name())?;
+        match self.address {
+            Self::SPI => f.write_str(" on SPI"),
+            address => write!(f, " at {address:02x}"),
+        }
+    }
 }
 
 /// Supported magnetometers. Stored by position: append new variants.
@@ -31,6 +48,8 @@ pub enum Model {
     Lis3mdl,
     /// ST LSM303DLHC.
     Lsm303dlhc,
+    /// PNI RM3100.
+    Rm3100,
 }
 
 impl Model {
@@ -40,6 +59,7 @@ impl Model {
         match self {
             Self::Lis3mdl => "LIS3MDL",
             Self::Lsm303dlhc => "LSM303DLHC",
+            Self::Rm3100 => "RM3100",
         }
     }
 }
@@ -50,6 +70,13 @@ mod tests {
 
     #[test]
     fn models_have_the_names_of_their_data_sheets() {
-        assert_eq!([Model::Lis3mdl, Model::Lsm303dlhc].map(Model::name), ["LIS3MDL", "LSM303DLHC"]);
+        let models = [Model::Lis3mdl, Model::Lsm303dlhc, Model::Rm3100];
+        assert_eq!(models.map(Model::name), ["LIS3MDL", "LSM303DLHC", "RM3100"]);
+    }
+
+    #[test]
+    fn an_identity_is_shown_with_its_address_or_its_bus() {
+        assert_eq!(Identity { model: Model::Lis3mdl, address: 0x1E }.to_string(), "LIS3MDL at 1e");
+        assert_eq!(Identity { model: Model::Rm3100, address: Identity::SPI }.to_string(), "RM3100 on SPI");
     }
 }

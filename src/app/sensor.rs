@@ -41,6 +41,7 @@ pub async fn run(links: &Links, mut magnetometer: impl Magnetometer) -> ! {
                     continue;
                 }
             }
+            Ok(Err(MagnetometerError::SelfTest(_))) => warning!("magnetometer failed its self-test"),
             Ok(Err(_)) | Err(_) => warning!("magnetometer does not answer"),
         }
         increment(&links.counters.sensor_errors);

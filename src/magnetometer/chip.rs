@@ -2,6 +2,7 @@
 
 use embassy_time::{Duration, Instant, Timer};
 use embedded_hal_async::i2c::I2c;
+use embedded_hal_async::spi::{Operation, SpiDevice};
 
 use super::MagnetometerError;
 
@@ -30,6 +31,34 @@ impl<B: I2c> ChipRegisters<B> {
     /// Writes a register address and values.
     pub async fn write_registers(&mut self, message: &[u8]) -> Result<(), MagnetometerError<B::Error>> {
         self.bus.write(self.address, message).await.map_err(MagnetometerError::Bus)
+    }
+}
+
+/// Address flag of a read on an SPI bus.
+const SPI_READ: u8 = 0x80;
+
+/// Chip registers on an SPI bus.
+#[derive(Debug)]
+pub(super) struct SpiRegisters<S> {
+    pub device: S,
+}
+
+impl<S: SpiDevice> SpiRegisters<S> {
+    pub const fn new(device: S) -> Self {
+        Self { device }
+    }
+
+    /// Reads `N` registers from `first` on.
+    pub async fn read_registers<const N: usize>(&mut self, first: u8) -> Result<[u8; N], MagnetometerError<S::Error>> {
+        let mut values = [0; N];
+        let mut transfer = [Operation::Write(&[first | SPI_READ]), Operation::Read(&mut values)];
+        self.device.transaction(&mut transfer).await.map_err(MagnetometerError::Bus)?;
+        Ok(values)
+    }
+
+    /// Writes a register address and values.
+    pub async fn write_registers(&mut self, message: &[u8]) -> Result<(), MagnetometerError<S::Error>> {
+        self.device.write(message).await.map_err(MagnetometerError::Bus)
     }
 }
 

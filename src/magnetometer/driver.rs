@@ -16,6 +16,8 @@ pub enum MagnetometerError<E> {
         /// Value read back.
         read: u8,
     },
+    /// The chip's built-in self-test failed; value of its result register.
+    SelfTest(u8),
     /// No measurement within the timeout.
     NoData,
 }
@@ -33,7 +35,7 @@ pub trait Magnetometer {
     ///
     /// # Errors
     ///
-    /// Bus error, unexpected identity, or a register that does not hold its value.
+    /// Bus error, unexpected identity, a failed self-test, or a register that does not hold its value.
     async fn init(&mut self) -> Result<Identity, MagnetometerError<Self::BusError>>;
 
     /// Waits for the next measurement and reads it.

@@ -4,6 +4,7 @@ mod chip;
 mod driver;
 pub mod lis3mdl;
 pub mod lsm303dlhc;
+pub mod rm3100;
 
 pub use crate::reading::{Identity, Model, Reading};
 pub use driver::{Magnetometer, MagnetometerError};

@@ -37,13 +37,7 @@ fn coefficients(out: &mut impl Write, record: &CalibrationSummary) -> fmt::Resul
     )?;
     latency(out, calibration, quality.latency)?;
     write_interference(out, &calibration.motor_current)?;
-    writeln!(
-        out,
-        "sensor: {} at {:02x}, mount {}",
-        record.sensor.model.name(),
-        record.sensor.address,
-        record.mount.name()
-    )
+    writeln!(out, "sensor: {}, mount {}", record.sensor, record.mount.name())
 }
 
 /// Writes the attitude latency in excess of that reported by the source: the applied one, otherwise the estimate.

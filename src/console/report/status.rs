@@ -187,7 +187,7 @@ fn write_expected_accuracy(out: &mut impl Write, prospect: Option<&TrialResult>,
 
 fn heading_lines(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
     match health.sensor {
-        Some(identity) => writeln!(out, "sensor: {} at {:02x}", identity.model.name(), identity.address)?,
+        Some(identity) => writeln!(out, "sensor: {identity}")?,
         None => writeln!(out, "sensor: not found")?,
     }
     match health.attitude {

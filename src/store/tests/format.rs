@@ -204,7 +204,7 @@ fn variants_keep_their_numbers() {
             assert_eq!(postcard::to_slice(variant, &mut [0; 8]).map(|bytes| bytes.to_vec()), Ok(vec![number]));
         }
     }
-    assert_numbers(&[Model::Lis3mdl, Model::Lsm303dlhc]);
+    assert_numbers(&[Model::Lis3mdl, Model::Lsm303dlhc, Model::Rm3100]);
     assert_numbers(&[Envelope::Banked, Envelope::Level]);
     assert_numbers(&[HeadingKind::Raw, HeadingKind::Smooth]);
     assert_numbers(&ProtocolKind::ALL);
