@@ -132,7 +132,7 @@ fn status_shows_what_is_connected() {
     assert!(status.contains("sensor: LIS3MDL at 1e"), "{status}");
     assert!(status.contains("attitude: roll "), "{status}");
     assert!(status.contains("heading: none, uncalibrated"), "{status}");
-    rig.chip.borrow_mut().set_silent(true);
+    rig.magnetometer.set_silent(true);
     rig.autopilot.send(&[0; 4000]);
     rig.run_for_s(0.3);
     let status = reply_after(&mut rig, "status all");

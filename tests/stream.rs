@@ -146,13 +146,13 @@ fn a_disturbed_field_gives_no_heading() {
 #[test]
 fn a_lost_sensor_is_detected_and_used_again_when_it_returns() {
     let mut rig = calibrated();
-    rig.chip.borrow_mut().set_silent(true);
+    rig.magnetometer.set_silent(true);
     rig.run_for_s(0.25);
     let received = listen(&mut rig, 2.0);
     assert!(received.len() >= 20 && headings(&received) == 0, "{} of {}", headings(&received), received.len());
     assert!(rig.type_line("status all").contains("heading: none, sensor-silent"));
-    rig.chip.borrow_mut().power_cycle();
-    rig.chip.borrow_mut().set_silent(false);
+    rig.magnetometer.power_cycle();
+    rig.magnetometer.set_silent(false);
     rig.run_for_s(1.0);
     let received = listen(&mut rig, 2.0);
     assert_eq!(headings(&received), received.len());

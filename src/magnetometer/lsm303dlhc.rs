@@ -84,7 +84,11 @@ pub struct Lsm303dlhc<B> {
 impl<B: I2c> Lsm303dlhc<B> {
     /// Creates a driver; [`init`](Magnetometer::init) is the first bus access.
     pub const fn new(bus: B, config: Lsm303dlhcConfig) -> Self {
-        Self { chip: ChipRegisters::new(bus, ADDRESS), config, polling: PollingSchedule::new(PERIOD_US) }
+        Self {
+            chip: ChipRegisters::new(bus, ADDRESS),
+            config,
+            polling: PollingSchedule::new(PERIOD_US, chip::SLEEP_PERCENT),
+        }
     }
 
     /// `CRA_REG_M`, `CRB_REG_M` and `MR_REG_M`.
@@ -197,7 +201,7 @@ mod tests {
     #[test]
     fn a_control_register_that_reads_back_differently_is_reported() {
         let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
-        driver.chip.bus.broken = Some(0x01);
+        driver.chip.bus.broken = vec![0x01];
         assert_eq!(block_on(driver.init()), Err(MagnetometerError::Configuration { written: 0x60, read: 0x00 }));
     }
 

@@ -7,7 +7,6 @@ use autoswing::app::can::HandOver;
 use autoswing::app::{self, Links, Panel, Platform, Watchdog};
 use autoswing::collection::RetainedSamples;
 use autoswing::health::ResetCause;
-use autoswing::magnetometer::lis3mdl;
 use autoswing::port::FirmwareUpdate;
 use autoswing::settings::{PORT_COUNT, PortNumber};
 use autoswing::store::Store;
@@ -18,12 +17,10 @@ use testkit::clock;
 use testkit::simulation::{Level, RunEnd, Simulation, Stop};
 
 use crate::devices::can::CanEnd;
-use crate::devices::i2c::Bus;
-use crate::devices::lis3mdl::{Lis3mdl, Lis3mdlConfig as ChipConfig};
 use crate::devices::nor_flash::{Flash, PAGE_BYTES};
 use crate::devices::uart::{Cable, HostEnd, UartConfig as CableConfig};
 use crate::faults::Faults;
-use crate::faults::sensor::FaultyChip;
+use crate::magnetometer::SimulatedMagnetometer;
 use crate::module::{Module, ModuleRunEnd};
 use crate::world::far_end::{AttachedDevice, FarEnd};
 use crate::world::{World, WorldConfig};
@@ -51,15 +48,14 @@ pub struct Rig {
     pub far_ends: [AttachedDevice; PORT_COUNT],
     /// Flash chip.
     pub flash: Flash,
-    /// Magnetometer chip.
-    pub chip: Rc<RefCell<Lis3mdl>>,
+    /// Magnetometer.
+    pub magnetometer: SimulatedMagnetometer,
     /// Lamp and button.
     pub panel: SimulatedPanel,
     /// Firmware update handed over to the boot loader, which is not simulated.
     pub firmware_update: Rc<RefCell<Option<FirmwareUpdate>>>,
     /// Sample memory, borrowed by the module while it runs.
     pub retained_samples: Rc<RefCell<RetainedSamples>>,
-    bus: Bus,
     console_cable: Cable,
     autopilot_cable: Cable,
     instrument_cable: Cable,
@@ -156,9 +152,7 @@ impl Rig {
         let autopilot_cable = Cable::new(CableConfig::default());
         let instrument_cable = Cable::new(CableConfig::default());
         let field = world.magnetometer_source(faults.field);
-        let chip = Lis3mdl::new(ChipConfig { seed: config.seed, ..ChipConfig::default() }, field);
-        let bus = Bus::new();
-        bus.attach(FaultyChip::new(chip.clone(), faults.sensor));
+        let magnetometer = SimulatedMagnetometer::new(config.sensor, config.seed, field, faults.sensor);
         let reset = Rc::new(ResetLine {
             stop: simulation.stop(),
             cause: RefCell::new(None),
@@ -185,11 +179,10 @@ impl Rig {
             instrument,
             far_ends,
             flash: Flash::new(STORE_PAGES, config.seed),
-            chip,
+            magnetometer,
             panel: SimulatedPanel::default(),
             firmware_update: Rc::default(),
             retained_samples: Rc::new(RefCell::new(RetainedSamples::EMPTY)),
-            bus,
             console_cable,
             autopilot_cable,
             instrument_cable,
@@ -236,14 +229,12 @@ impl Rig {
         self.reset.watchdog_due_us.set(clock::now_us() + WATCHDOG_US);
         let links = Rc::new(Links::new());
         let (console_rx, console_tx) = self.console_cable.module();
-        let driver = lis3mdl::Lis3mdl::new(self.bus.clone(), lis3mdl::Lis3mdlConfig::default());
         let store = Store::new(self.flash.clone(), 0..STORE_BYTES as u32);
         let platform = SimulatedPlatform(self.reset.clone());
         let dog = SimulatedWatchdog(self.reset.clone());
         let panel = self.panel.clone();
         let simulation = &mut self.simulation;
-        let l = links.clone();
-        simulation.spawn(Level::Interrupt, "sensor", async move { app::sensor::run(&l, driver).await });
+        self.magnetometer.spawn_task(simulation, links.clone());
         let l = links.clone();
         simulation.spawn(Level::Interrupt, "instrument", async move { app::instrument::run(&l).await });
         for (number, cable) in PortNumber::ALL.into_iter().zip([&self.autopilot_cable, &self.instrument_cable]) {

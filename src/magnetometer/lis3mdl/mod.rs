@@ -92,7 +92,11 @@ pub struct Lis3mdl<B> {
 impl<B: I2c> Lis3mdl<B> {
     /// Creates a driver; [`init`](Magnetometer::init) is the first bus access.
     pub const fn new(bus: B, config: Lis3mdlConfig) -> Self {
-        Self { chip: ChipRegisters::new(bus, config.address), config, polling: PollingSchedule::new(PERIOD_US) }
+        Self {
+            chip: ChipRegisters::new(bus, config.address),
+            config,
+            polling: PollingSchedule::new(PERIOD_US, chip::SLEEP_PERCENT),
+        }
     }
 
     /// `CTRL_REG1` to `CTRL_REG5`.

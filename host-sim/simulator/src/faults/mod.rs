@@ -22,7 +22,7 @@ use std::rc::Rc;
 /// Faults of one module. Default: none.
 #[derive(Default)]
 pub struct Faults {
-    /// Magnetometer faults.
+    /// Faults of a LIS3MDL.
     pub sensor: Vec<Box<dyn sensor::SensorFault>>,
     /// Attitude faults.
     pub attitude: Vec<Box<dyn attitude::AttitudeFault>>,

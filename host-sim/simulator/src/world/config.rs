@@ -10,6 +10,7 @@ use super::earth::Earth;
 use super::gyro::GyroConfig;
 use super::weather::Weather;
 use super::{aircraft, attitude_source};
+use crate::devices::SensorModel;
 use crate::random::{Purpose, Random};
 
 /// All settings of a world. Equal settings and seeds give equal worlds.
@@ -33,6 +34,8 @@ pub struct WorldConfig {
     pub current_interference_ut: [f64; 3],
     /// Whether the autopilot measures and reports the motor current.
     pub reports_current: bool,
+    /// Magnetometer of the module.
+    pub sensor: SensorModel,
     /// Whether an attitude source that answers no requests reports position and date, in Xi'an.
     pub reports_position: bool,
 }
@@ -128,6 +131,7 @@ impl WorldConfig {
             gyro: file.gyro,
             current_interference_ut: [0.0; 3],
             reports_current: false,
+            sensor: SensorModel::default(),
             reports_position: false,
         };
         config.validate()?;
@@ -146,6 +150,7 @@ impl WorldConfig {
             gyro: GyroConfig::default(),
             current_interference_ut: [0.0; 3],
             reports_current: false,
+            sensor: SensorModel::default(),
             reports_position: false,
         }
     }

@@ -12,11 +12,11 @@ mod registers;
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use autoswing::frames::{Field, Sensor};
 use testkit::clock;
 
 use self::conversion::{CompletedConversion, Converter};
 use self::registers::Registers;
+use crate::devices::FieldSource;
 use crate::devices::i2c::Target;
 use crate::random::{Purpose, Random};
 
@@ -24,10 +24,6 @@ use crate::random::{Purpose, Random};
 pub const ADDRESS_SA1_HIGH: u8 = 0x1E;
 /// Address with the SA1 pin low.
 pub const ADDRESS_SA1_LOW: u8 = 0x1C;
-
-/// Field in chip axes as a function of simulation time in microseconds. The time is at most one measurement period (1.6
-/// s) in the past.
-pub type FieldSource = Box<dyn FnMut(u64) -> Field<Sensor>>;
 
 /// Settings of a chip.
 #[derive(Clone, Copy, Debug, PartialEq)]

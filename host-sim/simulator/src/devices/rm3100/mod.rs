@@ -1,0 +1,181 @@
+//! Register-level model of the PNI RM3100 magnetometer on an SPI bus, after PNI's manual 1017252 r03 ("manual").
+//!
+//! Modelled: reset values, identity, continuous and single measurements with their time, rates, cycle counts with gain
+//! and noise, data ready by the selected condition, self-test, address increment, the accesses that end continuous
+//! mode. The axes are measured one after the other, each as the field at the middle of its time. Not modelled: alarms,
+//! I2C, the register that selects what clears data ready (its default is used).
+
+mod registers;
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use autoswing::frames::{Field, Sensor};
+use testkit::clock;
+
+use self::registers::{Registers, RunningMeasurement};
+use crate::devices::FieldSource;
+use crate::devices::spi::Target;
+use crate::random::{Purpose, Random};
+
+/// RMS noise at cycle count 200, microtesla (manual, table 3-1).
+const NOISE_UT: f64 = 0.015;
+
+/// Duration of the self-test, microseconds: the longest timeout of each axis (manual, table 5-9).
+const SELF_TEST_US: u64 = 3 * 120;
+
+/// Settings of a chip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rm3100Config {
+    /// Seed of the noise.
+    pub seed: u64,
+    /// Noise relative to the manual; 0 leaves only quantisation.
+    pub noise_scale: f64,
+    /// Period of the continuous mode relative to the nominal one; one standard deviation is 0.07 (manual, section
+    /// 5.2.1).
+    pub period_scale: f64,
+}
+
+impl Default for Rm3100Config {
+    fn default() -> Self {
+        Self { seed: 0, noise_scale: 1.0, period_scale: 1.0 }
+    }
+}
+
+/// Fault of the chip, or of its wires.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rm3100Fault {
+    /// No chip drives the data line, which reads as this byte: 0xFF or 0x00.
+    Missing(u8),
+    /// Another revision number.
+    Identity(u8),
+    /// An axis, 0 to 2, repeats its last measurement.
+    StuckAxis(usize),
+    /// The oscillator of an axis, 0 to 2, fails the self-test.
+    BrokenOscillator(usize),
+    /// No measurement ends.
+    NeverReady,
+}
+
+/// Simulated chip. Each access first completes the measurements due since the previous access.
+pub struct Rm3100 {
+    config: Rm3100Config,
+    registers: Registers,
+    source: FieldSource,
+    noise: Random,
+    fault: Option<Rm3100Fault>,
+    /// Register of the next byte.
+    pointer: u8,
+}
+
+impl Rm3100 {
+    /// A chip after power-on.
+    #[must_use]
+    pub fn new(config: Rm3100Config, source: FieldSource) -> Rc<RefCell<Self>> {
+        Rc::new(RefCell::new(Self {
+            config,
+            registers: Registers::default(),
+            source,
+            noise: Random::new(config.seed, Purpose::Magnetometer),
+            fault: None,
+            pointer: 0,
+        }))
+    }
+
+    /// Sets or ends a fault.
+    pub fn set_fault(&mut self, fault: Option<Rm3100Fault>) {
+        self.fault = fault;
+    }
+
+    /// Fault: a supply drop resets all registers, which ends continuous mode.
+    pub fn power_cycle(&mut self) {
+        self.registers = Registers::default();
+    }
+
+    /// Fault: bits of a register flip.
+    pub fn flip(&mut self, register: u8, bits: u8) {
+        self.registers.flip(register, bits);
+    }
+
+    /// Value of a register, without the effects of an access.
+    #[must_use]
+    pub fn register(&self, register: u8) -> u8 {
+        self.registers.get(register)
+    }
+
+    fn is_missing(&self) -> bool {
+        matches!(self.fault, Some(Rm3100Fault::Missing(_)))
+    }
+
+    fn catch_up(&mut self) {
+        let now_us = clock::now_us();
+        if self.fault == Some(Rm3100Fault::NeverReady) {
+            return;
+        }
+        if let Some(ended) = self.registers.take_ended(now_us, self.config.period_scale) {
+            match ended {
+                RunningMeasurement::SelfTest { .. } => self.end_self_test(),
+                RunningMeasurement::Field { ends_at_us, .. } => self.measure(ends_at_us),
+            }
+            self.registers.set_data_ready();
+        }
+    }
+
+    fn end_self_test(&mut self) {
+        for axis in 0..3 {
+            self.registers.set_axis_passed(axis, self.fault != Some(Rm3100Fault::BrokenOscillator(axis)));
+        }
+    }
+
+    fn measure(&mut self, ended_at_us: u64) {
+        for axis in 0..3 {
+            let cycle_count = self.registers.cycle_count(axis);
+            let after_us: u64 = (axis + 1..3).map(|later| self.registers.axis_us(later)).sum();
+            let middle_us = ended_at_us.saturating_sub(after_us + self.registers.axis_us(axis) / 2);
+            let field: Field<Sensor> = (self.source)(middle_us);
+            let sigma_ut = NOISE_UT * (200.0 / f64::from(cycle_count.max(1))).sqrt() * self.config.noise_scale;
+            let ut = f64::from(field.ut[axis]) + sigma_ut * self.noise.normal();
+            if self.fault != Some(Rm3100Fault::StuckAxis(axis)) {
+                self.registers.set_result(axis, (ut * counts_per_ut(cycle_count)).round() as i32);
+            }
+        }
+    }
+}
+
+/// Gain, through the 20, 38 and 75 counts per microtesla of the manual's table 3-1 at cycle counts 50, 100 and 200.
+fn counts_per_ut(cycle_count: u16) -> f64 {
+    1.0 + 0.37 * f64::from(cycle_count)
+}
+
+impl Target for Rm3100 {
+    fn write(&mut self, bytes: &[u8]) {
+        if self.is_missing() {
+            return;
+        }
+        self.catch_up();
+        let Some((&address, values)) = bytes.split_first() else { return };
+        self.pointer = address & !registers::READ;
+        for &value in values {
+            self.registers.write(self.pointer, value, clock::now_us(), self.config.period_scale);
+            self.pointer = self.pointer.wrapping_add(1);
+        }
+    }
+
+    fn read(&mut self, bytes: &mut [u8]) {
+        if let Some(Rm3100Fault::Missing(level)) = self.fault {
+            bytes.fill(level);
+            return;
+        }
+        self.catch_up();
+        for byte in bytes {
+            *byte = match (self.pointer, self.fault) {
+                (registers::REVID, Some(Rm3100Fault::Identity(other))) => other,
+                (register, _) => self.registers.read(register),
+            };
+            self.pointer = self.pointer.wrapping_add(1);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

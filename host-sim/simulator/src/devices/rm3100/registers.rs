@@ -1,0 +1,193 @@
+//! Register file of the RM3100.
+
+use super::SELF_TEST_US;
+
+pub(super) const READ: u8 = 0x80;
+const POLL: u8 = 0x00;
+const CMM: u8 = 0x01;
+const CCX1: u8 = 0x04;
+const CCZ0: u8 = 0x09;
+const TMRC: u8 = 0x0B;
+const MX2: u8 = 0x24;
+const MZ0: u8 = 0x2C;
+const BIST: u8 = 0x33;
+const STATUS: u8 = 0x34;
+const HSHAKE: u8 = 0x35;
+pub(super) const REVID: u8 = 0x36;
+
+const COUNT: usize = 0x40;
+/// `CMM`: continuous mode.
+const START: u8 = 0x01;
+/// `CMM`: data ready after a full sequence.
+const DRDM_SEQUENCE: u8 = 0b1000;
+const DRDM: u8 = 0b1100;
+const ALL_AXES: u8 = 0x70;
+/// `BIST`: a self-test replaces the next single measurement.
+const STE: u8 = 0x80;
+const DRDY: u8 = 0x80;
+
+/// Time of a measurement of one axis per cycle count: 440 measurements per second at 200 (manual, table 3-1).
+const NANOSECONDS_PER_CYCLE: u64 = 11_364;
+
+/// Period of the continuous mode at `TMRC` 0x92, microseconds; each higher value doubles it (manual, table 5-4).
+const SHORTEST_PERIOD_US: u64 = 1_667;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum RunningMeasurement {
+    SelfTest { ends_at_us: u64 },
+    Field { ends_at_us: u64, is_continuous: bool },
+}
+
+/// Registers and the running measurement.
+pub(super) struct Registers {
+    bytes: [u8; COUNT],
+    running: Option<RunningMeasurement>,
+}
+
+impl Default for Registers {
+    /// Reset values of the manual's table 5-1.
+    fn default() -> Self {
+        let mut bytes = [0; COUNT];
+        let cycle_counts = [CCX1 + 1, CCX1 + 3, CCX1 + 5].map(|register| (register, 200));
+        for (register, reset) in cycle_counts.into_iter().chain([(TMRC, 0x96), (HSHAKE, 0x1B), (REVID, 0x22)]) {
+            bytes[usize::from(register)] = reset;
+        }
+        Self { bytes, running: None }
+    }
+}
+
+impl Registers {
+    pub fn get(&self, register: u8) -> u8 {
+        self.bytes.get(usize::from(register)).copied().unwrap_or(0)
+    }
+
+    fn set(&mut self, register: u8, value: u8) {
+        self.bytes[usize::from(register)] = value;
+    }
+
+    pub fn flip(&mut self, register: u8, bits: u8) {
+        self.set(register, self.get(register) ^ bits);
+    }
+
+    /// Reads a register, with the effects of the access.
+    pub fn read(&mut self, register: u8) -> u8 {
+        match register {
+            CMM => self.stop(),
+            MX2..=MZ0 => self.clear_data_ready(),
+            _ => {}
+        }
+        self.get(register)
+    }
+
+    /// Writes a register.
+    pub fn write(&mut self, register: u8, value: u8, now_us: u64, period_scale: f64) {
+        self.clear_data_ready();
+        match register {
+            POLL => self.start_single(value, now_us),
+            CMM => {
+                self.set(CMM, value);
+                self.running = self.is_continuous().then(|| RunningMeasurement::Field {
+                    ends_at_us: now_us + self.period_us(period_scale),
+                    is_continuous: true,
+                });
+            }
+            TMRC => {
+                self.stop();
+                self.set(TMRC, value);
+            }
+            CCX1..=CCZ0 | BIST | HSHAKE => self.set(register, value),
+            // Read-only, or alarms.
+            _ => {}
+        }
+    }
+
+    fn is_continuous(&self) -> bool {
+        self.get(CMM) & (START | ALL_AXES) == START | ALL_AXES
+    }
+
+    fn stop(&mut self) {
+        self.set(CMM, self.get(CMM) & !START);
+        if matches!(self.running, Some(RunningMeasurement::Field { is_continuous: true, .. })) {
+            self.running = None;
+        }
+    }
+
+    /// Refused in continuous mode.
+    fn start_single(&mut self, axes: u8, now_us: u64) {
+        if self.is_continuous() || axes & ALL_AXES != ALL_AXES {
+            return;
+        }
+        self.running = Some(if self.get(BIST) & STE != 0 {
+            RunningMeasurement::SelfTest { ends_at_us: now_us + SELF_TEST_US }
+        } else {
+            RunningMeasurement::Field { ends_at_us: now_us + self.sequence_us(), is_continuous: false }
+        });
+    }
+
+    /// The last measurement ended by now.
+    pub fn take_ended(&mut self, now_us: u64, period_scale: f64) -> Option<RunningMeasurement> {
+        match self.running? {
+            RunningMeasurement::SelfTest { ends_at_us } | RunningMeasurement::Field { ends_at_us, .. }
+                if ends_at_us > now_us =>
+            {
+                None
+            }
+            RunningMeasurement::Field { ends_at_us, is_continuous: true } => {
+                let period_us = self.period_us(period_scale);
+                let ended_at_us = ends_at_us + (now_us - ends_at_us) / period_us * period_us;
+                let next = |ends_at_us| RunningMeasurement::Field { ends_at_us, is_continuous: true };
+                self.running = Some(next(ended_at_us + period_us));
+                Some(next(ended_at_us))
+            }
+            single => {
+                self.running = None;
+                Some(single)
+            }
+        }
+    }
+
+    /// Data ready, unless continuous mode waits for an alarm.
+    pub fn set_data_ready(&mut self) {
+        if !self.is_continuous() || self.get(CMM) & DRDM == DRDM_SEQUENCE {
+            self.set(STATUS, DRDY);
+        }
+    }
+
+    fn clear_data_ready(&mut self) {
+        self.set(STATUS, 0);
+    }
+
+    pub fn set_axis_passed(&mut self, axis: usize, passed: bool) {
+        let bit = 0x10 << axis;
+        let others = self.get(BIST) & !bit;
+        self.set(BIST, if passed { others | bit } else { others });
+    }
+
+    pub fn set_result(&mut self, axis: usize, counts: i32) {
+        let [_, high, middle, low] = counts.clamp(-0x80_0000, 0x7F_FFFF).to_be_bytes();
+        for (register, byte) in (MX2 + 3 * axis as u8..).zip([high, middle, low]) {
+            self.set(register, byte);
+        }
+    }
+
+    pub fn cycle_count(&self, axis: usize) -> u16 {
+        let register = CCX1 + 2 * axis as u8;
+        u16::from_be_bytes([self.get(register), self.get(register + 1)])
+    }
+
+    /// Time of the measurement of an axis.
+    pub fn axis_us(&self, axis: usize) -> u64 {
+        u64::from(self.cycle_count(axis)) * NANOSECONDS_PER_CYCLE / 1000
+    }
+
+    fn sequence_us(&self) -> u64 {
+        (0..3).map(|axis| self.axis_us(axis)).sum()
+    }
+
+    /// Period of the continuous mode, at least the time of the measurement.
+    fn period_us(&self, scale: f64) -> u64 {
+        let doublings = u32::from((self.get(TMRC) & 0x0F).max(2)) - 2;
+        let nominal_us = SHORTEST_PERIOD_US << doublings;
+        ((nominal_us as f64 * scale).round() as u64).max(self.sequence_us())
+    }
+}

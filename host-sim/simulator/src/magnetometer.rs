@@ -1,0 +1,72 @@
+//! Magnetometer of a simulated module: chip, bus, and the firmware's task with the chip's driver.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use autoswing::app::{self, Links};
+use autoswing::magnetometer::lis3mdl::Lis3mdlConfig as DriverConfig;
+use autoswing::magnetometer::{self, Magnetometer};
+use testkit::simulation::{Level, Simulation};
+
+use crate::devices::i2c::Bus;
+use crate::devices::lis3mdl::{Lis3mdl, Lis3mdlConfig};
+use crate::devices::rm3100::{Rm3100, Rm3100Config, Rm3100Fault};
+use crate::devices::spi::SelectedDevice;
+use crate::devices::{FieldSource, SensorModel};
+use crate::faults::sensor::{FaultyChip, SensorFault};
+
+/// Chip on its bus; survives a restart of the module.
+pub enum SimulatedMagnetometer {
+    /// LIS3MDL.
+    Lis3mdl(Rc<RefCell<Lis3mdl>>, Bus),
+    /// RM3100.
+    Rm3100(Rc<RefCell<Rm3100>>),
+}
+
+impl SimulatedMagnetometer {
+    /// A chip after power-on. `faults` act on a LIS3MDL only; an RM3100 has its own ([`Rm3100Fault`]).
+    #[must_use]
+    pub fn new(model: SensorModel, seed: u64, field: FieldSource, faults: Vec<Box<dyn SensorFault>>) -> Self {
+        match model {
+            SensorModel::Lis3mdl => {
+                let chip = Lis3mdl::new(Lis3mdlConfig { seed, ..Lis3mdlConfig::default() }, field);
+                let bus = Bus::new();
+                bus.attach(FaultyChip::new(chip.clone(), faults));
+                Self::Lis3mdl(chip, bus)
+            }
+            SensorModel::Rm3100 => Self::Rm3100(Rm3100::new(Rm3100Config { seed, ..Rm3100Config::default() }, field)),
+        }
+    }
+
+    /// Fault: the chip does not answer while `silent`.
+    pub fn set_silent(&self, silent: bool) {
+        match self {
+            Self::Lis3mdl(chip, _) => chip.borrow_mut().set_silent(silent),
+            Self::Rm3100(chip) => chip.borrow_mut().set_fault(silent.then_some(Rm3100Fault::Missing(0xFF))),
+        }
+    }
+
+    /// Fault: a supply drop resets all registers.
+    pub fn power_cycle(&self) {
+        match self {
+            Self::Lis3mdl(chip, _) => chip.borrow_mut().power_cycle(),
+            Self::Rm3100(chip) => chip.borrow_mut().power_cycle(),
+        }
+    }
+
+    /// Starts the firmware's sensor task with the chip's driver.
+    pub(crate) fn spawn_task(&self, simulation: &mut Simulation, links: Rc<Links>) {
+        match self {
+            Self::Lis3mdl(_, bus) => {
+                spawn(simulation, links, magnetometer::lis3mdl::Lis3mdl::new(bus.clone(), DriverConfig::default()));
+            }
+            Self::Rm3100(chip) => {
+                spawn(simulation, links, magnetometer::rm3100::Rm3100::new(SelectedDevice::new(chip.clone())));
+            }
+        }
+    }
+}
+
+fn spawn(simulation: &mut Simulation, links: Rc<Links>, driver: impl Magnetometer + 'static) {
+    simulation.spawn(Level::Interrupt, "sensor", async move { app::sensor::run(&links, driver).await });
+}
