@@ -1,3 +1,4 @@
+use autoswing::frames::Field;
 use embassy_time::Timer;
 use embedded_hal_async::i2c::I2c;
 
