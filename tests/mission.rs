@@ -1,5 +1,6 @@
 //! Complete calibration flights with the simulated module.
 
+use simulator::devices::SensorModel;
 use simulator::mission::{MissionResult, TurnPlan, fly, fly_with};
 use simulator::module::Module as _;
 use simulator::rig::Rig;
@@ -34,6 +35,20 @@ fn the_paper_s_aircraft_is_calibrated_to_one_degree() {
     }
     for (document, row) in [("README.md", "airframe of Liu 2007"), ("docs/accuracy.md", "Liu 2007, table 1")] {
         documents::assert_states(document, row, &format!("{worst_deg:.2} deg"));
+    }
+}
+
+/// As with the reference board's LIS3MDL.
+#[test]
+fn with_an_rm3100_the_paper_s_aircraft_is_calibrated_to_one_degree() {
+    for seed in 1..=3 {
+        let world = WorldConfig { sensor: SensorModel::Rm3100, ..WorldConfig::table1(seed) };
+        let mission_result = mission_result(&world);
+        let (expected_deg, after) = (expected_rms_deg(&mission_result), mission_result.after.statistics());
+        assert!(after.max_deg <= 1.0, "after {after:?}");
+        assert!(after.rms_deg <= 3.0 * expected_deg, "{} deg, expected {expected_deg}", after.rms_deg);
+        let streamed = mission_result.streamed.unwrap();
+        assert!(streamed.rms_deg <= 1.0, "seed {seed}: {streamed:?}");
     }
 }
 
