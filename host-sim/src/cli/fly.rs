@@ -11,6 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use log_analysis::log::write::{self, FlightRecording};
 use log_analysis::report::ReportOrigin;
 use log_analysis::score::ErrorStatistics;
+use simulator::devices::SensorModel;
 use simulator::heading_errors::HeadingErrors;
 use simulator::mission::{self, MissionResult, MissionStage, OutputStatistics, TurnPlan};
 use simulator::mission_report::{mission_json, report_mission};
@@ -24,7 +25,7 @@ use simulator::world::aircraft::VehicleKind;
 use super::failure::Failure;
 use super::files::named_world;
 use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
-use super::range::{integer, number};
+use super::range::{SENSORS, integer, number, one_of};
 use super::termination::{SecondSignal, TerminationSignals};
 
 /// Take off uncalibrated, fly the calibration routine, restart, and fly on with the calibrated heading (the default).
@@ -53,6 +54,9 @@ pub struct Fly {
     /// Let the autopilot measure and report that current
     #[arg(long)]
     tell_current: bool,
+    /// Magnetometer of the module: the reference board's LIS3MDL, or an RM3100
+    #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = one_of(SENSORS))]
+    sensor: SensorModel,
     /// Bank in an aeroplane's calibration turns, degrees, 5 to 60
     #[arg(long, default_value_t = 25.0, value_name = "DEG", value_parser = number(5.0, 60.0))]
     bank: f64,
@@ -99,6 +103,9 @@ pub fn run(options: &Fly) -> Result<ExitCode, Failure> {
 }
 
 pub fn emulate(options: &Emulate) -> Result<ExitCode, Failure> {
+    if options.fly.sensor != SensorModel::default() {
+        return Err(Failure("--sensor: QEMU has a magnetometer of its own".to_owned()));
+    }
     let image = options.image.clone().unwrap_or_else(emulator::default_image);
     let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.code()));
     let interruption = TerminationSignals::install(SecondSignal::IsIgnored)?;
@@ -127,7 +134,7 @@ fn world(options: &Fly) -> Result<WorldConfig, Failure> {
         }
     };
     let world = if options.current > 0.0 { world.with_current_interference(options.current) } else { world };
-    Ok(WorldConfig { reports_current: options.tell_current, ..world })
+    Ok(WorldConfig { reports_current: options.tell_current, sensor: options.sensor, ..world })
 }
 
 impl Fly {

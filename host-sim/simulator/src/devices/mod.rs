@@ -26,23 +26,3 @@ pub enum SensorModel {
     /// PNI RM3100 on SPI.
     Rm3100,
 }
-
-impl SensorModel {
-    /// All chips.
-    pub const ALL: [Self; 2] = [Self::Lis3mdl, Self::Rm3100];
-
-    /// Name on the command line.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Lis3mdl => "lis3mdl",
-            Self::Rm3100 => "rm3100",
-        }
-    }
-
-    /// Chip of a name.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|model| model.name() == name)
-    }
-}

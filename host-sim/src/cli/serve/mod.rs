@@ -20,6 +20,7 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use host_sim::serve::{self, AttitudeProvider, PORTS, PilotPattern, ServedModule};
 use serde_json::{Value, json};
+use simulator::devices::SensorModel;
 use simulator::mission_report::airframe_json;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
@@ -32,7 +33,7 @@ use super::termination::{SecondSignal, TerminationSignals};
 
 use super::files::named_world;
 use super::print;
-use super::range::{integer, number, one_of};
+use super::range::{SENSORS, integer, number, one_of};
 use crate::cli::failure::Failure;
 
 /// Serve the simulated module to a terminal, an autopilot, an instrument or another simulator.
@@ -107,6 +108,9 @@ struct ModuleOptions {
     /// Kind of aircraft [default: plane, or that of the airframe file]
     #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(VehicleKind::ALL.map(VehicleKind::name)))]
     aircraft: Option<String>,
+    /// Magnetometer of the module: the reference board's LIS3MDL, or an RM3100
+    #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = one_of(SENSORS))]
+    sensor: SensorModel,
     /// Pattern that is flown without orders
     #[arg(long, default_value = PilotPattern::default().name(), value_name = "NAME",
         value_parser = PossibleValuesParser::new(PilotPattern::ALL.map(PilotPattern::name)))]
@@ -156,7 +160,7 @@ fn after_help() -> String {
 
 impl ModuleOptions {
     fn world(&self) -> Result<WorldConfig, Failure> {
-        let world = named_world(&self.airframe, self.seed)?;
+        let world = WorldConfig { sensor: self.sensor, ..named_world(&self.airframe, self.seed)? };
         Ok(self
             .aircraft
             .as_deref()
