@@ -1,6 +1,6 @@
 //! Complete calibration flights with the simulated module.
 
-use simulator::devices::SensorModel;
+use simulator::devices::sensor::SensorModel;
 use simulator::mission::{MissionResult, TurnPlan, fly, fly_with};
 use simulator::module::Module as _;
 use simulator::rig::Rig;

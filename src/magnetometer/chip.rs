@@ -11,12 +11,12 @@ const POLL_INTERVAL: Duration = Duration::from_micros(500);
 
 /// Chip registers at an I2C address.
 #[derive(Debug)]
-pub(super) struct ChipRegisters<B> {
+pub(super) struct I2cRegisters<B> {
     pub bus: B,
     address: u8,
 }
 
-impl<B: I2c> ChipRegisters<B> {
+impl<B: I2c> I2cRegisters<B> {
     pub const fn new(bus: B, address: u8) -> Self {
         Self { bus, address }
     }

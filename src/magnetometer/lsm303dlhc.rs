@@ -5,7 +5,7 @@
 
 use embedded_hal_async::i2c::I2c;
 
-use super::chip::{self, ChipRegisters, PollingSchedule};
+use super::chip::{self, I2cRegisters, PollingSchedule};
 use super::{Identity, Magnetometer, MagnetometerError, Model, Reading};
 use crate::frames::Field;
 
@@ -76,7 +76,7 @@ impl Default for Lsm303dlhcConfig {
 /// LSM303DLHC magnetometer on an I2C bus.
 #[derive(Debug)]
 pub struct Lsm303dlhc<B> {
-    chip: ChipRegisters<B>,
+    chip: I2cRegisters<B>,
     config: Lsm303dlhcConfig,
     polling: PollingSchedule,
 }
@@ -85,7 +85,7 @@ impl<B: I2c> Lsm303dlhc<B> {
     /// Creates a driver; [`init`](Magnetometer::init) is the first bus access.
     pub const fn new(bus: B, config: Lsm303dlhcConfig) -> Self {
         Self {
-            chip: ChipRegisters::new(bus, ADDRESS),
+            chip: I2cRegisters::new(bus, ADDRESS),
             config,
             polling: PollingSchedule::new(PERIOD_US, chip::SLEEP_PERCENT),
         }

@@ -11,8 +11,8 @@ use testkit::simulation::{Level, Simulation};
 use crate::devices::i2c::Bus;
 use crate::devices::lis3mdl::{Lis3mdl, Lis3mdlConfig};
 use crate::devices::rm3100::{Rm3100, Rm3100Config, Rm3100Fault};
+use crate::devices::sensor::{FieldSource, SensorModel};
 use crate::devices::spi::SelectedDevice;
-use crate::devices::{FieldSource, SensorModel};
 use crate::faults::sensor::{FaultyChip, SensorFault};
 
 /// Chip on its bus; survives a restart of the module.

@@ -11,7 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use log_analysis::log::write::{self, FlightRecording};
 use log_analysis::report::ReportOrigin;
 use log_analysis::score::ErrorStatistics;
-use simulator::devices::SensorModel;
+use simulator::devices::sensor::SensorModel;
 use simulator::heading_errors::HeadingErrors;
 use simulator::mission::{self, MissionResult, MissionStage, OutputStatistics, TurnPlan};
 use simulator::mission_report::{mission_json, report_mission};

@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::str::FromStr;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use simulator::devices::SensorModel;
+use simulator::devices::sensor::SensorModel;
 use simulator::world::aircraft::VehicleKind;
 
 /// Vehicles of the studies.

@@ -5,7 +5,7 @@
 
 use embedded_hal_async::i2c::I2c;
 
-use super::chip::{self, ChipRegisters, PollingSchedule};
+use super::chip::{self, I2cRegisters, PollingSchedule};
 use super::{Identity, Magnetometer, MagnetometerError, Model, Reading};
 use crate::frames::Field;
 
@@ -84,7 +84,7 @@ impl Default for Lis3mdlConfig {
 /// LIS3MDL on an I2C bus.
 #[derive(Debug)]
 pub struct Lis3mdl<B> {
-    chip: ChipRegisters<B>,
+    chip: I2cRegisters<B>,
     config: Lis3mdlConfig,
     polling: PollingSchedule,
 }
@@ -93,7 +93,7 @@ impl<B: I2c> Lis3mdl<B> {
     /// Creates a driver; [`init`](Magnetometer::init) is the first bus access.
     pub const fn new(bus: B, config: Lis3mdlConfig) -> Self {
         Self {
-            chip: ChipRegisters::new(bus, config.address),
+            chip: I2cRegisters::new(bus, config.address),
             config,
             polling: PollingSchedule::new(PERIOD_US, chip::SLEEP_PERCENT),
         }

@@ -1,7 +1,7 @@
 //! PNI RM3100 on an SPI bus, mode 0, at most 1 MHz (manual: PNI document 1017252 r02 to r04).
 //!
-//! Continuous measurement at 75 Hz with cycle count 200; docs/dronecan.md compares rates and cycle counts. The chip
-//! does not report overwritten measurements, and its data ready line need not be wired.
+//! Continuous measurement at 75 Hz with cycle count 200; docs/dronecan.md (The RM3100) compares rates and cycle counts.
+//! The chip does not report overwritten measurements. Its data ready line is not used, because boards do not wire it.
 
 use embassy_time::Timer;
 use embedded_hal_async::spi::SpiDevice;
@@ -121,20 +121,20 @@ impl<S: SpiDevice> Magnetometer for Rm3100<S> {
     async fn read(&mut self) -> Result<Reading, MagnetometerError<S::Error>> {
         self.wait_for_measurement().await?;
         match self.chip.read_registers(MX2).await? {
-            // No chip drives the line: SPI has no acknowledge, and a line at rest also reads as data ready.
+            // No chip drives the line: SPI has no acknowledge, and such a line also reads as data ready.
             [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF] => Err(MagnetometerError::NoData),
             data => Ok(decode(data)),
         }
     }
 
-    /// Not continuous mode, which a read of `CMM` would end: a chip that left it has no data.
+    /// Without continuous mode, which a read of `CMM` would end: a chip that left it sends no data.
     async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<S::Error>> {
         chip::check_readback(CYCLE_COUNTS, self.chip.read_registers(CCX1).await?)?;
         chip::check_readback([RATE], self.chip.read_registers(TMRC).await?)
     }
 
     /// Noise of 1.1 counts repeats the middle value in every third reading, half of it in two of three. 48 in a row
-    /// then occur about twice a year.
+    /// then occur every other year.
     fn stuck_reading_count(&self) -> u16 {
         48
     }

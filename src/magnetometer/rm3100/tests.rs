@@ -160,7 +160,14 @@ fn either_end_of_the_range_is_saturation_on_any_axis() {
     }
 }
 
+/// At half of the manual's 15 nT, with the field at the middle of a count.
 #[test]
-fn the_instrument_learns_period_and_stuck_limit() {
-    assert_eq!((driver().period_us(), driver().stuck_reading_count()), (13_333, 48));
+fn noise_at_rest_seldom_resembles_a_stuck_axis() {
+    let sigma_counts = 0.5 * 0.015 * 75.0;
+    let most_frequent = libm::erf(0.5 / (sigma_counts * core::f64::consts::SQRT_2));
+    let readings_a_day = 3.0 * 86_400e6 / f64::from(driver().period_us());
+    let count = f64::from(driver().stuck_reading_count());
+    let runs_a_day = readings_a_day * most_frequent.powf(count) * (1.0 - most_frequent);
+    assert!(runs_a_day < 1.0 / 365.0, "{runs_a_day}");
+    assert!(count * 13.333e-3 < 0.7, "a turn is detected within 0.7 s");
 }

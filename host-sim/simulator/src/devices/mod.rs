@@ -8,21 +8,6 @@ pub mod i2c;
 pub mod lis3mdl;
 pub mod nor_flash;
 pub mod rm3100;
+pub mod sensor;
 pub mod spi;
 pub mod uart;
-
-use autoswing::frames::{Field, Sensor};
-
-/// Field in a magnetometer's axes as a function of simulation time in microseconds. The time is at most one measurement
-/// period (1.6 s of a LIS3MDL) in the past.
-pub type FieldSource = Box<dyn FnMut(u64) -> Field<Sensor>>;
-
-/// Magnetometer of a module.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum SensorModel {
-    /// ST LIS3MDL on I2C, the reference board's.
-    #[default]
-    Lis3mdl,
-    /// PNI RM3100 on SPI.
-    Rm3100,
-}

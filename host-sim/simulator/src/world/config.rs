@@ -10,7 +10,7 @@ use super::earth::Earth;
 use super::gyro::GyroConfig;
 use super::weather::Weather;
 use super::{aircraft, attitude_source};
-use crate::devices::SensorModel;
+use crate::devices::sensor::SensorModel;
 use crate::random::{Purpose, Random};
 
 /// All settings of a world. Equal settings and seeds give equal worlds.

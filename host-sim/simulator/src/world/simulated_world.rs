@@ -15,7 +15,7 @@ use super::earth::Earth;
 use super::fault_interfaces::FieldFault;
 use super::rotation::Euler;
 use super::state::TrueState;
-use crate::devices::FieldSource;
+use crate::devices::sensor::FieldSource;
 
 /// Stored past states: 2 s. The slowest sensor setting averages over 1.6 s.
 const HISTORY_STEPS: usize = 400;

@@ -20,7 +20,7 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use host_sim::serve::{self, AttitudeProvider, PORTS, PilotPattern, ServedModule};
 use serde_json::{Value, json};
-use simulator::devices::SensorModel;
+use simulator::devices::sensor::SensorModel;
 use simulator::mission_report::airframe_json;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;

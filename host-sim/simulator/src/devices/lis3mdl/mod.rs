@@ -16,8 +16,8 @@ use testkit::clock;
 
 use self::conversion::{CompletedConversion, Converter};
 use self::registers::Registers;
-use crate::devices::FieldSource;
 use crate::devices::i2c::Target;
+use crate::devices::sensor::FieldSource;
 use crate::random::{Purpose, Random};
 
 /// Address with the SA1 pin high, as on ST's boards.

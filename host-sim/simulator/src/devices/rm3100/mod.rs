@@ -14,15 +14,12 @@ use autoswing::frames::{Field, Sensor};
 use testkit::clock;
 
 use self::registers::{Registers, RunningMeasurement};
-use crate::devices::FieldSource;
+use crate::devices::sensor::FieldSource;
 use crate::devices::spi::Target;
 use crate::random::{Purpose, Random};
 
 /// RMS noise at cycle count 200, microtesla (manual, table 3-1).
 const NOISE_UT: f64 = 0.015;
-
-/// Duration of the self-test, microseconds: the longest timeout of each axis (manual, table 5-9).
-const SELF_TEST_US: u64 = 3 * 120;
 
 /// Settings of a chip.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,7 +1,5 @@
 //! Register file of the RM3100.
 
-use super::SELF_TEST_US;
-
 pub(super) const READ: u8 = 0x80;
 const POLL: u8 = 0x00;
 const CMM: u8 = 0x01;
@@ -28,6 +26,9 @@ const DRDY: u8 = 0x80;
 
 /// Time of a measurement of one axis per cycle count: 440 measurements per second at 200 (manual, table 3-1).
 const NANOSECONDS_PER_CYCLE: u64 = 11_364;
+
+/// Duration of the self-test, microseconds: the longest timeout of each axis (manual, table 5-9).
+const SELF_TEST_US: u64 = 3 * 120;
 
 /// Period of the continuous mode at `TMRC` 0x92, microseconds; each higher value doubles it (manual, table 5-4).
 const SHORTEST_PERIOD_US: u64 = 1_667;
