@@ -41,8 +41,7 @@ pub async fn run(links: &Links, mut magnetometer: impl Magnetometer) -> ! {
                     continue;
                 }
             }
-            Ok(Err(MagnetometerError::SelfTest(_))) => warning!("magnetometer failed its self-test"),
-            Ok(Err(_)) | Err(_) => warning!("magnetometer does not answer"),
+            Ok(Err(_)) | Err(_) => warning!("magnetometer does not answer, or failed its self-test"),
         }
         increment(&links.counters.sensor_errors);
         increment(&links.heartbeats.sensor);

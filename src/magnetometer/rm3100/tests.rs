@@ -73,7 +73,7 @@ fn a_chip_with_another_identity_is_not_configured() {
 fn each_failed_oscillator_fails_the_self_test() {
     simulate(async {
         for bit in 4..8 {
-            let result = 0xFF & !(1 << bit);
+            let result = !(1_u8 << bit);
             let mut driver = driver_with_test_result(result);
             assert_eq!(driver.init().await, Err(MagnetometerError::SelfTest(result)));
             assert!(!driver.chip.device.writes.contains(&(0x01, 0x79)), "not started");
