@@ -54,8 +54,7 @@ impl SpiDevice for SelectedDevice {
 fn duration(operation: &Operation<'_, u8>) -> Duration {
     let bytes = match operation {
         Operation::Write(bytes) => bytes.len(),
-        Operation::Read(bytes) => bytes.len(),
-        Operation::Transfer(bytes, _) | Operation::TransferInPlace(bytes) => bytes.len(),
+        Operation::Read(bytes) | Operation::Transfer(bytes, _) | Operation::TransferInPlace(bytes) => bytes.len(),
         Operation::DelayNs(ns) => return Duration::from_micros(u64::from(*ns).div_ceil(1000)),
     };
     Duration::from_micros(bytes as u64 * MICROSECONDS_PER_BYTE)
