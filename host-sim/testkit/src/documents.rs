@@ -5,6 +5,10 @@ use std::path::Path;
 /// Asserts that the last cell of a table's row is `measured`.
 ///
 /// `document` is a path from the project's root; `row` is the text of the row's other cells, from its start on.
+///
+/// # Panics
+///
+/// If the document states another figure, or has no such row.
 pub fn assert_states(document: &str, row: &str, measured: &str) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(document);
     let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{document}: {error}"));
