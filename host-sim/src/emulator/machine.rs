@@ -297,7 +297,7 @@ fn read_until(stream: &mut LocalStream, bytes: &mut [u8], stop: &AtomicBool) -> 
             Ok(read) => filled += read,
             Err(error) if error.kind() == ErrorKind::Interrupted => {}
             Err(error) if error.kind() == ErrorKind::WouldBlock && !left.is_zero() => {
-                left = left.saturating_sub(POLL_PERIOD)
+                left = left.saturating_sub(POLL_PERIOD);
             }
             Err(error) => return Err(error),
         }

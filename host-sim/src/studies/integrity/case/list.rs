@@ -107,7 +107,7 @@ pub static ALL_CASES: &[Case] = &[
     case("upset-self-test", "the self-test bit flips", |flight| flight.upset_register(0x20, 0x01)),
     case("upset-byte-order", "the byte-order bit flips", |flight| flight.upset_register(0x23, 0x02)),
     case("frozen-level", "attitude repeats from level flight on", |flight| {
-        flight.freeze_attitude(TIME_IN_LEVEL_FLIGHT_S)
+        flight.freeze_attitude(TIME_IN_LEVEL_FLIGHT_S);
     }),
     case("frozen-turn", "attitude repeats from a turn on", |flight| flight.freeze_attitude(TIME_IN_TURN_S)),
     case("frozen-coarse", "attitude in tenths of a degree repeats from a turn on", |flight| {
@@ -154,7 +154,7 @@ pub static ALL_CASES: &[Case] = &[
     mavlink_case("rates-zero", "body rates are sent as zero", |flight| flight.scale_rates(0.0)),
     mavlink_case("rates-small", "body rates 57 times too small", |flight| flight.scale_rates(1.0 / DEGREES_PER_RADIAN)),
     mavlink_case("rates-degrees", "body rates in degrees, 57 times too large", |flight| {
-        flight.scale_rates(DEGREES_PER_RADIAN)
+        flight.scale_rates(DEGREES_PER_RADIAN);
     }),
     mavlink_case("rates-sign", "body rates with the wrong sign", |flight| flight.scale_rates(-1.0)),
     hard_iron_case("moved-2", "hard iron changes by 2 uT", |flight| flight.change_hard_iron(2.0)),
