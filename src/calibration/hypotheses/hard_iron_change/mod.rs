@@ -26,7 +26,7 @@ mod sums;
 
 use nalgebra::{Matrix3, Vector3};
 
-use self::sums::HardIronSums;
+use self::sums::{HardIronSums, SampleProducts};
 use super::hysteresis::{Hysteresis, LastTurn};
 use super::score_test::ScoreTest;
 use crate::calibration::fit::converged_fit::ConvergedFit;
@@ -226,8 +226,9 @@ impl HardIronScan {
     pub fn add(&mut self, system: &LinearisedProblem, sample: &Sample, equations: &SampleEquations) {
         let time = sample.time;
         let down = sample.attitude.tilt().down();
-        self.so_far.add(equations, 1.0);
-        self.with_load.add(equations, load_fraction(&down));
+        let products = SampleProducts::new(equations);
+        self.so_far.add(&products, 1.0);
+        self.with_load.add(&products, load_fraction(&down));
         let lagging = self.hysteresis.response(&down, self.last_turn.update(sample), equations);
         add_pair(&mut self.with_hysteresis, equations, &lagging);
         self.samples_seen += 1;

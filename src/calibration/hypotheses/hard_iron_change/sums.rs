@@ -18,6 +18,42 @@ pub(super) struct HardIronSums {
     gradient: Vector3<f32>,
 }
 
+/// Products of one sample: of `k k^T`, and of `k` times residual and derivative by the inclination, over both residuals.
+pub(super) struct SampleProducts {
+    pairs: [f32; 6],
+    x: Vector3<f32>,
+    with_inclination: Vector3<f32>,
+    gradient: Vector3<f32>,
+}
+
+impl SampleProducts {
+    /// Unrolled: runs for each sample.
+    pub fn new(equations: &SampleEquations) -> Self {
+        let mut products = Self {
+            pairs: [0.0; 6],
+            x: equations.norm.row.x,
+            with_inclination: Vector3::zeros(),
+            gradient: Vector3::zeros(),
+        };
+        for equation in hard_iron_residuals(equations) {
+            let k = equation.row.by_field;
+            let weighted = k * equation.weight;
+            let [a, b, c, d, e, f] = products.pairs;
+            products.pairs = [
+                a + weighted.x * k.x,
+                b + weighted.x * k.y,
+                c + weighted.x * k.z,
+                d + weighted.y * k.y,
+                e + weighted.y * k.z,
+                f + weighted.z * k.z,
+            ];
+            products.gradient += weighted * equation.residual;
+            products.with_inclination += weighted * equation.row.by_inclination;
+        }
+        products
+    }
+}
+
 impl HardIronSums {
     pub const fn zero() -> Self {
         Self {
@@ -28,32 +64,19 @@ impl HardIronSums {
         }
     }
 
-    /// Adds both residuals of a sample, which has a fraction of the change. Unrolled: runs twice for each sample.
-    pub fn add(&mut self, equations: &SampleEquations, fraction: f32) {
-        let mut pairs = [0.0; 6];
-        for equation in hard_iron_residuals(equations) {
-            let k = equation.row.by_field;
-            let weighted = k * (equation.weight * fraction);
-            let [a, b, c, d, e, f] = pairs;
-            pairs = [
-                a + weighted.x * k.x,
-                b + weighted.x * k.y,
-                c + weighted.x * k.z,
-                d + weighted.y * k.y,
-                e + weighted.y * k.z,
-                f + weighted.z * k.z,
-            ];
-            self.gradient += weighted * equation.residual;
-            self.with_inclination += weighted * equation.row.by_inclination;
-        }
-        let x = equations.norm.row.x;
-        for ((sums, information), pair) in self.products.iter_mut().zip(&mut self.information).zip(&pairs) {
+    /// Adds a sample that has a fraction of the change.
+    pub fn add(&mut self, sample: &SampleProducts, fraction: f32) {
+        let x = &sample.x;
+        for ((sums, information), pair) in self.products.iter_mut().zip(&mut self.information).zip(&sample.pairs) {
+            let pair = pair * fraction;
             sums[0] += pair * x.x;
             sums[1] += pair * x.y;
             sums[2] += pair * x.z;
             sums[3] += pair;
             *information += pair * fraction;
         }
+        self.with_inclination += sample.with_inclination * fraction;
+        self.gradient += sample.gradient * fraction;
     }
 
     /// Adds other sums of which the samples have a fraction, given with its square.
