@@ -10,9 +10,9 @@ use crate::calibration::method_selection::Procedure;
 use crate::calibration::{Advice, Sample};
 use crate::collection::{Collector, RecentSamples};
 use crate::earth::{LocalField, PositionContext};
-use crate::instrument::{Correction, SampleAttitude};
+use crate::instrument::{Correction, SampleAttitude, SensorErrorSigmas};
 use crate::messages::Message;
-use crate::settings::Settings;
+use crate::settings::{SensorError, Settings};
 use crate::store::{CalibrationRecord, Generations};
 use crate::time::WrappingMillis;
 
@@ -77,7 +77,7 @@ impl Compass<'_> {
             mount: self.sensor.map(|_| self.settings.mount),
             total_ut: self.model_field_strength_ut(),
             is_armed: self.armed.reported(),
-            sensor_errors: self.settings.sensor_error.to_sigmas(),
+            sensor_errors: expected_errors(self.settings.sensor_error),
         }
     }
 
@@ -135,4 +135,9 @@ impl Compass<'_> {
             Activity::Idle => ModuleState::Uncalibrated,
         }
     }
+}
+
+/// The setting in the monitor's units.
+fn expected_errors(error: SensorError) -> SensorErrorSigmas {
+    SensorErrorSigmas { gyro_scale: error.gyro_percent / 100.0, hard_iron_drift: error.drift_percent / 100.0 }
 }

@@ -8,7 +8,6 @@ use core::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 
 use crate::calibration::{ConsiderSigmas, Orientation};
-use crate::instrument::SensorErrorSigmas;
 pub use ports::{Baud, PORT_COUNT, PortNumber, PortSettings, PortsSettings, ProtocolKind};
 
 /// User settings.
@@ -164,12 +163,6 @@ impl SensorError {
 
     /// Range of the drift, percent of the field.
     pub const DRIFT_PERCENT: RangeInclusive<f32> = 0.05..=5.0;
-
-    /// Converts to the monitor's units.
-    #[must_use]
-    pub fn to_sigmas(self) -> SensorErrorSigmas {
-        SensorErrorSigmas { gyro_scale: self.gyro_percent / 100.0, hard_iron_drift: self.drift_percent / 100.0 }
-    }
 
     fn is_valid(self) -> bool {
         Self::GYRO_PERCENT.contains(&self.gyro_percent) && Self::DRIFT_PERCENT.contains(&self.drift_percent)

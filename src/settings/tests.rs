@@ -26,14 +26,6 @@ const fn sensor_error(gyro_percent: f32, drift_percent: f32) -> SettingChange {
 }
 
 #[test]
-fn expected_sensor_errors_convert_to_the_monitor_s_units() {
-    assert_eq!(SensorError::DEFAULT.to_sigmas(), SensorErrorSigmas::DEFAULT);
-    let SensorErrorSigmas { gyro_scale, hard_iron_drift } =
-        SensorError { gyro_percent: 10.0, drift_percent: 0.5 }.to_sigmas();
-    assert!((gyro_scale - 0.1).abs() < 1e-7 && (hard_iron_drift - 0.005).abs() < 1e-8);
-}
-
-#[test]
 fn every_setting_has_its_range() {
     let nan = f32::NAN;
     for (good, bad, words) in [

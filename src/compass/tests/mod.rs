@@ -10,10 +10,10 @@ use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTur
 use crate::calibration::{Calibration, Current, Method, Orientation, Part, Rates, SamplePart, Side, SolveError};
 use crate::collection::CollectionProblem;
 use crate::frames::{Attitude, Field, Sensor};
-use crate::instrument::{Correction, SampleAttitude};
+use crate::instrument::{Correction, SampleAttitude, SensorErrorSigmas};
 use crate::messages::{ExpectedAccuracy, Message, SolveOutcome};
 use crate::reading::{Identity, Model};
-use crate::settings::{AttitudeError, HeadingKind, OutOfRange, Settings};
+use crate::settings::{AttitudeError, HeadingKind, OutOfRange, SensorError, Settings};
 use crate::store::tests::record;
 use crate::store::{CalibrationRecord, Generations, StartupValues, StoreChange, StoreError};
 
@@ -192,7 +192,7 @@ fn some_field() -> Field<Sensor> {
 
 /// The mounting is output only for a known sensor.
 #[test]
-fn a_correction_contains_mounting_and_armed_state() {
+fn a_correction_contains_mounting_armed_state_and_expected_errors() {
     let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), memory());
     assert_eq!(compass.correction(), Correction::NONE);
     compass.step(Event::Armed(Some(false)));
@@ -201,6 +201,12 @@ fn a_correction_contains_mounting_and_armed_state() {
     let mount = Orientation::from_name("yaw90").unwrap();
     bench.saved(Command::Set(SettingChange::Mount(mount))).unwrap();
     assert_eq!(bench.compass.correction(), Correction { mount: Some(mount), ..Correction::NONE });
+    let error = SensorError { gyro_percent: 50.0 / 8.0, drift_percent: 0.5 };
+    bench.saved(Command::Set(SettingChange::SensorError(error))).unwrap();
+    assert_eq!(
+        bench.compass.correction().sensor_errors,
+        SensorErrorSigmas { gyro_scale: 0.0625, hard_iron_drift: 0.005 }
+    );
 }
 
 #[test]

@@ -26,6 +26,7 @@ mod sums;
 
 use nalgebra::{Matrix3, Vector3};
 
+pub(in crate::calibration) use self::sums::hard_iron_residuals;
 use self::sums::{HardIronSums, SampleProducts};
 use super::hysteresis::{Hysteresis, LastTurn};
 use super::score_test::ScoreTest;
@@ -346,12 +347,6 @@ fn is_significant(form: TestedCourse, [of_both, of_norms]: [f32; 2]) -> bool {
 
 fn whole_seconds(ms: u32) -> u16 {
     u16::try_from(ms / 1000).unwrap_or(u16::MAX)
-}
-
-pub(in crate::calibration) fn hard_iron_residuals(
-    equations: &SampleEquations,
-) -> impl Iterator<Item = &ResidualEquation> {
-    core::iter::once(&equations.norm).chain(&equations.inclination)
 }
 
 /// Derivative of a residual by a hard-iron change `beta`, which lowers the corrected field by `W beta`.

@@ -2,9 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::hard_iron_residuals;
 use crate::calibration::hypotheses::score_test::ScoreTest;
-use crate::calibration::model::{INCLINATION_INDEX, PAIRS_OF_3, SampleEquations, product_index};
+use crate::calibration::model::{INCLINATION_INDEX, PAIRS_OF_3, ResidualEquation, SampleEquations, product_index};
 
 /// Sums over residuals with the derivative `k` by the corrected field and the fraction `f` of the change: of
 /// `f k k^T (x, 1)`, `f^2 k k^T`, and `f k` times residual and derivative by the inclination. A quarter of the
@@ -115,4 +114,11 @@ impl HardIronSums {
         test.gradient = w.tr_mul(&self.gradient);
         test
     }
+}
+
+/// Residuals of a sample that hard iron affects: of the norm, and of the inclination where it is used.
+pub(in crate::calibration) fn hard_iron_residuals(
+    equations: &SampleEquations,
+) -> impl Iterator<Item = &ResidualEquation> {
+    core::iter::once(&equations.norm).chain(&equations.inclination)
 }
