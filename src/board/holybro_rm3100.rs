@@ -195,7 +195,7 @@ fn node_info() -> NodeInfo {
 /// Watchdog; its feeding proves the image.
 pub struct Watchdog {
     watchdog: stm32::watchdog::Watchdog,
-    /// Whether a run without a fault says that the image works: not in safe mode.
+    /// Whether a run without a fault proves the image: not in safe mode.
     can_prove: bool,
 }
 
