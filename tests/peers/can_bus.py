@@ -120,7 +120,7 @@ with Served("--can", BUS) as module:
     print(f"can: {rate:.0f} fields a second, {error:.1f} deg off at most")
 
     parameters = bus.parameters(number)
-    assert len(parameters) == 20 and "CAN_NODE" in parameters, list(parameters)
+    assert len(parameters) == 22 and "CAN_NODE" in parameters, list(parameters)
     for name, answer in parameters.items():
         print(f"  {name:16}{dronecan.to_yaml(answer.value).strip():28}{dronecan.to_yaml(answer.default_value).strip()}")
     answer = bus.parameter(number, name="CAN_RATE", value=integer(20))
