@@ -168,9 +168,10 @@ fn attitudes_of_another_simulator_turn_the_heading() {
 #[test]
 fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
     for deg in [0.0, 100.0, 301.0] {
-        let mut served_module = served_module(VISITED, Some(&CALIBRATED));
-        assert!(headings(&mut served_module, 2).iter().all(Option::is_none), "{deg}");
+        let mut served_module = ServedModule::new(WorldConfig::table1(1), VISITED, Some(&CALIBRATED));
+        assert!(headings(&mut served_module, 3).iter().all(Option::is_none), "{deg}");
         assert!(served_module.execute_line("status").unwrap().contains("attitude from nobody yet"));
+        assert!(typed_command(&mut served_module, "status all").contains("reports: 0,"), "none from power-on");
         for _ in 0..160 {
             served_module.follow_datagram(format!("0 0 {deg}").as_bytes()).unwrap();
             served_module.advance(SECOND_US / 20);

@@ -123,11 +123,12 @@ impl ServedModule {
             rig.attach_can(bus.attach(), world.seed);
             bus.attach()
         });
-        rig.world.set_sends_attitude(options.attitude != AttitudeProvider::Peer);
         let pilot = Pilot::new(&world, options.pattern, options.has_external_simulator);
         pilot.start(&rig.world);
         let visits = options.has_external_simulator.then(DatagramCounts::default);
-        Self { rig, pilot, peer: ExternalAutopilot::default(), attitude: options.attitude, visits, can }
+        let module = Self { rig, pilot, peer: ExternalAutopilot::default(), attitude: options.attitude, visits, can };
+        module.hand_over_attitude();
+        module
     }
 
     /// Time since power-on, microseconds.
@@ -273,8 +274,11 @@ impl ServedModule {
     }
 
     fn hand_over_attitude(&self) {
-        if self.attitude == AttitudeProvider::Auto {
-            self.rig.world.set_sends_attitude(!self.awaits_datagram() && !self.peer.is_active(self.rig.now_us()));
-        }
+        let is_provider = match self.attitude {
+            AttitudeProvider::Auto => !self.peer.is_active(self.rig.now_us()),
+            AttitudeProvider::Own => true,
+            AttitudeProvider::Peer => false,
+        };
+        self.rig.world.set_sends_attitude(is_provider && !self.awaits_datagram());
     }
 }
