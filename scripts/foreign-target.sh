@@ -51,6 +51,8 @@ find_lld() {
 # of the compiler, of this repository and of the target folder, the program is smaller and the same on every computer.
 flags_without_places() {
     local folder
+    # In a fresh clone it is not there yet, and its name would stay.
+    mkdir -p "${CARGO_TARGET_DIR:-target}"
     # Of several that fit a name, the compiler takes the last.
     for folder in "${CARGO_HOME:-$HOME/.cargo}"/registry/src/*/ /usr/lib/rustlib/src/rust/library/ "$PWD/" \
         "$(realpath -m "${CARGO_TARGET_DIR:-target}")/"; do
