@@ -146,8 +146,8 @@ const fn number(range: RangeInclusive<f32>, unit: &'static str) -> ArgumentKind 
     ArgumentKind::Number { range, unit, or: None }
 }
 
-const fn number_or_word(word: &'static str, range: RangeInclusive<f32>) -> ArgumentKind {
-    ArgumentKind::Number { range, unit: DEGREES_UNIT, or: Some(word) }
+const fn number_or_word(word: &'static str, range: RangeInclusive<f32>, unit: &'static str) -> ArgumentKind {
+    ArgumentKind::Number { range, unit, or: Some(word) }
 }
 
 /// All commands in the order of `help`, adjacent if they share the first word.
@@ -222,7 +222,7 @@ pub static COMMANDS: &[CommandSpec] = &[
     .with_request(|given| set(SettingChange::StreamHeading(given.choice(0, nth_kind).unwrap_or(HeadingKind::Smooth)))),
     CommandSpec::new("set", "", "settings"),
     CommandSpec::new("set", "declination", "declination, east positive; none: by the field model")
-        .with_arguments(&[ArgumentSpec::new("DEG", number_or_word("none", Settings::DECLINATION_DEG))])
+        .with_arguments(&[ArgumentSpec::new("DEG", number_or_word("none", Settings::DECLINATION_DEG, DEGREES_UNIT))])
         .with_request(|given| set(SettingChange::Declination(given.number(0)))),
     CommandSpec::new(
         "set",
@@ -236,7 +236,7 @@ pub static COMMANDS: &[CommandSpec] = &[
         "inclination",
         "inclination of the local field, positive down; none: by the field model or the samples",
     )
-    .with_arguments(&[ArgumentSpec::new("DEG", number_or_word("none", Settings::INCLINATION_DEG))])
+    .with_arguments(&[ArgumentSpec::new("DEG", number_or_word("none", Settings::INCLINATION_DEG, DEGREES_UNIT))])
     .with_request(|given| set(SettingChange::Inclination(given.number(0)))),
     CommandSpec::new(
         "set",
@@ -244,7 +244,7 @@ pub static COMMANDS: &[CommandSpec] = &[
         "magnetic heading of the vehicle now: removes a constant error; none: as calibrated; yes: of any size",
     )
     .with_arguments(&[
-        ArgumentSpec::new("HEADING", number_or_word("none", 0.0..=360.0)),
+        ArgumentSpec::new("HEADING", number_or_word("none", 0.0..=360.0, DEGREES_UNIT)),
         ArgumentSpec::optional("yes", ArgumentKind::Confirmation("yes")),
     ])
     .with_request(|given| match given.0 {
@@ -257,18 +257,18 @@ pub static COMMANDS: &[CommandSpec] = &[
         "constant attitude error of a flight, 1 sigma: in degrees, and in percent of the bank",
     )
     .with_arguments(&[
-        ArgumentSpec::new("DEG", number_or_word("default", AttitudeError::BIAS_DEG)),
+        ArgumentSpec::new("DEG", number_or_word("default", AttitudeError::BIAS_DEG, DEGREES_UNIT)),
         ArgumentSpec::new("PERCENT", number(AttitudeError::BANK_PERCENT, "%")),
     ])
     .with_request(|given| set(SettingChange::AttitudeError(attitude_error(given)))),
     CommandSpec::new(
         "set",
         "sensor-error",
-        "errors that the monitor expects, 1 sigma: gyro's scale, and drift of iron in a minute, of the field",
+        "errors that the monitor expects, 1 sigma: scale of the gyro, and drift of iron in a minute",
     )
     .with_arguments(&[
-        ArgumentSpec::new("GYRO", number_or_word("default", SensorError::GYRO_PERCENT)),
-        ArgumentSpec::new("DRIFT", number(SensorError::DRIFT_PERCENT, "%")),
+        ArgumentSpec::new("GYRO", number_or_word("default", SensorError::GYRO_PERCENT, "%")),
+        ArgumentSpec::new("DRIFT", number(SensorError::DRIFT_PERCENT, "% of the field")),
     ])
     .with_request(|given| set(SettingChange::SensorError(sensor_error(given)))),
     CommandSpec::new("set", "accuracy", "expected error at which a collection in flight ends")
@@ -404,18 +404,19 @@ fn baud_of(port: PortNumber, given: &Arguments) -> SettingChange {
     SettingChange::Baud(port, given.choice(0, nth_baud).unwrap_or(Baud::B115200))
 }
 
+/// The first two numbers; `None` after a word in place of the first.
+fn two_numbers(given: &Arguments) -> Option<[f32; 2]> {
+    given.number(0).zip(given.number(1)).map(<[f32; 2]>::from)
+}
+
 fn attitude_error(given: &Arguments) -> AttitudeError {
-    match (given.number(0), given.number(1)) {
-        (Some(bias_deg), Some(bank_percent)) => AttitudeError { bias_deg, bank_percent },
-        _ => AttitudeError::DEFAULT,
-    }
+    two_numbers(given)
+        .map_or(AttitudeError::DEFAULT, |[bias_deg, bank_percent]| AttitudeError { bias_deg, bank_percent })
 }
 
 fn sensor_error(given: &Arguments) -> SensorError {
-    match (given.number(0), given.number(1)) {
-        (Some(gyro_percent), Some(drift_percent)) => SensorError { gyro_percent, drift_percent },
-        _ => SensorError::DEFAULT,
-    }
+    two_numbers(given)
+        .map_or(SensorError::DEFAULT, |[gyro_percent, drift_percent]| SensorError { gyro_percent, drift_percent })
 }
 
 const fn set(setting: SettingChange) -> Request {

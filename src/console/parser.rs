@@ -494,6 +494,8 @@ mod tests {
             ("set attitude-error much 1", "bad-value: expected a number, 0 to 5 deg, or default"),
             ("set attitude-error 1 much", "bad-value: expected a number, 0 to 20 %"),
             ("set attitude-error 1", "missing-argument: <PERCENT> is missing; expected a number, 0 to 20 %"),
+            ("set sensor-error much 1", "bad-value: expected a number, 0.1 to 20 %, or default"),
+            ("set sensor-error 1", "missing-argument: <DRIFT> is missing; expected a number, 0.05 to 5 % of the field"),
             ("stream rate", "missing-argument: <HZ> is missing; expected a whole number, 1 to 80 a second"),
             ("stream rate 300", "bad-value: expected a whole number, 1 to 80 a second"),
             ("stream rate 2.5", "bad-value: expected a whole number, 1 to 80 a second"),
