@@ -59,10 +59,7 @@ pub async fn run(
             continue;
         }
         match select3(links.restart.wait(), rx.read(&mut bytes), links.notices.receive()).await {
-            Either3::First(()) => {
-                Timer::after(REBOOT_REPLY_TIME).await;
-                platform.reboot();
-            }
+            Either3::First(()) => reboot_after_reply(&mut platform).await,
             Either3::Second(Ok(number)) if number > 0 => read = 0..number,
             Either3::Second(_) => Timer::after(PAUSE).await,
             Either3::Third(message) => terminal.session.write_notice(|out| report::write_notice(out, &message)),
@@ -79,9 +76,13 @@ const fn reports_resulting_state(command: Command) -> bool {
 pub async fn restart_without_terminal(links: &Links, mut platform: impl Platform) -> ! {
     loop {
         links.restart.wait().await;
-        Timer::after(REBOOT_REPLY_TIME).await;
-        platform.reboot();
+        reboot_after_reply(&mut platform).await;
     }
+}
+
+async fn reboot_after_reply(platform: &mut impl Platform) {
+    Timer::after(REBOOT_REPLY_TIME).await;
+    platform.reboot();
 }
 
 /// Terminal session and the sources of its replies.

@@ -48,7 +48,7 @@ impl Compass<'_> {
         }
         let Some(saving) = self.saving.take() else { return Effect::None };
         match (saving, result) {
-            // The module saved by itself: no reply, no retry. Headings continue, so only this message shows the failure.
+            // Saved without a command: no reply, no retry. Headings continue, so only this message shows the failure.
             (PendingSave::Remembered(_), Err(error @ StoreError::Timeout)) => {
                 Effect::Notify(Message::StoreFailed(error))
             }

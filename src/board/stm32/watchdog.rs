@@ -13,7 +13,7 @@ const _: () = assert!(PERIOD_US as u64 * 32 > watchdog::MAX_FEED_INTERVAL_US * 3
 pub struct Watchdog(IndependentWatchdog<'static, IWDG>);
 
 impl Watchdog {
-    /// Starts the watchdog, or sets the period of one that a boot loader has started.
+    /// Starts the watchdog. If a boot loader has started it, this sets its period.
     pub fn start(watchdog: Peri<'static, IWDG>) -> Self {
         let mut watchdog = IndependentWatchdog::new(watchdog, PERIOD_US);
         watchdog.unleash();
