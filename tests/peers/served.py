@@ -14,14 +14,26 @@ import time
 
 PATIENCE_S = 120.0
 
-# Bound of a heading error, degrees: calibration error of 1.0 (README), and three sigmas of attitude error (0.2 of bias, 0.3 of
-# noise) times the tangent of the inclination, 54 deg.
-HEADING_BOUND_DEG = 2.5
+# Bound of the mean error of some seconds of headings, degrees: calibration error of 1.0 (README), three sigmas of attitude bias
+# (0.2) times the tangent of the inclination (54 deg), and what noise leaves in the mean.
+MEAN_BOUND_DEG = 2.5
+# Bound of one heading's difference from the mean, degrees: five sigmas. Sigma was measured: 0.75, of which the attitude's noise of 0.3
+# causes 0.4, the magnetometer the rest.
+NOISE_BOUND_DEG = 3.75
 
 
 def wrap_180(deg):
     """Wraps an angle to -180..180 degrees."""
     return (deg + 180.0) % 360.0 - 180.0
+
+
+def check_errors(errors_deg):
+    """Fails if the mean of heading errors, or the difference of one from it, exceeds its bound; returns the mean."""
+    mean_deg = sum(errors_deg) / len(errors_deg)
+    assert abs(mean_deg) < MEAN_BOUND_DEG, f"mean error {mean_deg:.1f} deg: {errors_deg}"
+    noisy = [round(error, 1) for error in errors_deg if abs(error - mean_deg) >= NOISE_BOUND_DEG]
+    assert not noisy, f"{noisy} deg off, of mean {mean_deg:.1f}"
+    return mean_deg
 
 
 class Served:
