@@ -62,7 +62,7 @@ pub fn coefficients_json(calibration: &Calibration) -> Value {
     })
 }
 
-/// Value that a fraction `part` of the numbers does not exceed; none of no numbers.
+/// Quantile of the numbers at a fraction `part` (0 to 1), nearest rank; `None` without numbers.
 #[must_use]
 pub fn quantile(numbers: impl IntoIterator<Item = f64>, part: f64) -> Option<f64> {
     let mut sorted: Vec<f64> = numbers.into_iter().collect();
@@ -71,7 +71,7 @@ pub fn quantile(numbers: impl IntoIterator<Item = f64>, part: f64) -> Option<f64
     sorted.get((part * last as f64).round() as usize).copied()
 }
 
-/// Median; NaN of no numbers.
+/// Median; NaN without numbers.
 #[must_use]
 pub fn median(numbers: impl IntoIterator<Item = f64>) -> f64 {
     quantile(numbers, 0.5).unwrap_or(f64::NAN)

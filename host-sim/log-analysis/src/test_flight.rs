@@ -14,7 +14,8 @@ const HARD_IRON_UT: [f64; 3] = [9.6, -0.8, -0.1];
 const ATTITUDE_NOISE_RAD: f64 = 0.005;
 const FIELD_NOISE_UT: f32 = 0.2;
 
-/// Bank, degrees, and change of heading, degrees: twice two circles to each side.
+/// Bank, degrees, and change of heading, degrees, of each turn: two circles right and two left at 25 deg of bank, then
+/// at 40 deg.
 const TURNS_DEG: [[f64; 2]; 4] = [[25.0, 720.0], [-25.0, -720.0], [40.0, 720.0], [-40.0, -720.0]];
 
 /// Roll, pitch and heading, radians, and their rates, rad/s.
@@ -33,7 +34,7 @@ pub fn record_turns(field_latency_s: f64) -> FlightRecording {
         let Motion { euler_rad, euler_rates_rad_s } = motions[i];
         let field_ut = measured_field_ut(past_attitude(&motions, i, field_latency_s / STEP_S));
         let field_ut = field_ut.map(|axis| axis + f64::from(FIELD_NOISE_UT * random.normal()));
-        // Coloured over half a second.
+        // Attitude noise with a correlation time of half a second.
         noise_rad = noise_rad.map(|noise: f64| 0.8 * noise + 0.6 * ATTITUDE_NOISE_RAD * f64::from(random.normal()));
         FlightSample {
             time_us: i as u64 * 100_000,
@@ -71,7 +72,7 @@ fn fly_turns() -> Vec<Motion> {
     motions
 }
 
-/// Appends the motion one step later, on the way to a bank; rough air moves roll and pitch.
+/// Appends the motion one step later, while the roll approaches `bank_deg`; gusts disturb roll and pitch.
 fn step(motions: &mut Vec<Motion>, bank_deg: f64) {
     let Some(last) = motions.last() else { return };
     let (t_s, [roll_rad, pitch_rad, heading_rad]) = (motions.len() as f64 * STEP_S, last.euler_rad.into());

@@ -36,7 +36,7 @@ impl HeadingErrors {
             let sensed = world.airframe.measured_field(&world.earth.body_field_ut(truth.euler()));
             let added_ut = added_ut(&truth) + Vector3::from(world.current_interference_ut);
             let sensed = Field::new(sensed.ut + added_ut.cast());
-            // The remaining calculation uses the module's own code.
+            // The indicated heading is calculated by the module's own code.
             let told_a = world.reports_current.then_some(CRUISE_CURRENT_A as f32);
             let sensed = calibration.remove_motor_current(sensed, told_a);
             let attitude = Attitude::from_deg(bank_deg as f32, 0.0);

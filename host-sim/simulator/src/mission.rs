@@ -221,8 +221,8 @@ impl<M: Module> Mission<'_, M> {
 
     /// Restarts the module, flies the mission's legs and compares the output with true headings.
     fn stream(&mut self, legs: &[Leg]) -> (OutputStatistics, Vec<EvaluatedHeading>) {
-        // By the pin, because a module in flight refuses the command.
         let _ = self.module.instrument().receive();
+        // Reset by the pin, because a module in flight refuses the restart command.
         self.module.reset();
         self.module.run_for_s(RESTART_DURATION_S);
         self.listen();

@@ -56,12 +56,12 @@ pub trait Module {
     }
 }
 
-/// Observer of a module that somebody else uses.
+/// Receiver of the time and the console output of a module that other code operates.
 pub trait Observer {
-    /// Time has advanced.
+    /// The module's time has advanced.
     fn time_advanced(&mut self, module: &impl Module);
 
-    /// Console output was taken.
+    /// Console output was read from the module.
     fn output_taken(&self, _text: &str) {}
 }
 

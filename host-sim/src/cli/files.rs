@@ -46,7 +46,7 @@ pub fn named_world(name: &str, seed: u64) -> Result<WorldConfig, Failure> {
     }
 }
 
-/// Endings of files that a report is not; a folder of such a name must exist.
+/// File name extensions that are rejected for a report, unless a folder of that name exists.
 const NON_REPORT_EXTENSIONS: [&str; 10] = ["pdf", "png", "jpg", "json", "csv", "txt", "md", "xml", "param", "docx"];
 
 /// Writes the page to a file (`index.html` if `path` is a folder), or the before-and-after picture to a `.svg` file.

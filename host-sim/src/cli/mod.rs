@@ -85,7 +85,7 @@ pub fn run() -> ExitCode {
 
 fn carry_out(command: &Command) -> Result<ExitCode, Failure> {
     match command {
-        // These commands need clean-up.
+        // Commands that clean up after a termination signal.
         Command::Emulate(_) | Command::Serve(_) | Command::Console(_) | Command::Bench(Bench::Budget(_)) => {}
         _ => TerminationSignals::exit_immediately()?,
     }

@@ -73,7 +73,7 @@ fn is_pipe_closed() -> bool {
     let stdout = io::stdout();
     let mut ends = [PollFd::new(&stdout, PollFlags::empty())];
     let now = Timespec { tv_sec: 0, tv_nsec: 0 };
-    // Only pipes report this; files and terminals do not.
+    // A pipe whose reader closed it reports `ERR`; files and terminals do not.
     poll(&mut ends, Some(&now)).is_ok() && ends[0].revents().contains(PollFlags::ERR)
 }
 

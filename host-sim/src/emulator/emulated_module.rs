@@ -186,7 +186,7 @@ impl Emulator {
     }
 
     fn catch_up(&mut self, machine_us: u64) {
-        // The message of a step may carry an earlier time.
+        // A step's message may carry an earlier time than a message before it.
         self.machine_us = self.machine_us.max(machine_us);
         self.simulation.run_until(self.now_us());
     }

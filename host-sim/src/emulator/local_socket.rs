@@ -9,7 +9,7 @@ pub const ARE_SUPPORTED: bool = cfg!(unix);
 #[cfg(unix)]
 pub use std::os::unix::net::UnixStream as LocalStream;
 
-/// Never connected: only its type is needed.
+/// Type in the place of a local socket, which this system does not have; never connected.
 #[cfg(not(unix))]
 pub use std::net::TcpStream as LocalStream;
 

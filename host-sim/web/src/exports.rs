@@ -79,7 +79,7 @@ impl State {
 }
 
 /// Buffer for a request of `length` bytes.
-// SAFETY: no other function of this name is linked; so for all below.
+// SAFETY: no other linked function has this name.
 #[unsafe(no_mangle)]
 extern "C" fn request_buffer(length: usize) -> *mut u8 {
     PAGE_STATE.with_borrow_mut(|state| {
@@ -90,7 +90,7 @@ extern "C" fn request_buffer(length: usize) -> *mut u8 {
 }
 
 /// Reads a log: a `LogRequest`, answered by a `LogSummary`.
-// SAFETY: as above.
+// SAFETY: no other linked function has this name.
 #[unsafe(no_mangle)]
 extern "C" fn open_log() {
     PAGE_STATE.with_borrow_mut(|state| {
@@ -100,7 +100,7 @@ extern "C" fn open_log() {
 }
 
 /// Judges the log: `Choices`, answered by a `JudgedLog`.
-// SAFETY: as above.
+// SAFETY: no other linked function has this name.
 #[unsafe(no_mangle)]
 extern "C" fn judge_log() {
     PAGE_STATE.with_borrow_mut(|state| {
@@ -110,7 +110,7 @@ extern "C" fn judge_log() {
 }
 
 /// Flies the example aircraft: a `FlightRequest`, answered by a `FlownExample`, after a `FlightStep` for each step.
-// SAFETY: as above.
+// SAFETY: no other linked function has this name.
 #[unsafe(no_mangle)]
 extern "C" fn fly_example() {
     PAGE_STATE.with_borrow_mut(|state| {
@@ -120,14 +120,14 @@ extern "C" fn fly_example() {
 }
 
 /// First byte of the answer.
-// SAFETY: as above.
+// SAFETY: no other linked function has this name.
 #[unsafe(no_mangle)]
 extern "C" fn answer() -> *const u8 {
     PAGE_STATE.with_borrow(|state| state.answer.as_ptr())
 }
 
 /// Length of the answer, bytes.
-// SAFETY: as above.
+// SAFETY: no other linked function has this name.
 #[unsafe(no_mangle)]
 extern "C" fn answer_length() -> usize {
     PAGE_STATE.with_borrow(|state| state.answer.len())

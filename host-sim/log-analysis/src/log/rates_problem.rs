@@ -5,13 +5,13 @@ use std::fmt;
 /// Reason why body rates are not used as logged; displayed as a clause.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RatesProblem {
-    /// None are logged.
+    /// The log has no body rates.
     NotLogged,
-    /// The rate about this axis (0 to 2) runs against the attitude.
+    /// The body rate about this axis (0 to 2) has the opposite sign of the attitude's change.
     WrongSign(usize),
-    /// The attitude's change is this many times the rates.
+    /// Wrong unit: ratio of the attitude's change to the integrated body rates.
     WrongUnit(f64),
-    /// Random walk of the heading integrated from them, deg/s^0.5.
+    /// Random walk of the heading integrated from the body rates, deg/s^0.5.
     Inexact(f64),
 }
 
@@ -19,7 +19,7 @@ pub enum RatesProblem {
 const MAX_RATIO_ERROR: f64 = 0.5;
 
 impl RatesProblem {
-    /// Factors by axis that make the rates right; none where they must be replaced.
+    /// Factors by axis that correct the body rates; `None` if they must be replaced.
     pub(super) fn repair(self) -> Option<[f32; 3]> {
         match self {
             Self::WrongSign(wrong) => Some(std::array::from_fn(|axis| if axis == wrong { -1.0 } else { 1.0 })),

@@ -25,9 +25,9 @@ pub struct Stamped<const N: usize> {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Series<const N: usize> {
     rows: Vec<Stamped<N>>,
-    /// Base-2 logarithm of the row stride.
+    /// Base-2 logarithm of the row stride: of `stride` consecutive rows one is stored.
     row_stride_log2: u8,
-    /// Base-2 logarithm of the part stride.
+    /// Base-2 logarithm of the part stride: of `stride` consecutive periods of the log one is stored.
     part_stride_log2: u8,
     pushed_count: u64,
 }

@@ -34,7 +34,7 @@ pub struct EvaluationOptions {
 }
 
 impl EvaluationOptions {
-    /// All compasses, with the samples the module keeps in flight.
+    /// Default options: all compasses, evaluated with the samples that the module retains in flight.
     pub const DEFAULT: Self = Self {
         selected: RowSelection::Flight,
         compass: None,

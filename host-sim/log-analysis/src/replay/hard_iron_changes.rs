@@ -117,7 +117,8 @@ impl ChangeSearch<'_> {
         let moved = FieldCorrection { hard_iron_ut: unmoved.hard_iron_ut + moved * sign, ..unmoved };
         let [without, with] = [unmoved, moved].map(|correction| median_residual_ut(other, &correction, solution));
         let is_confirmed = is_detected || without > MIN_RESIDUAL_RATIO * with;
-        // On one heading a step's component across it hardly shows, and a significant vertical one bends no heading.
+        // Horizontal components only: on a single heading the step's component across it is hardly observable, and a
+        // significant vertical component changes no heading.
         let is_bend_significant = change.xy().norm() > MIN_SIGMAS * Vector3::from(step.sigma_ut).xy().norm();
         let horizontal_ut = f64::from(solution.calibration.total_ut * libm::cosf(solution.calibration.inclination_rad));
         let bend_deg = libm::atan(change.xy().norm() / horizontal_ut).to_degrees();

@@ -24,20 +24,20 @@ const LATE_ATTITUDE_S: f64 = 0.1;
 /// Warning about a log; displayed as a sentence.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Note {
-    /// Body rates are not used as logged: they are repaired, or replaced by differences of the attitude.
+    /// Body rates are not used as logged: the analysis repairs them or replaces them by differences of the attitude.
     BodyRates {
-        /// Reason.
+        /// Reason why the rates are not used as logged.
         problem: RatesProblem,
-        /// Whether they are repaired.
+        /// Whether the rates are repaired rather than replaced.
         is_repaired: bool,
     },
     /// The attitude is that of this message, because the autopilot's own is not logged.
     OtherAttitude(&'static str),
     /// Field rows have no time.
     FieldWithoutTime,
-    /// A table's attitude hardly tilts, degrees at most.
+    /// Largest tilt of a table's attitude, degrees; too small for a flight.
     SmallTilt(f64),
-    /// Field readings per second, too few for the monitor.
+    /// Rate of the field readings, Hz, too low for the monitor.
     SlowField(f64),
     /// Percentage of body rates lost.
     RatesLost(f64),
@@ -65,9 +65,9 @@ pub enum Note {
     FieldEnds {
         /// Number of the compass.
         compass: u8,
-        /// Last field row, seconds.
+        /// Time of the last field row, seconds.
         at_s: f64,
-        /// Last attitude, seconds.
+        /// Time of the last attitude row, seconds.
         log_s: f64,
     },
     /// Mounting parameters changed, with their times from the start, seconds.
@@ -162,7 +162,7 @@ impl Note {
     }
 }
 
-/// The first of several numbers, and the others.
+/// Splits a list of numbers into the first and the others; `None` without others.
 fn others(numbers: &[u8]) -> Option<(u8, Vec<u8>)> {
     let (own, others) = numbers.split_first()?;
     (!others.is_empty()).then(|| (*own, others.to_vec()))

@@ -179,8 +179,9 @@ fn score_held_back(
     rms_deg.is_finite().then_some(HeldBackScore { rms_deg, as_logged_rms_deg, is_estimate, disturbed_deg })
 }
 
-/// Heading errors that correspond to the scatter of strength and of inclination, degrees RMS: an isotropic disturbance
-/// of the field by a fraction of its strength turns the inclination by as much, and the heading by `1 / cos I` of it.
+/// Heading errors that correspond to the scatter of field strength and of inclination, degrees RMS. An isotropic
+/// disturbance of the field by a fraction `f` of its strength changes the inclination by `f` and the heading by `f /
+/// cos I` radians.
 fn scatter(rows: &[ReplayRow], field: &dyn Fn(&ReplayRow) -> Vector3<f64>) -> [f64; 2] {
     let polar: Vec<[f64; 2]> = rows
         .iter()

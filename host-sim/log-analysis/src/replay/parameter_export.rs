@@ -51,11 +51,12 @@ impl ParameterFormat {
 /// Heading error of parameters on held-back rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldBackScore {
-    /// With the parameters, degrees RMS less mean.
+    /// Heading error with the parameters, degrees RMS less mean.
     pub rms_deg: f64,
-    /// As logged, same rows, degrees RMS less mean.
+    /// Heading error as logged, on the same rows, degrees RMS less mean.
     pub as_logged_rms_deg: f64,
-    /// Whether both are estimates from strength and inclination of the corrected field, for want of a reference.
+    /// Whether both heading errors are estimated from strength and inclination of the corrected field, because the log
+    /// has no reference heading.
     pub is_estimate: bool,
     /// Heading error that corresponds to the scatter of the corrected strength, degrees RMS. Errors of the attitude do
     /// not contribute: a large value is a disturbed field.
@@ -67,7 +68,7 @@ pub struct HeldBackScore {
 pub struct ExportedCorrection {
     /// Number of the compass, from 1.
     pub number: u8,
-    /// Correction of the field rotated as below, body axes.
+    /// Correction of the field after `rotation`, body axes.
     pub correction: FieldCorrection,
     /// Rotation of the sensor relative to the logged mounting, body axes.
     pub rotation: NumberedRotation,
@@ -77,7 +78,7 @@ pub struct ExportedCorrection {
     pub rows_s: Option<[f64; 2]>,
     /// Heading error on held-back rows.
     pub held_back: Option<HeldBackScore>,
-    /// Warnings about what cannot be expressed or would be rejected.
+    /// Warnings: parts of the solution that parameters cannot express, and values that the autopilot would reject.
     pub warnings: Vec<String>,
 }
 
@@ -348,7 +349,7 @@ fn ardupilot(text: &mut String, flight: &Flight, exports: &[ExportedCorrection])
             ("OFS", -offsets * MILLIGAUSS, 2),
             ("DIA", diagonal, 5),
             ("ODI", off_diagonal, 5),
-            // ArduPilot adds this after the matrix.
+            // ArduPilot adds the motor-current term after the multiplication with the matrix.
             ("MOT", -(export.correction.matrix * export.correction.motor_ut_per_a) * MILLIGAUSS, 3),
         ] {
             for (axis, number) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {

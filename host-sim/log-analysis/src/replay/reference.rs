@@ -40,7 +40,7 @@ pub enum ReferenceKind {
 }
 
 impl ReferenceKind {
-    /// All, best first.
+    /// All kinds of reference, best first.
     pub const ALL: [Self; 5] = [Self::Simulator, Self::Column, Self::GpsYaw, Self::GpsCourse, Self::AutopilotYaw];
 }
 
@@ -102,7 +102,7 @@ impl ReferenceHeading {
         if let Self::GpsCourse(course) = self { Some(course) } else { None }
     }
 
-    /// Whether a difference from it is a heading error.
+    /// Whether a heading's difference from this reference is its error; false for the autopilot's yaw.
     #[must_use]
     pub const fn is_accuracy(&self) -> bool {
         !matches!(self, Self::AutopilotYaw)

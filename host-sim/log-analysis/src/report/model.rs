@@ -74,7 +74,7 @@ pub struct ReferenceInfo {
     pub limits: String,
     /// Constant part of the errors on a deviation card, a sentence.
     pub card_constant: String,
-    /// Whether it is known to 2 deg or better, as a deviation card requires.
+    /// Whether the reference is accurate to 2 deg or better, as a deviation card requires.
     pub is_accurate: bool,
 }
 
@@ -131,7 +131,7 @@ pub struct DeviationCurve {
     pub name: String,
     /// Errors from north clockwise at equal steps, degrees.
     pub errors_deg: Vec<Option<f64>>,
-    /// Constant that a deviation card has in addition, degrees.
+    /// Constant part of the error, degrees; a deviation card adds it to `errors_deg`.
     pub constant_deg: f64,
 }
 

@@ -209,7 +209,7 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
         }
         (format!("{:03}", i * step), cells)
     };
-    // Both halves are placed side by side if there is room.
+    // Two tables, of the first 12 headings and of the others, side by side if there is room.
     let halves = [0..sectors.min(12), 12..sectors].into_iter().filter(|half| !half.is_empty()).map(|half| {
         let caption = format!("Headings {:03} to {:03}", half.start * step, (half.end - 1) * step);
         table(&caption, "heading", &columns, half.map(row))

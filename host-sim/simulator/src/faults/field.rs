@@ -117,7 +117,7 @@ impl FieldFault for SoftIronHysteresis {
         self.at_heading(truth, now_rad)
     }
 
-    /// In level flight the mean of both directions of the turn before it.
+    /// Field in a long turn; in level flight, the mean of the fields after a left and after a right turn.
     fn steady_ut(&self, truth: &TrueState) -> Vector3<f64> {
         let lag_rad = if truth.roll_rad == 0.0 { 0.0 } else { self.linkage_play_rad.copysign(truth.roll_rad) };
         self.at_heading(truth, truth.heading_rad - lag_rad)

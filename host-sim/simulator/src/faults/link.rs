@@ -60,7 +60,7 @@ async fn pause(switch: Switch, world: World) {
 
 /// A vehicle of the same kind, armed, in circles to alternating sides.
 async fn other_vehicle(system_id: u8, own: World, uart: HostEnd) {
-    /// More than ten hours of flight.
+    /// Number of circles that the vehicle flies: more than ten hours.
     const MAX_FLIGHT_CIRCLES: usize = 4000;
     let config = own.config();
     let world = World::new(WorldConfig { seed: config.seed.wrapping_add(0x0711), ..config });

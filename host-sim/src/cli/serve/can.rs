@@ -24,7 +24,7 @@ impl MulticastBus {
         let group = Ipv4Addr::new(239, 65, 82, number);
         let input = Socket::new(Domain::IPV4, Type::DGRAM, None)?;
         input.set_nonblocking(true)?;
-        // Before binding, which the standard library cannot: other programs have the same port.
+        // Other programs bind the same port, which needs this option before `bind`; `std` cannot set it.
         input.set_reuse_address(true)?;
         // Windows binds to no group.
         let address = if cfg!(unix) { group } else { Ipv4Addr::UNSPECIFIED };
@@ -38,7 +38,7 @@ impl MulticastBus {
         Ok(Self { group, input, output })
     }
 
-    /// Frames of others.
+    /// Frames that other programs sent to the bus since the last call.
     pub fn receive(&self) -> Vec<CanFrame> {
         let own = self.output.local_addr().map(|address| address.port());
         let is_own = |from: SocketAddr| own.as_ref().is_ok_and(|own| *own == from.port());

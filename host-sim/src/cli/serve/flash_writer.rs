@@ -23,7 +23,7 @@ impl FlashWriter {
         Ok((Self { path: path.map(Path::to_owned), lock, ..Self::default() }, image))
     }
 
-    /// Writes the flash now.
+    /// Writes the module's flash contents to the file.
     pub fn write(&mut self, served_module: &ServedModule) -> Result<(), Failure> {
         if let Some(path) = &self.path {
             if cfg!(windows) {

@@ -16,7 +16,7 @@ use crate::cli::failure::Failure;
 use crate::cli::print;
 
 pub struct Connections {
-    /// Wires of each of the module's ports.
+    /// Connections to each of the module's ports, by port.
     pub wires: Vec<Vec<Box<dyn Wire>>>,
     pub world: Option<UdpSocket>,
     pub can: Option<MulticastBus>,

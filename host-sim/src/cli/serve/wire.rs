@@ -114,7 +114,7 @@ impl TcpPort {
     fn accept(&mut self) {
         while let Ok((client, from)) = self.listener.accept() {
             if self.clients.len() < MAX_CLIENTS && client.set_nonblocking(true).is_ok() {
-                // Failure only adds delay.
+                // Without `TCP_NODELAY` data are only later, so a failure to set it is ignored.
                 let _ = client.set_nodelay(true);
                 self.clients.push(BufferedStream::new(client));
                 self.notices.push(format!("{from} attached to TCP port {}", self.port));

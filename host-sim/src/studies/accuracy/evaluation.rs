@@ -65,8 +65,8 @@ impl SolveCounts {
     }
 }
 
-/// Heading errors over their sigmas after a flight with exactly the attitude errors that the solver considers, which
-/// `record` records.
+/// Heading errors after a calibration flight, divided by their sigmas. The attitude errors of the flight are exactly
+/// those that the solver considers; `record` simulates the flight with them.
 pub(super) fn normalised_errors_in_use(
     trial: &Trial,
     consider: ConsiderSigmas,

@@ -84,7 +84,7 @@ struct ConstantAttitudeErrors {
     bank_scale: f64,
 }
 
-/// Constant attitude errors and noise stream after a flight.
+/// Attitude source after a calibration flight: its constant errors, and the random numbers of its noise.
 #[derive(Clone, Debug)]
 pub struct PostFlightSource {
     source: ConstantAttitudeErrors,

@@ -21,7 +21,7 @@ use flight::{AcceptedCalibration, CaseFlightResult, HardIronEstimateError};
 
 use log_analysis::numbers::quantile;
 
-/// Results of a case.
+/// Results of all flights of one fault case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct IntegrityRow {
     /// Case name.
@@ -36,9 +36,9 @@ pub struct IntegrityRow {
     pub ratio_median: Option<f64>,
     /// True over estimated error of accepted calibrations, largest.
     pub ratio_worst: Option<f64>,
-    /// Headings with an error above four sigmas and above 5 deg, percent of all output since the onset.
+    /// Bad headings, with an error above four sigmas and above 5 deg, percent of all output since the onset.
     pub bad_percent: f64,
-    /// Longest sequence of such headings, seconds.
+    /// Longest sequence of bad headings, seconds.
     pub longest_bad_s: f64,
     /// Largest heading error, degrees.
     pub worst_deg: f64,

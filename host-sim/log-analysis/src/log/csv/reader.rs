@@ -8,10 +8,12 @@ use super::rates::rates_at_rows;
 use super::table::{InvalidCell, TableLayout};
 use super::unit::FieldUnit;
 
-/// Clock value of the median time, microseconds, so that earlier times stay positive.
+/// Clock value assigned to the median time of the first lines, microseconds; large, so that earlier lines have positive
+/// values.
 const MEDIAN_CLOCK_US: f64 = 1e13;
 
-/// Largest distance from the first lines, seconds.
+/// Largest difference of a line's time from the median time of the first lines, seconds; the times of other lines count
+/// as bad.
 const MAX_TIME_FROM_START_S: f64 = 1e6;
 
 /// Flight that is read from a table.

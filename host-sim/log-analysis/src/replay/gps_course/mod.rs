@@ -272,7 +272,7 @@ fn widest_gap_deg(straight: &[GroundVelocity], circle: &VelocityCircle) -> f64 {
         let step_s = pair[1].t_s - pair[0].t_s;
         flown_s[bin] += if step_s < MAX_GAP_S { step_s } else { 0.0 };
     }
-    // Adjacent bins count together, since gusts spread a leg over several.
+    // The flight time of a heading bin includes both adjacent bins, since gusts spread one straight leg over several.
     let is_flown = |bin: usize| {
         let around = [BINS - 1, 0, 1].map(|bin_offset| flown_s[(bin + bin_offset) % BINS]);
         flown_s[bin % BINS] > 0.0 && around.iter().sum::<f64>() >= MIN_TIME_PER_DIRECTION_S
@@ -366,7 +366,7 @@ impl VelocityCircle {
 struct HeadingIntegral {
     /// Time, seconds, and integrated heading rate, radians.
     integral: Vec<(f64, f64)>,
-    /// Times with bank, seconds.
+    /// Times of the attitude rows with a bank above `MAX_BANK_DEG`, seconds.
     banked_s: Vec<f64>,
 }
 

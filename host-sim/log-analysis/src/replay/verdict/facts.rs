@@ -41,7 +41,7 @@ impl Verdict<'_> {
                 add("as parameters", format!("{lost} deg RMS lost"));
                 exported.warnings.iter().for_each(|warning| add("parameters", warning.clone()));
             }
-            // Of a failed sensor.
+            // Parameters that the judgement does not recommend, as those of a failed sensor, are not shown.
             Ok(_) => {}
             Err(why) => add("parameters", format!("none: {why}")),
         }
@@ -103,7 +103,7 @@ fn add_solution_facts(solution: &Solution, add: &mut dyn FnMut(&str, String)) {
         };
         add("motor current", format!("{found}, of {mean_current_a:.1} A that varied by {current_sigma_a:.1} A"));
     }
-    // Either residual has several causes (latency, an attitude that lags in turns, interference): none is named.
+    // No cause is named: latency, an attitude that lags in turns, and interference cause both kinds of residuals.
     if let Some(finding) = &solution.hard_iron_change {
         add("allowed for", format!("{} deg: residuals that change in time", deg(finding.added_error_deg)));
     }

@@ -75,7 +75,7 @@ impl<'a> Verdict<'a> {
     #[must_use]
     pub fn compasses_in_use_first(&self) -> Vec<&CompassVerdict<'a>> {
         let mut compasses: Vec<&CompassVerdict<'a>> = self.compasses.iter().collect();
-        // Unknown between used and unused.
+        // Compasses of unknown use come after used ones and before unused ones.
         compasses.sort_by_key(|compass| match compass.evaluation.is_used {
             Some(true) => 0,
             None => 1,

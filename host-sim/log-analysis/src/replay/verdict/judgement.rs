@@ -32,13 +32,13 @@ pub enum CompassState {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CompassAction {
-    /// Load the parameters.
+    /// Load the exported parameters.
     Load,
-    /// Leave it as it is.
+    /// Leave compass and parameters unchanged.
     Leave,
     /// Fly again, since this flight does not determine parameters.
     FlyAgain,
-    /// Replace or move it.
+    /// Replace or move the compass.
     Replace,
 }
 
@@ -62,9 +62,9 @@ pub enum Reason {
     NoReference,
     /// Too few headings with a reference.
     FewHeadings,
-    /// Parameters with this error are given.
+    /// The report contains parameters; their heading error on held-back rows.
     Parameters(HeldBackScore),
-    /// None are given.
+    /// The report contains no parameters; the reason.
     NoParameters(NoParameters),
 }
 

@@ -83,7 +83,8 @@ impl FlightOutcome {
         if accepted.is_empty() {
             let nearest = nearest(compasses);
             let cause = nearest.map_or(FlightRefusal::FewReadings(0), FlightRefusal::new);
-            // Causes with other numbers are the same cause if their texts are.
+            // The compasses share a cause if its displayed text is equal for all, even if the numbers differ before
+            // rounding.
             let is_shared =
                 compasses.iter().all(|compass| FlightRefusal::new(compass).to_string() == cause.to_string());
             let nearest = nearest.filter(|_| !is_shared).map(|compass| compass.number);

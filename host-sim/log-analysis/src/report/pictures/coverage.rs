@@ -5,7 +5,7 @@ use super::super::svg::{Point, Shape, Svg};
 use super::{LegendSample, Picture, draw_legend};
 use crate::numbers::format_number;
 
-/// Heading sectors, centred on their number.
+/// Number of heading sectors; sector `n` is centred on a heading of 30 `n` degrees.
 const HEADING_SECTORS: usize = 12;
 
 /// Row of the picture: name and predicate.

@@ -11,7 +11,7 @@ pub struct Picture {
     pub is_wide: bool,
 }
 
-/// Sample in a legend.
+/// Symbol in a legend: line, points, both, or a filled area, with style classes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LegendSample {
     Line(&'static str),

@@ -94,7 +94,7 @@ impl Registers {
         match register {
             CTRL_REG2 if value & SOFT_RESET_OR_REBOOT != 0 => *self = Self::default(),
             CTRL_REG1..=CTRL_REG5 | INT_CFG | INT_THS_L | INT_THS_H => self.bytes[usize::from(register)] = value,
-            // Read-only or reserved.
+            // Writes to read-only and reserved registers have no effect.
             _ => return false,
         }
         matches!(register, CTRL_REG1..=CTRL_REG3)

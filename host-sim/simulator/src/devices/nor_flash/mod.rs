@@ -27,11 +27,11 @@ const ERASE_TIME: Duration = Duration::from_millis(22);
 /// Progress of the operation that the power cut interrupts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CutOutcome {
-    /// Not started.
+    /// The operation is not started.
     NotBegun,
-    /// Partially done.
+    /// The operation is partially done.
     Torn,
-    /// Complete, but reported as failed.
+    /// The operation is complete, but reported as failed.
     Done,
 }
 
@@ -41,7 +41,7 @@ impl CutOutcome {
 }
 
 struct ScheduledPowerCut {
-    /// Operations that still succeed.
+    /// Number of operations that succeed before the power cut.
     operations_left: u32,
     outcome: CutOutcome,
     stop: Stop,

@@ -97,7 +97,7 @@ impl Registers {
                 self.set(TMRC, value);
             }
             CCX1..=CCZ0 | BIST | HSHAKE => self.set(register, value),
-            // Read-only, or alarms.
+            // Writes to read-only and alarm registers have no effect.
             _ => {}
         }
     }
@@ -113,7 +113,7 @@ impl Registers {
         }
     }
 
-    /// Refused in continuous mode.
+    /// Starts a single measurement; ignored in continuous mode or with fewer than three axes.
     fn start_single(&mut self, axes: u8, now_us: u64) {
         if self.is_continuous() || axes & ALL_AXES != ALL_AXES {
             return;

@@ -38,7 +38,7 @@ impl CopterLimits {
 /// Relative thrust loss in an upward gust, per metre per second.
 const THRUST_PER_GUST_S_M: f64 = 0.1;
 
-/// Angle with first-order rate control.
+/// Roll or pitch angle under cascaded angle and rate control, with a first-order response of the rate.
 #[derive(Clone, Copy, Debug, Default)]
 struct TiltControl {
     rad: f64,

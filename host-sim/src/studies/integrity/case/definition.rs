@@ -85,11 +85,11 @@ pub struct DrawnCase {
     pub switch: Switch,
     /// Time during which the fault is active.
     pub onset: Onset,
-    /// Time on the ground before use, seconds.
+    /// Time on the ground between calibration and the flight in use, seconds.
     pub ground_time_s: f64,
-    /// Duration of use, seconds.
+    /// Duration of the flight in use (after the calibration), seconds.
     pub use_s: f64,
-    /// Draws the further legs of use, after the first.
+    /// Draws the legs of the flight in use after its first leg.
     pub further_legs: fn(VehicleKind, &mut Random) -> Vec<Leg>,
     pub(super) seed: u64,
     pub(super) random: Random,
@@ -127,7 +127,7 @@ pub(super) const COUNTS_PER_UT: f64 = 68.42;
 pub(super) const SENSOR_SIGMA_COUNTS: f64 = 0.32 * COUNTS_PER_UT;
 
 impl Case {
-    /// Number of flights of this case, if `asked` are flown of others.
+    /// Number of flights of this case: `requested`, up to the case's limit.
     #[must_use]
     pub fn flights(&self, requested: u64) -> u64 {
         requested.min(self.max_flights)
@@ -330,7 +330,8 @@ impl DrawnCase {
         self.add_field_fault(Onset::Always, SoftIronHysteresis::new(&airframe, earth, play_deg));
     }
 
-    /// Aliases from below the rate of a circle up, so that no average removes them.
+    /// Adds vibration near the sample rate, whose alias of 0.01 to 0.5 Hz no average removes: the lowest frequencies
+    /// are below the circling rate. `peak_ut`: amplitude, microtesla.
     pub(super) fn vibrate(&mut self, peak_ut: f64) {
         let peak_counts = self.random_ut(peak_ut) * COUNTS_PER_UT;
         let alias_hz = self.random.uniform(0.01, 0.5);
@@ -426,15 +427,15 @@ impl DrawnCase {
 }
 
 impl Onset {
-    /// Permanent from shortly after the start of use.
+    /// Permanent fault from `USUAL_ONSET_S` after the start of use.
     pub(super) const SOON_AND_PERMANENT: Self = Self::permanent_after(USUAL_ONSET_S);
 
-    /// Permanent from `after_s` after the start of use.
+    /// Permanent fault from `after_s` seconds after the start of use.
     pub(super) const fn permanent_after(after_s: f64) -> Self {
         Self::InUse { after_s, for_s: f64::INFINITY }
     }
 
-    /// During the shortest calibration of a vehicle.
+    /// Fault during the whole calibration, of the shortest duration for this kind of vehicle.
     pub(super) const fn calibrating(aircraft: VehicleKind) -> Self {
         Self::Calibrating { after_s: 0.0, until_s: calibration_s(aircraft) }
     }
