@@ -41,7 +41,7 @@ pub struct Diagnostics {
 /// State of the node on a CAN bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CanState {
-    /// Number, once there is one.
+    /// Node number; `None` until the node has one.
     pub node: Option<NodeId>,
     /// Whether another node has the same number.
     pub has_conflict: bool,

@@ -155,7 +155,8 @@ fn check_held_back(policy: &AcceptancePolicy, grounds: &AcceptanceSamples<'_>) -
     if have < need { Err(Rejection::TooFewHeldBack { have, need }) } else { Ok(()) }
 }
 
-/// Smallest number of held-back samples among the parts used. Marks have none; samples between them are held back.
+/// Smallest number of held-back samples among the parts used. Marks of a compass swing are never held back; samples
+/// between marks are.
 fn fewest_held_back(grounds: &AcceptanceSamples<'_>) -> u16 {
     let AcceptanceSamples { fit: fitted, held_back, .. } = grounds;
     let used = Part::ALL.into_iter().filter(|part| !fitted.part(*part).is_empty());

@@ -69,7 +69,7 @@ pub async fn run(
         let estimated = async {
             estimates.changed().await;
         };
-        // Estimates first, because a bus in error is always ready.
+        // Estimates come first: a bus in error is ready at every poll, and would starve any future after it.
         match select4(estimated, sent, wires.answers.wait(), rx.receive()).await {
             Either4::First(()) => {
                 increment(&wires.heartbeat);

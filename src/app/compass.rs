@@ -85,7 +85,7 @@ async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut C
         }
         add_sample_loss(&mut effect, SampleLoss::from_counts(&began, &links.counts()));
         let message = if let Effect::Notify(message) = &effect { Some(message) } else { None };
-        // Before the reply: its reader finds the module in the state that the reply names.
+        // The state is published before the reply, so that the reader of the reply finds the state that it names.
         publish_state(links, compass, message);
         if let (Effect::Reply(reply), Event::Command(command, _), Some(source)) = (effect, event, source) {
             // The console restarts the module after its reply, for a command from any source.

@@ -31,7 +31,8 @@ pub async fn run(links: &Links) -> ! {
             Either4::First(found) => configure_sensor(&mut instrument, found),
             Either4::Second(report) => {
                 instrument.on_attitude(report.at, report.value);
-                // Polled on attitude reports: they are more frequent than currents, and readings are more urgent.
+                // The motor current is polled on attitude reports, which are more frequent than currents and less
+                // urgent than readings.
                 if let Some(current) = links.current.try_get() {
                     instrument.on_current(current.at, current.value);
                 }

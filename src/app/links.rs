@@ -42,7 +42,7 @@ pub(super) struct DetectedSensor {
 pub(super) enum CommandSource {
     Console,
     Line(AutopilotLine),
-    /// Receives no reply; the lamp shows the state.
+    /// The board's button, without a reply; the lamp shows the state.
     Button,
 }
 
@@ -83,33 +83,33 @@ pub struct Links {
     pub(super) readings: Queue<Timestamped<Reading>, 4>,
     pub(super) reports: Queue<Timestamped<AttitudeReport>, 8>,
     pub(super) samples: Queue<Sample, 8>,
-    /// To the state machine. Capacity: one command of each source.
+    /// Commands for the state machine. Capacity: one command of each source.
     pub(super) commands: Queue<(CommandSource, Command), { 2 + LINE_COUNT }>,
-    /// To the console: replies to its commands.
+    /// Replies to commands of the console.
     pub(super) replies: Queue<Result<Reply, Refusal>, 1>,
-    /// To the console: unsolicited messages. Each line has a queue of its own.
+    /// Unsolicited messages for the console. Each line has a queue of its own.
     pub(super) notices: Queue<Message, MESSAGE_QUEUE_CAPACITY>,
-    /// To the lamp, which polls it.
+    /// Indicator state for the lamp, whose task polls it.
     pub(super) indicator: LatestValue<IndicatorState, 1>,
-    /// To the instrument and to the state machine.
+    /// Detected sensor, for the instrument and the state machine.
     pub(super) sensor: LatestValue<DetectedSensor, 2>,
-    /// To the state machine: whether the autopilot is armed, if known.
+    /// Whether the autopilot is armed, if known; for the state machine.
     pub(super) armed: LatestValue<Option<bool>, 1>,
-    /// To the state machine: the autopilot's position. The date is separate, because it may arrive on another port.
+    /// The autopilot's position, for the state machine. The date is separate, because it may arrive on another port.
     pub(super) position: LatestValue<Timestamped<Position>, 1>,
-    /// To the state machine: the date.
+    /// Date, for the state machine.
     pub(super) date: LatestValue<Date, 1>,
-    /// To the instrument, which polls it: the motor current, amperes.
+    /// Motor current, amperes; the instrument polls it.
     pub(super) current: LatestValue<Timestamped<f32>, 0>,
-    /// To the instrument: replaced as a whole, so that a heading never mixes two calibrations.
+    /// Correction for the instrument, replaced as a whole, so that a heading never mixes two calibrations.
     pub(super) correction: LatestValue<Correction, 1>,
-    /// To the lines: effective settings.
+    /// Effective settings, for the lines.
     pub(super) settings: LatestValue<Settings, LINE_COUNT>,
-    /// To the CAN bus, which polls it: settings as stored.
+    /// Settings as stored; the task of the CAN bus polls them.
     pub(super) stored_settings: LatestValue<Settings, 0>,
-    /// To the lines; the console polls it.
+    /// Latest estimate, for the lines; the console polls it.
     pub(super) estimates: LatestValue<Estimate, LINE_COUNT>,
-    /// To the console, which restarts the module.
+    /// Request to restart the module, for the console, which does so.
     pub(super) restart: Signal<CriticalSectionRawMutex, ()>,
     lines: [LineLinks; LINE_COUNT],
     attitude_line: Mutex<CriticalSectionRawMutex, Cell<LineSelector>>,
@@ -283,7 +283,7 @@ const MESSAGE_QUEUE_CAPACITY: usize = 3;
 struct LineState {
     /// `Auto` during detection.
     protocol: ProtocolKind,
-    /// Whether its autopilot is armed, if known.
+    /// Whether the line's autopilot is armed, if known.
     is_armed: Option<bool>,
 }
 

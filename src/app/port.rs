@@ -59,7 +59,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
         let estimated = async {
             estimates.changed().await;
         };
-        // Estimates first, because a line in error is always ready.
+        // Estimates come first: a line in error is ready at every poll, and would starve any future after it.
         match select4(estimated, written, wires.answers.wait(), rx.read(&mut bytes)).await {
             Either4::First(()) => {
                 increment(&wires.heartbeat);

@@ -29,10 +29,11 @@ const MIN_MISSING_RAD: f32 = 0.07;
 /// Additional missing motion per radian turned: gyro scale and cross-axis errors of 10 % on two axes are 14 %.
 const MIN_MISSING_PER_RAD_TURNED: f32 = 0.15;
 
-/// Largest reported part of the predicted motion of a hanging vertical. A bank scale of a third passes.
+/// Largest ratio of the reported to the predicted motion of the vertical in a hanging attitude. A source that reports a
+/// third of the bank is not detected.
 const MAX_HANGING_FRACTION: f32 = 0.3;
 
-/// Smallest part of the predicted motion that a vector which follows the rates makes.
+/// Smallest ratio of observed to predicted motion of a vector that follows the rates.
 const MIN_FOLLOWING_FRACTION: f32 = 0.5;
 
 /// Smallest predicted motion of the field that shows whether it follows, radians (2 deg): three times its noise.
@@ -67,7 +68,7 @@ pub(super) struct HangDetector {
 struct Motion {
     last: Option<Vector3<f32>>,
     observed: Vector3<f32>,
-    /// By the body rates.
+    /// Motion predicted from the body rates.
     predicted: Vector3<f32>,
 }
 

@@ -54,16 +54,16 @@ pub enum AttitudeLookup {
 /// Counts of rejected reports; each wraps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RejectedReports {
-    /// Too far from the prediction of the previous report.
+    /// Reports too far from the prediction of the previous report.
     pub spikes: u32,
-    /// Repeated by a frozen source, or of a hanging attitude.
+    /// Reports that a frozen source repeats, or with a hanging attitude.
     pub frozen: u32,
-    /// Body rates that contradict the attitude; the report is used without them.
+    /// Reports with body rates that contradict the attitude; used without the rates.
     pub contradicting_rates: u32,
 }
 
 impl RejectedReports {
-    /// All zero.
+    /// All counts zero.
     pub const NONE: Self = Self { spikes: 0, frozen: 0, contradicting_rates: 0 };
 }
 

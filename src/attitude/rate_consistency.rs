@@ -109,7 +109,8 @@ impl RateConsistency {
         }
     }
 
-    /// Takes the squared changes of one interval.
+    /// Whether the body rates are too small for the attitude's changes. Adds the squared changes of one interval,
+    /// rad^2, to the evidence.
     fn are_too_slow(&mut self, gyro_squared: f32, attitude_squared: f32) -> bool {
         let enough = gyro_squared / (MIN_RATE_RATIO * MIN_RATE_RATIO) - attitude_squared;
         self.rate_evidence_rad2 =

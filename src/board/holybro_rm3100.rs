@@ -147,7 +147,7 @@ fn clocks() -> embassy_stm32::Config {
         divr: Some(rcc::PllRDiv::DIV2),
     });
     config.rcc.sys = rcc::Sysclk::PLL1_R;
-    // Required above 150 MHz.
+    // The core's boost mode is required above 150 MHz.
     config.rcc.boost = true;
     config.rcc.ls = rcc::LsConfig::off();
     config.rcc.mux.fdcansel = rcc::mux::Fdcansel::PLL1_Q;
@@ -192,10 +192,10 @@ fn node_info() -> NodeInfo {
     }
 }
 
-/// Watchdog; its feeding proves the image.
+/// Watchdog. After `PROOF` without a fault, feeding it marks the image as good for the boot loader.
 pub struct Watchdog {
     watchdog: stm32::watchdog::Watchdog,
-    /// Whether a run without a fault proves the image: not in safe mode.
+    /// Whether a run without a fault marks the image as good; false in safe mode.
     can_prove: bool,
 }
 

@@ -34,7 +34,7 @@ impl Message {
         digest.update(&self.length.to_le_bytes());
         digest.update(&[self.early_panics]);
         digest.update(&self.text);
-        // Inverted, so that all zeros are invalid.
+        // The CRC is inverted, so that memory of all zeros is invalid.
         !digest.finalize()
     }
 
@@ -48,7 +48,8 @@ impl Message {
 
     fn store(mut self) {
         self.crc = self.checksum();
-        // SAFETY: as above. Volatile, because nothing reads it in this run.
+        // SAFETY: called before tasks and interrupts start, or with interrupts disabled, so there is no other access.
+        // Volatile, because nothing reads it in this run.
         unsafe { LAST_WORDS.0.get().write_volatile(MaybeUninit::new(self)) };
     }
 }

@@ -165,7 +165,7 @@ impl fmt::Display for Manoeuvre {
 pub struct Advice {
     /// Largest part of the expected error.
     pub weakest: Deviation,
-    /// Its size, degrees RMS.
+    /// Size of the largest part, degrees RMS.
     pub weakest_deg: f32,
     /// Expected error, degrees RMS.
     pub expected_deg: f32,

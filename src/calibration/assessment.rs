@@ -38,11 +38,11 @@ pub struct Solution {
 /// A detected violation of an assumption. `quality` and `uncertainty` of the solution include its effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Finding<T> {
-    /// The violation.
+    /// The violation detected.
     pub violation: T,
-    /// Its share of the expected heading error, degrees RMS; adds in squares.
+    /// Contribution of the violation to the expected heading error, degrees RMS; adds in squares.
     pub added_error_deg: f32,
-    /// Expected heading error without it, degrees RMS.
+    /// Expected heading error without the violation, degrees RMS.
     pub expected_without_deg: f32,
 }
 
@@ -53,8 +53,8 @@ impl<T> Finding<T> {
     }
 }
 
-/// The more significant one of a constant and a lagging lean, with the effect of both. Below the minimum, a lagging one
-/// is only in the expected error.
+/// The more significant of a constant and a lagging bank-scale error, with the effect of both on the expected error. A
+/// lagging one below `MIN_REPORTED_SIGMAS` is not reported, but its effect is included.
 fn bank_scale_error(
     constant: Option<Finding<AttitudeErrorFinding>>,
     lagging: Option<Finding<AttitudeErrorFinding>>,

@@ -16,7 +16,7 @@ pub(super) const HOLD_BACK_CYCLE: u16 = 4;
 /// Number of parts.
 pub(super) const PARTS: usize = Part::ALL.len();
 
-/// One part of the buffer.
+/// One part (left, right or level) of the sample buffer, with its state.
 pub(super) struct PartView<'a> {
     part: Part,
     buffer: &'a mut SampleBuffer,
@@ -36,7 +36,7 @@ impl<'a> PartView<'a> {
         Self { part, buffer, state: &mut states[index], last_taken_at: &mut last_taken_at[index] }
     }
 
-    /// Samples of one use, in the order of their storage.
+    /// The part's samples for one purpose, fit or held back, in the order of their storage.
     pub fn of(&self, purpose: SampleUse) -> &[Sample] {
         self.buffer.part(purpose, self.part)
     }

@@ -10,7 +10,7 @@ use crate::calibration::{Current, Part, Rates, Sample};
 use crate::frames::{Attitude, Field, Level};
 use crate::time::WrappingMillis;
 
-/// Horizontal field of all generators, microtesla.
+/// Horizontal field of all simulated samples, microtesla.
 pub const RADIUS_UT: f32 = 20.0;
 
 const HARD_IRON_UT: Vector3<f32> = Vector3::new(60.0, -45.0, 80.0);

@@ -88,7 +88,8 @@ impl Compass<'_> {
                 self.resume_collection(starter);
                 return Effect::None;
             }
-            // Ends an automatic collection, too, whether or not the save succeeds.
+            // A sufficient trial becomes the calibration, and ends an automatic collection, too, whether or not the
+            // save succeeds.
             purpose = SolvePurpose::Calibration(None);
         }
         match accepted {

@@ -137,7 +137,7 @@ impl Compass<'_> {
     }
 }
 
-/// The setting in the monitor's units.
+/// Sensor errors of the settings (percent) in the monitor's units (fractions).
 fn expected_errors(error: SensorError) -> SensorErrorSigmas {
     SensorErrorSigmas { gyro_scale: error.gyro_percent / 100.0, hard_iron_drift: error.drift_percent / 100.0 }
 }

@@ -30,7 +30,7 @@ pub struct ArgumentSpec {
     pub name: &'static str,
     /// Permitted values.
     pub kind: ArgumentKind,
-    /// Whether it may be omitted.
+    /// Whether the argument may be omitted.
     pub is_optional: bool,
 }
 

@@ -10,7 +10,7 @@ use heapless::Vec;
 /// Capacity of a line, characters.
 pub const LINE_CAPACITY: usize = 64;
 
-/// Text before a line.
+/// Prompt at the start of the input line.
 pub const PROMPT: &str = "> ";
 
 /// Key, decoded from one or more bytes.
@@ -199,7 +199,7 @@ impl Editor {
                 self.history.rotate_left(oldest);
                 self.history.truncate(self.history.len() - oldest);
             }
-            // The loop has made room.
+            // Infallible: the loop above freed the capacity for the line and its end.
             let _ = self.history.extend_from_slice(&self.line);
             let _ = self.history.push(b'\n');
         }

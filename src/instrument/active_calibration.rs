@@ -48,7 +48,7 @@ impl ActiveCalibration {
         (self.adjustment, self.adjusted_at) = (*adjustment, at);
     }
 
-    /// The calibration of readings; before the first one, the mounting alone.
+    /// Calibration applied to readings; before the first calibration, the mounting alone.
     pub fn calibration(&self) -> Option<Calibration> {
         let adjusted = self.adjusted.as_ref().map(|(calibration, _)| *calibration);
         adjusted.or_else(|| self.base.mount.map(Calibration::uncalibrated))

@@ -23,7 +23,7 @@ struct AveragingRun {
     last_at: Timestamp,
     field_ut: Vector3<f32>,
     first_roll_rad: f32,
-    /// Relative to the first roll, so that a roll through 180 deg averages correctly.
+    /// Sum of the rolls relative to the first one, radians, so that a roll through 180 deg averages correctly.
     relative_roll_rad: f32,
     pitch_rad: f32,
     rates_rad_s: [f32; 3],

@@ -51,7 +51,7 @@ impl Correction {
         sensor_errors: SensorErrorSigmas::DEFAULT,
     };
 
-    /// Whether both produce the same headings.
+    /// Whether both corrections produce the same headings.
     pub(super) fn gives_same_headings(&self, other: &Self) -> bool {
         self.calibration == other.calibration
             && self.has_valid_inclination == other.has_valid_inclination

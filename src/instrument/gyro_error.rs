@@ -35,7 +35,7 @@ impl GyroErrorRows {
     }
 }
 
-/// The errors of the y axis weighted by `y`, those of z by `z`.
+/// Derivatives by the gyro errors: those of the y axis multiplied by `y`, those of the z axis by `z`.
 fn of_axes(by_axis: &[f32; 4], y: f32, z: f32) -> GyroErrors {
     core::array::from_fn(|i| by_axis[i % 4] * if i < 4 { y } else { z })
 }

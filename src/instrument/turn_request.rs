@@ -5,16 +5,17 @@ use super::estimate::Estimate;
 use crate::time::Timestamp;
 use crate::trig::DEG;
 
-/// Sigma of the heading that asks for a turn, radians: above that of ten minutes of straight flight without a drift.
+/// Heading sigma that requests a turn, radians: above that of ten minutes of straight flight without a drift.
 const REQUEST_SIGMA_RAD: f32 = 3.0 * DEG;
 
-/// Sigma below which a later growth asks again, radians.
+/// Heading sigma below which a later growth requests a turn again, radians.
 const SETTLED_SIGMA_RAD: f32 = 2.0 * DEG;
 
-/// Time with that sigma before it asks, microseconds: the turns after a sudden change of iron take less.
+/// Time with a sigma above `REQUEST_SIGMA_RAD` before a turn is requested, microseconds: the turns after a sudden
+/// change of iron take less.
 const REQUEST_DELAY_US: u64 = 20_000_000;
 
-/// Asks once for each growth of the sigma.
+/// Requests a turn once for each growth of the heading sigma.
 #[derive(Clone, Copy, Debug)]
 pub struct TurnRequest {
     sigma_exceeded_at: Option<Timestamp>,
@@ -22,10 +23,10 @@ pub struct TurnRequest {
 }
 
 impl TurnRequest {
-    /// No growth so far.
+    /// No growth of the sigma so far.
     pub const NONE: Self = Self { sigma_exceeded_at: None, is_request_sent: false };
 
-    /// Updates with an estimate; the sigma of the heading, radians, if a turn is wanted.
+    /// Updates with an estimate; returns the heading sigma, radians, if a turn is requested.
     pub fn update(&mut self, estimate: &Estimate) -> Option<f32> {
         let heading = estimate.smoothed_heading.as_ref().or(estimate.heading.as_ref().ok())?;
         if heading.sigma_rad < SETTLED_SIGMA_RAD {

@@ -16,10 +16,10 @@ use crate::settings::OutOfRange;
 use crate::store::StoreError;
 use crate::trig::Length as _;
 
-/// Receives code, what happened, and what to do.
+/// Callback that receives an entry's code, what happened, and what to do.
 type EntryWriter<'a> = &'a mut dyn FnMut(&'static str, Arguments<'_>, Arguments<'_>) -> fmt::Result;
 
-/// Receives what happened and what to do, for an entry with another entry's code.
+/// Callback that receives what happened and what to do, for an entry that has the code of the entry that contains it.
 type TextWriter<'a> = &'a mut dyn FnMut(Arguments<'_>, Arguments<'_>) -> fmt::Result;
 
 const NO_ADVICE: Arguments<'_> = format_args!("");

@@ -17,7 +17,7 @@ pub enum Refusal {
     Busy,
     /// `cal start` during a collection that the user started.
     Collecting {
-        /// Procedure of that collection.
+        /// Procedure of the running collection.
         present: Procedure,
         /// Procedure of the command.
         requested: Procedure,
@@ -73,9 +73,9 @@ pub enum Refusal {
 /// Cause of missing or uninformative samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RefusalCause {
-    /// Way of flying.
+    /// Problem of the samples collected, caused by the manoeuvres flown.
     CollectionProblem(CollectionProblem),
-    /// Readings rejected before averaging.
+    /// Loss of readings rejected before averaging.
     SampleLoss(SampleLoss),
 }
 

@@ -32,7 +32,7 @@ impl SafeModeReporter {
     pub fn report(&mut self, out: &mut TransmitBuffer) {
         // The line end separates the sentences from the binary messages before them.
         out.append(&[b"\r\n", &nmea::hdm(None), &nmea::quality(&Err(NoHeading::SafeMode), HeadingKind::Raw)]);
-        // Unsigned, because the key is one of the settings.
+        // Frames without a signature, because the key is one of the settings, which safe mode does not read.
         let mut signatures = Signatures::default();
         let mut line = Transmitter::new(out, USUAL_AUTOPILOT.sender(), &mut self.sequence, &mut signatures);
         line.send(OutboundMessage::heartbeat(MavState::MAV_STATE_CRITICAL));

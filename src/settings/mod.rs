@@ -88,14 +88,14 @@ impl fmt::Debug for SigningKey {
 /// Kind of heading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum HeadingKind {
-    /// From field and attitude of one reading: for an autopilot with its own filter.
+    /// Heading from field and attitude of one reading: for an autopilot with its own filter.
     Raw,
-    /// Smoothed with the attitude source's body rates; raw while they are missing or inconsistent.
+    /// Heading smoothed with the attitude source's body rates; raw while they are missing or inconsistent.
     Smooth,
 }
 
 impl HeadingKind {
-    /// Both kinds.
+    /// Both kinds of heading.
     pub const ALL: [Self; 2] = [Self::Raw, Self::Smooth];
 
     /// Name in commands.
@@ -155,7 +155,7 @@ pub struct SensorError {
 }
 
 impl SensorError {
-    /// The monitor's default.
+    /// Default errors, those of the monitor.
     pub const DEFAULT: Self = Self { gyro_percent: 2.0, drift_percent: 0.25 };
 
     /// Range of the gyro's error, percent, up to the largest that the monitor estimates.

@@ -279,7 +279,7 @@ impl PageScan {
     fn add_state(&mut self, page: u32, content: &PageContent<'_>) {
         let state = match content {
             PageContent::Item(Item { fields, .. }) => fields::decode::<StoredState>(fields),
-            // Damaged by a power failure during the very first save; nothing was stored before.
+            // Only a power failure during the very first save damages the first page alone; nothing was stored before.
             PageContent::Damaged if page == FIRST_STATE_PAGE => return,
             PageContent::Damaged => Err(StoreError::Corrupt),
             PageContent::Erased | PageContent::OtherFormat(_) => return,

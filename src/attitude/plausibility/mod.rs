@@ -114,7 +114,7 @@ impl MeanDirection {
 pub(super) struct FreezeDetector {
     last_attitude: Option<Attitude>,
     equal_reports: u8,
-    /// Times of the first and of the last of them.
+    /// Times of the first and of the last of the equal reports.
     equal_since: Timestamp,
     last_report_at: Timestamp,
     /// Whether a change below the fine resolution was observed.
@@ -177,7 +177,8 @@ impl FreezeDetector {
         self.is_frozen.then_some(self.last_report_at)
     }
 
-    /// Whether the field rotated since then, other than about the vertical of a level vehicle.
+    /// Whether the field rotated in body axes since the first equal report, other than about the vertical of a level
+    /// vehicle.
     fn has_field_rotated(&self, attitude: Attitude) -> bool {
         let (Some(now), Some(then)) = (self.field_direction.mean(), self.settled_direction) else { return false };
         let [now, then] = [now, then].map(|direction| direction / direction.length());

@@ -89,7 +89,7 @@ impl SenderEntry {
 struct SelectedSender {
     source: SenderId,
     attitude_at: Timestamp,
-    /// Whether a heartbeat identified it as an autopilot.
+    /// Whether a heartbeat identified the sender as an autopilot.
     is_autopilot: bool,
 }
 

@@ -35,7 +35,7 @@ const LATE_S: f32 = 0.06;
 /// Interference of the motor-current test, microtesla per ampere and axis: 8 uT in all.
 const UT_PER_A: f32 = 0.5;
 
-/// Duration of an instruction (`-icount shift=6`) and of a clock tick.
+/// Duration of an instruction (`-icount shift=6`) and of a clock tick, nanoseconds.
 const INSTRUCTION_NS: u64 = 64;
 const TICK_NS: u64 = 40;
 
@@ -54,7 +54,7 @@ enum Test {
     PanicAtStarts = 5,
 }
 
-/// Whether each start panics: this value in memory that survives a reset.
+/// Value of `STARTS`, in memory that survives a reset, that makes each start panic.
 const PANICS_AT_STARTS: u32 = 0x0BAD_57A7;
 
 #[unsafe(link_section = ".uninit.starts")]
@@ -102,7 +102,7 @@ pub async fn run(mut tx: UartTx) -> ! {
     }
 }
 
-/// Panics if each start has to.
+/// Panics if `STARTS` requires a panic at each start.
 fn panic_if_asked() {
     assert!(STARTS.load(Ordering::Relaxed) != PANICS_AT_STARTS, "at each start");
 }

@@ -21,10 +21,10 @@ const CLEAR: Register = Register::of(Peripheral::DualTimer, 0x0C);
 /// Frequency of counter and timer: 25 MHz.
 pub const TICKS_PER_US: u64 = 25;
 
-/// `CONTROL`: one shot, 32 bits. QEMU applies 32 bits of `LOAD` only if 32-bit mode was set before.
+/// Values of `CONTROL`: one shot, 32 bits. QEMU applies 32 bits of `LOAD` only if 32-bit mode was set before.
 const STOPPED: u32 = 0b0000_0011;
 const RUNNING: u32 = 0b1010_0011;
-/// Stops and keeps the remaining time.
+/// Value of `CONTROL` that stops the timer, which keeps its remaining time.
 const PAUSED: u32 = 0b0010_0011;
 
 /// Longest timer interval: the counter must be read before it wraps after 171 s.
@@ -126,7 +126,8 @@ pub extern "C" fn on_interrupt() {
 /// between five reads.
 #[inline(never)]
 fn place_in_five() -> u32 {
-    /// Indexed by the four differences minus one, as bits.
+    /// Phase by four bits: the differences of consecutive reads, less one, the first difference as the most significant
+    /// bit.
     const PLACES: [u8; 16] = [0, 0, 0, 0, 0, 0, 2, 0, 0, 0, 4, 1, 0, 3, 0, 0];
     let (a, b, c, d, e): (u32, u32, u32, u32, u32);
     // SAFETY: five consecutive reads of a register without side effects.

@@ -55,7 +55,8 @@ impl SensorBus {
         SET.write(SDA);
     }
 
-    /// Minimal, because the instruction counts of a reading include it, unlike on a board with an I2C peripheral.
+    /// Sends one bit in the fewest instructions: the instruction counts of a reading include them, unlike on a board
+    /// with an I2C peripheral.
     fn put_bit(&mut self, bit: bool) {
         (if bit { SET } else { CLEAR }).write(SDA);
         SET.write(SCL);

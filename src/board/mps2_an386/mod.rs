@@ -79,17 +79,17 @@ extern "C" fn on_instrument() {
 }
 
 extern "C" fn on_step_task() {
-    // SAFETY: the executor was started with this interrupt; likewise below.
+    // SAFETY: the executor was started with this interrupt.
     unsafe { STEP_TASK.on_interrupt() }
 }
 
 extern "C" fn on_heading_tasks() {
-    // SAFETY: see above.
+    // SAFETY: the executor was started with this interrupt.
     unsafe { HEADING_TASKS.on_interrupt() }
 }
 
 extern "C" fn on_other_tasks() {
-    // SAFETY: see above.
+    // SAFETY: the executor was started with this interrupt.
     unsafe { OTHER_TASKS.on_interrupt() }
 }
 
@@ -119,7 +119,7 @@ pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! 
     clock::start();
     lockstep::started();
     for interrupt in [Interrupt::DualTimer, Interrupt::Uart0Rx, Interrupt::Uart1Rx, Interrupt::Uart3Rx] {
-        // SAFETY: their handlers are in the table above.
+        // SAFETY: `__INTERRUPTS` has handlers of these interrupts.
         unsafe { NVIC::unmask(interrupt) };
     }
     #[cfg(feature = "bench")]
@@ -140,7 +140,7 @@ pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! 
         reset,
     };
 
-    // Infallible: one task of each; likewise below.
+    // Infallible: this task and the bench task are spawned only once.
     STEP_TASK.start(Interrupt::StepTask).spawn(step().expect("one task"));
     let above = HEADING_TASKS.start(Interrupt::HeadingTasks);
     let below = OTHER_TASKS.start(Interrupt::OtherTasks);

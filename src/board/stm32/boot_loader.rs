@@ -90,12 +90,11 @@ fn reset_interrupt_controller(controller: &NVIC) {
 }
 
 /// Description of the image, which the boot loader searches for and checks (`app_descriptor_unsigned` in
-/// AP_CheckFirmware.h).
+/// AP_CheckFirmware.h). scripts/boot-loader-image writes both CRCs, the size and the commit.
 #[repr(C)]
 pub struct AppDescriptor {
     signature: [u8; 8],
-    /// CRC of the image up to the signature, its own bytes included; this and the next three: set by
-    /// scripts/boot-loader-image.
+    /// CRC of the image up to and including `signature`.
     image_crc1: u32,
     /// CRC of the image from `version_major` on.
     image_crc2: u32,

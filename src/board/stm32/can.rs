@@ -68,7 +68,7 @@ impl ReceiveFrame for CanReceiver {
         loop {
             let frame = self.frames.receive().await?.frame;
             if self.is_restricted {
-                // Allowed at any time (reference manual RM0440, FDCAN_CCCR).
+                // Restricted operation mode may be left at any time (reference manual RM0440, FDCAN_CCCR).
                 pac::FDCAN1.cccr().modify(|control| control.set_asm(false));
                 self.is_restricted = false;
             }

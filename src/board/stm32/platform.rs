@@ -1,4 +1,4 @@
-//! Restart and stack.
+//! Restart of the processor, and the largest use of its stack.
 
 use autoswing::app;
 use autoswing::health::StackUse;

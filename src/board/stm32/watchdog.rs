@@ -5,8 +5,8 @@ use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Peri, pac};
 
-/// Exceeds the longest interval between feedings, one missed check included, even if the watchdog clock runs at 34 kHz
-/// instead of 32 kHz (data sheets of STM32L4 and STM32G4, LSI).
+/// Period of the watchdog, microseconds: longer than the longest interval between feedings, one missed check included,
+/// even if the watchdog clock runs at 34 kHz instead of 32 kHz (data sheets of STM32L4 and STM32G4, LSI).
 const PERIOD_US: u32 = 2_000_000;
 const _: () = assert!(PERIOD_US as u64 * 32 > watchdog::MAX_FEED_INTERVAL_US * 34);
 

@@ -8,7 +8,7 @@ use embassy_executor::SendSpawner;
 use super::lines::{console, port, spawned};
 use crate::board::chosen::{CanBus, Lines, Platform, UartRx, UartTx};
 
-/// Ports that report safe mode: the only UART is the console then.
+/// Number of ports that report safe mode: none, because the only UART is the console then.
 pub const SAFE_MODE_PORTS: usize = 0;
 
 /// Spawns CAN bus and port on `above`, the console on `below`.

@@ -29,7 +29,7 @@ pub(in crate::calibration) struct AttitudeState {
 }
 
 impl AttitudeState {
-    /// State in a long turn.
+    /// State in a turn so long that the lagged roll equals the roll.
     pub const fn steady(attitude: Attitude, rates: Rates) -> Self {
         Self { attitude, rates, lagged_roll_rad: attitude.roll_rad }
     }

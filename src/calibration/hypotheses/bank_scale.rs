@@ -35,7 +35,8 @@ const CERTAIN_SIGMAS: f32 = 3.5;
 /// Significance threshold, squared sigmas. One clean flight in 16 exceeds it.
 const CHANCE_VARIANCE_RATIO: f32 = 3.0;
 
-/// Slope of the error allowed for above the threshold: all of the estimate at twice the threshold.
+/// Slope of the squared error to allow for, over the squared estimate above the threshold: at twice the threshold the
+/// whole estimate is allowed for.
 const ALLOWANCE_SLOPE: f32 = 2.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -36,7 +36,8 @@ pub(in crate::calibration) const LAGGING_LEAN: usize = 4;
 /// Standard deviations of all errors.
 pub(in crate::calibration) type AttitudeErrorSigmas = [f32; ERRORS];
 
-/// Standard deviations without a test; of the latency as estimated.
+/// Standard deviations of all errors before they are tested: the assumed ones, and for the latency that of its
+/// estimate.
 pub(in crate::calibration) fn assumed_sigmas(
     consider: ConsiderSigmas,
     latency: Option<AttitudeLatency>,

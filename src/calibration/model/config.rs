@@ -52,9 +52,10 @@ impl ModelConfig {
         huber_sigmas: 2.0,
     };
 
-    /// For samples that do not determine the mounting: fixed to the configured one within half a degree.
+    /// Configuration for samples that do not determine the mounting: the configured mounting is fixed within half a
+    /// degree.
     pub const WITH_FIXED_MOUNTING: Self = Self { mounting_sigma: 0.009, ..Self::DEFAULT };
 
-    /// For tumbling on a bench, without attitude.
+    /// Configuration for tumbling on a bench, without attitude.
     pub const WITHOUT_ATTITUDE: Self = Self { uses_attitude: false, ..Self::WITH_FIXED_MOUNTING };
 }

@@ -13,7 +13,8 @@ pub(super) enum GivenInclination {
     Unknown,
     /// A prior of the fit, radians.
     Prior(f32),
-    /// The solve with it failed with this error, or was inaccurate. It is no prior any more, but still compared.
+    /// The given inclination, radians, is no longer a prior, because the solve with it failed with this error or was
+    /// inaccurate. It is still compared with the result.
     Dropped { given_rad: f32, error: Option<SolveError> },
 }
 

@@ -5,14 +5,14 @@ use core::fmt;
 /// Time course of a hard-iron change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HardIronTimeCourse {
-    /// Sudden, this long after the first sample.
+    /// Sudden change.
     Step {
-        /// Seconds.
+        /// Time of the change after the first sample, seconds.
         after_s: u16,
     },
-    /// Linear from the first sample to the last.
+    /// Linear change from the first sample to the last.
     Drift,
-    /// In turns, with the load factor: iron in the linkage of the elevator.
+    /// Change in turns, with the load factor: iron in the linkage of the elevator.
     InTurns,
     /// Lag of the soft iron behind turns: hysteresis.
     BehindTurns,

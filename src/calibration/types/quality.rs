@@ -70,7 +70,7 @@ impl Envelope {
         };
         match method {
             Method::Level => Self::Level,
-            // Its samples have no attitude.
+            // Samples of the ellipsoid method have no attitude to test.
             Method::Ellipsoid => Self::Banked,
             _ if samples.all().all(is_level) => Self::Level,
             _ => Self::Banked,

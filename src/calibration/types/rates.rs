@@ -4,8 +4,8 @@ const STEPS_PER_RAD_S: f32 = 1024.0;
 
 /// Rates of roll, pitch and heading, 1/1024 rad/s, up to 32 rad/s. A step changes the attitude by 0.006 deg in 0.1 s.
 ///
-/// A source without rates has zero rates: they determine neither an attitude latency nor a direction of turn, as no
-/// motion does not.
+/// A source without rates has zero rates. Like rest, these determine neither an attitude latency nor a direction of
+/// turn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rates([i16; 3]);
 

@@ -35,7 +35,7 @@ pub enum Deviation {
     Semicircular,
     /// Coefficients D and E: two periods per circle.
     Quadrantal,
-    /// Varies with bank.
+    /// Heeling error: varies with bank.
     Heeling,
 }
 

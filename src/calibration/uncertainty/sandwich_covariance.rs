@@ -55,7 +55,7 @@ pub(in crate::calibration) fn sandwich_covariance(
         inflated.dot(&columns[j])
     });
     if errors == CovarianceContent::WithoutNoise {
-        // Cancels the noise term; `H^-1 H_priors H^-1` is added below.
+        // With -1, the loop over the priors adds `H^-1 H_priors H^-1`; the noise term is zero.
         of_norm = -1.0;
     }
     let along = |vector: &Vector13| Vector12::from_fn(|i, _| columns[i].dot(vector));

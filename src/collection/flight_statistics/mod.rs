@@ -80,9 +80,9 @@ struct DiagnosisLimits {
     min_tilt_rad: f32,
     /// Shortest total bank time of a side that was flown, milliseconds; gusts last 1 to 2 s.
     min_bank_ms: u32,
-    /// Samples of at least 32 s of turning.
+    /// Fewest samples for a diagnosis of slow turns: at least 32 s of turning.
     min_arc_samples: u16,
-    /// Sectors that a turn of 8 deg/s exceeds in that time.
+    /// Number of heading sectors that a turn of 8 deg/s exceeds in `min_arc_samples` samples.
     max_arc_sectors: u8,
 }
 

@@ -17,7 +17,7 @@ const TARGET: u16 = 66;
 const _: () = assert!(TARGET as usize <= Quota::TURN.fit);
 
 /// Stores a sample of any attitude if it is due and at least `distance_ut` from the others; increases the distance when
-/// the quota is used. Returns whether it is so.
+/// the quota is used. Returns whether the sample was stored.
 pub(super) fn push(mut part: PartView<'_>, quota: Quota, distance_ut: &mut f32, sample: Sample) -> bool {
     let is_far = !part.fit_then_held_back().iter().any(|other| distance(other, &sample) < *distance_ut);
     let is_taken = part.is_due(&sample) && is_far;

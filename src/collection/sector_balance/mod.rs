@@ -71,7 +71,8 @@ impl SectorBalance {
         let turned = circle.filter(|c| c.radius_ut >= self.min_radius_ut && number >= self.min_samples);
         let (sectors, percent) = turned.map_or((0, 0), |circle| {
             let counts = count_by_sector(samples, |s| circle.sector_of(s));
-            // Latched: a later sample can shift the circle and its sector borders, but removes no information.
+            // Completeness is latched: a later sample can shift the circle and its sector borders, but removes no
+            // information.
             let is_complete = part.coverage().is_complete();
             let percent = if is_complete { 100 } else { self.percent(&counts, number) };
             (counts.iter().filter(|&&n| n > 0).count() as u8, percent)

@@ -34,7 +34,7 @@ const TRIAL_CONFIG: TrialConfig = TrialConfig {
 pub struct TrialResult {
     /// Expected heading error, degrees RMS; `None` if the solve failed.
     pub expected_deg: Option<f32>,
-    /// Manoeuvre that would noticeably reduce it.
+    /// Manoeuvre that would noticeably reduce the expected error.
     pub missing_manoeuvre: Option<Manoeuvre>,
     /// The attitude source limits the accuracy; more samples would not improve it.
     pub is_limited_by_attitude: bool,
@@ -97,7 +97,7 @@ pub struct TrialSchedule {
 }
 
 impl TrialSchedule {
-    /// Before the first trial.
+    /// Schedule before the first trial.
     pub const NONE: Self = Self {
         last_trial_at: WrappingMillis::new(0),
         measurements_at_last: 0,

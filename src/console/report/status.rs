@@ -30,7 +30,7 @@ pub(super) fn status(out: &mut impl Write, report: &StatusReport, health: &Diagn
     }
 }
 
-/// Writes the share of a procedure that is collected.
+/// Writes the progress of a collection.
 fn collected(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     let progress = &report.progress;
     let [left, right, level] = [&progress.left, &progress.right, &progress.level].map(|part| part.percent);

@@ -26,7 +26,7 @@ pub(super) type PerKind<T> = [T; MeasurementKind::ALL.len()];
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Innovation {
-    /// Measured minus predicted.
+    /// Measured minus predicted value.
     pub residual: f32,
     /// Innovation variance if nothing has changed.
     pub variance: f32,
@@ -65,12 +65,12 @@ const REQUIRED_TURN_RAD: f32 = 1.05;
 pub(super) enum GateResult {
     /// No change detected. A first innovation beyond the wide gate is not used.
     Consistent {
-        /// Per kind, whether to use it for the update.
+        /// Whether the filter's update uses the measurement of each kind.
         is_usable: PerKind<bool>,
     },
     /// A change was detected.
     ChangeDetected {
-        /// Per kind, the absolute residual if beyond the narrow gate, otherwise zero.
+        /// Absolute residual of each kind that is beyond the narrow gate, otherwise zero.
         exceeding_residuals: PerKind<f32>,
     },
 }
@@ -146,7 +146,8 @@ impl InnovationGate {
         self.gross_count = if is_gross { self.gross_count.saturating_add(1) } else { 0 };
         let is_waiting = is_gross && self.gross_count < MAX_GROSS_COUNT;
         if is_waiting {
-            // Averaged samples at its edges are partly disturbed, and must not complete a sequence.
+            // Averaged samples at the start and end of a gross disturbance are partly disturbed, and must not complete
+            // a sequence.
             (self.beyond_wide_gate, self.beyond_narrow_gate) = ([0; 3], [0; 3]);
         }
         is_waiting

@@ -17,9 +17,9 @@ pub struct HardIronChange {
 /// Turn of the module in its mount since the calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MountTurn {
-    /// About the body's z axis, clockwise from above, radians.
+    /// Turn about the body's z axis, clockwise from above, radians.
     pub turn_rad: f32,
-    /// Its standard deviation, radians.
+    /// Standard deviation of the turn, radians.
     pub sigma_rad: f32,
 }
 

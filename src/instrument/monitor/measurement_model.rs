@@ -35,11 +35,11 @@ pub(super) const PITCH_BIAS: usize = 6;
 pub(super) const BANK_SCALE_ERROR: usize = 7;
 pub(super) const ATTITUDE_LATENCY: usize = 8;
 pub(super) const MOUNT_TURN: usize = 9;
-/// Before the gyro's errors, from which it is propagated.
+/// Offset of the gyro heading; propagated from the gyro's errors, so it is the state before them.
 pub(super) const GYRO_OFFSET: usize = 10;
-/// First of the gyro's errors, which are the last states.
+/// First state of the gyro's errors, which are the last states.
 pub(super) const GYRO_ERRORS: usize = 11;
-/// Offsets of the y and the z axis among them.
+/// States of the gyro offsets of the y and the z axis.
 pub(super) const GYRO_OFFSETS: [usize; 2] = [GYRO_ERRORS, GYRO_ERRORS + GYRO_ERROR_COUNT / 2];
 
 pub(super) type StateVector = [f32; STATE_COUNT];
@@ -92,7 +92,7 @@ pub(super) fn correct_attitude(reported: Attitude, motion: &EulerRates, states: 
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MonitorSample {
-    /// Body axes, relative to the calibrated field strength.
+    /// Field in body axes, relative to the calibrated field strength.
     pub field: Vector3<f32>,
     pub attitude: Attitude,
     /// Euler-angle rates; zero if the source sends no body rates.

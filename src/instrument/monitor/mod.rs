@@ -157,7 +157,7 @@ impl Monitor {
         self.follow_drift(step_s);
         self.propagate_gyro_offset(gyro_rows.map(|rows| rows.heading), step_s);
         self.track_gyro_offset(&seen, turning, step_s);
-        // Position relative to the hard iron, which errors of the soft iron multiply.
+        // Field relative to the hard iron, in units of the field strength: errors of the soft iron multiply it.
         let position = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
         let heading_jacobian = self.update_measurements(monitored, &seen, &position, turning.as_ref(), step_s);
         if let Some(rows) = gyro_rows {
@@ -166,7 +166,7 @@ impl Monitor {
         let offset_rad = self.filter.mean()[GYRO_OFFSET];
         self.filter.set_mean(GYRO_OFFSET, wrap_pi(offset_rad));
         if !self.filter.is_finite() {
-            // Unexpected; prevents NaN in all later results.
+            // A state that is not finite is unexpected; the reset keeps NaN out of all later results.
             self.reset();
             return;
         }

@@ -13,13 +13,13 @@ use crate::trig::Length as _;
 /// Largest cosine between the difference and the mean of both fields, or the axis: at most 9 deg from a right angle.
 const MAX_COSINE_OF_CHANGE: f32 = 0.15;
 
-/// Largest difference with which the field is as calibrated: 1 uT of 50.
+/// Largest difference of a field that needs no turn to be explained, relative to the field strength: 1 uT of 50.
 const MAX_UNCHANGED_FIELD_DIFFERENCE: f32 = 0.02;
 
 /// A turn of the module that explains the field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct TurnedMount {
-    /// Clockwise from above, radians.
+    /// Turn clockwise from above, radians.
     pub turn_rad: f32,
     /// Change of hard iron in the module's axes because the airframe's stays, `(R_z(mu)^T - 1) W b`, in units of the field
     /// strength.

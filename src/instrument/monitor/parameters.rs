@@ -57,7 +57,7 @@ pub(super) fn state_noise(i: usize, errors: SensorErrorSigmas) -> StateNoise {
 /// Time after a detected change during which hard iron is less certain, seconds: the change may go on.
 pub(super) const POST_CHANGE_S: f32 = 60.0;
 
-/// Hard-iron noise during that time: in a minute 0.4 uT of 50.
+/// Hard-iron process noise within `POST_CHANGE_S` of a detected change: 0.4 uT of 50 in a minute.
 pub(super) const POST_CHANGE_HARD_IRON: StateNoise = state(0.01, 1e-6);
 
 /// Inflation of the heading variance after a detected change (dimensionless): the states may not model the change.
@@ -95,13 +95,13 @@ pub(super) const ATTITUDE_JITTER_S: f32 = 0.01;
 /// Limit of an innovation in the covariance inflation after a change: half the field.
 pub(super) const MAX_INNOVATION: f32 = 0.5;
 
-/// Limit of a tilt error in that inflation, radians: 17 deg.
+/// Limit of a tilt error in the covariance inflation after a change, radians: 17 deg.
 pub(super) const MAX_TILT_INNOVATION_RAD: f32 = 0.3;
 
 /// Share of a detected change attributed to the attitude.
 pub(super) const ATTITUDE_SHARE_OF_CHANGE: f32 = 0.5;
 
-/// Lower limit of the sine of the inclination in that share, for the magnetic equator.
+/// Lower limit of the sine of the inclination in the share attributed to the attitude, for the magnetic equator.
 pub(super) const MIN_SIN_INCLINATION: f32 = 0.3;
 
 /// Largest heading sigma by the filter, radians: 8 deg. Beyond it headings are withheld.

@@ -30,7 +30,7 @@ pub(super) struct AgreementTest {
     innovation_scatter_rad2: f32,
     last_exceeded_side: Option<bool>,
     agreement_s: f32,
-    /// Remaining turn to demonstrate, radians.
+    /// Turn still required before agreement is reported, radians.
     required_turn_rad: f32,
     disagreement_s: f32,
     excess_variance_rad2: f32,
@@ -66,7 +66,7 @@ impl AgreementTest {
         excess_variance_rad2: 0.0,
     };
 
-    /// Restarts with the filter; a turn still required remains so.
+    /// Restarts the test with the filter, except for the turn still required.
     pub fn restart(&mut self) {
         *self = Self { required_turn_rad: self.required_turn_rad, ..Self::NEW };
     }

@@ -68,7 +68,7 @@ const MAX_VARIANCE_RAD2: f32 = square(180.0 * DEG);
 /// Normalised innovation beyond which a measurement counts less.
 const OUTLIER_SIGMAS: f32 = 3.0;
 
-/// Filter, agreement test and remaining noise. 120 bytes.
+/// Heading smoother: filter, agreement test and residual noise. 120 bytes.
 #[derive(Clone, Debug)]
 pub(super) struct HeadingSmoother {
     state: Option<SmootherState>,

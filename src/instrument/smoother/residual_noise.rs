@@ -21,7 +21,8 @@ impl ResidualNoise {
     const MAX_AVERAGING_S: f32 = 120.0;
     const INITIAL_AVERAGING_S: f32 = 10.0;
 
-    /// Correction found by simulation: the filter follows a third of such slow noise, which the innovation then lacks.
+    /// Factor on the fraction, found by simulation: the filter follows a third of the slow noise, so that the
+    /// innovation contains only two thirds.
     const TRACKING_CORRECTION: f32 = 1.5;
 
     pub const NEW: Self =

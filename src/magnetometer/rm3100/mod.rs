@@ -112,7 +112,7 @@ impl<S: SpiDevice> Magnetometer for Rm3100<S> {
         self.chip.write_registers(&[TMRC, RATE]).await?;
         self.verify_configuration().await?;
         self.discard_measurement().await?;
-        // Last, because other accesses end continuous mode.
+        // Continuous mode is started last, because other accesses end it.
         self.chip.write_registers(&[CMM, CONTINUOUS]).await?;
         self.polling.start_sleep();
         Ok(Identity { model: Model::Rm3100, address: Identity::SPI })
@@ -127,7 +127,8 @@ impl<S: SpiDevice> Magnetometer for Rm3100<S> {
         }
     }
 
-    /// Without continuous mode, which a read of `CMM` would end: a chip that left it sends no data.
+    /// Verifies all but continuous mode, which a read of `CMM` would end: a chip that left continuous mode sends no
+    /// data.
     async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<S::Error>> {
         chip::check_readback(CYCLE_COUNTS, self.chip.read_registers(CCX1).await?)?;
         chip::check_readback([RATE], self.chip.read_registers(TMRC).await?)

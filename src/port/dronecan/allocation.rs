@@ -21,9 +21,9 @@ const MAX_ID_PART_LENGTH: usize = 6;
 pub(super) struct AllocationClient {
     unique_id: [u8; UNIQUE_ID_LENGTH],
     random: u32,
-    /// Time of the next first part; `None` before the first poll.
+    /// Time of the next request with the first part of the unique id; `None` before the first poll.
     request_at: Option<Timestamp>,
-    /// Time and offset of the next following part.
+    /// Time and offset, bytes, of the next following part of the unique id.
     follow_up: Option<(Timestamp, usize)>,
 }
 

@@ -17,7 +17,7 @@ const LOG_SOURCE: &str = "autoswing";
 /// Capacity, texts: a full queue drops its oldest.
 const QUEUE_CAPACITY: usize = 3;
 
-/// Rate of pieces, Hz.
+/// Rate at which the pieces of texts are sent, Hz.
 const PIECE_RATE_HZ: u8 = 10;
 
 /// Time after which a state that lasts is reported, microseconds.

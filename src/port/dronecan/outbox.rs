@@ -6,10 +6,10 @@ use crate::wire::dronecan::{CanFrame, DataType, NodeId, OutboundTransfer, Payloa
 /// Capacity, frames: two transfers of the longest tunnelled piece, and some short ones.
 const CAPACITY_FRAMES: usize = 48;
 
-/// Frames of the longest text: 90 characters with their source.
+/// Number of frames of the longest text: 90 characters with their source.
 const MAX_FRAMES_PER_TEXT: usize = 15;
 
-/// Frames of a field with its covariance.
+/// Number of frames of a magnetic field with its covariance.
 const FRAMES_PER_FIELD: usize = 3;
 
 /// Time without a sent frame after which the frames are out of date and dropped, microseconds.

@@ -246,7 +246,7 @@ fn result_of(request: Request, result: Result<(), &'static str>, settings: &Sett
             };
             (DataType::BEGIN_FIRMWARE_UPDATE, outbound::update_result(code, reason))
         }
-        // The others need no command.
+        // Of these requests only `Restart` needs a command.
         Request::Restart { .. } | Request::GetNodeInfo | Request::GetTransportStats => {
             (DataType::RESTART_NODE, outbound::restart_result(result.is_ok()))
         }

@@ -58,7 +58,7 @@ fn vendor_code(snapshot: &Snapshot<'_>, has_conflict: bool) -> u16 {
     reason | calibration << 4 | u16::from(is_withheld) << 6 | u16::from(has_conflict) << 7 | u16::from(percent) << 8
 }
 
-/// Number of a reason, which documents name.
+/// Number of the reason for no heading, listed in the documents.
 const fn no_heading_number(reason: NoHeading) -> u16 {
     match reason {
         NoHeading::Uncalibrated => 1,

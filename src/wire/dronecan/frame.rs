@@ -65,9 +65,9 @@ impl NodeId {
 
 /// Transfer priorities, the highest first.
 pub mod priority {
-    /// Tunnelled bytes.
+    /// Priority of tunnelled bytes.
     pub const MEDIUM: u8 = 16;
-    /// All other messages.
+    /// Priority of all other messages than tunnelled bytes.
     pub const LOW: u8 = 24;
 }
 

@@ -17,10 +17,10 @@ pub enum Health {
 /// Mode of a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
-    /// Normal.
+    /// Normal operation.
     #[default]
     Operational = 0,
-    /// Before the first reading.
+    /// Start-up, before the first reading.
     Initialization = 1,
     /// About to load another firmware.
     SoftwareUpdate = 3,
@@ -137,7 +137,7 @@ pub struct Parameter<'a> {
     pub default: Value<'a>,
     /// Largest value: an integer, a number, or empty.
     pub max: Value<'a>,
-    /// Least value, likewise.
+    /// Smallest value: an integer, a number, or empty.
     pub min: Value<'a>,
     /// Name.
     pub name: &'a str,
@@ -259,11 +259,11 @@ pub fn magnetic_field(sensor: u8, field_gauss: [f32; 3], variances: Option<[f32;
 pub enum UpdateResult {
     /// Accepted: the boot loader loads the image.
     Ok = 0,
-    /// Not in this state.
+    /// Rejected: the node's state does not allow an update.
     InvalidMode = 1,
     /// The update has begun.
     InProgress = 2,
-    /// The request is wrong.
+    /// Rejected: the request is invalid.
     Unknown = 255,
 }
 

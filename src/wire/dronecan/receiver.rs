@@ -29,7 +29,7 @@ pub struct InboundTransfer<'a> {
     pub source: Option<NodeId>,
     /// Priority, which a response copies.
     pub priority: u8,
-    /// Number, which a response copies.
+    /// Number of the transfer, which a response copies.
     pub transfer_id: u8,
     /// Decoded message or request.
     pub message: InboundMessage<'a>,

@@ -22,11 +22,11 @@ const CRC: Crc<u16, Table<0>> = Crc::<u16, Table<0>>::new(&CRC_16_IBM_3740);
 /// Number and signature of a data type. The signature is the seed of the CRC, so that both ends agree on the layout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DataType {
-    /// Number.
+    /// Number of the data type.
     pub id: u16,
-    /// Whether it is a service.
+    /// Whether the data type is a service.
     pub is_service: bool,
-    /// Signature of its DSDL definition.
+    /// Signature of the data type's DSDL definition.
     pub signature: u64,
 }
 

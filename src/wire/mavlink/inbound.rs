@@ -233,7 +233,8 @@ fn command_long(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     Some(InboundMessage::Command(command(source, payload, PayloadReader(payload).u8(CONFIRMATION_OFFSET))))
 }
 
-/// Has a coordinate frame in the place of COMMAND_LONG's confirmation; the fields before it are equal.
+/// Decodes COMMAND_INT, which has a coordinate frame in the place of COMMAND_LONG's confirmation; the fields before it
+/// are equal.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn command_int(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     Some(InboundMessage::Command(command(source, payload, 0)))

@@ -26,10 +26,10 @@ pub(super) const IS_SIGNED: u8 = 0x01;
 /// Largest age of a new stream's first frame, units of 10 us: one minute.
 pub(super) const MAX_AGE: u64 = 6_000_000;
 
-/// Streams with a known time.
+/// Largest number of streams whose last time is stored.
 const MAX_STREAMS: usize = 8;
 
-/// Number of the module's link, of which it has one for each key.
+/// Link id in the frames that the module signs; it signs on one link for each key.
 const OWN_LINK: u8 = 0;
 
 /// Key of a passphrase, as ground stations derive it.
@@ -107,6 +107,6 @@ impl Signatures {
 
 fn hash_of(key: &SigningKey, signed: &[u8]) -> [u8; HASH_LENGTH] {
     let digest: [u8; 32] = Sha256::new().chain_update(key.0).chain_update(signed).finalize().into();
-    // Never the default: the digest is longer.
+    // Infallible: the digest is longer than the hash.
     digest.first_chunk().copied().unwrap_or_default()
 }

@@ -112,9 +112,9 @@ pub fn inav_body_rates_rad_s([forward, left, up]: [i16; 3]) -> [f32; 3] {
 /// Angles of MSP_ATTITUDE: roll and pitch in tenths of a degree, heading in degrees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MspAngles {
-    /// Positive right wing down, -1800..=1800.
+    /// Roll, tenths of a degree, -1800..=1800, positive right wing down.
     pub roll_decideg: i16,
-    /// -900..=900; the sign depends on the firmware.
+    /// Pitch, tenths of a degree, -900..=900; the sign depends on the firmware.
     pub pitch_decideg: i16,
     /// Heading of any reference, degrees, 0..=359: `yaw_sensor` of ArduPilot, `attitude.values.yaw` of INAV and Betaflight,
     /// truncated.

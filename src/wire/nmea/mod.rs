@@ -62,7 +62,7 @@ pub fn quality(heading: &Result<Heading, NoHeading>, kind: HeadingKind) -> Sente
             Ok(heading) => {
                 put_heading(body, Some(heading.magnetic_deg()))?;
                 put(body, ",")?;
-                // A larger sigma carries no information.
+                // A sigma above 180 deg carries no information.
                 put_tenths(body, rounded_tenths(heading.sigma_deg().min(180.0)), 1)?;
                 put(body, ",ok,")?;
                 put(body, kind.name())

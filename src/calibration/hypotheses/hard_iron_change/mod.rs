@@ -53,10 +53,10 @@ const MIN_SIGNIFICANCE: f32 = 30.0;
 /// look like a change in the inclination residuals.
 const MIN_NORM_SIGNIFICANCE: f32 = 16.0;
 
-/// The same for hysteresis, which is tested once, and has one unknown.
+/// Significance that confirms hysteresis, which is tested once, and has one unknown.
 const MIN_HYSTERESIS_SIGNIFICANCE: f32 = 12.0;
 
-/// The same from norm residuals, for hypotheses that are tested once: 99 % quantile of chi-squared
+/// Significance from norm residuals alone that confirms a hypothesis that is tested once: 99 % quantile of chi-squared
 /// with one degree of freedom.
 const MIN_SINGLE_NORM_SIGNIFICANCE: f32 = 6.6;
 
@@ -75,7 +75,7 @@ enum TestedCourse {
     Step(u32),
     /// Linear decrease of `beta` to zero.
     Drift,
-    /// In proportion to the load factor less one, up to that at 25 deg of bank: deflection of the elevator.
+    /// Proportional to the load factor less one, as the deflection of the elevator; constant above 25 deg of bank.
     Load,
     /// Lag of the soft iron's field behind the turn.
     Hysteresis,

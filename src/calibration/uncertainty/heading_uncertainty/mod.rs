@@ -34,9 +34,9 @@ pub struct HeadingUncertainty {
 /// Variance of a heading, square radians, in two parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeadingVariance {
-    /// From errors of the coefficients: constant at an attitude and heading.
+    /// Variance from errors of the coefficients: constant at an attitude and heading.
     pub coefficients: f32,
-    /// From noise of sensor and attitude.
+    /// Variance from noise of sensor and attitude.
     pub noise: f32,
 }
 
