@@ -193,7 +193,8 @@ fn a_module_sends_again_after_bus_off() {
     assert!(line.ends_with(" errors") && !line.ends_with(" 0 errors"), "{status}");
 }
 
-/// 20 frames each 5 ms, half of the bus: first frames of transfers from every number, of types that the module receives.
+/// 20 frames each 5 ms, half of the bus: first frames of transfers from every number, of types that the module
+/// receives.
 #[test]
 fn a_babbling_node_does_not_stop_the_field() {
     let mut bench = Bench::new(CanFaults::default());

@@ -206,8 +206,8 @@ fn the_cause_of_a_crash_is_reported_after_the_restart() {
     assert!(emulator.type_line("status all").contains("started by reboot"), "they are forgotten");
 }
 
-/// The bench panics at every start that runs its task. The fourth start does not reach it, answers, and sends the reason
-/// on both ports; after a reboot the count begins anew.
+/// The bench panics at every start that runs its task. The fourth start does not reach it, answers, and sends the
+/// reason on both ports; after a reboot the count begins anew.
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {

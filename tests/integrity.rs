@@ -47,9 +47,9 @@ fn count_of(row: &IntegrityRow, code: &str) -> usize {
     row.notes.iter().filter(|(noted, _)| noted == code).map(|(_, count)| count).sum()
 }
 
-/// Without a gyro (ArduPilot) the rates are the changes of a heading in steps of 1 deg, with it (INAV) they have steps of
-/// 1 deg/s. Twice the error of MAVLink's (0.4 deg RMS); a stuck sensor is found as by MAVLink. Bounds are 1.5 times the
-/// measured values, of `stuck-noisy` the promise.
+/// Without a gyro (ArduPilot) the rates are the changes of a heading in steps of 1 deg, with it (INAV) they have steps
+/// of 1 deg/s. Twice the error of MAVLink's (0.4 deg RMS); a stuck sensor is found as by MAVLink. Bounds are 1.5 times
+/// the measured values, of `stuck-noisy` the promise.
 #[test]
 fn attitude_by_msp_has_rates() {
     for source in [integrity::AttitudeProtocol::Msp, integrity::AttitudeProtocol::MspInav] {
@@ -103,7 +103,8 @@ fn a_frozen_attitude_gives_no_heading() {
     }
 }
 
-/// Detected in the next roll, after about 10 of its 25 deg; until then an aeroplane's error is the wobble of level flight.
+/// Detected in the next roll, after about 10 of its 25 deg; until then an aeroplane's error is the wobble of level
+/// flight.
 #[test]
 fn a_hanging_attitude_gives_no_heading_after_the_next_roll() {
     for row in rows(&["attitude-hangs"]) {
@@ -113,8 +114,8 @@ fn a_hanging_attitude_gives_no_heading_after_the_next_roll() {
     }
 }
 
-/// 1.3 of ten seconds are empty in the gaps. Integrating the rates over them gave two messages of iron in twelve flights, and
-/// 42/74/89 % within one, two and three sigmas.
+/// 1.3 of ten seconds are empty in the gaps. Integrating the rates over them gave two messages of iron in twelve
+/// flights, and 42/74/89 % within one, two and three sigmas.
 #[test]
 fn gaps_and_stalls_of_the_attitude_are_no_change_of_iron() {
     for row in rows(&["link-gaps", "source-stalls"]) {
@@ -123,8 +124,8 @@ fn gaps_and_stalls_of_the_attitude_are_no_change_of_iron() {
     }
 }
 
-/// Silent for 4 of at least 137 s, then 15 s until the filter has aligned. When the attitude was used at once, errors reached
-/// 75 deg and each flight had eight messages of iron.
+/// Silent for 4 of at least 137 s, then 15 s until the filter has aligned. When the attitude was used at once, errors
+/// reached 75 deg and each flight had eight messages of iron.
 #[test]
 fn a_restart_of_the_autopilot_gives_no_wrong_heading() {
     for row in rows(&["autopilot-restarts"]) {
@@ -178,8 +179,8 @@ fn a_foreign_sender_is_ignored() {
     }
 }
 
-/// The pause is 12 of 290 s. Until the module's own autopilot returns no heading is sent; the other vehicle's attitude is
-/// never used.
+/// The pause is 12 of 290 s. Until the module's own autopilot returns no heading is sent; the other vehicle's attitude
+/// is never used.
 #[test]
 fn a_second_vehicle_does_not_replace_an_autopilot_that_pauses() {
     for row in rows(&["second-vehicle"]) {
@@ -223,8 +224,9 @@ fn a_bank_scale_error_is_refused_or_in_the_expected_error() {
     }
 }
 
-/// Iron in the elevator's linkage, hysteresis, and a lean with a time constant: of the calibrations accepted at most one in
-/// twenty has an underestimated error; without their hypotheses 85, 47 and 62 % had. Clean flights are all accepted.
+/// Iron in the elevator's linkage, hysteresis, and a lean with a time constant: of the calibrations accepted at most
+/// one in twenty has an underestimated error; without their hypotheses 85, 47 and 62 % had. Clean flights are all
+/// accepted.
 #[test]
 fn faults_that_stay_the_same_are_refused_or_in_the_expected_error() {
     let plan = IntegrityPlan { flights: 40, ..PLAN };

@@ -163,8 +163,8 @@ fn attitudes_of_another_simulator_turn_the_heading() {
     assert_eq!(served_module.execute_line("turn 25 90").unwrap_err().code(), "flown-by-another");
 }
 
-/// The first datagram moves the aircraft without a turn of its gyro. When attitudes were sent before it, a served module took
-/// the jump to 301 deg for a change of iron, and was 3 deg off.
+/// The first datagram moves the aircraft without a turn of its gyro. When attitudes were sent before it, a served
+/// module took the jump to 301 deg for a change of iron, and was 3 deg off.
 #[test]
 fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
     for deg in [0.0, 100.0, 301.0] {

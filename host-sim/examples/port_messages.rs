@@ -1,8 +1,8 @@
 //! Prints the decoded messages of both ports during two simulated flights, one line a message, for `scripts/golden`.
 //!
-//! A copter with ArduPilot on both ports (MAVLink, MSP), then an aeroplane with PX4 (MAVLink) and an NMEA listener. A line
-//! holds the time in milliseconds (10 ms resolution), the port, the message, and its numbers. A STATUSTEXT is reduced to
-//! its severity: its text may change without a change of behaviour.
+//! A copter with ArduPilot on both ports (MAVLink, MSP), then an aeroplane with PX4 (MAVLink) and an NMEA listener. A
+//! line holds the time in milliseconds (10 ms resolution), the port, the message, and its numbers. A STATUSTEXT is
+//! reduced to its severity: its text may change without a change of behaviour.
 
 use simulator::faults::Faults;
 use simulator::mission::TurnPlan;

@@ -147,8 +147,8 @@ impl<'a> Events<'a> {
         }
     }
 
-    /// Waits for the next event, and the source of a command. Of several that are ready, the first in this list is next:
-    /// the armed state, because commands depend on it.
+    /// Waits for the next event, and the source of a command. Of several that are ready, the first in this list is
+    /// next: the armed state, because commands depend on it.
     async fn next(&mut self) -> (Event, Option<CommandSource>) {
         let Self { links, armed, sensor, position, date } = self;
         let events: [Pin<&mut dyn Future<Output = _>>; 6] = [

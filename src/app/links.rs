@@ -157,7 +157,8 @@ impl Links {
         }
     }
 
-    /// Whether an attitude report from a line is accepted, with a gyro's rates or without: one line is selected at a time.
+    /// Whether an attitude report from a line is accepted, with a gyro's rates or without: one line is selected at a
+    /// time.
     pub(super) fn accept_attitude(&self, line: AutopilotLine, at: Timestamp, has_gyro: bool) -> bool {
         self.attitude_line.lock(|selector| {
             let mut all = selector.get();

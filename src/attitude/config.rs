@@ -18,8 +18,8 @@ pub struct AttitudeConfig {
     /// Growth of the clock-offset estimate, microseconds per report. 50 reports per second track 500 ppm of drift, ten
     /// times that of two poor crystals.
     pub clock_offset_growth_us: u32,
-    /// Longest interval between reports over which rates are integrated, microseconds. Over 1.5 s in turns of 45 deg of bank
-    /// they cost a heading error of up to 6 deg, which no sigma includes.
+    /// Longest interval between reports over which rates are integrated, microseconds. Over 1.5 s in turns of 45 deg of
+    /// bank they cost a heading error of up to 6 deg, which no sigma includes.
     pub max_integrated_gap_us: u32,
 }
 

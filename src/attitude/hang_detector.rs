@@ -1,8 +1,9 @@
 //! Detects a source whose attitude hangs but for its noise while its body rates go on.
 //!
-//! A vector that is fixed to the Earth changes in body axes by `v' = v x w` with the body rates `w`. The rates predict the
-//! motion of two such vectors: the vertical, as the attitude reports it, and the field. If the field moves as predicted and
-//! the vertical does not, the attitude is at fault. If neither does, the rates are (see `rate_consistency`).
+//! A vector that is fixed to the Earth changes in body axes by `v' = v x w` with the body rates `w`. The rates predict
+//! the motion of two such vectors: the vertical, as the attitude reports it, and the field. If the field moves as
+//! predicted and the vertical does not, the attitude is at fault. If neither does, the rates are (see
+//! `rate_consistency`).
 
 use nalgebra::Vector3;
 
@@ -11,12 +12,12 @@ use crate::frames::{Body, Field};
 use crate::time::Timestamp;
 use crate::trig::Length as _;
 
-/// Time constant with which motion is forgotten, seconds: longer than a roll into a turn. It limits the effect of a gyro
-/// offset.
+/// Time constant with which motion is forgotten, seconds: longer than a roll into a turn. It limits the effect of a
+/// gyro offset.
 const MOTION_MEMORY_S: f32 = 2.0;
 
-/// Time constant of the estimated gyro offset, seconds: much longer than a roll. An offset that grows by 2 deg/s in a minute is
-/// followed with an error of 1 deg/s.
+/// Time constant of the estimated gyro offset, seconds: much longer than a roll. An offset that grows by 2 deg/s in a
+/// minute is followed with an error of 1 deg/s.
 const OFFSET_TIME_S: f32 = 30.0;
 
 /// Largest gyro offset on an axis, rad/s: that of the monitor.
@@ -39,8 +40,8 @@ const MIN_FOLLOWING_FRACTION: f32 = 0.5;
 /// Smallest predicted motion of the field that shows whether it follows, radians (2 deg): three times its noise.
 const MIN_FIELD_MOTION_RAD: f32 = 0.035;
 
-/// Time constant of the evidence that the field follows the rates, seconds. Rates in degrees predict the field's motion for
-/// an instant now and then, but not for long.
+/// Time constant of the evidence that the field follows the rates, seconds. Rates in degrees predict the field's motion
+/// for an instant now and then, but not for long.
 const EVIDENCE_MEMORY_S: f32 = 20.0;
 
 /// Longest interval between reports over which rates are integrated, seconds.
@@ -144,8 +145,8 @@ impl Motion {
         Self { last: None, observed: NONE, predicted: NONE }
     }
 
-    /// Adds the step to the vector's present value, with the integrated body rates; keeps a part of earlier motion. Returns the
-    /// predicted but missing motion of the step.
+    /// Adds the step to the vector's present value, with the integrated body rates; keeps a part of earlier motion.
+    /// Returns the predicted but missing motion of the step.
     fn add(&mut self, now: Vector3<f32>, turn: Vector3<f32>, kept: f32) -> Vector3<f32> {
         let last = self.last.replace(now).unwrap_or(now);
         let (observed, predicted) = (now - last, (last + now).cross(&turn) * 0.5);
@@ -199,8 +200,8 @@ mod tests {
         field_hangs: false,
     };
 
-    /// 9 s of straight flight, a roll to 25 deg in 1 s, a turn of 18 deg/s for 9 s, and back in 1 s; repeated. Heading and
-    /// roll at a time, degrees.
+    /// 9 s of straight flight, a roll to 25 deg in 1 s, a turn of 18 deg/s for 9 s, and back in 1 s; repeated. Heading
+    /// and roll at a time, degrees.
     fn flown(t_s: f32) -> [f32; 2] {
         let in_leg_s = t_s.rem_euclid(20.0);
         let part = |t_s: f32| (t_s - 9.0).clamp(0.0, 1.0) * (20.0 - t_s).clamp(0.0, 1.0);
@@ -209,8 +210,8 @@ mod tests {
         [180.0 * legs + turned_deg, 25.0 * part(in_leg_s) + 1.1 * (1.1 * t_s).sin()]
     }
 
-    /// Times at which the detection begins and ends, seconds, of 100 s at 50 Hz with 0.3 deg of noise each of attitude and
-    /// rates.
+    /// Times at which the detection begins and ends, seconds, of 100 s at 50 Hz with 0.3 deg of noise each of attitude
+    /// and rates.
     fn detected(errors: Errors, seed: u64) -> Vec<f32> {
         let (mut random, mut detector, mut changes, mut was_hanging) =
             (Random(seed), HangDetector::new(), Vec::new(), false);
@@ -246,8 +247,9 @@ mod tests {
         changes
     }
 
-    /// In level flight it is detected in the next roll, which begins at 29 s and takes 1 s; in the turn in the roll back to
-    /// level, which begins at 39 s. Gyro errors of 10 % and 1 deg/s can hide it until the rotation of the turn adds up.
+    /// In level flight it is detected in the next roll, which begins at 29 s and takes 1 s; in the turn in the roll
+    /// back to level, which begins at 39 s. Gyro errors of 10 % and 1 deg/s can hide it until the rotation of the turn
+    /// adds up.
     #[test]
     fn a_hanging_attitude_is_detected_in_the_next_roll() {
         for seed in 0..20 {
@@ -275,8 +277,8 @@ mod tests {
         }
     }
 
-    /// Gyro errors of 10 % and 1 deg/s, offsets that grow by 4 deg/s in a minute, a wrong unit or sign of the rates, and a field
-    /// that does not move.
+    /// Gyro errors of 10 % and 1 deg/s, offsets that grow by 4 deg/s in a minute, a wrong unit or sign of the rates,
+    /// and a field that does not move.
     #[test]
     fn other_faults_are_no_hanging_attitude() {
         for seed in 0..20 {

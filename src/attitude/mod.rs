@@ -30,8 +30,8 @@ use sender_clock::SenderClock;
 pub use sender_selector::{Heartbeat, SenderId, SenderSelector};
 use timed_report::{TimedReport, extrapolate, interpolate};
 
-/// Time after a restart of the sender within which its attitude filter aligns, microseconds: 10 s on an ArduPilot, and some
-/// margin. In motion the alignment itself is not detectable.
+/// Time after a restart of the sender within which its attitude filter aligns, microseconds: 10 s on an ArduPilot, and
+/// some margin. In motion the alignment itself is not detectable.
 const RESTART_ALIGNMENT_US: u64 = 15_000_000;
 
 /// Attitude at a requested instant.

@@ -1,8 +1,8 @@
 //! Body rates of an attitude source that sends angles only, from their differences.
 //!
-//! The angles have steps of 0.1 deg, the heading of 1 deg. A tracking filter of each angle (critically damped g-h filter;
-//! Brookner 1998, section 1.2) smooths the steps. A rate is the change of a smoothed angle since the last report, so that
-//! the integrated rates follow the angle: in a steady turn without lag.
+//! The angles have steps of 0.1 deg, the heading of 1 deg. A tracking filter of each angle (critically damped g-h
+//! filter; Brookner 1998, section 1.2) smooths the steps. A rate is the change of a smoothed angle since the last
+//! report, so that the integrated rates follow the angle: in a steady turn without lag.
 
 use core::array::from_fn;
 
@@ -10,8 +10,8 @@ use super::EulerRates;
 use crate::frames::{Attitude, wrap_pi};
 use crate::time::Timestamp;
 
-/// Time constant of the filter, seconds: shorter than a roll into a turn, longer than a step of 1 deg at the slowest turn
-/// of interest, 4 deg/s.
+/// Time constant of the filter, seconds: shorter than a roll into a turn, longer than a step of 1 deg at the slowest
+/// turn of interest, 4 deg/s.
 const TIME_CONSTANT_S: f32 = 0.15;
 
 /// Longest interval between reports, seconds.
@@ -115,8 +115,8 @@ mod tests {
         }
     }
 
-    /// The integrated roll follows a roll of 40 deg in 2 s at its end to 2 deg: acceleration times the square of the time
-    /// constant.
+    /// The integrated roll follows a roll of 40 deg in 2 s at its end to 2 deg: acceleration times the square of the
+    /// time constant.
     #[test]
     fn integrated_rates_follow_the_angles() {
         let rates_rad_s = body_rates_rad_s(|t_s| [20.0 * (t_s - 10.0).clamp(0.0, 2.0), 0.0, 90.5]);

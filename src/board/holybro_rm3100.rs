@@ -1,5 +1,5 @@
-//! Holybro DroneCAN RM3100 (ArduPilot: HolybroG4_Compass, board number 1088): an STM32G474 with a PNI RM3100, started by
-//! ArduPilot's boot loader.
+//! Holybro DroneCAN RM3100 (ArduPilot: HolybroG4_Compass, board number 1088): an STM32G474 with a PNI RM3100, started
+//! by ArduPilot's boot loader.
 //!
 //! | connection | pins | location |
 //! |---|---|---|
@@ -19,8 +19,8 @@
 //! 1. CAN and UART: three frames must be read within 0.3 ms, a byte within 87 us.
 //! 2. Clock and sensor bus: short handlers that only wake tasks.
 //! 3. Executor of the heading tasks, in an unused peripheral's interrupt.
-//! 4. Thread executor: solving, flash, console. These delay a heading only while a page is erased (`stm32::flash`): the image
-//!    reaches into the store's bank.
+//! 4. Thread executor: solving, flash, console. These delay a heading only while a page is erased (`stm32::flash`): the
+//!    image reaches into the store's bank.
 
 use autoswing::app;
 use autoswing::magnetometer::rm3100::Rm3100;
@@ -131,8 +131,8 @@ pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! 
 
 /// System clock 160 MHz, CAN 80 MHz, from the 16 MHz crystal, as ArduPilot has them.
 ///
-/// The clock of the real-time clock stays off: the boot loader resets the backup domain, and with it the message to it, if it
-/// finds another one selected.
+/// The clock of the real-time clock stays off: the boot loader resets the backup domain, and with it the message to it,
+/// if it finds another one selected.
 fn clocks() -> embassy_stm32::Config {
     let mut config = embassy_stm32::Config::default();
     config.rcc.hsi = false;

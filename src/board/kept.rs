@@ -28,7 +28,7 @@ pub fn lend() -> &'static mut RetainedSamples {
     // SAFETY: the assembly is empty. The compiler must assume that it initialises the memory, as the previous run or
     // power-on did.
     unsafe { asm!("/* {0} */", inout(reg) place, options(nostack, preserves_flags)) };
-    // SAFETY: the memory consists of integers and `f32` only, valid for any contents. It is aligned, and this is the only
-    // reference, because this code runs once.
+    // SAFETY: the memory consists of integers and `f32` only, valid for any contents. It is aligned, and this is the
+    // only reference, because this code runs once.
     unsafe { (*place).assume_init_mut() }
 }

@@ -40,8 +40,8 @@ impl Message {
 
     /// The stored message, or an empty one after power-on.
     fn load() -> Self {
-        // SAFETY: called before tasks and interrupts start, or with interrupts disabled, so there is no other access. The
-        // message consists of integers, valid for any contents.
+        // SAFETY: called before tasks and interrupts start, or with interrupts disabled, so there is no other access.
+        // The message consists of integers, valid for any contents.
         let stored = unsafe { LAST_WORDS.0.get().read_volatile().assume_init() };
         if stored.crc == stored.checksum() { stored } else { Self::EMPTY }
     }

@@ -1,4 +1,5 @@
-//! Armed state. A report of disarming ends a flight once the vehicle is at rest, so that a forged one cannot interrupt it.
+//! Armed state. A report of disarming ends a flight once the vehicle is at rest, so that a forged one cannot interrupt
+//! it.
 
 use crate::calibration::Sample;
 use crate::frames::{Field, Sensor};

@@ -16,7 +16,8 @@ use crate::settings::{SensorError, Settings};
 use crate::store::{CalibrationRecord, Generations};
 use crate::time::WrappingMillis;
 
-/// Capacity for samples during a solve: 3 s, six times the duration of a solve at 80 MHz. A longer trial solve is ended.
+/// Capacity for samples during a solve: 3 s, six times the duration of a solve at 80 MHz. A longer trial solve is
+/// ended.
 pub(super) const HELD_SAMPLES_CAPACITY: usize = 32;
 
 /// State machine. About 4 KB; samples are in borrowed memory.

@@ -5,8 +5,8 @@ use super::{Date, Position};
 use crate::time::WrappingMillis;
 use crate::trig;
 
-/// Movement that updates the field, degrees of latitude or longitude: 2 km. Below that, declination changes by less than
-/// a quarter of the model's own error. Height is not compared: 2 km change the field by 0.1 %.
+/// Movement that updates the field, degrees of latitude or longitude: 2 km. Below that, declination changes by less
+/// than a quarter of the model's own error. Height is not compared: 2 km change the field by 0.1 %.
 const MIN_DISTANCE_DEG: f32 = 0.02;
 
 /// Distance from latitude and longitude zero within which a position means none, degrees: without a fix, an autopilot's

@@ -344,8 +344,8 @@ impl Instrument {
         }
     }
 
-    /// Whether to output a reading's compass field, given its corrected field and its heading. Without a usable attitude
-    /// only the field strength is checked.
+    /// Whether to output a reading's compass field, given its corrected field and its heading. Without a usable
+    /// attitude only the field strength is checked.
     fn is_compass_field_valid(
         &self,
         at: Timestamp,

@@ -1,5 +1,5 @@
-//! When to ask the pilot for a turn each way: straight flight does not show all of a drift of hard iron, and the sigma of the
-//! headings grows with it.
+//! When to ask the pilot for a turn each way: straight flight does not show all of a drift of hard iron, and the sigma
+//! of the headings grows with it.
 
 use super::estimate::Estimate;
 use crate::time::Timestamp;

@@ -7,8 +7,8 @@
 //! | `list.rs` | the list: stable code, what happened and what to do, an entry for each message and each refusal |
 //! | `accuracy.rs` | [`ExpectedAccuracy`] of a calibration, as text |
 //!
-//! The console writes a message after `note `, MAVLink sends it as a STATUSTEXT of its severity. The errors of the rooms
-//! below have one plain clause each; advice and severity are here.
+//! The console writes a message after `note `, MAVLink sends it as a STATUSTEXT of its severity. The errors of the
+//! rooms below have one plain clause each; advice and severity are here.
 
 mod accuracy;
 mod list;

@@ -19,8 +19,8 @@ const USUAL_AUTOPILOT: Address = Address { system: 1, component: 1 };
 /// Reports between two texts.
 const REPORTS_PER_TEXT: u8 = 20;
 
-/// Sender of the report. Settings are not loaded and received bytes not processed, either of which can be the cause of the
-/// panics: both protocols are sent on every port, MAVLink as a component of system 1.
+/// Sender of the report. Settings are not loaded and received bytes not processed, either of which can be the cause of
+/// the panics: both protocols are sent on every port, MAVLink as a component of system 1.
 #[derive(Debug, Default)]
 pub struct SafeModeReporter {
     sequence: u8,

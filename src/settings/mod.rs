@@ -212,7 +212,8 @@ impl Settings {
     /// Range of the heading rate, up to the measurement rate.
     pub const STREAM_RATE_HZ: RangeInclusive<u8> = 1..=80;
 
-    /// Range of the requested attitude rate. ArduPilot warns of a request above 80 % of its loop rate, 50 Hz in a plane.
+    /// Range of the requested attitude rate. ArduPilot warns of a request above 80 % of its loop rate, 50 Hz in a
+    /// plane.
     pub const ATTITUDE_RATE_HZ: RangeInclusive<u8> = 20..=50;
 
     /// Range of the accuracy, degrees RMS: from that of the best compasses to the largest accepted expected error.

@@ -6,8 +6,8 @@
 //!
 //! Rules for changes within a format:
 //! - A new field takes the next unused tag, is optional, and is visited last. A tag is never used again.
-//! - The type of a field never changes. A new variant of an enumeration is its last; firmware without that variant treats
-//!   an optional field that holds it as missing.
+//! - The type of a field never changes. A new variant of an enumeration is its last; firmware without that variant
+//!   treats an optional field that holds it as missing.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;

@@ -16,10 +16,10 @@
 //! previous calibration. The state with the highest count of saves is valid.
 //!
 //! A save writes a new calibration to a slot to which the valid state does not refer, and then a new state to the page
-//! after the valid one. The write of the state is the instant at which the save takes effect. Every write begins with an
-//! erase, because a word that a power failure has torn can be programmed only after an erase. If the page of the valid
-//! state is damaged, the state before it becomes valid; the slots to which that one refers are still complete, because
-//! only one save has followed it.
+//! after the valid one. The write of the state is the instant at which the save takes effect. Every write begins with
+//! an erase, because a word that a power failure has torn can be programmed only after an erase. If the page of the
+//! valid state is damaged, the state before it becomes valid; the slots to which that one refers are still complete,
+//! because only one save has followed it.
 
 mod error;
 mod fields;
@@ -116,8 +116,8 @@ impl<F: NorFlash> Store<F> {
     ///
     /// - [`StoreError::Flash`]: the flash failed. If a read failed, nothing was written, because the failure may be
     ///   temporary.
-    /// - [`StoreError::OtherFormat`]: the store has another format, and the change is not [`StoreChange::Clear`]. Nothing
-    ///   was written.
+    /// - [`StoreError::OtherFormat`]: the store has another format, and the change is not [`StoreChange::Clear`].
+    ///   Nothing was written.
     /// - [`StoreError::Invalid`]: a value is out of its range. Nothing was written.
     /// - [`StoreError::Full`], [`StoreError::Verify`]: the value does not fit, or reads back differently.
     pub async fn save(&mut self, change: StoreChange<'_>) -> Result<(), StoreError> {

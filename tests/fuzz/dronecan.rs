@@ -170,7 +170,8 @@ fn any_frames_are_received_or_dropped() {
     });
 }
 
-/// The node answers with whole transfers of its own, whatever it receives; without a number it sends only requests for one.
+/// The node answers with whole transfers of its own, whatever it receives; without a number it sends only requests for
+/// one.
 #[test]
 fn a_node_survives_any_frames() {
     const INFO: NodeInfo = NodeInfo {

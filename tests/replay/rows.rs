@@ -100,7 +100,8 @@ fn body_rates_reduce_the_heading_error_by_smoothing() {
         assert!(without.headings.iter().all(|shown| shown.smooth_deg.is_none()), "seed {seed}");
         assert_eq!(without.smoothed_score, without.score, "seed {seed}");
     }
-    // Near the magnetic equator attitude errors hardly affect the heading, and the estimate of the mount's turn adds 1 %.
+    // Near the magnetic equator attitude errors hardly affect the heading, and the estimate of the mount's turn adds 1
+    // %.
     assert!(ratios.iter().all(|&ratio| ratio < 1.02), "{ratios:?}");
     assert!(ratios.iter().sum::<f64>() < 0.9 * ratios.len() as f64, "{ratios:?}");
 }

@@ -1,4 +1,5 @@
-//! Calibration routines by vehicle kind, each at most three minutes, the legs flown for evaluation afterwards, and random legs.
+//! Calibration routines by vehicle kind, each at most three minutes, the legs flown for evaluation afterwards, and
+//! random legs.
 
 use std::fmt::Write as _;
 

@@ -159,7 +159,8 @@ mod tests {
         Cli::try_parse_from(words).err().map(|error| error.to_string().split_whitespace().collect::<Vec<_>>().join(" "))
     }
 
-    /// The ends of the range in the help are accepted, values beyond are refused, and the error message has the same range.
+    /// The ends of the range in the help are accepted, values beyond are refused, and the error message has the same
+    /// range.
     #[test]
     fn every_number_has_its_range_in_help_and_error_message() {
         let numbers = ["N", "DEG", "UT", "MINUTES", "MS", "SECONDS", "PORT"];

@@ -57,8 +57,8 @@ pub fn has_output_failed() -> bool {
     FIRST_WRITE_ERROR.get().is_some()
 }
 
-/// Polls whether the reader has closed the pipe, for commands that rarely print. Windows cannot be asked: there the next
-/// output fails.
+/// Polls whether the reader has closed the pipe, for commands that rarely print. Windows cannot be asked: there the
+/// next output fails.
 pub fn poll_output_closed() -> bool {
     #[cfg(unix)]
     if is_pipe_closed() {

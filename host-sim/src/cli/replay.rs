@@ -88,8 +88,8 @@ pub struct Replay {
     /// Unit of mx, my, mz in a table: milligauss or microtesla
     #[arg(long, default_value = "mg", value_name = "mg|ut", value_parser = one_of(FIELD_UNITS))]
     pub unit: FieldUnit,
-    /// Orientation of the sensors of a table, by ArduPilot's names, such as yaw90: its field is then that of the sensors'
-    /// axes [default: none]
+    /// Orientation of the sensors of a table, by ArduPilot's names, such as yaw90: its field is then that of the
+    /// sensors' axes [default: none]
     #[arg(long, value_name = "ORIENTATION", value_parser = orientation)]
     pub mount: Option<Orientation>,
     /// Inclination of the Earth field, degrees, -90 to 90, positive down [default: by the field model if the log has
@@ -297,8 +297,8 @@ fn table(verdict: &Verdict<'_>) -> Table {
     table
 }
 
-/// Writes the heading of each row; the status shows whether the module would have sent it. After a refusal it is that of
-/// a module without a calibration.
+/// Writes the heading of each row; the status shows whether the module would have sent it. After a refusal it is that
+/// of a module without a calibration.
 fn write_headings(path: &Path, module: Option<&ReplayResult>) -> std::io::Result<()> {
     let mut out = std::io::BufWriter::new(std::fs::File::create(path)?);
     writeln!(out, "t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg")?;

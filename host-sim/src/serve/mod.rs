@@ -267,8 +267,8 @@ impl ServedModule {
         )
     }
 
-    /// Whether an external simulator has sent no attitude yet. The first one moves the aircraft without a turn of its gyro, so
-    /// that none may be sent before it.
+    /// Whether an external simulator has sent no attitude yet. The first one moves the aircraft without a turn of its
+    /// gyro, so that none may be sent before it.
     fn awaits_datagram(&self) -> bool {
         self.visits.is_some_and(|counts| counts.accepted == 0)
     }

@@ -358,7 +358,8 @@ fn a_module_without_a_console_restarts_on_command() {
     assert_eq!(board.0.get(), 1);
 }
 
-/// The only UART of a board is the console unless a protocol is selected for port 1, and not before the settings are known.
+/// The only UART of a board is the console unless a protocol is selected for port 1, and not before the settings are
+/// known.
 #[test]
 fn a_selected_protocol_turns_the_console_into_a_port() {
     for (selected, expected) in

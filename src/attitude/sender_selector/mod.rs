@@ -10,9 +10,10 @@
 //!   time. Selection needs attitude, so senders of heartbeats alone do not block it.
 //! - While armed, the selected sender is not replaced by one of another system, however long its attitude is absent:
 //!   that is another vehicle.
-//! - The first selected autopilot is the module's own. Where another one replaced it, it is selected again as soon as it
-//!   sends attitude.
-//! - A sender whose attitude has contradicted the field for a minute is released to another autopilot that sends attitude.
+//! - The first selected autopilot is the module's own. Where another one replaced it, it is selected again as soon as
+//!   it sends attitude.
+//! - A sender whose attitude has contradicted the field for a minute is released to another autopilot that sends
+//!   attitude.
 //! - A heartbeat without an autopilot from the address of a known autopilot is ignored.
 
 use crate::time::Timestamp;

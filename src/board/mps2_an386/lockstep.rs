@@ -148,7 +148,7 @@ fn mask_others() -> u32 {
 }
 
 fn unmask(enabled: u32) {
-    // SAFETY: as above; restores the previous mask.
+    // SAFETY: these writes only enable or disable interrupts: they restore the mask from before `mask_others`.
     unsafe {
         let nvic = &*NVIC::PTR;
         nvic.icer[0].write(!enabled);

@@ -22,7 +22,8 @@ impl Register {
     }
 
     pub fn write(self, value: u32) {
-        // SAFETY: as above.
+        // SAFETY: the address belongs to a peripheral with aligned registers. A write to those used here does not
+        // affect memory.
         unsafe { core::ptr::with_exposed_provenance_mut::<u32>(self.0).write_volatile(value) }
     }
 }

@@ -1,7 +1,7 @@
 //! ArduPilot's boot loader for peripherals: the state that it leaves, the descriptor of the image, and messages to it.
 //!
-//! It starts the image with the processor's clock from the PLL, a running watchdog, interrupts disabled but peripherals and
-//! interrupt controller as it used them (Tools/AP_Bootloader of ArduPilot).
+//! It starts the image with the processor's clock from the PLL, a running watchdog, interrupts disabled but peripherals
+//! and interrupt controller as it used them (Tools/AP_Bootloader of ArduPilot).
 
 use core::arch::naked_asm;
 use core::sync::atomic::{Ordering, compiler_fence};
@@ -16,8 +16,8 @@ use embassy_stm32::pac::rcc::regs::{Ahb1rstr, Apb1rstr1, Apb1rstr2, Apb2rstr};
 use embassy_stm32::pac::rcc::vals::{Hpre, Sw};
 use embassy_stm32::pac::{RCC, TAMP};
 
-/// Selects the main stack before the memory is initialised: the boot loader's threads use the process stack, in memory that
-/// becomes this program's variables.
+/// Selects the main stack before the memory is initialised: the boot loader's threads use the process stack, in memory
+/// that becomes this program's variables.
 ///
 /// # Safety
 ///
@@ -30,8 +30,8 @@ unsafe extern "C" fn __pre_init() {
 
 /// Resets everything that the boot loader used, and enables interrupts. Call first of all.
 ///
-/// The clock is the internal oscillator afterwards. The HAL resets flash interface and power control: with the wait states
-/// and the voltage after a reset, the processor cannot run at 160 MHz.
+/// The clock is the internal oscillator afterwards. The HAL resets flash interface and power control: with the wait
+/// states and the voltage after a reset, the processor cannot run at 160 MHz.
 pub fn reset_leftovers() {
     RCC.cr().modify(|cr| cr.set_hsion(true));
     while !RCC.cr().read().hsirdy() {}
@@ -137,7 +137,8 @@ impl AppDescriptor {
     }
 }
 
-/// Value of [`write_message`]: start the image at once, also after a watchdog reset. Without it the boot loader stays after one.
+/// Value of [`write_message`]: start the image at once, also after a watchdog reset. Without it the boot loader stays
+/// after one.
 const GOOD_FIRMWARE: u32 = 0xB009_3A26;
 /// Value of [`write_message`], with the node's number in the low byte: fetch the update in memory.
 const UPDATE: u32 = 0xB008_0000;
@@ -145,7 +146,8 @@ const UPDATE: u32 = 0xB008_0000;
 /// Makes the registers of the backup domain accessible; the HAL enables writing to them.
 fn enable_backup_registers() {
     RCC.apb1enr1().modify(|enable| enable.set_rtcapben(true));
-    // A register is accessible two cycles after its clock is enabled (reference manual RM0440); reading back takes them.
+    // A register is accessible two cycles after its clock is enabled (reference manual RM0440); reading back takes
+    // them.
     RCC.apb1enr1().read();
 }
 
@@ -172,8 +174,8 @@ impl HandOver for BootLoader {
             // Address in memory.x.
             static mut __boot_loader_update: [u8; autoswing::port::BOOT_LOADER_BYTES];
         }
-        // SAFETY: this memory is reserved for the boot loader, and nothing else accesses it. Volatile, because nothing reads it
-        // in this run.
+        // SAFETY: this memory is reserved for the boot loader, and nothing else accesses it. Volatile, because nothing
+        // reads it in this run.
         unsafe { (&raw mut __boot_loader_update).write_volatile(update.boot_loader_bytes()) };
         // The structure is complete before the boot loader is asked to read it.
         compiler_fence(Ordering::SeqCst);

@@ -1,8 +1,9 @@
 //! CAN controller FDCAN1: classic frames at 1 Mbit/s.
 //!
-//! It starts in restricted operation mode: it receives and acknowledges valid frames, but sends nothing, error frames included,
-//! so that it does not disturb a bus at another bit rate, of which no frame is valid. Mere monitoring without acknowledging
-//! would not do: the frames of a single other node would stay invalid. The first valid frame ends the mode.
+//! It starts in restricted operation mode: it receives and acknowledges valid frames, but sends nothing, error frames
+//! included, so that it does not disturb a bus at another bit rate, of which no frame is valid. Mere monitoring without
+//! acknowledging would not do: the frames of a single other node would stay invalid. The first valid frame ends the
+//! mode.
 
 use autoswing::app::can::{ReceiveFrame, SendFrame};
 use autoswing::wire::dronecan::CanFrame;
@@ -18,8 +19,8 @@ const BITS_PER_S: u32 = 1_000_000;
 
 /// Received frames until the task reads them: 4 ms of a fully loaded bus. The controller itself holds three.
 const RECEIVE_CAPACITY: usize = 32;
-/// Frames to send, besides the controller's three: the node has a queue of its own, in which a newer field replaces an older
-/// one.
+/// Frames to send, besides the controller's three: the node has a queue of its own, in which a newer field replaces an
+/// older one.
 const SEND_CAPACITY: usize = 1;
 
 pub struct CanBuffers {

@@ -1,7 +1,7 @@
 //! Flash of the store, in bank 2 of the internal flash.
 //!
-//! A program in bank 1 runs meanwhile: an erase (22 ms) is awaited, a write (90 us per double word) blocks only the thread
-//! executor. Code in bank 2, if a board has it there, waits for the end of the erase or write.
+//! A program in bank 1 runs meanwhile: an erase (22 ms) is awaited, a write (90 us per double word) blocks only the
+//! thread executor. Code in bank 2, if a board has it there, waits for the end of the erase or write.
 
 use core::ops::Range;
 
@@ -125,8 +125,8 @@ impl NorFlash for StoreFlash {
 
 /// Guard that disables the data cache and invalidates it at the end.
 ///
-/// Errata of STM32L47x and STM32G47x, "Data cache might be corrupted during Flash memory read-while-write operation": bank 1
-/// must not be read through the data cache while bank 2 is written.
+/// Errata of STM32L47x and STM32G47x, "Data cache might be corrupted during Flash memory read-while-write operation":
+/// bank 1 must not be read through the data cache while bank 2 is written.
 struct DataCacheOff;
 
 impl DataCacheOff {

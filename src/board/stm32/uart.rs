@@ -28,8 +28,8 @@ pub type UartRx = BufferedUartRx<'static>;
 /// A UART at 115200 8N1.
 ///
 /// Interrupt-driven, at most 4 % processor load. Of the HAL's receivers, only this one continues after a line error;
-/// the DMA receiver stops. The receive pin has a pull-up, the level of an idle line: an unconnected pin would pick up noise
-/// as bytes with line errors.
+/// the DMA receiver stops. The receive pin has a pull-up, the level of an idle line: an unconnected pin would pick up
+/// noise as bytes with line errors.
 pub fn uart<T: usart::Instance>(
     uart: Peri<'static, T>,
     rx: Peri<'static, impl usart::RxPin<T>>,

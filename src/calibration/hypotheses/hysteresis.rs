@@ -2,8 +2,8 @@
 //! flight after it.
 //!
 //! Soft iron that lags by a small angle has the field of a heading less far turned. With `S` the response of the soft
-//! iron alone and `dh` the change of the field in body axes by a turn of one radian, the measurement has an additional `-play S dh`. The
-//! unknown is the angle of play, in radians.
+//! iron alone and `dh` the change of the field in body axes by a turn of one radian, the measurement has an additional
+//! `-play S dh`. The unknown is the angle of play, in radians.
 
 use nalgebra::{Matrix3, Vector3};
 

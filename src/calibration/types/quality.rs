@@ -24,7 +24,8 @@ pub struct Quality {
     pub samples: u16,
     /// Estimated attitude latency; `None` if unobservable.
     pub latency: Option<AttitudeLatency>,
-    /// Whether the inclination is known: determined by the samples, or configured. The ellipsoid method determines none.
+    /// Whether the inclination is known: determined by the samples, or configured. The ellipsoid method determines
+    /// none.
     pub knows_inclination: bool,
 }
 

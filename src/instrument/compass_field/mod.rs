@@ -2,8 +2,8 @@
 //!
 //! In level flight the output field yields the reported heading. The autopilot uses this field for steering, so in
 //! flight the change to a new correction is gradual: the output moves linearly from the old map to the new one, slowly
-//! enough that its heading turns by at most [`MAX_TURN_DEG_S`]. A further correction starts from the blended map of that
-//! moment. On the ground, and if there was no output before, a correction applies at once.
+//! enough that its heading turns by at most [`MAX_TURN_DEG_S`]. A further correction starts from the blended map of
+//! that moment. On the ground, and if there was no output before, a correction applies at once.
 
 #[cfg(test)]
 mod tests;

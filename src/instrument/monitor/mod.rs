@@ -3,10 +3,9 @@
 //! A heading depends on the calibration and on the attitude, and either can become wrong in flight. The measurements
 //! are redundant: field strength and inclination do not depend on the heading, the magnetic heading must turn with the
 //! gyro, and pitch and roll must follow the body rates. Nineteen states model the known causes of disagreement: changed
-//! hard iron, another geographic place, a module that turned in its mount, errors of the gyro, attitude bias, bank-angle
-//! scale error and attitude latency.
-//! Headings are corrected by the estimated states and their variance includes the filter's covariance. Innovations
-//! beyond the gates suppress the heading.
+//! hard iron, another geographic place, a module that turned in its mount, errors of the gyro, attitude bias,
+//! bank-angle scale error and attitude latency. Headings are corrected by the estimated states and their variance
+//! includes the filter's covariance. Innovations beyond the gates suppress the heading.
 //!
 //! The covariance is stored as UD factors, so that rounding cannot make a variance negative. The innovations also adapt
 //! the measurement noise.
@@ -173,8 +172,8 @@ impl Monitor {
         self.update_output(monitored, &seen, &heading_jacobian, step_s);
     }
 
-    /// Whether to discard a sample because the motor current is not reported yet, for which the calibration corrects: the
-    /// first samples would be estimated as another field.
+    /// Whether to discard a sample because the motor current is not reported yet, for which the calibration corrects:
+    /// the first samples would be estimated as another field.
     fn is_awaiting_current(&mut self, calibration: &Calibration, sample: &Sample) -> bool {
         let is_awaiting = self.last_sample_at.is_none()
             && self.samples_awaiting_current < MAX_AWAITED_SAMPLES
@@ -346,8 +345,8 @@ impl Monitor {
         }
     }
 
-    /// Inflates the variance of the gyro's offsets, which may change faster than their process noise. Other states are not
-    /// inflated: on recorded flights they would follow the attitude's errors.
+    /// Inflates the variance of the gyro's offsets, which may change faster than their process noise. Other states are
+    /// not inflated: on recorded flights they would follow the attitude's errors.
     fn follow_gyro_offset(&mut self, heading_change_rad: f32, step_s: f32) {
         let rate_rad_s = heading_change_rad / SLOW_CHANGE_TIME_S;
         let variance = rate_rad_s * rate_rad_s * step_s / SLOW_CHANGE_TIME_S;
@@ -426,8 +425,8 @@ impl Monitor {
         self.post_change_remaining_s = POST_CHANGE_S;
     }
 
-    /// Takes a turn of the module for the cause of a detected change if it explains the field. A module turns once: when the
-    /// field changes again and again, an estimated turn must go on to explain it.
+    /// Takes a turn of the module for the cause of a detected change if it explains the field. A module turns once:
+    /// when the field changes again and again, an estimated turn must go on to explain it.
     fn test_mount_turn(&mut self, turned: Option<TurnedMount>, is_level: bool, residuals: PerKind<f32>) {
         let estimated_rad = self.filter.mean()[MOUNT_TURN];
         let is_first = self.innovation_gate.withheld_s() < MAX_MOUNT_TURNING_S;

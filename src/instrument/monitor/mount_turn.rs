@@ -1,8 +1,8 @@
 //! A module that turns about the body's z axis in its mount, as opposed to iron that changes.
 //!
-//! Sensor and calibration turn together within the field, so that the measured field keeps its magnitude and its component
-//! along the axis: with `d` the difference between the measured field `m` and the predicted one, `d . (2 m - d) = 0` and
-//! `d . axis = 0`. A change of hard iron has that direction by chance only.
+//! Sensor and calibration turn together within the field, so that the measured field keeps its magnitude and its
+//! component along the axis: with `d` the difference between the measured field `m` and the predicted one, `d . (2 m -
+//! d) = 0` and `d . axis = 0`. A change of hard iron has that direction by chance only.
 
 use nalgebra::Vector3;
 
@@ -21,8 +21,8 @@ const MAX_UNCHANGED_FIELD_DIFFERENCE: f32 = 0.02;
 pub(super) struct TurnedMount {
     /// Turn clockwise from above, radians.
     pub turn_rad: f32,
-    /// Change of hard iron in the module's axes because the airframe's stays, `(R_z(mu)^T - 1) W b`, in units of the field
-    /// strength.
+    /// Change of hard iron in the module's axes because the airframe's stays, `(R_z(mu)^T - 1) W b`, in units of the
+    /// field strength.
     pub hard_iron_change: Vector3<f32>,
 }
 
@@ -30,9 +30,9 @@ impl TurnedMount {
     /// No turn.
     pub const NO_TURN: Self = Self { turn_rad: 0.0, hard_iron_change: Vector3::new(0.0, 0.0, 0.0) };
 
-    /// The turn that explains a field, `None` if none does. `difference`: measured field after correction as calibrated,
-    /// less the predicted one, in units of the field strength; `position`: measured field less hard iron, sensor axes, same
-    /// units.
+    /// The turn that explains a field, `None` if none does. `difference`: measured field after correction as
+    /// calibrated, less the predicted one, in units of the field strength; `position`: measured field less hard iron,
+    /// sensor axes, same units.
     pub fn from_field_difference(
         calibration: &Calibration,
         difference: &Vector3<f32>,

@@ -61,8 +61,8 @@ impl MonitorOutput {
             || innovation_rad * innovation_rad <= READING_GATE_SIGMAS * READING_GATE_SIGMAS * variance_rad2
     }
 
-    /// Calibration and noise corrected by the estimated states. The change of hard iron converts to sensor axes: `W (m - b) - beta F = W (m - (b + W^-1 beta F))`;
-    /// the turn in the mount becomes part of `W`.
+    /// Calibration and noise corrected by the estimated states. The change of hard iron converts to sensor axes: `W (m
+    /// - b) - beta F = W (m - (b + W^-1 beta F))`; the turn in the mount becomes part of `W`.
     #[inline(never)]
     pub fn correct_calibration(&self, monitored: &MonitoredCalibration<'_>) -> (Calibration, HeadingUncertainty) {
         let MonitoredCalibration { calibration, uncertainty, readings_per_sample } = *monitored;

@@ -119,8 +119,8 @@ pub(super) const MAX_DECAYING_MOUNT_TURN_RAD: f32 = 0.04;
 /// Largest turn of the mount, radians: 34 deg.
 pub(super) const MAX_MOUNT_TURN_RAD: f32 = 0.6;
 
-/// Time withheld within a minute or so up to which a change may be a turn of the mount, seconds: a module turns once, and
-/// what changes again and again is a disturbance.
+/// Time withheld within a minute or so up to which a change may be a turn of the mount, seconds: a module turns once,
+/// and what changes again and again is a disturbance.
 pub(super) const MAX_MOUNT_TURNING_S: f32 = 5.0;
 
 /// Largest bank at which a change may be a turn of the mount, radians: 10 deg. Beyond it an error of the attitude, in

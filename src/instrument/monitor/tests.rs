@@ -374,8 +374,8 @@ fn attitude_latency_and_gyro_drift_are_distinguished() {
     }
 }
 
-/// In a level turn at 26 deg of bank, `psi'` is wrong by the scale of the z axis and, less, of the y axis: the turn as a
-/// whole is known to the heading's noise of half a degree in 360.
+/// In a level turn at 26 deg of bank, `psi'` is wrong by the scale of the z axis and, less, of the y axis: the turn as
+/// a whole is known to the heading's noise of half a degree in 360.
 #[test]
 fn the_scale_error_of_the_gyro_is_estimated() {
     for gyro_scale in [1.03, 0.9] {
@@ -458,8 +458,8 @@ fn implausible_gyro_errors_withhold_the_heading() {
     }
 }
 
-/// Hard iron that drifts by 5 uT within 100 s of straight flight, where only two of its components show: the variance of
-/// the heading covers the third.
+/// Hard iron that drifts by 5 uT within 100 s of straight flight, where only two of its components show: the variance
+/// of the heading covers the third.
 #[test]
 fn a_drift_in_straight_flight_is_in_the_heading_variance() {
     let mut flight = Flight::new(14);

@@ -15,9 +15,9 @@
 //!
 //! The filter's own variance is not a usable accuracy: three times too large in simulation with an ideal gyro, half of
 //! the actual error on recorded flights. Therefore the fraction of raw noise that remains is estimated from the
-//! residuals. The coefficients' variance is added unchanged, because it is common to all readings. The gyro's errors are
-//! consider states (Schmidt 1966): the derivatives `s` of the smoothed heading by them, `s <- (1 - K) (s + r dt)`, add
-//! `s P s^T` to its variance.
+//! residuals. The coefficients' variance is added unchanged, because it is common to all readings. The gyro's errors
+//! are consider states (Schmidt 1966): the derivatives `s` of the smoothed heading by them, `s <- (1 - K) (s + r dt)`,
+//! add `s P s^T` to its variance.
 //!
 //! The smoothed heading is output only while it agrees with the raw one: a wrong gyro shows in the first turn.
 

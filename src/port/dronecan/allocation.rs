@@ -1,8 +1,8 @@
 //! Dynamic allocation of the node's number by the autopilot.
 //!
-//! The client sends its unique id in three parts. The allocator repeats the parts received so far, and at the end grants a
-//! number; it remembers the unique id, so that the number stays. Random delays separate clients that start together. Any
-//! message that does not continue this client's exchange makes it begin again.
+//! The client sends its unique id in three parts. The allocator repeats the parts received so far, and at the end
+//! grants a number; it remembers the unique id, so that the number stays. Random delays separate clients that start
+//! together. Any message that does not continue this client's exchange makes it begin again.
 
 use crate::time::Timestamp;
 use crate::wire::dronecan::{Allocation, NodeId, Payload, UNIQUE_ID_LENGTH, outbound};

@@ -9,8 +9,8 @@
 //! - carries MAVLink of one serial line of the autopilot;
 //! - uses armed state, battery current, position and date of other nodes.
 //!
-//! The bus has no authentication: nothing changes while the vehicle is armed, and a second node with the same number stops
-//! the field.
+//! The bus has no authentication: nothing changes while the vehicle is armed, and a second node with the same number
+//! stops the field.
 
 mod allocation;
 mod log;
@@ -162,8 +162,8 @@ impl CanNode {
         }
     }
 
-    /// Queues due messages and answers; returns a command to execute, whose result [`complete_command`] takes. Called for
-    /// every estimate, and after received frames.
+    /// Queues due messages and answers; returns a command to execute, whose result [`complete_command`] takes. Called
+    /// for every estimate, and after received frames.
     ///
     /// [`complete_command`]: Self::complete_command
     pub fn poll(&mut self, context: &NodeContext<'_>) -> Option<Command> {
@@ -341,8 +341,8 @@ impl CanNode {
     }
 }
 
-/// Variance of each axis, square gauss: the heading's standard deviation is caused by an error across the horizontal field.
-/// Unknown without a heading.
+/// Variance of each axis, square gauss: the heading's standard deviation is caused by an error across the horizontal
+/// field. Unknown without a heading.
 fn variance_gauss2(estimate: &Estimate, field: Field<Body>) -> Option<f32> {
     let (heading, attitude) = (estimate.heading.ok()?, estimate.attitude?);
     let level = attitude.level(field);

@@ -1,4 +1,5 @@
-//! Requests of other nodes. They wait until the module's state is known, and while the state machine executes a command.
+//! Requests of other nodes. They wait until the module's state is known, and while the state machine executes a
+//! command.
 
 use super::parameters;
 use super::update::FirmwareUpdate;
@@ -125,7 +126,8 @@ impl Services {
         self.finished.is_some() || (self.open.is_none() && !self.waiting.is_empty())
     }
 
-    /// Next step. Nothing changes while the vehicle is armed. `describe` returns the responses that only the node knows.
+    /// Next step. Nothing changes while the vehicle is armed. `describe` returns the responses that only the node
+    /// knows.
     pub fn step(
         &mut self,
         now: Timestamp,

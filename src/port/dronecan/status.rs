@@ -6,8 +6,8 @@ use crate::port::Snapshot;
 use crate::time::Timestamp;
 use crate::wire::dronecan::outbound::{Health, Mode, NodeStatus};
 
-/// Silence of the sensor that is a fault of the node, microseconds. It is the only one: an autopilot does not arm while a
-/// node is not healthy, and everything else shows in the field that is not sent.
+/// Silence of the sensor that is a fault of the node, microseconds. It is the only one: an autopilot does not arm while
+/// a node is not healthy, and everything else shows in the field that is not sent.
 const SENSOR_FAULT_US: u64 = 10_000_000;
 
 /// Conditions of the status that last.
@@ -44,8 +44,8 @@ impl StatusMonitor {
     }
 }
 
-/// State in 16 bits: bits 0 to 3 the reason for an empty heading (0: there is one), bits 4 and 5 the calibration, bit 6 a
-/// field that is not sent, bit 7 another node with this number, bits 8 to 14 the progress of a collection in percent.
+/// State in 16 bits: bits 0 to 3 the reason for an empty heading (0: there is one), bits 4 and 5 the calibration, bit 6
+/// a field that is not sent, bit 7 another node with this number, bits 8 to 14 the progress of a collection in percent.
 fn vendor_code(snapshot: &Snapshot<'_>, has_conflict: bool) -> u16 {
     let reason = snapshot.estimate.heading.err().map_or(0, no_heading_number);
     let (calibration, percent) = match snapshot.indicator {

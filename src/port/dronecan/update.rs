@@ -28,8 +28,8 @@ impl FirmwareUpdate {
         &self.path
     }
 
-    /// Structure at the begin of the RAM for ArduPilot's boot loaders (`app_bootloader_comms` in app_comms.h): magic number,
-    /// twelve bytes for Ethernet, server, own number, path with its NUL. All bytes are to be written.
+    /// Structure at the begin of the RAM for ArduPilot's boot loaders (`app_bootloader_comms` in app_comms.h): magic
+    /// number, twelve bytes for Ethernet, server, own number, path with its NUL. All bytes are to be written.
     #[must_use]
     pub fn boot_loader_bytes(&self) -> [u8; BOOT_LOADER_BYTES] {
         const BOOT_LOADER_MAGIC: u32 = 0xC544_AD9A;

@@ -1,9 +1,9 @@
 //! Requests for the messages that the module needs from the autopilot.
 //!
-//! ArduPilot sends next to nothing without a request. It denies a rate of more than 80 % of its main loop's, 40 Hz at the
-//! default loop of an aeroplane (`GCS_MAVLINK::cap_message_interval`), and warns its pilot of the request. So the module
-//! begins with 40 Hz, or with 50 Hz if the setting allows it, and lowers the rate until the messages come. An autopilot without MAV_CMD_SET_MESSAGE_INTERVAL gets
-//! REQUEST_DATA_STREAM. Requests are at least a second apart.
+//! ArduPilot sends next to nothing without a request. It denies a rate of more than 80 % of its main loop's, 40 Hz at
+//! the default loop of an aeroplane (`GCS_MAVLINK::cap_message_interval`), and warns its pilot of the request. So the
+//! module begins with 40 Hz, or with 50 Hz if the setting allows it, and lowers the rate until the messages come. An
+//! autopilot without MAV_CMD_SET_MESSAGE_INTERVAL gets REQUEST_DATA_STREAM. Requests are at least a second apart.
 
 use ::mavlink::MessageData;
 use ::mavlink::dialects::common::{

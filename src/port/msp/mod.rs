@@ -4,10 +4,10 @@
 //! autopilot then operates without a compass.
 //!
 //! One attitude request is open at a time, so that a reply is as recent as possible: autopilots reply in 3.5 to 18 ms.
-//! INAV's gyro is requested with it. Until the firmware is known, which determines the signs of the attitude, the firmware
-//! is requested instead. Other requests are sent in turn, each about once a second and every second one for the current,
-//! without waiting for replies. The firmware remains among them, because an autopilot can be exchanged while the module
-//! runs.
+//! INAV's gyro is requested with it. Until the firmware is known, which determines the signs of the attitude, the
+//! firmware is requested instead. Other requests are sent in turn, each about once a second and every second one for
+//! the current, without waiting for replies. The firmware remains among them, because an autopilot can be exchanged
+//! while the module runs.
 
 use super::{MessageSchedule, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
 use crate::attitude::{AttitudeReport, RateEstimator, SenderId};
@@ -168,7 +168,8 @@ impl Protocol for Msp {
             && self.may_request(now)
             && self.attitude.is_due(now, ATTITUDE_HZ)
         {
-            // The reply to the first request arrives first. At most two requests at a time: rates remain valid for 50 ms.
+            // The reply to the first request arrives first. At most two requests at a time: rates remain valid for 50
+            // ms.
             let gyro = request(Function::RawImu);
             let has_gyro = function == Function::Attitude && self.firmware == Some(Firmware::Inav) && !is_other_due;
             let requests = [if has_gyro { &gyro[..] } else { &[] }, &request(function)];

@@ -147,7 +147,8 @@ fn attitude_is_received_with_the_firmware_s_signs() {
     assert!(matches!(received[..], [ReceivedMessage::Attitude(report)] if report.attitude.pitch_rad < 0.0));
 }
 
-/// INAV's gyro: forward, left, up, deg/s. ArduPilot answers with an empty frame, and is not asked again for each attitude.
+/// INAV's gyro: forward, left, up, deg/s. ArduPilot answers with an empty frame, and is not asked again for each
+/// attitude.
 #[test]
 fn inav_s_gyro_gives_the_body_rates() {
     let gyro: Vec<u8> = [0_i16, 0, 512, 3, -4, -18, 0, 0, 0].iter().flat_map(|number| number.to_le_bytes()).collect();

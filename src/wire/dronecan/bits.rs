@@ -1,4 +1,5 @@
-//! Bit packing of DSDL: a value as little-endian bytes, a partial last byte left-aligned, the most significant bit first.
+//! Bit packing of DSDL: a value as little-endian bytes, a partial last byte left-aligned, the most significant bit
+//! first.
 
 use super::transfer::Payload;
 

@@ -8,8 +8,8 @@ pub const TRANSFER_ID_MASK: u8 = 0x1F;
 /// Data bytes of a classic CAN frame.
 pub const FRAME_CAPACITY: usize = 8;
 
-/// Classic CAN frame with an extended identifier. `embedded-can` has traits for frames but none for an asynchronous bus, so
-/// the frame is a plain value; a board converts it to its HAL's.
+/// Classic CAN frame with an extended identifier. `embedded-can` has traits for frames but none for an asynchronous
+/// bus, so the frame is a plain value; a board converts it to its HAL's.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CanFrame {
     id: u32,

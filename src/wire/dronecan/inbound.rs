@@ -1,5 +1,5 @@
-//! Received messages and requests, and the decoding of their payloads. Missing values at the end of a payload are zero or
-//! empty, further bytes are ignored.
+//! Received messages and requests, and the decoding of their payloads. Missing values at the end of a payload are zero
+//! or empty, further bytes are ignored.
 
 use super::bits::BitReader;
 use super::frame::NodeId;
@@ -155,7 +155,8 @@ static RECEIVED_TYPES: [ReceivedType; 11] = [
     ReceivedType::new(DataType::BEGIN_FIRMWARE_UPDATE, begin_firmware_update),
 ];
 
-/// Received type with this number; of an anonymous message only the two low bits are known, and allocation is the only one.
+/// Received type with this number; of an anonymous message only the two low bits are known, and allocation is the only
+/// one.
 pub(super) fn find_type(is_service: bool, id: u16, is_anonymous: bool) -> Option<&'static ReceivedType> {
     RECEIVED_TYPES.iter().find(|received| {
         let DataType { id: known, is_service: is_known_service, .. } = received.data_type;

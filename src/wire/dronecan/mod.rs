@@ -1,8 +1,8 @@
 //! DroneCAN (UAVCAN v0): frames of a CAN bus and the messages of a compass.
 //!
 //! Layouts and signatures are those of the DSDL definitions of github.com/dronecan/DSDL; frames and payloads are tested
-//! with those of pydronecan. `canadensis` implements another version of the protocol, and the crate `dronecan` few of the
-//! messages.
+//! with those of pydronecan. `canadensis` implements another version of the protocol, and the crate `dronecan` few of
+//! the messages.
 
 mod bits;
 mod frame;

@@ -1,8 +1,8 @@
 //! Receiver of transfers: reassembly of frames, with bounds on every array.
 //!
-//! A transfer is dropped when its first frame is missing, when it is longer than the longest accepted one, when two seconds
-//! pass between its frames, or when its CRC is wrong. A first frame always begins anew. A repeated frame, whose toggle bit
-//! is wrong, is ignored; a missing one shows in the CRC.
+//! A transfer is dropped when its first frame is missing, when it is longer than the longest accepted one, when two
+//! seconds pass between its frames, or when its CRC is wrong. A first frame always begins anew. A repeated frame, whose
+//! toggle bit is wrong, is ignored; a missing one shows in the CRC.
 
 use super::frame::{CanFrame, FRAME_CAPACITY, FrameHeader, NodeId, TailByte, TransferKind};
 use super::inbound::{InboundMessage, ReceivedType, find_type};

@@ -127,8 +127,8 @@ impl OutboundTransfer {
     }
 }
 
-/// Discriminator of an anonymous message, 14 bits, never zero in practice: it makes identifiers of two anonymous senders
-/// differ unless their payloads are equal.
+/// Discriminator of an anonymous message, 14 bits, never zero in practice: it makes identifiers of two anonymous
+/// senders differ unless their payloads are equal.
 fn discriminator(payload: &[u8]) -> u16 {
     (CRC.checksum(payload) & 0x7FFE) >> 1
 }

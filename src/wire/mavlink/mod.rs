@@ -34,7 +34,8 @@ pub struct Receiver {
     buffer: heapless::Vec<u8, { MAX_FRAME }>,
     /// Buffered bytes below which a scan finds nothing new.
     needed: usize,
-    /// Number of frames with a supported header but a wrong CRC, impossible values, or a missing or wrong signature; wraps.
+    /// Number of frames with a supported header but a wrong CRC, impossible values, or a missing or wrong signature;
+    /// wraps.
     pub rejected: u32,
     /// Signatures of received and sent frames.
     pub signatures: Signatures,

@@ -1,8 +1,8 @@
 //! Signatures of MAVLink 2 frames (<https://mavlink.io/en/guide/message_signing.html>).
 //!
-//! A signature has the number of the link, the time in units of 10 us, and the first six bytes of the SHA-256 of the key,
-//! the frame, link and time. With a key, frames without a valid signature are rejected, and so are repeated ones: the time
-//! of each stream (link and sender) must increase, and a new stream must not be older than a minute.
+//! A signature has the number of the link, the time in units of 10 us, and the first six bytes of the SHA-256 of the
+//! key, the frame, link and time. With a key, frames without a valid signature are rejected, and so are repeated ones:
+//! the time of each stream (link and sender) must increase, and a new stream must not be older than a minute.
 //!
 //! The module has no clock: its own time is that of the newest received frame. After a start, frames recorded before it
 //! are accepted until the first valid one of that stream.

@@ -116,8 +116,8 @@ pub struct MspAngles {
     pub roll_decideg: i16,
     /// Pitch, tenths of a degree, -900..=900; the sign depends on the firmware.
     pub pitch_decideg: i16,
-    /// Heading of any reference, degrees, 0..=359: `yaw_sensor` of ArduPilot, `attitude.values.yaw` of INAV and Betaflight,
-    /// truncated.
+    /// Heading of any reference, degrees, 0..=359: `yaw_sensor` of ArduPilot, `attitude.values.yaw` of INAV and
+    /// Betaflight, truncated.
     pub heading_deg: i16,
 }
 
@@ -281,8 +281,8 @@ fn raw_gps(payload: &[u8]) -> Option<MspReply> {
     Some(MspReply::RawGps(place.filter(|_| fix != 0)))
 }
 
-/// ArduPilot and Betaflight send year, month, day, hour, minute, second and milliseconds, nine bytes; INAV seconds since
-/// 1970 and milliseconds, six.
+/// ArduPilot and Betaflight send year, month, day, hour, minute, second and milliseconds, nine bytes; INAV seconds
+/// since 1970 and milliseconds, six.
 fn rtc(payload: &[u8]) -> Option<MspReply> {
     let day = match *payload {
         [y0, y1, month, day, _, _, _, _, _, ..] => date(u16::from_le_bytes([y0, y1]), month, day),

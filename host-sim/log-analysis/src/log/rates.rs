@@ -25,9 +25,9 @@ const MIN_RATE_CORRELATION: f64 = 0.6;
 /// Ratio of the attitude's change to the rates beyond which they have another unit.
 const MAX_RATE_RATIO: f64 = 10.0;
 
-/// Random walk of the heading integrated from the rates beyond which the monitor is better without them, deg/s^0.5. With
-/// noise added to the rates of the recorded flights in docs/your-flight.md, headings had 0.5 to 0.7 deg RMS at 0.4, 0.7 to
-/// 1.0 at 0.6 and 1.2 to 2.8 at 1.1; without rates 0.6.
+/// Random walk of the heading integrated from the rates beyond which the monitor is better without them, deg/s^0.5.
+/// With noise added to the rates of the recorded flights in docs/your-flight.md, headings had 0.5 to 0.7 deg RMS at
+/// 0.4, 0.7 to 1.0 at 0.6 and 1.2 to 2.8 at 1.1; without rates 0.6.
 const MAX_HEADING_RANDOM_WALK_DEG: f64 = 0.4;
 
 /// Largest number of repairs: one for each axis, and one for the unit.

@@ -1,5 +1,5 @@
-//! Chooses the parameters for a compass: scored as the autopilot applies them, on rows that were held back from the fit,
-//! and given only if they improve the compass.
+//! Chooses the parameters for a compass: scored as the autopilot applies them, on rows that were held back from the
+//! fit, and given only if they improve the compass.
 
 use std::fmt;
 
@@ -24,8 +24,9 @@ const MIN_REFERENCE_ROWS: usize = 50;
 /// however bad it was. A larger remainder has a cause that parameters do not correct.
 pub const GOOD_COMPASS_RMS_DEG: f64 = 2.0;
 
-/// Error beyond which a compass is bad, degrees RMS. Up to this error parameters are given if all but [`GOOD_COMPASS_RMS_DEG`] of it
-/// (in squares) is the known loss by the autopilot's symmetric matrix: flying again does not reduce that.
+/// Error beyond which a compass is bad, degrees RMS. Up to this error parameters are given if all but
+/// [`GOOD_COMPASS_RMS_DEG`] of it (in squares) is the known loss by the autopilot's symmetric matrix: flying again does
+/// not reduce that.
 pub const BAD_COMPASS_RMS_DEG: f64 = 5.0;
 
 /// Least gain over the parameters in use, degrees RMS and fraction of the error as logged.

@@ -67,8 +67,8 @@ impl FitVariant {
     }
 }
 
-/// Half of the flight that a time belongs to: blocks alternate irregularly (by the golden ratio), so that circles of any
-/// period are divided evenly.
+/// Half of the flight that a time belongs to: blocks alternate irregularly (by the golden ratio), so that circles of
+/// any period are divided evenly.
 #[must_use]
 pub fn half_at(t_s: f64) -> usize {
     const GOLDEN: f64 = 0.618_033_988_749_895;

@@ -1,8 +1,8 @@
 //! Self-contained HTML report of a log or of a simulated mission.
 //!
 //! `model` holds the contents of a page, filled from either source; `page` and `sections` render it with the
-//! `pictures`; `frame`, `svg` and `text` are their building blocks. `samples` gives the charts of `assets/charts.js` their
-//! numbers; `assets/` has style and scripts, and uPlot.
+//! `pictures`; `frame`, `svg` and `text` are their building blocks. `samples` gives the charts of `assets/charts.js`
+//! their numbers; `assets/` has style and scripts, and uPlot.
 
 mod frame;
 pub mod model;

@@ -188,8 +188,8 @@ fn declination_deg(evaluation: &FlightEvaluation) -> Option<f64> {
     earth.declination_deg.map(f64::from)
 }
 
-/// Strength, microtesla, and inclination, degrees, that a corrected field should have: exported parameters have the scale
-/// of the field model, a calibration its own.
+/// Strength, microtesla, and inclination, degrees, that a corrected field should have: exported parameters have the
+/// scale of the field model, a calibration its own.
 fn expected_earth(evaluation: &FlightEvaluation, calibration: &Calibration, is_exported: bool) -> [f64; 2] {
     let modelled = evaluation.earth.as_ref().filter(|_| is_exported).map(|(earth, _)| earth.total_ut);
     let inclination_deg = calibration.inclination_rad.to_degrees();

@@ -1,4 +1,5 @@
-//! Faults of the link to the autopilot: an autopilot that pauses, another vehicle, and forged messages on the same line.
+//! Faults of the link to the autopilot: an autopilot that pauses, another vehicle, and forged messages on the same
+//! line.
 
 use std::pin::Pin;
 
@@ -19,7 +20,8 @@ const SWITCH_CHECK_MS: u64 = 100;
 pub enum LinkFault {
     /// The vehicle's autopilot sends nothing while the switch is on.
     Pause(Switch),
-    /// Another vehicle flies circles; its autopilot sends heartbeats and attitude with this system ID from the beginning.
+    /// Another vehicle flies circles; its autopilot sends heartbeats and attitude with this system ID from the
+    /// beginning.
     OtherVehicle(u8),
     /// Messages in the autopilot's name, ten a second while the switch is on.
     Forged(Switch, ForgedMessage),

@@ -61,8 +61,8 @@ pub struct Serve {
     /// at 20 Hz or more. The simulator's own attitude is then sent as disarmed
     #[arg(long, value_name = "PORT", value_parser = integer(0, u16::MAX))]
     world: Option<u16>,
-    /// Put the module on a CAN bus as a DroneCAN node: mcast:0 to mcast:9, UDP multicast in the local network, as ArduPilot's
-    /// simulator and pydronecan use it
+    /// Put the module on a CAN bus as a DroneCAN node: mcast:0 to mcast:9, UDP multicast in the local network, as
+    /// ArduPilot's simulator and pydronecan use it
     #[arg(long, value_name = "mcast:N", value_parser = one_of(CAN_BUSES))]
     can: Option<u8>,
     /// Sender of the module's attitude: the simulator unless the autopilot's port receives one (auto), always the
@@ -77,9 +77,9 @@ pub struct Serve {
 /// Type to a module's console, as with `picocom`: a served module, a board, or a private one.
 ///
 /// With --tcp or the path of a pseudo-terminal it connects to a module of `host-sim serve`; with a serial port, to a
-/// board (set it to 115200 baud with stty; not on Windows). Without either it runs a private module, whose pilot takes orders after an
-/// exclamation mark: `!land` disarms, `!help` lists them. `quit`, Ctrl-D on an empty line and Ctrl-] end. Piped input is
-/// sent, and its answers are awaited.
+/// board (set it to 115200 baud with stty; not on Windows). Without either it runs a private module, whose pilot takes
+/// orders after an exclamation mark: `!land` disarms, `!help` lists them. `quit`, Ctrl-D on an empty line and Ctrl-]
+/// end. Piped input is sent, and its answers are awaited.
 #[derive(Args)]
 pub struct Console {
     /// Pseudo-terminal or serial port

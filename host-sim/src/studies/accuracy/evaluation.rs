@@ -65,8 +65,8 @@ impl SolveCounts {
     }
 }
 
-/// Heading errors after a calibration flight, divided by their sigmas. The attitude errors of the flight are exactly
-/// those that the solver considers; `record` simulates the flight with them.
+/// Heading errors after a calibration flight, divided by their sigmas. The flight has exactly the attitude errors
+/// considered by the solver; `record` simulates the flight with these.
 pub(super) fn normalised_errors_in_use(
     trial: &Trial,
     consider: ConsiderSigmas,

@@ -2,9 +2,9 @@
 //! sensor's zero, iron in a linkage that moves in turns, or magnetic hysteresis.
 //!
 //! A change `beta` of the hard iron `b` is tested as three additional unknowns of a [score test](super::score_test):
-//! `b + beta` before one of about thirty times and `b` after it (step), a linear transition over the flight (drift), or a
-//! share of `beta` that follows the load factor (linkage). Of [hysteresis](super::hysteresis) one unknown is the angle by which the soft
-//! iron's field lags in turns, and two have no effect.
+//! `b + beta` before one of about thirty times and `b` after it (step), a linear transition over the flight (drift), or
+//! a share of `beta` that follows the load factor (linkage). Of [hysteresis](super::hysteresis) one unknown is the
+//! angle by which the soft iron's field lags in turns, and two have no effect.
 //!
 //! Errors are correlated, and the misfit inflates sigma. So a second pass, if the first is suspicious, takes both from
 //! the residuals that remain with the change.
@@ -19,8 +19,8 @@
 //! residuals; a moved payload has 30 or more from these.
 //!
 //! Iron of 3 uT in a linkage has 70 to 270, because bank varies within turns, but down to 1 from norm residuals if it
-//! hardly changes the norm. Hysteresis of 15 deg has 20 to 300 where it costs half a degree or more. Of 60 clean flights the first
-//! pass has at most 10 of these two, which are tested once.
+//! hardly changes the norm. Hysteresis of 15 deg has 20 to 300 where it costs half a degree or more. Of 60 clean
+//! flights the first pass has at most 10 of these two, which are tested once.
 
 mod sums;
 
@@ -111,8 +111,8 @@ fn load_fraction(down: &Vector3<f32>) -> f32 {
     ((1.0 / down.z.max(0.1) - 1.0) / REFERENCE_LOAD).min(1.0)
 }
 
-/// Adds both residuals of a sample by an unknown with this effect on the corrected field: faster than one by one, because
-/// their rows have the measurement in common.
+/// Adds both residuals of a sample by an unknown with this effect on the corrected field: faster than one by one,
+/// because their rows have the measurement in common.
 fn add_pair(sums: &mut ScoreTest<1>, equations: &SampleEquations, effect: &Vector3<f32>) {
     let mut pair = JacobianRow { by_field: Vector3::zeros(), x: equations.norm.row.x, by_inclination: 0.0 };
     for equation in hard_iron_residuals(equations) {

@@ -17,7 +17,8 @@ pub(super) struct HardIronSums {
     gradient: Vector3<f32>,
 }
 
-/// Products of one sample: of `k k^T`, and of `k` times residual and derivative by the inclination, over both residuals.
+/// Products of one sample: of `k k^T`, and of `k` times residual and derivative by the inclination, over both
+/// residuals.
 pub(super) struct SampleProducts {
     pairs: [f32; 6],
     x: Vector3<f32>,

@@ -49,7 +49,8 @@ impl Allocator {
     }
 }
 
-/// A bus of unallocated nodes and an allocator, which is heard once a second; frames are lost, repeated or late by chance.
+/// A bus of unallocated nodes and an allocator, which is heard once a second; frames are lost, repeated or late by
+/// chance.
 struct AllocationBus {
     nodes: Vec<Bench>,
     allocator: Allocator,

@@ -42,8 +42,8 @@ fn the_covariance_is_that_of_the_heading_s_sigma() {
     assert!(bench.sent(MAG, 100).iter().all(|sent| sent.payload.len() == 7), "unknown without a heading");
 }
 
-/// Longest bits of a frame with an extended identifier: 67 and the data, with a stuff bit after every four of the 54 and
-/// the data; an interframe space is among them (ISO 11898-1).
+/// Longest bits of a frame with an extended identifier: 67 and the data, with a stuff bit after every four of the 54
+/// and the data; an interframe space is among them (ISO 11898-1).
 fn worst_bits(frame: &CanFrame) -> usize {
     let data = 8 * frame.data().len();
     67 + data + (54 + data - 1) / 4

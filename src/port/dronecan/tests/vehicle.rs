@@ -107,7 +107,8 @@ fn one_serial_line_of_one_node_uses_the_tunnel() {
     assert_eq!(rolls(&bench), [0.1, 0.6]);
 }
 
-/// Requests for attitude, heartbeats and headings, to the serial line from which the autopilot sends; nothing without it.
+/// Requests for attitude, heartbeats and headings, to the serial line from which the autopilot sends; nothing without
+/// it.
 #[test]
 fn mavlink_is_sent_through_the_tunnel() {
     let mut bench = Bench::new();

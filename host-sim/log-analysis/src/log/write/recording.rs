@@ -14,16 +14,15 @@ pub struct FlightSample {
     pub field_ut: Vec<[f64; 3]>,
     /// Reported roll, pitch and yaw, radians.
     pub attitude_rad: [f64; 3],
-    /// Body rates, rad/s.
+    /// Body rates (roll, pitch, yaw axis), rad/s.
     pub rates_rad_s: [f64; 3],
-    /// True heading, radians, from true north if the declination is known, else from magnetic north; likewise the
-    /// velocity.
+    /// True heading, radians, from true north if the declination is known, else from magnetic north.
     pub heading_rad: f64,
-    /// Velocity over ground towards north and east, m/s.
+    /// Velocity over ground towards north and east, m/s; of the same north as `heading_rad`.
     pub velocity_m_s: [f64; 2],
     /// Displacement from the start towards north and east, metres.
     pub displacement_m: [f64; 2],
-    /// Current, amperes.
+    /// Motor current, amperes.
     pub current_a: f64,
     /// Whether the aircraft is armed.
     pub is_armed: bool,

@@ -11,8 +11,8 @@ use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
 use crate::replay::row_headings::score;
 use crate::replay::{ReferenceHeading, ReplayRow};
 
-/// Sectors of 30 deg of heading, with at least this many rows (half a second), that a flight must cover to judge a compass: errors
-/// are less their mean, which on few headings is all of them.
+/// Sectors of 30 deg of heading, with at least this many rows (half a second), that a flight must cover to judge a
+/// compass: errors are less their mean, which on few headings is all of them.
 const MIN_HEADING_SECTORS: usize = 4;
 const MIN_ROWS_PER_SECTOR: usize = 5;
 

@@ -1,5 +1,5 @@
-//! Verdict on a flight, which the terminal, the page and `--json` show: on each compass as the aircraft flies it, the one
-//! in use first; then whether the module would have calibrated itself.
+//! Verdict on a flight, which the terminal, the page and `--json` show: on each compass as the aircraft flies it, the
+//! one in use first; then whether the module would have calibrated itself.
 
 mod facts;
 mod flight_verdict;

@@ -126,8 +126,8 @@ fn status(firmware: MspFirmware, is_armed: bool) -> Vec<u8> {
     payload
 }
 
-/// Accelerometer, gyro and magnetometer of INAV, of which the module uses the gyro: whole deg/s in axes forward, left, up.
-/// ArduPilot does not support it.
+/// Accelerometer, gyro and magnetometer of INAV, of which the module uses the gyro: whole deg/s in axes forward, left,
+/// up. ArduPilot does not support it.
 fn raw_imu(firmware: MspFirmware, known: &AutopilotState) -> Option<Vec<u8>> {
     let [p, q, r] = known.body_rates_rad_s.map(|rate| rate.to_degrees().round() as i16);
     let numbers = [0, 0, 512, p, -q, -r, 0, 0, 0];

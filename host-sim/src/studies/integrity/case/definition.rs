@@ -95,7 +95,8 @@ pub struct DrawnCase {
     pub(super) random: Random,
 }
 
-/// Duration of a flight in use, seconds. The first legs are the same for all (see [`flight`](crate::studies::integrity::flight)).
+/// Duration of a flight in use, seconds. The first legs are the same for all (see
+/// [`flight`](crate::studies::integrity::flight)).
 pub(super) const USE_DURATION_S: f64 = 185.0;
 
 /// Onset of faults without a special time, seconds after the start of use.
@@ -277,8 +278,8 @@ impl DrawnCase {
         );
     }
 
-    /// The source stalls once for 1.4 s in a turn, as a simulated autopilot on a busy computer did: it is silent, with time
-    /// stamps that go on or stop meanwhile, or it repeats its last message with new time stamps.
+    /// The source stalls once for 1.4 s in a turn, as a simulated autopilot on a busy computer did: it is silent, with
+    /// time stamps that go on or stop meanwhile, or it repeats its last message with new time stamps.
     pub(super) fn stall_source(&mut self) {
         const SENSOR_STALL_S: f64 = 1.4;
         let after_s = self.random.uniform(TIME_IN_TURN_S - 5.0, TIME_IN_TURN_S + 5.0);
@@ -293,7 +294,8 @@ impl DrawnCase {
         }
     }
 
-    /// The autopilot restarts, on the ground or in the air: silence, then time stamps from zero and an attitude that aligns.
+    /// The autopilot restarts, on the ground or in the air: silence, then time stamps from zero and an attitude that
+    /// aligns.
     pub(super) fn restart_autopilot(&mut self) {
         let mut after_s = self.random.uniform(USUAL_ONSET_S, TIME_IN_TURN_S);
         if self.random.uniform(0.0, 1.0) < 0.5 {
