@@ -60,9 +60,9 @@ impl Diagnostics {
 /// Largest stack use since the start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StackUse {
-    /// Bytes used.
+    /// Stack used at most, bytes.
     pub used_bytes: usize,
-    /// Bytes available.
+    /// Size of the stack, bytes.
     pub size_bytes: usize,
 }
 
@@ -77,7 +77,7 @@ pub enum ResetCause {
     Software,
     /// Watchdog, after a task had stopped.
     Watchdog,
-    /// Panic or fault.
+    /// Panic or processor fault.
     Panic(PanicReport),
 }
 
@@ -126,7 +126,7 @@ macro_rules! counters {
         }
 
         impl Counters {
-            /// All zero.
+            /// All counters zero.
             #[must_use]
             pub const fn new() -> Self {
                 Self { $($name: AtomicU32::new(0),)* }
@@ -182,7 +182,7 @@ counters! {
     unpaired,
     /// Readings, attitude reports and samples dropped at a full queue.
     samples_dropped,
-    /// Successful saves.
+    /// Successful saves to flash.
     saves,
     /// Failed loads and saves.
     store_errors,

@@ -7,7 +7,7 @@ use crate::frames::{Field, Sensor};
 /// Measurement of a magnetometer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// Field, chip axes.
+    /// Measured field, chip axes.
     pub field: Field<Sensor>,
     /// Whether an axis is at the end of its range; the instrument rejects such readings.
     pub saturated: bool,
@@ -19,7 +19,7 @@ pub struct Reading {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Identity {
-    /// Model.
+    /// Model of the magnetometer.
     pub model: Model,
     /// 7-bit I2C address, or [`SPI`](Self::SPI).
     pub address: u8,

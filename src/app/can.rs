@@ -118,7 +118,7 @@ fn poll(links: &Links, node: &mut CanNode, settings: &Settings) {
         node.poll(&NodeContext { snapshot: *snapshot, stored_settings: &stored_settings, is_armed })
     });
     if let Some(command) = command.flatten() {
-        // Without room the request times out, and its sender repeats it.
+        // If the queue is full, the request times out, and its sender repeats it.
         let _ = links.commands.try_send((CommandSource::Line(AutopilotLine::Can), command));
     }
 }

@@ -22,7 +22,7 @@ pub async fn run(links: &Links) -> ! {
     let mut turn_request = TurnRequest::NONE;
     let mut silent_at = silence_from_now(&instrument);
     loop {
-        // Reports before readings, so that a reading uses attitude of its own instant.
+        // Reports are received before readings, so that a reading uses attitude of its own instant.
         let event =
             select4(sensor.changed(), links.reports.receive(), links.readings.receive(), Timer::at(silent_at)).await;
         increment(&links.heartbeats.instrument);

@@ -1,4 +1,4 @@
-//! Shared by the tasks of all lines: snapshots of the module, and routing of received messages.
+//! Functions shared by the tasks of all lines: snapshots of the module, and routing of received messages.
 
 use super::Links;
 use super::links::{AutopilotLine, CommandSource, Timestamped, increment, publish};

@@ -33,7 +33,7 @@ pub(super) struct Timestamped<T> {
 pub(super) struct DetectedSensor {
     pub identity: Identity,
     pub period_us: u32,
-    /// Number of equal readings that indicate a stuck axis.
+    /// Number of equal readings on an axis that indicate that it is stuck.
     pub stuck_after: u16,
 }
 
@@ -282,7 +282,7 @@ const MESSAGE_QUEUE_CAPACITY: usize = 3;
 /// State that a line reports.
 #[derive(Clone, Copy)]
 struct LineState {
-    /// `Auto` during detection.
+    /// Protocol of the line; `Auto` during detection.
     protocol: ProtocolKind,
     /// Whether the line's autopilot is armed, if known.
     is_armed: Option<bool>,
@@ -291,7 +291,7 @@ struct LineState {
 pub(super) struct LineLinks {
     /// Heartbeat counter; 0 for a line that does not run.
     pub heartbeat: AtomicU32,
-    /// Unsolicited messages.
+    /// Unsolicited messages for the line.
     pub messages: Queue<Message, MESSAGE_QUEUE_CAPACITY>,
     /// Result of a command received on this line.
     pub answers: Signal<CriticalSectionRawMutex, (Command, Result<(), Refusal>)>,

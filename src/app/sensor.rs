@@ -36,7 +36,7 @@ pub async fn run(links: &Links, mut magnetometer: impl Magnetometer) -> ! {
                 let (period_us, stuck_after) = (magnetometer.period_us(), magnetometer.stuck_reading_count());
                 links.sensor.sender().send(DetectedSensor { identity, period_us, stuck_after });
                 if read_until_error(links, &mut magnetometer).await == StopReason::Upset {
-                    // The sensor answers, so that no delay is needed.
+                    // The sensor answers, so that it is initialised again without a delay.
                     increment(&links.counters.sensor_upsets);
                     continue;
                 }
@@ -59,7 +59,7 @@ async fn read_until_error(links: &Links, magnetometer: &mut impl Magnetometer) -
             increment(&links.counters.overruns);
         }
         links.queue_or_count(&links.readings, reading);
-        // Just after a measurement the next one is furthest away.
+        // The configuration is verified just after a measurement, when the next one is furthest away.
         if Instant::now() >= verify_at {
             verify_at += VERIFICATION_INTERVAL;
             match with_timeout(DRIVER_TIMEOUT, magnetometer.verify_configuration()).await {

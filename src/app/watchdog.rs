@@ -16,7 +16,7 @@ const _: () = assert!(CHECK_INTERVAL.as_millis() > super::compass::MAX_HEARTBEAT
 
 /// Hardware watchdog: resets the module unless [`feed`](Self::feed) is called within its period.
 pub trait Watchdog {
-    /// Restarts the period.
+    /// Restarts the watchdog's period.
     fn feed(&mut self);
 }
 

@@ -64,7 +64,7 @@ impl EulerRates {
 /// Angle rates and integrated heading at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GyroHeading {
-    /// Angle rates.
+    /// Rates of the Euler angles.
     pub euler_rates: EulerRates,
     /// Integrated heading rate, radians, `-pi..pi`. Only differences within one `run` are meaningful.
     pub relative_heading_rad: f32,

@@ -8,7 +8,7 @@ use crate::trig::sqrt;
 /// Report of an attitude source, without yaw, which the module itself measures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AttitudeReport {
-    /// Sender.
+    /// Sender of the report.
     pub sender: SenderId,
     /// Sender's clock at sending; 0 for senders without a clock.
     pub sender_time: WrappingMillis,

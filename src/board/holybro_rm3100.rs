@@ -155,7 +155,7 @@ fn clocks() -> embassy_stm32::Config {
     config
 }
 
-/// Mode 0 at 1 MHz.
+/// SPI mode 0 at 1 MHz.
 fn spi_config() -> spi::Config {
     let mut config = spi::Config::default();
     config.frequency = Hertz(1_000_000);

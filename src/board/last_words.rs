@@ -20,7 +20,7 @@ const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 #[derive(Clone, Copy)]
 struct Message {
     length: usize,
-    /// Consecutive early panics.
+    /// Number of consecutive panics soon after the start.
     early_panics: u8,
     text: [u8; CAPACITY],
     crc: u32,
@@ -82,7 +82,7 @@ fn die(message: fmt::Arguments<'_>) -> ! {
     cortex_m::interrupt::disable();
     let early_panics = count_early_panics(Message::load().early_panics, Instant::now().as_secs());
     let mut words = Message { early_panics, ..Message::EMPTY };
-    // Infallible: a message is truncated.
+    // Infallible: `Message` truncates a text that is too long.
     let _ = words.write_fmt(message);
     words.store();
     SCB::sys_reset()

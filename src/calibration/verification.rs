@@ -16,9 +16,9 @@ const INCLINATION_SCALE_RAD: f32 = 0.005;
 /// Scores on the same samples: smaller is better, about 1 for a good calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldBackScores {
-    /// Candidate.
+    /// Score of the candidate: RMS of normalised residuals (dimensionless).
     pub candidate: f32,
-    /// Active calibration.
+    /// Score of the active calibration, in the same unit.
     pub active: f32,
 }
 

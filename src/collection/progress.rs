@@ -31,9 +31,9 @@ pub struct CollectionProgress {
     pub procedure: Procedure,
     /// Left turns; all samples of `Tumble` and `Flight`.
     pub left: Coverage,
-    /// Right turns.
+    /// Progress of the right turns.
     pub right: Coverage,
-    /// Level flight.
+    /// Progress of level flight.
     pub level: Coverage,
     /// Number of compass-swing marks.
     pub marks: u16,

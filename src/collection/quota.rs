@@ -8,7 +8,7 @@ pub const FIT_CAPACITY: usize = 16 * SECTORS;
 /// Use of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SampleUse {
-    /// The solve.
+    /// Fit by the solve.
     Fit,
     /// Comparison of a solution with the active calibration.
     Verification,

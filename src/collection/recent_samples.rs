@@ -23,7 +23,7 @@ pub struct RecentSamples {
 }
 
 impl RecentSamples {
-    /// Empty.
+    /// A buffer without samples.
     #[must_use]
     pub const fn new() -> Self {
         Self { samples: heapless::Deque::new() }

@@ -7,7 +7,7 @@ pub enum CollectionState {
     Inactive,
     /// Stopped; the samples wait for the solver.
     Stopped,
-    /// Running.
+    /// The collection is running.
     Running,
 }
 

@@ -162,13 +162,13 @@ pub struct StatusReport {
 /// Stored calibration without coefficient covariance.
 #[derive(Clone, Debug)]
 pub struct CalibrationSummary {
-    /// Coefficients.
+    /// Calibration coefficients.
     pub calibration: Calibration,
     /// Expected accuracy.
     pub quality: Quality,
-    /// Sensor.
+    /// Magnetometer of the calibration.
     pub sensor: Identity,
-    /// Mounting.
+    /// Mounting of the calibration.
     pub mount: Orientation,
     /// Sequence number of accepted calibrations.
     pub serial: u32,

@@ -17,7 +17,7 @@ pub struct CommandSpec {
     pub words: [&'static str; 2],
     /// Description in `help`.
     pub help: &'static str,
-    /// Arguments.
+    /// Arguments of the command, in order.
     pub arguments: &'static [ArgumentSpec],
     /// Constructor of the request; none if a second word is required.
     pub request: Option<fn(&Arguments) -> Request>,
@@ -44,7 +44,7 @@ pub enum ArgumentKind {
     Number {
         /// Range from least to most.
         range: RangeInclusive<f32>,
-        /// Unit.
+        /// Unit of the number.
         unit: &'static str,
         /// Word in place of the number.
         or: Option<&'static str>,

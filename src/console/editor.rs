@@ -18,7 +18,7 @@ pub const PROMPT: &str = "> ";
 pub enum Key {
     /// Printable character.
     Character(u8),
-    /// Enters the line.
+    /// Enters the edited line.
     Enter,
     /// Completes the word.
     Tab,
@@ -56,7 +56,7 @@ pub struct KeyDecoder {
 enum Sequence {
     #[default]
     None,
-    /// After ESC.
+    /// State after an ESC byte.
     Escape,
     /// After `ESC [` or `ESC O`: the first number, and whether it is complete.
     Control(u8, bool),

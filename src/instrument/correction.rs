@@ -9,7 +9,7 @@ pub struct Correction {
     pub calibration: Option<(Calibration, HeadingUncertainty)>,
     /// Whether the calibration's inclination is valid; without it inclination is not monitored.
     pub has_valid_inclination: bool,
-    /// Heading offset, degrees.
+    /// Heading offset of the mounting, degrees.
     pub align_deg: f32,
     /// Source of the samples' attitude.
     pub sample_attitude: SampleAttitude,

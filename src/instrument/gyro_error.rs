@@ -1,8 +1,8 @@
 //! Errors of the gyro as they act on the rates of heading and pitch.
 //!
 //! The measured body rates are `(I + M) w + b`, with the true rates `w` and the offsets `b`. The diagonal of `M` has
-//! the scale errors, its other elements the cross-axis sensitivities. In `theta' = q cos(phi) - r sin(phi)` and `psi' =
-//! (q sin(phi) + r cos(phi)) / cos(theta)` only the rows of y and z appear: eight numbers.
+//! the scale errors, its other elements the cross-axis sensitivities. In `theta' = q cos(phi) - r sin(phi)` and
+//! `psi' = (q sin(phi) + r cos(phi)) / cos(theta)` only the rows of y and z appear: eight numbers.
 
 use super::ud_filter::UdFilter;
 use crate::attitude::{EulerRates, MIN_COS_PITCH};

@@ -312,7 +312,7 @@ impl Instrument {
         }
     }
 
-    /// The parameters.
+    /// Parameters of the instrument.
     #[must_use]
     pub const fn config(&self) -> &InstrumentConfig {
         &self.config

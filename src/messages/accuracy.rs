@@ -9,7 +9,7 @@ use crate::trig;
 /// Expected accuracy of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExpectedAccuracy {
-    /// Quality.
+    /// Quality of the calibration.
     pub quality: Quality,
     /// Heading error per degree of attitude error in level flight, at the worst heading (dimensionless). `None` if the
     /// inclination is unknown, as after tumbling.

@@ -44,7 +44,7 @@ pub enum Refusal {
         code: &'static str,
         /// Expected heading error, degrees RMS, if a solve estimated one.
         expected_rms_deg: Option<f32>,
-        /// Cause.
+        /// Cause of the refusal.
         cause: RefusalCause,
     },
     /// Large alignments require the word `yes`.

@@ -16,7 +16,7 @@ pub struct Port {
     pub mavlink: Mavlink,
     msp: Msp,
     nmea: Nmea,
-    /// Bytes to write.
+    /// Bytes to write to the line.
     pub output: TransmitBuffer,
 }
 

@@ -24,7 +24,7 @@ pub enum ParameterValue {
     Whole(u32),
     /// Number; NaN if the setting has no value.
     Number(f32),
-    /// Key of signatures.
+    /// Key of MAVLink signatures.
     Key(Option<SigningKey>),
 }
 

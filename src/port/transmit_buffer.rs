@@ -53,7 +53,7 @@ impl TransmitBuffer {
         true
     }
 
-    /// Bytes to write.
+    /// Bytes not written yet.
     #[must_use]
     pub fn pending(&self) -> &[u8] {
         self.bytes.get(self.begin..self.end).unwrap_or_default()

@@ -17,11 +17,11 @@ pub(super) const CALIBRATION_SLOTS: u8 = 4;
 /// A calibration, with sensor and mounting for which it is valid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrationRecord {
-    /// Coefficients.
+    /// Calibration coefficients.
     pub calibration: Calibration,
-    /// Expected accuracy.
+    /// Expected accuracy of the calibration.
     pub quality: Quality,
-    /// Heading uncertainty.
+    /// Heading uncertainty of the calibration.
     pub uncertainty: HeadingUncertainty,
     /// Sensor of the samples.
     pub sensor: Identity,
@@ -188,7 +188,7 @@ impl Default for StartupValues {
 /// Change made by a save. All other values are preserved.
 #[derive(Clone, Copy, Debug)]
 pub enum StoreChange<'a> {
-    /// New settings.
+    /// New settings of the user.
     Settings(&'a Settings),
     /// New calibrations, possibly already stored.
     Generations {

@@ -7,9 +7,9 @@ use serde::Serialize;
 /// Statistics of heading errors, degrees.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ErrorStatistics {
-    /// Largest error.
+    /// Largest heading error, degrees.
     pub max_deg: f64,
-    /// Mean error.
+    /// Mean heading error, degrees.
     pub mean_deg: f64,
     /// Root mean square error.
     pub rms_deg: f64,

@@ -78,7 +78,7 @@ impl Random {
         Self(rng)
     }
 
-    /// Standard normal number.
+    /// Draws a standard normal number.
     pub fn normal(&mut self) -> f64 {
         self.0.sample(StandardNormal)
     }

@@ -11,7 +11,7 @@ pub enum SolveNotice {
     Refused {
         /// Stable error code.
         code: String,
-        /// Explanation.
+        /// Explanation of the error.
         words: String,
     },
 }

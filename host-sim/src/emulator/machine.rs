@@ -50,7 +50,7 @@ const MAX_FIELD_NT: [f64; 3] = [186_000.0, 186_000.0, 208_800.0];
 /// Reason for which the machine stopped or reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MachineMessage {
-    /// Started; continues immediately.
+    /// Message of a started firmware, which continues immediately.
     Started,
     /// A time step has passed.
     Step,

@@ -32,7 +32,7 @@ use self::pilot::Pilot;
 /// Port of the module.
 #[derive(Debug)]
 pub struct Port {
-    /// Name.
+    /// Name of the port.
     pub name: &'static str,
     /// Short description of its traffic.
     pub carries: &'static str,
@@ -59,7 +59,7 @@ pub enum AttitudeProvider {
     /// The simulator, except while an external autopilot at the autopilot port sends attitude.
     #[default]
     Auto,
-    /// Always the simulator.
+    /// Only the simulator.
     Own,
     /// Only an external autopilot.
     Peer,
@@ -70,7 +70,7 @@ pub enum AttitudeProvider {
 pub struct ServeOptions {
     /// Flight pattern without pilot commands.
     pub pattern: PilotPattern,
-    /// Attitude source.
+    /// Provider of the attitude.
     pub attitude: AttitudeProvider,
     /// Whether an external simulator provides the attitude of the aircraft.
     pub has_external_simulator: bool,

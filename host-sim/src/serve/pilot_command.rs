@@ -10,14 +10,14 @@ use super::pilot_pattern::PilotPattern;
 pub enum PilotCommand {
     /// Turn at a bank through an angle, to the right if both have the same sign.
     Turn {
-        /// Bank, degrees.
+        /// Bank of the turn, degrees.
         bank_deg: f64,
-        /// Heading change, degrees.
+        /// Heading change of the turn, degrees.
         change_deg: f64,
     },
     /// Straight ahead at the present heading, or hover.
     Level {
-        /// Duration, seconds.
+        /// Duration of the leg, seconds.
         seconds: f64,
     },
     /// Turn to a magnetic heading and hold it.

@@ -52,9 +52,9 @@ impl Experiment {
 pub struct MethodErrors {
     /// Method name.
     pub name: &'static str,
-    /// Right wing down.
+    /// Heading errors with the right wing down, degrees.
     pub right_deg: [f64; HEADINGS],
-    /// Left wing down.
+    /// Heading errors with the left wing down, degrees.
     pub left_deg: [f64; HEADINGS],
 }
 

@@ -13,11 +13,11 @@ const WORD: usize = 8;
 /// Progress of the operation that a power cut interrupts.
 #[derive(Clone, Copy, Debug)]
 pub enum CutProgress {
-    /// Not started.
+    /// The operation is not started.
     Before,
     /// A random part of the bits has changed.
     Torn,
-    /// Complete.
+    /// The operation is complete.
     After,
 }
 

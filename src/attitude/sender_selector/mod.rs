@@ -44,7 +44,7 @@ impl SenderId {
 /// Heartbeat of a sender, about 1 Hz.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Heartbeat {
-    /// Sender.
+    /// Sender of the heartbeat.
     pub sender: SenderId,
     /// Whether the sender is an autopilot.
     pub is_autopilot: bool,
@@ -101,7 +101,7 @@ pub struct SenderSelector {
     /// Kept after expiry until another sender is selected, so that the armed state remains available when attitude
     /// fails.
     selected: Option<SelectedSender>,
-    /// First selected autopilot.
+    /// Autopilot that was selected first.
     own: Option<SenderId>,
     /// Last sender released for its contradictions.
     released: Option<SenderId>,

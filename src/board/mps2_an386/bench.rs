@@ -263,7 +263,7 @@ fn instructions(f: impl FnOnce()) -> u64 {
 struct Turns(&'static mut [Sample]);
 
 impl Turns {
-    /// Call once.
+    /// Simulates the turns; may be called only once.
     fn fly() -> Self {
         // An array made by a function would be on the stack first.
         static TURNS: ConstStaticCell<heapless::Vec<Sample, { 2 * SAMPLES }>> =
@@ -380,7 +380,7 @@ const ATTITUDE_FRAME: [u8; 40] = [
 const ATTITUDE_ANSWER: [u8; 15] =
     [0x24, 0x58, 0x3E, 0x00, 0x6C, 0x00, 0x06, 0x00, 0xE6, 0x00, 0x1E, 0x00, 0x64, 0x00, 0x8B];
 
-/// The longest of the frequent messages.
+/// Pose of the longest of the frequent messages.
 const POSE: Pose = Pose {
     at: Timestamp::from_us(1_234_567_000),
     roll_pitch_yaw_rad: [0.4, 0.05, 1.0],

@@ -43,7 +43,7 @@ impl NorFlashError for FlashError {
 pub struct StoreFlash(&'static mut [u8]);
 
 impl StoreFlash {
-    /// Call once.
+    /// Creates the flash; may be called only once.
     pub fn new() -> Self {
         let start = &raw mut __store_start;
         let size = (&raw const __store_end).addr() - start.addr();

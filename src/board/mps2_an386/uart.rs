@@ -55,7 +55,7 @@ impl Uart {
         Register::of(self.peripheral, offset)
     }
 
-    /// 115200 baud, 8N1.
+    /// Enables the UART at 115200 baud, 8N1.
     pub fn enable(&self) {
         self.set_baud(Baud::B115200);
         self.register(CONTROL).write(ENABLED);

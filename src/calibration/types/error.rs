@@ -9,11 +9,11 @@ use super::samples::SamplePart;
 /// An axis of the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axis {
-    /// x.
+    /// x axis of the chip.
     X,
-    /// y.
+    /// y axis of the chip.
     Y,
-    /// z.
+    /// z axis of the chip.
     Z,
 }
 

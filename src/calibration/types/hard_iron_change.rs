@@ -21,9 +21,9 @@ pub enum HardIronTimeCourse {
 /// A hard-iron change during a flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DetectedHardIronChange {
-    /// Size, microtesla.
+    /// Size of the change, microtesla.
     pub size_ut: f32,
-    /// Time course.
+    /// Time course of the change.
     pub time_course: HardIronTimeCourse,
     /// Time from the first sample to the last, seconds.
     pub duration_s: u16,

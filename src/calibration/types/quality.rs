@@ -34,9 +34,9 @@ pub struct Quality {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AttitudeLatency {
-    /// Maximum-likelihood estimate, seconds.
+    /// Maximum-likelihood estimate of the latency, seconds.
     pub estimate_s: f32,
-    /// Standard deviation, seconds.
+    /// Standard deviation of the latency, seconds.
     pub sigma_s: f32,
 }
 

@@ -13,9 +13,9 @@ pub struct Sample {
     pub field: Field<Sensor>,
     /// Attitude interpolated to the time of the measurement.
     pub attitude: Attitude,
-    /// Attitude rates.
+    /// Rates of the attitude angles.
     pub rates: Rates,
-    /// Motor current.
+    /// Motor current during the sample.
     pub current: Current,
     /// Time of the measurement. Only order and differences within one turn are used.
     pub time: WrappingMillis,
@@ -116,7 +116,7 @@ pub struct Samples<'a> {
 /// A sample with a known heading (compass swing). 40 bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mark {
-    /// The sample.
+    /// Sample at the mark.
     pub sample: Sample,
     /// Magnetic heading, radians.
     pub heading_rad: f32,

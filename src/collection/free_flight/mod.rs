@@ -21,7 +21,7 @@ pub(super) enum FreeFlightSample {
     Ignored,
     /// Distinct, but not more informative than those stored.
     Rejected,
-    /// Stored.
+    /// The sample was stored.
     Stored,
 }
 

@@ -24,7 +24,7 @@ pub(in crate::collection) struct Header {
     pub distinct_count: u32,
     /// Minimum distance between samples of a tumble, microtesla; grows when the buffer is full.
     pub min_distance_ut: f32,
-    /// By [`Part::index`].
+    /// States of the parts by [`Part::index`].
     pub parts: [PartState; Part::ALL.len()],
     pub statistics: FlightStatistics,
 }
@@ -45,7 +45,7 @@ impl PartState {
 }
 
 impl Header {
-    /// No collection.
+    /// Header without a collection.
     pub const EMPTY: Self = Self {
         state: 0,
         procedure: 0,

@@ -52,7 +52,7 @@ words!(SampleBuffer { samples, fit_count, held_back_count });
 words!(RetainedSamples { checksum, unexpected_restarts, header, samples, marks });
 
 impl RetainedSamples {
-    /// No collection.
+    /// Memory without a collection.
     pub const EMPTY: Self = Self {
         checksum: 0,
         unexpected_restarts: 0,

@@ -10,7 +10,7 @@ use crate::calibration::Sample;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SectorBalance {
-    /// Capacity.
+    /// Capacity of the part, samples.
     quota: Quota,
     /// Fit samples that fill a sector.
     sector_samples: u16,

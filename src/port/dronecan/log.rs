@@ -27,7 +27,7 @@ const MIN_STATE_DURATION_US: u64 = 2_000_000;
 struct Text {
     level: LogLevel,
     characters: Characters,
-    /// Bytes sent.
+    /// Bytes of the text that are sent.
     sent: usize,
 }
 

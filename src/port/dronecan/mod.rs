@@ -251,7 +251,7 @@ impl CanNode {
         self.frames.errors = self.frames.errors.wrapping_add(1);
     }
 
-    /// State for people.
+    /// State of the node for status reports.
     #[must_use]
     pub fn state(&self, now: Timestamp) -> CanState {
         CanState { node: self.number(), has_conflict: self.has_conflict(now), frames: self.frames }

@@ -34,7 +34,7 @@ pub(super) struct Outbox {
     transfer_ids: [u8; COUNTED_TYPES.len()],
     /// Time of the last sent frame, or of the first frame in an empty queue.
     progress_at: Timestamp,
-    /// Queued transfers; wraps.
+    /// Number of queued transfers; wraps.
     pub transfers: u32,
     /// Transfers dropped for lack of room or time; wraps.
     pub lost: u32,
@@ -93,7 +93,7 @@ impl Outbox {
         self.count(data_type);
     }
 
-    /// Next frame.
+    /// Next frame to send.
     pub fn front(&self) -> Option<&CanFrame> {
         self.field.front().or_else(|| self.frames.front())
     }

@@ -66,7 +66,7 @@ struct OpenCommand {
 
 /// Next step with the oldest request.
 pub(super) enum Step {
-    /// Nothing to do.
+    /// No request to answer.
     Idle,
     /// Send a response, then call [`Services::pop`].
     Respond(OutboundTransfer),

@@ -93,7 +93,7 @@ impl<'a> BitReader<'a> {
         value as u8
     }
 
-    /// Next signed integer.
+    /// Takes the next `bits` bits as a signed integer.
     pub fn take_signed(&mut self, bits: u32) -> i64 {
         let unused = 64 - bits;
         (self.take(bits) << unused).cast_signed() >> unused

@@ -47,7 +47,7 @@ impl CanFrame {
 pub struct NodeId(NonZeroU8);
 
 impl NodeId {
-    /// Largest number.
+    /// Largest node number.
     pub const MAX: u8 = 127;
 
     /// A node number; `None` for 0, which is no node, and above 127.
@@ -56,7 +56,7 @@ impl NodeId {
         NonZeroU8::new(number).filter(|number| number.get() <= Self::MAX).map(Self)
     }
 
-    /// The number.
+    /// The node number.
     #[must_use]
     pub const fn get(self) -> u8 {
         self.0.get()
@@ -74,7 +74,7 @@ pub mod priority {
 /// Kind of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TransferKind {
-    /// Broadcast.
+    /// Broadcast message.
     Message,
     /// Service request to a node.
     Request(NodeId),
@@ -87,7 +87,7 @@ pub enum TransferKind {
 pub struct FrameHeader {
     /// Priority, 0 (highest) to 31.
     pub priority: u8,
-    /// Kind.
+    /// Kind of the transfer.
     pub kind: TransferKind,
     /// Data type; of an anonymous message only the two low bits.
     pub type_id: u16,

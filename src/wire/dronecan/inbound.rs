@@ -44,7 +44,7 @@ pub enum InboundMessage<'a> {
     Targetted(Targetted<'a>),
     /// Whether the vehicle is armed.
     ArmingStatus(bool),
-    /// Battery.
+    /// State of a battery.
     Battery {
         /// Number of the battery at its node.
         battery: u8,
@@ -78,27 +78,27 @@ pub struct GetSet<'a> {
 /// Value of a parameter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Value<'a> {
-    /// None.
+    /// No value.
     #[default]
     Empty,
-    /// Integer.
+    /// Integer value.
     Integer(i64),
-    /// Number.
+    /// Floating-point value.
     Real(f32),
-    /// Switch.
+    /// Boolean value.
     Boolean(bool),
-    /// Text.
+    /// Text value.
     Text(&'a [u8]),
 }
 
 /// Operation on all parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Opcode {
-    /// Save.
+    /// Saves all parameters.
     Save,
     /// Reset to the defaults.
     Erase,
-    /// Unknown.
+    /// Unknown operation.
     Other,
 }
 
@@ -107,15 +107,15 @@ pub enum Opcode {
 pub struct Targetted<'a> {
     /// Kind of the bytes.
     pub protocol: u8,
-    /// Addressee.
+    /// Number of the node to which the bytes are addressed.
     pub target: u8,
     /// Number of the serial line, -16 to 15; -1 is the default one.
     pub serial: i8,
-    /// Options.
+    /// Option bits of the tunnel.
     pub options: u8,
-    /// Bits per second.
+    /// Baud rate of the serial line, bits per second.
     pub baud: u32,
-    /// Bytes.
+    /// Bytes of the serial line.
     pub data: &'a [u8],
 }
 

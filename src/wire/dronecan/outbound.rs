@@ -7,7 +7,7 @@ use super::transfer::Payload;
 /// Health of a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Health {
-    /// Works.
+    /// The node works.
     #[default]
     Ok = 0,
     /// The node does not work; autopilots then refuse to arm.
@@ -31,9 +31,9 @@ pub enum Mode {
 pub struct NodeStatus {
     /// Time since the start, seconds.
     pub uptime_s: u32,
-    /// Health.
+    /// Health of the node.
     pub health: Health,
-    /// Mode.
+    /// Operating mode of the node.
     pub mode: Mode,
     /// Code of the vendor.
     pub vendor_code: u16,
@@ -48,7 +48,7 @@ impl NodeStatus {
         out.put(self.vendor_code.into(), 16);
     }
 
-    /// Message.
+    /// Encoded NodeStatus message.
     #[must_use]
     pub fn payload(self) -> Payload {
         let mut out = BitWriter::default();
@@ -60,9 +60,9 @@ impl NodeStatus {
 /// Software of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SoftwareVersion {
-    /// Major version.
+    /// Major version of the software.
     pub major: u8,
-    /// Minor version.
+    /// Minor version of the software.
     pub minor: u8,
     /// First 32 bits of the commit, if known.
     pub commit: Option<u32>,
@@ -90,7 +90,7 @@ impl SoftwareVersion {
 pub struct NodeInfo {
     /// Name, a reversed domain, at most 80 characters.
     pub name: &'static str,
-    /// Software.
+    /// Software version of the node.
     pub software: SoftwareVersion,
     /// Major and minor version of the hardware.
     pub hardware: [u8; 2],
@@ -131,20 +131,20 @@ pub fn allocation(is_first_part: bool, unique_id_part: &[u8]) -> Payload {
 /// Response to GetSet. Without a name the parameter does not exist, and all values are empty.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Parameter<'a> {
-    /// Value.
+    /// Value of the parameter.
     pub value: Value<'a>,
-    /// Default value.
+    /// Default value of the parameter.
     pub default: Value<'a>,
     /// Largest value: an integer, a number, or empty.
     pub max: Value<'a>,
     /// Smallest value: an integer, a number, or empty.
     pub min: Value<'a>,
-    /// Name.
+    /// Name of the parameter.
     pub name: &'a str,
 }
 
 impl Parameter<'_> {
-    /// Response.
+    /// Encoded response to GetSet.
     #[must_use]
     pub fn payload(&self) -> Payload {
         let mut out = BitWriter::default();
@@ -200,9 +200,9 @@ pub fn restart_result(is_ok: bool) -> Payload {
 /// Counters of a bus since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BusCounts {
-    /// Sent frames.
+    /// Number of sent frames.
     pub sent: u32,
-    /// Received frames.
+    /// Number of received frames.
     pub received: u32,
     /// Errors of the bus.
     pub errors: u32,

@@ -80,20 +80,20 @@ impl DataType {
 /// A message or a response, ready to be divided into frames.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OutboundTransfer {
-    /// Data type.
+    /// Data type of the payload.
     pub data_type: DataType,
     /// Priority, 0 (highest) to 31.
     pub priority: u8,
-    /// Kind.
+    /// Kind of the transfer.
     pub kind: TransferKind,
     /// Number of the transfer, 0 to 31.
     pub transfer_id: u8,
-    /// Encoded value.
+    /// Encoded message, request or response.
     pub payload: Payload,
 }
 
 impl OutboundTransfer {
-    /// Number of frames.
+    /// Number of frames that the transfer needs.
     #[must_use]
     pub fn frame_count(&self) -> usize {
         if self.is_single() { 1 } else { (self.payload.len() + CRC_LENGTH).div_ceil(FRAME_PAYLOAD) }

@@ -40,11 +40,11 @@ pub enum InboundMessage {
 /// Received command.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReceivedCommand {
-    /// Sender.
+    /// Sender of the command.
     pub source: SenderId,
-    /// Addressee.
+    /// Addressee of the command.
     pub target: Address,
-    /// `MAV_CMD` number.
+    /// Number of the command (`MAV_CMD`).
     pub command: u16,
     /// Number of repetitions of an unacknowledged command; 0 in a COMMAND_INT, which has none.
     pub confirmation: u8,
@@ -55,11 +55,11 @@ pub struct ReceivedCommand {
 /// Result of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Acknowledgement {
-    /// Sender.
+    /// Sender of the acknowledgement.
     pub source: SenderId,
     /// Addressee; all in version 1, which does not contain it.
     pub target: Address,
-    /// `MAV_CMD` number.
+    /// Number of the acknowledged command (`MAV_CMD`).
     pub command: u16,
     /// `MAV_RESULT` number, unknown ones included.
     pub result: u8,

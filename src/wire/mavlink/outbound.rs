@@ -17,7 +17,7 @@ use crate::time::Timestamp;
 /// Longest payload, bytes: VISION_POSITION_ESTIMATE with its covariance.
 const MAX_PAYLOAD: usize = 117;
 
-/// Frame to write.
+/// Encoded MAVLink frame.
 pub type Frame = heapless::Vec<u8, { V2_HEADER + MAX_PAYLOAD + 2 + signature::LENGTH }>;
 
 /// Message to send.
@@ -89,7 +89,7 @@ impl OutboundMessage {
         message
     }
 
-    /// COMMAND_ACK.
+    /// COMMAND_ACK for a received command.
     #[must_use]
     pub fn acknowledgement(target: Address, command: u16, result: MavResult) -> Self {
         let mut message = Self::from_library::<COMMAND_ACK_DATA>();

@@ -51,19 +51,19 @@ use crate::frames::{Attitude, Body, Field};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u16)]
 pub enum Function {
-    /// MSP_FC_VARIANT: firmware.
+    /// MSP_FC_VARIANT: firmware of the flight controller.
     FcVariant = 2,
     /// MSP_STATUS: armed state, among others.
     Status = 101,
     /// MSP_RAW_IMU: body rates.
     RawImu = 102,
-    /// MSP_RAW_GPS: position.
+    /// MSP_RAW_GPS: GPS position.
     RawGps = 106,
     /// MSP_ATTITUDE: roll and pitch.
     Attitude = 108,
-    /// MSP_ANALOG: current.
+    /// MSP_ANALOG: battery current.
     Analog = 110,
-    /// MSP_RTC: date.
+    /// MSP_RTC: date of the real-time clock.
     Rtc = 247,
 }
 
@@ -124,13 +124,13 @@ pub struct MspAngles {
 /// Decoded reply.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MspReply {
-    /// Firmware.
+    /// Firmware of the flight controller.
     FcVariant(Firmware),
-    /// Armed state.
+    /// Whether the vehicle is armed.
     Armed(bool),
     /// Position; none without a fix.
     RawGps(Option<Position>),
-    /// Roll and pitch.
+    /// Roll, pitch and heading.
     Attitude(MspAngles),
     /// Gyro's rates, in unit and axes of the firmware.
     Gyro([i16; 3]),

@@ -13,15 +13,15 @@ use super::series::Series;
 /// Log file format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum LogFormat {
-    /// ArduPilot, binary.
+    /// Binary DataFlash log of ArduPilot.
     DataFlash,
-    /// ArduPilot, text.
+    /// DataFlash log of ArduPilot as text.
     DataFlashText,
-    /// PX4.
+    /// ULog of PX4.
     ULog,
     /// MAVLink frames with the receiver's clock.
     TLog,
-    /// A table.
+    /// Table of comma-separated values.
     Csv,
 }
 
@@ -57,7 +57,7 @@ pub enum Autopilot {
     ArduPilot,
     /// PX4.
     Px4,
-    /// Not identified.
+    /// Autopilot not identified.
     #[default]
     Unknown,
 }
@@ -137,7 +137,7 @@ pub struct Flight {
     pub firmware: Option<String>,
     /// Whether it is a rotorcraft.
     pub is_copter: bool,
-    /// The compasses.
+    /// The compasses of the aircraft.
     pub compasses: Vec<Compass>,
     /// The autopilot's roll, pitch and yaw from true north, radians; yaw is NaN if absent.
     pub attitude: Series<3>,

@@ -38,7 +38,7 @@ pub enum FieldProcessing {
     Px4(u8),
     /// Uncorrected, in axes of the PX4 sensor of this index.
     Px4SensorRaw(u8),
-    /// Uncorrected, body axes.
+    /// Uncorrected field in body axes.
     BodyRaw,
 }
 

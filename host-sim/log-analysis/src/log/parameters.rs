@@ -36,7 +36,7 @@ impl ParameterHistory {
         latest.or_else(|| values.first()).map(|&(_, value)| value)
     }
 
-    /// The last value.
+    /// The last value of a parameter.
     #[must_use]
     pub fn last(&self, name: &str) -> Option<f64> {
         self.at(f64::INFINITY, name)

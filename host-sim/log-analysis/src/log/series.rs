@@ -17,7 +17,7 @@ const LOWEST_THINNED_RATE_HZ: f64 = 20.0;
 pub struct Stamped<const N: usize> {
     /// Flight time, seconds.
     pub t_s: f64,
-    /// The values.
+    /// Values of the row.
     pub values: [f32; N],
 }
 

@@ -56,7 +56,7 @@ pub struct CompassEvaluation {
     pub latency: FieldLatency,
     /// Rows of the compass.
     pub rows: Vec<ReplayRow>,
-    /// Row counts.
+    /// Numbers of rows.
     pub counts: RowCounts,
     /// Median interval of the readings, seconds.
     pub reading_interval_s: f64,
@@ -92,7 +92,7 @@ pub struct ScoredCorrection {
 pub enum CorrectionSource {
     /// Uncorrected field.
     Uncorrected,
-    /// The autopilot's parameters.
+    /// Parameters of the autopilot.
     Autopilot,
     /// Sphere fit.
     Sphere,
@@ -126,7 +126,7 @@ impl CorrectionSource {
 /// Evaluation of a flight.
 #[derive(Clone, Debug)]
 pub struct FlightEvaluation {
-    /// The compasses.
+    /// Results of the compasses.
     pub compasses: Vec<CompassEvaluation>,
     /// Reference heading.
     pub reference: Option<ReferenceHeading>,

@@ -64,7 +64,7 @@ pub enum NoParameters {
     OffsetsTooLarge {
         /// Largest offset, milligauss.
         offset_mg: f64,
-        /// Its limit, milligauss.
+        /// Limit of the offset, milligauss.
         limit_mg: f64,
     },
 }

@@ -71,7 +71,7 @@ fn round_step(least: f64) -> f64 {
 pub struct PlotFrame {
     pub x: Axis,
     pub y: Axis,
-    /// Upper left corner.
+    /// Upper left corner of the frame.
     pub origin: Point,
     pub size: Point,
 }

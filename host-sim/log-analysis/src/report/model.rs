@@ -4,10 +4,10 @@ use crate::numbers::{mean_angle_deg, quantile};
 use crate::replay::verdict::CompassState;
 use crate::score::wrap_180;
 
-/// A page.
+/// Contents of a report page.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Report {
-    /// Title.
+    /// Title of the page.
     pub title: String,
     /// Verdicts, the most important first.
     pub verdicts: Vec<VerdictLine>,
@@ -15,7 +15,7 @@ pub struct Report {
     pub module_verdict: Option<String>,
     /// Most important figures, name and value.
     pub figures: Vec<[String; 2]>,
-    /// Warnings.
+    /// Warnings about the log.
     pub notes: Vec<String>,
     /// Reference of the headings.
     pub reference: ReferenceInfo,
@@ -42,7 +42,7 @@ impl Report {
 /// A verdict on one line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VerdictLine {
-    /// State.
+    /// State of the compass.
     pub state: CompassState,
     /// The state in a word.
     pub word: &'static str,
@@ -53,7 +53,7 @@ pub struct VerdictLine {
 /// Origin of a report, besides its flight.
 #[derive(Clone, Debug, Default)]
 pub struct ReportOrigin {
-    /// Command line.
+    /// Command line that created the report.
     pub command: String,
     /// Settings, name and value.
     pub settings: Vec<[String; 2]>,
@@ -90,7 +90,7 @@ pub struct CalibratorComparison {
 /// Results of a compass.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CompassReport {
-    /// Name.
+    /// Name of the compass.
     pub name: String,
     /// Whether its calibration was accepted, or would have been.
     pub accepted: bool,
@@ -166,9 +166,9 @@ pub struct ReportSample {
     pub position_m: Option<[f64; 2]>,
     /// Field without a correction, body axes, microtesla.
     pub raw_ut: Option<[f64; 3]>,
-    /// Field as logged.
+    /// Field as logged, microtesla.
     pub logged_ut: Option<[f64; 3]>,
-    /// Corrected field.
+    /// Corrected field, microtesla.
     pub corrected_ut: Option<[f64; 3]>,
     /// Battery current, amperes.
     pub current_a: Option<f64>,

@@ -28,11 +28,11 @@ const MAX_OVERTAKEN_DELAY_US: f32 = 5_000.0;
 pub struct CanFaults {
     /// Seed of the faults.
     pub seed: u64,
-    /// Lost frames.
+    /// Share of frames that are lost.
     pub loss: f32,
-    /// Frames that are received twice.
+    /// Share of frames that are received twice.
     pub duplication: f32,
-    /// Frames that are received up to 5 ms late, after later ones.
+    /// Share of frames that are received up to 5 ms late, after later ones.
     pub reordering: f32,
 }
 

@@ -17,11 +17,11 @@ pub struct TrueState {
     pub pitch_rad: f64,
     /// Magnetic heading of the nose, clockwise from north, not wrapped.
     pub heading_rad: f64,
-    /// Derivative of roll.
+    /// Derivative of roll, rad/s.
     pub roll_rate_rad_s: f64,
-    /// Derivative of pitch.
+    /// Derivative of pitch, rad/s.
     pub pitch_rate_rad_s: f64,
-    /// Derivative of heading.
+    /// Derivative of heading, rad/s.
     pub heading_rate_rad_s: f64,
     /// Angle from the nose to the velocity through the air; positive for air from the right.
     pub sideslip_rad: f64,

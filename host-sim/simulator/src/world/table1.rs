@@ -22,9 +22,9 @@ pub const PUBLISHED_CSV: &str = include_str!("../../../data/table1.csv");
 /// Heading errors at one heading, banked to either side, degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BankErrors {
-    /// Right wing down.
+    /// Heading error with the right wing down, degrees.
     pub right_deg: f64,
-    /// Left wing down.
+    /// Heading error with the left wing down, degrees.
     pub left_deg: f64,
 }
 
@@ -33,7 +33,7 @@ pub struct BankErrors {
 pub struct PublishedRow {
     /// True heading, degrees.
     pub heading_deg: f64,
-    /// Uncompensated.
+    /// Errors of the uncompensated heading.
     pub before: BankErrors,
     /// Compensated from known headings.
     pub reference: BankErrors,

@@ -20,7 +20,7 @@ pub struct FieldCorrection {
 }
 
 impl FieldCorrection {
-    /// Identity.
+    /// Correction without effect.
     #[must_use]
     pub fn identity() -> Self {
         Self::without_current(Matrix3::identity(), Vector3::zeros())

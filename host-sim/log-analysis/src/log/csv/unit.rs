@@ -8,7 +8,7 @@ pub enum FieldUnit {
     /// Milligauss, as ArduPilot logs.
     #[serde(rename = "mg")]
     Milligauss,
-    /// Microtesla.
+    /// Field in microtesla.
     #[serde(rename = "ut")]
     Microtesla,
 }

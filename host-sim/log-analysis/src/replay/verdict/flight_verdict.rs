@@ -12,9 +12,9 @@ use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat};
 /// Verdict on a flight.
 #[derive(Clone, Debug)]
 pub struct Verdict<'a> {
-    /// The log.
+    /// The evaluated log.
     pub flight: &'a Flight,
-    /// Its evaluation.
+    /// Evaluation of the flight.
     pub evaluation: &'a FlightEvaluation,
     /// Whether the module would have calibrated.
     pub outcome: FlightOutcome,
@@ -29,7 +29,7 @@ pub struct Verdict<'a> {
 /// Verdict on a compass.
 #[derive(Clone, Debug)]
 pub struct CompassVerdict<'a> {
-    /// Its evaluation.
+    /// Evaluation of the compass.
     pub evaluation: &'a CompassEvaluation,
     /// State, and what to do.
     pub judgement: Judgement,

@@ -51,7 +51,7 @@ pub enum Reason {
     IronChanged {
         /// Time, seconds of the log.
         at_s: f64,
-        /// Size, microtesla.
+        /// Size of the change, microtesla.
         size_ut: f64,
         /// Largest effect on a level heading, degrees.
         bend_deg: f64,
@@ -88,7 +88,7 @@ impl Reason {
 /// Judgement of a compass.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Judgement {
-    /// State.
+    /// State of the compass.
     pub state: CompassState,
     /// Action.
     pub action: CompassAction,

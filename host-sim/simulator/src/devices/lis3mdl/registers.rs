@@ -43,7 +43,7 @@ pub(super) struct MeasurementSettings {
     pub averaging_z: usize,
     /// Index of the full scale: 4, 8, 12, 16 gauss.
     pub full_scale: usize,
-    /// Measurements per second.
+    /// Measurement rate, Hz.
     pub rate_hz: f64,
     /// Whether the self-test field is added.
     pub self_test: bool,

@@ -50,7 +50,7 @@ pub enum Rm3100Fault {
     StuckAxis(usize),
     /// The oscillator of an axis, 0 to 2, fails the self-test.
     BrokenOscillator(usize),
-    /// No measurement ends.
+    /// Measurements never end.
     NeverReady,
 }
 

@@ -19,7 +19,7 @@ pub enum WakeCondition {
 pub struct TimedByte {
     /// Simulation time, microseconds.
     pub at_us: u64,
-    /// The byte.
+    /// The byte on the line.
     pub byte: u8,
 }
 

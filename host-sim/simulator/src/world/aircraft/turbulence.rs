@@ -19,15 +19,15 @@ pub(super) struct Turbulence {
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Disturbances {
-    /// Random roll.
+    /// Random roll, radians.
     pub bank_rad: f64,
-    /// Random pitch.
+    /// Random pitch, radians.
     pub pitch_rad: f64,
     /// Gust from the right of the flight path.
     pub across_m_s: f64,
     /// Gust along the flight path.
     pub along_m_s: f64,
-    /// Upward gust.
+    /// Upward gust, m/s.
     pub vertical_m_s: f64,
 }
 

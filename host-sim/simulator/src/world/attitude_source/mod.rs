@@ -55,7 +55,7 @@ const PUSH_TIME_S: f64 = 2.0;
 pub enum Yaw {
     /// Gyro yaw with an offset that grows linearly.
     Drifting,
-    /// NaN.
+    /// Yaw is sent as NaN.
     Absent,
 }
 
@@ -105,9 +105,9 @@ impl Default for AttitudeSourceConfig {
 /// Reported attitude, radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReportedAttitude {
-    /// Roll.
+    /// Reported roll, radians.
     pub roll_rad: f64,
-    /// Pitch.
+    /// Reported pitch, radians.
     pub pitch_rad: f64,
     /// Yaw, -pi..pi, or NaN.
     pub yaw_rad: f64,

@@ -18,13 +18,13 @@ use crate::random::{Purpose, Random};
 /// Probabilities (0 to 1) of communication faults per answer. At most one fault occurs per answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AnswerFaults {
-    /// No answer.
+    /// Probability of no answer.
     pub dropped: f64,
-    /// Error frame.
+    /// Probability of an error frame.
     pub rejected: f64,
-    /// Truncated answer.
+    /// Probability of a truncated answer.
     pub truncated: f64,
-    /// Answer delayed until the next one and sent with it.
+    /// Probability that an answer is delayed until the next one and sent with it.
     pub delayed: f64,
 }
 
