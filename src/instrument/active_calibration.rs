@@ -9,7 +9,7 @@ use crate::time::Timestamp;
 
 #[derive(Clone, Debug)]
 pub(super) struct ActiveCalibration {
-    /// Correction as set, with the calibration as stored.
+    /// Correction that the state machine set, with the calibration as stored.
     pub base: Correction,
     /// The monitor's adjustment of `base`.
     pub adjustment: MonitorOutput,
@@ -17,7 +17,7 @@ pub(super) struct ActiveCalibration {
     pub adjusted_at: Timestamp,
     /// Calibration of `base` with the adjustment.
     pub adjusted: Option<(Calibration, HeadingUncertainty)>,
-    /// Corrected field to compass field.
+    /// Map of the corrected field to the compass field.
     pub output_map: OutputMap,
 }
 

@@ -5,7 +5,7 @@ use crate::{attitude, heading};
 /// Parameters of an instrument.
 #[derive(Clone, Copy, Debug)]
 pub struct InstrumentConfig {
-    /// Sensor period, microseconds.
+    /// Period of the magnetometer's readings, microseconds.
     pub reading_period_us: u32,
     /// Equal consecutive readings of an axis that indicate a stuck sensor; `None` disables the test.
     pub stuck_after: Option<u16>,

@@ -20,7 +20,7 @@ pub struct Correction {
     pub total_ut: Option<f32>,
     /// Whether the autopilot is armed, if reported.
     pub is_armed: Option<bool>,
-    /// Errors of gyro and magnetometer to expect.
+    /// Expected errors of gyro and magnetometer.
     pub sensor_errors: SensorErrorSigmas,
 }
 
@@ -34,12 +34,12 @@ pub struct SensorErrorSigmas {
 }
 
 impl SensorErrorSigmas {
-    /// A gyro of 2 %; hard iron that drifts by 0.25 % of the field, 0.12 of 50 uT.
+    /// Default errors: gyro 2 %; hard iron that drifts by 0.25 % of the field in a minute, 0.12 of 50 uT.
     pub const DEFAULT: Self = Self { gyro_scale: 0.02, hard_iron_drift: 0.0025 };
 }
 
 impl Correction {
-    /// No calibration.
+    /// Correction without a calibration.
     pub const NONE: Self = Self {
         calibration: None,
         has_valid_inclination: true,

@@ -6,7 +6,7 @@ use crate::frames::{Attitude, Body, Field};
 use crate::heading::{Heading, NoHeading};
 use crate::time::Timestamp;
 
-/// Results at one time.
+/// Results of the instrument at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// Time of the reading, or of the silence.
@@ -23,7 +23,7 @@ pub struct Estimate {
     /// Heading smoothed with the body rates; `None` without a heading, and while the rates are missing, new or
     /// inconsistent with it.
     pub smoothed_heading: Option<Heading>,
-    /// Attitude at that time, if reports are recent.
+    /// Attitude at the time of the reading, if reports are recent.
     pub attitude: Option<Attitude>,
     /// Change of hard iron since the calibration, once significant.
     pub installation_change: Option<InstallationChange>,
@@ -63,7 +63,7 @@ pub struct RejectionCounts {
 }
 
 impl RejectionCounts {
-    /// No rejections.
+    /// All counts zero.
     pub const NONE: Self =
         Self { unpaired: 0, saturated: 0, clipped: 0, stuck: 0, spikes: 0, attitude: RejectedReports::NONE };
 }

@@ -9,7 +9,7 @@ use crate::attitude::{EulerRates, MIN_COS_PITCH};
 use crate::frames::Attitude;
 use crate::trig;
 
-/// `b_y`, then the row of y in `M`; `b_z`, then the row of z. Offsets in rad/s.
+/// Gyro errors: offset `b_y`, rad/s, and the row of y in `M`, then offset `b_z` and the row of z.
 pub(super) type GyroErrors = [f32; GYRO_ERROR_COUNT];
 
 pub(super) const GYRO_ERROR_COUNT: usize = 8;
@@ -53,7 +53,7 @@ pub(super) struct HeadingRateError {
 }
 
 impl HeadingRateError {
-    /// No error, and no uncertainty.
+    /// Heading-rate error of zero without uncertainty.
     pub const NONE: Self = Self { errors: UdFilter::ZERO, row: [0.0; GYRO_ERROR_COUNT], rad_s: 0.0, variance: 0.0 };
 
     pub fn new(errors: &UdFilter<GYRO_ERROR_COUNT>, row: GyroErrors) -> Self {

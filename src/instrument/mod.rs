@@ -290,7 +290,7 @@ impl Instrument {
         let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
         self.monitor.update(&monitored, at, &sample, turning);
         let adjustment = self.monitor.output();
-        // Without limits headings ignore the monitor.
+        // Headings of an instrument that accepts any field ignore the monitor.
         let is_ignored = self.config.heading.accepts_any_field() && adjustment.validity.is_err();
         let adjustment = if is_ignored { &MonitorOutput::INITIAL } else { adjustment };
         self.active.adjust(at, adjustment, readings_per_sample);

@@ -14,7 +14,7 @@ pub enum Message {
     /// The flash failed without a command: at the start it is unreadable, which leaves default settings and no
     /// calibration; later it does not complete a save.
     StoreFailed(StoreError),
-    /// A collection was running when the power failed; its samples are lost.
+    /// A collection was running when the power failed; the samples are lost.
     CollectionLost,
     /// Progress of a collection, percent. MAVLink only.
     Collecting(u8),

@@ -40,7 +40,7 @@ pub enum Refusal {
     NoSamples,
     /// Samples are missing or not informative, for a known cause.
     InsufficientSamples {
-        /// Code of the replaced refusal.
+        /// Code of the refusal that this one replaces.
         code: &'static str,
         /// Expected heading error, degrees RMS, if a solve estimated one.
         expected_rms_deg: Option<f32>,

@@ -11,9 +11,9 @@ pub struct ErrorStatistics {
     pub max_deg: f64,
     /// Mean heading error, degrees.
     pub mean_deg: f64,
-    /// Root mean square error.
+    /// Root mean square heading error, degrees.
     pub rms_deg: f64,
-    /// Largest error after subtraction of the mean.
+    /// Largest heading error after subtraction of the mean, degrees.
     pub max_demeaned_deg: f64,
 }
 

@@ -35,7 +35,7 @@ struct Clock {
     /// Last counter value, and number of wraps.
     low: u32,
     high: u32,
-    /// Ticks during which time was frozen.
+    /// Number of ticks during which time was frozen.
     frozen: u64,
     /// The last conversion: a time in microseconds, and the same in ticks.
     us: u64,
@@ -81,7 +81,8 @@ impl Clock {
         CONTROL.write(STOPPED);
         let now_us = self.now_us();
         let next_us = self.queue.next_expiration(now_us);
-        // At most a minute; at least 1 us, so that deadlines passed meanwhile are handled by the next interrupt.
+        // The interval is at most a minute, and at least 1 us, so that deadlines passed meanwhile are handled by the
+        // next interrupt.
         let after_us = next_us.saturating_sub(now_us).clamp(1, LONGEST_US);
         LOAD.write((after_us * TICKS_PER_US) as u32);
         CONTROL.write(RUNNING);

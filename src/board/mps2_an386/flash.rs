@@ -5,7 +5,8 @@ use core::ops::Range;
 use embassy_time::{Duration, Timer};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 
-/// As the STM32L4: pages of 2 KB, erased in 22 ms; double words, programmed in 82 us.
+/// Page size, bytes, word size and durations of the STM32L4: pages of 2 KB, erased in 22 ms; double words, programmed
+/// in 82 us.
 const PAGE: usize = 2048;
 const WORD: usize = 8;
 const ERASE_TIME: Duration = Duration::from_millis(22);
@@ -21,11 +22,11 @@ unsafe extern "C" {
 /// Flash error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FlashError {
-    /// Outside the store's pages.
+    /// The address is outside the store's pages.
     Bounds,
-    /// Not aligned to words or pages.
+    /// The address is not aligned to words or pages.
     Alignment,
-    /// Word not erased.
+    /// The word is not erased.
     NotErased,
 }
 

@@ -5,14 +5,14 @@ use embedded_hal_async::i2c::{ErrorKind, ErrorType, I2c, NoAcknowledgeSource, Op
 use super::lockstep;
 use super::registers::{Peripheral, Register};
 
-/// Line states; writing ones releases lines.
+/// Register of the line states; writing ones releases lines.
 const SET: Register = Register::of(Peripheral::SensorBus, 0x00);
-/// Writing ones pulls lines low.
+/// Register in which writing ones pulls lines low.
 const CLEAR: Register = Register::of(Peripheral::SensorBus, 0x04);
 const SCL: u32 = 1;
 const SDA: u32 = 2;
 
-/// Missing acknowledge.
+/// Error of a transfer: the chip did not acknowledge a byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NoAcknowledge(NoAcknowledgeSource);
 
@@ -24,7 +24,7 @@ impl embedded_hal_async::i2c::Error for NoAcknowledge {
 
 pub struct SensorBus(());
 
-/// Clocks after which a chip has completed any byte and seen the missing acknowledge.
+/// Number of clocks after which a chip has completed any byte and seen the missing acknowledge.
 const CLOCKS_TO_LET_GO: u32 = 9;
 
 #[expect(clippy::unused_self, reason = "the wires move for nobody but the owner of the bus")]

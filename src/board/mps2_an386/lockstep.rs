@@ -18,19 +18,19 @@ use super::clock;
 use super::registers::Interrupt;
 use super::uart::{AUTOPILOT, CONSOLE, INSTRUMENT, LOCKSTEP, Uart};
 
-/// Step size: the reference board's receiver wakes after 16 bytes at 115200 baud or a pause, 1.4 ms.
+/// Time between two steps: the reference board's receiver wakes after 16 bytes at 115200 baud or a pause, 1.4 ms.
 const STEP: Duration = Duration::from_millis(2);
 
 /// Message to the simulator.
 #[derive(Clone, Copy)]
 enum Message {
-    /// Started; does not wait.
+    /// The machine has started; it does not wait.
     Started = b'B' as isize,
-    /// Time step; waits.
+    /// A time step has passed; the machine waits.
     Step = b'T' as isize,
-    /// Before access to the sensor; waits.
+    /// The machine is about to access the sensor; it waits.
     Sensor = b'S' as isize,
-    /// Wrote to the instrument port; does not wait.
+    /// The machine has written to the instrument port; it does not wait.
     Written = b'W' as isize,
 }
 
@@ -38,7 +38,7 @@ enum Message {
 struct Go;
 
 impl Go {
-    /// The sensor's data line is broken.
+    /// Bit: the sensor's data line is broken.
     const SENSOR_BROKEN: u8 = 1;
     /// First bit of the test number for the bench image; ignored by others.
     #[cfg(feature = "bench")]

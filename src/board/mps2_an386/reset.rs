@@ -13,7 +13,7 @@ const REBOOTS: u32 = 0x0B00_7ED0;
 #[unsafe(link_section = ".uninit.state")]
 static STATE: AtomicU32 = AtomicU32::new(0);
 
-/// Returns and clears the reset cause. Call once, first of all.
+/// Returns and clears the reset cause. Call it once, before all other code.
 pub fn cause() -> ResetCause {
     let before = STATE.swap(RUNS, Ordering::Relaxed);
     match (last_words::take(), before) {

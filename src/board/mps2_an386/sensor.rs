@@ -1,4 +1,4 @@
-//! QEMU's model of the sensor.
+//! Magnetometer of the machine: QEMU's model of the LSM303DLHC.
 
 use autoswing::frames::{Field, Sensor as SensorFrame};
 use autoswing::magnetometer::lsm303dlhc::{Lsm303dlhc, Lsm303dlhcConfig, Lsm303dlhcRange};

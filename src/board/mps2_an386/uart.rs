@@ -17,18 +17,18 @@ const CONTROL: usize = 0x08;
 const CLEAR: usize = 0x0C;
 const BAUD_DIVISOR: usize = 0x10;
 
-/// Bits of `STATE`.
+/// Bits of register `STATE`.
 const TX_FULL: u32 = 1;
 const RX_FULL: u32 = 2;
-/// `CONTROL`: transmitter, receiver, receive interrupt.
+/// Value of `CONTROL` that enables transmitter, receiver and receive interrupt.
 const ENABLED: u32 = 0b1011;
-/// `CLEAR`: receive interrupt.
+/// Bit of `CLEAR` that clears the receive interrupt.
 const RX_INTERRUPT: u32 = 2;
 
-/// Input clock of the baud-rate divisor.
+/// Input clock of the baud-rate divisor, Hz.
 const CLOCK_HZ: u32 = 25_000_000;
 
-/// Receive buffer size: 22 ms of input, as on the reference board.
+/// Size of the receive buffer, bytes: 22 ms of input, as on the reference board.
 const BUFFER: usize = 256;
 
 /// Polling interval of a busy transmitter: one byte at 115200 baud.

@@ -165,13 +165,13 @@ pub fn mark_good() {
     }
 }
 
-/// Hand-over of updates.
+/// Hand-over of firmware updates to the boot loader.
 pub struct BootLoader;
 
 impl HandOver for BootLoader {
     fn hand_over(&mut self, update: &FirmwareUpdate) {
         unsafe extern "C" {
-            // Address in memory.x.
+            // Memory of the update, with its address in memory.x.
             static mut __boot_loader_update: [u8; autoswing::port::BOOT_LOADER_BYTES];
         }
         // SAFETY: this memory is reserved for the boot loader, and nothing else accesses it. Volatile, because nothing

@@ -14,13 +14,14 @@ use embassy_stm32::gpio::Output;
 use embassy_stm32::pac;
 use embedded_can::Id;
 
-/// Bit rate of DroneCAN on classic CAN.
+/// Bit rate of DroneCAN on classic CAN, bit/s.
 const BITS_PER_S: u32 = 1_000_000;
 
-/// Received frames until the task reads them: 4 ms of a fully loaded bus. The controller itself holds three.
+/// Capacity for received frames until the task reads them: 4 ms of a fully loaded bus. The controller itself holds
+/// three.
 const RECEIVE_CAPACITY: usize = 32;
-/// Frames to send, besides the controller's three: the node has a queue of its own, in which a newer field replaces an
-/// older one.
+/// Capacity for frames to send, besides the controller's three: the node has a queue of its own, in which a newer field
+/// replaces an older one.
 const SEND_CAPACITY: usize = 1;
 
 pub struct CanBuffers {

@@ -11,7 +11,7 @@ use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorF
 
 /// Start address of the flash.
 const FLASH_BASE: u32 = embassy_stm32::flash::FLASH_BASE as u32;
-/// Size of each of the two banks.
+/// Size of each of the two banks of the flash, bytes.
 const BANK_SIZE: u32 = embassy_stm32::flash::FLASH_SIZE as u32 / 2;
 
 unsafe extern "C" {
@@ -23,11 +23,11 @@ unsafe extern "C" {
 /// Flash error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FlashError {
-    /// Outside the store's pages, or unaligned.
+    /// The address is outside the store's pages, or unaligned.
     Bounds,
-    /// Error reported by the hardware.
+    /// The hardware reported an error.
     Hardware(embassy_stm32::flash::Error),
-    /// Read-back differs from the data.
+    /// The bytes read back differ from the data.
     Verify,
 }
 
@@ -43,7 +43,7 @@ impl NorFlashError for FlashError {
 /// Pages of the store, with offsets relative to the first, so that the program cannot be overwritten.
 pub struct StoreFlash {
     flash: Flash<'static, Async>,
-    /// Offsets from the start of the flash.
+    /// Range of the store's pages, bytes from the start of the flash.
     pages: Range<u32>,
 }
 

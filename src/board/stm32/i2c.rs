@@ -7,9 +7,9 @@ use embassy_stm32::mode::Async;
 use embassy_time::{Duration, Timer};
 use embedded_hal_async::i2c::{ErrorType, Operation};
 
-/// Half a clock period of the recovery: 100 kHz, supported by every chip.
+/// Half a clock period of the bus recovery: 100 kHz, supported by every chip.
 const HALF_CLOCK: Duration = Duration::from_micros(5);
-/// Clocks of the recovery: a byte and its acknowledge.
+/// Number of clocks of the recovery: a byte and its acknowledge.
 const CLOCKS: u32 = 9;
 
 /// The HAL's driver, with the means to recreate it.

@@ -1,4 +1,4 @@
-//! Reset cause.
+//! Reset cause from the reset flags.
 
 use autoswing::health::ResetCause;
 use embassy_stm32::pac;
@@ -10,7 +10,7 @@ pub fn cause() -> ResetCause {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|csr| csr.set_rmvf(true));
     let last_words = last_words::take();
-    // Brown-out first, since memory is then undefined. Reset pin last, since every reset sets its flag.
+    // Brown-out is tested first, since memory is then undefined, the reset pin last, since every reset sets its flag.
     match last_words {
         _ if flags.borrstf() => ResetCause::PowerOn,
         Some(report) => ResetCause::Panic(report),

@@ -8,10 +8,10 @@ use embassy_stm32::{Peri, interrupt};
 use embassy_time::{Duration, with_timeout};
 use embedded_io_async::{ErrorType, Write};
 
-/// Size of the UART buffers: 22 ms of input.
+/// Size of the UART buffers, bytes: 22 ms of input.
 const BUFFER_SIZE: usize = 256;
-/// Bytes received until the reader is woken, unless a pause occurs: 1.4 ms, which limits the timing error of an
-/// attitude.
+/// Number of bytes received until the reader is woken, unless a pause occurs: 1.4 ms, which limits the timing error of
+/// an attitude.
 const WAKE: usize = 16;
 
 pub struct UartBuffers {

@@ -1,4 +1,4 @@
-//! Independent watchdog.
+//! Independent watchdog of the STM32.
 
 use autoswing::app::{self, watchdog};
 use embassy_stm32::peripherals::IWDG;

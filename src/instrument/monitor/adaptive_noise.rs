@@ -15,7 +15,8 @@ pub(super) struct SampleNoise {
 /// Time constant of the recent noise, seconds.
 const RECENT_TIME_S: f32 = 10.0;
 
-/// Weight of the recent variance; the rest is the calibration's. Fitted to recorded flights, as the limits below.
+/// Weight of the recent variance; the rest is the weight of the calibration's variance. Fitted to recorded flights, as
+/// the limits below.
 const RECENT_WEIGHT: f32 = 0.75;
 
 /// Clipping of inclination and strength residuals, in sigmas.
@@ -46,7 +47,7 @@ pub(super) struct AdaptiveNoise {
     last_inclination_residual_rad: f32,
     inclination_mean_square_rad2: f32,
     inclination_lag_1_product_rad2: f32,
-    /// Running mean, including slow errors.
+    /// Running mean square of the strength residual, slow errors included.
     strength_mean_square: f32,
 }
 

@@ -32,13 +32,13 @@ pub(super) struct Innovation {
     pub variance: f32,
 }
 
-/// Wide gate, sigmas.
+/// Half-width of the wide innovation gate, sigmas.
 const WIDE_GATE_SIGMAS: f32 = 4.0;
 
 /// Consecutive innovations beyond the wide gate that detect a change: 0.2 s.
 const WIDE_GATE_COUNT: u8 = 2;
 
-/// Narrow gate, sigmas.
+/// Half-width of the narrow innovation gate, sigmas.
 const NARROW_GATE_SIGMAS: f32 = 2.0;
 
 /// Consecutive innovations beyond the narrow gate that detect a change: 0.6 s.
@@ -58,7 +58,8 @@ const WITHHOLD_S: f32 = 4.0;
 const MAX_WITHHELD_S: f32 = 16.0;
 const FORGETTING_TIME_S: f32 = 60.0;
 
-/// Turn without a detected change that then restores trust, radians: 60 deg. In straight flight wrong states may agree.
+/// Turn without a detected change that restores trust in the states, radians: 60 deg. In straight flight wrong states
+/// may agree.
 const REQUIRED_TURN_RAD: f32 = 1.05;
 
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -69,7 +69,7 @@ const MIN_REPORT_PERIOD_US: u64 = 30_000_000;
 const MAX_REPORTS: u8 = 5;
 
 impl ChangeReporter {
-    /// Nothing reported yet.
+    /// Reporter that has reported no change yet.
     pub const NONE: Self = Self { last_reported: None, last_report_at: None, count: 0 };
 
     /// Returns the present change if it is to be reported; `Some(None)` if all is as calibrated again.
@@ -105,7 +105,7 @@ pub(super) const MIN_HARD_IRON_CHANGE: f32 = 0.02;
 /// Smallest reported turn of the mount, radians.
 pub(super) const MIN_MOUNT_TURN_RAD: f32 = 3.0 * DEG;
 
-/// Significance: sigmas of the least certain component.
+/// Significance threshold of a change, sigmas of the least certain component.
 const SIGNIFICANCE_SIGMAS: f32 = 5.0;
 
 /// Time without a failed gate before a report, seconds, for objects that pass by.

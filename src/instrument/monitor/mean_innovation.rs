@@ -8,7 +8,7 @@ use super::innovation_gate::{Innovation, PerKind};
 /// Time constant of the means, seconds.
 const MEAN_TIME_S: f32 = 4.0;
 
-/// Normalised mean beyond which it is significant.
+/// Normalised mean beyond which an innovation is significant.
 const GATE_SIGMAS: f32 = 3.0;
 
 /// Normalised mean of strength or inclination beyond which the field or the attitude has changed, and not the gyro.
@@ -23,8 +23,8 @@ pub(super) struct MeanInnovations {
 impl MeanInnovations {
     pub const NONE: Self = Self { means: [0.0; 3] };
 
-    /// Takes the innovations of a sample `step_s` after the last one. Mean innovation of the heading, radians, if it is
-    /// significant and that of no other measurement is.
+    /// Adds the innovations of a sample `step_s` after the last one. Returns the mean innovation of the heading,
+    /// radians, if it is significant and that of no other measurement is.
     pub fn update(&mut self, innovations: &PerKind<Option<Innovation>>, step_s: f32) -> Option<f32> {
         let part = step_s / (MEAN_TIME_S + step_s);
         let mut sigmas_squared = [0.0; 3];

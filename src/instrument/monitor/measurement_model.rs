@@ -70,7 +70,7 @@ impl MountRotation {
         Vector3::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y, v.z)
     }
 
-    /// `R_z(mu)^T v`.
+    /// Rotation of a vector in body axes to the module's axes: `R_z(mu)^T v`.
     pub fn rotate_back(self, v: &Vector3<f32>) -> Vector3<f32> {
         Self { sin: -self.sin, cos: self.cos }.rotate(v)
     }
@@ -108,7 +108,7 @@ impl MonitorSample {
     }
 }
 
-/// Predicted Earth field; strength relative to the calibration's.
+/// Predicted Earth's field; strength relative to the calibration's.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PredictedField {
     pub strength: f32,

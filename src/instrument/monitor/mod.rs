@@ -87,7 +87,7 @@ pub(super) struct Monitor {
     mean_innovations: MeanInnovations,
     /// Hard iron, strength and inclination change about a minute ago.
     past_field: [f32; ROLL_BIAS],
-    /// State whose process noise is added next; all in turn, to save time.
+    /// Index of the state whose process noise is added next; one state per sample, to save time.
     next_noise: usize,
     acceleration_tilt: AccelerationTilt,
     hard_iron_detector: ChangeDetector,
