@@ -34,33 +34,33 @@ pub enum Manoeuvre {
 /// Direction of a tilt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TiltDirection {
-    /// Nose down.
+    /// Tilt with the nose down.
     Ahead,
-    /// Nose up.
+    /// Tilt with the nose up.
     Back,
-    /// Left side down.
+    /// Tilt with the left side down.
     Left,
-    /// Right side down.
+    /// Tilt with the right side down.
     Right,
 }
 
 /// Quadrant of headings, named after its first cardinal point, clockwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HeadingQuadrant {
-    /// North to east.
+    /// Headings from north to east.
     North,
-    /// East to south.
+    /// Headings from east to south.
     East,
-    /// South to west.
+    /// Headings from south to west.
     South,
-    /// West to north.
+    /// Headings from west to north.
     West,
 }
 
 /// Tilt of a recommended manoeuvre, degrees; rough roads or waves cause as much.
 const RECOMMENDED_TILT_DEG: f32 = 15.0;
 
-/// Cheapest first, because the first of equals is recommended.
+/// Circle manoeuvres, the cheapest first, because the first of equals is recommended.
 const CIRCLE_MANOEUVRES: [Manoeuvre; 7] = [
     Manoeuvre::Circle(Side::Left, 25),
     Manoeuvre::Circle(Side::Right, 25),
@@ -203,11 +203,11 @@ const AT_FLOOR_ERROR_RATIO: f32 = 1.1;
 /// Unobservable quantities, which rest on priors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct UnobservableQuantities {
-    /// Soft iron in some direction.
+    /// Whether soft iron in some direction is unobservable.
     pub soft_iron: bool,
-    /// Mounting about some axis.
+    /// Whether the mounting about some axis is unobservable.
     pub mounting: bool,
-    /// Hard iron along some axis.
+    /// Whether hard iron along some axis is unobservable.
     pub hard_iron: bool,
 }
 
@@ -291,7 +291,7 @@ pub(in crate::calibration) fn select_manoeuvre(
     })
 }
 
-/// Omits the inclination, which no manoeuvre improves.
+/// Unobservable quantities for the advice: all except the inclination, which no manoeuvre improves.
 fn report_unobservable(left_to_priors: impl Iterator<Item = PriorQuantity>) -> UnobservableQuantities {
     let mut assumed = UnobservableQuantities::default();
     for quantity in left_to_priors {

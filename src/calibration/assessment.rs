@@ -21,7 +21,7 @@ use crate::trig::sqrt;
 /// Result of a solve.
 #[derive(Clone, Copy, Debug)]
 pub struct Solution {
-    /// The coefficients.
+    /// Calibration coefficients.
     pub calibration: Calibration,
     /// Expected quality of the coefficients.
     pub quality: Quality,

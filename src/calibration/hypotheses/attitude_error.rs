@@ -13,7 +13,7 @@ use crate::trig::sqrt;
 pub(in crate::calibration) struct AttitudeError {
     /// Change of roll and pitch by one unit of the error, radians.
     pub effect: fn(&AttitudeState) -> [f32; 2],
-    /// Standard deviation assumed without a test.
+    /// Standard deviation of the error that is assumed before a test.
     pub assumed_sigma: fn(ConsiderSigmas) -> f32,
     /// Rule of acceptance of an error that is not corrected, but allowed for when found.
     pub test: Option<fn(&AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding>>,
@@ -60,9 +60,9 @@ pub(in crate::calibration) struct AttitudeErrorTest<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::calibration) struct AttitudeErrorFinding {
     pub estimate: f32,
-    /// Size in sigmas, the assumed error included.
+    /// Significance of the estimate, sigmas, the assumed error included.
     pub significance_sigmas: f32,
-    /// Square to allow for beyond the assumed error.
+    /// Squared error to allow for beyond the assumed error.
     pub excess_square: f32,
 }
 

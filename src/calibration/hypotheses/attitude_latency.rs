@@ -17,7 +17,8 @@ use crate::calibration::AttitudeLatency;
 use crate::calibration::statistics::autocorrelation::Autocorrelation;
 use crate::trig::sqrt;
 
-/// Row of the table of attitude errors. The sigma is estimated, and the latency corrected rather than allowed for.
+/// Attitude latency in the table of attitude errors. The sigma is estimated, and the latency corrected rather than
+/// allowed for.
 pub(super) const LATENCY_ERROR: AttitudeError = AttitudeError {
     effect: |state| [state.rates.roll_rad_s(), state.rates.pitch_rad_s()],
     assumed_sigma: |_| 0.0,

@@ -16,7 +16,7 @@ use crate::calibration::model::{ModelParameters, ResidualEquation, SampleEquatio
 use crate::calibration::types::time_order::{PARTS, TimeOrdered};
 use crate::trig::sqrt;
 
-/// Row of the table of attitude errors.
+/// Bank-angle scale error in the table of attitude errors.
 pub(super) const BANK_SCALE_ERROR: AttitudeError = AttitudeError {
     effect: |state| [state.attitude.roll_rad, 0.0],
     assumed_sigma: |consider| consider.bank_scale,
@@ -26,7 +26,7 @@ pub(super) const BANK_SCALE_ERROR: AttitudeError = AttitudeError {
 /// Maximum share of the information about `k` that roll noise may contribute.
 const MAX_NOISE_SHARE: f32 = 0.5;
 
-/// Maximum sigma of an estimate of moderate significance.
+/// Maximum sigma of an estimate of moderate significance, relative bank.
 const MAX_SIGMA: f32 = 0.05;
 
 /// Significance above which any sigma is accepted, sigmas.
@@ -47,8 +47,8 @@ struct BankScaleEstimate {
     score_information: f32,
 }
 
-/// Significant error above the assumed one. Only then makes a second pass over the samples, for the cluster-robust
-/// variance.
+/// Finds a significant error above the assumed one. Only then makes a second pass over the samples, for the
+/// cluster-robust variance.
 fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
     let score = test.sums.eliminate(test.system, &test.system.step_to_maximum()?)?;
     let roll_sigma_rad = test.fit.likelihood.noise.attitude_sigma_rad();
@@ -67,7 +67,7 @@ fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
     found.with_cluster_variance(clusters)?.finding(test.assumed_sigma)
 }
 
-/// Samples in a cluster: six seconds of a turn.
+/// Number of consecutive samples in a cluster: six seconds of a turn.
 const CLUSTER_SAMPLES: u8 = 12;
 
 /// Cluster-robust variance of the score (K.-Y. Liang and S. L. Zeger, Biometrika 73, 1986): a disturbance of some

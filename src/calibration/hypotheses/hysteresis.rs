@@ -11,10 +11,10 @@ use crate::calibration::model::{ModelParameters, SampleEquations};
 use crate::calibration::{Sample, inverse, multiply};
 use crate::trig::sqrt;
 
-/// Heading rate from which an aircraft turns, rad/s: 3 deg/s.
+/// Heading rate above which an aircraft is in a turn, rad/s: 3 deg/s.
 const MIN_TURN_RATE_RAD_S: f32 = 0.05;
 
-/// Bank from which an aircraft without rates turns, radians: 8 deg.
+/// Bank above which an aircraft without rates is in a turn, radians: 8 deg.
 const MIN_TURN_BANK_RAD: f32 = 0.14;
 
 /// Iterations of the polar decomposition, which converges quadratically.
@@ -25,7 +25,7 @@ const POLAR_ITERATIONS: u8 = 5;
 pub(super) struct LastTurn(f32);
 
 impl LastTurn {
-    /// Direction at the next sample.
+    /// Updates with the next sample; returns the direction of the last turn at this sample.
     pub fn update(&mut self, sample: &Sample) -> f32 {
         let (rate, bank) = (sample.rates.heading_rad_s(), sample.attitude.roll_rad);
         if rate.abs() > MIN_TURN_RATE_RAD_S {

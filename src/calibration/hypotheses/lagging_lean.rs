@@ -12,20 +12,20 @@ use super::attitude_error::{AttitudeError, AttitudeErrorFinding, AttitudeErrorTe
 use crate::time::WrappingMillis;
 use crate::trig::sqrt;
 
-/// Row of the table of attitude errors.
+/// Lagging lean in the table of attitude errors.
 pub(super) const LAGGING_LEAN: AttitudeError =
     AttitudeError { effect: |state| [state.lagged_roll_rad, 0.0], assumed_sigma: |_| 0.0, test: Some(find_error) };
 
 /// Time constant of filters aided by accelerometers, seconds.
 const TIME_CONSTANT_S: f32 = 10.0;
 
-/// Minimum significance, sigmas: from there on the expected error allows for it.
+/// Minimum significance for which the expected error allows, sigmas.
 const MIN_SIGMAS: f32 = 2.5;
 
 /// Minimum significance of a reported error, sigmas.
 pub(in crate::calibration) const MIN_REPORTED_SIGMAS: f32 = 3.0;
 
-/// The share of missing bank, if significant.
+/// Share of the bank that the source loses in a long turn, if significant.
 fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
     let score = test.sums.eliminate(test.system, &test.system.step_to_maximum()?)?;
     let estimate = score.gradient.x / score.information.x;

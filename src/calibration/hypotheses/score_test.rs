@@ -15,18 +15,18 @@ use crate::calibration::model::{ResidualEquation, Vector13};
 /// Sums over the residuals of the samples.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct ScoreTest<const K: usize> {
-    /// `H_ub`, by unknown of the hypothesis.
+    /// Cross information `H_ub`, by unknown of the hypothesis.
     pub cross_information: [Vector13; K],
-    /// `H_bb`.
+    /// Information `H_bb` of the further unknowns.
     pub information: SMatrix<f32, K, K>,
-    /// `g_b`.
+    /// Gradient `g_b` by the further unknowns.
     pub gradient: SVector<f32, K>,
 }
 
 /// Information `S` and gradient `U` with the nuisance parameters eliminated.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct EfficientScore<const K: usize> {
-    /// `H^-1 H_ub`.
+    /// Columns of `H^-1 H_ub`: change of the thirteen unknowns with each further unknown.
     pub columns: [Vector13; K],
     pub information: SMatrix<f32, K, K>,
     pub gradient: SVector<f32, K>,

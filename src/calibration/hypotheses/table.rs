@@ -13,7 +13,7 @@ use super::{attitude_latency, bank_scale, lagging_lean};
 use crate::calibration::model::SampleEquations;
 use crate::calibration::{AttitudeLatency, ConsiderSigmas};
 
-/// The errors, in the order in which they are tested.
+/// Constant errors of the attitude source, in the order in which they are tested.
 pub(in crate::calibration) const ATTITUDE_ERRORS: &[AttitudeError] = &[
     AttitudeError { effect: |_| [1.0, 0.0], assumed_sigma: |consider| consider.bias_rad, test: None },
     AttitudeError { effect: |_| [0.0, 1.0], assumed_sigma: |consider| consider.bias_rad, test: None },
@@ -22,7 +22,7 @@ pub(in crate::calibration) const ATTITUDE_ERRORS: &[AttitudeError] = &[
     lagging_lean::LAGGING_LEAN,
 ];
 
-/// Number of errors.
+/// Number of attitude errors.
 pub(in crate::calibration) const ERRORS: usize = ATTITUDE_ERRORS.len();
 /// Index of the roll bias.
 pub(in crate::calibration) const ROLL_BIAS: usize = 0;
@@ -33,7 +33,7 @@ pub(in crate::calibration) const LATENCY: usize = 3;
 /// Index of the lean with a time constant.
 pub(in crate::calibration) const LAGGING_LEAN: usize = 4;
 
-/// Standard deviations of all errors.
+/// Standard deviations of all attitude errors.
 pub(in crate::calibration) type AttitudeErrorSigmas = [f32; ERRORS];
 
 /// Standard deviations of all errors before they are tested: the assumed ones, and for the latency that of its

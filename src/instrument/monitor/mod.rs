@@ -183,7 +183,7 @@ impl Monitor {
         is_awaiting
     }
 
-    /// Not inlined: a whole monitor is on the stack.
+    /// Resets the monitor. Not inlined, because a whole monitor is on the stack.
     #[inline(never)]
     fn reset(&mut self) {
         *self = Self::new(self.expected_errors);
@@ -425,8 +425,8 @@ impl Monitor {
         self.post_change_remaining_s = POST_CHANGE_S;
     }
 
-    /// Takes a turn of the module for the cause of a detected change if it explains the field. A module turns once:
-    /// when the field changes again and again, an estimated turn must go on to explain it.
+    /// Attributes a detected change to a turn of the module if this explains the field. A module turns once: when the
+    /// field changes again and again, an estimated turn must go on to explain it.
     fn test_mount_turn(&mut self, turned: Option<TurnedMount>, is_level: bool, residuals: PerKind<f32>) {
         let estimated_rad = self.filter.mean()[MOUNT_TURN];
         let is_first = self.innovation_gate.withheld_s() < MAX_MOUNT_TURNING_S;
@@ -444,7 +444,8 @@ impl Monitor {
         self.filter.inflate_variance(MOUNT_TURN, rad * rad);
     }
 
-    /// Starts again from a turn of the module that explains the field, with the variance of the heading's residual.
+    /// Restarts the filter from a turn of the module that explains the field, with the variance of the heading's
+    /// residual.
     fn turn_mount(&mut self, turned: &TurnedMount, residuals: PerKind<f32>) {
         self.inflate_mount_turn(residuals);
         self.filter.set_mean(MOUNT_TURN, turned.turn_rad);

@@ -27,7 +27,7 @@ pub(super) struct TurnedMount {
 }
 
 impl TurnedMount {
-    /// No turn.
+    /// Mount without a turn.
     pub const NO_TURN: Self = Self { turn_rad: 0.0, hard_iron_change: Vector3::new(0.0, 0.0, 0.0) };
 
     /// The turn that explains a field, `None` if none does. `difference`: measured field after correction as

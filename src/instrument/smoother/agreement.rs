@@ -11,7 +11,7 @@ pub(super) struct GyroStep {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum AgreementResult {
-    /// In agreement for long enough.
+    /// Compass and gyro have agreed for long enough.
     InAgreement,
     /// Compass and gyro disagree, or have not agreed for long enough.
     NotInAgreement,
@@ -40,10 +40,10 @@ impl AgreementTest {
     /// Time constant of the means, seconds; equals the mean age in a 2 s window.
     const MEAN_TIME_S: f32 = 1.0;
 
-    /// Limit of the mean innovation, sigmas.
+    /// Gate of the mean innovation, sigmas.
     const MEAN_GATE_SIGMAS: f32 = 3.0;
 
-    /// Limit of a single innovation, sigmas.
+    /// Gate of a single innovation, sigmas.
     const SINGLE_GATE_SIGMAS: f32 = 4.0;
 
     /// Required duration of agreement, seconds.

@@ -181,7 +181,7 @@ impl ModuleOptions {
             serve::ServeOptions { pattern, attitude, has_external_simulator: is_visited, has_can },
             image.as_ref(),
         );
-        // Written at the start, so that an unwritable file is noticed before a calibration is lost.
+        // The file is written at the start, so that an unwritable one is noticed before a calibration is lost.
         flash.write(&served_module)?;
         Ok((served_module, flash))
     }
@@ -330,7 +330,7 @@ fn attach(mut module: impl Wire) -> Result<ExitCode, Failure> {
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
 
-/// `orders` receives lines for the simulated pilot, of a private module.
+/// Opens the console's terminal. `orders` receives the lines for the simulated pilot of a private module.
 fn open_terminal(orders: Option<Sender<Vec<u8>>>) -> Result<Terminal, Failure> {
     if io::IsTerminal::is_terminal(&io::stdin()) {
         let pilot = if orders.is_some() { "; !ORDER is for the pilot: !land, !help" } else { "" };

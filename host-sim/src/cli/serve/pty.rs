@@ -39,7 +39,7 @@ impl Pty {
         unlockpt(&ours)?;
         let path = PathBuf::from(ptsname(&ours, Vec::new())?.to_string_lossy().into_owned());
         rustix::io::ioctl_fionbio(&ours, true)?;
-        // Opened and closed once: before that, an absent far end is not reported.
+        // The pseudo-terminal is opened and closed once: before that, an absent far end is not reported.
         make_raw(&open_serial(&path)?)?;
         Ok(Self { master: BufferedStream::new(File::from(ours)), is_attached: false, path })
     }

@@ -36,7 +36,7 @@ impl Connections {
         while !stop.load(Ordering::SeqCst) && !has_ended(&self.wires) && !print::poll_output_closed() {
             for (port, wires) in self.wires.iter_mut().enumerate() {
                 for wire in wires {
-                    // A faster sender waits, as on a real line.
+                    // At most as many bytes are read as the port can receive: a faster sender waits, as on a real line.
                     let bytes = wire.read(served_module.free_bytes(port).min(MAX_POLL_BYTES));
                     served_module.send(port, &bytes);
                     for notice in wire.take_notices() {
@@ -135,7 +135,7 @@ fn answer(served_module: &mut ServedModule, line: &[u8]) {
     } else if !line.trim().is_empty() {
         let answer =
             served_module.execute_line(&line).unwrap_or_else(|error| format!("error {}: {error}", error.code()));
-        // A raw terminal, of a private console, needs the carriage return.
+        // A raw terminal, as that of a private console, needs the carriage return.
         let end = if io::stdin().is_terminal() { "\r\n" } else { "\n" };
         print::print_text(&format!("{}{end}", answer.replace('\n', end)));
     }

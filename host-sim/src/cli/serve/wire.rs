@@ -12,7 +12,7 @@ use crossterm::terminal::{disable_raw_mode, enable_raw_mode};
 
 use super::super::print;
 
-/// Polling interval of the wires, shorter than the module's own delays.
+/// Polling interval of the connections, shorter than the module's own delays.
 pub const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 /// Largest number of bytes transferred in one poll.

@@ -126,7 +126,7 @@ fn add_pair(sums: &mut ScoreTest<1>, equations: &SampleEquations, effect: &Vecto
     pair.add_scaled_to(&mut sums.cross_information[0], 1.0);
 }
 
-/// The sums of one unknown as those of three, of which two have no effect.
+/// Sums of a hypothesis with one unknown in the form of three unknowns, of which two have no effect.
 fn with_two_unused(sums: &ScoreTest<1>) -> ScoreTest<3> {
     let mut test = ScoreTest::<3>::zero();
     test.cross_information[0] = sums.cross_information[0];
@@ -135,7 +135,7 @@ fn with_two_unused(sums: &ScoreTest<1>) -> ScoreTest<3> {
     test
 }
 
-/// Estimate and its significance.
+/// Estimate of `beta` and its significance.
 fn estimate(sums: &ScoreTest<3>, system: &LinearisedProblem, to_likeliest: &Vector13) -> Option<(Vector3<f32>, f32)> {
     let score = sums.eliminate(system, to_likeliest)?;
     let beta = inverse(&(score.information + rounding_floor(sums)))? * score.gradient;

@@ -31,9 +31,9 @@ pub struct Verdict<'a> {
 pub struct CompassVerdict<'a> {
     /// Evaluation of the compass.
     pub evaluation: &'a CompassEvaluation,
-    /// State, and what to do.
+    /// State of the compass, and what to do with it.
     pub judgement: Judgement,
-    /// Whether the module would have calibrated it.
+    /// Whether the module would have calibrated the compass.
     pub outcome: CompassOutcome,
     /// Parameters to load, or the reason for giving none.
     pub parameters: Result<ExportedCorrection, NoParameters>,

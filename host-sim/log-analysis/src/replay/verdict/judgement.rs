@@ -45,22 +45,22 @@ pub enum CompassAction {
 /// Reason of a judgement.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reason {
-    /// The sensor failed.
+    /// The sensor failed; the note about its failure.
     SensorFailed(Note),
     /// Hard iron changed: time of the last change, seconds, its size, microtesla, and effect, degrees.
     IronChanged {
-        /// Time, seconds of the log.
+        /// Time of the last change, seconds of the log.
         at_s: f64,
         /// Size of the change, microtesla.
         size_ut: f64,
         /// Largest effect on a level heading, degrees.
         bend_deg: f64,
     },
-    /// Error as logged, degrees RMS less mean.
+    /// Heading error as logged, degrees RMS less mean.
     ErrorAsLogged(f64),
-    /// No reference of 2 deg or better.
+    /// The log has no reference of 2 deg or better.
     NoReference,
-    /// Too few headings with a reference.
+    /// The log has too few headings with a reference.
     FewHeadings,
     /// The report contains parameters; their heading error on held-back rows.
     Parameters(HeldBackScore),
@@ -90,11 +90,12 @@ impl Reason {
 pub struct Judgement {
     /// State of the compass.
     pub state: CompassState,
-    /// Action.
+    /// Recommended action.
     pub action: CompassAction,
-    /// Reasons.
+    /// Reasons of the judgement.
     pub reasons: Vec<Reason>,
-    /// Error as logged since the last change, degrees RMS less mean; none without a reference of 2 deg or better.
+    /// Heading error as logged since the last change of hard iron, degrees RMS less mean; none without a reference of 2
+    /// deg or better.
     pub as_logged_rms_deg: Option<f64>,
 }
 
@@ -163,7 +164,7 @@ fn accurate_reference(evaluation: &FlightEvaluation) -> Option<&ReferenceHeading
     evaluation.reference.as_ref().filter(|reference| reference.accurate_sigma_deg().is_some())
 }
 
-/// Error as logged since the last change, degrees RMS less mean; none on too few headings.
+/// Heading error as logged since the last change of hard iron, degrees RMS less mean; none on too few headings.
 fn as_logged_rms_deg(evaluation: &FlightEvaluation, compass: &CompassEvaluation) -> Option<f64> {
     accurate_reference(evaluation)?;
     let rows: Vec<ReplayRow> = compass.parameter_fit.rows(&compass.rows).copied().collect();

@@ -16,7 +16,7 @@ const MIN_FLIGHT_ROWS: usize = 20;
 /// Whether, when and how accurately the module would have calibrated; displayed as a line.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FlightOutcome {
-    /// Calibrated.
+    /// The module would have calibrated itself.
     Calibrated {
         /// Numbers of the calibrated compasses.
         numbers: Vec<u8>,
@@ -29,13 +29,13 @@ pub enum FlightOutcome {
         /// Interval of an attitude that is too slow, seconds.
         slow_attitude_s: Option<f64>,
     },
-    /// Refused.
+    /// The module would have refused every calibration.
     Refused {
         /// Number of all compasses.
         of: usize,
         /// If the causes differ: number of the compass that came nearest to a calibration; `cause` is its cause.
         nearest: Option<u8>,
-        /// Cause for this compass.
+        /// Cause of the refusal.
         cause: FlightRefusal,
         /// Interval of an attitude that is too slow, seconds.
         slow_attitude_s: Option<f64>,
@@ -56,7 +56,7 @@ pub enum FlightRefusal {
         /// The most frequent rejection: number and cause.
         rejected: (usize, &'static str),
     },
-    /// The module's reason.
+    /// Reason that the module gives.
     Module(Refusal),
 }
 
@@ -65,9 +65,9 @@ pub enum FlightRefusal {
 pub enum CompassOutcome {
     /// Calibrated without a command at this time of the log, seconds.
     Automatic(f64),
-    /// Calibrated by a command at the end.
+    /// Calibrated only by a command at the end of the log.
     Commanded,
-    /// Refused.
+    /// The module would have refused the calibration.
     Refused(Refusal),
 }
 
