@@ -15,7 +15,8 @@ use crate::trig::Length as _;
 /// Time constant of the means of tilt, field and rates, seconds.
 const MEAN_TIME_CONSTANT_S: f32 = 1.0;
 
-/// Deviation of the tilt from its mean always allowed, radians (3 deg): noise and acceleration-induced tilt error.
+/// Deviation of the tilt from its mean that is always allowed, radians (3 deg): noise and acceleration-induced tilt
+/// error.
 const MIN_TILT_DEVIATION_RAD: f32 = 0.052;
 
 /// Factor on the integrated rates, which are samples of single instants.
@@ -30,7 +31,7 @@ const HOLD_S: f32 = 5.0;
 /// Gap between reports that restarts the means, seconds.
 const MAX_GAP_S: f32 = 0.5;
 
-/// Exponential means and hold time.
+/// Detector of an aligning source: exponential means and hold time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AlignmentDetector {
     /// Field direction in sensor axes; only angles are used.

@@ -10,7 +10,7 @@ pub struct AttitudeConfig {
     /// Longest extrapolation, microseconds: one lost report of a 10 Hz source. A roll of 30 deg/s that starts at the
     /// last report gives an error of 6 deg.
     pub max_extrapolation_us: u32,
-    /// Longest interval for interpolation, microseconds.
+    /// Longest interval between reports for interpolation, microseconds.
     pub max_gap_us: u32,
     /// Largest deviation between arrival and sender clock, microseconds; beyond it, the sender rebooted or has no
     /// clock.

@@ -7,15 +7,15 @@ use crate::trig;
 /// Euler-angle rates, rad/s (ZYX kinematics).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EulerRates {
-    /// `phi' = p + tan(theta) (q sin(phi) + r cos(phi))`.
+    /// Roll rate `phi' = p + tan(theta) (q sin(phi) + r cos(phi))`.
     pub roll_rad_s: f32,
-    /// `theta' = q cos(phi) - r sin(phi)`.
+    /// Pitch rate `theta' = q cos(phi) - r sin(phi)`.
     pub pitch_rad_s: f32,
-    /// `psi' = (q sin(phi) + r cos(phi)) / cos(theta)`.
+    /// Heading rate `psi' = (q sin(phi) + r cos(phi)) / cos(theta)`.
     pub heading_rad_s: f32,
 }
 
-/// Limits of the singularity at vertical pitch, reached at 78.5 deg.
+/// Lower limit of the cosine of pitch, near the singularity at vertical pitch; reached at 78.5 deg.
 pub(crate) const MIN_COS_PITCH: f32 = 0.2;
 const MAX_TAN_PITCH: f32 = 5.0;
 

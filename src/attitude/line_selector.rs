@@ -8,7 +8,7 @@ use crate::time::Timestamp;
 /// Silence after which another line may be selected, microseconds: several reports of the slowest source.
 const LINE_RELEASE_US: u64 = 1_000_000;
 
-/// Selected line.
+/// Line selected for attitude.
 #[derive(Clone, Copy, Debug)]
 struct SelectedLine {
     line: u8,
@@ -21,7 +21,7 @@ struct SelectedLine {
 pub struct LineSelector(Option<SelectedLine>);
 
 impl LineSelector {
-    /// No line selected.
+    /// Selector without a selected line.
     #[must_use]
     pub const fn new() -> Self {
         Self(None)

@@ -41,9 +41,9 @@ pub enum AttitudeLookup {
     Interpolated(Attitude),
     /// Extrapolated from the newest report with its body rates.
     Extrapolated(Attitude),
-    /// Before the oldest stored report, or in a gap; final.
+    /// The instant is before the oldest stored report or in a gap; later reports do not change that.
     Missing,
-    /// After the newest report by more than the extrapolation limit, or no report yet.
+    /// The instant is after the newest report by more than the extrapolation limit, or there is no report yet.
     Stale,
     /// The source repeats the same attitude.
     Frozen,
@@ -86,7 +86,7 @@ pub struct AttitudeHistory {
 }
 
 impl AttitudeHistory {
-    /// No reports yet.
+    /// History without reports.
     #[must_use]
     pub const fn new(config: AttitudeConfig) -> Self {
         Self {
@@ -148,7 +148,7 @@ impl AttitudeHistory {
             self.reports.pop_front();
         }
         let integral = self.heading_integral_at(at, &report);
-        // Cannot fail: the oldest was removed if full.
+        // Infallible: the oldest was removed if full.
         let _ = self.reports.push_back(TimedReport { sent_at: at, report, heading_integral: integral });
     }
 

@@ -20,7 +20,7 @@ const MAX_STEP_S: f32 = 0.3;
 /// Largest deviation from the predicted angle, radians: 17 deg, a roll at 800 deg/s between two reports.
 const MAX_RESIDUAL_RAD: f32 = 0.3;
 
-/// Consecutive deviations after which the filter restarts.
+/// Number of consecutive deviations after which the filter restarts.
 const MAX_OUTLIERS: u8 = 3;
 
 /// Roll, pitch and heading, radians.
@@ -40,7 +40,7 @@ struct SmoothedAngles {
 pub struct RateEstimator(Option<SmoothedAngles>);
 
 impl RateEstimator {
-    /// No angles yet.
+    /// Estimator without angles.
     #[must_use]
     pub const fn new() -> Self {
         Self(None)

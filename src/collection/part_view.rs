@@ -10,10 +10,10 @@ use crate::time::WrappingMillis;
 /// Shortest interval of stored samples, milliseconds: attitude errors are correlated over about 0.5 s.
 const SAMPLE_INTERVAL_MS: u32 = 400;
 
-/// One in this number of samples is held back.
+/// Period of held-back samples: one in this number is held back.
 pub(super) const HOLD_BACK_CYCLE: u16 = 4;
 
-/// Number of parts.
+/// Number of parts of the sample buffer.
 pub(super) const PARTS: usize = Part::ALL.len();
 
 /// One part (left, right or level) of the sample buffer, with its state.

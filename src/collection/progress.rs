@@ -1,4 +1,4 @@
-//! What a collection has stored.
+//! Progress of a collection: the samples that it has stored.
 
 use crate::calibration::Side;
 use crate::calibration::method_selection::Procedure;
@@ -12,7 +12,7 @@ pub struct Coverage {
     pub held_back: u16,
     /// Sectors with at least one sample, of [`SECTORS`](super::SECTORS).
     pub sectors: u8,
-    /// Completeness, 0..100 percent.
+    /// Completeness of the part, 0..100 percent.
     pub percent: u8,
 }
 
@@ -29,7 +29,7 @@ impl Coverage {
 pub struct CollectionProgress {
     /// Collection procedure.
     pub procedure: Procedure,
-    /// Left turns; all samples of `Tumble` and `Flight`.
+    /// Progress of the left turns, or of all samples of `Tumble` and `Flight`.
     pub left: Coverage,
     /// Progress of the right turns.
     pub right: Coverage,

@@ -5,7 +5,7 @@ use super::circle::SECTORS;
 /// Fit samples per turn side: 16 per sector. 6.9 KB.
 pub const FIT_CAPACITY: usize = 16 * SECTORS;
 
-/// Use of a sample.
+/// Use of a stored sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SampleUse {
     /// Fit by the solve.
@@ -22,13 +22,14 @@ pub(super) struct Quota {
 }
 
 impl Quota {
-    /// A turn side; 5 held-back samples per sector. Also a tumble, whose closest samples are searched at each sample.
+    /// Quota of a turn side; 5 held-back samples per sector. Also of a tumble, whose closest samples are searched at
+    /// each sample.
     pub const TURN: Self = Self { fit: FIT_CAPACITY, held_back: 5 * SECTORS };
 
-    /// Level flight; 5 fit samples per sector, rounded up.
+    /// Quota of level flight; 5 fit samples per sector, rounded up.
     pub const LEVEL: Self = Self { fit: 64, held_back: 20 };
 
-    /// The whole buffer: free flight, or two sides and level flight.
+    /// Quota of the whole buffer: free flight, or two sides and level flight.
     pub const ALL: Self =
         Self { fit: 2 * Self::TURN.fit + Self::LEVEL.fit, held_back: 2 * Self::TURN.held_back + Self::LEVEL.held_back };
 

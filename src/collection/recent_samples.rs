@@ -7,7 +7,7 @@ use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 use crate::trig::Length as _;
 
-/// Samples averaged: 0.8 s at 10 Hz.
+/// Number of samples averaged: 0.8 s at 10 Hz.
 const AVERAGED_SAMPLES: usize = 8;
 
 /// Largest age of the oldest sample, milliseconds.
@@ -16,7 +16,7 @@ const MAX_AGE_MS: u32 = 2000;
 /// Largest deviation from the mean, microtesla: 2 deg of a weak horizontal field.
 const MAX_DEVIATION_UT: f32 = 0.7;
 
-/// Last samples.
+/// Buffer of the last samples.
 #[derive(Debug, Default)]
 pub struct RecentSamples {
     samples: heapless::Deque<Sample, AVERAGED_SAMPLES>,

@@ -3,9 +3,9 @@
 /// State of a collection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CollectionState {
-    /// None active: finished, or never started.
+    /// No collection is active: finished, or never started.
     Inactive,
-    /// Stopped; the samples wait for the solver.
+    /// The collection is stopped; the samples wait for the solver.
     Stopped,
     /// The collection is running.
     Running,
@@ -16,6 +16,6 @@ pub enum CollectionState {
 pub struct CollectionContext {
     /// Whether the module started the collection automatically.
     pub is_automatic: bool,
-    /// Serial number of the active calibration at that time.
+    /// Serial number of the active calibration when the collection was last saved.
     pub calibration_serial: u32,
 }

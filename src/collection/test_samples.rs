@@ -15,7 +15,7 @@ pub const RADIUS_UT: f32 = 20.0;
 
 const HARD_IRON_UT: Vector3<f32> = Vector3::new(60.0, -45.0, 80.0);
 
-/// A buffer, and the state of its parts.
+/// Sample buffer with the state of its parts.
 #[derive(Debug)]
 pub struct TestBuffer {
     pub samples: SampleBuffer,
@@ -40,7 +40,7 @@ impl TestBuffer {
         self.samples.part(SampleUse::Verification, part)
     }
 
-    /// Number of samples of both uses.
+    /// Number of samples of a part, fit and held back.
     pub fn stored(&self, part: Part) -> usize {
         self.fit(part).len() + self.held_back(part).len()
     }

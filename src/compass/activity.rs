@@ -9,7 +9,7 @@ use crate::store::{CalibrationRecord, StartupValues};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Starter {
     User,
-    /// The module: the collection pauses while the vehicle is disarmed.
+    /// The module started the collection, which pauses while the vehicle is disarmed.
     Module,
 }
 
@@ -86,9 +86,9 @@ pub(super) struct DetectedSensor {
 /// Whether collections start automatically.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AutomaticStart {
-    /// A user has taken control: no automatic start.
+    /// Whether a user has taken control, so that no collection starts automatically.
     pub is_overridden: bool,
-    /// Samples since start-up, saturating at the timeout.
+    /// Number of samples since start-up, saturating at the timeout.
     pub samples_since_start: u8,
 }
 

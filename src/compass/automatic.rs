@@ -4,7 +4,7 @@ use super::Compass;
 use super::activity::{Activity, Starter};
 use crate::calibration::method_selection::Procedure;
 
-/// Samples (5 s) after which no armed state is expected; autopilots send heartbeats at 1 Hz.
+/// Number of samples (5 s) after which no armed state is expected; autopilots send heartbeats at 1 Hz.
 const ARMED_STATE_TIMEOUT_SAMPLES: u8 = 50;
 
 impl Compass<'_> {

@@ -41,7 +41,7 @@ pub enum Command {
     CalStart(Procedure),
     /// Discard the present collection and start a new one; `None` repeats the last procedure.
     CalStartNew(Option<Procedure>),
-    /// Known magnetic heading of the stationary vehicle, degrees.
+    /// Mark a heading: the known magnetic heading of the stationary vehicle, degrees.
     CalMark(f32),
     /// Stop collecting, keep the samples.
     CalStop,
@@ -77,7 +77,7 @@ pub enum Command {
 #[expect(clippy::large_enum_variant, reason = "there is one of it, and the board has no heap")]
 #[derive(Debug)]
 pub enum Effect {
-    /// No action.
+    /// The event requires no action.
     None,
     /// Reply to the sender of a command.
     Reply(Result<Reply, Refusal>),
@@ -91,13 +91,13 @@ pub enum Effect {
 #[expect(clippy::large_enum_variant, reason = "there is one of it, and the board has no heap")]
 #[derive(Clone, Debug)]
 pub enum Reply {
-    /// Done; the present state.
+    /// The command is done; the present state of the module.
     Done(ModuleState),
     /// Number of headings marked so far.
     Marked(u16),
     /// Weakness of the last solve and recommended manoeuvre.
     Advice(Advice),
-    /// Full report.
+    /// Full report of the module's state.
     Report(StatusReport),
     /// State in safe mode.
     SafeMode,
@@ -132,16 +132,16 @@ impl ModuleState {
     }
 }
 
-/// Full report.
+/// Full report of the module's state.
 #[derive(Clone, Debug)]
 pub struct StatusReport {
     /// Present state.
     pub state: ModuleState,
     /// Armed state, if known.
     pub is_armed: Option<bool>,
-    /// The collection was started automatically.
+    /// Whether the collection was started automatically.
     pub is_automatic: bool,
-    /// Automatic collection waits for arming.
+    /// Whether automatic collection waits for arming.
     pub awaits_arming: bool,
     /// Progress of the collection.
     pub progress: CollectionProgress,

@@ -24,7 +24,7 @@ impl Compass<'_> {
         match self.state() {
             ModuleState::Uncalibrated => match self.last_outcome {
                 Some(Message::Solved(Err(_))) => IndicatorState::Refused,
-                // The next flight starts another collection.
+                // The next flight starts another collection, so the module is idle.
                 _ => IndicatorState::Idle,
             },
             ModuleState::Collecting if self.awaits_arming() => IndicatorState::Idle,

@@ -12,8 +12,8 @@ impl Compass<'_> {
     /// Resumes a collection that survived the restart, or detects that one was lost.
     pub(super) fn restore_collection(&mut self) {
         match self.collector.restored_context() {
-            // Only a collection that began with the present calibration continues: a solve of an earlier one has
-            // produced the present calibration.
+            // Only a collection saved under the present calibration continues. With another serial number, its solve
+            // has produced the present calibration.
             Some(CollectionContext { is_automatic: was_automatic, calibration_serial: serial })
                 if serial == self.calibration_serial() =>
             {

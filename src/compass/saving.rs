@@ -48,7 +48,8 @@ impl Compass<'_> {
         }
         let Some(saving) = self.saving.take() else { return Effect::None };
         match (saving, result) {
-            // Saved without a command: no reply, no retry. Headings continue, so only this message shows the failure.
+            // A save without a command has no reply and no retry. Headings continue, so only this message shows the
+            // failure.
             (PendingSave::Remembered(_), Err(error @ StoreError::Timeout)) => {
                 Effect::Notify(Message::StoreFailed(error))
             }

@@ -32,7 +32,7 @@ pub struct Compass<'a> {
     pub(super) collector: Collector<'a>,
     pub(super) recent: RecentSamples,
     pub(super) activity: Activity,
-    /// Samples received during the solve, for a collection that continues; those of the solve do not change.
+    /// Samples received during the solve, for a collection that continues; the samples of the solve do not change.
     pub(super) held: heapless::Vec<Sample, HELD_SAMPLES_CAPACITY>,
     pub(super) saving: Option<PendingSave>,
     pub(super) last_outcome: Option<Message>,
@@ -108,7 +108,7 @@ impl Compass<'_> {
         }
     }
 
-    /// Knowledge against which reported positions are tested.
+    /// Armed state and calibrated inclination, against which reported positions are tested.
     pub(super) fn position_context(&self, now: WrappingMillis) -> PositionContext {
         let record = self.active_record().filter(|record| record.quality.knows_inclination);
         PositionContext {
@@ -123,7 +123,7 @@ impl Compass<'_> {
         self.local_field.field().map(|field| field.total_ut)
     }
 
-    /// State for users.
+    /// State of the module, as shown to users.
     #[must_use]
     pub fn state(&self) -> ModuleState {
         match &self.activity {

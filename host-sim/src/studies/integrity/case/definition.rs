@@ -42,7 +42,7 @@ pub struct Case {
     pub(super) vehicles: fn(VehicleKind) -> bool,
     /// Whether the case requires several senders or a gyro's rates, which MSP does not have.
     pub(super) needs_mavlink: bool,
-    /// Largest number of flights.
+    /// Largest number of flights of the case.
     pub(super) max_flights: u64,
     /// Whether hard iron changes permanently in use, so that the module should estimate the change.
     pub changes_hard_iron: bool,
@@ -53,16 +53,16 @@ pub struct Case {
 pub enum Onset {
     /// No fault.
     Never,
-    /// During calibration and use.
+    /// The fault is active during calibration and use.
     Always,
-    /// During use after the calibration.
+    /// The fault is active during the flight in use, after the calibration.
     InUse {
         /// Time from the start of use to the onset, seconds.
         after_s: f64,
-        /// Duration, seconds; infinite for a permanent fault.
+        /// Duration of the fault, seconds; infinite for a permanent fault.
         for_s: f64,
     },
-    /// During the calibration.
+    /// The fault is active during the calibration.
     Calibrating {
         /// Time from the start of the calibration to the onset, seconds.
         after_s: f64,
@@ -75,11 +75,11 @@ pub enum Onset {
 pub struct DrawnCase {
     /// Airframe, place, weather, errors of the attitude source.
     pub world: WorldConfig,
-    /// Attitude source.
+    /// Simulated attitude source and its protocol.
     pub far_end: FarEnd,
-    /// Calibration routine.
+    /// Routine flown for the calibration.
     pub routine: Routine,
-    /// Injected faults.
+    /// Faults injected in the simulation.
     pub faults: Faults,
     /// Switch that activates the faults.
     pub switch: Switch,
@@ -237,7 +237,7 @@ impl DrawnCase {
         self.faults.link = vec![LinkFault::Pause(self.switch()), LinkFault::OtherVehicle(2)];
     }
 
-    /// Forged messages in the autopilot's name, among its own, permanently from soon after the start of use.
+    /// Adds forged messages in the autopilot's name, among its own, permanently from soon after the start of use.
     pub(super) fn forge(&mut self, message: ForgedMessage) {
         self.onset = Onset::SOON_AND_PERMANENT;
         self.faults.link.push(LinkFault::Forged(self.switch(), message));
@@ -268,7 +268,8 @@ impl DrawnCase {
         self.add_attitude_fault(onset, fault);
     }
 
-    /// Gaps in turns of 45 deg of bank, within the two seconds over which body rates are integrated.
+    /// Interrupts the link in turns of 45 deg of bank, for gaps within the two seconds over which body rates are
+    /// integrated.
     pub(super) fn interrupt_link(&mut self) {
         self.further_legs = use_legs::steep_turns;
         let switch = self.switch();
@@ -349,7 +350,7 @@ impl DrawnCase {
         self.add_attitude_fault(Onset::SOON_AND_PERMANENT, rate_scale_error(self.switch(), factor));
     }
 
-    /// A gyro with exact scale errors and cross-axis sensitivities, always.
+    /// Gives the gyro scale errors and cross-axis sensitivities of exactly this size, always.
     pub(super) fn scale_gyro(&mut self, scale_percent: f64) {
         self.onset = Onset::Always;
         self.world.gyro = GyroConfig { scale_percent, exact: true, ..GyroConfig::default() };
@@ -377,7 +378,7 @@ impl DrawnCase {
         self.add_field_fault(onset, zero_drift(self.switch(), change_ut));
     }
 
-    /// Straight flight or hover for ten minutes after the first legs, in which hard iron drifts.
+    /// Adds straight flight or hover for ten minutes after the first legs, in which hard iron drifts.
     pub(super) fn drift_hard_iron(&mut self, time_constant_s: f64) {
         self.use_s = STEADY_FLIGHT_ONSET_S + STEADY_FLIGHT_DURATION_S;
         self.further_legs = use_legs::steady_leg;

@@ -47,7 +47,7 @@ const fn hard_iron_case(name: &'static str, description: &'static str, set_up: f
     Case { changes_hard_iron: true, ..case(name, description, set_up) }
 }
 
-/// The same for autopilots with body rates.
+/// Case of a permanent hard-iron change in use, for autopilots with several senders or body rates.
 const fn mavlink_hard_iron_case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
     Case { needs_mavlink: true, ..hard_iron_case(name, description, set_up) }
 }
