@@ -11,10 +11,10 @@ use crate::time::Timestamp;
 use crate::wire::dronecan::Payload;
 use crate::wire::dronecan::outbound::{LOG_TEXT_LENGTH, LogLevel, log_message};
 
-/// Name of the source.
+/// Name of the source in LogMessage.
 const LOG_SOURCE: &str = "autoswing";
 
-/// Capacity, texts: a full queue drops its oldest.
+/// Capacity of the queue, texts: a full queue drops its oldest.
 const QUEUE_CAPACITY: usize = 3;
 
 /// Rate at which the pieces of texts are sent, Hz.
@@ -97,7 +97,7 @@ impl Log {
         let _ = self.waiting.push_back(Text { level, characters, sent: 0 });
     }
 
-    /// Next piece, if due. A longer text is continued in the next message.
+    /// Next piece of a text, if due. A longer text is continued in the next message.
     pub fn next_piece(&mut self, now: Timestamp) -> Option<Payload> {
         let text = self.waiting.front_mut()?;
         if !self.schedule.is_due(now, PIECE_RATE_HZ) {

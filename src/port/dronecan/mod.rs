@@ -47,7 +47,7 @@ use tunnel::Tunnel;
 pub use update::{BOOT_LOADER_BYTES, FirmwareUpdate};
 use vehicle::Vehicle;
 
-/// Rate of the status, Hz.
+/// Rate of NodeStatus, Hz.
 const STATUS_HZ: u8 = 1;
 
 /// Number of the only sensor. Autopilots recognise a compass by the numbers of node and sensor.
@@ -93,7 +93,7 @@ pub struct CanNode {
     tunnel: Tunnel,
     field: MessageSchedule,
     status_schedule: MessageSchedule,
-    /// Last frame of another node with this number.
+    /// Time of the last frame of another node with this number.
     conflict_at: Option<Timestamp>,
     frames: BusCounts,
     received_transfers: u32,
@@ -264,7 +264,8 @@ impl CanNode {
         }
     }
 
-    /// Another node has this number: a configured one stays, without a field; another allocated one is asked for.
+    /// Handles another node with this number: a configured number stays, but no field is sent; instead of an allocated
+    /// one another is requested.
     fn on_conflict(&mut self, at: Timestamp) {
         self.conflict_at = Some(at);
         if let Address::Allocated(_) = self.address {
@@ -317,7 +318,7 @@ impl CanNode {
             match services.step(snapshot.now, stored_settings, *is_armed, describe) {
                 Step::Execute(command) => return Some(command),
                 Step::Respond(response) if outbox.send(snapshot.now, Some(own), &response) => services.pop(),
-                // Without room the response is made again later.
+                // If the queue is full, the response is made again later.
                 Step::Respond(_) | Step::Idle => return None,
             }
         }

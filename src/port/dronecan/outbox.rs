@@ -1,9 +1,9 @@
-//! Frames to send. A transfer is queued whole or not at all.
+//! Queue of frames to send. A transfer is queued whole or not at all.
 
 use crate::time::Timestamp;
 use crate::wire::dronecan::{CanFrame, DataType, NodeId, OutboundTransfer, Payload, TRANSFER_ID_MASK, TransferKind};
 
-/// Capacity, frames: two transfers of the longest tunnelled piece, and some short ones.
+/// Capacity of the queue, frames: two transfers of the longest tunnelled piece, and some short ones.
 const CAPACITY_FRAMES: usize = 48;
 
 /// Number of frames of the longest text: 90 characters with their source.
@@ -36,7 +36,7 @@ pub(super) struct Outbox {
     progress_at: Timestamp,
     /// Number of queued transfers; wraps.
     pub transfers: u32,
-    /// Transfers dropped for lack of room or time; wraps.
+    /// Number of transfers dropped for lack of room or time; wraps.
     pub lost: u32,
 }
 

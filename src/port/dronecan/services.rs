@@ -13,13 +13,14 @@ use crate::wire::dronecan::{
     DataType, InboundMessage, InboundTransfer, NodeId, Opcode, OutboundTransfer, Payload, TransferKind,
 };
 
-/// Capacity, requests. While the queue is full, further ones are not answered, and their senders repeat them.
+/// Capacity of the queue, requests. While the queue is full, further ones are not answered, and their senders repeat
+/// them.
 const WAITING: usize = 4;
 
 /// Timeout of a command, microseconds: longer than any save.
 const RESULT_TIMEOUT_US: u64 = 2_000_000;
 
-/// Where a response goes.
+/// Node and transfer to which a response is sent.
 #[derive(Clone, Copy, Debug)]
 struct Requester {
     node: NodeId,
@@ -49,7 +50,7 @@ enum Request {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum UpdateRequest {
     Valid,
-    /// The path is wrong.
+    /// The path of the update's file is invalid.
     Invalid,
     /// Another request for an update waits or is executed.
     Second,
@@ -126,8 +127,8 @@ impl Services {
         self.finished.is_some() || (self.open.is_none() && !self.waiting.is_empty())
     }
 
-    /// Next step. Nothing changes while the vehicle is armed. `describe` returns the responses that only the node
-    /// knows.
+    /// Next step with the oldest request. While the vehicle is armed no request changes the module. `describe` returns
+    /// the responses that only the node knows.
     pub fn step(
         &mut self,
         now: Timestamp,

@@ -14,7 +14,7 @@ const SENSOR_FAULT_US: u64 = 10_000_000;
 #[derive(Debug, Default)]
 pub(super) struct StatusMonitor {
     has_reading: bool,
-    /// Begin of the sensor's silence.
+    /// Time at which the sensor's silence began.
     silent_since: Option<Timestamp>,
 }
 

@@ -58,7 +58,7 @@ impl Tunnel {
         }
     }
 
-    /// Due messages, while a node is at the other end.
+    /// Queues due messages while a node is at the other end.
     pub fn poll(&mut self, snapshot: &Snapshot<'_>) {
         if self.peer.is_some_and(|peer| snapshot.now.us_since(peer.last) <= TUNNEL_RELEASE_US) {
             self.mavlink.poll(snapshot, &mut self.output);

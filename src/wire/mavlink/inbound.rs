@@ -167,7 +167,7 @@ fn attitude(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     })
 }
 
-/// Limits of roll and pitch with a margin for rounding; the comparison also rejects NaN.
+/// Limits of roll and pitch, radians, with a margin for rounding; the comparison also rejects NaN.
 const MAX_ROLL_RAD: f32 = core::f32::consts::PI + 0.001;
 const MAX_PITCH_RAD: f32 = core::f32::consts::FRAC_PI_2 + 0.001;
 

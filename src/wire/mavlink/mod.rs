@@ -56,11 +56,11 @@ impl FrameLayout {
 }
 
 enum FrameCandidate {
-    /// No supported frame.
+    /// The bytes are not the start of a supported frame.
     No,
-    /// Undecided until this number of bytes is buffered.
+    /// Whether a supported frame starts is unknown until this number of bytes is buffered.
     Unknown(usize),
-    /// Header of a supported frame.
+    /// The bytes start a supported frame with this layout.
     Yes(FrameLayout),
 }
 

@@ -12,7 +12,7 @@ const MIN_RATE_GAP_S: f64 = 0.15;
 const MAX_INTERPOLATION_STEPS: f64 = 2.5;
 const MIN_ATTITUDE_GAP_S: f64 = 0.25;
 
-/// Rates with more than one gap in this many steps are unusable for integration.
+/// Smallest mean number of steps per gap in the rates; rates with more gaps are unusable for integration.
 const MIN_STEPS_PER_GAP: usize = 25;
 
 /// Interval of the attitude from which on interpolation is unreliable, seconds: 3 Hz with a margin for jitter.

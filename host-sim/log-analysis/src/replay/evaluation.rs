@@ -50,7 +50,7 @@ impl EvaluationOptions {
 pub struct CompassEvaluation {
     /// The autopilot's number of the compass.
     pub number: u8,
-    /// Whether the autopilot uses it for its heading.
+    /// Whether the autopilot uses the compass for its heading, if known.
     pub is_used: Option<bool>,
     /// Latency of the logged field.
     pub latency: FieldLatency,
@@ -72,7 +72,7 @@ pub struct CompassEvaluation {
     pub radius_ut: Option<f64>,
     /// Changes of hard iron in flight, in order of time.
     pub changes: Vec<HardIronChange>,
-    /// Fits for the parameters.
+    /// Fits from which the autopilot's parameters are made.
     pub parameter_fit: ParameterFit,
 }
 
@@ -98,9 +98,9 @@ pub enum CorrectionSource {
     Sphere,
     /// Ellipsoid fit.
     Ellipsoid,
-    /// The module, with the selected rows.
+    /// Solution of the module, with the selected rows.
     Module,
-    /// The module, with all rows.
+    /// Solution of the module, with all rows.
     ModuleAllRows,
 }
 

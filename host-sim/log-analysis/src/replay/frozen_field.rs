@@ -2,7 +2,8 @@
 
 use super::row::ReplayRow;
 
-/// Least duration, seconds: noise of 0.5 mG changes a working sensor sooner, and logs have gaps of seconds.
+/// Shortest duration of a frozen field, seconds: noise of 0.5 mG changes a working sensor sooner, and logs have gaps of
+/// seconds.
 pub(super) const MIN_FROZEN_S: f64 = 10.0;
 
 /// Longest step between rows that counts, seconds: over a gap an axis may be the same by chance.
@@ -21,7 +22,7 @@ const MIN_OTHER_AXES_CHANGE: f32 = 0.25;
 /// An interval with a frozen field or axis while the aircraft moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct FrozenInterval {
-    /// First and last row, seconds.
+    /// Times of the first and last row, seconds.
     pub interval_s: [f64; 2],
     /// The stuck axis; none if all are.
     pub axis: Option<char>,

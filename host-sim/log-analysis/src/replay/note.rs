@@ -39,7 +39,7 @@ pub enum Note {
     SmallTilt(f64),
     /// Rate of the field readings, Hz, too low for the monitor.
     SlowField(f64),
-    /// Percentage of body rates lost.
+    /// Share of body rates lost, percent.
     RatesLost(f64),
     /// The field strength is implausible.
     Strength {
@@ -49,7 +49,7 @@ pub enum Note {
         found_ut: f64,
         /// Strength by the field model, microtesla; none without a place.
         model_ut: Option<f64>,
-        /// Likely cause.
+        /// Likely cause of the implausible strength.
         cause: &'static str,
     },
     /// The field, or an axis of it, is constant while the aircraft moves.
@@ -72,11 +72,11 @@ pub enum Note {
     },
     /// Mounting parameters changed, with their times from the start, seconds.
     MountingChanged(Vec<(String, f64)>),
-    /// Milliseconds that the logged attitude is later than the field.
+    /// Lag of the logged attitude behind the field, milliseconds.
     LateAttitude(f64),
     /// Component that is evaluated, and other autopilots of the same system.
     OtherAutopilots(u8, Vec<u8>),
-    /// Percentage of readings with an attitude that contradicts the body rates.
+    /// Share of readings with an attitude that contradicts the body rates, percent.
     RatesContradicted(usize),
     /// System that is evaluated, and other vehicles on the link.
     OtherVehicles(u8, Vec<u8>),
@@ -86,9 +86,9 @@ pub enum Note {
     Skipped(u64, &'static str),
     /// The autopilot compensates interference by throttle.
     ThrottleCompensation,
-    /// GPS course is not the reference.
+    /// The GPS course is not used as the reference; the reason.
     NoGpsCourse(GpsCourseRejection),
-    /// No current is logged.
+    /// The log has no motor current.
     NoCurrent,
     /// Correction parameters that are not logged.
     MissingParameters(Vec<String>),

@@ -14,10 +14,10 @@ use super::{ReferenceHeading, ReplayRow};
 use crate::log::Flight;
 use crate::numbers::{median, square};
 
-/// Fewer rows than this since the last change are not fitted: 10 s at 10 Hz.
+/// Smallest number of rows since the last change for a fit: 10 s at 10 Hz.
 const MIN_ROWS: usize = 100;
 
-/// Fewer rows with a reference than this do not judge a compass.
+/// Smallest number of rows with a reference that judge a compass.
 const MIN_REFERENCE_ROWS: usize = 50;
 
 /// Largest error of a good compass, degrees RMS, and of parameters on held-back rows: they must make the compass good,
@@ -43,7 +43,7 @@ const MIN_MOTOR_EFFECT_DEG: f32 = 0.2;
 /// Reason for giving no parameters; displayed as a clause.
 #[derive(Clone, Debug, PartialEq)]
 pub enum NoParameters {
-    /// Too few usable rows.
+    /// The log has too few usable rows; their number.
     FewRows(usize),
     /// The rows, or half of them, give no solution.
     Unsolved,
@@ -56,9 +56,9 @@ pub enum NoParameters {
     },
     /// The module's verification rejects the fit, and there is no reference to judge it by.
     Unverified,
-    /// The parameters in use are as good.
+    /// The parameters in use are as good; errors on held-back rows.
     NoGain(HeldBackScore),
-    /// No parameters reach a useful accuracy.
+    /// No parameters reach a useful accuracy; errors on held-back rows.
     Inaccurate(HeldBackScore),
     /// The autopilot rejects offsets of this size.
     OffsetsTooLarge {

@@ -6,7 +6,8 @@ use autoswing::calibration::Solution;
 use super::replay_run::solve_rows;
 use super::{ReplayOptions, ReplayRow};
 
-/// Blocks of rows that are fitted or held back together, seconds: longer than the correlation of attitude errors.
+/// Duration of the blocks of rows that are fitted or held back together, seconds: longer than the correlation of
+/// attitude errors.
 const FIT_BLOCK_S: f64 = 10.0;
 
 /// Time after a change that is not fitted, seconds: the time of a step is uncertain by a few rows.

@@ -12,7 +12,7 @@ use crate::log::Flight;
 pub enum ReferenceHeading {
     /// True attitude of the simulator that wrote the log.
     Simulator,
-    /// Column of the table.
+    /// Heading column of a table.
     Column,
     /// Yaw of a GPS receiver with two antennas.
     GpsYaw,
@@ -28,7 +28,7 @@ pub enum ReferenceHeading {
 pub enum ReferenceKind {
     /// True attitude of a simulator.
     Simulator,
-    /// Column of a table.
+    /// Heading column of a table.
     Column,
     /// Yaw of two antennas.
     GpsYaw,
