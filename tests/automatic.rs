@@ -32,7 +32,7 @@ fn fly(rig: &mut Rig, kind: VehicleKind) -> (Option<SolveNotice>, u32) {
     let (mut printed, mut lamp) = (String::new(), 0);
     for second in 0..240 {
         assert_eq!(rig.run_for_s(1.0), ModuleRunEnd::Time);
-        printed.push_str(&rig.printed());
+        printed.push_str(&rig.take_console_output());
         if second == 25 {
             lamp = lit_percent(rig);
         }
@@ -47,14 +47,14 @@ fn a_flight_calibrates_without_commands() {
         let mut rig = Rig::new(world(kind));
         rig.run_for_s(8.0);
         assert!(lit_percent(&mut rig) < 8, "{kind:?}: waiting");
-        let status = rig.type_line("status all");
+        let status = rig.send_console_line("status all");
         assert!(status.contains("\r\narmed: no\r\n"), "{status}");
         assert!(status.contains("\r\ncollection: flight, when the autopilot arms\r\n"), "{status}");
         let (notice, lamp) = fly(&mut rig, kind);
         assert!(matches!(notice, Some(SolveNotice::Calibrated(_))), "{kind:?}: {notice:?}");
         assert!((9..=92).contains(&lamp), "{kind:?}: {lamp}");
         assert!(lit_percent(&mut rig) > 90, "{kind:?}: calibrated");
-        assert!(rig.type_line("status all").contains("ok calibrated"));
+        assert!(rig.send_console_line("status all").contains("ok calibrated"));
     }
 }
 
@@ -62,16 +62,16 @@ fn a_flight_calibrates_without_commands() {
 fn auto_off_leaves_the_start_to_the_pilot() {
     let mut rig = Rig::new(world(VehicleKind::Copter));
     rig.run_for_s(2.0);
-    assert!(rig.type_line("cal auto off").contains("ok auto off"));
-    rig.type_line("reboot");
+    assert!(rig.send_console_line("cal auto off").contains("ok auto off"));
+    rig.send_console_line("reboot");
     rig.world.set_armed(true);
     rig.run_for_s(20.0);
-    let status = rig.type_line("status all");
+    let status = rig.send_console_line("status all");
     assert!(status.contains("ok uncalibrated") && status.contains("\r\nauto: off, "), "{status}");
     rig.panel.set_button(true);
     rig.run_for_s(2.5);
     rig.panel.set_button(false);
-    let status = rig.type_line("status all");
+    let status = rig.send_console_line("status all");
     assert!(status.contains("ok collecting") && !status.contains("automatic\r"), "{status}");
 }
 
@@ -84,6 +84,6 @@ fn motion_while_disarmed_collects_nothing() {
         rig.world.fly(leg);
     }
     rig.run_for_s(120.0);
-    let status = rig.type_line("status all");
+    let status = rig.send_console_line("status all");
     assert!(status.contains("ok uncalibrated") && status.contains("attitudes: 0 samples"), "{status}");
 }

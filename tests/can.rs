@@ -57,7 +57,7 @@ impl Autopilot {
         let transfer =
             OutboundTransfer { data_type, priority: priority::LOW, kind, transfer_id: self.transfer_id, payload };
         for frame in transfer.frames(Some(self.number)) {
-            self.end.offer(&frame);
+            self.end.queue_frame(&frame);
         }
     }
 
@@ -113,8 +113,11 @@ struct Bench {
 
 impl Bench {
     fn new(faults: CanFaults) -> Self {
-        let mut rig =
-            Rig::with_far_ends(WorldConfig::table1(7), Faults::default(), [FarEnd::Unconnected, FarEnd::Unconnected]);
+        let mut rig = Rig::with_port_devices(
+            WorldConfig::table1(7),
+            Faults::default(),
+            [FarEnd::Unconnected, FarEnd::Unconnected],
+        );
         let bus = CanBus::new(faults);
         rig.attach_can(bus.attach(), 1);
         Self { rig, autopilot: Autopilot::new(&bus), bus }
@@ -209,7 +212,7 @@ fn a_babbling_node_does_not_stop_the_field() {
             let source = NodeId::new(1 + random.byte() % 124);
             let header = FrameHeader { priority: 0, kind: TransferKind::Message, type_id, source };
             let data = random.bytes(8);
-            babbler.offer(&CanFrame::new(header.to_id(), &data).unwrap());
+            babbler.queue_frame(&CanFrame::new(header.to_id(), &data).unwrap());
         }
     });
     let fields = bench.autopilot.take_fields(125);
@@ -233,7 +236,7 @@ fn a_second_node_with_this_number_silences_the_field() {
     };
     bench.run_with(5_000, |bench| {
         if bench.rig.now_us().is_multiple_of(1_000_000) {
-            status.frames(Some(node(42))).for_each(|frame| second.offer(&frame));
+            status.frames(Some(node(42))).for_each(|frame| second.queue_frame(&frame));
         }
     });
     bench.autopilot.take_fields(42);
@@ -304,7 +307,7 @@ fn a_frame_of_the_bus_reaches_all_other_nodes() {
     let bus = CanBus::new(CanFaults::default());
     let [one, two, three] = [bus.attach(), bus.attach(), bus.attach()];
     let frame = CanFrame::new(1, &[0; 8]).unwrap();
-    one.offer(&frame);
+    one.queue_frame(&frame);
     testkit::clock::advance(1_000);
     assert_eq!((one.take_received().len(), two.take_received(), three.take_received().len()), (0, vec![frame], 1));
 }

@@ -15,7 +15,7 @@ fn rig() -> Rig {
 }
 
 fn reply(rig: &mut Rig, line: &str) -> Vec<String> {
-    let text = rig.type_line(line);
+    let text = rig.send_console_line(line);
     let mut lines: Vec<String> = text.split("\r\n").map(str::to_owned).collect();
     assert_eq!(lines.pop().as_deref(), Some("> "), "{text:?} ends with a prompt");
     lines.remove(0);
@@ -23,20 +23,20 @@ fn reply(rig: &mut Rig, line: &str) -> Vec<String> {
 }
 
 fn reply_after(rig: &mut Rig, line: &str) -> String {
-    rig.printed();
+    rig.take_console_output();
     reply(rig, line).join("\n")
 }
 
 #[test]
 fn the_console_prints_version_and_reset_cause_at_start() {
     let rig = rig();
-    assert_eq!(rig.printed(), "autoswing 0.1.0, started by power-on; help lists the commands\r\n> ");
+    assert_eq!(rig.take_console_output(), "autoswing 0.1.0, started by power-on; help lists the commands\r\n> ");
 }
 
 #[test]
 fn every_command_answers_ok_or_error_with_a_code() {
     let mut rig = rig();
-    rig.printed();
+    rig.take_console_output();
     for (line, answer) in [
         ("version", "ok autoswing 0.1.0"),
         ("status", "ok uncalibrated"),
@@ -119,7 +119,7 @@ fn every_command_answers_ok_or_error_with_a_code() {
         ("version now please", "error unexpected-argument: "),
         ("reboot", "ok restarting"),
     ] {
-        let text = rig.type_line(line);
+        let text = rig.send_console_line(line);
         let lines: Vec<&str> = text.split("\r\n").collect();
         assert_eq!(lines[0], line, "the line is echoed");
         assert!(lines[1].starts_with(answer), "{line}: {text:?}");
@@ -162,7 +162,7 @@ fn status_counts_attitude_of_other_senders() {
 #[test]
 fn help_lists_every_command() {
     let mut rig = rig();
-    rig.printed();
+    rig.take_console_output();
     let help = reply(&mut rig, "help").join("\n");
     assert!(help.starts_with("ok "), "{help}");
     for word in ["version", "status", "cal", "stream", "set", "reboot"] {
@@ -178,37 +178,40 @@ fn help_lists_every_command() {
 #[test]
 fn tab_completes_up_recalls_backspace_deletes() {
     let mut rig = rig();
-    rig.printed();
-    assert!(rig.type_line("vers\t").contains("ok autoswing"));
-    assert!(rig.type_line("\x1b[A").contains("ok autoswing"), "arrow up brings the last line back");
-    assert!(rig.type_line("versionx\x7f").contains("ok autoswing"), "DEL deletes");
-    assert!(rig.type_line("versionx\x08").contains("ok autoswing"), "so does BS");
-    assert!(rig.type_line("set inc\tn\t").contains("ok inclination not set"), "every word is completed");
-    assert!(rig.type_line("ersion\x1b[Hv").contains("ok autoswing"), "Home is the beginning");
-    assert!(rig.type_line("ersio\x1bOHv\x1b[4~n").contains("ok autoswing"), "End is the end");
-    assert!(rig.type_line("vversion\x1b[1~\x1b[3~").contains("ok autoswing"), "Delete deletes forward");
-    assert!(rig.type_line("reboot\x15version").contains("ok autoswing"), "Ctrl-U takes the line away");
-    assert!(rig.type_line("reboot\x03version").contains("^C\r\n> version\r\nok autoswing"), "so does Ctrl-C");
-    assert!(rig.type_line("stre on\x1b[D\x1b[D\x1b[D\t").contains("ok stream on"), "in the middle of a line, too");
+    rig.take_console_output();
+    assert!(rig.send_console_line("vers\t").contains("ok autoswing"));
+    assert!(rig.send_console_line("\x1b[A").contains("ok autoswing"), "arrow up brings the last line back");
+    assert!(rig.send_console_line("versionx\x7f").contains("ok autoswing"), "DEL deletes");
+    assert!(rig.send_console_line("versionx\x08").contains("ok autoswing"), "so does BS");
+    assert!(rig.send_console_line("set inc\tn\t").contains("ok inclination not set"), "every word is completed");
+    assert!(rig.send_console_line("ersion\x1b[Hv").contains("ok autoswing"), "Home is the beginning");
+    assert!(rig.send_console_line("ersio\x1bOHv\x1b[4~n").contains("ok autoswing"), "End is the end");
+    assert!(rig.send_console_line("vversion\x1b[1~\x1b[3~").contains("ok autoswing"), "Delete deletes forward");
+    assert!(rig.send_console_line("reboot\x15version").contains("ok autoswing"), "Ctrl-U takes the line away");
+    assert!(rig.send_console_line("reboot\x03version").contains("^C\r\n> version\r\nok autoswing"), "so does Ctrl-C");
+    assert!(
+        rig.send_console_line("stre on\x1b[D\x1b[D\x1b[D\t").contains("ok stream on"),
+        "in the middle of a line, too"
+    );
     // Tab prints the candidates and repeats the line.
     rig.console.send(b"stream \t");
     rig.run_for_s(0.1);
-    let shown = rig.printed();
+    let shown = rig.take_console_output();
     assert!(shown.contains("\r\non  off  rate  heading  \r\n") && shown.ends_with("> stream "), "{shown:?}");
-    assert!(rig.type_line("off").contains("ok stream off"));
+    assert!(rig.send_console_line("off").contains("ok stream off"));
 }
 
 #[test]
 fn split_escape_sequences_and_all_line_ends_are_accepted() {
     let mut rig = rig();
-    rig.type_line("version");
+    rig.send_console_line("version");
     for part in ["\x1b", "[", "A", "\x7f", "n\r\n"] {
         rig.console.send(part.as_bytes());
         rig.run_for_s(0.1);
     }
     rig.console.send(b"version\n");
     rig.run_for_s(0.1);
-    let text = rig.printed();
+    let text = rig.take_console_output();
     assert_eq!(text.matches("ok autoswing").count(), 2, "{text:?}");
     assert_eq!(text.matches("> ").count(), 4, "a line is drawn anew twice, and a prompt comes after each: {text:?}");
 }
@@ -216,14 +219,14 @@ fn split_escape_sequences_and_all_line_ends_are_accepted() {
 #[test]
 fn settings_last_over_a_restart() {
     let mut rig = rig();
-    rig.type_line("set declination -11.27");
+    rig.send_console_line("set declination -11.27");
     assert!(reply(&mut rig, "status all").join("\n").contains("stream: on, 10 Hz, smooth heading"));
-    rig.type_line("stream rate 5");
-    rig.type_line("stream heading raw");
-    rig.type_line("set inclination 61.125");
-    rig.type_line("set mount yaw180");
-    rig.type_line("set attitude-error 1.25 3.125");
-    assert!(rig.type_line("reboot").contains("started by reboot"));
+    rig.send_console_line("stream rate 5");
+    rig.send_console_line("stream heading raw");
+    rig.send_console_line("set inclination 61.125");
+    rig.send_console_line("set mount yaw180");
+    rig.send_console_line("set attitude-error 1.25 3.125");
+    assert!(rig.send_console_line("reboot").contains("started by reboot"));
     let status = reply(&mut rig, "status all").join("\n");
     for line in [
         "stream: on, 5 Hz, raw heading",
@@ -234,7 +237,7 @@ fn settings_last_over_a_restart() {
     ] {
         assert!(status.contains(line), "{line} in {status}");
     }
-    rig.type_line("set attitude-error default");
+    rig.send_console_line("set attitude-error default");
     let status = reply(&mut rig, "status all").join("\n");
     assert!(status.contains("attitude-error: 0.20 deg, 1.0 % of bank, 1 sigma"), "{status}");
 }
@@ -242,7 +245,7 @@ fn settings_last_over_a_restart() {
 #[test]
 fn an_armed_module_refuses_ground_commands() {
     let mut rig = rig();
-    rig.printed();
+    rig.take_console_output();
     rig.world.set_armed(true);
     // Heartbeats are 1 s apart.
     rig.run_for_s(1.1);
@@ -283,7 +286,7 @@ fn an_armed_module_refuses_ground_commands() {
     assert!(reply_after(&mut rig, "reboot").starts_with("error armed: "), "in flight");
     rig.world.set_motion(PrescribedMotion::default());
     rig.run_for_s(7.0);
-    assert!(rig.type_line("reboot").contains("ok restarting"));
+    assert!(rig.send_console_line("reboot").contains("ok restarting"));
 }
 
 #[test]
@@ -291,8 +294,8 @@ fn an_overlong_line_is_refused_and_not_cut() {
     let mut rig = rig();
     // Truncated after 64 characters, this is a valid, destructive command.
     let line = format!("cal clear all{}oops", " ".repeat(60));
-    assert!(rig.type_line(&line).contains("error line-too-long: a line holds 64 characters"));
-    assert!(rig.type_line("version").contains("ok autoswing"));
+    assert!(rig.send_console_line(&line).contains("error line-too-long: a line holds 64 characters"));
+    assert!(rig.send_console_line("version").contains("ok autoswing"));
 }
 
 /// Random bytes and keys, without the letters of `reboot` and `clear`.
@@ -312,10 +315,10 @@ fn random_keys_do_not_stop_the_console() {
         rig.run_for_s(0.02);
     }
     rig.run_for_s(1.0);
-    rig.type_line("\x03");
-    let text = rig.type_line("version");
+    rig.send_console_line("\x03");
+    let text = rig.send_console_line("version");
     assert!(text.contains("ok autoswing"), "{text:?}");
-    assert!(rig.type_line("status all").contains("started by power-on"), "it did not restart");
+    assert!(rig.send_console_line("status all").contains("started by power-on"), "it did not restart");
 }
 
 #[test]
@@ -330,10 +333,10 @@ fn no_bytes_stop_the_console() {
         rig.run_for_s(0.02);
     }
     rig.run_for_s(1.0);
-    rig.type_line("\r");
-    let text = rig.type_line("version");
+    rig.send_console_line("\r");
+    let text = rig.send_console_line("version");
     assert!(text.contains("ok autoswing"), "{text:?}");
-    assert!(rig.type_line("status all").contains("started by power-on"), "it did not restart");
+    assert!(rig.send_console_line("status all").contains("started by power-on"), "it did not restart");
 }
 
 /// Example commands in the documents are valid, and replies that need no previous flight match; `...` matches any text.
@@ -346,7 +349,7 @@ fn documented_examples_match_the_output() {
     for name in DOCUMENTS {
         let document = std::fs::read_to_string(name).unwrap();
         let mut rig = rig();
-        rig.printed();
+        rig.take_console_output();
         for block in document.split("```text\n").skip(1).map(|rest| rest.split("```").next().unwrap()) {
             let mut lines = block.lines().peekable();
             while let Some(line) = lines.next() {

@@ -40,7 +40,7 @@ fn with_bench_image() -> Emulator {
     let image = image("mps2-an386-bench.elf");
     let mut emulator = Emulator::start(&image, WorldConfig::table1(1)).unwrap_or_else(|e| panic!("{e}"));
     emulator.run_for_s(1.0);
-    emulator.printed();
+    emulator.take_console_output();
     emulator
 }
 
@@ -84,12 +84,12 @@ fn listen(emulator: &mut Emulator, seconds: f64) -> (usize, usize) {
 fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     // Two circles to each side are not enough for automatic solving; the pilot requests it.
     let mut emulator = start_emulator();
-    let status = emulator.type_line("status all");
+    let status = emulator.send_console_line("status all");
     assert!(status.contains("sensor: LSM303DLHC at 1e"), "{status}");
     emulator.console().send(&random_noise(1, 500));
     emulator.autopilot().send(&random_noise(2, 2000));
     emulator.run_for_s(1.0);
-    emulator.type_line("");
+    emulator.send_console_line("");
     let mission_result = fly_with(&mut emulator, TurnPlan { circles: 2.5, ..TurnPlan::default() }, &mut |_, _| {});
     assert!(mission_result.result.is_ok(), "{:?}\n{}", mission_result.result, mission_result.transcript);
     let after = mission_result.after.statistics();
@@ -100,14 +100,14 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     // The mission reset the module in flight; here it rests.
     emulator.reset();
     emulator.run_for_s(1.0);
-    let status = emulator.type_line("status all");
+    let status = emulator.send_console_line("status all");
     assert!(status.contains("started by reset pin") && status.contains("ok calibrated"), "{status}");
 
     // Broken and repaired data wire.
     emulator.break_sensor_wire(true);
     emulator.run_for_s(0.5);
     assert_eq!(listen(&mut emulator, 1.0).0, 0);
-    assert!(emulator.type_line("status all").contains("heading: none, sensor-silent"));
+    assert!(emulator.send_console_line("status all").contains("heading: none, sensor-silent"));
     emulator.break_sensor_wire(false);
     emulator.run_for_s(1.0);
     let (headings, empty) = listen(&mut emulator, 1.0);
@@ -119,7 +119,7 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     emulator.freeze_sensor(true);
     let (headings, _) = listen(&mut emulator, 3.0);
     assert!(headings <= 15, "{headings}");
-    let status = emulator.type_line("status all");
+    let status = emulator.send_console_line("status all");
     // If it freezes at the extreme of its measured range, it is reported as clipped.
     let reported =
         ["sensor-stuck", "sensor-clipped"].map(|reason| status.contains(&format!("heading: none, {reason}")));
@@ -137,22 +137,22 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
 fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     let world = WorldConfig { reports_current: true, ..WorldConfig::table1(1).with_current_interference(8.0) };
     let mut emulator = start_emulator_in(&world);
-    emulator.type_line("stream rate 80");
-    emulator.type_line("cal start turns");
+    emulator.send_console_line("stream rate 80");
+    emulator.send_console_line("cal start turns");
     emulator.world().fly(Leg::Turn { bank_deg: 30.0, heading_change_deg: 900.0 });
     emulator.world().fly(Leg::Turn { bank_deg: 30.0, heading_change_deg: -900.0 });
     while emulator.world().unfinished_legs() > 0 {
         assert_eq!(emulator.run_for_s(1.0), ModuleRunEnd::Time);
     }
-    emulator.printed();
+    emulator.take_console_output();
     emulator.take_path_instructions();
     // Requests a solve unless one has run automatically; then writes settings, which erase and program flash.
-    let text = emulator.type_line("cal solve");
+    let text = emulator.send_console_line("cal solve");
     emulator.run_for_s(4.0);
-    let text = text + &emulator.printed();
+    let text = text + &emulator.take_console_output();
     assert!(matches!(transcript::notice(&text), Some(transcript::SolveNotice::Calibrated(_)) | None), "{text}");
     for declination_deg in 0..12 {
-        emulator.type_line(&format!("set declination {declination_deg}"));
+        emulator.send_console_line(&format!("set declination {declination_deg}"));
     }
     let mut ways = emulator.take_path_instructions();
     assert!(ways.len() > 700, "{}", ways.len());
@@ -164,7 +164,7 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     println!("from register to last byte {least_us:.0} to {most_us:.0} us");
     // Measured: 0.57 and 0.60 ms. The margin is for more interrupts that coincide with a sample.
     assert!(most_us - least_us <= 1200.0, "{least_us} to {most_us} us");
-    let status = emulator.type_line("status all");
+    let status = emulator.send_console_line("status all");
     assert!(status.contains("ok calibrated"), "{status}");
     let stack = stack(&status);
     println!("stack {stack:?}");
@@ -178,10 +178,10 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
 fn one_seed_gives_one_run() {
     let run = || {
         let mut emulator = start_emulator();
-        emulator.type_line("cal start turns");
+        emulator.send_console_line("cal start turns");
         emulator.world().fly(Leg::Turn { bank_deg: 30.0, heading_change_deg: 90.0 });
         emulator.run_for_s(10.0);
-        let status = emulator.type_line("status all");
+        let status = emulator.send_console_line("status all");
         (status, emulator.instrument().receive())
     };
     assert_eq!(run(), run());
@@ -198,12 +198,12 @@ fn the_cause_of_a_crash_is_reported_after_the_restart() {
     ] {
         emulator.request_bench_test(test);
         emulator.run_for_s(1.0);
-        let status = emulator.type_line("status all");
+        let status = emulator.send_console_line("status all");
         let line = status.lines().find(|line| line.starts_with("up: ")).unwrap_or_else(|| panic!("{test:?}: {status}"));
         assert!(line.contains("started by panic: ") && line.contains(words), "{test:?}: {line}");
     }
-    emulator.type_line("reboot");
-    assert!(emulator.type_line("status all").contains("started by reboot"), "they are forgotten");
+    emulator.send_console_line("reboot");
+    assert!(emulator.send_console_line("status all").contains("started by reboot"), "they are forgotten");
 }
 
 /// The bench panics at every start that runs its task. The fourth start does not reach it, answers, and sends the
@@ -213,30 +213,30 @@ fn the_cause_of_a_crash_is_reported_after_the_restart() {
 fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
     let image = image("mps2-an386-bench.elf");
     let far_ends = [FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot), FarEnd::Unconnected];
-    let mut emulator = Emulator::start_wired(&image, WorldConfig::table1(1), far_ends).unwrap();
+    let mut emulator = Emulator::start_with_port_devices(&image, WorldConfig::table1(1), far_ends).unwrap();
     emulator.run_for_s(1.0);
-    emulator.type_line("stream rate 20");
+    emulator.send_console_line("stream rate 20");
     emulator.request_bench_test(BenchTest::PanicAtStarts);
     let check_safe_mode = |emulator: &mut Emulator, mut printed: String| {
         emulator.run_for_s(2.0);
-        printed += &emulator.printed();
+        printed += &emulator.take_console_output();
         assert_eq!(printed.matches("started by panic: ").count(), 3, "{printed}");
         assert!(printed.contains("note safe-mode: "), "{printed}");
-        let status = emulator.type_line("status all");
+        let status = emulator.send_console_line("status all");
         assert!(status.contains("ok safe-mode: ") && status.contains("at each start"), "{status}");
     };
     check_safe_mode(&mut emulator, String::new());
-    assert!(emulator.type_line("cal start").contains("error safe-mode: "));
-    assert!(emulator.type_line("cal clear all").contains("ok uncalibrated"));
+    assert!(emulator.send_console_line("cal start").contains("error safe-mode: "));
+    assert!(emulator.send_console_line("cal clear all").contains("ok uncalibrated"));
     let (headings, empty) = listen(&mut emulator, 4.0);
     assert!(headings == 0 && empty >= 8, "{headings} {empty}");
-    let [AttachedDevice::Mavlink(autopilot), _] = emulator.far_ends.clone() else { panic!() };
+    let [AttachedDevice::Mavlink(autopilot), _] = emulator.port_devices.clone() else { panic!() };
     let received = autopilot.borrow_mut().take_received();
     let text = |frame: &Frame| String::from_utf8_lossy(&frame.payload).contains("autoswing: safe-mode: ");
     assert!(received.iter().any(|frame| frame.id == 253 && text(frame)), "{received:?}");
 
-    emulator.printed();
-    let printed = emulator.type_line("reboot");
+    emulator.take_console_output();
+    let printed = emulator.send_console_line("reboot");
     check_safe_mode(&mut emulator, printed);
 }
 
@@ -245,16 +245,16 @@ fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn a_reboot_ends_safe_mode() {
     let mut emulator = with_bench_image();
-    emulator.type_line("stream rate 20");
+    emulator.send_console_line("stream rate 20");
     for _ in 0..3 {
         emulator.request_bench_test(BenchTest::Panic);
         emulator.run_for_s(1.0);
     }
-    let status = emulator.type_line("status all");
+    let status = emulator.send_console_line("status all");
     assert!(status.contains("ok safe-mode: ") && status.contains(PANIC), "{status}");
-    emulator.type_line("cal clear all");
-    emulator.type_line("reboot");
-    let status = emulator.type_line("status all");
+    emulator.send_console_line("cal clear all");
+    emulator.send_console_line("reboot");
+    let status = emulator.send_console_line("status all");
     assert!(status.contains("ok uncalibrated") && status.contains("stream: on, 10 Hz"), "{status}");
 }
 
@@ -264,12 +264,12 @@ fn only_the_bench_image_runs_the_tests_of_the_bench() {
     let mut emulator = start_emulator();
     for test in [BenchTest::Budgets, BenchTest::Fault, BenchTest::Overflow, BenchTest::Panic, BenchTest::PanicAtStarts]
     {
-        emulator.printed();
+        emulator.take_console_output();
         emulator.request_bench_test(test);
         emulator.run_for_s(2.0);
-        assert_eq!(emulator.printed(), "", "{test:?}");
+        assert_eq!(emulator.take_console_output(), "", "{test:?}");
     }
-    assert!(emulator.type_line("status all").contains("started by power-on"));
+    assert!(emulator.send_console_line("status all").contains("started by power-on"));
 }
 
 #[test]
@@ -314,11 +314,12 @@ fn mavlink_and_msp_run_at_once_on_the_emulator() {
         FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot),
         FarEnd::Msp(msp_autopilot::MspFirmware::ArduPilot, calm),
     ];
-    let mut emulator = Emulator::start_wired(&image("mps2-an386.elf"), WorldConfig::table1(2), far_ends).unwrap();
+    let mut emulator =
+        Emulator::start_with_port_devices(&image("mps2-an386.elf"), WorldConfig::table1(2), far_ends).unwrap();
     emulator.run_for_s(1.0);
-    assert!(emulator.type_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
+    assert!(emulator.send_console_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
     emulator.run_for_s(10.0);
-    let [AttachedDevice::Mavlink(mavlink), AttachedDevice::Msp(msp)] = emulator.far_ends.clone() else { panic!() };
+    let [AttachedDevice::Mavlink(mavlink), AttachedDevice::Msp(msp)] = emulator.port_devices.clone() else { panic!() };
     assert_eq!(mavlink.borrow().rate_hz(30), Some(40.0), "of ATTITUDE");
     let _ = (msp.borrow_mut().take_compass_samples(), mavlink.borrow_mut().take_received());
     emulator.run_for_s(10.0);
@@ -328,7 +329,7 @@ fn mavlink_and_msp_run_at_once_on_the_emulator() {
     assert!(ages_ms.clone().all(|age_ms| (0..=8).contains(&age_ms)), "{:?}", ages_ms.max());
     let heartbeats = mavlink.borrow_mut().take_received().iter().filter(|frame| frame.id == 0).count();
     assert!((9..=11).contains(&heartbeats), "{heartbeats}");
-    let status = emulator.type_line("status all");
+    let status = emulator.send_console_line("status all");
     assert!(status.contains("found mavlink\r\nport2: msp, 115200 baud\r\n"), "{status}");
     assert!(status.contains("by the field model") && status.contains(" 0 not sent;"), "{status}");
 }
@@ -337,13 +338,13 @@ fn mavlink_and_msp_run_at_once_on_the_emulator() {
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn a_collection_continues_after_a_reboot() {
     let samples = |emulator: &mut Emulator| {
-        let status = emulator.type_line("status all");
+        let status = emulator.send_console_line("status all");
         let line = status.lines().find_map(|line| line.strip_prefix("attitudes: ")).expect("a collection").to_owned();
         assert!(status.contains("ok collecting"), "{status}");
         line.split(' ').next().and_then(|number| number.parse::<u32>().ok()).expect("a number")
     };
     let mut emulator = start_emulator();
-    emulator.type_line("cal start");
+    emulator.send_console_line("cal start");
     emulator.world().fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 200.0 });
     emulator.run_for_s(14.0);
     let before = samples(&mut emulator);
@@ -351,12 +352,12 @@ fn a_collection_continues_after_a_reboot() {
     let mut after = before;
     for restarts in 0..2 {
         if restarts == 0 {
-            emulator.type_line("reboot");
+            emulator.send_console_line("reboot");
         } else {
             emulator.reset();
         }
         emulator.run_for_s(1.0);
-        let printed = emulator.printed();
+        let printed = emulator.take_console_output();
         assert!(!printed.contains("collection-lost"), "{printed}");
         let now = samples(&mut emulator);
         // Ten samples a second at most in the 1.5 s since the reset; a new collection would have fewer than before.
@@ -378,8 +379,8 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     let config = WorldConfig::table1(7);
     let config = WorldConfig { aircraft: VehicleConfig { kind: VehicleKind::Copter, ..config.aircraft }, ..config };
     let config = WorldConfig { reports_current: true, ..config.with_current_interference(12.0) };
-    let mut emulator = Emulator::start_wired(&image("mps2-an386.elf"), config, far_ends).unwrap();
-    let AttachedDevice::Mavlink(autopilot) = emulator.far_ends[0].clone() else { panic!("no MAVLink there") };
+    let mut emulator = Emulator::start_with_port_devices(&image("mps2-an386.elf"), config, far_ends).unwrap();
+    let AttachedDevice::Mavlink(autopilot) = emulator.port_devices[0].clone() else { panic!("no MAVLink there") };
     assert_eq!(emulator.run_for_s(8.0), ModuleRunEnd::Time);
     emulator.world().set_armed(true);
     let heading_deg = emulator.world().config().aircraft.heading_deg;
@@ -409,7 +410,7 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     assert_eq!(begins("autoswing: calibrated: expected error "), 1, "{received:?}");
     assert!(begins("autoswing: collecting: ") >= 2, "{}", begins("autoswing: collecting"));
 
-    let shown = transcript::parse_shown_calibration(&emulator.type_line("cal show")).expect("a calibration");
+    let shown = transcript::parse_shown_calibration(&emulator.send_console_line("cal show")).expect("a calibration");
     let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, .. } = shown.calibration.motor_current;
     for (found, added_ut) in ut_per_a.iter().zip(config.current_interference_ut) {
         let estimate_error = f64::from(*found) - added_ut / CRUISE_CURRENT_A;
@@ -419,7 +420,7 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
             config.current_interference_ut
         );
     }
-    let stack = stack(&emulator.type_line("status all"));
+    let stack = stack(&emulator.send_console_line("status all"));
     println!("stack {stack:?}");
     assert!(stack.used_bytes <= STACK_BYTES, "{stack:?}");
 

@@ -35,8 +35,8 @@ fn stand_at_heading(rig: &mut Rig, heading_deg: f64) {
 
 /// Solves the present samples; returns the stored calibration or the rejection.
 fn solve(rig: &mut Rig) -> Result<ShownCalibration, SolveNotice> {
-    rig.printed();
-    let reply = rig.type_line("cal solve");
+    rig.take_console_output();
+    let reply = rig.send_console_line("cal solve");
     match transcript::parse_error(&reply) {
         Some(refused) => Err(refused),
         None => outcome(rig, &reply),
@@ -46,10 +46,10 @@ fn solve(rig: &mut Rig) -> Result<ShownCalibration, SolveNotice> {
 /// Result of a solve whose note is in this text or still pending.
 fn outcome(rig: &mut Rig, text: &str) -> Result<ShownCalibration, SolveNotice> {
     rig.run_for_s(2.0);
-    let text = format!("{text}{}", rig.printed());
+    let text = format!("{text}{}", rig.take_console_output());
     match transcript::notice(&text).expect("a note") {
         SolveNotice::Calibrated(_) => {
-            Ok(transcript::parse_shown_calibration(&rig.type_line("cal show")).expect("a calibration"))
+            Ok(transcript::parse_shown_calibration(&rig.send_console_line("cal show")).expect("a calibration"))
         }
         refused @ SolveNotice::Refused { .. } => Err(refused),
     }
@@ -66,7 +66,7 @@ fn level_errors_deg(rig: &Rig, shown: &ShownCalibration) -> (f64, f64) {
 fn shown_error_deg(rig: &mut Rig, heading_deg: f64) -> f64 {
     let mut error = || {
         rig.run_for_s(0.2);
-        let status = rig.type_line("status all");
+        let status = rig.send_console_line("status all");
         let line = status.lines().find_map(|line| line.strip_prefix("heading: ")).expect("a heading line");
         let shown: f64 =
             line.split(' ').next().and_then(|number| number.parse().ok()).unwrap_or_else(|| panic!("{line}"));
@@ -80,8 +80,8 @@ fn shown_error_deg(rig: &mut Rig, heading_deg: f64) -> f64 {
 #[test]
 fn a_level_circle_leaves_only_a_constant_heading_error() {
     let mut rig = table1();
-    rig.printed();
-    assert!(rig.type_line("cal start level").contains("ok collecting"));
+    rig.take_console_output();
+    assert!(rig.send_console_line("cal start level").contains("ok collecting"));
     fly_both_turns(&mut rig, 2.5);
     let shown = outcome(&mut rig, "").unwrap();
     assert_eq!(shown.method, "level");
@@ -90,7 +90,7 @@ fn a_level_circle_leaves_only_a_constant_heading_error() {
     assert!(constant.abs() < 3.0, "{constant} deg, of an unsymmetric airframe");
     // Alignment removes the mean error.
     stand_at_heading(&mut rig, 120.0);
-    assert!(rig.type_line("set align 120").contains(" deg, added to every heading"));
+    assert!(rig.send_console_line("set align 120").contains(" deg, added to every heading"));
     for heading_deg in [120.0, 200.0, 310.0] {
         stand_at_heading(&mut rig, heading_deg);
         let error = shown_error_deg(&mut rig, heading_deg);
@@ -98,21 +98,21 @@ fn a_level_circle_leaves_only_a_constant_heading_error() {
         assert!(error.abs() < 1.2, "{error} deg at {heading_deg}");
     }
     // A change of half a circle is larger than mounting errors and needs confirmation.
-    let reply = rig.type_line("set align 130");
+    let reply = rig.send_console_line("set align 130");
     assert!(reply.contains("error needs-word: every heading would be turned by "), "{reply}");
     assert!(reply.contains("; if that is right: set align 130 yes"), "{reply}");
     assert!(shown_error_deg(&mut rig, 310.0).abs() < 1.2, "nothing has changed");
-    assert!(rig.type_line("set align 130 yes").contains("ok align "));
+    assert!(rig.send_console_line("set align 130 yes").contains("ok align "));
     assert!(shown_error_deg(&mut rig, 130.0).abs() < 1.2);
-    assert!(rig.type_line("set align none").contains("ok align 0.0 deg, added to every heading"));
+    assert!(rig.send_console_line("set align none").contains("ok align 0.0 deg, added to every heading"));
 }
 
 #[test]
 fn legs_at_five_headings_are_enough_and_four_are_not() {
     let mut rig = table1();
     let mut legs = |headings: u32| {
-        rig.printed();
-        rig.type_line("cal start level");
+        rig.take_console_output();
+        rig.send_console_line("cal start level");
         for i in 0..headings {
             stand_at_heading(&mut rig, f64::from(i) * 360.0 / f64::from(headings));
             rig.run_for_s(6.0);
@@ -132,9 +132,9 @@ fn a_compass_swing_finds_the_mounting() {
     for seed in 0..12 {
         let mut rig = rig(&WorldConfig::random(seed));
         rig.run_for_s(1.0);
-        rig.printed();
-        assert!(rig.type_line("cal mark 0").contains("error not-swinging: "));
-        assert!(rig.type_line("cal start swing").contains("ok collecting"));
+        rig.take_console_output();
+        assert!(rig.send_console_line("cal mark 0").contains("error not-swinging: "));
+        assert!(rig.send_console_line("cal start swing").contains("ok collecting"));
         for i in 0..8 {
             mark(&mut rig, i);
         }
@@ -154,16 +154,16 @@ fn mark(rig: &mut Rig, i: u32) {
         ..PrescribedMotion::default()
     });
     rig.run_for_s(5.0);
-    assert!(rig.type_line(&format!("cal mark {heading_deg}")).contains("error not-steady: "), "it still turns");
+    assert!(rig.send_console_line(&format!("cal mark {heading_deg}")).contains("error not-steady: "), "it still turns");
     stand_at_heading(rig, heading_deg);
-    let reply = rig.type_line(&format!("cal mark {heading_deg}"));
+    let reply = rig.send_console_line(&format!("cal mark {heading_deg}"));
     assert!(reply.contains(&format!("ok mark {}", i + 1)), "{reply}");
 }
 
 fn tumble(rig: &mut Rig) {
     rig.run_for_s(1.0);
-    rig.printed();
-    assert!(rig.type_line("cal start tumble").contains("ok collecting"));
+    rig.take_console_output();
+    assert!(rig.send_console_line("cal start tumble").contains("ok collecting"));
     for (pitch_deg, heading_deg) in [
         (0.0, 0.0),
         (0.0, 90.0),
@@ -210,13 +210,13 @@ fn a_tumbled_module_shows_headings() {
     // A field of half the strength contradicts the calibration.
     rig.world.set_disturbance_ut([0.0, 0.0, 40.0]);
     rig.run_for_s(1.0);
-    assert!(rig.type_line("status all").contains("heading: none, field-disturbed"));
+    assert!(rig.send_console_line("status all").contains("heading: none, field-disturbed"));
 }
 
 #[test]
 fn a_level_circle_is_refused_as_a_tumble() {
     let mut rig = table1();
-    rig.type_line("cal start tumble");
+    rig.send_console_line("cal start tumble");
     fly_both_turns(&mut rig, 2.0);
     let Err(SolveNotice::Refused { code, .. }) = solve(&mut rig) else { panic!("a level circle was enough") };
     assert!(code == "not-determined" || code == "not-converged", "{code}");

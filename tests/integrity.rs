@@ -490,12 +490,12 @@ fn parked_for_ten_minutes_with_either_source_raises_no_alarm() {
             if coarse { vec![Box::new(attitude_quantisation(0.1))] } else { vec![] };
         let mut rig = Rig::with_faults(world, Faults { attitude, ..Faults::default() });
         rig.run_for_s(1.0);
-        rig.type_line("cal start turns");
+        rig.send_console_line("cal start turns");
         for heading_change_deg in [1440.0, -1440.0] {
             rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg });
         }
         rig.run_for_s(250.0);
-        assert!(rig.printed().contains("note calibrated"));
+        assert!(rig.take_console_output().contains("note calibrated"));
         // At the present heading: a jump that no gyro shows is a changed field.
         let heading_deg = rig.world.true_state(rig.now_us()).heading_rad.to_degrees();
         rig.world.set_motion(PrescribedMotion { heading_deg, ..PrescribedMotion::default() });

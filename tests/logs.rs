@@ -7,7 +7,7 @@ use log_analysis::log::csv::FieldUnit;
 use log_analysis::log::write::{FlightRecording, encode_csv, encode_dataflash_text, encode_tlog};
 use log_analysis::log::{self, Flight};
 use log_analysis::replay::evaluation::{CorrectionSource, EvaluationOptions, FlightEvaluation, evaluate_flight};
-use log_analysis::replay::note::Note;
+use log_analysis::replay::log_warning::LogWarning;
 use log_analysis::replay::verdict::FlightOutcome;
 use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
@@ -29,7 +29,7 @@ fn evaluate(text: &str) -> (Flight, FlightEvaluation) {
 }
 
 fn notes(flight: &Flight, evaluation: &FlightEvaluation) -> String {
-    Note::all(flight, evaluation).iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+    LogWarning::all(flight, evaluation).iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
 /// Keeps one of `number` messages of a name.
@@ -211,7 +211,7 @@ fn a_compass_that_fails_in_flight_is_reported() {
             }
         }
         let (flight, verdict) = evaluate(&log);
-        let notes = Note::all(&flight, &verdict);
+        let notes = LogWarning::all(&flight, &verdict);
         let notes = notes.iter().map(ToString::to_string).filter(|note| note.starts_with("compass "));
         (notes.collect::<Vec<_>>(), verdict)
     };

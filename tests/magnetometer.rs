@@ -230,15 +230,15 @@ fn a_module_detects_each_fault_of_its_rm3100_and_uses_it_again() {
         (Rm3100Fault::StuckAxis(2), 0.7, "sensor-stuck"),
     ] {
         let (mut rig, chip) = module_with_rm3100();
-        let status = rig.type_line("status all");
+        let status = rig.send_console_line("status all");
         assert!(status.contains("sensor: RM3100 on SPI") && status.contains("heading: none, uncalibrated"), "{status}");
         chip.borrow_mut().set_fault(Some(fault));
         rig.run_for_s(after_s);
-        let status = rig.type_line("status all");
+        let status = rig.send_console_line("status all");
         assert!(status.contains(&format!("heading: none, {reason}")), "{fault:?}: {status}");
         chip.borrow_mut().set_fault(None);
         rig.run_for_s(1.0);
-        let status = rig.type_line("status all");
+        let status = rig.send_console_line("status all");
         assert!(status.contains("heading: none, uncalibrated"), "{fault:?}: {status}");
     }
 }
@@ -249,16 +249,16 @@ fn a_module_repairs_upset_registers_of_its_rm3100() {
     for register in [0x04, 0x05, 0x06, 0x07, 0x08, 0x09, 0x0B] {
         let (mut rig, chip) = module_with_rm3100();
         let before = chip.borrow().register(register);
-        chip.borrow_mut().flip(register, 0x02);
+        chip.borrow_mut().flip_register_bits(register, 0x02);
         rig.run_for_s(1.2);
         assert_eq!(chip.borrow().register(register), before);
-        let status = rig.type_line("status all");
+        let status = rig.send_console_line("status all");
         assert!(status.contains("1 register upsets repaired"), "{register:#x}: {status}");
         assert!(status.contains("heading: none, uncalibrated"), "{register:#x}: {status}");
     }
     let (mut rig, chip) = module_with_rm3100();
     chip.borrow_mut().power_cycle();
     rig.run_for_s(0.5);
-    assert!(rig.type_line("status all").contains("heading: none, uncalibrated"));
+    assert!(rig.send_console_line("status all").contains("heading: none, uncalibrated"));
     assert_eq!(chip.borrow().register(0x0B), 0x95);
 }

@@ -137,7 +137,7 @@ fn a_calibration_reports_heading_error_per_attitude_error() {
     let inclination_rad = mission_result.world.earth.inclination_deg.to_radians();
     let in_note = line_after(&mission_result.transcript, "note calibrated: expected error ");
     assert!((in_note - inclination_rad.tan()).abs() < 0.05, "{in_note}");
-    let in_status = line_after(&rig.type_line("status all"), "calibration: number 1, expected error ");
+    let in_status = line_after(&rig.send_console_line("status all"), "calibration: number 1, expected error ");
     assert!((in_note - in_status).abs() < 1e-9, "{in_note} {in_status}");
 }
 

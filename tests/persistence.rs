@@ -5,7 +5,7 @@ use autoswing::calibration::{Calibration, Envelope, HeadingUncertainty, Method, 
 use autoswing::frames::{Attitude, Field, wrap_pi};
 use autoswing::health::ResetCause;
 use autoswing::reading::{Identity, Model};
-use autoswing::store::{CalibrationRecord, Generations, Loaded, Store, StoreChange, StoreError};
+use autoswing::store::{CalibrationRecord, Loaded, Store, StoreChange, StoreError, StoredCalibrations};
 use embassy_futures::block_on;
 use simulator::devices::nor_flash::CutOutcome;
 use simulator::mission::TurnPlan;
@@ -28,7 +28,7 @@ fn swing(rig: &mut Rig) -> ModuleRunEnd {
 
 /// Result message of such a flight; `None` if the power was cut.
 fn swing_outcome(rig: &mut Rig) -> Option<transcript::SolveNotice> {
-    rig.type_line("cal start turns");
+    rig.send_console_line("cal start turns");
     rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
     rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
     let mut session = String::new();
@@ -36,7 +36,7 @@ fn swing_outcome(rig: &mut Rig) -> Option<transcript::SolveNotice> {
         if rig.run_for_s(1.0) == ModuleRunEnd::PowerCut {
             return None;
         }
-        session.push_str(&rig.printed());
+        session.push_str(&rig.take_console_output());
         if let Some(notice) = transcript::notice(&session) {
             return Some(notice);
         }
@@ -45,7 +45,7 @@ fn swing_outcome(rig: &mut Rig) -> Option<transcript::SolveNotice> {
 }
 
 fn shown_calibration(rig: &mut Rig) -> Option<transcript::ShownCalibration> {
-    transcript::parse_shown_calibration(&rig.type_line("cal show"))
+    transcript::parse_shown_calibration(&rig.send_console_line("cal show"))
 }
 
 fn calibrated() -> Rig {
@@ -59,14 +59,14 @@ fn calibrated() -> Rig {
 fn a_calibration_survives_a_restart_and_a_power_cut() {
     let mut rig = calibrated();
     let before = shown_calibration(&mut rig).unwrap();
-    rig.type_line("reboot");
+    rig.send_console_line("reboot");
     rig.run_for_s(1.0);
     assert_eq!(shown_calibration(&mut rig).unwrap(), before);
     rig.power_off();
     rig.power_on(ResetCause::PowerOn);
     rig.run_for_s(1.0);
     assert_eq!(shown_calibration(&mut rig).unwrap(), before);
-    assert!(rig.type_line("status all").contains("ok calibrated"));
+    assert!(rig.send_console_line("status all").contains("ok calibrated"));
 }
 
 /// Power cut at every operation of the first save, in three ways: the module starts uncalibrated or with the complete
@@ -87,7 +87,7 @@ fn a_power_cut_in_the_first_save_leaves_the_new_calibration_or_none() {
             }
             rig.power_on(ResetCause::PowerOn);
             rig.run_for_s(1.0);
-            rig.printed();
+            rig.take_console_output();
             let found = shown_calibration(&mut rig);
             assert!(found.is_none() || found.as_ref() == Some(&new), "after {operations} {outcome:?}: {found:?}");
             seen[usize::from(found.is_some())] += 1;
@@ -112,7 +112,7 @@ fn a_power_cut_in_a_later_save_leaves_the_old_calibration() {
             rig.power_off();
             rig.power_on(ResetCause::PowerOn);
             rig.run_for_s(0.5);
-            rig.printed();
+            rig.take_console_output();
             assert_eq!(shown_calibration(&mut rig).unwrap(), old, "after {operations} {outcome:?}");
         }
     }
@@ -124,13 +124,13 @@ fn a_power_cut_in_a_later_save_leaves_the_old_calibration() {
 fn a_single_calibration_survives_undo_and_clear_needs_all() {
     let mut rig = calibrated();
     let first = shown_calibration(&mut rig).unwrap();
-    rig.type_line("cal undo");
+    rig.send_console_line("cal undo");
     assert!(shown_calibration(&mut rig).is_some(), "there is nothing before the first, so it stays");
-    rig.type_line("cal clear");
+    rig.send_console_line("cal clear");
     assert_eq!(shown_calibration(&mut rig).unwrap(), first);
-    assert!(rig.type_line("cal clear all").contains("ok uncalibrated"));
+    assert!(rig.send_console_line("cal clear all").contains("ok uncalibrated"));
     assert!(shown_calibration(&mut rig).is_none());
-    rig.type_line("reboot");
+    rig.send_console_line("reboot");
     rig.run_for_s(1.0);
     assert!(shown_calibration(&mut rig).is_none(), "cleared for good");
 }
@@ -147,9 +147,13 @@ fn a_better_calibration_replaces_the_first_and_can_be_undone() {
     let moved_ut = second.calibration.b_vector_ut() - first.calibration.b_vector_ut();
     // 0.5 uT is 1 deg of heading in this field.
     assert!((moved_ut - nalgebra::Vector3::new(6.0, -4.0, 3.0)).norm() < 0.5, "{moved_ut}");
-    assert!(rig.type_line("cal undo").contains("ok calibrated: number 1 of maximum-likelihood, expected error "));
+    assert!(
+        rig.send_console_line("cal undo").contains("ok calibrated: number 1 of maximum-likelihood, expected error ")
+    );
     assert_eq!(shown_calibration(&mut rig).unwrap().calibration, first.calibration);
-    assert!(rig.type_line("cal undo").contains("ok calibrated: number 2 of maximum-likelihood, expected error "));
+    assert!(
+        rig.send_console_line("cal undo").contains("ok calibrated: number 2 of maximum-likelihood, expected error ")
+    );
     assert_eq!(shown_calibration(&mut rig).unwrap().calibration, second.calibration);
 }
 
@@ -159,7 +163,7 @@ fn a_better_calibration_replaces_the_first_and_can_be_undone() {
 fn a_one_sided_flight_does_not_replace_turns_to_both_sides() {
     let mut rig = calibrated();
     let first = shown_calibration(&mut rig).unwrap();
-    rig.type_line("cal start turns");
+    rig.send_console_line("cal start turns");
     rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
     for heading_deg in [0.0, 30.0, 60.0] {
         rig.world.fly(Leg::Straight { heading_deg, seconds: 10.0 });
@@ -167,10 +171,10 @@ fn a_one_sided_flight_does_not_replace_turns_to_both_sides() {
     while rig.world.unfinished_legs() > 0 {
         rig.run_for_s(1.0);
     }
-    rig.printed();
-    let reply = rig.type_line("cal solve");
+    rig.take_console_output();
+    let reply = rig.send_console_line("cal solve");
     rig.run_for_s(2.0);
-    let text = format!("{reply}{}", rig.printed());
+    let text = format!("{reply}{}", rig.take_console_output());
     let Some(transcript::SolveNotice::Refused { code, .. }) =
         transcript::notice(&text).or(transcript::parse_error(&text))
     else {
@@ -179,7 +183,7 @@ fn a_one_sided_flight_does_not_replace_turns_to_both_sides() {
     assert_eq!(code, "thinner");
     assert_eq!(shown_calibration(&mut rig).unwrap(), first);
     // The weakness is reported with the recommended manoeuvre.
-    let advice = rig.type_line("cal advise");
+    let advice = rig.send_console_line("cal advise");
 
     assert!(advice.contains("right"), "{advice}");
 }
@@ -215,8 +219,8 @@ fn a_calibration_that_is_no_better_changes_nothing() {
 #[test]
 fn a_calibration_is_not_used_with_another_mounting() {
     let mut rig = calibrated();
-    assert!(rig.type_line("set mount yaw90").contains("ok mount yaw90, align 0.0 deg; uncalibrated"));
-    assert!(rig.type_line("set mount none").contains("ok mount none, align 0.0 deg; calibrated"));
+    assert!(rig.send_console_line("set mount yaw90").contains("ok mount yaw90, align 0.0 deg; uncalibrated"));
+    assert!(rig.send_console_line("set mount none").contains("ok mount none, align 0.0 deg; calibrated"));
 }
 
 /// Power fails again during the save after a power failure: settings keep their values or change as commanded.
@@ -225,7 +229,7 @@ fn a_calibration_is_not_used_with_another_mounting() {
 fn two_power_cuts_in_a_row_lose_nothing() {
     let mut rig = Rig::new(WorldConfig::table1(5));
     rig.run_for_s(0.2);
-    rig.type_line("set declination 7");
+    rig.send_console_line("set declination 7");
     let mut power_cuts = 0;
     for first in (0..14).step_by(3) {
         for second in 0..14 {
@@ -238,8 +242,8 @@ fn two_power_cuts_in_a_row_lose_nothing() {
                     rig.power_on(ResetCause::PowerOn);
                     rig.run_for_s(0.2);
                 }
-                rig.printed();
-                let status = rig.type_line("status all");
+                rig.take_console_output();
+                let status = rig.send_console_line("status all");
                 assert!(status.contains("declination: 7.0 deg"), "after {first} and {second} {outcomes:?}: {status}");
             }
         }
@@ -276,8 +280,8 @@ fn record(serial: u32) -> CalibrationRecord {
     }
 }
 
-fn generations(serial: u32) -> Generations {
-    Generations { current: Some(record(serial)), previous: Some(record(serial.wrapping_sub(1))) }
+fn generations(serial: u32) -> StoredCalibrations {
+    StoredCalibrations { current: Some(record(serial)), previous: Some(record(serial.wrapping_sub(1))) }
 }
 
 fn store(flash: &mut StoreFlash) -> Store<&mut StoreFlash> {
@@ -285,14 +289,14 @@ fn store(flash: &mut StoreFlash) -> Store<&mut StoreFlash> {
 }
 
 fn save(flash: &mut StoreFlash, serial: u32) -> Result<(), StoreError> {
-    let Generations { current, previous } = generations(serial);
-    let change = StoreChange::Generations { current: current.as_ref(), previous: previous.as_ref() };
+    let StoredCalibrations { current, previous } = generations(serial);
+    let change = StoreChange::StoredCalibrations { current: current.as_ref(), previous: previous.as_ref() };
     block_on(store(flash).save(change))
 }
 
-fn load(flash: &mut StoreFlash) -> Result<Generations, StoreError> {
+fn load(flash: &mut StoreFlash) -> Result<StoredCalibrations, StoreError> {
     let Loaded { stored, error } = block_on(store(flash).load());
-    error.map_or(Ok(stored.generations), Err)
+    error.map_or(Ok(stored.stored_calibrations), Err)
 }
 
 /// Power fails at every program and erase of a save, at every fill of the region, and after the restart again in the
@@ -302,7 +306,7 @@ fn load(flash: &mut StoreFlash) -> Result<Generations, StoreError> {
 fn power_cuts_anywhere_leave_old_or_new() {
     let mut cases = 0;
     let mut start = StoreFlash::new(STORE_PAGES);
-    let mut old = Generations::default();
+    let mut old = StoredCalibrations::default();
     for saves in 0..11 {
         for (first, first_cut) in power_cuts(&start, saves + 1) {
             let mut flash = start.cut_at(first, first_cut);
@@ -328,7 +332,7 @@ fn power_cuts_anywhere_leave_old_or_new() {
 }
 
 /// Loads the generations and asserts that they are among `allowed`.
-fn one_of(flash: &mut StoreFlash, allowed: &[Generations], case: &str) -> Generations {
+fn one_of(flash: &mut StoreFlash, allowed: &[StoredCalibrations], case: &str) -> StoredCalibrations {
     let found = load(flash).unwrap_or_else(|error| panic!("{case}: {error:?}"));
     assert!(allowed.contains(&found), "{case}: {found:?}");
     found
@@ -346,7 +350,7 @@ fn start_flight() -> Rig {
     let mut rig = Rig::new(WorldConfig::table1(7));
     rig.run_for_s(8.0);
     take_off(&mut rig);
-    rig.printed();
+    rig.take_console_output();
     rig
 }
 
@@ -364,7 +368,7 @@ fn fly_to_end(rig: &mut Rig) -> String {
     let mut transcript_text = String::new();
     while rig.world.unfinished_legs() > 0 && transcript::notice(&transcript_text).is_none() {
         assert_eq!(rig.run_for_s(1.0), ModuleRunEnd::Time);
-        transcript_text.push_str(&rig.printed());
+        transcript_text.push_str(&rig.take_console_output());
     }
     transcript_text
 }
@@ -386,7 +390,7 @@ fn differ_deg(first: &Calibration, second: &Calibration) -> f32 {
 
 /// Number of free-flight samples in `status`.
 fn samples(rig: &mut Rig) -> u32 {
-    let status = rig.type_line("status all");
+    let status = rig.send_console_line("status all");
     let line = status.lines().find_map(|line| line.strip_prefix("attitudes: ")).unwrap_or_else(|| panic!("{status}"));
     line.split(' ').next().and_then(|number| number.parse().ok()).unwrap_or_else(|| panic!("{line}"))
 }
@@ -438,14 +442,14 @@ fn a_collection_survives_a_reboot_between_two_flights() {
     rig.world.set_motion(PrescribedMotion::default());
     rig.run_for_s(7.0);
     let before = samples(&mut rig);
-    let mut printed = rig.type_line("reboot");
+    let mut printed = rig.send_console_line("reboot");
     rig.run_for_s(5.0);
-    printed.push_str(&rig.printed());
+    printed.push_str(&rig.take_console_output());
     assert!(printed.contains("started by reboot") && !printed.contains("collection-lost"), "{printed}");
     assert_eq!(samples(&mut rig), before);
-    let status = rig.type_line("status all");
+    let status = rig.send_console_line("status all");
     assert!(status.contains("ok collecting") && status.contains("when the autopilot arms"), "{status}");
-    rig.world.release();
+    rig.world.end_prescribed_motion();
     take_off(&mut rig);
     let transcript_text = fly_to_end(&mut rig);
     assert!(
@@ -454,7 +458,7 @@ fn a_collection_survives_a_reboot_between_two_flights() {
     );
     rig.power_on(ResetCause::Watchdog);
     rig.run_for_s(3.0);
-    let status = rig.type_line("status all");
+    let status = rig.send_console_line("status all");
     assert!(status.contains("ok calibrated") && !status.contains("collection-lost"), "{status}");
     assert_eq!(samples(&mut rig), 0);
 }
@@ -478,13 +482,13 @@ fn a_lost_collection_is_reported() {
         let cause = if damage { ResetCause::Watchdog } else { ResetCause::PowerOn };
         rig.power_on(cause);
         rig.run_for_s(1.0);
-        let printed = rig.printed();
+        let printed = rig.take_console_output();
         assert!(printed.contains("note collection-lost: "), "{printed}");
-        assert!(rig.type_line("status all").contains("collection-lost: "));
+        assert!(rig.send_console_line("status all").contains("collection-lost: "));
         assert!(samples(&mut rig) < 10);
         rig.power_on(cause);
         rig.run_for_s(1.0);
-        assert!(!rig.printed().contains("collection-lost"), "told once");
+        assert!(!rig.take_console_output().contains("collection-lost"), "told once");
         let transcript_text = fly_to_end(&mut rig);
         let notice = transcript::notice(&transcript_text);
         assert!(matches!(notice, Some(transcript::SolveNotice::Calibrated(_)) | None), "{transcript_text}");

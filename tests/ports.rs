@@ -41,7 +41,7 @@ fn world(kind: VehicleKind) -> WorldConfig {
 }
 
 fn rig(kind: VehicleKind, far_ends: [FarEnd; 2]) -> Rig {
-    Rig::with_far_ends(world(kind), Faults::default(), far_ends)
+    Rig::with_port_devices(world(kind), Faults::default(), far_ends)
 }
 
 fn run(rig: &mut Rig, seconds: f64) {
@@ -58,7 +58,7 @@ fn fly_routine(rig: &mut Rig, kind: VehicleKind) {
 
 /// Frames received by the MAVLink autopilot since the last call.
 fn received_frames(rig: &Rig, port: usize) -> Vec<Frame> {
-    let AttachedDevice::Mavlink(autopilot) = &rig.far_ends[port] else { panic!("no MAVLink there") };
+    let AttachedDevice::Mavlink(autopilot) = &rig.port_devices[port] else { panic!("no MAVLink there") };
     autopilot.borrow_mut().take_received()
 }
 
@@ -90,7 +90,7 @@ fn texts(received_frames: &[Frame]) -> Vec<String> {
 }
 
 fn readings(rig: &Rig, port: usize) -> Vec<CompassSample> {
-    let AttachedDevice::Msp(autopilot) = &rig.far_ends[port] else { panic!("no MSP there") };
+    let AttachedDevice::Msp(autopilot) = &rig.port_devices[port] else { panic!("no MSP there") };
     autopilot.borrow_mut().take_compass_samples()
 }
 
@@ -134,13 +134,17 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
     for kind in [VehicleKind::Plane, VehicleKind::Copter] {
         let mut rig = rig(kind, [ARDUPILOT, FarEnd::Unconnected]);
         run(&mut rig, 12.0);
-        let AttachedDevice::Mavlink(autopilot) = &rig.far_ends[0] else { panic!() };
-        assert_eq!((autopilot.borrow().rate_hz(30), autopilot.borrow().denied()), (Some(40.0), 0), "of ATTITUDE");
+        let AttachedDevice::Mavlink(autopilot) = &rig.port_devices[0] else { panic!() };
+        assert_eq!(
+            (autopilot.borrow().rate_hz(30), autopilot.borrow().denied_requests()),
+            (Some(40.0), 0),
+            "of ATTITUDE"
+        );
         assert!(autopilot.borrow().rate_hz(33).is_some() && autopilot.borrow().rate_hz(2).is_some(), "place and time");
         let before = received_frames(&rig, 0);
         assert!(before.iter().all(|frame| (frame.system, frame.component) == (1, 158)));
         assert!(frames_with_id(HEARTBEAT, &before).len() >= 10);
-        let status = rig.type_line("status all");
+        let status = rig.send_console_line("status all");
         assert!(status.contains("port1: auto, 115200 baud, found mavlink\r\n"), "{status}");
         assert!(status.contains("by the field model"), "{status}");
         assert!(status.contains("armed: no\r\n"), "{status}");
@@ -193,7 +197,7 @@ fn msp_gets_the_raw_field_at_first_and_the_corrected_field_later() {
         run(&mut rig, 0.5);
         assert!(readings(&rig, 0).len() >= 15, "from power-up");
         run(&mut rig, 5.0);
-        let status = rig.type_line("status all");
+        let status = rig.send_console_line("status all");
         assert!(status.contains("port1: auto, 115200 baud, found msp\r\n"), "{status}");
         assert!(status.contains("armed: no\r\n") && status.contains("attitude: roll "), "{status}");
         let _ = readings(&rig, 0);
@@ -220,9 +224,9 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
     for (far_end, is_reported) in [(ARDUPILOT, true), (MSP_ARDUPILOT, true), (MSP_INAV, true), (ARDUPILOT, false)] {
         let config =
             WorldConfig { reports_current: is_reported, ..world(VehicleKind::Copter).with_current_interference(12.0) };
-        let mut rig = Rig::with_far_ends(config, Faults::default(), [far_end, FarEnd::Unconnected]);
+        let mut rig = Rig::with_port_devices(config, Faults::default(), [far_end, FarEnd::Unconnected]);
         run(&mut rig, 12.0);
-        let status = rig.type_line("status all");
+        let status = rig.send_console_line("status all");
         let current = status.lines().find_map(|line| line.strip_prefix("current: ")).expect("a line of the current");
         let amperes = current.strip_suffix(" A").and_then(|amperes| amperes.parse::<f64>().ok());
         // Gusts change the hover current.
@@ -231,7 +235,7 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
         fly_routine(&mut rig, VehicleKind::Copter);
         rig.power_on(ResetCause::PowerOn);
         run(&mut rig, 12.0);
-        let shown = rig.type_line("cal show");
+        let shown = rig.send_console_line("cal show");
         let shown = transcript::parse_shown_calibration(&shown).unwrap_or_else(|| panic!("{far_end:?}: {shown}"));
         let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, .. } = shown.calibration.motor_current;
         let error_deg = HeadingErrors::evaluate(&shown.calibration, &config).statistics().rms_deg;
@@ -255,9 +259,9 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
         let told_deg = sigma_deg(&mut rig);
         rig.world.set_reports_current(false);
         run(&mut rig, 2.0);
-        assert!(rig.type_line("status all").contains("\r\ncurrent: 1"), "it holds for three seconds");
+        assert!(rig.send_console_line("status all").contains("\r\ncurrent: 1"), "it holds for three seconds");
         run(&mut rig, 2.0);
-        assert!(rig.type_line("status all").contains("\r\ncurrent: not reported\r\n"));
+        assert!(rig.send_console_line("status all").contains("\r\ncurrent: not reported\r\n"));
         // A current spread of 1 A causes 0.8 uT of 28 uT horizontal field: 1.6 deg.
         let silent_deg = sigma_deg(&mut rig);
         assert!(silent_deg > told_deg.hypot(1.2), "{told_deg} {silent_deg}");
@@ -265,7 +269,7 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
 }
 
 fn sigma_deg(rig: &mut Rig) -> f64 {
-    let status = rig.type_line("status all");
+    let status = rig.send_console_line("status all");
     let sigma = status.split_once("deg magnetic, sigma ").and_then(|(_, sigma)| sigma.split_once(' '));
     sigma.and_then(|(sigma, _)| sigma.parse().ok()).unwrap_or_else(|| panic!("{status}"))
 }
@@ -300,18 +304,18 @@ fn a_disturbed_field_is_not_sent() {
 fn mavlink_and_msp_run_at_once() {
     let mut rig = rig(VehicleKind::Plane, [ARDUPILOT, MSP_ARDUPILOT]);
     run(&mut rig, 1.0);
-    assert!(rig.type_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
-    assert!(rig.type_line("set vision on").contains("ok vision on"));
+    assert!(rig.send_console_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
+    assert!(rig.send_console_line("set vision on").contains("ok vision on"));
     run(&mut rig, 10.0);
-    let status = rig.type_line("status all");
+    let status = rig.send_console_line("status all");
     assert!(status.contains("found mavlink\r\nport2: msp, 115200 baud\r\n"), "{status}");
     fly_routine(&mut rig, VehicleKind::Plane);
     let (_, rms) = readings_all_round(&mut rig, 1);
     assert!(rms < 1.0, "{rms} deg");
     rig.world.fly(Leg::Straight { heading_deg: 315.0, seconds: 200.0 });
     for baud in ["115200", "57600"] {
-        rig.type_line(&format!("set baud1 {baud}"));
-        rig.type_line(&format!("set baud2 {baud}"));
+        rig.send_console_line(&format!("set baud1 {baud}"));
+        rig.send_console_line(&format!("set baud2 {baud}"));
         run(&mut rig, 30.0);
         let (_, _) = (readings(&rig, 1), received_frames(&rig, 0));
         let (mut ages_ms, mut poses, mut squares_deg2) = (Vec::new(), 0_u32, 0.0);
@@ -339,7 +343,7 @@ fn mavlink_and_msp_run_at_once() {
         // 20 bytes at 57600 baud take 3.5 ms, after a request of 9 bytes.
         assert!(ages_ms.iter().all(|age_ms| (1..=8).contains(age_ms)), "at {baud}: {:?}", ages_ms.iter().max());
     }
-    assert!(rig.type_line("status all").contains(" 0 not sent;"));
+    assert!(rig.send_console_line("status all").contains(" 0 not sent;"));
 }
 
 /// A ground station starts and cancels a calibration and restarts the module, which is rejected in flight. Commands to
@@ -351,7 +355,7 @@ fn a_ground_station_commands_calibration_and_restart() {
     const REBOOT: u16 = 246;
     let mut rig = rig(VehicleKind::Copter, [ARDUPILOT, FarEnd::Unconnected]);
     rig.run_for_s(5.0);
-    rig.type_line("cal auto off");
+    rig.send_console_line("cal auto off");
     let _ = received_frames(&rig, 0);
     let read = RefCell::new(Vec::new());
     let order = |rig: &mut Rig, system: u8, command: u16, parameters: [f32; 7]| {
@@ -364,11 +368,11 @@ fn a_ground_station_commands_calibration_and_restart() {
         answers.map(|frame| (u16::from_le_bytes([frame.byte(0), frame.byte(1)]), frame.byte(2))).collect::<Vec<_>>()
     };
     assert_eq!(order(&mut rig, 7, START, [0.0; 7]).len(), 0);
-    assert!(rig.type_line("status all").contains("ok uncalibrated"));
+    assert!(rig.send_console_line("status all").contains("ok uncalibrated"));
     assert_eq!(order(&mut rig, 1, START, [0.0; 7]), [(START, 0)], "accepted");
-    assert!(rig.type_line("status all").contains("ok collecting"));
+    assert!(rig.send_console_line("status all").contains("ok collecting"));
     assert_eq!(order(&mut rig, 1, CANCEL, [0.0; 7]), [(CANCEL, 0)]);
-    assert!(rig.type_line("status all").contains("ok uncalibrated"));
+    assert!(rig.send_console_line("status all").contains("ok uncalibrated"));
     let of_us = [0.0, 0.0, 1.0, 158.0, 0.0, 0.0, 0.0];
     rig.world.set_armed(true);
     run(&mut rig, 2.0);
@@ -381,9 +385,9 @@ fn a_ground_station_commands_calibration_and_restart() {
     assert_ne!(order(&mut rig, 1, REBOOT, of_us)[0].1, 0);
     rig.world.set_motion(PrescribedMotion::default());
     run(&mut rig, 7.0);
-    rig.printed();
+    rig.take_console_output();
     assert_eq!(order(&mut rig, 1, REBOOT, of_us), [(REBOOT, 0)]);
-    assert!(rig.printed().contains("started by reboot"));
+    assert!(rig.take_console_output().contains("started by reboot"));
 }
 
 /// Declinations of the true headings sent in the next five seconds, degrees: true minus magnetic heading.
@@ -418,7 +422,7 @@ fn a_position_that_jumps_does_not_turn_the_true_heading() {
         None,
     ];
     for place in places {
-        let AttachedDevice::Mavlink(autopilot) = &rig.far_ends[0] else { panic!("no MAVLink there") };
+        let AttachedDevice::Mavlink(autopilot) = &rig.port_devices[0] else { panic!("no MAVLink there") };
         autopilot.borrow_mut().set_position(place);
         run(&mut rig, 30.0);
         let declinations_deg = sent_declinations_deg(&mut rig);
@@ -428,7 +432,7 @@ fn a_position_that_jumps_does_not_turn_the_true_heading() {
 }
 
 fn found(rig: &mut Rig) -> Option<String> {
-    let status = rig.type_line("status all");
+    let status = rig.send_console_line("status all");
     let line = status.lines().find(|line| line.starts_with("port1: ")).expect("a first port");
     line.split_once("found ").map(|(_, found)| found.to_owned())
 }
@@ -487,7 +491,7 @@ fn another_autopilot_is_found_after_ten_seconds() {
 fn a_port_uses_its_configured_protocol_from_the_first_byte() {
     let mut rig = rig(VehicleKind::Copter, [FarEnd::Unconnected, FarEnd::Unconnected]);
     run(&mut rig, 1.0);
-    rig.type_line("set port1 nmea");
+    rig.send_console_line("set port1 nmea");
     for cause in [ResetCause::PowerOn, ResetCause::Software] {
         rig.power_off();
         run(&mut rig, 0.5);

@@ -13,7 +13,7 @@ use simulator::world::autopilot::Leg;
 struct Scaled(f32);
 
 impl AttitudeFault for Scaled {
-    fn tamper(&mut self, _: u64, message: &mut ATTITUDE_DATA) {
+    fn modify_message(&mut self, _: u64, message: &mut ATTITUDE_DATA) {
         message.roll *= self.0;
         message.pitch *= self.0;
     }
@@ -37,7 +37,7 @@ const BOTH: [(f64, f64); 2] = [(25.0, 800.0), (25.0, -800.0)];
 fn refused_solve(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (String, String) {
     rig.run_for_s(1.0);
     for line in settings.iter().chain(&["cal start turns"]) {
-        let reply = rig.type_line(line);
+        let reply = rig.send_console_line(line);
         assert!(reply.contains("\r\nok "), "{reply}");
     }
     for &(bank_deg, heading_change_deg) in turns {
@@ -47,16 +47,16 @@ fn refused_solve(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (Str
         rig.run_for_s(1.0);
     }
     rig.run_for_s(3.0);
-    let mut printed = rig.printed();
+    let mut printed = rig.take_console_output();
     if transcript::notice(&printed).is_none() {
-        printed += &rig.type_line("cal solve");
+        printed += &rig.send_console_line("cal solve");
         rig.run_for_s(5.0);
-        printed += &rig.printed();
+        printed += &rig.take_console_output();
     }
     let notice = transcript::parse_error(&printed).or_else(|| transcript::notice(&printed)).expect("an end");
     let SolveNotice::Refused { code, words } = notice else { panic!("it was calibrated: {notice:?}") };
     // `status` repeats the text later.
-    let status = rig.type_line("status all");
+    let status = rig.send_console_line("status all");
     let is_told_later = status.contains(&format!("last solve: {code}: {words}\r\n"));
     assert!(is_told_later || status.contains("last solve: none"), "{status}");
     (code, words)

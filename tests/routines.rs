@@ -10,7 +10,7 @@ use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::{Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
-use host_sim::studies::accuracy::trial::{Ranges, Trial};
+use host_sim::studies::accuracy::random_flight::{RandomFlight, Ranges};
 use log_analysis::score::{ErrorStatistics, wrap_180};
 use simulator::random::{Purpose, Random};
 use simulator::routine::{Routine, TurnPlan};
@@ -28,7 +28,7 @@ use testkit::simulation::Simulation;
 /// the attitude source has bias, bank-angle scale error and acceleration-induced tilt error.
 fn harsh_config(kind: VehicleKind, seed: u64) -> WorldConfig {
     const TOTAL_UT: f64 = 50.0;
-    let trial = Trial::draw(&Ranges::HARSH, seed);
+    let trial = RandomFlight::draw(&Ranges::WORST_CASE, seed);
     let world = WorldConfig::random(seed).with_vehicle_kind(kind);
     let noise_deg = trial.attitude_sigma_rad.to_degrees();
     WorldConfig {
@@ -105,7 +105,7 @@ fn median_and_worst_decile_deg(kind: VehicleKind, legs: &[Leg]) -> [f64; 2] {
             let config = harsh_config(kind, seed);
             let mut retained = RetainedSamples::EMPTY;
             let mut collector = Collector::new(&mut retained);
-            collector.begin(Procedure::Flight);
+            collector.begin_procedure(Procedure::Flight);
             for sample in fly_samples(&config, legs) {
                 collector.push(sample);
             }

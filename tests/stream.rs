@@ -12,13 +12,13 @@ use testkit::random::Random;
 fn calibrated() -> Rig {
     let mut rig = Rig::new(WorldConfig::table1(2));
     rig.run_for_s(1.0);
-    rig.type_line("cal start turns");
+    rig.send_console_line("cal start turns");
     rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
     rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
     let mut session = String::new();
     while transcript::notice(&session).is_none() {
         assert_eq!(rig.run_for_s(1.0), ModuleRunEnd::Time);
-        session.push_str(&rig.printed());
+        session.push_str(&rig.take_console_output());
     }
     rig.world.fly(Leg::Straight { heading_deg: 90.0, seconds: 20.0 });
     rig.run_for_s(25.0);
@@ -49,7 +49,7 @@ fn headings(received: &[HeadingSentence]) -> usize {
 fn every_sentence_is_sent_at_the_set_rate() {
     let mut rig = calibrated();
     for (rate_hz, expected) in [(10, 50_usize), (1, 5), (40, 200), (80, 400)] {
-        rig.type_line(&format!("stream rate {rate_hz}"));
+        rig.send_console_line(&format!("stream rate {rate_hz}"));
         let received = listen(&mut rig, 5.0);
         for kind in ["HCHDM", "HCHDG", "PASWH"] {
             let count = received.iter().filter(|r| r.kind == kind).count();
@@ -58,7 +58,7 @@ fn every_sentence_is_sent_at_the_set_rate() {
         }
         assert_eq!(headings(&received), received.len());
     }
-    rig.type_line("stream off");
+    rig.send_console_line("stream off");
     assert!(listen(&mut rig, 2.0).is_empty());
 }
 
@@ -69,7 +69,7 @@ fn the_pilot_chooses_which_heading_is_sent() {
     let mut rig = calibrated();
     let mut bends_deg = Vec::new();
     for kind in ["smooth", "raw", "smooth"] {
-        rig.type_line(&format!("stream heading {kind}"));
+        rig.send_console_line(&format!("stream heading {kind}"));
         rig.run_for_s(0.5);
         let received = listen(&mut rig, 4.0);
         let qualities: Vec<_> = received.iter().filter(|r| r.kind == "PASWH").collect();
@@ -109,10 +109,10 @@ fn variation_is_sent_when_declination_is_set() {
     };
     assert!(sentence(&mut rig, "$HCHDG").unwrap().contains(",,,,*"));
     assert_eq!(sentence(&mut rig, "$HCHDT"), None);
-    rig.type_line("set declination -11.3");
+    rig.send_console_line("set declination -11.3");
     assert!(sentence(&mut rig, "$HCHDG").unwrap().contains(",,,11.3,W*"));
     assert!(is_true(&mut rig, -11.3));
-    rig.type_line("set declination 4");
+    rig.send_console_line("set declination 4");
     assert!(sentence(&mut rig, "$HCHDG").unwrap().contains(",,,4.0,E*"));
     assert!(is_true(&mut rig, 4.0));
 }
@@ -125,7 +125,7 @@ fn a_saturated_sensor_gives_no_heading() {
     rig.run_for_s(0.2);
     let received = listen(&mut rig, 2.0);
     assert!(received.len() >= 30 && headings(&received) == 0, "{} of {}", headings(&received), received.len());
-    assert!(rig.type_line("status all").contains("heading: none, sensor-saturated"));
+    assert!(rig.send_console_line("status all").contains("heading: none, sensor-saturated"));
     rig.world.set_disturbance_ut([0.0; 3]);
     rig.run_for_s(0.2);
     let received = listen(&mut rig, 2.0);
@@ -139,7 +139,7 @@ fn a_disturbed_field_gives_no_heading() {
     rig.world.set_disturbance_ut([0.0, 0.0, 25.0]);
     rig.run_for_s(0.2);
     assert_eq!(headings(&listen(&mut rig, 2.0)), 0);
-    assert!(rig.type_line("status all").contains("heading: none, field-disturbed"));
+    assert!(rig.send_console_line("status all").contains("heading: none, field-disturbed"));
 }
 
 /// Empty sentences within 0.25 s; headings resume although the chip has lost its configuration.
@@ -150,14 +150,14 @@ fn a_lost_sensor_is_detected_and_used_again_when_it_returns() {
     rig.run_for_s(0.25);
     let received = listen(&mut rig, 2.0);
     assert!(received.len() >= 20 && headings(&received) == 0, "{} of {}", headings(&received), received.len());
-    assert!(rig.type_line("status all").contains("heading: none, sensor-silent"));
+    assert!(rig.send_console_line("status all").contains("heading: none, sensor-silent"));
     rig.magnetometer.power_cycle();
     rig.magnetometer.set_silent(false);
     rig.run_for_s(1.0);
     let received = listen(&mut rig, 2.0);
     assert_eq!(headings(&received), received.len());
     // The module did not restart.
-    assert!(rig.type_line("status all").contains("started by power-on"));
+    assert!(rig.send_console_line("status all").contains("started by power-on"));
 }
 
 #[test]

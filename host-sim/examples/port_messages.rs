@@ -26,10 +26,11 @@ fn main() {
     print_flight(VehicleKind::Plane, [FarEnd::Mavlink(MavlinkFirmware::Px4), FarEnd::Unconnected], "set vision on");
 }
 
-fn print_flight(kind: VehicleKind, far_ends: [FarEnd; 2], setting: &str) {
+fn print_flight(kind: VehicleKind, port_devices: [FarEnd; 2], setting: &str) {
     println!("{} {setting}", kind.name());
-    let mut rig = Rig::with_far_ends(WorldConfig::table1(7).with_vehicle_kind(kind), Faults::default(), far_ends);
-    let _ = rig.type_line(setting);
+    let mut rig =
+        Rig::with_port_devices(WorldConfig::table1(7).with_vehicle_kind(kind), Faults::default(), port_devices);
+    let _ = rig.send_console_line(setting);
     let _ = rig.run_for_s(12.0);
     rig.world.set_armed(true);
     for leg in Routine::for_vehicle(kind, TurnPlan::default(), rig.world.config().aircraft.heading_deg).legs() {
@@ -44,7 +45,7 @@ fn print_flight(kind: VehicleKind, far_ends: [FarEnd; 2], setting: &str) {
 
 fn print_messages(rig: &Rig) {
     let now_ms = rig.now_us() / 1000;
-    for (port, far_end) in rig.far_ends.iter().enumerate() {
+    for (port, far_end) in rig.port_devices.iter().enumerate() {
         match far_end {
             AttachedDevice::Mavlink(autopilot) => {
                 for frame in autopilot.borrow_mut().take_received() {

@@ -34,7 +34,7 @@ pub struct AcceptancePolicy {
     /// Fewest held-back samples of each part used: most of the sectors.
     pub min_held_back: u16,
     /// Factor on the active calibration's expected error above which a candidate is thinner.
-    pub thinner_ratio: f32,
+    pub less_informative_ratio: f32,
     /// Ratio of scores from which a thinner candidate is accepted: the airframe's iron has then changed, and the active
     /// calibration is wrong.
     pub contradiction_ratio: f32,
@@ -47,7 +47,7 @@ impl AcceptancePolicy {
         max_iron_error_ratio: 2.5,
         certain_sigmas: 3.5,
         min_held_back: 8,
-        thinner_ratio: 1.5,
+        less_informative_ratio: 1.5,
         contradiction_ratio: 3.0,
     };
 }
@@ -184,7 +184,7 @@ fn check_observability(candidate: &Solution, grounds: &AcceptanceSamples<'_>) ->
     let rests_on_priors =
         candidate.advice.as_ref().is_some_and(|advice| advice.unobservable != UnobservableQuantities::default());
     let is_undetermined = rests_on_priors || !candidate.quality.determines_all_coefficients();
-    let is_free_flight = candidate.quality.method == Method::MaximumLikelihood && grounds.fit.has_free();
+    let is_free_flight = candidate.quality.method == Method::MaximumLikelihood && grounds.fit.has_free_flight_samples();
     if is_free_flight && is_undetermined { Err(Rejection::Unobservable) } else { Ok(()) }
 }
 
@@ -247,7 +247,7 @@ fn check_information(
     scores: HeldBackScores,
 ) -> Result<(), Rejection> {
     let new = &candidate.quality;
-    let thinner = new.expected_rms_deg > policy.thinner_ratio * old.expected_rms_deg
+    let thinner = new.expected_rms_deg > policy.less_informative_ratio * old.expected_rms_deg
         || (old.determines_all_coefficients() && !new.determines_all_coefficients());
     let contradicted =
         scores.active > policy.contradiction_ratio * scores.candidate && candidate.bank_scale_error.is_none();

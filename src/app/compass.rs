@@ -40,18 +40,18 @@ pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>, retained: &mut
         if let Some(error) = error {
             report_unreadable_flash(links, error);
         }
-        links.set_initial_protocols(stored.remembered.detected_protocols);
+        links.set_initial_protocols(stored.startup_values.detected_protocols);
         Compass::new(AcceptancePolicy::DEFAULT, &stored, retained)
     };
     if let Some(lost) = compass.last_outcome() {
         links.announce(lost);
     }
-    drive(links, &mut store, &mut compass).await
+    run_state_machine(links, &mut store, &mut compass).await
 }
 
 /// Runs the state machine for ever. It is passed by reference: created here, it would be built on the stack, which has
 /// no room for it, and copied.
-async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut Compass<'_>) -> ! {
+async fn run_state_machine<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut Compass<'_>) -> ! {
     let mut events = Events::new(links);
     let mut began = Counts::default();
     publish_state(links, compass, None);

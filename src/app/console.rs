@@ -17,7 +17,7 @@ use crate::messages::Refusal;
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Pause after a line error, one or two bytes long, so that a permanent error does not occupy the processor.
-const PAUSE: Duration = Duration::from_micros(200);
+const PAUSE_AFTER_LINE_ERROR: Duration = Duration::from_micros(200);
 
 /// Time for the reply to `reboot` to leave its line.
 const REBOOT_REPLY_TIME: Duration = Duration::from_millis(50);
@@ -29,7 +29,7 @@ pub trait Platform {
     fn reboot(&mut self);
 
     /// Peak stack use, if known.
-    fn stack(&self) -> Option<StackUse> {
+    fn peak_stack_use(&self) -> Option<StackUse> {
         None
     }
 }
@@ -61,7 +61,7 @@ pub async fn run(
         match select3(links.restart.wait(), rx.read(&mut bytes), links.notices.receive()).await {
             Either3::First(()) => reboot_after_reply(&mut platform).await,
             Either3::Second(Ok(number)) if number > 0 => read = 0..number,
-            Either3::Second(_) => Timer::after(PAUSE).await,
+            Either3::Second(_) => Timer::after(PAUSE_AFTER_LINE_ERROR).await,
             Either3::Third(message) => terminal.session.write_notice(|out| report::write_notice(out, &message)),
         }
     }
@@ -121,7 +121,7 @@ impl Terminal<'_> {
             event_counts: self.links.counts(),
             reset_cause: self.reset,
             uptime_s: Instant::now().as_secs() as u32,
-            stack_use: platform.stack(),
+            stack_use: platform.peak_stack_use(),
             ports: self.links.port_protocols(),
             can: self.links.can_state(),
         }
@@ -137,6 +137,6 @@ async fn execute_command(links: &Links, command: Command) -> Result<Reply, Refus
 async fn flush_output(session: &mut Session, tx: &mut impl Write) {
     if !session.output().is_empty() {
         let _ = with_timeout(WRITE_TIMEOUT, tx.write_all(session.output())).await;
-        session.sent();
+        session.clear_output();
     }
 }

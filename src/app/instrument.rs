@@ -20,7 +20,7 @@ pub async fn run(links: &Links) -> ! {
     let mut instrument = Instrument::new(InstrumentConfig::new(DEFAULT_READING_PERIOD_US));
     let mut change_report = ChangeReporter::NONE;
     let mut turn_request = TurnRequest::NONE;
-    let mut silent_at = silence_from_now(&instrument);
+    let mut silent_at = silence_deadline(&instrument);
     loop {
         // Reports are received before readings, so that a reading uses attitude of its own instant.
         let event =
@@ -44,11 +44,11 @@ pub async fn run(links: &Links) -> ! {
                 if let Some(sigma_rad) = wanted {
                     links.announce(&Message::TurnWanted { sigma_rad });
                 }
-                silent_at = silence_from_now(&instrument);
+                silent_at = silence_deadline(&instrument);
             }
             Either4::Fourth(()) => {
                 estimates.send(instrument.on_silence(now()));
-                silent_at = silence_from_now(&instrument);
+                silent_at = silence_deadline(&instrument);
             }
         }
         while let Some(sample) = instrument.next_sample() {
@@ -74,7 +74,7 @@ pub async fn run(links: &Links) -> ! {
     }
 }
 
-fn silence_from_now(instrument: &Instrument) -> Instant {
+fn silence_deadline(instrument: &Instrument) -> Instant {
     Instant::now() + embassy_time::Duration::from_micros(instrument.config().silence_us())
 }
 

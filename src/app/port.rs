@@ -130,7 +130,7 @@ struct PublishedCounts([u32; 4]);
 
 impl PublishedCounts {
     fn add_new_counts(&mut self, port: &Port, counters: &Counters) {
-        let TransmitBuffer { messages: sent, empty, lost, .. } = port.output;
+        let TransmitBuffer { messages: sent, messages_without_heading: empty, lost, .. } = port.output;
         let now = [sent, empty, lost, port.rejected_frames()];
         let totals =
             [&counters.messages, &counters.messages_empty, &counters.write_errors, &counters.attitude_rejected];

@@ -66,10 +66,10 @@ impl EulerRates {
 pub struct GyroHeading {
     /// Rates of the Euler angles.
     pub euler_rates: EulerRates,
-    /// Integrated heading rate, radians, `-pi..pi`. Only differences within one `run` are meaningful.
+    /// Integrated heading rate, radians, `-pi..pi`. Only differences within one `run_number` are meaningful.
     pub relative_heading_rad: f32,
     /// Number of the integration run, wraps. A long gap, missing rates or another source starts a new run.
-    pub run: u8,
+    pub run_number: u8,
 }
 
 impl GyroHeading {
@@ -88,11 +88,11 @@ impl GyroHeading {
 pub(super) struct HeadingIntegral {
     euler_rates: Option<EulerRates>,
     relative_heading_rad: f32,
-    run: u8,
+    run_number: u8,
 }
 
 impl HeadingIntegral {
-    pub const EMPTY: Self = Self { euler_rates: None, relative_heading_rad: 0.0, run: 0 };
+    pub const EMPTY: Self = Self { euler_rates: None, relative_heading_rad: 0.0, run_number: 0 };
 
     /// Integrates to the next report, `step_s` later, with the mean of both rates. `None` starts a new run.
     pub fn advanced(&self, report: &AttitudeReport, step_s: Option<f32>) -> Self {
@@ -103,10 +103,10 @@ impl HeadingIntegral {
                 Self {
                     euler_rates: motion,
                     relative_heading_rad: wrap_pi(self.relative_heading_rad + mean.heading_rad_s * step_s),
-                    run: self.run,
+                    run_number: self.run_number,
                 }
             }
-            _ => Self { euler_rates: motion, relative_heading_rad: 0.0, run: self.run.wrapping_add(1) },
+            _ => Self { euler_rates: motion, relative_heading_rad: 0.0, run_number: self.run_number.wrapping_add(1) },
         }
     }
 
@@ -114,7 +114,7 @@ impl HeadingIntegral {
     pub fn extrapolate(&self, ahead_s: f32) -> Option<GyroHeading> {
         let motion = self.euler_rates?;
         let turned_rad = wrap_pi(self.relative_heading_rad + motion.heading_rad_s * ahead_s);
-        Some(GyroHeading { euler_rates: motion, relative_heading_rad: turned_rad, run: self.run })
+        Some(GyroHeading { euler_rates: motion, relative_heading_rad: turned_rad, run_number: self.run_number })
     }
 
     /// State between two reports `step_s` apart, at `fraction` of the interval.
@@ -123,10 +123,10 @@ impl HeadingIntegral {
         let motion = from.interpolate(&to, fraction);
         // Integral of a linearly changing rate, backward from the later report, whose run continues.
         let rest = motion.interpolate(&to, 0.5).heading_rad_s * (1.0 - fraction) * step_s;
-        (self.run == after.run).then(|| GyroHeading {
+        (self.run_number == after.run_number).then(|| GyroHeading {
             euler_rates: motion,
             relative_heading_rad: wrap_pi(after.relative_heading_rad - rest),
-            run: after.run,
+            run_number: after.run_number,
         })
     }
 }
@@ -182,7 +182,7 @@ mod tests {
         assert!((turned_deg(began.interpolate(&ended, 1.0, 1.0)) - 20.0).abs() < 1e-4);
         let half = began.interpolate(&ended, 1.0, 0.5).unwrap();
         assert!((half.euler_rates.heading_rad_s.to_degrees() - 20.0).abs() < 1e-4);
-        assert_eq!(half.run, ended.extrapolate(0.0).unwrap().run);
+        assert_eq!(half.run_number, ended.extrapolate(0.0).unwrap().run_number);
     }
 
     /// An hour at 300 deg/s: rounding errors stay below 1 deg, a gyro's drift of a minute.
@@ -206,14 +206,14 @@ mod tests {
         let turning = report(0.0, 0.0, [0.0, 0.0, 30.0]);
         let first = HeadingIntegral::EMPTY.advanced(&turning, None);
         let second = first.advanced(&turning, Some(0.02));
-        assert_eq!(second.run, first.run);
+        assert_eq!(second.run_number, first.run_number);
         let later = second.advanced(&turning, None);
-        assert_ne!(later.run, second.run);
+        assert_ne!(later.run_number, second.run_number);
         assert_eq!(second.interpolate(&later, 5.0, 0.5), None);
         let silent = second.advanced(&report(0.0, 0.0, [0.0; 3]), Some(0.02));
         assert_eq!(silent.extrapolate(0.0), None);
         assert_eq!(second.interpolate(&silent, 0.02, 0.5), None);
         let again = silent.advanced(&turning, Some(0.02));
-        assert_ne!(again.extrapolate(0.0).unwrap().run, second.run);
+        assert_ne!(again.extrapolate(0.0).unwrap().run_number, second.run_number);
     }
 }

@@ -3,7 +3,6 @@
 mod alignment_detector;
 mod config;
 mod euler_rates;
-mod hang_detector;
 mod line_selector;
 mod plausibility;
 mod rate_consistency;
@@ -11,6 +10,7 @@ mod rate_estimator;
 mod report;
 mod sender_clock;
 mod sender_selector;
+mod stale_attitude_detector;
 mod timed_report;
 
 use crate::frames::{Attitude, Body, Field, Sensor};
@@ -20,7 +20,6 @@ pub use config::AttitudeConfig;
 use euler_rates::HeadingIntegral;
 pub(crate) use euler_rates::MIN_COS_PITCH;
 pub use euler_rates::{EulerRates, GyroHeading};
-use hang_detector::HangDetector;
 pub use line_selector::LineSelector;
 use plausibility::{FreezeDetector, SpikeFilter};
 use rate_consistency::RateConsistency;
@@ -28,6 +27,7 @@ pub use rate_estimator::RateEstimator;
 pub use report::AttitudeReport;
 use sender_clock::SenderClock;
 pub use sender_selector::{Heartbeat, SenderId, SenderSelector};
+use stale_attitude_detector::StaleAttitudeDetector;
 use timed_report::{TimedReport, extrapolate, interpolate};
 
 /// Time after a restart of the sender within which its attitude filter aligns, microseconds: 10 s on an ArduPilot, and
@@ -76,7 +76,7 @@ pub struct AttitudeHistory {
     spike_filter: SpikeFilter,
     freeze_detector: FreezeDetector,
     alignment_detector: AlignmentDetector,
-    hang_detector: HangDetector,
+    stale_attitude_detector: StaleAttitudeDetector,
     /// Time of the first report after a restart of the sender.
     restarted_at: Option<Timestamp>,
     /// Time of the last report, while the source is aligning or hangs.
@@ -96,7 +96,7 @@ impl AttitudeHistory {
             spike_filter: SpikeFilter::new(),
             freeze_detector: FreezeDetector::new(),
             alignment_detector: AlignmentDetector::new(),
-            hang_detector: HangDetector::new(),
+            stale_attitude_detector: StaleAttitudeDetector::new(),
             restarted_at: None,
             last_contradicted_at: None,
             rate_consistency: RateConsistency::EMPTY,
@@ -132,12 +132,12 @@ impl AttitudeHistory {
         // Contradicting rates cannot show that the aircraft is at rest.
         let is_aligning = self.alignment_detector.update(at, &report) && !self.rate_consistency.is_contradicted()
             || self.restarted_at.is_some_and(|restart| at.us_since(restart) < RESTART_ALIGNMENT_US);
-        let is_hanging = self.hang_detector.update(at, &report);
-        self.last_contradicted_at = (is_aligning || is_hanging).then_some(at);
-        if is_hanging {
+        let is_stale = self.stale_attitude_detector.update(at, &report);
+        self.last_contradicted_at = (is_aligning || is_stale).then_some(at);
+        if is_stale {
             self.rejected.frozen = self.rejected.frozen.wrapping_add(1);
         }
-        if is_aligning || is_hanging {
+        if is_aligning || is_stale {
             return;
         }
         if self.rate_consistency.update(at, &report) {
@@ -154,7 +154,7 @@ impl AttitudeHistory {
 
     /// Updates the detectors of frozen and of hanging attitude with the corrected field of a reading.
     pub fn update_field(&mut self, field: Field<Body>) {
-        self.hang_detector.update_field(field);
+        self.stale_attitude_detector.update_field(field);
         self.freeze_detector.update_field(field);
     }
 

@@ -452,7 +452,7 @@ fn the_gyro_heading_covers_the_range_of_the_attitude() {
             "{us}: {found:?}"
         );
         assert!((found.euler_rates.heading_rad_s.to_degrees() - rate_deg_s).abs() < 1e-3, "{us}: {found:?}");
-        assert_eq!(found.run, from.run);
+        assert_eq!(found.run_number, from.run_number);
     }
     assert_eq!(track.gyro_heading_at(at(1_240_001)), None);
     assert_eq!(track.gyro_heading_at(at(999_999)), None);
@@ -464,9 +464,13 @@ fn the_gyro_heading_covers_the_range_of_the_attitude() {
 fn integration_continues_over_a_short_gap() {
     for (gap_us, is_continued) in [(500_000, true), (500_001, false)] {
         let mut track = single_report(Attitude::default(), [0.0, 0.0, 10.0]);
-        let run = track.gyro_heading_at(at(1_000_000)).unwrap().run;
+        let run = track.gyro_heading_at(at(1_000_000)).unwrap().run_number;
         track.push(at(1_000_000 + gap_us + LATENCY_US), moving(0, Attitude::default(), [0.0, 0.0, 10.0]));
-        assert_eq!(track.gyro_heading_at(at(1_000_000 + gap_us)).unwrap().run == run, is_continued, "{gap_us} us");
+        assert_eq!(
+            track.gyro_heading_at(at(1_000_000 + gap_us)).unwrap().run_number == run,
+            is_continued,
+            "{gap_us} us"
+        );
     }
 }
 

@@ -68,7 +68,7 @@ const FLASH_PRIORITY: Priority = Priority::P8;
 const BOARD_ID: u16 = 1088;
 
 /// Time of work after which the image counts as good, as in ArduPilot.
-const PROOF: Duration = Duration::from_secs(30);
+const GOOD_IMAGE_AFTER: Duration = Duration::from_secs(30);
 
 #[unsafe(link_section = ".app_descriptor")]
 #[used]
@@ -94,7 +94,7 @@ pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! 
     static UART_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static OTHER_TASKS: StaticCell<Executor> = StaticCell::new();
 
-    boot_loader::reset_leftovers();
+    boot_loader::reset_boot_loader_state();
     let reset = reset::cause();
     let p = embassy_stm32::init(clocks());
     // A debugger that halts the processor also halts the watchdog.
@@ -202,8 +202,8 @@ pub struct Watchdog {
 impl app::Watchdog for Watchdog {
     fn feed(&mut self) {
         self.watchdog.feed();
-        if self.can_prove && Instant::now().duration_since(Instant::MIN) >= PROOF {
-            boot_loader::mark_good();
+        if self.can_prove && Instant::now().duration_since(Instant::MIN) >= GOOD_IMAGE_AFTER {
+            boot_loader::mark_image_good();
         }
     }
 }

@@ -10,10 +10,10 @@ mod b_l475e_iot01a;
 mod hardware;
 #[cfg(feature = "board-holybro-rm3100")]
 mod holybro_rm3100;
-mod kept;
-mod last_words;
 #[cfg(feature = "board-mps2-an386")]
 mod mps2_an386;
+mod panic_message;
+mod sample_memory;
 mod stack;
 #[cfg(any(feature = "board-b-l475e-iot01a", feature = "board-holybro-rm3100"))]
 mod stm32;

@@ -3,7 +3,7 @@
 use autoswing::health::StackUse;
 
 /// Fill pattern written by the start-up code (cortex-m-rt's `paint-stack`).
-const PAINT: u32 = 0xCCCC_CCCC;
+const STACK_FILL_PATTERN: u32 = 0xCCCC_CCCC;
 
 unsafe extern "C" {
     // Stack bounds from memory.x; only the addresses are meaningful.
@@ -12,7 +12,7 @@ unsafe extern "C" {
 }
 
 /// Whether an object is completely within the stack.
-pub fn holds<T>(place: *const T) -> bool {
+pub fn contains_object<T>(place: *const T) -> bool {
     let (top, bottom) = ((&raw const _stack_start).addr(), (&raw const _stack_end).addr());
     place.is_aligned() && (bottom..=top - size_of::<T>()).contains(&place.addr())
 }
@@ -22,6 +22,7 @@ pub fn high_water() -> StackUse {
     let bottom = &raw const _stack_end;
     let words = ((&raw const _stack_start).addr() - bottom.addr()) / size_of::<u32>();
     // SAFETY: all words between the bounds are stack memory. Volatile, because the pattern is not written by Rust code.
-    let clean = (0..words).take_while(|&word| unsafe { bottom.add(word).read_volatile() } == PAINT).count();
+    let clean =
+        (0..words).take_while(|&word| unsafe { bottom.add(word).read_volatile() } == STACK_FILL_PATTERN).count();
     StackUse { used_bytes: size_of::<u32>() * (words - clean), size_bytes: size_of::<u32>() * words }
 }

@@ -237,7 +237,7 @@ fn banks_into_turns(samples: Samples<'_>) -> bool {
         bank_squares += roll_rad * roll_rad;
         rate_squares += rate_rad_s * rate_rad_s;
     }
-    !samples.has_free() || product_sum > MIN_BANK_CORRELATION * sqrt(bank_squares * rate_squares)
+    !samples.has_free_flight_samples() || product_sum > MIN_BANK_CORRELATION * sqrt(bank_squares * rate_squares)
 }
 
 #[inline(never)]

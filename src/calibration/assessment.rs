@@ -82,7 +82,7 @@ impl ConvergedFit<'_> {
     ) -> Result<Solution, SolveError> {
         let mut sigmas = assumed_sigmas(consider, latency);
         let mut covariance = CoefficientCovariance::ZERO;
-        let mut expected = self.expected(information, &sigmas, &mut covariance)?;
+        let mut expected = self.expected_error(information, &sigmas, &mut covariance)?;
         let (mut attitude_errors, mut iron) = ([None; ERRORS], None);
         for (index, error) in ATTITUDE_ERRORS.iter().enumerate() {
             // Closed forms are too far from the maximum likelihood for the linearised test.
@@ -94,7 +94,7 @@ impl ConvergedFit<'_> {
             let Some(found) = test(&input) else { continue };
             let without_deg = expected.rms_deg;
             sigmas[index] = found.allowed_sigma(assumed_sigma);
-            expected = self.expected(information, &sigmas, &mut covariance)?;
+            expected = self.expected_error(information, &sigmas, &mut covariance)?;
             attitude_errors[index] = Some(Finding::new(found, expected.rms_deg, without_deg));
         }
         let bank_scale_error =
@@ -102,7 +102,7 @@ impl ConvergedFit<'_> {
         if let Some(change) = change {
             let without_deg = expected.rms_deg;
             information.hard_iron_gradient = change.effect;
-            expected = self.expected(information, &sigmas, &mut covariance)?;
+            expected = self.expected_error(information, &sigmas, &mut covariance)?;
             iron = Some(Finding::new(change.change, expected.rms_deg, without_deg));
         }
         let uncertainty = self.uncertainty(information, latency, &mut covariance)?;
@@ -165,7 +165,7 @@ impl ConvergedFit<'_> {
         sandwich_covariance(information, self.likelihood, self.unknowns, (CovarianceContent::All, sigmas), covariance)
     }
 
-    fn expected(
+    fn expected_error(
         &self,
         information: &Information,
         sigmas: &AttitudeErrorSigmas,

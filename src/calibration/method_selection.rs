@@ -77,7 +77,10 @@ impl SelectedParts {
     #[must_use]
     pub fn select<'a>(&self, samples: Samples<'a>) -> Samples<'a> {
         let parts = [(Part::LEFT, self.left), (Part::RIGHT, self.right), (Part::LEVEL, self.level)];
-        parts.into_iter().filter(|(_, is_selected)| !is_selected).fold(samples, |rest, (part, _)| rest.without(part))
+        parts
+            .into_iter()
+            .filter(|(_, is_selected)| !is_selected)
+            .fold(samples, |rest, (part, _)| rest.without_part(part))
     }
 }
 

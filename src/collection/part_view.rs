@@ -57,7 +57,7 @@ impl<'a> PartView<'a> {
     }
 
     /// Counts a sample and returns its use.
-    pub fn assign_use(&mut self, sample: &Sample) -> SampleUse {
+    pub fn count_and_assign_use(&mut self, sample: &Sample) -> SampleUse {
         *self.last_taken_at = Some(sample.time);
         self.state.taken_count = self.state.taken_count.wrapping_add(1);
         let is_held_back = self.state.taken_count.is_multiple_of(HOLD_BACK_CYCLE);

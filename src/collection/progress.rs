@@ -30,9 +30,9 @@ pub struct CollectionProgress {
     /// Collection procedure.
     pub procedure: Procedure,
     /// Progress of the left turns, or of all samples of `Tumble` and `Flight`.
-    pub left: Coverage,
+    pub left_turns: Coverage,
     /// Progress of the right turns.
-    pub right: Coverage,
+    pub right_turns: Coverage,
     /// Progress of level flight.
     pub level: Coverage,
     /// Number of compass-swing marks.
@@ -47,7 +47,7 @@ impl CollectionProgress {
     #[must_use]
     pub fn is_complete(&self) -> bool {
         match self.procedure {
-            Procedure::Turns => self.left.is_complete() && self.right.is_complete(),
+            Procedure::Turns => self.left_turns.is_complete() && self.right_turns.is_complete(),
             Procedure::Level => self.level.is_complete(),
             Procedure::Swing | Procedure::Tumble | Procedure::Flight => false,
         }
@@ -68,7 +68,14 @@ mod tests {
         let full = Coverage { percent: 100, ..Coverage::default() };
         let part = Coverage { percent: 99, ..full };
         let is_complete = |procedure, [left, right, level]: [Coverage; 3]| {
-            CollectionProgress { procedure, left, right, level, ..CollectionProgress::default() }.is_complete()
+            CollectionProgress {
+                procedure,
+                left_turns: left,
+                right_turns: right,
+                level,
+                ..CollectionProgress::default()
+            }
+            .is_complete()
         };
         assert!(is_complete(Procedure::Turns, [full, full, part]));
         assert!(!is_complete(Procedure::Turns, [full, part, full]));

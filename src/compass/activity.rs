@@ -7,7 +7,7 @@ use crate::store::{CalibrationRecord, StartupValues};
 
 /// Who started a collection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Starter {
+pub(super) enum CollectionStarter {
     User,
     /// The module started the collection, which pauses while the vehicle is disarmed.
     Module,
@@ -17,7 +17,7 @@ pub(super) enum Starter {
 #[derive(Debug)]
 pub(super) enum Activity {
     Idle,
-    Collecting(Starter),
+    Collecting(CollectionStarter),
     Solving(Solve),
 }
 
@@ -42,14 +42,14 @@ pub(super) enum SolveStage {
 #[derive(Clone, Copy, Debug)]
 pub(super) enum SolvePurpose {
     /// Trial solve: the collection continues, unless the result ends it.
-    Trial(Starter),
+    Trial(CollectionStarter),
     /// Calibration from the samples of a collection, if one is in progress; a failure ends it unless it is automatic.
-    Calibration(Option<Starter>),
+    Calibration(Option<CollectionStarter>),
 }
 
 impl Activity {
     /// Who started the collection in progress.
-    pub const fn starter(&self) -> Option<Starter> {
+    pub const fn starter(&self) -> Option<CollectionStarter> {
         match self {
             Self::Idle => None,
             Self::Collecting(starter) => Some(*starter),
@@ -61,7 +61,7 @@ impl Activity {
     }
 
     pub fn is_automatic(&self) -> bool {
-        self.starter() == Some(Starter::Module)
+        self.starter() == Some(CollectionStarter::Module)
     }
 }
 
@@ -74,7 +74,7 @@ pub(super) enum PendingSave {
     Clear,
     Settings(Settings),
     /// Values for the next start.
-    Remembered(StartupValues),
+    StartupValues(StartupValues),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

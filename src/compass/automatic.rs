@@ -1,7 +1,7 @@
 //! Automatic collection: an uncalibrated module starts collecting in flight.
 
 use super::Compass;
-use super::activity::{Activity, Starter};
+use super::activity::{Activity, CollectionStarter};
 use crate::calibration::method_selection::Procedure;
 
 /// Number of samples (5 s) after which no armed state is expected; autopilots send heartbeats at 1 Hz.
@@ -15,7 +15,7 @@ impl Compass<'_> {
             self.automatic.samples_since_start.saturating_add(1).min(ARMED_STATE_TIMEOUT_SAMPLES);
         let is_ready = self.saving.is_none() && self.sensor.is_some();
         if self.is_assumed_armed() && is_ready && self.wants_automatic_collection() {
-            self.start_collection(Procedure::Flight, Starter::Module);
+            self.start_collection(Procedure::Flight, CollectionStarter::Module);
         }
     }
 
@@ -38,12 +38,12 @@ impl Compass<'_> {
 
     /// Whether a collection stores no samples: an automatic one while disarmed, and after a restart until the armed
     /// state is known.
-    pub(super) fn is_paused(&self, starter: Starter) -> bool {
-        starter == Starter::Module && !self.is_assumed_armed()
+    pub(super) fn is_paused(&self, starter: CollectionStarter) -> bool {
+        starter == CollectionStarter::Module && !self.is_assumed_armed()
     }
 
     /// Returns control to the module, for `cal auto` and `cal clear`.
-    pub(super) fn return_control(&mut self, auto_on: bool) {
+    pub(super) fn enable_automatic_start(&mut self, auto_on: bool) {
         self.automatic.is_overridden = false;
         if !auto_on && self.activity.is_automatic() {
             self.discard_collection();

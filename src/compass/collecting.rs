@@ -1,6 +1,6 @@
 //! Start, end and continuation of a collection.
 
-use super::activity::{Activity, Starter};
+use super::activity::{Activity, CollectionStarter};
 use super::trial_solves::TrialSolves;
 use super::{Compass, TrialResult};
 use crate::calibration::method_selection::Procedure;
@@ -12,20 +12,22 @@ impl Compass<'_> {
     pub(super) fn start_by_command(&mut self, procedure: Procedure, discards_previous: bool) -> Result<(), Refusal> {
         self.sensor.ok_or(Refusal::NoSensor)?;
         match self.activity {
-            Activity::Collecting(Starter::User) if !discards_previous => {
+            Activity::Collecting(CollectionStarter::User) if !discards_previous => {
                 return Err(Refusal::Collecting { present: self.collector.procedure(), requested: procedure });
             }
-            Activity::Collecting(Starter::Module) if !discards_previous && procedure == self.collector.procedure() => {
-                self.activity = Activity::Collecting(Starter::User);
+            Activity::Collecting(CollectionStarter::Module)
+                if !discards_previous && procedure == self.collector.procedure() =>
+            {
+                self.activity = Activity::Collecting(CollectionStarter::User);
             }
-            _ => self.start_collection(procedure, Starter::User),
+            _ => self.start_collection(procedure, CollectionStarter::User),
         }
         self.automatic.is_overridden = true;
         Ok(())
     }
 
-    pub(super) fn start_collection(&mut self, procedure: Procedure, starter: Starter) {
-        self.collector.begin(procedure);
+    pub(super) fn start_collection(&mut self, procedure: Procedure, starter: CollectionStarter) {
+        self.collector.begin_procedure(procedure);
         self.recent = RecentSamples::new();
         self.trials = TrialSolves::NONE;
         self.activity = Activity::Collecting(starter);
@@ -40,11 +42,11 @@ impl Compass<'_> {
     }
 
     /// Continues collecting after a solve, or instead of a trial solve.
-    pub(super) fn resume_collection(&mut self, starter: Starter) {
-        for sample in &self.held {
+    pub(super) fn resume_collection(&mut self, starter: CollectionStarter) {
+        for sample in &self.samples_during_solve {
             self.collector.push(*sample);
         }
-        self.held.clear();
+        self.samples_during_solve.clear();
         self.activity = Activity::Collecting(starter);
         self.collector.reset_restart_count();
     }

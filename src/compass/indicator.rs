@@ -38,7 +38,7 @@ impl Compass<'_> {
     fn progress_percent(&self) -> u8 {
         let progress = self.collector.progress();
         match progress.procedure {
-            Procedure::Turns => progress.left.percent.midpoint(progress.right.percent),
+            Procedure::Turns => progress.left_turns.percent.midpoint(progress.right_turns.percent),
             Procedure::Level => progress.level.percent,
             Procedure::Flight => {
                 let expected_deg =

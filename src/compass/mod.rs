@@ -46,24 +46,24 @@ impl<'a> Compass<'a> {
     #[must_use]
     #[inline(never)]
     pub fn new(policy: AcceptancePolicy, stored: &StoredValues, retained: &'a mut RetainedSamples) -> Self {
-        let StoredValues { settings, generations, remembered } = *stored;
+        let StoredValues { settings, stored_calibrations, startup_values } = *stored;
         let mut compass = Self {
             policy,
             settings,
-            generations,
+            stored_calibrations,
             sensor: None,
             armed: ArmedState::UNKNOWN,
             local_field: LocalField::UNKNOWN,
             collector: Collector::new(retained),
             recent: RecentSamples::new(),
             activity: Activity::Idle,
-            held: heapless::Vec::new(),
+            samples_during_solve: heapless::Vec::new(),
             saving: None,
             last_outcome: None,
             advice: None,
             trials: TrialSolves::NONE,
             automatic: AutomaticStart::NEW,
-            persistent: PersistentState::new(remembered),
+            persistent: PersistentState::new(startup_values),
         };
         compass.restore_collection();
         compass
@@ -123,7 +123,7 @@ impl<'a> Compass<'a> {
             return Effect::None;
         };
         if let Activity::Solving(Solve { purpose, .. }) = self.activity {
-            let is_held = self.held.push(sample).is_ok();
+            let is_held = self.samples_during_solve.push(sample).is_ok();
             if is_held || !matches!(purpose, SolvePurpose::Trial(_)) {
                 return Effect::None;
             }
@@ -146,7 +146,7 @@ impl<'a> Compass<'a> {
 
     #[inline(never)]
     fn on_command(&mut self, command: Command, now: WrappingMillis) -> Result<Effect, Refusal> {
-        self.admit(command, now)?;
+        self.admit_command(command, now)?;
         match command {
             Command::CalStart(procedure) => self.start_by_command(procedure, false)?,
             Command::CalStartNew(procedure) => {
@@ -178,12 +178,12 @@ impl<'a> Compass<'a> {
             Command::Set(setting) => {
                 let settings = self.settings.with_setting(setting).map_err(Refusal::OutOfRange)?;
                 if let SettingChange::Auto(true) = setting {
-                    self.return_control(true);
+                    self.enable_automatic_start(true);
                 }
                 return Ok(self.request_save(PendingSave::Settings(settings)));
             }
             Command::ResetSettings => {
-                self.return_control(Settings::DEFAULT.auto_on);
+                self.enable_automatic_start(Settings::DEFAULT.auto_on);
                 return Ok(self.request_save(PendingSave::Settings(self.settings.reset())));
             }
             Command::Align(heading_deg) => return self.set_alignment(heading_deg, false, now),
@@ -203,8 +203,8 @@ impl<'a> Compass<'a> {
             last_trial: self.trials.last_result.clone(),
             settings: self.settings,
             local_field: self.local_field,
-            stored_calibration: self.generations.current.as_ref().map(CalibrationSummary::from),
-            can_undo: self.generations.previous.is_some(),
+            stored_calibration: self.stored_calibrations.current.as_ref().map(CalibrationSummary::from),
+            can_undo: self.stored_calibrations.previous.is_some(),
             last_outcome: self.last_outcome.clone(),
         }
     }

@@ -1,7 +1,7 @@
 //! State that survives a restart: the running collection in RAM, and in flash whether one was running and which
 //! protocols were detected.
 
-use super::activity::{Activity, PendingSave, Starter};
+use super::activity::{Activity, CollectionStarter, PendingSave};
 use super::{Compass, Effect};
 use crate::collection::{CollectionContext, CollectionState};
 use crate::messages::Message;
@@ -19,7 +19,7 @@ impl Compass<'_> {
             {
                 match self.collector.state() {
                     CollectionState::Running => {
-                        let starter = if was_automatic { Starter::Module } else { Starter::User };
+                        let starter = if was_automatic { CollectionStarter::Module } else { CollectionStarter::User };
                         self.activity = Activity::Collecting(starter);
                         self.automatic.is_overridden = !was_automatic;
                     }
@@ -36,7 +36,7 @@ impl Compass<'_> {
     /// Updates the checksum of the retained collection.
     #[inline(never)]
     pub(super) fn update_retained(&mut self) {
-        self.collector.save(CollectionContext {
+        self.collector.update_header(CollectionContext {
             is_automatic: self.activity.is_automatic(),
             calibration_serial: self.calibration_serial(),
         });
@@ -44,7 +44,7 @@ impl Compass<'_> {
 
     /// Serial number of the current calibration; 0 without one.
     fn calibration_serial(&self) -> u32 {
-        self.generations.current.as_ref().map_or(0, |record| record.serial)
+        self.stored_calibrations.current.as_ref().map_or(0, |record| record.serial)
     }
 
     /// Saves changed values while idle.
@@ -69,6 +69,6 @@ impl Compass<'_> {
             return Effect::None;
         }
         self.persistent.last_written = wanted;
-        self.request_save(PendingSave::Remembered(wanted))
+        self.request_save(PendingSave::StartupValues(wanted))
     }
 }

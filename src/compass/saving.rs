@@ -3,20 +3,22 @@
 use super::activity::{Activity, PendingSave, Solve, SolveStage};
 use super::{Compass, Effect, Reply};
 use crate::messages::{ExpectedAccuracy, Message, Refusal};
-use crate::store::{Generations, StoreChange, StoreError};
+use crate::store::{StoreChange, StoreError, StoredCalibrations};
 
 impl Compass<'_> {
     /// Data to write after [`Effect::Save`].
     #[must_use]
     pub fn pending_change(&self) -> Option<StoreChange<'_>> {
-        let Generations { current, previous } = &self.generations;
+        let StoredCalibrations { current, previous } = &self.stored_calibrations;
         if let Activity::Solving(Solve { stage: SolveStage::Saving(record), .. }) = &self.activity {
-            return Some(StoreChange::Generations { current: Some(record), previous: current.as_ref() });
+            return Some(StoreChange::StoredCalibrations { current: Some(record), previous: current.as_ref() });
         }
         Some(match self.saving.as_ref()? {
             PendingSave::Settings(settings) => StoreChange::Settings(settings),
-            PendingSave::Remembered(remembered) => StoreChange::Remembered(*remembered),
-            PendingSave::Undo => StoreChange::Generations { current: previous.as_ref(), previous: current.as_ref() },
+            PendingSave::StartupValues(startup_values) => StoreChange::StartupValues(*startup_values),
+            PendingSave::Undo => {
+                StoreChange::StoredCalibrations { current: previous.as_ref(), previous: current.as_ref() }
+            }
             PendingSave::Clear => StoreChange::Clear,
         })
     }
@@ -26,7 +28,7 @@ impl Compass<'_> {
     }
 
     pub(super) fn restore_previous(&mut self) -> Result<Effect, Refusal> {
-        self.generations.previous.as_ref().ok_or(Refusal::NoPreviousCalibration)?;
+        self.stored_calibrations.previous.as_ref().ok_or(Refusal::NoPreviousCalibration)?;
         Ok(self.request_save(PendingSave::Undo))
     }
 
@@ -41,7 +43,7 @@ impl Compass<'_> {
             let purpose = *purpose;
             let outcome = result.map_err(Refusal::Store).map(|()| {
                 self.persistent.forget_collection();
-                self.generations.push(record);
+                self.stored_calibrations.push(record);
                 ExpectedAccuracy::new(record.quality, &record.calibration)
             });
             return self.end_solve(purpose, outcome);
@@ -50,25 +52,25 @@ impl Compass<'_> {
         match (saving, result) {
             // A save without a command has no reply and no retry. Headings continue, so only this message shows the
             // failure.
-            (PendingSave::Remembered(_), Err(error @ StoreError::Timeout)) => {
+            (PendingSave::StartupValues(_), Err(error @ StoreError::Timeout)) => {
                 Effect::Notify(Message::StoreFailed(error))
             }
-            (PendingSave::Remembered(_), _) => Effect::None,
+            (PendingSave::StartupValues(_), _) => Effect::None,
             (_, Err(error)) => Effect::Reply(Err(Refusal::Store(error))),
             (PendingSave::Undo, Ok(())) => {
                 self.persistent.forget_collection();
-                self.generations.undo();
+                self.stored_calibrations.undo();
                 self.reply_done()
             }
             (PendingSave::Clear, Ok(())) => {
                 self.persistent.forget_collection();
-                self.generations.clear();
-                self.return_control(self.settings.auto_on);
+                self.stored_calibrations.clear();
+                self.enable_automatic_start(self.settings.auto_on);
                 self.reply_done()
             }
             (PendingSave::Settings(settings), Ok(())) => {
                 if !settings.auto_on && self.settings.auto_on {
-                    self.return_control(false);
+                    self.enable_automatic_start(false);
                 }
                 self.settings = settings;
                 self.reply_done()

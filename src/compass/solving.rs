@@ -1,6 +1,6 @@
 //! Solve, verification and acceptance of a candidate calibration.
 
-use super::activity::{Activity, DetectedSensor, Solve, SolvePurpose, SolveStage, Starter};
+use super::activity::{Activity, CollectionStarter, DetectedSensor, Solve, SolvePurpose, SolveStage};
 use super::{Compass, Effect, TrialResult};
 use crate::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent};
 use crate::calibration::method_selection::{self, Procedure, SelectedParts};
@@ -14,7 +14,7 @@ const _: () = assert!(AcceptancePolicy::DEFAULT.min_held_back <= MIN_HELD_BACK_W
 
 impl Compass<'_> {
     pub(super) fn start_solving(&mut self, method: Option<Method>, purpose: SolvePurpose) -> Result<(), Refusal> {
-        self.held.clear();
+        self.samples_during_solve.clear();
         let sensor = self.sensor.ok_or(Refusal::NoSensor)?;
         if self.collector.fit().all().next().is_none() {
             return Err(Refusal::NoSamples);
@@ -111,7 +111,7 @@ impl Compass<'_> {
         };
         acceptance::evaluate_candidate(&self.policy, candidate, grounds, &self.incumbent())
             .map_err(Refusal::Rejected)?;
-        let current = self.generations.current.as_ref();
+        let current = self.stored_calibrations.current.as_ref();
         Ok(CalibrationRecord {
             calibration: candidate.calibration,
             quality: candidate.quality,
@@ -138,7 +138,9 @@ impl Compass<'_> {
                 self.resume_collection(starter);
                 return Effect::None;
             }
-            (SolvePurpose::Calibration(Some(Starter::Module)), Err(_)) => self.resume_collection(Starter::Module),
+            (SolvePurpose::Calibration(Some(CollectionStarter::Module)), Err(_)) => {
+                self.resume_collection(CollectionStarter::Module)
+            }
             _ => {
                 self.collector.reset_restart_count();
                 self.collector.set_state(CollectionState::Inactive);

@@ -13,7 +13,7 @@ use crate::earth::{LocalField, PositionContext};
 use crate::instrument::{Correction, SampleAttitude, SensorErrorSigmas};
 use crate::messages::Message;
 use crate::settings::{SensorError, Settings};
-use crate::store::{CalibrationRecord, Generations};
+use crate::store::{CalibrationRecord, StoredCalibrations};
 use crate::time::WrappingMillis;
 
 /// Capacity for samples during a solve: 3 s, six times the duration of a solve at 80 MHz. A longer trial solve is
@@ -25,7 +25,7 @@ pub(super) const HELD_SAMPLES_CAPACITY: usize = 32;
 pub struct Compass<'a> {
     pub(super) policy: AcceptancePolicy,
     pub(super) settings: Settings,
-    pub(super) generations: Generations,
+    pub(super) stored_calibrations: StoredCalibrations,
     pub(super) sensor: Option<DetectedSensor>,
     pub(super) armed: ArmedState,
     pub(super) local_field: LocalField,
@@ -33,7 +33,7 @@ pub struct Compass<'a> {
     pub(super) recent: RecentSamples,
     pub(super) activity: Activity,
     /// Samples received during the solve, for a collection that continues; the samples of the solve do not change.
-    pub(super) held: heapless::Vec<Sample, HELD_SAMPLES_CAPACITY>,
+    pub(super) samples_during_solve: heapless::Vec<Sample, HELD_SAMPLES_CAPACITY>,
     pub(super) saving: Option<PendingSave>,
     pub(super) last_outcome: Option<Message>,
     pub(super) advice: Option<Advice>,
@@ -85,7 +85,7 @@ impl Compass<'_> {
     /// Stored calibration, if valid for sensor and mounting.
     #[must_use]
     pub fn active_record(&self) -> Option<&CalibrationRecord> {
-        let record = self.generations.current.as_ref()?;
+        let record = self.stored_calibrations.current.as_ref()?;
         let fits = Some(record.sensor) == self.sensor.map(|sensor| sensor.identity);
         (fits && record.mount == self.settings.mount).then_some(record)
     }

@@ -89,19 +89,19 @@ const fn plain(byte: u8) -> Option<Key> {
     const fn ctrl(key: u8) -> u8 {
         key & 0x1F
     }
-    const A: u8 = ctrl(b'A');
-    const C: u8 = ctrl(b'C');
-    const E: u8 = ctrl(b'E');
-    const U: u8 = ctrl(b'U');
+    const CTRL_A: u8 = ctrl(b'A');
+    const CTRL_C: u8 = ctrl(b'C');
+    const CTRL_E: u8 = ctrl(b'E');
+    const CTRL_U: u8 = ctrl(b'U');
     Some(match byte {
         b' '..=b'~' => Key::Character(byte),
         b'\r' | b'\n' => Key::Enter,
         b'\t' => Key::Tab,
         0x08 | 0x7F => Key::Backspace,
-        A => Key::Home,
-        C => Key::Cancel,
-        E => Key::End,
-        U => Key::Erase,
+        CTRL_A => Key::Home,
+        CTRL_C => Key::Cancel,
+        CTRL_E => Key::End,
+        CTRL_U => Key::Erase,
         _ => return None,
     })
 }
@@ -191,7 +191,7 @@ impl Editor {
 
     /// Stores the line in history and clears it.
     pub fn enter(&mut self) {
-        let newest = self.past(0);
+        let newest = self.history_line(0);
         if !self.is_too_long() && !self.line.is_empty() && newest != self.line.as_slice() {
             while self.history.len() + self.line.len() >= self.history.capacity() {
                 let oldest =
@@ -232,7 +232,7 @@ impl Editor {
     }
 
     fn recall(&mut self, back: usize) {
-        let Ok(line) = Vec::from_slice(self.past(back)) else { return };
+        let Ok(line) = Vec::from_slice(self.history_line(back)) else { return };
         if line.is_empty() {
             return;
         }
@@ -243,7 +243,7 @@ impl Editor {
     }
 
     /// Line of history, counted from the newest; empty beyond the oldest.
-    fn past(&self, back: usize) -> &[u8] {
+    fn history_line(&self, back: usize) -> &[u8] {
         self.history.rsplit(|&byte| byte == b'\n').nth(back + 1).unwrap_or_default()
     }
 }

@@ -48,7 +48,7 @@ impl Session {
     }
 
     /// Clears the output after it was sent.
-    pub fn sent(&mut self) {
+    pub fn clear_output(&mut self) {
         self.output.0.clear();
     }
 

@@ -10,12 +10,12 @@ use crate::time::Timestamp;
 #[derive(Clone, Debug)]
 pub(super) struct ActiveCalibration {
     /// Correction that the state machine set, with the calibration as stored.
-    pub base: Correction,
+    pub stored_correction: Correction,
     /// The monitor's adjustment of `base`.
     pub adjustment: MonitorOutput,
     /// Time of the adjustment.
     pub adjusted_at: Timestamp,
-    /// Calibration of `base` with the adjustment.
+    /// Calibration of `stored_correction` with the adjustment.
     pub adjusted: Option<(Calibration, HeadingUncertainty)>,
     /// Map of the corrected field to the compass field.
     pub output_map: OutputMap,
@@ -23,35 +23,35 @@ pub(super) struct ActiveCalibration {
 
 impl ActiveCalibration {
     /// A correction without an adjustment.
-    pub fn new(base: Correction) -> Self {
+    pub fn new(stored_correction: Correction) -> Self {
         Self {
             adjustment: MonitorOutput::INITIAL,
             adjusted_at: Timestamp::START,
-            adjusted: base.calibration,
-            output_map: OutputMap::new(&base, measured_ut(base.calibration.as_ref())),
-            base,
+            adjusted: stored_correction.calibration,
+            output_map: OutputMap::new(&stored_correction, total_field_ut(stored_correction.calibration.as_ref())),
+            stored_correction,
         }
     }
 
     /// Another correction with the same calibration, hence the same adjustment.
-    pub fn with_base(self, base: Correction) -> Self {
-        let output_map = OutputMap::new(&base, measured_ut(self.adjusted.as_ref()));
-        Self { base, output_map, ..self }
+    pub fn with_stored_correction(self, stored_correction: Correction) -> Self {
+        let output_map = OutputMap::new(&stored_correction, total_field_ut(self.adjusted.as_ref()));
+        Self { stored_correction, output_map, ..self }
     }
 
     /// Adjusts the calibration to the monitor's states.
     pub fn adjust(&mut self, at: Timestamp, adjustment: &MonitorOutput, readings_per_sample: u16) {
-        let Some((calibration, uncertainty)) = &self.base.calibration else { return };
+        let Some((calibration, uncertainty)) = &self.stored_correction.calibration else { return };
         let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
         self.adjusted = Some(adjustment.correct_calibration(&monitored));
-        self.output_map = OutputMap::new(&self.base, measured_ut(self.adjusted.as_ref()));
+        self.output_map = OutputMap::new(&self.stored_correction, total_field_ut(self.adjusted.as_ref()));
         (self.adjustment, self.adjusted_at) = (*adjustment, at);
     }
 
     /// Calibration applied to readings; before the first calibration, the mounting alone.
     pub fn calibration(&self) -> Option<Calibration> {
         let adjusted = self.adjusted.as_ref().map(|(calibration, _)| *calibration);
-        adjusted.or_else(|| self.base.mount.map(Calibration::uncalibrated))
+        adjusted.or_else(|| self.stored_correction.mount.map(Calibration::uncalibrated))
     }
 
     /// A reading without motor-current interference.
@@ -65,6 +65,6 @@ impl ActiveCalibration {
     }
 }
 
-fn measured_ut(calibration: Option<&(Calibration, HeadingUncertainty)>) -> Option<f32> {
+fn total_field_ut(calibration: Option<&(Calibration, HeadingUncertainty)>) -> Option<f32> {
     calibration.map(|(calibration, _)| calibration.total_ut)
 }

@@ -132,7 +132,7 @@ impl Instrument {
     /// Replaces the correction. Slow: call it after sending a heading.
     #[inline(never)]
     pub fn set_correction(&mut self, correction: Correction) {
-        let base = &self.active.base;
+        let base = &self.active.stored_correction;
         if correction.sample_attitude != base.sample_attitude {
             // A sample must not mix readings with and without attitude.
             self.pairing.reset();
@@ -141,7 +141,7 @@ impl Instrument {
             self.smoother.reset();
         }
         if correction.calibration == base.calibration && correction.sensor_errors == base.sensor_errors {
-            self.replace_active(self.active.clone().with_base(correction));
+            self.replace_active(self.active.clone().with_stored_correction(correction));
         } else {
             self.restart_monitor(correction);
         }
@@ -179,13 +179,13 @@ impl Instrument {
         self.consecutive_rejected_rates =
             if is_contradicted { self.consecutive_rejected_rates.saturating_add(1) } else { 0 };
         if self.consecutive_rejected_rates == MAX_REJECTED_RATES {
-            self.restart_monitor(self.active.base.clone());
+            self.restart_monitor(self.active.stored_correction.clone());
         }
     }
 
     /// Stores the motor current, amperes, reported at `at`, unless it contradicts the currents of the calibration.
     pub fn on_current(&mut self, at: Timestamp, amperes: f32) {
-        let calibration = self.active.base.calibration.as_ref();
+        let calibration = self.active.stored_correction.calibration.as_ref();
         if calibration.is_none_or(|(calibration, _)| calibration.motor_current.is_plausible(amperes)) {
             self.motor_current = Some((at, amperes));
         }
@@ -248,7 +248,7 @@ impl Instrument {
     /// samples.
     #[inline(never)]
     pub fn next_sample(&mut self) -> Option<Sample> {
-        match self.active.base.sample_attitude {
+        match self.active.stored_correction.sample_attitude {
             SampleAttitude::Interpolated => {
                 let motion_at = |at| {
                     self.attitude_history
@@ -276,7 +276,7 @@ impl Instrument {
     #[inline(never)]
     pub fn update_monitor(&mut self) {
         let Some((at, sample)) = self.pending_sample.take() else { return };
-        let base = &self.active.base;
+        let base = &self.active.stored_correction;
         let Some((calibration, uncertainty)) = base.calibration.as_ref().filter(|_| base.has_valid_inclination) else {
             return;
         };
@@ -306,7 +306,7 @@ impl Instrument {
     #[must_use]
     pub const fn rejections(&self) -> RejectionCounts {
         RejectionCounts {
-            unpaired: self.pairing.unpaired(),
+            unpaired: self.pairing.unpaired_readings(),
             attitude: self.attitude_history.rejected(),
             ..self.rejections
         }
@@ -330,7 +330,8 @@ impl Instrument {
 
     /// Lookup time of the attitude: `at` plus the calibration's attitude latency.
     fn attitude_lookup_time(&self, at: Timestamp) -> Timestamp {
-        let latency_s = self.active.base.calibration.as_ref().map_or(0.0, |(calibration, _)| calibration.latency_s);
+        let latency_s =
+            self.active.stored_correction.calibration.as_ref().map_or(0.0, |(calibration, _)| calibration.latency_s);
         // The cast saturates and maps NaN to 0.
         at.plus_signed_us((latency_s * 1e6) as i32)
     }
@@ -385,7 +386,7 @@ impl Instrument {
         attitude: Result<Attitude, NoHeading>,
         turning: Option<&GyroHeading>,
     ) -> Result<Heading, NoHeading> {
-        let ActiveCalibration { base, adjustment, adjusted, .. } = &self.active;
+        let ActiveCalibration { stored_correction: base, adjustment, adjusted, .. } = &self.active;
         let ((calibration, uncertainty), body) = adjusted.as_ref().zip(corrected).ok_or(NoHeading::Uncalibrated)?;
         let motion = turning.map_or_else(EulerRates::default, |turning| turning.euler_rates);
         let attitude = adjustment.correct_attitude(attitude?, &motion);

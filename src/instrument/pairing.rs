@@ -87,7 +87,7 @@ impl PairingQueue {
         None
     }
 
-    pub const fn unpaired(&self) -> u32 {
+    pub const fn unpaired_readings(&self) -> u32 {
         self.unpaired
     }
 

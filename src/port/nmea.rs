@@ -32,7 +32,7 @@ impl Nmea {
         let hdt = hdt.as_deref().unwrap_or_default();
         out.append(&[&hdm, &hdg, hdt, &quality]);
         if heading.is_err() {
-            out.empty = out.empty.wrapping_add(1);
+            out.messages_without_heading = out.messages_without_heading.wrapping_add(1);
         }
     }
 }
@@ -50,7 +50,7 @@ mod tests {
         let mut out = TransmitBuffer::new();
         Nmea::new().poll(&facts(estimate, settings), &mut out);
         assert_eq!(out.messages, u32::from(!out.pending().is_empty()));
-        assert_eq!(out.empty, u32::from(facts(estimate, settings).selected_heading().0.is_err()));
+        assert_eq!(out.messages_without_heading, u32::from(facts(estimate, settings).selected_heading().0.is_err()));
         String::from_utf8(out.pending().to_vec()).unwrap()
     }
 

@@ -9,7 +9,7 @@ pub struct TransmitBuffer {
     /// Number of messages since the start; wraps, as the other counters do.
     pub messages: u32,
     /// Number of sent messages that have no valid heading.
-    pub empty: u32,
+    pub messages_without_heading: u32,
     /// Number of dropped or lost messages.
     pub lost: u32,
 }
@@ -28,7 +28,7 @@ impl TransmitBuffer {
     /// Creates an empty buffer.
     #[must_use]
     pub const fn new() -> Self {
-        Self { bytes: [0; TRANSMIT_CAPACITY], begin: 0, end: 0, messages: 0, empty: 0, lost: 0 }
+        Self { bytes: [0; TRANSMIT_CAPACITY], begin: 0, end: 0, messages: 0, messages_without_heading: 0, lost: 0 }
     }
 
     /// Appends a message given in parts; returns whether there was room.

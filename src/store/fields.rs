@@ -20,7 +20,7 @@ const HEADER_SIZE: usize = 3;
 /// Value stored as tagged fields.
 pub trait Fields: Copy {
     /// Value before any field is read, with defaults in optional fields.
-    fn blank() -> Self;
+    fn with_defaults() -> Self;
 
     /// Passes each field and its tag to the visitor, in the order of introduction.
     fn visit(&mut self, visitor: &mut impl Visitor);
@@ -49,7 +49,7 @@ pub fn encode<T: Fields>(value: &T, buffer: &mut [u8]) -> Result<usize, StoreErr
 
 pub fn decode<T: Fields>(fields: &[u8]) -> Result<T, StoreError> {
     let mut reader = Reader { fields, is_complete: is_well_formed(fields) };
-    let mut value = T::blank();
+    let mut value = T::with_defaults();
     value.visit(&mut reader);
     if reader.is_complete && value.is_valid() { Ok(value) } else { Err(StoreError::Corrupt) }
 }

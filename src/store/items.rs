@@ -56,7 +56,7 @@ impl CalibrationRecord {
 
 /// All fields of the first release are required.
 impl Fields for CalibrationRecord {
-    fn blank() -> Self {
+    fn with_defaults() -> Self {
         Self {
             calibration: Calibration::uncalibrated(Orientation::NONE),
             quality: Quality {
@@ -129,14 +129,14 @@ impl Fields for CalibrationRecord {
 
 /// Current and previous calibration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Generations {
+pub struct StoredCalibrations {
     /// Active calibration, if any.
     pub current: Option<CalibrationRecord>,
     /// Calibration that [`undo`](Self::undo) restores.
     pub previous: Option<CalibrationRecord>,
 }
 
-impl Generations {
+impl StoredCalibrations {
     /// Adds a new current calibration; the current one becomes the previous one.
     pub fn push(&mut self, record: &CalibrationRecord) {
         self.previous = self.current;
@@ -160,9 +160,9 @@ pub struct StoredValues {
     /// User settings.
     pub settings: Settings,
     /// Current and previous calibration.
-    pub generations: Generations,
+    pub stored_calibrations: StoredCalibrations,
     /// Values for the next start.
-    pub remembered: StartupValues,
+    pub startup_values: StartupValues,
 }
 
 /// Values that the module stores for its next start without a command.
@@ -176,12 +176,12 @@ pub struct StartupValues {
 
 impl StartupValues {
     /// No collection and no detected protocol.
-    pub const NOTHING: Self = Self { is_collecting: false, detected_protocols: [ProtocolKind::Auto; PORT_COUNT] };
+    pub const DEFAULT: Self = Self { is_collecting: false, detected_protocols: [ProtocolKind::Auto; PORT_COUNT] };
 }
 
 impl Default for StartupValues {
     fn default() -> Self {
-        Self::NOTHING
+        Self::DEFAULT
     }
 }
 
@@ -191,14 +191,14 @@ pub enum StoreChange<'a> {
     /// New settings of the user.
     Settings(&'a Settings),
     /// New calibrations, possibly already stored.
-    Generations {
+    StoredCalibrations {
         /// New active calibration.
         current: Option<&'a CalibrationRecord>,
         /// New previous calibration.
         previous: Option<&'a CalibrationRecord>,
     },
     /// New values for the next start.
-    Remembered(StartupValues),
+    StartupValues(StartupValues),
     /// Removes both calibrations; in a store of another format, everything.
     Clear,
 }
@@ -218,16 +218,16 @@ pub struct StoredState {
     pub current: Option<SlotReference>,
     pub previous: Option<SlotReference>,
     pub settings: Settings,
-    pub remembered: StartupValues,
+    pub startup_values: StartupValues,
 }
 
 impl Fields for StoredState {
-    fn blank() -> Self {
+    fn with_defaults() -> Self {
         Self::default()
     }
 
     fn visit(&mut self, visitor: &mut impl Visitor) {
-        let Self { saves, current, previous, settings, remembered } = self;
+        let Self { saves, current, previous, settings, startup_values } = self;
         visitor.required(1, saves);
         visitor.required(2, current);
         visitor.required(3, previous);
@@ -266,7 +266,7 @@ impl Fields for StoredState {
             visitor.optional(baud_tag, baud);
         }
         visitor.optional(19, sends_vision_yaw);
-        let StartupValues { is_collecting, detected_protocols: [first, second] } = remembered;
+        let StartupValues { is_collecting, detected_protocols: [first, second] } = startup_values;
         visitor.optional(20, is_collecting);
         visitor.optional(21, first);
         visitor.optional(22, second);

@@ -34,7 +34,7 @@ use embedded_storage_async::nor_flash::NorFlash;
 
 pub use error::StoreError;
 use items::{CALIBRATION_SLOTS, SlotReference, StoredState};
-pub use items::{CalibrationRecord, Generations, StartupValues, StoreChange, StoredValues};
+pub use items::{CalibrationRecord, StartupValues, StoreChange, StoredCalibrations, StoredValues};
 use page::{ITEM_SIZE, Item, PageContent, WORD_SIZE};
 
 /// First page for states, after the slots.
@@ -94,17 +94,19 @@ impl<F: NorFlash> Store<F> {
         let mut loaded = Loaded { stored: StoredValues::default(), error };
         if let Some((_, format)) = other {
             loaded.error = Some(StoreError::OtherFormat(format));
-        } else if let Some((_, StoredState { current, previous, settings, remembered, .. })) = valid {
+        } else if let Some((_, StoredState { current, previous, settings, startup_values, .. })) = valid {
             loaded.error = None;
-            let StoredValues { generations, .. } = &mut loaded.stored;
-            for (reference, record) in [(current, &mut generations.current), (previous, &mut generations.previous)] {
+            let StoredValues { stored_calibrations, .. } = &mut loaded.stored;
+            for (reference, record) in
+                [(current, &mut stored_calibrations.current), (previous, &mut stored_calibrations.previous)]
+            {
                 match self.read_calibration(reference).await {
                     Ok(stored) => *record = stored,
                     Err(error) => loaded.error = Some(error),
                 }
             }
             loaded.stored.settings = settings;
-            loaded.stored.remembered = remembered;
+            loaded.stored.startup_values = startup_values;
         }
         loaded
     }
@@ -135,12 +137,12 @@ impl<F: NorFlash> Store<F> {
             valid.map_or((FIRST_STATE_PAGE, StoredState::default()), |(page, state)| (self.page_after(page), state));
         state.saves = state.saves.saturating_add(1);
         // A new calibration ends its collection; a continued collection is flagged again later.
-        state.remembered.is_collecting &= matches!(change, StoreChange::Settings(_));
+        state.startup_values.is_collecting &= matches!(change, StoreChange::Settings(_));
         match change {
             StoreChange::Settings(settings) => state.settings = *settings,
-            StoreChange::Remembered(remembered) => state.remembered = remembered,
+            StoreChange::StartupValues(startup_values) => state.startup_values = startup_values,
             StoreChange::Clear => (state.current, state.previous) = (None, None),
-            StoreChange::Generations { current, previous } => {
+            StoreChange::StoredCalibrations { current, previous } => {
                 if ![current, previous].into_iter().flatten().all(CalibrationRecord::is_valid) {
                     return Err(StoreError::Invalid);
                 }

@@ -133,7 +133,7 @@ fn the_console_accepts_any_input() {
             if *is_sent {
                 let strange = |byte: &&u8| !matches!(byte, b' '..=b'~' | b'\r' | b'\n' | 0x08 | 0x1B);
                 prop_assert_eq!(session.output().iter().find(strange), None);
-                session.sent();
+                session.clear_output();
             }
         }
         let last = feed(&mut session, b"\x03\x03version\r")?;

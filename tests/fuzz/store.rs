@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use autoswing::calibration::{Calibration, Envelope, HeadingUncertainty, Method, Orientation, Quality};
 use autoswing::reading::{Identity, Model};
 use autoswing::settings::Settings;
-use autoswing::store::{CalibrationRecord, Generations, Loaded, Store, StoreChange, StoreError, StoredValues};
+use autoswing::store::{CalibrationRecord, Loaded, Store, StoreChange, StoreError, StoredCalibrations, StoredValues};
 use embassy_futures::block_on;
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -23,7 +23,7 @@ type Flash = RamFlash<PAGE>;
 static SAVED: LazyLock<[Flash; 4]> = LazyLock::new(|| {
     [0, 1, 2, 30].map(|times| {
         let mut flash = Flash::new(PAGES);
-        let mut generations = Generations::default();
+        let mut generations = StoredCalibrations::default();
         for time in 0..times {
             generations.push(&record(time));
             accept(&mut flash, &generations).expect("a sound flash");
@@ -65,9 +65,11 @@ fn save(flash: &mut Flash, settings: &Settings) -> Result<(), StoreError> {
     block_on(store(flash).save(StoreChange::Settings(settings)))
 }
 
-fn accept(flash: &mut Flash, generations: &Generations) -> Result<(), StoreError> {
-    let Generations { current, previous } = generations;
-    block_on(store(flash).save(StoreChange::Generations { current: current.as_ref(), previous: previous.as_ref() }))
+fn accept(flash: &mut Flash, generations: &StoredCalibrations) -> Result<(), StoreError> {
+    let StoredCalibrations { current, previous } = generations;
+    block_on(
+        store(flash).save(StoreChange::StoredCalibrations { current: current.as_ref(), previous: previous.as_ref() }),
+    )
 }
 
 /// Replacement bytes and their positions, mostly within items.
@@ -94,17 +96,18 @@ fn arbitrary_flash_contents_load_valid_values_and_allow_saves() {
         for (at, bytes) in &damage {
             replace(&mut flash, *at, bytes);
         }
-        let Loaded { stored: StoredValues { settings, generations, .. }, .. } = block_on(store(&mut flash).load());
+        let Loaded { stored: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
+            block_on(store(&mut flash).load());
         prop_assert!(settings.is_valid());
         for found in [generations.current, generations.previous].into_iter().flatten() {
             prop_assert_eq!(found, record(found.serial));
         }
         let settings = Settings { stream_rate_hz: 77, ..Settings::DEFAULT };
-        let generations = Generations { current: Some(record(99)), previous: generations.current };
+        let generations = StoredCalibrations { current: Some(record(99)), previous: generations.current };
         prop_assert_eq!(save(&mut flash, &settings), Ok(()));
         prop_assert_eq!(accept(&mut flash, &generations), Ok(()));
         let Loaded { stored, error } = block_on(store(&mut flash).load());
-        prop_assert_eq!((stored.settings, stored.generations, error), (settings, generations, None));
+        prop_assert_eq!((stored.settings, stored.stored_calibrations, error), (settings, generations, None));
         Ok(())
     });
 }
@@ -139,13 +142,14 @@ fn the_store_handles_any_fields() {
             item.extend(crc(&item).to_le_bytes());
             replace(&mut flash, page * PAGE, &item);
         }
-        let Loaded { stored: StoredValues { settings, generations, .. }, .. } = block_on(store(&mut flash).load());
+        let Loaded { stored: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
+            block_on(store(&mut flash).load());
         prop_assert!(settings.is_valid());
         prop_assert!([generations.current, generations.previous].iter().flatten().all(CalibrationRecord::is_valid));
-        let generations = Generations { current: Some(record(99)), previous: None };
+        let generations = StoredCalibrations { current: Some(record(99)), previous: None };
         prop_assert_eq!(accept(&mut flash, &generations), Ok(()));
         let Loaded { stored, error } = block_on(store(&mut flash).load());
-        prop_assert_eq!((stored.settings, stored.generations, error), (settings, generations, None));
+        prop_assert_eq!((stored.settings, stored.stored_calibrations, error), (settings, generations, None));
         Ok(())
     });
 }

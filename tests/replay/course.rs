@@ -5,7 +5,7 @@ use log_analysis::log::write::{FlightRecording, FlightSample, encode_dataflash, 
 use log_analysis::log::{FieldCorrection, Flight};
 use log_analysis::replay::evaluation::{evaluate_flight, score_correction};
 use log_analysis::replay::gps_course::{GpsCourseHeading, GpsCourseRejection};
-use log_analysis::replay::note::Note;
+use log_analysis::replay::log_warning::LogWarning;
 use log_analysis::replay::parameter_export::ParameterFormat;
 use log_analysis::replay::verdict::Verdict;
 use log_analysis::replay::{ReferenceHeading, build_rows};
@@ -102,7 +102,7 @@ fn errors_against_gps_course_match_errors_against_the_truth() {
         }
         let [found, truth] =
             [by_course, by_truth].map(|rows| score_correction(&rows, &FieldCorrection::identity()).unwrap());
-        let sigma_deg = course.course().unwrap().sigma_deg();
+        let sigma_deg = course.gps_course_solution().unwrap().sigma_deg();
         assert!(truth.rms_deg > 3.0, "seed {seed}: too good a compass to tell, {truth:?}");
         assert!((found.rms_deg - truth.rms_deg).abs() < sigma_deg / 2.0, "seed {seed}: {found:?} {truth:?}");
         assert!((found.mean_deg - truth.mean_deg).abs() < sigma_deg / 2.0, "seed {seed}: {found:?} {truth:?}");
@@ -154,7 +154,7 @@ fn gps_course_is_rejected_where_it_gives_no_heading() {
         let flight = read(&encode_dataflash(&recording));
         assert_eq!(GpsCourseHeading::from_flight(&flight).unwrap_err(), expected_rejection);
         assert_eq!(ReferenceHeading::best(&flight), Some(ReferenceHeading::AutopilotYaw), "{expected_rejection:?}");
-        let notes = Note::all(&flight, &evaluate_flight(&flight, &ASKED));
+        let notes = LogWarning::all(&flight, &evaluate_flight(&flight, &ASKED));
         let told = notes.iter().any(|note| note.to_string().contains(expected_rejection.description()));
         assert!(told, "{expected_rejection:?}: {notes:?}");
     }

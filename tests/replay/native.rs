@@ -10,7 +10,7 @@ use log_analysis::replay::evaluation::{
     CompassEvaluation, CorrectionSource, EvaluationOptions, evaluate_flight, score_correction,
 };
 use log_analysis::replay::hard_iron_changes::HardIronChange;
-use log_analysis::replay::note::Note;
+use log_analysis::replay::log_warning::LogWarning;
 use log_analysis::replay::parameter_export::{self, ExportedCorrection, ParameterFormat};
 use log_analysis::replay::verdict::{CompassAction, Verdict};
 use nalgebra::{Matrix3, Vector3};
@@ -255,7 +255,7 @@ fn implausible_units_are_reported() {
     let notes = |bytes: &[u8], unit: FieldUnit| {
         let mut source = bytes;
         let flight = log::read(&mut source, unit).unwrap();
-        let notes = Note::all(&flight, &evaluate_flight(&flight, &ASKED));
+        let notes = LogWarning::all(&flight, &evaluate_flight(&flight, &ASKED));
         notes.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
     };
     assert_eq!(notes(&text, FieldUnit::Milligauss), "");

@@ -144,7 +144,7 @@ pub fn fly_with(module: &mut impl Module, plan: TurnPlan, watch: &mut dyn FnMut(
     let result = mission.calibrate(&routine);
     let solved_s = mission.module.now_us() as f64 / 1e6;
     let (streamed, headings) = result.as_ref().map_or((None, Vec::new()), |_| {
-        let (streamed, headings) = mission.stream(&routine.mission);
+        let (streamed, headings) = mission.evaluate_output(&routine.mission);
         (Some(streamed), headings)
     });
     let after =
@@ -182,19 +182,19 @@ impl<M: Module> Mission<'_, M> {
     fn calibrate(&mut self, routine: &Routine) -> Result<ShownCalibration, SolveNotice> {
         (self.watch)(MissionStage::TakeOff, 0.0);
         self.module.world().set_armed(true);
-        self.leg(MissionStage::TakeOff, routine.take_off);
-        self.type_line("status");
-        self.type_line(routine.command);
+        self.fly_leg(MissionStage::TakeOff, routine.take_off);
+        self.send_console_line("status");
+        self.send_console_line(routine.command);
         for part in &routine.parts {
             for &leg in &part.legs {
-                self.leg(MissionStage::Routine(part.name), leg);
+                self.fly_leg(MissionStage::Routine(part.name), leg);
             }
-            self.type_line("status");
+            self.send_console_line("status");
         }
         let notice = self.outcome();
         match notice {
             SolveNotice::Calibrated(_) => {
-                transcript::parse_shown_calibration(&self.type_line("cal show")).ok_or(notice)
+                transcript::parse_shown_calibration(&self.send_console_line("cal show")).ok_or(notice)
             }
             refused @ SolveNotice::Refused { .. } => Err(refused),
         }
@@ -208,30 +208,30 @@ impl<M: Module> Mission<'_, M> {
                 return notice;
             }
             if piece == patience_steps
-                && let Some(error) = transcript::parse_error(&self.type_line("cal solve"))
+                && let Some(error) = transcript::parse_error(&self.send_console_line("cal solve"))
             {
                 return error;
             }
             (self.watch)(MissionStage::Solve, piece as f64 / (2 * patience_steps) as f64);
-            self.piece();
-            self.listen();
+            self.advance_one_step();
+            self.process_console_output();
         }
-        SolveNotice::rejected("silent", "the module did not report the end of its solve")
+        SolveNotice::new_rejection("silent", "the module did not report the end of its solve")
     }
 
     /// Restarts the module, flies the mission's legs and compares the output with true headings.
-    fn stream(&mut self, legs: &[Leg]) -> (OutputStatistics, Vec<EvaluatedHeading>) {
+    fn evaluate_output(&mut self, legs: &[Leg]) -> (OutputStatistics, Vec<EvaluatedHeading>) {
         let _ = self.module.instrument().receive();
         // Reset by the pin, because a module in flight refuses the restart command.
         self.module.reset();
         self.module.run_for_s(RESTART_DURATION_S);
-        self.listen();
+        self.process_console_output();
         let mut evaluated: Vec<EvaluatedHeading> = Vec::new();
         let mut empty = 0;
         let mut reader = SentenceReader::default();
         for (done, &leg) in legs.iter().enumerate() {
             self.module.world().fly(leg);
-            while self.module.world().unfinished_legs() > 0 && self.piece() {
+            while self.module.world().unfinished_legs() > 0 && self.advance_one_step() {
                 (self.watch)(MissionStage::Stream, done as f64 / legs.len() as f64);
                 for timed_byte in self.module.instrument().receive_timed() {
                     let Some(received) = reader.push(timed_byte.at_us, timed_byte.byte).filter(|r| r.kind == "PASWH")
@@ -253,7 +253,7 @@ impl<M: Module> Mission<'_, M> {
             }
         }
         (self.watch)(MissionStage::Stream, 1.0);
-        self.listen();
+        self.process_console_output();
         let errors_deg: Vec<f64> = evaluated.iter().map(|evaluated| evaluated.error_deg).collect();
         let normalised: Vec<f64> =
             evaluated.iter().map(|evaluated| evaluated.error_deg / evaluated.sigma_deg).collect();
@@ -263,11 +263,11 @@ impl<M: Module> Mission<'_, M> {
     }
 
     /// Flies a leg; records measurements during the routine.
-    fn leg(&mut self, stage: MissionStage, leg: Leg) {
+    fn fly_leg(&mut self, stage: MissionStage, leg: Leg) {
         let began = self.module.world().true_state(self.module.now_us());
         self.module.world().fly(leg);
-        while self.module.world().unfinished_legs() > 0 && self.piece() {
-            self.listen();
+        while self.module.world().unfinished_legs() > 0 && self.advance_one_step() {
+            self.process_console_output();
             let now = self.module.world().true_state(self.module.now_us());
             if matches!(stage, MissionStage::Routine(_)) {
                 let field = self.module.world().sensor_field(now.time_us);
@@ -287,17 +287,17 @@ impl<M: Module> Mission<'_, M> {
     }
 
     /// Advances by one step; false if the module has failed.
-    fn piece(&mut self) -> bool {
+    fn advance_one_step(&mut self) -> bool {
         self.module.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time
     }
 
-    fn type_line(&mut self, line: &str) -> String {
-        let printed = self.module.type_line(line);
+    fn send_console_line(&mut self, line: &str) -> String {
+        let printed = self.module.send_console_line(line);
         self.session.push_str(&printed);
         printed
     }
 
-    fn listen(&mut self) {
-        self.session.push_str(&self.module.printed());
+    fn process_console_output(&mut self) {
+        self.session.push_str(&self.module.take_console_output());
     }
 }

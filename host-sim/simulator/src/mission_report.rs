@@ -34,7 +34,7 @@ pub fn report_mission(mission_result: &MissionResult, made: &ReportOrigin) -> Re
             card_constant: String::new(),
             is_accurate: true,
         },
-        compasses: vec![swing_report(mission_result)],
+        compasses: vec![mission_compass_report(mission_result)],
         terminal_output: Some(["Console session".to_owned(), strip_control_sequences(&mission_result.transcript)]),
         origin: [
             ["command".to_owned(), made.command.clone()],
@@ -128,7 +128,7 @@ fn figures(mission_result: &MissionResult) -> Vec<[String; 2]> {
     figures
 }
 
-fn swing_report(mission_result: &MissionResult) -> CompassReport {
+fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
     let calibration = mission_result.result.as_ref().ok().map(|shown| shown.calibration);
     let first_s = mission_result.routine_measurements.first().map_or(0.0, |glimpse| glimpse.moment.at_s);
     let glimpses =

@@ -43,15 +43,15 @@ pub trait Module {
     }
 
     /// Types a line on the console, waits for the answer and returns the printed text.
-    fn type_line(&mut self, line: &str) -> String {
+    fn send_console_line(&mut self, line: &str) -> String {
         self.console().send(format!("{line}\r").as_bytes());
         // 64 characters and an answer of 1500 take 0.14 s at 115200 baud, a save with an erase 0.1 s.
         self.run_for_s(0.5);
-        self.printed()
+        self.take_console_output()
     }
 
     /// Console output since the last call.
-    fn printed(&self) -> String {
+    fn take_console_output(&self) -> String {
         String::from_utf8_lossy(&self.console().receive()).into_owned()
     }
 }
@@ -111,8 +111,8 @@ impl<M: Module, O: Observer> Module for ObservedModule<'_, M, O> {
         self.module.reset();
     }
 
-    fn printed(&self) -> String {
-        let printed = self.module.printed();
+    fn take_console_output(&self) -> String {
+        let printed = self.module.take_console_output();
         self.observer.output_taken(&printed);
         printed
     }

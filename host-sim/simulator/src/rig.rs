@@ -45,7 +45,7 @@ pub struct Rig {
     /// Host end of the instrument's cable (port 2).
     pub instrument: HostEnd,
     /// Devices at the two ports.
-    pub far_ends: [AttachedDevice; PORT_COUNT],
+    pub port_devices: [AttachedDevice; PORT_COUNT],
     /// Flash chip.
     pub flash: Flash,
     /// Magnetometer.
@@ -140,12 +140,12 @@ impl Rig {
     /// As [`new`](Self::new), with faults.
     #[must_use]
     pub fn with_faults(config: WorldConfig, faults: Faults) -> Self {
-        Self::with_far_ends(config, faults, [FarEnd::Talker, FarEnd::Unconnected])
+        Self::with_port_devices(config, faults, [FarEnd::Talker, FarEnd::Unconnected])
     }
 
     /// As [`with_faults`](Self::with_faults), with other devices at the ports.
     #[must_use]
-    pub fn with_far_ends(config: WorldConfig, faults: Faults, far_ends: [FarEnd; PORT_COUNT]) -> Self {
+    pub fn with_port_devices(config: WorldConfig, faults: Faults, port_devices: [FarEnd; PORT_COUNT]) -> Self {
         let mut simulation = Simulation::new();
         let world = World::new(config);
         let console_cable = Cable::new(CableConfig::default());
@@ -159,8 +159,8 @@ impl Rig {
             watchdog_due_us: Cell::new(u64::MAX),
         });
         let (autopilot, instrument) = (autopilot_cable.host(), instrument_cable.host());
-        let [one, two] = far_ends;
-        let far_ends = [
+        let [one, two] = port_devices;
+        let port_devices = [
             one.attach(&mut simulation, &world, autopilot.clone(), faults.attitude),
             two.attach(&mut simulation, &world, instrument.clone(), Vec::new()),
         ];
@@ -177,7 +177,7 @@ impl Rig {
             console: console_cable.host(),
             autopilot,
             instrument,
-            far_ends,
+            port_devices,
             flash: Flash::new(STORE_PAGES, config.seed),
             magnetometer,
             panel: SimulatedPanel::default(),

@@ -48,10 +48,10 @@ pub struct Routine {
 }
 
 /// Console command for the collection of informative samples, for all vehicles but aeroplanes.
-pub const START_FLIGHT: &str = "cal start";
+pub const START_FLIGHT_COLLECTION: &str = "cal start";
 
 /// Console command for the collection of an aeroplane's turns.
-const START_TURNS: &str = "cal start turns";
+const START_TURNS_COLLECTION: &str = "cal start turns";
 
 impl Routine {
     /// Routine of a vehicle kind, with take-off heading; the plan applies to aeroplanes.
@@ -123,7 +123,7 @@ fn plane(plan: TurnPlan, heading_deg: f64) -> Routine {
     let turns =
         |side: f64| vec![Leg::Turn { bank_deg: plan.bank_deg, heading_change_deg: side * 360.0 * plan.circles }];
     Routine {
-        command: START_TURNS,
+        command: START_TURNS_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
         parts: vec![
             RoutinePart {
@@ -146,7 +146,7 @@ fn copter() -> Routine {
     let instruction_text = "on four headings, a quarter turn apart: push the stick ahead, back, right and left until it tilts by some \
                 20 deg, two seconds each, and let it come to rest in between";
     Routine {
-        command: START_FLIGHT,
+        command: START_FLIGHT_COLLECTION,
         take_off: Leg::Hover { seconds: 5.0 },
         parts: vec![yaw_turns(), tilts_to_all_sides("pushes", instruction_text, 4)],
         mission: vec![
@@ -162,7 +162,7 @@ fn copter() -> Routine {
 
 fn vtol(heading_deg: f64) -> Routine {
     Routine {
-        command: START_FLIGHT,
+        command: START_FLIGHT_COLLECTION,
         take_off: Leg::Hover { seconds: 5.0 },
         parts: vec![
             yaw_turns(),
@@ -209,7 +209,7 @@ fn rover(heading_deg: f64) -> Routine {
     let instruction_text = "on the roughest ground there is, or across a slope: two circles to the right and two to the left, and both \
                 again, each in 20 s";
     Routine {
-        command: START_FLIGHT,
+        command: START_FLIGHT_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
         parts: vec![circles("circles", instruction_text, 18.0, 4)],
         mission: surface_mission(),
@@ -220,7 +220,7 @@ fn boat(heading_deg: f64) -> Routine {
     let instruction_text =
         "in waves that roll it: two circles to the right and two to the left, and both again, each in 20 s";
     Routine {
-        command: START_FLIGHT,
+        command: START_FLIGHT_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
         parts: vec![circles("circles", instruction_text, 18.0, 4)],
         mission: surface_mission(),

@@ -19,7 +19,7 @@ pub enum SolveNotice {
 impl SolveNotice {
     /// A rejection.
     #[must_use]
-    pub fn rejected(code: &str, words: &str) -> Self {
+    pub fn new_rejection(code: &str, words: &str) -> Self {
         Self::Refused { code: code.to_owned(), words: words.to_owned() }
     }
 }
@@ -42,7 +42,7 @@ pub fn parse_error(reply: &str) -> Option<SolveNotice> {
 }
 
 fn parse_notice_code(text: &str) -> Option<SolveNotice> {
-    text.split_once(": ").map(|(code, words)| SolveNotice::rejected(code, words))
+    text.split_once(": ").map(|(code, words)| SolveNotice::new_rejection(code, words))
 }
 
 /// Content of `cal show`.

@@ -7,7 +7,7 @@ use std::time::Instant;
 use autoswing::calibration::{Method, Prior, Samples, solve};
 use clap::Args;
 use host_sim::emulator::{self, Emulator, EmulatorError};
-use host_sim::studies::accuracy::trial::{ConstantErrorSigmas, Ranges, Trial};
+use host_sim::studies::accuracy::random_flight::{ConstantErrorSigmas, RandomFlight, Ranges};
 use log_analysis::numbers::median;
 use serde_json::json;
 use simulator::mission;
@@ -15,7 +15,7 @@ use simulator::world::WorldConfig;
 
 use super::failure::Failure;
 use super::print::{self, right_aligned, wrapped_table};
-use super::progress::waiting;
+use super::progress::show_spinner;
 use super::termination::{SecondSignal, TerminationSignals};
 
 /// Instruction counts on a Cortex-M4 against their limits, measured in QEMU.
@@ -43,8 +43,8 @@ pub fn budget(options: &Budget) -> Result<ExitCode, Failure> {
     let image = options.image.clone().unwrap_or_else(emulator::default_bench_image);
     let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.code()));
     let interruption = TerminationSignals::install(SecondSignal::IsIgnored)?;
-    let bar = waiting("counting instructions, some two minutes");
-    let budgets = Emulator::start_until(interruption.stop(), &image, WorldConfig::table1(1))
+    let bar = show_spinner("counting instructions, some two minutes");
+    let budgets = Emulator::start_with_stop_flag(interruption.stop(), &image, WorldConfig::table1(1))
         .and_then(|mut emulator| emulator::budget::count_budgets(&mut emulator));
     bar.finish_and_clear();
     if let Some(code) = interruption.exit_code() {
@@ -71,7 +71,7 @@ pub fn budget(options: &Budget) -> Result<ExitCode, Failure> {
 /// Measures wall-clock time, so the result is not reproducible from a seed.
 pub fn speed(options: &Speed) -> Result<ExitCode, Failure> {
     const TIMED_RUNS: usize = 21;
-    let trial = Trial::draw(&Ranges { samples: 256, ..Ranges::HARSH }, 1);
+    let trial = RandomFlight::draw(&Ranges { samples: 256, ..Ranges::WORST_CASE }, 1);
     let (recorded, _) = trial.record(0, ConstantErrorSigmas::NONE);
     let methods = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse]
         .map(|method| (method.name(), median((0..TIMED_RUNS).map(|_| time_ms(method, recorded.samples())))));

@@ -110,7 +110,7 @@ pub fn emulate(options: &Emulate) -> Result<ExitCode, Failure> {
     let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.code()));
     let interruption = TerminationSignals::install(SecondSignal::IsIgnored)?;
     let mission_result =
-        Emulator::start_until(interruption.stop(), &image, world(&options.fly)?).and_then(|mut emulator| {
+        Emulator::start_with_stop_flag(interruption.stop(), &image, world(&options.fly)?).and_then(|mut emulator| {
             let mission_result = fly_recorded(&mut emulator, &options.fly);
             emulator.take_failure().map_or(Ok(mission_result), Err)
         });

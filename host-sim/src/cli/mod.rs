@@ -4,7 +4,6 @@ mod accuracy;
 mod bench;
 mod failure;
 mod files;
-mod fleet;
 mod fly;
 mod integrity;
 mod print;
@@ -12,6 +11,7 @@ mod progress;
 mod range;
 mod replay;
 mod serve;
+mod several_logs;
 mod shell_files;
 mod table1;
 mod termination;
@@ -70,7 +70,7 @@ enum Bench {
 
 pub fn run() -> ExitCode {
     let cli = Cli::try_parse().unwrap_or_else(|error| {
-        if let Some(log) = std::env::args().nth(1).filter(|word| fleet::is_log(Path::new(word))) {
+        if let Some(log) = std::env::args().nth(1).filter(|word| several_logs::is_log(Path::new(word))) {
             print::print_error(format_args!("host-sim: {log} is a log; to evaluate it: host-sim replay {log}"));
             std::process::exit(2)
         }
@@ -97,7 +97,7 @@ fn carry_out(command: &Command) -> Result<ExitCode, Failure> {
         Command::Table1(options) => table1::run(options),
         Command::Replay(options) => match options.files.as_slice() {
             [file] if !file.is_dir() => replay::run(file, options),
-            _ => fleet::run(options),
+            _ => several_logs::run(options),
         },
         Command::Bench(Bench::Accuracy(options)) => accuracy::run(options),
         Command::Bench(Bench::Budget(options)) => bench::budget(options),

@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 /// The displayed progress bar or spinner.
 static DISPLAYED_PROGRESS: Mutex<Option<ProgressBar>> = Mutex::new(None);
 
-fn display(bar: ProgressBar) -> ProgressBar {
+fn show_progress(bar: ProgressBar) -> ProgressBar {
     *DISPLAYED_PROGRESS.lock().unwrap_or_else(PoisonError::into_inner) = Some(bar.clone());
     bar
 }
@@ -26,12 +26,12 @@ pub fn progress(words: &str, total: u64) -> ProgressBar {
         bar.set_style(style);
     }
     bar.tick();
-    display(bar)
+    show_progress(bar)
 }
 
 /// Spinner for a task of unknown duration.
-pub fn waiting(words: &'static str) -> ProgressBar {
+pub fn show_spinner(words: &'static str) -> ProgressBar {
     let bar = ProgressBar::new_spinner().with_message(words);
     bar.enable_steady_tick(std::time::Duration::from_millis(100));
-    display(bar)
+    show_progress(bar)
 }

@@ -20,7 +20,7 @@ use log_analysis::report::{self, ReportOrigin};
 use super::failure::Failure;
 use super::files::read_log;
 use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
-use super::progress::waiting;
+use super::progress::show_spinner;
 use super::range::{integer, log_time, number, one_of};
 
 const ROW_SELECTIONS: &[(&str, RowSelection)] = &[
@@ -161,7 +161,7 @@ pub fn evaluate(file: &Path, flight: &Flight, options: &Replay) -> Result<Flight
             inclination_deg: options.inclination,
             window_s: [options.from.unwrap_or(f64::NEG_INFINITY), options.to.unwrap_or(f64::INFINITY)],
             reference: options.reference,
-            age_s: options.age.map(|ms| ms / 1e3),
+            field_latency_s: options.age.map(|ms| ms / 1e3),
         },
     );
     if evaluation.compasses.is_empty() {
@@ -181,7 +181,7 @@ pub fn run(file: &Path, options: &Replay) -> Result<ExitCode, Failure> {
         return Err(Failure("--params-for chooses the format of a file: give --params FILE, or --report".to_owned()));
     }
     let name = file.display();
-    let bar = waiting("reading the log");
+    let bar = show_spinner("reading the log");
     let flight = read_flight(file, options)?;
     bar.set_message("evaluating the compasses");
     let evaluation = evaluate(file, &flight, options)?;

@@ -62,7 +62,7 @@ const SOLVE_TIMEOUT_S: u32 = 30;
 pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<Budget>, EmulatorError> {
     emulator.run_for_s(1.0);
     let sample = sample_path_instructions(emulator);
-    emulator.printed();
+    emulator.take_console_output();
     emulator.request_bench_test(BenchTest::Budgets);
     let mut printed = String::new();
     for _ in 0..SOLVE_TIMEOUT_S {
@@ -71,7 +71,7 @@ pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<Budget>, EmulatorErr
         if is_all || emulator.run_for_s(1.0) == ModuleRunEnd::Failed {
             break;
         }
-        printed += &emulator.printed();
+        printed += &emulator.take_console_output();
     }
     if let Some(error) = emulator.take_failure() {
         return Err(error);
@@ -87,8 +87,8 @@ fn sample_path_instructions(emulator: &mut Emulator) -> Option<u64> {
     const HEADINGS: u8 = 8;
     let heading_rate_deg_s = 15.0;
     let step_deg = 360.0 / f64::from(HEADINGS);
-    emulator.type_line("stream rate 80");
-    emulator.type_line("cal start swing");
+    emulator.send_console_line("stream rate 80");
+    emulator.send_console_line("cal start swing");
     for i in 0..HEADINGS {
         let heading_deg = f64::from(i) * step_deg;
         emulator.world().set_motion(PrescribedMotion {
@@ -97,7 +97,7 @@ fn sample_path_instructions(emulator: &mut Emulator) -> Option<u64> {
             ..PrescribedMotion::default()
         });
         emulator.run_for_s(2.0);
-        emulator.type_line(&format!("cal mark {heading_deg:.0}"));
+        emulator.send_console_line(&format!("cal mark {heading_deg:.0}"));
         emulator.world().set_motion(PrescribedMotion {
             heading_deg,
             heading_rate_deg_s,
@@ -105,11 +105,11 @@ fn sample_path_instructions(emulator: &mut Emulator) -> Option<u64> {
         });
         emulator.run_for_s(step_deg / heading_rate_deg_s);
     }
-    emulator.type_line("cal solve");
+    emulator.send_console_line("cal solve");
     emulator.run_for_s(2.0);
     emulator.take_path_instructions();
     emulator.run_for_s(2.0);
-    let is_calibrated = emulator.type_line("status").contains("ok calibrated");
+    let is_calibrated = emulator.send_console_line("status").contains("ok calibrated");
     let mut ways = emulator.take_path_instructions();
     ways.sort_unstable();
     ways.get(ways.len() / 2).copied().filter(|_| is_calibrated)

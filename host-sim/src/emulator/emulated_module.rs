@@ -28,7 +28,7 @@ pub struct Emulator {
     autopilot: HostEnd,
     instrument: HostEnd,
     /// Devices at the ports.
-    pub far_ends: [AttachedDevice; PORT_COUNT],
+    pub port_devices: [AttachedDevice; PORT_COUNT],
     console_wire: MachinePort,
     autopilot_wire: MachinePort,
     instrument_wire: MachinePort,
@@ -54,7 +54,7 @@ impl Emulator {
     /// Missing image or QEMU, or a failed connection. With an image for another machine QEMU ends at once or at the
     /// first step.
     pub fn start(image: &Path, config: WorldConfig) -> Result<Self, EmulatorError> {
-        Self::start_wired(image, config, [FarEnd::Talker, FarEnd::Unconnected])
+        Self::start_with_port_devices(image, config, [FarEnd::Talker, FarEnd::Unconnected])
     }
 
     /// As [`start`](Self::start), but after `stop` is set every run fails with [`EmulatorError::Interrupted`].
@@ -62,7 +62,11 @@ impl Emulator {
     /// # Errors
     ///
     /// As [`start`](Self::start).
-    pub fn start_until(stop: &Arc<AtomicBool>, image: &Path, config: WorldConfig) -> Result<Self, EmulatorError> {
+    pub fn start_with_stop_flag(
+        stop: &Arc<AtomicBool>,
+        image: &Path,
+        config: WorldConfig,
+    ) -> Result<Self, EmulatorError> {
         Self::start_machine(|| Machine::start(image, Arc::clone(stop)), &config, [FarEnd::Talker, FarEnd::Unconnected])
     }
 
@@ -71,12 +75,12 @@ impl Emulator {
     /// # Errors
     ///
     /// As [`start`](Self::start).
-    pub fn start_wired(
+    pub fn start_with_port_devices(
         image: &Path,
         config: WorldConfig,
-        far_ends: [FarEnd; PORT_COUNT],
+        port_devices: [FarEnd; PORT_COUNT],
     ) -> Result<Self, EmulatorError> {
-        Self::start_machine(|| Machine::start(image, Arc::default()), &config, far_ends)
+        Self::start_machine(|| Machine::start(image, Arc::default()), &config, port_devices)
     }
 
     fn start_machine(
@@ -89,7 +93,7 @@ impl Emulator {
         let cable = || Cable::new(CableConfig { delivery: WakeCondition::EachByte, ..CableConfig::default() });
         let [console_cable, autopilot_cable, instrument_cable] = [(); 3].map(|()| cable());
         let [console, autopilot, instrument] = [&console_cable, &autopilot_cable, &instrument_cable].map(Cable::host);
-        let far_ends = [
+        let port_devices = [
             one.attach(&mut simulation, &world, autopilot.clone(), vec![]),
             two.attach(&mut simulation, &world, instrument.clone(), vec![]),
         ];
@@ -102,7 +106,7 @@ impl Emulator {
             console,
             autopilot,
             instrument,
-            far_ends,
+            port_devices,
             machine: machine()?,
             noise: Random::new(config.seed, Purpose::Magnetometer),
             field_set_us: None,
@@ -156,11 +160,11 @@ impl Emulator {
         self.instrument_wire.write(&instrument);
         match message {
             MachineMessage::Written => {
-                self.sample_path.written(ticks);
+                self.sample_path.on_output(ticks);
                 return Ok(());
             }
             MachineMessage::Sensor => {
-                self.sample_path.on_poll(ticks);
+                self.sample_path.on_sensor_access(ticks);
                 self.set_field()?;
             }
             // While the machine waits, no message is in transmission that a reset could truncate.

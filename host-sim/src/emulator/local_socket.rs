@@ -4,7 +4,7 @@ use std::io;
 use std::path::Path;
 
 /// Whether this system has local sockets. Without them, as on Windows, no emulator starts.
-pub const ARE_SUPPORTED: bool = cfg!(unix);
+pub const ARE_LOCAL_SOCKETS_SUPPORTED: bool = cfg!(unix);
 
 #[cfg(unix)]
 pub use std::os::unix::net::UnixStream as LocalStream;
@@ -19,7 +19,7 @@ pub fn connect(socket: &Path) -> io::Result<LocalStream> {
     LocalStream::connect(socket)
 }
 
-/// Fails: see [`ARE_SUPPORTED`].
+/// Fails: see [`ARE_LOCAL_SOCKETS_SUPPORTED`].
 #[cfg(not(unix))]
 pub fn connect(_socket: &Path) -> io::Result<LocalStream> {
     Err(io::ErrorKind::Unsupported.into())

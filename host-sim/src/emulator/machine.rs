@@ -117,7 +117,7 @@ pub struct Machine {
 impl Machine {
     /// Starts QEMU with a firmware image and erased flash. Setting `stop` cancels all waiting.
     pub fn start(image: &Path, stop: Arc<AtomicBool>) -> Result<Self, EmulatorError> {
-        if !local_socket::ARE_SUPPORTED {
+        if !local_socket::ARE_LOCAL_SOCKETS_SUPPORTED {
             return Err(EmulatorError::NoLocalSockets);
         }
         elf::check_image(image)?;

@@ -27,7 +27,7 @@ impl SamplePath {
         self.began = None;
     }
 
-    pub fn on_poll(&mut self, ticks: u64) {
+    pub fn on_sensor_access(&mut self, ticks: u64) {
         let again = self.began.is_some_and(|began| ticks - began < FIELD_UPDATE_PERIOD_US * TICKS_PER_US);
         if self.written || !again {
             self.began = Some(ticks);
@@ -35,7 +35,7 @@ impl SamplePath {
         }
     }
 
-    pub fn written(&mut self, ticks: u64) {
+    pub fn on_output(&mut self, ticks: u64) {
         let Some(began) = self.began else { return };
         if self.written {
             self.ticks.pop();

@@ -35,15 +35,15 @@ pub struct Port {
     /// Name of the port.
     pub name: &'static str,
     /// Short description of its traffic.
-    pub carries: &'static str,
+    pub traffic_description: &'static str,
     cable: fn(&Rig) -> &HostEnd,
 }
 
 /// All ports in order.
 pub const PORTS: &[Port] = &[
-    Port { name: "console", carries: "a terminal", cable: |rig| &rig.console },
-    Port { name: "port 1", carries: "an autopilot: MAVLink or MSP, detected", cable: |rig| &rig.autopilot },
-    Port { name: "port 2", carries: "an instrument: NMEA heading", cable: |rig| &rig.instrument },
+    Port { name: "console", traffic_description: "a terminal", cable: |rig| &rig.console },
+    Port { name: "port 1", traffic_description: "an autopilot: MAVLink or MSP, detected", cable: |rig| &rig.autopilot },
+    Port { name: "port 2", traffic_description: "an instrument: NMEA heading", cable: |rig| &rig.instrument },
 ];
 
 /// Index of the console in [`PORTS`].
@@ -127,7 +127,7 @@ impl ServedModule {
         pilot.start(&rig.world);
         let visits = options.has_external_simulator.then(DatagramCounts::default);
         let module = Self { rig, pilot, peer: ExternalAutopilot::default(), attitude: options.attitude, visits, can };
-        module.hand_over_attitude();
+        module.forward_attitude();
         module
     }
 
@@ -146,7 +146,7 @@ impl ServedModule {
             let _ = self.rig.run_until(tick_us.min(until_us));
             if self.now_us() == tick_us {
                 self.pilot.update(&self.rig.world);
-                self.hand_over_attitude();
+                self.forward_attitude();
             }
         }
     }
@@ -157,7 +157,7 @@ impl ServedModule {
         cable(&self.rig).send(bytes);
         if port == AUTOPILOT {
             self.peer.process_bytes(self.rig.now_us(), bytes);
-            self.hand_over_attitude();
+            self.forward_attitude();
         }
     }
 
@@ -170,7 +170,7 @@ impl ServedModule {
     /// Puts a frame of another node on the CAN bus; ignored without one.
     pub fn send_frame(&self, frame: &CanFrame) {
         if let Some(can) = &self.can {
-            can.offer(frame);
+            can.queue_frame(frame);
         }
     }
 
@@ -273,7 +273,7 @@ impl ServedModule {
         self.visits.is_some_and(|counts| counts.accepted == 0)
     }
 
-    fn hand_over_attitude(&self) {
+    fn forward_attitude(&self) {
         let is_provider = match self.attitude {
             AttitudeProvider::Auto => !self.peer.is_active(self.rig.now_us()),
             AttitudeProvider::Own => true,

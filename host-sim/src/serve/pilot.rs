@@ -65,7 +65,7 @@ impl Pilot {
         match (self.task, order) {
             (PilotTask::Visited, _) => return Err(PilotCommandError::Visited),
             (PilotTask::Landed, PilotCommand::TakeOff) => {
-                world.release();
+                world.end_prescribed_motion();
                 world.set_armed(true);
                 self.take(world, PilotTask::Orders);
             }

@@ -217,7 +217,7 @@ fn no_sample_is_dropped_during_a_trial_solve() {
     bench.ms(1);
     let Ok(Reply::Report(report)) = ask(&mut bench, Command::Status) else { panic!("no report") };
     assert!(report.last_trial.is_some());
-    assert_eq!(report.progress.left.samples + report.progress.left.held_back, 75);
+    assert_eq!(report.progress.left_turns.samples + report.progress.left_turns.held_back, 75);
     assert_eq!(bench.links.counts().samples_dropped, 0);
 }
 
@@ -260,7 +260,7 @@ impl Platform for Board {
         self.0.set(self.0.get() + 1);
     }
 
-    fn stack(&self) -> Option<StackUse> {
+    fn peak_stack_use(&self) -> Option<StackUse> {
         Some(StackUse { used_bytes: 1234, size_bytes: 24576 })
     }
 }

@@ -27,10 +27,10 @@ use super::clock;
 use super::uart::UartTx;
 
 /// Samples per turn.
-const SAMPLES: usize = 256;
+const SAMPLES_PER_TURN: usize = 256;
 
 /// Attitude latency of the latency test, seconds.
-const LATE_S: f32 = 0.06;
+const TEST_LATENCY_S: f32 = 0.06;
 
 /// Interference of the motor-current test, microtesla per ampere and axis: 8 uT in all.
 const UT_PER_A: f32 = 0.5;
@@ -41,7 +41,7 @@ const TICK_NS: u64 = 40;
 
 /// Test by number in the lockstep's messages (`BenchTest` in host-sim).
 #[derive(Clone, Copy)]
-enum Test {
+enum BenchTest {
     /// Count instructions.
     Budgets = 1,
     /// Execute an undefined instruction.
@@ -55,44 +55,44 @@ enum Test {
 }
 
 /// Value of `STARTS`, in memory that survives a reset, that makes each start panic.
-const PANICS_AT_STARTS: u32 = 0x0BAD_57A7;
+const PANIC_AT_START_MARK: u32 = 0x0BAD_57A7;
 
 #[unsafe(link_section = ".uninit.starts")]
-static STARTS: AtomicU32 = AtomicU32::new(0);
+static PANIC_AT_START: AtomicU32 = AtomicU32::new(0);
 
 const LONG_MESSAGE: &str = "asked for, with a message of 200 characters, the most that the next run has to show whole. \
     0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 end of it.";
 const _: () = assert!(LONG_MESSAGE.len() == 200);
 
-static ASKED: Signal<CriticalSectionRawMutex, Test> = Signal::new();
+static REQUESTED_TEST: Signal<CriticalSectionRawMutex, BenchTest> = Signal::new();
 
 /// Requests a test by number; zero requests none.
-pub fn ask(number: u8) {
-    let tests = [Test::Budgets, Test::Fault, Test::Overflow, Test::Panic, Test::PanicAtStarts];
+pub fn request_test(number: u8) {
+    let tests = [BenchTest::Budgets, BenchTest::Fault, BenchTest::Overflow, BenchTest::Panic, BenchTest::PanicAtStarts];
     if let Some(test) = tests.into_iter().find(|&test| test as u8 == number) {
-        ASKED.signal(test);
+        REQUESTED_TEST.signal(test);
     }
 }
 
 /// Runs requested tests. Fatal ones end the run.
 pub async fn run(mut tx: UartTx) -> ! {
     static KEPT: StaticCell<RetainedSamples> = StaticCell::new();
-    panic_if_asked();
+    panic_if_requested();
     let mut turns = Turns::fly();
     let mut collector = Collector::new(KEPT.init_with(|| RetainedSamples::EMPTY));
     loop {
         let mut results = Results::new();
-        let written = match ASKED.wait().await {
-            Test::Budgets => budgets(&mut turns, &mut collector, &mut results),
-            Test::Fault => cortex_m::asm::udf(),
-            Test::Overflow => {
+        let written = match REQUESTED_TEST.wait().await {
+            BenchTest::Budgets => budgets(&mut turns, &mut collector, &mut results),
+            BenchTest::Fault => cortex_m::asm::udf(),
+            BenchTest::Overflow => {
                 fill_stack(black_box(0));
                 results.write_str("\nerror no-overflow: the stack has no end\n")
             }
-            Test::Panic => panic!("{LONG_MESSAGE}"),
-            Test::PanicAtStarts => {
-                STARTS.store(PANICS_AT_STARTS, Ordering::Relaxed);
-                panic_if_asked();
+            BenchTest::Panic => panic!("{LONG_MESSAGE}"),
+            BenchTest::PanicAtStarts => {
+                PANIC_AT_START.store(PANIC_AT_START_MARK, Ordering::Relaxed);
+                panic_if_requested();
                 Ok(())
             }
         };
@@ -103,8 +103,8 @@ pub async fn run(mut tx: UartTx) -> ! {
 }
 
 /// Panics if `STARTS` requires a panic at each start.
-fn panic_if_asked() {
-    assert!(STARTS.load(Ordering::Relaxed) != PANICS_AT_STARTS, "at each start");
+fn panic_if_requested() {
+    assert!(PANIC_AT_START.load(Ordering::Relaxed) != PANIC_AT_START_MARK, "at each start");
 }
 
 type Results = heapless::String<256>;
@@ -120,17 +120,17 @@ fn fill_stack(depth: u32) -> u32 {
 
 fn budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut Results) -> fmt::Result {
     let (mut solve, mut late, mut current) = (0, 0, 0);
-    turns.delay(LATE_S);
+    turns.add_attitude_latency(TEST_LATENCY_S);
     let is_latency_found = turns.solve(&mut late).is_some_and(|solution| solution.calibration.uses_latency());
-    turns.delay(-LATE_S);
+    turns.add_attitude_latency(-TEST_LATENCY_S);
     turns.draw(UT_PER_A);
     let is_current_found =
         turns.solve(&mut current).is_some_and(|solution| solution.calibration.motor_current.is_applied());
     turns.draw(-UT_PER_A);
-    turns.forget_currents();
+    turns.remove_currents();
     let Some(solution) = turns.solve(&mut solve) else { return writeln!(out, "\nerror not-solved: none") };
     let attitude = Attitude::from_deg(23.0, 3.0);
-    let field = sensed(attitude, 1.0);
+    let field = simulated_field(attitude, 1.0);
     let mut found = Ok(Heading { magnetic_rad: 0.0, sigma_rad: 0.0, systematic_variance_rad2: 0.0 });
     let to_heading = instructions(|| {
         found = compute_heading(
@@ -171,8 +171,8 @@ fn budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut Results) 
     let to_compass = instructions(|| {
         black_box(msp::compass(0, black_box(123_456), black_box(Field::from_ut(20.0, -5.1, 44.2))));
     });
-    let to_watch = watching(&solution);
-    let to_collect = collecting(collector);
+    let to_watch = monitor_instructions(&solution);
+    let to_collect = collection_instructions(collector);
     writeln!(out)?;
     for (name, count, done) in [
         ("heading", to_heading, found.is_ok()),
@@ -194,7 +194,7 @@ fn budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut Results) 
 
 /// Largest instruction count of a monitor update, over two seconds of a turn with body rates.
 #[inline(never)]
-fn watching(solution: &Solution) -> u64 {
+fn monitor_instructions(solution: &Solution) -> u64 {
     let mut instrument = Instrument::new(InstrumentConfig::new(READING_US as u32));
     let calibration = Some((solution.calibration, solution.uncertainty));
     instrument.set_correction(Correction { calibration, ..Correction::NONE });
@@ -210,7 +210,7 @@ fn watching(solution: &Solution) -> u64 {
             rates_rad_s: [0.0, 0.14, 0.29],
         };
         instrument.on_attitude(at, report);
-        let reading = Reading { field: sensed(attitude, heading_rad), saturated: false, overrun: false };
+        let reading = Reading { field: simulated_field(attitude, heading_rad), saturated: false, overrun: false };
         black_box(instrument.on_reading(at, reading));
         while instrument.next_sample().is_some() {}
         most = most.max(instructions(|| instrument.update_monitor()));
@@ -220,18 +220,18 @@ fn watching(solution: &Solution) -> u64 {
 
 /// Largest instruction count of a flight sample at full buffers, over 20 samples.
 #[inline(never)]
-fn collecting(collector: &mut Collector<'_>) -> u64 {
-    const FILLED: usize = 700;
+fn collection_instructions(collector: &mut Collector<'_>) -> u64 {
+    const FULL_BUFFER_SAMPLES: usize = 700;
     let mut noise = Noise(2);
-    collector.begin(Procedure::Flight);
+    collector.begin_procedure(Procedure::Flight);
     let mut most = 0;
-    for i in 0..FILLED + 20 {
+    for i in 0..FULL_BUFFER_SAMPLES + 20 {
         let sample = sample(if i % 2 == 0 { -1.0 } else { 1.0 }, i, &mut noise);
         let count = instructions(|| {
             collector.push(sample);
-            collector.save(CollectionContext::default());
+            collector.update_header(CollectionContext::default());
         });
-        if i >= FILLED {
+        if i >= FULL_BUFFER_SAMPLES {
             most = most.max(count);
         }
     }
@@ -266,17 +266,17 @@ impl Turns {
     /// Simulates the turns; may be called only once.
     fn fly() -> Self {
         // An array made by a function would be on the stack first.
-        static TURNS: ConstStaticCell<heapless::Vec<Sample, { 2 * SAMPLES }>> =
+        static TURNS: ConstStaticCell<heapless::Vec<Sample, { 2 * SAMPLES_PER_TURN }>> =
             ConstStaticCell::new(heapless::Vec::new());
         let (turns, mut noise) = (TURNS.take(), Noise(1));
         for (side, part) in [(-1.0, Part::LEFT), (1.0, Part::RIGHT)] {
-            turns.extend((0..SAMPLES).map(|i| Sample { part, ..sample(side, i, &mut noise) }));
+            turns.extend((0..SAMPLES_PER_TURN).map(|i| Sample { part, ..sample(side, i, &mut noise) }));
         }
         Self(turns)
     }
 
     /// Adds attitude latency, seconds.
-    fn delay(&mut self, late_s: f32) {
+    fn add_attitude_latency(&mut self, late_s: f32) {
         for sample in &mut *self.0 {
             sample.attitude = sample.latency_compensated_attitude(-late_s);
         }
@@ -292,7 +292,7 @@ impl Turns {
     }
 
     /// Removes the currents from the samples.
-    fn forget_currents(&mut self) {
+    fn remove_currents(&mut self) {
         for sample in &mut *self.0 {
             sample.current = Current::UNKNOWN;
         }
@@ -317,24 +317,24 @@ impl Turns {
 }
 
 /// Oscillations of bank and pitch per turn, as in light turbulence.
-const WANDERS: [f32; 2] = [29.0, 23.0];
+const OSCILLATIONS_PER_TURN: [f32; 2] = [29.0, 23.0];
 
 /// Interval between samples, milliseconds.
-const SPACING_MS: u32 = 400;
+const SAMPLE_INTERVAL_MS: u32 = 400;
 
 /// The `i`-th sample of a turn, with soft and hard iron, and bank and pitch oscillating by some degrees.
 fn sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
-    let part = i as f32 / SAMPLES as f32;
-    let [roll, pitch] = WANDERS.map(|times| times * TAU * part);
+    let part = i as f32 / SAMPLES_PER_TURN as f32;
+    let [roll, pitch] = OSCILLATIONS_PER_TURN.map(|times| times * TAU * part);
     let attitude = Attitude::from_deg(side * 25.0 + 2.0 * libm::sinf(roll), 3.0 + 1.5 * libm::cosf(pitch));
-    let turn_s = (SAMPLES as u32 * SPACING_MS) as f32 * 1e-3;
-    let [by_roll, by_pitch] = WANDERS.map(|times| times * TAU / turn_s);
+    let turn_s = (SAMPLES_PER_TURN as u32 * SAMPLE_INTERVAL_MS) as f32 * 1e-3;
+    let [by_roll, by_pitch] = OSCILLATIONS_PER_TURN.map(|times| times * TAU / turn_s);
     let rates = Rates::from_rad_s([
         2_f32.to_radians() * by_roll * libm::cosf(roll),
         -1.5_f32.to_radians() * by_pitch * libm::sinf(pitch),
         side * TAU / turn_s,
     ]);
-    let field = sensed(attitude, side * part * TAU);
+    let field = simulated_field(attitude, side * part * TAU);
     let noisy = field.ut.map(|ut| ut + 0.3 * noise.next());
     let reported = Attitude {
         roll_rad: attitude.roll_rad + 0.005 * noise.next(),
@@ -344,13 +344,13 @@ fn sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
         field: Field::new(noisy),
         attitude: reported,
         rates,
-        time: WrappingMillis::new(SPACING_MS * i as u32),
+        time: WrappingMillis::new(SAMPLE_INTERVAL_MS * i as u32),
         current: Current::UNKNOWN,
         part: Part::FREE,
     }
 }
 
-fn sensed(attitude: Attitude, heading_rad: f32) -> Field<Sensor> {
+fn simulated_field(attitude: Attitude, heading_rad: f32) -> Field<Sensor> {
     let body = attitude.body(Field::earth(53.0, 0.95, heading_rad)).ut;
     let soft_iron = nalgebra::Matrix3::new(1.02, 0.05, -0.03, -0.02, 0.95, 0.04, 0.03, -0.04, 1.03);
     Field::new(soft_iron * body + nalgebra::Vector3::new(9.0, -4.0, 6.0))

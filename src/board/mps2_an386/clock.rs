@@ -22,10 +22,10 @@ const CLEAR: Register = Register::of(Peripheral::DualTimer, 0x0C);
 pub const TICKS_PER_US: u64 = 25;
 
 /// Values of `CONTROL`: one shot, 32 bits. QEMU applies 32 bits of `LOAD` only if 32-bit mode was set before.
-const STOPPED: u32 = 0b0000_0011;
-const RUNNING: u32 = 0b1010_0011;
+const TIMER_STOPPED: u32 = 0b0000_0011;
+const TIMER_RUNNING: u32 = 0b1010_0011;
 /// Value of `CONTROL` that stops the timer, which keeps its remaining time.
-const PAUSED: u32 = 0b0010_0011;
+const TIMER_PAUSED: u32 = 0b0010_0011;
 
 /// Longest timer interval: the counter must be read before it wraps after 171 s.
 const LONGEST_US: u64 = 60_000_000;
@@ -78,31 +78,31 @@ impl Clock {
 
     /// Wakes expired timers and sets the hardware timer for the next.
     fn set_timer(&mut self) {
-        CONTROL.write(STOPPED);
+        CONTROL.write(TIMER_STOPPED);
         let now_us = self.now_us();
         let next_us = self.queue.next_expiration(now_us);
         // The interval is at most a minute, and at least 1 us, so that deadlines passed meanwhile are handled by the
         // next interrupt.
         let after_us = next_us.saturating_sub(now_us).clamp(1, LONGEST_US);
         LOAD.write((after_us * TICKS_PER_US) as u32);
-        CONTROL.write(RUNNING);
+        CONTROL.write(TIMER_RUNNING);
     }
 }
 
 impl MachineClock {
     /// The closures do not access the clock, so the borrow cannot fail.
-    fn with<R>(&self, f: impl FnOnce(&mut Clock) -> R) -> R {
+    fn with_clock<R>(&self, f: impl FnOnce(&mut Clock) -> R) -> R {
         critical_section::with(|token| f(&mut self.0.borrow_ref_mut(token)))
     }
 }
 
 impl Driver for MachineClock {
     fn now(&self) -> u64 {
-        self.with(Clock::now_us)
+        self.with_clock(Clock::now_us)
     }
 
     fn schedule_wake(&self, at: u64, waker: &Waker) {
-        self.with(|clock| {
+        self.with_clock(|clock| {
             if clock.queue.schedule_wake(at, waker) {
                 clock.set_timer();
             }
@@ -114,22 +114,22 @@ impl Driver for MachineClock {
 pub fn start() {
     PRESCALE.write(0);
     COUNTER.write(0);
-    CLOCK.with(Clock::set_timer);
+    CLOCK.with_clock(Clock::set_timer);
 }
 
 /// Timer interrupt handler.
 pub extern "C" fn on_interrupt() {
     CLEAR.write(1);
-    CLOCK.with(Clock::set_timer);
+    CLOCK.with_clock(Clock::set_timer);
 }
 
 /// Phase of the processor within the 5-instruction period of the counter (5 instructions = 8 ticks), from the ticks
 /// between five reads.
 #[inline(never)]
-fn place_in_five() -> u32 {
+fn clock_phase() -> u32 {
     /// Phase by four bits: the differences of consecutive reads, less one, the first difference as the most significant
     /// bit.
-    const PLACES: [u8; 16] = [0, 0, 0, 0, 0, 0, 2, 0, 0, 0, 4, 1, 0, 3, 0, 0];
+    const CLOCK_PHASES: [u8; 16] = [0, 0, 0, 0, 0, 0, 2, 0, 0, 0, 4, 1, 0, 3, 0, 0];
     let (a, b, c, d, e): (u32, u32, u32, u32, u32);
     // SAFETY: five consecutive reads of a register without side effects.
     unsafe {
@@ -150,13 +150,13 @@ fn place_in_five() -> u32 {
     }
     let bit = |from: u32, to: u32| to.wrapping_sub(from).wrapping_sub(1) & 1;
     let bits = bit(a, b) << 3 | bit(b, c) << 2 | bit(c, d) << 1 | bit(d, e);
-    u32::from(PLACES[bits as usize & 15])
+    u32::from(CLOCK_PHASES[bits as usize & 15])
 }
 
 /// Executes instructions until the processor is at this phase again.
 #[inline(never)]
-fn fill_up_five(place: u32) {
-    let missing = (place + 5 - place_in_five()) % 5;
+fn restore_clock_phase(place: u32) {
+    let missing = (place + 5 - clock_phase()) % 5;
     // SAFETY: skips `4 - missing` of four `nop`s; the first `nop` is always skipped.
     unsafe {
         core::arch::asm!(
@@ -174,22 +174,22 @@ fn fill_up_five(place: u32) {
 
 /// Ticks since the start, without frozen time.
 pub fn ticks() -> u64 {
-    CLOCK.with(Clock::ticks)
+    CLOCK.with_clock(Clock::ticks)
 }
 
 /// Freezes time while `f` runs, which receives the ticks of that moment.
 ///
 /// The instruction count of `f` depends on the host, since bytes arrive at any time. An instruction takes 64 ns, a tick
 /// 40 ns, so five instructions are eight ticks; without restoring the phase, runs of one seed would differ.
-pub fn freeze(f: impl FnOnce(u64)) {
-    CONTROL.write(PAUSED);
-    let place = place_in_five();
-    let before = CLOCK.with(Clock::counter);
+pub fn with_frozen_clock(f: impl FnOnce(u64)) {
+    CONTROL.write(TIMER_PAUSED);
+    let place = clock_phase();
+    let before = CLOCK.with_clock(Clock::counter);
     f(ticks());
-    fill_up_five(place);
-    CLOCK.with(|clock| clock.frozen += clock.counter() - before);
+    restore_clock_phase(place);
+    CLOCK.with_clock(|clock| clock.frozen += clock.counter() - before);
     // An expired timer has its interrupt pending, which restarts it.
     if VALUE.read() != 0 {
-        CONTROL.write(RUNNING);
+        CONTROL.write(TIMER_RUNNING);
     }
 }

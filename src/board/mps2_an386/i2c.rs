@@ -6,9 +6,9 @@ use super::lockstep;
 use super::registers::{Peripheral, Register};
 
 /// Register of the line states; writing ones releases lines.
-const SET: Register = Register::of(Peripheral::SensorBus, 0x00);
+const SET_LINES: Register = Register::of(Peripheral::SensorBus, 0x00);
 /// Register in which writing ones pulls lines low.
-const CLEAR: Register = Register::of(Peripheral::SensorBus, 0x04);
+const CLEAR_LINES: Register = Register::of(Peripheral::SensorBus, 0x04);
 const SCL: u32 = 1;
 const SDA: u32 = 2;
 
@@ -25,7 +25,7 @@ impl embedded_hal_async::i2c::Error for NoAcknowledge {
 pub struct SensorBus(());
 
 /// Number of clocks after which a chip has completed any byte and seen the missing acknowledge.
-const CLOCKS_TO_LET_GO: u32 = 9;
+const BUS_RECOVERY_CLOCKS: u32 = 9;
 
 #[expect(clippy::unused_self, reason = "the wires move for nobody but the owner of the bus")]
 impl SensorBus {
@@ -38,44 +38,44 @@ impl SensorBus {
 
     /// Releases a data line held low by a chip.
     fn clear(&mut self) {
-        self.take_bits(CLOCKS_TO_LET_GO);
+        self.take_bits(BUS_RECOVERY_CLOCKS);
         self.stop();
     }
 
     fn start(&mut self) {
-        SET.write(SDA);
-        SET.write(SCL);
-        CLEAR.write(SDA);
-        CLEAR.write(SCL);
+        SET_LINES.write(SDA);
+        SET_LINES.write(SCL);
+        CLEAR_LINES.write(SDA);
+        CLEAR_LINES.write(SCL);
     }
 
     fn stop(&mut self) {
-        CLEAR.write(SDA);
-        SET.write(SCL);
-        SET.write(SDA);
+        CLEAR_LINES.write(SDA);
+        SET_LINES.write(SCL);
+        SET_LINES.write(SDA);
     }
 
     /// Sends one bit in the fewest instructions: the instruction counts of a reading include them, unlike on a board
     /// with an I2C peripheral.
     fn put_bit(&mut self, bit: bool) {
-        (if bit { SET } else { CLEAR }).write(SDA);
-        SET.write(SCL);
-        CLEAR.write(SCL);
+        (if bit { SET_LINES } else { CLEAR_LINES }).write(SDA);
+        SET_LINES.write(SCL);
+        CLEAR_LINES.write(SCL);
     }
 
     /// Reads bits from the chip, most significant first. A broken data line reads high.
     fn take_bits(&mut self, number: u32) -> u32 {
-        SET.write(SDA);
+        SET_LINES.write(SDA);
         let mut bits = 0;
         for _ in 0..number {
-            SET.write(SCL);
-            bits = bits << 1 | SET.read() & SDA;
-            CLEAR.write(SCL);
+            SET_LINES.write(SCL);
+            bits = bits << 1 | SET_LINES.read() & SDA;
+            CLEAR_LINES.write(SCL);
         }
         if lockstep::sensor_is_broken() { u32::MAX } else { bits / SDA }
     }
 
-    fn put(&mut self, byte: u8, source: NoAcknowledgeSource) -> Result<(), NoAcknowledge> {
+    fn put_byte(&mut self, byte: u8, source: NoAcknowledgeSource) -> Result<(), NoAcknowledge> {
         for bit in (0..8).rev() {
             self.put_bit(byte >> bit & 1 != 0);
         }
@@ -91,9 +91,11 @@ impl SensorBus {
     fn perform(&mut self, address: u8, operation: &mut Operation<'_>) -> Result<(), NoAcknowledge> {
         self.start();
         let reads = matches!(operation, Operation::Read(_));
-        self.put(address << 1 | u8::from(reads), NoAcknowledgeSource::Address)?;
+        self.put_byte(address << 1 | u8::from(reads), NoAcknowledgeSource::Address)?;
         match operation {
-            Operation::Write(bytes) => bytes.iter().try_for_each(|&byte| self.put(byte, NoAcknowledgeSource::Data)),
+            Operation::Write(bytes) => {
+                bytes.iter().try_for_each(|&byte| self.put_byte(byte, NoAcknowledgeSource::Data))
+            }
             Operation::Read(buffer) => {
                 let last = buffer.len().saturating_sub(1);
                 for (i, byte) in buffer.iter_mut().enumerate() {
@@ -113,7 +115,7 @@ impl I2c for SensorBus {
     /// Starts each operation with a start condition. The embedded-hal contract requires one only at a change of
     /// direction, where this firmware's drivers change operations.
     async fn transaction(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), NoAcknowledge> {
-        lockstep::before_sensor();
+        lockstep::wait_before_sensor_access();
         let result = operations.iter_mut().try_for_each(|operation| self.perform(address, operation));
         if result.is_ok() {
             self.stop();

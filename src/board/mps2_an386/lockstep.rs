@@ -19,7 +19,7 @@ use super::registers::Interrupt;
 use super::uart::{AUTOPILOT, CONSOLE, INSTRUMENT, LOCKSTEP, Uart};
 
 /// Time between two steps: the reference board's receiver wakes after 16 bytes at 115200 baud or a pause, 1.4 ms.
-const STEP: Duration = Duration::from_millis(2);
+const LOCKSTEP_PERIOD: Duration = Duration::from_millis(2);
 
 /// Message to the simulator.
 #[derive(Clone, Copy)]
@@ -35,9 +35,9 @@ enum Message {
 }
 
 /// Bits of the simulator's last byte.
-struct Go;
+struct ReleaseBits;
 
-impl Go {
+impl ReleaseBits {
     /// Bit: the sensor's data line is broken.
     const SENSOR_BROKEN: u8 = 1;
     /// First bit of the test number for the bench image; ignored by others.
@@ -56,47 +56,47 @@ pub fn sensor_is_broken() -> bool {
 pub async fn run() -> ! {
     let mut due = Instant::now();
     loop {
-        due += STEP;
+        due += LOCKSTEP_PERIOD;
         Timer::at(due).await;
         wait(Message::Step, Some(due));
     }
 }
 
 /// Reports the start, before anything waits.
-pub fn started() {
+pub fn report_start() {
     send(Message::Started, clock::ticks());
 }
 
-pub fn before_sensor() {
+pub fn wait_before_sensor_access() {
     wait(Message::Sensor, None);
 }
 
 /// Reports a write to the instrument port.
-pub fn instrument_written() {
-    critical_section::with(|_| clock::freeze(|ticks| send(Message::Written, ticks)));
+pub fn report_instrument_write() {
+    critical_section::with(|_| clock::with_frozen_clock(|ticks| send(Message::Written, ticks)));
 }
 
 fn send(message: Message, ticks: u64) {
     for byte in core::iter::once(message as u8).chain(ticks.to_le_bytes()) {
         // The emulator passes each byte to the host at once.
-        while !LOCKSTEP.put(byte) {}
+        while !LOCKSTEP.put_byte(byte) {}
     }
 }
 
 fn wait(message: Message, due: Option<Instant>) {
     critical_section::with(|_| {
-        clock::freeze(|ticks| {
+        clock::with_frozen_clock(|ticks| {
             send(message, due.map_or(ticks, |due| due.as_micros() * clock::TICKS_PER_US));
-            let others = mask_others();
+            let others = mask_all_but_uarts();
             let [console, autopilot, instrument, go] = core::array::from_fn(|_| take(&LOCKSTEP));
             receive(&CONSOLE, console);
             receive(&AUTOPILOT, autopilot);
             receive(&INSTRUMENT, instrument);
             // Bytes received without waiting would cause interrupts later, not reproducibly.
-            forget_interrupts();
-            SENSOR_BROKEN.store(go & Go::SENSOR_BROKEN != 0, Ordering::Relaxed);
+            clear_receive_interrupts();
+            SENSOR_BROKEN.store(go & ReleaseBits::SENSOR_BROKEN != 0, Ordering::Relaxed);
             #[cfg(feature = "bench")]
-            super::bench::ask(go >> Go::BENCH_TEST_SHIFT);
+            super::bench::request_test(go >> ReleaseBits::BENCH_TEST_SHIFT);
             unmask(others);
         });
     });
@@ -121,24 +121,25 @@ fn receive(uart: &Uart, bytes: u8) {
 /// Waits for a UART interrupt. Interrupts are disabled, so it only ends the wait.
 fn sleep() {
     asm::wfi();
-    forget_interrupts();
+    clear_receive_interrupts();
 }
 
 /// Clears the interrupts of received bytes.
-fn forget_interrupts() {
-    for interrupt in RECEIVERS {
+fn clear_receive_interrupts() {
+    for interrupt in RECEIVE_INTERRUPTS {
         NVIC::unpend(interrupt);
     }
 }
 
-const RECEIVERS: [Interrupt; 4] = [Interrupt::Uart0Rx, Interrupt::Uart1Rx, Interrupt::Uart2Rx, Interrupt::Uart3Rx];
+const RECEIVE_INTERRUPTS: [Interrupt; 4] =
+    [Interrupt::Uart0Rx, Interrupt::Uart1Rx, Interrupt::Uart2Rx, Interrupt::Uart3Rx];
 
 /// Enables the UART interrupts only; returns the previous mask.
-fn mask_others() -> u32 {
+fn mask_all_but_uarts() -> u32 {
     // SAFETY: interrupts are disabled, and `unmask` restores the mask.
     let nvic = unsafe { &*NVIC::PTR };
     let enabled = nvic.iser[0].read();
-    let receivers = RECEIVERS.iter().fold(0, |bits, &interrupt| bits | 1 << interrupt as u32);
+    let receivers = RECEIVE_INTERRUPTS.iter().fold(0, |bits, &interrupt| bits | 1 << interrupt as u32);
     // SAFETY: these writes only enable or disable interrupts, which cannot run before the end of the critical section.
     unsafe {
         nvic.icer[0].write(!receivers);

@@ -46,7 +46,7 @@ pub type UartRx = &'static Received;
 pub type Lines = Uarts<UartTx, UartRx>;
 pub type Hardware = hardware::Hardware<Magnetometer, Lines, Watchdog, Panel, StoreFlash, Platform>;
 
-const CONSOLE_TX: UartTx = UartTx { uart: &CONSOLE, written: || {} };
+const CONSOLE_TX: UartTx = UartTx { uart: &CONSOLE, on_written: || {} };
 
 /// Executor of the heading tasks.
 static HEADING_TASKS: InterruptExecutor = InterruptExecutor::new();
@@ -117,7 +117,7 @@ pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! 
         uart.enable();
     }
     clock::start();
-    lockstep::started();
+    lockstep::report_start();
     for interrupt in [Interrupt::DualTimer, Interrupt::Uart0Rx, Interrupt::Uart1Rx, Interrupt::Uart3Rx] {
         // SAFETY: `__INTERRUPTS` has handlers of these interrupts.
         unsafe { NVIC::unmask(interrupt) };
@@ -128,8 +128,8 @@ pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! 
         magnetometer: Magnetometer::new(SensorBus::new()),
         lines: Uarts {
             ports: [
-                (UartTx { uart: &AUTOPILOT, written: || {} }, &AUTOPILOT.received),
-                (UartTx { uart: &INSTRUMENT, written: lockstep::instrument_written }, &INSTRUMENT.received),
+                (UartTx { uart: &AUTOPILOT, on_written: || {} }, &AUTOPILOT.received),
+                (UartTx { uart: &INSTRUMENT, on_written: lockstep::report_instrument_write }, &INSTRUMENT.received),
             ],
             console: (CONSOLE_TX, &CONSOLE.received),
         },
@@ -180,7 +180,7 @@ impl app::Platform for Platform {
         SCB::sys_reset()
     }
 
-    fn stack(&self) -> Option<StackUse> {
+    fn peak_stack_use(&self) -> Option<StackUse> {
         Some(stack::high_water())
     }
 }

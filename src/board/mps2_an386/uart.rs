@@ -87,7 +87,7 @@ impl Uart {
     }
 
     /// Sends a byte; false if the transmitter is busy.
-    pub fn put(&self, byte: u8) -> bool {
+    pub fn put_byte(&self, byte: u8) -> bool {
         let is_free = self.register(STATE).read() & TX_FULL == 0;
         if is_free {
             self.register(DATA).write(byte.into());
@@ -99,7 +99,7 @@ impl Uart {
 /// Transmitter of a UART, with a callback after each write.
 pub struct UartTx {
     pub uart: &'static Uart,
-    pub written: fn(),
+    pub on_written: fn(),
 }
 
 impl SetBaud for UartTx {
@@ -116,11 +116,11 @@ impl Write for UartTx {
     /// Waits only before the first byte, so that a cancelled write has sent nothing.
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
         let Some((&first, rest)) = bytes.split_first() else { return Ok(0) };
-        while !self.uart.put(first) {
+        while !self.uart.put_byte(first) {
             Timer::after(BYTE_TIME).await;
         }
-        let more = rest.iter().take_while(|&&byte| self.uart.put(byte)).count();
-        (self.written)();
+        let more = rest.iter().take_while(|&&byte| self.uart.put_byte(byte)).count();
+        (self.on_written)();
         Ok(1 + more)
     }
 

@@ -32,7 +32,7 @@ unsafe extern "C" fn __pre_init() {
 ///
 /// The clock is the internal oscillator afterwards. The HAL resets flash interface and power control: with the wait
 /// states and the voltage after a reset, the processor cannot run at 160 MHz.
-pub fn reset_leftovers() {
+pub fn reset_boot_loader_state() {
     RCC.cr().modify(|cr| cr.set_hsion(true));
     while !RCC.cr().read().hsirdy() {}
     RCC.cfgr().modify(|cfgr| {
@@ -139,9 +139,9 @@ impl AppDescriptor {
 
 /// Value of [`write_message`]: start the image at once, also after a watchdog reset. Without it the boot loader stays
 /// after one.
-const GOOD_FIRMWARE: u32 = 0xB009_3A26;
+const MESSAGE_START_AT_ONCE: u32 = 0xB009_3A26;
 /// Value of [`write_message`], with the node's number in the low byte: fetch the update in memory.
-const UPDATE: u32 = 0xB008_0000;
+const MESSAGE_FETCH_UPDATE: u32 = 0xB008_0000;
 
 /// Makes the registers of the backup domain accessible; the HAL enables writing to them.
 fn enable_backup_registers() {
@@ -158,10 +158,10 @@ fn write_message(message: u32) {
 }
 
 /// Marks this image as good: a watchdog reset then starts it again. An update that is handed over stays.
-pub fn mark_good() {
+pub fn mark_image_good() {
     enable_backup_registers();
     if TAMP.bkpr(0).read().bkp() == 0 {
-        write_message(GOOD_FIRMWARE);
+        write_message(MESSAGE_START_AT_ONCE);
     }
 }
 
@@ -179,6 +179,6 @@ impl HandOver for BootLoader {
         unsafe { (&raw mut __boot_loader_update).write_volatile(update.boot_loader_bytes()) };
         // The structure is complete before the boot loader is asked to read it.
         compiler_fence(Ordering::SeqCst);
-        write_message(UPDATE | u32::from(update.own.get()));
+        write_message(MESSAGE_FETCH_UPDATE | u32::from(update.own.get()));
     }
 }

@@ -45,7 +45,7 @@ impl I2cBus {
 
     /// Drops the driver unless the transfer left it in a known state. After a timeout the HAL leaves a START pending,
     /// which would be sent once the bus is free.
-    fn settle(&mut self, result: Result<(), Error>) -> Result<(), Error> {
+    fn drop_driver_after_failure(&mut self, result: Result<(), Error>) -> Result<(), Error> {
         if !matches!(result, Ok(()) | Err(Error::Nack)) {
             self.driver = None;
         }
@@ -81,22 +81,22 @@ impl ErrorType for I2cBus {
 impl embedded_hal_async::i2c::I2c for I2cBus {
     async fn read(&mut self, address: u8, read: &mut [u8]) -> Result<(), Error> {
         let result = self.driver().await.read(address, read).await;
-        self.settle(result)
+        self.drop_driver_after_failure(result)
     }
 
     async fn write(&mut self, address: u8, write: &[u8]) -> Result<(), Error> {
         let result = self.driver().await.write(address, write).await;
-        self.settle(result)
+        self.drop_driver_after_failure(result)
     }
 
     async fn write_read(&mut self, address: u8, write: &[u8], read: &mut [u8]) -> Result<(), Error> {
         let result = self.driver().await.write_read(address, write, read).await;
-        self.settle(result)
+        self.drop_driver_after_failure(result)
     }
 
     async fn transaction(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), Error> {
         let result = self.driver().await.transaction(address, operations).await;
-        self.settle(result)
+        self.drop_driver_after_failure(result)
     }
 }
 

@@ -13,7 +13,7 @@ impl app::Platform for Platform {
         SCB::sys_reset()
     }
 
-    fn stack(&self) -> Option<StackUse> {
+    fn peak_stack_use(&self) -> Option<StackUse> {
         Some(stack::high_water())
     }
 }

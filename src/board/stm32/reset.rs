@@ -3,15 +3,15 @@
 use autoswing::health::ResetCause;
 use embassy_stm32::pac;
 
-use crate::board::last_words;
+use crate::board::panic_message;
 
 /// Returns and clears the reset cause. Call once, first of all.
 pub fn cause() -> ResetCause {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|csr| csr.set_rmvf(true));
-    let last_words = last_words::take();
+    let panic_message = panic_message::take();
     // Brown-out is tested first, since memory is then undefined, the reset pin last, since every reset sets its flag.
-    match last_words {
+    match panic_message {
         _ if flags.borrstf() => ResetCause::PowerOn,
         Some(report) => ResetCause::Panic(report),
         None if flags.iwdgrstf() || flags.wwdgrstf() => ResetCause::Watchdog,

@@ -12,7 +12,7 @@ use embedded_io_async::{ErrorType, Write};
 const BUFFER_SIZE: usize = 256;
 /// Number of bytes received until the reader is woken, unless a pause occurs: 1.4 ms, which limits the timing error of
 /// an attitude.
-const WAKE: usize = 16;
+const BYTES_TO_WAKE_READER: usize = 16;
 
 pub struct UartBuffers {
     tx: [u8; BUFFER_SIZE],
@@ -38,7 +38,7 @@ pub fn uart<T: usart::Instance>(
     buffers: &'static mut UartBuffers,
 ) -> (UartTx, UartRx) {
     let mut config = usart::Config::default();
-    config.eager_reads = Some(WAKE);
+    config.eager_reads = Some(BYTES_TO_WAKE_READER);
     config.rx_pull = Pull::Up;
     let (tx, rx) = BufferedUart::new(uart, rx, tx, &mut buffers.tx, &mut buffers.rx, irqs, config)
         .expect("the clocks of all boards can be divided to 115200 baud")

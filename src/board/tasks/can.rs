@@ -5,7 +5,7 @@ use autoswing::health::ResetCause;
 use autoswing::settings::PortNumber;
 use embassy_executor::SendSpawner;
 
-use super::lines::{console, port, spawned};
+use super::lines::{console, expect_spawn_token, port};
 use crate::board::chosen::{CanBus, Lines, Platform, UartRx, UartTx};
 
 /// Number of ports that report safe mode: none, because the only UART is the console then.
@@ -18,8 +18,8 @@ pub fn spawn(
     lines: Lines,
     (platform, reset): (Platform, ResetCause),
 ) {
-    above.spawn(spawned(can(links, lines.can)));
-    below.spawn(spawned(uart(links, (above, below), lines.uart, platform, reset)));
+    above.spawn(expect_spawn_token(can(links, lines.can)));
+    below.spawn(expect_spawn_token(uart(links, (above, below), lines.uart, platform, reset)));
 }
 
 /// Spawns the console alone, whatever is selected for the UART.
@@ -30,7 +30,7 @@ pub fn spawn_in_safe_mode(
     (platform, reset): (Platform, ResetCause),
 ) -> [UartTx; SAFE_MODE_PORTS] {
     let (tx, rx) = lines.uart;
-    below.spawn(spawned(console(links, rx, tx, platform, reset)));
+    below.spawn(expect_spawn_token(console(links, rx, tx, platform, reset)));
     []
 }
 
@@ -50,9 +50,9 @@ async fn uart(
 ) {
     let ((above, below), (tx, rx)) = (spawners, line);
     if app::port::has_protocol(links, PortNumber::One).await {
-        above.spawn(spawned(port(links, PortNumber::One, tx, rx)));
+        above.spawn(expect_spawn_token(port(links, PortNumber::One, tx, rx)));
         app::console::restart_without_terminal(links, platform).await;
     } else {
-        below.spawn(spawned(console(links, rx, tx, platform, reset)));
+        below.spawn(expect_spawn_token(console(links, rx, tx, platform, reset)));
     }
 }

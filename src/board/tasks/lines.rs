@@ -11,7 +11,7 @@ use crate::board::chosen::{Platform, UartRx, UartTx};
 const PORTS: usize = if cfg!(feature = "board-holybro-rm3100") { 1 } else { autoswing::settings::PORT_COUNT };
 
 /// Infallible: each task has as many instances as are spawned.
-pub fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
+pub fn expect_spawn_token<S>(token: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
     token.expect("one task of each")
 }
 

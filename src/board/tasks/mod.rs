@@ -18,9 +18,9 @@ use embassy_executor::SendSpawner;
 use static_cell::StaticCell;
 
 use super::chosen::{Hardware, Magnetometer, Panel, StoreFlash, UartTx, Watchdog};
-use super::kept;
+use super::sample_memory;
 use board_lines::SAFE_MODE_PORTS;
-use lines::spawned;
+use lines::expect_spawn_token;
 
 /// Initialised at run time, so that `.data` costs no flash.
 static LINKS: StaticCell<Links> = StaticCell::new();
@@ -34,15 +34,15 @@ pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
     let restart = (hardware.platform, hardware.reset);
     if hardware.reset.requires_safe_mode() {
         let ports = board_lines::spawn_in_safe_mode(links, below, hardware.lines, restart);
-        below.spawn(spawned(safe_mode(links, store, ports, hardware.watchdog)));
+        below.spawn(expect_spawn_token(safe_mode(links, store, ports, hardware.watchdog)));
         return;
     }
     board_lines::spawn(links, (above, below), hardware.lines, restart);
-    above.spawn(spawned(sensor(links, hardware.magnetometer)));
-    above.spawn(spawned(instrument(links)));
-    above.spawn(spawned(watch(links, hardware.watchdog)));
-    above.spawn(spawned(panel(links, hardware.panel)));
-    below.spawn(spawned(compass(links, store, kept::lend())));
+    above.spawn(expect_spawn_token(sensor(links, hardware.magnetometer)));
+    above.spawn(expect_spawn_token(instrument(links)));
+    above.spawn(expect_spawn_token(feed_watchdog(links, hardware.watchdog)));
+    above.spawn(expect_spawn_token(panel(links, hardware.panel)));
+    below.spawn(expect_spawn_token(compass(links, store, sample_memory::take_sample_memory())));
 }
 
 #[embassy_executor::task]
@@ -56,7 +56,7 @@ async fn instrument(links: &'static Links) -> ! {
 }
 
 #[embassy_executor::task]
-async fn watch(links: &'static Links, watchdog: Watchdog) -> ! {
+async fn feed_watchdog(links: &'static Links, watchdog: Watchdog) -> ! {
     app::watchdog::run(links, watchdog).await
 }
 

@@ -5,7 +5,7 @@ use autoswing::health::ResetCause;
 use autoswing::settings::{PORT_COUNT, PortNumber};
 use embassy_executor::SendSpawner;
 
-use super::lines::{console, port, spawned};
+use super::lines::{console, expect_spawn_token, port};
 use crate::board::chosen::{Lines, Platform, UartTx};
 
 /// Ports that report safe mode.
@@ -19,9 +19,9 @@ pub fn spawn(
     (platform, reset): (Platform, ResetCause),
 ) {
     let (tx, rx) = lines.console;
-    below.spawn(spawned(console(links, rx, tx, platform, reset)));
+    below.spawn(expect_spawn_token(console(links, rx, tx, platform, reset)));
     for (number, (tx, rx)) in PortNumber::ALL.into_iter().zip(lines.ports) {
-        above.spawn(spawned(port(links, number, tx, rx)));
+        above.spawn(expect_spawn_token(port(links, number, tx, rx)));
     }
 }
 
@@ -33,6 +33,6 @@ pub fn spawn_in_safe_mode(
     (platform, reset): (Platform, ResetCause),
 ) -> [UartTx; SAFE_MODE_PORTS] {
     let (tx, rx) = lines.console;
-    below.spawn(spawned(console(links, rx, tx, platform, reset)));
+    below.spawn(expect_spawn_token(console(links, rx, tx, platform, reset)));
     lines.ports.map(|(tx, _)| tx)
 }

@@ -1,11 +1,11 @@
 //! Motor-current interference: the field of motors and their wires, proportional to the current.
 //!
-//! A current `I` adds `k I` to the field at the sensor: three more unknowns for samples with a current. `k` is
+//! A current `I` adds `k I` to the field at the sensor: three more unknowns for samples with a current. `interference_ut_per_a` is
 //! eliminated from the result of the search as a hard-iron change of which each sample has the fraction `I - mean I`,
 //! with the step `k + S^-1 U` of the [score test](super::score_test). The search then continues with `k I` removed,
-//! until `k` converges.
+//! until `interference_ut_per_a` converges.
 //!
-//! `k` is applied only if significant and certain to 0.5 uT at the current's spread. Its uncertainty, and a significant
+//! `interference_ut_per_a` is applied only if significant and certain to 0.5 uT at the current's spread. Its uncertainty, and a significant
 //! estimate that is not applied, are added to the covariance of the coefficients.
 
 use nalgebra::{Matrix3, Vector3};
@@ -15,20 +15,20 @@ use crate::calibration::inverse;
 use crate::calibration::model::Likelihood;
 use crate::trig::sqrt;
 
-/// Prior sigma of each axis of `k`, uT/A: wires of a motor battery at 10 cm.
+/// Prior sigma of each axis of `interference_ut_per_a`, uT/A: wires of a motor battery at 10 cm.
 const PRIOR_SIGMA_UT_PER_A: f32 = 0.3;
 
-/// Maximum sigma at the current's spread for `k` to be applied, microtesla.
+/// Maximum sigma at the current's spread for `interference_ut_per_a` to be applied, microtesla.
 const MAX_SIGMA_UT: f32 = 0.5;
 
-/// Minimum significance of an applied `k`: 99.9 % quantile of chi-squared with three degrees of freedom.
+/// Minimum significance of an applied `interference_ut_per_a`: 99.9 % quantile of chi-squared with three degrees of freedom.
 const MIN_SIGNIFICANCE: f32 = 16.3;
 
-/// Significance, for independent residuals, above which `k` is tried: before its removal, the interference inflates
+/// Significance, for independent residuals, above which `interference_ut_per_a` is tried: before its removal, the interference inflates
 /// autocorrelation and noise.
 const TRIAL_SIGNIFICANCE: f32 = 30.0;
 
-/// Deviation from the estimate above which `k` is updated, sigmas.
+/// Deviation from the estimate above which `interference_ut_per_a` is updated, sigmas.
 const CONVERGED_SIGMAS: f32 = 0.3;
 
 /// Maximum number of updates. The first leaves a tenth, because the noise estimate contained the interference.
@@ -36,7 +36,7 @@ pub(in crate::calibration) const MAX_UPDATES: u8 = 4;
 
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct InterferenceEstimate {
-    pub k: Vector3<f32>,
+    pub interference_ut_per_a: Vector3<f32>,
     pub covariance: Matrix3<f32>,
     /// Significance (chi-squared) for independent residuals, and with autocorrelation.
     pub significance: [f32; 2],
@@ -53,7 +53,7 @@ impl InterferenceEstimate {
         let k = used + independent * (score.gradient - used * prior);
         let alone = k.dot(&(all * k));
         let covariance = independent * own * independent * inflation + independent * independent * prior;
-        let found = Self { k, covariance, significance: [alone, alone / inflation] };
+        let found = Self { interference_ut_per_a: k, covariance, significance: [alone, alone / inflation] };
         (alone + found.max_sigma()).is_finite().then_some(found)
     }
 
@@ -66,21 +66,21 @@ impl InterferenceEstimate {
         sqrt(self.covariance.diagonal().max())
     }
 
-    /// Next `k` after `tried` updates; `None` if `used` is final. `spread`: standard deviation of the current (A) times
+    /// Next `interference_ut_per_a` after `tried` updates; `None` if `used` is final. `spread`: standard deviation of the current (A) times
     /// the unit of field (uT).
     pub fn next_interference(&self, used: &Vector3<f32>, tried: u8, spread: f32) -> Option<Vector3<f32>> {
         let [independent, autocorrelated] = self.significance;
         let is_used = *used != Vector3::zeros();
         if !is_used {
-            return (tried == 0 && independent > TRIAL_SIGNIFICANCE).then_some(self.k);
+            return (tried == 0 && independent > TRIAL_SIGNIFICANCE).then_some(self.interference_ut_per_a);
         }
         let is_applicable = self.max_sigma() * spread <= MAX_SIGMA_UT && autocorrelated > MIN_SIGNIFICANCE;
         if !is_applicable {
             // After one update the remainder may still hide the significance.
-            return Some(if tried > 1 { Vector3::zeros() } else { self.k });
+            return Some(if tried > 1 { Vector3::zeros() } else { self.interference_ut_per_a });
         }
-        let is_off = (self.k - used).amax() > CONVERGED_SIGMAS * self.max_sigma();
-        (is_off && tried < MAX_UPDATES).then_some(self.k)
+        let is_off = (self.interference_ut_per_a - used).amax() > CONVERGED_SIGMAS * self.max_sigma();
+        (is_off && tried < MAX_UPDATES).then_some(self.interference_ut_per_a)
     }
 
     /// Vectors whose outer products sum to the covariance, plus a significant estimate that is not applied.
@@ -92,7 +92,8 @@ impl InterferenceEstimate {
             left -= root * root.transpose();
             root
         };
-        let unused = if self.significance[1] > MIN_SIGNIFICANCE { self.k - used } else { Vector3::zeros() };
+        let unused =
+            if self.significance[1] > MIN_SIGNIFICANCE { self.interference_ut_per_a - used } else { Vector3::zeros() };
         [root(0), root(1), root(2), unused]
     }
 }

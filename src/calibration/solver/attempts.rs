@@ -63,7 +63,7 @@ const MAX_GOOD_HARD_IRON_UT: f32 = 300.0;
 
 pub(super) fn is_poor(end: &Result<Solution, SolveError>) -> bool {
     match end {
-        Ok(solution) => !is_good(&solution.quality, &solution.calibration),
+        Ok(solution) => !has_small_error_and_hard_iron(&solution.quality, &solution.calibration),
         Err(SolveError::NotConverged | SolveError::HardIronChanged(_)) => true,
         Err(_) => false,
     }
@@ -75,7 +75,7 @@ pub(super) const fn is_implausible(error: &SolveError) -> bool {
 }
 
 /// NaN is not good.
-pub(super) fn is_good(quality: &Quality, calibration: &Calibration) -> bool {
+pub(super) fn has_small_error_and_hard_iron(quality: &Quality, calibration: &Calibration) -> bool {
     is_accurate(quality) && calibration.b_vector_ut().length() <= MAX_GOOD_HARD_IRON_UT
 }
 

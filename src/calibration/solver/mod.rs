@@ -5,4 +5,4 @@ mod ellipsoid;
 mod inclination;
 mod sample_checks;
 mod starts;
-pub(in crate::calibration) mod stepwise;
+pub(in crate::calibration) mod stepwise_solver;

@@ -33,7 +33,7 @@ fn is_finite(sample: &Sample) -> bool {
 /// Axis that stays at one end of its range in turns: saturated or frozen. In a full circle, 1 sample in 16 is within 1
 /// % of either end.
 pub(super) fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
-    let turns = || samples.without(Part::LEVEL).iter();
+    let turns = || samples.without_part(Part::LEVEL).iter();
     let number = turns().count();
     [Axis::X, Axis::Y, Axis::Z].into_iter().find(|&axis| {
         let values = || turns().map(|s| s.field.ut[axis as usize]);

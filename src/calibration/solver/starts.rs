@@ -43,7 +43,7 @@ pub(super) fn choose_starting_point(
 ) -> Result<(StartingPoint, Start), SolveError> {
     let rotation = prior.mount.body_from_sensor();
     let matches_mounting = |start: &StartingPoint| Orientation::nearest(&start.w) == Orientation::NONE;
-    if samples.has_free()
+    if samples.has_free_flight_samples()
         && method != Method::Ellipsoid
         && let Some(start) = starting_point::vertical_component_start(samples, &rotation)
     {
@@ -69,7 +69,7 @@ pub(super) fn choose_starting_point(
     }
 }
 
-pub(super) fn begin(
+pub(super) fn begin_refinement(
     method: Method,
     prior: &Prior,
     samples: Samples<'_>,

@@ -160,7 +160,9 @@ fn the_ellipsoid_ignores_attitude() {
 #[test]
 fn advice_starts_from_the_expected_error() {
     for (seed, _, recorded) in flights(0..6) {
-        for samples in [recorded.turns(), recorded.turns().without(Part::RIGHT), recorded.turns().without(Part::LEFT)] {
+        for samples in
+            [recorded.turns(), recorded.turns().without_part(Part::RIGHT), recorded.turns().without_part(Part::LEFT)]
+        {
             let Ok(solution) = solve(Method::MaximumLikelihood, samples, &NO_PRIOR) else { continue };
             let advice = solution.advice.unwrap();
             assert!((advice.expected_deg - solution.quality.expected_rms_deg).abs() < 1e-5, "seed {seed}");

@@ -62,7 +62,7 @@ fn one_side_advises_a_turn_to_the_other() {
         let mut random = Random(3100 + seed);
         let airframe = airframe(&mut random);
         let turns = Flight::TYPICAL.fly(&airframe, &mut random);
-        let solution = solution(turns.turns().without(Part::RIGHT));
+        let solution = solution(turns.turns().without_part(Part::RIGHT));
         let advice = solution.advice.unwrap();
         assert!(matches!(advice.manoeuvre, Manoeuvre::Circle(Side::Right, _)), "seed {seed}: {advice:?}");
         // A circle does not reduce a bank-angle scale error, which one flight seems to have by chance.
@@ -80,7 +80,7 @@ fn the_predicted_gain_is_reached() {
         let mut random = Random(3200 + seed);
         let airframe = airframe(&mut random);
         let turns = Flight::TYPICAL.fly(&airframe, &mut random);
-        let before = advice(turns.turns().without(Part::RIGHT));
+        let before = advice(turns.turns().without_part(Part::RIGHT));
         let Manoeuvre::Circle(Side::Right, bank_deg) = before.manoeuvre else { panic!("{before:?}") };
         // A circle at 25 deg takes 27 s, 54 samples; the prediction counts 24.
         let advised_turn =

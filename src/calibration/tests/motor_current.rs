@@ -248,7 +248,7 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
         let mut information = Information::new(&LinearisedProblem::linearise(&likelihood, samples, &unknowns));
         information.accumulate_samples(&likelihood, samples, &unknowns, None);
         let found = information.estimate_motor_current(&likelihood).unwrap();
-        let step = found.k - likelihood.motor_current_per_ampere();
+        let step = found.interference_ut_per_a - likelihood.motor_current_per_ampere();
         let interference_part = expected.fixed_rows::<3>(13).into_owned();
         assert!((step - interference_part).norm() < 0.01 * found.max_sigma(), "{step} {interference_part}");
         let follow = information.step_for_motor_current(&step).unwrap();
@@ -269,7 +269,7 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
 fn interference_is_used_while_certain_and_significant() {
     let zero = Vector3::zeros();
     let found = |x: f32, sigma: f32, significance| InterferenceEstimate {
-        k: Vector3::new(x, 0.0, 0.0),
+        interference_ut_per_a: Vector3::new(x, 0.0, 0.0),
         covariance: Matrix3::from_diagonal(&Vector3::new(0.5, 1.0, 0.2)) * (sigma * sigma),
         significance,
     };
@@ -298,8 +298,11 @@ fn interference_is_used_while_certain_and_significant() {
 #[test]
 fn covariance_factors_multiply_to_the_covariance() {
     let a = Matrix3::new(1.0, 0.2, -0.3, 0.0, 0.7, 0.1, 0.5, 0.0, 0.4);
-    let found =
-        InterferenceEstimate { k: Vector3::new(1.0, 2.0, 3.0), covariance: a * a.transpose(), significance: [17.0; 2] };
+    let found = InterferenceEstimate {
+        interference_ut_per_a: Vector3::new(1.0, 2.0, 3.0),
+        covariance: a * a.transpose(),
+        significance: [17.0; 2],
+    };
     let used = Vector3::new(0.5, 2.0, 3.0);
     let roots = found.covariance_factors(&used);
     let sum: Matrix3<f32> = roots.iter().take(3).map(|root| root * root.transpose()).sum();

@@ -65,9 +65,9 @@ impl Envelope {
     pub const MIN_BANK_RAD: f32 = 10_f32.to_radians();
 
     pub(in crate::calibration) fn for_samples(method: Method, samples: Samples<'_>) -> Self {
-        let has_free = samples.has_free();
+        let has_free_flight_samples = samples.has_free_flight_samples();
         let is_level = |&Sample { attitude: Attitude { roll_rad, pitch_rad }, .. }: &Sample| {
-            roll_rad.abs() < Self::MIN_BANK_RAD && (!has_free || pitch_rad.abs() < Self::MIN_BANK_RAD)
+            roll_rad.abs() < Self::MIN_BANK_RAD && (!has_free_flight_samples || pitch_rad.abs() < Self::MIN_BANK_RAD)
         };
         match method {
             Method::Level => Self::Level,

@@ -37,7 +37,7 @@ impl Rates {
         f32::from(self.0[2]) / STEPS_PER_RAD_S
     }
 
-    pub(crate) const fn steps_mut(&mut self) -> &mut [i16; 3] {
+    pub(crate) const fn quantised_mut(&mut self) -> &mut [i16; 3] {
         &mut self.0
     }
 }
@@ -65,7 +65,7 @@ impl Current {
         (self.0 >= 0).then(|| f32::from(self.0) / STEPS_PER_A)
     }
 
-    pub(crate) const fn steps_mut(&mut self) -> &mut i16 {
+    pub(crate) const fn quantised_mut(&mut self) -> &mut i16 {
         &mut self.0
     }
 }

@@ -165,7 +165,7 @@ impl<'a> Samples<'a> {
 
     /// The same view without a part.
     #[must_use]
-    pub fn without(mut self, part: Part) -> Self {
+    pub fn without_part(mut self, part: Part) -> Self {
         self.is_excluded[part.index()] = true;
         self
     }
@@ -192,7 +192,7 @@ impl<'a> Samples<'a> {
         self.iter().chain(self.marks.iter().map(|mark| &mark.sample))
     }
 
-    pub(crate) fn has_free(&self) -> bool {
+    pub(crate) fn has_free_flight_samples(&self) -> bool {
         !self.part(Part::FREE).is_empty()
     }
 }
@@ -272,14 +272,14 @@ mod tests {
         assert_eq!(Part::ALL.map(|part| times(samples().part(part))), [[1, 2], [3, 4], [5, 6], [7, 8]]);
         assert_eq!([Side::Left, Side::Right].map(|side| times(samples().turn(side))), [[1, 2], [3, 4]]);
         assert_eq!(times(Samples::default().all()), []);
-        assert!(samples().has_free() && !Samples::default().has_free());
+        assert!(samples().has_free_flight_samples() && !Samples::default().has_free_flight_samples());
     }
 
     #[test]
     fn excluded_parts_are_left_out() {
         for excluded in 0..16_u32 {
             let is_excluded = |part: Part| excluded >> part.index() & 1 == 1;
-            let view = Part::ALL.into_iter().filter(|part| is_excluded(*part)).fold(samples(), Samples::without);
+            let view = Part::ALL.into_iter().filter(|part| is_excluded(*part)).fold(samples(), Samples::without_part);
             let included = || Part::ALL.into_iter().filter(|part| !is_excluded(*part));
             assert_eq!(times(view.iter()), times(included().flat_map(|part| samples().part(part))), "{excluded}");
             assert_eq!(times(view.iter()), times(included().flat_map(|part| view.part(part))), "{excluded}");

@@ -209,7 +209,10 @@ fn motor_current_estimate_equals_joint_least_squares() {
     }
     let found = information.estimate_motor_current(&likelihood).unwrap();
     let step = joint.solve().unwrap().fixed_rows::<3>(UNKNOWNS).into_owned();
-    assert!((found.k - likelihood.motor_current_per_ampere() - step).norm() < 1e-3 * step.norm(), "{found:?} {step}");
+    assert!(
+        (found.interference_ut_per_a - likelihood.motor_current_per_ampere() - step).norm() < 1e-3 * step.norm(),
+        "{found:?} {step}"
+    );
     let independent =
         Matrix3::from_fn(|i, j| joint.covariance_times(&SVector::ith(UNKNOWNS + i, 1.0)).unwrap()[UNKNOWNS + j]);
     // `P (3 (P^-1 - prior) + prior) P` for rho = 1/2.
@@ -218,7 +221,7 @@ fn motor_current_estimate_equals_joint_least_squares() {
     assert!((independent * 3.0 - expected).norm() > 0.1 * expected.norm());
     assert!((expected - independent).norm() > 0.1 * expected.norm());
     let [alone, alike] = found.significance;
-    let by_all = found.k.dot(&(independent.try_inverse().unwrap() * found.k));
+    let by_all = found.interference_ut_per_a.dot(&(independent.try_inverse().unwrap() * found.interference_ut_per_a));
     assert!((alone / by_all - 1.0).abs() < 1e-2 && (alone / alike - 3.0).abs() < 1e-3, "{found:?} {by_all}");
     let sum: Matrix3<f32> =
         information.motor_current_errors.iter().take(3).map(|error| error * error.transpose()).sum();

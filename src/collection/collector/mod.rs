@@ -26,7 +26,7 @@ const RESTART_GAP_MS: u32 = 1000;
 #[derive(Debug)]
 pub struct Collector<'a> {
     memory: &'a mut RetainedSamples,
-    /// State of the collection; stored in the memory by [`Collector::save`].
+    /// State of the collection; stored in the memory by [`Collector::update_header`].
     header: Header,
     restored_context: Option<CollectionContext>,
     /// Whether data changed since the header's checksum.
@@ -46,11 +46,11 @@ impl<'a> Collector<'a> {
     #[must_use]
     #[inline(never)]
     pub fn new(memory: &'a mut RetainedSamples) -> Self {
-        let (header, is_whole) = (*memory.header(), memory.is_whole());
+        let (header, is_valid) = (*memory.header(), memory.is_valid());
         let mut collector = Self {
             memory,
             header,
-            restored_context: is_whole.then(|| header.context()),
+            restored_context: is_valid.then(|| header.context()),
             has_changed: false,
             clock_offset_ms: header.clock_ms.wrapping_add(RESTART_GAP_MS),
             detector: TurnDetector::new(TurnDetectorConfig::DEFAULT),
@@ -58,11 +58,11 @@ impl<'a> Collector<'a> {
             last_taken_at: [None; _],
             selection: DOptimalSelection::NONE,
         };
-        if is_whole && header.state() != CollectionState::Inactive {
+        if is_valid && header.state() != CollectionState::Inactive {
             collector.memory.count_unexpected_restart();
         } else {
             collector.discard();
-            collector.save(CollectionContext::default());
+            collector.update_header(CollectionContext::default());
         }
         collector
     }
@@ -87,7 +87,7 @@ impl<'a> Collector<'a> {
     }
 
     /// Updates the header and its checksum after changes. Call it before long operations.
-    pub fn save(&mut self, context: CollectionContext) {
+    pub fn update_header(&mut self, context: CollectionContext) {
         let is_over = self.state() == CollectionState::Inactive;
         if !self.has_changed && (is_over || context == self.memory.header().context()) {
             return;
@@ -95,11 +95,11 @@ impl<'a> Collector<'a> {
         self.has_changed = false;
         if is_over {
             self.reset_restart_count();
-            return self.memory.seal(Header::EMPTY);
+            return self.memory.write_header_and_checksum(Header::EMPTY);
         }
         self.header.set_context(context);
         self.header.clock_ms = self.tilt_filter.last_sample_at().map_or(self.clock_offset_ms, WrappingMillis::as_ms);
-        self.memory.seal(self.header);
+        self.memory.write_header_and_checksum(self.header);
     }
 
     /// Resets the count of unexpected restarts.
@@ -127,7 +127,9 @@ impl<'a> Collector<'a> {
             SectorBalance::TURNS.push(self.view(Part::turn(side)), sample)
         } else {
             // Before the first turn the aircraft may be parked near the iron of a hangar.
-            self.header.has_turned() && is_level(&sample) && SectorBalance::LEVEL.push(self.view(Part::LEVEL), sample)
+            self.header.has_detected_turn()
+                && is_level(&sample)
+                && SectorBalance::LEVEL.push(self.view(Part::LEVEL), sample)
         }
     }
 
@@ -180,7 +182,7 @@ impl<'a> Collector<'a> {
     }
 
     /// Discards all samples and starts a procedure.
-    pub fn begin(&mut self, procedure: Procedure) {
+    pub fn begin_procedure(&mut self, procedure: Procedure) {
         self.header = Header::new(procedure, min_distance::INITIAL_DISTANCE_UT);
         self.memory.samples.clear();
         self.detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
@@ -194,7 +196,7 @@ impl<'a> Collector<'a> {
 
     /// Discards all samples and ends the collection.
     pub fn discard(&mut self) {
-        self.begin(Procedure::default());
+        self.begin_procedure(Procedure::default());
         self.set_state(CollectionState::Inactive);
     }
 
@@ -239,11 +241,11 @@ impl<'a> Collector<'a> {
         let procedure = self.procedure();
         CollectionProgress {
             procedure,
-            left: match procedure {
+            left_turns: match procedure {
                 Procedure::Flight | Procedure::Tumble => of(Part::FREE),
                 Procedure::Turns | Procedure::Level | Procedure::Swing => of(Part::LEFT),
             },
-            right: of(Part::RIGHT),
+            right_turns: of(Part::RIGHT),
             level: of(Part::LEVEL),
             marks: self.header.mark_count,
             turn_in_progress: self.detector.turn_side(),

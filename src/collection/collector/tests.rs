@@ -6,7 +6,7 @@ use crate::collection::progress::Coverage;
 
 fn started_collector(procedure: Procedure) -> Collector<'static> {
     let mut collector = Collector::new(empty_memory());
-    collector.begin(procedure);
+    collector.begin_procedure(procedure);
     collector
 }
 
@@ -41,7 +41,7 @@ fn level_flight_counts_only_after_the_first_turn() {
     hold_bank(&mut collector, 25.0, 20, 23);
     hold_bank(&mut collector, 0.0, 23, 31);
     assert_eq!(sample_counts(&collector), [0, 3, 20, 0]);
-    collector.begin(Procedure::Turns);
+    collector.begin_procedure(Procedure::Turns);
     hold_bank(&mut collector, 0.0, 31, 40);
     assert_eq!(sample_counts(&collector), [0; 4]);
 }
@@ -94,10 +94,10 @@ fn a_flight_and_a_level_drive_become_complete() {
         collector.push(sample);
     }
     let progress = collector.progress();
-    assert!(progress.left.is_complete() && !progress.is_complete(), "{progress:?}");
+    assert!(progress.left_turns.is_complete() && !progress.is_complete(), "{progress:?}");
     turn_samples(25.0, 130, 190, 13.0).for_each(|sample| collector.push(sample));
     assert!(collector.progress().is_complete(), "{:?}", collector.progress());
-    collector.begin(Procedure::Level);
+    collector.begin_procedure(Procedure::Level);
     turn_samples(0.0, 0, 60, 13.0).for_each(|sample| collector.push(sample));
     assert!(collector.progress().is_complete(), "{:?}", collector.progress());
 }
@@ -119,10 +119,10 @@ fn a_new_collection_discards_the_last_one() {
     let mut collector = started_collector(Procedure::Swing);
     collector.push(banked_sample(0.0, 0.0, 0));
     collector.add_mark(Mark { sample: circle_sample(0.0), heading_rad: 0.0 });
-    collector.begin(Procedure::Turns);
+    collector.begin_procedure(Procedure::Turns);
     hold_bank(&mut collector, 25.0, 0, 5);
     assert_eq!((collector.procedure(), sample_counts(&collector)), (Procedure::Turns, [0, 8, 0, 0]));
-    collector.begin(Procedure::Tumble);
+    collector.begin_procedure(Procedure::Tumble);
     let progress = CollectionProgress { procedure: Procedure::Tumble, ..CollectionProgress::default() };
     assert_eq!((collector.progress(), collector.procedure()), (progress, Procedure::Tumble));
     assert_eq!((collector.fit().all().count(), collector.held_back().all().count()), (0, 0));
@@ -133,18 +133,18 @@ fn a_new_collection_discards_the_last_one() {
 fn a_new_collection_restarts_its_policy() {
     let mut collector = started_collector(Procedure::Swing);
     (0..3).for_each(|i| collector.push(sample([i as f32, 0.0, 0.0], i * 400)));
-    collector.begin(Procedure::Swing);
+    collector.begin_procedure(Procedure::Swing);
     collector.push(sample([0.0; 3], 801));
     assert_eq!((collector.fit().iter().count(), collector.held_back().iter().count()), (1, 0));
-    collector.begin(Procedure::Flight);
+    collector.begin_procedure(Procedure::Flight);
     (0..3).for_each(|i| collector.push(sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
-    collector.begin(Procedure::Flight);
-    assert_eq!((collector.progress().left, collector.distinct_samples()), (Coverage::default(), 0));
+    collector.begin_procedure(Procedure::Flight);
+    assert_eq!((collector.progress().left_turns, collector.distinct_samples()), (Coverage::default(), 0));
     (0..4).for_each(|i| collector.push(sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
     assert_eq!((collector.distinct_samples(), collector.stored_count()), (4, 4));
     assert_eq!(collector.held_back().iter().map(|held| held.time.as_ms()).collect::<Vec<_>>(), [300]);
     let tumble = |collector: &mut Collector, number: u32| {
-        collector.begin(Procedure::Tumble);
+        collector.begin_procedure(Procedure::Tumble);
         (0..number).for_each(|i| collector.push(sample([i as f32 * 5.1, 0.0, 0.0], i * 400)));
         collector.fit().iter().chain(collector.held_back().iter()).count()
     };

@@ -178,10 +178,12 @@ impl FlightStatistics {
             (false, true) => return Some(CollectionProblem::OneSideOnly(Side::Right)),
             (true, true) => {}
         }
-        [(Side::Left, progress.left), (Side::Right, progress.right)].into_iter().find_map(|(side, side_progress)| {
-            let is_arc = side_progress.samples >= arc_samples && side_progress.sectors <= arc_sectors;
-            is_arc.then_some(CollectionProblem::ArcOnly { side, sectors: side_progress.sectors })
-        })
+        [(Side::Left, progress.left_turns), (Side::Right, progress.right_turns)].into_iter().find_map(
+            |(side, side_progress)| {
+                let is_arc = side_progress.samples >= arc_samples && side_progress.sectors <= arc_sectors;
+                is_arc.then_some(CollectionProblem::ArcOnly { side, sectors: side_progress.sectors })
+            },
+        )
     }
 }
 

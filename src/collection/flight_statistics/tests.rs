@@ -106,7 +106,7 @@ fn a_short_flight_has_no_diagnosis() {
 fn arcs_are_reported() {
     let through = |rate_deg_s: f32, seconds: u16| {
         let mut collector = Collector::new(empty_memory());
-        collector.begin(Procedure::Turns);
+        collector.begin_procedure(Procedure::Turns);
         turn_samples(-25.0, 0, seconds, -rate_deg_s).for_each(|sample| collector.push(sample));
         turn_samples(25.0, seconds, 2 * seconds, rate_deg_s).for_each(|sample| collector.push(sample));
         collector.problem()
@@ -118,7 +118,7 @@ fn arcs_are_reported() {
         through(1.3, 90)
     );
     let progress_of = |samples, sectors| CollectionProgress {
-        right: super::super::progress::Coverage { samples, sectors, ..Default::default() },
+        right_turns: super::super::progress::Coverage { samples, sectors, ..Default::default() },
         ..CollectionProgress::default()
     };
     let (mut both, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NONE);
@@ -135,17 +135,17 @@ fn bank_problems_are_reported_for_turns_only_and_reset_at_each_start() {
     for (procedure, is_reported) in
         [(Procedure::Turns, true), (Procedure::Flight, false), (Procedure::Level, false), (Procedure::Swing, false)]
     {
-        collector.begin(procedure);
+        collector.begin_procedure(procedure);
         (0..300).for_each(|i| collector.push(banked_sample(5.0, 0.0, i * 100)));
         assert_eq!(collector.problem().is_some(), is_reported, "{procedure:?}");
     }
-    collector.begin(Procedure::Flight);
+    collector.begin_procedure(Procedure::Flight);
     assert_eq!(collector.problem(), None);
     (0..300).for_each(|i| collector.push(banked_sample(1.9, 0.0, i * 100)));
     assert!(
         matches!(collector.problem(), Some(CollectionProblem::NoTilt { .. })),
         "of whatever is flown nothing else is asked"
     );
-    collector.begin(Procedure::Turns);
+    collector.begin_procedure(Procedure::Turns);
     assert_eq!(collector.problem(), None);
 }

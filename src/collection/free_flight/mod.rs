@@ -30,7 +30,7 @@ pub(super) fn push(mut part: PartView<'_>, selection: &mut DOptimalSelection, sa
     if !is_new_measurement(&part, &sample) {
         return FreeFlightSample::Ignored;
     }
-    let purpose = part.assign_use(&sample);
+    let purpose = part.count_and_assign_use(&sample);
     if !part.is_full(purpose, Quota::ALL) {
         part.insert(purpose, sample);
         return FreeFlightSample::Stored;

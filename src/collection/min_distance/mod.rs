@@ -13,8 +13,8 @@ pub(super) const INITIAL_DISTANCE_UT: f32 = 5.0;
 const DISTANCE_GROWTH: f32 = 1.3;
 
 /// Fit samples that count as 100 percent.
-const TARGET: u16 = 66;
-const _: () = assert!(TARGET as usize <= Quota::TURN.fit);
+const COMPLETE_SAMPLE_COUNT: u16 = 66;
+const _: () = assert!(COMPLETE_SAMPLE_COUNT as usize <= Quota::TURN.fit);
 
 /// Stores a sample of any attitude if it is due and at least `distance_ut` from the others; increases the distance when
 /// the quota is used. Returns whether the sample was stored.
@@ -22,9 +22,9 @@ pub(super) fn push(mut part: PartView<'_>, quota: Quota, distance_ut: &mut f32, 
     let is_far = !part.fit_then_held_back().iter().any(|other| distance(other, &sample) < *distance_ut);
     let is_taken = part.is_due(&sample) && is_far;
     if is_taken {
-        let purpose = part.assign_use(&sample);
+        let purpose = part.count_and_assign_use(&sample);
         store(&mut part, purpose, quota, distance_ut, sample);
-        part.state.percent = percent(part.of(SampleUse::Fit).len() as u16, TARGET);
+        part.state.percent = percent(part.of(SampleUse::Fit).len() as u16, COMPLETE_SAMPLE_COUNT);
     }
     is_taken
 }

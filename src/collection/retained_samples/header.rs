@@ -12,7 +12,7 @@ pub(in crate::collection) struct Header {
     state: u8,
     procedure: u8,
     is_automatic: u8,
-    has_turned: u8,
+    has_detected_turn: u8,
     calibration_serial: u32,
     /// Time of the collection's clock, milliseconds.
     pub clock_ms: u32,
@@ -50,7 +50,7 @@ impl Header {
         state: 0,
         procedure: 0,
         is_automatic: 0,
-        has_turned: 0,
+        has_detected_turn: 0,
         calibration_serial: 0,
         clock_ms: 0,
         mark_count: 0,
@@ -109,12 +109,12 @@ impl Header {
     }
 
     /// Whether a turn was detected.
-    pub const fn has_turned(&self) -> bool {
-        self.has_turned != 0
+    pub const fn has_detected_turn(&self) -> bool {
+        self.has_detected_turn != 0
     }
 
     pub const fn set_turned(&mut self) {
-        self.has_turned = 1;
+        self.has_detected_turn = 1;
     }
 }
 
@@ -122,7 +122,7 @@ words!(Header {
     state,
     procedure,
     is_automatic,
-    has_turned,
+    has_detected_turn,
     calibration_serial,
     clock_ms,
     mark_count,

@@ -67,7 +67,7 @@ impl RetainedSamples {
     }
 
     /// Whether the checksum matches header, samples and marks, and restarts are below the limit.
-    pub(super) fn is_whole(&self) -> bool {
+    pub(super) fn is_valid(&self) -> bool {
         self.checksum == self.compute_checksum(FIRMWARE_SEED) && self.unexpected_restarts < MAX_RESTARTS
     }
 
@@ -77,7 +77,7 @@ impl RetainedSamples {
     }
 
     /// Stores a header that fits the samples and marks, and the checksum of all.
-    pub(super) fn seal(&mut self, header: Header) {
+    pub(super) fn write_header_and_checksum(&mut self, header: Header) {
         self.header = header;
         self.checksum = self.compute_checksum(FIRMWARE_SEED);
     }

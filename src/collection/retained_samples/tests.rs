@@ -17,14 +17,14 @@ fn flight() -> impl Iterator<Item = Sample> {
 
 fn collect(retained: &mut RetainedSamples, procedure: Procedure, samples: impl Iterator<Item = Sample>) {
     let mut collector = Collector::new(retained);
-    collector.begin(procedure);
+    collector.begin_procedure(procedure);
     for sample in samples {
         collector.push(sample);
-        collector.save(MANUAL);
+        collector.update_header(MANUAL);
     }
     if procedure == Procedure::Swing {
         assert!(collector.add_mark(Mark { sample: circle_sample(30.0), heading_rad: 0.5 }));
-        collector.save(MANUAL);
+        collector.update_header(MANUAL);
     }
 }
 
@@ -54,7 +54,7 @@ fn samples_survive_a_restart() {
         collect(retained, procedure, flight());
         let mut uninterrupted = empty_memory().clone();
         let mut before = Collector::new(&mut uninterrupted);
-        before.begin(procedure);
+        before.begin_procedure(procedure);
         flight().for_each(|sample| before.push(sample));
         if procedure == Procedure::Swing {
             before.add_mark(Mark { sample: circle_sample(30.0), heading_rad: 0.5 });
@@ -88,7 +88,7 @@ fn a_collection_continues_after_a_restart() {
         for &sample in &samples[cut..] {
             let time = WrappingMillis::new(300 + sample.time.ms_since(anew));
             collector.push(Sample { time, ..sample });
-            collector.save(MANUAL);
+            collector.update_header(MANUAL);
         }
         assert!(collector.progress().is_complete(), "{cut}: {:?}", collector.progress());
         for part in [
@@ -108,16 +108,16 @@ fn state_and_context_are_stored() {
     collect(retained, Procedure::Flight, flight());
     let mut collector = Collector::new(retained);
     let automatic = CollectionContext { is_automatic: true, calibration_serial: 8 };
-    collector.save(automatic);
+    collector.update_header(automatic);
     let mut collector = Collector::new(retained);
     assert_eq!((collector.restored_context(), collector.state()), (Some(automatic), CollectionState::Running));
     collector.set_state(CollectionState::Stopped);
-    collector.save(MANUAL);
+    collector.update_header(MANUAL);
     let mut collector = Collector::new(retained);
     assert_eq!((collector.restored_context(), collector.state()), (Some(MANUAL), CollectionState::Stopped));
     assert!(collector.is_loss_reportable() && collector.fit().all().next().is_some());
     collector.set_state(CollectionState::Inactive);
-    collector.save(MANUAL);
+    collector.update_header(MANUAL);
     assert!(collector.fit().all().next().is_some(), "they stay for another solve");
     let collector = Collector::new(retained);
     assert_eq!(
@@ -132,7 +132,7 @@ fn state_and_context_are_stored() {
 fn losing_few_samples_is_not_reported() {
     let retained = empty_memory();
     let mut collector = Collector::new(retained);
-    collector.begin(Procedure::Tumble);
+    collector.begin_procedure(Procedure::Tumble);
     for i in 0..14_u32 {
         collector.push(sample([i as f32 * 10.0, 0.0, 0.0], i * 400));
         let fit = collector.fit().all().count();
@@ -234,7 +234,7 @@ fn a_flipped_bit_invalidates_the_memory() {
                 "bit {bit}"
             );
             assert_eq!(collector.progress(), CollectionProgress::default(), "bit {bit}");
-            collector.begin(Procedure::Flight);
+            collector.begin_procedure(Procedure::Flight);
         }
     }
     // Half of the memory is unused.
@@ -250,7 +250,7 @@ fn random_memory_is_rejected_and_usable() {
         let mut collector = Collector::new(retained);
         assert_eq!((collector.restored_context(), collector.state()), (None, CollectionState::Inactive));
         assert_eq!(collector.progress(), CollectionProgress::default());
-        collector.begin(Procedure::Flight);
+        collector.begin_procedure(Procedure::Flight);
         flight().take(30).for_each(|sample| collector.push(sample));
         assert!(collector.fit().all().all(|sample| sample.field.ut.norm() < 200.0));
     }
@@ -300,13 +300,13 @@ fn a_sample_that_is_not_stored_does_not_change_the_memory() {
     let mut collector = Collector::new(retained);
     collector.reset_restart_count();
     collector.push(banked_sample(8.0, 0.0, 1000));
-    collector.save(MANUAL);
+    collector.update_header(MANUAL);
     let before = memory_words(retained);
     let mut collector = Collector::new(retained);
     collector.reset_restart_count();
     for i in 0..10 {
         collector.push(banked_sample(8.0, 0.0, 2000 + i * 100));
-        collector.save(MANUAL);
+        collector.update_header(MANUAL);
     }
     assert_eq!(memory_words(retained)[2..], before[2..], "neither level nor turned");
 }

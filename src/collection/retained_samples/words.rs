@@ -45,13 +45,13 @@ words!(Mark { sample, heading_rad });
 
 impl Words for Rates {
     fn visit_words(&mut self, visit: &mut impl FnMut(&mut u32)) {
-        self.steps_mut().visit_words(visit);
+        self.quantised_mut().visit_words(visit);
     }
 }
 
 impl Words for Current {
     fn visit_words(&mut self, visit: &mut impl FnMut(&mut u32)) {
-        self.steps_mut().visit_words(visit);
+        self.quantised_mut().visit_words(visit);
     }
 }
 

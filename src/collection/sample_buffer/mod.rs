@@ -54,7 +54,7 @@ impl SampleBuffer {
 
     /// Fit samples of a part, then the held-back ones.
     pub fn part_fit_then_held_back(&self, part: Part) -> Samples<'_> {
-        Part::ALL.into_iter().filter(|other| *other != part).fold(Samples::new(self.all()), Samples::without)
+        Part::ALL.into_iter().filter(|other| *other != part).fold(Samples::new(self.all()), Samples::without_part)
     }
 
     pub fn clear(&mut self) {

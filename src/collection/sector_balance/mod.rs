@@ -58,7 +58,7 @@ impl SectorBalance {
         if is_due {
             let circle = TurnCircle::fit_to(&part.fit_then_held_back());
             let sector_of = |s: &Sample| circle.map_or(0, |circle| circle.sector_of(s));
-            let purpose = part.assign_use(&sample);
+            let purpose = part.count_and_assign_use(&sample);
             insert_balanced(&mut part, purpose, self.quota, sample, sector_of);
             self.update_coverage(&mut part, circle);
         }

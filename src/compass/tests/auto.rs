@@ -30,7 +30,7 @@ impl TestBed {
     }
 
     fn kept(&mut self) -> u16 {
-        self.report().progress.left.samples
+        self.report().progress.left_turns.samples
     }
 }
 

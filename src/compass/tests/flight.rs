@@ -107,7 +107,7 @@ fn a_collection_continues_until_the_accuracy_is_reached() {
     let end = bench.solve();
     let found = bench.settle(end).unwrap().quality.expected_rms_deg;
     assert!(found <= expected_deg, "{found} {expected_deg}");
-    bench.compass.collector.begin(Procedure::Flight);
+    bench.compass.collector.begin_procedure(Procedure::Flight);
     assert!(!bench.compass.collector.uses_trial_solution());
 }
 
@@ -140,7 +140,7 @@ fn trial_solves_are_ten_seconds_apart() {
         let sample = Sample { time: WrappingMillis::new(250 * number as u32), ..sample };
         bench.compass.step(Event::Sample(sample));
         if bench.compass.is_busy() {
-            began.push((number, bench.compass.collector.progress().left.samples));
+            began.push((number, bench.compass.collector.progress().left_turns.samples));
             bench.solve_trial();
         }
     }

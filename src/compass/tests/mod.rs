@@ -15,7 +15,7 @@ use crate::messages::{ExpectedAccuracy, Message, SolveOutcome};
 use crate::reading::{Identity, Model};
 use crate::settings::{AttitudeError, HeadingKind, OutOfRange, SensorError, Settings};
 use crate::store::tests::record;
-use crate::store::{CalibrationRecord, Generations, StartupValues, StoreChange, StoreError};
+use crate::store::{CalibrationRecord, StartupValues, StoreChange, StoreError, StoredCalibrations};
 
 const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
 const READINGS: u16 = 8;
@@ -35,13 +35,13 @@ struct TestBed {
 
 impl TestBed {
     fn new() -> Self {
-        Self::with(AcceptancePolicy::DEFAULT, Generations::default())
+        Self::with(AcceptancePolicy::DEFAULT, StoredCalibrations::default())
     }
 
     #[expect(clippy::large_types_passed_by_value, reason = "each call makes one of its own")]
-    fn with(policy: AcceptancePolicy, generations: Generations) -> Self {
+    fn with(policy: AcceptancePolicy, stored_calibrations: StoredCalibrations) -> Self {
         let mut bench = Self {
-            compass: Compass::new(policy, &StoredValues { generations, ..StoredValues::default() }, memory()),
+            compass: Compass::new(policy, &StoredValues { stored_calibrations, ..StoredValues::default() }, memory()),
             now: u32::MAX - 20_000,
         };
         bench.compass.step(Event::SensorDetected(SENSOR, READINGS));
@@ -224,7 +224,8 @@ fn full_turns_to_both_sides_give_a_calibration() {
     assert!(matches!(bench.compass.step(Event::Advance), Effect::Save));
     assert_eq!(bench.compass.state(), ModuleState::Verifying, "until it is written");
     assert!(bench.compass.active_record().is_none());
-    let Some(StoreChange::Generations { current: Some(written), previous: None }) = bench.compass.pending_change()
+    let Some(StoreChange::StoredCalibrations { current: Some(written), previous: None }) =
+        bench.compass.pending_change()
     else {
         panic!("{:?}", bench.compass.pending_change())
     };
@@ -287,8 +288,8 @@ fn settings_of_a_running_solve_cannot_change() {
 
 #[test]
 fn ground_commands_are_refused_while_armed() {
-    let generations = Generations { current: Some(record(2)), previous: Some(record(1)) };
-    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, generations);
+    let stored_calibrations = StoredCalibrations { current: Some(record(2)), previous: Some(record(1)) };
+    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, stored_calibrations);
     let for_the_ground = [
         Command::CalStart(Procedure::Swing),
         Command::CalStartNew(Some(Procedure::Swing)),
@@ -304,7 +305,7 @@ fn ground_commands_are_refused_while_armed() {
         assert_eq!(bench.refused(command), Refusal::Armed, "{command:?}");
     }
     assert_eq!(bench.report().is_armed, Some(true));
-    assert_eq!(bench.compass.generations, generations);
+    assert_eq!(bench.compass.stored_calibrations, stored_calibrations);
     bench.compass.step(Event::Armed(Some(false)));
     assert_eq!(bench.done(Command::Restart), ModuleState::Calibrated);
     assert_eq!(bench.done(Command::CalStart(Procedure::Swing)), ModuleState::Collecting);
@@ -393,7 +394,7 @@ fn a_stopped_collection_keeps_its_samples() {
     bench.done(Command::CalStart(Procedure::Turns));
     bench.fly(&few_turns(&airframe(), 1));
     let collected = bench.report().progress;
-    assert!(collected.left.samples >= 30 && collected.right.samples >= 30, "{collected:?}");
+    assert!(collected.left_turns.samples >= 30 && collected.right_turns.samples >= 30, "{collected:?}");
     assert_eq!(bench.done(Command::CalStop), ModuleState::Uncalibrated);
     assert_eq!(bench.refused(Command::CalStop), Refusal::NotCollecting);
     bench.fly(&few_turns(&airframe(), 2));
@@ -415,7 +416,7 @@ fn a_new_collection_starts_without_samples() {
         } else {
             let refused = bench.refused(Command::CalStart(Procedure::Turns));
             assert_eq!(refused.code(), "collecting");
-            assert!(bench.report().progress.left.samples > 0);
+            assert!(bench.report().progress.left_turns.samples > 0);
             bench.done(Command::CalStartNew(None));
         }
         assert_eq!(bench.refused(Command::CalSolve(None)), Refusal::NoSamples);
@@ -462,7 +463,7 @@ fn a_rejected_calibration_is_not_used() {
     let strict = AcceptancePolicy { max_expected_rms_deg: 0.01, ..AcceptancePolicy::DEFAULT };
     let more = AcceptancePolicy { min_held_back: 1000, ..AcceptancePolicy::DEFAULT };
     for (policy, code) in [(strict, "not-accurate"), (more, "too-few-held-back")] {
-        let mut bench = TestBed::with(policy, Generations::default());
+        let mut bench = TestBed::with(policy, StoredCalibrations::default());
         let refused = bench.calibrate(&turns(&airframe(), 1)).unwrap_err();
         assert_eq!(refused.code(), code);
         assert!(matches!(refused, Refusal::Rejected(_)));
@@ -511,7 +512,8 @@ fn heading_error_per_attitude_error_is_the_tangent_of_inclination() {
 #[test]
 fn serial_numbers_wrap() {
     let last = CalibrationRecord { serial: u32::MAX, ..record(1) };
-    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, Generations { current: Some(last), previous: None });
+    let mut bench =
+        TestBed::with(AcceptancePolicy::DEFAULT, StoredCalibrations { current: Some(last), previous: None });
     bench.calibrate(&turns(&airframe(), 1)).unwrap();
     assert_eq!(bench.compass.active_record().unwrap().serial, 0);
 }
@@ -519,8 +521,8 @@ fn serial_numbers_wrap() {
 #[test]
 fn a_record_is_used_only_with_its_sensor_and_mounting() {
     let current = Some(record(4));
-    let generations = Generations { current, previous: None };
-    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, generations);
+    let stored_calibrations = StoredCalibrations { current, previous: None };
+    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, stored_calibrations);
     assert_eq!(bench.compass.state(), ModuleState::Calibrated);
     // An equal chip at another address is another sensor.
     for other in [Identity { address: 0x1C, ..SENSOR }, Identity { model: Model::Lsm303dlhc, ..SENSOR }] {
@@ -536,8 +538,11 @@ fn a_record_is_used_only_with_its_sensor_and_mounting() {
     assert_eq!(bench.compass.state(), ModuleState::Uncalibrated);
     bench.saved(Command::Set(SettingChange::Mount(Orientation::NONE))).unwrap();
     assert_eq!(bench.compass.state(), ModuleState::Calibrated);
-    let unknown =
-        Compass::new(AcceptancePolicy::DEFAULT, &StoredValues { generations, ..StoredValues::default() }, memory());
+    let unknown = Compass::new(
+        AcceptancePolicy::DEFAULT,
+        &StoredValues { stored_calibrations, ..StoredValues::default() },
+        memory(),
+    );
     assert!(unknown.active_record().is_none());
 }
 
@@ -620,8 +625,8 @@ fn there_is_room_for_36_marks() {
 /// Also across north.
 #[test]
 fn alignment_removes_a_constant_heading_error() {
-    let generations = Generations { current: Some(record(1)), previous: None };
-    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, generations);
+    let stored_calibrations = StoredCalibrations { current: Some(record(1)), previous: None };
+    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, stored_calibrations);
     assert_eq!(bench.refused(Command::Align(Some(100.0))), Refusal::NotStationary);
     assert_eq!(bench.refused(Command::Align(Some(360.5))).code(), "out-of-range");
     let calibration = record(1).calibration;
@@ -640,7 +645,8 @@ fn alignment_removes_a_constant_heading_error() {
 #[test]
 fn a_large_alignment_must_be_confirmed() {
     let calibration = record(1).calibration;
-    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, Generations { current: Some(record(1)), previous: None });
+    let mut bench =
+        TestBed::with(AcceptancePolicy::DEFAULT, StoredCalibrations { current: Some(record(1)), previous: None });
     let earth = Field::earth(48.0, 1.0, f32::to_radians(90.0));
     let stand = |bench: &mut TestBed| bench.stand(Field::new(earth.ut + calibration.b_vector_ut()), 8);
     for (given_heading_deg, align_deg) in [(109.9, 19.9), (70.1, -19.9)] {
@@ -739,9 +745,10 @@ fn collection_problems_explain_only_refusals_for_missing_samples() {
 
 #[test]
 fn clear_removes_all_calibrations_and_undo_needs_a_previous_one() {
-    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, Generations { current: Some(record(2)), previous: None });
+    let mut bench =
+        TestBed::with(AcceptancePolicy::DEFAULT, StoredCalibrations { current: Some(record(2)), previous: None });
     assert_eq!(bench.refused(Command::CalUndo), Refusal::NoPreviousCalibration);
-    bench.compass.generations.previous = Some(record(1));
+    bench.compass.stored_calibrations.previous = Some(record(1));
     assert!(matches!(bench.command(Command::CalClear), Effect::Save));
     assert!(matches!(bench.compass.pending_change(), Some(StoreChange::Clear)));
     assert!(bench.compass.active_record().is_some(), "until it is written");
@@ -756,15 +763,15 @@ fn clear_removes_all_calibrations_and_undo_needs_a_previous_one() {
 #[test]
 fn a_change_that_cannot_be_stored_has_no_effect() {
     let failed = || Event::Saved(Err(StoreError::Verify));
-    let generations = Generations { current: Some(record(2)), previous: Some(record(1)) };
-    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, generations);
+    let stored_calibrations = StoredCalibrations { current: Some(record(2)), previous: Some(record(1)) };
+    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, stored_calibrations);
     for command in
         [Command::CalUndo, Command::CalClear, Command::Set(SettingChange::StreamOn(false)), Command::Align(None)]
     {
         assert!(matches!(bench.command(command), Effect::Save));
         let effect = bench.compass.step(failed());
         assert!(matches!(effect, Effect::Reply(Err(Refusal::Store(StoreError::Verify)))), "{command:?}: {effect:?}");
-        assert_eq!(bench.compass.generations, generations);
+        assert_eq!(bench.compass.stored_calibrations, stored_calibrations);
         assert_eq!(*bench.compass.settings(), Settings::DEFAULT);
         assert!(bench.compass.pending_change().is_none());
     }

@@ -55,8 +55,8 @@ impl Run<'_> {
     /// Passes detected protocols as in idle time; saves if requested.
     fn detect_protocols(&mut self, detected: [ProtocolKind; PORT_COUNT]) {
         if let Effect::Save = self.compass.step(Event::ProtocolsDetected(detected, WrappingMillis::new(*self.now))) {
-            let Some(StoreChange::Remembered(remembered)) = self.compass.pending_change() else { panic!() };
-            self.stored.remembered = remembered;
+            let Some(StoreChange::StartupValues(startup_values)) = self.compass.pending_change() else { panic!() };
+            self.stored.startup_values = startup_values;
             *self.writes += 1;
             assert!(matches!(self.compass.step(Event::Saved(Ok(()))), Effect::None));
         }
@@ -72,11 +72,12 @@ impl Run<'_> {
                 match self.compass.step(Event::Advance) {
                     Effect::None => self.detect_protocols(SILENT),
                     Effect::Save => {
-                        let Some(StoreChange::Generations { current, .. }) = self.compass.pending_change() else {
+                        let Some(StoreChange::StoredCalibrations { current, .. }) = self.compass.pending_change()
+                        else {
                             panic!()
                         };
-                        self.stored.generations.current = current.copied();
-                        self.stored.remembered.is_collecting = false;
+                        self.stored.stored_calibrations.current = current.copied();
+                        self.stored.startup_values.is_collecting = false;
                         let Effect::Notify(Message::Solved(outcome)) = self.compass.step(Event::Saved(Ok(()))) else {
                             panic!()
                         };
@@ -115,7 +116,7 @@ fn a_restarted_collection_ends_with_the_same_accuracy() {
         }
         let outcome = module.run(|run| run.fly(rest)).unwrap_or_else(|| panic!("{cuts:?}: no end"));
         assert!(outcome.is_ok(), "{cuts:?}: {outcome:?}");
-        let calibration = module.stored.generations.current.unwrap().calibration;
+        let calibration = module.stored.stored_calibrations.current.unwrap().calibration;
         rms(&airframe().errors_deg(&calibration))
     };
     let uninterrupted = ends(&[]);
@@ -135,10 +136,10 @@ fn control_of_a_collection_survives_restarts() {
         assert!(report.is_automatic && report.state == ModuleState::Collecting);
         run.compass.step(Event::Armed(Some(false)));
         assert!(run.fly(&hover_samples[60..100]).is_none() && run.report().awaits_arming);
-        report.progress.left.samples
+        report.progress.left_turns.samples
     });
     module.run(|run| {
-        assert_eq!(run.report().progress.left.samples, samples);
+        assert_eq!(run.report().progress.left_turns.samples, samples);
         assert!(matches!(run.command(Command::CalStart(Procedure::Flight)), Effect::Reply(Ok(_))), "taken over");
     });
     module.run(|run| {
@@ -151,7 +152,7 @@ fn control_of_a_collection_survives_restarts() {
         assert!(run.fly(&hover_samples[100..160]).is_none());
         let report = run.report();
         assert_eq!(
-            (report.state, report.progress.left.samples),
+            (report.state, report.progress.left_turns.samples),
             (ModuleState::Uncalibrated, samples),
             "nor does it begin"
         );
@@ -189,7 +190,7 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
         );
     });
     module.run(|run| {
-        assert_eq!((run.compass.state(), run.report().progress.left.samples), (ModuleState::Uncalibrated, 0));
+        assert_eq!((run.compass.state(), run.report().progress.left_turns.samples), (ModuleState::Uncalibrated, 0));
         assert_eq!(run.compass.last_outcome(), None, "it was told");
     });
     module.run(|run| {
@@ -197,16 +198,16 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
         run.fly(&hover_samples[..30]);
         run.command(Command::CalAbort);
     });
-    module.run(|run| assert_eq!(run.report().progress.left.samples, 0));
+    module.run(|run| assert_eq!(run.report().progress.left_turns.samples, 0));
 }
 
 #[test]
 fn a_collection_whose_calibration_is_stored_is_discarded() {
     let mut module = Module::new();
     module.run(|run| assert!(run.fly(&hover()[..60]).is_none()));
-    module.stored.generations.current = Some(CalibrationRecord { sensor: SENSOR, ..record(1) });
+    module.stored.stored_calibrations.current = Some(CalibrationRecord { sensor: SENSOR, ..record(1) });
     module.run(|run| {
-        assert_eq!((run.compass.state(), run.report().progress.left.samples), (ModuleState::Calibrated, 0));
+        assert_eq!((run.compass.state(), run.report().progress.left_turns.samples), (ModuleState::Calibrated, 0));
         assert_eq!(run.compass.last_outcome(), None);
     });
 }
@@ -229,7 +230,7 @@ fn a_collection_lost_with_the_power_is_reported() {
         assert_eq!(run.compass.last_outcome(), Some(&Message::CollectionLost));
         assert_eq!(run.compass.indicator_state(), IndicatorState::Idle, "no trouble");
         run.detect_protocols(SILENT);
-        assert_eq!((run.stored.remembered, *run.writes), (StartupValues::NOTHING, 2));
+        assert_eq!((run.stored.startup_values, *run.writes), (StartupValues::DEFAULT, 2));
     });
     module.lose_power();
     module.run(|run| assert_eq!((run.compass.last_outcome(), *run.writes), (None, 2), "told once"));
@@ -252,7 +253,7 @@ fn a_damaged_collection_is_reported() {
     });
     damaged.run(|run| {
         assert_eq!(run.compass.last_outcome(), Some(&Message::CollectionLost));
-        assert_eq!(run.report().progress.left.samples, 0);
+        assert_eq!(run.report().progress.left_turns.samples, 0);
     });
     for _ in 0..3 {
         module.run(|run| assert_eq!(run.compass.last_outcome(), None));
@@ -289,7 +290,7 @@ fn detected_protocols_are_written_once() {
         *run.now = ms;
         run.detect_protocols(spoken);
         // The other port may be NMEA, or detecting in a firmware without NMEA.
-        let [found, _] = run.stored.remembered.detected_protocols;
+        let [found, _] = run.stored.startup_values.detected_protocols;
         (found, *run.writes)
     };
     let other = [ProtocolKind::Msp, ProtocolKind::Nmea];

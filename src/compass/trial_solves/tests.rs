@@ -15,7 +15,7 @@ use crate::frames::{Attitude, Field, Level};
 fn trial_times_in_turns() -> Vec<(f32, u8)> {
     let mut retained = RetainedSamples::EMPTY;
     let mut collector = Collector::new(&mut retained);
-    collector.begin(Procedure::Flight);
+    collector.begin_procedure(Procedure::Flight);
     let mut pace = TrialSchedule::NONE;
     let mut due = Vec::new();
     for tenths in 0..6000_u16 {

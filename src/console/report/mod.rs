@@ -60,7 +60,7 @@ pub fn reply(
         (Ok(Reply::Report(report)), Command::Status) => status(out, report, health),
         (Ok(Reply::Report(report)), Command::StatusAll) => full_status(out, report, health),
         (Ok(Reply::Report(report)), Command::CalShow) => calibration(out, report),
-        (Ok(Reply::Report(report)), _) => changed_state(out, command, report),
+        (Ok(Reply::Report(report)), _) => write_state_after_change(out, command, report),
         (Ok(Reply::Done(state)), _) => writeln!(out, "ok {}", state.name()),
         (Ok(Reply::Marked(number)), _) => writeln!(out, "ok mark {number}"),
         (Ok(Reply::Advice(advice)), _) => advise(out, advice),
@@ -77,7 +77,7 @@ pub fn write_notice(out: &mut impl Write, message: &Message) -> fmt::Result {
     writeln!(out, "note {message}")
 }
 
-fn changed_state(out: &mut impl Write, command: Command, report: &StatusReport) -> fmt::Result {
+fn write_state_after_change(out: &mut impl Write, command: Command, report: &StatusReport) -> fmt::Result {
     match (command, &report.stored_calibration) {
         (Command::Set(setting), _) => {
             out.write_str("ok ")?;

@@ -24,22 +24,22 @@ pub(super) fn status(out: &mut impl Write, report: &StatusReport, health: &Diagn
         (ModuleState::Collecting, _) if report.progress.procedure == Procedure::Flight => {
             write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)
         }
-        (ModuleState::Collecting, _) => collected(out, report),
+        (ModuleState::Collecting, _) => write_coverage(out, report),
         (_, None | Some(Message::Solved(Ok(_)))) => calibration_line(out, report),
         _ => last_outcome(out, report),
     }
 }
 
 /// Writes the progress of a collection.
-fn collected(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
+fn write_coverage(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     let progress = &report.progress;
-    let [left, right, level] = [&progress.left, &progress.right, &progress.level].map(|part| part.percent);
+    let [left, right, level] = [&progress.left_turns, &progress.right_turns, &progress.level].map(|part| part.percent);
     write!(out, "collecting: {}", progress.procedure.name())?;
     match progress.procedure {
         Procedure::Turns => writeln!(out, ", left {left} %, right {right} %, level {level} %"),
         Procedure::Level => writeln!(out, ", {level} %"),
         Procedure::Swing => writeln!(out, ", {} marks, level {level} %", progress.marks),
-        Procedure::Flight | Procedure::Tumble => writeln!(out, ", {} samples", progress.left.samples),
+        Procedure::Flight | Procedure::Tumble => writeln!(out, ", {} samples", progress.left_turns.samples),
     }
 }
 
@@ -138,8 +138,8 @@ fn progress(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     writeln!(out, "collection: {}{automatic_text}{waiting_text}", progress.procedure.name())?;
     match progress.procedure {
         Procedure::Turns => {
-            writeln!(out, "left: {}", CoverageText(&progress.left))?;
-            writeln!(out, "right: {}", CoverageText(&progress.right))?;
+            writeln!(out, "left: {}", CoverageText(&progress.left_turns))?;
+            writeln!(out, "right: {}", CoverageText(&progress.right_turns))?;
             writeln!(out, "level: {}", CoverageText(&progress.level))
         }
         Procedure::Level => writeln!(out, "level: {}", CoverageText(&progress.level)),
@@ -148,7 +148,7 @@ fn progress(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
             writeln!(out, "level: {}", CoverageText(&progress.level))
         }
         Procedure::Flight | Procedure::Tumble => {
-            let Coverage { samples, held_back, .. } = progress.left;
+            let Coverage { samples, held_back, .. } = progress.left_turns;
             writeln!(out, "attitudes: {samples} samples, {held_back} held back")
         }
     }

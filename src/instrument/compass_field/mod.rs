@@ -85,8 +85,11 @@ impl FieldMap {
 /// Duration of a blend at [`MAX_TURN_DEG_S`], seconds, in level flight.
 fn blend_duration_s(from: &FieldMap, to: &FieldMap, calibration: &Calibration, active: &ActiveCalibration) -> f32 {
     let Some(sensor_field) = to.inverse() else { return 0.0 };
-    let inclination_rad =
-        if active.base.has_valid_inclination { calibration.inclination_rad } else { DEFAULT_INCLINATION_RAD };
+    let inclination_rad = if active.stored_correction.has_valid_inclination {
+        calibration.inclination_rad
+    } else {
+        DEFAULT_INCLINATION_RAD
+    };
     let total_ut = calibration.total_ut * active.output_map.strength_ratio;
     let turn_rad = |heading: u8| {
         let heading_rad = TAU / f32::from(EVALUATED_HEADINGS) * f32::from(heading);
@@ -176,7 +179,7 @@ impl CompassField {
             return;
         }
         let now = self.last;
-        let is_in_air = after.base.is_armed.unwrap_or_else(|| !self.rest_detector.is_at_rest(now));
+        let is_in_air = after.stored_correction.is_armed.unwrap_or_else(|| !self.rest_detector.is_at_rest(now));
         self.blend = match (map_before, map_after, &after.adjusted) {
             (Some(before), Some(to), Some((calibration, _))) if is_in_air => {
                 let from = self.blended_map(now, before);

@@ -57,10 +57,10 @@ pub(super) struct MountRotation {
 
 impl MountRotation {
     pub fn new(states: &StateVector) -> Self {
-        Self::by(states[MOUNT_TURN])
+        Self::from_angle(states[MOUNT_TURN])
     }
 
-    pub fn by(turn_rad: f32) -> Self {
+    pub fn from_angle(turn_rad: f32) -> Self {
         let (sin, cos) = trig::sin_cos(turn_rad);
         Self { sin, cos }
     }
@@ -263,7 +263,7 @@ mod tests {
                 ..seen
             };
             let by_gyro_rad = found.heading_rad - at[GYRO_OFFSET] - at[ATTITUDE_LATENCY] * seen.motion.heading_rad_s;
-            let turning = GyroHeading { euler_rates: seen.motion, relative_heading_rad: by_gyro_rad, run: 0 };
+            let turning = GyroHeading { euler_rates: seen.motion, relative_heading_rad: by_gyro_rad, run_number: 0 };
             let measured = |states: &StateVector| {
                 let predicted_field =
                     PredictedField::new(states, found.inclination_rad - at[INCLINATION_CHANGE], Some(&turning));

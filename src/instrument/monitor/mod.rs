@@ -231,7 +231,8 @@ impl Monitor {
 
     /// Re-initialises the gyro heading offset after a gap or a restart of the integration.
     fn track_gyro_offset(&mut self, seen: &MonitorSample, turning: Option<GyroHeading>, step_s: f32) {
-        if let Some(turning) = turning.filter(|turning| self.gyro_run != Some(turning.run) || step_s > MAX_GAP_S) {
+        if let Some(turning) = turning.filter(|turning| self.gyro_run != Some(turning.run_number) || step_s > MAX_GAP_S)
+        {
             let measured = measurement_model::body_field(seen, self.filter.mean());
             let attitude = measurement_model::correct_attitude(seen.attitude, &seen.motion, self.filter.mean());
             let heading_rad = attitude.level(measured).heading_rad();
@@ -239,7 +240,7 @@ impl Monitor {
             self.filter.inflate_variance(GYRO_OFFSET, UNKNOWN_ANGLE_VARIANCE_RAD2);
             self.coordinated_turn = CoordinatedTurn::EMPTY;
         }
-        self.gyro_run = turning.map(|turning| turning.run);
+        self.gyro_run = turning.map(|turning| turning.run_number);
     }
 
     /// Updates with the measurements of strength, inclination and heading that pass the innovation gates. Returns the

@@ -58,7 +58,7 @@ impl TurnedMount {
             return None;
         }
         let body_iron = w * hard_iron;
-        let hard_iron_change = MountRotation::by(turn_rad).rotate_back(&body_iron) - body_iron;
+        let hard_iron_change = MountRotation::from_angle(turn_rad).rotate_back(&body_iron) - body_iron;
         Some(Self { turn_rad, hard_iron_change })
     }
 }

@@ -57,7 +57,7 @@ impl MonitorOutput {
             relative_heading_rad + self.states[GYRO_OFFSET] + self.states[ATTITUDE_LATENCY] * euler_rates.heading_rad_s;
         let innovation_rad = wrap_pi(heading.magnetic_rad - gyro_heading_rad);
         let variance_rad2 = heading.sigma_rad * heading.sigma_rad + offset_variance_rad2;
-        turning.run != run
+        turning.run_number != run
             || innovation_rad * innovation_rad <= READING_GATE_SIGMAS * READING_GATE_SIGMAS * variance_rad2
     }
 

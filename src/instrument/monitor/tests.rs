@@ -156,7 +156,7 @@ impl Flight {
         let turning = GyroHeading {
             euler_rates: motion,
             relative_heading_rad: wrap_pi(reported_heading_rad + self.gyro_rad),
-            run: 0,
+            run_number: 0,
         };
         let at = Timestamp::from_us(u64::from(self.samples) * 100_000);
         let sample = Sample {
@@ -617,7 +617,7 @@ fn a_heading_contradicted_by_the_gyro_is_withheld() {
     let adjustment = flight.monitor.output();
     let (run, offset_rad2) = adjustment.gyro_offset.unwrap();
     let motion = EulerRates { heading_rad_s: 0.3, ..EulerRates::default() };
-    let turning = GyroHeading { euler_rates: motion, relative_heading_rad: 1.0, run };
+    let turning = GyroHeading { euler_rates: motion, relative_heading_rad: 1.0, run_number: run };
     let by_gyro = 1.0 + adjustment.states[GYRO_OFFSET] + 0.3 * adjustment.states[ATTITUDE_LATENCY];
     let sigma_rad = 0.02;
     let limit = 4.5 * (sigma_rad * sigma_rad + offset_rad2).sqrt();
@@ -628,7 +628,7 @@ fn a_heading_contradicted_by_the_gyro_is_withheld() {
     for sign in [1.0, -1.0] {
         assert!(agrees(sign * 0.98 * limit, Some(&turning)) && !agrees(sign * 1.02 * limit, Some(&turning)));
     }
-    assert!(agrees(1.0, None) && agrees(1.0, Some(&GyroHeading { run: run.wrapping_add(1), ..turning })));
+    assert!(agrees(1.0, None) && agrees(1.0, Some(&GyroHeading { run_number: run.wrapping_add(1), ..turning })));
 }
 
 #[test]

@@ -167,7 +167,7 @@ impl SmootherState {
         Self {
             at,
             turned_rad: turning.relative_heading_rad,
-            gyro_run: turning.run,
+            gyro_run: turning.run_number,
             heading_rad: wrap_pi(heading_rad),
             bias_rad_s: 0.0,
             bias_variance: INITIAL_BIAS_VARIANCE,
@@ -187,7 +187,7 @@ impl SmootherState {
     /// Time update. `None` after a gap or a restart of the gyro's integration.
     fn predict(&mut self, at: Timestamp, turning: &GyroHeading, gyro: &HeadingRateError) -> Option<GyroStep> {
         let step_us = at.us_since(self.at);
-        if turning.run != self.gyro_run || step_us > MAX_GAP_US {
+        if turning.run_number != self.gyro_run || step_us > MAX_GAP_US {
             return None;
         }
         let step_s = step_us as f32 * 1e-6;

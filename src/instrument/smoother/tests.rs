@@ -71,7 +71,7 @@ impl Flight {
 
     fn turning(&self, rate_rad_s: f32) -> GyroHeading {
         let motion = EulerRates { heading_rad_s: (self.gyro)(rate_rad_s), ..EulerRates::default() };
-        GyroHeading { euler_rates: motion, relative_heading_rad: self.turned_rad, run: self.run }
+        GyroHeading { euler_rates: motion, relative_heading_rad: self.turned_rad, run_number: self.run }
     }
 
     fn raw(&self) -> Heading {

@@ -146,7 +146,7 @@ fn latency_is_applied_to_headings_and_not_to_samples() {
 #[test]
 fn alignment_is_added_to_the_heading_alone() {
     let mut instrument = calibrated();
-    let correction = Correction { align_deg: -30.0, ..instrument.active.base.clone() };
+    let correction = Correction { align_deg: -30.0, ..instrument.active.stored_correction.clone() };
     instrument.set_correction(correction);
     report(&mut instrument, 0, Attitude::default());
     let estimate = instrument.on_reading(at(0), reading(sensed(0.3, Attitude::default())));
@@ -558,7 +558,8 @@ fn a_coarse_source_is_frozen_when_the_field_turns() {
 fn with_unknown_inclination_any_inclination_is_accepted() {
     for (knows_inclination, heading) in [(true, false), (false, true)] {
         let mut instrument = calibrated();
-        let correction = Correction { has_valid_inclination: knows_inclination, ..instrument.active.base.clone() };
+        let correction =
+            Correction { has_valid_inclination: knows_inclination, ..instrument.active.stored_correction.clone() };
         instrument.set_correction(correction);
         report(&mut instrument, 0, Attitude::default());
         let steep = Field::new(Attitude::default().body(Field::earth(50.0, 1.4, 0.5)).ut);
@@ -595,7 +596,7 @@ fn turning(instrument: &mut Instrument, from_s: f32, seconds: f32, rate_scale: f
 #[test]
 fn a_source_with_rates_gives_a_smooth_heading() {
     let mut instrument = calibrated();
-    let correction = Correction { align_deg: -30.0, ..instrument.active.base.clone() };
+    let correction = Correction { align_deg: -30.0, ..instrument.active.stored_correction.clone() };
     instrument.set_correction(correction.clone());
     let first = turning(&mut instrument, 0.0, 2.0, 1.0);
     assert!(first.iter().all(|(_, estimate)| estimate.smoothed_heading.is_none() && estimate.heading.is_ok()));

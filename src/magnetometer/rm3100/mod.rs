@@ -34,7 +34,7 @@ const CYCLE_COUNTS: [u8; 6] = [0x00, 200, 0x00, 200, 0x00, 200];
 /// `TMRC`: 75 Hz.
 const RATE: u8 = 0x95;
 /// `CMM`: stopped.
-const STOPPED: u8 = 0x00;
+const CMM_STOPPED: u8 = 0x00;
 /// `CMM`: three axes, data ready after the last of them.
 const CONTINUOUS: u8 = 0b0111_1001;
 /// `POLL`: three axes.
@@ -67,7 +67,7 @@ impl<S: SpiDevice> Rm3100<S> {
 
     /// Stops continuous mode and waits for the end of a measurement: until then the chip refuses single ones.
     async fn stop(&mut self) -> Result<(), MagnetometerError<S::Error>> {
-        self.chip.write_registers(&[CMM, STOPPED]).await?;
+        self.chip.write_registers(&[CMM, CMM_STOPPED]).await?;
         Timer::after_micros(PERIOD_US.into()).await;
         self.discard_measurement().await
     }

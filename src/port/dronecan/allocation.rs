@@ -38,7 +38,7 @@ impl AllocationClient {
     /// Processes a step of any exchange on the bus; returns the granted number.
     pub fn receive(&mut self, at: Timestamp, source: Option<NodeId>, step: Allocation<'_>) -> Option<NodeId> {
         self.follow_up = None;
-        self.request_at = Some(self.after(at, REQUEST_DELAY_US));
+        self.request_at = Some(self.random_time_after(at, REQUEST_DELAY_US));
         let received = step.unique_id.len();
         if source.is_none() || received == 0 || !self.unique_id.starts_with(step.unique_id) {
             return None;
@@ -46,7 +46,7 @@ impl AllocationClient {
         if received == UNIQUE_ID_LENGTH {
             return step.node;
         }
-        self.follow_up = Some((self.after(at, FOLLOW_UP_DELAY_US), received));
+        self.follow_up = Some((self.random_time_after(at, FOLLOW_UP_DELAY_US), received));
         None
     }
 
@@ -60,13 +60,13 @@ impl AllocationClient {
         if request_at.is_some_and(|at| now < at) || self.follow_up.is_some() {
             return None;
         }
-        self.request_at = Some(self.after(now, REQUEST_DELAY_US));
+        self.request_at = Some(self.random_time_after(now, REQUEST_DELAY_US));
         let first = self.unique_id.get(..MAX_ID_PART_LENGTH).unwrap_or_default();
         request_at.map(|_| outbound::allocation(true, first))
     }
 
     /// Random time within a range after another. Xorshift (G. Marsaglia, J. Stat. Soft. 8, 2003).
-    fn after(&mut self, at: Timestamp, [least_us, spread_us]: [u64; 2]) -> Timestamp {
+    fn random_time_after(&mut self, at: Timestamp, [least_us, spread_us]: [u64; 2]) -> Timestamp {
         self.random ^= self.random << 13;
         self.random ^= self.random >> 17;
         self.random ^= self.random << 5;

@@ -13,7 +13,7 @@
 //! stops the field.
 
 mod allocation;
-mod log;
+mod log_message_queue;
 mod outbox;
 mod parameters;
 mod services;
@@ -22,7 +22,7 @@ mod status;
 mod tests;
 mod tunnel;
 mod update;
-mod vehicle;
+mod vehicle_reports;
 
 use super::{MessageSchedule, Protocol as _, ReceivedMessage, Snapshot};
 use crate::calibration::Calibration;
@@ -39,13 +39,13 @@ use crate::wire::dronecan::{
     CanFrame, DataType, FrameHeader, InboundMessage, InboundTransfer, NodeId, Receiver, priority,
 };
 use allocation::AllocationClient;
-use log::Log;
+use log_message_queue::LogMessageQueue;
 use outbox::Outbox;
-use services::{Services, Step};
+use services::{RequestStep, Services};
 use status::StatusMonitor;
 use tunnel::Tunnel;
 pub use update::{BOOT_LOADER_BYTES, FirmwareUpdate};
-use vehicle::Vehicle;
+use vehicle_reports::VehicleReports;
 
 /// Rate of NodeStatus, Hz.
 const STATUS_HZ: u8 = 1;
@@ -88,8 +88,8 @@ pub struct CanNode {
     outbox: Outbox,
     services: Services,
     status: StatusMonitor,
-    vehicle: Vehicle,
-    log: Log,
+    vehicle_reports: VehicleReports,
+    log: LogMessageQueue,
     tunnel: Tunnel,
     field: MessageSchedule,
     status_schedule: MessageSchedule,
@@ -111,8 +111,8 @@ impl CanNode {
             outbox: Outbox::default(),
             services: Services::default(),
             status: StatusMonitor::default(),
-            vehicle: Vehicle::default(),
-            log: Log::default(),
+            vehicle_reports: VehicleReports::default(),
+            log: LogMessageQueue::default(),
             tunnel: Tunnel::default(),
             field: MessageSchedule::new(),
             status_schedule: MessageSchedule::new(),
@@ -130,7 +130,7 @@ impl CanNode {
             self.on_conflict(at);
             return;
         }
-        let Self { receiver, services, vehicle, tunnel, allocation, .. } = self;
+        let Self { receiver, services, vehicle_reports, tunnel, allocation, .. } = self;
         let Some(transfer) = receiver.push(at, own, frame) else { return };
         self.received_transfers = self.received_transfers.wrapping_add(1);
         let InboundTransfer { source, message, .. } = transfer;
@@ -141,15 +141,17 @@ impl CanNode {
                 }
             }
             (InboundMessage::Targetted(piece), Some(own), _) if piece.target == own.get() => {
-                let has_battery = vehicle.has_battery(at);
+                let has_battery = vehicle_reports.has_battery(at);
                 tunnel.receive(at, &transfer, &piece, &mut |message| match message {
                     ReceivedMessage::Current(_) if has_battery => {}
                     message => deliver(message),
                 });
             }
-            (InboundMessage::ArmingStatus(is_armed), _, Some(source)) => vehicle.update_armed(at, source, is_armed),
+            (InboundMessage::ArmingStatus(is_armed), _, Some(source)) => {
+                vehicle_reports.update_armed(at, source, is_armed)
+            }
             (InboundMessage::Battery { battery, current_a: Some(current_a) }, _, Some(source))
-                if vehicle.accept_battery(at, source, battery) =>
+                if vehicle_reports.accept_battery(at, source, battery) =>
             {
                 deliver(ReceivedMessage::Current(current_a));
             }
@@ -222,7 +224,7 @@ impl CanNode {
     /// Whether the vehicle is armed, if another node has reported that recently; `armed` of either report counts.
     #[must_use]
     pub fn is_armed(&self, now: Timestamp) -> Option<bool> {
-        match (self.vehicle.is_armed(now), self.tunnel.mavlink.is_armed(now)) {
+        match (self.vehicle_reports.is_armed(now), self.tunnel.mavlink.is_armed(now)) {
             (Some(one), Some(two)) => Some(one || two),
             (known, None) | (None, known) => known,
         }
@@ -316,10 +318,10 @@ impl CanNode {
         };
         loop {
             match services.step(snapshot.now, stored_settings, *is_armed, describe) {
-                Step::Execute(command) => return Some(command),
-                Step::Respond(response) if outbox.send(snapshot.now, Some(own), &response) => services.pop(),
+                RequestStep::Execute(command) => return Some(command),
+                RequestStep::Respond(response) if outbox.send(snapshot.now, Some(own), &response) => services.pop(),
                 // If the queue is full, the response is made again later.
-                Step::Respond(_) | Step::Idle => return None,
+                RequestStep::Respond(_) | RequestStep::Idle => return None,
             }
         }
     }

@@ -43,7 +43,7 @@ pub(super) struct Outbox {
 impl Outbox {
     /// Queues a transfer; returns whether there was room.
     pub fn send(&mut self, now: Timestamp, source: Option<NodeId>, transfer: &OutboundTransfer) -> bool {
-        self.begin(now);
+        self.start_progress_timeout(now);
         if self.frames.len() + transfer.frame_count() > CAPACITY_FRAMES {
             return false;
         }
@@ -74,7 +74,7 @@ impl Outbox {
 
     /// Queues a field, in place of one of which no frame was sent.
     pub fn send_field(&mut self, now: Timestamp, source: NodeId, priority: u8, payload: Payload) {
-        self.begin(now);
+        self.start_progress_timeout(now);
         if !self.field.is_empty() {
             self.lost = self.lost.wrapping_add(1);
             if self.is_first_field_frame_sent {
@@ -126,7 +126,7 @@ impl Outbox {
         self.frames.len() + MAX_FRAMES_PER_TEXT <= CAPACITY_FRAMES
     }
 
-    fn begin(&mut self, now: Timestamp) {
+    fn start_progress_timeout(&mut self, now: Timestamp) {
         if self.front().is_none() {
             self.progress_at = now;
         }

@@ -6,10 +6,10 @@ use crate::wire::dronecan::{GetSet, Payload, Value, outbound};
 use crate::wire::mavlink::key_from_passphrase;
 
 /// Word that removes the key of signatures; the value without a key.
-const NO_KEY: &str = "off";
+const NO_KEY_TEXT: &str = "off";
 
 /// Parameter of a request: by its name, otherwise by its position.
-pub(super) fn requested(request: &GetSet<'_>) -> Option<&'static Parameter> {
+pub(super) fn requested_parameter(request: &GetSet<'_>) -> Option<&'static Parameter> {
     if request.name.is_empty() {
         return PARAMETERS.get(usize::from(request.index));
     }
@@ -25,7 +25,7 @@ pub(super) fn requested_value(parameter: &Parameter, value: Value<'_>) -> Option
         (ParameterValue::Number(_), Value::Integer(number)) => Some(ParameterValue::Number(number as f32)),
         (ParameterValue::Key(_), Value::Text(word)) => {
             let word = core::str::from_utf8(word).ok().filter(|word| !word.is_empty())?;
-            let key = (!word.eq_ignore_ascii_case(NO_KEY)).then(|| key_from_passphrase(word));
+            let key = (!word.eq_ignore_ascii_case(NO_KEY_TEXT)).then(|| key_from_passphrase(word));
             Some(ParameterValue::Key(key))
         }
         _ => None,
@@ -51,6 +51,6 @@ fn to_value(value: ParameterValue) -> Value<'static> {
     match value {
         ParameterValue::Whole(number) => Value::Integer(number.into()),
         ParameterValue::Number(number) => Value::Real(number),
-        ParameterValue::Key(key) => Value::Text(key.map_or(NO_KEY, |_| "on").as_bytes()),
+        ParameterValue::Key(key) => Value::Text(key.map_or(NO_KEY_TEXT, |_| "on").as_bytes()),
     }
 }

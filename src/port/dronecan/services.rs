@@ -15,7 +15,7 @@ use crate::wire::dronecan::{
 
 /// Capacity of the queue, requests. While the queue is full, further ones are not answered, and their senders repeat
 /// them.
-const WAITING: usize = 4;
+const REQUEST_CAPACITY: usize = 4;
 
 /// Timeout of a command, microseconds: longer than any save.
 const RESULT_TIMEOUT_US: u64 = 2_000_000;
@@ -66,7 +66,7 @@ struct OpenCommand {
 }
 
 /// Next step with the oldest request.
-pub(super) enum Step {
+pub(super) enum RequestStep {
     /// No request to answer.
     Idle,
     /// Send a response, then call [`Services::pop`].
@@ -78,7 +78,7 @@ pub(super) enum Step {
 /// Queue of requests.
 #[derive(Debug, Default)]
 pub(super) struct Services {
-    waiting: heapless::Deque<(Requester, Request), WAITING>,
+    waiting: heapless::Deque<(Requester, Request), REQUEST_CAPACITY>,
     open: Option<OpenCommand>,
     /// Request of an executed command, and its result, which is sent before all others.
     finished: Option<(Requester, Request, Result<(), &'static str>)>,
@@ -96,7 +96,7 @@ impl Services {
             InboundMessage::GetNodeInfo => Request::GetNodeInfo,
             InboundMessage::GetTransportStats => Request::GetTransportStats,
             InboundMessage::GetSet(request) => {
-                let parameter = parameters::requested(&request);
+                let parameter = parameters::requested_parameter(&request);
                 let value = parameter.and_then(|parameter| parameters::requested_value(parameter, request.value));
                 Request::Parameter { parameter, value }
             }
@@ -135,21 +135,21 @@ impl Services {
         settings: &Settings,
         is_armed: bool,
         describe: impl Fn(DataType) -> Payload,
-    ) -> Step {
+    ) -> RequestStep {
         if self.open.is_some_and(|open| now.us_since(open.at) > RESULT_TIMEOUT_US) {
             self.finish(Err("timeout"));
         }
         if let Some((requester, request, result)) = self.finished {
-            return Step::Respond(requester.response(result_of(request, result, settings)));
+            return RequestStep::Respond(requester.response(result_of(request, result, settings)));
         }
-        let Some((requester, request)) = self.waiting.front().copied() else { return Step::Idle };
-        match self.decide(request, settings, is_armed, describe) {
-            Decision::Answer(data_type, payload) => Step::Respond(requester.response((data_type, payload))),
-            Decision::Execute(_) if self.open.is_some() => Step::Idle,
+        let Some((requester, request)) = self.waiting.front().copied() else { return RequestStep::Idle };
+        match self.next_step(request, settings, is_armed, describe) {
+            Decision::Answer(data_type, payload) => RequestStep::Respond(requester.response((data_type, payload))),
+            Decision::Execute(_) if self.open.is_some() => RequestStep::Idle,
             Decision::Execute(command) => {
                 self.waiting.pop_front();
                 self.open = Some(OpenCommand { at: now, command, requester, request });
-                Step::Execute(command)
+                RequestStep::Execute(command)
             }
         }
     }
@@ -180,7 +180,7 @@ impl Services {
         self.granted.as_ref()
     }
 
-    fn decide(
+    fn next_step(
         &mut self,
         request: Request,
         settings: &Settings,

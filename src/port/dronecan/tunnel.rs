@@ -13,7 +13,7 @@ const TARGETTED_OPTIONS: u8 = 0;
 
 /// Node at the other end, and its serial line.
 #[derive(Clone, Copy, Debug)]
-struct Peer {
+struct TunnelPeer {
     node: NodeId,
     protocol: u8,
     serial: i8,
@@ -27,7 +27,7 @@ struct Peer {
 pub(super) struct Tunnel {
     pub mavlink: Mavlink,
     output: TransmitBuffer,
-    peer: Option<Peer>,
+    peer: Option<TunnelPeer>,
 }
 
 impl Tunnel {
@@ -44,13 +44,13 @@ impl Tunnel {
             return;
         }
         let active = self.peer.filter(|peer| at.us_since(peer.last) <= TUNNEL_RELEASE_US);
-        let is_other = |peer: Peer| (peer.node, peer.serial) != (node, piece.serial);
-        let is_repeated = |peer: Peer| peer.transfer_id == transfer.transfer_id;
+        let is_other = |peer: TunnelPeer| (peer.node, peer.serial) != (node, piece.serial);
+        let is_repeated = |peer: TunnelPeer| peer.transfer_id == transfer.transfer_id;
         if active.is_some_and(|peer| is_other(peer) || is_repeated(peer)) {
             return;
         }
         let Targetted { protocol, serial, baud, .. } = *piece;
-        self.peer = Some(Peer { node, protocol, serial, baud, last: at, transfer_id: transfer.transfer_id });
+        self.peer = Some(TunnelPeer { node, protocol, serial, baud, last: at, transfer_id: transfer.transfer_id });
         for &byte in piece.data {
             if let Some(message) = self.mavlink.process_byte(at, byte) {
                 deliver(message);
@@ -69,7 +69,7 @@ impl Tunnel {
 
     /// Next piece of the output, and its length.
     pub fn next_piece(&self) -> Option<(Payload, usize)> {
-        let Peer { node, protocol, serial, baud, .. } = self.peer?;
+        let TunnelPeer { node, protocol, serial, baud, .. } = self.peer?;
         let pending = self.output.pending();
         let data = pending.get(..Targetted::LENGTH).unwrap_or(pending);
         let piece = Targetted { protocol, target: node.get(), serial, options: TARGETTED_OPTIONS, baud, data };

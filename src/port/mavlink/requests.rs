@@ -77,7 +77,7 @@ impl RequestSequence {
     /// Records an attitude report of the selected sender.
     pub fn on_attitude(&mut self, at: Timestamp, sender_time: WrappingMillis) {
         if self.last.is_some_and(|(_, before)| before.signed_ms_since(sender_time) > MIN_RESTART_STEP_MS) {
-            self.begin(at);
+            self.begin_requests(at);
         }
         self.reports = self.reports.saturating_add(1);
         self.last = Some((at, sender_time));
@@ -110,7 +110,7 @@ impl RequestSequence {
     ) -> bool {
         if (self.autopilot, self.max_attitude_hz) != (Some(autopilot), max_attitude_hz) {
             *self = Self { autopilot: Some(autopilot), max_attitude_hz, ..Self::default() };
-            self.begin(now);
+            self.begin_requests(now);
         }
         let is_sent = self
             .due_request(now)
@@ -123,7 +123,7 @@ impl RequestSequence {
     }
 
     /// Measures the rate of the attitude, then requests everything.
-    fn begin(&mut self, now: Timestamp) {
+    fn begin_requests(&mut self, now: Timestamp) {
         let is_allowed = |request: &MessageRequest| match request {
             MessageRequest::Attitude(rate_hz) => *rate_hz <= self.max_attitude_hz,
             MessageRequest::Stream(_) | MessageRequest::Message(..) => true,
@@ -146,7 +146,7 @@ impl RequestSequence {
         if periodic_request.is_none() {
             let heard_us = self.last.map_or(elapsed_us, |(at, _)| now.us_since(at));
             if heard_us > ATTITUDE_TIMEOUT_US {
-                self.begin(now);
+                self.begin_requests(now);
             }
         }
         if elapsed_us < REPLY_TIMEOUT_US {

@@ -15,7 +15,7 @@ pub(super) fn own_address(autopilot: SenderId) -> Address {
 /// Numbers messages and appends them to an output.
 pub(in crate::port) struct Transmitter<'a> {
     pub out: &'a mut TransmitBuffer,
-    pub own: Address,
+    pub own_address: Address,
     pub sequence: &'a mut u8,
     pub signatures: &'a mut Signatures,
 }
@@ -28,13 +28,13 @@ impl<'a> Transmitter<'a> {
         sequence: &'a mut u8,
         signatures: &'a mut Signatures,
     ) -> Self {
-        Self { out, own: own_address(autopilot), sequence, signatures }
+        Self { out, own_address: own_address(autopilot), sequence, signatures }
     }
 
     /// Appends a message; returns whether there was room. Only appended messages take a sequence number, so that a gap
     /// means a loss on the line.
     pub fn send(&mut self, message: OutboundMessage) -> bool {
-        let fits = self.out.append(&[&message.frame(self.own, *self.sequence, self.signatures)]);
+        let fits = self.out.append(&[&message.frame(self.own_address, *self.sequence, self.signatures)]);
         *self.sequence = self.sequence.wrapping_add(u8::from(fits));
         fits
     }

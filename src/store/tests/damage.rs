@@ -7,10 +7,10 @@ use super::*;
 /// Flash with two accepted calibrations, then saved settings.
 fn stored() -> Flash {
     let mut flash = Flash::new(PAGES);
-    let first = Generations { current: Some(record(1)), previous: None };
+    let first = StoredCalibrations { current: Some(record(1)), previous: None };
     save_change(&mut flash, StoreChange::Settings(&Settings { stream_rate_hz: 5, ..settings() })).unwrap();
     save_change(&mut flash, change(&first)).unwrap();
-    save_change(&mut flash, change(&Generations { current: Some(record(2)), previous: first.current })).unwrap();
+    save_change(&mut flash, change(&StoredCalibrations { current: Some(record(2)), previous: first.current })).unwrap();
     save_change(&mut flash, StoreChange::Settings(&settings())).unwrap();
     flash
 }
@@ -36,12 +36,16 @@ fn one_damaged_page_never_loses_both_calibrations() {
                 let mut damaged = flash.clone();
                 put(&mut damaged, page, &damage);
                 let Loaded { stored, error } = load_readable(&mut damaged);
-                let Generations { current, previous } = stored.generations;
+                let StoredCalibrations { current, previous } = stored.stored_calibrations;
                 assert!(current.is_some() || previous.is_some(), "{case}");
                 assert_eq!(error.is_some(), current.is_none() || previous.is_none(), "{case}");
                 assert!(stored.settings == whole.settings || stored.settings.stream_rate_hz == 5, "{case}");
                 save(&mut damaged, 99).unwrap();
-                assert_eq!(load(&mut damaged), Ok(StoredValues { generations: generations(99), ..stored }), "{case}");
+                assert_eq!(
+                    load(&mut damaged),
+                    Ok(StoredValues { stored_calibrations: stored_calibrations(99), ..stored }),
+                    "{case}"
+                );
             }
         }
     }
@@ -53,11 +57,11 @@ fn the_previous_calibration_replaces_a_damaged_one() {
     put(&mut flash, 2, &[0; PAGE]);
     let Loaded { stored, error } = load_readable(&mut flash);
     assert_eq!(error, Some(StoreError::Corrupt));
-    assert_eq!(stored.generations, Generations { current: None, previous: Some(record(1)) });
+    assert_eq!(stored.stored_calibrations, StoredCalibrations { current: None, previous: Some(record(1)) });
     // A save of settings keeps the damage visible.
     save_change(&mut flash, StoreChange::Settings(&settings())).unwrap();
     assert_eq!(load(&mut flash), Err(StoreError::Corrupt));
-    let undone = Generations { current: stored.generations.previous, previous: None };
+    let undone = StoredCalibrations { current: stored.stored_calibrations.previous, previous: None };
     save_change(&mut flash, change(&undone)).unwrap();
     assert_eq!(load_generations(&mut flash), Ok(undone));
 }
@@ -68,7 +72,7 @@ fn a_slot_with_another_calibration_is_damaged() {
     let mut flash = flash_after(1);
     put(&mut flash, 0, &item_of(&record(7)));
     let Loaded { stored, error } = load_readable(&mut flash);
-    assert_eq!((stored.generations.current, error), (None, Some(StoreError::Corrupt)));
+    assert_eq!((stored.stored_calibrations.current, error), (None, Some(StoreError::Corrupt)));
 }
 
 #[test]
@@ -81,7 +85,10 @@ fn damaged_states_are_reported_and_replaced() {
             put(&mut flash, page, &with_crc(item.clone()));
             assert_eq!(load(&mut flash), Err(StoreError::Corrupt));
             save(&mut flash, 5).unwrap();
-            assert_eq!(load(&mut flash), Ok(StoredValues { generations: generations(5), ..StoredValues::default() }));
+            assert_eq!(
+                load(&mut flash),
+                Ok(StoredValues { stored_calibrations: stored_calibrations(5), ..StoredValues::default() })
+            );
         }
     }
     let mut flash = flash_after(3);
@@ -103,7 +110,7 @@ fn random_flash_content_allows_later_saves() {
         }
         let _ = load(&mut flash);
         save(&mut flash, 77).unwrap_or_else(|error| panic!("seed {seed}: {error:?}"));
-        assert_eq!(load_generations(&mut flash), Ok(generations(77)), "seed {seed}");
+        assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(77)), "seed {seed}");
     }
 }
 
@@ -117,8 +124,10 @@ fn damage_never_invents_a_calibration() {
         }
         let mut damaged = flash.clone();
         damaged.bytes[position] ^= 0x5A;
-        let Loaded { stored: StoredValues { generations: Generations { current, previous }, .. }, error } =
-            load_readable(&mut damaged);
+        let Loaded {
+            stored: StoredValues { stored_calibrations: StoredCalibrations { current, previous }, .. },
+            error,
+        } = load_readable(&mut damaged);
         assert!(stored.contains(&current) && stored.contains(&previous), "byte {position}");
         assert!(error.is_some() || (current.is_some() && previous.is_some()), "byte {position}");
     }

@@ -38,14 +38,14 @@ fn an_unreadable_page_is_reported_and_the_others_are_loaded() {
     assert_eq!(load(&mut flash), Err(StoreError::Flash));
     // The second page for states is unreadable; the first state remains valid.
     flash.unreadable = Some((page_bytes(5), usize::MAX));
-    assert_eq!(load_generations(&mut flash), Ok(generations(1)));
+    assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(1)));
     flash.unreadable = Some((page_bytes(4), usize::MAX));
-    assert_eq!(load_generations(&mut flash), Ok(generations(2)));
+    assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(2)));
     // The first save wrote calibrations 1 and 0 to the first two slots, the second wrote calibration 2 to the third.
     flash.unreadable = Some((page_bytes(2), usize::MAX));
     let Loaded { stored, error } = load_readable(&mut flash);
-    let only_previous = Generations { current: None, ..generations(2) };
-    assert_eq!((stored.generations, error), (only_previous, Some(StoreError::Flash)));
+    let only_previous = StoredCalibrations { current: None, ..stored_calibrations(2) };
+    assert_eq!((stored.stored_calibrations, error), (only_previous, Some(StoreError::Flash)));
     let mut empty = Flash::new(PAGES);
     empty.unreadable = Some((page_bytes(7), usize::MAX));
     assert_eq!(load(&mut empty), Err(StoreError::Flash), "that page may hold the only state");
@@ -60,7 +60,7 @@ fn bytes_that_read_back_differently_are_reported() {
             let mut flash = flash_after(saves);
             flash.silent_fault = Some(fault);
             assert_eq!(save(&mut flash, 99), Err(StoreError::Verify), "{fault:?} after {saves}");
-            let old = if saves == 0 { Generations::default() } else { generations(saves) };
+            let old = if saves == 0 { StoredCalibrations::default() } else { stored_calibrations(saves) };
             assert_eq!(load_generations(&mut flash.power_on()), Ok(old), "{fault:?} after {saves}");
         }
     }

@@ -22,7 +22,7 @@ fn state() -> StoredState {
         current: Some(SlotReference { slot: 2, crc: 0x1234_5678 }),
         previous: None,
         settings,
-        remembered: StartupValues {
+        startup_values: StartupValues {
             is_collecting: true,
             detected_protocols: [ProtocolKind::Mavlink, ProtocolKind::Auto],
         },
@@ -121,9 +121,9 @@ fn a_store_of_the_first_release_is_loaded() {
     let crc = u32::from_le_bytes(bytes_of("0acbef1b").try_into().unwrap());
     put(&mut flash, 3, &pinned_calibration());
     put(&mut flash, 5, &item_of(&StoredState { current: Some(SlotReference { slot: 3, crc }), ..state() }));
-    let generations = Generations { current: Some(calibration()), previous: None };
-    let StoredState { settings, remembered, .. } = state();
-    assert_eq!(load(&mut flash), Ok(StoredValues { settings, generations, remembered }));
+    let stored_calibrations = StoredCalibrations { current: Some(calibration()), previous: None };
+    let StoredState { settings, startup_values, .. } = state();
+    assert_eq!(load(&mut flash), Ok(StoredValues { settings, stored_calibrations, startup_values }));
 }
 
 fn field(tag: u8, value: &[u8]) -> Vec<u8> {

@@ -51,12 +51,15 @@ pub(crate) fn record(serial: u32) -> CalibrationRecord {
     CalibrationRecord { calibration, quality, uncertainty, sensor, mount: Orientation::NONE, serial }
 }
 
-fn generations(serial: u32) -> Generations {
-    Generations { current: Some(record(serial)), previous: Some(record(serial.wrapping_sub(1))) }
+fn stored_calibrations(serial: u32) -> StoredCalibrations {
+    StoredCalibrations { current: Some(record(serial)), previous: Some(record(serial.wrapping_sub(1))) }
 }
 
-fn change(generations: &Generations) -> StoreChange<'_> {
-    StoreChange::Generations { current: generations.current.as_ref(), previous: generations.previous.as_ref() }
+fn change(stored_calibrations: &StoredCalibrations) -> StoreChange<'_> {
+    StoreChange::StoredCalibrations {
+        current: stored_calibrations.current.as_ref(),
+        previous: stored_calibrations.previous.as_ref(),
+    }
 }
 
 pub(super) fn settings() -> Settings {
@@ -102,7 +105,7 @@ fn flash_after(saves: u32) -> Flash {
 
 /// Saves with a newly created store.
 fn save(flash: &mut Flash, serial: u32) -> Result<(), StoreError> {
-    save_change(flash, change(&generations(serial)))
+    save_change(flash, change(&stored_calibrations(serial)))
 }
 
 fn save_change(flash: &mut Flash, change: StoreChange<'_>) -> Result<(), StoreError> {
@@ -119,8 +122,8 @@ fn load_readable(flash: &mut Flash) -> Loaded {
     block_on(Store::new(flash, REGION).load())
 }
 
-fn load_generations(flash: &mut Flash) -> Result<Generations, StoreError> {
-    load(flash).map(|stored| stored.generations)
+fn load_generations(flash: &mut Flash) -> Result<StoredCalibrations, StoreError> {
+    load(flash).map(|stored| stored.stored_calibrations)
 }
 
 #[test]
@@ -135,23 +138,35 @@ fn settings_and_calibrations_do_not_disturb_each_other() {
     save_change(&mut flash, StoreChange::Settings(&settings())).unwrap();
     assert_eq!(
         load(&mut flash),
-        Ok(StoredValues { settings: settings(), generations: generations(5), ..StoredValues::default() })
+        Ok(StoredValues {
+            settings: settings(),
+            stored_calibrations: stored_calibrations(5),
+            ..StoredValues::default()
+        })
     );
     save(&mut flash, 6).unwrap();
     assert_eq!(
         load(&mut flash),
-        Ok(StoredValues { settings: settings(), generations: generations(6), ..StoredValues::default() })
+        Ok(StoredValues {
+            settings: settings(),
+            stored_calibrations: stored_calibrations(6),
+            ..StoredValues::default()
+        })
     );
-    let only_current = Generations { previous: None, ..generations(7) };
+    let only_current = StoredCalibrations { previous: None, ..stored_calibrations(7) };
     save_change(&mut flash, change(&only_current)).unwrap();
     assert_eq!(
         load(&mut flash),
-        Ok(StoredValues { settings: settings(), generations: only_current, ..StoredValues::default() })
+        Ok(StoredValues { settings: settings(), stored_calibrations: only_current, ..StoredValues::default() })
     );
     save_change(&mut flash, StoreChange::Clear).unwrap();
     assert_eq!(
         load(&mut flash),
-        Ok(StoredValues { settings: settings(), generations: Generations::default(), ..StoredValues::default() })
+        Ok(StoredValues {
+            settings: settings(),
+            stored_calibrations: StoredCalibrations::default(),
+            ..StoredValues::default()
+        })
     );
 }
 
@@ -161,7 +176,7 @@ fn each_of_25_saves_is_loaded_again() {
     let mut flash = Flash::new(PAGES);
     for serial in 1..=25 {
         save(&mut flash, serial).unwrap();
-        assert_eq!(load_generations(&mut flash), Ok(generations(serial)));
+        assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(serial)));
     }
 }
 
@@ -177,14 +192,14 @@ fn an_accepted_calibration_writes_a_free_slot_and_a_state() {
         // Without the new state, the previous generations are loaded.
         let mut undone = flash.clone();
         put(&mut undone, state, &[]);
-        assert_eq!(load_generations(&mut undone), Ok(generations(serial - 1)));
+        assert_eq!(load_generations(&mut undone), Ok(stored_calibrations(serial - 1)));
     }
 }
 
 #[test]
 fn undo_clear_and_settings_write_a_state_alone() {
-    let Generations { current, previous } = generations(3);
-    let undone = Generations { current: previous, previous: current };
+    let StoredCalibrations { current, previous } = stored_calibrations(3);
+    let undone = StoredCalibrations { current: previous, previous: current };
     for change in [change(&undone), StoreChange::Clear, StoreChange::Settings(&settings())] {
         let mut flash = flash_after(3);
         let before = flash.clone();
@@ -211,13 +226,13 @@ fn only_the_region_is_touched() {
     flash.bytes.fill(0x5A);
     let region = PAGE as u32..(7 * PAGE) as u32;
     for serial in 1..=12 {
-        block_on(Store::new(&mut flash, region.clone()).save(change(&generations(serial)))).unwrap();
+        block_on(Store::new(&mut flash, region.clone()).save(change(&stored_calibrations(serial)))).unwrap();
     }
     let untouched = |page: usize| flash.bytes[page * PAGE..(page + 1) * PAGE].iter().all(|&byte| byte == 0x5A);
     let pages: Vec<bool> = (0..PAGES).map(untouched).collect();
     assert_eq!(pages, [true, false, false, false, false, false, false, true]);
     let found = block_on(Store::new(&mut flash, region).load());
-    assert_eq!((found.stored.generations, found.error), (generations(12), None));
+    assert_eq!((found.stored.stored_calibrations, found.error), (stored_calibrations(12), None));
 }
 
 #[test]
@@ -228,29 +243,30 @@ fn a_region_that_is_too_small_is_refused() {
 
 #[test]
 fn a_stored_calibration_clears_the_collecting_flag() {
-    let remembered = StartupValues { is_collecting: true, detected_protocols: [ProtocolKind::Msp, ProtocolKind::Auto] };
-    let none = StoreChange::Generations { current: None, previous: None };
+    let startup_values =
+        StartupValues { is_collecting: true, detected_protocols: [ProtocolKind::Msp, ProtocolKind::Auto] };
+    let none = StoreChange::StoredCalibrations { current: None, previous: None };
     for (change, is_collecting) in
         [(StoreChange::Settings(&settings()), true), (none, false), (StoreChange::Clear, false)]
     {
         let mut flash = flash_after(1);
-        save_change(&mut flash, StoreChange::Remembered(remembered)).unwrap();
-        assert_eq!(load(&mut flash).unwrap().remembered, remembered);
+        save_change(&mut flash, StoreChange::StartupValues(startup_values)).unwrap();
+        assert_eq!(load(&mut flash).unwrap().startup_values, startup_values);
         save_change(&mut flash, change).unwrap();
-        assert_eq!(load(&mut flash).unwrap().remembered, StartupValues { is_collecting, ..remembered });
+        assert_eq!(load(&mut flash).unwrap().startup_values, StartupValues { is_collecting, ..startup_values });
     }
 }
 
 #[test]
 fn undo_twice_is_redo() {
-    let mut generations = Generations::default();
-    generations.push(&record(1));
-    generations.push(&record(2));
-    let before = generations;
-    generations.undo();
-    assert_eq!(generations, Generations { current: Some(record(1)), previous: Some(record(2)) });
-    generations.undo();
-    assert_eq!(generations, before);
-    generations.clear();
-    assert_eq!(generations, Generations::default());
+    let mut stored_calibrations = StoredCalibrations::default();
+    stored_calibrations.push(&record(1));
+    stored_calibrations.push(&record(2));
+    let before = stored_calibrations;
+    stored_calibrations.undo();
+    assert_eq!(stored_calibrations, StoredCalibrations { current: Some(record(1)), previous: Some(record(2)) });
+    stored_calibrations.undo();
+    assert_eq!(stored_calibrations, before);
+    stored_calibrations.clear();
+    assert_eq!(stored_calibrations, StoredCalibrations::default());
 }

@@ -66,9 +66,9 @@ fn another_format_is_reported_and_left_untouched() {
         let mut copy = flash.clone();
         let error = StoreError::OtherFormat(format);
         assert_eq!(load_readable(&mut copy), Loaded { stored: StoredValues::default(), error: Some(error) }, "{case}");
-        let nothing = StoreChange::Generations { current: None, previous: None };
-        let remembered = StoreChange::Remembered(StartupValues::NOTHING);
-        for change in [StoreChange::Settings(&settings()), change(&generations(8)), nothing, remembered] {
+        let nothing = StoreChange::StoredCalibrations { current: None, previous: None };
+        let startup_values = StoreChange::StartupValues(StartupValues::DEFAULT);
+        for change in [StoreChange::Settings(&settings()), change(&stored_calibrations(8)), nothing, startup_values] {
             assert_eq!(save_change(&mut copy, change), Err(error), "{case}");
         }
         assert_eq!((copy.operations, &copy.bytes), (0, &flash.bytes), "{case}");
@@ -92,7 +92,7 @@ fn clear_replaces_another_format() {
         assert_eq!(load(&mut flash), Ok(StoredValues::default()), "{case}");
         for serial in 1..=4 {
             save(&mut flash, serial).unwrap();
-            assert_eq!(load_generations(&mut flash), Ok(generations(serial)), "{case}");
+            assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(serial)), "{case}");
         }
     }
 }

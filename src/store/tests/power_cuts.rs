@@ -17,13 +17,13 @@ fn power_cuts_anywhere_leave_old_or_new() {
     let mut cases = 0;
     for saves in 0..11 {
         let start = flash_after(saves);
-        let old = if saves == 0 { Generations::default() } else { generations(saves) };
+        let old = if saves == 0 { StoredCalibrations::default() } else { stored_calibrations(saves) };
         for (first, first_cut) in cuts(&start, saves + 1) {
             let mut flash = start.cut_at(first, first_cut);
             save(&mut flash, saves + 1).unwrap_err();
             let mut once = flash.power_on();
             let case = format!("{saves} saves, {first_cut:?} at {first}");
-            let between = one_of(&mut once, &[old, generations(saves + 1)], &case);
+            let between = one_of(&mut once, &[old, stored_calibrations(saves + 1)], &case);
             let all: Vec<_> = cuts(&once, saves + 2).collect();
             for _ in 0..SECOND_CUTS {
                 let (second, second_cut) = all[random.bits() as usize % all.len()];
@@ -31,9 +31,9 @@ fn power_cuts_anywhere_leave_old_or_new() {
                 let case = format!("{case}, {second_cut:?} at {second}");
                 save(&mut flash, saves + 2).unwrap_err();
                 let mut flash = flash.power_on();
-                one_of(&mut flash, &[between, generations(saves + 2)], &case);
+                one_of(&mut flash, &[between, stored_calibrations(saves + 2)], &case);
                 save(&mut flash, 1000).unwrap_or_else(|error| panic!("{case}: {error:?}"));
-                assert_eq!(load_generations(&mut flash), Ok(generations(1000)), "{case}");
+                assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(1000)), "{case}");
                 cases += 1;
             }
         }
@@ -45,10 +45,10 @@ fn power_cuts_anywhere_leave_old_or_new() {
 /// Every kind of change, cut at every operation; a retry succeeds.
 #[test]
 fn a_power_cut_during_any_change_leaves_the_old_or_new_values() {
-    let remembered =
+    let startup_values =
         StartupValues { is_collecting: true, detected_protocols: [ProtocolKind::Mavlink, ProtocolKind::Auto] };
-    let Generations { current, previous } = generations(9);
-    let undone = Generations { current: previous, previous: current };
+    let StoredCalibrations { current, previous } = stored_calibrations(9);
+    let undone = StoredCalibrations { current: previous, previous: current };
     for saves in 0..6 {
         let mut start = Flash::new(PAGES);
         for serial in 0..saves {
@@ -58,10 +58,10 @@ fn a_power_cut_during_any_change_leaves_the_old_or_new_values() {
         save(&mut start, 9).unwrap();
         for change in [
             StoreChange::Settings(&settings()),
-            StoreChange::Remembered(remembered),
+            StoreChange::StartupValues(startup_values),
             StoreChange::Clear,
             change(&undone),
-            change(&generations(10)),
+            change(&stored_calibrations(10)),
         ] {
             let old = load(&mut start).unwrap();
             let mut complete = start.power_on();
@@ -83,7 +83,7 @@ fn a_power_cut_during_any_change_leaves_the_old_or_new_values() {
 }
 
 /// Loads the generations and asserts that they are among `allowed`.
-fn one_of(flash: &mut Flash, allowed: &[Generations], case: &str) -> Generations {
+fn one_of(flash: &mut Flash, allowed: &[StoredCalibrations], case: &str) -> StoredCalibrations {
     let found = load_generations(flash).unwrap_or_else(|error| panic!("{case}: {error:?}"));
     assert!(allowed.contains(&found), "{case}: {found:?}");
     found

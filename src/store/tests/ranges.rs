@@ -9,8 +9,8 @@ use crate::store::fields::Visitor;
 struct Unchecked<T>(T);
 
 impl<T: Fields> Fields for Unchecked<T> {
-    fn blank() -> Self {
-        Self(T::blank())
+    fn with_defaults() -> Self {
+        Self(T::with_defaults())
     }
 
     fn visit(&mut self, visitor: &mut impl Visitor) {
@@ -123,7 +123,7 @@ fn an_invalid_calibration_is_rejected_and_not_written() {
     for (current, previous) in [(&bad, &record(8)), (&record(9), &bad)] {
         let mut flash = flash_after(2);
         flash.operations = 0;
-        let change = StoreChange::Generations { current: Some(current), previous: Some(previous) };
+        let change = StoreChange::StoredCalibrations { current: Some(current), previous: Some(previous) };
         assert_eq!(save_change(&mut flash, change), Err(StoreError::Invalid));
         assert_eq!(flash.operations, 0);
     }

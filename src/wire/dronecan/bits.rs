@@ -13,18 +13,18 @@ pub(super) struct BitWriter {
 
 impl BitWriter {
     /// Appends the low bits of a value.
-    pub fn put(&mut self, value: u64, bits: u32) {
+    pub fn put_bits(&mut self, value: u64, bits: u32) {
         let (mut value, mut left) = (value, bits);
         while left > 0 {
             let count = left.min(8);
-            self.put_part(value as u8, count);
+            self.put_bits_of_byte(value as u8, count);
             value >>= 8;
             left -= count;
         }
     }
 
     /// Appends 1 to 8 low bits of a byte.
-    fn put_part(&mut self, value: u8, count: u32) {
+    fn put_bits_of_byte(&mut self, value: u8, count: u32) {
         let aligned = value << (8 - count);
         match self.bytes.last_mut().filter(|_| self.free > 0) {
             None => {
@@ -45,13 +45,13 @@ impl BitWriter {
     /// Appends bytes.
     pub fn put_bytes(&mut self, bytes: &[u8]) {
         for &byte in bytes {
-            self.put_part(byte, 8);
+            self.put_bits_of_byte(byte, 8);
         }
     }
 
     /// Appends a number of half precision.
     pub fn put_f16(&mut self, value: f32) {
-        self.put(half::f16::from_f32(value).to_bits().into(), 16);
+        self.put_bits(half::f16::from_f32(value).to_bits().into(), 16);
     }
 
     /// The payload, with the last byte filled up with zeros.
@@ -77,14 +77,14 @@ impl<'a> BitReader<'a> {
         let (mut value, mut shift) = (0, 0);
         while shift < bits {
             let count = (bits - shift).min(8);
-            value |= u64::from(self.take_part(count)) << shift;
+            value |= u64::from(self.take_bits_of_byte(count)) << shift;
             shift += 8;
         }
         value
     }
 
     /// Next 1 to 8 bits.
-    fn take_part(&mut self, count: u32) -> u8 {
+    fn take_bits_of_byte(&mut self, count: u32) -> u8 {
         let byte = |index| self.bytes.get(index).copied().unwrap_or(0);
         let index = self.bit / 8;
         let two = u16::from_be_bytes([byte(index), byte(index + 1)]);
@@ -126,8 +126,8 @@ mod tests {
     #[test]
     fn a_partial_byte_is_left_aligned() {
         let mut writer = BitWriter::default();
-        writer.put(300, 13);
-        writer.put(0, 3);
+        writer.put_bits(300, 13);
+        writer.put_bits(0, 3);
         let payload = writer.finish();
         assert_eq!(payload, [0x2C, 0x08]);
         let mut reader = BitReader::new(&payload);
@@ -142,9 +142,9 @@ mod tests {
                 for pattern in [u64::MAX, 0x0123_4567_89AB_CDEF, 1] {
                     let value = pattern & (u64::MAX >> (64 - width));
                     let mut writer = BitWriter::default();
-                    writer.put(0, offset);
-                    writer.put(pattern, width);
-                    writer.put(1, 1);
+                    writer.put_bits(0, offset);
+                    writer.put_bits(pattern, width);
+                    writer.put_bits(1, 1);
                     let payload = writer.finish();
                     let mut reader = BitReader::new(&payload);
                     assert_eq!(reader.take(offset), 0);

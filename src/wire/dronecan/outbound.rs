@@ -40,19 +40,19 @@ pub struct NodeStatus {
 }
 
 impl NodeStatus {
-    fn put(self, out: &mut BitWriter) {
-        out.put(self.uptime_s.into(), 32);
-        out.put(self.health as u64, 2);
-        out.put(self.mode as u64, 3);
-        out.put(0, 3);
-        out.put(self.vendor_code.into(), 16);
+    fn put_status(self, out: &mut BitWriter) {
+        out.put_bits(self.uptime_s.into(), 32);
+        out.put_bits(self.health as u64, 2);
+        out.put_bits(self.mode as u64, 3);
+        out.put_bits(0, 3);
+        out.put_bits(self.vendor_code.into(), 16);
     }
 
     /// Encoded NodeStatus message.
     #[must_use]
     pub fn payload(self) -> Payload {
         let mut out = BitWriter::default();
-        self.put(&mut out);
+        self.put_status(&mut out);
         out.finish()
     }
 }
@@ -104,10 +104,10 @@ impl NodeInfo {
     pub fn payload(&self, status: NodeStatus) -> Payload {
         let SoftwareVersion { major, minor, commit, image_crc } = self.software;
         let mut out = BitWriter::default();
-        status.put(&mut out);
+        status.put_status(&mut out);
         out.put_bytes(&[major, minor, u8::from(commit.is_some()) | u8::from(image_crc.is_some()) << 1]);
-        out.put(commit.unwrap_or(0).into(), 32);
-        out.put(image_crc.unwrap_or(0), 64);
+        out.put_bits(commit.unwrap_or(0).into(), 32);
+        out.put_bits(image_crc.unwrap_or(0), 64);
         out.put_bytes(&self.hardware);
         out.put_bytes(&self.unique_id);
         // No certificate of authenticity.
@@ -122,8 +122,8 @@ impl NodeInfo {
 pub fn allocation(is_first_part: bool, unique_id_part: &[u8]) -> Payload {
     let mut out = BitWriter::default();
     // A request without a preferred number: the allocator remembers the number of each unique id.
-    out.put(0, 7);
-    out.put(is_first_part.into(), 1);
+    out.put_bits(0, 7);
+    out.put_bits(is_first_part.into(), 1);
     out.put_bytes(unique_id_part);
     out.finish()
 }
@@ -149,7 +149,7 @@ impl Parameter<'_> {
     pub fn payload(&self) -> Payload {
         let mut out = BitWriter::default();
         for (value, tag_bits) in [(self.value, 3), (self.default, 3), (self.max, 2), (self.min, 2)] {
-            out.put(0, 8 - tag_bits);
+            out.put_bits(0, 8 - tag_bits);
             put_value(&mut out, value, tag_bits);
         }
         out.put_bytes(self.name.as_bytes());
@@ -159,21 +159,21 @@ impl Parameter<'_> {
 
 fn put_value(out: &mut BitWriter, value: Value<'_>, tag_bits: u32) {
     match value {
-        Value::Empty => out.put(0, tag_bits),
+        Value::Empty => out.put_bits(0, tag_bits),
         Value::Integer(number) => {
-            out.put(1, tag_bits);
-            out.put(number.cast_unsigned(), 64);
+            out.put_bits(1, tag_bits);
+            out.put_bits(number.cast_unsigned(), 64);
         }
         Value::Real(number) => {
-            out.put(2, tag_bits);
-            out.put(number.to_bits().into(), 32);
+            out.put_bits(2, tag_bits);
+            out.put_bits(number.to_bits().into(), 32);
         }
         Value::Boolean(is_on) => {
-            out.put(3, tag_bits);
-            out.put(is_on.into(), 8);
+            out.put_bits(3, tag_bits);
+            out.put_bits(is_on.into(), 8);
         }
         Value::Text(text) => {
-            out.put(4, tag_bits);
+            out.put_bits(4, tag_bits);
             out.put_bytes(&[text.len() as u8]);
             out.put_bytes(text);
         }
@@ -184,8 +184,8 @@ fn put_value(out: &mut BitWriter, value: Value<'_>, tag_bits: u32) {
 #[must_use]
 pub fn opcode_result(is_ok: bool) -> Payload {
     let mut out = BitWriter::default();
-    out.put(0, 48);
-    out.put(is_ok.into(), 1);
+    out.put_bits(0, 48);
+    out.put_bits(is_ok.into(), 1);
     out.finish()
 }
 
@@ -193,7 +193,7 @@ pub fn opcode_result(is_ok: bool) -> Payload {
 #[must_use]
 pub fn restart_result(is_ok: bool) -> Payload {
     let mut out = BitWriter::default();
-    out.put(is_ok.into(), 1);
+    out.put_bits(is_ok.into(), 1);
     out.finish()
 }
 
@@ -214,7 +214,7 @@ pub fn transport_stats(transfers: BusCounts, frames: BusCounts) -> Payload {
     let mut out = BitWriter::default();
     for BusCounts { sent, received, errors } in [transfers, frames] {
         for count in [sent, received, errors] {
-            out.put(count.into(), 48);
+            out.put_bits(count.into(), 48);
         }
     }
     out.finish()
@@ -236,8 +236,8 @@ pub const LOG_TEXT_LENGTH: usize = 90;
 #[must_use]
 pub fn log_message(level: LogLevel, source: &str, text: &[u8]) -> Payload {
     let mut out = BitWriter::default();
-    out.put(level as u64, 3);
-    out.put(source.len() as u64, 5);
+    out.put_bits(level as u64, 3);
+    out.put_bits(source.len() as u64, 5);
     out.put_bytes(source.as_bytes());
     out.put_bytes(text);
     out.finish()
@@ -281,11 +281,11 @@ impl Targetted<'_> {
     #[must_use]
     pub fn payload(&self) -> Payload {
         let mut out = BitWriter::default();
-        out.put(self.protocol.into(), 8);
-        out.put(self.target.into(), 7);
-        out.put(i64::from(self.serial).cast_unsigned(), 5);
-        out.put(self.options.into(), 4);
-        out.put(self.baud.into(), 24);
+        out.put_bits(self.protocol.into(), 8);
+        out.put_bits(self.target.into(), 7);
+        out.put_bits(i64::from(self.serial).cast_unsigned(), 5);
+        out.put_bits(self.options.into(), 4);
+        out.put_bits(self.baud.into(), 24);
         out.put_bytes(self.data);
         out.finish()
     }

@@ -72,19 +72,19 @@ impl Receiver {
         let (tail, part) = frame.split_tail()?;
         let is_single = tail.is_start() && tail.is_end();
         let progress = if is_single {
-            if tail.toggle() { Progress::Rejected } else { Progress::Complete(part) }
+            if tail.toggle() { FrameEffect::Rejected } else { FrameEffect::Complete(part) }
         } else if header.source.is_none() || (!tail.is_end() && part.len() + 1 < FRAME_CAPACITY) {
-            Progress::Rejected
+            FrameEffect::Rejected
         } else {
             match find_slot(&mut self.slots, frame.id() & KEY_MASK, tail.is_start()) {
                 Some(slot) => slot.push(at, tail, part, data_type),
-                None => Progress::Rejected,
+                None => FrameEffect::Rejected,
             }
         };
         let message = match progress {
-            Progress::Waiting => return None,
-            Progress::Rejected => None,
-            Progress::Complete(payload) => decode(payload),
+            FrameEffect::Waiting => return None,
+            FrameEffect::Rejected => None,
+            FrameEffect::Complete(payload) => decode(payload),
         };
         if message.is_none() {
             self.rejected = self.rejected.wrapping_add(1);
@@ -108,7 +108,7 @@ fn find_slot(slots: &mut [Slot; TRANSFER_SLOTS], key: u32, is_start: bool) -> Op
 }
 
 /// Effect of a frame on its transfer.
-enum Progress<'a> {
+enum FrameEffect<'a> {
     Waiting,
     Rejected,
     Complete(&'a [u8]),
@@ -137,7 +137,7 @@ impl Slot {
         payload: heapless::Vec::new(),
     };
 
-    fn push(&mut self, at: Timestamp, tail: TailByte, part: &[u8], data_type: &DataType) -> Progress<'_> {
+    fn push(&mut self, at: Timestamp, tail: TailByte, part: &[u8], data_type: &DataType) -> FrameEffect<'_> {
         let part = if tail.is_start() {
             let Some((crc, part)) = part.split_first_chunk() else { return self.reject() };
             (self.transfer_id, self.crc) = (tail.transfer_id(), *crc);
@@ -149,25 +149,25 @@ impl Slot {
             part
         };
         if tail.toggle() != self.toggle {
-            return if tail.is_start() { self.reject() } else { Progress::Waiting };
+            return if tail.is_start() { self.reject() } else { FrameEffect::Waiting };
         }
         (self.toggle, self.last) = (!self.toggle, at);
         if self.payload.extend_from_slice(part).is_err() {
             return self.reject();
         }
         if !tail.is_end() {
-            return Progress::Waiting;
+            return FrameEffect::Waiting;
         }
         self.key = None;
         if data_type.crc(&self.payload) == u16::from_le_bytes(self.crc) {
-            Progress::Complete(&self.payload)
+            FrameEffect::Complete(&self.payload)
         } else {
-            Progress::Rejected
+            FrameEffect::Rejected
         }
     }
 
-    const fn reject(&mut self) -> Progress<'_> {
+    const fn reject(&mut self) -> FrameEffect<'_> {
         self.key = None;
-        Progress::Rejected
+        FrameEffect::Rejected
     }
 }

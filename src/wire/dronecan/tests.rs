@@ -291,19 +291,19 @@ fn the_current_of_a_battery_is_received() {
 fn fix_payload(status: u64, time_standard: u64) -> Vec<u8> {
     let mut bits = bits::BitWriter::default();
     let signed = i64::cast_unsigned;
-    bits.put(0, 56);
-    bits.put(1_795_000_000_000_000, 56);
-    bits.put(time_standard, 3);
-    bits.put(0, 13 + 8);
-    bits.put(signed(-7_010_000_000), 37);
-    bits.put(signed(-3_390_000_000), 37);
-    bits.put(0, 27);
-    bits.put(signed(-1_500), 27);
-    bits.put(0, 64);
-    bits.put(0, 32);
-    bits.put(9, 6);
-    bits.put(status, 2);
-    bits.put(0, 40);
+    bits.put_bits(0, 56);
+    bits.put_bits(1_795_000_000_000_000, 56);
+    bits.put_bits(time_standard, 3);
+    bits.put_bits(0, 13 + 8);
+    bits.put_bits(signed(-7_010_000_000), 37);
+    bits.put_bits(signed(-3_390_000_000), 37);
+    bits.put_bits(0, 27);
+    bits.put_bits(signed(-1_500), 27);
+    bits.put_bits(0, 64);
+    bits.put_bits(0, 32);
+    bits.put_bits(9, 6);
+    bits.put_bits(status, 2);
+    bits.put_bits(0, 40);
     bits.finish().to_vec()
 }
 

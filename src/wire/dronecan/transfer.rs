@@ -32,11 +32,11 @@ pub struct DataType {
 
 impl DataType {
     /// uavcan.protocol.NodeStatus.
-    pub const NODE_STATUS: Self = Self::message(341, 0x0F08_68D0_C1A7_C6F1);
+    pub const NODE_STATUS: Self = Self::new_message(341, 0x0F08_68D0_C1A7_C6F1);
     /// uavcan.protocol.GetNodeInfo.
     pub const GET_NODE_INFO: Self = Self::service(1, 0xEE46_8A81_21C4_6A9E);
     /// uavcan.protocol.dynamic_node_id.Allocation.
-    pub const ALLOCATION: Self = Self::message(1, 0x0B2A_8126_20A1_1D40);
+    pub const ALLOCATION: Self = Self::new_message(1, 0x0B2A_8126_20A1_1D40);
     /// uavcan.protocol.param.GetSet.
     pub const GET_SET: Self = Self::service(11, 0xA7B6_22F9_39D1_A4D5);
     /// uavcan.protocol.param.ExecuteOpcode.
@@ -46,21 +46,21 @@ impl DataType {
     /// uavcan.protocol.GetTransportStats.
     pub const GET_TRANSPORT_STATS: Self = Self::service(4, 0xBE6F_76A7_EC31_2B04);
     /// uavcan.protocol.debug.LogMessage.
-    pub const LOG_MESSAGE: Self = Self::message(16_383, 0xD654_A48E_0C04_9D75);
+    pub const LOG_MESSAGE: Self = Self::new_message(16_383, 0xD654_A48E_0C04_9D75);
     /// uavcan.protocol.file.BeginFirmwareUpdate.
     pub const BEGIN_FIRMWARE_UPDATE: Self = Self::service(40, 0xB7D7_25DF_7272_4126);
     /// uavcan.equipment.ahrs.MagneticFieldStrength2.
-    pub const MAGNETIC_FIELD_STRENGTH_2: Self = Self::message(1002, 0xB6AC_0C44_2430_297E);
+    pub const MAGNETIC_FIELD_STRENGTH_2: Self = Self::new_message(1002, 0xB6AC_0C44_2430_297E);
     /// uavcan.tunnel.Targetted.
-    pub const TARGETTED: Self = Self::message(3001, 0xB138_E7EA_72A2_A2E9);
+    pub const TARGETTED: Self = Self::new_message(3001, 0xB138_E7EA_72A2_A2E9);
     /// uavcan.equipment.power.BatteryInfo.
-    pub const BATTERY_INFO: Self = Self::message(1092, 0x249C_2654_8A71_1966);
+    pub const BATTERY_INFO: Self = Self::new_message(1092, 0x249C_2654_8A71_1966);
     /// uavcan.equipment.gnss.Fix2.
-    pub const FIX_2: Self = Self::message(1063, 0xCA41_E700_0F37_435F);
+    pub const FIX_2: Self = Self::new_message(1063, 0xCA41_E700_0F37_435F);
     /// uavcan.equipment.safety.ArmingStatus.
-    pub const ARMING_STATUS: Self = Self::message(1100, 0x8700_F375_556A_8003);
+    pub const ARMING_STATUS: Self = Self::new_message(1100, 0x8700_F375_556A_8003);
 
-    const fn message(id: u16, signature: u64) -> Self {
+    const fn new_message(id: u16, signature: u64) -> Self {
         Self { id, is_service: false, signature }
     }
 

@@ -33,8 +33,8 @@ pub(super) const V1: u8 = 0xFE;
 pub(super) const V2: u8 = 0xFD;
 
 /// Header length, bytes, by version.
-pub(super) const V1_HEADER: usize = 6;
-pub(super) const V2_HEADER: usize = 10;
+pub(super) const V1_HEADER_LENGTH: usize = 6;
+pub(super) const V2_HEADER_LENGTH: usize = 10;
 
 /// CRC of a frame without its first byte, and of the message's extra byte. The mavlink library's function copies a
 /// table of half a kilobyte for every frame.

@@ -137,7 +137,7 @@ impl PayloadReader<'_> {
     }
 
     /// Signed integer, multiplied by its unit.
-    fn scaled(&self, at: usize, unit: f32) -> f32 {
+    fn scaled_integer(&self, at: usize, unit: f32) -> f32 {
         self.u32(at).cast_signed() as f32 * unit
     }
 
@@ -190,10 +190,11 @@ fn global_position(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const LONGITUDE_OFFSET: usize = 8;
     const HEIGHT_OFFSET: usize = 12;
     let fields = PayloadReader(payload);
-    let (latitude_deg, longitude_deg) = (fields.scaled(LATITUDE_OFFSET, 1e-7), fields.scaled(LONGITUDE_OFFSET, 1e-7));
+    let (latitude_deg, longitude_deg) =
+        (fields.scaled_integer(LATITUDE_OFFSET, 1e-7), fields.scaled_integer(LONGITUDE_OFFSET, 1e-7));
     Some(InboundMessage::Position(
         source,
-        Position::new(latitude_deg, longitude_deg, fields.scaled(HEIGHT_OFFSET, 1e-3)),
+        Position::new(latitude_deg, longitude_deg, fields.scaled_integer(HEIGHT_OFFSET, 1e-3)),
     ))
 }
 

@@ -19,14 +19,14 @@ mod signature;
 
 use crate::attitude::SenderId;
 pub use frame::Address;
-use frame::{V1, V1_HEADER, V2, V2_HEADER, checksum};
+use frame::{V1, V1_HEADER_LENGTH, V2, V2_HEADER_LENGTH, checksum};
 pub use inbound::{Acknowledgement, InboundMessage, ReceivedCommand};
 use inbound::{MAX_PAYLOAD_LENGTH, MessageSpec, SUPPORTED_MESSAGES};
 pub use outbound::{Frame, MagCalReport, OutboundMessage, Pose};
 pub use signature::{Signatures, key_from_passphrase};
 
 /// Longest frame of version 2, bytes: header, payload, 2 of CRC, 13 of signature.
-const MAX_FRAME: usize = V2_HEADER + MAX_PAYLOAD_LENGTH + 2 + signature::LENGTH;
+const MAX_FRAME: usize = V2_HEADER_LENGTH + MAX_PAYLOAD_LENGTH + 2 + signature::LENGTH;
 
 /// Receiver of supported messages in a stream of bytes.
 #[derive(Debug, Default)]
@@ -126,24 +126,24 @@ fn candidate(bytes: &[u8]) -> FrameCandidate {
             let matches_layout = |wanted: &&MessageSpec| wanted.id == u32::from(id) && wanted.length == payload;
             SUPPORTED_MESSAGES.iter().find(matches_layout).map_or(FrameCandidate::No, |wanted| {
                 let source = Address { system, component }.sender();
-                FrameCandidate::Yes(FrameLayout { wanted, source, header: V1_HEADER, payload, signature: 0 })
+                FrameCandidate::Yes(FrameLayout { wanted, source, header: V1_HEADER_LENGTH, payload, signature: 0 })
             })
         }
         [V2, length, incompatibility, _, _, system, component, m0, m1, m2, ..] => {
             let payload = usize::from(length);
             let id = u32::from_le_bytes([m0, m1, m2, 0]);
             // An unknown flag may change the format. Trailing zeros of the payload are truncated, to one byte at least.
-            let is_known = incompatibility & !signature::IS_SIGNED == 0;
+            let is_known = incompatibility & !signature::SIGNED_FLAG == 0;
             let matches_layout =
                 |wanted: &&MessageSpec| is_known && wanted.id == id && (1..=wanted.extended).contains(&payload);
             SUPPORTED_MESSAGES.iter().find(matches_layout).map_or(FrameCandidate::No, |wanted| {
                 let source = Address { system, component }.sender();
-                let signature = if incompatibility & signature::IS_SIGNED == 0 { 0 } else { signature::LENGTH };
-                FrameCandidate::Yes(FrameLayout { wanted, source, header: V2_HEADER, payload, signature })
+                let signature = if incompatibility & signature::SIGNED_FLAG == 0 { 0 } else { signature::LENGTH };
+                FrameCandidate::Yes(FrameLayout { wanted, source, header: V2_HEADER_LENGTH, payload, signature })
             })
         }
-        [] | [V1, ..] => FrameCandidate::Unknown(V1_HEADER),
-        [V2, ..] => FrameCandidate::Unknown(V2_HEADER),
+        [] | [V1, ..] => FrameCandidate::Unknown(V1_HEADER_LENGTH),
+        [V2, ..] => FrameCandidate::Unknown(V2_HEADER_LENGTH),
         _ => FrameCandidate::No,
     }
 }

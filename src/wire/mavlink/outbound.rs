@@ -10,7 +10,7 @@ use mavlink::dialects::common::{
     MavResult, MavSeverity, MavState, MavType, NAMED_VALUE_FLOAT_DATA, STATUSTEXT_DATA, VISION_POSITION_ESTIMATE_DATA,
 };
 
-use super::frame::{Address, V2, V2_HEADER, checksum};
+use super::frame::{Address, V2, V2_HEADER_LENGTH, checksum};
 use super::signature::{self, Signatures};
 use crate::time::Timestamp;
 
@@ -18,7 +18,7 @@ use crate::time::Timestamp;
 const MAX_PAYLOAD: usize = 117;
 
 /// Encoded MAVLink frame.
-pub type Frame = heapless::Vec<u8, { V2_HEADER + MAX_PAYLOAD + 2 + signature::LENGTH }>;
+pub type Frame = heapless::Vec<u8, { V2_HEADER_LENGTH + MAX_PAYLOAD + 2 + signature::LENGTH }>;
 
 /// Message to send.
 #[derive(Clone, Debug)]
@@ -63,7 +63,7 @@ impl OutboundMessage {
         const MAVLINK_VERSION: u8 = 3;
         let (kind, autopilot) = (MavType::MAV_TYPE_ONBOARD_CONTROLLER, MavAutopilot::MAV_AUTOPILOT_INVALID);
         let mut message = Self::from_library::<HEARTBEAT_DATA>();
-        message.put(&[0, 0, 0, 0, kind as u8, autopilot as u8, 0, state as u8, MAVLINK_VERSION]);
+        message.put_bytes(&[0, 0, 0, 0, kind as u8, autopilot as u8, 0, state as u8, MAVLINK_VERSION]);
         message
     }
 
@@ -73,8 +73,8 @@ impl OutboundMessage {
         let interval_us = 1e6 / f32::from(rate_hz.max(1));
         let mut message = Self::from_library::<COMMAND_LONG_DATA>();
         message.put_floats(&[message_id as f32, interval_us, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        message.put(&(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16).to_le_bytes());
-        message.put(&[target.system, target.component, 0]);
+        message.put_bytes(&(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16).to_le_bytes());
+        message.put_bytes(&[target.system, target.component, 0]);
         message
     }
 
@@ -85,7 +85,7 @@ impl OutboundMessage {
         const START_SENDING: u8 = 1;
         // By number, because the library marks it as superseded; it is for autopilots without the successor.
         let mut message = Self::new(66, 148);
-        message.put(&[rate_hz, 0, target.system, target.component, STREAM_EXTRA1, START_SENDING]);
+        message.put_bytes(&[rate_hz, 0, target.system, target.component, STREAM_EXTRA1, START_SENDING]);
         message
     }
 
@@ -93,9 +93,9 @@ impl OutboundMessage {
     #[must_use]
     pub fn acknowledgement(target: Address, command: u16, result: MavResult) -> Self {
         let mut message = Self::from_library::<COMMAND_ACK_DATA>();
-        message.put(&command.to_le_bytes());
+        message.put_bytes(&command.to_le_bytes());
         // The fields for progress and second result are unused.
-        message.put(&[result as u8, 0, 0, 0, 0, 0, target.system, target.component]);
+        message.put_bytes(&[result as u8, 0, 0, 0, 0, 0, target.system, target.component]);
         message
     }
 
@@ -109,10 +109,10 @@ impl OutboundMessage {
         let mut text = [0; Self::TEXT];
         text.iter_mut().zip(chunk).for_each(|(to, from)| *to = *from);
         let mut message = Self::from_library::<STATUSTEXT_DATA>();
-        message.put(&[severity as u8]);
-        message.put(&text);
-        message.put(&number.to_le_bytes());
-        message.put(&[sequence]);
+        message.put_bytes(&[severity as u8]);
+        message.put_bytes(&text);
+        message.put_bytes(&number.to_le_bytes());
+        message.put_bytes(&[sequence]);
         message
     }
 
@@ -122,9 +122,9 @@ impl OutboundMessage {
         let mut field = [0; 10];
         field.iter_mut().zip(name.bytes()).for_each(|(to, from)| *to = from);
         let mut message = Self::from_library::<NAMED_VALUE_FLOAT_DATA>();
-        message.put(&at.wrapping_millis().as_ms().to_le_bytes());
+        message.put_bytes(&at.wrapping_millis().as_ms().to_le_bytes());
         message.put_floats(&[value]);
-        message.put(&field);
+        message.put_bytes(&field);
         message
     }
 
@@ -137,7 +137,7 @@ impl OutboundMessage {
         let status =
             if percent < 100 { MagCalStatus::MAG_CAL_RUNNING_STEP_ONE } else { MagCalStatus::MAG_CAL_RUNNING_STEP_TWO };
         message.put_floats(&direction);
-        message.put(&[0, COMPASS_MASK, status as u8, 1, percent]);
+        message.put_bytes(&[0, COMPASS_MASK, status as u8, 1, percent]);
         message
     }
 
@@ -150,7 +150,7 @@ impl OutboundMessage {
         for three in [&report.offset_mg, &report.diagonal, &report.off_diagonal] {
             message.put_floats(three);
         }
-        message.put(&[0, COMPASS_MASK, status as u8, u8::from(report.is_success)]);
+        message.put_bytes(&[0, COMPASS_MASK, status as u8, u8::from(report.is_success)]);
         message
     }
 
@@ -165,12 +165,12 @@ impl OutboundMessage {
             covariance
         };
         let mut message = Self::from_library::<VISION_POSITION_ESTIMATE_DATA>();
-        message.put(&pose.at.as_us().to_le_bytes());
+        message.put_bytes(&pose.at.as_us().to_le_bytes());
         message.put_floats(&[0.0; 3]);
         message.put_floats(&pose.roll_pitch_yaw_rad);
         message.put_floats(&UNKNOWN_COVARIANCE);
         message.put_floats(&[pose.yaw_variance_rad2]);
-        message.put(&[pose.reset_counter]);
+        message.put_bytes(&[pose.reset_counter]);
         message
     }
 
@@ -178,17 +178,17 @@ impl OutboundMessage {
     #[must_use]
     pub fn frame(mut self, from: Address, sequence: u8, signatures: &mut Signatures) -> Frame {
         // At least one byte of payload remains.
-        while self.frame.len() > V2_HEADER + 1 && self.frame.last() == Some(&0) {
+        while self.frame.len() > V2_HEADER_LENGTH + 1 && self.frame.last() == Some(&0) {
             self.frame.pop();
         }
-        let payload = self.frame.len() - V2_HEADER;
+        let payload = self.frame.len() - V2_HEADER_LENGTH;
         if let [_, length, flags, _, number, system, component, ..] = self.frame.as_mut_slice() {
-            *flags = if signatures.has_key() { signature::IS_SIGNED } else { 0 };
+            *flags = if signatures.has_key() { signature::SIGNED_FLAG } else { 0 };
             (*length, *number) = (payload as u8, sequence);
             (*system, *component) = (from.system, from.component);
         }
         let crc = checksum(self.frame.get(1..).unwrap_or_default(), self.extra_crc);
-        self.put(&crc.to_le_bytes());
+        self.put_bytes(&crc.to_le_bytes());
         signatures.sign(&mut self.frame);
         self.frame
     }
@@ -200,18 +200,18 @@ impl OutboundMessage {
     fn new(id: u32, extra_crc: u8) -> Self {
         let [id_0, id_1, id_2, _] = id.to_le_bytes();
         let mut message = Self { frame: heapless::Vec::new(), extra_crc };
-        message.put(&[V2, 0, 0, 0, 0, 0, 0, id_0, id_1, id_2]);
+        message.put_bytes(&[V2, 0, 0, 0, 0, 0, 0, id_0, id_1, id_2]);
         message
     }
 
-    fn put(&mut self, bytes: &[u8]) {
+    fn put_bytes(&mut self, bytes: &[u8]) {
         // The capacity is that of the longest message.
         let _ = self.frame.extend_from_slice(bytes);
     }
 
     fn put_floats(&mut self, numbers: &[f32]) {
         for number in numbers {
-            self.put(&number.to_le_bytes());
+            self.put_bytes(&number.to_le_bytes());
         }
     }
 }

@@ -21,7 +21,7 @@ pub(super) const LENGTH: usize = 13;
 const HASH_LENGTH: usize = 6;
 
 /// Flag of a signed frame, among the flags which a receiver must know.
-pub(super) const IS_SIGNED: u8 = 0x01;
+pub(super) const SIGNED_FLAG: u8 = 0x01;
 
 /// Largest age of a new stream's first frame, units of 10 us: one minute.
 pub(super) const MAX_AGE: u64 = 6_000_000;

@@ -310,7 +310,7 @@ fn date(year: u16, month: u8, day: u8) -> Option<Date> {
 pub fn request(function: Function) -> [u8; 9] {
     let [f0, f1] = (function as u16).to_le_bytes();
     let mut frame = [b'$', b'X', b'<', 0, f0, f1, 0, 0, 0];
-    seal(&mut frame);
+    write_checksum(&mut frame);
     frame
 }
 
@@ -326,11 +326,11 @@ pub fn compass(instance: u8, time_ms: u32, field: Field<Body>) -> [u8; 20] {
     let ([t0, t1, t2, t3], [x0, x1]) = (time_ms.to_le_bytes(), milligauss(field.ut.x));
     let ([y0, y1], [z0, z1]) = (milligauss(field.ut.y), milligauss(field.ut.z));
     let mut frame = [b'$', b'X', b'<', 0, 0x04, 0x1F, 11, 0, instance, t0, t1, t2, t3, x0, x1, y0, y1, z0, z1, 0];
-    seal(&mut frame);
+    write_checksum(&mut frame);
     frame
 }
 
-fn seal(frame: &mut [u8]) {
+fn write_checksum(frame: &mut [u8]) {
     if let [_, _, _, checked @ .., crc] = frame {
         *crc = checksum(checked);
     }

@@ -11,7 +11,7 @@ fn frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
     frame.extend((payload.len() as u16).to_le_bytes());
     frame.extend(payload);
     frame.push(0);
-    seal(&mut frame);
+    write_checksum(&mut frame);
     frame
 }
 

@@ -9,15 +9,15 @@ use crate::settings::HeadingKind;
 pub type Sentence = heapless::Vec<u8, 82>;
 
 /// Whether there was room; always, because bodies have at most 40 characters.
-type Fits = Option<()>;
+type WriteResult = Option<()>;
 
 /// `$HCHDM,hhh.h,M*cs`: magnetic heading; the field is empty without a valid heading.
 #[must_use]
 pub fn hdm(heading_deg: Option<f32>) -> Sentence {
     sentence(|body| {
-        put(body, "HCHDM,")?;
+        put_text(body, "HCHDM,")?;
         put_heading(body, heading_deg)?;
-        put(body, ",M")
+        put_text(body, ",M")
     })
 }
 
@@ -28,15 +28,15 @@ pub fn hdm(heading_deg: Option<f32>) -> Sentence {
 #[must_use]
 pub fn hdg(heading_deg: Option<f32>, variation_deg: Option<f32>) -> Sentence {
     sentence(|body| {
-        put(body, "HCHDG,")?;
+        put_text(body, "HCHDG,")?;
         put_heading(body, heading_deg)?;
-        put(body, ",,,")?;
+        put_text(body, ",,,")?;
         match variation_deg {
             Some(variation_deg) => {
                 put_tenths(body, rounded_tenths(variation_deg.abs()), 1)?;
-                put(body, if variation_deg < 0.0 { ",W" } else { ",E" })
+                put_text(body, if variation_deg < 0.0 { ",W" } else { ",E" })
             }
-            None => put(body, ","),
+            None => put_text(body, ","),
         }
     })
 }
@@ -46,9 +46,9 @@ pub fn hdg(heading_deg: Option<f32>, variation_deg: Option<f32>) -> Sentence {
 #[must_use]
 pub fn hdt(heading_deg: Option<f32>, variation_deg: f32) -> Sentence {
     sentence(|body| {
-        put(body, "HCHDT,")?;
+        put_text(body, "HCHDT,")?;
         put_heading(body, heading_deg.map(|magnetic_deg| magnetic_deg + variation_deg))?;
-        put(body, ",T")
+        put_text(body, ",T")
     })
 }
 
@@ -57,31 +57,31 @@ pub fn hdt(heading_deg: Option<f32>, variation_deg: f32) -> Sentence {
 #[must_use]
 pub fn quality(heading: &Result<Heading, NoHeading>, kind: HeadingKind) -> Sentence {
     sentence(|body| {
-        put(body, "PASWH,")?;
+        put_text(body, "PASWH,")?;
         match heading {
             Ok(heading) => {
                 put_heading(body, Some(heading.magnetic_deg()))?;
-                put(body, ",")?;
+                put_text(body, ",")?;
                 // A sigma above 180 deg carries no information.
                 put_tenths(body, rounded_tenths(heading.sigma_deg().min(180.0)), 1)?;
-                put(body, ",ok,")?;
-                put(body, kind.name())
+                put_text(body, ",ok,")?;
+                put_text(body, kind.name())
             }
             Err(reason) => {
-                put(body, ",,")?;
-                put(body, reason.code())?;
-                put(body, ",")
+                put_text(body, ",,")?;
+                put_text(body, reason.code())?;
+                put_text(body, ",")
             }
         }
     })
 }
 
-fn put(body: &mut Sentence, text: &str) -> Fits {
+fn put_text(body: &mut Sentence, text: &str) -> WriteResult {
     body.extend_from_slice(text.as_bytes()).ok()
 }
 
 /// Writes 000.0..359.9, or nothing.
-fn put_heading(body: &mut Sentence, heading_deg: Option<f32>) -> Fits {
+fn put_heading(body: &mut Sentence, heading_deg: Option<f32>) -> WriteResult {
     let Some(heading_deg) = heading_deg.filter(|h| h.is_finite()) else { return Some(()) };
     // Rounded before it is wrapped, so that 359.97 becomes 000.0 and never 360.0.
     let tenths = (heading_deg * 10.0 + 0.5_f32.copysign(heading_deg)) as i32;
@@ -93,7 +93,7 @@ fn rounded_tenths(value: f32) -> u32 {
 }
 
 /// Writes tenths as a number with one decimal and a minimum of digits before the point.
-fn put_tenths(body: &mut Sentence, tenths: u32, least_digits: usize) -> Fits {
+fn put_tenths(body: &mut Sentence, tenths: u32, least_digits: usize) -> WriteResult {
     /// Largest number of digits before the decimal point.
     const MAX_WHOLE_DIGITS: usize = 9;
     let digit = |value: u32| b'0' + (value % 10) as u8;
@@ -117,10 +117,10 @@ fn put_tenths(body: &mut Sentence, tenths: u32, least_digits: usize) -> Fits {
 
 /// Adds `$`, checksum and line end to a body. A sentence that does not fit is cut, and lacks the checksum, so that
 /// receivers reject it.
-fn sentence(fill: impl FnOnce(&mut Sentence) -> Fits) -> Sentence {
+fn sentence(fill: impl FnOnce(&mut Sentence) -> WriteResult) -> Sentence {
     const HEX_DIGITS: &[u8; 16] = b"0123456789ABCDEF";
     let mut out = Sentence::new();
-    let complete = put(&mut out, "$").and_then(|()| fill(&mut out));
+    let complete = put_text(&mut out, "$").and_then(|()| fill(&mut out));
     if complete.is_some() {
         let checksum = checksum(out.get(1..).unwrap_or_default());
         let [high, low] = [checksum >> 4, checksum & 15].map(|nibble| HEX_DIGITS[usize::from(nibble)]);

@@ -150,7 +150,7 @@ fn the_longest_sentences_are_complete() {
 /// `$`, 76 characters, `*`, two digits and the line end are 82.
 #[test]
 fn a_sentence_over_82_characters_has_no_checksum() {
-    let sentence_of_length = |length: usize| sentence(|out| put(out, &"A".repeat(length)));
+    let sentence_of_length = |length: usize| sentence(|out| put_text(out, &"A".repeat(length)));
     assert_eq!((sentence_of_length(76).len(), body(&sentence_of_length(76)).len()), (82, 76));
     for length in [77, 80, 81, 82, 100] {
         assert!(!sentence_of_length(length).contains(&b'*'), "{length}");

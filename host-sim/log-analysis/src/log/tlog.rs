@@ -183,7 +183,7 @@ impl TlogReader {
                 self.builder.push_truth(t_s, [float(0), float(4), float(8)]);
             }
         } else if let Ok(message) = MavMessage::parse(frame.version, frame.id, frame.payload) {
-            self.message(frame, &message);
+            self.process_message(frame, &message);
         }
     }
 
@@ -232,7 +232,7 @@ impl TlogReader {
         self.builder.finish()
     }
 
-    fn message(&mut self, frame: &Frame<'_>, message: &MavMessage) {
+    fn process_message(&mut self, frame: &Frame<'_>, message: &MavMessage) {
         match message {
             MavMessage::ATTITUDE(m) => {
                 if let Some(t_s) = self.time_by_sender(frame, u64::from(m.time_boot_ms) * 1000) {
@@ -257,7 +257,7 @@ impl TlogReader {
                     && let Some(t_s) = self.time_by_sender(frame, m.time_usec)
                 {
                     let field_ut = [m.xmag, m.ymag, m.zmag].map(|gauss| gauss * GAUSS_UT);
-                    self.builder.push_field(1, self.logged(1), t_s, field_ut, None);
+                    self.builder.push_field(1, self.field_processing(1), t_s, field_ut, None);
                 }
             }
             MavMessage::GPS_RAW_INT(m) => {
@@ -294,7 +294,7 @@ impl TlogReader {
         }
     }
 
-    const fn logged(&self, number: u8) -> FieldProcessing {
+    const fn field_processing(&self, number: u8) -> FieldProcessing {
         match self.builder.flight.autopilot {
             Autopilot::ArduPilot => FieldProcessing::ArduPilot,
             Autopilot::Px4 => FieldProcessing::Px4(number - 1),
@@ -310,7 +310,7 @@ impl TlogReader {
         }
         if let Some(t_s) = self.time_by_sender(frame, us) {
             let field_ut = field.map(|axis| f32::from(axis) * MILLIGAUSS_UT);
-            self.builder.push_field(number, self.logged(number), t_s, field_ut, None);
+            self.builder.push_field(number, self.field_processing(number), t_s, field_ut, None);
         }
     }
 

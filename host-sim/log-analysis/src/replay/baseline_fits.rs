@@ -9,11 +9,11 @@ const MIN_ROWS: usize = 20;
 /// Fits a sphere to fields in microtesla by linear least squares of `|m|^2 = 2 c m + k`; returns correction and radius.
 #[must_use]
 pub fn fit_sphere(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> {
-    let (scaled, mean, scale) = scaled(fields)?;
+    let (scaled, mean, scale) = normalised_points(fields)?;
     let matrix =
         DMatrix::from_fn(scaled.len(), 4, |row, column| if column == 3 { 1.0 } else { 2.0 * scaled[row][column] });
     let squares = DVector::from_fn(scaled.len(), |row, _| scaled[row].norm_squared());
-    let [x, y, z, k] = *solved(&matrix, &squares)?.as_slice() else { return None };
+    let [x, y, z, k] = *solve_equations(&matrix, &squares)?.as_slice() else { return None };
     let centre = Vector3::new(x, y, z);
     let radius = (k + centre.norm_squared()).sqrt() * scale;
     let correction = FieldCorrection::without_current(Matrix3::identity(), mean + centre * scale);
@@ -24,7 +24,7 @@ pub fn fit_sphere(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> {
 /// symmetric correction to a sphere of equal volume and its radius, or none for another quadric.
 #[must_use]
 pub fn fit_ellipsoid(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> {
-    let (scaled, mean, scale) = scaled(fields)?;
+    let (scaled, mean, scale) = normalised_points(fields)?;
     let matrix = DMatrix::from_fn(scaled.len(), 9, |row, column| {
         let m = scaled[row];
         match column {
@@ -36,7 +36,7 @@ pub fn fit_ellipsoid(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> 
         }
     });
     let ones = DVector::repeat(scaled.len(), 1.0);
-    let [xx, yy, zz, xy, xz, yz, x, y, z] = *solved(&matrix, &ones)?.as_slice() else { return None };
+    let [xx, yy, zz, xy, xz, yz, x, y, z] = *solve_equations(&matrix, &ones)?.as_slice() else { return None };
     let quadric = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
     let linear = Vector3::new(x, y, z);
     let centre = -(quadric.try_inverse()? * linear);
@@ -53,7 +53,7 @@ pub fn fit_ellipsoid(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> 
 }
 
 /// Fields about their mean in units of their RMS distance, the mean and that unit.
-fn scaled(fields: &[Vector3<f64>]) -> Option<(Vec<Vector3<f64>>, Vector3<f64>, f64)> {
+fn normalised_points(fields: &[Vector3<f64>]) -> Option<(Vec<Vector3<f64>>, Vector3<f64>, f64)> {
     if fields.len() < MIN_ROWS {
         return None;
     }
@@ -62,7 +62,7 @@ fn scaled(fields: &[Vector3<f64>]) -> Option<(Vec<Vector3<f64>>, Vector3<f64>, f
     (scale > 1e-6).then(|| (fields.iter().map(|field| (field - mean) / scale).collect(), mean, scale))
 }
 
-fn solved(matrix: &DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
+fn solve_equations(matrix: &DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
     let normal = matrix.transpose() * matrix;
     normal.cholesky().map(|cholesky| cholesky.solve(&(matrix.transpose() * right)))
 }

@@ -30,7 +30,7 @@ pub struct EvaluationOptions {
     /// Reference heading; default: the best in the log.
     pub reference: Option<ReferenceKind>,
     /// Latency of the logged field, seconds; default: estimated.
-    pub age_s: Option<f64>,
+    pub field_latency_s: Option<f64>,
 }
 
 impl EvaluationOptions {
@@ -41,7 +41,7 @@ impl EvaluationOptions {
         inclination_deg: None,
         window_s: [f64::NEG_INFINITY, f64::INFINITY],
         reference: None,
-        age_s: None,
+        field_latency_s: None,
     };
 }
 
@@ -154,17 +154,18 @@ pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) 
         .par_iter()
         .map(|compass| {
             evaluation_options
-                .age_s
+                .field_latency_s
                 .map_or_else(|| field_latency::estimate_latency(flight, compass), configured_latency)
         })
         .collect();
-    field_latency::fill_in_missing(&mut ages);
+    field_latency::fill_in_missing_latencies(&mut ages);
     let options = ReplayOptions {
         selected: evaluation_options.selected,
         inclination_deg: evaluation_options.inclination_deg,
         place_and_day: place(flight).zip(flight.day),
     };
-    let context = Context { flight, reference: reference.as_ref(), earth_ut, window_s: evaluation_options.window_s };
+    let context =
+        SharedInputs { flight, reference: reference.as_ref(), earth_ut, window_s: evaluation_options.window_s };
     let compasses: Vec<CompassEvaluation> = compasses
         .par_iter()
         .zip(ages)
@@ -179,14 +180,14 @@ pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) 
 }
 
 /// Inputs of the evaluation that all compasses of a flight share.
-struct Context<'a> {
+struct SharedInputs<'a> {
     flight: &'a Flight,
     reference: Option<&'a ReferenceHeading>,
     earth_ut: Option<f64>,
     window_s: [f64; 2],
 }
 
-impl Context<'_> {
+impl SharedInputs<'_> {
     /// Rows of a compass; those outside the window are not usable.
     fn rows(&self, compass: &Compass, age: FieldLatency) -> (Vec<ReplayRow>, RowCounts) {
         let (mut rows, mut counted) = build_rows(self.flight, compass, age.used_s, self.reference);
@@ -201,12 +202,12 @@ impl Context<'_> {
 }
 
 fn evaluate_compass(
-    context: &Context<'_>,
+    context: &SharedInputs<'_>,
     compass: &Compass,
     age: FieldLatency,
     options: &ReplayOptions,
 ) -> CompassEvaluation {
-    let &Context { flight, earth_ut, .. } = context;
+    let &SharedInputs { flight, earth_ut, .. } = context;
     let (rows, counted) = context.rows(compass, age);
     let module = replay_with(&rows, Some(flight), options);
     let all_rows = if options.selected == RowSelection::All {
@@ -336,7 +337,7 @@ impl CompassEvaluation {
 
     /// The module's result, or that of all rows if the module had no solution.
     #[must_use]
-    pub const fn displayed_result(&self) -> &ReplayResult {
+    pub const fn result_for_report(&self) -> &ReplayResult {
         if self.module.solution.is_some() { &self.module } else { &self.all_rows }
     }
 }

@@ -59,7 +59,7 @@ fn accept_estimate(age_s: f64, sigma_s: f64) -> Option<FieldLatency> {
 }
 
 /// Gives compasses without an estimate the weighted mean of the others, since one logger wrote all.
-pub fn fill_in_missing(ages: &mut [FieldLatency]) {
+pub fn fill_in_missing_latencies(ages: &mut [FieldLatency]) {
     let known: Vec<(f64, f64)> = ages.iter().filter_map(|age| Some((age.used_s, age.sigma_s?))).collect();
     let weight: f64 = known.iter().map(|(_, sigma_s)| square(*sigma_s).recip()).sum();
     if known.is_empty() || !weight.is_finite() {
@@ -93,11 +93,11 @@ mod tests {
     fn a_compass_without_an_estimate_gets_the_mean_field_latency() {
         let latency = |used_s: f64, sigma_s: Option<f64>| FieldLatency { used_s, sigma_s };
         let mut ages = [latency(0.05, Some(0.001)), latency(0.0, None), latency(0.09, Some(0.003))];
-        fill_in_missing(&mut ages);
+        fill_in_missing_latencies(&mut ages);
         assert!((ages[1].used_s - (9.0 * 0.05 + 0.09) / 10.0).abs() < 1e-9 && ages[1].sigma_s.is_none(), "{ages:?}");
         assert_eq!([ages[0], ages[2]], [latency(0.05, Some(0.001)), latency(0.09, Some(0.003))]);
         let mut usual = [latency(0.02, None); 2];
-        fill_in_missing(&mut usual);
+        fill_in_missing_latencies(&mut usual);
         assert_eq!(usual, [latency(0.02, None); 2]);
     }
 

@@ -38,15 +38,16 @@ pub(super) fn frozen_intervals(rows: &[ReplayRow]) -> Vec<FrozenInterval> {
     found
 }
 
-fn span(rows: &[ReplayRow], value_of: impl Fn(&ReplayRow) -> f32) -> f32 {
+fn range_of_values(rows: &[ReplayRow], value_of: impl Fn(&ReplayRow) -> f32) -> f32 {
     let values = || rows.iter().map(&value_of);
     values().fold(f32::MIN, f32::max) - values().fold(f32::MAX, f32::min)
 }
 
 fn frozen_interval(run: &[ReplayRow]) -> Option<[f64; 2]> {
     let [from_s, to_s] = [run.first()?.t_s, run.last()?.t_s];
-    let moves =
-        span(run, |row| row.attitude.roll_rad).max(span(run, |row| row.attitude.pitch_rad)) > MIN_TILT_CHANGE_RAD;
+    let moves = range_of_values(run, |row| row.attitude.roll_rad)
+        .max(range_of_values(run, |row| row.attitude.pitch_rad))
+        > MIN_TILT_CHANGE_RAD;
     let logged_s: f64 = run.windows(2).map(|pair| (pair[1].t_s - pair[0].t_s).min(MAX_STEP_S)).sum();
     (logged_s > MIN_FROZEN_S && moves).then_some([from_s, to_s])
 }
@@ -67,7 +68,7 @@ fn stuck_axis(rows: &[ReplayRow], axis: usize) -> impl Iterator<Item = [f64; 2]>
     })
     .filter_map(move |run| {
         let strength_ut = run.first()?.field.ut.norm();
-        let others = [1, 2].map(|other| span(run, |row| row.field.ut[(axis + other) % 3]));
+        let others = [1, 2].map(|other| range_of_values(run, |row| row.field.ut[(axis + other) % 3]));
         frozen_interval(run).filter(|_| others[0].max(others[1]) > MIN_OTHER_AXES_CHANGE * strength_ut)
     })
 }

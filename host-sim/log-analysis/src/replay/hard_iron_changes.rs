@@ -80,7 +80,7 @@ fn search(
         .min_by(|one, other| one.quality.expected_rms_deg.total_cmp(&other.quality.expected_rms_deg));
     let step = best.and_then(|solution| find_step(rows, &solved_correction(solution))).unwrap_or(step);
     let parts = split(&step);
-    let Some(bend_deg) = search_of.confirmed_bend_deg(&step, parts, &solutions) else { return };
+    let Some(bend_deg) = search_of.confirmed_heading_effect_deg(&step, parts, &solutions) else { return };
     found.push(HardIronChange { step, bend_deg });
     for (part, solution) in parts.into_iter().zip(&solutions) {
         if let Some(solution) = solution {
@@ -93,7 +93,7 @@ impl ChangeSearch<'_> {
     /// Effect of a step on a level heading, degrees, if it is significant and confirmed: the monitor, started with the
     /// calibration of the better observed part of the flight, detects it in the other, or the step halves the
     /// residuals of that other part under the calibration.
-    fn confirmed_bend_deg(
+    fn confirmed_heading_effect_deg(
         &self,
         step: &HardIronStep,
         [before, after]: [&[ReplayRow]; 2],

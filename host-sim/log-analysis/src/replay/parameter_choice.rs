@@ -92,11 +92,11 @@ pub fn choose_parameters(
     let candidate = |variant: &FitVariant| {
         let held_back =
             |solution: &Solution| export_correction(evaluation.number, &rows, &solution.calibration, total_ut, format);
-        let exported = held_back(&variant.whole)?;
-        let halves = [variant.halves[0].as_ref()?, variant.halves[1].as_ref()?].map(held_back);
+        let exported = held_back(&variant.fit_of_all_rows)?;
+        let halves = [variant.fits_of_halves[0].as_ref()?, variant.fits_of_halves[1].as_ref()?].map(held_back);
         let [Some(first), Some(second)] = halves else { return None };
         let held_back = score_held_back(flight, &rows, &[first, second], format, sigma_deg.is_some())?;
-        Some(Candidate { solution: variant.whole, is_accepted: variant.is_accepted, exported, held_back })
+        Some(Candidate { solution: variant.fit_of_all_rows, is_accepted: variant.is_accepted, exported, held_back })
     };
     let mut candidates = fit.variants.iter().filter_map(candidate);
     let mut best = candidates.next().ok_or(NoParameters::Unsolved)?;
@@ -175,9 +175,9 @@ fn score_held_back(
     } else {
         [&field as &dyn Fn(&ReplayRow) -> Vector3<f64>, &logged].map(|field| rms_deg_by_scatter(scatter(rows, field)))
     };
-    let [disturbed_deg, _] = scatter(rows, &field);
+    let [field_scatter_deg, _] = scatter(rows, &field);
     let is_estimate = !has_reference;
-    rms_deg.is_finite().then_some(HeldBackScore { rms_deg, as_logged_rms_deg, is_estimate, disturbed_deg })
+    rms_deg.is_finite().then_some(HeldBackScore { rms_deg, as_logged_rms_deg, is_estimate, field_scatter_deg })
 }
 
 /// Heading errors that correspond to the scatter of field strength and of inclination, degrees RMS. An isotropic

@@ -60,7 +60,7 @@ pub struct HeldBackScore {
     pub is_estimate: bool,
     /// Heading error that corresponds to the scatter of the corrected strength, degrees RMS. Errors of the attitude do
     /// not contribute: a large value is a disturbed field.
-    pub disturbed_deg: f64,
+    pub field_scatter_deg: f64,
 }
 
 /// A solution in the form an autopilot can express.
@@ -126,7 +126,7 @@ pub fn export_correction(
     let turned = nearest_mounting(&turn);
     let q = turned.matrix();
     let scale = total_ut.map_or(1.0, |total_ut| total_ut / f64::from(calibration.total_ut));
-    let rows: Vec<ReplayRow> = own_rows.iter().map(|row| turned_row(row, &q)).collect();
+    let rows: Vec<ReplayRow> = own_rows.iter().map(|row| row_in_rotated_axes(row, &q)).collect();
     let by_current_ut = Vector3::from(calibration.motor_current.ut_per_a).map(f64::from);
     let full = FieldCorrection { matrix: w, hard_iron_ut: b, motor_ut_per_a: by_current_ut };
     // INAV has no current compensation; the mean interference goes into the offsets.
@@ -175,7 +175,7 @@ pub fn applied_field(
     };
     let q = export.rotation.matrix();
     // The heading is that of the body axes, to which the orientation parameter turns the field first.
-    move |row| turned_row(row, &q).corrected(&correction)
+    move |row| row_in_rotated_axes(row, &q).corrected(&correction)
 }
 
 /// INAV's `(raw - zero) 1024 / gain`, in milligauss.
@@ -286,7 +286,7 @@ fn nearest_mounting(turn: &Matrix3<f64>) -> NumberedRotation {
     if is_square && off_deg < 25.0 { nearest } else { NumberedRotation::default() }
 }
 
-fn turned_row(row: &ReplayRow, q: &Matrix3<f64>) -> ReplayRow {
+fn row_in_rotated_axes(row: &ReplayRow, q: &Matrix3<f64>) -> ReplayRow {
     let field = q * row.field.ut.map(f64::from);
     ReplayRow { field: Field::new(field.map(|axis| axis as f32)), ..*row }
 }

@@ -28,11 +28,11 @@ pub struct ParameterFit {
 #[derive(Clone, Debug)]
 pub struct FitVariant {
     /// Fit to all rows; whether the module would have accepted it.
-    pub whole: Solution,
+    pub fit_of_all_rows: Solution,
     /// Whether the module's verification accepts the fit.
     pub is_accepted: bool,
     /// Fits to each half; none where a half gives no solution.
-    pub halves: [Option<Solution>; 2],
+    pub fits_of_halves: [Option<Solution>; 2],
 }
 
 impl ParameterFit {
@@ -43,7 +43,7 @@ impl ParameterFit {
         let since: Vec<ReplayRow> = rows.iter().filter(|row| row.usable && row.t_s >= from_s).copied().collect();
         let without_current: Vec<ReplayRow> = since.iter().map(|row| ReplayRow { current_a: None, ..*row }).collect();
         let with = FitVariant::new(&since, options);
-        let is_by_current = |fit: &FitVariant| fit.whole.calibration.motor_current.is_applied();
+        let is_by_current = |fit: &FitVariant| fit.fit_of_all_rows.calibration.motor_current.is_applied();
         let variants = match with.filter(is_by_current) {
             Some(with) => FitVariant::new(&without_current, options).into_iter().chain([with]).collect(),
             None => FitVariant::new(&without_current, options).into_iter().collect(),
@@ -64,7 +64,11 @@ impl FitVariant {
         let half = |number: usize| -> Vec<ReplayRow> {
             rows.iter().filter(|row| half_at(row.t_s) == number).copied().collect()
         };
-        Some(Self { whole: solution?, is_accepted, halves: [0, 1].map(|number| solve_rows(&half(number), options).0) })
+        Some(Self {
+            fit_of_all_rows: solution?,
+            is_accepted,
+            fits_of_halves: [0, 1].map(|number| solve_rows(&half(number), options).0),
+        })
     }
 }
 
@@ -72,8 +76,8 @@ impl FitVariant {
 /// any period are divided evenly.
 #[must_use]
 pub fn half_at(t_s: f64) -> usize {
-    const GOLDEN: f64 = 0.618_033_988_749_895;
-    usize::from(((t_s / FIT_BLOCK_S).floor() * GOLDEN).rem_euclid(1.0) < 0.5)
+    const GOLDEN_RATIO: f64 = 0.618_033_988_749_895;
+    usize::from(((t_s / FIT_BLOCK_S).floor() * GOLDEN_RATIO).rem_euclid(1.0) < 0.5)
 }
 
 #[cfg(test)]
@@ -85,9 +89,9 @@ mod tests {
     fn both_halves_contain_every_phase_of_a_circle() {
         for period_s in [20, 40, 60] {
             for phase_s in (0..period_s).step_by(10) {
-                let halves: Vec<usize> =
+                let fits_of_halves: Vec<usize> =
                     (0..20).map(|circle| half_at(f64::from(circle * period_s + phase_s) + 5.0)).collect();
-                let ones = halves.iter().sum::<usize>();
+                let ones = fits_of_halves.iter().sum::<usize>();
                 assert!((4..=16).contains(&ones), "{period_s} s, {phase_s} s: {ones} of 20");
             }
         }

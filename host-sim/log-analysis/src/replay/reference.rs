@@ -98,7 +98,7 @@ impl ReferenceHeading {
 
     /// The GPS course solution, if used.
     #[must_use]
-    pub const fn course(&self) -> Option<&GpsCourseHeading> {
+    pub const fn gps_course_solution(&self) -> Option<&GpsCourseHeading> {
         if let Self::GpsCourse(course) = self { Some(course) } else { None }
     }
 

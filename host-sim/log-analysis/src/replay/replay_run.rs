@@ -25,7 +25,7 @@ pub fn replay(rows: &[ReplayRow], options: &ReplayOptions) -> ReplayResult {
 #[must_use]
 pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &ReplayOptions) -> ReplayResult {
     let config = instrument_config(rows);
-    let usable = fitted(rows, config);
+    let usable = samples_to_fit(rows, config);
     let run = match options.selected {
         RowSelection::All => from_all(&usable, &SolverPrior::new(options, config)),
         RowSelection::Turns => from_procedure(&usable, Procedure::Turns, &SolverPrior::new(options, config)),
@@ -58,7 +58,7 @@ pub(super) fn solve_all_rows(rows: &[ReplayRow]) -> Option<Solution> {
 pub(super) fn solve_rows(rows: &[ReplayRow], options: &ReplayOptions) -> (Option<Solution>, bool) {
     let config = instrument_config(rows);
     let options = ReplayOptions { selected: RowSelection::All, ..*options };
-    let (samples, known) = (fitted(rows, config), SolverPrior::new(&options, config));
+    let (samples, known) = (samples_to_fit(rows, config), SolverPrior::new(&options, config));
     let expected_deg = |outcome: &RunOutcome| {
         outcome.solution.as_ref().map_or(f32::INFINITY, |solution| solution.quality.expected_rms_deg)
     };
@@ -73,7 +73,7 @@ pub(super) fn solve_rows(rows: &[ReplayRow], options: &ReplayOptions) -> (Option
 }
 
 /// Samples of the usable rows.
-fn fitted(rows: &[ReplayRow], config: InstrumentConfig) -> Vec<Sample> {
+fn samples_to_fit(rows: &[ReplayRow], config: InstrumentConfig) -> Vec<Sample> {
     let usable = rows.iter().filter(|row| row.usable);
     let start_s = rows.first().map_or(0.0, |row| row.t_s);
     let mut instrument = Instrument::new(config);

@@ -84,7 +84,7 @@ impl SolverPrior {
 pub(super) fn from_procedure(samples: &[Sample], procedure: Procedure, known: &SolverPrior) -> RunOutcome {
     let mut retained = RetainedSamples::EMPTY;
     let mut collector = Collector::new(&mut retained);
-    collector.begin(procedure);
+    collector.begin_procedure(procedure);
     for &sample in samples {
         collector.push(sample);
     }

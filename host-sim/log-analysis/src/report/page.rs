@@ -22,7 +22,7 @@ const CONTENT_SECURITY_POLICY: &str =
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-U3Ow37qEPDXWLmhOLWcek4fZZyoqKwC/NAF4+nCGuEM='";
 
 pub fn render_html(report: &Report) -> String {
-    let parts = parts(report);
+    let parts = page_sections(report);
     let links =
         concat_map(&parts, |part| format!("<li><a href=\"#{}\">{}</a></li>", part.id, escape_html(&part.title)));
     let body = concat_map(&parts, |part| {
@@ -55,7 +55,7 @@ struct PageSection {
     is_folded: bool,
 }
 
-fn parts(report: &Report) -> Vec<PageSection> {
+fn page_sections(report: &Report) -> Vec<PageSection> {
     let open = |id: &str, title: &str, html: String| PageSection {
         id: id.to_owned(),
         title: title.to_owned(),

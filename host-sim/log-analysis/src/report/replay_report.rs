@@ -115,7 +115,7 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
     let facts = verdict.facts(compass);
     let exported = compass.parameters_to_load();
     let compass = compass.evaluation;
-    let replay_result = compass.displayed_result();
+    let replay_result = compass.result_for_report();
     let solution = replay_result.solution.as_ref();
     let parameters = exported.map(|export| applied_field(flight, export, verdict.format));
     let shown = ShownCorrections {
@@ -354,7 +354,11 @@ mod tests {
         let flight = log::read(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
         let verdict = evaluate_flight(
             &flight,
-            &EvaluationOptions { selected: RowSelection::Flight, age_s: Some(0.0), ..EvaluationOptions::DEFAULT },
+            &EvaluationOptions {
+                selected: RowSelection::Flight,
+                field_latency_s: Some(0.0),
+                ..EvaluationOptions::DEFAULT
+            },
         );
         (flight, verdict)
     });

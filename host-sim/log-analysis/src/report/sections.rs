@@ -67,10 +67,10 @@ pub fn comparison_section(report: &Report) -> String {
         capitalised(report.reference.difference_name),
         report.reference.reference_name
     );
-    format!("<p>{CORRECTIONS_EXPLAINED}</p>\n{}", table(&caption, "corrected by", &names, rows))
+    format!("<p>{CORRECTIONS_TEXT}</p>\n{}", table(&caption, "corrected by", &names, rows))
 }
 
-const CORRECTIONS_EXPLAINED: &str = "Uncorrected: the sensor's field. As logged: with the autopilot's parameters. Sphere, ellipsoid: the usual \
+const CORRECTIONS_TEXT: &str = "Uncorrected: the sensor's field. As logged: with the autopilot's parameters. Sphere, ellipsoid: the usual \
                            fits. Module: an Autoswing module on this flight, from the samples it would have collected, and from all \
                            rows. Parameters to load: as the autopilot would apply them, on rows that were held back from their fit.";
 

@@ -109,7 +109,7 @@ impl CanEnd {
     }
 
     /// Sends a frame as soon as the bus is free, behind all frames offered before.
-    pub fn offer(&self, frame: &CanFrame) {
+    pub fn queue_frame(&self, frame: &CanFrame) {
         self.bus.0.borrow_mut().transmit(self.node, frame, clock::now_us());
     }
 

@@ -10,7 +10,7 @@ use embedded_hal_async::i2c::{Error, ErrorKind, ErrorType, I2c, NoAcknowledgeSou
 const NANOSECONDS_PER_BYTE: u64 = 22_500;
 
 /// Device on the bus.
-pub trait Target {
+pub trait SimulatedI2cDevice {
     /// Whether the device acknowledges this address now.
     fn acknowledges(&self, address: SevenBitAddress) -> bool;
 
@@ -22,7 +22,7 @@ pub trait Target {
 }
 
 /// Device shared between the bus and a test that injects faults.
-pub type SharedTarget = Rc<RefCell<dyn Target>>;
+pub type SharedI2cDevice = Rc<RefCell<dyn SimulatedI2cDevice>>;
 
 /// Bus error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,7 +42,7 @@ impl Error for BusError {
 /// Cloneable handle to the bus. A transaction takes the time of its bytes and takes effect at its end.
 #[derive(Clone, Default)]
 pub struct Bus {
-    targets: Rc<RefCell<Vec<SharedTarget>>>,
+    targets: Rc<RefCell<Vec<SharedI2cDevice>>>,
 }
 
 impl Bus {
@@ -53,11 +53,11 @@ impl Bus {
     }
 
     /// Connects a device.
-    pub fn attach(&self, target: SharedTarget) {
+    pub fn attach(&self, target: SharedI2cDevice) {
         self.targets.borrow_mut().push(target);
     }
 
-    fn target_at(&self, address: SevenBitAddress) -> Option<SharedTarget> {
+    fn target_at(&self, address: SevenBitAddress) -> Option<SharedI2cDevice> {
         self.targets.borrow().iter().find(|target| target.borrow().acknowledges(address)).cloned()
     }
 }

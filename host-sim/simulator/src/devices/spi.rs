@@ -11,7 +11,7 @@ use embedded_hal_async::spi::{ErrorType, Operation, SpiDevice};
 const MICROSECONDS_PER_BYTE: u64 = 8;
 
 /// Device on the bus.
-pub trait Target {
+pub trait SimulatedSpiDevice {
     /// Bytes written by the master, the first of them the register address.
     fn write(&mut self, bytes: &[u8]);
 
@@ -21,12 +21,12 @@ pub trait Target {
 
 /// Device selected by its own chip select. A transaction takes the time of its bytes and takes effect at its end.
 #[derive(Clone)]
-pub struct SelectedDevice(Rc<RefCell<dyn Target>>);
+pub struct SelectedDevice(Rc<RefCell<dyn SimulatedSpiDevice>>);
 
 impl SelectedDevice {
     /// Connects a device.
     #[must_use]
-    pub fn new(target: Rc<RefCell<dyn Target>>) -> Self {
+    pub fn new(target: Rc<RefCell<dyn SimulatedSpiDevice>>) -> Self {
         Self(target)
     }
 }

@@ -67,7 +67,7 @@ pub fn frozen_attitude(switch: Switch) -> impl AttitudeFault {
 
 /// Roll and pitch of the onset with the source's noise, while the body rates go on: a filter that ignores its gyro.
 #[must_use]
-pub fn hanging_attitude(switch: Switch, source: &AttitudeSourceConfig, seed: u64) -> impl AttitudeFault + use<> {
+pub fn stale_attitude(switch: Switch, source: &AttitudeSourceConfig, seed: u64) -> impl AttitudeFault + use<> {
     let noise = |seed| {
         let random = Random::new(seed, Purpose::AttitudeFault);
         FirstOrder::new(source.noise_deg.to_radians(), source.noise_time_s, 1.0 / source.rate_hz, random)
@@ -98,7 +98,7 @@ impl AttitudeFault for Silence {
         self.switch.active_for_s(now_us).is_some_and(|on_for_s| on_for_s % self.period_s < self.silent_s)
     }
 
-    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
+    fn modify_message(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
         if let Some(on_for_s) = self.switch.active_for_s(now_us).filter(|_| self.stops_clock) {
             let intervals = (on_for_s / self.period_s).floor() + 1.0;
             message.time_boot_ms = message.time_boot_ms.wrapping_sub((1e3 * intervals * self.silent_s) as u32);
@@ -121,7 +121,7 @@ impl AttitudeFault for Restart {
         self.switch.active_for_s(now_us).is_some_and(|on_for_s| on_for_s < self.silent_s)
     }
 
-    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
+    fn modify_message(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
         if let Some(on_for_s) = self.switch.active_for_s(now_us) {
             message.time_boot_ms = (1e3 * on_for_s) as u32;
             self.alignment.add_error(on_for_s - self.silent_s, message);
@@ -184,7 +184,7 @@ impl AttitudeFault for AdditionalLatency {
         if self.switch.is_on(now_us) { self.latency_us } else { 0 }
     }
 
-    fn tamper(&mut self, _now_us: u64, _message: &mut ATTITUDE_DATA) {}
+    fn modify_message(&mut self, _now_us: u64, _message: &mut ATTITUDE_DATA) {}
 }
 
 /// Scale error of the body rates, reported over true: 0 for missing rates, -1 for a wrong sign, 57.3 for degrees.

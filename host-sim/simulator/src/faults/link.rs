@@ -44,8 +44,10 @@ impl LinkFault {
     pub fn run(self, world: World, uart: HostEnd) -> Pin<Box<dyn Future<Output = ()>>> {
         match self {
             Self::Pause(switch) => Box::pin(pause(switch, world)),
-            Self::OtherVehicle(system_id) => Box::pin(other_vehicle(system_id, world, uart)),
-            Self::Forged(switch, message) => Box::pin(forge(switch, message, world.attitude_source(), uart)),
+            Self::OtherVehicle(system_id) => Box::pin(simulate_other_vehicle(system_id, world, uart)),
+            Self::Forged(switch, message) => {
+                Box::pin(send_forged_message(switch, message, world.attitude_source(), uart))
+            }
         }
     }
 }
@@ -61,7 +63,7 @@ async fn pause(switch: Switch, world: World) {
 }
 
 /// A vehicle of the same kind, armed, in circles to alternating sides.
-async fn other_vehicle(system_id: u8, own: World, uart: HostEnd) {
+async fn simulate_other_vehicle(system_id: u8, own: World, uart: HostEnd) {
     /// Number of circles that the vehicle flies: more than ten hours.
     const MAX_FLIGHT_CIRCLES: usize = 4000;
     let config = own.config();
@@ -75,7 +77,7 @@ async fn other_vehicle(system_id: u8, own: World, uart: HostEnd) {
     world.attitude_source().with_identity(identity).run(world, uart, Vec::new()).await;
 }
 
-async fn forge(switch: Switch, message: ForgedMessage, mut autopilot: AttitudeSource, uart: HostEnd) {
+async fn send_forged_message(switch: Switch, message: ForgedMessage, mut autopilot: AttitudeSource, uart: HostEnd) {
     if message == ForgedMessage::NoAutopilot {
         autopilot =
             autopilot.with_identity(Identity { heartbeat_kind: Some(SenderKind::Other), ..Identity::AUTOPILOT });

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use testkit::clock;
 
 use super::Switch;
-use crate::devices::i2c::{SharedTarget, Target};
+use crate::devices::i2c::{SharedI2cDevice, SimulatedI2cDevice};
 use crate::random::{Purpose, Random};
 
 /// First output register, and the auto-increment bit of the register address.
@@ -18,17 +18,17 @@ const AUTO_INCREMENT: u8 = 0x80;
 /// Fault of the chip.
 pub trait SensorFault {
     /// Modifies a measurement, counts of x, y, z.
-    fn tamper(&mut self, _at_us: u64, _counts: &mut [i16; 3]) {}
+    fn modify_counts(&mut self, _at_us: u64, _counts: &mut [i16; 3]) {}
 
     /// Register address and bit mask of bits that flip now.
-    fn upset(&mut self, _at_us: u64) -> Option<(u8, u8)> {
+    fn register_upset(&mut self, _at_us: u64) -> Option<(u8, u8)> {
         None
     }
 }
 
 /// Bus device that applies faults to a chip.
 pub struct FaultyChip {
-    chip: SharedTarget,
+    chip: SharedI2cDevice,
     faults: Vec<Box<dyn SensorFault>>,
     /// First register of the next read.
     pointer: u8,
@@ -37,11 +37,11 @@ pub struct FaultyChip {
 impl FaultyChip {
     /// A chip with faults.
     #[must_use]
-    pub fn new(chip: SharedTarget, faults: Vec<Box<dyn SensorFault>>) -> Rc<RefCell<Self>> {
+    pub fn new(chip: SharedI2cDevice, faults: Vec<Box<dyn SensorFault>>) -> Rc<RefCell<Self>> {
         Rc::new(RefCell::new(Self { chip, faults, pointer: 0 }))
     }
 
-    fn flip(&mut self, register: u8, bits: u8) {
+    fn flip_register_bits(&mut self, register: u8, bits: u8) {
         let mut chip = self.chip.borrow_mut();
         let mut value = [0];
         chip.write(&[register]);
@@ -50,16 +50,16 @@ impl FaultyChip {
     }
 }
 
-impl Target for FaultyChip {
+impl SimulatedI2cDevice for FaultyChip {
     fn acknowledges(&self, address: u8) -> bool {
         self.chip.borrow().acknowledges(address)
     }
 
     fn write(&mut self, bytes: &[u8]) {
         let now_us = clock::now_us();
-        let upsets: Vec<_> = self.faults.iter_mut().filter_map(|fault| fault.upset(now_us)).collect();
+        let upsets: Vec<_> = self.faults.iter_mut().filter_map(|fault| fault.register_upset(now_us)).collect();
         for (register, bits) in upsets {
-            self.flip(register, bits);
+            self.flip_register_bits(register, bits);
         }
         if let Some(&pointer) = bytes.first() {
             self.pointer = pointer;
@@ -76,7 +76,7 @@ impl Target for FaultyChip {
         let [xl, xh, yl, yh, zl, zh] = *data;
         let mut counts = [[xl, xh], [yl, yh], [zl, zh]].map(i16::from_le_bytes);
         for fault in &mut self.faults {
-            fault.tamper(clock::now_us(), &mut counts);
+            fault.modify_counts(clock::now_us(), &mut counts);
         }
         let [x, y, z] = counts.map(i16::to_le_bytes);
         *data = [x[0], x[1], y[0], y[1], z[0], z[1]];
@@ -84,7 +84,7 @@ impl Target for FaultyChip {
 }
 
 impl<F: FnMut(u64, &mut [i16; 3])> SensorFault for F {
-    fn tamper(&mut self, at_us: u64, counts: &mut [i16; 3]) {
+    fn modify_counts(&mut self, at_us: u64, counts: &mut [i16; 3]) {
         self(at_us, counts);
     }
 }
@@ -169,7 +169,7 @@ pub struct RegisterUpset {
 }
 
 impl SensorFault for RegisterUpset {
-    fn upset(&mut self, at_us: u64) -> Option<(u8, u8)> {
+    fn register_upset(&mut self, at_us: u64) -> Option<(u8, u8)> {
         let occurs_now = self.switch.is_on(at_us) && !self.has_occurred;
         self.has_occurred |= occurs_now;
         occurs_now.then_some((self.register, self.bits))

@@ -18,7 +18,7 @@ use super::sensor::{
     FaultyChip, RegisterUpset, SensorFault, additional_noise, aliased_vibration, axis_clipping, measurement_spikes,
     stuck_axes,
 };
-use crate::devices::i2c::Target;
+use crate::devices::i2c::SimulatedI2cDevice;
 use crate::world::airframe::Airframe;
 use crate::world::earth::Earth;
 use crate::world::{TrueState, WorldConfig};
@@ -54,7 +54,7 @@ struct Chip {
     pointer: usize,
 }
 
-impl Target for Chip {
+impl SimulatedI2cDevice for Chip {
     fn acknowledges(&self, _address: u8) -> bool {
         true
     }
@@ -102,13 +102,13 @@ fn an_upset_flips_the_bits_of_a_register_once() {
     assert_eq!(bytes, [0x20, 0x41, 0x22, 0x23, 0x24]);
     assert_eq!(chip.borrow().registers[0x21], 0x41);
     let mut upset = RegisterUpset { switch: switch(), register: 0x21, bits: 0x60, has_occurred: false };
-    assert_eq!(upset.upset(BEFORE_US), None);
-    assert_eq!((upset.upset(WHILE_US), upset.upset(WHILE_US)), (Some((0x21, 0x60)), None));
+    assert_eq!(upset.register_upset(BEFORE_US), None);
+    assert_eq!((upset.register_upset(WHILE_US), upset.register_upset(WHILE_US)), (Some((0x21, 0x60)), None));
 }
 
 fn apply_sensor_fault(fault: &mut impl SensorFault, at_us: u64, counts: [i16; 3]) -> [i16; 3] {
     let mut counts = counts;
-    fault.tamper(at_us, &mut counts);
+    fault.modify_counts(at_us, &mut counts);
     counts
 }
 
@@ -142,7 +142,7 @@ fn noise_and_spikes_have_the_configured_size_and_rate() {
 fn apply_attitude_fault(fault: &mut impl AttitudeFault, at_us: u64, roll: f32) -> ATTITUDE_DATA {
     let mut message =
         ATTITUDE_DATA { roll, pitch: 0.1, rollspeed: roll, time_boot_ms: (at_us / 1000) as u32, ..Default::default() };
-    fault.tamper(at_us, &mut message);
+    fault.modify_message(at_us, &mut message);
     message
 }
 
@@ -160,7 +160,7 @@ fn a_frozen_source_repeats_everything_but_its_time() {
 fn each_attitude_fault_has_its_named_effect() {
     let roll = |fault: &mut dyn AttitudeFault, at_us| {
         let mut message = ATTITUDE_DATA { roll: 0.4, ..Default::default() };
-        fault.tamper(at_us, &mut message);
+        fault.modify_message(at_us, &mut message);
         message.roll
     };
     let mut bank_scale = bank_scale_error(switch(), 0.7);
@@ -240,7 +240,7 @@ fn a_lean_grows_with_its_time_constant() {
     let mut message = ATTITUDE_DATA::default();
     for step in 0..=500 {
         message = ATTITUDE_DATA { roll: 0.5, ..ATTITUDE_DATA::default() };
-        lean.tamper(step * 20_000, &mut message);
+        lean.modify_message(step * 20_000, &mut message);
     }
     let expected = 0.5 * (1.0 - 0.12 * (1.0 - libm::expf(-1.0)));
     assert!((message.roll - expected).abs() < 1e-4, "{}", message.roll);

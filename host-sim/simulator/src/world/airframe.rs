@@ -87,8 +87,8 @@ impl Airframe {
         let symmetric = raw + raw.transpose();
         let asymmetric = raw - raw.transpose();
         let soft_iron = Matrix3::identity()
-            + scaled(symmetric, random.uniform(0.0, RANDOM_SOFT_IRON))
-            + scaled(asymmetric, random.uniform(0.0, RANDOM_ASYMMETRY));
+            + scaled_to_size(symmetric, random.uniform(0.0, RANDOM_SOFT_IRON))
+            + scaled_to_size(asymmetric, random.uniform(0.0, RANDOM_ASYMMETRY));
         let hard_iron = random.direction() * random.uniform(0.0, RANDOM_HARD_IRON);
         let mounting = random.rotation(RANDOM_MOUNTING_DEG);
         Self { a: mounting * soft_iron, b_ut: hard_iron * earth.horizontal_ut() }
@@ -124,7 +124,7 @@ impl Airframe {
 }
 
 /// The matrix, scaled to a largest singular value of `size`.
-fn scaled(matrix: Matrix3<f64>, size: f64) -> Matrix3<f64> {
+fn scaled_to_size(matrix: Matrix3<f64>, size: f64) -> Matrix3<f64> {
     matrix * (size / matrix.singular_values().max())
 }
 

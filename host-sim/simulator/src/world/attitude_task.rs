@@ -55,7 +55,7 @@ impl AttitudeSource {
             let truth = world.true_state(now_us.saturating_sub(latency_us + added_latency_us));
             let mut message = self.attitude_message(&truth, now_us);
             for fault in &mut faults {
-                fault.tamper(now_us, &mut message);
+                fault.modify_message(now_us, &mut message);
             }
             // Noise advances also while sending is disabled, so it depends only on time.
             let frame = self.encode(&message);

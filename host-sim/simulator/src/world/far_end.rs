@@ -91,7 +91,7 @@ async fn mavlink(
                 let truth = world.true_state(now_us.saturating_sub(latency_us + added_latency_us));
                 let tamper = |attitude: &mut ATTITUDE_DATA| {
                     for fault in &mut faults {
-                        fault.tamper(now_us, attitude);
+                        fault.modify_message(now_us, attitude);
                     }
                 };
                 let (is_armed, current_a) = (world.is_armed(), world.reported_current_a(now_us));
@@ -126,7 +126,7 @@ async fn msp(
             // Attitude faults operate on MAVLink messages.
             let mut attitude = source.attitude_message(&truth, now_us);
             for fault in &mut faults {
-                fault.tamper(now_us, &mut attitude);
+                fault.modify_message(now_us, &mut attitude);
             }
             known = AutopilotState {
                 roll_rad: f64::from(attitude.roll),

@@ -43,7 +43,7 @@ pub trait AttitudeFault {
     }
 
     /// Modifies a message.
-    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA);
+    fn modify_message(&mut self, now_us: u64, message: &mut ATTITUDE_DATA);
 }
 
 /// Whether one of the faults silences the source.
@@ -52,7 +52,7 @@ pub(super) fn is_silent(faults: &[Box<dyn AttitudeFault>], now_us: u64) -> bool 
 }
 
 impl<F: FnMut(u64, &mut ATTITUDE_DATA)> AttitudeFault for F {
-    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
+    fn modify_message(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
         self(now_us, message);
     }
 }

@@ -120,8 +120,8 @@ impl World {
     }
 
     /// Ends a prescribed motion; the vehicle model continues at the present position.
-    pub fn release(&self) {
-        self.advanced_to_now().aircraft.release();
+    pub fn end_prescribed_motion(&self) {
+        self.advanced_to_now().aircraft.end_prescribed_motion();
     }
 
     /// Moves toward an attitude received now from an external simulator.

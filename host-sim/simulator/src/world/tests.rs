@@ -96,7 +96,7 @@ fn the_flight_does_not_depend_on_queries() {
 #[test]
 fn states_of_the_past_two_seconds_are_available() {
     let mut simulation = Simulation::new();
-    let config = WorldConfig { weather: weather::Weather::still(), ..WorldConfig::table1(1) };
+    let config = WorldConfig { weather: weather::Weather::calm(), ..WorldConfig::table1(1) };
     let world = World::new(config);
     world.hold_bank_and_pitch(30.0, 0.0);
     simulation.run_until(20_000_000);
@@ -124,7 +124,7 @@ fn a_disturbance_adds_to_the_field_until_it_is_removed() {
 #[test]
 fn motor_current_interference_is_proportional_to_the_current() {
     let mut simulation = Simulation::new();
-    let still = WorldConfig { weather: weather::Weather::still(), ..WorldConfig::table1(1) };
+    let still = WorldConfig { weather: weather::Weather::calm(), ..WorldConfig::table1(1) };
     let world = World::new(still.with_vehicle_kind(aircraft::VehicleKind::Copter));
     simulation.run_until(2_000_000);
     let added_ut = |current_ut: [f64; 3]| {

@@ -36,7 +36,7 @@ impl Default for Weather {
 impl Weather {
     /// No wind, gusts or random attitude disturbances.
     #[must_use]
-    pub fn still() -> Self {
+    pub fn calm() -> Self {
         Self { wind_m_s: 0.0, gust_m_s: 0.0, bank_wander_deg: 0.0, pitch_wander_deg: 0.0, ..Self::default() }
     }
 

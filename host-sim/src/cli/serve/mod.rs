@@ -27,7 +27,7 @@ use simulator::world::aircraft::VehicleKind;
 
 use self::can::MulticastBus;
 use self::flash_writer::FlashWriter;
-use self::run::{Connections, OrderInput};
+use self::run::{Connections, PilotCommandInput};
 use self::wire::{Connection, MAX_POLL_BYTES, POLL_INTERVAL, TcpPort, Terminal, Wire};
 use super::termination::{SecondSignal, TerminationSignals};
 
@@ -191,7 +191,7 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
     let (mut served_module, flash) =
         options.module_options.module(options.attitude, options.world.is_some(), options.can.is_some())?;
-    let mut wires: Vec<Vec<Box<dyn Wire>>> = Vec::new();
+    let mut connections: Vec<Vec<Box<dyn Wire>>> = Vec::new();
     let mut places = Vec::new();
     let mut next = options.tcp;
     for port in PORTS {
@@ -206,9 +206,9 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
         next = next.map(|number| if number == 0 { 0 } else { number.wrapping_add(1) });
         places.push(PortAddress { port, pty: pty_path, tcp: tcp.as_ref().map(|tcp| tcp.port) });
         let tcp = tcp.map(|tcp| Box::new(tcp) as Box<dyn Wire>);
-        wires.push(pty.into_iter().chain(tcp).collect());
+        connections.push(pty.into_iter().chain(tcp).collect());
     }
-    let world = options.world.map(world_port).transpose()?;
+    let world = options.world.map(open_attitude_socket).transpose()?;
     let can = options.can.map(can_bus).transpose()?;
     let world_number = world.as_ref().and_then(|world| world.local_addr().ok()).map(|address| address.port());
     if options.json {
@@ -216,7 +216,7 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     } else {
         print_ports(options, &places, world_number)?;
     }
-    let wiring = Connections { wires, world, can, orders: Some(OrderInput::from_stdin()), flash };
+    let wiring = Connections { connections, world, can, pilot_commands: Some(PilotCommandInput::from_stdin()), flash };
     wiring.run(&mut served_module, options.module_options.speed, interruption.stop())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
@@ -225,7 +225,7 @@ fn tcp_port(number: u16) -> Result<TcpPort, Failure> {
     TcpPort::open(number).map_err(|error| Failure::with_code("tcp-unavailable", format!("port {number}: {error}")))
 }
 
-fn world_port(number: u16) -> Result<UdpSocket, Failure> {
+fn open_attitude_socket(number: u16) -> Result<UdpSocket, Failure> {
     let socket =
         UdpSocket::bind((Ipv4Addr::LOCALHOST, number)).and_then(|socket| socket.set_nonblocking(true).map(|()| socket));
     socket.map_err(|error| Failure::with_code("world-unavailable", format!("port {number}: {error}")))
@@ -256,7 +256,7 @@ fn bus_name(number: u8) -> String {
 fn print_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> Result<(), Failure> {
     let module_options = &options.module_options;
     for (index, PortAddress { port, pty, tcp }) in places.iter().enumerate() {
-        print::print_line(format_args!("{}: {}", port.name, port.carries));
+        print::print_line(format_args!("{}: {}", port.name, port.traffic_description));
         if let Some(pty) = pty {
             let pty = pty.display();
             let with = match index {
@@ -306,7 +306,7 @@ pub fn console(options: &Console) -> Result<ExitCode, Failure> {
     match (&options.path, options.tcp) {
         (Some(path), _) => attach(pty::connect_serial(path)?),
         (None, Some(port)) => attach(connect_tcp(port)?),
-        (None, None) => serve_alone(&options.module_options),
+        (None, None) => serve_private_module(&options.module_options),
     }
 }
 
@@ -339,14 +339,19 @@ fn open_terminal(orders: Option<Sender<Vec<u8>>>) -> Result<Terminal, Failure> {
     Terminal::open(orders).map_err(|error| Failure::with_code("no-terminal", error))
 }
 
-fn serve_alone(module_options: &ModuleOptions) -> Result<ExitCode, Failure> {
+fn serve_private_module(module_options: &ModuleOptions) -> Result<ExitCode, Failure> {
     let (mut served_module, flash) = module_options.module(AttitudeProvider::Own, false, false)?;
-    let mut wires: Vec<Vec<Box<dyn Wire>>> = PORTS.iter().map(|_| Vec::new()).collect();
+    let mut connections: Vec<Vec<Box<dyn Wire>>> = PORTS.iter().map(|_| Vec::new()).collect();
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
     let (orders, order_lines) = mpsc::channel();
-    wires[serve::CONSOLE].push(Box::new(open_terminal(Some(orders))?));
-    let wiring =
-        Connections { wires, world: None, can: None, orders: Some(OrderInput::from_channel(order_lines)), flash };
+    connections[serve::CONSOLE].push(Box::new(open_terminal(Some(orders))?));
+    let wiring = Connections {
+        connections,
+        world: None,
+        can: None,
+        pilot_commands: Some(PilotCommandInput::from_channel(order_lines)),
+        flash,
+    };
     wiring.run(&mut served_module, module_options.speed, interruption.stop())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }

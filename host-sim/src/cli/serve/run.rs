@@ -17,10 +17,10 @@ use crate::cli::print;
 
 pub struct Connections {
     /// Connections to each of the module's ports, by port.
-    pub wires: Vec<Vec<Box<dyn Wire>>>,
+    pub connections: Vec<Vec<Box<dyn Wire>>>,
     pub world: Option<UdpSocket>,
     pub can: Option<MulticastBus>,
-    pub orders: Option<OrderInput>,
+    pub pilot_commands: Option<PilotCommandInput>,
     pub flash: FlashWriter,
 }
 
@@ -32,10 +32,10 @@ impl Connections {
     pub fn run(mut self, served_module: &mut ServedModule, speed: f64, stop: &AtomicBool) -> Result<(), Failure> {
         let mut pace = VirtualClock::new(speed);
         let mut is_malformed_told = false;
-        let has_ended = |wires: &[Vec<Box<dyn Wire>>]| wires.iter().flatten().any(|wire| wire.has_ended());
-        while !stop.load(Ordering::SeqCst) && !has_ended(&self.wires) && !print::poll_output_closed() {
-            for (port, wires) in self.wires.iter_mut().enumerate() {
-                for wire in wires {
+        let has_ended = |connections: &[Vec<Box<dyn Wire>>]| connections.iter().flatten().any(|wire| wire.has_ended());
+        while !stop.load(Ordering::SeqCst) && !has_ended(&self.connections) && !print::poll_output_closed() {
+            for (port, connections) in self.connections.iter_mut().enumerate() {
+                for wire in connections {
                     // At most as many bytes are read as the port can receive: a faster sender waits, as on a real line.
                     let bytes = wire.read(served_module.free_bytes(port).min(MAX_POLL_BYTES));
                     served_module.send(port, &bytes);
@@ -47,8 +47,8 @@ impl Connections {
             if let Some(world) = &self.world {
                 is_malformed_told |= apply_datagrams(world, served_module, is_malformed_told);
             }
-            if let Some(orders) = &mut self.orders {
-                orders.execute_orders(served_module);
+            if let Some(pilot_commands) = &mut self.pilot_commands {
+                pilot_commands.execute_orders(served_module);
             }
             if let Some(can) = &self.can {
                 can.receive().iter().for_each(|frame| served_module.send_frame(frame));
@@ -62,9 +62,9 @@ impl Connections {
                     "firmware update: {path} of node {server}; a simulated module has no boot loader, and restarts"
                 ));
             }
-            for (port, wires) in self.wires.iter_mut().enumerate() {
+            for (port, connections) in self.connections.iter_mut().enumerate() {
                 let bytes = served_module.receive(port);
-                for wire in wires {
+                for wire in connections {
                     wire.write(&bytes);
                 }
             }
@@ -97,7 +97,7 @@ fn apply_datagrams(world: &UdpSocket, served_module: &mut ServedModule, is_repor
     is_reported
 }
 
-pub struct OrderInput {
+pub struct PilotCommandInput {
     input: Receiver<Vec<u8>>,
     line: Vec<u8>,
 }
@@ -105,7 +105,7 @@ pub struct OrderInput {
 /// Largest length of an order, bytes.
 const LONGEST_LINE: usize = 256;
 
-impl OrderInput {
+impl PilotCommandInput {
     pub fn from_stdin() -> Self {
         Self { input: read_in_thread(io::stdin()), line: Vec::new() }
     }

@@ -280,7 +280,7 @@ impl Terminal {
         self.last_activity.get_or_insert_with(Instant::now);
     }
 
-    fn listen(&mut self) {
+    fn process_console_output(&mut self) {
         loop {
             match self.input.try_recv() {
                 Ok(bytes) => self.pending.extend(bytes),
@@ -296,7 +296,7 @@ impl Terminal {
 
 impl Wire for Terminal {
     fn read(&mut self, most: usize) -> Vec<u8> {
-        self.listen();
+        self.process_console_output();
         let bytes: Vec<u8> = self.pending.drain(..most.min(self.pending.len())).collect();
         let mut sent = Vec::new();
         for byte in bytes {

@@ -9,7 +9,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use simulator::world::rotation::Euler;
 
-use super::trial::{Trial, TrueSample};
+use super::random_flight::{RandomFlight, TrueSample};
 
 /// Fisher information of the common parameters.
 pub type FisherInformation = SMatrix<f64, 13, 13>;
@@ -20,13 +20,13 @@ pub type InformationRoot = SMatrix<f64, 2, 13>;
 /// Cramér-Rao bound of the RMS heading error over the envelope, degrees; `None` if the common parameters are
 /// unobservable.
 #[must_use]
-pub fn rms_deg(trial: &Trial) -> Option<f64> {
+pub fn rms_deg(trial: &RandomFlight) -> Option<f64> {
     rms_deg_for(trial, trial.true_samples())
 }
 
 /// The bound for some samples of the flight.
 #[must_use]
-pub fn rms_deg_for<'a>(trial: &Trial, instants: impl Iterator<Item = &'a TrueSample>) -> Option<f64> {
+pub fn rms_deg_for<'a>(trial: &RandomFlight, instants: impl Iterator<Item = &'a TrueSample>) -> Option<f64> {
     let information: FisherInformation = instants.map(|instant| information(trial, instant)).sum();
     let covariance = information.cholesky()?.inverse();
     let w = trial.a.try_inverse()?;
@@ -38,7 +38,7 @@ pub fn rms_deg_for<'a>(trial: &Trial, instants: impl Iterator<Item = &'a TrueSam
 }
 
 /// Fisher information of a sample about the common parameters.
-fn information(trial: &Trial, instant: &TrueSample) -> FisherInformation {
+fn information(trial: &RandomFlight, instant: &TrueSample) -> FisherInformation {
     let (common, nuisance_rows) = equations(trial, instant);
     let projected = nuisance_rows.tr_mul(&common);
     // Regular except at a magnetic pole: attitude measurements determine roll and pitch, the field determines heading.
@@ -48,7 +48,7 @@ fn information(trial: &Trial, instant: &TrueSample) -> FisherInformation {
 
 /// Jacobian rows of the two combinations of measurements that are independent of the nuisance parameters.
 #[must_use]
-pub fn information_root(trial: &Trial, instant: &TrueSample) -> InformationRoot {
+pub fn information_root(trial: &RandomFlight, instant: &TrueSample) -> InformationRoot {
     let (common, nuisance_rows) = equations(trial, instant);
     let nuisance = (nuisance_rows.tr_mul(&nuisance_rows)).try_inverse().unwrap_or_else(Matrix3::zeros);
     let untouched = SMatrix::<f64, 5, 5>::identity() - nuisance_rows * nuisance * nuisance_rows.transpose();
@@ -61,7 +61,7 @@ pub fn information_root(trial: &Trial, instant: &TrueSample) -> InformationRoot 
 }
 
 /// Jacobians of a sample's measurements by common and nuisance parameters, in units of the measurement sigmas.
-fn equations(trial: &Trial, instant: &TrueSample) -> (SMatrix<f64, 5, 13>, SMatrix<f64, 5, 3>) {
+fn equations(trial: &RandomFlight, instant: &TrueSample) -> (SMatrix<f64, 5, 13>, SMatrix<f64, 5, 3>) {
     let euler = instant.euler;
     let body = trial.body_field(euler);
     let mut common = SMatrix::<f64, 5, 13>::zeros();
@@ -100,7 +100,7 @@ fn equations(trial: &Trial, instant: &TrueSample) -> (SMatrix<f64, 5, 13>, SMatr
 
 /// Derivative of the indicated heading by the common parameters. The corrected field is `W (m - b)`, so errors `dA` and
 /// `db` change it by `-W (dA h + db)`.
-fn heading_row(trial: &Trial, w: &Matrix3<f64>, euler: Euler) -> SVector<f64, 13> {
+fn heading_row(trial: &RandomFlight, w: &Matrix3<f64>, euler: Euler) -> SVector<f64, 13> {
     let body = trial.body_field(euler);
     let to_level = euler.body_from_level().transpose();
     let level = to_level * body;
@@ -120,12 +120,12 @@ fn heading_row(trial: &Trial, w: &Matrix3<f64>, euler: Euler) -> SVector<f64, 13
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::studies::accuracy::trial::Ranges;
+    use crate::studies::accuracy::random_flight::Ranges;
 
     #[test]
     fn information_root_squares_to_the_information() {
         for seed in 0..5 {
-            let trial = Trial::draw(&Ranges::HARSH, seed);
+            let trial = RandomFlight::draw(&Ranges::WORST_CASE, seed);
             for instant in trial.true_samples().step_by(40) {
                 let (whole, root) = (information(&trial, instant), information_root(&trial, instant));
                 let difference = root.tr_mul(&root) - whole;
@@ -136,7 +136,7 @@ mod tests {
 
     #[test]
     fn disturbing_acceleration_raises_the_cramer_rao_bound() {
-        let trial = Trial::draw(&Ranges::HARSH, 7);
+        let trial = RandomFlight::draw(&Ranges::WORST_CASE, 7);
         let turbulent: Vec<TrueSample> =
             trial.true_samples().map(|instant| TrueSample { disturbing_acceleration_m_s2: 5.0, ..*instant }).collect();
         let [calm, turbulent] = [rms_deg(&trial).unwrap(), rms_deg_for(&trial, turbulent.iter()).unwrap()];
@@ -146,7 +146,7 @@ mod tests {
 
     #[test]
     fn a_flight_flown_twice_is_known_better_by_the_root_of_two() {
-        let trial = Trial::draw(&Ranges::HARSH, 7);
+        let trial = RandomFlight::draw(&Ranges::WORST_CASE, 7);
         let once = rms_deg(&trial).unwrap();
         let twice = rms_deg_for(&trial, trial.true_samples().chain(trial.true_samples())).unwrap();
         assert!((once / twice - 2_f64.sqrt()).abs() < 1e-9, "{once} {twice}");

@@ -12,7 +12,7 @@ use std::collections::BinaryHeap;
 use nalgebra::Matrix2;
 
 use super::cramer_rao::{self, FisherInformation, InformationRoot};
-use super::trial::{Trial, TrueSample};
+use super::random_flight::{RandomFlight, TrueSample};
 
 /// Prior standard deviations: soft-iron elements (relative), hard iron (in units of the field), inclination (rad). They
 /// affect only the first dozen samples, until the parameters are observable.
@@ -49,7 +49,7 @@ impl Ord for Candidate {
 
 /// The `number` most informative samples of a flight, or all if there are fewer, in the order of selection.
 #[must_use]
-pub fn select_samples(trial: &Trial, number: usize) -> Vec<TrueSample> {
+pub fn select_samples(trial: &RandomFlight, number: usize) -> Vec<TrueSample> {
     let instants: Vec<&TrueSample> = trial.true_samples().collect();
     let rows: Vec<InformationRoot> =
         instants.iter().map(|instant| cramer_rao::information_root(trial, instant)).collect();
@@ -75,7 +75,7 @@ pub fn select_samples(trial: &Trial, number: usize) -> Vec<TrueSample> {
 
 /// Cramér-Rao bound of the RMS heading error for a selection of `number` samples, degrees.
 #[must_use]
-pub fn rms_deg(trial: &Trial, number: usize) -> Option<f64> {
+pub fn rms_deg(trial: &RandomFlight, number: usize) -> Option<f64> {
     cramer_rao::rms_deg_for(trial, select_samples(trial, number).iter())
 }
 
@@ -107,11 +107,11 @@ fn with_sample(covariance: &FisherInformation, rows: &InformationRoot) -> Fisher
 mod tests {
     use super::*;
     use crate::studies::accuracy::flight::{Flight, FlightPattern};
-    use crate::studies::accuracy::trial::{Envelope, Ranges};
+    use crate::studies::accuracy::random_flight::{Envelope, Ranges};
     use simulator::world::aircraft::VehicleKind;
 
-    fn trial(samples: usize) -> Trial {
-        Trial::draw(&Ranges { samples, ..Ranges::HARSH }, 3)
+    fn trial(samples: usize) -> RandomFlight {
+        RandomFlight::draw(&Ranges { samples, ..Ranges::WORST_CASE }, 3)
     }
 
     /// Reference: evaluates every sample in every step and inverts the whole matrix.
@@ -137,8 +137,8 @@ mod tests {
 
     #[test]
     fn selected_samples_have_a_lower_bound_than_evenly_thinned_ones() {
-        let flight =
-            Flight { kind: VehicleKind::Copter, pattern: FlightPattern::Routine, minutes: 3.0 }.fly(&Ranges::HARSH, 3);
+        let flight = Flight { kind: VehicleKind::Copter, pattern: FlightPattern::Routine, minutes: 3.0 }
+            .fly(&Ranges::WORST_CASE, 3);
         let trial = trial(1).with_flight(flight, Envelope::Tilted);
         let thinned = cramer_rao::rms_deg_for(&trial, trial.true_samples().step_by(9)).unwrap();
         let chosen = rms_deg(&trial, 200).unwrap();

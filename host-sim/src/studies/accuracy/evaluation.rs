@@ -4,7 +4,7 @@ use autoswing::calibration::{ConsiderSigmas, Method, Prior, Samples, Solution, S
 use log_analysis::score::{accepted_by_uncalibrated, within_percent};
 use serde::Serialize;
 
-use super::trial::{ConstantErrorSigmas, PostFlightSource, Recording, Trial};
+use super::random_flight::{ConstantErrorSigmas, LaterMeasurements, RandomFlight, Recording};
 
 /// Extent of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +50,7 @@ impl SolveCounts {
         (self.squares / f64::from(self.solved)).sqrt()
     }
 
-    pub(super) fn add(&mut self, trial: &Trial, recorded: &Recording, solution: Option<&Solution>) {
+    pub(super) fn add(&mut self, trial: &RandomFlight, recorded: &Recording, solution: Option<&Solution>) {
         let Some(solution) = solution else {
             self.refused += 1;
             return;
@@ -68,9 +68,9 @@ impl SolveCounts {
 /// Heading errors after a calibration flight, divided by their sigmas. The flight has exactly the attitude errors
 /// considered by the solver; `record` simulates the flight with these.
 pub(super) fn normalised_errors_in_use(
-    trial: &Trial,
+    trial: &RandomFlight,
     consider: ConsiderSigmas,
-    record: impl FnOnce(ConstantErrorSigmas) -> (Recording, PostFlightSource),
+    record: impl FnOnce(ConstantErrorSigmas) -> (Recording, LaterMeasurements),
 ) -> Vec<f64> {
     let (recorded, mut source) = record(ConstantErrorSigmas::from_considered(consider));
     let Ok(solution) = solve(Method::MaximumLikelihood, recorded.samples(), consider) else { return Vec::new() };

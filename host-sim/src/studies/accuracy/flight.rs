@@ -9,7 +9,7 @@ use simulator::world::aircraft::{Aircraft, VehicleConfig, VehicleKind};
 use simulator::world::autopilot::Leg;
 use simulator::world::weather::Weather;
 
-use super::trial::{Ranges, TrueSample};
+use super::random_flight::{Ranges, TrueSample};
 
 /// Flight pattern.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -144,7 +144,7 @@ mod tests {
     use super::*;
 
     fn fly_pattern(kind: VehicleKind, pattern: FlightPattern, seed: u64) -> Vec<TrueSample> {
-        Flight { kind, pattern, minutes: 3.0 }.fly(&Ranges::HARSH, seed)
+        Flight { kind, pattern, minutes: 3.0 }.fly(&Ranges::WORST_CASE, seed)
     }
 
     #[test]
@@ -184,7 +184,7 @@ mod tests {
     fn the_routine_is_flown_within_the_flight() {
         for seed in [2, 5, 6] {
             let fly_pattern =
-                |pattern| Flight { kind: VehicleKind::Copter, pattern, minutes: 20.0 }.fly(&Ranges::HARSH, seed);
+                |pattern| Flight { kind: VehicleKind::Copter, pattern, minutes: 20.0 }.fly(&Ranges::WORST_CASE, seed);
             for (instants, right, left) in [
                 (fly_pattern(FlightPattern::Routine), [3670, 3775], [3790, 3900]),
                 (fly_pattern(FlightPattern::Mirrored), [8115, 8220], [8240, 8350]),

@@ -13,7 +13,7 @@ use super::evaluation::{
     AccuracyPlan, COVERAGE_DRAW_INTERVAL, Coverage, SolveCounts, coverage, normalised_errors_in_use, solve,
 };
 use super::flight::{Flight, FlightPattern};
-use super::trial::{ConstantErrorSigmas, Envelope, Ranges, Trial};
+use super::random_flight::{ConstantErrorSigmas, Envelope, RandomFlight, Ranges};
 use super::{cramer_rao, d_optimal, retention};
 
 /// Results of flights of one pattern.
@@ -81,7 +81,8 @@ struct FlightResult {
 impl FlightResult {
     fn evaluate(flight: Flight, seed: u64, draws: u64) -> Option<Self> {
         let envelope = if flight.kind == VehicleKind::Plane { Envelope::Banked } else { Envelope::Tilted };
-        let trial = Trial::draw(&Ranges::HARSH, seed).with_flight(flight.fly(&Ranges::HARSH, seed), envelope);
+        let trial =
+            RandomFlight::draw(&Ranges::WORST_CASE, seed).with_flight(flight.fly(&Ranges::WORST_CASE, seed), envelope);
         let retained_times: BTreeSet<u32> =
             retention::retain_samples(&trial.record_all(0, ConstantErrorSigmas::NONE).0)
                 .samples()

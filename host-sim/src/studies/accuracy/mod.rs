@@ -11,8 +11,8 @@ pub mod d_optimal;
 mod evaluation;
 pub mod flight;
 pub mod flight_study;
+pub mod random_flight;
 pub mod retention;
-pub mod trial;
 
 use autoswing::calibration::{ConsiderSigmas, Method};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
@@ -21,7 +21,7 @@ use serde::Serialize;
 pub use evaluation::{AccuracyPlan, Coverage};
 
 use evaluation::{COVERAGE_DRAW_INTERVAL, SolveCounts, coverage, normalised_errors_in_use, solve};
-use trial::{ConstantErrorSigmas, Ranges, Trial};
+use random_flight::{ConstantErrorSigmas, RandomFlight, Ranges};
 
 use log_analysis::numbers::{median, quantile};
 
@@ -65,7 +65,7 @@ pub fn run(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> AccuracyResult {
     let trials: Vec<AirframeResult> = (plan.seed..plan.seed + plan.airframes)
         .into_par_iter()
         .filter_map(|seed| {
-            let airframe_result = AirframeResult::evaluate(&Trial::draw(&Ranges::HARSH, seed), plan.draws);
+            let airframe_result = AirframeResult::evaluate(&RandomFlight::draw(&Ranges::WORST_CASE, seed), plan.draws);
             tick();
             airframe_result
         })
@@ -89,7 +89,7 @@ struct AirframeResult {
 }
 
 impl AirframeResult {
-    fn evaluate(trial: &Trial, draws: u64) -> Option<Self> {
+    fn evaluate(trial: &RandomFlight, draws: u64) -> Option<Self> {
         let mut airframe_result = Self {
             bound_deg: cramer_rao::rms_deg(trial)?,
             methods: [SolveCounts::default(); COMPARED_METHODS.len()],

@@ -6,14 +6,14 @@ use autoswing::collection::{Collector, RetainedSamples};
 use autoswing::compass::TrialSchedule;
 
 use super::evaluation::solve;
-use super::trial::Recording;
+use super::random_flight::Recording;
 
 /// Retained samples of a flight. Trial solves update the collector's coefficients at the device's pace.
 #[must_use]
 pub fn retain_samples(samples: &[Sample]) -> Recording {
     let mut retained = RetainedSamples::EMPTY;
     let mut collector = Collector::new(&mut retained);
-    collector.begin(Procedure::Flight);
+    collector.begin_procedure(Procedure::Flight);
     let mut pace = TrialSchedule::NONE;
     for &sample in samples {
         collector.push(sample);
@@ -76,7 +76,7 @@ mod tests {
     fn retained_without_trial_solves(samples: &[Sample]) -> Vec<Sample> {
         let mut retained = RetainedSamples::EMPTY;
         let mut collector = Collector::new(&mut retained);
-        collector.begin(Procedure::Flight);
+        collector.begin_procedure(Procedure::Flight);
         for &sample in samples {
             collector.push(sample);
         }

@@ -15,10 +15,10 @@ use simulator::world::autopilot::Leg;
 use simulator::world::far_end::FarEnd;
 use simulator::world::{TrueState, WorldConfig};
 
-use super::case::{Case, DrawnCase, Onset};
+use super::case::{Case, Onset, RandomCase};
+use super::legs_after_calibration;
 use super::plan::IntegrityPlan;
 use super::statistics::{EvaluatedSentence, HeadingStatistics};
-use super::use_legs;
 
 /// Accepted calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,7 +50,7 @@ pub struct CaseFlightResult {
     /// Calibration, or the code of its rejection.
     pub calibrated: Result<AcceptedCalibration, String>,
     /// Statistics of the output in use.
-    pub tally: HeadingStatistics,
+    pub output_statistics: HeadingStatistics,
     /// Codes of the console's notes in use.
     pub notes: Vec<String>,
     /// Estimation error of a hard-iron change in use.
@@ -70,15 +70,15 @@ pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
     let mut drawn = case.draw(seed, plan.aircraft, plan.source);
     let faults = std::mem::take(&mut drawn.faults);
     let fields = faults.field.clone();
-    let mut rig = Rig::with_far_ends(drawn.world, faults, [drawn.far_end, FarEnd::Unconnected]);
-    let DrawnCase { world, ref switch, onset, .. } = drawn;
+    let mut rig = Rig::with_port_devices(drawn.world, faults, [drawn.far_end, FarEnd::Unconnected]);
+    let RandomCase { world, ref switch, onset, .. } = drawn;
     rig.world.set_armed(true);
     if onset == Onset::Always {
         switch.set_active(0, u64::MAX);
     }
     rig.run_for_s(2.0);
-    rig.type_line(&format!("stream heading {}", plan.heading.name()));
-    rig.type_line(drawn.routine.command);
+    rig.send_console_line(&format!("stream heading {}", plan.heading.name()));
+    rig.send_console_line(drawn.routine.command);
     if let Onset::Calibrating { after_s, until_s } = onset {
         switch.set_active(add_seconds_us(rig.now_us(), after_s), add_seconds_us(rig.now_us(), until_s));
     }
@@ -91,7 +91,7 @@ pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
         }),
         duration_s: (at_us - began_us) as f64 / 1e6,
     });
-    let mut tally = HeadingStatistics::default();
+    let mut output_statistics = HeadingStatistics::default();
     let mut notes = Vec::new();
     if calibrated.is_ok() {
         if let Onset::InUse { after_s, for_s } = onset {
@@ -100,14 +100,20 @@ pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
         }
         let counts_from_us =
             if let Onset::InUse { after_s, .. } = onset { add_seconds_us(rig.now_us(), after_s) } else { 0 };
-        notes = listen(&mut rig, &drawn, seed, &mut |at_us, evaluated_sentence| {
+        notes = process_console_output(&mut rig, &drawn, seed, &mut |at_us, evaluated_sentence| {
             // A hard-iron change during calibration remains part of the airframe in use.
             let faulty = match onset {
                 Onset::Never => false,
                 Onset::Always | Onset::Calibrating { .. } => true,
                 Onset::InUse { .. } => switch.is_on(at_us),
             };
-            tally.add_sentence(at_us, SENTENCE_INTERVAL_S, evaluated_sentence, at_us >= counts_from_us, faulty);
+            output_statistics.add_sentence(
+                at_us,
+                SENTENCE_INTERVAL_S,
+                evaluated_sentence,
+                at_us >= counts_from_us,
+                faulty,
+            );
         });
     }
     let hard_iron_error_of_case = (calibrated.is_ok() && case.changes_hard_iron).then(|| {
@@ -115,7 +121,7 @@ pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
         let added_ut = fields.iter().map(|fault| fault.added_ut(&now)).sum();
         hard_iron_estimate_error(&mut rig, &world, added_ut)
     });
-    CaseFlightResult { calibrated, tally, notes, hard_iron_error: hard_iron_error_of_case }
+    CaseFlightResult { calibrated, output_statistics, notes, hard_iron_error: hard_iron_error_of_case }
 }
 
 /// Flies a full turn each way and compares the module's estimate with a hard-iron change of `added_ut`, chip axes.
@@ -124,8 +130,8 @@ fn hard_iron_estimate_error(rig: &mut Rig, world: &WorldConfig, added_ut: Vector
         rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
     while rig.world.unfinished_legs() > 0 && rig.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time {}
-    let told_ut =
-        transcript::hard_iron_change_ut(&rig.type_line("status all")).map_or_else(Vector3::zeros, Vector3::from);
+    let told_ut = transcript::hard_iron_change_ut(&rig.send_console_line("status all"))
+        .map_or_else(Vector3::zeros, Vector3::from);
     // By `m = A h + b`, the change in the measurement m equals a change of the field h by `A^-1 added_ut`. A singular
     // airframe measures nothing.
     let true_ut = world.airframe.a.try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * added_ut);
@@ -152,7 +158,7 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
         if rig.run_for_s(RUN_STEP_S) != ModuleRunEnd::Time {
             return Err("no-power".to_owned());
         }
-        session.push_str(&rig.printed());
+        session.push_str(&rig.take_console_output());
         if rig.world.unfinished_legs() > 0 {
             continue;
         }
@@ -161,7 +167,7 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
             // If the module does not solve automatically, the pilot requests it.
             is_solve_requested = true;
             waited_s = 0.0;
-            let printed = rig.type_line("cal solve");
+            let printed = rig.send_console_line("cal solve");
             if let Some(error) = transcript::parse_error(&printed) {
                 break error;
             }
@@ -175,7 +181,7 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
         SolveNotice::Calibrated(_) => {
             // Completes the plan.
             while rig.world.unfinished_legs() > 0 && rig.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time {}
-            let shown = transcript::parse_shown_calibration(&rig.type_line("cal show"))
+            let shown = transcript::parse_shown_calibration(&rig.send_console_line("cal show"))
                 .ok_or_else(|| "not-shown".to_owned())?;
             Ok((shown, at_us))
         }
@@ -190,13 +196,13 @@ fn true_deg(calibration: &Calibration, world: &WorldConfig, added_ut: &dyn Fn(&T
 
 /// Optional time on the ground, then legs for the rest of use; evaluates every sentence. Returns the codes of the
 /// console's notes.
-fn listen(
+fn process_console_output(
     rig: &mut Rig,
-    drawn: &DrawnCase,
+    drawn: &RandomCase,
     seed: u64,
     on_sentence: &mut dyn FnMut(u64, &EvaluatedSentence),
 ) -> Vec<String> {
-    let DrawnCase { ground_time_s: stands_s, use_s, further_legs, .. } = *drawn;
+    let RandomCase { ground_time_s: stands_s, flight_after_calibration_s, further_legs, .. } = *drawn;
     let mut random = Random::new(seed, Purpose::Legs);
     if stands_s > 0.0 {
         // Keeps the last attitude and the unwrapped heading, to avoid jumps.
@@ -205,17 +211,17 @@ fn listen(
         rig.world.set_motion(PrescribedMotion { roll_deg, pitch_deg, heading_deg, ..PrescribedMotion::default() });
     }
     let flies_us = add_seconds_us(rig.now_us(), stands_s);
-    let end_us = add_seconds_us(flies_us, use_s);
+    let end_us = add_seconds_us(flies_us, flight_after_calibration_s);
     let kind = rig.world.config().aircraft.kind;
-    for leg in use_legs::first_legs(kind, &mut random) {
+    for leg in legs_after_calibration::first_legs(kind, &mut random) {
         rig.world.fly(leg);
     }
     let mut reader = SentenceReader::default();
-    let _ = (rig.instrument.receive(), rig.printed());
+    let _ = (rig.instrument.receive(), rig.take_console_output());
     let mut notes = Vec::new();
     while rig.now_us() < end_us {
         if stands_s > 0.0 && rig.now_us() >= flies_us {
-            rig.world.release();
+            rig.world.end_prescribed_motion();
         }
         if rig.world.unfinished_legs() < 2 {
             for leg in further_legs(kind, &mut random) {
@@ -225,7 +231,7 @@ fn listen(
         if rig.run_for_s(RUN_STEP_S) != ModuleRunEnd::Time {
             break;
         }
-        let printed = rig.printed();
+        let printed = rig.take_console_output();
         // The console erases the line before a note.
         notes.extend(printed.split("note ").skip(1).filter_map(|text| Some(text.split_once(": ")?.0.to_owned())));
         for timed_byte in rig.instrument.receive_timed() {

@@ -6,9 +6,9 @@
 
 pub mod case;
 pub mod flight;
+mod legs_after_calibration;
 mod plan;
 mod statistics;
-mod use_legs;
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -101,8 +101,9 @@ fn row(case: &'static str, results: &[&CaseFlightResult]) -> IntegrityRow {
     let ratios = || calibrated().map(AcceptedCalibration::ratio);
     let iron_errors = results.iter().filter_map(|one| one.hard_iron_error.map(|HardIronEstimateError(error)| error));
     let percent_of_flights = |number: usize| 100.0 * number as f64 / results.len().max(1) as f64;
-    let tally = results.iter().fold(HeadingStatistics::default(), |sum, one| sum.merged_with(&one.tally));
-    let [one, two, three] = tally.within_percent();
+    let output_statistics =
+        results.iter().fold(HeadingStatistics::default(), |sum, one| sum.merged_with(&one.output_statistics));
+    let [one, two, three] = output_statistics.within_percent();
     IntegrityRow {
         case,
         flights: results.len(),
@@ -110,22 +111,22 @@ fn row(case: &'static str, results: &[&CaseFlightResult]) -> IntegrityRow {
         wrong_percent: percent_of_flights(ratios().filter(|ratio| *ratio > 3.0).count()),
         ratio_median: quantile(ratios(), 0.5),
         ratio_worst: quantile(ratios(), 1.0),
-        bad_percent: tally.bad_percent(),
-        longest_bad_s: tally.longest_bad_s,
-        worst_deg: tally.worst_deg,
-        smooth_percent: tally.smooth_percent(),
-        rms_deg: tally.rms_deg(),
-        sigma_rms_deg: tally.sigma_rms_deg(),
-        worst_10s_deg: tally.worst_10s_deg,
+        bad_percent: output_statistics.bad_percent(),
+        longest_bad_s: output_statistics.longest_bad_s,
+        worst_deg: output_statistics.worst_deg,
+        smooth_percent: output_statistics.smooth_percent(),
+        rms_deg: output_statistics.rms_deg(),
+        sigma_rms_deg: output_statistics.sigma_rms_deg(),
+        worst_10s_deg: output_statistics.worst_10s_deg,
         within_one_sigma_percent: one,
         within_two_sigma_percent: two,
         within_three_sigma_percent: three,
-        empty_percent: tally.empty_percent(),
-        alarms_per_hour: tally.alarms_per_hour(),
+        empty_percent: output_statistics.empty_percent(),
+        alarms_per_hour: output_statistics.alarms_per_hour(),
         notes: count_codes(results.iter().flat_map(|one| one.notes.iter().cloned())),
         iron_error_median_percent: quantile(iron_errors, 0.5).map(|error| 100.0 * error),
         refused: count_codes(results.iter().filter_map(|one| one.calibrated.as_ref().err().cloned())),
-        empty: tally.empty.into_iter().collect(),
+        empty: output_statistics.empty.into_iter().collect(),
     }
 }
 

@@ -127,7 +127,7 @@ fn add_pair(sums: &mut ScoreTest<1>, equations: &SampleEquations, effect: &Vecto
 }
 
 /// Sums of a hypothesis with one unknown in the form of three unknowns, of which two have no effect.
-fn with_two_unused(sums: &ScoreTest<1>) -> ScoreTest<3> {
+fn as_three_unknowns(sums: &ScoreTest<1>) -> ScoreTest<3> {
     let mut test = ScoreTest::<3>::zero();
     test.cross_information[0] = sums.cross_information[0];
     test.information[(0, 0)] = sums.information.x;
@@ -252,7 +252,7 @@ impl HardIronScan {
             TestedCourse::Step(_) => self.so_far.score_test(&self.w),
             TestedCourse::Drift => self.drifting.score_test(&self.w),
             TestedCourse::Load => self.with_load.score_test(&self.w),
-            TestedCourse::Hysteresis => with_two_unused(&self.with_hysteresis),
+            TestedCourse::Hysteresis => as_three_unknowns(&self.with_hysteresis),
         };
         let Some((beta, significance)) = estimate(&sums, system, &self.step_to_maximum) else { return };
         if self.best.is_none_or(|found| significance > found.significance) {

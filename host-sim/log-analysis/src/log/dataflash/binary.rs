@@ -4,7 +4,7 @@ use std::io::{self, Read};
 
 use super::super::flight::{Flight, LogFormat};
 use super::super::read_window::ReadWindow;
-use super::messages::{Message, READ_MESSAGES, recorder, take};
+use super::messages::{MESSAGES_TO_READ, Message, recorder, take};
 
 const FRAME_START: [u8; 2] = [0xA3, 0x95];
 const FMT_MESSAGE_NUMBER: u8 = 128;
@@ -80,7 +80,7 @@ impl MessageLayout {
             at += size(kind)?;
         }
         let length = usize::from(*length);
-        let is_wanted = READ_MESSAGES.contains(&name.as_str());
+        let is_wanted = MESSAGES_TO_READ.contains(&name.as_str());
         (length >= HEADER_LENGTH + at).then_some((*number, Self { length, name, is_wanted, columns }))
     }
 }
@@ -138,7 +138,7 @@ impl Message for BinaryMessage<'_> {
         })
     }
 
-    fn has(&self, name: &str) -> bool {
+    fn has_column(&self, name: &str) -> bool {
         self.layout.columns.iter().any(|column| column.name == name)
     }
 

@@ -6,14 +6,14 @@ use crate::log::flight_builder::{FieldProcessing, FlightBuilder};
 /// A message with named columns, scaled to degrees and m/s by their format letters.
 pub(super) trait Message {
     fn number(&self, name: &str) -> Option<f64>;
-    fn has(&self, name: &str) -> bool;
+    fn has_column(&self, name: &str) -> bool;
     /// Whether a column is an unscaled integer.
     fn is_unscaled_integer(&self, name: &str) -> bool;
     fn words(&self, name: &str) -> Option<String>;
 }
 
 /// Messages that are read.
-pub(super) const READ_MESSAGES: [&str; 21] = [
+pub(super) const MESSAGES_TO_READ: [&str; 21] = [
     "MAG", "MAG2", "MAG3", "ATT", "IMU", "GPS", "BAT", "CURR", "XKF1", "NKF1", "XKQ", "XKQ1", "NKQ", "NKQ1", "AHR2",
     "PARM", "MSG", "ARM", "EV", "SIM", "VER",
 ];
@@ -97,7 +97,7 @@ pub(super) fn take(recorder: &mut FlightBuilder, name: &str, message: &dyn Messa
 /// Time of a message without a stamp (common until 2014): the newest stamp, seconds. Of several rows at one stamp the
 /// first is kept.
 fn time_of_unstamped_message_s(recorder: &mut FlightBuilder, name: &str, message: &dyn Message) -> Option<f64> {
-    let is_damaged = ["TimeUS", "TimeMS"].iter().any(|column| name != "GPS" && message.has(column));
+    let is_damaged = ["TimeUS", "TimeMS"].iter().any(|column| name != "GPS" && message.has_column(column));
     if is_damaged {
         return None;
     }

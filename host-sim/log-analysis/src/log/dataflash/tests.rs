@@ -8,7 +8,7 @@ impl Message for Numbers<'_> {
         self.0.iter().find(|(column, _)| *column == name).map(|(_, number)| *number)
     }
 
-    fn has(&self, name: &str) -> bool {
+    fn has_column(&self, name: &str) -> bool {
         self.number(name).is_some()
     }
 

@@ -6,7 +6,7 @@ use std::io::{self, Read};
 use super::super::flight::{Flight, LogFormat};
 use super::super::read_window::ReadWindow;
 use super::binary::is_unscaled_integer;
-use super::messages::{Message, READ_MESSAGES, recorder, take};
+use super::messages::{MESSAGES_TO_READ, Message, recorder, take};
 
 const MAX_MESSAGE_KINDS: usize = 512;
 
@@ -30,7 +30,7 @@ pub fn read_text(source: &mut dyn Read) -> io::Result<Flight> {
                     .insert(name.to_owned(), LineLayout { kinds, names: values.take(32).map(str::to_owned).collect() });
             }
         } else if let Some(layout) = columns.get(name) {
-            if READ_MESSAGES.contains(&name) {
+            if MESSAGES_TO_READ.contains(&name) {
                 take(&mut recorder, name, &TextMessage { layout, values: values.collect() });
             }
         } else {
@@ -64,7 +64,7 @@ impl Message for TextMessage<'_> {
         Some(if is_raw_place { number * 1e-7 } else { number })
     }
 
-    fn has(&self, name: &str) -> bool {
+    fn has_column(&self, name: &str) -> bool {
         self.index(name).is_some()
     }
 

@@ -130,7 +130,7 @@ impl GpsCourseHeading {
         if flight.is_copter {
             return Err(GpsCourseRejection::Copter);
         }
-        let moving = moving(velocities).ok_or(GpsCourseRejection::TooSlow)?;
+        let moving = velocities_in_flight(velocities).ok_or(GpsCourseRejection::TooSlow)?;
         let fitted = thin_velocities(&moving);
         let circle = VelocityCircle::fit_robustly(&fitted).ok_or(GpsCourseRejection::NoCircle)?;
         let on_circle_velocities = on_circle(&moving, &circle)?;
@@ -231,7 +231,7 @@ fn velocities(flight: &Flight) -> Vec<GroundVelocity> {
 }
 
 /// Velocities in flight, if enough.
-fn moving(velocities: Vec<GroundVelocity>) -> Option<Vec<GroundVelocity>> {
+fn velocities_in_flight(velocities: Vec<GroundVelocity>) -> Option<Vec<GroundVelocity>> {
     const MIN_VELOCITIES: usize = 30;
     let mut speeds: Vec<f64> =
         velocities.iter().map(|v| v.velocity_m_s.norm()).filter(|m_s| *m_s > MIN_SPEED_M_S).collect();

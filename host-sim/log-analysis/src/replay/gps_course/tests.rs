@@ -134,8 +134,8 @@ fn slow_or_short_movement_is_not_flight() {
     let still = |speed_m_s: f64, number: usize| {
         vec![GroundVelocity { t_s: 0.0, velocity_m_s: Vector2::new(speed_m_s, 0.0) }; number]
     };
-    assert_eq!(moving([still(20.0, 100), still(4.5, 50)].concat()).unwrap().len(), 100);
-    assert!(moving(still(20.0, 29)).is_none() && moving(still(3.9, 100)).is_none());
+    assert_eq!(velocities_in_flight([still(20.0, 100), still(4.5, 50)].concat()).unwrap().len(), 100);
+    assert!(velocities_in_flight(still(20.0, 29)).is_none() && velocities_in_flight(still(3.9, 100)).is_none());
 }
 
 /// A leg counts from three seconds on. Bins of 5 deg widen a gap by up to two bins.

@@ -128,7 +128,7 @@ pub fn build_rows(
     let mut counted = RowCounts { readings: compass.field.rows().len(), ..RowCounts::default() };
     // A log that was never armed has no arming state.
     let was_armed = compass.field.rows().iter().any(|row| flight.is_armed(row.t_s - age_s) == Some(true));
-    let unsettled = unsettled(flight);
+    let unsettled = contradicting_intervals(flight);
     let gap_s = data_loss::max_attitude_gap_s(flight, MAX_GAP_S);
     let mut rows = Vec::new();
     let mut run = RowAccumulator::default();
@@ -253,7 +253,7 @@ fn moving_interval_s(flight: &Flight) -> [f64; 2] {
 }
 
 /// Intervals in which the attitude changed more than the body rates allow, seconds.
-fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
+fn contradicting_intervals(flight: &Flight) -> Vec<[f64; 2]> {
     let rows = flight.attitude.rows();
     let mut found: Vec<[f64; 2]> = Vec::new();
     // Last start or gap, after which a filter may be aligning.
@@ -272,7 +272,7 @@ fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
             (started_s, first) = (row.t_s, last);
             continue;
         };
-        if tilted_rad(before, row) > TILT_RATE_FACTOR * rate * step_s as f32 + TILT_JUMP_MARGIN_RAD {
+        if angle_between_downs_rad(before, row) > TILT_RATE_FACTOR * rate * step_s as f32 + TILT_JUMP_MARGIN_RAD {
             jumps.push([before.t_s, row.t_s]);
         }
         turned_rad[last] = turned_rad[last - 1] + f64::from(rate) * step_s;
@@ -280,7 +280,7 @@ fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
             first += 1;
         }
         let turned = (turned_rad[last] - turned_rad[first]) as f32;
-        if tilted_rad(&rows[first], row) > TILT_RATE_FACTOR * turned + TILT_MARGIN_RAD {
+        if angle_between_downs_rad(&rows[first], row) > TILT_RATE_FACTOR * turned + TILT_MARGIN_RAD {
             let is_aligning = row.t_s - started_s < MAX_FILTER_ALIGNMENT_S;
             let from_s = if is_aligning { started_s } else { rows[first].t_s };
             match found.last_mut().filter(|[_, to_s]| *to_s >= from_s) {
@@ -297,7 +297,7 @@ fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
 }
 
 /// Angle between the down directions of two attitudes.
-fn tilted_rad(a: &Stamped<3>, b: &Stamped<3>) -> f32 {
+fn angle_between_downs_rad(a: &Stamped<3>, b: &Stamped<3>) -> f32 {
     let down = |row: &Stamped<3>| {
         let ([sin_roll, sin_pitch], [cos_roll, cos_pitch]) = (
             [libm::sinf(row.values[0]), libm::sinf(row.values[1])],

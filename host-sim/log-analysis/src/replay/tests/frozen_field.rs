@@ -1,7 +1,7 @@
 use autoswing::frames::{Attitude, Field};
 
 use super::*;
-use crate::replay::note;
+use crate::replay::log_warning;
 
 #[test]
 fn the_longest_frozen_field_is_reported() {
@@ -16,7 +16,7 @@ fn the_longest_frozen_field_is_reported() {
             }
         }
         let (from_s, to_s) = if spans[0].1 - spans[0].0 > 20 { spans[0] } else { spans[1] };
-        let note = note::sensor_failure(&flight, &compass).unwrap().to_string();
+        let note = log_warning::sensor_failure(&flight, &compass).unwrap().to_string();
         let [from_s, to_s] = [from_s, to_s].map(|s| compass.rows[s * 10].t_s.round());
         assert!(note.contains(&format!("from {from_s} to {to_s} s")), "{note}");
     }
@@ -29,6 +29,6 @@ fn a_field_ending_over_10_s_before_the_log_is_reported() {
         let (flight, mut compass) = flown();
         let end_s = flight.attitude.rows().last().unwrap().t_s;
         compass.rows.retain(|row| row.t_s <= end_s - early_s);
-        assert_eq!(note::sensor_failure(&flight, &compass).is_some(), is_reported, "{early_s}");
+        assert_eq!(log_warning::sensor_failure(&flight, &compass).is_some(), is_reported, "{early_s}");
     }
 }

@@ -1,9 +1,9 @@
 use super::*;
-use crate::replay::note::Note;
+use crate::replay::log_warning::LogWarning;
 use crate::replay::verdict::FlightOutcome;
 
 fn notes(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<String> {
-    Note::all(flight, evaluation).iter().map(ToString::to_string).collect()
+    LogWarning::all(flight, evaluation).iter().map(ToString::to_string).collect()
 }
 
 fn of_two(change: impl Fn(&mut CompassEvaluation)) -> String {

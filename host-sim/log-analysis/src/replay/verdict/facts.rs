@@ -49,7 +49,7 @@ impl Verdict<'_> {
         if let Some(percent) = sent_percent {
             add("module's headings", format!("in {} % of the flight", format_number(percent, 0)));
         }
-        if let Some(solution) = &compass.displayed_result().solution {
+        if let Some(solution) = &compass.result_for_report().solution {
             let of = if compass.module.solution.is_some() { "" } else { ", of all rows" };
             add("solved by", format!("{}{of}", solution.quality.method.name()));
             add_solution_facts(solution, &mut add);

@@ -5,7 +5,7 @@ use super::module_outcome::{CompassOutcome, FlightOutcome};
 use crate::log::Flight;
 use crate::numbers::format_number;
 use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation};
-use crate::replay::note::{Note, sensor_failure};
+use crate::replay::log_warning::{LogWarning, sensor_failure};
 use crate::replay::parameter_choice::{NoParameters, choose_parameters};
 use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat};
 
@@ -19,7 +19,7 @@ pub struct Verdict<'a> {
     /// Whether the module would have calibrated.
     pub outcome: FlightOutcome,
     /// Warnings about the log.
-    pub notes: Vec<Note>,
+    pub notes: Vec<LogWarning>,
     /// The compasses, by number.
     pub compasses: Vec<CompassVerdict<'a>>,
     /// Format of the parameters.
@@ -59,7 +59,7 @@ impl<'a> Verdict<'a> {
             flight,
             evaluation,
             outcome: FlightOutcome::new(evaluation),
-            notes: Note::all(flight, evaluation),
+            notes: LogWarning::all(flight, evaluation),
             compasses: evaluation.compasses.iter().map(compass).collect(),
             format,
         }
@@ -151,7 +151,7 @@ impl CompassVerdict<'_> {
     /// Percentage of usable rows for which the module, so calibrated, would have sent a heading.
     #[must_use]
     pub fn sent_percent(&self) -> Option<f64> {
-        let rows = self.evaluation.rows.iter().zip(&self.evaluation.displayed_result().headings);
+        let rows = self.evaluation.rows.iter().zip(&self.evaluation.result_for_report().headings);
         let sent: Vec<bool> = rows.filter(|(row, _)| row.usable).map(|(_, heading)| heading.status.is_ok()).collect();
         let number = sent.iter().filter(|is_sent| **is_sent).count();
         (!sent.is_empty()).then(|| 100.0 * number as f64 / sent.len() as f64)

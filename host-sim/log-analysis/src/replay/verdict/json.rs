@@ -41,7 +41,7 @@ impl Verdict<'_> {
                 "name": reference.name(),
                 "is_accuracy": reference.is_accuracy(),
                 "limits": reference.limits(),
-                "course": reference.course().map(course_json),
+                "course": reference.gps_course_solution().map(course_json),
             })),
             "field_model": evaluation.earth.as_ref().map(|(earth, is_valid)| json!({
                 "total_ut": round_to(f64::from(earth.total_ut), 2),

@@ -5,7 +5,7 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::replay::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg};
-use crate::replay::note::Note;
+use crate::replay::log_warning::LogWarning;
 use crate::replay::parameter_choice::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, NoParameters};
 use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
 use crate::replay::row_headings::score;
@@ -46,7 +46,7 @@ pub enum CompassAction {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reason {
     /// The sensor failed; the note about its failure.
-    SensorFailed(Note),
+    SensorFailed(LogWarning),
     /// Hard iron changed: time of the last change, seconds, its size, microtesla, and effect, degrees.
     IronChanged {
         /// Time of the last change, seconds of the log.
@@ -105,7 +105,7 @@ impl Judgement {
     pub fn new(
         evaluation: &FlightEvaluation,
         compass: &CompassEvaluation,
-        failure: Option<Note>,
+        failure: Option<LogWarning>,
         parameters: &Result<ExportedCorrection, NoParameters>,
     ) -> Self {
         let as_logged_rms_deg = as_logged_rms_deg(evaluation, compass);
@@ -150,7 +150,7 @@ fn action_without_parameters(state: CompassState, why: &NoParameters) -> Compass
     match why {
         NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
         NoParameters::NoGain(held_back) | NoParameters::Inaccurate(held_back)
-            if !held_back.is_estimate && held_back.rms_deg.min(held_back.disturbed_deg) > BAD_COMPASS_RMS_DEG =>
+            if !held_back.is_estimate && held_back.rms_deg.min(held_back.field_scatter_deg) > BAD_COMPASS_RMS_DEG =>
         {
             CompassAction::Replace
         }

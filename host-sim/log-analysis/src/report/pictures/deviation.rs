@@ -22,7 +22,7 @@ pub fn common_scale_picture(compass_report: &CompassReport, word: &str) -> Pictu
     let mut svg = Svg::new(PICTURE_SIZE[0], PICTURE_SIZE[1]);
     draw_one_scale(&mut svg, [0.0, 0.0], compass_report, word);
     let [before, after] = [&compass_report.before, &compass_report.after].map(|lines| max_error_deg(lines));
-    let title = headline(compass_report).to_owned();
+    let title = picture_title(compass_report).to_owned();
     let words = match (compass_report.before.is_empty(), compass_report.after.is_empty()) {
         (false, false) => {
             format!(
@@ -80,7 +80,7 @@ pub fn combined_picture(compass_report: &CompassReport, word: &str) -> Picture {
     }
 }
 
-fn headline(compass_report: &CompassReport) -> &'static str {
+fn picture_title(compass_report: &CompassReport) -> &'static str {
     if compass_report.after.is_empty() { "Before; there is no after" } else { "Before and after, one scale" }
 }
 
@@ -104,7 +104,7 @@ fn title(svg: &mut Svg, [left, up]: Point, words: &str) -> Point {
 }
 
 fn draw_one_scale(svg: &mut Svg, at: Point, compass_report: &CompassReport, word: &str) {
-    let below = title(svg, at, headline(compass_report));
+    let below = title(svg, at, picture_title(compass_report));
     let names: Vec<String> =
         compass_report.before.iter().map(|line| format!("before{}", name_suffix(&line.name))).collect();
     let mut items: Vec<(LegendSample, &str)> = UNCALIBRATED_LINES
@@ -160,7 +160,7 @@ fn draw_enlarged(svg: &mut Svg, at: Point, compass_report: &CompassReport, word:
         .max(max_magnitude(compass_report.sigma_deg.iter().copied()))
         .max(magnitude_quantile(points.iter().map(|[_, error]| *error), FRAMED_FRACTION));
     let frame = frame(top, at, Axis::symmetric_deg(most));
-    band(svg, &frame, &compass_report.sigma_deg);
+    draw_expected_error_band(svg, &frame, &compass_report.sigma_deg);
     frame.draw(svg, "heading, deg", &format!("{word}, deg"));
     let plotted: Vec<Option<Point>> = subsample(&points, MAX_POINTS).map(|&[x, y]| frame.point(x, y)).collect();
     svg.points("dot", Shape::Dot, 1.4, plotted.iter().copied().flatten());
@@ -181,7 +181,7 @@ fn draw(svg: &mut Svg, frame: &PlotFrame, line: &DeviationCurve, class: &str, po
     }
 }
 
-fn band(svg: &mut Svg, frame: &PlotFrame, sigma_deg: &[f64]) {
+fn draw_expected_error_band(svg: &mut Svg, frame: &PlotFrame, sigma_deg: &[f64]) {
     let width_deg = 360.0 / sigma_deg.len().max(1) as f64;
     for (i, sigma) in sigma_deg.iter().enumerate().chain(sigma_deg.first().map(|first| (sigma_deg.len(), first))) {
         let middle = i as f64 * width_deg;

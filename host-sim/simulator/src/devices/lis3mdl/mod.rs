@@ -16,7 +16,7 @@ use testkit::clock;
 
 use self::conversion::{CompletedConversion, Converter};
 use self::registers::Registers;
-use crate::devices::i2c::Target;
+use crate::devices::i2c::SimulatedI2cDevice;
 use crate::devices::sensor::FieldSource;
 use crate::random::{Purpose, Random};
 
@@ -104,7 +104,7 @@ impl Lis3mdl {
     }
 }
 
-impl Target for Lis3mdl {
+impl SimulatedI2cDevice for Lis3mdl {
     fn acknowledges(&self, address: u8) -> bool {
         !self.silent && address == self.config.address
     }

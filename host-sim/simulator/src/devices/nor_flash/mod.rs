@@ -136,7 +136,7 @@ struct OperationGuard<'a> {
 impl Drop for OperationGuard<'_> {
     fn drop(&mut self) {
         if !self.finished {
-            self.flash.0.borrow_mut().tear(self.operation);
+            self.flash.0.borrow_mut().interrupt_operation(self.operation);
         }
     }
 }
@@ -155,7 +155,7 @@ impl FlashDevice {
                 self.powered = false;
                 match outcome {
                     CutOutcome::NotBegun => {}
-                    CutOutcome::Torn => self.tear(operation),
+                    CutOutcome::Torn => self.interrupt_operation(operation),
                     CutOutcome::Done => self.cells.perform(operation),
                 }
                 Err(FlashError::PowerLost)
@@ -168,7 +168,7 @@ impl FlashDevice {
         }
     }
 
-    fn tear(&mut self, operation: Operation) {
+    fn interrupt_operation(&mut self, operation: Operation) {
         self.cells.apply_partially(operation, &mut self.random);
     }
 

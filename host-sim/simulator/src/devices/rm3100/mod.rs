@@ -15,7 +15,7 @@ use testkit::clock;
 
 use self::registers::{Registers, RunningMeasurement};
 use crate::devices::sensor::FieldSource;
-use crate::devices::spi::Target;
+use crate::devices::spi::SimulatedSpiDevice;
 use crate::random::{Purpose, Random};
 
 /// RMS noise at cycle count 200, microtesla (manual, table 3-1).
@@ -90,8 +90,8 @@ impl Rm3100 {
     }
 
     /// Fault: bits of a register flip.
-    pub fn flip(&mut self, register: u8, bits: u8) {
-        self.registers.flip(register, bits);
+    pub fn flip_register_bits(&mut self, register: u8, bits: u8) {
+        self.registers.flip_register_bits(register, bits);
     }
 
     /// Value of a register, without the effects of an access.
@@ -120,7 +120,7 @@ impl Rm3100 {
 
     fn end_self_test(&mut self) {
         for axis in 0..3 {
-            self.registers.set_axis_passed(axis, self.fault != Some(Rm3100Fault::BrokenOscillator(axis)));
+            self.registers.set_self_test_passed(axis, self.fault != Some(Rm3100Fault::BrokenOscillator(axis)));
         }
     }
 
@@ -144,7 +144,7 @@ fn counts_per_ut(cycle_count: u16) -> f64 {
     1.0 + 0.37 * f64::from(cycle_count)
 }
 
-impl Target for Rm3100 {
+impl SimulatedSpiDevice for Rm3100 {
     fn write(&mut self, bytes: &[u8]) {
         if self.is_missing() {
             return;

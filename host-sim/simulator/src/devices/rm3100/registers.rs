@@ -66,7 +66,7 @@ impl Registers {
         self.bytes[usize::from(register)] = value;
     }
 
-    pub fn flip(&mut self, register: u8, bits: u8) {
+    pub fn flip_register_bits(&mut self, register: u8, bits: u8) {
         self.set(register, self.get(register) ^ bits);
     }
 
@@ -158,7 +158,7 @@ impl Registers {
         self.set(STATUS, 0);
     }
 
-    pub fn set_axis_passed(&mut self, axis: usize, passed: bool) {
+    pub fn set_self_test_passed(&mut self, axis: usize, passed: bool) {
         let bit = 0x10 << axis;
         let others = self.get(BIST) & !bit;
         self.set(BIST, if passed { others | bit } else { others });

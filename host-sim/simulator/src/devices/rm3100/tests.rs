@@ -265,7 +265,7 @@ fn faults_show_on_the_bus() {
             set_fault(None);
             assert!(is_ready(&mut device).await);
 
-            chip.borrow_mut().flip(0x05, 0x08);
+            chip.borrow_mut().flip_register_bits(0x05, 0x08);
             assert_eq!(get(&mut device, 0x05).await, [0xC0]);
             chip.borrow_mut().power_cycle();
             assert_eq!((get(&mut device, 0x05).await, get(&mut device, 0x0B).await), ([0xC8], [0x96]));

@@ -3,8 +3,8 @@
 //! Bytes take ten bit times each. The module's end is asynchronous, with limited receive and transmit buffers, and is
 //! recreated at each start of the module. The host's end never blocks and never loses a byte.
 
+mod cable_direction;
 mod error;
-mod line;
 
 use std::cell::RefCell;
 use std::future::poll_fn;
@@ -17,9 +17,9 @@ use embassy_time::{Instant, Timer};
 use embedded_io_async::{ErrorType, Read, Write};
 use testkit::clock;
 
+use self::cable_direction::CableDirection;
+pub use self::cable_direction::{TimedByte, WakeCondition};
 pub use self::error::UartError;
-use self::line::Line;
-pub use self::line::{TimedByte, WakeCondition};
 
 /// Settings of the cable and of the module's UART.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,8 +42,8 @@ impl Default for UartConfig {
 
 /// Cable with both directions. Keep it for the whole simulation.
 pub struct Cable {
-    to_module: Rc<RefCell<Line>>,
-    to_host: Rc<RefCell<Line>>,
+    to_module: Rc<RefCell<CableDirection>>,
+    to_host: Rc<RefCell<CableDirection>>,
     transmit_buffer: usize,
 }
 
@@ -52,8 +52,8 @@ impl Cable {
     #[must_use]
     pub fn new(config: UartConfig) -> Self {
         Self {
-            to_module: Rc::new(RefCell::new(Line::new(config.baud, config.receive_buffer, config.delivery))),
-            to_host: Rc::new(RefCell::new(Line::new(config.baud, usize::MAX, WakeCondition::EachByte))),
+            to_module: Rc::new(RefCell::new(CableDirection::new(config.baud, config.receive_buffer, config.delivery))),
+            to_host: Rc::new(RefCell::new(CableDirection::new(config.baud, usize::MAX, WakeCondition::EachByte))),
             transmit_buffer: config.transmit_buffer,
         }
     }
@@ -80,8 +80,8 @@ impl Cable {
 /// Cloneable handle to the host's end. Clones share the received bytes.
 #[derive(Clone)]
 pub struct HostEnd {
-    to_module: Rc<RefCell<Line>>,
-    to_host: Rc<RefCell<Line>>,
+    to_module: Rc<RefCell<CableDirection>>,
+    to_host: Rc<RefCell<CableDirection>>,
 }
 
 impl HostEnd {
@@ -127,7 +127,7 @@ impl HostEnd {
 
 /// The module's receiver. Cancelling a read has no side effects.
 pub struct Receiver {
-    line: Rc<RefCell<Line>>,
+    line: Rc<RefCell<CableDirection>>,
 }
 
 impl ErrorType for Receiver {
@@ -154,9 +154,9 @@ impl Read for Receiver {
 
 /// The module's transmitter. Dropping it, as at a power cut, loses bytes in transmission.
 pub struct Transmitter {
-    line: Rc<RefCell<Line>>,
+    line: Rc<RefCell<CableDirection>>,
     /// The opposite direction, which has the same speed.
-    opposite_direction: Rc<RefCell<Line>>,
+    opposite_direction: Rc<RefCell<CableDirection>>,
     buffer: usize,
 }
 

@@ -22,7 +22,7 @@ pub(super) struct Boat {
 
 impl Boat {
     pub fn new(config: VehicleConfig, weather: Weather, seed: u64) -> Self {
-        let water = Surface::water(SLOPE_DEG, weather.wind_from_deg.to_radians() + std::f64::consts::PI, seed);
+        let water = Surface::water_waves(SLOPE_DEG, weather.wind_from_deg.to_radians() + std::f64::consts::PI, seed);
         Self { config, water, heading_rad: config.heading_deg.to_radians(), turn_rate_rad_s: 0.0 }
     }
 

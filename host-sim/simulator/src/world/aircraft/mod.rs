@@ -138,7 +138,7 @@ impl Aircraft {
     }
 
     /// Returns control to the vehicle model, which continues from its own last state.
-    pub fn release(&mut self) {
+    pub fn end_prescribed_motion(&mut self) {
         self.motion_source = MotionSource::ByItself;
     }
 
@@ -151,7 +151,7 @@ impl Aircraft {
     /// Advances by one integration step.
     pub fn step(&mut self) {
         match &self.motion_source {
-            MotionSource::ByItself => self.fly_on(),
+            MotionSource::ByItself => self.advance_vehicle_model(),
             MotionSource::Carried(prescribed_motion, since_us) => {
                 self.state = self.state_in_prescribed_motion(*prescribed_motion, *since_us);
             }
@@ -159,7 +159,7 @@ impl Aircraft {
         }
     }
 
-    fn fly_on(&mut self) {
+    fn advance_vehicle_model(&mut self) {
         let command = self.autopilot.step(&self.state);
         let before = &self.state;
         let motion = self.vehicle.step(command, before);

@@ -19,7 +19,7 @@ pub(super) struct Rover {
 
 impl Rover {
     pub fn new(config: VehicleConfig, seed: u64) -> Self {
-        let ground = Surface::ground(SLOPE_DEG, seed);
+        let ground = Surface::rough_ground(SLOPE_DEG, seed);
         Self { config, ground, heading_rad: config.heading_deg.to_radians(), turn_rate_rad_s: 0.0 }
     }
 

@@ -27,7 +27,7 @@ pub(super) struct Surface(Vec<Wave>);
 impl Surface {
     /// Ground with wavelengths of 5 to 40 m in all directions; `slope_deg` is the standard deviation of the slope along
     /// any direction.
-    pub fn ground(slope_deg: f64, seed: u64) -> Self {
+    pub fn rough_ground(slope_deg: f64, seed: u64) -> Self {
         let mut random = Random::new(seed, Purpose::Surface);
         // The mean square slope along a fixed direction is a quarter of the squared amplitude: one half from the wave
         // directions, one half from the cosine.
@@ -37,7 +37,7 @@ impl Surface {
 
     /// Waves of 8 to 20 m length (periods 2.3 to 3.6 s) that travel within 40 degrees of `toward_rad`; `slope_deg` is
     /// the standard deviation of the slope along `toward_rad`.
-    pub fn water(slope_deg: f64, toward_rad: f64, seed: u64) -> Self {
+    pub fn water_waves(slope_deg: f64, toward_rad: f64, seed: u64) -> Self {
         const WAVE_DIRECTION_SPREAD_RAD: f64 = 0.7;
         let mut random = Random::new(seed, Purpose::Surface);
         // The mean square of the cosine over +-0.7 rad is 0.85.

@@ -47,12 +47,12 @@ pub(super) const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
 pub(super) const STATUS_PERIOD_US: u64 = 100_000;
 
 /// Correlation time of the acceleration-induced tilt error, seconds: duration of a typical acceleration.
-const PUSH_TIME_S: f64 = 2.0;
+const ACCELERATION_ERROR_TIME_S: f64 = 2.0;
 
 /// Reported yaw; never the true heading, because the module must not depend on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Yaw {
+pub enum ReportedYaw {
     /// Gyro yaw with an offset that grows linearly.
     Drifting,
     /// Yaw is sent as NaN.
@@ -78,7 +78,7 @@ pub struct AttitudeSourceConfig {
     /// Acceleration-induced tilt error of roll and of pitch, degrees per m/s^2, 1 sigma.
     pub push_error_deg: f64,
     /// Content of the yaw field.
-    pub yaw: Yaw,
+    pub yaw: ReportedYaw,
     /// Initial error of a drifting yaw, degrees.
     pub yaw_offset_deg: f64,
     /// Growth of the yaw error, degrees per second.
@@ -95,7 +95,7 @@ impl Default for AttitudeSourceConfig {
             latency_ms: 20.0,
             turn_error: 0.01,
             push_error_deg: 0.0,
-            yaw: Yaw::Drifting,
+            yaw: ReportedYaw::Drifting,
             yaw_offset_deg: 37.0,
             yaw_drift_deg_s: 0.1,
         }
@@ -142,7 +142,7 @@ impl AttitudeSource {
         };
         let push = |purpose| {
             let sigma_rad = config.push_error_deg.to_radians();
-            FirstOrder::new(sigma_rad, PUSH_TIME_S, 1.0 / config.rate_hz, Random::new(seed, purpose))
+            FirstOrder::new(sigma_rad, ACCELERATION_ERROR_TIME_S, 1.0 / config.rate_hz, Random::new(seed, purpose))
         };
         let direction_rad = Random::new(seed, Purpose::AttitudeBias).uniform(0.0, TAU);
         Self {
@@ -223,8 +223,8 @@ impl AttitudeSource {
         let seconds = truth.time_us as f64 / 1e6;
         let error_deg = self.config.yaw_offset_deg + self.config.yaw_drift_deg_s * seconds;
         match self.config.yaw {
-            Yaw::Drifting => (truth.heading_rad + error_deg.to_radians() + PI).rem_euclid(TAU) - PI,
-            Yaw::Absent => f64::NAN,
+            ReportedYaw::Drifting => (truth.heading_rad + error_deg.to_radians() + PI).rem_euclid(TAU) - PI,
+            ReportedYaw::Absent => f64::NAN,
         }
     }
 

@@ -17,7 +17,7 @@ const EXACT: AttitudeSourceConfig = AttitudeSourceConfig {
     latency_ms: 20.0,
     turn_error: 0.0,
     push_error_deg: 0.0,
-    yaw: Yaw::Drifting,
+    yaw: ReportedYaw::Drifting,
     yaw_offset_deg: 37.0,
     yaw_drift_deg_s: 0.1,
 };
@@ -208,7 +208,7 @@ fn yaw_is_never_the_heading() {
     let truth = world.true_state(1_980_000);
     let error_deg = (f64::from(last.yaw) - truth.heading_rad).to_degrees().rem_euclid(360.0);
     assert!((error_deg - 37.2).abs() < 0.01, "{error_deg}");
-    let (_, stream) = simulate_source(AttitudeSourceConfig { yaw: Yaw::Absent, ..EXACT }, 1, 1);
+    let (_, stream) = simulate_source(AttitudeSourceConfig { yaw: ReportedYaw::Absent, ..EXACT }, 1, 1);
     assert!(attitudes(&stream).iter().all(|(_, data)| data.yaw.is_nan()));
 }
 

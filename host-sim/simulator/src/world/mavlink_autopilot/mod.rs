@@ -104,7 +104,7 @@ impl MavlinkAutopilot {
     pub fn restart(&mut self, now_us: u64) {
         self.started_us = now_us;
         self.streams = vec![PeriodicMessage { id: HEARTBEAT_DATA::ID, period_us: HEARTBEAT_US, due_us: now_us }];
-        self.stream(ATTITUDE_DATA::ID, self.firmware.default_rate_hz(), now_us);
+        self.start_stream(ATTITUDE_DATA::ID, self.firmware.default_rate_hz(), now_us);
         self.answers.clear();
     }
 
@@ -121,7 +121,7 @@ impl MavlinkAutopilot {
 
     /// Requests that were denied as too fast. ArduPilot warns its pilot of each: "Requested rate ... too fast".
     #[must_use]
-    pub const fn denied(&self) -> u32 {
+    pub const fn denied_requests(&self) -> u32 {
         self.denied
     }
 
@@ -196,7 +196,7 @@ impl MavlinkAutopilot {
         {
             let asked_hz = f64::from(u16::from_le_bytes([frame.byte(0), frame.byte(1)]));
             let most_hz = 1e6 / f64::from(self.firmware.least_interval_us());
-            self.stream(ATTITUDE_DATA::ID, asked_hz.min(most_hz), now_us);
+            self.start_stream(ATTITUDE_DATA::ID, asked_hz.min(most_hz), now_us);
         }
     }
 
@@ -217,7 +217,7 @@ impl MavlinkAutopilot {
         } else if !REQUESTABLE_MESSAGES.contains(&(command.param1 as u32)) {
             MavResult::MAV_RESULT_FAILED
         } else {
-            self.stream(command.param1 as u32, 1e6 / f64::from(command.param2), now_us);
+            self.start_stream(command.param1 as u32, 1e6 / f64::from(command.param2), now_us);
             MavResult::MAV_RESULT_ACCEPTED
         };
         let [low, high] = (command.command as u16).to_le_bytes();
@@ -226,7 +226,7 @@ impl MavlinkAutopilot {
         self.answers.extend(answer);
     }
 
-    fn stream(&mut self, id: u32, rate_hz: f64, now_us: u64) {
+    fn start_stream(&mut self, id: u32, rate_hz: f64, now_us: u64) {
         if id == ATTITUDE_DATA::ID {
             self.source.set_rate_hz(rate_hz);
         }

@@ -148,7 +148,7 @@ fn ardupilot_accepts_an_attitude_rate_of_40_hz_at_once() {
     bench.run(60);
     let requested = [&[attitude(40)][..], &CURRENT_PLACE_AND_TIME].concat();
     assert_eq!(bench.requested(), requested, "and nothing more");
-    assert_eq!(bench.autopilot.denied(), 0);
+    assert_eq!(bench.autopilot.denied_requests(), 0);
     assert!(bench.attitudes_in_the_last_second().abs_diff(40) <= 1);
     assert_paced(&bench);
     assert_eq!((bench.autopilot.invalid_byte_count(), bench.module.rejected_frames()), (0, 0));

@@ -6,7 +6,7 @@ use std::rc::Rc;
 use nalgebra::Vector3;
 use simulator::faults::attitude::{
     AdditionalLatency, Alignment, AttitudeFault, Restart, SecondSender, Silence, attitude_bias, attitude_quantisation,
-    bank_scale_error, filter_alignment, frozen_attitude, hanging_attitude, lagging_bank_error, rate_scale_error,
+    bank_scale_error, filter_alignment, frozen_attitude, lagging_bank_error, rate_scale_error, stale_attitude,
 };
 use simulator::faults::field::{
     FieldFault, MountTurn, OtherPlace, SoftIronHysteresis, elevator_linkage, hard_iron_change, hard_iron_drift,
@@ -26,8 +26,8 @@ use simulator::world::far_end::FarEnd;
 use simulator::world::gyro::GyroConfig;
 use simulator::world::rotation::Euler;
 
+use crate::studies::integrity::legs_after_calibration::{self, TIME_IN_TURN_S};
 use crate::studies::integrity::plan::AttitudeProtocol;
-use crate::studies::integrity::use_legs::{self, TIME_IN_TURN_S};
 
 /// Fault and the flights on which it is tested: a row of [`ALL_CASES`](super::ALL_CASES).
 #[derive(Debug)]
@@ -37,7 +37,7 @@ pub struct Case {
     /// Description of the fault.
     pub description: &'static str,
     /// Changes world, attitude source, routine, onset and use of the flight, and adds faults.
-    pub(super) set_up: fn(&mut DrawnCase),
+    pub(super) set_up: fn(&mut RandomCase),
     /// Vehicles to which the case applies.
     pub(super) vehicles: fn(VehicleKind) -> bool,
     /// Whether the case requires several senders or a gyro's rates, which MSP does not have.
@@ -72,7 +72,7 @@ pub enum Onset {
 }
 
 /// Case with random values drawn from a seed.
-pub struct DrawnCase {
+pub struct RandomCase {
     /// Airframe, place, weather, errors of the attitude source.
     pub world: WorldConfig,
     /// Simulated attitude source and its protocol.
@@ -88,7 +88,7 @@ pub struct DrawnCase {
     /// Time on the ground between calibration and the flight in use, seconds.
     pub ground_time_s: f64,
     /// Duration of the flight in use (after the calibration), seconds.
-    pub use_s: f64,
+    pub flight_after_calibration_s: f64,
     /// Draws the legs of the flight in use after its first leg.
     pub further_legs: fn(VehicleKind, &mut Random) -> Vec<Leg>,
     pub(super) seed: u64,
@@ -97,7 +97,7 @@ pub struct DrawnCase {
 
 /// Duration of a flight in use, seconds. The first legs are the same for all (see
 /// [`flight`](crate::studies::integrity::flight)).
-pub(super) const USE_DURATION_S: f64 = 185.0;
+pub(super) const FLIGHT_AFTER_CALIBRATION_S: f64 = 185.0;
 
 /// Onset of faults without a special time, seconds after the start of use.
 pub(super) const USUAL_ONSET_S: f64 = 10.0;
@@ -148,8 +148,8 @@ impl Case {
 
     /// Draws the flight of a seed.
     #[must_use]
-    pub fn draw(&self, seed: u64, aircraft: VehicleKind, source: AttitudeProtocol) -> DrawnCase {
-        let mut drawn_case = DrawnCase {
+    pub fn draw(&self, seed: u64, aircraft: VehicleKind, source: AttitudeProtocol) -> RandomCase {
+        let mut drawn_case = RandomCase {
             world: WorldConfig::random(seed).with_vehicle_kind(aircraft),
             far_end: source.far_end(),
             routine: Routine::for_vehicle(aircraft, TurnPlan::default(), 0.0),
@@ -157,8 +157,8 @@ impl Case {
             switch: Switch::off(),
             onset: Onset::Never,
             ground_time_s: 0.0,
-            use_s: USE_DURATION_S,
-            further_legs: use_legs::further_legs,
+            flight_after_calibration_s: FLIGHT_AFTER_CALIBRATION_S,
+            further_legs: legs_after_calibration::further_legs,
             seed,
             random: Random::new(seed, Purpose::Case),
         };
@@ -167,7 +167,7 @@ impl Case {
     }
 }
 
-impl DrawnCase {
+impl RandomCase {
     /// Handle for a fault that is active from the onset on.
     pub(super) fn switch(&self) -> Switch {
         self.switch.clone()
@@ -232,13 +232,13 @@ impl DrawnCase {
     /// The autopilot pauses for 12 s, longer than a sender's selection is kept on the ground, while another vehicle's
     /// autopilot goes on. Flown for 300 s, of which the pause itself is 4 %.
     pub(super) fn pause_beside_other_vehicle(&mut self) {
-        self.use_s = 300.0;
+        self.flight_after_calibration_s = 300.0;
         self.onset = Onset::InUse { after_s: USUAL_ONSET_S, for_s: 12.0 };
         self.faults.link = vec![LinkFault::Pause(self.switch()), LinkFault::OtherVehicle(2)];
     }
 
     /// Adds forged messages in the autopilot's name, among its own, permanently from soon after the start of use.
-    pub(super) fn forge(&mut self, message: ForgedMessage) {
+    pub(super) fn send_forged_messages(&mut self, message: ForgedMessage) {
         self.onset = Onset::SOON_AND_PERMANENT;
         self.faults.link.push(LinkFault::Forged(self.switch(), message));
     }
@@ -262,16 +262,16 @@ impl DrawnCase {
         Alignment { amplitude_deg, periods_s: [roll_s, pitch_s], for_s: RESTART_ALIGNMENT_S }
     }
 
-    pub(super) fn hang_attitude(&mut self) {
+    pub(super) fn make_attitude_stale(&mut self) {
         let onset = self.random_onset();
-        let fault = hanging_attitude(self.switch(), &self.world.attitude_source, self.seed);
+        let fault = stale_attitude(self.switch(), &self.world.attitude_source, self.seed);
         self.add_attitude_fault(onset, fault);
     }
 
     /// Interrupts the link in turns of 45 deg of bank, for gaps within the two seconds over which body rates are
     /// integrated.
     pub(super) fn interrupt_link(&mut self) {
-        self.further_legs = use_legs::steep_turns;
+        self.further_legs = legs_after_calibration::steep_turns;
         let switch = self.switch();
         self.add_attitude_fault(
             Onset::SOON_AND_PERMANENT,
@@ -380,8 +380,8 @@ impl DrawnCase {
 
     /// Adds straight flight or hover for ten minutes after the first legs, in which hard iron drifts.
     pub(super) fn drift_hard_iron(&mut self, time_constant_s: f64) {
-        self.use_s = STEADY_FLIGHT_ONSET_S + STEADY_FLIGHT_DURATION_S;
-        self.further_legs = use_legs::steady_leg;
+        self.flight_after_calibration_s = STEADY_FLIGHT_ONSET_S + STEADY_FLIGHT_DURATION_S;
+        self.further_legs = legs_after_calibration::steady_leg;
         let change_ut = self.random_ut(10.0);
         let onset = Onset::permanent_after(STEADY_FLIGHT_ONSET_S);
         self.add_field_fault(onset, hard_iron_drift(self.switch(), change_ut, time_constant_s));

@@ -9,13 +9,15 @@ use simulator::world::aircraft::VehicleKind;
 use simulator::world::attitude_source::SenderKind;
 use simulator::world::gyro::GyroConfig;
 
-use super::definition::{COUNTS_PER_UT, Case, DrawnCase, Onset, SENSOR_SIGMA_COUNTS, USE_DURATION_S, USUAL_ONSET_S};
-use crate::studies::integrity::use_legs::{TIME_IN_LEVEL_FLIGHT_S, TIME_IN_TURN_S};
+use super::definition::{
+    COUNTS_PER_UT, Case, FLIGHT_AFTER_CALIBRATION_S, Onset, RandomCase, SENSOR_SIGMA_COUNTS, USUAL_ONSET_S,
+};
+use crate::studies::integrity::legs_after_calibration::{TIME_IN_LEVEL_FLIGHT_S, TIME_IN_TURN_S};
 
 const DEGREES_PER_RADIAN: f64 = 360.0 / TAU;
 
 /// Case for all vehicles and attitude sources.
-const fn case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+const fn case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
     Case {
         name,
         description,
@@ -28,27 +30,27 @@ const fn case(name: &'static str, description: &'static str, set_up: fn(&mut Dra
 }
 
 /// Case for vehicles that can hover.
-const fn hover_case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+const fn hover_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
     Case { vehicles: VehicleKind::can_hover, ..case(name, description, set_up) }
 }
 
 /// Case for vehicles that cannot hover.
-const fn turn_case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+const fn turn_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
     Case { vehicles: |kind| !kind.can_hover(), ..case(name, description, set_up) }
 }
 
 /// Case for autopilots with several senders or body rates.
-const fn mavlink_case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+const fn mavlink_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
     Case { needs_mavlink: true, ..case(name, description, set_up) }
 }
 
 /// Case of a permanent hard-iron change in use.
-const fn hard_iron_case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+const fn hard_iron_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
     Case { changes_hard_iron: true, ..case(name, description, set_up) }
 }
 
 /// Case of a permanent hard-iron change in use, for autopilots with several senders or body rates.
-const fn mavlink_hard_iron_case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+const fn mavlink_hard_iron_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
     Case { needs_mavlink: true, ..hard_iron_case(name, description, set_up) }
 }
 
@@ -57,7 +59,9 @@ pub static ALL_CASES: &[Case] = &[
     case("clean", "nothing", |_| {}),
     Case {
         max_flights: 1,
-        ..turn_case("ten-hours", "nothing, one flight of ten hours", |flight| flight.use_s = 36_000.0)
+        ..turn_case("ten-hours", "nothing, one flight of ten hours", |flight| {
+            flight.flight_after_calibration_s = 36_000.0
+        })
     },
     mavlink_case("gyro-perfect", "a gyro without errors", |flight| flight.world.gyro = GyroConfig::PERFECT),
     mavlink_case("gyro-1", "scale and cross-axis errors of the gyro of exactly 1 %", |flight| flight.scale_gyro(1.0)),
@@ -114,11 +118,15 @@ pub static ALL_CASES: &[Case] = &[
         flight.quantise_attitude();
         flight.freeze_attitude(TIME_IN_TURN_S);
     }),
-    mavlink_case("attitude-hangs", "roll and pitch stay but for noise, body rates go on", DrawnCase::hang_attitude),
-    turn_case("link-gaps", "attitude gaps of 1.5 s in turns at 45 deg of bank", DrawnCase::interrupt_link),
-    case("source-stalls", "the attitude source stalls for 1.4 s in a turn", DrawnCase::stall_source),
-    case("autopilot-restarts", "the autopilot restarts on the ground or in the air", DrawnCase::restart_autopilot),
-    case("coarse", "attitude in tenths of a degree, without fault", DrawnCase::quantise_attitude),
+    mavlink_case(
+        "attitude-hangs",
+        "roll and pitch stay but for noise, body rates go on",
+        RandomCase::make_attitude_stale,
+    ),
+    turn_case("link-gaps", "attitude gaps of 1.5 s in turns at 45 deg of bank", RandomCase::interrupt_link),
+    case("source-stalls", "the attitude source stalls for 1.4 s in a turn", RandomCase::stall_source),
+    case("autopilot-restarts", "the autopilot restarts on the ground or in the air", RandomCase::restart_autopilot),
+    case("coarse", "attitude in tenths of a degree, without fault", RandomCase::quantise_attitude),
     case("spikes", "1 % of attitude messages wrong by 45 deg", |flight| {
         flight.add_attitude_fault(Onset::SOON_AND_PERMANENT, attitude_spikes(flight.switch(), 0.01, flight.seed));
     }),
@@ -131,21 +139,21 @@ pub static ALL_CASES: &[Case] = &[
     mavlink_case(
         "second-vehicle",
         "the autopilot pauses for 12 s, another vehicle's goes on",
-        DrawnCase::pause_beside_other_vehicle,
+        RandomCase::pause_beside_other_vehicle,
     ),
     mavlink_case("no-autopilot", "forged heartbeats of no autopilot", |flight| {
-        flight.forge(ForgedMessage::NoAutopilot);
+        flight.send_forged_messages(ForgedMessage::NoAutopilot);
     }),
     mavlink_case("disarm-forged", "forged heartbeats of a disarmed autopilot", |flight| {
-        flight.forge(ForgedMessage::Disarmed);
+        flight.send_forged_messages(ForgedMessage::Disarmed);
     }),
     mavlink_case("current-forged", "current reported, forged reports of 300 A among them", |flight| {
         flight.add_current(5.0, true);
-        flight.forge(ForgedMessage::Current(300.0));
+        flight.send_forged_messages(ForgedMessage::Current(300.0));
     }),
     case("bias-2", "attitude bias of 2 deg", |flight| flight.bias_attitude(2.0)),
     case("bias-5", "attitude bias of 5 deg", |flight| flight.bias_attitude(5.0)),
-    mavlink_case("aligning", "the attitude filter aligns on the ground", DrawnCase::align_attitude),
+    mavlink_case("aligning", "the attitude filter aligns on the ground", RandomCase::align_attitude),
     case("lean-70", "attitude reads 70 % of the bank", |flight| flight.scale_bank(Onset::SOON_AND_PERMANENT, 0.7)),
     case("lean-30", "attitude reads 30 % of the bank", |flight| flight.scale_bank(Onset::SOON_AND_PERMANENT, 0.3)),
     case("late-200", "attitude 200 ms later", |flight| flight.delay_attitude(200)),
@@ -185,13 +193,13 @@ pub static ALL_CASES: &[Case] = &[
     case("throttle-5", "interference of 5 uT follows the throttle", |flight| flight.add_throttle_interference(5.0)),
     case("throttle-10", "interference of 10 uT follows the throttle", |flight| flight.add_throttle_interference(10.0)),
     case("warming", "the sensor's zero drifts from 0 to 10 uT", |flight| {
-        flight.drift_zero(Onset::InUse { after_s: USUAL_ONSET_S, for_s: USE_DURATION_S - USUAL_ONSET_S });
+        flight.drift_zero(Onset::InUse { after_s: USUAL_ONSET_S, for_s: FLIGHT_AFTER_CALIBRATION_S - USUAL_ONSET_S });
     }),
     case("passing-10-1s", "iron of 10 uT passes within 1 s", |flight| flight.pass_object(10.0, 1.0)),
     case("passing-10-5s", "iron of 10 uT passes within 5 s", |flight| flight.pass_object(10.0, 5.0)),
     case("passing-10-30s", "iron of 10 uT passes within 30 s", |flight| flight.pass_object(10.0, 30.0)),
     case("passing-50-30s", "iron of 50 uT passes within 30 s", |flight| flight.pass_object(50.0, 30.0)),
-    case("ferry", "used 1,000 km away", DrawnCase::move_to_other_place),
+    case("ferry", "used 1,000 km away", RandomCase::move_to_other_place),
     case("cal-moved-2", "hard iron changes by 2 uT during the calibration", |flight| {
         flight.change_hard_iron_while_calibrating(2.0);
     }),
@@ -207,7 +215,11 @@ pub static ALL_CASES: &[Case] = &[
     turn_case("cal-bank-5", "calibration turns at 5 deg of bank", |flight| flight.calibrate_at_bank(5.0)),
     case("cal-clipped", "an axis saturates within the circles, always", |flight| flight.clip_axis(Onset::Always)),
     case("cal-lean-90", "attitude always reads 90 % of the bank", |flight| flight.scale_bank(Onset::Always, 0.9)),
-    case("cal-lean-lag", "attitude loses 12 % of the bank in turns, within 10 s, always", DrawnCase::lag_bank_in_turns),
+    case(
+        "cal-lean-lag",
+        "attitude loses 12 % of the bank in turns, within 10 s, always",
+        RandomCase::lag_bank_in_turns,
+    ),
     case("cal-level-3", "attitude levelled 3 deg off, always", |flight| flight.level_attitude_wrongly(3.0)),
     Case {
         vehicles: |kind| matches!(kind, VehicleKind::Plane | VehicleKind::Vtol),
@@ -217,7 +229,7 @@ pub static ALL_CASES: &[Case] = &[
         flight.add_hysteresis(15.0);
     }),
     case("cal-vibration-3", "aliased vibration of 3 uT, always", |flight| flight.vibrate(3.0)),
-    hover_case("cal-yaw-only", "calibration by yaw turns in hover alone", DrawnCase::calibrate_in_hover),
+    hover_case("cal-yaw-only", "calibration by yaw turns in hover alone", RandomCase::calibrate_in_hover),
     hover_case("pushed", "acceleration-induced tilt error always doubled", |flight| {
         flight.onset = Onset::Always;
         flight.world.attitude_source.push_error_deg *= 2.0;

@@ -3,7 +3,7 @@
 mod definition;
 mod list;
 
-pub use definition::{Case, DrawnCase, Onset};
+pub use definition::{Case, Onset, RandomCase};
 pub use list::ALL_CASES;
 
 /// The case with this name, if any.

@@ -6,7 +6,7 @@ fn copter(weather: Weather, heading_deg: f64) -> Aircraft {
 }
 
 fn wind(wind_m_s: f64, wind_from_deg: f64) -> Weather {
-    Weather { wind_m_s, wind_from_deg, ..Weather::still() }
+    Weather { wind_m_s, wind_from_deg, ..Weather::calm() }
 }
 
 /// The drag of a 4 m/s wind, 0.8 m/s^2, needs a tilt of 4.66 deg into the wind.
@@ -30,7 +30,7 @@ fn a_copter_hovers_in_place_and_tilts_into_the_wind() {
 #[test]
 fn a_copter_yaws_level_to_either_side() {
     for side in [1.0, -1.0] {
-        let mut copter = copter(Weather::still(), 20.0);
+        let mut copter = copter(Weather::calm(), 20.0);
         let states = fly_leg(&mut copter, Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 360.0 * side });
         let seconds = states.len() as f64 * STEP_S;
         // 12 s at full rate, and the time to reach the rate.
@@ -49,7 +49,7 @@ fn a_tilt_leg_moves_the_copter_to_its_side() {
         for (toward_deg, [roll, pitch]) in
             [(0.0, [0.0, -1.0]), (90.0, [1.0, 0.0]), (180.0, [0.0, 1.0]), (270.0, [-1.0, 0.0])]
         {
-            let mut copter = copter(Weather::still(), heading_deg);
+            let mut copter = copter(Weather::calm(), heading_deg);
             let states = fly_leg(&mut copter, Leg::Push { toward_deg, tilt_deg: 18.0, seconds: 2.0 });
             let tilted = states[states.len() - 1];
             assert!((tilted.roll_rad.to_degrees() - 18.0 * roll).abs() < 0.5, "{toward_deg}: {tilted:?}");
@@ -75,7 +75,7 @@ fn a_tilt_leg_moves_the_copter_to_its_side() {
 /// has a rate of g tan(10 deg) / 3 m/s = 33 deg/s.
 #[test]
 fn a_copter_flies_forward_and_banks_into_its_turns() {
-    let mut copter = copter(Weather::still(), 0.0);
+    let mut copter = copter(Weather::calm(), 0.0);
     fly_leg(&mut copter, Leg::Straight { heading_deg: 60.0, seconds: 20.0 });
     let now = *copter.state();
     assert!((now.heading_deg() - 60.0).abs() < 0.5 && (now.course_deg() - 60.0).abs() < 1.0, "{now:?}");
@@ -102,7 +102,7 @@ fn gusts_disturb_attitude_and_position() {
 
 #[test]
 fn gusts_come_from_ahead_and_from_the_side() {
-    let mut copter = copter(Weather { gust_m_s: 2.0, ..Weather::still() }, 0.0);
+    let mut copter = copter(Weather { gust_m_s: 2.0, ..Weather::calm() }, 0.0);
     let states = fly(&mut copter, 100.0);
     for speed in [|s: &TrueState| s.north_m_s, |s: &TrueState| s.east_m_s] {
         let sigma_m_s = mean(states.iter().map(|s| square(speed(s)))).sqrt();
@@ -113,7 +113,7 @@ fn gusts_come_from_ahead_and_from_the_side() {
 /// At a tilt of 18 deg thrust is 1 / cos(18 deg), and power the 3/2 power of thrust: 1.078.
 #[test]
 fn current_follows_thrust() {
-    let mut copter = copter(Weather::still(), 0.0);
+    let mut copter = copter(Weather::calm(), 0.0);
     fly(&mut copter, 2.0);
     assert!((copter.state().relative_current - 1.0).abs() < 1e-3);
     let states = fly_leg(&mut copter, Leg::Push { toward_deg: 90.0, tilt_deg: 18.0, seconds: 2.0 });
@@ -123,7 +123,7 @@ fn current_follows_thrust() {
         states[states.len() - 1].relative_current
     );
     // Vertical gusts of 0.5 m/s change the thrust by 5 %.
-    let gusty = Weather { gust_m_s: 0.5, ..Weather::still() };
+    let gusty = Weather { gust_m_s: 0.5, ..Weather::calm() };
     let states = fly(
         &mut Aircraft::new(VehicleConfig { kind: VehicleKind::Copter, ..VehicleConfig::default() }, gusty, 3, 0),
         300.0,

@@ -12,7 +12,7 @@ fn expected_load(bank_deg: f64) -> f64 {
 #[test]
 fn the_turn_rate_is_that_of_a_coordinated_turn() {
     for bank_deg in [25.0, -25.0, 40.0] {
-        let mut aircraft = aircraft(Weather::still(), 1);
+        let mut aircraft = aircraft(Weather::calm(), 1);
         aircraft.autopilot_mut().hold_bank_and_pitch(bank_deg, 0.0);
         fly(&mut aircraft, 10.0);
         let state = aircraft.state();
@@ -31,7 +31,7 @@ fn the_turn_rate_is_that_of_a_coordinated_turn() {
 
 #[test]
 fn the_roll_rate_is_limited_and_the_bank_does_not_overshoot() {
-    let mut aircraft = aircraft(Weather::still(), 1);
+    let mut aircraft = aircraft(Weather::calm(), 1);
     aircraft.autopilot_mut().hold_bank_and_pitch(45.0, 0.0);
     let states = fly(&mut aircraft, 8.0);
     let fastest_deg_s = states.iter().map(|s| s.roll_rate_rad_s.to_degrees()).fold(0.0, f64::max);
@@ -76,7 +76,7 @@ fn a_plan_is_flown_leg_by_leg() {
 /// A wind of 4 m/s from 250 degrees drifts the aircraft toward 070; full circles cancel its own motion.
 #[test]
 fn the_wind_moves_the_ground_track_not_the_heading() {
-    let weather = Weather { wind_m_s: 4.0, wind_from_deg: 250.0, ..Weather::still() };
+    let weather = Weather { wind_m_s: 4.0, wind_from_deg: 250.0, ..Weather::calm() };
     let mut aircraft = aircraft(weather, 1);
     aircraft.autopilot_mut().hold_bank_and_pitch(30.0, 0.0);
     fly(&mut aircraft, 5.0);
@@ -106,7 +106,7 @@ fn the_same_seed_flies_the_same_flight_and_settings_do_not_share_noise() {
 
 #[test]
 fn an_aeroplane_completes_hover_tilt_and_yaw_legs() {
-    let mut aircraft = aircraft(Weather::still(), 1);
+    let mut aircraft = aircraft(Weather::calm(), 1);
     aircraft.autopilot_mut().fly(Leg::Hover { seconds: 2.0 });
     aircraft.autopilot_mut().fly(Leg::Push { toward_deg: 90.0, tilt_deg: 20.0, seconds: 2.0 });
     let states = fly(&mut aircraft, 4.0);

@@ -26,7 +26,7 @@ fn the_down_axis_on_a_slope_is_its_normal() {
 fn ground_slopes_are_constant_in_time() {
     let mut squares = [0.0_f64; 2];
     for seed in 0..40 {
-        let ground = Surface::ground(6.0, seed);
+        let ground = Surface::rough_ground(6.0, seed);
         for i in 0..50 {
             let place = [f64::from(i) * 11.0, f64::from(i % 7) * 13.0];
             let [now, later] = [0.0, 1e4].map(|time_s| ground.slope(place, time_s).map(f64::to_bits));
@@ -53,7 +53,7 @@ fn waves_travel() {
     let [mut along, mut across] = [0.0_f64; 2];
     let mut crossings = 0;
     for seed in 0..20 {
-        let water = Surface::water(6.0, 0.0, seed);
+        let water = Surface::water_waves(6.0, 0.0, seed);
         let slopes: Vec<[f64; 2]> = (0..3000).map(|i| water.slope([3.0, 4.0], f64::from(i) * 0.1)).collect();
         along += mean(slopes.iter().map(|s| s[0] * s[0])) / 20.0;
         across += mean(slopes.iter().map(|s| s[1] * s[1])) / 20.0;

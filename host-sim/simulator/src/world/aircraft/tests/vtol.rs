@@ -2,7 +2,7 @@ use super::*;
 
 #[test]
 fn a_vtol_hovers_as_a_copter_and_travels_as_an_aeroplane() {
-    let mut vtol = vehicle(VehicleKind::Vtol, Weather::still(), 1);
+    let mut vtol = vehicle(VehicleKind::Vtol, Weather::calm(), 1);
     let turned = fly_leg(&mut vtol, Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 360.0 });
     assert!(turned.iter().all(|s| s.roll_rad.abs() < 1e-3 && libm::hypot(s.north_m, s.east_m) < 0.1));
     let speed_m_s = |s: &TrueState| libm::hypot(s.north_m_s, s.east_m_s);
@@ -29,7 +29,7 @@ fn a_vtol_hovers_as_a_copter_and_travels_as_an_aeroplane() {
 /// The velocity change per step equals the acceleration that disturbs the attitude source.
 #[test]
 fn the_disturbing_acceleration_equals_the_velocity_change() {
-    let mut vtol = vehicle(VehicleKind::Vtol, Weather::still(), 1);
+    let mut vtol = vehicle(VehicleKind::Vtol, Weather::calm(), 1);
     for leg in [Leg::Straight { heading_deg: 0.0, seconds: 15.0 }, Leg::Hover { seconds: 15.0 }] {
         let states = fly_leg(&mut vtol, leg);
         // Steps at which the other model takes over are excluded.

@@ -36,7 +36,7 @@ pub struct Ranges {
 
 impl Ranges {
     /// Worst realistic airframes, with as many samples as the module's buffers hold.
-    pub const HARSH: Self = Self {
+    pub const WORST_CASE: Self = Self {
         soft_iron: 0.3,
         hard_iron: 3.0,
         mounting_deg: 20.0,
@@ -86,7 +86,7 @@ struct ConstantAttitudeErrors {
 
 /// Attitude source after a calibration flight: its constant errors, and the random numbers of its noise.
 #[derive(Clone, Debug)]
-pub struct PostFlightSource {
+pub struct LaterMeasurements {
     source: ConstantAttitudeErrors,
     random: Random,
 }
@@ -124,7 +124,7 @@ impl TrueSample {
 
 /// Airframe at a place, its turns, and the noise of its instruments. The unit of field is the total intensity.
 #[derive(Clone, Debug)]
-pub struct Trial {
+pub struct RandomFlight {
     seed: u64,
     /// `A` of Liu 2007 eq. 8, body axes to chip axes.
     pub a: Matrix3<f64>,
@@ -180,7 +180,7 @@ const FIELD_STRENGTH_UT: f64 = 50.0;
 /// Simulated aeroplanes fly without this acceleration.
 const TILT_ERROR_DEG_PER_M_S2: f64 = VehicleKind::Copter.tilt_error_deg_per_m_s2();
 
-impl Trial {
+impl RandomFlight {
     /// Draws airframe, place and flight.
     #[must_use]
     pub fn draw(ranges: &Ranges, seed: u64) -> Self {
@@ -232,7 +232,7 @@ impl Trial {
 
     /// The `repetition`-th noise realisation: recording, and noise stream for later measurements.
     #[must_use]
-    pub fn record(&self, repetition: u64, faults: ConstantErrorSigmas) -> (Recording, PostFlightSource) {
+    pub fn record(&self, repetition: u64, faults: ConstantErrorSigmas) -> (Recording, LaterMeasurements) {
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
         let mut random = Random::new(seed, Purpose::Magnetometer);
         let source = faults.draw(&mut random);
@@ -241,22 +241,22 @@ impl Trial {
         let mut fresh = Random::new(seed, Purpose::HeldBack);
         let [left, right] = [midpoints(&self.left), midpoints(&self.right)];
         let held_back = sample_turns(&left, &right, |instant| self.sample(instant, source, &mut fresh));
-        (Recording { fit, held_back }, PostFlightSource { source, random })
+        (Recording { fit, held_back }, LaterMeasurements { source, random })
     }
 
     /// The `repetition`-th noise realisation of all samples, and noise stream for later measurements.
     #[must_use]
-    pub fn record_all(&self, repetition: u64, faults: ConstantErrorSigmas) -> (Vec<Sample>, PostFlightSource) {
+    pub fn record_all(&self, repetition: u64, faults: ConstantErrorSigmas) -> (Vec<Sample>, LaterMeasurements) {
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
         let mut random = Random::new(seed, Purpose::Magnetometer);
         let source = faults.draw(&mut random);
         let samples = self.true_samples().map(|instant| self.sample(instant, source, &mut random)).collect();
-        (samples, PostFlightSource { source, random })
+        (samples, LaterMeasurements { source, random })
     }
 
     /// Heading error over its sigma at a random attitude; `None` if the module outputs no heading.
     #[must_use]
-    pub fn normalised_heading_error(&self, solution: &Solution, used: &mut PostFlightSource) -> Option<f64> {
+    pub fn normalised_heading_error(&self, solution: &Solution, used: &mut LaterMeasurements) -> Option<f64> {
         let random = &mut used.random;
         let euler = Euler {
             heading_rad: random.uniform(0.0, std::f64::consts::TAU),
@@ -403,7 +403,7 @@ mod tests {
             rates: Rates::from_rad_s([0.1, -0.2, 0.3]),
             time: WrappingMillis::new(7),
         };
-        let trial = Trial::draw(&Ranges::HARSH, 3);
+        let trial = RandomFlight::draw(&Ranges::WORST_CASE, 3);
         for (push_m_s2, by_push_deg) in [(0.0, 0.0), (2.6, 1.04)] {
             let trial = trial.clone().with_flight(vec![instant(push_m_s2); 2000], Envelope::Tilted);
             let (samples, _) = trial.record_all(0, ConstantErrorSigmas::NONE);
@@ -420,7 +420,7 @@ mod tests {
     #[test]
     fn held_back_samples_lie_between_those_of_the_fit() {
         for seed in 0..20 {
-            let trial = Trial::draw(&Ranges::HARSH, seed);
+            let trial = RandomFlight::draw(&Ranges::WORST_CASE, seed);
             let (recorded, _) = trial.record(3, ConstantErrorSigmas::NONE);
             let (fit, held_back) = (recorded.samples(), recorded.held_back());
             for (fit, held_back) in [Side::Left, Side::Right].map(|side| (fit.turn(side), held_back.turn(side))) {
@@ -441,7 +441,7 @@ mod tests {
             let rolls = samples.iter().map(|s| f64::from(s.attitude.roll_rad.to_degrees()));
             rolls.sum::<f64>() / samples.iter().count() as f64
         };
-        let trial = Trial::draw(&Ranges::HARSH, 5);
+        let trial = RandomFlight::draw(&Ranges::WORST_CASE, 5);
         let [first, second] =
             [0, 1].map(|draw| trial.record(draw, ConstantErrorSigmas { bias_deg: 10.0, bank_scale: 0.0 }).0);
         for recorded in [&first, &second] {

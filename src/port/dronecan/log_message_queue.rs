@@ -41,7 +41,7 @@ struct LoggedState {
 
 /// Queue of texts.
 #[derive(Debug, Default)]
-pub(super) struct Log {
+pub(super) struct LogMessageQueue {
     waiting: heapless::Deque<Text, QUEUE_CAPACITY>,
     schedule: MessageSchedule,
     logged: Option<LoggedState>,
@@ -49,7 +49,7 @@ pub(super) struct Log {
     candidate: Option<(LoggedState, Timestamp)>,
 }
 
-impl Log {
+impl LogMessageQueue {
     /// Queues a message.
     pub fn push(&mut self, message: &Message) {
         let level = match message.severity() {

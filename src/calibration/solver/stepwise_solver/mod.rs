@@ -1,10 +1,12 @@
 //! Solver for all methods, in steps: from samples to a calibration with its quality.
 
-use super::attempts::{ATTEMPT_QUEUE, Attempt, MAX_SOLVE_STEPS, Start, is_accurate, is_good, is_implausible, is_poor};
+use super::attempts::{
+    ATTEMPT_QUEUE, Attempt, MAX_SOLVE_STEPS, Start, has_small_error_and_hard_iron, is_accurate, is_implausible, is_poor,
+};
 use super::ellipsoid;
 use super::inclination::GivenInclination;
 use super::sample_checks::check_samples;
-use super::starts::{SampleCorrections, begin, choose_starting_point};
+use super::starts::{SampleCorrections, begin_refinement, choose_starting_point};
 use crate::calibration::assessment::Solution;
 use crate::calibration::closed_form::starting_point::{self, StartingPoint};
 use crate::calibration::closed_form::turns::{turn_progress_by_rates_rad, turn_progress_rad};
@@ -90,7 +92,7 @@ impl Solver {
     ) -> Result<Self, SolveError> {
         check_samples(method, samples)?;
         let (point, start) = choose_starting_point(method, samples, prior)?;
-        let refinement = begin(method, prior, samples, &point, SampleCorrections::NONE)?;
+        let refinement = begin_refinement(method, prior, samples, &point, SampleCorrections::NONE)?;
         Ok(Self {
             method,
             prior: *prior,
@@ -157,7 +159,7 @@ impl Solver {
     #[inline(never)]
     fn start_from_sphere(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
         self.implausible_error =
-            end.as_ref().err().copied().filter(|error| is_implausible(error) && samples.has_free());
+            end.as_ref().err().copied().filter(|error| is_implausible(error) && samples.has_free_flight_samples());
         if self.implausible_error.is_none() && !is_poor(end) {
             return false;
         }
@@ -200,7 +202,7 @@ impl Solver {
 
     /// Restarts the refinement, if possible; returns whether it did.
     fn restart(&mut self, samples: Samples<'_>, start: &StartingPoint, assumed: SampleCorrections) -> bool {
-        let Ok(refinement) = begin(self.method, &self.prior, samples, start, assumed) else { return false };
+        let Ok(refinement) = begin_refinement(self.method, &self.prior, samples, start, assumed) else { return false };
         self.refinement = refinement;
         self.latency_updates = u8::from(assumed.latency_s != 0.0);
         self.motor_current_updates = u8::from(self.refinement.likelihood.motor_current.is_applied());
@@ -324,7 +326,7 @@ impl Solver {
         let needs_advice = |quality: &Quality| {
             self.attempt.start != Start::ClosedForm
                 || self.method != Method::MaximumLikelihood
-                || is_good(quality, calibration)
+                || has_small_error_and_hard_iron(quality, calibration)
         };
         judgement.assess(information, change, latency, self.consider, needs_advice)
     }

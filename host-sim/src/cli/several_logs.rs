@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 use super::failure::Failure;
 use super::print::{self, append_wrapped};
-use super::progress::waiting;
+use super::progress::show_spinner;
 use super::replay::{Replay, evaluate, read_flight};
 
 /// Names of logs in a folder end in one of these.
@@ -30,7 +30,7 @@ pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
         return Err(Failure("--params, --params-for, --out and --report take one log".to_owned()));
     }
     let logs = expand_folders(&options.files)?;
-    let bar = waiting("evaluating the logs");
+    let bar = show_spinner("evaluating the logs");
     let mut lines: Vec<LogLine> = logs.par_iter().map(|log| judge_log(log, options)).collect();
     bar.finish_and_clear();
     lines.sort_by(|one, other| other.rank.cmp(&one.rank).then_with(|| one.text.cmp(&other.text)));

@@ -48,7 +48,7 @@ const EVIDENCE_MEMORY_S: f32 = 20.0;
 const MAX_STEP_S: f32 = 0.25;
 
 #[derive(Debug)]
-pub(super) struct HangDetector {
+pub(super) struct StaleAttitudeDetector {
     /// Direction of the last reading's field.
     field_direction: Option<Vector3<f32>>,
     /// Time and body rates of the last report.
@@ -61,7 +61,7 @@ pub(super) struct HangDetector {
     field_evidence: f32,
     /// Integrated magnitude of the body rates with exponential forgetting, radians.
     turned_rad: f32,
-    is_hanging: bool,
+    is_stale: bool,
 }
 
 /// Recent motion of a unit vector in body axes, with exponential forgetting, radians.
@@ -73,7 +73,7 @@ struct Motion {
     predicted: Vector3<f32>,
 }
 
-impl HangDetector {
+impl StaleAttitudeDetector {
     pub const fn new() -> Self {
         Self {
             field_direction: None,
@@ -83,7 +83,7 @@ impl HangDetector {
             field: Motion::new(),
             field_evidence: 0.0,
             turned_rad: 0.0,
-            is_hanging: false,
+            is_stale: false,
         }
     }
 
@@ -108,13 +108,13 @@ impl HangDetector {
         self.turned_rad = kept * self.turned_rad + turn.length();
         if step_s > MAX_STEP_S || !self.turned_rad.is_finite() {
             // Forgets the motion before a gap.
-            let Self { field_direction, last, offset, is_hanging, .. } = *self;
-            *self = Self { field_direction, last, offset, is_hanging, ..Self::new() };
-            return is_hanging;
+            let Self { field_direction, last, offset, is_stale, .. } = *self;
+            *self = Self { field_direction, last, offset, is_stale, ..Self::new() };
+            return is_stale;
         }
         let down = report.attitude.tilt().down();
         let missing = self.vertical.add(down, turn, kept);
-        if !self.is_hanging {
+        if !self.is_stale {
             let offset = self.offset + missing.cross(&down) / OFFSET_TIME_S;
             self.offset = offset.map(|rad_s| rad_s.clamp(-MAX_OFFSET_RAD_S, MAX_OFFSET_RAD_S));
         }
@@ -122,17 +122,17 @@ impl HangDetector {
         let Motion { observed, predicted, .. } = &self.field;
         self.field_evidence *= 1.0 - step_s / EVIDENCE_MEMORY_S;
         self.field_evidence += step_s * (observed - predicted * MIN_FOLLOWING_FRACTION).dot(predicted);
-        let hangs = if self.is_hanging {
+        let hangs = if self.is_stale {
             !self.vertical.moved_as_predicted(MIN_MISSING_RAD)
         } else {
-            self.is_vertical_missing() && self.field.moved_as_predicted(MIN_FIELD_MOTION_RAD)
+            self.is_vertical_motion_missing() && self.field.moved_as_predicted(MIN_FIELD_MOTION_RAD)
         };
-        self.is_hanging = hangs && self.field_evidence > 0.0;
-        self.is_hanging
+        self.is_stale = hangs && self.field_evidence > 0.0;
+        self.is_stale
     }
 
     /// Whether the vertical does not move while the rates show that it should.
-    fn is_vertical_missing(&self) -> bool {
+    fn is_vertical_motion_missing(&self) -> bool {
         let Motion { observed, predicted, .. } = &self.vertical;
         (predicted - observed).length() > MIN_MISSING_RAD + MIN_MISSING_PER_RAD_TURNED * self.turned_rad
             && observed.length() < MAX_HANGING_FRACTION * predicted.length()
@@ -214,7 +214,7 @@ mod tests {
     /// and rates.
     fn detected(errors: Errors, seed: u64) -> Vec<f32> {
         let (mut random, mut detector, mut changes, mut was_hanging) =
-            (Random(seed), HangDetector::new(), Vec::new(), false);
+            (Random(seed), StaleAttitudeDetector::new(), Vec::new(), false);
         for i in 0..5000_u16 {
             let t_s = f32::from(i) / 50.0;
             let ([heading_deg, roll_deg], [_, before_deg]) = (flown(t_s), flown(t_s - 0.02));
@@ -238,10 +238,10 @@ mod tests {
             detector.update_field(Field::new(field.ut.map(|ut| ut + 0.3 * random.normal())));
             let (sender, sender_time) = (SenderId::default(), WrappingMillis::default());
             let report = AttitudeReport { sender, sender_time, attitude, rates_rad_s };
-            let is_hanging = detector.update(Timestamp::from_us(u64::from(i) * 20_000), &report);
-            if is_hanging != was_hanging {
+            let is_stale = detector.update(Timestamp::from_us(u64::from(i) * 20_000), &report);
+            if is_stale != was_hanging {
                 changes.push(t_s);
-                was_hanging = is_hanging;
+                was_hanging = is_stale;
             }
         }
         changes
@@ -298,7 +298,7 @@ mod tests {
 
     #[test]
     fn infinite_rates_are_discarded() {
-        let mut detector = HangDetector::new();
+        let mut detector = StaleAttitudeDetector::new();
         detector.update_field(Field::from_ut(20.0, 0.0, 43.0));
         for (i, rate_rad_s) in [f32::INFINITY, 0.1, 0.1].into_iter().enumerate() {
             let (sender, sender_time) = (SenderId::default(), WrappingMillis::default());
@@ -312,7 +312,7 @@ mod tests {
 
     #[test]
     fn a_field_of_zero_has_no_direction() {
-        let mut detector = HangDetector::new();
+        let mut detector = StaleAttitudeDetector::new();
         detector.update_field(Field::from_ut(0.0, 0.0, 0.0));
         assert_eq!(detector.field_direction, None);
     }

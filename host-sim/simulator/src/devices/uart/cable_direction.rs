@@ -27,7 +27,7 @@ pub struct TimedByte {
 const BITS_PER_BYTE: u64 = 10;
 const MICROSECONDS_PER_SECOND: u64 = 1_000_000;
 
-pub(super) struct Line {
+pub(super) struct CableDirection {
     baud: u64,
     /// End of the last transmission in microseconds times baud, which avoids rounding.
     free_at: u64,
@@ -41,7 +41,7 @@ pub(super) struct Line {
     reader: Option<Waker>,
 }
 
-impl Line {
+impl CableDirection {
     pub fn new(baud: u32, capacity: usize, delivery: WakeCondition) -> Self {
         Self {
             baud: u64::from(baud),

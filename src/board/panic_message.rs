@@ -42,7 +42,7 @@ impl Message {
     fn load() -> Self {
         // SAFETY: called before tasks and interrupts start, or with interrupts disabled, so there is no other access.
         // The message consists of integers, valid for any contents.
-        let stored = unsafe { LAST_WORDS.0.get().read_volatile().assume_init() };
+        let stored = unsafe { PANIC_MESSAGE.0.get().read_volatile().assume_init() };
         if stored.crc == stored.checksum() { stored } else { Self::EMPTY }
     }
 
@@ -50,7 +50,7 @@ impl Message {
         self.crc = self.checksum();
         // SAFETY: called before tasks and interrupts start, or with interrupts disabled, so there is no other access.
         // Volatile, because nothing reads it in this run.
-        unsafe { LAST_WORDS.0.get().write_volatile(MaybeUninit::new(self)) };
+        unsafe { PANIC_MESSAGE.0.get().write_volatile(MaybeUninit::new(self)) };
     }
 }
 
@@ -68,17 +68,17 @@ impl Write for Message {
 }
 
 /// Memory not initialised by the start-up code.
-struct Kept(UnsafeCell<MaybeUninit<Message>>);
+struct UninitialisedMessage(UnsafeCell<MaybeUninit<Message>>);
 
 // SAFETY: written only at a panic or fault, with interrupts disabled, and read at the start, before tasks and
 // interrupts exist.
-unsafe impl Sync for Kept {}
+unsafe impl Sync for UninitialisedMessage {}
 
 #[unsafe(link_section = ".uninit.last_words")]
-static LAST_WORDS: Kept = Kept(UnsafeCell::new(MaybeUninit::uninit()));
+static PANIC_MESSAGE: UninitialisedMessage = UninitialisedMessage(UnsafeCell::new(MaybeUninit::uninit()));
 
 /// Stores a message and resets.
-fn die(message: fmt::Arguments<'_>) -> ! {
+fn store_panic_and_reset(message: fmt::Arguments<'_>) -> ! {
     cortex_m::interrupt::disable();
     let early_panics = count_early_panics(Message::load().early_panics, Instant::now().as_secs());
     let mut words = Message { early_panics, ..Message::EMPTY };
@@ -103,8 +103,8 @@ pub fn take() -> Option<PanicReport> {
 fn panic(info: &PanicInfo<'_>) -> ! {
     let message = info.message();
     match info.location() {
-        Some(place) => die(format_args!("{}:{} {message}", place.file(), place.line())),
-        None => die(format_args!("{message}")),
+        Some(place) => store_panic_and_reset(format_args!("{}:{} {message}", place.file(), place.line())),
+        None => store_panic_and_reset(format_args!("{message}")),
     }
 }
 
@@ -138,10 +138,10 @@ extern "C" fn report_fault(frame: *const Frame) -> ! {
     // SAFETY: the System Control Block always exists, and reading these registers has no side effects.
     let scb = unsafe { &*SCB::PTR };
     let (cfsr, bfar) = (scb.cfsr.read(), scb.bfar.read());
-    if !stack::holds(frame) {
-        die(format_args!("stack overflow, cfsr {cfsr:08x}"));
+    if !stack::contains_object(frame) {
+        store_panic_and_reset(format_args!("stack overflow, cfsr {cfsr:08x}"));
     }
     // SAFETY: the frame is within the stack and aligned by the processor.
     let Frame { lr, pc, .. } = unsafe { frame.read() };
-    die(format_args!("fault at pc {pc:08x} lr {lr:08x} cfsr {cfsr:08x} bfar {bfar:08x}"))
+    store_panic_and_reset(format_args!("fault at pc {pc:08x} lr {lr:08x} cfsr {cfsr:08x} bfar {bfar:08x}"))
 }

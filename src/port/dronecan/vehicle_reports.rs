@@ -9,12 +9,12 @@ const REPORT_EXPIRY_US: u64 = 10_000_000;
 /// Reports of other nodes. Of several armed states, `armed` counts until the same node reports otherwise; of several
 /// batteries, the first one.
 #[derive(Debug, Default)]
-pub(super) struct Vehicle {
+pub(super) struct VehicleReports {
     armed: Option<(Timestamp, NodeId, bool)>,
     battery: Option<(Timestamp, NodeId, u8)>,
 }
 
-impl Vehicle {
+impl VehicleReports {
     /// Processes an armed state.
     pub fn update_armed(&mut self, at: Timestamp, source: NodeId, is_armed: bool) {
         let is_held = |(last, node, was_armed): (Timestamp, NodeId, bool)| {

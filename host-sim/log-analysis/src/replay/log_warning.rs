@@ -23,7 +23,7 @@ const LATE_ATTITUDE_S: f64 = 0.1;
 
 /// Warning about a log; displayed as a sentence.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Note {
+pub enum LogWarning {
     /// Body rates are not used as logged: the analysis repairs them or replaces them by differences of the attitude.
     BodyRates {
         /// Reason why the rates are not used as logged.
@@ -96,7 +96,7 @@ pub enum Note {
     NoParameters,
 }
 
-impl Note {
+impl LogWarning {
     /// All warnings about a log and its evaluation.
     #[must_use]
     pub fn all(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<Self> {
@@ -127,14 +127,14 @@ impl Note {
         let oldest_s = oldest_s.map(|compass| compass.latency.used_s).fold(f64::INFINITY, f64::min);
         notes.extend((oldest_s < -LATE_ATTITUDE_S).then_some(Self::LateAttitude(-oldest_s * 1e3)));
         notes.extend(mounting_changes(flight, evaluation));
-        notes.extend(others(&flight.components).map(|(own, others)| Self::OtherAutopilots(own, others)));
+        notes.extend(first_and_others(&flight.components).map(|(own, others)| Self::OtherAutopilots(own, others)));
         let contradicted = |compass: &&CompassEvaluation| compass.counts.unsettled * 5 > compass.counts.readings;
         notes.extend(
             compasses.iter().find(contradicted).map(|compass| {
                 Self::RatesContradicted(compass.counts.unsettled * 100 / compass.counts.readings.max(1))
             }),
         );
-        notes.extend(others(&flight.systems).map(|(own, others)| Self::OtherVehicles(own, others)));
+        notes.extend(first_and_others(&flight.systems).map(|(own, others)| Self::OtherVehicles(own, others)));
         let mut add_if = |applies: bool, note: Self| notes.extend(applies.then_some(note));
         add_if(counts.restarts > 0, Self::Restarts(counts.restarts));
         for (number, items) in [
@@ -163,18 +163,18 @@ impl Note {
 }
 
 /// Splits a list of numbers into the first and the others; `None` without others.
-fn others(numbers: &[u8]) -> Option<(u8, Vec<u8>)> {
+fn first_and_others(numbers: &[u8]) -> Option<(u8, Vec<u8>)> {
     let (own, others) = numbers.split_first()?;
     (!others.is_empty()).then(|| (*own, others.to_vec()))
 }
 
-fn mounting_changes(flight: &Flight, evaluation: &FlightEvaluation) -> Option<Note> {
+fn mounting_changes(flight: &Flight, evaluation: &FlightEvaluation) -> Option<LogWarning> {
     let changes = evaluation.compasses.iter().flat_map(|compass| mounting_parameter_changes(flight, compass.number));
     let mut changes: Vec<(String, f64)> = changes.collect();
     // The board's rotation affects every compass.
     changes.sort_by(|(one, _), (other, _)| one.cmp(other));
     changes.dedup();
-    (!changes.is_empty()).then_some(Note::MountingChanged(changes))
+    (!changes.is_empty()).then_some(LogWarning::MountingChanged(changes))
 }
 
 fn largest_tilt_deg(flight: &Flight) -> Option<f64> {
@@ -184,7 +184,11 @@ fn largest_tilt_deg(flight: &Flight) -> Option<f64> {
 
 /// Warning about an implausible field strength by the sphere fit, against the field model or, without a place, the
 /// Earth's range.
-fn implausible_strength(evaluation: &FlightEvaluation, compass: &CompassEvaluation, is_table: bool) -> Option<Note> {
+fn implausible_strength(
+    evaluation: &FlightEvaluation,
+    compass: &CompassEvaluation,
+    is_table: bool,
+) -> Option<LogWarning> {
     let found_ut = compass.radius_ut?;
     let model_ut = evaluation.earth.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
     let [least, most] = model_ut.map_or(EARTH_FIELD_RANGE_UT, |ut| [ut; 2]);
@@ -205,10 +209,10 @@ fn implausible_strength(evaluation: &FlightEvaluation, compass: &CompassEvaluati
     .find(|&(factor, _)| is_table && is_in(factor));
     let other = if is_table { "another unit, or a poor sensor" } else { "a poor sensor, or little was flown" };
     let cause = unit.map_or(other, |(_, unit)| unit);
-    Some(Note::Strength { compass: compass.number, found_ut, model_ut, cause })
+    Some(LogWarning::Strength { compass: compass.number, found_ut, model_ut, cause })
 }
 
-impl fmt::Display for Note {
+impl fmt::Display for LogWarning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let list = |numbers: &[u8]| numbers.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
         match self {
@@ -306,23 +310,23 @@ impl fmt::Display for Note {
     }
 }
 
-impl Serialize for Note {
+impl Serialize for LogWarning {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
     }
 }
 
 /// Warning about a sensor that failed: its field ends, or freezes while the aircraft moves.
-pub(super) fn sensor_failure(flight: &Flight, compass: &CompassEvaluation) -> Option<Note> {
+pub(super) fn sensor_failure(flight: &Flight, compass: &CompassEvaluation) -> Option<LogWarning> {
     let number = compass.number;
     let duration_s = |frozen: &FrozenInterval| frozen.interval_s[1] - frozen.interval_s[0];
     let longest =
         frozen_intervals(&compass.rows).into_iter().max_by(|one, other| duration_s(one).total_cmp(&duration_s(other)));
     if let Some(FrozenInterval { interval_s, axis }) = longest {
-        return Some(Note::FieldFrozen { compass: number, axis, interval_s });
+        return Some(LogWarning::FieldFrozen { compass: number, axis, interval_s });
     }
     let (last, end) = (compass.rows.last()?, flight.attitude.rows().last()?);
-    (end.t_s - last.t_s > frozen_field::MIN_FROZEN_S).then_some(Note::FieldEnds {
+    (end.t_s - last.t_s > frozen_field::MIN_FROZEN_S).then_some(LogWarning::FieldEnds {
         compass: number,
         at_s: last.t_s,
         log_s: end.t_s,
@@ -346,7 +350,7 @@ mod tests {
         change(&mut flight);
         let evaluation =
             FlightEvaluation { compasses: Vec::new(), reference: None, earth: None, attitude_interval_s: 0.1 };
-        Note::all(&flight, &evaluation).iter().map(ToString::to_string).collect()
+        LogWarning::all(&flight, &evaluation).iter().map(ToString::to_string).collect()
     }
 
     #[test]

@@ -21,9 +21,9 @@ static MEMORY: Memory = Memory(UnsafeCell::new(MaybeUninit::uninit()));
 /// # Panics
 ///
 /// On the second call.
-pub fn lend() -> &'static mut RetainedSamples {
-    static IS_LENT: AtomicBool = AtomicBool::new(false);
-    assert!(!IS_LENT.swap(true, Ordering::Relaxed), "one task of each");
+pub fn take_sample_memory() -> &'static mut RetainedSamples {
+    static IS_MEMORY_TAKEN: AtomicBool = AtomicBool::new(false);
+    assert!(!IS_MEMORY_TAKEN.swap(true, Ordering::Relaxed), "one task of each");
     let mut place = MEMORY.0.get();
     // SAFETY: the assembly is empty. The compiler must assume that it initialises the memory, as the previous run or
     // power-on did.

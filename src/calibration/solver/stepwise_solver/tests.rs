@@ -214,7 +214,7 @@ fn the_current_s_spread_is_in_microtesla() {
         (likelihood.motor_current.current_sigma_a, likelihood.motor_current.ut_per_a) = (10.0, [0.3, 0.0, 0.0]);
         let (k, sigma) = (likelihood.motor_current_per_ampere(), sigma_ut / 10.0 / likelihood.unit_ut);
         let covariance = Matrix3::from_diagonal_element(sigma * sigma);
-        let found = InterferenceEstimate { k, covariance, significance: [99.0; 2] };
+        let found = InterferenceEstimate { interference_ut_per_a: k, covariance, significance: [99.0; 2] };
         solver.motor_current_updates = 2;
         let information = solver.information(&solver.refinement.likelihood, samples);
         assert_eq!(solver.restart_with_motor_current(samples, &information, &found), !stays, "{sigma_ut} uT");
