@@ -106,7 +106,7 @@ fn a_frozen_attitude_gives_no_heading() {
 /// Detected in the next roll, after about 10 of its 25 deg; until then an aeroplane's error is the wobble of level
 /// flight.
 #[test]
-fn a_hanging_attitude_gives_no_heading_after_the_next_roll() {
+fn a_stale_attitude_gives_no_heading_after_the_next_roll() {
     for row in rows(&["attitude-hangs"]) {
         assert!(all_accepted(&row) && row.longest_bad_s <= 1.0 && row.worst_deg <= 20.0, "{row:?}");
         assert!(row.empty_percent > 80.0, "{row:?}");

@@ -331,7 +331,7 @@ fn power_cuts_anywhere_leave_old_or_new() {
     assert!(cases > 20_000, "{cases}");
 }
 
-/// Loads the generations and asserts that they are among `allowed`.
+/// Loads the calibrations and asserts that they are among `allowed`.
 fn one_of(flash: &mut StoreFlash, allowed: &[StoredCalibrations], case: &str) -> StoredCalibrations {
     let found = load(flash).unwrap_or_else(|error| panic!("{case}: {error:?}"));
     assert!(allowed.contains(&found), "{case}: {found:?}");

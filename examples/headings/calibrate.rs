@@ -1,6 +1,8 @@
 //! Calibration from samples, and heading of a sample: `no_std`, without allocation.
 
-use autoswing::calibration::{Current, Method, Part, Prior, Rates, Sample, Samples, Solution, SolveError, solve};
+use autoswing::calibration::{
+    CollectionPart, Current, Method, Prior, Rates, Sample, Samples, Solution, SolveError, solve,
+};
 use autoswing::frames::{Attitude, Field};
 use autoswing::heading::{HeadingLimits, NoHeading, compute_heading};
 use autoswing::time::WrappingMillis;
@@ -14,7 +16,7 @@ pub fn sample([time_s, x, y, z, roll_deg, pitch_deg]: [f32; 6]) -> Sample {
         rates: Rates::ZERO,
         time: WrappingMillis::new((time_s * 1000.0) as u32),
         current: Current::UNKNOWN,
-        part: Part::FREE,
+        part: CollectionPart::FREE,
     }
 }
 

@@ -17,8 +17,8 @@ use core::fmt;
 
 use crate::calibration::verification::{self, HeldBackScores};
 use crate::calibration::{
-    BankScaleFinding, Calibration, DetectedHardIronChange, Finding, Method, Orientation, Part, Quality, Samples,
-    Solution, UnobservableQuantities,
+    BankScaleFinding, Calibration, CollectionPart, DetectedHardIronChange, Finding, Method, Orientation, Quality,
+    Samples, Solution, UnobservableQuantities,
 };
 use crate::decimal::Decimal;
 
@@ -159,7 +159,7 @@ fn check_held_back(policy: &AcceptancePolicy, grounds: &AcceptanceSamples<'_>) -
 /// between marks are.
 fn fewest_held_back(grounds: &AcceptanceSamples<'_>) -> u16 {
     let AcceptanceSamples { fit: fitted, held_back, .. } = grounds;
-    let used = Part::ALL.into_iter().filter(|part| !fitted.part(*part).is_empty());
+    let used = CollectionPart::ALL.into_iter().filter(|part| !fitted.part(*part).is_empty());
     used.map(|part| u16::try_from(held_back.part(part).len()).unwrap_or(u16::MAX)).min().unwrap_or(0)
 }
 

@@ -3,8 +3,8 @@
 use super::*;
 use crate::calibration::tests::synthetic::Parts;
 use crate::calibration::{
-    Advice, Current, Deviation, Envelope, HardIronTimeCourse, HeadingUncertainty, Manoeuvre, Method, Part, Rates,
-    Sample,
+    Advice, CollectionPart, Current, Deviation, Envelope, HardIronTimeCourse, HeadingUncertainty, Manoeuvre, Method,
+    Rates, Sample,
 };
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
@@ -76,7 +76,7 @@ fn circle(roll_deg: f32, samples: u16) -> Vec<Sample> {
                 time: WrappingMillis::new(u32::from(i) * 400),
                 rates: Rates::ZERO,
                 current: Current::UNKNOWN,
-                part: Part::FREE,
+                part: CollectionPart::FREE,
             }
         })
         .collect()

@@ -47,7 +47,7 @@ pub enum AttitudeLookup {
     Stale,
     /// The source repeats the same attitude.
     Frozen,
-    /// The source's filter is still converging, or its attitude hangs.
+    /// The source's filter is still converging, or its attitude is stale.
     Contradicted,
 }
 
@@ -79,7 +79,7 @@ pub struct AttitudeHistory {
     stale_attitude_detector: StaleAttitudeDetector,
     /// Time of the first report after a restart of the sender.
     restarted_at: Option<Timestamp>,
-    /// Time of the last report, while the source is aligning or hangs.
+    /// Time of the last report, while the source is aligning or its attitude is stale.
     last_contradicted_at: Option<Timestamp>,
     rate_consistency: RateConsistency,
     rejected: RejectedReports,
@@ -152,7 +152,7 @@ impl AttitudeHistory {
         let _ = self.reports.push_back(TimedReport { sent_at: at, report, heading_integral: integral });
     }
 
-    /// Updates the detectors of frozen and of hanging attitude with the corrected field of a reading.
+    /// Updates the detectors of frozen and of stale attitude with the corrected field of a reading.
     pub fn update_field(&mut self, field: Field<Body>) {
         self.stale_attitude_detector.update_field(field);
         self.freeze_detector.update_field(field);

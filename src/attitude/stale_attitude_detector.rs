@@ -1,4 +1,4 @@
-//! Detects a source whose attitude hangs but for its noise while its body rates go on.
+//! Detects a source whose attitude is stale but for its noise while its body rates go on.
 //!
 //! A vector that is fixed to the Earth changes in body axes by `v' = v x w` with the body rates `w`. The rates predict
 //! the motion of two such vectors: the vertical, as the attitude reports it, and the field. If the field moves as
@@ -93,8 +93,8 @@ impl StaleAttitudeDetector {
         self.field_direction = (strength_ut > 0.0).then(|| field.ut / strength_ut);
     }
 
-    /// Processes a report; returns whether the attitude hangs. Always false without a field or without body rates. A
-    /// detected attitude hangs until it follows the rates, or the field contradicts them.
+    /// Processes a report; returns whether the attitude is stale. Always false without a field or without body rates. A
+    /// detected attitude is stale until it follows the rates, or the field contradicts them.
     pub fn update(&mut self, at: Timestamp, report: &AttitudeReport) -> bool {
         let Some(field) = self.field_direction.filter(|_| report.has_rates()) else {
             *self = Self::new();
@@ -122,12 +122,12 @@ impl StaleAttitudeDetector {
         let Motion { observed, predicted, .. } = &self.field;
         self.field_evidence *= 1.0 - step_s / EVIDENCE_MEMORY_S;
         self.field_evidence += step_s * (observed - predicted * MIN_FOLLOWING_FRACTION).dot(predicted);
-        let hangs = if self.is_stale {
+        let is_stale = if self.is_stale {
             !self.vertical.moved_as_predicted(MIN_MISSING_RAD)
         } else {
             self.is_vertical_motion_missing() && self.field.moved_as_predicted(MIN_FIELD_MOTION_RAD)
         };
-        self.is_stale = hangs && self.field_evidence > 0.0;
+        self.is_stale = is_stale && self.field_evidence > 0.0;
         self.is_stale
     }
 
@@ -176,8 +176,8 @@ mod tests {
     #[derive(Clone, Copy, Default)]
     struct Errors {
         /// Time from which roll and pitch stay, seconds.
-        hangs_from_s: Option<f32>,
-        hangs_until_s: f32,
+        stale_from_s: Option<f32>,
+        stale_until_s: f32,
         /// Scale error and cross-axis error of the gyro.
         scale: f32,
         cross: f32,
@@ -186,18 +186,18 @@ mod tests {
         growth_deg_s2: [f32; 3],
         /// Factors of rates and field, where the unit or the sensor is wrong.
         rates: f32,
-        field_hangs: bool,
+        is_field_stale: bool,
     }
 
     const GOOD: Errors = Errors {
-        hangs_from_s: None,
-        hangs_until_s: f32::INFINITY,
+        stale_from_s: None,
+        stale_until_s: f32::INFINITY,
         scale: 0.0,
         cross: 0.0,
         offset_deg_s: 0.0,
         growth_deg_s2: [0.0; 3],
         rates: 1.0,
-        field_hangs: false,
+        is_field_stale: false,
     };
 
     /// 9 s of straight flight, a roll to 25 deg in 1 s, a turn of 18 deg/s for 9 s, and back in 1 s; repeated. Heading
@@ -213,15 +213,15 @@ mod tests {
     /// Times at which the detection begins and ends, seconds, of 100 s at 50 Hz with 0.3 deg of noise each of attitude
     /// and rates.
     fn detected(errors: Errors, seed: u64) -> Vec<f32> {
-        let (mut random, mut detector, mut changes, mut was_hanging) =
+        let (mut random, mut detector, mut changes, mut was_stale) =
             (Random(seed), StaleAttitudeDetector::new(), Vec::new(), false);
         for i in 0..5000_u16 {
             let t_s = f32::from(i) / 50.0;
             let ([heading_deg, roll_deg], [_, before_deg]) = (flown(t_s), flown(t_s - 0.02));
             let heading_rate_deg_s = (flown(t_s)[0] - flown(t_s - 0.02)[0]).max(0.0) * 50.0;
             let mut noise_deg = || 0.3 * random.normal();
-            let hangs = errors.hangs_from_s.filter(|from_s| t_s >= *from_s && t_s < errors.hangs_until_s);
-            let attitude = Attitude::from_deg(flown(hangs.unwrap_or(t_s))[1] + noise_deg(), noise_deg());
+            let stale_since_s = errors.stale_from_s.filter(|from_s| t_s >= *from_s && t_s < errors.stale_until_s);
+            let attitude = Attitude::from_deg(flown(stale_since_s.unwrap_or(t_s))[1] + noise_deg(), noise_deg());
             let (sin_roll, cos_roll) = roll_deg.to_radians().sin_cos();
             let true_deg_s =
                 [(roll_deg - before_deg) * 50.0, heading_rate_deg_s * sin_roll, heading_rate_deg_s * cos_roll];
@@ -232,16 +232,16 @@ mod tests {
                 let with_errors = rate * (1.0 + errors.scale) + (sum_deg_s - rate) * errors.cross;
                 (errors.rates * (with_errors + offset_deg_s + noise_deg())).to_radians()
             });
-            let field_at = if errors.field_hangs { [0.0; 2] } else { [heading_deg, roll_deg] };
+            let field_at = if errors.is_field_stale { [0.0; 2] } else { [heading_deg, roll_deg] };
             let earth = Field::earth(50.0, 1.1, field_at[0].to_radians() + 0.3);
             let field = Attitude::from_deg(field_at[1], 0.0).body(Field::new(earth.ut));
             detector.update_field(Field::new(field.ut.map(|ut| ut + 0.3 * random.normal())));
             let (sender, sender_time) = (SenderId::default(), WrappingMillis::default());
             let report = AttitudeReport { sender, sender_time, attitude, rates_rad_s };
             let is_stale = detector.update(Timestamp::from_us(u64::from(i) * 20_000), &report);
-            if is_stale != was_hanging {
+            if is_stale != was_stale {
                 changes.push(t_s);
-                was_hanging = is_stale;
+                was_stale = is_stale;
             }
         }
         changes
@@ -251,13 +251,13 @@ mod tests {
     /// back to level, which begins at 39 s. Gyro errors of 10 % and 1 deg/s can hide it until the rotation of the turn
     /// adds up.
     #[test]
-    fn a_hanging_attitude_is_detected_in_the_next_roll() {
+    fn a_stale_attitude_is_detected_in_the_next_roll() {
         for seed in 0..20 {
             for (from_s, roll_from_s) in [(25.0, 29.0), (33.0, 39.0)] {
                 for (scale, cross, offset_deg_s, within_s) in
                     [(0.0, 0.0, 0.0, 1.0), (0.1, 0.1, 1.0, 10.0), (-0.1, -0.1, -1.0, 10.0)]
                 {
-                    let errors = Errors { hangs_from_s: Some(from_s), scale, cross, offset_deg_s, ..GOOD };
+                    let errors = Errors { stale_from_s: Some(from_s), scale, cross, offset_deg_s, ..GOOD };
                     let found = detected(errors, seed);
                     assert!(
                         matches!(found[..], [at_s] if (from_s..roll_from_s + within_s).contains(&at_s)),
@@ -268,11 +268,11 @@ mod tests {
         }
     }
 
-    /// It hangs from 25 s to 45 s; the next roll that it follows begins at 49 s.
+    /// It is stale from 25 s to 45 s; the next roll that it follows begins at 49 s.
     #[test]
     fn an_attitude_that_follows_again_is_accepted() {
         for seed in 0..20 {
-            let found = detected(Errors { hangs_from_s: Some(25.0), hangs_until_s: 45.0, ..GOOD }, seed);
+            let found = detected(Errors { stale_from_s: Some(25.0), stale_until_s: 45.0, ..GOOD }, seed);
             assert!(matches!(found[..], [_, end_s] if (49.0..50.0).contains(&end_s)), "{found:?}");
         }
     }
@@ -280,7 +280,7 @@ mod tests {
     /// Gyro errors of 10 % and 1 deg/s, offsets that grow by 4 deg/s in a minute, a wrong unit or sign of the rates,
     /// and a field that does not move.
     #[test]
-    fn other_faults_are_no_hanging_attitude() {
+    fn other_faults_are_no_stale_attitude() {
         for seed in 0..20 {
             for (scale, cross, offset_deg_s) in [(0.1, 0.1, 1.0), (-0.1, 0.1, -1.0), (0.1, -0.1, 1.0)] {
                 assert_eq!(detected(Errors { scale, cross, offset_deg_s, ..GOOD }, seed), []);
@@ -292,7 +292,7 @@ mod tests {
             for rates in [57.3, 1.0 / 57.3, -1.0] {
                 assert_eq!(detected(Errors { rates, ..GOOD }, seed), [], "{rates}");
             }
-            assert_eq!(detected(Errors { hangs_from_s: Some(25.0), field_hangs: true, ..GOOD }, seed), []);
+            assert_eq!(detected(Errors { stale_from_s: Some(25.0), is_field_stale: true, ..GOOD }, seed), []);
         }
     }
 

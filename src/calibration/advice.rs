@@ -14,7 +14,7 @@ use crate::calibration::uncertainty::expected_error::{self, Deviation};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::uncertainty::observability::unobservable_quantities;
 use crate::calibration::uncertainty::sandwich_covariance::{CovarianceContent, sandwich_covariance};
-use crate::calibration::{Method, Part, Samples, Side};
+use crate::calibration::{CollectionPart, Method, Samples, Side};
 use crate::frames::Attitude;
 use crate::trig::sqrt;
 
@@ -231,7 +231,7 @@ const MIN_BANK_CORRELATION: f32 = 0.45;
 /// Whether the vehicle banks into its turns; true for samples of the turns procedure.
 fn banks_into_turns(samples: Samples<'_>) -> bool {
     let (mut product_sum, mut bank_squares, mut rate_squares) = (0.0, 0.0, 0.0);
-    for sample in samples.part(Part::FREE) {
+    for sample in samples.part(CollectionPart::FREE) {
         let (roll_rad, rate_rad_s) = (sample.attitude.roll_rad, sample.rates.heading_rad_s());
         product_sum += roll_rad * rate_rad_s;
         bank_squares += roll_rad * roll_rad;
@@ -309,7 +309,7 @@ fn report_unobservable(left_to_priors: impl Iterator<Item = PriorQuantity>) -> U
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{Current, Part, Rates, Sample};
+    use crate::calibration::{CollectionPart, Current, Rates, Sample};
     use crate::frames::Field;
     use crate::time::WrappingMillis;
 
@@ -373,7 +373,7 @@ mod tests {
                         time: WrappingMillis::default(),
                         rates,
                         current: Current::UNKNOWN,
-                        part: Part::FREE,
+                        part: CollectionPart::FREE,
                     }
                 })
                 .collect();

@@ -13,7 +13,7 @@
 //! up to eight times as large.
 
 use crate::calibration::closed_form::turns::MIN_SAMPLES;
-use crate::calibration::{Method, Part, SamplePart, Samples, Side, SolveError};
+use crate::calibration::{CollectionPart, Method, SamplePart, Samples, Side, SolveError};
 
 /// Procedure by which samples are collected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -70,13 +70,17 @@ impl SelectedParts {
         let enough = |part: &[_]| part.len() >= MIN_SAMPLES;
         let (left, right) = (enough(fit.turn(Side::Left)), enough(fit.turn(Side::Right)));
         let both = procedure == Procedure::Turns && left && right;
-        Self { left, right, level: enough(fit.part(Part::LEVEL)) && !both }
+        Self { left, right, level: enough(fit.part(CollectionPart::LEVEL)) && !both }
     }
 
     /// Returns the selected parts, all samples of arbitrary attitude, and all with given headings.
     #[must_use]
     pub fn select<'a>(&self, samples: Samples<'a>) -> Samples<'a> {
-        let parts = [(Part::LEFT, self.left), (Part::RIGHT, self.right), (Part::LEVEL, self.level)];
+        let parts = [
+            (CollectionPart::LEFT, self.left),
+            (CollectionPart::RIGHT, self.right),
+            (CollectionPart::LEVEL, self.level),
+        ];
         parts
             .into_iter()
             .filter(|(_, is_selected)| !is_selected)
@@ -97,7 +101,7 @@ pub fn select_method(samples: Samples<'_>, procedure: Procedure) -> Result<Metho
         Procedure::Flight => Ok(Method::MaximumLikelihood),
         Procedure::Turns => {
             let SelectedParts { left, right, .. } = SelectedParts::new(samples, procedure);
-            let level = samples.part(Part::LEVEL).len() >= MIN_SAMPLES;
+            let level = samples.part(CollectionPart::LEVEL).len() >= MIN_SAMPLES;
             let missing =
                 |side| Err(SolveError::too_few(SamplePart::Turns(side), samples.turn(side).len(), MIN_SAMPLES));
             match (left, right, level) {
@@ -115,7 +119,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::{Current, Mark, Part, Rates, Sample};
+    use crate::calibration::{CollectionPart, Current, Mark, Rates, Sample};
     use crate::frames::{Attitude, Field, Level};
     use crate::time::WrappingMillis;
 
@@ -129,7 +133,7 @@ mod tests {
                     time: WrappingMillis::default(),
                     rates: Rates::ZERO,
                     current: Current::UNKNOWN,
-                    part: Part::FREE,
+                    part: CollectionPart::FREE,
                 }
             })
             .collect()
@@ -183,7 +187,7 @@ mod tests {
             let all = Parts { left, right, level, free: &parts[1], marks: &marks }.samples();
             let selected = SelectedParts::new(all, procedure).select(all);
             assert_eq!(selected.marks, marks);
-            let [left, right, level, free] = Part::ALL.map(|part| selected.part(part).len());
+            let [left, right, level, free] = CollectionPart::ALL.map(|part| selected.part(part).len());
             assert_eq!((free, selected.iter().count()), (11, left + right + level + free));
             (left, right, level)
         };

@@ -95,7 +95,7 @@ pub use types::{
     prior::Prior,
     quality::{AttitudeLatency, Envelope, Quality},
     rates::{Current, Rates},
-    samples::{Mark, Part, Sample, SamplePart, Samples, Side},
+    samples::{CollectionPart, Mark, Sample, SamplePart, Samples, Side},
 };
 pub use uncertainty::{
     expected_error::Deviation,

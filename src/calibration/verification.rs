@@ -57,7 +57,7 @@ fn score_calibration(samples: Samples<'_>, knows_attitude: bool, calibration: &C
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{Current, Mark, Orientation, Part, Rates};
+    use crate::calibration::{CollectionPart, Current, Mark, Orientation, Rates};
     use crate::frames::{Attitude, Field, Level};
     use crate::time::WrappingMillis;
 
@@ -77,7 +77,7 @@ mod tests {
                     time: WrappingMillis::default(),
                     rates: Rates::ZERO,
                     current: Current::UNKNOWN,
-                    part: Part::FREE,
+                    part: CollectionPart::FREE,
                 }
             })
             .collect()

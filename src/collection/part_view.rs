@@ -4,7 +4,7 @@ use super::progress::Coverage;
 use super::quota::{Quota, SampleUse};
 use super::retained_samples::PartState;
 use super::sample_buffer::SampleBuffer;
-use crate::calibration::{Part, Sample, Samples};
+use crate::calibration::{CollectionPart, Sample, Samples};
 use crate::time::WrappingMillis;
 
 /// Shortest interval of stored samples, milliseconds: attitude errors are correlated over about 0.5 s.
@@ -14,20 +14,20 @@ const SAMPLE_INTERVAL_MS: u32 = 400;
 pub(super) const HOLD_BACK_CYCLE: u16 = 4;
 
 /// Number of parts of the sample buffer.
-pub(super) const PARTS: usize = Part::ALL.len();
+pub(super) const PARTS: usize = CollectionPart::ALL.len();
 
 /// One part (left, right or level) of the sample buffer, with its state.
 pub(super) struct PartView<'a> {
-    part: Part,
+    part: CollectionPart,
     buffer: &'a mut SampleBuffer,
     pub state: &'a mut PartState,
     last_taken_at: &'a mut Option<WrappingMillis>,
 }
 
 impl<'a> PartView<'a> {
-    /// View of a part, with all parts' states and times by [`Part::index`].
+    /// View of a part, with all parts' states and times by [`CollectionPart::index`].
     pub fn new(
-        part: Part,
+        part: CollectionPart,
         buffer: &'a mut SampleBuffer,
         states: &'a mut [PartState; PARTS],
         last_taken_at: &'a mut [Option<WrappingMillis>; PARTS],
@@ -88,7 +88,7 @@ impl<'a> PartView<'a> {
 }
 
 /// Coverage of a part.
-pub(super) fn coverage(buffer: &SampleBuffer, part: Part, state: PartState) -> Coverage {
+pub(super) fn coverage(buffer: &SampleBuffer, part: CollectionPart, state: PartState) -> Coverage {
     let [samples, held_back] =
         [SampleUse::Fit, SampleUse::Verification].map(|purpose| buffer.part(purpose, part).len() as u16);
     Coverage { samples, held_back, sectors: state.sectors, percent: state.percent }

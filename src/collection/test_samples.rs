@@ -6,7 +6,7 @@ use super::progress::Coverage;
 use super::quota::SampleUse;
 use super::retained_samples::PartState;
 use super::sample_buffer::SampleBuffer;
-use crate::calibration::{Current, Part, Rates, Sample};
+use crate::calibration::{CollectionPart, Current, Rates, Sample};
 use crate::frames::{Attitude, Field, Level};
 use crate::time::WrappingMillis;
 
@@ -28,24 +28,24 @@ impl TestBuffer {
         Self { samples: SampleBuffer::EMPTY, states: [PartState::EMPTY; PARTS], last_taken_at: [None; PARTS] }
     }
 
-    pub fn view(&mut self, part: Part) -> PartView<'_> {
+    pub fn view(&mut self, part: CollectionPart) -> PartView<'_> {
         PartView::new(part, &mut self.samples, &mut self.states, &mut self.last_taken_at)
     }
 
-    pub fn fit(&self, part: Part) -> &[Sample] {
+    pub fn fit(&self, part: CollectionPart) -> &[Sample] {
         self.samples.part(SampleUse::Fit, part)
     }
 
-    pub fn held_back(&self, part: Part) -> &[Sample] {
+    pub fn held_back(&self, part: CollectionPart) -> &[Sample] {
         self.samples.part(SampleUse::Verification, part)
     }
 
     /// Number of samples of a part, fit and held back.
-    pub fn stored(&self, part: Part) -> usize {
+    pub fn stored(&self, part: CollectionPart) -> usize {
         self.fit(part).len() + self.held_back(part).len()
     }
 
-    pub fn coverage(&mut self, part: Part) -> Coverage {
+    pub fn coverage(&mut self, part: CollectionPart) -> Coverage {
         self.view(part).coverage()
     }
 }
@@ -61,7 +61,7 @@ pub fn sample(field_ut: [f32; 3], time_ms: u32) -> Sample {
         time: WrappingMillis::new(time_ms),
         rates: Rates::ZERO,
         current: Current::UNKNOWN,
-        part: Part::FREE,
+        part: CollectionPart::FREE,
     }
 }
 
@@ -88,7 +88,7 @@ pub fn turn_samples(roll_deg: f32, from_s: u16, to_s: u16, rate_deg_s: f32) -> i
             time: WrappingMillis::new(u32::from(i) * 100),
             rates: Rates::ZERO,
             current: Current::UNKNOWN,
-            part: Part::FREE,
+            part: CollectionPart::FREE,
         }
     })
 }

@@ -139,7 +139,7 @@ impl Compass<'_> {
                 return Effect::None;
             }
             (SolvePurpose::Calibration(Some(CollectionStarter::Module)), Err(_)) => {
-                self.resume_collection(CollectionStarter::Module)
+                self.resume_collection(CollectionStarter::Module);
             }
             _ => {
                 self.collector.reset_restart_count();

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::attitude::EulerRates;
-use crate::calibration::{Current, Part, Rates, Sample};
+use crate::calibration::{CollectionPart, Current, Rates, Sample};
 use crate::frames::{Attitude, Field, Sensor, wrap_pi};
 use crate::time::Timestamp;
 
@@ -91,7 +91,7 @@ impl AveragingRun {
             rates: Rates::from_rad_s(self.rates_rad_s.map(|sum| sum / count)),
             time: middle.wrapping_millis(),
             current: Current::UNKNOWN,
-            part: Part::FREE,
+            part: CollectionPart::FREE,
         }
     }
 }

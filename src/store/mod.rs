@@ -1,4 +1,4 @@
-//! Non-volatile storage of settings and two generations of calibration in NOR flash.
+//! Non-volatile storage of settings and the current and the previous calibration in NOR flash.
 //!
 //! # Guarantees
 //!

@@ -2,7 +2,7 @@
 //! with all methods on the same samples.
 
 use autoswing::calibration::{
-    Calibration, Current, Mark, Method, Orientation, Part, Prior, Rates, Sample, Samples, SolveError, solve,
+    Calibration, CollectionPart, Current, Mark, Method, Orientation, Prior, Rates, Sample, Samples, SolveError, solve,
 };
 use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::readings_per_sample;
@@ -112,14 +112,14 @@ impl Table1Experiment {
             time: WrappingMillis::default(),
             rates: Rates::ZERO,
             current: Current::UNKNOWN,
-            part: Part::FREE,
+            part: CollectionPart::FREE,
         }
     }
 
     /// Left and right turns, each in the direction of flight.
     fn measure(&self, experiment: Experiment) -> (Vec<Sample>, Vec<Sample>) {
         let mut noise = experiment.noise.map(|seed| Random::new(seed, Purpose::Magnetometer));
-        let mut side = |sign: f64, part: Part| -> Vec<Sample> {
+        let mut side = |sign: f64, part: CollectionPart| -> Vec<Sample> {
             (0..experiment.samples)
                 .map(|i| {
                     let noise_ut = noise.as_mut().map_or_else(Vector3::zeros, |noise| {
@@ -131,7 +131,7 @@ impl Table1Experiment {
                 })
                 .collect()
         };
-        (side(-1.0, Part::LEFT), side(1.0, Part::RIGHT))
+        (side(-1.0, CollectionPart::LEFT), side(1.0, CollectionPart::RIGHT))
     }
 
     /// A subset of the samples with known headings, limited to the module's capacity.

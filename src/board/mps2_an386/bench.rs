@@ -8,7 +8,9 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use autoswing::attitude::{AttitudeReport, SenderId};
 use autoswing::calibration::method_selection::Procedure;
-use autoswing::calibration::{Current, Method, Part, Prior, Rates, Sample, Samples, Solution, SolveProgress, Solver};
+use autoswing::calibration::{
+    CollectionPart, Current, Method, Prior, Rates, Sample, Samples, Solution, SolveProgress, Solver,
+};
 use autoswing::collection::{CollectionContext, Collector, RetainedSamples};
 use autoswing::frames::{Attitude, Field, Sensor};
 use autoswing::heading::{Heading, HeadingLimits, compute_heading};
@@ -269,7 +271,7 @@ impl Turns {
         static TURNS: ConstStaticCell<heapless::Vec<Sample, { 2 * SAMPLES_PER_TURN }>> =
             ConstStaticCell::new(heapless::Vec::new());
         let (turns, mut noise) = (TURNS.take(), Noise(1));
-        for (side, part) in [(-1.0, Part::LEFT), (1.0, Part::RIGHT)] {
+        for (side, part) in [(-1.0, CollectionPart::LEFT), (1.0, CollectionPart::RIGHT)] {
             turns.extend((0..SAMPLES_PER_TURN).map(|i| Sample { part, ..sample(side, i, &mut noise) }));
         }
         Self(turns)
@@ -346,7 +348,7 @@ fn sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
         rates,
         time: WrappingMillis::new(SAMPLE_INTERVAL_MS * i as u32),
         current: Current::UNKNOWN,
-        part: Part::FREE,
+        part: CollectionPart::FREE,
     }
 }
 

@@ -87,7 +87,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::{Current, Part, Rates, Sample};
+    use crate::calibration::{CollectionPart, Current, Rates, Sample};
     use crate::frames::{Attitude, Level};
     use crate::time::WrappingMillis;
 
@@ -111,7 +111,7 @@ mod tests {
                     time: WrappingMillis::default(),
                     rates: Rates::ZERO,
                     current: Current::UNKNOWN,
-                    part: Part::FREE,
+                    part: CollectionPart::FREE,
                 },
                 heading_rad,
             }
@@ -194,7 +194,7 @@ mod tests {
                     time: WrappingMillis::default(),
                     rates: Rates::ZERO,
                     current: Current::UNKNOWN,
-                    part: Part::FREE,
+                    part: CollectionPart::FREE,
                 };
                 Mark { sample, heading_rad }
             };

@@ -82,7 +82,7 @@ pub(in crate::calibration) fn fit_conic(
 
 #[cfg(test)]
 mod tests {
-    use crate::calibration::{Current, Part};
+    use crate::calibration::{CollectionPart, Current};
     use core::f32::consts::TAU;
 
     use super::*;
@@ -108,7 +108,7 @@ mod tests {
                     time: WrappingMillis::default(),
                     rates: Rates::ZERO,
                     current: Current::UNKNOWN,
-                    part: Part::FREE,
+                    part: CollectionPart::FREE,
                 }
             })
             .collect()

@@ -58,7 +58,7 @@ fn least_scatter_direction(scatter: &Matrix3<f32>) -> Option<Vector3<f32>> {
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{Current, Part, Rates, Sample};
+    use crate::calibration::{CollectionPart, Current, Rates, Sample};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -69,7 +69,7 @@ mod tests {
             time: WrappingMillis::default(),
             rates: Rates::ZERO,
             current: Current::UNKNOWN,
-            part: Part::FREE,
+            part: CollectionPart::FREE,
         };
         fields_ut.iter().map(sample).collect()
     }

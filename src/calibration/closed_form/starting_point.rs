@@ -134,7 +134,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::{Current, Mark, Part, Rates, Sample};
+    use crate::calibration::{CollectionPart, Current, Mark, Rates, Sample};
     use crate::frames::{Attitude, Level};
     use crate::time::WrappingMillis;
 
@@ -182,7 +182,7 @@ mod tests {
                     time: WrappingMillis::default(),
                     rates: Rates::ZERO,
                     current: Current::UNKNOWN,
-                    part: Part::FREE,
+                    part: CollectionPart::FREE,
                 }
             })
         };

@@ -115,7 +115,7 @@ pub(in crate::calibration) fn turn_progress_by_rates_rad(
 #[cfg(test)]
 mod tests {
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{Current, Part};
+    use crate::calibration::{CollectionPart, Current};
     use core::f32::consts::TAU;
 
     use super::*;
@@ -131,7 +131,7 @@ mod tests {
             time: WrappingMillis::new(millis),
             rates: Rates::ZERO,
             current: Current::UNKNOWN,
-            part: Part::FREE,
+            part: CollectionPart::FREE,
         }
     }
 

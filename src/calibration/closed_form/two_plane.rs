@@ -84,7 +84,7 @@ impl<'a> TurnEllipse<'a> {
 #[cfg(test)]
 mod tests {
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{Current, Part};
+    use crate::calibration::{CollectionPart, Current};
     use core::f32::consts::TAU;
 
     use super::*;
@@ -105,7 +105,7 @@ mod tests {
                     time: WrappingMillis::new(u32::from(i) * 500),
                     rates: Rates::ZERO,
                     current: Current::UNKNOWN,
-                    part: Part::FREE,
+                    part: CollectionPart::FREE,
                 }
             })
             .collect()

@@ -45,7 +45,9 @@ mod tests {
     use testkit::random::Random;
 
     use super::*;
-    use crate::calibration::{Current, Method, Part, Prior, Quality, Rates, Sample, SamplePart, SolveError, solve};
+    use crate::calibration::{
+        CollectionPart, Current, Method, Prior, Quality, Rates, Sample, SamplePart, SolveError, solve,
+    };
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -80,7 +82,7 @@ mod tests {
                 time: WrappingMillis::default(),
                 rates: Rates::ZERO,
                 current: Current::UNKNOWN,
-                part: Part::FREE,
+                part: CollectionPart::FREE,
             })
             .collect()
     }

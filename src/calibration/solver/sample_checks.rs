@@ -1,7 +1,7 @@
 //! Checks of the samples before a solve.
 
 use crate::calibration::closed_form::turns::MIN_SAMPLES;
-use crate::calibration::{Axis, Method, Part, Sample, SamplePart, Samples, SolveError};
+use crate::calibration::{Axis, CollectionPart, Method, Sample, SamplePart, Samples, SolveError};
 use crate::frames::Attitude;
 
 /// Upper limit of a plausible field, microtesla: 10,000 times the Earth's field.
@@ -33,7 +33,7 @@ fn is_finite(sample: &Sample) -> bool {
 /// Axis that stays at one end of its range in turns: saturated or frozen. In a full circle, 1 sample in 16 is within 1
 /// % of either end.
 pub(super) fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
-    let turns = || samples.without_part(Part::LEVEL).iter();
+    let turns = || samples.without_part(CollectionPart::LEVEL).iter();
     let number = turns().count();
     [Axis::X, Axis::Y, Axis::Z].into_iter().find(|&axis| {
         let values = || turns().map(|s| s.field.ut[axis as usize]);

@@ -3,7 +3,9 @@
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
 use crate::calibration::tests::synthetic::Parts;
 use crate::calibration::tests::{NO_PRIOR, solved};
-use crate::calibration::{Calibration, ConsiderSigmas, Manoeuvre, Method, Part, Sample, Side, Solution, Solver, solve};
+use crate::calibration::{
+    Calibration, CollectionPart, ConsiderSigmas, Manoeuvre, Method, Sample, Side, Solution, Solver, solve,
+};
 use crate::frames::{Attitude, wrap_pi};
 
 /// Random flights in light to rough weather, airframes up to bad ones.
@@ -160,9 +162,11 @@ fn the_ellipsoid_ignores_attitude() {
 #[test]
 fn advice_starts_from_the_expected_error() {
     for (seed, _, recorded) in flights(0..6) {
-        for samples in
-            [recorded.turns(), recorded.turns().without_part(Part::RIGHT), recorded.turns().without_part(Part::LEFT)]
-        {
+        for samples in [
+            recorded.turns(),
+            recorded.turns().without_part(CollectionPart::RIGHT),
+            recorded.turns().without_part(CollectionPart::LEFT),
+        ] {
             let Ok(solution) = solve(Method::MaximumLikelihood, samples, &NO_PRIOR) else { continue };
             let advice = solution.advice.unwrap();
             assert!((advice.expected_deg - solution.quality.expected_rms_deg).abs() < 1e-5, "seed {seed}");

@@ -8,7 +8,7 @@ use crate::calibration::closed_form::starting_point::StartingPoint;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::model::{Likelihood, ModelConfig, ModelParameters, NoiseModel, Vector13};
 use crate::calibration::tests::NO_PRIOR;
-use crate::calibration::{Current, Mark, Orientation, Part, Prior, Rates, Sample, Samples, SolveError};
+use crate::calibration::{CollectionPart, Current, Mark, Orientation, Prior, Rates, Sample, Samples, SolveError};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -19,7 +19,7 @@ fn sample(ut: [f32; 3]) -> Sample {
         time: WrappingMillis::default(),
         rates: Rates::ZERO,
         current: Current::UNKNOWN,
-        part: Part::FREE,
+        part: CollectionPart::FREE,
     }
 }
 

@@ -6,7 +6,7 @@ use crate::calibration::method_selection::{Procedure, SelectedParts};
 use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::tests::synthetic::Parts;
 use crate::calibration::{
-    Advice, Deviation, Manoeuvre, Method, Part, SamplePart, Samples, Side, Solution, SolveError, solve,
+    Advice, CollectionPart, Deviation, Manoeuvre, Method, SamplePart, Samples, Side, Solution, SolveError, solve,
 };
 
 fn airframe(random: &mut Random) -> Airframe {
@@ -50,9 +50,9 @@ fn level_samples_are_used_only_for_a_missing_side() {
     let RecordedTurns { left, right } = Flight::TYPICAL.fly(&airframe, &mut random);
     let all = Parts { left: &left, right: &right, level: &left, ..Parts::default() }.samples();
     let select = |fit: Samples<'_>| SelectedParts::new(fit, Procedure::Turns).select(all);
-    assert!(select(all).part(Part::LEVEL).is_empty());
+    assert!(select(all).part(CollectionPart::LEVEL).is_empty());
     let thin = select(Parts { left: &left, right: &right[..5], level: &left, ..Parts::default() }.samples());
-    assert_eq!(Part::ALL.map(|part| thin.part(part).len()), [left.len(), 0, left.len(), 0]);
+    assert_eq!(CollectionPart::ALL.map(|part| thin.part(part).len()), [left.len(), 0, left.len(), 0]);
 }
 
 #[test]
@@ -62,7 +62,7 @@ fn one_side_advises_a_turn_to_the_other() {
         let mut random = Random(3100 + seed);
         let airframe = airframe(&mut random);
         let turns = Flight::TYPICAL.fly(&airframe, &mut random);
-        let solution = solution(turns.turns().without_part(Part::RIGHT));
+        let solution = solution(turns.turns().without_part(CollectionPart::RIGHT));
         let advice = solution.advice.unwrap();
         assert!(matches!(advice.manoeuvre, Manoeuvre::Circle(Side::Right, _)), "seed {seed}: {advice:?}");
         // A circle does not reduce a bank-angle scale error, which one flight seems to have by chance.
@@ -80,7 +80,7 @@ fn the_predicted_gain_is_reached() {
         let mut random = Random(3200 + seed);
         let airframe = airframe(&mut random);
         let turns = Flight::TYPICAL.fly(&airframe, &mut random);
-        let before = advice(turns.turns().without_part(Part::RIGHT));
+        let before = advice(turns.turns().without_part(CollectionPart::RIGHT));
         let Manoeuvre::Circle(Side::Right, bank_deg) = before.manoeuvre else { panic!("{before:?}") };
         // A circle at 25 deg takes 27 s, 54 samples; the prediction counts 24.
         let advised_turn =

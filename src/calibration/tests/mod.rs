@@ -23,7 +23,7 @@ use crate::calibration::method_selection;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::verification;
 use crate::calibration::{
-    Calibration, Method, Orientation, Part, Prior, SamplePart, Side, SolveError, matrix_rows, solve,
+    Calibration, CollectionPart, Method, Orientation, Prior, SamplePart, Side, SolveError, matrix_rows, solve,
 };
 use crate::frames::Field;
 use synthetic::{Airframe, Flight, Random, RecordedTurns, max_abs, mean, quantile, rms, vector};
@@ -155,7 +155,7 @@ fn unsolvable_samples_are_rejected_with_a_reason() {
         change(&mut recorded);
         solved(&recorded).map(|s| s.quality.expected_rms_deg)
     };
-    let one_side = good.turns().without_part(Part::LEFT);
+    let one_side = good.turns().without_part(CollectionPart::LEFT);
     let missing = method_selection::select_method(one_side, Procedure::Turns);
     assert!(matches!(missing, Err(SolveError::TooFewSamples { part: SamplePart::Turns(Side::Left), have: 0, .. })));
     assert_eq!(refused(&|r| r.right[3].field.ut.y = f32::NAN), Err(SolveError::NotFinite));

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 pub use testkit::random::Random;
 
 use crate::calibration::closed_form::starting_point::StartingPoint;
-use crate::calibration::{Calibration, Current, Mark, Orientation, Part, Rates, Sample, Samples, Side};
+use crate::calibration::{Calibration, CollectionPart, Current, Mark, Orientation, Rates, Sample, Samples, Side};
 use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 
@@ -100,7 +100,7 @@ pub fn sample(airframe: &Airframe, attitude: Attitude, heading_rad: f32, noise_u
         time: WrappingMillis::default(),
         rates: Rates::ZERO,
         current: Current::UNKNOWN,
-        part: Part::FREE,
+        part: CollectionPart::FREE,
     }
 }
 
@@ -221,7 +221,7 @@ impl Flight {
                     time: WrappingMillis::new(u32::from(i) * 500),
                     rates: Rates::ZERO,
                     current: Current::UNKNOWN,
-                    part: Part::FREE,
+                    part: CollectionPart::FREE,
                 }
             })
             .collect()
@@ -247,7 +247,7 @@ pub struct Parts<'a> {
 impl Parts<'_> {
     /// View of copies, which stay until the process ends.
     pub fn samples(self) -> Samples<'static> {
-        let parts = Part::ALL.into_iter().zip([self.left, self.right, self.level, self.free]);
+        let parts = CollectionPart::ALL.into_iter().zip([self.left, self.right, self.level, self.free]);
         let ordered: Vec<Sample> =
             parts.flat_map(|(part, samples)| samples.iter().map(move |sample| Sample { part, ..*sample })).collect();
         Samples::new(ordered.leak()).with_marks(self.marks.to_vec().leak())

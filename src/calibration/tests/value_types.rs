@@ -2,8 +2,8 @@
 
 use crate::calibration::tests::synthetic::Parts;
 use crate::calibration::{
-    Axis, Calibration, Current, Envelope, Mark, Method, MotorCurrentInterference, Orientation, Part, Quality, Rates,
-    Sample, SamplePart, Samples, Side, matrix_rows,
+    Axis, Calibration, CollectionPart, Current, Envelope, Mark, Method, MotorCurrentInterference, Orientation, Quality,
+    Rates, Sample, SamplePart, Samples, Side, matrix_rows,
 };
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
@@ -15,7 +15,7 @@ fn sample(x_ut: f32) -> Sample {
         time: WrappingMillis::default(),
         rates: Rates::ZERO,
         current: Current::UNKNOWN,
-        part: Part::FREE,
+        part: CollectionPart::FREE,
     }
 }
 

@@ -19,8 +19,8 @@ pub struct Sample {
     pub current: Current,
     /// Time of the measurement. Only order and differences within one turn are used.
     pub time: WrappingMillis,
-    /// Part of the collection; [`Part::FREE`] before its assignment.
-    pub part: Part,
+    /// Part of the collection; [`CollectionPart::FREE`] before its assignment.
+    pub part: CollectionPart,
 }
 
 impl Sample {
@@ -60,9 +60,9 @@ impl Side {
 
 /// Part of a collection: a number, not an enum, because samples lie in memory that is arbitrary at power-on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Part(u32);
+pub struct CollectionPart(u32);
 
-impl Part {
+impl CollectionPart {
     /// Left turns.
     pub const LEFT: Self = Self(0);
     /// Right turns.
@@ -84,7 +84,7 @@ impl Part {
         }
     }
 
-    /// Position in [`Part::ALL`]; unknown numbers are of arbitrary attitude.
+    /// Position in [`CollectionPart::ALL`]; unknown numbers are of arbitrary attitude.
     pub(crate) const fn index(self) -> usize {
         match self.0 {
             0 => 0,
@@ -107,8 +107,8 @@ impl Part {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Samples<'a> {
     ordered: &'a [Sample],
-    /// Whether the view leaves a part out, by [`Part::index`].
-    is_excluded: [bool; Part::ALL.len()],
+    /// Whether the view leaves a part out, by [`CollectionPart::index`].
+    is_excluded: [bool; CollectionPart::ALL.len()],
     /// Samples with a given heading.
     pub marks: &'a [Mark],
 }
@@ -165,21 +165,21 @@ impl<'a> Samples<'a> {
 
     /// The same view without a part.
     #[must_use]
-    pub fn without_part(mut self, part: Part) -> Self {
+    pub fn without_part(mut self, part: CollectionPart) -> Self {
         self.is_excluded[part.index()] = true;
         self
     }
 
     /// Samples of a part, in order of time.
     #[must_use]
-    pub fn part(&self, part: Part) -> &'a [Sample] {
+    pub fn part(&self, part: CollectionPart) -> &'a [Sample] {
         if self.is_excluded[part.index()] { &[] } else { samples_of_part(self.ordered, part) }
     }
 
     /// Samples of the turns of a side, in order of time.
     #[must_use]
     pub fn turn(&self, side: Side) -> &'a [Sample] {
-        self.part(Part::turn(side))
+        self.part(CollectionPart::turn(side))
     }
 
     /// Iterates over the samples without a given heading, by part, then time.
@@ -193,18 +193,18 @@ impl<'a> Samples<'a> {
     }
 
     pub(crate) fn has_free_flight_samples(&self) -> bool {
-        !self.part(Part::FREE).is_empty()
+        !self.part(CollectionPart::FREE).is_empty()
     }
 }
 
 /// Samples of a part, of samples ordered by part.
-pub(crate) fn samples_of_part(ordered: &[Sample], part: Part) -> &[Sample] {
+pub(crate) fn samples_of_part(ordered: &[Sample], part: CollectionPart) -> &[Sample] {
     let [start, end] = part_range(ordered, part);
     ordered.get(start..end).unwrap_or_default()
 }
 
 /// First and last position (exclusive) of a part, of samples ordered by part.
-pub(crate) fn part_range(ordered: &[Sample], part: Part) -> [usize; 2] {
+pub(crate) fn part_range(ordered: &[Sample], part: CollectionPart) -> [usize; 2] {
     [ordered.partition_point(|sample| sample.part < part), ordered.partition_point(|sample| sample.part <= part)]
 }
 
@@ -214,7 +214,7 @@ pub(crate) fn part_range(ordered: &[Sample], part: Part) -> [usize; 2] {
 struct IncludedSamples<'a> {
     run: core::slice::Iter<'a, Sample>,
     rest: &'a [Sample],
-    is_excluded: [bool; Part::ALL.len()],
+    is_excluded: [bool; CollectionPart::ALL.len()],
 }
 
 impl<'a> IncludedSamples<'a> {
@@ -254,7 +254,7 @@ mod tests {
             rates: Rates::ZERO,
             time: WrappingMillis::new(time_ms),
             current: Current::UNKNOWN,
-            part: Part::FREE,
+            part: CollectionPart::FREE,
         };
         let [left, right, level, free] = [[1, 2], [3, 4], [5, 6], [7, 8]].map(|times| times.map(sample));
         let marks = [Mark { sample: sample(9), heading_rad: 0.0 }];
@@ -269,7 +269,7 @@ mod tests {
     fn samples_are_iterated_by_part_and_marks_last() {
         assert_eq!(times(samples().iter()), [1, 2, 3, 4, 5, 6, 7, 8]);
         assert_eq!(times(samples().all()), [1, 2, 3, 4, 5, 6, 7, 8, 9]);
-        assert_eq!(Part::ALL.map(|part| times(samples().part(part))), [[1, 2], [3, 4], [5, 6], [7, 8]]);
+        assert_eq!(CollectionPart::ALL.map(|part| times(samples().part(part))), [[1, 2], [3, 4], [5, 6], [7, 8]]);
         assert_eq!([Side::Left, Side::Right].map(|side| times(samples().turn(side))), [[1, 2], [3, 4]]);
         assert_eq!(times(Samples::default().all()), []);
         assert!(samples().has_free_flight_samples() && !Samples::default().has_free_flight_samples());
@@ -278,9 +278,12 @@ mod tests {
     #[test]
     fn excluded_parts_are_left_out() {
         for excluded in 0..16_u32 {
-            let is_excluded = |part: Part| excluded >> part.index() & 1 == 1;
-            let view = Part::ALL.into_iter().filter(|part| is_excluded(*part)).fold(samples(), Samples::without_part);
-            let included = || Part::ALL.into_iter().filter(|part| !is_excluded(*part));
+            let is_excluded = |part: CollectionPart| excluded >> part.index() & 1 == 1;
+            let view = CollectionPart::ALL
+                .into_iter()
+                .filter(|part| is_excluded(*part))
+                .fold(samples(), Samples::without_part);
+            let included = || CollectionPart::ALL.into_iter().filter(|part| !is_excluded(*part));
             assert_eq!(times(view.iter()), times(included().flat_map(|part| samples().part(part))), "{excluded}");
             assert_eq!(times(view.iter()), times(included().flat_map(|part| view.part(part))), "{excluded}");
             assert_eq!(view.iter().count() + 1, view.all().count());
@@ -289,8 +292,8 @@ mod tests {
 
     #[test]
     fn unknown_parts_are_of_arbitrary_attitude() {
-        assert_eq!(Part::ALL.map(Part::index), [0, 1, 2, 3]);
-        assert_eq!([4, 0xFF, u32::MAX].map(|number| Part::from_number(number).index()), [3; 3]);
-        assert!(Part::ALL.is_sorted());
+        assert_eq!(CollectionPart::ALL.map(CollectionPart::index), [0, 1, 2, 3]);
+        assert_eq!([4, 0xFF, u32::MAX].map(|number| CollectionPart::from_number(number).index()), [3; 3]);
+        assert!(CollectionPart::ALL.is_sorted());
     }
 }

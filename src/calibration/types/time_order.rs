@@ -1,9 +1,9 @@
 //! Merges the samples of a flight's parts in time order.
 
-use super::samples::{Part, Sample, Samples};
+use super::samples::{CollectionPart, Sample, Samples};
 
 /// Number of parts.
-pub(in crate::calibration) const PARTS: usize = Part::ALL.len();
+pub(in crate::calibration) const PARTS: usize = CollectionPart::ALL.len();
 
 /// Runs of samples in order of time: free flight has up to three.
 const MAX_ORDERED_RUNS: usize = PARTS + 2;
@@ -18,7 +18,7 @@ impl<'a> TimeOrdered<'a> {
     /// Merges all parts except samples with given headings, whose times are unrelated.
     pub fn new(samples: Samples<'a>) -> Self {
         let is_in_order = |before: &Sample, after: &Sample| after.time.signed_ms_since(before.time) >= 0;
-        let mut runs = Part::ALL.into_iter().flat_map(|part| samples.part(part).chunk_by(is_in_order));
+        let mut runs = CollectionPart::ALL.into_iter().flat_map(|part| samples.part(part).chunk_by(is_in_order));
         Self { remaining: core::array::from_fn(|_| runs.next().unwrap_or_default()) }
     }
 }
@@ -58,7 +58,7 @@ mod tests {
             time: WrappingMillis::new(millis),
             rates: Rates::ZERO,
             current: Current::UNKNOWN,
-            part: Part::FREE,
+            part: CollectionPart::FREE,
         };
         millis.iter().map(sample).collect()
     }

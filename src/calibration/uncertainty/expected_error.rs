@@ -161,7 +161,7 @@ mod tests {
     use super::*;
     use crate::calibration::model::{beta_index, w_index};
     use crate::calibration::tests::synthetic::{max_abs, mean, rms};
-    use crate::calibration::{Current, Method, Orientation, Part, Rates, Sample, matrix_rows};
+    use crate::calibration::{CollectionPart, Current, Method, Orientation, Rates, Sample, matrix_rows};
     use crate::frames::wrap_pi;
     use crate::time::WrappingMillis;
 
@@ -250,7 +250,7 @@ mod tests {
             time: WrappingMillis::default(),
             rates: Rates::ZERO,
             current: Current::UNKNOWN,
-            part: Part::FREE,
+            part: CollectionPart::FREE,
         };
         let of = |method, rolls_deg: &[f32]| {
             let level: Vec<Sample> = rolls_deg.iter().map(|&roll_deg| sample(roll_deg)).collect();

@@ -13,7 +13,7 @@ use super::sector_balance::SectorBalance;
 use super::state::{CollectionContext, CollectionState};
 use super::turn_detector::{TurnDetector, TurnDetectorConfig};
 use crate::calibration::method_selection::Procedure;
-use crate::calibration::{Mark, Method, Part, Sample, Samples, Solution};
+use crate::calibration::{CollectionPart, Mark, Method, Sample, Samples, Solution};
 use crate::time::WrappingMillis;
 
 /// Fit samples (4 s of flight) below which a loss is not reported.
@@ -35,7 +35,7 @@ pub struct Collector<'a> {
     clock_offset_ms: u32,
     detector: TurnDetector,
     tilt_filter: TiltFilter,
-    /// By [`Part::index`].
+    /// By [`CollectionPart::index`].
     last_taken_at: [Option<WrappingMillis>; PARTS],
     /// Information of the free-flight fit samples.
     selection: DOptimalSelection,
@@ -114,7 +114,7 @@ impl<'a> Collector<'a> {
         self.has_changed |= match self.header.procedure() {
             Procedure::Turns => self.push_turn_or_level_sample(sample),
             Procedure::Level | Procedure::Swing => {
-                is_level(&sample) && SectorBalance::LEVEL.push(self.view(Part::LEVEL), sample)
+                is_level(&sample) && SectorBalance::LEVEL.push(self.view(CollectionPart::LEVEL), sample)
             }
             Procedure::Tumble => self.push_tumble_sample(sample),
             Procedure::Flight => self.push_free_flight_sample(sample),
@@ -124,24 +124,24 @@ impl<'a> Collector<'a> {
     fn push_turn_or_level_sample(&mut self, sample: Sample) -> bool {
         if let Some(side) = self.detector.update(&sample) {
             self.header.set_turned();
-            SectorBalance::TURNS.push(self.view(Part::turn(side)), sample)
+            SectorBalance::TURNS.push(self.view(CollectionPart::turn(side)), sample)
         } else {
             // Before the first turn the aircraft may be parked near the iron of a hangar.
             self.header.has_detected_turn()
                 && is_level(&sample)
-                && SectorBalance::LEVEL.push(self.view(Part::LEVEL), sample)
+                && SectorBalance::LEVEL.push(self.view(CollectionPart::LEVEL), sample)
         }
     }
 
     fn push_tumble_sample(&mut self, sample: Sample) -> bool {
         let Header { parts, min_distance_ut, .. } = &mut self.header;
-        let part = PartView::new(Part::FREE, &mut self.memory.samples, parts, &mut self.last_taken_at);
+        let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, parts, &mut self.last_taken_at);
         min_distance::push(part, Quota::TURN, min_distance_ut, sample)
     }
 
     fn push_free_flight_sample(&mut self, sample: Sample) -> bool {
         let parts = &mut self.header.parts;
-        let part = PartView::new(Part::FREE, &mut self.memory.samples, parts, &mut self.last_taken_at);
+        let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, parts, &mut self.last_taken_at);
         let end = free_flight::push(part, &mut self.selection, sample);
         if end == FreeFlightSample::Ignored {
             return false;
@@ -151,7 +151,7 @@ impl<'a> Collector<'a> {
         true
     }
 
-    fn view(&mut self, part: Part) -> PartView<'_> {
+    fn view(&mut self, part: CollectionPart) -> PartView<'_> {
         PartView::new(part, &mut self.memory.samples, &mut self.header.parts, &mut self.last_taken_at)
     }
 
@@ -237,16 +237,16 @@ impl<'a> Collector<'a> {
     /// Progress by part.
     #[must_use]
     pub fn progress(&self) -> CollectionProgress {
-        let of = |part: Part| coverage(&self.memory.samples, part, self.header.parts[part.index()]);
+        let of = |part: CollectionPart| coverage(&self.memory.samples, part, self.header.parts[part.index()]);
         let procedure = self.procedure();
         CollectionProgress {
             procedure,
             left_turns: match procedure {
-                Procedure::Flight | Procedure::Tumble => of(Part::FREE),
-                Procedure::Turns | Procedure::Level | Procedure::Swing => of(Part::LEFT),
+                Procedure::Flight | Procedure::Tumble => of(CollectionPart::FREE),
+                Procedure::Turns | Procedure::Level | Procedure::Swing => of(CollectionPart::LEFT),
             },
-            right_turns: of(Part::RIGHT),
-            level: of(Part::LEVEL),
+            right_turns: of(CollectionPart::RIGHT),
+            level: of(CollectionPart::LEVEL),
             marks: self.header.mark_count,
             turn_in_progress: self.detector.turn_side(),
         }

@@ -1,6 +1,6 @@
 use super::super::test_samples::{TestBuffer, sample, turn_samples};
 use super::*;
-use crate::calibration::Part;
+use crate::calibration::CollectionPart;
 use crate::collection::progress::Coverage;
 
 /// A free flight.
@@ -23,19 +23,19 @@ impl FreeFlight {
     }
 
     fn push(&mut self, sample: Sample) -> FreeFlightSample {
-        push(self.buffer.view(Part::FREE), &mut self.selection, sample)
+        push(self.buffer.view(CollectionPart::FREE), &mut self.selection, sample)
     }
 
     fn fit_times(&self) -> Vec<u32> {
-        times(self.buffer.fit(Part::FREE))
+        times(self.buffer.fit(CollectionPart::FREE))
     }
 
     fn held_back_times(&self) -> Vec<u32> {
-        times(self.buffer.held_back(Part::FREE))
+        times(self.buffer.held_back(CollectionPart::FREE))
     }
 
     fn coverage(&mut self) -> Coverage {
-        self.buffer.coverage(Part::FREE)
+        self.buffer.coverage(CollectionPart::FREE)
     }
 }
 
@@ -60,7 +60,9 @@ fn free_flight_samples_are_stored_until_full() {
     assert_eq!(all, (0..400).map(|i| i * 100).collect::<Vec<_>>());
     assert!(fit.is_sorted());
     assert_eq!(flight.coverage(), Coverage { samples: 300, held_back: 100, ..Coverage::default() });
-    assert!(flight.buffer.fit(Part::LEFT).is_empty() && flight.buffer.held_back(Part::LEVEL).is_empty());
+    assert!(
+        flight.buffer.fit(CollectionPart::LEFT).is_empty() && flight.buffer.held_back(CollectionPart::LEVEL).is_empty()
+    );
 }
 
 /// Five minutes of level flight, then a turn each way.
@@ -72,7 +74,7 @@ fn informative_samples_replace_uninformative_ones() {
     let stored = turns.filter(|sample| flight.push(*sample) == FreeFlightSample::Stored).count();
     let mut banked_sum = 0;
     for purpose in [SampleUse::Fit, SampleUse::Verification] {
-        let (samples, capacity) = (flight.buffer.samples.part(purpose, Part::FREE), Quota::ALL.of(purpose));
+        let (samples, capacity) = (flight.buffer.samples.part(purpose, CollectionPart::FREE), Quota::ALL.of(purpose));
         let banked = samples.iter().filter(|s| s.attitude.roll_rad.abs() > 0.3).count();
         banked_sum += banked;
         assert_eq!(samples.len(), capacity);

@@ -1,6 +1,6 @@
 use super::super::test_samples::{TestBuffer, sample};
 use super::*;
-use crate::calibration::Part;
+use crate::calibration::CollectionPart;
 use crate::collection::progress::Coverage;
 
 /// A tumble.
@@ -23,19 +23,24 @@ impl Tumble {
     }
 
     fn push_at(&mut self, x_ut: f32, time_ms: u32) {
-        push(self.buffer.view(Part::FREE), self.quota, &mut self.distance_ut, sample([x_ut, 0.0, 0.0], time_ms));
+        push(
+            self.buffer.view(CollectionPart::FREE),
+            self.quota,
+            &mut self.distance_ut,
+            sample([x_ut, 0.0, 0.0], time_ms),
+        );
     }
 
     fn fit(&self) -> &[Sample] {
-        self.buffer.fit(Part::FREE)
+        self.buffer.fit(CollectionPart::FREE)
     }
 
     fn stored(&self) -> usize {
-        self.buffer.stored(Part::FREE)
+        self.buffer.stored(CollectionPart::FREE)
     }
 
     fn coverage(&mut self) -> Coverage {
-        self.buffer.coverage(Part::FREE)
+        self.buffer.coverage(CollectionPart::FREE)
     }
 }
 
@@ -45,7 +50,7 @@ fn tumbled_samples_are_at_least_5_ut_apart() {
     assert_eq!(Tumble::on_line(20, 5.0).stored(), 20, "at the very distance");
     assert_eq!(Tumble::on_line(20, 4.9).stored(), 10, "every other one");
     let five = Tumble::on_line(5, 5.1);
-    assert_eq!((five.stored(), five.buffer.held_back(Part::FREE).len()), (5, 1), "every fourth is held back");
+    assert_eq!((five.stored(), five.buffer.held_back(CollectionPart::FREE).len()), (5, 1), "every fourth is held back");
 }
 
 #[test]
@@ -99,9 +104,9 @@ fn a_tumble_is_complete_at_66_fit_samples() {
 fn thinning_keeps_the_first_of_close_samples() {
     let mut tumble = Tumble::new(Quota::TURN);
     for x_ut in [0.0, 1.0, 2.0, 3.0, 2.5, 10.0] {
-        tumble.buffer.view(Part::FREE).insert(SampleUse::Fit, sample([x_ut, 0.0, 0.0], 0));
+        tumble.buffer.view(CollectionPart::FREE).insert(SampleUse::Fit, sample([x_ut, 0.0, 0.0], 0));
     }
-    remove_close_samples(&mut tumble.buffer.view(Part::FREE), 2.0);
+    remove_close_samples(&mut tumble.buffer.view(CollectionPart::FREE), 2.0);
     assert_eq!(tumble.fit().iter().map(|s| s.field.ut.x).collect::<Vec<_>>(), [0.0, 2.0, 10.0]);
 }
 

@@ -1,7 +1,7 @@
 //! State of a collection in retained memory, without its samples.
 
 use super::words::{Words, words};
-use crate::calibration::Part;
+use crate::calibration::CollectionPart;
 use crate::calibration::method_selection::Procedure;
 use crate::collection::flight_statistics::FlightStatistics;
 use crate::collection::state::{CollectionContext, CollectionState};
@@ -25,7 +25,7 @@ pub(in crate::collection) struct Header {
     /// Minimum distance between samples of a tumble, microtesla; grows when the buffer is full.
     pub min_distance_ut: f32,
     /// States of the parts by [`Part::index`].
-    pub parts: [PartState; Part::ALL.len()],
+    pub parts: [PartState; CollectionPart::ALL.len()],
     pub statistics: FlightStatistics,
 }
 

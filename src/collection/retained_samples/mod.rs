@@ -71,7 +71,7 @@ impl RetainedSamples {
         self.checksum == self.compute_checksum(FIRMWARE_SEED) && self.unexpected_restarts < MAX_RESTARTS
     }
 
-    /// Header as of the last seal.
+    /// Header as of the last update.
     pub(super) const fn header(&self) -> &Header {
         &self.header
     }

@@ -4,7 +4,7 @@ use super::super::test_samples::{banked_sample, circle_sample, empty_memory, sam
 use super::super::{CollectionContext, CollectionProblem, CollectionProgress, CollectionState, Collector};
 use super::*;
 use crate::calibration::method_selection::Procedure;
-use crate::calibration::{Part, Sample, Samples};
+use crate::calibration::{CollectionPart, Sample, Samples};
 use crate::time::WrappingMillis;
 
 const MANUAL: CollectionContext = CollectionContext { is_automatic: false, calibration_serial: 7 };
@@ -92,9 +92,9 @@ fn a_collection_continues_after_a_restart() {
         }
         assert!(collector.progress().is_complete(), "{cut}: {:?}", collector.progress());
         for part in [
-            collector.fit().part(Part::LEFT),
-            collector.fit().part(Part::RIGHT),
-            collector.held_back().part(Part::LEFT),
+            collector.fit().part(CollectionPart::LEFT),
+            collector.fit().part(CollectionPart::RIGHT),
+            collector.held_back().part(CollectionPart::LEFT),
         ] {
             assert!(part.is_sorted_by_key(|sample| sample.time.as_ms()), "{cut}");
             assert!(part.windows(2).all(|two| two[1].time.ms_since(two[0].time) >= 400), "{cut}");

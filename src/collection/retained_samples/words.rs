@@ -1,6 +1,6 @@
 //! Values in retained memory as words: for the checksum, and to simulate memory contents.
 
-use crate::calibration::{Current, Mark, Part, Rates, Sample};
+use crate::calibration::{CollectionPart, Current, Mark, Rates, Sample};
 use crate::frames::{Attitude, Field, Sensor};
 use crate::time::WrappingMillis;
 
@@ -38,7 +38,7 @@ words!(i16, |number: Self| u32::from(number.cast_unsigned()), |word| (word as u1
 words!(u8, u32::from, |word| word as Self);
 words!(f32, f32::to_bits, f32::from_bits);
 words!(WrappingMillis, Self::as_ms, Self::new);
-words!(Part, Self::number, Self::from_number);
+words!(CollectionPart, Self::number, Self::from_number);
 words!(Attitude { roll_rad, pitch_rad });
 words!(Sample { field, attitude, rates, current, time, part });
 words!(Mark { sample, heading_rad });

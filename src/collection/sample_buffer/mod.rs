@@ -5,7 +5,7 @@
 //! A full free flight is in order of time within three sections only, in which its policy replaces samples.
 
 use super::quota::{Quota, SampleUse};
-use crate::calibration::{Current, Part, Rates, Sample, Samples, part_range, samples_of_part};
+use crate::calibration::{CollectionPart, Current, Rates, Sample, Samples, part_range, samples_of_part};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -17,7 +17,7 @@ pub(super) const UNUSED_SAMPLE: Sample = Sample {
     rates: Rates::ZERO,
     time: WrappingMillis::new(0),
     current: Current::UNKNOWN,
-    part: Part::LEFT,
+    part: CollectionPart::LEFT,
 };
 
 /// Samples and their numbers; valid for every content of its memory.
@@ -48,13 +48,16 @@ impl SampleBuffer {
     }
 
     /// Samples of one use and part, ordered by time.
-    pub fn part(&self, purpose: SampleUse, part: Part) -> &[Sample] {
+    pub fn part(&self, purpose: SampleUse, part: CollectionPart) -> &[Sample] {
         samples_of_part(self.of(purpose), part)
     }
 
     /// Fit samples of a part, then the held-back ones.
-    pub fn part_fit_then_held_back(&self, part: Part) -> Samples<'_> {
-        Part::ALL.into_iter().filter(|other| *other != part).fold(Samples::new(self.all()), Samples::without_part)
+    pub fn part_fit_then_held_back(&self, part: CollectionPart) -> Samples<'_> {
+        CollectionPart::ALL
+            .into_iter()
+            .filter(|other| *other != part)
+            .fold(Samples::new(self.all()), Samples::without_part)
     }
 
     pub fn clear(&mut self) {
@@ -73,7 +76,7 @@ impl SampleBuffer {
     }
 
     /// Removes the sample at a position of its part.
-    pub fn remove(&mut self, purpose: SampleUse, part: Part, position: usize) {
+    pub fn remove(&mut self, purpose: SampleUse, part: CollectionPart, position: usize) {
         let [start, end] = self.range(purpose, part);
         let used = self.all().len();
         if start + position < end
@@ -94,7 +97,7 @@ impl SampleBuffer {
     }
 
     /// First and last position (exclusive) of a part.
-    fn range(&self, purpose: SampleUse, part: Part) -> [usize; 2] {
+    fn range(&self, purpose: SampleUse, part: CollectionPart) -> [usize; 2] {
         let start = match purpose {
             SampleUse::Fit => 0,
             SampleUse::Verification => usize::from(self.fit_count),

@@ -1,9 +1,9 @@
 use super::super::test_samples::sample;
 use super::*;
 
-const PARTS: [Part; 3] = [Part::LEFT, Part::LEVEL, Part::FREE];
+const PARTS: [CollectionPart; 3] = [CollectionPart::LEFT, CollectionPart::LEVEL, CollectionPart::FREE];
 
-fn insert(buffer: &mut SampleBuffer, purpose: SampleUse, part: Part, time_ms: u32) {
+fn insert(buffer: &mut SampleBuffer, purpose: SampleUse, part: CollectionPart, time_ms: u32) {
     buffer.insert(purpose, Sample { part, ..sample([1.0; 3], time_ms) });
 }
 
@@ -32,9 +32,9 @@ fn samples_are_ordered_by_use_part_and_time() {
         times(buffer.all()),
         [times(buffer.of(SampleUse::Fit)), times(buffer.of(SampleUse::Verification))].concat()
     );
-    assert_eq!(times(buffer.part(SampleUse::Fit, Part::LEVEL)), [1, 21, 41]);
-    assert_eq!(times(buffer.part(SampleUse::Verification, Part::FREE)), [12, 32, 52]);
-    assert!(buffer.part(SampleUse::Fit, Part::RIGHT).is_empty());
+    assert_eq!(times(buffer.part(SampleUse::Fit, CollectionPart::LEVEL)), [1, 21, 41]);
+    assert_eq!(times(buffer.part(SampleUse::Verification, CollectionPart::FREE)), [12, 32, 52]);
+    assert!(buffer.part(SampleUse::Fit, CollectionPart::RIGHT).is_empty());
     for (i, part) in PARTS.into_iter().enumerate() {
         let both: Vec<Sample> = buffer.part_fit_then_held_back(part).iter().copied().collect();
         assert_eq!(times(&both), [0, 20, 40, 10, 30, 50].map(|time_ms| time_ms + i as u32));
@@ -44,10 +44,10 @@ fn samples_are_ordered_by_use_part_and_time() {
 #[test]
 fn removing_a_sample_leaves_the_others_in_order() {
     for (purpose, part, position, removed) in [
-        (SampleUse::Fit, Part::LEFT, 0, 0),
-        (SampleUse::Fit, Part::FREE, 2, 42),
-        (SampleUse::Verification, Part::LEFT, 1, 30),
-        (SampleUse::Verification, Part::FREE, 2, 52),
+        (SampleUse::Fit, CollectionPart::LEFT, 0, 0),
+        (SampleUse::Fit, CollectionPart::FREE, 2, 42),
+        (SampleUse::Verification, CollectionPart::LEFT, 1, 30),
+        (SampleUse::Verification, CollectionPart::FREE, 2, 52),
     ] {
         let (before, mut buffer) = (filled(), filled());
         buffer.remove(purpose, part, position);
@@ -57,8 +57,8 @@ fn removing_a_sample_leaves_the_others_in_order() {
         }
     }
     let mut buffer = filled();
-    buffer.remove(SampleUse::Fit, Part::LEFT, 3);
-    buffer.remove(SampleUse::Fit, Part::RIGHT, 0);
+    buffer.remove(SampleUse::Fit, CollectionPart::LEFT, 3);
+    buffer.remove(SampleUse::Fit, CollectionPart::RIGHT, 0);
     assert_eq!(buffer.all(), filled().all(), "there is none");
 }
 
@@ -66,12 +66,12 @@ fn removing_a_sample_leaves_the_others_in_order() {
 fn a_replacement_changes_its_part_only() {
     let mut buffer = filled();
     let new = |part, time_ms| Sample { part, ..sample([2.0; 3], time_ms) };
-    buffer.replace(SampleUse::Fit, 1, 3, new(Part::LEVEL, 99));
+    buffer.replace(SampleUse::Fit, 1, 3, new(CollectionPart::LEVEL, 99));
     assert_eq!(times(buffer.of(SampleUse::Fit)), [0, 20, 40, 1, 41, 99, 2, 22, 42]);
-    buffer.replace(SampleUse::Verification, 0, 3, new(Part::FREE, 98));
+    buffer.replace(SampleUse::Verification, 0, 3, new(CollectionPart::FREE, 98));
     assert_eq!(times(buffer.of(SampleUse::Verification)), [10, 30, 50, 11, 31, 51, 32, 52, 98]);
     let before = buffer.clone();
-    buffer.replace(SampleUse::Fit, 3, 3, new(Part::LEVEL, 97));
+    buffer.replace(SampleUse::Fit, 3, 3, new(CollectionPart::LEVEL, 97));
     assert_eq!(buffer.all(), before.all(), "there is none");
 }
 
@@ -82,7 +82,7 @@ fn a_full_buffer_accepts_no_more() {
         insert(
             &mut buffer,
             if time_ms % 4 == 3 { SampleUse::Verification } else { SampleUse::Fit },
-            Part::FREE,
+            CollectionPart::FREE,
             time_ms,
         );
     }
@@ -98,10 +98,10 @@ fn numbers_beyond_the_capacity_are_an_empty_buffer() {
     for (fit_count, held_back_count) in [(CAPACITY as u16 + 1, 0), (1, CAPACITY as u16), (u16::MAX, u16::MAX)] {
         let mut buffer = SampleBuffer { fit_count, held_back_count, ..filled() };
         assert!([SampleUse::Fit, SampleUse::Verification].iter().all(|purpose| buffer.of(*purpose).is_empty()));
-        buffer.remove(SampleUse::Verification, Part::FREE, 0);
+        buffer.remove(SampleUse::Verification, CollectionPart::FREE, 0);
         buffer.replace(SampleUse::Verification, 0, 1, sample([0.0; 3], 2));
         buffer.clear();
-        insert(&mut buffer, SampleUse::Fit, Part::FREE, 3);
+        insert(&mut buffer, SampleUse::Fit, CollectionPart::FREE, 3);
         assert_eq!(times(buffer.all()), [3]);
     }
 }

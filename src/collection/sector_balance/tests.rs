@@ -1,6 +1,6 @@
 use super::super::test_samples::{TestBuffer, circle_sample, sample, turn_samples};
 use super::*;
-use crate::calibration::{Current, Part, Rates, Samples};
+use crate::calibration::{CollectionPart, Current, Rates, Samples};
 use crate::collection::progress::Coverage;
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
@@ -8,7 +8,7 @@ use crate::time::WrappingMillis;
 const QUOTA_12: SectorBalance = SectorBalance { quota: Quota { fit: 12, held_back: 12 }, ..SectorBalance::TURNS };
 
 fn push_turn(buffer: &mut TestBuffer, sample: Sample) -> bool {
-    SectorBalance::TURNS.push(buffer.view(Part::RIGHT), sample)
+    SectorBalance::TURNS.push(buffer.view(CollectionPart::RIGHT), sample)
 }
 
 fn collect(samples: impl Iterator<Item = Sample>) -> TestBuffer {
@@ -20,7 +20,7 @@ fn collect(samples: impl Iterator<Item = Sample>) -> TestBuffer {
 }
 
 fn coverage(samples: impl Iterator<Item = Sample>) -> Coverage {
-    collect(samples).coverage(Part::RIGHT)
+    collect(samples).coverage(CollectionPart::RIGHT)
 }
 
 #[test]
@@ -40,7 +40,7 @@ fn a_complete_side_stays_complete() {
         let mut completed = false;
         for sample in turn_samples(25.0, 0, 150, f32::from(tenths) / 10.0) {
             push_turn(&mut buffer, sample);
-            let complete = buffer.coverage(Part::RIGHT).is_complete();
+            let complete = buffer.coverage(CollectionPart::RIGHT).is_complete();
             assert!(complete || !completed, "{tenths} tenths of a degree a second, at {} ms", sample.time.as_ms());
             completed = complete;
         }
@@ -61,16 +61,16 @@ fn a_full_buffer_stores_samples_of_missing_headings() {
     let third = (0..12).flat_map(|i| turn_samples(25.0, i * 50, i * 50 + 9, 13.0));
     let later = turn_samples(25.0, 700, 728, 13.0);
     let mut buffer = collect(third.chain(later));
-    let coverage = buffer.coverage(Part::RIGHT);
+    let coverage = buffer.coverage(CollectionPart::RIGHT);
     assert_eq!(coverage.samples as usize, Quota::TURN.fit, "the buffer was full");
     assert_eq!(coverage.sectors, 12);
-    assert!(buffer.fit(Part::RIGHT).is_sorted_by_key(|s| s.time.as_ms()));
+    assert!(buffer.fit(CollectionPart::RIGHT).is_sorted_by_key(|s| s.time.as_ms()));
 }
 
 #[test]
 fn held_back_samples_differ_from_the_fit_and_cover_every_sector() {
     let buffer = collect(turn_samples(25.0, 0, 120, 13.0));
-    let (fit, held) = (buffer.fit(Part::RIGHT), buffer.held_back(Part::RIGHT));
+    let (fit, held) = (buffer.fit(CollectionPart::RIGHT), buffer.held_back(CollectionPart::RIGHT));
     assert!(held.iter().all(|h| fit.iter().all(|f| f.time != h.time)));
     let circle = TurnCircle::fit_to(&Samples::new(held)).unwrap();
     for sector in 0..SECTORS {
@@ -83,12 +83,12 @@ fn a_complete_level_part_has_15_held_back_samples() {
     assert_eq!(MIN_HELD_BACK_WHEN_COMPLETE, 15, "a third of the 48 of level flight, less the last one");
     let mut buffer = TestBuffer::new();
     for sample in turn_samples(0.0, 0, 84, 13.0).take_while(|s| s.time.as_ms() < 84_000) {
-        SectorBalance::LEVEL.push(buffer.view(Part::LEVEL), sample);
-        if buffer.coverage(Part::LEVEL).is_complete() {
+        SectorBalance::LEVEL.push(buffer.view(CollectionPart::LEVEL), sample);
+        if buffer.coverage(CollectionPart::LEVEL).is_complete() {
             break;
         }
     }
-    let level = buffer.coverage(Part::LEVEL);
+    let level = buffer.coverage(CollectionPart::LEVEL);
     assert!(level.is_complete() && level.held_back >= MIN_HELD_BACK_WHEN_COMPLETE, "{level:?}");
 }
 
@@ -97,21 +97,23 @@ fn parts_are_separate() {
     let mut buffer = TestBuffer::new();
     for i in 0..8_u32 {
         // Eight left, four right, four level; every fourth is held back.
-        SectorBalance::TURNS.push(buffer.view(Part::LEFT), sample([i as f32, 0.0, 0.0], i * 400));
+        SectorBalance::TURNS.push(buffer.view(CollectionPart::LEFT), sample([i as f32, 0.0, 0.0], i * 400));
         if i < 4 {
-            SectorBalance::TURNS.push(buffer.view(Part::RIGHT), sample([i as f32, 1.0, 0.0], i * 400));
-            SectorBalance::LEVEL.push(buffer.view(Part::LEVEL), sample([i as f32, 2.0, 0.0], i * 400));
+            SectorBalance::TURNS.push(buffer.view(CollectionPart::RIGHT), sample([i as f32, 1.0, 0.0], i * 400));
+            SectorBalance::LEVEL.push(buffer.view(CollectionPart::LEVEL), sample([i as f32, 2.0, 0.0], i * 400));
         }
     }
-    for (number, part, numbers) in
-        [(0.0_f32, Part::LEFT, (6, 2)), (1.0, Part::RIGHT, (3, 1)), (2.0, Part::LEVEL, (3, 1))]
-    {
+    for (number, part, numbers) in [
+        (0.0_f32, CollectionPart::LEFT, (6, 2)),
+        (1.0, CollectionPart::RIGHT, (3, 1)),
+        (2.0, CollectionPart::LEVEL, (3, 1)),
+    ] {
         let coverage = buffer.coverage(part);
         assert_eq!((coverage.samples, coverage.held_back), numbers);
         let samples = [buffer.fit(part), buffer.held_back(part)].concat();
         assert!(samples.iter().all(|s| s.part == part && s.field.ut.y.to_bits() == number.to_bits()));
     }
-    assert_eq!(buffer.coverage(Part::FREE), Coverage::default());
+    assert_eq!(buffer.coverage(CollectionPart::FREE), Coverage::default());
 }
 
 #[test]
@@ -124,7 +126,7 @@ fn nonfinite_samples_are_rejected() {
             assert!(!push_turn(&mut buffer, sample(field_ut, (i * 3 + axis) as u32 * 400)));
         }
     }
-    assert_eq!(buffer.stored(Part::RIGHT), 0);
+    assert_eq!(buffer.stored(CollectionPart::RIGHT), 0);
 }
 
 #[test]
@@ -136,7 +138,7 @@ fn no_sensor_value_panics() {
         time: WrappingMillis::new(i * 400),
         rates: Rates::ZERO,
         current: Current::UNKNOWN,
-        part: Part::FREE,
+        part: CollectionPart::FREE,
     });
     assert!(coverage(samples).samples > 0);
 }
@@ -144,7 +146,7 @@ fn no_sensor_value_panics() {
 /// Number of samples stored at this interval, across a wrap of the clock.
 fn stored_at_interval(spacing_ms: u32, number: u32) -> usize {
     let at = |i: u32| sample([i as f32, 0.0, 0.0], (i * spacing_ms).wrapping_sub(1000));
-    collect((0..number).map(at)).stored(Part::RIGHT)
+    collect((0..number).map(at)).stored(CollectionPart::RIGHT)
 }
 
 #[test]
@@ -158,8 +160,8 @@ fn turn_samples_are_stored_at_most_every_0_4_s() {
 fn every_fourth_sample_is_held_back() {
     let buffer = collect((0..13).map(|i| sample([i as f32, 0.0, 0.0], i * 400)));
     let times = |samples: &[Sample]| samples.iter().map(|s| s.time.as_ms() / 400).collect::<Vec<_>>();
-    assert_eq!(times(buffer.held_back(Part::RIGHT)), [3, 7, 11]);
-    assert_eq!(times(buffer.fit(Part::RIGHT)), [0, 1, 2, 4, 5, 6, 8, 9, 10, 12]);
+    assert_eq!(times(buffer.held_back(CollectionPart::RIGHT)), [3, 7, 11]);
+    assert_eq!(times(buffer.fit(CollectionPart::RIGHT)), [0, 1, 2, 4, 5, 6, 8, 9, 10, 12]);
 }
 
 /// A sample that is due counts, stored or not.
@@ -169,14 +171,14 @@ fn a_sample_too_early_does_not_count() {
     assert!(push_turn(&mut buffer, sample([0.0; 3], 0)));
     assert!(!push_turn(&mut buffer, sample([1.0, 0.0, 0.0], 399)));
     assert!(push_turn(&mut buffer, sample([1.0, 0.0, 0.0], 400)));
-    assert_eq!(buffer.view(Part::RIGHT).state.taken_count, 2);
+    assert_eq!(buffer.view(CollectionPart::RIGHT).state.taken_count, 2);
 }
 
 /// Samples at `100 sector + age`; sector 3 is the most crowded.
 fn crowded() -> TestBuffer {
     let mut buffer = TestBuffer::new();
     for time_ms in [100, 301, 302, 500, 303, 700] {
-        buffer.view(Part::LEFT).insert(SampleUse::Fit, sample([0.0; 3], time_ms));
+        buffer.view(CollectionPart::LEFT).insert(SampleUse::Fit, sample([0.0; 3], time_ms));
     }
     buffer
 }
@@ -185,11 +187,17 @@ const QUOTA_6: Quota = Quota { fit: 6, held_back: 6 };
 
 fn insert_at(buffer: &mut TestBuffer, quota: Quota, time_ms: u32) {
     let sector_from_time = |sample: &Sample| sample.time.as_ms() as usize / 100;
-    insert_balanced(&mut buffer.view(Part::LEFT), SampleUse::Fit, quota, sample([0.0; 3], time_ms), sector_from_time);
+    insert_balanced(
+        &mut buffer.view(CollectionPart::LEFT),
+        SampleUse::Fit,
+        quota,
+        sample([0.0; 3], time_ms),
+        sector_from_time,
+    );
 }
 
 fn times(buffer: &TestBuffer) -> Vec<u32> {
-    buffer.fit(Part::LEFT).iter().map(|s| s.time.as_ms()).collect()
+    buffer.fit(CollectionPart::LEFT).iter().map(|s| s.time.as_ms()).collect()
 }
 
 #[test]
@@ -269,16 +277,20 @@ fn the_circle_is_fitted_to_fit_and_held_back_samples() {
     };
     for purpose in [SampleUse::Fit, SampleUse::Verification] {
         let mut buffer = TestBuffer::new();
-        (0..12).for_each(|i| buffer.view(Part::LEFT).insert(purpose, at(i)));
+        (0..12).for_each(|i| buffer.view(CollectionPart::LEFT).insert(purpose, at(i)));
         for i in 12..36 {
             // One before the use in question.
-            buffer.view(Part::LEFT).state.taken_count = if purpose == SampleUse::Fit { 0 } else { 3 };
-            assert!(QUOTA_12.push(buffer.view(Part::LEFT), at(i)));
+            buffer.view(CollectionPart::LEFT).state.taken_count = if purpose == SampleUse::Fit { 0 } else { 3 };
+            assert!(QUOTA_12.push(buffer.view(CollectionPart::LEFT), at(i)));
         }
-        let samples = if purpose == SampleUse::Fit { buffer.fit(Part::LEFT) } else { buffer.held_back(Part::LEFT) };
-        assert_eq!((samples.len(), buffer.stored(Part::LEFT)), (12, 12));
+        let samples = if purpose == SampleUse::Fit {
+            buffer.fit(CollectionPart::LEFT)
+        } else {
+            buffer.held_back(CollectionPart::LEFT)
+        };
+        assert_eq!((samples.len(), buffer.stored(CollectionPart::LEFT)), (12, 12));
         assert!(samples.iter().filter(|s| s.time.as_ms() >= 12 * 400).count() >= 10, "{samples:?}");
-        assert!(purpose == SampleUse::Verification || buffer.coverage(Part::LEFT).sectors >= 11);
+        assert!(purpose == SampleUse::Verification || buffer.coverage(CollectionPart::LEFT).sectors >= 11);
     }
 }
 
@@ -297,10 +309,10 @@ fn sectors_with_a_sample_are_counted() {
 fn a_complete_part_stays_complete() {
     let mut buffer =
         collect((0..190_u32).map(|i| Sample { time: WrappingMillis::new(i * 400), ..circle_sample(i as f32 * 13.0) }));
-    assert!(buffer.coverage(Part::RIGHT).is_complete());
+    assert!(buffer.coverage(CollectionPart::RIGHT).is_complete());
     for i in 190..194_u32 {
         push_turn(&mut buffer, sample([900.0, 0.0, 0.0], i * 400));
-        assert!(buffer.coverage(Part::RIGHT).is_complete(), "{:?}", buffer.coverage(Part::RIGHT));
+        assert!(buffer.coverage(CollectionPart::RIGHT).is_complete(), "{:?}", buffer.coverage(CollectionPart::RIGHT));
     }
 }
 

@@ -188,7 +188,7 @@ fn a_vehicle_without_tilt_is_not_calibrated_in_flight() {
                     rates,
                     time: WrappingMillis::new(u32::from(i) * 100),
                     current: Current::UNKNOWN,
-                    part: Part::FREE,
+                    part: CollectionPart::FREE,
                 }
             })
             .collect()

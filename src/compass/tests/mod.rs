@@ -7,7 +7,9 @@ use super::state::HELD_SAMPLES_CAPACITY;
 use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
-use crate::calibration::{Calibration, Current, Method, Orientation, Part, Rates, SamplePart, Side, SolveError};
+use crate::calibration::{
+    Calibration, CollectionPart, Current, Method, Orientation, Rates, SamplePart, Side, SolveError,
+};
 use crate::collection::CollectionProblem;
 use crate::frames::{Attitude, Field, Sensor};
 use crate::instrument::{Correction, SampleAttitude, SensorErrorSigmas};
@@ -93,7 +95,7 @@ impl TestBed {
             time: self.time(),
             rates: Rates::ZERO,
             current: Current::UNKNOWN,
-            part: Part::FREE,
+            part: CollectionPart::FREE,
         }));
         self.now = self.now.wrapping_add(STEP_MS);
         effect
@@ -107,7 +109,7 @@ impl TestBed {
                 time: self.time(),
                 rates: Rates::ZERO,
                 current: Current::UNKNOWN,
-                part: Part::FREE,
+                part: CollectionPart::FREE,
             }));
             self.now = self.now.wrapping_add(100);
         }

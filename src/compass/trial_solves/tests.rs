@@ -6,7 +6,7 @@ use crate::calibration::method_selection::Procedure;
 use crate::calibration::{
     Calibration, Current, Envelope, HeadingUncertainty, Method, MotorCurrentInterference, Orientation, Quality,
 };
-use crate::calibration::{Part, Rates, Sample};
+use crate::calibration::{CollectionPart, Rates, Sample};
 use crate::collection::RetainedSamples;
 use crate::frames::{Attitude, Field, Level};
 
@@ -31,7 +31,7 @@ fn trial_times_in_turns() -> Vec<(f32, u8)> {
             rates: Rates::ZERO,
             time,
             current: Current::UNKNOWN,
-            part: Part::FREE,
+            part: CollectionPart::FREE,
         });
         if pace.is_due(&collector, time) {
             due.push((t_s, pace.represented_trials));

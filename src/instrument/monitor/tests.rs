@@ -7,7 +7,7 @@ use testkit::random::Random;
 
 use super::*;
 use crate::calibration::{
-    Calibration, Current, HeadingUncertainty, MotorCurrentInterference, Orientation, Part, Rates,
+    Calibration, CollectionPart, Current, HeadingUncertainty, MotorCurrentInterference, Orientation, Rates,
 };
 use crate::frames::{Attitude, Field};
 use crate::heading::Heading;
@@ -165,7 +165,7 @@ impl Flight {
             rates: Rates::ZERO,
             time: at.wrapping_millis(),
             current: self.current,
-            part: Part::FREE,
+            part: CollectionPart::FREE,
         };
         let monitored = MonitoredCalibration {
             calibration: &self.calibration,
@@ -565,7 +565,7 @@ fn a_source_without_rates_is_monitored() {
             rates: Rates::ZERO,
             time: at.wrapping_millis(),
             current: Current::UNKNOWN,
-            part: Part::FREE,
+            part: CollectionPart::FREE,
         };
         let monitored = MonitoredCalibration {
             calibration: &flight.calibration,
@@ -596,7 +596,7 @@ fn non_finite_samples_are_ignored() {
         rates: Rates::ZERO,
         time: WrappingMillis::default(),
         current: Current::UNKNOWN,
-        part: Part::FREE,
+        part: CollectionPart::FREE,
     };
     let non_finite = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
     let turned = GyroHeading { relative_heading_rad: f32::INFINITY, ..GyroHeading::default() };
@@ -678,7 +678,7 @@ fn a_day_at_rest_changes_no_state() {
             rates: Rates::ZERO,
             time: at.wrapping_millis(),
             current: Current::UNKNOWN,
-            part: Part::FREE,
+            part: CollectionPart::FREE,
         };
         let monitored = MonitoredCalibration {
             calibration: &flight.calibration,

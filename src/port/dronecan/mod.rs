@@ -148,7 +148,7 @@ impl CanNode {
                 });
             }
             (InboundMessage::ArmingStatus(is_armed), _, Some(source)) => {
-                vehicle_reports.update_armed(at, source, is_armed)
+                vehicle_reports.update_armed(at, source, is_armed);
             }
             (InboundMessage::Battery { battery, current_a: Some(current_a) }, _, Some(source))
                 if vehicle_reports.accept_battery(at, source, battery) =>

@@ -189,7 +189,7 @@ fn an_accepted_calibration_writes_a_free_slot_and_a_state() {
         save(&mut flash, serial).unwrap();
         let [slot, state] = changed_pages(&before, &flash)[..] else { panic!("two pages") };
         assert!(slot < CALIBRATION_SLOTS as usize && state >= CALIBRATION_SLOTS as usize, "{slot} {state}");
-        // Without the new state, the previous generations are loaded.
+        // Without the new state, the previous calibrations are loaded.
         let mut undone = flash.clone();
         put(&mut undone, state, &[]);
         assert_eq!(load_generations(&mut undone), Ok(stored_calibrations(serial - 1)));

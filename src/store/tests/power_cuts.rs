@@ -82,7 +82,7 @@ fn a_power_cut_during_any_change_leaves_the_old_or_new_values() {
     }
 }
 
-/// Loads the generations and asserts that they are among `allowed`.
+/// Loads the calibrations and asserts that they are among `allowed`.
 fn one_of(flash: &mut Flash, allowed: &[StoredCalibrations], case: &str) -> StoredCalibrations {
     let found = load_generations(flash).unwrap_or_else(|error| panic!("{case}: {error:?}"));
     assert!(allowed.contains(&found), "{case}: {found:?}");

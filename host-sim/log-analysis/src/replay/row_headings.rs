@@ -1,7 +1,7 @@
 //! Headings of the rows by the module's instrument, and their score.
 
 use autoswing::attitude::{self, AttitudeReport, EulerRates, SenderId};
-use autoswing::calibration::{Calibration, Current, Part, Rates, Sample, Solution};
+use autoswing::calibration::{Calibration, CollectionPart, Current, Rates, Sample, Solution};
 use autoswing::frames::{Attitude, Field, Level};
 use autoswing::heading;
 use autoswing::instrument::{Correction, Estimate, InstallationChange, Instrument, InstrumentConfig};
@@ -66,7 +66,7 @@ pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
         rates,
         current: Current::UNKNOWN,
         time: WrappingMillis::default(),
-        part: Part::FREE,
+        part: CollectionPart::FREE,
     };
     calibration.corrected_level_field(&sample)
 }

@@ -1,7 +1,9 @@
 //! Solves of rows that are selected without the module: all of them, or those of turns.
 
 use autoswing::calibration::method_selection::{self, Procedure, SelectedParts};
-use autoswing::calibration::{Advice, Method, Orientation, Part, Prior, Sample, Samples, Solution, SolveError, solve};
+use autoswing::calibration::{
+    Advice, CollectionPart, Method, Orientation, Prior, Sample, Samples, Solution, SolveError, solve,
+};
 use autoswing::collection::{CollectionProblem, Collector, FIT_CAPACITY, LevelLimits, RetainedSamples};
 use autoswing::instrument::InstrumentConfig;
 use autoswing::messages::Refusal;
@@ -119,9 +121,9 @@ pub(super) fn sample_time_s(sample: &Sample) -> f64 {
 fn assign_parts(samples: &[Sample]) -> Vec<Sample> {
     let limit_rad = LevelLimits::DEFAULT.level_roll_rad;
     let part_of = |roll_rad: f32| match roll_rad {
-        roll_rad if roll_rad < -limit_rad => Some(Part::LEFT),
-        roll_rad if roll_rad > limit_rad => Some(Part::RIGHT),
-        roll_rad => (roll_rad.abs() <= limit_rad).then_some(Part::LEVEL),
+        roll_rad if roll_rad < -limit_rad => Some(CollectionPart::LEFT),
+        roll_rad if roll_rad > limit_rad => Some(CollectionPart::RIGHT),
+        roll_rad => (roll_rad.abs() <= limit_rad).then_some(CollectionPart::LEVEL),
     };
     let assigned = samples.iter().filter_map(|s| Some(Sample { part: part_of(s.attitude.roll_rad)?, ..*s }));
     let mut ordered: Vec<Sample> = assigned.collect();

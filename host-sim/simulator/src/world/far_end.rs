@@ -89,13 +89,13 @@ async fn mavlink(
             if device.due_us() <= now_us {
                 let added_latency_us: u64 = faults.iter().map(|fault| fault.added_latency_us(now_us)).sum();
                 let truth = world.true_state(now_us.saturating_sub(latency_us + added_latency_us));
-                let tamper = |attitude: &mut ATTITUDE_DATA| {
+                let modify_message = |attitude: &mut ATTITUDE_DATA| {
                     for fault in &mut faults {
                         fault.modify_message(now_us, attitude);
                     }
                 };
                 let (is_armed, current_a) = (world.is_armed(), world.reported_current_a(now_us));
-                let bytes = device.send(now_us, &AutopilotInputs { truth, is_armed, current_a }, tamper);
+                let bytes = device.send(now_us, &AutopilotInputs { truth, is_armed, current_a }, modify_message);
                 if world.sends_attitude() && !is_silent(&faults, now_us) {
                     uart.send(&bytes);
                 }

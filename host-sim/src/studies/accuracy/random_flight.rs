@@ -1,6 +1,6 @@
 //! One random airframe with its turns, and simulated recordings of them.
 
-use autoswing::calibration::{Calibration, ConsiderSigmas, Current, Part, Rates, Sample, Samples, Solution};
+use autoswing::calibration::{Calibration, CollectionPart, ConsiderSigmas, Current, Rates, Sample, Samples, Solution};
 use autoswing::frames::{Attitude, Field};
 use autoswing::heading;
 use autoswing::time::WrappingMillis;
@@ -292,7 +292,7 @@ impl RandomFlight {
             time: instant.time,
             rates: instant.rates,
             current: Current::UNKNOWN,
-            part: Part::FREE,
+            part: CollectionPart::FREE,
         }
     }
 
@@ -369,7 +369,10 @@ fn sample_turns(
     right: &[TrueSample],
     mut sample: impl FnMut(&TrueSample) -> Sample,
 ) -> Vec<Sample> {
-    let instants = left.iter().map(|left| (left, Part::LEFT)).chain(right.iter().map(|right| (right, Part::RIGHT)));
+    let instants = left
+        .iter()
+        .map(|left| (left, CollectionPart::LEFT))
+        .chain(right.iter().map(|right| (right, CollectionPart::RIGHT)));
     instants.map(|(instant, part)| Sample { part, ..sample(instant) }).collect()
 }
 

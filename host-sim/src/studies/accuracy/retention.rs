@@ -33,7 +33,7 @@ pub fn retain_samples(samples: &[Sample]) -> Recording {
 
 #[cfg(test)]
 mod tests {
-    use autoswing::calibration::{Current, Part, Rates, Samples};
+    use autoswing::calibration::{CollectionPart, Current, Rates, Samples};
     use autoswing::frames::{Attitude, Field};
     use autoswing::time::WrappingMillis;
     use log_analysis::replay::module_run::ModuleRun;
@@ -60,7 +60,7 @@ mod tests {
                 rates: Rates::ZERO,
                 current: Current::UNKNOWN,
                 time: WrappingMillis::new(u32::from(i) * 100),
-                part: Part::FREE,
+                part: CollectionPart::FREE,
             }
         };
         (0..2400).map(sample_at).collect()

@@ -7,7 +7,7 @@ use super::*;
 use crate::calibration::closed_form::starting_point;
 use crate::calibration::model::{INCLINATION_INDEX, ModelConfig, ModelParameters};
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns};
-use crate::calibration::{Current, Part, Prior, Rates, Sample};
+use crate::calibration::{CollectionPart, Current, Prior, Rates, Sample};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -54,7 +54,7 @@ fn refinement_off_by(sigmas: f32) -> Refinement {
         time: WrappingMillis::default(),
         rates: Rates::ZERO,
         current: Current::UNKNOWN,
-        part: Part::FREE,
+        part: CollectionPart::FREE,
     };
     let samples = Parts { left: &[sample], ..Parts::default() }.samples();
     let prior = Prior { inclination_rad: Some(0.0), ..Prior::default() };
@@ -71,7 +71,7 @@ fn descend(refinement: &mut Refinement, higher: f32) -> RefinementProgress {
         time: WrappingMillis::default(),
         rates: Rates::ZERO,
         current: Current::UNKNOWN,
-        part: Part::FREE,
+        part: CollectionPart::FREE,
     };
     refinement.system.cost += higher;
     refinement.levenberg_marquardt_step(Parts { left: &[sample], ..Parts::default() }.samples())

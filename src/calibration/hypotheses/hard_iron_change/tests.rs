@@ -9,7 +9,9 @@ use crate::calibration::model::{JacobianRow, Likelihood, ModelConfig, NoiseModel
 use crate::calibration::tests::derivatives::assert_derivative;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns};
 use crate::calibration::uncertainty::information::Information;
-use crate::calibration::{Calibration, Current, LeastSquares, Method, Orientation, Part, Prior, Rates, Sample};
+use crate::calibration::{
+    Calibration, CollectionPart, Current, LeastSquares, Method, Orientation, Prior, Rates, Sample,
+};
 use crate::frames::Field;
 
 /// Flight with a hard-iron change by `beta_ut` before a time, and unknowns near the maximum likelihood.
@@ -247,7 +249,7 @@ const STILL: Sample = Sample {
     time: WrappingMillis::new(0),
     rates: Rates::ZERO,
     current: Current::UNKNOWN,
-    part: Part::FREE,
+    part: CollectionPart::FREE,
 };
 
 #[test]

@@ -7,7 +7,7 @@ use super::*;
 use crate::calibration::Axis;
 use crate::calibration::solver::sample_checks::stuck_axis;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
-use crate::calibration::{Current, DetectedHardIronChange, HardIronTimeCourse, Mark, Part, Rates};
+use crate::calibration::{CollectionPart, Current, DetectedHardIronChange, HardIronTimeCourse, Mark, Rates};
 use crate::frames::Attitude;
 use crate::frames::Field;
 use crate::time::WrappingMillis;
@@ -20,7 +20,7 @@ fn varying_samples(number: u8) -> Vec<Sample> {
         time: WrappingMillis::default(),
         rates: Rates::ZERO,
         current: Current::UNKNOWN,
-        part: Part::FREE,
+        part: CollectionPart::FREE,
     };
     (0..number).map(sample).collect()
 }

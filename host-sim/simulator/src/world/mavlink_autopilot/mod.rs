@@ -151,12 +151,12 @@ impl MavlinkAutopilot {
         streams.min().filter(|_| self.answers.is_empty()).unwrap_or(0)
     }
 
-    /// Messages due at `now_us`; `tamper` modifies each attitude message.
+    /// Messages due at `now_us`; `modify_message` modifies each attitude message.
     pub fn send(
         &mut self,
         now_us: u64,
         inputs: &AutopilotInputs,
-        mut tamper: impl FnMut(&mut ATTITUDE_DATA),
+        mut modify_message: impl FnMut(&mut ATTITUDE_DATA),
     ) -> Vec<u8> {
         let mut bytes = std::mem::take(&mut self.answers);
         let clock_us = now_us - self.started_us;
@@ -170,7 +170,7 @@ impl MavlinkAutopilot {
                 HEARTBEAT_DATA::ID => self.source.heartbeat_message(inputs.is_armed),
                 ATTITUDE_DATA::ID => {
                     let mut attitude = self.source.attitude_message(&inputs.truth, clock_us);
-                    tamper(&mut attitude);
+                    modify_message(&mut attitude);
                     self.source.encode(&attitude)
                 }
                 SYS_STATUS_DATA::ID => self.source.status_message(inputs.current_a),

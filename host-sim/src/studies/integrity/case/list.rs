@@ -60,7 +60,7 @@ pub static ALL_CASES: &[Case] = &[
     Case {
         max_flights: 1,
         ..turn_case("ten-hours", "nothing, one flight of ten hours", |flight| {
-            flight.flight_after_calibration_s = 36_000.0
+            flight.flight_after_calibration_s = 36_000.0;
         })
     },
     mavlink_case("gyro-perfect", "a gyro without errors", |flight| flight.world.gyro = GyroConfig::PERFECT),
