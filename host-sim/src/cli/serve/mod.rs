@@ -191,7 +191,7 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
     let (mut served_module, flash) =
         options.module_options.module(options.attitude, options.world.is_some(), options.can.is_some())?;
-    let mut connections: Vec<Vec<Box<dyn Wire>>> = Vec::new();
+    let mut port_wires: Vec<Vec<Box<dyn Wire>>> = Vec::new();
     let mut places = Vec::new();
     let mut next = options.tcp;
     for port in PORTS {
@@ -206,7 +206,7 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
         next = next.map(|number| if number == 0 { 0 } else { number.wrapping_add(1) });
         places.push(PortAddress { port, pty: pty_path, tcp: tcp.as_ref().map(|tcp| tcp.port) });
         let tcp = tcp.map(|tcp| Box::new(tcp) as Box<dyn Wire>);
-        connections.push(pty.into_iter().chain(tcp).collect());
+        port_wires.push(pty.into_iter().chain(tcp).collect());
     }
     let world = options.world.map(open_attitude_socket).transpose()?;
     let can = options.can.map(can_bus).transpose()?;
@@ -216,7 +216,7 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     } else {
         print_ports(options, &places, world_number)?;
     }
-    let wiring = Connections { connections, world, can, pilot_commands: Some(PilotCommandInput::from_stdin()), flash };
+    let wiring = Connections { port_wires, world, can, pilot_commands: Some(PilotCommandInput::from_stdin()), flash };
     wiring.run(&mut served_module, options.module_options.speed, interruption.stop())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
@@ -341,12 +341,12 @@ fn open_terminal(orders: Option<Sender<Vec<u8>>>) -> Result<Terminal, Failure> {
 
 fn serve_private_module(module_options: &ModuleOptions) -> Result<ExitCode, Failure> {
     let (mut served_module, flash) = module_options.module(AttitudeProvider::Own, false, false)?;
-    let mut connections: Vec<Vec<Box<dyn Wire>>> = PORTS.iter().map(|_| Vec::new()).collect();
+    let mut port_wires: Vec<Vec<Box<dyn Wire>>> = PORTS.iter().map(|_| Vec::new()).collect();
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
     let (orders, order_lines) = mpsc::channel();
-    connections[serve::CONSOLE].push(Box::new(open_terminal(Some(orders))?));
+    port_wires[serve::CONSOLE].push(Box::new(open_terminal(Some(orders))?));
     let wiring = Connections {
-        connections,
+        port_wires,
         world: None,
         can: None,
         pilot_commands: Some(PilotCommandInput::from_channel(order_lines)),

@@ -17,7 +17,7 @@ use crate::cli::print;
 
 pub struct Connections {
     /// Connections to each of the module's ports, by port.
-    pub connections: Vec<Vec<Box<dyn Wire>>>,
+    pub port_wires: Vec<Vec<Box<dyn Wire>>>,
     pub world: Option<UdpSocket>,
     pub can: Option<MulticastBus>,
     pub pilot_commands: Option<PilotCommandInput>,
@@ -32,10 +32,10 @@ impl Connections {
     pub fn run(mut self, served_module: &mut ServedModule, speed: f64, stop: &AtomicBool) -> Result<(), Failure> {
         let mut pace = VirtualClock::new(speed);
         let mut is_malformed_told = false;
-        let has_ended = |connections: &[Vec<Box<dyn Wire>>]| connections.iter().flatten().any(|wire| wire.has_ended());
-        while !stop.load(Ordering::SeqCst) && !has_ended(&self.connections) && !print::poll_output_closed() {
-            for (port, connections) in self.connections.iter_mut().enumerate() {
-                for wire in connections {
+        let has_ended = |port_wires: &[Vec<Box<dyn Wire>>]| port_wires.iter().flatten().any(|wire| wire.has_ended());
+        while !stop.load(Ordering::SeqCst) && !has_ended(&self.port_wires) && !print::poll_output_closed() {
+            for (port, wires) in self.port_wires.iter_mut().enumerate() {
+                for wire in wires {
                     // At most as many bytes are read as the port can receive: a faster sender waits, as on a real line.
                     let bytes = wire.read(served_module.free_bytes(port).min(MAX_POLL_BYTES));
                     served_module.send(port, &bytes);
@@ -62,9 +62,9 @@ impl Connections {
                     "firmware update: {path} of node {server}; a simulated module has no boot loader, and restarts"
                 ));
             }
-            for (port, connections) in self.connections.iter_mut().enumerate() {
+            for (port, wires) in self.port_wires.iter_mut().enumerate() {
                 let bytes = served_module.receive(port);
-                for wire in connections {
+                for wire in wires {
                     wire.write(&bytes);
                 }
             }
