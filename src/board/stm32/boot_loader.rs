@@ -179,6 +179,6 @@ impl HandOver for BootLoader {
         unsafe { (&raw mut __boot_loader_update).write_volatile(update.boot_loader_bytes()) };
         // The structure is complete before the boot loader is asked to read it.
         compiler_fence(Ordering::SeqCst);
-        write_message(MESSAGE_FETCH_UPDATE | u32::from(update.own.get()));
+        write_message(MESSAGE_FETCH_UPDATE | u32::from(update.own_node.get()));
     }
 }
