@@ -6,18 +6,24 @@
 use core::future::pending;
 
 use embassy_futures::select::{Either4, select4};
-use embassy_time::{Duration, Timer};
+use embassy_time::{Duration, Instant, Timer};
 
 use super::Links;
 use super::line::{new_calibration, route_message, with_snapshot};
 use super::links::{AutopilotLine, CommandSource, increment, now, subscribe};
-use crate::port::{CanNode, FirmwareUpdate, NodeContext};
+use crate::compass::{Command, IndicatorState};
+use crate::heading::NoHeading;
+use crate::instrument::Estimate;
+use crate::port::{CanNode, FirmwareUpdate, NodeContext, Snapshot};
 use crate::settings::{ProtocolKind, Settings};
 use crate::wire::dronecan::CanFrame;
 use crate::wire::dronecan::outbound::NodeInfo;
 
 /// Pause after an error of the bus, so that a permanent error does not occupy the processor.
 const BUS_ERROR_PAUSE: Duration = Duration::from_micros(500);
+
+/// Period of polls in safe mode, where there are no estimates: short beside the half second in which an allocation goes on.
+const SAFE_MODE_PERIOD: Duration = Duration::from_millis(50);
 
 /// Receiver of a CAN controller.
 pub trait ReceiveFrame {
@@ -44,20 +50,29 @@ pub trait HandOver {
     fn hand_over(&mut self, update: &FirmwareUpdate);
 }
 
-/// Runs the node for ever. It is silent until the settings are loaded; its configured number is that at the start.
+/// Runs the node for ever. It is silent until the settings are loaded; its configured number is that at the start. In safe
+/// mode it runs without settings and estimates.
 pub async fn run(
     links: &Links,
     info: NodeInfo,
     mut rx: impl ReceiveFrame,
     mut tx: impl SendFrame,
     mut boot_loader: impl HandOver,
+    is_safe_mode: bool,
 ) -> ! {
     let mut estimates = subscribe(&links.estimates);
     let mut changes = subscribe(&links.settings);
     let wires = links.line(AutopilotLine::Can);
-    let mut settings = changes.changed().await;
-    let mut node = CanNode::new(info, settings.can);
+    let mut settings = Settings::DEFAULT;
+    let mut node = if is_safe_mode {
+        CanNode::in_safe_mode(info)
+    } else {
+        settings = changes.changed().await;
+        CanNode::new(info, settings.can)
+    };
     node.set_signing_key(settings.signing_key);
+    let poll = if is_safe_mode { poll_in_safe_mode } else { poll };
+    let mut poll_at = Instant::now();
     loop {
         let sent = async {
             match node.next_frame() {
@@ -67,12 +82,17 @@ pub async fn run(
         };
         // The estimate is read again later: as this future's result it would occupy memory across every wait.
         let estimated = async {
-            estimates.changed().await;
+            if is_safe_mode {
+                Timer::at(poll_at).await;
+            } else {
+                estimates.changed().await;
+            }
         };
         // Estimates come first: a bus in error is ready at every poll, and would starve any future after it.
         match select4(estimated, sent, wires.answers.wait(), rx.receive()).await {
             Either4::First(()) => {
                 increment(&wires.heartbeat);
+                poll_at = Instant::now() + SAFE_MODE_PERIOD;
                 if let Some(changed) = changes.try_changed() {
                     settings = changed;
                     node.set_signing_key(settings.signing_key);
@@ -117,8 +137,23 @@ fn poll(links: &Links, node: &mut CanNode, settings: &Settings) {
     let command = with_snapshot(links, now, settings, correction.as_ref(), |snapshot| {
         node.poll(&NodeContext { snapshot: *snapshot, stored_settings: &stored_settings, is_armed })
     });
-    if let Some(command) = command.flatten() {
-        // If the queue is full, the request times out, and its sender repeats it.
+    send_command(links, command.flatten());
+}
+
+/// Polls the node in safe mode: without a heading, and without anything of the module.
+#[inline(never)]
+fn poll_in_safe_mode(links: &Links, node: &mut CanNode, settings: &Settings) {
+    let now = now();
+    let estimate = Estimate { at: now, heading: Err(NoHeading::SafeMode), ..Estimate::EMPTY };
+    let indicator = IndicatorState::Idle;
+    let snapshot = Snapshot { now, estimate: &estimate, settings, indicator, calibration: None };
+    let is_armed = node.is_armed(now) == Some(true);
+    send_command(links, node.poll(&NodeContext { snapshot, stored_settings: settings, is_armed }));
+}
+
+/// Sends a command to the state machine. If the queue is full, the request times out, and its sender repeats it.
+fn send_command(links: &Links, command: Option<Command>) {
+    if let Some(command) = command {
         let _ = links.commands.try_send((CommandSource::Line(AutopilotLine::Can), command));
     }
 }

@@ -1,12 +1,13 @@
-//! Safe mode, after repeated panics: the console answers, the ports report the mode, and nothing else runs. No code is
-//! executed that depends on stored data, retained samples, the sensor or received messages, because one of them is the
-//! probable cause.
+//! Safe mode, after repeated panics: the console answers, the ports report the mode, and nothing else runs, except for the node
+//! of a CAN bus ([`can`](super::can)), by which the firmware can be replaced. No other code is executed that depends on stored
+//! data, retained samples, the sensor or received messages, because one of them is the probable cause.
 
 use embassy_futures::select::{Either, select};
 use embassy_time::{Duration, Ticker, with_timeout};
 use embedded_io_async::Write;
 use embedded_storage_async::nor_flash::NorFlash;
 
+use super::links::CommandSource;
 use super::{Links, Watchdog};
 use crate::compass::{Command, ModuleState, Reply};
 use crate::messages::{Message, Refusal};
@@ -28,7 +29,7 @@ const _: () = assert!(
         <= super::watchdog::MAX_FEED_INTERVAL_US
 );
 
-/// Answers the commands of the console, reports on the ports and feeds the watchdog, for ever.
+/// Answers the commands of console and CAN bus, reports on the ports and feeds the watchdog, for ever.
 pub async fn run<F: NorFlash, const PORTS: usize>(
     links: &Links,
     mut store: Store<F>,
@@ -42,7 +43,7 @@ pub async fn run<F: NorFlash, const PORTS: usize>(
     let mut output = TransmitBuffer::new();
     loop {
         match select(links.commands.receive(), ticker.next()).await {
-            Either::First((_, command)) => {
+            Either::First((source, command)) => {
                 let reply = match command {
                     Command::Status | Command::StatusAll => Ok(Reply::SafeMode),
                     Command::Restart => {
@@ -56,7 +57,11 @@ pub async fn run<F: NorFlash, const PORTS: usize>(
                         .map_err(Refusal::Store),
                     _ => Err(Refusal::SafeMode),
                 };
-                links.replies.send(reply).await;
+                match source {
+                    CommandSource::Console => links.replies.send(reply).await,
+                    CommandSource::Line(line) => links.line(line).answers.signal((command, reply.map(|_| ()))),
+                    CommandSource::Button => {}
+                }
             }
             Either::Second(()) => {
                 watchdog.feed();

@@ -246,7 +246,7 @@ impl Rig {
             let (l, tx, boot_loader) =
                 (links.clone(), end.clone(), SimulatedBootLoader(Rc::clone(&self.firmware_update)));
             simulation.spawn(Level::Interrupt, "can", async move {
-                app::can::run(&l, info, end, tx, boot_loader).await;
+                app::can::run(&l, info, end, tx, boot_loader, false).await;
             });
         }
         let l = links.clone();

@@ -34,7 +34,7 @@ impl Budget {
 /// A solve spends half of its instructions on eight passes over the samples, a quarter on diagnostics and a sixth on
 /// advice. An estimated attitude latency requires a second solve; motor-current interference is iterated to
 /// convergence. The solve runs at the lowest priority and takes 0.5 to 1.5 s on the reference board.
-const INSTRUCTION_LIMITS: [(&str, &str, u64); 11] = [
+const INSTRUCTION_LIMITS: [(&str, &str, u64); 12] = [
     ("heading", "field and attitude to corrected heading with sigma", 1_000),
     ("watch", "the monitor, an averaged sample: ten times a second, after its sentences", 45_000),
     ("collect", "a further sample of a flight, compared with all retained ones, at the lowest priority", 1_900_000),
@@ -43,6 +43,7 @@ const INSTRUCTION_LIMITS: [(&str, &str, u64); 11] = [
     ("mavlink-out", "a VISION_POSITION_ESTIMATE, the longest of the messages that are sent often", 4_500),
     ("msp", "the answer to MSP_ATTITUDE, byte by byte", 2_000),
     ("msp-out", "a reading of an autopilot's compass, MSP2_SENSOR_COMPASS", 1_500),
+    ("can-over-msp", "a field by CAN, the node's poll and frame, beyond a reading by MSP, the port's poll", 1_500),
     ("late", "the solve below with an attitude latency of 60 ms, estimated and used: solved twice", 27_000_000),
     ("current", "the solve below with motor-current interference, estimated and used: solved three times", 54_000_000),
     ("solve", "maximum likelihood of 2 x 256 samples, assessment and advice included", 18_000_000),

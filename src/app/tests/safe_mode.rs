@@ -1,19 +1,26 @@
 //! Safe mode: console, ports and watchdog without any other task.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
+use std::convert::Infallible;
 use std::rc::Rc;
 
+use embassy_time::Timer;
 use testkit::flash::SilentFault;
 
 use super::TaskBench;
 use super::devices::{DeviceBehaviour, Port};
 use super::thread_tasks::{Flash, PAGES, ask, store, with_compass};
+use crate::app::can::{self, HandOver, ReceiveFrame, SendFrame};
 use crate::app::watchdog::MAX_FEED_INTERVAL_US;
 use crate::app::{Watchdog, safe_mode};
 use crate::compass::{Command, ModuleState, Reply};
 use crate::messages::{Message, Refusal};
+use crate::port::FirmwareUpdate;
 use crate::settings::{SettingChange, Settings};
 use crate::store::StoreError;
+use crate::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
+use crate::wire::dronecan::{CanFrame, DataType, FrameHeader, NodeId, OutboundTransfer, Payload, TransferKind};
 
 /// Longest time between feeds, and time of the last one.
 #[derive(Clone, Default)]
@@ -87,4 +94,138 @@ fn broken_devices_do_not_starve_the_watchdog() {
     }
     let (longest_us, last_us) = timer.0.get();
     assert!(longest_us <= MAX_FEED_INTERVAL_US && last_us > 18_000_000, "{longest_us} {last_us}");
+}
+
+/// CAN bus with one other node, the test, and the boot loader.
+#[derive(Clone, Default)]
+struct Bus {
+    received: Rc<RefCell<VecDeque<CanFrame>>>,
+    sent: Rc<RefCell<Vec<CanFrame>>>,
+    update: Rc<RefCell<Option<FirmwareUpdate>>>,
+}
+
+impl ReceiveFrame for Bus {
+    type Error = Infallible;
+
+    async fn receive(&mut self) -> Result<CanFrame, Infallible> {
+        loop {
+            let next = self.received.borrow_mut().pop_front();
+            match next {
+                Some(frame) => return Ok(frame),
+                None => Timer::after_micros(100).await,
+            }
+        }
+    }
+}
+
+impl SendFrame for Bus {
+    type Error = Infallible;
+
+    async fn send(&mut self, frame: &CanFrame) -> Result<(), Infallible> {
+        self.sent.borrow_mut().push(frame.clone());
+        Ok(())
+    }
+}
+
+impl HandOver for Bus {
+    fn hand_over(&mut self, update: &FirmwareUpdate) {
+        *self.update.borrow_mut() = Some(update.clone());
+    }
+}
+
+const UNIQUE_ID: [u8; 16] = [7; 16];
+const OWN: u8 = 42;
+
+impl Bus {
+    /// A module in safe mode with a number of the bus.
+    fn with_node() -> (TaskBench, Self) {
+        let (mut bench, ..) = with_safe_mode(Flash::new(PAGES));
+        let bus = Self::default();
+        let module = bus.clone();
+        let info = NodeInfo {
+            name: "org.autoswing.test",
+            software: SoftwareVersion::of_this_firmware(None),
+            hardware: [1, 0],
+            unique_id: UNIQUE_ID,
+        };
+        bench.run("can", |links| async move {
+            can::run(&links, info, module.clone(), module.clone(), module, true).await;
+        });
+        bus.put(DataType::ARMING_STATUS, &[0]);
+        bench.ms(1_100);
+        let is_anonymous = |frame: &CanFrame| FrameHeader::from_id(frame.id()).unwrap().source.is_none();
+        assert!(bus.sent.take().iter().any(is_anonymous), "no request for a number");
+        bus.put(DataType::ALLOCATION, &[&[OWN << 1], &UNIQUE_ID[..]].concat());
+        bench.ms(1_100);
+        (bench, bus)
+    }
+
+    /// Puts a message, or a request to the module, on the bus.
+    fn put(&self, data_type: DataType, payload: &[u8]) {
+        let kind = match data_type.is_service {
+            true => TransferKind::Request(NodeId::new(OWN).unwrap()),
+            false => TransferKind::Message,
+        };
+        let payload = Payload::from_slice(payload).unwrap();
+        let transfer_id = self.received.borrow().len() as u8;
+        let transfer = OutboundTransfer { data_type, priority: 16, kind, transfer_id, payload };
+        self.received.borrow_mut().extend(transfer.frames(NodeId::new(10)));
+    }
+
+    /// Data of the sent frames of a type since the last call.
+    fn take_sent(&self, data_type: DataType) -> Vec<Vec<u8>> {
+        let is_of = |frame: &CanFrame| data_type.is_of(FrameHeader::from_id(frame.id()).unwrap());
+        self.sent.take().iter().filter(|frame| is_of(frame)).map(|frame| frame.data().to_vec()).collect()
+    }
+}
+
+const RESTART: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
+
+/// Health ERROR, mode OPERATIONAL; reason 12, no field: docs/dronecan.md.
+#[test]
+fn the_node_of_a_can_bus_reports_it_and_restarts() {
+    let (mut bench, bus) = Bus::with_node();
+    let all = bus.take_sent(DataType::NODE_STATUS);
+    assert!(!all.is_empty() && all.iter().all(|status| status[4..7] == [2 << 6, 12 | 1 << 6, 0]), "{all:?}");
+    bus.put(DataType::GET_NODE_INFO, &[]);
+    bench.ms(10);
+    assert!(!bus.take_sent(DataType::GET_NODE_INFO).is_empty());
+    for (is_armed, is_accepted) in [(255, 0), (0, 0x80)] {
+        bus.put(DataType::ARMING_STATUS, &[is_armed]);
+        bus.put(DataType::RESTART_NODE, &RESTART);
+        bench.ms(10);
+        assert_eq!(bus.take_sent(DataType::RESTART_NODE)[0][0], is_accepted);
+        assert_eq!(bench.links.restart.signaled(), is_accepted != 0);
+    }
+}
+
+#[test]
+fn the_firmware_can_be_replaced_over_can() {
+    let (mut bench, bus) = Bus::with_node();
+    bus.take_sent(DataType::NODE_STATUS);
+    bus.put(DataType::BEGIN_FIRMWARE_UPDATE, &[&[0], &b"a.bin"[..]].concat());
+    bench.ms(10);
+    assert_eq!(bus.take_sent(DataType::BEGIN_FIRMWARE_UPDATE)[0][0], 0);
+    assert!(bench.links.restart.signaled());
+    let update = bus.update.take().expect("a hand-over");
+    assert_eq!((update.server.get(), update.own.get(), update.path()), (10, OWN, &b"a.bin"[..]));
+}
+
+/// Parameters, texts of a tunnel and batteries belong to code that can be the cause of the panics.
+#[test]
+fn the_node_receives_nothing_else() {
+    let (mut bench, bus) = Bus::with_node();
+    bus.take_sent(DataType::NODE_STATUS);
+    for (data_type, payload) in [
+        (DataType::GET_SET, &[0, 0][..]),
+        (DataType::EXECUTE_OPCODE, &[1, 0, 0, 0, 0, 0, 0]),
+        (DataType::GET_TRANSPORT_STATS, &[]),
+        (DataType::TARGETTED, &[1, OWN << 1, 0, 0, 0, 0]),
+        (DataType::BATTERY_INFO, &[0; 30]),
+    ] {
+        bus.put(data_type, payload);
+        bench.ms(200);
+        assert_eq!(bus.take_sent(data_type), Vec::<Vec<u8>>::new());
+    }
+    assert!(bench.links.current.try_get().is_none() && bench.links.commands.is_empty());
 }

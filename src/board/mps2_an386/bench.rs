@@ -12,12 +12,16 @@ use autoswing::calibration::{
     CollectionPart, Current, Method, Prior, Rates, Sample, Samples, Solution, SolveProgress, Solver,
 };
 use autoswing::collection::{CollectionContext, Collector, RetainedSamples};
+use autoswing::compass::IndicatorState;
 use autoswing::frames::{Attitude, Field, Sensor};
 use autoswing::heading::{Heading, HeadingLimits, compute_heading};
-use autoswing::instrument::{Correction, Instrument, InstrumentConfig};
+use autoswing::instrument::{Correction, Estimate, Instrument, InstrumentConfig};
+use autoswing::port::{CanNode, NodeContext, Port, Snapshot};
 use autoswing::reading::Reading;
-use autoswing::settings::HeadingKind;
+use autoswing::settings::{CanSettings, HeadingKind, ProtocolKind, Settings};
 use autoswing::time::{Timestamp, WrappingMillis};
+use autoswing::wire::dronecan::CanFrame;
+use autoswing::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
 use autoswing::wire::mavlink::{self, Address, OutboundMessage, Pose, Signatures};
 use autoswing::wire::{msp, nmea};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -173,6 +177,7 @@ fn budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut Results) 
     let to_compass = instructions(|| {
         black_box(msp::compass(0, black_box(123_456), black_box(Field::from_ut(20.0, -5.1, 44.2))));
     });
+    let over_msp = can_field_instructions().zip(msp_reading_instructions()).map(|(can, msp)| can.saturating_sub(msp));
     let to_watch = monitor_instructions(&solution);
     let to_collect = collection_instructions(collector);
     writeln!(out)?;
@@ -185,6 +190,7 @@ fn budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut Results) 
         ("mavlink-out", to_pose, true),
         ("msp", to_answer, answers == 1),
         ("msp-out", to_compass, true),
+        ("can-over-msp", over_msp.unwrap_or_default(), over_msp.is_some()),
         ("late", late, is_latency_found),
         ("current", current, is_current_found),
         ("solve", solve, true),
@@ -218,6 +224,63 @@ fn monitor_instructions(solution: &Solution) -> u64 {
         most = most.max(instructions(|| instrument.update_monitor()));
     }
     most
+}
+
+/// Estimates of two seconds for the protocols.
+const ESTIMATES: u64 = 160;
+
+fn estimate(number: u64) -> Estimate {
+    let compass_field = Some(Field::from_ut(20.0, -5.1, 44.2));
+    Estimate { at: Timestamp::from_us(number * READING_US), compass_field, ..Estimate::EMPTY }
+}
+
+fn snapshot<'a>(estimate: &'a Estimate, settings: &'a Settings) -> Snapshot<'a> {
+    Snapshot { now: estimate.at, estimate, settings, indicator: IndicatorState::Calibrated, calibration: None }
+}
+
+/// Largest instruction count of a poll of the CAN node that sends a field alone, with its frame.
+#[inline(never)]
+fn can_field_instructions() -> Option<u64> {
+    let can = CanSettings { node: 42, ..CanSettings::DEFAULT };
+    let settings = Settings { can, ..Settings::DEFAULT };
+    let software = SoftwareVersion::of_this_firmware(None);
+    let mut node = CanNode::new(NodeInfo { name: "", software, hardware: [1, 0], unique_id: [7; 16] }, can);
+    // It sends nothing before it has received a frame.
+    node.receive(Timestamp::START, &CanFrame::new(0, &[])?, &mut |_| {});
+    let counts = (1..ESTIMATES).filter_map(|number| {
+        let estimate = estimate(number);
+        let snapshot = snapshot(&estimate, &settings);
+        let context = NodeContext { snapshot, stored_settings: &settings, is_armed: false };
+        let mut frames = 0;
+        let count = instructions(|| {
+            black_box(node.poll(black_box(&context)));
+            while black_box(node.next_frame()).is_some() {
+                node.frame_sent(estimate.at);
+                frames += 1;
+            }
+        });
+        (frames == 1).then_some(count)
+    });
+    counts.max()
+}
+
+/// Least instruction count of a poll of an MSP port that sends a reading alone.
+#[inline(never)]
+fn msp_reading_instructions() -> Option<u64> {
+    let compass_length = msp::compass(0, 0, Field::from_ut(0.0, 0.0, 0.0)).len();
+    let mut port = Port::new(ProtocolKind::Msp, ProtocolKind::Auto, Timestamp::START);
+    let counts = (1..ESTIMATES).filter_map(|number| {
+        let estimate = estimate(number);
+        let snapshot = snapshot(&estimate, &Settings::DEFAULT);
+        let mut length = 0;
+        let count = instructions(|| {
+            port.poll(black_box(&snapshot));
+            length = black_box(port.output.pending()).len();
+            port.output.consume(length);
+        });
+        (length == compass_length).then_some(count)
+    });
+    counts.min()
 }
 
 /// Largest instruction count of a flight sample at full buffers, over 20 samples.

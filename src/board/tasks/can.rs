@@ -18,11 +18,11 @@ pub fn spawn(
     lines: Lines,
     (platform, reset): (Platform, ResetCause),
 ) {
-    above.spawn(expect_spawn_token(can(links, lines.can)));
+    above.spawn(expect_spawn_token(can(links, lines.can, false)));
     below.spawn(expect_spawn_token(uart(links, (above, below), lines.uart, platform, reset)));
 }
 
-/// Spawns the console alone, whatever is selected for the UART.
+/// Spawns the console, whatever is selected for the UART, and the CAN bus, by which the firmware can be replaced.
 pub fn spawn_in_safe_mode(
     links: &'static Links,
     below: SendSpawner,
@@ -31,13 +31,14 @@ pub fn spawn_in_safe_mode(
 ) -> [UartTx; SAFE_MODE_PORTS] {
     let (tx, rx) = lines.uart;
     below.spawn(expect_spawn_token(console(links, rx, tx, platform, reset)));
+    below.spawn(expect_spawn_token(can(links, lines.can, true)));
     []
 }
 
 #[embassy_executor::task]
-async fn can(links: &'static Links, bus: CanBus) -> ! {
+async fn can(links: &'static Links, bus: CanBus, is_safe_mode: bool) -> ! {
     let CanBus { info, rx, tx, boot_loader } = bus;
-    app::can::run(links, info, rx, tx, boot_loader).await
+    app::can::run(links, info, rx, tx, boot_loader, is_safe_mode).await
 }
 
 #[embassy_executor::task]

@@ -26,7 +26,7 @@ use lines::expect_spawn_token;
 static LINKS: StaticCell<Links> = StaticCell::new();
 
 /// Spawns all tasks: heading tasks on the executor `above`, which interrupts `below` with the slow tasks. In safe mode,
-/// spawns the console and the task of that mode only.
+/// spawns the console, a CAN bus, and the task of that mode only.
 pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
     let links = LINKS.init_with(Links::new);
     let region = hardware.flash.region();

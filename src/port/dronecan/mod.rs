@@ -9,6 +9,8 @@
 //! - carries MAVLink of one serial line of the autopilot;
 //! - uses armed state, battery current, position and date of other nodes.
 //!
+//! In safe mode it receives only what replacing the firmware needs, and reports the mode.
+//!
 //! The bus has no authentication: nothing changes while the vehicle is armed, and a second node with the same number
 //! stops the field.
 
@@ -56,6 +58,15 @@ const SENSOR_NUMBER: u8 = 0;
 /// Time without a frame of another node with the same number, after which the field is sent again, microseconds.
 const NODE_CONFLICT_HOLD_US: u64 = 3_000_000;
 
+/// Data types that are received in safe mode: any other one can be the cause of the panics.
+const SAFE_MODE_TYPES: [DataType; 5] = [
+    DataType::ALLOCATION,
+    DataType::ARMING_STATUS,
+    DataType::GET_NODE_INFO,
+    DataType::RESTART_NODE,
+    DataType::BEGIN_FIRMWARE_UPDATE,
+];
+
 /// Microtesla of a gauss.
 const UT_PER_GAUSS: f32 = 100.0;
 
@@ -82,6 +93,7 @@ pub struct NodeContext<'a> {
 #[derive(Debug)]
 pub struct CanNode {
     info: NodeInfo,
+    is_safe_mode: bool,
     address: Address,
     allocation: AllocationClient,
     receiver: Receiver,
@@ -107,6 +119,7 @@ impl CanNode {
             address: NodeId::new(settings.node).map_or(Address::Unallocated, Address::Configured),
             allocation: AllocationClient::new(info.unique_id),
             info,
+            is_safe_mode: false,
             receiver: Receiver::new(),
             outbox: Outbox::default(),
             services: Services::default(),
@@ -122,12 +135,22 @@ impl CanNode {
         }
     }
 
+    /// Creates a node for safe mode. Settings are not loaded there: it asks for a number, and the allocator remembers it.
+    #[must_use]
+    pub fn in_safe_mode(info: NodeInfo) -> Self {
+        Self { is_safe_mode: true, ..Self::new(info, CanSettings::DEFAULT) }
+    }
+
     /// Processes a frame; passes on the messages that it completes. A request is answered by [`poll`](Self::poll).
     pub fn receive(&mut self, at: Timestamp, frame: &CanFrame, deliver: &mut dyn FnMut(ReceivedMessage)) {
         self.frames.received = self.frames.received.wrapping_add(1);
         let own = self.number();
-        if own.is_some() && FrameHeader::from_id(frame.id()).and_then(|header| header.source) == own {
+        let header = FrameHeader::from_id(frame.id());
+        if own.is_some() && header.and_then(|header| header.source) == own {
             self.on_conflict(at);
+            return;
+        }
+        if self.is_safe_mode && !header.is_some_and(|header| SAFE_MODE_TYPES.iter().any(|known| known.is_of(header))) {
             return;
         }
         let Self { receiver, services, vehicle_reports, tunnel, allocation, .. } = self;
@@ -172,7 +195,9 @@ impl CanNode {
         let NodeContext { snapshot, .. } = context;
         let now = snapshot.now;
         self.status.update(snapshot);
-        self.log.update(snapshot);
+        if !self.is_safe_mode {
+            self.log.update(snapshot);
+        }
         self.outbox.expire(now);
         if self.frames.received == 0 {
             return None;
@@ -305,6 +330,9 @@ impl CanNode {
 
     fn answer_requests(&mut self, own: NodeId, context: &NodeContext<'_>) -> Option<Command> {
         let NodeContext { snapshot, stored_settings, is_armed } = context;
+        if self.services.is_idle() {
+            return None;
+        }
         let status = self.node_status(snapshot);
         let transfers = BusCounts {
             sent: self.outbox.transfers,

@@ -122,6 +122,11 @@ impl Services {
         }
     }
 
+    /// Whether no request waits, and none is executed.
+    pub fn is_idle(&self) -> bool {
+        self.finished.is_none() && self.open.is_none() && self.waiting.is_empty()
+    }
+
     /// Whether a request can be answered or executed.
     pub fn has_requests(&self) -> bool {
         self.finished.is_some() || (self.open.is_none() && !self.waiting.is_empty())

@@ -6,8 +6,8 @@ use crate::port::Snapshot;
 use crate::time::Timestamp;
 use crate::wire::dronecan::outbound::{Health, Mode, NodeStatus};
 
-/// Silence of the sensor that is a fault of the node, microseconds. It is the only one: an autopilot does not arm while
-/// a node is not healthy, and everything else shows in the field that is not sent.
+/// Silence of the sensor that is a fault of the node, microseconds. It is the only one besides safe mode: an autopilot
+/// does not arm while a node is not healthy, and everything else shows in the field that is not sent.
 const SENSOR_FAULT_US: u64 = 10_000_000;
 
 /// Conditions of the status that last.
@@ -30,7 +30,8 @@ impl StatusMonitor {
 
     /// Status to send.
     pub fn status(&self, snapshot: &Snapshot<'_>, is_updating: bool, has_conflict: bool) -> NodeStatus {
-        let is_faulty = self.silent_since.is_some_and(|since| snapshot.now.us_since(since) >= SENSOR_FAULT_US);
+        let is_silent = self.silent_since.is_some_and(|since| snapshot.now.us_since(since) >= SENSOR_FAULT_US);
+        let is_faulty = is_silent || snapshot.estimate.heading == Err(NoHeading::SafeMode);
         NodeStatus {
             uptime_s: (snapshot.now.as_us() / 1_000_000) as u32,
             health: if is_faulty { Health::Error } else { Health::Ok },

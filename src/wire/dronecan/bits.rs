@@ -44,6 +44,9 @@ impl BitWriter {
 
     /// Appends bytes.
     pub fn put_bytes(&mut self, bytes: &[u8]) {
+        if self.free == 0 && self.bytes.extend_from_slice(bytes).is_ok() {
+            return;
+        }
         for &byte in bytes {
             self.put_bits_of_byte(byte, 8);
         }
@@ -51,7 +54,7 @@ impl BitWriter {
 
     /// Appends a number of half precision.
     pub fn put_f16(&mut self, value: f32) {
-        self.put_bits(half::f16::from_f32(value).to_bits().into(), 16);
+        self.put_bytes(&half::f16::from_f32(value).to_le_bytes());
     }
 
     /// The payload, with the last byte filled up with zeros.

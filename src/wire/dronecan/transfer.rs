@@ -68,6 +68,12 @@ impl DataType {
         Self { id, is_service: true, signature }
     }
 
+    /// Whether a frame with this header is of this type.
+    #[must_use]
+    pub const fn is_of(&self, header: FrameHeader) -> bool {
+        header.type_id == self.id && self.is_service != matches!(header.kind, TransferKind::Message)
+    }
+
     /// CRC of a payload, seeded with the signature.
     pub(super) fn crc(&self, payload: &[u8]) -> u16 {
         let mut digest = CRC.digest();
@@ -110,16 +116,13 @@ impl OutboundTransfer {
             header.type_id = self.data_type.id & 3 | discriminator(&self.payload) << 2;
         }
         let crc = (!self.is_single()).then(|| self.data_type.crc(&self.payload).to_le_bytes());
-        let prefix = crc.map_or(0, |crc| crc.len());
-        let byte = move |at: usize| match (crc, at.checked_sub(prefix)) {
-            (Some(crc), None) => crc.get(at).copied(),
-            (_, at) => at.and_then(|at| self.payload.get(at).copied()),
-        };
+        let crc_length = crc.map_or(0, |crc| crc.len());
         let count = self.frame_count();
         (0..count).filter_map(move |number| {
             let mut data = heapless::Vec::<u8, FRAME_CAPACITY>::new();
-            let begin = number * FRAME_PAYLOAD;
-            data.extend((begin..begin + FRAME_PAYLOAD).map_while(byte));
+            data.extend(crc.filter(|_| number == 0).into_iter().flatten());
+            let rest = self.payload.get((number * FRAME_PAYLOAD).saturating_sub(crc_length)..).unwrap_or_default();
+            let _ = data.extend_from_slice(rest.get(..FRAME_PAYLOAD - data.len()).unwrap_or(rest));
             let tail = TailByte::new(number == 0, number + 1 == count, number % 2 == 1, self.transfer_id);
             let _ = data.push(tail.0);
             CanFrame::new(header.to_id(), &data)
