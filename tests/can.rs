@@ -192,7 +192,10 @@ fn a_module_sends_again_after_bus_off() {
     bench.run(100);
     let status = String::from_utf8_lossy(&bench.rig.console.receive()).into_owned();
     let line = status.lines().find(|line| line.starts_with("can: ")).unwrap_or_default();
-    assert!(line.starts_with("can: node by allocation, 50 Hz, covariance off; node 125; "), "{status}");
+    assert!(
+        line.starts_with("can: node by allocation, 50 Hz, covariance off, termination off; node 125; "),
+        "{status}"
+    );
     assert!(line.ends_with(" errors") && !line.ends_with(" 0 errors"), "{status}");
 }
 

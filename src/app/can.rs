@@ -42,6 +42,9 @@ pub trait SendFrame {
 
     /// Waits until the controller has accepted the frame. A cancelled call has not sent it.
     fn send(&mut self, frame: &CanFrame) -> impl Future<Output = Result<(), Self::Error>>;
+
+    /// Switches the terminating resistor, which is off at the start, on a board that can.
+    fn set_termination(&mut self, _is_on: bool) {}
 }
 
 /// Hand-over to the boot loader of a board.
@@ -70,6 +73,7 @@ pub async fn run(
         settings = changes.changed().await;
         CanNode::new(info, settings.can)
     };
+    tx.set_termination(settings.can.is_terminated);
     node.set_signing_key(settings.signing_key);
     let poll = if is_safe_mode { poll_in_safe_mode } else { poll };
     let mut poll_at = Instant::now();
@@ -95,6 +99,7 @@ pub async fn run(
                 poll_at = Instant::now() + SAFE_MODE_PERIOD;
                 if let Some(changed) = changes.try_changed() {
                     settings = changed;
+                    tx.set_termination(settings.can.is_terminated);
                     node.set_signing_key(settings.signing_key);
                 }
                 if let Ok(message) = wires.messages.try_receive() {

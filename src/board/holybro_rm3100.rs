@@ -104,8 +104,9 @@ pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! 
     let spi = Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA1_CH2, p.DMA1_CH1, Irqs, spi_config());
     let chip_select = Output::new(p.PC14, Level::High, Speed::Low);
     let can = CanConfigurator::new(p.FDCAN1, p.PA11, p.PA12, Irqs);
-    let transceiver = [Output::new(p.PC13, Level::Low, Speed::Low), Output::new(p.PB4, Level::Low, Speed::Low)];
-    let (rx, tx) = stm32::can::start(can, transceiver, CAN_BUFFERS.init_with(CanBuffers::new));
+    let silent = Output::new(p.PC13, Level::Low, Speed::Low);
+    let termination = Output::new(p.PB4, Level::Low, Speed::Low);
+    let (rx, tx) = stm32::can::start(can, silent, termination, CAN_BUFFERS.init_with(CanBuffers::new));
     let hardware = Hardware {
         // Infallible: an output pin accepts every level.
         magnetometer: Rm3100::new(ExclusiveDevice::new_no_delay(spi, chip_select).expect("a pin")),

@@ -321,6 +321,9 @@ pub static COMMANDS: &[CommandSpec] = &[
     CommandSpec::new("set", "can-covariance", "send the field on the CAN bus with its covariance")
         .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
         .with_request(|given| set(SettingChange::CanCovariance(given.choice(0, nth_switch).unwrap_or(false)))),
+    CommandSpec::new("set", "can-termination", "terminating resistor of the CAN bus, if the board switches one")
+        .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
+        .with_request(|given| set(SettingChange::CanTermination(given.choice(0, nth_switch).unwrap_or(false)))),
     CommandSpec::new("reboot", "", "restart the module").with_request(|_| Command::Restart.into()),
 ];
 

@@ -417,6 +417,7 @@ mod tests {
             ("set can-node 42", set(SettingChange::CanNode(42))),
             ("set can-rate 20", set(SettingChange::CanRateHz(20))),
             ("set can-covariance on", set(SettingChange::CanCovariance(true))),
+            ("set can-termination on", set(SettingChange::CanTermination(true))),
             ("set signing off", set(SettingChange::Signing(None))),
             ("set signing 4711", set(SettingChange::Signing(Some(key_from_passphrase("4711"))))),
             (

@@ -36,7 +36,7 @@ enum ParameterKind {
 }
 
 /// All parameters. Tools refer to them by position as well, so that a new one is the last.
-pub static PARAMETERS: [Parameter; 22] = [
+pub static PARAMETERS: [Parameter; 23] = [
     whole_number("CAN_NODE", bytes(&CanSettings::NODE), |s| s.can.node.into(), |v| byte(v, SettingChange::CanNode)),
     whole_number(
         "CAN_RATE",
@@ -118,6 +118,12 @@ pub static PARAMETERS: [Parameter; 22] = [
         SensorError::DRIFT_PERCENT,
         |s| s.sensor_error.drift_percent,
         |s, drift_percent| SettingChange::SensorError(SensorError { drift_percent, ..s.sensor_error }),
+    ),
+    whole_number(
+        "CAN_TERMINATE",
+        SWITCH_RANGE,
+        |s| s.can.is_terminated.into(),
+        |v| switch(v, SettingChange::CanTermination),
     ),
 ];
 
@@ -293,13 +299,14 @@ mod tests {
             SettingChange::CanRateHz(_) => 17,
             SettingChange::CanCovariance(_) => 18,
             SettingChange::SensorError(_) => 19,
+            SettingChange::CanTermination(_) => 20,
         }
     }
 
     #[test]
     fn every_setting_is_a_parameter_with_a_short_unique_name() {
         let changes = PARAMETERS.iter().filter_map(|one| one.change(&Settings::DEFAULT, extremes(one)[0]));
-        assert_eq!(changes.map(variant).collect::<BTreeSet<_>>(), (0..20).collect());
+        assert_eq!(changes.map(variant).collect::<BTreeSet<_>>(), (0..21).collect());
         let names: BTreeSet<&str> = PARAMETERS.iter().map(|parameter| parameter.name).collect();
         assert_eq!(names.len(), PARAMETERS.len());
         assert!(names.iter().all(|name| name.len() <= 16));

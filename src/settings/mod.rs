@@ -57,11 +57,13 @@ pub struct CanSettings {
     pub rate_hz: u8,
     /// Whether the field is sent with its covariance, in three frames instead of one.
     pub sends_covariance: bool,
+    /// Whether the board's terminating resistor is on, if it has one that can be switched.
+    pub is_terminated: bool,
 }
 
 impl CanSettings {
     /// Factory settings. CAN rates: autopilots drop a compass after 500 ms of silence.
-    pub const DEFAULT: Self = Self { node: 0, rate_hz: 50, sends_covariance: false };
+    pub const DEFAULT: Self = Self { node: 0, rate_hz: 50, sends_covariance: false, is_terminated: false };
 
     /// Range of the node's number; 126 and 127 are for tools.
     pub const NODE: RangeInclusive<u8> = 0..=125;
@@ -272,6 +274,8 @@ pub enum SettingChange {
     CanRateHz(u8),
     /// Whether the field is sent with its covariance on a CAN bus.
     CanCovariance(bool),
+    /// Whether the terminating resistor of the CAN bus is on.
+    CanTermination(bool),
     /// Expected errors of gyro and magnetometer.
     SensorError(SensorError),
 }
@@ -300,13 +304,16 @@ impl SettingChange {
             | Self::CanNode(_)
             | Self::CanRateHz(_)
             | Self::CanCovariance(_)
+            | Self::CanTermination(_)
             | Self::SensorError(_) => false,
         }
     }
 
     const fn valid_range(self) -> &'static str {
         match self {
-            Self::StreamOn(_) | Self::Auto(_) | Self::Vision(_) | Self::CanCovariance(_) => "on or off",
+            Self::StreamOn(_) | Self::Auto(_) | Self::Vision(_) | Self::CanCovariance(_) | Self::CanTermination(_) => {
+                "on or off"
+            }
             Self::StreamRateHz(_) => "a rate is 1 to 80 sentences a second",
             Self::StreamHeading(_) => "a heading is raw or smooth",
             Self::AttitudeRateHz(_) => "a rate of attitude is 20 to 50 Hz",
@@ -351,6 +358,7 @@ impl Settings {
             SettingChange::CanNode(node) => changed.can.node = node,
             SettingChange::CanRateHz(hz) => changed.can.rate_hz = hz,
             SettingChange::CanCovariance(on) => changed.can.sends_covariance = on,
+            SettingChange::CanTermination(on) => changed.can.is_terminated = on,
             SettingChange::SensorError(error) => changed.sensor_error = error,
         }
         if changed.is_valid() { Ok(changed) } else { Err(OutOfRange(setting.valid_range())) }

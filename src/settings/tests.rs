@@ -144,6 +144,10 @@ fn a_setting_changes_itself_and_nothing_else() {
             SettingChange::CanCovariance(true),
             Settings { can: CanSettings { sends_covariance: true, ..before.can }, ..before },
         ),
+        (
+            SettingChange::CanTermination(true),
+            Settings { can: CanSettings { is_terminated: true, ..before.can }, ..before },
+        ),
         (SettingChange::Declination(Some(-3.5)), Settings { declination_deg: Some(-3.5), ..before }),
         (SettingChange::Inclination(Some(60.0)), Settings { inclination_deg: Some(60.0), ..before }),
         (SettingChange::Mount(mount), Settings { mount, ..before }),
@@ -206,6 +210,7 @@ fn solves_use_mounting_inclination_and_the_attitude_s_error() {
         (SettingChange::CanNode(1), false),
         (SettingChange::CanRateHz(20), false),
         (SettingChange::CanCovariance(true), false),
+        (SettingChange::CanTermination(true), false),
         (sensor_error(2.0, 1.0), false),
     ] {
         assert_eq!(setting.is_used_by_solves(), used, "{setting:?}");

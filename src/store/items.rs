@@ -246,7 +246,7 @@ impl Fields for StoredState {
             sends_vision_yaw,
             attitude_rate_hz,
             signing_key,
-            can: CanSettings { node, rate_hz, sends_covariance },
+            can: CanSettings { node, rate_hz, sends_covariance, is_terminated },
             sensor_error: SensorError { gyro_percent, drift_percent },
         } = settings;
         visitor.optional(4, declination_deg);
@@ -277,6 +277,7 @@ impl Fields for StoredState {
         visitor.optional(27, sends_covariance);
         visitor.optional(28, gyro_percent);
         visitor.optional(29, drift_percent);
+        visitor.optional(30, is_terminated);
     }
 
     fn is_valid(&self) -> bool {

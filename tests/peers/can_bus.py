@@ -1,10 +1,12 @@
 """pydronecan as autopilot and tool on the module's CAN bus: allocates its number, reads field, status, description and counters,
-lists and sets parameters, restarts the module, and starts a firmware update.
+lists and sets parameters, restarts the module, starts a firmware update, and allocates a number to a second module, to which
+it is also a node with satellite navigation.
 
 The output is docs/dronecan-session.txt: only values that are the same in every run.
 """
 
 import math
+import os
 
 import dronecan
 from dronecan import uavcan
@@ -91,6 +93,17 @@ def restarted(bus, number, request):
     return answer
 
 
+def navigate(bus):
+    """Broadcasts a position and a time, as a node with satellite navigation does five times a second."""
+    unix_us = uavcan.Timestamp(usec=1_780_000_000_000_000)
+    fix = uavcan.equipment.gnss.Fix2(gnss_timestamp=unix_us, longitude_deg_1e8=854_000_000, latitude_deg_1e8=4_737_000_000)
+    fix.gnss_time_standard = fix.GNSS_TIME_STANDARD_UTC
+    fix.status = fix.STATUS_3D_FIX
+    for _ in range(15):
+        bus.node.broadcast(fix)
+        bus.spin(0.2)
+
+
 with Served("--can", BUS) as module:
     bus = Bus()
     module.hold(HEADING_DEG)
@@ -114,7 +127,7 @@ with Served("--can", BUS) as module:
     check_field(bus, 50)
 
     parameters = bus.parameters(number)
-    assert len(parameters) == 22 and "CAN_NODE" in parameters, list(parameters)
+    assert len(parameters) == 23 and "CAN_NODE" in parameters, list(parameters)
     show_parameters(parameters)
     set_parameter(bus, number, "CAN_RATE", "20", "20", integer_value=20)
     check_field(bus, 20)
@@ -142,3 +155,13 @@ with Served("--can", BUS) as module:
     assert answer.error == 0, answer
     bus.until(lambda: "calibrated" in bus.texts, f"no text: {bus.texts}")
     print("\nLogMessage\n  calibrated")
+
+    with Served("--can", BUS, "--seed", "2", "--attitude", "peer", flash=os.environ["FLASH"] + ".second") as second:
+        bus.fields.clear()
+        bus.until(lambda: len({event.transfer.source_node_id for event in bus.fields}) == 2, "no second compass")
+        others = {event.transfer.source_node_id for event in bus.fields} - {number}
+        print(f"\nAllocation to a second module\n  node {others.pop()}")
+        navigate(bus)
+        for line in second.type("status all", "saves: ").splitlines():
+            if line.startswith("field model: "):
+                print(f"\nFix2; status all of the second module\n  {line}")

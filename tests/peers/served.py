@@ -39,9 +39,9 @@ def check_errors(errors_deg):
 class Served:
     """Served module: `with Served("--speed", "2") as module:`."""
 
-    def __init__(self, *arguments):
+    def __init__(self, *arguments, flash=None):
         command = [os.environ["HOST_SIM"], "serve", "--json", "--tcp", "0", "--world", "0"]
-        command += ["--flash", os.environ["FLASH"], *arguments]
+        command += ["--flash", flash or os.environ["FLASH"], *arguments]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         places = json.loads(self.process.stdout.readline())
         console, autopilot, instrument = places["ports"]

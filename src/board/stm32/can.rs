@@ -38,7 +38,8 @@ impl CanBuffers {
 /// Starts a controller whose transceiver is on, in restricted mode.
 pub fn start(
     mut can: CanConfigurator<'static>,
-    transceiver: [Output<'static>; 2],
+    silent: Output<'static>,
+    termination: Output<'static>,
     buffers: &'static mut CanBuffers,
 ) -> (CanReceiver, CanSender) {
     can.set_bitrate(BITS_PER_S);
@@ -54,7 +55,7 @@ pub fn start(
         );
     can.set_config(config);
     let bus = can.start(OperatingMode::RestrictedOperationMode).buffered(&mut buffers.tx, &mut buffers.rx);
-    let sender = CanSender { frames: bus.writer(), _transceiver: transceiver };
+    let sender = CanSender { frames: bus.writer(), _silent: silent, termination };
     (CanReceiver { frames: bus.reader(), is_restricted: true }, sender)
 }
 
@@ -83,10 +84,11 @@ impl ReceiveFrame for CanReceiver {
     }
 }
 
-/// The pins of the transceiver keep their levels as long as they are owned.
+/// The pins keep their levels as long as they are owned.
 pub struct CanSender {
     frames: BufferedCanSender,
-    _transceiver: [Output<'static>; 2],
+    _silent: Output<'static>,
+    termination: Output<'static>,
 }
 
 impl SendFrame for CanSender {
@@ -98,5 +100,9 @@ impl SendFrame for CanSender {
             self.frames.write(frame).await;
         }
         Ok(())
+    }
+
+    fn set_termination(&mut self, is_on: bool) {
+        self.termination.set_level(is_on.into());
     }
 }

@@ -58,7 +58,10 @@ impl SettingGroup {
             SettingChange::Vision(_) => Self::Vision,
             SettingChange::AttitudeRateHz(_) => Self::AttitudeRate,
             SettingChange::Signing(_) => Self::Signing,
-            SettingChange::CanNode(_) | SettingChange::CanRateHz(_) | SettingChange::CanCovariance(_) => Self::Can,
+            SettingChange::CanNode(_)
+            | SettingChange::CanRateHz(_)
+            | SettingChange::CanCovariance(_)
+            | SettingChange::CanTermination(_) => Self::Can,
         }
     }
 }
@@ -116,13 +119,14 @@ pub(super) fn setting_line(
         SettingGroup::AttitudeRate => write!(out, "attitude-rate{between}{} Hz at most", settings.attitude_rate_hz),
         SettingGroup::Signing => write!(out, "signing{between}{}", on_or_off(settings.signing_key.is_some())),
         SettingGroup::Can => {
-            let CanSettings { node, rate_hz, sends_covariance } = settings.can;
+            let CanSettings { node, rate_hz, sends_covariance, is_terminated } = settings.can;
             write!(out, "can{between}")?;
             match node {
                 0 => out.write_str("node by allocation")?,
                 node => write!(out, "node {node}")?,
             }
-            write!(out, ", {rate_hz} Hz, covariance {}", on_or_off(sends_covariance))
+            let [covariance, termination] = [sends_covariance, is_terminated].map(on_or_off);
+            write!(out, ", {rate_hz} Hz, covariance {covariance}, termination {termination}")
         }
     }
 }

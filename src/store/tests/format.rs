@@ -70,14 +70,14 @@ const STATE: &str = "
     1826569a ffff";
 /// Items with the fields added since.
 const LATER_STATE: &str = "
-    01 b500
+    01 b900
     01 0200 ac02  02 0700 0102f8acd19101  03 0100 00  04 0500 0100004841  05 0500 01000070c2
     06 0400 00006040  07 0100 00  08 0100 19  09 0100 01  0a 0400 0000003f  0b 0400 00000040  0c 0100 00
     0d 0400 0000c03f  0e 0100 00  0f 0100 00  10 0100 03  11 0100 02  12 0100 01  13 0100 01
     14 0100 01  15 0100 01  16 0100 00  17 0100 28
     18 2100 01 0707070707070707070707070707070707070707070707070707070707070707
-    19 0100 2a  1a 0100 14  1b 0100 01  1c 0400 0000a040  1d 0400 0000003f
-    61c2623e ffffffff";
+    19 0100 2a  1a 0100 14  1b 0100 01  1c 0400 0000a040  1d 0400 0000003f  1e 0100 01
+    3097ce83";
 const CALIBRATION_BEGIN: &str = "
     01 ba01
     01 2400 0000803f 00000000 00000000 00000000 0000803f 00000000 00000000 00000000 0000803f
@@ -107,7 +107,7 @@ fn items_of_the_first_release_are_read() {
 fn written_bytes_are_those_of_the_first_release_and_later_fields() {
     let mut later = state();
     later.settings.signing_key = Some(SigningKey([7; 32]));
-    later.settings.can = CanSettings { node: 42, rate_hz: 20, sends_covariance: true };
+    later.settings.can = CanSettings { node: 42, rate_hz: 20, sends_covariance: true, is_terminated: true };
     later.settings.sensor_error = SensorError { gyro_percent: 5.0, drift_percent: 0.5 };
     assert_eq!(item_of(&later), bytes_of(LATER_STATE));
     assert_eq!(fields::decode(&fields_of(&bytes_of(LATER_STATE))), Ok(later));
