@@ -208,7 +208,7 @@ fn the_firmware_can_be_replaced_over_can() {
     assert_eq!(bus.take_sent(DataType::BEGIN_FIRMWARE_UPDATE)[0][0], 0);
     assert!(bench.links.restart.signaled());
     let update = bus.update.take().expect("a hand-over");
-    assert_eq!((update.server.get(), update.own.get(), update.path()), (10, OWN, &b"a.bin"[..]));
+    assert_eq!((update.server.get(), update.own_node.get(), update.path()), (10, OWN, &b"a.bin"[..]));
 }
 
 /// Parameters, texts of a tunnel and batteries belong to code that can be the cause of the panics.
