@@ -95,8 +95,8 @@ def restarted(bus, number, request):
 
 def navigate(bus):
     """Broadcasts a position and a time, as a node with satellite navigation does five times a second."""
-    unix_us = uavcan.Timestamp(usec=1_780_000_000_000_000)
-    fix = uavcan.equipment.gnss.Fix2(gnss_timestamp=unix_us, longitude_deg_1e8=854_000_000, latitude_deg_1e8=4_737_000_000)
+    fix = uavcan.equipment.gnss.Fix2(longitude_deg_1e8=854_000_000, latitude_deg_1e8=4_737_000_000)
+    fix.gnss_timestamp.usec = 1_780_000_000_000_000
     fix.gnss_time_standard = fix.GNSS_TIME_STANDARD_UTC
     fix.status = fix.STATUS_3D_FIX
     for _ in range(15):
