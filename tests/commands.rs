@@ -506,3 +506,21 @@ fn a_table_of_a_turned_sensor_is_judged_with_its_mount() {
     assert_eq!(straight, json(&["replay", path, "--mount yaw90 --json"]));
     assert_ne!(straight, json(&["replay", path, "--json"]));
 }
+
+/// Lines of `--out` have the time stamps of the log, and can be joined to it, although the field is 50 ms older.
+#[test]
+fn headings_are_written_at_the_time_stamps_of_the_log() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("headings.csv");
+    let words = format!("replay host-sim/data/flight.csv --age 50 --out {}", path.display());
+    let (_, _, stderr) = run_command(&words);
+    let written = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{error}: {stderr}"));
+    let stamps_s = |text: &str| -> Vec<f64> {
+        let lines = text.lines().filter(|line| !line.starts_with('#')).skip(1);
+        lines.map(|line| line.split(',').next().unwrap().parse().unwrap()).collect()
+    };
+    let table = fs::read_to_string(root().join("host-sim/data/flight.csv")).unwrap();
+    assert_eq!(stamps_s(&written), stamps_s(&table));
+    let averaged = written.lines().filter(|line| line.ends_with(",1")).count();
+    assert!(averaged * 10 > written.lines().count() * 9, "{averaged}: each reading is one row");
+}

@@ -220,6 +220,8 @@ fn a_calibration_that_is_no_better_changes_nothing() {
 fn a_calibration_is_not_used_with_another_mounting() {
     let mut rig = calibrated();
     assert!(rig.send_console_line("set mount yaw90").contains("ok mount yaw90, align 0.0 deg; uncalibrated"));
+    let status = rig.send_console_line("status");
+    assert!(status.contains("calibration: number 1, not applied: it is of mount none"), "{status}");
     assert!(rig.send_console_line("set mount none").contains("ok mount none, align 0.0 deg; calibrated"));
 }
 

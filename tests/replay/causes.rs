@@ -69,7 +69,7 @@ const fn case(
 
 const LOAD: &[CompassAction] = &[CompassAction::Load];
 const FLY_AGAIN: &[CompassAction] = &[CompassAction::FlyAgain];
-const LOAD_OR_FLY: &[CompassAction] = &[CompassAction::Load, CompassAction::FlyAgain];
+const LOAD_OR_REPLACE: &[CompassAction] = &[CompassAction::Load, CompassAction::Replace];
 const REPLACE: &[CompassAction] = &[CompassAction::Replace];
 
 /// Steps are at 118 s, after half of the turns; the log's clock is 2 s ahead.
@@ -107,7 +107,7 @@ const CASES: [Case; 20] = [
     case(
         "iron by 4 uT",
         |t_s, s| s.field_ut[0][0] -= if t_s > 118.0 { 4.0 } else { 0.0 },
-        LOAD_OR_FLY,
+        LOAD_OR_REPLACE,
         "since 120 s, by",
         1,
     ),

@@ -161,3 +161,36 @@ fn without_a_reference_the_state_is_doubtful() {
     assert_eq!((judgement.state, judgement.as_logged_rms_deg), (CompassState::Doubtful, None));
     assert!(judgement.reason_codes().contains(&"no-reference"), "{judgement:?}");
 }
+
+/// Without a reference, the loss by the symmetric matrix is known from the fit. The cause is named, and the advice is not
+/// to fly again, which would not reduce it.
+#[test]
+fn a_loss_by_the_symmetric_matrix_is_no_reason_to_fly_again() {
+    for seed in [3, 5, 7] {
+        let flight = read(&encode_dataflash(&record(seed, |_, _| {})));
+        let evaluation = evaluate_flight(&flight, &ASKED);
+        let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
+        let judgement = &verdict.compasses[0].judgement;
+        assert_ne!(judgement.action, CompassAction::FlyAgain, "seed {seed}: {judgement:?}");
+    }
+}
+
+/// A drift of 12 uT in four minutes, and a bank that is 15 % too small. No manoeuvre would help.
+#[test]
+fn residuals_that_no_fit_explains_are_named_in_place_of_a_manoeuvre() {
+    let is_named = |recording: &FlightRecording, words: &str| {
+        judged(recording, |verdict, _| {
+            let judgement = &verdict.compasses[0].judgement;
+            let text = verdict.sentences().concat();
+            assert_eq!((judgement.state, judgement.action), (CompassState::Bad, CompassAction::FlyAgain), "{text}");
+            assert!(judgement.reason_codes().contains(&"residuals"), "{judgement:?}");
+            assert!(text.contains(words) && !text.contains("missing most"), "{text}");
+        });
+    };
+    is_named(&record(5, |t_s, field_ut| field_ut[0] += 0.05 * t_s), "early and late in the flight");
+    for seed in [5, 7] {
+        let mut leaning = record(seed, |_, _| {});
+        leaning.samples.iter_mut().for_each(|sample| sample.attitude_rad[0] *= 0.85);
+        is_named(&leaning, "all banks alike");
+    }
+}

@@ -14,7 +14,7 @@ use log_analysis::log::{Flight, LogError, LogFormat};
 use log_analysis::replay::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, evaluate_flight};
 use log_analysis::replay::parameter_export::{self, ParameterFormat};
 use log_analysis::replay::verdict::Verdict;
-use log_analysis::replay::{ReferenceHeading, ReferenceKind, ReplayResult, RowSelection};
+use log_analysis::replay::{ReferenceHeading, ReferenceKind, RowSelection};
 use log_analysis::report::{self, ReportOrigin};
 
 use super::failure::Failure;
@@ -88,8 +88,8 @@ pub struct Replay {
     /// Unit of mx, my, mz in a table: milligauss or microtesla
     #[arg(long, default_value = "mg", value_name = "mg|ut", value_parser = one_of(FIELD_UNITS))]
     pub unit: FieldUnit,
-    /// Orientation of the sensors of a table, by ArduPilot's names, such as yaw90: its field is then that of the
-    /// sensors' axes [default: none]
+    /// Orientation of the sensors by ArduPilot's names, such as yaw90, in place of that of the log's parameters; the
+    /// field of a table is then that of the sensors' axes [default: that of the log]
     #[arg(long, value_name = "ORIENTATION", value_parser = orientation)]
     pub mount: Option<Orientation>,
     /// Inclination of the Earth field, degrees, -90 to 90, positive down [default: by the field model if the log has
@@ -105,8 +105,8 @@ pub struct Replay {
     /// Heading that errors are measured against [default: the best in the log, in this order]
     #[arg(long, value_name = "simulator|column|gps-yaw|gps-course|autopilot", value_parser = one_of(REFERENCES))]
     pub reference: Option<ReferenceKind>,
-    /// Write t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg for every row of the first compass; the last
-    /// two are empty without a smoothed heading
+    /// Write t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg,readings for every reading of the first compass,
+    /// at the log's time stamps; `readings` are averaged to one heading, smooth ones may be empty
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Write the report page: a folder for its index.html, or a file (.html; .svg: only the before-and-after picture)
@@ -116,6 +116,9 @@ pub struct Replay {
     #[arg(long)]
     pub json: bool,
 }
+
+/// Farthest reading from the row that it is averaged to, seconds: readings within 0.1 s are averaged.
+const MAX_OFF_ROW_S: f64 = 0.06;
 
 /// Reads a log.
 ///
@@ -131,10 +134,16 @@ pub fn read_flight(file: &Path, options: &Replay) -> Result<Flight, Failure> {
         other => Failure(format!("{name}: {other}")),
     })?;
     if let Some(mount) = options.mount {
-        if flight.format != LogFormat::Csv {
-            return Err(Failure(format!("{name}: --mount is for tables; other logs record the orientation")));
+        if flight.format == LogFormat::Csv {
+            flight.rotate_sensors(mount);
+        } else {
+            flight.set_orientation(mount, options.compass).map_err(|number| {
+                Failure(format!(
+                    "{name}: the orientation of compass {number} is that of the autopilot's board, or unknown; give \
+                     --compass with the number of another"
+                ))
+            })?;
         }
-        flight.rotate_sensors(mount);
     }
     Ok(flight)
 }
@@ -200,8 +209,8 @@ pub fn run(file: &Path, options: &Replay) -> Result<ExitCode, Failure> {
         }
     }
     if let Some(path) = &options.out {
-        let module = verdict.compasses_in_use_first().first().map(|compass| &compass.evaluation.module);
-        write_headings(path, module).map_err(|e| cannot_write(path, &e))?;
+        let first = verdict.compasses_in_use_first().first().map(|compass| compass.evaluation);
+        write_headings(path, &flight, first).map_err(|e| cannot_write(path, &e))?;
     }
     let text = verdict_text(&name.to_string(), &verdict);
     if let Some(path) = &options.report {
@@ -297,18 +306,41 @@ fn table(verdict: &Verdict<'_>) -> Table {
     table
 }
 
-/// Writes the heading of each row; the status shows whether the module would have sent it. After a refusal it is that
-/// of a module without a calibration.
-fn write_headings(path: &Path, module: Option<&ReplayResult>) -> std::io::Result<()> {
+/// Writes a line for each reading of the log at its own time stamp: the heading of the row that it is part of, the number
+/// of readings averaged to that row, and whether the module would have sent the heading. After a refusal the status is
+/// that of a module without a calibration.
+fn write_headings(path: &Path, flight: &Flight, compass: Option<&CompassEvaluation>) -> std::io::Result<()> {
     let mut out = std::io::BufWriter::new(std::fs::File::create(path)?);
-    writeln!(out, "t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg")?;
-    let is_refused = module.is_some_and(|module| module.accepted.is_err());
-    for row in module.map_or(&[][..], |module| &module.headings) {
+    writeln!(out, "t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg,readings")?;
+    let Some(compass) = compass else { return out.flush() };
+    let logged = flight.compasses.iter().find(|logged| logged.number == compass.number);
+    let stamps_s: Vec<f64> =
+        logged.map_or_else(Vec::new, |logged| logged.field.rows().iter().map(|row| row.t_s).collect());
+    let headings = &compass.module.headings;
+    let row_of = |stamp_s: f64| {
+        // Rows are at the time of the field, which is older than its time stamp.
+        let at_s = stamp_s - compass.latency.used_s;
+        let next = headings.partition_point(|row| row.t_s < at_s);
+        let near = [next.checked_sub(1), Some(next)].into_iter().flatten();
+        let off_s = |index: usize| headings.get(index).map_or(f64::INFINITY, |row| (row.t_s - at_s).abs());
+        near.min_by(|one, other| off_s(*one).total_cmp(&off_s(*other))).filter(|index| off_s(*index) < MAX_OFF_ROW_S)
+    };
+    let rows: Vec<Option<usize>> = stamps_s.iter().map(|stamp_s| row_of(*stamp_s)).collect();
+    let mut readings = vec![0_u32; headings.len()];
+    rows.iter().flatten().for_each(|index| readings[*index] += 1);
+    for (stamp_s, index) in stamps_s.iter().zip(rows) {
+        let Some(index) = index else {
+            writeln!(out, "{stamp_s:.6},,,left-out,,,0")?;
+            continue;
+        };
+        let row = &headings[index];
+        let is_refused = compass.module.accepted.is_err();
         let status = if is_refused { Err(NoHeading::Uncalibrated) } else { row.status };
         let status = status.map_or_else(NoHeading::code, |()| "ok");
         let smooth =
             row.smooth_deg.map_or_else(|| ",".to_owned(), |[deg, sigma_deg]| format!("{deg:.2},{sigma_deg:.2}"));
-        writeln!(out, "{:.3},{:.2},{:.2},{status},{smooth}", row.t_s, row.heading_deg, row.sigma_deg)?;
+        let number = readings[index];
+        writeln!(out, "{stamp_s:.6},{:.2},{:.2},{status},{smooth},{number}", row.heading_deg, row.sigma_deg)?;
     }
     out.flush()
 }

@@ -25,7 +25,7 @@ pub(super) fn status(out: &mut impl Write, report: &StatusReport, health: &Diagn
             write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)
         }
         (ModuleState::Collecting, _) => write_coverage(out, report),
-        (_, None | Some(Message::Solved(Ok(_)))) => calibration_line(out, report),
+        (_, None | Some(Message::Solved(Ok(_)))) => calibration_line(out, report, health),
         _ => last_outcome(out, report),
     }
 }
@@ -51,10 +51,16 @@ fn last_outcome(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     }
 }
 
-fn calibration_line(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
-    match &report.stored_calibration {
-        Some(record) => writeln!(out, "calibration: number {}, {}", record.serial, record.expected_accuracy()),
-        None => writeln!(out, "calibration: none"),
+/// Writes the stored calibration, or why it is not applied.
+fn calibration_line(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
+    let Some(record) = &report.stored_calibration else { return writeln!(out, "calibration: none") };
+    write!(out, "calibration: number {}, ", record.serial)?;
+    if health.sensor.is_some_and(|sensor| sensor != record.sensor) {
+        writeln!(out, "not applied: it is of another sensor, {}", record.sensor)
+    } else if record.mount != report.settings.mount {
+        writeln!(out, "not applied: it is of mount {}", record.mount.name())
+    } else {
+        writeln!(out, "{}", record.expected_accuracy())
     }
 }
 
@@ -68,7 +74,7 @@ pub(super) fn full_status(out: &mut impl Write, report: &StatusReport, health: &
     if let (ModuleState::Collecting, Procedure::Flight) = (report.state, report.progress.procedure) {
         write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)?;
     }
-    calibration_line(out, report)?;
+    calibration_line(out, report, health)?;
     if let Some(record) = &report.stored_calibration {
         latency(out, &record.calibration, record.quality.latency)?;
     }

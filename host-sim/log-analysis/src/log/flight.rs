@@ -6,8 +6,9 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::ParameterHistory;
-use super::correction::FieldCorrection;
+use super::correction::{FieldCorrection, logged_mounting, orientation_parameter};
 use super::rates_problem::RatesProblem;
+use super::rotation::NumberedRotation;
 use super::series::Series;
 
 /// Log file format.
@@ -185,6 +186,37 @@ impl Flight {
             let logged = body_from_sensor * Vector3::new(logged_x, logged_y, logged_z);
             row.values = [raw.x, raw.y, raw.z, logged.x, logged.y, logged.z];
         }
+    }
+
+    /// Replaces the orientation of a compass, or of all, that the log of an autopilot has; the field as logged stays.
+    ///
+    /// # Errors
+    ///
+    /// The number of a compass whose orientation is that of the board, or unknown.
+    pub fn set_orientation(&mut self, mount: Orientation, number: Option<u8>) -> Result<(), u8> {
+        let Self { compasses, parameters, autopilot, .. } = self;
+        let is_px4 = *autopilot == Autopilot::Px4;
+        let body_from_sensor = mount.body_from_sensor().map(f64::from);
+        let (rotation, _) = NumberedRotation::nearest(&body_from_sensor);
+        for compass in compasses.iter_mut().filter(|compass| number.is_none_or(|number| number == compass.number)) {
+            let turn = |t_s: f64| {
+                let logged = logged_mounting(parameters, is_px4, t_s, compass.number)?;
+                Some(body_from_sensor * logged.transpose())
+            };
+            let last = turn(f64::INFINITY).ok_or(compass.number)?;
+            for row in compass.field.rows_mut() {
+                let [x, y, z, ..] = row.values.map(f64::from);
+                let raw = turn(row.t_s).unwrap_or(last) * Vector3::new(x, y, z);
+                row.values[..3].copy_from_slice(raw.map(|axis| axis as f32).as_slice());
+            }
+            compass.correction = compass.correction.map(|correction| FieldCorrection {
+                matrix: correction.matrix * last.transpose(),
+                hard_iron_ut: last * correction.hard_iron_ut,
+                motor_ut_per_a: last * correction.motor_ut_per_a,
+            });
+            parameters.replace(&orientation_parameter(is_px4, compass.number), rotation.number().into());
+        }
+        Ok(())
     }
 
     /// Creates an empty flight.

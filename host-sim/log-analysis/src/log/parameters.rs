@@ -28,6 +28,12 @@ impl ParameterHistory {
         }
     }
 
+    /// Replaces all values of a parameter.
+    pub fn replace(&mut self, name: &str, value: f64) {
+        self.0.remove(name);
+        self.set(f64::NEG_INFINITY, name, value);
+    }
+
     /// The value at a time.
     #[must_use]
     pub fn at(&self, t_s: f64, name: &str) -> Option<f64> {

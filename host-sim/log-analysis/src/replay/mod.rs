@@ -20,6 +20,7 @@ mod row;
 mod row_headings;
 mod row_solve;
 mod rows;
+mod symmetric_fit;
 pub mod verdict;
 
 pub use reference::{ReferenceHeading, ReferenceKind};

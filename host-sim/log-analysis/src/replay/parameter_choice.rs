@@ -10,8 +10,9 @@ use super::evaluation::{CompassEvaluation, heading_deg};
 use super::parameter_export::{ExportedCorrection, HeldBackScore, ParameterFormat, applied_field, export_correction};
 use super::parameter_fit::{FitVariant, half_at};
 use super::row_headings::score;
+use super::row_solve::solved_correction;
 use super::{ReferenceHeading, ReplayRow};
-use crate::log::Flight;
+use crate::log::{FieldCorrection, Flight};
 use crate::numbers::{median, square};
 
 /// Smallest number of rows since the last change for a fit: 10 s at 10 Hz.
@@ -54,12 +55,24 @@ pub enum NoParameters {
         /// Manoeuvre that is missing most.
         manoeuvre: Option<String>,
     },
+    /// Residuals that the fit does not explain leave the parameters too uncertain.
+    Residuals {
+        /// Expected error over all headings, degrees RMS.
+        expected_deg: f64,
+        /// Quantity that the residuals depend on.
+        dependence: Dependence,
+    },
     /// The module's verification rejects the fit, and there is no reference to judge it by.
     Unverified,
     /// The parameters in use are as good; errors on held-back rows.
     NoGain(HeldBackScore),
-    /// No parameters reach a useful accuracy; errors on held-back rows.
-    Inaccurate(HeldBackScore),
+    /// No parameters reach a useful accuracy.
+    Inaccurate {
+        /// Error on held-back rows.
+        held_back: HeldBackScore,
+        /// Part of it that the autopilot's parameters cannot express, degrees RMS.
+        lost_deg: f64,
+    },
     /// The autopilot rejects offsets of this size.
     OffsetsTooLarge {
         /// Largest offset, milligauss.
@@ -67,6 +80,15 @@ pub enum NoParameters {
         /// Limit of the offset, milligauss.
         limit_mg: f64,
     },
+}
+
+/// Quantity that residuals of a fit depend on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Dependence {
+    /// Time.
+    Time,
+    /// Bank.
+    Bank,
 }
 
 /// Parameters of a compass, or the reason for giving none. `reference` is the heading reference of the rows.
@@ -90,12 +112,13 @@ pub fn choose_parameters(
     let sigma_deg =
         sigma_deg.filter(|_| rows.iter().filter(|row| row.reference_deg.is_some()).count() >= MIN_REFERENCE_ROWS);
     let candidate = |variant: &FitVariant| {
-        let held_back =
+        let export =
             |solution: &Solution| export_correction(evaluation.number, &rows, &solution.calibration, total_ut, format);
-        let exported = held_back(&variant.fit_of_all_rows)?;
-        let halves = [variant.fits_of_halves[0].as_ref()?, variant.fits_of_halves[1].as_ref()?].map(held_back);
-        let [Some(first), Some(second)] = halves else { return None };
-        let held_back = score_held_back(flight, &rows, &[first, second], format, sigma_deg.is_some())?;
+        let exported = export(&variant.fit_of_all_rows)?;
+        let halves = [variant.fits_of_halves[0].as_ref()?, variant.fits_of_halves[1].as_ref()?];
+        let [Some(first), Some(second)] = halves.map(export) else { return None };
+        let full = halves.map(solved_correction);
+        let held_back = score_held_back(flight, &rows, &[first, second], &full, format, sigma_deg.is_some())?;
         Some(Candidate { solution: variant.fit_of_all_rows, is_accepted: variant.is_accepted, exported, held_back })
     };
     let mut candidates = fit.variants.iter().filter_map(candidate);
@@ -129,7 +152,9 @@ impl Candidate {
         let unexplained_deg = (square(rms_deg) - square(self.exported.heading_loss_deg[0])).max(0.0).sqrt();
         let is_gain =
             as_logged_rms_deg - rms_deg >= MIN_GAIN_DEG && rms_deg <= (1.0 - MIN_RELATIVE_GAIN) * as_logged_rms_deg;
-        if expected_deg.is_nan() || expected_deg > MAX_EXPECTED_DEG {
+        if let Some(dependence) = residual_dependence(&self.solution).filter(|_| expected_deg > MAX_EXPECTED_DEG) {
+            Err(NoParameters::Residuals { expected_deg, dependence })
+        } else if expected_deg.is_nan() || expected_deg > MAX_EXPECTED_DEG {
             let manoeuvre = self.solution.advice.map(|advice| advice.manoeuvre.to_string());
             Err(NoParameters::Unobservable { expected_deg, manoeuvre })
         } else if !is_gain {
@@ -137,13 +162,22 @@ impl Candidate {
         } else if rms_deg > GOOD_COMPASS_RMS_DEG
             && (rms_deg > BAD_COMPASS_RMS_DEG || unexplained_deg > GOOD_COMPASS_RMS_DEG)
         {
-            Err(NoParameters::Inaccurate(self.held_back))
+            Err(NoParameters::Inaccurate { held_back: self.held_back, lost_deg: self.exported.heading_loss_deg[0] })
         } else if reference_sigma_deg.is_none() && !self.is_accepted {
             Err(NoParameters::Unverified)
         } else {
             Ok(())
         }
     }
+}
+
+/// Quantity on which residuals depend that make up most of the expected error.
+fn residual_dependence(solution: &Solution) -> Option<Dependence> {
+    let expected_deg = f64::from(solution.quality.expected_rms_deg);
+    let is_most = |added_deg: f32| square(added_deg.into()) > 0.5 * square(expected_deg);
+    let by_time = solution.hard_iron_change.filter(|finding| is_most(finding.added_error_deg));
+    let by_bank = solution.bank_scale_error.filter(|finding| is_most(finding.added_error_deg));
+    by_time.map(|_| Dependence::Time).or(by_bank.map(|_| Dependence::Bank))
 }
 
 /// Whether motor-current interference is known and large enough to be compensated.
@@ -156,15 +190,19 @@ fn is_motor_significant(solution: &Solution) -> bool {
     ut_per_a.amax() >= MIN_MOTOR_SIGNIFICANCE * motor.sigma_ut_per_a && effect_deg >= MIN_MOTOR_EFFECT_DEG
 }
 
-/// Scores rows with the parameters of the half that they are not part of.
+/// Scores rows with the parameters of the half that they are not part of. Without a reference, the scatter is that with
+/// the full correction of that half, and the difference of the parameters' headings from its headings is added in
+/// squares.
 fn score_held_back(
     flight: &Flight,
     rows: &[ReplayRow],
     halves: &[ExportedCorrection; 2],
+    full: &[FieldCorrection; 2],
     format: ParameterFormat,
     has_reference: bool,
 ) -> Option<HeldBackScore> {
     let [first, second] = halves.each_ref().map(|half| applied_field(flight, half, format));
+    let full_field = |row: &ReplayRow| row.corrected(&full[1 - half_at(row.t_s)]);
     let field = |row: &ReplayRow| if half_at(row.t_s) == 0 { second(row) } else { first(row) };
     let logged = |row: &ReplayRow| row.logged.ut.map(f64::from);
     let [rms_deg, as_logged_rms_deg] = if has_reference {
@@ -173,9 +211,17 @@ fn score_held_back(
         };
         [rms(&field)?, rms(&logged)?]
     } else {
-        [&field as &dyn Fn(&ReplayRow) -> Vector3<f64>, &logged].map(|field| rms_deg_by_scatter(scatter(rows, field)))
+        let lost_rows: Vec<ReplayRow> = rows
+            .iter()
+            .map(|row| ReplayRow { reference_deg: Some(heading_deg(row, full_field(row))), ..*row })
+            .collect();
+        let lost_deg = score(&lost_rows, |row| Some((heading_deg(row, field(row)), f64::NAN)))?.rms_deg;
+        [
+            libm::hypot(rms_deg_by_scatter(scatter(rows, &full_field)), lost_deg),
+            rms_deg_by_scatter(scatter(rows, &logged)),
+        ]
     };
-    let [field_scatter_deg, _] = scatter(rows, &field);
+    let [field_scatter_deg, _] = scatter(rows, &full_field);
     let is_estimate = !has_reference;
     rms_deg.is_finite().then_some(HeldBackScore { rms_deg, as_logged_rms_deg, is_estimate, field_scatter_deg })
 }
@@ -204,6 +250,11 @@ fn rms_deg_by_scatter([by_strength_deg, by_inclination_deg]: [f64; 2]) -> f64 {
     libm::hypot(by_strength_deg, by_inclination_deg) / std::f64::consts::SQRT_2
 }
 
+/// Whether more than half of an error, in squares, is what the autopilot's parameters cannot express.
+pub(super) fn is_mostly_lost(rms_deg: f64, lost_deg: f64) -> bool {
+    square(lost_deg) > 0.5 * square(rms_deg)
+}
+
 impl NoParameters {
     /// Code for programs.
     #[must_use]
@@ -212,9 +263,10 @@ impl NoParameters {
             Self::FewRows(_) => "few-rows",
             Self::Unsolved => "unsolved",
             Self::Unobservable { .. } => "unobservable",
+            Self::Residuals { .. } => "residuals",
             Self::Unverified => "unverified",
             Self::NoGain(_) => "no-gain",
-            Self::Inaccurate(_) => "inaccurate",
+            Self::Inaccurate { .. } => "inaccurate",
             Self::OffsetsTooLarge { .. } => "offsets-too-large",
         }
     }
@@ -233,12 +285,27 @@ impl fmt::Display for NoParameters {
             Self::NoGain(HeldBackScore { rms_deg, .. }) => {
                 write!(f, "a fit is no better: {rms_deg:.1} deg RMS on held-back rows")
             }
-            Self::Inaccurate(HeldBackScore { rms_deg, .. }) => {
+            Self::Inaccurate { held_back: HeldBackScore { rms_deg, .. }, lost_deg } => {
                 write!(
                     f,
                     "the best parameters leave {rms_deg:.1} deg RMS on held-back rows, too much to be loaded \
                      ({GOOD_COMPASS_RMS_DEG:.0} deg)"
-                )
+                )?;
+                if is_mostly_lost(*rms_deg, *lost_deg) {
+                    write!(f, ", {lost_deg:.1} of it because the autopilot's matrix is symmetric")?;
+                }
+                Ok(())
+            }
+            Self::Residuals { expected_deg, dependence } => {
+                let depends = match dependence {
+                    Dependence::Time => {
+                        "the field does not fit early and late in the flight alike, as with iron that moves"
+                    }
+                    Dependence::Bank => {
+                        "the field does not fit all banks alike, as with a wrong bank or iron that follows it"
+                    }
+                };
+                write!(f, "{depends}, which leaves an error of {expected_deg:.1} deg over all headings")
             }
             Self::OffsetsTooLarge { offset_mg, limit_mg } => {
                 write!(f, "an offset of {offset_mg:.0} mG exceeds COMPASS_OFFS_MAX, {limit_mg:.0}")

@@ -8,12 +8,11 @@ use std::fmt::Write as _;
 
 use autoswing::calibration::Calibration;
 use autoswing::frames::Field;
-use nalgebra::{DMatrix, DVector, Matrix3, SVD, Vector3};
+use nalgebra::{Matrix3, SVD, Vector3};
 
 use super::ReplayRow;
-use crate::log::{
-    Autopilot, FieldCorrection, Flight, NumberedRotation, ParameterHistory, px4_mounting, symmetric_matrix,
-};
+use super::symmetric_fit::{SymmetricFit, correction_parts, heading_deg};
+use crate::log::{Autopilot, FieldCorrection, Flight, NumberedRotation, ParameterHistory, px4_mounting};
 use crate::numbers::{format_number, square};
 use crate::score::wrap_180;
 
@@ -137,7 +136,15 @@ pub fn export_correction(
         hard_iron_ut: q * (b + by_current_ut * usual_a),
         motor_ut_per_a: if dialect == ParameterFormat::Inav { Vector3::zeros() } else { q * by_current_ut },
     };
-    let exportable = nearest(own_rows, &rows, &full, near, dialect == ParameterFormat::Inav);
+    let fit = SymmetricFit {
+        rows: own_rows,
+        turned: &rows,
+        mounting: q,
+        calibration,
+        full,
+        is_diagonal: dialect == ParameterFormat::Inav,
+    };
+    let exportable = fit.nearest(near);
     let lost_deg = heading_loss_deg_of(own_rows, &rows, &full, &exportable);
     let mut warnings = Vec::new();
     if lost_deg[0] > MIN_REPORTED_LOSS_DEG {
@@ -188,87 +195,6 @@ fn inav_correction(text: &str) -> FieldCorrection {
     };
     let scale = values("maggain", 1024.0).map(|gain| 1024.0 / gain);
     FieldCorrection::without_current(Matrix3::from_diagonal(&scale), values("magzero", 0.0) / MILLIGAUSS)
-}
-
-/// Symmetric (or diagonal) matrix and offsets whose headings over usable rows are nearest to the full correction's, by
-/// Gauss-Newton with step halving. Keeps the field strength.
-fn nearest(
-    rows: &[ReplayRow],
-    turned: &[ReplayRow],
-    full: &FieldCorrection,
-    near: FieldCorrection,
-    is_diagonal: bool,
-) -> FieldCorrection {
-    const MAX_GAUSS_NEWTON_STEPS: usize = 20;
-    const MAX_HALVINGS: usize = 6;
-    const MAX_ROWS: usize = 1000;
-    /// Regularisation of unobservable parameters: change of a matrix element, and of an offset in microtesla,
-    /// equivalent to 1 deg in one row.
-    const REGULARISATION_SIGMAS: [f64; 2] = [0.3, 30.0];
-    let every = rows.iter().filter(|row| row.usable).count().div_ceil(MAX_ROWS).max(1);
-    let pairs: Vec<(&ReplayRow, f64)> = rows
-        .iter()
-        .zip(turned)
-        .filter(|(row, _)| row.usable)
-        .step_by(every)
-        .map(|(row, turned)| (turned, heading_deg(row, full)))
-        .collect();
-    let number = if is_diagonal { 6 } else { 9 };
-    let built = |p: &DVector<f64>| {
-        let off_diagonal_entries = if is_diagonal { Vector3::zeros() } else { Vector3::new(p[6], p[7], p[8]) };
-        let matrix = symmetric_matrix(&Vector3::new(p[0], p[1], p[2]), &off_diagonal_entries);
-        FieldCorrection { matrix, hard_iron_ut: Vector3::new(p[3], p[4], p[5]), ..near }
-    };
-    let [centre, diagonal, off_diagonal_entries] = correction_parts(&near);
-    let start = DVector::from_iterator(
-        number,
-        diagonal.iter().chain(centre.iter()).chain(off_diagonal_entries.iter()).copied().take(number),
-    );
-    let residuals = |p: &DVector<f64>| {
-        let correction = built(p);
-        DVector::from_iterator(
-            pairs.len(),
-            pairs.iter().map(|(row, expected_deg)| wrap_180(heading_deg(row, &correction) - expected_deg)),
-        )
-    };
-    let mut best = (start.clone(), residuals(&start).norm_squared());
-    for _ in 0..MAX_GAUSS_NEWTON_STEPS {
-        let from = residuals(&best.0);
-        let mut jacobian = DMatrix::zeros(pairs.len(), number);
-        for i in 0..number {
-            let step = if (3..6).contains(&i) { 0.01 } else { 1e-4 };
-            let mut moved = best.0.clone();
-            moved[i] += step;
-            jacobian.set_column(i, &((residuals(&moved) - &from).map(wrap_180) / step));
-        }
-        let mut normal = jacobian.transpose() * &jacobian;
-        let mut side = -(jacobian.transpose() * from);
-        for i in 0..number {
-            let weight = square(REGULARISATION_SIGMAS[usize::from((3..6).contains(&i))]).recip();
-            normal[(i, i)] += weight;
-            side[i] += weight * (start[i] - best.0[i]);
-        }
-        let Some(cholesky) = normal.cholesky() else { break };
-        let step = cholesky.solve(&side);
-        // Far from the minimum, where headings are not linear in the parameters, a full step can lead uphill.
-        let shorter = std::iter::successors(Some(1.0), |scale| Some(0.5 * scale)).take(MAX_HALVINGS);
-        let mut candidates = shorter
-            .map(|scale| &best.0 + &step * scale)
-            .map(|candidate| (residuals(&candidate).norm_squared(), candidate));
-        let Some((squares, candidate)) = candidates.find(|(squares, _)| *squares < best.1) else { break };
-        best = (candidate, squares);
-    }
-    let found = built(&best.0);
-    // Headings do not observe the scale.
-    let total =
-        |correction: &FieldCorrection| -> f64 { pairs.iter().map(|(row, _)| row.corrected(correction).norm()).sum() };
-    let size = total(&near) / total(&found);
-    if size.is_finite() && size > 0.0 { FieldCorrection { matrix: found.matrix * size, ..found } } else { near }
-}
-
-fn heading_deg(row: &ReplayRow, correction: &FieldCorrection) -> f64 {
-    let corrected = row.corrected(correction).map(|axis| axis as f32);
-    f64::from(row.attitude.level(Field::new(corrected)).heading_rad().to_degrees())
 }
 
 fn polar_decomposition(matrix: &Matrix3<f64>) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
@@ -450,12 +376,6 @@ fn inav(text: &mut String, exports: &[ExportedCorrection]) -> std::fmt::Result {
     Ok(())
 }
 
-/// Offsets, diagonal, and elements xy, xz and yz.
-fn correction_parts(correction: &FieldCorrection) -> [Vector3<f64>; 3] {
-    let m = &correction.matrix;
-    [correction.hard_iron_ut, m.diagonal(), Vector3::new(m[(0, 1)], m[(0, 2)], m[(1, 2)])]
-}
-
 /// Parses an exported file on top of other parameters.
 #[must_use]
 pub fn parse_parameter_file(text: &str, others: &ParameterHistory) -> ParameterHistory {
@@ -475,6 +395,7 @@ mod tests {
     use nalgebra::Rotation3;
 
     use super::*;
+    use crate::log::symmetric_matrix;
 
     /// Only a mounting within 25 deg of a right angle counts.
     #[test]

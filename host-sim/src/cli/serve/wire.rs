@@ -298,11 +298,16 @@ impl Wire for Terminal {
     fn read(&mut self, most: usize) -> Vec<u8> {
         self.process_console_output();
         let bytes: Vec<u8> = self.pending.drain(..most.min(self.pending.len())).collect();
+        let was_closed = self.is_closed;
         let mut sent = Vec::new();
         for byte in bytes {
             if self.is_for_module(byte) {
                 sent.push(byte);
             }
+        }
+        if self.is_closed && !was_closed {
+            // The module has received `quit`, or the begin of another line, and would put it before the next session's.
+            sent.push(CLEAR_LINE_KEY);
         }
         sent
     }
@@ -343,4 +348,29 @@ pub fn read_in_thread(mut from: impl Read + Send + 'static) -> Receiver<Vec<u8>>
         {}
     });
     receiver
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_end_of_a_session_clears_its_line_in_the_module() {
+        for (typed, sent) in
+            [(&b"status\rquit\r"[..], &b"status\rquit\x15"[..]), (b"sta\x1d", b"sta\x15"), (b"sta", b"sta")]
+        {
+            let (sender, input) = mpsc::channel();
+            sender.send(typed.to_vec()).unwrap();
+            let mut terminal = Terminal {
+                input,
+                pending: VecDeque::new(),
+                line: Vec::new(),
+                orders: None,
+                is_closed: false,
+                last_activity: None,
+                is_raw: true,
+            };
+            assert_eq!(terminal.read(100), sent);
+        }
+    }
 }

@@ -169,6 +169,34 @@ pub(crate) fn px4_mounting(parameters: &ParameterHistory, t_s: f64, index: u8) -
     }
 }
 
+/// Parameter of the orientation of a compass of PX4 or ArduPilot.
+pub(crate) fn orientation_parameter(is_px4: bool, number: u8) -> String {
+    match number {
+        _ if is_px4 => format!("CAL_MAG{}_ROT", number.saturating_sub(1)),
+        1 => "COMPASS_ORIENT".to_owned(),
+        _ => format!("COMPASS_ORIENT{number}"),
+    }
+}
+
+/// Rotation by which PX4 or ArduPilot turned the field of a compass at a time; none where it is that of the board, which
+/// the compass's parameter does not change, or unknown.
+pub(crate) fn logged_mounting(
+    parameters: &ParameterHistory,
+    is_px4: bool,
+    t_s: f64,
+    number: u8,
+) -> Option<Matrix3<f64>> {
+    if is_px4 {
+        return Some(px4_mounting(parameters, t_s, number.saturating_sub(1)));
+    }
+    let external = if number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{number}") };
+    if parameters.at(t_s, &external) == Some(0.0) {
+        return None;
+    }
+    let orientation = parameters.at(t_s, &orientation_parameter(is_px4, number)).unwrap_or(0.0);
+    NumberedRotation::new(orientation).map(NumberedRotation::matrix)
+}
+
 /// Symmetric matrix from its diagonal and its xy, xz and yz elements.
 pub(crate) fn symmetric_matrix(diagonal: &Vector3<f64>, off_diagonal: &Vector3<f64>) -> Matrix3<f64> {
     let (d, o) = (diagonal, off_diagonal);

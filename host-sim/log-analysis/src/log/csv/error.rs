@@ -20,7 +20,11 @@ impl fmt::Display for CsvError {
         match self {
             Self::Source(reason) => f.write_str(reason),
             Self::NoColumn(name) => {
-                write!(f, "no column {name}; needed are t_s, mx, my, mz, roll_deg, pitch_deg, named in the first line")
+                write!(
+                    f,
+                    "no column {name}; needed are t_s, mx, my, mz, roll_deg, pitch_deg (or time, MagX, MagY, MagZ, roll, \
+                     pitch), named in the first line"
+                )
             }
             Self::NoRate(name) => write!(f, "no column {name}; p_dps, q_dps and r_dps belong together"),
             Self::NoRows(None) => f.write_str("there are no rows"),

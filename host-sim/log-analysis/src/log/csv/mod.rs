@@ -15,7 +15,8 @@
 //! | `speed_m_s`, `course_deg` | optional, with position: speed and course over ground, from true north |
 //! | `armed` | optional: 0 or 1 |
 //!
-//! Other columns are ignored, as are lines that begin with `#` and a spreadsheet's `sep=`. Column names are
+//! Of the required columns, `time`, `time_s`, `t`, `seconds`, `MagX`, `mag_x`, `roll`, `pitch` are other names. Other
+//! columns are ignored, as are lines that begin with `#` and a spreadsheet's `sep=`. Column names are
 //! case-insensitive. With semicolon or tab a comma is a decimal point. Empty and `nan` mean unknown. An invalid line is
 //! skipped and counted.
 //!
@@ -36,19 +37,15 @@ pub use unit::FieldUnit;
 
 use super::flight::Flight;
 use super::read_window::ReadWindow;
-use cells::{is_comment, separator, trimmed};
+use cells::is_comment;
 use reader::TableReader;
-use table::TableLayout;
+use table::{TableLayout, is_header};
 
-/// Whether the first line that is no comment names the time column.
+/// Whether the first line that is no comment is the header of a table: with a column `t_s`, or half of the required columns.
 #[must_use]
 pub fn is_table(head: &[u8]) -> bool {
-    let names = |line: &[u8]| {
-        let line = String::from_utf8_lossy(line).into_owned();
-        let separator = separator(&line);
-        line.split(separator).any(|name| trimmed(name).eq_ignore_ascii_case("t_s"))
-    };
-    head.split(|&byte| byte == b'\n').find(|line| !is_comment(line)).is_some_and(names)
+    let first = head.split(|&byte| byte == b'\n').find(|line| !is_comment(line));
+    first.is_some_and(|line| is_header(&String::from_utf8_lossy(line)))
 }
 
 /// Reads a flight.
@@ -130,6 +127,24 @@ mod tests {
             assert!(is_table(text.as_bytes()), "{text}");
         }
         assert!(!is_table(b"time,mx\n") && !is_table(b""));
+    }
+
+    #[test]
+    fn other_names_of_columns_are_known_and_the_missing_one_is_named() {
+        let names = ["t_s", "mx", "my", "mz", "roll_deg", "pitch_deg"];
+        for others in [
+            ["time", "MagX", "MagY", "MagZ", "Roll", "Pitch"],
+            ["time_s", "mag_x", "mag_y", "mag_z", "roll_deg", "pitch_deg"],
+        ] {
+            let renamed = std::iter::zip(names, others)
+                .fold(GOOD.to_owned(), |text, (name, other)| text.replacen(name, other, 1));
+            let renamed = format!("\u{feff}{renamed}");
+            assert!(is_table(renamed.as_bytes()), "{renamed}");
+            assert_eq!(read_text(&renamed).unwrap().compasses[0].field, read_text(GOOD).unwrap().compasses[0].field);
+            let missing = renamed.replacen(others[4], "bank", 1);
+            assert!(is_table(missing.as_bytes()), "{missing}");
+            assert_eq!(read_text(&missing).unwrap_err(), CsvError::NoColumn("roll_deg".to_owned()));
+        }
     }
 
     #[test]

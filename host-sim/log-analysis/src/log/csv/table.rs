@@ -20,6 +20,33 @@ pub(super) struct TableLayout {
     pub armed: Option<usize>,
 }
 
+/// Other names of required columns.
+const OTHER_NAMES: [(&str, &[&str]); 6] = [
+    ("t_s", &["time", "time_s", "t", "seconds"]),
+    ("mx", &["magx", "mag_x"]),
+    ("my", &["magy", "mag_y"]),
+    ("mz", &["magz", "mag_z"]),
+    ("roll_deg", &["roll"]),
+    ("pitch_deg", &["pitch"]),
+];
+
+/// Number of required columns that a header of a table names at least.
+const MIN_COLUMNS: usize = 3;
+
+/// Column of a name, else of one of its other names.
+fn find_column(names: &[&str], name: &str) -> Option<usize> {
+    let position = |name: &str| names.iter().position(|column| column.eq_ignore_ascii_case(name));
+    let others = || OTHER_NAMES.iter().find(|(known, _)| *known == name).map_or(&[][..], |(_, others)| *others);
+    position(name).or_else(|| others().iter().find_map(|other| position(other)))
+}
+
+/// Whether a line is the header of a table.
+pub(super) fn is_header(line: &str) -> bool {
+    let names: Vec<&str> = line.split(separator(line)).map(trimmed).collect();
+    let number = OTHER_NAMES.iter().filter(|(name, _)| find_column(&names, name).is_some()).count();
+    number >= MIN_COLUMNS || names.iter().any(|name| name.eq_ignore_ascii_case("t_s"))
+}
+
 /// Column name and invalid content.
 pub(super) type InvalidCell = (String, String);
 
@@ -27,7 +54,7 @@ impl TableLayout {
     pub fn from_header(header: &str) -> Result<Self, CsvError> {
         let separator = separator(header);
         let names: Vec<&str> = header.split(separator).map(trimmed).collect();
-        let find = |name: &str| names.iter().position(|column| column.eq_ignore_ascii_case(name));
+        let find = |name: &str| find_column(&names, name);
         let need = |name: &str| find(name).ok_or_else(|| CsvError::NoColumn(name.to_owned()));
         let mut fields = vec![(1, [need("mx")?, need("my")?, need("mz")?])];
         for number in 2..=MAX_COMPASSES {

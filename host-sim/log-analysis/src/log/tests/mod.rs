@@ -6,6 +6,7 @@ mod link;
 mod px4;
 mod table;
 
+use autoswing::calibration::Orientation;
 use nalgebra::{Rotation3, Vector3};
 
 use super::csv::FieldUnit;
@@ -212,4 +213,42 @@ fn a_restart_within_a_log_continues_ten_seconds_later() {
             rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).filter(|step| *step > 1.0).collect();
         assert!(steps.len() == 1 && steps[0] > 9.0 && steps[0] < 12.0, "{steps:?}");
     }
+}
+
+/// The sensors of both compasses in fact are turned by another 90 deg.
+#[test]
+fn a_given_orientation_replaces_the_logged_one() {
+    let names = [["COMPASS_ORIENT", "CAL_MAG0_ROT"], ["COMPASS_ORIENT2", "CAL_MAG1_ROT"]];
+    let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2);
+    for (bytes, is_px4) in [
+        (
+            encode_dataflash(&recording(
+                &[&ARDUPILOT[..], &[("COMPASS_ORIENT", 2.0), ("COMPASS_ORIENT2", 2.0)]].concat(),
+            )),
+            false,
+        ),
+        (encode_ulog(&recording(&[&PX4[..], &[("CAL_MAG0_ROT", 2.0), ("CAL_MAG1_ROT", 2.0)]].concat())), true),
+    ] {
+        let logged = read_bytes(&bytes).unwrap();
+        let mut given = logged.clone();
+        given.set_orientation(Orientation::from_name("yaw180").unwrap(), Some(1)).unwrap();
+        assert_eq!(given.parameters.last(names[0][usize::from(is_px4)]), Some(4.0));
+        assert_eq!(given.parameters.last(names[1][usize::from(is_px4)]), Some(2.0));
+        assert_eq!(given.compasses[1].field.rows(), logged.compasses[1].field.rows());
+        let [one, other] = [&given, &logged].map(|flight| &flight.compasses[0]);
+        for (one_row, other_row) in one.field.rows().iter().zip(other.field.rows()) {
+            let [one_ut, other_ut] = [one_row, other_row]
+                .map(|row| Vector3::new(row.values[0], row.values[1], row.values[2]).map(f64::from));
+            assert!((one_ut - turn * other_ut).norm() < 1e-4, "{one_ut} {other_ut}");
+            assert_eq!(one_row.values[3..], other_row.values[3..]);
+            let [one_ut, other_ut] = [(one, one_ut), (other, other_ut)]
+                .map(|(compass, raw)| compass.correction.as_ref().unwrap().apply(raw, 10.0));
+            assert!((one_ut - other_ut).norm() < 1e-4, "{one_ut} {other_ut}");
+        }
+    }
+    let internal = recording(&[&ARDUPILOT[..], &[("COMPASS_EXTERNAL", 0.0)]].concat());
+    let mut internal = read_bytes(&encode_dataflash(&internal)).unwrap();
+    let orientation = Orientation::from_name("yaw180").unwrap();
+    assert_eq!(internal.set_orientation(orientation, None), Err(1));
+    assert_eq!(internal.set_orientation(orientation, Some(2)), Ok(()));
 }

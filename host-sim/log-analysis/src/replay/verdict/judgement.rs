@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::replay::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg};
 use crate::replay::log_warning::LogWarning;
-use crate::replay::parameter_choice::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, NoParameters};
+use crate::replay::parameter_choice::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, NoParameters, is_mostly_lost};
 use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
 use crate::replay::row_headings::score;
 use crate::replay::{ReferenceHeading, ReplayRow};
@@ -149,7 +149,11 @@ impl Judgement {
 fn action_without_parameters(state: CompassState, why: &NoParameters) -> CompassAction {
     match why {
         NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
-        NoParameters::NoGain(held_back) | NoParameters::Inaccurate(held_back)
+        // Flying again does not make the matrix express more.
+        NoParameters::Inaccurate { held_back, lost_deg } if is_mostly_lost(held_back.rms_deg, *lost_deg) => {
+            CompassAction::Replace
+        }
+        NoParameters::NoGain(held_back) | NoParameters::Inaccurate { held_back, .. }
             if !held_back.is_estimate && held_back.rms_deg.min(held_back.field_scatter_deg) > BAD_COMPASS_RMS_DEG =>
         {
             CompassAction::Replace

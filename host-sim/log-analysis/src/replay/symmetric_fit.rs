@@ -1,0 +1,172 @@
+//! Fits the symmetric (or diagonal) matrix and the offsets that an autopilot can express to a full correction.
+
+use autoswing::calibration::Calibration;
+use autoswing::frames::{Attitude, Field, Level};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+use super::ReplayRow;
+use crate::log::{FieldCorrection, symmetric_matrix};
+use crate::numbers::square;
+use crate::score::wrap_180;
+
+const MAX_GAUSS_NEWTON_STEPS: usize = 20;
+const MAX_HALVINGS: usize = 6;
+const MAX_ROWS: usize = 1000;
+
+/// Regularisation of unobservable parameters: change of a matrix element, and of an offset in microtesla, equivalent to
+/// 1 deg in one row.
+const REGULARISATION_SIGMAS: [f64; 2] = [0.3, 30.0];
+
+/// Attitudes of normal flight, degrees. Together they have the weight of the flown rows: a flight in level turns alone
+/// leaves a scale and an offset along z that cancel each other there, and nowhere else.
+const BANKS_DEG: [f32; 7] = [-45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0];
+const PITCHES_DEG: [f32; 3] = [-15.0, 0.0, 15.0];
+const HEADINGS: usize = 12;
+
+/// Row in turned axes, its heading by the full correction, degrees, and the square root of its weight.
+struct FittedRow {
+    row: ReplayRow,
+    heading_deg: f64,
+    root_weight: f64,
+}
+
+/// Fit of an autopilot's correction to a full one.
+pub struct SymmetricFit<'a> {
+    /// Rows flown.
+    pub rows: &'a [ReplayRow],
+    /// The same, turned by the mounting.
+    pub turned: &'a [ReplayRow],
+    /// Rotation by the mounting.
+    pub mounting: Matrix3<f64>,
+    /// Calibration, of which `full` is the correction.
+    pub calibration: &'a Calibration,
+    /// Full correction.
+    pub full: FieldCorrection,
+    /// Whether the matrix is diagonal.
+    pub is_diagonal: bool,
+}
+
+impl SymmetricFit<'_> {
+    /// Matrix and offsets whose headings over usable rows and over [`BANKS_DEG`] are nearest to the full correction's, by
+    /// Gauss-Newton with step halving from `near`. Keeps the field strength.
+    pub fn nearest(&self, near: FieldCorrection) -> FieldCorrection {
+        let fitted = self.fitted_rows();
+        let number = if self.is_diagonal { 6 } else { 9 };
+        let built = |p: &DVector<f64>| {
+            let off_diagonal_entries = if self.is_diagonal { Vector3::zeros() } else { Vector3::new(p[6], p[7], p[8]) };
+            let matrix = symmetric_matrix(&Vector3::new(p[0], p[1], p[2]), &off_diagonal_entries);
+            FieldCorrection { matrix, hard_iron_ut: Vector3::new(p[3], p[4], p[5]), ..near }
+        };
+        let [centre, diagonal, off_diagonal_entries] = correction_parts(&near);
+        let start = DVector::from_iterator(
+            number,
+            diagonal.iter().chain(centre.iter()).chain(off_diagonal_entries.iter()).copied().take(number),
+        );
+        let residuals = |p: &DVector<f64>| {
+            let correction = built(p);
+            let residual = |fitted: &FittedRow| {
+                wrap_180(heading_deg(&fitted.row, &correction) - fitted.heading_deg) * fitted.root_weight
+            };
+            DVector::from_iterator(fitted.len(), fitted.iter().map(residual))
+        };
+        let mut best = (start.clone(), residuals(&start).norm_squared());
+        for _ in 0..MAX_GAUSS_NEWTON_STEPS {
+            let from = residuals(&best.0);
+            let mut jacobian = DMatrix::zeros(fitted.len(), number);
+            for i in 0..number {
+                let step = if (3..6).contains(&i) { 0.01 } else { 1e-4 };
+                let mut moved = best.0.clone();
+                moved[i] += step;
+                jacobian.set_column(i, &((residuals(&moved) - &from).map(wrap_180) / step));
+            }
+            let mut normal = jacobian.transpose() * &jacobian;
+            let mut side = -(jacobian.transpose() * from);
+            for i in 0..number {
+                let weight = square(REGULARISATION_SIGMAS[usize::from((3..6).contains(&i))]).recip();
+                normal[(i, i)] += weight;
+                side[i] += weight * (start[i] - best.0[i]);
+            }
+            let Some(cholesky) = normal.cholesky() else { break };
+            let step = cholesky.solve(&side);
+            // Far from the minimum, where headings are not linear in the parameters, a full step can lead uphill.
+            let shorter = std::iter::successors(Some(1.0), |scale| Some(0.5 * scale)).take(MAX_HALVINGS);
+            let mut candidates = shorter
+                .map(|scale| &best.0 + &step * scale)
+                .map(|candidate| (residuals(&candidate).norm_squared(), candidate));
+            let Some((squares, candidate)) = candidates.find(|(squares, _)| *squares < best.1) else { break };
+            best = (candidate, squares);
+        }
+        let found = built(&best.0);
+        // Headings do not observe the scale.
+        let total = |correction: &FieldCorrection| -> f64 {
+            fitted.iter().map(|fitted| fitted.row.corrected(correction).norm() * square(fitted.root_weight)).sum()
+        };
+        let size = total(&near) / total(&found);
+        if size.is_finite() && size > 0.0 { FieldCorrection { matrix: found.matrix * size, ..found } } else { near }
+    }
+
+    fn fitted_rows(&self) -> Vec<FittedRow> {
+        let every = self.rows.iter().filter(|row| row.usable).count().div_ceil(MAX_ROWS).max(1);
+        let mut fitted: Vec<FittedRow> = self
+            .rows
+            .iter()
+            .zip(self.turned)
+            .filter(|(row, _)| row.usable)
+            .step_by(every)
+            .map(|(row, turned)| FittedRow {
+                row: *turned,
+                heading_deg: heading_deg(row, &self.full),
+                root_weight: 1.0,
+            })
+            .collect();
+        let others = self.rows_of_normal_flight();
+        let root_weight = (fitted.len() as f64 / others.len().max(1) as f64).sqrt();
+        fitted.extend(others.into_iter().map(|other| FittedRow { root_weight, ..other }));
+        fitted
+    }
+
+    /// Rows that the full correction predicts for all headings at [`BANKS_DEG`] and [`PITCHES_DEG`]; none if it has no
+    /// inverse.
+    fn rows_of_normal_flight(&self) -> Vec<FittedRow> {
+        let Some(inverse) = self.full.matrix.try_inverse() else { return Vec::new() };
+        let Calibration { total_ut, inclination_rad, motor_current, .. } = self.calibration;
+        let current_a = motor_current.mean_current_a;
+        let constant_ut = self.full.hard_iron_ut + self.full.motor_ut_per_a * f64::from(current_a);
+        let mut rows = Vec::new();
+        for bank_deg in BANKS_DEG {
+            for pitch_deg in PITCHES_DEG {
+                for number in 0..HEADINGS {
+                    let heading_deg = number as f32 * (360.0 / HEADINGS as f32);
+                    let attitude = Attitude::from_deg(bank_deg, pitch_deg);
+                    let level = Field::<Level>::earth(*total_ut, *inclination_rad, heading_deg.to_radians());
+                    let field = inverse * attitude.body(level).ut.map(f64::from) + constant_ut;
+                    let field = Field::new((self.mounting * field).map(|axis| axis as f32));
+                    let row = ReplayRow {
+                        t_s: 0.0,
+                        field,
+                        logged: field,
+                        attitude,
+                        rates_rad_s: None,
+                        current_a: Some(current_a),
+                        usable: true,
+                        reference_deg: None,
+                    };
+                    rows.push(FittedRow { row, heading_deg: f64::from(heading_deg), root_weight: 1.0 });
+                }
+            }
+        }
+        rows
+    }
+}
+
+/// Heading of a row with a correction, degrees.
+pub fn heading_deg(row: &ReplayRow, correction: &FieldCorrection) -> f64 {
+    let corrected = row.corrected(correction).map(|axis| axis as f32);
+    f64::from(row.attitude.level(Field::new(corrected)).heading_rad().to_degrees())
+}
+
+/// Offsets, diagonal, and elements xy, xz and yz.
+pub fn correction_parts(correction: &FieldCorrection) -> [Vector3<f64>; 3] {
+    let m = &correction.matrix;
+    [correction.hard_iron_ut, m.diagonal(), Vector3::new(m[(0, 1)], m[(0, 2)], m[(1, 2)])]
+}
