@@ -17,15 +17,18 @@ has_debian_rust() {
 # choose_cargo TARGET LIBRARIES: sets `cargo`, the command, and `target_options`; LIBRARIES are those of the standard library
 # that TARGET needs. Fails if there is no compiler.
 choose_cargo() {
+    local wrapper=RUSTC_WRAPPER=$PWD/scripts/rustc-without-places folder
+    # Absolute, because cargo starts the compiler in several folders.
+    folder=$(realpath -m "${CARGO_TARGET_DIR:-target}")
     target_options=(--target "$1")
     if has_rustup_target "$1"; then
         echo "building for $1 with $(rustc --version)"
-        cargo=(cargo)
+        cargo=(env "$wrapper" CARGO_TARGET_DIR="$folder" cargo)
     elif has_debian_rust; then
         echo "building for $1 with Debian's $(/usr/bin/rustc --version), $2 from source"
         # -Zbuild-std is a nightly option; RUSTC_BOOTSTRAP lets this stable compiler take it.
         # Its own directory under target/: two compilers in one would rebuild each other's work.
-        cargo=(env RUSTC=/usr/bin/rustc RUSTC_BOOTSTRAP=1 CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-target}/build-std" /usr/bin/cargo)
+        cargo=(env "$wrapper" CARGO_TARGET_DIR="$folder/build-std" RUSTC=/usr/bin/rustc RUSTC_BOOTSTRAP=1 /usr/bin/cargo)
         target_options+=("-Zbuild-std=$2")
     else
         echo "no compiler for $1. With rustup:  rustup target add $1
@@ -45,20 +48,6 @@ find_lld() {
     for lld in "$1" rust-lld; do command -v "$lld" && return; done
     echo "no linker: neither rust-lld nor $1 is installed" >&2
     return 1
-}
-
-# Messages of panics and debug information name source files. Without the folders where this computer keeps them, those of cargo,
-# of the compiler, of this repository and of the target folder, the program is smaller and the same on every computer.
-flags_without_places() {
-    local folder
-    # In a fresh clone it is not there yet, and its name would stay.
-    mkdir -p "${CARGO_TARGET_DIR:-target}"
-    # Of several that fit a name, the compiler takes the last.
-    for folder in "${CARGO_HOME:-$HOME/.cargo}"/registry/src/*/ /usr/lib/rustlib/src/rust/library/ "$PWD/" \
-        "$(realpath -m "${CARGO_TARGET_DIR:-target}")/"; do
-        [ -d "$folder" ] && [[ $folder != *[[:space:]]* ]] && printf ' --remap-path-prefix=%s=' "$folder"
-    done
-    return 0
 }
 
 # Sets AUTOSWING_VERSION, which the programs print in place of the package's version: with the commit, and `-dirty` if a file

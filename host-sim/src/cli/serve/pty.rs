@@ -6,6 +6,7 @@ use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 
 use rustix::fs::OFlags;
+use rustix::io::{FdFlags, fcntl_setfd, ioctl_fionbio};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
@@ -34,11 +35,13 @@ struct Pty {
 
 impl Pty {
     fn open() -> io::Result<Self> {
-        let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
+        let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
+        // Apart, because openpt of macOS has no such flag.
+        fcntl_setfd(&ours, FdFlags::CLOEXEC)?;
         grantpt(&ours)?;
         unlockpt(&ours)?;
         let path = PathBuf::from(ptsname(&ours, Vec::new())?.to_string_lossy().into_owned());
-        rustix::io::ioctl_fionbio(&ours, true)?;
+        ioctl_fionbio(&ours, true)?;
         // The pseudo-terminal is opened and closed once: before that, an absent far end is not reported.
         make_raw(&open_serial(&path)?)?;
         Ok(Self { master: BufferedStream::new(File::from(ours)), is_attached: false, path })
