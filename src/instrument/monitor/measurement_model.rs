@@ -9,7 +9,7 @@
 //! | `f`, `i` | change of field strength (relative) and of inclination | strength `1 + f`, inclination `I + i` |
 //! | `a_r`, `a_p`, `k` | roll bias, pitch bias, bank-angle scale error | roll `phi - a_r - k phi` |
 //! | `tau` | residual attitude latency | `phi + tau phi'`, `theta + tau theta'` |
-//! | `mu` | turn of the module in its mount, clockwise from above | `R_z(mu) (h - beta)` is the Earth's field |
+//! | `mu` | turn of the module in its mount, clockwise from above | Earth's field `W (R(mu) m - b) - beta` |
 //! | `c` | offset of the gyro heading | heading `integral + c + tau psi'` |
 //! | gyro (8) | offsets, scale errors, cross-axis sensitivities | `c' = - row . gyro`, see `gyro_error.rs` |
 
@@ -21,9 +21,10 @@ use super::super::gyro_error::GYRO_ERROR_COUNT;
 use super::super::ud_filter::Measurement;
 use super::innovation_gate::PerKind;
 use crate::attitude::{EulerRates, GyroHeading};
-use crate::calibration::FieldPrediction;
+use crate::calibration::{Calibration, FieldPrediction, multiply};
 use crate::frames::{Attitude, Body, Field, wrap_pi};
 use crate::trig;
+use crate::trig::Length as _;
 
 pub(super) const STATE_COUNT: usize = GYRO_ERRORS + GYRO_ERROR_COUNT;
 pub(super) const HARD_IRON_CHANGE: usize = 0;
@@ -48,37 +49,45 @@ pub(super) fn hard_iron_change(states: &StateVector) -> Vector3<f32> {
     Vector3::new(states[HARD_IRON_CHANGE], states[HARD_IRON_CHANGE + 1], states[HARD_IRON_CHANGE + 2])
 }
 
-/// Rotation of a vector in the module's axes to body axes: `R_z(mu)`.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct MountRotation {
-    sin: f32,
-    cos: f32,
+/// Axis of a turn of the module in its mount: the body's z axis in the sensor's axes. Soft iron is symmetric but for the
+/// mounting; the mean of `W^-1 z` and `W^T z` has no part of it of first order. Not a number if `W` is singular.
+pub(super) fn mount_axis(calibration: &Calibration) -> Vector3<f32> {
+    let [x, y, z] = calibration.w.map(Vector3::from);
+    (x.cross(&y).unit() + z.unit()).unit()
 }
 
-impl MountRotation {
-    pub fn new(states: &StateVector) -> Self {
-        Self::from_angle(states[MOUNT_TURN])
+/// Effect of a turn of the module on its corrected field, which includes the field of the airframe's iron, because that
+/// does not turn: with the axis `a` and the measured field `m`, `W (R(mu) m - b) = h + sin mu p + (1 - cos mu) q`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MountTurnEffect {
+    /// `W (a x m)`.
+    p: Vector3<f32>,
+    /// `W (a x (a x m))`.
+    q: Vector3<f32>,
+}
+
+impl MountTurnEffect {
+    /// The effect on a measured field, sensor axes, relative to the calibrated field strength.
+    pub fn new(calibration: &Calibration, measured: &Vector3<f32>) -> Self {
+        let (w, axis) = (calibration.w_matrix(), mount_axis(calibration));
+        let across = axis.cross(measured);
+        Self { p: multiply(&w, &across), q: multiply(&w, &axis.cross(&across)) }
     }
 
-    pub fn from_angle(turn_rad: f32) -> Self {
+    fn change(&self, turn_rad: f32) -> Vector3<f32> {
         let (sin, cos) = trig::sin_cos(turn_rad);
-        Self { sin, cos }
+        self.p * sin + self.q * (1.0 - cos)
     }
 
-    pub fn rotate(self, v: &Vector3<f32>) -> Vector3<f32> {
-        let Self { sin, cos } = self;
-        Vector3::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y, v.z)
-    }
-
-    /// Rotation of a vector in body axes to the module's axes: `R_z(mu)^T v`.
-    pub fn rotate_back(self, v: &Vector3<f32>) -> Vector3<f32> {
-        Self { sin: -self.sin, cos: self.cos }.rotate(v)
+    fn derivative(&self, turn_rad: f32) -> Vector3<f32> {
+        let (sin, cos) = trig::sin_cos(turn_rad);
+        self.p * cos + self.q * sin
     }
 }
 
 /// The Earth's field in body axes, by a sample and the states.
 pub(super) fn body_field(seen: &MonitorSample, states: &StateVector) -> Field<Body> {
-    Field::new(MountRotation::new(states).rotate(&(seen.field - hard_iron_change(states))))
+    Field::new(seen.field + seen.mount_turn_effect.change(states[MOUNT_TURN]) - hard_iron_change(states))
 }
 
 pub(super) fn correct_attitude(reported: Attitude, motion: &EulerRates, states: &StateVector) -> Attitude {
@@ -94,6 +103,7 @@ pub(super) fn correct_attitude(reported: Attitude, motion: &EulerRates, states: 
 pub(super) struct MonitorSample {
     /// Field in body axes, relative to the calibrated field strength.
     pub field: Vector3<f32>,
+    pub mount_turn_effect: MountTurnEffect,
     pub attitude: Attitude,
     /// Euler-angle rates; zero if the source sends no body rates.
     pub motion: EulerRates,
@@ -101,10 +111,10 @@ pub(super) struct MonitorSample {
 
 impl MonitorSample {
     pub fn is_finite(&self) -> bool {
-        let Self { field, attitude, motion } = self;
+        let Self { field, mount_turn_effect, attitude, motion } = self;
         let EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s } = *motion;
         let numbers = [attitude.roll_rad, attitude.pitch_rad, roll_rad_s, pitch_rad_s, heading_rad_s];
-        field.iter().chain(&numbers).all(|number| number.is_finite())
+        field.iter().chain(&mount_turn_effect.q).chain(&numbers).all(|number| number.is_finite())
     }
 }
 
@@ -161,8 +171,8 @@ impl MeasurementModel {
         let prediction = FieldPrediction::new(earth, &earth, &tilt);
         let inclination_by_tilt = prediction.inclination_by_attitude(&tilt);
         let heading_by_tilt = prediction.heading_by_attitude(&tilt);
-        let mount = MountRotation::new(states);
-        let row = |by_field: &Vector3<f32>, by_tilt| jacobian_row(seen, &earth, mount, by_field, by_tilt);
+        let by_mount_turn = seen.mount_turn_effect.derivative(states[MOUNT_TURN]);
+        let row = |by_field: &Vector3<f32>, by_tilt| jacobian_row(seen, &by_mount_turn, by_field, by_tilt);
         Self {
             strength: measured.total_ut(),
             inclination_rad: measured.inclination_rad(),
@@ -208,22 +218,20 @@ impl MeasurementModel {
     }
 }
 
-/// Jacobian row by the chain rule, from derivatives with respect to the field, `earth` in body axes, and to roll and
-/// pitch.
+/// Jacobian row by the chain rule, from derivatives of the field by the turn of the mount, and with respect to the field and
+/// to roll and pitch.
 fn jacobian_row(
     seen: &MonitorSample,
-    earth: &Vector3<f32>,
-    mount: MountRotation,
+    by_mount_turn: &Vector3<f32>,
     by_field: &Vector3<f32>,
     [by_roll, by_pitch]: [f32; 2],
 ) -> StateVector {
     let MonitorSample { attitude, motion, .. } = seen;
     let mut row = [0.0; STATE_COUNT];
-    let by_module_field = mount.rotate_back(by_field);
     for axis in 0..3 {
-        row[HARD_IRON_CHANGE + axis] = -by_module_field[axis];
+        row[HARD_IRON_CHANGE + axis] = -by_field[axis];
     }
-    row[MOUNT_TURN] = by_field.y * earth.x - by_field.x * earth.y;
+    row[MOUNT_TURN] = by_field.dot(by_mount_turn);
     row[ROLL_BIAS] = -by_roll;
     row[PITCH_BIAS] = -by_pitch;
     row[BANK_SCALE_ERROR] = -by_roll * attitude.roll_rad;
@@ -244,6 +252,10 @@ mod tests {
         let level = Field::earth(1.0 + number(0.1), 0.8 + number(0.2), number(3.0));
         MonitorSample {
             field: attitude.body(level).ut,
+            mount_turn_effect: MountTurnEffect {
+                p: Vector3::from_fn(|_, _| number(1.0)),
+                q: Vector3::from_fn(|_, _| number(1.0)),
+            },
             attitude,
             motion: EulerRates { roll_rad_s: number(1.0), pitch_rad_s: number(0.5), heading_rad_s: number(0.6) },
         }
@@ -258,8 +270,7 @@ mod tests {
             let reference_field = PredictedField { strength: 1.0, inclination_rad: 0.0, heading_rad: None };
             let found = MeasurementModel::new(&seen, &at, &reference_field);
             let seen = MonitorSample {
-                field: hard_iron_change(&at)
-                    + (seen.field - hard_iron_change(&at)) * (1.0 + at[STRENGTH_CHANGE]) / found.strength,
+                field: seen.field + body_field(&seen, &at).ut * ((1.0 + at[STRENGTH_CHANGE]) / found.strength - 1.0),
                 ..seen
             };
             let by_gyro_rad = found.heading_rad - at[GYRO_OFFSET] - at[ATTITUDE_LATENCY] * seen.motion.heading_rad_s;
@@ -292,7 +303,8 @@ mod tests {
     fn the_prediction_of_a_true_field_is_exact() {
         let attitude = Attitude::from_deg(-30.0, 8.0);
         let body = attitude.body(Field::earth(1.0, 1.1, 2.0)).ut;
-        let seen = MonitorSample { field: body, attitude, motion: EulerRates::default() };
+        let mount_turn_effect = MountTurnEffect { p: Vector3::x(), q: Vector3::y() };
+        let seen = MonitorSample { field: body, mount_turn_effect, attitude, motion: EulerRates::default() };
         let predicted_field = PredictedField::new(&[0.0; STATE_COUNT], 1.1, None);
         let model = MeasurementModel::new(&seen, &[0.0; STATE_COUNT], &predicted_field);
         assert!((model.strength - 1.0).abs() < 1e-6 && (model.inclination_rad - 1.1).abs() < 1e-5);

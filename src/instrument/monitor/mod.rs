@@ -53,11 +53,11 @@ pub use installation_change::{ChangeReporter, HardIronChange, InstallationChange
 use mean_innovation::MeanInnovations;
 use measurement_model::{
     ATTITUDE_LATENCY, BANK_SCALE_ERROR, GYRO_ERRORS, GYRO_OFFSET, GYRO_OFFSETS, HARD_IRON_AXES, HARD_IRON_CHANGE,
-    INCLINATION_CHANGE, MOUNT_TURN, MeasurementModel, MonitorSample, PITCH_BIAS, PredictedField, ROLL_BIAS,
-    STATE_COUNT, STRENGTH_CHANGE, StateVector,
+    INCLINATION_CHANGE, MOUNT_TURN, MeasurementModel, MonitorSample, MountTurnEffect, PITCH_BIAS, PredictedField,
+    ROLL_BIAS, STATE_COUNT, STRENGTH_CHANGE, StateVector,
 };
 pub(super) use monitored_calibration::MonitoredCalibration;
-use mount_turn::TurnedMount;
+use mount_turn::mount_turn_rad;
 pub(super) use output::MonitorOutput;
 use parameters::{
     ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_VARIANCE_FACTOR, DECAY_TIME_S, DRIFT_FACTOR, DRIFT_TIME_S,
@@ -140,8 +140,12 @@ impl Monitor {
         let calibration = monitored.calibration;
         let field = calibration.corrected_body_field(sample).ut / calibration.total_ut;
         let motion = turning.map_or_else(EulerRates::default, |turning| turning.euler_rates);
-        let seen =
-            MonitorSample { field, attitude: sample.latency_compensated_attitude(calibration.latency_s), motion };
+        let seen = MonitorSample {
+            field,
+            mount_turn_effect: MountTurnEffect::new(calibration, &(sample.field.ut / calibration.total_ut)),
+            attitude: sample.latency_compensated_attitude(calibration.latency_s),
+            motion,
+        };
         if self.is_awaiting_current(calibration, sample)
             || !seen.is_finite()
             || turning.is_some_and(|turning| !turning.relative_heading_rad.is_finite())
@@ -337,10 +341,10 @@ impl Monitor {
         match self.innovation_gate.test_innovations(innovations, step_s) {
             GateResult::Consistent { is_usable } => is_usable,
             GateResult::ChangeDetected { exceeding_residuals } => {
-                let turned = TurnedMount::from_field_difference(calibration, &model.uncorrected_residual, position);
+                let turn_rad = mount_turn_rad(calibration, &model.uncorrected_residual, position);
                 let is_level = seen.attitude.roll_rad.abs() < MAX_MOUNT_TURNING_BANK_RAD;
                 self.inflate_covariance(model, exceeding_residuals);
-                self.test_mount_turn(turned, is_level, exceeding_residuals);
+                self.test_mount_turn(turn_rad, is_level, exceeding_residuals);
                 [true; 3]
             }
         }
@@ -428,30 +432,31 @@ impl Monitor {
 
     /// Attributes a detected change to a turn of the module if this explains the field. A module turns once: when the
     /// field changes again and again, an estimated turn must go on to explain it.
-    fn test_mount_turn(&mut self, turned: Option<TurnedMount>, is_level: bool, residuals: PerKind<f32>) {
+    fn test_mount_turn(&mut self, turn_rad: Option<f32>, is_level: bool, residuals: PerKind<f32>) {
         let estimated_rad = self.filter.mean()[MOUNT_TURN];
         let is_first = self.innovation_gate.withheld_s() < MAX_MOUNT_TURNING_S;
-        let is_confirmed = turned.is_some_and(|t| (t.turn_rad - estimated_rad).abs() < MAX_DECAYING_MOUNT_TURN_RAD);
-        match turned {
-            Some(turned) if is_first && is_level => self.turn_mount(&turned, residuals),
-            Some(_) if is_first => self.inflate_mount_turn(residuals),
+        let is_confirmed = turn_rad.is_some_and(|rad| (rad - estimated_rad).abs() < MAX_DECAYING_MOUNT_TURN_RAD);
+        match turn_rad {
+            Some(turn_rad) if is_first && is_level => self.turn_mount(turn_rad, residuals),
+            Some(_) if is_first => self.inflate_mount_turn(residuals[2]),
             _ if is_first || is_confirmed || estimated_rad.abs() < MAX_DECAYING_MOUNT_TURN_RAD => {}
-            _ => self.turn_mount(&TurnedMount::NO_TURN, residuals),
+            _ => self.turn_mount(0.0, residuals),
         }
     }
 
-    fn inflate_mount_turn(&mut self, [_, _, heading_rad]: PerKind<f32>) {
-        let rad = heading_rad.min(MAX_MOUNT_TURN_RAD);
-        self.filter.inflate_variance(MOUNT_TURN, rad * rad);
+    fn inflate_mount_turn(&mut self, sigma_rad: f32) {
+        let sigma_rad = sigma_rad.min(MAX_MOUNT_TURN_RAD);
+        self.filter.inflate_variance(MOUNT_TURN, sigma_rad * sigma_rad);
     }
 
-    /// Restarts the filter from a turn of the module that explains the field, with the variance of the heading's
-    /// residual.
-    fn turn_mount(&mut self, turned: &TurnedMount, residuals: PerKind<f32>) {
-        self.inflate_mount_turn(residuals);
-        self.filter.set_mean(MOUNT_TURN, turned.turn_rad);
-        for (axis, change) in HARD_IRON_AXES.into_iter().zip(turned.hard_iron_change.iter()) {
-            self.filter.set_mean(axis, *change);
+    /// Starts again from a turn of the module that explains the field, with the hard iron as calibrated. The sigma is the
+    /// heading's residual, or the change of the estimate.
+    fn turn_mount(&mut self, turn_rad: f32, [_, _, heading_rad]: PerKind<f32>) {
+        let change_rad = (turn_rad - self.filter.mean()[MOUNT_TURN]).abs();
+        self.inflate_mount_turn(heading_rad.max(change_rad));
+        self.filter.set_mean(MOUNT_TURN, turn_rad);
+        for axis in HARD_IRON_AXES {
+            self.filter.set_mean(axis, 0.0);
         }
     }
 
@@ -513,7 +518,7 @@ impl Monitor {
         let turn_rad = self.filter.mean()[MOUNT_TURN];
         let sigma_rad = sqrt(self.filter.state_variance(MOUNT_TURN));
         if self.mount_detector.update(turn_rad.abs(), sigma_rad, is_withholding, step_s) {
-            // Hard iron that stays while the module turns looks changed as well.
+            // An inaccurate turn looks like changed hard iron as well.
             return Some(InstallationChange::Mount(MountTurn { turn_rad, sigma_rad }));
         }
         let sigma = HARD_IRON_AXES.map(|axis| sqrt(self.filter.state_variance(axis))).into_iter().fold(0.0, f32::max);

@@ -6,7 +6,7 @@
 
 use nalgebra::Vector3;
 
-use super::measurement_model::MountRotation;
+use super::measurement_model::mount_axis;
 use crate::calibration::{Calibration, inverse};
 use crate::trig::Length as _;
 
@@ -16,51 +16,28 @@ const MAX_COSINE_OF_CHANGE: f32 = 0.15;
 /// Largest difference of a field that needs no turn to be explained, relative to the field strength: 1 uT of 50.
 const MAX_UNCHANGED_FIELD_DIFFERENCE: f32 = 0.02;
 
-/// A turn of the module that explains the field.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct TurnedMount {
-    /// Turn clockwise from above, radians.
-    pub turn_rad: f32,
-    /// Change of hard iron in the module's axes because the airframe's stays, `(R_z(mu)^T - 1) W b`, in units of the
-    /// field strength.
-    pub hard_iron_change: Vector3<f32>,
-}
-
-impl TurnedMount {
-    /// Mount without a turn.
-    pub const NO_TURN: Self = Self { turn_rad: 0.0, hard_iron_change: Vector3::new(0.0, 0.0, 0.0) };
-
-    /// The turn that explains a field, `None` if none does. `difference`: measured field after correction as
-    /// calibrated, less the predicted one, in units of the field strength; `position`: measured field less hard iron,
-    /// sensor axes, same units.
-    pub fn from_field_difference(
-        calibration: &Calibration,
-        difference: &Vector3<f32>,
-        position: &Vector3<f32>,
-    ) -> Option<Self> {
-        if difference.length() < MAX_UNCHANGED_FIELD_DIFFERENCE {
-            return Some(Self::NO_TURN);
-        }
-        let w = calibration.w_matrix();
-        let sensor_from_body = inverse(&w)?;
-        let difference = sensor_from_body * difference;
-        let hard_iron = calibration.b_vector_ut() / calibration.total_ut;
-        let mean = position + hard_iron - difference * 0.5;
-        let axis = (sensor_from_body * Vector3::z()).unit();
-        let is_across = |direction: &Vector3<f32>| {
-            difference.dot(direction).abs() <= MAX_COSINE_OF_CHANGE * difference.length() * direction.length()
-        };
-        // The field turns against the module: a chord across the axis. Not a number if the field is along the axis.
-        let across = axis.cross(&mean);
-        let half_tangent = -0.5 * difference.dot(&across) / across.norm_squared();
-        let turn_rad = 2.0 * libm::atanf(half_tangent);
-        if !turn_rad.is_finite() || ![mean, axis].iter().all(is_across) {
-            return None;
-        }
-        let body_iron = w * hard_iron;
-        let hard_iron_change = MountRotation::from_angle(turn_rad).rotate_back(&body_iron) - body_iron;
-        Some(Self { turn_rad, hard_iron_change })
+/// The turn of the module that explains a field, clockwise from above, radians; `None` if none does. `difference`: measured
+/// field after correction as calibrated, less the predicted one, in units of the field strength; `position`: measured field
+/// less hard iron, sensor axes, same units.
+pub(super) fn mount_turn_rad(
+    calibration: &Calibration,
+    difference: &Vector3<f32>,
+    position: &Vector3<f32>,
+) -> Option<f32> {
+    if difference.length() < MAX_UNCHANGED_FIELD_DIFFERENCE {
+        return Some(0.0);
     }
+    let difference = inverse(&calibration.w_matrix())? * difference;
+    let mean = position + calibration.b_vector_ut() / calibration.total_ut - difference * 0.5;
+    let axis = mount_axis(calibration);
+    let is_across = |direction: &Vector3<f32>| {
+        difference.dot(direction).abs() <= MAX_COSINE_OF_CHANGE * difference.length() * direction.length()
+    };
+    // The field turns against the module: a chord across the axis. Not a number if the field is along the axis.
+    let across = axis.cross(&mean);
+    let half_tangent = -0.5 * difference.dot(&across) / across.norm_squared();
+    let turn_rad = 2.0 * libm::atanf(half_tangent);
+    (turn_rad.is_finite() && [mean, axis].iter().all(is_across)).then_some(turn_rad)
 }
 
 #[cfg(test)]
@@ -83,7 +60,7 @@ mod tests {
         }
     }
 
-    fn explained(module_turn_deg: f32, iron_ut: [f32; 3]) -> Option<TurnedMount> {
+    fn explained(module_turn_deg: f32, iron_ut: [f32; 3]) -> Option<f32> {
         let calibration = calibration();
         let (w, b_ut) = (calibration.w_matrix(), calibration.b_vector_ut());
         let earth = Vector3::new(0.3, -0.25, 0.9);
@@ -92,17 +69,17 @@ mod tests {
         let turned_ut =
             Rotation3::from_axis_angle(&axis, -module_turn_deg.to_radians()) * field_ut + Vector3::from(iron_ut);
         let position = (turned_ut - b_ut) / 50.0;
-        TurnedMount::from_field_difference(&calibration, &(w * position - earth), &position)
+        mount_turn_rad(&calibration, &(w * position - earth), &position)
     }
 
-    /// Soft iron is neglected in the axis and in the chord, which costs a tenth of the turn.
+    /// Soft iron of second order is neglected in the axis.
     #[test]
     fn a_turn_explains_the_field_of_a_turned_module() {
         for turn_deg in [5.0_f32, -10.0, 20.0, -20.0] {
             let found = explained(turn_deg, [0.0; 3]).unwrap();
-            assert!((found.turn_rad.to_degrees() / turn_deg - 1.0).abs() < 0.1, "{turn_deg}: {found:?}");
+            assert!((found.to_degrees() / turn_deg - 1.0).abs() < 0.01, "{turn_deg}: {found}");
         }
-        assert_eq!(explained(0.0, [0.5, 0.5, 0.0]), Some(TurnedMount::NO_TURN));
+        assert_eq!(explained(0.0, [0.5, 0.5, 0.0]), Some(0.0));
     }
 
     #[test]

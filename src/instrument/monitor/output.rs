@@ -1,20 +1,21 @@
 //! Output of the monitor: correction of calibration and attitude, heading variance, validity.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use super::super::gyro_error::HeadingRateError;
 use super::adaptive_noise::SampleNoise;
 use super::installation_change::InstallationChange;
 use super::measurement_model::{
-    self, ATTITUDE_LATENCY, GYRO_OFFSET, INCLINATION_CHANGE, MountRotation, STATE_COUNT, STRENGTH_CHANGE, StateVector,
+    self, ATTITUDE_LATENCY, GYRO_OFFSET, INCLINATION_CHANGE, MOUNT_TURN, STATE_COUNT, STRENGTH_CHANGE, StateVector,
+    mount_axis,
 };
 use super::monitored_calibration::MonitoredCalibration;
 use super::parameters::READING_GATE_SIGMAS;
 use crate::attitude::{EulerRates, GyroHeading};
-use crate::calibration::{Calibration, HeadingUncertainty, inverse, matrix_rows};
+use crate::calibration::{Calibration, HeadingUncertainty, inverse};
 use crate::frames::{Attitude, wrap_pi};
 use crate::heading::{Heading, NoHeading};
-use crate::trig::sqrt;
+use crate::trig::{sin_cos, sqrt};
 
 /// Estimated states with what headings need of their covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,18 +62,21 @@ impl MonitorOutput {
             || innovation_rad * innovation_rad <= READING_GATE_SIGMAS * READING_GATE_SIGMAS * variance_rad2
     }
 
-    /// Calibration and noise corrected by the estimated states. The change of hard iron converts to sensor axes: `W (m
-    /// - b) - beta F = W (m - (b + W^-1 beta F))`; the turn in the mount becomes part of `W`.
+    /// Calibration and noise corrected by the estimated states. The change of hard iron converts to sensor axes: `W (m - b) - beta F = W (m - (b + W^-1 beta F))`; the turn in
+    /// the mount becomes part of both, `W (R m - b) = W R (m - R^T b)`.
     #[inline(never)]
     pub fn correct_calibration(&self, monitored: &MonitoredCalibration<'_>) -> (Calibration, HeadingUncertainty) {
         let MonitoredCalibration { calibration, uncertainty, readings_per_sample } = *monitored;
         let beta_ut = measurement_model::hard_iron_change(&self.states) * calibration.total_ut;
         let change_ut = inverse(&calibration.w_matrix()).map_or_else(Vector3::zeros, |inverse| inverse * beta_ut);
-        let (w, mount) = (calibration.w_matrix(), MountRotation::new(&self.states));
-        let w = Matrix3::from_columns(&[0, 1, 2].map(|i| mount.rotate(&w.column(i).into_owned())));
+        let (axis, (sin, cos)) = (mount_axis(calibration), sin_cos(self.states[MOUNT_TURN]));
+        let turned_back = |v: Vector3<f32>| {
+            let across = axis.cross(&v);
+            (v - across * sin + axis.cross(&across) * (1.0 - cos)).into()
+        };
         let corrected = Calibration {
-            w: matrix_rows(&w),
-            b_ut: (calibration.b_vector_ut() + change_ut).into(),
+            w: calibration.w.map(|row| turned_back(row.into())),
+            b_ut: turned_back(calibration.b_vector_ut() + change_ut),
             inclination_rad: calibration.inclination_rad + self.states[INCLINATION_CHANGE],
             total_ut: calibration.total_ut * (1.0 + self.states[STRENGTH_CHANGE]),
             ..*calibration

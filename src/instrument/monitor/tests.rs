@@ -487,8 +487,9 @@ fn heading_variance_is_inflated_after_a_detected_change() {
     flight.wrong.iron_ut = [0.0, 5.0, 0.0];
     flight.fly(15);
     let (attitude, motion, heading_rad) = moment(flight.now_s());
-    let seen =
-        MonitorSample { field: attitude.body(Field::earth(1.0, INCLINATION_RAD, heading_rad)).ut, attitude, motion };
+    let field = attitude.body(Field::earth(1.0, INCLINATION_RAD, heading_rad)).ut;
+    let mount_turn_effect = MountTurnEffect::new(&flight.calibration, &field);
+    let seen = MonitorSample { field, mount_turn_effect, attitude, motion };
     let states = *flight.monitor.filter.mean();
     let predicted =
         PredictedField { heading_rad: Some(heading_rad), ..PredictedField::new(&states, INCLINATION_RAD, None) };
@@ -508,6 +509,7 @@ fn estimated_changes_beyond_their_limits_withhold_the_heading() {
         flight.monitor.filter.set_mean(index, value);
         let seen = MonitorSample {
             field: Vector3::new(0.5, 0.0, 0.8),
+            mount_turn_effect: MountTurnEffect::new(&flight.calibration, &Vector3::zeros()),
             attitude: Attitude::default(),
             motion: EulerRates::default(),
         };
@@ -536,6 +538,7 @@ fn a_heading_with_sigma_over_8_deg_is_withheld() {
     let monitor = &mut flight.monitor;
     let seen = MonitorSample {
         field: Vector3::new(0.5, 0.0, 0.8),
+        mount_turn_effect: MountTurnEffect::new(&flight.calibration, &Vector3::zeros()),
         attitude: Attitude::default(),
         motion: EulerRates::default(),
     };
