@@ -43,6 +43,10 @@ pub(super) const GYRO_ERRORS: usize = 11;
 /// States of the gyro offsets of the y and the z axis.
 pub(super) const GYRO_OFFSETS: [usize; 2] = [GYRO_ERRORS, GYRO_ERRORS + GYRO_ERROR_COUNT / 2];
 
+/// States whose change shows a drift of the field.
+pub(super) const DRIFTING_STATES: [usize; 6] =
+    [HARD_IRON_CHANGE, HARD_IRON_CHANGE + 1, HARD_IRON_CHANGE + 2, STRENGTH_CHANGE, INCLINATION_CHANGE, MOUNT_TURN];
+
 pub(super) type StateVector = [f32; STATE_COUNT];
 
 pub(super) fn hard_iron_change(states: &StateVector) -> Vector3<f32> {

@@ -52,9 +52,9 @@ use installation_change::{ChangeDetector, MIN_HARD_IRON_CHANGE, MIN_MOUNT_TURN_R
 pub use installation_change::{ChangeReporter, HardIronChange, InstallationChange, MountTurn};
 use mean_innovation::MeanInnovations;
 use measurement_model::{
-    ATTITUDE_LATENCY, BANK_SCALE_ERROR, GYRO_ERRORS, GYRO_OFFSET, GYRO_OFFSETS, HARD_IRON_AXES, HARD_IRON_CHANGE,
-    INCLINATION_CHANGE, MOUNT_TURN, MeasurementModel, MonitorSample, MountTurnEffect, PITCH_BIAS, PredictedField,
-    ROLL_BIAS, STATE_COUNT, STRENGTH_CHANGE, StateVector,
+    ATTITUDE_LATENCY, BANK_SCALE_ERROR, DRIFTING_STATES, GYRO_ERRORS, GYRO_OFFSET, GYRO_OFFSETS, HARD_IRON_AXES,
+    HARD_IRON_CHANGE, INCLINATION_CHANGE, MOUNT_TURN, MeasurementModel, MonitorSample, MountTurnEffect, PITCH_BIAS,
+    PredictedField, ROLL_BIAS, STATE_COUNT, STRENGTH_CHANGE, StateVector,
 };
 pub(super) use monitored_calibration::MonitoredCalibration;
 use mount_turn::mount_turn_rad;
@@ -65,8 +65,9 @@ use parameters::{
     MAX_DECAYING_MOUNT_TURN_RAD, MAX_GAP_S, MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR,
     MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INNOVATION, MAX_MOUNT_TURN_RAD,
     MAX_MOUNT_TURNING_BANK_RAD, MAX_MOUNT_TURNING_S, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE, MAX_TILT_INNOVATION_RAD,
-    MIN_DRIFT, MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON, POST_CHANGE_INFLATION, POST_CHANGE_S,
-    SAMPLE_VARIANCE_FACTORS, SLOW_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2, VARIANCE_FLOORS, state_noise,
+    MIN_DRIFT, MIN_DRIFTING_MOUNT_VARIANCE, MIN_SIN_INCLINATION, POST_CHANGE_HARD_IRON, POST_CHANGE_INFLATION,
+    POST_CHANGE_S, SAMPLE_VARIANCE_FACTORS, SLOW_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2, VARIANCE_FLOORS,
+    state_noise,
 };
 
 /// The monitor. 2.3 KB.
@@ -85,9 +86,9 @@ pub(super) struct Monitor {
     /// Derivatives of the heading rate by the gyro's errors at the last sample.
     last_gyro_row: Option<GyroErrors>,
     mean_innovations: MeanInnovations,
-    /// Hard iron, strength and inclination change about a minute ago.
-    past_field: [f32; ROLL_BIAS],
-    /// Index of the state whose process noise is added next; one state per sample, to save time.
+    /// [`DRIFTING_STATES`] about a minute ago.
+    past_field: [f32; DRIFTING_STATES.len()],
+    /// State whose process noise is added next; all in turn, to save time.
     next_noise: usize,
     acceleration_tilt: AccelerationTilt,
     hard_iron_detector: ChangeDetector,
@@ -112,7 +113,7 @@ impl Monitor {
             coordinated_turn: CoordinatedTurn::EMPTY,
             last_gyro_row: None,
             mean_innovations: MeanInnovations::NONE,
-            past_field: [0.0; ROLL_BIAS],
+            past_field: [0.0; DRIFTING_STATES.len()],
             next_noise: 0,
             acceleration_tilt: AccelerationTilt::NEW,
             hard_iron_detector: ChangeDetector::new(MIN_HARD_IRON_CHANGE),
@@ -369,10 +370,10 @@ impl Monitor {
     }
 
     /// Follows a drift of the field: where the flight does not show it, hard iron may have drifted as much as where it
-    /// does.
+    /// does, or the module turns.
     fn follow_drift(&mut self, step_s: f32) {
         let states = self.filter.mean();
-        let now: [f32; ROLL_BIAS] = array::from_fn(|i| states[i]);
+        let now: [f32; DRIFTING_STATES.len()] = DRIFTING_STATES.map(|i| states[i]);
         if self.post_change_remaining_s > 0.0 {
             self.past_field = now;
         }
@@ -382,7 +383,9 @@ impl Monitor {
             drift_squared += (now - *past) * (now - *past);
         }
         if drift_squared > MIN_DRIFT * MIN_DRIFT {
-            self.inflate_all(&HARD_IRON_AXES, DRIFT_FACTOR * drift_squared * step_s / DRIFT_TIME_S);
+            let variance = DRIFT_FACTOR * drift_squared * step_s / DRIFT_TIME_S;
+            self.inflate_all(&HARD_IRON_AXES, variance);
+            self.filter.inflate_variance(MOUNT_TURN, variance);
         }
     }
 
@@ -471,7 +474,10 @@ impl Monitor {
         let states = *self.filter.mean();
         let variance_rad2 = self.filter.projected_variance(heading_jacobian);
         let mut by_field = *heading_jacobian;
+        // As long as nothing drifts, the variance of the mount's turn is its initial one.
+        let is_drifting = self.filter.state_variance(MOUNT_TURN) > MIN_DRIFTING_MOUNT_VARIANCE;
         by_field[STRENGTH_CHANGE..].fill(0.0);
+        by_field[MOUNT_TURN] = if is_drifting { heading_jacobian[MOUNT_TURN] } else { 0.0 };
         self.is_strength_test_failed &= self.innovation_gate.is_withholding();
         let change = measurement_model::hard_iron_change(&states);
         // Without a detected change, attitude errors are part of the noise; hard iron may drift all the same.

@@ -43,8 +43,8 @@ pub(super) fn state_noise(i: usize, errors: SensorErrorSigmas) -> StateNoise {
         BANK_SCALE_ERROR => state(0.02, 1e-7),
         // tau: 0.1 s, the delay of a telemetry link; it varies with the load of the link.
         ATTITUDE_LATENCY => state(0.1, 3e-5),
-        // mu: 0.4 deg, play of a mount; in a minute 0.3 deg more.
-        MOUNT_TURN => state(0.007, 4e-7),
+        // mu: play of a mount; in a minute 0.3 deg more.
+        MOUNT_TURN => state(MOUNT_SIGMA_RAD, 4e-7),
         // c: unknown, more than pi; random walk of the gyro 0.06 deg in a second.
         GYRO_OFFSET => state(10.0, 1e-6),
         // b_y, b_z: 0.15 deg/s, what an autopilot leaves of a gyro's offset.
@@ -112,6 +112,12 @@ pub(super) const MAX_SENT_SIGMA_RAD: f32 = 0.2;
 
 /// Largest change of hard iron: beyond it, the sensor's range and the linear model end.
 pub(super) const MAX_HARD_IRON_CHANGE: f32 = 0.6;
+
+/// Initial sigma of the mount's turn, radians: 0.17 deg. A larger one takes part of the errors of straight flight.
+const MOUNT_SIGMA_RAD: f32 = 0.003;
+
+/// Variance of the mount's turn from which a drift has inflated it.
+pub(super) const MIN_DRIFTING_MOUNT_VARIANCE: f32 = 2.0 * MOUNT_SIGMA_RAD * MOUNT_SIGMA_RAD;
 
 /// Turn of the mount below which its estimate decays, radians: 2.3 deg. A larger one persists.
 pub(super) const MAX_DECAYING_MOUNT_TURN_RAD: f32 = 0.04;
