@@ -158,7 +158,7 @@ impl Monitor {
         self.acceleration_tilt.update(seen.attitude, &seen.motion, step_s);
         self.predict(step_s);
         let gyro_rows = turning.map(|_| GyroErrorRows::new(seen.attitude, &seen.motion));
-        self.follow_drift(step_s);
+        self.follow_drift(seen.attitude.roll_rad, step_s);
         self.propagate_gyro_offset(gyro_rows.map(|rows| rows.heading), step_s);
         self.track_gyro_offset(&seen, turning, step_s);
         // Field relative to the hard iron, in units of the field strength: errors of the soft iron multiply it.
@@ -370,8 +370,8 @@ impl Monitor {
     }
 
     /// Follows a drift of the field: where the flight does not show it, hard iron may have drifted as much as where it
-    /// does, or the module turns.
-    fn follow_drift(&mut self, step_s: f32) {
+    /// does. The module may turn as well, where a bank shows it: elsewhere the estimate would wander.
+    fn follow_drift(&mut self, roll_rad: f32, step_s: f32) {
         let states = self.filter.mean();
         let now: [f32; DRIFTING_STATES.len()] = DRIFTING_STATES.map(|i| states[i]);
         if self.post_change_remaining_s > 0.0 {
@@ -385,7 +385,9 @@ impl Monitor {
         if drift_squared > MIN_DRIFT * MIN_DRIFT {
             let variance = DRIFT_FACTOR * drift_squared * step_s / DRIFT_TIME_S;
             self.inflate_all(&HARD_IRON_AXES, variance);
-            self.filter.inflate_variance(MOUNT_TURN, variance);
+            if roll_rad.abs() > MAX_MOUNT_TURNING_BANK_RAD {
+                self.filter.inflate_variance(MOUNT_TURN, variance);
+            }
         }
     }
 
