@@ -79,7 +79,7 @@ impl Hysteresis {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{Current, Part, Rates};
+    use crate::calibration::{CollectionPart, Current, Rates};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -90,7 +90,7 @@ mod tests {
             rates,
             time: WrappingMillis::new(0),
             current: Current::UNKNOWN,
-            part: Part::FREE,
+            part: CollectionPart::FREE,
         }
     }
 

@@ -53,8 +53,8 @@ pub(super) fn hard_iron_change(states: &StateVector) -> Vector3<f32> {
     Vector3::new(states[HARD_IRON_CHANGE], states[HARD_IRON_CHANGE + 1], states[HARD_IRON_CHANGE + 2])
 }
 
-/// Axis of a turn of the module in its mount: the body's z axis in the sensor's axes. Soft iron is symmetric but for the
-/// mounting; the mean of `W^-1 z` and `W^T z` has no part of it of first order. Not a number if `W` is singular.
+/// Axis of a turn of the module in its mount: the body's z axis in the sensor's axes. Soft iron is symmetric but for
+/// the mounting; the mean of `W^-1 z` and `W^T z` has no part of it of first order. Not a number if `W` is singular.
 pub(super) fn mount_axis(calibration: &Calibration) -> Vector3<f32> {
     let [x, y, z] = calibration.w.map(Vector3::from);
     (x.cross(&y).unit() + z.unit()).unit()
@@ -222,8 +222,8 @@ impl MeasurementModel {
     }
 }
 
-/// Jacobian row by the chain rule, from derivatives of the field by the turn of the mount, and with respect to the field and
-/// to roll and pitch.
+/// Jacobian row by the chain rule, from derivatives of the field by the turn of the mount, and with respect to the
+/// field and to roll and pitch.
 fn jacobian_row(
     seen: &MonitorSample,
     by_mount_turn: &Vector3<f32>,

@@ -454,8 +454,8 @@ impl Monitor {
         self.filter.inflate_variance(MOUNT_TURN, sigma_rad * sigma_rad);
     }
 
-    /// Starts again from a turn of the module that explains the field, with the hard iron as calibrated. The sigma is the
-    /// heading's residual, or the change of the estimate.
+    /// Starts again from a turn of the module that explains the field, with the hard iron as calibrated. The sigma is
+    /// the heading's residual, or the change of the estimate.
     fn turn_mount(&mut self, turn_rad: f32, [_, _, heading_rad]: PerKind<f32>) {
         let change_rad = (turn_rad - self.filter.mean()[MOUNT_TURN]).abs();
         self.inflate_mount_turn(heading_rad.max(change_rad));

@@ -16,9 +16,9 @@ const MAX_COSINE_OF_CHANGE: f32 = 0.15;
 /// Largest difference of a field that needs no turn to be explained, relative to the field strength: 1 uT of 50.
 const MAX_UNCHANGED_FIELD_DIFFERENCE: f32 = 0.02;
 
-/// The turn of the module that explains a field, clockwise from above, radians; `None` if none does. `difference`: measured
-/// field after correction as calibrated, less the predicted one, in units of the field strength; `position`: measured field
-/// less hard iron, sensor axes, same units.
+/// The turn of the module that explains a field, clockwise from above, radians; `None` if none does. `difference`:
+/// measured field after correction as calibrated, less the predicted one, in units of the field strength; `position`:
+/// measured field less hard iron, sensor axes, same units.
 pub(super) fn mount_turn_rad(
     calibration: &Calibration,
     difference: &Vector3<f32>,
