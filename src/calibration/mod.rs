@@ -8,7 +8,7 @@
 //! ```
 //! use std::f32::consts::TAU;
 //!
-//! use autoswing::calibration::{Current, Method, Part, Prior, Rates, Sample, Samples, solve};
+//! use autoswing::calibration::{CollectionPart, Current, Method, Prior, Rates, Sample, Samples, solve};
 //! use autoswing::frames::{Attitude, Field, wrap_pi};
 //! use autoswing::time::WrappingMillis;
 //!
@@ -24,7 +24,7 @@
 //! };
 //!
 //! // A full circle of 60 samples in half a minute, at 25 deg of bank to the left or to the right.
-//! let circle = |bank_deg: f32, part: Part| {
+//! let circle = |bank_deg: f32, part: CollectionPart| {
 //!     (0..60)
 //!         .map(move |i| {
 //!             let attitude = Attitude::from_deg(bank_deg, 2.0);
@@ -33,7 +33,7 @@
 //!             Sample { field, attitude, rates: Rates::ZERO, current: Current::UNKNOWN, time, part }
 //!         })
 //! };
-//! let turns: Vec<Sample> = circle(-25.0, Part::LEFT).chain(circle(25.0, Part::RIGHT)).collect();
+//! let turns: Vec<Sample> = circle(-25.0, CollectionPart::LEFT).chain(circle(25.0, CollectionPart::RIGHT)).collect();
 //! let samples = Samples::new(&turns);
 //!
 //! let solution = solve(Method::MaximumLikelihood, samples, &Prior::default())?;

@@ -75,3 +75,43 @@ impl Hysteresis {
         play_rad.abs() * sqrt(0.5 * self.soft_iron.fixed_columns::<2>(0).norm_squared()) * self.cos_inclination
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::{CollectionPart, Current, Rates};
+    use crate::frames::{Attitude, Field};
+    use crate::time::WrappingMillis;
+
+    fn sample(roll_rad: f32, rates: Rates) -> Sample {
+        Sample {
+            field: Field::new(Vector3::zeros()),
+            attitude: Attitude { roll_rad, pitch_rad: 0.0 },
+            rates,
+            time: WrappingMillis::new(0),
+            current: Current::UNKNOWN,
+            part: CollectionPart::FREE,
+        }
+    }
+
+    /// Rates decide where there are any, else the bank.
+    #[test]
+    fn the_last_turn_is_that_of_a_rate_over_3_deg_s_or_a_bank_over_8_deg() {
+        let rate = |rad_s: f32| Rates::from_rad_s([0.0, 0.0, rad_s]);
+        for (roll_rad, rates, expected) in [
+            (0.0, rate(0.049), 0.0),
+            (0.0, rate(0.053), 1.0),
+            (0.0, rate(-0.053), -1.0),
+            (0.5, rate(0.049), 0.0),
+            (0.5, rate(-0.053), -1.0),
+            (0.139, Rates::ZERO, 0.0),
+            (0.141, Rates::ZERO, 1.0),
+            (-0.141, Rates::ZERO, -1.0),
+        ] {
+            let mut last = LastTurn::default();
+            assert_eq!(last.update(&sample(roll_rad, rates)).to_bits(), f32::to_bits(expected), "{roll_rad} {rates:?}");
+            let after_it = last.update(&sample(0.0, rate(0.049)));
+            assert_eq!(after_it.to_bits(), f32::to_bits(expected), "straight flight keeps it: {roll_rad}");
+        }
+    }
+}

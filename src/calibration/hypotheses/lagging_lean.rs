@@ -29,7 +29,10 @@ pub(in crate::calibration) const MIN_REPORTED_SIGMAS: f32 = 3.0;
 fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
     let score = test.sums.eliminate(test.system, &test.system.step_to_maximum()?)?;
     let estimate = score.gradient.x / score.information.x;
-    let sigma = sqrt(test.residuals.autocorrelation_inflation() / score.information.x);
+    finding(estimate, sqrt(test.residuals.autocorrelation_inflation() / score.information.x))
+}
+
+fn finding(estimate: f32, sigma: f32) -> Option<AttitudeErrorFinding> {
     (estimate.abs() > MIN_SIGMAS * sigma).then_some(AttitudeErrorFinding {
         estimate,
         significance_sigmas: estimate.abs() / sigma,
@@ -53,5 +56,37 @@ impl LaggedRoll {
             self.lagged_rad += (mean_rad - self.lagged_rad) * step_s / (TIME_CONSTANT_S + step_s);
         }
         self.lagged_rad
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lean_over_two_and_a_half_sigmas_is_found() {
+        for (estimate, is_found) in [(0.0249, false), (-0.0249, false), (0.0251, true), (-0.0251, true)] {
+            let found = finding(estimate, 0.01);
+            assert_eq!(found.is_some(), is_found, "{estimate}");
+            if let Some(found) = found {
+                assert!(
+                    (found.significance_sigmas - 2.51).abs() < 1e-4 && found.estimate.to_bits() == estimate.to_bits()
+                );
+                assert!((found.excess_square - 0.0251 * 0.0251).abs() < 1e-8);
+            }
+        }
+        assert!(finding(f32::NAN, 0.01).is_none() && finding(0.1, f32::NAN).is_none());
+    }
+
+    /// `1 - 1/e` of a constant bank after 10 s, on either side; to 3 % at samples 0.5 s apart.
+    #[test]
+    fn roll_lags_by_ten_seconds() {
+        for bank_rad in [0.5_f32, -0.5] {
+            let mut lagged = LaggedRoll::default();
+            assert_eq!(lagged.update(WrappingMillis::new(0), bank_rad).to_bits(), 0);
+            let after_ten_s =
+                (1..=20).map(|step| lagged.update(WrappingMillis::new(step * 500), bank_rad)).last().unwrap();
+            assert!((after_ten_s / bank_rad - 0.632).abs() < 0.02);
+        }
     }
 }
