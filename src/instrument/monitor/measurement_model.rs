@@ -5,11 +5,11 @@
 //!
 //! | state | meaning | model |
 //! |---|---|---|
-//! | `beta` (3) | change of hard iron since the calibration, body axes | see `mu` |
+//! | `beta` (3) | change of hard iron since the calibration, body axes | Earth's field `W (R(mu) m - b) - beta` |
+//! | `mu` | turn of the module in its mount, clockwise from above | see `beta` |
 //! | `f`, `i` | change of field strength (relative) and of inclination | strength `1 + f`, inclination `I + i` |
 //! | `a_r`, `a_p`, `k` | roll bias, pitch bias, bank-angle scale error | roll `phi - a_r - k phi` |
 //! | `tau` | residual attitude latency | `phi + tau phi'`, `theta + tau theta'` |
-//! | `mu` | turn of the module in its mount, clockwise from above | Earth's field `W (R(mu) m - b) - beta` |
 //! | `c` | offset of the gyro heading | heading `integral + c + tau psi'` |
 //! | gyro (8) | offsets, scale errors, cross-axis sensitivities | `c' = - row . gyro`, see `gyro_error.rs` |
 
@@ -29,13 +29,14 @@ use crate::trig::Length as _;
 pub(super) const STATE_COUNT: usize = GYRO_ERRORS + GYRO_ERROR_COUNT;
 pub(super) const HARD_IRON_CHANGE: usize = 0;
 pub(super) const HARD_IRON_AXES: [usize; 3] = [HARD_IRON_CHANGE, HARD_IRON_CHANGE + 1, HARD_IRON_CHANGE + 2];
-pub(super) const STRENGTH_CHANGE: usize = 3;
-pub(super) const INCLINATION_CHANGE: usize = 4;
-pub(super) const ROLL_BIAS: usize = 5;
-pub(super) const PITCH_BIAS: usize = 6;
-pub(super) const BANK_SCALE_ERROR: usize = 7;
-pub(super) const ATTITUDE_LATENCY: usize = 8;
-pub(super) const MOUNT_TURN: usize = 9;
+/// Early, because the strength of the field depends on the states up to this one alone.
+pub(super) const MOUNT_TURN: usize = 3;
+pub(super) const STRENGTH_CHANGE: usize = 4;
+pub(super) const INCLINATION_CHANGE: usize = 5;
+pub(super) const ROLL_BIAS: usize = 6;
+pub(super) const PITCH_BIAS: usize = 7;
+pub(super) const BANK_SCALE_ERROR: usize = 8;
+pub(super) const ATTITUDE_LATENCY: usize = 9;
 /// Offset of the gyro heading; propagated from the gyro's errors, so it is the state before them.
 pub(super) const GYRO_OFFSET: usize = 10;
 /// First state of the gyro's errors, which are the last states.
@@ -45,7 +46,7 @@ pub(super) const GYRO_OFFSETS: [usize; 2] = [GYRO_ERRORS, GYRO_ERRORS + GYRO_ERR
 
 /// States whose change shows a drift of the field.
 pub(super) const DRIFTING_STATES: [usize; 6] =
-    [HARD_IRON_CHANGE, HARD_IRON_CHANGE + 1, HARD_IRON_CHANGE + 2, STRENGTH_CHANGE, INCLINATION_CHANGE, MOUNT_TURN];
+    [HARD_IRON_CHANGE, HARD_IRON_CHANGE + 1, HARD_IRON_CHANGE + 2, MOUNT_TURN, STRENGTH_CHANGE, INCLINATION_CHANGE];
 
 pub(super) type StateVector = [f32; STATE_COUNT];
 
@@ -78,20 +79,17 @@ impl MountTurnEffect {
         Self { p: multiply(&w, &across), q: multiply(&w, &axis.cross(&across)) }
     }
 
-    fn change(&self, turn_rad: f32) -> Vector3<f32> {
+    /// Change of the field by a turn, and its derivative.
+    fn change(&self, turn_rad: f32) -> [Vector3<f32>; 2] {
         let (sin, cos) = trig::sin_cos(turn_rad);
-        self.p * sin + self.q * (1.0 - cos)
-    }
-
-    fn derivative(&self, turn_rad: f32) -> Vector3<f32> {
-        let (sin, cos) = trig::sin_cos(turn_rad);
-        self.p * cos + self.q * sin
+        [self.p * sin + self.q * (1.0 - cos), self.p * cos + self.q * sin]
     }
 }
 
-/// The Earth's field in body axes, by a sample and the states.
-pub(super) fn body_field(seen: &MonitorSample, states: &StateVector) -> Field<Body> {
-    Field::new(seen.field + seen.mount_turn_effect.change(states[MOUNT_TURN]) - hard_iron_change(states))
+/// The Earth's field in body axes, by a sample and the states; and its derivative by the turn of the mount.
+pub(super) fn body_field(seen: &MonitorSample, states: &StateVector) -> (Field<Body>, Vector3<f32>) {
+    let [change, by_mount_turn] = seen.mount_turn_effect.change(states[MOUNT_TURN]);
+    (Field::new(seen.field + change - hard_iron_change(states)), by_mount_turn)
 }
 
 pub(super) fn correct_attitude(reported: Attitude, motion: &EulerRates, states: &StateVector) -> Attitude {
@@ -117,8 +115,9 @@ impl MonitorSample {
     pub fn is_finite(&self) -> bool {
         let Self { field, mount_turn_effect, attitude, motion } = self;
         let EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s } = *motion;
-        let numbers = [attitude.roll_rad, attitude.pitch_rad, roll_rad_s, pitch_rad_s, heading_rad_s];
-        field.iter().chain(&mount_turn_effect.q).chain(&numbers).all(|number| number.is_finite())
+        let angles = attitude.roll_rad + attitude.pitch_rad + roll_rad_s + pitch_rad_s + heading_rad_s;
+        // A sum with infinity or NaN is not finite.
+        (field.sum() + mount_turn_effect.q.sum() + angles).is_finite()
     }
 }
 
@@ -167,7 +166,8 @@ impl MeasurementModel {
     #[inline(never)]
     pub fn new(seen: &MonitorSample, states: &StateVector, predicted: &PredictedField) -> Self {
         let tilt = correct_attitude(seen.attitude, &seen.motion, states).tilt();
-        let measured = tilt.level(body_field(seen, states));
+        let (field, by_mount_turn) = body_field(seen, states);
+        let measured = tilt.level(field);
         let heading_rad = measured.heading_rad();
         let level =
             Field::earth(predicted.strength, predicted.inclination_rad, predicted.heading_rad.unwrap_or(heading_rad));
@@ -175,7 +175,6 @@ impl MeasurementModel {
         let prediction = FieldPrediction::new(earth, &earth, &tilt);
         let inclination_by_tilt = prediction.inclination_by_attitude(&tilt);
         let heading_by_tilt = prediction.heading_by_attitude(&tilt);
-        let by_mount_turn = seen.mount_turn_effect.derivative(states[MOUNT_TURN]);
         let row = |by_field: &Vector3<f32>, by_tilt| jacobian_row(seen, &by_mount_turn, by_field, by_tilt);
         Self {
             strength: measured.total_ut(),
@@ -274,7 +273,7 @@ mod tests {
             let reference_field = PredictedField { strength: 1.0, inclination_rad: 0.0, heading_rad: None };
             let found = MeasurementModel::new(&seen, &at, &reference_field);
             let seen = MonitorSample {
-                field: seen.field + body_field(&seen, &at).ut * ((1.0 + at[STRENGTH_CHANGE]) / found.strength - 1.0),
+                field: seen.field + body_field(&seen, &at).0.ut * ((1.0 + at[STRENGTH_CHANGE]) / found.strength - 1.0),
                 ..seen
             };
             let by_gyro_rad = found.heading_rad - at[GYRO_OFFSET] - at[ATTITUDE_LATENCY] * seen.motion.heading_rad_s;

@@ -88,8 +88,8 @@ pub(super) struct Monitor {
     mean_innovations: MeanInnovations,
     /// [`DRIFTING_STATES`] about a minute ago.
     past_field: [f32; DRIFTING_STATES.len()],
-    /// State whose process noise is added next; all in turn, to save time.
-    next_noise: usize,
+    /// Step of [`noise_schedule`].
+    noise_step: usize,
     acceleration_tilt: AccelerationTilt,
     hard_iron_detector: ChangeDetector,
     mount_detector: ChangeDetector,
@@ -98,6 +98,20 @@ pub(super) struct Monitor {
     samples_awaiting_current: u8,
     gyro_run: Option<u8>,
     output: MonitorOutput,
+}
+
+/// Number of steps in which every state receives its process noise.
+const NOISE_STEPS: usize = 2 * (STATE_COUNT - 1);
+
+/// State that receives process noise with a sample, and the number of samples since its last: to save time, one state a
+/// sample, the offset of the gyro heading with every second one.
+const fn noise_schedule(step: usize) -> (usize, usize) {
+    let i = step / 2;
+    match step % 2 {
+        0 => (GYRO_OFFSET, 2),
+        _ if i < GYRO_OFFSET => (i, NOISE_STEPS),
+        _ => (i + 1, NOISE_STEPS),
+    }
 }
 
 impl Monitor {
@@ -114,7 +128,7 @@ impl Monitor {
             last_gyro_row: None,
             mean_innovations: MeanInnovations::NONE,
             past_field: [0.0; DRIFTING_STATES.len()],
-            next_noise: 0,
+            noise_step: 0,
             acceleration_tilt: AccelerationTilt::NEW,
             hard_iron_detector: ChangeDetector::new(MIN_HARD_IRON_CHANGE),
             mount_detector: ChangeDetector::new(MIN_MOUNT_TURN_RAD),
@@ -196,23 +210,21 @@ impl Monitor {
 
     fn predict(&mut self, step_s: f32) {
         self.post_change_remaining_s = (self.post_change_remaining_s - step_s).max(0.0);
-        self.filter
-            .inflate_variance(GYRO_OFFSET, state_noise(GYRO_OFFSET, self.expected_errors).process_noise_per_s * step_s);
-        let i = self.next_noise;
-        self.next_noise = (i + 1) % STATE_COUNT;
+        let (i, samples) = noise_schedule(self.noise_step);
+        self.noise_step = (self.noise_step + 1) % NOISE_STEPS;
         let is_unsettled = self.post_change_remaining_s > 0.0 && HARD_IRON_AXES.contains(&i);
         let noise = if is_unsettled { POST_CHANGE_HARD_IRON } else { state_noise(i, self.expected_errors) };
-        if i != GYRO_OFFSET && self.filter.state_variance(i) < noise.initial_sigma * noise.initial_sigma {
-            self.filter.inflate_variance(i, noise.process_noise_per_s * step_s * STATE_COUNT as f32);
+        if i == GYRO_OFFSET || self.filter.state_variance(i) < noise.initial_sigma * noise.initial_sigma {
+            self.filter.inflate_variance(i, noise.process_noise_per_s * step_s * samples as f32);
         }
         // Unobservable states must not accumulate a day of noise; a confirmed change of hard iron must persist.
         let decay = (1.0 - step_s / DECAY_TIME_S).max(0.0);
         if measurement_model::hard_iron_change(self.filter.mean()).length() < MAX_DECAYING_HARD_IRON {
-            self.decay_states(HARD_IRON_CHANGE..STRENGTH_CHANGE, decay);
+            self.decay_states(HARD_IRON_CHANGE..MOUNT_TURN, decay);
         }
-        self.decay_states(ROLL_BIAS..MOUNT_TURN, decay);
+        self.decay_states(ROLL_BIAS..GYRO_OFFSET, decay);
         if self.filter.mean()[MOUNT_TURN].abs() < MAX_DECAYING_MOUNT_TURN_RAD {
-            self.decay_states(MOUNT_TURN..GYRO_OFFSET, decay);
+            self.decay_states(MOUNT_TURN..STRENGTH_CHANGE, decay);
         }
     }
 
@@ -238,7 +250,7 @@ impl Monitor {
     fn track_gyro_offset(&mut self, seen: &MonitorSample, turning: Option<GyroHeading>, step_s: f32) {
         if let Some(turning) = turning.filter(|turning| self.gyro_run != Some(turning.run_number) || step_s > MAX_GAP_S)
         {
-            let measured = measurement_model::body_field(seen, self.filter.mean());
+            let (measured, _) = measurement_model::body_field(seen, self.filter.mean());
             let attitude = measurement_model::correct_attitude(seen.attitude, &seen.motion, self.filter.mean());
             let heading_rad = attitude.level(measured).heading_rad();
             self.filter.set_mean(GYRO_OFFSET, wrap_pi(heading_rad - turning.relative_heading_rad));

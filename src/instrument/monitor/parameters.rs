@@ -30,7 +30,7 @@ const HARD_IRON_DRIFT_TIME_S: f32 = 62.5;
 pub(super) fn state_noise(i: usize, errors: SensorErrorSigmas) -> StateNoise {
     match i {
         // beta: coefficient errors are as large as a minute's drift.
-        HARD_IRON_CHANGE..STRENGTH_CHANGE => {
+        HARD_IRON_CHANGE..MOUNT_TURN => {
             state(errors.hard_iron_drift, errors.hard_iron_drift * errors.hard_iron_drift / HARD_IRON_DRIFT_TIME_S)
         }
         // f: half of the 10 % by which the field strength changes over 1000 km.

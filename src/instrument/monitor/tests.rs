@@ -650,7 +650,8 @@ fn estimated_changes_are_applied_to_the_calibration() {
         readings_per_sample: 4,
     };
     let mut states = [0.0; STATE_COUNT];
-    states[..5].copy_from_slice(&[0.02, -0.04, 0.06, 0.1, -0.05]);
+    states[..3].copy_from_slice(&[0.02, -0.04, 0.06]);
+    (states[STRENGTH_CHANGE], states[INCLINATION_CHANGE]) = (0.1, -0.05);
     let variances = Some(SampleNoise { strength_variance: 1e-4, tilt_rad2: 4e-4 });
     let (found, adapted) =
         MonitorOutput { states, sample_noise: variances, ..MonitorOutput::INITIAL }.correct_calibration(&monitored);
@@ -692,4 +693,13 @@ fn a_day_at_rest_changes_no_state() {
         assert_eq!(monitor.output().validity, Ok(()), "{i}");
     }
     assert!(monitor.filter.mean().iter().all(|unknown| unknown.abs() < 0.01), "{:?}", monitor.filter.mean());
+}
+
+#[test]
+fn each_state_receives_all_of_its_process_noise() {
+    let mut samples = [0; STATE_COUNT];
+    for (i, interval) in (0..NOISE_STEPS).map(noise_schedule) {
+        samples[i] += interval;
+    }
+    assert_eq!(samples, [NOISE_STEPS; STATE_COUNT]);
 }
