@@ -214,7 +214,7 @@ fn a_vehicle_without_tilt_is_not_calibrated_in_flight() {
 /// Runs the first trial, with this many samples before its first step and one before each further step up to twenty.
 fn collect_during_trial(before_first_step: usize) -> TestBed {
     let mut bench = TestBed::with_accuracy(0.2);
-    let mut samples = (0..).zip(hover(9)).map(|(i, sample)| Sample { time: WrappingMillis::new(250 * i), ..sample });
+    let mut samples = (0..).zip(hover(9)).map(|(i, sample)| Sample { time: WrappingMillis::new(100 * i), ..sample });
     while !bench.compass.is_busy() {
         bench.compass.step(Event::Sample(samples.next().unwrap()));
     }

@@ -127,6 +127,11 @@ impl TrialSchedule {
         }
         is_due
     }
+
+    /// Runs the next trial without waiting for newly stored samples.
+    fn require_next(&mut self) {
+        self.retained_at_last = self.retained_at_last.wrapping_sub(TRIAL_CONFIG.min_newly_retained);
+    }
 }
 
 #[derive(Debug)]
@@ -157,6 +162,9 @@ impl TrialSolves {
         prospect.is_stalled = self.update_stalled(found.quality.expected_rms_deg);
         let is_confirmed = !found.calibration.motor_current.is_applied()
             || self.last_result.as_ref().is_some_and(|before| before.reaches_accuracy(wanted_deg));
+        if prospect.reaches_accuracy(wanted_deg) && !is_confirmed {
+            self.schedule.require_next();
+        }
         let is_over = prospect.ends_collection(wanted_deg, is_confirmed);
         self.last_result = Some(prospect);
         is_over

@@ -11,12 +11,12 @@ use crate::collection::RetainedSamples;
 use crate::frames::{Attitude, Field, Level};
 
 /// Times of trials, seconds, and the number each represents: 10 samples/s in turns of 18 s, pitched by -15 deg from
-/// 400 to 440 s, with the same readings in each turn.
-fn trial_times_in_turns() -> Vec<(f32, u8)> {
+/// 400 to 440 s, with the same readings in each turn. `result` has the result of the trial with this number.
+fn trial_times_in_turns(result: impl Fn(usize) -> Option<Solution>) -> Vec<(f32, u8)> {
     let mut retained = RetainedSamples::EMPTY;
     let mut collector = Collector::new(&mut retained);
     collector.begin_procedure(Procedure::Flight);
-    let mut pace = TrialSchedule::NONE;
+    let mut trials = TrialSolves::NONE;
     let mut due = Vec::new();
     for tenths in 0..6000_u16 {
         let t_s = f32::from(tenths) / 10.0;
@@ -33,8 +33,11 @@ fn trial_times_in_turns() -> Vec<(f32, u8)> {
             current: Current::UNKNOWN,
             part: CollectionPart::FREE,
         });
-        if pace.is_due(&collector, time) {
-            due.push((t_s, pace.represented_trials));
+        if trials.is_due(&collector, time) {
+            due.push((t_s, trials.schedule.represented_trials));
+            if let Some(solution) = result(due.len()) {
+                trials.record_result(&solution, None, 1.0);
+            }
         }
     }
     due
@@ -43,13 +46,25 @@ fn trial_times_in_turns() -> Vec<(f32, u8)> {
 /// A full buffer is tried once a minute; new samples cause a trial within 10 s.
 #[test]
 fn trial_solves_without_new_samples_run_once_a_minute() {
-    let due = trial_times_in_turns();
+    let due = trial_times_in_turns(|_| None);
     // 600 places fill in two minutes at 5 samples/s.
     let expected = [[1; 11].as_slice(), &[6, 6, 6, 6, 5, 1, 1, 1, 6, 6]].concat();
     let tens: Vec<u8> = due.windows(2).map(|pair| ((pair[1].0 - pair[0].0) / 10.0).round() as u8).collect();
     assert_eq!(tens, expected, "{due:?}");
     let represented_counts: Vec<u8> = due.iter().skip(1).map(|&(_, represented)| represented).collect();
     assert_eq!(represented_counts, expected, "{due:?}");
+}
+
+/// A trial that reaches the accuracy with motor current, and awaits its confirmation, causes the next one within 10 s.
+#[test]
+fn an_unconfirmed_accuracy_is_tried_again_without_new_samples() {
+    let intervals_s = |result: Solution| {
+        let due = trial_times_in_turns(|number| (number == 14).then(|| result.clone()));
+        [due[14].0 - due[13].0, due[15].0 - due[14].0].map(|interval_s| (interval_s / 10.0).round() as u8)
+    };
+    assert_eq!(intervals_s(solution_with(0.9, 0.5)), [1, 6]);
+    assert_eq!(intervals_s(solution_with(1.1, 0.5)), [6, 6], "not accurate");
+    assert_eq!(intervals_s(solution_with(0.9, 0.0)), [6, 6], "ends the collection");
 }
 
 fn trials_representing(represented: u8) -> TrialSolves {
