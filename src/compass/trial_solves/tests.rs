@@ -59,7 +59,7 @@ fn trial_solves_without_new_samples_run_once_a_minute() {
 #[test]
 fn an_unconfirmed_accuracy_is_tried_again_without_new_samples() {
     let intervals_s = |result: Solution| {
-        let due = trial_times_in_turns(|number| (number == 14).then(|| result.clone()));
+        let due = trial_times_in_turns(|number| (number == 14).then_some(result));
         [due[14].0 - due[13].0, due[15].0 - due[14].0].map(|interval_s| (interval_s / 10.0).round() as u8)
     };
     assert_eq!(intervals_s(solution_with(0.9, 0.5)), [1, 6]);
