@@ -10,7 +10,7 @@ pub struct Decimal<const DECIMALS: usize>(pub f32);
 
 impl<const DECIMALS: usize> fmt::Display for Decimal<DECIMALS> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(&fixed(self.0, DECIMALS))
+        f.pad(&format_fixed(self.0, DECIMALS))
     }
 }
 
@@ -24,10 +24,10 @@ pub struct ShortestDecimal(pub f32, pub usize);
 impl fmt::Display for ShortestDecimal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self(value, mut decimals) = *self;
-        let mut text = fixed(value, decimals);
-        while decimals < MAX_DIGITS && parse(&text) != Some(value) {
+        let mut text = format_fixed(value, decimals);
+        while decimals < MAX_DIGITS && parse_decimal(&text) != Some(value) {
             decimals += 1;
-            text = fixed(value, decimals);
+            text = format_fixed(value, decimals);
         }
         f.pad(&text)
     }
@@ -35,7 +35,7 @@ impl fmt::Display for ShortestDecimal {
 
 /// Formats a number with a fixed number of decimals; not generic, so that flash contains one copy.
 const CAPACITY: usize = 41 + MAX_DIGITS;
-fn fixed(value: f32, decimals: usize) -> heapless::String<CAPACITY> {
+fn format_fixed(value: f32, decimals: usize) -> heapless::String<CAPACITY> {
     let mut text = heapless::String::new();
     // Sign, seven digits, point and decimals always fit.
     if !value.is_finite() {
@@ -57,7 +57,7 @@ const MAX_DIGITS: usize = 6;
 ///
 /// `None` for anything else: no exponent, no white space, no `nan`.
 #[must_use]
-pub fn parse(text: &str) -> Option<f32> {
+pub fn parse_decimal(text: &str) -> Option<f32> {
     let (negative, digits) = match text.as_bytes() {
         [b'-', rest @ ..] => (true, rest),
         [b'+', rest @ ..] => (false, rest),
@@ -111,26 +111,26 @@ mod tests {
             ("0", 0),
             ("-0.5", 0),
         ] {
-            assert_eq!(ShortestDecimal(parse(text).unwrap(), at_least).to_string(), text);
+            assert_eq!(ShortestDecimal(parse_decimal(text).unwrap(), at_least).to_string(), text);
         }
         for (typed, shown) in [("+7.", "7.0"), (".5", "0.5"), ("1.500", "1.5"), ("-0", "0.0")] {
-            assert_eq!(ShortestDecimal(parse(typed).unwrap(), 1).to_string(), shown);
+            assert_eq!(ShortestDecimal(parse_decimal(typed).unwrap(), 1).to_string(), shown);
         }
         assert_eq!(ShortestDecimal(f32::NAN, 2).to_string(), "-");
         assert_eq!(ShortestDecimal(3e6, 0).to_string(), "3000000.000000", "too many digits to be read back");
         for i in 0..40_000 {
             let text = format!("{}.{:02}", i / 100, i % 100);
-            assert_eq!(ShortestDecimal(parse(&text).unwrap(), 2).to_string(), text);
+            assert_eq!(ShortestDecimal(parse_decimal(&text).unwrap(), 2).to_string(), text);
         }
     }
 
     #[test]
     fn plain_decimal_numbers_are_parsed_and_other_text_is_rejected() {
         for (text, value) in [("12", 12.0), ("-3.75", -3.75), ("+0.5", 0.5), (".5", 0.5), ("180.", 180.0)] {
-            assert_eq!(parse(text), Some(value), "{text}");
+            assert_eq!(parse_decimal(text), Some(value), "{text}");
         }
         for text in ["", "-", ".", "1e3", "nan", " 1", "1.2.3", "--1", "1234567", "0.1234567", "1,5"] {
-            assert_eq!(parse(text), None, "{text}");
+            assert_eq!(parse_decimal(text), None, "{text}");
         }
     }
 
@@ -169,10 +169,10 @@ mod tests {
             ("0", 0.0),
             ("1.09", 1.09),
         ] {
-            assert_eq!(parse(text), Some(value), "{text}");
+            assert_eq!(parse_decimal(text), Some(value), "{text}");
         }
         for text in ["1000000", "0000001", "0.0000001", ".0000000", "+", "+.", "-+1", "1-", "1 ", "\u{661}"] {
-            assert_eq!(parse(text), None, "{text}");
+            assert_eq!(parse_decimal(text), None, "{text}");
         }
     }
 
@@ -180,14 +180,14 @@ mod tests {
     #[test]
     fn ascii_neighbours_of_digits_are_rejected() {
         for text in ["/1", ":1", "1/", "1:", "0./", "0.:", "a", "0x1"] {
-            assert_eq!(parse(text), None, "{text}");
+            assert_eq!(parse_decimal(text), None, "{text}");
         }
     }
 
     #[test]
     fn a_shown_number_is_read_back() {
         for value in [0.0, 0.5, -0.5, 359.75, -179.25, 123_456.0] {
-            assert_eq!(parse(&Decimal::<2>(value).to_string()), Some(value));
+            assert_eq!(parse_decimal(&Decimal::<2>(value).to_string()), Some(value));
         }
     }
 }

@@ -57,7 +57,7 @@ impl<F> Field<F> {
     /// Field strength, microtesla.
     #[must_use]
     pub fn total_ut(&self) -> f32 {
-        self.ut.length()
+        self.ut.vector_length()
     }
 }
 
@@ -80,7 +80,7 @@ impl Attitude {
     /// The rotation, for repeated use.
     #[must_use]
     #[inline]
-    pub fn tilt(&self) -> AttitudeRotation {
+    pub fn tilt_rotation(&self) -> AttitudeRotation {
         let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) =
             (trig::sin_cos(self.roll_rad), trig::sin_cos(self.pitch_rad));
         AttitudeRotation { sin_roll, cos_roll, sin_pitch, cos_pitch }
@@ -90,14 +90,14 @@ impl Attitude {
     #[must_use]
     #[inline]
     pub fn level(&self, body: Field<Body>) -> Field<Level> {
-        self.tilt().level(body)
+        self.tilt_rotation().level(body)
     }
 
     /// Rotates a level field to the body frame, the inverse of [`level`](Self::level).
     #[must_use]
     #[inline]
     pub fn body(&self, level: Field<Level>) -> Field<Body> {
-        self.tilt().body(level)
+        self.tilt_rotation().body(level)
     }
 }
 
@@ -114,7 +114,7 @@ impl AttitudeRotation {
     /// Unit vector down, body axes.
     #[must_use]
     #[inline]
-    pub(crate) fn down(&self) -> Vector3<f32> {
+    pub(crate) fn down_in_body(&self) -> Vector3<f32> {
         Vector3::new(-self.sin_pitch, self.cos_pitch * self.sin_roll, self.cos_pitch * self.cos_roll)
     }
 
@@ -253,8 +253,11 @@ mod tests {
                 assert_near(attitude.body(Field::new(field)).ut, (rotation.inverse() * field).into());
                 assert_near(attitude.body(level).ut, field.into());
                 assert_near(attitude.level(attitude.body(Field::new(field))).ut, field.into());
-                assert_near(attitude.tilt().down(), attitude.body(Field::from_ut(0.0, 0.0, 1.0)).ut.into());
-                assert!((attitude.tilt().cos_pitch() - attitude.pitch_rad.cos()).abs() < 2e-7);
+                assert_near(
+                    attitude.tilt_rotation().down_in_body(),
+                    attitude.body(Field::from_ut(0.0, 0.0, 1.0)).ut.into(),
+                );
+                assert!((attitude.tilt_rotation().cos_pitch() - attitude.pitch_rad.cos()).abs() < 2e-7);
             }
         }
     }

@@ -53,7 +53,7 @@ impl Diagnostics {
     /// Detected protocol of a port.
     #[must_use]
     pub const fn port_protocol(&self, number: PortNumber) -> ProtocolKind {
-        *number.of(&self.ports)
+        *number.element_of(&self.ports)
     }
 }
 

@@ -32,7 +32,7 @@ impl Identity {
 
 impl fmt::Display for Identity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.model.name())?;
+        f.write_str(self.model.model_name())?;
         match self.address {
             Self::SPI => f.write_str(" on SPI"),
             address => write!(f, " at {address:02x}"),
@@ -55,7 +55,7 @@ pub enum Model {
 impl Model {
     /// Name on the data sheet.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn model_name(self) -> &'static str {
         match self {
             Self::Lis3mdl => "LIS3MDL",
             Self::Lsm303dlhc => "LSM303DLHC",
@@ -71,7 +71,7 @@ mod tests {
     #[test]
     fn models_have_the_names_of_their_data_sheets() {
         let models = [Model::Lis3mdl, Model::Lsm303dlhc, Model::Rm3100];
-        assert_eq!(models.map(Model::name), ["LIS3MDL", "LSM303DLHC", "RM3100"]);
+        assert_eq!(models.map(Model::model_name), ["LIS3MDL", "LSM303DLHC", "RM3100"]);
     }
 
     #[test]

@@ -59,21 +59,21 @@ pub trait Length {
     type Unit;
 
     /// Euclidean length.
-    fn length(&self) -> f32;
+    fn vector_length(&self) -> f32;
 
     /// Unit vector of the same direction; not numbers for a zero vector.
-    fn unit(&self) -> Self::Unit;
+    fn unit_vector(&self) -> Self::Unit;
 }
 
 impl<const N: usize, S: Storage<f32, Const<N>>> Length for Vector<f32, Const<N>, S> {
     type Unit = SVector<f32, N>;
 
-    fn length(&self) -> f32 {
+    fn vector_length(&self) -> f32 {
         sqrt(self.norm_squared())
     }
 
-    fn unit(&self) -> Self::Unit {
-        self / self.length()
+    fn unit_vector(&self) -> Self::Unit {
+        self / self.vector_length()
     }
 }
 

@@ -37,7 +37,7 @@ fn fly(rig: &mut Rig, kind: VehicleKind) -> (Option<SolveNotice>, u32) {
             lamp = lit_percent(rig);
         }
     }
-    (transcript::notice(&printed), lamp)
+    (transcript::parse_solve_notice(&printed), lamp)
 }
 
 /// The lamp flashes briefly before arming, longer during collection, and is almost continuously lit when calibrated.

@@ -41,7 +41,7 @@ struct Autopilot {
 impl Autopilot {
     fn new(bus: &CanBus) -> Self {
         Self {
-            end: bus.attach(),
+            end: bus.attach_node(),
             number: node(10),
             transfer_id: 0,
             unique_ids: Vec::new(),
@@ -119,7 +119,7 @@ impl Bench {
             [FarEnd::Unconnected, FarEnd::Unconnected],
         );
         let bus = CanBus::new(faults);
-        rig.attach_can(bus.attach(), 1);
+        rig.attach_can(bus.attach_node(), 1);
         Self { rig, autopilot: Autopilot::new(&bus), bus }
     }
 
@@ -206,7 +206,7 @@ fn a_babbling_node_does_not_stop_the_field() {
     let mut bench = Bench::new(CanFaults::default());
     bench.run(3_000);
     bench.autopilot.take_fields(125);
-    let babbler = bench.bus.attach();
+    let babbler = bench.bus.attach_node();
     let mut random = testkit::random::Random(3);
     bench.run_with(5_000, |_| {
         for _ in 0..20 {
@@ -229,7 +229,7 @@ fn a_second_node_with_this_number_silences_the_field() {
     bench.rig.console.send(b"set can-node 42\rreboot\r");
     bench.run(3_000);
     assert!(bench.autopilot.take_fields(42) > 10);
-    let second = bench.bus.attach();
+    let second = bench.bus.attach_node();
     let status = OutboundTransfer {
         data_type: DataType::NODE_STATUS,
         priority: priority::LOW,
@@ -308,7 +308,7 @@ fn mavlink_goes_through_the_tunnel() {
 fn a_frame_of_the_bus_reaches_all_other_nodes() {
     let _simulation = testkit::simulation::Simulation::new();
     let bus = CanBus::new(CanFaults::default());
-    let [one, two, three] = [bus.attach(), bus.attach(), bus.attach()];
+    let [one, two, three] = [bus.attach_node(), bus.attach_node(), bus.attach_node()];
     let frame = CanFrame::new(1, &[0; 8]).unwrap();
     one.queue_frame(&frame);
     testkit::clock::advance(1_000);

@@ -73,7 +73,7 @@ fn listen(emulator: &mut Emulator, seconds: f64) -> (usize, usize) {
         .instrument()
         .receive_timed()
         .into_iter()
-        .filter_map(|timed_byte| reader.push(timed_byte.at_us, timed_byte.byte))
+        .filter_map(|timed_byte| reader.push_byte(timed_byte.at_us, timed_byte.byte))
         .collect();
     let headings = received.iter().filter(|r| r.heading_deg.is_some()).count();
     (headings, received.len() - headings)
@@ -150,7 +150,10 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     let text = emulator.send_console_line("cal solve");
     emulator.run_for_s(4.0);
     let text = text + &emulator.take_console_output();
-    assert!(matches!(transcript::notice(&text), Some(transcript::SolveNotice::Calibrated(_)) | None), "{text}");
+    assert!(
+        matches!(transcript::parse_solve_notice(&text), Some(transcript::SolveNotice::Calibrated(_)) | None),
+        "{text}"
+    );
     for declination_deg in 0..12 {
         emulator.send_console_line(&format!("set declination {declination_deg}"));
     }
@@ -285,7 +288,7 @@ fn instructions_stay_within_their_budgets() {
 #[test]
 fn a_missing_image_is_reported_with_the_build_command() {
     let Err(error) = Emulator::start("no/such.elf".as_ref(), WorldConfig::table1(1)) else { panic!("it started") };
-    assert_eq!(error.code(), "no-image");
+    assert_eq!(error.stable_code(), "no-image");
     assert!(error.to_string().contains("scripts/build-firmware"), "{error}");
 }
 
@@ -300,7 +303,7 @@ fn an_image_for_another_machine_ends_the_emulator_with_an_error() {
             emulator.take_failure().unwrap()
         },
     );
-    assert_eq!(error.code(), "emulator-ended", "{error}");
+    assert_eq!(error.stable_code(), "emulator-ended", "{error}");
 }
 
 /// Recommended ArduPilot wiring on the emulated machine, five times slower than the board: MAVLink on one port, MSP on
@@ -391,7 +394,7 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     }
     let mut received: Vec<Frame> = Vec::new();
     // MAG_CAL_SUCCESS, and stored.
-    let is_success = |frame: &Frame| (frame.id, frame.byte(42), frame.byte(43)) == (192, 4, 1);
+    let is_success = |frame: &Frame| (frame.id, frame.byte_at(42), frame.byte_at(43)) == (192, 4, 1);
     for _second in 0..220 {
         assert_eq!(emulator.run_for_s(1.0), ModuleRunEnd::Time);
         received.extend(autopilot.borrow_mut().take_received());
@@ -434,11 +437,11 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
         assert_eq!(emulator.run_for_s(15.0), ModuleRunEnd::Time);
         let _ = autopilot.borrow_mut().take_received();
         assert_eq!(emulator.run_for_s(4.0), ModuleRunEnd::Time);
-        let is_heading = |frame: &&Frame| frame.id == 251 && (8..15).map(|at| frame.byte(at)).eq(*b"hdg_mag");
+        let is_heading = |frame: &&Frame| frame.id == 251 && (8..15).map(|at| frame.byte_at(at)).eq(*b"hdg_mag");
         for heading in autopilot.borrow_mut().take_received().iter().filter(is_heading) {
-            let time_ms = u32::from_le_bytes([0, 1, 2, 3].map(|at| heading.byte(at)));
+            let time_ms = u32::from_le_bytes([0, 1, 2, 3].map(|at| heading.byte_at(at)));
             let truth_deg = emulator.world().true_state(u64::from(time_ms) * 1000).heading_deg();
-            errors_deg.push(wrap_180(f64::from(heading.float(4)) - truth_deg));
+            errors_deg.push(wrap_180(f64::from(heading.float_at(4)) - truth_deg));
         }
     }
     println!("headings by MAVLink are off by {errors_deg:.2?} deg");

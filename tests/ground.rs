@@ -47,7 +47,7 @@ fn solve(rig: &mut Rig) -> Result<ShownCalibration, SolveNotice> {
 fn outcome(rig: &mut Rig, text: &str) -> Result<ShownCalibration, SolveNotice> {
     rig.run_for_s(2.0);
     let text = format!("{text}{}", rig.take_console_output());
-    match transcript::notice(&text).expect("a note") {
+    match transcript::parse_solve_notice(&text).expect("a note") {
         SolveNotice::Calibrated(_) => {
             Ok(transcript::parse_shown_calibration(&rig.send_console_line("cal show")).expect("a calibration"))
         }

@@ -507,7 +507,7 @@ fn parked_for_ten_minutes_with_either_source_raises_no_alarm() {
             .instrument
             .receive_timed()
             .into_iter()
-            .filter_map(|timed_byte| reader.push(timed_byte.at_us, timed_byte.byte))
+            .filter_map(|timed_byte| reader.push_byte(timed_byte.at_us, timed_byte.byte))
             .collect();
         assert!(sent.len() > 17_000, "{}", sent.len());
         let silent: Vec<_> = sent.iter().filter(|sentence| sentence.heading_deg.is_none()).collect();

@@ -19,7 +19,7 @@ fn record_flight(world: &WorldConfig) -> FlightRecording {
 }
 
 fn read(text: &str) -> Flight {
-    log::read(&mut text.as_bytes(), FieldUnit::Milligauss).unwrap()
+    log::read_flight(&mut text.as_bytes(), FieldUnit::Milligauss).unwrap()
 }
 
 fn evaluate(text: &str) -> (Flight, FlightEvaluation) {
@@ -29,7 +29,7 @@ fn evaluate(text: &str) -> (Flight, FlightEvaluation) {
 }
 
 fn notes(flight: &Flight, evaluation: &FlightEvaluation) -> String {
-    LogWarning::all(flight, evaluation).iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+    LogWarning::warnings_of_flight(flight, evaluation).iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
 /// Keeps one of `number` messages of a name.
@@ -175,7 +175,7 @@ fn mavlink_without_receiver_times_gives_the_same_flight() {
         rest = remaining;
     }
     let [with, without] = [with, without].map(|bytes| {
-        let flight = log::read(&mut bytes.as_slice(), FieldUnit::Milligauss).unwrap();
+        let flight = log::read_flight(&mut bytes.as_slice(), FieldUnit::Milligauss).unwrap();
         let verdict = evaluate_flight(&flight, &ASKED);
         (flight, verdict)
     });
@@ -211,7 +211,7 @@ fn a_compass_that_fails_in_flight_is_reported() {
             }
         }
         let (flight, verdict) = evaluate(&log);
-        let notes = LogWarning::all(&flight, &verdict);
+        let notes = LogWarning::warnings_of_flight(&flight, &verdict);
         let notes = notes.iter().map(ToString::to_string).filter(|note| note.starts_with("compass "));
         (notes.collect::<Vec<_>>(), verdict)
     };
@@ -273,7 +273,7 @@ fn rows_without_time_get_the_time_of_their_neighbours() {
     assert!(score.rms_deg < 1.0, "{score:?}");
     assert!(notes(&flight, &verdict).contains("carry no time"));
     let nothing = strip(&["MAG", "ATT", "IMU", "BAT", "GPS", "MSG", "PARM"], &text);
-    let refused = log::read(&mut nothing.as_bytes(), FieldUnit::Milligauss).unwrap_err();
+    let refused = log::read_flight(&mut nothing.as_bytes(), FieldUnit::Milligauss).unwrap_err();
     assert!(refused.to_string().contains("carry no time"), "{refused}");
 }
 

@@ -31,7 +31,7 @@ where
     let config = chip::Lis3mdlConfig { noise_scale: 0.0, ..chip::Lis3mdlConfig::default() };
     let chip = chip::Lis3mdl::new(config, Box::new(|at_us| Field::from_ut(at_us as f32 * 1e-5, 0.0, 0.0)));
     let bus = Bus::new();
-    bus.attach(chip.clone());
+    bus.attach_device(chip.clone());
     simulation.spawn(Level::Interrupt, "script", script(Lis3mdl::new(bus, Lis3mdlConfig::default()), chip));
     simulation.run_for(60_000_000);
     assert_eq!(simulation.tasks(), 0, "the script did not end");
@@ -47,9 +47,9 @@ fn measured_at_us(reading: &Reading) -> f32 {
 fn every_measurement_is_read_once_and_fresh() {
     with_driver(|mut driver, _| async move {
         driver.init().await.unwrap();
-        let mut last_us = measured_at_us(&driver.read().await.unwrap());
+        let mut last_us = measured_at_us(&driver.read_measurement().await.unwrap());
         for _ in 0..160 {
-            let reading = driver.read().await.unwrap();
+            let reading = driver.read_measurement().await.unwrap();
             assert!(!reading.overrun);
             let (measured_us, now_us) = (measured_at_us(&reading), Instant::now().as_micros() as f32);
             assert!((-750.0..1_550.0).contains(&(now_us - measured_us)), "age {} us", now_us - measured_us);
@@ -64,11 +64,11 @@ fn a_silent_chip_is_reported_and_works_again_after_init() {
     with_driver(|mut driver, chip| async move {
         driver.init().await.unwrap();
         chip.borrow_mut().set_silent(true);
-        assert_eq!(driver.read().await, Err(MagnetometerError::Bus(BusError::NoAcknowledge(0x1E))));
+        assert_eq!(driver.read_measurement().await, Err(MagnetometerError::Bus(BusError::NoAcknowledge(0x1E))));
         assert_eq!(driver.init().await, Err(MagnetometerError::Bus(BusError::NoAcknowledge(0x1E))));
         chip.borrow_mut().set_silent(false);
         driver.init().await.unwrap();
-        driver.read().await.unwrap();
+        driver.read_measurement().await.unwrap();
     });
 }
 
@@ -78,13 +78,13 @@ fn a_silent_chip_is_reported_and_works_again_after_init() {
 fn a_chip_that_lost_power_is_detected_and_reconfigured() {
     with_driver(|mut driver, chip| async move {
         driver.init().await.unwrap();
-        driver.read().await.unwrap();
+        driver.read_measurement().await.unwrap();
         chip.borrow_mut().power_cycle();
         let start = Instant::now();
-        assert_eq!(driver.read().await, Err(MagnetometerError::NoData));
+        assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
         assert!(start.elapsed().as_millis() <= 62, "{} ms", start.elapsed().as_millis());
         driver.init().await.unwrap();
-        driver.read().await.unwrap();
+        driver.read_measurement().await.unwrap();
     });
 }
 
@@ -92,10 +92,10 @@ fn a_chip_that_lost_power_is_detected_and_reconfigured() {
 fn a_late_reader_sees_the_overrun() {
     with_driver(|mut driver, _| async move {
         driver.init().await.unwrap();
-        driver.read().await.unwrap();
+        driver.read_measurement().await.unwrap();
         embassy_time::Timer::after_millis(100).await;
-        assert!(driver.read().await.unwrap().overrun);
-        assert!(!driver.read().await.unwrap().overrun);
+        assert!(driver.read_measurement().await.unwrap().overrun);
+        assert!(!driver.read_measurement().await.unwrap().overrun);
     });
 }
 
@@ -122,11 +122,11 @@ fn every_measurement_of_an_rm3100_is_read_once_and_fresh() {
     for period_scale in [1.0 / 1.21, 1.0, 1.0 / 0.79] {
         with_rm3100(period_scale, move |mut driver, _| async move {
             driver.init().await.unwrap();
-            driver.read().await.unwrap();
+            driver.read_measurement().await.unwrap();
             let measured_at_us = |reading: &Reading| reading.field.ut.z * 1e4;
-            let mut last_us = measured_at_us(&driver.read().await.unwrap());
+            let mut last_us = measured_at_us(&driver.read_measurement().await.unwrap());
             for _ in 0..150 {
-                let measured_us = measured_at_us(&driver.read().await.unwrap());
+                let measured_us = measured_at_us(&driver.read_measurement().await.unwrap());
                 let age_us = Instant::now().as_micros() as f32 - measured_us;
                 assert!((1_060.0..1_850.0).contains(&age_us), "{period_scale}: age {age_us} us");
                 let period_us = 13_333.0 * period_scale as f32;
@@ -146,12 +146,12 @@ fn a_missing_rm3100_is_reported_and_works_again_after_init() {
             assert_eq!(driver.init().await, Err(MagnetometerError::WrongIdentity(level)));
             chip.borrow_mut().set_fault(None);
             driver.init().await.unwrap();
-            driver.read().await.unwrap();
+            driver.read_measurement().await.unwrap();
             chip.borrow_mut().set_fault(Some(Rm3100Fault::Missing(level)));
-            assert_eq!(driver.read().await, Err(MagnetometerError::NoData));
+            assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
             chip.borrow_mut().set_fault(None);
             driver.init().await.unwrap();
-            driver.read().await.unwrap();
+            driver.read_measurement().await.unwrap();
         });
     }
 }
@@ -169,9 +169,9 @@ fn a_chip_that_is_no_working_rm3100_is_not_started() {
         }
         chip.borrow_mut().set_fault(None);
         driver.init().await.unwrap();
-        driver.read().await.unwrap();
+        driver.read_measurement().await.unwrap();
         chip.borrow_mut().set_fault(Some(Rm3100Fault::NeverReady));
-        assert_eq!(driver.read().await, Err(MagnetometerError::NoData));
+        assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
     });
 }
 
@@ -180,17 +180,17 @@ fn a_chip_that_is_no_working_rm3100_is_not_started() {
 fn an_rm3100_that_lost_power_is_detected_and_reconfigured() {
     with_rm3100(1.0, |mut driver, chip| async move {
         driver.init().await.unwrap();
-        driver.read().await.unwrap();
+        driver.read_measurement().await.unwrap();
         chip.borrow_mut().power_cycle();
         assert_eq!(
             driver.verify_configuration().await,
             Err(MagnetometerError::Configuration { written: 0x95, read: 0x96 })
         );
         let start = Instant::now();
-        assert_eq!(driver.read().await, Err(MagnetometerError::NoData));
+        assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
         assert!(start.elapsed().as_millis() <= 65, "{} ms", start.elapsed().as_millis());
         driver.init().await.unwrap();
-        driver.read().await.unwrap();
+        driver.read_measurement().await.unwrap();
     });
 }
 
@@ -201,7 +201,7 @@ fn an_rm3100_keeps_the_default_cycle_counts_and_survives_a_restart_of_the_module
         for _ in 0..2 {
             driver.init().await.unwrap();
             for _ in 0..20 {
-                driver.read().await.unwrap();
+                driver.read_measurement().await.unwrap();
                 driver.verify_configuration().await.unwrap();
             }
             let cycle_counts: Vec<u8> = (0x04..0x0A).map(|register| chip.borrow().register(register)).collect();

@@ -1,7 +1,7 @@
 //! Complete calibration flights with the simulated module.
 
 use simulator::devices::sensor::SensorModel;
-use simulator::mission::{MissionResult, TurnPlan, fly, fly_with};
+use simulator::mission::{MissionResult, TurnPlan, fly_mission, fly_with};
 use simulator::module::Module as _;
 use simulator::rig::Rig;
 use simulator::transcript::SolveNotice;
@@ -9,7 +9,7 @@ use simulator::world::WorldConfig;
 use testkit::documents;
 
 fn mission_result(world: &WorldConfig) -> MissionResult {
-    fly(*world, TurnPlan::default(), &mut |_, _| {})
+    fly_mission(*world, TurnPlan::default(), &mut |_, _| {})
 }
 
 fn expected_rms_deg(mission_result: &MissionResult) -> f64 {
@@ -153,7 +153,8 @@ fn one_seed_gives_one_flight() {
 
 #[test]
 fn a_flight_without_turns_is_refused_with_a_reason() {
-    let mission_result = fly(WorldConfig::table1(1), TurnPlan { bank_deg: 25.0, circles: 0.05 }, &mut |_, _| {});
+    let mission_result =
+        fly_mission(WorldConfig::table1(1), TurnPlan { bank_deg: 25.0, circles: 0.05 }, &mut |_, _| {});
     let Err(SolveNotice::Refused { code, words }) = &mission_result.result else {
         panic!("{:?}", mission_result.result)
     };
@@ -168,7 +169,8 @@ fn a_flight_without_turns_is_refused_with_a_reason() {
 fn a_flight_with_little_bank_is_refused() {
     // Gusts bank these two to ten degrees for long enough to start a turn, after which level flight is collected.
     for seed in [5, 7] {
-        let mission_result = fly(WorldConfig::random(seed), TurnPlan { bank_deg: 5.0, circles: 2.0 }, &mut |_, _| {});
+        let mission_result =
+            fly_mission(WorldConfig::random(seed), TurnPlan { bank_deg: 5.0, circles: 2.0 }, &mut |_, _| {});
         let Err(SolveNotice::Refused { code, words }) = &mission_result.result else {
             panic!("{:?}", mission_result.result)
         };

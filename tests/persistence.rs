@@ -37,7 +37,7 @@ fn swing_outcome(rig: &mut Rig) -> Option<transcript::SolveNotice> {
             return None;
         }
         session.push_str(&rig.take_console_output());
-        if let Some(notice) = transcript::notice(&session) {
+        if let Some(notice) = transcript::parse_solve_notice(&session) {
             return Some(notice);
         }
     }
@@ -176,7 +176,7 @@ fn a_one_sided_flight_does_not_replace_turns_to_both_sides() {
     rig.run_for_s(2.0);
     let text = format!("{reply}{}", rig.take_console_output());
     let Some(transcript::SolveNotice::Refused { code, .. }) =
-        transcript::notice(&text).or(transcript::parse_error(&text))
+        transcript::parse_solve_notice(&text).or(transcript::parse_error(&text))
     else {
         panic!("{text}")
     };
@@ -293,11 +293,11 @@ fn store(flash: &mut StoreFlash) -> Store<&mut StoreFlash> {
 fn save(flash: &mut StoreFlash, serial: u32) -> Result<(), StoreError> {
     let StoredCalibrations { current, previous } = generations(serial);
     let change = StoreChange::StoredCalibrations { current: current.as_ref(), previous: previous.as_ref() };
-    block_on(store(flash).save(change))
+    block_on(store(flash).save_change(change))
 }
 
 fn load(flash: &mut StoreFlash) -> Result<StoredCalibrations, StoreError> {
-    let Loaded { stored, error } = block_on(store(flash).load());
+    let Loaded { stored, error } = block_on(store(flash).load_state());
     error.map_or(Ok(stored.stored_calibrations), Err)
 }
 
@@ -368,7 +368,7 @@ fn take_off(rig: &mut Rig) {
 /// Unsolicited output of the module until the end of the routine.
 fn fly_to_end(rig: &mut Rig) -> String {
     let mut transcript_text = String::new();
-    while rig.world.unfinished_legs() > 0 && transcript::notice(&transcript_text).is_none() {
+    while rig.world.unfinished_legs() > 0 && transcript::parse_solve_notice(&transcript_text).is_none() {
         assert_eq!(rig.run_for_s(1.0), ModuleRunEnd::Time);
         transcript_text.push_str(&rig.take_console_output());
     }
@@ -384,7 +384,7 @@ fn differ_deg(first: &Calibration, second: &Calibration) -> f32 {
         let earth = nalgebra::Vector3::new(31.0 * cos, -31.0 * sin, 42.0);
         let sensed = Field::new(inverse * earth + first.b_vector_ut());
         let [heading_rad, other_rad] =
-            [first, second].map(|it| Attitude::default().level(it.apply(sensed)).heading_rad());
+            [first, second].map(|it| Attitude::default().level(it.calibrated_field(sensed)).heading_rad());
         wrap_pi(other_rad - heading_rad).to_degrees().abs()
     };
     (0..36).map(|i| difference(10.0 * i as f32)).fold(0.0, f32::max)
@@ -404,7 +404,7 @@ fn a_watchdog_in_flight_does_not_end_a_collection() {
     let mut whole = start_flight();
     let transcript_text = fly_to_end(&mut whole);
     assert!(
-        matches!(transcript::notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
+        matches!(transcript::parse_solve_notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
         "{transcript_text}"
     );
     let uninterrupted = shown_calibration(&mut whole).unwrap().calibration;
@@ -424,7 +424,7 @@ fn a_watchdog_in_flight_does_not_end_a_collection() {
         let transcript_text = fly_to_end(&mut rig);
         assert!(!transcript_text.contains("collection-lost"), "{transcript_text}");
         assert!(
-            matches!(transcript::notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
+            matches!(transcript::parse_solve_notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
             "{cuts_s:?}: {transcript_text}"
         );
         let differ = differ_deg(&shown_calibration(&mut rig).unwrap().calibration, &uninterrupted);
@@ -455,7 +455,7 @@ fn a_collection_survives_a_reboot_between_two_flights() {
     take_off(&mut rig);
     let transcript_text = fly_to_end(&mut rig);
     assert!(
-        matches!(transcript::notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
+        matches!(transcript::parse_solve_notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
         "{transcript_text}"
     );
     rig.power_on(ResetCause::Watchdog);
@@ -492,7 +492,7 @@ fn a_lost_collection_is_reported() {
         rig.run_for_s(1.0);
         assert!(!rig.take_console_output().contains("collection-lost"), "told once");
         let transcript_text = fly_to_end(&mut rig);
-        let notice = transcript::notice(&transcript_text);
+        let notice = transcript::parse_solve_notice(&transcript_text);
         assert!(matches!(notice, Some(transcript::SolveNotice::Calibrated(_)) | None), "{transcript_text}");
     }
 }

@@ -78,9 +78,9 @@ fn frames_with_id(id: u32, received_frames: &[Frame]) -> Vec<&Frame> {
 fn texts(received_frames: &[Frame]) -> Vec<String> {
     let mut texts: Vec<String> = Vec::new();
     for frame in frames_with_id(STATUSTEXT, received_frames) {
-        let characters: Vec<u8> = (1..51).map(|at| frame.byte(at)).take_while(|&byte| byte != 0).collect();
+        let characters: Vec<u8> = (1..51).map(|at| frame.byte_at(at)).take_while(|&byte| byte != 0).collect();
         let piece = String::from_utf8(characters).expect("plain characters");
-        if frame.byte(53) > 0 {
+        if frame.byte_at(53) > 0 {
             texts.last_mut().expect("its beginning").push_str(&piece);
         } else {
             texts.push(piece);
@@ -160,7 +160,7 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
             "{kind:?}: {status_texts:?}"
         );
         // MAG_CAL_SUCCESS, and stored.
-        let is_success = |report: &&Frame| (report.byte(42), report.byte(43)) == (4, 1);
+        let is_success = |report: &&Frame| (report.byte_at(42), report.byte_at(43)) == (4, 1);
         let reports = frames_with_id(MAG_CAL_REPORT, &during);
         assert!(reports.iter().any(is_success), "{kind:?}: {reports:?}");
         assert!(!frames_with_id(MAG_CAL_PROGRESS, &during).is_empty());
@@ -172,11 +172,11 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
         for _ in 0..5 {
             run(&mut rig, 1.0);
             let values = received_frames(&rig, 0);
-            let is_heading = |frame: &&Frame| (8..15).map(|at| frame.byte(at)).eq(*b"hdg_mag");
+            let is_heading = |frame: &&Frame| (8..15).map(|at| frame.byte_at(at)).eq(*b"hdg_mag");
             for heading in frames_with_id(NAMED_VALUE_FLOAT, &values).into_iter().filter(is_heading) {
-                let time_ms = u32::from_le_bytes([0, 1, 2, 3].map(|at| heading.byte(at)));
+                let time_ms = u32::from_le_bytes([0, 1, 2, 3].map(|at| heading.byte_at(at)));
                 let truth_deg = rig.world.true_state(u64::from(time_ms) * 1000).heading_deg();
-                let error_deg = wrap_180(f64::from(heading.float(4)) - truth_deg);
+                let error_deg = wrap_180(f64::from(heading.float_at(4)) - truth_deg);
                 assert!(error_deg.abs() < HEADING_BOUND_DEG, "{kind:?}: {error_deg}");
                 headings += 1;
             }
@@ -325,12 +325,12 @@ fn mavlink_and_msp_run_at_once() {
             let age_ms = |reading: CompassSample| (reading.at_us / 1000).cast_signed() - i64::from(reading.time_ms);
             ages_ms.extend(readings(&rig, 1).into_iter().map(age_ms));
             for pose in frames_with_id(VISION_POSITION_ESTIMATE, &received_frames(&rig, 0)) {
-                let time_us = u64::from_le_bytes([0, 1, 2, 3, 4, 5, 6, 7].map(|at| pose.byte(at)));
+                let time_us = u64::from_le_bytes([0, 1, 2, 3, 4, 5, 6, 7].map(|at| pose.byte_at(at)));
                 let truth_deg = rig.world.true_state(time_us).heading_deg();
                 // WMM2025: declination -4.2 deg in Xi'an at the beginning of 2026.
-                let error_deg = wrap_180(f64::from(pose.float(28)).to_degrees() - (truth_deg - 4.2));
+                let error_deg = wrap_180(f64::from(pose.float_at(28)).to_degrees() - (truth_deg - 4.2));
                 squares_deg2 += error_deg * error_deg;
-                assert!(pose.float(32).is_nan());
+                assert!(pose.float_at(32).is_nan());
                 poses += 1;
             }
         }
@@ -363,9 +363,11 @@ fn a_ground_station_commands_calibration_and_restart() {
         run(rig, 2.5);
         let all = received_frames(rig, 0);
         read.replace(texts(&all));
-        let is_to_who_asked = |frame: &&Frame| (frame.byte(8), frame.byte(9)) == (255, 190);
+        let is_to_who_asked = |frame: &&Frame| (frame.byte_at(8), frame.byte_at(9)) == (255, 190);
         let answers = frames_with_id(COMMAND_ACK, &all).into_iter().filter(is_to_who_asked);
-        answers.map(|frame| (u16::from_le_bytes([frame.byte(0), frame.byte(1)]), frame.byte(2))).collect::<Vec<_>>()
+        answers
+            .map(|frame| (u16::from_le_bytes([frame.byte_at(0), frame.byte_at(1)]), frame.byte_at(2)))
+            .collect::<Vec<_>>()
     };
     assert_eq!(order(&mut rig, 7, START, [0.0; 7]).len(), 0);
     assert!(rig.send_console_line("status all").contains("ok uncalibrated"));
@@ -396,7 +398,7 @@ fn sent_declinations_deg(rig: &mut Rig) -> Vec<f64> {
     run(rig, 5.0);
     let (mut reader, mut magnetic_deg) = (SentenceReader::default(), None);
     let received = rig.instrument.receive_timed();
-    let sentences = received.iter().filter_map(|timed_byte| reader.push(timed_byte.at_us, timed_byte.byte));
+    let sentences = received.iter().filter_map(|timed_byte| reader.push_byte(timed_byte.at_us, timed_byte.byte));
     let declination = |sentence: HeadingSentence| match sentence.kind.as_str() {
         "HCHDM" => {
             magnetic_deg = sentence.heading_deg;
@@ -443,16 +445,16 @@ fn found(rig: &mut Rig) -> Option<String> {
 fn detection_starts_with_the_stored_protocol() {
     let mut before = rig(VehicleKind::Copter, [ARDUPILOT, FarEnd::Unconnected]);
     run(&mut before, 4.0);
-    let empty = before.flash.contents();
+    let empty = before.flash.flash_contents();
     run(&mut before, 4.0);
-    let remembered = before.flash.contents();
+    let remembered = before.flash.flash_contents();
     assert!(remembered != empty);
     run(&mut before, 60.0);
     before.power_on(ResetCause::PowerOn);
     run(&mut before, 0.2);
     assert_eq!(found(&mut before).as_deref(), Some("mavlink"));
     run(&mut before, 60.0);
-    assert!(before.flash.contents() == remembered, "written once");
+    assert!(before.flash.flash_contents() == remembered, "written once");
     let mut rig = rig(VehicleKind::Copter, [FarEnd::Unconnected, FarEnd::Unconnected]);
     let searches = |rig: &Rig| rig.autopilot.receive().windows(3).any(|three| three == b"$X<");
     run(&mut rig, 1.0);
@@ -471,7 +473,7 @@ fn another_autopilot_is_found_after_ten_seconds() {
     let mut before = rig(VehicleKind::Copter, [ARDUPILOT, FarEnd::Unconnected]);
     run(&mut before, 12.0);
     let mut rig = rig(VehicleKind::Copter, [MSP_ARDUPILOT, FarEnd::Unconnected]);
-    assert!(rig.load_flash(&before.flash.contents()));
+    assert!(rig.load_flash(&before.flash.flash_contents()));
     run(&mut rig, 0.1);
     let _ = readings(&rig, 0);
     run(&mut rig, 9.0);

@@ -30,7 +30,7 @@ fn a_recorded_flight_has_its_position_and_true_headings() {
     }
     for name in ["flight.bin", "flight.log", "flight.tlog", "flight.ulg", "flight.csv"] {
         let bytes = write::encode_for_path(Path::new(name), &module.observer.recording);
-        let flight = log::read(&mut bytes.as_slice(), FieldUnit::Milligauss).unwrap();
+        let flight = log::read_flight(&mut bytes.as_slice(), FieldUnit::Milligauss).unwrap();
         let verdict = evaluate_flight(&flight, &ASKED);
         let ours = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         assert!((ours.mean_deg - 4.2).abs() < 0.5, "{name}: {ours:?}");

@@ -48,12 +48,13 @@ fn refused_solve(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (Str
     }
     rig.run_for_s(3.0);
     let mut printed = rig.take_console_output();
-    if transcript::notice(&printed).is_none() {
+    if transcript::parse_solve_notice(&printed).is_none() {
         printed += &rig.send_console_line("cal solve");
         rig.run_for_s(5.0);
         printed += &rig.take_console_output();
     }
-    let notice = transcript::parse_error(&printed).or_else(|| transcript::notice(&printed)).expect("an end");
+    let notice =
+        transcript::parse_error(&printed).or_else(|| transcript::parse_solve_notice(&printed)).expect("an end");
     let SolveNotice::Refused { code, words } = notice else { panic!("it was calibrated: {notice:?}") };
     // `status` repeats the text later.
     let status = rig.send_console_line("status all");

@@ -9,20 +9,23 @@ use log_analysis::replay::verdict::{CompassState, Verdict};
 use log_analysis::report::model::{
     CalibratorComparison, CompassReport, DeviationCurve, EventMark, ReferenceInfo, Report, ReportSample, VerdictLine,
 };
-use log_analysis::report::{ReportOrigin, page, picture, report_replay};
+use log_analysis::report::{ReportOrigin, render_page, render_picture, report_replay};
 use log_analysis::score::wrap_180;
 use serde_json::Value;
-use simulator::mission::{MissionResult, TurnPlan, fly};
+use simulator::mission::{MissionResult, TurnPlan, fly_mission};
 use simulator::mission_report::report_mission;
 use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
 
 fn flown(plan: TurnPlan) -> MissionResult {
-    fly(WorldConfig::table1(1), plan, &mut |_, _| {})
+    fly_mission(WorldConfig::table1(1), plan, &mut |_, _| {})
 }
 
 fn page_of(mission: &MissionResult) -> String {
-    page(&report_mission(mission, &ReportOrigin { command: "host-sim fly".to_owned(), ..ReportOrigin::default() }))
+    render_page(&report_mission(
+        mission,
+        &ReportOrigin { command: "host-sim fly".to_owned(), ..ReportOrigin::default() },
+    ))
 }
 
 fn assert_well_formed(html: &str) {
@@ -123,12 +126,12 @@ fn a_refusal_is_reported_with_its_reason_and_no_after_picture() {
 #[test]
 fn a_replayed_log_has_the_numbers_of_its_json() {
     let mut bytes: &[u8] = include_bytes!("../host-sim/data/flight.csv");
-    let flight = log::read(&mut bytes, FieldUnit::Milligauss).unwrap();
+    let flight = log::read_flight(&mut bytes, FieldUnit::Milligauss).unwrap();
     let verdict = evaluate_flight(&flight, &EvaluationOptions::DEFAULT);
     let parameters = Some(["compass.param".to_owned(), "COMPASS_OFS_X,1\n".to_owned()]);
     let judged = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot);
     let report = report_replay(&judged, "a folder/flight.csv", &ReportOrigin { parameters, ..ReportOrigin::default() });
-    let html = page(&report);
+    let html = render_page(&report);
     assert_sound(&html);
     let json = judged.json();
     for verdict_line in [&json["verdict"], &json["module_verdict"]] {
@@ -178,7 +181,7 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
     for instant in &mut recording.samples {
         instant.field_ut.insert(0, [10.0, 20.0, 30.0]);
     }
-    let flight = log::read(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
+    let flight = log::read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
     let verdict = evaluate_flight(&flight, &EvaluationOptions::DEFAULT);
     let judged = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot);
     let report = report_replay(&judged, "flight.bin", &ReportOrigin::default());
@@ -285,24 +288,24 @@ fn text_of_a_hostile_log_is_escaped() {
         terminal_output: Some([hostile(), hostile()]),
         origin: vec![[hostile(), hostile()]],
     };
-    let html = page(&report);
+    let html = render_page(&report);
     // The text is present, but only escaped.
     assert!(html.contains("&lt;script&gt;alert(1)") && !html.contains("<img") && !html.contains("<script>alert"));
     assert_sound(&html.replace("src=x", ""));
-    let svg_text = picture(&report);
+    let svg_text = render_picture(&report);
     assert!(!svg_text.contains("NaN") && !svg_text.contains("inf") && !svg_text.contains("<script"), "{svg_text}");
 }
 
 #[test]
 fn an_empty_report_gives_a_valid_page() {
-    assert_sound(&page(&Report::default()));
-    assert_sound(&page(&Report { compasses: vec![CompassReport::default()], ..Report::default() }));
-    assert!(picture(&Report::default()).contains("</svg>"));
+    assert_sound(&render_page(&Report::default()));
+    assert_sound(&render_page(&Report { compasses: vec![CompassReport::default()], ..Report::default() }));
+    assert!(render_picture(&Report::default()).contains("</svg>"));
 }
 
 #[test]
 fn a_standalone_picture_has_a_background_and_both_colour_schemes() {
-    let svg_text = picture(&report_mission(&flown(TurnPlan::default()), &ReportOrigin::default()));
+    let svg_text = render_picture(&report_mission(&flown(TurnPlan::default()), &ReportOrigin::default()));
     assert!(svg_text.starts_with("<svg xmlns=") && svg_text.ends_with("</svg>\n"));
     for needed in ["class=\"paper\"", "prefers-color-scheme:dark", "deg before", "expected, 1 sigma"] {
         assert!(svg_text.contains(needed), "{needed}");

@@ -87,7 +87,8 @@ fn rms_deg(calibration: &Calibration, config: &WorldConfig) -> f64 {
         .map(|[roll_deg, pitch_deg, heading_deg]| {
             let truth = Euler::from_deg(roll_deg, pitch_deg, heading_deg);
             let sensed = config.airframe.measured_field(&config.earth.body_field_ut(truth));
-            let level = Attitude::from_deg(roll_deg as f32, pitch_deg as f32).level(calibration.apply(sensed));
+            let level =
+                Attitude::from_deg(roll_deg as f32, pitch_deg as f32).level(calibration.calibrated_field(sensed));
             wrap_180(f64::from(level.heading_rad().to_degrees()) - heading_deg)
         })
         .collect();
@@ -110,7 +111,7 @@ fn median_and_worst_decile_deg(kind: VehicleKind, legs: &[Leg]) -> [f64; 2] {
                 collector.push(sample);
             }
             let prior = Prior { readings_per_sample: 8, ..Prior::default() };
-            let solved = solve(Method::MaximumLikelihood, collector.fit(), &prior);
+            let solved = solve(Method::MaximumLikelihood, collector.fit_samples(), &prior);
             solved.map_or(f64::INFINITY, |solution| rms_deg(&solution.calibration, &config))
         })
         .collect();

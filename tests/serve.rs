@@ -28,27 +28,27 @@ const SECOND_US: u64 = 1_000_000;
 
 fn served_module(options: ServeOptions, image: Option<&FlashImage>) -> ServedModule {
     let mut served_module = ServedModule::new(WorldConfig::table1(1), options, image);
-    served_module.advance(SECOND_US);
+    served_module.advance_time(SECOND_US);
     served_module
 }
 
 fn typed_command(served_module: &mut ServedModule, line: &str) -> String {
     drop(served_module.receive(CONSOLE));
     served_module.send(CONSOLE, format!("{line}\r").as_bytes());
-    served_module.advance(SECOND_US / 2);
+    served_module.advance_time(SECOND_US / 2);
     String::from_utf8(served_module.receive(CONSOLE)).unwrap()
 }
 
 /// Headings output in some seconds; `None` for an empty field.
 fn headings(served_module: &mut ServedModule, seconds: u64) -> Vec<Option<f64>> {
     drop(served_module.receive(INSTRUMENT));
-    served_module.advance(seconds * SECOND_US);
+    served_module.advance_time(seconds * SECOND_US);
     sentences(&served_module.receive(INSTRUMENT))
 }
 
 fn sentences(bytes: &[u8]) -> Vec<Option<f64>> {
     let mut reader = SentenceReader::default();
-    let received = bytes.iter().filter_map(|&byte| reader.push(0, byte));
+    let received = bytes.iter().filter_map(|&byte| reader.push_byte(0, byte));
     received.filter(|sentence| sentence.kind == "HCHDM").map(|sentence| sentence.heading_deg).collect()
 }
 
@@ -59,10 +59,10 @@ static CALIBRATED: LazyLock<FlashImage> = LazyLock::new(|| {
     let mut session = String::new();
     // Four circles to each side at 12 deg/s take 240 s.
     for _ in 0..300 {
-        served_module.advance(SECOND_US);
+        served_module.advance_time(SECOND_US);
         session.push_str(&String::from_utf8(served_module.receive(CONSOLE)).unwrap());
         if session.contains("note calibrated: expected error") {
-            return served_module.flash();
+            return served_module.flash_image();
         }
     }
     panic!("it did not calibrate: {session}");
@@ -95,7 +95,7 @@ fn the_output_does_not_depend_on_the_time_steps() {
             let until_us = served_module.now_us() + 20 * SECOND_US;
             served_module.send(CONSOLE, typed_command);
             while served_module.now_us() < until_us {
-                served_module.advance((*pieces.next().unwrap()).min(until_us - served_module.now_us()));
+                served_module.advance_time((*pieces.next().unwrap()).min(until_us - served_module.now_us()));
             }
         }
         (served_module.receive(CONSOLE), served_module.receive(INSTRUMENT))
@@ -113,26 +113,26 @@ fn the_pilot_flies_the_commanded_legs() {
     served_module.execute_line("heading 90 30").unwrap();
     let mut banks = Vec::new();
     for _ in 0..30 {
-        served_module.advance(SECOND_US);
+        served_module.advance_time(SECOND_US);
         banks.push(number_after(&served_module.execute_line("status").unwrap(), "roll "));
     }
     let [shortest, longest] = [banks.iter().copied().fold(0.0, f64::max), banks.iter().copied().fold(0.0, f64::min)];
     assert!(longest < -20.0 && shortest < 5.0, "to the left only: {banks:?}");
-    served_module.advance(30 * SECOND_US);
+    served_module.advance_time(30 * SECOND_US);
     let heading_deg = number_after(&served_module.execute_line("status").unwrap(), "magnetic heading ");
     assert!(wrap_180(heading_deg - 90.0).abs() < 10.0, "{heading_deg}");
 
     assert!(typed_command(&mut served_module, "reboot").contains("error armed: "));
     assert_eq!(served_module.execute_line("land").unwrap(), "ok lands");
     // Five seconds to level out, one until the next heartbeat, five of rest until a disarmed state counts.
-    served_module.advance(13 * SECOND_US);
-    assert_eq!(served_module.execute_line("turn 25 90").unwrap_err().code(), "landed");
+    served_module.advance_time(13 * SECOND_US);
+    assert_eq!(served_module.execute_line("turn 25 90").unwrap_err().stable_code(), "landed");
     assert!(served_module.execute_line("status").unwrap().contains("stands on the ground: roll 0.0, pitch 0.0"));
     assert!(typed_command(&mut served_module, "reboot").contains("started by reboot"));
     served_module.execute_line("takeoff").unwrap();
-    served_module.advance(2 * SECOND_US);
+    served_module.advance_time(2 * SECOND_US);
     assert!(typed_command(&mut served_module, "reboot").contains("error armed: "));
-    assert_eq!(served_module.execute_line("loop 3").unwrap_err().code(), "unknown-order");
+    assert_eq!(served_module.execute_line("loop 3").unwrap_err().stable_code(), "unknown-order");
 }
 
 fn number_after(text: &str, words: &str) -> f64 {
@@ -153,14 +153,14 @@ fn attitudes_of_another_simulator_turn_the_heading() {
     for deg in [90.0, 200.0, 345.0] {
         for _ in 0..60 {
             served_module.follow_datagram(format!("0 0 {deg}").as_bytes()).unwrap();
-            served_module.advance(SECOND_US / 20);
+            served_module.advance_time(SECOND_US / 20);
         }
         let headings = headings(&mut served_module, 2);
         let errors = headings.iter().map(|heading| wrap_180(heading.expect("a heading") - deg));
         let worst = errors.fold(0.0, |worst: f64, error| worst.max(error.abs()));
         assert!(headings.len() >= 19 && worst < HEADING_BOUND_DEG, "{deg}: {headings:?}");
     }
-    assert_eq!(served_module.execute_line("turn 25 90").unwrap_err().code(), "flown-by-another");
+    assert_eq!(served_module.execute_line("turn 25 90").unwrap_err().stable_code(), "flown-by-another");
 }
 
 /// The first datagram moves the aircraft without a turn of its gyro. When attitudes were sent before it, a served
@@ -174,7 +174,7 @@ fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
         assert!(typed_command(&mut served_module, "status all").contains("reports: 0,"), "none from power-on");
         for _ in 0..160 {
             served_module.follow_datagram(format!("0 0 {deg}").as_bytes()).unwrap();
-            served_module.advance(SECOND_US / 20);
+            served_module.advance_time(SECOND_US / 20);
         }
         let off_deg = |heading: &Option<f64>| wrap_180(heading.expect("a heading") - deg).abs();
         assert!(headings(&mut served_module, 2).iter().all(|heading| off_deg(heading) < HEADING_BOUND_DEG), "{deg}");
@@ -185,14 +185,14 @@ fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
 fn malformed_attitudes_are_counted_and_ignored() {
     let mut served_module = served_module(VISITED, None);
     served_module.follow_datagram(b"10 5 90").unwrap();
-    served_module.advance(SECOND_US);
+    served_module.advance_time(SECOND_US);
     let before = served_module.execute_line("status").unwrap();
     let mut random = Random(7);
     for (number, bad) in [&b"10 5"[..], b"", b"90 0 nan", b"\xff\xff", &random.bytes(200)].into_iter().enumerate() {
-        let code = served_module.follow_datagram(bad).unwrap_err().code();
+        let code = served_module.follow_datagram(bad).unwrap_err().stable_code();
         assert_eq!(code, if number == 2 { "datagram-out-of-range" } else { "bad-datagram" });
     }
-    served_module.advance(SECOND_US);
+    served_module.advance_time(SECOND_US);
     assert_eq!(served_module.datagram_counts(), Some(DatagramCounts { accepted: 1, rejected: 5 }));
     let after = served_module.execute_line("status").unwrap();
     let followed_attitude =
@@ -228,7 +228,7 @@ fn an_attached_autopilot_replaces_the_simulated_attitude() {
         let mut served_module = served_module(options, None);
         // While armed, another system does not replace the autopilot. Seven more seconds of own reports.
         let _ = served_module.execute_line("land");
-        served_module.advance(7 * SECOND_US);
+        served_module.advance_time(7 * SECOND_US);
         let has_own = attitude != AttitudeProvider::Peer;
         assert_eq!(
             typed_command(&mut served_module, "status all").contains("attitude: none"),
@@ -237,13 +237,13 @@ fn an_attached_autopilot_replaces_the_simulated_attitude() {
         );
         for tick in 0..600 {
             served_module.send(AUTOPILOT, &peer_frame(tick));
-            served_module.advance(SECOND_US / 50);
+            served_module.advance_time(SECOND_US / 50);
         }
         served_module.send(AUTOPILOT, &peer_frame(600));
         let status = typed_command(&mut served_module, "status all");
         assert_eq!(status.contains("attitude: roll 40."), is_believed, "{attitude:?}: {status}");
         assert!(expected_counts.contains(&number_after(&status, "reports: ")), "{attitude:?}: {status}");
-        served_module.advance(12 * SECOND_US);
+        served_module.advance_time(12 * SECOND_US);
         let status = typed_command(&mut served_module, "status all");
         assert_eq!(status.contains("attitude: none"), !has_own, "{attitude:?}: {status}");
         assert!(!status.contains("attitude: roll 40."), "{status}");
@@ -258,7 +258,7 @@ fn a_served_module_knows_declination_and_current() {
         (WorldConfig::random(1), "declination: not set"),
     ] {
         let mut served_module = ServedModule::new(world, ServeOptions::default(), None);
-        served_module.advance(5 * SECOND_US);
+        served_module.advance_time(5 * SECOND_US);
         let status = typed_command(&mut served_module, "status all");
         assert!(status.contains(declination) && number_after(&status, "current: ") > 1.0, "{status}");
     }
@@ -276,10 +276,10 @@ fn no_bytes_stop_the_served_module() {
             bytes.retain(|byte| !byte.is_ascii_alphabetic());
             served_module.send(port, &bytes);
         }
-        served_module.advance(SECOND_US / 100);
+        served_module.advance_time(SECOND_US / 100);
     }
     assert!(served_module.free_bytes(AUTOPILOT) < 1152 && served_module.free_bytes(3) == 0);
-    served_module.advance(2 * SECOND_US);
+    served_module.advance_time(2 * SECOND_US);
     // Except for the simulator's messages of one instant: heartbeat, position, date, current and attitude.
     assert!(served_module.free_bytes(AUTOPILOT) >= 1152 - 200);
     typed_command(&mut served_module, "");
@@ -365,7 +365,7 @@ fn contains(words: &str) -> impl Fn(&[u8]) -> bool + '_ {
 fn serve_over_tcp_answers_streams_follows_and_ends() {
     let folder = tempfile::tempdir().unwrap();
     let flash = folder.path().join("flash.bin");
-    CALIBRATED.write(&flash).unwrap();
+    CALIBRATED.write_file(&flash).unwrap();
     let mut program =
         Program::serve(&["--tcp", "0", "--world", "0", "--speed", "5", "--flash", flash.to_str().unwrap()]);
     let mut console = program.tcp(CONSOLE);

@@ -16,7 +16,7 @@ fn calibrated() -> Rig {
     rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
     rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
     let mut session = String::new();
-    while transcript::notice(&session).is_none() {
+    while transcript::parse_solve_notice(&session).is_none() {
         assert_eq!(rig.run_for_s(1.0), ModuleRunEnd::Time);
         session.push_str(&rig.take_console_output());
     }
@@ -34,7 +34,7 @@ fn listen(rig: &mut Rig, seconds: f64) -> Vec<HeadingSentence> {
         .instrument
         .receive_timed()
         .into_iter()
-        .filter_map(|timed_byte| reader.push(timed_byte.at_us, timed_byte.byte))
+        .filter_map(|timed_byte| reader.push_byte(timed_byte.at_us, timed_byte.byte))
         .collect();
     // The first line may be incomplete.
     assert!(reader.invalid <= 1, "{} broken lines", reader.invalid);

@@ -5,7 +5,7 @@ use host_sim::studies::paper::{Experiment, method_errors};
 use log_analysis::score::ErrorStatistics;
 
 fn figures(experiment: Experiment) -> [ErrorStatistics; 5] {
-    method_errors(experiment).unwrap().map(|column| column.figures())
+    method_errors(experiment).unwrap().map(|column| column.error_statistics())
 }
 
 /// Published: maximum 2.8 deg, mean 1.3, maximum less mean 1.6. The fitted airframe reproduces the uncompensated errors

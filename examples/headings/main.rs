@@ -26,7 +26,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for sample in &samples {
         match calibrate::heading_deg(&solution, sample) {
             Ok([heading_deg, sigma_deg]) => println!("{heading_deg:.1} deg, sigma {sigma_deg:.1} deg"),
-            Err(reason) => println!("no heading: {}", reason.code()),
+            Err(reason) => println!("no heading: {}", reason.stable_code()),
         }
     }
     Ok(())

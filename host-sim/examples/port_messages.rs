@@ -27,7 +27,7 @@ fn main() {
 }
 
 fn print_flight(kind: VehicleKind, port_devices: [FarEnd; 2], setting: &str) {
-    println!("{} {setting}", kind.name());
+    println!("{} {setting}", kind.vehicle_name());
     let mut rig =
         Rig::with_port_devices(WorldConfig::table1(7).with_vehicle_kind(kind), Faults::default(), port_devices);
     let _ = rig.send_console_line(setting);
@@ -52,7 +52,7 @@ fn print_messages(rig: &Rig) {
                     let is_text = frame.id == STATUSTEXT;
                     let payload = if is_text { &frame.payload[..1] } else { &frame.payload[..] };
                     // Later pieces of a long text: how many there are depends on the text.
-                    if !is_text || frame.byte(53) == 0 {
+                    if !is_text || frame.byte_at(53) == 0 {
                         println!("{now_ms} {port} {} {}/{} {payload:02x?}", frame.id, frame.system, frame.component);
                     }
                 }

@@ -81,7 +81,7 @@ impl Incumbent {
 
     /// Active calibration with its quality.
     #[must_use]
-    pub const fn active(calibration: Calibration, quality: Quality) -> Self {
+    pub const fn with_calibration(calibration: Calibration, quality: Quality) -> Self {
         Self { calibration, quality: Some(quality) }
     }
 }

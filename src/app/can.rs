@@ -31,7 +31,7 @@ pub trait ReceiveFrame {
     type Error;
 
     /// Waits for a data frame with an extended identifier; drops others. A cancelled call loses no frame.
-    fn receive(&mut self) -> impl Future<Output = Result<CanFrame, Self::Error>>;
+    fn receive_frame(&mut self) -> impl Future<Output = Result<CanFrame, Self::Error>>;
 }
 
 /// Sender of a CAN controller. It leaves the state bus-off within a second on its own, and does not disturb a bus with
@@ -41,7 +41,7 @@ pub trait SendFrame {
     type Error;
 
     /// Waits until the controller has accepted the frame. A cancelled call has not sent it.
-    fn send(&mut self, frame: &CanFrame) -> impl Future<Output = Result<(), Self::Error>>;
+    fn send_frame(&mut self, frame: &CanFrame) -> impl Future<Output = Result<(), Self::Error>>;
 
     /// Switches the terminating resistor, which is off at the start, on a board that can.
     fn set_termination(&mut self, _is_on: bool) {}
@@ -55,7 +55,7 @@ pub trait HandOver {
 
 /// Runs the node for ever. It is silent until the settings are loaded; its configured number is that at the start. In safe
 /// mode it runs without settings and estimates.
-pub async fn run(
+pub async fn run_can(
     links: &Links,
     info: NodeInfo,
     mut rx: impl ReceiveFrame,
@@ -65,7 +65,7 @@ pub async fn run(
 ) -> ! {
     let mut estimates = subscribe(&links.estimates);
     let mut changes = subscribe(&links.settings);
-    let wires = links.line(AutopilotLine::Can);
+    let wires = links.links_of_line(AutopilotLine::Can);
     let mut settings = Settings::DEFAULT;
     let mut node = if is_safe_mode {
         CanNode::in_safe_mode(info)
@@ -75,13 +75,13 @@ pub async fn run(
     };
     tx.set_termination(settings.can.is_terminated);
     node.set_signing_key(settings.signing_key);
-    let poll = if is_safe_mode { poll_in_safe_mode } else { poll };
+    let poll = if is_safe_mode { poll_in_safe_mode } else { poll_can_node };
     let mut poll_at = Instant::now();
     loop {
         let sent = async {
             match node.next_frame() {
                 None => pending().await,
-                Some(frame) => tx.send(frame).await,
+                Some(frame) => tx.send_frame(frame).await,
             }
         };
         // The estimate is read again later: as this future's result it would occupy memory across every wait.
@@ -93,7 +93,7 @@ pub async fn run(
             }
         };
         // Estimates come first: a bus in error is ready at every poll, and would starve any future after it.
-        match select4(estimated, sent, wires.answers.wait(), rx.receive()).await {
+        match select4(estimated, sent, wires.answers.wait(), rx.receive_frame()).await {
             Either4::First(()) => {
                 increment(&wires.heartbeat);
                 poll_at = Instant::now() + SAFE_MODE_PERIOD;
@@ -117,7 +117,9 @@ pub async fn run(
             }
             Either4::Fourth(Ok(frame)) => {
                 let at = now();
-                node.receive(at, &frame, &mut |message| route_message(links, AutopilotLine::Can, at, message, true));
+                node.receive_frame(at, &frame, &mut |message| {
+                    route_message(links, AutopilotLine::Can, at, message, true)
+                });
                 if node.has_requests() {
                     poll(links, &mut node, &settings);
                 }
@@ -132,10 +134,10 @@ pub async fn run(
 
 /// Polls the node. A separate function, because the data is large and must not be kept across a wait.
 #[inline(never)]
-fn poll(links: &Links, node: &mut CanNode, settings: &Settings) {
+fn poll_can_node(links: &Links, node: &mut CanNode, settings: &Settings) {
     let now = now();
     links.update_line_state(AutopilotLine::Can, ProtocolKind::Mavlink, node.is_armed(now));
-    links.set_can_state(node.state(now));
+    links.set_can_state(node.can_state(now));
     let Some(stored_settings) = links.stored_settings.try_get() else { return };
     let is_armed = links.is_armed() == Some(true);
     let correction = new_calibration(links, |calibration| node.differs_from_reported(calibration));

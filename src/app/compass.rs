@@ -11,7 +11,8 @@ use embedded_storage_async::nor_flash::NorFlash;
 
 use super::Links;
 use super::links::{
-    CommandSource, DetectedSensor, Timestamped, ValueReceiver, apply_atomically, increment, now, publish, subscribe,
+    CommandSource, DetectedSensor, Timestamped, ValueReceiver, apply_atomically, increment, now, publish_value,
+    subscribe,
 };
 use crate::acceptance::AcceptancePolicy;
 use crate::collection::RetainedSamples;
@@ -33,10 +34,10 @@ const SAVE_TIMEOUT: Duration = Duration::from_millis(500);
 pub(super) const MAX_HEARTBEAT_INTERVAL_MS: u64 = SAVE_TIMEOUT.as_millis() + 100;
 
 /// Loads the flash contents and the retained collection, then runs the state machine for ever.
-pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>, retained: &mut RetainedSamples) -> ! {
+pub async fn run_compass<F: NorFlash>(links: &Links, mut store: Store<F>, retained: &mut RetainedSamples) -> ! {
     // The loaded data is dropped at the end of this block and takes no room in this task's memory afterwards.
     let mut compass = {
-        let Loaded { stored, error } = poll_in_own_stack_frame(pin!(store.load())).await;
+        let Loaded { stored, error } = poll_in_own_stack_frame(pin!(store.load_state())).await;
         if let Some(error) = error {
             report_unreadable_flash(links, error);
         }
@@ -60,30 +61,30 @@ async fn run_state_machine<F: NorFlash>(links: &Links, store: &mut Store<F>, com
         let (event, source) = if compass.is_busy() {
             // The console runs between two steps of a solve.
             yield_now().await;
-            match poll_once(events.next()) {
+            match poll_once(events.next_event()) {
                 Poll::Ready(next) => next,
                 Poll::Pending => (Event::Advance, None),
             }
-        } else if let Ok(next) = with_timeout(HEARTBEAT_INTERVAL, events.next()).await {
+        } else if let Ok(next) = with_timeout(HEARTBEAT_INTERVAL, events.next_event()).await {
             next
         } else {
             continue;
         };
         let mut effect = compass.step(event);
         if is_cal_start(event) && matches!(effect, Effect::Reply(Ok(_))) {
-            began = links.counts();
+            began = links.event_counts();
         }
         if let Effect::None = effect {
             effect = compass.step(Event::ProtocolsDetected(links.port_protocols(), now().wrapping_millis()));
         }
         while let (Effect::Save, Some(change)) = (&effect, compass.pending_change()) {
-            let result = with_timeout(SAVE_TIMEOUT, poll_in_own_stack_frame(pin!(store.save(change))))
+            let result = with_timeout(SAVE_TIMEOUT, poll_in_own_stack_frame(pin!(store.save_change(change))))
                 .await
                 .unwrap_or(Err(StoreError::Timeout));
             increment(if result.is_ok() { &links.counters.saves } else { &links.counters.store_errors });
             effect = compass.step(Event::Saved(result));
         }
-        add_sample_loss(&mut effect, SampleLoss::from_counts(&began, &links.counts()));
+        add_sample_loss(&mut effect, SampleLoss::from_counts(&began, &links.event_counts()));
         let message = if let Effect::Notify(message) = &effect { Some(message) } else { None };
         // The state is published before the reply, so that the reader of the reply finds the state that it names.
         publish_state(links, compass, message);
@@ -94,7 +95,7 @@ async fn run_state_machine<F: NorFlash>(links: &Links, store: &mut Store<F>, com
             }
             match source {
                 CommandSource::Console => links.replies.send(reply).await,
-                CommandSource::Line(line) => links.line(line).answers.signal((command, reply.map(|_| ()))),
+                CommandSource::Line(line) => links.links_of_line(line).answers.signal((command, reply.map(|_| ()))),
                 CommandSource::Button => {}
             }
         }
@@ -149,7 +150,7 @@ impl<'a> Events<'a> {
 
     /// Waits for the next event, and the source of a command. Of several that are ready, the first in this list is
     /// next: the armed state, because commands depend on it.
-    async fn next(&mut self) -> (Event, Option<CommandSource>) {
+    async fn next_event(&mut self) -> (Event, Option<CommandSource>) {
         let Self { links, armed, sensor, position, date } = self;
         let events: [Pin<&mut dyn Future<Output = _>>; 6] = [
             pin!(async { (Event::Armed(armed.changed().await), None) }),
@@ -175,7 +176,7 @@ impl<'a> Events<'a> {
 /// Counts and reports unreadable flash; the module starts without stored data.
 fn report_unreadable_flash(links: &Links, error: StoreError) {
     let message = Message::StoreFailed(error);
-    warning!("load: {=str}", message.code());
+    warning!("load: {=str}", message.stable_code());
     increment(&links.counters.store_errors);
     links.announce(&message);
 }
@@ -183,17 +184,17 @@ fn report_unreadable_flash(links: &Links, error: StoreError) {
 /// Publishes the state to the other tasks. A port receives a message together with the state after it: a collection
 /// that ends without a message was aborted.
 fn publish_state(links: &Links, compass: &Compass<'_>, message: Option<&Message>) {
-    publish(&links.correction, compass.correction());
-    publish(&links.stored_settings, *compass.settings());
-    publish(&links.settings, compass.effective_settings());
+    publish_value(&links.correction, compass.correction());
+    publish_value(&links.stored_settings, *compass.settings());
+    publish_value(&links.settings, compass.effective_settings());
     let glance = compass.indicator_state();
     if let Some(message) = message {
-        info!("message: {=str}", message.code());
+        info!("message: {=str}", message.stable_code());
     }
     apply_atomically(|| {
         if let Some(message) = message {
             links.announce(message);
         }
-        publish(&links.indicator, glance);
+        publish_value(&links.indicator, glance);
     });
 }

@@ -8,7 +8,7 @@ use super::Links;
 use super::links::CommandSource;
 use crate::compass::{Command, Reply};
 use crate::console::session::Session;
-use crate::console::{Request, help, report};
+use crate::console::{Request, report, write_help};
 use crate::health::{Diagnostics, ResetCause, StackUse};
 use crate::instrument::Estimate;
 use crate::messages::Refusal;
@@ -35,14 +35,14 @@ pub trait Platform {
 }
 
 /// Runs the console for ever.
-pub async fn run(
+pub async fn run_console(
     links: &Links,
     mut rx: impl Read,
     mut tx: impl Write,
     mut platform: impl Platform,
     reset: ResetCause,
 ) -> ! {
-    let session = Session::new(|out| report::greeting(out, &reset));
+    let session = Session::new(|out| report::write_greeting(out, &reset));
     let mut terminal = Terminal { links, session, reset };
     let mut bytes = [0; 32];
     let mut read = 0..0;
@@ -50,7 +50,7 @@ pub async fn run(
     loop {
         flush_output(&mut terminal.session, &mut tx).await;
         if let Some(&byte) = read.next().and_then(|next| bytes.get(next)) {
-            let Some(command) = terminal.byte(byte) else { continue };
+            let Some(command) = terminal.process_byte(byte) else { continue };
             let mut answer = execute_command(links, command).await;
             if reports_resulting_state(command) && answer.is_ok() {
                 answer = execute_command(links, Command::Status).await;
@@ -94,22 +94,22 @@ struct Terminal<'a> {
 
 impl Terminal<'_> {
     /// Processes a received byte; returns a command for the state machine.
-    fn byte(&mut self, byte: u8) -> Option<Command> {
-        match self.session.byte(byte)? {
+    fn process_byte(&mut self, byte: u8) -> Option<Command> {
+        match self.session.process_byte(byte)? {
             Err(error) => self.session.reply(|out| report::line_error(out, &error)),
-            Ok(Request::Help(help_topic)) => self.session.reply(|out| help(out, help_topic)),
-            Ok(Request::Version) => self.session.reply(report::version),
+            Ok(Request::Help(help_topic)) => self.session.reply(|out| write_help(out, help_topic)),
+            Ok(Request::Version) => self.session.reply(report::write_version),
             Ok(Request::Command(command)) => return Some(command),
         }
         None
     }
 
     fn write_reply(&mut self, command: Command, answer: &Result<Reply, Refusal>, platform: &impl Platform) {
-        let health = self.health(platform);
+        let health = self.diagnostics(platform);
         self.session.reply(|out| report::reply(out, command, answer, &health));
     }
 
-    fn health(&self, platform: &impl Platform) -> Diagnostics {
+    fn diagnostics(&self, platform: &impl Platform) -> Diagnostics {
         let Estimate { attitude, heading, installation_change: change, current_a, .. } =
             self.links.estimates.try_get().unwrap_or(Estimate::EMPTY);
         Diagnostics {
@@ -118,7 +118,7 @@ impl Terminal<'_> {
             heading,
             installation_change: change,
             current_a,
-            event_counts: self.links.counts(),
+            event_counts: self.links.event_counts(),
             reset_cause: self.reset,
             uptime_s: Instant::now().as_secs() as u32,
             stack_use: platform.peak_stack_use(),

@@ -13,7 +13,7 @@ use crate::messages::Message;
 const DEFAULT_READING_PERIOD_US: u32 = 12_500;
 
 /// Runs the instrument for ever.
-pub async fn run(links: &Links) -> ! {
+pub async fn run_instrument(links: &Links) -> ! {
     let mut sensor = subscribe(&links.sensor);
     let mut correction = subscribe(&links.correction);
     let estimates = links.estimates.sender();

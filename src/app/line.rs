@@ -1,7 +1,7 @@
 //! Functions shared by the tasks of all lines: snapshots of the module, and routing of received messages.
 
 use super::Links;
-use super::links::{AutopilotLine, CommandSource, Timestamped, increment, publish};
+use super::links::{AutopilotLine, CommandSource, Timestamped, increment, publish_value};
 use crate::calibration::Calibration;
 use crate::compass::IndicatorState;
 use crate::instrument::Correction;
@@ -51,7 +51,7 @@ pub(super) fn route_message(
             let _ = links.commands.try_send((CommandSource::Line(line), command));
         }
         ReceivedMessage::Position(place) => links.update_position(at, place),
-        ReceivedMessage::Date(day) => publish(&links.date, day),
+        ReceivedMessage::Date(day) => publish_value(&links.date, day),
         ReceivedMessage::Current(value) => links.current.sender().send(Timestamped { at, value }),
         ReceivedMessage::Other => {}
     }

@@ -61,7 +61,7 @@ impl AutopilotLine {
     /// All lines.
     pub const ALL: [Self; LINE_COUNT] = [Self::Port(PortNumber::One), Self::Port(PortNumber::Two), Self::Can];
 
-    const fn number(self) -> u8 {
+    const fn line_number(self) -> u8 {
         match self {
             Self::Port(number) => number as u8,
             Self::Can => PORT_COUNT as u8,
@@ -148,7 +148,7 @@ impl Links {
         }
     }
 
-    pub(super) const fn line(&self, line: AutopilotLine) -> &LineLinks {
+    pub(super) const fn links_of_line(&self, line: AutopilotLine) -> &LineLinks {
         let [one, two, can] = &self.lines;
         match line {
             AutopilotLine::Port(PortNumber::One) => one,
@@ -162,7 +162,7 @@ impl Links {
     pub(super) fn accept_attitude(&self, line: AutopilotLine, at: Timestamp, has_gyro: bool) -> bool {
         self.attitude_line.lock(|selector| {
             let mut all = selector.get();
-            let takes = all.accept(at, line.number(), has_gyro);
+            let takes = all.accept_line_report(at, line.line_number(), has_gyro);
             selector.set(all);
             takes
         })
@@ -188,20 +188,21 @@ impl Links {
 
     /// Publishes a line's protocol and armed state.
     pub(super) fn update_line_state(&self, line: AutopilotLine, protocol: ProtocolKind, is_armed: Option<bool>) {
-        self.line(line).state.lock(|state| state.set(LineState { protocol, is_armed }));
-        publish(&self.armed, self.is_armed());
+        self.links_of_line(line).state.lock(|state| state.set(LineState { protocol, is_armed }));
+        publish_value(&self.armed, self.is_armed());
     }
 
     /// Whether the autopilot of any line is armed, if known.
     pub(super) fn is_armed(&self) -> Option<bool> {
-        let known = AutopilotLine::ALL.into_iter().filter_map(|line| self.line(line).state.lock(Cell::get).is_armed);
+        let known =
+            AutopilotLine::ALL.into_iter().filter_map(|line| self.links_of_line(line).state.lock(Cell::get).is_armed);
         known.reduce(|one, two| one || two)
     }
 
     /// Sets the ports' initial protocols to those detected before the restart.
     pub(super) fn set_initial_protocols(&self, found: [ProtocolKind; PORT_COUNT]) {
         for (number, found) in PortNumber::ALL.into_iter().zip(found) {
-            self.line(AutopilotLine::Port(number))
+            self.links_of_line(AutopilotLine::Port(number))
                 .state
                 .lock(|state| state.set(LineState { protocol: found, ..state.get() }));
         }
@@ -209,12 +210,12 @@ impl Links {
 
     /// Protocols of the ports; the initial ones until a port runs.
     pub(super) fn port_protocols(&self) -> [ProtocolKind; PORT_COUNT] {
-        PortNumber::ALL.map(|number| self.line(AutopilotLine::Port(number)).state.lock(Cell::get).protocol)
+        PortNumber::ALL.map(|number| self.links_of_line(AutopilotLine::Port(number)).state.lock(Cell::get).protocol)
     }
 
     /// Present counter values.
     #[must_use]
-    pub fn counts(&self) -> Counts {
+    pub fn event_counts(&self) -> Counts {
         self.counters.snapshot()
     }
 
@@ -246,7 +247,7 @@ pub(super) fn now() -> Timestamp {
     Timestamp::from_us(Instant::now().as_micros())
 }
 
-pub(super) fn stamped<T>(value: T) -> Timestamped<T> {
+pub(super) fn stamped_now<T>(value: T) -> Timestamped<T> {
     Timestamped { at: now(), value }
 }
 
@@ -260,7 +261,7 @@ pub(super) fn subscribe<T: Clone, const N: usize>(latest: &LatestValue<T, N>) ->
 }
 
 /// Publishes a value if it differs from the last, so that no task wakes needlessly.
-pub(super) fn publish<T: Clone + PartialEq, const N: usize>(latest: &LatestValue<T, N>, value: T) {
+pub(super) fn publish_value<T: Clone + PartialEq, const N: usize>(latest: &LatestValue<T, N>, value: T) {
     if latest.try_get().as_ref() != Some(&value) {
         latest.sender().send(value);
     }

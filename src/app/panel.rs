@@ -59,7 +59,7 @@ impl LampPattern {
 }
 
 /// Drives the lamp and polls the button for ever.
-pub async fn run(links: &Links, mut panel: impl Panel) -> ! {
+pub async fn run_panel(links: &Links, mut panel: impl Panel) -> ! {
     let mut ticker = Ticker::every(Duration::from_millis(POLL_PERIOD_MS.into()));
     let (mut ms, mut held_ms) = (0, 0);
     loop {

@@ -31,26 +31,26 @@ pub trait SetBaud {
 /// Waits for the settings; returns whether they name a protocol of a port. A board with one UART runs the console on it
 /// otherwise.
 pub async fn has_protocol(links: &Links, number: PortNumber) -> bool {
-    subscribe(&links.settings).changed().await.ports.port(number).protocol != ProtocolKind::Auto
+    subscribe(&links.settings).changed().await.ports.settings_of_port(number).protocol != ProtocolKind::Auto
 }
 
 /// Runs a port for ever. Until the settings are loaded it is silent, at the baud rate of [`Settings::DEFAULT`].
-pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: impl Write + SetBaud) -> ! {
+pub async fn run_port(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: impl Write + SetBaud) -> ! {
     let mut estimates = subscribe(&links.estimates);
     let mut changes = subscribe(&links.settings);
     let line = AutopilotLine::Port(number);
-    let wires = links.line(line);
+    let wires = links.links_of_line(line);
     let mut settings = changes.changed().await;
-    let chosen = settings.ports.port(number);
-    let mut port = Port::new(chosen.protocol, *number.of(&links.port_protocols()), now());
-    apply_settings(&mut port, &mut tx, Settings::DEFAULT.ports.port(number), chosen);
+    let chosen = settings.ports.settings_of_port(number);
+    let mut port = Port::new(chosen.protocol, *number.element_of(&links.port_protocols()), now());
+    apply_settings(&mut port, &mut tx, Settings::DEFAULT.ports.settings_of_port(number), chosen);
     port.mavlink.set_signing_key(settings.signing_key);
     let mut counted = PublishedCounts::default();
     let mut silence_check = MessageSchedule::new();
     let mut bytes = [0; 64];
     loop {
         let written = async {
-            match port.output.pending() {
+            match port.output.pending_bytes() {
                 [] => pending().await,
                 bytes => tx.write(bytes).await,
             }
@@ -64,7 +64,12 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
             Either4::First(()) => {
                 increment(&wires.heartbeat);
                 if let Some(changed) = changes.try_changed() {
-                    apply_settings(&mut port, &mut tx, settings.ports.port(number), changed.ports.port(number));
+                    apply_settings(
+                        &mut port,
+                        &mut tx,
+                        settings.ports.settings_of_port(number),
+                        changed.ports.settings_of_port(number),
+                    );
                     settings = changed;
                     port.mavlink.set_signing_key(settings.signing_key);
                 }
@@ -76,15 +81,15 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                 // One text or one poll per reading: each takes about the same time.
                 match wires.messages.try_receive() {
                     Ok(message) if port.carries_texts() => port.mavlink.queue_text(&message),
-                    _ => poll(links, &mut port, at, &settings),
+                    _ => poll_port(links, &mut port, at, &settings),
                 }
                 if silence_check.is_due(at, AUTOPILOT_SILENCE_CHECK_HZ) {
                     links.update_line_state(line, port.active_protocol(at), port.is_armed(at));
                 }
                 counted.add_new_counts(&port, &links.counters);
             }
-            Either4::Second(Ok(number)) if number > 0 => port.output.consume(number),
-            Either4::Second(_) => port.output.fail(),
+            Either4::Second(Ok(number)) if number > 0 => port.output.consume_bytes(number),
+            Either4::Second(_) => port.output.mark_failed(),
             Either4::Third((command, result)) => port.mavlink.complete_command(command, result.as_ref().copied()),
             Either4::Fourth(Ok(read)) if read > 0 => {
                 receive_bytes(links, line, &mut port, bytes.get(..read).unwrap_or_default());
@@ -106,7 +111,7 @@ fn apply_settings(port: &mut Port, tx: &mut impl SetBaud, before: PortSettings, 
 
 /// Polls the protocol. A separate function, because the data is large and must not be kept across a wait.
 #[inline(never)]
-fn poll(links: &Links, port: &mut Port, now: Timestamp, settings: &Settings) {
+fn poll_port(links: &Links, port: &mut Port, now: Timestamp, settings: &Settings) {
     // Only MAVLink reports the calibration.
     let is_reported = port.active_protocol(now) == ProtocolKind::Mavlink;
     let correction =

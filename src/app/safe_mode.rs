@@ -30,7 +30,7 @@ const _: () = assert!(
 );
 
 /// Answers the commands of console and CAN bus, reports on the ports and feeds the watchdog, for ever.
-pub async fn run<F: NorFlash, const PORTS: usize>(
+pub async fn run_safe_mode<F: NorFlash, const PORTS: usize>(
     links: &Links,
     mut store: Store<F>,
     mut ports: [impl Write; PORTS],
@@ -59,17 +59,17 @@ pub async fn run<F: NorFlash, const PORTS: usize>(
                 };
                 match source {
                     CommandSource::Console => links.replies.send(reply).await,
-                    CommandSource::Line(line) => links.line(line).answers.signal((command, reply.map(|_| ()))),
+                    CommandSource::Line(line) => links.links_of_line(line).answers.signal((command, reply.map(|_| ()))),
                     CommandSource::Button => {}
                 }
             }
             Either::Second(()) => {
                 watchdog.feed();
-                reporter.report(&mut output);
+                reporter.report_safe_mode(&mut output);
                 for port in &mut ports {
-                    let _ = with_timeout(WRITE_TIMEOUT, port.write_all(output.pending())).await;
+                    let _ = with_timeout(WRITE_TIMEOUT, port.write_all(output.pending_bytes())).await;
                 }
-                output.consume(usize::MAX);
+                output.consume_bytes(usize::MAX);
             }
         }
     }

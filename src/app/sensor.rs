@@ -3,7 +3,7 @@
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 
 use super::Links;
-use super::links::{DetectedSensor, increment, stamped};
+use super::links::{DetectedSensor, increment, stamped_now};
 use crate::log::{info, warning};
 use crate::magnetometer::{Magnetometer, MagnetometerError};
 
@@ -28,11 +28,11 @@ enum StopReason {
 }
 
 /// Initialises the magnetometer and reads every measurement; starts again after any error.
-pub async fn run(links: &Links, mut magnetometer: impl Magnetometer) -> ! {
+pub async fn run_sensor(links: &Links, mut magnetometer: impl Magnetometer) -> ! {
     loop {
         match with_timeout(DRIVER_TIMEOUT, magnetometer.init()).await {
             Ok(Ok(identity)) => {
-                info!("magnetometer {=str}", identity.model.name());
+                info!("magnetometer {=str}", identity.model.model_name());
                 let (period_us, stuck_after) = (magnetometer.period_us(), magnetometer.stuck_reading_count());
                 links.sensor.sender().send(DetectedSensor { identity, period_us, stuck_after });
                 if read_until_error(links, &mut magnetometer).await == StopReason::Upset {
@@ -51,8 +51,8 @@ pub async fn run(links: &Links, mut magnetometer: impl Magnetometer) -> ! {
 
 async fn read_until_error(links: &Links, magnetometer: &mut impl Magnetometer) -> StopReason {
     let mut verify_at = Instant::now() + VERIFICATION_INTERVAL;
-    while let Ok(Ok(reading)) = with_timeout(DRIVER_TIMEOUT, magnetometer.read()).await {
-        let reading = stamped(reading);
+    while let Ok(Ok(reading)) = with_timeout(DRIVER_TIMEOUT, magnetometer.read_measurement()).await {
+        let reading = stamped_now(reading);
         increment(&links.counters.readings);
         increment(&links.heartbeats.sensor);
         if reading.value.overrun {

@@ -22,7 +22,7 @@ pub trait Watchdog {
 
 /// Feeds the watchdog if sensor, instrument, every running port and the state machine have each sent a heartbeat since
 /// the last check. A console that does not yield stops the state machine, too: they share an executor.
-pub async fn run(links: &Links, mut watchdog: impl Watchdog) -> ! {
+pub async fn run_watchdog(links: &Links, mut watchdog: impl Watchdog) -> ! {
     let mut before = links.heartbeat_counts();
     loop {
         Timer::after(CHECK_INTERVAL).await;

@@ -73,7 +73,7 @@ impl AlignmentDetector {
         };
         let now = RunningMeans {
             updated_at: at,
-            mean_down: report.attitude.tilt().down(),
+            mean_down: report.attitude.tilt_rotation().down_in_body(),
             mean_field: field,
             integrated_rate_rad: 0.0,
             rate_rad_s,
@@ -83,9 +83,9 @@ impl AlignmentDetector {
         self.hold_remaining_s = (self.hold_remaining_s - step_s).max(0.0);
         if step_s <= MAX_GAP_S {
             let mean = last.updated(&now, step_s);
-            let tilted_rad = (now.mean_down - mean.mean_down).length();
+            let tilted_rad = (now.mean_down - mean.mean_down).vector_length();
             if tilted_rad > MIN_TILT_DEVIATION_RAD + INTEGRATED_RATE_FACTOR * mean.integrated_rate_rad
-                && (field - mean.mean_field).length() < MAX_FIELD_TO_TILT_RATIO * tilted_rad
+                && (field - mean.mean_field).vector_length() < MAX_FIELD_TO_TILT_RATIO * tilted_rad
             {
                 self.hold_remaining_s = HOLD_S;
             }

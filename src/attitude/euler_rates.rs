@@ -111,7 +111,7 @@ impl HeadingIntegral {
     }
 
     /// State `ahead_s` after the report, at constant rates.
-    pub fn extrapolate(&self, ahead_s: f32) -> Option<GyroHeading> {
+    pub fn extrapolate_integral(&self, ahead_s: f32) -> Option<GyroHeading> {
         let motion = self.euler_rates?;
         let turned_rad = wrap_pi(self.relative_heading_rad + motion.heading_rad_s * ahead_s);
         Some(GyroHeading { euler_rates: motion, relative_heading_rad: turned_rad, run_number: self.run_number })
@@ -175,14 +175,14 @@ mod tests {
         let began = HeadingIntegral::EMPTY.advanced(&report(0.0, 0.0, [0.0, 0.0, 10.0]), None);
         let ended = began.advanced(&report(0.0, 0.0, [0.0, 0.0, 30.0]), Some(1.0));
         let turned_deg = |turning: Option<GyroHeading>| turning.unwrap().relative_heading_rad.to_degrees();
-        assert!((turned_deg(ended.extrapolate(0.0)) - 20.0).abs() < 1e-4);
-        assert!((turned_deg(ended.extrapolate(0.1)) - 23.0).abs() < 1e-4);
+        assert!((turned_deg(ended.extrapolate_integral(0.0)) - 20.0).abs() < 1e-4);
+        assert!((turned_deg(ended.extrapolate_integral(0.1)) - 23.0).abs() < 1e-4);
         assert!((turned_deg(began.interpolate(&ended, 1.0, 0.5)) - 7.5).abs() < 1e-4);
         assert!(turned_deg(began.interpolate(&ended, 1.0, 0.0)).abs() < 1e-4);
         assert!((turned_deg(began.interpolate(&ended, 1.0, 1.0)) - 20.0).abs() < 1e-4);
         let half = began.interpolate(&ended, 1.0, 0.5).unwrap();
         assert!((half.euler_rates.heading_rad_s.to_degrees() - 20.0).abs() < 1e-4);
-        assert_eq!(half.run_number, ended.extrapolate(0.0).unwrap().run_number);
+        assert_eq!(half.run_number, ended.extrapolate_integral(0.0).unwrap().run_number);
     }
 
     /// An hour at 300 deg/s: rounding errors stay below 1 deg, a gyro's drift of a minute.
@@ -211,9 +211,9 @@ mod tests {
         assert_ne!(later.run_number, second.run_number);
         assert_eq!(second.interpolate(&later, 5.0, 0.5), None);
         let silent = second.advanced(&report(0.0, 0.0, [0.0; 3]), Some(0.02));
-        assert_eq!(silent.extrapolate(0.0), None);
+        assert_eq!(silent.extrapolate_integral(0.0), None);
         assert_eq!(second.interpolate(&silent, 0.02, 0.5), None);
         let again = silent.advanced(&turning, Some(0.02));
-        assert_ne!(again.extrapolate(0.0).unwrap().run_number, second.run_number);
+        assert_ne!(again.extrapolate_integral(0.0).unwrap().run_number, second.run_number);
     }
 }

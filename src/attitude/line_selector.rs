@@ -28,7 +28,7 @@ impl LineSelector {
     }
 
     /// Returns whether a report received at `now` on `line` is accepted; `has_gyro`: with the rates of a gyro.
-    pub fn accept(&mut self, now: Timestamp, line: u8, has_gyro: bool) -> bool {
+    pub fn accept_line_report(&mut self, now: Timestamp, line: u8, has_gyro: bool) -> bool {
         let is_accepted = self.0.is_none_or(|selected| {
             selected.line == line || (has_gyro && !selected.has_gyro) || now.us_since(selected.at) > LINE_RELEASE_US
         });
@@ -50,30 +50,30 @@ mod tests {
     #[test]
     fn the_selected_line_is_kept_while_it_sends() {
         let mut lines = LineSelector::new();
-        assert!(lines.accept(at(0), 1, true));
+        assert!(lines.accept_line_report(at(0), 1, true));
         for ms in (10..5_000).step_by(10) {
-            assert!(!lines.accept(at(ms), 0, true), "{ms}");
-            assert!(!lines.accept(at(ms), 0, false), "{ms}");
-            assert!(lines.accept(at(ms), 1, true), "{ms}");
+            assert!(!lines.accept_line_report(at(ms), 0, true), "{ms}");
+            assert!(!lines.accept_line_report(at(ms), 0, false), "{ms}");
+            assert!(lines.accept_line_report(at(ms), 1, true), "{ms}");
         }
     }
 
     #[test]
     fn a_line_with_rates_replaces_one_without() {
         let mut lines = LineSelector::new();
-        assert!(lines.accept(at(0), 0, false));
-        assert!(!lines.accept(at(1), 1, false));
-        assert!(lines.accept(at(2), 1, true));
-        assert!(!lines.accept(at(3), 0, false));
+        assert!(lines.accept_line_report(at(0), 0, false));
+        assert!(!lines.accept_line_report(at(1), 1, false));
+        assert!(lines.accept_line_report(at(2), 1, true));
+        assert!(!lines.accept_line_report(at(3), 0, false));
     }
 
     /// A rejected line does not prolong its own selection.
     #[test]
     fn a_silent_line_is_released() {
         let mut lines = LineSelector::new();
-        assert!(lines.accept(at(0), 1, true));
-        assert!(!lines.accept(at(1_000), 0, false));
-        assert!(lines.accept(Timestamp::from_us(1_000_001), 0, false));
-        assert!(lines.accept(at(1_002), 1, true), "with rates it is back at once");
+        assert!(lines.accept_line_report(at(0), 1, true));
+        assert!(!lines.accept_line_report(at(1_000), 0, false));
+        assert!(lines.accept_line_report(Timestamp::from_us(1_000_001), 0, false));
+        assert!(lines.accept_line_report(at(1_002), 1, true), "with rates it is back at once");
     }
 }

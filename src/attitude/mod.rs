@@ -28,7 +28,7 @@ pub use report::AttitudeReport;
 use sender_clock::SenderClock;
 pub use sender_selector::{Heartbeat, SenderId, SenderSelector};
 use stale_attitude_detector::StaleAttitudeDetector;
-use timed_report::{TimedReport, extrapolate, interpolate};
+use timed_report::{TimedReport, extrapolate_attitude, interpolate};
 
 /// Time after a restart of the sender within which its attitude filter aligns, microseconds: 10 s on an ArduPilot, and
 /// some margin. In motion the alignment itself is not detectable.
@@ -105,7 +105,7 @@ impl AttitudeHistory {
     }
 
     /// Adds a report whose last byte arrived at `arrival`.
-    pub fn push(&mut self, arrival: Timestamp, mut report: AttitudeReport) {
+    pub fn push_report(&mut self, arrival: Timestamp, mut report: AttitudeReport) {
         if self.reports.back().is_some_and(|last| last.report.sender != report.sender) {
             // Clock offset and history are valid for one sender only.
             *self = Self { rejected: self.rejected, ..Self::new(self.config) };
@@ -171,7 +171,7 @@ impl AttitudeHistory {
 
     /// Counts of rejected reports.
     #[must_use]
-    pub const fn rejected(&self) -> RejectedReports {
+    pub const fn rejected_reports(&self) -> RejectedReports {
         self.rejected
     }
 
@@ -188,7 +188,7 @@ impl AttitudeHistory {
             return match self.rejection_reason(sent) {
                 Some(doubted) => doubted,
                 None if ahead_us <= u64::from(self.config.max_extrapolation_us) => {
-                    AttitudeLookup::Extrapolated(extrapolate(&newest.report, ahead_us as f32 * 1e-6))
+                    AttitudeLookup::Extrapolated(extrapolate_attitude(&newest.report, ahead_us as f32 * 1e-6))
                 }
                 None => AttitudeLookup::Stale,
             };
@@ -207,7 +207,10 @@ impl AttitudeHistory {
             let ahead_us = sent.us_since(newest.sent_at);
             let known =
                 ahead_us <= u64::from(self.config.max_extrapolation_us) && self.rejection_reason(sent).is_none();
-            return newest.heading_integral.extrapolate(ahead_us as f32 * 1e-6).filter(|_| known || ahead_us == 0);
+            return newest
+                .heading_integral
+                .extrapolate_integral(ahead_us as f32 * 1e-6)
+                .filter(|_| known || ahead_us == 0);
         }
         let (before, after) = self.surrounding_reports(sent)?;
         let gap_us = after.sent_at.us_since(before.sent_at) as f32;

@@ -89,7 +89,7 @@ impl StaleAttitudeDetector {
 
     /// Updates the field direction with a corrected reading.
     pub fn update_field(&mut self, field: Field<Body>) {
-        let strength_ut = field.ut.length();
+        let strength_ut = field.ut.vector_length();
         self.field_direction = (strength_ut > 0.0).then(|| field.ut / strength_ut);
     }
 
@@ -105,20 +105,20 @@ impl StaleAttitudeDetector {
         let step_s = at.us_since(last_at) as f32 * 1e-6;
         let turn = ((last_rates + rates) * 0.5 - self.offset) * step_s;
         let kept = 1.0 - step_s / MOTION_MEMORY_S;
-        self.turned_rad = kept * self.turned_rad + turn.length();
+        self.turned_rad = kept * self.turned_rad + turn.vector_length();
         if step_s > MAX_STEP_S || !self.turned_rad.is_finite() {
             // Forgets the motion before a gap.
             let Self { field_direction, last, offset, is_stale, .. } = *self;
             *self = Self { field_direction, last, offset, is_stale, ..Self::new() };
             return is_stale;
         }
-        let down = report.attitude.tilt().down();
-        let missing = self.vertical.add(down, turn, kept);
+        let down = report.attitude.tilt_rotation().down_in_body();
+        let missing = self.vertical.accumulate_turn(down, turn, kept);
         if !self.is_stale {
             let offset = self.offset + missing.cross(&down) / OFFSET_TIME_S;
             self.offset = offset.map(|rad_s| rad_s.clamp(-MAX_OFFSET_RAD_S, MAX_OFFSET_RAD_S));
         }
-        self.field.add(field, turn, kept);
+        self.field.accumulate_turn(field, turn, kept);
         let Motion { observed, predicted, .. } = &self.field;
         self.field_evidence *= 1.0 - step_s / EVIDENCE_MEMORY_S;
         self.field_evidence += step_s * (observed - predicted * MIN_FOLLOWING_FRACTION).dot(predicted);
@@ -134,8 +134,8 @@ impl StaleAttitudeDetector {
     /// Whether the vertical does not move while the rates show that it should.
     fn is_vertical_motion_missing(&self) -> bool {
         let Motion { observed, predicted, .. } = &self.vertical;
-        (predicted - observed).length() > MIN_MISSING_RAD + MIN_MISSING_PER_RAD_TURNED * self.turned_rad
-            && observed.length() < MAX_HANGING_FRACTION * predicted.length()
+        (predicted - observed).vector_length() > MIN_MISSING_RAD + MIN_MISSING_PER_RAD_TURNED * self.turned_rad
+            && observed.vector_length() < MAX_HANGING_FRACTION * predicted.vector_length()
     }
 }
 
@@ -147,7 +147,7 @@ impl Motion {
 
     /// Adds the step to the vector's present value, with the integrated body rates; keeps a part of earlier motion.
     /// Returns the predicted but missing motion of the step.
-    fn add(&mut self, now: Vector3<f32>, turn: Vector3<f32>, kept: f32) -> Vector3<f32> {
+    fn accumulate_turn(&mut self, now: Vector3<f32>, turn: Vector3<f32>, kept: f32) -> Vector3<f32> {
         let last = self.last.replace(now).unwrap_or(now);
         let (observed, predicted) = (now - last, (last + now).cross(&turn) * 0.5);
         self.observed = self.observed * kept + observed;
@@ -157,9 +157,9 @@ impl Motion {
 
     /// Whether the vector has moved as predicted, by at least this angle.
     fn moved_as_predicted(&self, least_rad: f32) -> bool {
-        let predicted_rad = self.predicted.length();
+        let predicted_rad = self.predicted.vector_length();
         predicted_rad > least_rad
-            && (self.observed - self.predicted).length() < (1.0 - MIN_FOLLOWING_FRACTION) * predicted_rad
+            && (self.observed - self.predicted).vector_length() < (1.0 - MIN_FOLLOWING_FRACTION) * predicted_rad
     }
 }
 
@@ -307,7 +307,7 @@ mod tests {
             detector.update(Timestamp::from_us(i as u64 * 20_000), &report);
         }
         // The mean of two steps has the infinite rate, too.
-        assert!(detector.turned_rad.is_finite() && detector.vertical.predicted.length() < 0.01);
+        assert!(detector.turned_rad.is_finite() && detector.vertical.predicted.vector_length() < 0.01);
     }
 
     #[test]

@@ -20,7 +20,7 @@ fn moving(sender_ms: u32, attitude: Attitude, rates_deg_s: [f32; 3]) -> Attitude
 
 fn single_report(attitude: Attitude, rates_deg_s: [f32; 3]) -> AttitudeHistory {
     let mut track = AttitudeHistory::new(CONFIG);
-    track.push(at(1_000_000 + LATENCY_US), moving(0, attitude, rates_deg_s));
+    track.push_report(at(1_000_000 + LATENCY_US), moving(0, attitude, rates_deg_s));
     track
 }
 
@@ -43,7 +43,7 @@ fn interpolates_and_extrapolates_to_the_instant() {
     let mut track = AttitudeHistory::new(CONFIG);
     for i in 0..8_u32 {
         let true_us = 1_000_000 + u64::from(i) * PERIOD_US;
-        track.push(at(true_us + LATENCY_US), rolling(500 + i * 20, 0.2 * i as f32, 10.0));
+        track.push_report(at(true_us + LATENCY_US), rolling(500 + i * 20, 0.2 * i as f32, 10.0));
     }
     let lookup = track.attitude_at(at(1_050_000));
     assert!(matches!(lookup, AttitudeLookup::Interpolated(_)));
@@ -60,7 +60,7 @@ fn both_angles_are_interpolated() {
     let mut track = AttitudeHistory::new(CONFIG);
     for (i, (roll_deg, pitch_deg)) in [(10.0, -4.0), (12.0, 0.0)].into_iter().enumerate() {
         let report = moving(0, Attitude::from_deg(roll_deg, pitch_deg), [0.0; 3]);
-        track.push(at(1_000_000 + i as u64 * PERIOD_US + LATENCY_US), report);
+        track.push_report(at(1_000_000 + i as u64 * PERIOD_US + LATENCY_US), report);
     }
     let [roll, pitch] = angles_deg(track.attitude_at(at(1_000_000 + PERIOD_US / 4)));
     assert!((roll - 10.5).abs() < 1e-4 && (pitch + 3.0).abs() < 1e-4, "{roll} {pitch}");
@@ -71,7 +71,7 @@ fn both_angles_are_interpolated() {
 fn a_lookup_at_the_time_of_a_report_needs_no_second_report() {
     let mut track = single_report(Attitude::from_deg(12.0, -3.0), [0.0; 3]);
     assert!(matches!(track.attitude_at(at(1_000_000)), AttitudeLookup::Interpolated(_)));
-    track.push(at(9_000_000 + LATENCY_US), rolling(0, 50.0, 0.0));
+    track.push_report(at(9_000_000 + LATENCY_US), rolling(0, 50.0, 0.0));
     let [roll, pitch] = angles_deg(track.attitude_at(at(1_000_000)));
     assert!((roll - 12.0).abs() < 1e-4 && (pitch + 3.0).abs() < 1e-4, "{roll} {pitch}");
     assert_eq!(track.attitude_at(at(1_000_001)), AttitudeLookup::Missing);
@@ -124,7 +124,7 @@ fn extrapolation_is_limited() {
 fn a_long_gap_is_not_interpolated() {
     for (gap_us, is_interpolated) in [(250_000, true), (250_001, false)] {
         let mut track = single_report(Attitude::from_deg(10.0, 0.0), [0.0; 3]);
-        track.push(at(1_000_000 + gap_us + LATENCY_US), rolling(0, 20.0, 0.0));
+        track.push_report(at(1_000_000 + gap_us + LATENCY_US), rolling(0, 20.0, 0.0));
         match track.attitude_at(at(1_100_000)) {
             AttitudeLookup::Interpolated(_) => assert!(is_interpolated, "{gap_us} us"),
             lookup => assert!(!is_interpolated && lookup == AttitudeLookup::Missing, "{gap_us} us: {lookup:?}"),
@@ -137,7 +137,7 @@ fn a_long_gap_is_not_interpolated() {
 fn the_oldest_report_is_dropped() {
     let mut track = AttitudeHistory::new(CONFIG);
     for i in 0..9_u32 {
-        track.push(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), rolling(0, i as f32, 0.0));
+        track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), rolling(0, i as f32, 0.0));
     }
     assert_eq!(track.attitude_at(at(1_010_000)), AttitudeLookup::Missing);
     assert!((roll_deg(track.attitude_at(at(1_030_000))) - 1.5).abs() < 1e-3);
@@ -148,7 +148,7 @@ fn the_oldest_report_is_dropped() {
 fn a_report_that_is_not_newer_changes_nothing() {
     let mut track = single_report(Attitude::from_deg(10.0, 0.0), [0.0; 3]);
     for arrival_us in [1_000_000, 990_000, 0] {
-        track.push(at(arrival_us + LATENCY_US), rolling(0, 50.0, 0.0));
+        track.push_report(at(arrival_us + LATENCY_US), rolling(0, 50.0, 0.0));
     }
     assert!((roll_deg(track.attitude_at(at(1_000_000))) - 10.0).abs() < 1e-3);
     assert_eq!(track.attitude_at(at(999_999)), AttitudeLookup::Missing);
@@ -160,7 +160,7 @@ fn jitter_of_arrival_times_is_removed() {
     for i in 0..200_u32 {
         let jitter_us = u64::from(i * 7919 % 15) * 1000;
         let sent_us = 1_000_000 + u64::from(i) * PERIOD_US;
-        track.push(at(sent_us + jitter_us), rolling(i * 20, i as f32 * 0.2, 0.0));
+        track.push_report(at(sent_us + jitter_us), rolling(i * 20, i as f32 * 0.2, 0.0));
     }
     // At 10 deg/s a stamp error of 0.3 ms is 0.003 deg; arrival times would give up to 0.15 deg.
     let lookup_time = at(1_000_000 + 197 * PERIOD_US - LATENCY_US);
@@ -175,7 +175,7 @@ fn a_drifting_clock_is_followed() {
         let mut sent_us = 0;
         for i in 0..2000_i64 {
             sent_us = 1_000_000 + i * 20_000 + i * 20_000 * ppm / 1_000_000;
-            track.push(at(sent_us as u64), rolling(i as u32 * 20, i as f32 * 0.01, 0.0));
+            track.push_report(at(sent_us as u64), rolling(i as u32 * 20, i as f32 * 0.01, 0.0));
         }
         // 0.01 deg per 20 ms: 1 ms is 0.0005 deg.
         let found = roll_deg(track.attitude_at(at(sent_us as u64 - 10_000 - LATENCY_US)));
@@ -188,8 +188,8 @@ fn a_drifting_clock_is_followed() {
 fn a_distant_sender_clock_is_ignored() {
     for (delay_us, by_clock) in [(100_000, true), (100_001, false)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push(at(1_000_000), rolling(0, 0.0, 0.0));
-        track.push(at(1_020_000 + delay_us), rolling(20, 0.0, 0.0));
+        track.push_report(at(1_000_000), rolling(0, 0.0, 0.0));
+        track.push_report(at(1_020_000 + delay_us), rolling(20, 0.0, 0.0));
         // An instant just after the clock's stamp is extrapolated only if that stamp was used.
         let lookup = track.attitude_at(at(1_020_011 - LATENCY_US));
         assert_eq!(matches!(lookup, AttitudeLookup::Extrapolated(_)), by_clock, "{delay_us} us: {lookup:?}");
@@ -200,7 +200,7 @@ fn a_distant_sender_clock_is_ignored() {
 fn a_sender_without_clock_is_stamped_by_arrival() {
     let mut track = AttitudeHistory::new(CONFIG);
     for (i, sender_ms) in [0; 5].into_iter().enumerate() {
-        track.push(at(2_000_000 + i as u64 * PERIOD_US), rolling(sender_ms, i as f32, 0.0));
+        track.push_report(at(2_000_000 + i as u64 * PERIOD_US), rolling(sender_ms, i as f32, 0.0));
     }
     let newest = at(2_080_000 - LATENCY_US);
     assert!((roll_deg(track.attitude_at(newest)) - 4.0).abs() < 1e-3);
@@ -211,10 +211,10 @@ fn a_sender_without_clock_is_stamped_by_arrival() {
 fn the_attitude_of_a_restarted_sender_is_rejected_at_first() {
     for (step_ms, is_restart) in [(999, false), (1_000, true), (900_000, true)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push(at(1_000_000), rolling(900_020, 0.0, 0.0));
+        track.push_report(at(1_000_000), rolling(900_020, 0.0, 0.0));
         for i in 1..=1000_u32 {
             let at_us = 1_000_000 + u64::from(i) * PERIOD_US;
-            track.push(at(at_us), rolling(900_000 - step_ms + 20 * i, 0.01 * i as f32, 0.5));
+            track.push_report(at(at_us), rolling(900_000 - step_ms + 20 * i, 0.01 * i as f32, 0.5));
             let is_accepted = matches!(track.attitude_at(at(at_us - LATENCY_US + 1)), AttitudeLookup::Extrapolated(_));
             assert_eq!(is_accepted, !is_restart || i > 750, "{step_ms} ms, {i}");
         }
@@ -227,7 +227,7 @@ fn a_sender_s_clock_may_wrap() {
     for i in 0..40_u32 {
         let jitter_us = if i == 30 { 15_000 } else { 0 };
         let sent_us = 1_000_000 + u64::from(i) * PERIOD_US + jitter_us;
-        track.push(at(sent_us), rolling((i * 20).wrapping_sub(400), if i < 31 { i as f32 } else { 99.0 }, 0.0));
+        track.push_report(at(sent_us), rolling((i * 20).wrapping_sub(400), if i < 31 { i as f32 } else { 99.0 }, 0.0));
         if i == 30 {
             break;
         }
@@ -239,8 +239,8 @@ fn a_sender_s_clock_may_wrap() {
 #[test]
 fn roll_is_interpolated_the_short_way_round() {
     let mut track = AttitudeHistory::new(CONFIG);
-    track.push(at(1_020_000), rolling(0, 179.0, 0.0));
-    track.push(at(1_040_000), rolling(20, -179.0, 0.0));
+    track.push_report(at(1_020_000), rolling(0, 179.0, 0.0));
+    track.push_report(at(1_040_000), rolling(20, -179.0, 0.0));
     assert!((roll_deg(track.attitude_at(at(1_010_000))).abs() - 180.0).abs() < 1e-3);
 }
 
@@ -255,7 +255,7 @@ fn no_report_panics() {
         let attitude = Attitude { roll_rad: pick(), pitch_rad: pick() };
         let rates_rad_s = [pick(), pick(), pick()];
         let sender_time = WrappingMillis::new(pick().to_bits());
-        track.push(
+        track.push_report(
             at(pick().to_bits().into()),
             AttitudeReport { sender: SenderId::default(), sender_time, attitude, rates_rad_s },
         );
@@ -272,7 +272,7 @@ fn rolled_history(rolls_deg: &[f32]) -> (AttitudeHistory, u64) {
     let mut true_us = 1_000_000;
     for &roll_deg in rolls_deg {
         true_us += PERIOD_US;
-        track.push(at(true_us + LATENCY_US), rolling(0, roll_deg, MINIMAL_RATE_DEG_S));
+        track.push_report(at(true_us + LATENCY_US), rolling(0, roll_deg, MINIMAL_RATE_DEG_S));
     }
     (track, true_us)
 }
@@ -285,7 +285,10 @@ fn a_distant_report_is_rejected() {
         let found_deg = roll_deg(track.attitude_at(at(true_us)));
         let expected_deg = if is_accepted { spike_deg } else { 0.0 };
         assert!((found_deg - expected_deg).abs() < 1e-3, "{spike_deg}: {found_deg}");
-        assert_eq!(track.rejected(), RejectedReports { spikes: u32::from(!is_accepted), ..RejectedReports::NONE });
+        assert_eq!(
+            track.rejected_reports(),
+            RejectedReports { spikes: u32::from(!is_accepted), ..RejectedReports::NONE }
+        );
     }
 }
 
@@ -294,21 +297,21 @@ fn a_distant_report_is_rejected() {
 fn motion_predicted_by_rates_is_no_spike() {
     for (to_deg, is_accepted) in [(1.2 + 6.7, true), (1.2 + 7.1, false), (1.2 - 6.7, true), (1.2 - 7.1, false)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push(at(1_000_000), rolling(0, 0.0, 60.0));
-        track.push(at(1_000_000 + PERIOD_US), rolling(0, to_deg, 60.0));
-        assert_eq!(track.rejected().spikes, u32::from(!is_accepted), "{to_deg}");
+        track.push_report(at(1_000_000), rolling(0, 0.0, 60.0));
+        track.push_report(at(1_000_000 + PERIOD_US), rolling(0, to_deg, 60.0));
+        assert_eq!(track.rejected_reports().spikes, u32::from(!is_accepted), "{to_deg}");
     }
 }
 
 #[test]
 fn the_fourth_distant_report_is_accepted() {
     let (track, true_us) = rolled_history(&[0.0, 30.0, 30.1, 30.2]);
-    assert!(roll_deg(track.attitude_at(at(true_us))).abs() < 1e-3 && track.rejected().spikes == 3);
+    assert!(roll_deg(track.attitude_at(at(true_us))).abs() < 1e-3 && track.rejected_reports().spikes == 3);
     let (track, true_us) = rolled_history(&[0.0, 30.0, 30.1, 30.2, 30.3]);
     assert!((roll_deg(track.attitude_at(at(true_us))) - 30.3).abs() < 1e-3);
-    assert_eq!(track.rejected().spikes, 3);
+    assert_eq!(track.rejected_reports().spikes, 3);
     let (track, _) = rolled_history(&[0.0, 30.0, 30.1, 0.1, 30.2, 30.3, 30.4]);
-    assert_eq!(track.rejected().spikes, 5);
+    assert_eq!(track.rejected_reports().spikes, 5);
 }
 
 /// The interpolation limit of 250 ms also limits the spike test.
@@ -316,20 +319,20 @@ fn the_fourth_distant_report_is_accepted() {
 fn after_a_gap_any_attitude_is_accepted() {
     for (gap_us, spikes) in [(249_000, 1), (251_000, 0)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push(at(1_000_000), rolling(0, 0.0, MINIMAL_RATE_DEG_S));
-        track.push(at(1_000_000 + gap_us), rolling(0, 45.0, MINIMAL_RATE_DEG_S));
-        assert_eq!(track.rejected().spikes, spikes, "{gap_us}");
+        track.push_report(at(1_000_000), rolling(0, 0.0, MINIMAL_RATE_DEG_S));
+        track.push_report(at(1_000_000 + gap_us), rolling(0, 45.0, MINIMAL_RATE_DEG_S));
+        assert_eq!(track.rejected_reports().spikes, spikes, "{gap_us}");
     }
 }
 
 #[test]
 fn roll_at_a_vertical_nose_is_no_spike() {
     let mut track = single_report(Attitude::from_deg(0.0, 89.0), [0.0; 3]);
-    track.push(at(1_020_000 + LATENCY_US), moving(0, Attitude::from_deg(180.0, 89.0), [0.0; 3]));
-    assert_eq!(track.rejected().spikes, 0);
+    track.push_report(at(1_020_000 + LATENCY_US), moving(0, Attitude::from_deg(180.0, 89.0), [0.0; 3]));
+    assert_eq!(track.rejected_reports().spikes, 0);
     let mut track = single_report(Attitude::from_deg(0.0, 0.0), [MINIMAL_RATE_DEG_S; 3]);
-    track.push(at(1_020_000 + LATENCY_US), moving(0, Attitude::from_deg(0.0, 8.0), [MINIMAL_RATE_DEG_S; 3]));
-    assert_eq!(track.rejected().spikes, 1, "pitch counts as well");
+    track.push_report(at(1_020_000 + LATENCY_US), moving(0, Attitude::from_deg(0.0, 8.0), [MINIMAL_RATE_DEG_S; 3]));
+    assert_eq!(track.rejected_reports().spikes, 1, "pitch counts as well");
 }
 
 #[test]
@@ -357,14 +360,14 @@ fn a_frozen_source_is_rejected() {
     assert_ne!(track.attitude_at(at(true_us + 1)), AttitudeLookup::Frozen, "four are equal");
     let (mut track, true_us) = rolled_history(&[&rolls_deg[..], &[10.05]].concat());
     assert_eq!(track.attitude_at(at(true_us + 1)), AttitudeLookup::Frozen);
-    assert_eq!(track.rejected(), RejectedReports { frozen: 1, ..RejectedReports::NONE });
+    assert_eq!(track.rejected_reports(), RejectedReports { frozen: 1, ..RejectedReports::NONE });
     // `Frozen` holds for the extrapolation limit after the last report.
     assert_eq!(track.attitude_at(at(true_us + 200_000)), AttitudeLookup::Frozen);
     assert_eq!(track.attitude_at(at(true_us + 200_001)), AttitudeLookup::Stale);
     // Earlier attitudes remain valid.
     assert!(matches!(track.attitude_at(at(true_us - 50_000)), AttitudeLookup::Interpolated(_)));
     // A new value ends the freeze.
-    track.push(at(true_us + PERIOD_US + LATENCY_US), rolling(0, 10.07, 0.0));
+    track.push_report(at(true_us + PERIOD_US + LATENCY_US), rolling(0, 10.07, 0.0));
     assert!(matches!(track.attitude_at(at(true_us + PERIOD_US + 1)), AttitudeLookup::Extrapolated(_)));
 }
 
@@ -373,22 +376,22 @@ fn a_frozen_source_is_rejected() {
 fn a_new_sender_resets_the_history() {
     let mut track = AttitudeHistory::new(CONFIG);
     for i in 0..4_u32 {
-        track.push(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), rolling(500 + i * 20, 10.0, 0.0));
+        track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), rolling(500 + i * 20, 10.0, 0.0));
     }
     let other = AttitudeReport { sender: SenderId::new(7), ..rolling(500 + 4 * 20 - 50, 30.0, 0.0) };
-    track.push(at(1_080_000 + LATENCY_US), other);
+    track.push_report(at(1_080_000 + LATENCY_US), other);
     assert!(matches!(track.attitude_at(at(1_080_000)), AttitudeLookup::Interpolated(_)));
     assert!((roll_deg(track.attitude_at(at(1_080_000))) - 30.0).abs() < 1e-3);
     for before in [1_079_999, 1_060_000, 1_030_000] {
         assert_eq!(track.attitude_at(at(before)), AttitudeLookup::Missing, "{before}");
     }
-    track.push(
+    track.push_report(
         at(1_100_000 + LATENCY_US),
         AttitudeReport { sender_time: WrappingMillis::new(500 + 5 * 20 - 50), ..other },
     );
     assert!(matches!(track.attitude_at(at(1_090_000)), AttitudeLookup::Interpolated(_)));
     // Changing back resets again, even for an older report.
-    track.push(at(1_090_000 + LATENCY_US), rolling(0, 10.0, 0.0));
+    track.push_report(at(1_090_000 + LATENCY_US), rolling(0, 10.0, 0.0));
     assert!((roll_deg(track.attitude_at(at(1_090_000))) - 10.0).abs() < 1e-3);
 }
 
@@ -396,11 +399,11 @@ fn a_new_sender_resets_the_history() {
 #[test]
 fn plausibility_state_is_per_sender() {
     let (mut track, true_us) = rolled_history(&[10.0, 10.02, 40.0, 10.05, 10.05, 10.05, 10.05, 10.05]);
-    assert_eq!(track.rejected(), RejectedReports { spikes: 1, frozen: 1, ..RejectedReports::NONE });
+    assert_eq!(track.rejected_reports(), RejectedReports { spikes: 1, frozen: 1, ..RejectedReports::NONE });
     let other = AttitudeReport { sender: SenderId::new(7), ..rolling(0, 50.0, 0.0) };
-    track.push(at(true_us + PERIOD_US + LATENCY_US), other);
+    track.push_report(at(true_us + PERIOD_US + LATENCY_US), other);
     assert!((roll_deg(track.attitude_at(at(true_us + PERIOD_US))) - 50.0).abs() < 1e-3);
-    assert_eq!(track.rejected(), RejectedReports { spikes: 1, frozen: 1, ..RejectedReports::NONE });
+    assert_eq!(track.rejected_reports(), RejectedReports { spikes: 1, frozen: 1, ..RejectedReports::NONE });
 }
 
 /// 0.1 rad + 4 rad/s * 100 ms = 28.6 deg.
@@ -408,16 +411,16 @@ fn plausibility_state_is_per_sender() {
 fn without_rates_a_fast_roll_is_no_spike() {
     for (to_deg, is_accepted) in [(28.0, true), (29.2, false), (-28.0, true), (-29.2, false)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push(at(1_000_000), rolling(0, 0.0, 0.0));
-        track.push(at(1_100_000), rolling(0, to_deg, 0.0));
-        assert_eq!(track.rejected().spikes, u32::from(!is_accepted), "{to_deg}");
+        track.push_report(at(1_000_000), rolling(0, 0.0, 0.0));
+        track.push_report(at(1_100_000), rolling(0, to_deg, 0.0));
+        assert_eq!(track.rejected_reports().spikes, u32::from(!is_accepted), "{to_deg}");
     }
     // Rates about any axis imply a valid roll rate of zero.
     for rates_deg_s in [[MINIMAL_RATE_DEG_S, 0.0, 0.0], [0.0, -MINIMAL_RATE_DEG_S, 0.0], [0.0, 0.0, MINIMAL_RATE_DEG_S]]
     {
         let mut track = single_report(Attitude::default(), rates_deg_s);
-        track.push(at(1_100_000 + LATENCY_US), rolling(0, 20.0, MINIMAL_RATE_DEG_S));
-        assert_eq!(track.rejected().spikes, 1, "{rates_deg_s:?}");
+        track.push_report(at(1_100_000 + LATENCY_US), rolling(0, 20.0, MINIMAL_RATE_DEG_S));
+        assert_eq!(track.rejected_reports().spikes, 1, "{rates_deg_s:?}");
     }
 }
 
@@ -427,7 +430,7 @@ fn a_negative_latency_selects_earlier_reports() {
     for (latency_us, expected_deg) in [(-30_000, 0.5), (30_000, 1.1)] {
         let mut track = AttitudeHistory::new(AttitudeConfig { latency_us, ..CONFIG });
         for i in 0..8_u32 {
-            track.push(at(1_000_000 + u64::from(i) * PERIOD_US), rolling(500 + i * 20, 0.2 * i as f32, 10.0));
+            track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US), rolling(500 + i * 20, 0.2 * i as f32, 10.0));
         }
         assert!((roll_deg(track.attitude_at(at(1_080_000))) - expected_deg).abs() < 1e-3, "{latency_us}");
     }
@@ -439,7 +442,7 @@ fn the_gyro_heading_covers_the_range_of_the_attitude() {
     let mut track = AttitudeHistory::new(CONFIG);
     for i in 0..3_u32 {
         let report = moving(500 + 20 * i, Attitude::default(), [0.0, 0.0, 10.0 * (i + 1) as f32]);
-        track.push(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), report);
+        track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), report);
     }
     let turning = |us: u64| track.gyro_heading_at(at(us)).unwrap();
     let from = turning(1_000_000);
@@ -465,7 +468,7 @@ fn integration_continues_over_a_short_gap() {
     for (gap_us, is_continued) in [(500_000, true), (500_001, false)] {
         let mut track = single_report(Attitude::default(), [0.0, 0.0, 10.0]);
         let run = track.gyro_heading_at(at(1_000_000)).unwrap().run_number;
-        track.push(at(1_000_000 + gap_us + LATENCY_US), moving(0, Attitude::default(), [0.0, 0.0, 10.0]));
+        track.push_report(at(1_000_000 + gap_us + LATENCY_US), moving(0, Attitude::default(), [0.0, 0.0, 10.0]));
         assert_eq!(
             track.gyro_heading_at(at(1_000_000 + gap_us)).unwrap().run_number == run,
             is_continued,
@@ -481,7 +484,7 @@ fn a_frozen_source_has_no_gyro_heading() {
         // Fine changes, then constant.
         let roll_deg = 0.01 * i.min(8) as f32;
         let report = moving(20 * i, Attitude::from_deg(roll_deg, 0.0), [0.0, 0.0, 10.0]);
-        track.push(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), report);
+        track.push_report(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), report);
     }
     let now = at(1_000_000 + 19 * PERIOD_US);
     assert_eq!(track.attitude_at(now), AttitudeLookup::Frozen);
@@ -496,11 +499,15 @@ fn contradicting_rates_are_dropped() {
         let t_s = f32::from(i) * 0.02;
         now_us = 1_000_000 + u64::from(i) * PERIOD_US;
         let report = rolling(20 * u32::from(i), 10.0 * t_s.sin(), -10.0 * t_s.cos());
-        track.push(at(now_us + LATENCY_US), report);
+        track.push_report(at(now_us + LATENCY_US), report);
     }
     assert!((roll_deg(track.attitude_at(at(now_us))) - 10.0 * 9.98_f32.sin()).abs() < 1e-3);
     assert_eq!((track.gyro_heading_at(at(now_us)), track.body_rate_rad_s()), (None, None));
-    assert!(track.rejected().contradicting_rates > 300 && track.rejected().spikes == 0, "{:?}", track.rejected());
+    assert!(
+        track.rejected_reports().contradicting_rates > 300 && track.rejected_reports().spikes == 0,
+        "{:?}",
+        track.rejected_reports()
+    );
 }
 
 /// Swings of 20 deg with a constant field. With trusted rates the source is aligning; with rates already found wrong
@@ -519,7 +526,7 @@ fn an_aligning_source_is_rejected() {
             track.update_raw_field(Field::from_ut(20.0, 43.0 * angle.sin(), 43.0 * angle.cos()));
             let (roll_deg, p_deg_s) =
                 if is_flown { (10.0 * t_s.sin(), rates_are * 10.0 * t_s.cos()) } else { (20.0 * t_s.sin(), 0.01) };
-            track.push(at(now_us + LATENCY_US), rolling(20 * u32::from(i), roll_deg, p_deg_s));
+            track.push_report(at(now_us + LATENCY_US), rolling(20 * u32::from(i), roll_deg, p_deg_s));
             if t_s > 20.0 {
                 found.push(track.attitude_at(at(now_us + 1)));
             }

@@ -25,7 +25,7 @@ pub(super) fn interpolate(before: &AttitudeReport, after: &AttitudeReport, fract
 }
 
 /// Extrapolation with the body rates; without them, the attitude of the report.
-pub(super) fn extrapolate(report: &AttitudeReport, ahead_s: f32) -> Attitude {
+pub(super) fn extrapolate_attitude(report: &AttitudeReport, ahead_s: f32) -> Attitude {
     let Attitude { roll_rad, pitch_rad } = report.attitude;
     let EulerRates { roll_rad_s, pitch_rad_s, .. } = EulerRates::from_report(report).unwrap_or_default();
     Attitude {

@@ -61,14 +61,14 @@ pub type Hardware = hardware::Hardware<Magnetometer, Lines, Watchdog, Panel, Sto
 /// Executor of the heading tasks.
 static HEADING_TASKS: InterruptExecutor = InterruptExecutor::new();
 
-pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! {
+pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! {
     static CONSOLE_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static AUTOPILOT_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static INSTRUMENT_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static OTHER_TASKS: StaticCell<Executor> = StaticCell::new();
 
     let reset = reset::cause();
-    let p = embassy_stm32::init(clocks());
+    let p = embassy_stm32::init(clock_config());
     // A debugger that halts the processor also halts the watchdog.
     pac::DBGMCU.apb1fzr1().modify(|freeze| freeze.set_iwdg(true));
     let watchdog = Watchdog::start(p.IWDG);
@@ -101,7 +101,7 @@ pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! 
 }
 
 /// System clock 80 MHz, the maximum, from the internal 16 MHz oscillator; its 1 % tolerance suffices for 115200 baud.
-fn clocks() -> embassy_stm32::Config {
+fn clock_config() -> embassy_stm32::Config {
     let mut config = embassy_stm32::Config::default();
     config.rcc.hsi = true;
     config.rcc.pll = Some(rcc::Pll {
@@ -137,7 +137,7 @@ unsafe fn TSC() {
 }
 
 /// Creates the sensor bus driver.
-fn i2c2() -> I2c<'static, Async, Master> {
+fn i2c2_bus() -> I2c<'static, Async, Master> {
     // SAFETY: only `I2cBus` calls this, after dropping the previous driver, and nothing else uses these peripherals.
     let (i2c, scl, sda, tx, rx) =
         unsafe { (I2C2::steal(), PB10::steal(), PB11::steal(), DMA1_CH4::steal(), DMA1_CH5::steal()) };

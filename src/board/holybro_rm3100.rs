@@ -89,7 +89,7 @@ pub struct CanBus {
 /// Executor of the heading tasks.
 static HEADING_TASKS: InterruptExecutor = InterruptExecutor::new();
 
-pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! {
+pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! {
     static CAN_BUFFERS: StaticCell<CanBuffers> = StaticCell::new();
     static UART_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static OTHER_TASKS: StaticCell<Executor> = StaticCell::new();
@@ -134,7 +134,7 @@ pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! 
 ///
 /// The clock of the real-time clock stays off: the boot loader resets the backup domain, and with it the message to it,
 /// if it finds another one selected.
-fn clocks() -> embassy_stm32::Config {
+fn clock_config() -> embassy_stm32::Config {
     let mut config = embassy_stm32::Config::default();
     config.rcc.hsi = false;
     config.rcc.hsi48 = None;

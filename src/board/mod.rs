@@ -30,6 +30,6 @@ use holybro_rm3100 as chosen;
 use mps2_an386 as chosen;
 
 /// Starts the selected board.
-pub fn start() -> ! {
-    chosen::start(tasks::spawn)
+pub fn start_board() -> ! {
+    chosen::start(tasks::spawn_all_tasks)
 }

@@ -39,14 +39,14 @@ impl Message {
     }
 
     /// The stored message, or an empty one after power-on.
-    fn load() -> Self {
+    fn load_message() -> Self {
         // SAFETY: called before tasks and interrupts start, or with interrupts disabled, so there is no other access.
         // The message consists of integers, valid for any contents.
         let stored = unsafe { PANIC_MESSAGE.0.get().read_volatile().assume_init() };
         if stored.crc == stored.checksum() { stored } else { Self::EMPTY }
     }
 
-    fn store(mut self) {
+    fn store_message(mut self) {
         self.crc = self.checksum();
         // SAFETY: called before tasks and interrupts start, or with interrupts disabled, so there is no other access.
         // Volatile, because nothing reads it in this run.
@@ -90,7 +90,7 @@ fn store_panic_and_reset(message: fmt::Arguments<'_>) -> ! {
 
 /// Returns the panic of the previous run and erases its message; the number of early panics stays until a run ends
 /// otherwise. Call once, first of all.
-pub fn take() -> Option<PanicReport> {
+pub fn take_panic_report() -> Option<PanicReport> {
     static TEXT: StaticCell<[u8; CAPACITY]> = StaticCell::new();
     let Message { length, early_panics, text, .. } = Message::load();
     let message = TEXT.init(text).get(..length).and_then(|text| core::str::from_utf8(text).ok())?;

@@ -84,7 +84,7 @@ impl TiltDirection {
         Attitude::from_deg(roll_deg, pitch_deg)
     }
 
-    const fn name(self) -> &'static str {
+    const fn direction_name(self) -> &'static str {
         match self {
             Self::Ahead => "ahead",
             Self::Back => "back",
@@ -97,7 +97,7 @@ impl TiltDirection {
 impl HeadingQuadrant {
     const ALL: [Self; 4] = [Self::North, Self::East, Self::South, Self::West];
 
-    const fn name(self) -> &'static str {
+    const fn quadrant_name(self) -> &'static str {
         match self {
             Self::North => "north to east",
             Self::East => "east to south",
@@ -108,7 +108,7 @@ impl HeadingQuadrant {
 }
 
 impl Manoeuvre {
-    fn candidate(number: usize, moves: VehicleMotion) -> Option<Self> {
+    fn nth_candidate(number: usize, moves: VehicleMotion) -> Option<Self> {
         if moves == VehicleMotion::BanksIntoTurns {
             return CIRCLE_MANOEUVRES.get(number).copied();
         }
@@ -146,13 +146,13 @@ impl Manoeuvre {
 impl fmt::Display for Manoeuvre {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Circle(side, bank_deg) => write!(f, "a {} circle at {bank_deg} deg of bank", side.name()),
+            Self::Circle(side, bank_deg) => write!(f, "a {} circle at {bank_deg} deg of bank", side.side_name()),
             Self::Level => f.write_str("a level circle, or straight legs at eight headings"),
             Self::YawTurn => f.write_str("turn once round, level"),
             Self::Tilt(towards, quarter) => {
-                write!(f, "tilt {} while ", towards.name())?;
+                write!(f, "tilt {} while ", towards.direction_name())?;
                 match quarter {
-                    Some(quarter) => write!(f, "heading {}", quarter.name()),
+                    Some(quarter) => write!(f, "heading {}", quarter.quadrant_name()),
                     None => f.write_str("turning all round"),
                 }
             }
@@ -269,7 +269,7 @@ pub(in crate::calibration) fn select_manoeuvre(
         (false, false) => VehicleMotion::TiltsOnUnknownHeading,
     };
     let (manoeuvre, with_it_deg) = (0..)
-        .map_while(|number| Manoeuvre::candidate(number, vehicle_motion))
+        .map_while(|number| Manoeuvre::nth_candidate(number, vehicle_motion))
         .filter_map(|manoeuvre| {
             let mut hypothetical = information.clone();
             for heading_rad in manoeuvre.headings_rad() {
@@ -346,7 +346,7 @@ mod tests {
 
     #[test]
     fn candidates_match_the_vehicle_motion() {
-        let candidates = |moves| (0..).map_while(|number| Manoeuvre::candidate(number, moves)).collect::<Vec<_>>();
+        let candidates = |moves| (0..).map_while(|number| Manoeuvre::nth_candidate(number, moves)).collect::<Vec<_>>();
         assert_eq!(candidates(VehicleMotion::BanksIntoTurns), CIRCLE_MANOEUVRES);
         for (moves, number, is_named) in
             [(VehicleMotion::TiltsOnKnownHeading, 17, true), (VehicleMotion::TiltsOnUnknownHeading, 5, false)]

@@ -139,7 +139,7 @@ impl ConvergedFit<'_> {
     ) -> Result<HeadingUncertainty, SolveError> {
         self.covariance(information, &assumed_sigmas(ConsiderSigmas::ZERO, latency), covariance)
             .and_then(|()| {
-                let white_fraction = information.residuals.white_noise.fraction();
+                let white_fraction = information.residuals.white_noise.white_noise_fraction();
                 heading_uncertainty(self.likelihood, self.unknowns, covariance, white_fraction)
             })
             .ok_or(SolveError::NotConverged)

@@ -37,7 +37,7 @@ impl Procedure {
 
     /// Name typed after `cal start`.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn procedure_name(self) -> &'static str {
         match self {
             Self::Flight => "flight",
             Self::Turns => "turns",
@@ -50,7 +50,7 @@ impl Procedure {
     /// Parses a procedure name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|procedure| procedure.name() == name)
+        Self::ALL.into_iter().find(|procedure| procedure.procedure_name() == name)
     }
 }
 
@@ -68,14 +68,14 @@ impl SelectedParts {
     #[must_use]
     pub fn new(fit: Samples<'_>, procedure: Procedure) -> Self {
         let enough = |part: &[_]| part.len() >= MIN_SAMPLES;
-        let (left, right) = (enough(fit.turn(Side::Left)), enough(fit.turn(Side::Right)));
+        let (left, right) = (enough(fit.samples_of_turn(Side::Left)), enough(fit.samples_of_turn(Side::Right)));
         let both = procedure == Procedure::Turns && left && right;
         Self { left, right, level: enough(fit.part(CollectionPart::LEVEL)) && !both }
     }
 
     /// Returns the selected parts, all samples of arbitrary attitude, and all with given headings.
     #[must_use]
-    pub fn select<'a>(&self, samples: Samples<'a>) -> Samples<'a> {
+    pub fn select_samples<'a>(&self, samples: Samples<'a>) -> Samples<'a> {
         let parts = [
             (CollectionPart::LEFT, self.left),
             (CollectionPart::RIGHT, self.right),
@@ -102,8 +102,9 @@ pub fn select_method(samples: Samples<'_>, procedure: Procedure) -> Result<Metho
         Procedure::Turns => {
             let SelectedParts { left, right, .. } = SelectedParts::new(samples, procedure);
             let level = samples.part(CollectionPart::LEVEL).len() >= MIN_SAMPLES;
-            let missing =
-                |side| Err(SolveError::too_few(SamplePart::Turns(side), samples.turn(side).len(), MIN_SAMPLES));
+            let missing = |side| {
+                Err(SolveError::too_few(SamplePart::Turns(side), samples.samples_of_turn(side).len(), MIN_SAMPLES))
+            };
             match (left, right, level) {
                 (true, true, _) | (true, false, true) | (false, true, true) => Ok(Method::MaximumLikelihood),
                 (true, false, false) => missing(Side::Right),
@@ -185,7 +186,7 @@ mod tests {
         let selected = |left: usize, right: usize, level: usize, procedure| {
             let [left, right, level] = [left, right, level].map(|part| &parts[part][..]);
             let all = Parts { left, right, level, free: &parts[1], marks: &marks }.samples();
-            let selected = SelectedParts::new(all, procedure).select(all);
+            let selected = SelectedParts::new(all, procedure).select_samples(all);
             assert_eq!(selected.marks, marks);
             let [left, right, level, free] = CollectionPart::ALL.map(|part| selected.part(part).len());
             assert_eq!((free, selected.iter().count()), (11, left + right + level + free));
@@ -208,7 +209,7 @@ mod tests {
             (Procedure::Swing, "swing"),
             (Procedure::Tumble, "tumble"),
         ] {
-            assert_eq!((procedure.name(), Procedure::from_name(name)), (name, Some(procedure)));
+            assert_eq!((procedure.procedure_name(), Procedure::from_name(name)), (name, Some(procedure)));
         }
         assert_eq!(Procedure::from_name("walk"), None);
         assert_eq!(Procedure::default(), Procedure::Flight);

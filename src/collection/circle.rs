@@ -35,7 +35,7 @@ impl TurnCircle {
         let mut system = LeastSquares::<3, 1>::new();
         for sample in samples.iter() {
             let p = plane.plane_coordinates(&sample.field.ut);
-            system.add(&p.push(1.0), [p.norm_squared()], 1.0);
+            system.add_weighted_row(&p.push(1.0), [p.norm_squared()], 1.0);
         }
         let solution = system.solve()?;
         let centre_ut = solution.xy() / 2.0;

@@ -37,7 +37,7 @@ impl<'a> PartView<'a> {
     }
 
     /// The part's samples for one purpose, fit or held back, in the order of their storage.
-    pub fn of(&self, purpose: SampleUse) -> &[Sample] {
+    pub fn samples_of_use(&self, purpose: SampleUse) -> &[Sample] {
         self.buffer.part(purpose, self.part)
     }
 
@@ -47,7 +47,7 @@ impl<'a> PartView<'a> {
     }
 
     pub fn is_full(&self, purpose: SampleUse, quota: Quota) -> bool {
-        self.of(purpose).len() >= quota.of(purpose)
+        self.samples_of_use(purpose).len() >= quota.quota_of(purpose)
     }
 
     /// Whether a sample is finite and at least one sample interval after the last.
@@ -70,16 +70,16 @@ impl<'a> PartView<'a> {
     }
 
     /// Stores the latest sample in place of the one at a position.
-    pub fn replace(&mut self, purpose: SampleUse, position: usize, sample: Sample) {
-        self.replace_until(purpose, position, self.of(purpose).len(), sample);
+    pub fn replace_sample(&mut self, purpose: SampleUse, position: usize, sample: Sample) {
+        self.replace_until(purpose, position, self.samples_of_use(purpose).len(), sample);
     }
 
     pub fn replace_until(&mut self, purpose: SampleUse, position: usize, end: usize, sample: Sample) {
-        self.buffer.replace(purpose, position, end, Sample { part: self.part, ..sample });
+        self.buffer.replace_sample(purpose, position, end, Sample { part: self.part, ..sample });
     }
 
-    pub fn remove(&mut self, purpose: SampleUse, position: usize) {
-        self.buffer.remove(purpose, self.part, position);
+    pub fn remove_sample(&mut self, purpose: SampleUse, position: usize) {
+        self.buffer.remove_sample(purpose, self.part, position);
     }
 
     pub fn coverage(&self) -> Coverage {

@@ -33,7 +33,7 @@ impl Quota {
     pub const ALL: Self =
         Self { fit: 2 * Self::TURN.fit + Self::LEVEL.fit, held_back: 2 * Self::TURN.held_back + Self::LEVEL.held_back };
 
-    pub const fn of(self, purpose: SampleUse) -> usize {
+    pub const fn quota_of(self, purpose: SampleUse) -> usize {
         match purpose {
             SampleUse::Fit => self.fit,
             SampleUse::Verification => self.held_back,

@@ -30,7 +30,7 @@ impl RecentSamples {
     }
 
     /// Adds the next sample.
-    pub fn push(&mut self, sample: Sample) {
+    pub fn push_sample(&mut self, sample: Sample) {
         if self.samples.is_full() {
             self.samples.pop_front();
         }
@@ -47,7 +47,7 @@ impl RecentSamples {
         }
         let number = AVERAGED_SAMPLES as f32;
         let mean_ut = self.samples.iter().map(|s| s.field.ut).sum::<Vector3<f32>>() / number;
-        let is_steady = self.samples.iter().all(|s| (s.field.ut - mean_ut).length() <= MAX_DEVIATION_UT);
+        let is_steady = self.samples.iter().all(|s| (s.field.ut - mean_ut).vector_length() <= MAX_DEVIATION_UT);
         let mean = |angle: fn(&Sample) -> f32| self.samples.iter().map(angle).sum::<f32>() / number;
         is_steady.then(|| Sample {
             field: Field::new(mean_ut),
@@ -79,7 +79,7 @@ mod tests {
         for (i, x) in fields_ut.into_iter().enumerate() {
             let attitude = Attitude::from_deg(1.0 + x / 10.0, -2.0 - x / 10.0);
             let rates = Rates::from_rad_s([x / 100.0, -x / 50.0, x / 10.0]);
-            recent.push(Sample { attitude, rates, ..sample([x, 5.0, 40.0], 1000 + i as u32 * 100) });
+            recent.push_sample(Sample { attitude, rates, ..sample([x, 5.0, 40.0], 1000 + i as u32 * 100) });
         }
         recent
     }
@@ -113,7 +113,7 @@ mod tests {
         assert_eq!(RecentSamples::new().mean_at_rest(at(0)), None);
         // At zero field, a mean over eight instead of seven would pass the deviation test.
         let mut seven = RecentSamples::new();
-        (0..7).for_each(|i| seven.push(sample([0.0; 3], 1000 + i * 100)));
+        (0..7).for_each(|i| seven.push_sample(sample([0.0; 3], 1000 + i * 100)));
         assert_eq!(seven.mean_at_rest(at(1700)), None);
     }
 

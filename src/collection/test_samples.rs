@@ -28,11 +28,11 @@ impl TestBuffer {
         Self { samples: SampleBuffer::EMPTY, states: [PartState::EMPTY; PARTS], last_taken_at: [None; PARTS] }
     }
 
-    pub fn view(&mut self, part: CollectionPart) -> PartView<'_> {
+    pub fn part_view(&mut self, part: CollectionPart) -> PartView<'_> {
         PartView::new(part, &mut self.samples, &mut self.states, &mut self.last_taken_at)
     }
 
-    pub fn fit(&self, part: CollectionPart) -> &[Sample] {
+    pub fn fit_samples(&self, part: CollectionPart) -> &[Sample] {
         self.samples.part(SampleUse::Fit, part)
     }
 
@@ -42,11 +42,11 @@ impl TestBuffer {
 
     /// Number of samples of a part, fit and held back.
     pub fn stored(&self, part: CollectionPart) -> usize {
-        self.fit(part).len() + self.held_back(part).len()
+        self.fit_samples(part).len() + self.held_back(part).len()
     }
 
     pub fn coverage(&mut self, part: CollectionPart) -> Coverage {
-        self.view(part).coverage()
+        self.part_view(part).coverage()
     }
 }
 

@@ -42,7 +42,7 @@ impl ArmedState {
     /// Updates the evidence for rest.
     pub fn update_motion(&mut self, sample: &Sample) {
         let is_steady = |(field, _, last): &(Field<Sensor>, WrappingMillis, WrappingMillis)| {
-            (sample.field.ut - field.ut).length() <= MAX_CHANGE_UT && sample.time.ms_since(*last) <= MAX_GAP_MS
+            (sample.field.ut - field.ut).vector_length() <= MAX_CHANGE_UT && sample.time.ms_since(*last) <= MAX_GAP_MS
         };
         let steady = self.rest.filter(is_steady);
         self.has_flown |= self.reported == Some(true) && self.rest.is_some() && steady.is_none();

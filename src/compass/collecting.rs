@@ -54,7 +54,7 @@ impl Compass<'_> {
     /// Known reason for missing or insufficient samples.
     pub(super) fn sample_deficiency(&self) -> Option<CollectionProblem> {
         self.collector
-            .problem()
+            .collection_problem()
             .or_else(|| self.trials.last_result.as_ref().and_then(TrialResult::missing_manoeuvre_reason))
     }
 }

@@ -121,7 +121,7 @@ pub enum ModuleState {
 impl ModuleState {
     /// Display name.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn state_name(self) -> &'static str {
         match self {
             Self::Uncalibrated => "uncalibrated",
             Self::Collecting => "collecting",

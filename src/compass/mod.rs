@@ -80,12 +80,12 @@ impl<'a> Compass<'a> {
     ///
     /// Large methods are not inlined, so that their locals do not add to the solver's stack.
     pub fn step(&mut self, event: Event) -> Effect {
-        let effect = self.dispatch(event);
+        let effect = self.dispatch_event(event);
         self.update_retained();
         effect
     }
 
-    fn dispatch(&mut self, event: Event) -> Effect {
+    fn dispatch_event(&mut self, event: Event) -> Effect {
         match event {
             Event::SensorDetected(identity, readings_per_sample) => {
                 self.sensor = Some(DetectedSensor { identity, readings_per_sample });
@@ -116,7 +116,7 @@ impl<'a> Compass<'a> {
 
     #[inline(never)]
     fn on_sample(&mut self, sample: Sample) -> Effect {
-        self.recent.push(sample);
+        self.recent.push_sample(sample);
         self.armed.update_motion(&sample);
         self.start_automatic_collection();
         let Some(starter) = self.activity.starter().filter(|starter| !self.is_paused(*starter)) else {
@@ -173,7 +173,7 @@ impl<'a> Compass<'a> {
             Command::CalClear => return Ok(self.request_save(PendingSave::Clear)),
             Command::CalUndo => return self.restore_previous(),
             Command::Status | Command::StatusAll | Command::CalShow => {
-                return Ok(Effect::Reply(Ok(Reply::Report(self.report()))));
+                return Ok(Effect::Reply(Ok(Reply::Report(self.status_report()))));
             }
             Command::Set(setting) => {
                 let settings = self.settings.with_setting(setting).map_err(Refusal::OutOfRange)?;
@@ -193,7 +193,7 @@ impl<'a> Compass<'a> {
         Ok(Effect::Reply(Ok(Reply::Done(self.state()))))
     }
 
-    fn report(&self) -> StatusReport {
+    fn status_report(&self) -> StatusReport {
         StatusReport {
             state: self.state(),
             is_armed: self.armed.reported(),

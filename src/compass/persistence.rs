@@ -60,7 +60,9 @@ impl Compass<'_> {
             for ((number, found), kind) in PortNumber::ALL.into_iter().zip(&mut wanted.detected_protocols).zip(settled)
             {
                 // Failed detection does not replace an earlier result, nor does a configured protocol.
-                if self.settings.ports.port(number).protocol == ProtocolKind::Auto && kind != ProtocolKind::Auto {
+                if self.settings.ports.settings_of_port(number).protocol == ProtocolKind::Auto
+                    && kind != ProtocolKind::Auto
+                {
                     *found = kind;
                 }
             }

@@ -43,7 +43,7 @@ impl Compass<'_> {
             let purpose = *purpose;
             let outcome = result.map_err(Refusal::Store).map(|()| {
                 self.persistent.forget_collection();
-                self.stored_calibrations.push(record);
+                self.stored_calibrations.push_record(record);
                 ExpectedAccuracy::new(record.quality, &record.calibration)
             });
             return self.end_solve(purpose, outcome);
@@ -59,7 +59,7 @@ impl Compass<'_> {
             (_, Err(error)) => Effect::Reply(Err(Refusal::Store(error))),
             (PendingSave::Undo, Ok(())) => {
                 self.persistent.forget_collection();
-                self.stored_calibrations.undo();
+                self.stored_calibrations.undo_last();
                 self.reply_done()
             }
             (PendingSave::Clear, Ok(())) => {

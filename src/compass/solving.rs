@@ -16,10 +16,10 @@ impl Compass<'_> {
     pub(super) fn start_solving(&mut self, method: Option<Method>, purpose: SolvePurpose) -> Result<(), Refusal> {
         self.samples_during_solve.clear();
         let sensor = self.sensor.ok_or(Refusal::NoSensor)?;
-        if self.collector.fit().all().next().is_none() {
+        if self.collector.fit_samples().all().next().is_none() {
             return Err(Refusal::NoSamples);
         }
-        let supported = || method_selection::select_method(self.collector.fit(), self.collector.procedure());
+        let supported = || method_selection::select_method(self.collector.fit_samples(), self.collector.procedure());
         let method = method.map_or_else(supported, Ok).map_err(Refusal::Solve)?;
         self.start_solve_with_inclination(method, self.effective_settings().inclination_deg, purpose, sensor)
     }
@@ -103,10 +103,10 @@ impl Compass<'_> {
 
     #[inline(never)]
     fn accept_candidate(&self, candidate: &Solution, sensor: Identity) -> Result<CalibrationRecord, Refusal> {
-        let selection = SelectedParts::new(self.collector.fit(), self.collector.procedure());
+        let selection = SelectedParts::new(self.collector.fit_samples(), self.collector.procedure());
         let grounds = AcceptanceSamples {
-            fit: selection.select(self.collector.fit()),
-            held_back: selection.select(self.collector.held_back()),
+            fit: selection.select_samples(self.collector.fit_samples()),
+            held_back: selection.select_samples(self.collector.held_back()),
             is_attitude_known: self.collector.procedure() != Procedure::Tumble,
         };
         acceptance::evaluate_candidate(&self.policy, candidate, grounds, &self.incumbent())
@@ -125,7 +125,7 @@ impl Compass<'_> {
     fn incumbent(&self) -> Incumbent {
         self.active_record().map_or_else(
             || Incumbent::uncalibrated(self.settings.mount),
-            |record| Incumbent::active(record.calibration, record.quality),
+            |record| Incumbent::with_calibration(record.calibration, record.quality),
         )
     }
 
@@ -154,5 +154,5 @@ impl Compass<'_> {
 }
 
 fn collected_samples<'a>(collector: &'a Collector<'_>) -> Samples<'a> {
-    SelectedParts::new(collector.fit(), collector.procedure()).select(collector.fit())
+    SelectedParts::new(collector.fit_samples(), collector.procedure()).select_samples(collector.fit_samples())
 }

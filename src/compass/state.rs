@@ -53,7 +53,7 @@ impl Compass<'_> {
     /// Solution that the next [`Event::Advance`](super::Event::Advance) verifies, for replay on a host.
     #[cfg(not(target_os = "none"))]
     #[must_use]
-    pub const fn candidate(&self) -> Option<&crate::calibration::Solution> {
+    pub const fn candidate_solution(&self) -> Option<&crate::calibration::Solution> {
         match &self.activity {
             Activity::Solving(Solve { stage: SolveStage::Verifying(solution), .. }) => Some(solution),
             _ => None,

@@ -80,14 +80,14 @@ pub enum ArgumentValue {
 pub struct Arguments(pub [ArgumentValue; 2]);
 
 impl Arguments {
-    fn number(&self, index: usize) -> Option<f32> {
+    fn number_argument(&self, index: usize) -> Option<f32> {
         match self.0.get(index) {
             Some(&ArgumentValue::Number(number)) => Some(number),
             _ => None,
         }
     }
 
-    fn choice<T>(&self, index: usize, value_of_index: impl Fn(usize) -> Option<T>) -> Option<T> {
+    fn choice_argument<T>(&self, index: usize, value_of_index: impl Fn(usize) -> Option<T>) -> Option<T> {
         match self.0.get(index) {
             Some(&ArgumentValue::Choice(number)) => value_of_index(number),
             _ => None,
@@ -121,7 +121,7 @@ impl ArgumentSpec {
         Self { name, kind, is_optional: false }
     }
 
-    const fn optional(name: &'static str, kind: ArgumentKind) -> Self {
+    const fn optional_argument(name: &'static str, kind: ArgumentKind) -> Self {
         Self { name, kind, is_optional: true }
     }
 
@@ -142,7 +142,7 @@ const DEGREES_UNIT: &str = "deg";
 
 const HEADING: ArgumentKind = ArgumentKind::Number { range: 0.0..=360.0, unit: DEGREES_UNIT, or: None };
 
-const fn number(range: RangeInclusive<f32>, unit: &'static str) -> ArgumentKind {
+const fn number_kind(range: RangeInclusive<f32>, unit: &'static str) -> ArgumentKind {
     ArgumentKind::Number { range, unit, or: None }
 }
 
@@ -155,7 +155,7 @@ pub static COMMANDS: &[CommandSpec] = &[
     CommandSpec::new("help", "", "list the commands, or explain one"),
     CommandSpec::new("version", "", "show the firmware's version").with_request(|_| Request::Version),
     CommandSpec::new("status", "", "show the state in six lines; all: also settings and counters")
-        .with_arguments(&[ArgumentSpec::optional("all", ArgumentKind::Confirmation("all"))])
+        .with_arguments(&[ArgumentSpec::optional_argument("all", ArgumentKind::Confirmation("all"))])
         .with_request(|given| match given.0 {
             [ArgumentValue::Choice(_), _] => Command::StatusAll.into(),
             _ => Command::Status.into(),
@@ -167,10 +167,10 @@ pub static COMMANDS: &[CommandSpec] = &[
         "start collecting; flight, turns and level then solve automatically, swing and tumble need cal solve",
     )
     .with_arguments(&[
-        ArgumentSpec::optional("PROCEDURE", ArgumentKind::Choice(procedure_or_again)),
-        ArgumentSpec::optional("again", ArgumentKind::Confirmation("again")),
+        ArgumentSpec::optional_argument("PROCEDURE", ArgumentKind::Choice(procedure_or_again)),
+        ArgumentSpec::optional_argument("again", ArgumentKind::Confirmation("again")),
     ])
-    .with_request(|given| match (given.0, given.choice(0, nth_procedure)) {
+    .with_request(|given| match (given.0, given.choice_argument(0, nth_procedure)) {
         ([ArgumentValue::Choice(CHOICE_AGAIN), _] | [_, ArgumentValue::Choice(_)], procedure) => {
             Command::CalStartNew(procedure).into()
         }
@@ -182,18 +182,18 @@ pub static COMMANDS: &[CommandSpec] = &[
         "start collecting automatically while uncalibrated, as soon as the autopilot is armed",
     )
     .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
-    .with_request(|given| set(SettingChange::Auto(given.choice(0, nth_switch).unwrap_or(true)))),
+    .with_request(|given| set_request(SettingChange::Auto(given.choice_argument(0, nth_switch).unwrap_or(true)))),
     CommandSpec::new("cal", "mark", "in a swing: record samples at this magnetic heading of the vehicle")
         .with_arguments(&[ArgumentSpec::new("HEADING", HEADING)])
-        .with_request(|given| Command::CalMark(given.number(0).unwrap_or(f32::NAN)).into()),
+        .with_request(|given| Command::CalMark(given.number_argument(0).unwrap_or(f32::NAN)).into()),
     CommandSpec::new("cal", "stop", "stop collecting, keep the samples").with_request(|_| Command::CalStop.into()),
     CommandSpec::new(
         "cal",
         "solve",
         "solve with the collected samples, by the best method they support or by a given one",
     )
-    .with_arguments(&[ArgumentSpec::optional("METHOD", ArgumentKind::Choice(method))])
-    .with_request(|given| Command::CalSolve(given.choice(0, |number| METHODS.get(number).copied())).into()),
+    .with_arguments(&[ArgumentSpec::optional_argument("METHOD", ArgumentKind::Choice(method))])
+    .with_request(|given| Command::CalSolve(given.choice_argument(0, |number| METHODS.get(number).copied())).into()),
     CommandSpec::new("cal", "advise", "show the weakest part of the last solve, and the manoeuvre that improves it")
         .with_request(|_| Command::CalAdvise.into()),
     CommandSpec::new("cal", "show", "show the active calibration").with_request(|_| Command::CalShow.into()),
@@ -205,39 +205,45 @@ pub static COMMANDS: &[CommandSpec] = &[
     CommandSpec::new("cal", "abort", "stop the collection or the solve, delete the samples")
         .with_request(|_| Command::CalAbort.into()),
     CommandSpec::new("stream", "", "heading sentences"),
-    CommandSpec::new("stream", "on", "send them").with_request(|_| set(SettingChange::StreamOn(true))),
-    CommandSpec::new("stream", "off", "do not send them").with_request(|_| set(SettingChange::StreamOn(false))),
+    CommandSpec::new("stream", "on", "send them").with_request(|_| set_request(SettingChange::StreamOn(true))),
+    CommandSpec::new("stream", "off", "do not send them").with_request(|_| set_request(SettingChange::StreamOn(false))),
     CommandSpec::new("stream", "rate", "sentences per second")
         .with_arguments(&[ArgumentSpec::new(
             "HZ",
             ArgumentKind::Whole { range: Settings::STREAM_RATE_HZ, unit: "a second" },
         )])
-        .with_request(|given| set(SettingChange::StreamRateHz(given.number(0).unwrap_or_default() as u8))),
+        .with_request(|given| {
+            set_request(SettingChange::StreamRateHz(given.number_argument(0).unwrap_or_default() as u8))
+        }),
     CommandSpec::new(
         "stream",
         "heading",
         "heading sent: smoothed by the body rates, or raw for an autopilot with its own filter",
     )
     .with_arguments(&[ArgumentSpec::new("KIND", ArgumentKind::Choice(heading_kind))])
-    .with_request(|given| set(SettingChange::StreamHeading(given.choice(0, nth_kind).unwrap_or(HeadingKind::Smooth)))),
+    .with_request(|given| {
+        set_request(SettingChange::StreamHeading(given.choice_argument(0, nth_kind).unwrap_or(HeadingKind::Smooth)))
+    }),
     CommandSpec::new("set", "", "settings"),
     CommandSpec::new("set", "declination", "declination, east positive; none: by the field model")
         .with_arguments(&[ArgumentSpec::new("DEG", number_or_word("none", Settings::DECLINATION_DEG, DEGREES_UNIT))])
-        .with_request(|given| set(SettingChange::Declination(given.number(0)))),
+        .with_request(|given| set_request(SettingChange::Declination(given.number_argument(0)))),
     CommandSpec::new(
         "set",
         "mount",
         "orientation of the sensor: rotated from the vehicle by yaw, then pitch, then roll",
     )
     .with_arguments(&[ArgumentSpec::new("ORIENTATION", ArgumentKind::Choice(orientation))])
-    .with_request(|given| set(SettingChange::Mount(given.choice(0, nth_orientation).unwrap_or(Orientation::NONE)))),
+    .with_request(|given| {
+        set_request(SettingChange::Mount(given.choice_argument(0, nth_orientation).unwrap_or(Orientation::NONE)))
+    }),
     CommandSpec::new(
         "set",
         "inclination",
         "inclination of the local field, positive down; none: by the field model or the samples",
     )
     .with_arguments(&[ArgumentSpec::new("DEG", number_or_word("none", Settings::INCLINATION_DEG, DEGREES_UNIT))])
-    .with_request(|given| set(SettingChange::Inclination(given.number(0)))),
+    .with_request(|given| set_request(SettingChange::Inclination(given.number_argument(0)))),
     CommandSpec::new(
         "set",
         "align",
@@ -245,11 +251,11 @@ pub static COMMANDS: &[CommandSpec] = &[
     )
     .with_arguments(&[
         ArgumentSpec::new("HEADING", number_or_word("none", 0.0..=360.0, DEGREES_UNIT)),
-        ArgumentSpec::optional("yes", ArgumentKind::Confirmation("yes")),
+        ArgumentSpec::optional_argument("yes", ArgumentKind::Confirmation("yes")),
     ])
     .with_request(|given| match given.0 {
         [ArgumentValue::Number(heading_deg), ArgumentValue::Choice(_)] => Command::AlignConfirmed(heading_deg).into(),
-        _ => Command::Align(given.number(0)).into(),
+        _ => Command::Align(given.number_argument(0)).into(),
     }),
     CommandSpec::new(
         "set",
@@ -258,9 +264,9 @@ pub static COMMANDS: &[CommandSpec] = &[
     )
     .with_arguments(&[
         ArgumentSpec::new("DEG", number_or_word("default", AttitudeError::BIAS_DEG, DEGREES_UNIT)),
-        ArgumentSpec::new("PERCENT", number(AttitudeError::BANK_PERCENT, "%")),
+        ArgumentSpec::new("PERCENT", number_kind(AttitudeError::BANK_PERCENT, "%")),
     ])
-    .with_request(|given| set(SettingChange::AttitudeError(attitude_error(given)))),
+    .with_request(|given| set_request(SettingChange::AttitudeError(attitude_error(given)))),
     CommandSpec::new(
         "set",
         "sensor-error",
@@ -268,67 +274,75 @@ pub static COMMANDS: &[CommandSpec] = &[
     )
     .with_arguments(&[
         ArgumentSpec::new("GYRO", number_or_word("default", SensorError::GYRO_PERCENT, "%")),
-        ArgumentSpec::new("DRIFT", number(SensorError::DRIFT_PERCENT, "% of the field")),
+        ArgumentSpec::new("DRIFT", number_kind(SensorError::DRIFT_PERCENT, "% of the field")),
     ])
-    .with_request(|given| set(SettingChange::SensorError(sensor_error(given)))),
+    .with_request(|given| set_request(SettingChange::SensorError(sensor_error(given)))),
     CommandSpec::new("set", "accuracy", "expected error at which a collection in flight ends")
-        .with_arguments(&[ArgumentSpec::new("DEG", number(Settings::ACCURACY_DEG, DEGREES_UNIT))])
-        .with_request(|given| set(SettingChange::Accuracy(given.number(0).unwrap_or(f32::NAN)))),
+        .with_arguments(&[ArgumentSpec::new("DEG", number_kind(Settings::ACCURACY_DEG, DEGREES_UNIT))])
+        .with_request(|given| set_request(SettingChange::Accuracy(given.number_argument(0).unwrap_or(f32::NAN)))),
     CommandSpec::new("set", "port1", "protocol of the first port; auto: detect the autopilot's")
         .with_arguments(&[PROTOCOL])
-        .with_request(|given| set(protocol_of(PortNumber::One, given))),
+        .with_request(|given| set_request(protocol_of(PortNumber::One, given))),
     CommandSpec::new("set", "port2", "protocol of the second port; auto: detect the autopilot's")
         .with_arguments(&[PROTOCOL])
-        .with_request(|given| set(protocol_of(PortNumber::Two, given))),
+        .with_request(|given| set_request(protocol_of(PortNumber::Two, given))),
     CommandSpec::new("set", "baud1", "baud rate of the first port")
         .with_arguments(&[BAUD])
-        .with_request(|given| set(baud_of(PortNumber::One, given))),
+        .with_request(|given| set_request(baud_of(PortNumber::One, given))),
     CommandSpec::new("set", "baud2", "baud rate of the second port")
         .with_arguments(&[BAUD])
-        .with_request(|given| set(baud_of(PortNumber::Two, given))),
+        .with_request(|given| set_request(baud_of(PortNumber::Two, given))),
     CommandSpec::new(
         "set",
         "vision",
         "send true yaw to a MAVLink autopilot, in place of its own compass; needs a declination",
     )
     .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
-    .with_request(|given| set(SettingChange::Vision(given.choice(0, nth_switch).unwrap_or(false)))),
+    .with_request(|given| set_request(SettingChange::Vision(given.choice_argument(0, nth_switch).unwrap_or(false)))),
     CommandSpec::new("set", "attitude-rate", "highest rate at which attitude is requested from a MAVLink autopilot")
         .with_arguments(&[ArgumentSpec::new(
             "HZ",
             ArgumentKind::Whole { range: Settings::ATTITUDE_RATE_HZ, unit: "a second" },
         )])
-        .with_request(|given| set(SettingChange::AttitudeRateHz(given.number(0).unwrap_or_default() as u8))),
+        .with_request(|given| {
+            set_request(SettingChange::AttitudeRateHz(given.number_argument(0).unwrap_or_default() as u8))
+        }),
     CommandSpec::new(
         "set",
         "signing",
         "sign MAVLink frames, and reject others, with the key of a passphrase, one word",
     )
     .with_arguments(&[ArgumentSpec::new("PASSPHRASE", ArgumentKind::Passphrase)])
-    .with_request(|given| set(SettingChange::Signing(signing_key(given)))),
+    .with_request(|given| set_request(SettingChange::Signing(signing_key(given)))),
     CommandSpec::new("set", "can-node", "number on the CAN bus, after a restart; 0: the autopilot gives one")
         .with_arguments(&[ArgumentSpec::new(
             "NUMBER",
             ArgumentKind::Whole { range: CanSettings::NODE, unit: "as a node" },
         )])
-        .with_request(|given| set(SettingChange::CanNode(given.number(0).unwrap_or_default() as u8))),
+        .with_request(|given| set_request(SettingChange::CanNode(given.number_argument(0).unwrap_or_default() as u8))),
     CommandSpec::new("set", "can-rate", "rate of the field on the CAN bus")
         .with_arguments(&[ArgumentSpec::new(
             "HZ",
             ArgumentKind::Whole { range: CanSettings::RATE_HZ, unit: "a second" },
         )])
-        .with_request(|given| set(SettingChange::CanRateHz(given.number(0).unwrap_or_default() as u8))),
+        .with_request(|given| {
+            set_request(SettingChange::CanRateHz(given.number_argument(0).unwrap_or_default() as u8))
+        }),
     CommandSpec::new("set", "can-covariance", "send the field on the CAN bus with its covariance")
         .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
-        .with_request(|given| set(SettingChange::CanCovariance(given.choice(0, nth_switch).unwrap_or(false)))),
+        .with_request(|given| {
+            set_request(SettingChange::CanCovariance(given.choice_argument(0, nth_switch).unwrap_or(false)))
+        }),
     CommandSpec::new("set", "can-termination", "terminating resistor of the CAN bus, if the board switches one")
         .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
-        .with_request(|given| set(SettingChange::CanTermination(given.choice(0, nth_switch).unwrap_or(false)))),
+        .with_request(|given| {
+            set_request(SettingChange::CanTermination(given.choice_argument(0, nth_switch).unwrap_or(false)))
+        }),
     CommandSpec::new("reboot", "", "restart the module").with_request(|_| Command::Restart.into()),
 ];
 
 const PROTOCOL: ArgumentSpec = ArgumentSpec::new("PROTOCOL", ArgumentKind::Choice(protocol));
-const BAUD: ArgumentSpec = ArgumentSpec::new("BAUD", ArgumentKind::Choice(baud));
+const BAUD: ArgumentSpec = ArgumentSpec::new("BAUD", ArgumentKind::Choice(nth_baud_name));
 
 /// Methods, the best first.
 const METHODS: [Method; 6] = [
@@ -341,7 +355,7 @@ const METHODS: [Method; 6] = [
 ];
 
 fn method(number: usize) -> Option<&'static str> {
-    METHODS.get(number).map(|method| method.name())
+    METHODS.get(number).map(|method| method.method_name())
 }
 
 fn nth_procedure(number: usize) -> Option<Procedure> {
@@ -349,7 +363,7 @@ fn nth_procedure(number: usize) -> Option<Procedure> {
 }
 
 fn procedure(number: usize) -> Option<&'static str> {
-    nth_procedure(number).map(Procedure::name)
+    nth_procedure(number).map(Procedure::procedure_name)
 }
 
 /// Index of the choice `again`, which follows the procedures: the last procedure with an empty collection.
@@ -372,15 +386,15 @@ fn nth_kind(number: usize) -> Option<HeadingKind> {
 }
 
 fn heading_kind(number: usize) -> Option<&'static str> {
-    nth_kind(number).map(HeadingKind::name)
+    nth_kind(number).map(HeadingKind::kind_name)
 }
 
 fn nth_orientation(number: usize) -> Option<Orientation> {
-    Orientation::all().nth(number)
+    Orientation::all_orientations().nth(number)
 }
 
 fn orientation(number: usize) -> Option<&'static str> {
-    nth_orientation(number).map(Orientation::name)
+    nth_orientation(number).map(Orientation::orientation_name)
 }
 
 fn nth_protocol(number: usize) -> Option<ProtocolKind> {
@@ -388,28 +402,28 @@ fn nth_protocol(number: usize) -> Option<ProtocolKind> {
 }
 
 fn protocol(number: usize) -> Option<&'static str> {
-    nth_protocol(number).map(ProtocolKind::name)
+    nth_protocol(number).map(ProtocolKind::protocol_name)
 }
 
 fn protocol_of(port: PortNumber, given: &Arguments) -> SettingChange {
-    SettingChange::Protocol(port, given.choice(0, nth_protocol).unwrap_or(ProtocolKind::Auto))
+    SettingChange::Protocol(port, given.choice_argument(0, nth_protocol).unwrap_or(ProtocolKind::Auto))
 }
 
 fn nth_baud(number: usize) -> Option<Baud> {
     Baud::ALL.get(number).copied()
 }
 
-fn baud(number: usize) -> Option<&'static str> {
+fn nth_baud_name(number: usize) -> Option<&'static str> {
     nth_baud(number).map(Baud::name)
 }
 
 fn baud_of(port: PortNumber, given: &Arguments) -> SettingChange {
-    SettingChange::Baud(port, given.choice(0, nth_baud).unwrap_or(Baud::B115200))
+    SettingChange::Baud(port, given.choice_argument(0, nth_baud).unwrap_or(Baud::B115200))
 }
 
 /// The first two numbers; `None` after a word in place of the first.
 fn two_numbers(given: &Arguments) -> Option<[f32; 2]> {
-    given.number(0).zip(given.number(1)).map(<[f32; 2]>::from)
+    given.number_argument(0).zip(given.number_argument(1)).map(<[f32; 2]>::from)
 }
 
 fn attitude_error(given: &Arguments) -> AttitudeError {
@@ -422,7 +436,7 @@ fn sensor_error(given: &Arguments) -> SensorError {
         .map_or(SensorError::DEFAULT, |[gyro_percent, drift_percent]| SensorError { gyro_percent, drift_percent })
 }
 
-const fn set(setting: SettingChange) -> Request {
+const fn set_request(setting: SettingChange) -> Request {
     Request::Command(Command::Set(setting))
 }
 
@@ -483,7 +497,7 @@ mod tests {
             assert_eq!(nth_procedure(number), procedure(number).and_then(Procedure::from_name));
             assert_eq!(nth_switch(number), switch(number).map(|name| name == "on"));
             assert_eq!(nth_protocol(number), protocol(number).and_then(ProtocolKind::from_name));
-            assert_eq!(nth_baud(number), baud(number).and_then(Baud::from_name));
+            assert_eq!(nth_baud(number), nth_baud_name(number).and_then(Baud::from_name));
             assert_eq!(nth_kind(number), heading_kind(number).and_then(HeadingKind::from_name));
             assert_eq!(nth_orientation(number), orientation(number).and_then(Orientation::from_name));
             assert_eq!(METHODS.get(number).copied(), method(number).and_then(Method::from_name));

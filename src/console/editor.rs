@@ -76,23 +76,23 @@ impl KeyDecoder {
                     Sequence::Control(number.saturating_mul(10).saturating_add(digit), false)
                 };
             }
-            (Sequence::Control(number, _), b'@'..=b'~') => return sequence(number, byte),
+            (Sequence::Control(number, _), b'@'..=b'~') => return key_of_sequence(number, byte),
             (_, b'\n') if after_return => {}
             (_, 0x1B) => self.sequence = Sequence::Escape,
-            (_, byte) => return plain(byte),
+            (_, byte) => return plain_key(byte),
         }
         None
     }
 }
 
-const fn plain(byte: u8) -> Option<Key> {
-    const fn ctrl(key: u8) -> u8 {
+const fn plain_key(byte: u8) -> Option<Key> {
+    const fn control_character(key: u8) -> u8 {
         key & 0x1F
     }
-    const CTRL_A: u8 = ctrl(b'A');
-    const CTRL_C: u8 = ctrl(b'C');
-    const CTRL_E: u8 = ctrl(b'E');
-    const CTRL_U: u8 = ctrl(b'U');
+    const CTRL_A: u8 = control_character(b'A');
+    const CTRL_C: u8 = control_character(b'C');
+    const CTRL_E: u8 = control_character(b'E');
+    const CTRL_U: u8 = control_character(b'U');
     Some(match byte {
         b' '..=b'~' => Key::Character(byte),
         b'\r' | b'\n' => Key::Enter,
@@ -107,7 +107,7 @@ const fn plain(byte: u8) -> Option<Key> {
 }
 
 /// Decodes a control sequence from its last byte and, for `~`, its first number (ECMA-48; xterm, VT220, Linux console).
-const fn sequence(number: u8, last: u8) -> Option<Key> {
+const fn key_of_sequence(number: u8, last: u8) -> Option<Key> {
     Some(match (last, number) {
         (b'A', _) => Key::Up,
         (b'B', _) => Key::Down,
@@ -136,7 +136,7 @@ pub struct Editor {
 impl Editor {
     /// Text of the line.
     pub fn line(&self) -> &str {
-        text(&self.line)
+        line_text(&self.line)
     }
 
     /// Text before the cursor.
@@ -150,7 +150,7 @@ impl Editor {
     }
 
     /// Applies a key to the line and updates the terminal.
-    pub fn key(&mut self, key: Key, out: &mut dyn fmt::Write) {
+    pub fn process_key(&mut self, key: Key, out: &mut dyn fmt::Write) {
         let end = self.line.len();
         match key {
             Key::Character(byte) => return self.insert(byte, out),
@@ -158,16 +158,16 @@ impl Editor {
             Key::Backspace if self.cursor == 0 => {}
             Key::Backspace => {
                 self.cursor -= 1;
-                self.remove(self.cursor);
+                self.remove_byte(self.cursor);
             }
-            Key::Delete => self.remove(self.cursor),
+            Key::Delete => self.remove_byte(self.cursor),
             Key::Left => self.cursor = self.cursor.saturating_sub(1),
             Key::Right => self.cursor = end.min(self.cursor + 1),
             Key::Home => self.cursor = 0,
             Key::End => self.cursor = end,
-            Key::Up => self.recall(self.history_index.map_or(0, |back| back + 1)),
+            Key::Up => self.recall_line(self.history_index.map_or(0, |back| back + 1)),
             Key::Down => match self.history_index {
-                Some(back) if back > 0 => self.recall(back - 1),
+                Some(back) if back > 0 => self.recall_line(back - 1),
                 _ => self.clear(),
             },
             Key::Erase => {
@@ -177,11 +177,11 @@ impl Editor {
             }
             Key::Enter | Key::Tab | Key::Cancel => return,
         }
-        self.draw(out);
+        self.draw_line(out);
     }
 
     /// Redraws the line.
-    pub fn draw(&self, out: &mut dyn fmt::Write) {
+    pub fn draw_line(&self, out: &mut dyn fmt::Write) {
         // Output beyond its capacity is cut.
         let _ = write!(out, "\r\x1b[2K{PROMPT}{}", self.line());
         for _ in self.cursor..self.line.len() {
@@ -190,7 +190,7 @@ impl Editor {
     }
 
     /// Stores the line in history and clears it.
-    pub fn enter(&mut self) {
+    pub fn submit_line(&mut self) {
         let newest = self.history_line(0);
         if !self.is_too_long() && !self.line.is_empty() && newest != self.line.as_slice() {
             while self.history.len() + self.line.len() >= self.history.capacity() {
@@ -221,17 +221,17 @@ impl Editor {
         if self.cursor == self.line.len() {
             let _ = out.write_char(char::from(byte));
         } else {
-            self.draw(out);
+            self.draw_line(out);
         }
     }
 
-    fn remove(&mut self, at: usize) {
+    fn remove_byte(&mut self, at: usize) {
         if at < self.line.len() {
             self.line.remove(at);
         }
     }
 
-    fn recall(&mut self, back: usize) {
+    fn recall_line(&mut self, back: usize) {
         let Ok(line) = Vec::from_slice(self.history_line(back)) else { return };
         if line.is_empty() {
             return;
@@ -248,7 +248,7 @@ impl Editor {
     }
 }
 
-fn text(line: &[u8]) -> &str {
+fn line_text(line: &[u8]) -> &str {
     // Printable ASCII is always UTF-8.
     core::str::from_utf8(line).unwrap_or_default()
 }
@@ -353,10 +353,10 @@ mod tests {
         let mut keys = KeyDecoder::default();
         for key in bytes.iter().filter_map(|&byte| keys.push_byte(byte)) {
             if key == Key::Enter {
-                editor.enter();
-                editor.draw(screen);
+                editor.submit_line();
+                editor.draw_line(screen);
             }
-            editor.key(key, screen);
+            editor.process_key(key, screen);
             let shown: String = screen.cells.iter().collect();
             assert_eq!(shown.trim_end(), format!("> {}", editor.line()).trim_end(), "{key:?}");
             assert_eq!(screen.column, 2 + editor.cursor, "{key:?}");
@@ -365,7 +365,7 @@ mod tests {
 
     fn fresh() -> (Editor, Screen) {
         let (editor, mut screen) = (Editor::default(), Screen::default());
-        editor.draw(&mut screen);
+        editor.draw_line(&mut screen);
         (editor, screen)
     }
 

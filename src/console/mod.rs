@@ -13,4 +13,4 @@ pub mod session;
 
 pub use command_table::{CommandSpec, Request};
 pub use editor::LINE_CAPACITY;
-pub use parser::{LineError, help, parse};
+pub use parser::{LineError, parse_request, write_help};

@@ -29,7 +29,7 @@ pub enum LineError {
 impl LineError {
     /// Stable code in kebab-case.
     #[must_use]
-    pub const fn code(&self) -> &'static str {
+    pub const fn stable_code(&self) -> &'static str {
         match self {
             Self::UnknownCommand(_) => "unknown-command",
             Self::MissingWord(_) | Self::MissingArgument(_) => "missing-argument",
@@ -65,12 +65,12 @@ impl Display for LineError {
 ///
 /// The first [`LineError`] from the left.
 #[must_use]
-pub fn parse(line: &str) -> Option<Result<Request, LineError>> {
-    let mut words = words(line);
+pub fn parse_request(line: &str) -> Option<Result<Request, LineError>> {
+    let mut words = split_words(line);
     words.next().map(|first| parse_words(first, words))
 }
 
-fn words(line: &str) -> impl Iterator<Item = &str> {
+fn split_words(line: &str) -> impl Iterator<Item = &str> {
     line.split(' ').filter(|word| !word.is_empty())
 }
 
@@ -81,7 +81,7 @@ fn last_word(line: &str) -> (&str, &str) {
 }
 
 fn parse_words<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
-    let row = find([first, ""]).ok_or(LineError::UnknownCommand(None))?;
+    let row = find_command([first, ""]).ok_or(LineError::UnknownCommand(None))?;
     if let Some(to_request) = row.request {
         return parse_arguments(row, to_request, words);
     }
@@ -92,15 +92,15 @@ fn parse_words<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Res
     if is_help(first) {
         return parse_help(second, words);
     }
-    let row = find([first, second]).ok_or(LineError::UnknownCommand(Some(first)))?;
+    let row = find_command([first, second]).ok_or(LineError::UnknownCommand(Some(first)))?;
     row.request.map_or(Err(LineError::UnknownCommand(None)), |to_request| parse_arguments(row, to_request, words))
 }
 
 fn parse_help<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
-    let row = find([first, ""]).ok_or(LineError::UnknownCommand(None))?;
+    let row = find_command([first, ""]).ok_or(LineError::UnknownCommand(None))?;
     let row = match words.next() {
         Some(second) if row.request.is_none() && !is_help(row.words[0]) => {
-            find([first, second]).ok_or(LineError::UnknownCommand(Some(row.words[0])))?
+            find_command([first, second]).ok_or(LineError::UnknownCommand(Some(row.words[0])))?
         }
         Some(_) => return Err(LineError::UnexpectedArgument(row)),
         None => row,
@@ -112,7 +112,7 @@ fn is_help(first: &str) -> bool {
     first == "help"
 }
 
-fn find(words: [&str; 2]) -> Option<&'static CommandSpec> {
+fn find_command(words: [&str; 2]) -> Option<&'static CommandSpec> {
     COMMANDS.iter().find(|row| row.words.iter().zip(words).all(|(word, typed)| word.eq_ignore_ascii_case(typed)))
 }
 
@@ -150,7 +150,7 @@ fn value_of(argument: &ArgumentSpec, typed: &str) -> Option<ArgumentValue> {
     match &argument.kind {
         ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_) => choice.map(ArgumentValue::Choice),
         ArgumentKind::Number { .. } | ArgumentKind::Passphrase if choice.is_some() => Some(ArgumentValue::Absent),
-        ArgumentKind::Number { .. } => decimal::parse(typed).map(ArgumentValue::Number),
+        ArgumentKind::Number { .. } => decimal::parse_decimal(typed).map(ArgumentValue::Number),
         ArgumentKind::Passphrase => Some(ArgumentValue::Key(key_from_passphrase(typed))),
         ArgumentKind::Whole { .. } => typed.parse::<u8>().ok().map(|number| ArgumentValue::Number(f32::from(number))),
     }
@@ -168,19 +168,19 @@ enum ExpectedElement {
 impl ExpectedElement {
     /// Element expected after complete words.
     fn after_words(line: &str) -> Self {
-        let mut words = words(line);
+        let mut words = split_words(line);
         let Some(mut first) = words.next() else { return Self::First };
         let is_explained = is_help(first);
         if is_explained {
             let Some(explained) = words.next() else { return Self::First };
             first = explained;
         }
-        let Some(row) = find([first, ""]) else { return Self::Nothing };
+        let Some(row) = find_command([first, ""]) else { return Self::Nothing };
         let row = if row.request.is_some() {
             Some(row)
         } else {
             let Some(second) = words.next() else { return Self::Second(row.words[0]) };
-            find([first, second])
+            find_command([first, second])
         };
         let Some(row) = row.filter(|_| !is_explained) else { return Self::Nothing };
         let mut slots = row.arguments.iter();
@@ -218,7 +218,7 @@ pub struct Completion {
 }
 
 /// Completes the last word of a line, which is empty after a space; passes each matching word to the callback.
-pub fn complete(line: &str, fits: &mut dyn FnMut(&'static str)) -> Completion {
+pub fn complete_line(line: &str, fits: &mut dyn FnMut(&'static str)) -> Completion {
     let (before, typed) = last_word(line);
     let next = ExpectedElement::after_words(before);
     let mut rest: Option<&'static str> = None;
@@ -303,7 +303,7 @@ impl Display for ArgumentSpec {
 /// # Errors
 ///
 /// Those of `out`.
-pub fn help(out: &mut dyn fmt::Write, topic: Option<&'static CommandSpec>) -> fmt::Result {
+pub fn write_help(out: &mut dyn fmt::Write, topic: Option<&'static CommandSpec>) -> fmt::Result {
     let Some(topic) = topic else {
         writeln!(out, "ok help COMMAND explains one")?;
         return write_subcommands(out, ExpectedElement::First);
@@ -320,7 +320,7 @@ pub fn help(out: &mut dyn fmt::Write, topic: Option<&'static CommandSpec>) -> fm
 fn write_subcommands(out: &mut dyn fmt::Write, next: ExpectedElement) -> fmt::Result {
     for word in (0..).map_while(|number| next.nth_word(number)) {
         let words = if let ExpectedElement::Second(first) = next { [first, word] } else { [word, ""] };
-        if let Some(row) = find(words) {
+        if let Some(row) = find_command(words) {
             writeln!(out, "{}", CommandHelp(row))?;
         }
     }
@@ -352,23 +352,23 @@ mod tests {
     use crate::settings::{Baud, PortNumber, ProtocolKind};
 
     fn command(line: &str) -> Command {
-        match parse(line) {
+        match parse_request(line) {
             Some(Ok(Request::Command(command))) => command,
             other => panic!("{line}: {other:?}"),
         }
     }
 
     fn rejection_text(line: &str) -> String {
-        match parse(line) {
-            Some(Err(error)) => format!("{}: {error}", error.code()),
+        match parse_request(line) {
+            Some(Err(error)) => format!("{}: {error}", error.stable_code()),
             other => panic!("{line}: {other:?}"),
         }
     }
 
     fn help_text(line: &str) -> String {
-        let Some(Ok(Request::Help(topic))) = parse(line) else { panic!("{line}") };
+        let Some(Ok(Request::Help(topic))) = parse_request(line) else { panic!("{line}") };
         let mut text = String::new();
-        help(&mut text, topic).unwrap();
+        write_help(&mut text, topic).unwrap();
         text
     }
 
@@ -442,7 +442,7 @@ mod tests {
             ("help", "Help"),
         ];
         for (line, name) in others {
-            let Some(Ok(request)) = parse(line) else { panic!("{line}") };
+            let Some(Ok(request)) = parse_request(line) else { panic!("{line}") };
             assert!(format!("{request:?}").starts_with(name), "{request:?}");
         }
         for row in COMMANDS.iter().filter(|row| row.request.is_some()) {
@@ -450,7 +450,7 @@ mod tests {
             let mut tested_lines = examples.iter().map(|(line, _)| *line).chain(others.map(|(line, _)| line));
             assert!(tested_lines.any(|line| line.to_ascii_lowercase().starts_with(words.trim_end())), "{words}");
         }
-        assert!(parse("").is_none() && parse("   ").is_none());
+        assert!(parse_request("").is_none() && parse_request("   ").is_none());
     }
 
     /// As ground stations take it.
@@ -459,7 +459,9 @@ mod tests {
         for passphrase in ["aBc", "abc"] {
             let line = format!("set signing {passphrase}");
             let expected = SettingChange::Signing(Some(key_from_passphrase(passphrase)));
-            assert!(matches!(parse(&line), Some(Ok(Request::Command(Command::Set(setting)))) if setting == expected));
+            assert!(
+                matches!(parse_request(&line), Some(Ok(Request::Command(Command::Set(setting)))) if setting == expected)
+            );
         }
     }
 
@@ -515,13 +517,13 @@ mod tests {
             assert_eq!(rejection_text(line), complaint, "{line}");
         }
         assert_eq!(LineError::TooLong.to_string(), "a line holds 64 characters");
-        assert_eq!(LineError::TooLong.code(), "line-too-long");
+        assert_eq!(LineError::TooLong.stable_code(), "line-too-long");
         let mounts = rejection_text("set mount sideways");
         assert!(
             mounts.starts_with("bad-value: expected none, yaw90, ") && mounts.ends_with(" or roll90-yaw270"),
             "{mounts}"
         );
-        assert!(Orientation::all().all(|mount| mounts.contains(mount.name())), "{mounts}");
+        assert!(Orientation::all_orientations().all(|mount| mounts.contains(mount.orientation_name())), "{mounts}");
     }
 
     #[test]
@@ -552,7 +554,7 @@ mod tests {
              stream heading KIND: heading sent: smoothed by the body rates, or raw for an autopilot with its own filter\n"
         );
         let mounts = help_text("help set mount");
-        assert!(Orientation::all().all(|mount| mounts.contains(mount.name())), "{mounts}");
+        assert!(Orientation::all_orientations().all(|mount| mounts.contains(mount.orientation_name())), "{mounts}");
         assert!(help_text("help set inclination").ends_with("DEG: a number, -90 to 90 deg, or none\n"));
     }
 
@@ -597,7 +599,7 @@ mod tests {
             ("stream rate ", "", 0),
         ] {
             let mut offered = 0;
-            let found = complete(line, &mut |_| offered += 1);
+            let found = complete_line(line, &mut |_| offered += 1);
             assert_eq!((found, offered), (Completion { rest, fit }, fit), "{line:?}");
         }
     }
@@ -626,8 +628,8 @@ mod tests {
                     .rfind(|&n| line.is_char_boundary(n))
                     .unwrap(),
             );
-            complete(&line, &mut |_| {});
-            if let Some(Err(error)) = parse(&line) {
+            complete_line(&line, &mut |_| {});
+            if let Some(Err(error)) = parse_request(&line) {
                 let text = error.to_string();
                 assert!(!text.is_empty() && text.bytes().all(|byte| (b' '..=b'~').contains(&byte)), "{text:?}");
             }

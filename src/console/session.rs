@@ -4,7 +4,7 @@ use core::fmt::{self, Write};
 
 use super::editor::{Editor, Key, KeyDecoder, PROMPT};
 use super::parser::{self, LineError};
-use super::{Request, parse};
+use super::{Request, parse_request};
 
 /// Output buffer. The longest reply, `status` after a full line of echo, takes half of it. Output beyond the capacity
 /// is cut: a terminal that accepts no bytes must not stop the module.
@@ -54,16 +54,16 @@ impl Session {
 
     /// Processes a received byte; returns a request or an error at the end of a line that is not empty. The caller then
     /// has to call [`reply`](Self::reply).
-    pub fn byte(&mut self, byte: u8) -> Option<Result<Request, LineError>> {
+    pub fn process_byte(&mut self, byte: u8) -> Option<Result<Request, LineError>> {
         match self.keys.push_byte(byte)? {
-            Key::Enter => return self.enter(),
-            Key::Tab => self.complete(),
+            Key::Enter => return self.submit_line(),
+            Key::Tab => self.complete_line(),
             Key::Cancel => {
                 self.editor.clear();
-                self.print("^C\n");
-                self.print(PROMPT);
+                self.print_text("^C\n");
+                self.print_text(PROMPT);
             }
-            key => self.editor.key(key, &mut self.output),
+            key => self.editor.process_key(key, &mut self.output),
         }
         None
     }
@@ -72,44 +72,45 @@ impl Session {
     pub fn reply(&mut self, write: impl FnOnce(&mut ConsoleOutput) -> fmt::Result) {
         // Writing to this output never fails.
         let _ = write(&mut self.output);
-        self.print(PROMPT);
+        self.print_text(PROMPT);
     }
 
     /// Writes an unsolicited message, and redraws the line being typed.
     pub fn write_notice(&mut self, write: impl FnOnce(&mut ConsoleOutput) -> fmt::Result) {
-        self.print("\r\x1b[2K");
+        self.print_text("\r\x1b[2K");
         let _ = write(&mut self.output);
-        self.editor.draw(&mut self.output);
+        self.editor.draw_line(&mut self.output);
     }
 
-    fn print(&mut self, text: &str) {
+    fn print_text(&mut self, text: &str) {
         let _ = self.output.write_str(text);
     }
 
-    fn enter(&mut self) -> Option<Result<Request, LineError>> {
-        self.print("\n");
-        let entered = if self.editor.is_too_long() { Some(Err(LineError::TooLong)) } else { parse(self.editor.line()) };
-        self.editor.enter();
+    fn submit_line(&mut self) -> Option<Result<Request, LineError>> {
+        self.print_text("\n");
+        let entered =
+            if self.editor.is_too_long() { Some(Err(LineError::TooLong)) } else { parse_request(self.editor.line()) };
+        self.editor.submit_line();
         if entered.is_none() {
-            self.print(PROMPT);
+            self.print_text(PROMPT);
         }
         entered
     }
 
     /// Inserts the common continuation of all matching words, or lists the words if they share none.
-    fn complete(&mut self) {
+    fn complete_line(&mut self) {
         let Self { editor, output, .. } = self;
-        let found = parser::complete(editor.before_cursor(), &mut |_| {});
+        let found = parser::complete_line(editor.before_cursor(), &mut |_| {});
         for byte in found.rest.bytes().chain((found.fit == 1).then_some(b' ')) {
-            editor.key(Key::Character(byte), output);
+            editor.process_key(Key::Character(byte), output);
         }
         if found.rest.is_empty() && found.fit > 1 {
             let _ = output.write_str("\n");
-            parser::complete(editor.before_cursor(), &mut |word| {
+            parser::complete_line(editor.before_cursor(), &mut |word| {
                 let _ = write!(output, "{word}  ");
             });
             let _ = output.write_str("\n");
-            editor.draw(output);
+            editor.draw_line(output);
         }
     }
 }

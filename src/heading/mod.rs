@@ -91,7 +91,7 @@ pub enum NoHeading {
 impl NoHeading {
     /// Stable code, as shown by `status`.
     #[must_use]
-    pub const fn code(self) -> &'static str {
+    pub const fn stable_code(self) -> &'static str {
         match self {
             Self::SensorSilent => "sensor-silent",
             Self::SensorSaturated => "sensor-saturated",
@@ -153,7 +153,7 @@ pub fn compute_heading(
     field: Field<Sensor>,
     attitude: Attitude,
 ) -> Result<Heading, NoHeading> {
-    compute_corrected_heading(limits, calibration, uncertainty, (field, calibration.apply(field)), attitude)
+    compute_corrected_heading(limits, calibration, uncertainty, (field, calibration.calibrated_field(field)), attitude)
 }
 
 /// Heading from an already corrected field. `field` holds the raw field and the corrected one.
@@ -168,7 +168,7 @@ pub fn compute_corrected_heading(
     (field, body): (Field<Sensor>, Field<Body>),
     attitude: Attitude,
 ) -> Result<Heading, NoHeading> {
-    let tilt = attitude.tilt();
+    let tilt = attitude.tilt_rotation();
     let level = tilt.level(body);
     let [x, y, z] = [level.ut.x, level.ut.y, level.ut.z].map(|ut| ut / calibration.total_ut);
     let normalised_field = Vector3::new(x, y, z);

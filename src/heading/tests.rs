@@ -156,7 +156,7 @@ fn every_reason_for_an_empty_heading_has_a_code() {
         NoHeading::AttitudeContradicted,
         NoHeading::SafeMode,
     ]
-    .map(NoHeading::code);
+    .map(NoHeading::stable_code);
     let expected = [
         "sensor-silent",
         "sensor-saturated",

@@ -40,7 +40,7 @@ impl ActiveCalibration {
     }
 
     /// Adjusts the calibration to the monitor's states.
-    pub fn adjust(&mut self, at: Timestamp, adjustment: &MonitorOutput, readings_per_sample: u16) {
+    pub fn apply_monitor_output(&mut self, at: Timestamp, adjustment: &MonitorOutput, readings_per_sample: u16) {
         let Some((calibration, uncertainty)) = &self.stored_correction.calibration else { return };
         let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
         self.adjusted = Some(adjustment.correct_calibration(&monitored));
@@ -60,8 +60,8 @@ impl ActiveCalibration {
     }
 
     /// The corrected field of a reading; `None` without a calibration.
-    pub fn apply(&self, field: Field<Sensor>) -> Option<Field<Body>> {
-        self.adjusted.as_ref().map(|(calibration, _)| calibration.apply(field))
+    pub fn calibrated_field(&self, field: Field<Sensor>) -> Option<Field<Body>> {
+        self.adjusted.as_ref().map(|(calibration, _)| calibration.calibrated_field(field))
     }
 }
 

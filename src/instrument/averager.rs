@@ -39,7 +39,7 @@ impl Averager {
     }
 
     /// Adds a reading with the attitude and Euler-angle rates at its time; returns a sample at the end of a run.
-    pub fn push(
+    pub fn push_reading(
         &mut self,
         at: Timestamp,
         field: Field<Sensor>,
@@ -116,7 +116,7 @@ mod tests {
                 let x = f32::from(i);
                 let at = Timestamp::from_us(u64::from(i) * PERIOD_US);
                 let motion = EulerRates { roll_rad_s: x / 10.0, pitch_rad_s: -x / 5.0, heading_rad_s: 2.0 };
-                averager.push(at, Field::from_ut(x, 0.0, -x), Attitude::from_deg(x, -x), motion)
+                averager.push_reading(at, Field::from_ut(x, 0.0, -x), Attitude::from_deg(x, -x), motion)
             })
             .collect();
         assert_eq!(samples.len(), 2);
@@ -134,7 +134,7 @@ mod tests {
             .find_map(|i| {
                 let roll_deg = if i % 2 == 0 { 178.0 } else { -178.0 };
                 let at = Timestamp::from_us(u64::from(i) * PERIOD_US);
-                averager.push(
+                averager.push_reading(
                     at,
                     Field::from_ut(1.0, 0.0, 0.0),
                     Attitude::from_deg(roll_deg, 0.0),
@@ -148,7 +148,8 @@ mod tests {
     fn samples(instants_us: impl IntoIterator<Item = u64>) -> Vec<Sample> {
         let mut averager = averager();
         let field = Field::from_ut(1.0, 0.0, 0.0);
-        let mut push = |us| averager.push(Timestamp::from_us(us), field, Attitude::default(), EulerRates::default());
+        let mut push =
+            |us| averager.push_reading(Timestamp::from_us(us), field, Attitude::default(), EulerRates::default());
         instants_us.into_iter().filter_map(&mut push).collect()
     }
 

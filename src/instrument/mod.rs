@@ -172,10 +172,10 @@ impl Instrument {
     /// Processes an attitude report whose last byte arrived at `at`. It may complete samples.
     #[inline(never)]
     pub fn on_attitude(&mut self, at: Timestamp, report: AttitudeReport) {
-        let before = self.attitude_history.rejected().contradicting_rates;
-        self.attitude_history.push(at, report);
+        let before = self.attitude_history.rejected_reports().contradicting_rates;
+        self.attitude_history.push_report(at, report);
         self.compass_field.update_attitude(at, report.attitude);
-        let is_contradicted = self.attitude_history.rejected().contradicting_rates != before;
+        let is_contradicted = self.attitude_history.rejected_reports().contradicting_rates != before;
         self.consecutive_rejected_rates =
             if is_contradicted { self.consecutive_rejected_rates.saturating_add(1) } else { 0 };
         if self.consecutive_rejected_rates == MAX_REJECTED_RATES {
@@ -200,18 +200,18 @@ impl Instrument {
     /// Processes a reading taken at `at`. It may complete a sample.
     #[inline(never)]
     pub fn on_reading(&mut self, at: Timestamp, reading: Reading) -> Estimate {
-        let fault = self.sensor_check.check(at, &reading, self.attitude_history.body_rate_rad_s());
+        let fault = self.sensor_check.check_reading(at, &reading, self.attitude_history.body_rate_rad_s());
         if let Some(fault) = fault {
             self.count_rejection(fault);
             // Earlier readings still time out while waiting for an attitude.
             self.pairing.advance_time(at);
         } else {
-            self.pairing.push(at, reading.field);
+            self.pairing.push_field(at, reading.field);
             self.attitude_history.update_raw_field(reading.field);
         }
         let current_a = self.current_a(at);
         let field = self.active.remove_motor_current(reading.field, current_a);
-        let corrected = self.active.apply(field);
+        let corrected = self.active.calibrated_field(field);
         let body_field = corrected.filter(|_| fault.is_none());
         if let Some(body_field) = body_field {
             self.attitude_history.update_field(body_field);
@@ -293,7 +293,7 @@ impl Instrument {
         // Headings of an instrument that accepts any field ignore the monitor.
         let is_ignored = self.config.heading.accepts_any_field() && adjustment.validity.is_err();
         let adjustment = if is_ignored { &MonitorOutput::INITIAL } else { adjustment };
-        self.active.adjust(at, adjustment, readings_per_sample);
+        self.active.apply_monitor_output(at, adjustment, readings_per_sample);
     }
 
     /// Change of the installation since the calibration, once significant.
@@ -307,7 +307,7 @@ impl Instrument {
     pub const fn rejections(&self) -> RejectionCounts {
         RejectionCounts {
             unpaired: self.pairing.unpaired_readings(),
-            attitude: self.attitude_history.rejected(),
+            attitude: self.attitude_history.rejected_reports(),
             ..self.rejections
         }
     }

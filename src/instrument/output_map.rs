@@ -27,7 +27,7 @@ impl OutputMap {
         Self { sin, cos, strength_ratio: if is_plausible { ratio } else { 1.0 } }
     }
 
-    pub fn apply(&self, body: Field<Body>) -> Field<Body> {
+    pub fn map_field(&self, body: Field<Body>) -> Field<Body> {
         let Self { sin, cos, strength_ratio } = self;
         let [x, y, z] = [body.ut.x, body.ut.y, body.ut.z].map(|ut| ut * strength_ratio);
         Field::from_ut(x * cos + y * sin, y * cos - x * sin, z)

@@ -46,7 +46,7 @@ impl PairingQueue {
         self.averager = Averager::new(readings_per_sample, max_step_us);
     }
 
-    pub fn push(&mut self, at: Timestamp, field: Field<Sensor>) {
+    pub fn push_field(&mut self, at: Timestamp, field: Field<Sensor>) {
         self.advance_time(at);
         if self.queue.is_full() {
             self.queue.pop_front();
@@ -80,7 +80,7 @@ impl PairingQueue {
                 self.count_unpaired();
                 continue;
             };
-            if let Some(sample) = self.averager.push(at, field, attitude, motion_at(at)) {
+            if let Some(sample) = self.averager.push_reading(at, field, attitude, motion_at(at)) {
                 return Some((at, sample));
             }
         }

@@ -43,7 +43,7 @@ pub trait Magnetometer {
     /// # Errors
     ///
     /// Bus error, or `NoData` after four periods.
-    async fn read(&mut self) -> Result<Reading, MagnetometerError<Self::BusError>>;
+    async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<Self::BusError>>;
 
     /// Compares the configuration registers with the values written by [`init`](Self::init).
     ///

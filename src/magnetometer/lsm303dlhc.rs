@@ -121,11 +121,11 @@ impl<B: I2c> Magnetometer for Lsm303dlhc<B> {
         Ok(Identity { model: Model::Lsm303dlhc, address: ADDRESS })
     }
 
-    async fn read(&mut self) -> Result<Reading, MagnetometerError<B::Error>> {
+    async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<B::Error>> {
         let chip = &mut self.chip;
         self.polling.wait_for_next(async || chip.read_registers(SR_REG_M).await, |[status]| status & DRDY != 0).await?;
         let data = self.chip.read_registers(OUT_X_H_M).await?;
-        Ok(decode(data, self.config.range))
+        Ok(decode_reading(data, self.config.range))
     }
 
     async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<B::Error>> {
@@ -145,7 +145,7 @@ impl<B: I2c> Magnetometer for Lsm303dlhc<B> {
 
 /// Decodes six bytes from `OUT_X_H_M` on. The chip's axes are right-handed; it does not report overwritten
 /// measurements.
-fn decode(data: [u8; 6], range: Lsm303dlhcRange) -> Reading {
+fn decode_reading(data: [u8; 6], range: Lsm303dlhcRange) -> Reading {
     let [x_high, x_low, z_high, z_low, y_high, y_low] = data;
     let counts = [[x_high, x_low], [y_high, y_low], [z_high, z_low]].map(i16::from_be_bytes);
     let [xy, z] = range.counts_per_gauss().map(|counts_per_gauss| 100.0 / counts_per_gauss);
@@ -230,7 +230,7 @@ mod tests {
             block_on(driver.init()).unwrap();
             assert_eq!(driver.chip.bus.values[1], bits, "{range:?}");
             let (xy, z) = (xy.to_be_bytes(), z.to_be_bytes());
-            let one_gauss = decode([xy[0], xy[1], z[0], z[1], xy[0], xy[1]], range).field.ut;
+            let one_gauss = decode_reading([xy[0], xy[1], z[0], z[1], xy[0], xy[1]], range).field.ut;
             assert!((one_gauss - nalgebra::Vector3::repeat(100.0)).amax() < 1e-4, "{range:?}: {one_gauss}");
         }
     }
@@ -253,7 +253,7 @@ mod tests {
     #[test]
     fn a_measurement_is_read_when_the_status_reports_it() {
         for status in [0x01, 0x03] {
-            let reading = block_on(with_measurement(status).read()).unwrap();
+            let reading = block_on(with_measurement(status).read_measurement()).unwrap();
             assert!((reading.field.ut.y + 25.07).abs() < 0.01 && !reading.saturated, "{reading:?}");
         }
         assert_eq!(with_measurement(0).period_us(), 13_333, "75 Hz");
@@ -267,7 +267,7 @@ mod tests {
             simulation.spawn(Level::Interrupt, "script", async move {
                 let mut driver = with_measurement(status);
                 driver.init().await.unwrap();
-                assert_eq!(driver.read().await, Err(MagnetometerError::NoData));
+                assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
                 assert_eq!(Instant::now().as_micros(), 11_733 + 53_500);
             });
             simulation.run_for(1_000_000);
@@ -279,7 +279,7 @@ mod tests {
     #[test]
     fn counts_become_microtesla_on_the_chips_axes() {
         let [x, y, z] = [1100_i16, -550, 245].map(i16::to_be_bytes);
-        let reading = decode([x[0], x[1], z[0], z[1], y[0], y[1]], Lsm303dlhcRange::Gauss1_3);
+        let reading = decode_reading([x[0], x[1], z[0], z[1], y[0], y[1]], Lsm303dlhcRange::Gauss1_3);
         assert_eq!(reading.field, Field::from_ut(100.0, -50.0, 25.0));
         assert!(!reading.saturated && !reading.overrun);
     }
@@ -289,10 +289,10 @@ mod tests {
         for axis in 0..3 {
             let mut data = [0; 6];
             data[2 * axis..2 * axis + 2].copy_from_slice(&[0xF0, 0x00]);
-            assert!(decode(data, Lsm303dlhcRange::Gauss2_5).saturated);
+            assert!(decode_reading(data, Lsm303dlhcRange::Gauss2_5).saturated);
         }
         assert!(
-            !decode([0xF8, 0x00, 0x07, 0xFF, 0, 0], Lsm303dlhcRange::Gauss2_5).saturated,
+            !decode_reading([0xF8, 0x00, 0x07, 0xFF, 0, 0], Lsm303dlhcRange::Gauss2_5).saturated,
             "the ends of the range are data"
         );
     }

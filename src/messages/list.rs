@@ -71,8 +71,8 @@ impl Refusal {
             Self::Busy => show("busy", format_args!("a solve is running"), format_args!("wait for it, or cal abort")),
             Self::Collecting { present: present_procedure, requested: wanted } => show(
                 "collecting",
-                format_args!("a collection of {} is in progress", present_procedure.name()),
-                format_args!("to discard it: cal start {} again", wanted.name()),
+                format_args!("a collection of {} is in progress", present_procedure.procedure_name()),
+                format_args!("to discard it: cal start {} again", wanted.procedure_name()),
             ),
             Self::NotCollecting => show(
                 "not-collecting",
@@ -152,7 +152,7 @@ fn solve_error(error: &SolveError, show: EntryWriter<'_>) -> fmt::Result {
     match error {
         SolveError::TooFewSamples { part, .. } => {
             let verb = if let SamplePart::Turns(_) = part { "fly" } else { "take" };
-            show("too-few-samples", fact, format_args!("{verb} more {}", part.name()))
+            show("too-few-samples", fact, format_args!("{verb} more {}", part.part_name()))
         }
         SolveError::NotFinite => show("not-finite", fact, FIRMWARE_FAULT),
         SolveError::TooFewHeadings { .. } => show("too-few-headings", fact, format_args!("turn through all of them")),
@@ -173,7 +173,7 @@ fn solve_error(error: &SolveError, show: EntryWriter<'_>) -> fmt::Result {
             show("inclination-contradicted", fact, format_args!("set inclination {found_deg} or none, then cal solve"))
         }
         SolveError::MountContradicted { found } => {
-            show("mount-contradicted", fact, format_args!("set mount {}, then cal solve", found.name()))
+            show("mount-contradicted", fact, format_args!("set mount {}, then cal solve", found.orientation_name()))
         }
     }
 }
@@ -247,7 +247,7 @@ impl RefusalCause {
                     }
                     CollectionProblem::OneSideOnly(side) => {
                         let other = if *side == Side::Left { Side::Right } else { Side::Left };
-                        explain(fact, format_args!("fly {} turns, too", other.name()))
+                        explain(fact, format_args!("fly {} turns, too", other.side_name()))
                     }
                     CollectionProblem::ArcOnly { .. } => explain(fact, format_args!("fly full circles")),
                     CollectionProblem::MissingManoeuvre(_) => explain(fact, NO_ADVICE),
@@ -296,7 +296,7 @@ impl Display for HardIronChangeText<'_> {
             .fold((0, &0.0), |most, next| if next.1.abs() > f32::abs(*most.1) { next } else { most });
         let direction = axes.get(axis).map_or("", |(ahead, back)| if most < 0.0 { *back } else { *ahead });
         let [x, y, z] = [change_ut.x, change_ut.y, change_ut.z].map(Decimal::<1>);
-        let (size, sigma) = (Decimal::<1>(change_ut.length()), Decimal::<1>(*sigma_ut));
+        let (size, sigma) = (Decimal::<1>(change_ut.vector_length()), Decimal::<1>(*sigma_ut));
         write!(f, "{size} uT since the calibration, mostly {direction} (x {x}, y {y}, z {z}, sigma {sigma})")
     }
 }
@@ -304,8 +304,8 @@ impl Display for HardIronChangeText<'_> {
 impl Message {
     /// Stable code, kebab-case.
     #[must_use]
-    pub fn code(&self) -> &'static str {
-        code(|show| self.entry(show))
+    pub fn stable_code(&self) -> &'static str {
+        entry_code(|show| self.entry(show))
     }
 
     /// Text of the message: what happened, then what to do.
@@ -319,15 +319,15 @@ impl Message {
 impl Display for Message {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let refused = if self.is_refusal() { "refused " } else { "" };
-        write!(f, "{refused}{}: {}", self.code(), self.text())
+        write!(f, "{refused}{}: {}", self.stable_code(), self.text())
     }
 }
 
 impl Refusal {
     /// Stable code, kebab-case.
     #[must_use]
-    pub fn code(&self) -> &'static str {
-        code(|show| self.entry(show))
+    pub fn stable_code(&self) -> &'static str {
+        entry_code(|show| self.entry(show))
     }
 }
 
@@ -338,7 +338,7 @@ impl Display for Refusal {
     }
 }
 
-fn code(entry: impl FnOnce(EntryWriter<'_>) -> fmt::Result) -> &'static str {
+fn entry_code(entry: impl FnOnce(EntryWriter<'_>) -> fmt::Result) -> &'static str {
     let mut found = "";
     // Infallible: the closure only copies the code.
     let _ = entry(&mut |code, _, _| {

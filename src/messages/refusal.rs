@@ -103,7 +103,7 @@ impl Refusal {
             }
             _ => None,
         };
-        Self::InsufficientSamples { code: self.code(), expected_rms_deg, cause }
+        Self::InsufficientSamples { code: self.stable_code(), expected_rms_deg, cause }
     }
 
     /// Whether an arc instead of a circle explains the failure: it leaves these coefficients undetermined.

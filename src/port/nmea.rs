@@ -26,9 +26,12 @@ impl Nmea {
         }
         let (heading, kind) = snapshot.selected_heading();
         let heading_deg = heading.as_ref().ok().map(Heading::magnetic_deg);
-        let [hdm, hdg, quality] =
-            [nmea::hdm(heading_deg), nmea::hdg(heading_deg, settings.declination_deg), nmea::quality(&heading, kind)];
-        let hdt = settings.declination_deg.map(|declination_deg| nmea::hdt(heading_deg, declination_deg));
+        let [hdm, hdg, quality] = [
+            nmea::hdm_sentence(heading_deg),
+            nmea::hdg_sentence(heading_deg, settings.declination_deg),
+            nmea::quality_sentence(&heading, kind),
+        ];
+        let hdt = settings.declination_deg.map(|declination_deg| nmea::hdt_sentence(heading_deg, declination_deg));
         let hdt = hdt.as_deref().unwrap_or_default();
         out.append(&[&hdm, &hdg, hdt, &quality]);
         if heading.is_err() {
@@ -49,9 +52,9 @@ mod tests {
     fn text(estimate: &Estimate, settings: &Settings) -> String {
         let mut out = TransmitBuffer::new();
         Nmea::new().poll(&facts(estimate, settings), &mut out);
-        assert_eq!(out.messages, u32::from(!out.pending().is_empty()));
+        assert_eq!(out.messages, u32::from(!out.pending_bytes().is_empty()));
         assert_eq!(out.messages_without_heading, u32::from(facts(estimate, settings).selected_heading().0.is_err()));
-        String::from_utf8(out.pending().to_vec()).unwrap()
+        String::from_utf8(out.pending_bytes().to_vec()).unwrap()
     }
 
     const RAW: Heading = Heading { magnetic_rad: 1.765_2, sigma_rad: 0.009_6, systematic_variance_rad2: 0.0 };
@@ -123,7 +126,7 @@ mod tests {
             for reading in 0..800 {
                 let estimate = Estimate { at: Timestamp::from_us(reading * 12_500), ..Estimate::EMPTY };
                 nmea.poll(&facts(&estimate, &settings), &mut out);
-                out.consume(usize::MAX);
+                out.consume_bytes(usize::MAX);
             }
             assert_eq!(out.messages, sentences);
         }

@@ -37,20 +37,25 @@ enum ParameterKind {
 
 /// All parameters. Tools refer to them by position as well, so that a new one is the last.
 pub static PARAMETERS: [Parameter; 23] = [
-    whole_number("CAN_NODE", bytes(&CanSettings::NODE), |s| s.can.node.into(), |v| byte(v, SettingChange::CanNode)),
+    whole_number(
+        "CAN_NODE",
+        byte_range(&CanSettings::NODE),
+        |s| s.can.node.into(),
+        |v| byte_setting(v, SettingChange::CanNode),
+    ),
     whole_number(
         "CAN_RATE",
-        bytes(&CanSettings::RATE_HZ),
+        byte_range(&CanSettings::RATE_HZ),
         |s| s.can.rate_hz.into(),
-        |v| byte(v, SettingChange::CanRateHz),
+        |v| byte_setting(v, SettingChange::CanRateHz),
     ),
     whole_number(
         "CAN_COVARIANCE",
         SWITCH_RANGE,
         |s| s.can.sends_covariance.into(),
-        |v| switch(v, SettingChange::CanCovariance),
+        |v| switch_setting(v, SettingChange::CanCovariance),
     ),
-    whole_number("AUTO", SWITCH_RANGE, |s| s.auto_on.into(), |v| switch(v, SettingChange::Auto)),
+    whole_number("AUTO", SWITCH_RANGE, |s| s.auto_on.into(), |v| switch_setting(v, SettingChange::Auto)),
     number("ACCURACY", Settings::ACCURACY_DEG, |s| s.accuracy_deg, |_, deg| SettingChange::Accuracy(deg)),
     number(
         "DECLINATION",
@@ -67,8 +72,8 @@ pub static PARAMETERS: [Parameter; 23] = [
     whole_number(
         "MOUNT",
         [0, Orientation::COUNT as u32 - 1],
-        |s| position(Orientation::all(), &s.mount),
-        |v| nth(Orientation::all(), v).map(SettingChange::Mount),
+        |s| choice_position(Orientation::all_orientations(), &s.mount),
+        |v| nth_choice(Orientation::all_orientations(), v).map(SettingChange::Mount),
     ),
     number(
         "ATT_ERROR_DEG",
@@ -84,28 +89,28 @@ pub static PARAMETERS: [Parameter; 23] = [
     ),
     whole_number(
         "ATTITUDE_RATE",
-        bytes(&Settings::ATTITUDE_RATE_HZ),
+        byte_range(&Settings::ATTITUDE_RATE_HZ),
         |s| s.attitude_rate_hz.into(),
-        |v| byte(v, SettingChange::AttitudeRateHz),
+        |v| byte_setting(v, SettingChange::AttitudeRateHz),
     ),
-    whole_number("VISION", SWITCH_RANGE, |s| s.sends_vision_yaw.into(), |v| switch(v, SettingChange::Vision)),
+    whole_number("VISION", SWITCH_RANGE, |s| s.sends_vision_yaw.into(), |v| switch_setting(v, SettingChange::Vision)),
     Parameter { name: "SIGNING", kind: ParameterKind::Key { get: |s| s.signing_key, set: SettingChange::Signing } },
-    whole_number("PORT1", PROTOCOLS, |s| protocol(s, PortNumber::One), |v| set_protocol(PortNumber::One, v)),
-    whole_number("PORT2", PROTOCOLS, |s| protocol(s, PortNumber::Two), |v| set_protocol(PortNumber::Two, v)),
-    whole_number("BAUD1", BAUDS, |s| baud(s, PortNumber::One), |v| set_baud(PortNumber::One, v)),
-    whole_number("BAUD2", BAUDS, |s| baud(s, PortNumber::Two), |v| set_baud(PortNumber::Two, v)),
-    whole_number("STREAM", SWITCH_RANGE, |s| s.stream_on.into(), |v| switch(v, SettingChange::StreamOn)),
+    whole_number("PORT1", PROTOCOLS, |s| protocol_number(s, PortNumber::One), |v| set_protocol(PortNumber::One, v)),
+    whole_number("PORT2", PROTOCOLS, |s| protocol_number(s, PortNumber::Two), |v| set_protocol(PortNumber::Two, v)),
+    whole_number("BAUD1", BAUDS, |s| baud_number(s, PortNumber::One), |v| set_baud(PortNumber::One, v)),
+    whole_number("BAUD2", BAUDS, |s| baud_number(s, PortNumber::Two), |v| set_baud(PortNumber::Two, v)),
+    whole_number("STREAM", SWITCH_RANGE, |s| s.stream_on.into(), |v| switch_setting(v, SettingChange::StreamOn)),
     whole_number(
         "STREAM_RATE",
-        bytes(&Settings::STREAM_RATE_HZ),
+        byte_range(&Settings::STREAM_RATE_HZ),
         |s| s.stream_rate_hz.into(),
-        |v| byte(v, SettingChange::StreamRateHz),
+        |v| byte_setting(v, SettingChange::StreamRateHz),
     ),
     whole_number(
         "STREAM_HEADING",
         [0, HeadingKind::ALL.len() as u32 - 1],
-        |s| position(HeadingKind::ALL, &s.stream_heading),
-        |v| nth(HeadingKind::ALL, v).map(SettingChange::StreamHeading),
+        |s| choice_position(HeadingKind::ALL, &s.stream_heading),
+        |v| nth_choice(HeadingKind::ALL, v).map(SettingChange::StreamHeading),
     ),
     number(
         "GYRO_ERROR",
@@ -123,7 +128,7 @@ pub static PARAMETERS: [Parameter; 23] = [
         "CAN_TERMINATE",
         SWITCH_RANGE,
         |s| s.can.is_terminated.into(),
-        |v| switch(v, SettingChange::CanTermination),
+        |v| switch_setting(v, SettingChange::CanTermination),
     ),
 ];
 
@@ -137,7 +142,7 @@ const BAUDS: [u32; 2] = {
 impl Parameter {
     /// Value in these settings.
     #[must_use]
-    pub fn value(&self, settings: &Settings) -> ParameterValue {
+    pub fn parameter_value(&self, settings: &Settings) -> ParameterValue {
         match self.kind {
             ParameterKind::Whole { get, .. } => ParameterValue::Whole(get(settings)),
             ParameterKind::Number { get, .. } => ParameterValue::Number(get(settings)),
@@ -147,7 +152,7 @@ impl Parameter {
 
     /// Least and largest value; `None` of a key.
     #[must_use]
-    pub fn range(&self) -> Option<[ParameterValue; 2]> {
+    pub fn value_range(&self) -> Option<[ParameterValue; 2]> {
         match &self.kind {
             ParameterKind::Whole { range, .. } => Some(range.map(ParameterValue::Whole)),
             ParameterKind::Number { range, .. } => Some([*range.start(), *range.end()].map(ParameterValue::Number)),
@@ -157,7 +162,7 @@ impl Parameter {
 
     /// Change to a value; `None` for one of another kind, or of no choice. The state machine checks ranges.
     #[must_use]
-    pub fn change(&self, settings: &Settings, value: ParameterValue) -> Option<SettingChange> {
+    pub fn setting_change(&self, settings: &Settings, value: ParameterValue) -> Option<SettingChange> {
         match (&self.kind, value) {
             (ParameterKind::Whole { set, .. }, ParameterValue::Whole(value)) => set(value),
             (ParameterKind::Number { set, .. }, ParameterValue::Number(value)) => Some(set(settings, value)),
@@ -185,16 +190,16 @@ const fn number(
     Parameter { name, kind: ParameterKind::Number { range, get, set } }
 }
 
-const fn bytes(range: &RangeInclusive<u8>) -> [u32; 2] {
+const fn byte_range(range: &RangeInclusive<u8>) -> [u32; 2] {
     [*range.start() as u32, *range.end() as u32]
 }
 
-fn byte(value: u32, set: fn(u8) -> SettingChange) -> Option<SettingChange> {
+fn byte_setting(value: u32, set: fn(u8) -> SettingChange) -> Option<SettingChange> {
     u8::try_from(value).ok().map(set)
 }
 
-fn switch(value: u32, set: fn(bool) -> SettingChange) -> Option<SettingChange> {
-    nth([false, true], value).map(set)
+fn switch_setting(value: u32, set: fn(bool) -> SettingChange) -> Option<SettingChange> {
+    nth_choice([false, true], value).map(set)
 }
 
 /// The number unless it is NaN.
@@ -202,24 +207,24 @@ fn not_nan(value: f32) -> Option<f32> {
     (!value.is_nan()).then_some(value)
 }
 
-fn position<T: PartialEq>(all: impl IntoIterator<Item = T>, value: &T) -> u32 {
+fn choice_position<T: PartialEq>(all: impl IntoIterator<Item = T>, value: &T) -> u32 {
     all.into_iter().position(|one| one == *value).map_or(0, |position| position as u32)
 }
 
-fn nth<T>(all: impl IntoIterator<Item = T>, position: u32) -> Option<T> {
+fn nth_choice<T>(all: impl IntoIterator<Item = T>, position: u32) -> Option<T> {
     all.into_iter().nth(usize::try_from(position).ok()?)
 }
 
-fn protocol(settings: &Settings, port: PortNumber) -> u32 {
-    position(ProtocolKind::ALL, &settings.ports.port(port).protocol)
+fn protocol_number(settings: &Settings, port: PortNumber) -> u32 {
+    choice_position(ProtocolKind::ALL, &settings.ports.settings_of_port(port).protocol)
 }
 
 fn set_protocol(port: PortNumber, value: u32) -> Option<SettingChange> {
-    nth(ProtocolKind::ALL, value).map(|kind| SettingChange::Protocol(port, kind))
+    nth_choice(ProtocolKind::ALL, value).map(|kind| SettingChange::Protocol(port, kind))
 }
 
-fn baud(settings: &Settings, port: PortNumber) -> u32 {
-    settings.ports.port(port).baud.bits_per_s()
+fn baud_number(settings: &Settings, port: PortNumber) -> u32 {
+    settings.ports.settings_of_port(port).baud.bits_per_s()
 }
 
 fn set_baud(port: PortNumber, value: u32) -> Option<SettingChange> {
@@ -235,7 +240,7 @@ mod tests {
 
     /// Extremes of a parameter, or a key.
     fn extremes(parameter: &Parameter) -> [ParameterValue; 2] {
-        parameter.range().unwrap_or([None, Some(SigningKey([7; 32]))].map(ParameterValue::Key))
+        parameter.value_range().unwrap_or([None, Some(SigningKey([7; 32]))].map(ParameterValue::Key))
     }
 
     /// The extremes are within the range of the settings, each is read back, and no other parameter changes.
@@ -243,12 +248,12 @@ mod tests {
     fn a_parameter_changes_itself_and_nothing_else() {
         for parameter in &PARAMETERS {
             for value in extremes(parameter) {
-                let change = parameter.change(&Settings::DEFAULT, value).unwrap();
+                let change = parameter.setting_change(&Settings::DEFAULT, value).unwrap();
                 let changed = Settings::DEFAULT.with_setting(change).unwrap();
-                assert_eq!(parameter.value(&changed), value, "{}", parameter.name);
+                assert_eq!(parameter.parameter_value(&changed), value, "{}", parameter.name);
                 for other in PARAMETERS.iter().filter(|other| other.name != parameter.name) {
                     let [before, after] =
-                        [&Settings::DEFAULT, &changed].map(|settings| format!("{:?}", other.value(settings)));
+                        [&Settings::DEFAULT, &changed].map(|settings| format!("{:?}", other.parameter_value(settings)));
                     assert_eq!(before, after, "{} by {}", other.name, parameter.name);
                 }
             }
@@ -260,10 +265,10 @@ mod tests {
     fn ranges_are_those_of_the_settings() {
         let settings = Settings::DEFAULT;
         let refuses = |parameter: &Parameter, value| {
-            parameter.change(&settings, value).is_none_or(|change| settings.with_setting(change).is_err())
+            parameter.setting_change(&settings, value).is_none_or(|change| settings.with_setting(change).is_err())
         };
         for parameter in &PARAMETERS {
-            let outside = match parameter.range() {
+            let outside = match parameter.value_range() {
                 Some([ParameterValue::Whole(least), ParameterValue::Whole(most)]) => {
                     [least.wrapping_sub(1), most + 1].map(ParameterValue::Whole)
                 }
@@ -305,7 +310,7 @@ mod tests {
 
     #[test]
     fn every_setting_is_a_parameter_with_a_short_unique_name() {
-        let changes = PARAMETERS.iter().filter_map(|one| one.change(&Settings::DEFAULT, extremes(one)[0]));
+        let changes = PARAMETERS.iter().filter_map(|one| one.setting_change(&Settings::DEFAULT, extremes(one)[0]));
         assert_eq!(changes.map(variant).collect::<BTreeSet<_>>(), (0..21).collect());
         let names: BTreeSet<&str> = PARAMETERS.iter().map(|parameter| parameter.name).collect();
         assert_eq!(names.len(), PARAMETERS.len());
@@ -315,7 +320,7 @@ mod tests {
     #[test]
     fn not_a_number_removes_an_entered_angle() {
         let declination = PARAMETERS.iter().find(|parameter| parameter.name == "DECLINATION").unwrap();
-        let none = declination.change(&Settings::DEFAULT, ParameterValue::Number(f32::NAN));
+        let none = declination.setting_change(&Settings::DEFAULT, ParameterValue::Number(f32::NAN));
         assert_eq!(none, Some(SettingChange::Declination(None)));
     }
 }

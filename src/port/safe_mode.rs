@@ -29,15 +29,19 @@ pub struct SafeModeReporter {
 
 impl SafeModeReporter {
     /// Appends sentences without a heading, a heartbeat, and at every twentieth call a text.
-    pub fn report(&mut self, out: &mut TransmitBuffer) {
+    pub fn report_safe_mode(&mut self, out: &mut TransmitBuffer) {
         // The line end separates the sentences from the binary messages before them.
-        out.append(&[b"\r\n", &nmea::hdm(None), &nmea::quality(&Err(NoHeading::SafeMode), HeadingKind::Raw)]);
+        out.append(&[
+            b"\r\n",
+            &nmea::hdm_sentence(None),
+            &nmea::quality_sentence(&Err(NoHeading::SafeMode), HeadingKind::Raw),
+        ]);
         // Frames without a signature, because the key is one of the settings, which safe mode does not read.
         let mut signatures = Signatures::default();
-        let mut line = Transmitter::new(out, USUAL_AUTOPILOT.sender(), &mut self.sequence, &mut signatures);
-        line.send(OutboundMessage::heartbeat(MavState::MAV_STATE_CRITICAL));
+        let mut line = Transmitter::new(out, USUAL_AUTOPILOT.sender_id(), &mut self.sequence, &mut signatures);
+        line.send_message(OutboundMessage::heartbeat(MavState::MAV_STATE_CRITICAL));
         if self.count == 0 {
-            line.send(OutboundMessage::text(MavSeverity::MAV_SEVERITY_CRITICAL, SAFE_MODE_TEXT, 0, 0));
+            line.send_message(OutboundMessage::text(MavSeverity::MAV_SEVERITY_CRITICAL, SAFE_MODE_TEXT, 0, 0));
         }
         self.count = (self.count + 1) % REPORTS_PER_TEXT;
     }

@@ -55,12 +55,12 @@ impl TransmitBuffer {
 
     /// Bytes not written yet.
     #[must_use]
-    pub fn pending(&self) -> &[u8] {
+    pub fn pending_bytes(&self) -> &[u8] {
         self.bytes.get(self.begin..self.end).unwrap_or_default()
     }
 
     /// Removes bytes that were written.
-    pub fn consume(&mut self, number: usize) {
+    pub fn consume_bytes(&mut self, number: usize) {
         self.begin += number.min(self.end - self.begin);
         if self.begin == self.end {
             self.clear();
@@ -72,7 +72,7 @@ impl TransmitBuffer {
     }
 
     /// Drops the pending bytes after a line error.
-    pub fn fail(&mut self) {
+    pub fn mark_failed(&mut self) {
         self.clear();
         self.lost = self.lost.wrapping_add(1);
     }
@@ -87,17 +87,17 @@ mod tests {
         let mut out = TransmitBuffer::new();
         assert!(out.append(&[&[1; TRANSMIT_CAPACITY - 2], &[1]]));
         assert!(!out.append(&[&[2], &[2]]));
-        assert_eq!(out.pending(), [1; TRANSMIT_CAPACITY - 1]);
+        assert_eq!(out.pending_bytes(), [1; TRANSMIT_CAPACITY - 1]);
         assert!(out.append(&[&[3]]));
         assert_eq!((out.messages, out.lost), (3, 1));
-        out.consume(TRANSMIT_CAPACITY - 2);
-        assert_eq!(out.pending(), [1, 3]);
-        out.fail();
-        assert!(out.pending().is_empty());
+        out.consume_bytes(TRANSMIT_CAPACITY - 2);
+        assert_eq!(out.pending_bytes(), [1, 3]);
+        out.mark_failed();
+        assert!(out.pending_bytes().is_empty());
         assert_eq!(out.lost, 2);
         assert!(out.append(&[&[4; TRANSMIT_CAPACITY]]));
-        out.consume(usize::MAX);
-        assert!(out.pending().is_empty());
+        out.consume_bytes(usize::MAX);
+        assert!(out.pending_bytes().is_empty());
     }
 
     /// Written bytes free their room also while others are pending.
@@ -105,11 +105,11 @@ mod tests {
     fn room_of_sent_bytes_is_reused() {
         let mut out = TransmitBuffer::new();
         assert!(out.append(&[&[1; TRANSMIT_CAPACITY]]));
-        out.consume(100);
-        assert_eq!(out.pending(), [1; TRANSMIT_CAPACITY - 100]);
+        out.consume_bytes(100);
+        assert_eq!(out.pending_bytes(), [1; TRANSMIT_CAPACITY - 100]);
         assert!(!out.append(&[&[2; 101]]));
-        assert_eq!(out.pending(), [1; TRANSMIT_CAPACITY - 100]);
+        assert_eq!(out.pending_bytes(), [1; TRANSMIT_CAPACITY - 100]);
         assert!(out.append(&[&[2; 60], &[3; 40]]));
-        assert_eq!(out.pending(), [vec![1; TRANSMIT_CAPACITY - 100], vec![2; 60], vec![3; 40]].concat());
+        assert_eq!(out.pending_bytes(), [vec![1; TRANSMIT_CAPACITY - 100], vec![2; 60], vec![3; 40]].concat());
     }
 }

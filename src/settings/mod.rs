@@ -102,7 +102,7 @@ impl HeadingKind {
 
     /// Name in commands.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn kind_name(self) -> &'static str {
         match self {
             Self::Raw => "raw",
             Self::Smooth => "smooth",
@@ -112,7 +112,7 @@ impl HeadingKind {
     /// Parses a name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.name() == name)
+        Self::ALL.into_iter().find(|kind| kind.kind_name() == name)
     }
 }
 

@@ -20,7 +20,7 @@ impl PortNumber {
 
     /// Selects the port's element of an array.
     #[must_use]
-    pub const fn of<T>(self, each: &[T; PORT_COUNT]) -> &T {
+    pub const fn element_of<T>(self, each: &[T; PORT_COUNT]) -> &T {
         let [first, second] = each;
         match self {
             Self::One => first,
@@ -48,7 +48,7 @@ impl ProtocolKind {
 
     /// Name in commands.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn protocol_name(self) -> &'static str {
         match self {
             Self::Auto => "auto",
             Self::Mavlink => "mavlink",
@@ -60,7 +60,7 @@ impl ProtocolKind {
     /// Parses a name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.name() == name)
+        Self::ALL.into_iter().find(|kind| kind.protocol_name() == name)
     }
 }
 
@@ -132,8 +132,8 @@ impl PortsSettings {
 
     /// Settings of a port.
     #[must_use]
-    pub const fn port(&self, number: PortNumber) -> PortSettings {
-        *number.of(&self.0)
+    pub const fn settings_of_port(&self, number: PortNumber) -> PortSettings {
+        *number.element_of(&self.0)
     }
 
     /// Mutable settings of a port.
@@ -153,7 +153,7 @@ mod tests {
     #[test]
     fn protocol_and_baud_names_round_trip() {
         for kind in ProtocolKind::ALL {
-            assert_eq!(ProtocolKind::from_name(kind.name()), Some(kind));
+            assert_eq!(ProtocolKind::from_name(kind.protocol_name()), Some(kind));
         }
         for baud in Baud::ALL {
             assert_eq!(Baud::from_name(baud.name()), Some(baud));
@@ -167,7 +167,7 @@ mod tests {
         let mut ports = PortsSettings::DEFAULT;
         ports.port_mut(PortNumber::Two).protocol = ProtocolKind::Msp;
         ports.port_mut(PortNumber::One).baud = Baud::B57600;
-        let [first, second] = PortNumber::ALL.map(|number| ports.port(number));
+        let [first, second] = PortNumber::ALL.map(|number| ports.settings_of_port(number));
         assert_eq!(first, PortSettings { protocol: ProtocolKind::Auto, baud: Baud::B57600 });
         assert_eq!(second, PortSettings { protocol: ProtocolKind::Msp, baud: Baud::B115200 });
     }

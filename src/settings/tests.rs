@@ -103,7 +103,7 @@ fn every_setting_has_its_range() {
             assert!(range.starts_with(words), "{setting:?}: {range}");
         }
     }
-    for mount in Orientation::all() {
+    for mount in Orientation::all_orientations() {
         assert_eq!(Settings::DEFAULT.with_setting(SettingChange::Mount(mount)).unwrap().mount, mount);
     }
 }
@@ -111,7 +111,7 @@ fn every_setting_has_its_range() {
 #[test]
 fn heading_kind_names_round_trip() {
     for (kind, name) in [(HeadingKind::Raw, "raw"), (HeadingKind::Smooth, "smooth")] {
-        assert_eq!((kind.name(), HeadingKind::from_name(name)), (name, Some(kind)));
+        assert_eq!((kind.kind_name(), HeadingKind::from_name(name)), (name, Some(kind)));
     }
     assert_eq!(HeadingKind::from_name("smoothed"), None);
     assert_eq!(Settings::DEFAULT.stream_heading, HeadingKind::Smooth);

@@ -23,7 +23,7 @@ pub trait Fields: Copy {
     fn with_defaults() -> Self;
 
     /// Passes each field and its tag to the visitor, in the order of introduction.
-    fn visit(&mut self, visitor: &mut impl Visitor);
+    fn visit_fields(&mut self, visitor: &mut impl Visitor);
 
     fn is_valid(&self) -> bool;
 }
@@ -31,26 +31,26 @@ pub trait Fields: Copy {
 /// Reads or writes fields.
 pub trait Visitor {
     /// Visits a field without which the value is invalid.
-    fn required<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T);
+    fn visit_required<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T);
 
     /// Visits a field that keeps its value if missing or unreadable.
-    fn optional<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T);
+    fn visit_optional<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T);
 }
 
 /// Encodes all fields; returns their length in bytes.
-pub fn encode<T: Fields>(value: &T, buffer: &mut [u8]) -> Result<usize, StoreError> {
+pub fn encode_fields<T: Fields>(value: &T, buffer: &mut [u8]) -> Result<usize, StoreError> {
     if !value.is_valid() {
         return Err(StoreError::Invalid);
     }
     let mut writer = Writer { buffer, length: Some(0) };
-    { *value }.visit(&mut writer);
+    { *value }.visit_fields(&mut writer);
     writer.length.ok_or(StoreError::Full)
 }
 
-pub fn decode<T: Fields>(fields: &[u8]) -> Result<T, StoreError> {
+pub fn decode_fields<T: Fields>(fields: &[u8]) -> Result<T, StoreError> {
     let mut reader = Reader { fields, is_complete: is_well_formed(fields) };
     let mut value = T::with_defaults();
-    value.visit(&mut reader);
+    value.visit_fields(&mut reader);
     if reader.is_complete && value.is_valid() { Ok(value) } else { Err(StoreError::Corrupt) }
 }
 
@@ -62,7 +62,7 @@ struct Writer<'a> {
 
 impl Writer<'_> {
     /// Writes a field at `offset`; returns the end offset.
-    fn write<T: Serialize>(&mut self, offset: usize, tag: u8, field: &T) -> Option<usize> {
+    fn write_field<T: Serialize>(&mut self, offset: usize, tag: u8, field: &T) -> Option<usize> {
         let (header, rest) = self.buffer.get_mut(offset..)?.split_first_chunk_mut::<HEADER_SIZE>()?;
         let value = postcard::to_slice(field, rest).ok()?;
         let [low, high] = u16::try_from(value.len()).ok()?.to_le_bytes();
@@ -72,12 +72,12 @@ impl Writer<'_> {
 }
 
 impl Visitor for Writer<'_> {
-    fn required<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T) {
-        self.length = self.length.and_then(|offset| self.write(offset, tag, field));
+    fn visit_required<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T) {
+        self.length = self.length.and_then(|offset| self.write_field(offset, tag, field));
     }
 
-    fn optional<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T) {
-        self.required(tag, field);
+    fn visit_optional<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T) {
+        self.visit_required(tag, field);
     }
 }
 
@@ -89,7 +89,7 @@ struct Reader<'a> {
 
 impl Reader<'_> {
     /// The field with this tag, if present and decodable.
-    fn read<T: DeserializeOwned>(&self, tag: u8) -> Option<T> {
+    fn read_field<T: DeserializeOwned>(&self, tag: u8) -> Option<T> {
         let mut rest = self.fields;
         while let Some((found, value, after)) = split_field(rest) {
             if found == tag {
@@ -102,15 +102,15 @@ impl Reader<'_> {
 }
 
 impl Visitor for Reader<'_> {
-    fn required<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T) {
-        match self.read(tag) {
+    fn visit_required<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T) {
+        match self.read_field(tag) {
             Some(value) => *field = value,
             None => self.is_complete = false,
         }
     }
 
-    fn optional<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T) {
-        if let Some(value) = self.read(tag) {
+    fn visit_optional<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T) {
+        if let Some(value) = self.read_field(tag) {
             *field = value;
         }
     }

@@ -77,20 +77,20 @@ impl Fields for CalibrationRecord {
         }
     }
 
-    fn visit(&mut self, visitor: &mut impl Visitor) {
+    fn visit_fields(&mut self, visitor: &mut impl Visitor) {
         let Self { calibration, quality, uncertainty, sensor, mount, serial } = self;
         let Calibration { w, b_ut, inclination_rad, total_ut, latency_s, motor_current: current } = calibration;
-        visitor.required(1, w);
-        visitor.required(2, b_ut);
-        visitor.required(3, inclination_rad);
-        visitor.required(4, total_ut);
-        visitor.required(5, latency_s);
+        visitor.visit_required(1, w);
+        visitor.visit_required(2, b_ut);
+        visitor.visit_required(3, inclination_rad);
+        visitor.visit_required(4, total_ut);
+        visitor.visit_required(5, latency_s);
         let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, mean_current_a: mean_a, current_sigma_a: spread_a } =
             current;
-        visitor.required(6, ut_per_a);
-        visitor.required(7, sigma_ut_per_a);
-        visitor.required(8, mean_a);
-        visitor.required(9, spread_a);
+        visitor.visit_required(6, ut_per_a);
+        visitor.visit_required(7, sigma_ut_per_a);
+        visitor.visit_required(8, mean_a);
+        visitor.visit_required(9, spread_a);
         let Quality {
             method,
             envelope,
@@ -102,24 +102,24 @@ impl Fields for CalibrationRecord {
             latency,
             knows_inclination,
         } = quality;
-        visitor.required(10, method);
-        visitor.required(11, envelope);
-        visitor.required(12, expected_rms_deg);
-        visitor.required(13, expected_worst_deg);
-        visitor.required(14, norm_residual);
-        visitor.required(15, dip_residual_deg);
-        visitor.required(16, samples);
-        visitor.required(17, latency);
+        visitor.visit_required(10, method);
+        visitor.visit_required(11, envelope);
+        visitor.visit_required(12, expected_rms_deg);
+        visitor.visit_required(13, expected_worst_deg);
+        visitor.visit_required(14, norm_residual);
+        visitor.visit_required(15, dip_residual_deg);
+        visitor.visit_required(16, samples);
+        visitor.visit_required(17, latency);
         let HeadingUncertainty { reduced_covariance: products, sensor_sigma, attitude_sigma_rad } = uncertainty;
-        visitor.required(18, products);
-        visitor.required(19, sensor_sigma);
-        visitor.required(20, attitude_sigma_rad);
+        visitor.visit_required(18, products);
+        visitor.visit_required(19, sensor_sigma);
+        visitor.visit_required(20, attitude_sigma_rad);
         let Identity { model, address } = sensor;
-        visitor.required(21, model);
-        visitor.required(22, address);
-        visitor.required(23, mount);
-        visitor.required(24, serial);
-        visitor.required(25, knows_inclination);
+        visitor.visit_required(21, model);
+        visitor.visit_required(22, address);
+        visitor.visit_required(23, mount);
+        visitor.visit_required(24, serial);
+        visitor.visit_required(25, knows_inclination);
     }
 
     fn is_valid(&self) -> bool {
@@ -138,13 +138,13 @@ pub struct StoredCalibrations {
 
 impl StoredCalibrations {
     /// Adds a new current calibration; the current one becomes the previous one.
-    pub fn push(&mut self, record: &CalibrationRecord) {
+    pub fn push_record(&mut self, record: &CalibrationRecord) {
         self.previous = self.current;
         self.current = Some(*record);
     }
 
     /// Swaps the current and the previous calibration, so that a second `undo` reverses the first.
-    pub fn undo(&mut self) {
+    pub fn undo_last(&mut self) {
         core::mem::swap(&mut self.current, &mut self.previous);
     }
 
@@ -226,11 +226,11 @@ impl Fields for StoredState {
         Self::default()
     }
 
-    fn visit(&mut self, visitor: &mut impl Visitor) {
+    fn visit_fields(&mut self, visitor: &mut impl Visitor) {
         let Self { saves, current, previous, settings, startup_values } = self;
-        visitor.required(1, saves);
-        visitor.required(2, current);
-        visitor.required(3, previous);
+        visitor.visit_required(1, saves);
+        visitor.visit_required(2, current);
+        visitor.visit_required(3, previous);
         let Settings {
             declination_deg,
             inclination_deg,
@@ -249,35 +249,35 @@ impl Fields for StoredState {
             can: CanSettings { node, rate_hz, sends_covariance, is_terminated },
             sensor_error: SensorError { gyro_percent, drift_percent },
         } = settings;
-        visitor.optional(4, declination_deg);
-        visitor.optional(5, inclination_deg);
-        visitor.optional(6, align_deg);
-        visitor.optional(7, stream_on);
-        visitor.optional(8, stream_rate_hz);
-        visitor.optional(9, mount);
-        visitor.optional(10, bias_deg);
-        visitor.optional(11, bank_percent);
-        visitor.optional(12, stream_heading);
-        visitor.optional(13, accuracy_deg);
-        visitor.optional(14, auto_on);
+        visitor.visit_optional(4, declination_deg);
+        visitor.visit_optional(5, inclination_deg);
+        visitor.visit_optional(6, align_deg);
+        visitor.visit_optional(7, stream_on);
+        visitor.visit_optional(8, stream_rate_hz);
+        visitor.visit_optional(9, mount);
+        visitor.visit_optional(10, bias_deg);
+        visitor.visit_optional(11, bank_percent);
+        visitor.visit_optional(12, stream_heading);
+        visitor.visit_optional(13, accuracy_deg);
+        visitor.visit_optional(14, auto_on);
         for (number, [protocol_tag, baud_tag]) in PortNumber::ALL.into_iter().zip([[15, 16], [17, 18]]) {
             let PortSettings { protocol, baud } = ports.port_mut(number);
-            visitor.optional(protocol_tag, protocol);
-            visitor.optional(baud_tag, baud);
+            visitor.visit_optional(protocol_tag, protocol);
+            visitor.visit_optional(baud_tag, baud);
         }
-        visitor.optional(19, sends_vision_yaw);
+        visitor.visit_optional(19, sends_vision_yaw);
         let StartupValues { is_collecting, detected_protocols: [first, second] } = startup_values;
-        visitor.optional(20, is_collecting);
-        visitor.optional(21, first);
-        visitor.optional(22, second);
-        visitor.optional(23, attitude_rate_hz);
-        visitor.optional(24, signing_key);
-        visitor.optional(25, node);
-        visitor.optional(26, rate_hz);
-        visitor.optional(27, sends_covariance);
-        visitor.optional(28, gyro_percent);
-        visitor.optional(29, drift_percent);
-        visitor.optional(30, is_terminated);
+        visitor.visit_optional(20, is_collecting);
+        visitor.visit_optional(21, first);
+        visitor.visit_optional(22, second);
+        visitor.visit_optional(23, attitude_rate_hz);
+        visitor.visit_optional(24, signing_key);
+        visitor.visit_optional(25, node);
+        visitor.visit_optional(26, rate_hz);
+        visitor.visit_optional(27, sends_covariance);
+        visitor.visit_optional(28, gyro_percent);
+        visitor.visit_optional(29, drift_percent);
+        visitor.visit_optional(30, is_terminated);
     }
 
     fn is_valid(&self) -> bool {

@@ -89,7 +89,7 @@ impl<F: NorFlash> Store<F> {
     /// The error is [`StoreError::OtherFormat`] if the store has another format (nothing is loaded), and
     /// [`Corrupt`](StoreError::Corrupt) or [`Flash`](StoreError::Flash) if no state or one of the calibrations is
     /// unreadable.
-    pub async fn load(&mut self) -> Loaded {
+    pub async fn load_state(&mut self) -> Loaded {
         let PageScan { valid_state: valid, other_format: other, error } = self.scan_pages().await;
         let mut loaded = Loaded { stored: StoredValues::default(), error };
         if let Some((_, format)) = other {
@@ -122,7 +122,7 @@ impl<F: NorFlash> Store<F> {
     ///   Nothing was written.
     /// - [`StoreError::Invalid`]: a value is out of its range. Nothing was written.
     /// - [`StoreError::Full`], [`StoreError::Verify`]: the value does not fit, or reads back differently.
-    pub async fn save(&mut self, change: StoreChange<'_>) -> Result<(), StoreError> {
+    pub async fn save_change(&mut self, change: StoreChange<'_>) -> Result<(), StoreError> {
         let PageScan { valid_state: valid, other_format: other, error } = self.scan_pages().await;
         if error == Some(StoreError::Flash) {
             return Err(StoreError::Flash);
@@ -161,7 +161,7 @@ impl<F: NorFlash> Store<F> {
     /// [`StoreError::Flash`]: a page could not be erased.
     pub async fn erase_all(&mut self) -> Result<(), StoreError> {
         for page in 0..self.page_count() {
-            self.erase(page).await?;
+            self.erase_page(page).await?;
         }
         Ok(())
     }
@@ -172,7 +172,7 @@ impl<F: NorFlash> Store<F> {
         let target = if other == FIRST_STATE_PAGE { FIRST_STATE_PAGE + 1 } else { FIRST_STATE_PAGE };
         self.write_state(target, &StoredState::default()).await?;
         for page in (0..self.page_count()).filter(|page| *page != target && *page != other).chain([other]) {
-            self.erase(page).await?;
+            self.erase_page(page).await?;
         }
         Ok(())
     }
@@ -199,7 +199,7 @@ impl<F: NorFlash> Store<F> {
         let Some(SlotReference { slot, crc }) = reference else { return Ok(None) };
         let mut buffer = [0; ITEM_SIZE];
         match self.read_page(u32::from(slot), &mut buffer).await? {
-            PageContent::Item(item) if item.crc == crc => fields::decode(item.fields).map(Some),
+            PageContent::Item(item) if item.crc == crc => fields::decode_fields(item.fields).map(Some),
             _ => Err(StoreError::Corrupt),
         }
     }
@@ -212,7 +212,7 @@ impl<F: NorFlash> Store<F> {
     ) -> Result<Option<SlotReference>, StoreError> {
         let Some(record) = record else { return Ok(None) };
         let mut buffer = [0; ITEM_SIZE];
-        let (item, crc) = page::encode(record, &mut buffer)?;
+        let (item, crc) = page::encode_item(record, &mut buffer)?;
         for slot in 0..CALIBRATION_SLOTS {
             if self.page_contains(u32::from(slot), item).await? {
                 return Ok(Some(SlotReference { slot, crc }));
@@ -225,25 +225,25 @@ impl<F: NorFlash> Store<F> {
             .map(|offset| (start + offset) % CALIBRATION_SLOTS)
             .find(is_free)
             .ok_or(StoreError::Full)?;
-        self.program(u32::from(slot), item).await?;
+        self.program_page(u32::from(slot), item).await?;
         Ok(Some(SlotReference { slot, crc }))
     }
 
     /// Writes the state to a page.
     async fn write_state(&mut self, page: u32, state: &StoredState) -> Result<(), StoreError> {
         let mut buffer = [0; ITEM_SIZE];
-        let (item, _) = page::encode(state, &mut buffer)?;
-        self.program(page, item).await
+        let (item, _) = page::encode_item(state, &mut buffer)?;
+        self.program_page(page, item).await
     }
 
     /// Erases a page, programs an item and reads it back.
-    async fn program(&mut self, page: u32, item: &[u8]) -> Result<(), StoreError> {
-        self.erase(page).await?;
+    async fn program_page(&mut self, page: u32, item: &[u8]) -> Result<(), StoreError> {
+        self.erase_page(page).await?;
         self.flash.write(self.start_of(page), item).await.map_err(|_| StoreError::Flash)?;
         if self.page_contains(page, item).await? { Ok(()) } else { Err(StoreError::Verify) }
     }
 
-    async fn erase(&mut self, page: u32) -> Result<(), StoreError> {
+    async fn erase_page(&mut self, page: u32) -> Result<(), StoreError> {
         let start = self.start_of(page);
         self.flash.erase(start, start + Self::PAGE_SIZE).await.map_err(|_| StoreError::Flash)
     }
@@ -261,7 +261,7 @@ impl<F: NorFlash> Store<F> {
         buffer: &'a mut [u8; ITEM_SIZE],
     ) -> Result<PageContent<'a>, StoreError> {
         self.flash.read(self.start_of(page), buffer).await.map_err(|_| StoreError::Flash)?;
-        Ok(page::parse(buffer))
+        Ok(page::parse_page(buffer))
     }
 
     const fn page_count(&self) -> u32 {
@@ -280,7 +280,7 @@ impl<F: NorFlash> Store<F> {
 impl PageScan {
     fn add_state(&mut self, page: u32, content: &PageContent<'_>) {
         let state = match content {
-            PageContent::Item(Item { fields, .. }) => fields::decode::<StoredState>(fields),
+            PageContent::Item(Item { fields, .. }) => fields::decode_fields::<StoredState>(fields),
             // Only a power failure during the very first save damages the first page alone; nothing was stored before.
             PageContent::Damaged if page == FIRST_STATE_PAGE => return,
             PageContent::Damaged => Err(StoreError::Corrupt),

@@ -48,7 +48,7 @@ pub struct Item<'a> {
 }
 
 /// Finds the item at the start of a page.
-pub fn parse(page: &[u8]) -> PageContent<'_> {
+pub fn parse_page(page: &[u8]) -> PageContent<'_> {
     let Some(&[format, low, high]) = page.first_chunk::<HEADER_SIZE>() else { return PageContent::Damaged };
     let length = HEADER_SIZE + usize::from(u16::from_le_bytes([low, high]));
     match split_checked(page, length) {
@@ -63,9 +63,9 @@ pub fn parse(page: &[u8]) -> PageContent<'_> {
 }
 
 /// Encodes an item into the buffer, padded like erased flash. Returns the bytes to program and the item's CRC.
-pub fn encode<'a, T: Fields>(value: &T, buffer: &'a mut [u8; ITEM_SIZE]) -> Result<(&'a [u8], u32), StoreError> {
+pub fn encode_item<'a, T: Fields>(value: &T, buffer: &'a mut [u8; ITEM_SIZE]) -> Result<(&'a [u8], u32), StoreError> {
     buffer.fill(0xFF);
-    let length = HEADER_SIZE + fields::encode(value, &mut buffer[HEADER_SIZE..ITEM_SIZE - CRC_SIZE])?;
+    let length = HEADER_SIZE + fields::encode_fields(value, &mut buffer[HEADER_SIZE..ITEM_SIZE - CRC_SIZE])?;
     let [low, high] = ((length - HEADER_SIZE) as u16).to_le_bytes();
     buffer[..HEADER_SIZE].copy_from_slice(&[STORE_FORMAT, low, high]);
     let crc = CRC.checksum(&buffer[..length]);

@@ -2,7 +2,7 @@
 
 use autoswing::console::report;
 use autoswing::console::session::Session;
-use autoswing::console::{Request, help};
+use autoswing::console::{Request, write_help};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -101,12 +101,12 @@ fn typed_parts() -> impl Strategy<Value = Vec<(Vec<u8>, bool)>> {
 fn feed(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, TestCaseError> {
     let mut last = None;
     for &byte in bytes {
-        match session.byte(byte) {
+        match session.process_byte(byte) {
             Some(Ok(request)) => {
                 if let Request::Help(help_topic) = request {
-                    session.reply(|out| help(out, help_topic));
+                    session.reply(|out| write_help(out, help_topic));
                 } else {
-                    session.reply(report::version);
+                    session.reply(report::write_version);
                 }
                 last = Some(request);
             }
@@ -127,7 +127,7 @@ fn feed(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, TestCase
 #[test]
 fn the_console_accepts_any_input() {
     hold(typed_parts(), |parts| -> Promise {
-        let mut session = Session::new(report::version);
+        let mut session = Session::new(report::write_version);
         for (part, is_sent) in &parts {
             let _ = feed(&mut session, part)?;
             if *is_sent {

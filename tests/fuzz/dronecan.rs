@@ -156,14 +156,14 @@ fn any_frames_are_received_or_dropped() {
     hold(traffic(), |traffic| -> Promise {
         let mut receiver = Receiver::new();
         for frame in &traffic {
-            if let Some(transfer) = receiver.push(Timestamp::START, NodeId::new(OWN), frame) {
+            if let Some(transfer) = receiver.push_frame(Timestamp::START, NodeId::new(OWN), frame) {
                 prop_assert!(is_bounded(&transfer.message), "{transfer:?}");
             }
         }
         let good = frames(0x1804_440A, DataType::BATTERY_INFO, 5, &[0; 30]);
         let mut last = false;
         for frame in &good {
-            last = receiver.push(Timestamp::START, NodeId::new(OWN), frame).is_some();
+            last = receiver.push_frame(Timestamp::START, NodeId::new(OWN), frame).is_some();
         }
         prop_assert!(last, "an intact transfer is dropped");
         Ok(())
@@ -186,7 +186,7 @@ fn a_node_survives_any_frames() {
         let mut node = CanNode::new(INFO, can);
         for (number, frame) in traffic.iter().enumerate() {
             let now = Timestamp::from_us(number as u64 * 12_500);
-            node.receive(now, frame, &mut |_| {});
+            node.receive_frame(now, frame, &mut |_| {});
             let estimate = Estimate { at: now, ..Estimate::EMPTY };
             let indicator = IndicatorState::Idle;
             let snapshot = Snapshot { now, estimate: &estimate, settings: &settings, indicator, calibration: None };

@@ -133,27 +133,27 @@ impl stream::Intact<InboundMessage> for Intact {
                 let (roll_rad, pitch_rad) = (report.attitude.roll_rad, report.attitude.pitch_rad);
                 // Angles within half and quarter circle, allowing for rounding; NaN is excluded.
                 let can_be = roll_rad.abs() < 3.15 && pitch_rad.abs() < 1.58;
-                can_be && self.has_angles(roll_rad, pitch_rad) && sender == report.sender.number()
+                can_be && self.has_angles(roll_rad, pitch_rad) && sender == report.sender.packed_number()
             }
             InboundMessage::Heartbeat(heartbeat) => {
                 let is_armed = self.payload[6] & 128 != 0;
-                (id, sender, is_armed) == (0, heartbeat.sender.number(), heartbeat.is_armed)
+                (id, sender, is_armed) == (0, heartbeat.sender.packed_number(), heartbeat.is_armed)
             }
-            InboundMessage::Position(source, _) => (id, sender) == (33, source.number()),
+            InboundMessage::Position(source, _) => (id, sender) == (33, source.packed_number()),
             InboundMessage::Current(source, current) => {
                 let at = if id == 1 { 16 } else { 30 };
                 let encoded_current = f32::from(i16::from_le_bytes([self.payload[at], self.payload[at + 1]])) * 0.01;
                 [1, 147].contains(&id)
-                    && sender == source.number()
+                    && sender == source.packed_number()
                     && current.is_none_or(|amperes| amperes.to_bits() == encoded_current.to_bits())
             }
-            InboundMessage::Date(source, _) => (id, sender) == (2, source.number()),
+            InboundMessage::Date(source, _) => (id, sender) == (2, source.packed_number()),
             InboundMessage::Command(command) => {
                 let number = u16::from_le_bytes([self.payload[28], self.payload[29]]);
-                [75, 76].contains(&id) && (sender, number) == (command.source.number(), command.command)
+                [75, 76].contains(&id) && (sender, number) == (command.source.packed_number(), command.command)
             }
             InboundMessage::Acknowledgement(ack) => {
-                (id, sender, self.payload[2]) == (77, ack.source.number(), ack.result)
+                (id, sender, self.payload[2]) == (77, ack.source.packed_number(), ack.result)
             }
         }
     }
@@ -173,7 +173,7 @@ fn only_mavlink_frames_with_correct_crc_are_accepted() {
         let mut bytes = stream::bytes(&pieces);
         let wire = Wire::of(&mut bytes, &good(), LONGEST);
         let mut receiver = Receiver::new();
-        stream::holds(&wire, &intact(wire.bytes), |byte| (receiver.push(byte), receiver.rejected), is_good)
+        stream::holds(&wire, &intact(wire.bytes), |byte| (receiver.push_byte(byte), receiver.rejected), is_good)
     });
 }
 

@@ -161,7 +161,7 @@ fn only_msp_frames_with_correct_crc_are_accepted() {
         let mut bytes = stream::bytes(&pieces);
         let wire = Wire::of(&mut bytes, &good(), LONGEST);
         let mut receiver = Receiver::new();
-        stream::holds(&wire, &intact(wire.bytes), |byte| (receiver.push(byte), receiver.rejected), is_good)
+        stream::holds(&wire, &intact(wire.bytes), |byte| (receiver.push_byte(byte), receiver.rejected), is_good)
     });
 }
 

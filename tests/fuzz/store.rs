@@ -25,7 +25,7 @@ static SAVED: LazyLock<[Flash; 4]> = LazyLock::new(|| {
         let mut flash = Flash::new(PAGES);
         let mut generations = StoredCalibrations::default();
         for time in 0..times {
-            generations.push(&record(time));
+            generations.push_record(&record(time));
             accept(&mut flash, &generations).expect("a sound flash");
             save(&mut flash, &Settings { stream_rate_hz: 1 + time as u8, ..Settings::DEFAULT }).expect("a sound flash");
         }
@@ -62,13 +62,14 @@ fn store(flash: &mut Flash) -> Store<&mut Flash> {
 }
 
 fn save(flash: &mut Flash, settings: &Settings) -> Result<(), StoreError> {
-    block_on(store(flash).save(StoreChange::Settings(settings)))
+    block_on(store(flash).save_change(StoreChange::Settings(settings)))
 }
 
 fn accept(flash: &mut Flash, generations: &StoredCalibrations) -> Result<(), StoreError> {
     let StoredCalibrations { current, previous } = generations;
     block_on(
-        store(flash).save(StoreChange::StoredCalibrations { current: current.as_ref(), previous: previous.as_ref() }),
+        store(flash)
+            .save_change(StoreChange::StoredCalibrations { current: current.as_ref(), previous: previous.as_ref() }),
     )
 }
 
@@ -97,7 +98,7 @@ fn arbitrary_flash_contents_load_valid_values_and_allow_saves() {
             replace(&mut flash, *at, bytes);
         }
         let Loaded { stored: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
-            block_on(store(&mut flash).load());
+            block_on(store(&mut flash).load_state());
         prop_assert!(settings.is_valid());
         for found in [generations.current, generations.previous].into_iter().flatten() {
             prop_assert_eq!(found, record(found.serial));
@@ -106,7 +107,7 @@ fn arbitrary_flash_contents_load_valid_values_and_allow_saves() {
         let generations = StoredCalibrations { current: Some(record(99)), previous: generations.current };
         prop_assert_eq!(save(&mut flash, &settings), Ok(()));
         prop_assert_eq!(accept(&mut flash, &generations), Ok(()));
-        let Loaded { stored, error } = block_on(store(&mut flash).load());
+        let Loaded { stored, error } = block_on(store(&mut flash).load_state());
         prop_assert_eq!((stored.settings, stored.stored_calibrations, error), (settings, generations, None));
         Ok(())
     });
@@ -143,12 +144,12 @@ fn the_store_handles_any_fields() {
             replace(&mut flash, page * PAGE, &item);
         }
         let Loaded { stored: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
-            block_on(store(&mut flash).load());
+            block_on(store(&mut flash).load_state());
         prop_assert!(settings.is_valid());
         prop_assert!([generations.current, generations.previous].iter().flatten().all(CalibrationRecord::is_valid));
         let generations = StoredCalibrations { current: Some(record(99)), previous: None };
         prop_assert_eq!(accept(&mut flash, &generations), Ok(()));
-        let Loaded { stored, error } = block_on(store(&mut flash).load());
+        let Loaded { stored, error } = block_on(store(&mut flash).load_state());
         prop_assert_eq!((stored.settings, stored.stored_calibrations, error), (settings, generations, None));
         Ok(())
     });

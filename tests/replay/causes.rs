@@ -39,9 +39,9 @@ fn report(kind: VehicleKind, seed: u64, cause: Cause) -> Reported {
     let notes: Vec<String> = verdict.notes.iter().map(ToString::to_string).collect();
     Reported {
         action: verdict.compasses[0].judgement.action,
-        text: format!("{} {}", verdict.sentences().concat(), notes.join("; ")),
+        text: format!("{} {}", verdict.summary_sentences().concat(), notes.join("; ")),
         changes: evaluation.compasses[0].changes.len(),
-        rms_deg: verdict.parameters().first().map(|export| export.held_back.unwrap().rms_deg),
+        rms_deg: verdict.exported_corrections().first().map(|export| export.held_back.unwrap().rms_deg),
     }
 }
 

@@ -57,7 +57,7 @@ fn gps_course_gives_the_heading_of_straight_flight_in_any_wind() {
         world.weather.gust_m_s = 0.0;
         let flight = read(&write(&with_delayed_velocity(legs(&world, &ALL_ROUND_DEG))));
         let course = GpsCourseHeading::from_flight(&flight).unwrap();
-        let name = format!("{:?}, {wind_m_s} m/s: {}", flight.format, course.limits());
+        let name = format!("{:?}, {wind_m_s} m/s: {}", flight.format, course.limits_text());
         assert!((course.wind_speed_m_s() - wind_m_s).abs() < 0.2, "{name}");
         let is_from = (course.wind_from_deg() - 250.0).abs() < 2.0;
         assert!((is_from || wind_m_s == 0.0) && (course.airspeed_m_s - 22.0).abs() < 0.2, "{name}");
@@ -93,8 +93,8 @@ fn with_delayed_velocity(mut recording: FlightRecording) -> FlightRecording {
 fn errors_against_gps_course_match_errors_against_the_truth() {
     for seed in 1..5 {
         let flight = read(&encode_dataflash(&legs(&config_with_wind(seed, 7.0), &ALL_ROUND_DEG)));
-        let course = ReferenceHeading::best(&flight).unwrap();
-        assert!(course.is_accuracy() && course.name() == "GPS course in straight flight", "{course:?}");
+        let course = ReferenceHeading::best_reference(&flight).unwrap();
+        assert!(course.is_accuracy() && course.reference_name() == "GPS course in straight flight", "{course:?}");
         let [by_course, mut by_truth] = [&course, &ReferenceHeading::AutopilotYaw]
             .map(|reference| build_rows(&flight, &flight.compasses[0], 0.0, Some(reference)).0);
         for (truth, found) in by_truth.iter_mut().zip(&by_course) {
@@ -153,8 +153,12 @@ fn gps_course_is_rejected_where_it_gives_no_heading() {
     ] {
         let flight = read(&encode_dataflash(&recording));
         assert_eq!(GpsCourseHeading::from_flight(&flight).unwrap_err(), expected_rejection);
-        assert_eq!(ReferenceHeading::best(&flight), Some(ReferenceHeading::AutopilotYaw), "{expected_rejection:?}");
-        let notes = LogWarning::all(&flight, &evaluate_flight(&flight, &ASKED));
+        assert_eq!(
+            ReferenceHeading::best_reference(&flight),
+            Some(ReferenceHeading::AutopilotYaw),
+            "{expected_rejection:?}"
+        );
+        let notes = LogWarning::warnings_of_flight(&flight, &evaluate_flight(&flight, &ASKED));
         let told = notes.iter().any(|note| note.to_string().contains(expected_rejection.description()));
         assert!(told, "{expected_rejection:?}: {notes:?}");
     }
@@ -203,7 +207,7 @@ fn gps_course_is_reported_with_its_accuracy() {
 #[test]
 fn references_are_ranked() {
     let mut flight = read(&encode_dataflash(&legs(&config_with_wind(1, 5.0), &ALL_ROUND_DEG)));
-    let best = |flight: &Flight| ReferenceHeading::best(flight).unwrap().name();
+    let best = |flight: &Flight| ReferenceHeading::best_reference(flight).unwrap().reference_name();
     let mut ranked = vec![best(&flight)];
     for row in flight.gps.rows_mut() {
         row.values[5] = 90.0;

@@ -34,7 +34,7 @@ fn judged<R>(recording: &FlightRecording, judge: impl Fn(&Verdict<'_>, &FlightEv
 
 /// The correction that ArduPilot applies after loading the file of a verdict.
 fn loaded_correction(flight: &Flight, verdict: &Verdict<'_>) -> FieldCorrection {
-    let file = format_parameter_file(flight, &verdict.parameters(), ParameterFormat::ArduPilot);
+    let file = format_parameter_file(flight, &verdict.exported_corrections(), ParameterFormat::ArduPilot);
     FieldCorrection::from_ardupilot(&parse_parameter_file(&file, &flight.parameters), 1)
 }
 
@@ -62,7 +62,8 @@ fn parameters_make_a_bad_compass_good() {
             // Of the limit of `native.rs`, and what a symmetric matrix cannot express.
             let lost_deg = compass.parameters.as_ref().unwrap().heading_loss_deg[0];
             assert!(loaded_deg < 1.0 + lost_deg, "seed {seed}: {loaded_deg}, {lost_deg}");
-            let file = format_parameter_file(verdict.flight, &verdict.parameters(), ParameterFormat::ArduPilot);
+            let file =
+                format_parameter_file(verdict.flight, &verdict.exported_corrections(), ParameterFormat::ArduPilot);
             file.lines()
                 .filter(|line| line.starts_with("COMPASS"))
                 .map(|line| line.split_once(',').unwrap())
@@ -79,7 +80,7 @@ fn parameters_make_a_bad_compass_good() {
                 (is_good, is_good),
                 "{judgement:?}"
             );
-            assert!(verdict.parameters().is_empty());
+            assert!(verdict.exported_corrections().is_empty());
         });
     }
 }
@@ -100,7 +101,7 @@ fn after_a_change_of_iron_parameters_fit_what_was_flown_since() {
             let [before_deg, since_deg] = [false, true].map(|is_since| {
                 rms_deg(compass, |row| row.usable && (row.t_s > CHANGED_S + 1.0) == is_since, &correction)
             });
-            let lost_deg = verdict.parameters()[0].heading_loss_deg[0];
+            let lost_deg = verdict.exported_corrections()[0].heading_loss_deg[0];
             assert!(since_deg < 1.0 + lost_deg, "seed {seed}: {since_deg}, {lost_deg}");
             assert!(before_deg > since_deg + 3.0, "seed {seed}: {before_deg} {since_deg}");
         });
@@ -114,7 +115,7 @@ fn too_little_after_a_change_of_iron_gives_no_parameters() {
     judged(&recording, |verdict, _| {
         let judgement = &verdict.compasses[0].judgement;
         assert_eq!((judgement.state, judgement.action), (CompassState::Bad, CompassAction::FlyAgain), "{judgement:?}");
-        assert!(verdict.parameters().is_empty() && !verdict.is_solved());
+        assert!(verdict.exported_corrections().is_empty() && !verdict.is_solved());
     });
 }
 
@@ -126,7 +127,8 @@ fn motor_compensation_is_given_where_it_is_significant() {
         let parameters = vec![("COMPASS_OFS_X".to_owned(), 0.0)];
         let recording = FlightRecording { parameters, ..record_turns(&world, 0.05) };
         judged(&recording, |verdict, _| {
-            let file = format_parameter_file(verdict.flight, &verdict.parameters(), ParameterFormat::ArduPilot);
+            let file =
+                format_parameter_file(verdict.flight, &verdict.exported_corrections(), ParameterFormat::ArduPilot);
             assert_eq!(file.contains("COMPASS_MOTCT,2"), is_given, "{interference_ut} uT: {file}");
             assert!(file.contains("COMPASS_OFS_X"), "{interference_ut} uT: {file}");
         });
@@ -145,7 +147,7 @@ fn parameters_that_leave_a_compass_bad_are_not_given() {
             let judgement = &verdict.compasses[0].judgement;
             assert_ne!(judgement.action, CompassAction::Load, "seed {seed}: {judgement:?}");
             assert!(judgement.reason_codes().contains(&"inaccurate"), "seed {seed}: {judgement:?}");
-            assert!(verdict.parameters().is_empty() && !verdict.is_solved(), "seed {seed}");
+            assert!(verdict.exported_corrections().is_empty() && !verdict.is_solved(), "seed {seed}");
         });
     }
 }
@@ -181,7 +183,7 @@ fn residuals_that_no_fit_explains_are_named_in_place_of_a_manoeuvre() {
     let is_named = |recording: &FlightRecording, words: &str| {
         judged(recording, |verdict, _| {
             let judgement = &verdict.compasses[0].judgement;
-            let text = verdict.sentences().concat();
+            let text = verdict.summary_sentences().concat();
             assert_eq!((judgement.state, judgement.action), (CompassState::Bad, CompassAction::FlyAgain), "{text}");
             assert!(judgement.reason_codes().contains(&"residuals"), "{judgement:?}");
             assert!(text.contains(words) && !text.contains("missing most"), "{text}");

@@ -16,5 +16,5 @@ const ASKED: EvaluationOptions = EvaluationOptions::DEFAULT;
 
 fn read(bytes: &[u8]) -> Flight {
     let mut source = bytes;
-    log::read(&mut source, FieldUnit::Milligauss).unwrap()
+    log::read_flight(&mut source, FieldUnit::Milligauss).unwrap()
 }

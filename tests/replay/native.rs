@@ -65,7 +65,7 @@ fn a_native_log_gives_heading_and_field_latency() {
     ] {
         let recording = record_flight(&world, age_s);
         let (flight, compass) = evaluate(&write(&recording));
-        let name = flight.format.name();
+        let name = flight.format.format_name();
         let most_s = 2.5 * compass.latency.sigma_s.unwrap();
         assert!((compass.latency.used_s - age_s).abs() < most_s.max(0.01), "{name}: {:?}", compass.latency);
         assert_eq!(compass.module.accepted, Ok(()), "{name}");
@@ -122,7 +122,8 @@ fn exported_parameters_give_the_predicted_heading_error() {
         let most = ours.rms_deg + export.heading_loss_deg[0] + 0.05;
         assert!(score.rms_deg < most, "seed {seed}: {score:?}, {ours:?}, {:?}", export.heading_loss_deg);
         // Scaled to the given field strength.
-        let strengths: Vec<f64> = compass.rows.iter().map(|row| row.corrected(&export.correction).norm()).collect();
+        let strengths: Vec<f64> =
+            compass.rows.iter().map(|row| row.corrected_field(&export.correction).norm()).collect();
         let mean = strengths.iter().sum::<f64>() / strengths.len() as f64;
         assert!((mean - 50.0).abs() < 1.5, "seed {seed}: {mean}");
     }
@@ -137,7 +138,7 @@ fn an_internal_compass_is_given_no_orientation() {
     for (external, line) in
         [(1.0, "\nCOMPASS_ORIENT,2\n"), (0.0, "\n# COMPASS_ORIENT: not used, because COMPASS_EXTERNAL is 0")]
     {
-        flight.parameters.set(0.0, "COMPASS_EXTERNAL", external);
+        flight.parameters.set_value(0.0, "COMPASS_EXTERNAL", external);
         let text =
             parameter_export::format_parameter_file(&flight, std::slice::from_ref(&export), ParameterFormat::ArduPilot);
         assert!(text.contains(line), "{external}: {text}");
@@ -218,7 +219,7 @@ fn no_parameters_are_given_beyond_compass_offs_max() {
     let evaluation = evaluate_flight(&flight, &ASKED);
     let offsets_mg = export_module(&compass, Some(50.0), ParameterFormat::ArduPilot).correction.hard_iron_ut * 10.0;
     for (part, action) in [(0.95, CompassAction::Replace), (1.05, CompassAction::Load)] {
-        flight.parameters.set(f64::MAX, "COMPASS_OFFS_MAX", offsets_mg.amax() * part);
+        flight.parameters.set_value(f64::MAX, "COMPASS_OFFS_MAX", offsets_mg.amax() * part);
         let judgement = &Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot).compasses[0].judgement;
         assert_eq!(judgement.action, action, "{judgement:?}");
     }
@@ -239,7 +240,7 @@ fn score_of_file(
 ) -> HeadingScore {
     let text = parameter_export::format_parameter_file(flight, std::slice::from_ref(export), dialect);
     let loaded = parameter_export::parse_parameter_file(&text, &flight.parameters);
-    assert_eq!(export.rotation.number(), 0, "mounted as the log says");
+    assert_eq!(export.rotation.rotation_number(), 0, "mounted as the log says");
     let correction = match dialect {
         ParameterFormat::Px4 => FieldCorrection::from_px4(&loaded, compass.number),
         ParameterFormat::ArduPilot | ParameterFormat::Inav => FieldCorrection::from_ardupilot(&loaded, compass.number),
@@ -254,8 +255,8 @@ fn implausible_units_are_reported() {
     let text = encode_csv(&FlightRecording { place: Some([48.0, 11.3, 500.0]), ..record_flight(&world, 0.0) });
     let notes = |bytes: &[u8], unit: FieldUnit| {
         let mut source = bytes;
-        let flight = log::read(&mut source, unit).unwrap();
-        let notes = LogWarning::all(&flight, &evaluate_flight(&flight, &ASKED));
+        let flight = log::read_flight(&mut source, unit).unwrap();
+        let notes = LogWarning::warnings_of_flight(&flight, &evaluate_flight(&flight, &ASKED));
         notes.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
     };
     assert_eq!(notes(&text, FieldUnit::Milligauss), "");

@@ -40,7 +40,7 @@ impl HeadingErrors {
             let told_a = world.reports_current.then_some(CRUISE_CURRENT_A as f32);
             let sensed = calibration.remove_motor_current(sensed, told_a);
             let attitude = Attitude::from_deg(bank_deg as f32, 0.0);
-            let indicated = attitude.level(calibration.apply(sensed)).heading_rad();
+            let indicated = attitude.level(calibration.calibrated_field(sensed)).heading_rad();
             wrap_180((f64::from(indicated) - heading_rad).to_degrees())
         };
         Self(BANKS_DEG.map(|bank_deg| std::array::from_fn(|i| error_deg(bank_deg, i as f64 * FRAC_PI_6))))

@@ -31,7 +31,7 @@ impl SimulatedMagnetometer {
             SensorModel::Lis3mdl => {
                 let chip = Lis3mdl::new(Lis3mdlConfig { seed, ..Lis3mdlConfig::default() }, field);
                 let bus = Bus::new();
-                bus.attach(FaultyChip::new(chip.clone(), faults));
+                bus.attach_device(FaultyChip::new(chip.clone(), faults));
                 Self::Lis3mdl(chip, bus)
             }
             SensorModel::Rm3100 => Self::Rm3100(Rm3100::new(Rm3100Config { seed, ..Rm3100Config::default() }, field)),
@@ -58,15 +58,23 @@ impl SimulatedMagnetometer {
     pub(crate) fn spawn_task(&self, simulation: &mut Simulation, links: Rc<Links>) {
         match self {
             Self::Lis3mdl(_, bus) => {
-                spawn(simulation, links, magnetometer::lis3mdl::Lis3mdl::new(bus.clone(), DriverConfig::default()));
+                spawn_sensor_task(
+                    simulation,
+                    links,
+                    magnetometer::lis3mdl::Lis3mdl::new(bus.clone(), DriverConfig::default()),
+                );
             }
             Self::Rm3100(chip) => {
-                spawn(simulation, links, magnetometer::rm3100::Rm3100::new(SelectedDevice::new(chip.clone())));
+                spawn_sensor_task(
+                    simulation,
+                    links,
+                    magnetometer::rm3100::Rm3100::new(SelectedDevice::new(chip.clone())),
+                );
             }
         }
     }
 }
 
-fn spawn(simulation: &mut Simulation, links: Rc<Links>, driver: impl Magnetometer + 'static) {
-    simulation.spawn(Level::Interrupt, "sensor", async move { app::sensor::run(&links, driver).await });
+fn spawn_sensor_task(simulation: &mut Simulation, links: Rc<Links>, driver: impl Magnetometer + 'static) {
+    simulation.spawn(Level::Interrupt, "sensor", async move { app::sensor::run_sensor(&links, driver).await });
 }

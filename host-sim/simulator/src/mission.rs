@@ -34,7 +34,7 @@ pub enum MissionStage {
 impl MissionStage {
     /// Name in progress messages.
     #[must_use]
-    pub fn name(self) -> &'static str {
+    pub fn stage_name(self) -> &'static str {
         match self {
             Self::TakeOff => "take-off, uncalibrated",
             Self::Routine(name) => name,
@@ -131,7 +131,7 @@ pub struct MissionResult {
 }
 
 /// Flies a mission with the simulated module. `watch` receives the stage and its progress, 0..1.
-pub fn fly(world: WorldConfig, plan: TurnPlan, watch: &mut dyn FnMut(MissionStage, f64)) -> MissionResult {
+pub fn fly_mission(world: WorldConfig, plan: TurnPlan, watch: &mut dyn FnMut(MissionStage, f64)) -> MissionResult {
     fly_with(&mut Rig::new(world), plan, watch)
 }
 
@@ -191,7 +191,7 @@ impl<M: Module> Mission<'_, M> {
             }
             self.send_console_line("status");
         }
-        let notice = self.outcome();
+        let notice = self.await_outcome();
         match notice {
             SolveNotice::Calibrated(_) => {
                 transcript::parse_shown_calibration(&self.send_console_line("cal show")).ok_or(notice)
@@ -201,10 +201,10 @@ impl<M: Module> Mission<'_, M> {
     }
 
     /// Result of the solve. If the module does not solve automatically, the pilot requests it.
-    fn outcome(&mut self) -> SolveNotice {
+    fn await_outcome(&mut self) -> SolveNotice {
         let patience_steps = (SOLVE_TIMEOUT_S / RUN_STEP_S) as usize;
         for piece in 0..2 * patience_steps {
-            if let Some(notice) = transcript::notice(&self.session) {
+            if let Some(notice) = transcript::parse_solve_notice(&self.session) {
                 return notice;
             }
             if piece == patience_steps
@@ -234,7 +234,8 @@ impl<M: Module> Mission<'_, M> {
             while self.module.world().unfinished_legs() > 0 && self.advance_one_step() {
                 (self.watch)(MissionStage::Stream, done as f64 / legs.len() as f64);
                 for timed_byte in self.module.instrument().receive_timed() {
-                    let Some(received) = reader.push(timed_byte.at_us, timed_byte.byte).filter(|r| r.kind == "PASWH")
+                    let Some(received) =
+                        reader.push_byte(timed_byte.at_us, timed_byte.byte).filter(|r| r.kind == "PASWH")
                     else {
                         continue;
                     };

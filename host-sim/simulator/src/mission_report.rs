@@ -21,7 +21,7 @@ use crate::world::airframe::AirframeDescription;
 #[must_use]
 pub fn report_mission(mission_result: &MissionResult, made: &ReportOrigin) -> Report {
     let seed = mission_result.world.seed;
-    let kind = mission_result.world.aircraft.kind.name();
+    let kind = mission_result.world.aircraft.kind.vehicle_name();
     Report {
         title: format!("Simulated {kind}, seed {seed}"),
         verdicts: vec![verdict_line(mission_result)],
@@ -69,7 +69,7 @@ pub fn mission_json(mission_result: &MissionResult) -> Value {
         "after": shown.map(|_| after),
         "streamed": mission_result.streamed,
         "duration_s": mission_result.duration_s,
-        "aircraft": mission_result.world.aircraft.kind.name(),
+        "aircraft": mission_result.world.aircraft.kind.vehicle_name(),
         "airframe": airframe_json(&mission_result.world),
         "seed": mission_result.world.seed,
     });
@@ -138,7 +138,7 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
     for moment in &mut moments {
         moment.at_s -= first_s;
     }
-    let mut facts = table(mission_result);
+    let mut facts = summary_table(mission_result);
     if let Ok(shown) = &mission_result.result {
         let Calibration { total_ut, inclination_rad, .. } = shown.calibration;
         facts.push(["field".to_owned(), format!("{} uT", format_number(f64::from(total_ut), 2))]);
@@ -152,8 +152,8 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
         name: "The module's compass".to_owned(),
         accepted: mission_result.result.is_ok(),
         facts,
-        before: lines(&mission_result.before),
-        after: if mission_result.result.is_ok() { lines(&mission_result.after) } else { Vec::new() },
+        before: deviation_curves(&mission_result.before),
+        after: if mission_result.result.is_ok() { deviation_curves(&mission_result.after) } else { Vec::new() },
         sigma_deg: expected_deg.map_or_else(Vec::new, |deg| vec![deg; 12]),
         sigma_description: "the expected error of the calibration, RMS over all headings",
         samples: moments,
@@ -170,7 +170,7 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
     }
 }
 
-fn table(mission_result: &MissionResult) -> Vec<[String; 2]> {
+fn summary_table(mission_result: &MissionResult) -> Vec<[String; 2]> {
     let words = |f: ErrorStatistics| {
         format!(
             "largest {}, RMS {}, constant {}, largest less constant {} deg",
@@ -198,7 +198,7 @@ fn table(mission_result: &MissionResult) -> Vec<[String; 2]> {
     facts
 }
 
-fn lines(errors: &HeadingErrors) -> Vec<DeviationCurve> {
+fn deviation_curves(errors: &HeadingErrors) -> Vec<DeviationCurve> {
     let name = |bank_deg: f64| match bank_deg {
         0.0 => "level".to_owned(),
         right if right > 0.0 => format!("right {right:.0}"),
@@ -215,7 +215,7 @@ fn lines(errors: &HeadingErrors) -> Vec<DeviationCurve> {
         .collect()
 }
 
-fn moment(true_moment: &mission::TrueMoment) -> ReportSample {
+fn report_sample(true_moment: &mission::TrueMoment) -> ReportSample {
     ReportSample {
         at_s: true_moment.at_s,
         heading_deg: Some(true_moment.heading_deg),
@@ -229,8 +229,9 @@ fn moment(true_moment: &mission::TrueMoment) -> ReportSample {
 
 /// Moment during the collection.
 fn collected_sample(glimpse: &RoutineMeasurement, calibration: Option<&Calibration>) -> ReportSample {
-    let corrected =
-        |applied: &Calibration| applied.apply(applied.remove_motor_current(glimpse.field, glimpse.current_a));
+    let corrected = |applied: &Calibration| {
+        applied.calibrated_field(applied.remove_motor_current(glimpse.field, glimpse.current_a))
+    };
     let before = corrected(&Calibration::uncalibrated(Orientation::NONE));
     let before_deg = f64::from(glimpse.moment.attitude.level(before).heading_rad().to_degrees());
     let body_ut = |field: Field<Body>| field.ut.map(f64::from).into();
@@ -239,13 +240,17 @@ fn collected_sample(glimpse: &RoutineMeasurement, calibration: Option<&Calibrati
         corrected_ut: calibration.map(|applied| body_ut(corrected(applied))),
         current_a: glimpse.current_a.map(f64::from),
         error_before_deg: Some(wrap_180(before_deg - glimpse.moment.heading_deg)),
-        ..moment(&glimpse.moment)
+        ..report_sample(&glimpse.moment)
     }
 }
 
 /// Moment after the calibration, with the streamed heading but no field.
 fn streamed_sample(heading: &EvaluatedHeading) -> ReportSample {
-    ReportSample { error_deg: Some(heading.error_deg), sigma_deg: Some(heading.sigma_deg), ..moment(&heading.moment) }
+    ReportSample {
+        error_deg: Some(heading.error_deg),
+        sigma_deg: Some(heading.sigma_deg),
+        ..report_sample(&heading.moment)
+    }
 }
 
 /// Terminal text without control sequences.

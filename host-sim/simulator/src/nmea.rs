@@ -27,19 +27,19 @@ pub struct SentenceReader {
 
 impl SentenceReader {
     /// Processes a byte and returns a completed valid sentence.
-    pub fn push(&mut self, at_us: u64, byte: u8) -> Option<HeadingSentence> {
+    pub fn push_byte(&mut self, at_us: u64, byte: u8) -> Option<HeadingSentence> {
         if byte != b'\n' {
             self.line.push(byte);
             return None;
         }
         let line = std::mem::take(&mut self.line);
-        let received = parse(at_us, &line);
+        let received = parse_sentence(at_us, &line);
         self.invalid += u32::from(received.is_none());
         received
     }
 }
 
-fn parse(at_us: u64, line: &[u8]) -> Option<HeadingSentence> {
+fn parse_sentence(at_us: u64, line: &[u8]) -> Option<HeadingSentence> {
     let line = std::str::from_utf8(line).ok()?.strip_suffix('\r')?;
     let (body, checksum) = line.strip_prefix('$')?.rsplit_once('*')?;
     let sum = body.bytes().fold(0, |sum, byte| sum ^ byte);
@@ -67,7 +67,7 @@ mod tests {
 
     fn read(text: &str) -> (Vec<HeadingSentence>, u32) {
         let mut reader = SentenceReader::default();
-        let received = text.bytes().filter_map(|byte| reader.push(7, byte)).collect();
+        let received = text.bytes().filter_map(|byte| reader.push_byte(7, byte)).collect();
         (received, reader.invalid)
     }
 

@@ -79,7 +79,7 @@ impl Random {
     }
 
     /// Draws a standard normal number.
-    pub fn normal(&mut self) -> f64 {
+    pub fn gaussian(&mut self) -> f64 {
         self.0.sample(StandardNormal)
     }
 
@@ -89,17 +89,17 @@ impl Random {
     }
 
     /// 64 random bits.
-    pub fn bits(&mut self) -> u64 {
+    pub fn random_bits(&mut self) -> u64 {
         self.0.random()
     }
 
     /// Three independent standard normal numbers.
     pub fn normal_vector(&mut self) -> Vector3<f64> {
-        Vector3::from_fn(|_, _| self.normal())
+        Vector3::from_fn(|_, _| self.gaussian())
     }
 
     /// Unit vector, uniformly distributed over the sphere.
-    pub fn direction(&mut self) -> Vector3<f64> {
+    pub fn random_direction(&mut self) -> Vector3<f64> {
         loop {
             // The three-dimensional normal distribution is isotropic.
             if let Some(direction) = self.normal_vector().try_normalize(f64::EPSILON) {
@@ -109,8 +109,8 @@ impl Random {
     }
 
     /// Rotation about a random axis by up to `max_deg` degrees.
-    pub fn rotation(&mut self, max_deg: f64) -> Rotation3<f64> {
-        let axis = self.direction();
+    pub fn random_rotation(&mut self, max_deg: f64) -> Rotation3<f64> {
+        let axis = self.random_direction();
         Rotation3::new(axis * self.uniform(0.0, 1.0) * max_deg.to_radians())
     }
 }

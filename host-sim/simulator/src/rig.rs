@@ -158,7 +158,7 @@ impl Rig {
             cause: RefCell::new(None),
             watchdog_due_us: Cell::new(u64::MAX),
         });
-        let (autopilot, instrument) = (autopilot_cable.host(), instrument_cable.host());
+        let (autopilot, instrument) = (autopilot_cable.host_end(), instrument_cable.host_end());
         let [one, two] = port_devices;
         let port_devices = [
             one.attach(&mut simulation, &world, autopilot.clone(), faults.attitude),
@@ -174,7 +174,7 @@ impl Rig {
         let mut rig = Self {
             simulation,
             world,
-            console: console_cable.host(),
+            console: console_cable.host_end(),
             autopilot,
             instrument,
             port_devices,
@@ -204,7 +204,7 @@ impl Rig {
 
     /// Replaces the flash contents and restarts the module. False without effect if the size is not [`STORE_BYTES`].
     pub fn load_flash(&mut self, contents: &[u8]) -> bool {
-        let fits = self.flash.restore(contents);
+        let fits = self.flash.restore_contents(contents);
         if fits {
             self.power_on(ResetCause::PowerOn);
         }
@@ -228,7 +228,7 @@ impl Rig {
         self.flash.power_on();
         self.reset.watchdog_due_us.set(clock::now_us() + WATCHDOG_US);
         let links = Rc::new(Links::new());
-        let (console_rx, console_tx) = self.console_cable.module();
+        let (console_rx, console_tx) = self.console_cable.module_ends();
         let store = Store::new(self.flash.clone(), 0..STORE_BYTES as u32);
         let platform = SimulatedPlatform(self.reset.clone());
         let dog = SimulatedWatchdog(self.reset.clone());
@@ -236,30 +236,30 @@ impl Rig {
         let simulation = &mut self.simulation;
         self.magnetometer.spawn_task(simulation, links.clone());
         let l = links.clone();
-        simulation.spawn(Level::Interrupt, "instrument", async move { app::instrument::run(&l).await });
+        simulation.spawn(Level::Interrupt, "instrument", async move { app::instrument::run_instrument(&l).await });
         for (number, cable) in PortNumber::ALL.into_iter().zip([&self.autopilot_cable, &self.instrument_cable]) {
-            let (l, (rx, tx)) = (links.clone(), cable.module());
-            simulation.spawn(Level::Interrupt, "port", async move { app::port::run(&l, number, rx, tx).await });
+            let (l, (rx, tx)) = (links.clone(), cable.module_ends());
+            simulation.spawn(Level::Interrupt, "port", async move { app::port::run_port(&l, number, rx, tx).await });
         }
         if let Some((end, info)) = self.can.clone() {
             end.reset();
             let (l, tx, boot_loader) =
                 (links.clone(), end.clone(), SimulatedBootLoader(Rc::clone(&self.firmware_update)));
             simulation.spawn(Level::Interrupt, "can", async move {
-                app::can::run(&l, info, end, tx, boot_loader, false).await;
+                app::can::run_can(&l, info, end, tx, boot_loader, false).await;
             });
         }
         let l = links.clone();
-        simulation.spawn(Level::Interrupt, "watchdog", async move { app::watchdog::run(&l, dog).await });
+        simulation.spawn(Level::Interrupt, "watchdog", async move { app::watchdog::run_watchdog(&l, dog).await });
         let l = links.clone();
-        simulation.spawn(Level::Interrupt, "panel", async move { app::panel::run(&l, panel).await });
+        simulation.spawn(Level::Interrupt, "panel", async move { app::panel::run_panel(&l, panel).await });
         let (l, retained) = (links.clone(), Rc::clone(&self.retained_samples));
         simulation.spawn(Level::Thread, "compass", async move {
             // Boxed, because the future with the sample memory is large.
-            Box::pin(app::compass::run(&l, store, &mut retained.borrow_mut())).await;
+            Box::pin(app::compass::run_compass(&l, store, &mut retained.borrow_mut())).await;
         });
         simulation.spawn(Level::Thread, "console", async move {
-            app::console::run(&links, console_rx, console_tx, platform, cause).await;
+            app::console::run_console(&links, console_rx, console_tx, platform, cause).await;
         });
     }
 

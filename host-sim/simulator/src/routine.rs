@@ -58,11 +58,11 @@ impl Routine {
     #[must_use]
     pub fn for_vehicle(kind: VehicleKind, plan: TurnPlan, heading_deg: f64) -> Self {
         match kind {
-            VehicleKind::Plane => plane(plan, heading_deg),
-            VehicleKind::Copter => copter(),
-            VehicleKind::Vtol => vtol(heading_deg),
-            VehicleKind::Rover => rover(heading_deg),
-            VehicleKind::Boat => boat(heading_deg),
+            VehicleKind::Plane => plane_routine(plan, heading_deg),
+            VehicleKind::Copter => copter_routine(),
+            VehicleKind::Vtol => vtol_routine(heading_deg),
+            VehicleKind::Rover => rover_routine(heading_deg),
+            VehicleKind::Boat => boat_routine(heading_deg),
         }
     }
 
@@ -74,7 +74,7 @@ impl Routine {
 
     /// Pilot instructions, one line per part.
     #[must_use]
-    pub fn instructions(&self) -> String {
+    pub fn pilot_instructions(&self) -> String {
         self.parts.iter().enumerate().fold(String::new(), |mut text, (i, part)| {
             // Writing to a string never fails.
             let _ = writeln!(text, "  {}. {}", i + 1, part.instruction);
@@ -88,11 +88,11 @@ impl Routine {
 pub fn all_instructions() -> String {
     VehicleKind::ALL.into_iter().fold(String::new(), |text, kind| {
         let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
-        format!("{text}{}, after `{}`:\n{}", kind.name(), routine.command, routine.instructions())
+        format!("{text}{}, after `{}`:\n{}", kind.vehicle_name(), routine.command, routine.pilot_instructions())
     })
 }
 
-fn circle(rate_deg_s: f64, heading_change_deg: f64) -> Leg {
+fn circle_leg(rate_deg_s: f64, heading_change_deg: f64) -> Leg {
     Leg::Yaw { rate_deg_s, heading_change_deg }
 }
 
@@ -103,7 +103,7 @@ fn yaw_turns() -> RoutinePart {
     RoutinePart {
         name: "yaw turns",
         instruction: "in hover, turn the nose slowly once all round to the right, then once to the left, in 12 s each",
-        legs: vec![circle(HOVER_RATE_DEG_S, 360.0), circle(HOVER_RATE_DEG_S, -360.0)],
+        legs: vec![circle_leg(HOVER_RATE_DEG_S, 360.0), circle_leg(HOVER_RATE_DEG_S, -360.0)],
     }
 }
 
@@ -111,7 +111,7 @@ fn yaw_turns() -> RoutinePart {
 fn tilts_to_all_sides(name: &'static str, instruction_text: &'static str, headings: usize) -> RoutinePart {
     const TILT_DURATION_S: f64 = 2.0;
     const REST_AFTER_TILT_S: f64 = 2.5;
-    let turn = circle(2.0 * HOVER_RATE_DEG_S, 360.0 / headings as f64);
+    let turn = circle_leg(2.0 * HOVER_RATE_DEG_S, 360.0 / headings as f64);
     let each = [0.0, 180.0, 90.0, 270.0].into_iter().flat_map(|toward_deg| {
         [Leg::Push { toward_deg, tilt_deg: 18.0, seconds: TILT_DURATION_S }, Leg::Hover { seconds: REST_AFTER_TILT_S }]
     });
@@ -119,7 +119,7 @@ fn tilts_to_all_sides(name: &'static str, instruction_text: &'static str, headin
     RoutinePart { name, instruction: instruction_text, legs }
 }
 
-fn plane(plan: TurnPlan, heading_deg: f64) -> Routine {
+fn plane_routine(plan: TurnPlan, heading_deg: f64) -> Routine {
     let turns =
         |side: f64| vec![Leg::Turn { bank_deg: plan.bank_deg, heading_change_deg: side * 360.0 * plan.circles }];
     Routine {
@@ -142,7 +142,7 @@ fn plane(plan: TurnPlan, heading_deg: f64) -> Routine {
     }
 }
 
-fn copter() -> Routine {
+fn copter_routine() -> Routine {
     let instruction_text = "on four headings, a quarter turn apart: push the stick ahead, back, right and left until it tilts by some \
                 20 deg, two seconds each, and let it come to rest in between";
     Routine {
@@ -150,7 +150,7 @@ fn copter() -> Routine {
         take_off: Leg::Hover { seconds: 5.0 },
         parts: vec![yaw_turns(), tilts_to_all_sides("pushes", instruction_text, 4)],
         mission: vec![
-            circle(45.0, 360.0),
+            circle_leg(45.0, 360.0),
             Leg::Straight { heading_deg: 60.0, seconds: 20.0 },
             Leg::Turn { bank_deg: 10.0, heading_change_deg: -360.0 },
             Leg::Hover { seconds: 5.0 },
@@ -160,7 +160,7 @@ fn copter() -> Routine {
     }
 }
 
-fn vtol(heading_deg: f64) -> Routine {
+fn vtol_routine(heading_deg: f64) -> Routine {
     Routine {
         command: START_FLIGHT_COLLECTION,
         take_off: Leg::Hover { seconds: 5.0 },
@@ -177,7 +177,7 @@ fn vtol(heading_deg: f64) -> Routine {
             },
         ],
         mission: vec![
-            circle(45.0, 360.0),
+            circle_leg(45.0, 360.0),
             Leg::Straight { heading_deg: 60.0, seconds: 25.0 },
             Leg::Turn { bank_deg: 20.0, heading_change_deg: -360.0 },
             Leg::Straight { heading_deg: 250.0, seconds: 15.0 },
@@ -187,42 +187,42 @@ fn vtol(heading_deg: f64) -> Routine {
 }
 
 /// Alternating circles to both sides, so that they cover different places.
-fn circles(name: &'static str, instruction_text: &'static str, rate_deg_s: f64, number: usize) -> RoutinePart {
+fn circles_routine(name: &'static str, instruction_text: &'static str, rate_deg_s: f64, number: usize) -> RoutinePart {
     let sides = [720.0, -720.0].into_iter().cycle();
     RoutinePart {
         name,
         instruction: instruction_text,
-        legs: sides.take(number).map(|change_deg| circle(rate_deg_s, change_deg)).collect(),
+        legs: sides.take(number).map(|change_deg| circle_leg(rate_deg_s, change_deg)).collect(),
     }
 }
 
 fn surface_mission() -> Vec<Leg> {
     vec![
-        circle(20.0, 360.0),
+        circle_leg(20.0, 360.0),
         Leg::Straight { heading_deg: 60.0, seconds: 20.0 },
-        circle(10.0, -360.0),
+        circle_leg(10.0, -360.0),
         Leg::Straight { heading_deg: 250.0, seconds: 15.0 },
     ]
 }
 
-fn rover(heading_deg: f64) -> Routine {
+fn rover_routine(heading_deg: f64) -> Routine {
     let instruction_text = "on the roughest ground there is, or across a slope: two circles to the right and two to the left, and both \
                 again, each in 20 s";
     Routine {
         command: START_FLIGHT_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
-        parts: vec![circles("circles", instruction_text, 18.0, 4)],
+        parts: vec![circles_routine("circles", instruction_text, 18.0, 4)],
         mission: surface_mission(),
     }
 }
 
-fn boat(heading_deg: f64) -> Routine {
+fn boat_routine(heading_deg: f64) -> Routine {
     let instruction_text =
         "in waves that roll it: two circles to the right and two to the left, and both again, each in 20 s";
     Routine {
         command: START_FLIGHT_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
-        parts: vec![circles("circles", instruction_text, 18.0, 4)],
+        parts: vec![circles_routine("circles", instruction_text, 18.0, 4)],
         mission: surface_mission(),
     }
 }
@@ -284,7 +284,7 @@ mod tests {
         let words = all_instructions();
         for kind in VehicleKind::ALL {
             let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
-            assert!(words.contains(&format!("{}, after `{}`", kind.name(), routine.command)));
+            assert!(words.contains(&format!("{}, after `{}`", kind.vehicle_name(), routine.command)));
             assert!(routine.parts.iter().all(|part| words.contains(part.instruction) && !part.legs.is_empty()));
         }
     }
@@ -294,7 +294,7 @@ mod tests {
         let text = include_str!("../../../docs/routines.md").to_lowercase();
         for kind in VehicleKind::ALL {
             let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
-            let row = format!("| `{}` | `{}` |", kind.name(), routine.command);
+            let row = format!("| `{}` | `{}` |", kind.vehicle_name(), routine.command);
             let row = text.lines().find(|line| line.starts_with(&row)).unwrap_or_default();
             assert!(routine.parts.iter().all(|part| row.contains(&part.instruction.to_lowercase())), "{kind:?}: {row}");
         }

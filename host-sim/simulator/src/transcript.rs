@@ -26,8 +26,8 @@ impl SolveNotice {
 
 /// The last note in a transcript that reports the result of a solve.
 #[must_use]
-pub fn notice(session: &str) -> Option<SolveNotice> {
-    let notes = lines(session).filter_map(|line| line.strip_prefix("note "));
+pub fn parse_solve_notice(session: &str) -> Option<SolveNotice> {
+    let notes = transcript_lines(session).filter_map(|line| line.strip_prefix("note "));
     let mut outcomes = notes.filter_map(|note| match note.strip_prefix("refused ") {
         Some(refused) => parse_notice_code(refused),
         None => note.strip_prefix("calibrated: ").map(|words| SolveNotice::Calibrated(words.to_owned())),
@@ -38,7 +38,7 @@ pub fn notice(session: &str) -> Option<SolveNotice> {
 /// The error in an answer.
 #[must_use]
 pub fn parse_error(reply: &str) -> Option<SolveNotice> {
-    lines(reply).find_map(|line| line.strip_prefix("error ")).and_then(parse_notice_code)
+    transcript_lines(reply).find_map(|line| line.strip_prefix("error ")).and_then(parse_notice_code)
 }
 
 fn parse_notice_code(text: &str) -> Option<SolveNotice> {
@@ -61,18 +61,18 @@ pub struct ShownCalibration {
 /// Parses the answer to `cal show`.
 #[must_use]
 pub fn parse_shown_calibration(reply: &str) -> Option<ShownCalibration> {
-    let line = |prefix: &str| lines(reply).find_map(|line| line.strip_prefix(prefix));
+    let line = |prefix: &str| transcript_lines(reply).find_map(|line| line.strip_prefix(prefix));
     let head = line("ok number ")?;
     let method = head.split_once(" of ")?.1.split_once(',')?.0.to_owned();
-    let expected: [f32; 2] = numbers(head.split_once("expected error ")?.1)?;
-    let field: [f32; 2] = numbers(line("field: ")?)?;
+    let expected: [f32; 2] = parse_numbers(head.split_once("expected error ")?.1)?;
+    let field: [f32; 2] = parse_numbers(line("field: ")?)?;
     let calibration = Calibration {
-        w: [numbers(line("wx: ")?)?, numbers(line("wy: ")?)?, numbers(line("wz: ")?)?],
-        b_ut: numbers(line("b: ")?)?,
+        w: [parse_numbers(line("wx: ")?)?, parse_numbers(line("wy: ")?)?, parse_numbers(line("wz: ")?)?],
+        b_ut: parse_numbers(line("b: ")?)?,
         total_ut: field[0],
         inclination_rad: field[1].to_radians(),
         latency_s: latency_s(line("latency: ")?)?,
-        motor_current: current(line("current: ")?)?,
+        motor_current: parse_motor_current(line("current: ")?)?,
     };
     Some(ShownCalibration {
         method,
@@ -84,15 +84,15 @@ pub fn parse_shown_calibration(reply: &str) -> Option<ShownCalibration> {
 
 /// Attitude latency in use, seconds; 0 if not in use.
 fn latency_s(text: &str) -> Option<f32> {
-    let used = text.strip_suffix(", used").map(numbers::<2>);
+    let used = text.strip_suffix(", used").map(parse_numbers::<2>);
     used.map_or(Some(0.0), |found| found.map(|[latency_ms, _]| latency_ms / 1e3))
 }
 
-fn current(text: &str) -> Option<MotorCurrentInterference> {
+fn parse_motor_current(text: &str) -> Option<MotorCurrentInterference> {
     if text == "not known" {
         return Some(MotorCurrentInterference::NONE);
     }
-    let [x, y, z, sigma_ut_per_a, mean_a, spread_a] = numbers(text)?;
+    let [x, y, z, sigma_ut_per_a, mean_a, spread_a] = parse_numbers(text)?;
     Some(MotorCurrentInterference {
         ut_per_a: [x, y, z],
         sigma_ut_per_a,
@@ -104,20 +104,20 @@ fn current(text: &str) -> Option<MotorCurrentInterference> {
 /// Estimated hard-iron change in the answer to `status`, body axes, microtesla; `None` without a significant change.
 #[must_use]
 pub fn hard_iron_change_ut(status: &str) -> Option<[f64; 3]> {
-    let line = lines(status).find_map(|line| line.strip_prefix("hard iron: changed by "))?;
+    let line = transcript_lines(status).find_map(|line| line.strip_prefix("hard iron: changed by "))?;
     let (_, vector) = line.split_once("(x ")?;
     let (vector, _) = vector.split_once(", sigma")?;
-    numbers(vector).map(|vector: [f32; 3]| vector.map(f64::from))
+    parse_numbers(vector).map(|vector: [f32; 3]| vector.map(f64::from))
 }
 
 /// Numbers among the words of a line; `None` unless there are exactly `N`.
-fn numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
+fn parse_numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
     let found: Vec<f32> = text.split_whitespace().filter_map(|word| word.trim_end_matches(',').parse().ok()).collect();
     found.try_into().ok()
 }
 
 /// Lines without terminal control sequences.
-fn lines(text: &str) -> impl DoubleEndedIterator<Item = &str> {
+fn transcript_lines(text: &str) -> impl DoubleEndedIterator<Item = &str> {
     text.split('\n').map(|line| line.trim_end().rsplit("\u{1b}[2K").next().unwrap_or_default())
 }
 
@@ -168,6 +168,6 @@ mod tests {
     #[test]
     fn the_last_note_counts() {
         let transcript = "note refused few-samples: fly more\r\nnote calibrated: number 1\r\n";
-        assert_eq!(notice(transcript), Some(SolveNotice::Calibrated("number 1".to_owned())));
+        assert_eq!(parse_solve_notice(transcript), Some(SolveNotice::Calibrated("number 1".to_owned())));
     }
 }

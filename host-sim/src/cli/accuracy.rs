@@ -12,8 +12,8 @@ use simulator::world::aircraft::VehicleKind;
 
 use super::failure::Failure;
 use super::print::{self, append_wrapped, narrow_table, right_aligned};
-use super::progress::progress;
-use super::range::{AIRCRAFT, integer, number, one_of};
+use super::progress::progress_bar;
+use super::range::{AIRCRAFT, integer_in_range, number_in_range, one_of};
 
 const FLIGHT_PATTERNS: &[(&str, FlightPattern)] = &[
     ("routine", FlightPattern::Routine),
@@ -40,16 +40,16 @@ pub struct Accuracy {
     #[arg(long = "pattern", value_name = "routine|mirrored|wandering", value_parser = one_of(FLIGHT_PATTERNS))]
     patterns: Vec<FlightPattern>,
     /// Duration of a flight, minutes, 1 to 120 [default: 3]
-    #[arg(long, value_name = "MINUTES", value_parser = number(1.0, 120.0))]
+    #[arg(long, value_name = "MINUTES", value_parser = number_in_range(1.0, 120.0))]
     minutes: Option<f64>,
     /// Number of airframes, 1 to 1000000
-    #[arg(long, default_value_t = 500, value_name = "N", value_parser = integer(1_u64, 1_000_000))]
+    #[arg(long, default_value_t = 500, value_name = "N", value_parser = integer_in_range(1_u64, 1_000_000))]
     airframes: u64,
     /// Draws of the noise for each airframe, 1 to 100000
-    #[arg(long, default_value_t = 60, value_name = "N", value_parser = integer(1_u64, 100_000))]
+    #[arg(long, default_value_t = 60, value_name = "N", value_parser = integer_in_range(1_u64, 100_000))]
     draws: u64,
     /// Seed of the first airframe, incremented for the others, 0 to 18446744073709551615
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer(0, u64::MAX))]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]
     seed: u64,
     /// Print one JSON object instead of the table
     #[arg(long)]
@@ -59,18 +59,18 @@ pub struct Accuracy {
 /// Default duration of a flight, minutes.
 const FLIGHT_MINUTES: f64 = 3.0;
 
-pub fn run(options: &Accuracy) -> Result<ExitCode, Failure> {
+pub fn run_accuracy(options: &Accuracy) -> Result<ExitCode, Failure> {
     let kind = options.aircraft;
     let plan = AccuracyPlan { airframes: options.airframes, draws: options.draws, seed: options.seed };
     if kind == VehicleKind::Plane && options.patterns.is_empty() && options.minutes.is_none() {
-        turns(options, plan)
+        run_turns(options, plan)
     } else {
         run_whole_flights(options, kind, plan)
     }
 }
 
-fn turns(options: &Accuracy, plan: AccuracyPlan) -> Result<ExitCode, Failure> {
-    let bar = progress("airframes", plan.airframes);
+fn run_turns(options: &Accuracy, plan: AccuracyPlan) -> Result<ExitCode, Failure> {
+    let bar = progress_bar("airframes", plan.airframes);
     let outcome = accuracy::run(plan, &|| bar.inc(1));
     bar.finish_and_clear();
     if options.json {
@@ -129,7 +129,7 @@ fn format_outcome(plan: AccuracyPlan, outcome: &AccuracyResult) -> String {
 fn run_whole_flights(options: &Accuracy, kind: VehicleKind, plan: AccuracyPlan) -> Result<ExitCode, Failure> {
     let patterns = if options.patterns.is_empty() { FlightPattern::ALL.to_vec() } else { options.patterns.clone() };
     let minutes = options.minutes.unwrap_or(FLIGHT_MINUTES);
-    let bar = progress("airframes", plan.airframes * patterns.len() as u64);
+    let bar = progress_bar("airframes", plan.airframes * patterns.len() as u64);
     let rows: Vec<FlightStudyRow> = patterns
         .into_iter()
         .map(|pattern| flight_study::run(Flight { kind, pattern, minutes }, plan, &|| bar.inc(1)))
@@ -147,7 +147,7 @@ fn run_whole_flights(options: &Accuracy, kind: VehicleKind, plan: AccuracyPlan) 
 
 fn format_flights(plan: AccuracyPlan, rows: &[FlightStudyRow]) -> String {
     let AccuracyPlan { airframes, draws, .. } = plan;
-    let name = |row: &FlightStudyRow| format!("{} {}", row.aircraft, row.pattern.name());
+    let name = |row: &FlightStudyRow| format!("{} {}", row.aircraft, row.pattern.pattern_name());
     let mut errors =
         narrow_table(["flight", "minutes", "readings", "rms", "worst\n10 %", "solved,\n%", "accepted,\n%", "wrong"]);
     let mut ratios =

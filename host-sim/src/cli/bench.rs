@@ -39,10 +39,10 @@ pub struct Speed {
     json: bool,
 }
 
-pub fn budget(options: &Budget) -> Result<ExitCode, Failure> {
+pub fn run_budget(options: &Budget) -> Result<ExitCode, Failure> {
     let image = options.image.clone().unwrap_or_else(emulator::default_bench_image);
-    let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.code()));
-    let interruption = TerminationSignals::install(SecondSignal::IsIgnored)?;
+    let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.stable_code()));
+    let interruption = TerminationSignals::install_handlers(SecondSignal::IsIgnored)?;
     let bar = show_spinner("counting instructions, some two minutes");
     let budgets = Emulator::start_with_stop_flag(interruption.stop(), &image, WorldConfig::table1(1))
         .and_then(|mut emulator| emulator::budget::count_budgets(&mut emulator));
@@ -69,14 +69,14 @@ pub fn budget(options: &Budget) -> Result<ExitCode, Failure> {
 }
 
 /// Measures wall-clock time, so the result is not reproducible from a seed.
-pub fn speed(options: &Speed) -> Result<ExitCode, Failure> {
+pub fn run_speed(options: &Speed) -> Result<ExitCode, Failure> {
     const TIMED_RUNS: usize = 21;
     let trial = RandomFlight::draw(&Ranges { samples: 256, ..Ranges::WORST_CASE }, 1);
-    let (recorded, _) = trial.record(0, ConstantErrorSigmas::NONE);
+    let (recorded, _) = trial.record_flight(0, ConstantErrorSigmas::NONE);
     let methods = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse]
-        .map(|method| (method.name(), median((0..TIMED_RUNS).map(|_| time_ms(method, recorded.samples())))));
+        .map(|method| (method.method_name(), median((0..TIMED_RUNS).map(|_| time_ms(method, recorded.samples())))));
     let start = Instant::now();
-    let mission_result = mission::fly(WorldConfig::table1(1), mission::TurnPlan::default(), &mut |_, _| {});
+    let mission_result = mission::fly_mission(WorldConfig::table1(1), mission::TurnPlan::default(), &mut |_, _| {});
     let simulated_per_real = mission_result.duration_s / start.elapsed().as_secs_f64();
     if options.json {
         let solve_ms: serde_json::Map<_, _> =

@@ -36,12 +36,13 @@ pub fn named_world(name: &str, seed: u64) -> Result<WorldConfig, Failure> {
         "random" => Ok(WorldConfig::random(seed)),
         path => {
             let text = fs::read_to_string(path).map_err(|error| {
-                let kinds = VehicleKind::ALL.map(VehicleKind::name).join("`, `");
+                let kinds = VehicleKind::ALL.map(VehicleKind::vehicle_name).join("`, `");
                 Failure(format!(
                     "airframe-unreadable: {path}: {error} (expected `{kinds}`, `table1`, `random` or an airframe file)"
                 ))
             })?;
-            WorldConfig::from_toml(&text, seed).map_err(|error| Failure(format!("{}: {path}: {error}", error.code())))
+            WorldConfig::from_toml(&text, seed)
+                .map_err(|error| Failure(format!("{}: {path}: {error}", error.stable_code())))
         }
     }
 }
@@ -67,7 +68,10 @@ pub fn write_report_file(report: &Report, path: &Path) -> io::Result<PathBuf> {
     if let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         fs::create_dir_all(folder)?;
     }
-    fs::write(&file, if is_file && ends_with(&["svg"]) { report::picture(report) } else { report::page(report) })?;
+    fs::write(
+        &file,
+        if is_file && ends_with(&["svg"]) { report::render_picture(report) } else { report::render_page(report) },
+    )?;
     Ok(file)
 }
 

@@ -25,7 +25,7 @@ use simulator::world::aircraft::VehicleKind;
 use super::failure::Failure;
 use super::files::named_world;
 use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
-use super::range::{SENSORS, integer, number, one_of};
+use super::range::{SENSORS, integer_in_range, number_in_range, one_of};
 use super::termination::{SecondSignal, TerminationSignals};
 
 /// Take off uncalibrated, fly the calibration routine, restart, and fly on with the calibrated heading (the default).
@@ -37,7 +37,7 @@ use super::termination::{SecondSignal, TerminationSignals};
 #[command(after_long_help = format!("Routines, none longer than three minutes; each ends automatically; `cal solve` ends it with the samples collected so far:\n\n{}", simulator::routine::all_instructions()))]
 pub struct Fly {
     /// Seed of weather, ground, waves, noise and, for `random`, of airframe and place, 0 to 18446744073709551615
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer(0, u64::MAX))]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]
     seed: u64,
     /// Kind of aircraft: `plane`, `copter`, `vtol`, `rover` or `boat`; or an airframe as for --airframe, flown as an
     /// aeroplane
@@ -49,7 +49,7 @@ pub struct Fly {
     airframe: Option<String>,
     /// Motor-current interference in hover, level flight or on level ground, microtesla, 0 to 200; it follows the
     /// motors' current
-    #[arg(long, default_value_t = 0.0, value_name = "UT", value_parser = number(0.0, 200.0))]
+    #[arg(long, default_value_t = 0.0, value_name = "UT", value_parser = number_in_range(0.0, 200.0))]
     current: f64,
     /// Let the autopilot measure and report that current
     #[arg(long)]
@@ -58,10 +58,10 @@ pub struct Fly {
     #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = one_of(SENSORS))]
     sensor: SensorModel,
     /// Bank in an aeroplane's calibration turns, degrees, 5 to 60
-    #[arg(long, default_value_t = 25.0, value_name = "DEG", value_parser = number(5.0, 60.0))]
+    #[arg(long, default_value_t = 25.0, value_name = "DEG", value_parser = number_in_range(5.0, 60.0))]
     bank: f64,
     /// An aeroplane's full circles each way, 0 to 100
-    #[arg(long, default_value_t = 4.0, value_name = "N", value_parser = number(0.0, 100.0))]
+    #[arg(long, default_value_t = 4.0, value_name = "N", value_parser = number_in_range(0.0, 100.0))]
     circles: f64,
     /// Write the report page: a folder for its index.html, or a file (.html; .svg: only the before-and-after picture)
     /// [default: report; none with --json]
@@ -96,21 +96,21 @@ pub struct Emulate {
 
 const DEFAULT_REPORT: &str = "report";
 
-pub fn run(options: &Fly) -> Result<ExitCode, Failure> {
-    let (mission_result, recording) = fly_recorded(&mut Rig::new(world(options)?), options);
+pub fn run_fly(options: &Fly) -> Result<ExitCode, Failure> {
+    let (mission_result, recording) = fly_recorded(&mut Rig::new(world_config(options)?), options);
     write_log(options, recording.as_ref())?;
     report_result(options, &mission_result)
 }
 
-pub fn emulate(options: &Emulate) -> Result<ExitCode, Failure> {
+pub fn run_emulate(options: &Emulate) -> Result<ExitCode, Failure> {
     if options.fly.sensor != SensorModel::default() {
         return Err(Failure("--sensor: QEMU has a magnetometer of its own".to_owned()));
     }
     let image = options.image.clone().unwrap_or_else(emulator::default_image);
-    let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.code()));
-    let interruption = TerminationSignals::install(SecondSignal::IsIgnored)?;
-    let mission_result =
-        Emulator::start_with_stop_flag(interruption.stop(), &image, world(&options.fly)?).and_then(|mut emulator| {
+    let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.stable_code()));
+    let interruption = TerminationSignals::install_handlers(SecondSignal::IsIgnored)?;
+    let mission_result = Emulator::start_with_stop_flag(interruption.stop(), &image, world_config(&options.fly)?)
+        .and_then(|mut emulator| {
             let mission_result = fly_recorded(&mut emulator, &options.fly);
             emulator.take_failure().map_or(Ok(mission_result), Err)
         });
@@ -123,13 +123,13 @@ pub fn emulate(options: &Emulate) -> Result<ExitCode, Failure> {
 }
 
 /// The world of the options. `--aircraft` names a kind of aircraft, or, for compatibility, an airframe.
-fn world(options: &Fly) -> Result<WorldConfig, Failure> {
+fn world_config(options: &Fly) -> Result<WorldConfig, Failure> {
     let named = |name: &str| named_world(name, options.seed);
     let world = match (VehicleKind::from_name(&options.aircraft), &options.airframe) {
         (Some(kind), airframe_name) => named(airframe_name.as_deref().unwrap_or("table1"))?.with_vehicle_kind(kind),
         (None, None) => named(&options.aircraft)?,
         (None, Some(_)) => {
-            let kinds = VehicleKind::ALL.map(VehicleKind::name).join(", ");
+            let kinds = VehicleKind::ALL.map(VehicleKind::vehicle_name).join(", ");
             return Err(Failure(format!("--aircraft {}: with --airframe it is one of {kinds}", options.aircraft)));
         }
     };
@@ -174,11 +174,11 @@ fn report_origin(options: &Fly) -> ReportOrigin {
 /// Flies, recording the flight if a log was requested.
 fn fly_recorded(module: &mut impl Module, options: &Fly) -> (MissionResult, Option<FlightRecording>) {
     if options.record.is_none() {
-        return (fly(module, options), None);
+        return (fly_mission(module, options), None);
     }
     let recorder = Recorder::new(module);
     let mut module = ObservedModule::new(module, recorder);
-    let mission_result = fly(&mut module, options);
+    let mission_result = fly_mission(&mut module, options);
     (mission_result, Some(module.observer.recording))
 }
 
@@ -189,14 +189,14 @@ fn write_log(options: &Fly, recording: Option<&FlightRecording>) -> Result<(), F
 }
 
 /// Flies with a progress bar for each stage, on the error output if that is a terminal.
-fn fly(module: &mut impl Module, options: &Fly) -> MissionResult {
+fn fly_mission(module: &mut impl Module, options: &Fly) -> MissionResult {
     const PROGRESS_TICKS: u64 = 1000;
     let mut current: Option<(MissionStage, ProgressBar)> = None;
     let plan = TurnPlan { bank_deg: options.bank, circles: options.circles };
     let mission_result = mission::fly_with(module, plan, &mut |stage, fraction| {
         if current.as_ref().is_none_or(|(shown, _)| *shown != stage) {
-            finish(current.take());
-            let bar = ProgressBar::new(PROGRESS_TICKS).with_message(stage.name());
+            finish_stage(current.take());
+            let bar = ProgressBar::new(PROGRESS_TICKS).with_message(stage.stage_name());
             if let Ok(style) = ProgressStyle::with_template("{msg:24} {bar:40} {percent:>3} %") {
                 bar.set_style(style);
             }
@@ -206,11 +206,11 @@ fn fly(module: &mut impl Module, options: &Fly) -> MissionResult {
             bar.set_position((fraction * PROGRESS_TICKS as f64) as u64);
         }
     });
-    finish(current);
+    finish_stage(current);
     mission_result
 }
 
-fn finish(current: Option<(MissionStage, ProgressBar)>) {
+fn finish_stage(current: Option<(MissionStage, ProgressBar)>) {
     if let Some((_, bar)) = current {
         bar.finish();
     }
@@ -237,10 +237,14 @@ fn format_result(options: &Fly, mission_result: &MissionResult) -> String {
                     shown.method,
                     shown.expected_rms_deg,
                     shown.expected_worst_deg,
-                    words(&mission_result.after.statistics())
+                    errors_text(&mission_result.after.statistics())
                 ),
             );
-            append_wrapped(&mut text, "", &format!("uncalibrated: {}", words(&mission_result.before.statistics())));
+            append_wrapped(
+                &mut text,
+                "",
+                &format!("uncalibrated: {}", errors_text(&mission_result.before.statistics())),
+            );
         }
         Err(SolveNotice::Refused { code, words }) => {
             append_wrapped(&mut text, "", &format!("the module refused: {code}: {words}"));
@@ -276,7 +280,7 @@ fn format_result(options: &Fly, mission_result: &MissionResult) -> String {
     text
 }
 
-fn words(figures: &ErrorStatistics) -> String {
+fn errors_text(figures: &ErrorStatistics) -> String {
     format!("{:.2} rms, {:.2} at worst, {:.2} constant", figures.rms_deg, figures.max_deg, figures.mean_deg)
 }
 
@@ -306,7 +310,7 @@ mod tests {
 
     fn world_of_arguments(arguments: &[&str]) -> Result<WorldConfig, String> {
         let cli = Cli::try_parse_from(std::iter::once("host-sim").chain(arguments.iter().copied()));
-        world(&cli.map_err(|error| error.to_string())?.fly).map_err(|Failure(message)| message)
+        world_config(&cli.map_err(|error| error.to_string())?.fly).map_err(|Failure(message)| message)
     }
 
     #[test]
@@ -316,10 +320,11 @@ mod tests {
         assert_eq!(world_of_arguments(&["--airframe", "random", "--seed", "7"]), Ok(WorldConfig::random(7)));
         for kind in VehicleKind::ALL {
             assert_eq!(
-                world_of_arguments(&["--aircraft", kind.name()]),
+                world_of_arguments(&["--aircraft", kind.vehicle_name()]),
                 Ok(WorldConfig::table1(1).with_vehicle_kind(kind))
             );
-            let random = world_of_arguments(&["--aircraft", kind.name(), "--airframe", "random", "--seed", "3"]);
+            let random =
+                world_of_arguments(&["--aircraft", kind.vehicle_name(), "--airframe", "random", "--seed", "3"]);
             assert_eq!(random, Ok(WorldConfig::random(3).with_vehicle_kind(kind)));
         }
         let current = world_of_arguments(&["--aircraft", "copter", "--current", "12"]);

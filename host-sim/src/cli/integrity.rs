@@ -10,8 +10,8 @@ use simulator::world::aircraft::VehicleKind;
 
 use super::failure::Failure;
 use super::print::{self, narrow_table, right_aligned, wrapped_table};
-use super::progress::progress;
-use super::range::{AIRCRAFT, integer, one_of};
+use super::progress::progress_bar;
+use super::range::{AIRCRAFT, integer_in_range, one_of};
 
 const HEADING_KINDS: &[(&str, HeadingKind)] = &[("raw", HeadingKind::Raw), ("smooth", HeadingKind::Smooth)];
 
@@ -31,10 +31,10 @@ pub struct Integrity {
     #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = one_of(AIRCRAFT))]
     aircraft: VehicleKind,
     /// Flights of each case, 1 to 100000; the ten-hour case is flown once
-    #[arg(long, default_value_t = 100, value_name = "N", value_parser = integer(1_u64, 100_000))]
+    #[arg(long, default_value_t = 100, value_name = "N", value_parser = integer_in_range(1_u64, 100_000))]
     flights: u64,
     /// Seed of the first flight, incremented for the others, 0 to 18446744073709551615
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer(0, u64::MAX))]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]
     seed: u64,
     /// Run only this case; may be repeated; `list` shows the cases
     #[arg(long = "case", value_name = "NAME")]
@@ -51,7 +51,7 @@ pub struct Integrity {
     json: bool,
 }
 
-pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
+pub fn run_integrity(options: &Integrity) -> Result<ExitCode, Failure> {
     let Integrity { heading, aircraft, source, flights, seed, .. } = *options;
     let applies = |case: &Case| case.applies_to_vehicle(aircraft) && case.applies_to_protocol(source);
     if options.cases.iter().any(|name| name == "list") {
@@ -60,7 +60,7 @@ pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
     }
     let cases = selected_cases(&options.cases, &applies, aircraft)?;
     let plan = IntegrityPlan { flights, seed, heading, aircraft, source };
-    let bar = progress("flights", integrity::flights(plan, &cases));
+    let bar = progress_bar("flights", integrity::flight_count(plan, &cases));
     let rows = integrity::run(plan, &cases, &|| bar.inc(1));
     bar.finish_and_clear();
     if options.json {
@@ -86,7 +86,7 @@ fn selected_cases(
     let find = |name: &String| {
         let case = case::find_by_name(name).filter(|case| applies(case));
         case.ok_or_else(|| {
-            Failure(format!("no case {name} for a {} with this source; --case list shows all", aircraft.name()))
+            Failure(format!("no case {name} for a {} with this source; --case list shows all", aircraft.vehicle_name()))
         })
     };
     names.iter().map(find).collect()

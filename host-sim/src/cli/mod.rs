@@ -68,7 +68,7 @@ enum Bench {
     Budget(bench::Budget),
 }
 
-pub fn run() -> ExitCode {
+pub fn run_program() -> ExitCode {
     let cli = Cli::try_parse().unwrap_or_else(|error| {
         if let Some(log) = std::env::args().nth(1).filter(|word| several_logs::is_log(Path::new(word))) {
             print::print_error(format_args!("host-sim: {log} is a log; to evaluate it: host-sim replay {log}"));
@@ -90,21 +90,21 @@ fn carry_out(command: &Command) -> Result<ExitCode, Failure> {
         _ => TerminationSignals::exit_immediately()?,
     }
     match command {
-        Command::Fly(options) => fly::run(options),
-        Command::Emulate(options) => fly::emulate(options),
-        Command::Serve(options) => serve::serve(options),
-        Command::Console(options) => serve::console(options),
-        Command::Table1(options) => table1::run(options),
+        Command::Fly(options) => fly::run_fly(options),
+        Command::Emulate(options) => fly::run_emulate(options),
+        Command::Serve(options) => serve::run_serve(options),
+        Command::Console(options) => serve::run_console(options),
+        Command::Table1(options) => table1::run_table1(options),
         Command::Replay(options) => match options.files.as_slice() {
-            [file] if !file.is_dir() => replay::run(file, options),
-            _ => several_logs::run(options),
+            [file] if !file.is_dir() => replay::run_replay(file, options),
+            _ => several_logs::replay_several_logs(options),
         },
-        Command::Bench(Bench::Accuracy(options)) => accuracy::run(options),
-        Command::Bench(Bench::Budget(options)) => bench::budget(options),
-        Command::Bench(Bench::Integrity(options)) => integrity::run(options),
-        Command::Bench(Bench::Speed(options)) => bench::speed(options),
-        Command::Completions(options) => Ok(shell_files::completions(options, Cli::command())),
-        Command::Man(options) => shell_files::man(options, Cli::command()),
+        Command::Bench(Bench::Accuracy(options)) => accuracy::run_accuracy(options),
+        Command::Bench(Bench::Budget(options)) => bench::run_budget(options),
+        Command::Bench(Bench::Integrity(options)) => integrity::run_integrity(options),
+        Command::Bench(Bench::Speed(options)) => bench::run_speed(options),
+        Command::Completions(options) => Ok(shell_files::write_completions(options, Cli::command())),
+        Command::Man(options) => shell_files::write_man_pages(options, Cli::command()),
     }
 }
 

@@ -26,7 +26,7 @@ static FIRST_WRITE_ERROR: OnceLock<io::Error> = OnceLock::new();
 const CLOSED_PIPE_EXIT_CODE: u8 = 141;
 
 /// Width of the output: that of the terminal, at most [`MAX_OUTPUT_COLUMNS`], which is also that of files and pipes.
-pub fn width() -> usize {
+pub fn terminal_width() -> usize {
     static OUTPUT_COLUMNS: OnceLock<usize> = OnceLock::new();
     *OUTPUT_COLUMNS.get_or_init(|| {
         let columns = terminal_size_of(io::stdout()).map_or(0, |(columns, _)| usize::from(columns.0));
@@ -131,8 +131,8 @@ pub fn right_aligned(text: impl ToString) -> Cell {
 pub fn content_table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
-    if width() < MAX_OUTPUT_COLUMNS {
-        table.set_content_arrangement(ContentArrangement::Dynamic).set_width(width() as u16);
+    if terminal_width() < MAX_OUTPUT_COLUMNS {
+        table.set_content_arrangement(ContentArrangement::Dynamic).set_width(terminal_width() as u16);
     }
     table.set_header(names.into_iter().map(right_aligned));
     table
@@ -151,7 +151,7 @@ pub fn narrow_table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
 pub fn wrapped_table<const N: usize>(names: [&str; N]) -> Table {
     let mut table = content_table([""; N]);
     table.set_header(names);
-    table.set_content_arrangement(ContentArrangement::Dynamic).set_width(width() as u16);
+    table.set_content_arrangement(ContentArrangement::Dynamic).set_width(terminal_width() as u16);
     table
 }
 
@@ -161,7 +161,7 @@ pub fn append_wrapped(out: &mut String, indent: &str, words: &str) {
     let mut line = indent.to_owned();
     let mut has_word = false;
     for word in words.split(' ') {
-        if has_word && line.chars().count() + 1 + word.chars().count() > width() {
+        if has_word && line.chars().count() + 1 + word.chars().count() > terminal_width() {
             out.push_str(&line);
             out.push('\n');
             line.clone_from(&further);

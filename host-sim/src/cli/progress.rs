@@ -13,14 +13,14 @@ fn show_progress(bar: ProgressBar) -> ProgressBar {
 }
 
 /// Removes the displayed progress bar, before the program is ended by a signal.
-pub fn clear() {
+pub fn clear_progress_line() {
     if let Some(bar) = DISPLAYED_PROGRESS.lock().unwrap_or_else(PoisonError::into_inner).take() {
         bar.finish_and_clear();
     }
 }
 
 /// Progress bar.
-pub fn progress(words: &str, total: u64) -> ProgressBar {
+pub fn progress_bar(words: &str, total: u64) -> ProgressBar {
     let bar = ProgressBar::new(total);
     if let Ok(style) = ProgressStyle::with_template(&format!("{words} {{bar:40}} {{pos}}/{{len}} {{eta}}")) {
         bar.set_style(style);

@@ -15,12 +15,15 @@ pub const AIRCRAFT: &[(&str, VehicleKind)] =
 pub const SENSORS: &[(&str, SensorModel)] = &[("lis3mdl", SensorModel::Lis3mdl), ("rm3100", SensorModel::Rm3100)];
 
 /// Parses a number in a range.
-pub fn number(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
+pub fn number_in_range(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
     in_range(min, max, "a number")
 }
 
 /// Parses a whole number in a range.
-pub fn integer<T: Number>(min: T, max: T) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static {
+pub fn integer_in_range<T: Number>(
+    min: T,
+    max: T,
+) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static {
     in_range(min, max, "a whole number")
 }
 

@@ -21,12 +21,12 @@ use super::failure::Failure;
 use super::files::read_log;
 use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
 use super::progress::show_spinner;
-use super::range::{integer, log_time, number, one_of};
+use super::range::{integer_in_range, log_time, number_in_range, one_of};
 
 const ROW_SELECTIONS: &[(&str, RowSelection)] = &[
-    (RowSelection::All.name(), RowSelection::All),
-    (RowSelection::Turns.name(), RowSelection::Turns),
-    (RowSelection::Flight.name(), RowSelection::Flight),
+    (RowSelection::All.selection_name(), RowSelection::All),
+    (RowSelection::Turns.selection_name(), RowSelection::Turns),
+    (RowSelection::Flight.selection_name(), RowSelection::Flight),
 ];
 
 const PARAMETER_FORMATS: &[(&str, ParameterFormat)] =
@@ -71,13 +71,13 @@ pub struct Replay {
     #[arg(long, default_value = "flight", value_name = "flight|all|turns", value_parser = one_of(ROW_SELECTIONS))]
     pub samples: RowSelection,
     /// Evaluate only this compass, by the autopilot's number, 1 to 8
-    #[arg(long, value_name = "N", value_parser = integer(1_u8, 8))]
+    #[arg(long, value_name = "N", value_parser = integer_in_range(1_u8, 8))]
     pub compass: Option<u8>,
     /// MAVLink system to read if the log has several vehicles, 1 to 255 [default: the first autopilot received]
-    #[arg(long, value_name = "N", value_parser = integer(1_u8, 255))]
+    #[arg(long, value_name = "N", value_parser = integer_in_range(1_u8, 255))]
     pub system: Option<u8>,
     /// Latency of the logged field at its time stamp, milliseconds, -200 to 500 [default: estimated from the flight]
-    #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = number(-200.0, 500.0))]
+    #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = number_in_range(-200.0, 500.0))]
     pub age: Option<f64>,
     /// Write the parameters to load; without any, an existing file is left as it is
     #[arg(long, value_name = "FILE")]
@@ -90,11 +90,11 @@ pub struct Replay {
     pub unit: FieldUnit,
     /// Orientation of the sensors by ArduPilot's names, such as yaw90, in place of that of the log's parameters; the
     /// field of a table is then that of the sensors' axes [default: that of the log]
-    #[arg(long, value_name = "ORIENTATION", value_parser = orientation)]
+    #[arg(long, value_name = "ORIENTATION", value_parser = parse_orientation)]
     pub mount: Option<Orientation>,
     /// Inclination of the Earth field, degrees, -90 to 90, positive down [default: by the field model if the log has
     /// place and day and the samples do not contradict it, else estimated]
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = number(-90.0, 90.0))]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = number_in_range(-90.0, 90.0))]
     pub inclination: Option<f64>,
     /// Use only rows from this time on, of the log's clock: seconds, M:SS or H:MM:SS
     #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = log_time)]
@@ -148,9 +148,9 @@ pub fn read_flight(file: &Path, options: &Replay) -> Result<Flight, Failure> {
     Ok(flight)
 }
 
-fn orientation(name: &str) -> Result<Orientation, String> {
+fn parse_orientation(name: &str) -> Result<Orientation, String> {
     Orientation::from_name(&name.to_ascii_lowercase()).ok_or_else(|| {
-        let names: Vec<&str> = Orientation::all().map(Orientation::name).collect();
+        let names: Vec<&str> = Orientation::all_orientations().map(Orientation::orientation_name).collect();
         format!("must be one of {}", names.join(", "))
     })
 }
@@ -185,7 +185,7 @@ pub fn evaluate(file: &Path, flight: &Flight, options: &Replay) -> Result<Flight
     Ok(evaluation)
 }
 
-pub fn run(file: &Path, options: &Replay) -> Result<ExitCode, Failure> {
+pub fn run_replay(file: &Path, options: &Replay) -> Result<ExitCode, Failure> {
     if options.params_for.is_some() && options.params.is_none() && options.report.is_none() {
         return Err(Failure("--params-for chooses the format of a file: give --params FILE, or --report".to_owned()));
     }
@@ -197,7 +197,7 @@ pub fn run(file: &Path, options: &Replay) -> Result<ExitCode, Failure> {
     bar.finish_and_clear();
     let format = options.params_for.unwrap_or_else(|| ParameterFormat::for_autopilot(flight.autopilot));
     let verdict = Verdict::new(&flight, &evaluation, format);
-    let parameters = verdict.parameters();
+    let parameters = verdict.exported_corrections();
     let parameter_file = || parameter_export::format_parameter_file(&flight, &parameters, format);
     if let Some(path) = &options.params {
         let numbers: Vec<String> = parameters.iter().map(|export| export.number.to_string()).collect();
@@ -216,7 +216,7 @@ pub fn run(file: &Path, options: &Replay) -> Result<ExitCode, Failure> {
     if let Some(path) = &options.report {
         let made = ReportOrigin {
             command: command_line(),
-            settings: settings(options),
+            settings: settings_table(options),
             terminal_output: text.clone(),
             parameters: (!parameters.is_empty()).then(|| [format.file_name().to_owned(), parameter_file()]),
         };
@@ -230,13 +230,13 @@ pub fn run(file: &Path, options: &Replay) -> Result<ExitCode, Failure> {
     Ok(if verdict.is_solved() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-fn settings(options: &Replay) -> Vec<[String; 2]> {
-    let samples = options.samples.name().to_owned();
+fn settings_table(options: &Replay) -> Vec<[String; 2]> {
+    let samples = options.samples.selection_name().to_owned();
     let age = options.age.map_or_else(|| "estimated from the flight".to_owned(), |ms| format!("{ms} ms"));
     let mut settings = vec![["samples".to_owned(), samples], ["age of the field".to_owned(), age]];
     let given = [
         ("inclination", options.inclination.map(|deg| format!("{deg} deg"))),
-        ("mount", options.mount.map(|mount| mount.name().to_owned())),
+        ("mount", options.mount.map(|mount| mount.orientation_name().to_owned())),
         ("from", options.from.map(|s| format!("{s} s"))),
         ("to", options.to.map(|s| format!("{s} s"))),
         (
@@ -256,24 +256,24 @@ fn cannot_write(path: &Path, error: &std::io::Error) -> Failure {
 
 fn verdict_text(name: &str, verdict: &Verdict<'_>) -> String {
     let mut out = String::new();
-    for (compass, sentence) in verdict.compasses_in_use_first().iter().zip(verdict.sentences()) {
+    for (compass, sentence) in verdict.compasses_in_use_first().iter().zip(verdict.summary_sentences()) {
         append_wrapped(&mut out, &format!("{}: ", compass.judgement.state.to_string().to_uppercase()), &sentence);
     }
     append_wrapped(&mut out, "", &verdict.log_description(name));
     append_wrapped(&mut out, "", &format!("an Autoswing module on this flight: {}", verdict.outcome));
     for compass in verdict.compasses_in_use_first() {
         let _ = writeln!(out, "\ncompass {}", compass.evaluation.number);
-        for [name, value] in verdict.facts(compass) {
+        for [name, value] in verdict.key_facts(compass) {
             append_wrapped(&mut out, "  ", &format!("{name}: {value}"));
         }
     }
     if let Some(reference) = &verdict.evaluation.reference {
-        let name = reference.name();
+        let name = reference.reference_name();
         let difference = reference.difference_name();
         out.push('\n');
         append_wrapped(&mut out, "", &format!("Heading {difference} against {name}, deg RMS less mean:"));
-        let _ = writeln!(out, "{}", table(verdict));
-        append_wrapped(&mut out, "", &format!("{name}: {}", reference.limits()));
+        let _ = writeln!(out, "{}", verdict_table(verdict));
+        append_wrapped(&mut out, "", &format!("{name}: {}", reference.limits_text()));
     }
     for note in &verdict.notes {
         append_wrapped(&mut out, "note: ", &note.to_string());
@@ -282,7 +282,7 @@ fn verdict_text(name: &str, verdict: &Verdict<'_>) -> String {
 }
 
 /// A row for each correction, a column for each compass, then percentages within one and two sigma.
-fn table(verdict: &Verdict<'_>) -> Table {
+fn verdict_table(verdict: &Verdict<'_>) -> Table {
     let compasses = &verdict.evaluation.compasses;
     let header = std::iter::once(String::new()).chain(compasses.iter().map(|c| format!("compass {}", c.number)));
     let mut table = content_table(header);
@@ -336,7 +336,7 @@ fn write_headings(path: &Path, flight: &Flight, compass: Option<&CompassEvaluati
         let row = &headings[index];
         let is_refused = compass.module.accepted.is_err();
         let status = if is_refused { Err(NoHeading::Uncalibrated) } else { row.status };
-        let status = status.map_or_else(NoHeading::code, |()| "ok");
+        let status = status.map_or_else(NoHeading::stable_code, |()| "ok");
         let smooth =
             row.smooth_deg.map_or_else(|| ",".to_owned(), |[deg, sigma_deg]| format!("{deg:.2},{sigma_deg:.2}"));
         let number = readings[index];

@@ -25,7 +25,7 @@ struct LogLine {
     json: Value,
 }
 
-pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
+pub fn replay_several_logs(options: &Replay) -> Result<ExitCode, Failure> {
     if options.params.is_some() || options.params_for.is_some() || options.out.is_some() || options.report.is_some() {
         return Err(Failure("--params, --params-for, --out and --report take one log".to_owned()));
     }
@@ -82,8 +82,8 @@ fn judge_log(log: &Path, options: &Replay) -> LogLine {
         json["file"] = json!(name);
         let as_logged_deg =
             verdict.compasses_in_use_first().first().and_then(|compass| compass.judgement.as_logged_rms_deg);
-        let state = verdict.state();
-        let sentences = verdict.sentences().join(" ");
+        let state = verdict.compass_state();
+        let sentences = verdict.summary_sentences().join(" ");
         Ok(LogLine {
             rank: (state_rank(state), (as_logged_deg.unwrap_or(0.0) * 1e3) as u64),
             code: u8::from(!verdict.is_solved()),

@@ -33,7 +33,7 @@ pub struct Man {
 }
 
 /// Prints the completions of a command line.
-pub fn completions(options: &Completions, mut command_line: Command) -> ExitCode {
+pub fn write_completions(options: &Completions, mut command_line: Command) -> ExitCode {
     let mut script = Vec::new();
     clap_complete::generate(options.shell, &mut command_line, PROGRAM_NAME, &mut script);
     print::print_bytes(&script);
@@ -45,7 +45,7 @@ pub fn completions(options: &Completions, mut command_line: Command) -> ExitCode
 /// # Errors
 ///
 /// The folder cannot be made or written.
-pub fn man(options: &Man, command_line: Command) -> Result<ExitCode, Failure> {
+pub fn write_man_pages(options: &Man, command_line: Command) -> Result<ExitCode, Failure> {
     let folder = &options.folder;
     fs::create_dir_all(folder)
         .and_then(|()| clap_mangen::generate_to(command_line, folder))

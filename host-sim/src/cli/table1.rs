@@ -11,7 +11,7 @@ use simulator::world::table1::{self, BankErrors, PublishedRow};
 
 use super::failure::Failure;
 use super::print::{self, narrow_table, right_aligned};
-use super::range::integer;
+use super::range::integer_in_range;
 
 /// Compare the methods on the aircraft of Liu 2007 table 1.
 ///
@@ -20,23 +20,23 @@ use super::range::integer;
 #[derive(Args)]
 pub struct Table1 {
     /// Seed of the sensor's noise, 0 to 18446744073709551615
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer(0, u64::MAX))]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]
     seed: u64,
     /// Print one JSON object instead of the tables
     #[arg(long)]
     json: bool,
 }
 
-pub fn run(options: &Table1) -> Result<ExitCode, Failure> {
+pub fn run_table1(options: &Table1) -> Result<ExitCode, Failure> {
     let columns = |experiment| paper::method_errors(experiment).map_err(|error| Failure(error.to_string()));
     let noise_free = columns(Experiment::NOISE_FREE)?;
     let noisy = columns(Experiment::noisy(options.seed))?;
     let published_errors = published_errors();
     if options.json {
         let value = json!({
-            "noise_free": figures(&noise_free),
-            "noisy": figures(&noisy),
-            "published": figures(&published_errors),
+            "noise_free": json_figures(&noise_free),
+            "noisy": json_figures(&noisy),
+            "published": json_figures(&published_errors),
             "errors": { "noise_free": noise_free, "noisy": noisy },
             "seed": options.seed,
         });
@@ -65,8 +65,8 @@ fn published_errors() -> [MethodErrors; 3] {
     ]
 }
 
-fn figures(columns: &[MethodErrors]) -> Value {
-    columns.iter().map(|column| (column.name.replace(' ', "_"), json!(column.figures()))).collect()
+fn json_figures(columns: &[MethodErrors]) -> Value {
+    columns.iter().map(|column| (column.name.replace(' ', "_"), json!(column.error_statistics()))).collect()
 }
 
 fn errors(columns: &[MethodErrors]) -> Table {
@@ -74,7 +74,7 @@ fn errors(columns: &[MethodErrors]) -> Table {
     let mut table = narrow_table(std::iter::once("heading".to_owned()).chain(names));
     for row in 0..paper::HEADINGS {
         let cells = columns.iter().map(|column| {
-            let BankErrors { right_deg, left_deg } = column.sides(row);
+            let BankErrors { right_deg, left_deg } = column.bank_errors(row);
             format!("{} / {}", format_two_decimals(right_deg), format_two_decimals(left_deg))
         });
         table.add_row(std::iter::once((row * 30).to_string()).chain(cells).map(right_aligned));
@@ -93,7 +93,7 @@ fn summary(published_errors: &[MethodErrors], noise_free: &[MethodErrors], noisy
 }
 
 fn format_errors(column: &MethodErrors) -> String {
-    let ErrorStatistics { max_deg, mean_deg, max_demeaned_deg, .. } = column.figures();
+    let ErrorStatistics { max_deg, mean_deg, max_demeaned_deg, .. } = column.error_statistics();
     format!(
         "{}  {}  {}",
         format_two_decimals(max_deg),

@@ -41,27 +41,28 @@ pub enum SecondSignal {
 impl TerminationSignals {
     /// Installs immediate termination, for commands without clean-up.
     pub fn exit_immediately() -> Result<(), Failure> {
-        let signals = Self::install(SecondSignal::Exits)?;
+        let signals = Self::install_handlers(SecondSignal::Exits)?;
         thread::spawn(move || {
             while !signals.stop.load(Ordering::SeqCst) {
                 thread::sleep(POLL_PERIOD);
             }
-            progress::clear();
+            progress::clear_progress_line();
             signal_hook::low_level::exit(i32::from(signals.signal.load(Ordering::SeqCst) as u8));
         });
         Ok(())
     }
 
     /// Installs handlers that record the signal.
-    pub fn install(second: SecondSignal) -> Result<Self, Failure> {
+    pub fn install_handlers(second: SecondSignal) -> Result<Self, Failure> {
         let interruption = Self { stop: Arc::new(AtomicBool::new(false)), signal: Arc::new(AtomicUsize::new(0)) };
         for &signal in TERMINATION_SIGNALS {
             if second == SecondSignal::Exits {
-                flag::register_conditional_shutdown(signal, status(signal), Arc::clone(&interruption.stop))
-                    .map_err(failed)?;
+                flag::register_conditional_shutdown(signal, exit_status(signal), Arc::clone(&interruption.stop))
+                    .map_err(signal_failure)?;
             }
-            flag::register_usize(signal, Arc::clone(&interruption.signal), status(signal) as usize).map_err(failed)?;
-            flag::register(signal, Arc::clone(&interruption.stop)).map_err(failed)?;
+            flag::register_usize(signal, Arc::clone(&interruption.signal), exit_status(signal) as usize)
+                .map_err(signal_failure)?;
+            flag::register(signal, Arc::clone(&interruption.stop)).map_err(signal_failure)?;
         }
         Ok(interruption)
     }
@@ -77,10 +78,10 @@ impl TerminationSignals {
     }
 }
 
-const fn status(signal: i32) -> i32 {
+const fn exit_status(signal: i32) -> i32 {
     128 + signal
 }
 
-fn failed(error: impl std::fmt::Display) -> Failure {
+fn signal_failure(error: impl std::fmt::Display) -> Failure {
     Failure(format!("no-signals: {error}"))
 }

@@ -77,8 +77,12 @@ pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<Budget>, EmulatorErr
     if let Some(error) = emulator.take_failure() {
         return Err(error);
     }
-    let image_budgets =
-        INSTRUCTION_LIMITS.iter().map(|&(name, of, limit)| Budget { name, of, limit, counted: value(&printed, name) });
+    let image_budgets = INSTRUCTION_LIMITS.iter().map(|&(name, of, limit)| Budget {
+        name,
+        of,
+        limit,
+        counted: printed_value(&printed, name),
+    });
     let (name, of, limit) = SAMPLE_LIMIT;
     Ok(image_budgets.chain([Budget { name, of, limit, counted: sample }]).collect())
 }
@@ -117,6 +121,6 @@ fn sample_path_instructions(emulator: &mut Emulator) -> Option<u64> {
 }
 
 /// The number in the line `name: 123`.
-fn value(printed: &str, name: &str) -> Option<u64> {
+fn printed_value(printed: &str, name: &str) -> Option<u64> {
     printed.lines().find_map(|line| line.trim().strip_prefix(name)?.strip_prefix(": ")?.parse().ok())
 }

@@ -79,7 +79,7 @@ mod tests {
             assert!(error.contains(&format!("is no firmware: {reason}; scripts/build-firmware")), "{bytes:?}: {error}");
             assert!(error.starts_with(path.to_str().unwrap()), "{error}");
         }
-        assert_eq!(check_image(folder.path()).unwrap_err().code(), "no-image");
-        assert_eq!(check_image(&folder.path().join("none")).unwrap_err().code(), "no-image");
+        assert_eq!(check_image(folder.path()).unwrap_err().stable_code(), "no-image");
+        assert_eq!(check_image(&folder.path().join("none")).unwrap_err().stable_code(), "no-image");
     }
 }

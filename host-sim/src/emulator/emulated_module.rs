@@ -92,7 +92,8 @@ impl Emulator {
         let world = World::new(*config);
         let cable = || Cable::new(CableConfig { delivery: WakeCondition::EachByte, ..CableConfig::default() });
         let [console_cable, autopilot_cable, instrument_cable] = [(); 3].map(|()| cable());
-        let [console, autopilot, instrument] = [&console_cable, &autopilot_cable, &instrument_cable].map(Cable::host);
+        let [console, autopilot, instrument] =
+            [&console_cable, &autopilot_cable, &instrument_cable].map(Cable::host_end);
         let port_devices = [
             one.attach(&mut simulation, &world, autopilot.clone(), vec![]),
             two.attach(&mut simulation, &world, instrument.clone(), vec![]),
@@ -155,9 +156,9 @@ impl Emulator {
         }
         self.catch_up(ticks / TICKS_PER_US);
         let [console, autopilot, instrument] = self.machine.take_output()?;
-        self.console_wire.write(&console);
-        self.autopilot_wire.write(&autopilot);
-        self.instrument_wire.write(&instrument);
+        self.console_wire.write_bytes(&console);
+        self.autopilot_wire.write_bytes(&autopilot);
+        self.instrument_wire.write_bytes(&instrument);
         match message {
             MachineMessage::Written => {
                 self.sample_path.on_output(ticks);
@@ -172,9 +173,9 @@ impl Emulator {
             MachineMessage::Started | MachineMessage::Step => {}
         }
         let go = StepInput {
-            console: self.console_wire.take(),
-            autopilot: self.autopilot_wire.take(),
-            instrument: self.instrument_wire.take(),
+            console: self.console_wire.take_bytes(),
+            autopilot: self.autopilot_wire.take_bytes(),
+            instrument: self.instrument_wire.take_bytes(),
             is_sensor_wire_broken: self.sensor_broken,
             test: self.requested_bench_test.take(),
         };

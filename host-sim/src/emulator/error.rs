@@ -31,7 +31,7 @@ pub enum EmulatorError {
 impl EmulatorError {
     /// Stable error code for scripts.
     #[must_use]
-    pub const fn code(&self) -> &'static str {
+    pub const fn stable_code(&self) -> &'static str {
         match self {
             Self::NoQemu(_) => "no-qemu",
             Self::NoLocalSockets => "no-local-sockets",

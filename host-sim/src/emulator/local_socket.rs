@@ -15,12 +15,12 @@ pub use std::net::TcpStream as LocalStream;
 
 /// Connects to a socket.
 #[cfg(unix)]
-pub fn connect(socket: &Path) -> io::Result<LocalStream> {
+pub fn connect_socket(socket: &Path) -> io::Result<LocalStream> {
     LocalStream::connect(socket)
 }
 
 /// Fails: see [`ARE_LOCAL_SOCKETS_SUPPORTED`].
 #[cfg(not(unix))]
-pub fn connect(_socket: &Path) -> io::Result<LocalStream> {
+pub fn connect_socket(_socket: &Path) -> io::Result<LocalStream> {
     Err(io::ErrorKind::Unsupported.into())
 }

@@ -77,7 +77,7 @@ pub struct StepInput {
 
 impl StepInput {
     /// Last byte of the message: bit 0 breaks the sensor's wire, higher bits are the test number.
-    fn flags(&self) -> u8 {
+    fn step_flags(&self) -> u8 {
         u8::from(self.is_sensor_wire_broken) | self.test.map_or(0, |test| test as u8) << 1
     }
 }
@@ -127,17 +127,18 @@ impl Machine {
         let sockets = ["console", "autopilot", "lockstep", "instrument", "qmp"].map(|name| directory.path().join(name));
         let log = directory.path().join("log");
         let stderr = fs::File::create(&log).map_err(|error| EmulatorError::Connection("log", error))?;
-        let child = command(image, &flash, &sockets).stderr(stderr).spawn().map_err(EmulatorError::NoQemu)?;
+        let child = qemu_command(image, &flash, &sockets).stderr(stderr).spawn().map_err(EmulatorError::NoQemu)?;
         let mut qemu = Qemu { child, log, stop: Arc::clone(&stop) };
         let [console, autopilot, lockstep, instrument, qmp] = &sockets;
-        let console = non_blocking(qemu.connect("console", console)?)?;
-        let autopilot = non_blocking(qemu.connect("autopilot port", autopilot)?)?;
-        let instrument = non_blocking(qemu.connect("instrument port", instrument)?)?;
-        let lockstep = qemu.connect("lockstep", lockstep)?;
+        let console = non_blocking(qemu.connect_socket("console", console)?)?;
+        let autopilot = non_blocking(qemu.connect_socket("autopilot port", autopilot)?)?;
+        let instrument = non_blocking(qemu.connect_socket("instrument port", instrument)?)?;
+        let lockstep = qemu.connect_socket("lockstep", lockstep)?;
         lockstep.set_read_timeout(Some(POLL_PERIOD)).map_err(|error| EmulatorError::Connection("lockstep", error))?;
-        let mut qmp = Qmp::new(qemu.connect("machine protocol", qmp)?)?;
+        let mut qmp = Qmp::new(qemu.connect_socket("machine protocol", qmp)?)?;
         // With an image for another machine QEMU may end before it answers.
-        qmp.execute(&[json!({ "execute": "cont" })]).map_err(|error| qemu.exit_error(EXIT_TIMEOUT).unwrap_or(error))?;
+        qmp.execute_commands(&[json!({ "execute": "cont" })])
+            .map_err(|error| qemu.exit_error(EXIT_TIMEOUT).unwrap_or(error))?;
         Ok(Self { qemu, qmp, console, autopilot, instrument, lockstep, stop, _directory: directory })
     }
 
@@ -175,7 +176,7 @@ impl Machine {
                     "arguments": { "path": "mag", "property": property, "value": value },
                 })
             });
-        self.qmp.execute(&commands.collect::<Vec<_>>())
+        self.qmp.execute_commands(&commands.collect::<Vec<_>>())
     }
 
     /// Continues the machine. Each port receives at most 255 bytes; excess bytes are dropped.
@@ -188,7 +189,7 @@ impl Machine {
         send(&mut self.console, console, "console")?;
         send(&mut self.autopilot, autopilot, "autopilot port")?;
         send(&mut self.instrument, instrument, "instrument port")?;
-        let message = [console.len() as u8, autopilot.len() as u8, instrument.len() as u8, go.flags()];
+        let message = [console.len() as u8, autopilot.len() as u8, instrument.len() as u8, go.step_flags()];
         send(&mut self.lockstep, &message, "lockstep")
     }
 
@@ -204,7 +205,7 @@ impl Machine {
 
     /// Resets the machine.
     pub fn reset(&mut self) -> Result<(), EmulatorError> {
-        self.qmp.execute(&[json!({ "execute": "system_reset" })])
+        self.qmp.execute_commands(&[json!({ "execute": "system_reset" })])
     }
 }
 
@@ -216,11 +217,11 @@ struct Qemu {
 
 impl Qemu {
     /// Connects as soon as the socket exists.
-    fn connect(&mut self, socket_name: &'static str, socket: &Path) -> Result<LocalStream, EmulatorError> {
+    fn connect_socket(&mut self, socket_name: &'static str, socket: &Path) -> Result<LocalStream, EmulatorError> {
         let failed = |error| EmulatorError::Connection(socket_name, error);
         let mut left = REPLY_TIMEOUT;
         loop {
-            match local_socket::connect(socket) {
+            match local_socket::connect_socket(socket) {
                 Ok(stream) => {
                     stream.set_read_timeout(Some(REPLY_TIMEOUT)).map_err(failed)?;
                     return Ok(stream);
@@ -259,7 +260,7 @@ impl Drop for Qemu {
     }
 }
 
-fn command(image: &Path, flash: &Path, [console, autopilot, lockstep, instrument, qmp]: &[PathBuf; 5]) -> Command {
+fn qemu_command(image: &Path, flash: &Path, [console, autopilot, lockstep, instrument, qmp]: &[PathBuf; 5]) -> Command {
     let mut command = Command::new(QEMU_PROGRAM);
     command
         // Initially stopped, so that no bytes are lost before all ports are connected.

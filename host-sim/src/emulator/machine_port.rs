@@ -26,14 +26,14 @@ struct OutgoingBytes {
 
 impl MachinePort {
     pub fn new(cable: &Cable, simulation: &mut Simulation) -> Self {
-        let (receiver, transmitter) = cable.module();
+        let (receiver, transmitter) = cable.module_ends();
         let wire = Self { to_machine: Rc::default(), to_cable: Rc::default() };
         simulation.spawn(Level::World, "to machine", receive(receiver, Rc::clone(&wire.to_machine)));
         simulation.spawn(Level::World, "from machine", transmit(transmitter, Rc::clone(&wire.to_cable)));
         wire
     }
 
-    pub fn write(&self, bytes: &[u8]) {
+    pub fn write_bytes(&self, bytes: &[u8]) {
         if !bytes.is_empty() {
             self.to_cable.bytes.borrow_mut().extend_from_slice(bytes);
             self.to_cable.more.signal(());
@@ -41,7 +41,7 @@ impl MachinePort {
     }
 
     /// Received bytes, up to the machine's limit per step.
-    pub fn take(&self) -> Vec<u8> {
+    pub fn take_bytes(&self) -> Vec<u8> {
         let mut waiting = self.to_machine.borrow_mut();
         let number = waiting.len().min(MAX_STEP_BYTES);
         waiting.drain(..number).collect()

@@ -16,18 +16,18 @@ pub struct Qmp {
 impl Qmp {
     /// Reads the greeting and enters command mode.
     pub fn new(stream: LocalStream) -> Result<Self, EmulatorError> {
-        let writer = stream.try_clone().map_err(failed)?;
+        let writer = stream.try_clone().map_err(qmp_error)?;
         let mut qmp = Self { reader: BufReader::new(stream), writer };
-        qmp.line()?;
-        qmp.execute(&[json!({ "execute": "qmp_capabilities" })])?;
+        qmp.read_json_line()?;
+        qmp.execute_commands(&[json!({ "execute": "qmp_capabilities" })])?;
         Ok(qmp)
     }
 
     /// Executes commands and waits for all answers.
-    pub fn execute(&mut self, commands: &[Value]) -> Result<(), EmulatorError> {
+    pub fn execute_commands(&mut self, commands: &[Value]) -> Result<(), EmulatorError> {
         // A single write, because each write costs an iteration of QEMU's main loop.
         let lines: Vec<String> = commands.iter().map(Value::to_string).collect();
-        self.writer.write_all((lines.join("\n") + "\n").as_bytes()).map_err(failed)?;
+        self.writer.write_all((lines.join("\n") + "\n").as_bytes()).map_err(qmp_error)?;
         for _ in commands {
             self.wait_for_response()?;
         }
@@ -37,7 +37,7 @@ impl Qmp {
     /// Waits for the next answer; ignores events.
     fn wait_for_response(&mut self) -> Result<(), EmulatorError> {
         loop {
-            let line = self.line()?;
+            let line = self.read_json_line()?;
             if line.get("return").is_some() {
                 return Ok(());
             }
@@ -47,13 +47,13 @@ impl Qmp {
         }
     }
 
-    fn line(&mut self) -> Result<Value, EmulatorError> {
+    fn read_json_line(&mut self) -> Result<Value, EmulatorError> {
         let mut text = String::new();
-        self.reader.read_line(&mut text).map_err(failed)?;
+        self.reader.read_line(&mut text).map_err(qmp_error)?;
         serde_json::from_str(&text).map_err(|_| EmulatorError::Protocol(text))
     }
 }
 
-fn failed(error: std::io::Error) -> EmulatorError {
+fn qmp_error(error: std::io::Error) -> EmulatorError {
     EmulatorError::Connection("machine protocol", error)
 }

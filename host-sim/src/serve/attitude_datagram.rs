@@ -16,7 +16,7 @@ pub enum DatagramError {
 impl DatagramError {
     /// Stable error code for scripts.
     #[must_use]
-    pub const fn code(self) -> &'static str {
+    pub const fn stable_code(self) -> &'static str {
         match self {
             Self::Malformed => "bad-datagram",
             Self::OutOfRange => "datagram-out-of-range",

@@ -18,8 +18,8 @@ impl ExternalAutopilot {
     /// Processes bytes received at `now_us`.
     pub fn process_bytes(&mut self, now_us: u64, bytes: &[u8]) {
         for &byte in bytes {
-            let is_attitude = matches!(self.receiver.push(byte), Some(InboundMessage::Attitude(_)));
-            if self.msp.push(byte).is_some() || is_attitude {
+            let is_attitude = matches!(self.receiver.push_byte(byte), Some(InboundMessage::Attitude(_)));
+            if self.msp.push_byte(byte).is_some() || is_attitude {
                 self.last_message_us = Some(now_us);
             }
         }

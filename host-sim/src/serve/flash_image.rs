@@ -27,7 +27,7 @@ pub enum FlashImageError {
 impl FlashImageError {
     /// Stable error code for scripts.
     #[must_use]
-    pub const fn code(&self) -> &'static str {
+    pub const fn stable_code(&self) -> &'static str {
         match self {
             Self::Unreadable(..) => "flash-unreadable",
             Self::Size(..) => "flash-size",
@@ -97,7 +97,7 @@ impl FlashImage {
     /// # Errors
     ///
     /// The file cannot be written.
-    pub fn write(&self, path: &Path) -> Result<File, FlashImageError> {
+    pub fn write_file(&self, path: &Path) -> Result<File, FlashImageError> {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let written = tempfile::NamedTempFile::new_in(folder).and_then(|mut file| {
             file.write_all(&self.0)?;
@@ -126,7 +126,7 @@ mod tests {
         assert_eq!(read(&path), None);
         for fill in [0x5A, 0xA5] {
             let image = FlashImage(vec![fill; STORE_BYTES]);
-            image.write(&path).unwrap();
+            image.write_file(&path).unwrap();
             assert_eq!(read(&path), Some(image));
         }
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
@@ -139,11 +139,11 @@ mod tests {
         let path = folder.path().join("flash.bin");
         assert!(read(&path).is_none());
         let image = FlashImage(vec![0x5A; STORE_BYTES]);
-        let first = image.write(&path).unwrap();
-        assert_eq!(FlashImage::lock_and_read(&path).unwrap_err().code(), "flash-in-use");
-        let second = image.write(&path).unwrap();
+        let first = image.write_file(&path).unwrap();
+        assert_eq!(FlashImage::lock_and_read(&path).unwrap_err().stable_code(), "flash-in-use");
+        let second = image.write_file(&path).unwrap();
         drop(first);
-        assert_eq!(FlashImage::lock_and_read(&path).unwrap_err().code(), "flash-in-use");
+        assert_eq!(FlashImage::lock_and_read(&path).unwrap_err().stable_code(), "flash-in-use");
         drop(second);
         assert!(read(&path).is_some());
     }
@@ -155,13 +155,13 @@ mod tests {
         for size in [0, 1, STORE_BYTES - 1, STORE_BYTES + 1] {
             fs::write(&path, vec![0xFF; size]).unwrap();
             let error = FlashImage::lock_and_read(&path).unwrap_err();
-            assert_eq!(error.code(), "flash-size");
+            assert_eq!(error.stable_code(), "flash-size");
             assert!(error.to_string().contains(&format!("16384 bytes, this file has {size};")), "{error}");
             assert_eq!(fs::read(&path).unwrap().len(), size, "it is left as it was");
         }
         assert!(matches!(FlashImage::lock_and_read(Path::new("/dev/zero")).unwrap_err(), FlashImageError::Size(_, 0)));
         let nowhere = folder.path().join("none").join("flash.bin");
-        let error = FlashImage(vec![0; STORE_BYTES]).write(&nowhere).unwrap_err();
-        assert_eq!(error.code(), "flash-unwritable");
+        let error = FlashImage(vec![0; STORE_BYTES]).write_file(&nowhere).unwrap_err();
+        assert_eq!(error.stable_code(), "flash-unwritable");
     }
 }

@@ -120,8 +120,8 @@ impl ServedModule {
         }
         let can = options.has_can.then(|| {
             let bus = CanBus::new(CanFaults::default());
-            rig.attach_can(bus.attach(), world.seed);
-            bus.attach()
+            rig.attach_can(bus.attach_node(), world.seed);
+            bus.attach_node()
         });
         let pilot = Pilot::new(&world, options.pattern, options.has_external_simulator);
         pilot.start(&rig.world);
@@ -138,7 +138,7 @@ impl ServedModule {
     }
 
     /// Advances time; the result does not depend on the division into calls.
-    pub fn advance(&mut self, by_us: u64) {
+    pub fn advance_time(&mut self, by_us: u64) {
         let until_us = self.now_us() + by_us;
         while self.now_us() < until_us {
             let tick_us = (self.now_us() / PILOT_PERIOD_US + 1) * PILOT_PERIOD_US;
@@ -185,7 +185,7 @@ impl ServedModule {
     #[must_use]
     pub fn take_firmware_update(&self) -> Option<(String, u8)> {
         let update = self.rig.firmware_update.take()?;
-        Some((String::from_utf8_lossy(update.path()).into_owned(), update.server.get()))
+        Some((String::from_utf8_lossy(update.file_path()).into_owned(), update.server.get()))
     }
 
     /// Executes a pilot command line and returns the answer.
@@ -195,9 +195,9 @@ impl ServedModule {
     /// The command is invalid or not possible now.
     pub fn execute_line(&mut self, line: &str) -> Result<String, PilotCommandError> {
         match line.parse()? {
-            PilotCommand::Help => Ok(pilot_command::help()),
-            PilotCommand::Status => Ok(self.status()),
-            order => self.pilot.execute(&self.rig.world, order),
+            PilotCommand::Help => Ok(pilot_command::help_text()),
+            PilotCommand::Status => Ok(self.status_json()),
+            order => self.pilot.execute_order(&self.rig.world, order),
         }
     }
 
@@ -232,8 +232,8 @@ impl ServedModule {
 
     /// Present flash contents.
     #[must_use]
-    pub fn flash(&self) -> FlashImage {
-        FlashImage(self.rig.flash.contents())
+    pub fn flash_image(&self) -> FlashImage {
+        FlashImage(self.rig.flash.flash_contents())
     }
 
     /// Number of flash operations (programmed words and erased pages).
@@ -243,11 +243,11 @@ impl ServedModule {
         wear.erases + wear.writes
     }
 
-    fn status(&self) -> String {
+    fn status_json(&self) -> String {
         let truth = self.rig.world.true_state(self.now_us());
         let [roll_deg, pitch_deg] = [truth.roll_rad, truth.pitch_rad].map(f64::to_degrees);
         let seconds = self.now_us() as f64 / 1e6;
-        let flies = if self.visits.is_some() { "follows" } else { self.pilot.activity() };
+        let flies = if self.visits.is_some() { "follows" } else { self.pilot.activity_text() };
         let source = match self.rig.world.sends_attitude() {
             true => "the simulator",
             false if self.awaits_datagram() => "nobody yet",

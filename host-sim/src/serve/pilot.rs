@@ -61,13 +61,13 @@ impl Pilot {
     }
 
     /// Executes a command and returns the answer.
-    pub fn execute(&mut self, world: &World, order: PilotCommand) -> Result<String, PilotCommandError> {
+    pub fn execute_order(&mut self, world: &World, order: PilotCommand) -> Result<String, PilotCommandError> {
         match (self.task, order) {
             (PilotTask::Visited, _) => return Err(PilotCommandError::Visited),
             (PilotTask::Landed, PilotCommand::TakeOff) => {
                 world.end_prescribed_motion();
                 world.set_armed(true);
-                self.take(world, PilotTask::Orders);
+                self.start_task(world, PilotTask::Orders);
             }
             (PilotTask::Landed, PilotCommand::Land) => {}
             (PilotTask::Landed, _) => return Err(PilotCommandError::Landed),
@@ -78,20 +78,20 @@ impl Pilot {
             (_, PilotCommand::Level { seconds }) => self.fly(world, Leg::Hover { seconds }),
             (_, PilotCommand::Heading { deg, seconds }) => self.fly(world, Leg::Straight { heading_deg: deg, seconds }),
             (_, PilotCommand::Pattern(pattern)) => {
-                self.take(world, PilotTask::Pattern(pattern));
+                self.start_task(world, PilotTask::Pattern(pattern));
                 self.fly_pattern(world);
             }
             (_, PilotCommand::Land) => {
-                self.take(world, PilotTask::Landing);
+                self.start_task(world, PilotTask::Landing);
                 world.fly(Leg::Straight { heading_deg: heading_deg(world), seconds: LANDING_DURATION_S });
             }
             (_, PilotCommand::TakeOff | PilotCommand::Status | PilotCommand::Help) => {}
         }
-        Ok(format!("ok {}", self.activity()))
+        Ok(format!("ok {}", self.activity_text()))
     }
 
     /// Description of the present activity.
-    pub fn activity(&self) -> &'static str {
+    pub fn activity_text(&self) -> &'static str {
         match self.task {
             PilotTask::Pattern(PilotPattern::Routine) => "flies the routine",
             PilotTask::Pattern(PilotPattern::Circles) => "flies circles",
@@ -107,12 +107,12 @@ impl Pilot {
     /// Appends a leg to previous commands; cancels any other activity.
     fn fly(&mut self, world: &World, leg: Leg) {
         if self.task != PilotTask::Orders {
-            self.take(world, PilotTask::Orders);
+            self.start_task(world, PilotTask::Orders);
         }
         world.fly(leg);
     }
 
-    fn take(&mut self, world: &World, task: PilotTask) {
+    fn start_task(&mut self, world: &World, task: PilotTask) {
         self.task = task;
         world.clear_plan();
     }

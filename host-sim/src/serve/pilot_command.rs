@@ -73,7 +73,7 @@ pub enum PilotCommandError {
 impl PilotCommandError {
     /// Stable error code for scripts.
     #[must_use]
-    pub const fn code(&self) -> &'static str {
+    pub const fn stable_code(&self) -> &'static str {
         match self {
             Self::Unknown(_) => "unknown-order",
             Self::Missing(_) => "missing-argument",
@@ -110,7 +110,7 @@ fn printable(word: &str) -> String {
     word.chars().take(40).flat_map(char::escape_default).collect()
 }
 
-pub(super) fn help() -> String {
+pub(super) fn help_text() -> String {
     COMMANDS
         .iter()
         .fold("ok orders:".to_owned(), |text, (order, description)| format!("{text}\n  {order:15}{description}"))
@@ -123,13 +123,13 @@ impl FromStr for PilotCommand {
         let mut words = line.split_whitespace();
         let word = words.next().unwrap_or_default();
         let order = match word.to_ascii_lowercase().as_str() {
-            "turn" => Self::Turn { bank_deg: bank(&mut words)?, change_deg: change(&mut words)? },
-            "level" => Self::Level { seconds: seconds(&mut words)? },
+            "turn" => Self::Turn { bank_deg: parse_bank(&mut words)?, change_deg: parse_heading_change(&mut words)? },
+            "level" => Self::Level { seconds: parse_seconds(&mut words)? },
             "heading" => {
                 let deg = number(&mut words, "DEG", 0.0..=360.0, "a heading is 0 to 360 deg")?;
-                Self::Heading { deg, seconds: seconds(&mut words)? }
+                Self::Heading { deg, seconds: parse_seconds(&mut words)? }
             }
-            "pattern" => Self::Pattern(pattern(&mut words)?),
+            "pattern" => Self::Pattern(parse_pattern(&mut words)?),
             "land" => Self::Land,
             "takeoff" => Self::TakeOff,
             "status" => Self::Status,
@@ -140,25 +140,25 @@ impl FromStr for PilotCommand {
     }
 }
 
-fn bank(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
+fn parse_bank(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
     let deg = number(words, "BANK", -60.0..=60.0, BANK_RANGE_TEXT)?;
     if deg.abs() >= 1.0 { Ok(deg) } else { Err(PilotCommandError::OutOfRange(BANK_RANGE_TEXT)) }
 }
 
 const BANK_RANGE_TEXT: &str = "a bank is 1 to 60 deg, either way";
 
-fn change(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
+fn parse_heading_change(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
     let deg = number(words, "DEG", -3600.0..=3600.0, TURN_RANGE_TEXT)?;
     if deg.abs() >= 1.0 { Ok(deg) } else { Err(PilotCommandError::OutOfRange(TURN_RANGE_TEXT)) }
 }
 
 const TURN_RANGE_TEXT: &str = "a turn goes through 1 to 3600 deg, either way";
 
-fn seconds(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
+fn parse_seconds(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
     number(words, "S", 0.1..=3600.0, "a time is 0.1 to 3600 s")
 }
 
-fn pattern(words: &mut SplitWhitespace<'_>) -> Result<PilotPattern, PilotCommandError> {
+fn parse_pattern(words: &mut SplitWhitespace<'_>) -> Result<PilotPattern, PilotCommandError> {
     let name = words.next().ok_or(PilotCommandError::Missing("NAME"))?;
     PilotPattern::from_name(&name.to_ascii_lowercase())
         .ok_or(PilotCommandError::BadValue("routine, circles, wandering or level"))
@@ -221,7 +221,7 @@ mod tests {
             ("land now", "unexpected-argument"),
         ] {
             let error = line.parse::<PilotCommand>().unwrap_err();
-            assert_eq!(error.code(), code, "{line}: {error}");
+            assert_eq!(error.stable_code(), code, "{line}: {error}");
         }
     }
 
@@ -239,7 +239,7 @@ mod tests {
             let line = order.replace("BANK", "20").replace("DEG", "90").replace("NAME", "level");
             let line = line.replace(" S", " 5");
             assert!(line.parse::<PilotCommand>().is_ok(), "{line}");
-            assert!(help().contains(order));
+            assert!(help_text().contains(order));
         }
     }
 }

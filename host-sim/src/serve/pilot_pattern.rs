@@ -25,7 +25,7 @@ impl PilotPattern {
 
     /// Name on the command line.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn pattern_name(self) -> &'static str {
         match self {
             Self::Routine => "routine",
             Self::Circles => "circles",
@@ -37,7 +37,7 @@ impl PilotPattern {
     /// The pattern with this name, if any.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|pattern| pattern.name() == name)
+        Self::ALL.into_iter().find(|pattern| pattern.pattern_name() == name)
     }
 
     /// Legs of one repetition; empty for level flight.

@@ -61,13 +61,13 @@ pub struct MethodErrors {
 impl MethodErrors {
     /// Statistics over both sides.
     #[must_use]
-    pub fn figures(&self) -> ErrorStatistics {
+    pub fn error_statistics(&self) -> ErrorStatistics {
         ErrorStatistics::from_errors_deg(&[self.right_deg, self.left_deg].concat())
     }
 
     /// Errors at one heading.
     #[must_use]
-    pub fn sides(&self, row: usize) -> BankErrors {
+    pub fn bank_errors(&self, row: usize) -> BankErrors {
         BankErrors { right_deg: self.right_deg[row], left_deg: self.left_deg[row] }
     }
 }
@@ -79,7 +79,7 @@ impl MethodErrors {
 /// The error of a method without a solution.
 pub fn method_errors(experiment: Experiment) -> Result<[MethodErrors; 5], SolveError> {
     let table = Table1Experiment { airframe: Airframe::table1(), earth: Earth::default() };
-    let (left, right) = table.measure(experiment);
+    let (left, right) = table.measure_turns(experiment);
     let turns = [&left[..], &right].concat();
     let sides = Samples::new(&turns);
     let marks = Table1Experiment::marks(experiment, &left, &right);
@@ -102,7 +102,7 @@ struct Table1Experiment {
 }
 
 impl Table1Experiment {
-    fn sample(&self, roll_deg: f64, heading_rad: f64, noise_ut: Vector3<f64>) -> Sample {
+    fn simulated_sample(&self, roll_deg: f64, heading_rad: f64, noise_ut: Vector3<f64>) -> Sample {
         let truth = Euler { roll_rad: roll_deg.to_radians(), pitch_rad: 0.0, heading_rad };
         let field = self.airframe.measured_field(&self.earth.body_field_ut(truth));
         let attitude = Attitude::from_deg(roll_deg as f32, 0.0);
@@ -117,7 +117,7 @@ impl Table1Experiment {
     }
 
     /// Left and right turns, each in the direction of flight.
-    fn measure(&self, experiment: Experiment) -> (Vec<Sample>, Vec<Sample>) {
+    fn measure_turns(&self, experiment: Experiment) -> (Vec<Sample>, Vec<Sample>) {
         let mut noise = experiment.noise.map(|seed| Random::new(seed, Purpose::Magnetometer));
         let mut side = |sign: f64, part: CollectionPart| -> Vec<Sample> {
             (0..experiment.samples)
@@ -126,7 +126,8 @@ impl Table1Experiment {
                         noise.normal_vector().component_mul(&Vector3::from(READING_NOISE_UT))
                             / f64::from(readings_per_sample(READING_PERIOD_US)).sqrt()
                     });
-                    let sample = self.sample(sign * BANK_DEG, sign * heading_rad(i, experiment.samples), noise_ut);
+                    let sample =
+                        self.simulated_sample(sign * BANK_DEG, sign * heading_rad(i, experiment.samples), noise_ut);
                     Sample { time: WrappingMillis::new(u32::from(i) * 400), part, ..sample }
                 })
                 .collect()
@@ -153,8 +154,8 @@ impl Table1Experiment {
     fn column(&self, name: &'static str, calibration: &Calibration) -> MethodErrors {
         let error_deg = |roll_deg: f64, row: usize| {
             let heading_rad = heading_rad(row as u16, HEADINGS as u16);
-            let exact = self.sample(roll_deg, heading_rad, Vector3::zeros());
-            let shown_rad = exact.attitude.level(calibration.apply(exact.field)).heading_rad();
+            let exact = self.simulated_sample(roll_deg, heading_rad, Vector3::zeros());
+            let shown_rad = exact.attitude.level(calibration.calibrated_field(exact.field)).heading_rad();
             wrap_180((f64::from(shown_rad) - heading_rad).to_degrees())
         };
         MethodErrors {

@@ -62,7 +62,7 @@ pub fn fly_example(request: FlightRequest, report_step: &mut dyn FnMut(&FlightSt
         settings: vec![["airframe".to_owned(), "table1".to_owned()], ["seed".to_owned(), request.seed.to_string()]],
         ..ReportOrigin::default()
     };
-    FlownExample { page: report::page(&report_mission(&flown, &origin)), json: mission_json(&flown).to_string() }
+    FlownExample { page: report::render_page(&report_mission(&flown, &origin)), json: mission_json(&flown).to_string() }
 }
 
 /// Observer that reports a step whenever time advances.
@@ -74,11 +74,11 @@ struct StepReporter<'a> {
 }
 
 impl StepReporter<'_> {
-    fn step(&self, module: &impl Module) -> FlightStep {
+    fn report_step(&self, module: &impl Module) -> FlightStep {
         let world = module.world();
         let state = world.true_state(module.now_us());
         let field = world.sensor_field(state.time_us);
-        let level = |applied: &Calibration| state.attitude().level(applied.apply(field));
+        let level = |applied: &Calibration| state.attitude().level(applied.calibrated_field(field));
         let error_deg = |applied: &Calibration| {
             wrap_180(f64::from(level(applied).heading_rad().to_degrees()) - state.heading_deg())
         };
@@ -87,7 +87,7 @@ impl StepReporter<'_> {
         let calibration = self.calibration.get();
         let (stage, done) = self.progress.get();
         FlightStep {
-            stage: stage.name(),
+            stage: stage.stage_name(),
             done,
             heading_deg: state.heading_deg(),
             roll_deg: f64::from(state.attitude().roll_rad.to_degrees()),
@@ -101,7 +101,7 @@ impl StepReporter<'_> {
 
 impl Observer for StepReporter<'_> {
     fn time_advanced(&mut self, module: &impl Module) {
-        let step = self.step(module);
+        let step = self.report_step(module);
         (self.report_step)(&step);
     }
 

@@ -46,7 +46,7 @@ thread_local! {
 }
 
 impl State {
-    fn request<T: DeserializeOwned>(&self) -> Result<T, String> {
+    fn parse_request<T: DeserializeOwned>(&self) -> Result<T, String> {
         serde_json::from_slice(&self.request).map_err(|error| error.to_string())
     }
 

@@ -72,8 +72,8 @@ impl LoadedLog {
     /// # Errors
     ///
     /// The source cannot be read, or holds no usable flight.
-    pub fn read(source: &mut dyn Read, request: LogRequest) -> Result<Self, String> {
-        let flight = log::read(source, request.unit).map_err(|error| error.to_string())?;
+    pub fn read_log(source: &mut dyn Read, request: LogRequest) -> Result<Self, String> {
+        let flight = log::read_flight(source, request.unit).map_err(|error| error.to_string())?;
         Ok(Self { name: request.name, flight })
     }
 
@@ -92,7 +92,7 @@ impl LoadedLog {
     /// # Errors
     ///
     /// The log does not have the compass.
-    pub fn judge(&self, choices: &Choices) -> Result<JudgedLog, String> {
+    pub fn judge_log(&self, choices: &Choices) -> Result<JudgedLog, String> {
         let Self { name, flight } = self;
         let options = EvaluationOptions {
             selected: choices.samples,
@@ -110,22 +110,25 @@ impl LoadedLog {
         }
         let format = ParameterFormat::for_autopilot(flight.autopilot);
         let verdict = Verdict::new(flight, &evaluation, format);
-        let exported = verdict.parameters();
+        let exported = verdict.exported_corrections();
         let parameters = (!exported.is_empty())
             .then(|| [format.file_name().to_owned(), format_parameter_file(flight, &exported, format)]);
-        let origin =
-            ReportOrigin { settings: settings(choices), parameters: parameters.clone(), ..ReportOrigin::default() };
+        let origin = ReportOrigin {
+            settings: settings_table(choices),
+            parameters: parameters.clone(),
+            ..ReportOrigin::default()
+        };
         Ok(JudgedLog {
-            page: report::page(&report::report_replay(&verdict, name, &origin)),
+            page: report::render_page(&report::report_replay(&verdict, name, &origin)),
             json: verdict.json().to_string(),
             parameters,
         })
     }
 }
 
-fn settings(choices: &Choices) -> Vec<[String; 2]> {
+fn settings_table(choices: &Choices) -> Vec<[String; 2]> {
     let given = [
-        ("samples", Some(choices.samples.name().to_owned())),
+        ("samples", Some(choices.samples.selection_name().to_owned())),
         ("compass", choices.compass.map(|number| number.to_string())),
         ("from", choices.from_s.map(|s| format!("{s} s"))),
         ("to", choices.to_s.map(|s| format!("{s} s"))),
@@ -142,7 +145,7 @@ mod tests {
 
     fn loaded() -> LoadedLog {
         let request = serde_json::from_str(r#"{ "name": "flight.csv", "unit": "mg" }"#).unwrap();
-        LoadedLog::read(&mut include_bytes!("../../data/flight.csv").as_slice(), request).unwrap()
+        LoadedLog::read_log(&mut include_bytes!("../../data/flight.csv").as_slice(), request).unwrap()
     }
 
     #[test]
@@ -151,7 +154,8 @@ mod tests {
         let LogSummary { compasses, range_s: [from_s, to_s], is_table } = log.summary();
         assert!(compasses == [1] && from_s < 30.0 && to_s > 199.0 && is_table, "{from_s} to {to_s} s");
         let all = Choices { samples: RowSelection::Flight, compass: None, from_s: None, to_s: None, reference: None };
-        let [all, chosen] = [all, serde_json::from_str(CHOICES).unwrap()].map(|choices| log.judge(&choices).unwrap());
+        let [all, chosen] =
+            [all, serde_json::from_str(CHOICES).unwrap()].map(|choices| log.judge_log(&choices).unwrap());
         let used = |judged: &JudgedLog| {
             let json: serde_json::Value = serde_json::from_str(&judged.json).unwrap();
             [&json["compasses"][0]["rows"]["used"], &json["compasses"][0]["rows"]["fitted"]]
@@ -168,11 +172,11 @@ mod tests {
     #[test]
     fn a_log_that_cannot_be_judged_is_an_error_in_words() {
         let request: LogRequest = serde_json::from_str(r#"{ "name": "letter", "unit": "ut" }"#).unwrap();
-        let error = LoadedLog::read(&mut b"Dear reader".as_slice(), request).unwrap_err();
+        let error = LoadedLog::read_log(&mut b"Dear reader".as_slice(), request).unwrap_err();
         assert!(error.starts_with("not a known log"), "{error}");
         let missing = Choices { reference: Some(ReferenceKind::GpsYaw), ..serde_json::from_str(CHOICES).unwrap() };
-        assert_eq!(loaded().judge(&missing).unwrap_err(), "the log has no such reference");
+        assert_eq!(loaded().judge_log(&missing).unwrap_err(), "the log has no such reference");
         let missing = Choices { compass: Some(8), ..serde_json::from_str(CHOICES).unwrap() };
-        assert_eq!(loaded().judge(&missing).unwrap_err(), "the log has no compass of this number");
+        assert_eq!(loaded().judge_log(&missing).unwrap_err(), "the log has no compass of this number");
     }
 }

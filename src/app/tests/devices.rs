@@ -71,7 +71,7 @@ impl Magnetometer for Chip {
         Self::STUCK_AFTER
     }
 
-    async fn read(&mut self) -> Result<Reading, MagnetometerError<()>> {
+    async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<()>> {
         Timer::after(Duration::from_micros(Self::PERIOD_US.into())).await;
         let (saturated, overrun) = self.flags.get();
         match self.read.get() {

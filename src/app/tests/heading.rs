@@ -5,7 +5,7 @@ use std::rc::Rc;
 use super::TaskBench;
 use super::devices::SENSOR;
 use crate::app::instrument;
-use crate::app::links::{DetectedSensor, publish, stamped, subscribe};
+use crate::app::links::{DetectedSensor, publish_value, stamped_now, subscribe};
 use crate::attitude::{AttitudeReport, SenderId};
 use crate::calibration::{Calibration, HeadingUncertainty, Orientation};
 use crate::frames::{Attitude, Field};
@@ -24,14 +24,14 @@ fn correction() -> Correction {
 
 fn with_instrument() -> TaskBench {
     let mut bench = TaskBench::new();
-    bench.run("instrument", |links| async move { instrument::run(&links).await });
+    bench.run("instrument", |links| async move { instrument::run_instrument(&links).await });
     bench
 }
 
 /// Sends a level reading with this heading.
 fn read(bench: &TaskBench, heading_rad: f32) {
     let field = Field::new(Attitude::default().body(Field::earth(50.0, 1.0, heading_rad)).ut);
-    bench.links.queue_or_count(&bench.links.readings, stamped(Reading { field, saturated: false, overrun: false }));
+    bench.links.queue_or_count(&bench.links.readings, stamped_now(Reading { field, saturated: false, overrun: false }));
 }
 
 fn report(bench: &TaskBench) {
@@ -41,7 +41,7 @@ fn report(bench: &TaskBench) {
         attitude: Attitude::default(),
         rates_rad_s: [0.0; 3],
     };
-    bench.links.queue_or_count(&bench.links.reports, stamped(report));
+    bench.links.queue_or_count(&bench.links.reports, stamped_now(report));
 }
 
 fn estimate(bench: &TaskBench) -> Estimate {
@@ -57,7 +57,7 @@ fn readings_become_estimates_and_a_correction_applies_one_reading_later() {
     bench.ms(1);
     assert_eq!(estimate(&bench).heading, Err(NoHeading::Uncalibrated));
     assert_eq!(estimate(&bench).at, Timestamp::from_us(20_000));
-    publish(&bench.links.correction, correction());
+    publish_value(&bench.links.correction, correction());
     bench.ms(10);
     assert_eq!(estimate(&bench).heading, Err(NoHeading::Uncalibrated), "of the reading before");
     // Applying the correction first would delay this heading.
@@ -97,7 +97,7 @@ fn a_silent_sensor_is_reported_to_the_ports() {
 #[test]
 fn the_instrument_follows_the_sensor_that_was_found() {
     let mut bench = with_instrument();
-    publish(&bench.links.sensor, DetectedSensor { identity: SENSOR, period_us: 50_000, stuck_after: 7 });
+    publish_value(&bench.links.sensor, DetectedSensor { identity: SENSOR, period_us: 50_000, stuck_after: 7 });
     bench.ms(20);
     for _ in 0..4 {
         report(&bench);
@@ -125,5 +125,5 @@ fn readings_without_attitude_are_counted() {
         bench.ms(1);
     }
     // Readings of the last 0.3 s still wait for attitude.
-    assert_eq!(bench.links.counts().unpaired, 40 - 24);
+    assert_eq!(bench.links.event_counts().unpaired, 40 - 24);
 }

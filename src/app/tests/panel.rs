@@ -10,7 +10,7 @@ use super::TaskBench;
 use super::devices::{Chip, SENSOR};
 use super::thread_tasks::ask;
 use crate::app::compass;
-use crate::app::links::{CommandSource, DetectedSensor, publish};
+use crate::app::links::{CommandSource, DetectedSensor, publish_value};
 use crate::app::panel::{self, Panel};
 use crate::calibration::method_selection::Procedure;
 use crate::collection::RetainedSamples;
@@ -43,7 +43,7 @@ impl Panel for Post {
 fn with_panel() -> (TaskBench, Post) {
     let (mut bench, post) = (TaskBench::new(), Post::default());
     let seen = post.clone();
-    bench.run("panel", |links| async move { panel::run(&links, seen).await });
+    bench.run("panel", |links| async move { panel::run_panel(&links, seen).await });
     (bench, post)
 }
 
@@ -51,8 +51,8 @@ fn with_panel() -> (TaskBench, Post) {
 fn shown(indicator_state: Option<IndicatorState>, heading: NoHeading, attitude: Option<Attitude>) -> (u64, u64) {
     let (mut bench, post) = with_panel();
     if let Some(indicator_state) = indicator_state {
-        publish(&bench.links.indicator, indicator_state);
-        publish(&bench.links.estimates, Estimate { attitude, heading: Err(heading), ..Estimate::EMPTY });
+        publish_value(&bench.links.indicator, indicator_state);
+        publish_value(&bench.links.estimates, Estimate { attitude, heading: Err(heading), ..Estimate::EMPTY });
     }
     let begin = Instant::now().as_millis();
     bench.ms(4_000);
@@ -117,14 +117,14 @@ fn the_button_acts_after_two_seconds() {
 fn the_button_begins_a_collection() {
     let (mut bench, post) = with_panel();
     bench.run("compass", |links| async move {
-        Box::pin(compass::run(
+        Box::pin(compass::run_compass(
             &links,
             Store::new(RamFlash::<2048>::new(8), 0..2048 * 8),
             &mut RetainedSamples::EMPTY.clone(),
         ))
         .await;
     });
-    publish(
+    publish_value(
         &bench.links.sensor,
         DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
     );

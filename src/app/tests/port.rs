@@ -7,7 +7,7 @@ use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
 use super::TaskBench;
 use super::devices::{DeviceBehaviour, Line, Port};
-use crate::app::links::{Timestamped, publish, subscribe};
+use crate::app::links::{Timestamped, publish_value, subscribe};
 use crate::app::port;
 use crate::attitude::AttitudeReport;
 use crate::heading::{Heading, NoHeading};
@@ -30,8 +30,8 @@ fn frame_of(system_id: u32, data: &impl MessageData) -> Vec<u8> {
 fn spawn_port(bench: &mut TaskBench, number: PortNumber) -> (Line, Port) {
     let (line, port) = (Line::default(), Port::default());
     let (rx, tx) = (line.clone(), port.clone());
-    publish(&bench.links.settings, Settings::DEFAULT);
-    bench.run("port", move |links| async move { port::run(&links, number, rx, tx).await });
+    publish_value(&bench.links.settings, Settings::DEFAULT);
+    bench.run("port", move |links| async move { port::run_port(&links, number, rx, tx).await });
     bench.ms(1);
     (line, port)
 }
@@ -81,7 +81,7 @@ fn reports_are_passed_on_with_their_arrival_and_counted() {
     assert!(reports.iter().all(|report| (5_000..=6_000).contains(&report.at.as_us())), "{reports:?}");
     // Rejected frames are counted with the next estimate.
     stream(&mut bench, NORTH, 10);
-    let counts = bench.links.counts();
+    let counts = bench.links.event_counts();
     assert_eq!((counts.attitude_reports, counts.attitude_rejected, counts.attitude_line_errors), (2, 1, 0));
 }
 
@@ -97,7 +97,7 @@ fn attitude_of_other_senders_is_counted_and_dropped() {
     line.put(&[frame_of(2, &theirs), frame_of(2, &heartbeat), frame(0.3), frame_of(2, &theirs)].concat());
     bench.ms(1);
     assert_eq!(rolls(&bench), [0.1, 0.2]);
-    let counts = bench.links.counts();
+    let counts = bench.links.event_counts();
     assert_eq!((counts.attitude_reports, counts.attitude_foreign, counts.attitude_rejected), (2, 2, 0));
 }
 
@@ -113,7 +113,7 @@ fn attitude_is_used_from_one_port_at_a_time() {
         bench.ms(1);
     }
     assert_eq!(rolls(&bench), [0.1, 0.2, 0.4]);
-    assert_eq!(bench.links.counts().attitude_foreign, 1);
+    assert_eq!(bench.links.event_counts().attitude_foreign, 1);
 }
 
 const ARMED: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
@@ -168,18 +168,18 @@ fn a_line_error_is_counted_and_followed_by_a_pause() {
     let (line, port) = spawn_port(&mut bench, PortNumber::Two);
     line.mood.set(DeviceBehaviour::Ends);
     bench.ms(10);
-    let ended = bench.links.counts().attitude_line_errors;
+    let ended = bench.links.event_counts().attitude_line_errors;
     assert!((45..=55).contains(&ended), "{ended}");
     line.mood.set(DeviceBehaviour::Fails);
     bench.ms(10);
-    let errors = bench.links.counts().attitude_line_errors;
+    let errors = bench.links.event_counts().attitude_line_errors;
     assert!((90..=110).contains(&errors), "{errors}");
     stream(&mut bench, NORTH, 1_000);
     assert_eq!(port.text().matches("$HCHDM").count(), 11, "one of them at once");
     line.mood.set(DeviceBehaviour::Works);
     line.put(&frame(0.1));
     bench.ms(1);
-    assert_eq!(bench.links.counts().attitude_reports, 1);
+    assert_eq!(bench.links.event_counts().attitude_reports, 1);
 }
 
 #[test]
@@ -189,10 +189,10 @@ fn a_port_writes_at_its_rate_and_counts() {
     let text = port.text();
     assert_eq!(text.matches("$HCHDM,000.0,M").count(), 10, "{text}");
     assert_eq!(text.matches("\r\n").count(), 30, "{text}");
-    let counts = bench.links.counts();
+    let counts = bench.links.event_counts();
     assert_eq!((counts.messages, counts.messages_empty, counts.write_errors), (10, 0, 0));
     stream(&mut bench, Err(NoHeading::Uncalibrated), 1_000);
-    let counts = bench.links.counts();
+    let counts = bench.links.event_counts();
     assert_eq!((counts.messages, counts.messages_empty), (20, 10));
     assert_eq!(port.text().matches("$PASWH,,,uncalibrated").count(), 10);
     assert_eq!(bench.links.heartbeat_counts(), [0, 0, 0, 0, 160, 0], "one for each estimate");
@@ -201,19 +201,19 @@ fn a_port_writes_at_its_rate_and_counts() {
 #[test]
 fn a_port_follows_its_settings() {
     let (mut bench, port) = with_sentences();
-    publish(&bench.links.settings, Settings { stream_rate_hz: 40, ..Settings::DEFAULT });
+    publish_value(&bench.links.settings, Settings { stream_rate_hz: 40, ..Settings::DEFAULT });
     stream(&mut bench, NORTH, 1_000);
     assert_eq!(port.text().matches("$HCHDM").count(), 40);
-    publish(&bench.links.settings, Settings { stream_on: false, ..Settings::DEFAULT });
+    publish_value(&bench.links.settings, Settings { stream_on: false, ..Settings::DEFAULT });
     stream(&mut bench, NORTH, 1_000);
     assert_eq!(port.text(), "");
-    publish(&bench.links.settings, Settings { declination_deg: Some(2.0), ..Settings::DEFAULT });
+    publish_value(&bench.links.settings, Settings { declination_deg: Some(2.0), ..Settings::DEFAULT });
     stream(&mut bench, NORTH, 200);
     assert!(port.text().contains("$HCHDG,000.0,,,2.0,E"));
     assert_eq!(bench.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Nmea]);
     let other =
         Settings::DEFAULT.with_setting(SettingChange::Protocol(PortNumber::Two, ProtocolKind::Mavlink)).unwrap();
-    publish(&bench.links.settings, other);
+    publish_value(&bench.links.settings, other);
     stream(&mut bench, NORTH, 1_000);
     assert!(!port.text().contains('$'));
     assert_eq!(bench.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Mavlink]);
@@ -234,7 +234,7 @@ fn a_message_is_sent_as_mavlink_status_text() {
     assert!(!sent(&mut bench, &Message::InstallationRestored)("autoswing"), "sentences");
     let other =
         Settings::DEFAULT.with_setting(SettingChange::Protocol(PortNumber::Two, ProtocolKind::Mavlink)).unwrap();
-    publish(&bench.links.settings, other);
+    publish_value(&bench.links.settings, other);
     let text = sent(&mut bench, &Message::Collecting(40));
     assert!(text("autoswing: collecting: 40 %") && !text("iron-back"));
 }
@@ -248,9 +248,9 @@ fn each_port_uses_its_configured_baud_rate() {
     stream(&mut bench, NORTH, 100);
     assert_eq!(bauds(), [vec![], vec![]]);
     let settings = Settings::DEFAULT.with_setting(SettingChange::Baud(PortNumber::Two, Baud::B460800)).unwrap();
-    publish(&bench.links.settings, settings);
+    publish_value(&bench.links.settings, settings);
     stream(&mut bench, NORTH, 100);
-    publish(&bench.links.settings, Settings { stream_on: false, ..settings });
+    publish_value(&bench.links.settings, Settings { stream_on: false, ..settings });
     stream(&mut bench, NORTH, 100);
     assert_eq!(bauds(), [vec![], vec![Baud::B460800]]);
 }
@@ -261,10 +261,10 @@ fn errors_of_a_failing_port_are_counted_and_the_port_recovers() {
     let (mut bench, port) = with_sentences();
     port.mood.set(DeviceBehaviour::Fails);
     stream(&mut bench, NORTH, 1_000);
-    assert_eq!((bench.links.counts().messages, bench.links.counts().write_errors), (10, 10));
+    assert_eq!((bench.links.event_counts().messages, bench.links.event_counts().write_errors), (10, 10));
     port.mood.set(DeviceBehaviour::Hangs);
     stream(&mut bench, NORTH, 1_000);
-    let errors = bench.links.counts().write_errors - 10;
+    let errors = bench.links.event_counts().write_errors - 10;
     assert!((5..=8).contains(&errors), "four or five are buffered: {errors}");
     port.mood.set(DeviceBehaviour::Works);
     stream(&mut bench, NORTH, 1_000);

@@ -39,7 +39,7 @@ fn with_safe_mode(flash: Flash) -> (TaskBench, [Port; 2], FeedTimer) {
     let (ports, timer) = (<[Port; 2]>::default(), FeedTimer::default());
     let (lines, watchdog) = (ports.clone(), timer.clone());
     bench.run("safe mode", |links| async move {
-        Box::pin(safe_mode::run(&links, store(flash), lines, watchdog)).await;
+        Box::pin(safe_mode::run_safe_mode(&links, store(flash), lines, watchdog)).await;
     });
     bench.ms(1);
     (bench, ports, timer)
@@ -107,7 +107,7 @@ struct Bus {
 impl ReceiveFrame for Bus {
     type Error = Infallible;
 
-    async fn receive(&mut self) -> Result<CanFrame, Infallible> {
+    async fn receive_frame(&mut self) -> Result<CanFrame, Infallible> {
         loop {
             let next = self.received.borrow_mut().pop_front();
             match next {
@@ -121,7 +121,7 @@ impl ReceiveFrame for Bus {
 impl SendFrame for Bus {
     type Error = Infallible;
 
-    async fn send(&mut self, frame: &CanFrame) -> Result<(), Infallible> {
+    async fn send_frame(&mut self, frame: &CanFrame) -> Result<(), Infallible> {
         self.sent.borrow_mut().push(frame.clone());
         Ok(())
     }
@@ -149,7 +149,7 @@ impl Bus {
             unique_id: UNIQUE_ID,
         };
         bench.run("can", |links| async move {
-            can::run(&links, info, module.clone(), module.clone(), module, true).await;
+            can::run_can(&links, info, module.clone(), module.clone(), module, true).await;
         });
         bus.put(DataType::ARMING_STATUS, &[0]);
         bench.ms(1_100);
@@ -206,7 +206,7 @@ fn the_firmware_can_be_replaced_over_can() {
     assert_eq!(bus.take_sent(DataType::BEGIN_FIRMWARE_UPDATE)[0][0], 0);
     assert!(bench.links.restart.signaled());
     let update = bus.update.take().expect("a hand-over");
-    assert_eq!((update.server.get(), update.own_node.get(), update.path()), (10, OWN, &b"a.bin"[..]));
+    assert_eq!((update.server.get(), update.own_node.get(), update.file_path()), (10, OWN, &b"a.bin"[..]));
 }
 
 /// Parameters, texts of a tunnel and batteries belong to code that can be the cause of the panics.

@@ -10,7 +10,7 @@ use crate::app::sensor;
 fn bench() -> (TaskBench, Chip) {
     let (mut bench, chip) = (TaskBench::new(), Chip::default());
     let magnetometer = chip.clone();
-    bench.run("sensor", |links| async move { sensor::run(&links, magnetometer).await });
+    bench.run("sensor", |links| async move { sensor::run_sensor(&links, magnetometer).await });
     (bench, chip)
 }
 
@@ -21,7 +21,7 @@ fn every_measurement_is_passed_on_with_its_instant() {
     let readings: Vec<u64> =
         std::iter::from_fn(|| bench.links.readings.try_receive().ok()).map(|reading| reading.at.as_us()).collect();
     assert_eq!(readings, [10_000, 20_000, 30_000]);
-    assert_eq!(bench.links.counts().readings, 3);
+    assert_eq!(bench.links.event_counts().readings, 3);
     let found = DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER };
     assert_eq!(bench.links.sensor.try_get(), Some(found));
 }
@@ -30,7 +30,7 @@ fn every_measurement_is_passed_on_with_its_instant() {
 fn readings_dropped_from_a_full_queue_are_counted() {
     let (mut bench, _) = bench();
     bench.ms(65);
-    assert_eq!((bench.links.counts().readings, bench.links.counts().samples_dropped), (6, 2));
+    assert_eq!((bench.links.event_counts().readings, bench.links.event_counts().samples_dropped), (6, 2));
 }
 
 #[test]
@@ -39,7 +39,7 @@ fn overwritten_measurements_are_counted() {
     for (overrun, overruns) in [(false, 0), (true, 1), (false, 1)] {
         chip.flags.set((false, overrun));
         bench.ms(10);
-        assert_eq!(bench.links.counts().overruns, overruns);
+        assert_eq!(bench.links.event_counts().overruns, overruns);
     }
 }
 
@@ -52,12 +52,12 @@ fn a_changed_sensor_configuration_is_restored_within_1_s() {
     chip.verify.set(DeviceBehaviour::Upset);
     bench.ms(509);
     assert_eq!((chip.verifies.get(), chip.inits.get()), (4, 2));
-    let counts = bench.links.counts();
+    let counts = bench.links.event_counts();
     assert_eq!((counts.sensor_upsets, counts.sensor_errors), (1, 0));
     chip.verify.set(DeviceBehaviour::Works);
     let before = counts.readings;
     bench.ms(990);
-    assert_eq!(bench.links.counts().readings, before + 99, "no measurement was lost over it");
+    assert_eq!(bench.links.event_counts().readings, before + 99, "no measurement was lost over it");
 }
 
 #[test]
@@ -66,7 +66,7 @@ fn a_sensor_that_fails_its_verification_is_lost() {
         let (mut bench, chip) = bench();
         chip.verify.set(mood);
         bench.ms(1_450);
-        let counts = bench.links.counts();
+        let counts = bench.links.event_counts();
         assert_eq!((counts.sensor_upsets, counts.sensor_errors), (0, 1), "{mood:?}");
         assert_eq!(bench.links.heartbeat_counts()[0], counts.readings + 1);
     }
@@ -79,13 +79,13 @@ fn a_missing_sensor_is_initialised_every_200_ms() {
     chip.init.set(DeviceBehaviour::Fails);
     bench.ms(999);
     assert_eq!(chip.inits.get(), 5, "at 0, 200, 400, 600 and 800 ms");
-    assert_eq!(bench.links.counts().sensor_errors, 5);
+    assert_eq!(bench.links.event_counts().sensor_errors, 5);
     assert_eq!(bench.links.heartbeat_counts()[0], 5);
     assert!(bench.links.sensor.try_get().is_none());
     chip.init.set(DeviceBehaviour::Works);
     bench.ms(1);
     bench.ms(100);
-    assert_eq!(bench.links.counts().readings, 10);
+    assert_eq!(bench.links.event_counts().readings, 10);
 }
 
 /// Timeout of 0.4 s.
@@ -94,15 +94,15 @@ fn a_hanging_bus_times_out_after_0_4_s() {
     let (mut bench, chip) = bench();
     chip.init.set(DeviceBehaviour::Hangs);
     bench.ms(399);
-    assert_eq!(bench.links.counts().sensor_errors, 0);
+    assert_eq!(bench.links.event_counts().sensor_errors, 0);
     bench.ms(1);
-    assert_eq!(bench.links.counts().sensor_errors, 1);
+    assert_eq!(bench.links.event_counts().sensor_errors, 1);
     chip.init.set(DeviceBehaviour::Works);
     bench.ms(250);
-    assert_eq!(bench.links.counts().readings, 5);
+    assert_eq!(bench.links.event_counts().readings, 5);
     chip.read.set(DeviceBehaviour::Hangs);
     bench.ms(420);
-    assert_eq!(bench.links.counts().sensor_errors, 2);
+    assert_eq!(bench.links.event_counts().sensor_errors, 2);
 }
 
 #[test]
@@ -115,7 +115,7 @@ fn a_lost_sensor_is_found_again() {
     chip.read.set(DeviceBehaviour::Fails);
     bench.ms(10);
     chip.read.set(DeviceBehaviour::Works);
-    assert_eq!((chip.inits.get(), bench.links.counts().sensor_errors), (1, 1));
+    assert_eq!((chip.inits.get(), bench.links.event_counts().sensor_errors), (1, 1));
     assert!(found.try_changed().is_none());
     bench.ms(200);
     assert_eq!(chip.inits.get(), 2);

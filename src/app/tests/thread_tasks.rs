@@ -9,7 +9,7 @@ use testkit::flash::{RamFlash, SilentFault};
 
 use super::TaskBench;
 use super::devices::{Chip, DeviceBehaviour, Line, Port, SENSOR};
-use crate::app::links::{AutopilotLine, CommandSource, DetectedSensor, now, publish};
+use crate::app::links::{AutopilotLine, CommandSource, DetectedSensor, now, publish_value};
 use crate::app::{Platform, compass, console, port};
 use crate::calibration::Sample;
 use crate::calibration::method_selection::Procedure;
@@ -36,7 +36,7 @@ pub(super) fn store(flash: Flash) -> Store<Flash> {
 pub(super) fn with_compass(flash: Flash) -> TaskBench {
     let mut bench = TaskBench::new();
     bench.run("compass", |links| async move {
-        Box::pin(compass::run(&links, store(flash), &mut RetainedSamples::EMPTY.clone())).await;
+        Box::pin(compass::run_compass(&links, store(flash), &mut RetainedSamples::EMPTY.clone())).await;
     });
     bench.ms(1);
     bench
@@ -55,7 +55,7 @@ fn settings_are_written_published_and_counted() {
     let reply = ask(&mut bench, Command::Set(SettingChange::StreamRateHz(20)));
     assert!(matches!(reply, Ok(Reply::Done(ModuleState::Uncalibrated))), "{reply:?}");
     assert_eq!(bench.links.settings.try_get(), Some(Settings { stream_rate_hz: 20, ..Settings::DEFAULT }));
-    assert_eq!((bench.links.counts().saves, bench.links.counts().store_errors), (1, 0));
+    assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (1, 0));
 }
 
 /// Position and date may come from different ports; entered values have priority, and nothing is stored.
@@ -64,7 +64,7 @@ fn position_and_date_apply_the_field_model() {
     let (place, day) = (Position::new(51.1, 13.7, 100.0).unwrap(), Date::from_unix_s(20_779 * 86_400).unwrap());
     let field = EarthField::from_model(place, day).unwrap();
     let mut bench = with_compass(Flash::new(PAGES));
-    publish(&bench.links.date, day);
+    publish_value(&bench.links.date, day);
     bench.ms(1);
     assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
     bench.links.update_position(now(), place);
@@ -74,7 +74,7 @@ fn position_and_date_apply_the_field_model() {
     assert_eq!(bench.links.settings.try_get(), Some(by_model));
     assert!(ask(&mut bench, Command::Set(SettingChange::Declination(Some(3.0)))).is_ok());
     assert_eq!(bench.links.settings.try_get(), Some(Settings { declination_deg: Some(3.0), ..by_model }));
-    assert_eq!(bench.links.counts().saves, 1);
+    assert_eq!(bench.links.event_counts().saves, 1);
 }
 
 #[test]
@@ -82,12 +82,12 @@ fn a_failed_save_is_reported_and_counted() {
     let mut flash = Flash::new(PAGES);
     flash.unreadable = Some((0..2048 * PAGES, usize::MAX));
     let mut bench = with_compass(flash);
-    assert_eq!(bench.links.counts().store_errors, 1, "of the load, once");
+    assert_eq!(bench.links.event_counts().store_errors, 1, "of the load, once");
     assert_eq!(bench.links.notices.try_receive(), Ok(Message::StoreFailed(StoreError::Flash)));
     let reply = ask(&mut bench, Command::Set(SettingChange::StreamRateHz(20)));
     assert!(matches!(reply, Err(Refusal::Store(StoreError::Flash))), "{reply:?}");
     assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
-    assert_eq!((bench.links.counts().saves, bench.links.counts().store_errors), (0, 2));
+    assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (0, 2));
 }
 
 /// An erase that never completes: the command is refused after half a second, and the next ones are executed. A save of
@@ -103,17 +103,17 @@ fn a_save_that_never_completes_is_given_up_and_reported() {
     bench.ms(1);
     let reply = bench.links.replies.try_receive();
     assert!(matches!(reply, Ok(Err(Refusal::Store(StoreError::Timeout)))), "{reply:?}");
-    assert_eq!((bench.links.counts().saves, bench.links.counts().store_errors), (0, 1));
+    assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (0, 1));
     assert!(matches!(ask(&mut bench, Command::Status), Ok(Reply::Report(_))));
     bench.links.update_line_state(AutopilotLine::Port(PortNumber::One), ProtocolKind::Mavlink, None);
     for is_armed in [true, false] {
-        publish(&bench.links.armed, Some(is_armed));
+        publish_value(&bench.links.armed, Some(is_armed));
         bench.ms(5_500);
     }
     let message = Ok(Message::StoreFailed(StoreError::Timeout));
     assert_eq!(bench.links.notices.try_receive(), message);
-    assert_eq!(bench.links.line(AutopilotLine::Port(PortNumber::One)).messages.try_receive(), message);
-    assert_eq!(bench.links.counts().store_errors, 2);
+    assert_eq!(bench.links.links_of_line(AutopilotLine::Port(PortNumber::One)).messages.try_receive(), message);
+    assert_eq!(bench.links.event_counts().store_errors, 2);
     assert!(matches!(ask(&mut bench, Command::Status), Ok(Reply::Report(_))));
 }
 
@@ -121,7 +121,7 @@ fn a_save_that_never_completes_is_given_up_and_reported() {
 #[test]
 fn readings_lost_during_the_collection_are_the_cause_of_a_refusal() {
     let mut bench = with_compass(Flash::new(PAGES));
-    publish(
+    publish_value(
         &bench.links.sensor,
         DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
     );
@@ -145,7 +145,7 @@ fn readings_lost_during_the_collection_are_the_cause_of_a_refusal() {
 fn samples_become_a_correction() {
     let mut bench = with_compass(Flash::new(PAGES));
     assert!(matches!(ask(&mut bench, Command::CalStart(Procedure::Turns)), Err(Refusal::NoSensor)));
-    publish(
+    publish_value(
         &bench.links.sensor,
         DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
     );
@@ -165,11 +165,14 @@ fn samples_become_a_correction() {
     // Noise of a reading at 100 Hz: sqrt(10) times that of a sample, 0.12 uT of about 50 uT.
     let reading_ut = uncertainty.sensor_sigma * calibration.total_ut;
     assert!((0.25..0.55).contains(&reading_ut), "{reading_ut}");
-    assert_eq!(bench.links.counts().saves, 2, "that there is a collection, and its calibration");
+    assert_eq!(bench.links.event_counts().saves, 2, "that there is a collection, and its calibration");
     assert_eq!(bench.links.indicator.try_get(), Some(IndicatorState::Calibrated));
     for number in PortNumber::ALL {
         assert!(
-            matches!(bench.links.line(AutopilotLine::Port(number)).messages.try_receive(), Ok(Message::Solved(Ok(_)))),
+            matches!(
+                bench.links.links_of_line(AutopilotLine::Port(number)).messages.try_receive(),
+                Ok(Message::Solved(Ok(_)))
+            ),
             "{number:?}"
         );
     }
@@ -181,7 +184,7 @@ fn samples_become_a_correction() {
     let answered = Rc::clone(&replies);
     bench.run("person", |links| async move {
         for command in [Command::CalSolve(None), Command::Restart, Command::CalUndo] {
-            publish(&links.armed, Some(command == Command::CalUndo));
+            publish_value(&links.armed, Some(command == Command::CalUndo));
             links.commands.send((CommandSource::Console, command)).await;
             let reply = links.replies.receive().await;
             answered.borrow_mut().push(reply);
@@ -200,7 +203,7 @@ fn samples_become_a_correction() {
 #[test]
 fn no_sample_is_dropped_during_a_trial_solve() {
     let mut bench = with_compass(Flash::new(PAGES));
-    publish(
+    publish_value(
         &bench.links.sensor,
         DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
     );
@@ -218,16 +221,16 @@ fn no_sample_is_dropped_during_a_trial_solve() {
     let Ok(Reply::Report(report)) = ask(&mut bench, Command::Status) else { panic!("no report") };
     assert!(report.last_trial.is_some());
     assert_eq!(report.progress.left_turns.samples + report.progress.left_turns.held_back, 75);
-    assert_eq!(bench.links.counts().samples_dropped, 0);
+    assert_eq!(bench.links.event_counts().samples_dropped, 0);
 }
 
 #[test]
 fn restart_is_refused_while_the_autopilot_is_armed() {
     let mut bench = with_compass(Flash::new(PAGES));
     assert!(matches!(ask(&mut bench, Command::Restart), Ok(Reply::Done(_))));
-    publish(&bench.links.armed, Some(true));
+    publish_value(&bench.links.armed, Some(true));
     assert!(matches!(ask(&mut bench, Command::Restart), Err(Refusal::Armed)));
-    publish(&bench.links.armed, Some(false));
+    publish_value(&bench.links.armed, Some(false));
     assert!(matches!(ask(&mut bench, Command::Restart), Ok(Reply::Done(_))));
 }
 
@@ -236,7 +239,7 @@ fn restart_is_refused_while_the_autopilot_is_armed() {
 fn a_restart_commanded_on_a_port_needs_a_disarmed_autopilot() {
     let mut bench = with_compass(Flash::new(PAGES));
     for (is_armed, result) in [(true, Err(Refusal::Armed)), (false, Ok(()))] {
-        publish(&bench.links.armed, Some(is_armed));
+        publish_value(&bench.links.armed, Some(is_armed));
         bench
             .links
             .commands
@@ -245,10 +248,10 @@ fn a_restart_commanded_on_a_port_needs_a_disarmed_autopilot() {
         bench.ms(1);
         assert_eq!(bench.links.restart.signaled(), result.is_ok());
         assert_eq!(
-            bench.links.line(AutopilotLine::Port(PortNumber::Two)).answers.try_take(),
+            bench.links.links_of_line(AutopilotLine::Port(PortNumber::Two)).answers.try_take(),
             Some((Command::Restart, result))
         );
-        assert!(bench.links.line(AutopilotLine::Port(PortNumber::One)).answers.try_take().is_none());
+        assert!(bench.links.links_of_line(AutopilotLine::Port(PortNumber::One)).answers.try_take().is_none());
     }
 }
 
@@ -271,7 +274,7 @@ fn with_console() -> (TaskBench, Line, Port, Board) {
     let (line, port, board) = (Line::default(), Port::default(), Board::default());
     let (rx, tx, platform) = (line.clone(), port.clone(), board.clone());
     bench.run("console", |links| async move {
-        console::run(&links, rx, tx, platform, ResetCause::Watchdog).await;
+        console::run_console(&links, rx, tx, platform, ResetCause::Watchdog).await;
     });
     bench.ms(1);
     assert!(port.text().contains("started by watchdog"));
@@ -313,7 +316,7 @@ fn status_shows_the_module_s_health() {
     for expected in ["sensor: not found", "attitude: none", "heading: none, sensor-silent", "started by watchdog"] {
         assert!(status.contains(expected), "{expected}: {status}");
     }
-    publish(
+    publish_value(
         &bench.links.sensor,
         DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
     );
@@ -371,7 +374,7 @@ fn a_selected_protocol_turns_the_console_into_a_port() {
         if let Some(protocol) = selected {
             let mut settings = Settings::DEFAULT;
             settings.ports.port_mut(PortNumber::One).protocol = protocol;
-            publish(&bench.links.settings, settings);
+            publish_value(&bench.links.settings, settings);
         }
         bench.ms(10);
         assert_eq!(found.get(), expected, "{selected:?}");
@@ -382,13 +385,13 @@ fn a_selected_protocol_turns_the_console_into_a_port() {
 #[test]
 fn an_armed_module_does_not_reboot() {
     let (mut bench, line, port, board) = with_console();
-    publish(&bench.links.armed, Some(true));
+    publish_value(&bench.links.armed, Some(true));
     let reply = type_line(&mut bench, &line, &port, "reboot");
     assert!(reply.contains("\r\nerror armed: the autopilot is armed") && !reply.contains("ok"), "{reply}");
     bench.ms(1_000);
     assert_eq!(board.0.get(), 0);
     assert!(type_line(&mut bench, &line, &port, "status all").contains("\r\narmed: yes\r\n"));
-    publish(&bench.links.armed, Some(false));
+    publish_value(&bench.links.armed, Some(false));
     assert!(type_line(&mut bench, &line, &port, "status all").contains("\r\narmed: no\r\n"));
     assert!(type_line(&mut bench, &line, &port, "reboot").contains("ok restarting"));
     bench.ms(50);

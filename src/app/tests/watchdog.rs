@@ -29,7 +29,7 @@ impl Watchdog for FakeWatchdog {
 
 fn all(links: &Links) -> [&AtomicU32; MAX_HEARTBEATS] {
     let Heartbeats { sensor, instrument, compass } = &links.heartbeats;
-    let [one, two, can] = AutopilotLine::ALL.map(|line| &links.line(line).heartbeat);
+    let [one, two, can] = AutopilotLine::ALL.map(|line| &links.links_of_line(line).heartbeat);
     [sensor, instrument, compass, one, two, can]
 }
 
@@ -37,7 +37,7 @@ fn all(links: &Links) -> [&AtomicU32; MAX_HEARTBEATS] {
 fn with_silent(silent: Option<usize>) -> (TaskBench, FakeWatchdog) {
     let (mut bench, watchdog_timer) = (TaskBench::new(), FakeWatchdog::default());
     let fed = watchdog_timer.clone();
-    bench.run("watchdog", |links| async move { watchdog::run(&links, fed).await });
+    bench.run("watchdog", |links| async move { watchdog::run_watchdog(&links, fed).await });
     bench.run("tasks", |links: Rc<Links>| async move {
         for ms in (0..).step_by(100) {
             for (i, beat) in all(&links).into_iter().enumerate() {
@@ -77,7 +77,7 @@ fn the_watchdog_does_not_wait_for_lines_that_never_ran() {
     for (counted_tasks, fed) in [(HEARTBEATS_OF_EVERY_BOARD, 10), (HEARTBEATS_OF_EVERY_BOARD - 1, 0)] {
         let (mut bench, watchdog_timer) = (TaskBench::new(), FakeWatchdog::default());
         let watchdog_clone = watchdog_timer.clone();
-        bench.run("watchdog", |links| async move { watchdog::run(&links, watchdog_clone).await });
+        bench.run("watchdog", |links| async move { watchdog::run_watchdog(&links, watchdog_clone).await });
         bench.run("tasks", move |links: Rc<Links>| async move {
             loop {
                 all(&links).into_iter().take(counted_tasks).for_each(increment);
@@ -110,7 +110,7 @@ fn saves_that_never_complete_cause_no_reset() {
     flash.silent_fault = Some(SilentFault::Hangs);
     let (mut bench, watchdog_timer) = (with_compass(flash), FakeWatchdog::default());
     let fed = watchdog_timer.clone();
-    bench.run("watchdog", |links| async move { watchdog::run(&links, fed).await });
+    bench.run("watchdog", |links| async move { watchdog::run_watchdog(&links, fed).await });
     bench.run("other tasks", |links: Rc<Links>| async move {
         loop {
             all(&links).into_iter().enumerate().filter(|(i, _)| *i != 2).for_each(|(_, beat)| increment(beat));
@@ -125,5 +125,5 @@ fn saves_that_never_complete_cause_no_reset() {
     });
     bench.ms(7_050);
     assert_eq!(watchdog_timer.0.get(), 10);
-    assert!(bench.links.counts().store_errors >= 13);
+    assert!(bench.links.event_counts().store_errors >= 13);
 }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::AttitudeReport;
-use super::timed_report::{TimedReport, extrapolate};
+use super::timed_report::{TimedReport, extrapolate_attitude};
 use crate::frames::{Attitude, Body, Field, wrap_pi};
 use crate::time::Timestamp;
 use crate::trig;
@@ -67,7 +67,7 @@ impl SpikeFilter {
     pub fn is_spike(&mut self, last: Option<&TimedReport>, at: Timestamp, attitude: Attitude) -> bool {
         let is_far = last.is_some_and(|last| {
             let step_s = at.us_since(last.sent_at) as f32 * 1e-6;
-            let expected = extrapolate(&last.report, step_s);
+            let expected = extrapolate_attitude(&last.report, step_s);
             let by_time_rad_s =
                 if last.report.has_rates() { SPIKE_MARGIN_RAD_S } else { SPIKE_MARGIN_WITHOUT_RATES_RAD_S };
             tilt_between(expected, attitude) > SPIKE_MARGIN_RAD + by_time_rad_s * step_s
@@ -83,7 +83,7 @@ impl SpikeFilter {
 
 /// Angle between the down directions of two attitudes, radians; insensitive to roll at vertical pitch.
 fn tilt_between(a: Attitude, b: Attitude) -> f32 {
-    let chord = (a.tilt().down() - b.tilt().down()).length();
+    let chord = (a.tilt_rotation().down_in_body() - b.tilt_rotation().down_in_body()).vector_length();
     2.0 * trig::asin(chord / 2.0)
 }
 
@@ -96,7 +96,7 @@ impl MeanDirection {
 
     /// Updates the mean with a reading, in any axes.
     pub fn update(&mut self, field: Vector3<f32>) {
-        let direction = field / field.length();
+        let direction = field / field.vector_length();
         let before = self.0.unwrap_or(direction);
         let averaged = before + (direction - before) / FIELD_MEAN_READINGS;
         // Discards NaN, which would persist in the mean.
@@ -181,8 +181,8 @@ impl FreezeDetector {
     /// vehicle.
     fn has_field_rotated(&self, attitude: Attitude) -> bool {
         let (Some(now), Some(then)) = (self.field_direction.mean(), self.settled_direction) else { return false };
-        let [now, then] = [now, then].map(|direction| direction / direction.length());
-        let down = attitude.tilt().down();
+        let [now, then] = [now, then].map(|direction| direction / direction.vector_length());
+        let down = attitude.tilt_rotation().down_in_body();
         let [dip_now, dip_then] = [now, then].map(|direction| trig::asin(direction.dot(&down)));
         let is_contradicted = (dip_now - dip_then).abs() > MIN_INCLINATION_CHANGE_RAD || down.z < COS_MAX_GROUND_TILT;
         now.dot(&then) < COS_MIN_FIELD_ROTATION && is_contradicted

@@ -107,7 +107,7 @@ fn a_banked_turn_about_the_vertical_is_frozen() {
     for (attitude_deg, frozen) in
         [([9.5, 0.0], false), ([10.5, 0.0], true), ([-10.5, 0.0], true), ([0.0, 9.5], false), ([0.0, -10.5], true)]
     {
-        let down = Attitude::from_deg(attitude_deg[0] + 0.1, attitude_deg[1]).tilt().down();
+        let down = Attitude::from_deg(attitude_deg[0] + 0.1, attitude_deg[1]).tilt_rotation().down_in_body();
         assert_eq!(is_frozen_at(attitude_deg, down, 0.1, 30, 20_000, 20.0), frozen, "{attitude_deg:?}");
         assert!(!is_frozen_at(attitude_deg, down, 0.1, 30, 20_000, 2.0), "{attitude_deg:?}");
     }

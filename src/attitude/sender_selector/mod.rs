@@ -31,12 +31,12 @@ impl SenderId {
 
     /// Numeric value.
     #[must_use]
-    pub const fn number(self) -> u16 {
+    pub const fn packed_number(self) -> u16 {
         self.0
     }
 
     /// System, of which the sender is a component: the upper byte.
-    const fn system(self) -> u8 {
+    const fn system_id(self) -> u8 {
         self.0.to_be_bytes()[0]
     }
 }
@@ -75,7 +75,7 @@ struct SenderEntry {
 
 impl SenderEntry {
     /// Heartbeat, unless expired.
-    fn heartbeat(&self, now: Timestamp) -> Option<Heartbeat> {
+    fn last_heartbeat(&self, now: Timestamp) -> Option<Heartbeat> {
         self.heartbeat.filter(|(at, _)| is_unexpired(*at, now)).map(|(_, heartbeat)| heartbeat)
     }
 
@@ -128,7 +128,7 @@ impl SenderSelector {
     pub fn update_heartbeat(&mut self, now: Timestamp, heartbeat: Heartbeat) {
         let Heartbeat { sender: source, is_autopilot, .. } = heartbeat;
         let is_known_autopilot = self.selected.is_some_and(|chosen| chosen.source == source && chosen.is_autopilot)
-            || self.heartbeat(now, source).is_some_and(|known| known.is_autopilot);
+            || self.last_heartbeat(now, source).is_some_and(|known| known.is_autopilot);
         if is_known_autopilot && !is_autopilot {
             return;
         }
@@ -188,7 +188,8 @@ impl SenderSelector {
     fn is_other_vehicle(&self, chosen: SelectedSender, source: SenderId) -> bool {
         let last_heartbeat =
             self.entries.iter().find(|known| known.source == chosen.source).and_then(|known| known.heartbeat);
-        chosen.source.system() != source.system() && last_heartbeat.is_some_and(|(_, heartbeat)| heartbeat.is_armed)
+        chosen.source.system_id() != source.system_id()
+            && last_heartbeat.is_some_and(|(_, heartbeat)| heartbeat.is_armed)
     }
 
     /// Whether an autopilot other than `source` sends attitude.
@@ -196,14 +197,14 @@ impl SenderSelector {
         self.entries.iter().any(|other| {
             other.source != source
                 && other.attitude_at.is_some_and(|at| is_unexpired(at, now))
-                && other.heartbeat(now).is_some_and(|heartbeat| heartbeat.is_autopilot)
+                && other.last_heartbeat(now).is_some_and(|heartbeat| heartbeat.is_autopilot)
         })
     }
 
     /// Armed state of the selected sender; `None` without a recent heartbeat.
     #[must_use]
     pub fn is_armed(&self, now: Timestamp) -> Option<bool> {
-        self.selected.and_then(|chosen| self.heartbeat(now, chosen.source)).map(|heartbeat| heartbeat.is_armed)
+        self.selected.and_then(|chosen| self.last_heartbeat(now, chosen.source)).map(|heartbeat| heartbeat.is_armed)
     }
 
     /// Autopilot to query: the selected one, or before any attitude the first with a recent autopilot heartbeat.
@@ -213,7 +214,7 @@ impl SenderSelector {
         let autopilot_heartbeat = || {
             self.entries
                 .iter()
-                .filter_map(|known| known.heartbeat(now))
+                .filter_map(|known| known.last_heartbeat(now))
                 .find(|autopilot_heartbeat| autopilot_heartbeat.is_autopilot)
         };
         chosen.or_else(|| autopilot_heartbeat().map(|heartbeat| heartbeat.sender))
@@ -221,9 +222,9 @@ impl SenderSelector {
 
     /// Selection of this sender, if permitted.
     fn try_select(&self, now: Timestamp, source: SenderId) -> Option<SelectedSender> {
-        let heartbeat_of_source = self.heartbeat(now, source);
+        let heartbeat_of_source = self.last_heartbeat(now, source);
         let autopilots =
-            || self.entries.iter().filter_map(|known| known.heartbeat(now)).any(|other| other.is_autopilot);
+            || self.entries.iter().filter_map(|known| known.last_heartbeat(now)).any(|other| other.is_autopilot);
         let is_selectable = heartbeat_of_source
             .map_or_else(|| !autopilots(), |heartbeat_of_source| heartbeat_of_source.is_autopilot)
             && !(self.released == Some(source) && self.has_other_autopilot(now, source));
@@ -234,8 +235,8 @@ impl SenderSelector {
         })
     }
 
-    fn heartbeat(&self, now: Timestamp, source: SenderId) -> Option<Heartbeat> {
-        self.entries.iter().find(|known| known.source == source)?.heartbeat(now)
+    fn last_heartbeat(&self, now: Timestamp, source: SenderId) -> Option<Heartbeat> {
+        self.entries.iter().find(|known| known.source == source)?.last_heartbeat(now)
     }
 
     /// Table entry of a sender. A new sender in a full table replaces the lowest-ranked one, never the selected one.

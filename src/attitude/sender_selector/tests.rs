@@ -270,7 +270,7 @@ fn the_oldest_sender_is_evicted() {
     }
     assert!(!bench.send_attitude(GIMBAL));
     for other in 0..7 {
-        assert!(bench.senders.heartbeat(bench.now(), SenderId::new(other)).is_none(), "{other}");
+        assert!(bench.senders.last_heartbeat(bench.now(), SenderId::new(other)).is_none(), "{other}");
     }
 }
 

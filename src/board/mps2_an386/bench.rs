@@ -81,7 +81,7 @@ pub fn request_test(number: u8) {
 }
 
 /// Runs requested tests. Fatal ones end the run.
-pub async fn run(mut tx: UartTx) -> ! {
+pub async fn run_bench(mut tx: UartTx) -> ! {
     static KEPT: StaticCell<RetainedSamples> = StaticCell::new();
     panic_if_requested();
     let mut turns = Turns::fly();
@@ -124,7 +124,7 @@ fn fill_stack(depth: u32) -> u32 {
     ballast.iter().fold(below, |sum, &word| sum.wrapping_add(word))
 }
 
-fn budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut Results) -> fmt::Result {
+fn measure_budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut Results) -> fmt::Result {
     let (mut solve, mut late, mut current) = (0, 0, 0);
     turns.add_attitude_latency(TEST_LATENCY_S);
     let is_latency_found = turns.solve(&mut late).is_some_and(|solution| solution.calibration.uses_latency());
@@ -229,7 +229,7 @@ fn monitor_instructions(solution: &Solution) -> u64 {
 /// Estimates of two seconds for the protocols.
 const ESTIMATES: u64 = 160;
 
-fn estimate(number: u64) -> Estimate {
+fn bench_estimate(number: u64) -> Estimate {
     let compass_field = Some(Field::from_ut(20.0, -5.1, 44.2));
     Estimate { at: Timestamp::from_us(number * READING_US), compass_field, ..Estimate::EMPTY }
 }
@@ -306,7 +306,7 @@ fn collection_instructions(collector: &mut Collector<'_>) -> u64 {
 /// Sensor period of the reference sensor, microseconds.
 const READING_US: u64 = 12_500;
 
-fn instructions(f: impl FnOnce()) -> u64 {
+fn count_instructions(f: impl FnOnce()) -> u64 {
     let ticks = |f: &mut dyn FnMut()| {
         critical_section::with(|_| {
             let before = clock::ticks();
@@ -329,7 +329,7 @@ struct Turns(&'static mut [Sample]);
 
 impl Turns {
     /// Simulates the turns; may be called only once.
-    fn fly() -> Self {
+    fn fly_turns() -> Self {
         // An array made by a function would be on the stack first.
         static TURNS: ConstStaticCell<heapless::Vec<Sample, { 2 * SAMPLES_PER_TURN }>> =
             ConstStaticCell::new(heapless::Vec::new());
@@ -388,7 +388,7 @@ const OSCILLATIONS_PER_TURN: [f32; 2] = [29.0, 23.0];
 const SAMPLE_INTERVAL_MS: u32 = 400;
 
 /// The `i`-th sample of a turn, with soft and hard iron, and bank and pitch oscillating by some degrees.
-fn sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
+fn bench_sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
     let part = i as f32 / SAMPLES_PER_TURN as f32;
     let [roll, pitch] = OSCILLATIONS_PER_TURN.map(|times| times * TAU * part);
     let attitude = Attitude::from_deg(side * 25.0 + 2.0 * libm::sinf(roll), 3.0 + 1.5 * libm::cosf(pitch));
@@ -425,7 +425,7 @@ fn simulated_field(attitude: Attitude, heading_rad: f32) -> Field<Sensor> {
 struct Noise(u32);
 
 impl Noise {
-    fn next(&mut self) -> f32 {
+    fn next_noise(&mut self) -> f32 {
         let mut uniform = || {
             self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             (self.0 >> 8) as f32 / 16_777_216.0 - 0.5

@@ -54,7 +54,7 @@ embassy_time_driver::time_driver_impl!(static CLOCK: MachineClock = MachineClock
 }))));
 
 impl Clock {
-    fn counter(&mut self) -> u64 {
+    fn read_counter(&mut self) -> u64 {
         let low = COUNTER.read();
         if low < self.low {
             self.high = self.high.wrapping_add(1);
@@ -111,7 +111,7 @@ impl Driver for MachineClock {
 }
 
 /// Starts the counter at zero.
-pub fn start() {
+pub fn start_clock() {
     PRESCALE.write(0);
     COUNTER.write(0);
     CLOCK.with_clock(Clock::set_timer);

@@ -53,7 +53,7 @@ impl StoreFlash {
     }
 
     /// All pages, as offsets.
-    pub fn region(&self) -> Range<u32> {
+    pub fn store_region(&self) -> Range<u32> {
         0..self.0.len() as u32
     }
 

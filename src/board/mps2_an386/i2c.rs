@@ -82,13 +82,13 @@ impl SensorBus {
         if self.take_bits(1) == 0 { Ok(()) } else { Err(NoAcknowledge(source)) }
     }
 
-    fn take(&mut self, is_last: bool) -> u8 {
+    fn read_byte(&mut self, is_last: bool) -> u8 {
         let byte = self.take_bits(8) as u8;
         self.put_bit(is_last);
         byte
     }
 
-    fn perform(&mut self, address: u8, operation: &mut Operation<'_>) -> Result<(), NoAcknowledge> {
+    fn perform_operation(&mut self, address: u8, operation: &mut Operation<'_>) -> Result<(), NoAcknowledge> {
         self.start();
         let reads = matches!(operation, Operation::Read(_));
         self.put_byte(address << 1 | u8::from(reads), NoAcknowledgeSource::Address)?;

@@ -53,7 +53,7 @@ pub fn sensor_is_broken() -> bool {
 
 /// Synchronises at every step. Sends the nominal time, because the actual one depends on other tasks and on the clock
 /// phase.
-pub async fn run() -> ! {
+pub async fn run_lockstep() -> ! {
     let mut due = Instant::now();
     loop {
         due += LOCKSTEP_PERIOD;
@@ -76,14 +76,14 @@ pub fn report_instrument_write() {
     critical_section::with(|_| clock::with_frozen_clock(|ticks| send(Message::Written, ticks)));
 }
 
-fn send(message: Message, ticks: u64) {
+fn send_message(message: Message, ticks: u64) {
     for byte in core::iter::once(message as u8).chain(ticks.to_le_bytes()) {
         // The emulator passes each byte to the host at once.
         while !LOCKSTEP.put_byte(byte) {}
     }
 }
 
-fn wait(message: Message, due: Option<Instant>) {
+fn wait_for_message(message: Message, due: Option<Instant>) {
     critical_section::with(|_| {
         clock::with_frozen_clock(|ticks| {
             send(message, due.map_or(ticks, |due| due.as_micros() * clock::TICKS_PER_US));
@@ -102,7 +102,7 @@ fn wait(message: Message, due: Option<Instant>) {
     });
 }
 
-fn take(uart: &Uart) -> u8 {
+fn take_byte(uart: &Uart) -> u8 {
     loop {
         if let Some(byte) = uart.take() {
             return byte;
@@ -148,7 +148,7 @@ fn mask_all_but_uarts() -> u32 {
     enabled
 }
 
-fn unmask(enabled: u32) {
+fn unmask_interrupts(enabled: u32) {
     // SAFETY: these writes only enable or disable interrupts: they restore the mask from before `mask_others`.
     unsafe {
         let nvic = &*NVIC::PTR;

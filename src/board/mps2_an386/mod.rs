@@ -105,7 +105,7 @@ const PRIORITIES: [(Interrupt, u8); 8] = [
     (Interrupt::OtherTasks, 0x80),
 ];
 
-pub fn start(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! {
+pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! {
     let reset = reset::cause();
     if let Some(mut core) = Peripherals::take() {
         for (interrupt, priority) in PRIORITIES {

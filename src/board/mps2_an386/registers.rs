@@ -8,20 +8,20 @@ pub struct Register(usize);
 
 impl Register {
     /// The register at an offset of a peripheral.
-    pub const fn of(peripheral: Peripheral, offset: usize) -> Self {
+    pub const fn at_offset(peripheral: Peripheral, offset: usize) -> Self {
         Self(peripheral as usize + offset)
     }
 
-    pub const fn address(self) -> usize {
+    pub const fn register_address(self) -> usize {
         self.0
     }
 
-    pub fn read(self) -> u32 {
+    pub fn read_register(self) -> u32 {
         // SAFETY: the address belongs to a peripheral with aligned registers. Those used here do not affect memory.
         unsafe { core::ptr::with_exposed_provenance::<u32>(self.0).read_volatile() }
     }
 
-    pub fn write(self, value: u32) {
+    pub fn write_register(self, value: u32) {
         // SAFETY: the address belongs to a peripheral with aligned registers. A write to those used here does not
         // affect memory.
         unsafe { core::ptr::with_exposed_provenance_mut::<u32>(self.0).write_volatile(value) }
@@ -74,7 +74,7 @@ const INTERRUPTS: usize = 32;
 
 impl Vector {
     /// A table with these handlers; other interrupts are never enabled.
-    pub const fn table(handlers: &[(Interrupt, extern "C" fn())]) -> [Self; INTERRUPTS] {
+    pub const fn interrupt_table(handlers: &[(Interrupt, extern "C" fn())]) -> [Self; INTERRUPTS] {
         let mut table = [Self { reserved: 0 }; INTERRUPTS];
         let mut i = 0;
         while i < handlers.len() {

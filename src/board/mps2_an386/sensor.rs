@@ -27,7 +27,7 @@ impl Magnetometer for Sensor {
         self.0.init().await
     }
 
-    async fn read(&mut self) -> Result<Reading, MagnetometerError<NoAcknowledge>> {
+    async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<NoAcknowledge>> {
         let reading = self.0.read().await?;
         let added: [f32; 3] = core::array::from_fn(|axis| ADDED_COUNTS[axis] * UT_PER_COUNT[axis]);
         let ut = reading.field.ut - nalgebra::Vector3::from(added);

@@ -68,7 +68,7 @@ impl Uart {
     }
 
     /// Reads a received byte.
-    pub fn take(&self) -> Option<u8> {
+    pub fn read_byte(&self) -> Option<u8> {
         if self.register(STATE).read() & RX_FULL == 0 {
             return None;
         }

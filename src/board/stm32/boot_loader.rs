@@ -126,7 +126,7 @@ impl AppDescriptor {
     }
 
     /// Version, commit and CRC as set in the image.
-    pub fn software(&self) -> SoftwareVersion {
+    pub fn software_version(&self) -> SoftwareVersion {
         let number = |place: &u32| {
             // SAFETY: a reference is readable. Volatile, because a script changes the compiled value.
             unsafe { (&raw const *place).read_volatile() }

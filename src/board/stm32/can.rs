@@ -67,7 +67,7 @@ pub struct CanReceiver {
 impl ReceiveFrame for CanReceiver {
     type Error = BusError;
 
-    async fn receive(&mut self) -> Result<CanFrame, BusError> {
+    async fn receive_frame(&mut self) -> Result<CanFrame, BusError> {
         loop {
             let frame = self.frames.receive().await?.frame;
             if self.is_restricted {
@@ -94,7 +94,7 @@ pub struct CanSender {
 impl SendFrame for CanSender {
     type Error = BusError;
 
-    async fn send(&mut self, frame: &CanFrame) -> Result<(), BusError> {
+    async fn send_frame(&mut self, frame: &CanFrame) -> Result<(), BusError> {
         // Infallible: a `CanFrame` has at most 29 bits and eight bytes.
         if let Ok(frame) = Frame::new_extended(frame.id(), frame.data()) {
             self.frames.write(frame).await;

@@ -60,12 +60,12 @@ impl StoreFlash {
     }
 
     /// All pages, as offsets.
-    pub fn region(&self) -> Range<u32> {
+    pub fn store_region(&self) -> Range<u32> {
         0..self.pages.end - self.pages.start
     }
 
     /// Converts an offset in the store to one in the flash and checks the range.
-    fn locate(&self, offset: u32, size: usize) -> Result<u32, FlashError> {
+    fn flash_offset(&self, offset: u32, size: usize) -> Result<u32, FlashError> {
         let available_bytes = self.region().end.checked_sub(offset).ok_or(FlashError::Bounds)?;
         if size as u64 > u64::from(available_bytes) { Err(FlashError::Bounds) } else { Ok(self.pages.start + offset) }
     }

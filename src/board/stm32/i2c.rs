@@ -102,7 +102,7 @@ impl embedded_hal_async::i2c::I2c for I2cBus {
 
 /// Configuration of the sensor bus: 400 kHz; timeout 10 ms, since the longest transfer takes 0.3 ms, and the HAL
 /// detects some missing acknowledges only by its timeout (default 1 s).
-pub fn config() -> Config {
+pub fn i2c_config() -> Config {
     let mut config = Config::default();
     config.frequency = embassy_stm32::time::Hertz(400_000);
     config.timeout = Duration::from_millis(10);

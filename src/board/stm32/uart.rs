@@ -30,7 +30,7 @@ pub type UartRx = BufferedUartRx<'static>;
 /// Interrupt-driven, at most 4 % processor load. Of the HAL's receivers, only this one continues after a line error;
 /// the DMA receiver stops. The receive pin has a pull-up, the level of an idle line: an unconnected pin would pick up
 /// noise as bytes with line errors.
-pub fn uart<T: usart::Instance>(
+pub fn new_uart<T: usart::Instance>(
     uart: Peri<'static, T>,
     rx: Peri<'static, impl usart::RxPin<T>>,
     tx: Peri<'static, impl usart::TxPin<T>>,

@@ -5,14 +5,14 @@ use autoswing::health::ResetCause;
 use autoswing::settings::PortNumber;
 use embassy_executor::SendSpawner;
 
-use super::lines::{console, expect_spawn_token, port};
+use super::lines::{console_task, expect_spawn_token, port_task};
 use crate::board::chosen::{CanBus, Lines, Platform, UartRx, UartTx};
 
 /// Number of ports that report safe mode: none, because the only UART is the console then.
 pub const SAFE_MODE_PORTS: usize = 0;
 
 /// Spawns CAN bus and port on `above`, the console on `below`.
-pub fn spawn(
+pub fn spawn_line_tasks(
     links: &'static Links,
     (above, below): (SendSpawner, SendSpawner),
     lines: Lines,
@@ -36,13 +36,13 @@ pub fn spawn_in_safe_mode(
 }
 
 #[embassy_executor::task]
-async fn can(links: &'static Links, bus: CanBus, is_safe_mode: bool) -> ! {
+async fn can_task(links: &'static Links, bus: CanBus, is_safe_mode: bool) -> ! {
     let CanBus { info, rx, tx, boot_loader } = bus;
     app::can::run(links, info, rx, tx, boot_loader, is_safe_mode).await
 }
 
 #[embassy_executor::task]
-async fn uart(
+async fn uart_task(
     links: &'static Links,
     spawners: (SendSpawner, SendSpawner),
     line: (UartTx, UartRx),

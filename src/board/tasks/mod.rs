@@ -27,7 +27,7 @@ static LINKS: StaticCell<Links> = StaticCell::new();
 
 /// Spawns all tasks: heading tasks on the executor `above`, which interrupts `below` with the slow tasks. In safe mode,
 /// spawns the console, a CAN bus, and the task of that mode only.
-pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
+pub fn spawn_all_tasks(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
     let links = LINKS.init_with(Links::new);
     let region = hardware.flash.region();
     let store = Store::new(hardware.flash, region);
@@ -37,21 +37,21 @@ pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
         below.spawn(expect_spawn_token(safe_mode(links, store, ports, hardware.watchdog)));
         return;
     }
-    board_lines::spawn(links, (above, below), hardware.lines, restart);
-    above.spawn(expect_spawn_token(sensor(links, hardware.magnetometer)));
-    above.spawn(expect_spawn_token(instrument(links)));
+    board_lines::spawn_line_tasks(links, (above, below), hardware.lines, restart);
+    above.spawn(expect_spawn_token(sensor_task(links, hardware.magnetometer)));
+    above.spawn(expect_spawn_token(instrument_task(links)));
     above.spawn(expect_spawn_token(feed_watchdog(links, hardware.watchdog)));
-    above.spawn(expect_spawn_token(panel(links, hardware.panel)));
-    below.spawn(expect_spawn_token(compass(links, store, sample_memory::take_sample_memory())));
+    above.spawn(expect_spawn_token(panel_task(links, hardware.panel)));
+    below.spawn(expect_spawn_token(compass_task(links, store, sample_memory::take_sample_memory())));
 }
 
 #[embassy_executor::task]
-async fn sensor(links: &'static Links, magnetometer: Magnetometer) -> ! {
+async fn sensor_task(links: &'static Links, magnetometer: Magnetometer) -> ! {
     app::sensor::run(links, magnetometer).await
 }
 
 #[embassy_executor::task]
-async fn instrument(links: &'static Links) -> ! {
+async fn instrument_task(links: &'static Links) -> ! {
     app::instrument::run(links).await
 }
 
@@ -61,12 +61,12 @@ async fn feed_watchdog(links: &'static Links, watchdog: Watchdog) -> ! {
 }
 
 #[embassy_executor::task]
-async fn panel(links: &'static Links, panel: Panel) -> ! {
+async fn panel_task(links: &'static Links, panel: Panel) -> ! {
     app::panel::run(links, panel).await
 }
 
 #[embassy_executor::task]
-async fn compass(links: &'static Links, store: Store<StoreFlash>, retained: &'static mut RetainedSamples) -> ! {
+async fn compass_task(links: &'static Links, store: Store<StoreFlash>, retained: &'static mut RetainedSamples) -> ! {
     app::compass::run(links, store, retained).await
 }
 

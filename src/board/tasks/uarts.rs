@@ -5,23 +5,23 @@ use autoswing::health::ResetCause;
 use autoswing::settings::{PORT_COUNT, PortNumber};
 use embassy_executor::SendSpawner;
 
-use super::lines::{console, expect_spawn_token, port};
+use super::lines::{console_task, expect_spawn_token, port_task};
 use crate::board::chosen::{Lines, Platform, UartTx};
 
 /// Ports that report safe mode.
 pub const SAFE_MODE_PORTS: usize = PORT_COUNT;
 
 /// Spawns the console on `below`, the ports on `above`.
-pub fn spawn(
+pub fn spawn_line_tasks(
     links: &'static Links,
     (above, below): (SendSpawner, SendSpawner),
     lines: Lines,
     (platform, reset): (Platform, ResetCause),
 ) {
     let (tx, rx) = lines.console;
-    below.spawn(expect_spawn_token(console(links, rx, tx, platform, reset)));
+    below.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset)));
     for (number, (tx, rx)) in PortNumber::ALL.into_iter().zip(lines.ports) {
-        above.spawn(expect_spawn_token(port(links, number, tx, rx)));
+        above.spawn(expect_spawn_token(port_task(links, number, tx, rx)));
     }
 }
 
@@ -33,6 +33,6 @@ pub fn spawn_in_safe_mode(
     (platform, reset): (Platform, ResetCause),
 ) -> [UartTx; SAFE_MODE_PORTS] {
     let (tx, rx) = lines.console;
-    below.spawn(expect_spawn_token(console(links, rx, tx, platform, reset)));
+    below.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset)));
     lines.ports.map(|(tx, _)| tx)
 }

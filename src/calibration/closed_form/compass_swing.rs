@@ -7,7 +7,7 @@
 
 use nalgebra::{Matrix3, Vector3, Vector4};
 
-use super::starting_point::{SensorResponse, tangent};
+use super::starting_point::{SensorResponse, inclination_tangent};
 use crate::calibration::{LeastSquares, Mark, SamplePart, SolveError};
 use crate::frames::Field;
 use crate::trig;
@@ -27,18 +27,18 @@ const INCLINATIONS_DEG: [f32; 11] = [-75.0, -60.0, -45.0, -30.0, -15.0, 0.0, 15.
 /// # Errors
 ///
 /// [`SolveError::TooFewSamples`], and [`SolveError::NotDetermined`] when the field does not follow the headings.
-pub(in crate::calibration) fn solve(
+pub(in crate::calibration) fn solve_compass_swing(
     marks: &[Mark],
     rotation: &Matrix3<f32>,
     inclination_rad: Option<f32>,
 ) -> Result<SensorResponse, SolveError> {
-    SolveError::require(SamplePart::Marks, marks.len(), MIN_MARKS)?;
+    SolveError::require_samples(SamplePart::Marks, marks.len(), MIN_MARKS)?;
     let h0_ut = estimate_horizontal_ut(marks, rotation).ok_or(SolveError::NotDetermined(SamplePart::Marks))?;
     let tried = INCLINATIONS_DEG.map(f32::to_radians);
     let inclinations_rad = inclination_rad.as_ref().map_or(&tried[..], core::slice::from_ref);
     inclinations_rad
         .iter()
-        .filter_map(|&inclination_rad| fit_response(marks, rotation, tangent(inclination_rad), h0_ut))
+        .filter_map(|&inclination_rad| fit_response(marks, rotation, inclination_tangent(inclination_rad), h0_ut))
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, response)| response)
         .ok_or(SolveError::NotDetermined(SamplePart::Marks))
@@ -68,10 +68,10 @@ fn fit_response(
     let mut system = LeastSquares::<4, 3>::new();
     // Ridge: A times H0 is H0 times the identity; no assumption about b.
     for i in 0..3 {
-        system.add(&Vector4::ith(i, 1.0), Vector3::ith(i, h0_ut).into(), NO_SOFT_IRON_WEIGHT);
+        system.add_weighted_row(&Vector4::ith(i, 1.0), Vector3::ith(i, h0_ut).into(), NO_SOFT_IRON_WEIGHT);
     }
     for mark in marks {
-        system.add(&regressors(mark), (field(mark) - mean).into(), 1.0);
+        system.add_weighted_row(&regressors(mark), (field(mark) - mean).into(), 1.0);
     }
     let solution = system.solve()?;
     let residual: f32 =
@@ -130,13 +130,14 @@ mod tests {
     fn candidate_inclinations_are_found_and_a_configured_one_is_used() {
         for inclination_deg in INCLINATIONS_DEG {
             let marks = marks(inclination_deg, 20.0);
-            let tried = solve(&marks, &Matrix3::identity(), None).unwrap();
+            let tried = solve_compass_swing(&marks, &Matrix3::identity(), None).unwrap();
             let found_deg = tried.tan_inclination.atan().to_degrees();
             assert!((found_deg - inclination_deg).abs() < 0.01, "{inclination_deg}: {found_deg}");
             assert_found(&tried, inclination_deg);
         }
         for told_deg in [52.5_f32, -67.0] {
-            let told = solve(&marks(told_deg, 20.0), &Matrix3::identity(), Some(told_deg.to_radians())).unwrap();
+            let told =
+                solve_compass_swing(&marks(told_deg, 20.0), &Matrix3::identity(), Some(told_deg.to_radians())).unwrap();
             assert!((told.tan_inclination - told_deg.to_radians().tan()).abs() < 1e-5);
             assert_found(&told, told_deg);
         }
@@ -145,7 +146,7 @@ mod tests {
     #[test]
     fn an_inclination_between_the_candidates_is_found_to_8_deg() {
         for inclination_deg in [-70.0_f32, -8.0, 20.0, 50.0, 66.0] {
-            let found = solve(&marks(inclination_deg, 20.0), &Matrix3::identity(), None).unwrap();
+            let found = solve_compass_swing(&marks(inclination_deg, 20.0), &Matrix3::identity(), None).unwrap();
             let error_deg = found.tan_inclination.atan().to_degrees() - inclination_deg;
             assert!(error_deg.abs() < 8.0, "{inclination_deg}: {error_deg}");
         }
@@ -153,7 +154,7 @@ mod tests {
 
     #[test]
     fn level_marks_determine_only_the_horizontal_response() {
-        let found = solve(&marks(60.0, 0.0), &Matrix3::identity(), Some(60.0_f32.to_radians())).unwrap();
+        let found = solve_compass_swing(&marks(60.0, 0.0), &Matrix3::identity(), Some(60.0_f32.to_radians())).unwrap();
         let horizontal = (found.a_ut / 25.0 - a()).fixed_view::<2, 2>(0, 0).norm();
         assert!(horizontal < 1e-3, "{horizontal}");
         let vertical = found.a_ut.column(2) / 25.0 - Vector3::z();
@@ -170,16 +171,16 @@ mod tests {
                 Mark { sample: Sample { field, ..mark.sample }, ..mark }
             })
             .collect();
-        assert_found(&solve(&turned, &about_z, None).unwrap(), 60.0);
+        assert_found(&solve_compass_swing(&turned, &about_z, None).unwrap(), 60.0);
     }
 
     #[test]
     fn four_marks_are_enough_and_three_are_not() {
         let marks = marks(60.0, 0.0);
         let spread = [marks[0], marks[3], marks[6], marks[9]];
-        assert!(solve(&spread, &Matrix3::identity(), None).is_ok());
+        assert!(solve_compass_swing(&spread, &Matrix3::identity(), None).is_ok());
         let missing = SolveError::TooFewSamples { part: SamplePart::Marks, have: 3, need: 4 };
-        assert_eq!(solve(&spread[..3], &Matrix3::identity(), None).map(|_| ()), Err(missing));
+        assert_eq!(solve_compass_swing(&spread[..3], &Matrix3::identity(), None).map(|_| ()), Err(missing));
     }
 
     #[test]
@@ -200,9 +201,9 @@ mod tests {
             };
             (0..12).map(mark).collect()
         };
-        assert!(solve(&scaled(1.1), &Matrix3::identity(), None).is_ok());
+        assert!(solve_compass_swing(&scaled(1.1), &Matrix3::identity(), None).is_ok());
         let open = Err(SolveError::NotDetermined(SamplePart::Marks));
-        assert_eq!(solve(&scaled(0.9), &Matrix3::identity(), None).map(|_| ()), open);
-        assert_eq!(solve(&[marks(60.0, 0.0)[2]; 6], &Matrix3::identity(), None).map(|_| ()), open);
+        assert_eq!(solve_compass_swing(&scaled(0.9), &Matrix3::identity(), None).map(|_| ()), open);
+        assert_eq!(solve_compass_swing(&[marks(60.0, 0.0)[2]; 6], &Matrix3::identity(), None).map(|_| ()), open);
     }
 }

@@ -70,7 +70,7 @@ pub(in crate::calibration) fn fit_conic(
 ) -> Option<(Vector2<f32>, Matrix2<f32>)> {
     let mut system = LeastSquares::<5, 1>::new();
     for p in points {
-        system.add(&SVector::from([p.x * p.x, p.y * p.y, p.x * p.y, p.x, p.y]), [1.0], 1.0);
+        system.add_weighted_row(&SVector::from([p.x * p.x, p.y * p.y, p.x * p.y, p.x, p.y]), [1.0], 1.0);
     }
     let c = system.solve()?;
     let form = Matrix2::new(c[0], c[2] / 2.0, c[2] / 2.0, c[1]);

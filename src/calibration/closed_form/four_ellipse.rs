@@ -15,7 +15,7 @@
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use super::level_ellipse::EllipseMap;
-use super::starting_point::{SensorResponse, tangent};
+use super::starting_point::{SensorResponse, inclination_tangent};
 use super::turns::{MIN_SAMPLES, MeanBank, TurnCentres};
 use crate::calibration::{Sample, SamplePart, Samples, Side, SolveError};
 
@@ -26,13 +26,13 @@ use crate::calibration::{Sample, SamplePart, Samples, Side, SolveError};
 ///
 /// [`SolveError::TooFewSamples`] and [`SolveError::NotAnEllipse`] of a turn; [`SolveError::SamePlane`] when the banks
 /// differ too little.
-pub(in crate::calibration) fn solve(
+pub(in crate::calibration) fn solve_four_ellipse(
     samples: Samples<'_>,
     rotation: &Matrix3<f32>,
     inclination_rad: Option<f32>,
 ) -> Result<SensorResponse, SolveError> {
-    let left = PlaneFigures::new(samples.turn(Side::Left), rotation, Side::Left, -1.0)?;
-    let right = PlaneFigures::new(samples.turn(Side::Right), rotation, Side::Right, 1.0)?;
+    let left = PlaneFigures::new(samples.samples_of_turn(Side::Left), rotation, Side::Left, -1.0)?;
+    let right = PlaneFigures::new(samples.samples_of_turn(Side::Right), rotation, Side::Right, 1.0)?;
     left.bank.sine_of_difference(right.bank)?;
     // Eq. 13: A [2 0 0; 0 sl sr; 0 cl cr] = coefficients, with the first columns of both turns added.
     let banks = Matrix3::new(2.0, 0.0, 0.0, 0.0, left.bank.sin, right.bank.sin, 0.0, left.bank.cos, right.bank.cos);
@@ -45,7 +45,7 @@ pub(in crate::calibration) fn solve(
         centres_ut: [left.centre_ut, right.centre_ut],
         vertical_response_ut: [by_vertical(left.bank), by_vertical(right.bank)],
     };
-    let up = inclination_rad.map_or_else(|| centres.vertical_field(), |told_rad| -tangent(told_rad));
+    let up = inclination_rad.map_or_else(|| centres.vertical_field(), |told_rad| -inclination_tangent(told_rad));
     let b_ut = centres.hard_iron_ut(up);
     let paper = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
     Ok(SensorResponse { a_ut: paper.tr_mul(&(a_ut * paper)), b_ut: paper.tr_mul(&b_ut), tan_inclination: -up })
@@ -64,7 +64,7 @@ impl PlaneFigures {
     /// `up`: sign of the up axis in its figure.
     fn new(samples: &[Sample], rotation: &Matrix3<f32>, side: Side, up: f32) -> Result<Self, SolveError> {
         let part = SamplePart::Turns(side);
-        SolveError::require(part, samples.len(), MIN_SAMPLES)?;
+        SolveError::require_samples(part, samples.len(), MIN_SAMPLES)?;
         let fields = samples.iter().map(|s| rotation * s.field.ut);
         let not_an_ellipse = SolveError::NotAnEllipse(part);
         let xy = EllipseMap::fit(fields.clone().map(|f| Vector2::new(f.x, -f.z * up))).ok_or(not_an_ellipse)?;

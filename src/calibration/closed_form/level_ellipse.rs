@@ -76,12 +76,12 @@ impl EllipseMap {
 ///
 /// [`SolveError::TooFewSamples`], [`SolveError::TooFewHeadings`], and [`SolveError::NotAnEllipse`] without a circle of
 /// a horizontal field.
-pub(in crate::calibration) fn solve(
+pub(in crate::calibration) fn solve_level_ellipse(
     samples: Samples<'_>,
     rotation: &Matrix3<f32>,
 ) -> Result<SensorResponse, SolveError> {
     let fields = samples.all().map(|s| rotation * s.field.ut);
-    SolveError::require(SamplePart::Level, fields.clone().count(), MIN_SAMPLES)?;
+    SolveError::require_samples(SamplePart::Level, fields.clone().count(), MIN_SAMPLES)?;
     let found = EllipseMap::fit(fields.clone().map(|f| f.xy())).ok_or(SolveError::NotAnEllipse(SamplePart::Level))?;
     let vertical_ut = sqrt(found.map_ut.determinant().abs());
     if vertical_ut.is_nan() || vertical_ut < MIN_RADIUS_UT {
@@ -115,7 +115,7 @@ impl VerticalAxisFit {
         let inverse = found.map_ut.try_inverse()?;
         let mut system = LeastSquares::<3, 1>::new();
         for field in fields {
-            system.add(&(inverse * (field.xy() - found.centre_ut)).push(1.0), [field.z], 1.0);
+            system.add_weighted_row(&(inverse * (field.xy() - found.centre_ut)).push(1.0), [field.z], 1.0);
         }
         let solution = system.solve()?;
         let is_sound = solution.iter().all(|c| c.abs() < 1e3 * scale_ut);
@@ -161,7 +161,7 @@ mod tests {
     }
 
     fn solved(samples: &[Sample]) -> Result<SensorResponse, SolveError> {
-        solve(Parts { level: samples, ..Parts::default() }.samples(), &Matrix3::identity())
+        solve_level_ellipse(Parts { level: samples, ..Parts::default() }.samples(), &Matrix3::identity())
     }
 
     #[test]
@@ -184,7 +184,7 @@ mod tests {
         let parts =
             Parts { left: &samples[..6], right: &samples[6..12], level: &[], marks: &marks, ..Parts::default() }
                 .samples();
-        let found = solve(parts, &about_z).unwrap();
+        let found = solve_level_ellipse(parts, &about_z).unwrap();
         assert!((found.b_ut - Vector3::new(30.0, 12.0, 0.0)).norm() < 1e-3, "{}", found.b_ut);
     }
 

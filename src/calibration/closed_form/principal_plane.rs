@@ -28,7 +28,7 @@ impl PrincipalPlane {
             return None;
         }
         let normal = least_scatter_direction(&scatter)?;
-        let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).unit();
+        let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).unit_vector();
         Some(Self { origin_ut, normal, axes: [first, normal.cross(&first)], rms_distance_ut: spread_ut })
     }
 
@@ -50,7 +50,7 @@ fn least_scatter_direction(scatter: &Matrix3<f32>) -> Option<Vector3<f32>> {
     let inverse = Matrix3::from_columns(&[y.cross(&z), z.cross(&x), x.cross(&y)]);
     // The longest column is not orthogonal to the solution.
     let longest = inverse.column_iter().max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()))?;
-    let found = (0..INVERSE_ITERATIONS).fold(longest.unit(), |direction, _| (inverse * direction).unit());
+    let found = (0..INVERSE_ITERATIONS).fold(longest.unit_vector(), |direction, _| (inverse * direction).unit_vector());
     found.iter().all(|c| c.is_finite()).then_some(found)
 }
 

@@ -59,12 +59,12 @@ pub(crate) fn fit_sphere(new: Option<&Sample>, samples: Samples<'_>) -> Option<(
     let mut spread = 0.0;
     for field in fields() {
         let p = field - mean;
-        system.add(&(p * 2.0).push(1.0), [p.norm_squared()], 1.0);
+        system.add_weighted_row(&(p * 2.0).push(1.0), [p.norm_squared()], 1.0);
         spread += p.norm_squared();
     }
     // Ridge towards no hard iron: a single turn leaves the centre undetermined along its axis.
     for i in 0..3 {
-        system.add(&Vector4::ith(i, 1.0), [-mean[i]], NO_HARD_IRON_WEIGHT * spread);
+        system.add_weighted_row(&Vector4::ith(i, 1.0), [-mean[i]], NO_HARD_IRON_WEIGHT * spread);
     }
     let solution = system.solve()?;
     let centre = solution.fixed_rows::<3>(0).into_owned();
@@ -123,7 +123,7 @@ pub(in crate::calibration) fn vertical_component_start(
     })
 }
 
-pub(in crate::calibration) fn tangent(inclination_rad: f32) -> f32 {
+pub(in crate::calibration) fn inclination_tangent(inclination_rad: f32) -> f32 {
     let (sin, cos) = trig::sin_cos(inclination_rad);
     sin / cos
 }
@@ -223,7 +223,7 @@ mod tests {
     #[test]
     fn a_tangent_is_the_vertical_over_the_horizontal() {
         for (degrees, expected) in [(0.0_f32, 0.0), (45.0, 1.0), (-60.0, -1.732_05), (75.0, 3.732_05)] {
-            assert!((tangent(degrees.to_radians()) - expected).abs() < 1e-4, "{degrees}");
+            assert!((inclination_tangent(degrees.to_radians()) - expected).abs() < 1e-4, "{degrees}");
         }
     }
 }

@@ -30,14 +30,17 @@ const MIN_SINE_OF_PLANES: f32 = 1e-3;
 ///
 /// [`SolveError::TooFewSamples`] and [`SolveError::NotAnEllipse`] of a turn; [`SolveError::SamePlane`] when banks or
 /// planes differ too little.
-pub(in crate::calibration) fn solve(turns: Samples<'_>, rotation: &Matrix3<f32>) -> Result<SensorResponse, SolveError> {
-    let left = TurnEllipse::new(turns.turn(Side::Left), rotation, Side::Left)?;
-    let right = TurnEllipse::new(turns.turn(Side::Right), rotation, Side::Right)?;
+pub(in crate::calibration) fn solve_two_plane(
+    turns: Samples<'_>,
+    rotation: &Matrix3<f32>,
+) -> Result<SensorResponse, SolveError> {
+    let left = TurnEllipse::new(turns.samples_of_turn(Side::Left), rotation, Side::Left)?;
+    let right = TurnEllipse::new(turns.samples_of_turn(Side::Right), rotation, Side::Right)?;
     let common = left.ellipse.normal.cross(&right.ellipse.normal);
-    if common.length() < MIN_SINE_OF_PLANES {
+    if common.vector_length() < MIN_SINE_OF_PLANES {
         return Err(SolveError::SamePlane);
     }
-    let common = common.unit();
+    let common = common.unit_vector();
     let radius_ut = left.ellipse.radius_ut(&common).midpoint(right.ellipse.radius_ut(&common));
     let u_ut = common * radius_ut;
     let (v_left, v_right) = (left.conjugate_ut(&u_ut), right.conjugate_ut(&u_ut));
@@ -69,7 +72,7 @@ struct TurnEllipse<'a> {
 
 impl<'a> TurnEllipse<'a> {
     fn new(samples: &'a [Sample], rotation: &'a Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
-        SolveError::require(SamplePart::Turns(side), samples.len(), MIN_SAMPLES)?;
+        SolveError::require_samples(SamplePart::Turns(side), samples.len(), MIN_SAMPLES)?;
         let ellipse = Ellipse::fit(samples, rotation, side)?;
         Ok(Self { samples, rotation, side, ellipse, bank: MeanBank::from_samples(samples) })
     }
@@ -112,7 +115,7 @@ mod tests {
     }
 
     fn solved(left: &[Sample], right: &[Sample]) -> Result<SensorResponse, SolveError> {
-        solve(Parts { left, right, ..Parts::default() }.samples(), &Matrix3::identity())
+        solve_two_plane(Parts { left, right, ..Parts::default() }.samples(), &Matrix3::identity())
     }
 
     #[test]

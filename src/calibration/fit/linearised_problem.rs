@@ -29,7 +29,7 @@ impl NormalEquations {
     }
 
     #[inline]
-    pub fn add(&mut self, equations: &SampleEquations) {
+    pub fn add_sample_equations(&mut self, equations: &SampleEquations) {
         let SampleEquations { norm, inclination: dip, heading, .. } = equations;
         if let Some(dip) = dip {
             self.information.add_row_pair([&norm.row, &dip.row], [norm.weight, dip.weight]);
@@ -67,7 +67,7 @@ impl LinearisedProblem {
     fn add_priors(&mut self, likelihood: &Likelihood, unknowns: &Vector13) {
         for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |prior| {
             let weight = 1.0 / (prior.sigma * prior.sigma);
-            self.triangle.add(&prior.row, [-prior.residual], weight);
+            self.triangle.add_weighted_row(&prior.row, [-prior.residual], weight);
             self.cost += 0.5 * weight * prior.residual * prior.residual;
         });
     }
@@ -80,7 +80,7 @@ impl LinearisedProblem {
             let mut sums = NormalEquations::zero();
             likelihood.for_each_sample_equations(samples, &parameters, &mut |equations| {
                 system.accumulate_cost(equations);
-                sums.add(equations);
+                sums.add_sample_equations(equations);
             });
             system.triangle = LeastSquares::from_normal_equations(
                 sums.information.upper_triangle(),
@@ -90,12 +90,14 @@ impl LinearisedProblem {
         } else {
             // Priors first: an equation that meets an empty row would be divided by its own element, however small.
             system.add_priors(likelihood, unknowns);
-            likelihood.for_each_sample_equations(samples, &parameters, &mut |equations| system.add(equations));
+            likelihood.for_each_sample_equations(samples, &parameters, &mut |equations| {
+                system.add_sample_equations(equations)
+            });
         }
         system
     }
 
-    pub fn add(&mut self, equations: &SampleEquations) {
+    pub fn add_sample_equations(&mut self, equations: &SampleEquations) {
         self.accumulate_cost(equations);
         let norm = &equations.norm;
         if let Some(dip) = &equations.inclination {
@@ -110,7 +112,7 @@ impl LinearisedProblem {
     }
 
     fn add_equation(&mut self, equation: &ResidualEquation) {
-        self.triangle.add(&equation.row.as_vector(), [-equation.residual], equation.weight);
+        self.triangle.add_weighted_row(&equation.row.as_vector(), [-equation.residual], equation.weight);
     }
 
     #[inline]
@@ -123,7 +125,7 @@ impl LinearisedProblem {
 
     #[cfg(test)]
     pub fn add_row(&mut self, row: &Vector13, residual: f32, weight: f32) {
-        self.triangle.add(row, [-residual], weight);
+        self.triangle.add_weighted_row(row, [-residual], weight);
     }
 
     /// Moves the origin to the solution: the remaining step is zero.
@@ -136,7 +138,7 @@ impl LinearisedProblem {
     pub fn damped_step(&self, damping: f32) -> Option<(Vector13, f32)> {
         let mut damped = self.triangle.clone();
         for (i, information) in self.triangle.diagonal().iter().enumerate() {
-            damped.add(&scaled_unit_vector(i, 1.0), [0.0], damping * information);
+            damped.add_weighted_row(&scaled_unit_vector(i, 1.0), [0.0], damping * information);
         }
         let change = damped.solve()?;
         Some((change, self.triangle.promised_reduction(&change)))

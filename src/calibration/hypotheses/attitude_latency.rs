@@ -46,7 +46,7 @@ pub(in crate::calibration) const MAX_UPDATES: u8 = 2;
 impl AttitudeLatency {
     /// Maximum-likelihood latency and its sigma, with `used_s` applied. `contributions`: of the samples to `U`. `None`
     /// without rates or if not finite.
-    pub(in crate::calibration) fn estimate(
+    pub(in crate::calibration) fn estimate_latency(
         sums: &ScoreTest<1>,
         score: &EfficientScore<1>,
         contributions: &Autocorrelation,
@@ -115,8 +115,8 @@ mod tests {
 
     impl Evidence {
         fn add(&mut self, part: usize, dip: &ResidualEquation, by_latency: f32) {
-            self.sums.add(dip, &Vector1::new(by_latency), 1.0);
-            self.contributions.add(part, [dip.weight * by_latency * dip.residual, 0.0]);
+            self.sums.add_weighted_equation(dip, &Vector1::new(by_latency), 1.0);
+            self.contributions.add_residuals(part, [dip.weight * by_latency * dip.residual, 0.0]);
         }
 
         /// `known` and `pulled`: parts of information and gradient explained by the nuisance parameters.
@@ -126,7 +126,7 @@ mod tests {
                 information: self.sums.information.add_scalar(-known),
                 gradient: self.sums.gradient.add_scalar(-pulled),
             };
-            AttitudeLatency::estimate(&self.sums, &score, &self.contributions, used_s)
+            AttitudeLatency::estimate_latency(&self.sums, &score, &self.contributions, used_s)
         }
     }
 

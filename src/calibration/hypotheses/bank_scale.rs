@@ -50,7 +50,7 @@ struct BankScaleEstimate {
 /// Finds a significant error above the assumed one. Only then makes a second pass over the samples, for the
 /// cluster-robust variance.
 fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
-    let score = test.sums.eliminate(test.system, &test.system.step_to_maximum()?)?;
+    let score = test.sums.eliminate_coefficients(test.system, &test.system.step_to_maximum()?)?;
     let roll_sigma_rad = test.fit.likelihood.noise.attitude_sigma_rad();
     let roll_noise = test.roll_information * roll_sigma_rad * roll_sigma_rad;
     let found = BankScaleEstimate::new(&score, roll_noise, test.residuals.autocorrelation_inflation())?;
@@ -62,7 +62,7 @@ fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
         let attitude = sample.latency_compensated_attitude(test.fit.likelihood.latency_s);
         let state = AttitudeState::steady(attitude, sample.rates);
         let by_bank = BANK_SCALE_ERROR.inclination_derivative(&equations, &state);
-        clusters.add(part, &equations, by_bank, &score.columns[0]);
+        clusters.add_sample_score(part, &equations, by_bank, &score.columns[0]);
     }
     found.with_cluster_variance(clusters)?.finding(test.assumed_sigma)
 }
@@ -83,7 +83,7 @@ struct ClusterVariance {
 impl ClusterVariance {
     /// Adds the score contribution of a part's next sample; `column`: `H^-1` times the effect of the scale error on the
     /// gradient.
-    fn add(&mut self, part: usize, equations: &SampleEquations, by_bank: f32, column: &Vector13) {
+    fn add_sample_score(&mut self, part: usize, equations: &SampleEquations, by_bank: f32, column: &Vector13) {
         let of = |equation: &ResidualEquation, by_bank: f32| {
             equation.weight * equation.residual * (by_bank - equation.row.dot(column))
         };
@@ -196,8 +196,8 @@ mod tests {
     ) -> Option<BankScaleEstimate> {
         let [mut roll, mut bank] = [(); 2].map(|()| ScoreTest::zero());
         for (dip, [by_roll, by_bank]) in evidence {
-            roll.add(dip, &Vector1::new(*by_roll), 1.0);
-            bank.add(dip, &Vector1::new(*by_bank), 1.0);
+            roll.add_weighted_equation(dip, &Vector1::new(*by_roll), 1.0);
+            bank.add_weighted_equation(dip, &Vector1::new(*by_bank), 1.0);
         }
         let score = EfficientScore {
             columns: [Vector13::zeros()],
@@ -272,7 +272,7 @@ mod tests {
             let dip = Some(dip(1.0, contribution, NOWHERE));
             let equations =
                 SampleEquations { norm, inclination: dip, heading: None, inclination_by_attitude: [7.0, 7.0] };
-            clusters.add(part, &equations, 1.0, &column);
+            clusters.add_sample_score(part, &equations, 1.0, &column);
         }
         clusters
     }
@@ -314,10 +314,10 @@ mod tests {
             inclination_by_attitude: [0.0, 0.0],
         };
         let mut clusters = ClusterVariance::default();
-        clusters.add(0, &equations, 2.0, &column);
+        clusters.add_sample_score(0, &equations, 2.0, &column);
         let (sum, samples) = clusters.open_clusters[0];
         assert!(close(sum, 10.0 * 0.1 * -1.5 + 4.0 * -0.2 * (2.0 - 1.5)) && samples == 1, "{sum}");
-        clusters.add(PARTS, &equations, 2.0, &column);
+        clusters.add_sample_score(PARTS, &equations, 2.0, &column);
         assert_eq!(clusters.open_clusters.iter().map(|open| open.1).sum::<u8>(), 1);
     }
 

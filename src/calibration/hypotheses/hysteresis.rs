@@ -65,13 +65,13 @@ impl Hysteresis {
     }
 
     /// Derivative of the corrected field by the play, after a turn in a direction; down in body axes.
-    pub fn response(&self, down: &Vector3<f32>, direction: f32, equations: &SampleEquations) -> Vector3<f32> {
+    pub fn field_response(&self, down: &Vector3<f32>, direction: f32, equations: &SampleEquations) -> Vector3<f32> {
         let body = multiply(&self.w, &equations.norm.row.x) + self.d;
         multiply(&self.soft_iron, &(down.cross(&body) * direction))
     }
 
     /// RMS field of a play over the headings, units of field.
-    pub fn size(&self, play_rad: f32) -> f32 {
+    pub fn effect_size(&self, play_rad: f32) -> f32 {
         play_rad.abs() * sqrt(0.5 * self.soft_iron.fixed_columns::<2>(0).norm_squared()) * self.cos_inclination
     }
 }

@@ -27,7 +27,7 @@ pub(in crate::calibration) const MIN_REPORTED_SIGMAS: f32 = 3.0;
 
 /// Share of the bank that the source loses in a long turn, if significant.
 fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
-    let score = test.sums.eliminate(test.system, &test.system.step_to_maximum()?)?;
+    let score = test.sums.eliminate_coefficients(test.system, &test.system.step_to_maximum()?)?;
     let estimate = score.gradient.x / score.information.x;
     finding(estimate, sqrt(test.residuals.autocorrelation_inflation() / score.information.x))
 }

@@ -38,7 +38,7 @@ impl<const K: usize> ScoreTest<K> {
     }
 
     /// Adds a residual. `derivative`: of the residual by `beta`; `fraction`: of `beta` that the sample has.
-    pub fn add(&mut self, equation: &ResidualEquation, derivative: &SVector<f32, K>, fraction: f32) {
+    pub fn add_weighted_equation(&mut self, equation: &ResidualEquation, derivative: &SVector<f32, K>, fraction: f32) {
         let weighted = derivative * (equation.weight * fraction);
         for (sum, of_axis) in self.cross_information.iter_mut().zip(&weighted) {
             equation.row.add_scaled_to(sum, *of_axis);
@@ -53,7 +53,11 @@ impl<const K: usize> ScoreTest<K> {
     }
 
     /// Eliminates the thirteen unknowns; `to_maximum`: their remaining step to the maximum likelihood, `H^-1 g_u`.
-    pub fn eliminate(&self, system: &LinearisedProblem, to_maximum: &Vector13) -> Option<EfficientScore<K>> {
+    pub fn eliminate_coefficients(
+        &self,
+        system: &LinearisedProblem,
+        to_maximum: &Vector13,
+    ) -> Option<EfficientScore<K>> {
         let mut score =
             EfficientScore { columns: [Vector13::zeros(); K], information: self.information, gradient: self.gradient };
         for (axis, with) in self.cross_information.iter().enumerate() {

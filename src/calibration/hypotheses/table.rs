@@ -58,6 +58,6 @@ pub(in crate::calibration) fn add_inclination(
 ) {
     let Some(inclination) = &equations.inclination else { return };
     for (sums, error) in sums.iter_mut().zip(ATTITUDE_ERRORS) {
-        sums.add(inclination, &Vector1::new(error.inclination_derivative(equations, state)), 1.0);
+        sums.add_weighted_equation(inclination, &Vector1::new(error.inclination_derivative(equations, state)), 1.0);
     }
 }

@@ -75,17 +75,17 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
     }
 
     /// Adds the equation `row . x = value`; the weight is the inverse variance.
-    pub fn add(&mut self, row: &SVector<f32, N>, mut values: [f32; M], mut weight: f32) {
+    pub fn add_weighted_row(&mut self, row: &SVector<f32, N>, mut values: [f32; M], mut weight: f32) {
         let mut row: [f32; N] = (*row).into();
         for k in 0..N {
             let x = row[k];
             let Some(shares) = self.rotation_coefficients(k, x, &mut weight) else { continue };
             // Slices of equal length, so that the loop has no bounds checks.
             for (r, u) in row[k + 1..].iter_mut().zip(&mut self.u[k][k + 1..]) {
-                rotate(r, u, x, shares);
+                rotate_row(r, u, x, shares);
             }
             for (value, t) in values.iter_mut().zip(&mut self.t[k]) {
-                rotate(value, t, x, shares);
+                rotate_row(value, t, x, shares);
             }
         }
     }
@@ -162,7 +162,7 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
 }
 
 #[inline]
-fn rotate(r: &mut f32, u: &mut f32, x: f32, [kept, taken]: [f32; 2]) {
+fn rotate_row(r: &mut f32, u: &mut f32, x: f32, [kept, taken]: [f32; 2]) {
     let before = *r;
     *r -= x * *u;
     *u = kept * *u + taken * before;
@@ -221,14 +221,14 @@ mod tests {
     fn a_variance_is_the_covariance_between_a_vector_and_itself() {
         let mut system = LeastSquares::<3, 1>::new();
         for (row, weight) in [([1.0, 2.0, 0.5], 2.0), ([0.0, -1.0, 3.0], 0.5), ([4.0, 0.0, 1.0], 1.0)] {
-            system.add(&SVector::from(row), [0.0], weight);
+            system.add_weighted_row(&SVector::from(row), [0.0], weight);
         }
         for vector in [[1.0, 0.0, 0.0], [0.0, 2.0, -1.0], [0.3, 0.2, 0.1]].map(SVector::from) {
             let whole = vector.dot(&system.covariance_times(&vector).unwrap());
             assert!((system.variance_pair([&vector; 2])[1] / whole - 1.0).abs() < 1e-5, "{whole}");
         }
         let mut open = LeastSquares::<3, 1>::new();
-        open.add(&SVector::from([1.0, 0.0, 0.0]), [0.0], 4.0);
+        open.add_weighted_row(&SVector::from([1.0, 0.0, 0.0]), [0.0], 4.0);
         let [known, unknown] = [[2.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(SVector::from);
         let [of_known, of_unknown] = open.variance_pair([&known, &unknown]);
         assert!((of_known - 1.0).abs() < 1e-6 && of_unknown.is_infinite());
@@ -242,7 +242,7 @@ mod tests {
         let mut system = LeastSquares::<3, 1>::new();
         for row in rows.map(Vector3::from) {
             // In `f64`, so that the equations are consistent to the last digit of `f32`.
-            system.add(&row, [row.cast::<f64>().dot(&truth.cast()) as f32], 1e6);
+            system.add_weighted_row(&row, [row.cast::<f64>().dot(&truth.cast()) as f32], 1e6);
         }
         let error = (system.solve().unwrap() - truth).norm();
         assert!(error < 5e-3, "{error}");
@@ -255,7 +255,7 @@ mod tests {
             let rows = [[tiny, 1.0, 0.2], [1.0, 0.5, -0.4], [0.7, 1.0, 0.9]].map(Vector3::from);
             let mut system = LeastSquares::<3, 1>::new();
             for row in rows {
-                system.add(&row, [row.dot(&truth)], 1.0);
+                system.add_weighted_row(&row, [row.dot(&truth)], 1.0);
             }
             let error = (system.solve().unwrap() - truth).norm();
             assert!(error < 1e-5, "{tiny}: {error}");
@@ -270,7 +270,7 @@ mod tests {
         let mut information = Matrix3::zeros();
         let mut right = Vector3::zeros();
         for ((row, value), weight) in rows.into_iter().zip(values).zip(weights) {
-            system.add(&row, [value], weight);
+            system.add_weighted_row(&row, [value], weight);
             information += row * row.transpose() * weight;
             right += row * (value * weight);
         }
@@ -294,7 +294,7 @@ mod tests {
             let (mut information, mut right) = ([[0.0; 3]; 3], [[0.0; 1]; 3]);
             for (row, value) in rows.iter().zip([1.0, -2.0, 0.5, 0.7]) {
                 let row = Vector3::new(row.x, row.y, third * row.z + 0.7 * row.x);
-                rotated.add(&row, [value], 3.0);
+                rotated.add_weighted_row(&row, [value], 3.0);
                 for i in 0..3 {
                     right[i][0] += 3.0 * row[i] * value;
                     for j in i..3 {
@@ -305,8 +305,8 @@ mod tests {
             let mut summed = LeastSquares::from_normal_equations(information, right);
             assert_eq!(summed.solve().is_none(), is_open);
             let last = Vector3::new(0.0, 0.0, 1.0);
-            rotated.add(&last, [2.0], 0.1);
-            summed.add(&last, [2.0], 0.1);
+            rotated.add_weighted_row(&last, [2.0], 0.1);
+            summed.add_weighted_row(&last, [2.0], 0.1);
             let (found, expected) = (summed.solve().unwrap(), rotated.solve().unwrap());
             assert!((found - expected).norm() < 1e-4, "{found} {expected}");
             summed.reset_origin();
@@ -319,8 +319,8 @@ mod tests {
         let rows = [[1.0, 0.5, 0.2], [0.0, 2.0, -1.0], [0.3, 0.1, 1.5], [1.0, 0.0, 1.0]].map(Vector3::from);
         let [mut alone, mut together] = [LeastSquares::<3, 1>::new(), LeastSquares::new()];
         for pair in rows.as_chunks::<2>().0 {
-            alone.add(&pair[0], [1.0], 3.0);
-            alone.add(&pair[1], [-2.0], 0.5);
+            alone.add_weighted_row(&pair[0], [1.0], 3.0);
+            alone.add_weighted_row(&pair[1], [-2.0], 0.5);
             together.add_pair([&pair[0], &pair[1]], [1.0, -2.0], [3.0, 0.5]);
         }
         let [alone, together] = [alone, together].map(|system| system.solve().unwrap());
@@ -331,9 +331,9 @@ mod tests {
     fn undetermined_system_has_no_solution() {
         let mut system = LeastSquares::<3, 1>::new();
         assert!(system.solve().is_none());
-        system.add(&Vector3::new(1.0, 0.0, 0.0), [1.0], 1.0);
-        system.add(&Vector3::new(1.0, 1.0, 0.0), [f32::NAN], 1.0);
-        system.add(&Vector3::new(0.0, 0.0, 1.0), [1.0], 1.0);
+        system.add_weighted_row(&Vector3::new(1.0, 0.0, 0.0), [1.0], 1.0);
+        system.add_weighted_row(&Vector3::new(1.0, 1.0, 0.0), [f32::NAN], 1.0);
+        system.add_weighted_row(&Vector3::new(0.0, 0.0, 1.0), [1.0], 1.0);
         assert!(system.solve().is_none());
     }
 }

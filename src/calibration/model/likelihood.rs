@@ -95,7 +95,7 @@ impl Likelihood {
         let added_ut = Vector3::from(self.motor_current.ut_per_a) * self.motor_current.current_offset_a(sample);
         let measured = MeasuredSample {
             x: multiply(&self.mount_from_chip, &(sample.field.ut - added_ut)) / self.unit_ut - self.mean_field,
-            tilt: sample.latency_compensated_attitude(self.latency_s).tilt(),
+            tilt: sample.latency_compensated_attitude(self.latency_s).tilt_rotation(),
             heading_rad,
         };
         SampleEquations::new(parameters, &measured, &self.noise, &self.config, self.has_noise_estimate)

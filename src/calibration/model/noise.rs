@@ -117,7 +117,7 @@ mod tests {
         let parameters = ModelParameters { w: SKEWED, d: Vector3::new(0.1, 0.2, 0.1), inclination_rad: 0.0 };
         for (roll_rad, x) in [(0.3, Vector3::new(0.7, -0.3, 0.4)), (-0.5, Vector3::new(-0.2, 0.6, -0.8))] {
             let attitude = Attitude { roll_rad, pitch_rad: 0.0 };
-            let predict = |x, attitude: Attitude| parameters.predict(x, &attitude.tilt());
+            let predict = |x, attitude: Attitude| parameters.predict_field(x, &attitude.tilt_rotation());
             let here = predict(x, attitude);
             let turned = |there: &FieldPrediction| wrap_pi(there.heading_rad() - here.heading_rad());
             let sensor = (0..3).map(|axis| derivative(|step| turned(&predict(x + Vector3::ith(axis, step), attitude))));
@@ -125,7 +125,7 @@ mod tests {
             let pitch = derivative(|step| turned(&predict(x, Attitude { roll_rad, pitch_rad: step })));
             let expected = sensor.map(|d| d * d).sum::<f32>() * 1e-4
                 + (roll * roll + pitch * pitch) * attitude_sigma_rad * attitude_sigma_rad;
-            let found = noise.heading_variance(&here.heading_by_field(&attitude.tilt()), &here);
+            let found = noise.heading_variance(&here.heading_by_field(&attitude.tilt_rotation()), &here);
             assert!((found / expected - 1.0).abs() < 1e-3, "{found} {expected}");
         }
     }

@@ -46,7 +46,7 @@ impl ModelParameters {
     }
 
     #[inline]
-    pub fn predict(&self, x: Vector3<f32>, tilt: &AttitudeRotation) -> FieldPrediction {
+    pub fn predict_field(&self, x: Vector3<f32>, tilt: &AttitudeRotation) -> FieldPrediction {
         FieldPrediction::new(x, &(multiply(&self.w, &x) + self.d), tilt)
     }
 

@@ -38,7 +38,7 @@ impl FieldPrediction {
     #[expect(clippy::inline_always, reason = "runs twice for each sample and pass, and returns sixteen numbers")]
     #[inline(always)]
     pub fn new(x: Vector3<f32>, corrected: &Vector3<f32>, tilt: &AttitudeRotation) -> Self {
-        let total = corrected.length().max(MIN_NORM);
+        let total = corrected.vector_length().max(MIN_NORM);
         let direction = corrected / total;
         let level = tilt.level(Field::new(direction)).ut;
         let horizontal = sqrt(level.x * level.x + level.y * level.y).max(MIN_HORIZONTAL);
@@ -46,7 +46,7 @@ impl FieldPrediction {
             x,
             norm: total,
             direction,
-            inclination_by_field: (tilt.down() - direction * level.z) / (total * horizontal),
+            inclination_by_field: (tilt.down_in_body() - direction * level.z) / (total * horizontal),
             level,
             horizontal,
             inclination_rad: libm::atan2f(level.z, horizontal),

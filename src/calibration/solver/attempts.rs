@@ -76,7 +76,7 @@ pub(super) const fn is_implausible(error: &SolveError) -> bool {
 
 /// NaN is not good.
 pub(super) fn has_small_error_and_hard_iron(quality: &Quality, calibration: &Calibration) -> bool {
-    is_accurate(quality) && calibration.b_vector_ut().length() <= MAX_GOOD_HARD_IRON_UT
+    is_accurate(quality) && calibration.b_vector_ut().vector_length() <= MAX_GOOD_HARD_IRON_UT
 }
 
 pub(super) fn is_accurate(quality: &Quality) -> bool {

@@ -28,7 +28,8 @@ pub(super) fn is_determined(fit: &ConvergedFit<'_>, information: &Information) -
 }
 
 fn count_directions(samples: Samples<'_>, calibration: &Calibration) -> u32 {
-    let seen = samples.all().fold(0_u32, |seen, s| seen | 1 << direction_index(&calibration.apply(s.field).ut));
+    let seen =
+        samples.all().fold(0_u32, |seen, s| seen | 1 << direction_index(&calibration.calibrated_field(s.field).ut));
     seen.count_ones()
 }
 

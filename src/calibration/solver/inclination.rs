@@ -47,7 +47,7 @@ impl GivenInclination {
     /// # Errors
     ///
     /// [`SolveError::InclinationContradicted`] beyond the gate.
-    pub fn check(self, from_samples: Option<[f32; 2]>, sigma_rad: f32) -> Result<(), SolveError> {
+    pub fn check_inclination(self, from_samples: Option<[f32; 2]>, sigma_rad: f32) -> Result<(), SolveError> {
         let (Self::Prior(given_rad) | Self::Dropped { given_rad, .. }) = self else { return Ok(()) };
         match from_samples {
             Some([own_rad, variance])

@@ -27,10 +27,10 @@ fn solve_closed_form(
     inclination_rad: Option<f32>,
 ) -> Result<SensorResponse, SolveError> {
     match method {
-        Method::Level => level_ellipse::solve(samples, rotation),
-        Method::FourEllipse => four_ellipse::solve(samples, rotation, inclination_rad),
-        Method::TwoPlane | Method::MaximumLikelihood => two_plane::solve(samples, rotation),
-        Method::CompassSwing => compass_swing::solve(samples.marks, rotation, inclination_rad),
+        Method::Level => level_ellipse::solve_level_ellipse(samples, rotation),
+        Method::FourEllipse => four_ellipse::solve_four_ellipse(samples, rotation, inclination_rad),
+        Method::TwoPlane | Method::MaximumLikelihood => two_plane::solve_two_plane(samples, rotation),
+        Method::CompassSwing => compass_swing::solve_compass_swing(samples.marks, rotation, inclination_rad),
         Method::Ellipsoid => Err(SolveError::NotDetermined(SamplePart::All)),
     }
 }
@@ -42,7 +42,7 @@ pub(super) fn choose_starting_point(
     prior: &Prior,
 ) -> Result<(StartingPoint, Start), SolveError> {
     let rotation = prior.mount.body_from_sensor();
-    let matches_mounting = |start: &StartingPoint| Orientation::nearest(&start.w) == Orientation::NONE;
+    let matches_mounting = |start: &StartingPoint| Orientation::nearest_to_rotation(&start.w) == Orientation::NONE;
     if samples.has_free_flight_samples()
         && method != Method::Ellipsoid
         && let Some(start) = starting_point::vertical_component_start(samples, &rotation)

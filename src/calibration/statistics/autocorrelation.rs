@@ -17,7 +17,7 @@ pub(in crate::calibration) struct Autocorrelation {
 }
 
 impl Autocorrelation {
-    pub fn add(&mut self, part: usize, residuals: [f32; 2]) {
+    pub fn add_residuals(&mut self, part: usize, residuals: [f32; 2]) {
         let Some(before) = self.previous.get_mut(part) else { return };
         for (kind, residual) in residuals.into_iter().enumerate() {
             self.lag_products[kind] += residual * before[kind];
@@ -72,12 +72,12 @@ mod tests {
         let mut correlation = Autocorrelation::default();
         for (part, residuals) in [(0, [1.0, -2.0]), (1, [3.0, 1.0]), (0, [2.0, 0.5]), (2, [9.0, 9.0]), (1, [-1.0, 2.0])]
         {
-            correlation.add(part, residuals);
+            correlation.add_residuals(part, residuals);
         }
         assert!(close(correlation.lag_products, [2.0 - 3.0, -1.0 + 2.0]), "{correlation:?}");
         assert!(close(correlation.sums_of_squares(), [1.0 + 9.0 + 4.0 + 81.0 + 1.0, 4.0 + 1.0 + 0.25 + 81.0 + 4.0]));
         let before = correlation;
-        correlation.add(PARTS, [1.0, 1.0]);
+        correlation.add_residuals(PARTS, [1.0, 1.0]);
         assert_eq!(correlation, before);
     }
 }

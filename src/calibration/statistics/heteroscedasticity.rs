@@ -23,7 +23,7 @@ pub(in crate::calibration) struct Heteroscedasticity {
 }
 
 impl Heteroscedasticity {
-    pub fn add(&mut self, attitude: Attitude, residual: f32) {
+    pub fn add_residual(&mut self, attitude: Attitude, residual: f32) {
         let Attitude { roll_rad, pitch_rad } = attitude;
         let tilt = (roll_rad * roll_rad + pitch_rad * pitch_rad).min(1.0);
         let square = residual * residual;
@@ -51,7 +51,7 @@ mod tests {
     fn ratio(samples: &[(f32, f32)]) -> f32 {
         let mut unevenness = Heteroscedasticity::default();
         for &(tilt_deg, residual) in samples {
-            unevenness.add(Attitude::from_deg(0.6 * tilt_deg, -0.8 * tilt_deg), residual);
+            unevenness.add_residual(Attitude::from_deg(0.6 * tilt_deg, -0.8 * tilt_deg), residual);
         }
         unevenness.variance_ratio()
     }

@@ -23,7 +23,7 @@ pub(in crate::calibration) struct WhiteNoiseFraction {
 }
 
 impl WhiteNoiseFraction {
-    pub fn add(&mut self, part: usize, time: WrappingMillis, residual: f32) {
+    pub fn add_residual(&mut self, part: usize, time: WrappingMillis, residual: f32) {
         let Some(slot) = self.previous.get_mut(part) else { return };
         let near = slot.filter(|(.., last)| time.ms_since(*last) <= MAX_GAP_MS);
         if let Some((Some(first), second, _)) = near {
@@ -35,7 +35,7 @@ impl WhiteNoiseFraction {
     }
 
     /// White fraction of the residuals' variance; 1 with too few samples. Not limited to 1, which would bias it low.
-    pub fn fraction(&self) -> f32 {
+    pub fn white_noise_fraction(&self) -> f32 {
         if self.difference_count < MIN_DIFFERENCES {
             return 1.0;
         }
@@ -51,9 +51,9 @@ mod tests {
     fn white_fraction_of(number: u32, step_ms: u32, mut signal: impl FnMut(f32) -> f32) -> f32 {
         let mut roughness = WhiteNoiseFraction::default();
         for i in 0..number {
-            roughness.add(1, WrappingMillis::new(i * step_ms), signal(i as f32));
+            roughness.add_residual(1, WrappingMillis::new(i * step_ms), signal(i as f32));
         }
-        roughness.fraction()
+        roughness.white_noise_fraction()
     }
 
     /// Clipped white noise, linear trend, sine with a period of 30 samples, mixture. Tolerance 10 %: three sigmas of
@@ -81,7 +81,7 @@ mod tests {
     fn only_successive_residuals_of_a_part_are_compared() {
         let mut roughness = WhiteNoiseFraction::default();
         for (part, ms, residual) in [(0, 0, 1.0), (1, 100, -1.0), (0, 400, 1.0), (1, 500, -1.0), (0, 800, 1.5)] {
-            roughness.add(part, WrappingMillis::new(ms), residual);
+            roughness.add_residual(part, WrappingMillis::new(ms), residual);
         }
         let sums = |roughness: &WhiteNoiseFraction| {
             [roughness.difference_count, roughness.difference_squares].map(f32::to_bits)
@@ -89,12 +89,12 @@ mod tests {
         let are = |number: f32, squares: f32| [number, squares].map(f32::to_bits);
         assert_eq!(sums(&roughness), are(1.0, 0.25));
         for (ms, residual) in [(5000, 0.0), (5400, 0.0)] {
-            roughness.add(0, WrappingMillis::new(ms), residual);
+            roughness.add_residual(0, WrappingMillis::new(ms), residual);
         }
         assert_eq!(sums(&roughness), are(1.0, 0.25));
-        roughness.add(0, WrappingMillis::new(5800), 2.0);
+        roughness.add_residual(0, WrappingMillis::new(5800), 2.0);
         assert_eq!(sums(&roughness), are(2.0, 4.25));
-        roughness.add(7, WrappingMillis::new(5900), 2.0);
+        roughness.add_residual(7, WrappingMillis::new(5900), 2.0);
         assert_eq!(sums(&roughness), are(2.0, 4.25));
     }
 }

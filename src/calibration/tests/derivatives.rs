@@ -85,7 +85,7 @@ impl Case {
     }
 
     fn predict(&self, unknowns: &Vector13) -> FieldPrediction {
-        ModelParameters::new(unknowns).predict(self.x, &self.attitude.tilt())
+        ModelParameters::new(unknowns).predict_field(self.x, &self.attitude.tilt_rotation())
     }
 }
 
@@ -116,14 +116,14 @@ fn heading_row() {
     for case in cases(Case::random) {
         let here = case.predict(&case.unknowns);
         let residual = |u: &Vector13| wrap_pi(case.predict(u).heading_rad() - here.heading_rad());
-        assert_row(&here.heading_row(&case.attitude.tilt()).as_vector(), &case.unknowns, residual, "heading");
+        assert_row(&here.heading_row(&case.attitude.tilt_rotation()).as_vector(), &case.unknowns, residual, "heading");
     }
 }
 
 #[test]
 fn norm_inclination_and_heading_by_field() {
     for case in cases(Case::random) {
-        let tilt = case.attitude.tilt();
+        let tilt = case.attitude.tilt_rotation();
         let here = case.predict(&case.unknowns);
         let heading = here.heading_by_field(&tilt);
         for axis in 0..3 {
@@ -142,13 +142,14 @@ fn norm_inclination_and_heading_by_field() {
 fn inclination_by_attitude() {
     for case in cases(Case::normalised) {
         let parameters = ModelParameters::new(&case.unknowns);
-        let dip_rad = |attitude: Attitude| parameters.predict(case.x, &attitude.tilt()).inclination_rad;
+        let dip_rad = |attitude: Attitude| parameters.predict_field(case.x, &attitude.tilt_rotation()).inclination_rad;
         let Attitude { roll_rad, pitch_rad } = case.attitude;
         let rolled = |step| dip_rad(Attitude { roll_rad: roll_rad + step, pitch_rad });
         let pitched = |step| dip_rad(Attitude { roll_rad, pitch_rad: pitch_rad + step });
         let scaled = |step: f32| dip_rad(Attitude { roll_rad: roll_rad * (1.0 + step), pitch_rad });
-        let [by_roll, by_pitch] =
-            parameters.predict(case.x, &case.attitude.tilt()).inclination_by_attitude(&case.attitude.tilt());
+        let [by_roll, by_pitch] = parameters
+            .predict_field(case.x, &case.attitude.tilt_rotation())
+            .inclination_by_attitude(&case.attitude.tilt_rotation());
         assert_derivative(by_roll, rolled, "dip by roll");
         assert_derivative(by_pitch, pitched, "dip by pitch");
         let equations = equations(&case, &case.unknowns, None, false);
@@ -182,7 +183,7 @@ fn sample_at(attitude: Attitude) -> Sample {
 }
 
 fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined: bool) -> SampleEquations {
-    let measured = MeasuredSample { x: case.x, tilt: case.attitude.tilt(), heading_rad };
+    let measured = MeasuredSample { x: case.x, tilt: case.attitude.tilt_rotation(), heading_rad };
     // Noise with another W correlates norm and inclination.
     let noise = NoiseModel::new(0.01, 0.02, Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1));
     SampleEquations::new(&ModelParameters::new(unknowns), &measured, &noise, &ModelConfig::DEFAULT, refined)
@@ -226,7 +227,7 @@ fn inclination_is_decorrelated_from_the_norm() {
         let (norm_by_x, dip_by_x) = (noise_w.tr_mul(&here.direction), noise_w.tr_mul(&here.inclination_by_field));
         let slope = norm_by_x.dot(&dip_by_x) / norm_by_x.norm_squared();
         let tilt_variance = 0.02_f32.powi(2) - 0.01_f32.powi(2);
-        let [roll, pitch] = here.inclination_by_attitude(&case.attitude.tilt());
+        let [roll, pitch] = here.inclination_by_attitude(&case.attitude.tilt_rotation());
         let left = (dip_by_x - norm_by_x * slope).norm_squared() * 0.01_f32.powi(2)
             + tilt_variance * (roll * roll + pitch * pitch);
         let inclination_equation = equations.inclination.unwrap();
@@ -339,9 +340,9 @@ fn an_expected_field_has_no_residuals() {
     for case in cases(Case::normalised) {
         let parameters = ModelParameters::new(&case.unknowns);
         let heading_rad = random.uniform(-3.0, 3.0);
-        let tilt = case.attitude.tilt();
+        let tilt = case.attitude.tilt_rotation();
         let x = parameters.expected_field(&tilt, heading_rad).unwrap();
-        let prediction = parameters.predict(x, &tilt);
+        let prediction = parameters.predict_field(x, &tilt);
         let level = Field::<Level>::earth(1.0, parameters.inclination_rad, heading_rad).ut;
         assert!((prediction.norm - 1.0).abs() < 1e-5 && (prediction.level - level).norm() < 1e-5);
         assert!((prediction.inclination_rad - parameters.inclination_rad).abs() < 1e-5);

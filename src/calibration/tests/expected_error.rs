@@ -176,7 +176,7 @@ fn advice_starts_from_the_expected_error() {
                     && advice.weakest_deg < 1.2 * solution.quality.expected_worst_deg,
                 "seed {seed}: {advice:?}"
             );
-            match (samples.turn(Side::Left).is_empty(), samples.turn(Side::Right).is_empty()) {
+            match (samples.samples_of_turn(Side::Left).is_empty(), samples.samples_of_turn(Side::Right).is_empty()) {
                 (true, _) => assert!(matches!(advice.manoeuvre, Manoeuvre::Circle(Side::Left, _)), "{advice:?}"),
                 (_, true) => assert!(matches!(advice.manoeuvre, Manoeuvre::Circle(Side::Right, _)), "{advice:?}"),
                 _ => {}

@@ -159,14 +159,14 @@ fn another_mounting_is_reported() {
     let mut random = Random(8500);
     let airframe = Airframe::random(&mut random, 0.15, 1.0, 5.0, [50.0, 65.0]);
     let samples = multirotor_samples(&airframe, 0.3, &mut random);
-    for found in Orientation::all() {
+    for found in Orientation::all_orientations() {
         let sensor_from_body = found.body_from_sensor().transpose();
         let turned: Vec<Sample> =
             samples.iter().map(|s| Sample { field: Field::new(sensor_from_body * s.field.ut), ..*s }).collect();
         let refused = solved(&turned, &NO_PRIOR).map(|_| ());
         let expected = if found == Orientation::NONE { Ok(()) } else { Err(SolveError::MountContradicted { found }) };
-        assert_eq!(refused, expected, "{}", found.name());
-        assert!(solved(&turned, &Prior { mount: found, ..NO_PRIOR }).is_ok(), "{}", found.name());
+        assert_eq!(refused, expected, "{}", found.orientation_name());
+        assert!(solved(&turned, &Prior { mount: found, ..NO_PRIOR }).is_ok(), "{}", found.orientation_name());
     }
 }
 

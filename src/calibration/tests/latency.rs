@@ -167,18 +167,18 @@ fn elimination_equals_a_joint_solution_of_fourteen_unknowns() {
         let parameters = ModelParameters::new(&unknowns);
         let mut joint = LeastSquares::<14, 1>::new();
         for_each_prior(&likelihood, &parameters, &mut |prior| {
-            joint.add(&prior.row.push(0.0), [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
+            joint.add_weighted_row(&prior.row.push(0.0), [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
         });
-        joint.add(&SVector::<f32, 14>::ith(13, 1.0), [-used_s], 100.0);
+        joint.add_weighted_row(&SVector::<f32, 14>::ith(13, 1.0), [-used_s], 100.0);
         for sample in samples.iter() {
             let equations = likelihood.equations(sample, None, &parameters);
             let norm = &equations.norm;
-            joint.add(&norm.row.as_vector().push(0.0), [-norm.residual], norm.weight);
+            joint.add_weighted_row(&norm.row.as_vector().push(0.0), [-norm.residual], norm.weight);
             let attitude = sample.latency_compensated_attitude(used_s);
             let by_latency = ATTITUDE_ERRORS[LATENCY]
                 .inclination_derivative(&equations, &AttitudeState::steady(attitude, sample.rates));
             let inclination_equation = equations.inclination.unwrap();
-            joint.add(
+            joint.add_weighted_row(
                 &inclination_equation.row.as_vector().push(by_latency),
                 [-inclination_equation.residual],
                 inclination_equation.weight,

@@ -172,9 +172,9 @@ fn a_calibration_is_equivalent_to_its_unknowns() {
     assert!((calibration.inclination_rad - 0.7).abs() < 1e-6);
     let x = mount.body_from_sensor() * field.field.ut / 40.0 - likelihood.mean_field;
     let expected = parameters.w * x + parameters.d;
-    let found = calibration.apply(field.field).ut / calibration.total_ut;
+    let found = calibration.calibrated_field(field.field).ut / calibration.total_ut;
     assert!((found - expected).norm() < 1e-5, "{found} {expected}");
-    let nothing = calibration.apply(Field::new(calibration.b_vector_ut())).ut;
+    let nothing = calibration.calibrated_field(Field::new(calibration.b_vector_ut())).ut;
     let x = mount.body_from_sensor() * calibration.b_vector_ut() / 40.0 - likelihood.mean_field;
     assert!(nothing.norm() < 1e-4 && (parameters.w * x + parameters.d).norm() < 1e-5);
 }

@@ -49,7 +49,7 @@ fn level_samples_are_used_only_for_a_missing_side() {
     let airframe = airframe(&mut random);
     let RecordedTurns { left, right } = Flight::TYPICAL.fly(&airframe, &mut random);
     let all = Parts { left: &left, right: &right, level: &left, ..Parts::default() }.samples();
-    let select = |fit: Samples<'_>| SelectedParts::new(fit, Procedure::Turns).select(all);
+    let select = |fit: Samples<'_>| SelectedParts::new(fit, Procedure::Turns).select_samples(all);
     assert!(select(all).part(CollectionPart::LEVEL).is_empty());
     let thin = select(Parts { left: &left, right: &right[..5], level: &left, ..Parts::default() }.samples());
     assert_eq!(CollectionPart::ALL.map(|part| thin.part(part).len()), [left.len(), 0, left.len(), 0]);

@@ -55,7 +55,7 @@ fn four_ellipses_use_a_configured_inclination() {
     let (left, right) = (circle(&airframe, -20.0, 72), circle(&airframe, 20.0, 72));
     let samples = Parts { left: &left, right: &right, ..Parts::default() }.samples();
     for (inclination_rad, expected_rad) in [(None, airframe.inclination_rad), (Some(0.9), 0.9)] {
-        let found = four_ellipse::solve(samples, &Matrix3::identity(), inclination_rad).unwrap();
+        let found = four_ellipse::solve_four_ellipse(samples, &Matrix3::identity(), inclination_rad).unwrap();
         let found_rad = found.tan_inclination.atan();
         assert!((found_rad - expected_rad).abs() < 1e-3, "{inclination_rad:?}: {found_rad}");
     }
@@ -315,7 +315,7 @@ fn sigmas_deg(solution: &Solution, banks_deg: &[f32]) -> Vec<f32> {
         let heading_rad = f32::from(heading_deg).to_radians();
         let level = Field::earth(calibration.total_ut, calibration.inclination_rad, heading_rad);
         let field = Field::new(field_from_body * attitude.body(level).ut + calibration.b_vector_ut());
-        quiet.heading_variance(calibration, field, &attitude.tilt(), level).sigma_rad().to_degrees()
+        quiet.heading_variance(calibration, field, &attitude.tilt_rotation(), level).sigma_rad().to_degrees()
     };
     let headings = || (0..360).step_by(30);
     banks_deg.iter().flat_map(|&bank| headings().map(move |heading| sigma_deg(bank, heading))).collect()

@@ -56,7 +56,7 @@ fn two_planes_are_exact_on_perfect_turns() {
             sample.attitude.pitch_rad = 0.0;
             sample.field = airframe.field(sample.attitude, heading.heading_rad());
         }
-        let planes = two_plane::solve(recorded.turns(), &Matrix3::identity()).unwrap();
+        let planes = two_plane::solve_two_plane(recorded.turns(), &Matrix3::identity()).unwrap();
         let w = planes.a_ut.try_inverse().unwrap().cast::<f32>();
         let none = Calibration::uncalibrated(Orientation::NONE);
         let calibration =
@@ -129,7 +129,7 @@ fn every_right_angle_mounting_is_solved_and_a_wrong_one_reported() {
     let mut random = Random(7);
     let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [60.0, 60.0]);
     let recorded = Flight::TYPICAL.fly(&airframe, &mut random);
-    for mount in Orientation::all() {
+    for mount in Orientation::all_orientations() {
         let turned = recorded.in_mount(mount);
         let solution = solve(Method::MaximumLikelihood, turned.turns(), &Prior { mount, ..NO_PRIOR }).unwrap();
         let in_chip_axes = Airframe {
@@ -137,7 +137,7 @@ fn every_right_angle_mounting_is_solved_and_a_wrong_one_reported() {
             b_ut: mount.body_from_sensor().transpose() * airframe.b_ut,
             ..airframe
         };
-        assert!(rms(&in_chip_axes.errors_deg(&solution.calibration)) < 1.0, "{}", mount.name());
+        assert!(rms(&in_chip_axes.errors_deg(&solution.calibration)) < 1.0, "{}", mount.orientation_name());
         if mount != Orientation::NONE {
             let contradicted = solved(&turned).unwrap_err();
             assert_eq!(contradicted, SolveError::MountContradicted { found: mount });

@@ -226,11 +226,15 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
         let mut joint = LeastSquares::<16, 1>::new();
         let extended = |row: &SVector<f32, 13>, more: Vector3<f32>| row.push(more.x).push(more.y).push(more.z);
         for_each_prior(&likelihood, &parameters, &mut |prior| {
-            joint.add(&extended(&prior.row, Vector3::zeros()), [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
+            joint.add_weighted_row(
+                &extended(&prior.row, Vector3::zeros()),
+                [-prior.residual],
+                1.0 / (prior.sigma * prior.sigma),
+            );
         });
         for axis in 0..3 {
             let row = SVector::<f32, 16>::ith(13 + axis, 1.0);
-            joint.add(
+            joint.add_weighted_row(
                 &row,
                 [-likelihood.motor_current_per_ampere()[axis]],
                 InterferenceEstimate::prior_precision(likelihood.unit_ut),
@@ -241,7 +245,11 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
             let share_a = sample.current.amperes().unwrap() - likelihood.motor_current.mean_current_a;
             for equation in equations.iter() {
                 let more = -parameters.w.tr_mul(&equation.row.by_field) * share_a;
-                joint.add(&extended(&equation.row.as_vector(), more), [-equation.residual], equation.weight);
+                joint.add_weighted_row(
+                    &extended(&equation.row.as_vector(), more),
+                    [-equation.residual],
+                    equation.weight,
+                );
             }
         }
         let expected = joint.solve().unwrap();

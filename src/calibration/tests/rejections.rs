@@ -48,7 +48,7 @@ fn every_method_rejects_nonfinite_samples() {
     let (_, mut recorded) = ordinary_flight(Flight::TYPICAL);
     recorded.right[17].field.ut.z = f32::NAN;
     for method in Method::ALL {
-        assert_eq!(solve_error(method, recorded.turns()), Some(SolveError::NotFinite), "{}", method.name());
+        assert_eq!(solve_error(method, recorded.turns()), Some(SolveError::NotFinite), "{}", method.method_name());
     }
 }
 
@@ -86,7 +86,7 @@ fn a_turn_that_is_no_ellipse_is_reported() {
         }
         for method in [Method::TwoPlane, Method::FourEllipse] {
             let refused = solve_error(method, recorded.turns());
-            assert_eq!(refused, Some(SolveError::NotAnEllipse(SamplePart::Turns(side))), "{}", method.name());
+            assert_eq!(refused, Some(SolveError::NotAnEllipse(SamplePart::Turns(side))), "{}", method.method_name());
         }
     }
 }
@@ -108,8 +108,8 @@ fn small_banks_give_the_same_plane() {
             let (_, recorded) = ordinary_flight(Flight { bank_deg, samples: 700, ..Flight::NOISE_FREE });
             solve_error(method, recorded.turns())
         };
-        assert_eq!(with(4.0), Some(SolveError::SamePlane), "{}", method.name());
-        assert_ne!(with(6.0), Some(SolveError::SamePlane), "{}", method.name());
+        assert_eq!(with(4.0), Some(SolveError::SamePlane), "{}", method.method_name());
+        assert_ne!(with(6.0), Some(SolveError::SamePlane), "{}", method.method_name());
     }
 }
 

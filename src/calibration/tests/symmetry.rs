@@ -10,7 +10,7 @@ use crate::frames::{Field, wrap_pi};
 /// Largest heading difference of two calibrations of one flight, each on its own samples, degrees.
 fn difference_deg(a: (&Calibration, &RecordedTurns), b: (&Calibration, &RecordedTurns)) -> f32 {
     let headings = |(calibration, recorded): (&Calibration, &RecordedTurns)| -> Vec<f32> {
-        let heading = |s: &Sample| s.attitude.level(calibration.apply(s.field)).heading_rad();
+        let heading = |s: &Sample| s.attitude.level(calibration.calibrated_field(s.field)).heading_rad();
         recorded.left.iter().chain(&recorded.right).map(heading).collect()
     };
     let pairs = headings(a).into_iter().zip(headings(b));
@@ -41,11 +41,11 @@ fn calibrate(recorded: &RecordedTurns, mount: Orientation) -> Calibration {
 fn invariant_to_rotation_of_sensor_and_mount() {
     for (seed, recorded, _) in flights() {
         let straight = calibrate(&recorded, Orientation::NONE);
-        for mount in Orientation::all() {
+        for mount in Orientation::all_orientations() {
             let turned = recorded.in_mount(mount);
             let calibration = calibrate(&turned, mount);
             let difference = difference_deg((&straight, &recorded), (&calibration, &turned));
-            assert!(difference < 0.005, "seed {seed}, {}: {difference} deg", mount.name());
+            assert!(difference < 0.005, "seed {seed}, {}: {difference} deg", mount.orientation_name());
         }
     }
 }

@@ -84,7 +84,8 @@ impl Airframe {
             for step in 0..12_u8 {
                 let heading_rad = f32::from(step) * core::f32::consts::FRAC_PI_6;
                 let attitude = Attitude::from_deg(bank_deg, 0.0);
-                let found = attitude.level(calibration.apply(self.field(attitude, heading_rad))).heading_rad();
+                let found =
+                    attitude.level(calibration.calibrated_field(self.field(attitude, heading_rad))).heading_rad();
                 errors.push(wrap_pi(found - heading_rad).to_degrees());
             }
         }

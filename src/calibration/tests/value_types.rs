@@ -37,7 +37,7 @@ fn attitude_is_extrapolated_with_its_rates() {
     assert_eq!(turning.latency_compensated_attitude(0.0), attitude);
     assert_eq!(Sample { rates: Rates::ZERO, ..turning }.latency_compensated_attitude(1.0), attitude);
     let calibration = Calibration { latency_s: 0.1, ..calibration() };
-    assert_eq!(calibration.corrected_level_field(&turning), later.level(calibration.apply(turning.field)));
+    assert_eq!(calibration.corrected_level_field(&turning), later.level(calibration.calibrated_field(turning.field)));
 }
 
 #[test]
@@ -65,7 +65,7 @@ fn calibration() -> Calibration {
 /// Liu 2007 eq. 8 by hand: (1, 2, 3) remains after the hard iron is subtracted.
 #[test]
 fn a_calibration_subtracts_hard_iron_before_the_matrix() {
-    let corrected = calibration().apply(Field::from_ut(11.0, -18.0, 33.0));
+    let corrected = calibration().calibrated_field(Field::from_ut(11.0, -18.0, 33.0));
     assert_eq!(corrected, Field::from_ut(5.0, -1.0, 9.0));
     assert_eq!(calibration().w_matrix() * nalgebra::Vector3::new(1.0, 2.0, 3.0), corrected.ut);
     assert_eq!(matrix_rows(&calibration().w_matrix()), calibration().w);
@@ -76,7 +76,7 @@ fn a_calibration_subtracts_hard_iron_before_the_matrix() {
 fn uncalibrated_applies_the_mounting_only() {
     let yaw90 = Orientation::from_name("yaw90").unwrap();
     let none = Calibration::uncalibrated(yaw90);
-    assert_eq!(none.apply(Field::from_ut(1.0, 2.0, 3.0)), Field::from_ut(-2.0, 1.0, 3.0));
+    assert_eq!(none.calibrated_field(Field::from_ut(1.0, 2.0, 3.0)), Field::from_ut(-2.0, 1.0, 3.0));
     assert!(none.is_finite());
 }
 
@@ -110,8 +110,8 @@ fn a_nonfinite_coefficient_is_detected() {
 
 #[test]
 fn names_of_sides_axes_parts_and_methods_are_stable() {
-    assert_eq!([Side::Left, Side::Right].map(Side::name), ["left", "right"]);
-    assert_eq!([Axis::X, Axis::Y, Axis::Z].map(Axis::name), ["x", "y", "z"]);
+    assert_eq!([Side::Left, Side::Right].map(Side::side_name), ["left", "right"]);
+    assert_eq!([Axis::X, Axis::Y, Axis::Z].map(Axis::axis_name), ["x", "y", "z"]);
     let parts = [
         SamplePart::Turns(Side::Left),
         SamplePart::Turns(Side::Right),
@@ -119,11 +119,14 @@ fn names_of_sides_axes_parts_and_methods_are_stable() {
         SamplePart::Marks,
         SamplePart::All,
     ];
-    assert_eq!(parts.map(SamplePart::name), ["left turns", "right turns", "level headings", "marks", "all attitudes"]);
+    assert_eq!(
+        parts.map(SamplePart::part_name),
+        ["left turns", "right turns", "level headings", "marks", "all attitudes"]
+    );
     let names = ["level", "four-ellipse", "two-plane", "maximum-likelihood", "compass-swing", "ellipsoid"];
-    assert_eq!(Method::ALL.map(Method::name), names);
+    assert_eq!(Method::ALL.map(Method::method_name), names);
     for method in Method::ALL {
-        assert_eq!(Method::from_name(method.name()), Some(method));
+        assert_eq!(Method::from_name(method.method_name()), Some(method));
     }
     assert_eq!(Method::from_name("guess"), None);
 }

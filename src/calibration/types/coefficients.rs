@@ -61,7 +61,7 @@ impl Calibration {
     /// already be removed.
     #[must_use]
     #[inline]
-    pub fn apply(&self, sensor: Field<Sensor>) -> Field<Body> {
+    pub fn calibrated_field(&self, sensor: Field<Sensor>) -> Field<Body> {
         let from_b = sensor.ut - self.b_vector_ut();
         // Scalar expressions: on a Cortex-M4 they compile to straight-line code.
         let [x, y, z] = self.w.map(|[wx, wy, wz]| wx * from_b.x + wy * from_b.y + wz * from_b.z);
@@ -108,6 +108,6 @@ impl Calibration {
     #[must_use]
     #[inline]
     pub fn corrected_body_field(&self, sample: &Sample) -> Field<Body> {
-        self.apply(self.remove_motor_current(sample.field, sample.current.amperes()))
+        self.calibrated_field(self.remove_motor_current(sample.field, sample.current.amperes()))
     }
 }

@@ -20,7 +20,7 @@ pub enum Axis {
 impl Axis {
     /// Lower-case letter of the axis.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn axis_name(self) -> &'static str {
         match self {
             Self::X => "x",
             Self::Y => "y",
@@ -90,7 +90,7 @@ impl SolveError {
     /// # Errors
     ///
     /// [`SolveError::TooFewSamples`] when `have < need`.
-    pub(in crate::calibration) fn require(part: SamplePart, have: usize, need: usize) -> Result<(), Self> {
+    pub(in crate::calibration) fn require_samples(part: SamplePart, have: usize, need: usize) -> Result<(), Self> {
         if have < need { Err(Self::too_few(part, have, need)) } else { Ok(()) }
     }
 }
@@ -98,12 +98,14 @@ impl SolveError {
 impl fmt::Display for SolveError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::TooFewSamples { part, have, need } => write!(f, "{have} of {need} samples of {}", part.name()),
+            Self::TooFewSamples { part, have, need } => write!(f, "{have} of {need} samples of {}", part.part_name()),
             Self::NotFinite => f.write_str("a sample is not a finite number"),
             Self::TooFewHeadings { have, need } => write!(f, "{have} of {need} headings, 30 deg apart"),
-            Self::AxisStuck { axis } => write!(f, "the sensor's {} axis is saturated or stuck", axis.name()),
-            Self::NotAnEllipse(part) => write!(f, "the {} are no full circle", part.name()),
-            Self::NotDetermined(part) => write!(f, "the samples of {} do not determine the coefficients", part.name()),
+            Self::AxisStuck { axis } => write!(f, "the sensor's {} axis is saturated or stuck", axis.axis_name()),
+            Self::NotAnEllipse(part) => write!(f, "the {} are no full circle", part.part_name()),
+            Self::NotDetermined(part) => {
+                write!(f, "the samples of {} do not determine the coefficients", part.part_name())
+            }
             Self::SamePlane => f.write_str("left and right bank differ too little"),
             Self::HardIronChanged(change) => change.fmt(f),
             Self::NotConverged => f.write_str("no coefficients explain the samples"),
@@ -111,7 +113,9 @@ impl fmt::Display for SolveError {
             Self::InclinationContradicted { found_deg } => {
                 write!(f, "the samples show an inclination of {found_deg} deg")
             }
-            Self::MountContradicted { found } => write!(f, "the sensor seems to be mounted {}", found.name()),
+            Self::MountContradicted { found } => {
+                write!(f, "the sensor seems to be mounted {}", found.orientation_name())
+            }
         }
     }
 }
@@ -124,9 +128,9 @@ mod tests {
 
     #[test]
     fn a_part_one_sample_short_is_rejected() {
-        assert_eq!(SolveError::require(SamplePart::Level, 8, 8), Ok(()));
+        assert_eq!(SolveError::require_samples(SamplePart::Level, 8, 8), Ok(()));
         let missing = SolveError::TooFewSamples { part: SamplePart::Level, have: 7, need: 8 };
-        assert_eq!(SolveError::require(SamplePart::Level, 7, 8), Err(missing));
+        assert_eq!(SolveError::require_samples(SamplePart::Level, 7, 8), Err(missing));
         let many = SolveError::TooFewSamples { part: SamplePart::All, have: u16::MAX, need: u16::MAX };
         assert_eq!(SolveError::too_few(SamplePart::All, 65_536, 70_000), many);
     }

@@ -25,7 +25,7 @@ impl Method {
 
     /// Name shown to users, in JSON and in `cal solve`.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn method_name(self) -> &'static str {
         match self {
             Self::Level => "level",
             Self::FourEllipse => "four-ellipse",
@@ -39,7 +39,7 @@ impl Method {
     /// Parses a method name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|method| method.name() == name)
+        Self::ALL.into_iter().find(|method| method.method_name() == name)
     }
 
     /// Whether an iterative refinement follows the closed form.

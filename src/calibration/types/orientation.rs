@@ -46,26 +46,26 @@ impl Orientation {
     pub const COUNT: u8 = 24;
 
     /// All 24, in MAVLink order.
-    pub fn all() -> impl Iterator<Item = Self> {
+    pub fn all_orientations() -> impl Iterator<Item = Self> {
         (0..Self::COUNT).map(Self)
     }
 
     /// Parses the output of [`name`](Self::name).
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::all().find(|orientation| orientation.name() == name)
+        Self::all_orientations().find(|orientation| orientation.orientation_name() == name)
     }
 
     /// Lower-case name, for example `roll180-yaw90`.
     #[must_use]
-    pub fn name(self) -> &'static str {
-        self.entry().0
+    pub fn orientation_name(self) -> &'static str {
+        self.table_entry().0
     }
 
     /// Rotation from chip to body axes.
     #[must_use]
     pub fn body_from_sensor(self) -> Matrix3<f32> {
-        let [roll, pitch, yaw] = self.entry().1.map(quarter_turn);
+        let [roll, pitch, yaw] = self.table_entry().1.map(quarter_turn);
         let about_x = Matrix3::new(1.0, 0.0, 0.0, 0.0, roll.1, -roll.0, 0.0, roll.0, roll.1);
         let about_y = Matrix3::new(pitch.1, 0.0, pitch.0, 0.0, 1.0, 0.0, -pitch.0, 0.0, pitch.1);
         let about_z = Matrix3::new(yaw.1, -yaw.0, 0.0, yaw.0, yaw.1, 0.0, 0.0, 0.0, 1.0);
@@ -74,12 +74,12 @@ impl Orientation {
 
     /// Orientation nearest to a matrix `W` from chip to body axes: the largest `trace(R^T W)`.
     #[must_use]
-    pub fn nearest(w: &Matrix3<f32>) -> Self {
+    pub fn nearest_to_rotation(w: &Matrix3<f32>) -> Self {
         let similarity = |orientation: &Self| orientation.body_from_sensor().component_mul(w).sum();
-        Self::all().max_by(|a, b| similarity(a).total_cmp(&similarity(b))).unwrap_or(Self::NONE)
+        Self::all_orientations().max_by(|a, b| similarity(a).total_cmp(&similarity(b))).unwrap_or(Self::NONE)
     }
 
-    fn entry(self) -> (&'static str, [u8; 3]) {
+    fn table_entry(self) -> (&'static str, [u8; 3]) {
         // Data from flash may hold any number; `is_valid` rejects those past the end, which read as the last entry.
         TABLE[usize::from(self.0).min(TABLE.len() - 1)]
     }
@@ -108,20 +108,20 @@ mod tests {
     /// A repeated entry would make another mounting impossible to configure.
     #[test]
     fn all_24_rotations_are_proper_and_distinct() {
-        for a in Orientation::all() {
+        for a in Orientation::all_orientations() {
             let rotation = a.body_from_sensor();
-            assert!((rotation.determinant() - 1.0).abs() < f32::EPSILON, "{}", a.name());
-            assert_eq!(Orientation::nearest(&rotation), a);
-            for b in Orientation::all().filter(|&b| b != a) {
-                assert_ne!(rotation, b.body_from_sensor(), "{} = {}", a.name(), b.name());
+            assert!((rotation.determinant() - 1.0).abs() < f32::EPSILON, "{}", a.orientation_name());
+            assert_eq!(Orientation::nearest_to_rotation(&rotation), a);
+            for b in Orientation::all_orientations().filter(|&b| b != a) {
+                assert_ne!(rotation, b.body_from_sensor(), "{} = {}", a.orientation_name(), b.orientation_name());
             }
         }
     }
 
     #[test]
     fn orientation_names_round_trip() {
-        for orientation in Orientation::all() {
-            assert_eq!(Orientation::from_name(orientation.name()), Some(orientation));
+        for orientation in Orientation::all_orientations() {
+            assert_eq!(Orientation::from_name(orientation.orientation_name()), Some(orientation));
         }
         assert_eq!(Orientation::from_name("upside-down"), None);
     }
@@ -129,33 +129,33 @@ mod tests {
     /// Compared with nalgebra's ZYX angles.
     #[test]
     fn names_describe_the_rotation() {
-        for orientation in Orientation::all() {
+        for orientation in Orientation::all_orientations() {
             let turned_deg = |axis: &str| -> f32 {
-                let part = orientation.name().split('-').find_map(|part| part.strip_prefix(axis));
+                let part = orientation.orientation_name().split('-').find_map(|part| part.strip_prefix(axis));
                 part.map_or(0.0, |degrees| degrees.parse().unwrap())
             };
             let [roll, pitch, yaw] = ["roll", "pitch", "yaw"].map(|axis| turned_deg(axis).to_radians());
             let expected = nalgebra::Rotation3::from_euler_angles(roll, pitch, yaw);
             let difference = (orientation.body_from_sensor() - expected.matrix()).norm();
-            assert!(difference < 1e-6, "{}: {difference}", orientation.name());
+            assert!(difference < 1e-6, "{}: {difference}", orientation.orientation_name());
         }
     }
 
     #[test]
     fn a_mounting_20_deg_off_is_the_nearest_still() {
-        for orientation in Orientation::all() {
+        for orientation in Orientation::all_orientations() {
             for (x, y, z) in [(0.35, 0.0, 0.0), (0.0, -0.35, 0.0), (0.0, 0.0, 0.35), (-0.2, 0.2, 0.2)] {
                 let off = nalgebra::Rotation3::new(nalgebra::Vector3::new(x, y, z));
-                assert_eq!(Orientation::nearest(&(off * orientation.body_from_sensor())), orientation);
+                assert_eq!(Orientation::nearest_to_rotation(&(off * orientation.body_from_sensor())), orientation);
             }
         }
     }
 
     #[test]
     fn orientation_numbers_from_24_on_are_invalid() {
-        assert_eq!(Orientation::all().filter(|o| o.is_valid()).count(), 24);
+        assert_eq!(Orientation::all_orientations().filter(|o| o.is_valid()).count(), 24);
         assert!(!Orientation(24).is_valid() && !Orientation(255).is_valid());
-        assert_eq!(Orientation(255).name(), "roll90-yaw270");
+        assert_eq!(Orientation(255).orientation_name(), "roll90-yaw270");
         assert_eq!(Orientation::NONE.body_from_sensor(), Matrix3::identity());
         assert_eq!(Orientation::default(), Orientation::NONE);
     }

@@ -50,7 +50,7 @@ pub enum Side {
 impl Side {
     /// Lower-case English name.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn side_name(self) -> &'static str {
         match self {
             Self::Left => "left",
             Self::Right => "right",
@@ -77,7 +77,7 @@ impl CollectionPart {
 
     /// Turns of a side.
     #[must_use]
-    pub const fn turn(side: Side) -> Self {
+    pub const fn of_turn(side: Side) -> Self {
         match side {
             Side::Left => Self::LEFT,
             Side::Right => Self::RIGHT,
@@ -94,7 +94,7 @@ impl CollectionPart {
         }
     }
 
-    pub(crate) const fn number(self) -> u32 {
+    pub(crate) const fn part_number(self) -> u32 {
         self.0
     }
 
@@ -138,7 +138,7 @@ pub enum SamplePart {
 impl SamplePart {
     /// English name, plural.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn part_name(self) -> &'static str {
         match self {
             Self::Turns(Side::Left) => "left turns",
             Self::Turns(Side::Right) => "right turns",
@@ -178,8 +178,8 @@ impl<'a> Samples<'a> {
 
     /// Samples of the turns of a side, in order of time.
     #[must_use]
-    pub fn turn(&self, side: Side) -> &'a [Sample] {
-        self.part(CollectionPart::turn(side))
+    pub fn samples_of_turn(&self, side: Side) -> &'a [Sample] {
+        self.part(CollectionPart::of_turn(side))
     }
 
     /// Iterates over the samples without a given heading, by part, then time.
@@ -270,7 +270,7 @@ mod tests {
         assert_eq!(times(samples().iter()), [1, 2, 3, 4, 5, 6, 7, 8]);
         assert_eq!(times(samples().all()), [1, 2, 3, 4, 5, 6, 7, 8, 9]);
         assert_eq!(CollectionPart::ALL.map(|part| times(samples().part(part))), [[1, 2], [3, 4], [5, 6], [7, 8]]);
-        assert_eq!([Side::Left, Side::Right].map(|side| times(samples().turn(side))), [[1, 2], [3, 4]]);
+        assert_eq!([Side::Left, Side::Right].map(|side| times(samples().samples_of_turn(side))), [[1, 2], [3, 4]]);
         assert_eq!(times(Samples::default().all()), []);
         assert!(samples().has_free_flight_samples() && !Samples::default().has_free_flight_samples());
     }

@@ -44,7 +44,7 @@ impl Deviation {
 
     /// Stable name.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn measure_name(self) -> &'static str {
         match self {
             Self::Constant => "constant",
             Self::Semicircular => "semicircular",
@@ -103,7 +103,7 @@ impl EnvelopeModel {
     }
 
     fn heading_jacobian_row(&self, bank_deg: f32, step: u8) -> Vector12 {
-        let tilt = Attitude::from_deg(bank_deg, 0.0).tilt();
+        let tilt = Attitude::from_deg(bank_deg, 0.0).tilt_rotation();
         let level = Field::<Level>::earth(1.0, self.inclination_rad, f32::from(step) * FRAC_PI_6);
         let x = self.field_from_body * tilt.body(level).ut;
         coefficient_jacobian_row(&heading_by_field(&tilt, &level.ut), &x)
@@ -185,7 +185,7 @@ mod tests {
             let heading_rad = f32::from(step) * FRAC_PI_6;
             let attitude = Attitude::from_deg(bank_deg, 0.0);
             let field = Field::new(attitude.body(Field::earth(1.0, 0.9, heading_rad)).ut);
-            wrap_pi(attitude.level(wrong.apply(field)).heading_rad() - heading_rad).to_degrees()
+            wrap_pi(attitude.level(wrong.calibrated_field(field)).heading_rad() - heading_rad).to_degrees()
         };
         banks_deg.iter().flat_map(|&bank_deg| (0..12).map(move |step| error(bank_deg, step))).collect()
     }
@@ -265,7 +265,7 @@ mod tests {
 
     #[test]
     fn each_deviation_part_has_a_name_and_a_text() {
-        let all = Deviation::ALL.map(|part| (part.name(), part.to_string()));
+        let all = Deviation::ALL.map(|part| (part.measure_name(), part.to_string()));
         assert_eq!(all.each_ref().map(|(name, _)| *name), ["constant", "semicircular", "quadrantal", "heeling"]);
         let words = ["at all headings", "one period", "two periods", "in turns"];
         assert!(all.iter().zip(words).all(|((_, said), word)| said.contains(word)), "{all:?}");

@@ -68,22 +68,26 @@ impl Information {
             if likelihood.motor_current.current_sigma_a > 0.0 {
                 let share_a = likelihood.motor_current.current_offset_a(sample);
                 hard_iron_residuals(&equations).for_each(|equation| {
-                    self.motor_current.add(equation, &derivative_by_hard_iron(&parameters.w, equation), share_a);
+                    self.motor_current.add_weighted_equation(
+                        equation,
+                        &derivative_by_hard_iron(&parameters.w, equation),
+                        share_a,
+                    );
                 });
             }
             if let Some(dip) = &equations.inclination {
                 let by_latency = ATTITUDE_ERRORS[LATENCY].inclination_derivative(&equations, &state);
-                self.latency_contributions.add(part, [dip.weight * by_latency * dip.residual, 0.0]);
+                self.latency_contributions.add_residuals(part, [dip.weight * by_latency * dip.residual, 0.0]);
             }
             let dip = equations.inclination.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
             // Without a scan (ground methods), norm residuals of one heading are correlated through the error of the
             // given heading, whose sigma already covers it.
             let norm = if scan.is_some() { equations.norm.clipped_residual() } else { 0.0 };
-            self.residuals.autocorrelation.add(part, [norm, dip]);
-            self.residuals.heteroscedasticity.add(sample.attitude, dip);
-            self.residuals.white_noise.add(part, sample.time, equations.norm.clipped_residual());
+            self.residuals.autocorrelation.add_residuals(part, [norm, dip]);
+            self.residuals.heteroscedasticity.add_residual(sample.attitude, dip);
+            self.residuals.white_noise.add_residual(part, sample.time, equations.norm.clipped_residual());
             if let Some(scan) = &mut scan {
-                scan.add(&self.system, sample, &equations);
+                scan.add_sample(&self.system, sample, &equations);
             }
         }
         for mark in samples.marks {
@@ -91,7 +95,7 @@ impl Information {
             let attitude = mark.sample.latency_compensated_attitude(likelihood.latency_s);
             self.add_inclination(&equations, &AttitudeState::steady(attitude, mark.sample.rates));
             let dip = equations.inclination.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
-            self.residuals.autocorrelation.add(PARTS - 1, [0.0, dip]);
+            self.residuals.autocorrelation.add_residuals(PARTS - 1, [0.0, dip]);
         }
     }
 
@@ -109,11 +113,11 @@ impl Information {
         attitude: Attitude,
         heading_rad: f32,
     ) {
-        let tilt = attitude.tilt();
+        let tilt = attitude.tilt_rotation();
         let Some(x) = parameters.expected_field(&tilt, heading_rad) else { return };
         let measured = MeasuredSample { x, tilt, heading_rad: None };
         let equations = SampleEquations::new(parameters, &measured, &likelihood.noise, &likelihood.config, false);
-        self.system.add(&equations);
+        self.system.add_sample_equations(&equations);
         self.add_inclination(&equations, &AttitudeState::steady(attitude, Rates::ZERO));
     }
 
@@ -121,8 +125,8 @@ impl Information {
     #[inline(never)]
     pub fn estimate_latency(&self, used_s: f32) -> Option<(AttitudeLatency, Vector13)> {
         let sums = &self.attitude_errors[LATENCY];
-        let score = sums.eliminate(&self.system, &self.system.step_to_maximum()?)?;
-        let latency = AttitudeLatency::estimate(sums, &score, &self.latency_contributions, used_s)?;
+        let score = sums.eliminate_coefficients(&self.system, &self.system.step_to_maximum()?)?;
+        let latency = AttitudeLatency::estimate_latency(sums, &score, &self.latency_contributions, used_s)?;
         Some((latency, -score.columns[0]))
     }
 
@@ -132,7 +136,7 @@ impl Information {
         if likelihood.motor_current.current_sigma_a == 0.0 {
             return None;
         }
-        let score = self.motor_current.eliminate(&self.system, &self.system.step_to_maximum()?)?;
+        let score = self.motor_current.eliminate_coefficients(&self.system, &self.system.step_to_maximum()?)?;
         let found = InterferenceEstimate::new(&score, likelihood, self.residuals.autocorrelation_inflation())?;
         self.motor_current_errors = found.covariance_factors(&likelihood.motor_current_per_ampere());
         Some(found)

@@ -112,7 +112,7 @@ fn covariance_is_the_sum_of_its_terms() {
     information.system.add_row(&dip_row, 0.0, 3e3);
     information.residuals.inclination_information.add_row(&dip, 3e3);
     for residuals in [[1.0, 1.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
-        information.residuals.autocorrelation.add(0, residuals);
+        information.residuals.autocorrelation.add_residuals(0, residuals);
     }
     information.hard_iron_gradient = Vector13::from_fn(|i, _| 150.0 * (i as f32 * 0.3).cos());
     let with: [f32; 3] = [0.2, 1.1, 2.3];
@@ -186,26 +186,30 @@ fn motor_current_estimate_equals_joint_least_squares() {
     let rows = |row: &Vector13, more: Vector3<f32>| row.push(more.x).push(more.y).push(more.z);
     for_each_prior(&likelihood, &parameters(), &mut |prior| {
         let row = rows(&prior.row, Vector3::zeros());
-        joint.add(&row, [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
+        joint.add_weighted_row(&row, [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
     });
     for i in 0..UNKNOWNS {
-        joint.add(&SVector::ith(i, 1.0), [0.0], 1e4);
+        joint.add_weighted_row(&SVector::ith(i, 1.0), [0.0], 1e4);
     }
     let prior = InterferenceEstimate::prior_precision(likelihood.unit_ut);
     for axis in 0..3 {
-        joint.add(&SVector::ith(UNKNOWNS + axis, 1.0), [-likelihood.motor_current_per_ampere()[axis]], prior);
+        joint.add_weighted_row(
+            &SVector::ith(UNKNOWNS + axis, 1.0),
+            [-likelihood.motor_current_per_ampere()[axis]],
+            prior,
+        );
     }
     for (i, residual) in [(0, 0.02), (1, -0.01), (2, 0.015), (3, 0.005)] {
         let by_field = Vector3::from_fn(|axis, _| f32::sin(i as f32 * 2.1 + axis as f32 * 1.3));
         let row = JacobianRow { by_field, x: Vector3::new(0.6, 0.9, -1.1), by_inclination: 0.3 };
         let equation = ResidualEquation::new(row, residual, 1.0 / 1e4, 1e6);
         let (more, share_a) = (derivative_by_hard_iron(&parameters().w, &equation), 1.0 + i as f32 / 2.0);
-        information.motor_current.add(&equation, &more, share_a);
+        information.motor_current.add_weighted_equation(&equation, &more, share_a);
         information.system.add_row(&equation.row.as_vector(), residual, 1e4);
-        joint.add(&rows(&equation.row.as_vector(), more * share_a), [-residual], 1e4);
+        joint.add_weighted_row(&rows(&equation.row.as_vector(), more * share_a), [-residual], 1e4);
     }
     for residual in [1.0, 1.0, 0.0] {
-        information.residuals.autocorrelation.add(0, [residual, 0.0]);
+        information.residuals.autocorrelation.add_residuals(0, [residual, 0.0]);
     }
     let found = information.estimate_motor_current(&likelihood).unwrap();
     let step = joint.solve().unwrap().fixed_rows::<3>(UNKNOWNS).into_owned();
@@ -237,7 +241,7 @@ fn inclination_information_and_gradients_are_summed() {
     let mut effects = [Vector13::zeros(); 4];
     for (bank_deg, heading_rad) in [(25.0, 0.3), (-40.0, 2.0), (10.0, 5.0)] {
         let attitude = Attitude::from_deg(bank_deg, 3.0);
-        let tilt = attitude.tilt();
+        let tilt = attitude.tilt_rotation();
         let x = parameters.expected_field(&tilt, heading_rad).unwrap();
         let state = AttitudeState::steady(attitude, Rates::from_rad_s([0.3, -0.2, 0.0]));
         let measured = MeasuredSample { x, tilt, heading_rad: None };
@@ -266,7 +270,7 @@ fn latency_sigma_becomes_a_consider_state() {
     assert!(information.estimate_latency(0.0).is_none());
     let row = JacobianRow { by_field: Vector3::x(), x: Vector3::y(), by_inclination: -1.0 };
     let latency = &mut information.attitude_errors[LATENCY];
-    latency.add(&ResidualEquation::new(row, 0.01, 1e-4, 1e6), &Vector1::new(0.5), 1.0);
+    latency.add_weighted_equation(&ResidualEquation::new(row, 0.01, 1e-4, 1e6), &Vector1::new(0.5), 1.0);
     latency.cross_information = [Vector13::ith(2, 40.0)];
     let (latency, follows) = information.estimate_latency(0.0).unwrap();
     // 0.25 of 1e4, minus the part explained by unknown 2 (information 1e4), plus the prior's 100.
@@ -356,7 +360,7 @@ fn autocorrelation_does_not_inflate_priors() {
     let of = |information: &Information| full_covariance(information, &likelihood, &at, &[0.0; ERRORS]);
     let before = of(&information);
     for residual in [1.0, 1.0, 0.0] {
-        information.residuals.autocorrelation.add(0, [residual, 0.0]);
+        information.residuals.autocorrelation.add_residuals(0, [residual, 0.0]);
     }
     let after = of(&information);
     assert!((information.residuals.autocorrelation_inflation() - 3.0).abs() < 1e-3);
@@ -382,7 +386,10 @@ fn configured_inclination_is_removed_from_the_estimate() {
             information.system.add_row(&Vector13::ith(INCLINATION_INDEX, 1.0), 0.0, 1.0 / (sigma * sigma));
             // rho = 1/2, and a gradient of 2e3 per unit of bank-angle scale error.
             for residual in [1.0, 1.0, 0.0] {
-                information.residuals.autocorrelation.add(0, if told { [0.0, residual] } else { [residual, 0.0] });
+                information
+                    .residuals
+                    .autocorrelation
+                    .add_residuals(0, if told { [0.0, residual] } else { [residual, 0.0] });
             }
             information.attitude_errors[BANK_SCALE].cross_information = [Vector13::ith(INCLINATION_INDEX, 2e3)];
             let mut sigmas = [0.0; ERRORS];

@@ -50,7 +50,7 @@ impl<'a> Collector<'a> {
         let mut collector = Self {
             memory,
             header,
-            restored_context: is_valid.then(|| header.context()),
+            restored_context: is_valid.then(|| header.collection_context()),
             has_changed: false,
             clock_offset_ms: header.clock_ms.wrapping_add(RESTART_GAP_MS),
             detector: TurnDetector::new(TurnDetectorConfig::DEFAULT),
@@ -82,14 +82,14 @@ impl<'a> Collector<'a> {
     /// Whether losing this collection is worth reporting.
     #[must_use]
     pub fn is_loss_reportable(&self) -> bool {
-        let number = self.memory.samples.of(SampleUse::Fit).len();
+        let number = self.memory.samples.samples_of_use(SampleUse::Fit).len();
         self.state() != CollectionState::Inactive && number >= MIN_REPORTED_LOSS_SAMPLES
     }
 
     /// Updates the header and its checksum after changes. Call it before long operations.
     pub fn update_header(&mut self, context: CollectionContext) {
         let is_over = self.state() == CollectionState::Inactive;
-        if !self.has_changed && (is_over || context == self.memory.header().context()) {
+        if !self.has_changed && (is_over || context == self.memory.header().collection_context()) {
             return;
         }
         self.has_changed = false;
@@ -114,7 +114,7 @@ impl<'a> Collector<'a> {
         self.has_changed |= match self.header.procedure() {
             Procedure::Turns => self.push_turn_or_level_sample(sample),
             Procedure::Level | Procedure::Swing => {
-                is_level(&sample) && SectorBalance::LEVEL.push(self.view(CollectionPart::LEVEL), sample)
+                is_level(&sample) && SectorBalance::LEVEL.push_sample(self.part_view(CollectionPart::LEVEL), sample)
             }
             Procedure::Tumble => self.push_tumble_sample(sample),
             Procedure::Flight => self.push_free_flight_sample(sample),
@@ -124,25 +124,25 @@ impl<'a> Collector<'a> {
     fn push_turn_or_level_sample(&mut self, sample: Sample) -> bool {
         if let Some(side) = self.detector.update(&sample) {
             self.header.set_turned();
-            SectorBalance::TURNS.push(self.view(CollectionPart::turn(side)), sample)
+            SectorBalance::TURNS.push_sample(self.part_view(CollectionPart::of_turn(side)), sample)
         } else {
             // Before the first turn the aircraft may be parked near the iron of a hangar.
             self.header.has_detected_turn()
                 && is_level(&sample)
-                && SectorBalance::LEVEL.push(self.view(CollectionPart::LEVEL), sample)
+                && SectorBalance::LEVEL.push_sample(self.part_view(CollectionPart::LEVEL), sample)
         }
     }
 
     fn push_tumble_sample(&mut self, sample: Sample) -> bool {
         let Header { parts, min_distance_ut, .. } = &mut self.header;
         let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, parts, &mut self.last_taken_at);
-        min_distance::push(part, Quota::TURN, min_distance_ut, sample)
+        min_distance::push_sample(part, Quota::TURN, min_distance_ut, sample)
     }
 
     fn push_free_flight_sample(&mut self, sample: Sample) -> bool {
         let parts = &mut self.header.parts;
         let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, parts, &mut self.last_taken_at);
-        let end = free_flight::push(part, &mut self.selection, sample);
+        let end = free_flight::push_sample(part, &mut self.selection, sample);
         if end == FreeFlightSample::Ignored {
             return false;
         }
@@ -151,7 +151,7 @@ impl<'a> Collector<'a> {
         true
     }
 
-    fn view(&mut self, part: CollectionPart) -> PartView<'_> {
+    fn part_view(&mut self, part: CollectionPart) -> PartView<'_> {
         PartView::new(part, &mut self.memory.samples, &mut self.header.parts, &mut self.last_taken_at)
     }
 
@@ -208,7 +208,7 @@ impl<'a> Collector<'a> {
 
     /// Most likely reason for missing or uninformative samples, if known.
     #[must_use]
-    pub fn problem(&self) -> Option<CollectionProblem> {
+    pub fn collection_problem(&self) -> Option<CollectionProblem> {
         match self.procedure() {
             Procedure::Turns => self.header.statistics.diagnose(&self.progress()),
             Procedure::Flight => self.header.statistics.check_tilt(),
@@ -254,14 +254,15 @@ impl<'a> Collector<'a> {
 
     /// Fit samples.
     #[must_use]
-    pub fn fit(&self) -> Samples<'_> {
-        Samples::new(self.memory.samples.of(SampleUse::Fit)).with_marks(self.memory.marks(self.header.mark_count))
+    pub fn fit_samples(&self) -> Samples<'_> {
+        Samples::new(self.memory.samples.samples_of_use(SampleUse::Fit))
+            .with_marks(self.memory.marks(self.header.mark_count))
     }
 
     /// Verification samples, not in the fit.
     #[must_use]
     pub fn held_back(&self) -> Samples<'_> {
-        Samples::new(self.memory.samples.of(SampleUse::Verification))
+        Samples::new(self.memory.samples.samples_of_use(SampleUse::Verification))
     }
 }
 

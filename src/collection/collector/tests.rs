@@ -17,7 +17,7 @@ fn hold_bank(collector: &mut Collector, roll_deg: f32, from_s: u32, to_s: u32) {
 }
 
 fn sample_counts(collector: &Collector) -> [usize; 4] {
-    CollectionPart::ALL.map(|part| collector.fit().part(part).len() + collector.held_back().part(part).len())
+    CollectionPart::ALL.map(|part| collector.fit_samples().part(part).len() + collector.held_back().part(part).len())
 }
 
 /// 10 s of turn: 2 s settle, then a sample every 0.4 s.
@@ -110,8 +110,8 @@ fn there_is_room_for_thirty_six_marks() {
         assert!(collector.add_mark(mark(i)), "mark {i}");
     }
     assert!(!collector.add_mark(mark(36)));
-    assert_eq!((collector.progress().marks, collector.fit().marks.len()), (36, 36));
-    assert_eq!(collector.fit().marks[35], mark(35));
+    assert_eq!((collector.progress().marks, collector.fit_samples().marks.len()), (36, 36));
+    assert_eq!(collector.fit_samples().marks[35], mark(35));
 }
 
 #[test]
@@ -125,7 +125,7 @@ fn a_new_collection_discards_the_last_one() {
     collector.begin_procedure(Procedure::Tumble);
     let progress = CollectionProgress { procedure: Procedure::Tumble, ..CollectionProgress::default() };
     assert_eq!((collector.progress(), collector.procedure()), (progress, Procedure::Tumble));
-    assert_eq!((collector.fit().all().count(), collector.held_back().all().count()), (0, 0));
+    assert_eq!((collector.fit_samples().all().count(), collector.held_back().all().count()), (0, 0));
 }
 
 /// The hold-back cycle, the sample interval and the distance of a tumble start again.
@@ -135,7 +135,7 @@ fn a_new_collection_restarts_its_policy() {
     (0..3).for_each(|i| collector.push(sample([i as f32, 0.0, 0.0], i * 400)));
     collector.begin_procedure(Procedure::Swing);
     collector.push(sample([0.0; 3], 801));
-    assert_eq!((collector.fit().iter().count(), collector.held_back().iter().count()), (1, 0));
+    assert_eq!((collector.fit_samples().iter().count(), collector.held_back().iter().count()), (1, 0));
     collector.begin_procedure(Procedure::Flight);
     (0..3).for_each(|i| collector.push(sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
     collector.begin_procedure(Procedure::Flight);
@@ -146,7 +146,7 @@ fn a_new_collection_restarts_its_policy() {
     let tumble = |collector: &mut Collector, number: u32| {
         collector.begin_procedure(Procedure::Tumble);
         (0..number).for_each(|i| collector.push(sample([i as f32 * 5.1, 0.0, 0.0], i * 400)));
-        collector.fit().iter().chain(collector.held_back().iter()).count()
+        collector.fit_samples().iter().chain(collector.held_back().iter()).count()
     };
     assert!(tumble(&mut collector, 300) < 252, "the distance grew");
     assert_eq!(tumble(&mut collector, 20), 20);

@@ -82,10 +82,10 @@ impl Linearisation {
     /// Jacobian rows of norm and inclination at the noise-corrected unit direction.
     fn jacobian_rows(&self, sample: &Sample) -> [JacobianRow; 2] {
         let field_ut = self.calibration.corrected_body_field(sample).ut;
-        let direction = field_ut / field_ut.length().max(MIN_NORM_UT);
+        let direction = field_ut / field_ut.vector_length().max(MIN_NORM_UT);
         let latency_s = self.calibration.latency_s;
         let attitude = if latency_s == 0.0 { sample.attitude } else { sample.latency_compensated_attitude(latency_s) };
-        let seen = FieldPrediction::new(direction, &direction, &attitude.tilt());
+        let seen = FieldPrediction::new(direction, &direction, &attitude.tilt_rotation());
         if !self.is_from_trial {
             return [seen.norm_row(), seen.inclination_row()];
         }

@@ -177,15 +177,15 @@ fn noise_does_not_change_the_inclination_row() {
         let with_reading_noise = |sample: &Sample| {
             // Perturbation of the corrected field, across it towards the vertical.
             let body = bent.try_inverse().unwrap() * (sample.field.ut - centre_ut);
-            let down = sample.attitude.tilt().down();
+            let down = sample.attitude.tilt_rotation().down_in_body();
             let towards_down = (down - body * (down.dot(&body) / body.norm_squared())).normalize();
             let field = Field::new(sample.field.ut + bent * towards_down * (50.0 * size));
             Sample { field, ..*sample }
         };
         let with_attitude_noise = |sample: &Sample| {
             let body = bent.try_inverse().unwrap() * (sample.field.ut - centre_ut);
-            let [by_roll, by_pitch] = FieldPrediction::new(body, &body, &sample.attitude.tilt())
-                .inclination_by_attitude(&sample.attitude.tilt());
+            let [by_roll, by_pitch] = FieldPrediction::new(body, &body, &sample.attitude.tilt_rotation())
+                .inclination_by_attitude(&sample.attitude.tilt_rotation());
             let Attitude { roll_rad, pitch_rad } = sample.attitude;
             let attitude = Attitude { roll_rad: roll_rad + by_roll * size, pitch_rad: pitch_rad + by_pitch * size };
             Sample { attitude, ..*sample }

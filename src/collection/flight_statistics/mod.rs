@@ -49,9 +49,9 @@ impl fmt::Display for CollectionProblem {
             }
             Self::NoTilt { most_deg } => write!(f, "the attitude tilts by {} deg at most", Decimal::<1>(most_deg)),
             Self::InsufficientBank { most_deg } => write!(f, "too little bank, {} deg at most", Decimal::<1>(most_deg)),
-            Self::OneSideOnly(side) => write!(f, "only {} turns were flown", side.name()),
+            Self::OneSideOnly(side) => write!(f, "only {} turns were flown", side.side_name()),
             Self::ArcOnly { side, sectors } => {
-                let side = side.name();
+                let side = side.side_name();
                 write!(f, "the {side} turns went through {sectors} of {SECTORS} sectors, too slow or too short")
             }
             Self::MissingManoeuvre(manoeuvre) => write!(f, "missing: {manoeuvre}"),

@@ -109,7 +109,7 @@ fn arcs_are_reported() {
         collector.begin_procedure(Procedure::Turns);
         turn_samples(-25.0, 0, seconds, -rate_deg_s).for_each(|sample| collector.push(sample));
         turn_samples(25.0, seconds, 2 * seconds, rate_deg_s).for_each(|sample| collector.push(sample));
-        collector.problem()
+        collector.collection_problem()
     };
     assert_eq!(through(4.5, 90), None);
     assert!(
@@ -137,15 +137,15 @@ fn bank_problems_are_reported_for_turns_only_and_reset_at_each_start() {
     {
         collector.begin_procedure(procedure);
         (0..300).for_each(|i| collector.push(banked_sample(5.0, 0.0, i * 100)));
-        assert_eq!(collector.problem().is_some(), is_reported, "{procedure:?}");
+        assert_eq!(collector.collection_problem().is_some(), is_reported, "{procedure:?}");
     }
     collector.begin_procedure(Procedure::Flight);
-    assert_eq!(collector.problem(), None);
+    assert_eq!(collector.collection_problem(), None);
     (0..300).for_each(|i| collector.push(banked_sample(1.9, 0.0, i * 100)));
     assert!(
-        matches!(collector.problem(), Some(CollectionProblem::NoTilt { .. })),
+        matches!(collector.collection_problem(), Some(CollectionProblem::NoTilt { .. })),
         "of whatever is flown nothing else is asked"
     );
     collector.begin_procedure(Procedure::Turns);
-    assert_eq!(collector.problem(), None);
+    assert_eq!(collector.collection_problem(), None);
 }

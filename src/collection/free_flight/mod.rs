@@ -26,7 +26,11 @@ pub(super) enum FreeFlightSample {
 }
 
 /// Stores a sample if it is distinct, in place of the least informative one if the quota is used.
-pub(super) fn push(mut part: PartView<'_>, selection: &mut DOptimalSelection, sample: Sample) -> FreeFlightSample {
+pub(super) fn push_sample(
+    mut part: PartView<'_>,
+    selection: &mut DOptimalSelection,
+    sample: Sample,
+) -> FreeFlightSample {
     if !is_new_measurement(&part, &sample) {
         return FreeFlightSample::Ignored;
     }
@@ -35,17 +39,18 @@ pub(super) fn push(mut part: PartView<'_>, selection: &mut DOptimalSelection, sa
         part.insert(purpose, sample);
         return FreeFlightSample::Stored;
     }
-    let Some(weakest) = find_weakest(part.of(purpose), purpose, selection, &sample) else {
+    let Some(weakest) = find_weakest(part.samples_of_use(purpose), purpose, selection, &sample) else {
         return FreeFlightSample::Rejected;
     };
-    let end = section_ends(purpose, part.of(purpose).len()).into_iter().find(|end| weakest < *end).unwrap_or(0);
+    let end =
+        section_ends(purpose, part.samples_of_use(purpose).len()).into_iter().find(|end| weakest < *end).unwrap_or(0);
     part.replace_until(purpose, weakest, end, sample);
     FreeFlightSample::Stored
 }
 
 /// Ends of the sections in which samples are in order of time: a sample replaces one of its section.
 fn section_ends(purpose: SampleUse, length: usize) -> [usize; 3] {
-    let turn = Quota::TURN.of(purpose);
+    let turn = Quota::TURN.quota_of(purpose);
     [turn, 2 * turn, length].map(|end| end.min(length))
 }
 
@@ -69,7 +74,7 @@ fn find_weakest(
 /// be near the iron of a hangar.
 fn is_new_measurement(part: &PartView<'_>, sample: &Sample) -> bool {
     let lasts = [SampleUse::Fit, SampleUse::Verification].into_iter().flat_map(|purpose| {
-        let samples = part.of(purpose);
+        let samples = part.samples_of_use(purpose);
         section_ends(purpose, samples.len()).into_iter().filter_map(|end| samples.get(..end)?.last())
     });
     let last = lasts.min_by_key(|last| sample.time.ms_since(last.time));
@@ -83,7 +88,7 @@ fn is_distinct(last: &Sample, sample: &Sample) -> bool {
         wrap_pi(sample.attitude.roll_rad - last.attitude.roll_rad),
         sample.attitude.pitch_rad - last.attitude.pitch_rad,
     );
-    (sample.field.ut - last.field.ut).length() >= MIN_FIELD_CHANGE_UT || tilt_rad >= MIN_ATTITUDE_CHANGE_RAD
+    (sample.field.ut - last.field.ut).vector_length() >= MIN_FIELD_CHANGE_UT || tilt_rad >= MIN_ATTITUDE_CHANGE_RAD
 }
 
 #[cfg(test)]

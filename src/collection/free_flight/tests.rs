@@ -23,11 +23,11 @@ impl FreeFlight {
     }
 
     fn push(&mut self, sample: Sample) -> FreeFlightSample {
-        push(self.buffer.view(CollectionPart::FREE), &mut self.selection, sample)
+        push_sample(self.buffer.part_view(CollectionPart::FREE), &mut self.selection, sample)
     }
 
     fn fit_times(&self) -> Vec<u32> {
-        times(self.buffer.fit(CollectionPart::FREE))
+        times(self.buffer.fit_samples(CollectionPart::FREE))
     }
 
     fn held_back_times(&self) -> Vec<u32> {
@@ -61,7 +61,8 @@ fn free_flight_samples_are_stored_until_full() {
     assert!(fit.is_sorted());
     assert_eq!(flight.coverage(), Coverage { samples: 300, held_back: 100, ..Coverage::default() });
     assert!(
-        flight.buffer.fit(CollectionPart::LEFT).is_empty() && flight.buffer.held_back(CollectionPart::LEVEL).is_empty()
+        flight.buffer.fit_samples(CollectionPart::LEFT).is_empty()
+            && flight.buffer.held_back(CollectionPart::LEVEL).is_empty()
     );
 }
 
@@ -74,7 +75,8 @@ fn informative_samples_replace_uninformative_ones() {
     let stored = turns.filter(|sample| flight.push(*sample) == FreeFlightSample::Stored).count();
     let mut banked_sum = 0;
     for purpose in [SampleUse::Fit, SampleUse::Verification] {
-        let (samples, capacity) = (flight.buffer.samples.part(purpose, CollectionPart::FREE), Quota::ALL.of(purpose));
+        let (samples, capacity) =
+            (flight.buffer.samples.part(purpose, CollectionPart::FREE), Quota::ALL.quota_of(purpose));
         let banked = samples.iter().filter(|s| s.attitude.roll_rad.abs() > 0.3).count();
         banked_sum += banked;
         assert_eq!(samples.len(), capacity);

@@ -18,13 +18,13 @@ const _: () = assert!(COMPLETE_SAMPLE_COUNT as usize <= Quota::TURN.fit);
 
 /// Stores a sample of any attitude if it is due and at least `distance_ut` from the others; increases the distance when
 /// the quota is used. Returns whether the sample was stored.
-pub(super) fn push(mut part: PartView<'_>, quota: Quota, distance_ut: &mut f32, sample: Sample) -> bool {
-    let is_far = !part.fit_then_held_back().iter().any(|other| distance(other, &sample) < *distance_ut);
+pub(super) fn push_sample(mut part: PartView<'_>, quota: Quota, distance_ut: &mut f32, sample: Sample) -> bool {
+    let is_far = !part.fit_then_held_back().iter().any(|other| field_distance(other, &sample) < *distance_ut);
     let is_taken = part.is_due(&sample) && is_far;
     if is_taken {
         let purpose = part.count_and_assign_use(&sample);
         store(&mut part, purpose, quota, distance_ut, sample);
-        part.state.percent = percent(part.of(SampleUse::Fit).len() as u16, COMPLETE_SAMPLE_COUNT);
+        part.state.percent = percent(part.samples_of_use(SampleUse::Fit).len() as u16, COMPLETE_SAMPLE_COUNT);
     }
     is_taken
 }
@@ -47,9 +47,9 @@ fn store(part: &mut PartView<'_>, purpose: SampleUse, quota: Quota, distance_ut:
 /// Removes every fit sample nearer than `distance_ut` to an earlier one.
 fn remove_close_samples(part: &mut PartView<'_>, distance_ut: f32) {
     let mut i = 0;
-    while let Some((sample, earlier)) = part.of(SampleUse::Fit).get(..=i).and_then(<[_]>::split_last) {
-        if earlier.iter().any(|other| distance(other, sample) < distance_ut) {
-            part.remove(SampleUse::Fit, i);
+    while let Some((sample, earlier)) = part.samples_of_use(SampleUse::Fit).get(..=i).and_then(<[_]>::split_last) {
+        if earlier.iter().any(|other| field_distance(other, sample) < distance_ut) {
+            part.remove_sample(SampleUse::Fit, i);
         } else {
             i += 1;
         }
@@ -57,8 +57,8 @@ fn remove_close_samples(part: &mut PartView<'_>, distance_ut: f32) {
 }
 
 /// Distance of two samples in field space, microtesla.
-fn distance(a: &Sample, b: &Sample) -> f32 {
-    (a.field.ut - b.field.ut).length()
+fn field_distance(a: &Sample, b: &Sample) -> f32 {
+    (a.field.ut - b.field.ut).vector_length()
 }
 
 #[cfg(test)]

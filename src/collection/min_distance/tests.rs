@@ -23,8 +23,8 @@ impl Tumble {
     }
 
     fn push_at(&mut self, x_ut: f32, time_ms: u32) {
-        push(
-            self.buffer.view(CollectionPart::FREE),
+        push_sample(
+            self.buffer.part_view(CollectionPart::FREE),
             self.quota,
             &mut self.distance_ut,
             sample([x_ut, 0.0, 0.0], time_ms),
@@ -32,7 +32,7 @@ impl Tumble {
     }
 
     fn fit(&self) -> &[Sample] {
-        self.buffer.fit(CollectionPart::FREE)
+        self.buffer.fit_samples(CollectionPart::FREE)
     }
 
     fn stored(&self) -> usize {
@@ -104,9 +104,9 @@ fn a_tumble_is_complete_at_66_fit_samples() {
 fn thinning_keeps_the_first_of_close_samples() {
     let mut tumble = Tumble::new(Quota::TURN);
     for x_ut in [0.0, 1.0, 2.0, 3.0, 2.5, 10.0] {
-        tumble.buffer.view(CollectionPart::FREE).insert(SampleUse::Fit, sample([x_ut, 0.0, 0.0], 0));
+        tumble.buffer.part_view(CollectionPart::FREE).insert(SampleUse::Fit, sample([x_ut, 0.0, 0.0], 0));
     }
-    remove_close_samples(&mut tumble.buffer.view(CollectionPart::FREE), 2.0);
+    remove_close_samples(&mut tumble.buffer.part_view(CollectionPart::FREE), 2.0);
     assert_eq!(tumble.fit().iter().map(|s| s.field.ut.x).collect::<Vec<_>>(), [0.0, 2.0, 10.0]);
 }
 

@@ -99,7 +99,7 @@ impl Header {
         };
     }
 
-    pub const fn context(&self) -> CollectionContext {
+    pub const fn collection_context(&self) -> CollectionContext {
         CollectionContext { is_automatic: self.is_automatic != 0, calibration_serial: self.calibration_serial }
     }
 

@@ -97,15 +97,15 @@ impl RetainedSamples {
 
     fn compute_checksum(&self, firmware: u32) -> u32 {
         let mut sum = Checksum(firmware);
-        sum.add(&self.header);
+        sum.add_words(&self.header);
         // The samples of an inactive collection stay for another solve, until a restart.
         if self.header.state() != CollectionState::Inactive {
-            sum.add(&[self.samples.fit_count, self.samples.held_back_count]);
+            sum.add_words(&[self.samples.fit_count, self.samples.held_back_count]);
             for sample in self.samples.all() {
-                sum.add(sample);
+                sum.add_words(sample);
             }
             for mark in self.marks(self.header.mark_count) {
-                sum.add(mark);
+                sum.add_words(mark);
             }
         }
         sum.0

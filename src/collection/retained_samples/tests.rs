@@ -40,9 +40,9 @@ fn observable_state(
     let progress = CollectionProgress { turn_in_progress: None, ..collector.progress() };
     (
         progress,
-        copy_all(collector.fit()),
+        copy_all(collector.fit_samples()),
         copy_all(collector.held_back()),
-        collector.problem(),
+        collector.collection_problem(),
         collector.distinct_samples(),
     )
 }
@@ -68,7 +68,7 @@ fn samples_survive_a_restart() {
         );
         assert_eq!((progress, progress.procedure), (then.0, procedure));
         assert!(fit == then.1 && held_back == then.2, "{procedure:?}");
-        assert_eq!(after.problem().is_some(), before.problem().is_some(), "{procedure:?}");
+        assert_eq!(after.collection_problem().is_some(), before.collection_problem().is_some(), "{procedure:?}");
         assert!(fit.len() > 20 && held_back.len() > 5, "{procedure:?}");
         // The counter is stored with the next stored sample.
         assert!(before.distinct_samples() - after.distinct_samples() <= 4, "{procedure:?}");
@@ -92,8 +92,8 @@ fn a_collection_continues_after_a_restart() {
         }
         assert!(collector.progress().is_complete(), "{cut}: {:?}", collector.progress());
         for part in [
-            collector.fit().part(CollectionPart::LEFT),
-            collector.fit().part(CollectionPart::RIGHT),
+            collector.fit_samples().part(CollectionPart::LEFT),
+            collector.fit_samples().part(CollectionPart::RIGHT),
             collector.held_back().part(CollectionPart::LEFT),
         ] {
             assert!(part.is_sorted_by_key(|sample| sample.time.as_ms()), "{cut}");
@@ -115,16 +115,16 @@ fn state_and_context_are_stored() {
     collector.update_header(MANUAL);
     let mut collector = Collector::new(retained);
     assert_eq!((collector.restored_context(), collector.state()), (Some(MANUAL), CollectionState::Stopped));
-    assert!(collector.is_loss_reportable() && collector.fit().all().next().is_some());
+    assert!(collector.is_loss_reportable() && collector.fit_samples().all().next().is_some());
     collector.set_state(CollectionState::Inactive);
     collector.update_header(MANUAL);
-    assert!(collector.fit().all().next().is_some(), "they stay for another solve");
+    assert!(collector.fit_samples().all().next().is_some(), "they stay for another solve");
     let collector = Collector::new(retained);
     assert_eq!(
         (collector.restored_context(), collector.state()),
         (Some(CollectionContext::default()), CollectionState::Inactive)
     );
-    assert!(collector.fit().all().next().is_none() && !collector.is_loss_reportable());
+    assert!(collector.fit_samples().all().next().is_none() && !collector.is_loss_reportable());
 }
 
 /// Threshold: ten fit samples.
@@ -135,7 +135,7 @@ fn losing_few_samples_is_not_reported() {
     collector.begin_procedure(Procedure::Tumble);
     for i in 0..14_u32 {
         collector.push(sample([i as f32 * 10.0, 0.0, 0.0], i * 400));
-        let fit = collector.fit().all().count();
+        let fit = collector.fit_samples().all().count();
         assert_eq!(collector.is_loss_reportable(), fit >= 10, "{fit}");
     }
 }
@@ -163,7 +163,7 @@ fn an_interrupted_change_is_atomic() {
     let found = |retained: &RetainedSamples| {
         let mut retained = retained.clone();
         let collector = Collector::new(&mut retained);
-        collector.restored_context().map(|_| (copy_all(collector.fit()), copy_all(collector.held_back())))
+        collector.restored_context().map(|_| (copy_all(collector.fit_samples()), copy_all(collector.held_back())))
     };
     let retained = empty_memory();
     let mut before: Option<RetainedSamples> = None;
@@ -230,7 +230,7 @@ fn a_flipped_bit_invalidates_the_memory() {
             same += 1;
         } else {
             assert!(
-                collector.state() == CollectionState::Inactive && copy_all(collector.fit()).is_empty(),
+                collector.state() == CollectionState::Inactive && copy_all(collector.fit_samples()).is_empty(),
                 "bit {bit}"
             );
             assert_eq!(collector.progress(), CollectionProgress::default(), "bit {bit}");
@@ -252,7 +252,7 @@ fn random_memory_is_rejected_and_usable() {
         assert_eq!(collector.progress(), CollectionProgress::default());
         collector.begin_procedure(Procedure::Flight);
         flight().take(30).for_each(|sample| collector.push(sample));
-        assert!(collector.fit().all().all(|sample| sample.field.ut.norm() < 200.0));
+        assert!(collector.fit_samples().all().all(|sample| sample.field.ut.norm() < 200.0));
     }
 }
 

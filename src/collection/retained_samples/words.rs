@@ -38,7 +38,7 @@ words!(i16, |number: Self| u32::from(number.cast_unsigned()), |word| (word as u1
 words!(u8, u32::from, |word| word as Self);
 words!(f32, f32::to_bits, f32::from_bits);
 words!(WrappingMillis, Self::as_ms, Self::new);
-words!(CollectionPart, Self::number, Self::from_number);
+words!(CollectionPart, Self::part_number, Self::from_number);
 words!(Attitude { roll_rad, pitch_rad });
 words!(Sample { field, attitude, rates, current, time, part });
 words!(Mark { sample, heading_rad });
@@ -78,7 +78,7 @@ impl Checksum {
         self.0 = (self.0.rotate_left(5) ^ word).wrapping_mul(0x9E37_79B9);
     }
 
-    pub fn add(&mut self, value: &(impl Words + Clone)) {
+    pub fn add_words(&mut self, value: &(impl Words + Clone)) {
         value.clone().visit_words(&mut |word| self.add_word(*word));
     }
 }

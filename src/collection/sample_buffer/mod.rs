@@ -39,7 +39,7 @@ impl SampleBuffer {
     }
 
     /// Samples of one use, ordered by part, then time.
-    pub fn of(&self, purpose: SampleUse) -> &[Sample] {
+    pub fn samples_of_use(&self, purpose: SampleUse) -> &[Sample] {
         let (fit, held_back) = self.all().split_at_checked(usize::from(self.fit_count)).unwrap_or_default();
         match purpose {
             SampleUse::Fit => fit,
@@ -49,7 +49,7 @@ impl SampleBuffer {
 
     /// Samples of one use and part, ordered by time.
     pub fn part(&self, purpose: SampleUse, part: CollectionPart) -> &[Sample] {
-        samples_of_part(self.of(purpose), part)
+        samples_of_part(self.samples_of_use(purpose), part)
     }
 
     /// Fit samples of a part, then the held-back ones.
@@ -66,7 +66,7 @@ impl SampleBuffer {
 
     /// Stores a sample as the latest of its part; drops it if the buffer is full.
     pub fn insert(&mut self, purpose: SampleUse, sample: Sample) {
-        let [_, end] = self.range(purpose, sample.part);
+        let [_, end] = self.index_range(purpose, sample.part);
         let used = self.all().len();
         if let Some(moved @ [_, ..]) = self.samples.get_mut(end..=used) {
             moved.copy_within(..moved.len() - 1, 1);
@@ -76,8 +76,8 @@ impl SampleBuffer {
     }
 
     /// Removes the sample at a position of its part.
-    pub fn remove(&mut self, purpose: SampleUse, part: CollectionPart, position: usize) {
-        let [start, end] = self.range(purpose, part);
+    pub fn remove_sample(&mut self, purpose: SampleUse, part: CollectionPart, position: usize) {
+        let [start, end] = self.index_range(purpose, part);
         let used = self.all().len();
         if start + position < end
             && let Some(moved) = self.samples.get_mut(start + position..used)
@@ -88,8 +88,8 @@ impl SampleBuffer {
     }
 
     /// Stores a sample at `end` of its part, exclusive, in place of the one at an earlier position.
-    pub fn replace(&mut self, purpose: SampleUse, position: usize, end: usize, sample: Sample) {
-        let [start, _] = self.range(purpose, sample.part);
+    pub fn replace_sample(&mut self, purpose: SampleUse, position: usize, end: usize, sample: Sample) {
+        let [start, _] = self.index_range(purpose, sample.part);
         if let Some(moved @ [_, ..]) = self.samples.get_mut(start + position..start + end) {
             moved.copy_within(1.., 0);
             moved[moved.len() - 1] = sample;
@@ -97,12 +97,12 @@ impl SampleBuffer {
     }
 
     /// First and last position (exclusive) of a part.
-    fn range(&self, purpose: SampleUse, part: CollectionPart) -> [usize; 2] {
+    fn index_range(&self, purpose: SampleUse, part: CollectionPart) -> [usize; 2] {
         let start = match purpose {
             SampleUse::Fit => 0,
             SampleUse::Verification => usize::from(self.fit_count),
         };
-        part_range(self.of(purpose), part).map(|position| start + position)
+        part_range(self.samples_of_use(purpose), part).map(|position| start + position)
     }
 
     fn count_mut(&mut self, purpose: SampleUse) -> &mut u16 {

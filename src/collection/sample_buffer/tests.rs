@@ -26,11 +26,11 @@ fn filled() -> SampleBuffer {
 #[test]
 fn samples_are_ordered_by_use_part_and_time() {
     let buffer = filled();
-    assert_eq!(times(buffer.of(SampleUse::Fit)), [0, 20, 40, 1, 21, 41, 2, 22, 42]);
-    assert_eq!(times(buffer.of(SampleUse::Verification)), [10, 30, 50, 11, 31, 51, 12, 32, 52]);
+    assert_eq!(times(buffer.samples_of_use(SampleUse::Fit)), [0, 20, 40, 1, 21, 41, 2, 22, 42]);
+    assert_eq!(times(buffer.samples_of_use(SampleUse::Verification)), [10, 30, 50, 11, 31, 51, 12, 32, 52]);
     assert_eq!(
         times(buffer.all()),
-        [times(buffer.of(SampleUse::Fit)), times(buffer.of(SampleUse::Verification))].concat()
+        [times(buffer.samples_of_use(SampleUse::Fit)), times(buffer.samples_of_use(SampleUse::Verification))].concat()
     );
     assert_eq!(times(buffer.part(SampleUse::Fit, CollectionPart::LEVEL)), [1, 21, 41]);
     assert_eq!(times(buffer.part(SampleUse::Verification, CollectionPart::FREE)), [12, 32, 52]);
@@ -50,15 +50,16 @@ fn removing_a_sample_leaves_the_others_in_order() {
         (SampleUse::Verification, CollectionPart::FREE, 2, 52),
     ] {
         let (before, mut buffer) = (filled(), filled());
-        buffer.remove(purpose, part, position);
+        buffer.remove_sample(purpose, part, position);
         for use_of in [SampleUse::Fit, SampleUse::Verification] {
-            let expected: Vec<u32> = times(before.of(use_of)).into_iter().filter(|time| *time != removed).collect();
-            assert_eq!(times(buffer.of(use_of)), expected, "{removed}");
+            let expected: Vec<u32> =
+                times(before.samples_of_use(use_of)).into_iter().filter(|time| *time != removed).collect();
+            assert_eq!(times(buffer.samples_of_use(use_of)), expected, "{removed}");
         }
     }
     let mut buffer = filled();
-    buffer.remove(SampleUse::Fit, CollectionPart::LEFT, 3);
-    buffer.remove(SampleUse::Fit, CollectionPart::RIGHT, 0);
+    buffer.remove_sample(SampleUse::Fit, CollectionPart::LEFT, 3);
+    buffer.remove_sample(SampleUse::Fit, CollectionPart::RIGHT, 0);
     assert_eq!(buffer.all(), filled().all(), "there is none");
 }
 
@@ -66,12 +67,12 @@ fn removing_a_sample_leaves_the_others_in_order() {
 fn a_replacement_changes_its_part_only() {
     let mut buffer = filled();
     let new = |part, time_ms| Sample { part, ..sample([2.0; 3], time_ms) };
-    buffer.replace(SampleUse::Fit, 1, 3, new(CollectionPart::LEVEL, 99));
-    assert_eq!(times(buffer.of(SampleUse::Fit)), [0, 20, 40, 1, 41, 99, 2, 22, 42]);
-    buffer.replace(SampleUse::Verification, 0, 3, new(CollectionPart::FREE, 98));
-    assert_eq!(times(buffer.of(SampleUse::Verification)), [10, 30, 50, 11, 31, 51, 32, 52, 98]);
+    buffer.replace_sample(SampleUse::Fit, 1, 3, new(CollectionPart::LEVEL, 99));
+    assert_eq!(times(buffer.samples_of_use(SampleUse::Fit)), [0, 20, 40, 1, 41, 99, 2, 22, 42]);
+    buffer.replace_sample(SampleUse::Verification, 0, 3, new(CollectionPart::FREE, 98));
+    assert_eq!(times(buffer.samples_of_use(SampleUse::Verification)), [10, 30, 50, 11, 31, 51, 32, 52, 98]);
     let before = buffer.clone();
-    buffer.replace(SampleUse::Fit, 3, 3, new(CollectionPart::LEVEL, 97));
+    buffer.replace_sample(SampleUse::Fit, 3, 3, new(CollectionPart::LEVEL, 97));
     assert_eq!(buffer.all(), before.all(), "there is none");
 }
 
@@ -87,9 +88,12 @@ fn a_full_buffer_accepts_no_more() {
         );
     }
     assert_eq!(buffer.all().len(), CAPACITY);
-    assert!(times(buffer.of(SampleUse::Fit)).is_sorted() && times(buffer.of(SampleUse::Verification)).is_sorted());
+    assert!(
+        times(buffer.samples_of_use(SampleUse::Fit)).is_sorted()
+            && times(buffer.samples_of_use(SampleUse::Verification)).is_sorted()
+    );
     buffer.clear();
-    assert!(buffer.all().is_empty() && buffer.of(SampleUse::Verification).is_empty());
+    assert!(buffer.all().is_empty() && buffer.samples_of_use(SampleUse::Verification).is_empty());
 }
 
 /// As at power-on.
@@ -97,9 +101,11 @@ fn a_full_buffer_accepts_no_more() {
 fn numbers_beyond_the_capacity_are_an_empty_buffer() {
     for (fit_count, held_back_count) in [(CAPACITY as u16 + 1, 0), (1, CAPACITY as u16), (u16::MAX, u16::MAX)] {
         let mut buffer = SampleBuffer { fit_count, held_back_count, ..filled() };
-        assert!([SampleUse::Fit, SampleUse::Verification].iter().all(|purpose| buffer.of(*purpose).is_empty()));
-        buffer.remove(SampleUse::Verification, CollectionPart::FREE, 0);
-        buffer.replace(SampleUse::Verification, 0, 1, sample([0.0; 3], 2));
+        assert!(
+            [SampleUse::Fit, SampleUse::Verification].iter().all(|purpose| buffer.samples_of_use(*purpose).is_empty())
+        );
+        buffer.remove_sample(SampleUse::Verification, CollectionPart::FREE, 0);
+        buffer.replace_sample(SampleUse::Verification, 0, 1, sample([0.0; 3], 2));
         buffer.clear();
         insert(&mut buffer, SampleUse::Fit, CollectionPart::FREE, 3);
         assert_eq!(times(buffer.all()), [3]);

@@ -53,7 +53,7 @@ impl SectorBalance {
     }
 
     /// Stores a sample if it is due and its sector is not the most crowded of a full part. Returns whether it is due.
-    pub fn push(&self, mut part: PartView<'_>, sample: Sample) -> bool {
+    pub fn push_sample(&self, mut part: PartView<'_>, sample: Sample) -> bool {
         let is_due = part.is_due(&sample);
         if is_due {
             let circle = TurnCircle::fit_to(&part.fit_then_held_back());
@@ -66,7 +66,7 @@ impl SectorBalance {
     }
 
     fn update_coverage(&self, part: &mut PartView<'_>, circle: Option<TurnCircle>) {
-        let samples = part.of(SampleUse::Fit);
+        let samples = part.samples_of_use(SampleUse::Fit);
         let number = samples.len() as u16;
         let turned = circle.filter(|c| c.radius_ut >= self.min_radius_ut && number >= self.min_samples);
         let (sectors, percent) = turned.map_or((0, 0), |circle| {
@@ -74,14 +74,14 @@ impl SectorBalance {
             // Completeness is latched: a later sample can shift the circle and its sector borders, but removes no
             // information.
             let is_complete = part.coverage().is_complete();
-            let percent = if is_complete { 100 } else { self.percent(&counts, number) };
+            let percent = if is_complete { 100 } else { self.balance_percent(&counts, number) };
             (counts.iter().filter(|&&n| n > 0).count() as u8, percent)
         });
         (part.state.sectors, part.state.percent) = (sectors, percent);
     }
 
     /// Lesser of sector filling and sample number, percent.
-    fn percent(&self, counts: &[u16; SECTORS], samples: u16) -> u8 {
+    fn balance_percent(&self, counts: &[u16; SECTORS], samples: u16) -> u8 {
         let filled: u16 = counts.iter().map(|&n| n.min(self.sector_samples)).sum();
         percent(filled, self.sector_samples * SECTORS as u16).min(percent(samples, self.target))
     }
@@ -109,12 +109,12 @@ fn insert_balanced(
     if !part.is_full(purpose, quota) {
         return part.insert(purpose, sample);
     }
-    let counts = count_by_sector(part.of(purpose), &sector_of);
+    let counts = count_by_sector(part.samples_of_use(purpose), &sector_of);
     let crowded = (0..SECTORS).max_by_key(|&sector| counts[sector]).unwrap_or(0);
     if crowded != sector_of(&sample)
-        && let Some(oldest) = part.of(purpose).iter().position(|s| sector_of(s) == crowded)
+        && let Some(oldest) = part.samples_of_use(purpose).iter().position(|s| sector_of(s) == crowded)
     {
-        part.replace(purpose, oldest, sample);
+        part.replace_sample(purpose, oldest, sample);
     }
 }
 

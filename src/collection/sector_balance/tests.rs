@@ -8,7 +8,7 @@ use crate::time::WrappingMillis;
 const QUOTA_12: SectorBalance = SectorBalance { quota: Quota { fit: 12, held_back: 12 }, ..SectorBalance::TURNS };
 
 fn push_turn(buffer: &mut TestBuffer, sample: Sample) -> bool {
-    SectorBalance::TURNS.push(buffer.view(CollectionPart::RIGHT), sample)
+    SectorBalance::TURNS.push_sample(buffer.part_view(CollectionPart::RIGHT), sample)
 }
 
 fn collect(samples: impl Iterator<Item = Sample>) -> TestBuffer {
@@ -64,13 +64,13 @@ fn a_full_buffer_stores_samples_of_missing_headings() {
     let coverage = buffer.coverage(CollectionPart::RIGHT);
     assert_eq!(coverage.samples as usize, Quota::TURN.fit, "the buffer was full");
     assert_eq!(coverage.sectors, 12);
-    assert!(buffer.fit(CollectionPart::RIGHT).is_sorted_by_key(|s| s.time.as_ms()));
+    assert!(buffer.fit_samples(CollectionPart::RIGHT).is_sorted_by_key(|s| s.time.as_ms()));
 }
 
 #[test]
 fn held_back_samples_differ_from_the_fit_and_cover_every_sector() {
     let buffer = collect(turn_samples(25.0, 0, 120, 13.0));
-    let (fit, held) = (buffer.fit(CollectionPart::RIGHT), buffer.held_back(CollectionPart::RIGHT));
+    let (fit, held) = (buffer.fit_samples(CollectionPart::RIGHT), buffer.held_back(CollectionPart::RIGHT));
     assert!(held.iter().all(|h| fit.iter().all(|f| f.time != h.time)));
     let circle = TurnCircle::fit_to(&Samples::new(held)).unwrap();
     for sector in 0..SECTORS {
@@ -83,7 +83,7 @@ fn a_complete_level_part_has_15_held_back_samples() {
     assert_eq!(MIN_HELD_BACK_WHEN_COMPLETE, 15, "a third of the 48 of level flight, less the last one");
     let mut buffer = TestBuffer::new();
     for sample in turn_samples(0.0, 0, 84, 13.0).take_while(|s| s.time.as_ms() < 84_000) {
-        SectorBalance::LEVEL.push(buffer.view(CollectionPart::LEVEL), sample);
+        SectorBalance::LEVEL.push_sample(buffer.part_view(CollectionPart::LEVEL), sample);
         if buffer.coverage(CollectionPart::LEVEL).is_complete() {
             break;
         }
@@ -97,10 +97,12 @@ fn parts_are_separate() {
     let mut buffer = TestBuffer::new();
     for i in 0..8_u32 {
         // Eight left, four right, four level; every fourth is held back.
-        SectorBalance::TURNS.push(buffer.view(CollectionPart::LEFT), sample([i as f32, 0.0, 0.0], i * 400));
+        SectorBalance::TURNS.push_sample(buffer.part_view(CollectionPart::LEFT), sample([i as f32, 0.0, 0.0], i * 400));
         if i < 4 {
-            SectorBalance::TURNS.push(buffer.view(CollectionPart::RIGHT), sample([i as f32, 1.0, 0.0], i * 400));
-            SectorBalance::LEVEL.push(buffer.view(CollectionPart::LEVEL), sample([i as f32, 2.0, 0.0], i * 400));
+            SectorBalance::TURNS
+                .push_sample(buffer.part_view(CollectionPart::RIGHT), sample([i as f32, 1.0, 0.0], i * 400));
+            SectorBalance::LEVEL
+                .push_sample(buffer.part_view(CollectionPart::LEVEL), sample([i as f32, 2.0, 0.0], i * 400));
         }
     }
     for (number, part, numbers) in [
@@ -110,7 +112,7 @@ fn parts_are_separate() {
     ] {
         let coverage = buffer.coverage(part);
         assert_eq!((coverage.samples, coverage.held_back), numbers);
-        let samples = [buffer.fit(part), buffer.held_back(part)].concat();
+        let samples = [buffer.fit_samples(part), buffer.held_back(part)].concat();
         assert!(samples.iter().all(|s| s.part == part && s.field.ut.y.to_bits() == number.to_bits()));
     }
     assert_eq!(buffer.coverage(CollectionPart::FREE), Coverage::default());
@@ -161,7 +163,7 @@ fn every_fourth_sample_is_held_back() {
     let buffer = collect((0..13).map(|i| sample([i as f32, 0.0, 0.0], i * 400)));
     let times = |samples: &[Sample]| samples.iter().map(|s| s.time.as_ms() / 400).collect::<Vec<_>>();
     assert_eq!(times(buffer.held_back(CollectionPart::RIGHT)), [3, 7, 11]);
-    assert_eq!(times(buffer.fit(CollectionPart::RIGHT)), [0, 1, 2, 4, 5, 6, 8, 9, 10, 12]);
+    assert_eq!(times(buffer.fit_samples(CollectionPart::RIGHT)), [0, 1, 2, 4, 5, 6, 8, 9, 10, 12]);
 }
 
 /// A sample that is due counts, stored or not.
@@ -171,14 +173,14 @@ fn a_sample_too_early_does_not_count() {
     assert!(push_turn(&mut buffer, sample([0.0; 3], 0)));
     assert!(!push_turn(&mut buffer, sample([1.0, 0.0, 0.0], 399)));
     assert!(push_turn(&mut buffer, sample([1.0, 0.0, 0.0], 400)));
-    assert_eq!(buffer.view(CollectionPart::RIGHT).state.taken_count, 2);
+    assert_eq!(buffer.part_view(CollectionPart::RIGHT).state.taken_count, 2);
 }
 
 /// Samples at `100 sector + age`; sector 3 is the most crowded.
 fn crowded() -> TestBuffer {
     let mut buffer = TestBuffer::new();
     for time_ms in [100, 301, 302, 500, 303, 700] {
-        buffer.view(CollectionPart::LEFT).insert(SampleUse::Fit, sample([0.0; 3], time_ms));
+        buffer.part_view(CollectionPart::LEFT).insert(SampleUse::Fit, sample([0.0; 3], time_ms));
     }
     buffer
 }
@@ -188,7 +190,7 @@ const QUOTA_6: Quota = Quota { fit: 6, held_back: 6 };
 fn insert_at(buffer: &mut TestBuffer, quota: Quota, time_ms: u32) {
     let sector_from_time = |sample: &Sample| sample.time.as_ms() as usize / 100;
     insert_balanced(
-        &mut buffer.view(CollectionPart::LEFT),
+        &mut buffer.part_view(CollectionPart::LEFT),
         SampleUse::Fit,
         quota,
         sample([0.0; 3], time_ms),
@@ -197,7 +199,7 @@ fn insert_at(buffer: &mut TestBuffer, quota: Quota, time_ms: u32) {
 }
 
 fn times(buffer: &TestBuffer) -> Vec<u32> {
-    buffer.fit(CollectionPart::LEFT).iter().map(|s| s.time.as_ms()).collect()
+    buffer.fit_samples(CollectionPart::LEFT).iter().map(|s| s.time.as_ms()).collect()
 }
 
 #[test]
@@ -228,7 +230,7 @@ fn a_part_with_room_accepts_all() {
 /// 8 samples in each of 12 sectors and 132 in all.
 #[test]
 fn a_turn_is_complete_with_8_samples_per_sector_and_132_in_all() {
-    let turns = |counts: &[u16; SECTORS], samples| SectorBalance::TURNS.percent(counts, samples);
+    let turns = |counts: &[u16; SECTORS], samples| SectorBalance::TURNS.balance_percent(counts, samples);
     let mut counts = [8; SECTORS];
     assert_eq!(turns(&counts, 132), 100);
     assert_eq!(turns(&counts, 131), 99);
@@ -238,7 +240,7 @@ fn a_turn_is_complete_with_8_samples_per_sector_and_132_in_all() {
     counts = [50; SECTORS];
     counts[0] = 0;
     assert_eq!(turns(&counts, 132), 91);
-    let level = |counts: &[u16; SECTORS], samples| SectorBalance::LEVEL.percent(counts, samples);
+    let level = |counts: &[u16; SECTORS], samples| SectorBalance::LEVEL.balance_percent(counts, samples);
     assert_eq!((level(&[4; SECTORS], 48), level(&[4; SECTORS], 47), level(&[3; SECTORS], 48)), (100, 97, 75));
 }
 
@@ -277,14 +279,14 @@ fn the_circle_is_fitted_to_fit_and_held_back_samples() {
     };
     for purpose in [SampleUse::Fit, SampleUse::Verification] {
         let mut buffer = TestBuffer::new();
-        (0..12).for_each(|i| buffer.view(CollectionPart::LEFT).insert(purpose, at(i)));
+        (0..12).for_each(|i| buffer.part_view(CollectionPart::LEFT).insert(purpose, at(i)));
         for i in 12..36 {
             // One before the use in question.
-            buffer.view(CollectionPart::LEFT).state.taken_count = if purpose == SampleUse::Fit { 0 } else { 3 };
-            assert!(QUOTA_12.push(buffer.view(CollectionPart::LEFT), at(i)));
+            buffer.part_view(CollectionPart::LEFT).state.taken_count = if purpose == SampleUse::Fit { 0 } else { 3 };
+            assert!(QUOTA_12.push_sample(buffer.part_view(CollectionPart::LEFT), at(i)));
         }
         let samples = if purpose == SampleUse::Fit {
-            buffer.fit(CollectionPart::LEFT)
+            buffer.fit_samples(CollectionPart::LEFT)
         } else {
             buffer.held_back(CollectionPart::LEFT)
         };

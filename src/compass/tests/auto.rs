@@ -103,7 +103,10 @@ fn cal_start_takes_control_of_an_automatic_collection() {
     for procedure in [Procedure::Flight, Procedure::Turns] {
         let refused = bench.refused(Command::CalStart(procedure));
         assert_eq!(refused, Refusal::Collecting { present: Procedure::Flight, requested: procedure });
-        assert!(refused.to_string().ends_with(&format!(": cal start {} again", procedure.name())), "{refused}");
+        assert!(
+            refused.to_string().ends_with(&format!(": cal start {} again", procedure.procedure_name())),
+            "{refused}"
+        );
     }
     assert_eq!(bench.done(Command::CalStartNew(None)), ModuleState::Collecting);
     assert_eq!((bench.kept(), bench.report().progress.procedure), (0, Procedure::Flight));

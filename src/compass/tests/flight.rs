@@ -126,7 +126,7 @@ fn the_recommended_manoeuvre_is_reported() {
     bench.done(Command::CalSolve(None));
     let end = bench.solve();
     let refusal = bench.settle(end).unwrap_err();
-    assert_eq!(refusal.code(), "not-accurate");
+    assert_eq!(refusal.stable_code(), "not-accurate");
     assert!(refusal.to_string().contains("deg; missing: tilt "), "{refusal}");
     assert!(matches!(bench.ask(Command::CalAdvise), Ok(Reply::Advice(_))));
 }
@@ -205,7 +205,7 @@ fn a_vehicle_without_tilt_is_not_calibrated_in_flight() {
         }
         bench.done(Command::CalSolve(None));
         let end = bench.solve();
-        Err(bench.settle(end).unwrap_err().code())
+        Err(bench.settle(end).unwrap_err().stable_code())
     };
     assert!(ends_after(11.0).is_ok_and(|number| number < 600));
     assert_eq!(ends_after(9.0), Err("unobservable"));
@@ -235,7 +235,7 @@ fn collect_during_trial(before_first_step: usize) -> TestBed {
 /// It does not matter when they arrive: the samples of the solve must not change.
 #[test]
 fn samples_during_a_trial_are_stored_after_it() {
-    let fit = |bench: &TestBed| bench.compass.collector.fit().all().copied().collect::<Vec<Sample>>();
+    let fit = |bench: &TestBed| bench.compass.collector.fit_samples().all().copied().collect::<Vec<Sample>>();
     let [mut early, mut late] = [20, 0].map(collect_during_trial);
     assert_eq!(fit(&early), fit(&late));
     assert!(early.prospect().is_some() && early.prospect() == late.prospect());
@@ -307,7 +307,7 @@ fn a_collection_ends_though_its_calibration_is_no_better() {
         first.unwrap();
         bench.done(Command::CalStart(Procedure::Flight));
         let Some((second, _)) = bench.hover(&hover(40 + seed)) else { panic!("{seed}: it goes on") };
-        refused += usize::from(second.is_err_and(|refusal| refusal.code() == "not-better"));
+        refused += usize::from(second.is_err_and(|refusal| refusal.stable_code() == "not-better"));
     }
     assert!(refused >= 1, "{refused}");
 }

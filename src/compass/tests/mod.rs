@@ -417,7 +417,7 @@ fn a_new_collection_starts_without_samples() {
             bench.done(Command::CalStart(Procedure::Turns));
         } else {
             let refused = bench.refused(Command::CalStart(Procedure::Turns));
-            assert_eq!(refused.code(), "collecting");
+            assert_eq!(refused.stable_code(), "collecting");
             assert!(bench.report().progress.left_turns.samples > 0);
             bench.done(Command::CalStartNew(None));
         }
@@ -467,7 +467,7 @@ fn a_rejected_calibration_is_not_used() {
     for (policy, code) in [(strict, "not-accurate"), (more, "too-few-held-back")] {
         let mut bench = TestBed::with(policy, StoredCalibrations::default());
         let refused = bench.calibrate(&turns(&airframe(), 1)).unwrap_err();
-        assert_eq!(refused.code(), code);
+        assert_eq!(refused.stable_code(), code);
         assert!(matches!(refused, Refusal::Rejected(_)));
         assert_eq!(bench.compass.state(), ModuleState::Uncalibrated);
         assert!(bench.compass.pending_change().is_none());
@@ -598,7 +598,7 @@ fn each_mark_uses_its_own_second_of_samples() {
     assert_eq!(bench.refused(Command::CalMark(10.0)), Refusal::NotStationary);
     bench.stand(some_field(), 8);
     for outside in [-0.1, 360.1, f32::NAN] {
-        assert_eq!(bench.refused(Command::CalMark(outside)).code(), "out-of-range");
+        assert_eq!(bench.refused(Command::CalMark(outside)).stable_code(), "out-of-range");
     }
     assert!(matches!(bench.ask(Command::CalMark(360.0)), Ok(Reply::Marked(1))));
     assert_eq!(bench.refused(Command::CalMark(0.0)), Refusal::NotStationary);
@@ -630,7 +630,7 @@ fn alignment_removes_a_constant_heading_error() {
     let stored_calibrations = StoredCalibrations { current: Some(record(1)), previous: None };
     let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, stored_calibrations);
     assert_eq!(bench.refused(Command::Align(Some(100.0))), Refusal::NotStationary);
-    assert_eq!(bench.refused(Command::Align(Some(360.5))).code(), "out-of-range");
+    assert_eq!(bench.refused(Command::Align(Some(360.5))).stable_code(), "out-of-range");
     let calibration = record(1).calibration;
     for (shown_deg, given_heading_deg, align_deg) in [(90.0, 100.0, 10.0), (5.0, 350.0, -15.0), (350.0, 5.0, 15.0)] {
         let earth = Field::earth(48.0, 1.0, f32::to_radians(shown_deg));
@@ -668,13 +668,13 @@ fn a_large_alignment_must_be_confirmed() {
         let repeat = format!("; if that is right: set align {given_heading_deg} yes");
         let refusal_text = refused.to_string();
         assert!(
-            refused.code() == "needs-word" && refusal_text.starts_with(words) && refusal_text.ends_with(&repeat),
+            refused.stable_code() == "needs-word" && refusal_text.starts_with(words) && refusal_text.ends_with(&repeat),
             "{refusal_text}"
         );
         bench.saved(Command::AlignConfirmed(given_heading_deg)).unwrap();
         assert!((bench.compass.settings().align_deg - align_deg).abs() < 0.01);
     }
-    assert_eq!(bench.refused(Command::AlignConfirmed(360.5)).code(), "out-of-range");
+    assert_eq!(bench.refused(Command::AlignConfirmed(360.5)).stable_code(), "out-of-range");
     bench.now = bench.now.wrapping_add(60_000);
     assert_eq!(bench.refused(Command::AlignConfirmed(100.0)), Refusal::NotStationary);
 }
@@ -692,11 +692,11 @@ fn a_refusal_reports_the_problem_of_the_flight() {
     };
     hold(&mut bench, 6.0, 60);
     let refused = bench.refused(Command::CalSolve(None));
-    assert_eq!(refused.code(), "no-samples");
+    assert_eq!(refused.stable_code(), "no-samples");
     assert_eq!(refused.to_string(), "too little bank, 6.0 deg at most; fly turns at 15 deg of bank or more each way");
     hold(&mut bench, -25.0, 60);
     let refused = bench.refused(Command::CalSolve(None));
-    assert_eq!(refused.code(), "too-few-samples");
+    assert_eq!(refused.stable_code(), "too-few-samples");
     assert_eq!(refused.to_string(), "only left turns were flown; fly right turns, too");
     bench.done(Command::CalStartNew(None));
     assert_eq!(bench.refused(Command::CalSolve(None)), Refusal::NoSamples);
@@ -721,13 +721,16 @@ fn collection_problems_explain_only_refusals_for_missing_samples() {
     ] {
         assert_eq!(refusal.clone().with_cause(None::<CollectionProblem>), refusal);
         let explained = refusal.with_cause(lack);
-        assert!(explained.code() == code && explained.to_string().starts_with(words), "{explained:?}: {explained}");
+        assert!(
+            explained.stable_code() == code && explained.to_string().starts_with(words),
+            "{explained:?}: {explained}"
+        );
     }
     // Mounting or turn direction estimated from an arc are not reported.
     let found = Orientation::from_name("yaw90").unwrap();
     for error in [SolveError::NotConverged, SolveError::TurnsReversed, SolveError::MountContradicted { found }] {
         let arc = CollectionProblem::ArcOnly { side: Side::Left, sectors: 2 };
-        let code = Refusal::Solve(error).code();
+        let code = Refusal::Solve(error).stable_code();
         let explained = Refusal::Solve(error).with_cause(Some(arc));
         assert_eq!(explained, Refusal::InsufficientSamples { code, expected_rms_deg: None, cause: arc.into() });
         assert_eq!(Refusal::Solve(error).with_cause(lack), Refusal::Solve(error));
@@ -844,5 +847,5 @@ fn states_have_names() {
         ModuleState::Calibrated,
     ];
     let names = ["uncalibrated", "collecting", "solving", "verifying", "calibrated"];
-    assert_eq!(states.map(ModuleState::name), names);
+    assert_eq!(states.map(ModuleState::state_name), names);
 }

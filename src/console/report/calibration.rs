@@ -2,22 +2,22 @@
 
 use core::fmt::{self, Display, Write};
 
-use super::error::refusal;
+use super::error::write_refusal;
 use crate::calibration::{Advice, AttitudeLatency, Calibration, MotorCurrentInterference};
 use crate::compass::{CalibrationSummary, StatusReport};
 use crate::decimal::Decimal;
 use crate::messages::{ExpectedErrorText, Refusal};
 
 /// Writes the reply to `cal show`.
-pub(super) fn calibration(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
-    let Some(record) = &report.stored_calibration else { return refusal(out, &Refusal::NoStoredCalibration) };
+pub(super) fn write_calibration(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
+    let Some(record) = &report.stored_calibration else { return write_refusal(out, &Refusal::NoStoredCalibration) };
     writeln!(out, "ok {}", CalibrationTitle(record))?;
-    coefficients(out, record)?;
+    write_coefficients(out, record)?;
     let before = if report.can_undo { "kept, cal undo brings it back" } else { "none" };
     writeln!(out, "before: {before}")
 }
 
-fn coefficients(out: &mut impl Write, record: &CalibrationSummary) -> fmt::Result {
+fn write_coefficients(out: &mut impl Write, record: &CalibrationSummary) -> fmt::Result {
     let calibration = &record.calibration;
     for (name, row) in ["wx", "wy", "wz"].iter().zip(&calibration.w) {
         let [x, y, z] = row.map(Decimal::<5>);
@@ -35,13 +35,17 @@ fn coefficients(out: &mut impl Write, record: &CalibrationSummary) -> fmt::Resul
         Decimal::<2>(quality.norm_residual * 100.0),
         Decimal::<2>(quality.inclination_residual_deg)
     )?;
-    latency(out, calibration, quality.latency)?;
+    write_latency(out, calibration, quality.latency)?;
     write_interference(out, &calibration.motor_current)?;
-    writeln!(out, "sensor: {}, mount {}", record.sensor, record.mount.name())
+    writeln!(out, "sensor: {}, mount {}", record.sensor, record.mount.orientation_name())
 }
 
 /// Writes the attitude latency in excess of that reported by the source: the applied one, otherwise the estimate.
-pub(super) fn latency(out: &mut impl Write, calibration: &Calibration, found: Option<AttitudeLatency>) -> fmt::Result {
+pub(super) fn write_latency(
+    out: &mut impl Write,
+    calibration: &Calibration,
+    found: Option<AttitudeLatency>,
+) -> fmt::Result {
     let Some(AttitudeLatency { estimate_s: found_s, sigma_s }) = found else {
         return writeln!(out, "latency: not known");
     };
@@ -67,15 +71,15 @@ pub(super) struct CalibrationTitle<'a>(pub &'a CalibrationSummary);
 impl Display for CalibrationTitle<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let CalibrationSummary { serial, quality, .. } = self.0;
-        write!(f, "number {serial} of {}, {}", quality.method.name(), ExpectedErrorText(quality))
+        write!(f, "number {serial} of {}, {}", quality.method.method_name(), ExpectedErrorText(quality))
     }
 }
 
-pub(super) fn advise(out: &mut impl Write, advice: &Advice) -> fmt::Result {
+pub(super) fn write_advice(out: &mut impl Write, advice: &Advice) -> fmt::Result {
     let [expected, weakest, with_it] =
         [advice.expected_deg, advice.weakest_deg, advice.expected_after_deg].map(Decimal::<2>);
     writeln!(out, "ok expected error {expected} deg rms")?;
-    writeln!(out, "weakest: {}, {weakest} deg: {}", advice.weakest.name(), advice.weakest)?;
+    writeln!(out, "weakest: {}, {weakest} deg: {}", advice.weakest.measure_name(), advice.weakest)?;
     let assumed = [
         (advice.unobservable.soft_iron, " soft iron"),
         (advice.unobservable.mounting, " mounting"),
@@ -126,7 +130,7 @@ mod tests {
         let line = |latency_s: f32, found: Option<AttitudeLatency>| {
             let calibration = Calibration { latency_s, ..Calibration::uncalibrated(Orientation::NONE) };
             let mut out = heapless::String::<64>::new();
-            latency(&mut out, &calibration, found).unwrap();
+            write_latency(&mut out, &calibration, found).unwrap();
             out
         };
         let found = |found_s: f32| Some(AttitudeLatency { estimate_s: found_s, sigma_s: 0.0031 });

@@ -6,7 +6,7 @@ use crate::console::LineError;
 use crate::messages::Refusal;
 
 /// Writes `error <code>: what to do`.
-fn error(out: &mut impl Write, code: &str, advice: impl Display) -> fmt::Result {
+fn write_error(out: &mut impl Write, code: &str, advice: impl Display) -> fmt::Result {
     writeln!(out, "error {code}: {advice}")
 }
 
@@ -16,9 +16,9 @@ fn error(out: &mut impl Write, code: &str, advice: impl Display) -> fmt::Result 
 ///
 /// Those of `out`.
 pub fn line_error(out: &mut impl Write, line: &LineError) -> fmt::Result {
-    error(out, line.code(), line)
+    write_error(out, line.stable_code(), line)
 }
 
-pub(super) fn refusal(out: &mut impl Write, refusal: &Refusal) -> fmt::Result {
-    error(out, refusal.code(), refusal)
+pub(super) fn write_refusal(out: &mut impl Write, refusal: &Refusal) -> fmt::Result {
+    write_error(out, refusal.stable_code(), refusal)
 }

@@ -13,11 +13,11 @@ use crate::decimal::ShortestDecimal;
 use crate::health::{Diagnostics, ResetCause};
 use crate::messages::{Message, Refusal};
 use crate::settings::SettingChange;
-use calibration::{CalibrationTitle, advise, calibration};
+use calibration::{CalibrationTitle, write_advice, write_calibration};
 pub use error::line_error;
-use error::refusal;
+use error::write_refusal;
 use settings::{SettingGroup, setting_line};
-use status::{Reset, full_status, safe_mode_status, status};
+use status::{Reset, full_status, safe_mode_status, write_status};
 
 /// The firmware's version; with its commit if a script of this repository built it (`scripts/foreign-target.sh`).
 pub const VERSION: &str = match option_env!("AUTOSWING_VERSION") {
@@ -30,7 +30,7 @@ pub const VERSION: &str = match option_env!("AUTOSWING_VERSION") {
 /// # Errors
 ///
 /// Those of `out`.
-pub fn version(out: &mut impl Write) -> fmt::Result {
+pub fn write_version(out: &mut impl Write) -> fmt::Result {
     writeln!(out, "ok autoswing {VERSION}")
 }
 
@@ -39,7 +39,7 @@ pub fn version(out: &mut impl Write) -> fmt::Result {
 /// # Errors
 ///
 /// Those of `out`.
-pub fn greeting(out: &mut impl Write, reset: &ResetCause) -> fmt::Result {
+pub fn write_greeting(out: &mut impl Write, reset: &ResetCause) -> fmt::Result {
     writeln!(out, "autoswing {VERSION}, started by {}; help lists the commands", Reset(reset))
 }
 
@@ -55,15 +55,15 @@ pub fn reply(
     health: &Diagnostics,
 ) -> fmt::Result {
     match (answer, command) {
-        (Err(reason), _) => refusal(out, reason),
+        (Err(reason), _) => write_refusal(out, reason),
         (Ok(_), Command::Restart) => writeln!(out, "ok restarting"),
-        (Ok(Reply::Report(report)), Command::Status) => status(out, report, health),
+        (Ok(Reply::Report(report)), Command::Status) => write_status(out, report, health),
         (Ok(Reply::Report(report)), Command::StatusAll) => full_status(out, report, health),
-        (Ok(Reply::Report(report)), Command::CalShow) => calibration(out, report),
+        (Ok(Reply::Report(report)), Command::CalShow) => write_calibration(out, report),
         (Ok(Reply::Report(report)), _) => write_state_after_change(out, command, report),
-        (Ok(Reply::Done(state)), _) => writeln!(out, "ok {}", state.name()),
+        (Ok(Reply::Done(state)), _) => writeln!(out, "ok {}", state.state_name()),
         (Ok(Reply::Marked(number)), _) => writeln!(out, "ok mark {number}"),
-        (Ok(Reply::Advice(advice)), _) => advise(out, advice),
+        (Ok(Reply::Advice(advice)), _) => write_advice(out, advice),
         (Ok(Reply::SafeMode), _) => safe_mode_status(out, health),
     }
 }
@@ -81,17 +81,17 @@ fn write_state_after_change(out: &mut impl Write, command: Command, report: &Sta
     match (command, &report.stored_calibration) {
         (Command::Set(setting), _) => {
             out.write_str("ok ")?;
-            setting_line(out, SettingGroup::containing(setting), " ", report)?;
+            setting_line(out, SettingGroup::from_setting(setting), " ", report)?;
             // A calibration is valid for one mounting.
-            let state = if let SettingChange::Mount(_) = setting { report.state.name() } else { "" };
+            let state = if let SettingChange::Mount(_) = setting { report.state.state_name() } else { "" };
             writeln!(out, "{}{state}", if state.is_empty() { "" } else { "; " })
         }
         (Command::Align(_) | Command::AlignConfirmed(_), _) => {
             writeln!(out, "ok align {} deg, added to every heading", ShortestDecimal(report.settings.align_deg, 1))
         }
         (Command::CalUndo, Some(record)) => {
-            writeln!(out, "ok {}: {}", report.state.name(), CalibrationTitle(record))
+            writeln!(out, "ok {}: {}", report.state.state_name(), CalibrationTitle(record))
         }
-        _ => writeln!(out, "ok {}", report.state.name()),
+        _ => writeln!(out, "ok {}", report.state.state_name()),
     }
 }

@@ -42,7 +42,7 @@ impl SettingGroup {
         Self::Signing,
     ];
 
-    pub const fn containing(setting: SettingChange) -> Self {
+    pub const fn from_setting(setting: SettingChange) -> Self {
         match setting {
             SettingChange::StreamOn(_) | SettingChange::StreamRateHz(_) | SettingChange::StreamHeading(_) => {
                 Self::Stream
@@ -78,20 +78,25 @@ pub(super) fn setting_line(
     match line {
         SettingGroup::Stream => {
             let on = on_or_off(settings.stream_on);
-            let (rate_hz, heading) = (settings.stream_rate_hz, settings.stream_heading.name());
+            let (rate_hz, heading) = (settings.stream_rate_hz, settings.stream_heading.kind_name());
             write!(out, "stream{between}{on}, {rate_hz} Hz, {heading} heading")
         }
         SettingGroup::Declination => {
             let by_model_deg = field.and_then(|field| field.declination_deg);
-            degrees(out, "declination", between, [settings.declination_deg, by_model_deg], "not set")
+            write_degrees(out, "declination", between, [settings.declination_deg, by_model_deg], "not set")
         }
         SettingGroup::Inclination => {
             let by_model_deg = field.map(|field| field.inclination_deg);
             let without = "not set, found from the samples";
-            degrees(out, "inclination", between, [settings.inclination_deg, by_model_deg], without)
+            write_degrees(out, "inclination", between, [settings.inclination_deg, by_model_deg], without)
         }
         SettingGroup::Mount => {
-            write!(out, "mount{between}{}, align {} deg", settings.mount.name(), Decimal::<1>(settings.align_deg))
+            write!(
+                out,
+                "mount{between}{}, align {} deg",
+                settings.mount.orientation_name(),
+                Decimal::<1>(settings.align_deg)
+            )
         }
         SettingGroup::AttitudeError => {
             let AttitudeError { bias_deg, bank_percent } = settings.attitude_error;
@@ -112,8 +117,8 @@ pub(super) fn setting_line(
             write!(out, "auto{between}{}, {words}", on_or_off(settings.auto_on))
         }
         SettingGroup::Port(port) => {
-            let PortSettings { protocol, baud } = settings.ports.port(port);
-            write!(out, "port{}{between}{}, {} baud", port as u8 + 1, protocol.name(), baud.name())
+            let PortSettings { protocol, baud } = settings.ports.settings_of_port(port);
+            write!(out, "port{}{between}{}, {} baud", port as u8 + 1, protocol.protocol_name(), baud.name())
         }
         SettingGroup::Vision => write!(out, "vision{between}{}", on_or_off(settings.sends_vision_yaw)),
         SettingGroup::AttitudeRate => write!(out, "attitude-rate{between}{} Hz at most", settings.attitude_rate_hz),
@@ -136,7 +141,7 @@ const fn on_or_off(on: bool) -> &'static str {
 }
 
 /// Writes the entered value, otherwise that of the field model.
-fn degrees(
+fn write_degrees(
     out: &mut impl Write,
     name: &str,
     between: &str,
@@ -240,7 +245,7 @@ mod tests {
             ([None, None], "declination: not set"),
         ] {
             let mut out = String::new();
-            super::degrees(&mut out, "declination", ": ", degrees, "not set").unwrap();
+            super::write_degrees(&mut out, "declination", ": ", degrees, "not set").unwrap();
             assert_eq!(out, words);
         }
     }

@@ -2,7 +2,7 @@
 
 use core::fmt::{self, Display, Write};
 
-use super::calibration::latency;
+use super::calibration::write_latency;
 use super::settings::{SettingGroup, field_model, setting_line};
 use crate::calibration::method_selection::Procedure;
 use crate::collection::{Coverage, SECTORS};
@@ -17,8 +17,8 @@ use crate::wire::dronecan::outbound::BusCounts;
 
 /// Writes the reply to `status`: the state, sensors, and the collection, what went wrong last, or the
 /// calibration.
-pub(super) fn status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
-    writeln!(out, "ok {}", report.state.name())?;
+pub(super) fn write_status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
+    writeln!(out, "ok {}", report.state.state_name())?;
     heading_lines(out, health)?;
     match (report.state, &report.last_outcome) {
         (ModuleState::Collecting, _) if report.progress.procedure == Procedure::Flight => {
@@ -34,7 +34,7 @@ pub(super) fn status(out: &mut impl Write, report: &StatusReport, health: &Diagn
 fn write_coverage(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     let progress = &report.progress;
     let [left, right, level] = [&progress.left_turns, &progress.right_turns, &progress.level].map(|part| part.percent);
-    write!(out, "collecting: {}", progress.procedure.name())?;
+    write!(out, "collecting: {}", progress.procedure.procedure_name())?;
     match progress.procedure {
         Procedure::Turns => writeln!(out, ", left {left} %, right {right} %, level {level} %"),
         Procedure::Level => writeln!(out, ", {level} %"),
@@ -46,7 +46,7 @@ fn write_coverage(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
 fn last_outcome(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     match &report.last_outcome {
         Some(Message::Solved(Ok(_))) => writeln!(out, "last solve: ok"),
-        Some(message) => writeln!(out, "last solve: {}: {}", message.code(), message.text()),
+        Some(message) => writeln!(out, "last solve: {}: {}", message.stable_code(), message.text()),
         None => writeln!(out, "last solve: none"),
     }
 }
@@ -58,7 +58,7 @@ fn calibration_line(out: &mut impl Write, report: &StatusReport, health: &Diagno
     if health.sensor.is_some_and(|sensor| sensor != record.sensor) {
         writeln!(out, "not applied: it is of another sensor, {}", record.sensor)
     } else if record.mount != report.settings.mount {
-        writeln!(out, "not applied: it is of mount {}", record.mount.name())
+        writeln!(out, "not applied: it is of mount {}", record.mount.orientation_name())
     } else {
         writeln!(out, "{}", record.expected_accuracy())
     }
@@ -66,23 +66,27 @@ fn calibration_line(out: &mut impl Write, report: &StatusReport, health: &Diagno
 
 /// Writes the reply to `status all`.
 pub(super) fn full_status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
-    writeln!(out, "ok {}", report.state.name())?;
+    writeln!(out, "ok {}", report.state.state_name())?;
     heading_lines(out, health)?;
     writeln!(out, "armed: {}", report.is_armed.map_or("not known", |armed| if armed { "yes" } else { "no" }))?;
     write_motor_current(out, health.current_a)?;
-    progress(out, report)?;
+    write_progress(out, report)?;
     if let (ModuleState::Collecting, Procedure::Flight) = (report.state, report.progress.procedure) {
         write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)?;
     }
     calibration_line(out, report, health)?;
     if let Some(record) = &report.stored_calibration {
-        latency(out, &record.calibration, record.quality.latency)?;
+        write_latency(out, &record.calibration, record.quality.latency)?;
     }
     last_outcome(out, report)?;
     for line in SettingGroup::ALL {
         setting_line(out, line, ": ", report)?;
         if let SettingGroup::Port(port) = line {
-            write_detected_protocol(out, report.settings.ports.port(port).protocol, health.port_protocol(port))?;
+            write_detected_protocol(
+                out,
+                report.settings.ports.settings_of_port(port).protocol,
+                health.port_protocol(port),
+            )?;
         }
         writeln!(out)?;
     }
@@ -91,20 +95,20 @@ pub(super) fn full_status(out: &mut impl Write, report: &StatusReport, health: &
         write_can_state(out, can)?;
     }
     field_model(out, &report.local_field)?;
-    counters(out, &health.event_counts)?;
+    write_counters(out, &health.event_counts)?;
     if let Some(StackUse { used_bytes: used, size_bytes: size }) = health.stack_use {
         writeln!(out, "stack: {used} of {size} bytes used at most")?;
     }
-    uptime(out, health)
+    write_uptime(out, health)
 }
 
 /// Writes the reply to `status` in safe mode.
 pub(super) fn safe_mode_status(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
-    writeln!(out, "ok {}: {}", Message::SafeMode.code(), Message::SafeMode.text())?;
-    uptime(out, health)
+    writeln!(out, "ok {}: {}", Message::SafeMode.stable_code(), Message::SafeMode.text())?;
+    write_uptime(out, health)
 }
 
-fn uptime(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
+fn write_uptime(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
     writeln!(out, "up: {} s, started by {}", health.uptime_s, Reset(&health.reset_cause))
 }
 
@@ -119,7 +123,7 @@ fn write_motor_current(out: &mut impl Write, current_a: Option<f32>) -> fmt::Res
 fn write_detected_protocol(out: &mut impl Write, chosen: ProtocolKind, detected: ProtocolKind) -> fmt::Result {
     match (chosen, detected) {
         (ProtocolKind::Auto, ProtocolKind::Auto) => out.write_str(", no protocol detected yet"),
-        (ProtocolKind::Auto, detected) => write!(out, ", found {}", detected.name()),
+        (ProtocolKind::Auto, detected) => write!(out, ", found {}", detected.protocol_name()),
         _ => Ok(()),
     }
 }
@@ -137,11 +141,11 @@ fn write_can_state(out: &mut impl Write, can: &CanState) -> fmt::Result {
     writeln!(out, "; {sent} frames sent, {received} received, {errors} errors")
 }
 
-fn progress(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
+fn write_progress(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     let progress = &report.progress;
     let automatic_text = if report.is_automatic { ", automatic" } else { "" };
     let waiting_text = if report.awaits_arming { ", when the autopilot arms" } else { "" };
-    writeln!(out, "collection: {}{automatic_text}{waiting_text}", progress.procedure.name())?;
+    writeln!(out, "collection: {}{automatic_text}{waiting_text}", progress.procedure.procedure_name())?;
     match progress.procedure {
         Procedure::Turns => {
             writeln!(out, "left: {}", CoverageText(&progress.left_turns))?;
@@ -185,7 +189,7 @@ fn write_expected_accuracy(out: &mut impl Write, prospect: Option<&TrialResult>,
     }
     match refusal {
         Some(refusal) if missing.is_none() || expected_deg.is_none() || !refusal.is_curable_by_samples() => {
-            writeln!(out, "{}{}: {refusal}", if expected_deg.is_some() { "; " } else { "" }, refusal.code())
+            writeln!(out, "{}{}: {refusal}", if expected_deg.is_some() { "; " } else { "" }, refusal.stable_code())
         }
         _ => writeln!(out),
     }
@@ -208,7 +212,7 @@ fn heading_lines(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
             let [heading_deg, sigma_deg] = [heading.magnetic_deg(), heading.sigma_deg()].map(Decimal::<1>);
             writeln!(out, "heading: {heading_deg} deg magnetic, sigma {sigma_deg} deg")
         }
-        Err(reason) => writeln!(out, "heading: none, {}", reason.code()),
+        Err(reason) => writeln!(out, "heading: none, {}", reason.stable_code()),
     }?;
     match &health.installation_change {
         Some(change) => {
@@ -222,7 +226,7 @@ fn heading_lines(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
     }
 }
 
-fn counters(out: &mut impl Write, counts: &Counts) -> fmt::Result {
+fn write_counters(out: &mut impl Write, counts: &Counts) -> fmt::Result {
     writeln!(
         out,
         "readings: {}, {} overruns, {} errors, {} register upsets repaired",

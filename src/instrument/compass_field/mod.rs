@@ -48,7 +48,7 @@ struct FieldMap([[f32; 4]; 3]);
 
 impl FieldMap {
     fn new(calibration: &Calibration, output: &OutputMap) -> Self {
-        let map = |ut: Vector3<f32>| output.apply(Field::new(ut)).ut;
+        let map = |ut: Vector3<f32>| output.map_field(Field::new(ut)).ut;
         let w = calibration.w_matrix();
         let [x, y, z, c] = [
             map(w.column(0).into()),
@@ -59,7 +59,7 @@ impl FieldMap {
         Self([0, 1, 2].map(|row| [x[row], y[row], z[row], c[row]]))
     }
 
-    fn apply(&self, field: Field<Sensor>) -> Field<Body> {
+    fn map_field(&self, field: Field<Sensor>) -> Field<Body> {
         let m = field.ut;
         let row = |[wx, wy, wz, c]: &[f32; 4]| wx * m.x + wy * m.y + wz * m.z + c;
         let [x, y, z] = &self.0;
@@ -94,7 +94,7 @@ fn blend_duration_s(from: &FieldMap, to: &FieldMap, calibration: &Calibration, a
     let turn_rad = |heading: u8| {
         let heading_rad = TAU / f32::from(EVALUATED_HEADINGS) * f32::from(heading);
         let after = Attitude::default().body(Field::<Level>::earth(total_ut, inclination_rad, heading_rad));
-        max_turn_rad_per_weight(from.apply(sensor_field(after)), after)
+        max_turn_rad_per_weight(from.map_field(sensor_field(after)), after)
     };
     let worst_rad = (0..EVALUATED_HEADINGS).map(turn_rad).fold(0.0, f32::max);
     (worst_rad.to_degrees() * SAMPLING_MARGIN / MAX_TURN_DEG_S).min(MAX_BLEND_S)
@@ -172,9 +172,9 @@ impl CompassField {
     /// Begins the blend from one active calibration to the next; none if the output is the same.
     #[inline(never)]
     pub fn change_calibration(&mut self, before: &ActiveCalibration, after: &ActiveCalibration) {
-        let map_before = self.map(before);
+        let map_before = self.active_map(before);
         self.had_calibration |= after.adjusted.is_some();
-        let map_after = self.map(after);
+        let map_after = self.active_map(after);
         if map_after == map_before {
             return;
         }
@@ -199,13 +199,13 @@ impl CompassField {
         body: Option<Field<Body>>,
     ) -> Option<Field<Body>> {
         self.last = at;
-        let after = body.or_else(|| Some(self.output_calibration(active)?.apply(field)))?;
-        let after = active.output_map.apply(after);
+        let after = body.or_else(|| Some(self.output_calibration(active)?.calibrated_field(field)))?;
+        let after = active.output_map.map_field(after);
         let Some((blend, weight)) = self.blend.as_ref().and_then(|blend| Some((blend, blend.weight(at)?))) else {
             self.blend = None;
             return Some(after);
         };
-        let before = blend.from.apply(field);
+        let before = blend.from.map_field(field);
         Some(Field::new(before.ut + (after.ut - before.ut) * weight))
     }
 
@@ -214,7 +214,7 @@ impl CompassField {
         active.calibration().filter(|_| active.adjusted.is_some() || !self.had_calibration)
     }
 
-    fn map(&self, active: &ActiveCalibration) -> Option<FieldMap> {
+    fn active_map(&self, active: &ActiveCalibration) -> Option<FieldMap> {
         self.output_calibration(active).map(|calibration| FieldMap::new(&calibration, &active.output_map))
     }
 

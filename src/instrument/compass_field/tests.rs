@@ -130,7 +130,7 @@ fn the_raw_field_is_never_sent_after_a_calibration_was_used() {
     assert_eq!(read(&mut instrument, PERIOD_US, SOME).compass_field, None);
     instrument.set_correction(Correction { mount, ..corrected(other_calibration()) });
     assert!(
-        is_near(read(&mut instrument, 2 * PERIOD_US, SOME).compass_field, other_calibration().apply(SOME)),
+        is_near(read(&mut instrument, 2 * PERIOD_US, SOME).compass_field, other_calibration().calibrated_field(SOME)),
         "at once"
     );
 }
@@ -221,9 +221,9 @@ fn the_compass_field_uses_the_monitored_calibration() {
     let mut instrument = with(corrected(calibration()));
     let monitored = Calibration { b_ut: [1.0, 0.0, 0.0], ..calibration() };
     instrument.active.adjusted = Some((monitored, HeadingUncertainty::NONE));
-    assert!(is_near(read(&mut instrument, 0, SOME).compass_field, monitored.apply(SOME)));
+    assert!(is_near(read(&mut instrument, 0, SOME).compass_field, monitored.calibrated_field(SOME)));
     instrument.set_correction(armed(true, &corrected(calibration())));
-    assert!(is_near(read(&mut instrument, PERIOD_US, SOME).compass_field, monitored.apply(SOME)));
+    assert!(is_near(read(&mut instrument, PERIOD_US, SOME).compass_field, monitored.calibrated_field(SOME)));
 }
 
 /// Full path through the monitor: 2 uT of added hard iron are compensated.
@@ -258,7 +258,7 @@ fn added_hard_iron_is_compensated_in_the_compass_field() {
 /// Compass field of a reading, without its plausibility checks.
 fn output_at(instrument: &mut Instrument, us: u64, field: Field<Sensor>) -> Option<Field<Body>> {
     let Instrument { active, compass_field, .. } = instrument;
-    compass_field.output_field(at(us), active, field, active.apply(field))
+    compass_field.output_field(at(us), active, field, active.calibrated_field(field))
 }
 
 fn output(instrument: &mut Instrument, from_us: u64, seconds: u64, field: Field<Sensor>) -> Vec<Field<Body>> {
@@ -283,7 +283,7 @@ fn while_armed_a_new_calibration_turns_the_heading_by_1_deg_s() {
         instrument.set_correction(armed(true, &corrected(other_calibration())));
         let output = output(&mut instrument, 0, 40, field);
         assert_eq!(output[0], before);
-        assert!(is_near(output.last().copied(), other_calibration().apply(field)));
+        assert!(is_near(output.last().copied(), other_calibration().calibrated_field(field)));
         let fastest_deg_s = fastest_deg_s(&output);
         // f32 rounding of 1e-5 deg per 10 ms is 1e-3 deg/s.
         assert!(fastest_deg_s < 1.01, "heading {heading}: {fastest_deg_s}");
@@ -345,7 +345,7 @@ fn is_at_once(instrument: &mut Instrument, us: u64, correction: Correction) -> b
     let field = sensed(0.3, Attitude::default());
     output_at(instrument, us, field);
     instrument.set_correction(correction);
-    is_near(output_at(instrument, us + 1, field), other_calibration().apply(field))
+    is_near(output_at(instrument, us + 1, field), other_calibration().calibrated_field(field))
 }
 
 #[test]

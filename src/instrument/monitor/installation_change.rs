@@ -38,7 +38,7 @@ impl InstallationChange {
         match (self, reported) {
             (Self::HardIron(now), Self::HardIron(reported)) => {
                 let least_ut = (REPORT_AGAIN_SIGMAS * now.sigma_ut).max(MIN_REPORT_AGAIN_UT);
-                (now.change_ut - reported.change_ut).length() > least_ut
+                (now.change_ut - reported.change_ut).vector_length() > least_ut
             }
             (Self::Mount(now), Self::Mount(reported)) => {
                 let least_rad = (REPORT_AGAIN_SIGMAS * now.sigma_rad).max(MIN_MOUNT_TURN_RAD);

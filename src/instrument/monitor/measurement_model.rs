@@ -58,7 +58,7 @@ pub(super) fn hard_iron_change(states: &StateVector) -> Vector3<f32> {
 /// the mounting; the mean of `W^-1 z` and `W^T z` has no part of it of first order. Not a number if `W` is singular.
 pub(super) fn mount_axis(calibration: &Calibration) -> Vector3<f32> {
     let [x, y, z] = calibration.w.map(Vector3::from);
-    (x.cross(&y).unit() + z.unit()).unit()
+    (x.cross(&y).unit_vector() + z.unit_vector()).unit_vector()
 }
 
 /// Effect of a turn of the module on its corrected field, which includes the field of the airframe's iron, because that
@@ -80,7 +80,7 @@ impl MountTurnEffect {
     }
 
     /// Change of the field by a turn, and its derivative.
-    fn change(&self, turn_rad: f32) -> [Vector3<f32>; 2] {
+    fn field_change(&self, turn_rad: f32) -> [Vector3<f32>; 2] {
         let (sin, cos) = trig::sin_cos(turn_rad);
         [self.p * sin + self.q * (1.0 - cos), self.p * cos + self.q * sin]
     }
@@ -88,7 +88,7 @@ impl MountTurnEffect {
 
 /// The Earth's field in body axes, by a sample and the states; and its derivative by the turn of the mount.
 pub(super) fn body_field(seen: &MonitorSample, states: &StateVector) -> (Field<Body>, Vector3<f32>) {
-    let [change, by_mount_turn] = seen.mount_turn_effect.change(states[MOUNT_TURN]);
+    let [change, by_mount_turn] = seen.mount_turn_effect.field_change(states[MOUNT_TURN]);
     (Field::new(seen.field + change - hard_iron_change(states)), by_mount_turn)
 }
 
@@ -165,7 +165,7 @@ impl MeasurementModel {
     /// residual and its derivative does not average out and would make the hard-iron estimate grow along the field.
     #[inline(never)]
     pub fn new(seen: &MonitorSample, states: &StateVector, predicted: &PredictedField) -> Self {
-        let tilt = correct_attitude(seen.attitude, &seen.motion, states).tilt();
+        let tilt = correct_attitude(seen.attitude, &seen.motion, states).tilt_rotation();
         let (field, by_mount_turn) = body_field(seen, states);
         let measured = tilt.level(field);
         let heading_rad = measured.heading_rad();

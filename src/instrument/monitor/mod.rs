@@ -170,7 +170,7 @@ impl Monitor {
         let step_s = self.last_sample_at.map_or(INITIAL_STEP_S, |last| at.us_since(last) as f32 * 1e-6);
         self.last_sample_at = Some(at);
         self.acceleration_tilt.update(seen.attitude, &seen.motion, step_s);
-        self.predict(step_s);
+        self.predict_state(step_s);
         let gyro_rows = turning.map(|_| GyroErrorRows::new(seen.attitude, &seen.motion));
         self.follow_drift(seen.attitude.roll_rad, step_s);
         self.propagate_gyro_offset(gyro_rows.map(|rows| rows.heading), step_s);
@@ -208,7 +208,7 @@ impl Monitor {
         *self = Self::new(self.expected_errors);
     }
 
-    fn predict(&mut self, step_s: f32) {
+    fn predict_state(&mut self, step_s: f32) {
         self.post_change_remaining_s = (self.post_change_remaining_s - step_s).max(0.0);
         let (i, samples) = noise_schedule(self.noise_step);
         self.noise_step = (self.noise_step + 1) % NOISE_STEPS;
@@ -219,7 +219,7 @@ impl Monitor {
         }
         // Unobservable states must not accumulate a day of noise; a confirmed change of hard iron must persist.
         let decay = (1.0 - step_s / DECAY_TIME_S).max(0.0);
-        if measurement_model::hard_iron_change(self.filter.mean()).length() < MAX_DECAYING_HARD_IRON {
+        if measurement_model::hard_iron_change(self.filter.mean()).vector_length() < MAX_DECAYING_HARD_IRON {
             self.decay_states(HARD_IRON_CHANGE..MOUNT_TURN, decay);
         }
         self.decay_states(ROLL_BIAS..GYRO_OFFSET, decay);
@@ -496,7 +496,7 @@ impl Monitor {
         let change = measurement_model::hard_iron_change(&states);
         // Without a detected change, attitude errors are part of the noise; hard iron may drift all the same.
         let is_unchanged = self.post_change_remaining_s <= 0.0
-            && change.length() < MAX_DECAYING_HARD_IRON
+            && change.vector_length() < MAX_DECAYING_HARD_IRON
             && states[MOUNT_TURN].abs() < MAX_DECAYING_MOUNT_TURN_RAD;
         let sent_rad2 = if is_unchanged {
             self.filter.projected_variance(&by_field)
@@ -532,7 +532,7 @@ impl Monitor {
         total_ut: f32,
         step_s: f32,
     ) -> Option<InstallationChange> {
-        let size = hard_iron_change.length();
+        let size = hard_iron_change.vector_length();
         // A change that is not one of hard iron has no size to report.
         let is_withholding = self.innovation_gate.is_withholding() || size > MAX_HARD_IRON_CHANGE;
         let turn_rad = self.filter.mean()[MOUNT_TURN];
@@ -560,7 +560,7 @@ impl Monitor {
         heading_jacobian: &StateVector,
         [variance_rad2, sent_rad2]: [f32; 2],
     ) -> Result<(), NoHeading> {
-        let hard_iron_change = measurement_model::hard_iron_change(states).length();
+        let hard_iron_change = measurement_model::hard_iron_change(states).vector_length();
         let bias_rad = states[ROLL_BIAS].abs().max(states[PITCH_BIAS].abs());
         if hard_iron_change > MAX_HARD_IRON_CHANGE || states[MOUNT_TURN].abs() > MAX_MOUNT_TURN_RAD {
             return Err(NoHeading::FieldChanged);

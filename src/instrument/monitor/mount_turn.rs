@@ -24,14 +24,14 @@ pub(super) fn mount_turn_rad(
     difference: &Vector3<f32>,
     position: &Vector3<f32>,
 ) -> Option<f32> {
-    if difference.length() < MAX_UNCHANGED_FIELD_DIFFERENCE {
+    if difference.vector_length() < MAX_UNCHANGED_FIELD_DIFFERENCE {
         return Some(0.0);
     }
     let difference = inverse(&calibration.w_matrix())? * difference;
     let mean = position + calibration.b_vector_ut() / calibration.total_ut - difference * 0.5;
     let axis = mount_axis(calibration);
     let is_across = |direction: &Vector3<f32>| {
-        difference.dot(direction).abs() <= MAX_COSINE_OF_CHANGE * difference.length() * direction.length()
+        difference.dot(direction).abs() <= MAX_COSINE_OF_CHANGE * difference.vector_length() * direction.vector_length()
     };
     // The field turns against the module: a chord across the axis. Not a number if the field is along the axis.
     let across = axis.cross(&mean);

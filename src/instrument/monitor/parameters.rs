@@ -19,7 +19,7 @@ pub(super) struct StateNoise {
     pub process_noise_per_s: f32,
 }
 
-const fn state(initial_sigma: f32, process_noise_per_s: f32) -> StateNoise {
+const fn random_walk_state(initial_sigma: f32, process_noise_per_s: f32) -> StateNoise {
     StateNoise { initial_sigma, process_noise_per_s }
 }
 
@@ -30,27 +30,28 @@ const HARD_IRON_DRIFT_TIME_S: f32 = 62.5;
 pub(super) fn state_noise(i: usize, errors: SensorErrorSigmas) -> StateNoise {
     match i {
         // beta: coefficient errors are as large as a minute's drift.
-        HARD_IRON_CHANGE..MOUNT_TURN => {
-            state(errors.hard_iron_drift, errors.hard_iron_drift * errors.hard_iron_drift / HARD_IRON_DRIFT_TIME_S)
-        }
+        HARD_IRON_CHANGE..MOUNT_TURN => random_walk_state(
+            errors.hard_iron_drift,
+            errors.hard_iron_drift * errors.hard_iron_drift / HARD_IRON_DRIFT_TIME_S,
+        ),
         // f: half of the 10 % by which the field strength changes over 1000 km.
-        STRENGTH_CHANGE => state(0.06, 1e-7),
+        STRENGTH_CHANGE => random_walk_state(0.06, 1e-7),
         // i: 5.7 deg, as over 1000 km.
-        INCLINATION_CHANGE => state(0.1, 1e-7),
+        INCLINATION_CHANGE => random_walk_state(0.1, 1e-7),
         // a_r, a_p: 0.23 deg, an autopilot's level trim; in a minute 0.24 deg more, by centripetal acceleration.
-        ROLL_BIAS | PITCH_BIAS => state(0.004, 3e-7),
+        ROLL_BIAS | PITCH_BIAS => random_walk_state(0.004, 3e-7),
         // k: 2 % of the bank angle.
-        BANK_SCALE_ERROR => state(0.02, 1e-7),
+        BANK_SCALE_ERROR => random_walk_state(0.02, 1e-7),
         // tau: 0.1 s, the delay of a telemetry link; it varies with the load of the link.
-        ATTITUDE_LATENCY => state(0.1, 3e-5),
+        ATTITUDE_LATENCY => random_walk_state(0.1, 3e-5),
         // mu: play of a mount; in a minute 0.3 deg more.
-        MOUNT_TURN => state(MOUNT_SIGMA_RAD, 4e-7),
+        MOUNT_TURN => random_walk_state(MOUNT_SIGMA_RAD, 4e-7),
         // c: unknown, more than pi; random walk of the gyro 0.06 deg in a second.
-        GYRO_OFFSET => state(10.0, 1e-6),
+        GYRO_OFFSET => random_walk_state(10.0, 1e-6),
         // b_y, b_z: 0.15 deg/s, what an autopilot leaves of a gyro's offset.
-        _ if GYRO_OFFSETS.contains(&i) => state(0.0026, 1e-9),
+        _ if GYRO_OFFSETS.contains(&i) => random_walk_state(0.0026, 1e-9),
         // Rows of y and z of the gyro's scale matrix.
-        _ => state(errors.gyro_scale, 1e-10),
+        _ => random_walk_state(errors.gyro_scale, 1e-10),
     }
 }
 
@@ -58,7 +59,7 @@ pub(super) fn state_noise(i: usize, errors: SensorErrorSigmas) -> StateNoise {
 pub(super) const POST_CHANGE_S: f32 = 60.0;
 
 /// Hard-iron process noise within `POST_CHANGE_S` of a detected change: 0.4 uT of 50 in a minute.
-pub(super) const POST_CHANGE_HARD_IRON: StateNoise = state(0.01, 1e-6);
+pub(super) const POST_CHANGE_HARD_IRON: StateNoise = random_walk_state(0.01, 1e-6);
 
 /// Inflation of the heading variance after a detected change (dimensionless): the states may not model the change.
 pub(super) const POST_CHANGE_INFLATION: f32 = 3.0;

@@ -656,7 +656,7 @@ fn estimated_changes_are_applied_to_the_calibration() {
     let (found, adapted) =
         MonitorOutput { states, sample_noise: variances, ..MonitorOutput::INITIAL }.correct_calibration(&monitored);
     let field = Field::from_ut(20.0, -10.0, 30.0);
-    let moved = calibration.apply(field).ut - found.apply(field).ut;
+    let moved = calibration.calibrated_field(field).ut - found.calibrated_field(field).ut;
     assert!((moved - Vector3::new(1.0, -2.0, 3.0)).norm() < 1e-4, "{moved}");
     assert!((found.total_ut - 55.0).abs() < 1e-4 && (found.inclination_rad - 0.95).abs() < 1e-6);
     // The mean of four readings has half the sigma of one.

@@ -74,7 +74,7 @@ impl AxisCheck {
     const NEW: Self =
         Self { last_ut: f32::NAN, repeat_count: 0, lowest_ut: f32::MAX, highest_ut: f32::MIN, clip_level_ut: None };
 
-    fn check(&mut self, ut: f32, stuck_after: u16) -> Option<ReadingFault> {
+    fn check_axis_value(&mut self, ut: f32, stuck_after: u16) -> Option<ReadingFault> {
         // Compares bits, so that NaN equals itself.
         self.repeat_count =
             if ut.to_bits() == self.last_ut.to_bits() { self.repeat_count.saturating_add(1) } else { 1 };
@@ -123,7 +123,12 @@ impl SensorCheck {
     }
 
     /// Checks a reading. `turning_rad_s` is the total rotation rate, if known.
-    pub fn check(&mut self, at: Timestamp, reading: &Reading, turning_rad_s: Option<f32>) -> Option<ReadingFault> {
+    pub fn check_reading(
+        &mut self,
+        at: Timestamp,
+        reading: &Reading,
+        turning_rad_s: Option<f32>,
+    ) -> Option<ReadingFault> {
         if reading.saturated {
             return Some(ReadingFault::Saturated);
         }
@@ -133,17 +138,21 @@ impl SensorCheck {
         let stuck_after = self.stuck_after?;
         let [x, y, z] = &mut self.axes;
         let field = reading.field.ut;
-        let faults = [x.check(field.x, stuck_after), y.check(field.y, stuck_after), z.check(field.z, stuck_after)];
+        let faults = [
+            x.check_axis_value(field.x, stuck_after),
+            y.check_axis_value(field.y, stuck_after),
+            z.check_axis_value(field.z, stuck_after),
+        ];
         faults.into_iter().flatten().next()
     }
 
     fn is_spike(&mut self, at: Timestamp, field: Field<Sensor>, turning_rad_s: Option<f32>) -> bool {
         let Some((before, last)) = self.last_accepted.filter(|(before, _)| at.us_since(*before) <= MAX_INTERVAL_US)
         else {
-            self.accept(at, field);
+            self.accept_reading(at, field);
             return false;
         };
-        let step_ut = (field.ut - last.ut).length();
+        let step_ut = (field.ut - last.ut).vector_length();
         let turning_rad_s = turning_rad_s.map_or(MAX_RATE_RAD_S, |rate_rad_s| rate_rad_s + RATE_MARGIN_RAD_S);
         let turned_ut = turning_rad_s * MAX_FIELD_UT * at.us_since(before) as f32 * 1e-6;
         let usual_ut = sqrt(self.mean_square_step_ut2).max(MIN_RMS_STEP_UT);
@@ -153,14 +162,14 @@ impl SensorCheck {
         let counted_ut = if is_near { step_ut } else { limit_ut };
         self.mean_square_step_ut2 += (counted_ut * counted_ut - self.mean_square_step_ut2) / AVERAGED_STEPS;
         if is_near || self.consecutive_spikes >= MAX_CONSECUTIVE_SPIKES {
-            self.accept(at, field);
+            self.accept_reading(at, field);
             return false;
         }
         self.consecutive_spikes += 1;
         true
     }
 
-    fn accept(&mut self, at: Timestamp, field: Field<Sensor>) {
+    fn accept_reading(&mut self, at: Timestamp, field: Field<Sensor>) {
         self.last_accepted = Some((at, field));
         self.consecutive_spikes = 0;
     }

@@ -29,7 +29,7 @@ impl Readings {
     fn check_with_turn_rate(&mut self, [x, y, z]: [f32; 3], turning_rad_s: Option<f32>) -> Option<ReadingFault> {
         self.number += 1;
         let reading = Reading { field: Field::from_ut(x, y, z), saturated: false, overrun: false };
-        self.check.check(Timestamp::from_us(self.number * PERIOD_US), &reading, turning_rad_s)
+        self.check.check_reading(Timestamp::from_us(self.number * PERIOD_US), &reading, turning_rad_s)
     }
 
     /// Adds LIS3MDL noise, quantised to its counts.
@@ -79,11 +79,11 @@ fn a_parked_lis3mdl_is_neither_stuck_nor_spiky() {
 #[test]
 fn repeated_nan_is_stuck() {
     let mut axis = AxisCheck::NEW;
-    let faults: Vec<_> = (0..16).map(|_| axis.check(f32::NAN, 16)).collect();
+    let faults: Vec<_> = (0..16).map(|_| axis.check_axis_value(f32::NAN, 16)).collect();
     assert_eq!(faults[15], Some(ReadingFault::Stuck));
     // 0.0 and -0.0 differ in bits.
     let mut axis = AxisCheck::NEW;
-    assert!((0..32).all(|i| axis.check(if i % 2 == 0 { 0.0 } else { -0.0 }, 16).is_none()));
+    assert!((0..32).all(|i| axis.check_axis_value(if i % 2 == 0 { 0.0 } else { -0.0 }, 16).is_none()));
 }
 
 /// At either end: half of sixteen readings, then immediately.
@@ -92,17 +92,21 @@ fn a_clipping_level_is_found_in_eight_readings_and_remembered() {
     for sign in [1.0, -1.0] {
         let mut axis = AxisCheck::NEW;
         for i in 0_u8..40 {
-            assert_eq!(axis.check(sign * f32::from(i) * 0.5, 16), None);
+            assert_eq!(axis.check_axis_value(sign * f32::from(i) * 0.5, 16), None);
         }
         let end_ut = sign * 20.0;
-        let faults: Vec<_> = (0..10).map(|_| axis.check(end_ut, 16)).collect();
+        let faults: Vec<_> = (0..10).map(|_| axis.check_axis_value(end_ut, 16)).collect();
         assert_eq!(faults.iter().position(Option::is_some), Some(7), "{faults:?}");
         assert_eq!(faults[7], Some(ReadingFault::Clipped));
-        assert_eq!(axis.check(sign * 10.0, 16), None);
-        assert_eq!(axis.check(end_ut, 16), Some(ReadingFault::Clipped), "the first reading at the end that is known");
+        assert_eq!(axis.check_axis_value(sign * 10.0, 16), None);
+        assert_eq!(
+            axis.check_axis_value(end_ut, 16),
+            Some(ReadingFault::Clipped),
+            "the first reading at the end that is known"
+        );
         // A larger value revokes the clipping level.
-        assert_eq!(axis.check(sign * 20.1, 16), None);
-        assert_eq!(axis.check(end_ut, 16), None);
+        assert_eq!(axis.check_axis_value(sign * 20.1, 16), None);
+        assert_eq!(axis.check_axis_value(end_ut, 16), None);
     }
 }
 
@@ -111,26 +115,26 @@ fn a_clipping_level_is_found_in_eight_readings_and_remembered() {
 fn an_axis_that_moved_under_5_ut_is_not_clipped() {
     for (range_ut, expected) in [(4.9, None), (5.1, Some(ReadingFault::Clipped))] {
         let mut axis = AxisCheck::NEW;
-        axis.check(0.0, 16);
-        assert_eq!((0..8).find_map(|_| axis.check(range_ut, 16)), expected, "{range_ut}");
+        axis.check_axis_value(0.0, 16);
+        assert_eq!((0..8).find_map(|_| axis.check_axis_value(range_ut, 16)), expected, "{range_ut}");
     }
     let mut axis = AxisCheck::NEW;
-    axis.check(0.0, 16);
-    axis.check(20.0, 16);
-    assert_eq!((0..15).find_map(|_| axis.check(10.0, 16)), None);
+    axis.check_axis_value(0.0, 16);
+    axis.check_axis_value(20.0, 16);
+    assert_eq!((0..15).find_map(|_| axis.check_axis_value(10.0, 16)), None);
 }
 
 #[test]
 fn repeated_values_in_a_recording_are_not_stuck() {
     let mut check = SensorCheck::new(&InstrumentConfig::new(100_000));
     let reading = Reading { field: Field::from_ut(20.0, 0.0, 40.0), saturated: false, overrun: false };
-    assert!((1..100).all(|i| check.check(Timestamp::from_us(i * 100_000), &reading, None).is_none()));
+    assert!((1..100).all(|i| check.check_reading(Timestamp::from_us(i * 100_000), &reading, None).is_none()));
 }
 
 #[test]
 fn the_saturation_flag_of_the_chip_has_priority() {
     let reading = Reading { field: Field::from_ut(20.0, 0.0, 40.0), saturated: true, overrun: false };
-    assert_eq!(new_check().check(Timestamp::from_us(1), &reading, None), Some(ReadingFault::Saturated));
+    assert_eq!(new_check().check_reading(Timestamp::from_us(1), &reading, None), Some(ReadingFault::Saturated));
 }
 
 /// RMS step of the reference sensor 0.9 uT, times 5 = 4.4 uT, plus 0.9 uT for 0.2 + 0.5 rad/s.
@@ -182,8 +186,8 @@ fn readings_far_apart_are_not_compared() {
     for (gap_us, expected) in [(490_000, Some(ReadingFault::Spike)), (510_000, None)] {
         let mut check = new_check();
         let reading = |x: f32| Reading { field: Field::from_ut(x, 0.0, 0.0), saturated: false, overrun: false };
-        check.check(Timestamp::from_us(1), &reading(0.0), Some(0.0));
-        let fault = check.check(Timestamp::from_us(1 + gap_us), &reading(100.0), Some(0.0));
+        check.check_reading(Timestamp::from_us(1), &reading(0.0), Some(0.0));
+        let fault = check.check_reading(Timestamp::from_us(1 + gap_us), &reading(100.0), Some(0.0));
         assert_eq!(fault, expected, "{gap_us}");
     }
 }

@@ -127,7 +127,7 @@ impl HeadingSmoother {
         gyro: &HeadingRateError,
     ) -> AgreementResult {
         let Some(state) = &mut self.state else { return AgreementResult::Lost };
-        let Some(step) = state.predict(at, turning, gyro) else { return AgreementResult::Lost };
+        let Some(step) = state.predict_state(at, turning, gyro) else { return AgreementResult::Lost };
         let off_rad = wrap_pi(raw_rad - state.heading_rad);
         if !off_rad.is_finite() {
             return AgreementResult::Lost; // A NaN must not enter the state.
@@ -185,7 +185,7 @@ impl SmootherState {
     }
 
     /// Time update. `None` after a gap or a restart of the gyro's integration.
-    fn predict(&mut self, at: Timestamp, turning: &GyroHeading, gyro: &HeadingRateError) -> Option<GyroStep> {
+    fn predict_state(&mut self, at: Timestamp, turning: &GyroHeading, gyro: &HeadingRateError) -> Option<GyroStep> {
         let step_us = at.us_since(self.at);
         if turning.run_number != self.gyro_run || step_us > MAX_GAP_US {
             return None;

@@ -216,7 +216,7 @@ fn the_smoother_equals_a_conventional_kalman_filter() {
         turning.euler_rates.heading_rad_s = random.uniform(-0.4, 0.4);
         let turned = turning.euler_rates.heading_rad_s * dt as f32;
         turning.relative_heading_rad = wrap_pi(turning.relative_heading_rad + turned);
-        state.predict(Timestamp::from_us(at_us), &turning, &level(&turning)).unwrap();
+        state.predict_state(Timestamp::from_us(at_us), &turning, &level(&turning)).unwrap();
         psi += f64::from(turned) - beta * dt;
         let rate = f64::from(turning.euler_rates.heading_rad_s);
         let [[a, b], [_, c]] = p;

@@ -100,7 +100,7 @@ fn a_calibrated_instrument_with_attitude_gives_heading_and_field() {
     assert!((estimate.heading.unwrap().magnetic_rad - 2.0).abs() < 1e-4, "{estimate:?}");
     assert_eq!(estimate.at, at(10_000));
     assert_eq!(estimate.attitude, Some(attitude));
-    assert_eq!(estimate.body_field, Some(calibration().apply(sensed(2.0, attitude))));
+    assert_eq!(estimate.body_field, Some(calibration().calibrated_field(sensed(2.0, attitude))));
 }
 
 /// Latency of +-40 ms at a roll rate of 1 rad/s. Samples keep the reported attitude, so that any calibration can be
@@ -152,7 +152,7 @@ fn alignment_is_added_to_the_heading_alone() {
     let estimate = instrument.on_reading(at(0), reading(sensed(0.3, Attitude::default())));
     let expected_deg = 0.3_f32.to_degrees() - 30.0 + 360.0;
     assert!((estimate.heading.unwrap().magnetic_deg() - expected_deg).abs() < 1e-2, "{estimate:?}");
-    assert_eq!(estimate.body_field, Some(calibration().apply(sensed(0.3, Attitude::default()))));
+    assert_eq!(estimate.body_field, Some(calibration().calibrated_field(sensed(0.3, Attitude::default()))));
 }
 
 #[test]
@@ -162,7 +162,7 @@ fn the_first_reason_for_an_empty_heading_is_reported() {
     // Calibration without attitude: the body field is available.
     let estimate = calibrated().on_reading(at(0), reading(SOME));
     assert_eq!(estimate.heading, Err(NoHeading::AttitudeStale));
-    assert_eq!(estimate.body_field, Some(calibration().apply(SOME)));
+    assert_eq!(estimate.body_field, Some(calibration().calibrated_field(SOME)));
     let estimate = calibrated().on_reading(at(0), saturated(SOME));
     assert_eq!((estimate.heading, estimate.body_field), (Err(NoHeading::SensorSaturated), None));
     let mut disturbed = calibrated();

@@ -39,7 +39,7 @@ pub enum Lis3mdlRange {
 
 impl Lis3mdlRange {
     /// Range, gauss.
-    const fn gauss(self) -> i32 {
+    const fn full_scale_gauss(self) -> i32 {
         match self {
             Self::Gauss4 => 4,
             Self::Gauss8 => 8,
@@ -137,14 +137,14 @@ impl<B: I2c> Magnetometer for Lis3mdl<B> {
         Ok(Identity { model: Model::Lis3mdl, address: self.config.address })
     }
 
-    async fn read(&mut self) -> Result<Reading, MagnetometerError<B::Error>> {
+    async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<B::Error>> {
         let chip = &mut self.chip;
         let status = self
             .polling
             .wait_for_next(async || chip.read_registers(STATUS_REG).await, |[status]| status & ZYXDA != 0)
             .await?;
         let data = self.read_registers(OUT_X_L).await?;
-        Ok(decode(status[0], data, self.config.range))
+        Ok(decode_reading(status[0], data, self.config.range))
     }
 
     async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<B::Error>> {
@@ -163,10 +163,10 @@ impl<B: I2c> Magnetometer for Lis3mdl<B> {
 }
 
 /// Decodes the status register and six bytes from `OUT_X_L` on. The chip's axes are right-handed.
-fn decode(status: u8, data: [u8; 6], range: Lis3mdlRange) -> Reading {
+fn decode_reading(status: u8, data: [u8; 6], range: Lis3mdlRange) -> Reading {
     let [x_low, x_high, y_low, y_high, z_low, z_high] = data;
     let counts = [[x_low, x_high], [y_low, y_high], [z_low, z_high]].map(i16::from_le_bytes);
-    let full_scale = range.gauss() * range.counts_per_gauss();
+    let full_scale = range.full_scale_gauss() * range.counts_per_gauss();
     let microtesla_per_count = 100.0 / range.counts_per_gauss() as f32;
     let [x_ut, y_ut, z_ut] = counts.map(|count| f32::from(count) * microtesla_per_count);
     Reading {

@@ -91,7 +91,7 @@ fn with_measurement(status: u8) -> Lis3mdl<SimulatedRegisters> {
 fn a_measurement_is_read_with_its_status() {
     for (status, overrun) in [(0x08, false), (0x0F, false), (0x88, true)] {
         let mut driver = with_measurement(status);
-        let reading = block_on(driver.read()).unwrap();
+        let reading = block_on(driver.read_measurement()).unwrap();
         assert_eq!(reading, Reading { field: Field::from_ut(50.0, 0.0, 0.0), saturated: false, overrun });
     }
     assert_eq!(with_measurement(0).period_us(), 12_500, "80 Hz");
@@ -105,7 +105,7 @@ fn old_measurements_are_not_returned() {
         simulation.spawn(Level::Interrupt, "script", async move {
             let mut driver = with_measurement(status);
             driver.init().await.unwrap();
-            assert_eq!(driver.read().await, Err(MagnetometerError::NoData));
+            assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
             assert_eq!(Instant::now().as_micros(), 11_000 + 50_000);
         });
         simulation.run_for(1_000_000);
@@ -123,7 +123,7 @@ fn every_range_has_its_sensitivity_and_saturation_limits() {
         (Lis3mdlRange::Gauss16, 1711, 16),
     ] {
         let [low, high] = i16::to_le_bytes(counts_per_gauss);
-        let reading = decode(0x08, [low, high, 0, 0, 0, 0], range);
+        let reading = decode_reading(0x08, [low, high, 0, 0, 0, 0], range);
         assert!((reading.field.ut.x - 100.0).abs() < 1e-4, "{range:?}: {}", reading.field.ut);
         for (counts, saturated) in [(gauss * counts_per_gauss, false), (gauss * counts_per_gauss + 1, true)] {
             for counts in [counts, -counts] {
@@ -131,7 +131,7 @@ fn every_range_has_its_sensitivity_and_saturation_limits() {
                 for axis in 0..3 {
                     let mut data = [0; 6];
                     data[2 * axis..2 * axis + 2].copy_from_slice(&[low, high]);
-                    assert_eq!(decode(0x08, data, range).saturated, saturated, "{range:?} {counts} on {axis}");
+                    assert_eq!(decode_reading(0x08, data, range).saturated, saturated, "{range:?} {counts} on {axis}");
                 }
             }
         }
@@ -142,7 +142,7 @@ fn every_range_has_its_sensitivity_and_saturation_limits() {
 #[test]
 fn counts_become_microtesla_on_the_chips_axes() {
     let [x, y, z] = [6842_i16, -3421, 0].map(i16::to_le_bytes);
-    let reading = decode(0x08, [x[0], x[1], y[0], y[1], z[0], z[1]], Lis3mdlRange::Gauss4);
+    let reading = decode_reading(0x08, [x[0], x[1], y[0], y[1], z[0], z[1]], Lis3mdlRange::Gauss4);
     assert_eq!(reading, Reading { field: Field::from_ut(100.0, -50.0, 0.0), saturated: false, overrun: false });
 }
 
@@ -150,13 +150,13 @@ fn counts_become_microtesla_on_the_chips_axes() {
 fn either_end_of_the_range_is_saturation() {
     for (counts, saturated) in [(27_368, false), (27_369, true), (-27_369, true), (i16::MAX, true), (i16::MIN, true)] {
         let [low, high] = counts.to_le_bytes();
-        let reading = decode(ZYXDA, [0, 0, 0, 0, low, high], Lis3mdlRange::Gauss4);
+        let reading = decode_reading(ZYXDA, [0, 0, 0, 0, low, high], Lis3mdlRange::Gauss4);
         assert_eq!(reading.saturated, saturated, "{counts}");
     }
 }
 
 #[test]
 fn overrun_is_reported_by_the_status() {
-    assert!(decode(0x88, [0; 6], Lis3mdlRange::Gauss4).overrun);
-    assert!(!decode(0x78, [0; 6], Lis3mdlRange::Gauss4).overrun, "what tells of single axes");
+    assert!(decode_reading(0x88, [0; 6], Lis3mdlRange::Gauss4).overrun);
+    assert!(!decode_reading(0x78, [0; 6], Lis3mdlRange::Gauss4).overrun, "what tells of single axes");
 }

@@ -86,7 +86,7 @@ impl<S: SpiDevice> Rm3100<S> {
     }
 
     /// Runs the built-in self-test of the oscillators (manual, section 5.6.1).
-    async fn test(&mut self) -> Result<(), MagnetometerError<S::Error>> {
+    async fn run_self_test(&mut self) -> Result<(), MagnetometerError<S::Error>> {
         self.chip.write_registers(&[BIST, TEST_ENABLED]).await?;
         self.chip.write_registers(&[POLL, ALL_AXES]).await?;
         self.polling.start_sleep();
@@ -106,7 +106,7 @@ impl<S: SpiDevice> Magnetometer for Rm3100<S> {
             [other] => return Err(MagnetometerError::WrongIdentity(other)),
         }
         self.stop().await?;
-        self.test().await?;
+        self.run_self_test().await?;
         let [x1, x0, y1, y0, z1, z0] = CYCLE_COUNTS;
         self.chip.write_registers(&[CCX1, x1, x0, y1, y0, z1, z0]).await?;
         self.chip.write_registers(&[TMRC, RATE]).await?;
@@ -118,12 +118,12 @@ impl<S: SpiDevice> Magnetometer for Rm3100<S> {
         Ok(Identity { model: Model::Rm3100, address: Identity::SPI })
     }
 
-    async fn read(&mut self) -> Result<Reading, MagnetometerError<S::Error>> {
+    async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<S::Error>> {
         self.wait_for_measurement().await?;
         match self.chip.read_registers(MX2).await? {
             // No chip drives the line: SPI has no acknowledge, and such a line also reads as data ready.
             [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF] => Err(MagnetometerError::NoData),
-            data => Ok(decode(data)),
+            data => Ok(decode_reading(data)),
         }
     }
 
@@ -146,7 +146,7 @@ impl<S: SpiDevice> Magnetometer for Rm3100<S> {
 }
 
 /// Decodes nine bytes from `MX2` on: 24 bits of each axis, big-endian.
-fn decode(data: [u8; 9]) -> Reading {
+fn decode_reading(data: [u8; 9]) -> Reading {
     let [x2, x1, x0, y2, y1, y0, z2, z1, z0] = data;
     // The shift extends the sign.
     let counts = [[x2, x1, x0, 0], [y2, y1, y0, 0], [z2, z1, z0, 0]].map(|bytes| i32::from_be_bytes(bytes) >> 8);

@@ -48,7 +48,7 @@ fn the_continuous_mode_register_is_never_read() {
     simulate(async {
         let mut driver = driver();
         driver.init().await.unwrap();
-        driver.read().await.unwrap();
+        driver.read_measurement().await.unwrap();
         driver.verify_configuration().await.unwrap();
         assert!(!driver.chip.device.was_read[0x01]);
         assert!(driver.chip.device.was_read[0x24..0x2D].iter().all(|&was_read| was_read));
@@ -121,7 +121,7 @@ fn old_measurements_are_not_returned() {
         driver.init().await.unwrap();
         driver.chip.device.values[0x34] = 0x7F;
         let start = Instant::now();
-        assert_eq!(driver.read().await, Err(MagnetometerError::NoData));
+        assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
         assert_eq!(start.elapsed().as_micros(), 10_533 + 53_500);
     });
 }
@@ -132,16 +132,16 @@ fn data_of_ones_is_no_measurement() {
     simulate(async {
         let mut driver = driver();
         driver.chip.device.values[0x24..0x2D].fill(0xFF);
-        assert_eq!(driver.read().await, Err(MagnetometerError::NoData));
+        assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
         driver.chip.device.values[0x2C] = 0xFE;
-        assert!(driver.read().await.is_ok());
+        assert!(driver.read_measurement().await.is_ok());
     });
 }
 
 /// 75 counts per microtesla.
 #[test]
 fn counts_become_microtesla_on_the_chips_axes() {
-    let reading = decode([0x00, 0x1D, 0x4C, 0xFF, 0xF1, 0x5A, 0x00, 0x00, 0x01]);
+    let reading = decode_reading([0x00, 0x1D, 0x4C, 0xFF, 0xF1, 0x5A, 0x00, 0x00, 0x01]);
     assert_eq!(reading.field, Field::from_ut(100.0, -50.0, 1.0 / 75.0));
     assert!(!reading.saturated && !reading.overrun);
 }
@@ -155,7 +155,7 @@ fn either_end_of_the_range_is_saturation_on_any_axis() {
         for axis in 0..3 {
             let mut data = [0; 9];
             data[3 * axis..3 * axis + 3].copy_from_slice(&i32::to_be_bytes(counts)[1..]);
-            assert_eq!(decode(data).saturated, saturated, "{counts} on {axis}");
+            assert_eq!(decode_reading(data).saturated, saturated, "{counts} on {axis}");
         }
     }
 }

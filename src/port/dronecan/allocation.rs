@@ -36,7 +36,12 @@ impl AllocationClient {
     }
 
     /// Processes a step of any exchange on the bus; returns the granted number.
-    pub fn receive(&mut self, at: Timestamp, source: Option<NodeId>, step: Allocation<'_>) -> Option<NodeId> {
+    pub fn receive_allocation(
+        &mut self,
+        at: Timestamp,
+        source: Option<NodeId>,
+        step: Allocation<'_>,
+    ) -> Option<NodeId> {
         self.follow_up = None;
         self.request_at = Some(self.random_time_after(at, REQUEST_DELAY_US));
         let received = step.unique_id.len();
@@ -51,10 +56,10 @@ impl AllocationClient {
     }
 
     /// Next message, if due.
-    pub fn poll(&mut self, now: Timestamp) -> Option<Payload> {
+    pub fn next_request(&mut self, now: Timestamp) -> Option<Payload> {
         if let Some((_, offset)) = self.follow_up.take_if(|(at, _)| *at <= now) {
             let rest = self.unique_id.get(offset..).unwrap_or_default();
-            return Some(outbound::allocation(false, rest.get(..MAX_ID_PART_LENGTH).unwrap_or(rest)));
+            return Some(outbound::allocation_payload(false, rest.get(..MAX_ID_PART_LENGTH).unwrap_or(rest)));
         }
         let request_at = self.request_at;
         if request_at.is_some_and(|at| now < at) || self.follow_up.is_some() {
@@ -62,7 +67,7 @@ impl AllocationClient {
         }
         self.request_at = Some(self.random_time_after(now, REQUEST_DELAY_US));
         let first = self.unique_id.get(..MAX_ID_PART_LENGTH).unwrap_or_default();
-        request_at.map(|_| outbound::allocation(true, first))
+        request_at.map(|_| outbound::allocation_payload(true, first))
     }
 
     /// Random time within a range after another. Xorshift (G. Marsaglia, J. Stat. Soft. 8, 2003).

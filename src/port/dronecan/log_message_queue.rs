@@ -51,7 +51,7 @@ pub(super) struct LogMessageQueue {
 
 impl LogMessageQueue {
     /// Queues a message.
-    pub fn push(&mut self, message: &Message) {
+    pub fn push_message(&mut self, message: &Message) {
         let level = match message.severity() {
             Severity::Info => LogLevel::Info,
             Severity::Warning => LogLevel::Warning,
@@ -83,7 +83,7 @@ impl LogMessageQueue {
         match state.withheld {
             None => self.write(LogLevel::Info, format_args!("{}", state.activity)),
             Some(reason) => {
-                self.write(LogLevel::Warning, format_args!("{}; no field: {}", state.activity, reason.code()));
+                self.write(LogLevel::Warning, format_args!("{}; no field: {}", state.activity, reason.stable_code()));
             }
         }
     }

@@ -142,9 +142,9 @@ impl CanNode {
     }
 
     /// Processes a frame; passes on the messages that it completes. A request is answered by [`poll`](Self::poll).
-    pub fn receive(&mut self, at: Timestamp, frame: &CanFrame, deliver: &mut dyn FnMut(ReceivedMessage)) {
+    pub fn receive_frame(&mut self, at: Timestamp, frame: &CanFrame, deliver: &mut dyn FnMut(ReceivedMessage)) {
         self.frames.received = self.frames.received.wrapping_add(1);
-        let own = self.number();
+        let own = self.node_id();
         let header = FrameHeader::from_id(frame.id());
         if own.is_some() && header.and_then(|header| header.source) == own {
             self.on_conflict(at);
@@ -154,12 +154,12 @@ impl CanNode {
             return;
         }
         let Self { receiver, services, vehicle_reports, tunnel, allocation, .. } = self;
-        let Some(transfer) = receiver.push(at, own, frame) else { return };
+        let Some(transfer) = receiver.push_frame(at, own, frame) else { return };
         self.received_transfers = self.received_transfers.wrapping_add(1);
         let InboundTransfer { source, message, .. } = transfer;
         match (message, own, source) {
             (InboundMessage::Allocation(step), None, _) => {
-                if let Some(number) = allocation.receive(at, source, step) {
+                if let Some(number) = allocation.receive_allocation(at, source, step) {
                     self.address = Address::Allocated(number);
                 }
             }
@@ -182,7 +182,7 @@ impl CanNode {
                 position.map(ReceivedMessage::Position).into_iter().for_each(&mut *deliver);
                 date.map(ReceivedMessage::Date).into_iter().for_each(&mut *deliver);
             }
-            (_, Some(own), _) => services.receive(own, &transfer),
+            (_, Some(own), _) => services.receive_transfer(own, &transfer),
             _ => {}
         }
     }
@@ -198,12 +198,12 @@ impl CanNode {
         if !self.is_safe_mode {
             self.log.update(snapshot);
         }
-        self.outbox.expire(now);
+        self.outbox.drop_expired_frames(now);
         if self.frames.received == 0 {
             return None;
         }
-        let Some(own) = self.number() else {
-            if let Some(payload) = self.allocation.poll(now) {
+        let Some(own) = self.node_id() else {
+            if let Some(payload) = self.allocation.next_request(now) {
                 self.outbox.send_message(now, None, DataType::ALLOCATION, priority::LOW, payload);
             }
             return None;
@@ -218,7 +218,7 @@ impl CanNode {
 
     /// Processes the result of a command: of a request, or of one through the tunnel.
     pub fn complete_command(&mut self, command: Command, result: Result<(), &Refusal>) {
-        if !self.services.complete(command, result) {
+        if !self.services.complete_command(command, result) {
             self.tunnel.mavlink.complete_command(command, result);
         }
     }
@@ -231,7 +231,7 @@ impl CanNode {
 
     /// Queues a message for people.
     pub fn queue_text(&mut self, message: &Notice) {
-        self.log.push(message);
+        self.log.push_message(message);
         self.tunnel.mavlink.queue_text(message);
     }
 
@@ -258,7 +258,7 @@ impl CanNode {
     /// Frame to send next.
     #[must_use]
     pub fn next_frame(&self) -> Option<&CanFrame> {
-        self.outbox.front()
+        self.outbox.first_frame()
     }
 
     /// Removes the frame after it was sent.
@@ -280,11 +280,11 @@ impl CanNode {
 
     /// State of the node for status reports.
     #[must_use]
-    pub fn state(&self, now: Timestamp) -> CanState {
-        CanState { node: self.number(), has_conflict: self.has_conflict(now), frames: self.frames }
+    pub fn can_state(&self, now: Timestamp) -> CanState {
+        CanState { node: self.node_id(), has_conflict: self.has_conflict(now), frames: self.frames }
     }
 
-    const fn number(&self) -> Option<NodeId> {
+    const fn node_id(&self) -> Option<NodeId> {
         match self.address {
             Address::Configured(number) | Address::Allocated(number) => Some(number),
             Address::Unallocated => None,
@@ -347,7 +347,9 @@ impl CanNode {
         loop {
             match services.step(snapshot.now, stored_settings, *is_armed, describe) {
                 RequestStep::Execute(command) => return Some(command),
-                RequestStep::Respond(response) if outbox.send(snapshot.now, Some(own), &response) => services.pop(),
+                RequestStep::Respond(response) if outbox.queue_transfer(snapshot.now, Some(own), &response) => {
+                    services.pop()
+                }
                 // If the queue is full, the response is made again later.
                 RequestStep::Respond(_) | RequestStep::Idle => return None,
             }
@@ -359,7 +361,7 @@ impl CanNode {
         if let Some((payload, length)) = self.tunnel.next_piece()
             && self.outbox.send_message(snapshot.now, Some(own), DataType::TARGETTED, priority::MEDIUM, payload)
         {
-            self.tunnel.consume(length);
+            self.tunnel.consume_bytes(length);
         }
     }
 

@@ -42,7 +42,7 @@ pub(super) struct Outbox {
 
 impl Outbox {
     /// Queues a transfer; returns whether there was room.
-    pub fn send(&mut self, now: Timestamp, source: Option<NodeId>, transfer: &OutboundTransfer) -> bool {
+    pub fn queue_transfer(&mut self, now: Timestamp, source: Option<NodeId>, transfer: &OutboundTransfer) -> bool {
         self.start_progress_timeout(now);
         if self.frames.len() + transfer.frame_count() > CAPACITY_FRAMES {
             return false;
@@ -65,9 +65,10 @@ impl Outbox {
     ) -> bool {
         let transfer_id = self.transfer_id(data_type);
         let kind = TransferKind::Message;
-        let is_queued = self.send(now, source, &OutboundTransfer { data_type, priority, kind, transfer_id, payload });
+        let is_queued =
+            self.queue_transfer(now, source, &OutboundTransfer { data_type, priority, kind, transfer_id, payload });
         if is_queued {
-            self.count(data_type);
+            self.next_transfer_id(data_type);
         }
         is_queued
     }
@@ -90,11 +91,11 @@ impl Outbox {
         }
         self.is_first_field_frame_sent = false;
         self.transfers = self.transfers.wrapping_add(1);
-        self.count(data_type);
+        self.next_transfer_id(data_type);
     }
 
     /// Next frame to send.
-    pub fn front(&self) -> Option<&CanFrame> {
+    pub fn first_frame(&self) -> Option<&CanFrame> {
         self.field.front().or_else(|| self.frames.front())
     }
 
@@ -108,8 +109,8 @@ impl Outbox {
     }
 
     /// Drops the frames that the bus did not accept in time.
-    pub fn expire(&mut self, now: Timestamp) {
-        if self.front().is_some() && now.us_since(self.progress_at) > TIMEOUT_US {
+    pub fn drop_expired_frames(&mut self, now: Timestamp) {
+        if self.first_frame().is_some() && now.us_since(self.progress_at) > TIMEOUT_US {
             self.clear();
             self.lost = self.lost.wrapping_add(1);
         }
@@ -127,7 +128,7 @@ impl Outbox {
     }
 
     fn start_progress_timeout(&mut self, now: Timestamp) {
-        if self.front().is_none() {
+        if self.first_frame().is_none() {
             self.progress_at = now;
         }
     }
@@ -140,7 +141,7 @@ impl Outbox {
             .map_or(0, |(_, &id)| id)
     }
 
-    fn count(&mut self, data_type: DataType) {
+    fn next_transfer_id(&mut self, data_type: DataType) {
         for (counted, id) in COUNTED_TYPES.iter().zip(&mut self.transfer_ids) {
             if *counted == data_type {
                 *id = (*id + 1) & TRANSFER_ID_MASK;

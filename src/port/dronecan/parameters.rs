@@ -18,7 +18,7 @@ pub(super) fn requested_parameter(request: &GetSet<'_>) -> Option<&'static Param
 
 /// Value of a request in the parameter's kind; `None` for another kind, which is a request to read.
 pub(super) fn requested_value(parameter: &Parameter, value: Value<'_>) -> Option<ParameterValue> {
-    match (parameter.value(&Settings::DEFAULT), value) {
+    match (parameter.parameter_value(&Settings::DEFAULT), value) {
         (ParameterValue::Whole(_), Value::Integer(number)) => u32::try_from(number).ok().map(ParameterValue::Whole),
         (ParameterValue::Whole(_), Value::Boolean(is_on)) => Some(ParameterValue::Whole(is_on.into())),
         (ParameterValue::Number(_), Value::Real(number)) => Some(ParameterValue::Number(number)),
@@ -33,12 +33,12 @@ pub(super) fn requested_value(parameter: &Parameter, value: Value<'_>) -> Option
 }
 
 /// Response with value, default and range; empty without such a parameter.
-pub(super) fn response(parameter: Option<&Parameter>, settings: &Settings) -> Payload {
+pub(super) fn parameter_response(parameter: Option<&Parameter>, settings: &Settings) -> Payload {
     let Some(parameter) = parameter else { return outbound::Parameter::default().payload() };
-    let [min, max] = parameter.range().map_or([Value::Empty; 2], |range| range.map(to_value));
+    let [min, max] = parameter.value_range().map_or([Value::Empty; 2], |range| range.map(to_value));
     outbound::Parameter {
-        value: to_value(parameter.value(settings)),
-        default: to_value(parameter.value(&Settings::DEFAULT)),
+        value: to_value(parameter.parameter_value(settings)),
+        default: to_value(parameter.parameter_value(&Settings::DEFAULT)),
         max,
         min,
         name: parameter.name,

@@ -29,7 +29,7 @@ struct Requester {
 }
 
 impl Requester {
-    fn response(self, (data_type, payload): (DataType, Payload)) -> OutboundTransfer {
+    fn response_transfer(self, (data_type, payload): (DataType, Payload)) -> OutboundTransfer {
         let Self { node, priority, transfer_id } = self;
         OutboundTransfer { data_type, priority, kind: TransferKind::Response(node), transfer_id, payload }
     }
@@ -90,7 +90,7 @@ pub(super) struct Services {
 
 impl Services {
     /// Queues a request.
-    pub fn receive(&mut self, own: NodeId, transfer: &InboundTransfer<'_>) {
+    pub fn receive_transfer(&mut self, own: NodeId, transfer: &InboundTransfer<'_>) {
         let Some(node) = transfer.source.filter(|_| !self.waiting.is_full()) else { return };
         let request = match transfer.message {
             InboundMessage::GetNodeInfo => Request::GetNodeInfo,
@@ -142,14 +142,16 @@ impl Services {
         describe: impl Fn(DataType) -> Payload,
     ) -> RequestStep {
         if self.open.is_some_and(|open| now.us_since(open.at) > RESULT_TIMEOUT_US) {
-            self.finish(Err("timeout"));
+            self.finish_request(Err("timeout"));
         }
         if let Some((requester, request, result)) = self.finished {
-            return RequestStep::Respond(requester.response(result_of(request, result, settings)));
+            return RequestStep::Respond(requester.response_transfer(result_of(request, result, settings)));
         }
         let Some((requester, request)) = self.waiting.front().copied() else { return RequestStep::Idle };
         match self.next_step(request, settings, is_armed, describe) {
-            Decision::Answer(data_type, payload) => RequestStep::Respond(requester.response((data_type, payload))),
+            Decision::Answer(data_type, payload) => {
+                RequestStep::Respond(requester.response_transfer((data_type, payload)))
+            }
             Decision::Execute(_) if self.open.is_some() => RequestStep::Idle,
             Decision::Execute(command) => {
                 self.waiting.pop_front();
@@ -167,10 +169,10 @@ impl Services {
     }
 
     /// Processes the result of a command; returns whether a request waited for it.
-    pub fn complete(&mut self, command: Command, result: Result<(), &Refusal>) -> bool {
+    pub fn complete_command(&mut self, command: Command, result: Result<(), &Refusal>) -> bool {
         let is_open = self.open.is_some_and(|open| open.command == command);
         if is_open {
-            self.finish(result.map_err(Refusal::code));
+            self.finish_request(result.map_err(Refusal::stable_code));
         }
         is_open
     }
@@ -197,10 +199,11 @@ impl Services {
             Request::GetNodeInfo => described(DataType::GET_NODE_INFO),
             Request::GetTransportStats => described(DataType::GET_TRANSPORT_STATS),
             Request::Parameter { parameter, value } => {
-                let change =
-                    parameter.zip(value).filter(|(parameter, value)| !is_armed && parameter.value(settings) != *value);
-                change.and_then(|(parameter, value)| parameter.change(settings, value)).map_or_else(
-                    || Decision::Answer(DataType::GET_SET, parameters::response(parameter, settings)),
+                let change = parameter
+                    .zip(value)
+                    .filter(|(parameter, value)| !is_armed && parameter.parameter_value(settings) != *value);
+                change.and_then(|(parameter, value)| parameter.setting_change(settings, value)).map_or_else(
+                    || Decision::Answer(DataType::GET_SET, parameters::parameter_response(parameter, settings)),
                     |change| Decision::Execute(Command::Set(change)),
                 )
             }
@@ -233,7 +236,7 @@ impl Services {
     }
 
     /// Ends the open command.
-    fn finish(&mut self, result: Result<(), &'static str>) {
+    fn finish_request(&mut self, result: Result<(), &'static str>) {
         let Some(OpenCommand { requester, request, .. }) = self.open.take() else { return };
         if let Request::Update(_) = request {
             self.granted = self.update.take().filter(|_| result.is_ok());
@@ -245,7 +248,9 @@ impl Services {
 /// Response to a request after its command. A parameter is answered with the value that is then in force.
 fn result_of(request: Request, result: Result<(), &'static str>, settings: &Settings) -> (DataType, Payload) {
     match request {
-        Request::Parameter { parameter, .. } => (DataType::GET_SET, parameters::response(parameter, settings)),
+        Request::Parameter { parameter, .. } => {
+            (DataType::GET_SET, parameters::parameter_response(parameter, settings))
+        }
         Request::Opcode(_) => (DataType::EXECUTE_OPCODE, outbound::opcode_result(result.is_ok())),
         Request::Update(_) => {
             let (code, reason) = match result {

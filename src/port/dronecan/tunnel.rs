@@ -63,21 +63,21 @@ impl Tunnel {
         if self.peer.is_some_and(|peer| snapshot.now.us_since(peer.last) <= TUNNEL_RELEASE_US) {
             self.mavlink.poll(snapshot, &mut self.output);
         } else {
-            self.output.consume(usize::MAX);
+            self.output.consume_bytes(usize::MAX);
         }
     }
 
     /// Next piece of the output, and its length.
     pub fn next_piece(&self) -> Option<(Payload, usize)> {
         let TunnelPeer { node, protocol, serial, baud, .. } = self.peer?;
-        let pending = self.output.pending();
+        let pending = self.output.pending_bytes();
         let data = pending.get(..Targetted::LENGTH).unwrap_or(pending);
         let piece = Targetted { protocol, target: node.get(), serial, options: TARGETTED_OPTIONS, baud, data };
         (!data.is_empty()).then(|| (piece.payload(), data.len()))
     }
 
     /// Removes a sent piece.
-    pub fn consume(&mut self, length: usize) {
-        self.output.consume(length);
+    pub fn consume_bytes(&mut self, length: usize) {
+        self.output.consume_bytes(length);
     }
 }

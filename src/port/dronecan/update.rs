@@ -24,7 +24,7 @@ impl FirmwareUpdate {
 
     /// Path of the file at the server.
     #[must_use]
-    pub fn path(&self) -> &[u8] {
+    pub fn file_path(&self) -> &[u8] {
         &self.path
     }
 

@@ -60,9 +60,11 @@ impl CollectionReporter {
         // An automatic collection continues after a refused solve: that outcome does not end it.
         let outcome = self.outcome.take();
         match (self.reported_tenths, snapshot.indicator) {
-            (reported_tenths, IndicatorState::Collecting(percent)) => self.collect(reported_tenths, percent, texts),
+            (reported_tenths, IndicatorState::Collecting(percent)) => {
+                self.report_progress(reported_tenths, percent, texts)
+            }
             (Some(_), indicator) => {
-                texts.push(&Message::CollectionEnded);
+                texts.push_message(&Message::CollectionEnded);
                 self.reported_tenths = None;
                 self.report = outcome.or((indicator != IndicatorState::Idle).then_some(false));
             }
@@ -71,20 +73,20 @@ impl CollectionReporter {
     }
 
     /// Queues a text for each tenth of progress, and for a collection that starts again from nothing.
-    fn collect(&mut self, before: Option<u8>, percent: u8, texts: &mut PendingTexts) {
+    fn report_progress(&mut self, before: Option<u8>, percent: u8, texts: &mut PendingTexts) {
         let reported_tenths = percent / 10;
         let is_new = before.is_none_or(|before| reported_tenths > before || (percent == 0 && before > 0));
         if is_new {
             self.reported_tenths = Some(reported_tenths);
-            texts.push(&Message::Collecting(10 * reported_tenths));
+            texts.push_message(&Message::Collecting(10 * reported_tenths));
         }
     }
 
     /// Sends the due message; returns whether one was sent.
-    pub fn send(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+    pub fn send_progress(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
         if let Some(is_success) = self.report {
-            let report = report(self.calibration.as_ref().filter(|_| is_success), snapshot.settings.mount);
-            let is_sent = line.send(OutboundMessage::mag_cal_report(&report));
+            let report = mag_cal_report(self.calibration.as_ref().filter(|_| is_success), snapshot.settings.mount);
+            let is_sent = line.send_message(OutboundMessage::mag_cal_report(&report));
             if is_sent {
                 self.report = None;
             }
@@ -94,7 +96,7 @@ impl CollectionReporter {
             IndicatorState::Collecting(percent) if self.progress.is_due(snapshot.now, PROGRESS_HZ) => {
                 let field =
                     snapshot.estimate.body_field.and_then(|body| body.ut.try_normalize(0.0)).unwrap_or_default();
-                line.send(OutboundMessage::mag_cal_progress(percent, field.into()))
+                line.send_message(OutboundMessage::mag_cal_progress(percent, field.into()))
             }
             _ => false,
         }
@@ -107,7 +109,7 @@ impl CollectionReporter {
 /// With `W (m - b)` and the configured right-angle mounting `R`, the offset is `-R b`, and the matrix is the symmetric
 /// one nearest to `W R^T` in the Frobenius norm, its symmetric part; the remaining rotation is dropped. The fitness is
 /// the noise of a reading.
-fn report(found: Option<&(Calibration, f32)>, mount: Orientation) -> MagCalReport {
+fn mag_cal_report(found: Option<&(Calibration, f32)>, mount: Orientation) -> MagCalReport {
     let is_success = found.is_some();
     let none =
         MagCalReport { is_success, fitness_mg: 0.0, offset_mg: [0.0; 3], diagonal: [1.0; 3], off_diagonal: [0.0; 3] };

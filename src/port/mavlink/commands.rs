@@ -67,7 +67,7 @@ impl CommandHandler {
                 Ok(command)
             }
             Err((result, reason)) => {
-                self.reply(received.source, received.command, result);
+                self.queue_reply(received.source, received.command, result);
                 Err(reason)
             }
         }
@@ -83,14 +83,14 @@ impl CommandHandler {
         if let Some(passed) = self.last.as_mut().filter(|passed| passed.command == command && passed.result.is_none()) {
             passed.result = Some(result);
             let LastCommand { by, number, .. } = *passed;
-            self.reply(by, number, result);
+            self.queue_reply(by, number, result);
         }
     }
 
     /// Sends the oldest acknowledgement; returns whether one was sent.
-    pub fn send(&mut self, line: &mut Transmitter<'_>) -> bool {
+    pub fn send_replies(&mut self, line: &mut Transmitter<'_>) -> bool {
         let Some(&PendingAcknowledgement { to, command, result }) = self.answers.front() else { return false };
-        let is_sent = line.send(OutboundMessage::acknowledgement(Address::from_sender(to), command, result));
+        let is_sent = line.send_message(OutboundMessage::acknowledgement(Address::from_sender(to), command, result));
         if is_sent {
             self.answers.pop_front();
         }
@@ -98,7 +98,7 @@ impl CommandHandler {
     }
 
     fn evaluate(&self, at: Timestamp, received: &ReceivedCommand) -> Result<Command, Rejection> {
-        let command = command(received)?;
+        let command = console_command(received)?;
         if let Some(last) = self.last {
             let age_us = at.us_since(last.at);
             let is_open = last.result.is_none() && age_us <= RESULT_TIMEOUT_US;
@@ -113,12 +113,12 @@ impl CommandHandler {
         Ok(command)
     }
 
-    fn reply(&mut self, to: SenderId, command: u16, result: MavResult) {
+    fn queue_reply(&mut self, to: SenderId, command: u16, result: MavResult) {
         let _ = self.answers.push_back(PendingAcknowledgement { to, command, result });
     }
 }
 
-fn command(received: &ReceivedCommand) -> Result<Command, Rejection> {
+fn console_command(received: &ReceivedCommand) -> Result<Command, Rejection> {
     const REBOOT_COMMAND: u16 = MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN as u16;
     match received.command {
         DO_START_MAG_CAL => Ok(Command::CalStart(Procedure::Flight)),

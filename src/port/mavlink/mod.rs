@@ -96,7 +96,7 @@ impl Mavlink {
         if let Notice::Solved(outcome) = message {
             self.collection.record_outcome(outcome);
         }
-        self.texts.push(message);
+        self.texts.push_message(message);
     }
 
     fn process_message(&mut self, at: Timestamp, message: InboundMessage) -> Option<ReceivedMessage> {
@@ -143,7 +143,7 @@ impl Mavlink {
     /// Queues the reason of a refused command as a text.
     fn report_refused(&mut self, reason: Option<Refusal>) {
         if let Some(refusal) = reason {
-            self.texts.push(&Notice::CommandRejected(refusal));
+            self.texts.push_message(&Notice::CommandRejected(refusal));
         }
     }
 
@@ -155,26 +155,26 @@ impl Mavlink {
         let (name, value) =
             if self.is_sigma_next { ("hdg_sigma", heading.sigma_deg()) } else { ("hdg_mag", heading.magnetic_deg()) };
         self.is_sigma_next = !self.is_sigma_next;
-        line.send(OutboundMessage::named_value(snapshot.now, name, value))
+        line.send_message(OutboundMessage::named_value(snapshot.now, name, value))
     }
 
     fn send_pose(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
-        if line.out.pending().len() > MAX_PENDING_BEFORE_POSE_BYTES {
+        if line.out.pending_bytes().len() > MAX_PENDING_BEFORE_POSE_BYTES {
             return false;
         }
         let Some(pose) = pose(snapshot, self.collection.calibrations()) else { return false };
-        self.vision.is_due(snapshot.now, VISION_HZ) && line.send(OutboundMessage::pose_estimate(&pose))
+        self.vision.is_due(snapshot.now, VISION_HZ) && line.send_message(OutboundMessage::pose_estimate(&pose))
     }
 
     fn send_heartbeat(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
         self.heartbeat.is_due(snapshot.now, HEARTBEAT_HZ)
-            && line.send(OutboundMessage::heartbeat(state(snapshot.indicator)))
+            && line.send_message(OutboundMessage::heartbeat(mav_state(snapshot.indicator)))
     }
 
     fn send_percent(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
         let percent = f32::from(percent(snapshot.indicator));
         self.percent.is_due(snapshot.now, PERCENTAGE_RATE_HZ)
-            && line.send(OutboundMessage::named_value(snapshot.now, "cal_pct", percent))
+            && line.send_message(OutboundMessage::named_value(snapshot.now, "cal_pct", percent))
     }
 }
 
@@ -185,7 +185,7 @@ fn is_addressed_to(target: Address, module_address: Address) -> bool {
 
 impl Protocol for Mavlink {
     fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
-        let message = self.receiver.push(byte)?;
+        let message = self.receiver.push_byte(byte)?;
         Some(self.process_message(at, message).unwrap_or(ReceivedMessage::Other))
     }
 
@@ -206,13 +206,13 @@ impl Protocol for Mavlink {
         let Some(autopilot) = self.senders.autopilot_to_query(now) else { return };
         let (mut sequence, mut signatures) = (self.sequence, core::mem::take(&mut self.receiver.signatures));
         let line = &mut Transmitter::new(out, autopilot, &mut sequence, &mut signatures);
-        let _is_sent = self.commands.send(line)
+        let _is_sent = self.commands.send_replies(line)
             || self.send_pose(snapshot, line)
             || self.send_heartbeat(snapshot, line)
-            || self.requests.send(now, autopilot, snapshot.settings.attitude_rate_hz, line)
-            || self.collection.send(snapshot, line)
+            || self.requests.send_requests(now, autopilot, snapshot.settings.attitude_rate_hz, line)
+            || self.collection.send_progress(snapshot, line)
             || self.send_percent(snapshot, line)
-            || self.texts.send(now, line)
+            || self.texts.send_texts(now, line)
             || self.send_heading(snapshot, line);
         (self.sequence, self.receiver.signatures) = (sequence, signatures);
     }
@@ -224,7 +224,7 @@ const fn is_contradicted(heading: Result<Heading, NoHeading>) -> bool {
 }
 
 /// State of the module in MAVLink's terms.
-const fn state(indicator_state: IndicatorState) -> MavState {
+const fn mav_state(indicator_state: IndicatorState) -> MavState {
     match indicator_state {
         IndicatorState::Idle => MavState::MAV_STATE_UNINIT,
         IndicatorState::Collecting(_) => MavState::MAV_STATE_CALIBRATING,

@@ -101,7 +101,7 @@ impl RequestSequence {
     }
 
     /// Sends the due request; returns whether one was sent. All are repeated for another autopilot or highest rate.
-    pub fn send(
+    pub fn send_requests(
         &mut self,
         now: Timestamp,
         autopilot: SenderId,
@@ -112,9 +112,9 @@ impl RequestSequence {
             *self = Self { autopilot: Some(autopilot), max_attitude_hz, ..Self::default() };
             self.begin_requests(now);
         }
-        let is_sent = self
-            .due_request(now)
-            .is_some_and(|periodic_request| line.send(periodic_request.request(Address::from_sender(autopilot))));
+        let is_sent = self.due_request(now).is_some_and(|periodic_request| {
+            line.send_message(periodic_request.request_message(Address::from_sender(autopilot)))
+        });
         if is_sent {
             self.attempts += 1;
             self.restart_rate_count(now);
@@ -173,7 +173,7 @@ impl MessageRequest {
         }
     }
 
-    fn request(self, autopilot: Address) -> OutboundMessage {
+    fn request_message(self, autopilot: Address) -> OutboundMessage {
         match self {
             Self::Attitude(rate_hz) => OutboundMessage::set_message_interval(autopilot, ATTITUDE_DATA::ID, rate_hz),
             Self::Stream(rate_hz) => OutboundMessage::request_attitude_stream(autopilot, rate_hz),

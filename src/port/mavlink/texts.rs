@@ -39,7 +39,7 @@ pub(super) struct PendingTexts {
 
 impl PendingTexts {
     /// Queues a message.
-    pub fn push(&mut self, message: &Message) {
+    pub fn push_message(&mut self, message: &Message) {
         let severity = match message.severity() {
             Severity::Info => MavSeverity::MAV_SEVERITY_INFO,
             Severity::Warning => MavSeverity::MAV_SEVERITY_WARNING,
@@ -53,7 +53,7 @@ impl PendingTexts {
     }
 
     /// Sends the next due chunk; returns whether one was sent.
-    pub fn send(&mut self, now: Timestamp, line: &mut Transmitter<'_>) -> bool {
+    pub fn send_texts(&mut self, now: Timestamp, line: &mut Transmitter<'_>) -> bool {
         let Some(text) = self.waiting.first() else { return false };
         if !self.schedule.is_due(now, CHUNK_RATE_HZ) {
             return false;
@@ -63,7 +63,7 @@ impl PendingTexts {
         let rest = characters.get(usize::from(self.sent) * OutboundMessage::TEXT..).unwrap_or_default();
         let chunk = rest.get(..OutboundMessage::TEXT).unwrap_or(rest);
         let id = if is_long { self.id.max(1) } else { 0 };
-        if !line.send(OutboundMessage::text(text.severity, chunk, id, self.sent)) {
+        if !line.send_message(OutboundMessage::text(text.severity, chunk, id, self.sent)) {
             return false;
         }
         self.sent += 1;

@@ -33,8 +33,8 @@ impl<'a> Transmitter<'a> {
 
     /// Appends a message; returns whether there was room. Only appended messages take a sequence number, so that a gap
     /// means a loss on the line.
-    pub fn send(&mut self, message: OutboundMessage) -> bool {
-        let fits = self.out.append(&[&message.frame(self.own_address, *self.sequence, self.signatures)]);
+    pub fn send_message(&mut self, message: OutboundMessage) -> bool {
+        let fits = self.out.append(&[&message.into_frame(self.own_address, *self.sequence, self.signatures)]);
         *self.sequence = self.sequence.wrapping_add(u8::from(fits));
         fits
     }

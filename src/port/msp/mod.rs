@@ -12,7 +12,9 @@
 use super::{MessageSchedule, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
 use crate::attitude::{AttitudeReport, RateEstimator, SenderId};
 use crate::time::{Timestamp, WrappingMillis};
-use crate::wire::msp::{Firmware, Function, MspAngles, MspReply, Receiver, compass, inav_body_rates_rad_s, request};
+use crate::wire::msp::{
+    Firmware, Function, MspAngles, MspReply, Receiver, compass_message, encode_request, inav_body_rates_rad_s,
+};
 
 /// Rate of compass readings, Hz: INAV drops a compass after 250 ms, ArduPilot after 500 ms; ArduPilot's filter uses 10
 /// Hz.
@@ -141,7 +143,7 @@ impl Msp {
 
 impl Protocol for Msp {
     fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
-        let message = self.receiver.push(byte)?;
+        let message = self.receiver.push_byte(byte)?;
         Some(self.process_message(at, message).unwrap_or(ReceivedMessage::Other))
     }
 
@@ -158,11 +160,11 @@ impl Protocol for Msp {
         if let Some(field) = snapshot.estimate.compass_field
             && self.compass.is_due(now, COMPASS_HZ)
         {
-            out.append(&[&compass(COMPASS_NUMBER, snapshot.estimate.at.wrapping_millis().as_ms(), field)]);
+            out.append(&[&compass_message(COMPASS_NUMBER, snapshot.estimate.at.wrapping_millis().as_ms(), field)]);
         }
         let is_other_due = self.other_requests.is_due(now, PERIODIC_REQUESTS_HZ);
         if is_other_due {
-            out.append(&[&request(self.next_periodic_request())]);
+            out.append(&[&encode_request(self.next_periodic_request())]);
         }
         if let Some(function) = self.repeated_request()
             && self.may_request(now)
@@ -170,9 +172,9 @@ impl Protocol for Msp {
         {
             // The reply to the first request arrives first. At most two requests at a time: rates remain valid for 50
             // ms.
-            let gyro = request(Function::RawImu);
+            let gyro = encode_request(Function::RawImu);
             let has_gyro = function == Function::Attitude && self.firmware == Some(Firmware::Inav) && !is_other_due;
-            let requests = [if has_gyro { &gyro[..] } else { &[] }, &request(function)];
+            let requests = [if has_gyro { &gyro[..] } else { &[] }, &encode_request(function)];
             self.requested_at = out.append(&requests).then_some(now);
         }
     }

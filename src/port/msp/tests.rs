@@ -25,7 +25,7 @@ fn poll(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
         calibration: None,
     };
     msp.poll(&snapshot, &mut out);
-    let mut rest = out.pending();
+    let mut rest = out.pending_bytes();
     let mut frames = Vec::new();
     while let [b'$', b'X', b'<', _, _, _, length, ..] = rest {
         let (frame, other_requests) = rest.split_at(9 + usize::from(*length));
@@ -96,7 +96,7 @@ fn count_requests(requested: &[(u64, u16)], function: Function) -> usize {
 #[test]
 fn compass_frames_are_sent_from_power_up() {
     let mut msp = Msp::new();
-    let expected = compass(0, 1_000, Field::from_ut(20.0, -5.1, 44.2)).to_vec();
+    let expected = compass_message(0, 1_000, Field::from_ut(20.0, -5.1, 44.2)).to_vec();
     assert_eq!(poll(&mut msp, 3_000, &estimate_at(0))[0], expected, "the reading's time, not that of the sending");
     let mut number = 0;
     for i in 1..=400 {
@@ -298,6 +298,6 @@ fn a_request_that_does_not_fit_is_sent_later() {
         calibration: None,
     };
     msp.poll(&snapshot, &mut out);
-    assert_eq!(out.pending().len(), 380);
+    assert_eq!(out.pending_bytes().len(), 380);
     assert!(poll(&mut msp, 25_000, &Estimate::EMPTY).iter().any(|frame| function(frame) == 108));
 }

@@ -42,15 +42,15 @@ fn calibration() -> CalibrationRecord {
 }
 
 fn fields_of(item: &[u8]) -> Vec<u8> {
-    let PageContent::Item(Item { fields, .. }) = page::parse(item) else { panic!("{item:?}") };
+    let PageContent::Item(Item { fields, .. }) = page::parse_page(item) else { panic!("{item:?}") };
     fields.to_vec()
 }
 
 #[test]
 fn stored_items_round_trip() {
-    assert_eq!(fields::decode(&fields_of(&item_of(&state()))), Ok(state()));
-    assert_eq!(fields::decode(&fields_of(&item_of(&StoredState::default()))), Ok(StoredState::default()));
-    assert_eq!(fields::decode(&fields_of(&item_of(&calibration()))), Ok(calibration()));
+    assert_eq!(fields::decode_fields(&fields_of(&item_of(&state()))), Ok(state()));
+    assert_eq!(fields::decode_fields(&fields_of(&item_of(&StoredState::default()))), Ok(StoredState::default()));
+    assert_eq!(fields::decode_fields(&fields_of(&item_of(&calibration()))), Ok(calibration()));
     let largest = CalibrationRecord { serial: u32::MAX, ..calibration() };
     assert!(item_of(&largest).len() <= ITEM_SIZE / 2, "room for as many fields again");
 }
@@ -98,8 +98,8 @@ fn pinned_calibration() -> Vec<u8> {
 
 #[test]
 fn items_of_the_first_release_are_read() {
-    assert_eq!(fields::decode(&fields_of(&bytes_of(STATE))), Ok(state()));
-    assert_eq!(fields::decode(&fields_of(&pinned_calibration())), Ok(calibration()));
+    assert_eq!(fields::decode_fields(&fields_of(&bytes_of(STATE))), Ok(state()));
+    assert_eq!(fields::decode_fields(&fields_of(&pinned_calibration())), Ok(calibration()));
 }
 
 /// If this fails, the written bytes have changed. After appending a field, add its bytes to the later item.
@@ -110,7 +110,7 @@ fn written_bytes_are_those_of_the_first_release_and_later_fields() {
     later.settings.can = CanSettings { node: 42, rate_hz: 20, sends_covariance: true, is_terminated: true };
     later.settings.sensor_error = SensorError { gyro_percent: 5.0, drift_percent: 0.5 };
     assert_eq!(item_of(&later), bytes_of(LATER_STATE));
-    assert_eq!(fields::decode(&fields_of(&bytes_of(LATER_STATE))), Ok(later));
+    assert_eq!(fields::decode_fields(&fields_of(&bytes_of(LATER_STATE))), Ok(later));
     assert_eq!(item_of(&calibration()), pinned_calibration());
 }
 
@@ -137,10 +137,10 @@ fn unknown_fields_are_ignored() {
         for fields in
             [[&fields_of(&item_of(&state()))[..], &unknown].concat(), [unknown.clone(), state_fields()].concat()]
         {
-            assert_eq!(fields::decode(&fields), Ok(state()));
+            assert_eq!(fields::decode_fields(&fields), Ok(state()));
         }
         let fields = [fields_of(&item_of(&calibration())), unknown].concat();
-        assert_eq!(fields::decode(&fields), Ok(calibration()));
+        assert_eq!(fields::decode_fields(&fields), Ok(calibration()));
     }
 }
 
@@ -164,7 +164,7 @@ fn a_missing_field_has_its_default() {
     let fields = split(&state_fields());
     for (missing, _) in &fields {
         let others = fields.iter().filter(|(tag, _)| tag != missing).flat_map(|(_, field)| field.clone());
-        let found: Result<StoredState, _> = fields::decode(&others.collect::<Vec<_>>());
+        let found: Result<StoredState, _> = fields::decode_fields(&others.collect::<Vec<_>>());
         if *missing <= 3 {
             assert_eq!(found, Err(StoreError::Corrupt), "{missing}");
         } else {
@@ -183,7 +183,7 @@ fn a_missing_field_has_its_default() {
     from_later[at + 3] = 99;
     let stream_heading = HeadingKind::Smooth;
     let settings = Settings { stream_heading, ..state().settings };
-    assert_eq!(fields::decode(&from_later), Ok(StoredState { settings, ..state() }));
+    assert_eq!(fields::decode_fields(&from_later), Ok(StoredState { settings, ..state() }));
 }
 
 #[test]
@@ -192,7 +192,7 @@ fn a_calibration_needs_every_field_of_the_first_release() {
     assert_eq!(fields.len(), 25);
     for (missing, _) in &fields {
         let others = fields.iter().filter(|(tag, _)| tag != missing).flat_map(|(_, field)| field.clone());
-        let found: Result<CalibrationRecord, _> = fields::decode(&others.collect::<Vec<_>>());
+        let found: Result<CalibrationRecord, _> = fields::decode_fields(&others.collect::<Vec<_>>());
         assert_eq!(found, Err(StoreError::Corrupt), "{missing}");
     }
 }
@@ -224,9 +224,9 @@ fn variants_keep_their_numbers() {
 fn fields_beyond_the_buffer_are_rejected() {
     let size = state_fields().len();
     for room in 0..size {
-        assert_eq!(fields::encode(&state(), &mut vec![0; room]), Err(StoreError::Full), "{room}");
+        assert_eq!(fields::encode_fields(&state(), &mut vec![0; room]), Err(StoreError::Full), "{room}");
     }
-    assert_eq!(fields::encode(&state(), &mut vec![0; size]), Ok(size));
+    assert_eq!(fields::encode_fields(&state(), &mut vec![0; size]), Ok(size));
 }
 
 #[test]
@@ -234,7 +234,7 @@ fn a_reference_beyond_the_slots_is_refused() {
     for (slot, valid) in [(3, true), (4, false), (255, false)] {
         let reference = Some(SlotReference { slot, crc: 1 });
         for state in [StoredState { current: reference, ..state() }, StoredState { previous: reference, ..state() }] {
-            assert_eq!(page::encode(&state, &mut [0; ITEM_SIZE]).is_ok(), valid, "{slot}");
+            assert_eq!(page::encode_item(&state, &mut [0; ITEM_SIZE]).is_ok(), valid, "{slot}");
         }
     }
 }
@@ -246,7 +246,7 @@ fn a_flipped_bit_makes_an_item_damaged() {
     for bit in 0..(item.len() - padding) * 8 {
         let mut damaged = item.clone();
         damaged[bit / 8] ^= 1 << (bit % 8);
-        assert_eq!(page::parse(&damaged), PageContent::Damaged, "bit {bit}");
+        assert_eq!(page::parse_page(&damaged), PageContent::Damaged, "bit {bit}");
     }
 }
 
@@ -254,7 +254,7 @@ fn a_flipped_bit_makes_an_item_damaged() {
 fn a_truncated_item_is_damaged() {
     let item = pinned_calibration();
     for length in 0..item.len() - 7 {
-        assert_eq!(page::parse(&item[..length]), PageContent::Damaged, "{length}");
+        assert_eq!(page::parse_page(&item[..length]), PageContent::Damaged, "{length}");
     }
     for fields in [state_fields(), fields_of(&item)] {
         let ends: Vec<_> = split(&fields)
@@ -265,7 +265,7 @@ fn a_truncated_item_is_damaged() {
             })
             .collect();
         for length in (0..fields.len()).filter(|length| !ends.contains(length)) {
-            assert_eq!(fields::decode::<StoredState>(&fields[..length]), Err(StoreError::Corrupt), "{length}");
+            assert_eq!(fields::decode_fields::<StoredState>(&fields[..length]), Err(StoreError::Corrupt), "{length}");
         }
     }
 }
@@ -280,7 +280,8 @@ fn random_fields_decode_to_valid_values_or_an_error() {
             let at = noise.bits() as usize % fields.len();
             fields[at] = noise.byte();
         }
-        let (state, record) = (fields::decode::<StoredState>(&fields), fields::decode::<CalibrationRecord>(&fields));
+        let (state, record) =
+            (fields::decode_fields::<StoredState>(&fields), fields::decode_fields::<CalibrationRecord>(&fields));
         assert!(state.is_ok_and(|state| state.settings.is_valid()) || state.is_err());
         assert!(record.is_ok_and(|record| record.is_valid()) || record.is_err());
     }

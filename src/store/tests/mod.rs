@@ -75,7 +75,7 @@ pub(super) fn settings() -> Settings {
 }
 
 fn item_of(value: &impl Fields) -> Vec<u8> {
-    page::encode(value, &mut [0; ITEM_SIZE]).unwrap().0.to_vec()
+    page::encode_item(value, &mut [0; ITEM_SIZE]).unwrap().0.to_vec()
 }
 
 fn with_crc(mut bytes: Vec<u8>) -> Vec<u8> {
@@ -109,7 +109,7 @@ fn save(flash: &mut Flash, serial: u32) -> Result<(), StoreError> {
 }
 
 fn save_change(flash: &mut Flash, change: StoreChange<'_>) -> Result<(), StoreError> {
-    block_on(Store::new(flash, REGION).save(change))
+    block_on(Store::new(flash, REGION).save_change(change))
 }
 
 /// Loaded values, or the error.
@@ -119,7 +119,7 @@ fn load(flash: &mut Flash) -> Result<StoredValues, StoreError> {
 }
 
 fn load_readable(flash: &mut Flash) -> Loaded {
-    block_on(Store::new(flash, REGION).load())
+    block_on(Store::new(flash, REGION).load_state())
 }
 
 fn load_generations(flash: &mut Flash) -> Result<StoredCalibrations, StoreError> {
@@ -226,12 +226,12 @@ fn only_the_region_is_touched() {
     flash.bytes.fill(0x5A);
     let region = PAGE as u32..(7 * PAGE) as u32;
     for serial in 1..=12 {
-        block_on(Store::new(&mut flash, region.clone()).save(change(&stored_calibrations(serial)))).unwrap();
+        block_on(Store::new(&mut flash, region.clone()).save_change(change(&stored_calibrations(serial)))).unwrap();
     }
     let untouched = |page: usize| flash.bytes[page * PAGE..(page + 1) * PAGE].iter().all(|&byte| byte == 0x5A);
     let pages: Vec<bool> = (0..PAGES).map(untouched).collect();
     assert_eq!(pages, [true, false, false, false, false, false, false, true]);
-    let found = block_on(Store::new(&mut flash, region).load());
+    let found = block_on(Store::new(&mut flash, region).load_state());
     assert_eq!((found.stored.stored_calibrations, found.error), (stored_calibrations(12), None));
 }
 
@@ -260,12 +260,12 @@ fn a_stored_calibration_clears_the_collecting_flag() {
 #[test]
 fn undo_twice_is_redo() {
     let mut stored_calibrations = StoredCalibrations::default();
-    stored_calibrations.push(&record(1));
-    stored_calibrations.push(&record(2));
+    stored_calibrations.push_record(&record(1));
+    stored_calibrations.push_record(&record(2));
     let before = stored_calibrations;
-    stored_calibrations.undo();
+    stored_calibrations.undo_last();
     assert_eq!(stored_calibrations, StoredCalibrations { current: Some(record(1)), previous: Some(record(2)) });
-    stored_calibrations.undo();
+    stored_calibrations.undo_last();
     assert_eq!(stored_calibrations, before);
     stored_calibrations.clear();
     assert_eq!(stored_calibrations, StoredCalibrations::default());

@@ -78,10 +78,10 @@ fn another_format_is_reported_and_left_untouched() {
 #[test]
 fn each_other_format_is_named() {
     for format in (0..=255).filter(|format| *format != page::STORE_FORMAT) {
-        assert_eq!(page::parse(&other_item(format)), PageContent::OtherFormat(format));
+        assert_eq!(page::parse_page(&other_item(format)), PageContent::OtherFormat(format));
     }
     for format in 2..=9 {
-        assert_eq!(page::parse(&development_page(format)), PageContent::OtherFormat(format));
+        assert_eq!(page::parse_page(&development_page(format)), PageContent::OtherFormat(format));
     }
 }
 

@@ -13,8 +13,8 @@ impl<T: Fields> Fields for Unchecked<T> {
         Self(T::with_defaults())
     }
 
-    fn visit(&mut self, visitor: &mut impl Visitor) {
-        self.0.visit(visitor);
+    fn visit_fields(&mut self, visitor: &mut impl Visitor) {
+        self.0.visit_fields(visitor);
     }
 
     fn is_valid(&self) -> bool {
@@ -24,15 +24,15 @@ impl<T: Fields> Fields for Unchecked<T> {
 
 fn assert_valid<T: Fields + PartialEq + core::fmt::Debug>(value: &T, valid: bool, label: &str) {
     let unchecked = item_of(&Unchecked(*value));
-    let PageContent::Item(Item { fields, .. }) = page::parse(&unchecked) else { panic!("{label}") };
+    let PageContent::Item(Item { fields, .. }) = page::parse_page(&unchecked) else { panic!("{label}") };
     let mut buffer = [0; ITEM_SIZE];
-    let encoded = page::encode(value, &mut buffer).map(|(item, _)| item);
+    let encoded = page::encode_item(value, &mut buffer).map(|(item, _)| item);
     if valid {
         assert_eq!(encoded, Ok(&unchecked[..]), "{label}");
-        assert_eq!(fields::decode(fields), Ok(*value), "{label}");
+        assert_eq!(fields::decode_fields(fields), Ok(*value), "{label}");
     } else {
         assert_eq!(encoded, Err(StoreError::Invalid), "{label}");
-        assert_eq!(fields::decode::<T>(fields), Err(StoreError::Corrupt), "{label}");
+        assert_eq!(fields::decode_fields::<T>(fields), Err(StoreError::Corrupt), "{label}");
     }
 }
 

@@ -145,12 +145,12 @@ static RECEIVED_TYPES: [ReceivedType; 11] = [
     ReceivedType::new(DataType::TARGETTED, tunnel_targetted),
     ReceivedType::new(DataType::ARMING_STATUS, arming_status),
     ReceivedType::new(DataType::BATTERY_INFO, battery),
-    ReceivedType::new(DataType::FIX_2, fix),
-    ReceivedType::new(DataType::ALLOCATION, allocation),
+    ReceivedType::new(DataType::FIX_2, parse_fix),
+    ReceivedType::new(DataType::ALLOCATION, parse_allocation),
     ReceivedType::new(DataType::GET_NODE_INFO, |_| Some(InboundMessage::GetNodeInfo)),
     ReceivedType::new(DataType::GET_SET, get_set),
     ReceivedType::new(DataType::EXECUTE_OPCODE, execute_opcode),
-    ReceivedType::new(DataType::RESTART_NODE, restart),
+    ReceivedType::new(DataType::RESTART_NODE, parse_restart),
     ReceivedType::new(DataType::GET_TRANSPORT_STATS, |_| Some(InboundMessage::GetTransportStats)),
     ReceivedType::new(DataType::BEGIN_FIRMWARE_UPDATE, begin_firmware_update),
 ];
@@ -164,7 +164,7 @@ pub(super) fn find_type(is_service: bool, id: u16, is_anonymous: bool) -> Option
     })
 }
 
-fn allocation(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn parse_allocation(payload: &[u8]) -> Option<InboundMessage<'_>> {
     let mut fields = BitReader::new(payload);
     let node = NodeId::new(fields.take(7) as u8);
     let _is_first_part = fields.take(1);
@@ -201,7 +201,7 @@ fn execute_opcode(payload: &[u8]) -> Option<InboundMessage<'_>> {
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn restart(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn parse_restart(payload: &[u8]) -> Option<InboundMessage<'_>> {
     Some(InboundMessage::RestartNode(BitReader::new(payload).take(40) == RESTART_MAGIC))
 }
 
@@ -247,7 +247,7 @@ fn battery(payload: &[u8]) -> Option<InboundMessage<'_>> {
 
 /// Times of the node and of the satellites in microseconds, longitude and latitude in 1e-8 deg, heights in millimetres.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn fix(payload: &[u8]) -> Option<InboundMessage<'_>> {
+fn parse_fix(payload: &[u8]) -> Option<InboundMessage<'_>> {
     const TIME_STANDARD_UTC: u64 = 2;
     const VELOCITY_BITS: u32 = 96;
     const STATUS_3D_FIX: u64 = 3;

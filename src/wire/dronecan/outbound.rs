@@ -74,13 +74,14 @@ impl SoftwareVersion {
     /// Version of this firmware, with the first 32 bits of its commit, if known.
     #[must_use]
     pub const fn of_this_firmware(commit: Option<u32>) -> Self {
-        const fn number(text: &str) -> u8 {
+        const fn parse_number(text: &str) -> u8 {
             match u8::from_str_radix(text, 10) {
                 Ok(number) => number,
                 Err(_) => 0,
             }
         }
-        let (major, minor) = (number(env!("CARGO_PKG_VERSION_MAJOR")), number(env!("CARGO_PKG_VERSION_MINOR")));
+        let (major, minor) =
+            (parse_number(env!("CARGO_PKG_VERSION_MAJOR")), parse_number(env!("CARGO_PKG_VERSION_MINOR")));
         Self { major, minor, commit, image_crc: None }
     }
 }
@@ -119,7 +120,7 @@ impl NodeInfo {
 
 /// Request of an allocation: the next part of the unique id.
 #[must_use]
-pub fn allocation(is_first_part: bool, unique_id_part: &[u8]) -> Payload {
+pub fn allocation_payload(is_first_part: bool, unique_id_part: &[u8]) -> Payload {
     let mut out = BitWriter::default();
     // A request without a preferred number: the allocator remembers the number of each unique id.
     out.put_bits(0, 7);

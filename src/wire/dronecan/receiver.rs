@@ -57,7 +57,7 @@ impl Receiver {
     }
 
     /// Processes a frame; returns the transfer that it completes. Requests to other nodes than `own` are ignored.
-    pub fn push<'a>(
+    pub fn push_frame<'a>(
         &'a mut self,
         at: Timestamp,
         own: Option<NodeId>,
@@ -77,7 +77,7 @@ impl Receiver {
             FrameEffect::Rejected
         } else {
             match find_slot(&mut self.slots, frame.id() & KEY_MASK, tail.is_start()) {
-                Some(slot) => slot.push(at, tail, part, data_type),
+                Some(slot) => slot.push_payload(at, tail, part, data_type),
                 None => FrameEffect::Rejected,
             }
         };
@@ -137,23 +137,23 @@ impl Slot {
         payload: heapless::Vec::new(),
     };
 
-    fn push(&mut self, at: Timestamp, tail: TailByte, part: &[u8], data_type: &DataType) -> FrameEffect<'_> {
+    fn push_payload(&mut self, at: Timestamp, tail: TailByte, part: &[u8], data_type: &DataType) -> FrameEffect<'_> {
         let part = if tail.is_start() {
-            let Some((crc, part)) = part.split_first_chunk() else { return self.reject() };
+            let Some((crc, part)) = part.split_first_chunk() else { return self.reject_transfer() };
             (self.transfer_id, self.crc) = (tail.transfer_id(), *crc);
             part
         } else {
             if tail.transfer_id() != self.transfer_id || at.us_since(self.last) > TRANSFER_TIMEOUT_US {
-                return self.reject();
+                return self.reject_transfer();
             }
             part
         };
         if tail.toggle() != self.toggle {
-            return if tail.is_start() { self.reject() } else { FrameEffect::Waiting };
+            return if tail.is_start() { self.reject_transfer() } else { FrameEffect::Waiting };
         }
         (self.toggle, self.last) = (!self.toggle, at);
         if self.payload.extend_from_slice(part).is_err() {
-            return self.reject();
+            return self.reject_transfer();
         }
         if !tail.is_end() {
             return FrameEffect::Waiting;
@@ -166,7 +166,7 @@ impl Slot {
         }
     }
 
-    const fn reject(&mut self) -> FrameEffect<'_> {
+    const fn reject_transfer(&mut self) -> FrameEffect<'_> {
         self.key = None;
         FrameEffect::Rejected
     }

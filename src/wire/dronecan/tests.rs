@@ -45,7 +45,7 @@ fn receive_all(frames: &[CanFrame]) -> (Option<String>, u32) {
     let mut receiver = Receiver::new();
     let mut last = None;
     for frame in frames {
-        last = receiver.push(Timestamp::START, Some(node(42)), frame).map(|transfer| format!("{transfer:?}"));
+        last = receiver.push_frame(Timestamp::START, Some(node(42)), frame).map(|transfer| format!("{transfer:?}"));
     }
     (last, receiver.rejected)
 }
@@ -140,7 +140,7 @@ fn an_allocation_is_requested_and_granted_in_three_parts() {
         (1, 6..12, 0x188A_7500, "00 17 18 19 1A 1B 1C C1"),
         (2, 12..16, 0x1822_1900, "00 00 00 00 00 C2"),
     ] {
-        let payload = outbound::allocation(part.start == 0, &UNIQUE_ID[part]);
+        let payload = outbound::allocation_payload(part.start == 0, &UNIQUE_ID[part]);
         let request = message(DataType::ALLOCATION, transfer_id, payload);
         assert_eq!(request.frames(None).collect::<Vec<_>>(), frames_of(id, text));
     }
@@ -374,7 +374,7 @@ fn a_transfer_expires_after_two_seconds() {
         let mut completed = false;
         for (number, frame) in frames.iter().enumerate() {
             let at = Timestamp::from_us(if number < 3 { 5 } else { 5 + pause_us });
-            completed |= receiver.push(at, Some(node(42)), frame).is_some();
+            completed |= receiver.push_frame(at, Some(node(42)), frame).is_some();
         }
         assert_eq!(completed, is_complete, "{pause_us}");
     }
@@ -390,9 +390,10 @@ fn a_flood_of_first_frames_does_not_stop_a_transfer_in_progress() {
         for sender in 11..14 {
             let flood = CanFrame::new(frame.id() & !0x7F | sender, frames[0].data()).unwrap();
             let at = Timestamp::from_us(number as u64 * 100 + u64::from(sender));
-            assert_eq!(receiver.push(at, Some(node(42)), &flood), None);
+            assert_eq!(receiver.push_frame(at, Some(node(42)), &flood), None);
         }
-        is_received |= receiver.push(Timestamp::from_us(number as u64 * 100 + 20), Some(node(42)), frame).is_some();
+        is_received |=
+            receiver.push_frame(Timestamp::from_us(number as u64 * 100 + 20), Some(node(42)), frame).is_some();
     }
     assert!(is_received);
 }

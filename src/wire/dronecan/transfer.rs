@@ -34,21 +34,21 @@ impl DataType {
     /// uavcan.protocol.NodeStatus.
     pub const NODE_STATUS: Self = Self::new_message(341, 0x0F08_68D0_C1A7_C6F1);
     /// uavcan.protocol.GetNodeInfo.
-    pub const GET_NODE_INFO: Self = Self::service(1, 0xEE46_8A81_21C4_6A9E);
+    pub const GET_NODE_INFO: Self = Self::service_type(1, 0xEE46_8A81_21C4_6A9E);
     /// uavcan.protocol.dynamic_node_id.Allocation.
     pub const ALLOCATION: Self = Self::new_message(1, 0x0B2A_8126_20A1_1D40);
     /// uavcan.protocol.param.GetSet.
-    pub const GET_SET: Self = Self::service(11, 0xA7B6_22F9_39D1_A4D5);
+    pub const GET_SET: Self = Self::service_type(11, 0xA7B6_22F9_39D1_A4D5);
     /// uavcan.protocol.param.ExecuteOpcode.
-    pub const EXECUTE_OPCODE: Self = Self::service(10, 0x3B13_1AC5_EB69_D2CD);
+    pub const EXECUTE_OPCODE: Self = Self::service_type(10, 0x3B13_1AC5_EB69_D2CD);
     /// uavcan.protocol.RestartNode.
-    pub const RESTART_NODE: Self = Self::service(5, 0x569E_0539_4A30_17F0);
+    pub const RESTART_NODE: Self = Self::service_type(5, 0x569E_0539_4A30_17F0);
     /// uavcan.protocol.GetTransportStats.
-    pub const GET_TRANSPORT_STATS: Self = Self::service(4, 0xBE6F_76A7_EC31_2B04);
+    pub const GET_TRANSPORT_STATS: Self = Self::service_type(4, 0xBE6F_76A7_EC31_2B04);
     /// uavcan.protocol.debug.LogMessage.
     pub const LOG_MESSAGE: Self = Self::new_message(16_383, 0xD654_A48E_0C04_9D75);
     /// uavcan.protocol.file.BeginFirmwareUpdate.
-    pub const BEGIN_FIRMWARE_UPDATE: Self = Self::service(40, 0xB7D7_25DF_7272_4126);
+    pub const BEGIN_FIRMWARE_UPDATE: Self = Self::service_type(40, 0xB7D7_25DF_7272_4126);
     /// uavcan.equipment.ahrs.MagneticFieldStrength2.
     pub const MAGNETIC_FIELD_STRENGTH_2: Self = Self::new_message(1002, 0xB6AC_0C44_2430_297E);
     /// uavcan.tunnel.Targetted.
@@ -64,7 +64,7 @@ impl DataType {
         Self { id, is_service: false, signature }
     }
 
-    const fn service(id: u16, signature: u64) -> Self {
+    const fn service_type(id: u16, signature: u64) -> Self {
         Self { id, is_service: true, signature }
     }
 

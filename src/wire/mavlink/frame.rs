@@ -17,13 +17,13 @@ impl Address {
     /// Address of a sender.
     #[must_use]
     pub const fn from_sender(source: SenderId) -> Self {
-        let [system, component] = source.number().to_be_bytes();
+        let [system, component] = source.packed_number().to_be_bytes();
         Self { system, component }
     }
 
     /// Sender with this address.
     #[must_use]
-    pub const fn sender(self) -> SenderId {
+    pub const fn sender_id(self) -> SenderId {
         SenderId::new(u16::from_be_bytes([self.system, self.component]))
     }
 }

@@ -81,22 +81,22 @@ impl MessageSpec {
         Self { id: M::ID, length: M::ENCODED_LEN, extended: M::ENCODED_LEN, extra_crc: M::EXTRA_CRC, decode }
     }
 
-    const fn extended(self, extended: usize) -> Self {
+    const fn with_extension(self, extended: usize) -> Self {
         Self { extended, ..self }
     }
 }
 
 /// Supported messages, the most frequent first.
 pub(super) const SUPPORTED_MESSAGES: [MessageSpec; 9] = [
-    MessageSpec::from_library::<ATTITUDE_DATA>(attitude),
-    MessageSpec::from_library::<SYS_STATUS_DATA>(system_status).extended(43),
-    MessageSpec::from_library::<HEARTBEAT_DATA>(heartbeat),
+    MessageSpec::from_library::<ATTITUDE_DATA>(parse_attitude),
+    MessageSpec::from_library::<SYS_STATUS_DATA>(system_status).with_extension(43),
+    MessageSpec::from_library::<HEARTBEAT_DATA>(parse_heartbeat),
     MessageSpec::from_library::<GLOBAL_POSITION_INT_DATA>(global_position),
-    MessageSpec::from_library::<BATTERY_STATUS_DATA>(battery_status).extended(54),
-    MessageSpec::from_library::<SYSTEM_TIME_DATA>(day),
+    MessageSpec::from_library::<BATTERY_STATUS_DATA>(battery_status).with_extension(54),
+    MessageSpec::from_library::<SYSTEM_TIME_DATA>(parse_day),
     MessageSpec::from_library::<COMMAND_LONG_DATA>(command_long),
     MessageSpec::from_library::<COMMAND_INT_DATA>(command_int),
-    MessageSpec::from_library::<COMMAND_ACK_DATA>(acknowledgement).extended(10),
+    MessageSpec::from_library::<COMMAND_ACK_DATA>(acknowledgement).with_extension(10),
 ];
 
 /// Longest payload of a supported message, bytes.
@@ -116,51 +116,51 @@ pub(super) const MAX_PAYLOAD_LENGTH: usize = {
 struct PayloadReader<'a>(&'a [u8]);
 
 impl PayloadReader<'_> {
-    fn u8(&self, at: usize) -> u8 {
+    fn read_u8(&self, at: usize) -> u8 {
         self.0.get(at).copied().unwrap_or(0)
     }
 
-    fn u16(&self, at: usize) -> u16 {
-        u16::from_le_bytes([self.u8(at), self.u8(at + 1)])
+    fn read_u16(&self, at: usize) -> u16 {
+        u16::from_le_bytes([self.read_u8(at), self.read_u8(at + 1)])
     }
 
-    fn u32(&self, at: usize) -> u32 {
+    fn read_u32(&self, at: usize) -> u32 {
         // Only the last fields of a truncated payload are incomplete.
         match self.0.get(at..).and_then(|rest| rest.first_chunk()) {
             Some(whole) => u32::from_le_bytes(*whole),
-            None => u32::from_le_bytes(from_fn(|byte| self.u8(at + byte))),
+            None => u32::from_le_bytes(from_fn(|byte| self.read_u8(at + byte))),
         }
     }
 
-    fn f32(&self, at: usize) -> f32 {
-        f32::from_bits(self.u32(at))
+    fn read_f32(&self, at: usize) -> f32 {
+        f32::from_bits(self.read_u32(at))
     }
 
     /// Signed integer, multiplied by its unit.
     fn scaled_integer(&self, at: usize, unit: f32) -> f32 {
-        self.u32(at).cast_signed() as f32 * unit
+        self.read_u32(at).cast_signed() as f32 * unit
     }
 
-    fn address(&self, at: usize) -> Address {
-        Address { system: self.u8(at), component: self.u8(at + 1) }
+    fn read_address(&self, at: usize) -> Address {
+        Address { system: self.read_u8(at), component: self.read_u8(at + 1) }
     }
 }
 
-fn attitude(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+fn parse_attitude(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const ROLL_OFFSET: usize = 4;
     const PITCH_OFFSET: usize = 8;
     const RATES_OFFSET: usize = 16;
     let fields = PayloadReader(payload);
-    let (roll_rad, pitch_rad) = (fields.f32(ROLL_OFFSET), fields.f32(PITCH_OFFSET));
+    let (roll_rad, pitch_rad) = (fields.read_f32(ROLL_OFFSET), fields.read_f32(PITCH_OFFSET));
     let rate = |axis| {
-        let rad_s = fields.f32(RATES_OFFSET + 4 * axis);
+        let rad_s = fields.read_f32(RATES_OFFSET + 4 * axis);
         if rad_s.is_finite() { rad_s } else { 0.0 }
     };
     let is_possible = roll_rad.abs() <= MAX_ROLL_RAD && pitch_rad.abs() <= MAX_PITCH_RAD;
     is_possible.then(|| {
         InboundMessage::Attitude(AttitudeReport {
             sender: source,
-            sender_time: WrappingMillis::new(fields.u32(0)),
+            sender_time: WrappingMillis::new(fields.read_u32(0)),
             attitude: Attitude { roll_rad, pitch_rad },
             rates_rad_s: from_fn(rate),
         })
@@ -172,14 +172,14 @@ const MAX_ROLL_RAD: f32 = core::f32::consts::PI + 0.001;
 const MAX_PITCH_RAD: f32 = core::f32::consts::FRAC_PI_2 + 0.001;
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn heartbeat(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+fn parse_heartbeat(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const AUTOPILOT_OFFSET: usize = 5;
     const BASE_MODE_OFFSET: usize = 6;
     let fields = PayloadReader(payload);
     Some(InboundMessage::Heartbeat(Heartbeat {
         sender: source,
-        is_autopilot: fields.u8(AUTOPILOT_OFFSET) != MavAutopilot::MAV_AUTOPILOT_INVALID as u8,
-        is_armed: fields.u8(BASE_MODE_OFFSET) & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0,
+        is_autopilot: fields.read_u8(AUTOPILOT_OFFSET) != MavAutopilot::MAV_AUTOPILOT_INVALID as u8,
+        is_armed: fields.read_u8(BASE_MODE_OFFSET) & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0,
     }))
 }
 
@@ -201,7 +201,7 @@ fn global_position(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn system_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const CURRENT_OFFSET: usize = 16;
-    Some(InboundMessage::Current(source, amperes_from_centiamperes(PayloadReader(payload).u16(CURRENT_OFFSET))))
+    Some(InboundMessage::Current(source, amperes_from_centiamperes(PayloadReader(payload).read_u16(CURRENT_OFFSET))))
 }
 
 /// Only the first battery, as in SYS_STATUS.
@@ -210,8 +210,11 @@ fn battery_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const CURRENT_OFFSET: usize = 30;
     const BATTERY_ID_OFFSET: usize = 32;
     let fields = PayloadReader(payload);
-    let is_first = fields.u8(BATTERY_ID_OFFSET) == 0;
-    Some(InboundMessage::Current(source, amperes_from_centiamperes(fields.u16(CURRENT_OFFSET)).filter(|_| is_first)))
+    let is_first = fields.read_u8(BATTERY_ID_OFFSET) == 0;
+    Some(InboundMessage::Current(
+        source,
+        amperes_from_centiamperes(fields.read_u16(CURRENT_OFFSET)).filter(|_| is_first),
+    ))
 }
 
 /// Converts hundredths of an ampere; -1 means unknown.
@@ -222,35 +225,39 @@ fn amperes_from_centiamperes(centiamperes: u16) -> Option<f32> {
 
 /// Unix time in microseconds.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn day(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+fn parse_day(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     let fields = PayloadReader(payload);
-    let unix_us = u64::from(fields.u32(4)) << 32 | u64::from(fields.u32(0));
+    let unix_us = u64::from(fields.read_u32(4)) << 32 | u64::from(fields.read_u32(0));
     Some(InboundMessage::Date(source, Date::from_unix_s(unix_us / 1_000_000)))
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn command_long(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const CONFIRMATION_OFFSET: usize = 32;
-    Some(InboundMessage::Command(command(source, payload, PayloadReader(payload).u8(CONFIRMATION_OFFSET))))
+    Some(InboundMessage::Command(received_command(
+        source,
+        payload,
+        PayloadReader(payload).read_u8(CONFIRMATION_OFFSET),
+    )))
 }
 
 /// Decodes COMMAND_INT, which has a coordinate frame in the place of COMMAND_LONG's confirmation; the fields before it
 /// are equal.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn command_int(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    Some(InboundMessage::Command(command(source, payload, 0)))
+    Some(InboundMessage::Command(received_command(source, payload, 0)))
 }
 
-fn command(source: SenderId, payload: &[u8], confirmation: u8) -> ReceivedCommand {
+fn received_command(source: SenderId, payload: &[u8], confirmation: u8) -> ReceivedCommand {
     const COMMAND_OFFSET: usize = 28;
     const TARGET_OFFSET: usize = 30;
     let fields = PayloadReader(payload);
     ReceivedCommand {
         source,
-        target: fields.address(TARGET_OFFSET),
-        command: fields.u16(COMMAND_OFFSET),
+        target: fields.read_address(TARGET_OFFSET),
+        command: fields.read_u16(COMMAND_OFFSET),
         confirmation,
-        parameters: from_fn(|parameter| fields.f32(4 * parameter)),
+        parameters: from_fn(|parameter| fields.read_f32(4 * parameter)),
     }
 }
 
@@ -262,8 +269,8 @@ fn acknowledgement(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     let fields = PayloadReader(payload);
     Some(InboundMessage::Acknowledgement(Acknowledgement {
         source,
-        target: fields.address(TARGET_OFFSET),
-        command: fields.u16(COMMAND_OFFSET),
-        result: fields.u8(RESULT_OFFSET),
+        target: fields.read_address(TARGET_OFFSET),
+        command: fields.read_u16(COMMAND_OFFSET),
+        result: fields.read_u8(RESULT_OFFSET),
     }))
 }

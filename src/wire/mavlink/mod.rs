@@ -73,16 +73,16 @@ impl Receiver {
 
     /// Processes a received byte; returns the message that it completes.
     #[inline]
-    pub fn push(&mut self, byte: u8) -> Option<InboundMessage> {
+    pub fn push_byte(&mut self, byte: u8) -> Option<InboundMessage> {
         // Never full: `scan` leaves less than one frame.
         let _ = self.buffer.push(byte);
-        if self.buffer.len() < self.needed { None } else { self.scan() }
+        if self.buffer.len() < self.needed { None } else { self.scan_buffer() }
     }
 
     /// Decodes frames at the start of the buffer until more bytes are needed.
-    fn scan(&mut self) -> Option<InboundMessage> {
+    fn scan_buffer(&mut self) -> Option<InboundMessage> {
         loop {
-            match candidate(&self.buffer) {
+            match find_frame_candidate(&self.buffer) {
                 FrameCandidate::No => self.drop_front(1),
                 FrameCandidate::Unknown(needed) => {
                     self.needed = needed;
@@ -93,7 +93,7 @@ impl Receiver {
                     if self.buffer.len() < self.needed {
                         return None;
                     }
-                    let message = decode(&self.buffer, &layout).filter(|_| self.is_signature_accepted(&layout));
+                    let message = decode_message(&self.buffer, &layout).filter(|_| self.is_signature_accepted(&layout));
                     if message.is_some() {
                         self.drop_front(layout.frame());
                         return message;
@@ -108,7 +108,7 @@ impl Receiver {
 
     fn is_signature_accepted(&mut self, layout: &FrameLayout) -> bool {
         let frame = self.buffer.get(..layout.frame()).unwrap_or_default();
-        self.signatures.accept(frame, layout.source, layout.signature > 0)
+        self.signatures.accept_frame(frame, layout.source, layout.signature > 0)
     }
 
     fn drop_front(&mut self, count: usize) {
@@ -119,13 +119,13 @@ impl Receiver {
     }
 }
 
-fn candidate(bytes: &[u8]) -> FrameCandidate {
+fn find_frame_candidate(bytes: &[u8]) -> FrameCandidate {
     match *bytes {
         [V1, length, _, system, component, id, ..] => {
             let payload = usize::from(length);
             let matches_layout = |wanted: &&MessageSpec| wanted.id == u32::from(id) && wanted.length == payload;
             SUPPORTED_MESSAGES.iter().find(matches_layout).map_or(FrameCandidate::No, |wanted| {
-                let source = Address { system, component }.sender();
+                let source = Address { system, component }.sender_id();
                 FrameCandidate::Yes(FrameLayout { wanted, source, header: V1_HEADER_LENGTH, payload, signature: 0 })
             })
         }
@@ -137,7 +137,7 @@ fn candidate(bytes: &[u8]) -> FrameCandidate {
             let matches_layout =
                 |wanted: &&MessageSpec| is_known && wanted.id == id && (1..=wanted.extended).contains(&payload);
             SUPPORTED_MESSAGES.iter().find(matches_layout).map_or(FrameCandidate::No, |wanted| {
-                let source = Address { system, component }.sender();
+                let source = Address { system, component }.sender_id();
                 let signature = if incompatibility & signature::SIGNED_FLAG == 0 { 0 } else { signature::LENGTH };
                 FrameCandidate::Yes(FrameLayout { wanted, source, header: V2_HEADER_LENGTH, payload, signature })
             })
@@ -149,7 +149,7 @@ fn candidate(bytes: &[u8]) -> FrameCandidate {
 }
 
 /// Decodes a complete frame; none for a wrong CRC or impossible values.
-fn decode(frame: &[u8], layout: &FrameLayout) -> Option<InboundMessage> {
+fn decode_message(frame: &[u8], layout: &FrameLayout) -> Option<InboundMessage> {
     let crc_at = layout.header + layout.payload;
     let checked = frame.get(1..crc_at)?;
     let crc = frame.get(crc_at..crc_at + 2)?;

@@ -176,7 +176,7 @@ impl OutboundMessage {
 
     /// Sets sender and sequence number, truncates trailing zeros, appends the CRC and, with a key, the signature.
     #[must_use]
-    pub fn frame(mut self, from: Address, sequence: u8, signatures: &mut Signatures) -> Frame {
+    pub fn into_frame(mut self, from: Address, sequence: u8, signatures: &mut Signatures) -> Frame {
         // At least one byte of payload remains.
         while self.frame.len() > V2_HEADER_LENGTH + 1 && self.frame.last() == Some(&0) {
             self.frame.pop();
@@ -189,7 +189,7 @@ impl OutboundMessage {
         }
         let crc = checksum(self.frame.get(1..).unwrap_or_default(), self.extra_crc);
         self.put_bytes(&crc.to_le_bytes());
-        signatures.sign(&mut self.frame);
+        signatures.sign_frame(&mut self.frame);
         self.frame
     }
 

@@ -74,7 +74,7 @@ impl Signatures {
     }
 
     /// Whether a frame with a valid CRC is accepted; `is_signed`: it ends with a signature.
-    pub(super) fn accept(&mut self, frame: &[u8], source: SenderId, is_signed: bool) -> bool {
+    pub(super) fn accept_frame(&mut self, frame: &[u8], source: SenderId, is_signed: bool) -> bool {
         let Some(key) = &self.key else { return true };
         let Some((signed, hash)) = frame.split_last_chunk::<HASH_LENGTH>().filter(|_| is_signed) else { return false };
         let Some(&[link, t0, t1, t2, t3, t4, t5]) = signed.last_chunk() else { return false };
@@ -95,7 +95,7 @@ impl Signatures {
     }
 
     /// Appends a signature to a frame with its CRC, if there is a key.
-    pub(super) fn sign<const CAPACITY: usize>(&mut self, frame: &mut heapless::Vec<u8, CAPACITY>) {
+    pub(super) fn sign_frame<const CAPACITY: usize>(&mut self, frame: &mut heapless::Vec<u8, CAPACITY>) {
         let Some(key) = &self.key else { return };
         self.time += 1;
         let [t0, t1, t2, t3, t4, t5, ..] = self.time.to_le_bytes();

@@ -168,10 +168,10 @@ impl Receiver {
     }
 
     /// Processes a received byte; returns the message that it completes.
-    pub fn push(&mut self, byte: u8) -> Option<MspReply> {
+    pub fn push_byte(&mut self, byte: u8) -> Option<MspReply> {
         // Never full: `scan` leaves less than one frame.
         let _ = self.buffer.push(byte);
-        if self.buffer.len() < self.needed { None } else { self.scan() }
+        if self.buffer.len() < self.needed { None } else { self.scan_buffer() }
     }
 
     /// Drops a partly received frame.
@@ -181,7 +181,7 @@ impl Receiver {
     }
 
     /// Decodes frames at the start of the buffer until more bytes are needed.
-    fn scan(&mut self) -> Option<MspReply> {
+    fn scan_buffer(&mut self) -> Option<MspReply> {
         loop {
             let Some(needed) = required_length(&self.buffer) else {
                 self.drop_front(1);
@@ -189,7 +189,7 @@ impl Receiver {
             };
             self.needed = needed;
             let frame = self.buffer.get(..needed)?;
-            let message = if is_intact(frame) { decode(frame) } else { None };
+            let message = if is_intact(frame) { decode_reply(frame) } else { None };
             if message.is_some() {
                 self.drop_front(needed);
                 return message;
@@ -233,17 +233,17 @@ fn is_intact(frame: &[u8]) -> bool {
 }
 
 /// Decodes a valid frame; none for a short payload or impossible values.
-fn decode(frame: &[u8]) -> Option<MspReply> {
+fn decode_reply(frame: &[u8]) -> Option<MspReply> {
     let [_, _, direction, _, f0, f1, _, _, payload @ .., _crc] = frame else { return None };
     let function = Function::from_number(u16::from_le_bytes([*f0, *f1]))?;
     if *direction == b'!' || payload.is_empty() {
         return Some(MspReply::Refused(function));
     }
     match (function, payload) {
-        (Function::FcVariant, payload) => payload.get(..4).map(|name| MspReply::FcVariant(firmware(name))),
+        (Function::FcVariant, payload) => payload.get(..4).map(|name| MspReply::FcVariant(parse_firmware(name))),
         (Function::Status, [_, _, _, _, _, _, flags, _, _, _, _profile, ..]) => Some(MspReply::Armed(flags & 1 != 0)),
         (Function::RawGps, payload) => raw_gps(payload),
-        (Function::Attitude, [r0, r1, p0, p1, h0, h1, ..]) => angles([[*r0, *r1], [*p0, *p1], [*h0, *h1]]),
+        (Function::Attitude, [r0, r1, p0, p1, h0, h1, ..]) => parse_angles([[*r0, *r1], [*p0, *p1], [*h0, *h1]]),
         (Function::RawImu, [_, _, _, _, _, _, x0, x1, y0, y1, z0, z1, ..]) => {
             Some(MspReply::Gyro([[*x0, *x1], [*y0, *y1], [*z0, *z1]].map(i16::from_le_bytes)))
         }
@@ -251,12 +251,12 @@ fn decode(frame: &[u8]) -> Option<MspReply> {
         (Function::Analog, [_, _, _, _, _, c0, c1, ..]) => {
             Some(MspReply::Current(f32::from(i16::from_le_bytes([*c0, *c1])) * 0.01))
         }
-        (Function::Rtc, payload) => rtc(payload),
+        (Function::Rtc, payload) => parse_rtc(payload),
         _ => None,
     }
 }
 
-fn firmware(name: &[u8]) -> Firmware {
+fn parse_firmware(name: &[u8]) -> Firmware {
     match name {
         b"ARDU" => Firmware::ArduPilot,
         b"INAV" => Firmware::Inav,
@@ -265,7 +265,7 @@ fn firmware(name: &[u8]) -> Firmware {
     }
 }
 
-fn angles(bytes: [[u8; 2]; 3]) -> Option<MspReply> {
+fn parse_angles(bytes: [[u8; 2]; 3]) -> Option<MspReply> {
     let [roll_decideg, pitch_decideg, heading_deg] = bytes.map(i16::from_le_bytes);
     let possible = (-1800..=1800).contains(&roll_decideg) && (-900..=900).contains(&pitch_decideg);
     possible.then_some(MspReply::Attitude(MspAngles { roll_decideg, pitch_decideg, heading_deg }))
@@ -283,9 +283,9 @@ fn raw_gps(payload: &[u8]) -> Option<MspReply> {
 
 /// ArduPilot and Betaflight send year, month, day, hour, minute, second and milliseconds, nine bytes; INAV seconds
 /// since 1970 and milliseconds, six.
-fn rtc(payload: &[u8]) -> Option<MspReply> {
+fn parse_rtc(payload: &[u8]) -> Option<MspReply> {
     let day = match *payload {
-        [y0, y1, month, day, _, _, _, _, _, ..] => date(u16::from_le_bytes([y0, y1]), month, day),
+        [y0, y1, month, day, _, _, _, _, _, ..] => parse_date(u16::from_le_bytes([y0, y1]), month, day),
         [s0, s1, s2, s3, _, _, ..] => Date::from_unix_s(u32::from_le_bytes([s0, s1, s2, s3]).into()),
         _ => return None,
     };
@@ -293,7 +293,7 @@ fn rtc(payload: &[u8]) -> Option<MspReply> {
 }
 
 /// Converts a date of the Gregorian calendar. Years begin in March, so that the leap day is their last.
-fn date(year: u16, month: u8, day: u8) -> Option<Date> {
+fn parse_date(year: u16, month: u8, day: u8) -> Option<Date> {
     /// Days from March of the year 0 to 1970.
     const DAYS_BEFORE_1970: u32 = 719_469;
     if !((1970..=9999).contains(&year) && (1..=12).contains(&month) && (1..=31).contains(&day)) {
@@ -307,7 +307,7 @@ fn date(year: u16, month: u8, day: u8) -> Option<Date> {
 
 /// Encodes a request.
 #[must_use]
-pub fn request(function: Function) -> [u8; 9] {
+pub fn encode_request(function: Function) -> [u8; 9] {
     let [f0, f1] = (function as u16).to_le_bytes();
     let mut frame = [b'$', b'X', b'<', 0, f0, f1, 0, 0, 0];
     write_checksum(&mut frame);
@@ -320,7 +320,7 @@ pub fn request(function: Function) -> [u8; 9] {
 /// The time is in milliseconds. The field, x forward, y right, z down, is sent in whole milligauss (1 uT is 10 mG),
 /// limited to +-3,276.7 uT.
 #[must_use]
-pub fn compass(instance: u8, time_ms: u32, field: Field<Body>) -> [u8; 20] {
+pub fn compass_message(instance: u8, time_ms: u32, field: Field<Body>) -> [u8; 20] {
     // The cast saturates, and converts NaN to 0.
     let milligauss = |ut: f32| (libm::roundf(ut * 10.0) as i16).to_le_bytes();
     let ([t0, t1, t2, t3], [x0, x1]) = (time_ms.to_le_bytes(), milligauss(field.ut.x));

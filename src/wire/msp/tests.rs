@@ -30,7 +30,7 @@ fn angles_of(roll_decideg: i16, pitch_decideg: i16) -> MspReply {
 /// All messages in a stream, and the number of rejected frames.
 fn all(stream: &[u8]) -> (Vec<MspReply>, u32) {
     let mut receiver = Receiver::new();
-    let messages = stream.iter().filter_map(|&byte| receiver.push(byte)).collect();
+    let messages = stream.iter().filter_map(|&byte| receiver.push_byte(byte)).collect();
     (messages, receiver.rejected)
 }
 
@@ -46,8 +46,8 @@ fn decode_single(stream: &[u8]) -> Option<MspReply> {
 #[test]
 fn sent_frames_match_frames_that_autopilots_accepted() {
     assert_eq!(checksum(b"123456789"), 0xBC);
-    assert_eq!(request(Function::Attitude).to_vec(), hex("24 58 3C 00 6C 00 00 00 D8"));
-    let sent = compass(0, 123_456, Field::from_ut(20.0, -5.1, 44.2));
+    assert_eq!(encode_request(Function::Attitude).to_vec(), hex("24 58 3C 00 6C 00 00 00 D8"));
+    let sent = compass_message(0, 123_456, Field::from_ut(20.0, -5.1, 44.2));
     assert_eq!(sent.to_vec(), hex("24 58 3C 00 04 1F 0B 00 00 40 E2 01 00 C8 00 CD FF BA 01 26"));
     for (function, number) in [
         (Function::FcVariant, 2),
@@ -56,16 +56,16 @@ fn sent_frames_match_frames_that_autopilots_accepted() {
         (Function::Attitude, 108),
         (Function::Rtc, 247),
     ] {
-        assert_eq!(request(function).to_vec(), frame(b'<', number, &[]));
+        assert_eq!(encode_request(function).to_vec(), frame(b'<', number, &[]));
     }
-    assert_eq!(compass(7, u32::MAX, Field::from_ut(0.0, 0.0, 0.0))[8..13], [7, 255, 255, 255, 255]);
+    assert_eq!(compass_message(7, u32::MAX, Field::from_ut(0.0, 0.0, 0.0))[8..13], [7, 255, 255, 255, 255]);
 }
 
 /// Rounded to the nearest milligauss, and saturated.
 #[test]
 fn a_field_is_sent_in_milligauss() {
     let encoded = |ut: f32| {
-        let sent = compass(0, 0, Field::from_ut(ut, 0.0, ut));
+        let sent = compass_message(0, 0, Field::from_ut(ut, 0.0, ut));
         assert_eq!((sent[13], sent[14]), (sent[17], sent[18]));
         i16::from_le_bytes([sent[13], sent[14]])
     };
@@ -243,7 +243,8 @@ fn unsupported_frames_are_skipped() {
     let other = frame(b'>', 0x3E6C, &[b'$'; 40]);
     let noise = hex("24 24 58 24 58 3E 24 58 3F 00 6C 00 00");
     let stream =
-        [&attitude(1, 2)[..], &version_1, &request(Function::Attitude), &other, &noise, &attitude(3, 4)].concat();
+        [&attitude(1, 2)[..], &version_1, &encode_request(Function::Attitude), &other, &noise, &attitude(3, 4)]
+            .concat();
     assert_eq!(all(&stream), (vec![angles_of(1, 2), angles_of(3, 4)], 0));
 }
 
@@ -264,7 +265,7 @@ fn a_damaged_frame_costs_no_other_frame() {
         bad[bit / 8] ^= 1 << (bit % 8);
         let stream = [bad, good.clone(), attitude(1, 2), vec![0; MAX_FRAME]].concat();
         let mut receiver = Receiver::new();
-        let found: Vec<_> = stream.iter().filter_map(|&byte| receiver.push(byte)).collect();
+        let found: Vec<_> = stream.iter().filter_map(|&byte| receiver.push_byte(byte)).collect();
         let expected = [angles_of(123, -45), angles_of(1, 2)];
         assert_eq!(found, expected, "bit {bit}");
         assert!(receiver.rejected <= 1);
@@ -286,11 +287,11 @@ fn a_truncated_frame_costs_no_other_frame() {
 fn an_incomplete_frame_can_be_discarded() {
     let good = attitude(123, -45);
     let mut receiver = Receiver::new();
-    assert!(good[..10].iter().all(|&byte| receiver.push(byte).is_none()));
+    assert!(good[..10].iter().all(|&byte| receiver.push_byte(byte).is_none()));
     receiver.discard_partial();
-    let found: Vec<_> = good.iter().filter_map(|&byte| receiver.push(byte)).collect();
+    let found: Vec<_> = good.iter().filter_map(|&byte| receiver.push_byte(byte)).collect();
     assert_eq!((found.as_slice(), receiver.rejected), (&[angles_of(123, -45)][..], 0));
-    assert_eq!(good.iter().filter_map(|&byte| receiver.push(byte)).count(), 1);
+    assert_eq!(good.iter().filter_map(|&byte| receiver.push_byte(byte)).count(), 1);
 }
 
 /// 100,000 pieces of garbage with valid headers: nearly all are rejected, and after each hundred a whole frame is
@@ -304,10 +305,10 @@ fn no_bytes_stop_the_receiver() {
         let number = random.bits() as usize % 24;
         let start = starts[random.bits() as usize % starts.len()];
         let bytes = [if random.bits().is_multiple_of(2) { start } else { &[] }, &random.bytes(number)].concat();
-        let _ = bytes.iter().filter_map(|&byte| receiver.push(byte)).count();
+        let _ = bytes.iter().filter_map(|&byte| receiver.push_byte(byte)).count();
         if index % 100 == 0 {
-            let _ = [0; MAX_FRAME].iter().filter_map(|&byte| receiver.push(byte)).count();
-            let found: Vec<_> = attitude(-7, 8).iter().filter_map(|&byte| receiver.push(byte)).collect();
+            let _ = [0; MAX_FRAME].iter().filter_map(|&byte| receiver.push_byte(byte)).count();
+            let found: Vec<_> = attitude(-7, 8).iter().filter_map(|&byte| receiver.push_byte(byte)).collect();
             assert_eq!(found, [angles_of(-7, 8)]);
         }
     }

@@ -13,8 +13,8 @@ type WriteResult = Option<()>;
 
 /// `$HCHDM,hhh.h,M*cs`: magnetic heading; the field is empty without a valid heading.
 #[must_use]
-pub fn hdm(heading_deg: Option<f32>) -> Sentence {
-    sentence(|body| {
+pub fn hdm_sentence(heading_deg: Option<f32>) -> Sentence {
+    build_sentence(|body| {
         put_text(body, "HCHDM,")?;
         put_heading(body, heading_deg)?;
         put_text(body, ",M")
@@ -26,8 +26,8 @@ pub fn hdm(heading_deg: Option<f32>) -> Sentence {
 /// The deviation fields are empty because the heading is corrected already. Variation (declination) is empty if
 /// unknown; the heading is magnetic in any case.
 #[must_use]
-pub fn hdg(heading_deg: Option<f32>, variation_deg: Option<f32>) -> Sentence {
-    sentence(|body| {
+pub fn hdg_sentence(heading_deg: Option<f32>, variation_deg: Option<f32>) -> Sentence {
+    build_sentence(|body| {
         put_text(body, "HCHDG,")?;
         put_heading(body, heading_deg)?;
         put_text(body, ",,,")?;
@@ -44,8 +44,8 @@ pub fn hdg(heading_deg: Option<f32>, variation_deg: Option<f32>) -> Sentence {
 /// `$HCHDT,hhh.h,T*cs`: true heading, the sum of magnetic heading and variation (declination); the field is empty
 /// without a valid heading. The talker is `HC`, magnetic compass, as in the other sentences.
 #[must_use]
-pub fn hdt(heading_deg: Option<f32>, variation_deg: f32) -> Sentence {
-    sentence(|body| {
+pub fn hdt_sentence(heading_deg: Option<f32>, variation_deg: f32) -> Sentence {
+    build_sentence(|body| {
         put_text(body, "HCHDT,")?;
         put_heading(body, heading_deg.map(|magnetic_deg| magnetic_deg + variation_deg))?;
         put_text(body, ",T")
@@ -55,8 +55,8 @@ pub fn hdt(heading_deg: Option<f32>, variation_deg: f32) -> Sentence {
 /// `$PASWH,hhh.h,s.s,ok,smooth*cs`: magnetic heading, its standard deviation, degrees, `ok`, and the kind of heading,
 /// `smooth` or `raw`. Without a heading: two empty fields, the code of the reason, and an empty field.
 #[must_use]
-pub fn quality(heading: &Result<Heading, NoHeading>, kind: HeadingKind) -> Sentence {
-    sentence(|body| {
+pub fn quality_sentence(heading: &Result<Heading, NoHeading>, kind: HeadingKind) -> Sentence {
+    build_sentence(|body| {
         put_text(body, "PASWH,")?;
         match heading {
             Ok(heading) => {
@@ -65,11 +65,11 @@ pub fn quality(heading: &Result<Heading, NoHeading>, kind: HeadingKind) -> Sente
                 // A sigma above 180 deg carries no information.
                 put_tenths(body, rounded_tenths(heading.sigma_deg().min(180.0)), 1)?;
                 put_text(body, ",ok,")?;
-                put_text(body, kind.name())
+                put_text(body, kind.kind_name())
             }
             Err(reason) => {
                 put_text(body, ",,")?;
-                put_text(body, reason.code())?;
+                put_text(body, reason.stable_code())?;
                 put_text(body, ",")
             }
         }
@@ -117,7 +117,7 @@ fn put_tenths(body: &mut Sentence, tenths: u32, least_digits: usize) -> WriteRes
 
 /// Adds `$`, checksum and line end to a body. A sentence that does not fit is cut, and lacks the checksum, so that
 /// receivers reject it.
-fn sentence(fill: impl FnOnce(&mut Sentence) -> WriteResult) -> Sentence {
+fn build_sentence(fill: impl FnOnce(&mut Sentence) -> WriteResult) -> Sentence {
     const HEX_DIGITS: &[u8; 16] = b"0123456789ABCDEF";
     let mut out = Sentence::new();
     let complete = put_text(&mut out, "$").and_then(|()| fill(&mut out));

@@ -29,7 +29,7 @@ pub enum LogFormat {
 impl LogFormat {
     /// The format's usual name.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn format_name(self) -> &'static str {
         match self {
             Self::DataFlash => "ArduPilot DataFlash",
             Self::DataFlashText => "ArduPilot DataFlash text",
@@ -197,7 +197,7 @@ impl Flight {
         let Self { compasses, parameters, autopilot, .. } = self;
         let is_px4 = *autopilot == Autopilot::Px4;
         let body_from_sensor = mount.body_from_sensor().map(f64::from);
-        let (rotation, _) = NumberedRotation::nearest(&body_from_sensor);
+        let (rotation, _) = NumberedRotation::nearest_to_matrix(&body_from_sensor);
         for compass in compasses.iter_mut().filter(|compass| number.is_none_or(|number| number == compass.number)) {
             let turn = |t_s: f64| {
                 let logged = logged_mounting(parameters, is_px4, t_s, compass.number)?;
@@ -214,7 +214,7 @@ impl Flight {
                 hard_iron_ut: last * correction.hard_iron_ut,
                 motor_ut_per_a: last * correction.motor_ut_per_a,
             });
-            parameters.replace(&orientation_parameter(is_px4, compass.number), rotation.number().into());
+            parameters.replace_value(&orientation_parameter(is_px4, compass.number), rotation.rotation_number().into());
         }
         Ok(())
     }

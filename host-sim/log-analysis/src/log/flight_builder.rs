@@ -123,7 +123,7 @@ impl FlightBuilder {
     }
 
     pub fn set_parameter(&mut self, name: &str, value: f64) {
-        self.flight.parameters.set(self.timeline.newest_s(), name, value);
+        self.flight.parameters.set_value(self.timeline.newest_s(), name, value);
     }
 
     pub fn set_firmware(&mut self, name: &str) {
@@ -139,10 +139,10 @@ impl FlightBuilder {
     }
 
     /// Sorts all series and undoes the autopilot's corrections.
-    pub fn finish(mut self) -> Flight {
+    pub fn finish_flight(mut self) -> Flight {
         let flight = &mut self.flight;
         flight.counts.bad_times += self.timeline.rejected_count();
-        flight.counts.restarts = self.timeline.restarts();
+        flight.counts.restarts = self.timeline.restart_count();
         if flight.attitude.is_empty()
             && let Some((_, (from, attitude))) = self.fallback_attitudes.pop_first()
         {
@@ -191,11 +191,13 @@ fn remove_correction(
 ) -> (Option<FieldCorrection>, Series<6>) {
     let parameters = &flight.parameters;
     let at = |t_s: f64| match was {
-        FieldProcessing::ArduPilot => InvertibleCorrection::ardupilot(parameters, t_s, number),
+        FieldProcessing::ArduPilot => InvertibleCorrection::from_ardupilot_parameters(parameters, t_s, number),
         FieldProcessing::Px4(index) | FieldProcessing::Px4SensorRaw(index) => {
-            InvertibleCorrection::px4(parameters, t_s, index)
+            InvertibleCorrection::from_px4_parameters(parameters, t_s, index)
         }
-        FieldProcessing::BodyRaw => InvertibleCorrection::ardupilot(&super::ParameterHistory::default(), t_s, 1),
+        FieldProcessing::BodyRaw => {
+            InvertibleCorrection::from_ardupilot_parameters(&super::ParameterHistory::default(), t_s, 1)
+        }
     };
     let mounting = if let FieldProcessing::Px4SensorRaw(index) = was {
         Some(px4_mounting(parameters, f64::INFINITY, index))
@@ -215,7 +217,7 @@ fn remove_correction(
         let current_a = flight.current.interpolate_or_hold(row.t_s, 2.0).map_or(0.0, |[amperes]| f64::from(amperes));
         let (raw, corrected) = if let Some(turned) = mounting {
             let raw = turned * logged;
-            (raw, undo.correction.apply(raw, current_a))
+            (raw, undo.correction.correct_field(raw, current_a))
         } else {
             let motor = if mx.is_nan() { undo.motor_ut(current_a) } else { logged_motor };
             (undo.raw_ut(logged, motor), logged)
@@ -229,7 +231,7 @@ fn remove_correction(
 /// Whether the autopilot uses a compass for its heading. PX4 selects the healthy compass of highest priority, which no
 /// parameter shows; priority 0 excludes it.
 fn is_used(flight: &Flight, number: u8) -> Option<bool> {
-    let value = |name: String| flight.parameters.last(&name);
+    let value = |name: String| flight.parameters.last_value(&name);
     match flight.autopilot {
         Autopilot::ArduPilot => {
             let index = if number == 1 { String::new() } else { number.to_string() };
@@ -254,7 +256,7 @@ mod tests {
         for (i, amperes) in [-0.1, 0.0, 9_999.0, 10_001.0, f32::NAN].into_iter().enumerate() {
             recorder.push_current(i as f64, amperes);
         }
-        let flight = recorder.finish();
+        let flight = recorder.finish_flight();
         assert_eq!(flight.current.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [0.0, 9_999.0]);
     }
 
@@ -270,7 +272,7 @@ mod tests {
         for t_s in [1.0, 1.9, 2.1, 100.0] {
             recorder.push_field(1, FieldProcessing::ArduPilot, t_s, [20.0, 0.0, 40.0], None);
         }
-        let flight = recorder.finish();
+        let flight = recorder.finish_flight();
         // 10 A at 5 mG/A.
         let raw: Vec<f32> = flight.compasses[0].field.rows().iter().map(|row| row.values[0]).collect();
         assert_eq!(raw, [15.0, 15.0, 20.0, 20.0]);
@@ -287,7 +289,7 @@ mod tests {
             recorder.push_attitude(i as f64, [0.0, angle, 0.0]);
             recorder.push_rates(i as f64, [0.0, 0.0, angle * 60.0]);
         }
-        let flight = recorder.finish();
+        let flight = recorder.finish_flight();
         assert_eq!(flight.compasses.iter().map(|compass| compass.number).collect::<Vec<_>>(), [1, 8]);
         assert_eq!((flight.compasses[0].field.rows().len(), flight.counts.unhealthy), (1, 5));
         assert_eq!((flight.attitude.rows().len(), flight.rates.rows().len()), (1, 1));
@@ -297,7 +299,7 @@ mod tests {
     fn logged_motor_offsets_are_subtracted_per_row() {
         let mut recorder = FlightBuilder::new(LogFormat::DataFlash);
         recorder.push_field(1, FieldProcessing::ArduPilot, 1.0, [20.0, 0.0, 40.0], Some([3.0, 0.0, -1.0]));
-        let flight = recorder.finish();
+        let flight = recorder.finish_flight();
         assert_eq!(
             flight.compasses[0].field.rows()[0].values.map(f32::to_bits)[..3],
             [17.0_f32, 0.0, 41.0].map(f32::to_bits)
@@ -310,7 +312,7 @@ mod tests {
             let mut recorder = FlightBuilder::new(LogFormat::TLog);
             recorder.set_parameter("COMPASS_OFS_X", 100.0);
             recorder.push_field(1, was, 1.0, [20.0, 0.0, 40.0], None);
-            let flight = recorder.finish();
+            let flight = recorder.finish_flight();
             let raw_ut = flight.compasses[0].field.rows()[0].values[0];
             assert_eq!(
                 (flight.compasses[0].correction.is_some(), raw_ut < 20.0),
@@ -331,7 +333,7 @@ mod tests {
             }
             recorder.push_field(1, FieldProcessing::ArduPilot, t_s, [20.0, 0.0, 40.0], None);
         }
-        let flight = recorder.finish();
+        let flight = recorder.finish_flight();
         let raw: Vec<f32> = flight.compasses[0].field.rows().iter().map(|row| row.values[0]).collect();
         assert_eq!(raw, [10.0, 15.0, 15.0, 20.0]);
     }

@@ -80,13 +80,13 @@ impl fmt::Display for LogError {
                  whose first line names t_s,mx,my,mz,roll_deg,pitch_deg",
             ),
             Self::Csv(error) => error.fmt(f),
-            Self::NoField(format, 0) => write!(f, "{}: no magnetometer is logged", format.name()),
+            Self::NoField(format, 0) => write!(f, "{}: no magnetometer is logged", format.format_name()),
             Self::NoField(format, unhealthy) => write!(
                 f,
                 "{}: all {unhealthy} magnetometer readings are out of range, or marked unhealthy by the autopilot",
-                format.name()
+                format.format_name()
             ),
-            Self::NoAttitude(format) => write!(f, "{}: no attitude is logged", format.name()),
+            Self::NoAttitude(format) => write!(f, "{}: no attitude is logged", format.format_name()),
             Self::SystemNotFound(system, found) if found.is_empty() => {
                 write!(f, "no system {system}: no vehicle of the log has this number")
             }
@@ -97,7 +97,7 @@ impl fmt::Display for LogError {
             Self::NoTime(format) => write!(
                 f,
                 "{}: its messages carry no time (logs until 2014): the attitude of a field is unknown",
-                format.name()
+                format.format_name()
             ),
         }
     }
@@ -116,7 +116,7 @@ impl From<io::Error> for LogError {
 /// # Errors
 ///
 /// As [`read_system`].
-pub fn read(source: &mut dyn Read, unit: FieldUnit) -> Result<Flight, LogError> {
+pub fn read_flight(source: &mut dyn Read, unit: FieldUnit) -> Result<Flight, LogError> {
     read_system(source, unit, None)
 }
 
@@ -141,9 +141,9 @@ fn read_with_unchecked_rates(source: &mut dyn Read, unit: FieldUnit, system: Opt
     let flight = match format {
         LogFormat::DataFlash => dataflash::read_binary(&mut source)?,
         LogFormat::DataFlashText => dataflash::read_text(&mut source)?,
-        LogFormat::ULog => ulog::read(&mut source)?,
-        LogFormat::TLog => tlog::read(&mut source, system)?,
-        LogFormat::Csv => csv::read(source, unit).map_err(LogError::Csv)?,
+        LogFormat::ULog => ulog::read_ulog(&mut source)?,
+        LogFormat::TLog => tlog::read_tlog(&mut source, system)?,
+        LogFormat::Csv => csv::read_csv(source, unit).map_err(LogError::Csv)?,
     };
     if let Some(system) = system.filter(|system| flight.systems.first() != Some(system)) {
         return Err(LogError::SystemNotFound(system, flight.systems));

@@ -14,7 +14,7 @@ pub struct ParameterHistory(BTreeMap<String, Vec<(f64, f64)>>);
 
 impl ParameterHistory {
     /// Stores a value received at a time in seconds.
-    pub fn set(&mut self, t_s: f64, name: &str, value: f64) {
+    pub fn set_value(&mut self, t_s: f64, name: &str, value: f64) {
         if !value.is_finite() || name.is_empty() || name.len() > 32 {
             return;
         }
@@ -29,14 +29,14 @@ impl ParameterHistory {
     }
 
     /// Replaces all values of a parameter.
-    pub fn replace(&mut self, name: &str, value: f64) {
+    pub fn replace_value(&mut self, name: &str, value: f64) {
         self.0.remove(name);
-        self.set(f64::NEG_INFINITY, name, value);
+        self.set_value(f64::NEG_INFINITY, name, value);
     }
 
     /// The value at a time.
     #[must_use]
-    pub fn at(&self, t_s: f64, name: &str) -> Option<f64> {
+    pub fn value_at(&self, t_s: f64, name: &str) -> Option<f64> {
         let values = self.0.get(name)?;
         let latest = values.iter().take_while(|&&(from_s, _)| from_s <= t_s).last();
         latest.or_else(|| values.first()).map(|&(_, value)| value)
@@ -44,8 +44,8 @@ impl ParameterHistory {
 
     /// The last value of a parameter.
     #[must_use]
-    pub fn last(&self, name: &str) -> Option<f64> {
-        self.at(f64::INFINITY, name)
+    pub fn last_value(&self, name: &str) -> Option<f64> {
+        self.value_at(f64::INFINITY, name)
     }
 
     /// Time of a parameter's last change, seconds; none if it never changed.
@@ -80,14 +80,14 @@ mod tests {
     fn the_first_value_applies_from_the_start_and_a_change_from_its_time() {
         let mut parameters = ParameterHistory::default();
         for (t_s, value) in [(5.0, 1.0), (6.0, 1.0), (10.0, 2.0)] {
-            parameters.set(t_s, "COMPASS_OFS_X", value);
+            parameters.set_value(t_s, "COMPASS_OFS_X", value);
         }
-        let at = |t_s| parameters.at(t_s, "COMPASS_OFS_X");
+        let at = |t_s| parameters.value_at(t_s, "COMPASS_OFS_X");
         assert_eq!([0.0, 9.9, 10.0, 99.0].map(at), [1.0, 1.0, 2.0, 2.0].map(Some));
         assert_eq!(parameters.change_times_s("COMPASS_"), [10.0]);
         assert!(parameters.change_times_s("AHRS").is_empty());
-        assert_eq!(parameters.last("COMPASS_OFS_Y"), None);
-        parameters.set(11.0, "COMPASS_OFS", 2.0);
+        assert_eq!(parameters.last_value("COMPASS_OFS_Y"), None);
+        parameters.set_value(11.0, "COMPASS_OFS", 2.0);
         assert_eq!(
             ["COMPASS_OFS_X", "COMPASS_OFS", "AHRS"].map(|name| parameters.last_change_s(name)),
             [Some(10.0), None, None]

@@ -36,9 +36,9 @@ const MAX_REPAIRS: usize = 4;
 /// Checks the logged body rates against the attitude, and repairs a wrong sign or unit. Missing or inexact rates are
 /// replaced by differences of the attitude, which give no heading: those of the yaw contain the errors of its compass.
 pub(super) fn check_rates(flight: &mut Flight) {
-    let differences = differences(&flight.attitude);
+    let differences = attitude_differences(&flight.attitude);
     for _ in 0..=MAX_REPAIRS {
-        let Some(problem) = problem(&differences, flight) else { return };
+        let Some(problem) = find_problem(&differences, flight) else { return };
         flight.rates_problem.get_or_insert(problem);
         let Some(factors) = problem.repair() else { break };
         for row in flight.rates.rows_mut() {
@@ -52,7 +52,7 @@ pub(super) fn check_rates(flight: &mut Flight) {
     }
 }
 
-fn problem(differences: &[Stamped<3>], flight: &Flight) -> Option<RatesProblem> {
+fn find_problem(differences: &[Stamped<3>], flight: &Flight) -> Option<RatesProblem> {
     if flight.rates.is_empty() {
         return (!differences.is_empty()).then_some(RatesProblem::NotLogged);
     }
@@ -93,7 +93,7 @@ fn sign_or_unit(pairs: &[([f32; 3], [f32; 3])], axis: usize) -> Option<RatesProb
 }
 
 /// Body rates by central differences of the attitude; a missing yaw counts as constant.
-fn differences(attitude: &Series<3>) -> Vec<Stamped<3>> {
+fn attitude_differences(attitude: &Series<3>) -> Vec<Stamped<3>> {
     let rate_at = |three: &[Stamped<3>]| {
         let [before, at, after] = three else { return None };
         let span_s = after.t_s - before.t_s;

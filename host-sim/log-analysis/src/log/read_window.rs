@@ -23,7 +23,7 @@ impl<'a> ReadWindow<'a> {
     /// # Errors
     ///
     /// The source cannot be read.
-    pub fn peek(&mut self, number: usize) -> io::Result<&[u8]> {
+    pub fn peek_bytes(&mut self, number: usize) -> io::Result<&[u8]> {
         let number = number.min(MAX_PEEK);
         while self.end - self.start < number && !self.is_at_end {
             if self.buffer.len() - self.start < MAX_PEEK {
@@ -50,7 +50,7 @@ impl<'a> ReadWindow<'a> {
     pub fn next_line(&mut self) -> io::Result<Option<String>> {
         const READ_CHUNK_BYTES: usize = 4096;
         for number in [READ_CHUNK_BYTES, MAX_PEEK] {
-            let bytes = self.peek(number)?;
+            let bytes = self.peek_bytes(number)?;
             let end = bytes.iter().position(|&byte| byte == b'\n');
             if end.is_none() && bytes.len() == READ_CHUNK_BYTES && number == READ_CHUNK_BYTES {
                 continue;
@@ -60,14 +60,14 @@ impl<'a> ReadWindow<'a> {
             }
             let bytes = &bytes[..end.unwrap_or(bytes.len())];
             let (line, length) = (String::from_utf8_lossy(bytes).trim_end_matches('\r').to_owned(), bytes.len() + 1);
-            self.consume(length);
+            self.consume_bytes(length);
             return Ok(Some(line));
         }
         Ok(None)
     }
 
     /// Consumes bytes returned by [`Self::peek`].
-    pub fn consume(&mut self, number: usize) {
+    pub fn consume_bytes(&mut self, number: usize) {
         self.start = self.end.min(self.start + number);
     }
 }
@@ -108,12 +108,12 @@ mod tests {
         let (mut consumed, mut step) = (Vec::new(), 1);
         loop {
             step = (step * 31 + 7) % 5_000 + 1;
-            let part = window.peek(step).unwrap().to_vec();
+            let part = window.peek_bytes(step).unwrap().to_vec();
             if part.is_empty() {
                 break;
             }
             assert!(part.len() == step || consumed.len() + part.len() == bytes.len());
-            window.consume(part.len());
+            window.consume_bytes(part.len());
             consumed.extend(part);
         }
         assert!(consumed == bytes);

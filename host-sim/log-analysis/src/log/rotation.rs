@@ -61,13 +61,13 @@ impl NumberedRotation {
 
     /// Number of the rotation.
     #[must_use]
-    pub const fn number(self) -> u8 {
+    pub const fn rotation_number(self) -> u8 {
         self.0
     }
 
     /// Rotation matrix from sensor to body axes: roll, then pitch, then yaw.
     #[must_use]
-    pub fn matrix(self) -> Matrix3<f64> {
+    pub fn rotation_matrix(self) -> Matrix3<f64> {
         let [roll, pitch, yaw] =
             ROTATION_ANGLES_DEG[usize::from(self.0) % ROTATION_ANGLES_DEG.len()].map(|deg| f64::from(deg).to_radians());
         Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
@@ -75,9 +75,9 @@ impl NumberedRotation {
 
     /// The numbered rotation nearest to a matrix, and the angle between both, degrees.
     #[must_use]
-    pub fn nearest(matrix: &Matrix3<f64>) -> (Self, f64) {
+    pub fn nearest_to_matrix(matrix: &Matrix3<f64>) -> (Self, f64) {
         let angle_deg = |rotation: Self| {
-            let trace = (rotation.matrix().transpose() * matrix).trace();
+            let trace = (rotation.rotation_matrix().transpose() * matrix).trace();
             libm::acos(((trace - 1.0) / 2.0).clamp(-1.0, 1.0)).to_degrees()
         };
         (0..ROTATION_ANGLES_DEG.len() as u8)
@@ -97,7 +97,8 @@ mod tests {
     /// `ROTATION_PITCH_90` (z, y, -x), `ROTATION_YAW_270` (y, -x, z).
     #[test]
     fn rotation_numbers_match_the_autopilots() {
-        let rotated = |number: f64| NumberedRotation::new(number).unwrap().matrix() * Vector3::new(1.0, 2.0, 3.0);
+        let rotated =
+            |number: f64| NumberedRotation::new(number).unwrap().rotation_matrix() * Vector3::new(1.0, 2.0, 3.0);
         for (number, expected) in [
             (0.0, [1.0, 2.0, 3.0]),
             (2.0, [-2.0, 1.0, 3.0]),
@@ -118,9 +119,13 @@ mod tests {
     #[test]
     fn the_nearest_rotation_is_found() {
         for number in 0..41 {
-            let matrix = NumberedRotation(number).matrix() * Rotation3::from_euler_angles(0.1, -0.1, 0.05).into_inner();
-            let (found, off_deg) = NumberedRotation::nearest(&matrix);
-            assert!((found.matrix() - NumberedRotation(number).matrix()).norm() < 1e-9, "{number} {found:?}");
+            let matrix =
+                NumberedRotation(number).rotation_matrix() * Rotation3::from_euler_angles(0.1, -0.1, 0.05).into_inner();
+            let (found, off_deg) = NumberedRotation::nearest_to_matrix(&matrix);
+            assert!(
+                (found.rotation_matrix() - NumberedRotation(number).rotation_matrix()).norm() < 1e-9,
+                "{number} {found:?}"
+            );
             assert!(off_deg > 5.0 && off_deg < 12.0, "{off_deg}");
         }
     }

@@ -49,7 +49,7 @@ impl<const N: usize> Series<N> {
             return;
         }
         if self.rows.len() >= MAX_ROWS {
-            self.thin();
+            self.thin_samples();
             if !self.pushed_count.is_multiple_of(1 << self.row_stride_log2)
                 || !is_in_retained_part(t_s, self.part_stride_log2)
             {
@@ -61,7 +61,7 @@ impl<const N: usize> Series<N> {
 
     /// Drops every second part at a low rate, else every second row; rows also if a single part exceeds three quarters
     /// of the limit.
-    fn thin(&mut self) {
+    fn thin_samples(&mut self) {
         let mut steps_s: Vec<f64> = self.rows.windows(2).map(|pair| (pair[1].t_s - pair[0].t_s).abs()).collect();
         let middle = steps_s.len() / 2;
         let step_s = *steps_s.select_nth_unstable_by(middle, f64::total_cmp).1;
@@ -107,7 +107,7 @@ impl<const N: usize> Series<N> {
 
     /// The last row at or before a time and the first after it.
     #[must_use]
-    pub fn neighbours(&self, t_s: f64) -> (Option<&Stamped<N>>, Option<&Stamped<N>>) {
+    pub fn adjacent_values(&self, t_s: f64) -> (Option<&Stamped<N>>, Option<&Stamped<N>>) {
         let after = self.rows.partition_point(|row| row.t_s <= t_s);
         (after.checked_sub(1).and_then(|before| self.rows.get(before)), self.rows.get(after))
     }
@@ -115,8 +115,8 @@ impl<const N: usize> Series<N> {
     /// The rows around a time and the interpolation weight of the second, 0 to 1; none outside the series and in gaps
     /// longer than `max_gap_s`.
     #[must_use]
-    pub fn bracket(&self, t_s: f64, max_gap_s: f64) -> Option<(&Stamped<N>, &Stamped<N>, f64)> {
-        let (before, after) = self.neighbours(t_s);
+    pub fn surrounding_values(&self, t_s: f64, max_gap_s: f64) -> Option<(&Stamped<N>, &Stamped<N>, f64)> {
+        let (before, after) = self.adjacent_values(t_s);
         let before = before?;
         let Some(after) = after else { return (before.t_s >= t_s).then_some((before, before, 0.0)) };
         let gap_s = after.t_s - before.t_s;
@@ -126,7 +126,7 @@ impl<const N: usize> Series<N> {
     /// Linear interpolation at a time; none outside the series and in gaps.
     #[must_use]
     pub fn interpolate(&self, t_s: f64, max_gap_s: f64) -> Option<[f32; N]> {
-        let (before, after, part) = self.bracket(t_s, max_gap_s)?;
+        let (before, after, part) = self.surrounding_values(t_s, max_gap_s)?;
         Some(std::array::from_fn(|i| before.values[i] + part as f32 * (after.values[i] - before.values[i])))
     }
 
@@ -140,7 +140,7 @@ impl<const N: usize> Series<N> {
     /// Interpolation of angles in radians, the shorter way round.
     #[must_use]
     pub fn interpolate_angles(&self, t_s: f64, max_gap_s: f64) -> Option<[f32; N]> {
-        let (before, after, part) = self.bracket(t_s, max_gap_s)?;
+        let (before, after, part) = self.surrounding_values(t_s, max_gap_s)?;
         Some(std::array::from_fn(|i| {
             wrap_pi(before.values[i] + part as f32 * wrap_pi(after.values[i] - before.values[i]))
         }))

@@ -32,7 +32,7 @@ impl Timeline {
         }
         let Some(newest_us) = self.newest_us else {
             self.newest_us = Some(us);
-            return Some(seconds(us));
+            return Some(seconds_from_us(us));
         };
         let is_near = |of_us: u64| {
             us.saturating_add(MAX_REORDERING_US) >= of_us && us <= of_us.saturating_add(MAX_UNCONFIRMED_STEP_US)
@@ -46,7 +46,7 @@ impl Timeline {
             self.rejected_count -= 1;
             if us < newest_us {
                 self.restarts += 1;
-                self.offset_s += seconds(newest_us) - seconds(us) + RESTART_GAP_S;
+                self.offset_s += seconds_from_us(newest_us) - seconds_from_us(us) + RESTART_GAP_S;
             }
             self.newest_us = Some(us);
         } else {
@@ -54,12 +54,12 @@ impl Timeline {
             self.rejected_count += 1;
             return None;
         }
-        Some(seconds(us) + self.offset_s)
+        Some(seconds_from_us(us) + self.offset_s)
     }
 
     #[must_use]
     pub fn newest_s(&self) -> f64 {
-        self.newest_us.map_or(0.0, |us| seconds(us) + self.offset_s)
+        self.newest_us.map_or(0.0, |us| seconds_from_us(us) + self.offset_s)
     }
 
     #[must_use]
@@ -68,7 +68,7 @@ impl Timeline {
     }
 
     #[must_use]
-    pub const fn restarts(&self) -> u32 {
+    pub const fn restart_count(&self) -> u32 {
         self.restarts
     }
 
@@ -78,7 +78,7 @@ impl Timeline {
     }
 }
 
-fn seconds(us: u64) -> f64 {
+fn seconds_from_us(us: u64) -> f64 {
     us as f64 / 1e6
 }
 
@@ -97,7 +97,7 @@ mod tests {
         for (at_s, expected) in placed.iter().zip([100.0, 101.0, 100.5, 98.1, 130.0]) {
             assert!((at_s.unwrap() - expected).abs() < 1e-9, "{placed:?}");
         }
-        assert_eq!((line.restarts(), line.rejected_count()), (0, 0));
+        assert_eq!((line.restart_count(), line.rejected_count()), (0, 0));
     }
 
     #[test]
@@ -106,14 +106,14 @@ mod tests {
             let (placed, line) = placed(&[100.0, 101.0, wrong_s, 101.1, 101.2]);
             assert_eq!(placed[2], None);
             assert!((placed[4].unwrap() - 101.2).abs() < 1e-9, "{placed:?}");
-            assert_eq!((line.restarts(), line.rejected_count()), (0, 1));
+            assert_eq!((line.restart_count(), line.rejected_count()), (0, 1));
         }
     }
 
     #[test]
     fn time_continues_ten_seconds_after_a_restart() {
         let (placed, line) = placed(&[100.0, 120.0, 120.1, 5.0, 5.1, 5.2]);
-        assert_eq!(line.restarts(), 1);
+        assert_eq!(line.restart_count(), 1);
         assert_eq!(placed[3], None, "one stamp alone is no restart");
         assert!((placed[4].unwrap() - 130.1).abs() < 1e-9 && (placed[5].unwrap() - 130.2).abs() < 1e-9, "{placed:?}");
     }
@@ -123,6 +123,10 @@ mod tests {
         let (placed, line) = placed(&[100.0, 500.0, 500.1, 500.2]);
         assert_eq!(placed[1], None);
         assert!((placed[3].unwrap() - 500.2).abs() < 1e-9, "{placed:?}");
-        assert_eq!((line.restarts(), line.rejected_count()), (0, 0), "what a second stamp agrees with is no nonsense");
+        assert_eq!(
+            (line.restart_count(), line.rejected_count()),
+            (0, 0),
+            "what a second stamp agrees with is no nonsense"
+        );
     }
 }

@@ -36,7 +36,9 @@ pub fn matches_header(head: &[u8]) -> bool {
 /// Length of the clock before every frame, bytes; none without a valid frame. Two consecutive frames are required,
 /// since the end of the previous frame can look like a clock.
 fn find_clock_length(head: &[u8]) -> Option<usize> {
-    let right = |at: usize, clock: usize| Frame::first(head.get(at..)?, clock).filter(|frame| frame.is_checksum_valid);
+    let right = |at: usize, clock: usize| {
+        Frame::parse_first_frame(head.get(at..)?, clock).filter(|frame| frame.is_checksum_valid)
+    };
     let is_chain =
         |at: usize, clock: usize| right(at, clock).is_some_and(|one| right(at + one.total_len, clock).is_some());
     let begins =
@@ -51,29 +53,29 @@ fn find_clock_length(head: &[u8]) -> Option<usize> {
 /// # Errors
 ///
 /// The source cannot be read.
-pub fn read(source: &mut dyn Read, system: Option<u8>) -> io::Result<Flight> {
+pub fn read_tlog(source: &mut dyn Read, system: Option<u8>) -> io::Result<Flight> {
     let mut window = ReadWindow::new(source);
     let mut log = TlogReader::new(system);
-    let clock = find_clock_length(window.peek(MAX_START_SEARCH_BYTES + 2 * (CLOCK_LENGTH + MAX_FRAME))?)
+    let clock = find_clock_length(window.peek_bytes(MAX_START_SEARCH_BYTES + 2 * (CLOCK_LENGTH + MAX_FRAME))?)
         .unwrap_or(CLOCK_LENGTH);
     loop {
-        let bytes = window.peek(CLOCK_LENGTH + MAX_FRAME)?;
+        let bytes = window.peek_bytes(CLOCK_LENGTH + MAX_FRAME)?;
         if bytes.is_empty() {
             break;
         }
-        let frame = Frame::first(bytes, clock);
+        let frame = Frame::parse_first_frame(bytes, clock);
         let length = if let Some(frame) = frame {
             if frame.is_checksum_valid {
-                log.take(&frame);
+                log.record_frame(&frame);
             }
             frame.total_len
         } else {
             log.builder.flight.counts.garbage += 1;
             1
         };
-        window.consume(length);
+        window.consume_bytes(length);
     }
-    Ok(log.finish())
+    Ok(log.finish_flight())
 }
 
 struct Frame<'a> {
@@ -89,7 +91,7 @@ struct Frame<'a> {
 
 impl<'a> Frame<'a> {
     /// Parses the frame at the start of `bytes`, after `clock` bytes of clock.
-    fn first(bytes: &'a [u8], clock: usize) -> Option<Self> {
+    fn parse_first_frame(bytes: &'a [u8], clock: usize) -> Option<Self> {
         let (received, frame) = bytes.split_at_checked(clock)?;
         let (version, header, sender, id, has_signature) = match *frame {
             [0xFE, _, _, system, component, id, ..] => {
@@ -161,7 +163,7 @@ impl TlogReader {
         }
     }
 
-    fn take(&mut self, frame: &Frame<'_>) {
+    fn record_frame(&mut self, frame: &Frame<'_>) {
         let [system, _] = frame.sender;
         if self.autopilot.is_some_and(|selected| selected != frame.sender)
             || self.requested_system.is_some_and(|wanted| wanted != system)
@@ -225,11 +227,11 @@ impl TlogReader {
         }
     }
 
-    fn finish(mut self) -> Flight {
+    fn finish_flight(mut self) -> Flight {
         let id_part = |part: usize| self.autopilot.map(|sender| sender[part]).into_iter();
         self.builder.flight.systems = id_part(0).chain(self.other_systems.iter().copied()).collect();
         self.builder.flight.components = id_part(1).chain(self.other_components.iter().copied()).collect();
-        self.builder.finish()
+        self.builder.finish_flight()
     }
 
     fn process_message(&mut self, frame: &Frame<'_>, message: &MavMessage) {
@@ -241,16 +243,16 @@ impl TlogReader {
                 }
             }
             MavMessage::RAW_IMU(m) if self.builder.flight.autopilot != Autopilot::Px4 => {
-                self.field(frame, 1, m.time_usec, [m.xmag, m.ymag, m.zmag]);
+                self.record_field(frame, 1, m.time_usec, [m.xmag, m.ymag, m.zmag]);
             }
             MavMessage::SCALED_IMU(m) if self.builder.flight.autopilot == Autopilot::Px4 => {
-                self.field(frame, 1, u64::from(m.time_boot_ms) * 1000, [m.xmag, m.ymag, m.zmag]);
+                self.record_field(frame, 1, u64::from(m.time_boot_ms) * 1000, [m.xmag, m.ymag, m.zmag]);
             }
             MavMessage::SCALED_IMU2(m) => {
-                self.field(frame, 2, u64::from(m.time_boot_ms) * 1000, [m.xmag, m.ymag, m.zmag]);
+                self.record_field(frame, 2, u64::from(m.time_boot_ms) * 1000, [m.xmag, m.ymag, m.zmag]);
             }
             MavMessage::SCALED_IMU3(m) => {
-                self.field(frame, 3, u64::from(m.time_boot_ms) * 1000, [m.xmag, m.ymag, m.zmag]);
+                self.record_field(frame, 3, u64::from(m.time_boot_ms) * 1000, [m.xmag, m.ymag, m.zmag]);
             }
             MavMessage::HIGHRES_IMU(m) => {
                 if has_field_update(m.fields_updated.bits())
@@ -264,7 +266,7 @@ impl TlogReader {
                 if m.fix_type as u32 >= 3
                     && let Some(t_s) = self.time_by_receiver(frame)
                 {
-                    self.builder.push_gps(t_s, gps(m));
+                    self.builder.push_gps(t_s, gps_from_message(m));
                 }
             }
             MavMessage::SYS_STATUS(m) => {
@@ -303,7 +305,7 @@ impl TlogReader {
     }
 
     /// Adds a field in milligauss.
-    fn field(&mut self, frame: &Frame<'_>, number: u8, us: u64, field: [i16; 3]) {
+    fn record_field(&mut self, frame: &Frame<'_>, number: u8, us: u64, field: [i16; 3]) {
         // An absent compass is sent as zero.
         if field == [0; 3] {
             return;
@@ -351,7 +353,7 @@ const fn has_field_update(updated: u16) -> bool {
     updated == 0 || updated & FIELD_VALID_FLAGS != 0
 }
 
-fn gps(m: &mavlink::dialects::common::GPS_RAW_INT_DATA) -> Gps {
+fn gps_from_message(m: &mavlink::dialects::common::GPS_RAW_INT_DATA) -> Gps {
     /// Unknown speed or course.
     const UNKNOWN_SPEED_OR_COURSE: u16 = u16::MAX;
     let hundredths = |number: u16| if number == UNKNOWN_SPEED_OR_COURSE { f32::NAN } else { f32::from(number) * 0.01 };

@@ -37,11 +37,11 @@ pub(super) fn excessive_rate_loss(flight: &Flight) -> Option<f64> {
     if !flight.has_heading_rates {
         return None;
     }
-    let (gaps, steps) = gaps(&flight.rates);
+    let (gaps, steps) = count_gaps(&flight.rates);
     (gaps * MIN_STEPS_PER_GAP > steps).then(|| gaps as f64 / steps as f64)
 }
 
-fn gaps(series: &Series<3>) -> (usize, usize) {
+fn count_gaps(series: &Series<3>) -> (usize, usize) {
     let Some(step_s) = series.median_step_s() else { return (0, 0) };
     let rows = series.rows();
     let is_long = |pair: &&[crate::log::series::Stamped<3>]| {

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::field_latency::{self, FieldLatency};
 use super::hard_iron_changes::{HardIronChange, find_changes};
 use super::parameter_fit::ParameterFit;
-use super::row_headings::score;
+use super::row_headings::score_rows;
 use super::row_solve::solved_correction;
 use super::{
     HeadingScore, ReferenceHeading, ReferenceKind, ReplayOptions, ReplayResult, ReplayRow, RowCounts, RowSelection,
@@ -111,7 +111,7 @@ impl CorrectionSource {
 
     /// Name in reports.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn source_name(self) -> &'static str {
         match self {
             Self::Uncorrected => "uncorrected",
             Self::Autopilot => "as logged",
@@ -141,8 +141,8 @@ pub struct FlightEvaluation {
 pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) -> FlightEvaluation {
     let reference = evaluation_options
         .reference
-        .map_or_else(|| ReferenceHeading::best(flight), |kind| ReferenceHeading::of_kind(flight, kind));
-    let earth = earth(flight);
+        .map_or_else(|| ReferenceHeading::best_reference(flight), |kind| ReferenceHeading::of_kind(flight, kind));
+    let earth = earth_of_flight(flight);
     let earth_ut = earth.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
     let compasses: Vec<&Compass> = flight
         .compasses
@@ -162,7 +162,7 @@ pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) 
     let options = ReplayOptions {
         selected: evaluation_options.selected,
         inclination_deg: evaluation_options.inclination_deg,
-        place_and_day: place(flight).zip(flight.day),
+        place_and_day: flight_position(flight).zip(flight.day),
     };
     let context =
         SharedInputs { flight, reference: reference.as_ref(), earth_ut, window_s: evaluation_options.window_s };
@@ -189,7 +189,7 @@ struct SharedInputs<'a> {
 
 impl SharedInputs<'_> {
     /// Rows of a compass; those outside the window are not usable.
-    fn rows(&self, compass: &Compass, age: FieldLatency) -> (Vec<ReplayRow>, RowCounts) {
+    fn replay_rows(&self, compass: &Compass, age: FieldLatency) -> (Vec<ReplayRow>, RowCounts) {
         let (mut rows, mut counted) = build_rows(self.flight, compass, age.used_s, self.reference);
         let [from_s, to_s] = self.window_s;
         for row in rows.iter_mut().filter(|row| row.usable && !(from_s..=to_s).contains(&row.t_s)) {
@@ -208,7 +208,7 @@ fn evaluate_compass(
     options: &ReplayOptions,
 ) -> CompassEvaluation {
     let &SharedInputs { flight, earth_ut, .. } = context;
-    let (rows, counted) = context.rows(compass, age);
+    let (rows, counted) = context.replay_rows(compass, age);
     let module = replay_with(&rows, Some(flight), options);
     let all_rows = if options.selected == RowSelection::All {
         module.clone()
@@ -226,7 +226,7 @@ fn evaluate_compass(
     let logged = ScoredCorrection {
         source: CorrectionSource::Autopilot,
         correction: compass.correction,
-        score: score(&rows, |row| Some((heading_deg(row, row.logged.ut.map(f64::from)), f64::NAN))),
+        score: score_rows(&rows, |row| Some((heading_deg(row, row.logged.ut.map(f64::from)), f64::NAN))),
     };
     let mut corrections = vec![scored(CorrectionSource::Uncorrected, Some(FieldCorrection::identity()))];
     corrections.extend(compass.correction.is_some().then_some(logged));
@@ -296,7 +296,7 @@ fn without_current_deg(
 /// Heading score of a correction.
 #[must_use]
 pub fn score_correction(rows: &[ReplayRow], correction: &FieldCorrection) -> Option<HeadingScore> {
-    score(rows, |row| Some((heading_deg(row, row.corrected(correction)), f64::NAN)))
+    score_rows(rows, |row| Some((heading_deg(row, row.corrected_field(correction)), f64::NAN)))
 }
 
 /// Heading of a row by a corrected field, degrees.
@@ -305,7 +305,7 @@ pub(crate) fn heading_deg(row: &ReplayRow, corrected: Vector3<f64>) -> f64 {
     f64::from(row.attitude.level(field).heading_rad().to_degrees())
 }
 
-fn place(flight: &Flight) -> Option<Position> {
+fn flight_position(flight: &Flight) -> Option<Position> {
     let rows = flight.gps.rows();
     let gps = Gps::from_columns(rows.get(rows.len() / 2)?.values);
     Position::new(gps.latitude_deg, gps.longitude_deg, gps.height_m)
@@ -313,10 +313,10 @@ fn place(flight: &Flight) -> Option<Position> {
 
 /// Modelled Earth field at the middle of the flight, and whether the model is valid on that day; otherwise that of its
 /// first day.
-fn earth(flight: &Flight) -> Option<(EarthField, bool)> {
+fn earth_of_flight(flight: &Flight) -> Option<(EarthField, bool)> {
     /// 2025-01-01, the model's first day.
     const MODEL_BEGINS_UNIX_S: u64 = 1_735_689_600;
-    let place = place(flight)?;
+    let place = flight_position(flight)?;
     let now = flight.day.and_then(|day| EarthField::from_model(place, day)).map(|field| (field, true));
     now.or_else(|| EarthField::from_model(place, Date::from_unix_s(MODEL_BEGINS_UNIX_S)?).map(|field| (field, false)))
 }
@@ -366,11 +366,11 @@ mod tests {
             [(Some(of_2026), of_2026, true), (None, first, false), (Some(day(1_640_995_200)), first, false)]
         {
             let expected = EarthField::from_model(place, expected).unwrap();
-            let (found, is) = earth(&flight_to_north(on)).unwrap();
+            let (found, is) = earth_of_flight(&flight_to_north(on)).unwrap();
             assert_eq!(is, is_valid);
             let numbers = |field: EarthField| [field.total_ut, field.inclination_deg].map(f32::to_bits);
             assert_eq!(numbers(found), numbers(expected));
         }
-        assert!(earth(&Flight::new(LogFormat::Csv)).is_none());
+        assert!(earth_of_flight(&Flight::new(LogFormat::Csv)).is_none());
     }
 }

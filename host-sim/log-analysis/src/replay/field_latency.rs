@@ -105,7 +105,7 @@ mod tests {
     #[test]
     fn an_unusual_field_latency_of_0_25_s_is_estimated() {
         let recording = record_turns(0.25);
-        let flight = log::read(&mut encode_ulog(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
+        let flight = log::read_flight(&mut encode_ulog(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
         let age = estimate_latency(&flight, &flight.compasses[0]);
         assert!((age.used_s - 0.25).abs() < 3.0 * age.sigma_s.unwrap(), "{age:?}");
     }

@@ -48,7 +48,7 @@ pub fn find_changes(
     total_ut: f64,
 ) -> Vec<HardIronChange> {
     let mut found = Vec::new();
-    search(&ChangeSearch { flight, total_ut }, rows, initial, &mut found);
+    search_changes(&ChangeSearch { flight, total_ut }, rows, initial, &mut found);
     found.sort_by(|one, other| one.step.at_s.total_cmp(&other.step.at_s));
     found
 }
@@ -58,7 +58,7 @@ struct ChangeSearch<'a> {
     total_ut: f64,
 }
 
-fn search(
+fn search_changes(
     search_of: &ChangeSearch<'_>,
     rows: &[ReplayRow],
     initial: &FieldCorrection,
@@ -84,7 +84,7 @@ fn search(
     found.push(HardIronChange { step, bend_deg });
     for (part, solution) in parts.into_iter().zip(&solutions) {
         if let Some(solution) = solution {
-            search(search_of, part, &solved_correction(solution), found);
+            search_changes(search_of, part, &solved_correction(solution), found);
         }
     }
 }
@@ -132,8 +132,8 @@ fn median_residual_ut(rows: &[ReplayRow], correction: &FieldCorrection, solution
     let vertical_ut = total_ut * libm::sin(f64::from(solution.calibration.inclination_rad));
     let usable = rows.iter().filter(|row| row.usable);
     median(usable.flat_map(|row| {
-        let field = row.corrected(correction);
-        [field.norm() - total_ut, row.down().dot(&field) - vertical_ut].map(f64::abs)
+        let field = row.corrected_field(correction);
+        [field.norm() - total_ut, row.down_in_body().dot(&field) - vertical_ut].map(f64::abs)
     }))
 }
 

@@ -99,7 +99,7 @@ pub enum LogWarning {
 impl LogWarning {
     /// All warnings about a log and its evaluation.
     #[must_use]
-    pub fn all(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<Self> {
+    pub fn warnings_of_flight(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<Self> {
         let mut notes = Vec::new();
         let mut add_if = |applies: bool, note: Self| notes.extend(applies.then_some(note));
         let Flight { counts, parameters, .. } = flight;
@@ -145,7 +145,7 @@ impl LogWarning {
             add_if(number > 0, Self::Skipped(number, items));
         }
         let is_ardupilot = flight.autopilot == Autopilot::ArduPilot;
-        let compensation = parameters.last("COMPASS_MOTCT").map(f64::round);
+        let compensation = parameters.last_value("COMPASS_MOTCT").map(f64::round);
         add_if(is_ardupilot && compensation == Some(1.0), Self::ThrottleCompensation);
         if !evaluation.reference.as_ref().is_some_and(ReferenceHeading::is_accuracy)
             && let Err(why) = GpsCourseHeading::from_flight(flight)
@@ -155,7 +155,7 @@ impl LogWarning {
         add_if(flight.current.is_empty(), Self::NoCurrent);
         let missing: Vec<String> =
             compasses.iter().flat_map(|compass| missing_ardupilot_parameters(parameters, compass.number)).collect();
-        let has_none = is_ardupilot && parameters.last("COMPASS_OFS_X").is_none() && missing.is_empty();
+        let has_none = is_ardupilot && parameters.last_value("COMPASS_OFS_X").is_none() && missing.is_empty();
         add_if(!missing.is_empty(), Self::MissingParameters(missing));
         add_if(has_none, Self::NoParameters);
         notes
@@ -343,20 +343,20 @@ mod tests {
     fn notes_after(change: Change) -> Vec<String> {
         let mut flight = Flight::new(LogFormat::DataFlash);
         flight.autopilot = Autopilot::ArduPilot;
-        flight.parameters.set(0.0, "COMPASS_OFS_X", 1.0);
+        flight.parameters.set_value(0.0, "COMPASS_OFS_X", 1.0);
         flight.attitude.push(0.0, [0.5, 0.0, 0.0]);
         flight.rates.push(0.0, [0.0; 3]);
         flight.current.push(0.0, [10.0]);
         change(&mut flight);
         let evaluation =
             FlightEvaluation { compasses: Vec::new(), reference: None, earth: None, attitude_interval_s: 0.1 };
-        LogWarning::all(&flight, &evaluation).iter().map(ToString::to_string).collect()
+        LogWarning::warnings_of_flight(&flight, &evaluation).iter().map(ToString::to_string).collect()
     }
 
     #[test]
     fn doubts_about_a_log_are_reported() {
         assert_eq!(notes_after(|_| {}), [""; 0]);
-        assert_eq!(notes_after(|flight| flight.parameters.set(1.0, "COMPASS_MOTCT", 2.0)), [""; 0]);
+        assert_eq!(notes_after(|flight| flight.parameters.set_value(1.0, "COMPASS_MOTCT", 2.0)), [""; 0]);
         let cases: [(Change, &str); 10] = [
             (|flight| flight.rates_problem = Some(RatesProblem::NotLogged), "no body rates"),
             (
@@ -371,7 +371,7 @@ mod tests {
             (|flight| flight.counts.garbage = 3, "skipped: 3 bytes or lines"),
             (|flight| flight.counts.bad_times = 4, "skipped: 4 messages with an invalid time"),
             (|flight| flight.counts.unhealthy = 5, "skipped: 5 readings"),
-            (|flight| flight.parameters.set(1.0, "COMPASS_MOTCT", 1.0), "compensates by throttle"),
+            (|flight| flight.parameters.set_value(1.0, "COMPASS_MOTCT", 1.0), "compensates by throttle"),
             (|flight| flight.current = crate::log::series::Series::new(), "no current is logged"),
             (|flight| flight.parameters = crate::log::ParameterHistory::default(), "the parameters are not in the log"),
         ];

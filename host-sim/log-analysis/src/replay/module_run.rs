@@ -36,19 +36,19 @@ impl<'a> ModuleRun<'a> {
         let stored = StoredValues { settings, ..StoredValues::default() };
         let compass = Compass::new(AcceptancePolicy::DEFAULT, &stored, retained);
         let mut module = Self { compass, candidate: None, outcome: None, ended_s: None };
-        module.process(Event::SensorDetected(PLACEHOLDER_SENSOR, readings_per_sample));
+        module.process_event(Event::SensorDetected(PLACEHOLDER_SENSOR, readings_per_sample));
         if let Some((place, day)) = options.place_and_day {
-            module.process(Event::Position(place, WrappingMillis::default()));
-            module.process(Event::Date(day));
+            module.process_event(Event::Position(place, WrappingMillis::default()));
+            module.process_event(Event::Date(day));
         }
-        module.process(command(Command::CalStart(Procedure::Flight)));
+        module.process_event(command_event(Command::CalStart(Procedure::Flight)));
         module
     }
 
     /// Collects samples until the module ends the collection.
-    pub fn collect(&mut self, samples: &[Sample]) {
+    pub fn collect_samples(&mut self, samples: &[Sample]) {
         for &sample in samples {
-            self.process(Event::Sample(sample));
+            self.process_event(Event::Sample(sample));
             if self.outcome.is_some() {
                 self.ended_s = Some(sample_time_s(&sample));
                 return;
@@ -72,23 +72,23 @@ impl<'a> ModuleRun<'a> {
     pub(super) fn into_outcome(mut self) -> RunOutcome {
         if self.outcome.is_none() {
             self.candidate = None;
-            self.process(command(Command::CalSolve(None)));
+            self.process_event(command_event(Command::CalSolve(None)));
         }
         let collector = self.compass.collector();
-        let selection = SelectedParts::new(collector.fit(), collector.procedure());
+        let selection = SelectedParts::new(collector.fit_samples(), collector.procedure());
         RunOutcome {
             solution: self.candidate,
             accepted: self.outcome.unwrap_or(Err(Refusal::NoSamples)),
-            fitted_s: selection.select(collector.fit()).all().map(sample_time_s).collect(),
+            fitted_s: selection.select_samples(collector.fit_samples()).all().map(sample_time_s).collect(),
             ended_s: self.ended_s,
         }
     }
 
     /// Processes an event, and all steps of the solve and the save that it starts.
-    fn process(&mut self, event: Event) {
+    fn process_event(&mut self, event: Event) {
         let mut effect = self.compass.step(event);
         loop {
-            if let Some(candidate) = self.compass.candidate() {
+            if let Some(candidate) = self.compass.candidate_solution() {
                 self.candidate = Some(*candidate);
             }
             let next = match effect {
@@ -106,6 +106,6 @@ impl<'a> ModuleRun<'a> {
     }
 }
 
-fn command(command: Command) -> Event {
+fn command_event(command: Command) -> Event {
     Event::Command(command, WrappingMillis::default())
 }

@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 use super::evaluation::{CompassEvaluation, heading_deg};
 use super::parameter_export::{ExportedCorrection, HeldBackScore, ParameterFormat, applied_field, export_correction};
 use super::parameter_fit::{FitVariant, half_at};
-use super::row_headings::score;
+use super::row_headings::score_rows;
 use super::row_solve::solved_correction;
 use super::{ReferenceHeading, ReplayRow};
 use crate::log::{FieldCorrection, Flight};
@@ -104,7 +104,7 @@ pub fn choose_parameters(
     format: ParameterFormat,
 ) -> Result<ExportedCorrection, NoParameters> {
     let fit = &evaluation.parameter_fit;
-    let rows: Vec<ReplayRow> = fit.rows(&evaluation.rows).copied().collect();
+    let rows: Vec<ReplayRow> = fit.fitted_rows(&evaluation.rows).copied().collect();
     if rows.len() < MIN_ROWS {
         return Err(NoParameters::FewRows(rows.len()));
     }
@@ -202,12 +202,12 @@ fn score_held_back(
     has_reference: bool,
 ) -> Option<HeldBackScore> {
     let [first, second] = halves.each_ref().map(|half| applied_field(flight, half, format));
-    let full_field = |row: &ReplayRow| row.corrected(&full[1 - half_at(row.t_s)]);
+    let full_field = |row: &ReplayRow| row.corrected_field(&full[1 - half_at(row.t_s)]);
     let field = |row: &ReplayRow| if half_at(row.t_s) == 0 { second(row) } else { first(row) };
     let logged = |row: &ReplayRow| row.logged.ut.map(f64::from);
     let [rms_deg, as_logged_rms_deg] = if has_reference {
         let rms = |field: &dyn Fn(&ReplayRow) -> Vector3<f64>| {
-            Some(score(rows, |row| Some((heading_deg(row, field(row)), f64::NAN)))?.rms_deg)
+            Some(score_rows(rows, |row| Some((heading_deg(row, field(row)), f64::NAN)))?.rms_deg)
         };
         [rms(&field)?, rms(&logged)?]
     } else {
@@ -215,7 +215,7 @@ fn score_held_back(
             .iter()
             .map(|row| ReplayRow { reference_deg: Some(heading_deg(row, full_field(row))), ..*row })
             .collect();
-        let lost_deg = score(&lost_rows, |row| Some((heading_deg(row, field(row)), f64::NAN)))?.rms_deg;
+        let lost_deg = score_rows(&lost_rows, |row| Some((heading_deg(row, field(row)), f64::NAN)))?.rms_deg;
         [
             libm::hypot(rms_deg_by_scatter(scatter(rows, &full_field)), lost_deg),
             rms_deg_by_scatter(scatter(rows, &logged)),
@@ -234,7 +234,7 @@ fn scatter(rows: &[ReplayRow], field: &dyn Fn(&ReplayRow) -> Vector3<f64>) -> [f
         .iter()
         .map(|row| {
             let field = field(row);
-            let down = row.down().dot(&field);
+            let down = row.down_in_body().dot(&field);
             [field.norm(), libm::atan2(down, (field.norm_squared() - square(down)).max(0.0).sqrt())]
         })
         .collect();
@@ -258,7 +258,7 @@ pub(super) fn is_mostly_lost(rms_deg: f64, lost_deg: f64) -> bool {
 impl NoParameters {
     /// Code for programs.
     #[must_use]
-    pub const fn code(&self) -> &'static str {
+    pub const fn stable_code(&self) -> &'static str {
         match self {
             Self::FewRows(_) => "few-rows",
             Self::Unsolved => "unsolved",

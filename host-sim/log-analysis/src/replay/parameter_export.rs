@@ -104,7 +104,7 @@ impl ExportedCorrection {
 
     /// Limit of the offsets that the autopilot rejects, milligauss, if exceeded.
     pub(super) fn exceeded_offset_mg(&self, flight: &Flight, dialect: ParameterFormat) -> Option<f64> {
-        let limit_mg = flight.parameters.last("COMPASS_OFFS_MAX").unwrap_or(DEFAULT_MAX_OFFSET_MG);
+        let limit_mg = flight.parameters.last_value("COMPASS_OFFS_MAX").unwrap_or(DEFAULT_MAX_OFFSET_MG);
         (dialect == ParameterFormat::ArduPilot && self.largest_offset_mg() > limit_mg).then_some(limit_mg)
     }
 }
@@ -123,7 +123,7 @@ pub fn export_correction(
     let b = calibration.b_vector_ut().map(f64::from);
     let (turn, symmetric) = polar_decomposition(&w)?;
     let turned = nearest_mounting(&turn);
-    let q = turned.matrix();
+    let q = turned.rotation_matrix();
     let scale = total_ut.map_or(1.0, |total_ut| total_ut / f64::from(calibration.total_ut));
     let rows: Vec<ReplayRow> = own_rows.iter().map(|row| row_in_rotated_axes(row, &q)).collect();
     let by_current_ut = Vector3::from(calibration.motor_current.ut_per_a).map(f64::from);
@@ -144,7 +144,7 @@ pub fn export_correction(
         full,
         is_diagonal: dialect == ParameterFormat::Inav,
     };
-    let exportable = fit.nearest(near);
+    let exportable = fit.nearest_correction(near);
     let lost_deg = heading_loss_deg_of(own_rows, &rows, &full, &exportable);
     let mut warnings = Vec::new();
     if lost_deg[0] > MIN_REPORTED_LOSS_DEG {
@@ -153,7 +153,7 @@ pub fn export_correction(
     if dialect == ParameterFormat::Inav && calibration.motor_current.is_applied() {
         warnings.push("motor-current interference cannot be expressed".to_owned());
     }
-    if turned.number() != 0 {
+    if turned.rotation_number() != 0 {
         warnings.push("the mounting of the compass differs from its parameters: check the orientation".to_owned());
     }
     Some(ExportedCorrection {
@@ -180,9 +180,9 @@ pub fn applied_field(
         ParameterFormat::Px4 => FieldCorrection::from_px4(&parameters, export.number),
         ParameterFormat::Inav => inav_correction(&text),
     };
-    let q = export.rotation.matrix();
+    let q = export.rotation.rotation_matrix();
     // The heading is that of the body axes, to which the orientation parameter turns the field first.
-    move |row| row_in_rotated_axes(row, &q).corrected(&correction)
+    move |row| row_in_rotated_axes(row, &q).corrected_field(&correction)
 }
 
 /// INAV's `(raw - zero) 1024 / gain`, in milligauss.
@@ -207,8 +207,8 @@ fn polar_decomposition(matrix: &Matrix3<f64>) -> Option<(Matrix3<f64>, Matrix3<f
 
 /// The right-angle mounting within 25 deg of a rotation, else the identity.
 fn nearest_mounting(turn: &Matrix3<f64>) -> NumberedRotation {
-    let (nearest, off_deg) = NumberedRotation::nearest(turn);
-    let is_square = nearest.matrix().iter().all(|number| (number.abs() - 0.5).abs() > 0.49);
+    let (nearest, off_deg) = NumberedRotation::nearest_to_matrix(turn);
+    let is_square = nearest.rotation_matrix().iter().all(|number| (number.abs() - 0.5).abs() > 0.49);
     if is_square && off_deg < 25.0 { nearest } else { NumberedRotation::default() }
 }
 
@@ -242,14 +242,14 @@ pub fn format_parameter_file(flight: &Flight, exports: &[ExportedCorrection], di
     let mut text = String::new();
     // Writing to a string cannot fail.
     let _ = match dialect {
-        ParameterFormat::ArduPilot => ardupilot(&mut text, flight, exports),
-        ParameterFormat::Px4 => px4(&mut text, flight, exports),
-        ParameterFormat::Inav => inav(&mut text, exports),
+        ParameterFormat::ArduPilot => write_ardupilot_parameters(&mut text, flight, exports),
+        ParameterFormat::Px4 => write_px4_parameters(&mut text, flight, exports),
+        ParameterFormat::Inav => write_inav_parameters(&mut text, exports),
     };
     text
 }
 
-fn comments(text: &mut String, export: &ExportedCorrection) -> std::fmt::Result {
+fn write_comments(text: &mut String, export: &ExportedCorrection) -> std::fmt::Result {
     write!(text, "# compass {}", export.number)?;
     if let Some(HeldBackScore { rms_deg, as_logged_rms_deg, is_estimate, .. }) = export.held_back {
         let estimated = if is_estimate { " (estimated)" } else { "" };
@@ -262,13 +262,13 @@ fn comments(text: &mut String, export: &ExportedCorrection) -> std::fmt::Result 
     export.warnings.iter().try_for_each(|warning| writeln!(text, "# {warning}"))
 }
 
-fn ardupilot(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
+fn write_ardupilot_parameters(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
     if exports.iter().any(ExportedCorrection::has_motor_compensation) {
         writeln!(text, "COMPASS_MOTCT,2")?;
         zero_other_compensations(text, flight, exports)?;
     }
     for export in exports {
-        comments(text, export)?;
+        write_comments(text, export)?;
         let index = if export.number == 1 { String::new() } else { export.number.to_string() };
         let [offsets, diagonal, off_diagonal] = correction_parts(&export.correction);
         for (name, numbers, decimals) in [
@@ -284,17 +284,20 @@ fn ardupilot(text: &mut String, flight: &Flight, exports: &[ExportedCorrection])
         }
         writeln!(text, "COMPASS_SCALE{index},1")?;
         let orient = format!("COMPASS_ORIENT{index}");
-        if let Some(now) = flight.parameters.last(&orient) {
+        if let Some(now) = flight.parameters.last_value(&orient) {
             let external =
                 if export.number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{index}") };
-            let is_internal = flight.parameters.last(&external) == Some(0.0);
-            let combined = NumberedRotation::new(now)
-                .map(|now| NumberedRotation::nearest(&(export.rotation.matrix() * now.matrix())));
+            let is_internal = flight.parameters.last_value(&external) == Some(0.0);
+            let combined = NumberedRotation::new(now).map(|now| {
+                NumberedRotation::nearest_to_matrix(&(export.rotation.rotation_matrix() * now.rotation_matrix()))
+            });
             match combined {
-                _ if export.rotation.number() == 0 => writeln!(text, "{orient},{now:.0}")?,
+                _ if export.rotation.rotation_number() == 0 => writeln!(text, "{orient},{now:.0}")?,
                 // AHRS_ORIENTATION rotates internal compasses.
                 _ if is_internal => writeln!(text, "# {orient}: not used, because {external} is 0")?,
-                Some((rotation, off_deg)) if off_deg < 1.0 => writeln!(text, "{orient},{}", rotation.number())?,
+                Some((rotation, off_deg)) if off_deg < 1.0 => {
+                    writeln!(text, "{orient},{}", rotation.rotation_number())?
+                }
                 _ => writeln!(text, "# {orient}: the orientation has no number")?,
             }
         }
@@ -304,7 +307,7 @@ fn ardupilot(text: &mut String, flight: &Flight, exports: &[ExportedCorrection])
 
 /// `COMPASS_MOTCT` is common to all compasses: values of another kind (throttle) are set to zero.
 fn zero_other_compensations(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
-    let parameter = |name: &str| flight.parameters.last(name).unwrap_or(0.0);
+    let parameter = |name: &str| flight.parameters.last_value(name).unwrap_or(0.0);
     let others = flight.compasses.iter().filter(|other| exports.iter().all(|export| export.number != other.number));
     for other in others.filter(|_| parameter("COMPASS_MOTCT").round() as i32 != 2) {
         let index = if other.number == 1 { String::new() } else { other.number.to_string() };
@@ -318,18 +321,18 @@ fn zero_other_compensations(text: &mut String, flight: &Flight, exports: &[Expor
 }
 
 /// Vehicle, component, name, value, type (9 float, 6 integer), tab-separated.
-fn px4(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
+fn write_px4_parameters(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
     if exports.iter().any(ExportedCorrection::has_motor_compensation) {
         // Current of the first battery.
         writeln!(text, "1\t1\tCAL_MAG_COMP_TYP\t2\t6")?;
     }
     for export in exports {
-        comments(text, export)?;
+        write_comments(text, export)?;
         let index = export.number - 1;
         let configured_rotation =
-            flight.parameters.last(&format!("CAL_MAG{index}_ROT")).filter(|number| *number >= 0.0);
-        let mounting = export.rotation.matrix() * px4_mounting(&flight.parameters, f64::INFINITY, index);
-        let (combined, off_deg) = NumberedRotation::nearest(&mounting);
+            flight.parameters.last_value(&format!("CAL_MAG{index}_ROT")).filter(|number| *number >= 0.0);
+        let mounting = export.rotation.rotation_matrix() * px4_mounting(&flight.parameters, f64::INFINITY, index);
+        let (combined, off_deg) = NumberedRotation::nearest_to_matrix(&mounting);
         let to_sensor = mounting.transpose();
         let sensor = FieldCorrection {
             matrix: to_sensor * export.correction.matrix * to_sensor.transpose(),
@@ -347,9 +350,9 @@ fn px4(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> st
         match configured_rotation {
             // Custom angles are kept.
             Some(number) if off_deg < 1.0 && NumberedRotation::new(number).is_some() => {
-                writeln!(text, "1\t1\tCAL_MAG{index}_ROT\t{}\t6", combined.number())?;
+                writeln!(text, "1\t1\tCAL_MAG{index}_ROT\t{}\t6", combined.rotation_number())?;
             }
-            _ if export.rotation.number() != 0 => {
+            _ if export.rotation.rotation_number() != 0 => {
                 writeln!(text, "# CAL_MAG{index}_ROT: its orientation differs from that of its board")?;
             }
             _ => {}
@@ -360,9 +363,9 @@ fn px4(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> st
 
 /// INAV uses driver counts in chip axes, which no log contains: written in milligauss and body axes, for an aligned
 /// sensor.
-fn inav(text: &mut String, exports: &[ExportedCorrection]) -> std::fmt::Result {
+fn write_inav_parameters(text: &mut String, exports: &[ExportedCorrection]) -> std::fmt::Result {
     for export in exports.iter().take(1) {
-        comments(text, export)?;
+        write_comments(text, export)?;
         writeln!(text, "# milligauss, in body axes: for a driver that counts milligauss, and align_mag that is right")?;
         for (axis, (zero, gain)) in ["x", "y", "z"]
             .iter()
@@ -384,7 +387,7 @@ pub fn parse_parameter_file(text: &str, others: &ParameterHistory) -> ParameterH
         let words: Vec<&str> = line.split([',', '\t']).collect();
         let ([name, value] | [_, _, name, value, _]) = *words.as_slice() else { continue };
         if let Ok(value) = value.parse() {
-            parameters.set(f64::MAX, name, value);
+            parameters.set_value(f64::MAX, name, value);
         }
     }
     parameters
@@ -404,14 +407,14 @@ mod tests {
             [(0.0, 0), (20.0, 0), (35.0, 0), (45.0, 0), (60.0, 0), (70.0, 2), (90.0, 2), (180.0, 4)]
         {
             let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), f64::to_radians(yaw_deg));
-            assert_eq!(nearest_mounting(turn.matrix()).number(), number, "{yaw_deg}");
+            assert_eq!(nearest_mounting(turn.matrix()).rotation_number(), number, "{yaw_deg}");
         }
         // No 45 deg mounting lies near this axis.
         let diagonal = nalgebra::Unit::new_normalize(Vector3::new(1.0, 1.0, 1.0));
         for (off_deg, number) in [(24.0, 2), (26.0, 0)] {
             let crooked = Rotation3::from_axis_angle(&diagonal, f64::to_radians(off_deg));
-            let square = NumberedRotation::new(2.0).unwrap().matrix();
-            assert_eq!(nearest_mounting(&(square * crooked.matrix())).number(), number, "{off_deg}");
+            let square = NumberedRotation::new(2.0).unwrap().rotation_matrix();
+            assert_eq!(nearest_mounting(&(square * crooked.matrix())).rotation_number(), number, "{off_deg}");
         }
     }
 

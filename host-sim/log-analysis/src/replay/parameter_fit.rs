@@ -52,7 +52,7 @@ impl ParameterFit {
     }
 
     /// Rows that the fit is for.
-    pub fn rows<'a>(&self, rows: &'a [ReplayRow]) -> impl Iterator<Item = &'a ReplayRow> + use<'a> {
+    pub fn fitted_rows<'a>(&self, rows: &'a [ReplayRow]) -> impl Iterator<Item = &'a ReplayRow> + use<'a> {
         let [from_s, to_s] = self.rows_s.unwrap_or([f64::INFINITY; 2]);
         rows.iter().filter(move |row| row.usable && (from_s..=to_s).contains(&row.t_s))
     }

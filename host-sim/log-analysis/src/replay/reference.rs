@@ -50,7 +50,7 @@ const MAX_GAP_S: f64 = 0.5;
 impl ReferenceHeading {
     /// Selects the best reference in a log.
     #[must_use]
-    pub fn best(flight: &Flight) -> Option<Self> {
+    pub fn best_reference(flight: &Flight) -> Option<Self> {
         ReferenceKind::ALL.into_iter().find_map(|kind| Self::of_kind(flight, kind))
     }
 
@@ -71,7 +71,7 @@ impl ReferenceHeading {
 
     /// Name of the reference.
     #[must_use]
-    pub const fn name(&self) -> &'static str {
+    pub const fn reference_name(&self) -> &'static str {
         match self {
             Self::Simulator => "the simulator's own attitude",
             Self::Column => "yaw_ref_deg",
@@ -83,12 +83,12 @@ impl ReferenceHeading {
 
     /// Quality of the reference, in words.
     #[must_use]
-    pub fn limits(&self) -> String {
+    pub fn limits_text(&self) -> String {
         let words = match self {
             Self::Simulator => "exact; used for scoring, nothing else; a real flight has none",
             Self::Column => "of unknown accuracy",
             Self::GpsYaw => "a degree or so, and late by what the receiver takes",
-            Self::GpsCourse(course) => return course.limits(),
+            Self::GpsCourse(course) => return course.limits_text(),
             Self::AutopilotYaw => {
                 "made with a compass, its errors included: this is agreement, not accuracy, and does not decide"
             }
@@ -137,7 +137,7 @@ impl ReferenceHeading {
             Self::GpsCourse(course) => course.heading_rad(t_s)?,
             Self::AutopilotYaw => flight.attitude.interpolate_angles(t_s, MAX_GAP_S)?[2],
             Self::GpsYaw => {
-                let (before, after, part) = flight.gps.bracket(t_s, MAX_GAP_S)?;
+                let (before, after, part) = flight.gps.surrounding_values(t_s, MAX_GAP_S)?;
                 let [from, to] = [before.values[5].to_radians(), after.values[5].to_radians()];
                 from + part as f32 * wrap_pi(to - from)
             }
@@ -163,12 +163,12 @@ mod tests {
     /// More than 20 valid yaws are required.
     #[test]
     fn a_reference_heading_needs_over_20_valid_yaws() {
-        assert_eq!(ReferenceHeading::best(&flight_with_yaws(&[90.0; 20])), None);
-        assert_eq!(ReferenceHeading::best(&flight_with_yaws(&[90.0; 21])), Some(ReferenceHeading::GpsYaw));
+        assert_eq!(ReferenceHeading::best_reference(&flight_with_yaws(&[90.0; 20])), None);
+        assert_eq!(ReferenceHeading::best_reference(&flight_with_yaws(&[90.0; 21])), Some(ReferenceHeading::GpsYaw));
         for (yaw_rad, expected) in [(f32::NAN, None), (1.0, Some(ReferenceHeading::AutopilotYaw))] {
             let mut flight = Flight::new(LogFormat::Csv);
             flight.attitude.push(0.0, [0.1, 0.2, yaw_rad]);
-            assert_eq!(ReferenceHeading::best(&flight), expected);
+            assert_eq!(ReferenceHeading::best_reference(&flight), expected);
         }
     }
 

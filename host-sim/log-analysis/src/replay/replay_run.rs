@@ -8,7 +8,7 @@ use autoswing::instrument::{Instrument, InstrumentConfig};
 use super::module_run::ModuleRun;
 use super::result::{HeadingRow, ReplayOptions, ReplayResult, RowSelection};
 use super::row::ReplayRow;
-use super::row_headings::{compute_headings, estimate, instrument_config, score};
+use super::row_headings::{compute_headings, estimate_heading, instrument_config, score_rows};
 use super::row_solve::{RunOutcome, SolverPrior, from_all, from_procedure};
 use crate::log::Flight;
 
@@ -17,7 +17,7 @@ const POOR_SOLVE_RMS_DEG: f32 = 2.0;
 
 /// Replays rows, in order of time, without attitudes between them.
 #[must_use]
-pub fn replay(rows: &[ReplayRow], options: &ReplayOptions) -> ReplayResult {
+pub fn replay_rows(rows: &[ReplayRow], options: &ReplayOptions) -> ReplayResult {
     replay_with(rows, None, options)
 }
 
@@ -32,7 +32,7 @@ pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &Replay
         RowSelection::Flight => {
             let mut retained = RetainedSamples::EMPTY;
             let mut module = ModuleRun::new(options, config.readings_per_sample(), &mut retained);
-            module.collect(&usable);
+            module.collect_samples(&usable);
             module.into_outcome()
         }
     };
@@ -40,7 +40,7 @@ pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &Replay
     let shown = solution.as_ref().map_or_else(Vec::new, |solution| compute_headings(rows, flight, solution, config));
     let scored_headings = |heading: fn(&HeadingRow) -> [f64; 2]| {
         let mut each = shown.iter().map(heading);
-        score(rows, |_| each.next().map(|[heading_deg, sigma_deg]| (heading_deg, sigma_deg)))
+        score_rows(rows, |_| each.next().map(|[heading_deg, sigma_deg]| (heading_deg, sigma_deg)))
     };
     let (raw, smooth) =
         (scored_headings(|shown| [shown.heading_deg, shown.sigma_deg]), scored_headings(HeadingRow::sent_deg));
@@ -79,7 +79,7 @@ fn samples_to_fit(rows: &[ReplayRow], config: InstrumentConfig) -> Vec<Sample> {
     let mut instrument = Instrument::new(config);
     usable
         .flat_map(|row| {
-            estimate(&mut instrument, row, start_s);
+            estimate_heading(&mut instrument, row, start_s);
             std::iter::from_fn(|| instrument.next_sample()).collect::<Vec<_>>()
         })
         .collect()

@@ -22,7 +22,7 @@ pub enum RowSelection {
 impl RowSelection {
     /// Name in options and reports.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn selection_name(self) -> &'static str {
         match self {
             Self::All => "all",
             Self::Turns => "turns",

@@ -29,7 +29,7 @@ pub struct ReplayRow {
 impl ReplayRow {
     /// Direction of down, body axes.
     #[must_use]
-    pub fn down(&self) -> Vector3<f64> {
+    pub fn down_in_body(&self) -> Vector3<f64> {
         let [(sin_roll, cos_roll), (sin_pitch, cos_pitch)] =
             [self.attitude.roll_rad, self.attitude.pitch_rad].map(|angle| libm::sincos(f64::from(angle)));
         Vector3::new(-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch)
@@ -37,7 +37,7 @@ impl ReplayRow {
 
     /// Corrected field, microtesla; an unknown current counts as zero.
     #[must_use]
-    pub fn corrected(&self, correction: &FieldCorrection) -> Vector3<f64> {
-        correction.apply(self.field.ut.map(f64::from), self.current_a.map_or(0.0, f64::from))
+    pub fn corrected_field(&self, correction: &FieldCorrection) -> Vector3<f64> {
+        correction.correct_field(self.field.ut.map(f64::from), self.current_a.map_or(0.0, f64::from))
     }
 }

@@ -39,9 +39,9 @@ fn row_timestamp(t_s: f64, start_s: f64) -> Timestamp {
 }
 
 /// Feeds a row to the instrument; times count from `start_s`.
-pub(super) fn estimate(instrument: &mut Instrument, row: &ReplayRow, start_s: f64) -> Estimate {
+pub(super) fn estimate_heading(instrument: &mut Instrument, row: &ReplayRow, start_s: f64) -> Estimate {
     let at = row_timestamp(row.t_s, start_s);
-    instrument.on_attitude(at, report(row.attitude, row.rates_rad_s));
+    instrument.on_attitude(at, attitude_report(row.attitude, row.rates_rad_s));
     if let Some(amperes) = row.current_a {
         instrument.on_current(at, amperes);
     }
@@ -49,7 +49,7 @@ pub(super) fn estimate(instrument: &mut Instrument, row: &ReplayRow, start_s: f6
 }
 
 /// Attitude report of a row, dated by arrival.
-fn report(attitude: Attitude, rates_rad_s: Option<[f32; 3]>) -> AttitudeReport {
+fn attitude_report(attitude: Attitude, rates_rad_s: Option<[f32; 3]>) -> AttitudeReport {
     let (sender_time, rates_rad_s) = (WrappingMillis::default(), rates_rad_s.unwrap_or_default());
     AttitudeReport { sender: SenderId::default(), sender_time, attitude, rates_rad_s }
 }
@@ -58,7 +58,7 @@ fn report(attitude: Attitude, rates_rad_s: Option<[f32; 3]>) -> AttitudeReport {
 #[must_use]
 pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
     let EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s } =
-        EulerRates::from_report(&report(row.attitude, row.rates_rad_s)).unwrap_or_default();
+        EulerRates::from_report(&attitude_report(row.attitude, row.rates_rad_s)).unwrap_or_default();
     let rates = Rates::from_rad_s([roll_rad_s, pitch_rad_s, heading_rad_s]);
     let sample = Sample {
         field: row.field,
@@ -87,20 +87,24 @@ impl<'a> RowFeed<'a> {
         Self { flight, has_complete_rates, start_s, last_s: start_s }
     }
 
-    fn rates(&self, rates_rad_s: Option<[f32; 3]>) -> Option<[f32; 3]> {
+    fn usable_rates(&self, rates_rad_s: Option<[f32; 3]>) -> Option<[f32; 3]> {
         rates_rad_s.filter(|_| self.has_complete_rates)
     }
 
-    fn feed<const N: usize>(&mut self, instruments: [&mut Instrument; N], row: &ReplayRow) -> [Estimate; N] {
-        let row = &ReplayRow { rates_rad_s: self.rates(row.rates_rad_s), ..*row };
+    fn feed_instruments<const N: usize>(
+        &mut self,
+        instruments: [&mut Instrument; N],
+        row: &ReplayRow,
+    ) -> [Estimate; N] {
+        let row = &ReplayRow { rates_rad_s: self.usable_rates(row.rates_rad_s), ..*row };
         let from_s = std::mem::replace(&mut self.last_s, row.t_s);
         let between = self.flight.map_or_else(Vec::new, |flight| attitudes_between(flight, from_s, row.t_s));
         instruments.map(|instrument| {
             for logged in &between {
-                let report = report(logged.attitude, self.rates(logged.rates_rad_s));
+                let report = attitude_report(logged.attitude, self.usable_rates(logged.rates_rad_s));
                 instrument.on_attitude(row_timestamp(logged.t_s, self.start_s), report);
             }
-            let estimate = estimate(instrument, row, self.start_s);
+            let estimate = estimate_heading(instrument, row, self.start_s);
             while instrument.next_sample().is_some() {}
             if self.has_complete_rates && instrument.config().reading_period_us <= MAX_MONITORED_INTERVAL_US {
                 instrument.update_monitor();
@@ -129,7 +133,7 @@ pub(super) fn compute_headings(
         .map(|heading| calibrated_instrument(InstrumentConfig { heading, ..config }, solution));
     rows.iter()
         .map(|row| {
-            let [sent, shown] = feed.feed([&mut device, &mut any], row);
+            let [sent, shown] = feed.feed_instruments([&mut device, &mut any], row);
             HeadingRow::from_estimate(row.t_s, &shown, sent.heading.map(|_| ()))
         })
         .collect()
@@ -142,7 +146,7 @@ pub(super) fn monitored_changes_ut(rows: &[ReplayRow], flight: &Flight, solution
     let mut instrument = calibrated_instrument(instrument_config(rows), solution);
     let mut changes: Vec<Vector3<f64>> = Vec::new();
     for row in rows.iter().filter(|row| row.usable) {
-        feed.feed([&mut instrument], row);
+        feed.feed_instruments([&mut instrument], row);
         let change = match instrument.installation_change() {
             Some(InstallationChange::HardIron(change)) => Some(change.change_ut.map(f64::from)),
             Some(InstallationChange::Mount(_)) | None => None,
@@ -153,7 +157,7 @@ pub(super) fn monitored_changes_ut(rows: &[ReplayRow], flight: &Flight, solution
 }
 
 /// Score over usable rows with a reference; calls `heading` for every row in order.
-pub(super) fn score(
+pub(super) fn score_rows(
     rows: &[ReplayRow],
     mut heading: impl FnMut(&ReplayRow) -> Option<(f64, f64)>,
 ) -> Option<HeadingScore> {

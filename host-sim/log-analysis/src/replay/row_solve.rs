@@ -90,11 +90,11 @@ pub(super) fn from_procedure(samples: &[Sample], procedure: Procedure, known: &S
     for &sample in samples {
         collector.push(sample);
     }
-    let selection = SelectedParts::new(collector.fit(), procedure);
-    let parts = [collector.fit(), collector.held_back()].map(|samples| selection.select(samples));
-    let solved =
-        method_selection::select_method(collector.fit(), procedure).and_then(|method| known.solve(method, parts[0]));
-    RunOutcome::new(&solved, parts, collector.problem())
+    let selection = SelectedParts::new(collector.fit_samples(), procedure);
+    let parts = [collector.fit_samples(), collector.held_back()].map(|samples| selection.select_samples(samples));
+    let solved = method_selection::select_method(collector.fit_samples(), procedure)
+        .and_then(|method| known.solve(method, parts[0]));
+    RunOutcome::new(&solved, parts, collector.collection_problem())
 }
 
 /// Solves evenly thinned samples; those halfway between are held back.

@@ -49,7 +49,7 @@ pub struct SymmetricFit<'a> {
 impl SymmetricFit<'_> {
     /// Matrix and offsets whose headings over usable rows and over [`BANKS_DEG`] are nearest to the full correction's, by
     /// Gauss-Newton with step halving from `near`. Keeps the field strength.
-    pub fn nearest(&self, near: FieldCorrection) -> FieldCorrection {
+    pub fn nearest_correction(&self, near: FieldCorrection) -> FieldCorrection {
         let fitted = self.fitted_rows();
         let number = if self.is_diagonal { 6 } else { 9 };
         let built = |p: &DVector<f64>| {
@@ -99,7 +99,7 @@ impl SymmetricFit<'_> {
         let found = built(&best.0);
         // Headings do not observe the scale.
         let total = |correction: &FieldCorrection| -> f64 {
-            fitted.iter().map(|fitted| fitted.row.corrected(correction).norm() * square(fitted.root_weight)).sum()
+            fitted.iter().map(|fitted| fitted.row.corrected_field(correction).norm() * square(fitted.root_weight)).sum()
         };
         let size = total(&near) / total(&found);
         if size.is_finite() && size > 0.0 { FieldCorrection { matrix: found.matrix * size, ..found } } else { near }
@@ -161,7 +161,7 @@ impl SymmetricFit<'_> {
 
 /// Heading of a row with a correction, degrees.
 pub fn heading_deg(row: &ReplayRow, correction: &FieldCorrection) -> f64 {
-    let corrected = row.corrected(correction).map(|axis| axis as f32);
+    let corrected = row.corrected_field(correction).map(|axis| axis as f32);
     f64::from(row.attitude.level(Field::new(corrected)).heading_rad().to_degrees())
 }
 

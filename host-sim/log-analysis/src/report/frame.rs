@@ -56,7 +56,7 @@ impl Axis {
         if self.step >= 1.0 { 0 } else { (-libm::log10(self.step) - 1e-9).ceil() as usize }
     }
 
-    fn fraction(&self, value: f64) -> f64 {
+    fn axis_fraction(&self, value: f64) -> f64 {
         (value - self.range[0]) / (self.range[1] - self.range[0])
     }
 }
@@ -78,18 +78,18 @@ pub struct PlotFrame {
 
 impl PlotFrame {
     /// Position of a point; none if outside or NaN.
-    pub fn point(&self, x: f64, y: f64) -> Option<Point> {
-        let inside = |axis: &Axis, value: f64| (-1e-9..=1.0 + 1e-9).contains(&axis.fraction(value));
+    pub fn plot_point(&self, x: f64, y: f64) -> Option<Point> {
+        let inside = |axis: &Axis, value: f64| (-1e-9..=1.0 + 1e-9).contains(&axis.axis_fraction(value));
         (inside(&self.x, x) && inside(&self.y, y)).then(|| [self.x_position(x), self.y_position(y)])
     }
 
     pub fn x_position(&self, x: f64) -> f64 {
-        self.origin[0] + self.x.fraction(x) * self.size[0]
+        self.origin[0] + self.x.axis_fraction(x) * self.size[0]
     }
 
     /// Vertical position, clamped to the frame.
     pub fn y_position(&self, y: f64) -> f64 {
-        self.origin[1] + (1.0 - self.y.fraction(y).clamp(0.0, 1.0)) * self.size[1]
+        self.origin[1] + (1.0 - self.y.axis_fraction(y).clamp(0.0, 1.0)) * self.size[1]
     }
 
     pub fn bottom(&self) -> f64 {
@@ -100,24 +100,24 @@ impl PlotFrame {
         self.origin[0] + self.size[0] / 2.0
     }
 
-    pub fn draw(&self, svg: &mut Svg, x_name: &str, y_name: &str) {
+    pub fn draw_axes(&self, svg: &mut Svg, x_name: &str, y_name: &str) {
         let [left, top] = self.origin;
         let (right, bottom) = (left + self.size[0], self.bottom());
         for (i, line) in self.x.grid_values().enumerate() {
             let x = self.x_position(line);
-            svg.line("grid", [x, top], [x, bottom]);
-            svg.line("axis", [x, bottom], [x, bottom + 4.0]);
+            svg.draw_line("grid", [x, top], [x, bottom]);
+            svg.draw_line("axis", [x, bottom], [x, bottom + 4.0]);
             if i.is_multiple_of(self.x.number_every) && !x_name.is_empty() {
-                svg.text("tick mid", [x, bottom + 17.0], &format_number(line, self.x.decimals()));
+                svg.draw_text("tick mid", [x, bottom + 17.0], &format_number(line, self.x.decimals()));
             }
         }
         for line in self.y.grid_values() {
             let y = self.y_position(line);
-            svg.line(if line.abs() < self.y.step / 2.0 { "zero" } else { "grid" }, [left, y], [right, y]);
-            svg.text("tick end", [left - 6.0, y + 4.0], &format_number(line, self.y.decimals()));
+            svg.draw_line(if line.abs() < self.y.step / 2.0 { "zero" } else { "grid" }, [left, y], [right, y]);
+            svg.draw_text("tick end", [left - 6.0, y + 4.0], &format_number(line, self.y.decimals()));
         }
-        svg.rect("box", self.origin, self.size);
-        svg.text("name mid", [self.centre_x(), bottom + 34.0], x_name);
+        svg.draw_rectangle("box", self.origin, self.size);
+        svg.draw_text("name mid", [self.centre_x(), bottom + 34.0], x_name);
         svg.vertical_text("name mid", [left - 43.0, top + self.size[1] / 2.0], y_name);
     }
 }
@@ -174,14 +174,14 @@ mod tests {
             size: [300.0, 200.0],
         };
         let mut svg = Svg::new(400.0, 300.0);
-        frame.draw(&mut svg, "heading, deg", "error, deg");
+        frame.draw_axes(&mut svg, "heading, deg", "error, deg");
         let whole = svg.to_inline("p", "", "");
         for tick in ["0", "30", "60", "330", "360", "-1.0", "-0.5", "0.0", "0.5", "1.0"] {
             assert!(whole.contains(&format!(">{tick}</text>")), "{tick}");
         }
         let at_ninety = PlotFrame { x: Axis::headings_deg(90), ..frame };
         let mut svg = Svg::new(400.0, 300.0);
-        at_ninety.draw(&mut svg, "heading, deg", "");
+        at_ninety.draw_axes(&mut svg, "heading, deg", "");
         let whole = svg.to_inline("p", "", "");
         assert!(whole.contains(">90</text>") && whole.contains(">360</text>") && !whole.contains(">30</text>"));
     }
@@ -194,10 +194,10 @@ mod tests {
             origin: [50.0, 10.0],
             size: [360.0, 200.0],
         };
-        assert_eq!(frame.point(90.0, 0.0), Some([140.0, 110.0]));
-        assert_eq!(frame.point(0.0, 1.0), Some([50.0, 10.0]));
+        assert_eq!(frame.plot_point(90.0, 0.0), Some([140.0, 110.0]));
+        assert_eq!(frame.plot_point(0.0, 1.0), Some([50.0, 10.0]));
         for (x, y) in [(-1.0, 0.0), (361.0, 0.0), (0.0, 1.1), (0.0, -1.1), (f64::NAN, 0.0), (0.0, f64::NAN)] {
-            assert_eq!(frame.point(x, y), None, "{x} {y}");
+            assert_eq!(frame.plot_point(x, y), None, "{x} {y}");
         }
     }
 

@@ -19,13 +19,13 @@ pub use replay_report::report_replay;
 
 /// Renders the page.
 #[must_use]
-pub fn page(report: &Report) -> String {
+pub fn render_page(report: &Report) -> String {
     page::render_html(report)
 }
 
 /// Renders the before-and-after picture of the foremost compass as an SVG file.
 #[must_use]
-pub fn picture(report: &Report) -> String {
+pub fn render_picture(report: &Report) -> String {
     let Some(compass) = report.main_compass() else { return svg::Svg::new(1.0, 1.0).to_file("nothing", "") };
     let picture = pictures::deviation::combined_picture(compass, report.reference.difference_name);
     picture.svg.to_file(&picture.title, &picture.description)

@@ -2,7 +2,7 @@
 
 use super::model::Report;
 use super::sections;
-use super::svg::style;
+use super::svg::style_css;
 use super::text::{concat_map, escape_html};
 
 const STYLE: &str = include_str!("assets/page.css");
@@ -44,7 +44,7 @@ pub fn render_html(report: &Report) -> String {
          <style>\n{}{CHART_STYLE}\n{STYLE}</style></head>\n<body>\n<a class=\"skip\" href=\"#verdict\">Skip to the verdict</a>\n\
          <header><p class=\"brand\">Autoswing</p><h1>{title}</h1></header>\n<main>\n{body}</main>\n\
          <nav aria-label=\"Parts of the page\"><ul>{links}</ul></nav>\n<script>{SCRIPT}</script>\n</body></html>\n",
-        style()
+        style_css()
     )
 }
 

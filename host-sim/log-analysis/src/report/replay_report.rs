@@ -57,17 +57,17 @@ fn verdict_line(compass: &CompassVerdict<'_>) -> VerdictLine {
         CompassState::Doubtful => "Doubtful",
         CompassState::Bad => "Bad",
     };
-    VerdictLine { state, word, text: compass.sentence() }
+    VerdictLine { state, word, text: compass.summary_sentence() }
 }
 
 fn reference_info(verdict: &FlightEvaluation) -> ReferenceInfo {
     match &verdict.reference {
         Some(reference) => ReferenceInfo {
             difference_name: reference.difference_name(),
-            reference_name: reference.name().to_owned(),
+            reference_name: reference.reference_name().to_owned(),
             limits: format!(
                 "{}; the mean difference, which declination and mounting cause, is subtracted",
-                reference.limits()
+                reference.limits_text()
             ),
             card_constant: declination_deg(verdict).map_or_else(
                 || "The mean is subtracted: the declination there is not known.".to_owned(),
@@ -112,7 +112,7 @@ fn figures(verdict: &Verdict<'_>) -> Vec<[String; 2]> {
 
 fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> CompassReport {
     let Verdict { flight, evaluation, .. } = *verdict;
-    let facts = verdict.facts(compass);
+    let facts = verdict.key_facts(compass);
     let exported = compass.parameters_to_load();
     let compass = compass.evaluation;
     let replay_result = compass.result_for_report();
@@ -129,9 +129,9 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
         accepted: compass.module.accepted.is_ok(),
         facts,
         sigma_description: "the mean sigma that the module sends with its headings",
-        samples: samples(flight, compass, replay_result, &shown),
-        marks: marks(compass),
-        before_name: logged_correction_source(compass).name(),
+        samples: report_samples(flight, compass, replay_result, &shown),
+        marks: event_marks(compass),
+        before_name: logged_correction_source(compass).source_name(),
         corrected_by: if exported.is_some() { "with the parameters to load" } else { "by the module" },
         earth: solution.map(|s| expected_earth(evaluation, &s.calibration, exported.is_some())),
         has_fitted_marks: true,
@@ -168,7 +168,7 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
         })
     };
     let module = if replay_result.accepted.is_ok() { "module" } else { "module, but refused" };
-    let before = line(logged_correction_source(compass).name(), means[0], |sample| sample.error_before_deg);
+    let before = line(logged_correction_source(compass).source_name(), means[0], |sample| sample.error_before_deg);
     let after = [
         line("parameters", means[1], |sample| sample.error_parameters_deg),
         line(module, means[2], |sample| sample.error_deg),
@@ -205,7 +205,7 @@ fn logged_correction_source(compass: &CompassEvaluation) -> CorrectionSource {
     }
 }
 
-fn marks(compass: &CompassEvaluation) -> Vec<EventMark> {
+fn event_marks(compass: &CompassEvaluation) -> Vec<EventMark> {
     let first_s = compass.rows.first().map_or(0.0, |row| row.t_s);
     let calibrated = compass.module.ended_s.map(|at_s| EventMark {
         at_s: first_s + at_s,
@@ -232,7 +232,7 @@ struct ShownCorrections<'a> {
     has_reference: bool,
 }
 
-fn samples(
+fn report_samples(
     flight: &Flight,
     compass: &CompassEvaluation,
     replay_result: &ReplayResult,
@@ -245,8 +245,8 @@ fn samples(
         .iter()
         .enumerate()
         .map(|(i, row)| ReportSample {
-            position_m: places.as_ref().and_then(|places| places.at(flight, row.t_s)),
-            ..shown.sample(row, replay_result.headings.get(i))
+            position_m: places.as_ref().and_then(|places| places.position_at(flight, row.t_s)),
+            ..shown.report_sample(row, replay_result.headings.get(i))
         })
         .collect();
     for fitted_s in replay_result.fitted_s.iter().map(|since_s| since_s + first.t_s) {
@@ -264,7 +264,7 @@ fn samples(
 }
 
 impl ShownCorrections<'_> {
-    fn sample(&self, row: &ReplayRow, module: Option<&HeadingRow>) -> ReportSample {
+    fn report_sample(&self, row: &ReplayRow, module: Option<&HeadingRow>) -> ReportSample {
         let raw = row.field.ut.map(f64::from);
         let logged = row.logged.ut.map(f64::from);
         let with_parameters = self.parameters.map(|field| field(row));
@@ -274,7 +274,7 @@ impl ShownCorrections<'_> {
         let error_deg = |heading_deg: f64| Some(wrap_180(heading_deg - compared_deg?));
         let by_module = |solution: &Solution| {
             let calibration = &solution.calibration;
-            calibration.apply(calibration.remove_motor_current(row.field, row.current_a)).ut.map(f64::from)
+            calibration.calibrated_field(calibration.remove_motor_current(row.field, row.current_a)).ut.map(f64::from)
         };
         ReportSample {
             at_s: row.t_s,
@@ -317,8 +317,8 @@ impl LocalPositions {
         })
     }
 
-    fn at(&self, flight: &Flight, t_s: f64) -> Option<[f64; 2]> {
-        let (before, after, part) = flight.gps.bracket(t_s, Self::MAX_GAP_S)?;
+    fn position_at(&self, flight: &Flight, t_s: f64) -> Option<[f64; 2]> {
+        let (before, after, part) = flight.gps.surrounding_values(t_s, Self::MAX_GAP_S)?;
         let [before, after] = [before, after].map(|row| {
             let gps = Gps::from_columns(row.values);
             [gps.longitude_deg, gps.latitude_deg].map(f64::from)
@@ -351,7 +351,7 @@ mod tests {
     static FLOWN: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
         let parameters = ["X", "Y", "Z"].map(|axis| (format!("COMPASS_OFS_{axis}"), 100.0)).to_vec();
         let recording = FlightRecording { parameters, ..record_turns(0.0) };
-        let flight = log::read(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
+        let flight = log::read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
         let verdict = evaluate_flight(
             &flight,
             &EvaluationOptions {
@@ -475,7 +475,7 @@ mod tests {
         ] {
             let report = report_with_reference(reference.clone());
             assert_eq!(report.reference.difference_name, word);
-            let has_card = crate::report::page(&report).contains("Deviation card");
+            let has_card = crate::report::render_page(&report).contains("Deviation card");
             assert_eq!(has_card, word == "error", "a card is for a known accuracy");
             assert!(!figure(&report, &format!("{word} as logged")).is_empty(), "{:?}", report.figures);
             let usable = || report.compasses[0].samples.iter().filter(|moment| moment.is_usable).skip(20);

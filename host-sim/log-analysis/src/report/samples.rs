@@ -44,15 +44,15 @@ pub fn has_samples(compass: &CompassReport) -> bool {
 pub fn samples_json(compass: &CompassReport, error_name: &str) -> Value {
     let rows = with_gaps(&drawn_samples(&compass.samples));
     let column = |of: &dyn Fn(&ReportSample) -> Option<f64>| -> Option<Vec<Value>> {
-        let cells: Vec<Option<i64>> = rows.iter().map(|(_, sample)| hundredths(of((*sample)?)?)).collect();
+        let cells: Vec<Option<i64>> = rows.iter().map(|(_, sample)| to_hundredths(of((*sample)?)?)).collect();
         cells.iter().any(Option::is_some).then(|| cells.into_iter().map(Value::from).collect())
     };
     let columns: serde_json::Map<String, Value> =
         SAMPLE_COLUMNS.iter().filter_map(|(name, of)| Some(((*name).to_owned(), Value::from(column(of)?)))).collect();
-    let kinds: String = rows.iter().map(|(_, sample)| sample.map_or('0', kind)).collect();
+    let kinds: String = rows.iter().map(|(_, sample)| sample.map_or('0', sample_code)).collect();
     let curves = |curves: &[DeviationCurve]| -> Vec<Value> {
         let curve = |curve: &DeviationCurve| {
-            let errors: Vec<_> = curve.errors_deg.iter().map(|deg| deg.and_then(hundredths)).collect();
+            let errors: Vec<_> = curve.errors_deg.iter().map(|deg| deg.and_then(to_hundredths)).collect();
             json!({ "name": curve.name, "errors": errors })
         };
         curves.iter().map(curve).collect()
@@ -63,7 +63,7 @@ pub fn samples_json(compass: &CompassReport, error_name: &str) -> Value {
         "before_name": compass.before_name,
         "earth": compass.earth.filter(|earth| earth.iter().all(|number| number.is_finite())),
         "offset": compass.magnetic_offset_deg,
-        "t": rows.iter().map(|(at_s, _)| hundredths(*at_s)).collect::<Vec<_>>(),
+        "t": rows.iter().map(|(at_s, _)| to_hundredths(*at_s)).collect::<Vec<_>>(),
         "columns": columns,
         "kinds": kinds,
         "marks": marks.map(|mark| json!({ "at": mark.at_s, "name": mark.name })).collect::<Vec<_>>(),
@@ -71,11 +71,11 @@ pub fn samples_json(compass: &CompassReport, error_name: &str) -> Value {
     })
 }
 
-fn hundredths(number: f64) -> Option<i64> {
+fn to_hundredths(number: f64) -> Option<i64> {
     number.is_finite().then(|| (number * 100.0).round() as i64)
 }
 
-fn kind(sample: &ReportSample) -> char {
+fn sample_code(sample: &ReportSample) -> char {
     let bits = u8::from(sample.is_usable) + 2 * u8::from(sample.is_fitted) + 4 * u8::from(sample.is_heading_withheld);
     char::from(b'0' + bits)
 }

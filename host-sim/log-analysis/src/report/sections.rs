@@ -67,7 +67,7 @@ pub fn comparison_section(report: &Report) -> String {
         capitalised(report.reference.difference_name),
         report.reference.reference_name
     );
-    format!("<p>{CORRECTIONS_TEXT}</p>\n{}", table(&caption, "corrected by", &names, rows))
+    format!("<p>{CORRECTIONS_TEXT}</p>\n{}", html_table(&caption, "corrected by", &names, rows))
 }
 
 const CORRECTIONS_TEXT: &str = "Uncorrected: the sensor's field. As logged: with the autopilot's parameters. Sphere, ellipsoid: the usual \
@@ -170,13 +170,13 @@ pub fn compass_section(id: &str, compass_report: &CompassReport, compared: &Refe
         html.push(deviation_card(compass_report, compared));
     }
     html.push("<div class=\"pair\">\n".to_owned());
-    html.push(figure(&format!("{id}-coverage"), &coverage::coverage_picture(compass_report)));
+    html.push(html_figure(&format!("{id}-coverage"), &coverage::coverage_picture(compass_report)));
     if let Some([x, y, z, b]) = compass_report.coefficients {
         let row = |name: &str, values_of_row: [f64; 3], decimals| {
             (name.to_owned(), values_of_row.iter().map(|number_of| format_number(*number_of, decimals)).collect())
         };
         let rows = [row("W, x", x, 5), row("W, y", y, 5), row("W, z", z, 5), row("b, uT", b, 3)];
-        html.push(table(
+        html.push(html_table(
             "The module's coefficients: corrected field = W (m - b), body axes",
             "",
             &["x", "y", "z"],
@@ -212,7 +212,7 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
     // Two tables, of the first 12 headings and of the others, side by side if there is room.
     let halves = [0..sectors.min(12), 12..sectors].into_iter().filter(|half| !half.is_empty()).map(|half| {
         let caption = format!("Headings {:03} to {:03}", half.start * step, (half.end - 1) * step);
-        table(&caption, "heading", &columns, half.map(row))
+        html_table(&caption, "heading", &columns, half.map(row))
     });
     format!(
         "<div class=\"card\">\n<h3>Deviation card: {}</h3>\n<p>Degrees by heading: indicated less {}. Subtract it from the \
@@ -226,7 +226,7 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
 }
 
 pub fn map_section(compass_report: &CompassReport) -> Option<String> {
-    map_of::map_picture(compass_report).map(|picture| figure("map-picture", &picture))
+    map_of::map_picture(compass_report).map(|picture| html_figure("map-picture", &picture))
 }
 
 pub fn parameters_section(name: &str, text: &str) -> String {
@@ -237,7 +237,7 @@ pub fn parameters_section(name: &str, text: &str) -> String {
          <span role=\"status\" id=\"copied\"></span></p>\n<p>Load it with a ground station, and compare the heading on \
          the ground before you fly by it.</p>\n{}",
         percent_encoded(text),
-        listing("parameters-text", "Parameters", text)
+        html_listing("parameters-text", "Parameters", text)
     )
 }
 
@@ -251,13 +251,13 @@ pub fn origin_section(report: &Report) -> String {
         html.push(format!(
             "<details class=\"terminal\"><summary>{}</summary>\n{}</details>\n",
             escape_html(title),
-            listing("printed-text", title, text)
+            html_listing("printed-text", title, text)
         ));
     }
     html.concat()
 }
 
-fn figure(id: &str, picture: &Picture) -> String {
+fn html_figure(id: &str, picture: &Picture) -> String {
     let class = if picture.is_wide { "wide" } else { "narrow" };
     format!(
         "<figure class=\"{class}\"><div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"{title}: picture\">\n{}\
@@ -269,7 +269,12 @@ fn figure(id: &str, picture: &Picture) -> String {
 }
 
 /// A table in a scrolling box.
-fn table(caption: &str, corner: &str, columns: &[&str], rows: impl Iterator<Item = (String, Vec<String>)>) -> String {
+fn html_table(
+    caption: &str,
+    corner: &str,
+    columns: &[&str],
+    rows: impl Iterator<Item = (String, Vec<String>)>,
+) -> String {
     let caption = escape_html(caption);
     let corner = if corner.is_empty() {
         "<td></td>".to_owned()
@@ -295,7 +300,7 @@ fn percent_encoded(text: &str) -> String {
     })
 }
 
-fn listing(id: &str, name: &str, text: &str) -> String {
+fn html_listing(id: &str, name: &str, text: &str) -> String {
     let (name, text) = (escape_html(name), escape_html(text));
     format!(
         "<pre id=\"{id}\" class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"{name}: text\">{text}</pre>\n"

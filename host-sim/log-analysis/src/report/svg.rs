@@ -32,40 +32,42 @@ impl Svg {
         Self { size: [width, height], body: String::new() }
     }
 
-    pub fn line(&mut self, class: &str, [x1, y1]: Point, [x2, y2]: Point) {
-        if let Some([x1, y1, x2, y2]) = numbers([x1, y1, x2, y2]) {
-            self.push(&format!(r#"<line class="{class}" x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}"/>"#));
+    pub fn draw_line(&mut self, class: &str, [x1, y1]: Point, [x2, y2]: Point) {
+        if let Some([x1, y1, x2, y2]) = format_coordinates([x1, y1, x2, y2]) {
+            self.push_element(&format!(r#"<line class="{class}" x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}"/>"#));
         }
     }
 
     /// A rectangle from its upper left corner.
-    pub fn rect(&mut self, class: &str, [x, y]: Point, [width, height]: Point) {
-        if let Some([x, y, width, height]) = numbers([x, y, width.max(0.0), height.max(0.0)]) {
-            self.push(&format!(r#"<rect class="{class}" x="{x}" y="{y}" width="{width}" height="{height}"/>"#));
+    pub fn draw_rectangle(&mut self, class: &str, [x, y]: Point, [width, height]: Point) {
+        if let Some([x, y, width, height]) = format_coordinates([x, y, width.max(0.0), height.max(0.0)]) {
+            self.push_element(&format!(r#"<rect class="{class}" x="{x}" y="{y}" width="{width}" height="{height}"/>"#));
         }
     }
 
     /// Text; the class sets its alignment at the position.
-    pub fn text(&mut self, class: &str, [x, y]: Point, words: &str) {
-        if let Some([x, y]) = numbers([x, y]) {
-            self.push(&format!(r#"<text class="{class}" x="{x}" y="{y}">{}</text>"#, escape_html(words)));
+    pub fn draw_text(&mut self, class: &str, [x, y]: Point, words: &str) {
+        if let Some([x, y]) = format_coordinates([x, y]) {
+            self.push_element(&format!(r#"<text class="{class}" x="{x}" y="{y}">{}</text>"#, escape_html(words)));
         }
     }
 
     /// Text rotated to read upwards, centred.
     pub fn vertical_text(&mut self, class: &str, [x, y]: Point, words: &str) {
-        if let Some([x, y]) = numbers([x, y]) {
+        if let Some([x, y]) = format_coordinates([x, y]) {
             let words = escape_html(words);
-            self.push(&format!(r#"<text class="{class}" transform="translate({x} {y}) rotate(-90)">{words}</text>"#));
+            self.push_element(&format!(
+                r#"<text class="{class}" transform="translate({x} {y}) rotate(-90)">{words}</text>"#
+            ));
         }
     }
 
     /// A line through points, interrupted at `None`.
-    pub fn path(&mut self, class: &str, points: impl IntoIterator<Item = Option<Point>>) {
+    pub fn draw_path(&mut self, class: &str, points: impl IntoIterator<Item = Option<Point>>) {
         let mut d = String::new();
         let mut is_down = false;
         for point in points {
-            let Some([x, y]) = point.and_then(numbers) else {
+            let Some([x, y]) = point.and_then(format_coordinates) else {
                 is_down = false;
                 continue;
             };
@@ -74,16 +76,16 @@ impl Svg {
             is_down = true;
         }
         if !d.is_empty() {
-            self.push(&format!(r#"<path class="{class}" d="{d}"/>"#));
+            self.push_element(&format!(r#"<path class="{class}" d="{d}"/>"#));
         }
     }
 
     /// Points of one class and shape as a single element.
-    pub fn points(&mut self, class: &str, shape: Shape, radius: f64, points: impl IntoIterator<Item = Point>) {
+    pub fn draw_points(&mut self, class: &str, shape: Shape, radius: f64, points: impl IntoIterator<Item = Point>) {
         let mut d = String::new();
         for point in points {
-            let Some([x, y]) = numbers(point) else { continue };
-            let Some([r, twice, up]) = numbers([radius, 2.0 * radius, 1.15 * radius]) else { continue };
+            let Some([x, y]) = format_coordinates(point) else { continue };
+            let Some([r, twice, up]) = format_coordinates([radius, 2.0 * radius, 1.15 * radius]) else { continue };
             let _ = match shape {
                 Shape::Dot => write!(d, "M{x} {y}h0"),
                 Shape::Circle => write!(d, "M{x} {y}m-{r} 0a{r} {r} 0 1 0 {twice} 0a{r} {r} 0 1 0-{twice} 0"),
@@ -93,11 +95,11 @@ impl Svg {
             };
         }
         if !d.is_empty() {
-            self.push(&format!(r#"<path class="{class}" d="{d}"/>"#));
+            self.push_element(&format!(r#"<path class="{class}" d="{d}"/>"#));
         }
     }
 
-    fn push(&mut self, element: &str) {
+    fn push_element(&mut self, element: &str) {
         self.body.push_str(element);
         self.body.push('\n');
     }
@@ -127,12 +129,12 @@ impl Svg {
     }
 }
 
-pub fn style() -> String {
+pub fn style_css() -> String {
     format!("{COLOURS_CSS}{PICTURE_CSS}")
 }
 
 /// Coordinates rounded to 0.1; none if any is not finite.
-fn numbers<const N: usize>(coordinates: [f64; N]) -> Option<[f64; N]> {
+fn format_coordinates<const N: usize>(coordinates: [f64; N]) -> Option<[f64; N]> {
     // A value rounded to 0.1 prints with at most one decimal.
     coordinates
         .iter()
@@ -147,21 +149,21 @@ mod tests {
     #[test]
     fn non_finite_numbers_are_not_drawn() {
         let mut svg = Svg::new(10.0, 10.0);
-        svg.line("a", [0.0, f64::NAN], [1.0, 1.0]);
-        svg.rect("a", [0.0, 0.0], [f64::INFINITY, 1.0]);
-        svg.text("a", [f64::NAN, 0.0], "words");
+        svg.draw_line("a", [0.0, f64::NAN], [1.0, 1.0]);
+        svg.draw_rectangle("a", [0.0, 0.0], [f64::INFINITY, 1.0]);
+        svg.draw_text("a", [f64::NAN, 0.0], "words");
         svg.vertical_text("a", [f64::NAN, 0.0], "words");
-        svg.points("a", Shape::Circle, 1.0, [[f64::NAN, 1.0]]);
-        svg.path("a", [None, Some([f64::NAN, 1.0])]);
+        svg.draw_points("a", Shape::Circle, 1.0, [[f64::NAN, 1.0]]);
+        svg.draw_path("a", [None, Some([f64::NAN, 1.0])]);
         assert_eq!(svg.body, "");
-        svg.path("a", [Some([0.0, 0.0]), Some([1.0, 1.0]), Some([f64::NAN, 2.0]), None, Some([3.04, -0.01])]);
+        svg.draw_path("a", [Some([0.0, 0.0]), Some([1.0, 1.0]), Some([f64::NAN, 2.0]), None, Some([3.04, -0.01])]);
         assert_eq!(svg.body, "<path class=\"a\" d=\"M0 0L1 1M3 0\"/>\n");
     }
 
     #[test]
     fn text_is_escaped_in_svg() {
         let mut svg = Svg::new(10.0, 10.0);
-        svg.text("a", [0.0, 0.0], "<script>alert(1)</script>");
+        svg.draw_text("a", [0.0, 0.0], "<script>alert(1)</script>");
         for whole in [svg.to_inline("p", "<b>", "\"&"), svg.to_file("<b>", "\"&")] {
             assert!(!whole.contains("<script") && !whole.contains("<b>"), "{whole}");
             assert!(whole.contains("&lt;script&gt;") && whole.contains("&quot;&amp;"), "{whole}");

@@ -77,7 +77,7 @@ impl CanBus {
 
     /// Attaches a node.
     #[must_use]
-    pub fn attach(&self) -> CanEnd {
+    pub fn attach_node(&self) -> CanEnd {
         let mut state = self.0.borrow_mut();
         state.nodes.push(Inbox::default());
         CanEnd { bus: self.clone(), node: state.nodes.len() - 1 }
@@ -110,7 +110,7 @@ impl CanEnd {
 
     /// Sends a frame as soon as the bus is free, behind all frames offered before.
     pub fn queue_frame(&self, frame: &CanFrame) {
-        self.bus.0.borrow_mut().transmit(self.node, frame, clock::now_us());
+        self.bus.0.borrow_mut().broadcast_frame(self.node, frame, clock::now_us());
     }
 
     /// Returns and removes the received frames.
@@ -129,7 +129,7 @@ impl CanEnd {
             embassy_time_driver::schedule_wake(state.free_at_us, context.waker());
             return Poll::Pending;
         }
-        state.transmit(self.node, frame, now_us);
+        state.broadcast_frame(self.node, frame, now_us);
         Poll::Ready(Ok(()))
     }
 
@@ -149,7 +149,7 @@ impl CanEnd {
 impl SendFrame for CanEnd {
     type Error = BusOff;
 
-    async fn send(&mut self, frame: &CanFrame) -> Result<(), BusOff> {
+    async fn send_frame(&mut self, frame: &CanFrame) -> Result<(), BusOff> {
         poll_fn(|context| self.poll_send(frame, context)).await
     }
 }
@@ -157,13 +157,13 @@ impl SendFrame for CanEnd {
 impl ReceiveFrame for CanEnd {
     type Error = BusOff;
 
-    async fn receive(&mut self) -> Result<CanFrame, BusOff> {
+    async fn receive_frame(&mut self) -> Result<CanFrame, BusOff> {
         Ok(poll_fn(|context| self.poll_receive(context)).await)
     }
 }
 
 impl State {
-    fn transmit(&mut self, sender: usize, frame: &CanFrame, now_us: u64) {
+    fn broadcast_frame(&mut self, sender: usize, frame: &CanFrame, now_us: u64) {
         self.frames += 1;
         self.free_at_us = self.free_at_us.max(now_us) + EMPTY_FRAME_US + DATA_BYTE_US * frame.data().len() as u64;
         let CanFaults { loss, duplication, reordering, .. } = self.faults;
@@ -177,14 +177,14 @@ impl State {
             for _ in 0..copies {
                 let added_latency_us =
                     if is_late { self.random.uniform(0.0, MAX_OVERTAKEN_DELAY_US) as u64 } else { 0 };
-                inbox.push(self.free_at_us + added_latency_us, frame);
+                inbox.push_frame(self.free_at_us + added_latency_us, frame);
             }
         }
     }
 }
 
 impl Inbox {
-    fn push(&mut self, at_us: u64, frame: &CanFrame) {
+    fn push_frame(&mut self, at_us: u64, frame: &CanFrame) {
         if self.frames.len() >= RECEIVER_CAPACITY_FRAMES {
             return;
         }

@@ -12,13 +12,13 @@ const NANOSECONDS_PER_BYTE: u64 = 22_500;
 /// Device on the bus.
 pub trait SimulatedI2cDevice {
     /// Whether the device acknowledges this address now.
-    fn acknowledges(&self, address: SevenBitAddress) -> bool;
+    fn acknowledges_address(&self, address: SevenBitAddress) -> bool;
 
     /// Bytes written between a start condition and the next start or stop.
-    fn write(&mut self, bytes: &[u8]);
+    fn write_bytes(&mut self, bytes: &[u8]);
 
     /// Fills `bytes` with the device's data.
-    fn read(&mut self, bytes: &mut [u8]);
+    fn read_bytes(&mut self, bytes: &mut [u8]);
 }
 
 /// Device shared between the bus and a test that injects faults.
@@ -53,12 +53,12 @@ impl Bus {
     }
 
     /// Connects a device.
-    pub fn attach(&self, target: SharedI2cDevice) {
+    pub fn attach_device(&self, target: SharedI2cDevice) {
         self.targets.borrow_mut().push(target);
     }
 
     fn target_at(&self, address: SevenBitAddress) -> Option<SharedI2cDevice> {
-        self.targets.borrow().iter().find(|target| target.borrow().acknowledges(address)).cloned()
+        self.targets.borrow().iter().find(|target| target.borrow().acknowledges_address(address)).cloned()
     }
 }
 
@@ -77,20 +77,20 @@ impl I2c for Bus {
             return Err(BusError::NoAcknowledge(address));
         };
         // Every operation repeats the address. Adjacent operations of one kind would not, but no driver uses them.
-        let bytes: usize = operations.iter().map(|operation| 1 + length(operation)).sum();
+        let bytes: usize = operations.iter().map(|operation| 1 + operation_length(operation)).sum();
         Timer::after(bus_time(bytes)).await;
         let mut target = target.borrow_mut();
         for operation in operations {
             match operation {
-                Operation::Write(bytes) => target.write(bytes),
-                Operation::Read(bytes) => target.read(bytes),
+                Operation::Write(bytes) => target.write_bytes(bytes),
+                Operation::Read(bytes) => target.read_bytes(bytes),
             }
         }
         Ok(())
     }
 }
 
-fn length(operation: &Operation<'_>) -> usize {
+fn operation_length(operation: &Operation<'_>) -> usize {
     match operation {
         Operation::Write(bytes) => bytes.len(),
         Operation::Read(bytes) => bytes.len(),

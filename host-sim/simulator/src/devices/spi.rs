@@ -13,10 +13,10 @@ const MICROSECONDS_PER_BYTE: u64 = 8;
 /// Device on the bus.
 pub trait SimulatedSpiDevice {
     /// Bytes written by the master, the first of them the register address.
-    fn write(&mut self, bytes: &[u8]);
+    fn write_bytes(&mut self, bytes: &[u8]);
 
     /// Fills `bytes` with the device's data, from the register address written before in the same selection.
-    fn read(&mut self, bytes: &mut [u8]);
+    fn read_bytes(&mut self, bytes: &mut [u8]);
 }
 
 /// Device selected by its own chip select. A transaction takes the time of its bytes and takes effect at its end.
@@ -37,12 +37,12 @@ impl ErrorType for SelectedDevice {
 
 impl SpiDevice for SelectedDevice {
     async fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
-        Timer::after(operations.iter().map(duration).sum()).await;
+        Timer::after(operations.iter().map(transfer_duration).sum()).await;
         let mut target = self.0.borrow_mut();
         for operation in operations {
             match operation {
-                Operation::Write(bytes) => target.write(bytes),
-                Operation::Read(bytes) => target.read(bytes),
+                Operation::Write(bytes) => target.write_bytes(bytes),
+                Operation::Read(bytes) => target.read_bytes(bytes),
                 Operation::Transfer(..) | Operation::TransferInPlace(_) => unimplemented!("no driver uses them"),
                 Operation::DelayNs(_) => {}
             }
@@ -51,7 +51,7 @@ impl SpiDevice for SelectedDevice {
     }
 }
 
-fn duration(operation: &Operation<'_, u8>) -> Duration {
+fn transfer_duration(operation: &Operation<'_, u8>) -> Duration {
     let bytes = match operation {
         Operation::Write(bytes) => bytes.len(),
         Operation::Read(bytes) | Operation::Transfer(bytes, _) | Operation::TransferInPlace(bytes) => bytes.len(),

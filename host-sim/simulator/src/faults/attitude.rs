@@ -31,7 +31,7 @@ impl SecondSender {
         let Self { system_id, component_id, heartbeat_kind: heartbeats, roll_error_deg: roll_deg } = self;
         let config = world.config();
         let source = AttitudeSource::new(config.attitude_source, config.gyro, config.seed.wrapping_add(0x5EED));
-        let bias = attitude_bias(Switch::on(), [roll_deg.to_radians(), 0.0]);
+        let bias = attitude_bias(Switch::always_on(), [roll_deg.to_radians(), 0.0]);
         source.with_identity(Identity { system_id, component_id, heartbeat_kind: heartbeats }).run(
             world.clone(),
             uart,
@@ -49,7 +49,7 @@ fn change_while_on(switch: Switch, mut change: impl FnMut(&mut ATTITUDE_DATA)) -
     }
 }
 
-fn rates(message: &mut ATTITUDE_DATA) -> [&mut f32; 3] {
+fn rates_of_message(message: &mut ATTITUDE_DATA) -> [&mut f32; 3] {
     [&mut message.rollspeed, &mut message.pitchspeed, &mut message.yawspeed]
 }
 
@@ -76,8 +76,8 @@ pub fn stale_attitude(switch: Switch, source: &AttitudeSourceConfig, seed: u64) 
     let mut held_rad = None;
     change_while_on(switch, move |message| {
         let [roll_rad, pitch_rad] = *held_rad.get_or_insert([message.roll, message.pitch]);
-        message.roll = roll_rad + roll_noise_rad.step() as f32;
-        message.pitch = pitch_rad + pitch_noise_rad.step() as f32;
+        message.roll = roll_rad + roll_noise_rad.next_value() as f32;
+        message.pitch = pitch_rad + pitch_noise_rad.next_value() as f32;
     })
 }
 
@@ -191,7 +191,7 @@ impl AttitudeFault for AdditionalLatency {
 #[must_use]
 pub fn rate_scale_error(switch: Switch, factor: f64) -> impl AttitudeFault {
     change_while_on(switch, move |message| {
-        for rate in rates(message) {
+        for rate in rates_of_message(message) {
             *rate *= factor as f32;
         }
     })
@@ -202,7 +202,7 @@ pub fn rate_scale_error(switch: Switch, factor: f64) -> impl AttitudeFault {
 pub fn rate_offset_ramp(switch: Switch, growth_deg_s2: [f64; 3]) -> impl AttitudeFault {
     move |now_us: u64, message: &mut ATTITUDE_DATA| {
         let Some(on_for_s) = switch.active_for_s(now_us) else { return };
-        for (rate, growth_deg_s2) in rates(message).into_iter().zip(growth_deg_s2) {
+        for (rate, growth_deg_s2) in rates_of_message(message).into_iter().zip(growth_deg_s2) {
             *rate += (growth_deg_s2.to_radians() * on_for_s) as f32;
         }
     }
@@ -238,7 +238,7 @@ pub fn filter_alignment(switch: Switch, alignment: Alignment) -> impl AttitudeFa
     move |now_us: u64, message: &mut ATTITUDE_DATA| {
         let Some(on_for_s) = switch.active_for_s(now_us) else { return };
         // Real gyros never output exactly zero.
-        for rate in rates(message) {
+        for rate in rates_of_message(message) {
             *rate += GYRO_OFFSET_RAD_S;
         }
         alignment.add_error(on_for_s, message);
@@ -248,7 +248,7 @@ pub fn filter_alignment(switch: Switch, alignment: Alignment) -> impl AttitudeFa
 /// Quantisation of roll and pitch.
 #[must_use]
 pub fn attitude_quantisation(resolution_deg: f64) -> impl AttitudeFault {
-    change_while_on(Switch::on(), move |message| {
+    change_while_on(Switch::always_on(), move |message| {
         for angle in [&mut message.roll, &mut message.pitch] {
             let degrees = (f64::from(*angle).to_degrees() / resolution_deg).round() * resolution_deg;
             *angle = degrees.to_radians() as f32;

@@ -43,7 +43,7 @@ impl LinkFault {
     #[must_use]
     pub fn run(self, world: World, uart: HostEnd) -> Pin<Box<dyn Future<Output = ()>>> {
         match self {
-            Self::Pause(switch) => Box::pin(pause(switch, world)),
+            Self::Pause(switch) => Box::pin(pause_link(switch, world)),
             Self::OtherVehicle(system_id) => Box::pin(simulate_other_vehicle(system_id, world, uart)),
             Self::Forged(switch, message) => {
                 Box::pin(send_forged_message(switch, message, world.attitude_source(), uart))
@@ -52,7 +52,7 @@ impl LinkFault {
     }
 }
 
-async fn pause(switch: Switch, world: World) {
+async fn pause_link(switch: Switch, world: World) {
     loop {
         let is_on = switch.is_on(clock::now_us());
         if is_on == world.sends_attitude() {

@@ -44,18 +44,18 @@ impl FaultyChip {
     fn flip_register_bits(&mut self, register: u8, bits: u8) {
         let mut chip = self.chip.borrow_mut();
         let mut value = [0];
-        chip.write(&[register]);
-        chip.read(&mut value);
-        chip.write(&[register, value[0] ^ bits]);
+        chip.write_bytes(&[register]);
+        chip.read_bytes(&mut value);
+        chip.write_bytes(&[register, value[0] ^ bits]);
     }
 }
 
 impl SimulatedI2cDevice for FaultyChip {
-    fn acknowledges(&self, address: u8) -> bool {
-        self.chip.borrow().acknowledges(address)
+    fn acknowledges_address(&self, address: u8) -> bool {
+        self.chip.borrow().acknowledges_address(address)
     }
 
-    fn write(&mut self, bytes: &[u8]) {
+    fn write_bytes(&mut self, bytes: &[u8]) {
         let now_us = clock::now_us();
         let upsets: Vec<_> = self.faults.iter_mut().filter_map(|fault| fault.register_upset(now_us)).collect();
         for (register, bits) in upsets {
@@ -64,11 +64,11 @@ impl SimulatedI2cDevice for FaultyChip {
         if let Some(&pointer) = bytes.first() {
             self.pointer = pointer;
         }
-        self.chip.borrow_mut().write(bytes);
+        self.chip.borrow_mut().write_bytes(bytes);
     }
 
-    fn read(&mut self, bytes: &mut [u8]) {
-        self.chip.borrow_mut().read(bytes);
+    fn read_bytes(&mut self, bytes: &mut [u8]) {
+        self.chip.borrow_mut().read_bytes(bytes);
         let Ok(data): Result<&mut [u8; 6], _> = bytes.try_into() else { return };
         if self.pointer != OUT_X_L | AUTO_INCREMENT {
             return;
@@ -113,7 +113,7 @@ pub fn additional_noise(switch: Switch, sigma_counts: f64, seed: u64) -> impl Se
     move |at_us: u64, counts: &mut [i16; 3]| {
         if switch.is_on(at_us) {
             for count in counts {
-                *count = (f64::from(*count) + sigma_counts * random.normal()).round() as i16;
+                *count = (f64::from(*count) + sigma_counts * random.gaussian()).round() as i16;
             }
         }
     }

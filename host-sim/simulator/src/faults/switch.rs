@@ -10,13 +10,13 @@ pub struct Switch(Rc<Cell<(u64, u64)>>);
 impl Switch {
     /// A switch that is off until its active time is set.
     #[must_use]
-    pub fn off() -> Self {
+    pub fn always_off() -> Self {
         Self(Rc::new(Cell::new((u64::MAX, u64::MAX))))
     }
 
     /// A switch that is always on.
     #[must_use]
-    pub fn on() -> Self {
+    pub fn always_on() -> Self {
         Self(Rc::new(Cell::new((0, u64::MAX))))
     }
 

@@ -89,8 +89,8 @@ impl Airframe {
         let soft_iron = Matrix3::identity()
             + scaled_to_size(symmetric, random.uniform(0.0, RANDOM_SOFT_IRON))
             + scaled_to_size(asymmetric, random.uniform(0.0, RANDOM_ASYMMETRY));
-        let hard_iron = random.direction() * random.uniform(0.0, RANDOM_HARD_IRON);
-        let mounting = random.rotation(RANDOM_MOUNTING_DEG);
+        let hard_iron = random.random_direction() * random.uniform(0.0, RANDOM_HARD_IRON);
+        let mounting = random.random_rotation(RANDOM_MOUNTING_DEG);
         Self { a: mounting * soft_iron, b_ut: hard_iron * earth.horizontal_ut() }
     }
 
@@ -164,7 +164,7 @@ mod tests {
             let attitude = Attitude::from_deg(25.0, -4.0);
             let truth = Euler { heading_rad: 1.0, ..Euler::from_deg(25.0, -4.0, 0.0) };
             let body_ut = earth.body_field_ut(truth);
-            let level = attitude.level(calibration.apply(airframe.measured_field(&body_ut)));
+            let level = attitude.level(calibration.calibrated_field(airframe.measured_field(&body_ut)));
             assert!((level.heading_rad() - 1.0).abs() < 2e-5, "seed {seed}: {}", level.heading_rad());
             assert!((level.total_ut() / calibration.total_ut - 1.0).abs() < 1e-5);
             assert!((level.inclination_rad() - calibration.inclination_rad).abs() < 1e-5);

@@ -58,7 +58,7 @@ impl AttitudeSource {
                 fault.modify_message(now_us, &mut message);
             }
             // Noise advances also while sending is disabled, so it depends only on time.
-            let frame = self.encode(&message);
+            let frame = self.encode_message(&message);
             if sends {
                 uart.send(&frame);
             }

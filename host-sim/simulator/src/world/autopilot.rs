@@ -153,7 +153,7 @@ impl Autopilot {
                 began_heading_rad: state.heading_rad,
             });
         }
-        self.active.map_or(self.held, |active| active.command(state))
+        self.active.map_or(self.held, |active| active.vehicle_command(state))
     }
 }
 
@@ -170,7 +170,7 @@ impl ActiveLeg {
         }
     }
 
-    fn command(&self, state: &TrueState) -> VehicleCommand {
+    fn vehicle_command(&self, state: &TrueState) -> VehicleCommand {
         let banked = |bank_deg: f64| VehicleCommand { bank_rad: bank_deg.to_radians(), ..VehicleCommand::default() };
         match self.leg {
             Leg::Straight { heading_deg, .. } => {

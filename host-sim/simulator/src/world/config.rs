@@ -79,7 +79,7 @@ pub enum ConfigError {
 impl ConfigError {
     /// Stable error code for scripts.
     #[must_use]
-    pub const fn code(&self) -> &'static str {
+    pub const fn stable_code(&self) -> &'static str {
         match self {
             Self::Format(_) => "airframe-format",
             Self::OutOfRange { .. } => "airframe-out-of-range",
@@ -173,7 +173,7 @@ impl WorldConfig {
     /// The same world with motor-current interference of this magnitude (microtesla) in a random direction.
     #[must_use]
     pub fn with_current_interference(self, size_ut: f64) -> Self {
-        let current_ut = Random::new(self.seed, Purpose::Current).direction() * size_ut;
+        let current_ut = Random::new(self.seed, Purpose::Current).random_direction() * size_ut;
         Self { current_interference_ut: current_ut.into(), ..self }
     }
 

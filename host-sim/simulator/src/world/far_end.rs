@@ -85,7 +85,7 @@ async fn mavlink(
         let now_us = clock::now_us();
         {
             let mut device = device.borrow_mut();
-            device.receive(now_us, &uart.receive());
+            device.receive_bytes(now_us, &uart.receive());
             if device.due_us() <= now_us {
                 let added_latency_us: u64 = faults.iter().map(|fault| fault.added_latency_us(now_us)).sum();
                 let truth = world.true_state(now_us.saturating_sub(latency_us + added_latency_us));
@@ -144,7 +144,7 @@ async fn msp(
             for timed_byte in uart.receive_timed() {
                 device.receive_byte(timed_byte.at_us, timed_byte.byte);
             }
-            let bytes = device.send(now_us, &known);
+            let bytes = device.send_replies(now_us, &known);
             if world.sends_attitude() && !is_silent(&faults, now_us) {
                 uart.send(&bytes);
             }

@@ -16,12 +16,12 @@ impl FirstOrder {
     #[must_use]
     pub fn new(sigma: f64, correlation_s: f64, step_s: f64, mut random: Random) -> Self {
         let decay = libm::exp(-step_s / correlation_s);
-        Self { value: sigma * random.normal(), decay, drive: sigma * (1.0 - decay * decay).sqrt(), random }
+        Self { value: sigma * random.gaussian(), decay, drive: sigma * (1.0 - decay * decay).sqrt(), random }
     }
 
     /// Next sample.
-    pub fn step(&mut self) -> f64 {
-        self.value = self.decay * self.value + self.drive * self.random.normal();
+    pub fn next_value(&mut self) -> f64 {
+        self.value = self.decay * self.value + self.drive * self.random.gaussian();
         self.value
     }
 }
@@ -44,13 +44,13 @@ impl SecondOrder {
         let time_constant_s = correlation_s / 2.0;
         let decay = libm::exp(-step_s / time_constant_s);
         let input_sigma = sigma * (1.0 + decay) / (1.0 + decay * decay).sqrt();
-        let value = sigma * random.normal();
+        let value = sigma * random.gaussian();
         Self { value, input: FirstOrder::new(input_sigma, time_constant_s, step_s, random), decay }
     }
 
     /// Next sample.
-    pub fn step(&mut self) -> f64 {
-        self.value = self.decay * self.value + (1.0 - self.decay) * self.input.step();
+    pub fn next_value(&mut self) -> f64 {
+        self.value = self.decay * self.value + (1.0 - self.decay) * self.input.next_value();
         self.value
     }
 }
@@ -82,7 +82,8 @@ mod tests {
         let random = || Random::new(1, Purpose::Bank);
         let mut rough = FirstOrder::new(2.0, 1.5, STEP_S, random());
         let mut smooth = SecondOrder::new(2.0, 1.5, STEP_S, random());
-        for (sigma, correlation_s) in [statistics(|| rough.step(), 1.5), statistics(|| smooth.step(), 1.5)] {
+        for (sigma, correlation_s) in [statistics(|| rough.next_value(), 1.5), statistics(|| smooth.next_value(), 1.5)]
+        {
             assert!((sigma - 2.0).abs() < 0.06, "sigma {sigma}");
             assert!((correlation_s - 1.5).abs() < 0.2, "correlation time {correlation_s}");
         }

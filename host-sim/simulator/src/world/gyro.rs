@@ -87,7 +87,7 @@ impl Gyro {
     pub fn new(config: GyroConfig, seed: u64, step_s: f64) -> Self {
         let mut random = Random::new(seed, Purpose::Gyro);
         let mut draw = |sigma: f64, exact: bool| {
-            let normal = random.normal();
+            let normal = random.gaussian();
             sigma * if exact { normal.signum() } else { normal }
         };
         let error = Matrix3::from_fn(|_, _| draw(config.scale_percent / 100.0, config.exact));
@@ -108,9 +108,9 @@ impl Gyro {
     }
 
     /// Measured body rates, radians per second. Each call advances the noise by one step.
-    pub fn measure(&mut self, truth: &TrueState) -> [f64; 3] {
+    pub fn measure_rates(&mut self, truth: &TrueState) -> [f64; 3] {
         let rates = Vector3::from(truth.body_rates_rad_s());
-        let drift = Vector3::from(self.drift_rad_s.each_mut().map(FirstOrder::step));
+        let drift = Vector3::from(self.drift_rad_s.each_mut().map(FirstOrder::next_value));
         let noise = self.random.normal_vector() * self.noise_rad_s;
         let by_force = self.by_force_rad_s * specific_force_change_g(truth);
         (rates + self.error * rates + self.offset_rad_s + drift + by_force + noise).into()
@@ -140,7 +140,7 @@ mod tests {
     #[test]
     fn a_perfect_gyro_measures_the_true_rates() {
         let truth = turning();
-        let measured = Gyro::new(GyroConfig::PERFECT, 1, STEP_S).measure(&truth);
+        let measured = Gyro::new(GyroConfig::PERFECT, 1, STEP_S).measure_rates(&truth);
         assert_eq!(measured.map(f64::to_bits), truth.body_rates_rad_s().map(f64::to_bits));
     }
 
@@ -160,7 +160,8 @@ mod tests {
         let (mut offsets, mut noise) = (0.0, 0.0);
         for seed in 0..400 {
             let mut gyro = Gyro::new(config, seed, STEP_S);
-            let rates: Vec<f64> = (0..3000).map(|_| gyro.measure(&TrueState::default())[2].to_degrees()).collect();
+            let rates: Vec<f64> =
+                (0..3000).map(|_| gyro.measure_rates(&TrueState::default())[2].to_degrees()).collect();
             let mean = rates.iter().sum::<f64>() / 3000.0;
             offsets += mean * mean / 400.0;
             noise += rates.windows(2).map(|pair| square(pair[1] - pair[0])).sum::<f64>() / (2.0 * 2999.0 * 400.0);

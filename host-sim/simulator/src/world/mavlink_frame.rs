@@ -23,19 +23,19 @@ pub struct Frame {
 impl Frame {
     /// Payload byte; zero beyond the truncated payload.
     #[must_use]
-    pub fn byte(&self, at: usize) -> u8 {
+    pub fn byte_at(&self, at: usize) -> u8 {
         self.payload.get(at).copied().unwrap_or(0)
     }
 
     /// Little-endian payload float that starts at byte `at`.
     #[must_use]
-    pub fn float(&self, at: usize) -> f32 {
-        f32::from_le_bytes([0, 1, 2, 3].map(|byte| self.byte(at + byte)))
+    pub fn float_at(&self, at: usize) -> f32 {
+        f32::from_le_bytes([0, 1, 2, 3].map(|byte| self.byte_at(at + byte)))
     }
 
     /// Encoded frame; `extra_crc` is the message's CRC seed.
     #[must_use]
-    pub fn bytes(&self, extra_crc: u8) -> Vec<u8> {
+    pub fn frame_bytes(&self, extra_crc: u8) -> Vec<u8> {
         let end = self.payload.iter().rposition(|&byte| byte != 0).map_or(1, |last| last + 1);
         let payload = &self.payload[..end.min(self.payload.len())];
         let [id_0, id_1, id_2, _] = self.id.to_le_bytes();
@@ -54,7 +54,7 @@ pub fn command_long(from: [u8; 2], system: u8, command: u16, confirmation: u8, p
     payload.extend(command.to_le_bytes());
     payload.extend([system, MODULE_COMPONENT, confirmation]);
     let [from_system, from_component] = from;
-    Frame { sequence: 0, system: from_system, component: from_component, id: 76, payload }.bytes(152)
+    Frame { sequence: 0, system: from_system, component: from_component, id: 76, payload }.frame_bytes(152)
 }
 
 fn extra_crc(id: u32) -> u8 {
@@ -72,7 +72,7 @@ pub struct FrameReader {
 
 impl FrameReader {
     /// Appends bytes and returns the completed frames.
-    pub fn read(&mut self, bytes: &[u8]) -> Vec<Frame> {
+    pub fn read_frames(&mut self, bytes: &[u8]) -> Vec<Frame> {
         self.bytes.extend_from_slice(bytes);
         let mut frames = Vec::new();
         while let [begin, length, ..] = *self.bytes.as_slice() {
@@ -80,7 +80,7 @@ impl FrameReader {
             if begin == 0xFD && self.bytes.len() < end + 2 {
                 break;
             }
-            let frame = (begin == 0xFD).then(|| self.frame(end)).flatten();
+            let frame = (begin == 0xFD).then(|| self.checked_frame(end)).flatten();
             self.garbage += u64::from(frame.is_none());
             self.bytes.drain(..frame.as_ref().map_or(1, |_| end + 2));
             frames.extend(frame);
@@ -94,7 +94,7 @@ impl FrameReader {
         self.garbage
     }
 
-    fn frame(&self, end: usize) -> Option<Frame> {
+    fn checked_frame(&self, end: usize) -> Option<Frame> {
         let [_, _, _, _, sequence, system, component, id_0, id_1, id_2, ..] = *self.bytes.as_slice() else {
             return None;
         };

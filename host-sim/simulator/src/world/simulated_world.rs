@@ -170,13 +170,13 @@ impl World {
     /// The state advanced to now, so that commands do not affect the past.
     fn advanced_to_now(&self) -> std::cell::RefMut<'_, WorldState> {
         let mut inner = self.0.borrow_mut();
-        inner.advance(clock::now_us());
+        inner.advance_to(clock::now_us());
         inner
     }
 }
 
 impl WorldState {
-    fn advance(&mut self, to_us: u64) {
+    fn advance_to(&mut self, to_us: u64) {
         while self.aircraft.state().time_us < to_us {
             self.aircraft.step();
             if self.history.len() == HISTORY_STEPS {
@@ -187,7 +187,7 @@ impl WorldState {
     }
 
     fn true_state(&mut self, at_us: u64) -> TrueState {
-        self.advance(at_us);
+        self.advance_to(at_us);
         let oldest_us = self.history[0].time_us;
         let passed_us = at_us.saturating_sub(oldest_us);
         let index = (passed_us / STEP_US) as usize;

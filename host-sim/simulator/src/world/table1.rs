@@ -51,10 +51,10 @@ pub struct PublishedRow {
 #[must_use]
 pub fn published_rows() -> [PublishedRow; 12] {
     let mut lines = PUBLISHED_CSV.lines().filter(|line| !line.starts_with('#')).skip(1);
-    std::array::from_fn(|_| row(lines.next().expect("twelve rows")))
+    std::array::from_fn(|_| parse_row(lines.next().expect("twelve rows")))
 }
 
-fn row(line: &str) -> PublishedRow {
+fn parse_row(line: &str) -> PublishedRow {
     let mut numbers = line.split(',').map(|number| number.parse().expect("a number"));
     let mut next = || numbers.next().expect("nine columns");
     let heading_deg = next();
@@ -80,7 +80,8 @@ mod tests {
 
     fn error_before_deg(airframe: &Airframe, heading_deg: f64, bank_deg: f64) -> f64 {
         let body_ut = Earth::default().body_field_ut(Euler::from_deg(bank_deg, 0.0, heading_deg));
-        let uncorrected = Calibration::uncalibrated(Orientation::NONE).apply(airframe.measured_field(&body_ut));
+        let uncorrected =
+            Calibration::uncalibrated(Orientation::NONE).calibrated_field(airframe.measured_field(&body_ut));
         let attitude = Attitude::from_deg(bank_deg as f32, 0.0);
         let indicated_deg = f64::from(attitude.level(uncorrected).heading_rad().to_degrees());
         (indicated_deg - heading_deg + 180.0).rem_euclid(360.0) - 180.0

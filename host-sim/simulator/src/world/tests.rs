@@ -164,9 +164,12 @@ fn fly_everything(seed: u64, duration_us: u64) -> (u64, usize) {
     let mut simulation = Simulation::new();
     let world = World::new(WorldConfig::random(seed));
     let mut bus = Bus::new();
-    bus.attach(Lis3mdl::new(lis3mdl::Lis3mdlConfig { seed, ..Default::default() }, world.magnetometer_source(vec![])));
+    bus.attach_device(Lis3mdl::new(
+        lis3mdl::Lis3mdlConfig { seed, ..Default::default() },
+        world.magnetometer_source(vec![]),
+    ));
     let cable = Cable::new(uart::UartConfig::default());
-    let (mut receiver, _transmitter) = cable.module();
+    let (mut receiver, _transmitter) = cable.module_ends();
     let seen = Rc::new(RefCell::new((DefaultHasher::new(), 0)));
     let note = |seen: &Rc<RefCell<(DefaultHasher, usize)>>, bytes: &[u8]| {
         let mut seen = seen.borrow_mut();
@@ -174,7 +177,7 @@ fn fly_everything(seed: u64, duration_us: u64) -> (u64, usize) {
         seen.1 += bytes.len();
     };
 
-    simulation.spawn(Level::World, "autopilot", world.attitude_source().run(world.clone(), cable.host(), vec![]));
+    simulation.spawn(Level::World, "autopilot", world.attitude_source().run(world.clone(), cable.host_end(), vec![]));
     let seen_attitude = Rc::clone(&seen);
     simulation.spawn(Level::Interrupt, "attitude", async move {
         let mut buffer = [0; 128];

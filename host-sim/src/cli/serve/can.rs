@@ -20,7 +20,7 @@ pub struct MulticastBus {
 }
 
 impl MulticastBus {
-    pub fn open(number: u8) -> io::Result<Self> {
+    pub fn open_bus(number: u8) -> io::Result<Self> {
         let group = Ipv4Addr::new(239, 65, 82, number);
         let input = Socket::new(Domain::IPV4, Type::DGRAM, None)?;
         input.set_nonblocking(true)?;
@@ -39,7 +39,7 @@ impl MulticastBus {
     }
 
     /// Frames that other programs sent to the bus since the last call.
-    pub fn receive(&self) -> Vec<CanFrame> {
+    pub fn receive_frames(&self) -> Vec<CanFrame> {
         let own = self.output.local_addr().map(|address| address.port());
         let is_own = |from: SocketAddr| own.as_ref().is_ok_and(|own| *own == from.port());
         let mut datagram = [0; DATAGRAM];
@@ -53,7 +53,7 @@ impl MulticastBus {
     }
 
     /// Sends a frame; it is lost where the network does not take it, as on a bus without other nodes.
-    pub fn send(&self, frame: &CanFrame) {
+    pub fn send_frame(&self, frame: &CanFrame) {
         let _ = self.output.send_to(&to_datagram(frame), (self.group, MULTICAST_PORT));
     }
 }

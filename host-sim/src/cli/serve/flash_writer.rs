@@ -18,19 +18,19 @@ pub struct FlashWriter {
 
 impl FlashWriter {
     /// Locks and reads a file.
-    pub fn open(path: Option<&Path>) -> Result<(Self, Option<FlashImage>), Failure> {
-        let (lock, image) = path.map(FlashImage::lock_and_read).transpose().map_err(failed)?.flatten().unzip();
+    pub fn open_file(path: Option<&Path>) -> Result<(Self, Option<FlashImage>), Failure> {
+        let (lock, image) = path.map(FlashImage::lock_and_read).transpose().map_err(flash_failure)?.flatten().unzip();
         Ok((Self { path: path.map(Path::to_owned), lock, ..Self::default() }, image))
     }
 
     /// Writes the module's flash contents to the file.
-    pub fn write(&mut self, served_module: &ServedModule) -> Result<(), Failure> {
+    pub fn write_flash(&mut self, served_module: &ServedModule) -> Result<(), Failure> {
         if let Some(path) = &self.path {
             if cfg!(windows) {
                 // Windows replaces no file that is open.
                 self.lock = None;
             }
-            self.lock = Some(served_module.flash().write(path).map_err(failed)?);
+            self.lock = Some(served_module.flash_image().write_file(path).map_err(flash_failure)?);
         }
         Ok(())
     }
@@ -41,13 +41,13 @@ impl FlashWriter {
         let rests = changes == self.seen_changes || is_end;
         self.seen_changes = changes;
         if rests && changes != self.written_changes {
-            self.write(served_module)?;
+            self.write_flash(served_module)?;
             self.written_changes = changes;
         }
         Ok(())
     }
 }
 
-fn failed(error: FlashImageError) -> Failure {
-    Failure::with_code(error.code(), error)
+fn flash_failure(error: FlashImageError) -> Failure {
+    Failure::with_code(error.stable_code(), error)
 }

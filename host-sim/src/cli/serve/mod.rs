@@ -33,7 +33,7 @@ use super::termination::{SecondSignal, TerminationSignals};
 
 use super::files::named_world;
 use super::print;
-use super::range::{SENSORS, integer, number, one_of};
+use super::range::{SENSORS, integer_in_range, number_in_range, one_of};
 use crate::cli::failure::Failure;
 
 /// Serve the simulated module to a terminal, an autopilot, an instrument or another simulator.
@@ -54,12 +54,12 @@ pub struct Serve {
     module_options: ModuleOptions,
     /// Serve the ports also on successive TCP ports of this computer, starting at this one, 0 to 65535: console,
     /// autopilot, instrument; 0: any free ones. Each accepts up to eight clients
-    #[arg(long, value_name = "PORT", value_parser = integer(0, u16::MAX))]
+    #[arg(long, value_name = "PORT", value_parser = integer_in_range(0, u16::MAX))]
     tcp: Option<u16>,
     /// Take the attitude from another simulator: UDP datagrams to this port of this computer, 0 to 65535 (0: any free
     /// one), each a text `roll_deg pitch_deg yaw_deg`, right wing down and nose up positive, yaw from magnetic north,
     /// at 20 Hz or more. The simulator's own attitude is then sent as disarmed
-    #[arg(long, value_name = "PORT", value_parser = integer(0, u16::MAX))]
+    #[arg(long, value_name = "PORT", value_parser = integer_in_range(0, u16::MAX))]
     world: Option<u16>,
     /// Put the module on a CAN bus as a DroneCAN node: mcast:0 to mcast:9, UDP multicast in the local network, as
     /// ArduPilot's simulator and pydronecan use it
@@ -86,7 +86,7 @@ pub struct Console {
     #[arg(value_name = "PATH", conflicts_with = "tcp")]
     path: Option<PathBuf>,
     /// TCP port of this computer, 1 to 65535
-    #[arg(long, value_name = "PORT", value_parser = integer(1, u16::MAX))]
+    #[arg(long, value_name = "PORT", value_parser = integer_in_range(1, u16::MAX))]
     tcp: Option<u16>,
     #[command(flatten)]
     module_options: ModuleOptions,
@@ -96,24 +96,24 @@ pub struct Console {
 #[derive(Args)]
 struct ModuleOptions {
     /// Speed relative to real time, 0.01 to 200
-    #[arg(long, default_value_t = 1.0, value_name = "N", value_parser = number(0.01, 200.0))]
+    #[arg(long, default_value_t = 1.0, value_name = "N", value_parser = number_in_range(0.01, 200.0))]
     speed: f64,
     /// Airframe's hard and soft iron: `table1` (the UAV of Liu 2007, table 1), `random` (drawn from the seed), or an
     /// airframe file such as host-sim/airframes/example.toml
     #[arg(long, default_value = "table1", value_name = "table1|random|FILE")]
     airframe: String,
     /// Seed of weather, ground, waves, noise and, for `random`, of airframe and place, 0 to 18446744073709551615
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer(0, u64::MAX))]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]
     seed: u64,
     /// Kind of aircraft [default: plane, or that of the airframe file]
-    #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(VehicleKind::ALL.map(VehicleKind::name)))]
+    #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(VehicleKind::ALL.map(VehicleKind::vehicle_name)))]
     aircraft: Option<String>,
     /// Magnetometer of the module: the reference board's LIS3MDL, or an RM3100
     #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = one_of(SENSORS))]
     sensor: SensorModel,
     /// Pattern that is flown without orders
-    #[arg(long, default_value = PilotPattern::default().name(), value_name = "NAME",
-        value_parser = PossibleValuesParser::new(PilotPattern::ALL.map(PilotPattern::name)))]
+    #[arg(long, default_value = PilotPattern::default().pattern_name(), value_name = "NAME",
+        value_parser = PossibleValuesParser::new(PilotPattern::ALL.map(PilotPattern::pattern_name)))]
     pattern: String,
     /// Store the module's flash in this file, so that a calibration survives the program
     #[arg(long, value_name = "FILE")]
@@ -159,7 +159,7 @@ fn after_help() -> String {
 }
 
 impl ModuleOptions {
-    fn world(&self) -> Result<WorldConfig, Failure> {
+    fn world_config(&self) -> Result<WorldConfig, Failure> {
         let world = WorldConfig { sensor: self.sensor, ..named_world(&self.airframe, self.seed)? };
         Ok(self
             .aircraft
@@ -168,34 +168,34 @@ impl ModuleOptions {
             .map_or(world, |kind| world.with_vehicle_kind(kind)))
     }
 
-    fn module(
+    fn build_module(
         &self,
         attitude: AttitudeProvider,
         is_visited: bool,
         has_can: bool,
     ) -> Result<(ServedModule, FlashWriter), Failure> {
         let pattern = PilotPattern::from_name(&self.pattern).unwrap_or_default();
-        let (mut flash, image) = FlashWriter::open(self.flash.as_deref())?;
+        let (mut flash, image) = FlashWriter::open_file(self.flash.as_deref())?;
         let served_module = ServedModule::new(
-            self.world()?,
+            self.world_config()?,
             serve::ServeOptions { pattern, attitude, has_external_simulator: is_visited, has_can },
             image.as_ref(),
         );
         // The file is written at the start, so that an unwritable one is noticed before a calibration is lost.
-        flash.write(&served_module)?;
+        flash.write_flash(&served_module)?;
         Ok((served_module, flash))
     }
 }
 
-pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
-    let interruption = TerminationSignals::install(SecondSignal::Exits)?;
+pub fn run_serve(options: &Serve) -> Result<ExitCode, Failure> {
+    let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
     let (mut served_module, flash) =
-        options.module_options.module(options.attitude, options.world.is_some(), options.can.is_some())?;
+        options.module_options.build_module(options.attitude, options.world.is_some(), options.can.is_some())?;
     let mut port_wires: Vec<Vec<Box<dyn Wire>>> = Vec::new();
     let mut places = Vec::new();
     let mut next = options.tcp;
     for port in PORTS {
-        let (pty, pty_path) = pty::open()?.unzip();
+        let (pty, pty_path) = pty::open_pty()?.unzip();
         if pty.is_none() && next.is_none() {
             return Err(Failure::with_code(
                 "no-pty",
@@ -222,7 +222,7 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
 }
 
 fn tcp_port(number: u16) -> Result<TcpPort, Failure> {
-    TcpPort::open(number).map_err(|error| Failure::with_code("tcp-unavailable", format!("port {number}: {error}")))
+    TcpPort::open_port(number).map_err(|error| Failure::with_code("tcp-unavailable", format!("port {number}: {error}")))
 }
 
 fn open_attitude_socket(number: u16) -> Result<UdpSocket, Failure> {
@@ -232,7 +232,7 @@ fn open_attitude_socket(number: u16) -> Result<UdpSocket, Failure> {
 }
 
 fn can_bus(number: u8) -> Result<MulticastBus, Failure> {
-    MulticastBus::open(number)
+    MulticastBus::open_bus(number)
         .map_err(|error| Failure::with_code("can-unavailable", format!("{}: {error}", bus_name(number))))
 }
 
@@ -245,7 +245,7 @@ struct PortAddress {
 fn describe_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> Result<Value, Failure> {
     let ports: Vec<Value> =
         places.iter().map(|place| json!({ "name": place.port.name, "pty": place.pty, "tcp": place.tcp })).collect();
-    let airframe = airframe_json(&options.module_options.world()?);
+    let airframe = airframe_json(&options.module_options.world_config()?);
     Ok(json!({ "ports": ports, "world": world, "can": options.can.map(bus_name), "airframe": airframe }))
 }
 
@@ -292,7 +292,7 @@ fn print_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> R
         )),
     }
     if module_options.airframe == "random" {
-        let file = module_options.world()?.airframe_toml();
+        let file = module_options.world_config()?.airframe_toml();
         print::print_line(format_args!(
             "the airframe of seed {}, as a file for --airframe:\n\n{file}",
             module_options.seed
@@ -302,7 +302,7 @@ fn print_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> R
     Ok(())
 }
 
-pub fn console(options: &Console) -> Result<ExitCode, Failure> {
+pub fn run_console(options: &Console) -> Result<ExitCode, Failure> {
     match (&options.path, options.tcp) {
         (Some(path), _) => attach(pty::connect_serial(path)?),
         (None, Some(port)) => attach(connect_tcp(port)?),
@@ -315,11 +315,11 @@ fn connect_tcp(port: u16) -> Result<Connection<TcpStream>, Failure> {
 }
 
 fn attach(mut module: impl Wire) -> Result<ExitCode, Failure> {
-    let interruption = TerminationSignals::install(SecondSignal::Exits)?;
+    let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
     let mut terminal = open_terminal(None)?;
     while !interruption.stop().load(Ordering::SeqCst) && !terminal.has_ended() {
-        module.write(&terminal.read(MAX_POLL_BYTES));
-        terminal.write(&module.read(MAX_POLL_BYTES));
+        module.write_bytes(&terminal.read_bytes(MAX_POLL_BYTES));
+        terminal.write_bytes(&module.read_bytes(MAX_POLL_BYTES));
         if module.has_ended() {
             drop(terminal);
             return Err(Failure::with_code("no-module", "the module has gone"));
@@ -336,13 +336,13 @@ fn open_terminal(orders: Option<Sender<Vec<u8>>>) -> Result<Terminal, Failure> {
         let pilot = if orders.is_some() { "; !ORDER is for the pilot: !land, !help" } else { "" };
         print::print_error(format_args!("quit, Ctrl-D or Ctrl-] ends{pilot}"));
     }
-    Terminal::open(orders).map_err(|error| Failure::with_code("no-terminal", error))
+    Terminal::open_terminal(orders).map_err(|error| Failure::with_code("no-terminal", error))
 }
 
 fn serve_private_module(module_options: &ModuleOptions) -> Result<ExitCode, Failure> {
-    let (mut served_module, flash) = module_options.module(AttitudeProvider::Own, false, false)?;
+    let (mut served_module, flash) = module_options.build_module(AttitudeProvider::Own, false, false)?;
     let mut port_wires: Vec<Vec<Box<dyn Wire>>> = PORTS.iter().map(|_| Vec::new()).collect();
-    let interruption = TerminationSignals::install(SecondSignal::Exits)?;
+    let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
     let (orders, order_lines) = mpsc::channel();
     port_wires[serve::CONSOLE].push(Box::new(open_terminal(Some(orders))?));
     let wiring = Connections {

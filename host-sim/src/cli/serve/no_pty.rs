@@ -8,7 +8,7 @@ use crate::cli::failure::Failure;
 
 /// Opens nothing: without pseudo-terminals the module is served on TCP ports alone.
 #[expect(clippy::unnecessary_wraps, reason = "as on Unix, where it can fail")]
-pub fn open() -> Result<Option<OpenedPty>, Failure> {
+pub fn open_pty() -> Result<Option<OpenedPty>, Failure> {
     Ok(None)
 }
 

@@ -14,8 +14,8 @@ use super::wire::{BufferedStream, Connection, OpenedPty, Wire};
 use crate::cli::failure::Failure;
 
 /// A pseudo-terminal with its path, closed when dropped.
-pub fn open() -> Result<Option<OpenedPty>, Failure> {
-    let pty = Pty::open().map_err(|error| Failure::with_code("no-pty", error))?;
+pub fn open_pty() -> Result<Option<OpenedPty>, Failure> {
+    let pty = Pty::open_pty().map_err(|error| Failure::with_code("no-pty", error))?;
     let path = pty.path.clone();
     Ok(Some((Box::new(pty), path)))
 }
@@ -34,7 +34,7 @@ struct Pty {
 }
 
 impl Pty {
-    fn open() -> io::Result<Self> {
+    fn open_pty() -> io::Result<Self> {
         let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
         // Apart, because openpt of macOS has no such flag.
         fcntl_setfd(&ours, FdFlags::CLOEXEC)?;
@@ -49,12 +49,12 @@ impl Pty {
 }
 
 impl Wire for Pty {
-    fn read(&mut self, most: usize) -> Vec<u8> {
-        self.master.read(most)
+    fn read_bytes(&mut self, most: usize) -> Vec<u8> {
+        self.master.read_bytes(most)
     }
 
-    fn write(&mut self, bytes: &[u8]) {
-        self.master.write(bytes);
+    fn write_bytes(&mut self, bytes: &[u8]) {
+        self.master.write_bytes(bytes);
     }
 
     fn take_notices(&mut self) -> Vec<String> {

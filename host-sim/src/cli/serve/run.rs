@@ -37,7 +37,7 @@ impl Connections {
             for (port, wires) in self.port_wires.iter_mut().enumerate() {
                 for wire in wires {
                     // At most as many bytes are read as the port can receive: a faster sender waits, as on a real line.
-                    let bytes = wire.read(served_module.free_bytes(port).min(MAX_POLL_BYTES));
+                    let bytes = wire.read_bytes(served_module.free_bytes(port).min(MAX_POLL_BYTES));
                     served_module.send(port, &bytes);
                     for notice in wire.take_notices() {
                         print::print_error(format_args!("{}: {notice}", PORTS[port].name));
@@ -51,11 +51,11 @@ impl Connections {
                 pilot_commands.execute_orders(served_module);
             }
             if let Some(can) = &self.can {
-                can.receive().iter().for_each(|frame| served_module.send_frame(frame));
+                can.receive_frames().iter().for_each(|frame| served_module.send_frame(frame));
             }
-            served_module.advance(pace.elapsed_us());
+            served_module.advance_time(pace.elapsed_us());
             if let Some(can) = &self.can {
-                served_module.take_frames().iter().for_each(|frame| can.send(frame));
+                served_module.take_frames().iter().for_each(|frame| can.send_frame(frame));
             }
             if let Some((path, server)) = served_module.take_firmware_update() {
                 print::print_error(format_args!(
@@ -65,7 +65,7 @@ impl Connections {
             for (port, wires) in self.port_wires.iter_mut().enumerate() {
                 let bytes = served_module.receive(port);
                 for wire in wires {
-                    wire.write(&bytes);
+                    wire.write_bytes(&bytes);
                 }
             }
             if let Some(complaint) = pace.take_warning() {
@@ -89,7 +89,7 @@ fn apply_datagrams(world: &UdpSocket, served_module: &mut ServedModule, is_repor
         {
             print::print_error(format_args!(
                 "error {}: {error}; more of them are only counted, see status",
-                error.code()
+                error.stable_code()
             ));
             is_reported = true;
         }
@@ -134,7 +134,7 @@ fn answer(served_module: &mut ServedModule, line: &[u8]) {
         print::print_line("error line-too-long: an order has at most 256 characters");
     } else if !line.trim().is_empty() {
         let answer =
-            served_module.execute_line(&line).unwrap_or_else(|error| format!("error {}: {error}", error.code()));
+            served_module.execute_line(&line).unwrap_or_else(|error| format!("error {}: {error}", error.stable_code()));
         // A raw terminal, as that of a private console, needs the carriage return.
         let end = if io::stdin().is_terminal() { "\r\n" } else { "\n" };
         print::print_text(&format!("{}{end}", answer.replace('\n', end)));

@@ -21,10 +21,10 @@ pub const MAX_POLL_BYTES: usize = 4096;
 /// A connection whose far end may be absent.
 pub trait Wire {
     /// Returns received bytes, at most `most`.
-    fn read(&mut self, most: usize) -> Vec<u8>;
+    fn read_bytes(&mut self, most: usize) -> Vec<u8>;
 
     /// Sends bytes; they are lost if nobody receives.
-    fn write(&mut self, bytes: &[u8]);
+    fn write_bytes(&mut self, bytes: &[u8]);
 
     /// Programs that attached or left since the last call, as texts.
     fn take_notices(&mut self) -> Vec<String> {
@@ -55,7 +55,7 @@ impl<S: Read + Write> BufferedStream<S> {
         Self { endpoint: far, backlog: VecDeque::new(), is_disconnected: false }
     }
 
-    pub fn read(&mut self, most: usize) -> Vec<u8> {
+    pub fn read_bytes(&mut self, most: usize) -> Vec<u8> {
         let mut bytes = vec![0; most];
         let read = match self.endpoint.read(&mut bytes) {
             Ok(0) if most > 0 => Err(ErrorKind::UnexpectedEof.into()),
@@ -67,7 +67,7 @@ impl<S: Read + Write> BufferedStream<S> {
         bytes
     }
 
-    pub fn write(&mut self, bytes: &[u8]) {
+    pub fn write_bytes(&mut self, bytes: &[u8]) {
         if self.is_disconnected {
             self.backlog.clear();
             return;
@@ -104,14 +104,14 @@ pub struct TcpPort {
 const MAX_CLIENTS: usize = 8;
 
 impl TcpPort {
-    pub fn open(port: u16) -> io::Result<Self> {
+    pub fn open_port(port: u16) -> io::Result<Self> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port))?;
         listener.set_nonblocking(true)?;
         let port = listener.local_addr()?.port();
         Ok(Self { listener, clients: Vec::new(), notices: Vec::new(), port })
     }
 
-    fn accept(&mut self) {
+    fn accept_client(&mut self) {
         while let Ok((client, from)) = self.listener.accept() {
             if self.clients.len() < MAX_CLIENTS && client.set_nonblocking(true).is_ok() {
                 // Without `TCP_NODELAY` data are only later, so a failure to set it is ignored.
@@ -132,18 +132,18 @@ impl TcpPort {
 }
 
 impl Wire for TcpPort {
-    fn read(&mut self, most: usize) -> Vec<u8> {
-        self.accept();
+    fn read_bytes(&mut self, most: usize) -> Vec<u8> {
+        self.accept_client();
         let mut bytes = Vec::new();
         for client in &mut self.clients {
-            bytes.extend(client.read(most - bytes.len()));
+            bytes.extend(client.read_bytes(most - bytes.len()));
         }
         self.drop_disconnected();
         bytes
     }
 
-    fn write(&mut self, bytes: &[u8]) {
-        self.clients.iter_mut().for_each(|client| client.write(bytes));
+    fn write_bytes(&mut self, bytes: &[u8]) {
+        self.clients.iter_mut().for_each(|client| client.write_bytes(bytes));
         self.drop_disconnected();
     }
 
@@ -162,12 +162,12 @@ pub fn connect_tcp(port: u16) -> io::Result<Connection<TcpStream>> {
 }
 
 impl<S: Read + Write> Wire for Connection<S> {
-    fn read(&mut self, most: usize) -> Vec<u8> {
-        self.0.read(most)
+    fn read_bytes(&mut self, most: usize) -> Vec<u8> {
+        self.0.read_bytes(most)
     }
 
-    fn write(&mut self, bytes: &[u8]) {
-        self.0.write(bytes);
+    fn write_bytes(&mut self, bytes: &[u8]) {
+        self.0.write_bytes(bytes);
     }
 
     fn has_ended(&self) -> bool {
@@ -210,7 +210,7 @@ pub struct Terminal {
 
 impl Terminal {
     /// Switches the terminal to raw mode until dropped. `orders` receives lines for the simulated pilot.
-    pub fn open(orders: Option<Sender<Vec<u8>>>) -> io::Result<Self> {
+    pub fn open_terminal(orders: Option<Sender<Vec<u8>>>) -> io::Result<Self> {
         let stdin = io::stdin();
         let is_raw = stdin.is_terminal();
         if is_raw {
@@ -295,7 +295,7 @@ impl Terminal {
 }
 
 impl Wire for Terminal {
-    fn read(&mut self, most: usize) -> Vec<u8> {
+    fn read_bytes(&mut self, most: usize) -> Vec<u8> {
         self.process_console_output();
         let bytes: Vec<u8> = self.pending.drain(..most.min(self.pending.len())).collect();
         let was_closed = self.is_closed;
@@ -312,7 +312,7 @@ impl Wire for Terminal {
         sent
     }
 
-    fn write(&mut self, bytes: &[u8]) {
+    fn write_bytes(&mut self, bytes: &[u8]) {
         if !bytes.is_empty() {
             self.last_activity = self.last_activity.map(|_| Instant::now());
         }
@@ -370,7 +370,7 @@ mod tests {
                 last_activity: None,
                 is_raw: true,
             };
-            assert_eq!(terminal.read(100), sent);
+            assert_eq!(terminal.read_bytes(100), sent);
         }
     }
 }

@@ -27,7 +27,7 @@ pub fn rms_deg(trial: &RandomFlight) -> Option<f64> {
 /// The bound for some samples of the flight.
 #[must_use]
 pub fn rms_deg_for<'a>(trial: &RandomFlight, instants: impl Iterator<Item = &'a TrueSample>) -> Option<f64> {
-    let information: FisherInformation = instants.map(|instant| information(trial, instant)).sum();
+    let information: FisherInformation = instants.map(|instant| fisher_information(trial, instant)).sum();
     let covariance = information.cholesky()?.inverse();
     let w = trial.a.try_inverse()?;
     let (sum, number) = trial.envelope.attitudes().fold((0.0, 0.0), |(sum, number), euler| {
@@ -38,7 +38,7 @@ pub fn rms_deg_for<'a>(trial: &RandomFlight, instants: impl Iterator<Item = &'a 
 }
 
 /// Fisher information of a sample about the common parameters.
-fn information(trial: &RandomFlight, instant: &TrueSample) -> FisherInformation {
+fn fisher_information(trial: &RandomFlight, instant: &TrueSample) -> FisherInformation {
     let (common, nuisance_rows) = equations(trial, instant);
     let projected = nuisance_rows.tr_mul(&common);
     // Regular except at a magnetic pole: attitude measurements determine roll and pitch, the field determines heading.
@@ -127,7 +127,7 @@ mod tests {
         for seed in 0..5 {
             let trial = RandomFlight::draw(&Ranges::WORST_CASE, seed);
             for instant in trial.true_samples().step_by(40) {
-                let (whole, root) = (information(&trial, instant), information_root(&trial, instant));
+                let (whole, root) = (fisher_information(&trial, instant), information_root(&trial, instant));
                 let difference = root.tr_mul(&root) - whole;
                 assert!(difference.norm() < 1e-6 * whole.norm(), "seed {seed}: {}", difference.norm() / whole.norm());
             }

@@ -53,7 +53,7 @@ pub fn select_samples(trial: &RandomFlight, number: usize) -> Vec<TrueSample> {
     let instants: Vec<&TrueSample> = trial.true_samples().collect();
     let rows: Vec<InformationRoot> =
         instants.iter().map(|instant| cramer_rao::information_root(trial, instant)).collect();
-    let mut covariance = prior();
+    let mut covariance = prior_information();
     let gain = |covariance: &FisherInformation, index: usize| {
         libm::log(information_gain_matrix(covariance, &rows[index]).determinant())
     };
@@ -79,7 +79,7 @@ pub fn rms_deg(trial: &RandomFlight, number: usize) -> Option<f64> {
     cramer_rao::rms_deg_for(trial, select_samples(trial, number).iter())
 }
 
-fn prior() -> FisherInformation {
+fn prior_information() -> FisherInformation {
     let [soft, hard, inclination] = PRIOR_SIGMAS;
     let sigma = |unknown| match unknown {
         0..9 => soft,
@@ -120,7 +120,7 @@ mod tests {
         let trial = trial(30);
         let rows: Vec<InformationRoot> =
             trial.true_samples().map(|instant| cramer_rao::information_root(&trial, instant)).collect();
-        let mut information = prior().try_inverse().unwrap();
+        let mut information = prior_information().try_inverse().unwrap();
         let mut left: Vec<usize> = (0..rows.len()).collect();
         let mut plain = Vec::new();
         for _ in 0..20 {

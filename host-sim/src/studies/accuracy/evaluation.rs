@@ -50,7 +50,7 @@ impl SolveCounts {
         (self.squares / f64::from(self.solved)).sqrt()
     }
 
-    pub(super) fn add(&mut self, trial: &RandomFlight, recorded: &Recording, solution: Option<&Solution>) {
+    pub(super) fn add_solution(&mut self, trial: &RandomFlight, recorded: &Recording, solution: Option<&Solution>) {
         let Some(solution) = solution else {
             self.refused += 1;
             return;

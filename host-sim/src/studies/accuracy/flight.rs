@@ -30,7 +30,7 @@ impl FlightPattern {
 
     /// Name in reports and on the command line.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn pattern_name(self) -> &'static str {
         match self {
             Self::Routine => "routine",
             Self::Mirrored => "mirrored",
@@ -66,7 +66,7 @@ impl Flight {
                 Some((1.0 / 3.0, Routine::for_vehicle(self.kind, plan, config.heading_deg).legs()))
             }
             FlightPattern::Mirrored => {
-                Some((2.0 / 3.0, mirrored(&Routine::for_vehicle(self.kind, plan, config.heading_deg).legs())))
+                Some((2.0 / 3.0, mirrored_legs(&Routine::for_vehicle(self.kind, plan, config.heading_deg).legs())))
             }
             FlightPattern::Wandering => None,
         };
@@ -125,7 +125,7 @@ fn duration_us(config: VehicleConfig, seed: u64, legs: &[Leg]) -> u64 {
 }
 
 /// Legs in reverse order, mirrored left to right.
-fn mirrored(legs: &[Leg]) -> Vec<Leg> {
+fn mirrored_legs(legs: &[Leg]) -> Vec<Leg> {
     let mirror = |leg: Leg| match leg {
         Leg::Turn { bank_deg, heading_change_deg } => Leg::Turn { bank_deg, heading_change_deg: -heading_change_deg },
         Leg::Yaw { rate_deg_s, heading_change_deg } => Leg::Yaw { rate_deg_s, heading_change_deg: -heading_change_deg },
@@ -165,7 +165,7 @@ mod tests {
     #[test]
     fn a_mirrored_routine_reverses_order_and_sides() {
         let legs = Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0).legs();
-        let back = mirrored(&legs);
+        let back = mirrored_legs(&legs);
         assert_eq!(back.len(), legs.len());
         assert_eq!(
             back[back.len() - 2..],
@@ -174,7 +174,7 @@ mod tests {
                 Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: -360.0 },
             ]
         );
-        assert_eq!(mirrored(&back), legs);
+        assert_eq!(mirrored_legs(&back), legs);
         assert!(back.contains(&Leg::Push { toward_deg: -90.0, tilt_deg: 18.0, seconds: 2.0 }));
     }
 

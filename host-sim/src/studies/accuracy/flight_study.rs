@@ -65,7 +65,7 @@ pub fn run(flight: Flight, plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> Flig
             flight_result
         })
         .collect();
-    row(flight, &trials)
+    study_row(flight, &trials)
 }
 
 struct FlightResult {
@@ -102,7 +102,7 @@ impl FlightResult {
         for draw in 0..draws {
             let recorded = retention::retain_samples(&trial.record_all(draw, ConstantErrorSigmas::NONE).0);
             let solution = solve(Method::MaximumLikelihood, recorded.samples(), ConsiderSigmas::DEFAULT).ok();
-            flight_result.counts.add(&trial, &recorded, solution.as_ref());
+            flight_result.counts.add_solution(&trial, &recorded, solution.as_ref());
             if draw % COVERAGE_DRAW_INTERVAL == 0 {
                 let record = |faults| {
                     let (samples, source) = trial.record_all(draw, faults);
@@ -120,7 +120,7 @@ impl FlightResult {
     }
 }
 
-fn row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
+fn study_row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
     let sum = |count_of: fn(&SolveCounts) -> u32| {
         trials.iter().map(|flight_result| count_of(&flight_result.counts)).sum::<u32>()
     };
@@ -134,7 +134,7 @@ fn row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
         solved_ones().map(|flight_result| flight_result.counts.rms_deg() / flight_result.retained_bound_deg);
     let all_of = |errors: fn(&FlightResult) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
     FlightStudyRow {
-        aircraft: flight.kind.name(),
+        aircraft: flight.kind.vehicle_name(),
         pattern: flight.pattern,
         minutes: flight.minutes,
         readings: median(trials.iter().map(|flight_result| flight_result.readings as f64)),

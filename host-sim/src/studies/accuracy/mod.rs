@@ -97,13 +97,17 @@ impl AirframeResult {
             normalised_with_faults: Vec::new(),
         };
         for draw in 0..draws {
-            let (recorded, _) = trial.record(draw, ConstantErrorSigmas::NONE);
+            let (recorded, _) = trial.record_flight(draw, ConstantErrorSigmas::NONE);
             for (counts, method) in airframe_result.methods.iter_mut().zip(COMPARED_METHODS) {
-                counts.add(trial, &recorded, solve(method, recorded.samples(), ConsiderSigmas::DEFAULT).ok().as_ref());
+                counts.add_solution(
+                    trial,
+                    &recorded,
+                    solve(method, recorded.samples(), ConsiderSigmas::DEFAULT).ok().as_ref(),
+                );
             }
             if draw % COVERAGE_DRAW_INTERVAL == 0 {
                 let headings =
-                    |consider| normalised_errors_in_use(trial, consider, |faults| trial.record(draw, faults));
+                    |consider| normalised_errors_in_use(trial, consider, |faults| trial.record_flight(draw, faults));
                 airframe_result.normalised.extend(headings(ConsiderSigmas::ZERO));
                 airframe_result.normalised_with_faults.extend(headings(ConsiderSigmas::DEFAULT));
             }
@@ -120,7 +124,7 @@ fn summary(trials: &[AirframeResult], index: usize, method: Method) -> MethodRes
     let solved_ones = || each().filter(|(_, counts)| counts.solved > 0);
     let ratios = || solved_ones().map(|(trial, counts)| counts.rms_deg() / trial.bound_deg);
     MethodResult {
-        method: method.name(),
+        method: method.method_name(),
         converged_percent: percent(solved),
         accepted_percent: percent(sum(|c| c.accepted)),
         wrong: sum(|c| c.wrong),

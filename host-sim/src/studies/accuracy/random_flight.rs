@@ -70,9 +70,9 @@ impl ConstantErrorSigmas {
 
     fn draw(self, random: &mut Random) -> ConstantAttitudeErrors {
         ConstantAttitudeErrors {
-            roll_bias_rad: (random.normal() * self.bias_deg).to_radians(),
-            pitch_bias_rad: (random.normal() * self.bias_deg).to_radians(),
-            bank_scale: random.normal() * self.bank_scale,
+            roll_bias_rad: (random.gaussian() * self.bias_deg).to_radians(),
+            pitch_bias_rad: (random.gaussian() * self.bias_deg).to_radians(),
+            bank_scale: random.gaussian() * self.bank_scale,
         }
     }
 }
@@ -188,11 +188,11 @@ impl RandomFlight {
         let raw = Matrix3::from_fn(|_, _| random.uniform(-1.0, 1.0));
         let symmetric = raw + raw.transpose();
         let size = random.uniform(0.0, ranges.soft_iron) / symmetric.singular_values().max();
-        let mounting = random.rotation(ranges.mounting_deg);
+        let mounting = random.random_rotation(ranges.mounting_deg);
         let inclination_rad = random.uniform(ranges.inclination_deg[0], ranges.inclination_deg[1]).to_radians();
-        let hard_iron = random.direction() * random.uniform(0.0, ranges.hard_iron) * libm::cos(inclination_rad);
+        let hard_iron = random.random_direction() * random.uniform(0.0, ranges.hard_iron) * libm::cos(inclination_rad);
         let bank_deg = random.uniform(ranges.bank_deg[0], ranges.bank_deg[1]);
-        let [left, right] = [-bank_deg, bank_deg].map(|bank_deg| turn(ranges, bank_deg, &mut random));
+        let [left, right] = [-bank_deg, bank_deg].map(|bank_deg| random_turn(ranges, bank_deg, &mut random));
         Self {
             seed,
             a: mounting * (Matrix3::identity() + symmetric * size),
@@ -232,15 +232,15 @@ impl RandomFlight {
 
     /// The `repetition`-th noise realisation: recording, and noise stream for later measurements.
     #[must_use]
-    pub fn record(&self, repetition: u64, faults: ConstantErrorSigmas) -> (Recording, LaterMeasurements) {
+    pub fn record_flight(&self, repetition: u64, faults: ConstantErrorSigmas) -> (Recording, LaterMeasurements) {
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
         let mut random = Random::new(seed, Purpose::Magnetometer);
         let source = faults.draw(&mut random);
-        let fit = sample_turns(&self.left, &self.right, |instant| self.sample(instant, source, &mut random));
+        let fit = sample_turns(&self.left, &self.right, |instant| self.noisy_sample(instant, source, &mut random));
         // A separate random stream, so that held-back samples do not change the other random numbers.
         let mut fresh = Random::new(seed, Purpose::HeldBack);
         let [left, right] = [midpoints(&self.left), midpoints(&self.right)];
-        let held_back = sample_turns(&left, &right, |instant| self.sample(instant, source, &mut fresh));
+        let held_back = sample_turns(&left, &right, |instant| self.noisy_sample(instant, source, &mut fresh));
         (Recording { fit, held_back }, LaterMeasurements { source, random })
     }
 
@@ -250,7 +250,7 @@ impl RandomFlight {
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
         let mut random = Random::new(seed, Purpose::Magnetometer);
         let source = faults.draw(&mut random);
-        let samples = self.true_samples().map(|instant| self.sample(instant, source, &mut random)).collect();
+        let samples = self.true_samples().map(|instant| self.noisy_sample(instant, source, &mut random)).collect();
         (samples, LaterMeasurements { source, random })
     }
 
@@ -269,7 +269,7 @@ impl RandomFlight {
             rates: Rates::ZERO,
             time: WrappingMillis::default(),
         };
-        let Sample { field, attitude, .. } = self.sample(&instant, used.source, random);
+        let Sample { field, attitude, .. } = self.noisy_sample(&instant, used.source, random);
         let config = heading::HeadingLimits::DEFAULT;
         let shown =
             heading::compute_heading(config, &solution.calibration, &solution.uncertainty, field, attitude).ok()?;
@@ -277,7 +277,7 @@ impl RandomFlight {
         Some(error_deg / f64::from(shown.sigma_deg()))
     }
 
-    fn sample(&self, instant: &TrueSample, source: ConstantAttitudeErrors, random: &mut Random) -> Sample {
+    fn noisy_sample(&self, instant: &TrueSample, source: ConstantAttitudeErrors, random: &mut Random) -> Sample {
         let euler = instant.euler;
         let sensed = self.a * self.body_field(euler) + self.b + random.normal_vector() * self.sensor_sigma;
         let reported_angles = [
@@ -285,7 +285,7 @@ impl RandomFlight {
             euler.pitch_rad + source.pitch_bias_rad,
         ];
         let sigma_rad = self.attitude_sigma_rad(instant);
-        let [roll_rad, pitch_rad] = reported_angles.map(|angle| (angle + random.normal() * sigma_rad) as f32);
+        let [roll_rad, pitch_rad] = reported_angles.map(|angle| (angle + random.gaussian() * sigma_rad) as f32);
         Sample {
             field: Field::new((sensed * FIELD_STRENGTH_UT).cast()),
             attitude: Attitude { roll_rad, pitch_rad },
@@ -304,7 +304,7 @@ impl RandomFlight {
             .map(|euler| {
                 let sensed = (self.a * self.body_field(euler) + self.b) * FIELD_STRENGTH_UT;
                 let attitude = Attitude { roll_rad: euler.roll_rad as f32, pitch_rad: euler.pitch_rad as f32 };
-                let found = attitude.level(calibration.apply(Field::new(sensed.cast()))).heading_rad();
+                let found = attitude.level(calibration.calibrated_field(Field::new(sensed.cast()))).heading_rad();
                 wrap_180((f64::from(found) - euler.heading_rad).to_degrees())
             })
             .collect()
@@ -316,16 +316,16 @@ fn midpoints(instants: &[TrueSample]) -> Vec<TrueSample> {
 }
 
 /// Coordinated turns with random bank and pitch (correlation time 1.5 s), sampled every 0.5 s.
-fn turn(ranges: &Ranges, bank_deg: f64, random: &mut Random) -> Vec<TrueSample> {
+fn random_turn(ranges: &Ranges, bank_deg: f64, random: &mut Random) -> Vec<TrueSample> {
     const STEP_S: f64 = 0.5;
     let keep = libm::exp(-STEP_S / 1.5_f64);
     let fresh = (1.0 - keep * keep).sqrt() * ranges.random_attitude_deg;
     let mut attitude_noise =
-        [random.normal() * ranges.random_attitude_deg, random.normal() * ranges.random_attitude_deg];
+        [random.gaussian() * ranges.random_attitude_deg, random.gaussian() * ranges.random_attitude_deg];
     let mut heading_rad = random.uniform(0.0, std::f64::consts::TAU);
     (0..ranges.samples)
         .map(|i| {
-            attitude_noise = attitude_noise.map(|w| keep * w + fresh * random.normal());
+            attitude_noise = attitude_noise.map(|w| keep * w + fresh * random.gaussian());
             let roll_rad = (bank_deg + attitude_noise[0]).to_radians();
             // Coordinated turn at 22 m/s, as of a small UAV.
             heading_rad += STEP_S * 9.81 * libm::tan(roll_rad) / 22.0;
@@ -424,9 +424,11 @@ mod tests {
     fn held_back_samples_lie_between_those_of_the_fit() {
         for seed in 0..20 {
             let trial = RandomFlight::draw(&Ranges::WORST_CASE, seed);
-            let (recorded, _) = trial.record(3, ConstantErrorSigmas::NONE);
+            let (recorded, _) = trial.record_flight(3, ConstantErrorSigmas::NONE);
             let (fit, held_back) = (recorded.samples(), recorded.held_back());
-            for (fit, held_back) in [Side::Left, Side::Right].map(|side| (fit.turn(side), held_back.turn(side))) {
+            for (fit, held_back) in
+                [Side::Left, Side::Right].map(|side| (fit.samples_of_turn(side), held_back.samples_of_turn(side)))
+            {
                 assert_eq!(held_back.len(), fit.len() - 1);
                 for (pair, held) in fit.windows(2).zip(held_back) {
                     assert_eq!((held.time.ms_since(pair[0].time), pair[1].time.ms_since(held.time)), (250, 250));
@@ -446,12 +448,15 @@ mod tests {
         };
         let trial = RandomFlight::draw(&Ranges::WORST_CASE, 5);
         let [first, second] =
-            [0, 1].map(|draw| trial.record(draw, ConstantErrorSigmas { bias_deg: 10.0, bank_scale: 0.0 }).0);
+            [0, 1].map(|draw| trial.record_flight(draw, ConstantErrorSigmas { bias_deg: 10.0, bank_scale: 0.0 }).0);
         for recorded in [&first, &second] {
             let difference_deg = mean_deg(recorded.samples()) - mean_deg(recorded.held_back());
             assert!(difference_deg.abs() < 0.5, "{difference_deg}");
         }
         assert!((mean_deg(first.held_back()) - mean_deg(second.held_back())).abs() > 1.0, "draws differ in their bias");
-        assert_ne!(first.held_back().turn(Side::Left)[0].field, second.held_back().turn(Side::Left)[0].field);
+        assert_ne!(
+            first.held_back().samples_of_turn(Side::Left)[0].field,
+            second.held_back().samples_of_turn(Side::Left)[0].field
+        );
     }
 }

@@ -18,7 +18,7 @@ pub fn retain_samples(samples: &[Sample]) -> Recording {
     for &sample in samples {
         collector.push(sample);
         if pace.is_due(&collector, sample.time)
-            && let Ok(found) = solve(Method::MaximumLikelihood, collector.fit(), ConsiderSigmas::DEFAULT)
+            && let Ok(found) = solve(Method::MaximumLikelihood, collector.fit_samples(), ConsiderSigmas::DEFAULT)
         {
             collector.use_trial_solution(&found);
         }
@@ -28,7 +28,7 @@ pub fn retain_samples(samples: &[Sample]) -> Recording {
         samples.sort_by_key(|sample| sample.time.as_ms());
         samples
     };
-    Recording::from_samples_without_side(all(collector.fit()), all(collector.held_back()))
+    Recording::from_samples_without_side(all(collector.fit_samples()), all(collector.held_back()))
 }
 
 #[cfg(test)]
@@ -80,7 +80,7 @@ mod tests {
         for &sample in samples {
             collector.push(sample);
         }
-        sorted(collector.fit())
+        sorted(collector.fit_samples())
     }
 
     #[test]
@@ -89,8 +89,8 @@ mod tests {
         let options = ReplayOptions::with_selection(RowSelection::Flight);
         let mut retained = RetainedSamples::EMPTY;
         let mut module = ModuleRun::new(&options, 1, &mut retained);
-        module.collect(&samples);
-        let collected = sorted(module.collector().fit());
+        module.collect_samples(&samples);
+        let collected = sorted(module.collector().fit_samples());
         assert_eq!(module.ended_s(), None);
         assert_eq!(collected, sorted(retain_samples(&samples).samples()));
         assert_ne!(collected, retained_without_trial_solves(&samples));

@@ -34,7 +34,7 @@ pub struct AcceptedCalibration {
 impl AcceptedCalibration {
     /// True over estimated heading error.
     #[must_use]
-    pub fn ratio(&self) -> f64 {
+    pub fn error_ratio(&self) -> f64 {
         self.true_deg / self.expected_deg
     }
 }
@@ -66,7 +66,7 @@ const SOLVE_TIMEOUT_S: f64 = 10.0;
 
 /// Flies the case for a seed, with vehicle, attitude source and heading output of the plan.
 #[must_use]
-pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
+pub fn fly_case(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
     let mut drawn = case.draw(seed, plan.aircraft, plan.source);
     let faults = std::mem::take(&mut drawn.faults);
     let fields = faults.field.clone();
@@ -77,7 +77,7 @@ pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
         switch.set_active(0, u64::MAX);
     }
     rig.run_for_s(2.0);
-    rig.send_console_line(&format!("stream heading {}", plan.heading.name()));
+    rig.send_console_line(&format!("stream heading {}", plan.heading.kind_name()));
     rig.send_console_line(drawn.routine.command);
     if let Onset::Calibrating { after_s, until_s } = onset {
         switch.set_active(add_seconds_us(rig.now_us(), after_s), add_seconds_us(rig.now_us(), until_s));
@@ -152,7 +152,7 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
     let mut waited_s = 0.0;
     let mut is_solve_requested = false;
     let notice = loop {
-        if let Some(notice) = transcript::notice(&session) {
+        if let Some(notice) = transcript::parse_solve_notice(&session) {
             break notice;
         }
         if rig.run_for_s(RUN_STEP_S) != ModuleRunEnd::Time {
@@ -235,7 +235,7 @@ fn process_console_output(
         // The console erases the line before a note.
         notes.extend(printed.split("note ").skip(1).filter_map(|text| Some(text.split_once(": ")?.0.to_owned())));
         for timed_byte in rig.instrument.receive_timed() {
-            if let Some(received) = reader.push(timed_byte.at_us, timed_byte.byte).filter(|r| r.kind == "PASWH") {
+            if let Some(received) = reader.push_byte(timed_byte.at_us, timed_byte.byte).filter(|r| r.kind == "PASWH") {
                 let true_deg = rig.world.true_state(timed_byte.at_us).heading_deg();
                 on_sentence(timed_byte.at_us, &evaluated_sentence(received, true_deg));
             }
@@ -247,7 +247,7 @@ fn process_console_output(
 fn evaluated_sentence(received: HeadingSentence, true_deg: f64) -> EvaluatedSentence {
     match (received.heading_deg, received.sigma_deg) {
         (Some(sent_deg), Some(sigma_deg)) => {
-            let is_smooth = received.heading_kind.as_deref() == Some(HeadingKind::Smooth.name());
+            let is_smooth = received.heading_kind.as_deref() == Some(HeadingKind::Smooth.kind_name());
             EvaluatedSentence::Heading { error_deg: wrap_180(sent_deg - true_deg), sigma_deg, is_smooth }
         }
         _ => EvaluatedSentence::Empty(received.status.unwrap_or_default()),

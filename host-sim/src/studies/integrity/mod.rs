@@ -76,29 +76,29 @@ pub fn run(plan: IntegrityPlan, cases: &[&'static Case], flown: &(dyn Fn() + Syn
     let flights: Vec<(usize, u64)> = cases
         .iter()
         .enumerate()
-        .flat_map(|(i, case)| (0..case.flights(plan.flights)).map(move |n| (i, plan.seed.wrapping_add(n))))
+        .flat_map(|(i, case)| (0..case.flight_count(plan.flights)).map(move |n| (i, plan.seed.wrapping_add(n))))
         .collect();
     let all: Vec<(usize, CaseFlightResult)> = flights
         .into_par_iter()
         .map(|(i, seed)| {
-            let result = (i, flight::fly(cases[i], seed, &plan));
+            let result = (i, flight::fly_case(cases[i], seed, &plan));
             flown();
             result
         })
         .collect();
     let results_of = |i: usize| all.iter().filter(move |(case, _)| *case == i).map(|(_, flown)| flown);
-    cases.iter().enumerate().map(|(i, case)| row(case.name, &results_of(i).collect::<Vec<_>>())).collect()
+    cases.iter().enumerate().map(|(i, case)| integrity_row(case.name, &results_of(i).collect::<Vec<_>>())).collect()
 }
 
 /// Total number of flights.
 #[must_use]
-pub fn flights(plan: IntegrityPlan, cases: &[&'static Case]) -> u64 {
-    cases.iter().map(|case| case.flights(plan.flights)).sum()
+pub fn flight_count(plan: IntegrityPlan, cases: &[&'static Case]) -> u64 {
+    cases.iter().map(|case| case.flight_count(plan.flights)).sum()
 }
 
-fn row(case: &'static str, results: &[&CaseFlightResult]) -> IntegrityRow {
+fn integrity_row(case: &'static str, results: &[&CaseFlightResult]) -> IntegrityRow {
     let calibrated = || results.iter().filter_map(|one| one.calibrated.as_ref().ok());
-    let ratios = || calibrated().map(AcceptedCalibration::ratio);
+    let ratios = || calibrated().map(AcceptedCalibration::error_ratio);
     let iron_errors = results.iter().filter_map(|one| one.hard_iron_error.map(|HardIronEstimateError(error)| error));
     let percent_of_flights = |number: usize| 100.0 * number as f64 / results.len().max(1) as f64;
     let output_statistics =

@@ -74,12 +74,12 @@ impl HeadingStatistics {
             }
             EvaluatedSentence::Heading { error_deg, sigma_deg, is_smooth } => {
                 self.smooth += u64::from(*is_smooth);
-                self.heading(at_us, step_s, error_deg.abs(), *sigma_deg);
+                self.add_heading_error(at_us, step_s, error_deg.abs(), *sigma_deg);
             }
         }
     }
 
-    fn heading(&mut self, at_us: u64, step_s: f64, error_deg: f64, sigma_deg: f64) {
+    fn add_heading_error(&mut self, at_us: u64, step_s: f64, error_deg: f64, sigma_deg: f64) {
         self.headings += 1;
         self.squares_deg += error_deg * error_deg;
         self.sigma_squares_deg += sigma_deg * sigma_deg;

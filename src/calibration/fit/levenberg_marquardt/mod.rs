@@ -114,7 +114,7 @@ impl Refinement {
         }
     }
 
-    pub fn system(&self) -> &LinearisedProblem {
+    pub fn normal_equations(&self) -> &LinearisedProblem {
         &self.system
     }
 

@@ -100,7 +100,7 @@ impl TimeSpan {
         match form {
             TestedCourse::Step(until_ms) => f32::from(u8::from(ms <= until_ms)),
             TestedCourse::Drift => 1.0 - ms as f32 / self.duration_ms as f32,
-            TestedCourse::Load => load_fraction(&sample.attitude.tilt().down()),
+            TestedCourse::Load => load_fraction(&sample.attitude.tilt_rotation().down_in_body()),
             TestedCourse::Hysteresis => 1.0,
         }
     }
@@ -136,8 +136,12 @@ fn as_three_unknowns(sums: &ScoreTest<1>) -> ScoreTest<3> {
 }
 
 /// Estimate of `beta` and its significance.
-fn estimate(sums: &ScoreTest<3>, system: &LinearisedProblem, to_likeliest: &Vector13) -> Option<(Vector3<f32>, f32)> {
-    let score = sums.eliminate(system, to_likeliest)?;
+fn estimate_step(
+    sums: &ScoreTest<3>,
+    system: &LinearisedProblem,
+    to_likeliest: &Vector13,
+) -> Option<(Vector3<f32>, f32)> {
+    let score = sums.eliminate_coefficients(system, to_likeliest)?;
     let beta = inverse(&(score.information + rounding_floor(sums)))? * score.gradient;
     let significance = beta.dot(&score.gradient);
     significance.is_finite().then_some((beta, significance))
@@ -153,7 +157,7 @@ fn norm_significance(
     norm: f32,
 ) -> Option<f32> {
     let mut variance = sums.information * norm;
-    let score = sums.eliminate(system, to_likeliest)?;
+    let score = sums.eliminate_coefficients(system, to_likeliest)?;
     for (axis, column) in score.columns.iter().enumerate() {
         let dips = residuals.excess_inclination_product(column, norm);
         for (other, with) in sums.cross_information.iter().enumerate() {
@@ -224,13 +228,13 @@ impl HardIronScan {
         })
     }
 
-    pub fn add(&mut self, system: &LinearisedProblem, sample: &Sample, equations: &SampleEquations) {
+    pub fn add_sample(&mut self, system: &LinearisedProblem, sample: &Sample, equations: &SampleEquations) {
         let time = sample.time;
-        let down = sample.attitude.tilt().down();
+        let down = sample.attitude.tilt_rotation().down_in_body();
         let products = SampleProducts::new(equations);
-        self.so_far.add(&products, 1.0);
-        self.with_load.add(&products, load_fraction(&down));
-        let lagging = self.hysteresis.response(&down, self.last_turn.update(sample), equations);
+        self.so_far.add_sample_products(&products, 1.0);
+        self.with_load.add_sample_products(&products, load_fraction(&down));
+        let lagging = self.hysteresis.field_response(&down, self.last_turn.update(sample), equations);
         add_pair(&mut self.with_hysteresis, equations, &lagging);
         self.samples_seen += 1;
         if self.samples_seen.is_multiple_of(self.sample_count.div_ceil(MAX_TESTED_STEPS))
@@ -254,7 +258,7 @@ impl HardIronScan {
             TestedCourse::Load => self.with_load.score_test(&self.w),
             TestedCourse::Hysteresis => as_three_unknowns(&self.with_hysteresis),
         };
-        let Some((beta, significance)) = estimate(&sums, system, &self.step_to_maximum) else { return };
+        let Some((beta, significance)) = estimate_step(&sums, system, &self.step_to_maximum) else { return };
         if self.best.is_none_or(|found| significance > found.significance) {
             self.effect = sums.effect(&beta);
             self.best = Some(ChangeEstimate { form, beta, significance });
@@ -281,8 +285,8 @@ impl HardIronScan {
             TestedCourse::Hysteresis => HardIronTimeCourse::BehindTurns,
         };
         let size = match found.form {
-            TestedCourse::Hysteresis => self.hysteresis.size(found.beta.x),
-            _ => found.beta.length(),
+            TestedCourse::Hysteresis => self.hysteresis.effect_size(found.beta.x),
+            _ => found.beta.vector_length(),
         };
         let iron = DetectedHardIronChange {
             size_ut: size * fit.likelihood.unit_ut,
@@ -309,8 +313,8 @@ impl HardIronScan {
             let equations = fit.likelihood.equations(sample, None, &parameters);
             let share = self.span.fraction_at(found.form, sample);
             let response = if found.form == TestedCourse::Hysteresis {
-                let down = sample.attitude.tilt().down();
-                let lagging = self.hysteresis.response(&down, last_turn.update(sample), &equations);
+                let down = sample.attitude.tilt_rotation().down_in_body();
+                let lagging = self.hysteresis.field_response(&down, last_turn.update(sample), &equations);
                 Matrix3::from_columns(&[lagging, Vector3::zeros(), Vector3::zeros()])
             } else {
                 -self.w
@@ -321,8 +325,9 @@ impl HardIronScan {
                 let residual = equation.residual + equation.row.dot(&move_unknowns) + by_change;
                 residual * sqrt(equation.weight)
             };
-            remaining.add(part, [residual(&equations.norm), equations.inclination.as_ref().map_or(0.0, residual)]);
-            norms.add(&equations.norm, &derivative(&equations.norm), share);
+            remaining
+                .add_residuals(part, [residual(&equations.norm), equations.inclination.as_ref().map_or(0.0, residual)]);
+            norms.add_weighted_equation(&equations.norm, &derivative(&equations.norm), share);
         }
         // Degrees of freedom: half of the sixteen unknowns for each kind of residual.
         let freedom = (self.sample_count as f32 - 8.0).max(1.0);

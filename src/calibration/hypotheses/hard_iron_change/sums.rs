@@ -65,7 +65,7 @@ impl HardIronSums {
     }
 
     /// Adds a sample that has a fraction of the change.
-    pub fn add(&mut self, sample: &SampleProducts, fraction: f32) {
+    pub fn add_sample_products(&mut self, sample: &SampleProducts, fraction: f32) {
         let x = &sample.x;
         for ((sums, information), pair) in self.products.iter_mut().zip(&mut self.information).zip(&sample.pairs) {
             let pair = pair * fraction;

@@ -119,19 +119,19 @@ fn estimate_equals_joint_least_squares() {
         for (equation, by_beta, _) in case.equations(form) {
             let row =
                 SVector::<f32, 16>::from_fn(|i, _| if i < 13 { equation.row.as_vector()[i] } else { by_beta[i - 13] });
-            joint.add(&row, [-equation.residual], equation.weight);
-            sums.add(&equation, &by_beta, 1.0);
+            joint.add_weighted_row(&row, [-equation.residual], equation.weight);
+            sums.add_weighted_equation(&equation, &by_beta, 1.0);
         }
         crate::calibration::model::for_each_prior(
             &case.likelihood,
             &ModelParameters::new(&case.unknowns),
             &mut |prior| {
                 let row = SVector::<f32, 16>::from_fn(|i, _| if i < 13 { prior.row[i] } else { 0.0 });
-                joint.add(&row, [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
+                joint.add_weighted_row(&row, [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
             },
         );
         let system = case.system();
-        let (beta, significance) = estimate(&sums, &system, &system.step_to_maximum().unwrap()).unwrap();
+        let (beta, significance) = estimate_step(&sums, &system, &system.step_to_maximum().unwrap()).unwrap();
         let expected = joint.solve().unwrap().fixed_rows::<3>(13).into_owned();
         assert!((beta - expected).norm() < 0.02 * expected.norm(), "{beta} {expected}");
         // Reference: the reduction of the sum of squares by the three unknowns.
@@ -167,9 +167,9 @@ fn drift_sums_approximate_the_exact_sums() {
     scan.extend_drift(0.0);
     let mut exact = ScoreTest::zero();
     for (equation, by_beta, _) in case.equations(TestedCourse::Drift) {
-        exact.add(&equation, &by_beta, 1.0);
+        exact.add_weighted_equation(&equation, &by_beta, 1.0);
     }
-    let of = |sums: &ScoreTest<3>| estimate(sums, &information.system, &scan.step_to_maximum).unwrap();
+    let of = |sums: &ScoreTest<3>| estimate_step(sums, &information.system, &scan.step_to_maximum).unwrap();
     let ((found, significance), (beta, expected)) = (of(&scan.drifting.score_test(&scan.w)), of(&exact));
     assert!((found - beta).norm() < 0.03 * beta.norm(), "{found} {beta}");
     assert!((significance / expected - 1.0).abs() < 0.03, "{significance} {expected}");
@@ -194,7 +194,7 @@ fn the_significance_of_norms_is_that_of_their_gradient() {
     let mut sums = ScoreTest::zero();
     for (equation, by_beta, is_norm) in case.equations(form) {
         if is_norm {
-            sums.add(&equation, &by_beta, 1.0);
+            sums.add_weighted_equation(&equation, &by_beta, 1.0);
         }
     }
     let to_likeliest = information.system.step_to_maximum().unwrap();

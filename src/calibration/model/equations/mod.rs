@@ -85,7 +85,7 @@ impl SampleEquations {
         config: &ModelConfig,
         refined: bool,
     ) -> Self {
-        let prediction = parameters.predict(measured.x, &measured.tilt);
+        let prediction = parameters.predict_field(measured.x, &measured.tilt);
         let by_attitude = prediction.inclination_by_attitude(&measured.tilt);
         let covariance = noise.covariance(&prediction.direction, &prediction.inclination_by_field, by_attitude);
         let residuals = Residuals::new(parameters, &prediction);
@@ -156,7 +156,7 @@ fn linearise_at_corrected(
     let by_norm = bounded(norm, covariance.norm) - covariance.slope * by_dip;
     let move_x =
         noise.likely_sensor_error(&(prediction.direction * by_norm + prediction.inclination_by_field * by_dip));
-    let moved = parameters.predict(prediction.x - move_x, &measured.tilt);
+    let moved = parameters.predict_field(prediction.x - move_x, &measured.tilt);
     let move_body = multiply(&parameters.w, &move_x);
     let moved_residuals = Residuals::new(parameters, &moved);
     let residuals = Residuals {

@@ -55,7 +55,7 @@ fn clipped_mean_square_of_normal_noise() {
 #[test]
 fn without_attitude_there_is_no_inclination_equation() {
     let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 1.0 };
-    let tilt = Attitude::from_deg(20.0, 0.0).tilt();
+    let tilt = Attitude::from_deg(20.0, 0.0).tilt_rotation();
     let measured = MeasuredSample { x: Vector3::new(0.6, 0.0, 0.8), tilt, heading_rad: None };
     let equations = |config| SampleEquations::new(&parameters, &measured, &NoiseModel::INITIAL, &config, true);
     assert!(
@@ -81,7 +81,7 @@ fn expected_gradient(refined: bool) -> f32 {
     for (bank_deg, step) in [-15.0, 15.0].into_iter().flat_map(|bank_deg| (0..128_u8).map(move |step| (bank_deg, step)))
     {
         let attitude = Attitude::from_deg(bank_deg, 0.0);
-        let tilt = attitude.tilt();
+        let tilt = attitude.tilt_rotation();
         let exact = parameters.expected_field(&tilt, f32::from(step) / 128.0 * TAU).unwrap();
         for (axis, sign) in [(0, 1.0), (1, 1.0), (2, 1.0), (0, -1.0), (1, -1.0), (2, -1.0)] {
             let x = exact + Vector3::ith(axis, sign * sigma * 3_f32.sqrt());
@@ -112,7 +112,7 @@ fn corrected_measurements_remove_the_noise_bias() {
 fn the_measurement_is_corrected_by_its_expected_sensor_error() {
     let noise_w = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
     let noise = NoiseModel::new(0.01, 0.015, noise_w);
-    let tilt = Attitude::from_deg(25.0, 5.0).tilt();
+    let tilt = Attitude::from_deg(25.0, 5.0).tilt_rotation();
     let mut parameters = ModelParameters { w: noise_w, d: Vector3::new(0.1, 0.0, 0.2), inclination_rad: 1.0 };
     let measured = MeasuredSample {
         x: parameters.expected_field(&tilt, 0.7).unwrap() + Vector3::new(0.004, -0.006, 0.005),
@@ -120,7 +120,7 @@ fn the_measurement_is_corrected_by_its_expected_sensor_error() {
         heading_rad: None,
     };
     let moved_by = |parameters: &ModelParameters| {
-        let prediction = parameters.predict(measured.x, &tilt);
+        let prediction = parameters.predict_field(measured.x, &tilt);
         let by_attitude = prediction.inclination_by_attitude(&tilt);
         let covariance = noise.covariance(&prediction.direction, &prediction.inclination_by_field, by_attitude);
         let residuals = Residuals::new(parameters, &prediction);
@@ -151,11 +151,11 @@ fn the_measurement_is_corrected_by_its_expected_sensor_error() {
 #[test]
 fn heading_variance_is_the_sum_of_reference_and_sensor_variance() {
     let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 0.9 };
-    let tilt = Attitude::from_deg(10.0, 0.0).tilt();
+    let tilt = Attitude::from_deg(10.0, 0.0).tilt_rotation();
     let x = parameters.expected_field(&tilt, 0.7).unwrap();
     let measured = MeasuredSample { x, tilt, heading_rad: Some(0.69) };
     for noise in [NoiseModel::new(1e-6, 1e-6, Matrix3::identity()), NoiseModel::new(0.01, 0.02, Matrix3::identity())] {
-        let prediction = parameters.predict(x, &tilt);
+        let prediction = parameters.predict_field(x, &tilt);
         let own = noise.heading_variance(&prediction.heading_by_field(&tilt), &prediction);
         let equation =
             SampleEquations::new(&parameters, &measured, &noise, &ModelConfig::DEFAULT, false).heading.unwrap();

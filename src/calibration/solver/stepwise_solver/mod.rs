@@ -317,7 +317,7 @@ impl Solver {
         if self.method == Method::MaximumLikelihood {
             let sigmas = assumed_sigmas(self.consider, latency);
             let own = inclination_from_samples(information, likelihood, judgement.unknowns, &sigmas);
-            self.inclination.check(own, likelihood.config.known_inclination_sigma_rad)?;
+            self.inclination.check_inclination(own, likelihood.config.known_inclination_sigma_rad)?;
         }
         if self.method == Method::Ellipsoid && !ellipsoid::is_determined(judgement, information) {
             return Err(SolveError::NotDetermined(SamplePart::All));
@@ -335,7 +335,7 @@ impl Solver {
     #[inline(never)]
     fn information(&self, likelihood: &Likelihood, samples: Samples<'_>) -> Information {
         if likelihood.known_inclination_rad == self.refinement.likelihood.known_inclination_rad {
-            Information::new(self.refinement.system())
+            Information::new(self.refinement.normal_equations())
         } else {
             Information::new(&LinearisedProblem::linearise(likelihood, samples, &self.refinement.unknowns))
         }
@@ -347,13 +347,13 @@ impl Solver {
         // The gyro gives the direction of turn; without it the bank does, for aircraft that bank into their turns.
         let by_bank = || {
             let sides = [Side::Left, Side::Right].into_iter();
-            sides.map(|side| turn_progress_rad(samples.turn(side), side, heading)).sum::<f32>()
+            sides.map(|side| turn_progress_rad(samples.samples_of_turn(side), side, heading)).sum::<f32>()
         };
         let progress = || turn_progress_by_rates_rad(samples, heading).unwrap_or_else(by_bank);
         if self.method != Method::Ellipsoid && progress() < MIN_TURN_PROGRESS_RAD {
             return Err(SolveError::TurnsReversed);
         }
-        let found = Orientation::nearest(&calibration.w_matrix());
+        let found = Orientation::nearest_to_rotation(&calibration.w_matrix());
         if found != self.prior.mount {
             return Err(SolveError::MountContradicted { found });
         }

@@ -51,12 +51,12 @@ impl Case {
     }
 
     fn heading_rad(&self, calibration: &Calibration) -> f32 {
-        self.attitude.level(calibration.apply(self.reading)).heading_rad()
+        self.attitude.level(calibration.calibrated_field(self.reading)).heading_rad()
     }
 
     fn sigma_rad(&self, uncertainty: &HeadingUncertainty) -> f32 {
-        let tilt = self.attitude.tilt();
-        let level = tilt.level(self.calibration.apply(self.reading));
+        let tilt = self.attitude.tilt_rotation();
+        let level = tilt.level(self.calibration.calibrated_field(self.reading));
         uncertainty.heading_variance(&self.calibration, self.reading, &tilt, level).sigma_rad()
     }
 
@@ -77,9 +77,9 @@ fn jacobian_equals_numerical_derivatives() {
     let mut random = Random(2);
     for _ in 0..20 {
         let case = Case::random(&mut random);
-        let tilt = case.attitude.tilt();
+        let tilt = case.attitude.tilt_rotation();
         let total_ut = case.calibration.total_ut;
-        let level = tilt.level(case.calibration.apply(case.reading)).ut / total_ut;
+        let level = tilt.level(case.calibration.calibrated_field(case.reading)).ut / total_ut;
         let x = (case.reading.ut - case.calibration.b_vector_ut()) / total_ut;
         let row = coefficient_jacobian_row(&heading_by_field(&tilt, &level), &x);
         let here = case.heading_rad(&case.calibration);
@@ -118,7 +118,7 @@ fn sigma_equals_the_effect_of_noise() {
         let by_reading = |axis: usize| {
             derivative(|step| {
                 let reading = case.reading.ut + Vector3::ith(axis, step * total_ut);
-                let level = case.attitude.level(case.calibration.apply(Field::new(reading)));
+                let level = case.attitude.level(case.calibration.calibrated_field(Field::new(reading)));
                 wrap_pi(level.heading_rad() - here)
             })
         };
@@ -126,7 +126,7 @@ fn sigma_equals_the_effect_of_noise() {
             derivative(|step| {
                 let Attitude { roll_rad, pitch_rad } = case.attitude;
                 let attitude = Attitude { roll_rad: roll_rad + roll * step, pitch_rad: pitch_rad + pitch * step };
-                wrap_pi(attitude.level(case.calibration.apply(case.reading)).heading_rad() - here)
+                wrap_pi(attitude.level(case.calibration.calibrated_field(case.reading)).heading_rad() - here)
             })
         };
         let sensor = (0..3).map(by_reading).map(|d| d * d).sum::<f32>().sqrt();
@@ -146,9 +146,10 @@ fn next_to_a_pole_sigma_is_finite() {
         Calibration { total_ut: 50.0, ..Calibration::uncalibrated(crate::calibration::Orientation::NONE) };
     let uncertainty = HeadingUncertainty { sensor_sigma: 0.01, attitude_sigma_rad: 0.01, ..HeadingUncertainty::NONE };
     let sensor = Field::from_ut(0.0, 0.0, 50.0);
-    let tilt = Attitude::default().tilt();
-    let sigma_rad =
-        uncertainty.heading_variance(&calibration, sensor, &tilt, tilt.level(calibration.apply(sensor))).sigma_rad();
+    let tilt = Attitude::default().tilt_rotation();
+    let sigma_rad = uncertainty
+        .heading_variance(&calibration, sensor, &tilt, tilt.level(calibration.calibrated_field(sensor)))
+        .sigma_rad();
     assert!(sigma_rad.is_finite() && sigma_rad > 3.0, "{sigma_rad}");
 }
 

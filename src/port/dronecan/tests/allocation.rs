@@ -65,7 +65,7 @@ impl AllocationBus {
     }
 
     fn numbers(&self) -> Vec<Option<u8>> {
-        self.nodes.iter().map(|bench| bench.node.number().map(NodeId::get)).collect()
+        self.nodes.iter().map(|bench| bench.node.node_id().map(NodeId::get)).collect()
     }
 
     /// Runs until all nodes have numbers; returns the time in milliseconds.
@@ -171,6 +171,6 @@ fn another_node_with_an_allocated_number_makes_the_node_ask_again() {
     let bench = &mut bus.nodes[0];
     assert!(!bench.sent(DataType::MAGNETIC_FIELD_STRENGTH_2, 1000).is_empty());
     bench.receive(125, &transfer(DataType::ARMING_STATUS, 0, &[0]));
-    assert_eq!(bench.node.number(), None);
+    assert_eq!(bench.node.node_id(), None);
     assert!(bench.run(500).iter().all(|sent| sent.header.source.is_none()));
 }

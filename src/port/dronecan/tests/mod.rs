@@ -126,7 +126,7 @@ impl Bench {
 
     fn receive_frame(&mut self, frame: &CanFrame) {
         let (now, delivered) = (self.now(), &mut self.delivered);
-        self.node.receive(now, frame, &mut |message| delivered.push(message));
+        self.node.receive_frame(now, frame, &mut |message| delivered.push(message));
     }
 
     /// Polls once, without sending.

@@ -42,7 +42,7 @@ fn all_parameters_are_listed() {
             ParameterValue::Number(_) => 5,
             ParameterValue::Key(_) => 0,
         };
-        if let Some([least, _]) = parameter.range() {
+        if let Some([least, _]) = parameter.value_range() {
             assert_eq!(payload.len() - name.len(), 4 * tags(least), "{}", parameter.name);
         }
     }
@@ -155,7 +155,7 @@ fn an_update_is_handed_over_with_the_restart() {
     assert_eq!(bench.node.granted_update(), None, "not before the state machine");
     bench.node.complete_command(Command::Restart, Ok(()));
     let update = bench.node.granted_update().unwrap();
-    assert_eq!((update.server, update.own_node, update.path()), (node(PEER), node(OWN), &b"a.bin"[..]));
+    assert_eq!((update.server, update.own_node, update.file_path()), (node(PEER), node(OWN), &b"a.bin"[..]));
     let bytes = update.boot_loader_bytes();
     assert_eq!(bytes[..4], [0x9A, 0xAD, 0x44, 0xC5]);
     assert_eq!(bytes[4..22], [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, PEER, OWN]);
@@ -196,7 +196,7 @@ fn a_refused_update_can_be_repeated() {
     assert_eq!(bench.node.granted_update(), None);
     bench.ask(DataType::BEGIN_FIRMWARE_UPDATE, b"\x00b");
     bench.node.complete_command(Command::Restart, Ok(()));
-    assert_eq!(bench.node.granted_update().unwrap().path(), b"b");
+    assert_eq!(bench.node.granted_update().unwrap().file_path(), b"b");
 }
 
 /// The second of two requests does not replace the path of the first, nor does one for which there was no room.
@@ -214,7 +214,7 @@ fn one_update_is_requested_at_a_time() {
     let answers = bench.sent(DataType::BEGIN_FIRMWARE_UPDATE, 100);
     assert_eq!(answers.iter().map(|sent| (sent.transfer_id, sent.payload[0])).collect::<Vec<_>>(), [(2, 2)]);
     bench.node.complete_command(Command::Restart, Ok(()));
-    assert_eq!(bench.node.granted_update().unwrap().path(), b"a");
+    assert_eq!(bench.node.granted_update().unwrap().file_path(), b"a");
 }
 
 /// Requests of several nodes at once are answered to each; further ones than four wait for a repetition.

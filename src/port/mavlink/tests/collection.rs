@@ -175,7 +175,7 @@ fn a_solve_without_a_collection_is_reported() {
 /// Compared with the calibration's own formula, with and without a mounting.
 #[test]
 fn a_calibration_report_has_an_autopilot_s_parameters() {
-    for orientation in Orientation::all() {
+    for orientation in Orientation::all_orientations() {
         let mounting = orientation.body_from_sensor();
         let (mut found, uncertainty) = calibration(12.0);
         let symmetric = nalgebra::Matrix3::new(1.1, 0.02, -0.01, 0.02, 0.9, 0.03, -0.01, 0.03, 1.0);
@@ -193,8 +193,8 @@ fn a_calibration_report_has_an_autopilot_s_parameters() {
         let [dx, dy, dz, xy, xz, yz] = std::array::from_fn(|i| number(4 + i));
         let matrix = nalgebra::Matrix3::new(dx, xy, xz, xy, dy, yz, xz, yz, dz);
         let theirs = matrix * (mounting * raw_mg + nalgebra::Vector3::new(number(1), number(2), number(3)));
-        let ours = found.apply(crate::frames::Field::new(raw_mg / 10.0)).ut * 10.0;
-        assert!((theirs - ours).norm() < 1e-2, "{}: {theirs} {ours}", orientation.name());
+        let ours = found.calibrated_field(crate::frames::Field::new(raw_mg / 10.0)).ut * 10.0;
+        assert!((theirs - ours).norm() < 1e-2, "{}: {theirs} {ours}", orientation.orientation_name());
     }
 }
 

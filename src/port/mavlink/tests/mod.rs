@@ -142,7 +142,7 @@ impl MavlinkBench {
         let others = self.room.map_or(0, |room| TRANSMIT_CAPACITY - room);
         assert!(out.append(&[&vec![0; others]]));
         self.module.poll(&snapshot, &mut out);
-        let rest = &out.pending()[others..];
+        let rest = &out.pending_bytes()[others..];
         let [0xFD, length, 0, 0, sequence, system, component, id, 0, 0, ..] = *rest else {
             assert!(rest.is_empty());
             return false;

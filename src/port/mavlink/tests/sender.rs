@@ -98,7 +98,7 @@ fn echoed_own_messages_are_ignored() {
         };
         let mut out = TransmitBuffer::new();
         bench.module.poll(&snapshot, &mut out);
-        assert_eq!(bench.hear(out.pending()), []);
+        assert_eq!(bench.hear(out.pending_bytes()), []);
         bench.ms += 1;
     }
     assert_eq!((bench.module.is_armed(bench.now()), bench.module.rejected_frames()), (Some(true), 0));

@@ -183,5 +183,5 @@ fn the_longest_frame_is_decoded() {
 #[test]
 fn an_address_round_trips_through_a_sender_id() {
     let address = Address { system: 12, component: 34 };
-    assert_eq!((address.sender(), Address::from_sender(SENDER)), (SENDER, address));
+    assert_eq!((address.sender_id(), Address::from_sender(SENDER)), (SENDER, address));
 }

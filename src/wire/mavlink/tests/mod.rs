@@ -31,7 +31,7 @@ fn v1(data: &ATTITUDE_DATA) -> Vec<u8> {
 
 fn messages(bytes: &[u8]) -> (Vec<InboundMessage>, u32) {
     let mut receiver = Receiver::new();
-    let messages = bytes.iter().filter_map(|&byte| receiver.push(byte)).collect();
+    let messages = bytes.iter().filter_map(|&byte| receiver.push_byte(byte)).collect();
     (messages, receiver.rejected)
 }
 
@@ -94,10 +94,10 @@ fn random_bytes_never_panic_and_frames_between_them_are_found() {
         for _ in 0..50 {
             // Every fourth byte starts a frame of either version: far worse than noise.
             let byte = random.byte();
-            receiver.push(if byte < 0x40 { 0xFD + byte % 2 } else { random.byte() });
+            receiver.push_byte(if byte < 0x40 { 0xFD + byte % 2 } else { random.byte() });
         }
         for byte in v2(&data(0.3)) {
-            found += usize::from(receiver.push(byte).is_some());
+            found += usize::from(receiver.push_byte(byte).is_some());
         }
     }
     // A false header that overlaps the frame only delays it until enough bytes arrive to reject the header.
@@ -181,8 +181,8 @@ fn an_attitude_is_returned_with_the_last_byte_of_its_frame() {
         let mut receiver = Receiver::new();
         for _ in 0..3 {
             let (last, rest) = frame.split_last().unwrap();
-            assert!(rest.iter().all(|&byte| receiver.push(byte).is_none()));
-            assert!(receiver.push(*last).is_some());
+            assert!(rest.iter().all(|&byte| receiver.push_byte(byte).is_none()));
+            assert!(receiver.push_byte(*last).is_some());
         }
         assert_eq!(receiver.rejected, 0);
     }
@@ -298,7 +298,7 @@ fn the_count_of_rejected_frames_wraps() {
     let mut counts = Vec::new();
     for _ in 0..3 {
         for &byte in &broken {
-            assert_eq!(receiver.push(byte), None);
+            assert_eq!(receiver.push_byte(byte), None);
         }
         counts.push(receiver.rejected);
     }

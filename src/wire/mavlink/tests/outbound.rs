@@ -9,7 +9,7 @@ const OWN: Address = Address { system: 7, component: 158 };
 const AUTOPILOT: Address = Address { system: 7, component: 1 };
 
 fn assert_is(message: OutboundMessage, hex: &str) {
-    assert_eq!(message.frame(OWN, 201, &mut Signatures::new())[..], bytes(hex)[..]);
+    assert_eq!(message.into_frame(OWN, 201, &mut Signatures::new())[..], bytes(hex)[..]);
 }
 
 #[test]
@@ -52,7 +52,7 @@ fn a_named_value_has_a_name_of_up_to_ten_characters() {
         OutboundMessage::named_value(at, "hdg_sigma", 1.5),
         "fd110000c9079efb000040e201000000c03f6864675f7369676d61b85c",
     );
-    let frame = OutboundMessage::named_value(at, "longer than ten", 1.5).frame(OWN, 0, &mut Signatures::new());
+    let frame = OutboundMessage::named_value(at, "longer than ten", 1.5).into_frame(OWN, 0, &mut Signatures::new());
     assert_eq!(frame[18..28], *b"longer tha");
 }
 
@@ -118,13 +118,13 @@ fn zeros_at_the_end_are_cut_off() {
     let zero_address = Address { system: 0, component: 0 };
     let ack = |command| OutboundMessage::acknowledgement(zero_address, command, MavResult::MAV_RESULT_ACCEPTED);
     assert_is(ack(42_424), "fd020000c9079e4d0000b8a5d472");
-    assert_eq!(ack(0).frame(OWN, 0, &mut Signatures::new())[..11], [0xFD, 1, 0, 0, 0, 7, 158, 77, 0, 0, 0]);
-    assert_eq!(ack(0).frame(OWN, 0, &mut Signatures::new()).len(), 13);
+    assert_eq!(ack(0).into_frame(OWN, 0, &mut Signatures::new())[..11], [0xFD, 1, 0, 0, 0, 7, 158, 77, 0, 0, 0]);
+    assert_eq!(ack(0).into_frame(OWN, 0, &mut Signatures::new()).len(), 13);
 }
 
 #[test]
 fn the_module_s_own_frames_are_read_back() {
-    let frame = OutboundMessage::heartbeat(MavState::MAV_STATE_ACTIVE).frame(OWN, 0, &mut Signatures::new());
-    let heartbeat = Heartbeat { sender: OWN.sender(), is_autopilot: false, is_armed: false };
+    let frame = OutboundMessage::heartbeat(MavState::MAV_STATE_ACTIVE).into_frame(OWN, 0, &mut Signatures::new());
+    let heartbeat = Heartbeat { sender: OWN.sender_id(), is_autopilot: false, is_armed: false };
     assert_eq!(messages(&frame), (vec![InboundMessage::Heartbeat(heartbeat)], 0));
 }

@@ -35,10 +35,10 @@ fn after_random_bytes_the_next_frame_is_decoded() {
             _ => {}
         }
         for &byte in bytes.iter().chain(&[0; MAX_FRAME]) {
-            received += usize::from(receiver.push(byte).is_some());
+            received += usize::from(receiver.push_byte(byte).is_some());
             assert!(receiver.buffer.len() < MAX_FRAME, "{input}");
         }
-        let found = good.iter().filter_map(|&byte| receiver.push(byte)).count();
+        let found = good.iter().filter_map(|&byte| receiver.push_byte(byte)).count();
         assert_eq!(found, 1, "{input}: {bytes:02X?}");
     }
     // A quarter is valid; most of them are supported messages, and most of version 2 have an allowed length.

@@ -20,11 +20,14 @@ fn receiver(passphrase: &str) -> Receiver {
 }
 
 fn is_accepted(receiver: &mut Receiver, frame: &[u8]) -> bool {
-    frame.iter().filter_map(|&byte| receiver.push(byte)).any(|message| matches!(message, InboundMessage::Heartbeat(_)))
+    frame
+        .iter()
+        .filter_map(|&byte| receiver.push_byte(byte))
+        .any(|message| matches!(message, InboundMessage::Heartbeat(_)))
 }
 
 fn sent(signatures: &mut Signatures, from: Address) -> Frame {
-    OutboundMessage::heartbeat(MavState::MAV_STATE_ACTIVE).frame(from, 0, signatures)
+    OutboundMessage::heartbeat(MavState::MAV_STATE_ACTIVE).into_frame(from, 0, signatures)
 }
 
 #[test]

@@ -34,20 +34,20 @@ impl FieldCorrection {
 
     /// The corrected field, microtesla, of a raw field measured at a current in amperes.
     #[must_use]
-    pub fn apply(&self, raw_ut: Vector3<f64>, current_a: f64) -> Vector3<f64> {
+    pub fn correct_field(&self, raw_ut: Vector3<f64>, current_a: f64) -> Vector3<f64> {
         self.matrix * (raw_ut - self.hard_iron_ut - self.motor_ut_per_a * current_a)
     }
 
     /// ArduPilot's last correction of a compass, without throttle compensation.
     #[must_use]
     pub fn from_ardupilot(parameters: &ParameterHistory, number: u8) -> Self {
-        InvertibleCorrection::ardupilot(parameters, f64::INFINITY, number).correction
+        InvertibleCorrection::from_ardupilot_parameters(parameters, f64::INFINITY, number).correction
     }
 
     /// PX4's last correction of a compass.
     #[must_use]
     pub fn from_px4(parameters: &ParameterHistory, number: u8) -> Self {
-        InvertibleCorrection::px4(parameters, f64::INFINITY, number.saturating_sub(1)).correction
+        InvertibleCorrection::from_px4_parameters(parameters, f64::INFINITY, number.saturating_sub(1)).correction
     }
 }
 
@@ -84,9 +84,9 @@ impl InvertibleCorrection {
     /// ArduPilot's correction by the parameters of a time: `f = M ((raw + OFS) SCALE)`, then motor-current compensation
     /// (`AP_Compass_Backend::correct_field`). As in ArduPilot, a scale outside 1/1.5 to 1.5 and diagonals of zero mean
     /// one.
-    pub fn ardupilot(parameters: &ParameterHistory, t_s: f64, number: u8) -> Self {
+    pub fn from_ardupilot_parameters(parameters: &ParameterHistory, t_s: f64, number: u8) -> Self {
         let index = if number == 1 { String::new() } else { number.to_string() };
-        let value = |name: &str| parameters.at(t_s, name);
+        let value = |name: &str| parameters.value_at(t_s, name);
         let vector = |parameter_part: &str| {
             let [x, y, z] =
                 ["X", "Y", "Z"].map(|axis| value(&format!("COMPASS_{parameter_part}{index}_{axis}")).unwrap_or(0.0));
@@ -110,8 +110,8 @@ impl InvertibleCorrection {
     /// PX4's correction by its parameters: `scale (raw + current COMP - offset)` in sensor axes, then turned to body
     /// axes (`calibration::Magnetometer::Correct`). `COMP` is in gauss per kiloampere, and of a battery if
     /// `CAL_MAG_COMP_TYP` is 2 or 3. `index` is that of `CAL_MAGn`.
-    pub fn px4(parameters: &ParameterHistory, t_s: f64, index: u8) -> Self {
-        let value = |name: &str| parameters.at(t_s, &format!("CAL_MAG{index}_{name}"));
+    pub fn from_px4_parameters(parameters: &ParameterHistory, t_s: f64, index: u8) -> Self {
+        let value = |name: &str| parameters.value_at(t_s, &format!("CAL_MAG{index}_{name}"));
         let vector = |parameter_part: &str, none: f64| {
             let [x, y, z] = ["X", "Y", "Z"].map(|axis| value(&format!("{axis}{parameter_part}")).unwrap_or(none));
             Vector3::new(x, y, z)
@@ -123,7 +123,7 @@ impl InvertibleCorrection {
         let turned = px4_mounting(parameters, t_s, index);
         let scale = turned * symmetric_matrix(&diagonal, &vector("ODIAG", 0.0)) * turned.transpose();
         let is_by_current =
-            parameters.at(t_s, "CAL_MAG_COMP_TYP").is_some_and(|kind| [2, 3].contains(&(kind.round() as i32)));
+            parameters.value_at(t_s, "CAL_MAG_COMP_TYP").is_some_and(|kind| [2, 3].contains(&(kind.round() as i32)));
         let comp = if is_by_current { vector("COMP", 0.0) } else { Vector3::zeros() };
         let by_current_ut = turned * comp * -GAUSS_UT / 1000.0;
         let correction_as_logged = FieldCorrection {
@@ -141,7 +141,8 @@ pub fn missing_ardupilot_parameters(parameters: &ParameterHistory, number: u8) -
     let mut missing = Vec::new();
     for parameter_part in ["OFS", "DIA", "ODI"] {
         let names = ["X", "Y", "Z"].map(|axis| format!("COMPASS_{parameter_part}{index}_{axis}"));
-        let (known, unknown): (Vec<_>, Vec<_>) = names.into_iter().partition(|name| parameters.last(name).is_some());
+        let (known, unknown): (Vec<_>, Vec<_>) =
+            names.into_iter().partition(|name| parameters.last_value(name).is_some());
         if !known.is_empty() {
             missing.extend(unknown);
         }
@@ -153,12 +154,12 @@ pub fn missing_ardupilot_parameters(parameters: &ParameterHistory, number: u8) -
 /// board's rotation trimmed by `SENS_BOARD_X_OFF`, `_Y_OFF` and `_Z_OFF`.
 pub(crate) fn px4_mounting(parameters: &ParameterHistory, t_s: f64, index: u8) -> Matrix3<f64> {
     const CUSTOM_ROTATION_NUMBER: f64 = 100.0;
-    let value = |name: &str| parameters.at(t_s, name);
+    let value = |name: &str| parameters.value_at(t_s, name);
     let turned = |names: [String; 3]| {
         let [roll, pitch, yaw] = names.map(|name| value(&name).unwrap_or(0.0).to_radians());
         Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
     };
-    let numbered = |number: f64| NumberedRotation::new(number).unwrap_or_default().matrix();
+    let numbered = |number: f64| NumberedRotation::new(number).unwrap_or_default().rotation_matrix();
     match value(&format!("CAL_MAG{index}_ROT")).filter(|number| *number >= 0.0) {
         Some(CUSTOM_ROTATION_NUMBER) => turned(["ROLL", "PITCH", "YAW"].map(|angle| format!("CAL_MAG{index}_{angle}"))),
         Some(number) => numbered(number),
@@ -190,11 +191,11 @@ pub(crate) fn logged_mounting(
         return Some(px4_mounting(parameters, t_s, number.saturating_sub(1)));
     }
     let external = if number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{number}") };
-    if parameters.at(t_s, &external) == Some(0.0) {
+    if parameters.value_at(t_s, &external) == Some(0.0) {
         return None;
     }
-    let orientation = parameters.at(t_s, &orientation_parameter(is_px4, number)).unwrap_or(0.0);
-    NumberedRotation::new(orientation).map(NumberedRotation::matrix)
+    let orientation = parameters.value_at(t_s, &orientation_parameter(is_px4, number)).unwrap_or(0.0);
+    NumberedRotation::new(orientation).map(NumberedRotation::rotation_matrix)
 }
 
 /// Symmetric matrix from its diagonal and its xy, xz and yz elements.

@@ -5,7 +5,7 @@ use super::*;
 fn parameters(values: &[(&str, f64)]) -> ParameterHistory {
     let mut parameters = ParameterHistory::default();
     for &(name, value) in values {
-        parameters.set(0.0, name, value);
+        parameters.set_value(0.0, name, value);
     }
     parameters
 }
@@ -24,11 +24,11 @@ fn ardupilots_correction_is_undone() {
         ("COMPASS_MOTCT", 2.0),
         ("COMPASS_MOT2_Y", 2.0),
     ]);
-    let undo = InvertibleCorrection::ardupilot(&parameters, 0.0, 2);
+    let undo = InvertibleCorrection::from_ardupilot_parameters(&parameters, 0.0, 2);
     // (raw + OFS) SCALE of the raw field 100, 130, -400 mG: 250, 100, -500.
     let logged = Vector3::new(275.0 + 5.0, 12.5 + 90.0 + 50.0, -10.0 - 600.0) * 0.1;
     assert!((undo.raw_ut(logged, Vector3::zeros()) - Vector3::new(10.0, 13.0, -40.0)).norm() < 1e-9);
-    assert!((undo.correction.apply(Vector3::new(10.0, 13.0, -40.0), 0.0) - logged).norm() < 1e-9);
+    assert!((undo.correction.correct_field(Vector3::new(10.0, 13.0, -40.0), 0.0) - logged).norm() < 1e-9);
     let motor = undo.motor_ut(1.0) * 10.0;
     assert!((motor - Vector3::new(0.0, 2.0, 0.0)).norm() < 1e-9);
     assert!((undo.raw_ut(logged + motor, motor) - Vector3::new(10.0, 13.0, -40.0)).norm() < 1e-9);
@@ -38,7 +38,7 @@ fn ardupilots_correction_is_undone() {
 #[test]
 fn px4s_correction_for_the_current_is_undone() {
     for (kind, share) in [(0.0, 0.0), (1.0, 0.0), (2.0, 1.0), (3.0, 1.0)] {
-        let undo = InvertibleCorrection::px4(
+        let undo = InvertibleCorrection::from_px4_parameters(
             &parameters(&[
                 ("CAL_MAG0_XOFF", 0.1),
                 ("CAL_MAG0_YSCALE", 1.1),
@@ -54,9 +54,9 @@ fn px4s_correction_for_the_current_is_undone() {
         let raw = Vector3::new(20.0, 30.0, 40.0);
         let logged = Vector3::new(20.0 + 10.0, 1.1 * (30.0 + share * 10.0), 40.0);
         assert!(
-            (undo.correction.apply(raw, 20.0) - logged).norm() < 1e-9,
+            (undo.correction.correct_field(raw, 20.0) - logged).norm() < 1e-9,
             "{kind}: {}",
-            undo.correction.apply(raw, 20.0)
+            undo.correction.correct_field(raw, 20.0)
         );
         assert!((undo.raw_ut(logged, undo.motor_ut(20.0)) - raw).norm() < 1e-9, "{kind}");
     }
@@ -65,7 +65,8 @@ fn px4s_correction_for_the_current_is_undone() {
 #[test]
 fn a_missing_parameter_has_its_default() {
     let configured = [("COMPASS_OFS_X", 10.0), ("COMPASS_DIA_X", 1.1), ("COMPASS_DIA_Z", 0.9), ("COMPASS_ODI_X", 0.05)];
-    let undone_correction = InvertibleCorrection::ardupilot(&parameters(&configured), 0.0, 1).correction;
+    let undone_correction =
+        InvertibleCorrection::from_ardupilot_parameters(&parameters(&configured), 0.0, 1).correction;
     let expected = Matrix3::new(1.1, 0.05, 0.0, 0.05, 1.0, 0.0, 0.0, 0.0, 0.9);
     assert!((undone_correction.matrix - expected).norm() < 1e-9, "{}", undone_correction.matrix);
     let missing = missing_ardupilot_parameters(&parameters(&configured), 1);
@@ -73,21 +74,27 @@ fn a_missing_parameter_has_its_default() {
     assert!(missing_ardupilot_parameters(&parameters(&configured), 2).is_empty());
     // A nearly zero matrix would amplify the logged field.
     let singular = parameters(&[("COMPASS_DIA_X", 1.0), ("COMPASS_DIA_Y", 0.0), ("COMPASS_DIA_Z", 1.0)]);
-    assert_eq!(InvertibleCorrection::ardupilot(&singular, 0.0, 1).correction, FieldCorrection::identity());
+    assert_eq!(
+        InvertibleCorrection::from_ardupilot_parameters(&singular, 0.0, 1).correction,
+        FieldCorrection::identity()
+    );
 }
 
 #[test]
 fn ardupilot_scales_out_of_range_and_zero_diagonals_mean_one() {
     for (scale, used) in [(1.51, 1.0), (1.5, 1.5), (0.66, 1.0), (0.67, 0.67), (0.0, 1.0)] {
-        let undo = InvertibleCorrection::ardupilot(&parameters(&[("COMPASS_SCALE", scale)]), 0.0, 1);
+        let undo = InvertibleCorrection::from_ardupilot_parameters(&parameters(&[("COMPASS_SCALE", scale)]), 0.0, 1);
         assert!((undo.correction.matrix - Matrix3::identity() * used).norm() < 1e-9, "{scale}");
     }
     assert_eq!(
-        InvertibleCorrection::ardupilot(&ParameterHistory::default(), 0.0, 1).correction,
+        InvertibleCorrection::from_ardupilot_parameters(&ParameterHistory::default(), 0.0, 1).correction,
         FieldCorrection::identity()
     );
     let singular = parameters(&[("COMPASS_DIA_X", 1.0)]);
-    assert_eq!(InvertibleCorrection::ardupilot(&singular, 0.0, 1).correction, FieldCorrection::identity());
+    assert_eq!(
+        InvertibleCorrection::from_ardupilot_parameters(&singular, 0.0, 1).correction,
+        FieldCorrection::identity()
+    );
 }
 
 /// A text log may hold any number: a determinant may overflow.
@@ -96,7 +103,7 @@ fn a_matrix_with_overflowing_determinant_is_ignored() {
     let configured = parameters(
         &["X", "Y", "Z"].map(|axis| format!("COMPASS_DIA_{axis}")).each_ref().map(|name| (name.as_str(), 1e200)),
     );
-    let undo = InvertibleCorrection::ardupilot(&configured, 0.0, 1);
+    let undo = InvertibleCorrection::from_ardupilot_parameters(&configured, 0.0, 1);
     assert_eq!(undo.correction, FieldCorrection::identity());
     let field = Vector3::new(20.0, 0.0, 40.0);
     assert_eq!(undo.raw_ut(field, Vector3::zeros()), field);
@@ -106,12 +113,12 @@ fn a_matrix_with_overflowing_determinant_is_ignored() {
 #[test]
 fn px4s_correction_is_made_in_the_sensors_axes() {
     let parameters = parameters(&[("CAL_MAG1_ROT", 2.0), ("CAL_MAG1_XOFF", 0.1), ("CAL_MAG1_YSCALE", 1.25)]);
-    let undo = InvertibleCorrection::px4(&parameters, 0.0, 1);
+    let undo = InvertibleCorrection::from_px4_parameters(&parameters, 0.0, 1);
     // Sensor (0.3, -0.4, 0) G: less offset (0.2, -0.4, 0), scaled (0.2, -0.5, 0), turned (0.5, 0.2, 0).
     let raw = undo.raw_ut(Vector3::new(50.0, 20.0, 0.0), Vector3::zeros());
     assert!((raw - Vector3::new(40.0, 30.0, 0.0)).norm() < 1e-9, "{raw}");
     let board = px4_mounting(&self::parameters(&[("CAL_MAG1_ROT", -1.0), ("SENS_BOARD_ROT", 7.0)]), 0.0, 1);
-    assert!((board - NumberedRotation::new(7.0).unwrap().matrix()).norm() < 1e-12, "{board}");
+    assert!((board - NumberedRotation::new(7.0).unwrap().rotation_matrix()).norm() < 1e-12, "{board}");
 }
 
 /// A compass yawed 30 deg right; an inverted board (z up, y left) trimmed by 10 deg of yaw.
@@ -134,7 +141,7 @@ fn px4s_compass_angles_and_board_trim_rotate_the_field() {
 fn ardupilots_throttle_compensation_is_not_used_as_current() {
     for (kind, by_current_ut) in [(0.0, 0.0), (1.0, 0.0), (2.0, -0.5)] {
         let configured = parameters(&[("COMPASS_MOTCT", kind), ("COMPASS_MOT_X", 5.0)]);
-        let undone_correction = InvertibleCorrection::ardupilot(&configured, 0.0, 1).correction;
+        let undone_correction = InvertibleCorrection::from_ardupilot_parameters(&configured, 0.0, 1).correction;
         assert!(
             (undone_correction.motor_ut_per_a - Vector3::new(by_current_ut, 0.0, 0.0)).norm() < 1e-9,
             "{kind}: {undone_correction:?}"
@@ -147,7 +154,7 @@ fn ardupilots_throttle_compensation_is_not_used_as_current() {
 fn px4s_non_positive_scales_mean_one() {
     for (scale, used) in [(0.0, 1.0), (-1.0, 1.0), (0.5, 0.5)] {
         let configured = parameters(&[("CAL_MAG0_YSCALE", scale), ("CAL_MAG0_XOFF", 0.1)]);
-        let undone_correction = InvertibleCorrection::px4(&configured, 0.0, 0).correction;
+        let undone_correction = InvertibleCorrection::from_px4_parameters(&configured, 0.0, 0).correction;
         let expected = Matrix3::from_diagonal(&Vector3::new(1.0, used, 1.0));
         assert!((undone_correction.matrix - expected).norm() < 1e-9, "{scale}: {undone_correction:?}");
         assert!(

@@ -10,6 +10,6 @@ pub(super) fn separator(header: &str) -> char {
     [',', ';', '\t'].into_iter().max_by_key(|&separator| header.matches(separator).count()).unwrap_or(',')
 }
 
-pub(super) fn trimmed(value: &str) -> &str {
+pub(super) fn trimmed_cell(value: &str) -> &str {
     value.trim_start_matches('\u{feff}').trim().trim_matches('"').trim()
 }

@@ -53,7 +53,7 @@ pub fn is_table(head: &[u8]) -> bool {
 /// # Errors
 ///
 /// The table has no usable rows, or a column is missing.
-pub fn read(mut source: impl Read, unit: FieldUnit) -> Result<Flight, CsvError> {
+pub fn read_csv(mut source: impl Read, unit: FieldUnit) -> Result<Flight, CsvError> {
     let unreadable = |e: std::io::Error| CsvError::Source(e.to_string());
     let mut window = ReadWindow::new(&mut source);
     let mut number = 0_u64;
@@ -70,19 +70,19 @@ pub fn read(mut source: impl Read, unit: FieldUnit) -> Result<Flight, CsvError> 
             continue;
         };
         if let Some(reading) = &mut reading {
-            reading.take(table, unit, number, &line);
+            reading.record_line(table, unit, number, &line);
             continue;
         }
         held.push((number, line));
         if held.len() == MAX_ORDER_CHECK_LINES {
             let began = reading.insert(TableReader::from_first_lines(table, &held));
-            held.drain(..).for_each(|(number, line)| began.take(table, unit, number, &line));
+            held.drain(..).for_each(|(number, line)| began.record_line(table, unit, number, &line));
         }
     }
     let Some(table) = table else { return Err(CsvError::NoColumn("t_s".to_owned())) };
     let mut reading = reading.unwrap_or_else(|| TableReader::from_first_lines(&table, &held));
-    held.drain(..).for_each(|(number, line)| reading.take(&table, unit, number, &line));
-    reading.finish()
+    held.drain(..).for_each(|(number, line)| reading.record_line(&table, unit, number, &line));
+    reading.finish_flight()
 }
 
 /// Lines examined for their order in time.
@@ -98,7 +98,7 @@ mod tests {
         "t_s,extra,mx,my,mz,roll_deg,pitch_deg,use\n0,9,100,-200,400,10,-2,1\n0.1,9,101,-201,401,11,-3,0\n";
 
     fn read_text(text: &str) -> Result<Flight, CsvError> {
-        read(text.as_bytes(), FieldUnit::Milligauss)
+        read_csv(text.as_bytes(), FieldUnit::Milligauss)
     }
 
     #[test]
@@ -109,7 +109,7 @@ mod tests {
         assert_eq!(rows[0].values.map(f32::to_bits), [10.0_f32, -20.0, 40.0, 10.0, -20.0, 40.0].map(f32::to_bits));
         assert!((flight.attitude.rows()[1].values[1].to_degrees() + 3.0).abs() < 1e-5);
         assert_eq!(flight.usable.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [1.0, 0.0]);
-        let in_ut = read(GOOD.as_bytes(), FieldUnit::Microtesla).unwrap();
+        let in_ut = read_csv(GOOD.as_bytes(), FieldUnit::Microtesla).unwrap();
         assert_eq!(in_ut.compasses[0].field.rows()[0].values[..3], [100.0, -200.0, 400.0]);
     }
 

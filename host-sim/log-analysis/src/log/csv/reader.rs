@@ -34,7 +34,7 @@ impl TableReader {
     pub fn from_first_lines(table: &TableLayout, held: &[(u64, String)]) -> Self {
         const MAX_REORDERING_S: f64 = 3.0;
         let mut times_s: Vec<f64> =
-            held.iter().filter_map(|(_, line)| table.values(line).require(table.t_s, "t_s").ok()).collect();
+            held.iter().filter_map(|(_, line)| table.values(line).required_number(table.t_s, "t_s").ok()).collect();
         let steps = |is: &dyn Fn(f64) -> bool| times_s.windows(2).filter(|pair| is(pair[1] - pair[0])).count();
         let [back, far_back] = [steps(&|step_s| step_s < 0.0), steps(&|step_s| step_s < -MAX_REORDERING_S)];
         let is_shuffled = far_back * 10 > times_s.len() || back * 3 > times_s.len() * 2;
@@ -51,7 +51,7 @@ impl TableReader {
         }
     }
 
-    pub fn take(&mut self, table: &TableLayout, unit: FieldUnit, number: u64, line: &str) {
+    pub fn record_line(&mut self, table: &TableLayout, unit: FieldUnit, number: u64, line: &str) {
         if let Err((column, found)) = self.read_line(table, unit, line) {
             self.recorder.flight.counts.garbage += 1;
             self.first_invalid.get_or_insert((number, column, found));
@@ -60,28 +60,36 @@ impl TableReader {
 
     fn read_line(&mut self, table: &TableLayout, unit: FieldUnit, line: &str) -> Result<(), InvalidCell> {
         let values = table.values(line);
-        let t_s = values.require(table.t_s, "t_s")?;
-        let [roll_deg, pitch_deg] =
-            [values.require(table.attitude[0], "roll_deg")?, values.require(table.attitude[1], "pitch_deg")?];
+        let t_s = values.required_number(table.t_s, "t_s")?;
+        let [roll_deg, pitch_deg] = [
+            values.required_number(table.attitude[0], "roll_deg")?,
+            values.required_number(table.attitude[1], "pitch_deg")?,
+        ];
         let mut fields = Vec::new();
         for &(number, [x, y, z]) in &table.fields {
             let given = [x, y, z].map(|index| values.get(index));
             if number == 1 || given.iter().all(Option::is_some) {
-                let field = [values.require(x, "mx")?, values.require(y, "my")?, values.require(z, "mz")?];
-                fields.push((number, field.map(|axis| (axis * unit.microtesla()) as f32)));
+                let field = [
+                    values.required_number(x, "mx")?,
+                    values.required_number(y, "my")?,
+                    values.required_number(z, "mz")?,
+                ];
+                fields.push((number, field.map(|axis| (axis * unit.microtesla_per_unit()) as f32)));
             }
         }
         let optional = |index: Option<usize>, name: &str| match index {
-            Some(index) if values.get(index).is_some() => values.require(index, name).map(Some),
+            Some(index) if values.get(index).is_some() => values.required_number(index, name).map(Some),
             _ => Ok(None),
         };
         let usable = optional(table.usable, "use")?;
         let reference = optional(table.reference, "yaw_ref_deg")?;
         let yaw = optional(table.yaw, "yaw_deg")?;
         let read = match table.rates.filter(|rates| rates.iter().any(|&index| values.get(index).is_some())) {
-            Some([p, q, r]) => {
-                Some([values.require(p, "p_dps")?, values.require(q, "q_dps")?, values.require(r, "r_dps")?])
-            }
+            Some([p, q, r]) => Some([
+                values.required_number(p, "p_dps")?,
+                values.required_number(q, "q_dps")?,
+                values.required_number(r, "r_dps")?,
+            ]),
             None => None,
         };
         let Some(t_s) = self.at(t_s) else { return Ok(()) };
@@ -135,7 +143,7 @@ impl TableReader {
         }
     }
 
-    pub fn finish(mut self) -> Result<Flight, CsvError> {
+    pub fn finish_flight(mut self) -> Result<Flight, CsvError> {
         self.rates.sort_and_dedup();
         for (t_s, at) in rates_at_rows(&self.rates) {
             self.recorder.push_rates(t_s, at);
@@ -144,7 +152,7 @@ impl TableReader {
         for row in self.armed.rows() {
             self.recorder.push_armed(row.t_s, row.values[0] != 0.0);
         }
-        let flight = self.recorder.finish();
+        let flight = self.recorder.finish_flight();
         // Rejected readings count as rows; the caller reports them.
         let is_empty = flight.compasses.is_empty() && flight.counts.unhealthy == 0;
         if is_empty { Err(CsvError::NoRows(self.first_invalid)) } else { Ok(flight) }

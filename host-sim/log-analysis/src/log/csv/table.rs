@@ -1,7 +1,7 @@
 //! Columns of a table and the parser of its lines.
 
 use super::super::flight_builder::MAX_COMPASSES;
-use super::cells::{separator, trimmed};
+use super::cells::{separator, trimmed_cell};
 use super::error::CsvError;
 
 pub(super) struct TableLayout {
@@ -42,7 +42,7 @@ fn find_column(names: &[&str], name: &str) -> Option<usize> {
 
 /// Whether a line is the header of a table.
 pub(super) fn is_header(line: &str) -> bool {
-    let names: Vec<&str> = line.split(separator(line)).map(trimmed).collect();
+    let names: Vec<&str> = line.split(separator(line)).map(trimmed_cell).collect();
     let number = OTHER_NAMES.iter().filter(|(name, _)| find_column(&names, name).is_some()).count();
     number >= MIN_COLUMNS || names.iter().any(|name| name.eq_ignore_ascii_case("t_s"))
 }
@@ -53,7 +53,7 @@ pub(super) type InvalidCell = (String, String);
 impl TableLayout {
     pub fn from_header(header: &str) -> Result<Self, CsvError> {
         let separator = separator(header);
-        let names: Vec<&str> = header.split(separator).map(trimmed).collect();
+        let names: Vec<&str> = header.split(separator).map(trimmed_cell).collect();
         let find = |name: &str| find_column(&names, name);
         let need = |name: &str| find(name).ok_or_else(|| CsvError::NoColumn(name.to_owned()));
         let mut fields = vec![(1, [need("mx")?, need("my")?, need("mz")?])];
@@ -82,7 +82,7 @@ impl TableLayout {
 
     pub fn values<'a>(&self, line: &'a str) -> LineValues<'a> {
         LineValues {
-            values: line.split(self.separator).map(trimmed).collect(),
+            values: line.split(self.separator).map(trimmed_cell).collect(),
             has_decimal_comma: self.separator != ',',
         }
     }
@@ -98,14 +98,14 @@ impl LineValues<'_> {
     pub fn get(&self, index: usize) -> Option<f64> {
         let text = self.values.get(index).filter(|text| !text.is_empty() && !text.eq_ignore_ascii_case("nan"))?;
         // Invalid text must not count as absent.
-        Some(self.number(text).unwrap_or(f64::NAN))
+        Some(self.parse_cell(text).unwrap_or(f64::NAN))
     }
 
-    fn number(&self, text: &str) -> Option<f64> {
+    fn parse_cell(&self, text: &str) -> Option<f64> {
         if self.has_decimal_comma { text.replace(',', ".").parse().ok() } else { text.parse().ok() }
     }
 
-    pub fn require(&self, index: usize, column: &str) -> Result<f64, InvalidCell> {
+    pub fn required_number(&self, index: usize, column: &str) -> Result<f64, InvalidCell> {
         let bad =
             || (column.to_owned(), self.values.get(index).copied().unwrap_or_default().chars().take(40).collect());
         self.get(index).filter(|number| number.is_finite()).ok_or_else(bad)

@@ -14,7 +14,7 @@ pub enum FieldUnit {
 }
 
 impl FieldUnit {
-    pub(super) const fn microtesla(self) -> f64 {
+    pub(super) const fn microtesla_per_unit(self) -> f64 {
         match self {
             Self::Milligauss => 0.1,
             Self::Microtesla => 1.0,

@@ -4,7 +4,7 @@ use std::io::{self, Read};
 
 use super::super::flight::{Flight, LogFormat};
 use super::super::read_window::ReadWindow;
-use super::messages::{MESSAGES_TO_READ, Message, recorder, take};
+use super::messages::{MESSAGES_TO_READ, Message, record_message, recorder};
 
 const FRAME_START: [u8; 2] = [0xA3, 0x95];
 const FMT_MESSAGE_NUMBER: u8 = 128;
@@ -28,7 +28,7 @@ pub fn read_binary(source: &mut dyn Read) -> io::Result<Flight> {
     let mut layouts: [Option<MessageLayout>; 256] = std::array::from_fn(|_| None);
     let mut recorder = recorder(LogFormat::DataFlash);
     loop {
-        let bytes = window.peek(256)?;
+        let bytes = window.peek_bytes(256)?;
         let [first, second, number, ..] = *bytes else { break };
         let taken = if [first, second] != FRAME_START {
             None
@@ -43,15 +43,15 @@ pub fn read_binary(source: &mut dyn Read) -> io::Result<Flight> {
             layouts[usize::from(number)].as_ref().and_then(|layout| {
                 let body = bytes.get(HEADER_LENGTH..layout.length)?;
                 if layout.is_wanted {
-                    take(&mut recorder, &layout.name, &BinaryMessage { layout, body });
+                    record_message(&mut recorder, &layout.name, &BinaryMessage { layout, body });
                 }
                 Some(layout.length)
             })
         };
         recorder.flight.counts.garbage += u64::from(taken.is_none());
-        window.consume(taken.unwrap_or(1));
+        window.consume_bytes(taken.unwrap_or(1));
     }
-    Ok(recorder.finish())
+    Ok(recorder.finish_flight())
 }
 
 struct MessageLayout {
@@ -71,13 +71,14 @@ impl MessageLayout {
     /// Parses number, length, name (4), format (16), columns (64); none if inconsistent.
     fn from_fmt(message: &[u8]) -> Option<(u8, Self)> {
         let [_, _, _, number, length, rest @ ..] = message else { return None };
-        let (name, kinds, names) = (words(rest.get(..4)?), words(rest.get(4..20)?), words(rest.get(20..84)?));
+        let (name, kinds, names) =
+            (decode_text(rest.get(..4)?), decode_text(rest.get(4..20)?), decode_text(rest.get(20..84)?));
         let mut at = 0;
         let mut columns = Vec::new();
         let mut names = names.split(',');
         for kind in kinds.bytes() {
             columns.push(Column { name: names.next().unwrap_or_default().trim().to_owned(), kind, offset: at });
-            at += size(kind)?;
+            at += format_size(kind)?;
         }
         let length = usize::from(*length);
         let is_wanted = MESSAGES_TO_READ.contains(&name.as_str());
@@ -86,7 +87,7 @@ impl MessageLayout {
 }
 
 /// Bytes of a column by its format letter (LogStructure.h).
-const fn size(kind: u8) -> Option<usize> {
+const fn format_size(kind: u8) -> Option<usize> {
     Some(match kind {
         b'b' | b'B' | b'M' => 1,
         b'h' | b'H' | b'c' | b'C' | b'g' => 2,
@@ -109,15 +110,15 @@ struct BinaryMessage<'a> {
 }
 
 impl BinaryMessage<'_> {
-    fn bytes(&self, name: &str) -> Option<(u8, &[u8])> {
+    fn column_bytes(&self, name: &str) -> Option<(u8, &[u8])> {
         let column = self.layout.columns.iter().find(|column| column.name == name)?;
-        Some((column.kind, self.body.get(column.offset..column.offset + size(column.kind)?)?))
+        Some((column.kind, self.body.get(column.offset..column.offset + format_size(column.kind)?)?))
     }
 }
 
 impl Message for BinaryMessage<'_> {
-    fn number(&self, name: &str) -> Option<f64> {
-        let (kind, bytes) = self.bytes(name)?;
+    fn numeric_field(&self, name: &str) -> Option<f64> {
+        let (kind, bytes) = self.column_bytes(name)?;
         Some(match (kind, bytes) {
             (b'b', &[a]) => f64::from(a.cast_signed()),
             (b'B' | b'M', &[a]) => f64::from(a),
@@ -143,17 +144,17 @@ impl Message for BinaryMessage<'_> {
     }
 
     fn is_unscaled_integer(&self, name: &str) -> bool {
-        self.bytes(name).is_some_and(|(kind, _)| is_unscaled_integer(kind))
+        self.column_bytes(name).is_some_and(|(kind, _)| is_unscaled_integer(kind))
     }
 
-    fn words(&self, name: &str) -> Option<String> {
-        let (kind, bytes) = self.bytes(name)?;
-        matches!(kind, b'n' | b'N' | b'Z').then(|| words(bytes))
+    fn text_field(&self, name: &str) -> Option<String> {
+        let (kind, bytes) = self.column_bytes(name)?;
+        matches!(kind, b'n' | b'N' | b'Z').then(|| decode_text(bytes))
     }
 }
 
 /// Text up to the first zero byte.
-fn words(bytes: &[u8]) -> String {
+fn decode_text(bytes: &[u8]) -> String {
     let end = bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len());
     String::from_utf8_lossy(&bytes[..end]).trim().to_owned()
 }

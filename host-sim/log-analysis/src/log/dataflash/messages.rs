@@ -5,11 +5,11 @@ use crate::log::flight_builder::{FieldProcessing, FlightBuilder};
 
 /// A message with named columns, scaled to degrees and m/s by their format letters.
 pub(super) trait Message {
-    fn number(&self, name: &str) -> Option<f64>;
+    fn numeric_field(&self, name: &str) -> Option<f64>;
     fn has_column(&self, name: &str) -> bool;
     /// Whether a column is an unscaled integer.
     fn is_unscaled_integer(&self, name: &str) -> bool;
-    fn words(&self, name: &str) -> Option<String>;
+    fn text_field(&self, name: &str) -> Option<String>;
 }
 
 /// Messages that are read.
@@ -24,9 +24,9 @@ pub(super) fn recorder(format: LogFormat) -> FlightBuilder {
     recorder
 }
 
-pub(super) fn take(recorder: &mut FlightBuilder, name: &str, message: &dyn Message) {
+pub(super) fn record_message(recorder: &mut FlightBuilder, name: &str, message: &dyn Message) {
     if name == "PARM" {
-        if let (Some(name), Some(value)) = (message.words("Name"), message.number("Value")) {
+        if let (Some(name), Some(value)) = (message.text_field("Name"), message.numeric_field("Value")) {
             recorder.set_parameter(&name, value);
         }
         return;
@@ -38,54 +38,54 @@ pub(super) fn take(recorder: &mut FlightBuilder, name: &str, message: &dyn Messa
     let Some(t_s) = t_s else { return };
     match name {
         "MAG" => {
-            let number = message.number("I").map_or(1, |instance| (instance as u8).saturating_add(1));
-            field(recorder, t_s, message, number);
+            let number = message.numeric_field("I").map_or(1, |instance| (instance as u8).saturating_add(1));
+            record_field(recorder, t_s, message, number);
         }
-        "MAG2" => field(recorder, t_s, message, 2),
-        "MAG3" => field(recorder, t_s, message, 3),
+        "MAG2" => record_field(recorder, t_s, message, 2),
+        "MAG3" => record_field(recorder, t_s, message, 3),
         "ATT" => {
             if let Some(angles_rad) = angles_rad(message) {
                 recorder.push_attitude(t_s, angles_rad);
             }
         }
-        "IMU" if message.number("I").unwrap_or(0.0) == 0.0 => {
-            if let Some(rates) = numbers(message, ["GyrX", "GyrY", "GyrZ"]) {
+        "IMU" if message.numeric_field("I").unwrap_or(0.0) == 0.0 => {
+            if let Some(rates) = numeric_fields(message, ["GyrX", "GyrY", "GyrZ"]) {
                 let bias = recorder.gyro_bias_rad_s;
                 recorder.push_rates(t_s, std::array::from_fn(|axis| rates[axis] as f32 - bias[axis]));
             }
         }
         // Gyro bias of the autopilot's filter, deg/s.
-        "XKF1" | "NKF1" if message.number("C").unwrap_or(0.0) == 0.0 => {
+        "XKF1" | "NKF1" if message.numeric_field("C").unwrap_or(0.0) == 0.0 => {
             push_fallback_attitude(recorder, name, t_s, message);
             if let Some(bias) =
-                numbers(message, ["GX", "GY", "GZ"]).filter(|bias| bias.iter().all(|axis| axis.abs() < 10.0))
+                numeric_fields(message, ["GX", "GY", "GZ"]).filter(|bias| bias.iter().all(|axis| axis.abs() < 10.0))
             {
                 recorder.gyro_bias_rad_s = bias.map(|axis| axis.to_radians() as f32);
             }
         }
-        "XKQ" | "XKQ1" | "NKQ" | "NKQ1" | "AHR2" if message.number("C").unwrap_or(0.0) == 0.0 => {
+        "XKQ" | "XKQ1" | "NKQ" | "NKQ1" | "AHR2" if message.numeric_field("C").unwrap_or(0.0) == 0.0 => {
             push_fallback_attitude(recorder, name, t_s, message);
         }
-        "GPS" if message.number("I").unwrap_or(0.0) == 0.0 => gps(recorder, t_s, message),
-        "BAT" if message.number("Inst").or_else(|| message.number("Instance")).unwrap_or(0.0) == 0.0 => {
-            current(recorder, t_s, message);
+        "GPS" if message.numeric_field("I").unwrap_or(0.0) == 0.0 => record_gps(recorder, t_s, message),
+        "BAT" if message.numeric_field("Inst").or_else(|| message.numeric_field("Instance")).unwrap_or(0.0) == 0.0 => {
+            record_current(recorder, t_s, message);
         }
-        "CURR" => current(recorder, t_s, message),
+        "CURR" => record_current(recorder, t_s, message),
         "ARM" => {
-            if let Some(is) = message.number("ArmState") {
+            if let Some(is) = message.numeric_field("ArmState") {
                 recorder.push_armed(t_s, is != 0.0);
             }
         }
-        "EV" => match message.number("Id").map(|id| id as u8) {
+        "EV" => match message.numeric_field("Id").map(|id| id as u8) {
             // LogEvent: armed, auto-armed; disarmed.
             Some(10 | 15) => recorder.push_armed(t_s, true),
             Some(11) => recorder.push_armed(t_s, false),
             _ => {}
         },
-        "SIM" => truth(recorder, t_s, message),
-        "VER" => recorder.set_firmware(&message.words("FWS").unwrap_or_default()),
+        "SIM" => record_truth(recorder, t_s, message),
+        "VER" => recorder.set_firmware(&message.text_field("FWS").unwrap_or_default()),
         "MSG" => {
-            let words = message.words("Message").unwrap_or_default();
+            let words = message.text_field("Message").unwrap_or_default();
             if ["Ardu", "APM", "Rover", "Blimp", "Antenna"].iter().any(|begin| words.starts_with(begin)) {
                 recorder.set_firmware(&words);
             }
@@ -109,8 +109,8 @@ fn time_of_unstamped_message_s(recorder: &mut FlightBuilder, name: &str, message
 
 /// Roll, pitch and yaw, radians, from columns in degrees; yaw is NaN if absent.
 fn angles_rad(message: &dyn Message) -> Option<[f32; 3]> {
-    let [roll, pitch] = numbers(message, ["Roll", "Pitch"])?;
-    let yaw = message.number("Yaw").unwrap_or(f64::NAN);
+    let [roll, pitch] = numeric_fields(message, ["Roll", "Pitch"])?;
+    let yaw = message.numeric_field("Yaw").unwrap_or(f64::NAN);
     Some([roll, pitch, yaw].map(|deg| deg.to_radians() as f32))
 }
 
@@ -124,8 +124,9 @@ fn push_fallback_attitude(recorder: &mut FlightBuilder, name: &str, t_s: f64, me
         "NKQ" | "NKQ1" => (3, "NKQ"),
         _ => (4, "AHR2"),
     };
-    let of_quaternion =
-        || numbers(message, ["Q1", "Q2", "Q3", "Q4"]).map(|q| quaternion_to_euler_rad(q).map(|angle| angle as f32));
+    let of_quaternion = || {
+        numeric_fields(message, ["Q1", "Q2", "Q3", "Q4"]).map(|q| quaternion_to_euler_rad(q).map(|angle| angle as f32))
+    };
     if let Some(angles_rad) = angles_rad(message).or_else(of_quaternion) {
         recorder.push_fallback_attitude(rank, from, t_s, angles_rad);
     }
@@ -133,7 +134,7 @@ fn push_fallback_attitude(recorder: &mut FlightBuilder, name: &str, t_s: f64, me
 
 fn microseconds(name: &str, message: &dyn Message) -> Option<u64> {
     let scaled_column = |column: &str, scale: f64| {
-        let us = message.number(column)? * scale;
+        let us = message.numeric_field(column)? * scale;
         (us >= 0.0).then_some(us as u64)
     };
     // In old GPS messages TimeMS is the time of week, and T the autopilot's clock.
@@ -141,22 +142,23 @@ fn microseconds(name: &str, message: &dyn Message) -> Option<u64> {
     scaled_column("TimeUS", 1.0).or(ms)
 }
 
-fn numbers<const N: usize>(message: &dyn Message, names: [&str; N]) -> Option<[f64; N]> {
+fn numeric_fields<const N: usize>(message: &dyn Message, names: [&str; N]) -> Option<[f64; N]> {
     let mut found = [0.0; N];
     for (number, name) in found.iter_mut().zip(names) {
-        *number = message.number(name).filter(|number| number.is_finite())?;
+        *number = message.numeric_field(name).filter(|number| number.is_finite())?;
     }
     Some(found)
 }
 
 /// Adds a field row in milligauss.
-fn field(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message, number: u8) {
-    let Some(field) = numbers(message, ["MagX", "MagY", "MagZ"]) else { return };
-    if message.number("Health") == Some(0.0) {
+fn record_field(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message, number: u8) {
+    let Some(field) = numeric_fields(message, ["MagX", "MagY", "MagZ"]) else { return };
+    if message.numeric_field("Health") == Some(0.0) {
         recorder.flight.counts.unhealthy += 1;
         return;
     }
-    let motor = numbers(message, ["MOX", "MOY", "MOZ"]).or_else(|| numbers(message, ["MOfsX", "MOfsY", "MOfsZ"]));
+    let motor =
+        numeric_fields(message, ["MOX", "MOY", "MOZ"]).or_else(|| numeric_fields(message, ["MOfsX", "MOfsY", "MOfsZ"]));
     let microtesla = |milligauss: [f64; 3]| milligauss.map(|axis| (axis * 0.1) as f32);
     update_offset_parameters(recorder, message, number);
     recorder.push_field(number, FieldProcessing::ArduPilot, t_s, microtesla(field), motor.map(microtesla));
@@ -166,49 +168,52 @@ fn field(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message, number: 
 /// in no PARM. Rows are truncated to whole milligauss, so a PARM that agrees is preferred.
 fn update_offset_parameters(recorder: &mut FlightBuilder, message: &dyn Message, number: u8) {
     const SAME_OFFSET_MG: f64 = 1.5;
-    let Some(logged_offset) = numbers(message, ["OfsX", "OfsY", "OfsZ"]) else { return };
+    let Some(logged_offset) = numeric_fields(message, ["OfsX", "OfsY", "OfsZ"]) else { return };
     let index = if number == 1 { String::new() } else { number.to_string() };
     for (axis, logged_offset) in ["X", "Y", "Z"].iter().zip(logged_offset) {
         let name = format!("COMPASS_OFS{index}_{axis}");
-        if (recorder.flight.parameters.last(&name).unwrap_or(0.0) - logged_offset).abs() > SAME_OFFSET_MG {
+        if (recorder.flight.parameters.last_value(&name).unwrap_or(0.0) - logged_offset).abs() > SAME_OFFSET_MG {
             recorder.set_parameter(&name, logged_offset);
         }
     }
 }
 
-fn gps(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message) {
+fn record_gps(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message) {
     const FIX_3D: f64 = 3.0;
     /// 1980-01-06 in Unix time; leap seconds (less than a minute) are ignored.
     const GPS_EPOCH_UNIX_S: f64 = 315_964_800.0;
-    if message.number("Status").is_none_or(|status| status < FIX_3D) {
+    if message.numeric_field("Status").is_none_or(|status| status < FIX_3D) {
         return;
     }
-    let Some([latitude, longitude, height, speed, course]) = numbers(message, ["Lat", "Lng", "Alt", "Spd", "GCrs"])
+    let Some([latitude, longitude, height, speed, course]) =
+        numeric_fields(message, ["Lat", "Lng", "Alt", "Spd", "GCrs"])
     else {
         return;
     };
-    let yaw_deg = message.number("Yaw").filter(|yaw| *yaw != 0.0).map_or(f32::NAN, |yaw| yaw as f32);
+    let yaw_deg = message.numeric_field("Yaw").filter(|yaw| *yaw != 0.0).map_or(f32::NAN, |yaw| yaw as f32);
     let [latitude_deg, longitude_deg, height_m, speed_m_s, course_deg] =
         [latitude, longitude, height, speed, course].map(|number| number as f32);
     recorder.push_gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });
-    if let Some(week) = message.number("GWk").or_else(|| message.number("Week")).filter(|week| *week > 0.0) {
-        let ms = message.number("GMS").unwrap_or(0.0);
+    if let Some(week) =
+        message.numeric_field("GWk").or_else(|| message.numeric_field("Week")).filter(|week| *week > 0.0)
+    {
+        let ms = message.numeric_field("GMS").unwrap_or(0.0);
         recorder.set_day_from_unix_s((GPS_EPOCH_UNIX_S + week * 604_800.0 + ms / 1e3) as u64);
     }
 }
 
 /// Adds a current; CURR has integer hundredths of an ampere.
-fn current(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message) {
-    if let Some(logged) = message.number("Curr") {
+fn record_current(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message) {
+    if let Some(logged) = message.numeric_field("Curr") {
         let amperes = if message.is_unscaled_integer("Curr") { logged * 0.01 } else { logged };
         recorder.push_current(t_s, amperes as f32);
     }
 }
 
 /// Adds the simulator's attitude, by quaternion if logged, since the angles are rounded to 0.01 deg.
-fn truth(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message) {
-    let angles = numbers(message, ["Q1", "Q2", "Q3", "Q4"]).map(quaternion_to_euler_rad);
-    let logged = || numbers(message, ["Roll", "Pitch", "Yaw"]).map(|angles| angles.map(f64::to_radians));
+fn record_truth(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message) {
+    let angles = numeric_fields(message, ["Q1", "Q2", "Q3", "Q4"]).map(quaternion_to_euler_rad);
+    let logged = || numeric_fields(message, ["Roll", "Pitch", "Yaw"]).map(|angles| angles.map(f64::to_radians));
     if let Some(angles) = angles.or_else(logged) {
         recorder.push_truth(t_s, angles.map(|angle| angle as f32));
     }

@@ -4,15 +4,15 @@ use crate::log::flight::{Gps, LogFormat};
 struct Numbers<'a>(&'a [(&'a str, f64)]);
 
 impl Message for Numbers<'_> {
-    fn number(&self, name: &str) -> Option<f64> {
+    fn numeric_field(&self, name: &str) -> Option<f64> {
         self.0.iter().find(|(column, _)| *column == name).map(|(_, number)| *number)
     }
 
     fn has_column(&self, name: &str) -> bool {
-        self.number(name).is_some()
+        self.numeric_field(name).is_some()
     }
 
-    fn words(&self, _: &str) -> Option<String> {
+    fn text_field(&self, _: &str) -> Option<String> {
         None
     }
 
@@ -24,9 +24,9 @@ impl Message for Numbers<'_> {
 fn read_messages(messages: &[(&str, &[(&str, f64)])]) -> crate::log::Flight {
     let mut recorder = recorder(LogFormat::DataFlash);
     for (name, numbers) in messages {
-        take(&mut recorder, name, &Numbers(numbers));
+        record_message(&mut recorder, name, &Numbers(numbers));
     }
-    recorder.finish()
+    recorder.finish_flight()
 }
 
 #[test]
@@ -151,9 +151,9 @@ fn offsets_estimated_in_flight_are_undone_per_row() {
     let mut recorder = recorder(LogFormat::DataFlash);
     recorder.set_parameter("COMPASS_OFS_X", 30.7);
     for numbers in [row(1e6, 230.7, 30.0), row(1.1e6, 240.0, 40.0), row(1.2e6, 215.0, 15.0)] {
-        take(&mut recorder, "MAG", &Numbers(&numbers));
+        record_message(&mut recorder, "MAG", &Numbers(&numbers));
     }
-    let flight = recorder.finish();
+    let flight = recorder.finish_flight();
     for row in flight.compasses[0].field.rows() {
         assert!((row.values[0] - 20.0).abs() < 1e-4, "{row:?}");
     }

@@ -6,7 +6,7 @@ use std::io::{self, Read};
 use super::super::flight::{Flight, LogFormat};
 use super::super::read_window::ReadWindow;
 use super::binary::is_unscaled_integer;
-use super::messages::{MESSAGES_TO_READ, Message, recorder, take};
+use super::messages::{MESSAGES_TO_READ, Message, record_message, recorder};
 
 const MAX_MESSAGE_KINDS: usize = 512;
 
@@ -31,13 +31,13 @@ pub fn read_text(source: &mut dyn Read) -> io::Result<Flight> {
             }
         } else if let Some(layout) = columns.get(name) {
             if MESSAGES_TO_READ.contains(&name) {
-                take(&mut recorder, name, &TextMessage { layout, values: values.collect() });
+                record_message(&mut recorder, name, &TextMessage { layout, values: values.collect() });
             }
         } else {
             recorder.flight.counts.garbage += u64::from(!name.is_empty());
         }
     }
-    Ok(recorder.finish())
+    Ok(recorder.finish_flight())
 }
 
 struct LineLayout {
@@ -51,30 +51,32 @@ struct TextMessage<'a> {
 }
 
 impl TextMessage<'_> {
-    fn index(&self, name: &str) -> Option<usize> {
+    fn column_index(&self, name: &str) -> Option<usize> {
         self.layout.names.iter().position(|column| column == name)
     }
 }
 
 impl Message for TextMessage<'_> {
-    fn number(&self, name: &str) -> Option<f64> {
-        let number = self.values.get(self.index(name)?)?.parse::<f64>().ok()?;
+    fn numeric_field(&self, name: &str) -> Option<f64> {
+        let number = self.values.get(self.column_index(name)?)?.parse::<f64>().ok()?;
         // Some ground stations write the raw integer of 1e-7 deg.
         let is_raw_place = matches!(name, "Lat" | "Lng") && number.abs() > 180.0;
         Some(if is_raw_place { number * 1e-7 } else { number })
     }
 
     fn has_column(&self, name: &str) -> bool {
-        self.index(name).is_some()
+        self.column_index(name).is_some()
     }
 
     fn is_unscaled_integer(&self, name: &str) -> bool {
-        self.index(name).and_then(|index| self.layout.kinds.get(index)).is_some_and(|&kind| is_unscaled_integer(kind))
+        self.column_index(name)
+            .and_then(|index| self.layout.kinds.get(index))
+            .is_some_and(|&kind| is_unscaled_integer(kind))
     }
 
     /// Only the last column may contain commas.
-    fn words(&self, name: &str) -> Option<String> {
-        let index = self.index(name)?;
+    fn text_field(&self, name: &str) -> Option<String> {
+        let index = self.column_index(name)?;
         let rest = self.values.get(index..)?;
         if index + 1 == self.layout.names.len() {
             Some(rest.join(", "))

@@ -95,7 +95,7 @@ fn two_gigabytes_are_read_in_bounded_memory() {
     let at = head.windows(3).position(|bytes| bytes == [0xA3, 0x95, 67]).unwrap();
     let length = 3 + 8 + 1 + 18 + 1 + 4;
     let message = head[at..at + length].to_vec();
-    let flight = read(&mut Endless { head, message, at: 0 }, FieldUnit::Milligauss).unwrap();
+    let flight = read_flight(&mut Endless { head, message, at: 0 }, FieldUnit::Milligauss).unwrap();
     assert!(flight.compasses[0].field.rows().len() <= 1 << 20);
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let peak_kb =

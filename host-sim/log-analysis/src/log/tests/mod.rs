@@ -232,8 +232,8 @@ fn a_given_orientation_replaces_the_logged_one() {
         let logged = read_bytes(&bytes).unwrap();
         let mut given = logged.clone();
         given.set_orientation(Orientation::from_name("yaw180").unwrap(), Some(1)).unwrap();
-        assert_eq!(given.parameters.last(names[0][usize::from(is_px4)]), Some(4.0));
-        assert_eq!(given.parameters.last(names[1][usize::from(is_px4)]), Some(2.0));
+        assert_eq!(given.parameters.last_value(names[0][usize::from(is_px4)]), Some(4.0));
+        assert_eq!(given.parameters.last_value(names[1][usize::from(is_px4)]), Some(2.0));
         assert_eq!(given.compasses[1].field.rows(), logged.compasses[1].field.rows());
         let [one, other] = [&given, &logged].map(|flight| &flight.compasses[0]);
         for (one_row, other_row) in one.field.rows().iter().zip(other.field.rows()) {
@@ -242,7 +242,7 @@ fn a_given_orientation_replaces_the_logged_one() {
             assert!((one_ut - turn * other_ut).norm() < 1e-4, "{one_ut} {other_ut}");
             assert_eq!(one_row.values[3..], other_row.values[3..]);
             let [one_ut, other_ut] = [(one, one_ut), (other, other_ut)]
-                .map(|(compass, raw)| compass.correction.as_ref().unwrap().apply(raw, 10.0));
+                .map(|(compass, raw)| compass.correction.as_ref().unwrap().correct_field(raw, 10.0));
             assert!((one_ut - other_ut).norm() < 1e-4, "{one_ut} {other_ut}");
         }
     }

@@ -49,7 +49,7 @@ impl ScalarType {
         }
     }
 
-    pub fn decode(self, bytes: &[u8]) -> Option<f64> {
+    pub fn decode_number(self, bytes: &[u8]) -> Option<f64> {
         let b = bytes.get(..self.byte_len())?;
         Some(match (self, b) {
             (Self::I8, &[a]) => f64::from(a.cast_signed()),
@@ -83,22 +83,23 @@ pub(super) struct TopicRow<'a> {
 }
 
 impl TopicRow<'_> {
-    pub fn number(&self, name: &str) -> Option<f64> {
+    pub fn numeric_field(&self, name: &str) -> Option<f64> {
         let column = self.columns.get(name)?;
-        column.scalar.decode(self.body.get(column.offset..)?)
+        column.scalar.decode_number(self.body.get(column.offset..)?)
     }
 
-    pub fn array<const N: usize>(&self, name: &str) -> Option<[f32; N]> {
+    pub fn number_array<const N: usize>(&self, name: &str) -> Option<[f32; N]> {
         let column = self.columns.get(name).filter(|column| column.array_len >= N)?;
         let mut found = [0.0; N];
         for (i, number) in found.iter_mut().enumerate() {
-            *number = column.scalar.decode(self.body.get(column.offset + i * column.scalar.byte_len()..)?)? as f32;
+            *number =
+                column.scalar.decode_number(self.body.get(column.offset + i * column.scalar.byte_len()..)?)? as f32;
         }
         Some(found)
     }
 
-    pub fn vector(&self, names: [&str; 3]) -> Option<[f32; 3]> {
-        let [x, y, z] = names.map(|name| self.number(name));
+    pub fn vector_field(&self, names: [&str; 3]) -> Option<[f32; 3]> {
+        let [x, y, z] = names.map(|name| self.numeric_field(name));
         Some([x? as f32, y? as f32, z? as f32])
     }
 }
@@ -118,7 +119,11 @@ mod tests {
             ("uint32_t", 4_294_967_295.0),
             ("int64_t", -1.0),
         ] {
-            assert_eq!(ScalarType::from_name(kind).and_then(|kind| kind.decode(&[0xFF; 8])), Some(number), "{kind}");
+            assert_eq!(
+                ScalarType::from_name(kind).and_then(|kind| kind.decode_number(&[0xFF; 8])),
+                Some(number),
+                "{kind}"
+            );
         }
     }
 
@@ -128,6 +133,6 @@ mod tests {
         let column = Column { scalar: ScalarType::F32, offset: 0, array_len: 2 };
         let columns = Columns::from([("q".to_owned(), column)]);
         let row = TopicRow { columns: &columns, body: &[0; 64] };
-        assert_eq!((row.array::<2>("q"), row.array::<3>("q")), (Some([0.0; 2]), None));
+        assert_eq!((row.number_array::<2>("q"), row.number_array::<3>("q")), (Some([0.0; 2]), None));
     }
 }

@@ -36,26 +36,26 @@ const GAUSS_UT: f32 = 100.0;
 /// # Errors
 ///
 /// The source cannot be read.
-pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
+pub fn read_ulog(source: &mut dyn Read) -> io::Result<Flight> {
     let mut window = ReadWindow::new(source);
-    window.peek(FILE_HEADER)?;
-    window.consume(FILE_HEADER);
+    window.peek_bytes(FILE_HEADER)?;
+    window.consume_bytes(FILE_HEADER);
     let mut log = UlogReader::new();
     let mut is_lost = false;
-    while let &[low, high, kind, ..] = window.peek(HEADER_LENGTH)? {
+    while let &[low, high, kind, ..] = window.peek_bytes(HEADER_LENGTH)? {
         let end = HEADER_LENGTH + usize::from(u16::from_le_bytes([low, high]));
         debug_assert!(end + HEADER_LENGTH <= MAX_PEEK);
-        if is_lost && !is_header_sequence(window.peek(RESYNC_MESSAGES * (HEADER_LENGTH + MAX_RESYNC_LENGTH))?) {
+        if is_lost && !is_header_sequence(window.peek_bytes(RESYNC_MESSAGES * (HEADER_LENGTH + MAX_RESYNC_LENGTH))?) {
             log.builder.flight.counts.garbage += 1;
-            window.consume(1);
+            window.consume_bytes(1);
             continue;
         }
         // A valid message is followed by another or by the end.
-        let bytes = window.peek(end + HEADER_LENGTH)?;
+        let bytes = window.peek_bytes(end + HEADER_LENGTH)?;
         let is_followed = bytes.get(end + HEADER_LENGTH - 1).is_none_or(|next| MESSAGE_TYPES.contains(next));
         let body = bytes.get(HEADER_LENGTH..end).filter(|_| MESSAGE_TYPES.contains(&kind) && is_followed);
         let length = if let Some(body) = body {
-            log.take(kind, body);
+            log.read_message(kind, body);
             is_lost = false;
             end
         } else {
@@ -63,9 +63,9 @@ pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
             log.builder.flight.counts.garbage += 1;
             1
         };
-        window.consume(length);
+        window.consume_bytes(length);
     }
-    Ok(log.finish())
+    Ok(log.finish_flight())
 }
 
 /// Messages that must follow one another after damage, and their largest length, bytes. One byte in twenty of noise
@@ -119,7 +119,7 @@ impl UlogReader {
         }
     }
 
-    fn take(&mut self, kind: u8, body: &[u8]) {
+    fn read_message(&mut self, kind: u8, body: &[u8]) {
         match kind {
             b'F' => {
                 let text = String::from_utf8_lossy(body);
@@ -127,12 +127,12 @@ impl UlogReader {
                     self.formats.insert(name.to_owned(), columns.to_owned());
                 }
             }
-            b'A' => self.subscribe(body),
-            b'D' => self.row(body),
-            b'I' => self.information(body),
+            b'A' => self.read_subscription(body),
+            b'D' => self.read_row(body),
+            b'I' => self.read_information(body),
             b'P' => {
                 if let Some((kind, name, value)) = parse_keyed_value(body)
-                    && let Some(value) = ScalarType::from_name(kind).and_then(|kind| kind.decode(value))
+                    && let Some(value) = ScalarType::from_name(kind).and_then(|kind| kind.decode_number(value))
                 {
                     self.builder.set_parameter(name, value);
                 }
@@ -141,7 +141,7 @@ impl UlogReader {
         }
     }
 
-    fn information(&mut self, body: &[u8]) {
+    fn read_information(&mut self, body: &[u8]) {
         let Some((_, name, value)) = parse_keyed_value(body) else { return };
         match (name, value) {
             ("ver_sw_release", &[_, patch, minor, major]) => {
@@ -155,7 +155,7 @@ impl UlogReader {
         }
     }
 
-    fn subscribe(&mut self, body: &[u8]) {
+    fn read_subscription(&mut self, body: &[u8]) {
         let [instance, low, high, name @ ..] = body else { return };
         let name = String::from_utf8_lossy(name).into_owned();
         let mut columns = Columns::new();
@@ -193,27 +193,27 @@ impl UlogReader {
         Some(())
     }
 
-    fn row(&mut self, body: &[u8]) {
+    fn read_row(&mut self, body: &[u8]) {
         let [low, high, body @ ..] = body else { return };
         let Some(topic) = self.topics.get(&u16::from_le_bytes([*low, *high])) else { return };
         let row = TopicRow { columns: &topic.columns, body };
-        let Some(us) = row.number("timestamp") else { return };
+        let Some(us) = row.numeric_field("timestamp") else { return };
         let Some(t_s) = self.builder.timeline.flight_time_s(us as u64) else { return };
         // The sampling time precedes the publishing time.
-        let sampled_s = row.number("timestamp_sample").filter(|sample| *sample > 0.0 && *sample <= us);
+        let sampled_s = row.numeric_field("timestamp_sample").filter(|sample| *sample > 0.0 && *sample <= us);
         let sampled_s = sampled_s.map_or(t_s, |sample| t_s - ((us - sample) / 1e6).min(1.0));
         let instance = topic.instance;
         match topic.name.as_str() {
             "sensor_mag" if self.release.is_some_and(|release| release >= (1, 11)) => {
-                if let Some(gauss) = row.vector(["x", "y", "z"]) {
-                    let id = row.number("device_id").unwrap_or(0.0) as u32;
-                    self.field(true, instance, id, sampled_s, gauss);
+                if let Some(gauss) = row.vector_field(["x", "y", "z"]) {
+                    let id = row.numeric_field("device_id").unwrap_or(0.0) as u32;
+                    self.record_field(true, instance, id, sampled_s, gauss);
                 }
             }
             "vehicle_magnetometer" => {
-                if let Some(gauss) = row.array("magnetometer_ga") {
-                    let id = row.number("device_id").unwrap_or(0.0) as u32;
-                    self.field(false, instance, id, sampled_s, gauss);
+                if let Some(gauss) = row.number_array("magnetometer_ga") {
+                    let id = row.numeric_field("device_id").unwrap_or(0.0) as u32;
+                    self.record_field(false, instance, id, sampled_s, gauss);
                 }
             }
             "vehicle_attitude" if instance == 0 => {
@@ -221,7 +221,7 @@ impl UlogReader {
                     self.builder.push_attitude(sampled_s, angles_rad);
                 }
                 if let Some(rates) =
-                    row.vector(["rollspeed", "pitchspeed", "yawspeed"]).filter(|_| !self.has_angular_velocity)
+                    row.vector_field(["rollspeed", "pitchspeed", "yawspeed"]).filter(|_| !self.has_angular_velocity)
                 {
                     self.builder.push_rates(sampled_s, rates);
                 }
@@ -232,17 +232,17 @@ impl UlogReader {
                 }
             }
             "vehicle_angular_velocity" if instance == 0 => {
-                if let Some(rates) = row.array("xyz") {
+                if let Some(rates) = row.number_array("xyz") {
                     self.builder.push_rates(sampled_s, rates);
                 }
             }
             "sensor_combined" if instance == 0 => {
-                if let Some(rates) = row.array("gyro_rad") {
+                if let Some(rates) = row.number_array("gyro_rad") {
                     self.combined.1.push(t_s, rates);
                 }
                 // The field's time is relative; an unchanged field repeats its time.
-                let late_us = row.number("magnetometer_timestamp_relative").filter(|us| us.abs() < 1e6);
-                if let (Some(gauss), Some(late_us)) = (row.array("magnetometer_ga"), late_us) {
+                let late_us = row.numeric_field("magnetometer_timestamp_relative").filter(|us| us.abs() < 1e6);
+                if let (Some(gauss), Some(late_us)) = (row.number_array("magnetometer_ga"), late_us) {
                     self.combined.0.push(t_s + late_us / 1e6, gauss);
                 }
             }
@@ -251,14 +251,14 @@ impl UlogReader {
                     self.builder.push_truth(t_s, angles_rad);
                 }
             }
-            "vehicle_gps_position" if instance == 0 => gps(&mut self.builder, t_s, &row),
+            "vehicle_gps_position" if instance == 0 => record_gps(&mut self.builder, t_s, &row),
             "battery_status" if instance == 0 => {
-                if let Some(amperes) = row.number("current_a") {
+                if let Some(amperes) = row.numeric_field("current_a") {
                     self.builder.push_current(t_s, amperes as f32);
                 }
             }
             "vehicle_status" => {
-                if let Some(state) = row.number("arming_state") {
+                if let Some(state) = row.numeric_field("arming_state") {
                     self.builder.push_armed(t_s, state as u8 == ARMED_STATE);
                 }
                 self.builder.flight.is_copter |= is_copter(&row);
@@ -268,17 +268,17 @@ impl UlogReader {
     }
 
     /// Adds a field in gauss.
-    fn field(&mut self, is_raw: bool, instance: u8, id: u32, t_s: f64, gauss: [f32; 3]) {
+    fn record_field(&mut self, is_raw: bool, instance: u8, id: u32, t_s: f64, gauss: [f32; 3]) {
         let Some(index) = self.sensors.compass_index(&self.builder.flight.parameters, instance, id) else { return };
         let was = if is_raw { FieldProcessing::Px4SensorRaw(index) } else { FieldProcessing::Px4(index) };
         self.builder.push_field(index + 1, was, t_s, gauss.map(|axis| axis * GAUSS_UT), None);
     }
 
-    fn finish(mut self) -> Flight {
+    fn finish_flight(mut self) -> Flight {
         let (fields, rates) = std::mem::take(&mut self.combined);
         if self.sensors.is_empty() {
             for row in fields.rows() {
-                self.field(false, 0, 0, row.t_s, row.values);
+                self.record_field(false, 0, 0, row.t_s, row.values);
             }
         }
         if self.builder.flight.rates.is_empty() {
@@ -286,7 +286,7 @@ impl UlogReader {
                 self.builder.push_rates(row.t_s, row.values);
             }
         }
-        self.builder.finish()
+        self.builder.finish_flight()
     }
 }
 
@@ -306,38 +306,40 @@ const READ_TOPICS: [&str; 10] = [
 
 /// Roll, pitch and yaw of the row's quaternion, radians.
 fn angles_rad(row: &TopicRow<'_>) -> Option<[f32; 3]> {
-    let quaternion = row.array("q")?;
+    let quaternion = row.number_array("q")?;
     Some(quaternion_to_euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32))
 }
 
 /// Whether a `vehicle_status` is a rotorcraft's. A VTOL in hover reports rotary wing too.
 fn is_copter(row: &TopicRow<'_>) -> bool {
     const ROTARY_WING: f64 = 1.0;
-    let is = |name: &str| row.number(name).is_some_and(|number| number != 0.0);
+    let is = |name: &str| row.numeric_field(name).is_some_and(|number| number != 0.0);
     let rotors =
-        row.number("vehicle_type").map_or_else(|| is("is_rotary_wing"), |kind| (kind - ROTARY_WING).abs() < 0.5);
+        row.numeric_field("vehicle_type").map_or_else(|| is("is_rotary_wing"), |kind| (kind - ROTARY_WING).abs() < 0.5);
     rotors && !is("is_vtol")
 }
 
 /// Speed over ground, m/s, and course, radians, from the velocity if logged.
 fn over_ground(row: &TopicRow<'_>) -> [f64; 2] {
-    match (row.number("vel_n_m_s"), row.number("vel_e_m_s")) {
+    match (row.numeric_field("vel_n_m_s"), row.numeric_field("vel_e_m_s")) {
         (Some(north), Some(east)) => [libm::hypot(north, east), libm::atan2(east, north)],
-        _ => ["vel_m_s", "cog_rad"].map(|name| row.number(name).unwrap_or(f64::NAN)),
+        _ => ["vel_m_s", "cog_rad"].map(|name| row.numeric_field(name).unwrap_or(f64::NAN)),
     }
 }
 
-fn gps(recorder: &mut FlightBuilder, t_s: f64, row: &TopicRow<'_>) {
-    if row.number("fix_type").is_none_or(|fix| fix < 3.0) {
+fn record_gps(recorder: &mut FlightBuilder, t_s: f64, row: &TopicRow<'_>) {
+    if row.numeric_field("fix_type").is_none_or(|fix| fix < 3.0) {
         return;
     }
-    let degrees = |old: &str, new: &str| row.number(old).map(|number| number * 1e-7).or_else(|| row.number(new));
+    let degrees =
+        |old: &str, new: &str| row.numeric_field(old).map(|number| number * 1e-7).or_else(|| row.numeric_field(new));
     let (Some(latitude), Some(longitude)) = (degrees("lat", "latitude_deg"), degrees("lon", "longitude_deg")) else {
         return;
     };
-    let height_m = row.number("alt").map(|mm| mm / 1e3).or_else(|| row.number("altitude_msl_m")).unwrap_or(0.0);
+    let height_m =
+        row.numeric_field("alt").map(|mm| mm / 1e3).or_else(|| row.numeric_field("altitude_msl_m")).unwrap_or(0.0);
     let [speed_m_s, course_rad] = over_ground(row);
-    let yaw_rad = row.number("heading").unwrap_or(f64::NAN);
+    let yaw_rad = row.numeric_field("heading").unwrap_or(f64::NAN);
     recorder.push_gps(
         t_s,
         Gps {
@@ -349,5 +351,5 @@ fn gps(recorder: &mut FlightBuilder, t_s: f64, row: &TopicRow<'_>) {
             yaw_deg: yaw_rad.to_degrees() as f32,
         },
     );
-    recorder.set_day_from_unix_s((row.number("time_utc_usec").unwrap_or(0.0) / 1e6) as u64);
+    recorder.set_day_from_unix_s((row.numeric_field("time_utc_usec").unwrap_or(0.0) / 1e6) as u64);
 }

@@ -23,9 +23,9 @@ impl CompassAssignment {
         if let Some(&(_, index)) = self.0.iter().find(matches_sensor) {
             return Some(index);
         }
-        let primary = || parameters.last("CAL_MAG_PRIME").filter(|_| instance == 0);
+        let primary = || parameters.last_value("CAL_MAG_PRIME").filter(|_| instance == 0);
         let id_told = if id == 0 { primary() } else { Some(f64::from(id)) };
-        let owner = |index: u8| parameters.last(&format!("CAL_MAG{index}_ID")).filter(|id| *id != 0.0);
+        let owner = |index: u8| parameters.last_value(&format!("CAL_MAG{index}_ID")).filter(|id| *id != 0.0);
         let named = (0..MAX_CALIBRATED_COMPASSES).find(|&index| id_told.is_some() && owner(index) == id_told);
         let is_taken = |index: u8| self.0.iter().any(|&(_, other)| other == index);
         let is_free = |index: &u8| !is_taken(*index) && (id == 0 || owner(*index).is_none());
@@ -44,7 +44,7 @@ mod tests {
     fn every_device_id_is_a_separate_compass() {
         let mut parameters = ParameterHistory::default();
         for (name, id) in [("CAL_MAG0_ID", 7.0), ("CAL_MAG1_ID", 8.0), ("CAL_MAG2_ID", 0.0)] {
-            parameters.set(0.0, name, id);
+            parameters.set_value(0.0, name, id);
         }
         let mut sensors = CompassAssignment::default();
         let mut index = |instance, id| sensors.compass_index(&parameters, instance, id);
@@ -60,7 +60,7 @@ mod tests {
     fn a_device_without_id_is_the_primary_compass() {
         let mut parameters = ParameterHistory::default();
         for (name, id) in [("CAL_MAG0_ID", 7.0), ("CAL_MAG1_ID", 8.0), ("CAL_MAG_PRIME", 8.0)] {
-            parameters.set(0.0, name, id);
+            parameters.set_value(0.0, name, id);
         }
         assert_eq!(CompassAssignment::default().compass_index(&parameters, 0, 0), Some(1));
         let mut sensors = CompassAssignment::default();

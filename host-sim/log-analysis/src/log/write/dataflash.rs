@@ -36,18 +36,18 @@ impl From<f64> for Value {
 pub fn encode_dataflash(recording: &FlightRecording) -> Vec<u8> {
     let mut bytes = Vec::new();
     for (number, name, format_codes, columns) in WRITTEN_MESSAGES {
-        bytes.extend([0xA3, 0x95, 128, number, (3 + format_codes.bytes().map(size).sum::<usize>()) as u8]);
+        bytes.extend([0xA3, 0x95, 128, number, (3 + format_codes.bytes().map(format_size).sum::<usize>()) as u8]);
         for (words, length) in [(name, 4), (format_codes, 16), (columns, 64)] {
-            bytes.extend(padded(words, length));
+            bytes.extend(padded_text(words, length));
         }
     }
-    messages(recording, &mut |index, values| {
+    write_messages(recording, &mut |index, values| {
         let (number, _, format_codes, _) = WRITTEN_MESSAGES[index];
         bytes.extend([0xA3, 0x95, number]);
         for (format_code, value) in format_codes.bytes().zip(values) {
             match value {
-                Value::Text(words) => bytes.extend(padded(words, size(format_code))),
-                Value::Number(number) => bytes.extend(encoded(format_code, *number)),
+                Value::Text(words) => bytes.extend(padded_text(words, format_size(format_code))),
+                Value::Number(number) => bytes.extend(encode_number(format_code, *number)),
             }
         }
     });
@@ -59,10 +59,10 @@ pub fn encode_dataflash(recording: &FlightRecording) -> Vec<u8> {
 pub fn encode_dataflash_text(recording: &FlightRecording) -> Vec<u8> {
     let mut text = String::new();
     for (number, name, format_codes, columns) in WRITTEN_MESSAGES {
-        let length = 3 + format_codes.bytes().map(size).sum::<usize>();
+        let length = 3 + format_codes.bytes().map(format_size).sum::<usize>();
         let _ = writeln!(text, "FMT, {number}, {length}, {name}, {format_codes}, {columns}");
     }
-    messages(recording, &mut |index, values| {
+    write_messages(recording, &mut |index, values| {
         let (_, name, format_codes, _) = WRITTEN_MESSAGES[index];
         text.push_str(name);
         for (format_code, value) in format_codes.bytes().zip(values) {
@@ -78,7 +78,7 @@ pub fn encode_dataflash_text(recording: &FlightRecording) -> Vec<u8> {
 }
 
 /// Writes each message: index in [`WRITTEN_MESSAGES`] and values.
-fn messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Value])) {
+fn write_messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Value])) {
     let first_us = recording.samples.first().map_or(0.0, |instant| instant.time_us as f64);
     let words = |words: &str| Value::Text(words.to_owned());
     let firmware = if recording.is_copter { "ArduCopter V4.6.0 (host-sim)" } else { "ArduPlane V4.6.0 (host-sim)" };
@@ -93,7 +93,7 @@ fn messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Value]))
             write(index, &values);
         };
         row(3, &instant.attitude_rad.map(f64::to_degrees));
-        for number in 1..=recording.compasses() {
+        for number in 1..=recording.compass_count() {
             let (field, motor) = recording.ardupilot_ut(instant, number);
             let [x, y, z] = field.map(|axis| axis * 10.0);
             let [mx, my, mz] = motor.map(|axis| axis * 10.0);
@@ -112,7 +112,7 @@ fn messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Value]))
     }
 }
 
-const fn size(format_code: u8) -> usize {
+const fn format_size(format_code: u8) -> usize {
     match format_code {
         b'B' => 1,
         b'h' | b'H' => 2,
@@ -123,7 +123,7 @@ const fn size(format_code: u8) -> usize {
     }
 }
 
-fn encoded(format_code: u8, number: f64) -> Vec<u8> {
+fn encode_number(format_code: u8, number: f64) -> Vec<u8> {
     match format_code {
         b'B' => vec![number as u8],
         b'h' => (number.round() as i16).to_le_bytes().to_vec(),
@@ -136,7 +136,7 @@ fn encoded(format_code: u8, number: f64) -> Vec<u8> {
     }
 }
 
-fn padded(words: &str, length: usize) -> Vec<u8> {
+fn padded_text(words: &str, length: usize) -> Vec<u8> {
     let mut bytes: Vec<u8> = words.bytes().take(length).collect();
     bytes.resize(length, 0);
     bytes

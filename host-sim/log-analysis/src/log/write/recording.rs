@@ -111,7 +111,7 @@ impl FlightRecording {
         (std::array::from_fn(|axis| soft[axis] + share[axis]), share)
     }
 
-    pub(super) fn compasses(&self) -> usize {
+    pub(super) fn compass_count(&self) -> usize {
         self.samples.first().map_or(0, |instant| instant.field_ut.len())
     }
 }

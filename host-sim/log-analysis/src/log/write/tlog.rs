@@ -20,20 +20,26 @@ pub fn encode_tlog(recording: &FlightRecording) -> Vec<u8> {
         if i == 5 {
             for (name, value) in &recording.parameters {
                 let (param_id, param_value) = (name.as_str().into(), *value as f32);
-                out.send(&PARAM_VALUE_DATA { param_id, param_value, ..Default::default() });
+                out.write_message(&PARAM_VALUE_DATA { param_id, param_value, ..Default::default() });
             }
         }
         let time_boot_ms = (instant.time_us / 1000) as u32;
         let [roll, pitch, yaw] = instant.attitude_rad.map(|angle| angle as f32);
         let [rollspeed, pitchspeed, yawspeed] = instant.rates_rad_s.map(|rate| rate as f32);
-        out.send(&ATTITUDE_DATA { time_boot_ms, roll, pitch, yaw, rollspeed, pitchspeed, yawspeed });
-        for number in 1..=recording.compasses() {
+        out.write_message(&ATTITUDE_DATA { time_boot_ms, roll, pitch, yaw, rollspeed, pitchspeed, yawspeed });
+        for number in 1..=recording.compass_count() {
             let (field, _) = recording.ardupilot_ut(instant, number);
             let [xmag, ymag, zmag] = field.map(|axis| (axis * 10.0).round() as i16);
             match number {
-                1 => out.send(&RAW_IMU_DATA { time_usec: instant.time_us, xmag, ymag, zmag, ..Default::default() }),
-                2 => out.send(&SCALED_IMU2_DATA { time_boot_ms, xmag, ymag, zmag, ..Default::default() }),
-                _ => out.send(&SCALED_IMU3_DATA { time_boot_ms, xmag, ymag, zmag, ..Default::default() }),
+                1 => out.write_message(&RAW_IMU_DATA {
+                    time_usec: instant.time_us,
+                    xmag,
+                    ymag,
+                    zmag,
+                    ..Default::default()
+                }),
+                2 => out.write_message(&SCALED_IMU2_DATA { time_boot_ms, xmag, ymag, zmag, ..Default::default() }),
+                _ => out.write_message(&SCALED_IMU3_DATA { time_boot_ms, xmag, ymag, zmag, ..Default::default() }),
             }
         }
     }
@@ -47,7 +53,7 @@ struct FrameWriter {
 }
 
 impl FrameWriter {
-    fn send<M: MessageData>(&mut self, message: &M) {
+    fn write_message<M: MessageData>(&mut self, message: &M) {
         let mut frame = MAVLinkV2MessageRaw::new();
         frame.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: self.sequence }, message);
         self.sequence = self.sequence.wrapping_add(1);
@@ -61,17 +67,17 @@ impl FrameWriter {
         base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, instant.is_armed);
         let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
         let mavtype = if recording.is_copter { MavType::MAV_TYPE_QUADROTOR } else { MavType::MAV_TYPE_FIXED_WING };
-        self.send(&HEARTBEAT_DATA { autopilot, base_mode, mavtype, ..Default::default() });
+        self.write_message(&HEARTBEAT_DATA { autopilot, base_mode, mavtype, ..Default::default() });
         let time_boot_ms = (instant.time_us / 1000) as u32;
-        self.send(&SYSTEM_TIME_DATA { time_unix_usec: FLIGHT_START_UTC_US + instant.time_us, time_boot_ms });
+        self.write_message(&SYSTEM_TIME_DATA { time_unix_usec: FLIGHT_START_UTC_US + instant.time_us, time_boot_ms });
         let current_battery = (instant.current_a * 100.0) as i16;
-        self.send(&SYS_STATUS_DATA { current_battery, ..Default::default() });
+        self.write_message(&SYS_STATUS_DATA { current_battery, ..Default::default() });
         if let Some([latitude, longitude, height]) = recording.place_at(instant) {
             let [lat, lon] = [latitude, longitude].map(|deg| (deg * 1e7).round() as i32);
             let [speed_m_s, course_rad] = instant.over_ground();
             let [vel, cog] = [speed_m_s, course_rad.to_degrees()].map(|number| (number * 100.0).round() as u16);
             let (alt, fix_type) = ((height * 1e3) as i32, GpsFixType::GPS_FIX_TYPE_3D_FIX);
-            self.send(&GPS_RAW_INT_DATA { lat, lon, alt, vel, cog, fix_type, ..Default::default() });
+            self.write_message(&GPS_RAW_INT_DATA { lat, lon, alt, vel, cog, fix_type, ..Default::default() });
         }
     }
 }

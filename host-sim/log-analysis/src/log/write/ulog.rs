@@ -25,22 +25,22 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
         bytes.extend(body);
     };
     message(b'B', &[0; 40]);
-    message(b'I', &keyed("uint32_t ver_sw_release", &[255, 0, 15, 1]));
+    message(b'I', &encode_keyed_value("uint32_t ver_sw_release", &[255, 0, 15, 1]));
     for format in FORMATS {
         message(b'F', format.as_bytes());
     }
     let mut parameters = ParameterHistory::default();
     for (name, value) in &recording.parameters {
-        parameters.set(0.0, name, *value);
+        parameters.set_value(0.0, name, *value);
         let is_whole = name.ends_with("_ID") || name.ends_with("_ROT");
         let (kind, value) = if is_whole {
             ("int32_t", (*value as i32).to_le_bytes())
         } else {
             ("float", (*value as f32).to_le_bytes())
         };
-        message(b'P', &keyed(&format!("{kind} {name}"), &value));
+        message(b'P', &encode_keyed_value(&format!("{kind} {name}"), &value));
     }
-    let compasses = recording.compasses();
+    let compasses = recording.compass_count();
     let mut subscribed: Vec<(u8, &str)> = (0..compasses).map(|i| (i as u8, "vehicle_magnetometer")).collect();
     subscribed.extend(
         ["vehicle_attitude", "vehicle_angular_velocity", "battery_status", "vehicle_gps_position", "vehicle_status"]
@@ -59,13 +59,13 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
         };
         for (number, correction) in corrections.iter().enumerate() {
             let raw = instant.field_ut[number];
-            let gauss = correction.apply(raw.into(), instant.current_a) / 100.0;
+            let gauss = correction.correct_field(raw.into(), instant.current_a) / 100.0;
             let id = recording.parameter(&format!("CAL_MAG{number}_ID")) as u32;
-            data(number, &[&id.to_le_bytes(), &floats(gauss.as_slice())]);
+            data(number, &[&id.to_le_bytes(), &encode_floats(gauss.as_slice())]);
         }
-        data(compasses, &[&floats(&quaternion(instant.attitude_rad))]);
-        data(compasses + 1, &[&floats(&instant.rates_rad_s)]);
-        data(compasses + 2, &[&floats(&[instant.current_a]), &[1, 0, 0, 0]]);
+        data(compasses, &[&encode_floats(&quaternion_from_euler(instant.attitude_rad))]);
+        data(compasses + 1, &[&encode_floats(&instant.rates_rad_s)]);
+        data(compasses + 2, &[&encode_floats(&[instant.current_a]), &[1, 0, 0, 0]]);
         if i % 10 == 0 {
             // Rotary or fixed wing.
             data(compasses + 4, &[&[if recording.is_copter { 1 } else { 2 }, 0]]);
@@ -76,23 +76,23 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
                 .flat_map(|n| (n.round() as i32).to_le_bytes())
                 .collect();
             let ([speed_m_s, course_rad], [north, east]) = (instant.over_ground(), instant.velocity_m_s);
-            let over_ground = floats(&[speed_m_s, north, east, course_rad]);
+            let over_ground = encode_floats(&[speed_m_s, north, east, course_rad]);
             data(compasses + 3, &[&place, &over_ground, &(FLIGHT_START_UTC_US + instant.time_us).to_le_bytes(), &[3]]);
         }
     }
     bytes
 }
 
-fn keyed(key: &str, value: &[u8]) -> Vec<u8> {
+fn encode_keyed_value(key: &str, value: &[u8]) -> Vec<u8> {
     [&[key.len() as u8], key.as_bytes(), value].concat()
 }
 
-fn floats(numbers: &[f64]) -> Vec<u8> {
+fn encode_floats(numbers: &[f64]) -> Vec<u8> {
     numbers.iter().flat_map(|number| (*number as f32).to_le_bytes()).collect()
 }
 
 /// Quaternion w, x, y, z of roll, then pitch, then yaw.
-fn quaternion([roll, pitch, yaw]: [f64; 3]) -> [f64; 4] {
+fn quaternion_from_euler([roll, pitch, yaw]: [f64; 3]) -> [f64; 4] {
     let [(sr, cr), (sp, cp), (sy, cy)] = [roll, pitch, yaw].map(|angle| libm::sincos(angle / 2.0));
     [cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy]
 }

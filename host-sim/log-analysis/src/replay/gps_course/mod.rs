@@ -123,7 +123,7 @@ impl GpsCourseHeading {
     ///
     /// The reason why they give no heading.
     pub fn from_flight(flight: &Flight) -> Result<Self, GpsCourseRejection> {
-        let velocities = velocities(flight);
+        let velocities = ground_velocities(flight);
         if velocities.is_empty() {
             return Err(GpsCourseRejection::NotLogged);
         }
@@ -192,7 +192,7 @@ impl GpsCourseHeading {
 
     /// Description of the reference's accuracy.
     #[must_use]
-    pub fn limits(&self) -> String {
+    pub fn limits_text(&self) -> String {
         format!(
             "no compass is in it: ground velocity less a wind of {:.1} m/s from {:.0} deg true, which the velocities \
              themselves show; {:.1} m/s through the air, scatter {:.1}. Its own sigma, which is in the figures, is up to \
@@ -220,7 +220,7 @@ impl GpsCourseHeading {
     }
 }
 
-fn velocities(flight: &Flight) -> Vec<GroundVelocity> {
+fn ground_velocities(flight: &Flight) -> Vec<GroundVelocity> {
     let ground_velocity = |row: &crate::log::series::Stamped<6>| {
         let Gps { speed_m_s, course_deg, .. } = Gps::from_columns(row.values);
         let (sin, cos) = libm::sincos(f64::from(course_deg).to_radians());

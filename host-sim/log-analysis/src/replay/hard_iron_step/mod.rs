@@ -83,7 +83,7 @@ pub fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIr
     let mut change = None;
     for _ in 0..MAX_ITERATIONS {
         let (before, previous) = (state.step_ut, change.map(|(first, _)| first));
-        let (first, sigma) = state.step(&usable, previous)?;
+        let (first, sigma) = state.estimate_step(&usable, previous)?;
         change = Some((state.first_row_after_step(&usable).unwrap_or(first), sigma));
         let is_settled = (state.step_ut - before).component_div(&sigma).amax() < CONVERGED_SIGMAS;
         if is_settled && change.map(|(first, _)| first) == previous {
@@ -91,7 +91,8 @@ pub fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIr
         }
     }
     let (first, sigma) = change?;
-    let left = |rows: &[&ReplayRow], first| state.scatter(rows, Some(first)) / without.scatter(rows, None);
+    let left =
+        |rows: &[&ReplayRow], first| state.residual_scatter(rows, Some(first)) / without.residual_scatter(rows, None);
     let (before, after) = usable.split_at(first);
     let left_of_few = if after.len() < before.len() { left(after, 0) } else { left(before, before.len()) };
     let left_of_all = left(&usable, first);
@@ -114,9 +115,9 @@ struct StepEstimate {
 
 impl StepEstimate {
     fn from_correction(rows: &[&ReplayRow], correction: &FieldCorrection) -> Self {
-        let of = |row: &&ReplayRow| row.corrected(correction);
+        let of = |row: &&ReplayRow| row.corrected_field(correction);
         let strength = median(rows.iter().map(|row| of(row).norm()));
-        let down = median(rows.iter().map(|row| row.down().dot(&of(row))));
+        let down = median(rows.iter().map(|row| row.down_in_body().dot(&of(row))));
         Self {
             matrix: correction.matrix,
             hard_iron_ut: correction.hard_iron_ut,
@@ -139,10 +140,10 @@ impl StepEstimate {
 
     fn residuals(&self, row: &ReplayRow, is_after: bool) -> [f64; 2] {
         let field = self.field(row, is_after);
-        [field.norm() - self.strength_ut, row.down().dot(&field) - self.vertical_ut]
+        [field.norm() - self.strength_ut, row.down_in_body().dot(&field) - self.vertical_ut]
     }
 
-    fn scatter(&self, rows: &[&ReplayRow], first: Option<usize>) -> f64 {
+    fn residual_scatter(&self, rows: &[&ReplayRow], first: Option<usize>) -> f64 {
         let all =
             rows.iter().enumerate().flat_map(|(i, row)| self.residuals(row, first.is_some_and(|first| i >= first)));
         median(all.map(f64::abs))
@@ -150,8 +151,8 @@ impl StepEstimate {
 
     /// One Gauss-Newton iteration. Selects the candidate time unless given; returns the first row after the step and
     /// the step's standard deviation.
-    fn step(&mut self, rows: &[&ReplayRow], given: Option<usize>) -> Option<(usize, Vector3<f64>)> {
-        let scale = (1.4826 * self.scatter(rows, given)).max(1e-6);
+    fn estimate_step(&mut self, rows: &[&ReplayRow], given: Option<usize>) -> Option<(usize, Vector3<f64>)> {
+        let scale = (1.4826 * self.residual_scatter(rows, given)).max(1e-6);
         // Normal equations of the rows from each candidate on; finally of all rows.
         let instants: Vec<usize> = (1..=CANDIDATE_TIMES).map(|i| rows.len() * i / (CANDIDATE_TIMES + 1)).collect();
         let mut sums: Vec<(usize, DMatrix<f64>, DVector<f64>)> = Vec::new();
@@ -197,7 +198,7 @@ impl StepEstimate {
 
     /// First row after the step, by least squared residuals of the current estimates.
     fn first_row_after_step(&self, rows: &[&ReplayRow]) -> Option<usize> {
-        let scale = 1.4826 * self.scatter(rows, None);
+        let scale = 1.4826 * self.residual_scatter(rows, None);
         let squares = |row: &ReplayRow, is_after: bool| -> f64 {
             self.residuals(row, is_after)
                 .iter()
@@ -221,7 +222,7 @@ impl StepEstimate {
         let moved = if is_after { self.step_ut } else { Vector3::zeros() };
         let raw = self.without_hard_iron(row) - moved;
         let field = self.matrix * raw;
-        let directions = [field.normalize(), row.down()];
+        let directions = [field.normalize(), row.down_in_body()];
         let rows_of_residual = |residual_index: usize| {
             let direction = directions[residual_index];
             let mut jacobian_row = DVector::zeros(UNKNOWNS_WITHOUT_STEP);

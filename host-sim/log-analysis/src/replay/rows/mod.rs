@@ -134,7 +134,7 @@ pub fn build_rows(
     let mut run = RowAccumulator::default();
     for reading in compass.field.rows() {
         let t_s = reading.t_s - age_s;
-        let known = attitude_at(flight, t_s).filter(|_| flight.attitude.bracket(t_s, gap_s).is_some());
+        let known = attitude_at(flight, t_s).filter(|_| flight.attitude.surrounding_values(t_s, gap_s).is_some());
         let Some((attitude, rates)) = known else {
             counted.without_attitude += 1;
             continue;
@@ -144,18 +144,18 @@ pub fn build_rows(
             continue;
         }
         if run.number > 0 && t_s - run.first_s >= ROW_AVERAGING_S {
-            rows.push(run.row(flight, reference));
+            rows.push(run.replay_row(flight, reference));
             run = RowAccumulator::default();
         }
-        run.add(t_s, reading, attitude, rates);
+        run.add_reading(t_s, reading, attitude, rates);
     }
     if run.number > 0 {
-        rows.push(run.row(flight, reference));
+        rows.push(run.replay_row(flight, reference));
     }
     let [moved_s, stopped_s] = moving_interval_s(flight);
     for row in &mut rows {
         let is_excluded =
-            flight.usable.neighbours(row.t_s + age_s + 1e-6).0.is_some_and(|usability| usability.values[0] == 0.0);
+            flight.usable.adjacent_values(row.t_s + age_s + 1e-6).0.is_some_and(|usability| usability.values[0] == 0.0);
         let is_disarmed = was_armed && flight.is_armed(row.t_s) == Some(false);
         let is_on_the_ground = row.t_s < moved_s || row.t_s > stopped_s;
         row.usable = !is_excluded && !is_disarmed && !is_on_the_ground;
@@ -188,7 +188,7 @@ struct RowAccumulator {
 }
 
 impl RowAccumulator {
-    fn add(&mut self, t_s: f64, reading: &Stamped<6>, attitude: Attitude, rates: Option<[f32; 3]>) {
+    fn add_reading(&mut self, t_s: f64, reading: &Stamped<6>, attitude: Attitude, rates: Option<[f32; 3]>) {
         if self.number == 0 {
             (self.first_s, self.first_roll_rad) = (t_s, attitude.roll_rad);
         }
@@ -208,7 +208,7 @@ impl RowAccumulator {
         }
     }
 
-    fn row(&self, flight: &Flight, reference: Option<&ReferenceHeading>) -> ReplayRow {
+    fn replay_row(&self, flight: &Flight, reference: Option<&ReferenceHeading>) -> ReplayRow {
         let number = f32::from(self.number);
         let field = |sum: [f32; 3]| {
             let [x, y, z] = sum.map(|axis| axis / number);
@@ -310,7 +310,7 @@ fn angle_between_downs_rad(a: &Stamped<3>, b: &Stamped<3>) -> f32 {
 
 /// Roll and pitch by Hermite interpolation with slopes from the body rates, and the rates.
 fn attitude_at(flight: &Flight, t_s: f64) -> Option<(Attitude, Option<[f32; 3]>)> {
-    let (before, after, part) = flight.attitude.bracket(t_s, MAX_GAP_S)?;
+    let (before, after, part) = flight.attitude.surrounding_values(t_s, MAX_GAP_S)?;
     let rates = flight.rates.interpolate(t_s, MAX_GAP_S);
     let step_s = (after.t_s - before.t_s) as f32;
     let part = part as f32;

@@ -206,7 +206,7 @@ fn a_current_is_known_within_three_seconds_of_a_report() {
     let correction = FieldCorrection { motor_ut_per_a: Vector3::new(0.5, 0.0, -0.25), ..FieldCorrection::identity() };
     let mut corrected = |current_a| {
         rows[0].current_a = current_a;
-        rows[0].corrected(&correction)
+        rows[0].corrected_field(&correction)
     };
     assert_eq!(corrected(Some(10.0)), Vector3::new(15.0, 0.0, 42.5));
     assert_eq!(corrected(None), Vector3::new(20.0, 0.0, 40.0));

@@ -21,7 +21,7 @@ use crate::test_flight::record_turns;
 /// A calibrating flight of turns without field latency, and its evaluation.
 static FLOWN: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
     let recording = record_turns(0.0);
-    let flight = log::read(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
+    let flight = log::read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
     let options = EvaluationOptions { field_latency_s: Some(0.0), ..EvaluationOptions::DEFAULT };
     let verdict = evaluate_flight(&flight, &options);
     (flight, verdict)

@@ -28,7 +28,7 @@ fn offsets_beyond_ardupilots_limit_are_not_exported() {
     ] {
         let (mut flight, compass) = flown();
         if let Some(most) = most {
-            flight.parameters.set(0.0, "COMPASS_OFFS_MAX", most);
+            flight.parameters.set_value(0.0, "COMPASS_OFFS_MAX", most);
         }
         let mut export = export_module(&compass, dialect);
         export.correction.hard_iron_ut.x = offset_mg / 10.0;
@@ -146,7 +146,7 @@ fn lines(
 ) -> Vec<String> {
     let mut flight = Flight::new(log::LogFormat::DataFlash);
     for &(name, value) in parameters {
-        flight.parameters.set(0.0, name, value);
+        flight.parameters.set_value(0.0, name, value);
     }
     format_parameter_file(&flight, export, dialect)
         .lines()

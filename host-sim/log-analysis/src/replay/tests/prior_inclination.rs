@@ -11,7 +11,7 @@ fn a_configured_inclination_is_used_by_the_solver() {
         for selected in [RowSelection::All, RowSelection::Turns] {
             let options =
                 ReplayOptions { inclination_deg: Some(found_deg + off_deg), ..ReplayOptions::with_selection(selected) };
-            assert_eq!(replay(&compass.rows, &options).accepted.is_ok(), is_taken, "{off_deg} of {selected:?}");
+            assert_eq!(replay_rows(&compass.rows, &options).accepted.is_ok(), is_taken, "{off_deg} of {selected:?}");
         }
     }
 }
@@ -26,7 +26,7 @@ fn a_configured_inclination_is_used_by_trial_solves() {
             inclination_deg: Some(found_deg + off_deg),
             ..ReplayOptions::with_selection(RowSelection::Flight)
         };
-        let replay_result = replay(&compass.rows, &options);
+        let replay_result = replay_rows(&compass.rows, &options);
         assert_eq!((replay_result.ended_s.is_some(), replay_result.accepted.is_ok()), (ends, ends), "{off_deg}");
     }
 }
@@ -50,7 +50,7 @@ fn a_contradicted_model_inclination_is_dropped() {
     let found_deg = f64::from(compass.module.solution.unwrap().calibration.inclination_rad.to_degrees());
     for selected in [RowSelection::All, RowSelection::Turns, RowSelection::Flight] {
         let without_place = ReplayOptions::with_selection(selected);
-        let run_replay = |options: ReplayOptions| replay(&compass.rows, &options);
+        let run_replay = |options: ReplayOptions| replay_rows(&compass.rows, &options);
         let expected_deg = |replay_result: &ReplayResult| replay_result.solution.unwrap().quality.expected_rms_deg;
         let [there, elsewhere] = [0.0, 12.0].map(|off_deg| ReplayOptions {
             place_and_day: Some(place_with_inclination(found_deg + off_deg)),

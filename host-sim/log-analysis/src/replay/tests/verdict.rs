@@ -3,7 +3,7 @@ use crate::replay::log_warning::LogWarning;
 use crate::replay::verdict::FlightOutcome;
 
 fn notes(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<String> {
-    LogWarning::all(flight, evaluation).iter().map(ToString::to_string).collect()
+    LogWarning::warnings_of_flight(flight, evaluation).iter().map(ToString::to_string).collect()
 }
 
 fn of_two(change: impl Fn(&mut CompassEvaluation)) -> String {
@@ -107,7 +107,7 @@ fn missing_parameters_are_reported() {
         let (mut flight, compass) = flown();
         flight.parameters = log::ParameterHistory::default();
         for name in names {
-            flight.parameters.set(0.0, name, 1.0);
+            flight.parameters.set_value(0.0, name, 1.0);
         }
         notes(&flight, &verdict(vec![compass]))
             .into_iter()

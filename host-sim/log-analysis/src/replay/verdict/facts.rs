@@ -11,7 +11,7 @@ use crate::replay::hard_iron_changes::HardIronChange;
 impl Verdict<'_> {
     /// Facts about a compass, name and value.
     #[must_use]
-    pub fn facts(&self, compass: &CompassVerdict<'_>) -> Vec<[String; 2]> {
+    pub fn key_facts(&self, compass: &CompassVerdict<'_>) -> Vec<[String; 2]> {
         let sent_percent = compass.sent_percent();
         let CompassVerdict { evaluation: compass, judgement, outcome, parameters } = compass;
         let mut facts: Vec<[String; 2]> = Vec::new();
@@ -51,7 +51,7 @@ impl Verdict<'_> {
         }
         if let Some(solution) = &compass.result_for_report().solution {
             let of = if compass.module.solution.is_some() { "" } else { ", of all rows" };
-            add("solved by", format!("{}{of}", solution.quality.method.name()));
+            add("solved by", format!("{}{of}", solution.quality.method.method_name()));
             add_solution_facts(solution, &mut add);
         }
         if let Some(without_deg) = compass.rms_without_current_deg {
@@ -112,7 +112,7 @@ fn add_solution_facts(solution: &Solution, add: &mut dyn FnMut(&str, String)) {
     }
     if let Some(advice) = &solution.advice {
         let [now, then] = [advice.expected_deg, advice.expected_after_deg].map(deg);
-        add("weakest", format!("{} ({} deg)", advice.weakest.name(), deg(advice.weakest_deg)));
+        add("weakest", format!("{} ({} deg)", advice.weakest.measure_name(), deg(advice.weakest_deg)));
         add("best next", format!("{} ({now} to {then} deg)", advice.manoeuvre));
     }
 }

@@ -59,7 +59,7 @@ impl<'a> Verdict<'a> {
             flight,
             evaluation,
             outcome: FlightOutcome::new(evaluation),
-            notes: LogWarning::all(flight, evaluation),
+            notes: LogWarning::warnings_of_flight(flight, evaluation),
             compasses: evaluation.compasses.iter().map(compass).collect(),
             format,
         }
@@ -86,7 +86,7 @@ impl<'a> Verdict<'a> {
 
     /// State of the compass in use; bad without any.
     #[must_use]
-    pub fn state(&self) -> CompassState {
+    pub fn compass_state(&self) -> CompassState {
         self.compasses_in_use_first().first().map_or(CompassState::Bad, |compass| compass.judgement.state)
     }
 
@@ -100,13 +100,13 @@ impl<'a> Verdict<'a> {
 
     /// Judgement of each compass, in sentences.
     #[must_use]
-    pub fn sentences(&self) -> Vec<String> {
-        self.compasses_in_use_first().into_iter().map(CompassVerdict::sentence).collect()
+    pub fn summary_sentences(&self) -> Vec<String> {
+        self.compasses_in_use_first().into_iter().map(CompassVerdict::summary_sentence).collect()
     }
 
     /// Parameters to load.
     #[must_use]
-    pub fn parameters(&self) -> Vec<ExportedCorrection> {
+    pub fn exported_corrections(&self) -> Vec<ExportedCorrection> {
         self.compasses.iter().filter_map(|compass| compass.parameters_to_load().cloned()).collect()
     }
 
@@ -116,7 +116,10 @@ impl<'a> Verdict<'a> {
         let [from_s, to_s] = self.flight.time_range_s();
         let firmware = self.flight.firmware.as_deref().unwrap_or("firmware not named");
         let [duration_s, from_s, to_s] = [to_s - from_s, from_s, to_s].map(|s| format_number(s, 0));
-        format!("{name}: {}, {firmware}, {duration_s} s: {from_s} to {to_s} s of its clock", self.flight.format.name())
+        format!(
+            "{name}: {}, {firmware}, {duration_s} s: {from_s} to {to_s} s of its clock",
+            self.flight.format.format_name()
+        )
     }
 
     /// RMS less mean against the reference by correction and compass, degrees; corrections without any are omitted.
@@ -124,7 +127,7 @@ impl<'a> Verdict<'a> {
     pub fn comparison_deg(&self) -> Vec<(&'static str, Vec<Option<f64>>)> {
         let rows = CorrectionSource::ALL.map(|source| {
             let rms_deg = |compass: &CompassEvaluation| Some(compass.correction_from(source)?.score?.rms_deg);
-            (source.name(), self.evaluation.compasses.iter().map(rms_deg).collect::<Vec<_>>())
+            (source.source_name(), self.evaluation.compasses.iter().map(rms_deg).collect::<Vec<_>>())
         });
         let held_back = |compass: &CompassVerdict<'_>| {
             compass.parameters_to_load()?.held_back.filter(|score| !score.is_estimate).map(|score| score.rms_deg)
@@ -143,7 +146,7 @@ impl CompassVerdict<'_> {
 
     /// Judgement of the compass, a sentence.
     #[must_use]
-    pub fn sentence(&self) -> String {
+    pub fn summary_sentence(&self) -> String {
         let used = if self.evaluation.is_used == Some(true) { ", in use," } else { "" };
         format!("Compass {}{used} {}.", self.evaluation.number, self.judgement)
     }

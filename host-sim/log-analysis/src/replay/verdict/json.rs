@@ -22,13 +22,13 @@ impl Verdict<'_> {
         let [from_s, to_s] = flight.time_range_s();
         json!({
             "schema": SCHEMA,
-            "verdict": self.sentences().join(" "),
-            "state": self.state(),
+            "verdict": self.summary_sentences().join(" "),
+            "state": self.compass_state(),
             "in_use": self.compasses_in_use_first().first().map(|compass| compass.evaluation.number),
             "module_verdict": self.outcome,
             "accepted": self.is_accepted(),
             "log": {
-                "format": flight.format.name(),
+                "format": flight.format.format_name(),
                 "autopilot": flight.autopilot,
                 "firmware": flight.firmware,
                 "from_s": round_to(from_s, 3),
@@ -38,9 +38,9 @@ impl Verdict<'_> {
                 "passed_over": flight.counts,
             },
             "reference": evaluation.reference.as_ref().map(|reference| json!({
-                "name": reference.name(),
+                "name": reference.reference_name(),
                 "is_accuracy": reference.is_accuracy(),
-                "limits": reference.limits(),
+                "limits": reference.limits_text(),
                 "course": reference.gps_course_solution().map(course_json),
             })),
             "field_model": evaluation.earth.as_ref().map(|(earth, is_valid)| json!({
@@ -96,7 +96,7 @@ impl CompassVerdict<'_> {
             "without_current_rms_deg": compass.rms_without_current_deg.map(|deg| round_to(deg, 3)),
             "all_rows": result_json(&compass.all_rows),
             "headings": compass.corrections.iter().map(|correction| json!({
-                "by": correction.source.name(),
+                "by": correction.source.source_name(),
                 "against_reference": correction.score.as_ref().map(score_json),
             })).collect::<Vec<_>>(),
             "changes": compass.changes.iter().map(|HardIronChange { step, bend_deg }| json!({
@@ -119,8 +119,8 @@ fn result_json(result: &ReplayResult) -> Value {
     let current = solution.map(|s| s.calibration.motor_current).filter(|current| current.current_sigma_a > 0.0);
     json!({
         "accepted": result.accepted.is_ok(),
-        "refusal": result.accepted.as_ref().err().map(|r| json!({ "code": r.code(), "words": r.to_string() })),
-        "method": solution.map(|s| s.quality.method.name()),
+        "refusal": result.accepted.as_ref().err().map(|r| json!({ "code": r.stable_code(), "words": r.to_string() })),
+        "method": solution.map(|s| s.quality.method.method_name()),
         "coefficients": solution.map(|s| coefficients_json(&s.calibration)),
         "inclination_deg": solution.map(|s| rounded(s.calibration.inclination_rad.to_degrees(), 2)),
         "expected_rms_deg": solution.map(|s| rounded(s.quality.expected_rms_deg, 3)),

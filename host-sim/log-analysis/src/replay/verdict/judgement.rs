@@ -8,7 +8,7 @@ use crate::replay::evaluation::{CompassEvaluation, FlightEvaluation, heading_deg
 use crate::replay::log_warning::LogWarning;
 use crate::replay::parameter_choice::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, NoParameters, is_mostly_lost};
 use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
-use crate::replay::row_headings::score;
+use crate::replay::row_headings::score_rows;
 use crate::replay::{ReferenceHeading, ReplayRow};
 
 /// Sectors of 30 deg of heading, with at least this many rows (half a second), that a flight must cover to judge a
@@ -71,7 +71,7 @@ pub enum Reason {
 impl Reason {
     /// Code for programs.
     #[must_use]
-    pub const fn code(&self) -> &'static str {
+    pub const fn stable_code(&self) -> &'static str {
         match self {
             Self::SensorFailed(_) => "sensor-failed",
             Self::IronChanged { .. } => "iron-changed",
@@ -80,7 +80,7 @@ impl Reason {
             Self::NoReference => "no-reference",
             Self::FewHeadings => "few-headings",
             Self::Parameters(_) => "parameters-gain",
-            Self::NoParameters(why) => why.code(),
+            Self::NoParameters(why) => why.stable_code(),
         }
     }
 }
@@ -142,7 +142,7 @@ impl Judgement {
     /// Codes of the reasons.
     #[must_use]
     pub fn reason_codes(&self) -> Vec<&'static str> {
-        self.reasons.iter().map(Reason::code).collect()
+        self.reasons.iter().map(Reason::stable_code).collect()
     }
 }
 
@@ -171,7 +171,7 @@ fn accurate_reference(evaluation: &FlightEvaluation) -> Option<&ReferenceHeading
 /// Heading error as logged since the last change of hard iron, degrees RMS less mean; none on too few headings.
 fn as_logged_rms_deg(evaluation: &FlightEvaluation, compass: &CompassEvaluation) -> Option<f64> {
     accurate_reference(evaluation)?;
-    let rows: Vec<ReplayRow> = compass.parameter_fit.rows(&compass.rows).copied().collect();
+    let rows: Vec<ReplayRow> = compass.parameter_fit.fitted_rows(&compass.rows).copied().collect();
     let mut sectors = [0_usize; 12];
     for heading_deg in rows.iter().filter_map(|row| row.reference_deg) {
         sectors[(heading_deg.rem_euclid(360.0) / 30.0) as usize % 12] += 1;
@@ -179,7 +179,7 @@ fn as_logged_rms_deg(evaluation: &FlightEvaluation, compass: &CompassEvaluation)
     if sectors.iter().filter(|number| **number >= MIN_ROWS_PER_SECTOR).count() < MIN_HEADING_SECTORS {
         return None;
     }
-    let logged = score(&rows, |row| Some((heading_deg(row, row.logged.ut.map(f64::from)), f64::NAN)));
+    let logged = score_rows(&rows, |row| Some((heading_deg(row, row.logged.ut.map(f64::from)), f64::NAN)));
     logged.map(|score| score.rms_deg)
 }
 

@@ -210,7 +210,7 @@ impl fmt::Display for CompassOutcome {
                 write!(f, "would have calibrated itself at {} s of the log", format_number(*at_s, 0))
             }
             Self::Commanded => f.write_str("would have calibrated by a command at the end"),
-            Self::Refused(refusal) => write!(f, "would have been refused: {}: {refusal}", refusal.code()),
+            Self::Refused(refusal) => write!(f, "would have been refused: {}: {refusal}", refusal.stable_code()),
         }
     }
 }

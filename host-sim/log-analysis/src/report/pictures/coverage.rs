@@ -41,7 +41,7 @@ fn counts(moment: &ReportSample) -> bool {
     moment.is_usable && moment.raw_ut.is_some()
 }
 
-fn cells(compass_report: &CompassReport) -> [[CoverageCell; HEADING_SECTORS]; TILT_ROWS.len()] {
+fn coverage_cells(compass_report: &CompassReport) -> [[CoverageCell; HEADING_SECTORS]; TILT_ROWS.len()] {
     let mut cells = [[CoverageCell::default(); HEADING_SECTORS]; TILT_ROWS.len()];
     // A moment lasts until the next, at most 1 s.
     let nexts = compass_report
@@ -66,7 +66,7 @@ fn cells(compass_report: &CompassReport) -> [[CoverageCell; HEADING_SECTORS]; TI
 pub fn coverage_picture(compass_report: &CompassReport) -> Picture {
     const LEFT_MARGIN: f64 = 142.0;
     const CELL_SIZE: Point = [40.0, 26.0];
-    let cells = cells(compass_report);
+    let cells = coverage_cells(compass_report);
     let mut svg = Svg::new(LEFT_MARGIN + CELL_SIZE[0] * HEADING_SECTORS as f64 + 16.0, 346.0);
     let knows = compass_report.has_fitted_marks;
     let number_is = if knows { "collected and fitted, number" } else { "flown, seconds" };
@@ -76,27 +76,31 @@ pub fn coverage_picture(compass_report: &CompassReport) -> Picture {
     }
     items.push((LegendSample::Area("missed"), "not flown"));
     let top = draw_legend(&mut svg, [16.0, 8.0], 600.0, &items) + 14.0;
-    svg.text("name", [16.0, top - 4.0], "bank, deg");
+    svg.draw_text("name", [16.0, top - 4.0], "bank, deg");
     for (row, ((name, _), cells)) in TILT_ROWS.iter().zip(&cells).enumerate() {
         let gap = if row < BANK_BINS { 0.0 } else { 22.0 };
         let y = top + CELL_SIZE[1] * row as f64 + gap;
         if row == BANK_BINS {
-            svg.text("name", [16.0, y - 4.0], "pitch, deg");
+            svg.draw_text("name", [16.0, y - 4.0], "pitch, deg");
         }
-        svg.text("tick end", [LEFT_MARGIN - 6.0, y + 17.0], name);
+        svg.draw_text("tick end", [LEFT_MARGIN - 6.0, y + 17.0], name);
         for (sector, cell) in cells.iter().enumerate() {
-            draw(&mut svg, [LEFT_MARGIN + CELL_SIZE[0] * sector as f64, y], CELL_SIZE, *cell, knows);
+            draw_cell(&mut svg, [LEFT_MARGIN + CELL_SIZE[0] * sector as f64, y], CELL_SIZE, *cell, knows);
         }
     }
     let bottom = top + CELL_SIZE[1] * TILT_ROWS.len() as f64 + 22.0;
     for sector in 0..HEADING_SECTORS {
-        svg.text(
+        svg.draw_text(
             "tick mid",
             [LEFT_MARGIN + CELL_SIZE[0] * (sector as f64 + 0.5), bottom + 16.0],
             &(30 * sector).to_string(),
         );
     }
-    svg.text("name mid", [LEFT_MARGIN + CELL_SIZE[0] * HEADING_SECTORS as f64 / 2.0, bottom + 34.0], "heading, deg");
+    svg.draw_text(
+        "name mid",
+        [LEFT_MARGIN + CELL_SIZE[0] * HEADING_SECTORS as f64 / 2.0, bottom + 34.0],
+        "heading, deg",
+    );
     Picture {
         svg,
         title: "What was flown".to_owned(),
@@ -105,17 +109,17 @@ pub fn coverage_picture(compass_report: &CompassReport) -> Picture {
     }
 }
 
-fn draw(svg: &mut Svg, [x, y]: Point, [width, height]: Point, cell: CoverageCell, knows_fitted: bool) {
+fn draw_cell(svg: &mut Svg, [x, y]: Point, [width, height]: Point, cell: CoverageCell, knows_fitted: bool) {
     if cell.is_missing() {
-        svg.rect("missed", [x + 2.0, y + 2.0], [width - 4.0, height - 4.0]);
-        svg.points("p2 faint", Shape::Diamond, 2.0, [[x + width / 2.0, y + height / 2.0]]);
+        svg.draw_rectangle("missed", [x + 2.0, y + 2.0], [width - 4.0, height - 4.0]);
+        svg.draw_points("p2 faint", Shape::Diamond, 2.0, [[x + width / 2.0, y + height / 2.0]]);
         return;
     }
     let is_used = !knows_fitted || cell.fitted > 0;
-    svg.rect(if is_used { "cell used" } else { "cell flown" }, [x, y], [width, height]);
+    svg.draw_rectangle(if is_used { "cell used" } else { "cell flown" }, [x, y], [width, height]);
     let count = if knows_fitted { cell.fitted as f64 } else { cell.flown_s.ceil() };
     if is_used {
-        svg.text("count mid", [x + width / 2.0, y + height / 2.0 + 4.0], &format_number(count, 0));
+        svg.draw_text("count mid", [x + width / 2.0, y + height / 2.0 + 4.0], &format_number(count, 0));
     }
 }
 
@@ -160,7 +164,7 @@ mod tests {
         let moments =
             vec![moment(0.0, 350.0, 30.0, true), moment(0.5, 16.0, -12.0, false), moment(60.0, 16.0, 0.0, true)];
         let compass_report = CompassReport { samples: moments, has_fitted_marks: true, ..CompassReport::default() };
-        let cells = cells(&compass_report);
+        let cells = coverage_cells(&compass_report);
         // The first two samples are in different bank cells, the second for at most 1 s; the last has no duration but
         // is fitted.
         assert_eq!(cells[0][0], CoverageCell { flown_s: 0.5, fitted: 1 });

@@ -88,7 +88,7 @@ fn max_error_deg(lines: &[DeviationCurve]) -> f64 {
     max_magnitude(lines.iter().flat_map(|line| line.errors_deg.iter().copied().flatten()))
 }
 
-fn frame(top: f64, [left, up]: Point, y: Axis) -> PlotFrame {
+fn plot_frame(top: f64, [left, up]: Point, y: Axis) -> PlotFrame {
     let at = [left + 58.0, top];
     PlotFrame {
         x: Axis::headings_deg(90),
@@ -98,13 +98,13 @@ fn frame(top: f64, [left, up]: Point, y: Axis) -> PlotFrame {
     }
 }
 
-fn title(svg: &mut Svg, [left, up]: Point, words: &str) -> Point {
-    svg.text("title", [left + 16.0, up + 20.0], words);
+fn draw_title(svg: &mut Svg, [left, up]: Point, words: &str) -> Point {
+    svg.draw_text("title", [left + 16.0, up + 20.0], words);
     [left + 16.0, up + 30.0]
 }
 
 fn draw_one_scale(svg: &mut Svg, at: Point, compass_report: &CompassReport, word: &str) {
-    let below = title(svg, at, picture_title(compass_report));
+    let below = draw_title(svg, at, picture_title(compass_report));
     let names: Vec<String> =
         compass_report.before.iter().map(|line| format!("before{}", name_suffix(&line.name))).collect();
     let mut items: Vec<(LegendSample, &str)> = UNCALIBRATED_LINES
@@ -121,19 +121,19 @@ fn draw_one_scale(svg: &mut Svg, at: Point, compass_report: &CompassReport, word
     }
     let top = draw_legend(svg, below, PICTURE_SIZE[0] - 32.0, &items);
     let y = Axis::symmetric_deg(max_error_deg(&compass_report.before).max(max_error_deg(&compass_report.after)));
-    let frame = frame(top, at, y);
-    frame.draw(svg, "heading, deg", &format!("{word}, deg"));
+    let frame = plot_frame(top, at, y);
+    frame.draw_axes(svg, "heading, deg", &format!("{word}, deg"));
     for (line, (class, shape, points)) in compass_report.before.iter().zip(UNCALIBRATED_LINES) {
-        draw(svg, &frame, line, class, Some((shape, points)));
+        draw_curve(svg, &frame, line, class, Some((shape, points)));
     }
     for line in &compass_report.after {
-        draw(svg, &frame, line, "l l3", None);
+        draw_curve(svg, &frame, line, "l l3", None);
     }
 }
 
 /// Returns the number of points outside the frame.
 fn draw_enlarged(svg: &mut Svg, at: Point, compass_report: &CompassReport, word: &str) -> usize {
-    let below = title(svg, at, "After, enlarged");
+    let below = draw_title(svg, at, "After, enlarged");
     let points: Vec<Point> = compass_report
         .samples
         .iter()
@@ -159,25 +159,25 @@ fn draw_enlarged(svg: &mut Svg, at: Point, compass_report: &CompassReport, word:
     let most = max_error_deg(&compass_report.after)
         .max(max_magnitude(compass_report.sigma_deg.iter().copied()))
         .max(magnitude_quantile(points.iter().map(|[_, error]| *error), FRAMED_FRACTION));
-    let frame = frame(top, at, Axis::symmetric_deg(most));
+    let frame = plot_frame(top, at, Axis::symmetric_deg(most));
     draw_expected_error_band(svg, &frame, &compass_report.sigma_deg);
-    frame.draw(svg, "heading, deg", &format!("{word}, deg"));
-    let plotted: Vec<Option<Point>> = subsample(&points, MAX_POINTS).map(|&[x, y]| frame.point(x, y)).collect();
-    svg.points("dot", Shape::Dot, 1.4, plotted.iter().copied().flatten());
+    frame.draw_axes(svg, "heading, deg", &format!("{word}, deg"));
+    let plotted: Vec<Option<Point>> = subsample(&points, MAX_POINTS).map(|&[x, y]| frame.plot_point(x, y)).collect();
+    svg.draw_points("dot", Shape::Dot, 1.4, plotted.iter().copied().flatten());
     for (line, (class, shape, points)) in compass_report.after.iter().zip(classes) {
-        draw(svg, &frame, line, class, Some((shape, points)));
+        draw_curve(svg, &frame, line, class, Some((shape, points)));
     }
     plotted.iter().filter(|point| point.is_none()).count()
 }
 
-fn draw(svg: &mut Svg, frame: &PlotFrame, line: &DeviationCurve, class: &str, points: Option<(Shape, &str)>) {
+fn draw_curve(svg: &mut Svg, frame: &PlotFrame, line: &DeviationCurve, class: &str, points: Option<(Shape, &str)>) {
     let places: Vec<Option<Point>> = closed_heading_curve(&line.errors_deg)
         .into_iter()
-        .map(|point| point.and_then(|[x, y]| frame.point(x, y)))
+        .map(|point| point.and_then(|[x, y]| frame.plot_point(x, y)))
         .collect();
-    svg.path(class, places.iter().copied());
+    svg.draw_path(class, places.iter().copied());
     if let Some((shape, class)) = points {
-        svg.points(class, shape, 3.0, places.into_iter().flatten());
+        svg.draw_points(class, shape, 3.0, places.into_iter().flatten());
     }
 }
 
@@ -188,7 +188,7 @@ fn draw_expected_error_band(svg: &mut Svg, frame: &PlotFrame, sigma_deg: &[f64])
         let [from, to] = [middle - width_deg / 2.0, middle + width_deg / 2.0].map(|deg| deg.clamp(0.0, 360.0));
         let [left, right] = [from, to].map(|deg| frame.x_position(deg));
         let [top, bottom] = [*sigma, -sigma].map(|deg| frame.y_position(deg));
-        svg.rect("band", [left, top], [right - left, bottom - top]);
+        svg.draw_rectangle("band", [left, top], [right - left, bottom - top]);
     }
 }
 

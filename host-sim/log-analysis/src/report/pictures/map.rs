@@ -46,18 +46,18 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
     ]);
     let top = draw_legend(&mut svg, [16.0, 8.0], MAP_SIDE + 58.0, &items);
     let frame = PlotFrame { x: axis(east), y: axis(north), origin: [70.0, top], size: [MAP_SIDE, MAP_SIDE] };
-    frame.draw(&mut svg, &format!("east, {unit}"), &format!("north, {unit}"));
-    let point = |[x, y]: Point| frame.point(x / per, y / per);
+    frame.draw_axes(&mut svg, &format!("east, {unit}"), &format!("north, {unit}"));
+    let point = |[x, y]: Point| frame.plot_point(x / per, y / per);
     for kind in &track_classes {
         let track = subsample(&compass_report.samples, POINTS)
             .map(|moment| moment.position_m.filter(|_| (kind.belongs)(moment)).and_then(point));
-        svg.path(kind.class, track);
+        svg.draw_path(kind.class, track);
     }
     let collected =
         compass_report.samples.iter().filter(|moment| moment.is_fitted).filter_map(|moment| point(moment.position_m?));
-    svg.points("p2", Shape::Circle, 2.2, collected);
-    svg.points("p0", Shape::Triangle, 5.0, places.first().and_then(|place| point(*place)));
-    svg.points("p0", Shape::Square, 4.0, places.last().and_then(|place| point(*place)));
+    svg.draw_points("p2", Shape::Circle, 2.2, collected);
+    svg.draw_points("p0", Shape::Triangle, 5.0, places.first().and_then(|place| point(*place)));
+    svg.draw_points("p0", Shape::Square, 4.0, places.last().and_then(|place| point(*place)));
     let decimals = usize::from(per > 1.0);
     let [wide, high] = [east, north].map(|[from, to]| format_number((to - from) / per, decimals));
     let fitted = compass_report.samples.iter().filter(|moment| moment.is_fitted).count();

@@ -33,18 +33,20 @@ pub fn draw_legend(svg: &mut Svg, [left, top]: Point, width: f64, items: &[(Lege
             (x, y) = (left, y + LEGEND_ROW_HEIGHT);
         }
         let middle = y + LEGEND_ROW_HEIGHT / 2.0;
-        let across = |svg: &mut Svg, class: &str| svg.line(class, [x, middle], [x + LEGEND_SAMPLE_WIDTH, middle]);
+        let across = |svg: &mut Svg, class: &str| svg.draw_line(class, [x, middle], [x + LEGEND_SAMPLE_WIDTH, middle]);
         let centre = [[x + LEGEND_SAMPLE_WIDTH / 2.0, middle]];
         match *key {
             LegendSample::Line(class) => across(svg, class),
-            LegendSample::Points(shape, class) => svg.points(class, shape, 3.5, centre),
+            LegendSample::Points(shape, class) => svg.draw_points(class, shape, 3.5, centre),
             LegendSample::Both(line, shape, class) => {
                 across(svg, line);
-                svg.points(class, shape, 3.5, centre);
+                svg.draw_points(class, shape, 3.5, centre);
             }
-            LegendSample::Area(class) => svg.rect(class, [x, y + 3.0], [LEGEND_SAMPLE_WIDTH, LEGEND_ROW_HEIGHT - 6.0]),
+            LegendSample::Area(class) => {
+                svg.draw_rectangle(class, [x, y + 3.0], [LEGEND_SAMPLE_WIDTH, LEGEND_ROW_HEIGHT - 6.0])
+            }
         }
-        svg.text("name", [x + LEGEND_SAMPLE_WIDTH + 6.0, middle + 4.0], name);
+        svg.draw_text("name", [x + LEGEND_SAMPLE_WIDTH + 6.0, middle + 4.0], name);
         x += length;
     }
     y + LEGEND_ROW_HEIGHT + 8.0

@@ -30,15 +30,15 @@ pub(super) struct Converter {
 
 impl Converter {
     /// Restarts conversion, as after a write to a control register.
-    pub fn restart(&mut self, registers: &Registers, now_us: u64) {
-        let mode = registers.mode();
+    pub fn restart_conversion(&mut self, registers: &Registers, now_us: u64) {
+        let mode = registers.measurement_mode();
         self.next_us = (mode.conversion != Conversion::PowerDown).then(|| now_us + period_us(&mode));
     }
 
     /// The last conversion completed by now, if any.
     pub fn take_completed(&mut self, registers: &mut Registers, now_us: u64) -> Option<CompletedConversion> {
         let first_us = self.next_us.filter(|&next_us| next_us <= now_us)?;
-        let mode = registers.mode();
+        let mode = registers.measurement_mode();
         if mode.conversion == Conversion::Single {
             registers.power_down();
             self.next_us = None;
@@ -57,7 +57,7 @@ fn period_us(mode: &MeasurementSettings) -> u64 {
 }
 
 /// Field as the chip reports it: with noise, quantised, clamped to 16 bits.
-pub(super) fn counts(
+pub(super) fn field_counts(
     field: &Field<Sensor>,
     mode: &MeasurementSettings,
     noise_scale: f64,

@@ -89,14 +89,19 @@ impl Lis3mdl {
 
     fn catch_up(&mut self) {
         if let Some(due) = self.converter.take_completed(&mut self.registers, clock::now_us()) {
-            self.convert(&due);
+            self.finish_conversion(&due);
         }
     }
 
-    fn convert(&mut self, due: &CompletedConversion) {
+    fn finish_conversion(&mut self, due: &CompletedConversion) {
         if !self.frozen {
             let field = (self.source)(due.at_us);
-            let counts = conversion::counts(&field, &self.registers.mode(), self.config.noise_scale, &mut self.noise);
+            let counts = conversion::field_counts(
+                &field,
+                &self.registers.measurement_mode(),
+                self.config.noise_scale,
+                &mut self.noise,
+            );
             self.registers.set_measurement(counts);
         }
         self.registers.set_temperature_c(self.config.temperature_c);
@@ -105,25 +110,25 @@ impl Lis3mdl {
 }
 
 impl SimulatedI2cDevice for Lis3mdl {
-    fn acknowledges(&self, address: u8) -> bool {
+    fn acknowledges_address(&self, address: u8) -> bool {
         !self.silent && address == self.config.address
     }
 
-    fn write(&mut self, bytes: &[u8]) {
+    fn write_bytes(&mut self, bytes: &[u8]) {
         self.catch_up();
         if let Some((&pointer, data)) = bytes.split_first() {
             self.registers.set_pointer(pointer);
             for &byte in data {
-                if self.registers.write(byte) {
-                    self.converter.restart(&self.registers, clock::now_us());
+                if self.registers.write_register(byte) {
+                    self.converter.restart_conversion(&self.registers, clock::now_us());
                 }
             }
         }
     }
 
-    fn read(&mut self, bytes: &mut [u8]) {
+    fn read_bytes(&mut self, bytes: &mut [u8]) {
         self.catch_up();
-        bytes.fill_with(|| self.registers.read());
+        bytes.fill_with(|| self.registers.read_register());
     }
 }
 

@@ -88,9 +88,9 @@ impl Registers {
     }
 
     /// Writes the register at the pointer; returns true if the measurement settings may have changed.
-    pub fn write(&mut self, value: u8) -> bool {
+    pub fn write_register(&mut self, value: u8) -> bool {
         let register = self.pointer;
-        self.advance();
+        self.advance_pointer();
         match register {
             CTRL_REG2 if value & SOFT_RESET_OR_REBOOT != 0 => *self = Self::default(),
             CTRL_REG1..=CTRL_REG5 | INT_CFG | INT_THS_L | INT_THS_H => self.bytes[usize::from(register)] = value,
@@ -101,9 +101,9 @@ impl Registers {
     }
 
     /// Reads the register at the pointer.
-    pub fn read(&mut self) -> u8 {
+    pub fn read_register(&mut self) -> u8 {
         let register = self.pointer;
-        self.advance();
+        self.advance_pointer();
         let value = self.bytes[usize::from(register)];
         if (OUT_X_L..=OUT_Z_H).contains(&register) {
             self.lock_axis_while_read(register - OUT_X_L);
@@ -113,7 +113,7 @@ impl Registers {
 
     /// The last output register wraps to the first; temperature is not part of a burst (confirmed by ST, missing in the
     /// data sheet).
-    fn advance(&mut self) {
+    fn advance_pointer(&mut self) {
         if self.auto_increment {
             self.pointer = if self.pointer == OUT_Z_H { OUT_X_L } else { (self.pointer + 1) & ADDRESS_MASK };
         }
@@ -127,8 +127,8 @@ impl Registers {
             self.half_read |= bit;
         } else {
             self.half_read &= !bit;
-            let ready = self.status() & ALL_AXES & !bit;
-            let overrun = (self.status() >> 4) & ALL_AXES & !bit;
+            let ready = self.status_register() & ALL_AXES & !bit;
+            let overrun = (self.status_register() >> 4) & ALL_AXES & !bit;
             self.set_status(ready, overrun);
             self.publish_axis(usize::from(axis));
         }
@@ -144,14 +144,14 @@ impl Registers {
 
     /// Sets the data-ready flags and the overrun flags of unread axes; of all axes if conversions were `missed`.
     pub fn set_data_ready(&mut self, missed: bool) {
-        let unread = if missed { ALL_AXES } else { self.status() & ALL_AXES };
-        let overrun = (self.status() >> 4) & ALL_AXES;
+        let unread = if missed { ALL_AXES } else { self.status_register() & ALL_AXES };
+        let overrun = (self.status_register() >> 4) & ALL_AXES;
         self.set_status(ALL_AXES, overrun | unread);
     }
 
     /// Temperature: 8 counts per degree, 0 at 25 degrees Celsius.
     pub fn set_temperature_c(&mut self, temperature_c: f64) {
-        if self.get(CTRL_REG1) & TEMPERATURE_ENABLE != 0 {
+        if self.register_value(CTRL_REG1) & TEMPERATURE_ENABLE != 0 {
             let counts = ((temperature_c - 25.0) * 8.0).round() as i16;
             self.put_pair(TEMP_OUT_L, counts);
         }
@@ -163,19 +163,19 @@ impl Registers {
     }
 
     /// Decoded measurement settings.
-    pub fn mode(&self) -> MeasurementSettings {
-        let control1 = self.get(CTRL_REG1);
+    pub fn measurement_mode(&self) -> MeasurementSettings {
+        let control1 = self.register_value(CTRL_REG1);
         let averaging_xy = usize::from(control1 >> 5 & 3);
         let fast = control1 & 0x02 != 0;
         MeasurementSettings {
-            conversion: match self.get(CTRL_REG3) & 3 {
+            conversion: match self.register_value(CTRL_REG3) & 3 {
                 0 => Conversion::Continuous,
                 1 => Conversion::Single,
                 _ => Conversion::PowerDown,
             },
             averaging_xy,
-            averaging_z: usize::from(self.get(CTRL_REG4) >> 2 & 3),
-            full_scale: usize::from(self.get(CTRL_REG2) >> 5 & 3),
+            averaging_z: usize::from(self.register_value(CTRL_REG4) >> 2 & 3),
+            full_scale: usize::from(self.register_value(CTRL_REG2) >> 5 & 3),
             rate_hz: if fast { FAST_RATE_HZ[averaging_xy] } else { 0.625 * f64::from(1 << (control1 >> 2 & 7)) },
             self_test: control1 & SELF_TEST != 0,
         }
@@ -183,18 +183,18 @@ impl Registers {
 
     /// Copies the latest measurement of an axis to its output registers unless block data update locks them.
     fn publish_axis(&mut self, axis: usize) {
-        let held = self.get(CTRL_REG5) & BLOCK_DATA_UPDATE != 0 && self.half_read & (1 << axis) != 0;
+        let held = self.register_value(CTRL_REG5) & BLOCK_DATA_UPDATE != 0 && self.half_read & (1 << axis) != 0;
         if !held {
             self.put_pair(OUT_X_L + 2 * axis as u8, self.latest[axis]);
         }
     }
 
-    fn get(&self, register: u8) -> u8 {
+    fn register_value(&self, register: u8) -> u8 {
         self.bytes[usize::from(register)]
     }
 
-    fn status(&self) -> u8 {
-        self.get(STATUS_REG)
+    fn status_register(&self) -> u8 {
+        self.register_value(STATUS_REG)
     }
 
     /// ZYXDA is set if all axes have new data, ZYXOR if any axis was overrun.
@@ -206,7 +206,7 @@ impl Registers {
 
     fn put_pair(&mut self, low: u8, value: i16) {
         let measured = (OUT_X_L..=OUT_Z_H).contains(&low);
-        let swapped = measured && self.get(CTRL_REG4) & BIG_ENDIAN != 0;
+        let swapped = measured && self.register_value(CTRL_REG4) & BIG_ENDIAN != 0;
         let low = usize::from(low);
         self.bytes[low..low + 2].copy_from_slice(&if swapped { value.to_be_bytes() } else { value.to_le_bytes() });
     }

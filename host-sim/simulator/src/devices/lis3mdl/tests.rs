@@ -23,7 +23,7 @@ where
     };
     let chip = Lis3mdl::new(config, Box::new(source));
     let bus = Bus::new();
-    bus.attach(chip.clone());
+    bus.attach_device(chip.clone());
     simulation.spawn(Level::Thread, "script", script(bus, chip));
     simulation.run_for(100_000_000);
     assert_eq!(simulation.tasks(), 0, "the script did not end");

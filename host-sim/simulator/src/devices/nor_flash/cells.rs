@@ -54,7 +54,7 @@ impl Cells {
 
     /// Loads a copy of the contents; double words other than all ones count as programmed. False without effect if the
     /// size differs.
-    pub fn restore(&mut self, bytes: &[u8]) -> bool {
+    pub fn restore_contents(&mut self, bytes: &[u8]) -> bool {
         if bytes.len() != self.bytes.len() {
             return false;
         }
@@ -78,7 +78,7 @@ impl Cells {
     }
 
     /// Checks that the operation is allowed.
-    pub fn check(&self, operation: Operation) -> Result<(), FlashError> {
+    pub fn check_operation(&self, operation: Operation) -> Result<(), FlashError> {
         match operation {
             Operation::Program { word, .. } if self.programmed[word] => {
                 Err(FlashError::NotErased { offset: (word * WORD_BYTES) as u32 })
@@ -87,9 +87,9 @@ impl Cells {
         }
     }
 
-    pub fn perform(&mut self, operation: Operation) {
+    pub fn perform_operation(&mut self, operation: Operation) {
         match operation {
-            Operation::Program { word, value } => self.program(word, value),
+            Operation::Program { word, value } => self.program_word(word, value),
             Operation::Erase { page } => {
                 self.erases[page] += 1;
                 for word in page * WORDS_PER_PAGE..(page + 1) * WORDS_PER_PAGE {
@@ -104,8 +104,8 @@ impl Cells {
     pub fn apply_partially(&mut self, operation: Operation, random: &mut Random) {
         match operation {
             Operation::Program { word, value } => {
-                let fallen = random.bits().to_le_bytes();
-                self.program(word, std::array::from_fn(|i| value[i] | fallen[i]));
+                let fallen = random.random_bits().to_le_bytes();
+                self.program_word(word, std::array::from_fn(|i| value[i] | fallen[i]));
             }
             Operation::Erase { page } => {
                 self.erases[page] += 1;
@@ -117,11 +117,11 @@ impl Cells {
     }
 
     fn erase_word_partially(&mut self, word: usize, random: &mut Random) {
-        match random.bits() % 3 {
+        match random.random_bits() % 3 {
             0 => {}
             1 => self.erase_word(word),
             _ => {
-                let risen = random.bits().to_le_bytes();
+                let risen = random.random_bits().to_le_bytes();
                 for (byte, risen) in self.word_mut(word).iter_mut().zip(risen) {
                     *byte |= risen;
                 }
@@ -129,7 +129,7 @@ impl Cells {
         }
     }
 
-    fn program(&mut self, word: usize, value: [u8; WORD_BYTES]) {
+    fn program_word(&mut self, word: usize, value: [u8; WORD_BYTES]) {
         self.writes += 1;
         self.programmed[word] = true;
         self.word_mut(word).copy_from_slice(&value);

@@ -97,14 +97,14 @@ impl Flash {
 
     /// A copy of all bytes.
     #[must_use]
-    pub fn contents(&self) -> Vec<u8> {
+    pub fn flash_contents(&self) -> Vec<u8> {
         self.0.borrow().cells.bytes().to_vec()
     }
 
     /// Restores a copy from [`contents`](Self::contents). False without effect if the size differs.
     #[must_use]
-    pub fn restore(&self, contents: &[u8]) -> bool {
-        self.0.borrow_mut().cells.restore(contents)
+    pub fn restore_contents(&self, contents: &[u8]) -> bool {
+        self.0.borrow_mut().cells.restore_contents(contents)
     }
 
     /// Fault: inverts bits of one byte, as radiation or ageing does.
@@ -116,12 +116,12 @@ impl Flash {
         self.0.borrow_mut().cells.flip_bits(offset, mask);
     }
 
-    async fn perform(&self, operation: Operation, duration: Duration) -> Result<(), FlashError> {
+    async fn perform_operation(&self, operation: Operation, duration: Duration) -> Result<(), FlashError> {
         self.0.borrow_mut().begin_operation(operation)?;
         let mut unfinished = OperationGuard { flash: self, operation, finished: false };
         Timer::after(duration).await;
         unfinished.finished = true;
-        self.0.borrow_mut().cells.perform(operation);
+        self.0.borrow_mut().cells.perform_operation(operation);
         Ok(())
     }
 }
@@ -147,7 +147,7 @@ impl FlashDevice {
         if !self.powered {
             return Err(FlashError::PowerLost);
         }
-        self.cells.check(operation)?;
+        self.cells.check_operation(operation)?;
         match &mut self.cut {
             Some(cut) if cut.operations_left == 0 => {
                 cut.stop.request();
@@ -156,7 +156,7 @@ impl FlashDevice {
                 match outcome {
                     CutOutcome::NotBegun => {}
                     CutOutcome::Torn => self.interrupt_operation(operation),
-                    CutOutcome::Done => self.cells.perform(operation),
+                    CutOutcome::Done => self.cells.perform_operation(operation),
                 }
                 Err(FlashError::PowerLost)
             }
@@ -195,7 +195,7 @@ impl ReadNorFlash for Flash {
         if !device.powered {
             return Err(FlashError::PowerLost);
         }
-        device.check_range(offset, end(offset, bytes.len())?, Self::READ_SIZE)?;
+        device.check_range(offset, range_end(offset, bytes.len())?, Self::READ_SIZE)?;
         let start = offset as usize;
         bytes.copy_from_slice(&device.cells.bytes()[start..start + bytes.len()]);
         Ok(())
@@ -213,22 +213,22 @@ impl NorFlash for Flash {
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
         self.0.borrow().check_range(from, to, PAGE_BYTES)?;
         for page in from as usize / PAGE_BYTES..to as usize / PAGE_BYTES {
-            self.perform(Operation::Erase { page }, ERASE_TIME).await?;
+            self.perform_operation(Operation::Erase { page }, ERASE_TIME).await?;
         }
         Ok(())
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
-        self.0.borrow().check_range(offset, end(offset, bytes.len())?, WORD_BYTES)?;
+        self.0.borrow().check_range(offset, range_end(offset, bytes.len())?, WORD_BYTES)?;
         let (words, _) = bytes.as_chunks::<WORD_BYTES>();
         for (word, &value) in (offset as usize / WORD_BYTES..).zip(words) {
-            self.perform(Operation::Program { word, value }, PROGRAM_TIME).await?;
+            self.perform_operation(Operation::Program { word, value }, PROGRAM_TIME).await?;
         }
         Ok(())
     }
 }
 
-fn end(offset: u32, length: usize) -> Result<u32, FlashError> {
+fn range_end(offset: u32, length: usize) -> Result<u32, FlashError> {
     u32::try_from(length).ok().and_then(|length| offset.checked_add(length)).ok_or(FlashError::OutOfBounds)
 }
 
@@ -269,7 +269,7 @@ mod tests {
         assert_eq!(program(OLD), Err(FlashError::NotErased { offset: 8 }));
         assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Ok(())));
         assert_eq!(run(&mut simulation, write(flash.clone(), 8, OLD.to_vec())), Some(Ok(())));
-        assert_eq!(flash.contents()[8..16], OLD);
+        assert_eq!(flash.flash_contents()[8..16], OLD);
         assert_eq!(flash.wear(), Wear { erases: 1, writes: 2, worst_page_erases: 1 });
     }
 
@@ -319,7 +319,7 @@ mod tests {
             assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Err(FlashError::PowerLost)));
 
             flash.power_on();
-            let bytes = flash.contents();
+            let bytes = flash.flash_contents();
             assert_eq!(bytes[0..8], OLD, "what was done before the cut stays");
             assert_eq!(bytes[16..24], [0xFF; 8], "what would have come after it never happens");
             let second: [u8; 8] = bytes[8..16].try_into().unwrap();
@@ -349,7 +349,7 @@ mod tests {
         simulation.run_for(10_000);
         simulation.power_off();
 
-        let page = flash.contents();
+        let page = flash.flash_contents();
         let (words, _) = page[..2048].as_chunks::<8>();
         let old = words.iter().filter(|&&word| word == OLD).count();
         let erased = words.iter().filter(|&&word| word == [0xFF; 8]).count();
@@ -357,6 +357,6 @@ mod tests {
         assert!((55..=116).contains(&old), "{old} words as before");
         assert!((55..=116).contains(&erased), "{erased} words erased");
         assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Ok(())));
-        assert_eq!(flash.contents()[..2048], [0xFF; 2048], "erasing again mends the page");
+        assert_eq!(flash.flash_contents()[..2048], [0xFF; 2048], "erasing again mends the page");
     }
 }

@@ -97,7 +97,7 @@ impl Rm3100 {
     /// Value of a register, without the effects of an access.
     #[must_use]
     pub fn register(&self, register: u8) -> u8 {
-        self.registers.get(register)
+        self.registers.register_value(register)
     }
 
     fn is_missing(&self) -> bool {
@@ -112,7 +112,7 @@ impl Rm3100 {
         if let Some(ended) = self.registers.take_ended(now_us, self.config.period_scale) {
             match ended {
                 RunningMeasurement::SelfTest { .. } => self.end_self_test(),
-                RunningMeasurement::Field { ends_at_us, .. } => self.measure(ends_at_us),
+                RunningMeasurement::Field { ends_at_us, .. } => self.finish_measurement(ends_at_us),
             }
             self.registers.set_data_ready();
         }
@@ -124,14 +124,14 @@ impl Rm3100 {
         }
     }
 
-    fn measure(&mut self, ended_at_us: u64) {
+    fn finish_measurement(&mut self, ended_at_us: u64) {
         for axis in 0..3 {
             let cycle_count = self.registers.cycle_count(axis);
             let after_us: u64 = (axis + 1..3).map(|later| self.registers.axis_us(later)).sum();
             let middle_us = ended_at_us.saturating_sub(after_us + self.registers.axis_us(axis) / 2);
             let field: Field<Sensor> = (self.source)(middle_us);
             let sigma_ut = NOISE_UT * (200.0 / f64::from(cycle_count.max(1))).sqrt() * self.config.noise_scale;
-            let ut = f64::from(field.ut[axis]) + sigma_ut * self.noise.normal();
+            let ut = f64::from(field.ut[axis]) + sigma_ut * self.noise.gaussian();
             if self.fault != Some(Rm3100Fault::StuckAxis(axis)) {
                 self.registers.set_result(axis, (ut * counts_per_ut(cycle_count)).round() as i32);
             }
@@ -145,7 +145,7 @@ fn counts_per_ut(cycle_count: u16) -> f64 {
 }
 
 impl SimulatedSpiDevice for Rm3100 {
-    fn write(&mut self, bytes: &[u8]) {
+    fn write_bytes(&mut self, bytes: &[u8]) {
         if self.is_missing() {
             return;
         }
@@ -153,12 +153,12 @@ impl SimulatedSpiDevice for Rm3100 {
         let Some((&address, values)) = bytes.split_first() else { return };
         self.pointer = address & !registers::READ;
         for &value in values {
-            self.registers.write(self.pointer, value, clock::now_us(), self.config.period_scale);
+            self.registers.write_register(self.pointer, value, clock::now_us(), self.config.period_scale);
             self.pointer = self.pointer.wrapping_add(1);
         }
     }
 
-    fn read(&mut self, bytes: &mut [u8]) {
+    fn read_bytes(&mut self, bytes: &mut [u8]) {
         if let Some(Rm3100Fault::Missing(level)) = self.fault {
             bytes.fill(level);
             return;
@@ -167,7 +167,7 @@ impl SimulatedSpiDevice for Rm3100 {
         for byte in bytes {
             *byte = match (self.pointer, self.fault) {
                 (registers::REVID, Some(Rm3100Fault::Identity(other))) => other,
-                (register, _) => self.registers.read(register),
+                (register, _) => self.registers.read_register(register),
             };
             self.pointer = self.pointer.wrapping_add(1);
         }

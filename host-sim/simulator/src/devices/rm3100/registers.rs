@@ -58,35 +58,35 @@ impl Default for Registers {
 }
 
 impl Registers {
-    pub fn get(&self, register: u8) -> u8 {
+    pub fn register_value(&self, register: u8) -> u8 {
         self.bytes.get(usize::from(register)).copied().unwrap_or(0)
     }
 
-    fn set(&mut self, register: u8, value: u8) {
+    fn set_register(&mut self, register: u8, value: u8) {
         self.bytes[usize::from(register)] = value;
     }
 
     pub fn flip_register_bits(&mut self, register: u8, bits: u8) {
-        self.set(register, self.get(register) ^ bits);
+        self.set_register(register, self.register_value(register) ^ bits);
     }
 
     /// Reads a register, with the effects of the access.
-    pub fn read(&mut self, register: u8) -> u8 {
+    pub fn read_register(&mut self, register: u8) -> u8 {
         match register {
             CMM => self.stop(),
             MX2..=MZ0 => self.clear_data_ready(),
             _ => {}
         }
-        self.get(register)
+        self.register_value(register)
     }
 
     /// Writes a register.
-    pub fn write(&mut self, register: u8, value: u8, now_us: u64, period_scale: f64) {
+    pub fn write_register(&mut self, register: u8, value: u8, now_us: u64, period_scale: f64) {
         self.clear_data_ready();
         match register {
             POLL => self.start_single(value, now_us),
             CMM => {
-                self.set(CMM, value);
+                self.set_register(CMM, value);
                 self.running = self.is_continuous().then(|| RunningMeasurement::Field {
                     ends_at_us: now_us + self.period_us(period_scale),
                     is_continuous: true,
@@ -94,20 +94,20 @@ impl Registers {
             }
             TMRC => {
                 self.stop();
-                self.set(TMRC, value);
+                self.set_register(TMRC, value);
             }
-            CCX1..=CCZ0 | BIST | HSHAKE => self.set(register, value),
+            CCX1..=CCZ0 | BIST | HSHAKE => self.set_register(register, value),
             // Writes to read-only and alarm registers have no effect.
             _ => {}
         }
     }
 
     fn is_continuous(&self) -> bool {
-        self.get(CMM) & (START | ALL_AXES) == START | ALL_AXES
+        self.register_value(CMM) & (START | ALL_AXES) == START | ALL_AXES
     }
 
     fn stop(&mut self) {
-        self.set(CMM, self.get(CMM) & !START);
+        self.set_register(CMM, self.register_value(CMM) & !START);
         if matches!(self.running, Some(RunningMeasurement::Field { is_continuous: true, .. })) {
             self.running = None;
         }
@@ -118,7 +118,7 @@ impl Registers {
         if self.is_continuous() || axes & ALL_AXES != ALL_AXES {
             return;
         }
-        self.running = Some(if self.get(BIST) & STE != 0 {
+        self.running = Some(if self.register_value(BIST) & STE != 0 {
             RunningMeasurement::SelfTest { ends_at_us: now_us + SELF_TEST_US }
         } else {
             RunningMeasurement::Field { ends_at_us: now_us + self.sequence_us(), is_continuous: false }
@@ -149,31 +149,31 @@ impl Registers {
 
     /// Data ready, unless continuous mode waits for an alarm.
     pub fn set_data_ready(&mut self) {
-        if !self.is_continuous() || self.get(CMM) & DRDM == DRDM_SEQUENCE {
-            self.set(STATUS, DRDY);
+        if !self.is_continuous() || self.register_value(CMM) & DRDM == DRDM_SEQUENCE {
+            self.set_register(STATUS, DRDY);
         }
     }
 
     fn clear_data_ready(&mut self) {
-        self.set(STATUS, 0);
+        self.set_register(STATUS, 0);
     }
 
     pub fn set_self_test_passed(&mut self, axis: usize, passed: bool) {
         let bit = 0x10 << axis;
-        let others = self.get(BIST) & !bit;
-        self.set(BIST, if passed { others | bit } else { others });
+        let others = self.register_value(BIST) & !bit;
+        self.set_register(BIST, if passed { others | bit } else { others });
     }
 
     pub fn set_result(&mut self, axis: usize, counts: i32) {
         let [_, high, middle, low] = counts.clamp(-0x80_0000, 0x7F_FFFF).to_be_bytes();
         for (register, byte) in (MX2 + 3 * axis as u8..).zip([high, middle, low]) {
-            self.set(register, byte);
+            self.set_register(register, byte);
         }
     }
 
     pub fn cycle_count(&self, axis: usize) -> u16 {
         let register = CCX1 + 2 * axis as u8;
-        u16::from_be_bytes([self.get(register), self.get(register + 1)])
+        u16::from_be_bytes([self.register_value(register), self.register_value(register + 1)])
     }
 
     /// Time of the measurement of an axis.
@@ -187,7 +187,7 @@ impl Registers {
 
     /// Period of the continuous mode, at least the time of the measurement.
     fn period_us(&self, scale: f64) -> u64 {
-        let doublings = u32::from((self.get(TMRC) & 0x0F).max(2)) - 2;
+        let doublings = u32::from((self.register_value(TMRC) & 0x0F).max(2)) - 2;
         let nominal_us = SHORTEST_PERIOD_US << doublings;
         ((nominal_us as f64 * scale).round() as u64).max(self.sequence_us())
     }

@@ -56,7 +56,7 @@ impl CableDirection {
         }
     }
 
-    pub fn send(&mut self, bytes: &[u8], now_us: u64) {
+    pub fn send_bytes(&mut self, bytes: &[u8], now_us: u64) {
         self.deliver_arrived_bytes(now_us);
         self.free_at = self.free_at.max(now_us * self.baud);
         for &byte in bytes {
@@ -107,7 +107,7 @@ impl CableDirection {
         self.received.drain(..count).collect()
     }
 
-    pub fn fail(&mut self, error: UartError) {
+    pub fn inject_error(&mut self, error: UartError) {
         self.error = Some(error);
         if let Some(reader) = &self.reader {
             reader.wake_by_ref();

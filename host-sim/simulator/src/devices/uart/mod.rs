@@ -60,13 +60,13 @@ impl Cable {
 
     /// The host's end.
     #[must_use]
-    pub fn host(&self) -> HostEnd {
+    pub fn host_end(&self) -> HostEnd {
         HostEnd { to_module: Rc::clone(&self.to_module), to_host: Rc::clone(&self.to_host) }
     }
 
     /// The module's end after power-on; clears the receive buffer. Call it once per start of the module.
     #[must_use]
-    pub fn module(&self) -> (Receiver, Transmitter) {
+    pub fn module_ends(&self) -> (Receiver, Transmitter) {
         self.to_module.borrow_mut().clear_received(clock::now_us());
         let transmitter = Transmitter {
             line: Rc::clone(&self.to_host),
@@ -87,7 +87,7 @@ pub struct HostEnd {
 impl HostEnd {
     /// Sends bytes as soon as the line is free.
     pub fn send(&self, bytes: &[u8]) {
-        self.to_module.borrow_mut().send(bytes, clock::now_us());
+        self.to_module.borrow_mut().send_bytes(bytes, clock::now_us());
     }
 
     /// Returns and removes the received bytes.
@@ -109,13 +109,13 @@ impl HostEnd {
     }
 
     /// Waits until bytes are available to [`receive`](Self::receive).
-    pub async fn readable(&self) {
+    pub async fn wait_until_readable(&self) {
         poll_fn(|context| self.to_host.borrow_mut().poll_readable(clock::now_us(), context.waker())).await;
     }
 
     /// Fault: the module's next read returns this error.
     pub fn inject_error(&self, error: UartError) {
-        self.to_module.borrow_mut().fail(error);
+        self.to_module.borrow_mut().inject_error(error);
     }
 
     /// Number of bytes lost at the module, including those sent while it was off.
@@ -181,7 +181,7 @@ impl Write for Transmitter {
         })
         .await;
         let accepted = bytes.len().min(free);
-        self.line.borrow_mut().send(&bytes[..accepted], clock::now_us());
+        self.line.borrow_mut().send_bytes(&bytes[..accepted], clock::now_us());
         Ok(accepted)
     }
 

@@ -21,11 +21,11 @@ fn spawn_reader(simulation: &mut Simulation, mut receiver: Receiver) -> Log<(u64
 fn bytes_arrive_at_the_baud_rate_to_the_microsecond() {
     let mut simulation = Simulation::new();
     let cable = Cable::new(UartConfig { delivery: WakeCondition::EachByte, ..UartConfig::default() });
-    let (receiver, _transmitter) = cable.module();
+    let (receiver, _transmitter) = cable.module_ends();
     let reads = spawn_reader(&mut simulation, receiver);
-    cable.host().send(b"ab");
+    cable.host_end().send(b"ab");
     simulation.run_until(1000);
-    cable.host().send(b"c");
+    cable.host_end().send(b"c");
     simulation.run_until(2000);
     let expected = [(87, b"a"), (174, b"b"), (1087, b"c")].map(|(at_us, byte)| (at_us, Ok(byte.to_vec())));
     assert_eq!(*reads.borrow(), expected);
@@ -35,7 +35,7 @@ fn bytes_arrive_at_the_baud_rate_to_the_microsecond() {
 fn a_thousand_bytes_keep_the_exact_rate() {
     let mut simulation = Simulation::new();
     let cable = Cable::new(UartConfig { transmit_buffer: 2000, ..UartConfig::default() });
-    let (_receiver, mut transmitter) = cable.module();
+    let (_receiver, mut transmitter) = cable.module_ends();
     simulation.spawn(Level::Thread, "writer", async move {
         transmitter.write_all(&[0x55; 1000]).await.unwrap();
         transmitter.flush().await.unwrap();
@@ -43,9 +43,9 @@ fn a_thousand_bytes_keep_the_exact_rate() {
         std::future::pending::<()>().await;
     });
     simulation.run_until(86_805);
-    assert_eq!(cable.host().receive().len(), 999);
+    assert_eq!(cable.host_end().receive().len(), 999);
     simulation.run_until(86_806);
-    assert_eq!(cable.host().receive_timed(), [TimedByte { at_us: 86_806, byte: 0x55 }]);
+    assert_eq!(cable.host_end().receive_timed(), [TimedByte { at_us: 86_806, byte: 0x55 }]);
 }
 
 /// A DMA receiver delivers a burst one byte time after its end: 3 x 87 us.
@@ -53,11 +53,11 @@ fn a_thousand_bytes_keep_the_exact_rate() {
 fn idle_line_delivers_bursts_whole() {
     let mut simulation = Simulation::new();
     let cable = Cable::new(UartConfig { receive_buffer: 8, ..UartConfig::default() });
-    let (receiver, _transmitter) = cable.module();
+    let (receiver, _transmitter) = cable.module_ends();
     let reads = spawn_reader(&mut simulation, receiver);
-    cable.host().send(b"ab");
+    cable.host_end().send(b"ab");
     simulation.run_until(5000);
-    cable.host().send(b"cdefgh");
+    cable.host_end().send(b"cdefgh");
     simulation.run_until(10_000);
     let reads = reads.borrow();
     assert_eq!(reads[0], (261, Ok(b"ab".to_vec())));
@@ -69,24 +69,24 @@ fn idle_line_delivers_bursts_whole() {
 fn a_slow_reader_loses_the_newest_bytes_and_gets_one_overrun() {
     let mut simulation = Simulation::new();
     let cable = Cable::new(UartConfig { receive_buffer: 4, ..UartConfig::default() });
-    let (receiver, _transmitter) = cable.module();
-    cable.host().send(b"abcdefg");
+    let (receiver, _transmitter) = cable.module_ends();
+    cable.host_end().send(b"abcdefg");
     simulation.run_until(10_000);
     let reads = spawn_reader(&mut simulation, receiver);
     simulation.run_until(20_000);
     let results: Vec<_> = reads.borrow().iter().map(|(_, result)| result.clone()).collect();
     assert_eq!(results, [Err(UartError::Overrun), Ok(b"abcd".to_vec())]);
-    assert_eq!(cable.host().lost_bytes(), 3);
+    assert_eq!(cable.host_end().lost_bytes(), 3);
 }
 
 #[test]
 fn an_injected_error_wakes_the_reader() {
     let mut simulation = Simulation::new();
     let cable = Cable::new(UartConfig::default());
-    let (receiver, _transmitter) = cable.module();
+    let (receiver, _transmitter) = cable.module_ends();
     let reads = spawn_reader(&mut simulation, receiver);
     simulation.run_until(500);
-    cable.host().inject_error(UartError::Framing);
+    cable.host_end().inject_error(UartError::Framing);
     simulation.run_until(600);
     assert_eq!(*reads.borrow(), [(500, Err(UartError::Framing))]);
 }
@@ -95,21 +95,21 @@ fn an_injected_error_wakes_the_reader() {
 fn a_write_waits_while_the_transmit_buffer_is_full() {
     let mut simulation = Simulation::new();
     let cable = Cable::new(UartConfig { transmit_buffer: 2, ..UartConfig::default() });
-    let (_receiver, mut transmitter) = cable.module();
+    let (_receiver, mut transmitter) = cable.module_ends();
     simulation.spawn(Level::Thread, "writer", async move {
         transmitter.write_all(b"abcd").await.unwrap();
         assert_eq!(clock::now_us(), 174, "the fourth byte is accepted when the second is out");
         std::future::pending::<()>().await;
     });
     simulation.run_until(1000);
-    assert_eq!(cable.host().receive(), b"abcd");
+    assert_eq!(cable.host_end().receive(), b"abcd");
 }
 
 #[test]
 fn power_off_truncates_output_and_discards_received_bytes() {
     let mut simulation = Simulation::new();
     let cable = Cable::new(UartConfig::default());
-    let (receiver, mut transmitter) = cable.module();
+    let (receiver, mut transmitter) = cable.module_ends();
     simulation.spawn(Level::Thread, "writer", async move {
         transmitter.write_all(b"$HCHDM,1").await.unwrap();
         std::future::pending::<()>().await;
@@ -117,13 +117,13 @@ fn power_off_truncates_output_and_discards_received_bytes() {
     simulation.run_until(300);
     simulation.power_off();
     drop(receiver);
-    cable.host().send(b"lost");
+    cable.host_end().send(b"lost");
     simulation.run_until(10_000);
-    assert_eq!(cable.host().receive(), b"$HC", "three bytes of 86.8 us fit into 300 us");
+    assert_eq!(cable.host_end().receive(), b"$HC", "three bytes of 86.8 us fit into 300 us");
 
-    let (receiver, _transmitter) = cable.module();
+    let (receiver, _transmitter) = cable.module_ends();
     let reads = spawn_reader(&mut simulation, receiver);
-    cable.host().send(b"new");
+    cable.host_end().send(b"new");
     simulation.run_until(20_000);
     assert_eq!(*reads.borrow(), [(10_000 + 261 + 87, Ok(b"new".to_vec()))]);
 }
@@ -132,10 +132,10 @@ fn power_off_truncates_output_and_discards_received_bytes() {
 fn the_host_side_can_wait_for_bytes() {
     let mut simulation = Simulation::new();
     let cable = Cable::new(UartConfig::default());
-    let (_receiver, mut transmitter) = cable.module();
-    let host = cable.host();
+    let (_receiver, mut transmitter) = cable.module_ends();
+    let host = cable.host_end();
     simulation.spawn(Level::World, "pilot", async move {
-        host.readable().await;
+        host.wait_until_readable().await;
         assert_eq!((clock::now_us(), host.receive()), (1087, b"!".to_vec()));
     });
     simulation.spawn(Level::Thread, "writer", async move {

@@ -25,7 +25,7 @@ impl VehicleKind {
 
     /// Name in scenario files and on the command line.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn vehicle_name(self) -> &'static str {
         match self {
             Self::Plane => "plane",
             Self::Copter => "copter",
@@ -38,7 +38,7 @@ impl VehicleKind {
     /// The kind with this name, if any.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.name() == name)
+        Self::ALL.into_iter().find(|kind| kind.vehicle_name() == name)
     }
 
     /// Whether this kind can hover.

@@ -91,14 +91,14 @@ impl Copter {
         self.velocity_m_s = [state.north_m_s, state.east_m_s];
     }
 
-    pub fn step(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
+    pub fn next_motion(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
         let (wanted_m_s2, turn_rate_rad_s) = self.desired_motion(command, before);
         self.turn_rate_rad_s += (turn_rate_rad_s - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
         self.pitch.step(libm::atan(-wanted_m_s2[0] / GRAVITY_M_S2));
         self.roll.step(libm::atan(wanted_m_s2[1] * libm::cos(self.pitch.rad) / GRAVITY_M_S2));
 
-        let disturbance = self.turbulence.step();
+        let disturbance = self.turbulence.next_disturbances();
         let (roll_rad, pitch_rad) = (self.roll.rad + disturbance.bank_rad, self.pitch.rad + disturbance.pitch_rad);
         let thrust_m_s2 =
             [-libm::tan(pitch_rad), libm::tan(roll_rad) / libm::cos(pitch_rad)].map(|part| GRAVITY_M_S2 * part);

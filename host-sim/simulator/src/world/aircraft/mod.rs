@@ -49,13 +49,13 @@ impl Vehicle {
         }
     }
 
-    fn step(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
+    fn next_motion(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
         match self {
-            Self::Plane(plane) => plane.step(command),
-            Self::Copter(copter) => copter.step(command, before),
-            Self::Vtol(vtol) => vtol.step(command, before),
-            Self::Rover(rover) => rover.step(command, before),
-            Self::Boat(boat) => boat.step(command, before),
+            Self::Plane(plane) => plane.next_motion(command),
+            Self::Copter(copter) => copter.next_motion(command, before),
+            Self::Vtol(vtol) => vtol.next_motion(command, before),
+            Self::Rover(rover) => rover.next_motion(command, before),
+            Self::Boat(boat) => boat.next_motion(command, before),
         }
     }
 }
@@ -162,7 +162,7 @@ impl Aircraft {
     fn advance_vehicle_model(&mut self) {
         let command = self.autopilot.step(&self.state);
         let before = &self.state;
-        let motion = self.vehicle.step(command, before);
+        let motion = self.vehicle.next_motion(command, before);
         let Motion {
             roll_rad,
             pitch_rad,

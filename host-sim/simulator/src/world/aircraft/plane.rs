@@ -43,9 +43,9 @@ impl Plane {
         self.air_course = state.heading_rad;
     }
 
-    pub fn step(&mut self, command: VehicleCommand) -> Motion {
+    pub fn next_motion(&mut self, command: VehicleCommand) -> Motion {
         self.fly(command);
-        let disturbance = self.air.step();
+        let disturbance = self.air.next_disturbances();
         let airspeed_m_s = self.config.airspeed_m_s;
         let sideslip_rad = disturbance.across_m_s / airspeed_m_s;
         let upwash_rad = disturbance.vertical_m_s / airspeed_m_s;

@@ -52,7 +52,7 @@ impl Surface {
     }
 
     /// Slope to the north and to the east, upward positive (height over distance).
-    pub fn slope(&self, [north_m, east_m]: [f64; 2], time_s: f64) -> [f64; 2] {
+    pub fn surface_slope(&self, [north_m, east_m]: [f64; 2], time_s: f64) -> [f64; 2] {
         self.0.iter().fold([0.0; 2], |sum, wave| {
             let [number_north, number_east] = wave.number_per_m;
             let phase_rad = number_north * north_m + number_east * east_m - wave.frequency_rad_s * time_s;

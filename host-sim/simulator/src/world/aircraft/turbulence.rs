@@ -45,13 +45,13 @@ impl Turbulence {
         }
     }
 
-    pub fn step(&mut self) -> Disturbances {
+    pub fn next_disturbances(&mut self) -> Disturbances {
         Disturbances {
-            bank_rad: self.bank.step(),
-            pitch_rad: self.pitch.step(),
-            across_m_s: self.gust_across_m_s.step(),
-            along_m_s: self.gust_along_m_s.step(),
-            vertical_m_s: self.gust_vertical_m_s.step(),
+            bank_rad: self.bank.next_value(),
+            pitch_rad: self.pitch.next_value(),
+            across_m_s: self.gust_across_m_s.next_value(),
+            along_m_s: self.gust_along_m_s.next_value(),
+            vertical_m_s: self.gust_vertical_m_s.next_value(),
         }
     }
 }

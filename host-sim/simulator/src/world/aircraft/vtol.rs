@@ -48,7 +48,7 @@ impl Vtol {
         }
     }
 
-    pub fn step(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
+    pub fn next_motion(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
         let on_wings = matches!(command.mode, TranslationMode::Onward);
         let takes_over = on_wings != self.on_wings;
         self.on_wings = on_wings;
@@ -57,7 +57,7 @@ impl Vtol {
         } else if takes_over {
             self.copter.continue_from(before);
         }
-        let motion = if on_wings { self.plane.step(command) } else { self.copter.step(command, before) };
+        let motion = if on_wings { self.plane.next_motion(command) } else { self.copter.next_motion(command, before) };
         if takes_over {
             self.difference = TransitionDifference {
                 roll_rad: before.roll_rad - motion.roll_rad,

@@ -203,10 +203,10 @@ impl AttitudeSource {
     /// Reported attitude for a true state. Each call advances the noise by one message period.
     pub fn report(&mut self, truth: &TrueState) -> ReportedAttitude {
         let [roll_push_rad, pitch_push_rad] = [&mut self.roll_error_per_m_s2_rad, &mut self.pitch_error_per_m_s2_rad]
-            .map(|push| push.step() * truth.disturbing_acceleration_m_s2);
+            .map(|push| push.next_value() * truth.disturbing_acceleration_m_s2);
         let roll_rad =
-            truth.roll_rad * (1.0 - self.config.turn_error) + self.roll_bias_rad + self.roll_noise_rad.step();
-        let pitch_rad = truth.pitch_rad + self.pitch_bias_rad + self.pitch_noise_rad.step();
+            truth.roll_rad * (1.0 - self.config.turn_error) + self.roll_bias_rad + self.roll_noise_rad.next_value();
+        let pitch_rad = truth.pitch_rad + self.pitch_bias_rad + self.pitch_noise_rad.next_value();
         ReportedAttitude {
             roll_rad: roll_rad + roll_push_rad,
             pitch_rad: pitch_rad + pitch_push_rad,
@@ -216,7 +216,7 @@ impl AttitudeSource {
 
     /// Measured body rates for a true state, radians per second. Each call advances the gyro by one message period.
     pub fn measured_rates_rad_s(&mut self, truth: &TrueState) -> [f64; 3] {
-        self.gyro.measure(truth)
+        self.gyro.measure_rates(truth)
     }
 
     fn yaw_rad(&self, truth: &TrueState) -> f64 {
@@ -251,7 +251,7 @@ impl AttitudeSource {
         } else {
             (MavModeFlag::empty(), MavState::MAV_STATE_STANDBY)
         };
-        self.encode(&HEARTBEAT_DATA {
+        self.encode_message(&HEARTBEAT_DATA {
             custom_mode: 0,
             mavtype: self.vehicle,
             autopilot: match self.identity.heartbeat_kind {
@@ -267,13 +267,13 @@ impl AttitudeSource {
     /// Next SYS_STATUS message with the battery current, amperes; `None` means not measured.
     pub fn status_message(&mut self, current_a: Option<f64>) -> Vec<u8> {
         let current_battery = current_a.map_or(-1, |amperes| (amperes * 100.0).round() as i16);
-        self.encode(&SYS_STATUS_DATA { current_battery, ..SYS_STATUS_DATA::DEFAULT })
+        self.encode_message(&SYS_STATUS_DATA { current_battery, ..SYS_STATUS_DATA::DEFAULT })
     }
 
     /// Next GLOBAL_POSITION_INT message; `None` means no position fix.
     pub(super) fn position_message(&mut self, place: Option<ReportedPosition>, clock_us: u64) -> Vec<u8> {
         let place = place.unwrap_or(ReportedPosition { latitude_deg: 0.0, longitude_deg: 0.0, height_m: 0.0 });
-        self.encode(&GLOBAL_POSITION_INT_DATA {
+        self.encode_message(&GLOBAL_POSITION_INT_DATA {
             time_boot_ms: (clock_us / 1000) as u32,
             lat: (place.latitude_deg * 1e7) as i32,
             lon: (place.longitude_deg * 1e7) as i32,
@@ -286,12 +286,12 @@ impl AttitudeSource {
     /// Next SYSTEM_TIME message.
     pub(super) fn time_message(&mut self, now_us: u64, clock_us: u64) -> Vec<u8> {
         let time_unix_usec = START_UNIX_US + now_us;
-        self.encode(&SYSTEM_TIME_DATA { time_unix_usec, time_boot_ms: (clock_us / 1000) as u32 })
+        self.encode_message(&SYSTEM_TIME_DATA { time_unix_usec, time_boot_ms: (clock_us / 1000) as u32 })
     }
 
-    pub(super) fn encode(&mut self, message: &impl MessageData) -> Vec<u8> {
+    pub(super) fn encode_message(&mut self, message: &impl MessageData) -> Vec<u8> {
         let Identity { system_id, component_id, .. } = self.identity;
-        let header = MavHeader { system_id: system_id.into(), component_id, sequence: self.count() };
+        let header = MavHeader { system_id: system_id.into(), component_id, sequence: self.next_sequence() };
         let mut frame = MAVLinkV2MessageRaw::new();
         frame.serialize_message_data(header, message);
         frame.raw_bytes().to_vec()
@@ -300,10 +300,11 @@ impl AttitudeSource {
     /// Frame of a message with payload fields unknown to the MAVLink library.
     pub(super) fn encode_raw(&mut self, id: u32, extra_crc: u8, payload: &[u8]) -> Vec<u8> {
         let Identity { system_id: system, component_id: component, .. } = self.identity;
-        Frame { sequence: self.count(), system, component, id, payload: payload.to_vec() }.bytes(extra_crc)
+        Frame { sequence: self.next_sequence(), system, component, id, payload: payload.to_vec() }
+            .frame_bytes(extra_crc)
     }
 
-    const fn count(&mut self) -> u8 {
+    const fn next_sequence(&mut self) -> u8 {
         let sequence = self.sequence;
         self.sequence = sequence.wrapping_add(1);
         sequence

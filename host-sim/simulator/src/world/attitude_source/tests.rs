@@ -28,7 +28,7 @@ fn simulate_source(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (Wo
     let world = World::new(WorldConfig { seed, attitude_source: config, ..WorldConfig::table1(seed) });
     world.hold_bank_and_pitch(25.0, 0.0);
     let cable = Cable::new(crate::devices::uart::UartConfig { receive_buffer: 1 << 20, ..Default::default() });
-    let (mut receiver, _transmitter) = cable.module();
+    let (mut receiver, _transmitter) = cable.module_ends();
     let bytes = std::rc::Rc::new(std::cell::RefCell::new(Vec::new()));
     let log = std::rc::Rc::clone(&bytes);
     simulation.spawn(Level::Thread, "module", async move {
@@ -41,7 +41,7 @@ fn simulate_source(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (Wo
         }
     });
     let source = AttitudeSource::new(config, GyroConfig::PERFECT, seed);
-    simulation.spawn(Level::World, "attitude source", source.run(world.clone(), cable.host(), vec![]));
+    simulation.spawn(Level::World, "attitude source", source.run(world.clone(), cable.host_end(), vec![]));
     simulation.run_until(seconds * 1_000_000 + 10_000);
     (world, bytes.take())
 }

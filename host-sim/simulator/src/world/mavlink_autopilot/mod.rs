@@ -96,12 +96,12 @@ impl MavlinkAutopilot {
             received: Vec::new(),
             denied: 0,
         };
-        autopilot.restart(now_us);
+        autopilot.restart_autopilot(now_us);
         autopilot
     }
 
     /// Restarts: resets the boot clock and all requested streams.
-    pub fn restart(&mut self, now_us: u64) {
+    pub fn restart_autopilot(&mut self, now_us: u64) {
         self.started_us = now_us;
         self.streams = vec![PeriodicMessage { id: HEARTBEAT_DATA::ID, period_us: HEARTBEAT_US, due_us: now_us }];
         self.start_stream(ATTITUDE_DATA::ID, self.firmware.default_rate_hz(), now_us);
@@ -137,8 +137,8 @@ impl MavlinkAutopilot {
     }
 
     /// Handles bytes received at `now_us`.
-    pub fn receive(&mut self, now_us: u64, bytes: &[u8]) {
-        for frame in self.reader.read(bytes) {
+    pub fn receive_bytes(&mut self, now_us: u64, bytes: &[u8]) {
+        for frame in self.reader.read_frames(bytes) {
             self.handle_frame(now_us, &frame);
             self.received.push(frame);
         }
@@ -171,7 +171,7 @@ impl MavlinkAutopilot {
                 ATTITUDE_DATA::ID => {
                     let mut attitude = self.source.attitude_message(&inputs.truth, clock_us);
                     modify_message(&mut attitude);
-                    self.source.encode(&attitude)
+                    self.source.encode_message(&attitude)
                 }
                 SYS_STATUS_DATA::ID => self.source.status_message(inputs.current_a),
                 GLOBAL_POSITION_INT_DATA::ID => self.source.position_message(self.place, clock_us),
@@ -191,10 +191,10 @@ impl MavlinkAutopilot {
             self.execute_command(now_us, frame, &command);
         }
         if frame.id == REQUEST_DATA_STREAM
-            && self.is_addressed(frame.byte(2), frame.byte(3))
-            && frame.byte(4) == STREAM_EXTRA1
+            && self.is_addressed(frame.byte_at(2), frame.byte_at(3))
+            && frame.byte_at(4) == STREAM_EXTRA1
         {
-            let asked_hz = f64::from(u16::from_le_bytes([frame.byte(0), frame.byte(1)]));
+            let asked_hz = f64::from(u16::from_le_bytes([frame.byte_at(0), frame.byte_at(1)]));
             let most_hz = 1e6 / f64::from(self.firmware.least_interval_us());
             self.start_stream(ATTITUDE_DATA::ID, asked_hz.min(most_hz), now_us);
         }

@@ -38,9 +38,9 @@ fn request(frame: &Frame) -> Option<Request> {
     const COMMAND_LONG: u32 = 76;
     match frame.id {
         COMMAND_LONG => {
-            Some(Request::Message { id: frame.float(0) as u32, rate_hz: (1e6 / frame.float(4)).round() as u32 })
+            Some(Request::Message { id: frame.float_at(0) as u32, rate_hz: (1e6 / frame.float_at(4)).round() as u32 })
         }
-        REQUEST_DATA_STREAM => Some(Request::Stream { rate_hz: frame.byte(0) }),
+        REQUEST_DATA_STREAM => Some(Request::Stream { rate_hz: frame.byte_at(0) }),
         _ => None,
     }
 }
@@ -102,7 +102,7 @@ impl Bench {
         };
         let mut out = TransmitBuffer::new();
         self.module.poll(&snapshot, &mut out);
-        self.autopilot.receive(1000 * self.ms, out.pending());
+        self.autopilot.receive_bytes(1000 * self.ms, out.pending_bytes());
         self.frames.extend(self.autopilot.take_received().into_iter().map(|frame| (self.ms, frame)));
     }
 
@@ -194,7 +194,7 @@ fn messages_are_requested_again_after_a_restart_or_silence() {
         let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
         bench.run(20);
         let before = bench.requested().len();
-        bench.autopilot.restart(1000 * bench.ms);
+        bench.autopilot.restart_autopilot(1000 * bench.ms);
         bench.silent_until_ms = bench.ms + silence_ms;
         bench.run(silence_ms / 1000 + 8);
         assert!(bench.attitudes_in_the_last_second().abs_diff(40) <= 1, "{silence_ms}");
@@ -279,7 +279,7 @@ fn the_autopilot_answers_over_a_serial_cable() {
     let mut simulation = Simulation::new();
     let world = World::new(WorldConfig::table1(1));
     let cable = Cable::new(crate::devices::uart::UartConfig::default());
-    let (mut rx, mut tx) = cable.module();
+    let (mut rx, mut tx) = cable.module_ends();
     let times = Rc::new(RefCell::new(Vec::new()));
     let log = Rc::clone(&times);
     simulation.spawn(Level::Thread, "module", async move {
@@ -301,10 +301,10 @@ fn the_autopilot_answers_over_a_serial_cable() {
             };
             let mut out = TransmitBuffer::new();
             module.poll(&snapshot, &mut out);
-            tx.write_all(out.pending()).await.unwrap();
+            tx.write_all(out.pending_bytes()).await.unwrap();
         }
     });
-    FarEnd::Mavlink(MavlinkFirmware::ArduPilot).attach(&mut simulation, &world, cable.host(), vec![]);
+    FarEnd::Mavlink(MavlinkFirmware::ArduPilot).attach(&mut simulation, &world, cable.host_end(), vec![]);
     simulation.run_until(10_000_000);
     let last_second = times.borrow().iter().filter(|&&us| us > 9_000_000).count();
     assert!(last_second.abs_diff(40) <= 1, "{last_second}");
@@ -318,11 +318,11 @@ fn the_autopilot_answers_over_a_serial_cable() {
 #[test]
 fn the_reader_finds_every_frame() {
     let frame = Frame { sequence: 3, system: 1, component: 158, id: 191, payload: vec![7; 17] };
-    let bytes = [&[0xFD, 2, 3][..], &frame.bytes(92), b"noise", &frame.bytes(92)].concat();
+    let bytes = [&[0xFD, 2, 3][..], &frame.frame_bytes(92), b"noise", &frame.frame_bytes(92)].concat();
     for cut in 0..bytes.len() {
         let mut reader = FrameReader::default();
-        let mut found = reader.read(&bytes[..cut]);
-        found.extend(reader.read(&bytes[cut..]));
+        let mut found = reader.read_frames(&bytes[..cut]);
+        found.extend(reader.read_frames(&bytes[cut..]));
         assert_eq!((found, reader.invalid_byte_count()), (vec![frame.clone(), frame.clone()], 8), "{cut}");
     }
 }

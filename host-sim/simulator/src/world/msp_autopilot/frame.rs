@@ -39,7 +39,7 @@ pub(super) struct RequestReader {
 
 impl RequestReader {
     /// Processes one byte and returns a completed request; bytes outside frames are dropped.
-    pub fn push(&mut self, byte: u8) -> Option<Request> {
+    pub fn push_byte(&mut self, byte: u8) -> Option<Request> {
         self.bytes.push(byte);
         let begun = self.bytes.len().min(3);
         if self.bytes[..begun] != b"$X<"[..begun] {
@@ -73,7 +73,7 @@ pub(super) enum Answer {
     Error,
 }
 
-pub(super) fn encode(function: u16, answer: &Answer) -> Vec<u8> {
+pub(super) fn encode_reply(function: u16, answer: &Answer) -> Vec<u8> {
     let (direction, payload) = match answer {
         Answer::Reply(payload) => (b'>', payload.as_slice()),
         Answer::Error => (b'!', [].as_slice()),
@@ -87,23 +87,23 @@ pub(super) fn encode(function: u16, answer: &Answer) -> Vec<u8> {
 }
 
 /// Reply payload of a firmware; `None` for an unknown function.
-pub(super) fn payload(firmware: MspFirmware, function: u16, known: &AutopilotState) -> Option<Vec<u8>> {
+pub(super) fn reply_payload(firmware: MspFirmware, function: u16, known: &AutopilotState) -> Option<Vec<u8>> {
     match function {
         FC_VARIANT => Some(match firmware {
             MspFirmware::ArduPilot => b"ARDU".to_vec(),
             MspFirmware::Inav => b"INAV".to_vec(),
         }),
-        STATUS => Some(status(firmware, known.is_armed)),
+        STATUS => Some(encode_status_reply(firmware, known.is_armed)),
         RAW_IMU => raw_imu(firmware, known),
         RAW_GPS => Some(raw_gps(known)),
-        ATTITUDE => Some(attitude(firmware, known)),
-        ANALOG => Some(analog(firmware, known.current_a)),
-        RTC => Some(rtc(firmware, known.unix_s)),
+        ATTITUDE => Some(encode_attitude_reply(firmware, known)),
+        ANALOG => Some(encode_analog_reply(firmware, known.current_a)),
+        RTC => Some(encode_rtc_reply(firmware, known.unix_s)),
         _ => None,
     }
 }
 
-fn attitude(firmware: MspFirmware, known: &AutopilotState) -> Vec<u8> {
+fn encode_attitude_reply(firmware: MspFirmware, known: &AutopilotState) -> Vec<u8> {
     let decidegrees = |rad: f64| rad.to_degrees() * 10.0;
     let yaw_deg = known.yaw_rad.to_degrees().rem_euclid(360.0) as i16;
     // ArduPilot truncates tenths of a degree, INAV rounds.
@@ -116,7 +116,7 @@ fn attitude(firmware: MspFirmware, known: &AutopilotState) -> Vec<u8> {
 
 /// Status payload: 22 bytes for ArduPilot, 11 for INAV. The mode flags start at byte 6, with the armed flag in bit 0;
 /// INAV has other flags set as well.
-fn status(firmware: MspFirmware, is_armed: bool) -> Vec<u8> {
+fn encode_status_reply(firmware: MspFirmware, is_armed: bool) -> Vec<u8> {
     let (length, others) = match firmware {
         MspFirmware::ArduPilot => (22, 0),
         MspFirmware::Inav => (11, 0x0A),
@@ -146,7 +146,7 @@ fn raw_gps(known: &AutopilotState) -> Vec<u8> {
 }
 
 /// Voltage, charge, signal strength and current; ArduPilot repeats the voltage. Current is 0 if not measured.
-fn analog(firmware: MspFirmware, current_a: Option<f64>) -> Vec<u8> {
+fn encode_analog_reply(firmware: MspFirmware, current_a: Option<f64>) -> Vec<u8> {
     let mut payload = vec![168, 0, 0, 0, 0];
     payload.extend(((current_a.unwrap_or(0.0) * 100.0).round() as i16).to_le_bytes());
     if firmware == MspFirmware::ArduPilot {
@@ -155,11 +155,11 @@ fn analog(firmware: MspFirmware, current_a: Option<f64>) -> Vec<u8> {
     payload
 }
 
-fn rtc(firmware: MspFirmware, unix_s: Option<u64>) -> Vec<u8> {
+fn encode_rtc_reply(firmware: MspFirmware, unix_s: Option<u64>) -> Vec<u8> {
     match firmware {
         MspFirmware::Inav => [&(unix_s.unwrap_or(0) as u32).to_le_bytes()[..], &[0, 0]].concat(),
         MspFirmware::ArduPilot => {
-            let (year, month, day) = unix_s.map_or((1900, 1, 0), date);
+            let (year, month, day) = unix_s.map_or((1900, 1, 0), utc_date);
             let second = unix_s.unwrap_or(0) % 86_400;
             let [y0, y1] = year.to_le_bytes();
             let time = [second / 3_600, second / 60 % 60, second % 60].map(|number| number as u8);
@@ -169,7 +169,7 @@ fn rtc(firmware: MspFirmware, unix_s: Option<u64>) -> Vec<u8> {
 }
 
 /// Calendar date of a Unix time, counted by years and months, independent of the library.
-fn date(unix_s: u64) -> (u16, u8, u8) {
+fn utc_date(unix_s: u64) -> (u16, u8, u8) {
     let is_leap = |year: u16| year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
     let mut days = unix_s / 86_400;
     let mut year = 1970;

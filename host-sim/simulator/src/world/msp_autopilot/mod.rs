@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 
 pub use self::state::{AutopilotState, MspFirmware};
 
-use self::frame::{Answer, Request, RequestReader, encode};
+use self::frame::{Answer, Request, RequestReader, encode_reply};
 use crate::random::{Purpose, Random};
 
 /// Probabilities (0 to 1) of communication faults per answer. At most one fault occurs per answer.
@@ -73,7 +73,7 @@ impl MspAutopilot {
 
     /// Processes a byte received at `at_us`.
     pub fn receive_byte(&mut self, at_us: u64, byte: u8) {
-        let Some(request) = self.frames.push(byte) else { return };
+        let Some(request) = self.frames.push_byte(byte) else { return };
         if let Some((instance, time_ms, field_mg)) = request.compass_sample() {
             self.readings.push(CompassSample { at_us, instance, time_ms, field_mg });
         } else if !request.is_sensor_function() {
@@ -91,10 +91,10 @@ impl MspAutopilot {
     }
 
     /// Bytes of all answers due by `now_us`, with the present state.
-    pub fn send(&mut self, now_us: u64, known: &AutopilotState) -> Vec<u8> {
+    pub fn send_replies(&mut self, now_us: u64, known: &AutopilotState) -> Vec<u8> {
         let mut sent = Vec::new();
         while let Some((_, request)) = self.waiting.pop_front_if(|(due_us, _)| *due_us <= now_us) {
-            let answer = self.answer(&request, known);
+            let answer = self.answer_request(&request, known);
             self.send_with_faults(&answer, &request, &mut sent);
         }
         sent
@@ -111,8 +111,8 @@ impl MspAutopilot {
         self.frames.crc_errors
     }
 
-    fn answer(&self, request: &Request, known: &AutopilotState) -> Answer {
-        frame::payload(self.firmware, request.function, known).map_or(
+    fn answer_request(&self, request: &Request, known: &AutopilotState) -> Answer {
+        frame::reply_payload(self.firmware, request.function, known).map_or(
             match self.firmware {
                 // ArduPilot acknowledges unknown functions.
                 MspFirmware::ArduPilot => Answer::Reply(Vec::new()),
@@ -130,9 +130,9 @@ impl MspAutopilot {
             return;
         }
         let is_refused = draw < dropped + refused;
-        let mut bytes = encode(request.function, if is_refused { &Answer::Error } else { answer });
+        let mut bytes = encode_reply(request.function, if is_refused { &Answer::Error } else { answer });
         if !is_refused && draw < dropped + refused + cut {
-            bytes.truncate((self.random.bits() % bytes.len() as u64) as usize);
+            bytes.truncate((self.random.random_bits() % bytes.len() as u64) as usize);
         } else if !is_refused && draw < dropped + refused + cut + joined {
             self.held.append(&mut bytes);
             return;

@@ -30,9 +30,10 @@ fn send_request(autopilot: &mut MspAutopilot, at_us: u64, bytes: &[u8]) {
 }
 
 fn request_reply(autopilot: &mut MspAutopilot, function: Function, known: &AutopilotState) -> Option<MspReply> {
-    send_request(autopilot, 0, &msp::request(function));
+    send_request(autopilot, 0, &msp::encode_request(function));
     let mut receiver = Receiver::new();
-    let messages: Vec<_> = autopilot.send(u64::MAX, known).into_iter().filter_map(|byte| receiver.push(byte)).collect();
+    let messages: Vec<_> =
+        autopilot.send_replies(u64::MAX, known).into_iter().filter_map(|byte| receiver.push_byte(byte)).collect();
     assert!(messages.len() <= 1 && receiver.rejected == 0);
     messages.first().copied()
 }
@@ -81,7 +82,7 @@ fn unknown_requests_are_answered() {
     for (firmware, direction) in [(MspFirmware::ArduPilot, b'>'), (MspFirmware::Inav, b'!')] {
         let mut autopilot = MspAutopilot::new(firmware, NONE, 1);
         send_request(&mut autopilot, 0, &request);
-        let answer = autopilot.send(u64::MAX, &KNOWN);
+        let answer = autopilot.send_replies(u64::MAX, &KNOWN);
         assert_eq!((answer.len(), answer[2], answer[4]), (9, direction, 104));
     }
 }
@@ -89,7 +90,7 @@ fn unknown_requests_are_answered() {
 #[test]
 fn compass_frames_are_received() {
     let mut autopilot = MspAutopilot::new(MspFirmware::Inav, NONE, 1);
-    let mut reading = msp::compass(0, 123_456, Field::from_ut(20.0, -5.1, 44.2));
+    let mut reading = msp::compass_message(0, 123_456, Field::from_ut(20.0, -5.1, 44.2));
     send_request(&mut autopilot, 7, b"$X noise");
     send_request(&mut autopilot, 7, &reading);
     let expected = CompassSample { at_us: 7, instance: 0, time_ms: 123_456, field_mg: [200, -51, 442] };
@@ -108,10 +109,10 @@ fn answers_are_delayed_by_3_5_to_18_ms() {
         (0..1_000_u64)
             .map(|i| {
                 let at_us = i * 20_000;
-                send_request(&mut autopilot, at_us, &msp::request(Function::Attitude));
+                send_request(&mut autopilot, at_us, &msp::encode_request(Function::Attitude));
                 let due_us = autopilot.next_answer_us().unwrap();
-                assert!(autopilot.send(due_us - 1, &KNOWN).is_empty());
-                assert!(!autopilot.send(due_us, &KNOWN).is_empty());
+                assert!(autopilot.send_replies(due_us - 1, &KNOWN).is_empty());
+                assert!(!autopilot.send_replies(due_us, &KNOWN).is_empty());
                 due_us - at_us
             })
             .collect()
@@ -124,9 +125,9 @@ fn answers_are_delayed_by_3_5_to_18_ms() {
     let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, NONE, 3);
     let functions = [Function::Attitude, Function::Status, Function::Attitude, Function::Rtc, Function::FcVariant];
     for (us, function) in (0..).zip(functions) {
-        send_request(&mut autopilot, us, &msp::request(function));
+        send_request(&mut autopilot, us, &msp::encode_request(function));
     }
-    let answers = autopilot.send(u64::MAX, &KNOWN);
+    let answers = autopilot.send_replies(u64::MAX, &KNOWN);
     let mut rest = answers.as_slice();
     let mut answers = Vec::new();
     while let [_, _, _, _, function, _, length, ..] = rest {
@@ -141,13 +142,13 @@ fn replies_with_faults(answer_faults: AnswerFaults) -> (Vec<MspReply>, usize, u3
     let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, answer_faults, 5);
     let mut bytes = Vec::new();
     for i in 0..1_000_u64 {
-        send_request(&mut autopilot, i * 20_000, &msp::request(Function::Attitude));
-        bytes.extend(autopilot.send((i + 1) * 20_000, &KNOWN));
+        send_request(&mut autopilot, i * 20_000, &msp::encode_request(Function::Attitude));
+        bytes.extend(autopilot.send_replies((i + 1) * 20_000, &KNOWN));
     }
     let number = bytes.len();
     let mut receiver = Receiver::new();
     bytes.extend([0; 128]);
-    let messages = bytes.into_iter().filter_map(|byte| receiver.push(byte)).collect();
+    let messages = bytes.into_iter().filter_map(|byte| receiver.push_byte(byte)).collect();
     (messages, number, receiver.rejected)
 }
 
@@ -173,11 +174,11 @@ fn answer_faults_occur_with_their_probability() {
 #[test]
 fn a_delayed_answer_is_sent_with_the_next() {
     let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, AnswerFaults { delayed: 1.0, ..NONE }, 5);
-    send_request(&mut autopilot, 0, &msp::request(Function::Attitude));
-    assert!(autopilot.send(20_000, &KNOWN).is_empty());
+    send_request(&mut autopilot, 0, &msp::encode_request(Function::Attitude));
+    assert!(autopilot.send_replies(20_000, &KNOWN).is_empty());
     autopilot.answer_faults = NONE;
-    send_request(&mut autopilot, 20_000, &msp::request(Function::Status));
-    assert_eq!(autopilot.send(40_000, &KNOWN).len(), 15 + 31);
+    send_request(&mut autopilot, 20_000, &msp::encode_request(Function::Status));
+    assert_eq!(autopilot.send_replies(40_000, &KNOWN).len(), 15 + 31);
 }
 
 struct Exchange {
@@ -199,7 +200,7 @@ fn exchange(firmware: MspFirmware, answer_faults: AnswerFaults, seconds: u64) ->
     let mut heard_us = 1_000_000;
     for us in (0..seconds * 1_000_000).step_by(500) {
         let now = Timestamp::from_us(us);
-        for byte in autopilot.send(us, &KNOWN) {
+        for byte in autopilot.send_replies(us, &KNOWN) {
             match port.process_byte(now, byte) {
                 Some(ReceivedMessage::Attitude(report)) => {
                     exchange.attitudes += 1;
@@ -225,8 +226,8 @@ fn exchange(firmware: MspFirmware, answer_faults: AnswerFaults, seconds: u64) ->
                 },
                 &mut output,
             );
-            send_request(&mut autopilot, us, output.pending());
-            output.consume(usize::MAX);
+            send_request(&mut autopilot, us, output.pending_bytes());
+            output.consume_bytes(usize::MAX);
         }
     }
     exchange.is_armed = port.is_armed(Timestamp::from_us(seconds * 1_000_000));

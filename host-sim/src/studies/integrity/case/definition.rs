@@ -130,7 +130,7 @@ pub(super) const SENSOR_SIGMA_COUNTS: f64 = 0.32 * COUNTS_PER_UT;
 impl Case {
     /// Number of flights of this case: `requested`, up to the case's limit.
     #[must_use]
-    pub fn flights(&self, requested: u64) -> u64 {
+    pub fn flight_count(&self, requested: u64) -> u64 {
         requested.min(self.max_flights)
     }
 
@@ -154,7 +154,7 @@ impl Case {
             far_end: source.far_end(),
             routine: Routine::for_vehicle(aircraft, TurnPlan::default(), 0.0),
             faults: Faults::default(),
-            switch: Switch::off(),
+            switch: Switch::always_off(),
             onset: Onset::Never,
             ground_time_s: 0.0,
             flight_after_calibration_s: FLIGHT_AFTER_CALIBRATION_S,
@@ -169,7 +169,7 @@ impl Case {
 
 impl RandomCase {
     /// Handle for a fault that is active from the onset on.
-    pub(super) fn switch(&self) -> Switch {
+    pub(super) fn random_switch(&self) -> Switch {
         self.switch.clone()
     }
 
@@ -190,7 +190,7 @@ impl RandomCase {
 
     /// Random direction with this magnitude, microtesla, chip axes.
     pub(super) fn random_ut(&mut self, magnitude_ut: f64) -> Vector3<f64> {
-        self.random.direction() * magnitude_ut
+        self.random.random_direction() * magnitude_ut
     }
 
     /// Onset at a random time of the straight leg or the turn at the start of use.
@@ -200,11 +200,11 @@ impl RandomCase {
 
     pub(super) fn stick_axes(&mut self, axes: [bool; 3]) {
         let onset = self.random_onset();
-        self.add_sensor_fault(onset, stuck_axes(self.switch(), axes));
+        self.add_sensor_fault(onset, stuck_axes(self.random_switch(), axes));
     }
 
     pub(super) fn upset_register(&mut self, register: u8, bits: u8) {
-        let switch = self.switch();
+        let switch = self.random_switch();
         self.add_sensor_fault(Onset::SOON_AND_PERMANENT, RegisterUpset { switch, register, bits, has_occurred: false });
     }
 
@@ -212,7 +212,7 @@ impl RandomCase {
     pub(super) fn clip_axis(&mut self, onset: Onset) {
         let axis = (self.random.uniform(0.0, 3.0) as usize).min(2);
         let limit_counts = clip_at(&self.world, axis, self.random.uniform(0.3, 0.95));
-        self.add_sensor_fault(onset, axis_clipping(self.switch(), axis, limit_counts));
+        self.add_sensor_fault(onset, axis_clipping(self.random_switch(), axis, limit_counts));
     }
 
     pub(super) fn quantise_attitude(&mut self) {
@@ -220,7 +220,7 @@ impl RandomCase {
     }
 
     pub(super) fn freeze_attitude(&mut self, after_s: f64) {
-        self.add_attitude_fault(Onset::permanent_after(after_s), frozen_attitude(self.switch()));
+        self.add_attitude_fault(Onset::permanent_after(after_s), frozen_attitude(self.random_switch()));
     }
 
     /// Adds a sender with a roll error of 5 deg, present from the beginning; only use is evaluated.
@@ -234,25 +234,25 @@ impl RandomCase {
     pub(super) fn pause_beside_other_vehicle(&mut self) {
         self.flight_after_calibration_s = 300.0;
         self.onset = Onset::InUse { after_s: USUAL_ONSET_S, for_s: 12.0 };
-        self.faults.link = vec![LinkFault::Pause(self.switch()), LinkFault::OtherVehicle(2)];
+        self.faults.link = vec![LinkFault::Pause(self.random_switch()), LinkFault::OtherVehicle(2)];
     }
 
     /// Adds forged messages in the autopilot's name, among its own, permanently from soon after the start of use.
     pub(super) fn send_forged_messages(&mut self, message: ForgedMessage) {
         self.onset = Onset::SOON_AND_PERMANENT;
-        self.faults.link.push(LinkFault::Forged(self.switch(), message));
+        self.faults.link.push(LinkFault::Forged(self.random_switch(), message));
     }
 
     pub(super) fn bias_attitude(&mut self, degrees: f64) {
         let direction_rad = self.random.uniform(0.0, TAU);
         let bias_rad = [libm::cos(direction_rad), libm::sin(direction_rad)].map(|part| degrees.to_radians() * part);
-        self.add_attitude_fault(Onset::SOON_AND_PERMANENT, attitude_bias(self.switch(), bias_rad));
+        self.add_attitude_fault(Onset::SOON_AND_PERMANENT, attitude_bias(self.random_switch(), bias_rad));
     }
 
     /// The autopilot's attitude filter aligns on the ground.
     pub(super) fn align_attitude(&mut self) {
         self.ground_time_s = TIME_ON_GROUND_S;
-        let fault = filter_alignment(self.switch(), self.random_alignment());
+        let fault = filter_alignment(self.random_switch(), self.random_alignment());
         self.add_attitude_fault(Onset::InUse { after_s: USUAL_ONSET_S, for_s: RESTART_ALIGNMENT_S }, fault);
     }
 
@@ -264,7 +264,7 @@ impl RandomCase {
 
     pub(super) fn make_attitude_stale(&mut self) {
         let onset = self.random_onset();
-        let fault = stale_attitude(self.switch(), &self.world.attitude_source, self.seed);
+        let fault = stale_attitude(self.random_switch(), &self.world.attitude_source, self.seed);
         self.add_attitude_fault(onset, fault);
     }
 
@@ -272,7 +272,7 @@ impl RandomCase {
     /// integrated.
     pub(super) fn interrupt_link(&mut self) {
         self.further_legs = legs_after_calibration::steep_turns;
-        let switch = self.switch();
+        let switch = self.random_switch();
         self.add_attitude_fault(
             Onset::SOON_AND_PERMANENT,
             Silence { switch, silent_s: 1.5, period_s: 10.0, stops_clock: false },
@@ -284,7 +284,7 @@ impl RandomCase {
     pub(super) fn stall_source(&mut self) {
         const SENSOR_STALL_S: f64 = 1.4;
         let after_s = self.random.uniform(TIME_IN_TURN_S - 5.0, TIME_IN_TURN_S + 5.0);
-        let switch = self.switch();
+        let switch = self.random_switch();
         let kind = self.random.uniform(0.0, 3.0);
         if kind < 1.0 {
             self.add_attitude_fault(Onset::InUse { after_s, for_s: SENSOR_STALL_S }, frozen_attitude(switch));
@@ -303,7 +303,7 @@ impl RandomCase {
             self.ground_time_s = TIME_ON_GROUND_S;
             after_s = USUAL_ONSET_S;
         }
-        let (switch, alignment) = (self.switch(), self.random_alignment());
+        let (switch, alignment) = (self.random_switch(), self.random_alignment());
         self.add_attitude_fault(
             Onset::permanent_after(after_s),
             Restart { switch, silent_s: RESTART_SILENCE_S, alignment },
@@ -311,11 +311,11 @@ impl RandomCase {
     }
 
     pub(super) fn scale_bank(&mut self, onset: Onset, reported_ratio: f64) {
-        self.add_attitude_fault(onset, bank_scale_error(self.switch(), reported_ratio));
+        self.add_attitude_fault(onset, bank_scale_error(self.random_switch(), reported_ratio));
     }
 
     pub(super) fn lag_bank_in_turns(&mut self) {
-        self.add_attitude_fault(Onset::Always, lagging_bank_error(self.switch(), 0.12, 10.0));
+        self.add_attitude_fault(Onset::Always, lagging_bank_error(self.random_switch(), 0.12, 10.0));
     }
 
     pub(super) fn level_attitude_wrongly(&mut self, degrees: f64) {
@@ -335,19 +335,19 @@ impl RandomCase {
 
     /// Adds vibration near the sample rate, whose alias of 0.01 to 0.5 Hz no average removes: the lowest frequencies
     /// are below the circling rate. `peak_ut`: amplitude, microtesla.
-    pub(super) fn vibrate(&mut self, peak_ut: f64) {
+    pub(super) fn add_vibration(&mut self, peak_ut: f64) {
         let peak_counts = self.random_ut(peak_ut) * COUNTS_PER_UT;
         let alias_hz = self.random.uniform(0.01, 0.5);
-        self.add_sensor_fault(Onset::Always, aliased_vibration(self.switch(), peak_counts, alias_hz));
+        self.add_sensor_fault(Onset::Always, aliased_vibration(self.random_switch(), peak_counts, alias_hz));
     }
 
     pub(super) fn delay_attitude(&mut self, latency_ms: u64) {
-        let fault = AdditionalLatency { switch: self.switch(), latency_us: latency_ms * 1000 };
+        let fault = AdditionalLatency { switch: self.random_switch(), latency_us: latency_ms * 1000 };
         self.add_attitude_fault(Onset::SOON_AND_PERMANENT, fault);
     }
 
     pub(super) fn scale_rates(&mut self, factor: f64) {
-        self.add_attitude_fault(Onset::SOON_AND_PERMANENT, rate_scale_error(self.switch(), factor));
+        self.add_attitude_fault(Onset::SOON_AND_PERMANENT, rate_scale_error(self.random_switch(), factor));
     }
 
     /// Gives the gyro scale errors and cross-axis sensitivities of exactly this size, always.
@@ -358,24 +358,27 @@ impl RandomCase {
 
     pub(super) fn change_hard_iron(&mut self, magnitude_ut: f64) {
         let change_ut = self.random_ut(magnitude_ut);
-        self.add_field_fault(Onset::SOON_AND_PERMANENT, hard_iron_change(self.switch(), change_ut));
+        self.add_field_fault(Onset::SOON_AND_PERMANENT, hard_iron_change(self.random_switch(), change_ut));
     }
 
     pub(super) fn change_hard_iron_while_calibrating(&mut self, magnitude_ut: f64) {
         let change_ut = self.random_ut(magnitude_ut);
         let after_s = self.random.uniform(0.0, calibration_s(self.world.aircraft.kind));
         let onset = Onset::Calibrating { after_s, until_s: f64::INFINITY };
-        self.add_field_fault(onset, hard_iron_change(self.switch(), change_ut));
+        self.add_field_fault(onset, hard_iron_change(self.random_switch(), change_ut));
     }
 
     pub(super) fn add_throttle_interference(&mut self, full_ut: f64) {
         let full_ut = self.random_ut(full_ut);
-        self.add_field_fault(Onset::SOON_AND_PERMANENT, throttle_interference(self.switch(), full_ut, self.seed));
+        self.add_field_fault(
+            Onset::SOON_AND_PERMANENT,
+            throttle_interference(self.random_switch(), full_ut, self.seed),
+        );
     }
 
     pub(super) fn drift_zero(&mut self, onset: Onset) {
         let change_ut = self.random_ut(10.0);
-        self.add_field_fault(onset, zero_drift(self.switch(), change_ut));
+        self.add_field_fault(onset, zero_drift(self.random_switch(), change_ut));
     }
 
     /// Adds straight flight or hover for ten minutes after the first legs, in which hard iron drifts.
@@ -384,7 +387,7 @@ impl RandomCase {
         self.further_legs = legs_after_calibration::steady_leg;
         let change_ut = self.random_ut(10.0);
         let onset = Onset::permanent_after(STEADY_FLIGHT_ONSET_S);
-        self.add_field_fault(onset, hard_iron_drift(self.switch(), change_ut, time_constant_s));
+        self.add_field_fault(onset, hard_iron_drift(self.random_switch(), change_ut, time_constant_s));
     }
 
     /// Turns the module in its mount within `for_s` seconds.
@@ -392,20 +395,23 @@ impl RandomCase {
         let side = if self.random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
         let onset = Onset::InUse { after_s: USUAL_ONSET_S, for_s };
         let (airframe, earth) = (self.world.airframe, self.world.earth);
-        self.add_field_fault(onset, MountTurn { switch: self.switch(), airframe, earth, turn_deg: side * turn_deg });
+        self.add_field_fault(
+            onset,
+            MountTurn { switch: self.random_switch(), airframe, earth, turn_deg: side * turn_deg },
+        );
     }
 
     pub(super) fn pass_object(&mut self, peak_ut: f64, for_s: f64) {
         let peak_ut = self.random_ut(peak_ut);
         let onset = Onset::InUse { after_s: PASSING_ONSET_S, for_s };
-        self.add_field_fault(onset, passing_object(self.switch(), peak_ut));
+        self.add_field_fault(onset, passing_object(self.random_switch(), peak_ut));
     }
 
     pub(super) fn move_to_other_place(&mut self) {
         self.world.earth = Earth { total_ut: 50.0, inclination_deg: 60.0 };
         let total_ut = self.random.uniform(45.0, 55.0);
         let earth = Earth { total_ut, inclination_deg: self.random.uniform(50.0, 70.0) };
-        self.add_field_fault(Onset::SOON_AND_PERMANENT, OtherPlace { switch: self.switch(), earth });
+        self.add_field_fault(Onset::SOON_AND_PERMANENT, OtherPlace { switch: self.random_switch(), earth });
     }
 
     pub(super) fn calibrate_at_bank(&mut self, bank_deg: f64) {
@@ -439,7 +445,7 @@ impl Onset {
     }
 
     /// Fault during the whole calibration, of the shortest duration for this kind of vehicle.
-    pub(super) const fn calibrating(aircraft: VehicleKind) -> Self {
+    pub(super) const fn during_calibration(aircraft: VehicleKind) -> Self {
         Self::Calibrating { after_s: 0.0, until_s: calibration_s(aircraft) }
     }
 }

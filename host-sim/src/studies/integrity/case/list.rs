@@ -17,7 +17,7 @@ use crate::studies::integrity::legs_after_calibration::{TIME_IN_LEVEL_FLIGHT_S, 
 const DEGREES_PER_RADIAN: f64 = 360.0 / TAU;
 
 /// Case for all vehicles and attitude sources.
-const fn case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
+const fn define_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
     Case {
         name,
         description,
@@ -31,22 +31,22 @@ const fn case(name: &'static str, description: &'static str, set_up: fn(&mut Ran
 
 /// Case for vehicles that can hover.
 const fn hover_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
-    Case { vehicles: VehicleKind::can_hover, ..case(name, description, set_up) }
+    Case { vehicles: VehicleKind::can_hover, ..define_case(name, description, set_up) }
 }
 
 /// Case for vehicles that cannot hover.
 const fn turn_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
-    Case { vehicles: |kind| !kind.can_hover(), ..case(name, description, set_up) }
+    Case { vehicles: |kind| !kind.can_hover(), ..define_case(name, description, set_up) }
 }
 
 /// Case for autopilots with several senders or body rates.
 const fn mavlink_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
-    Case { needs_mavlink: true, ..case(name, description, set_up) }
+    Case { needs_mavlink: true, ..define_case(name, description, set_up) }
 }
 
 /// Case of a permanent hard-iron change in use.
 const fn hard_iron_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
-    Case { changes_hard_iron: true, ..case(name, description, set_up) }
+    Case { changes_hard_iron: true, ..define_case(name, description, set_up) }
 }
 
 /// Case of a permanent hard-iron change in use, for autopilots with several senders or body rates.
@@ -56,7 +56,7 @@ const fn mavlink_hard_iron_case(name: &'static str, description: &'static str, s
 
 /// All cases in the order of the report.
 pub static ALL_CASES: &[Case] = &[
-    case("clean", "nothing", |_| {}),
+    define_case("clean", "nothing", |_| {}),
     Case {
         max_flights: 1,
         ..turn_case("ten-hours", "nothing, one flight of ten hours", |flight| {
@@ -75,8 +75,11 @@ pub static ALL_CASES: &[Case] = &[
         flight.world.gyro = GyroConfig { offset_deg_s: 1.0, exact: true, ..GyroConfig::default() };
     }),
     mavlink_case("gyro-ramp", "a gyro offset that grows by 2 deg/s in a minute", |flight| {
-        let growth_deg_s2 = flight.random.direction() * (2.0 / 60.0);
-        flight.add_attitude_fault(Onset::SOON_AND_PERMANENT, rate_offset_ramp(flight.switch(), growth_deg_s2.into()));
+        let growth_deg_s2 = flight.random.random_direction() * (2.0 / 60.0);
+        flight.add_attitude_fault(
+            Onset::SOON_AND_PERMANENT,
+            rate_offset_ramp(flight.random_switch(), growth_deg_s2.into()),
+        );
     }),
     mavlink_hard_iron_case("gyro-1-moved-5", "as gyro-1, and hard iron moved by 5 uT", |flight| {
         flight.scale_gyro(1.0);
@@ -90,31 +93,34 @@ pub static ALL_CASES: &[Case] = &[
         flight.scale_gyro(10.0);
         flight.change_hard_iron(5.0);
     }),
-    case("stuck-x", "the sensor's x axis repeats", |flight| flight.stick_axes([true, false, false])),
-    case("stuck-y", "the sensor's y axis repeats", |flight| flight.stick_axes([false, true, false])),
-    case("stuck-z", "the sensor's z axis repeats", |flight| flight.stick_axes([false, false, true])),
-    case("stuck-all", "all axes of the sensor repeat", |flight| flight.stick_axes([true; 3])),
-    case("stuck-noisy", "all axes of the sensor repeat, with noise added", |flight| {
+    define_case("stuck-x", "the sensor's x axis repeats", |flight| flight.stick_axes([true, false, false])),
+    define_case("stuck-y", "the sensor's y axis repeats", |flight| flight.stick_axes([false, true, false])),
+    define_case("stuck-z", "the sensor's z axis repeats", |flight| flight.stick_axes([false, false, true])),
+    define_case("stuck-all", "all axes of the sensor repeat", |flight| flight.stick_axes([true; 3])),
+    define_case("stuck-noisy", "all axes of the sensor repeat, with noise added", |flight| {
         flight.stick_axes([true; 3]);
-        flight.add_sensor_fault(flight.onset, additional_noise(flight.switch(), SENSOR_SIGMA_COUNTS, flight.seed));
+        flight
+            .add_sensor_fault(flight.onset, additional_noise(flight.random_switch(), SENSOR_SIGMA_COUNTS, flight.seed));
     }),
-    case("sensor-spikes", "1 % of readings off by 30 uT", |flight| {
-        let fault = measurement_spikes(flight.switch(), 0.01, 30.0 * COUNTS_PER_UT, flight.seed);
+    define_case("sensor-spikes", "1 % of readings off by 30 uT", |flight| {
+        let fault = measurement_spikes(flight.random_switch(), 0.01, 30.0 * COUNTS_PER_UT, flight.seed);
         flight.add_sensor_fault(Onset::SOON_AND_PERMANENT, fault);
     }),
-    case("sensor-noise", "five times the sensor's noise", |flight| {
-        let fault = additional_noise(flight.switch(), 24_f64.sqrt() * SENSOR_SIGMA_COUNTS, flight.seed);
+    define_case("sensor-noise", "five times the sensor's noise", |flight| {
+        let fault = additional_noise(flight.random_switch(), 24_f64.sqrt() * SENSOR_SIGMA_COUNTS, flight.seed);
         flight.add_sensor_fault(Onset::SOON_AND_PERMANENT, fault);
     }),
-    case("sensor-clipped", "an axis saturates within the circle", |flight| flight.clip_axis(Onset::SOON_AND_PERMANENT)),
-    case("upset-scale", "a full-scale bit flips", |flight| flight.upset_register(0x21, 0x20)),
-    case("upset-self-test", "the self-test bit flips", |flight| flight.upset_register(0x20, 0x01)),
-    case("upset-byte-order", "the byte-order bit flips", |flight| flight.upset_register(0x23, 0x02)),
-    case("frozen-level", "attitude repeats from level flight on", |flight| {
+    define_case("sensor-clipped", "an axis saturates within the circle", |flight| {
+        flight.clip_axis(Onset::SOON_AND_PERMANENT)
+    }),
+    define_case("upset-scale", "a full-scale bit flips", |flight| flight.upset_register(0x21, 0x20)),
+    define_case("upset-self-test", "the self-test bit flips", |flight| flight.upset_register(0x20, 0x01)),
+    define_case("upset-byte-order", "the byte-order bit flips", |flight| flight.upset_register(0x23, 0x02)),
+    define_case("frozen-level", "attitude repeats from level flight on", |flight| {
         flight.freeze_attitude(TIME_IN_LEVEL_FLIGHT_S);
     }),
-    case("frozen-turn", "attitude repeats from a turn on", |flight| flight.freeze_attitude(TIME_IN_TURN_S)),
-    case("frozen-coarse", "attitude in tenths of a degree repeats from a turn on", |flight| {
+    define_case("frozen-turn", "attitude repeats from a turn on", |flight| flight.freeze_attitude(TIME_IN_TURN_S)),
+    define_case("frozen-coarse", "attitude in tenths of a degree repeats from a turn on", |flight| {
         flight.quantise_attitude();
         flight.freeze_attitude(TIME_IN_TURN_S);
     }),
@@ -124,11 +130,16 @@ pub static ALL_CASES: &[Case] = &[
         RandomCase::make_attitude_stale,
     ),
     turn_case("link-gaps", "attitude gaps of 1.5 s in turns at 45 deg of bank", RandomCase::interrupt_link),
-    case("source-stalls", "the attitude source stalls for 1.4 s in a turn", RandomCase::stall_source),
-    case("autopilot-restarts", "the autopilot restarts on the ground or in the air", RandomCase::restart_autopilot),
-    case("coarse", "attitude in tenths of a degree, without fault", RandomCase::quantise_attitude),
-    case("spikes", "1 % of attitude messages wrong by 45 deg", |flight| {
-        flight.add_attitude_fault(Onset::SOON_AND_PERMANENT, attitude_spikes(flight.switch(), 0.01, flight.seed));
+    define_case("source-stalls", "the attitude source stalls for 1.4 s in a turn", RandomCase::stall_source),
+    define_case(
+        "autopilot-restarts",
+        "the autopilot restarts on the ground or in the air",
+        RandomCase::restart_autopilot,
+    ),
+    define_case("coarse", "attitude in tenths of a degree, without fault", RandomCase::quantise_attitude),
+    define_case("spikes", "1 % of attitude messages wrong by 45 deg", |flight| {
+        flight
+            .add_attitude_fault(Onset::SOON_AND_PERMANENT, attitude_spikes(flight.random_switch(), 0.01, flight.seed));
     }),
     mavlink_case("foreign", "a gimbal also sends attitude, 5 deg off", |flight| {
         flight.add_sender(Some(SenderKind::Other));
@@ -151,14 +162,18 @@ pub static ALL_CASES: &[Case] = &[
         flight.add_current(5.0, true);
         flight.send_forged_messages(ForgedMessage::Current(300.0));
     }),
-    case("bias-2", "attitude bias of 2 deg", |flight| flight.bias_attitude(2.0)),
-    case("bias-5", "attitude bias of 5 deg", |flight| flight.bias_attitude(5.0)),
+    define_case("bias-2", "attitude bias of 2 deg", |flight| flight.bias_attitude(2.0)),
+    define_case("bias-5", "attitude bias of 5 deg", |flight| flight.bias_attitude(5.0)),
     mavlink_case("aligning", "the attitude filter aligns on the ground", RandomCase::align_attitude),
-    case("lean-70", "attitude reads 70 % of the bank", |flight| flight.scale_bank(Onset::SOON_AND_PERMANENT, 0.7)),
-    case("lean-30", "attitude reads 30 % of the bank", |flight| flight.scale_bank(Onset::SOON_AND_PERMANENT, 0.3)),
-    case("late-200", "attitude 200 ms later", |flight| flight.delay_attitude(200)),
-    case("late-300", "attitude 300 ms later", |flight| flight.delay_attitude(300)),
-    case("late-500", "attitude 500 ms later", |flight| flight.delay_attitude(500)),
+    define_case("lean-70", "attitude reads 70 % of the bank", |flight| {
+        flight.scale_bank(Onset::SOON_AND_PERMANENT, 0.7)
+    }),
+    define_case("lean-30", "attitude reads 30 % of the bank", |flight| {
+        flight.scale_bank(Onset::SOON_AND_PERMANENT, 0.3)
+    }),
+    define_case("late-200", "attitude 200 ms later", |flight| flight.delay_attitude(200)),
+    define_case("late-300", "attitude 300 ms later", |flight| flight.delay_attitude(300)),
+    define_case("late-500", "attitude 500 ms later", |flight| flight.delay_attitude(500)),
     mavlink_case("rates-zero", "body rates are sent as zero", |flight| flight.scale_rates(0.0)),
     mavlink_case("rates-small", "body rates 57 times too small", |flight| flight.scale_rates(1.0 / DEGREES_PER_RADIAN)),
     mavlink_case("rates-degrees", "body rates in degrees, 57 times too large", |flight| {
@@ -190,45 +205,53 @@ pub static ALL_CASES: &[Case] = &[
     hover_case("steady-hover", "nothing, ten minutes of hover", |flight| {
         flight.drift_hard_iron(f64::INFINITY);
     }),
-    case("throttle-5", "interference of 5 uT follows the throttle", |flight| flight.add_throttle_interference(5.0)),
-    case("throttle-10", "interference of 10 uT follows the throttle", |flight| flight.add_throttle_interference(10.0)),
-    case("warming", "the sensor's zero drifts from 0 to 10 uT", |flight| {
+    define_case("throttle-5", "interference of 5 uT follows the throttle", |flight| {
+        flight.add_throttle_interference(5.0)
+    }),
+    define_case("throttle-10", "interference of 10 uT follows the throttle", |flight| {
+        flight.add_throttle_interference(10.0)
+    }),
+    define_case("warming", "the sensor's zero drifts from 0 to 10 uT", |flight| {
         flight.drift_zero(Onset::InUse { after_s: USUAL_ONSET_S, for_s: FLIGHT_AFTER_CALIBRATION_S - USUAL_ONSET_S });
     }),
-    case("passing-10-1s", "iron of 10 uT passes within 1 s", |flight| flight.pass_object(10.0, 1.0)),
-    case("passing-10-5s", "iron of 10 uT passes within 5 s", |flight| flight.pass_object(10.0, 5.0)),
-    case("passing-10-30s", "iron of 10 uT passes within 30 s", |flight| flight.pass_object(10.0, 30.0)),
-    case("passing-50-30s", "iron of 50 uT passes within 30 s", |flight| flight.pass_object(50.0, 30.0)),
-    case("ferry", "used 1,000 km away", RandomCase::move_to_other_place),
-    case("cal-moved-2", "hard iron changes by 2 uT during the calibration", |flight| {
+    define_case("passing-10-1s", "iron of 10 uT passes within 1 s", |flight| flight.pass_object(10.0, 1.0)),
+    define_case("passing-10-5s", "iron of 10 uT passes within 5 s", |flight| flight.pass_object(10.0, 5.0)),
+    define_case("passing-10-30s", "iron of 10 uT passes within 30 s", |flight| flight.pass_object(10.0, 30.0)),
+    define_case("passing-50-30s", "iron of 50 uT passes within 30 s", |flight| flight.pass_object(50.0, 30.0)),
+    define_case("ferry", "used 1,000 km away", RandomCase::move_to_other_place),
+    define_case("cal-moved-2", "hard iron changes by 2 uT during the calibration", |flight| {
         flight.change_hard_iron_while_calibrating(2.0);
     }),
-    case("cal-moved-5", "hard iron changes by 5 uT during the calibration", |flight| {
+    define_case("cal-moved-5", "hard iron changes by 5 uT during the calibration", |flight| {
         flight.change_hard_iron_while_calibrating(5.0);
     }),
-    case("cal-moved-10", "hard iron changes by 10 uT during the calibration", |flight| {
+    define_case("cal-moved-10", "hard iron changes by 10 uT during the calibration", |flight| {
         flight.change_hard_iron_while_calibrating(10.0);
     }),
-    case("cal-warming", "the zero drifts from 0 to 10 uT during the calibration", |flight| {
-        flight.drift_zero(Onset::calibrating(flight.world.aircraft.kind));
+    define_case("cal-warming", "the zero drifts from 0 to 10 uT during the calibration", |flight| {
+        flight.drift_zero(Onset::during_calibration(flight.world.aircraft.kind));
     }),
     turn_case("cal-bank-5", "calibration turns at 5 deg of bank", |flight| flight.calibrate_at_bank(5.0)),
-    case("cal-clipped", "an axis saturates within the circles, always", |flight| flight.clip_axis(Onset::Always)),
-    case("cal-lean-90", "attitude always reads 90 % of the bank", |flight| flight.scale_bank(Onset::Always, 0.9)),
-    case(
+    define_case("cal-clipped", "an axis saturates within the circles, always", |flight| {
+        flight.clip_axis(Onset::Always)
+    }),
+    define_case("cal-lean-90", "attitude always reads 90 % of the bank", |flight| {
+        flight.scale_bank(Onset::Always, 0.9)
+    }),
+    define_case(
         "cal-lean-lag",
         "attitude loses 12 % of the bank in turns, within 10 s, always",
         RandomCase::lag_bank_in_turns,
     ),
-    case("cal-level-3", "attitude levelled 3 deg off, always", |flight| flight.level_attitude_wrongly(3.0)),
+    define_case("cal-level-3", "attitude levelled 3 deg off, always", |flight| flight.level_attitude_wrongly(3.0)),
     Case {
         vehicles: |kind| matches!(kind, VehicleKind::Plane | VehicleKind::Vtol),
-        ..case("cal-linkage-3", "elevator linkage: 3 uT in turns only, always", |flight| flight.add_linkage(3.0))
+        ..define_case("cal-linkage-3", "elevator linkage: 3 uT in turns only, always", |flight| flight.add_linkage(3.0))
     },
-    case("cal-hysteresis-15", "soft iron follows turns with a play of 15 deg, always", |flight| {
+    define_case("cal-hysteresis-15", "soft iron follows turns with a play of 15 deg, always", |flight| {
         flight.add_hysteresis(15.0);
     }),
-    case("cal-vibration-3", "aliased vibration of 3 uT, always", |flight| flight.vibrate(3.0)),
+    define_case("cal-vibration-3", "aliased vibration of 3 uT, always", |flight| flight.add_vibration(3.0)),
     hover_case("cal-yaw-only", "calibration by yaw turns in hover alone", RandomCase::calibrate_in_hover),
     hover_case("pushed", "acceleration-induced tilt error always doubled", |flight| {
         flight.onset = Onset::Always;

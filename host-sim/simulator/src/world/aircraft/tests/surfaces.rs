@@ -29,9 +29,9 @@ fn ground_slopes_are_constant_in_time() {
         let ground = Surface::rough_ground(6.0, seed);
         for i in 0..50 {
             let place = [f64::from(i) * 11.0, f64::from(i % 7) * 13.0];
-            let [now, later] = [0.0, 1e4].map(|time_s| ground.slope(place, time_s).map(f64::to_bits));
+            let [now, later] = [0.0, 1e4].map(|time_s| ground.surface_slope(place, time_s).map(f64::to_bits));
             assert_eq!(now, later);
-            for (sum, slope) in squares.iter_mut().zip(ground.slope(place, 0.0)) {
+            for (sum, slope) in squares.iter_mut().zip(ground.surface_slope(place, 0.0)) {
                 *sum += slope * slope / 2000.0;
             }
         }
@@ -54,7 +54,7 @@ fn waves_travel() {
     let mut crossings = 0;
     for seed in 0..20 {
         let water = Surface::water_waves(6.0, 0.0, seed);
-        let slopes: Vec<[f64; 2]> = (0..3000).map(|i| water.slope([3.0, 4.0], f64::from(i) * 0.1)).collect();
+        let slopes: Vec<[f64; 2]> = (0..3000).map(|i| water.surface_slope([3.0, 4.0], f64::from(i) * 0.1)).collect();
         along += mean(slopes.iter().map(|s| s[0] * s[0])) / 20.0;
         across += mean(slopes.iter().map(|s| s[1] * s[1])) / 20.0;
         crossings += slopes.windows(2).filter(|pair| pair[0][0] < 0.0 && pair[1][0] >= 0.0).count();
