@@ -21,7 +21,7 @@ mod board;
 #[cfg(target_os = "none")]
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    board::start()
+    board::start_board()
 }
 
 #[cfg(not(target_os = "none"))]

@@ -129,7 +129,7 @@ fn receive_bytes(links: &Links, line: AutopilotLine, port: &mut Port, bytes: &[u
     links.update_line_state(line, port.active_protocol(at), port.is_armed(at));
 }
 
-/// Counts of a port that the module's counters already include.
+/// Counts of a port's events that the module's counters already include.
 #[derive(Debug, Default)]
 struct PublishedCounts([u32; 4]);
 

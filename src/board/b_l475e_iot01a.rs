@@ -34,7 +34,7 @@ pub use super::stm32::flash::StoreFlash;
 use super::stm32::i2c::I2cBus;
 pub use super::stm32::platform::Platform;
 use super::stm32::reset;
-use super::stm32::uart::{UartBuffers, uart};
+use super::stm32::uart::{UartBuffers, new_uart};
 pub use super::stm32::uart::{UartRx, UartTx};
 pub use super::stm32::watchdog::Watchdog;
 
@@ -74,15 +74,15 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     let watchdog = Watchdog::start(p.IWDG);
 
     // SAFETY: `i2c2` creates the driver with these pins, and its peripherals are used nowhere else.
-    let bus = unsafe { I2cBus::new(p.PB10.into(), p.PB11.into(), i2c2) };
+    let bus = unsafe { I2cBus::new(p.PB10.into(), p.PB11.into(), i2c2_bus) };
     let hardware = Hardware {
         magnetometer: Lis3mdl::new(bus, Lis3mdlConfig::default()),
         lines: Uarts {
             ports: [
-                uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_BUFFERS.init(UartBuffers::NEW)),
-                uart(p.USART2, p.PD6, p.PD5, Irqs, INSTRUMENT_BUFFERS.init(UartBuffers::NEW)),
+                new_uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_BUFFERS.init(UartBuffers::NEW)),
+                new_uart(p.USART2, p.PD6, p.PD5, Irqs, INSTRUMENT_BUFFERS.init(UartBuffers::NEW)),
             ],
-            console: uart(p.USART1, p.PB7, p.PB6, Irqs, CONSOLE_BUFFERS.init(UartBuffers::NEW)),
+            console: new_uart(p.USART1, p.PB7, p.PB6, Irqs, CONSOLE_BUFFERS.init(UartBuffers::NEW)),
         },
         watchdog,
         panel: Panel {
@@ -141,7 +141,7 @@ fn i2c2_bus() -> I2c<'static, Async, Master> {
     // SAFETY: only `I2cBus` calls this, after dropping the previous driver, and nothing else uses these peripherals.
     let (i2c, scl, sda, tx, rx) =
         unsafe { (I2C2::steal(), PB10::steal(), PB11::steal(), DMA1_CH4::steal(), DMA1_CH5::steal()) };
-    I2c::new(i2c, scl, sda, tx, rx, Irqs, super::stm32::i2c::config())
+    I2c::new(i2c, scl, sda, tx, rx, Irqs, super::stm32::i2c::i2c_config())
 }
 
 pub struct Panel {

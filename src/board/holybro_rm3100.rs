@@ -46,7 +46,7 @@ use super::stm32::boot_loader::{self, AppDescriptor, BootLoader};
 use super::stm32::can::{CanBuffers, CanReceiver, CanSender};
 pub use super::stm32::flash::StoreFlash;
 pub use super::stm32::platform::Platform;
-use super::stm32::uart::{UartBuffers, uart};
+use super::stm32::uart::{UartBuffers, new_uart};
 pub use super::stm32::uart::{UartRx, UartTx};
 use super::stm32::{self, reset};
 
@@ -96,7 +96,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
 
     boot_loader::reset_boot_loader_state();
     let reset = reset::cause();
-    let p = embassy_stm32::init(clocks());
+    let p = embassy_stm32::init(clock_config());
     // A debugger that halts the processor also halts the watchdog.
     pac::DBGMCU.apb1lfzr().modify(|freeze| freeze.set_iwdg(true));
     let watchdog = stm32::watchdog::Watchdog::start(p.IWDG);
@@ -112,7 +112,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
         magnetometer: Rm3100::new(ExclusiveDevice::new_no_delay(spi, chip_select).expect("a pin")),
         lines: CanAndUart {
             can: CanBus { info: node_info(), rx, tx, boot_loader: BootLoader },
-            uart: uart(p.USART2, p.PA3, p.PA2, Irqs, UART_BUFFERS.init(UartBuffers::NEW)),
+            uart: new_uart(p.USART2, p.PA3, p.PA2, Irqs, UART_BUFFERS.init(UartBuffers::NEW)),
         },
         watchdog: Watchdog { watchdog, can_prove: !reset.requires_safe_mode() },
         panel: Panel {
@@ -187,7 +187,7 @@ fn node_info() -> NodeInfo {
     }
     NodeInfo {
         name: "org.autoswing.holybro-rm3100",
-        software: DESCRIPTOR.software(),
+        software: DESCRIPTOR.software_version(),
         hardware: BOARD_ID.to_be_bytes(),
         unique_id,
     }

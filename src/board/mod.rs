@@ -31,5 +31,5 @@ use mps2_an386 as chosen;
 
 /// Starts the selected board.
 pub fn start_board() -> ! {
-    chosen::start(tasks::spawn_all_tasks)
+    chosen::start_board(tasks::spawn_all_tasks)
 }

@@ -80,11 +80,11 @@ static PANIC_MESSAGE: UninitialisedMessage = UninitialisedMessage(UnsafeCell::ne
 /// Stores a message and resets.
 fn store_panic_and_reset(message: fmt::Arguments<'_>) -> ! {
     cortex_m::interrupt::disable();
-    let early_panics = count_early_panics(Message::load().early_panics, Instant::now().as_secs());
+    let early_panics = count_early_panics(Message::load_message().early_panics, Instant::now().as_secs());
     let mut words = Message { early_panics, ..Message::EMPTY };
     // Infallible: `Message` truncates a text that is too long.
     let _ = words.write_fmt(message);
-    words.store();
+    words.store_message();
     SCB::sys_reset()
 }
 
@@ -92,10 +92,10 @@ fn store_panic_and_reset(message: fmt::Arguments<'_>) -> ! {
 /// otherwise. Call once, first of all.
 pub fn take_panic_report() -> Option<PanicReport> {
     static TEXT: StaticCell<[u8; CAPACITY]> = StaticCell::new();
-    let Message { length, early_panics, text, .. } = Message::load();
+    let Message { length, early_panics, text, .. } = Message::load_message();
     let message = TEXT.init(text).get(..length).and_then(|text| core::str::from_utf8(text).ok())?;
     let has_panicked = !message.is_empty();
-    Message { early_panics: if has_panicked { early_panics } else { 0 }, ..Message::EMPTY }.store();
+    Message { early_panics: if has_panicked { early_panics } else { 0 }, ..Message::EMPTY }.store_message();
     has_panicked.then_some(PanicReport { message, early_panics })
 }
 

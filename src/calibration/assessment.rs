@@ -38,7 +38,7 @@ pub struct Solution {
 /// A detected violation of an assumption. `quality` and `uncertainty` of the solution include its effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Finding<T> {
-    /// The violation detected.
+    /// Violation that was detected: a hard-iron change or a bank-angle scale error.
     pub violation: T,
     /// Contribution of the violation to the expected heading error, degrees RMS; adds in squares.
     pub added_error_deg: f32,

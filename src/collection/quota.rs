@@ -8,9 +8,9 @@ pub const FIT_CAPACITY: usize = 16 * SECTORS;
 /// Use of a stored sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SampleUse {
-    /// Fit by the solve.
+    /// The sample is used to fit the coefficients.
     Fit,
-    /// Comparison of a solution with the active calibration.
+    /// The sample is held back, to compare a solution with the active calibration.
     Verification,
 }
 

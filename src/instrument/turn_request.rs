@@ -23,7 +23,7 @@ pub struct TurnRequest {
 }
 
 impl TurnRequest {
-    /// No growth of the sigma so far.
+    /// State in which the sigma has not grown so far.
     pub const NONE: Self = Self { sigma_exceeded_at: None, is_request_sent: false };
 
     /// Updates with an estimate; returns the heading sigma, radians, if a turn is requested.

@@ -95,7 +95,7 @@ pub fn format_number(value: f64, decimals: usize) -> String {
         return "–".to_owned();
     }
     let text = format!("{value:.decimals$}");
-    // No minus sign before zero.
+    // A value that is rounded to zero is formatted without a minus sign.
     if text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.')) { text.replace('-', "") } else { text }
 }
 

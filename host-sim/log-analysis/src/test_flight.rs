@@ -51,7 +51,7 @@ pub fn record_turns(field_latency_s: f64) -> FlightRecording {
     FlightRecording { samples: samples.collect(), ..FlightRecording::with_field_latency(field_latency_s) }
 }
 
-/// Straight for 10 s before each pair of turns and after them.
+/// The flight is straight for 10 s before each pair of turns and after them.
 fn fly_turns() -> Vec<Motion> {
     let mut motions = vec![Motion { euler_rad: Vector3::zeros(), euler_rates_rad_s: Vector3::zeros() }];
     for (i, [bank_deg, change_deg]) in TURNS_DEG.into_iter().enumerate() {
@@ -85,7 +85,7 @@ fn step(motions: &mut Vec<Motion>, bank_deg: f64) {
     motions.push(Motion { euler_rad, euler_rates_rad_s });
 }
 
-/// Attitude some steps before the `i`-th, interpolated.
+/// Attitude a number of steps before step `i`, linearly interpolated.
 fn past_attitude(motions: &[Motion], i: usize, steps: f64) -> Vector3<f64> {
     let at = (i as f64 - steps).max(0.0);
     let (before, part) = (at.floor() as usize, at.fract());

@@ -25,7 +25,7 @@ pub enum MissionStage {
     TakeOff,
     /// Part of the calibration routine, with its name.
     Routine(&'static str),
-    /// Solving, verifying, storing.
+    /// The module solves for the calibration, verifies and stores it.
     Solve,
     /// Restart, then evaluation of the output on all headings.
     Stream,
@@ -60,7 +60,7 @@ pub struct RoutineMeasurement {
 pub struct TrueMoment {
     /// Time since the start, seconds.
     pub at_s: f64,
-    /// Roll and pitch.
+    /// Roll and pitch of the vehicle.
     pub attitude: Attitude,
     /// Magnetic heading, degrees.
     pub heading_deg: f64,
@@ -82,7 +82,7 @@ impl TrueMoment {
 /// Heading output after the restart, evaluated at the arrival of its sentence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EvaluatedHeading {
-    /// True state at the arrival.
+    /// True state when the sentence arrived.
     pub moment: TrueMoment,
     /// Heading error, degrees.
     pub error_deg: f64,
@@ -172,7 +172,7 @@ struct Mission<'a, M> {
 
 const RUN_STEP_S: f64 = 0.5;
 
-/// Time of a restart to its first line on the console, seconds.
+/// Longest time from a restart to the first line on the console, seconds.
 const RESTART_DURATION_S: f64 = 0.5;
 
 /// Timeout of the solve, seconds; solving, verifying and storing take about 1 s.

@@ -227,7 +227,7 @@ fn report_sample(true_moment: &mission::TrueMoment) -> ReportSample {
     }
 }
 
-/// Moment during the collection.
+/// State of the vehicle at a measurement during the collection, for the report.
 fn collected_sample(glimpse: &RoutineMeasurement, calibration: Option<&Calibration>) -> ReportSample {
     let corrected = |applied: &Calibration| {
         applied.calibrated_field(applied.remove_motor_current(glimpse.field, glimpse.current_a))

@@ -74,7 +74,7 @@ pub struct ObservedModule<'a, M, O> {
 }
 
 impl<'a, M: Module, O: Observer> ObservedModule<'a, M, O> {
-    /// Begins to observe.
+    /// Wraps a module; the observer is notified from now on.
     pub const fn new(module: &'a mut M, observer: O) -> Self {
         Self { module, observer }
     }

@@ -107,7 +107,7 @@ fn yaw_turns() -> RoutinePart {
     }
 }
 
-/// At each of `headings` headings a tilt to all four sides, each followed by a rest.
+/// Legs that tilt the vehicle to all four sides, each tilt followed by a rest, at each of `headings` headings.
 fn tilts_to_all_sides(name: &'static str, instruction_text: &'static str, headings: usize) -> RoutinePart {
     const TILT_DURATION_S: f64 = 2.0;
     const REST_AFTER_TILT_S: f64 = 2.5;

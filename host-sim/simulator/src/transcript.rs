@@ -35,7 +35,7 @@ pub fn parse_solve_notice(session: &str) -> Option<SolveNotice> {
     outcomes.next_back()
 }
 
-/// The error in an answer.
+/// Finds the error in the console's reply to a command.
 #[must_use]
 pub fn parse_error(reply: &str) -> Option<SolveNotice> {
     transcript_lines(reply).find_map(|line| line.strip_prefix("error ")).and_then(parse_notice_code)

@@ -43,7 +43,7 @@ pub fn print_bytes(bytes: &[u8]) {
     if !has_output_failed() {
         let mut stdout = io::stdout().lock();
         if let Err(error) = stdout.write_all(bytes).and_then(|()| stdout.flush()) {
-            // Only the first error is kept.
+            // Only the first write error is stored.
             let _ = FIRST_WRITE_ERROR.set(error);
         }
     }
@@ -73,7 +73,7 @@ fn is_pipe_closed() -> bool {
     let stdout = io::stdout();
     let mut ends = [PollFd::new(&stdout, PollFlags::empty())];
     let now = Timespec { tv_sec: 0, tv_nsec: 0 };
-    // A pipe whose reader closed it reports `ERR`; files and terminals do not.
+    // `poll` reports `ERR` for a pipe whose reader closed it, not for files and terminals.
     poll(&mut ends, Some(&now)).is_ok() && ends[0].revents().contains(PollFlags::ERR)
 }
 

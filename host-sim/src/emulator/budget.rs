@@ -67,7 +67,7 @@ pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<Budget>, EmulatorErr
     emulator.request_bench_test(BenchTest::Budgets);
     let mut printed = String::new();
     for _ in 0..SOLVE_TIMEOUT_S {
-        // The last line is complete.
+        // All results are printed once the line of the solve is complete.
         let is_all = printed.split_once("solve: ").is_some_and(|(_, rest)| rest.contains('\n'));
         if is_all || emulator.run_for_s(1.0) == ModuleRunEnd::Failed {
             break;

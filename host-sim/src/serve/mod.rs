@@ -111,7 +111,7 @@ impl ServedModule {
     pub fn new(world: WorldConfig, options: ServeOptions, image: Option<&FlashImage>) -> Self {
         // Attitudes of an external simulator come without rates: those derived from them are no gyro's.
         let gyro = if options.has_external_simulator { GyroConfig::PERFECT } else { world.gyro };
-        // The place is known where the field is that of Xi'an.
+        // The position is known only if the simulated field is that of Xi'an.
         let reports_position = world.earth == Earth::default();
         let mut rig = Rig::new(WorldConfig { gyro, reports_current: true, reports_position, ..world });
         if let Some(image) = image {

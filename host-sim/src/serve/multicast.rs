@@ -5,7 +5,7 @@ use crc::{CRC_16_IBM_3740, Crc};
 
 const MAGIC: u16 = 0x2934;
 
-/// Magic number, CRC of everything after it, flags, identifier.
+/// Length of a datagram's header, bytes: magic number, CRC of everything after it, flags, identifier.
 const HEADER_LENGTH: usize = 10;
 
 const EXTENDED_IDENTIFIER_FLAG: u32 = 1 << 31;
@@ -15,7 +15,7 @@ pub const DATAGRAM: usize = HEADER_LENGTH + 64;
 
 const CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_3740);
 
-/// Datagram of a frame.
+/// Encodes a CAN frame as a UDP datagram.
 #[must_use]
 pub fn to_datagram(frame: &CanFrame) -> Vec<u8> {
     const FLAGS: u16 = 0;

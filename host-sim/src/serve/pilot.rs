@@ -18,9 +18,9 @@ enum PilotTask {
     Pattern(PilotPattern),
     /// Executes commands.
     Orders,
-    /// Levels out to land.
+    /// The pilot levels out in order to land.
     Landing,
-    /// On the ground.
+    /// The vehicle is on the ground.
     Landed,
     /// An external simulator controls the aircraft.
     Visited,

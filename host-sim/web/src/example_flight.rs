@@ -41,7 +41,7 @@ pub struct FlightStep {
     pub after_deg: Option<f64>,
 }
 
-/// The flight as a whole.
+/// Result of the whole example flight.
 #[derive(Clone, Debug, Serialize)]
 pub struct FlownExample {
     /// The page that `host-sim fly --report` writes.

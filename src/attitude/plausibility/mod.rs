@@ -12,10 +12,10 @@ use crate::trig::Length as _;
 /// Largest deviation from the extrapolated previous report, radians.
 const SPIKE_MARGIN_RAD: f32 = 0.1;
 
-/// Additional deviation per second since that report, rad/s: body rates change.
+/// Additional allowed deviation per second since the previous report, rad/s: body rates change.
 const SPIKE_MARGIN_RAD_S: f32 = 1.0;
 
-/// Additional deviation per second, rad/s, if the source has no body rates to extrapolate with: a fast roll.
+/// Additional allowed deviation per second of a source without body rates, rad/s: a fast roll.
 const SPIKE_MARGIN_WITHOUT_RATES_RAD_S: f32 = 4.0;
 
 /// Consecutive rejections after which a report is accepted as a real change.
@@ -48,7 +48,7 @@ const COS_MAX_GROUND_TILT: f32 = 0.984_8;
 /// Readings averaged for the field direction; a single one has 1 deg of noise in a weak field.
 const FIELD_MEAN_READINGS: f32 = 12.0;
 
-/// Settling time of that average, microseconds.
+/// Settling time of the mean field direction, microseconds.
 const FIELD_SETTLING_US: u64 = 400_000;
 
 /// Detects single wrong attitudes.

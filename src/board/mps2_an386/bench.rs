@@ -84,12 +84,12 @@ pub fn request_test(number: u8) {
 pub async fn run_bench(mut tx: UartTx) -> ! {
     static KEPT: StaticCell<RetainedSamples> = StaticCell::new();
     panic_if_requested();
-    let mut turns = Turns::fly();
+    let mut turns = Turns::fly_turns();
     let mut collector = Collector::new(KEPT.init_with(|| RetainedSamples::EMPTY));
     loop {
         let mut results = Results::new();
         let written = match REQUESTED_TEST.wait().await {
-            BenchTest::Budgets => budgets(&mut turns, &mut collector, &mut results),
+            BenchTest::Budgets => measure_budgets(&mut turns, &mut collector, &mut results),
             BenchTest::Fault => cortex_m::asm::udf(),
             BenchTest::Overflow => {
                 fill_stack(black_box(0));
@@ -138,7 +138,7 @@ fn measure_budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut R
     let attitude = Attitude::from_deg(23.0, 3.0);
     let field = simulated_field(attitude, 1.0);
     let mut found = Ok(Heading { magnetic_rad: 0.0, sigma_rad: 0.0, systematic_variance_rad2: 0.0 });
-    let to_heading = instructions(|| {
+    let to_heading = count_instructions(|| {
         found = compute_heading(
             HeadingLimits::DEFAULT,
             black_box(&solution.calibration),
@@ -148,34 +148,36 @@ fn measure_budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut R
         );
     });
     let sentences = [
-        instructions(|| drop(black_box(nmea::hdm(black_box(Some(123.4)))))),
-        instructions(|| drop(black_box(nmea::hdg(black_box(Some(123.4)), black_box(Some(-11.3)))))),
-        instructions(|| drop(black_box(nmea::quality(black_box(&found), black_box(HeadingKind::Smooth))))),
+        count_instructions(|| drop(black_box(nmea::hdm_sentence(black_box(Some(123.4)))))),
+        count_instructions(|| drop(black_box(nmea::hdg_sentence(black_box(Some(123.4)), black_box(Some(-11.3)))))),
+        count_instructions(|| {
+            drop(black_box(nmea::quality_sentence(black_box(&found), black_box(HeadingKind::Smooth))))
+        }),
     ];
     let mut receiver = mavlink::Receiver::new();
     let mut reports = 0;
-    let to_report = instructions(|| {
+    let to_report = count_instructions(|| {
         for &byte in black_box(&ATTITUDE_FRAME) {
-            reports += u8::from(black_box(receiver.push(black_box(byte)).is_some()));
+            reports += u8::from(black_box(receiver.push_byte(black_box(byte)).is_some()));
         }
     });
     let mut receiver = msp::Receiver::new();
     let mut answers = 0;
-    let to_answer = instructions(|| {
+    let to_answer = count_instructions(|| {
         for &byte in black_box(&ATTITUDE_ANSWER) {
-            answers += u8::from(black_box(receiver.push(black_box(byte)).is_some()));
+            answers += u8::from(black_box(receiver.push_byte(black_box(byte)).is_some()));
         }
     });
-    let to_pose = instructions(|| {
+    let to_pose = count_instructions(|| {
         let own_address = Address { system: 1, component: 158 };
-        drop(black_box(OutboundMessage::pose_estimate(black_box(&POSE)).frame(
+        drop(black_box(OutboundMessage::pose_estimate(black_box(&POSE)).into_frame(
             own_address,
             0,
             &mut Signatures::default(),
         )));
     });
-    let to_compass = instructions(|| {
-        black_box(msp::compass(0, black_box(123_456), black_box(Field::from_ut(20.0, -5.1, 44.2))));
+    let to_compass = count_instructions(|| {
+        black_box(msp::compass_message(0, black_box(123_456), black_box(Field::from_ut(20.0, -5.1, 44.2))));
     });
     let over_msp = can_field_instructions().zip(msp_reading_instructions()).map(|(can, msp)| can.saturating_sub(msp));
     let to_watch = monitor_instructions(&solution);
@@ -221,12 +223,12 @@ fn monitor_instructions(solution: &Solution) -> u64 {
         let reading = Reading { field: simulated_field(attitude, heading_rad), saturated: false, overrun: false };
         black_box(instrument.on_reading(at, reading));
         while instrument.next_sample().is_some() {}
-        most = most.max(instructions(|| instrument.update_monitor()));
+        most = most.max(count_instructions(|| instrument.update_monitor()));
     }
     most
 }
 
-/// Estimates of two seconds for the protocols.
+/// Estimates over two seconds, as input of the protocols.
 const ESTIMATES: u64 = 160;
 
 fn bench_estimate(number: u64) -> Estimate {
@@ -245,14 +247,14 @@ fn can_field_instructions() -> Option<u64> {
     let settings = Settings { can, ..Settings::DEFAULT };
     let software = SoftwareVersion::of_this_firmware(None);
     let mut node = CanNode::new(NodeInfo { name: "", software, hardware: [1, 0], unique_id: [7; 16] }, can);
-    // It sends nothing before it has received a frame.
-    node.receive(Timestamp::START, &CanFrame::new(0, &[])?, &mut |_| {});
+    // The node sends nothing before it has received a frame.
+    node.receive_frame(Timestamp::START, &CanFrame::new(0, &[])?, &mut |_| {});
     let counts = (1..ESTIMATES).filter_map(|number| {
-        let estimate = estimate(number);
+        let estimate = bench_estimate(number);
         let snapshot = snapshot(&estimate, &settings);
         let context = NodeContext { snapshot, stored_settings: &settings, is_armed: false };
         let mut frames = 0;
-        let count = instructions(|| {
+        let count = count_instructions(|| {
             black_box(node.poll(black_box(&context)));
             while black_box(node.next_frame()).is_some() {
                 node.frame_sent(estimate.at);
@@ -267,16 +269,16 @@ fn can_field_instructions() -> Option<u64> {
 /// Least instruction count of a poll of an MSP port that sends a reading alone.
 #[inline(never)]
 fn msp_reading_instructions() -> Option<u64> {
-    let compass_length = msp::compass(0, 0, Field::from_ut(0.0, 0.0, 0.0)).len();
+    let compass_length = msp::compass_message(0, 0, Field::from_ut(0.0, 0.0, 0.0)).len();
     let mut port = Port::new(ProtocolKind::Msp, ProtocolKind::Auto, Timestamp::START);
     let counts = (1..ESTIMATES).filter_map(|number| {
-        let estimate = estimate(number);
+        let estimate = bench_estimate(number);
         let snapshot = snapshot(&estimate, &Settings::DEFAULT);
         let mut length = 0;
-        let count = instructions(|| {
+        let count = count_instructions(|| {
             port.poll(black_box(&snapshot));
-            length = black_box(port.output.pending()).len();
-            port.output.consume(length);
+            length = black_box(port.output.pending_bytes()).len();
+            port.output.consume_bytes(length);
         });
         (length == compass_length).then_some(count)
     });
@@ -291,8 +293,8 @@ fn collection_instructions(collector: &mut Collector<'_>) -> u64 {
     collector.begin_procedure(Procedure::Flight);
     let mut most = 0;
     for i in 0..FULL_BUFFER_SAMPLES + 20 {
-        let sample = sample(if i % 2 == 0 { -1.0 } else { 1.0 }, i, &mut noise);
-        let count = instructions(|| {
+        let sample = bench_sample(if i % 2 == 0 { -1.0 } else { 1.0 }, i, &mut noise);
+        let count = count_instructions(|| {
             collector.push(sample);
             collector.update_header(CollectionContext::default());
         });
@@ -335,7 +337,7 @@ impl Turns {
             ConstStaticCell::new(heapless::Vec::new());
         let (turns, mut noise) = (TURNS.take(), Noise(1));
         for (side, part) in [(-1.0, CollectionPart::LEFT), (1.0, CollectionPart::RIGHT)] {
-            turns.extend((0..SAMPLES_PER_TURN).map(|i| Sample { part, ..sample(side, i, &mut noise) }));
+            turns.extend((0..SAMPLES_PER_TURN).map(|i| Sample { part, ..bench_sample(side, i, &mut noise) }));
         }
         Self(turns)
     }
@@ -367,13 +369,13 @@ impl Turns {
     fn solve(&self, count: &mut u64) -> Option<Solution> {
         let samples = Samples::new(self.0);
         let mut solver = None;
-        *count += instructions(|| {
+        *count += count_instructions(|| {
             solver = Solver::new(Method::MaximumLikelihood, samples, &Prior::default()).ok();
         });
         let mut solver = solver?;
         loop {
             let mut progress = SolveProgress::Continue;
-            *count += instructions(|| progress = solver.step(samples));
+            *count += count_instructions(|| progress = solver.step(samples));
             if let SolveProgress::Finished(end) = progress {
                 return end.ok();
             }
@@ -400,10 +402,10 @@ fn bench_sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
         side * TAU / turn_s,
     ]);
     let field = simulated_field(attitude, side * part * TAU);
-    let noisy = field.ut.map(|ut| ut + 0.3 * noise.next());
+    let noisy = field.ut.map(|ut| ut + 0.3 * noise.next_noise());
     let reported = Attitude {
-        roll_rad: attitude.roll_rad + 0.005 * noise.next(),
-        pitch_rad: attitude.pitch_rad + 0.005 * noise.next(),
+        roll_rad: attitude.roll_rad + 0.005 * noise.next_noise(),
+        pitch_rad: attitude.pitch_rad + 0.005 * noise.next_noise(),
     };
     Sample {
         field: Field::new(noisy),
@@ -445,7 +447,7 @@ const ATTITUDE_FRAME: [u8; 40] = [
 const ATTITUDE_ANSWER: [u8; 15] =
     [0x24, 0x58, 0x3E, 0x00, 0x6C, 0x00, 0x06, 0x00, 0xE6, 0x00, 0x1E, 0x00, 0x64, 0x00, 0x8B];
 
-/// Pose of the longest of the frequent messages.
+/// Pose for VISION_POSITION_ESTIMATE, the longest of the frequent messages.
 const POSE: Pose = Pose {
     at: Timestamp::from_us(1_234_567_000),
     roll_pitch_yaw_rad: [0.4, 0.05, 1.0],

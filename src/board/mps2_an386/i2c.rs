@@ -6,9 +6,9 @@ use super::lockstep;
 use super::registers::{Peripheral, Register};
 
 /// Register of the line states; writing ones releases lines.
-const SET_LINES: Register = Register::of(Peripheral::SensorBus, 0x00);
+const SET_LINES: Register = Register::at_offset(Peripheral::SensorBus, 0x00);
 /// Register in which writing ones pulls lines low.
-const CLEAR_LINES: Register = Register::of(Peripheral::SensorBus, 0x04);
+const CLEAR_LINES: Register = Register::at_offset(Peripheral::SensorBus, 0x04);
 const SCL: u32 = 1;
 const SDA: u32 = 2;
 
@@ -43,34 +43,34 @@ impl SensorBus {
     }
 
     fn start(&mut self) {
-        SET_LINES.write(SDA);
-        SET_LINES.write(SCL);
-        CLEAR_LINES.write(SDA);
-        CLEAR_LINES.write(SCL);
+        SET_LINES.write_register(SDA);
+        SET_LINES.write_register(SCL);
+        CLEAR_LINES.write_register(SDA);
+        CLEAR_LINES.write_register(SCL);
     }
 
     fn stop(&mut self) {
-        CLEAR_LINES.write(SDA);
-        SET_LINES.write(SCL);
-        SET_LINES.write(SDA);
+        CLEAR_LINES.write_register(SDA);
+        SET_LINES.write_register(SCL);
+        SET_LINES.write_register(SDA);
     }
 
     /// Sends one bit in the fewest instructions: the instruction counts of a reading include them, unlike on a board
     /// with an I2C peripheral.
     fn put_bit(&mut self, bit: bool) {
-        (if bit { SET_LINES } else { CLEAR_LINES }).write(SDA);
-        SET_LINES.write(SCL);
-        CLEAR_LINES.write(SCL);
+        (if bit { SET_LINES } else { CLEAR_LINES }).write_register(SDA);
+        SET_LINES.write_register(SCL);
+        CLEAR_LINES.write_register(SCL);
     }
 
     /// Reads bits from the chip, most significant first. A broken data line reads high.
     fn take_bits(&mut self, number: u32) -> u32 {
-        SET_LINES.write(SDA);
+        SET_LINES.write_register(SDA);
         let mut bits = 0;
         for _ in 0..number {
-            SET_LINES.write(SCL);
-            bits = bits << 1 | SET_LINES.read() & SDA;
-            CLEAR_LINES.write(SCL);
+            SET_LINES.write_register(SCL);
+            bits = bits << 1 | SET_LINES.read_register() & SDA;
+            CLEAR_LINES.write_register(SCL);
         }
         if lockstep::sensor_is_broken() { u32::MAX } else { bits / SDA }
     }
@@ -99,7 +99,7 @@ impl SensorBus {
             Operation::Read(buffer) => {
                 let last = buffer.len().saturating_sub(1);
                 for (i, byte) in buffer.iter_mut().enumerate() {
-                    *byte = self.take(i == last);
+                    *byte = self.read_byte(i == last);
                 }
                 Ok(())
             }
@@ -116,7 +116,7 @@ impl I2c for SensorBus {
     /// direction, where this firmware's drivers change operations.
     async fn transaction(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), NoAcknowledge> {
         lockstep::wait_before_sensor_access();
-        let result = operations.iter_mut().try_for_each(|operation| self.perform(address, operation));
+        let result = operations.iter_mut().try_for_each(|operation| self.perform_operation(address, operation));
         if result.is_ok() {
             self.stop();
         } else {

@@ -58,22 +58,22 @@ pub async fn run_lockstep() -> ! {
     loop {
         due += LOCKSTEP_PERIOD;
         Timer::at(due).await;
-        wait(Message::Step, Some(due));
+        wait_for_message(Message::Step, Some(due));
     }
 }
 
 /// Reports the start, before anything waits.
 pub fn report_start() {
-    send(Message::Started, clock::ticks());
+    send_message(Message::Started, clock::ticks());
 }
 
 pub fn wait_before_sensor_access() {
-    wait(Message::Sensor, None);
+    wait_for_message(Message::Sensor, None);
 }
 
 /// Reports a write to the instrument port.
 pub fn report_instrument_write() {
-    critical_section::with(|_| clock::with_frozen_clock(|ticks| send(Message::Written, ticks)));
+    critical_section::with(|_| clock::with_frozen_clock(|ticks| send_message(Message::Written, ticks)));
 }
 
 fn send_message(message: Message, ticks: u64) {
@@ -86,9 +86,9 @@ fn send_message(message: Message, ticks: u64) {
 fn wait_for_message(message: Message, due: Option<Instant>) {
     critical_section::with(|_| {
         clock::with_frozen_clock(|ticks| {
-            send(message, due.map_or(ticks, |due| due.as_micros() * clock::TICKS_PER_US));
+            send_message(message, due.map_or(ticks, |due| due.as_micros() * clock::TICKS_PER_US));
             let others = mask_all_but_uarts();
-            let [console, autopilot, instrument, go] = core::array::from_fn(|_| take(&LOCKSTEP));
+            let [console, autopilot, instrument, go] = core::array::from_fn(|_| take_byte(&LOCKSTEP));
             receive(&CONSOLE, console);
             receive(&AUTOPILOT, autopilot);
             receive(&INSTRUMENT, instrument);
@@ -97,14 +97,14 @@ fn wait_for_message(message: Message, due: Option<Instant>) {
             SENSOR_BROKEN.store(go & ReleaseBits::SENSOR_BROKEN != 0, Ordering::Relaxed);
             #[cfg(feature = "bench")]
             super::bench::request_test(go >> ReleaseBits::BENCH_TEST_SHIFT);
-            unmask(others);
+            unmask_interrupts(others);
         });
     });
 }
 
 fn take_byte(uart: &Uart) -> u8 {
     loop {
-        if let Some(byte) = uart.take() {
+        if let Some(byte) = uart.read_byte() {
             return byte;
         }
         sleep();

@@ -56,7 +56,7 @@ static STEP_TASK: InterruptExecutor = InterruptExecutor::new();
 /// Interrupt vector table, placed by cortex-m-rt's linker script.
 #[unsafe(link_section = ".vector_table.interrupts")]
 #[unsafe(no_mangle)]
-static __INTERRUPTS: [Vector; 32] = Vector::table(&[
+static __INTERRUPTS: [Vector; 32] = Vector::interrupt_table(&[
     (Interrupt::Uart0Rx, on_console),
     (Interrupt::Uart1Rx, on_autopilot),
     (Interrupt::Uart3Rx, on_instrument),
@@ -116,7 +116,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     for uart in [&CONSOLE, &AUTOPILOT, &INSTRUMENT, &LOCKSTEP] {
         uart.enable();
     }
-    clock::start();
+    clock::start_clock();
     lockstep::report_start();
     for interrupt in [Interrupt::DualTimer, Interrupt::Uart0Rx, Interrupt::Uart1Rx, Interrupt::Uart3Rx] {
         // SAFETY: `__INTERRUPTS` has handlers of these interrupts.
@@ -187,11 +187,11 @@ impl app::Platform for Platform {
 
 #[embassy_executor::task]
 async fn step() -> ! {
-    lockstep::run().await
+    lockstep::run_lockstep().await
 }
 
 #[cfg(feature = "bench")]
 #[embassy_executor::task]
 async fn bench_tests() -> ! {
-    bench::run(CONSOLE_TX).await
+    bench::run_bench(CONSOLE_TX).await
 }

@@ -16,7 +16,7 @@ static STATE: AtomicU32 = AtomicU32::new(0);
 /// Returns and clears the reset cause. Call it once, before all other code.
 pub fn cause() -> ResetCause {
     let before = STATE.swap(STATE_RUNNING, Ordering::Relaxed);
-    match (panic_message::take(), before) {
+    match (panic_message::take_panic_report(), before) {
         (Some(report), STATE_RUNNING) => ResetCause::Panic(report),
         (_, STATE_REBOOTING) => ResetCause::Software,
         (_, STATE_RUNNING) => ResetCause::Pin,

@@ -28,7 +28,7 @@ impl Magnetometer for Sensor {
     }
 
     async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<NoAcknowledge>> {
-        let reading = self.0.read().await?;
+        let reading = self.0.read_measurement().await?;
         let added: [f32; 3] = core::array::from_fn(|axis| ADDED_COUNTS[axis] * UT_PER_COUNT[axis]);
         let ut = reading.field.ut - nalgebra::Vector3::from(added);
         Ok(Reading { field: Field::<SensorFrame>::new(ut), ..reading })

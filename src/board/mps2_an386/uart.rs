@@ -52,33 +52,33 @@ impl Uart {
     }
 
     fn register(&self, offset: usize) -> Register {
-        Register::of(self.peripheral, offset)
+        Register::at_offset(self.peripheral, offset)
     }
 
     /// Enables the UART at 115200 baud, 8N1.
     pub fn enable(&self) {
         self.set_baud(Baud::B115200);
-        self.register(CONTROL).write(ENABLED);
+        self.register(CONTROL).write_register(ENABLED);
     }
 
     /// Rounding error of the divisor: 0.5 % at 460,800 baud, otherwise less.
     fn set_baud(&self, baud: Baud) {
         let bits_per_s = baud.bits_per_s();
-        self.register(BAUD_DIVISOR).write((CLOCK_HZ + bits_per_s / 2) / bits_per_s);
+        self.register(BAUD_DIVISOR).write_register((CLOCK_HZ + bits_per_s / 2) / bits_per_s);
     }
 
     /// Reads a received byte.
     pub fn read_byte(&self) -> Option<u8> {
-        if self.register(STATE).read() & RX_FULL == 0 {
+        if self.register(STATE).read_register() & RX_FULL == 0 {
             return None;
         }
-        self.register(CLEAR).write(RX_INTERRUPT);
-        Some(self.register(DATA).read() as u8)
+        self.register(CLEAR).write_register(RX_INTERRUPT);
+        Some(self.register(DATA).read_register() as u8)
     }
 
     /// Moves a received byte to the buffer; returns whether there was a byte.
     pub fn receive(&self) -> bool {
-        let byte = self.take();
+        let byte = self.read_byte();
         if let Some(byte) = byte {
             // An overrun loses the byte.
             let _ = self.received.try_write(&[byte]);
@@ -88,9 +88,9 @@ impl Uart {
 
     /// Sends a byte; false if the transmitter is busy.
     pub fn put_byte(&self, byte: u8) -> bool {
-        let is_free = self.register(STATE).read() & TX_FULL == 0;
+        let is_free = self.register(STATE).read_register() & TX_FULL == 0;
         if is_free {
-            self.register(DATA).write(byte.into());
+            self.register(DATA).write_register(byte.into());
         }
         is_free
     }

@@ -66,7 +66,7 @@ impl StoreFlash {
 
     /// Converts an offset in the store to one in the flash and checks the range.
     fn flash_offset(&self, offset: u32, size: usize) -> Result<u32, FlashError> {
-        let available_bytes = self.region().end.checked_sub(offset).ok_or(FlashError::Bounds)?;
+        let available_bytes = self.store_region().end.checked_sub(offset).ok_or(FlashError::Bounds)?;
         if size as u64 > u64::from(available_bytes) { Err(FlashError::Bounds) } else { Ok(self.pages.start + offset) }
     }
 
@@ -86,7 +86,7 @@ impl ReadNorFlash for StoreFlash {
     const READ_SIZE: usize = 1;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
-        let start = self.locate(offset, bytes.len())?;
+        let start = self.flash_offset(offset, bytes.len())?;
         for (offset, byte) in (start..).zip(bytes) {
             *byte = Self::byte(offset);
         }
@@ -105,7 +105,7 @@ impl NorFlash for StoreFlash {
     /// Erases pages and reads them back, because the HAL clears the hardware's error flags before checking them.
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
         let size = to.checked_sub(from).ok_or(FlashError::Bounds)?;
-        let start = self.locate(from, size as usize)?;
+        let start = self.flash_offset(from, size as usize)?;
         let cache = DataCacheOff::new();
         self.flash.erase(start, start + size).await.map_err(FlashError::Hardware)?;
         drop(cache);
@@ -114,7 +114,7 @@ impl NorFlash for StoreFlash {
 
     /// Writes double words and reads them back. Blocking, because only the HAL's blocking writes report errors.
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
-        let start = self.locate(offset, bytes.len())?;
+        let start = self.flash_offset(offset, bytes.len())?;
         let cache = DataCacheOff::new();
         self.flash.blocking_write(start, bytes).map_err(FlashError::Hardware)?;
         drop(cache);

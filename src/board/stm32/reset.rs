@@ -9,7 +9,7 @@ use crate::board::panic_message;
 pub fn cause() -> ResetCause {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|csr| csr.set_rmvf(true));
-    let panic_message = panic_message::take();
+    let panic_message = panic_message::take_panic_report();
     // Brown-out is tested first, since memory is then undefined, the reset pin last, since every reset sets its flag.
     match panic_message {
         _ if flags.borrstf() => ResetCause::PowerOn,

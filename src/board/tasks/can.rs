@@ -18,8 +18,8 @@ pub fn spawn_line_tasks(
     lines: Lines,
     (platform, reset): (Platform, ResetCause),
 ) {
-    above.spawn(expect_spawn_token(can(links, lines.can, false)));
-    below.spawn(expect_spawn_token(uart(links, (above, below), lines.uart, platform, reset)));
+    above.spawn(expect_spawn_token(can_task(links, lines.can, false)));
+    below.spawn(expect_spawn_token(uart_task(links, (above, below), lines.uart, platform, reset)));
 }
 
 /// Spawns the console, whatever is selected for the UART, and the CAN bus, by which the firmware can be replaced.
@@ -30,15 +30,15 @@ pub fn spawn_in_safe_mode(
     (platform, reset): (Platform, ResetCause),
 ) -> [UartTx; SAFE_MODE_PORTS] {
     let (tx, rx) = lines.uart;
-    below.spawn(expect_spawn_token(console(links, rx, tx, platform, reset)));
-    below.spawn(expect_spawn_token(can(links, lines.can, true)));
+    below.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset)));
+    below.spawn(expect_spawn_token(can_task(links, lines.can, true)));
     []
 }
 
 #[embassy_executor::task]
 async fn can_task(links: &'static Links, bus: CanBus, is_safe_mode: bool) -> ! {
     let CanBus { info, rx, tx, boot_loader } = bus;
-    app::can::run(links, info, rx, tx, boot_loader, is_safe_mode).await
+    app::can::run_can(links, info, rx, tx, boot_loader, is_safe_mode).await
 }
 
 #[embassy_executor::task]
@@ -51,9 +51,9 @@ async fn uart_task(
 ) {
     let ((above, below), (tx, rx)) = (spawners, line);
     if app::port::has_protocol(links, PortNumber::One).await {
-        above.spawn(expect_spawn_token(port(links, PortNumber::One, tx, rx)));
+        above.spawn(expect_spawn_token(port_task(links, PortNumber::One, tx, rx)));
         app::console::restart_without_terminal(links, platform).await;
     } else {
-        below.spawn(expect_spawn_token(console(links, rx, tx, platform, reset)));
+        below.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset)));
     }
 }

@@ -17,10 +17,10 @@ pub fn expect_spawn_token<S>(token: Result<SpawnToken<S>, SpawnError>) -> SpawnT
 
 #[embassy_executor::task(pool_size = PORTS)]
 pub async fn port_task(links: &'static Links, number: PortNumber, tx: UartTx, rx: UartRx) -> ! {
-    app::port::run(links, number, rx, tx).await
+    app::port::run_port(links, number, rx, tx).await
 }
 
 #[embassy_executor::task]
 pub async fn console_task(links: &'static Links, rx: UartRx, tx: UartTx, platform: Platform, reset: ResetCause) -> ! {
-    app::console::run(links, rx, tx, platform, reset).await
+    app::console::run_console(links, rx, tx, platform, reset).await
 }

@@ -29,7 +29,7 @@ static LINKS: StaticCell<Links> = StaticCell::new();
 /// spawns the console, a CAN bus, and the task of that mode only.
 pub fn spawn_all_tasks(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
     let links = LINKS.init_with(Links::new);
-    let region = hardware.flash.region();
+    let region = hardware.flash.store_region();
     let store = Store::new(hardware.flash, region);
     let restart = (hardware.platform, hardware.reset);
     if hardware.reset.requires_safe_mode() {
@@ -47,27 +47,27 @@ pub fn spawn_all_tasks(above: SendSpawner, below: SendSpawner, hardware: Hardwar
 
 #[embassy_executor::task]
 async fn sensor_task(links: &'static Links, magnetometer: Magnetometer) -> ! {
-    app::sensor::run(links, magnetometer).await
+    app::sensor::run_sensor(links, magnetometer).await
 }
 
 #[embassy_executor::task]
 async fn instrument_task(links: &'static Links) -> ! {
-    app::instrument::run(links).await
+    app::instrument::run_instrument(links).await
 }
 
 #[embassy_executor::task]
 async fn feed_watchdog(links: &'static Links, watchdog: Watchdog) -> ! {
-    app::watchdog::run(links, watchdog).await
+    app::watchdog::run_watchdog(links, watchdog).await
 }
 
 #[embassy_executor::task]
 async fn panel_task(links: &'static Links, panel: Panel) -> ! {
-    app::panel::run(links, panel).await
+    app::panel::run_panel(links, panel).await
 }
 
 #[embassy_executor::task]
 async fn compass_task(links: &'static Links, store: Store<StoreFlash>, retained: &'static mut RetainedSamples) -> ! {
-    app::compass::run(links, store, retained).await
+    app::compass::run_compass(links, store, retained).await
 }
 
 #[embassy_executor::task]
@@ -77,5 +77,5 @@ async fn safe_mode(
     ports: [UartTx; SAFE_MODE_PORTS],
     watchdog: Watchdog,
 ) -> ! {
-    app::safe_mode::run(links, store, ports, watchdog).await
+    app::safe_mode::run_safe_mode(links, store, ports, watchdog).await
 }

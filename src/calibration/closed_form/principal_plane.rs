@@ -12,7 +12,7 @@ pub(crate) struct PrincipalPlane {
     pub normal: Vector3<f32>,
     /// Two orthonormal vectors in the plane.
     pub axes: [Vector3<f32>; 2],
-    /// RMS distance from the mean.
+    /// RMS distance of the fields from their mean.
     pub rms_distance_ut: f32,
 }
 

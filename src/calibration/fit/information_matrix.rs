@@ -10,7 +10,7 @@ use crate::calibration::model::{
 /// elements: 60 products of two components of `k` and two of `(x, 1)`, and 13 with the last element. 292 bytes.
 #[derive(Clone, Debug)]
 pub(crate) struct InformationMatrix {
-    /// By pairs of components of `k`, then by pairs of components of `(x, 1)`.
+    /// Products by pairs of components of `k`, then by pairs of components of `(x, 1)`.
     products: [[f32; 10]; 6],
     /// Products of the components of `k` and `(x, 1)` with the last element.
     with_inclination: [[f32; 4]; 3],

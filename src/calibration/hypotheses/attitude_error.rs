@@ -9,7 +9,7 @@ use crate::calibration::{ConsiderSigmas, Rates};
 use crate::frames::Attitude;
 use crate::trig::sqrt;
 
-/// Row of the [table](super::table).
+/// Row of the [table](super::table) of attitude errors.
 pub(in crate::calibration) struct AttitudeError {
     /// Change of roll and pitch by one unit of the error, radians.
     pub effect: fn(&AttitudeState) -> [f32; 2],
@@ -44,7 +44,7 @@ impl AttitudeError {
     }
 }
 
-/// Input of a test.
+/// Input of the test for a constant attitude error.
 pub(in crate::calibration) struct AttitudeErrorTest<'a> {
     /// Sums of the tested error.
     pub sums: &'a ScoreTest<1>,

@@ -138,7 +138,7 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
     /// Variances of two linear functions of the unknowns `vector . x`, `v^T (U^T D U)^-1 v`, in one pass; infinite if
     /// undetermined.
     pub fn variance_pair(&self, vectors: [&SVector<f32, N>; 2]) -> [f32; 2] {
-        // Interleaved, so that the inner loop has one address for both.
+        // The two arrays are interleaved, so that the inner loop has one address for both.
         let mut pairs: [[f32; 2]; N] = core::array::from_fn(|i| [vectors[0][i], vectors[1][i]]);
         let mut variances = [0.0; 2];
         for k in 0..N {
@@ -180,7 +180,7 @@ impl<const N: usize> LeastSquares<N, 1> {
     /// Adds two equations in one pass, in two thirds of the time. Every unknown must already have information, such as
     /// a prior.
     pub fn add_pair(&mut self, rows: [&SVector<f32, N>; 2], mut values: [f32; 2], mut weights: [f32; 2]) {
-        // Interleaved, so that the inner loop has one address for both.
+        // The two arrays are interleaved, so that the inner loop has one address for both.
         let mut pairs: [[f32; 2]; N] = core::array::from_fn(|i| [rows[0][i], rows[1][i]]);
         for k in 0..N {
             let [x, y] = pairs[k];

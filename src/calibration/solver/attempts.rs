@@ -74,7 +74,7 @@ pub(super) const fn is_implausible(error: &SolveError) -> bool {
     matches!(error, SolveError::MountContradicted { .. } | SolveError::TurnsReversed | SolveError::NotDetermined(_))
 }
 
-/// NaN is not good.
+/// A NaN error does not count as good.
 pub(super) fn has_small_error_and_hard_iron(quality: &Quality, calibration: &Calibration) -> bool {
     is_accurate(quality) && calibration.b_vector_ut().vector_length() <= MAX_GOOD_HARD_IRON_UT
 }

@@ -39,7 +39,7 @@ impl Heteroscedasticity {
             return 1.0;
         }
         let ratio = (self.weighted_squares / self.squared_tilts) * (self.sample_count / self.squared_residuals);
-        // NaN counts as one.
+        // A NaN ratio counts as 1.
         if ratio > 1.0 { ratio.min(MAX_RATIO) } else { 1.0 }
     }
 }

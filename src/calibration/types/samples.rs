@@ -75,7 +75,7 @@ impl CollectionPart {
     /// All parts, in the order of samples.
     pub const ALL: [Self; 4] = [Self::LEFT, Self::RIGHT, Self::LEVEL, Self::FREE];
 
-    /// Turns of a side.
+    /// Part that contains the turns to one side.
     #[must_use]
     pub const fn of_turn(side: Side) -> Self {
         match side {
@@ -125,7 +125,7 @@ pub struct Mark {
 /// A part of the [`Samples`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SamplePart {
-    /// Turns of a side.
+    /// Samples of the turns to one side.
     Turns(Side),
     /// Level flight.
     Level,
@@ -156,14 +156,14 @@ impl<'a> Samples<'a> {
         Self { ordered, is_excluded: [false; _], marks: &[] }
     }
 
-    /// The same view with other marks.
+    /// The same samples with other compass-swing marks.
     #[must_use]
     pub const fn with_marks(mut self, marks: &'a [Mark]) -> Self {
         self.marks = marks;
         self
     }
 
-    /// The same view without a part.
+    /// The same samples without one part.
     #[must_use]
     pub fn without_part(mut self, part: CollectionPart) -> Self {
         self.is_excluded[part.index()] = true;
@@ -197,7 +197,7 @@ impl<'a> Samples<'a> {
     }
 }
 
-/// Samples of a part, of samples ordered by part.
+/// Samples of one part, if all are ordered by part.
 pub(crate) fn samples_of_part(ordered: &[Sample], part: CollectionPart) -> &[Sample] {
     let [start, end] = part_range(ordered, part);
     ordered.get(start..end).unwrap_or_default()

@@ -148,7 +148,7 @@ impl MapBlend {
     }
 }
 
-/// Output state. 0.1 KB.
+/// State of the field output, with the blend between two calibrations. 0.1 KB.
 #[derive(Debug)]
 pub(super) struct CompassField {
     blend: Option<MapBlend>,

@@ -29,7 +29,7 @@ use crate::trig::Length as _;
 pub(super) const STATE_COUNT: usize = GYRO_ERRORS + GYRO_ERROR_COUNT;
 pub(super) const HARD_IRON_CHANGE: usize = 0;
 pub(super) const HARD_IRON_AXES: [usize; 3] = [HARD_IRON_CHANGE, HARD_IRON_CHANGE + 1, HARD_IRON_CHANGE + 2];
-/// Early, because the strength of the field depends on the states up to this one alone.
+/// This state is placed early, because the field strength depends on the states up to this one alone.
 pub(super) const MOUNT_TURN: usize = 3;
 pub(super) const STRENGTH_CHANGE: usize = 4;
 pub(super) const INCLINATION_CHANGE: usize = 5;
@@ -65,9 +65,9 @@ pub(super) fn mount_axis(calibration: &Calibration) -> Vector3<f32> {
 /// does not turn: with the axis `a` and the measured field `m`, `W (R(mu) m - b) = h + sin mu p + (1 - cos mu) q`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MountTurnEffect {
-    /// `W (a x m)`.
+    /// Field change by the sine of the mount's turn: `W (a x m)`.
     p: Vector3<f32>,
-    /// `W (a x (a x m))`.
+    /// Field change by one minus the cosine of the mount's turn: `W (a x (a x m))`.
     q: Vector3<f32>,
 }
 

@@ -86,9 +86,9 @@ pub(super) struct Monitor {
     /// Derivatives of the heading rate by the gyro's errors at the last sample.
     last_gyro_row: Option<GyroErrors>,
     mean_innovations: MeanInnovations,
-    /// [`DRIFTING_STATES`] about a minute ago.
+    /// Values of the [`DRIFTING_STATES`] about a minute ago.
     past_field: [f32; DRIFTING_STATES.len()],
-    /// Step of [`noise_schedule`].
+    /// Present step of the [`noise_schedule`].
     noise_step: usize,
     acceleration_tilt: AccelerationTilt,
     hard_iron_detector: ChangeDetector,

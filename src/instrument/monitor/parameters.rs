@@ -29,26 +29,27 @@ const HARD_IRON_DRIFT_TIME_S: f32 = 62.5;
 /// Noise of state `i` of [`measurement_model`](super::measurement_model), with its symbols.
 pub(super) fn state_noise(i: usize, errors: SensorErrorSigmas) -> StateNoise {
     match i {
-        // beta: coefficient errors are as large as a minute's drift.
+        // Hard-iron change beta: coefficient errors are as large as a minute's drift.
         HARD_IRON_CHANGE..MOUNT_TURN => random_walk_state(
             errors.hard_iron_drift,
             errors.hard_iron_drift * errors.hard_iron_drift / HARD_IRON_DRIFT_TIME_S,
         ),
-        // f: half of the 10 % by which the field strength changes over 1000 km.
+        // Field-strength change f: half of the 10 % by which the field strength changes over 1000 km.
         STRENGTH_CHANGE => random_walk_state(0.06, 1e-7),
-        // i: 5.7 deg, as over 1000 km.
+        // Inclination change i: 5.7 deg, as over 1000 km.
         INCLINATION_CHANGE => random_walk_state(0.1, 1e-7),
-        // a_r, a_p: 0.23 deg, an autopilot's level trim; in a minute 0.24 deg more, by centripetal acceleration.
+        // Roll bias a_r and pitch bias a_p: 0.23 deg, an autopilot's level trim; in a minute 0.24 deg more, by
+        // centripetal acceleration.
         ROLL_BIAS | PITCH_BIAS => random_walk_state(0.004, 3e-7),
-        // k: 2 % of the bank angle.
+        // Bank-angle scale error k: 2 % of the bank angle.
         BANK_SCALE_ERROR => random_walk_state(0.02, 1e-7),
-        // tau: 0.1 s, the delay of a telemetry link; it varies with the load of the link.
+        // Attitude latency tau: 0.1 s, the delay of a telemetry link; it varies with the load of the link.
         ATTITUDE_LATENCY => random_walk_state(0.1, 3e-5),
-        // mu: play of a mount; in a minute 0.3 deg more.
+        // Mount turn mu: play of a mount; in a minute 0.3 deg more.
         MOUNT_TURN => random_walk_state(MOUNT_SIGMA_RAD, 4e-7),
-        // c: unknown, more than pi; random walk of the gyro 0.06 deg in a second.
+        // Gyro heading offset c: unknown, more than pi; random walk of the gyro 0.06 deg in a second.
         GYRO_OFFSET => random_walk_state(10.0, 1e-6),
-        // b_y, b_z: 0.15 deg/s, what an autopilot leaves of a gyro's offset.
+        // Gyro offsets b_y and b_z: 0.15 deg/s, what an autopilot leaves of a gyro's offset.
         _ if GYRO_OFFSETS.contains(&i) => random_walk_state(0.0026, 1e-9),
         // Rows of y and z of the gyro's scale matrix.
         _ => random_walk_state(errors.gyro_scale, 1e-10),

@@ -154,7 +154,7 @@ pub struct Flight {
     pub gps: Series<6>,
     /// Battery current, amperes.
     pub current: Series<1>,
-    /// Arming changes; the state before the first is its opposite.
+    /// Times and armed states at each change; before the first change the aircraft had the opposite state.
     pub armed: Vec<(f64, bool)>,
     /// A simulator's true roll, pitch and yaw, radians, for scoring only.
     pub truth: Series<3>,
@@ -166,7 +166,7 @@ pub struct Flight {
     pub parameters: ParameterHistory,
     /// Day of the flight.
     pub day: Option<Date>,
-    /// Rows without a time; they get the preceding message's.
+    /// Number of rows without a time stamp; each is stored with the preceding message's time.
     pub rows_without_time: u64,
     /// MAVLink systems with an autopilot, first the one read.
     pub systems: Vec<u8>,

@@ -29,16 +29,16 @@ pub struct FlightBuilder {
     field_rows: Vec<(u8, FieldProcessing, Series<6>)>,
 }
 
-/// Which correction and axes a logged field has.
+/// Correction and axes of a logged magnetic field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FieldProcessing {
-    /// Corrected by ArduPilot, body axes.
+    /// The logged field is corrected by ArduPilot, in body axes.
     ArduPilot,
-    /// Corrected by PX4 with parameters of this index, body axes.
+    /// The logged field is corrected by PX4 with the parameters of this index, in body axes.
     Px4(u8),
-    /// Uncorrected, in axes of the PX4 sensor of this index.
+    /// The logged field is uncorrected, in the axes of the PX4 sensor with this index.
     Px4SensorRaw(u8),
-    /// Uncorrected field in body axes.
+    /// The logged field is uncorrected, in body axes.
     BodyRaw,
 }
 
@@ -86,7 +86,8 @@ impl FlightBuilder {
         }
     }
 
-    /// Adds the attitude of another message with a rank.
+    /// Adds an attitude from a message that replaces the autopilot's own if that is not logged; the lowest rank is
+    /// preferred.
     pub fn push_fallback_attitude(&mut self, rank: u8, from: &'static str, t_s: f64, angles_rad: [f32; 3]) {
         if is_attitude(angles_rad) {
             self.fallback_attitudes.entry(rank).or_insert((from, Series::new())).1.push(t_s, angles_rad);

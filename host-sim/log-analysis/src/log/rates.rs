@@ -13,16 +13,16 @@ const MAX_DIFFERENCE_INTERVAL_S: f64 = 1.0;
 /// Largest gap for an interpolation of logged rates, seconds.
 const MAX_GAP_S: f64 = 0.7;
 
-/// Fewer rows than this test nothing: 10 s at 10 Hz.
+/// Minimum number of rows for a test of the body rates: 10 s at 10 Hz.
 const MIN_TESTED_ROWS: usize = 100;
 
-/// An axis with less motion than this tests nothing, rad/s RMS (1 deg/s).
+/// Minimum motion about an axis for a test of its body rate, rad/s RMS (1 deg/s).
 const MIN_MOTION_RAD_S: f64 = 0.017;
 
-/// Least correlation of rates with the attitude's change that shows their sign and unit.
+/// Minimum correlation of body rates and attitude change at which sign and unit of the rates are certain.
 const MIN_RATE_CORRELATION: f64 = 0.6;
 
-/// Ratio of the attitude's change to the rates beyond which they have another unit.
+/// Ratio of the attitude change to the integrated body rates beyond which the rates have another unit.
 const MAX_RATE_RATIO: f64 = 10.0;
 
 /// Random walk of the heading integrated from the rates beyond which the monitor is better without them, deg/s^0.5.
@@ -67,7 +67,7 @@ fn find_problem(differences: &[Stamped<3>], flight: &Flight) -> Option<RatesProb
     (0..if has_yaw { 3 } else { 2 }).find_map(|axis| sign_or_unit(&pairs, axis)).or_else(|| {
         let step_s = flight.attitude.median_step_s().filter(|_| has_yaw)?;
         let off = |(seen, logged): &([f32; 3], [f32; 3])| f64::from(seen[2] - logged[2]);
-        // Corrections of the yaw by the autopilot's filter are slow, and not the rates' fault.
+        // The autopilot's filter corrects yaw slowly; such corrections are not an error of the rates.
         let white = median(pairs.windows(2).map(|two| (off(&two[1]) - off(&two[0])).abs())) / std::f64::consts::SQRT_2;
         let walk_deg = (1.4826 * white * step_s.sqrt()).to_degrees();
         (walk_deg > MAX_HEADING_RANDOM_WALK_DEG).then_some(RatesProblem::Inexact(walk_deg))

@@ -6,10 +6,10 @@ use autoswing::frames::wrap_pi;
 /// row is dropped, repeatedly, while at least 10 Hz remain; then every second part of the flight.
 const MAX_ROWS: usize = 3 << 15;
 
-/// Length of the parts dropped whole, seconds; the same parts in all series.
+/// Length of the parts of a log that are dropped to bound memory, seconds; all series drop the same parts.
 const DROPPED_INTERVAL_S: f64 = 256.0;
 
-/// Lowest rate, Hz, at which every second row is dropped; below it, whole parts of the flight.
+/// Lowest rate, Hz, at which every second row is dropped to bound memory; at lower rates whole parts are dropped.
 const LOWEST_THINNED_RATE_HZ: f64 = 20.0;
 
 /// A row of `N` values with its time.

@@ -42,7 +42,7 @@ impl Timeline {
             self.unconfirmed_us = None;
         } else if self.unconfirmed_us.is_some_and(is_near) {
             self.unconfirmed_us = None;
-            // The pending stamp was counted as rejected, but is now confirmed.
+            // The pending time stamp was counted as rejected, but the present one confirms it.
             self.rejected_count -= 1;
             if us < newest_us {
                 self.restarts += 1;

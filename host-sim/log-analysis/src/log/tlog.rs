@@ -44,7 +44,7 @@ fn find_clock_length(head: &[u8]) -> Option<usize> {
     let begins =
         || (0..head.len().min(MAX_START_SEARCH_BYTES)).flat_map(|at| [CLOCK_LENGTH, 0].map(|clock| (at, clock)));
     let chain = begins().find(|&(at, clock)| is_chain(at, clock)).map(|(_, clock)| clock);
-    // A single frame is accepted only with a clock.
+    // A log that ends after its first frame is accepted only if a receiver's clock precedes the frame.
     chain.or_else(|| begins().any(|(at, _)| right(at, CLOCK_LENGTH).is_some()).then_some(CLOCK_LENGTH))
 }
 
@@ -347,7 +347,7 @@ fn parameter_value(autopilot: Autopilot, m: &PARAM_VALUE_DATA) -> f64 {
     }
 }
 
-/// Whether a HIGHRES_IMU carries a new field. One without update flags is assumed to.
+/// Whether a HIGHRES_IMU message contains a new magnetic field; without update flags it is assumed to.
 const fn has_field_update(updated: u16) -> bool {
     const FIELD_VALID_FLAGS: u16 = 64 | 128 | 256;
     updated == 0 || updated & FIELD_VALID_FLAGS != 0

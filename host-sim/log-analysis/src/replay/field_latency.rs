@@ -42,7 +42,7 @@ pub fn estimate_latency(flight: &Flight, compass: &Compass) -> FieldLatency {
         let (rows, _) = build_rows(flight, compass, age_s, None);
         let Some(latency) = solve_all_rows(&rows).and_then(|solution| solution.quality.latency) else { return usual };
         let (left_s, sigma_s) = (f64::from(latency.estimate_s), f64::from(latency.sigma_s));
-        // The matching attitude is `left_s` later, so the latency is that much smaller.
+        // The matching attitude is `left_s` later than assumed, so the latency is smaller by that time.
         age_s = (age_s - left_s).clamp(MIN_LATENCY_S, MAX_LATENCY_S);
         known = Some(sigma_s);
         if left_s.abs() < CONVERGED_SHIFT_S {

@@ -6,7 +6,8 @@ use super::row::ReplayRow;
 /// seconds.
 pub(super) const MIN_FROZEN_S: f64 = 10.0;
 
-/// Longest step between rows that counts, seconds: over a gap an axis may be the same by chance.
+/// Longest interval between rows in which an equal axis counts as frozen, seconds: over a gap it may be equal by
+/// chance.
 const MAX_STEP_S: f64 = 2.0;
 
 /// Least change of roll or pitch, radians (3 deg); at rest a quiet field may stay constant.
@@ -16,7 +17,7 @@ const MIN_TILT_CHANGE_RAD: f32 = 0.05;
 /// which a correction mixes three.
 const MAX_STUCK_AXIS_CHANGE: f32 = 0.004;
 
-/// Least change of the other axes, fraction of the field strength, that a working axis takes part in.
+/// Minimum change of the other axes, as a fraction of the field strength, in which a working axis must take part.
 const MIN_OTHER_AXES_CHANGE: f32 = 0.25;
 
 /// An interval with a frozen field or axis while the aircraft moves.

@@ -73,7 +73,8 @@ fn search_changes(
         [before, after]
     };
     let solutions = split(&step).map(solve_all_rows);
-    // The initial correction fits neither side; from that of one side the step converges to its full size.
+    // The initial correction fits the rows neither before nor after the change; from a fit to one side, the estimated
+    // step converges to its full size.
     let best = solutions
         .iter()
         .flatten()

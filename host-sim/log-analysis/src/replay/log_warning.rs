@@ -245,7 +245,7 @@ impl fmt::Display for LogWarning {
                     || format!("the Earth's is {:.0} to {:.0}", EARTH_FIELD_RANGE_UT[0], EARTH_FIELD_RANGE_UT[1]),
                     |ut| format!("by the field model {ut:.1}"),
                 );
-                // In a wrong unit the value may be small.
+                // A field in the wrong unit may be so small that it needs more decimals.
                 let decimals = if *found_ut < 1.0 { 4 } else { 1 };
                 write!(f, "compass {compass}: the field is {found_ut:.decimals$} uT strong, {expected}: {cause}")
             }

@@ -18,7 +18,7 @@ use crate::numbers::{median, square};
 /// Smallest number of rows since the last change for a fit: 10 s at 10 Hz.
 const MIN_ROWS: usize = 100;
 
-/// Smallest number of rows with a reference that judge a compass.
+/// Minimum number of rows with a reference heading for a judgement of the compass.
 const MIN_REFERENCE_ROWS: usize = 50;
 
 /// Largest error of a good compass, degrees RMS, and of parameters on held-back rows: they must make the compass good,
@@ -30,14 +30,16 @@ pub const GOOD_COMPASS_RMS_DEG: f64 = 2.0;
 /// not reduce that.
 pub const BAD_COMPASS_RMS_DEG: f64 = 5.0;
 
-/// Least gain over the parameters in use, degrees RMS and fraction of the error as logged.
+/// Minimum improvement over the parameters in use that makes new ones worth loading: degrees RMS, and fraction of the
+/// error as logged.
 const MIN_GAIN_DEG: f64 = 0.3;
 const MIN_RELATIVE_GAIN: f64 = 0.2;
 
-/// Largest expected error over all headings, degrees RMS: what the flight leaves unknown.
+/// Maximum expected error over all headings at which parameters are exported, degrees RMS.
 const MAX_EXPECTED_DEG: f64 = 2.0;
 
-/// Motor compensation: least significance, standard deviations, and least effect on headings, degrees RMS.
+/// Minimum significance (standard deviations) and minimum effect on headings (degrees RMS) of an exported motor
+/// compensation.
 const MIN_MOTOR_SIGNIFICANCE: f32 = 3.0;
 const MIN_MOTOR_EFFECT_DEG: f32 = 0.2;
 
@@ -70,7 +72,7 @@ pub enum NoParameters {
     Inaccurate {
         /// Error on held-back rows.
         held_back: HeldBackScore,
-        /// Part of it that the autopilot's parameters cannot express, degrees RMS.
+        /// Part of the expected error that the autopilot's parameters cannot express, degrees RMS.
         lost_deg: f64,
     },
     /// The autopilot rejects offsets of this size.
@@ -171,7 +173,7 @@ impl Candidate {
     }
 }
 
-/// Quantity on which residuals depend that make up most of the expected error.
+/// Quantity on which the residuals depend, if this dependence makes up most of the expected error.
 fn residual_dependence(solution: &Solution) -> Option<Dependence> {
     let expected_deg = f64::from(solution.quality.expected_rms_deg);
     let is_most = |added_deg: f32| square(added_deg.into()) > 0.5 * square(expected_deg);
@@ -250,7 +252,7 @@ fn rms_deg_by_scatter([by_strength_deg, by_inclination_deg]: [f64; 2]) -> f64 {
     libm::hypot(by_strength_deg, by_inclination_deg) / std::f64::consts::SQRT_2
 }
 
-/// Whether more than half of an error, in squares, is what the autopilot's parameters cannot express.
+/// Whether the autopilot's parameters cannot express more than half of an error's mean square.
 pub(super) fn is_mostly_lost(rms_deg: f64, lost_deg: f64) -> bool {
     square(lost_deg) > 0.5 * square(rms_deg)
 }

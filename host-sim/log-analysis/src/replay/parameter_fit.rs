@@ -24,14 +24,14 @@ pub struct ParameterFit {
     pub variants: Vec<FitVariant>,
 }
 
-/// Fits with the same unknowns.
+/// Fits of one set of unknowns: to all rows, and to each half.
 #[derive(Clone, Debug)]
 pub struct FitVariant {
     /// Fit to all rows; whether the module would have accepted it.
     pub fit_of_all_rows: Solution,
     /// Whether the module's verification accepts the fit.
     pub is_accepted: bool,
-    /// Fits to each half; none where a half gives no solution.
+    /// Fits to the first and to the second half of the rows; none for a half without a solution.
     pub fits_of_halves: [Option<Solution>; 2],
 }
 
@@ -51,7 +51,7 @@ impl ParameterFit {
         Self { changed_s, rows_s: since.first().zip(since.last()).map(|(first, last)| [first.t_s, last.t_s]), variants }
     }
 
-    /// Rows that the fit is for.
+    /// Rows to which the parameters are fitted.
     pub fn fitted_rows<'a>(&self, rows: &'a [ReplayRow]) -> impl Iterator<Item = &'a ReplayRow> + use<'a> {
         let [from_s, to_s] = self.rows_s.unwrap_or([f64::INFINITY; 2]);
         rows.iter().filter(move |row| row.usable && (from_s..=to_s).contains(&row.t_s))

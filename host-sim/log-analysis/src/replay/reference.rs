@@ -122,7 +122,7 @@ impl ReferenceHeading {
         (sigma_deg <= MAX_SIGMA_DEG).then_some(sigma_deg)
     }
 
-    /// Name of a difference from the reference.
+    /// Name of the difference between a heading and this reference.
     #[must_use]
     pub const fn difference_name(&self) -> &'static str {
         if self.is_accuracy() { "error" } else { "disagreement" }

@@ -107,7 +107,7 @@ pub struct HeadingScore {
 pub struct ReplayResult {
     /// The solution, if any.
     pub solution: Option<Solution>,
-    /// Whether the module would have accepted the solution; otherwise its reason, with what the flight lacked.
+    /// Whether the module would have accepted the solution; otherwise the reason, with what the flight lacked.
     pub accepted: Result<(), Refusal>,
     /// Number of samples fitted.
     pub samples: usize,

@@ -45,7 +45,7 @@ impl RunOutcome {
     }
 }
 
-/// The correction by a solution.
+/// Field correction that a solution describes.
 pub(super) fn solved_correction(solution: &Solution) -> FieldCorrection {
     let calibration = &solution.calibration;
     FieldCorrection {
@@ -71,7 +71,7 @@ impl SolverPrior {
         Self { prior, is_inclination_configured: options.inclination_deg.is_some() }
     }
 
-    /// Solves as the module does, which drops a contradicted modelled inclination.
+    /// Solves as the module does: without the modelled inclination if the samples contradict it.
     fn solve(&self, method: Method, samples: Samples<'_>) -> Result<Solution, SolveError> {
         match solve(method, samples, &self.prior) {
             Err(SolveError::InclinationContradicted { .. }) if !self.is_inclination_configured => {

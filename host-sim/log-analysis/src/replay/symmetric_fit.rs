@@ -23,7 +23,7 @@ const BANKS_DEG: [f32; 7] = [-45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0];
 const PITCHES_DEG: [f32; 3] = [-15.0, 0.0, 15.0];
 const HEADINGS: usize = 12;
 
-/// Row in turned axes, its heading by the full correction, degrees, and the square root of its weight.
+/// Row with its field in mount axes, its heading by the full correction, degrees, and the square root of its weight.
 struct FittedRow {
     row: ReplayRow,
     heading_deg: f64,
@@ -34,7 +34,7 @@ struct FittedRow {
 pub struct SymmetricFit<'a> {
     /// Rows flown.
     pub rows: &'a [ReplayRow],
-    /// The same, turned by the mounting.
+    /// The same rows, with their fields rotated by the mounting.
     pub turned: &'a [ReplayRow],
     /// Rotation by the mounting.
     pub mounting: Matrix3<f64>,

@@ -9,7 +9,7 @@ pub struct Axis {
     pub range: [f64; 2],
     /// Interval of the grid lines.
     pub step: f64,
-    /// Interval of the numbered grid lines, in grid lines.
+    /// Number of grid lines from one numbered line to the next.
     pub number_every: usize,
 }
 

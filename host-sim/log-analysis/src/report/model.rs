@@ -44,7 +44,7 @@ impl Report {
 pub struct VerdictLine {
     /// State of the compass.
     pub state: CompassState,
-    /// The state in a word.
+    /// State of the compass in one word.
     pub word: &'static str,
     /// The verdict.
     pub text: String,
@@ -70,7 +70,7 @@ pub struct ReferenceInfo {
     pub difference_name: &'static str,
     /// Name of the reference.
     pub reference_name: String,
-    /// Limits of the comparison.
+    /// Accuracy of the reference heading, in words.
     pub limits: String,
     /// Constant part of the errors on a deviation card, a sentence.
     pub card_constant: String,
@@ -194,7 +194,7 @@ pub(super) const SECTOR_DEG: f64 = 15.0;
 /// Least number of values for a mean.
 const MIN_SECTOR_VALUES: usize = 3;
 
-/// Circular means by heading over usable moments.
+/// Circular mean errors by heading, over the usable samples.
 pub(super) fn means_by_heading(
     moments: &[ReportSample],
     quantity: impl Fn(&ReportSample) -> Option<f64>,

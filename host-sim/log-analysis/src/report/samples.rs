@@ -34,7 +34,7 @@ const SAMPLE_COLUMNS: [Column; 17] = [
     ("sigma", |sample| sample.sigma_deg),
 ];
 
-/// Whether a compass has something that charts show.
+/// Whether a compass has data for the charts.
 pub fn has_samples(compass: &CompassReport) -> bool {
     !compass.samples.is_empty() || !compass.before.is_empty()
 }

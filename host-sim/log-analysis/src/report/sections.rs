@@ -159,7 +159,7 @@ pub fn compass_section(id: &str, compass_report: &CompassReport, compared: &Refe
                  <figcaption><b>{title}.</b> {words}</figcaption></figure>\n"
             )
         });
-        // In a script, "<" could end it.
+        // JSON in an HTML script must not contain "<", which could end the script.
         let json = samples_json(compass_report, compared.difference_name).to_string().replace('<', "\\u003c");
         html.push(format!(
             "<div class=\"charts\">\n<script type=\"application/json\">{json}</script>\n{charts}</div>\n\

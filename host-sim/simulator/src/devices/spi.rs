@@ -7,7 +7,7 @@ use std::rc::Rc;
 use embassy_time::{Duration, Timer};
 use embedded_hal_async::spi::{ErrorType, Operation, SpiDevice};
 
-/// Eight clocks at 1 MHz.
+/// Duration of a byte on the SPI bus: eight clocks at 1 MHz.
 const MICROSECONDS_PER_BYTE: u64 = 8;
 
 /// Device on the bus.

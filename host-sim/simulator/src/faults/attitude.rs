@@ -53,7 +53,7 @@ fn rates_of_message(message: &mut ATTITUDE_DATA) -> [&mut f32; 3] {
     [&mut message.rollspeed, &mut message.pitchspeed, &mut message.yawspeed]
 }
 
-/// Repeats the last values with new time stamps.
+/// Fault: the source repeats its last values with new time stamps.
 #[must_use]
 pub fn frozen_attitude(switch: Switch) -> impl AttitudeFault {
     let mut last: Option<ATTITUDE_DATA> = None;

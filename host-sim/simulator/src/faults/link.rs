@@ -23,11 +23,11 @@ pub enum LinkFault {
     /// Another vehicle flies circles; its autopilot sends heartbeats and attitude with this system ID from the
     /// beginning.
     OtherVehicle(u8),
-    /// Messages in the autopilot's name, ten a second while the switch is on.
+    /// Forged messages that name the autopilot as their sender, ten a second while the switch is on.
     Forged(Switch, ForgedMessage),
 }
 
-/// Message in the autopilot's name.
+/// Forged message that names the autopilot as its sender.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ForgedMessage {
     /// SYS_STATUS with this current, amperes.
@@ -62,7 +62,7 @@ async fn pause_link(switch: Switch, world: World) {
     }
 }
 
-/// A vehicle of the same kind, armed, in circles to alternating sides.
+/// Simulates another vehicle of the same kind, armed, that flies circles to alternating sides.
 async fn simulate_other_vehicle(system_id: u8, own: World, uart: HostEnd) {
     /// Number of circles that the vehicle flies: more than ten hours.
     const MAX_FLIGHT_CIRCLES: usize = 4000;

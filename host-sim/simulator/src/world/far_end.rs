@@ -32,7 +32,7 @@ pub enum FarEnd {
 /// Handle to the attached device, to inspect what it received.
 #[derive(Clone)]
 pub enum AttachedDevice {
-    /// No device that records received messages.
+    /// The far-end device does not record received messages.
     Deaf,
     /// MAVLink autopilot.
     Mavlink(Rc<RefCell<MavlinkAutopilot>>),

@@ -35,11 +35,11 @@ pub struct PublishedRow {
     pub heading_deg: f64,
     /// Errors of the uncompensated heading.
     pub before: BankErrors,
-    /// Compensated from known headings.
+    /// Heading errors after compensation from known headings.
     pub reference: BankErrors,
-    /// Compensated by the paper's method.
+    /// Heading errors after compensation by the paper's method.
     pub four_ellipse: BankErrors,
-    /// Compensated by the paper's method, less the mean error.
+    /// Heading errors after compensation by the paper's method, less the mean error.
     pub four_ellipse_demeaned: BankErrors,
 }
 

@@ -26,7 +26,7 @@ impl MulticastBus {
         input.set_nonblocking(true)?;
         // Other programs bind the same port, which needs this option before `bind`; `std` cannot set it.
         input.set_reuse_address(true)?;
-        // Windows binds to no group.
+        // On Windows a socket cannot be bound to a multicast group.
         let address = if cfg!(unix) { group } else { Ipv4Addr::UNSPECIFIED };
         input.bind(&SocketAddrV4::new(address, MULTICAST_PORT).into())?;
         let input = UdpSocket::from(input);

@@ -35,7 +35,7 @@ impl FlashWriter {
         Ok(())
     }
 
-    /// Writes if the content changed and is stable since the last call, or at the end.
+    /// Writes the file if the flash changed and is stable since the last call, or at the end.
     pub fn write_if_stable(&mut self, served_module: &ServedModule, is_end: bool) -> Result<(), Failure> {
         let changes = served_module.flash_changes();
         let rests = changes == self.seen_changes || is_end;

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-/// Largest step that is caught up; longer gaps mean that the computer slept or is overloaded.
+/// Longest lag of virtual time that is caught up; a longer one means that the computer slept or is overloaded.
 const MAX_CATCH_UP: Duration = Duration::from_millis(250);
 
 pub struct VirtualClock {

@@ -36,7 +36,7 @@ struct Pty {
 impl Pty {
     fn open_pty() -> io::Result<Self> {
         let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
-        // Apart, because openpt of macOS has no such flag.
+        // Close-on-exec is set separately, because openpt of macOS has no such flag.
         fcntl_setfd(&ours, FdFlags::CLOEXEC)?;
         grantpt(&ours)?;
         unlockpt(&ours)?;

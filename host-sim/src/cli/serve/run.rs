@@ -28,7 +28,8 @@ pub struct Connections {
 const DATAGRAMS: usize = 64;
 
 impl Connections {
-    /// Runs until stopped, a wire has ended, or the reader has closed standard output.
+    /// Runs the served module until stopped, until a connection has ended, or until the reader has closed standard
+    /// output.
     pub fn run(mut self, served_module: &mut ServedModule, speed: f64, stop: &AtomicBool) -> Result<(), Failure> {
         let mut pace = VirtualClock::new(speed);
         let mut is_malformed_told = false;

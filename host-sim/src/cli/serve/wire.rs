@@ -187,10 +187,10 @@ const CLEAR_LINE_KEY: u8 = 0x15;
 /// First character of a line for the simulated pilot.
 const PILOT_LINE_PREFIX: u8 = b'!';
 
-/// Longest line whose text is known, bytes; a longer one is no `quit`.
+/// Longest typed line that is compared with `quit`, bytes.
 const LONGEST_LINE: usize = 256;
 
-/// After the end of piped input: silence of the module that ends the session.
+/// Silence of the module after the end of piped input that ends the session.
 const END_OF_SESSION_PAUSE: Duration = Duration::from_secs(1);
 
 /// The program's terminal, or its redirected input and output.

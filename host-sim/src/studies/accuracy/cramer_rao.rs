@@ -24,7 +24,7 @@ pub fn rms_deg(trial: &RandomFlight) -> Option<f64> {
     rms_deg_for(trial, trial.true_samples())
 }
 
-/// The bound for some samples of the flight.
+/// Cramér-Rao bound of the heading error from these samples, degrees RMS.
 #[must_use]
 pub fn rms_deg_for<'a>(trial: &RandomFlight, instants: impl Iterator<Item = &'a TrueSample>) -> Option<f64> {
     let information: FisherInformation = instants.map(|instant| fisher_information(trial, instant)).sum();

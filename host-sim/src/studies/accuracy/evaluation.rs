@@ -21,9 +21,9 @@ pub struct AccuracyPlan {
 /// Fraction of heading errors within one and two sigma, percent.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Coverage {
-    /// Within one sigma; ideally 68.3.
+    /// Percentage of headings with an error within one sigma; ideally 68.3.
     pub one_sigma_percent: f64,
-    /// Within two sigma; ideally 95.4.
+    /// Percentage of headings with an error within two sigma; ideally 95.4.
     pub two_sigma_percent: f64,
     /// Number of headings.
     pub headings: usize,

@@ -20,7 +20,7 @@ pub enum FlightPattern {
     /// Straight legs, with the routine reversed in order and mirrored left to right after two thirds of the remaining
     /// time.
     Mirrored,
-    /// Random legs only.
+    /// Flight of random legs only, without calibration manoeuvres.
     Wandering,
 }
 
@@ -72,7 +72,7 @@ impl Flight {
         };
         let end_us = (self.minutes * 60e6) as u64;
         let mut instants = Vec::new();
-        // Time left beside the routine, whose duration a separate simulation determines.
+        // Flight time without the calibration routine, whose duration a separate simulation determines.
         let spare_us = routine.as_ref().map_or(0, |(_, legs)| end_us.saturating_sub(duration_us(config, seed, legs)));
         let mut routine = routine.map(|(share, legs)| ((spare_us as f64 * share) as u64, legs));
         while aircraft.state().time_us < end_us {

@@ -363,7 +363,7 @@ impl Recording {
     }
 }
 
-/// Samples the left turns first.
+/// The left turns are sampled before the right turns.
 fn sample_turns(
     left: &[TrueSample],
     right: &[TrueSample],

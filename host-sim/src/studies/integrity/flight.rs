@@ -179,7 +179,7 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
     let at_us = rig.now_us();
     match notice {
         SolveNotice::Calibrated(_) => {
-            // Completes the plan.
+            // Flies the remaining legs of the routine.
             while rig.world.unfinished_legs() > 0 && rig.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time {}
             let shown = transcript::parse_shown_calibration(&rig.send_console_line("cal show"))
                 .ok_or_else(|| "not-shown".to_owned())?;

@@ -50,11 +50,11 @@ pub struct IntegrityRow {
     pub sigma_rms_deg: f64,
     /// Largest error that was exceeded for 10 s without a break while every output sigma was 2 deg or less, degrees.
     pub worst_10s_deg: f64,
-    /// Errors within one sigma, percent.
+    /// Percentage of headings with an error within one sigma.
     pub within_one_sigma_percent: f64,
-    /// Errors within two sigmas, percent.
+    /// Percentage of headings with an error within two sigmas.
     pub within_two_sigma_percent: f64,
-    /// Errors within three sigmas, percent.
+    /// Percentage of headings with an error within three sigmas.
     pub within_three_sigma_percent: f64,
     /// Sentences without a heading, percent of all since the onset.
     pub empty_percent: f64,

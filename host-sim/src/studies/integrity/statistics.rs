@@ -113,7 +113,7 @@ impl HeadingStatistics {
         }
     }
 
-    /// Sum of the counts of both.
+    /// Statistics with the counts of both flights added.
     #[must_use]
     pub fn merged_with(mut self, other: &Self) -> Self {
         self.headings += other.headings;

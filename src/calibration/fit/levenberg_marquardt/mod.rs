@@ -69,9 +69,9 @@ impl Damping {
     /// Damping below `f32` resolution.
     const MIN: f32 = 1e-9;
 
-    /// For a starting point that may be far from the solution.
+    /// Damping at a starting point that may be far from the solution.
     const START: Self = Self { value: 1e-3, growth: Self::INITIAL_GROWTH };
-    /// For new weights near a converged solution.
+    /// Damping for new weights near a converged solution.
     const AFTER_REWEIGHTING: f32 = 1e-6;
 
     /// Damping after an accepted step that achieved a `share` of the promised gain: a tenth for all of it, more for

@@ -94,7 +94,7 @@ impl TimeSpan {
         Some(Self { start: first.time, duration_ms: ms })
     }
 
-    /// Fraction of `beta` that a sample has.
+    /// Fraction of the hard-iron change `beta` in effect at a sample.
     fn fraction_at(self, form: TestedCourse, sample: &Sample) -> f32 {
         let ms = sample.time.ms_since(self.start);
         match form {

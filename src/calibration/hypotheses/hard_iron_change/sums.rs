@@ -10,7 +10,7 @@ use crate::calibration::model::{INCLINATION_INDEX, PAIRS_OF_3, ResidualEquation,
 /// operations of a [`ScoreTest`], which follows by the derivative `-W^T k` of a residual by hard iron.
 #[derive(Clone, Debug)]
 pub(super) struct HardIronSums {
-    /// By pairs of components of `k`, then by components of `(x, 1)`.
+    /// Products by pairs of components of `k`, then by components of `(x, 1)`.
     products: [[f32; 4]; 6],
     with_inclination: Vector3<f32>,
     information: [f32; 6],
@@ -91,7 +91,7 @@ impl HardIronSums {
         self.gradient += sums.gradient * fraction;
     }
 
-    /// Sums by the hard-iron change.
+    /// Score-test sums over the derivatives by the hard-iron change.
     pub fn score_test(&self, w: &Matrix3<f32>) -> ScoreTest<3> {
         let mut test = ScoreTest::zero();
         let mut information = Matrix3::zeros();

@@ -59,7 +59,7 @@ pub(super) struct InvertibleCorrection {
 }
 
 impl InvertibleCorrection {
-    /// Raw field of a logged one, of which `motor_ut` is motor-current compensation.
+    /// Recovers the raw field from a logged field, which contains the motor-current compensation `motor_ut`.
     pub fn raw_ut(&self, logged_ut: Vector3<f64>, motor_ut: Vector3<f64>) -> Vector3<f64> {
         self.inverse * (logged_ut - motor_ut) + self.correction.hard_iron_ut
     }
@@ -76,7 +76,7 @@ impl InvertibleCorrection {
                 let by_current_ut = correction.motor_ut_per_a - inverse * after_ut;
                 Self { correction: FieldCorrection { motor_ut_per_a: by_current_ut, ..correction }, inverse }
             }
-            // A singular matrix cannot be flown; the logged field is used unchanged.
+            // A singular correction matrix has no inverse; the logged field is then used unchanged.
             _ => Self { correction: FieldCorrection::identity(), inverse: Matrix3::identity() },
         }
     }
@@ -99,7 +99,7 @@ impl InvertibleCorrection {
         let soft = if diagonal.iter().flatten().all(|axis| *axis == 0.0) {
             Matrix3::identity()
         } else {
-            // A telemetry link may lose one parameter of three, which then has its default.
+            // A telemetry link may lose one of three related parameters, which is then assumed to have its default.
             symmetric_matrix(&Vector3::from(diagonal.map(|axis| axis.unwrap_or(1.0))), &off_diagonal)
         };
         let is_by_current = value("COMPASS_MOTCT").is_some_and(|kind| kind.round() as i32 == 2);

@@ -2,7 +2,7 @@
 
 use super::super::series::Series;
 
-/// Length of a gap, in median steps; its mean does not represent its ends.
+/// Interval between rows, in median steps, that counts as a gap: a mean rate over it does not represent its ends.
 const MAX_GAP_IN_MEDIAN_STEPS: f64 = 3.0;
 
 /// Converts means over the preceding interval to rates at the rows: the average of the means before and after, which

@@ -1,4 +1,4 @@
-//! Rows of a table, recorded as a flight.
+//! Reader that turns the rows of a table into a flight.
 
 use super::super::flight::{Flight, Gps, LogFormat};
 use super::super::flight_builder::{FieldProcessing, FlightBuilder};
@@ -129,7 +129,7 @@ impl TableReader {
         Ok(())
     }
 
-    /// Time of a row, seconds: that of the table until a restart.
+    /// Time of a row, seconds: as in the table until its clock restarts.
     fn at(&mut self, t_s: f64) -> Option<f64> {
         let since_s = t_s - self.median_time_s;
         if since_s.abs() >= MAX_TIME_FROM_START_S {

@@ -30,10 +30,10 @@ const OTHER_NAMES: [(&str, &[&str]); 6] = [
     ("pitch_deg", &["pitch"]),
 ];
 
-/// Number of required columns that a header of a table names at least.
+/// Number of required column names that a line must contain to be the header of a table.
 const MIN_COLUMNS: usize = 3;
 
-/// Column of a name, else of one of its other names.
+/// Index of the column with this name, or with one of its alternative names.
 fn find_column(names: &[&str], name: &str) -> Option<usize> {
     let position = |name: &str| names.iter().position(|column| column.eq_ignore_ascii_case(name));
     let others = || OTHER_NAMES.iter().find(|(known, _)| *known == name).map_or(&[][..], |(_, others)| *others);
@@ -97,7 +97,7 @@ impl LineValues<'_> {
     /// The number in a column; none if empty or `nan`, NaN if invalid.
     pub fn get(&self, index: usize) -> Option<f64> {
         let text = self.values.get(index).filter(|text| !text.is_empty() && !text.eq_ignore_ascii_case("nan"))?;
-        // Invalid text must not count as absent.
+        // A cell with invalid text is an error, not a missing value.
         Some(self.parse_cell(text).unwrap_or(f64::NAN))
     }
 

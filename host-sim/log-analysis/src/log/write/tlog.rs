@@ -61,7 +61,7 @@ impl FrameWriter {
         self.bytes.extend(frame.raw_bytes());
     }
 
-    /// Sends the messages of 1 Hz.
+    /// Writes the messages that an autopilot sends once a second.
     fn seconds(&mut self, recording: &FlightRecording, instant: &FlightSample) {
         let mut base_mode = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED;
         base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, instant.is_armed);

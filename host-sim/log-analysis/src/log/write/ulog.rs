@@ -67,7 +67,7 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
         data(compasses + 1, &[&encode_floats(&instant.rates_rad_s)]);
         data(compasses + 2, &[&encode_floats(&[instant.current_a]), &[1, 0, 0, 0]]);
         if i % 10 == 0 {
-            // Rotary or fixed wing.
+            // Vehicle type: 1 is rotary wing, 2 is fixed wing.
             data(compasses + 4, &[&[if recording.is_copter { 1 } else { 2 }, 0]]);
         }
         if let Some([latitude, longitude, height]) = recording.place_at(instant).filter(|_| i % 2 == 0) {

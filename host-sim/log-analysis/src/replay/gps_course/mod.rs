@@ -422,7 +422,7 @@ impl HeadingIntegral {
         let (mut all, mut otherwise) = (0.0, 0.0);
         let mut first = 0;
         for (i, v) in velocities.iter().enumerate() {
-            // Restart after a gap, over which whole turns could be missed.
+            // The comparison restarts after a gap, in which whole turns could be missed.
             if i > 0 && v.t_s - velocities[i - 1].t_s > MAX_GAP_S {
                 first = i;
             }

@@ -19,7 +19,7 @@ const UNKNOWNS_WITH_STEP: usize = UNKNOWNS_WITHOUT_STEP + 3;
 const CANDIDATE_TIMES: usize = 120;
 const MIN_ROWS: usize = 60;
 
-/// Largest number of rows used.
+/// Largest number of rows in which a hard-iron step is searched.
 const MAX_ROWS: usize = 4000;
 
 /// Detection thresholds: standard deviations of the largest component, size in microtesla (smaller steps hardly affect
@@ -153,7 +153,7 @@ impl StepEstimate {
     /// the step's standard deviation.
     fn estimate_step(&mut self, rows: &[&ReplayRow], given: Option<usize>) -> Option<(usize, Vector3<f64>)> {
         let scale = (1.4826 * self.residual_scatter(rows, given)).max(1e-6);
-        // Normal equations of the rows from each candidate on; finally of all rows.
+        // Normal equations of the rows from each candidate on; after the loop, of all rows.
         let instants: Vec<usize> = (1..=CANDIDATE_TIMES).map(|i| rows.len() * i / (CANDIDATE_TIMES + 1)).collect();
         let mut sums: Vec<(usize, DMatrix<f64>, DVector<f64>)> = Vec::new();
         let (mut matrix, mut right) =
@@ -205,7 +205,7 @@ impl StepEstimate {
                 .map(|residual| square(residual.clamp(-CLIP_SIGMAS * scale, CLIP_SIGMAS * scale)))
                 .sum()
         };
-        // Cumulative difference of squared residuals, before minus after.
+        // Cumulative difference of squared residuals: of the rows taken as before the step, minus as after it.
         let mut saved = 0.0;
         let sums: Vec<f64> = rows
             .iter()

@@ -33,7 +33,7 @@ const TILT_WINDOW_S: f64 = 1.0;
 /// Margin of a single step of tilt beyond the body rates, radians (6 deg): more is a jump of the attitude.
 const TILT_JUMP_MARGIN_RAD: f32 = 0.1;
 
-/// Two jumps within this time enclose a wrong attitude, seconds.
+/// Longest time between two attitude jumps that enclose a wrong attitude, seconds.
 const MAX_WRONG_ATTITUDE_S: f64 = 3.0;
 
 /// Time after a start or gap in which a filter may align, seconds; data up to its last such change is dropped.
@@ -81,11 +81,11 @@ pub struct RowCounts {
     pub unsettled: usize,
     /// Rows while disarmed.
     pub disarmed: usize,
-    /// Rows before the first and after the last movement, near foreign iron.
+    /// Number of rows before the first and after the last movement, where foreign iron may be near.
     pub on_the_ground: usize,
-    /// Rows excluded by the log.
+    /// Number of rows that the log marks as unusable.
     pub kept_out: usize,
-    /// Rows with a frozen field while the aircraft moved.
+    /// Number of rows with a frozen field while the aircraft moved.
     pub stuck: usize,
 }
 
@@ -234,7 +234,7 @@ impl RowAccumulator {
 }
 
 fn current_at(flight: &Flight, t_s: f64) -> Option<f32> {
-    /// Largest gap, seconds; battery status comes at 1 Hz or more.
+    /// Longest gap between battery currents, seconds; battery status arrives at 1 Hz or faster.
     const MAX_GAP_S: f64 = 3.0;
     flight.current.interpolate_or_hold(t_s, MAX_GAP_S).map(|[amperes]| amperes)
 }
@@ -256,7 +256,7 @@ fn moving_interval_s(flight: &Flight) -> [f64; 2] {
 fn contradicting_intervals(flight: &Flight) -> Vec<[f64; 2]> {
     let rows = flight.attitude.rows();
     let mut found: Vec<[f64; 2]> = Vec::new();
-    // Last start or gap, after which a filter may be aligning.
+    // Time of the last start or gap, after which the attitude filter may be aligning.
     let (mut started_s, mut first) = (rows.first().map_or(0.0, |row| row.t_s), 0);
     let mut turned_rad = vec![0.0_f64; rows.len()];
     let mut jumps: Vec<[f64; 2]> = Vec::new();

@@ -20,9 +20,10 @@ const MIN_ROWS_PER_SECTOR: usize = 5;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CompassState {
-    /// At most 2 deg RMS as logged, and no change of hard iron.
+    /// The compass is good: at most 2 deg RMS as logged, and no change of hard iron.
     Good,
-    /// Between good and bad, or no reference of 2 deg or better, or too few headings.
+    /// The compass is neither good nor bad, or it cannot be judged: no reference of 2 deg or better, or too few
+    /// headings.
     Doubtful,
     /// Over 5 deg RMS, a change of hard iron with an effect of over 5 deg, or a failed sensor.
     Bad,
@@ -45,7 +46,7 @@ pub enum CompassAction {
 /// Reason of a judgement.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reason {
-    /// The sensor failed; the note about its failure.
+    /// The sensor failed; contains the note about its failure.
     SensorFailed(LogWarning),
     /// Hard iron changed: time of the last change, seconds, its size, microtesla, and effect, degrees.
     IronChanged {
@@ -149,7 +150,7 @@ impl Judgement {
 fn action_without_parameters(state: CompassState, why: &NoParameters) -> CompassAction {
     match why {
         NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
-        // Flying again does not make the matrix express more.
+        // Another flight does not help: the parameters of the autopilot cannot express the matrix.
         NoParameters::Inaccurate { held_back, lost_deg } if is_mostly_lost(held_back.rms_deg, *lost_deg) => {
             CompassAction::Replace
         }

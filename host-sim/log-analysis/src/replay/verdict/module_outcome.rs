@@ -10,7 +10,7 @@ use crate::replay::RowCounts;
 use crate::replay::data_loss::SLOW_ATTITUDE_S;
 use crate::replay::evaluation::{CompassEvaluation, FlightEvaluation};
 
-/// Fewer rows than this are no flight (2 s at 10 Hz).
+/// Minimum number of rows of a flight (2 s at 10 Hz).
 const MIN_FLIGHT_ROWS: usize = 20;
 
 /// Whether, when and how accurately the module would have calibrated; displayed as a line.

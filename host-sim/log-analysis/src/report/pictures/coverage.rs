@@ -8,7 +8,7 @@ use crate::numbers::format_number;
 /// Number of heading sectors; sector `n` is centred on a heading of 30 `n` degrees.
 const HEADING_SECTORS: usize = 12;
 
-/// Row of the picture: name and predicate.
+/// Row of the coverage picture: its name, and the test whether a sample belongs to it.
 type TiltRow = (&'static str, fn(&ReportSample) -> bool);
 
 const TILT_ROWS: [TiltRow; 8] = [
@@ -36,14 +36,14 @@ impl CoverageCell {
     }
 }
 
-/// Whether a moment is usable and has a field.
+/// Whether a sample is usable and has a measured field.
 fn counts(moment: &ReportSample) -> bool {
     moment.is_usable && moment.raw_ut.is_some()
 }
 
 fn coverage_cells(compass_report: &CompassReport) -> [[CoverageCell; HEADING_SECTORS]; TILT_ROWS.len()] {
     let mut cells = [[CoverageCell::default(); HEADING_SECTORS]; TILT_ROWS.len()];
-    // A moment lasts until the next, at most 1 s.
+    // A sample represents the time until the next one, at most 1 s.
     let nexts = compass_report
         .samples
         .iter()

@@ -11,7 +11,7 @@ const PICTURE_SIZE: Point = [440.0, 350.0];
 /// Largest number of points drawn.
 const MAX_POINTS: usize = 700;
 
-/// Fraction of points within the frame.
+/// Fraction of the points that must lie within the frame of the deviation plot.
 const FRAMED_FRACTION: f64 = 0.98;
 
 /// Classes of the lines before the calibration: line, points.

@@ -61,7 +61,7 @@ pub struct Rm3100 {
     source: FieldSource,
     noise: Random,
     fault: Option<Rm3100Fault>,
-    /// Register of the next byte.
+    /// Address of the register that the next byte reads or writes.
     pointer: u8,
 }
 

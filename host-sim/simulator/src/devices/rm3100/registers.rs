@@ -125,7 +125,7 @@ impl Registers {
         });
     }
 
-    /// The last measurement ended by now.
+    /// Last measurement that has ended by the present time.
     pub fn take_ended(&mut self, now_us: u64, period_scale: f64) -> Option<RunningMeasurement> {
         match self.running? {
             RunningMeasurement::SelfTest { ends_at_us } | RunningMeasurement::Field { ends_at_us, .. }

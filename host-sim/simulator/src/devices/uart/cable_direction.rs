@@ -8,7 +8,7 @@ use super::error::UartError;
 /// Condition that wakes a waiting reader at the module's end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WakeCondition {
-    /// Every byte, as with an interrupt-driven receiver.
+    /// The reader wakes at every byte, as with an interrupt-driven receiver.
     EachByte,
     /// Line idle for one byte time, or buffer half full, as with a DMA receiver.
     IdleLine,
@@ -23,7 +23,7 @@ pub struct TimedByte {
     pub byte: u8,
 }
 
-/// Start bit, eight data bits, stop bit.
+/// Bits of a byte on the line: start bit, eight data bits, stop bit.
 const BITS_PER_BYTE: u64 = 10;
 const MICROSECONDS_PER_SECOND: u64 = 1_000_000;
 
@@ -100,7 +100,7 @@ impl CableDirection {
         self.reader = None;
     }
 
-    /// Up to `limit` received bytes.
+    /// Returns at most `limit` received bytes.
     pub fn take_received(&mut self, limit: usize, now_us: u64) -> Vec<TimedByte> {
         self.deliver_arrived_bytes(now_us);
         let count = limit.min(self.received.len());

@@ -9,7 +9,7 @@ pub enum UartError {
     Overrun,
     /// A stop bit was missing.
     Framing,
-    /// The samples of a bit disagreed.
+    /// Noise error: the receiver's samples of one bit disagreed.
     Noise,
 }
 

@@ -63,9 +63,9 @@ impl Surface {
 }
 
 impl Wave {
-    /// A wave fixed in place.
+    /// Standing wave that does not move: unevenness of the ground.
     fn new(random: &mut Random, slope: f64, lengths_m: [f64; 2], directions_rad: [f64; 2]) -> Self {
-        // Uniform in the logarithm of the wavelength.
+        // The wavelength is distributed uniformly in its logarithm.
         let length_m = libm::exp(random.uniform(libm::log(lengths_m[0]), libm::log(lengths_m[1])));
         let (sin, cos) = libm::sincos(random.uniform(directions_rad[0], directions_rad[1]));
         let number_per_m = TAU / length_m;

@@ -140,7 +140,7 @@ fn raw_gps(known: &AutopilotState) -> Vec<u8> {
     payload.extend(((latitude_deg * 1e7).round() as i32).to_le_bytes());
     payload.extend(((longitude_deg * 1e7).round() as i32).to_le_bytes());
     payload.extend((height_m as i16).to_le_bytes());
-    // Speed, course, dilution of precision.
+    // Remaining fields of MSP_RAW_GPS: speed, course, dilution of precision.
     payload.extend([0; 6]);
     payload
 }
