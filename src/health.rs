@@ -35,7 +35,7 @@ pub struct Diagnostics {
     /// Detected protocol of each port; `Auto` while searching.
     pub ports: [ProtocolKind; PORT_COUNT],
     /// Node on a CAN bus, if the board has one.
-    pub can: Option<CanState>,
+    pub can_state: Option<CanState>,
 }
 
 /// State of the node on a CAN bus.
@@ -192,14 +192,14 @@ impl Counters {
     /// Copies the instrument's counters.
     pub fn store_rejections(&self, counts: &instrument::RejectionCounts) {
         for (counter, count) in [
-            (&self.unpaired, counts.unpaired),
-            (&self.saturated, counts.saturated),
-            (&self.sensor_clipped, counts.clipped),
-            (&self.sensor_stuck, counts.stuck),
-            (&self.sensor_spikes, counts.spikes),
-            (&self.attitude_frozen, counts.attitude.frozen),
-            (&self.attitude_spikes, counts.attitude.spikes),
-            (&self.attitude_rates, counts.attitude.contradicting_rates),
+            (&self.unpaired, counts.unpaired_readings),
+            (&self.saturated, counts.saturated_readings),
+            (&self.sensor_clipped, counts.clipped_readings),
+            (&self.sensor_stuck, counts.stuck_readings),
+            (&self.sensor_spikes, counts.spike_readings),
+            (&self.attitude_frozen, counts.rejected_reports.frozen_reports),
+            (&self.attitude_spikes, counts.rejected_reports.spike_reports),
+            (&self.attitude_rates, counts.rejected_reports.contradicting_rates),
         ] {
             counter.store(count, Ordering::Relaxed);
         }

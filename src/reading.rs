@@ -10,9 +10,9 @@ pub struct Reading {
     /// Measured field, chip axes.
     pub field: Field<Sensor>,
     /// Whether an axis is at the end of its range; the instrument rejects such readings.
-    pub saturated: bool,
+    pub is_saturated: bool,
     /// Whether an earlier measurement was overwritten before it was read.
-    pub overrun: bool,
+    pub was_overwritten: bool,
 }
 
 /// Identity of the sensor. A calibration is valid for one sensor only.

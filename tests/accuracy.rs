@@ -10,7 +10,7 @@ use simulator::world::aircraft::VehicleKind;
 /// raises the 90th percentile by 1.28 times that.
 fn outcome() -> &'static AccuracyResult {
     static OUTCOME: OnceLock<AccuracyResult> = OnceLock::new();
-    OUTCOME.get_or_init(|| run(AccuracyPlan { airframes: 40, draws: 20, seed: 1000 }, &|| {}))
+    OUTCOME.get_or_init(|| run(AccuracyPlan { airframes: 40, noise_draws: 20, seed: 1000 }, &|| {}))
 }
 
 fn maximum_likelihood() -> MethodResult {
@@ -55,15 +55,15 @@ fn closed_forms_are_less_accurate_than_maximum_likelihood() {
 /// Independent of the number of threads and their order.
 #[test]
 fn a_run_is_a_function_of_its_seed() {
-    let small = AccuracyPlan { airframes: 4, draws: 2, seed: 7 };
+    let small = AccuracyPlan { airframes: 4, noise_draws: 2, seed: 7 };
     assert_eq!(run(small, &|| {}), run(small, &|| {}));
 }
 
 #[test]
 fn a_copter_is_calibrated_by_its_routine_either_way_round() {
     for pattern in [FlightPattern::Routine, FlightPattern::Mirrored] {
-        let flight = Flight { kind: VehicleKind::Copter, pattern, minutes: 3.0 };
-        let row = flight_study::run(flight, AccuracyPlan { airframes: 20, draws: 5, seed: 1000 }, &|| {});
+        let flight = Flight { kind: VehicleKind::Copter, pattern, duration_minutes: 3.0 };
+        let row = flight_study::run(flight, AccuracyPlan { airframes: 20, noise_draws: 5, seed: 1000 }, &|| {});
         assert!(row.converged_percent >= 100.0 && row.accepted_percent >= 95.0 && row.wrong == 0, "{row:?}");
         assert!(row.rms_median_deg <= 0.8 && row.rms_worst_decile_deg <= 1.6, "{row:?}");
         // Loss of the solver, which weights all attitudes equally although accelerations degrade some.
@@ -71,8 +71,8 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
         // Retained samples against the optimal selection of equal size.
         assert!((0.85..=1.15).contains(&row.best_ratio_median), "{row:?}");
         assert_eq!(row.coverage.headings, 20 * 16);
-        let again = flight_study::run(flight, AccuracyPlan { airframes: 2, draws: 2, seed: 7 }, &|| {});
-        assert_eq!(again, flight_study::run(flight, AccuracyPlan { airframes: 2, draws: 2, seed: 7 }, &|| {}));
+        let again = flight_study::run(flight, AccuracyPlan { airframes: 2, noise_draws: 2, seed: 7 }, &|| {});
+        assert_eq!(again, flight_study::run(flight, AccuracyPlan { airframes: 2, noise_draws: 2, seed: 7 }, &|| {}));
     }
 }
 
@@ -81,8 +81,8 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
 #[test]
 fn a_wandering_flight_reaches_nearly_the_best_possible_accuracy() {
     for (kind, most_by_choice) in [(VehicleKind::Copter, 1.08), (VehicleKind::Plane, 1.09)] {
-        let flight = Flight { kind, pattern: FlightPattern::Wandering, minutes: 3.0 };
-        let row = flight_study::run(flight, AccuracyPlan { airframes: 20, draws: 5, seed: 1000 }, &|| {});
+        let flight = Flight { kind, pattern: FlightPattern::Wandering, duration_minutes: 3.0 };
+        let row = flight_study::run(flight, AccuracyPlan { airframes: 20, noise_draws: 5, seed: 1000 }, &|| {});
         assert!(row.accepted_percent >= 95.0, "{row:?}");
         assert!(row.choice_ratio_median <= most_by_choice, "{row:?}");
         assert!(row.best_ratio_median <= 1.1 + 0.08, "{row:?}");

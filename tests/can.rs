@@ -156,7 +156,8 @@ fn a_module_is_a_compass_within_seconds() {
 #[test]
 fn a_module_is_a_compass_on_a_bad_bus() {
     for seed in 0..5 {
-        let mut bench = Bench::new(CanFaults { seed, loss: 0.05, duplication: 0.05, reordering: 0.05 });
+        let mut bench =
+            Bench::new(CanFaults { seed, loss_share: 0.05, duplication_share: 0.05, reordering_share: 0.05 });
         bench.run(15_000);
         bench.autopilot.take_fields(125);
         bench.run(2_000);
@@ -268,7 +269,7 @@ fn mavlink_goes_through_the_tunnel() {
     let mut bench = Bench::new(CanFaults::default());
     bench.run(3_000);
     let send = |bench: &mut Bench, data: &[u8]| {
-        let piece = Targetted { protocol: 1, target: 125, serial: 0, options: 1, baud: 57_600, data };
+        let piece = Targetted { protocol: 1, target: 125, serial_line: 0, options: 1, baud: 57_600, data };
         bench.autopilot.send(DataType::TARGETTED, TransferKind::Message, &piece.payload());
     };
     let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;

@@ -73,7 +73,7 @@ fn listen(emulator: &mut Emulator, seconds: f64) -> (usize, usize) {
         .instrument()
         .receive_timed()
         .into_iter()
-        .filter_map(|timed_byte| reader.push_byte(timed_byte.at_us, timed_byte.byte))
+        .filter_map(|timed_byte| reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte))
         .collect();
     let headings = received.iter().filter(|r| r.heading_deg.is_some()).count();
     (headings, received.len() - headings)
@@ -90,11 +90,12 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     emulator.autopilot().send(&random_noise(2, 2000));
     emulator.run_for_s(1.0);
     emulator.send_console_line("");
-    let mission_result = fly_with(&mut emulator, TurnPlan { circles: 2.5, ..TurnPlan::default() }, &mut |_, _| {});
+    let mission_result =
+        fly_with(&mut emulator, TurnPlan { circles_per_side: 2.5, ..TurnPlan::default() }, &mut |_, _| {});
     assert!(mission_result.result.is_ok(), "{:?}\n{}", mission_result.result, mission_result.transcript);
-    let after = mission_result.after.statistics();
+    let after = mission_result.errors_after.statistics();
     assert!(after.max_deg <= 1.5, "{after:?}");
-    let streamed = mission_result.streamed.unwrap();
+    let streamed = mission_result.streamed_statistics.unwrap();
     assert!(streamed.rms_deg <= 2.0 && streamed.empty <= 10, "{streamed:?}");
 
     // The mission reset the module in flight; here it rests.
@@ -312,7 +313,12 @@ fn an_image_for_another_machine_ends_the_emulator_with_an_error() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn mavlink_and_msp_run_at_once_on_the_emulator() {
-    let calm = AnswerFaults { dropped: 0.0, rejected: 0.0, truncated: 0.0, delayed: 0.0 };
+    let calm = AnswerFaults {
+        drop_probability: 0.0,
+        rejection_probability: 0.0,
+        truncation_probability: 0.0,
+        delay_probability: 0.0,
+    };
     let far_ends = [
         FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot),
         FarEnd::Msp(msp_autopilot::MspFirmware::ArduPilot, calm),
@@ -328,7 +334,8 @@ fn mavlink_and_msp_run_at_once_on_the_emulator() {
     emulator.run_for_s(10.0);
     let readings = msp.borrow_mut().take_compass_samples();
     assert!((480..=520).contains(&readings.len()), "{}", readings.len());
-    let ages_ms = readings.iter().map(|reading| (reading.at_us / 1000).cast_signed() - i64::from(reading.time_ms));
+    let ages_ms =
+        readings.iter().map(|reading| (reading.received_at_us / 1000).cast_signed() - i64::from(reading.time_ms));
     assert!(ages_ms.clone().all(|age_ms| (0..=8).contains(&age_ms)), "{:?}", ages_ms.max());
     let heartbeats = mavlink.borrow_mut().take_received().iter().filter(|frame| frame.id == 0).count();
     assert!((9..=11).contains(&heartbeats), "{heartbeats}");

@@ -20,7 +20,7 @@ use testkit::{documents, random::Random};
 
 /// A seed other than the README's, whose airframes were not used to choose limits.
 const PLAN: IntegrityPlan = IntegrityPlan {
-    flights: 6,
+    flights_per_case: 6,
     seed: 5000,
     heading: HeadingKind::Smooth,
     aircraft: VehicleKind::Plane,
@@ -201,7 +201,7 @@ fn forged_messages_do_not_silence_the_heading() {
 /// may be wrong: a change across the wings between left and right turns is nearly unobservable.
 #[test]
 fn hard_iron_change_in_calibration_is_refused_or_in_the_expected_error() {
-    let plan = IntegrityPlan { flights: 12, ..PLAN };
+    let plan = IntegrityPlan { flights_per_case: 12, ..PLAN };
     for row in rows_of(plan, &["cal-moved-2", "cal-moved-5", "cal-moved-10", "cal-warming"]) {
         assert!(row.wrong_percent <= 10.0, "{row:?}");
         assert!(row.refused.iter().any(|(code, _)| code == "iron-changed"), "{row:?}");
@@ -219,7 +219,7 @@ fn turns_with_5_deg_of_bank_are_refused() {
 /// A bank-angle scale error of 10 % leads to a rejection, or to an estimated error of at least half of the true one.
 #[test]
 fn a_bank_scale_error_is_refused_or_in_the_expected_error() {
-    for row in rows_of(IntegrityPlan { flights: 20, ..PLAN }, &["cal-lean-90"]) {
+    for row in rows_of(IntegrityPlan { flights_per_case: 20, ..PLAN }, &["cal-lean-90"]) {
         assert!(row.ratio_worst.is_none_or(|ratio| ratio <= 2.0), "{row:?}");
     }
 }
@@ -229,7 +229,7 @@ fn a_bank_scale_error_is_refused_or_in_the_expected_error() {
 /// accepted.
 #[test]
 fn faults_that_stay_the_same_are_refused_or_in_the_expected_error() {
-    let plan = IntegrityPlan { flights: 40, ..PLAN };
+    let plan = IntegrityPlan { flights_per_case: 40, ..PLAN };
     for (case, reason) in [
         ("cal-linkage-3", "iron-changed"),
         ("cal-hysteresis-15", "iron-changed"),
@@ -249,7 +249,7 @@ fn faults_that_stay_the_same_are_refused_or_in_the_expected_error() {
 #[test]
 fn yaw_turns_without_tilt_are_refused() {
     for aircraft in [VehicleKind::Copter, VehicleKind::Vtol] {
-        for row in rows_of(IntegrityPlan { flights: 4, aircraft, ..PLAN }, &["cal-yaw-only"]) {
+        for row in rows_of(IntegrityPlan { flights_per_case: 4, aircraft, ..PLAN }, &["cal-yaw-only"]) {
             assert!(row.accepted_percent <= 0.0, "{row:?}");
             assert!(row.refused.iter().any(|(code, _)| code == "unobservable"), "{row:?}");
         }
@@ -271,7 +271,7 @@ fn a_clean_flight_raises_no_alarm() {
 #[test]
 fn a_clean_flight_of_a_copter_or_vtol_raises_no_alarm() {
     for (aircraft, bad_percent) in [(VehicleKind::Copter, 0.0), (VehicleKind::Vtol, 0.02)] {
-        for row in rows_of(IntegrityPlan { flights: 8, aircraft, ..PLAN }, &["clean"]) {
+        for row in rows_of(IntegrityPlan { flights_per_case: 8, aircraft, ..PLAN }, &["clean"]) {
             assert!(row.bad_percent <= bad_percent, "{aircraft:?}: {row:?}");
             assert!(row.empty_percent <= 0.1 && row.alarms_per_hour == 0.0, "{aircraft:?}: {row:?}");
             assert!(all_accepted(&row), "{aircraft:?}: {row:?}");
@@ -286,7 +286,7 @@ fn faults_in_use_of_a_copter_are_compensated_or_withhold_the_heading() {
     for (case, bad_percent, empty_percent) in
         [("moved-2", 2.0, 5.0), ("moved-5", 1.0, 5.0), ("bias-2", 2.0, 5.0), ("late-300", 1.0, 15.0)]
     {
-        for row in rows_of(IntegrityPlan { flights: 8, aircraft: VehicleKind::Copter, ..PLAN }, &[case]) {
+        for row in rows_of(IntegrityPlan { flights_per_case: 8, aircraft: VehicleKind::Copter, ..PLAN }, &[case]) {
             assert!(row.bad_percent <= bad_percent && row.empty_percent <= empty_percent, "{row:?}");
             assert!(all_accepted(&row), "{row:?}");
         }
@@ -295,8 +295,10 @@ fn faults_in_use_of_a_copter_are_compensated_or_withhold_the_heading() {
 
 #[test]
 fn motor_current_interference_in_hover_is_calibrated_as_hard_iron() {
-    for row in rows_of(IntegrityPlan { flights: 8, aircraft: VehicleKind::Copter, ..PLAN }, &["cal-current-unreported"])
-    {
+    for row in rows_of(
+        IntegrityPlan { flights_per_case: 8, aircraft: VehicleKind::Copter, ..PLAN },
+        &["cal-current-unreported"],
+    ) {
         assert!(all_accepted(&row) && row.bad_percent <= 0.1, "{row:?}");
     }
 }
@@ -308,7 +310,7 @@ fn headings_of_a_clean_flight_are_within_their_sigmas() {
     for (heading, rms_deg, most_percent) in
         [(HeadingKind::Raw, 0.90, [74.0, 100.0]), (HeadingKind::Smooth, 0.45, [100.0; 2])]
     {
-        for row in rows_of(IntegrityPlan { flights: 12, heading, ..PLAN }, &["clean"]) {
+        for row in rows_of(IntegrityPlan { flights_per_case: 12, heading, ..PLAN }, &["clean"]) {
             assert!(row.rms_deg <= rms_deg, "{row:?}");
             assert!((62.0..=most_percent[0]).contains(&row.within_one_sigma_percent), "{row:?}");
             assert!((89.0..=most_percent[1]).contains(&row.within_two_sigma_percent), "{row:?}");
@@ -392,7 +394,7 @@ fn wrong_body_rates_do_not_affect_the_heading() {
 /// the rates contradict the field and no heading is output; three of 175 s may be wrong.
 #[test]
 fn wrong_body_rates_in_turns_are_detected() {
-    for row in rows_of(IntegrityPlan { flights: 12, ..PLAN }, &["rates-sign", "rates-small"]) {
+    for row in rows_of(IntegrityPlan { flights_per_case: 12, ..PLAN }, &["rates-sign", "rates-small"]) {
         assert!(row.bad_percent <= 2.0 && row.empty_percent <= 12.0, "{row:?}");
     }
 }
@@ -415,7 +417,7 @@ fn faults_in_use_are_compensated_or_withhold_the_heading() {
         ("lean-70", 1.4, 20.0),
         ("ferry", 0.0, 5.0),
     ] {
-        for row in rows_of(IntegrityPlan { flights: 12, ..PLAN }, &[case]) {
+        for row in rows_of(IntegrityPlan { flights_per_case: 12, ..PLAN }, &[case]) {
             assert!(row.bad_percent <= bad_percent && row.empty_percent <= empty_percent, "{row:?}");
             // The reported hard-iron change is accurate to a third.
             assert!(row.iron_error_median_percent.is_none_or(|percent| percent <= 30.0), "{row:?}");
@@ -465,7 +467,7 @@ fn a_vehicle_parked_for_a_day_raises_no_alarm() {
                 let counts = (field[axis] + sigma_ut[axis] * random.normal()) * counts_per_ut[axis];
                 counts.round() / counts_per_ut[axis]
             });
-            let reading = Reading { field: Field::from_ut(x, y, z), saturated: false, overrun: false };
+            let reading = Reading { field: Field::from_ut(x, y, z), is_saturated: false, was_overwritten: false };
             let estimate = instrument.on_reading(at, reading);
             assert!(estimate.heading.is_ok(), "after {i} readings: {estimate:?}");
             while instrument.next_sample().is_some() {}
@@ -477,7 +479,7 @@ fn a_vehicle_parked_for_a_day_raises_no_alarm() {
 #[test]
 fn a_run_is_a_function_of_its_seed() {
     let names = ["sensor-spikes", "throttle-5"];
-    let small = || rows_of(IntegrityPlan { flights: 2, seed: 9, ..PLAN }, &names);
+    let small = || rows_of(IntegrityPlan { flights_per_case: 2, seed: 9, ..PLAN }, &names);
     assert_eq!(small(), small());
 }
 
@@ -488,7 +490,7 @@ fn parked_for_ten_minutes_with_either_source_raises_no_alarm() {
         world.attitude_source.noise_deg = 0.01;
         let attitude: Vec<Box<dyn AttitudeFault>> =
             if coarse { vec![Box::new(attitude_quantisation(0.1))] } else { vec![] };
-        let mut rig = Rig::with_faults(world, Faults { attitude, ..Faults::default() });
+        let mut rig = Rig::with_faults(world, Faults { attitude_faults: attitude, ..Faults::default() });
         rig.run_for_s(1.0);
         rig.send_console_line("cal start turns");
         for heading_change_deg in [1440.0, -1440.0] {
@@ -507,7 +509,7 @@ fn parked_for_ten_minutes_with_either_source_raises_no_alarm() {
             .instrument
             .receive_timed()
             .into_iter()
-            .filter_map(|timed_byte| reader.push_byte(timed_byte.at_us, timed_byte.byte))
+            .filter_map(|timed_byte| reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte))
             .collect();
         assert!(sent.len() > 17_000, "{}", sent.len());
         let silent: Vec<_> = sent.iter().filter(|sentence| sentence.heading_deg.is_none()).collect();

@@ -54,10 +54,10 @@ fn a_field_logged_at_1_hz_gives_the_same_headings() {
         for number in [1, 4, 10] {
             let (flight, verdict) = evaluate(&keep_every_nth(&text, "MAG", number));
             let compass = &verdict.compasses[0];
-            assert_eq!(compass.module.accepted, Ok(()), "seed {seed}, 1 of {number}");
+            assert_eq!(compass.module_result.acceptance, Ok(()), "seed {seed}, 1 of {number}");
             let (ours, smooth) = (
                 compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap(),
-                compass.module.smoothed_score.unwrap(),
+                compass.module_result.smoothed_score.unwrap(),
             );
             assert!(ours.rms_deg < 0.5 + noise_deg, "seed {seed}, 1 of {number}: {ours:?}");
             // Smoothing integrates the rates between rows; a gyro of class `gyro-1` may cost a tenth of a degree.
@@ -182,7 +182,7 @@ fn mavlink_without_receiver_times_gives_the_same_flight() {
     assert!(without.0.attitude.rows().len() > 2000);
     assert_eq!(with.0.attitude.rows(), without.0.attitude.rows());
     assert_eq!(with.0.compasses[0].field.rows(), without.0.compasses[0].field.rows());
-    assert_eq!(without.0.counts.garbage, 0);
+    assert_eq!(without.0.skipped_counts.garbage, 0);
     // Currents shift by milliseconds, so other samples are retained; the limit is that of `replay/native.rs`.
     for (_, verdict) in [with, without] {
         let score = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
@@ -223,7 +223,7 @@ fn a_compass_that_fails_in_flight_is_reported() {
     );
     // Half of its rows are rejected; the others are as good as the first compass's.
     let [alive, dead] = verdict.compasses.as_slice() else { panic!("two compasses") };
-    assert!((1190..=1210).contains(&dead.counts.stuck) && alive.counts.stuck == 0, "{:?}", dead.counts);
+    assert!((1190..=1210).contains(&dead.row_counts.stuck) && alive.row_counts.stuck == 0, "{:?}", dead.row_counts);
     assert!(
         dead.correction_from(CorrectionSource::Module).unwrap().score.unwrap().rms_deg < 0.5,
         "the bound of `replay/native.rs`"
@@ -296,7 +296,7 @@ fn a_log_with_lost_rows_gives_the_same_accuracy() {
         let compass = &verdict.compasses[0];
         let ours = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         assert!(ours.rms_deg < 0.5 + noise_deg, "seed {seed}: {ours:?}");
-        assert_eq!(compass.module.smoothed_score, Some(ours), "seed {seed}");
+        assert_eq!(compass.module_result.smoothed_score, Some(ours), "seed {seed}");
         let notes = notes(&flight, &verdict);
         assert!(notes.contains("of the body rates are lost"), "{notes}");
     }

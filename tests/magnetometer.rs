@@ -50,7 +50,7 @@ fn every_measurement_is_read_once_and_fresh() {
         let mut last_us = measured_at_us(&driver.read_measurement().await.unwrap());
         for _ in 0..160 {
             let reading = driver.read_measurement().await.unwrap();
-            assert!(!reading.overrun);
+            assert!(!reading.was_overwritten);
             let (measured_us, now_us) = (measured_at_us(&reading), Instant::now().as_micros() as f32);
             assert!((-750.0..1_550.0).contains(&(now_us - measured_us)), "age {} us", now_us - measured_us);
             assert!((measured_us - last_us - 12_500.0).abs() <= 1_500.0, "{last_us} to {measured_us} us");
@@ -94,8 +94,8 @@ fn a_late_reader_sees_the_overrun() {
         driver.init().await.unwrap();
         driver.read_measurement().await.unwrap();
         embassy_time::Timer::after_millis(100).await;
-        assert!(driver.read_measurement().await.unwrap().overrun);
-        assert!(!driver.read_measurement().await.unwrap().overrun);
+        assert!(driver.read_measurement().await.unwrap().was_overwritten);
+        assert!(!driver.read_measurement().await.unwrap().was_overwritten);
     });
 }
 

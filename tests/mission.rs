@@ -27,7 +27,7 @@ fn the_paper_s_aircraft_is_calibrated_to_one_degree() {
     for seed in 1..=5 {
         let mission_result = mission_result(&WorldConfig::table1(seed));
         let expected_deg = expected_rms_deg(&mission_result);
-        let (before, after) = (mission_result.before.statistics(), mission_result.after.statistics());
+        let (before, after) = (mission_result.errors_before.statistics(), mission_result.errors_after.statistics());
         assert!((before.max_deg - 21.5).abs() <= 1.0, "before {before:?}");
         assert!(after.max_deg <= 1.0, "after {after:?}");
         assert!(after.rms_deg <= 3.0 * expected_deg, "{} deg, expected {expected_deg}", after.rms_deg);
@@ -44,10 +44,10 @@ fn with_an_rm3100_the_paper_s_aircraft_is_calibrated_to_one_degree() {
     for seed in 1..=3 {
         let world = WorldConfig { sensor: SensorModel::Rm3100, ..WorldConfig::table1(seed) };
         let mission_result = mission_result(&world);
-        let (expected_deg, after) = (expected_rms_deg(&mission_result), mission_result.after.statistics());
+        let (expected_deg, after) = (expected_rms_deg(&mission_result), mission_result.errors_after.statistics());
         assert!(after.max_deg <= 1.0, "after {after:?}");
         assert!(after.rms_deg <= 3.0 * expected_deg, "{} deg, expected {expected_deg}", after.rms_deg);
-        let streamed = mission_result.streamed.unwrap();
+        let streamed = mission_result.streamed_statistics.unwrap();
         assert!(streamed.rms_deg <= 1.0, "seed {seed}: {streamed:?}");
     }
 }
@@ -62,12 +62,12 @@ fn with_a_reported_current_an_aeroplane_is_calibrated_to_1_deg() {
         let with_current = mission_result(&WorldConfig { reports_current: true, ..world });
         let without_current = mission_result(&world);
         let (with_current_deg, without_current_deg) =
-            (with_current.after.statistics().rms_deg, without_current.after.statistics().rms_deg);
+            (with_current.errors_after.statistics().rms_deg, without_current.errors_after.statistics().rms_deg);
         assert!(with_current_deg <= 1.0, "seed {seed}: {with_current_deg}");
         assert!(with_current_deg <= 3.0 * expected_rms_deg(&with_current), "seed {seed}: {with_current_deg}");
         assert!(without_current_deg >= 2.0, "seed {seed}: {without_current_deg}");
         // Includes the effect of attitude noise.
-        let streamed = with_current.streamed.unwrap();
+        let streamed = with_current.streamed_statistics.unwrap();
         assert!(streamed.rms_deg <= 1.2, "seed {seed}: {streamed:?}");
     }
 }
@@ -86,11 +86,11 @@ fn fifty_random_airframes_are_calibrated_to_their_expected_error() {
     let [mut worst_mean_deg, mut worst_ratio, mut worst_streamed_deg] = [0.0_f64; 3];
     for mission_result in &all {
         let seed = mission_result.world.seed;
-        let (after, expected_deg) = (mission_result.after.statistics(), expected_rms_deg(mission_result));
+        let (after, expected_deg) = (mission_result.errors_after.statistics(), expected_rms_deg(mission_result));
         assert!(after.rms_deg <= 1.0, "seed {seed}: {after:?}");
         assert!(after.mean_deg.abs() <= 0.6, "seed {seed}: {after:?}");
         assert!(after.rms_deg <= 3.0 * expected_deg, "seed {seed}: {} deg, expected {expected_deg}", after.rms_deg);
-        let streamed = mission_result.streamed.unwrap();
+        let streamed = mission_result.streamed_statistics.unwrap();
         // Errors of all outputs: calibration, sensor and attitude noise, latency.
         assert!(streamed.rms_deg <= 1.0, "seed {seed}: {streamed:?}");
         within.push(streamed.within_percent);
@@ -146,21 +146,21 @@ fn a_calibration_reports_heading_error_per_attitude_error() {
 fn one_seed_gives_one_flight() {
     let [first, second, other] = [7, 7, 8].map(|seed| mission_result(&WorldConfig::random(seed)));
     assert_eq!(first.transcript, second.transcript);
-    assert_eq!(first.streamed, second.streamed);
-    assert_eq!(first.after, second.after);
+    assert_eq!(first.streamed_statistics, second.streamed_statistics);
+    assert_eq!(first.errors_after, second.errors_after);
     assert_ne!(first.transcript, other.transcript);
 }
 
 #[test]
 fn a_flight_without_turns_is_refused_with_a_reason() {
     let mission_result =
-        fly_mission(WorldConfig::table1(1), TurnPlan { bank_deg: 25.0, circles: 0.05 }, &mut |_, _| {});
+        fly_mission(WorldConfig::table1(1), TurnPlan { bank_deg: 25.0, circles_per_side: 0.05 }, &mut |_, _| {});
     let Err(SolveNotice::Refused { code, words }) = &mission_result.result else {
         panic!("{:?}", mission_result.result)
     };
     assert_eq!(code, "too-few-samples", "{words}");
     assert!(words.contains("turns"), "{words}");
-    assert!(mission_result.streamed.is_none());
+    assert!(mission_result.streamed_statistics.is_none());
 }
 
 /// Five degrees of bank are not a turn. A level calibration is not a substitute, because its estimated error excludes
@@ -170,7 +170,7 @@ fn a_flight_with_little_bank_is_refused() {
     // Gusts bank these two to ten degrees for long enough to start a turn, after which level flight is collected.
     for seed in [5, 7] {
         let mission_result =
-            fly_mission(WorldConfig::random(seed), TurnPlan { bank_deg: 5.0, circles: 2.0 }, &mut |_, _| {});
+            fly_mission(WorldConfig::random(seed), TurnPlan { bank_deg: 5.0, circles_per_side: 2.0 }, &mut |_, _| {});
         let Err(SolveNotice::Refused { code, words }) = &mission_result.result else {
             panic!("{:?}", mission_result.result)
         };

@@ -278,12 +278,15 @@ fn record(serial: u32) -> CalibrationRecord {
         uncertainty: HeadingUncertainty::NONE,
         sensor,
         mount: Orientation::NONE,
-        serial,
+        serial_number: serial,
     }
 }
 
 fn generations(serial: u32) -> StoredCalibrations {
-    StoredCalibrations { current: Some(record(serial)), previous: Some(record(serial.wrapping_sub(1))) }
+    StoredCalibrations {
+        current_calibration: Some(record(serial)),
+        previous_calibration: Some(record(serial.wrapping_sub(1))),
+    }
 }
 
 fn store(flash: &mut StoreFlash) -> Store<&mut StoreFlash> {
@@ -291,13 +294,13 @@ fn store(flash: &mut StoreFlash) -> Store<&mut StoreFlash> {
 }
 
 fn save(flash: &mut StoreFlash, serial: u32) -> Result<(), StoreError> {
-    let StoredCalibrations { current, previous } = generations(serial);
+    let StoredCalibrations { current_calibration: current, previous_calibration: previous } = generations(serial);
     let change = StoreChange::StoredCalibrations { current: current.as_ref(), previous: previous.as_ref() };
     block_on(store(flash).save_change(change))
 }
 
 fn load(flash: &mut StoreFlash) -> Result<StoredCalibrations, StoreError> {
-    let Loaded { stored, error } = block_on(store(flash).load_state());
+    let Loaded { stored_values: stored, load_error: error } = block_on(store(flash).load_state());
     error.map_or(Ok(stored.stored_calibrations), Err)
 }
 

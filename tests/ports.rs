@@ -24,11 +24,21 @@ use simulator::world::{CRUISE_CURRENT_A, TrueState, WorldConfig};
 const ARDUPILOT: FarEnd = FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot);
 const MSP_ARDUPILOT: FarEnd = FarEnd::Msp(
     msp_autopilot::MspFirmware::ArduPilot,
-    AnswerFaults { dropped: 0.0, rejected: 0.0, truncated: 0.0, delayed: 0.0 },
+    AnswerFaults {
+        drop_probability: 0.0,
+        rejection_probability: 0.0,
+        truncation_probability: 0.0,
+        delay_probability: 0.0,
+    },
 );
 const MSP_INAV: FarEnd = FarEnd::Msp(
     msp_autopilot::MspFirmware::Inav,
-    AnswerFaults { dropped: 0.05, rejected: 0.02, truncated: 0.05, delayed: 0.05 },
+    AnswerFaults {
+        drop_probability: 0.05,
+        rejection_probability: 0.02,
+        truncation_probability: 0.05,
+        delay_probability: 0.05,
+    },
 );
 
 /// Bound of a single heading error, degrees: calibration error of 1.0 (README), and three sigmas of attitude error (0.2
@@ -105,7 +115,7 @@ fn heading_deg(reading: &CompassSample, truth: &TrueState) -> f64 {
 
 fn rms_deg(rig: &Rig, readings: &[CompassSample]) -> f64 {
     let squares = readings.iter().map(|reading| {
-        let truth = rig.world.true_state(reading.at_us);
+        let truth = rig.world.true_state(reading.received_at_us);
         wrap_180(heading_deg(reading, &truth) - truth.heading_deg()).powi(2)
     });
     (squares.sum::<f64>() / readings.len() as f64).sqrt()
@@ -142,7 +152,7 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
         );
         assert!(autopilot.borrow().rate_hz(33).is_some() && autopilot.borrow().rate_hz(2).is_some(), "place and time");
         let before = received_frames(&rig, 0);
-        assert!(before.iter().all(|frame| (frame.system, frame.component) == (1, 158)));
+        assert!(before.iter().all(|frame| (frame.system_id, frame.component_id) == (1, 158)));
         assert!(frames_with_id(HEARTBEAT, &before).len() >= 10);
         let status = rig.send_console_line("status all");
         assert!(status.contains("port1: auto, 115200 baud, found mavlink\r\n"), "{status}");
@@ -322,7 +332,8 @@ fn mavlink_and_msp_run_at_once() {
         for _ in 0..10 {
             run(&mut rig, 1.0);
             // Age by the module's time stamp.
-            let age_ms = |reading: CompassSample| (reading.at_us / 1000).cast_signed() - i64::from(reading.time_ms);
+            let age_ms =
+                |reading: CompassSample| (reading.received_at_us / 1000).cast_signed() - i64::from(reading.time_ms);
             ages_ms.extend(readings(&rig, 1).into_iter().map(age_ms));
             for pose in frames_with_id(VISION_POSITION_ESTIMATE, &received_frames(&rig, 0)) {
                 let time_us = u64::from_le_bytes([0, 1, 2, 3, 4, 5, 6, 7].map(|at| pose.byte_at(at)));
@@ -398,7 +409,8 @@ fn sent_declinations_deg(rig: &mut Rig) -> Vec<f64> {
     run(rig, 5.0);
     let (mut reader, mut magnetic_deg) = (SentenceReader::default(), None);
     let received = rig.instrument.receive_timed();
-    let sentences = received.iter().filter_map(|timed_byte| reader.push_byte(timed_byte.at_us, timed_byte.byte));
+    let sentences =
+        received.iter().filter_map(|timed_byte| reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte));
     let declination = |sentence: HeadingSentence| match sentence.kind.as_str() {
         "HCHDM" => {
             magnetic_deg = sentence.heading_deg;

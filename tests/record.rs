@@ -34,7 +34,7 @@ fn a_recorded_flight_has_its_position_and_true_headings() {
         let verdict = evaluate_flight(&flight, &ASKED);
         let ours = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         assert!((ours.mean_deg - 4.2).abs() < 0.5, "{name}: {ours:?}");
-        let (field, _) = verdict.earth.unwrap();
+        let (field, _) = verdict.earth_field.unwrap();
         assert!((field.declination_deg.unwrap() + 4.2).abs() < 0.1, "{name}: {field:?}");
         let rows = flight.gps.rows();
         let [before, after] = [rows.len() - 50, rows.len() - 1].map(|at| Gps::from_columns(rows[at].values));

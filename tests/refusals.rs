@@ -22,7 +22,7 @@ impl AttitudeFault for Scaled {
 fn rig(attitude: Option<Scaled>) -> Rig {
     let mut faults = Faults::default();
     if let Some(scaled) = attitude {
-        faults.attitude.push(Box::new(scaled));
+        faults.attitude_faults.push(Box::new(scaled));
     }
     Rig::with_faults(WorldConfig::table1(1), faults)
 }

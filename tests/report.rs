@@ -24,7 +24,7 @@ fn flown(plan: TurnPlan) -> MissionResult {
 fn page_of(mission: &MissionResult) -> String {
     render_page(&report_mission(
         mission,
-        &ReportOrigin { command: "host-sim fly".to_owned(), ..ReportOrigin::default() },
+        &ReportOrigin { command_line: "host-sim fly".to_owned(), ..ReportOrigin::default() },
     ))
 }
 
@@ -98,15 +98,17 @@ fn a_calibrated_mission_is_reported_the_same_each_time() {
     ] {
         assert!(html.contains(title), "{title}");
     }
-    let (before, after) = (flown.before.statistics(), flown.after.statistics());
+    let (before, after) = (flown.errors_before.statistics(), flown.errors_after.statistics());
     let expected_deg = flown.result.as_ref().unwrap().expected_rms_deg;
-    for number in [before.max_deg, after.max_deg, after.rms_deg, expected_deg, flown.streamed.unwrap().rms_deg] {
+    for number in
+        [before.max_deg, after.max_deg, after.rms_deg, expected_deg, flown.streamed_statistics.unwrap().rms_deg]
+    {
         assert!(html.contains(&format!("<dd>{number:.2} deg</dd>")), "{number:.2}");
     }
     // All headings and errors of the deviation card.
     for (step, heading) in (0..12).map(|step| (step, format!("<th scope=\"row\">{:03}</th>", 30 * step))) {
         assert!(html.contains(&heading), "{heading}");
-        for bank in flown.before.0.iter().chain(&flown.after.0) {
+        for bank in flown.errors_before.0.iter().chain(&flown.errors_after.0) {
             assert!(html.contains(&format!("<td>{}</td>", format_number(bank[step], 2))), "{heading}");
         }
     }
@@ -116,7 +118,7 @@ fn a_calibrated_mission_is_reported_the_same_each_time() {
 
 #[test]
 fn a_refusal_is_reported_with_its_reason_and_no_after_picture() {
-    let html = page_of(&flown(TurnPlan { bank_deg: 25.0, circles: 0.05 }));
+    let html = page_of(&flown(TurnPlan { bank_deg: 25.0, circles_per_side: 0.05 }));
     assert_sound(&html);
     assert!(html.contains("too-few-samples") && html.contains("Refused"));
     assert!(!html.contains("Three axes") && !html.contains("<th scope=\"col\">after"));
@@ -167,7 +169,7 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
     }
     // Each fitted sample has its row.
     let fitted = report.compasses[0].samples.iter().filter(|moment| moment.is_fitted).count();
-    assert_eq!(fitted, verdict.compasses[0].module.samples);
+    assert_eq!(fitted, verdict.compasses[0].module_result.sample_count);
     assert!(fitted > 50, "{fitted}");
 }
 
@@ -177,7 +179,7 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
     let mut world = WorldConfig::table1(1);
     // The field model's value for the place.
     world.earth.inclination_deg = 64.0;
-    let mut recording = FlightRecording { place: Some([48.0, 11.3, 500.0]), ..record_turns(&world, 0.0) };
+    let mut recording = FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..record_turns(&world, 0.0) };
     for instant in &mut recording.samples {
         instant.field_ut.insert(0, [10.0, 20.0, 30.0]);
     }
@@ -187,16 +189,16 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
     let report = report_replay(&judged, "flight.bin", &ReportOrigin::default());
     // The compass in use is not known: the first is judged, and one good compass does not make the page green.
     assert_eq!(report.verdicts[0].state, CompassState::Bad, "{:?}", report.verdicts);
-    assert!(report.verdicts[0].text.contains("replace"), "{:?}", report.verdicts);
+    assert!(report.verdicts[0].verdict_text.contains("replace"), "{:?}", report.verdicts);
     assert_eq!(
-        report.compasses.iter().map(|compass_report| compass_report.accepted).collect::<Vec<_>>(),
+        report.compasses.iter().map(|compass_report| compass_report.is_accepted).collect::<Vec<_>>(),
         [false, true]
     );
     let moments = &report.compasses[1].samples;
     let usable = || moments.iter().filter(|moment| moment.is_usable && !moment.is_heading_withheld);
     assert!(usable().count() > 2000);
     // Attitude noise of 0.5 deg and field noise of 0.3 uT.
-    let [total_ut, inclination_deg] = report.compasses[1].earth.unwrap();
+    let [total_ut, inclination_deg] = report.compasses[1].earth_field.unwrap();
     assert!((inclination_deg - 64.0).abs() < 1.0, "{inclination_deg}");
     for moment in usable() {
         let [x, y, z] = moment.corrected_ut.unwrap();
@@ -207,16 +209,16 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
         let below = y * sin_roll + z * cos_roll;
         let (ahead, left) = (x * cos_pitch + below * sin_pitch, z * sin_roll - y * cos_roll);
         let off_deg = wrap_180(left.atan2(ahead).to_degrees() - moment.heading_deg.unwrap());
-        assert!(off_deg.abs() < 12.0, "{off_deg} at {} s", moment.at_s);
+        assert!(off_deg.abs() < 12.0, "{off_deg} at {} s", moment.time_s);
     }
-    let first_s = moments[0].at_s;
-    for fitted_s in verdict.compasses[1].module.fitted_s.iter().map(|since_s| first_s + since_s) {
-        assert!(moments.iter().any(|moment| moment.is_fitted && (moment.at_s - fitted_s).abs() < 0.06), "{fitted_s}");
+    let first_s = moments[0].time_s;
+    for fitted_s in verdict.compasses[1].module_result.fitted_times_s.iter().map(|since_s| first_s + since_s) {
+        assert!(moments.iter().any(|moment| moment.is_fitted && (moment.time_s - fitted_s).abs() < 0.06), "{fitted_s}");
     }
     // Positions count from the start of the log; f32 degrees resolve 0.5 m, and rows 0.1 s.
     let (moment, flown) =
         (moments.iter().rev().find(|moment| moment.position_m.is_some()).unwrap(), &recording.samples);
-    let instant = flown.iter().find(|instant| instant.time_us as f64 * 1e-6 > moment.at_s - 0.01).unwrap();
+    let instant = flown.iter().find(|instant| instant.time_us as f64 * 1e-6 > moment.time_s - 0.01).unwrap();
     let [north_m, east_m] = [0, 1].map(|axis| instant.displacement_m[axis] - flown[0].displacement_m[axis]);
     let [east, north] = moment.position_m.unwrap();
     assert!(north_m.hypot(east_m) > 1000.0 && (east - east_m).hypot(north - north_m) < 5.0, "{:?}", moment.position_m);
@@ -229,7 +231,7 @@ fn text_of_a_hostile_log_is_escaped() {
     let hostile = || HOSTILE.to_owned();
     let nan = Some(f64::NAN);
     let moment = |i: u32| ReportSample {
-        at_s: f64::from(i),
+        time_s: f64::from(i),
         heading_deg: nan,
         roll_deg: f64::NAN,
         pitch_deg: f64::INFINITY,
@@ -253,14 +255,14 @@ fn text_of_a_hostile_log_is_escaped() {
     };
     let compass_report = CompassReport {
         name: hostile(),
-        accepted: true,
+        is_accepted: true,
         facts: vec![[hostile(), hostile()]],
-        before: vec![line.clone()],
-        after: vec![line],
+        curves_before: vec![line.clone()],
+        curves_after: vec![line],
         sigma_deg: vec![f64::NAN, 0.5, f64::INFINITY, -0.0],
         samples: (0..50).map(moment).collect(),
-        marks: vec![EventMark { at_s: f64::NAN, name: hostile() }, EventMark { at_s: 1e9, name: hostile() }],
-        earth: Some([f64::NAN; 2]),
+        event_marks: vec![EventMark { time_s: f64::NAN, name: hostile() }, EventMark { time_s: 1e9, name: hostile() }],
+        earth_field: Some([f64::NAN; 2]),
         magnetic_offset_deg: f64::NAN,
         advice: Some(hostile()),
         coefficients: Some([[f64::NAN; 3]; 4]),
@@ -268,20 +270,20 @@ fn text_of_a_hostile_log_is_escaped() {
     };
     let report = Report {
         title: hostile(),
-        verdicts: vec![VerdictLine { state: CompassState::Doubtful, word: "Doubtful", text: hostile() }],
+        verdicts: vec![VerdictLine { state: CompassState::Doubtful, state_word: "Doubtful", verdict_text: hostile() }],
         module_verdict: Some(hostile()),
-        figures: vec![[hostile(), hostile()]],
-        notes: vec![hostile()],
+        key_figures: vec![[hostile(), hostile()]],
+        log_warnings: vec![hostile()],
         reference: ReferenceInfo {
             difference_name: "error",
             reference_name: hostile(),
-            limits: hostile(),
+            accuracy_text: hostile(),
             card_constant: hostile(),
             is_accurate: true,
         },
         calibrators: CalibratorComparison {
             compasses: vec![hostile()],
-            rows: vec![(hostile(), vec![nan]), (hostile(), vec![Some(1.0)])],
+            calibrator_rows: vec![(hostile(), vec![nan]), (hostile(), vec![Some(1.0)])],
         },
         compasses: vec![compass_report],
         parameters: Some([hostile(), hostile()]),

@@ -32,7 +32,7 @@ fn harsh_config(kind: VehicleKind, seed: u64) -> WorldConfig {
     let world = WorldConfig::random(seed).with_vehicle_kind(kind);
     let noise_deg = trial.attitude_sigma_rad.to_degrees();
     WorldConfig {
-        airframe: Airframe { a: trial.a, b_ut: trial.b * TOTAL_UT },
+        airframe: Airframe { field_matrix: trial.field_matrix, hard_iron_ut: trial.hard_iron * TOTAL_UT },
         earth: Earth { total_ut: TOTAL_UT, inclination_deg: trial.inclination_rad.to_degrees() },
         attitude_source: attitude_source::AttitudeSourceConfig { noise_deg, ..world.attitude_source },
         ..world
@@ -71,7 +71,7 @@ fn fly_samples(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
         }
         if now_us.is_multiple_of(12_500) {
             let field = Field::new(world.sensor_field(now_us).ut + (noise.normal_vector() * 0.32).cast());
-            instrument.on_reading(at, Reading { field, saturated: false, overrun: false });
+            instrument.on_reading(at, Reading { field, is_saturated: false, was_overwritten: false });
             samples.extend(std::iter::from_fn(|| instrument.next_sample()));
         }
     }
@@ -96,7 +96,7 @@ fn rms_deg(calibration: &Calibration, config: &WorldConfig) -> f64 {
 }
 
 fn routine(kind: VehicleKind) -> Routine {
-    Routine::for_vehicle(kind, TurnPlan { circles: 3.0, ..TurnPlan::default() }, 0.0)
+    Routine::for_vehicle(kind, TurnPlan { circles_per_side: 3.0, ..TurnPlan::default() }, 0.0)
 }
 
 /// Median and 90th percentile of the RMS heading error of 40 airframes; infinite without a solution.

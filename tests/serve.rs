@@ -193,7 +193,7 @@ fn malformed_attitudes_are_counted_and_ignored() {
         assert_eq!(code, if number == 2 { "datagram-out-of-range" } else { "bad-datagram" });
     }
     served_module.advance_time(SECOND_US);
-    assert_eq!(served_module.datagram_counts(), Some(DatagramCounts { accepted: 1, rejected: 5 }));
+    assert_eq!(served_module.datagram_counts(), Some(DatagramCounts { accepted_datagrams: 1, rejected_datagrams: 5 }));
     let after = served_module.execute_line("status").unwrap();
     let followed_attitude =
         |status: &str| status.split_once("follows: ").unwrap().1.split_once(';').unwrap().0.to_owned();

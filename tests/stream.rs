@@ -34,10 +34,10 @@ fn listen(rig: &mut Rig, seconds: f64) -> Vec<HeadingSentence> {
         .instrument
         .receive_timed()
         .into_iter()
-        .filter_map(|timed_byte| reader.push_byte(timed_byte.at_us, timed_byte.byte))
+        .filter_map(|timed_byte| reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte))
         .collect();
     // The first line may be incomplete.
-    assert!(reader.invalid <= 1, "{} broken lines", reader.invalid);
+    assert!(reader.invalid_lines <= 1, "{} broken lines", reader.invalid_lines);
     received
 }
 

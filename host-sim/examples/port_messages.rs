@@ -20,7 +20,12 @@ const STEP_S: f64 = 0.01;
 const FLIGHT_S: f64 = 300.0;
 
 fn main() {
-    let no_troubles = AnswerFaults { dropped: 0.0, rejected: 0.0, truncated: 0.0, delayed: 0.0 };
+    let no_troubles = AnswerFaults {
+        drop_probability: 0.0,
+        rejection_probability: 0.0,
+        truncation_probability: 0.0,
+        delay_probability: 0.0,
+    };
     let msp = FarEnd::Msp(msp_autopilot::MspFirmware::ArduPilot, no_troubles);
     print_flight(VehicleKind::Copter, [FarEnd::Mavlink(MavlinkFirmware::ArduPilot), msp], "set port2 msp");
     print_flight(VehicleKind::Plane, [FarEnd::Mavlink(MavlinkFirmware::Px4), FarEnd::Unconnected], "set vision on");
@@ -53,7 +58,10 @@ fn print_messages(rig: &Rig) {
                     let payload = if is_text { &frame.payload[..1] } else { &frame.payload[..] };
                     // Later pieces of a long text: how many there are depends on the text.
                     if !is_text || frame.byte_at(53) == 0 {
-                        println!("{now_ms} {port} {} {}/{} {payload:02x?}", frame.id, frame.system, frame.component);
+                        println!(
+                            "{now_ms} {port} {} {}/{} {payload:02x?}",
+                            frame.id, frame.system_id, frame.component_id
+                        );
                     }
                 }
             }

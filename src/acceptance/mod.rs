@@ -56,9 +56,9 @@ impl AcceptancePolicy {
 #[derive(Clone, Copy, Debug)]
 pub struct AcceptanceSamples<'a> {
     /// Samples of the fit.
-    pub fit: Samples<'a>,
+    pub fit_samples: Samples<'a>,
     /// Held-back samples of the same parts.
-    pub held_back: Samples<'a>,
+    pub held_back_samples: Samples<'a>,
     /// Whether the samples' attitudes are known.
     pub is_attitude_known: bool,
 }
@@ -158,7 +158,7 @@ fn check_held_back(policy: &AcceptancePolicy, grounds: &AcceptanceSamples<'_>) -
 /// Smallest number of held-back samples among the parts used. Marks of a compass swing are never held back; samples
 /// between marks are.
 fn fewest_held_back(grounds: &AcceptanceSamples<'_>) -> u16 {
-    let AcceptanceSamples { fit: fitted, held_back, .. } = grounds;
+    let AcceptanceSamples { fit_samples: fitted, held_back_samples: held_back, .. } = grounds;
     let used = CollectionPart::ALL.into_iter().filter(|part| !fitted.part(*part).is_empty());
     used.map(|part| u16::try_from(held_back.part(part).len()).unwrap_or(u16::MAX)).min().unwrap_or(0)
 }
@@ -184,7 +184,8 @@ fn check_observability(candidate: &Solution, grounds: &AcceptanceSamples<'_>) ->
     let rests_on_priors =
         candidate.advice.as_ref().is_some_and(|advice| advice.unobservable != UnobservableQuantities::default());
     let is_undetermined = rests_on_priors || !candidate.quality.determines_all_coefficients();
-    let is_free_flight = candidate.quality.method == Method::MaximumLikelihood && grounds.fit.has_free_flight_samples();
+    let is_free_flight =
+        candidate.quality.method == Method::MaximumLikelihood && grounds.fit_samples.has_free_flight_samples();
     if is_free_flight && is_undetermined { Err(Rejection::Unobservable) } else { Ok(()) }
 }
 
@@ -226,15 +227,15 @@ fn check_scores(
     incumbent: &Incumbent,
 ) -> Result<HeldBackScores, Rejection> {
     let scores = verification::score_held_back(
-        grounds.held_back,
+        grounds.held_back_samples,
         grounds.is_attitude_known,
         &candidate.calibration,
         &incumbent.calibration,
     );
-    if scores.candidate < scores.active {
+    if scores.candidate_score < scores.active_score {
         Ok(scores)
     } else {
-        Err(Rejection::NotBetter { candidate: scores.candidate, incumbent: scores.active })
+        Err(Rejection::NotBetter { candidate: scores.candidate_score, incumbent: scores.active_score })
     }
 }
 
@@ -249,8 +250,8 @@ fn check_information(
     let new = &candidate.quality;
     let thinner = new.expected_rms_deg > policy.less_informative_ratio * old.expected_rms_deg
         || (old.determines_all_coefficients() && !new.determines_all_coefficients());
-    let contradicted =
-        scores.active > policy.contradiction_ratio * scores.candidate && candidate.bank_scale_error.is_none();
+    let contradicted = scores.active_score > policy.contradiction_ratio * scores.candidate_score
+        && candidate.bank_scale_error.is_none();
     if thinner && !contradicted {
         let (expected_rms_deg, incumbent_rms_deg) = (new.expected_rms_deg, old.expected_rms_deg);
         return Err(Rejection::Thinner { expected_rms_deg, incumbent_rms_deg });

@@ -89,14 +89,14 @@ fn evaluate(held_back: [u16; 3], candidate: &Solution, incumbent: &Incumbent) ->
         .map(|(roll_deg, samples)| circle(roll_deg, samples));
     let level_used = held_back[2] > 0;
     let grounds = AcceptanceSamples {
-        fit: Parts {
+        fit_samples: Parts {
             left: &fitted[0],
             right: &fitted[1],
             level: if level_used { &fitted[2] } else { &[] },
             ..Parts::default()
         }
         .samples(),
-        held_back: Parts { left: &l, right: &r, level: &v, ..Parts::default() }.samples(),
+        held_back_samples: Parts { left: &l, right: &r, level: &v, ..Parts::default() }.samples(),
         is_attitude_known: true,
     };
     evaluate_candidate(&POLICY, candidate, grounds, incumbent)
@@ -108,7 +108,7 @@ const ENOUGH_HELD_BACK: [u16; 3] = [24, 24, 0];
 fn a_better_candidate_replaces_an_empty_or_worse_calibration() {
     for incumbent in [NOT_CALIBRATED, active_calibration(2.0, 0.5)] {
         let scores = evaluate(ENOUGH_HELD_BACK, &candidate(0.1, quality(0.5)), &incumbent).unwrap();
-        assert!(scores.candidate < scores.active, "{scores:?}");
+        assert!(scores.candidate_score < scores.active_score, "{scores:?}");
     }
 }
 
@@ -135,7 +135,11 @@ fn every_used_part_needs_eight_held_back_samples() {
 
 #[test]
 fn a_candidate_without_held_back_samples_is_rejected() {
-    let grounds = AcceptanceSamples { fit: Samples::default(), held_back: Samples::default(), is_attitude_known: true };
+    let grounds = AcceptanceSamples {
+        fit_samples: Samples::default(),
+        held_back_samples: Samples::default(),
+        is_attitude_known: true,
+    };
     let found = evaluate_candidate(&POLICY, &candidate(0.1, quality(0.5)), grounds, &NOT_CALIBRATED);
     assert_eq!(found, Err(Rejection::TooFewHeldBack { have: 0, need: 8 }));
 }
@@ -245,21 +249,21 @@ fn a_free_flight_without_tilt_is_unobservable() {
         (Quality { method: Method::CompassSwing, ..level }, swung, Ok(())),
         (Quality { method: Method::Ellipsoid, ..quality(0.5) }, free, Ok(())),
     ] {
-        let grounds = AcceptanceSamples { fit: parts, held_back: parts, is_attitude_known: true };
+        let grounds = AcceptanceSamples { fit_samples: parts, held_back_samples: parts, is_attitude_known: true };
         let found = evaluate_candidate(&POLICY, &candidate(0.1, quality), grounds, &NOT_CALIBRATED);
         assert_eq!(found.map(drop), expected, "{quality:?}");
     }
     let advice = Advice {
-        weakest: Deviation::Constant,
+        weakest_deviation: Deviation::Constant,
         weakest_deg: 0.5,
         expected_deg: 0.5,
         manoeuvre: Manoeuvre::YawTurn,
         expected_after_deg: 0.5,
-        floor_deg: 0.5,
+        error_floor_deg: 0.5,
         unobservable: UnobservableQuantities { mounting: true, ..UnobservableQuantities::default() },
     };
     let on_priors = Solution { advice: Some(advice), ..candidate(0.1, quality(0.5)) };
-    let grounds = AcceptanceSamples { fit: free, held_back: free, is_attitude_known: true };
+    let grounds = AcceptanceSamples { fit_samples: free, held_back_samples: free, is_attitude_known: true };
     assert_eq!(evaluate_candidate(&POLICY, &on_priors, grounds, &NOT_CALIBRATED), Err(Rejection::Unobservable));
 }
 
@@ -295,9 +299,10 @@ fn unknown_attitude_is_ignored() {
     }
     let score = |knows_attitude| {
         let parts = Parts { left: &samples, ..Parts::default() }.samples();
-        let grounds = AcceptanceSamples { fit: parts, held_back: parts, is_attitude_known: knows_attitude };
+        let grounds =
+            AcceptanceSamples { fit_samples: parts, held_back_samples: parts, is_attitude_known: knows_attitude };
         evaluate_candidate(&POLICY, &candidate(0.1, quality(0.5)), grounds, &NOT_CALIBRATED)
-            .map(|scores| scores.candidate)
+            .map(|scores| scores.candidate_score)
     };
     assert!(score(false).unwrap() < 1.0, "{:?}", score(false));
     assert!(score(true).is_err() || score(true).unwrap() > 10.0, "{:?}", score(true));

@@ -93,7 +93,7 @@ pub async fn run_can(
             }
         };
         // Estimates come first: a bus in error is ready at every poll, and would starve any future after it.
-        match select4(estimated, sent, wires.answers.wait(), rx.receive_frame()).await {
+        match select4(estimated, sent, wires.command_results.wait(), rx.receive_frame()).await {
             Either4::First(()) => {
                 increment(&wires.heartbeat);
                 poll_at = Instant::now() + SAFE_MODE_PERIOD;
@@ -151,9 +151,9 @@ fn poll_can_node(links: &Links, node: &mut CanNode, settings: &Settings) {
 #[inline(never)]
 fn poll_in_safe_mode(links: &Links, node: &mut CanNode, settings: &Settings) {
     let now = now();
-    let estimate = Estimate { at: now, heading: Err(NoHeading::SafeMode), ..Estimate::EMPTY };
+    let estimate = Estimate { timestamp: now, heading: Err(NoHeading::SafeMode), ..Estimate::EMPTY };
     let indicator = IndicatorState::Idle;
-    let snapshot = Snapshot { now, estimate: &estimate, settings, indicator, calibration: None };
+    let snapshot = Snapshot { now, estimate: &estimate, settings, indicator_state: indicator, calibration: None };
     let is_armed = node.is_armed(now) == Some(true);
     send_command(links, node.poll(&NodeContext { snapshot, stored_settings: settings, is_armed }));
 }

@@ -37,7 +37,8 @@ pub(super) const MAX_HEARTBEAT_INTERVAL_MS: u64 = SAVE_TIMEOUT.as_millis() + 100
 pub async fn run_compass<F: NorFlash>(links: &Links, mut store: Store<F>, retained: &mut RetainedSamples) -> ! {
     // The loaded data is dropped at the end of this block and takes no room in this task's memory afterwards.
     let mut compass = {
-        let Loaded { stored, error } = poll_in_own_stack_frame(pin!(store.load_state())).await;
+        let Loaded { stored_values: stored, load_error: error } =
+            poll_in_own_stack_frame(pin!(store.load_state())).await;
         if let Some(error) = error {
             report_unreadable_flash(links, error);
         }
@@ -81,7 +82,7 @@ async fn run_state_machine<F: NorFlash>(links: &Links, store: &mut Store<F>, com
             let result = with_timeout(SAVE_TIMEOUT, poll_in_own_stack_frame(pin!(store.save_change(change))))
                 .await
                 .unwrap_or(Err(StoreError::Timeout));
-            increment(if result.is_ok() { &links.counters.saves } else { &links.counters.store_errors });
+            increment(if result.is_ok() { &links.event_counters.saves } else { &links.event_counters.store_errors });
             effect = compass.step(Event::Saved(result));
         }
         add_sample_loss(&mut effect, SampleLoss::from_counts(&began, &links.event_counts()));
@@ -91,11 +92,13 @@ async fn run_state_machine<F: NorFlash>(links: &Links, store: &mut Store<F>, com
         if let (Effect::Reply(reply), Event::Command(command, _), Some(source)) = (effect, event, source) {
             // The console restarts the module after its reply, for a command from any source.
             if command == Command::Restart && reply.is_ok() {
-                links.restart.signal(());
+                links.restart_request.signal(());
             }
             match source {
                 CommandSource::Console => links.replies.send(reply).await,
-                CommandSource::Line(line) => links.links_of_line(line).answers.signal((command, reply.map(|_| ()))),
+                CommandSource::Line(line) => {
+                    links.links_of_line(line).command_results.signal((command, reply.map(|_| ())))
+                }
                 CommandSource::Button => {}
             }
         }
@@ -141,7 +144,7 @@ impl<'a> Events<'a> {
     fn new(links: &'a Links) -> Self {
         Self {
             links,
-            armed: subscribe(&links.armed),
+            armed: subscribe(&links.armed_state),
             sensor: subscribe(&links.sensor),
             position: subscribe(&links.position),
             date: subscribe(&links.date),
@@ -164,7 +167,7 @@ impl<'a> Events<'a> {
             }),
             pin!(async { (Event::Sample(links.samples.receive().await), None) }),
             pin!(async {
-                let Timestamped { at, value } = position.changed().await;
+                let Timestamped { timestamp: at, value } = position.changed().await;
                 (Event::Position(value, at.wrapping_millis()), None)
             }),
             pin!(async { (Event::Date(date.changed().await), None) }),
@@ -177,7 +180,7 @@ impl<'a> Events<'a> {
 fn report_unreadable_flash(links: &Links, error: StoreError) {
     let message = Message::StoreFailed(error);
     warning!("load: {=str}", message.stable_code());
-    increment(&links.counters.store_errors);
+    increment(&links.event_counters.store_errors);
     links.announce(&message);
 }
 
@@ -195,6 +198,6 @@ fn publish_state(links: &Links, compass: &Compass<'_>, message: Option<&Message>
         if let Some(message) = message {
             links.announce(message);
         }
-        publish_value(&links.indicator, glance);
+        publish_value(&links.indicator_state, glance);
     });
 }

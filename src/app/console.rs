@@ -58,7 +58,7 @@ pub async fn run_console(
             terminal.write_reply(command, &answer, &platform);
             continue;
         }
-        match select3(links.restart.wait(), rx.read(&mut bytes), links.notices.receive()).await {
+        match select3(links.restart_request.wait(), rx.read(&mut bytes), links.console_messages.receive()).await {
             Either3::First(()) => reboot_after_reply(&mut platform).await,
             Either3::Second(Ok(number)) if number > 0 => read = 0..number,
             Either3::Second(_) => Timer::after(PAUSE_AFTER_LINE_ERROR).await,
@@ -75,7 +75,7 @@ const fn reports_resulting_state(command: Command) -> bool {
 /// Executes requested restarts, in place of the console on a board whose UART serves a port.
 pub async fn restart_without_terminal(links: &Links, mut platform: impl Platform) -> ! {
     loop {
-        links.restart.wait().await;
+        links.restart_request.wait().await;
         reboot_after_reply(&mut platform).await;
     }
 }
@@ -123,7 +123,7 @@ impl Terminal<'_> {
             uptime_s: Instant::now().as_secs() as u32,
             stack_use: platform.peak_stack_use(),
             ports: self.links.port_protocols(),
-            can: self.links.can_state(),
+            can_state: self.links.can_state(),
         }
     }
 }

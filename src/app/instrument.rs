@@ -24,21 +24,22 @@ pub async fn run_instrument(links: &Links) -> ! {
     loop {
         // Reports are received before readings, so that a reading uses attitude of its own instant.
         let event =
-            select4(sensor.changed(), links.reports.receive(), links.readings.receive(), Timer::at(silent_at)).await;
+            select4(sensor.changed(), links.attitude_reports.receive(), links.readings.receive(), Timer::at(silent_at))
+                .await;
         increment(&links.heartbeats.instrument);
         let has_new_estimate = matches!(event, Either4::Third(_) | Either4::Fourth(()));
         match event {
             Either4::First(found) => configure_sensor(&mut instrument, found),
             Either4::Second(report) => {
-                instrument.on_attitude(report.at, report.value);
+                instrument.on_attitude(report.timestamp, report.value);
                 // The motor current is polled on attitude reports, which are more frequent than currents and less
                 // urgent than readings.
                 if let Some(current) = links.current.try_get() {
-                    instrument.on_current(current.at, current.value);
+                    instrument.on_current(current.timestamp, current.value);
                 }
             }
             Either4::Third(reading) => {
-                let estimate = instrument.on_reading(reading.at, reading.value);
+                let estimate = instrument.on_reading(reading.timestamp, reading.value);
                 let wanted = turn_request.update(&estimate).filter(|_| links.is_armed() != Some(false));
                 estimates.send(estimate);
                 if let Some(sigma_rad) = wanted {
@@ -61,7 +62,7 @@ pub async fn run_instrument(links: &Links) -> ! {
             // ports have run in between.
             yield_now().await;
             yield_now().await;
-            links.counters.store_rejections(&instrument.rejections());
+            links.event_counters.store_rejections(&instrument.rejections());
             if let Some(changed) = correction.try_changed() {
                 instrument.set_correction(changed);
             }

@@ -25,9 +25,9 @@ pub(super) fn with_snapshot<R>(
     use_snapshot: impl FnOnce(&Snapshot<'_>) -> R,
 ) -> Option<R> {
     let estimate = links.estimates.try_get()?;
-    let indicator = links.indicator.try_get().unwrap_or(IndicatorState::Idle);
+    let indicator = links.indicator_state.try_get().unwrap_or(IndicatorState::Idle);
     let calibration = correction.and_then(|correction| correction.calibration.as_ref());
-    Some(use_snapshot(&Snapshot { now, estimate: &estimate, settings, indicator, calibration }))
+    Some(use_snapshot(&Snapshot { now, estimate: &estimate, settings, indicator_state: indicator, calibration }))
 }
 
 /// Passes a received message to the task that needs it. `can_have_gyro`: body rates are a gyro's if the report has any.
@@ -40,11 +40,11 @@ pub(super) fn route_message(
 ) {
     match message {
         ReceivedMessage::Attitude(report) if links.accept_attitude(line, at, report.has_rates() && can_have_gyro) => {
-            increment(&links.counters.attitude_reports);
-            links.queue_or_count(&links.reports, Timestamped { at, value: report });
+            increment(&links.event_counters.attitude_reports);
+            links.queue_or_count(&links.attitude_reports, Timestamped { timestamp: at, value: report });
         }
         ReceivedMessage::Attitude(_) | ReceivedMessage::RejectedAttitude => {
-            increment(&links.counters.attitude_foreign);
+            increment(&links.event_counters.attitude_foreign);
         }
         // The sender repeats a command that is not answered.
         ReceivedMessage::Command(command) => {
@@ -52,7 +52,7 @@ pub(super) fn route_message(
         }
         ReceivedMessage::Position(place) => links.update_position(at, place),
         ReceivedMessage::Date(day) => publish_value(&links.date, day),
-        ReceivedMessage::Current(value) => links.current.sender().send(Timestamped { at, value }),
+        ReceivedMessage::Current(value) => links.current.sender().send(Timestamped { timestamp: at, value }),
         ReceivedMessage::Other => {}
     }
 }

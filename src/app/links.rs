@@ -25,7 +25,7 @@ use crate::time::Timestamp;
 /// Value with the time at which it was ready.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Timestamped<T> {
-    pub at: Timestamp,
+    pub timestamp: Timestamp,
     pub value: T,
 }
 
@@ -81,20 +81,20 @@ pub(super) type ValueReceiver<'a, T, const N: usize> = Receiver<'a, CriticalSect
 /// hundred instructions at most.
 pub struct Links {
     pub(super) readings: Queue<Timestamped<Reading>, 4>,
-    pub(super) reports: Queue<Timestamped<AttitudeReport>, 8>,
+    pub(super) attitude_reports: Queue<Timestamped<AttitudeReport>, 8>,
     pub(super) samples: Queue<Sample, 8>,
     /// Commands for the state machine. Capacity: one command of each source.
     pub(super) commands: Queue<(CommandSource, Command), { 2 + LINE_COUNT }>,
     /// Replies to commands of the console.
     pub(super) replies: Queue<Result<Reply, Refusal>, 1>,
     /// Unsolicited messages for the console. Each line has a queue of its own.
-    pub(super) notices: Queue<Message, MESSAGE_QUEUE_CAPACITY>,
+    pub(super) console_messages: Queue<Message, MESSAGE_QUEUE_CAPACITY>,
     /// Indicator state for the lamp, whose task polls it.
-    pub(super) indicator: LatestValue<IndicatorState, 1>,
+    pub(super) indicator_state: LatestValue<IndicatorState, 1>,
     /// Detected sensor, for the instrument and the state machine.
     pub(super) sensor: LatestValue<DetectedSensor, 2>,
     /// Whether the autopilot is armed, if known; for the state machine.
-    pub(super) armed: LatestValue<Option<bool>, 1>,
+    pub(super) armed_state: LatestValue<Option<bool>, 1>,
     /// The autopilot's position, for the state machine. The date is separate, because it may arrive on another port.
     pub(super) position: LatestValue<Timestamped<Position>, 1>,
     /// Date, for the state machine.
@@ -110,11 +110,11 @@ pub struct Links {
     /// Latest estimate, for the lines; the console polls it.
     pub(super) estimates: LatestValue<Estimate, LINE_COUNT>,
     /// Request to restart the module, for the console, which does so.
-    pub(super) restart: Signal<CriticalSectionRawMutex, ()>,
+    pub(super) restart_request: Signal<CriticalSectionRawMutex, ()>,
     lines: [LineLinks; LINE_COUNT],
     attitude_line: Mutex<CriticalSectionRawMutex, Cell<LineSelector>>,
     can_state: Mutex<CriticalSectionRawMutex, Cell<Option<CanState>>>,
-    pub(super) counters: Counters,
+    pub(super) event_counters: Counters,
     pub(super) heartbeats: Heartbeats,
 }
 
@@ -124,14 +124,14 @@ impl Links {
     pub const fn new() -> Self {
         Self {
             readings: Channel::new(),
-            reports: Channel::new(),
+            attitude_reports: Channel::new(),
             samples: Channel::new(),
             commands: Channel::new(),
             replies: Channel::new(),
-            notices: Channel::new(),
-            indicator: Watch::new(),
+            console_messages: Channel::new(),
+            indicator_state: Watch::new(),
             sensor: Watch::new(),
-            armed: Watch::new(),
+            armed_state: Watch::new(),
             position: Watch::new(),
             date: Watch::new(),
             current: Watch::new(),
@@ -139,11 +139,11 @@ impl Links {
             settings: Watch::new(),
             stored_settings: Watch::new(),
             estimates: Watch::new(),
-            restart: Signal::new(),
+            restart_request: Signal::new(),
             lines: [const { LineLinks::new() }; LINE_COUNT],
             attitude_line: Mutex::new(Cell::new(LineSelector::new())),
             can_state: Mutex::new(Cell::new(None)),
-            counters: Counters::new(),
+            event_counters: Counters::new(),
             heartbeats: Heartbeats::new(),
         }
     }
@@ -180,16 +180,16 @@ impl Links {
 
     /// Publishes a position, also an unchanged one once a second: repeated ones confirm it.
     pub(super) fn update_position(&self, at: Timestamp, value: Position) {
-        let is_known = |last: Timestamped<Position>| last.value == value && at.us_since(last.at) < 1_000_000;
+        let is_known = |last: Timestamped<Position>| last.value == value && at.us_since(last.timestamp) < 1_000_000;
         if !self.position.try_get().is_some_and(is_known) {
-            self.position.sender().send(Timestamped { at, value });
+            self.position.sender().send(Timestamped { timestamp: at, value });
         }
     }
 
     /// Publishes a line's protocol and armed state.
     pub(super) fn update_line_state(&self, line: AutopilotLine, protocol: ProtocolKind, is_armed: Option<bool>) {
         self.links_of_line(line).state.lock(|state| state.set(LineState { protocol, is_armed }));
-        publish_value(&self.armed, self.is_armed());
+        publish_value(&self.armed_state, self.is_armed());
     }
 
     /// Whether the autopilot of any line is armed, if known.
@@ -216,12 +216,12 @@ impl Links {
     /// Present counter values.
     #[must_use]
     pub fn event_counts(&self) -> Counts {
-        self.counters.snapshot()
+        self.event_counters.snapshot()
     }
 
     /// Sends a message to the console and to the lines.
     pub(super) fn announce(&self, message: &Message) {
-        for queue in self.lines.iter().map(|line| &line.messages).chain([&self.notices]) {
+        for queue in self.lines.iter().map(|line| &line.messages).chain([&self.console_messages]) {
             if queue.is_full() {
                 let _ = queue.try_receive();
             }
@@ -232,7 +232,7 @@ impl Links {
     /// Queues an item; counts it as dropped if the queue is full.
     pub(super) fn queue_or_count<T, const N: usize>(&self, queue: &Queue<T, N>, item: T) {
         if queue.try_send(item).is_err() {
-            increment(&self.counters.samples_dropped);
+            increment(&self.event_counters.samples_dropped);
         }
     }
 }
@@ -248,7 +248,7 @@ pub(super) fn now() -> Timestamp {
 }
 
 pub(super) fn stamped_now<T>(value: T) -> Timestamped<T> {
-    Timestamped { at: now(), value }
+    Timestamped { timestamp: now(), value }
 }
 
 /// Creates a task's receiver of a latest value.
@@ -295,7 +295,7 @@ pub(super) struct LineLinks {
     /// Unsolicited messages for the line.
     pub messages: Queue<Message, MESSAGE_QUEUE_CAPACITY>,
     /// Result of a command received on this line.
-    pub answers: Signal<CriticalSectionRawMutex, (Command, Result<(), Refusal>)>,
+    pub command_results: Signal<CriticalSectionRawMutex, (Command, Result<(), Refusal>)>,
     state: Mutex<CriticalSectionRawMutex, Cell<LineState>>,
 }
 
@@ -304,7 +304,7 @@ impl LineLinks {
         Self {
             heartbeat: AtomicU32::new(0),
             messages: Channel::new(),
-            answers: Signal::new(),
+            command_results: Signal::new(),
             state: Mutex::new(Cell::new(LineState { protocol: ProtocolKind::Auto, is_armed: None })),
         }
     }

@@ -77,7 +77,7 @@ pub async fn run_panel(links: &Links, mut panel: impl Panel) -> ! {
 /// Selects the pattern. A missing heading is a fault, unless only the calibration is missing. Missing attitude is a
 /// fault in an uncalibrated module that collects nothing.
 fn select_pattern(links: &Links) -> LampPattern {
-    let indicator_state = links.indicator.try_get().unwrap_or(IndicatorState::Idle);
+    let indicator_state = links.indicator_state.try_get().unwrap_or(IndicatorState::Idle);
     let has_no_fault = links.estimates.try_get().is_some_and(|estimate| match estimate.heading {
         Ok(_) => true,
         Err(reason) => {

@@ -60,7 +60,7 @@ pub async fn run_port(links: &Links, number: PortNumber, mut rx: impl Read, mut 
             estimates.changed().await;
         };
         // Estimates come first: a line in error is ready at every poll, and would starve any future after it.
-        match select4(estimated, written, wires.answers.wait(), rx.read(&mut bytes)).await {
+        match select4(estimated, written, wires.command_results.wait(), rx.read(&mut bytes)).await {
             Either4::First(()) => {
                 increment(&wires.heartbeat);
                 if let Some(changed) = changes.try_changed() {
@@ -86,7 +86,7 @@ pub async fn run_port(links: &Links, number: PortNumber, mut rx: impl Read, mut 
                 if silence_check.is_due(at, AUTOPILOT_SILENCE_CHECK_HZ) {
                     links.update_line_state(line, port.active_protocol(at), port.is_armed(at));
                 }
-                counted.add_new_counts(&port, &links.counters);
+                counted.add_new_counts(&port, &links.event_counters);
             }
             Either4::Second(Ok(number)) if number > 0 => port.output.consume_bytes(number),
             Either4::Second(_) => port.output.mark_failed(),
@@ -95,7 +95,7 @@ pub async fn run_port(links: &Links, number: PortNumber, mut rx: impl Read, mut 
                 receive_bytes(links, line, &mut port, bytes.get(..read).unwrap_or_default());
             }
             Either4::Fourth(_) => {
-                increment(&links.counters.attitude_line_errors);
+                increment(&links.event_counters.attitude_line_errors);
                 Timer::after(LINE_ERROR_PAUSE).await;
             }
         }
@@ -135,7 +135,8 @@ struct PublishedCounts([u32; 4]);
 
 impl PublishedCounts {
     fn add_new_counts(&mut self, port: &Port, counters: &Counters) {
-        let TransmitBuffer { messages: sent, messages_without_heading: empty, lost, .. } = port.output;
+        let TransmitBuffer { message_count: sent, messages_without_heading: empty, lost_messages: lost, .. } =
+            port.output;
         let now = [sent, empty, lost, port.rejected_frames()];
         let totals =
             [&counters.messages, &counters.messages_empty, &counters.write_errors, &counters.attitude_rejected];

@@ -47,7 +47,7 @@ pub async fn run_safe_mode<F: NorFlash, const PORTS: usize>(
                 let reply = match command {
                     Command::Status | Command::StatusAll => Ok(Reply::SafeMode),
                     Command::Restart => {
-                        links.restart.signal(());
+                        links.restart_request.signal(());
                         Ok(Reply::SafeMode)
                     }
                     Command::CalClear => with_timeout(ERASE_TIMEOUT, store.erase_all())
@@ -59,7 +59,9 @@ pub async fn run_safe_mode<F: NorFlash, const PORTS: usize>(
                 };
                 match source {
                     CommandSource::Console => links.replies.send(reply).await,
-                    CommandSource::Line(line) => links.links_of_line(line).answers.signal((command, reply.map(|_| ()))),
+                    CommandSource::Line(line) => {
+                        links.links_of_line(line).command_results.signal((command, reply.map(|_| ())))
+                    }
                     CommandSource::Button => {}
                 }
             }

@@ -37,13 +37,13 @@ pub async fn run_sensor(links: &Links, mut magnetometer: impl Magnetometer) -> !
                 links.sensor.sender().send(DetectedSensor { identity, period_us, stuck_after });
                 if read_until_error(links, &mut magnetometer).await == StopReason::Upset {
                     // The sensor answers, so that it is initialised again without a delay.
-                    increment(&links.counters.sensor_upsets);
+                    increment(&links.event_counters.sensor_upsets);
                     continue;
                 }
             }
             Ok(Err(_)) | Err(_) => warning!("magnetometer does not answer, or failed its self-test"),
         }
-        increment(&links.counters.sensor_errors);
+        increment(&links.event_counters.sensor_errors);
         increment(&links.heartbeats.sensor);
         Timer::after(RETRY_DELAY).await;
     }
@@ -53,10 +53,10 @@ async fn read_until_error(links: &Links, magnetometer: &mut impl Magnetometer) -
     let mut verify_at = Instant::now() + VERIFICATION_INTERVAL;
     while let Ok(Ok(reading)) = with_timeout(DRIVER_TIMEOUT, magnetometer.read_measurement()).await {
         let reading = stamped_now(reading);
-        increment(&links.counters.readings);
+        increment(&links.event_counters.readings);
         increment(&links.heartbeats.sensor);
-        if reading.value.overrun {
-            increment(&links.counters.overruns);
+        if reading.value.was_overwritten {
+            increment(&links.event_counters.overruns);
         }
         links.queue_or_count(&links.readings, reading);
         // The configuration is verified just after a measurement, when the next one is furthest away.

@@ -55,16 +55,16 @@ pub enum AttitudeLookup {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RejectedReports {
     /// Reports too far from the prediction of the previous report.
-    pub spikes: u32,
+    pub spike_reports: u32,
     /// Reports that a frozen source repeats, or with a hanging attitude.
-    pub frozen: u32,
+    pub frozen_reports: u32,
     /// Reports with body rates that contradict the attitude; used without the rates.
     pub contradicting_rates: u32,
 }
 
 impl RejectedReports {
     /// All counts zero.
-    pub const NONE: Self = Self { spikes: 0, frozen: 0, contradicting_rates: 0 };
+    pub const NONE: Self = Self { spike_reports: 0, frozen_reports: 0, contradicting_rates: 0 };
 }
 
 /// Recent plausible reports on the module's clock.
@@ -120,13 +120,13 @@ impl AttitudeHistory {
         }
         self.freeze_detector.update(at, &report);
         if self.freeze_detector.frozen_at().is_some() {
-            self.rejected.frozen = self.rejected.frozen.wrapping_add(1);
+            self.rejected.frozen_reports = self.rejected.frozen_reports.wrapping_add(1);
             return;
         }
         let max_gap_us = u64::from(self.config.max_gap_us);
         let last = self.reports.back().filter(|last| at.us_since(last.sent_at) <= max_gap_us);
         if self.spike_filter.is_spike(last, at, report.attitude) {
-            self.rejected.spikes = self.rejected.spikes.wrapping_add(1);
+            self.rejected.spike_reports = self.rejected.spike_reports.wrapping_add(1);
             return;
         }
         // Contradicting rates cannot show that the aircraft is at rest.
@@ -135,7 +135,7 @@ impl AttitudeHistory {
         let is_stale = self.stale_attitude_detector.update(at, &report);
         self.last_contradicted_at = (is_aligning || is_stale).then_some(at);
         if is_stale {
-            self.rejected.frozen = self.rejected.frozen.wrapping_add(1);
+            self.rejected.frozen_reports = self.rejected.frozen_reports.wrapping_add(1);
         }
         if is_aligning || is_stale {
             return;

@@ -287,7 +287,7 @@ fn a_distant_report_is_rejected() {
         assert!((found_deg - expected_deg).abs() < 1e-3, "{spike_deg}: {found_deg}");
         assert_eq!(
             track.rejected_reports(),
-            RejectedReports { spikes: u32::from(!is_accepted), ..RejectedReports::NONE }
+            RejectedReports { spike_reports: u32::from(!is_accepted), ..RejectedReports::NONE }
         );
     }
 }
@@ -299,19 +299,19 @@ fn motion_predicted_by_rates_is_no_spike() {
         let mut track = AttitudeHistory::new(CONFIG);
         track.push_report(at(1_000_000), rolling(0, 0.0, 60.0));
         track.push_report(at(1_000_000 + PERIOD_US), rolling(0, to_deg, 60.0));
-        assert_eq!(track.rejected_reports().spikes, u32::from(!is_accepted), "{to_deg}");
+        assert_eq!(track.rejected_reports().spike_reports, u32::from(!is_accepted), "{to_deg}");
     }
 }
 
 #[test]
 fn the_fourth_distant_report_is_accepted() {
     let (track, true_us) = rolled_history(&[0.0, 30.0, 30.1, 30.2]);
-    assert!(roll_deg(track.attitude_at(at(true_us))).abs() < 1e-3 && track.rejected_reports().spikes == 3);
+    assert!(roll_deg(track.attitude_at(at(true_us))).abs() < 1e-3 && track.rejected_reports().spike_reports == 3);
     let (track, true_us) = rolled_history(&[0.0, 30.0, 30.1, 30.2, 30.3]);
     assert!((roll_deg(track.attitude_at(at(true_us))) - 30.3).abs() < 1e-3);
-    assert_eq!(track.rejected_reports().spikes, 3);
+    assert_eq!(track.rejected_reports().spike_reports, 3);
     let (track, _) = rolled_history(&[0.0, 30.0, 30.1, 0.1, 30.2, 30.3, 30.4]);
-    assert_eq!(track.rejected_reports().spikes, 5);
+    assert_eq!(track.rejected_reports().spike_reports, 5);
 }
 
 /// The interpolation limit of 250 ms also limits the spike test.
@@ -321,7 +321,7 @@ fn after_a_gap_any_attitude_is_accepted() {
         let mut track = AttitudeHistory::new(CONFIG);
         track.push_report(at(1_000_000), rolling(0, 0.0, MINIMAL_RATE_DEG_S));
         track.push_report(at(1_000_000 + gap_us), rolling(0, 45.0, MINIMAL_RATE_DEG_S));
-        assert_eq!(track.rejected_reports().spikes, spikes, "{gap_us}");
+        assert_eq!(track.rejected_reports().spike_reports, spikes, "{gap_us}");
     }
 }
 
@@ -329,10 +329,10 @@ fn after_a_gap_any_attitude_is_accepted() {
 fn roll_at_a_vertical_nose_is_no_spike() {
     let mut track = single_report(Attitude::from_deg(0.0, 89.0), [0.0; 3]);
     track.push_report(at(1_020_000 + LATENCY_US), moving(0, Attitude::from_deg(180.0, 89.0), [0.0; 3]));
-    assert_eq!(track.rejected_reports().spikes, 0);
+    assert_eq!(track.rejected_reports().spike_reports, 0);
     let mut track = single_report(Attitude::from_deg(0.0, 0.0), [MINIMAL_RATE_DEG_S; 3]);
     track.push_report(at(1_020_000 + LATENCY_US), moving(0, Attitude::from_deg(0.0, 8.0), [MINIMAL_RATE_DEG_S; 3]));
-    assert_eq!(track.rejected_reports().spikes, 1, "pitch counts as well");
+    assert_eq!(track.rejected_reports().spike_reports, 1, "pitch counts as well");
 }
 
 #[test]
@@ -360,7 +360,7 @@ fn a_frozen_source_is_rejected() {
     assert_ne!(track.attitude_at(at(true_us + 1)), AttitudeLookup::Frozen, "four are equal");
     let (mut track, true_us) = rolled_history(&[&rolls_deg[..], &[10.05]].concat());
     assert_eq!(track.attitude_at(at(true_us + 1)), AttitudeLookup::Frozen);
-    assert_eq!(track.rejected_reports(), RejectedReports { frozen: 1, ..RejectedReports::NONE });
+    assert_eq!(track.rejected_reports(), RejectedReports { frozen_reports: 1, ..RejectedReports::NONE });
     // `Frozen` holds for the extrapolation limit after the last report.
     assert_eq!(track.attitude_at(at(true_us + 200_000)), AttitudeLookup::Frozen);
     assert_eq!(track.attitude_at(at(true_us + 200_001)), AttitudeLookup::Stale);
@@ -399,11 +399,17 @@ fn a_new_sender_resets_the_history() {
 #[test]
 fn plausibility_state_is_per_sender() {
     let (mut track, true_us) = rolled_history(&[10.0, 10.02, 40.0, 10.05, 10.05, 10.05, 10.05, 10.05]);
-    assert_eq!(track.rejected_reports(), RejectedReports { spikes: 1, frozen: 1, ..RejectedReports::NONE });
+    assert_eq!(
+        track.rejected_reports(),
+        RejectedReports { spike_reports: 1, frozen_reports: 1, ..RejectedReports::NONE }
+    );
     let other = AttitudeReport { sender: SenderId::new(7), ..rolling(0, 50.0, 0.0) };
     track.push_report(at(true_us + PERIOD_US + LATENCY_US), other);
     assert!((roll_deg(track.attitude_at(at(true_us + PERIOD_US))) - 50.0).abs() < 1e-3);
-    assert_eq!(track.rejected_reports(), RejectedReports { spikes: 1, frozen: 1, ..RejectedReports::NONE });
+    assert_eq!(
+        track.rejected_reports(),
+        RejectedReports { spike_reports: 1, frozen_reports: 1, ..RejectedReports::NONE }
+    );
 }
 
 /// 0.1 rad + 4 rad/s * 100 ms = 28.6 deg.
@@ -413,14 +419,14 @@ fn without_rates_a_fast_roll_is_no_spike() {
         let mut track = AttitudeHistory::new(CONFIG);
         track.push_report(at(1_000_000), rolling(0, 0.0, 0.0));
         track.push_report(at(1_100_000), rolling(0, to_deg, 0.0));
-        assert_eq!(track.rejected_reports().spikes, u32::from(!is_accepted), "{to_deg}");
+        assert_eq!(track.rejected_reports().spike_reports, u32::from(!is_accepted), "{to_deg}");
     }
     // Rates about any axis imply a valid roll rate of zero.
     for rates_deg_s in [[MINIMAL_RATE_DEG_S, 0.0, 0.0], [0.0, -MINIMAL_RATE_DEG_S, 0.0], [0.0, 0.0, MINIMAL_RATE_DEG_S]]
     {
         let mut track = single_report(Attitude::default(), rates_deg_s);
         track.push_report(at(1_100_000 + LATENCY_US), rolling(0, 20.0, MINIMAL_RATE_DEG_S));
-        assert_eq!(track.rejected_reports().spikes, 1, "{rates_deg_s:?}");
+        assert_eq!(track.rejected_reports().spike_reports, 1, "{rates_deg_s:?}");
     }
 }
 
@@ -504,7 +510,7 @@ fn contradicting_rates_are_dropped() {
     assert!((roll_deg(track.attitude_at(at(now_us))) - 10.0 * 9.98_f32.sin()).abs() < 1e-3);
     assert_eq!((track.gyro_heading_at(at(now_us)), track.body_rate_rad_s()), (None, None));
     assert!(
-        track.rejected_reports().contradicting_rates > 300 && track.rejected_reports().spikes == 0,
+        track.rejected_reports().contradicting_rates > 300 && track.rejected_reports().spike_reports == 0,
         "{:?}",
         track.rejected_reports()
     );

@@ -11,13 +11,13 @@ pub struct Hardware<Magnetometer, Lines, Watchdog, Panel, StoreFlash, Platform> 
     pub flash: StoreFlash,
     pub platform: Platform,
     /// Reason for the last start.
-    pub reset: ResetCause,
+    pub reset_cause: ResetCause,
 }
 
 /// CAN bus, and a UART: the console, or port 1.
 #[cfg(feature = "board-holybro-rm3100")]
 pub struct CanAndUart<CanBus, UartTx, UartRx> {
-    pub can: CanBus,
+    pub can_bus: CanBus,
     pub uart: (UartTx, UartRx),
 }
 
@@ -25,6 +25,6 @@ pub struct CanAndUart<CanBus, UartTx, UartRx> {
 #[cfg(not(feature = "board-holybro-rm3100"))]
 pub struct Uarts<UartTx, UartRx> {
     /// Autopilot port and instrument port.
-    pub ports: [(UartTx, UartRx); autoswing::settings::PORT_COUNT],
-    pub console: (UartTx, UartRx),
+    pub port_uarts: [(UartTx, UartRx); autoswing::settings::PORT_COUNT],
+    pub console_uart: (UartTx, UartRx),
 }

@@ -80,7 +80,7 @@ pub type Hardware = hardware::Hardware<Magnetometer, Lines, Watchdog, Panel, Sto
 
 /// CAN bus, and what the node on it reports.
 pub struct CanBus {
-    pub info: NodeInfo,
+    pub node_info: NodeInfo,
     pub rx: CanReceiver,
     pub tx: CanSender,
     pub boot_loader: BootLoader,

@@ -164,7 +164,7 @@ impl fmt::Display for Manoeuvre {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Advice {
     /// Largest part of the expected error.
-    pub weakest: Deviation,
+    pub weakest_deviation: Deviation,
     /// Size of the largest part, degrees RMS.
     pub weakest_deg: f32,
     /// Expected error, degrees RMS.
@@ -174,7 +174,7 @@ pub struct Advice {
     /// Expected error after the manoeuvre, degrees RMS.
     pub expected_after_deg: f32,
     /// Expected error with unlimited samples of the same kind, degrees RMS.
-    pub floor_deg: f32,
+    pub error_floor_deg: f32,
     /// Quantities that rest on priors.
     pub unobservable: UnobservableQuantities,
 }
@@ -190,7 +190,7 @@ impl Advice {
     /// Whether more of the same samples would reduce the expected error by less than a tenth.
     #[must_use]
     pub fn is_at_floor(&self) -> bool {
-        self.expected_deg <= AT_FLOOR_ERROR_RATIO * self.floor_deg
+        self.expected_deg <= AT_FLOOR_ERROR_RATIO * self.error_floor_deg
     }
 }
 
@@ -279,14 +279,14 @@ pub(in crate::calibration) fn select_manoeuvre(
         })
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(Advice {
-        weakest: now.weakest.0,
-        weakest_deg: now.weakest.1,
+        weakest_deviation: now.weakest_deviation.0,
+        weakest_deg: now.weakest_deviation.1,
         expected_deg: now.rms_deg,
         manoeuvre,
         expected_after_deg: with_it_deg,
-        floor_deg: rms_deg(information, CovarianceContent::WithoutNoise)?,
+        error_floor_deg: rms_deg(information, CovarianceContent::WithoutNoise)?,
         unobservable: report_unobservable(
-            unobservable_quantities(&information.system, likelihood, unknowns).into_iter().flatten(),
+            unobservable_quantities(&information.linear_system, likelihood, unknowns).into_iter().flatten(),
         ),
     })
 }
@@ -392,12 +392,12 @@ mod tests {
     fn small_improvements_are_not_worthwhile() {
         let gains = |expected_deg, with_it_deg| {
             let advice = Advice {
-                weakest: Deviation::Constant,
+                weakest_deviation: Deviation::Constant,
                 weakest_deg: 0.1,
                 expected_deg,
                 manoeuvre: Manoeuvre::Level,
                 expected_after_deg: with_it_deg,
-                floor_deg: 0.0,
+                error_floor_deg: 0.0,
                 unobservable: UnobservableQuantities::default(),
             };
             advice.is_worthwhile()
@@ -424,12 +424,12 @@ mod tests {
     fn an_expected_error_within_10_percent_is_at_the_floor() {
         let is_at_floor = |expected_deg, floor_deg| {
             let advice = Advice {
-                weakest: Deviation::Constant,
+                weakest_deviation: Deviation::Constant,
                 weakest_deg: 0.1,
                 expected_deg,
                 manoeuvre: Manoeuvre::YawTurn,
                 expected_after_deg: 0.0,
-                floor_deg,
+                error_floor_deg: floor_deg,
                 unobservable: UnobservableQuantities::default(),
             };
             advice.is_at_floor()

@@ -86,11 +86,20 @@ impl ConvergedFit<'_> {
         let (mut attitude_errors, mut iron) = ([None; ERRORS], None);
         for (index, error) in ATTITUDE_ERRORS.iter().enumerate() {
             // Closed forms are too far from the maximum likelihood for the linearised test.
-            let Some(test) = error.test.filter(|_| self.method == Method::MaximumLikelihood) else { continue };
+            let Some(test) = error.acceptance_rule.filter(|_| self.method == Method::MaximumLikelihood) else {
+                continue;
+            };
             let assumed_sigma = sigmas[index];
-            let Information { system, residuals, attitude_errors: sums, .. } = &*information;
+            let Information { linear_system: system, residuals, attitude_errors: sums, .. } = &*information;
             let (roll_information, sums) = (sums[ROLL_BIAS].information.x, &sums[index]);
-            let input = AttitudeErrorTest { sums, roll_information, system, residuals, fit: self, assumed_sigma };
+            let input = AttitudeErrorTest {
+                score_sums: sums,
+                roll_information,
+                linear_system: system,
+                residuals,
+                fit: self,
+                assumed_sigma,
+            };
             let Some(found) = test(&input) else { continue };
             let without_deg = expected.rms_deg;
             sigmas[index] = found.allowed_sigma(assumed_sigma);
@@ -101,9 +110,9 @@ impl ConvergedFit<'_> {
             bank_scale_error(attitude_errors[BANK_SCALE], attitude_errors[LAGGING_LEAN], expected.rms_deg);
         if let Some(change) = change {
             let without_deg = expected.rms_deg;
-            information.hard_iron_gradient = change.effect;
+            information.hard_iron_gradient = change.gradient_effect;
             expected = self.expected_error(information, &sigmas, &mut covariance)?;
-            iron = Some(Finding::new(change.change, expected.rms_deg, without_deg));
+            iron = Some(Finding::new(change.detected_change, expected.rms_deg, without_deg));
         }
         let uncertainty = self.uncertainty(information, latency, &mut covariance)?;
         let quality = Quality {
@@ -111,9 +120,9 @@ impl ConvergedFit<'_> {
             envelope: self.envelope(),
             expected_rms_deg: expected.rms_deg,
             expected_worst_deg: expected.worst_deg,
-            norm_residual: self.likelihood.noise.norm,
+            norm_residual: self.likelihood.noise.norm_sigma,
             inclination_residual_deg: self.likelihood.noise.inclination_sigma_rad.to_degrees(),
-            samples: information.system.samples,
+            samples: information.linear_system.sample_count,
             latency,
             knows_inclination: self.method != Method::Ellipsoid || self.likelihood.known_inclination_rad.is_some(),
         };
@@ -151,9 +160,10 @@ impl ConvergedFit<'_> {
     pub fn accumulate_information(&self, information: &mut Information) -> Option<ConfirmedChange> {
         let Self { likelihood, unknowns, samples, .. } = *self;
         let is_turn_method = matches!(self.method, Method::MaximumLikelihood | Method::TwoPlane | Method::FourEllipse);
-        let mut scan = is_turn_method.then(|| HardIronScan::new(samples, &information.system, unknowns)).flatten();
+        let mut scan =
+            is_turn_method.then(|| HardIronScan::new(samples, &information.linear_system, unknowns)).flatten();
         information.accumulate_samples(likelihood, samples, unknowns, scan.as_mut());
-        scan?.confirm_change(self, &information.system, &information.residuals)
+        scan?.confirm_change(self, &information.linear_system, &information.residuals)
     }
 
     fn covariance(

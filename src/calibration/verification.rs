@@ -17,9 +17,9 @@ const INCLINATION_SCALE_RAD: f32 = 0.005;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldBackScores {
     /// Score of the candidate: RMS of normalised residuals (dimensionless).
-    pub candidate: f32,
+    pub candidate_score: f32,
     /// Score of the active calibration, in the same unit.
-    pub active: f32,
+    pub active_score: f32,
 }
 
 /// Scores two calibrations on held-back samples, by field strength only if the attitude is unknown. Without samples
@@ -32,7 +32,7 @@ pub fn score_held_back(
     incumbent: &Calibration,
 ) -> HeldBackScores {
     let score = |calibration| score_calibration(held_back, knows_attitude, calibration);
-    HeldBackScores { candidate: score(candidate), active: score(incumbent) }
+    HeldBackScores { candidate_score: score(candidate), active_score: score(incumbent) }
 }
 
 fn score_calibration(samples: Samples<'_>, knows_attitude: bool, calibration: &Calibration) -> f32 {
@@ -90,7 +90,7 @@ mod tests {
         let scores =
             score_held_back(Parts { level: samples, ..Parts::default() }.samples(), knows_attitude, &none, &doubled);
         // `f32` rounding of a difference of 0.4 %: 1e-4 of a score.
-        assert!((scores.candidate - scores.active).abs() < 1e-3, "{scores:?}");
+        assert!((scores.candidate_score - scores.active_score).abs() < 1e-3, "{scores:?}");
         scores
     }
 
@@ -99,7 +99,7 @@ mod tests {
         for (norm, inclination_scale, expected) in
             [(0.0, 0.0, 0.0), (1.0, 0.0, HALF), (0.0, 1.0, HALF), (1.0, 1.0, 1.0), (3.0, 4.0, 5.0 * HALF)]
         {
-            let found = scores(&samples(norm, inclination_scale), true).candidate;
+            let found = scores(&samples(norm, inclination_scale), true).candidate_score;
             assert!((found - expected).abs() < 2e-3, "{norm} {inclination_scale}: {found}");
         }
     }
@@ -107,7 +107,7 @@ mod tests {
     #[test]
     fn without_attitude_only_the_total_field_counts() {
         for (norm, inclination_scale, expected) in [(0.0, 3.0, 0.0), (1.0, 0.0, HALF), (1.0, 3.0, HALF)] {
-            let found = scores(&samples(norm, inclination_scale), false).candidate;
+            let found = scores(&samples(norm, inclination_scale), false).candidate_score;
             assert!((found - expected).abs() < 2e-3, "{norm} {inclination_scale}: {found}");
         }
     }
@@ -118,10 +118,12 @@ mod tests {
         let held_back = Parts { right: &clean, ..Parts::default() }.samples();
         let none = Calibration::uncalibrated(Orientation::NONE);
         let moved = Calibration { b_ut: [3.0, 0.0, 0.0], ..none };
-        let HeldBackScores { candidate, active: incumbent } = score_held_back(held_back, true, &moved, &none);
+        let HeldBackScores { candidate_score: candidate, active_score: incumbent } =
+            score_held_back(held_back, true, &moved, &none);
         // 3 uT of 50 are 6 %, many times the scale.
         assert!(candidate > 3.0 && incumbent < 1e-2, "{candidate} {incumbent}");
-        let HeldBackScores { candidate, active: incumbent } = score_held_back(held_back, true, &none, &moved);
+        let HeldBackScores { candidate_score: candidate, active_score: incumbent } =
+            score_held_back(held_back, true, &none, &moved);
         assert!(incumbent > 3.0 && candidate < 1e-2, "{candidate} {incumbent}");
     }
 
@@ -131,7 +133,7 @@ mod tests {
         let marks = [Mark { sample: samples(0.0, 0.0)[0], heading_rad: 0.0 }; 4];
         for nothing in [Samples::default(), Parts { marks: &marks, ..Parts::default() }.samples()] {
             let scores = score_held_back(nothing, true, &none, &none);
-            assert!(scores.candidate.is_nan() && scores.active.is_nan(), "{scores:?}");
+            assert!(scores.candidate_score.is_nan() && scores.active_score.is_nan(), "{scores:?}");
         }
     }
 
@@ -142,6 +144,6 @@ mod tests {
             .zip((0..).map(|i: u8| Attitude::from_deg(f32::from(i) * 4.0 - 30.0, f32::from(i % 3) * 5.0)))
             .map(|(s, attitude)| Sample { field: Field::new(attitude.body(Field::new(s.field.ut)).ut), attitude, ..s })
             .collect();
-        assert!(scores(&leaning, true).candidate < 1e-2);
+        assert!(scores(&leaning, true).candidate_score < 1e-2);
     }
 }

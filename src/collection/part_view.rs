@@ -91,5 +91,5 @@ impl<'a> PartView<'a> {
 pub(super) fn coverage(buffer: &SampleBuffer, part: CollectionPart, state: PartState) -> Coverage {
     let [samples, held_back] =
         [SampleUse::Fit, SampleUse::Verification].map(|purpose| buffer.part(purpose, part).len() as u16);
-    Coverage { samples, held_back, sectors: state.sectors, percent: state.percent }
+    Coverage { samples, held_back_count: held_back, covered_sectors: state.covered_sectors, percent: state.percent }
 }

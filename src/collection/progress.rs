@@ -9,9 +9,9 @@ pub struct Coverage {
     /// Number of fit samples.
     pub samples: u16,
     /// Number of held-back samples.
-    pub held_back: u16,
+    pub held_back_count: u16,
     /// Sectors with at least one sample, of [`SECTORS`](super::SECTORS).
-    pub sectors: u8,
+    pub covered_sectors: u8,
     /// Completeness of the part, 0..100 percent.
     pub percent: u8,
 }
@@ -36,7 +36,7 @@ pub struct CollectionProgress {
     /// Progress of level flight.
     pub level: Coverage,
     /// Number of compass-swing marks.
-    pub marks: u16,
+    pub mark_count: u16,
     /// Side of the turn in progress.
     pub turn_in_progress: Option<Side>,
 }

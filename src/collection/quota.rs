@@ -17,26 +17,28 @@ pub(super) enum SampleUse {
 /// Largest numbers of samples of a part.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Quota {
-    pub fit: usize,
-    pub held_back: usize,
+    pub fit_quota: usize,
+    pub held_back_quota: usize,
 }
 
 impl Quota {
     /// Quota of a turn side; 5 held-back samples per sector. Also of a tumble, whose closest samples are searched at
     /// each sample.
-    pub const TURN: Self = Self { fit: FIT_CAPACITY, held_back: 5 * SECTORS };
+    pub const TURN: Self = Self { fit_quota: FIT_CAPACITY, held_back_quota: 5 * SECTORS };
 
     /// Quota of level flight; 5 fit samples per sector, rounded up.
-    pub const LEVEL: Self = Self { fit: 64, held_back: 20 };
+    pub const LEVEL: Self = Self { fit_quota: 64, held_back_quota: 20 };
 
     /// Quota of the whole buffer: free flight, or two sides and level flight.
-    pub const ALL: Self =
-        Self { fit: 2 * Self::TURN.fit + Self::LEVEL.fit, held_back: 2 * Self::TURN.held_back + Self::LEVEL.held_back };
+    pub const ALL: Self = Self {
+        fit_quota: 2 * Self::TURN.fit_quota + Self::LEVEL.fit_quota,
+        held_back_quota: 2 * Self::TURN.held_back_quota + Self::LEVEL.held_back_quota,
+    };
 
     pub const fn quota_of(self, purpose: SampleUse) -> usize {
         match purpose {
-            SampleUse::Fit => self.fit,
-            SampleUse::Verification => self.held_back,
+            SampleUse::Fit => self.fit_quota,
+            SampleUse::Verification => self.held_back_quota,
         }
     }
 }

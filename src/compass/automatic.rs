@@ -13,7 +13,7 @@ impl Compass<'_> {
     pub(super) fn start_automatic_collection(&mut self) {
         self.automatic.samples_since_start =
             self.automatic.samples_since_start.saturating_add(1).min(ARMED_STATE_TIMEOUT_SAMPLES);
-        let is_ready = self.saving.is_none() && self.sensor.is_some();
+        let is_ready = self.pending_save.is_none() && self.sensor.is_some();
         if self.is_assumed_armed() && is_ready && self.wants_automatic_collection() {
             self.start_collection(Procedure::Flight, CollectionStarter::Module);
         }
@@ -21,12 +21,13 @@ impl Compass<'_> {
 
     /// Whether the vehicle is armed, or the armed state is unavailable.
     fn is_assumed_armed(&self) -> bool {
-        self.armed.reported().unwrap_or(self.automatic.samples_since_start == ARMED_STATE_TIMEOUT_SAMPLES)
+        self.armed_state.reported().unwrap_or(self.automatic.samples_since_start == ARMED_STATE_TIMEOUT_SAMPLES)
     }
 
     /// Whether automatic collection waits for arming.
     pub(super) fn awaits_arming(&self) -> bool {
-        self.armed.reported() == Some(false) && (self.activity.is_automatic() || self.wants_automatic_collection())
+        self.armed_state.reported() == Some(false)
+            && (self.activity.is_automatic() || self.wants_automatic_collection())
     }
 
     fn wants_automatic_collection(&self) -> bool {

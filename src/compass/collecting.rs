@@ -28,7 +28,7 @@ impl Compass<'_> {
 
     pub(super) fn start_collection(&mut self, procedure: Procedure, starter: CollectionStarter) {
         self.collector.begin_procedure(procedure);
-        self.recent = RecentSamples::new();
+        self.recent_samples = RecentSamples::new();
         self.trials = TrialSolves::NONE;
         self.activity = Activity::Collecting(starter);
     }

@@ -171,13 +171,13 @@ pub struct CalibrationSummary {
     /// Mounting of the calibration.
     pub mount: Orientation,
     /// Sequence number of accepted calibrations.
-    pub serial: u32,
+    pub serial_number: u32,
 }
 
 impl From<&CalibrationRecord> for CalibrationSummary {
     fn from(record: &CalibrationRecord) -> Self {
-        let CalibrationRecord { calibration, quality, sensor, mount, serial, .. } = *record;
-        Self { calibration, quality, sensor, mount, serial }
+        let CalibrationRecord { calibration, quality, sensor, mount, serial_number: serial, .. } = *record;
+        Self { calibration, quality, sensor, mount, serial_number: serial }
     }
 }
 

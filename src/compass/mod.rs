@@ -52,13 +52,13 @@ impl<'a> Compass<'a> {
             settings,
             stored_calibrations,
             sensor: None,
-            armed: ArmedState::UNKNOWN,
+            armed_state: ArmedState::UNKNOWN,
             local_field: LocalField::UNKNOWN,
             collector: Collector::new(retained),
-            recent: RecentSamples::new(),
+            recent_samples: RecentSamples::new(),
             activity: Activity::Idle,
             samples_during_solve: heapless::Vec::new(),
-            saving: None,
+            pending_save: None,
             last_outcome: None,
             advice: None,
             trials: TrialSolves::NONE,
@@ -92,7 +92,7 @@ impl<'a> Compass<'a> {
                 Effect::None
             }
             Event::Armed(reported) => {
-                self.armed.update(reported);
+                self.armed_state.update(reported);
                 Effect::None
             }
             Event::Position(place, at) => {
@@ -116,8 +116,8 @@ impl<'a> Compass<'a> {
 
     #[inline(never)]
     fn on_sample(&mut self, sample: Sample) -> Effect {
-        self.recent.push_sample(sample);
-        self.armed.update_motion(&sample);
+        self.recent_samples.push_sample(sample);
+        self.armed_state.update_motion(&sample);
         self.start_automatic_collection();
         let Some(starter) = self.activity.starter().filter(|starter| !self.is_paused(*starter)) else {
             return Effect::None;
@@ -196,15 +196,15 @@ impl<'a> Compass<'a> {
     fn status_report(&self) -> StatusReport {
         StatusReport {
             state: self.state(),
-            is_armed: self.armed.reported(),
+            is_armed: self.armed_state.reported(),
             is_automatic: self.activity.is_automatic(),
             awaits_arming: self.awaits_arming(),
             progress: self.collector.progress(),
             last_trial: self.trials.last_result.clone(),
             settings: self.settings,
             local_field: self.local_field,
-            stored_calibration: self.stored_calibrations.current.as_ref().map(CalibrationSummary::from),
-            can_undo: self.stored_calibrations.previous.is_some(),
+            stored_calibration: self.stored_calibrations.current_calibration.as_ref().map(CalibrationSummary::from),
+            can_undo: self.stored_calibrations.previous_calibration.is_some(),
             last_outcome: self.last_outcome.clone(),
         }
     }

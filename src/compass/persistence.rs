@@ -44,7 +44,7 @@ impl Compass<'_> {
 
     /// Serial number of the current calibration; 0 without one.
     fn calibration_serial(&self) -> u32 {
-        self.stored_calibrations.current.as_ref().map_or(0, |record| record.serial)
+        self.stored_calibrations.current_calibration.as_ref().map_or(0, |record| record.serial_number)
     }
 
     /// Saves changed values while idle.

@@ -22,12 +22,12 @@ impl Compass<'_> {
             return Err(Refusal::NotSwinging);
         }
         check_heading_range(heading_deg)?;
-        let sample = self.recent.mean_at_rest(now).ok_or(Refusal::NotStationary)?;
+        let sample = self.recent_samples.mean_at_rest(now).ok_or(Refusal::NotStationary)?;
         if !self.collector.add_mark(Mark { sample, heading_rad: heading_deg.to_radians() }) {
             return Err(Refusal::TooManyMarks);
         }
-        self.recent = RecentSamples::new();
-        Ok(Effect::Reply(Ok(Reply::Marked(self.collector.progress().marks))))
+        self.recent_samples = RecentSamples::new();
+        Ok(Effect::Reply(Ok(Reply::Marked(self.collector.progress().mark_count))))
     }
 
     /// Sets the alignment from the present and the given heading.
@@ -41,7 +41,7 @@ impl Compass<'_> {
         if let Some(heading_deg) = heading_deg {
             check_heading_range(heading_deg)?;
             let calibration = &self.active_record().ok_or(Refusal::NoCalibration)?.calibration;
-            let mean_sample = self.recent.mean_at_rest(now).ok_or(Refusal::NotStationary)?;
+            let mean_sample = self.recent_samples.mean_at_rest(now).ok_or(Refusal::NotStationary)?;
             let shown_rad = mean_sample.attitude.level(calibration.corrected_body_field(&mean_sample)).heading_rad();
             align_deg = wrap_pi(heading_deg.to_radians() - shown_rad).to_degrees();
             if align_deg.abs() > MAX_UNCONFIRMED_ALIGNMENT_DEG && !is_sure {

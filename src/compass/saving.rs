@@ -9,11 +9,12 @@ impl Compass<'_> {
     /// Data to write after [`Effect::Save`].
     #[must_use]
     pub fn pending_change(&self) -> Option<StoreChange<'_>> {
-        let StoredCalibrations { current, previous } = &self.stored_calibrations;
+        let StoredCalibrations { current_calibration: current, previous_calibration: previous } =
+            &self.stored_calibrations;
         if let Activity::Solving(Solve { stage: SolveStage::Saving(record), .. }) = &self.activity {
             return Some(StoreChange::StoredCalibrations { current: Some(record), previous: current.as_ref() });
         }
-        Some(match self.saving.as_ref()? {
+        Some(match self.pending_save.as_ref()? {
             PendingSave::Settings(settings) => StoreChange::Settings(settings),
             PendingSave::StartupValues(startup_values) => StoreChange::StartupValues(*startup_values),
             PendingSave::Undo => {
@@ -28,12 +29,12 @@ impl Compass<'_> {
     }
 
     pub(super) fn restore_previous(&mut self) -> Result<Effect, Refusal> {
-        self.stored_calibrations.previous.as_ref().ok_or(Refusal::NoPreviousCalibration)?;
+        self.stored_calibrations.previous_calibration.as_ref().ok_or(Refusal::NoPreviousCalibration)?;
         Ok(self.request_save(PendingSave::Undo))
     }
 
     pub(super) fn request_save(&mut self, pending: PendingSave) -> Effect {
-        self.saving = Some(pending);
+        self.pending_save = Some(pending);
         Effect::Save
     }
 
@@ -48,7 +49,7 @@ impl Compass<'_> {
             });
             return self.end_solve(purpose, outcome);
         }
-        let Some(saving) = self.saving.take() else { return Effect::None };
+        let Some(saving) = self.pending_save.take() else { return Effect::None };
         match (saving, result) {
             // A save without a command has no reply and no retry. Headings continue, so only this message shows the
             // failure.

@@ -105,20 +105,20 @@ impl Compass<'_> {
     fn accept_candidate(&self, candidate: &Solution, sensor: Identity) -> Result<CalibrationRecord, Refusal> {
         let selection = SelectedParts::new(self.collector.fit_samples(), self.collector.procedure());
         let grounds = AcceptanceSamples {
-            fit: selection.select_samples(self.collector.fit_samples()),
-            held_back: selection.select_samples(self.collector.held_back()),
+            fit_samples: selection.select_samples(self.collector.fit_samples()),
+            held_back_samples: selection.select_samples(self.collector.held_back()),
             is_attitude_known: self.collector.procedure() != Procedure::Tumble,
         };
         acceptance::evaluate_candidate(&self.policy, candidate, grounds, &self.incumbent())
             .map_err(Refusal::Rejected)?;
-        let current = self.stored_calibrations.current.as_ref();
+        let current = self.stored_calibrations.current_calibration.as_ref();
         Ok(CalibrationRecord {
             calibration: candidate.calibration,
             quality: candidate.quality,
             uncertainty: candidate.uncertainty,
             sensor,
             mount: self.settings.mount,
-            serial: current.map_or(1, |current| current.serial.wrapping_add(1)),
+            serial_number: current.map_or(1, |current| current.serial_number.wrapping_add(1)),
         })
     }
 

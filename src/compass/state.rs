@@ -28,14 +28,14 @@ pub struct Compass<'a> {
     pub(super) settings: Settings,
     pub(super) stored_calibrations: StoredCalibrations,
     pub(super) sensor: Option<DetectedSensor>,
-    pub(super) armed: ArmedState,
+    pub(super) armed_state: ArmedState,
     pub(super) local_field: LocalField,
     pub(super) collector: Collector<'a>,
-    pub(super) recent: RecentSamples,
+    pub(super) recent_samples: RecentSamples,
     pub(super) activity: Activity,
     /// Samples received during the solve, for a collection that continues; the samples of the solve do not change.
     pub(super) samples_during_solve: heapless::Vec<Sample, HELD_SAMPLES_CAPACITY>,
-    pub(super) saving: Option<PendingSave>,
+    pub(super) pending_save: Option<PendingSave>,
     pub(super) last_outcome: Option<Message>,
     pub(super) advice: Option<Advice>,
     pub(super) trials: TrialSolves,
@@ -78,7 +78,7 @@ impl Compass<'_> {
             sample_attitude: if tumbles { SampleAttitude::Unknown } else { SampleAttitude::Interpolated },
             mount: self.sensor.map(|_| self.settings.mount),
             total_ut: self.model_field_strength_ut(),
-            is_armed: self.armed.reported(),
+            is_armed: self.armed_state.reported(),
             sensor_errors: expected_errors(self.settings.sensor_error),
         }
     }
@@ -86,7 +86,7 @@ impl Compass<'_> {
     /// Stored calibration, if valid for sensor and mounting.
     #[must_use]
     pub fn active_record(&self) -> Option<&CalibrationRecord> {
-        let record = self.stored_calibrations.current.as_ref()?;
+        let record = self.stored_calibrations.current_calibration.as_ref()?;
         let fits = Some(record.sensor) == self.sensor.map(|sensor| sensor.identity);
         (fits && record.mount == self.settings.mount).then_some(record)
     }
@@ -113,7 +113,7 @@ impl Compass<'_> {
     pub(super) fn position_context(&self, now: WrappingMillis) -> PositionContext {
         let record = self.active_record().filter(|record| record.quality.knows_inclination);
         PositionContext {
-            is_disarmed: self.armed.reported() == Some(false) && !self.armed.is_in_flight(now),
+            is_disarmed: self.armed_state.reported() == Some(false) && !self.armed_state.is_in_flight(now),
             calibrated_inclination_deg: record.map(|record| record.calibration.inclination_rad.to_degrees()),
         }
     }

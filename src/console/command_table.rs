@@ -14,7 +14,7 @@ use crate::settings::{Baud, PortNumber, ProtocolKind};
 #[derive(Debug)]
 pub struct CommandSpec {
     /// One or two words, lower case; the second is empty if there is one.
-    pub words: [&'static str; 2],
+    pub command_words: [&'static str; 2],
     /// Description in `help`.
     pub help: &'static str,
     /// Arguments of the command, in order.
@@ -104,7 +104,7 @@ fn signing_key(given: &Arguments) -> Option<SigningKey> {
 
 impl CommandSpec {
     const fn new(first: &'static str, second: &'static str, help: &'static str) -> Self {
-        Self { words: [first, second], help, arguments: &[], request: None }
+        Self { command_words: [first, second], help, arguments: &[], request: None }
     }
 
     const fn with_arguments(self, slots: &'static [ArgumentSpec]) -> Self {
@@ -470,11 +470,17 @@ mod tests {
     #[test]
     fn the_command_table_is_grouped_and_has_no_duplicates() {
         for (i, row) in COMMANDS.iter().enumerate() {
-            let [first, second] = row.words;
-            assert!(!COMMANDS[..i].iter().any(|other| other.words == row.words), "{first} {second} is there twice");
-            assert!(second.is_empty() || COMMANDS[i - 1].words[0] == first, "{first} {second} stands alone");
+            let [first, second] = row.command_words;
+            assert!(
+                !COMMANDS[..i].iter().any(|other| other.command_words == row.command_words),
+                "{first} {second} is there twice"
+            );
+            assert!(second.is_empty() || COMMANDS[i - 1].command_words[0] == first, "{first} {second} stands alone");
             let is_group = row.request.is_none() && first != "help";
-            assert_eq!(is_group, second.is_empty() && COMMANDS.iter().filter(|row| row.words[0] == first).count() > 1);
+            assert_eq!(
+                is_group,
+                second.is_empty() && COMMANDS.iter().filter(|row| row.command_words[0] == first).count() > 1
+            );
             assert!(row.arguments.len() <= 2);
         }
     }
@@ -484,7 +490,7 @@ mod tests {
     fn command_words_are_lower_case_ascii() {
         let is_plain = |word: &str| word.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-');
         for row in COMMANDS {
-            assert!(row.words.iter().all(|word| is_plain(word)), "{:?}", row.words);
+            assert!(row.command_words.iter().all(|word| is_plain(word)), "{:?}", row.command_words);
             for argument in row.arguments {
                 assert!((0..).map_while(|number| argument.nth_word(number)).all(is_plain), "{}", argument.name);
             }

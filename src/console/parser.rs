@@ -85,7 +85,7 @@ fn parse_words<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Res
     if let Some(to_request) = row.request {
         return parse_arguments(row, to_request, words);
     }
-    let [first, _] = row.words;
+    let [first, _] = row.command_words;
     let Some(second) = words.next() else {
         return if is_help(first) { Ok(Request::Help(None)) } else { Err(LineError::MissingWord(first)) };
     };
@@ -99,8 +99,8 @@ fn parse_words<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Res
 fn parse_help<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
     let row = find_command([first, ""]).ok_or(LineError::UnknownCommand(None))?;
     let row = match words.next() {
-        Some(second) if row.request.is_none() && !is_help(row.words[0]) => {
-            find_command([first, second]).ok_or(LineError::UnknownCommand(Some(row.words[0])))?
+        Some(second) if row.request.is_none() && !is_help(row.command_words[0]) => {
+            find_command([first, second]).ok_or(LineError::UnknownCommand(Some(row.command_words[0])))?
         }
         Some(_) => return Err(LineError::UnexpectedArgument(row)),
         None => row,
@@ -113,7 +113,9 @@ fn is_help(first: &str) -> bool {
 }
 
 fn find_command(words: [&str; 2]) -> Option<&'static CommandSpec> {
-    COMMANDS.iter().find(|row| row.words.iter().zip(words).all(|(word, typed)| word.eq_ignore_ascii_case(typed)))
+    COMMANDS
+        .iter()
+        .find(|row| row.command_words.iter().zip(words).all(|(word, typed)| word.eq_ignore_ascii_case(typed)))
 }
 
 fn parse_arguments<'a>(
@@ -179,7 +181,7 @@ impl ExpectedElement {
         let row = if row.request.is_some() {
             Some(row)
         } else {
-            let Some(second) = words.next() else { return Self::Second(row.words[0]) };
+            let Some(second) = words.next() else { return Self::Second(row.command_words[0]) };
             find_command([first, second])
         };
         let Some(row) = row.filter(|_| !is_explained) else { return Self::Nothing };
@@ -205,16 +207,16 @@ impl ExpectedElement {
 }
 
 fn all_words() -> impl Iterator<Item = [&'static str; 2]> {
-    COMMANDS.iter().map(|row| row.words)
+    COMMANDS.iter().map(|row| row.command_words)
 }
 
 /// Completion of the last word of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Completion {
     /// Common continuation of all matching words.
-    pub rest: &'static str,
+    pub continuation: &'static str,
     /// Number of matching words.
-    pub fit: usize,
+    pub match_count: usize,
 }
 
 /// Completes the last word of a line, which is empty after a space; passes each matching word to the callback.
@@ -229,7 +231,7 @@ pub fn complete_line(line: &str, fits: &mut dyn FnMut(&'static str)) -> Completi
         fit += 1;
         rest = Some(rest.map_or(found, |rest| common_prefix(rest, found)));
     }
-    Completion { rest: rest.unwrap_or_default(), fit }
+    Completion { continuation: rest.unwrap_or_default(), match_count: fit }
 }
 
 /// Rest of a word after its typed beginning; none if the beginning differs.
@@ -262,7 +264,7 @@ fn write_list(f: &mut fmt::Formatter<'_>, word: &dyn Fn(usize) -> Option<&'stati
 
 impl Display for CommandSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [first, second] = self.words;
+        let [first, second] = self.command_words;
         f.write_str(first)?;
         if !second.is_empty() {
             write!(f, " {second}")?;
@@ -312,7 +314,7 @@ pub fn write_help(out: &mut dyn fmt::Write, topic: Option<&'static CommandSpec>)
     for argument in topic.arguments {
         writeln!(out, "{}: {argument}", argument.name)?;
     }
-    let [first, second] = topic.words;
+    let [first, second] = topic.command_words;
     if second.is_empty() { write_subcommands(out, ExpectedElement::Second(first)) } else { Ok(()) }
 }
 
@@ -333,7 +335,7 @@ struct CommandHelp(&'static CommandSpec);
 impl Display for CommandHelp {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.0, self.0.help)?;
-        let [first, second] = self.0.words;
+        let [first, second] = self.0.command_words;
         if self.0.request.is_none() && second.is_empty() && !is_help(first) {
             f.write_str(": ")?;
             write_list(f, &|number| ExpectedElement::Second(first).nth_word(number), ", ")?;
@@ -446,7 +448,7 @@ mod tests {
             assert!(format!("{request:?}").starts_with(name), "{request:?}");
         }
         for row in COMMANDS.iter().filter(|row| row.request.is_some()) {
-            let words = row.words.join(" ");
+            let words = row.command_words.join(" ");
             let mut tested_lines = examples.iter().map(|(line, _)| *line).chain(others.map(|(line, _)| line));
             assert!(tested_lines.any(|line| line.to_ascii_lowercase().starts_with(words.trim_end())), "{words}");
         }
@@ -537,11 +539,11 @@ mod tests {
     fn help_explains_everything_there_is() {
         let all = help_text("help");
         for row in COMMANDS {
-            let words = row.words.join(" ");
+            let words = row.command_words.join(" ");
             let reply = help_text(&format!("help {words}"));
             assert!(reply.starts_with(&format!("ok {}", words.trim_end())), "{reply}");
             assert!(reply.contains(row.help), "{reply}");
-            let [first, second] = row.words;
+            let [first, second] = row.command_words;
             let group = if second.is_empty() { all.clone() } else { help_text(&format!("help {first}")) };
             assert!(group.starts_with("ok ") && group.contains(&format!("\n{row}: {}", row.help)), "{row}: {group}");
         }
@@ -600,7 +602,7 @@ mod tests {
         ] {
             let mut offered = 0;
             let found = complete_line(line, &mut |_| offered += 1);
-            assert_eq!((found, offered), (Completion { rest, fit }, fit), "{line:?}");
+            assert_eq!((found, offered), (Completion { continuation: rest, match_count: fit }, fit), "{line:?}");
         }
     }
 
@@ -610,7 +612,7 @@ mod tests {
         let mut random = testkit::random::Random(5);
         let words: Vec<&str> = COMMANDS
             .iter()
-            .flat_map(|row| row.words)
+            .flat_map(|row| row.command_words)
             .chain(["none", "default", "all", "-1", "360.5", "", "\u{e9}"])
             .collect();
         for _ in 0..20_000 {

@@ -101,10 +101,10 @@ impl Session {
     fn complete_line(&mut self) {
         let Self { editor, output, .. } = self;
         let found = parser::complete_line(editor.before_cursor(), &mut |_| {});
-        for byte in found.rest.bytes().chain((found.fit == 1).then_some(b' ')) {
+        for byte in found.continuation.bytes().chain((found.match_count == 1).then_some(b' ')) {
             editor.process_key(Key::Character(byte), output);
         }
-        if found.rest.is_empty() && found.fit > 1 {
+        if found.continuation.is_empty() && found.match_count > 1 {
             let _ = output.write_str("\n");
             parser::complete_line(editor.before_cursor(), &mut |word| {
                 let _ = write!(output, "{word}  ");

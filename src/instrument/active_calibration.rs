@@ -16,7 +16,7 @@ pub(super) struct ActiveCalibration {
     /// Time of the adjustment.
     pub adjusted_at: Timestamp,
     /// Calibration of `stored_correction` with the adjustment.
-    pub adjusted: Option<(Calibration, HeadingUncertainty)>,
+    pub adjusted_calibration: Option<(Calibration, HeadingUncertainty)>,
     /// Map of the corrected field to the compass field.
     pub output_map: OutputMap,
 }
@@ -27,7 +27,7 @@ impl ActiveCalibration {
         Self {
             adjustment: MonitorOutput::INITIAL,
             adjusted_at: Timestamp::START,
-            adjusted: stored_correction.calibration,
+            adjusted_calibration: stored_correction.calibration,
             output_map: OutputMap::new(&stored_correction, total_field_ut(stored_correction.calibration.as_ref())),
             stored_correction,
         }
@@ -35,7 +35,7 @@ impl ActiveCalibration {
 
     /// Another correction with the same calibration, hence the same adjustment.
     pub fn with_stored_correction(self, stored_correction: Correction) -> Self {
-        let output_map = OutputMap::new(&stored_correction, total_field_ut(self.adjusted.as_ref()));
+        let output_map = OutputMap::new(&stored_correction, total_field_ut(self.adjusted_calibration.as_ref()));
         Self { stored_correction, output_map, ..self }
     }
 
@@ -43,25 +43,27 @@ impl ActiveCalibration {
     pub fn apply_monitor_output(&mut self, at: Timestamp, adjustment: &MonitorOutput, readings_per_sample: u16) {
         let Some((calibration, uncertainty)) = &self.stored_correction.calibration else { return };
         let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
-        self.adjusted = Some(adjustment.correct_calibration(&monitored));
-        self.output_map = OutputMap::new(&self.stored_correction, total_field_ut(self.adjusted.as_ref()));
+        self.adjusted_calibration = Some(adjustment.correct_calibration(&monitored));
+        self.output_map = OutputMap::new(&self.stored_correction, total_field_ut(self.adjusted_calibration.as_ref()));
         (self.adjustment, self.adjusted_at) = (*adjustment, at);
     }
 
     /// Calibration applied to readings; before the first calibration, the mounting alone.
     pub fn calibration(&self) -> Option<Calibration> {
-        let adjusted = self.adjusted.as_ref().map(|(calibration, _)| *calibration);
+        let adjusted = self.adjusted_calibration.as_ref().map(|(calibration, _)| *calibration);
         adjusted.or_else(|| self.stored_correction.mount.map(Calibration::uncalibrated))
     }
 
     /// A reading without motor-current interference.
     pub fn remove_motor_current(&self, field: Field<Sensor>, current_a: Option<f32>) -> Field<Sensor> {
-        self.adjusted.as_ref().map_or(field, |(calibration, _)| calibration.remove_motor_current(field, current_a))
+        self.adjusted_calibration
+            .as_ref()
+            .map_or(field, |(calibration, _)| calibration.remove_motor_current(field, current_a))
     }
 
     /// The corrected field of a reading; `None` without a calibration.
     pub fn calibrated_field(&self, field: Field<Sensor>) -> Option<Field<Body>> {
-        self.adjusted.as_ref().map(|(calibration, _)| calibration.calibrated_field(field))
+        self.adjusted_calibration.as_ref().map(|(calibration, _)| calibration.calibrated_field(field))
     }
 }
 

@@ -10,7 +10,7 @@ use crate::time::Timestamp;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// Time of the reading, or of the silence.
-    pub at: Timestamp,
+    pub timestamp: Timestamp,
     /// Corrected field in body axes, in the sensor's microtesla, without alignment. `None` without a calibration, and
     /// if the sensor is silent or faulty. Needs no attitude.
     pub body_field: Option<Field<Body>>,
@@ -34,7 +34,7 @@ pub struct Estimate {
 impl Estimate {
     /// State before the first reading.
     pub const EMPTY: Self = Self {
-        at: Timestamp::START,
+        timestamp: Timestamp::START,
         body_field: None,
         compass_field: None,
         heading: Err(NoHeading::SensorSilent),
@@ -49,21 +49,27 @@ impl Estimate {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RejectionCounts {
     /// Readings without an attitude.
-    pub unpaired: u32,
+    pub unpaired_readings: u32,
     /// Readings at the chip's range limit.
-    pub saturated: u32,
+    pub saturated_readings: u32,
     /// Readings with an axis limited below the chip's range.
-    pub clipped: u32,
+    pub clipped_readings: u32,
     /// Readings with an axis that repeats.
-    pub stuck: u32,
+    pub stuck_readings: u32,
     /// Readings too far from the previous one.
-    pub spikes: u32,
+    pub spike_readings: u32,
     /// Rejected attitude reports.
-    pub attitude: RejectedReports,
+    pub rejected_reports: RejectedReports,
 }
 
 impl RejectionCounts {
     /// All counts zero.
-    pub const NONE: Self =
-        Self { unpaired: 0, saturated: 0, clipped: 0, stuck: 0, spikes: 0, attitude: RejectedReports::NONE };
+    pub const NONE: Self = Self {
+        unpaired_readings: 0,
+        saturated_readings: 0,
+        clipped_readings: 0,
+        stuck_readings: 0,
+        spike_readings: 0,
+        rejected_reports: RejectedReports::NONE,
+    };
 }

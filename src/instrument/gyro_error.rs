@@ -17,8 +17,8 @@ pub(super) const GYRO_ERROR_COUNT: usize = 8;
 /// Derivatives of the measured rates of heading and pitch by the errors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct GyroErrorRows {
-    pub heading: GyroErrors,
-    pub pitch: GyroErrors,
+    pub heading_row: GyroErrors,
+    pub pitch_row: GyroErrors,
 }
 
 impl GyroErrorRows {
@@ -29,8 +29,8 @@ impl GyroErrorRows {
         let by_axis = [1.0, p, q, r];
         let per_cos_pitch = 1.0 / cos_pitch.max(MIN_COS_PITCH);
         Self {
-            heading: of_axes(&by_axis, sin_roll * per_cos_pitch, cos_roll * per_cos_pitch),
-            pitch: of_axes(&by_axis, cos_roll, -sin_roll),
+            heading_row: of_axes(&by_axis, sin_roll * per_cos_pitch, cos_roll * per_cos_pitch),
+            pitch_row: of_axes(&by_axis, cos_roll, -sin_roll),
         }
     }
 }
@@ -44,20 +44,30 @@ fn of_axes(by_axis: &[f32; 4], y: f32, z: f32) -> GyroErrors {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct HeadingRateError {
     /// Estimated errors with their covariance.
-    pub errors: UdFilter<GYRO_ERROR_COUNT>,
+    pub gyro_errors: UdFilter<GYRO_ERROR_COUNT>,
     /// Derivatives of the rate of heading by the errors.
-    pub row: GyroErrors,
+    pub derivative_row: GyroErrors,
     /// Error of the rate, rad/s, and its variance.
-    pub rad_s: f32,
+    pub rate_error_rad_s: f32,
     pub variance: f32,
 }
 
 impl HeadingRateError {
     /// Heading-rate error of zero without uncertainty.
-    pub const NONE: Self = Self { errors: UdFilter::ZERO, row: [0.0; GYRO_ERROR_COUNT], rad_s: 0.0, variance: 0.0 };
+    pub const NONE: Self = Self {
+        gyro_errors: UdFilter::ZERO,
+        derivative_row: [0.0; GYRO_ERROR_COUNT],
+        rate_error_rad_s: 0.0,
+        variance: 0.0,
+    };
 
     pub fn new(errors: &UdFilter<GYRO_ERROR_COUNT>, row: GyroErrors) -> Self {
-        Self { rad_s: errors.projected_mean(&row), variance: errors.projected_variance(&row), errors: *errors, row }
+        Self {
+            rate_error_rad_s: errors.projected_mean(&row),
+            variance: errors.projected_variance(&row),
+            gyro_errors: *errors,
+            derivative_row: row,
+        }
     }
 }
 
@@ -91,8 +101,8 @@ mod tests {
             let found = euler_rates(attitude, measured);
             let heading = (found.heading_rad_s - exact.heading_rad_s) / error;
             let pitch = (found.pitch_rad_s - exact.pitch_rad_s) / error;
-            assert!((rows.heading[i] - heading).abs() < 1e-4, "{i}: {} {heading}", rows.heading[i]);
-            assert!((rows.pitch[i] - pitch).abs() < 1e-4, "{i}: {} {pitch}", rows.pitch[i]);
+            assert!((rows.heading_row[i] - heading).abs() < 1e-4, "{i}: {} {heading}", rows.heading_row[i]);
+            assert!((rows.pitch_row[i] - pitch).abs() < 1e-4, "{i}: {} {pitch}", rows.pitch_row[i]);
         }
     }
 }

@@ -226,7 +226,7 @@ impl Instrument {
         let smoothed_heading = self.smoother.smooth_heading(at, heading.as_ref().ok(), turning.as_ref(), gyro);
         let compass_field = self.compass_field.output_field(at, &self.active, field, corrected);
         Estimate {
-            at,
+            timestamp: at,
             body_field,
             compass_field: compass_field.filter(|_| self.is_compass_field_valid(at, corrected, &heading)),
             heading,
@@ -241,7 +241,13 @@ impl Instrument {
     #[must_use]
     pub fn on_silence(&self, at: Timestamp) -> Estimate {
         let (attitude, current_a) = (self.attitude_at(at).ok(), self.current_a(at));
-        Estimate { at, attitude, installation_change: self.installation_change(), current_a, ..Estimate::EMPTY }
+        Estimate {
+            timestamp: at,
+            attitude,
+            installation_change: self.installation_change(),
+            current_a,
+            ..Estimate::EMPTY
+        }
     }
 
     /// The next complete sample. Call until `None` after each reading and report; one report can complete several
@@ -299,15 +305,15 @@ impl Instrument {
     /// Change of the installation since the calibration, once significant.
     #[must_use]
     pub const fn installation_change(&self) -> Option<InstallationChange> {
-        self.monitor.output().change
+        self.monitor.output().installation_change
     }
 
     /// Rejected inputs so far.
     #[must_use]
     pub const fn rejections(&self) -> RejectionCounts {
         RejectionCounts {
-            unpaired: self.pairing.unpaired_readings(),
-            attitude: self.attitude_history.rejected_reports(),
+            unpaired_readings: self.pairing.unpaired_readings(),
+            rejected_reports: self.attitude_history.rejected_reports(),
             ..self.rejections
         }
     }
@@ -320,10 +326,10 @@ impl Instrument {
 
     fn count_rejection(&mut self, fault: ReadingFault) {
         let counter = match fault {
-            ReadingFault::Saturated => &mut self.rejections.saturated,
-            ReadingFault::Clipped => &mut self.rejections.clipped,
-            ReadingFault::Stuck => &mut self.rejections.stuck,
-            ReadingFault::Spike => &mut self.rejections.spikes,
+            ReadingFault::Saturated => &mut self.rejections.saturated_readings,
+            ReadingFault::Clipped => &mut self.rejections.clipped_readings,
+            ReadingFault::Stuck => &mut self.rejections.stuck_readings,
+            ReadingFault::Spike => &mut self.rejections.spike_readings,
         };
         *counter = counter.wrapping_add(1);
     }
@@ -372,7 +378,7 @@ impl Instrument {
     }
 
     fn has_calibrated_strength(&self, body: Field<Body>) -> bool {
-        let Some((calibration, _)) = &self.active.adjusted else { return false };
+        let Some((calibration, _)) = &self.active.adjusted_calibration else { return false };
         let deviation = (body.total_ut() / calibration.total_ut - 1.0).abs();
         self.config.heading.max_strength_deviation.map_or(deviation.is_finite(), |most| deviation <= most)
     }
@@ -386,7 +392,8 @@ impl Instrument {
         attitude: Result<Attitude, NoHeading>,
         turning: Option<&GyroHeading>,
     ) -> Result<Heading, NoHeading> {
-        let ActiveCalibration { stored_correction: base, adjustment, adjusted, .. } = &self.active;
+        let ActiveCalibration { stored_correction: base, adjustment, adjusted_calibration: adjusted, .. } =
+            &self.active;
         let ((calibration, uncertainty), body) = adjusted.as_ref().zip(corrected).ok_or(NoHeading::Uncalibrated)?;
         let motion = turning.map_or_else(EulerRates::default, |turning| turning.euler_rates);
         let attitude = adjustment.correct_attitude(attitude?, &motion);

@@ -36,8 +36,8 @@ impl TurnRequest {
             self.sigma_exceeded_at = None;
             return None;
         }
-        let sigma_exceeded_at = *self.sigma_exceeded_at.get_or_insert(estimate.at);
-        let asks = !self.is_request_sent && estimate.at.us_since(sigma_exceeded_at) >= REQUEST_DELAY_US;
+        let sigma_exceeded_at = *self.sigma_exceeded_at.get_or_insert(estimate.timestamp);
+        let asks = !self.is_request_sent && estimate.timestamp.us_since(sigma_exceeded_at) >= REQUEST_DELAY_US;
         self.is_request_sent |= asks;
         asks.then_some(heading.sigma_rad)
     }
@@ -54,7 +54,7 @@ mod tests {
             let heading =
                 Heading { magnetic_rad: 1.0, sigma_rad: sigmas_deg(*second) * DEG, systematic_variance_rad2: 0.0 };
             let at = Timestamp::from_us(u64::from(*second) * 1_000_000);
-            request.update(&Estimate { at, heading: Ok(heading), ..Estimate::EMPTY }).is_some()
+            request.update(&Estimate { timestamp: at, heading: Ok(heading), ..Estimate::EMPTY }).is_some()
         };
         (0..300).filter(|second| asks(second)).collect()
     }

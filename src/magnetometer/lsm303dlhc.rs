@@ -152,8 +152,8 @@ fn decode_reading(data: [u8; 6], range: Lsm303dlhcRange) -> Reading {
     let [x_count, y_count, z_count] = counts.map(f32::from);
     Reading {
         field: Field::from_ut(x_count * xy, y_count * xy, z_count * z),
-        saturated: counts.contains(&OVERFLOW),
-        overrun: false,
+        is_saturated: counts.contains(&OVERFLOW),
+        was_overwritten: false,
     }
 }
 
@@ -254,7 +254,7 @@ mod tests {
     fn a_measurement_is_read_when_the_status_reports_it() {
         for status in [0x01, 0x03] {
             let reading = block_on(with_measurement(status).read_measurement()).unwrap();
-            assert!((reading.field.ut.y + 25.07).abs() < 0.01 && !reading.saturated, "{reading:?}");
+            assert!((reading.field.ut.y + 25.07).abs() < 0.01 && !reading.is_saturated, "{reading:?}");
         }
         assert_eq!(with_measurement(0).period_us(), 13_333, "75 Hz");
     }
@@ -281,7 +281,7 @@ mod tests {
         let [x, y, z] = [1100_i16, -550, 245].map(i16::to_be_bytes);
         let reading = decode_reading([x[0], x[1], z[0], z[1], y[0], y[1]], Lsm303dlhcRange::Gauss1_3);
         assert_eq!(reading.field, Field::from_ut(100.0, -50.0, 25.0));
-        assert!(!reading.saturated && !reading.overrun);
+        assert!(!reading.is_saturated && !reading.was_overwritten);
     }
 
     #[test]
@@ -289,10 +289,10 @@ mod tests {
         for axis in 0..3 {
             let mut data = [0; 6];
             data[2 * axis..2 * axis + 2].copy_from_slice(&[0xF0, 0x00]);
-            assert!(decode_reading(data, Lsm303dlhcRange::Gauss2_5).saturated);
+            assert!(decode_reading(data, Lsm303dlhcRange::Gauss2_5).is_saturated);
         }
         assert!(
-            !decode_reading([0xF8, 0x00, 0x07, 0xFF, 0, 0], Lsm303dlhcRange::Gauss2_5).saturated,
+            !decode_reading([0xF8, 0x00, 0x07, 0xFF, 0, 0], Lsm303dlhcRange::Gauss2_5).is_saturated,
             "the ends of the range are data"
         );
     }

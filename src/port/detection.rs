@@ -162,7 +162,7 @@ mod tests {
     }
 
     fn sent_bytes(port: &mut Port, ms: u64) -> Vec<u8> {
-        let estimate = Estimate { at: at(ms), ..Estimate::EMPTY };
+        let estimate = Estimate { timestamp: at(ms), ..Estimate::EMPTY };
         port.poll(&facts(&estimate, &Settings::DEFAULT));
         let bytes = port.output.pending_bytes().to_vec();
         port.output.consume_bytes(usize::MAX);

@@ -21,7 +21,7 @@ impl Nmea {
     /// Appends the due sentences.
     pub fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
         let Snapshot { estimate, settings, .. } = snapshot;
-        if !(settings.stream_on && self.schedule.is_due(estimate.at, settings.stream_rate_hz)) {
+        if !(settings.stream_on && self.schedule.is_due(estimate.timestamp, settings.stream_rate_hz)) {
             return;
         }
         let (heading, kind) = snapshot.selected_heading();
@@ -52,7 +52,7 @@ mod tests {
     fn text(estimate: &Estimate, settings: &Settings) -> String {
         let mut out = TransmitBuffer::new();
         Nmea::new().poll(&facts(estimate, settings), &mut out);
-        assert_eq!(out.messages, u32::from(!out.pending_bytes().is_empty()));
+        assert_eq!(out.message_count, u32::from(!out.pending_bytes().is_empty()));
         assert_eq!(out.messages_without_heading, u32::from(facts(estimate, settings).selected_heading().0.is_err()));
         String::from_utf8(out.pending_bytes().to_vec()).unwrap()
     }
@@ -124,11 +124,11 @@ mod tests {
             let settings = Settings { stream_on, stream_rate_hz, ..Settings::DEFAULT };
             let (mut nmea, mut out) = (Nmea::new(), TransmitBuffer::new());
             for reading in 0..800 {
-                let estimate = Estimate { at: Timestamp::from_us(reading * 12_500), ..Estimate::EMPTY };
+                let estimate = Estimate { timestamp: Timestamp::from_us(reading * 12_500), ..Estimate::EMPTY };
                 nmea.poll(&facts(&estimate, &settings), &mut out);
                 out.consume_bytes(usize::MAX);
             }
-            assert_eq!(out.messages, sentences);
+            assert_eq!(out.message_count, sentences);
         }
     }
 }

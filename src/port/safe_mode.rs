@@ -14,7 +14,7 @@ const SAFE_MODE_TEXT: &[u8] = b"autoswing: safe-mode: see its console";
 const _: () = assert!(SAFE_MODE_TEXT.len() <= OutboundMessage::TEXT);
 
 /// Most common address of an autopilot.
-const USUAL_AUTOPILOT: Address = Address { system: 1, component: 1 };
+const USUAL_AUTOPILOT: Address = Address { system_id: 1, component_id: 1 };
 
 /// Reports between two texts.
 const REPORTS_PER_TEXT: u8 = 20;

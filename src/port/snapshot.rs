@@ -17,7 +17,7 @@ pub struct Snapshot<'a> {
     /// Effective settings; a declination that was not entered is the field model's, if known.
     pub settings: &'a Settings,
     /// State of the state machine.
-    pub indicator: IndicatorState,
+    pub indicator_state: IndicatorState,
     /// Active calibration with its heading uncertainty; may be none if it was already reported.
     pub calibration: Option<&'a (Calibration, HeadingUncertainty)>,
 }
@@ -37,6 +37,12 @@ pub(super) mod tests {
     use super::*;
 
     pub(in crate::port) fn facts<'a>(estimate: &'a Estimate, settings: &'a Settings) -> Snapshot<'a> {
-        Snapshot { now: estimate.at, estimate, settings, indicator: IndicatorState::Calibrated, calibration: None }
+        Snapshot {
+            now: estimate.timestamp,
+            estimate,
+            settings,
+            indicator_state: IndicatorState::Calibrated,
+            calibration: None,
+        }
     }
 }

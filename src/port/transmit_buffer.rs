@@ -7,11 +7,11 @@ pub struct TransmitBuffer {
     begin: usize,
     end: usize,
     /// Number of messages since the start; wraps, as the other counters do.
-    pub messages: u32,
+    pub message_count: u32,
     /// Number of sent messages that have no valid heading.
     pub messages_without_heading: u32,
     /// Number of dropped or lost messages.
-    pub lost: u32,
+    pub lost_messages: u32,
 }
 
 /// Capacity, bytes, for the longest simultaneous messages: a STATUSTEXT, a VISION_POSITION_ESTIMATE and some smaller
@@ -28,19 +28,26 @@ impl TransmitBuffer {
     /// Creates an empty buffer.
     #[must_use]
     pub const fn new() -> Self {
-        Self { bytes: [0; TRANSMIT_CAPACITY], begin: 0, end: 0, messages: 0, messages_without_heading: 0, lost: 0 }
+        Self {
+            bytes: [0; TRANSMIT_CAPACITY],
+            begin: 0,
+            end: 0,
+            message_count: 0,
+            messages_without_heading: 0,
+            lost_messages: 0,
+        }
     }
 
     /// Appends a message given in parts; returns whether there was room.
     pub fn append(&mut self, parts: &[&[u8]]) -> bool {
-        self.messages = self.messages.wrapping_add(1);
+        self.message_count = self.message_count.wrapping_add(1);
         let length: usize = parts.iter().map(|part| part.len()).sum();
         if self.end + length > TRANSMIT_CAPACITY {
             self.bytes.copy_within(self.begin..self.end, 0);
             (self.begin, self.end) = (0, self.end - self.begin);
         }
         if self.end + length > TRANSMIT_CAPACITY {
-            self.lost = self.lost.wrapping_add(1);
+            self.lost_messages = self.lost_messages.wrapping_add(1);
             return false;
         }
         for part in parts {
@@ -74,7 +81,7 @@ impl TransmitBuffer {
     /// Drops the pending bytes after a line error.
     pub fn mark_failed(&mut self) {
         self.clear();
-        self.lost = self.lost.wrapping_add(1);
+        self.lost_messages = self.lost_messages.wrapping_add(1);
     }
 }
 
@@ -89,12 +96,12 @@ mod tests {
         assert!(!out.append(&[&[2], &[2]]));
         assert_eq!(out.pending_bytes(), [1; TRANSMIT_CAPACITY - 1]);
         assert!(out.append(&[&[3]]));
-        assert_eq!((out.messages, out.lost), (3, 1));
+        assert_eq!((out.message_count, out.lost_messages), (3, 1));
         out.consume_bytes(TRANSMIT_CAPACITY - 2);
         assert_eq!(out.pending_bytes(), [1, 3]);
         out.mark_failed();
         assert!(out.pending_bytes().is_empty());
-        assert_eq!(out.lost, 2);
+        assert_eq!(out.lost_messages, 2);
         assert!(out.append(&[&[4; TRANSMIT_CAPACITY]]));
         out.consume_bytes(usize::MAX);
         assert!(out.pending_bytes().is_empty());

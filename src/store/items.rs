@@ -28,7 +28,7 @@ pub struct CalibrationRecord {
     /// Mounting of the sensor.
     pub mount: Orientation,
     /// Sequence number of accepted calibrations.
-    pub serial: u32,
+    pub serial_number: u32,
 }
 
 impl CalibrationRecord {
@@ -73,12 +73,12 @@ impl Fields for CalibrationRecord {
             uncertainty: HeadingUncertainty::NONE,
             sensor: Identity { model: Model::Lis3mdl, address: 0 },
             mount: Orientation::NONE,
-            serial: 0,
+            serial_number: 0,
         }
     }
 
     fn visit_fields(&mut self, visitor: &mut impl Visitor) {
-        let Self { calibration, quality, uncertainty, sensor, mount, serial } = self;
+        let Self { calibration, quality, uncertainty, sensor, mount, serial_number: serial } = self;
         let Calibration { w, b_ut, inclination_rad, total_ut, latency_s, motor_current: current } = calibration;
         visitor.visit_required(1, w);
         visitor.visit_required(2, b_ut);
@@ -131,21 +131,21 @@ impl Fields for CalibrationRecord {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StoredCalibrations {
     /// Active calibration, if any.
-    pub current: Option<CalibrationRecord>,
+    pub current_calibration: Option<CalibrationRecord>,
     /// Calibration that [`undo`](Self::undo) restores.
-    pub previous: Option<CalibrationRecord>,
+    pub previous_calibration: Option<CalibrationRecord>,
 }
 
 impl StoredCalibrations {
     /// Adds a new current calibration; the current one becomes the previous one.
     pub fn push_record(&mut self, record: &CalibrationRecord) {
-        self.previous = self.current;
-        self.current = Some(*record);
+        self.previous_calibration = self.current_calibration;
+        self.current_calibration = Some(*record);
     }
 
     /// Swaps the current and the previous calibration, so that a second `undo` reverses the first.
     pub fn undo_last(&mut self) {
-        core::mem::swap(&mut self.current, &mut self.previous);
+        core::mem::swap(&mut self.current_calibration, &mut self.previous_calibration);
     }
 
     /// Removes both.
@@ -214,9 +214,9 @@ pub struct SlotReference {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StoredState {
     /// Number of saves; the state with the highest is valid. Cannot overflow: a page endures 10,000 erases.
-    pub saves: u32,
-    pub current: Option<SlotReference>,
-    pub previous: Option<SlotReference>,
+    pub save_count: u32,
+    pub current_slot: Option<SlotReference>,
+    pub previous_slot: Option<SlotReference>,
     pub settings: Settings,
     pub startup_values: StartupValues,
 }
@@ -227,7 +227,7 @@ impl Fields for StoredState {
     }
 
     fn visit_fields(&mut self, visitor: &mut impl Visitor) {
-        let Self { saves, current, previous, settings, startup_values } = self;
+        let Self { save_count: saves, current_slot: current, previous_slot: previous, settings, startup_values } = self;
         visitor.visit_required(1, saves);
         visitor.visit_required(2, current);
         visitor.visit_required(3, previous);
@@ -281,7 +281,7 @@ impl Fields for StoredState {
     }
 
     fn is_valid(&self) -> bool {
-        let mut references = [self.current, self.previous].into_iter().flatten();
+        let mut references = [self.current_slot, self.previous_slot].into_iter().flatten();
         references.all(|reference| reference.slot < CALIBRATION_SLOTS) && self.settings.is_valid()
     }
 }

@@ -47,9 +47,9 @@ const MIN_STATE_PAGES: u32 = 2;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Loaded {
     /// The readable values.
-    pub stored: StoredValues,
+    pub stored_values: StoredValues,
     /// Reason why a value, or all of them, could not be read.
-    pub error: Option<StoreError>,
+    pub load_error: Option<StoreError>,
 }
 
 /// Store in a region of a NOR flash.
@@ -91,22 +91,27 @@ impl<F: NorFlash> Store<F> {
     /// unreadable.
     pub async fn load_state(&mut self) -> Loaded {
         let PageScan { valid_state: valid, other_format: other, error } = self.scan_pages().await;
-        let mut loaded = Loaded { stored: StoredValues::default(), error };
+        let mut loaded = Loaded { stored_values: StoredValues::default(), load_error: error };
         if let Some((_, format)) = other {
-            loaded.error = Some(StoreError::OtherFormat(format));
-        } else if let Some((_, StoredState { current, previous, settings, startup_values, .. })) = valid {
-            loaded.error = None;
-            let StoredValues { stored_calibrations, .. } = &mut loaded.stored;
-            for (reference, record) in
-                [(current, &mut stored_calibrations.current), (previous, &mut stored_calibrations.previous)]
-            {
+            loaded.load_error = Some(StoreError::OtherFormat(format));
+        } else if let Some((
+            _,
+            StoredState { current_slot: current, previous_slot: previous, settings, startup_values, .. },
+        )) = valid
+        {
+            loaded.load_error = None;
+            let StoredValues { stored_calibrations, .. } = &mut loaded.stored_values;
+            for (reference, record) in [
+                (current, &mut stored_calibrations.current_calibration),
+                (previous, &mut stored_calibrations.previous_calibration),
+            ] {
                 match self.read_calibration(reference).await {
                     Ok(stored) => *record = stored,
-                    Err(error) => loaded.error = Some(error),
+                    Err(error) => loaded.load_error = Some(error),
                 }
             }
-            loaded.stored.settings = settings;
-            loaded.stored.startup_values = startup_values;
+            loaded.stored_values.settings = settings;
+            loaded.stored_values.startup_values = startup_values;
         }
         loaded
     }
@@ -135,20 +140,21 @@ impl<F: NorFlash> Store<F> {
         }
         let (page, mut state) =
             valid.map_or((FIRST_STATE_PAGE, StoredState::default()), |(page, state)| (self.page_after(page), state));
-        state.saves = state.saves.saturating_add(1);
+        state.save_count = state.save_count.saturating_add(1);
         // A new calibration ends its collection; a continued collection is flagged again later.
         state.startup_values.is_collecting &= matches!(change, StoreChange::Settings(_));
         match change {
             StoreChange::Settings(settings) => state.settings = *settings,
             StoreChange::StartupValues(startup_values) => state.startup_values = startup_values,
-            StoreChange::Clear => (state.current, state.previous) = (None, None),
+            StoreChange::Clear => (state.current_slot, state.previous_slot) = (None, None),
             StoreChange::StoredCalibrations { current, previous } => {
                 if ![current, previous].into_iter().flatten().all(CalibrationRecord::is_valid) {
                     return Err(StoreError::Invalid);
                 }
-                let in_use = [state.current, state.previous];
-                state.current = self.write_to_free_slot(current, &in_use).await?;
-                state.previous = self.write_to_free_slot(previous, &[in_use[0], in_use[1], state.current]).await?;
+                let in_use = [state.current_slot, state.previous_slot];
+                state.current_slot = self.write_to_free_slot(current, &in_use).await?;
+                state.previous_slot =
+                    self.write_to_free_slot(previous, &[in_use[0], in_use[1], state.current_slot]).await?;
             }
         }
         self.write_state(page, &state).await
@@ -199,7 +205,7 @@ impl<F: NorFlash> Store<F> {
         let Some(SlotReference { slot, crc }) = reference else { return Ok(None) };
         let mut buffer = [0; ITEM_SIZE];
         match self.read_page(u32::from(slot), &mut buffer).await? {
-            PageContent::Item(item) if item.crc == crc => fields::decode_fields(item.fields).map(Some),
+            PageContent::Item(item) if item.crc == crc => fields::decode_fields(item.field_bytes).map(Some),
             _ => Err(StoreError::Corrupt),
         }
     }
@@ -280,14 +286,14 @@ impl<F: NorFlash> Store<F> {
 impl PageScan {
     fn add_state(&mut self, page: u32, content: &PageContent<'_>) {
         let state = match content {
-            PageContent::Item(Item { fields, .. }) => fields::decode_fields::<StoredState>(fields),
+            PageContent::Item(Item { field_bytes: fields, .. }) => fields::decode_fields::<StoredState>(fields),
             // Only a power failure during the very first save damages the first page alone; nothing was stored before.
             PageContent::Damaged if page == FIRST_STATE_PAGE => return,
             PageContent::Damaged => Err(StoreError::Corrupt),
             PageContent::Erased | PageContent::OtherFormat(_) => return,
         };
         match (state, &self.valid_state) {
-            (Ok(state), Some((_, valid))) if state.saves < valid.saves => {}
+            (Ok(state), Some((_, valid))) if state.save_count < valid.save_count => {}
             (Ok(state), _) => self.valid_state = Some((page, state)),
             (Err(error), _) => _ = self.error.get_or_insert(error),
         }

@@ -43,7 +43,7 @@ pub enum PageContent<'a> {
 
 #[derive(Debug, PartialEq, Eq)]
 pub struct Item<'a> {
-    pub fields: &'a [u8],
+    pub field_bytes: &'a [u8],
     pub crc: u32,
 }
 
@@ -52,7 +52,9 @@ pub fn parse_page(page: &[u8]) -> PageContent<'_> {
     let Some(&[format, low, high]) = page.first_chunk::<HEADER_SIZE>() else { return PageContent::Damaged };
     let length = HEADER_SIZE + usize::from(u16::from_le_bytes([low, high]));
     match split_checked(page, length) {
-        Some((item, crc)) if format == STORE_FORMAT => PageContent::Item(Item { fields: &item[HEADER_SIZE..], crc }),
+        Some((item, crc)) if format == STORE_FORMAT => {
+            PageContent::Item(Item { field_bytes: &item[HEADER_SIZE..], crc })
+        }
         Some(_) => PageContent::OtherFormat(format),
         None => match development_format(page) {
             Some(format) => PageContent::OtherFormat(format),

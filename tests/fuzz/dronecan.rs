@@ -187,9 +187,15 @@ fn a_node_survives_any_frames() {
         for (number, frame) in traffic.iter().enumerate() {
             let now = Timestamp::from_us(number as u64 * 12_500);
             node.receive_frame(now, frame, &mut |_| {});
-            let estimate = Estimate { at: now, ..Estimate::EMPTY };
+            let estimate = Estimate { timestamp: now, ..Estimate::EMPTY };
             let indicator = IndicatorState::Idle;
-            let snapshot = Snapshot { now, estimate: &estimate, settings: &settings, indicator, calibration: None };
+            let snapshot = Snapshot {
+                now,
+                estimate: &estimate,
+                settings: &settings,
+                indicator_state: indicator,
+                calibration: None,
+            };
             let command = node.poll(&NodeContext { snapshot, stored_settings: &settings, is_armed });
             prop_assert!(!is_armed || command.is_none(), "{command:?} while armed");
             if let Some(command) = command {

@@ -30,13 +30,13 @@ fn stream() -> impl Strategy<Value = Vec<(u16, Piece)>> {
 /// Polls a port and returns the number of output bytes.
 fn poll(port: &mut Port, now: Timestamp) -> usize {
     let compass = Some(Field::from_ut(20.0, 0.0, 40.0));
-    let estimate = Estimate { at: now, compass_field: compass, ..Estimate::EMPTY };
+    let estimate = Estimate { timestamp: now, compass_field: compass, ..Estimate::EMPTY };
     let settings = Settings { sends_vision_yaw: true, ..Settings::DEFAULT };
     let snapshot = Snapshot {
         now,
         estimate: &estimate,
         settings: &settings,
-        indicator: IndicatorState::Collecting(7),
+        indicator_state: IndicatorState::Collecting(7),
         calibration: None,
     };
     port.poll(&snapshot);

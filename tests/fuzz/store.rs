@@ -53,7 +53,7 @@ fn record(serial: u32) -> CalibrationRecord {
         uncertainty: HeadingUncertainty::NONE,
         sensor,
         mount: Orientation::NONE,
-        serial,
+        serial_number: serial,
     }
 }
 
@@ -66,7 +66,7 @@ fn save(flash: &mut Flash, settings: &Settings) -> Result<(), StoreError> {
 }
 
 fn accept(flash: &mut Flash, generations: &StoredCalibrations) -> Result<(), StoreError> {
-    let StoredCalibrations { current, previous } = generations;
+    let StoredCalibrations { current_calibration: current, previous_calibration: previous } = generations;
     block_on(
         store(flash)
             .save_change(StoreChange::StoredCalibrations { current: current.as_ref(), previous: previous.as_ref() }),
@@ -97,17 +97,20 @@ fn arbitrary_flash_contents_load_valid_values_and_allow_saves() {
         for (at, bytes) in &damage {
             replace(&mut flash, *at, bytes);
         }
-        let Loaded { stored: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
+        let Loaded { stored_values: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
             block_on(store(&mut flash).load_state());
         prop_assert!(settings.is_valid());
-        for found in [generations.current, generations.previous].into_iter().flatten() {
-            prop_assert_eq!(found, record(found.serial));
+        for found in [generations.current_calibration, generations.previous_calibration].into_iter().flatten() {
+            prop_assert_eq!(found, record(found.serial_number));
         }
         let settings = Settings { stream_rate_hz: 77, ..Settings::DEFAULT };
-        let generations = StoredCalibrations { current: Some(record(99)), previous: generations.current };
+        let generations = StoredCalibrations {
+            current_calibration: Some(record(99)),
+            previous_calibration: generations.current_calibration,
+        };
         prop_assert_eq!(save(&mut flash, &settings), Ok(()));
         prop_assert_eq!(accept(&mut flash, &generations), Ok(()));
-        let Loaded { stored, error } = block_on(store(&mut flash).load_state());
+        let Loaded { stored_values: stored, load_error: error } = block_on(store(&mut flash).load_state());
         prop_assert_eq!((stored.settings, stored.stored_calibrations, error), (settings, generations, None));
         Ok(())
     });
@@ -143,13 +146,18 @@ fn the_store_handles_any_fields() {
             item.extend(crc(&item).to_le_bytes());
             replace(&mut flash, page * PAGE, &item);
         }
-        let Loaded { stored: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
+        let Loaded { stored_values: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
             block_on(store(&mut flash).load_state());
         prop_assert!(settings.is_valid());
-        prop_assert!([generations.current, generations.previous].iter().flatten().all(CalibrationRecord::is_valid));
-        let generations = StoredCalibrations { current: Some(record(99)), previous: None };
+        prop_assert!(
+            [generations.current_calibration, generations.previous_calibration]
+                .iter()
+                .flatten()
+                .all(CalibrationRecord::is_valid)
+        );
+        let generations = StoredCalibrations { current_calibration: Some(record(99)), previous_calibration: None };
         prop_assert_eq!(accept(&mut flash, &generations), Ok(()));
-        let Loaded { stored, error } = block_on(store(&mut flash).load_state());
+        let Loaded { stored_values: stored, load_error: error } = block_on(store(&mut flash).load_state());
         prop_assert_eq!((stored.settings, stored.stored_calibrations, error), (settings, generations, None));
         Ok(())
     });

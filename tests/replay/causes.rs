@@ -33,15 +33,15 @@ fn report(kind: VehicleKind, seed: u64, cause: Cause) -> Reported {
     // Yaw is recorded as the truth; a hole has no rows.
     recording.samples.retain(|sample| sample.is_armed);
     let mut flight = read(&encode_dataflash(&recording));
-    flight.truth = flight.attitude.clone();
+    flight.true_attitude = flight.attitude.clone();
     let evaluation = evaluate_flight(&flight, &ASKED);
     let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
-    let notes: Vec<String> = verdict.notes.iter().map(ToString::to_string).collect();
+    let notes: Vec<String> = verdict.log_warnings.iter().map(ToString::to_string).collect();
     Reported {
-        action: verdict.compasses[0].judgement.action,
+        action: verdict.compasses[0].judgement.recommended_action,
         text: format!("{} {}", verdict.summary_sentences().concat(), notes.join("; ")),
-        changes: evaluation.compasses[0].changes.len(),
-        rms_deg: verdict.exported_corrections().first().map(|export| export.held_back.unwrap().rms_deg),
+        changes: evaluation.compasses[0].hard_iron_changes.len(),
+        rms_deg: verdict.exported_corrections().first().map(|export| export.held_back_score.unwrap().rms_deg),
     }
 }
 

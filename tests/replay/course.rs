@@ -27,7 +27,7 @@ fn legs(world: &WorldConfig, headings_deg: &[f64]) -> FlightRecording {
         world.fly(Leg::Straight { heading_deg, seconds: 30.0 });
     }
     let mut recording =
-        FlightRecording { place: Some([48.0, 11.3, 500.0]), ..FlightRecording::with_field_latency(0.0) };
+        FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..FlightRecording::with_field_latency(0.0) };
     for i in 10..700 + headings_deg.len() as u64 * 300 {
         record_sample(&mut recording, &world, &mut source, i * 100_000);
     }
@@ -176,7 +176,7 @@ fn a_copter_is_not_compared_with_its_course() {
         world.fly(Leg::Hover { seconds: 10.0 });
     }
     let mut recording =
-        FlightRecording { place: Some([48.0, 11.3, 500.0]), ..FlightRecording::with_field_latency(0.0) };
+        FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..FlightRecording::with_field_latency(0.0) };
     for i in 10..2400 {
         record_sample(&mut recording, &world, &mut source, i * 100_000);
     }
@@ -213,7 +213,7 @@ fn references_are_ranked() {
         row.values[5] = 90.0;
     }
     ranked.push(best(&flight));
-    flight.truth = flight.attitude.clone();
+    flight.true_attitude = flight.attitude.clone();
     ranked.push(best(&flight));
     assert_eq!(ranked, ["GPS course in straight flight", "GPS yaw", "the simulator's own attitude"]);
 }

@@ -27,7 +27,7 @@ fn record(seed: u64, change: impl Fn(f64, &mut [f64; 3])) -> FlightRecording {
 /// Judges a flight as ArduPilot logs it, with the recorded yaw, which is the truth, as a simulator's own attitude.
 fn judged<R>(recording: &FlightRecording, judge: impl Fn(&Verdict<'_>, &FlightEvaluation) -> R) -> R {
     let mut flight = read(&encode_dataflash(recording));
-    flight.truth = flight.attitude.clone();
+    flight.true_attitude = flight.attitude.clone();
     let evaluation = evaluate_flight(&flight, &ASKED);
     judge(&Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot), &evaluation)
 }
@@ -53,11 +53,15 @@ fn parameters_make_a_bad_compass_good() {
             let [compass] = verdict.compasses.as_slice() else { panic!("one compass") };
             let judgement = &compass.judgement;
             assert!(judgement.as_logged_rms_deg.unwrap() > 5.0, "seed {seed}: {judgement:?}");
-            assert_eq!((judgement.state, judgement.action), (CompassState::Bad, CompassAction::Load), "seed {seed}");
+            assert_eq!(
+                (judgement.state, judgement.recommended_action),
+                (CompassState::Bad, CompassAction::Load),
+                "seed {seed}"
+            );
             assert!(verdict.is_solved());
             let correction = loaded_correction(verdict.flight, verdict);
-            let loaded_deg = rms_deg(&evaluation.compasses[0], |row| row.usable, &correction);
-            let reported_deg = compass.parameters.as_ref().unwrap().held_back.unwrap().rms_deg;
+            let loaded_deg = rms_deg(&evaluation.compasses[0], |row| row.is_usable, &correction);
+            let reported_deg = compass.parameters.as_ref().unwrap().held_back_score.unwrap().rms_deg;
             assert!((reported_deg - loaded_deg).abs() < 0.2, "seed {seed}: {reported_deg} {loaded_deg}");
             // Of the limit of `native.rs`, and what a symmetric matrix cannot express.
             let lost_deg = compass.parameters.as_ref().unwrap().heading_loss_deg[0];
@@ -74,7 +78,7 @@ fn parameters_make_a_bad_compass_good() {
         judged(&recording, |verdict, _| {
             let judgement = &verdict.compasses[0].judgement;
             let is_good = judgement.as_logged_rms_deg.unwrap() <= 2.0;
-            assert_eq!(judgement.action, CompassAction::Leave, "{judgement:?}");
+            assert_eq!(judgement.recommended_action, CompassAction::Leave, "{judgement:?}");
             assert_eq!(
                 (judgement.state == CompassState::Good, verdict.is_solved()),
                 (is_good, is_good),
@@ -93,13 +97,22 @@ fn after_a_change_of_iron_parameters_fit_what_was_flown_since() {
         judged(&recording, |verdict, evaluation| {
             let compass = &evaluation.compasses[0];
             let judgement = &verdict.compasses[0].judgement;
-            let [change] = compass.changes.as_slice() else { panic!("seed {seed}: {:?}", compass.changes) };
-            assert!((change.step.at_s - CHANGED_S).abs() < 0.5 && change.bend_deg > 5.0, "seed {seed}: {change:?}");
-            assert_eq!((judgement.state, judgement.action), (CompassState::Bad, CompassAction::Load), "{judgement:?}");
+            let [change] = compass.hard_iron_changes.as_slice() else {
+                panic!("seed {seed}: {:?}", compass.hard_iron_changes)
+            };
+            assert!(
+                (change.hard_iron_step.time_s - CHANGED_S).abs() < 0.5 && change.heading_effect_deg > 5.0,
+                "seed {seed}: {change:?}"
+            );
+            assert_eq!(
+                (judgement.state, judgement.recommended_action),
+                (CompassState::Bad, CompassAction::Load),
+                "{judgement:?}"
+            );
             assert!(judgement.reason_codes().contains(&"iron-changed"), "{judgement:?}");
             let correction = loaded_correction(verdict.flight, verdict);
             let [before_deg, since_deg] = [false, true].map(|is_since| {
-                rms_deg(compass, |row| row.usable && (row.t_s > CHANGED_S + 1.0) == is_since, &correction)
+                rms_deg(compass, |row| row.is_usable && (row.t_s > CHANGED_S + 1.0) == is_since, &correction)
             });
             let lost_deg = verdict.exported_corrections()[0].heading_loss_deg[0];
             assert!(since_deg < 1.0 + lost_deg, "seed {seed}: {since_deg}, {lost_deg}");
@@ -114,7 +127,11 @@ fn too_little_after_a_change_of_iron_gives_no_parameters() {
     let recording = record(3, |t_s, field_ut| field_ut[0] += if t_s > 224.0 { 8.0 } else { 0.0 });
     judged(&recording, |verdict, _| {
         let judgement = &verdict.compasses[0].judgement;
-        assert_eq!((judgement.state, judgement.action), (CompassState::Bad, CompassAction::FlyAgain), "{judgement:?}");
+        assert_eq!(
+            (judgement.state, judgement.recommended_action),
+            (CompassState::Bad, CompassAction::FlyAgain),
+            "{judgement:?}"
+        );
         assert!(verdict.exported_corrections().is_empty() && !verdict.is_solved());
     });
 }
@@ -145,7 +162,7 @@ fn parameters_that_leave_a_compass_bad_are_not_given() {
         });
         judged(&recording, |verdict, _| {
             let judgement = &verdict.compasses[0].judgement;
-            assert_ne!(judgement.action, CompassAction::Load, "seed {seed}: {judgement:?}");
+            assert_ne!(judgement.recommended_action, CompassAction::Load, "seed {seed}: {judgement:?}");
             assert!(judgement.reason_codes().contains(&"inaccurate"), "seed {seed}: {judgement:?}");
             assert!(verdict.exported_corrections().is_empty() && !verdict.is_solved(), "seed {seed}");
         });
@@ -173,7 +190,7 @@ fn a_loss_by_the_symmetric_matrix_is_no_reason_to_fly_again() {
         let evaluation = evaluate_flight(&flight, &ASKED);
         let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
         let judgement = &verdict.compasses[0].judgement;
-        assert_ne!(judgement.action, CompassAction::FlyAgain, "seed {seed}: {judgement:?}");
+        assert_ne!(judgement.recommended_action, CompassAction::FlyAgain, "seed {seed}: {judgement:?}");
     }
 }
 
@@ -184,7 +201,11 @@ fn residuals_that_no_fit_explains_are_named_in_place_of_a_manoeuvre() {
         judged(recording, |verdict, _| {
             let judgement = &verdict.compasses[0].judgement;
             let text = verdict.summary_sentences().concat();
-            assert_eq!((judgement.state, judgement.action), (CompassState::Bad, CompassAction::FlyAgain), "{text}");
+            assert_eq!(
+                (judgement.state, judgement.recommended_action),
+                (CompassState::Bad, CompassAction::FlyAgain),
+                "{text}"
+            );
             assert!(judgement.reason_codes().contains(&"residuals"), "{judgement:?}");
             assert!(text.contains(words) && !text.contains("missing most"), "{text}");
         });

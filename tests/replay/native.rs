@@ -68,15 +68,15 @@ fn a_native_log_gives_heading_and_field_latency() {
         let name = flight.format.format_name();
         let most_s = 2.5 * compass.latency.sigma_s.unwrap();
         assert!((compass.latency.used_s - age_s).abs() < most_s.max(0.01), "{name}: {:?}", compass.latency);
-        assert_eq!(compass.module.accepted, Ok(()), "{name}");
+        assert_eq!(compass.module_result.acceptance, Ok(()), "{name}");
         let ours = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         assert!(ours.rms_deg < 0.5 + noise_deg, "{name}: {ours:?}");
         assert_eq!(compass.rms_without_current_deg, None, "{name}: nothing goes with the current");
         if let Some(theirs) = compass.correction_from(CorrectionSource::Autopilot) {
             assert!(theirs.score.unwrap().rms_deg > 2.0 * ours.rms_deg, "{name}: {theirs:?}");
         }
-        let used = compass.rows.iter().filter(|row| row.usable).count();
-        assert!(compass.counts.used == used && used > 2300, "{name}: {:?}", compass.counts);
+        let used = compass.rows.iter().filter(|row| row.is_usable).count();
+        assert!(compass.row_counts.used == used && used > 2300, "{name}: {:?}", compass.row_counts);
     }
 }
 
@@ -103,8 +103,8 @@ fn disarmed_rows_are_used_by_no_calibrator() {
         );
     }
     let flight = read(&encode_dataflash(&recording));
-    let verdict = evaluate_flight(&flight, &EvaluationOptions { compass: Some(2), ..ASKED });
-    assert_eq!((flight.compasses.len(), verdict.compasses.len(), verdict.compasses[0].number), (2, 1, 2));
+    let verdict = evaluate_flight(&flight, &EvaluationOptions { compass_number: Some(2), ..ASKED });
+    assert_eq!((flight.compasses.len(), verdict.compasses.len(), verdict.compasses[0].compass_number), (2, 1, 2));
 }
 
 /// The written file is parsed and applied by the autopilot's own formula.
@@ -157,8 +157,8 @@ fn motor_current_interference_is_estimated_and_exported() {
         let world = WorldConfig::random(seed).with_current_interference(8.0);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
         let (flight, compass) = evaluate(&write(&record_flight(&world, 0.05)));
-        assert_eq!(compass.module.accepted, Ok(()), "seed {seed}");
-        let interference = compass.module.solution.as_ref().unwrap().calibration.motor_current;
+        assert_eq!(compass.module_result.acceptance, Ok(()), "seed {seed}");
+        let interference = compass.module_result.solution.as_ref().unwrap().calibration.motor_current;
         for (found, added_ut) in interference.ut_per_a.iter().zip(world.current_interference_ut) {
             let estimate_error = f64::from(*found) - added_ut / CRUISE_CURRENT_A;
             assert!(
@@ -221,14 +221,14 @@ fn no_parameters_are_given_beyond_compass_offs_max() {
     for (part, action) in [(0.95, CompassAction::Replace), (1.05, CompassAction::Load)] {
         flight.parameters.set_value(f64::MAX, "COMPASS_OFFS_MAX", offsets_mg.amax() * part);
         let judgement = &Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot).compasses[0].judgement;
-        assert_eq!(judgement.action, action, "{judgement:?}");
+        assert_eq!(judgement.recommended_action, action, "{judgement:?}");
     }
 }
 
 /// Export of the module's calibration.
 fn export_module(compass: &CompassEvaluation, total_ut: Option<f64>, dialect: ParameterFormat) -> ExportedCorrection {
-    let calibration = &compass.module.solution.as_ref().unwrap().calibration;
-    parameter_export::export_correction(compass.number, &compass.rows, calibration, total_ut, dialect).unwrap()
+    let calibration = &compass.module_result.solution.as_ref().unwrap().calibration;
+    parameter_export::export_correction(compass.compass_number, &compass.rows, calibration, total_ut, dialect).unwrap()
 }
 
 /// Heading score of the exported parameters, parsed as by the autopilot.
@@ -242,8 +242,10 @@ fn score_of_file(
     let loaded = parameter_export::parse_parameter_file(&text, &flight.parameters);
     assert_eq!(export.rotation.rotation_number(), 0, "mounted as the log says");
     let correction = match dialect {
-        ParameterFormat::Px4 => FieldCorrection::from_px4(&loaded, compass.number),
-        ParameterFormat::ArduPilot | ParameterFormat::Inav => FieldCorrection::from_ardupilot(&loaded, compass.number),
+        ParameterFormat::Px4 => FieldCorrection::from_px4(&loaded, compass.compass_number),
+        ParameterFormat::ArduPilot | ParameterFormat::Inav => {
+            FieldCorrection::from_ardupilot(&loaded, compass.compass_number)
+        }
     };
     score_correction(&compass.rows, &correction).unwrap()
 }
@@ -252,7 +254,7 @@ fn score_of_file(
 fn implausible_units_are_reported() {
     let world = WorldConfig::table1(1);
     // A place with about that world's field strength, 48 uT.
-    let text = encode_csv(&FlightRecording { place: Some([48.0, 11.3, 500.0]), ..record_flight(&world, 0.0) });
+    let text = encode_csv(&FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..record_flight(&world, 0.0) });
     let notes = |bytes: &[u8], unit: FieldUnit| {
         let mut source = bytes;
         let flight = log::read_flight(&mut source, unit).unwrap();
@@ -296,7 +298,7 @@ fn duplicate_and_unordered_readings_become_sorted_rows() {
     }
     let (tidy, untidy) = (evaluate(text.as_bytes()).1, evaluate(untidy.as_bytes()).1);
     assert!(untidy.rows.len().abs_diff(tidy.rows.len()) < 20, "{} {}", untidy.rows.len(), tidy.rows.len());
-    assert_eq!(untidy.module.accepted, Ok(()));
+    assert_eq!(untidy.module_result.acceptance, Ok(()));
     let [rms, before] = [&untidy, &tidy]
         .map(|compass| compass.correction_from(CorrectionSource::ModuleAllRows).unwrap().score.unwrap().rms_deg);
     assert!((rms - before).abs() < 0.1, "{rms} {before}");
@@ -308,17 +310,17 @@ fn the_model_inclination_is_used_only_on_days_of_its_validity() {
     for (inclination_deg, is_right) in [(64.0, true), (52.0, false)] {
         let mut world = WorldConfig::random(3);
         world.earth.inclination_deg = inclination_deg;
-        let recording = FlightRecording { place: Some([48.0, 11.3, 500.0]), ..record_turns(&world, 0.0) };
+        let recording = FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..record_turns(&world, 0.0) };
         let flight = read(&encode_dataflash(&recording));
         let of_that_day = evaluate_flight(&flight, &ASKED);
-        let of_another = evaluate_flight(&Flight { day: None, ..flight }, &ASKED);
+        let of_another = evaluate_flight(&Flight { flight_date: None, ..flight }, &ASKED);
         for (verdict, is_valid) in [(&of_that_day, true), (&of_another, false)] {
-            let (earth, is) = verdict.earth.as_ref().unwrap();
+            let (earth, is) = verdict.earth_field.as_ref().unwrap();
             assert!(*is == is_valid && (earth.inclination_deg - 64.0).abs() < 1.0, "{earth:?}");
-            assert_eq!(verdict.compasses[0].module.accepted, Ok(()), "{inclination_deg} deg, {is_valid}");
+            assert_eq!(verdict.compasses[0].module_result.acceptance, Ok(()), "{inclination_deg} deg, {is_valid}");
         }
         let [configured, unconfigured] =
-            [of_that_day, of_another].map(|verdict| verdict.compasses[0].all_rows.solution.unwrap().calibration);
+            [of_that_day, of_another].map(|verdict| verdict.compasses[0].all_rows_result.solution.unwrap().calibration);
         assert_eq!(configured != unconfigured, is_right, "{inclination_deg}: {configured:?}");
     }
 }
@@ -337,12 +339,12 @@ fn evaluate_hard_iron_step(world: &WorldConfig, at_s: u64) -> CompassEvaluation 
 fn a_hard_iron_step_is_found_at_any_time_with_its_full_size() {
     for world in [WorldConfig::table1(1), WorldConfig::random(3), WorldConfig::random(5)] {
         for at_s in [40, 120, 180] {
-            let changes = evaluate_hard_iron_step(&world, at_s).changes;
-            let [HardIronChange { step: change, .. }] = changes.as_slice() else {
+            let changes = evaluate_hard_iron_step(&world, at_s).hard_iron_changes;
+            let [HardIronChange { hard_iron_step: change, .. }] = changes.as_slice() else {
                 panic!("{at_s} s, {} deg: {changes:?}", world.earth.inclination_deg)
             };
             let off_ut = Vector3::from(change.step_ut) - Vector3::new(8.0, 0.0, 0.0);
-            assert!(off_ut.norm() < 0.3 && (change.at_s - at_s as f64).abs() < 0.5, "{at_s} s: {change:?}");
+            assert!(off_ut.norm() < 0.3 && (change.time_s - at_s as f64).abs() < 0.5, "{at_s} s: {change:?}");
         }
     }
 }

@@ -19,7 +19,7 @@ use simulator::world::{World, WorldConfig};
 use crate::read;
 
 const ALL: ReplayOptions = ReplayOptions::with_selection(RowSelection::All);
-const TURNS: ReplayOptions = ReplayOptions { selected: RowSelection::Turns, ..ALL };
+const TURNS: ReplayOptions = ReplayOptions { row_selection: RowSelection::Turns, ..ALL };
 
 /// Rows of a flight's first compass, with a field latency in seconds.
 fn rows_of(flight: &Flight, age_s: f64) -> Vec<ReplayRow> {
@@ -71,11 +71,11 @@ fn all_rows_and_turns_alone_give_the_heading() {
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
         for options in [ALL, TURNS] {
             let replay_result = replay_rows(&rows, &options);
-            assert_eq!(replay_result.accepted, Ok(()), "seed {seed} {options:?}");
+            assert_eq!(replay_result.acceptance, Ok(()), "seed {seed} {options:?}");
             let score = replay_result.score.unwrap();
             assert!(score.rms_deg < 0.5 + noise_deg, "seed {seed} {options:?}: {score:?}");
             assert!(score.mean_deg.abs() < 0.5, "seed {seed} {options:?}: {score:?}");
-            assert_eq!(score.rows, rows.len() - 100);
+            assert_eq!(score.row_count, rows.len() - 100);
             assert_eq!(replay_result.headings.len(), rows.len());
         }
     }
@@ -112,12 +112,12 @@ fn a_fit_to_a_part_of_the_flight_is_good_or_refused() {
     let rows = recorded(&WorldConfig::table1(1), 3.0);
     let until = |end_s: f64| -> Vec<ReplayRow> { rows.iter().filter(|row| row.t_s < end_s).copied().collect() };
     let early = replay_rows(&until(25.0), &TURNS);
-    assert!(matches!(early.accepted, Err(Refusal::Solve(_))), "{:?}", early.accepted);
+    assert!(matches!(early.acceptance, Err(Refusal::Solve(_))), "{:?}", early.acceptance);
     assert!(early.headings.is_empty() && early.score.is_none());
     let told = replay_rows(&rows, &ReplayOptions { inclination_deg: Some(54.0), ..TURNS }).solution.unwrap();
     assert!((told.calibration.inclination_rad.to_degrees() - 54.0).abs() < 1.0);
     let all = replay_rows(&rows, &ALL);
-    assert!(all.samples > replay_rows(&until(35.0), &ALL).samples);
+    assert!(all.sample_count > replay_rows(&until(35.0), &ALL).sample_count);
 }
 
 /// A straight leg and a third of a circle.
@@ -127,7 +127,7 @@ fn a_short_flight_is_refused_or_has_an_honest_expected_error() {
         let rows = recorded(&WorldConfig::random(seed), 0.0);
         for options in [ALL, TURNS] {
             let replay_result = replay_rows(&rows, &options);
-            if replay_result.accepted.is_ok() {
+            if replay_result.acceptance.is_ok() {
                 let expected_deg = f64::from(replay_result.solution.unwrap().quality.expected_rms_deg);
                 let score = replay_result.score.unwrap();
                 let error_deg = score.rms_deg.hypot(score.mean_deg);
@@ -142,7 +142,7 @@ fn a_steady_course_is_refused() {
     let mut rows = recorded(&WorldConfig::table1(1), 0.0);
     rows.retain(|row| row.t_s < 14.0);
     for options in [ALL, TURNS] {
-        assert!(replay_rows(&rows, &options).accepted.is_err(), "{options:?}");
+        assert!(replay_rows(&rows, &options).acceptance.is_err(), "{options:?}");
     }
 }
 
@@ -152,12 +152,12 @@ fn a_refusal_names_the_missing_manoeuvre() {
     let inaccurate: Vec<_> = (0..10)
         .map(replay_of_seed)
         .filter(|replay_result| {
-            replay_result.accepted.as_ref().is_err_and(|refusal| refusal.stable_code() == "not-accurate")
+            replay_result.acceptance.as_ref().is_err_and(|refusal| refusal.stable_code() == "not-accurate")
         })
         .collect();
     assert!(!inaccurate.is_empty());
     for replay_result in inaccurate {
-        let words = replay_result.accepted.unwrap_err().to_string();
+        let words = replay_result.acceptance.unwrap_err().to_string();
         assert!(words.starts_with("expected error ") && words.contains(" deg; missing: "), "{words}");
     }
 }
@@ -176,7 +176,7 @@ fn a_changing_hard_iron_is_refused_or_in_the_expected_error() {
         ] {
             let rows = recorded_with(&world, 3.0, iron_ut);
             let replay_result = replay_rows(&rows, &TURNS);
-            match replay_result.accepted {
+            match replay_result.acceptance {
                 Err(Refusal::Rejected(Rejection::IronChanged(_)) | Refusal::Solve(SolveError::HardIronChanged(_))) => {
                     refused += 1;
                 }
@@ -185,7 +185,7 @@ fn a_changing_hard_iron_is_refused_or_in_the_expected_error() {
                     let solution = replay_result.solution.unwrap();
                     assert!(solution.hard_iron_change.is_some(), "seed {seed} {name}");
                     let mut at_the_end = world;
-                    at_the_end.airframe.b_ut += Vector3::from(iron_ut(205.0));
+                    at_the_end.airframe.hard_iron_ut += Vector3::from(iron_ut(205.0));
                     let error_deg = HeadingErrors::evaluate(&solution.calibration, &at_the_end).statistics().rms_deg;
                     let expected_deg = f64::from(solution.quality.expected_rms_deg);
                     assert!(error_deg < 2.0 * expected_deg, "seed {seed} {name}: {error_deg}, {expected_deg}");
@@ -205,7 +205,7 @@ fn a_wrong_inclination_is_named() {
         let true_deg = world.earth.inclination_deg;
         for told_deg in [true_deg + 10.0, true_deg - 20.0, if true_deg.abs() > 5.0 { -true_deg } else { 45.0 }] {
             let refused =
-                replay_rows(&rows, &ReplayOptions { inclination_deg: Some(told_deg), ..TURNS }).accepted.unwrap_err();
+                replay_rows(&rows, &ReplayOptions { inclination_deg: Some(told_deg), ..TURNS }).acceptance.unwrap_err();
             let Refusal::Solve(SolveError::InclinationContradicted { found_deg }) = refused else {
                 panic!("seed {seed}, told {told_deg}: {refused:?}");
             };
@@ -226,14 +226,14 @@ fn wrong_units_and_slow_rows_are_reported() {
             ReplayRow { attitude, ..row }
         })
         .collect();
-    let problem = |rows: &[ReplayRow]| match replay_rows(rows, &TURNS).accepted {
+    let problem = |rows: &[ReplayRow]| match replay_rows(rows, &TURNS).acceptance {
         Err(Refusal::InsufficientSamples { cause: RefusalCause::CollectionProblem(problem), .. }) => problem,
         other => panic!("{other:?}"),
     };
     assert!(matches!(problem(&in_radians), CollectionProblem::NoTilt { .. }));
     let slow: Vec<ReplayRow> = rows.iter().step_by(10).copied().collect();
     assert!(matches!(problem(&slow), CollectionProblem::SampleIntervalTooLong { .. }));
-    assert_eq!(replay_rows(&rows, &TURNS).accepted, Ok(()));
+    assert_eq!(replay_rows(&rows, &TURNS).acceptance, Ok(()));
 }
 
 #[test]
@@ -254,7 +254,7 @@ fn a_hard_iron_step_is_found_with_time_size_and_axis() {
             continue;
         }
         let change = change.unwrap();
-        assert!((change.at_s - 110.0).abs() < 2.0, "{change:?}");
+        assert!((change.time_s - 110.0).abs() < 2.0, "{change:?}");
         let step_error_ut = (Vector3::from(change.step_ut) - Vector3::from(moved)).norm();
         assert!(step_error_ut < 2.0 && change.axis() == axis, "{change:?}");
     }

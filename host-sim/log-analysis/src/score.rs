@@ -43,7 +43,7 @@ pub fn accepted_by_uncalibrated(
     fit: Samples<'_>,
     held_back: Samples<'_>,
 ) -> Result<(), Rejection> {
-    let samples = AcceptanceSamples { fit, held_back, is_attitude_known: true };
+    let samples = AcceptanceSamples { fit_samples: fit, held_back_samples: held_back, is_attitude_known: true };
     let incumbent = Incumbent::uncalibrated(Orientation::NONE);
     acceptance::evaluate_candidate(&AcceptancePolicy::DEFAULT, solution, samples, &incumbent).map(|_| ())
 }

@@ -52,14 +52,14 @@ pub struct RoutineMeasurement {
     /// Motor current reported by the autopilot, amperes.
     pub current_a: Option<f32>,
     /// True state at the measurement.
-    pub moment: TrueMoment,
+    pub true_moment: TrueMoment,
 }
 
 /// True state at one time, for the report's plots.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrueMoment {
     /// Time since the start, seconds.
-    pub at_s: f64,
+    pub time_s: f64,
     /// Roll and pitch of the vehicle.
     pub attitude: Attitude,
     /// Magnetic heading, degrees.
@@ -71,7 +71,7 @@ pub struct TrueMoment {
 impl TrueMoment {
     fn from_state(state: &TrueState) -> Self {
         Self {
-            at_s: state.time_us as f64 / 1e6,
+            time_s: state.time_us as f64 / 1e6,
             attitude: state.attitude(),
             heading_deg: state.heading_deg(),
             position_m: [state.east_m, state.north_m],
@@ -83,7 +83,7 @@ impl TrueMoment {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EvaluatedHeading {
     /// True state when the sentence arrived.
-    pub moment: TrueMoment,
+    pub true_moment: TrueMoment,
     /// Heading error, degrees.
     pub error_deg: f64,
     /// Output standard deviation, degrees.
@@ -113,11 +113,11 @@ pub struct MissionResult {
     /// Stored calibration, or the reason of its rejection, as printed on the console.
     pub result: Result<ShownCalibration, SolveNotice>,
     /// Errors of an uncalibrated module.
-    pub before: HeadingErrors,
+    pub errors_before: HeadingErrors,
     /// Errors with the stored calibration, or of the uncalibrated module without one.
-    pub after: HeadingErrors,
+    pub errors_after: HeadingErrors,
     /// Statistics of the output after the restart; `None` after a rejection.
-    pub streamed: Option<OutputStatistics>,
+    pub streamed_statistics: Option<OutputStatistics>,
     /// Measurements during the routine.
     pub routine_measurements: Vec<RoutineMeasurement>,
     /// Headings output after the restart.
@@ -144,7 +144,7 @@ pub fn fly_with(module: &mut impl Module, plan: TurnPlan, watch: &mut dyn FnMut(
     let result = mission.calibrate(&routine);
     let solved_s = mission.module.now_us() as f64 / 1e6;
     let (streamed, headings) = result.as_ref().map_or((None, Vec::new()), |_| {
-        let (streamed, headings) = mission.evaluate_output(&routine.mission);
+        let (streamed, headings) = mission.evaluate_output(&routine.mission_legs);
         (Some(streamed), headings)
     });
     let after =
@@ -152,9 +152,9 @@ pub fn fly_with(module: &mut impl Module, plan: TurnPlan, watch: &mut dyn FnMut(
     MissionResult {
         world,
         result,
-        before,
-        after,
-        streamed,
+        errors_before: before,
+        errors_after: after,
+        streamed_statistics: streamed,
         routine_measurements: mission.glimpses,
         evaluated_headings: headings,
         solved_s,
@@ -184,7 +184,7 @@ impl<M: Module> Mission<'_, M> {
         self.module.world().set_armed(true);
         self.fly_leg(MissionStage::TakeOff, routine.take_off);
         self.send_console_line("status");
-        self.send_console_line(routine.command);
+        self.send_console_line(routine.start_command);
         for part in &routine.parts {
             for &leg in &part.legs {
                 self.fly_leg(MissionStage::Routine(part.name), leg);
@@ -235,15 +235,16 @@ impl<M: Module> Mission<'_, M> {
                 (self.watch)(MissionStage::Stream, done as f64 / legs.len() as f64);
                 for timed_byte in self.module.instrument().receive_timed() {
                     let Some(received) =
-                        reader.push_byte(timed_byte.at_us, timed_byte.byte).filter(|r| r.kind == "PASWH")
+                        reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte).filter(|r| r.kind == "PASWH")
                     else {
                         continue;
                     };
                     match (received.heading_deg, received.sigma_deg) {
                         (Some(deg), Some(sigma_deg)) => {
-                            let moment = TrueMoment::from_state(&self.module.world().true_state(timed_byte.at_us));
+                            let moment =
+                                TrueMoment::from_state(&self.module.world().true_state(timed_byte.arrives_at_us));
                             evaluated.push(EvaluatedHeading {
-                                moment,
+                                true_moment: moment,
                                 error_deg: wrap_180(deg - moment.heading_deg),
                                 sigma_deg,
                             });
@@ -273,7 +274,7 @@ impl<M: Module> Mission<'_, M> {
             if matches!(stage, MissionStage::Routine(_)) {
                 let field = self.module.world().sensor_field(now.time_us);
                 let current_a = self.module.world().reported_current_a(now.time_us).map(|amperes| amperes as f32);
-                self.glimpses.push(RoutineMeasurement { field, current_a, moment: TrueMoment::from_state(&now) });
+                self.glimpses.push(RoutineMeasurement { field, current_a, true_moment: TrueMoment::from_state(&now) });
             }
             let done = match leg {
                 Leg::Straight { seconds, .. } | Leg::Hover { seconds } | Leg::Push { seconds, .. } => {

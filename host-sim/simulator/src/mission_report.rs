@@ -25,19 +25,20 @@ pub fn report_mission(mission_result: &MissionResult, made: &ReportOrigin) -> Re
     Report {
         title: format!("Simulated {kind}, seed {seed}"),
         verdicts: vec![verdict_line(mission_result)],
-        figures: figures(mission_result),
+        key_figures: figures(mission_result),
         reference: ReferenceInfo {
             difference_name: "error",
             reference_name: "the simulator's own heading".to_owned(),
-            limits: "exact field and true attitude at twelve headings; indicated less true, the constant included"
-                .to_owned(),
+            accuracy_text:
+                "exact field and true attitude at twelve headings; indicated less true, the constant included"
+                    .to_owned(),
             card_constant: String::new(),
             is_accurate: true,
         },
         compasses: vec![mission_compass_report(mission_result)],
         terminal_output: Some(["Console session".to_owned(), strip_control_sequences(&mission_result.transcript)]),
         origin: [
-            ["command".to_owned(), made.command.clone()],
+            ["command".to_owned(), made.command_line.clone()],
             ["made by".to_owned(), format!("Autoswing {}", env!("CARGO_PKG_VERSION"))],
             ["flight".to_owned(), format!("simulated, {} s, seed {seed}", format_number(mission_result.duration_s, 0))],
         ]
@@ -51,7 +52,7 @@ pub fn report_mission(mission_result: &MissionResult, made: &ReportOrigin) -> Re
 /// Figures of a mission as `host-sim fly --json` prints them: one object with rounded numbers.
 #[must_use]
 pub fn mission_json(mission_result: &MissionResult) -> Value {
-    let (before, after) = (mission_result.before.statistics(), mission_result.after.statistics());
+    let (before, after) = (mission_result.errors_before.statistics(), mission_result.errors_after.statistics());
     let shown = mission_result.result.as_ref().ok();
     let refusal = match &mission_result.result {
         Err(SolveNotice::Refused { code, words }) => json!({ "code": code, "words": words }),
@@ -67,7 +68,7 @@ pub fn mission_json(mission_result: &MissionResult) -> Value {
         "expected_rms_deg": shown.map(|s| s.expected_rms_deg),
         "before": before,
         "after": shown.map(|_| after),
-        "streamed": mission_result.streamed,
+        "streamed": mission_result.streamed_statistics,
         "duration_s": mission_result.duration_s,
         "aircraft": mission_result.world.aircraft.kind.vehicle_name(),
         "airframe": airframe_json(&mission_result.world),
@@ -101,23 +102,23 @@ fn verdict_line(mission_result: &MissionResult) -> VerdictLine {
             format_number(mission_result.solved_s, 0),
             shown.method,
             format_number(shown.expected_rms_deg, 2),
-            format_number(mission_result.after.statistics().rms_deg, 2)
+            format_number(mission_result.errors_after.statistics().rms_deg, 2)
         ),
         Err(SolveNotice::Refused { code, words }) => format!("the module refused: {code}: {words}"),
         Err(SolveNotice::Calibrated(words)) => format!("calibrated, but cal show could not be read: {words}"),
     };
-    VerdictLine { state, word, text }
+    VerdictLine { state, state_word: word, verdict_text: text }
 }
 
 fn figures(mission_result: &MissionResult) -> Vec<[String; 2]> {
-    let (before, after) = (mission_result.before.statistics(), mission_result.after.statistics());
+    let (before, after) = (mission_result.errors_before.statistics(), mission_result.errors_after.statistics());
     let mut figures = vec![["before: largest error".to_owned(), format!("{} deg", format_number(before.max_deg, 2))]];
     if let Ok(shown) = &mission_result.result {
         figures.push(["after: largest error".to_owned(), format!("{} deg", format_number(after.max_deg, 2))]);
         figures.push(["after: RMS".to_owned(), format!("{} deg", format_number(after.rms_deg, 2))]);
         figures.push(["expected: RMS".to_owned(), format!("{} deg", format_number(shown.expected_rms_deg, 2))]);
     }
-    if let Some(streamed) = &mission_result.streamed {
+    if let Some(streamed) = &mission_result.streamed_statistics {
         figures.push(["streamed in flight: RMS".to_owned(), format!("{} deg", format_number(streamed.rms_deg, 2))]);
         let [one, two] = streamed.within_percent;
         figures.push([
@@ -130,13 +131,13 @@ fn figures(mission_result: &MissionResult) -> Vec<[String; 2]> {
 
 fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
     let calibration = mission_result.result.as_ref().ok().map(|shown| shown.calibration);
-    let first_s = mission_result.routine_measurements.first().map_or(0.0, |glimpse| glimpse.moment.at_s);
+    let first_s = mission_result.routine_measurements.first().map_or(0.0, |glimpse| glimpse.true_moment.time_s);
     let glimpses =
         mission_result.routine_measurements.iter().map(|glimpse| collected_sample(glimpse, calibration.as_ref()));
     let mut moments: Vec<ReportSample> =
         glimpses.chain(mission_result.evaluated_headings.iter().map(streamed_sample)).collect();
     for moment in &mut moments {
-        moment.at_s -= first_s;
+        moment.time_s -= first_s;
     }
     let mut facts = summary_table(mission_result);
     if let Ok(shown) = &mission_result.result {
@@ -150,20 +151,24 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
     let expected_deg = mission_result.result.as_ref().ok().map(|shown| shown.expected_rms_deg);
     CompassReport {
         name: "The module's compass".to_owned(),
-        accepted: mission_result.result.is_ok(),
+        is_accepted: mission_result.result.is_ok(),
         facts,
-        before: deviation_curves(&mission_result.before),
-        after: if mission_result.result.is_ok() { deviation_curves(&mission_result.after) } else { Vec::new() },
+        curves_before: deviation_curves(&mission_result.errors_before),
+        curves_after: if mission_result.result.is_ok() {
+            deviation_curves(&mission_result.errors_after)
+        } else {
+            Vec::new()
+        },
         sigma_deg: expected_deg.map_or_else(Vec::new, |deg| vec![deg; 12]),
         sigma_description: "the expected error of the calibration, RMS over all headings",
         samples: moments,
-        marks: vec![EventMark {
-            at_s: mission_result.solved_s - first_s,
+        event_marks: vec![EventMark {
+            time_s: mission_result.solved_s - first_s,
             name: if mission_result.result.is_ok() { "calibrated, restarted" } else { "refused" }.to_owned(),
         }],
         before_name: "uncorrected",
         corrected_by: "by the module",
-        earth: calibration.map(|c| [c.total_ut, c.inclination_rad.to_degrees()].map(f64::from)),
+        earth_field: calibration.map(|c| [c.total_ut, c.inclination_rad.to_degrees()].map(f64::from)),
         coefficients: calibration
             .map(|Calibration { w: [x, y, z], b_ut, .. }| [x, y, z, b_ut].map(|row| row.map(f64::from))),
         ..CompassReport::default()
@@ -180,11 +185,11 @@ fn summary_table(mission_result: &MissionResult) -> Vec<[String; 2]> {
             format_number(f.max_demeaned_deg, 2)
         )
     };
-    let mut facts = vec![["before".to_owned(), words(mission_result.before.statistics())]];
+    let mut facts = vec![["before".to_owned(), words(mission_result.errors_before.statistics())]];
     if mission_result.result.is_ok() {
-        facts.push(["after".to_owned(), words(mission_result.after.statistics())]);
+        facts.push(["after".to_owned(), words(mission_result.errors_after.statistics())]);
     }
-    if let Some(streamed) = &mission_result.streamed {
+    if let Some(streamed) = &mission_result.streamed_statistics {
         facts.push([
             "streamed in flight, attitude noise and age included".to_owned(),
             format!(
@@ -217,7 +222,7 @@ fn deviation_curves(errors: &HeadingErrors) -> Vec<DeviationCurve> {
 
 fn report_sample(true_moment: &mission::TrueMoment) -> ReportSample {
     ReportSample {
-        at_s: true_moment.at_s,
+        time_s: true_moment.time_s,
         heading_deg: Some(true_moment.heading_deg),
         roll_deg: f64::from(true_moment.attitude.roll_rad.to_degrees()),
         pitch_deg: f64::from(true_moment.attitude.pitch_rad.to_degrees()),
@@ -233,14 +238,14 @@ fn collected_sample(glimpse: &RoutineMeasurement, calibration: Option<&Calibrati
         applied.calibrated_field(applied.remove_motor_current(glimpse.field, glimpse.current_a))
     };
     let before = corrected(&Calibration::uncalibrated(Orientation::NONE));
-    let before_deg = f64::from(glimpse.moment.attitude.level(before).heading_rad().to_degrees());
+    let before_deg = f64::from(glimpse.true_moment.attitude.level(before).heading_rad().to_degrees());
     let body_ut = |field: Field<Body>| field.ut.map(f64::from).into();
     ReportSample {
         raw_ut: Some(body_ut(before)),
         corrected_ut: calibration.map(|applied| body_ut(corrected(applied))),
         current_a: glimpse.current_a.map(f64::from),
-        error_before_deg: Some(wrap_180(before_deg - glimpse.moment.heading_deg)),
-        ..report_sample(&glimpse.moment)
+        error_before_deg: Some(wrap_180(before_deg - glimpse.true_moment.heading_deg)),
+        ..report_sample(&glimpse.true_moment)
     }
 }
 
@@ -249,7 +254,7 @@ fn streamed_sample(heading: &EvaluatedHeading) -> ReportSample {
     ReportSample {
         error_deg: Some(heading.error_deg),
         sigma_deg: Some(heading.sigma_deg),
-        ..report_sample(&heading.moment)
+        ..report_sample(&heading.true_moment)
     }
 }
 

@@ -4,7 +4,7 @@
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeadingSentence {
     /// Arrival time of its last byte, microseconds of simulation time.
-    pub at_us: u64,
+    pub arrived_at_us: u64,
     /// `HCHDM`, `HCHDG`, `HCHDT`, `PASWH`.
     pub kind: String,
     /// Heading in degrees, true in `HCHDT`, otherwise magnetic; `None` if the field is empty.
@@ -22,7 +22,7 @@ pub struct HeadingSentence {
 pub struct SentenceReader {
     line: Vec<u8>,
     /// Number of invalid lines.
-    pub invalid: u32,
+    pub invalid_lines: u32,
 }
 
 impl SentenceReader {
@@ -34,7 +34,7 @@ impl SentenceReader {
         }
         let line = std::mem::take(&mut self.line);
         let received = parse_sentence(at_us, &line);
-        self.invalid += u32::from(received.is_none());
+        self.invalid_lines += u32::from(received.is_none());
         received
     }
 }
@@ -58,7 +58,14 @@ fn parse_sentence(at_us: u64, line: &[u8]) -> Option<HeadingSentence> {
     } else {
         (None, None, None)
     };
-    Some(HeadingSentence { at_us, kind, heading_deg, sigma_deg, status, heading_kind: heading_kind_field })
+    Some(HeadingSentence {
+        arrived_at_us: at_us,
+        kind,
+        heading_deg,
+        sigma_deg,
+        status,
+        heading_kind: heading_kind_field,
+    })
 }
 
 #[cfg(test)]
@@ -68,7 +75,7 @@ mod tests {
     fn read(text: &str) -> (Vec<HeadingSentence>, u32) {
         let mut reader = SentenceReader::default();
         let received = text.bytes().filter_map(|byte| reader.push_byte(7, byte)).collect();
-        (received, reader.invalid)
+        (received, reader.invalid_lines)
     }
 
     #[test]

@@ -47,7 +47,7 @@ pub fn record_sample(recording: &mut FlightRecording, world: &World, source: &mu
 /// Sets the place and its declination on 2026-01-01.
 fn set_place(recording: &mut FlightRecording, place: ReportedPosition) {
     let ReportedPosition { latitude_deg, longitude_deg, height_m } = place;
-    recording.place = Some([latitude_deg, longitude_deg, height_m]);
+    recording.start_position = Some([latitude_deg, longitude_deg, height_m]);
     let here = earth::Position::new(latitude_deg as f32, longitude_deg as f32, height_m as f32);
     let field =
         here.zip(Date::from_unix_s(START_UNIX_US / 1_000_000)).and_then(|(at, on)| EarthField::from_model(at, on));

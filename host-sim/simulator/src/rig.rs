@@ -151,8 +151,8 @@ impl Rig {
         let console_cable = Cable::new(CableConfig::default());
         let autopilot_cable = Cable::new(CableConfig::default());
         let instrument_cable = Cable::new(CableConfig::default());
-        let field = world.magnetometer_source(faults.field);
-        let magnetometer = SimulatedMagnetometer::new(config.sensor, config.seed, field, faults.sensor);
+        let field = world.magnetometer_source(faults.field_faults);
+        let magnetometer = SimulatedMagnetometer::new(config.sensor, config.seed, field, faults.sensor_faults);
         let reset = Rc::new(ResetLine {
             stop: simulation.stop(),
             cause: RefCell::new(None),
@@ -161,13 +161,13 @@ impl Rig {
         let (autopilot, instrument) = (autopilot_cable.host_end(), instrument_cable.host_end());
         let [one, two] = port_devices;
         let port_devices = [
-            one.attach(&mut simulation, &world, autopilot.clone(), faults.attitude),
+            one.attach(&mut simulation, &world, autopilot.clone(), faults.attitude_faults),
             two.attach(&mut simulation, &world, instrument.clone(), Vec::new()),
         ];
-        for fault in faults.link {
+        for fault in faults.link_faults {
             simulation.spawn(Level::World, "link fault", fault.run(world.clone(), autopilot.clone()));
         }
-        for foreign in faults.senders {
+        for foreign in faults.second_senders {
             simulation.spawn(Level::World, "foreign sender", foreign.run(&world, autopilot.clone()));
         }
         simulation.spawn(Level::World, "watchdog timer", watchdog_timer(reset.clone()));

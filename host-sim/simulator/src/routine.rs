@@ -13,13 +13,13 @@ pub struct TurnPlan {
     /// Bank in the turns, degrees.
     pub bank_deg: f64,
     /// Full circles to each side.
-    pub circles: f64,
+    pub circles_per_side: f64,
 }
 
 impl Default for TurnPlan {
     /// Pilot instructions: 25 deg of bank and four circles, one more than necessary in calm air.
     fn default() -> Self {
-        Self { bank_deg: 25.0, circles: 4.0 }
+        Self { bank_deg: 25.0, circles_per_side: 4.0 }
     }
 }
 
@@ -38,13 +38,13 @@ pub struct RoutinePart {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Routine {
     /// Console command that starts the collection.
-    pub command: &'static str,
+    pub start_command: &'static str,
     /// Uncalibrated leg before the collection.
     pub take_off: Leg,
     /// Parts in order.
     pub parts: Vec<RoutinePart>,
     /// Legs flown with the calibration.
-    pub mission: Vec<Leg>,
+    pub mission_legs: Vec<Leg>,
 }
 
 /// Console command for the collection of informative samples, for all vehicles but aeroplanes.
@@ -88,7 +88,7 @@ impl Routine {
 pub fn all_instructions() -> String {
     VehicleKind::ALL.into_iter().fold(String::new(), |text, kind| {
         let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
-        format!("{text}{}, after `{}`:\n{}", kind.vehicle_name(), routine.command, routine.pilot_instructions())
+        format!("{text}{}, after `{}`:\n{}", kind.vehicle_name(), routine.start_command, routine.pilot_instructions())
     })
 }
 
@@ -120,10 +120,11 @@ fn tilts_to_all_sides(name: &'static str, instruction_text: &'static str, headin
 }
 
 fn plane_routine(plan: TurnPlan, heading_deg: f64) -> Routine {
-    let turns =
-        |side: f64| vec![Leg::Turn { bank_deg: plan.bank_deg, heading_change_deg: side * 360.0 * plan.circles }];
+    let turns = |side: f64| {
+        vec![Leg::Turn { bank_deg: plan.bank_deg, heading_change_deg: side * 360.0 * plan.circles_per_side }]
+    };
     Routine {
-        command: START_TURNS_COLLECTION,
+        start_command: START_TURNS_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
         parts: vec![
             RoutinePart {
@@ -133,7 +134,7 @@ fn plane_routine(plan: TurnPlan, heading_deg: f64) -> Routine {
             },
             RoutinePart { name: "left turns", instruction: "as many to the left", legs: turns(-1.0) },
         ],
-        mission: vec![
+        mission_legs: vec![
             Leg::Turn { bank_deg: 20.0, heading_change_deg: 360.0 },
             Leg::Straight { heading_deg: 60.0, seconds: 15.0 },
             Leg::Turn { bank_deg: 30.0, heading_change_deg: -360.0 },
@@ -146,10 +147,10 @@ fn copter_routine() -> Routine {
     let instruction_text = "on four headings, a quarter turn apart: push the stick ahead, back, right and left until it tilts by some \
                 20 deg, two seconds each, and let it come to rest in between";
     Routine {
-        command: START_FLIGHT_COLLECTION,
+        start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Hover { seconds: 5.0 },
         parts: vec![yaw_turns(), tilts_to_all_sides("pushes", instruction_text, 4)],
-        mission: vec![
+        mission_legs: vec![
             circle_leg(45.0, 360.0),
             Leg::Straight { heading_deg: 60.0, seconds: 20.0 },
             Leg::Turn { bank_deg: 10.0, heading_change_deg: -360.0 },
@@ -162,7 +163,7 @@ fn copter_routine() -> Routine {
 
 fn vtol_routine(heading_deg: f64) -> Routine {
     Routine {
-        command: START_FLIGHT_COLLECTION,
+        start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Hover { seconds: 5.0 },
         parts: vec![
             yaw_turns(),
@@ -176,7 +177,7 @@ fn vtol_routine(heading_deg: f64) -> Routine {
                 ],
             },
         ],
-        mission: vec![
+        mission_legs: vec![
             circle_leg(45.0, 360.0),
             Leg::Straight { heading_deg: 60.0, seconds: 25.0 },
             Leg::Turn { bank_deg: 20.0, heading_change_deg: -360.0 },
@@ -209,10 +210,10 @@ fn rover_routine(heading_deg: f64) -> Routine {
     let instruction_text = "on the roughest ground there is, or across a slope: two circles to the right and two to the left, and both \
                 again, each in 20 s";
     Routine {
-        command: START_FLIGHT_COLLECTION,
+        start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
         parts: vec![circles_routine("circles", instruction_text, 18.0, 4)],
-        mission: surface_mission(),
+        mission_legs: surface_mission(),
     }
 }
 
@@ -220,10 +221,10 @@ fn boat_routine(heading_deg: f64) -> Routine {
     let instruction_text =
         "in waves that roll it: two circles to the right and two to the left, and both again, each in 20 s";
     Routine {
-        command: START_FLIGHT_COLLECTION,
+        start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
         parts: vec![circles_routine("circles", instruction_text, 18.0, 4)],
-        mission: surface_mission(),
+        mission_legs: surface_mission(),
     }
 }
 
@@ -273,7 +274,7 @@ mod tests {
     #[test]
     fn no_routine_takes_more_than_three_minutes() {
         for kind in VehicleKind::ALL {
-            let routine = Routine::for_vehicle(kind, TurnPlan { circles: 3.0, ..TurnPlan::default() }, 0.0);
+            let routine = Routine::for_vehicle(kind, TurnPlan { circles_per_side: 3.0, ..TurnPlan::default() }, 0.0);
             let seconds = duration_s(kind, &routine.legs(), 3);
             assert!((60.0..=185.0).contains(&seconds), "{kind:?}: {seconds} s");
         }
@@ -284,7 +285,7 @@ mod tests {
         let words = all_instructions();
         for kind in VehicleKind::ALL {
             let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
-            assert!(words.contains(&format!("{}, after `{}`", kind.vehicle_name(), routine.command)));
+            assert!(words.contains(&format!("{}, after `{}`", kind.vehicle_name(), routine.start_command)));
             assert!(routine.parts.iter().all(|part| words.contains(part.instruction) && !part.legs.is_empty()));
         }
     }
@@ -294,7 +295,7 @@ mod tests {
         let text = include_str!("../../../docs/routines.md").to_lowercase();
         for kind in VehicleKind::ALL {
             let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
-            let row = format!("| `{}` | `{}` |", kind.vehicle_name(), routine.command);
+            let row = format!("| `{}` | `{}` |", kind.vehicle_name(), routine.start_command);
             let row = text.lines().find(|line| line.starts_with(&row)).unwrap_or_default();
             assert!(routine.parts.iter().all(|part| row.contains(&part.instruction.to_lowercase())), "{kind:?}: {row}");
         }

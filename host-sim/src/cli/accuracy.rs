@@ -61,7 +61,7 @@ const FLIGHT_MINUTES: f64 = 3.0;
 
 pub fn run_accuracy(options: &Accuracy) -> Result<ExitCode, Failure> {
     let kind = options.aircraft;
-    let plan = AccuracyPlan { airframes: options.airframes, draws: options.draws, seed: options.seed };
+    let plan = AccuracyPlan { airframes: options.airframes, noise_draws: options.draws, seed: options.seed };
     if kind == VehicleKind::Plane && options.patterns.is_empty() && options.minutes.is_none() {
         run_turns(options, plan)
     } else {
@@ -76,7 +76,7 @@ fn run_turns(options: &Accuracy, plan: AccuracyPlan) -> Result<ExitCode, Failure
     if options.json {
         let mut value = serde_json::to_value(&outcome).map_err(|e| Failure(e.to_string()))?;
         value["airframes"] = json!(plan.airframes);
-        value["draws"] = json!(plan.draws);
+        value["draws"] = json!(plan.noise_draws);
         value["seed"] = json!(plan.seed);
         print::print_json(value)?;
     } else {
@@ -86,7 +86,7 @@ fn run_turns(options: &Accuracy, plan: AccuracyPlan) -> Result<ExitCode, Failure
 }
 
 fn format_outcome(plan: AccuracyPlan, outcome: &AccuracyResult) -> String {
-    let AccuracyPlan { airframes, draws, .. } = plan;
+    let AccuracyPlan { airframes, noise_draws: draws, .. } = plan;
     let mut text = String::new();
     let bound_deg = outcome.bound_median_deg;
     append_wrapped(
@@ -132,12 +132,12 @@ fn run_whole_flights(options: &Accuracy, kind: VehicleKind, plan: AccuracyPlan) 
     let bar = progress_bar("airframes", plan.airframes * patterns.len() as u64);
     let rows: Vec<FlightStudyRow> = patterns
         .into_iter()
-        .map(|pattern| flight_study::run(Flight { kind, pattern, minutes }, plan, &|| bar.inc(1)))
+        .map(|pattern| flight_study::run(Flight { kind, pattern, duration_minutes: minutes }, plan, &|| bar.inc(1)))
         .collect();
     bar.finish_and_clear();
     if options.json {
         let flights = serde_json::to_value(&rows).map_err(|e| Failure(e.to_string()))?;
-        let AccuracyPlan { airframes, draws, seed } = plan;
+        let AccuracyPlan { airframes, noise_draws: draws, seed } = plan;
         print::print_json(json!({ "flights": flights, "airframes": airframes, "draws": draws, "seed": seed }))?;
     } else {
         print::print_text(&format_flights(plan, &rows));
@@ -146,7 +146,7 @@ fn run_whole_flights(options: &Accuracy, kind: VehicleKind, plan: AccuracyPlan) 
 }
 
 fn format_flights(plan: AccuracyPlan, rows: &[FlightStudyRow]) -> String {
-    let AccuracyPlan { airframes, draws, .. } = plan;
+    let AccuracyPlan { airframes, noise_draws: draws, .. } = plan;
     let name = |row: &FlightStudyRow| format!("{} {}", row.aircraft, row.pattern.pattern_name());
     let mut errors =
         narrow_table(["flight", "minutes", "readings", "rms", "worst\n10 %", "solved,\n%", "accepted,\n%", "wrong"]);

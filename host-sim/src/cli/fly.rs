@@ -168,7 +168,7 @@ fn report_origin(options: &Fly) -> ReportOrigin {
         settings.push(setting("motor-current interference", format!("{} uT{reported}", options.current)));
     }
     settings.push(setting("turns", format!("{} circles each way, {} deg of bank", options.circles, options.bank)));
-    ReportOrigin { command: command_line(), settings, ..ReportOrigin::default() }
+    ReportOrigin { command_line: command_line(), settings, ..ReportOrigin::default() }
 }
 
 /// Flies, recording the flight if a log was requested.
@@ -192,7 +192,7 @@ fn write_log(options: &Fly, recording: Option<&FlightRecording>) -> Result<(), F
 fn fly_mission(module: &mut impl Module, options: &Fly) -> MissionResult {
     const PROGRESS_TICKS: u64 = 1000;
     let mut current: Option<(MissionStage, ProgressBar)> = None;
-    let plan = TurnPlan { bank_deg: options.bank, circles: options.circles };
+    let plan = TurnPlan { bank_deg: options.bank, circles_per_side: options.circles };
     let mission_result = mission::fly_with(module, plan, &mut |stage, fraction| {
         if current.as_ref().is_none_or(|(shown, _)| *shown != stage) {
             finish_stage(current.take());
@@ -225,7 +225,7 @@ fn format_result(options: &Fly, mission_result: &MissionResult) -> String {
     let _ = writeln!(
         text,
         "Heading error in degrees, indicated less true\n{}",
-        errors_table(&mission_result.before, &mission_result.after)
+        errors_table(&mission_result.errors_before, &mission_result.errors_after)
     );
     match &mission_result.result {
         Ok(shown) => {
@@ -237,13 +237,13 @@ fn format_result(options: &Fly, mission_result: &MissionResult) -> String {
                     shown.method,
                     shown.expected_rms_deg,
                     shown.expected_worst_deg,
-                    errors_text(&mission_result.after.statistics())
+                    errors_text(&mission_result.errors_after.statistics())
                 ),
             );
             append_wrapped(
                 &mut text,
                 "",
-                &format!("uncalibrated: {}", errors_text(&mission_result.before.statistics())),
+                &format!("uncalibrated: {}", errors_text(&mission_result.errors_before.statistics())),
             );
         }
         Err(SolveNotice::Refused { code, words }) => {
@@ -253,7 +253,7 @@ fn format_result(options: &Fly, mission_result: &MissionResult) -> String {
             append_wrapped(&mut text, "", &format!("calibrated, but cal show could not be read: {words}"));
         }
     }
-    if let Some(streamed) = &mission_result.streamed {
+    if let Some(streamed) = &mission_result.streamed_statistics {
         let OutputStatistics { headings, rms_deg, max_deg, within_percent: [one, two], .. } = streamed;
         append_wrapped(
             &mut text,

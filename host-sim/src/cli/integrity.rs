@@ -59,7 +59,7 @@ pub fn run_integrity(options: &Integrity) -> Result<ExitCode, Failure> {
         return Ok(ExitCode::SUCCESS);
     }
     let cases = selected_cases(&options.cases, &applies, aircraft)?;
-    let plan = IntegrityPlan { flights, seed, heading, aircraft, source };
+    let plan = IntegrityPlan { flights_per_case: flights, seed, heading, aircraft, source };
     let bar = progress_bar("flights", integrity::flight_count(plan, &cases));
     let rows = integrity::run(plan, &cases, &|| bar.inc(1));
     bar.finish_and_clear();

@@ -165,16 +165,16 @@ pub fn evaluate(file: &Path, flight: &Flight, options: &Replay) -> Result<Flight
     let evaluation = evaluate_flight(
         flight,
         &EvaluationOptions {
-            selected: options.samples,
-            compass: options.compass,
+            row_selection: options.samples,
+            compass_number: options.compass,
             inclination_deg: options.inclination,
-            window_s: [options.from.unwrap_or(f64::NEG_INFINITY), options.to.unwrap_or(f64::INFINITY)],
-            reference: options.reference,
+            time_window_s: [options.from.unwrap_or(f64::NEG_INFINITY), options.to.unwrap_or(f64::INFINITY)],
+            reference_kind: options.reference,
             field_latency_s: options.age.map(|ms| ms / 1e3),
         },
     );
     if evaluation.compasses.is_empty() {
-        let numbers: Vec<String> = flight.compasses.iter().map(|compass| compass.number.to_string()).collect();
+        let numbers: Vec<String> = flight.compasses.iter().map(|compass| compass.compass_number.to_string()).collect();
         return Err(Failure(format!("{name}: the log has no compass of this number; it has {}", numbers.join(", "))));
     }
     if options.reference.is_some() && evaluation.reference.is_none() {
@@ -200,7 +200,7 @@ pub fn run_replay(file: &Path, options: &Replay) -> Result<ExitCode, Failure> {
     let parameters = verdict.exported_corrections();
     let parameter_file = || parameter_export::format_parameter_file(&flight, &parameters, format);
     if let Some(path) = &options.params {
-        let numbers: Vec<String> = parameters.iter().map(|export| export.number.to_string()).collect();
+        let numbers: Vec<String> = parameters.iter().map(|export| export.compass_number.to_string()).collect();
         if numbers.is_empty() {
             print::print_error(format_args!("host-sim: no parameters to load; {} is not written", path.display()));
         } else {
@@ -215,7 +215,7 @@ pub fn run_replay(file: &Path, options: &Replay) -> Result<ExitCode, Failure> {
     let text = verdict_text(&name.to_string(), &verdict);
     if let Some(path) = &options.report {
         let made = ReportOrigin {
-            command: command_line(),
+            command_line: command_line(),
             settings: settings_table(options),
             terminal_output: text.clone(),
             parameters: (!parameters.is_empty()).then(|| [format.file_name().to_owned(), parameter_file()]),
@@ -262,7 +262,7 @@ fn verdict_text(name: &str, verdict: &Verdict<'_>) -> String {
     append_wrapped(&mut out, "", &verdict.log_description(name));
     append_wrapped(&mut out, "", &format!("an Autoswing module on this flight: {}", verdict.outcome));
     for compass in verdict.compasses_in_use_first() {
-        let _ = writeln!(out, "\ncompass {}", compass.evaluation.number);
+        let _ = writeln!(out, "\ncompass {}", compass.evaluation.compass_number);
         for [name, value] in verdict.key_facts(compass) {
             append_wrapped(&mut out, "  ", &format!("{name}: {value}"));
         }
@@ -275,7 +275,7 @@ fn verdict_text(name: &str, verdict: &Verdict<'_>) -> String {
         let _ = writeln!(out, "{}", verdict_table(verdict));
         append_wrapped(&mut out, "", &format!("{name}: {}", reference.limits_text()));
     }
-    for note in &verdict.notes {
+    for note in &verdict.log_warnings {
         append_wrapped(&mut out, "note: ", &note.to_string());
     }
     out
@@ -284,7 +284,8 @@ fn verdict_text(name: &str, verdict: &Verdict<'_>) -> String {
 /// A row for each correction, a column for each compass, then percentages within one and two sigma.
 fn verdict_table(verdict: &Verdict<'_>) -> Table {
     let compasses = &verdict.evaluation.compasses;
-    let header = std::iter::once(String::new()).chain(compasses.iter().map(|c| format!("compass {}", c.number)));
+    let header =
+        std::iter::once(String::new()).chain(compasses.iter().map(|c| format!("compass {}", c.compass_number)));
     let mut table = content_table(header);
     let mut add = |name: &str, cells: Vec<Option<String>>| {
         if cells.iter().any(Option::is_some) {
@@ -296,10 +297,10 @@ fn verdict_table(verdict: &Verdict<'_>) -> Table {
         add(name, cells.into_iter().map(|deg| Some(format!("{:.2}", deg?))).collect());
     }
     let of_each = |cell: &dyn Fn(&CompassEvaluation) -> Option<String>| compasses.iter().map(cell).collect();
-    add("module, smoothed", of_each(&|compass| Some(format!("{:.2}", compass.module.smoothed_score?.rms_deg))));
-    add("module, mean", of_each(&|compass| Some(format!("{:+.2}", compass.module.score?.mean_deg))));
+    add("module, smoothed", of_each(&|compass| Some(format!("{:.2}", compass.module_result.smoothed_score?.rms_deg))));
+    add("module, mean", of_each(&|compass| Some(format!("{:+.2}", compass.module_result.score?.mean_deg))));
     let within = |compass: &CompassEvaluation| {
-        let [one, two] = compass.module.score?.within_percent;
+        let [one, two] = compass.module_result.score?.within_percent;
         Some(format!("{one:.0}, {two:.0} %"))
     };
     add("module, within 1, 2 sigma", of_each(&within));
@@ -313,10 +314,10 @@ fn write_headings(path: &Path, flight: &Flight, compass: Option<&CompassEvaluati
     let mut out = std::io::BufWriter::new(std::fs::File::create(path)?);
     writeln!(out, "t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg,readings")?;
     let Some(compass) = compass else { return out.flush() };
-    let logged = flight.compasses.iter().find(|logged| logged.number == compass.number);
+    let logged = flight.compasses.iter().find(|logged| logged.compass_number == compass.compass_number);
     let stamps_s: Vec<f64> =
         logged.map_or_else(Vec::new, |logged| logged.field.rows().iter().map(|row| row.t_s).collect());
-    let headings = &compass.module.headings;
+    let headings = &compass.module_result.headings;
     let row_of = |stamp_s: f64| {
         // Rows are at the time of the field, which is older than its time stamp.
         let at_s = stamp_s - compass.latency.used_s;
@@ -334,7 +335,7 @@ fn write_headings(path: &Path, flight: &Flight, compass: Option<&CompassEvaluati
             continue;
         };
         let row = &headings[index];
-        let is_refused = compass.module.accepted.is_err();
+        let is_refused = compass.module_result.acceptance.is_err();
         let status = if is_refused { Err(NoHeading::Uncalibrated) } else { row.status };
         let status = status.map_or_else(NoHeading::stable_code, |()| "ok");
         let smooth =

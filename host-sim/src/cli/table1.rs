@@ -59,8 +59,8 @@ fn published_errors() -> [MethodErrors; 3] {
         left_deg: rows.map(|row| errors_of(&row).left_deg),
     };
     [
-        column("before", |row| row.before),
-        column("reference", |row| row.reference),
+        column("before", |row| row.uncompensated),
+        column("reference", |row| row.reference_errors),
         column("four ellipses", |row| row.four_ellipse),
     ]
 }

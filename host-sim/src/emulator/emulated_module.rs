@@ -173,9 +173,9 @@ impl Emulator {
             MachineMessage::Started | MachineMessage::Step => {}
         }
         let go = StepInput {
-            console: self.console_wire.take_bytes(),
-            autopilot: self.autopilot_wire.take_bytes(),
-            instrument: self.instrument_wire.take_bytes(),
+            console_bytes: self.console_wire.take_bytes(),
+            autopilot_bytes: self.autopilot_wire.take_bytes(),
+            instrument_bytes: self.instrument_wire.take_bytes(),
             is_sensor_wire_broken: self.sensor_broken,
             test: self.requested_bench_test.take(),
         };

@@ -64,11 +64,11 @@ pub enum MachineMessage {
 #[derive(Clone, Debug, Default)]
 pub struct StepInput {
     /// Bytes for the console.
-    pub console: Vec<u8>,
+    pub console_bytes: Vec<u8>,
     /// Bytes for the autopilot port.
-    pub autopilot: Vec<u8>,
+    pub autopilot_bytes: Vec<u8>,
     /// Bytes for the instrument port.
-    pub instrument: Vec<u8>,
+    pub instrument_bytes: Vec<u8>,
     /// Whether the sensor's data wire is broken.
     pub is_sensor_wire_broken: bool,
     /// Test to be run by the bench image.
@@ -184,8 +184,8 @@ impl Machine {
         let send = |stream: &mut LocalStream, bytes: &[u8], socket_name| {
             stream.write_all(bytes).map_err(|error| EmulatorError::Connection(socket_name, error))
         };
-        let [console, autopilot, instrument] =
-            [&go.console, &go.autopilot, &go.instrument].map(|bytes| &bytes[..bytes.len().min(MAX_STEP_BYTES)]);
+        let [console, autopilot, instrument] = [&go.console_bytes, &go.autopilot_bytes, &go.instrument_bytes]
+            .map(|bytes| &bytes[..bytes.len().min(MAX_STEP_BYTES)]);
         send(&mut self.console, console, "console")?;
         send(&mut self.autopilot, autopilot, "autopilot port")?;
         send(&mut self.instrument, instrument, "instrument port")?;

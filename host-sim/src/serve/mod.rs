@@ -99,9 +99,9 @@ pub struct ServedModule {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DatagramCounts {
     /// Accepted datagrams.
-    pub accepted: u64,
+    pub accepted_datagrams: u64,
     /// Rejected datagrams.
-    pub rejected: u64,
+    pub rejected_datagrams: u64,
 }
 
 impl ServedModule {
@@ -185,7 +185,7 @@ impl ServedModule {
     #[must_use]
     pub fn take_firmware_update(&self) -> Option<(String, u8)> {
         let update = self.rig.firmware_update.take()?;
-        Some((String::from_utf8_lossy(update.file_path()).into_owned(), update.server.get()))
+        Some((String::from_utf8_lossy(update.file_path()).into_owned(), update.server_node.get()))
     }
 
     /// Executes a pilot command line and returns the answer.
@@ -210,8 +210,8 @@ impl ServedModule {
         let attitude_datagram = parse_attitude(datagram);
         let visits = self.visits.get_or_insert_default();
         match attitude_datagram {
-            Ok(Euler { .. }) => visits.accepted += 1,
-            Err(_) => visits.rejected += 1,
+            Ok(Euler { .. }) => visits.accepted_datagrams += 1,
+            Err(_) => visits.rejected_datagrams += 1,
         }
         attitude_datagram.map(|attitude| self.rig.world.follow_attitude(attitude))
     }
@@ -240,7 +240,7 @@ impl ServedModule {
     #[must_use]
     pub fn flash_changes(&self) -> u64 {
         let wear = self.rig.flash.wear();
-        wear.erases + wear.writes
+        wear.page_erases + wear.programmed_words
     }
 
     fn status_json(&self) -> String {
@@ -253,10 +253,12 @@ impl ServedModule {
             false if self.awaits_datagram() => "nobody yet",
             false => "who is attached",
         };
-        let sender_text =
-            self.visits.map_or_else(String::new, |DatagramCounts { accepted: followed, rejected: malformed }| {
+        let sender_text = self.visits.map_or_else(
+            String::new,
+            |DatagramCounts { accepted_datagrams: followed, rejected_datagrams: malformed }| {
                 format!("; {followed} attitudes received, {malformed} malformed")
-            });
+            },
+        );
         format!(
             "ok {seconds:.1} s, {flies}: roll {roll_deg:.1}, pitch {pitch_deg:.1}, magnetic heading {:.1} deg, {:.0} m \
              north and {:.0} m east of the start, motor current {:.1} A; attitude from {source}{sender_text}",
@@ -270,7 +272,7 @@ impl ServedModule {
     /// Whether an external simulator has sent no attitude yet. The first one moves the aircraft without a turn of its
     /// gyro, so that none may be sent before it.
     fn awaits_datagram(&self) -> bool {
-        self.visits.is_some_and(|counts| counts.accepted == 0)
+        self.visits.is_some_and(|counts| counts.accepted_datagrams == 0)
     }
 
     fn forward_attitude(&self) {

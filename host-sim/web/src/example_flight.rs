@@ -58,7 +58,7 @@ pub fn fly_example(request: FlightRequest, report_step: &mut dyn FnMut(&FlightSt
     let mut observed = ObservedModule::new(&mut rig, reporter);
     let flown = mission::fly_with(&mut observed, TurnPlan::default(), &mut |stage, done| progress.set((stage, done)));
     let origin = ReportOrigin {
-        command: format!("host-sim fly --seed {}", request.seed),
+        command_line: format!("host-sim fly --seed {}", request.seed),
         settings: vec![["airframe".to_owned(), "table1".to_owned()], ["seed".to_owned(), request.seed.to_string()]],
         ..ReportOrigin::default()
     };

@@ -81,7 +81,7 @@ impl LoadedLog {
     #[must_use]
     pub fn summary(&self) -> LogSummary {
         LogSummary {
-            compasses: self.flight.compasses.iter().map(|compass| compass.number).collect(),
+            compasses: self.flight.compasses.iter().map(|compass| compass.compass_number).collect(),
             range_s: self.flight.time_range_s(),
             is_table: self.flight.format == LogFormat::Csv,
         }
@@ -95,10 +95,10 @@ impl LoadedLog {
     pub fn judge_log(&self, choices: &Choices) -> Result<JudgedLog, String> {
         let Self { name, flight } = self;
         let options = EvaluationOptions {
-            selected: choices.samples,
-            compass: choices.compass,
-            window_s: [choices.from_s.unwrap_or(f64::NEG_INFINITY), choices.to_s.unwrap_or(f64::INFINITY)],
-            reference: choices.reference,
+            row_selection: choices.samples,
+            compass_number: choices.compass,
+            time_window_s: [choices.from_s.unwrap_or(f64::NEG_INFINITY), choices.to_s.unwrap_or(f64::INFINITY)],
+            reference_kind: choices.reference,
             ..EvaluationOptions::DEFAULT
         };
         let evaluation = evaluate_flight(flight, &options);

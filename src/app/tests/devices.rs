@@ -75,7 +75,11 @@ impl Magnetometer for Chip {
         Timer::after(Duration::from_micros(Self::PERIOD_US.into())).await;
         let (saturated, overrun) = self.flags.get();
         match self.read.get() {
-            DeviceBehaviour::Works => Ok(Reading { field: Field::from_ut(20.0, 0.0, 40.0), saturated, overrun }),
+            DeviceBehaviour::Works => Ok(Reading {
+                field: Field::from_ut(20.0, 0.0, 40.0),
+                is_saturated: saturated,
+                was_overwritten: overrun,
+            }),
             DeviceBehaviour::Fails | DeviceBehaviour::Ends | DeviceBehaviour::Upset => Err(MagnetometerError::NoData),
             DeviceBehaviour::Hangs => pending().await,
         }

@@ -31,7 +31,10 @@ fn with_instrument() -> TaskBench {
 /// Sends a level reading with this heading.
 fn read(bench: &TaskBench, heading_rad: f32) {
     let field = Field::new(Attitude::default().body(Field::earth(50.0, 1.0, heading_rad)).ut);
-    bench.links.queue_or_count(&bench.links.readings, stamped_now(Reading { field, saturated: false, overrun: false }));
+    bench.links.queue_or_count(
+        &bench.links.readings,
+        stamped_now(Reading { field, is_saturated: false, was_overwritten: false }),
+    );
 }
 
 fn report(bench: &TaskBench) {
@@ -41,7 +44,7 @@ fn report(bench: &TaskBench) {
         attitude: Attitude::default(),
         rates_rad_s: [0.0; 3],
     };
-    bench.links.queue_or_count(&bench.links.reports, stamped_now(report));
+    bench.links.queue_or_count(&bench.links.attitude_reports, stamped_now(report));
 }
 
 fn estimate(bench: &TaskBench) -> Estimate {
@@ -56,7 +59,7 @@ fn readings_become_estimates_and_a_correction_applies_one_reading_later() {
     read(&bench, 0.5);
     bench.ms(1);
     assert_eq!(estimate(&bench).heading, Err(NoHeading::Uncalibrated));
-    assert_eq!(estimate(&bench).at, Timestamp::from_us(20_000));
+    assert_eq!(estimate(&bench).timestamp, Timestamp::from_us(20_000));
     publish_value(&bench.links.correction, correction());
     bench.ms(10);
     assert_eq!(estimate(&bench).heading, Err(NoHeading::Uncalibrated), "of the reading before");
@@ -88,7 +91,7 @@ fn a_silent_sensor_is_reported_to_the_ports() {
         bench.ms(if silence_ms == 150 { 1 } else { 100 });
         let estimate = estimates.try_changed().unwrap();
         let expected = (Err(NoHeading::SensorSilent), Timestamp::from_us(silence_ms * 1000));
-        assert_eq!((estimate.heading, estimate.at), expected);
+        assert_eq!((estimate.heading, estimate.timestamp), expected);
     }
     assert_eq!(bench.links.heartbeat_counts()[1], 4);
 }

@@ -51,7 +51,7 @@ fn with_panel() -> (TaskBench, Post) {
 fn shown(indicator_state: Option<IndicatorState>, heading: NoHeading, attitude: Option<Attitude>) -> (u64, u64) {
     let (mut bench, post) = with_panel();
     if let Some(indicator_state) = indicator_state {
-        publish_value(&bench.links.indicator, indicator_state);
+        publish_value(&bench.links.indicator_state, indicator_state);
         publish_value(&bench.links.estimates, Estimate { attitude, heading: Err(heading), ..Estimate::EMPTY });
     }
     let begin = Instant::now().as_millis();
@@ -129,10 +129,10 @@ fn the_button_begins_a_collection() {
         DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
     );
     bench.ms(10);
-    assert_eq!(bench.links.indicator.try_get(), Some(IndicatorState::Idle));
+    assert_eq!(bench.links.indicator_state.try_get(), Some(IndicatorState::Idle));
     post.is_down.set(true);
     bench.ms(2_100);
-    assert_eq!(bench.links.indicator.try_get(), Some(IndicatorState::Collecting(0)));
+    assert_eq!(bench.links.indicator_state.try_get(), Some(IndicatorState::Collecting(0)));
     assert!(bench.links.replies.try_receive().is_err(), "nobody asked");
     let reply = ask(&mut bench, Command::CalStop);
     assert!(matches!(reply, Ok(Reply::Done(ModuleState::Uncalibrated))), "{reply:?}");

@@ -49,7 +49,7 @@ fn with_sentences() -> (TaskBench, Port) {
 }
 
 fn rolls(bench: &TaskBench) -> Vec<f32> {
-    let reports = std::iter::from_fn(|| bench.links.reports.try_receive().ok());
+    let reports = std::iter::from_fn(|| bench.links.attitude_reports.try_receive().ok());
     reports.map(|report| report.value.attitude.roll_rad).collect()
 }
 
@@ -58,7 +58,7 @@ fn stream(bench: &mut TaskBench, heading: Result<Heading, NoHeading>, ms: u64) {
     let end_us = bench.simulation.now_us() + ms * 1000;
     while bench.simulation.now_us() < end_us {
         let at = Timestamp::from_us(bench.simulation.now_us());
-        bench.links.estimates.sender().send(Estimate { at, heading, ..Estimate::EMPTY });
+        bench.links.estimates.sender().send(Estimate { timestamp: at, heading, ..Estimate::EMPTY });
         bench.simulation.run_for(12_500);
     }
 }
@@ -75,10 +75,10 @@ fn reports_are_passed_on_with_their_arrival_and_counted() {
     line.put(&[frame(0.1), broken, frame(0.3)].concat());
     bench.ms(1);
     let reports: Vec<Timestamped<AttitudeReport>> =
-        std::iter::from_fn(|| bench.links.reports.try_receive().ok()).collect();
+        std::iter::from_fn(|| bench.links.attitude_reports.try_receive().ok()).collect();
     let rolls: Vec<f32> = reports.iter().map(|report| report.value.attitude.roll_rad).collect();
     assert_eq!(rolls, [0.1, 0.3]);
-    assert!(reports.iter().all(|report| (5_000..=6_000).contains(&report.at.as_us())), "{reports:?}");
+    assert!(reports.iter().all(|report| (5_000..=6_000).contains(&report.timestamp.as_us())), "{reports:?}");
     // Rejected frames are counted with the next estimate.
     stream(&mut bench, NORTH, 10);
     let counts = bench.links.event_counts();
@@ -127,7 +127,7 @@ fn heartbeat(base_mode: MavModeFlag) -> Vec<u8> {
 fn armed_state_is_published_on_change_and_expires_after_10_s() {
     let (mut bench, line) = with_line();
     let links = Rc::clone(&bench.links);
-    let mut armed = subscribe(&links.armed);
+    let mut armed = subscribe(&links.armed_state);
     line.put(&heartbeat(ARMED));
     bench.ms(1);
     assert_eq!(armed.try_changed(), Some(Some(true)));
@@ -151,7 +151,7 @@ fn armed_on_any_port_is_armed() {
     let mut armed_after_heartbeat = |line: usize, base_mode| {
         lines[line].put(&heartbeat(base_mode));
         bench.ms(1);
-        links.armed.try_get().flatten()
+        links.armed_state.try_get().flatten()
     };
     assert_eq!(armed_after_heartbeat(1, MavModeFlag::empty()), Some(false));
     assert_eq!(armed_after_heartbeat(0, ARMED), Some(true));

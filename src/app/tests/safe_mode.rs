@@ -49,7 +49,7 @@ fn with_safe_mode(flash: Flash) -> (TaskBench, [Port; 2], FeedTimer) {
 #[test]
 fn both_ports_report_it_in_both_protocols() {
     let (mut bench, ports, _) = with_safe_mode(Flash::new(PAGES));
-    assert_eq!(bench.links.notices.try_receive(), Ok(Message::SafeMode));
+    assert_eq!(bench.links.console_messages.try_receive(), Ok(Message::SafeMode));
     bench.ms(1_000);
     for port in &ports {
         let bytes = port.written.take();
@@ -74,7 +74,7 @@ fn it_erases_the_store_and_refuses_other_commands() {
     assert!(matches!(ask(&mut bench, Command::Status), Ok(Reply::SafeMode)));
     assert!(matches!(ask(&mut bench, Command::CalSolve(None)), Err(Refusal::SafeMode)));
     assert!(matches!(ask(&mut bench, Command::CalClear), Ok(Reply::Done(ModuleState::Uncalibrated))));
-    assert!(ask(&mut bench, Command::Restart).is_ok() && bench.links.restart.signaled());
+    assert!(ask(&mut bench, Command::Restart).is_ok() && bench.links.restart_request.signaled());
     assert_eq!(with_compass(flash).links.settings.try_get(), Some(Settings::DEFAULT));
 }
 
@@ -193,7 +193,7 @@ fn the_node_of_a_can_bus_reports_it_and_restarts() {
         bus.put(DataType::RESTART_NODE, &RESTART);
         bench.ms(10);
         assert_eq!(bus.take_sent(DataType::RESTART_NODE)[0][0], is_accepted);
-        assert_eq!(bench.links.restart.signaled(), is_accepted != 0);
+        assert_eq!(bench.links.restart_request.signaled(), is_accepted != 0);
     }
 }
 
@@ -204,9 +204,9 @@ fn the_firmware_can_be_replaced_over_can() {
     bus.put(DataType::BEGIN_FIRMWARE_UPDATE, &[&[0], &b"a.bin"[..]].concat());
     bench.ms(10);
     assert_eq!(bus.take_sent(DataType::BEGIN_FIRMWARE_UPDATE)[0][0], 0);
-    assert!(bench.links.restart.signaled());
+    assert!(bench.links.restart_request.signaled());
     let update = bus.update.take().expect("a hand-over");
-    assert_eq!((update.server.get(), update.own_node.get(), update.file_path()), (10, OWN, &b"a.bin"[..]));
+    assert_eq!((update.server_node.get(), update.own_node.get(), update.file_path()), (10, OWN, &b"a.bin"[..]));
 }
 
 /// Parameters, texts of a tunnel and batteries belong to code that can be the cause of the panics.

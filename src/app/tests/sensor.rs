@@ -18,8 +18,9 @@ fn bench() -> (TaskBench, Chip) {
 fn every_measurement_is_passed_on_with_its_instant() {
     let (mut bench, _) = bench();
     bench.ms(35);
-    let readings: Vec<u64> =
-        std::iter::from_fn(|| bench.links.readings.try_receive().ok()).map(|reading| reading.at.as_us()).collect();
+    let readings: Vec<u64> = std::iter::from_fn(|| bench.links.readings.try_receive().ok())
+        .map(|reading| reading.timestamp.as_us())
+        .collect();
     assert_eq!(readings, [10_000, 20_000, 30_000]);
     assert_eq!(bench.links.event_counts().readings, 3);
     let found = DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER };

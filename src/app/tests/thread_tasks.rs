@@ -83,7 +83,7 @@ fn a_failed_save_is_reported_and_counted() {
     flash.unreadable = Some((0..2048 * PAGES, usize::MAX));
     let mut bench = with_compass(flash);
     assert_eq!(bench.links.event_counts().store_errors, 1, "of the load, once");
-    assert_eq!(bench.links.notices.try_receive(), Ok(Message::StoreFailed(StoreError::Flash)));
+    assert_eq!(bench.links.console_messages.try_receive(), Ok(Message::StoreFailed(StoreError::Flash)));
     let reply = ask(&mut bench, Command::Set(SettingChange::StreamRateHz(20)));
     assert!(matches!(reply, Err(Refusal::Store(StoreError::Flash))), "{reply:?}");
     assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
@@ -107,11 +107,11 @@ fn a_save_that_never_completes_is_given_up_and_reported() {
     assert!(matches!(ask(&mut bench, Command::Status), Ok(Reply::Report(_))));
     bench.links.update_line_state(AutopilotLine::Port(PortNumber::One), ProtocolKind::Mavlink, None);
     for is_armed in [true, false] {
-        publish_value(&bench.links.armed, Some(is_armed));
+        publish_value(&bench.links.armed_state, Some(is_armed));
         bench.ms(5_500);
     }
     let message = Ok(Message::StoreFailed(StoreError::Timeout));
-    assert_eq!(bench.links.notices.try_receive(), message);
+    assert_eq!(bench.links.console_messages.try_receive(), message);
     assert_eq!(bench.links.links_of_line(AutopilotLine::Port(PortNumber::One)).messages.try_receive(), message);
     assert_eq!(bench.links.event_counts().store_errors, 2);
     assert!(matches!(ask(&mut bench, Command::Status), Ok(Reply::Report(_))));
@@ -127,8 +127,8 @@ fn readings_lost_during_the_collection_are_the_cause_of_a_refusal() {
     );
     bench.ms(1);
     let record_losses = |bench: &TaskBench, saturated| {
-        bench.links.counters.readings.fetch_add(1000, Ordering::Relaxed);
-        bench.links.counters.saturated.fetch_add(saturated, Ordering::Relaxed);
+        bench.links.event_counters.readings.fetch_add(1000, Ordering::Relaxed);
+        bench.links.event_counters.saturated.fetch_add(saturated, Ordering::Relaxed);
     };
     record_losses(&bench, 500);
     bench.links.commands.try_send((CommandSource::Button, Command::CalStart(Procedure::Flight))).unwrap();
@@ -158,7 +158,7 @@ fn samples_become_a_correction() {
         bench.links.queue_or_count(&bench.links.samples, Sample { time, ..*sample });
         bench.ms(1);
     }
-    assert!(matches!(bench.links.notices.try_receive(), Ok(Message::Solved(Ok(_)))));
+    assert!(matches!(bench.links.console_messages.try_receive(), Ok(Message::Solved(Ok(_)))));
     let correction = bench.links.correction.try_get().unwrap();
     let (calibration, uncertainty) = correction.calibration.unwrap();
     assert_eq!(correction.sample_attitude, SampleAttitude::Interpolated);
@@ -166,7 +166,7 @@ fn samples_become_a_correction() {
     let reading_ut = uncertainty.sensor_sigma * calibration.total_ut;
     assert!((0.25..0.55).contains(&reading_ut), "{reading_ut}");
     assert_eq!(bench.links.event_counts().saves, 2, "that there is a collection, and its calibration");
-    assert_eq!(bench.links.indicator.try_get(), Some(IndicatorState::Calibrated));
+    assert_eq!(bench.links.indicator_state.try_get(), Some(IndicatorState::Calibrated));
     for number in PortNumber::ALL {
         assert!(
             matches!(
@@ -184,7 +184,7 @@ fn samples_become_a_correction() {
     let answered = Rc::clone(&replies);
     bench.run("person", |links| async move {
         for command in [Command::CalSolve(None), Command::Restart, Command::CalUndo] {
-            publish_value(&links.armed, Some(command == Command::CalUndo));
+            publish_value(&links.armed_state, Some(command == Command::CalUndo));
             links.commands.send((CommandSource::Console, command)).await;
             let reply = links.replies.receive().await;
             answered.borrow_mut().push(reply);
@@ -220,7 +220,7 @@ fn no_sample_is_dropped_during_a_trial_solve() {
     bench.ms(1);
     let Ok(Reply::Report(report)) = ask(&mut bench, Command::Status) else { panic!("no report") };
     assert!(report.last_trial.is_some());
-    assert_eq!(report.progress.left_turns.samples + report.progress.left_turns.held_back, 75);
+    assert_eq!(report.progress.left_turns.samples + report.progress.left_turns.held_back_count, 75);
     assert_eq!(bench.links.event_counts().samples_dropped, 0);
 }
 
@@ -228,9 +228,9 @@ fn no_sample_is_dropped_during_a_trial_solve() {
 fn restart_is_refused_while_the_autopilot_is_armed() {
     let mut bench = with_compass(Flash::new(PAGES));
     assert!(matches!(ask(&mut bench, Command::Restart), Ok(Reply::Done(_))));
-    publish_value(&bench.links.armed, Some(true));
+    publish_value(&bench.links.armed_state, Some(true));
     assert!(matches!(ask(&mut bench, Command::Restart), Err(Refusal::Armed)));
-    publish_value(&bench.links.armed, Some(false));
+    publish_value(&bench.links.armed_state, Some(false));
     assert!(matches!(ask(&mut bench, Command::Restart), Ok(Reply::Done(_))));
 }
 
@@ -239,19 +239,19 @@ fn restart_is_refused_while_the_autopilot_is_armed() {
 fn a_restart_commanded_on_a_port_needs_a_disarmed_autopilot() {
     let mut bench = with_compass(Flash::new(PAGES));
     for (is_armed, result) in [(true, Err(Refusal::Armed)), (false, Ok(()))] {
-        publish_value(&bench.links.armed, Some(is_armed));
+        publish_value(&bench.links.armed_state, Some(is_armed));
         bench
             .links
             .commands
             .try_send((CommandSource::Line(AutopilotLine::Port(PortNumber::Two)), Command::Restart))
             .unwrap();
         bench.ms(1);
-        assert_eq!(bench.links.restart.signaled(), result.is_ok());
+        assert_eq!(bench.links.restart_request.signaled(), result.is_ok());
         assert_eq!(
-            bench.links.links_of_line(AutopilotLine::Port(PortNumber::Two)).answers.try_take(),
+            bench.links.links_of_line(AutopilotLine::Port(PortNumber::Two)).command_results.try_take(),
             Some((Command::Restart, result))
         );
-        assert!(bench.links.links_of_line(AutopilotLine::Port(PortNumber::One)).answers.try_take().is_none());
+        assert!(bench.links.links_of_line(AutopilotLine::Port(PortNumber::One)).command_results.try_take().is_none());
     }
 }
 
@@ -385,13 +385,13 @@ fn a_selected_protocol_turns_the_console_into_a_port() {
 #[test]
 fn an_armed_module_does_not_reboot() {
     let (mut bench, line, port, board) = with_console();
-    publish_value(&bench.links.armed, Some(true));
+    publish_value(&bench.links.armed_state, Some(true));
     let reply = type_line(&mut bench, &line, &port, "reboot");
     assert!(reply.contains("\r\nerror armed: the autopilot is armed") && !reply.contains("ok"), "{reply}");
     bench.ms(1_000);
     assert_eq!(board.0.get(), 0);
     assert!(type_line(&mut bench, &line, &port, "status all").contains("\r\narmed: yes\r\n"));
-    publish_value(&bench.links.armed, Some(false));
+    publish_value(&bench.links.armed_state, Some(false));
     assert!(type_line(&mut bench, &line, &port, "status all").contains("\r\narmed: no\r\n"));
     assert!(type_line(&mut bench, &line, &port, "reboot").contains("ok restarting"));
     bench.ms(50);
@@ -419,7 +419,7 @@ fn the_oldest_message_is_dropped_from_a_full_queue() {
     for percent in 0..5 {
         bench.links.announce(&Message::Collecting(percent));
     }
-    let waiting: Vec<_> = std::iter::from_fn(|| bench.links.notices.try_receive().ok()).collect();
+    let waiting: Vec<_> = std::iter::from_fn(|| bench.links.console_messages.try_receive().ok()).collect();
     assert_eq!(waiting, [2, 3, 4].map(Message::Collecting));
 }
 

@@ -47,7 +47,7 @@ pub(in crate::calibration) fn solve_compass_swing(
 /// Horizontal field strength, from a regression of the horizontal axes without vertical field.
 fn estimate_horizontal_ut(marks: &[Mark], rotation: &Matrix3<f32>) -> Option<f32> {
     let (_, response) = fit_response(marks, rotation, 0.0, 0.0)?;
-    let horizontal = response.a_ut.fixed_view::<2, 2>(0, 0).determinant();
+    let horizontal = response.response_ut.fixed_view::<2, 2>(0, 0).determinant();
     Some(sqrt(horizontal.abs())).filter(|h0_ut| *h0_ut > 1.0)
 }
 
@@ -79,7 +79,10 @@ fn fit_response(
     let a_ut = solution.fixed_rows::<3>(0).transpose();
     let b_ut = solution.row(3).transpose() + mean;
     // On level ground all inclinations fit equally; the least hard iron is then the most likely.
-    Some((residual + NO_SOFT_IRON_WEIGHT * b_ut.norm_squared(), SensorResponse { a_ut, b_ut, tan_inclination }))
+    Some((
+        residual + NO_SOFT_IRON_WEIGHT * b_ut.norm_squared(),
+        SensorResponse { response_ut: a_ut, hard_iron_ut: b_ut, tan_inclination },
+    ))
 }
 
 #[cfg(test)]
@@ -122,8 +125,8 @@ mod tests {
     /// Tolerances from the ridge.
     fn assert_found(found: &SensorResponse, inclination_deg: f32) {
         let h0_ut = 50.0 * inclination_deg.to_radians().cos();
-        assert!((found.a_ut / h0_ut - a()).norm() < 0.02, "{inclination_deg}: {}", found.a_ut / h0_ut);
-        assert!((found.b_ut - B_UT).norm() < 1.0, "{inclination_deg}: {}", found.b_ut);
+        assert!((found.response_ut / h0_ut - a()).norm() < 0.02, "{inclination_deg}: {}", found.response_ut / h0_ut);
+        assert!((found.hard_iron_ut - B_UT).norm() < 1.0, "{inclination_deg}: {}", found.hard_iron_ut);
     }
 
     #[test]
@@ -155,9 +158,9 @@ mod tests {
     #[test]
     fn level_marks_determine_only_the_horizontal_response() {
         let found = solve_compass_swing(&marks(60.0, 0.0), &Matrix3::identity(), Some(60.0_f32.to_radians())).unwrap();
-        let horizontal = (found.a_ut / 25.0 - a()).fixed_view::<2, 2>(0, 0).norm();
+        let horizontal = (found.response_ut / 25.0 - a()).fixed_view::<2, 2>(0, 0).norm();
         assert!(horizontal < 1e-3, "{horizontal}");
-        let vertical = found.a_ut.column(2) / 25.0 - Vector3::z();
+        let vertical = found.response_ut.column(2) / 25.0 - Vector3::z();
         assert!(vertical.norm() < 0.05, "{vertical}");
     }
 

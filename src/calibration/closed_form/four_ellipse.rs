@@ -48,7 +48,11 @@ pub(in crate::calibration) fn solve_four_ellipse(
     let up = inclination_rad.map_or_else(|| centres.vertical_field(), |told_rad| -inclination_tangent(told_rad));
     let b_ut = centres.hard_iron_ut(up);
     let paper = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
-    Ok(SensorResponse { a_ut: paper.tr_mul(&(a_ut * paper)), b_ut: paper.tr_mul(&b_ut), tan_inclination: -up })
+    Ok(SensorResponse {
+        response_ut: paper.tr_mul(&(a_ut * paper)),
+        hard_iron_ut: paper.tr_mul(&b_ut),
+        tan_inclination: -up,
+    })
 }
 
 struct PlaneFigures {

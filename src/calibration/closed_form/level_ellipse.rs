@@ -102,7 +102,7 @@ pub(in crate::calibration) fn solve_level_ellipse(
         x,           y,           vertical_ut,
     );
     let b_ut = Vector3::new(found.centre_ut.x, found.centre_ut.y, 0.0);
-    Ok(SensorResponse { a_ut, b_ut, tan_inclination: vertical.mean_ut / vertical_ut })
+    Ok(SensorResponse { response_ut: a_ut, hard_iron_ut: b_ut, tan_inclination: vertical.mean_ut / vertical_ut })
 }
 
 struct VerticalAxisFit {
@@ -171,8 +171,8 @@ mod tests {
         let vertical_ut = map.determinant().sqrt();
         let expected =
             Matrix3::new(map[(0, 0)], map[(0, 1)], 0.0, map[(1, 0)], map[(1, 1)], 0.0, 3.0, -1.5, vertical_ut);
-        assert!((found.a_ut - expected).norm() < 2e-3, "{} {expected}", found.a_ut);
-        assert!((found.b_ut - Vector3::new(12.0, -30.0, 0.0)).norm() < 1e-3, "{}", found.b_ut);
+        assert!((found.response_ut - expected).norm() < 2e-3, "{} {expected}", found.response_ut);
+        assert!((found.hard_iron_ut - Vector3::new(12.0, -30.0, 0.0)).norm() < 1e-3, "{}", found.hard_iron_ut);
         assert!((found.tan_inclination - 40.0 / vertical_ut).abs() < 1e-4, "{}", found.tan_inclination);
     }
 
@@ -185,7 +185,7 @@ mod tests {
             Parts { left: &samples[..6], right: &samples[6..12], level: &[], marks: &marks, ..Parts::default() }
                 .samples();
         let found = solve_level_ellipse(parts, &about_z).unwrap();
-        assert!((found.b_ut - Vector3::new(30.0, 12.0, 0.0)).norm() < 1e-3, "{}", found.b_ut);
+        assert!((found.hard_iron_ut - Vector3::new(30.0, 12.0, 0.0)).norm() < 1e-3, "{}", found.hard_iron_ut);
     }
 
     #[test]

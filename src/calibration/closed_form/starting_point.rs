@@ -11,9 +11,9 @@ use crate::trig::sqrt;
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct SensorResponse {
     /// `A` times H0, microtesla: response to a field of H0 in body axes.
-    pub a_ut: Matrix3<f32>,
+    pub response_ut: Matrix3<f32>,
     /// Hard iron, microtesla.
-    pub b_ut: Vector3<f32>,
+    pub hard_iron_ut: Vector3<f32>,
     /// `D`: tangent of the inclination.
     pub tan_inclination: f32,
 }
@@ -24,7 +24,7 @@ pub(in crate::calibration) struct StartingPoint {
     /// Unit of field, microtesla.
     pub unit_ut: f32,
     pub w: Matrix3<f32>,
-    pub b: Vector3<f32>,
+    pub hard_iron: Vector3<f32>,
     pub inclination_rad: f32,
 }
 
@@ -33,13 +33,13 @@ impl SensorResponse {
     /// chip axes are right-handed.
     pub fn starting_point(&self) -> Option<StartingPoint> {
         let total = sqrt(1.0 + self.tan_inclination * self.tan_inclination);
-        let w = inverse(&self.a_ut)? / total;
+        let w = inverse(&self.response_ut)? / total;
         let determinant = w.determinant();
         let unit_ut = trig::reciprocal_cbrt(determinant);
         (determinant > 0.0 && unit_ut.is_finite() && unit_ut > 0.0).then(|| StartingPoint {
             unit_ut,
             w: w * unit_ut,
-            b: self.b_ut / unit_ut,
+            hard_iron: self.hard_iron_ut / unit_ut,
             inclination_rad: libm::atan2f(self.tan_inclination, 1.0),
         })
     }
@@ -84,7 +84,7 @@ pub(in crate::calibration) fn sphere_start(samples: Samples<'_>, rotation: &Matr
         .sum::<f32>()
         / samples.all().count() as f32;
     let inclination_rad = trig::asin(sin_dip);
-    Some(StartingPoint { unit_ut, w: Matrix3::identity(), b: b_ut / unit_ut, inclination_rad })
+    Some(StartingPoint { unit_ut, w: Matrix3::identity(), hard_iron: b_ut / unit_ut, inclination_rad })
 }
 
 /// Starting point from the vertical component, for samples tilted in several directions; needs no heading. With the
@@ -118,7 +118,7 @@ pub(in crate::calibration) fn vertical_component_start(
     is_valid.then(|| StartingPoint {
         unit_ut,
         w: w * unit_ut,
-        b: b_ut / unit_ut,
+        hard_iron: b_ut / unit_ut,
         inclination_rad: sign * trig::asin(1.0 / total),
     })
 }
@@ -140,8 +140,8 @@ mod tests {
 
     fn response() -> SensorResponse {
         SensorResponse {
-            a_ut: Matrix3::new(27.0, 2.0, -1.0, 0.5, 22.0, 3.0, -2.0, 1.0, 30.0),
-            b_ut: Vector3::new(12.0, -7.0, 40.0),
+            response_ut: Matrix3::new(27.0, 2.0, -1.0, 0.5, 22.0, 3.0, -2.0, 1.0, 30.0),
+            hard_iron_ut: Vector3::new(12.0, -7.0, 40.0),
             tan_inclination: 1.4,
         }
     }
@@ -154,20 +154,20 @@ mod tests {
         assert!((start.inclination_rad - 1.4_f32.atan()).abs() < 1e-6);
         let total = (1.0_f32 + 1.4 * 1.4).sqrt();
         for direction in [Vector3::x(), Vector3::y(), -Vector3::z(), Vector3::new(0.6, 0.0, 0.8)] {
-            let measured_ut = response.a_ut * direction * total + response.b_ut;
-            let corrected = start.w * (measured_ut / start.unit_ut - start.b);
+            let measured_ut = response.response_ut * direction * total + response.hard_iron_ut;
+            let corrected = start.w * (measured_ut / start.unit_ut - start.hard_iron);
             assert!((corrected - direction).norm() < 1e-5, "{corrected} {direction}");
         }
     }
 
     #[test]
     fn mirrored_or_singular_responses_are_rejected() {
-        let mirrored = SensorResponse { a_ut: -response().a_ut, ..response() };
+        let mirrored = SensorResponse { response_ut: -response().response_ut, ..response() };
         assert!(mirrored.starting_point().is_none());
-        let flat = SensorResponse { a_ut: Matrix3::from_diagonal(&Vector3::new(20.0, 20.0, 0.0)), ..response() };
+        let flat = SensorResponse { response_ut: Matrix3::from_diagonal(&Vector3::new(20.0, 20.0, 0.0)), ..response() };
         assert!(flat.starting_point().is_none());
         assert!(SensorResponse { tan_inclination: f32::NAN, ..response() }.starting_point().is_none());
-        assert!(SensorResponse { a_ut: Matrix3::repeat(f32::NAN), ..response() }.starting_point().is_none());
+        assert!(SensorResponse { response_ut: Matrix3::repeat(f32::NAN), ..response() }.starting_point().is_none());
     }
 
     fn circles(banks_deg: &[f32], b_ut: Vector3<f32>) -> Vec<Sample> {
@@ -198,7 +198,7 @@ mod tests {
             sphere_start(Parts { left: &left, right: &right, ..Parts::default() }.samples(), &Matrix3::identity())
                 .unwrap();
         assert!((start.unit_ut - 50.0).abs() < 0.1, "{}", start.unit_ut);
-        assert!((start.b * start.unit_ut - b_ut).norm() < 0.2, "{}", start.b * start.unit_ut);
+        assert!((start.hard_iron * start.unit_ut - b_ut).norm() < 0.2, "{}", start.hard_iron * start.unit_ut);
         assert!((start.inclination_rad - 1.0).abs() < 0.01, "{}", start.inclination_rad);
         assert_eq!(start.w, Matrix3::identity());
 
@@ -207,7 +207,11 @@ mod tests {
         let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
         let turned = sphere_start(Parts { marks: &marks, ..Parts::default() }.samples(), &about_z).unwrap();
         let expected_ut = about_z * b_ut;
-        assert!((turned.b * turned.unit_ut - expected_ut).norm() < 0.2, "{}", turned.b * turned.unit_ut);
+        assert!(
+            (turned.hard_iron * turned.unit_ut - expected_ut).norm() < 0.2,
+            "{}",
+            turned.hard_iron * turned.unit_ut
+        );
     }
 
     /// The ridge selects the sphere with the least hard iron through the circle.
@@ -215,7 +219,7 @@ mod tests {
     fn a_single_circle_gives_no_hard_iron_along_its_axis() {
         let level = circles(&[0.0], Vector3::new(5.0, -3.0, 0.0));
         let start = sphere_start(Parts { level: &level, ..Parts::default() }.samples(), &Matrix3::identity()).unwrap();
-        let b_ut = start.b * start.unit_ut;
+        let b_ut = start.hard_iron * start.unit_ut;
         assert!((b_ut - Vector3::new(5.0, -3.0, 0.0)).norm() < 2.0, "{b_ut}");
         assert!((start.unit_ut - 50.0).abs() < 1.0, "{}", start.unit_ut);
     }

@@ -59,7 +59,7 @@ pub(in crate::calibration) fn solve_two_plane(
     let b_ut = centres.hard_iron_ut(tan_inclination);
     let a_ut = Matrix3::from_columns(&[u_ut, y_ut, z_ut]);
     let sign = if a_ut.determinant() < 0.0 { -1.0 } else { 1.0 };
-    Ok(SensorResponse { a_ut: a_ut * sign, b_ut, tan_inclination: tan_inclination * sign })
+    Ok(SensorResponse { response_ut: a_ut * sign, hard_iron_ut: b_ut, tan_inclination: tan_inclination * sign })
 }
 
 struct TurnEllipse<'a> {
@@ -121,7 +121,7 @@ mod tests {
     #[test]
     fn the_common_axis_is_the_mean_of_both_turns() {
         let found = solved(&circle(-25.0, -25.0, 20.0), &circle(25.0, 25.0, 24.0)).unwrap();
-        assert!((found.a_ut.column(0) - Vector3::new(22.0, 0.0, 0.0)).norm() < 1e-3, "{}", found.a_ut);
+        assert!((found.response_ut.column(0) - Vector3::new(22.0, 0.0, 0.0)).norm() < 1e-3, "{}", found.response_ut);
     }
 
     #[test]

@@ -66,7 +66,11 @@ impl InformationMatrix {
             return;
         }
         let weight = weight * last;
-        for (sums, k) in self.with_inclination.iter_mut().zip([row.by_field.x, row.by_field.y, row.by_field.z]) {
+        for (sums, k) in self.with_inclination.iter_mut().zip([
+            row.derivative_by_field.x,
+            row.derivative_by_field.y,
+            row.derivative_by_field.z,
+        ]) {
             let k = k * weight;
             sums[0] += k * row.x.x;
             sums[1] += k * row.x.y;
@@ -118,7 +122,7 @@ impl InformationMatrix {
 
 /// Weighted products of two components of `k`, in the order of `PAIRS_OF_3`.
 fn weighted_field_products(row: &JacobianRow, weight: f32) -> [f32; 6] {
-    let [a, b, c] = [row.by_field.x, row.by_field.y, row.by_field.z];
+    let [a, b, c] = [row.derivative_by_field.x, row.derivative_by_field.y, row.derivative_by_field.z];
     let [wa, wb, wc] = [weight * a, weight * b, weight * c];
     [wa * a, wa * b, wa * c, wb * b, wb * c, wc * c]
 }
@@ -132,7 +136,7 @@ mod tests {
 
     fn rows(random: &mut Random) -> [JacobianRow; 2] {
         let x = vector(random, 1.0);
-        [0.0, -1.0].map(|by_inclination| JacobianRow { by_field: vector(random, 1.0), x, by_inclination })
+        [0.0, -1.0].map(|by_inclination| JacobianRow { derivative_by_field: vector(random, 1.0), x, by_inclination })
     }
 
     #[test]

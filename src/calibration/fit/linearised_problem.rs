@@ -14,7 +14,7 @@ pub(in crate::calibration) struct LinearisedProblem {
     pub cost: f32,
     /// Sums of the clipped squared normalised residuals, of norm and inclination.
     pub clipped_squares: [f32; 2],
-    pub samples: u16,
+    pub sample_count: u16,
 }
 
 /// Normal equations of samples: a fifth of the work of rotating each equation into the triangle, with half the digits.
@@ -30,14 +30,17 @@ impl NormalEquations {
 
     #[inline]
     pub fn add_sample_equations(&mut self, equations: &SampleEquations) {
-        let SampleEquations { norm, inclination: dip, heading, .. } = equations;
+        let SampleEquations { norm_equation: norm, inclination_equation: dip, heading_equation: heading, .. } =
+            equations;
         if let Some(dip) = dip {
-            self.information.add_row_pair([&norm.row, &dip.row], [norm.weight, dip.weight]);
+            self.information.add_row_pair([&norm.jacobian_row, &dip.jacobian_row], [norm.weight, dip.weight]);
             // The two residuals share a measurement, so their gradients are added before the outer product.
             let (of_norm, of_dip) = (-norm.weight * norm.residual, -dip.weight * dip.residual);
-            let by_field = norm.row.by_field * of_norm + dip.row.by_field * of_dip;
-            let by_inclination = dip.row.by_inclination * of_dip;
-            JacobianRow { by_field, by_inclination, ..dip.row }.add_scaled_to(&mut self.gradient, 1.0);
+            let by_field =
+                norm.jacobian_row.derivative_by_field * of_norm + dip.jacobian_row.derivative_by_field * of_dip;
+            let by_inclination = dip.jacobian_row.by_inclination * of_dip;
+            JacobianRow { derivative_by_field: by_field, by_inclination, ..dip.jacobian_row }
+                .add_scaled_to(&mut self.gradient, 1.0);
         } else {
             self.add_equation(norm);
         }
@@ -47,14 +50,14 @@ impl NormalEquations {
     }
 
     fn add_equation(&mut self, equation: &ResidualEquation) {
-        self.information.add_row(&equation.row, equation.weight);
-        equation.row.add_scaled_to(&mut self.gradient, -equation.weight * equation.residual);
+        self.information.add_row(&equation.jacobian_row, equation.weight);
+        equation.jacobian_row.add_scaled_to(&mut self.gradient, -equation.weight * equation.residual);
     }
 }
 
 impl LinearisedProblem {
     fn empty() -> Self {
-        Self { triangle: LeastSquares::new(), cost: 0.0, clipped_squares: [0.0; 2], samples: 0 }
+        Self { triangle: LeastSquares::new(), cost: 0.0, clipped_squares: [0.0; 2], sample_count: 0 }
     }
 
     #[cfg(test)]
@@ -67,7 +70,7 @@ impl LinearisedProblem {
     fn add_priors(&mut self, likelihood: &Likelihood, unknowns: &Vector13) {
         for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |prior| {
             let weight = 1.0 / (prior.sigma * prior.sigma);
-            self.triangle.add_weighted_row(&prior.row, [-prior.residual], weight);
+            self.triangle.add_weighted_row(&prior.jacobian_row, [-prior.residual], weight);
             self.cost += 0.5 * weight * prior.residual * prior.residual;
         });
     }
@@ -99,28 +102,32 @@ impl LinearisedProblem {
 
     pub fn add_sample_equations(&mut self, equations: &SampleEquations) {
         self.accumulate_cost(equations);
-        let norm = &equations.norm;
-        if let Some(dip) = &equations.inclination {
+        let norm = &equations.norm_equation;
+        if let Some(dip) = &equations.inclination_equation {
             let residuals = [-norm.residual, -dip.residual];
-            self.triangle.add_pair([&norm.row.as_vector(), &dip.row.as_vector()], residuals, [norm.weight, dip.weight]);
+            self.triangle.add_pair(
+                [&norm.jacobian_row.as_vector(), &dip.jacobian_row.as_vector()],
+                residuals,
+                [norm.weight, dip.weight],
+            );
         } else {
             self.add_equation(norm);
         }
-        if let Some(heading) = &equations.heading {
+        if let Some(heading) = &equations.heading_equation {
             self.add_equation(heading);
         }
     }
 
     fn add_equation(&mut self, equation: &ResidualEquation) {
-        self.triangle.add_weighted_row(&equation.row.as_vector(), [-equation.residual], equation.weight);
+        self.triangle.add_weighted_row(&equation.jacobian_row.as_vector(), [-equation.residual], equation.weight);
     }
 
     #[inline]
     fn accumulate_cost(&mut self, equations: &SampleEquations) {
-        self.clipped_squares[0] += equations.norm.clipped_square;
-        self.clipped_squares[1] += equations.inclination.as_ref().map_or(0.0, |dip| dip.clipped_square);
+        self.clipped_squares[0] += equations.norm_equation.clipped_square;
+        self.clipped_squares[1] += equations.inclination_equation.as_ref().map_or(0.0, |dip| dip.clipped_square);
         self.cost += equations.iter().map(|equation| equation.loss).sum::<f32>();
-        self.samples = self.samples.saturating_add(1);
+        self.sample_count = self.sample_count.saturating_add(1);
     }
 
     #[cfg(test)]

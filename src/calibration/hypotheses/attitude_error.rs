@@ -16,7 +16,7 @@ pub(in crate::calibration) struct AttitudeError {
     /// Standard deviation of the error that is assumed before a test.
     pub assumed_sigma: fn(ConsiderSigmas) -> f32,
     /// Rule of acceptance of an error that is not corrected, but allowed for when found.
-    pub test: Option<fn(&AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding>>,
+    pub acceptance_rule: Option<fn(&AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding>>,
 }
 
 /// Attitude of a sample, and its history as far as an error depends on it.
@@ -47,10 +47,10 @@ impl AttitudeError {
 /// Input of the test for a constant attitude error.
 pub(in crate::calibration) struct AttitudeErrorTest<'a> {
     /// Sums of the tested error.
-    pub sums: &'a ScoreTest<1>,
+    pub score_sums: &'a ScoreTest<1>,
     /// Information of a roll bias: sensitivity of the inclination residuals to roll noise.
     pub roll_information: f32,
-    pub system: &'a LinearisedProblem,
+    pub linear_system: &'a LinearisedProblem,
     pub residuals: &'a ResidualStatistics,
     pub fit: &'a ConvergedFit<'a>,
     pub assumed_sigma: f32,

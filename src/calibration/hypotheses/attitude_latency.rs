@@ -22,7 +22,7 @@ use crate::trig::sqrt;
 pub(super) const LATENCY_ERROR: AttitudeError = AttitudeError {
     effect: |state| [state.rates.roll_rad_s(), state.rates.pitch_rad_s()],
     assumed_sigma: |_| 0.0,
-    test: None,
+    acceptance_rule: None,
 };
 
 /// Prior sigma of the latency, seconds.
@@ -98,7 +98,7 @@ mod tests {
     }
 
     fn dip(weight: f32, residual: f32) -> ResidualEquation {
-        let row = JacobianRow { by_field: Vector3::zeros(), x: Vector3::zeros(), by_inclination: 0.0 };
+        let row = JacobianRow { derivative_by_field: Vector3::zeros(), x: Vector3::zeros(), by_inclination: 0.0 };
         ResidualEquation::new(row, residual, 1.0 / weight, 1e6)
     }
 
@@ -122,7 +122,7 @@ mod tests {
         /// `known` and `pulled`: parts of information and gradient explained by the nuisance parameters.
         fn estimate(&self, used_s: f32, known: f32, pulled: f32) -> Option<AttitudeLatency> {
             let score = EfficientScore {
-                columns: [Vector13::zeros()],
+                nuisance_columns: [Vector13::zeros()],
                 information: self.sums.information.add_scalar(-known),
                 gradient: self.sums.gradient.add_scalar(-pulled),
             };

@@ -20,7 +20,7 @@ use crate::trig::sqrt;
 pub(super) const BANK_SCALE_ERROR: AttitudeError = AttitudeError {
     effect: |state| [state.attitude.roll_rad, 0.0],
     assumed_sigma: |consider| consider.bank_scale,
-    test: Some(find_error),
+    acceptance_rule: Some(find_error),
 };
 
 /// Maximum share of the information about `k` that roll noise may contribute.
@@ -50,7 +50,7 @@ struct BankScaleEstimate {
 /// Finds a significant error above the assumed one. Only then makes a second pass over the samples, for the
 /// cluster-robust variance.
 fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
-    let score = test.sums.eliminate_coefficients(test.system, &test.system.step_to_maximum()?)?;
+    let score = test.score_sums.eliminate_coefficients(test.linear_system, &test.linear_system.step_to_maximum()?)?;
     let roll_sigma_rad = test.fit.likelihood.noise.attitude_sigma_rad();
     let roll_noise = test.roll_information * roll_sigma_rad * roll_sigma_rad;
     let found = BankScaleEstimate::new(&score, roll_noise, test.residuals.autocorrelation_inflation())?;
@@ -62,7 +62,7 @@ fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
         let attitude = sample.latency_compensated_attitude(test.fit.likelihood.latency_s);
         let state = AttitudeState::steady(attitude, sample.rates);
         let by_bank = BANK_SCALE_ERROR.inclination_derivative(&equations, &state);
-        clusters.add_sample_score(part, &equations, by_bank, &score.columns[0]);
+        clusters.add_sample_score(part, &equations, by_bank, &score.nuisance_columns[0]);
     }
     found.with_cluster_variance(clusters)?.finding(test.assumed_sigma)
 }
@@ -85,10 +85,11 @@ impl ClusterVariance {
     /// gradient.
     fn add_sample_score(&mut self, part: usize, equations: &SampleEquations, by_bank: f32, column: &Vector13) {
         let of = |equation: &ResidualEquation, by_bank: f32| {
-            equation.weight * equation.residual * (by_bank - equation.row.dot(column))
+            equation.weight * equation.residual * (by_bank - equation.jacobian_row.dot(column))
         };
         let Some((sum, samples)) = self.open_clusters.get_mut(part) else { return };
-        *sum += of(&equations.norm, 0.0) + equations.inclination.as_ref().map_or(0.0, |dip| of(dip, by_bank));
+        *sum += of(&equations.norm_equation, 0.0)
+            + equations.inclination_equation.as_ref().map_or(0.0, |dip| of(dip, by_bank));
         *samples += 1;
         if *samples == CLUSTER_SAMPLES {
             let whole = core::mem::take(sum);
@@ -176,8 +177,11 @@ mod tests {
         (found - expected).abs() <= 1e-4 * expected.abs()
     }
 
-    const NOWHERE: JacobianRow =
-        JacobianRow { by_field: Vector3::new(0.0, 0.0, 0.0), x: Vector3::new(0.0, 0.0, 0.0), by_inclination: 0.0 };
+    const NOWHERE: JacobianRow = JacobianRow {
+        derivative_by_field: Vector3::new(0.0, 0.0, 0.0),
+        x: Vector3::new(0.0, 0.0, 0.0),
+        by_inclination: 0.0,
+    };
 
     fn dip(weight: f32, residual: f32, row: JacobianRow) -> ResidualEquation {
         let equation = ResidualEquation::new(row, residual, 1.0 / weight, 1e6);
@@ -200,7 +204,7 @@ mod tests {
             bank.add_weighted_equation(dip, &Vector1::new(*by_bank), 1.0);
         }
         let score = EfficientScore {
-            columns: [Vector13::zeros()],
+            nuisance_columns: [Vector13::zeros()],
             information: bank.information.add_scalar(-known),
             gradient: bank.gradient.add_scalar(-pulled),
         };
@@ -270,8 +274,12 @@ mod tests {
         for (part, contribution) in contributions {
             let norm = dip(1.0, 5.0, NOWHERE);
             let dip = Some(dip(1.0, contribution, NOWHERE));
-            let equations =
-                SampleEquations { norm, inclination: dip, heading: None, inclination_by_attitude: [7.0, 7.0] };
+            let equations = SampleEquations {
+                norm_equation: norm,
+                inclination_equation: dip,
+                heading_equation: None,
+                inclination_by_attitude: [7.0, 7.0],
+            };
             clusters.add_sample_score(part, &equations, 1.0, &column);
         }
         clusters
@@ -305,12 +313,12 @@ mod tests {
 
     #[test]
     fn contributions_exclude_the_explained_part() {
-        let row = JacobianRow { by_field: Vector3::x() * 3.0, x: Vector3::z(), ..NOWHERE };
+        let row = JacobianRow { derivative_by_field: Vector3::x() * 3.0, x: Vector3::z(), ..NOWHERE };
         let column = Vector13::ith(2, 0.5);
         let equations = SampleEquations {
-            norm: dip(10.0, 0.1, row),
-            inclination: Some(dip(4.0, -0.2, row)),
-            heading: None,
+            norm_equation: dip(10.0, 0.1, row),
+            inclination_equation: Some(dip(4.0, -0.2, row)),
+            heading_equation: None,
             inclination_by_attitude: [0.0, 0.0],
         };
         let mut clusters = ClusterVariance::default();

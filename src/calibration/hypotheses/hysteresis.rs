@@ -66,7 +66,7 @@ impl Hysteresis {
 
     /// Derivative of the corrected field by the play, after a turn in a direction; down in body axes.
     pub fn field_response(&self, down: &Vector3<f32>, direction: f32, equations: &SampleEquations) -> Vector3<f32> {
-        let body = multiply(&self.w, &equations.norm.row.x) + self.d;
+        let body = multiply(&self.w, &equations.norm_equation.jacobian_row.x) + self.d;
         multiply(&self.soft_iron, &(down.cross(&body) * direction))
     }
 

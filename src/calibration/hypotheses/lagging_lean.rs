@@ -13,8 +13,11 @@ use crate::time::WrappingMillis;
 use crate::trig::sqrt;
 
 /// Lagging lean in the table of attitude errors.
-pub(super) const LAGGING_LEAN: AttitudeError =
-    AttitudeError { effect: |state| [state.lagged_roll_rad, 0.0], assumed_sigma: |_| 0.0, test: Some(find_error) };
+pub(super) const LAGGING_LEAN: AttitudeError = AttitudeError {
+    effect: |state| [state.lagged_roll_rad, 0.0],
+    assumed_sigma: |_| 0.0,
+    acceptance_rule: Some(find_error),
+};
 
 /// Time constant of filters aided by accelerometers, seconds.
 const TIME_CONSTANT_S: f32 = 10.0;
@@ -27,7 +30,7 @@ pub(in crate::calibration) const MIN_REPORTED_SIGMAS: f32 = 3.0;
 
 /// Share of the bank that the source loses in a long turn, if significant.
 fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
-    let score = test.sums.eliminate_coefficients(test.system, &test.system.step_to_maximum()?)?;
+    let score = test.score_sums.eliminate_coefficients(test.linear_system, &test.linear_system.step_to_maximum()?)?;
     let estimate = score.gradient.x / score.information.x;
     finding(estimate, sqrt(test.residuals.autocorrelation_inflation() / score.information.x))
 }

@@ -27,7 +27,7 @@ pub(in crate::calibration) struct ScoreTest<const K: usize> {
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct EfficientScore<const K: usize> {
     /// Columns of `H^-1 H_ub`: change of the thirteen unknowns with each further unknown.
-    pub columns: [Vector13; K],
+    pub nuisance_columns: [Vector13; K],
     pub information: SMatrix<f32, K, K>,
     pub gradient: SVector<f32, K>,
 }
@@ -41,7 +41,7 @@ impl<const K: usize> ScoreTest<K> {
     pub fn add_weighted_equation(&mut self, equation: &ResidualEquation, derivative: &SVector<f32, K>, fraction: f32) {
         let weighted = derivative * (equation.weight * fraction);
         for (sum, of_axis) in self.cross_information.iter_mut().zip(&weighted) {
-            equation.row.add_scaled_to(sum, *of_axis);
+            equation.jacobian_row.add_scaled_to(sum, *of_axis);
         }
         self.information.ger(fraction, &weighted, derivative, 1.0);
         self.gradient.axpy(-equation.residual, &weighted, 1.0);
@@ -58,15 +58,18 @@ impl<const K: usize> ScoreTest<K> {
         system: &LinearisedProblem,
         to_maximum: &Vector13,
     ) -> Option<EfficientScore<K>> {
-        let mut score =
-            EfficientScore { columns: [Vector13::zeros(); K], information: self.information, gradient: self.gradient };
+        let mut score = EfficientScore {
+            nuisance_columns: [Vector13::zeros(); K],
+            information: self.information,
+            gradient: self.gradient,
+        };
         for (axis, with) in self.cross_information.iter().enumerate() {
             let column = system.covariance_times(with)?;
             for (other, with) in self.cross_information.iter().enumerate() {
                 score.information[(axis, other)] -= column.dot(with);
             }
             score.gradient[axis] -= with.dot(to_maximum);
-            score.columns[axis] = column;
+            score.nuisance_columns[axis] = column;
         }
         Some(score)
     }

@@ -15,8 +15,8 @@ use crate::calibration::{AttitudeLatency, ConsiderSigmas};
 
 /// Constant errors of the attitude source, in the order in which they are tested.
 pub(in crate::calibration) const ATTITUDE_ERRORS: &[AttitudeError] = &[
-    AttitudeError { effect: |_| [1.0, 0.0], assumed_sigma: |consider| consider.bias_rad, test: None },
-    AttitudeError { effect: |_| [0.0, 1.0], assumed_sigma: |consider| consider.bias_rad, test: None },
+    AttitudeError { effect: |_| [1.0, 0.0], assumed_sigma: |consider| consider.bias_rad, acceptance_rule: None },
+    AttitudeError { effect: |_| [0.0, 1.0], assumed_sigma: |consider| consider.bias_rad, acceptance_rule: None },
     bank_scale::BANK_SCALE_ERROR,
     attitude_latency::LATENCY_ERROR,
     lagging_lean::LAGGING_LEAN,
@@ -56,7 +56,7 @@ pub(in crate::calibration) fn add_inclination(
     equations: &SampleEquations,
     state: &AttitudeState,
 ) {
-    let Some(inclination) = &equations.inclination else { return };
+    let Some(inclination) = &equations.inclination_equation else { return };
     for (sums, error) in sums.iter_mut().zip(ATTITUDE_ERRORS) {
         sums.add_weighted_equation(inclination, &Vector1::new(error.inclination_derivative(equations, state)), 1.0);
     }

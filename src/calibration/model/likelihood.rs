@@ -95,22 +95,31 @@ impl Likelihood {
         let added_ut = Vector3::from(self.motor_current.ut_per_a) * self.motor_current.current_offset_a(sample);
         let measured = MeasuredSample {
             x: multiply(&self.mount_from_chip, &(sample.field.ut - added_ut)) / self.unit_ut - self.mean_field,
-            tilt: sample.latency_compensated_attitude(self.latency_s).tilt_rotation(),
+            tilt_rotation: sample.latency_compensated_attitude(self.latency_s).tilt_rotation(),
             heading_rad,
         };
         SampleEquations::new(parameters, &measured, &self.noise, &self.config, self.has_noise_estimate)
     }
 
     pub fn unknowns_from_start(&self, start: &StartingPoint) -> Option<Vector13> {
-        ModelParameters { w: start.w, d: start.w * (self.mean_field - start.b), inclination_rad: start.inclination_rad }
-            .unknowns()
+        ModelParameters {
+            w: start.w,
+            d: start.w * (self.mean_field - start.hard_iron),
+            inclination_rad: start.inclination_rad,
+        }
+        .unknowns()
     }
 
     /// Starting point with these unknowns; `None` when `W` is singular.
     pub fn starting_point(&self, unknowns: &Vector13) -> Option<StartingPoint> {
         let parameters = ModelParameters::new(unknowns);
         let b = self.mean_field - parameters.mean_minus_hard_iron()?;
-        Some(StartingPoint { unit_ut: self.unit_ut, w: parameters.w, b, inclination_rad: parameters.inclination_rad })
+        Some(StartingPoint {
+            unit_ut: self.unit_ut,
+            w: parameters.w,
+            hard_iron: b,
+            inclination_rad: parameters.inclination_rad,
+        })
     }
 
     pub fn motor_current_per_ampere(&self) -> Vector3<f32> {
@@ -132,7 +141,7 @@ impl Likelihood {
             sqrt(squares / (freedom + usual_weight))
         };
         let [norm, dip] = clipped_squares;
-        let norm = estimate(norm, self.noise.norm, usual_norm_sigma);
+        let norm = estimate(norm, self.noise.norm_sigma, usual_norm_sigma);
         let dip = estimate(dip, self.noise.inclination_sigma_rad, usual_dip_sigma_rad);
         self.noise = NoiseModel::new(
             norm.max(self.config.min_norm_sigma),
@@ -145,7 +154,7 @@ impl Likelihood {
     }
 
     pub fn is_acceptable_fit(&self) -> bool {
-        self.noise.norm <= self.config.max_norm_sigma
+        self.noise.norm_sigma <= self.config.max_norm_sigma
             && self.noise.inclination_sigma_rad <= self.config.max_inclination_sigma_rad
     }
 

@@ -9,7 +9,7 @@ use crate::trig::sqrt;
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct NoiseModel {
     /// Norm residual, relative: sensor noise on each axis.
-    pub norm: f32,
+    pub norm_sigma: f32,
     /// Inclination residual, radians: sensor and attitude noise.
     pub inclination_sigma_rad: f32,
     /// `W` at the time of the estimate, maps sensor noise to the corrected field. A copy, so that the weights are
@@ -21,24 +21,27 @@ pub(in crate::calibration) struct NoiseModel {
 /// the norm residual is uncorrelated with the norm residual.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct ResidualCovariance {
-    pub norm: f32,
+    pub norm_variance: f32,
     /// Variance of the decorrelated inclination residual.
-    pub inclination: f32,
-    pub slope: f32,
+    pub inclination_variance: f32,
+    pub decorrelation_slope: f32,
 }
 
 impl NoiseModel {
     /// Initial sigmas, wide enough for a poor starting point.
-    pub const INITIAL: Self =
-        Self { norm: 0.05, inclination_sigma_rad: 0.1, w: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0) };
+    pub const INITIAL: Self = Self {
+        norm_sigma: 0.05,
+        inclination_sigma_rad: 0.1,
+        w: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+    };
 
     pub fn new(norm: f32, dip_rad: f32, w: Matrix3<f32>) -> Self {
-        Self { norm, inclination_sigma_rad: dip_rad, w }
+        Self { norm_sigma: norm, inclination_sigma_rad: dip_rad, w }
     }
 
     /// Attitude noise on each of roll and pitch, radians.
     pub fn attitude_sigma_rad(&self) -> f32 {
-        sqrt((self.inclination_sigma_rad * self.inclination_sigma_rad - self.norm * self.norm).max(0.0))
+        sqrt((self.inclination_sigma_rad * self.inclination_sigma_rad - self.norm_sigma * self.norm_sigma).max(0.0))
     }
 
     /// From the derivatives of norm and inclination by the corrected field, and of the inclination by attitude.
@@ -49,7 +52,7 @@ impl NoiseModel {
         by_attitude: [f32; 2],
     ) -> ResidualCovariance {
         let (by_norm, by_dip) = (self.w.tr_mul(by_norm), self.w.tr_mul(by_dip));
-        let sensor = self.norm * self.norm;
+        let sensor = self.norm_sigma * self.norm_sigma;
         let norm = sensor * by_norm.norm_squared();
         let common = sensor * by_norm.dot(&by_dip);
         let slope = common / norm;
@@ -57,20 +60,24 @@ impl NoiseModel {
         let [roll, pitch] = by_attitude;
         // Next to the pole both derivatives by attitude vanish; the floor keeps the variance positive.
         let dip = sensor * by_dip.norm_squared() + tilt * (roll * roll + pitch * pitch) - slope * common;
-        ResidualCovariance { norm, inclination: dip.max(0.01 * sensor), slope }
+        ResidualCovariance {
+            norm_variance: norm,
+            inclination_variance: dip.max(0.01 * sensor),
+            decorrelation_slope: slope,
+        }
     }
 
     /// Most likely sensor error for a correction `by_field` of the corrected field.
     pub fn likely_sensor_error(&self, by_field: &Vector3<f32>) -> Vector3<f32> {
-        self.w.tr_mul(by_field) * (self.norm * self.norm)
+        self.w.tr_mul(by_field) * (self.norm_sigma * self.norm_sigma)
     }
 
     /// Heading variance of one sample from its derivative by the corrected field. A tilt error rotates the heading by
     /// `tan(inclination)` times its component towards the field.
     pub fn heading_variance(&self, by_field: &Vector3<f32>, prediction: &FieldPrediction) -> f32 {
-        let tan_dip = prediction.level.z / prediction.horizontal;
+        let tan_dip = prediction.level.z / prediction.cos_inclination;
         let attitude = self.attitude_sigma_rad() * tan_dip;
-        self.w.tr_mul(by_field).norm_squared() * self.norm * self.norm + attitude * attitude
+        self.w.tr_mul(by_field).norm_squared() * self.norm_sigma * self.norm_sigma + attitude * attitude
     }
 }
 
@@ -96,7 +103,7 @@ mod tests {
     fn inclination_variance_has_a_floor() {
         let noise = NoiseModel::new(0.01, 0.02, Matrix3::identity());
         let x = Vector3::new(1.0, 0.0, 0.0);
-        let dip = |by_dip: Vector3<f32>| noise.covariance(&x, &by_dip, [0.0; 2]).inclination;
+        let dip = |by_dip: Vector3<f32>| noise.covariance(&x, &by_dip, [0.0; 2]).inclination_variance;
         assert!((dip(x) - 0.01 * 1e-4).abs() < 1e-9);
         assert!((dip(Vector3::new(1.0, 0.09, 0.0)) - 0.01 * 1e-4).abs() < 1e-9);
         assert!((dip(Vector3::new(1.0, 0.11, 0.0)) - 0.0121 * 1e-4).abs() < 1e-9);

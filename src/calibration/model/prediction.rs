@@ -29,7 +29,7 @@ pub(crate) struct FieldPrediction {
     /// `l`.
     pub level: Vector3<f32>,
     /// `cos i = sqrt(l_x^2 + l_y^2)`.
-    pub horizontal: f32,
+    pub cos_inclination: f32,
     /// Inclination `i = atan2(l_z, sqrt(l_x^2 + l_y^2))`, radians.
     pub inclination_rad: f32,
 }
@@ -48,26 +48,26 @@ impl FieldPrediction {
             direction,
             inclination_by_field: (tilt.down_in_body() - direction * level.z) / (total * horizontal),
             level,
-            horizontal,
+            cos_inclination: horizontal,
             inclination_rad: libm::atan2f(level.z, horizontal),
         }
     }
 
     /// Jacobian row of `e_norm = |W x + d| - 1`: `n x^T` by `W`, `n` by `d`, 0 by `I`.
     pub(crate) fn norm_row(&self) -> JacobianRow {
-        JacobianRow { by_field: self.direction, x: self.x, by_inclination: 0.0 }
+        JacobianRow { derivative_by_field: self.direction, x: self.x, by_inclination: 0.0 }
     }
 
     /// Jacobian row of `e_incl = i - I`, with `t` the derivative of `i` by the field: `t x^T` by `W`, `t` by `d`, -1 by
     /// `I`.
     pub(crate) fn inclination_row(&self) -> JacobianRow {
-        JacobianRow { by_field: self.inclination_by_field, x: self.x, by_inclination: -1.0 }
+        JacobianRow { derivative_by_field: self.inclination_by_field, x: self.x, by_inclination: -1.0 }
     }
 
     /// Jacobian row of `e_heading = atan2(-l_y, l_x) - given`, with `g` = [`heading_by_field`](Self::heading_by_field):
     /// `g x^T` by `W`, `g` by `d`, 0 by `I`.
     pub(in crate::calibration) fn heading_row(&self, tilt: &AttitudeRotation) -> JacobianRow {
-        JacobianRow { by_field: self.heading_by_field(tilt), x: self.x, by_inclination: 0.0 }
+        JacobianRow { derivative_by_field: self.heading_by_field(tilt), x: self.x, by_inclination: 0.0 }
     }
 
     /// Magnetic heading, radians (Liu 2007 eq. 3).
@@ -83,14 +83,14 @@ impl FieldPrediction {
     /// Derivatives of the inclination by roll and by pitch. From `sin i = down . n` and
     /// `down = (-sin theta, cos theta sin phi, cos theta cos phi)`: `cos theta l_y / cos i` and `-l_x / cos i`.
     pub fn inclination_by_attitude(&self, tilt: &AttitudeRotation) -> [f32; 2] {
-        [tilt.cos_pitch() * self.level.y / self.horizontal, -self.level.x / self.horizontal]
+        [tilt.cos_pitch() * self.level.y / self.cos_inclination, -self.level.x / self.cos_inclination]
     }
 
     /// Derivatives of the heading by roll and by pitch. A roll rotates the level field about
     /// `(cos theta, 0, -sin theta)`, a pitch about `(0, 1, 0)`: `sin theta + cos theta l_x l_z / cos^2 i` and
     /// `l_y l_z / cos^2 i`.
     pub fn heading_by_attitude(&self, tilt: &AttitudeRotation) -> [f32; 2] {
-        let per_horizontal = self.level.z / (self.horizontal * self.horizontal);
+        let per_horizontal = self.level.z / (self.cos_inclination * self.cos_inclination);
         [tilt.sin_pitch() + tilt.cos_pitch() * self.level.x * per_horizontal, self.level.y * per_horizontal]
     }
 }

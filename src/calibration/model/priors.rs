@@ -9,7 +9,7 @@ use crate::calibration::inverse;
 /// Linearised prior: `row . change = -residual`, with standard deviation `sigma`.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct PriorEquation {
-    pub row: Vector13,
+    pub jacobian_row: Vector13,
     pub residual: f32,
     pub sigma: f32,
     pub quantity: PriorQuantity,
@@ -62,15 +62,20 @@ fn soft_iron_and_mounting_priors(
         let (ij, ji) = (parameters.w[(i, j)], parameters.w[(j, i)]);
         let (by_ij, by_ji) = (scaled_unit_vector(w_index(i, j), 0.5), scaled_unit_vector(w_index(j, i), 0.5));
         let (residual, sigma) = (ij.midpoint(ji), config.soft_iron_sigma);
-        each(&PriorEquation { row: by_ij + by_ji, residual, sigma, quantity: PriorQuantity::SoftIron });
+        each(&PriorEquation { jacobian_row: by_ij + by_ji, residual, sigma, quantity: PriorQuantity::SoftIron });
         let (residual, sigma) = ((ij - ji) / 2.0, config.mounting_sigma);
-        each(&PriorEquation { row: by_ij - by_ji, residual, sigma, quantity: PriorQuantity::Mounting });
+        each(&PriorEquation { jacobian_row: by_ij - by_ji, residual, sigma, quantity: PriorQuantity::Mounting });
     }
     let third_of_trace = (0..3).map(|i| scaled_unit_vector(w_index(i, i), 1.0 / 3.0)).sum::<Vector13>();
     for i in 0..3 {
         let row = scaled_unit_vector(w_index(i, i), 1.0) - third_of_trace;
         let residual = parameters.w[(i, i)] - parameters.w.trace() / 3.0;
-        each(&PriorEquation { row, residual, sigma: config.soft_iron_sigma, quantity: PriorQuantity::SoftIron });
+        each(&PriorEquation {
+            jacobian_row: row,
+            residual,
+            sigma: config.soft_iron_sigma,
+            quantity: PriorQuantity::SoftIron,
+        });
     }
 }
 
@@ -82,12 +87,12 @@ fn hard_iron_priors(likelihood: &Likelihood, parameters: &ModelParameters, each:
     let sigma = likelihood.config.hard_iron_sigma_ut / likelihood.unit_ut;
     for i in 0..3 {
         let k = field_from_body.row(i).transpose();
-        let mut row = JacobianRow { by_field: k, x: from_b, by_inclination: 0.0 }.as_vector();
+        let mut row = JacobianRow { derivative_by_field: k, x: from_b, by_inclination: 0.0 }.as_vector();
         for axis in 0..3 {
             row[d_index(axis)] = -k[axis];
         }
         let residual = likelihood.mean_field[i] - from_b[i];
-        each(&PriorEquation { row, residual, sigma, quantity: PriorQuantity::HardIron });
+        each(&PriorEquation { jacobian_row: row, residual, sigma, quantity: PriorQuantity::HardIron });
     }
 }
 
@@ -96,7 +101,7 @@ fn inclination_prior(likelihood: &Likelihood, parameters: &ModelParameters, each
     let (value_rad, sigma) = known.unwrap_or((0.0, UNKNOWN_INCLINATION_SIGMA_RAD));
     let residual = parameters.inclination_rad - value_rad;
     each(&PriorEquation {
-        row: scaled_unit_vector(INCLINATION_INDEX, 1.0),
+        jacobian_row: scaled_unit_vector(INCLINATION_INDEX, 1.0),
         residual,
         sigma,
         quantity: PriorQuantity::Inclination,

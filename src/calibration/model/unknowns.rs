@@ -76,7 +76,7 @@ pub(in crate::calibration) const fn product_index(k: usize, a: usize) -> usize {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct JacobianRow {
     /// `k`.
-    pub by_field: Vector3<f32>,
+    pub derivative_by_field: Vector3<f32>,
     /// Measurement minus the mean.
     pub x: Vector3<f32>,
     pub by_inclination: f32,
@@ -86,7 +86,7 @@ impl JacobianRow {
     #[inline]
     pub fn as_vector(&self) -> Vector13 {
         // Unrolled: runs twice for each sample and pass.
-        let [a, b, c] = [self.by_field.x, self.by_field.y, self.by_field.z];
+        let [a, b, c] = [self.derivative_by_field.x, self.derivative_by_field.y, self.derivative_by_field.z];
         let [x, y, z] = [self.x.x, self.x.y, self.x.z];
         let i = self.by_inclination;
         Vector13::from([a * x, a * y, a * z, b * x, b * y, b * z, c * x, c * y, c * z, a, b, c, i])
@@ -94,7 +94,7 @@ impl JacobianRow {
 
     #[inline]
     pub fn add_scaled_to(&self, sum: &mut Vector13, weight: f32) {
-        let k = self.by_field * weight;
+        let k = self.derivative_by_field * weight;
         for (axis, k) in [k.x, k.y, k.z].into_iter().enumerate() {
             sum[w_index(axis, 0)] += k * self.x.x;
             sum[w_index(axis, 1)] += k * self.x.y;
@@ -112,7 +112,7 @@ impl JacobianRow {
                 + change[w_index(axis, 2)] * self.x.z
                 + change[d_index(axis)]
         };
-        let [a, b, c] = [self.by_field.x, self.by_field.y, self.by_field.z];
+        let [a, b, c] = [self.derivative_by_field.x, self.derivative_by_field.y, self.derivative_by_field.z];
         a * of(0) + b * of(1) + c * of(2) + self.by_inclination * change[INCLINATION_INDEX]
     }
 }
@@ -165,7 +165,7 @@ mod tests {
         }
         unknowns[INCLINATION_INDEX] = 23.0;
         let coefficients = Vector12::from_fn(|i, _| unknowns[i]);
-        let row = JacobianRow { by_field: k, x, by_inclination: -2.0 };
+        let row = JacobianRow { derivative_by_field: k, x, by_inclination: -2.0 };
         let expected = k.dot(&(matrix * x + vector)) - 2.0 * 23.0;
         assert!(
             (row.as_vector().dot(&unknowns) - expected).abs() < 1e-6 && (row.dot(&unknowns) - expected).abs() < 1e-6

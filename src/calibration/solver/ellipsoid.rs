@@ -22,7 +22,7 @@ const MIN_DIRECTIONS: u32 = 22;
 /// Whether the samples determine the nine coefficients.
 pub(super) fn is_determined(fit: &ConvergedFit<'_>, information: &Information) -> bool {
     count_directions(fit.samples, fit.calibration) >= MIN_DIRECTIONS
-        && unobservable_quantities(&information.system, fit.likelihood, fit.unknowns).is_some_and(|mut left| {
+        && unobservable_quantities(&information.linear_system, fit.likelihood, fit.unknowns).is_some_and(|mut left| {
             !left.any(|quantity| matches!(quantity, PriorQuantity::SoftIron | PriorQuantity::HardIron))
         })
 }

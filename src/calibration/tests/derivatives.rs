@@ -67,7 +67,7 @@ impl Case {
                 x: vector(random, 1.0),
             };
             let prediction = case.predict(&case.unknowns);
-            if (0.7..1.4).contains(&prediction.norm) && prediction.horizontal > 0.4 {
+            if (0.7..1.4).contains(&prediction.norm) && prediction.cos_inclination > 0.4 {
                 return case;
             }
         }
@@ -183,7 +183,7 @@ fn sample_at(attitude: Attitude) -> Sample {
 }
 
 fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined: bool) -> SampleEquations {
-    let measured = MeasuredSample { x: case.x, tilt: case.attitude.tilt_rotation(), heading_rad };
+    let measured = MeasuredSample { x: case.x, tilt_rotation: case.attitude.tilt_rotation(), heading_rad };
     // Noise with another W correlates norm and inclination.
     let noise = NoiseModel::new(0.01, 0.02, Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1));
     SampleEquations::new(&ModelParameters::new(unknowns), &measured, &noise, &ModelConfig::DEFAULT, refined)
@@ -202,18 +202,24 @@ fn equation_rows() {
         let slightly = |u: &Vector13| at + (u - at) * 0.1;
         for refined in [false, true] {
             let equations_at = |u: &Vector13| equations(&case, u, Some(here.heading_rad()), refined);
-            let row = equations_at(&at).norm.row.as_vector();
-            assert_row(&row, &at, |u| equations_at(&slightly(u)).norm.residual * 10.0, "equation of the norm");
-            let row = equations_at(&at).inclination.unwrap().row.as_vector();
+            let row = equations_at(&at).norm_equation.jacobian_row.as_vector();
+            assert_row(&row, &at, |u| equations_at(&slightly(u)).norm_equation.residual * 10.0, "equation of the norm");
+            let row = equations_at(&at).inclination_equation.unwrap().jacobian_row.as_vector();
             assert_row(
                 &row,
                 &at,
-                |u| equations_at(&slightly(u)).inclination.unwrap().residual * 10.0,
+                |u| equations_at(&slightly(u)).inclination_equation.unwrap().residual * 10.0,
                 "equation of the dip",
             );
         }
-        let equations_at = |u: &Vector13| equations(&case, u, Some(here.heading_rad()), false).heading.unwrap();
-        assert_row(&equations_at(&at).row.as_vector(), &at, |u| equations_at(u).residual, "equation of the heading");
+        let equations_at =
+            |u: &Vector13| equations(&case, u, Some(here.heading_rad()), false).heading_equation.unwrap();
+        assert_row(
+            &equations_at(&at).jacobian_row.as_vector(),
+            &at,
+            |u| equations_at(u).residual,
+            "equation of the heading",
+        );
     }
 }
 
@@ -230,11 +236,11 @@ fn inclination_is_decorrelated_from_the_norm() {
         let [roll, pitch] = here.inclination_by_attitude(&case.attitude.tilt_rotation());
         let left = (dip_by_x - norm_by_x * slope).norm_squared() * 0.01_f32.powi(2)
             + tilt_variance * (roll * roll + pitch * pitch);
-        let inclination_equation = equations.inclination.unwrap();
+        let inclination_equation = equations.inclination_equation.unwrap();
         let expected = here.inclination_row().as_vector() - here.norm_row().as_vector() * slope;
-        assert!((inclination_equation.row.as_vector() - expected).norm() < 1e-4 * expected.norm());
+        assert!((inclination_equation.jacobian_row.as_vector() - expected).norm() < 1e-4 * expected.norm());
         let norm_variance = norm_by_x.norm_squared() * 0.01_f32.powi(2);
-        assert!((equations.norm.weight * norm_variance - 1.0).abs() < 1e-4);
+        assert!((equations.norm_equation.weight * norm_variance - 1.0).abs() < 1e-4);
         let sigma = left.sqrt();
         let huber = (ModelConfig::DEFAULT.huber_sigmas * sigma / inclination_equation.residual.abs()).min(1.0);
         assert!(
@@ -257,7 +263,7 @@ fn likelihood(known_inclination_rad: Option<f32>) -> Likelihood {
 fn priors(likelihood: &Likelihood, unknowns: &Vector13) -> Vec<(PriorQuantity, Vector13, f32, f32)> {
     let mut priors = Vec::new();
     for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |p| {
-        priors.push((p.quantity, p.row, p.residual, p.sigma));
+        priors.push((p.quantity, p.jacobian_row, p.residual, p.sigma));
     });
     priors
 }
@@ -367,8 +373,11 @@ fn a_field_without_heading_has_finite_equations() {
     for x in [Vector3::new(1e-9, 0.0, 0.0), Vector3::new(0.0, 0.0, 1.0)] {
         let case = Case { unknowns: straight.unknowns().unwrap(), attitude: Attitude::default(), x };
         let equations = equations(&case, &case.unknowns, Some(0.0), true);
-        for equation in [Some(equations.norm), equations.inclination, equations.heading].into_iter().flatten() {
-            assert!(equation.row.as_vector().iter().all(|r| r.is_finite()) && equation.residual.is_finite());
+        for equation in [Some(equations.norm_equation), equations.inclination_equation, equations.heading_equation]
+            .into_iter()
+            .flatten()
+        {
+            assert!(equation.jacobian_row.as_vector().iter().all(|r| r.is_finite()) && equation.residual.is_finite());
             assert!(equation.weight > 0.0 && equation.weight.is_finite());
         }
     }

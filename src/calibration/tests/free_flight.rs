@@ -65,9 +65,9 @@ fn the_error_floor_remains_with_more_samples() {
         };
         let (once, often) = (expected_error_of_samples(1), expected_error_of_samples(12));
         let square = |deg: f32| deg * deg;
-        let lasting = square(once.floor_deg);
+        let lasting = square(once.error_floor_deg);
         let predicted_deg = (lasting + (square(once.expected_deg) - lasting) / 12.0).sqrt();
-        assert!(once.expected_deg > 1.3 * once.floor_deg, "seed {seed}: {once:?}");
+        assert!(once.expected_deg > 1.3 * once.error_floor_deg, "seed {seed}: {once:?}");
         assert!((often.expected_deg / predicted_deg - 1.0).abs() < 0.2, "seed {seed}: {predicted_deg} {often:?}");
     }
 }
@@ -85,7 +85,7 @@ fn the_vertical_component_gives_a_start() {
         assert!((start.w.determinant() - 1.0).abs() < 1e-3);
         for (heading_rad, roll_deg) in [(0.3, 0.0), (2.0, 10.0), (4.0, -10.0)] {
             let attitude = Attitude::from_deg(roll_deg, 5.0);
-            let found = start.w * (airframe.field(attitude, heading_rad).ut / start.unit_ut - start.b);
+            let found = start.w * (airframe.field(attitude, heading_rad).ut / start.unit_ut - start.hard_iron);
             let heading = attitude.level(Field::new(found)).heading_rad();
             let off_deg = crate::frames::wrap_pi(heading - heading_rad).to_degrees().abs();
             assert!(off_deg < 1.0 && (found.norm() - 1.0).abs() < 0.02, "seed {seed}: {off_deg} {found}");

@@ -148,9 +148,9 @@ fn verification_applies_each_calibration_s_latency() {
     assert!((calibration.latency_s + 0.1).abs() < 0.03, "{}", calibration.latency_s);
     let unused = Calibration { latency_s: 0.0, ..calibration };
     let scores = verification::score_held_back(recorded.turns(), true, &calibration, &unused);
-    assert!(scores.candidate < 0.9 * scores.active, "{scores:?}");
+    assert!(scores.candidate_score < 0.9 * scores.active_score, "{scores:?}");
     let scores = verification::score_held_back(recorded.turns(), true, &unused, &calibration);
-    assert!(scores.active < 0.9 * scores.candidate, "{scores:?}");
+    assert!(scores.active_score < 0.9 * scores.candidate_score, "{scores:?}");
 }
 
 #[test]
@@ -167,19 +167,19 @@ fn elimination_equals_a_joint_solution_of_fourteen_unknowns() {
         let parameters = ModelParameters::new(&unknowns);
         let mut joint = LeastSquares::<14, 1>::new();
         for_each_prior(&likelihood, &parameters, &mut |prior| {
-            joint.add_weighted_row(&prior.row.push(0.0), [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
+            joint.add_weighted_row(&prior.jacobian_row.push(0.0), [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
         });
         joint.add_weighted_row(&SVector::<f32, 14>::ith(13, 1.0), [-used_s], 100.0);
         for sample in samples.iter() {
             let equations = likelihood.equations(sample, None, &parameters);
-            let norm = &equations.norm;
-            joint.add_weighted_row(&norm.row.as_vector().push(0.0), [-norm.residual], norm.weight);
+            let norm = &equations.norm_equation;
+            joint.add_weighted_row(&norm.jacobian_row.as_vector().push(0.0), [-norm.residual], norm.weight);
             let attitude = sample.latency_compensated_attitude(used_s);
             let by_latency = ATTITUDE_ERRORS[LATENCY]
                 .inclination_derivative(&equations, &AttitudeState::steady(attitude, sample.rates));
-            let inclination_equation = equations.inclination.unwrap();
+            let inclination_equation = equations.inclination_equation.unwrap();
             joint.add_weighted_row(
-                &inclination_equation.row.as_vector().push(by_latency),
+                &inclination_equation.jacobian_row.as_vector().push(by_latency),
                 [-inclination_equation.residual],
                 inclination_equation.weight,
             );
@@ -190,7 +190,7 @@ fn elimination_equals_a_joint_solution_of_fourteen_unknowns() {
         let (latency, follows) = information.estimate_latency(used_s).unwrap();
         let step_s = latency.estimate_s - used_s;
         assert!((step_s - expected[13]).abs() < 2e-4, "{step_s} {}", expected[13]);
-        let change = information.system.step_to_maximum().unwrap() + follows * step_s;
+        let change = information.linear_system.step_to_maximum().unwrap() + follows * step_s;
         let others = expected.fixed_rows::<13>(0).into_owned();
         assert!((change - others).norm() < 0.01 * others.norm(), "{change} {others}");
     }

@@ -32,9 +32,9 @@ fn noise_after_reweighting(samples: u16, mean_squares: [f32; 2]) -> NoiseModel {
     let mut likelihood = Likelihood::new(&NO_PRIOR, ModelConfig::DEFAULT, Samples::default(), 50.0);
     likelihood.noise = NoiseModel::new(0.01, 0.02, Matrix3::identity());
     let mut system = LinearisedProblem::from_priors(&likelihood, &identity_unknowns());
-    system.samples = samples;
+    system.sample_count = samples;
     system.clipped_squares = mean_squares.map(|square| square * f32::from(samples));
-    likelihood.estimate_noise(system.clipped_squares, system.samples, &identity_unknowns());
+    likelihood.estimate_noise(system.clipped_squares, system.sample_count, &identity_unknowns());
     likelihood.noise
 }
 
@@ -47,7 +47,7 @@ fn noise_is_estimated_from_the_residuals() {
         let number = f32::from(samples);
         let norm = ((number * 0.01_f32.powi(2) + 4.0 * 0.004_f32.powi(2)) / (freedom + 4.0)).sqrt();
         let dip_rad = ((number * 0.04_f32.powi(2) + 4.0 * 0.006_f32.powi(2)) / (freedom + 4.0)).sqrt();
-        assert!((noise.norm / norm - 1.0).abs() < 1e-3, "{samples}: {} {norm}", noise.norm);
+        assert!((noise.norm_sigma / norm - 1.0).abs() < 1e-3, "{samples}: {} {norm}", noise.norm_sigma);
         assert!(
             (noise.inclination_sigma_rad / dip_rad - 1.0).abs() < 1e-3,
             "{samples}: {} {dip_rad}",
@@ -59,14 +59,14 @@ fn noise_is_estimated_from_the_residuals() {
 #[test]
 fn noise_estimates_have_a_floor() {
     let few = noise_after_reweighting(12, [0.0; 2]);
-    assert!((few.norm - (4.0 * 0.004_f32.powi(2) / 9.5).sqrt()).abs() < 1e-6, "{}", few.norm);
+    assert!((few.norm_sigma - (4.0 * 0.004_f32.powi(2) / 9.5).sqrt()).abs() < 1e-6, "{}", few.norm_sigma);
     assert!(
         (few.inclination_sigma_rad - (4.0 * 0.006_f32.powi(2) / 9.5).sqrt()).abs() < 1e-6,
         "{}",
         few.inclination_sigma_rad
     );
     let many = noise_after_reweighting(1000, [0.0; 2]);
-    assert!((many.norm - 0.0005).abs() < 1e-9 && (many.inclination_sigma_rad - 0.0009).abs() < 1e-9, "{many:?}");
+    assert!((many.norm_sigma - 0.0005).abs() < 1e-9 && (many.inclination_sigma_rad - 0.0009).abs() < 1e-9, "{many:?}");
 }
 
 #[test]
@@ -90,17 +90,17 @@ fn early_iterations_use_a_subset_of_many_samples() {
             let at_first = if samples + marks.len() == 384 { 128 } else { at_first };
             let system = LinearisedProblem::linearise(&likelihood, part, &identity_unknowns());
             if (samples + marks.len()) % 128 != 0 || marks.is_empty() {
-                assert_eq!(usize::from(system.samples), at_first + marks.len(), "{samples}");
+                assert_eq!(usize::from(system.sample_count), at_first + marks.len(), "{samples}");
             }
             assert!(!likelihood.has_noise_estimate);
-            likelihood.estimate_noise(system.clipped_squares, system.samples, &identity_unknowns());
+            likelihood.estimate_noise(system.clipped_squares, system.sample_count, &identity_unknowns());
             assert!(likelihood.has_noise_estimate);
             let then = if samples == 512 { 256 } else { samples };
             let system = LinearisedProblem::linearise(&likelihood, part, &identity_unknowns());
-            assert_eq!(usize::from(system.samples), then + marks.len(), "{samples}");
-            likelihood.estimate_noise(system.clipped_squares, system.samples, &identity_unknowns());
+            assert_eq!(usize::from(system.sample_count), then + marks.len(), "{samples}");
+            likelihood.estimate_noise(system.clipped_squares, system.sample_count, &identity_unknowns());
             assert_eq!(
-                usize::from(LinearisedProblem::linearise(&likelihood, part, &identity_unknowns()).samples),
+                usize::from(LinearisedProblem::linearise(&likelihood, part, &identity_unknowns()).sample_count),
                 samples + marks.len()
             );
         }
@@ -121,7 +121,8 @@ fn the_sample_mean_is_subtracted() {
     assert!((likelihood.mean_field - mean).norm() < 1e-6, "{}", likelihood.mean_field);
     let mut norms = Vec::new();
     let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::new(0.0, 0.0, 2.0), inclination_rad: 0.0 };
-    likelihood.for_each_sample_equations(samples, &parameters, &mut |equations| norms.push(equations.norm.residual));
+    likelihood
+        .for_each_sample_equations(samples, &parameters, &mut |equations| norms.push(equations.norm_equation.residual));
     for (norm, field) in norms.iter().zip([[0.0, 1.0, 0.5], [0.8, 3.0, 0.5], [-2.0, 2.0, 3.5]]) {
         let expected = (Vector3::from(field) - mean + parameters.d).norm() - 1.0;
         assert!((norm - expected).abs() < 1e-5, "{norm} {expected}");
@@ -145,8 +146,9 @@ fn huge_hard_iron_costs_no_precision() {
         let unknowns = likelihood.unknowns_from_start(&start).unwrap();
         let mut worst = 0.0_f32;
         likelihood.for_each_sample_equations(recorded.turns(), &ModelParameters::new(&unknowns), &mut |equations| {
-            worst =
-                worst.max(equations.norm.residual.abs()).max(equations.inclination.as_ref().unwrap().residual.abs());
+            worst = worst
+                .max(equations.norm_equation.residual.abs())
+                .max(equations.inclination_equation.as_ref().unwrap().residual.abs());
         });
         assert!(worst < 1e-4, "seed {seed}: {worst}");
         let calibration = likelihood.calibration(&unknowns).unwrap();
@@ -197,12 +199,16 @@ fn a_start_converts_to_unknowns() {
     let samples = Parts { left: &samples, ..Parts::default() }.samples();
     let likelihood = Likelihood::new(&NO_PRIOR, ModelConfig::DEFAULT, samples, 40.0);
     let w = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
-    let start = StartingPoint { unit_ut: 40.0, w, b: Vector3::new(0.1, 0.2, -0.3), inclination_rad: 0.4 };
+    let start = StartingPoint { unit_ut: 40.0, w, hard_iron: Vector3::new(0.1, 0.2, -0.3), inclination_rad: 0.4 };
     let parameters = ModelParameters::new(&likelihood.unknowns_from_start(&start).unwrap());
-    assert!((parameters.d - w * (likelihood.mean_field - start.b)).norm() < 1e-6 && parameters.w == w);
-    assert!((parameters.mean_minus_hard_iron().unwrap() - (likelihood.mean_field - start.b)).norm() < 1e-5);
+    assert!((parameters.d - w * (likelihood.mean_field - start.hard_iron)).norm() < 1e-6 && parameters.w == w);
+    assert!((parameters.mean_minus_hard_iron().unwrap() - (likelihood.mean_field - start.hard_iron)).norm() < 1e-5);
     assert!((parameters.inclination_rad - 0.4).abs() < 1e-6);
-    assert!(likelihood.unknowns_from_start(&StartingPoint { b: Vector3::from_element(f32::NAN), ..start }).is_none());
+    assert!(
+        likelihood
+            .unknowns_from_start(&StartingPoint { hard_iron: Vector3::from_element(f32::NAN), ..start })
+            .is_none()
+    );
 }
 
 #[test]
@@ -222,17 +228,20 @@ fn the_cost_sums_all_equations_and_priors() {
         let mut cost = LinearisedProblem::from_priors(&likelihood, &unknowns).cost;
         let mut clipped = [0.0, 0.0];
         likelihood.for_each_sample_equations(samples, &ModelParameters::new(&unknowns), &mut |equations| {
-            cost += equations.norm.loss;
-            cost += equations.inclination.as_ref().map_or(0.0, |inclination_equation| inclination_equation.loss);
-            cost += equations.heading.as_ref().map_or(0.0, |heading| heading.loss);
-            clipped[0] += equations.norm.clipped_square;
-            clipped[1] +=
-                equations.inclination.as_ref().map_or(0.0, |inclination_equation| inclination_equation.clipped_square);
+            cost += equations.norm_equation.loss;
+            cost +=
+                equations.inclination_equation.as_ref().map_or(0.0, |inclination_equation| inclination_equation.loss);
+            cost += equations.heading_equation.as_ref().map_or(0.0, |heading| heading.loss);
+            clipped[0] += equations.norm_equation.clipped_square;
+            clipped[1] += equations
+                .inclination_equation
+                .as_ref()
+                .map_or(0.0, |inclination_equation| inclination_equation.clipped_square);
         });
         assert!((system.cost / cost - 1.0).abs() < 1e-4, "{} {cost}", system.cost);
         assert!((system.clipped_squares[0] / clipped[0] - 1.0).abs() < 1e-4);
         assert!((system.clipped_squares[1] - clipped[1]).abs() <= 1e-4 * clipped[1]);
-        assert_eq!(system.samples, 42);
+        assert_eq!(system.sample_count, 42);
     }
 }
 

@@ -112,5 +112,5 @@ fn level_flight_reports_the_assumed_mounting() {
     let samples = Parts { level: &level, ..Parts::default() }.samples();
     let advice = solve(Method::Level, samples, &NO_PRIOR).unwrap().advice.unwrap();
     assert!(advice.unobservable.mounting, "{advice:?}");
-    assert_ne!(advice.weakest, Deviation::Heeling, "it is not for banking vehicles");
+    assert_ne!(advice.weakest_deviation, Deviation::Heeling, "it is not for banking vehicles");
 }

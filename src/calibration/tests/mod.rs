@@ -57,10 +57,10 @@ fn two_planes_are_exact_on_perfect_turns() {
             sample.field = airframe.field(sample.attitude, heading.heading_rad());
         }
         let planes = two_plane::solve_two_plane(recorded.turns(), &Matrix3::identity()).unwrap();
-        let w = planes.a_ut.try_inverse().unwrap().cast::<f32>();
+        let w = planes.response_ut.try_inverse().unwrap().cast::<f32>();
         let none = Calibration::uncalibrated(Orientation::NONE);
         let calibration =
-            Calibration { w: matrix_rows(&w), b_ut: planes.b_ut.cast::<f32>().into(), total_ut: 1.0, ..none };
+            Calibration { w: matrix_rows(&w), b_ut: planes.hard_iron_ut.cast::<f32>().into(), total_ut: 1.0, ..none };
         let error = max_abs(&airframe.errors_deg(&calibration));
         assert!(error < 0.05, "seed {seed}: {error} deg");
     }
@@ -200,9 +200,9 @@ fn verification_scores_the_true_calibration_best() {
     let moved = Calibration { b_ut: (airframe.b_ut + Vector3::new(2.0, 0.0, 0.0)).into(), ..truth };
     for worse in [uncalibrated, moved] {
         let scores = verification::score_held_back(held_back.turns(), true, &truth, &worse);
-        assert!(scores.candidate < scores.active, "{scores:?}");
+        assert!(scores.candidate_score < scores.active_score, "{scores:?}");
     }
     let none = RecordedTurns { left: Vec::new(), right: Vec::new() };
     let scores = verification::score_held_back(none.turns(), true, &truth, &uncalibrated);
-    assert!(scores.candidate.is_nan() && scores.active.is_nan());
+    assert!(scores.candidate_score.is_nan() && scores.active_score.is_nan());
 }

@@ -171,7 +171,7 @@ fn verification_corrects_for_the_current() {
     let calibration = solved(&recorded).unwrap().calibration;
     let unused = Calibration { motor_current: MotorCurrentInterference::NONE, ..calibration };
     let scores = verification::score_held_back(recorded.turns(), true, &calibration, &unused);
-    assert!(scores.candidate < 0.2 * scores.active, "{scores:?}");
+    assert!(scores.candidate_score < 0.2 * scores.active_score, "{scores:?}");
 }
 
 /// At unknown current the field is corrected for the mean current. Heading variance grows outside the calibrated
@@ -227,7 +227,7 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
         let extended = |row: &SVector<f32, 13>, more: Vector3<f32>| row.push(more.x).push(more.y).push(more.z);
         for_each_prior(&likelihood, &parameters, &mut |prior| {
             joint.add_weighted_row(
-                &extended(&prior.row, Vector3::zeros()),
+                &extended(&prior.jacobian_row, Vector3::zeros()),
                 [-prior.residual],
                 1.0 / (prior.sigma * prior.sigma),
             );
@@ -244,9 +244,9 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
             let equations = likelihood.equations(sample, None, &parameters);
             let share_a = sample.current.amperes().unwrap() - likelihood.motor_current.mean_current_a;
             for equation in equations.iter() {
-                let more = -parameters.w.tr_mul(&equation.row.by_field) * share_a;
+                let more = -parameters.w.tr_mul(&equation.jacobian_row.derivative_by_field) * share_a;
                 joint.add_weighted_row(
-                    &extended(&equation.row.as_vector(), more),
+                    &extended(&equation.jacobian_row.as_vector(), more),
                     [-equation.residual],
                     equation.weight,
                 );
@@ -260,7 +260,7 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
         let interference_part = expected.fixed_rows::<3>(13).into_owned();
         assert!((step - interference_part).norm() < 0.01 * found.max_sigma(), "{step} {interference_part}");
         let follow = information.step_for_motor_current(&step).unwrap();
-        let change = information.system.step_to_maximum().unwrap() + follow;
+        let change = information.linear_system.step_to_maximum().unwrap() + follow;
         let others = expected.fixed_rows::<13>(0).into_owned();
         assert!((change - others).norm() < 0.02 * others.norm(), "{change} {others}");
         let inflation = found.significance[0] / found.significance[1];

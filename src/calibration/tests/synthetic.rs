@@ -45,7 +45,7 @@ impl Airframe {
         StartingPoint {
             unit_ut: self.total_ut,
             w: self.a.try_inverse().unwrap(),
-            b: self.b_ut / self.total_ut,
+            hard_iron: self.b_ut / self.total_ut,
             inclination_rad: self.inclination_rad,
         }
     }

@@ -22,7 +22,7 @@ pub(in crate::calibration) struct ExpectedError {
     /// At the worst heading and bank of the envelope, degrees.
     pub worst_deg: f32,
     /// Largest part of the error, and its size, degrees RMS.
-    pub weakest: (Deviation, f32),
+    pub weakest_deviation: (Deviation, f32),
 }
 
 /// Parts of the deviation, in the terms of compass adjusters.
@@ -80,7 +80,7 @@ pub(in crate::calibration) fn expected_heading_error(
         .filter(|&part| part != Deviation::Heeling || envelope == Envelope::Banked)
         .map(|part| (part, size(part)))
         .fold((Deviation::Constant, 0.0), |a, b| if b.1 > a.1 { b } else { a });
-    Some(ExpectedError { rms_deg, worst_deg, weakest })
+    Some(ExpectedError { rms_deg, worst_deg, weakest_deviation: weakest })
 }
 
 pub(in crate::calibration) fn expected_rms_deg(
@@ -194,27 +194,27 @@ mod tests {
     #[test]
     fn the_weakest_part_identifies_the_cause() {
         let turned = [(w_index(0, 1), -0.02), (w_index(1, 0), 0.02)];
-        let constant = expected_of(&turned, Envelope::Banked).weakest;
+        let constant = expected_of(&turned, Envelope::Banked).weakest_deviation;
         assert_eq!(constant.0, Deviation::Constant);
         assert!((constant.1 - 0.02_f32.to_degrees()).abs() < 0.01, "{constant:?}");
         for axis in [0, 1] {
-            let semicircular = expected_of(&[(beta_index(axis), 0.02)], Envelope::Banked).weakest;
+            let semicircular = expected_of(&[(beta_index(axis), 0.02)], Envelope::Banked).weakest_deviation;
             assert_eq!(semicircular.0, Deviation::Semicircular);
             let amplitude_deg = (0.02 / 0.9_f32.cos()).to_degrees();
             assert!((semicircular.1 - amplitude_deg / 2_f32.sqrt()).abs() < 0.01, "{semicircular:?}");
         }
         for wrong in [&[(w_index(0, 0), 0.02), (w_index(1, 1), -0.02)], &[(w_index(0, 1), 0.02), (w_index(1, 0), 0.02)]]
         {
-            let quadrantal = expected_of(wrong, Envelope::Level).weakest;
+            let quadrantal = expected_of(wrong, Envelope::Level).weakest_deviation;
             assert_eq!(quadrantal.0, Deviation::Quadrantal);
             assert!((quadrantal.1 - 0.02_f32.to_degrees() / 2_f32.sqrt()).abs() < 0.01, "{quadrantal:?}");
         }
-        let heeling = expected_of(&[(beta_index(2), 0.02)], Envelope::Banked).weakest;
+        let heeling = expected_of(&[(beta_index(2), 0.02)], Envelope::Banked).weakest_deviation;
         assert_eq!(heeling.0, Deviation::Heeling);
         let [right, left] = [30.0, -30.0].map(|bank_deg| errors_deg(Matrix3::zeros(), [0.0, 0.0, 0.02], &[bank_deg]));
         let halves: Vec<f32> = right.iter().zip(left).map(|(right, left)| (right - left) / 2.0).collect();
         assert!((heeling.1 - rms(&halves)).abs() < 0.02 * rms(&halves), "{heeling:?} {}", rms(&halves));
-        assert_ne!(expected_of(&[(beta_index(2), 0.02)], Envelope::Level).weakest.0, Deviation::Heeling);
+        assert_ne!(expected_of(&[(beta_index(2), 0.02)], Envelope::Level).weakest_deviation.0, Deviation::Heeling);
     }
 
     #[test]
@@ -239,7 +239,10 @@ mod tests {
         covariance.set_lower_triangle(|_, _| 1e38);
         assert_eq!(expected_heading_error(&clean(), &covariance, Envelope::Level), None);
         let nothing = expected_heading_error(&clean(), &CoefficientCovariance::ZERO, Envelope::Level).unwrap();
-        assert_eq!([nothing.rms_deg.to_bits(), nothing.worst_deg.to_bits(), nothing.weakest.1.to_bits()], [0; 3]);
+        assert_eq!(
+            [nothing.rms_deg.to_bits(), nothing.worst_deg.to_bits(), nothing.weakest_deviation.1.to_bits()],
+            [0; 3]
+        );
     }
 
     #[test]

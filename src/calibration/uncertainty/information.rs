@@ -21,7 +21,7 @@ use crate::frames::Attitude;
 /// Fisher information, with the statistics for the sandwich covariance and the sums of the score tests.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct Information {
-    pub system: LinearisedProblem,
+    pub linear_system: LinearisedProblem,
     pub residuals: ResidualStatistics,
     pub attitude_errors: AttitudeErrorSums,
     /// Contributions of the samples to the gradient of the attitude latency.
@@ -38,7 +38,7 @@ impl Information {
     #[inline(never)]
     pub fn new(system: &LinearisedProblem) -> Self {
         Self {
-            system: system.clone(),
+            linear_system: system.clone(),
             residuals: ResidualStatistics::zero(),
             attitude_errors: core::array::from_fn(|_| ScoreTest::zero()),
             latency_contributions: Autocorrelation::default(),
@@ -75,33 +75,33 @@ impl Information {
                     );
                 });
             }
-            if let Some(dip) = &equations.inclination {
+            if let Some(dip) = &equations.inclination_equation {
                 let by_latency = ATTITUDE_ERRORS[LATENCY].inclination_derivative(&equations, &state);
                 self.latency_contributions.add_residuals(part, [dip.weight * by_latency * dip.residual, 0.0]);
             }
-            let dip = equations.inclination.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
+            let dip = equations.inclination_equation.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
             // Without a scan (ground methods), norm residuals of one heading are correlated through the error of the
             // given heading, whose sigma already covers it.
-            let norm = if scan.is_some() { equations.norm.clipped_residual() } else { 0.0 };
+            let norm = if scan.is_some() { equations.norm_equation.clipped_residual() } else { 0.0 };
             self.residuals.autocorrelation.add_residuals(part, [norm, dip]);
             self.residuals.heteroscedasticity.add_residual(sample.attitude, dip);
-            self.residuals.white_noise.add_residual(part, sample.time, equations.norm.clipped_residual());
+            self.residuals.white_noise.add_residual(part, sample.time, equations.norm_equation.clipped_residual());
             if let Some(scan) = &mut scan {
-                scan.add_sample(&self.system, sample, &equations);
+                scan.add_sample(&self.linear_system, sample, &equations);
             }
         }
         for mark in samples.marks {
             let equations = likelihood.equations(&mark.sample, Some(mark.heading_rad), &parameters);
             let attitude = mark.sample.latency_compensated_attitude(likelihood.latency_s);
             self.add_inclination(&equations, &AttitudeState::steady(attitude, mark.sample.rates));
-            let dip = equations.inclination.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
+            let dip = equations.inclination_equation.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
             self.residuals.autocorrelation.add_residuals(PARTS - 1, [0.0, dip]);
         }
     }
 
     pub(super) fn add_inclination(&mut self, equations: &SampleEquations, state: &AttitudeState) {
-        let Some(dip) = &equations.inclination else { return };
-        self.residuals.inclination_information.add_row(&dip.row, dip.weight);
+        let Some(dip) = &equations.inclination_equation else { return };
+        self.residuals.inclination_information.add_row(&dip.jacobian_row, dip.weight);
         add_inclination(&mut self.attitude_errors, equations, state);
     }
 
@@ -115,9 +115,9 @@ impl Information {
     ) {
         let tilt = attitude.tilt_rotation();
         let Some(x) = parameters.expected_field(&tilt, heading_rad) else { return };
-        let measured = MeasuredSample { x, tilt, heading_rad: None };
+        let measured = MeasuredSample { x, tilt_rotation: tilt, heading_rad: None };
         let equations = SampleEquations::new(parameters, &measured, &likelihood.noise, &likelihood.config, false);
-        self.system.add_sample_equations(&equations);
+        self.linear_system.add_sample_equations(&equations);
         self.add_inclination(&equations, &AttitudeState::steady(attitude, Rates::ZERO));
     }
 
@@ -125,9 +125,9 @@ impl Information {
     #[inline(never)]
     pub fn estimate_latency(&self, used_s: f32) -> Option<(AttitudeLatency, Vector13)> {
         let sums = &self.attitude_errors[LATENCY];
-        let score = sums.eliminate_coefficients(&self.system, &self.system.step_to_maximum()?)?;
+        let score = sums.eliminate_coefficients(&self.linear_system, &self.linear_system.step_to_maximum()?)?;
         let latency = AttitudeLatency::estimate_latency(sums, &score, &self.latency_contributions, used_s)?;
-        Some((latency, -score.columns[0]))
+        Some((latency, -score.nuisance_columns[0]))
     }
 
     /// Motor-current interference; its error enters the covariance. `None` without a varying current.
@@ -136,7 +136,8 @@ impl Information {
         if likelihood.motor_current.current_sigma_a == 0.0 {
             return None;
         }
-        let score = self.motor_current.eliminate_coefficients(&self.system, &self.system.step_to_maximum()?)?;
+        let score =
+            self.motor_current.eliminate_coefficients(&self.linear_system, &self.linear_system.step_to_maximum()?)?;
         let found = InterferenceEstimate::new(&score, likelihood, self.residuals.autocorrelation_inflation())?;
         self.motor_current_errors = found.covariance_factors(&likelihood.motor_current_per_ampere());
         Some(found)
@@ -144,6 +145,6 @@ impl Information {
 
     /// Step of the unknowns that follows a change of the interference.
     pub fn step_for_motor_current(&self, k: &Vector3<f32>) -> Option<Vector13> {
-        Some(-self.system.covariance_times(&self.motor_current.effect(k))?)
+        Some(-self.linear_system.covariance_times(&self.motor_current.effect(k))?)
     }
 }

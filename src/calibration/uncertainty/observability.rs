@@ -19,7 +19,7 @@ pub(in crate::calibration) fn inclination_from_samples(
     unknowns: &Vector13,
     sigmas: &AttitudeErrorSigmas,
 ) -> Option<[f32; 2]> {
-    let column = information.system.covariance_times(&Vector13::ith(INCLINATION_INDEX, 1.0))?;
+    let column = information.linear_system.covariance_times(&Vector13::ith(INCLINATION_INDEX, 1.0))?;
     let of_all = column[INCLINATION_INDEX];
     let found_rad = unknowns[INCLINATION_INDEX];
     let (share, own_rad) = match likelihood.known_inclination_rad {
@@ -54,11 +54,11 @@ pub(in crate::calibration) fn unobservable_quantities(
     let mut left = [None; PriorQuantity::COUNT];
     let mut determined = true;
     for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |prior| {
-        let Some(column) = system.covariance_times(&prior.row) else {
+        let Some(column) = system.covariance_times(&prior.jacobian_row) else {
             determined = false;
             return;
         };
-        if prior.row.dot(&column) > 0.25 * prior.sigma * prior.sigma
+        if prior.jacobian_row.dot(&column) > 0.25 * prior.sigma * prior.sigma
             && let Some(slot) = left.get_mut(prior.quantity as usize)
         {
             *slot = Some(prior.quantity);

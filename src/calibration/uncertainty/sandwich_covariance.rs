@@ -38,7 +38,7 @@ pub(in crate::calibration) fn sandwich_covariance(
     // `H^-1` times the Jacobian row of each coefficient: 12 of 13 columns instead of a 13x13 inverse.
     let mut columns = [Vector13::zeros(); COEFFICIENTS];
     for (i, column) in columns.iter_mut().enumerate() {
-        *column = information.system.covariance_times(&units.jacobian_row(i))?;
+        *column = information.linear_system.covariance_times(&units.jacobian_row(i))?;
     }
     let [mut of_norm, of_dip] = information.residuals.autocorrelation.excess_inflation();
     let of_dip = (1.0 + of_dip) * information.residuals.heteroscedasticity.variance_ratio() - 1.0;
@@ -60,7 +60,7 @@ pub(in crate::calibration) fn sandwich_covariance(
     }
     let along = |vector: &Vector13| Vector12::from_fn(|i, _| columns[i].dot(vector));
     for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |prior| {
-        covariance.add_outer_product(&along(&prior.row), -of_norm / (prior.sigma * prior.sigma));
+        covariance.add_outer_product(&along(&prior.jacobian_row), -of_norm / (prior.sigma * prior.sigma));
     });
     for (error, sigma) in information.attitude_errors.iter().zip(sigmas) {
         covariance.add_outer_product(&along(&error.cross_information[0]), sigma * sigma);
@@ -78,7 +78,7 @@ pub(in crate::calibration) fn sandwich_covariance(
         }
         covariance.add_outer_product(&coefficients, 1.0);
     }
-    let change = information.system.step_to_maximum()?;
+    let change = information.linear_system.step_to_maximum()?;
     covariance.add_outer_product(&Vector12::from_fn(|i, _| units.jacobian_row(i).dot(&change)), 1.0);
     covariance.is_finite().then_some(())
 }

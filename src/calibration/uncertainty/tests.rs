@@ -77,7 +77,7 @@ fn jacobian_rows_equal_numerical_derivatives() {
 fn uniform_information(likelihood: &Likelihood, unknowns: &Vector13, weight: f32) -> Information {
     let mut information = prior_information(likelihood, unknowns);
     for i in 0..UNKNOWNS {
-        information.system.add_row(&Vector13::ith(i, 1.0), 0.0, weight);
+        information.linear_system.add_row(&Vector13::ith(i, 1.0), 0.0, weight);
     }
     information
 }
@@ -103,13 +103,16 @@ fn covariance_is_the_sum_of_its_terms() {
     let at = parameters().unknowns().unwrap();
     let mut information = uniform_information(&likelihood, &at, 1e4);
     let row = Vector13::from_fn(|i, _| (i as f32 * 0.7).sin());
-    information.system.add_row(&row, 0.05, 1e4);
+    information.linear_system.add_row(&row, 0.05, 1e4);
     // An inclination residual with rho = 1/2: inflation 2 rho / (1 - rho) = 2. Norm residuals have rho = 1/3:
     // inflation 1 for all that is neither inclination nor prior.
-    let dip =
-        JacobianRow { by_field: Vector3::new(1.0, -0.7, 0.5), x: Vector3::new(0.6, 0.9, -1.1), by_inclination: -1.0 };
+    let dip = JacobianRow {
+        derivative_by_field: Vector3::new(1.0, -0.7, 0.5),
+        x: Vector3::new(0.6, 0.9, -1.1),
+        by_inclination: -1.0,
+    };
     let dip_row = dip.as_vector();
-    information.system.add_row(&dip_row, 0.0, 3e3);
+    information.linear_system.add_row(&dip_row, 0.0, 3e3);
     information.residuals.inclination_information.add_row(&dip, 3e3);
     for residuals in [[1.0, 1.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
         information.residuals.autocorrelation.add_residuals(0, residuals);
@@ -127,10 +130,10 @@ fn covariance_is_the_sum_of_its_terms() {
     let j = SMatrix::<f32, 12, 13>::from_fn(|i, k| units.jacobian_row(i)[k]);
     let mut inverse = Matrix13::zeros();
     for k in 0..UNKNOWNS {
-        inverse.set_column(k, &information.system.covariance_times(&Vector13::ith(k, 1.0)).unwrap());
+        inverse.set_column(k, &information.linear_system.covariance_times(&Vector13::ith(k, 1.0)).unwrap());
     }
     let g = j * inverse;
-    let change = j * information.system.step_to_maximum().unwrap();
+    let change = j * information.linear_system.step_to_maximum().unwrap();
     let latency = AttitudeLatency { estimate_s: 0.0, sigma_s: 0.01 };
     let consider = assumed_sigmas(ConsiderSigmas { bias_rad: 0.003, bank_scale: 0.02 }, Some(latency));
     let norm = (Matrix13::identity() + row * row.transpose()) * 1e4;
@@ -185,7 +188,7 @@ fn motor_current_estimate_equals_joint_least_squares() {
     let mut joint = LeastSquares::<16, 1>::new();
     let rows = |row: &Vector13, more: Vector3<f32>| row.push(more.x).push(more.y).push(more.z);
     for_each_prior(&likelihood, &parameters(), &mut |prior| {
-        let row = rows(&prior.row, Vector3::zeros());
+        let row = rows(&prior.jacobian_row, Vector3::zeros());
         joint.add_weighted_row(&row, [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
     });
     for i in 0..UNKNOWNS {
@@ -201,12 +204,12 @@ fn motor_current_estimate_equals_joint_least_squares() {
     }
     for (i, residual) in [(0, 0.02), (1, -0.01), (2, 0.015), (3, 0.005)] {
         let by_field = Vector3::from_fn(|axis, _| f32::sin(i as f32 * 2.1 + axis as f32 * 1.3));
-        let row = JacobianRow { by_field, x: Vector3::new(0.6, 0.9, -1.1), by_inclination: 0.3 };
+        let row = JacobianRow { derivative_by_field: by_field, x: Vector3::new(0.6, 0.9, -1.1), by_inclination: 0.3 };
         let equation = ResidualEquation::new(row, residual, 1.0 / 1e4, 1e6);
         let (more, share_a) = (derivative_by_hard_iron(&parameters().w, &equation), 1.0 + i as f32 / 2.0);
         information.motor_current.add_weighted_equation(&equation, &more, share_a);
-        information.system.add_row(&equation.row.as_vector(), residual, 1e4);
-        joint.add_weighted_row(&rows(&equation.row.as_vector(), more * share_a), [-residual], 1e4);
+        information.linear_system.add_row(&equation.jacobian_row.as_vector(), residual, 1e4);
+        joint.add_weighted_row(&rows(&equation.jacobian_row.as_vector(), more * share_a), [-residual], 1e4);
     }
     for residual in [1.0, 1.0, 0.0] {
         information.residuals.autocorrelation.add_residuals(0, [residual, 0.0]);
@@ -244,10 +247,10 @@ fn inclination_information_and_gradients_are_summed() {
         let tilt = attitude.tilt_rotation();
         let x = parameters.expected_field(&tilt, heading_rad).unwrap();
         let state = AttitudeState::steady(attitude, Rates::from_rad_s([0.3, -0.2, 0.0]));
-        let measured = MeasuredSample { x, tilt, heading_rad: None };
+        let measured = MeasuredSample { x, tilt_rotation: tilt, heading_rad: None };
         let equations = SampleEquations::new(&parameters, &measured, &likelihood.noise, &likelihood.config, false);
-        let of_dip = equations.inclination.as_ref().unwrap();
-        let row = of_dip.row.as_vector();
+        let of_dip = equations.inclination_equation.as_ref().unwrap();
+        let row = of_dip.jacobian_row.as_vector();
         dip += row * row.transpose() * of_dip.weight;
         for (sum, error) in effects.iter_mut().zip(ATTITUDE_ERRORS) {
             *sum += row * (of_dip.weight * error.inclination_derivative(&equations, &state));
@@ -268,7 +271,7 @@ fn latency_sigma_becomes_a_consider_state() {
     let likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
     let mut information = uniform_information(&likelihood, &parameters().unknowns().unwrap(), 1e4);
     assert!(information.estimate_latency(0.0).is_none());
-    let row = JacobianRow { by_field: Vector3::x(), x: Vector3::y(), by_inclination: -1.0 };
+    let row = JacobianRow { derivative_by_field: Vector3::x(), x: Vector3::y(), by_inclination: -1.0 };
     let latency = &mut information.attitude_errors[LATENCY];
     latency.add_weighted_equation(&ResidualEquation::new(row, 0.01, 1e-4, 1e6), &Vector1::new(0.5), 1.0);
     latency.cross_information = [Vector13::ith(2, 40.0)];
@@ -291,11 +294,11 @@ fn unobservable_if_half_of_the_prior_sigma_remains() {
         let variance =
             likelihood.config.known_inclination_sigma_rad * likelihood.config.known_inclination_sigma_rad / times;
         for i in 0..INCLINATION_INDEX {
-            information.system.add_row(&Vector13::ith(i, 1.0), 0.0, 1e6);
+            information.linear_system.add_row(&Vector13::ith(i, 1.0), 0.0, 1e6);
         }
-        information.system.add_row(&Vector13::ith(INCLINATION_INDEX, 1.0), 0.0, 1.0 / variance);
+        information.linear_system.add_row(&Vector13::ith(INCLINATION_INDEX, 1.0), 0.0, 1.0 / variance);
         let found: Vec<PriorQuantity> =
-            unobservable_quantities(&information.system, &likelihood, &at).unwrap().collect();
+            unobservable_quantities(&information.linear_system, &likelihood, &at).unwrap().collect();
         assert_eq!(found, if left { vec![PriorQuantity::Inclination] } else { vec![] }, "{times}");
     }
 }
@@ -345,7 +348,7 @@ fn singular_information_has_no_covariance() {
             .is_none()
         );
     }
-    assert!(unobservable_quantities(&open.system, &likelihood, &at).is_none());
+    assert!(unobservable_quantities(&open.linear_system, &likelihood, &at).is_none());
     assert!(heading_uncertainty(&likelihood, &flat, &CoefficientCovariance::ZERO, 1.0).is_none());
 }
 
@@ -356,7 +359,7 @@ fn autocorrelation_does_not_inflate_priors() {
     let mut information = prior_information(&likelihood, &at);
     // The overall scale, which no prior constrains.
     let scale = Vector13::from_fn(|i, _| if [0, 4, 8].contains(&i) { 1.0 } else { 0.0 });
-    information.system.add_row(&scale, 0.0, 1e4);
+    information.linear_system.add_row(&scale, 0.0, 1e4);
     let of = |information: &Information| full_covariance(information, &likelihood, &at, &[0.0; ERRORS]);
     let before = of(&information);
     for residual in [1.0, 1.0, 0.0] {
@@ -381,9 +384,9 @@ fn configured_inclination_is_removed_from_the_estimate() {
             let at = ModelParameters { inclination_rad, ..parameters() }.unknowns().unwrap();
             let mut information = prior_information(&likelihood, &at);
             for i in 0..INCLINATION_INDEX {
-                information.system.add_row(&Vector13::ith(i, 1.0), 0.0, 1e6);
+                information.linear_system.add_row(&Vector13::ith(i, 1.0), 0.0, 1e6);
             }
-            information.system.add_row(&Vector13::ith(INCLINATION_INDEX, 1.0), 0.0, 1.0 / (sigma * sigma));
+            information.linear_system.add_row(&Vector13::ith(INCLINATION_INDEX, 1.0), 0.0, 1.0 / (sigma * sigma));
             // rho = 1/2, and a gradient of 2e3 per unit of bank-angle scale error.
             for residual in [1.0, 1.0, 0.0] {
                 information

@@ -134,13 +134,13 @@ impl<'a> Collector<'a> {
     }
 
     fn push_tumble_sample(&mut self, sample: Sample) -> bool {
-        let Header { parts, min_distance_ut, .. } = &mut self.header;
+        let Header { part_states: parts, min_distance_ut, .. } = &mut self.header;
         let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, parts, &mut self.last_taken_at);
         min_distance::push_sample(part, Quota::TURN, min_distance_ut, sample)
     }
 
     fn push_free_flight_sample(&mut self, sample: Sample) -> bool {
-        let parts = &mut self.header.parts;
+        let parts = &mut self.header.part_states;
         let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, parts, &mut self.last_taken_at);
         let end = free_flight::push_sample(part, &mut self.selection, sample);
         if end == FreeFlightSample::Ignored {
@@ -152,7 +152,7 @@ impl<'a> Collector<'a> {
     }
 
     fn part_view(&mut self, part: CollectionPart) -> PartView<'_> {
-        PartView::new(part, &mut self.memory.samples, &mut self.header.parts, &mut self.last_taken_at)
+        PartView::new(part, &mut self.memory.samples, &mut self.header.part_states, &mut self.last_taken_at)
     }
 
     /// Rates free-flight samples with the result of a trial solve that estimates all coefficients.
@@ -237,7 +237,7 @@ impl<'a> Collector<'a> {
     /// Progress by part.
     #[must_use]
     pub fn progress(&self) -> CollectionProgress {
-        let of = |part: CollectionPart| coverage(&self.memory.samples, part, self.header.parts[part.index()]);
+        let of = |part: CollectionPart| coverage(&self.memory.samples, part, self.header.part_states[part.index()]);
         let procedure = self.procedure();
         CollectionProgress {
             procedure,
@@ -247,7 +247,7 @@ impl<'a> Collector<'a> {
             },
             right_turns: of(CollectionPart::RIGHT),
             level: of(CollectionPart::LEVEL),
-            marks: self.header.mark_count,
+            mark_count: self.header.mark_count,
             turn_in_progress: self.detector.turn_side(),
         }
     }

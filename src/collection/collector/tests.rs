@@ -110,7 +110,7 @@ fn there_is_room_for_thirty_six_marks() {
         assert!(collector.add_mark(mark(i)), "mark {i}");
     }
     assert!(!collector.add_mark(mark(36)));
-    assert_eq!((collector.progress().marks, collector.fit_samples().marks.len()), (36, 36));
+    assert_eq!((collector.progress().mark_count, collector.fit_samples().marks.len()), (36, 36));
     assert_eq!(collector.fit_samples().marks[35], mark(35));
 }
 

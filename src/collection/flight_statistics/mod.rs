@@ -89,7 +89,7 @@ struct DiagnosisLimits {
 /// Attitude statistics of a collection, as they are in retained memory.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FlightStatistics {
-    pub samples: u32,
+    pub sample_count: u32,
     pub long_intervals: u32,
     pub duration_ms: u32,
     pub max_tilt_rad: f32,
@@ -126,15 +126,21 @@ impl TiltFilter {
 }
 
 impl FlightStatistics {
-    pub const EMPTY: Self =
-        Self { samples: 0, long_intervals: 0, duration_ms: 0, max_tilt_rad: 0.0, left_bank_ms: 0, right_bank_ms: 0 };
+    pub const EMPTY: Self = Self {
+        sample_count: 0,
+        long_intervals: 0,
+        duration_ms: 0,
+        max_tilt_rad: 0.0,
+        left_bank_ms: 0,
+        right_bank_ms: 0,
+    };
 
     pub fn update(&mut self, filter: &mut TiltFilter, sample: &Sample) {
         let Attitude { roll_rad, pitch_rad } = sample.attitude;
         if !(roll_rad.is_finite() && pitch_rad.is_finite()) {
             return;
         }
-        self.samples = self.samples.saturating_add(1);
+        self.sample_count = self.sample_count.saturating_add(1);
         let Some(step_ms) = filter.update(sample) else { return };
         self.duration_ms = self.duration_ms.saturating_add(step_ms);
         self.long_intervals += u32::from(step_ms > TurnDetectorConfig::DEFAULT.max_gap_ms);
@@ -147,7 +153,7 @@ impl FlightStatistics {
     }
 
     fn is_long_enough(&self) -> bool {
-        self.samples >= DIAGNOSIS_LIMITS.min_samples && self.duration_ms >= DIAGNOSIS_LIMITS.min_duration_ms
+        self.sample_count >= DIAGNOSIS_LIMITS.min_samples && self.duration_ms >= DIAGNOSIS_LIMITS.min_duration_ms
     }
 
     pub fn check_tilt(&self) -> Option<CollectionProblem> {
@@ -163,9 +169,9 @@ impl FlightStatistics {
         if !self.is_long_enough() {
             return None;
         }
-        if 2 * u64::from(self.long_intervals) > u64::from(self.samples) {
+        if 2 * u64::from(self.long_intervals) > u64::from(self.sample_count) {
             return Some(CollectionProblem::SampleIntervalTooLong {
-                interval_s: self.duration_ms as f32 / self.samples as f32 / 1e3,
+                interval_s: self.duration_ms as f32 / self.sample_count as f32 / 1e3,
             });
         }
         if let Some(lack) = self.check_tilt() {
@@ -180,8 +186,8 @@ impl FlightStatistics {
         }
         [(Side::Left, progress.left_turns), (Side::Right, progress.right_turns)].into_iter().find_map(
             |(side, side_progress)| {
-                let is_arc = side_progress.samples >= arc_samples && side_progress.sectors <= arc_sectors;
-                is_arc.then_some(CollectionProblem::ArcOnly { side, sectors: side_progress.sectors })
+                let is_arc = side_progress.samples >= arc_samples && side_progress.covered_sectors <= arc_sectors;
+                is_arc.then_some(CollectionProblem::ArcOnly { side, sectors: side_progress.covered_sectors })
             },
         )
     }

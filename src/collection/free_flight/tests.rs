@@ -59,7 +59,7 @@ fn free_flight_samples_are_stored_until_full() {
     all.sort_unstable();
     assert_eq!(all, (0..400).map(|i| i * 100).collect::<Vec<_>>());
     assert!(fit.is_sorted());
-    assert_eq!(flight.coverage(), Coverage { samples: 300, held_back: 100, ..Coverage::default() });
+    assert_eq!(flight.coverage(), Coverage { samples: 300, held_back_count: 100, ..Coverage::default() });
     assert!(
         flight.buffer.fit_samples(CollectionPart::LEFT).is_empty()
             && flight.buffer.held_back(CollectionPart::LEVEL).is_empty()

@@ -14,7 +14,7 @@ const DISTANCE_GROWTH: f32 = 1.3;
 
 /// Fit samples that count as 100 percent.
 const COMPLETE_SAMPLE_COUNT: u16 = 66;
-const _: () = assert!(COMPLETE_SAMPLE_COUNT as usize <= Quota::TURN.fit);
+const _: () = assert!(COMPLETE_SAMPLE_COUNT as usize <= Quota::TURN.fit_quota);
 
 /// Stores a sample of any attitude if it is due and at least `distance_ut` from the others; increases the distance when
 /// the quota is used. Returns whether the sample was stored.

@@ -65,15 +65,15 @@ fn tumbled_samples_are_stored_at_most_every_0_4_s() {
 /// The 253rd sample exceeds the quota: the distance grows from 5 to 6.5 uT and thins steps of 5.1 uT.
 #[test]
 fn a_full_tumble_is_thinned() {
-    let both = Quota::TURN.fit + Quota::TURN.held_back;
+    let both = Quota::TURN.fit_quota + Quota::TURN.held_back_quota;
     assert_eq!(Tumble::on_line(both as u32, 5.1).stored(), both);
     let mut tumble = Tumble::on_line(both as u32 + 1, 5.1);
-    assert_eq!(tumble.stored(), Quota::TURN.held_back + expected_after_thinning() + 1);
+    assert_eq!(tumble.stored(), Quota::TURN.held_back_quota + expected_after_thinning() + 1);
     assert!((tumble.distance_ut - 6.5).abs() < 1e-4, "{}", tumble.distance_ut);
     let coverage = tumble.coverage();
     assert_eq!(
-        (coverage.samples as usize, coverage.held_back as usize),
-        (expected_after_thinning() + 1, Quota::TURN.held_back)
+        (coverage.samples as usize, coverage.held_back_count as usize),
+        (expected_after_thinning() + 1, Quota::TURN.held_back_quota)
     );
     // The new distance applies from then on.
     let stored_count = tumble.fit().len();
@@ -85,7 +85,7 @@ fn a_full_tumble_is_thinned() {
 }
 
 fn expected_after_thinning() -> usize {
-    let Quota { fit, held_back } = Quota::TURN;
+    let Quota { fit_quota: fit, held_back_quota: held_back } = Quota::TURN;
     let is_held_back = |i: usize| i % 4 == 3 && i / 4 < held_back;
     let fit = (0..fit + held_back).filter(|i| !is_held_back(*i)).map(|i| i as f64 * 5.1);
     fit.fold((0, f64::NEG_INFINITY), |(count, last), x| if x - last >= 6.5 { (count + 1, x) } else { (count, last) }).0
@@ -96,7 +96,7 @@ fn a_tumble_is_complete_at_66_fit_samples() {
     for (number, percent) in [(44, 50), (86, 98), (87, 100), (200, 100)] {
         // Three of four are for the fit: 33, 65, 66, 150.
         let coverage = Tumble::on_line(number, 6.0).coverage();
-        assert_eq!((coverage.percent, coverage.sectors), (percent, 0), "{number}");
+        assert_eq!((coverage.percent, coverage.covered_sectors), (percent, 0), "{number}");
     }
 }
 
@@ -112,16 +112,16 @@ fn thinning_keeps_the_first_of_close_samples() {
 
 #[test]
 fn a_full_held_back_quota_passes_samples_to_the_fit() {
-    let mut tumble = Tumble::new(Quota { fit: 12, held_back: 1 });
+    let mut tumble = Tumble::new(Quota { fit_quota: 12, held_back_quota: 1 });
     (0..8).for_each(|i| tumble.push_at(i as f32 * 10.0, i * 400));
     let coverage = tumble.coverage();
-    assert_eq!((coverage.samples, coverage.held_back), (7, 1));
+    assert_eq!((coverage.samples, coverage.held_back_count), (7, 1));
 }
 
 /// If thinning removes nothing, the new sample is dropped.
 #[test]
 fn a_part_of_distant_samples_stays_as_it_is() {
-    let mut tumble = Tumble::new(Quota { fit: 3, held_back: 1 });
+    let mut tumble = Tumble::new(Quota { fit_quota: 3, held_back_quota: 1 });
     (0..12).for_each(|i| tumble.push_at(i as f32 * 1000.0, i * 400));
     assert_eq!(tumble.fit().iter().map(|s| s.time.as_ms() / 400).collect::<Vec<_>>(), [0, 1, 2]);
 }

@@ -25,7 +25,7 @@ pub(in crate::collection) struct Header {
     /// Minimum distance between samples of a tumble, microtesla; grows when the buffer is full.
     pub min_distance_ut: f32,
     /// States of the parts by [`Part::index`].
-    pub parts: [PartState; CollectionPart::ALL.len()],
+    pub part_states: [PartState; CollectionPart::ALL.len()],
     pub statistics: FlightStatistics,
 }
 
@@ -35,13 +35,13 @@ pub(in crate::collection) struct PartState {
     /// Samples taken, stored or not; wraps at a multiple of the hold-back cycle.
     pub taken_count: u16,
     /// Sectors with at least one sample.
-    pub sectors: u8,
+    pub covered_sectors: u8,
     /// Completeness, 0..100 percent.
     pub percent: u8,
 }
 
 impl PartState {
-    pub const EMPTY: Self = Self { taken_count: 0, sectors: 0, percent: 0 };
+    pub const EMPTY: Self = Self { taken_count: 0, covered_sectors: 0, percent: 0 };
 }
 
 impl Header {
@@ -57,7 +57,7 @@ impl Header {
         stored_count: 0,
         distinct_count: 0,
         min_distance_ut: 0.0,
-        parts: [PartState::EMPTY; _],
+        part_states: [PartState::EMPTY; _],
         statistics: FlightStatistics::EMPTY,
     };
 
@@ -129,8 +129,8 @@ words!(Header {
     stored_count,
     distinct_count,
     min_distance_ut,
-    parts,
+    part_states,
     statistics,
 });
-words!(PartState { taken_count, sectors, percent });
-words!(FlightStatistics { samples, long_intervals, duration_ms, max_tilt_rad, left_bank_ms, right_bank_ms });
+words!(PartState { taken_count, covered_sectors, percent });
+words!(FlightStatistics { sample_count, long_intervals, duration_ms, max_tilt_rad, left_bank_ms, right_bank_ms });

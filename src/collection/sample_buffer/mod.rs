@@ -9,7 +9,7 @@ use crate::calibration::{CollectionPart, Current, Rates, Sample, Samples, part_r
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
-const CAPACITY: usize = Quota::ALL.fit + Quota::ALL.held_back;
+const CAPACITY: usize = Quota::ALL.fit_quota + Quota::ALL.held_back_quota;
 
 pub(super) const UNUSED_SAMPLE: Sample = Sample {
     field: Field::from_ut(0.0, 0.0, 0.0),

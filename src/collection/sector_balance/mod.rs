@@ -40,10 +40,10 @@ impl SectorBalance {
 
     /// Whether the quota suffices for a complete part.
     const fn fits_quota(&self) -> bool {
-        self.target as usize <= self.quota.fit
-            && self.sector_samples as usize * SECTORS <= self.quota.fit
+        self.target as usize <= self.quota.fit_quota
+            && self.sector_samples as usize * SECTORS <= self.quota.fit_quota
             && self.min_samples <= self.target
-            && self.min_held_back_when_complete() as usize <= self.quota.held_back
+            && self.min_held_back_when_complete() as usize <= self.quota.held_back_quota
     }
 
     /// Fewest held-back samples of a complete part.
@@ -77,7 +77,7 @@ impl SectorBalance {
             let percent = if is_complete { 100 } else { self.balance_percent(&counts, number) };
             (counts.iter().filter(|&&n| n > 0).count() as u8, percent)
         });
-        (part.state.sectors, part.state.percent) = (sectors, percent);
+        (part.state.covered_sectors, part.state.percent) = (sectors, percent);
     }
 
     /// Lesser of sector filling and sample number, percent.

@@ -5,7 +5,8 @@ use crate::collection::progress::Coverage;
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
-const QUOTA_12: SectorBalance = SectorBalance { quota: Quota { fit: 12, held_back: 12 }, ..SectorBalance::TURNS };
+const QUOTA_12: SectorBalance =
+    SectorBalance { quota: Quota { fit_quota: 12, held_back_quota: 12 }, ..SectorBalance::TURNS };
 
 fn push_turn(buffer: &mut TestBuffer, sample: Sample) -> bool {
     SectorBalance::TURNS.push_sample(buffer.part_view(CollectionPart::RIGHT), sample)
@@ -27,10 +28,10 @@ fn coverage(samples: impl Iterator<Item = Sample>) -> Coverage {
 fn three_circles_complete_a_side_in_spite_of_hard_iron() {
     // 28 s per circle. Half a circle is 6 of 12 sectors, plus a partial one at each end.
     let half = coverage(turn_samples(25.0, 0, 14, 13.0));
-    assert!((6..=8).contains(&half.sectors), "{half:?}");
+    assert!((6..=8).contains(&half.covered_sectors), "{half:?}");
     assert!(!half.is_complete());
     let full = coverage(turn_samples(25.0, 0, 84, 13.0));
-    assert_eq!((full.sectors, full.percent), (12, 100), "{full:?}");
+    assert_eq!((full.covered_sectors, full.percent), (12, 100), "{full:?}");
 }
 
 #[test]
@@ -52,7 +53,7 @@ fn a_complete_side_stays_complete() {
 fn a_constant_heading_gives_no_coverage() {
     let straight = coverage(turn_samples(25.0, 0, 300, 0.0));
     // Bank wander draws a short line: at most two sectors.
-    assert!(straight.sectors <= 2 && straight.percent < 20, "{straight:?}");
+    assert!(straight.covered_sectors <= 2 && straight.percent < 20, "{straight:?}");
 }
 
 #[test]
@@ -62,8 +63,8 @@ fn a_full_buffer_stores_samples_of_missing_headings() {
     let later = turn_samples(25.0, 700, 728, 13.0);
     let mut buffer = collect(third.chain(later));
     let coverage = buffer.coverage(CollectionPart::RIGHT);
-    assert_eq!(coverage.samples as usize, Quota::TURN.fit, "the buffer was full");
-    assert_eq!(coverage.sectors, 12);
+    assert_eq!(coverage.samples as usize, Quota::TURN.fit_quota, "the buffer was full");
+    assert_eq!(coverage.covered_sectors, 12);
     assert!(buffer.fit_samples(CollectionPart::RIGHT).is_sorted_by_key(|s| s.time.as_ms()));
 }
 
@@ -89,7 +90,7 @@ fn a_complete_level_part_has_15_held_back_samples() {
         }
     }
     let level = buffer.coverage(CollectionPart::LEVEL);
-    assert!(level.is_complete() && level.held_back >= MIN_HELD_BACK_WHEN_COMPLETE, "{level:?}");
+    assert!(level.is_complete() && level.held_back_count >= MIN_HELD_BACK_WHEN_COMPLETE, "{level:?}");
 }
 
 #[test]
@@ -111,7 +112,7 @@ fn parts_are_separate() {
         (2.0, CollectionPart::LEVEL, (3, 1)),
     ] {
         let coverage = buffer.coverage(part);
-        assert_eq!((coverage.samples, coverage.held_back), numbers);
+        assert_eq!((coverage.samples, coverage.held_back_count), numbers);
         let samples = [buffer.fit_samples(part), buffer.held_back(part)].concat();
         assert!(samples.iter().all(|s| s.part == part && s.field.ut.y.to_bits() == number.to_bits()));
     }
@@ -185,7 +186,7 @@ fn crowded() -> TestBuffer {
     buffer
 }
 
-const QUOTA_6: Quota = Quota { fit: 6, held_back: 6 };
+const QUOTA_6: Quota = Quota { fit_quota: 6, held_back_quota: 6 };
 
 fn insert_at(buffer: &mut TestBuffer, quota: Quota, time_ms: u32) {
     let sector_from_time = |sample: &Sample| sample.time.as_ms() as usize / 100;
@@ -222,7 +223,7 @@ fn a_full_part_rejects_samples_of_its_fullest_sector() {
 fn a_part_with_room_accepts_all() {
     let mut buffer = crowded();
     for time_ms in [304, 305, 306] {
-        insert_at(&mut buffer, Quota { fit: 9, ..QUOTA_6 }, time_ms);
+        insert_at(&mut buffer, Quota { fit_quota: 9, ..QUOTA_6 }, time_ms);
     }
     assert_eq!(times(&buffer), [100, 301, 302, 500, 303, 700, 304, 305, 306]);
 }
@@ -257,13 +258,13 @@ fn circle_coverage(radius_ut: f32, fit: u16) -> Coverage {
 
 #[test]
 fn sectors_need_a_circle_of_4_ut_and_ten_samples() {
-    let sectors = |coverage: Coverage| (coverage.sectors > 0, coverage.percent > 0);
+    let sectors = |coverage: Coverage| (coverage.covered_sectors > 0, coverage.percent > 0);
     assert_eq!(sectors(circle_coverage(4.1, 60)), (true, true));
     assert_eq!(sectors(circle_coverage(3.9, 60)), (false, false));
     assert_eq!(sectors(circle_coverage(20.0, 10)), (true, true));
     assert_eq!(sectors(circle_coverage(20.0, 9)), (false, false));
     assert_eq!(
-        (circle_coverage(3.9, 60).samples, circle_coverage(3.9, 60).held_back),
+        (circle_coverage(3.9, 60).samples, circle_coverage(3.9, 60).held_back_count),
         (60, 19),
         "they are counted all the same"
     );
@@ -292,7 +293,7 @@ fn the_circle_is_fitted_to_fit_and_held_back_samples() {
         };
         assert_eq!((samples.len(), buffer.stored(CollectionPart::LEFT)), (12, 12));
         assert!(samples.iter().filter(|s| s.time.as_ms() >= 12 * 400).count() >= 10, "{samples:?}");
-        assert!(purpose == SampleUse::Verification || buffer.coverage(CollectionPart::LEFT).sectors >= 11);
+        assert!(purpose == SampleUse::Verification || buffer.coverage(CollectionPart::LEFT).covered_sectors >= 11);
     }
 }
 
@@ -303,7 +304,7 @@ fn sectors_with_a_sample_are_counted() {
         let heading_deg = if i < 7 { i as f32 * 3.0 } else { 180.0 + (i - 7) as f32 * 3.0 };
         Sample { time: WrappingMillis::new(i * 400), ..circle_sample(heading_deg) }
     }));
-    assert!((2..=4).contains(&coverage.sectors), "{coverage:?}");
+    assert!((2..=4).contains(&coverage.covered_sectors), "{coverage:?}");
 }
 
 /// A distant sample spoils the circle.
@@ -320,14 +321,17 @@ fn a_complete_part_stays_complete() {
 
 #[test]
 fn the_quota_must_suffice_for_a_complete_part() {
-    let with = |fit| SectorBalance { quota: Quota { fit, held_back: 60 }, ..SectorBalance::LEVEL };
+    let with = |fit| SectorBalance { quota: Quota { fit_quota: fit, held_back_quota: 60 }, ..SectorBalance::LEVEL };
     assert!(with(48).fits_quota() && !with(47).fits_quota(), "either target");
     assert!(!SectorBalance { target: 49, ..with(48) }.fits_quota());
     assert!(!SectorBalance { sector_samples: 5, ..with(59) }.fits_quota());
     assert!(SectorBalance { sector_samples: 5, ..with(60) }.fits_quota());
     assert!(!SectorBalance { min_samples: 49, ..with(100) }.fits_quota());
     assert!(SectorBalance { min_samples: 48, ..with(100) }.fits_quota());
-    let held_back = |held_back| SectorBalance { quota: Quota { fit: 48, held_back }, ..SectorBalance::LEVEL };
+    let held_back = |held_back| SectorBalance {
+        quota: Quota { fit_quota: 48, held_back_quota: held_back },
+        ..SectorBalance::LEVEL
+    };
     assert!(held_back(15).fits_quota() && !held_back(14).fits_quota());
     assert_eq!(
         (SectorBalance::TURNS.min_held_back_when_complete(), SectorBalance::LEVEL.min_held_back_when_complete()),

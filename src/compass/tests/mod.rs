@@ -237,14 +237,14 @@ fn full_turns_to_both_sides_give_a_calibration() {
     };
     assert_eq!(bench.compass.state(), ModuleState::Calibrated);
     assert_eq!(bench.compass.active_record(), Some(&written));
-    assert_eq!((written.serial, written.sensor, written.mount), (1, SENSOR, Orientation::NONE));
+    assert_eq!((written.serial_number, written.sensor, written.mount), (1, SENSOR, Orientation::NONE));
     assert_eq!(verdict, ExpectedAccuracy::new(written.quality, &written.calibration));
     assert!(bench.compass.pending_change().is_none());
     assert!(rms(&airframe().errors_deg(&written.calibration)) < 3.0 * verdict.quality.expected_rms_deg);
     assert_eq!(bench.compass.correction().calibration, Some((written.calibration, written.uncertainty)));
     let report = bench.report();
     assert_eq!((report.state, report.can_undo, report.last_outcome.is_some()), (ModuleState::Calibrated, false, true));
-    assert_eq!(report.stored_calibration.as_ref().map(|summary| summary.serial), Some(1));
+    assert_eq!(report.stored_calibration.as_ref().map(|summary| summary.serial_number), Some(1));
     assert_eq!(report.stored_calibration.map(|summary| summary.expected_accuracy()), Some(verdict));
 }
 
@@ -290,7 +290,8 @@ fn settings_of_a_running_solve_cannot_change() {
 
 #[test]
 fn ground_commands_are_refused_while_armed() {
-    let stored_calibrations = StoredCalibrations { current: Some(record(2)), previous: Some(record(1)) };
+    let stored_calibrations =
+        StoredCalibrations { current_calibration: Some(record(2)), previous_calibration: Some(record(1)) };
     let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, stored_calibrations);
     let for_the_ground = [
         Command::CalStart(Procedure::Swing),
@@ -492,7 +493,7 @@ fn a_second_calibration_is_judged_against_the_first() {
     let moved = Airframe { b_ut: airframe().b_ut * 0.2, ..airframe() };
     bench.calibrate(&turns(&moved, 2)).unwrap();
     let second = *bench.compass.active_record().unwrap();
-    assert_eq!(second.serial, 2);
+    assert_eq!(second.serial_number, 2);
     assert!(bench.report().can_undo);
     assert!(matches!(bench.saved(Command::CalUndo), Ok(Reply::Done(ModuleState::Calibrated))));
     assert_eq!(bench.compass.active_record(), Some(&first));
@@ -513,17 +514,19 @@ fn heading_error_per_attitude_error_is_the_tangent_of_inclination() {
 
 #[test]
 fn serial_numbers_wrap() {
-    let last = CalibrationRecord { serial: u32::MAX, ..record(1) };
-    let mut bench =
-        TestBed::with(AcceptancePolicy::DEFAULT, StoredCalibrations { current: Some(last), previous: None });
+    let last = CalibrationRecord { serial_number: u32::MAX, ..record(1) };
+    let mut bench = TestBed::with(
+        AcceptancePolicy::DEFAULT,
+        StoredCalibrations { current_calibration: Some(last), previous_calibration: None },
+    );
     bench.calibrate(&turns(&airframe(), 1)).unwrap();
-    assert_eq!(bench.compass.active_record().unwrap().serial, 0);
+    assert_eq!(bench.compass.active_record().unwrap().serial_number, 0);
 }
 
 #[test]
 fn a_record_is_used_only_with_its_sensor_and_mounting() {
     let current = Some(record(4));
-    let stored_calibrations = StoredCalibrations { current, previous: None };
+    let stored_calibrations = StoredCalibrations { current_calibration: current, previous_calibration: None };
     let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, stored_calibrations);
     assert_eq!(bench.compass.state(), ModuleState::Calibrated);
     // An equal chip at another address is another sensor.
@@ -627,7 +630,7 @@ fn there_is_room_for_36_marks() {
 /// Also across north.
 #[test]
 fn alignment_removes_a_constant_heading_error() {
-    let stored_calibrations = StoredCalibrations { current: Some(record(1)), previous: None };
+    let stored_calibrations = StoredCalibrations { current_calibration: Some(record(1)), previous_calibration: None };
     let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, stored_calibrations);
     assert_eq!(bench.refused(Command::Align(Some(100.0))), Refusal::NotStationary);
     assert_eq!(bench.refused(Command::Align(Some(360.5))).stable_code(), "out-of-range");
@@ -647,8 +650,10 @@ fn alignment_removes_a_constant_heading_error() {
 #[test]
 fn a_large_alignment_must_be_confirmed() {
     let calibration = record(1).calibration;
-    let mut bench =
-        TestBed::with(AcceptancePolicy::DEFAULT, StoredCalibrations { current: Some(record(1)), previous: None });
+    let mut bench = TestBed::with(
+        AcceptancePolicy::DEFAULT,
+        StoredCalibrations { current_calibration: Some(record(1)), previous_calibration: None },
+    );
     let earth = Field::earth(48.0, 1.0, f32::to_radians(90.0));
     let stand = |bench: &mut TestBed| bench.stand(Field::new(earth.ut + calibration.b_vector_ut()), 8);
     for (given_heading_deg, align_deg) in [(109.9, 19.9), (70.1, -19.9)] {
@@ -750,10 +755,12 @@ fn collection_problems_explain_only_refusals_for_missing_samples() {
 
 #[test]
 fn clear_removes_all_calibrations_and_undo_needs_a_previous_one() {
-    let mut bench =
-        TestBed::with(AcceptancePolicy::DEFAULT, StoredCalibrations { current: Some(record(2)), previous: None });
+    let mut bench = TestBed::with(
+        AcceptancePolicy::DEFAULT,
+        StoredCalibrations { current_calibration: Some(record(2)), previous_calibration: None },
+    );
     assert_eq!(bench.refused(Command::CalUndo), Refusal::NoPreviousCalibration);
-    bench.compass.stored_calibrations.previous = Some(record(1));
+    bench.compass.stored_calibrations.previous_calibration = Some(record(1));
     assert!(matches!(bench.command(Command::CalClear), Effect::Save));
     assert!(matches!(bench.compass.pending_change(), Some(StoreChange::Clear)));
     assert!(bench.compass.active_record().is_some(), "until it is written");
@@ -768,7 +775,8 @@ fn clear_removes_all_calibrations_and_undo_needs_a_previous_one() {
 #[test]
 fn a_change_that_cannot_be_stored_has_no_effect() {
     let failed = || Event::Saved(Err(StoreError::Verify));
-    let stored_calibrations = StoredCalibrations { current: Some(record(2)), previous: Some(record(1)) };
+    let stored_calibrations =
+        StoredCalibrations { current_calibration: Some(record(2)), previous_calibration: Some(record(1)) };
     let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, stored_calibrations);
     for command in
         [Command::CalUndo, Command::CalClear, Command::Set(SettingChange::StreamOn(false)), Command::Align(None)]

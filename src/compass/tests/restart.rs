@@ -76,7 +76,7 @@ impl Run<'_> {
                         else {
                             panic!()
                         };
-                        self.stored.stored_calibrations.current = current.copied();
+                        self.stored.stored_calibrations.current_calibration = current.copied();
                         self.stored.startup_values.is_collecting = false;
                         let Effect::Notify(Message::Solved(outcome)) = self.compass.step(Event::Saved(Ok(()))) else {
                             panic!()
@@ -116,7 +116,7 @@ fn a_restarted_collection_ends_with_the_same_accuracy() {
         }
         let outcome = module.run(|run| run.fly(rest)).unwrap_or_else(|| panic!("{cuts:?}: no end"));
         assert!(outcome.is_ok(), "{cuts:?}: {outcome:?}");
-        let calibration = module.stored.stored_calibrations.current.unwrap().calibration;
+        let calibration = module.stored.stored_calibrations.current_calibration.unwrap().calibration;
         rms(&airframe().errors_deg(&calibration))
     };
     let uninterrupted = ends(&[]);
@@ -205,7 +205,7 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
 fn a_collection_whose_calibration_is_stored_is_discarded() {
     let mut module = Module::new();
     module.run(|run| assert!(run.fly(&hover()[..60]).is_none()));
-    module.stored.stored_calibrations.current = Some(CalibrationRecord { sensor: SENSOR, ..record(1) });
+    module.stored.stored_calibrations.current_calibration = Some(CalibrationRecord { sensor: SENSOR, ..record(1) });
     module.run(|run| {
         assert_eq!((run.compass.state(), run.report().progress.left_turns.samples), (ModuleState::Calibrated, 0));
         assert_eq!(run.compass.last_outcome(), None);

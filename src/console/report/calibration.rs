@@ -70,7 +70,7 @@ pub(super) struct CalibrationTitle<'a>(pub &'a CalibrationSummary);
 
 impl Display for CalibrationTitle<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let CalibrationSummary { serial, quality, .. } = self.0;
+        let CalibrationSummary { serial_number: serial, quality, .. } = self.0;
         write!(f, "number {serial} of {}, {}", quality.method.method_name(), ExpectedErrorText(quality))
     }
 }
@@ -79,7 +79,7 @@ pub(super) fn write_advice(out: &mut impl Write, advice: &Advice) -> fmt::Result
     let [expected, weakest, with_it] =
         [advice.expected_deg, advice.weakest_deg, advice.expected_after_deg].map(Decimal::<2>);
     writeln!(out, "ok expected error {expected} deg rms")?;
-    writeln!(out, "weakest: {}, {weakest} deg: {}", advice.weakest.measure_name(), advice.weakest)?;
+    writeln!(out, "weakest: {}, {weakest} deg: {}", advice.weakest_deviation.measure_name(), advice.weakest_deviation)?;
     let assumed = [
         (advice.unobservable.soft_iron, " soft iron"),
         (advice.unobservable.mounting, " mounting"),

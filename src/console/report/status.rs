@@ -38,7 +38,7 @@ fn write_coverage(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     match progress.procedure {
         Procedure::Turns => writeln!(out, ", left {left} %, right {right} %, level {level} %"),
         Procedure::Level => writeln!(out, ", {level} %"),
-        Procedure::Swing => writeln!(out, ", {} marks, level {level} %", progress.marks),
+        Procedure::Swing => writeln!(out, ", {} marks, level {level} %", progress.mark_count),
         Procedure::Flight | Procedure::Tumble => writeln!(out, ", {} samples", progress.left_turns.samples),
     }
 }
@@ -54,7 +54,7 @@ fn last_outcome(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
 /// Writes the stored calibration, or why it is not applied.
 fn calibration_line(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
     let Some(record) = &report.stored_calibration else { return writeln!(out, "calibration: none") };
-    write!(out, "calibration: number {}, ", record.serial)?;
+    write!(out, "calibration: number {}, ", record.serial_number)?;
     if health.sensor.is_some_and(|sensor| sensor != record.sensor) {
         writeln!(out, "not applied: it is of another sensor, {}", record.sensor)
     } else if record.mount != report.settings.mount {
@@ -90,7 +90,7 @@ pub(super) fn full_status(out: &mut impl Write, report: &StatusReport, health: &
         }
         writeln!(out)?;
     }
-    if let Some(can) = &health.can {
+    if let Some(can) = &health.can_state {
         setting_line(out, SettingGroup::Can, ": ", report)?;
         write_can_state(out, can)?;
     }
@@ -137,7 +137,7 @@ fn write_can_state(out: &mut impl Write, can: &CanState) -> fmt::Result {
     if can.has_conflict {
         out.write_str(", which another node has, too")?;
     }
-    let BusCounts { sent, received, errors } = can.frames;
+    let BusCounts { sent_frames: sent, received_frames: received, bus_errors: errors } = can.frames;
     writeln!(out, "; {sent} frames sent, {received} received, {errors} errors")
 }
 
@@ -154,11 +154,11 @@ fn write_progress(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
         }
         Procedure::Level => writeln!(out, "level: {}", CoverageText(&progress.level)),
         Procedure::Swing => {
-            writeln!(out, "marks: {}", progress.marks)?;
+            writeln!(out, "marks: {}", progress.mark_count)?;
             writeln!(out, "level: {}", CoverageText(&progress.level))
         }
         Procedure::Flight | Procedure::Tumble => {
-            let Coverage { samples, held_back, .. } = progress.left_turns;
+            let Coverage { samples, held_back_count: held_back, .. } = progress.left_turns;
             writeln!(out, "attitudes: {samples} samples, {held_back} held back")
         }
     }
@@ -260,7 +260,7 @@ struct CoverageText<'a>(&'a Coverage);
 
 impl Display for CoverageText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Coverage { samples, held_back, sectors, percent } = *self.0;
+        let Coverage { samples, held_back_count: held_back, covered_sectors: sectors, percent } = *self.0;
         write!(f, "{percent} %, {sectors} of {SECTORS} sectors, {samples} samples, {held_back} held back")
     }
 }

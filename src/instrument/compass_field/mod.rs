@@ -173,14 +173,14 @@ impl CompassField {
     #[inline(never)]
     pub fn change_calibration(&mut self, before: &ActiveCalibration, after: &ActiveCalibration) {
         let map_before = self.active_map(before);
-        self.had_calibration |= after.adjusted.is_some();
+        self.had_calibration |= after.adjusted_calibration.is_some();
         let map_after = self.active_map(after);
         if map_after == map_before {
             return;
         }
         let now = self.last;
         let is_in_air = after.stored_correction.is_armed.unwrap_or_else(|| !self.rest_detector.is_at_rest(now));
-        self.blend = match (map_before, map_after, &after.adjusted) {
+        self.blend = match (map_before, map_after, &after.adjusted_calibration) {
             (Some(before), Some(to), Some((calibration, _))) if is_in_air => {
                 let from = self.blended_map(now, before);
                 let duration_s = blend_duration_s(&from, &to, calibration, after);
@@ -211,7 +211,7 @@ impl CompassField {
 
     /// After a corrected field the raw field must never be output.
     fn output_calibration(&self, active: &ActiveCalibration) -> Option<Calibration> {
-        active.calibration().filter(|_| active.adjusted.is_some() || !self.had_calibration)
+        active.calibration().filter(|_| active.adjusted_calibration.is_some() || !self.had_calibration)
     }
 
     fn active_map(&self, active: &ActiveCalibration) -> Option<FieldMap> {

@@ -41,7 +41,7 @@ fn sensed(heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
 }
 
 fn read(instrument: &mut Instrument, us: u64, field: Field<Sensor>) -> Estimate {
-    instrument.on_reading(at(us), Reading { field, saturated: false, overrun: false })
+    instrument.on_reading(at(us), Reading { field, is_saturated: false, was_overwritten: false })
 }
 
 fn report(instrument: &mut Instrument, us: u64, attitude: Attitude) {
@@ -116,7 +116,7 @@ fn an_uncalibrated_module_sends_the_raw_field() {
     assert_eq!(estimate.heading, Err(NoHeading::Uncalibrated));
     // A chip rotated to the right has its y axis towards the tail.
     assert_eq!(estimate.compass_field, Some(Field::from_ut(5.0, 20.0, 40.0)));
-    let saturated = Reading { field: SOME, saturated: true, overrun: false };
+    let saturated = Reading { field: SOME, is_saturated: true, was_overwritten: false };
     assert_eq!(instrument.on_reading(at(2 * PERIOD_US), saturated).compass_field, None);
     assert_eq!(instrument.on_silence(at(1_000_000)).compass_field, None);
 }
@@ -220,7 +220,7 @@ fn a_field_rejected_by_the_monitor_is_not_sent() {
 fn the_compass_field_uses_the_monitored_calibration() {
     let mut instrument = with(corrected(calibration()));
     let monitored = Calibration { b_ut: [1.0, 0.0, 0.0], ..calibration() };
-    instrument.active.adjusted = Some((monitored, HeadingUncertainty::NONE));
+    instrument.active.adjusted_calibration = Some((monitored, HeadingUncertainty::NONE));
     assert!(is_near(read(&mut instrument, 0, SOME).compass_field, monitored.calibrated_field(SOME)));
     instrument.set_correction(armed(true, &corrected(calibration())));
     assert!(is_near(read(&mut instrument, PERIOD_US, SOME).compass_field, monitored.calibrated_field(SOME)));

@@ -180,7 +180,7 @@ impl MeasurementModel {
             strength: measured.total_ut(),
             inclination_rad: measured.inclination_rad(),
             heading_rad,
-            tan_inclination: prediction.level.z / prediction.horizontal,
+            tan_inclination: prediction.level.z / prediction.cos_inclination,
             uncorrected_residual: seen.field - earth,
             strength_jacobian: row(&prediction.direction, [0.0; 2]),
             inclination_jacobian: row(&prediction.inclination_by_field, inclination_by_tilt),

@@ -173,13 +173,13 @@ impl Monitor {
         self.predict_state(step_s);
         let gyro_rows = turning.map(|_| GyroErrorRows::new(seen.attitude, &seen.motion));
         self.follow_drift(seen.attitude.roll_rad, step_s);
-        self.propagate_gyro_offset(gyro_rows.map(|rows| rows.heading), step_s);
+        self.propagate_gyro_offset(gyro_rows.map(|rows| rows.heading_row), step_s);
         self.track_gyro_offset(&seen, turning, step_s);
         // Field relative to the hard iron, in units of the field strength: errors of the soft iron multiply it.
         let position = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
         let heading_jacobian = self.update_measurements(monitored, &seen, &position, turning.as_ref(), step_s);
         if let Some(rows) = gyro_rows {
-            self.update_coordinated_turn(&seen, &rows.pitch, step_s);
+            self.update_coordinated_turn(&seen, &rows.pitch_row, step_s);
         }
         let offset_rad = self.filter.mean()[GYRO_OFFSET];
         self.filter.set_mean(GYRO_OFFSET, wrap_pi(offset_rad));
@@ -510,7 +510,7 @@ impl Monitor {
             heading_rate_error: self.heading_rate_error(),
             gyro_offset: self.gyro_run.map(|run| (run, self.filter.state_variance(GYRO_OFFSET))),
             validity: self.assess_validity(&states, seen, heading_jacobian, [variance_rad2, sent_rad2]),
-            change: self.detect_change(&change, monitored.calibration.total_ut, step_s),
+            installation_change: self.detect_change(&change, monitored.calibration.total_ut, step_s),
         };
     }
 

@@ -31,7 +31,7 @@ pub(crate) struct MonitorOutput {
     /// Reason why headings are withheld.
     pub validity: Result<(), NoHeading>,
     /// Change of the installation, once it is significant.
-    pub change: Option<InstallationChange>,
+    pub installation_change: Option<InstallationChange>,
 }
 
 impl MonitorOutput {
@@ -42,7 +42,7 @@ impl MonitorOutput {
         heading_rate_error: HeadingRateError::NONE,
         gyro_offset: None,
         validity: Ok(()),
-        change: None,
+        installation_change: None,
     };
 
     pub fn correct_attitude(&self, reported: Attitude, motion: &EulerRates) -> Attitude {

@@ -243,7 +243,7 @@ fn headings_after_a_day_are_as_good_as_after_an_hour() {
         assert_eq!(hour.none, []);
         assert!(hour.worst_deg < 4.5, "{hour:?}");
     }
-    assert_eq!(flight.monitor.output().change, None);
+    assert_eq!(flight.monitor.output().installation_change, None);
 }
 
 /// 3 uT or more in level flight, in any direction: detected at once; heading usable within seconds; estimated within 30
@@ -265,13 +265,15 @@ fn a_hard_iron_change_is_detected_and_reported() {
         assert!(turning.none.len() <= 100 && turning.worst_deg < 8.0, "{iron_ut:?}: {turning:?}");
         let flight_result = flight.fly(180);
         assert!(flight_result.none.is_empty() && flight_result.worst_deg < 5.0, "{iron_ut:?}: {flight_result:?}");
-        let Some(InstallationChange::HardIron(told)) = flight.monitor.output().change else { panic!("{iron_ut:?}") };
+        let Some(InstallationChange::HardIron(told)) = flight.monitor.output().installation_change else {
+            panic!("{iron_ut:?}")
+        };
         let off_ut = (told.change_ut - Vector3::from(iron_ut)).norm();
         assert!(off_ut < 0.3 * Vector3::from(iron_ut).norm(), "{iron_ut:?}: {told:?}");
         assert!(off_ut < 6.0 * told.sigma_ut, "{iron_ut:?}: {told:?}");
         flight.wrong.iron_ut = [0.0; 3];
         flight.fly(200);
-        assert_eq!(flight.monitor.output().change, None, "{iron_ut:?}");
+        assert_eq!(flight.monitor.output().installation_change, None, "{iron_ut:?}");
     }
 }
 
@@ -286,12 +288,14 @@ fn a_turn_in_the_mount_is_estimated_and_reported() {
         flight.fly(180);
         let flight_result = flight.fly(400);
         assert!(flight_result.none.is_empty() && flight_result.worst_deg < 4.5, "{turn_deg}: {flight_result:?}");
-        let Some(InstallationChange::Mount(told)) = flight.monitor.output().change else { panic!("{turn_deg}") };
+        let Some(InstallationChange::Mount(told)) = flight.monitor.output().installation_change else {
+            panic!("{turn_deg}")
+        };
         let off_deg = told.turn_rad.to_degrees() - turn_deg;
         assert!(off_deg.abs() < 1.5 && off_deg.abs() < 4.0 * told.sigma_rad.to_degrees(), "{turn_deg}: {told:?}");
         flight.wrong.mount_turn_rad = 0.0;
         flight.fly(400);
-        assert_eq!(flight.monitor.output().change, None, "{turn_deg}");
+        assert_eq!(flight.monitor.output().installation_change, None, "{turn_deg}");
     }
 }
 
@@ -306,7 +310,7 @@ fn a_change_of_place_is_estimated() {
     let flight_result = flight.fly(1000);
     assert!(flight_result.none.is_empty() && flight_result.worst_deg < 5.0, "{flight_result:?}");
     let adjustment = flight.monitor.output();
-    assert_eq!(adjustment.change, None);
+    assert_eq!(adjustment.installation_change, None);
     let (strength, inclination_rad) = (adjustment.states[STRENGTH_CHANGE], adjustment.states[INCLINATION_CHANGE]);
     assert!((strength + 0.08).abs() < 0.01 && (inclination_rad - 0.12).abs() < 0.015, "{strength} {inclination_rad}");
 }
@@ -384,8 +388,8 @@ fn the_scale_error_of_the_gyro_is_estimated() {
         let flight_result = flight.fly(600);
         assert!(flight_result.none.len() < 50 && flight_result.worst_deg < 5.0, "{flight_result:?}");
         let (attitude, motion, _) = moment(STRAIGHT_S + CIRCLE_S / 2.0);
-        let row = GyroErrorRows::new(attitude, &motion).heading;
-        let errors = flight.monitor.output().heading_rate_error.errors;
+        let row = GyroErrorRows::new(attitude, &motion).heading_row;
+        let errors = flight.monitor.output().heading_rate_error.gyro_errors;
         let found = estimated_scale_error(&flight, STRAIGHT_S + CIRCLE_S / 2.0);
         // The errors are those of the true rates, the row is taken at the measured ones.
         let expected = (gyro_scale - 1.0) / gyro_scale;
@@ -416,8 +420,8 @@ fn the_first_report_of_a_corrected_current_is_awaited() {
 /// The estimated scale error of the gyro's rate of heading at `t_s`, relative.
 fn estimated_scale_error(flight: &Flight, t_s: f32) -> f32 {
     let (attitude, motion, _) = moment(t_s);
-    let row = GyroErrorRows::new(attitude, &motion).heading;
-    flight.monitor.output().heading_rate_error.errors.projected_mean(&row) / motion.heading_rad_s
+    let row = GyroErrorRows::new(attitude, &motion).heading_row;
+    flight.monitor.output().heading_rate_error.gyro_errors.projected_mean(&row) / motion.heading_rad_s
 }
 
 /// After a third of a circle with a gyro of 10 %: an expected error of 10 % follows it, one of 0.2 % lags behind.

@@ -129,7 +129,7 @@ impl SensorCheck {
         reading: &Reading,
         turning_rad_s: Option<f32>,
     ) -> Option<ReadingFault> {
-        if reading.saturated {
+        if reading.is_saturated {
             return Some(ReadingFault::Saturated);
         }
         if self.is_spike(at, reading.field, turning_rad_s) {

@@ -28,7 +28,7 @@ impl Readings {
 
     fn check_with_turn_rate(&mut self, [x, y, z]: [f32; 3], turning_rad_s: Option<f32>) -> Option<ReadingFault> {
         self.number += 1;
-        let reading = Reading { field: Field::from_ut(x, y, z), saturated: false, overrun: false };
+        let reading = Reading { field: Field::from_ut(x, y, z), is_saturated: false, was_overwritten: false };
         self.check.check_reading(Timestamp::from_us(self.number * PERIOD_US), &reading, turning_rad_s)
     }
 
@@ -127,13 +127,13 @@ fn an_axis_that_moved_under_5_ut_is_not_clipped() {
 #[test]
 fn repeated_values_in_a_recording_are_not_stuck() {
     let mut check = SensorCheck::new(&InstrumentConfig::new(100_000));
-    let reading = Reading { field: Field::from_ut(20.0, 0.0, 40.0), saturated: false, overrun: false };
+    let reading = Reading { field: Field::from_ut(20.0, 0.0, 40.0), is_saturated: false, was_overwritten: false };
     assert!((1..100).all(|i| check.check_reading(Timestamp::from_us(i * 100_000), &reading, None).is_none()));
 }
 
 #[test]
 fn the_saturation_flag_of_the_chip_has_priority() {
-    let reading = Reading { field: Field::from_ut(20.0, 0.0, 40.0), saturated: true, overrun: false };
+    let reading = Reading { field: Field::from_ut(20.0, 0.0, 40.0), is_saturated: true, was_overwritten: false };
     assert_eq!(new_check().check_reading(Timestamp::from_us(1), &reading, None), Some(ReadingFault::Saturated));
 }
 
@@ -185,7 +185,8 @@ fn a_lasting_field_step_is_accepted_at_the_fourth_reading() {
 fn readings_far_apart_are_not_compared() {
     for (gap_us, expected) in [(490_000, Some(ReadingFault::Spike)), (510_000, None)] {
         let mut check = new_check();
-        let reading = |x: f32| Reading { field: Field::from_ut(x, 0.0, 0.0), saturated: false, overrun: false };
+        let reading =
+            |x: f32| Reading { field: Field::from_ut(x, 0.0, 0.0), is_saturated: false, was_overwritten: false };
         check.check_reading(Timestamp::from_us(1), &reading(0.0), Some(0.0));
         let fault = check.check_reading(Timestamp::from_us(1 + gap_us), &reading(100.0), Some(0.0));
         assert_eq!(fault, expected, "{gap_us}");

@@ -191,15 +191,16 @@ impl SmootherState {
             return None;
         }
         let step_s = step_us as f32 * 1e-6;
-        let turned_rad = wrap_pi(turning.relative_heading_rad - self.turned_rad - gyro.rad_s * step_s);
+        let turned_rad = wrap_pi(turning.relative_heading_rad - self.turned_rad - gyro.rate_error_rad_s * step_s);
         (self.at, self.turned_rad) = (at, turning.relative_heading_rad);
         self.heading_rad = wrap_pi(self.heading_rad + turned_rad - self.bias_rad_s * step_s);
         self.bias_regression_s -= step_s;
-        for (sensitivity, d) in self.gyro_sensitivity.iter_mut().zip(gyro.row) {
+        for (sensitivity, d) in self.gyro_sensitivity.iter_mut().zip(gyro.derivative_row) {
             *sensitivity += d * step_s;
         }
         if at.us_since(self.gyro_variance_at) >= GYRO_VARIANCE_PERIOD_US {
-            (self.gyro_variance, self.gyro_variance_at) = (gyro.errors.projected_variance(&self.gyro_sensitivity), at);
+            (self.gyro_variance, self.gyro_variance_at) =
+                (gyro.gyro_errors.projected_variance(&self.gyro_sensitivity), at);
         }
         self.conditional_heading_variance += (HEADING_PROCESS_NOISE + GYRO_NOISE_TIME_S * gyro.variance) * step_s;
         // Bias process noise weakens the regression of heading on bias.

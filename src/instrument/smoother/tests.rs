@@ -22,7 +22,7 @@ fn errors() -> UdFilter<GYRO_ERROR_COUNT> {
 }
 
 fn level(turning: &GyroHeading) -> HeadingRateError {
-    HeadingRateError::new(&errors(), GyroErrorRows::new(Attitude::default(), &turning.euler_rates).heading)
+    HeadingRateError::new(&errors(), GyroErrorRows::new(Attitude::default(), &turning.euler_rates).heading_row)
 }
 
 struct Flight {

@@ -41,11 +41,11 @@ fn sensed(heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
 }
 
 fn reading(field: Field<Sensor>) -> Reading {
-    Reading { field, saturated: false, overrun: false }
+    Reading { field, is_saturated: false, was_overwritten: false }
 }
 
 fn saturated(field: Field<Sensor>) -> Reading {
-    Reading { saturated: true, ..reading(field) }
+    Reading { is_saturated: true, ..reading(field) }
 }
 
 /// Reports an attitude that is true at `us`, after the source's latency.
@@ -98,7 +98,7 @@ fn a_calibrated_instrument_with_attitude_gives_heading_and_field() {
     report(&mut instrument, 0, attitude);
     let estimate = instrument.on_reading(at(10_000), reading(sensed(2.0, attitude)));
     assert!((estimate.heading.unwrap().magnetic_rad - 2.0).abs() < 1e-4, "{estimate:?}");
-    assert_eq!(estimate.at, at(10_000));
+    assert_eq!(estimate.timestamp, at(10_000));
     assert_eq!(estimate.attitude, Some(attitude));
     assert_eq!(estimate.body_field, Some(calibration().calibrated_field(sensed(2.0, attitude))));
 }
@@ -175,7 +175,7 @@ fn the_first_reason_for_an_empty_heading_is_reported() {
 #[test]
 fn a_silent_sensor_still_has_an_attitude() {
     let mut instrument = calibrated();
-    assert_eq!(instrument.on_silence(at(0)), Estimate { at: at(0), ..Estimate::EMPTY });
+    assert_eq!(instrument.on_silence(at(0)), Estimate { timestamp: at(0), ..Estimate::EMPTY });
     let attitude = Attitude::from_deg(3.0, 2.0);
     report(&mut instrument, 0, attitude);
     let estimate = instrument.on_silence(at(50_000));
@@ -207,7 +207,7 @@ fn a_sample_waits_for_the_attitude_after_it() {
     assert!((sample.attitude.roll_rad.to_degrees() - 3.5).abs() < 1e-3, "{sample:?}");
     assert_eq!(sample.field, SOME);
     assert_eq!(sample.time, at(7 * PERIOD_US / 2).wrapping_millis());
-    assert_eq!(instrument.rejections().unpaired, 0);
+    assert_eq!(instrument.rejections().unpaired_readings, 0);
 }
 
 #[test]
@@ -247,7 +247,7 @@ fn readings_in_an_attitude_gap_are_counted_and_dropped() {
     }
     report(&mut instrument, 400_000, Attitude::from_deg(30.0, 0.0));
     assert!(samples(&mut instrument).is_empty());
-    assert_eq!(instrument.rejections().unpaired, 31);
+    assert_eq!(instrument.rejections().unpaired_readings, 31);
 }
 
 /// Limit: 0.3 s.
@@ -257,11 +257,11 @@ fn readings_wait_for_attitude_up_to_0_3_s() {
     for (us, unpaired) in [(0, 0), (299_999, 0), (300_000, 1), (599_998, 1), (599_999, 2)] {
         instrument.on_reading(at(us), reading(SOME));
         assert!(samples(&mut instrument).is_empty());
-        assert_eq!(instrument.rejections().unpaired, unpaired, "after {us} us");
+        assert_eq!(instrument.rejections().unpaired_readings, unpaired, "after {us} us");
     }
     instrument.on_reading(at(899_998), saturated(SOME));
     assert!(samples(&mut instrument).is_empty());
-    assert_eq!(instrument.rejections().unpaired, 4);
+    assert_eq!(instrument.rejections().unpaired_readings, 4);
 }
 
 /// Capacity 64: the oldest are dropped and counted.
@@ -273,10 +273,10 @@ fn readings_dropped_from_a_full_queue_are_counted() {
         instrument.on_reading(at(i * 1_000), reading(SOME));
         assert!(samples(&mut instrument).is_empty());
     }
-    assert_eq!(instrument.rejections().unpaired, 6);
+    assert_eq!(instrument.rejections().unpaired_readings, 6);
     report(&mut instrument, 70_000, Attitude::default());
     assert!(samples(&mut instrument).is_empty(), "64 are not yet a sample of 100");
-    assert_eq!(instrument.rejections().unpaired, 6);
+    assert_eq!(instrument.rejections().unpaired_readings, 6);
 }
 
 /// Limit: 3.2 periods, 40 ms.
@@ -381,7 +381,7 @@ fn a_faster_sensor_gives_as_many_samples() {
             number += samples(&mut instrument).len();
         }
         assert!((in_20_s - 2..=in_20_s).contains(&number), "{period_us} us: {number}");
-        assert_eq!(instrument.rejections().unpaired, 0);
+        assert_eq!(instrument.rejections().unpaired_readings, 0);
     }
 }
 
@@ -392,14 +392,14 @@ fn a_new_sensor_sets_the_period_and_drops_waiting_readings() {
         instrument.on_reading(at(us), reading(SOME));
         assert!(samples(&mut instrument).is_empty());
     }
-    assert_eq!(instrument.rejections().unpaired, 1);
+    assert_eq!(instrument.rejections().unpaired_readings, 1);
     instrument.set_sensor(100_000, None);
     assert_eq!(instrument.config().reading_period_us, 100_000);
     report(&mut instrument, 400_000, Attitude::default());
     assert!(samples(&mut instrument).is_empty(), "nothing waits");
     instrument.on_reading(at(400_000), reading(SOME));
     assert_eq!(samples(&mut instrument).len(), 1);
-    assert_eq!(instrument.rejections().unpaired, 1);
+    assert_eq!(instrument.rejections().unpaired_readings, 1);
 }
 
 #[test]
@@ -477,7 +477,7 @@ fn a_stuck_axis_is_reported_and_makes_no_samples() {
     });
     assert_eq!(reasons(&estimates), [NoHeading::SensorStuck]);
     assert!(estimates[15].heading.is_err() && estimates[15].body_field.is_none() && estimates[14].heading.is_ok());
-    assert_eq!(instrument.rejections().stuck, 65);
+    assert_eq!(instrument.rejections().stuck_readings, 65);
     assert_eq!(made.len(), 2);
 }
 
@@ -491,7 +491,7 @@ fn a_spike_is_reported_and_excluded_from_its_sample() {
         Field::from_ut(if i % 20 == 10 { good.x + 40.0 } else { good.x }, good.y, good.z)
     });
     assert_eq!(reasons(&estimates), [NoHeading::SensorSpike]);
-    assert_eq!((instrument.rejections().spikes, instrument.rejections().saturated), (4, 0));
+    assert_eq!((instrument.rejections().spike_readings, instrument.rejections().saturated_readings), (4, 0));
     let true_x = sensed(0.5, Attitude::default()).ut.x;
     assert!(made.len() >= 8 && made.iter().all(|s| (s.field.ut.x - true_x).abs() < 0.6), "{made:?}");
 }
@@ -509,7 +509,7 @@ fn a_clipped_axis_is_reported() {
         Field::from_ut(30.0, good.y, good.z)
     });
     assert_eq!(reasons(&estimates), [NoHeading::SensorClipped]);
-    assert!(instrument.rejections().clipped >= 80);
+    assert!(instrument.rejections().clipped_readings >= 80);
 }
 
 /// Rejected from the fifth equal report on.
@@ -528,7 +528,10 @@ fn a_frozen_attitude_is_reported_at_the_fifth_equal_report() {
     assert_eq!(estimates.iter().position(|estimate| estimate.heading.is_err()), Some(4));
     assert_eq!(reasons(&estimates), [NoHeading::AttitudeFrozen]);
     assert!(estimates[4].attitude.is_none() && estimates[4].body_field.is_some());
-    assert_eq!(instrument.rejections().attitude, RejectedReports { frozen: 16, ..RejectedReports::NONE });
+    assert_eq!(
+        instrument.rejections().rejected_reports,
+        RejectedReports { frozen_reports: 16, ..RejectedReports::NONE }
+    );
 }
 
 /// At a resolution of 0.1 deg a constant attitude is plausible while only the heading turns, but not in a roll.

@@ -171,8 +171,8 @@ fn decode_reading(status: u8, data: [u8; 6], range: Lis3mdlRange) -> Reading {
     let [x_ut, y_ut, z_ut] = counts.map(|count| f32::from(count) * microtesla_per_count);
     Reading {
         field: Field::from_ut(x_ut, y_ut, z_ut),
-        saturated: counts.iter().any(|&count| i32::from(count).abs() > full_scale),
-        overrun: status & ZYXOR != 0,
+        is_saturated: counts.iter().any(|&count| i32::from(count).abs() > full_scale),
+        was_overwritten: status & ZYXOR != 0,
     }
 }
 

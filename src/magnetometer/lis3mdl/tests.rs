@@ -92,7 +92,10 @@ fn a_measurement_is_read_with_its_status() {
     for (status, overrun) in [(0x08, false), (0x0F, false), (0x88, true)] {
         let mut driver = with_measurement(status);
         let reading = block_on(driver.read_measurement()).unwrap();
-        assert_eq!(reading, Reading { field: Field::from_ut(50.0, 0.0, 0.0), saturated: false, overrun });
+        assert_eq!(
+            reading,
+            Reading { field: Field::from_ut(50.0, 0.0, 0.0), is_saturated: false, was_overwritten: overrun }
+        );
     }
     assert_eq!(with_measurement(0).period_us(), 12_500, "80 Hz");
 }
@@ -131,7 +134,11 @@ fn every_range_has_its_sensitivity_and_saturation_limits() {
                 for axis in 0..3 {
                     let mut data = [0; 6];
                     data[2 * axis..2 * axis + 2].copy_from_slice(&[low, high]);
-                    assert_eq!(decode_reading(0x08, data, range).saturated, saturated, "{range:?} {counts} on {axis}");
+                    assert_eq!(
+                        decode_reading(0x08, data, range).is_saturated,
+                        saturated,
+                        "{range:?} {counts} on {axis}"
+                    );
                 }
             }
         }
@@ -143,7 +150,10 @@ fn every_range_has_its_sensitivity_and_saturation_limits() {
 fn counts_become_microtesla_on_the_chips_axes() {
     let [x, y, z] = [6842_i16, -3421, 0].map(i16::to_le_bytes);
     let reading = decode_reading(0x08, [x[0], x[1], y[0], y[1], z[0], z[1]], Lis3mdlRange::Gauss4);
-    assert_eq!(reading, Reading { field: Field::from_ut(100.0, -50.0, 0.0), saturated: false, overrun: false });
+    assert_eq!(
+        reading,
+        Reading { field: Field::from_ut(100.0, -50.0, 0.0), is_saturated: false, was_overwritten: false }
+    );
 }
 
 #[test]
@@ -151,12 +161,12 @@ fn either_end_of_the_range_is_saturation() {
     for (counts, saturated) in [(27_368, false), (27_369, true), (-27_369, true), (i16::MAX, true), (i16::MIN, true)] {
         let [low, high] = counts.to_le_bytes();
         let reading = decode_reading(ZYXDA, [0, 0, 0, 0, low, high], Lis3mdlRange::Gauss4);
-        assert_eq!(reading.saturated, saturated, "{counts}");
+        assert_eq!(reading.is_saturated, saturated, "{counts}");
     }
 }
 
 #[test]
 fn overrun_is_reported_by_the_status() {
-    assert!(decode_reading(0x88, [0; 6], Lis3mdlRange::Gauss4).overrun);
-    assert!(!decode_reading(0x78, [0; 6], Lis3mdlRange::Gauss4).overrun, "what tells of single axes");
+    assert!(decode_reading(0x88, [0; 6], Lis3mdlRange::Gauss4).was_overwritten);
+    assert!(!decode_reading(0x78, [0; 6], Lis3mdlRange::Gauss4).was_overwritten, "what tells of single axes");
 }

@@ -153,8 +153,8 @@ fn decode_reading(data: [u8; 9]) -> Reading {
     let [x_ut, y_ut, z_ut] = counts.map(|count| count as f32 / COUNTS_PER_UT);
     Reading {
         field: Field::from_ut(x_ut, y_ut, z_ut),
-        saturated: counts.iter().any(|count| count.abs() > FULL_SCALE),
-        overrun: false,
+        is_saturated: counts.iter().any(|count| count.abs() > FULL_SCALE),
+        was_overwritten: false,
     }
 }
 

@@ -143,7 +143,7 @@ fn data_of_ones_is_no_measurement() {
 fn counts_become_microtesla_on_the_chips_axes() {
     let reading = decode_reading([0x00, 0x1D, 0x4C, 0xFF, 0xF1, 0x5A, 0x00, 0x00, 0x01]);
     assert_eq!(reading.field, Field::from_ut(100.0, -50.0, 1.0 / 75.0));
-    assert!(!reading.saturated && !reading.overrun);
+    assert!(!reading.is_saturated && !reading.was_overwritten);
 }
 
 /// 800 uT are 60,000 counts.
@@ -155,7 +155,7 @@ fn either_end_of_the_range_is_saturation_on_any_axis() {
         for axis in 0..3 {
             let mut data = [0; 9];
             data[3 * axis..3 * axis + 3].copy_from_slice(&i32::to_be_bytes(counts)[1..]);
-            assert_eq!(decode_reading(data).saturated, saturated, "{counts} on {axis}");
+            assert_eq!(decode_reading(data).is_saturated, saturated, "{counts} on {axis}");
         }
     }
 }

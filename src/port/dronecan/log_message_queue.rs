@@ -62,7 +62,7 @@ impl LogMessageQueue {
     /// Queues a text about a state that has changed for two seconds.
     pub fn update(&mut self, snapshot: &Snapshot<'_>) {
         let state = LoggedState {
-            activity: match snapshot.indicator {
+            activity: match snapshot.indicator_state {
                 IndicatorState::Idle => "uncalibrated",
                 IndicatorState::Collecting(_) => "collecting",
                 IndicatorState::Calibrated => "calibrated",

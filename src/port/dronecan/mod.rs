@@ -143,7 +143,7 @@ impl CanNode {
 
     /// Processes a frame; passes on the messages that it completes. A request is answered by [`poll`](Self::poll).
     pub fn receive_frame(&mut self, at: Timestamp, frame: &CanFrame, deliver: &mut dyn FnMut(ReceivedMessage)) {
-        self.frames.received = self.frames.received.wrapping_add(1);
+        self.frames.received_frames = self.frames.received_frames.wrapping_add(1);
         let own = self.node_id();
         let header = FrameHeader::from_id(frame.id());
         if own.is_some() && header.and_then(|header| header.source) == own {
@@ -199,7 +199,7 @@ impl CanNode {
             self.log.update(snapshot);
         }
         self.outbox.drop_expired_frames(now);
-        if self.frames.received == 0 {
+        if self.frames.received_frames == 0 {
             return None;
         }
         let Some(own) = self.node_id() else {
@@ -264,7 +264,7 @@ impl CanNode {
     /// Removes the frame after it was sent.
     pub fn frame_sent(&mut self, now: Timestamp) {
         self.outbox.pop(now);
-        self.frames.sent = self.frames.sent.wrapping_add(1);
+        self.frames.sent_frames = self.frames.sent_frames.wrapping_add(1);
     }
 
     /// Whether a request waits for [`poll`](Self::poll).
@@ -275,7 +275,7 @@ impl CanNode {
 
     /// Counts an error of the bus.
     pub const fn bus_error(&mut self) {
-        self.frames.errors = self.frames.errors.wrapping_add(1);
+        self.frames.bus_errors = self.frames.bus_errors.wrapping_add(1);
     }
 
     /// State of the node for status reports.
@@ -335,9 +335,9 @@ impl CanNode {
         }
         let status = self.node_status(snapshot);
         let transfers = BusCounts {
-            sent: self.outbox.transfers,
-            received: self.received_transfers,
-            errors: self.receiver.rejected.wrapping_add(self.outbox.lost),
+            sent_frames: self.outbox.transfer_count,
+            received_frames: self.received_transfers,
+            bus_errors: self.receiver.rejected.wrapping_add(self.outbox.lost_transfers),
         };
         let Self { info, services, outbox, frames, .. } = self;
         let describe = |data_type| match data_type {

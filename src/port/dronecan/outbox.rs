@@ -35,9 +35,9 @@ pub(super) struct Outbox {
     /// Time of the last sent frame, or of the first frame in an empty queue.
     progress_at: Timestamp,
     /// Number of queued transfers; wraps.
-    pub transfers: u32,
+    pub transfer_count: u32,
     /// Number of transfers dropped for lack of room or time; wraps.
-    pub lost: u32,
+    pub lost_transfers: u32,
 }
 
 impl Outbox {
@@ -50,7 +50,7 @@ impl Outbox {
         for frame in transfer.frames(source) {
             let _ = self.frames.push_back(frame);
         }
-        self.transfers = self.transfers.wrapping_add(1);
+        self.transfer_count = self.transfer_count.wrapping_add(1);
         true
     }
 
@@ -77,7 +77,7 @@ impl Outbox {
     pub fn send_field(&mut self, now: Timestamp, source: NodeId, priority: u8, payload: Payload) {
         self.start_progress_timeout(now);
         if !self.field.is_empty() {
-            self.lost = self.lost.wrapping_add(1);
+            self.lost_transfers = self.lost_transfers.wrapping_add(1);
             if self.is_first_field_frame_sent {
                 return;
             }
@@ -90,7 +90,7 @@ impl Outbox {
             let _ = self.field.push_back(frame);
         }
         self.is_first_field_frame_sent = false;
-        self.transfers = self.transfers.wrapping_add(1);
+        self.transfer_count = self.transfer_count.wrapping_add(1);
         self.next_transfer_id(data_type);
     }
 
@@ -112,7 +112,7 @@ impl Outbox {
     pub fn drop_expired_frames(&mut self, now: Timestamp) {
         if self.first_frame().is_some() && now.us_since(self.progress_at) > TIMEOUT_US {
             self.clear();
-            self.lost = self.lost.wrapping_add(1);
+            self.lost_transfers = self.lost_transfers.wrapping_add(1);
         }
     }
 

@@ -11,7 +11,7 @@ const NO_KEY_TEXT: &str = "off";
 /// Parameter of a request: by its name, otherwise by its position.
 pub(super) fn requested_parameter(request: &GetSet<'_>) -> Option<&'static Parameter> {
     if request.name.is_empty() {
-        return PARAMETERS.get(usize::from(request.index));
+        return PARAMETERS.get(usize::from(request.parameter_index));
     }
     PARAMETERS.iter().find(|parameter| parameter.name.as_bytes() == request.name)
 }
@@ -38,9 +38,9 @@ pub(super) fn parameter_response(parameter: Option<&Parameter>, settings: &Setti
     let [min, max] = parameter.value_range().map_or([Value::Empty; 2], |range| range.map(to_value));
     outbound::Parameter {
         value: to_value(parameter.parameter_value(settings)),
-        default: to_value(parameter.parameter_value(&Settings::DEFAULT)),
-        max,
-        min,
+        default_value: to_value(parameter.parameter_value(&Settings::DEFAULT)),
+        max_value: max,
+        min_value: min,
         name: parameter.name,
     }
     .payload()

@@ -49,7 +49,7 @@ impl StatusMonitor {
 /// a field that is not sent, bit 7 another node with this number, bits 8 to 14 the progress of a collection in percent.
 fn vendor_code(snapshot: &Snapshot<'_>, has_conflict: bool) -> u16 {
     let reason = snapshot.estimate.heading.err().map_or(0, no_heading_number);
-    let (calibration, percent) = match snapshot.indicator {
+    let (calibration, percent) = match snapshot.indicator_state {
         IndicatorState::Idle => (0, 0),
         IndicatorState::Collecting(percent) => (1, percent.min(100)),
         IndicatorState::Calibrated => (2, 100),

@@ -44,12 +44,12 @@ impl Tunnel {
             return;
         }
         let active = self.peer.filter(|peer| at.us_since(peer.last) <= TUNNEL_RELEASE_US);
-        let is_other = |peer: TunnelPeer| (peer.node, peer.serial) != (node, piece.serial);
+        let is_other = |peer: TunnelPeer| (peer.node, peer.serial) != (node, piece.serial_line);
         let is_repeated = |peer: TunnelPeer| peer.transfer_id == transfer.transfer_id;
         if active.is_some_and(|peer| is_other(peer) || is_repeated(peer)) {
             return;
         }
-        let Targetted { protocol, serial, baud, .. } = *piece;
+        let Targetted { protocol, serial_line: serial, baud, .. } = *piece;
         self.peer = Some(TunnelPeer { node, protocol, serial, baud, last: at, transfer_id: transfer.transfer_id });
         for &byte in piece.data {
             if let Some(message) = self.mavlink.process_byte(at, byte) {
@@ -72,7 +72,8 @@ impl Tunnel {
         let TunnelPeer { node, protocol, serial, baud, .. } = self.peer?;
         let pending = self.output.pending_bytes();
         let data = pending.get(..Targetted::LENGTH).unwrap_or(pending);
-        let piece = Targetted { protocol, target: node.get(), serial, options: TARGETTED_OPTIONS, baud, data };
+        let piece =
+            Targetted { protocol, target: node.get(), serial_line: serial, options: TARGETTED_OPTIONS, baud, data };
         (!data.is_empty()).then(|| (piece.payload(), data.len()))
     }
 

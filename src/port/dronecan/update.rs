@@ -6,7 +6,7 @@ use crate::wire::dronecan::{NodeId, PATH_LENGTH};
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FirmwareUpdate {
     /// Node with the file.
-    pub server: NodeId,
+    pub server_node: NodeId,
     /// Number of this node, which the boot loader keeps.
     pub own_node: NodeId,
     path: heapless::Vec<u8, PATH_LENGTH>,
@@ -19,7 +19,7 @@ impl FirmwareUpdate {
     /// An update by a path of 1 to 200 bytes without NUL; `None` for another path.
     pub(super) fn new(server: NodeId, own_node: NodeId, path: &[u8]) -> Option<Self> {
         let path = heapless::Vec::from_slice(path).ok()?;
-        (!path.is_empty() && !path.contains(&0)).then_some(Self { server, own_node, path })
+        (!path.is_empty() && !path.contains(&0)).then_some(Self { server_node: server, own_node, path })
     }
 
     /// Path of the file at the server.
@@ -39,7 +39,7 @@ impl FirmwareUpdate {
         const _: () = assert!(PATH_OFFSET + PATH_LENGTH < BOOT_LOADER_BYTES);
         let mut bytes = [0; BOOT_LOADER_BYTES];
         let fields = BOOT_LOADER_MAGIC.to_le_bytes().into_iter().enumerate();
-        let nodes = [(SERVER_NODE_OFFSET, self.server.get()), (OWN_NODE_OFFSET, self.own_node.get())];
+        let nodes = [(SERVER_NODE_OFFSET, self.server_node.get()), (OWN_NODE_OFFSET, self.own_node.get())];
         let path = self.path.iter().copied().enumerate().map(|(at, byte)| (PATH_OFFSET + at, byte));
         for (at, byte) in fields.chain(nodes).chain(path) {
             if let Some(place) = bytes.get_mut(at) {

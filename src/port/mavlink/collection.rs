@@ -59,7 +59,7 @@ impl CollectionReporter {
         }
         // An automatic collection continues after a refused solve: that outcome does not end it.
         let outcome = self.outcome.take();
-        match (self.reported_tenths, snapshot.indicator) {
+        match (self.reported_tenths, snapshot.indicator_state) {
             (reported_tenths, IndicatorState::Collecting(percent)) => {
                 self.report_progress(reported_tenths, percent, texts)
             }
@@ -92,7 +92,7 @@ impl CollectionReporter {
             }
             return is_sent;
         }
-        match snapshot.indicator {
+        match snapshot.indicator_state {
             IndicatorState::Collecting(percent) if self.progress.is_due(snapshot.now, PROGRESS_HZ) => {
                 let field =
                     snapshot.estimate.body_field.and_then(|body| body.ut.try_normalize(0.0)).unwrap_or_default();

@@ -62,12 +62,12 @@ impl CommandHandler {
     pub fn process_command(&mut self, at: Timestamp, received: &ReceivedCommand) -> Result<Command, Option<Refusal>> {
         match self.evaluate(at, received) {
             Ok(command) => {
-                let (by, number) = (received.source, received.command);
+                let (by, number) = (received.source, received.command_number);
                 self.last = Some(LastCommand { at, by, number, command, result: None });
                 Ok(command)
             }
             Err((result, reason)) => {
-                self.queue_reply(received.source, received.command, result);
+                self.queue_reply(received.source, received.command_number, result);
                 Err(reason)
             }
         }
@@ -102,7 +102,7 @@ impl CommandHandler {
         if let Some(last) = self.last {
             let age_us = at.us_since(last.at);
             let is_open = last.result.is_none() && age_us <= RESULT_TIMEOUT_US;
-            let is_the_same = last.by == received.source && last.number == received.command;
+            let is_the_same = last.by == received.source && last.number == received.command_number;
             if is_the_same && received.confirmation > 0 && (is_open || age_us <= REPETITION_WINDOW_US) {
                 return Err((last.result.unwrap_or(MavResult::MAV_RESULT_IN_PROGRESS), None));
             }
@@ -120,7 +120,7 @@ impl CommandHandler {
 
 fn console_command(received: &ReceivedCommand) -> Result<Command, Rejection> {
     const REBOOT_COMMAND: u16 = MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN as u16;
-    match received.command {
+    match received.command_number {
         DO_START_MAG_CAL => Ok(Command::CalStart(Procedure::Flight)),
         DO_ACCEPT_MAG_CAL => Ok(Command::CalSolve(None)),
         DO_CANCEL_MAG_CAL => Ok(Command::CalAbort),

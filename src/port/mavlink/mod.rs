@@ -121,7 +121,9 @@ impl Mavlink {
             InboundMessage::Current(source, current) => {
                 current.filter(|_| is_autopilot(&source)).map(ReceivedMessage::Current)
             }
-            InboundMessage::Command(command) if command.target.component == OWN_COMPONENT && is_own(command.target) => {
+            InboundMessage::Command(command)
+                if command.target.component_id == OWN_COMPONENT && is_own(command.target) =>
+            {
                 match self.commands.process_command(at, &command) {
                     Ok(command) => Some(ReceivedMessage::Command(command)),
                     Err(reason) => {
@@ -159,7 +161,7 @@ impl Mavlink {
     }
 
     fn send_pose(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
-        if line.out.pending_bytes().len() > MAX_PENDING_BEFORE_POSE_BYTES {
+        if line.transmit_buffer.pending_bytes().len() > MAX_PENDING_BEFORE_POSE_BYTES {
             return false;
         }
         let Some(pose) = pose(snapshot, self.collection.calibrations()) else { return false };
@@ -168,11 +170,11 @@ impl Mavlink {
 
     fn send_heartbeat(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
         self.heartbeat.is_due(snapshot.now, HEARTBEAT_HZ)
-            && line.send_message(OutboundMessage::heartbeat(mav_state(snapshot.indicator)))
+            && line.send_message(OutboundMessage::heartbeat(mav_state(snapshot.indicator_state)))
     }
 
     fn send_percent(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
-        let percent = f32::from(percent(snapshot.indicator));
+        let percent = f32::from(percent(snapshot.indicator_state));
         self.percent.is_due(snapshot.now, PERCENTAGE_RATE_HZ)
             && line.send_message(OutboundMessage::named_value(snapshot.now, "cal_pct", percent))
     }
@@ -180,7 +182,8 @@ impl Mavlink {
 
 /// Whether `target` includes `own`; 0 addresses all.
 fn is_addressed_to(target: Address, module_address: Address) -> bool {
-    [0, module_address.system].contains(&target.system) && [0, module_address.component].contains(&target.component)
+    [0, module_address.system_id].contains(&target.system_id)
+        && [0, module_address.component_id].contains(&target.component_id)
 }
 
 impl Protocol for Mavlink {
@@ -252,7 +255,7 @@ fn pose(snapshot: &Snapshot<'_>, reset_counter: u8) -> Option<Pose> {
     let (declination_deg, heading, attitude) = (settings.declination_deg?, estimate.heading.ok()?, estimate.attitude?);
     let yaw_rad = wrap_pi(heading.magnetic_rad + declination_deg.to_radians());
     Some(Pose {
-        at: estimate.at,
+        timestamp: estimate.timestamp,
         roll_pitch_yaw_rad: [attitude.roll_rad, attitude.pitch_rad, yaw_rad],
         yaw_variance_rad2: heading.sigma_rad * heading.sigma_rad,
         reset_counter,

@@ -85,7 +85,7 @@ impl RequestSequence {
 
     /// Processes the autopilot's acknowledgement of a request.
     pub fn on_acknowledgement(&mut self, at: Timestamp, ack: Acknowledgement) {
-        let is_open = self.attempts > 0 && ack.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16;
+        let is_open = self.attempts > 0 && ack.command_number == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16;
         let is_granted = ack.result == MavResult::MAV_RESULT_ACCEPTED as u8;
         if !is_open || ack.result == MavResult::MAV_RESULT_IN_PROGRESS as u8 {
             return;

@@ -9,12 +9,12 @@ pub(super) const OWN_COMPONENT: u8 = 158;
 
 /// The module's address in an autopilot's system.
 pub(super) fn own_address(autopilot: SenderId) -> Address {
-    Address { component: OWN_COMPONENT, ..Address::from_sender(autopilot) }
+    Address { component_id: OWN_COMPONENT, ..Address::from_sender(autopilot) }
 }
 
 /// Numbers messages and appends them to an output.
 pub(in crate::port) struct Transmitter<'a> {
-    pub out: &'a mut TransmitBuffer,
+    pub transmit_buffer: &'a mut TransmitBuffer,
     pub own_address: Address,
     pub sequence: &'a mut u8,
     pub signatures: &'a mut Signatures,
@@ -28,13 +28,14 @@ impl<'a> Transmitter<'a> {
         sequence: &'a mut u8,
         signatures: &'a mut Signatures,
     ) -> Self {
-        Self { out, own_address: own_address(autopilot), sequence, signatures }
+        Self { transmit_buffer: out, own_address: own_address(autopilot), sequence, signatures }
     }
 
     /// Appends a message; returns whether there was room. Only appended messages take a sequence number, so that a gap
     /// means a loss on the line.
     pub fn send_message(&mut self, message: OutboundMessage) -> bool {
-        let fits = self.out.append(&[&message.into_frame(self.own_address, *self.sequence, self.signatures)]);
+        let fits =
+            self.transmit_buffer.append(&[&message.into_frame(self.own_address, *self.sequence, self.signatures)]);
         *self.sequence = self.sequence.wrapping_add(u8::from(fits));
         fits
     }

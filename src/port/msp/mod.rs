@@ -160,7 +160,11 @@ impl Protocol for Msp {
         if let Some(field) = snapshot.estimate.compass_field
             && self.compass.is_due(now, COMPASS_HZ)
         {
-            out.append(&[&compass_message(COMPASS_NUMBER, snapshot.estimate.at.wrapping_millis().as_ms(), field)]);
+            out.append(&[&compass_message(
+                COMPASS_NUMBER,
+                snapshot.estimate.timestamp.wrapping_millis().as_ms(),
+                field,
+            )]);
         }
         let is_other_due = self.other_requests.is_due(now, PERIODIC_REQUESTS_HZ);
         if is_other_due {

@@ -12,7 +12,7 @@ fn at(us: u64) -> Timestamp {
 }
 
 fn estimate_at(us: u64) -> Estimate {
-    Estimate { at: at(us), compass_field: Some(Field::from_ut(20.0, -5.1, 44.2)), ..Estimate::EMPTY }
+    Estimate { timestamp: at(us), compass_field: Some(Field::from_ut(20.0, -5.1, 44.2)), ..Estimate::EMPTY }
 }
 
 fn poll(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
@@ -21,7 +21,7 @@ fn poll(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
         now: at(us),
         estimate,
         settings: &Settings::DEFAULT,
-        indicator: IndicatorState::Calibrated,
+        indicator_state: IndicatorState::Calibrated,
         calibration: None,
     };
     msp.poll(&snapshot, &mut out);
@@ -105,7 +105,7 @@ fn compass_frames_are_sent_from_power_up() {
     }
     assert!((249..=251).contains(&number), "in 5 s: {number}");
     for i in 401..500 {
-        let distrusted = Estimate { at: at(i * PERIOD_US), ..Estimate::EMPTY };
+        let distrusted = Estimate { timestamp: at(i * PERIOD_US), ..Estimate::EMPTY };
         assert!(poll(&mut msp, i * PERIOD_US, &distrusted).iter().all(|frame| function(frame) != 0x1F04));
     }
     assert!(
@@ -294,7 +294,7 @@ fn a_request_that_does_not_fit_is_sent_later() {
         now: at(0),
         estimate: &Estimate::EMPTY,
         settings: &settings,
-        indicator: IndicatorState::Idle,
+        indicator_state: IndicatorState::Idle,
         calibration: None,
     };
     msp.poll(&snapshot, &mut out);

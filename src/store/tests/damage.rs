@@ -7,10 +7,17 @@ use super::*;
 /// Flash with two accepted calibrations, then saved settings.
 fn stored() -> Flash {
     let mut flash = Flash::new(PAGES);
-    let first = StoredCalibrations { current: Some(record(1)), previous: None };
+    let first = StoredCalibrations { current_calibration: Some(record(1)), previous_calibration: None };
     save_change(&mut flash, StoreChange::Settings(&Settings { stream_rate_hz: 5, ..settings() })).unwrap();
     save_change(&mut flash, change(&first)).unwrap();
-    save_change(&mut flash, change(&StoredCalibrations { current: Some(record(2)), previous: first.current })).unwrap();
+    save_change(
+        &mut flash,
+        change(&StoredCalibrations {
+            current_calibration: Some(record(2)),
+            previous_calibration: first.current_calibration,
+        }),
+    )
+    .unwrap();
     save_change(&mut flash, StoreChange::Settings(&settings())).unwrap();
     flash
 }
@@ -35,8 +42,9 @@ fn one_damaged_page_never_loses_both_calibrations() {
                 let case = format!("page {page} after {saves} saves");
                 let mut damaged = flash.clone();
                 put(&mut damaged, page, &damage);
-                let Loaded { stored, error } = load_readable(&mut damaged);
-                let StoredCalibrations { current, previous } = stored.stored_calibrations;
+                let Loaded { stored_values: stored, load_error: error } = load_readable(&mut damaged);
+                let StoredCalibrations { current_calibration: current, previous_calibration: previous } =
+                    stored.stored_calibrations;
                 assert!(current.is_some() || previous.is_some(), "{case}");
                 assert_eq!(error.is_some(), current.is_none() || previous.is_none(), "{case}");
                 assert!(stored.settings == whole.settings || stored.settings.stream_rate_hz == 5, "{case}");
@@ -55,13 +63,19 @@ fn one_damaged_page_never_loses_both_calibrations() {
 fn the_previous_calibration_replaces_a_damaged_one() {
     let mut flash = flash_after(2);
     put(&mut flash, 2, &[0; PAGE]);
-    let Loaded { stored, error } = load_readable(&mut flash);
+    let Loaded { stored_values: stored, load_error: error } = load_readable(&mut flash);
     assert_eq!(error, Some(StoreError::Corrupt));
-    assert_eq!(stored.stored_calibrations, StoredCalibrations { current: None, previous: Some(record(1)) });
+    assert_eq!(
+        stored.stored_calibrations,
+        StoredCalibrations { current_calibration: None, previous_calibration: Some(record(1)) }
+    );
     // A save of settings keeps the damage visible.
     save_change(&mut flash, StoreChange::Settings(&settings())).unwrap();
     assert_eq!(load(&mut flash), Err(StoreError::Corrupt));
-    let undone = StoredCalibrations { current: stored.stored_calibrations.previous, previous: None };
+    let undone = StoredCalibrations {
+        current_calibration: stored.stored_calibrations.previous_calibration,
+        previous_calibration: None,
+    };
     save_change(&mut flash, change(&undone)).unwrap();
     assert_eq!(load_generations(&mut flash), Ok(undone));
 }
@@ -71,8 +85,8 @@ fn the_previous_calibration_replaces_a_damaged_one() {
 fn a_slot_with_another_calibration_is_damaged() {
     let mut flash = flash_after(1);
     put(&mut flash, 0, &item_of(&record(7)));
-    let Loaded { stored, error } = load_readable(&mut flash);
-    assert_eq!((stored.stored_calibrations.current, error), (None, Some(StoreError::Corrupt)));
+    let Loaded { stored_values: stored, load_error: error } = load_readable(&mut flash);
+    assert_eq!((stored.stored_calibrations.current_calibration, error), (None, Some(StoreError::Corrupt)));
 }
 
 #[test]
@@ -93,7 +107,10 @@ fn damaged_states_are_reported_and_replaced() {
     }
     let mut flash = flash_after(3);
     flash.bytes[CALIBRATION_SLOTS as usize * PAGE..].fill(0x33);
-    assert_eq!(load_readable(&mut flash), Loaded { stored: StoredValues::default(), error: Some(StoreError::Corrupt) });
+    assert_eq!(
+        load_readable(&mut flash),
+        Loaded { stored_values: StoredValues::default(), load_error: Some(StoreError::Corrupt) }
+    );
 }
 
 #[test]
@@ -125,8 +142,13 @@ fn damage_never_invents_a_calibration() {
         let mut damaged = flash.clone();
         damaged.bytes[position] ^= 0x5A;
         let Loaded {
-            stored: StoredValues { stored_calibrations: StoredCalibrations { current, previous }, .. },
-            error,
+            stored_values:
+                StoredValues {
+                    stored_calibrations:
+                        StoredCalibrations { current_calibration: current, previous_calibration: previous },
+                    ..
+                },
+            load_error: error,
         } = load_readable(&mut damaged);
         assert!(stored.contains(&current) && stored.contains(&previous), "byte {position}");
         assert!(error.is_some() || (current.is_some() && previous.is_some()), "byte {position}");

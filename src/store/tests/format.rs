@@ -18,9 +18,9 @@ fn state() -> StoredState {
     settings.ports.port_mut(PortNumber::One).baud = Baud::B460800;
     settings.ports.port_mut(PortNumber::Two).protocol = ProtocolKind::Msp;
     StoredState {
-        saves: 300,
-        current: Some(SlotReference { slot: 2, crc: 0x1234_5678 }),
-        previous: None,
+        save_count: 300,
+        current_slot: Some(SlotReference { slot: 2, crc: 0x1234_5678 }),
+        previous_slot: None,
         settings,
         startup_values: StartupValues {
             is_collecting: true,
@@ -42,7 +42,7 @@ fn calibration() -> CalibrationRecord {
 }
 
 fn fields_of(item: &[u8]) -> Vec<u8> {
-    let PageContent::Item(Item { fields, .. }) = page::parse_page(item) else { panic!("{item:?}") };
+    let PageContent::Item(Item { field_bytes: fields, .. }) = page::parse_page(item) else { panic!("{item:?}") };
     fields.to_vec()
 }
 
@@ -51,7 +51,7 @@ fn stored_items_round_trip() {
     assert_eq!(fields::decode_fields(&fields_of(&item_of(&state()))), Ok(state()));
     assert_eq!(fields::decode_fields(&fields_of(&item_of(&StoredState::default()))), Ok(StoredState::default()));
     assert_eq!(fields::decode_fields(&fields_of(&item_of(&calibration()))), Ok(calibration()));
-    let largest = CalibrationRecord { serial: u32::MAX, ..calibration() };
+    let largest = CalibrationRecord { serial_number: u32::MAX, ..calibration() };
     assert!(item_of(&largest).len() <= ITEM_SIZE / 2, "room for as many fields again");
 }
 
@@ -120,8 +120,9 @@ fn a_store_of_the_first_release_is_loaded() {
     let mut flash = Flash::new(PAGES);
     let crc = u32::from_le_bytes(bytes_of("0acbef1b").try_into().unwrap());
     put(&mut flash, 3, &pinned_calibration());
-    put(&mut flash, 5, &item_of(&StoredState { current: Some(SlotReference { slot: 3, crc }), ..state() }));
-    let stored_calibrations = StoredCalibrations { current: Some(calibration()), previous: None };
+    put(&mut flash, 5, &item_of(&StoredState { current_slot: Some(SlotReference { slot: 3, crc }), ..state() }));
+    let stored_calibrations =
+        StoredCalibrations { current_calibration: Some(calibration()), previous_calibration: None };
     let StoredState { settings, startup_values, .. } = state();
     assert_eq!(load(&mut flash), Ok(StoredValues { settings, stored_calibrations, startup_values }));
 }
@@ -233,7 +234,9 @@ fn fields_beyond_the_buffer_are_rejected() {
 fn a_reference_beyond_the_slots_is_refused() {
     for (slot, valid) in [(3, true), (4, false), (255, false)] {
         let reference = Some(SlotReference { slot, crc: 1 });
-        for state in [StoredState { current: reference, ..state() }, StoredState { previous: reference, ..state() }] {
+        for state in
+            [StoredState { current_slot: reference, ..state() }, StoredState { previous_slot: reference, ..state() }]
+        {
             assert_eq!(page::encode_item(&state, &mut [0; ITEM_SIZE]).is_ok(), valid, "{slot}");
         }
     }

@@ -48,17 +48,20 @@ pub(crate) fn record(serial: u32) -> CalibrationRecord {
     let sensor = Identity { model: Model::Lis3mdl, address: 0x1E };
     let mut uncertainty = HeadingUncertainty::NONE;
     uncertainty.sensor_sigma = 0.002;
-    CalibrationRecord { calibration, quality, uncertainty, sensor, mount: Orientation::NONE, serial }
+    CalibrationRecord { calibration, quality, uncertainty, sensor, mount: Orientation::NONE, serial_number: serial }
 }
 
 fn stored_calibrations(serial: u32) -> StoredCalibrations {
-    StoredCalibrations { current: Some(record(serial)), previous: Some(record(serial.wrapping_sub(1))) }
+    StoredCalibrations {
+        current_calibration: Some(record(serial)),
+        previous_calibration: Some(record(serial.wrapping_sub(1))),
+    }
 }
 
 fn change(stored_calibrations: &StoredCalibrations) -> StoreChange<'_> {
     StoreChange::StoredCalibrations {
-        current: stored_calibrations.current.as_ref(),
-        previous: stored_calibrations.previous.as_ref(),
+        current: stored_calibrations.current_calibration.as_ref(),
+        previous: stored_calibrations.previous_calibration.as_ref(),
     }
 }
 
@@ -114,7 +117,7 @@ fn save_change(flash: &mut Flash, change: StoreChange<'_>) -> Result<(), StoreEr
 
 /// Loaded values, or the error.
 fn load(flash: &mut Flash) -> Result<StoredValues, StoreError> {
-    let Loaded { stored, error } = load_readable(flash);
+    let Loaded { stored_values: stored, load_error: error } = load_readable(flash);
     error.map_or(Ok(stored), Err)
 }
 
@@ -153,7 +156,7 @@ fn settings_and_calibrations_do_not_disturb_each_other() {
             ..StoredValues::default()
         })
     );
-    let only_current = StoredCalibrations { previous: None, ..stored_calibrations(7) };
+    let only_current = StoredCalibrations { previous_calibration: None, ..stored_calibrations(7) };
     save_change(&mut flash, change(&only_current)).unwrap();
     assert_eq!(
         load(&mut flash),
@@ -198,8 +201,8 @@ fn an_accepted_calibration_writes_a_free_slot_and_a_state() {
 
 #[test]
 fn undo_clear_and_settings_write_a_state_alone() {
-    let StoredCalibrations { current, previous } = stored_calibrations(3);
-    let undone = StoredCalibrations { current: previous, previous: current };
+    let StoredCalibrations { current_calibration: current, previous_calibration: previous } = stored_calibrations(3);
+    let undone = StoredCalibrations { current_calibration: previous, previous_calibration: current };
     for change in [change(&undone), StoreChange::Clear, StoreChange::Settings(&settings())] {
         let mut flash = flash_after(3);
         let before = flash.clone();
@@ -232,7 +235,7 @@ fn only_the_region_is_touched() {
     let pages: Vec<bool> = (0..PAGES).map(untouched).collect();
     assert_eq!(pages, [true, false, false, false, false, false, false, true]);
     let found = block_on(Store::new(&mut flash, region).load_state());
-    assert_eq!((found.stored.stored_calibrations, found.error), (stored_calibrations(12), None));
+    assert_eq!((found.stored_values.stored_calibrations, found.load_error), (stored_calibrations(12), None));
 }
 
 #[test]
@@ -264,7 +267,10 @@ fn undo_twice_is_redo() {
     stored_calibrations.push_record(&record(2));
     let before = stored_calibrations;
     stored_calibrations.undo_last();
-    assert_eq!(stored_calibrations, StoredCalibrations { current: Some(record(1)), previous: Some(record(2)) });
+    assert_eq!(
+        stored_calibrations,
+        StoredCalibrations { current_calibration: Some(record(1)), previous_calibration: Some(record(2)) }
+    );
     stored_calibrations.undo_last();
     assert_eq!(stored_calibrations, before);
     stored_calibrations.clear();

@@ -65,7 +65,11 @@ fn another_format_is_reported_and_left_untouched() {
     for (format, case, flash) in all_flashes() {
         let mut copy = flash.clone();
         let error = StoreError::OtherFormat(format);
-        assert_eq!(load_readable(&mut copy), Loaded { stored: StoredValues::default(), error: Some(error) }, "{case}");
+        assert_eq!(
+            load_readable(&mut copy),
+            Loaded { stored_values: StoredValues::default(), load_error: Some(error) },
+            "{case}"
+        );
         let nothing = StoreChange::StoredCalibrations { current: None, previous: None };
         let startup_values = StoreChange::StartupValues(StartupValues::DEFAULT);
         for change in [StoreChange::Settings(&settings()), change(&stored_calibrations(8)), nothing, startup_values] {

@@ -47,8 +47,8 @@ fn power_cuts_anywhere_leave_old_or_new() {
 fn a_power_cut_during_any_change_leaves_the_old_or_new_values() {
     let startup_values =
         StartupValues { is_collecting: true, detected_protocols: [ProtocolKind::Mavlink, ProtocolKind::Auto] };
-    let StoredCalibrations { current, previous } = stored_calibrations(9);
-    let undone = StoredCalibrations { current: previous, previous: current };
+    let StoredCalibrations { current_calibration: current, previous_calibration: previous } = stored_calibrations(9);
+    let undone = StoredCalibrations { current_calibration: previous, previous_calibration: current };
     for saves in 0..6 {
         let mut start = Flash::new(PAGES);
         for serial in 0..saves {

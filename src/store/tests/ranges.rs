@@ -24,7 +24,7 @@ impl<T: Fields> Fields for Unchecked<T> {
 
 fn assert_valid<T: Fields + PartialEq + core::fmt::Debug>(value: &T, valid: bool, label: &str) {
     let unchecked = item_of(&Unchecked(*value));
-    let PageContent::Item(Item { fields, .. }) = page::parse_page(&unchecked) else { panic!("{label}") };
+    let PageContent::Item(Item { field_bytes: fields, .. }) = page::parse_page(&unchecked) else { panic!("{label}") };
     let mut buffer = [0; ITEM_SIZE];
     let encoded = page::encode_item(value, &mut buffer).map(|(item, _)| item);
     if valid {

@@ -68,7 +68,7 @@ pub struct Allocation<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GetSet<'a> {
     /// Position of the parameter; ignored if there is a name.
-    pub index: u16,
+    pub parameter_index: u16,
     /// New value; empty to read.
     pub value: Value<'a>,
     /// Name, if not empty.
@@ -110,7 +110,7 @@ pub struct Targetted<'a> {
     /// Number of the node to which the bytes are addressed.
     pub target: u8,
     /// Number of the serial line, -16 to 15; -1 is the default one.
-    pub serial: i8,
+    pub serial_line: i8,
     /// Option bits of the tunnel.
     pub options: u8,
     /// Baud rate of the serial line, bits per second.
@@ -131,12 +131,12 @@ impl Targetted<'_> {
 /// Data type with its decoder.
 pub(super) struct ReceivedType {
     pub data_type: DataType,
-    pub decode: for<'a> fn(&'a [u8]) -> Option<InboundMessage<'a>>,
+    pub decoder: for<'a> fn(&'a [u8]) -> Option<InboundMessage<'a>>,
 }
 
 impl ReceivedType {
     const fn new(data_type: DataType, decode: for<'a> fn(&'a [u8]) -> Option<InboundMessage<'a>>) -> Self {
-        Self { data_type, decode }
+        Self { data_type, decoder: decode }
     }
 }
 
@@ -188,7 +188,7 @@ fn get_set(payload: &[u8]) -> Option<InboundMessage<'_>> {
         _ => return None,
     };
     let name = fields.take_rest();
-    (name.len() <= NAME_LENGTH).then_some(InboundMessage::GetSet(GetSet { index, value, name }))
+    (name.len() <= NAME_LENGTH).then_some(InboundMessage::GetSet(GetSet { parameter_index: index, value, name }))
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
@@ -217,7 +217,7 @@ fn tunnel_targetted(payload: &[u8]) -> Option<InboundMessage<'_>> {
     let message = Targetted {
         protocol: fields.take(8) as u8,
         target: fields.take(7) as u8,
-        serial: fields.take_signed(5) as i8,
+        serial_line: fields.take_signed(5) as i8,
         options: fields.take(4) as u8,
         baud: fields.take(24) as u32,
         data: fields.take_rest(),

@@ -61,9 +61,9 @@ impl NodeStatus {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SoftwareVersion {
     /// Major version of the software.
-    pub major: u8,
+    pub major_version: u8,
     /// Minor version of the software.
-    pub minor: u8,
+    pub minor_version: u8,
     /// First 32 bits of the commit, if known.
     pub commit: Option<u32>,
     /// CRC of the image, if known.
@@ -82,7 +82,7 @@ impl SoftwareVersion {
         }
         let (major, minor) =
             (parse_number(env!("CARGO_PKG_VERSION_MAJOR")), parse_number(env!("CARGO_PKG_VERSION_MINOR")));
-        Self { major, minor, commit, image_crc: None }
+        Self { major_version: major, minor_version: minor, commit, image_crc: None }
     }
 }
 
@@ -103,7 +103,7 @@ impl NodeInfo {
     /// Response to GetNodeInfo.
     #[must_use]
     pub fn payload(&self, status: NodeStatus) -> Payload {
-        let SoftwareVersion { major, minor, commit, image_crc } = self.software;
+        let SoftwareVersion { major_version: major, minor_version: minor, commit, image_crc } = self.software;
         let mut out = BitWriter::default();
         status.put_status(&mut out);
         out.put_bytes(&[major, minor, u8::from(commit.is_some()) | u8::from(image_crc.is_some()) << 1]);
@@ -135,11 +135,11 @@ pub struct Parameter<'a> {
     /// Value of the parameter.
     pub value: Value<'a>,
     /// Default value of the parameter.
-    pub default: Value<'a>,
+    pub default_value: Value<'a>,
     /// Largest value: an integer, a number, or empty.
-    pub max: Value<'a>,
+    pub max_value: Value<'a>,
     /// Smallest value: an integer, a number, or empty.
-    pub min: Value<'a>,
+    pub min_value: Value<'a>,
     /// Name of the parameter.
     pub name: &'a str,
 }
@@ -149,7 +149,7 @@ impl Parameter<'_> {
     #[must_use]
     pub fn payload(&self) -> Payload {
         let mut out = BitWriter::default();
-        for (value, tag_bits) in [(self.value, 3), (self.default, 3), (self.max, 2), (self.min, 2)] {
+        for (value, tag_bits) in [(self.value, 3), (self.default_value, 3), (self.max_value, 2), (self.min_value, 2)] {
             out.put_bits(0, 8 - tag_bits);
             put_value(&mut out, value, tag_bits);
         }
@@ -202,18 +202,18 @@ pub fn restart_result(is_ok: bool) -> Payload {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BusCounts {
     /// Number of sent frames.
-    pub sent: u32,
+    pub sent_frames: u32,
     /// Number of received frames.
-    pub received: u32,
+    pub received_frames: u32,
     /// Errors of the bus.
-    pub errors: u32,
+    pub bus_errors: u32,
 }
 
 /// Response to GetTransportStats: sent and received transfers, errors; the same of frames for the only bus.
 #[must_use]
 pub fn transport_stats(transfers: BusCounts, frames: BusCounts) -> Payload {
     let mut out = BitWriter::default();
-    for BusCounts { sent, received, errors } in [transfers, frames] {
+    for BusCounts { sent_frames: sent, received_frames: received, bus_errors: errors } in [transfers, frames] {
         for count in [sent, received, errors] {
             out.put_bits(count.into(), 48);
         }
@@ -284,7 +284,7 @@ impl Targetted<'_> {
         let mut out = BitWriter::default();
         out.put_bits(self.protocol.into(), 8);
         out.put_bits(self.target.into(), 7);
-        out.put_bits(i64::from(self.serial).cast_unsigned(), 5);
+        out.put_bits(i64::from(self.serial_line).cast_unsigned(), 5);
         out.put_bits(self.options.into(), 4);
         out.put_bits(self.baud.into(), 24);
         out.put_bytes(self.data);

@@ -64,7 +64,7 @@ impl Receiver {
         frame: &'a CanFrame,
     ) -> Option<InboundTransfer<'a>> {
         let header = FrameHeader::from_id(frame.id())?;
-        let ReceivedType { data_type, decode } = match header.kind {
+        let ReceivedType { data_type, decoder: decode } = match header.kind {
             TransferKind::Message => find_type(false, header.type_id, header.source.is_none()),
             TransferKind::Request(to) if Some(to) == own => find_type(true, header.type_id, false),
             TransferKind::Request(_) | TransferKind::Response(_) => None,

@@ -118,8 +118,12 @@ fn status_texts_and_results_are_those_of_pydronecan() {
 /// Payload of 46 bytes with the CRC bytes EE 5E in 7 frames, for a status of WARNING; here with that of this node.
 #[test]
 fn node_info_has_versions_unique_id_and_name() {
-    let software =
-        SoftwareVersion { major: 1, minor: 9, commit: Some(0xDEAD_BEEF), image_crc: Some(0x1122_3344_5566_7788) };
+    let software = SoftwareVersion {
+        major_version: 1,
+        minor_version: 9,
+        commit: Some(0xDEAD_BEEF),
+        image_crc: Some(0x1122_3344_5566_7788),
+    };
     let info = NodeInfo { name: "org.x", software, hardware: [4, 64], unique_id: UNIQUE_ID };
     let mut payload = info.payload(STATUS);
     assert_eq!(payload.len(), 46);
@@ -161,7 +165,7 @@ fn an_allocation_is_requested_and_granted_in_three_parts() {
 
 #[test]
 fn parameters_are_read_and_written_by_name_or_index() {
-    let request = |index, value, name| InboundMessage::GetSet(GetSet { index, value, name });
+    let request = |index, value, name| InboundMessage::GetSet(GetSet { parameter_index: index, value, name });
     for (transfer_id, text, expected) in [
         (5, "AC 76 00 00 43 41 4E 85 ; 5F 4E 4F 44 45 65", request(0, Value::Empty, &b"CAN_NODE"[..])),
         (6, "03 00 C6", request(3, Value::Empty, b"")),
@@ -188,9 +192,9 @@ fn parameters_are_read_and_written_by_name_or_index() {
 fn a_parameter_has_value_default_and_range() {
     let parameter = Parameter {
         value: Value::Real(1.0),
-        default: Value::Boolean(true),
-        max: Value::Real(2.0),
-        min: Value::Integer(-1),
+        default_value: Value::Boolean(true),
+        max_value: Value::Real(2.0),
+        min_value: Value::Integer(-1),
         name: "P",
     };
     let expected = "02 00 00 80 3F  03 01  02 00 00 00 40  01 FF FF FF FF FF FF FF FF  50";
@@ -226,7 +230,7 @@ fn services_are_requests_to_this_node() {
 
 #[test]
 fn counters_of_transfers_and_frames_are_sent() {
-    let count = |sent, received, errors| BusCounts { sent, received, errors };
+    let count = |sent, received, errors| BusCounts { sent_frames: sent, received_frames: received, bus_errors: errors };
     let payload = outbound::transport_stats(count(1, 2, 3), count(4, 5, 0x1_0000));
     let expected = "01 00 00 00 00 00 02 00 00 00 00 00 03 00 00 00 00 00
                     04 00 00 00 00 00 05 00 00 00 00 00 00 00 01 00 00 00";
@@ -237,11 +241,12 @@ fn counters_of_transfers_and_frames_are_sent() {
 fn bytes_of_a_serial_line_are_sent_and_received() {
     let text = "9D 83 01 14 01 00 E1 89 ; 00 FD 01 02 69";
     let data = &[0xFD, 1, 2][..];
-    let piece = Targetted { protocol: Targetted::MAVLINK_2, target: 10, serial: 0, options: 1, baud: 57_600, data };
+    let piece =
+        Targetted { protocol: Targetted::MAVLINK_2, target: 10, serial_line: 0, options: 1, baud: 57_600, data };
     assert_received(0x100B_B92A, text, &inbound(16, Some(node(42)), 9, InboundMessage::Targetted(piece)));
     let sent = OutboundTransfer { priority: priority::MEDIUM, ..message(DataType::TARGETTED, 9, piece.payload()) };
     assert_frames(&sent, 0x100B_B92A, text);
-    let default = Targetted { serial: -1, data: &[0; Targetted::LENGTH], ..piece };
+    let default = Targetted { serial_line: -1, data: &[0; Targetted::LENGTH], ..piece };
     assert_eq!(default.payload().len(), 126);
     let frames: Vec<_> = message(DataType::TARGETTED, 0, default.payload()).frames(Some(node(42))).collect();
     assert_eq!(
@@ -322,7 +327,7 @@ fn position_and_date_of_satellites_are_received() {
 
 /// A transfer of seven frames.
 fn piece_frames() -> Vec<CanFrame> {
-    let piece = Targetted { protocol: 1, target: 42, serial: 0, options: 0, baud: 0, data: &[7; 40] };
+    let piece = Targetted { protocol: 1, target: 42, serial_line: 0, options: 0, baud: 0, data: &[7; 40] };
     frames_from_peer(DataType::TARGETTED, &piece.payload())
 }
 

@@ -8,9 +8,9 @@ use crate::attitude::SenderId;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Address {
     /// System, for example an aircraft or a ground station.
-    pub system: u8,
+    pub system_id: u8,
     /// Component of the system.
-    pub component: u8,
+    pub component_id: u8,
 }
 
 impl Address {
@@ -18,13 +18,13 @@ impl Address {
     #[must_use]
     pub const fn from_sender(source: SenderId) -> Self {
         let [system, component] = source.packed_number().to_be_bytes();
-        Self { system, component }
+        Self { system_id: system, component_id: component }
     }
 
     /// Sender with this address.
     #[must_use]
     pub const fn sender_id(self) -> SenderId {
-        SenderId::new(u16::from_be_bytes([self.system, self.component]))
+        SenderId::new(u16::from_be_bytes([self.system_id, self.component_id]))
     }
 }
 

@@ -45,7 +45,7 @@ pub struct ReceivedCommand {
     /// Addressee of the command.
     pub target: Address,
     /// Number of the command (`MAV_CMD`).
-    pub command: u16,
+    pub command_number: u16,
     /// Number of repetitions of an unacknowledged command; 0 in a COMMAND_INT, which has none.
     pub confirmation: u8,
     /// First four parameters, which have the same meaning in both messages.
@@ -60,29 +60,35 @@ pub struct Acknowledgement {
     /// Addressee; all in version 1, which does not contain it.
     pub target: Address,
     /// Number of the acknowledged command (`MAV_CMD`).
-    pub command: u16,
+    pub command_number: u16,
     /// `MAV_RESULT` number, unknown ones included.
     pub result: u8,
 }
 
 pub(super) struct MessageSpec {
-    pub id: u32,
+    pub message_id: u32,
     /// Payload length in version 1, bytes.
-    pub length: usize,
+    pub payload_length: usize,
     /// Payload length with the extension fields of version 2, before zeros are truncated, bytes.
-    pub extended: usize,
+    pub extended_length: usize,
     pub extra_crc: u8,
     /// Decodes a sender's payload; none if its values are impossible.
-    pub decode: fn(SenderId, &[u8]) -> Option<InboundMessage>,
+    pub decoder: fn(SenderId, &[u8]) -> Option<InboundMessage>,
 }
 
 impl MessageSpec {
     const fn from_library<M: MessageData>(decode: fn(SenderId, &[u8]) -> Option<InboundMessage>) -> Self {
-        Self { id: M::ID, length: M::ENCODED_LEN, extended: M::ENCODED_LEN, extra_crc: M::EXTRA_CRC, decode }
+        Self {
+            message_id: M::ID,
+            payload_length: M::ENCODED_LEN,
+            extended_length: M::ENCODED_LEN,
+            extra_crc: M::EXTRA_CRC,
+            decoder: decode,
+        }
     }
 
     const fn with_extension(self, extended: usize) -> Self {
-        Self { extended, ..self }
+        Self { extended_length: extended, ..self }
     }
 }
 
@@ -104,8 +110,8 @@ pub(super) const MAX_PAYLOAD_LENGTH: usize = {
     let mut longest = 0;
     let mut at = 0;
     while at < SUPPORTED_MESSAGES.len() {
-        if SUPPORTED_MESSAGES[at].extended > longest {
-            longest = SUPPORTED_MESSAGES[at].extended;
+        if SUPPORTED_MESSAGES[at].extended_length > longest {
+            longest = SUPPORTED_MESSAGES[at].extended_length;
         }
         at += 1;
     }
@@ -142,7 +148,7 @@ impl PayloadReader<'_> {
     }
 
     fn read_address(&self, at: usize) -> Address {
-        Address { system: self.read_u8(at), component: self.read_u8(at + 1) }
+        Address { system_id: self.read_u8(at), component_id: self.read_u8(at + 1) }
     }
 }
 
@@ -255,7 +261,7 @@ fn received_command(source: SenderId, payload: &[u8], confirmation: u8) -> Recei
     ReceivedCommand {
         source,
         target: fields.read_address(TARGET_OFFSET),
-        command: fields.read_u16(COMMAND_OFFSET),
+        command_number: fields.read_u16(COMMAND_OFFSET),
         confirmation,
         parameters: from_fn(|parameter| fields.read_f32(4 * parameter)),
     }
@@ -270,7 +276,7 @@ fn acknowledgement(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     Some(InboundMessage::Acknowledgement(Acknowledgement {
         source,
         target: fields.read_address(TARGET_OFFSET),
-        command: fields.read_u16(COMMAND_OFFSET),
+        command_number: fields.read_u16(COMMAND_OFFSET),
         result: fields.read_u8(RESULT_OFFSET),
     }))
 }

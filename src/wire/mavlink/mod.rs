@@ -123,9 +123,10 @@ fn find_frame_candidate(bytes: &[u8]) -> FrameCandidate {
     match *bytes {
         [V1, length, _, system, component, id, ..] => {
             let payload = usize::from(length);
-            let matches_layout = |wanted: &&MessageSpec| wanted.id == u32::from(id) && wanted.length == payload;
+            let matches_layout =
+                |wanted: &&MessageSpec| wanted.message_id == u32::from(id) && wanted.payload_length == payload;
             SUPPORTED_MESSAGES.iter().find(matches_layout).map_or(FrameCandidate::No, |wanted| {
-                let source = Address { system, component }.sender_id();
+                let source = Address { system_id: system, component_id: component }.sender_id();
                 FrameCandidate::Yes(FrameLayout { wanted, source, header: V1_HEADER_LENGTH, payload, signature: 0 })
             })
         }
@@ -134,10 +135,11 @@ fn find_frame_candidate(bytes: &[u8]) -> FrameCandidate {
             let id = u32::from_le_bytes([m0, m1, m2, 0]);
             // An unknown flag may change the format. Trailing zeros of the payload are truncated, to one byte at least.
             let is_known = incompatibility & !signature::SIGNED_FLAG == 0;
-            let matches_layout =
-                |wanted: &&MessageSpec| is_known && wanted.id == id && (1..=wanted.extended).contains(&payload);
+            let matches_layout = |wanted: &&MessageSpec| {
+                is_known && wanted.message_id == id && (1..=wanted.extended_length).contains(&payload)
+            };
             SUPPORTED_MESSAGES.iter().find(matches_layout).map_or(FrameCandidate::No, |wanted| {
-                let source = Address { system, component }.sender_id();
+                let source = Address { system_id: system, component_id: component }.sender_id();
                 let signature = if incompatibility & signature::SIGNED_FLAG == 0 { 0 } else { signature::LENGTH };
                 FrameCandidate::Yes(FrameLayout { wanted, source, header: V2_HEADER_LENGTH, payload, signature })
             })
@@ -156,7 +158,7 @@ fn decode_message(frame: &[u8], layout: &FrameLayout) -> Option<InboundMessage> 
     if checksum(checked, layout.wanted.extra_crc).to_le_bytes() != crc {
         return None;
     }
-    (layout.wanted.decode)(layout.source, frame.get(layout.header..crc_at)?)
+    (layout.wanted.decoder)(layout.source, frame.get(layout.header..crc_at)?)
 }
 
 #[cfg(test)]

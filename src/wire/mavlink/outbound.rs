@@ -32,7 +32,7 @@ pub struct OutboundMessage {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// Time of the pose.
-    pub at: Timestamp,
+    pub timestamp: Timestamp,
     /// Roll, pitch and true heading, radians, -pi..pi.
     pub roll_pitch_yaw_rad: [f32; 3],
     /// Variance of the heading, square radians.
@@ -74,7 +74,7 @@ impl OutboundMessage {
         let mut message = Self::from_library::<COMMAND_LONG_DATA>();
         message.put_floats(&[message_id as f32, interval_us, 0.0, 0.0, 0.0, 0.0, 0.0]);
         message.put_bytes(&(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16).to_le_bytes());
-        message.put_bytes(&[target.system, target.component, 0]);
+        message.put_bytes(&[target.system_id, target.component_id, 0]);
         message
     }
 
@@ -85,7 +85,7 @@ impl OutboundMessage {
         const START_SENDING: u8 = 1;
         // By number, because the library marks it as superseded; it is for autopilots without the successor.
         let mut message = Self::new(66, 148);
-        message.put_bytes(&[rate_hz, 0, target.system, target.component, STREAM_EXTRA1, START_SENDING]);
+        message.put_bytes(&[rate_hz, 0, target.system_id, target.component_id, STREAM_EXTRA1, START_SENDING]);
         message
     }
 
@@ -95,7 +95,7 @@ impl OutboundMessage {
         let mut message = Self::from_library::<COMMAND_ACK_DATA>();
         message.put_bytes(&command.to_le_bytes());
         // The fields for progress and second result are unused.
-        message.put_bytes(&[result as u8, 0, 0, 0, 0, 0, target.system, target.component]);
+        message.put_bytes(&[result as u8, 0, 0, 0, 0, 0, target.system_id, target.component_id]);
         message
     }
 
@@ -165,7 +165,7 @@ impl OutboundMessage {
             covariance
         };
         let mut message = Self::from_library::<VISION_POSITION_ESTIMATE_DATA>();
-        message.put_bytes(&pose.at.as_us().to_le_bytes());
+        message.put_bytes(&pose.timestamp.as_us().to_le_bytes());
         message.put_floats(&[0.0; 3]);
         message.put_floats(&pose.roll_pitch_yaw_rad);
         message.put_floats(&UNKNOWN_COVARIANCE);
@@ -185,7 +185,7 @@ impl OutboundMessage {
         if let [_, length, flags, _, number, system, component, ..] = self.frame.as_mut_slice() {
             *flags = if signatures.has_key() { signature::SIGNED_FLAG } else { 0 };
             (*length, *number) = (payload as u8, sequence);
-            (*system, *component) = (from.system, from.component);
+            (*system, *component) = (from.system_id, from.component_id);
         }
         let crc = checksum(self.frame.get(1..).unwrap_or_default(), self.extra_crc);
         self.put_bytes(&crc.to_le_bytes());

@@ -52,13 +52,13 @@ struct Stream {
 pub struct Signatures {
     key: Option<SigningKey>,
     /// Time of the newest frame, received or sent.
-    pub(super) time: u64,
+    pub(super) newest_time: u64,
     streams: heapless::Vec<Stream, MAX_STREAMS>,
 }
 
 impl Signatures {
     pub(super) const fn new() -> Self {
-        Self { key: None, time: 0, streams: heapless::Vec::new() }
+        Self { key: None, newest_time: 0, streams: heapless::Vec::new() }
     }
 
     /// Sets or removes the key.
@@ -80,11 +80,11 @@ impl Signatures {
         let Some(&[link, t0, t1, t2, t3, t4, t5]) = signed.last_chunk() else { return false };
         let time = u64::from_le_bytes([t0, t1, t2, t3, t4, t5, 0, 0]);
         let known = self.streams.iter_mut().find(|stream| (stream.link, stream.source) == (link, source));
-        let is_new = known.as_ref().map_or(time + MAX_AGE >= self.time, |stream| time > stream.time);
+        let is_new = known.as_ref().map_or(time + MAX_AGE >= self.newest_time, |stream| time > stream.time);
         if !is_new || hash_of(key, signed) != *hash {
             return false;
         }
-        self.time = self.time.max(time);
+        self.newest_time = self.newest_time.max(time);
         match known {
             Some(stream) => {
                 stream.time = time;
@@ -97,8 +97,8 @@ impl Signatures {
     /// Appends a signature to a frame with its CRC, if there is a key.
     pub(super) fn sign_frame<const CAPACITY: usize>(&mut self, frame: &mut heapless::Vec<u8, CAPACITY>) {
         let Some(key) = &self.key else { return };
-        self.time += 1;
-        let [t0, t1, t2, t3, t4, t5, ..] = self.time.to_le_bytes();
+        self.newest_time += 1;
+        let [t0, t1, t2, t3, t4, t5, ..] = self.newest_time.to_le_bytes();
         // A frame's capacity includes the signature.
         let _ = frame.extend_from_slice(&[OWN_LINK, t0, t1, t2, t3, t4, t5]);
         let _ = frame.extend_from_slice(&hash_of(key, frame));

@@ -67,13 +67,13 @@ pub enum Autopilot {
 #[derive(Clone, Debug, Default)]
 pub struct Compass {
     /// The autopilot's number of the compass, from 1.
-    pub number: u8,
+    pub compass_number: u8,
     /// Raw field x, y, z and the field as the autopilot corrected it, body axes, microtesla.
     pub field: Series<6>,
     /// The autopilot's last correction.
     pub correction: Option<FieldCorrection>,
     /// Whether the autopilot uses it for its heading, if known.
-    pub is_used: Option<bool>,
+    pub is_used_for_heading: Option<bool>,
 }
 
 /// Columns of [`Flight::gps`].
@@ -145,7 +145,7 @@ pub struct Flight {
     /// Message that replaced a missing autopilot attitude.
     pub attitude_source: Option<&'static str>,
     /// Body rates p, q, r, rad/s: as logged, repaired, or differences of the attitude.
-    pub rates: Series<3>,
+    pub body_rates: Series<3>,
     /// Reason why body rates are not as logged.
     pub rates_problem: Option<RatesProblem>,
     /// Whether a heading can be integrated from the rates: not from differences of the attitude.
@@ -153,27 +153,27 @@ pub struct Flight {
     /// GPS rows; columns as in [`Gps`].
     pub gps: Series<6>,
     /// Battery current, amperes.
-    pub current: Series<1>,
+    pub battery_current: Series<1>,
     /// Times and armed states at each change; before the first change the aircraft had the opposite state.
-    pub armed: Vec<(f64, bool)>,
+    pub armed_changes: Vec<(f64, bool)>,
     /// A simulator's true roll, pitch and yaw, radians, for scoring only.
-    pub truth: Series<3>,
+    pub true_attitude: Series<3>,
     /// Logged reference heading, radians, from an arbitrary north.
     pub reference_heading: Series<1>,
     /// Whether rows may be used; 0 or 1.
-    pub usable: Series<1>,
+    pub usable_rows: Series<1>,
     /// The autopilot's parameters.
     pub parameters: ParameterHistory,
     /// Day of the flight.
-    pub day: Option<Date>,
+    pub flight_date: Option<Date>,
     /// Number of rows without a time stamp; each is stored with the preceding message's time.
     pub rows_without_time: u64,
     /// MAVLink systems with an autopilot, first the one read.
-    pub systems: Vec<u8>,
+    pub autopilot_systems: Vec<u8>,
     /// Components of that system with an autopilot, first the one read.
-    pub components: Vec<u8>,
+    pub autopilot_components: Vec<u8>,
     /// Counts of skipped rows.
-    pub counts: SkippedCounts,
+    pub skipped_counts: SkippedCounts,
 }
 
 impl Flight {
@@ -198,12 +198,14 @@ impl Flight {
         let is_px4 = *autopilot == Autopilot::Px4;
         let body_from_sensor = mount.body_from_sensor().map(f64::from);
         let (rotation, _) = NumberedRotation::nearest_to_matrix(&body_from_sensor);
-        for compass in compasses.iter_mut().filter(|compass| number.is_none_or(|number| number == compass.number)) {
+        for compass in
+            compasses.iter_mut().filter(|compass| number.is_none_or(|number| number == compass.compass_number))
+        {
             let turn = |t_s: f64| {
-                let logged = logged_mounting(parameters, is_px4, t_s, compass.number)?;
+                let logged = logged_mounting(parameters, is_px4, t_s, compass.compass_number)?;
                 Some(body_from_sensor * logged.transpose())
             };
-            let last = turn(f64::INFINITY).ok_or(compass.number)?;
+            let last = turn(f64::INFINITY).ok_or(compass.compass_number)?;
             for row in compass.field.rows_mut() {
                 let [x, y, z, ..] = row.values.map(f64::from);
                 let raw = turn(row.t_s).unwrap_or(last) * Vector3::new(x, y, z);
@@ -214,7 +216,10 @@ impl Flight {
                 hard_iron_ut: last * correction.hard_iron_ut,
                 motor_ut_per_a: last * correction.motor_ut_per_a,
             });
-            parameters.replace_value(&orientation_parameter(is_px4, compass.number), rotation.rotation_number().into());
+            parameters.replace_value(
+                &orientation_parameter(is_px4, compass.compass_number),
+                rotation.rotation_number().into(),
+            );
         }
         Ok(())
     }
@@ -230,21 +235,21 @@ impl Flight {
             compasses: Vec::new(),
             attitude: Series::new(),
             attitude_source: None,
-            rates: Series::new(),
+            body_rates: Series::new(),
             rates_problem: None,
             has_heading_rates: true,
             gps: Series::new(),
-            current: Series::new(),
-            armed: Vec::new(),
-            truth: Series::new(),
+            battery_current: Series::new(),
+            armed_changes: Vec::new(),
+            true_attitude: Series::new(),
             reference_heading: Series::new(),
-            usable: Series::new(),
+            usable_rows: Series::new(),
             parameters: ParameterHistory::default(),
-            day: None,
+            flight_date: None,
             rows_without_time: 0,
-            systems: Vec::new(),
-            components: Vec::new(),
-            counts: SkippedCounts::default(),
+            autopilot_systems: Vec::new(),
+            autopilot_components: Vec::new(),
+            skipped_counts: SkippedCounts::default(),
         }
     }
 
@@ -261,8 +266,8 @@ impl Flight {
     /// Whether the aircraft was armed at a time; none if unknown.
     #[must_use]
     pub fn is_armed(&self, t_s: f64) -> Option<bool> {
-        let &(_, first) = self.armed.first()?;
-        let latest = self.armed.iter().take_while(|&&(at_s, _)| at_s <= t_s).last();
+        let &(_, first) = self.armed_changes.first()?;
+        let latest = self.armed_changes.iter().take_while(|&&(at_s, _)| at_s <= t_s).last();
         Some(latest.map_or(!first, |&(_, is)| is))
     }
 }

@@ -65,7 +65,7 @@ impl FlightBuilder {
         let is_field =
             field_ut.iter().all(|axis| axis.abs() < MAX_FIELD_UT) && field_ut.iter().any(|axis| *axis != 0.0);
         if !is_field || number == 0 || number > MAX_COMPASSES {
-            self.flight.counts.unhealthy += 1;
+            self.flight.skipped_counts.unhealthy += 1;
             return;
         }
         let index = self
@@ -96,13 +96,13 @@ impl FlightBuilder {
 
     pub fn push_rates(&mut self, t_s: f64, rates_rad_s: [f32; 3]) {
         if rates_rad_s.iter().all(|rate| rate.abs() < 100.0) {
-            self.flight.rates.push(t_s, rates_rad_s);
+            self.flight.body_rates.push(t_s, rates_rad_s);
         }
     }
 
     pub fn push_truth(&mut self, t_s: f64, angles_rad: [f32; 3]) {
         if angles_rad.iter().all(|angle| angle.is_finite()) {
-            self.flight.truth.push(t_s, angles_rad);
+            self.flight.true_attitude.push(t_s, angles_rad);
         }
     }
 
@@ -112,14 +112,14 @@ impl FlightBuilder {
 
     pub fn push_current(&mut self, t_s: f64, amperes: f32) {
         if (0.0..10_000.0).contains(&amperes) {
-            self.flight.current.push(t_s, [amperes]);
+            self.flight.battery_current.push(t_s, [amperes]);
         }
     }
 
     pub fn push_armed(&mut self, t_s: f64, is_armed: bool) {
-        let is_news = self.flight.armed.last().is_none_or(|&(_, last)| last != is_armed);
-        if is_news && self.flight.armed.len() < MAX_ARMED_CHANGES {
-            self.flight.armed.push((t_s, is_armed));
+        let is_news = self.flight.armed_changes.last().is_none_or(|&(_, last)| last != is_armed);
+        if is_news && self.flight.armed_changes.len() < MAX_ARMED_CHANGES {
+            self.flight.armed_changes.push((t_s, is_armed));
         }
     }
 
@@ -136,33 +136,38 @@ impl FlightBuilder {
     }
 
     pub fn set_day_from_unix_s(&mut self, seconds: u64) {
-        self.flight.day = self.flight.day.or_else(|| Date::from_unix_s(seconds));
+        self.flight.flight_date = self.flight.flight_date.or_else(|| Date::from_unix_s(seconds));
     }
 
     /// Sorts all series and undoes the autopilot's corrections.
     pub fn finish_flight(mut self) -> Flight {
         let flight = &mut self.flight;
-        flight.counts.bad_times += self.timeline.rejected_count();
-        flight.counts.restarts = self.timeline.restart_count();
+        flight.skipped_counts.bad_times += self.timeline.rejected_count();
+        flight.skipped_counts.restarts = self.timeline.restart_count();
         if flight.attitude.is_empty()
             && let Some((_, (from, attitude))) = self.fallback_attitudes.pop_first()
         {
             (flight.attitude, flight.attitude_source) = (attitude, Some(from));
         }
         let attitude_repeats = flight.attitude.sort_and_dedup();
-        for series in [&mut flight.rates, &mut flight.truth] {
+        for series in [&mut flight.body_rates, &mut flight.true_attitude] {
             series.sort_and_dedup();
         }
         flight.gps.sort_and_dedup();
-        flight.current.sort_and_dedup();
+        flight.battery_current.sort_and_dedup();
         flight.reference_heading.sort_and_dedup();
-        flight.usable.sort_and_dedup();
-        flight.counts.repeats += attitude_repeats as u64;
+        flight.usable_rows.sort_and_dedup();
+        flight.skipped_counts.repeats += attitude_repeats as u64;
         for (number, was, mut field) in select_densest(std::mem::take(&mut self.field_rows)) {
-            flight.counts.repeats += field.sort_and_dedup() as u64;
+            flight.skipped_counts.repeats += field.sort_and_dedup() as u64;
             let (correction_in_log, field) = remove_correction(flight, number, was, field);
             let is_used = is_used(flight, number);
-            flight.compasses.push(Compass { number, field, correction: correction_in_log, is_used });
+            flight.compasses.push(Compass {
+                compass_number: number,
+                field,
+                correction: correction_in_log,
+                is_used_for_heading: is_used,
+            });
         }
         self.flight
     }
@@ -215,7 +220,8 @@ fn remove_correction(
         }
         let [x, y, z, mx, my, mz] = row.values.map(f64::from);
         let (logged, logged_motor) = (Vector3::new(x, y, z), Vector3::new(mx, my, mz));
-        let current_a = flight.current.interpolate_or_hold(row.t_s, 2.0).map_or(0.0, |[amperes]| f64::from(amperes));
+        let current_a =
+            flight.battery_current.interpolate_or_hold(row.t_s, 2.0).map_or(0.0, |[amperes]| f64::from(amperes));
         let (raw, corrected) = if let Some(turned) = mounting {
             let raw = turned * logged;
             (raw, undo.correction.correct_field(raw, current_a))
@@ -258,7 +264,7 @@ mod tests {
             recorder.push_current(i as f64, amperes);
         }
         let flight = recorder.finish_flight();
-        assert_eq!(flight.current.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [0.0, 9_999.0]);
+        assert_eq!(flight.battery_current.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [0.0, 9_999.0]);
     }
 
     /// Motor-current compensation uses the last current for two seconds.
@@ -291,9 +297,9 @@ mod tests {
             recorder.push_rates(i as f64, [0.0, 0.0, angle * 60.0]);
         }
         let flight = recorder.finish_flight();
-        assert_eq!(flight.compasses.iter().map(|compass| compass.number).collect::<Vec<_>>(), [1, 8]);
-        assert_eq!((flight.compasses[0].field.rows().len(), flight.counts.unhealthy), (1, 5));
-        assert_eq!((flight.attitude.rows().len(), flight.rates.rows().len()), (1, 1));
+        assert_eq!(flight.compasses.iter().map(|compass| compass.compass_number).collect::<Vec<_>>(), [1, 8]);
+        assert_eq!((flight.compasses[0].field.rows().len(), flight.skipped_counts.unhealthy), (1, 5));
+        assert_eq!((flight.attitude.rows().len(), flight.body_rates.rows().len()), (1, 1));
     }
 
     #[test]

@@ -145,14 +145,14 @@ fn read_with_unchecked_rates(source: &mut dyn Read, unit: FieldUnit, system: Opt
         LogFormat::TLog => tlog::read_tlog(&mut source, system)?,
         LogFormat::Csv => csv::read_csv(source, unit).map_err(LogError::Csv)?,
     };
-    if let Some(system) = system.filter(|system| flight.systems.first() != Some(system)) {
-        return Err(LogError::SystemNotFound(system, flight.systems));
+    if let Some(system) = system.filter(|system| flight.autopilot_systems.first() != Some(system)) {
+        return Err(LogError::SystemNotFound(system, flight.autopilot_systems));
     }
     if flight.compasses.is_empty() && flight.rows_without_time > 0 {
         return Err(LogError::NoTime(format));
     }
     if flight.compasses.is_empty() {
-        return Err(LogError::NoField(format, flight.counts.unhealthy));
+        return Err(LogError::NoField(format, flight.skipped_counts.unhealthy));
     }
     if flight.attitude.is_empty() {
         return Err(LogError::NoAttitude(format));

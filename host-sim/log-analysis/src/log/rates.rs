@@ -41,24 +41,24 @@ pub(super) fn check_rates(flight: &mut Flight) {
         let Some(problem) = find_problem(&differences, flight) else { return };
         flight.rates_problem.get_or_insert(problem);
         let Some(factors) = problem.repair() else { break };
-        for row in flight.rates.rows_mut() {
+        for row in flight.body_rates.rows_mut() {
             row.values = std::array::from_fn(|axis| row.values[axis] * factors[axis]);
         }
     }
     flight.has_heading_rates = false;
-    flight.rates = Series::new();
+    flight.body_rates = Series::new();
     for row in differences {
-        flight.rates.push(row.t_s, row.values);
+        flight.body_rates.push(row.t_s, row.values);
     }
 }
 
 fn find_problem(differences: &[Stamped<3>], flight: &Flight) -> Option<RatesProblem> {
-    if flight.rates.is_empty() {
+    if flight.body_rates.is_empty() {
         return (!differences.is_empty()).then_some(RatesProblem::NotLogged);
     }
     let pairs: Vec<([f32; 3], [f32; 3])> = differences
         .iter()
-        .filter_map(|row| Some((row.values, flight.rates.interpolate(row.t_s, MAX_GAP_S)?)))
+        .filter_map(|row| Some((row.values, flight.body_rates.interpolate(row.t_s, MAX_GAP_S)?)))
         .collect();
     if pairs.len() < MIN_TESTED_ROWS {
         return None;
@@ -127,7 +127,7 @@ mod tests {
             let mut rates = [roll_rate, yaw_rate * libm::sinf(roll), yaw_rate * libm::cosf(roll)];
             change(usize::from(i), &mut rates);
             flight.attitude.push(f64::from(i) / 10.0, [roll, 0.0, yaw]);
-            flight.rates.push(f64::from(i) / 10.0, rates);
+            flight.body_rates.push(f64::from(i) / 10.0, rates);
         }
         flight
     }
@@ -152,7 +152,7 @@ mod tests {
             let problem = changed.rates_problem.unwrap().to_string();
             assert!(problem.contains(expected), "{expected}: {problem}");
             assert!(changed.has_heading_rates);
-            for (row, truth) in changed.rates.rows().iter().zip(good.rates.rows()) {
+            for (row, truth) in changed.body_rates.rows().iter().zip(good.body_rates.rows()) {
                 assert!((0..3).all(|axis| (row.values[axis] - truth.values[axis]).abs() < 1e-5), "{row:?} {truth:?}");
             }
         }
@@ -162,7 +162,7 @@ mod tests {
     #[test]
     fn missing_or_inexact_rates_are_replaced_by_differences_that_give_no_heading() {
         let good = flight(|_, _| {});
-        let missing = Flight { rates: Series::new(), ..good.clone() };
+        let missing = Flight { body_rates: Series::new(), ..good.clone() };
         // Vibration of 6 deg/s, sampled at points: 0.1 s of it is 1.9 deg in a second.
         let inexact = flight(|i, rates| rates[2] += if i % 2 == 0 { 0.1 } else { -0.1 });
         let unknown_unit = flight(|_, rates| *rates = rates.map(|rate| rate * 1000.0));
@@ -172,9 +172,9 @@ mod tests {
             let changed = checked(changed);
             let problem = changed.rates_problem.unwrap().to_string();
             assert!(problem.contains(expected) && !changed.has_heading_rates, "{expected}: {problem}");
-            assert!(changed.rates.rows().len() > 590);
+            assert!(changed.body_rates.rows().len() > 590);
             // Differences over 0.2 s at a period of 10 s.
-            for (row, truth) in changed.rates.rows().iter().zip(&good.rates.rows()[1..]) {
+            for (row, truth) in changed.body_rates.rows().iter().zip(&good.body_rates.rows()[1..]) {
                 assert!((0..3).all(|axis| (row.values[axis] - truth.values[axis]).abs() < 0.01), "{row:?} {truth:?}");
             }
         }

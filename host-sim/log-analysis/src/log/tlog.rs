@@ -70,7 +70,7 @@ pub fn read_tlog(source: &mut dyn Read, system: Option<u8>) -> io::Result<Flight
             }
             frame.total_len
         } else {
-            log.builder.flight.counts.garbage += 1;
+            log.builder.flight.skipped_counts.garbage += 1;
             1
         };
         window.consume_bytes(length);
@@ -168,7 +168,7 @@ impl TlogReader {
         if self.autopilot.is_some_and(|selected| selected != frame.sender)
             || self.requested_system.is_some_and(|wanted| wanted != system)
         {
-            self.builder.flight.counts.others += 1;
+            self.builder.flight.skipped_counts.others += 1;
             self.record_other_vehicle(frame, autopilot_of_heartbeat(frame));
             return;
         }
@@ -229,8 +229,8 @@ impl TlogReader {
 
     fn finish_flight(mut self) -> Flight {
         let id_part = |part: usize| self.autopilot.map(|sender| sender[part]).into_iter();
-        self.builder.flight.systems = id_part(0).chain(self.other_systems.iter().copied()).collect();
-        self.builder.flight.components = id_part(1).chain(self.other_components.iter().copied()).collect();
+        self.builder.flight.autopilot_systems = id_part(0).chain(self.other_systems.iter().copied()).collect();
+        self.builder.flight.autopilot_components = id_part(1).chain(self.other_components.iter().copied()).collect();
         self.builder.finish_flight()
     }
 

@@ -37,7 +37,7 @@ pub(super) fn excessive_rate_loss(flight: &Flight) -> Option<f64> {
     if !flight.has_heading_rates {
         return None;
     }
-    let (gaps, steps) = count_gaps(&flight.rates);
+    let (gaps, steps) = count_gaps(&flight.body_rates);
     (gaps * MIN_STEPS_PER_GAP > steps).then(|| gaps as f64 / steps as f64)
 }
 

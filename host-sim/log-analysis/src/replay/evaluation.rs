@@ -20,15 +20,15 @@ use crate::log::{Compass, FieldCorrection, Flight, Gps, mounting_parameter_chang
 #[derive(Clone, Copy, Debug)]
 pub struct EvaluationOptions {
     /// Rows used for the module's fit.
-    pub selected: RowSelection,
+    pub row_selection: RowSelection,
     /// Number of the only compass to evaluate.
-    pub compass: Option<u8>,
+    pub compass_number: Option<u8>,
     /// Inclination of the Earth field, degrees; default: the field model.
     pub inclination_deg: Option<f64>,
     /// Seconds of the log from and up to which rows are used, for fits and scores.
-    pub window_s: [f64; 2],
+    pub time_window_s: [f64; 2],
     /// Reference heading; default: the best in the log.
-    pub reference: Option<ReferenceKind>,
+    pub reference_kind: Option<ReferenceKind>,
     /// Latency of the logged field, seconds; default: estimated.
     pub field_latency_s: Option<f64>,
 }
@@ -36,11 +36,11 @@ pub struct EvaluationOptions {
 impl EvaluationOptions {
     /// Default options: all compasses, evaluated with the samples that the module retains in flight.
     pub const DEFAULT: Self = Self {
-        selected: RowSelection::Flight,
-        compass: None,
+        row_selection: RowSelection::Flight,
+        compass_number: None,
         inclination_deg: None,
-        window_s: [f64::NEG_INFINITY, f64::INFINITY],
-        reference: None,
+        time_window_s: [f64::NEG_INFINITY, f64::INFINITY],
+        reference_kind: None,
         field_latency_s: None,
     };
 }
@@ -49,21 +49,21 @@ impl EvaluationOptions {
 #[derive(Clone, Debug)]
 pub struct CompassEvaluation {
     /// The autopilot's number of the compass.
-    pub number: u8,
+    pub compass_number: u8,
     /// Whether the autopilot uses the compass for its heading, if known.
-    pub is_used: Option<bool>,
+    pub is_used_for_heading: Option<bool>,
     /// Latency of the logged field.
     pub latency: FieldLatency,
     /// Rows of the compass.
     pub rows: Vec<ReplayRow>,
     /// Numbers of rows.
-    pub counts: RowCounts,
+    pub row_counts: RowCounts,
     /// Median interval of the readings, seconds.
     pub reading_interval_s: f64,
     /// The module's result with the selected rows.
-    pub module: ReplayResult,
+    pub module_result: ReplayResult,
     /// The module's result with all rows.
-    pub all_rows: ReplayResult,
+    pub all_rows_result: ReplayResult,
     /// Heading RMS less mean without motor-current correction, degrees; none without such a correction or a reference.
     pub rms_without_current_deg: Option<f64>,
     /// Corrections with their scores.
@@ -71,7 +71,7 @@ pub struct CompassEvaluation {
     /// Field strength by a sphere fit, microtesla.
     pub radius_ut: Option<f64>,
     /// Changes of hard iron in flight, in order of time.
-    pub changes: Vec<HardIronChange>,
+    pub hard_iron_changes: Vec<HardIronChange>,
     /// Fits from which the autopilot's parameters are made.
     pub parameter_fit: ParameterFit,
 }
@@ -80,7 +80,7 @@ pub struct CompassEvaluation {
 #[derive(Clone, Debug)]
 pub struct ScoredCorrection {
     /// Source of the correction.
-    pub source: CorrectionSource,
+    pub correction_source: CorrectionSource,
     /// The correction; none if its parameters changed in flight.
     pub correction: Option<FieldCorrection>,
     /// Heading score; none without a reference.
@@ -131,7 +131,7 @@ pub struct FlightEvaluation {
     /// Reference heading.
     pub reference: Option<ReferenceHeading>,
     /// Modelled Earth field, and whether the model is valid on that day.
-    pub earth: Option<(EarthField, bool)>,
+    pub earth_field: Option<(EarthField, bool)>,
     /// Median interval of the attitudes, seconds.
     pub attitude_interval_s: f64,
 }
@@ -140,14 +140,14 @@ pub struct FlightEvaluation {
 #[must_use]
 pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) -> FlightEvaluation {
     let reference = evaluation_options
-        .reference
+        .reference_kind
         .map_or_else(|| ReferenceHeading::best_reference(flight), |kind| ReferenceHeading::of_kind(flight, kind));
     let earth = earth_of_flight(flight);
     let earth_ut = earth.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
     let compasses: Vec<&Compass> = flight
         .compasses
         .iter()
-        .filter(|compass| evaluation_options.compass.is_none_or(|number| compass.number == number))
+        .filter(|compass| evaluation_options.compass_number.is_none_or(|number| compass.compass_number == number))
         .collect();
     let configured_latency = |used_s: f64| FieldLatency { used_s, sigma_s: None };
     let mut ages: Vec<FieldLatency> = compasses
@@ -160,12 +160,12 @@ pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) 
         .collect();
     field_latency::fill_in_missing_latencies(&mut ages);
     let options = ReplayOptions {
-        selected: evaluation_options.selected,
+        row_selection: evaluation_options.row_selection,
         inclination_deg: evaluation_options.inclination_deg,
-        place_and_day: flight_position(flight).zip(flight.day),
+        place_and_day: flight_position(flight).zip(flight.flight_date),
     };
     let context =
-        SharedInputs { flight, reference: reference.as_ref(), earth_ut, window_s: evaluation_options.window_s };
+        SharedInputs { flight, reference: reference.as_ref(), earth_ut, window_s: evaluation_options.time_window_s };
     let compasses: Vec<CompassEvaluation> = compasses
         .par_iter()
         .zip(ages)
@@ -174,7 +174,7 @@ pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) 
     FlightEvaluation {
         compasses,
         reference,
-        earth,
+        earth_field: earth,
         attitude_interval_s: flight.attitude.median_step_s().unwrap_or(f64::NAN),
     }
 }
@@ -192,8 +192,8 @@ impl SharedInputs<'_> {
     fn replay_rows(&self, compass: &Compass, age: FieldLatency) -> (Vec<ReplayRow>, RowCounts) {
         let (mut rows, mut counted) = build_rows(self.flight, compass, age.used_s, self.reference);
         let [from_s, to_s] = self.window_s;
-        for row in rows.iter_mut().filter(|row| row.usable && !(from_s..=to_s).contains(&row.t_s)) {
-            row.usable = false;
+        for row in rows.iter_mut().filter(|row| row.is_usable && !(from_s..=to_s).contains(&row.t_s)) {
+            row.is_usable = false;
             counted.used -= 1;
             counted.kept_out += 1;
         }
@@ -210,35 +210,35 @@ fn evaluate_compass(
     let &SharedInputs { flight, earth_ut, .. } = context;
     let (rows, counted) = context.replay_rows(compass, age);
     let module = replay_with(&rows, Some(flight), options);
-    let all_rows = if options.selected == RowSelection::All {
+    let all_rows = if options.row_selection == RowSelection::All {
         module.clone()
     } else {
-        replay_with(&rows, Some(flight), &ReplayOptions { selected: RowSelection::All, ..*options })
+        replay_with(&rows, Some(flight), &ReplayOptions { row_selection: RowSelection::All, ..*options })
     };
     let without_current_deg = without_current_deg(&rows, flight, &module, options);
     let fields: Vec<Vector3<f64>> =
-        rows.iter().filter(|row| row.usable).map(|row| row.field.ut.map(f64::from)).collect();
+        rows.iter().filter(|row| row.is_usable).map(|row| row.raw_field.ut.map(f64::from)).collect();
     let scored = |correction_source, iron: Option<FieldCorrection>| ScoredCorrection {
-        source: correction_source,
+        correction_source: correction_source,
         correction: iron,
         score: iron.and_then(|iron| score_correction(&rows, &iron)),
     };
     let logged = ScoredCorrection {
-        source: CorrectionSource::Autopilot,
+        correction_source: CorrectionSource::Autopilot,
         correction: compass.correction,
-        score: score_rows(&rows, |row| Some((heading_deg(row, row.logged.ut.map(f64::from)), f64::NAN))),
+        score: score_rows(&rows, |row| Some((heading_deg(row, row.logged_field.ut.map(f64::from)), f64::NAN))),
     };
     let mut corrections = vec![scored(CorrectionSource::Uncorrected, Some(FieldCorrection::identity()))];
     corrections.extend(compass.correction.is_some().then_some(logged));
     corrections.push(scored(CorrectionSource::Sphere, baseline_fits::fit_sphere(&fields).map(|(iron, _)| iron)));
     corrections.push(scored(CorrectionSource::Ellipsoid, baseline_fits::fit_ellipsoid(&fields).map(|(iron, _)| iron)));
     let solved = |correction_source, replayed: &ReplayResult| ScoredCorrection {
-        source: correction_source,
+        correction_source: correction_source,
         correction: replayed.solution.as_ref().map(solved_correction),
         score: replayed.score,
     };
     corrections.push(solved(CorrectionSource::Module, &module));
-    if options.selected != RowSelection::All {
+    if options.row_selection != RowSelection::All {
         corrections.push(solved(CorrectionSource::ModuleAllRows, &all_rows));
     }
     let sphere = baseline_fits::fit_sphere(&fields);
@@ -247,24 +247,24 @@ fn evaluate_compass(
     let initial = initial.or(sphere.map(|(iron, _)| iron));
     let total_ut = earth_ut.or(radius_ut).unwrap_or(f64::INFINITY);
     let changes = initial.map_or_else(Vec::new, |initial| find_changes(&rows, flight, &initial, total_ut));
-    let remounted_s = mounting_parameter_changes(flight, compass.number).into_iter().map(|(_, at_s)| at_s);
-    let changed_s = changes.iter().map(|change| change.step.at_s).chain(remounted_s).reduce(f64::max);
+    let remounted_s = mounting_parameter_changes(flight, compass.compass_number).into_iter().map(|(_, at_s)| at_s);
+    let changed_s = changes.iter().map(|change| change.hard_iron_step.time_s).chain(remounted_s).reduce(f64::max);
     let parameter_fit = ParameterFit::new(&rows, changed_s, options);
     let reading_interval_s = compass.field.median_step_s().unwrap_or(f64::NAN);
-    let Compass { number, is_used, .. } = *compass;
+    let Compass { compass_number: number, is_used_for_heading: is_used, .. } = *compass;
     CompassEvaluation {
-        number,
-        is_used,
+        compass_number: number,
+        is_used_for_heading: is_used,
         latency: age,
         rows,
-        counts: counted,
+        row_counts: counted,
         reading_interval_s,
-        module,
-        all_rows,
+        module_result: module,
+        all_rows_result: all_rows,
         rms_without_current_deg: without_current_deg,
         corrections,
         radius_ut,
-        changes,
+        hard_iron_changes: changes,
         parameter_fit,
     }
 }
@@ -317,7 +317,7 @@ fn earth_of_flight(flight: &Flight) -> Option<(EarthField, bool)> {
     /// 2025-01-01, the model's first day.
     const MODEL_BEGINS_UNIX_S: u64 = 1_735_689_600;
     let place = flight_position(flight)?;
-    let now = flight.day.and_then(|day| EarthField::from_model(place, day)).map(|field| (field, true));
+    let now = flight.flight_date.and_then(|day| EarthField::from_model(place, day)).map(|field| (field, true));
     now.or_else(|| EarthField::from_model(place, Date::from_unix_s(MODEL_BEGINS_UNIX_S)?).map(|field| (field, false)))
 }
 
@@ -326,19 +326,19 @@ impl CompassEvaluation {
     #[must_use]
     pub fn calibrated_s(&self) -> Option<f64> {
         let first_s = self.rows.first()?.t_s;
-        Some(self.module.ended_s? + first_s)
+        Some(self.module_result.collection_end_s? + first_s)
     }
 
     /// The correction from one source.
     #[must_use]
     pub fn correction_from(&self, source: CorrectionSource) -> Option<&ScoredCorrection> {
-        self.corrections.iter().find(|correction| correction.source == source)
+        self.corrections.iter().find(|correction| correction.correction_source == source)
     }
 
     /// The module's result, or that of all rows if the module had no solution.
     #[must_use]
     pub const fn result_for_report(&self) -> &ReplayResult {
-        if self.module.solution.is_some() { &self.module } else { &self.all_rows }
+        if self.module_result.solution.is_some() { &self.module_result } else { &self.all_rows_result }
     }
 }
 
@@ -350,7 +350,7 @@ mod tests {
     /// A flight from the equator to 60 N.
     fn flight_to_north(day: Option<Date>) -> Flight {
         let mut flight = Flight::new(LogFormat::Csv);
-        flight.day = day;
+        flight.flight_date = day;
         for i in 0..7_u8 {
             flight.gps.push(f64::from(i), [10.0 * f32::from(i), 11.3, 500.0, 0.0, 0.0, f32::NAN]);
         }

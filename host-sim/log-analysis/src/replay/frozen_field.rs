@@ -26,15 +26,16 @@ pub(super) struct FrozenInterval {
     /// Times of the first and last row, seconds.
     pub interval_s: [f64; 2],
     /// The stuck axis; none if all are.
-    pub axis: Option<char>,
+    pub stuck_axis: Option<char>,
 }
 
 /// Intervals with a frozen field or axis while the aircraft moves.
 pub(super) fn frozen_intervals(rows: &[ReplayRow]) -> Vec<FrozenInterval> {
-    let whole = rows.chunk_by(|previous, next| previous.field.ut == next.field.ut).filter_map(frozen_interval);
-    let mut found: Vec<FrozenInterval> = whole.map(|interval_s| FrozenInterval { interval_s, axis: None }).collect();
+    let whole = rows.chunk_by(|previous, next| previous.raw_field.ut == next.raw_field.ut).filter_map(frozen_interval);
+    let mut found: Vec<FrozenInterval> =
+        whole.map(|interval_s| FrozenInterval { interval_s, stuck_axis: None }).collect();
     for (axis, name) in ['x', 'y', 'z'].into_iter().enumerate() {
-        found.extend(stuck_axis(rows, axis).map(|interval_s| FrozenInterval { interval_s, axis: Some(name) }));
+        found.extend(stuck_axis(rows, axis).map(|interval_s| FrozenInterval { interval_s, stuck_axis: Some(name) }));
     }
     found
 }
@@ -57,10 +58,10 @@ fn frozen_interval(run: &[ReplayRow]) -> Option<[f64; 2]> {
 fn stuck_axis(rows: &[ReplayRow], axis: usize) -> impl Iterator<Item = [f64; 2]> + use<'_> {
     let mut rest = rows;
     std::iter::from_fn(move || {
-        let first = rest.first()?.field.ut;
+        let first = rest.first()?.raw_field.ut;
         let (mut least, mut most, limit_ut) = (first[axis], first[axis], MAX_STUCK_AXIS_CHANGE * first.norm());
         let is_same = |row: &&ReplayRow| {
-            (least, most) = (least.min(row.field.ut[axis]), most.max(row.field.ut[axis]));
+            (least, most) = (least.min(row.raw_field.ut[axis]), most.max(row.raw_field.ut[axis]));
             most - least <= limit_ut
         };
         let (run, later) = rest.split_at(rest.iter().take_while(is_same).count().max(1));
@@ -68,8 +69,8 @@ fn stuck_axis(rows: &[ReplayRow], axis: usize) -> impl Iterator<Item = [f64; 2]>
         Some(run)
     })
     .filter_map(move |run| {
-        let strength_ut = run.first()?.field.ut.norm();
-        let others = [1, 2].map(|other| range_of_values(run, |row| row.field.ut[(axis + other) % 3]));
+        let strength_ut = run.first()?.raw_field.ut.norm();
+        let others = [1, 2].map(|other| range_of_values(run, |row| row.raw_field.ut[(axis + other) % 3]));
         frozen_interval(run).filter(|_| others[0].max(others[1]) > MIN_OTHER_AXES_CHANGE * strength_ut)
     })
 }
@@ -87,12 +88,12 @@ mod tests {
             let (part, field) = (f32::from(i) / f32::from(last), Field::from_ut(20.0, 0.0, 40.0));
             ReplayRow {
                 t_s: f64::from(i) / 10.0,
-                field,
-                logged: field,
+                raw_field: field,
+                logged_field: field,
                 attitude: Attitude::from_deg(roll_deg * part, pitch_deg * part),
                 rates_rad_s: None,
                 current_a: None,
-                usable: true,
+                is_usable: true,
                 reference_deg: None,
             }
         };
@@ -128,11 +129,14 @@ mod tests {
             for (i, row) in rows.iter_mut().enumerate() {
                 let heading = i as f32 / 30.0;
                 let ripple = if i % 2 == 0 { y_ut } else { 0.0 };
-                row.field = Field::from_ut(20.0 * libm::cosf(heading), 7.0 + ripple, 40.0 + libm::sinf(heading));
+                row.raw_field = Field::from_ut(20.0 * libm::cosf(heading), 7.0 + ripple, 40.0 + libm::sinf(heading));
             }
             let found = frozen_intervals(&rows);
-            let expected =
-                if is_stuck { vec![FrozenInterval { interval_s: [0.0, 30.0], axis: Some('y') }] } else { Vec::new() };
+            let expected = if is_stuck {
+                vec![FrozenInterval { interval_s: [0.0, 30.0], stuck_axis: Some('y') }]
+            } else {
+                Vec::new()
+            };
             assert_eq!(found, expected, "{y_ut}");
         }
     }

@@ -33,9 +33,9 @@ const MIN_RESIDUAL_RATIO: f64 = 2.0;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HardIronChange {
     /// Time, size and uncertainty of the change.
-    pub step: HardIronStep,
+    pub hard_iron_step: HardIronStep,
     /// Largest effect on a level heading, degrees.
-    pub bend_deg: f64,
+    pub heading_effect_deg: f64,
 }
 
 /// Finds the changes of hard iron, in order of time, by splitting the flight at the most significant one first.
@@ -49,7 +49,7 @@ pub fn find_changes(
 ) -> Vec<HardIronChange> {
     let mut found = Vec::new();
     search_changes(&ChangeSearch { flight, total_ut }, rows, initial, &mut found);
-    found.sort_by(|one, other| one.step.at_s.total_cmp(&other.step.at_s));
+    found.sort_by(|one, other| one.hard_iron_step.time_s.total_cmp(&other.hard_iron_step.time_s));
     found
 }
 
@@ -69,7 +69,7 @@ fn search_changes(
     }
     let Some(step) = find_step(rows, initial).filter(|step| step.size_ut() < search_of.total_ut) else { return };
     let split = |step: &HardIronStep| {
-        let (before, after) = rows.split_at(rows.partition_point(|row| row.t_s < step.at_s));
+        let (before, after) = rows.split_at(rows.partition_point(|row| row.t_s < step.time_s));
         [before, after]
     };
     let solutions = split(&step).map(solve_all_rows);
@@ -82,7 +82,7 @@ fn search_changes(
     let step = best.and_then(|solution| find_step(rows, &solved_correction(solution))).unwrap_or(step);
     let parts = split(&step);
     let Some(bend_deg) = search_of.confirmed_heading_effect_deg(&step, parts, &solutions) else { return };
-    found.push(HardIronChange { step, bend_deg });
+    found.push(HardIronChange { hard_iron_step: step, heading_effect_deg: bend_deg });
     for (part, solution) in parts.into_iter().zip(&solutions) {
         if let Some(solution) = solution {
             search_changes(search_of, part, &solved_correction(solution), found);
@@ -131,7 +131,7 @@ impl ChangeSearch<'_> {
 fn median_residual_ut(rows: &[ReplayRow], correction: &FieldCorrection, solution: &Solution) -> f64 {
     let total_ut = f64::from(solution.calibration.total_ut);
     let vertical_ut = total_ut * libm::sin(f64::from(solution.calibration.inclination_rad));
-    let usable = rows.iter().filter(|row| row.usable);
+    let usable = rows.iter().filter(|row| row.is_usable);
     median(usable.flat_map(|row| {
         let field = row.corrected_field(correction);
         [field.norm() - total_ut, row.down_in_body().dot(&field) - vertical_ut].map(f64::abs)

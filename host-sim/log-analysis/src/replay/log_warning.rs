@@ -102,7 +102,7 @@ impl LogWarning {
     pub fn warnings_of_flight(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<Self> {
         let mut notes = Vec::new();
         let mut add_if = |applies: bool, note: Self| notes.extend(applies.then_some(note));
-        let Flight { counts, parameters, .. } = flight;
+        let Flight { skipped_counts: counts, parameters, .. } = flight;
         let compasses = &evaluation.compasses;
         // Native formats define their units.
         let is_table = flight.format == LogFormat::Csv;
@@ -127,14 +127,15 @@ impl LogWarning {
         let oldest_s = oldest_s.map(|compass| compass.latency.used_s).fold(f64::INFINITY, f64::min);
         notes.extend((oldest_s < -LATE_ATTITUDE_S).then_some(Self::LateAttitude(-oldest_s * 1e3)));
         notes.extend(mounting_changes(flight, evaluation));
-        notes.extend(first_and_others(&flight.components).map(|(own, others)| Self::OtherAutopilots(own, others)));
-        let contradicted = |compass: &&CompassEvaluation| compass.counts.unsettled * 5 > compass.counts.readings;
         notes.extend(
-            compasses.iter().find(contradicted).map(|compass| {
-                Self::RatesContradicted(compass.counts.unsettled * 100 / compass.counts.readings.max(1))
-            }),
+            first_and_others(&flight.autopilot_components).map(|(own, others)| Self::OtherAutopilots(own, others)),
         );
-        notes.extend(first_and_others(&flight.systems).map(|(own, others)| Self::OtherVehicles(own, others)));
+        let contradicted =
+            |compass: &&CompassEvaluation| compass.row_counts.unsettled * 5 > compass.row_counts.readings;
+        notes.extend(compasses.iter().find(contradicted).map(|compass| {
+            Self::RatesContradicted(compass.row_counts.unsettled * 100 / compass.row_counts.readings.max(1))
+        }));
+        notes.extend(first_and_others(&flight.autopilot_systems).map(|(own, others)| Self::OtherVehicles(own, others)));
         let mut add_if = |applies: bool, note: Self| notes.extend(applies.then_some(note));
         add_if(counts.restarts > 0, Self::Restarts(counts.restarts));
         for (number, items) in [
@@ -152,9 +153,11 @@ impl LogWarning {
         {
             add_if(why != GpsCourseRejection::NotLogged, Self::NoGpsCourse(why));
         }
-        add_if(flight.current.is_empty(), Self::NoCurrent);
-        let missing: Vec<String> =
-            compasses.iter().flat_map(|compass| missing_ardupilot_parameters(parameters, compass.number)).collect();
+        add_if(flight.battery_current.is_empty(), Self::NoCurrent);
+        let missing: Vec<String> = compasses
+            .iter()
+            .flat_map(|compass| missing_ardupilot_parameters(parameters, compass.compass_number))
+            .collect();
         let has_none = is_ardupilot && parameters.last_value("COMPASS_OFS_X").is_none() && missing.is_empty();
         add_if(!missing.is_empty(), Self::MissingParameters(missing));
         add_if(has_none, Self::NoParameters);
@@ -169,7 +172,8 @@ fn first_and_others(numbers: &[u8]) -> Option<(u8, Vec<u8>)> {
 }
 
 fn mounting_changes(flight: &Flight, evaluation: &FlightEvaluation) -> Option<LogWarning> {
-    let changes = evaluation.compasses.iter().flat_map(|compass| mounting_parameter_changes(flight, compass.number));
+    let changes =
+        evaluation.compasses.iter().flat_map(|compass| mounting_parameter_changes(flight, compass.compass_number));
     let mut changes: Vec<(String, f64)> = changes.collect();
     // The board's rotation affects every compass.
     changes.sort_by(|(one, _), (other, _)| one.cmp(other));
@@ -190,7 +194,7 @@ fn implausible_strength(
     is_table: bool,
 ) -> Option<LogWarning> {
     let found_ut = compass.radius_ut?;
-    let model_ut = evaluation.earth.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
+    let model_ut = evaluation.earth_field.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
     let [least, most] = model_ut.map_or(EARTH_FIELD_RANGE_UT, |ut| [ut; 2]);
     let is_in =
         |factor: f64| (least * factor / MAX_STRENGTH_RATIO..=most * factor * MAX_STRENGTH_RATIO).contains(&found_ut);
@@ -209,7 +213,7 @@ fn implausible_strength(
     .find(|&(factor, _)| is_table && is_in(factor));
     let other = if is_table { "another unit, or a poor sensor" } else { "a poor sensor, or little was flown" };
     let cause = unit.map_or(other, |(_, unit)| unit);
-    Some(LogWarning::Strength { compass: compass.number, found_ut, model_ut, cause })
+    Some(LogWarning::Strength { compass: compass.compass_number, found_ut, model_ut, cause })
 }
 
 impl fmt::Display for LogWarning {
@@ -318,11 +322,11 @@ impl Serialize for LogWarning {
 
 /// Warning about a sensor that failed: its field ends, or freezes while the aircraft moves.
 pub(super) fn sensor_failure(flight: &Flight, compass: &CompassEvaluation) -> Option<LogWarning> {
-    let number = compass.number;
+    let number = compass.compass_number;
     let duration_s = |frozen: &FrozenInterval| frozen.interval_s[1] - frozen.interval_s[0];
     let longest =
         frozen_intervals(&compass.rows).into_iter().max_by(|one, other| duration_s(one).total_cmp(&duration_s(other)));
-    if let Some(FrozenInterval { interval_s, axis }) = longest {
+    if let Some(FrozenInterval { interval_s, stuck_axis: axis }) = longest {
         return Some(LogWarning::FieldFrozen { compass: number, axis, interval_s });
     }
     let (last, end) = (compass.rows.last()?, flight.attitude.rows().last()?);
@@ -345,11 +349,11 @@ mod tests {
         flight.autopilot = Autopilot::ArduPilot;
         flight.parameters.set_value(0.0, "COMPASS_OFS_X", 1.0);
         flight.attitude.push(0.0, [0.5, 0.0, 0.0]);
-        flight.rates.push(0.0, [0.0; 3]);
-        flight.current.push(0.0, [10.0]);
+        flight.body_rates.push(0.0, [0.0; 3]);
+        flight.battery_current.push(0.0, [10.0]);
         change(&mut flight);
         let evaluation =
-            FlightEvaluation { compasses: Vec::new(), reference: None, earth: None, attitude_interval_s: 0.1 };
+            FlightEvaluation { compasses: Vec::new(), reference: None, earth_field: None, attitude_interval_s: 0.1 };
         LogWarning::warnings_of_flight(&flight, &evaluation).iter().map(ToString::to_string).collect()
     }
 
@@ -366,13 +370,16 @@ mod tests {
                 },
                 "tilts by 1.15 deg at most",
             ),
-            (|flight| flight.systems = vec![3, 7, 9], "system 3 is evaluated; --system selects another (7, 9)"),
-            (|flight| flight.counts.restarts = 2, "restarted 2 time"),
-            (|flight| flight.counts.garbage = 3, "skipped: 3 bytes or lines"),
-            (|flight| flight.counts.bad_times = 4, "skipped: 4 messages with an invalid time"),
-            (|flight| flight.counts.unhealthy = 5, "skipped: 5 readings"),
+            (
+                |flight| flight.autopilot_systems = vec![3, 7, 9],
+                "system 3 is evaluated; --system selects another (7, 9)",
+            ),
+            (|flight| flight.skipped_counts.restarts = 2, "restarted 2 time"),
+            (|flight| flight.skipped_counts.garbage = 3, "skipped: 3 bytes or lines"),
+            (|flight| flight.skipped_counts.bad_times = 4, "skipped: 4 messages with an invalid time"),
+            (|flight| flight.skipped_counts.unhealthy = 5, "skipped: 5 readings"),
             (|flight| flight.parameters.set_value(1.0, "COMPASS_MOTCT", 1.0), "compensates by throttle"),
-            (|flight| flight.current = crate::log::series::Series::new(), "no current is logged"),
+            (|flight| flight.battery_current = crate::log::series::Series::new(), "no current is logged"),
             (|flight| flight.parameters = crate::log::ParameterHistory::default(), "the parameters are not in the log"),
         ];
         for (change, words) in cases {

@@ -78,9 +78,9 @@ impl<'a> ModuleRun<'a> {
         let selection = SelectedParts::new(collector.fit_samples(), collector.procedure());
         RunOutcome {
             solution: self.candidate,
-            accepted: self.outcome.unwrap_or(Err(Refusal::NoSamples)),
-            fitted_s: selection.select_samples(collector.fit_samples()).all().map(sample_time_s).collect(),
-            ended_s: self.ended_s,
+            acceptance: self.outcome.unwrap_or(Err(Refusal::NoSamples)),
+            fitted_times_s: selection.select_samples(collector.fit_samples()).all().map(sample_time_s).collect(),
+            collection_end_s: self.ended_s,
         }
     }
 

@@ -114,8 +114,9 @@ pub fn choose_parameters(
     let sigma_deg =
         sigma_deg.filter(|_| rows.iter().filter(|row| row.reference_deg.is_some()).count() >= MIN_REFERENCE_ROWS);
     let candidate = |variant: &FitVariant| {
-        let export =
-            |solution: &Solution| export_correction(evaluation.number, &rows, &solution.calibration, total_ut, format);
+        let export = |solution: &Solution| {
+            export_correction(evaluation.compass_number, &rows, &solution.calibration, total_ut, format)
+        };
         let exported = export(&variant.fit_of_all_rows)?;
         let halves = [variant.fits_of_halves[0].as_ref()?, variant.fits_of_halves[1].as_ref()?];
         let [Some(first), Some(second)] = halves.map(export) else { return None };
@@ -123,7 +124,7 @@ pub fn choose_parameters(
         let held_back = score_held_back(flight, &rows, &[first, second], &full, format, sigma_deg.is_some())?;
         Some(Candidate { solution: variant.fit_of_all_rows, is_accepted: variant.is_accepted, exported, held_back })
     };
-    let mut candidates = fit.variants.iter().filter_map(candidate);
+    let mut candidates = fit.fit_variants.iter().filter_map(candidate);
     let mut best = candidates.next().ok_or(NoParameters::Unsolved)?;
     for other in candidates {
         if is_motor_significant(&other.solution) && other.held_back.rms_deg < best.held_back.rms_deg {
@@ -135,8 +136,8 @@ pub fn choose_parameters(
     if let Some(limit_mg) = exported.exceeded_offset_mg(flight, format) {
         return Err(NoParameters::OffsetsTooLarge { offset_mg: exported.largest_offset_mg(), limit_mg });
     }
-    exported.held_back = Some(held_back);
-    exported.rows_s = fit.rows_s;
+    exported.held_back_score = Some(held_back);
+    exported.fitted_range_s = fit.fitted_range_s;
     Ok(exported)
 }
 
@@ -206,7 +207,7 @@ fn score_held_back(
     let [first, second] = halves.each_ref().map(|half| applied_field(flight, half, format));
     let full_field = |row: &ReplayRow| row.corrected_field(&full[1 - half_at(row.t_s)]);
     let field = |row: &ReplayRow| if half_at(row.t_s) == 0 { second(row) } else { first(row) };
-    let logged = |row: &ReplayRow| row.logged.ut.map(f64::from);
+    let logged = |row: &ReplayRow| row.logged_field.ut.map(f64::from);
     let [rms_deg, as_logged_rms_deg] = if has_reference {
         let rms = |field: &dyn Fn(&ReplayRow) -> Vector3<f64>| {
             Some(score_rows(rows, |row| Some((heading_deg(row, field(row)), f64::NAN)))?.rms_deg)

@@ -66,7 +66,7 @@ pub struct HeldBackScore {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExportedCorrection {
     /// Number of the compass, from 1.
-    pub number: u8,
+    pub compass_number: u8,
     /// Correction of the field after `rotation`, body axes.
     pub correction: FieldCorrection,
     /// Rotation of the sensor relative to the logged mounting, body axes.
@@ -74,9 +74,9 @@ pub struct ExportedCorrection {
     /// Heading difference to the full solution, degrees: RMS less mean, and mean.
     pub heading_loss_deg: [f64; 2],
     /// First and last row fitted, seconds.
-    pub rows_s: Option<[f64; 2]>,
+    pub fitted_range_s: Option<[f64; 2]>,
     /// Heading error on held-back rows.
-    pub held_back: Option<HeldBackScore>,
+    pub held_back_score: Option<HeldBackScore>,
     /// Warnings: parts of the solution that parameters cannot express, and values that the autopilot would reject.
     pub warnings: Vec<String>,
 }
@@ -138,10 +138,10 @@ pub fn export_correction(
     };
     let fit = SymmetricFit {
         rows: own_rows,
-        turned: &rows,
+        rotated_rows: &rows,
         mounting: q,
         calibration,
-        full,
+        full_correction: full,
         is_diagonal: dialect == ParameterFormat::Inav,
     };
     let exportable = fit.nearest_correction(near);
@@ -157,12 +157,12 @@ pub fn export_correction(
         warnings.push("the mounting of the compass differs from its parameters: check the orientation".to_owned());
     }
     Some(ExportedCorrection {
-        number,
+        compass_number: number,
         correction: exportable,
         rotation: turned,
         heading_loss_deg: lost_deg,
-        rows_s: None,
-        held_back: None,
+        fitted_range_s: None,
+        held_back_score: None,
         warnings,
     })
 }
@@ -176,8 +176,8 @@ pub fn applied_field(
     let text = format_parameter_file(flight, std::slice::from_ref(export), dialect);
     let parameters = parse_parameter_file(&text, &flight.parameters);
     let correction = match dialect {
-        ParameterFormat::ArduPilot => FieldCorrection::from_ardupilot(&parameters, export.number),
-        ParameterFormat::Px4 => FieldCorrection::from_px4(&parameters, export.number),
+        ParameterFormat::ArduPilot => FieldCorrection::from_ardupilot(&parameters, export.compass_number),
+        ParameterFormat::Px4 => FieldCorrection::from_px4(&parameters, export.compass_number),
         ParameterFormat::Inav => inav_correction(&text),
     };
     let q = export.rotation.rotation_matrix();
@@ -213,8 +213,8 @@ fn nearest_mounting(turn: &Matrix3<f64>) -> NumberedRotation {
 }
 
 fn row_in_rotated_axes(row: &ReplayRow, q: &Matrix3<f64>) -> ReplayRow {
-    let field = q * row.field.ut.map(f64::from);
-    ReplayRow { field: Field::new(field.map(|axis| axis as f32)), ..*row }
+    let field = q * row.raw_field.ut.map(f64::from);
+    ReplayRow { raw_field: Field::new(field.map(|axis| axis as f32)), ..*row }
 }
 
 /// Heading difference of two corrections over usable rows, degrees: RMS less mean, and mean.
@@ -227,7 +227,7 @@ fn heading_loss_deg_of(
     let differences: Vec<f64> = rows
         .iter()
         .zip(turned)
-        .filter(|(row, _)| row.usable)
+        .filter(|(row, _)| row.is_usable)
         .map(|(row, turned)| wrap_180(heading_deg(turned, other) - heading_deg(row, full)))
         .collect();
     let number = differences.len().max(1) as f64;
@@ -250,12 +250,12 @@ pub fn format_parameter_file(flight: &Flight, exports: &[ExportedCorrection], di
 }
 
 fn write_comments(text: &mut String, export: &ExportedCorrection) -> std::fmt::Result {
-    write!(text, "# compass {}", export.number)?;
-    if let Some(HeldBackScore { rms_deg, as_logged_rms_deg, is_estimate, .. }) = export.held_back {
+    write!(text, "# compass {}", export.compass_number)?;
+    if let Some(HeldBackScore { rms_deg, as_logged_rms_deg, is_estimate, .. }) = export.held_back_score {
         let estimated = if is_estimate { " (estimated)" } else { "" };
         write!(text, ": {rms_deg:.2} deg RMS on held-back rows, {as_logged_rms_deg:.2} as logged{estimated}")?;
     }
-    if let Some([from_s, to_s]) = export.rows_s {
+    if let Some([from_s, to_s]) = export.fitted_range_s {
         write!(text, "; fitted to {from_s:.0} to {to_s:.0} s of the log")?;
     }
     writeln!(text, "\n# {:.2} deg RMS are lost by what cannot be expressed", export.heading_loss_deg[0])?;
@@ -269,7 +269,7 @@ fn write_ardupilot_parameters(text: &mut String, flight: &Flight, exports: &[Exp
     }
     for export in exports {
         write_comments(text, export)?;
-        let index = if export.number == 1 { String::new() } else { export.number.to_string() };
+        let index = if export.compass_number == 1 { String::new() } else { export.compass_number.to_string() };
         let [offsets, diagonal, off_diagonal] = correction_parts(&export.correction);
         for (name, numbers, decimals) in [
             ("OFS", -offsets * MILLIGAUSS, 2),
@@ -285,8 +285,11 @@ fn write_ardupilot_parameters(text: &mut String, flight: &Flight, exports: &[Exp
         writeln!(text, "COMPASS_SCALE{index},1")?;
         let orient = format!("COMPASS_ORIENT{index}");
         if let Some(now) = flight.parameters.last_value(&orient) {
-            let external =
-                if export.number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{index}") };
+            let external = if export.compass_number == 1 {
+                "COMPASS_EXTERNAL".to_owned()
+            } else {
+                format!("COMPASS_EXTERN{index}")
+            };
             let is_internal = flight.parameters.last_value(&external) == Some(0.0);
             let combined = NumberedRotation::new(now).map(|now| {
                 NumberedRotation::nearest_to_matrix(&(export.rotation.rotation_matrix() * now.rotation_matrix()))
@@ -308,9 +311,12 @@ fn write_ardupilot_parameters(text: &mut String, flight: &Flight, exports: &[Exp
 /// `COMPASS_MOTCT` is common to all compasses: values of another kind (throttle) are set to zero.
 fn zero_other_compensations(text: &mut String, flight: &Flight, exports: &[ExportedCorrection]) -> std::fmt::Result {
     let parameter = |name: &str| flight.parameters.last_value(name).unwrap_or(0.0);
-    let others = flight.compasses.iter().filter(|other| exports.iter().all(|export| export.number != other.number));
+    let others = flight
+        .compasses
+        .iter()
+        .filter(|other| exports.iter().all(|export| export.compass_number != other.compass_number));
     for other in others.filter(|_| parameter("COMPASS_MOTCT").round() as i32 != 2) {
-        let index = if other.number == 1 { String::new() } else { other.number.to_string() };
+        let index = if other.compass_number == 1 { String::new() } else { other.compass_number.to_string() };
         for name in ["X", "Y", "Z"].map(|axis| format!("COMPASS_MOT{index}_{axis}")) {
             if parameter(&name) != 0.0 {
                 writeln!(text, "{name},0")?;
@@ -328,7 +334,7 @@ fn write_px4_parameters(text: &mut String, flight: &Flight, exports: &[ExportedC
     }
     for export in exports {
         write_comments(text, export)?;
-        let index = export.number - 1;
+        let index = export.compass_number - 1;
         let configured_rotation =
             flight.parameters.last_value(&format!("CAL_MAG{index}_ROT")).filter(|number| *number >= 0.0);
         let mounting = export.rotation.rotation_matrix() * px4_mounting(&flight.parameters, f64::INFINITY, index);

@@ -17,11 +17,11 @@ const SKIPPED_AFTER_CHANGE_S: f64 = 1.0;
 #[derive(Clone, Debug)]
 pub struct ParameterFit {
     /// Time of the last change, seconds; none without a change.
-    pub changed_s: Option<f64>,
+    pub last_change_s: Option<f64>,
     /// First and last usable row fitted, seconds; none without usable rows.
-    pub rows_s: Option<[f64; 2]>,
+    pub fitted_range_s: Option<[f64; 2]>,
     /// Fit without the current, and one with it if it estimates motor-current interference.
-    pub variants: Vec<FitVariant>,
+    pub fit_variants: Vec<FitVariant>,
 }
 
 /// Fits of one set of unknowns: to all rows, and to each half.
@@ -40,7 +40,7 @@ impl ParameterFit {
     #[must_use]
     pub fn new(rows: &[ReplayRow], changed_s: Option<f64>, options: &ReplayOptions) -> Self {
         let from_s = changed_s.map_or(f64::NEG_INFINITY, |at_s| at_s + SKIPPED_AFTER_CHANGE_S);
-        let since: Vec<ReplayRow> = rows.iter().filter(|row| row.usable && row.t_s >= from_s).copied().collect();
+        let since: Vec<ReplayRow> = rows.iter().filter(|row| row.is_usable && row.t_s >= from_s).copied().collect();
         let without_current: Vec<ReplayRow> = since.iter().map(|row| ReplayRow { current_a: None, ..*row }).collect();
         let with = FitVariant::new(&since, options);
         let is_by_current = |fit: &FitVariant| fit.fit_of_all_rows.calibration.motor_current.is_applied();
@@ -48,13 +48,17 @@ impl ParameterFit {
             Some(with) => FitVariant::new(&without_current, options).into_iter().chain([with]).collect(),
             None => FitVariant::new(&without_current, options).into_iter().collect(),
         };
-        Self { changed_s, rows_s: since.first().zip(since.last()).map(|(first, last)| [first.t_s, last.t_s]), variants }
+        Self {
+            last_change_s: changed_s,
+            fitted_range_s: since.first().zip(since.last()).map(|(first, last)| [first.t_s, last.t_s]),
+            fit_variants: variants,
+        }
     }
 
     /// Rows to which the parameters are fitted.
     pub fn fitted_rows<'a>(&self, rows: &'a [ReplayRow]) -> impl Iterator<Item = &'a ReplayRow> + use<'a> {
-        let [from_s, to_s] = self.rows_s.unwrap_or([f64::INFINITY; 2]);
-        rows.iter().filter(move |row| row.usable && (from_s..=to_s).contains(&row.t_s))
+        let [from_s, to_s] = self.fitted_range_s.unwrap_or([f64::INFINITY; 2]);
+        rows.iter().filter(move |row| row.is_usable && (from_s..=to_s).contains(&row.t_s))
     }
 }
 

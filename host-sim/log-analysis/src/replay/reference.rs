@@ -59,7 +59,7 @@ impl ReferenceHeading {
     pub fn of_kind(flight: &Flight, kind: ReferenceKind) -> Option<Self> {
         let gps_yaws = || flight.gps.rows().iter().filter(|row| row.values[5].is_finite()).count();
         match kind {
-            ReferenceKind::Simulator => (!flight.truth.is_empty()).then_some(Self::Simulator),
+            ReferenceKind::Simulator => (!flight.true_attitude.is_empty()).then_some(Self::Simulator),
             ReferenceKind::Column => (!flight.reference_heading.is_empty()).then_some(Self::Column),
             ReferenceKind::GpsYaw => (gps_yaws() > 20).then_some(Self::GpsYaw),
             ReferenceKind::GpsCourse => GpsCourseHeading::from_flight(flight).ok().map(Self::GpsCourse),
@@ -132,7 +132,7 @@ impl ReferenceHeading {
     #[must_use]
     pub fn heading_deg(&self, flight: &Flight, t_s: f64) -> Option<f64> {
         let heading_rad = match self {
-            Self::Simulator => flight.truth.interpolate_angles(t_s, MAX_GAP_S)?[2],
+            Self::Simulator => flight.true_attitude.interpolate_angles(t_s, MAX_GAP_S)?[2],
             Self::Column => flight.reference_heading.interpolate_angles(t_s, MAX_GAP_S)?[0],
             Self::GpsCourse(course) => course.heading_rad(t_s)?,
             Self::AutopilotYaw => flight.attitude.interpolate_angles(t_s, MAX_GAP_S)?[2],

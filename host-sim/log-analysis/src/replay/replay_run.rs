@@ -26,7 +26,7 @@ pub fn replay_rows(rows: &[ReplayRow], options: &ReplayOptions) -> ReplayResult 
 pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &ReplayOptions) -> ReplayResult {
     let config = instrument_config(rows);
     let usable = samples_to_fit(rows, config);
-    let run = match options.selected {
+    let run = match options.row_selection {
         RowSelection::All => from_all(&usable, &SolverPrior::new(options, config)),
         RowSelection::Turns => from_procedure(&usable, Procedure::Turns, &SolverPrior::new(options, config)),
         RowSelection::Flight => {
@@ -36,7 +36,7 @@ pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &Replay
             module.into_outcome()
         }
     };
-    let RunOutcome { solution, accepted, fitted_s, ended_s } = run;
+    let RunOutcome { solution, acceptance: accepted, fitted_times_s: fitted_s, collection_end_s: ended_s } = run;
     let shown = solution.as_ref().map_or_else(Vec::new, |solution| compute_headings(rows, flight, solution, config));
     let scored_headings = |heading: fn(&HeadingRow) -> [f64; 2]| {
         let mut each = shown.iter().map(heading);
@@ -45,7 +45,16 @@ pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &Replay
     let (raw, smooth) =
         (scored_headings(|shown| [shown.heading_deg, shown.sigma_deg]), scored_headings(HeadingRow::sent_deg));
     let samples = fitted_s.len();
-    ReplayResult { solution, accepted, samples, fitted_s, ended_s, headings: shown, score: raw, smoothed_score: smooth }
+    ReplayResult {
+        solution,
+        acceptance: accepted,
+        sample_count: samples,
+        fitted_times_s: fitted_s,
+        collection_end_s: ended_s,
+        headings: shown,
+        score: raw,
+        smoothed_score: smooth,
+    }
 }
 
 /// Solves the usable rows, evenly thinned.
@@ -57,7 +66,7 @@ pub(super) fn solve_all_rows(rows: &[ReplayRow]) -> Option<Solution> {
 /// as in flights that are mostly straight, solves the samples that the module would retain of all of them.
 pub(super) fn solve_rows(rows: &[ReplayRow], options: &ReplayOptions) -> (Option<Solution>, bool) {
     let config = instrument_config(rows);
-    let options = ReplayOptions { selected: RowSelection::All, ..*options };
+    let options = ReplayOptions { row_selection: RowSelection::All, ..*options };
     let (samples, known) = (samples_to_fit(rows, config), SolverPrior::new(&options, config));
     let expected_deg = |outcome: &RunOutcome| {
         outcome.solution.as_ref().map_or(f32::INFINITY, |solution| solution.quality.expected_rms_deg)
@@ -69,12 +78,12 @@ pub(super) fn solve_rows(rows: &[ReplayRow], options: &ReplayOptions) -> (Option
             outcome = retained;
         }
     }
-    (outcome.solution, outcome.accepted.is_ok())
+    (outcome.solution, outcome.acceptance.is_ok())
 }
 
 /// Samples of the usable rows.
 fn samples_to_fit(rows: &[ReplayRow], config: InstrumentConfig) -> Vec<Sample> {
-    let usable = rows.iter().filter(|row| row.usable);
+    let usable = rows.iter().filter(|row| row.is_usable);
     let start_s = rows.first().map_or(0.0, |row| row.t_s);
     let mut instrument = Instrument::new(config);
     usable

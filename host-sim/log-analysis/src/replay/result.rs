@@ -35,7 +35,7 @@ impl RowSelection {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReplayOptions {
     /// Rows used for the fit.
-    pub selected: RowSelection,
+    pub row_selection: RowSelection,
     /// Configured inclination of the Earth field, degrees.
     pub inclination_deg: Option<f64>,
     /// Place and day for the field model, used if no inclination is configured and dropped if the samples contradict
@@ -47,7 +47,7 @@ impl ReplayOptions {
     /// Options with a row selection and no prior information.
     #[must_use]
     pub const fn with_selection(selected: RowSelection) -> Self {
-        Self { selected, inclination_deg: None, place_and_day: None }
+        Self { row_selection: selected, inclination_deg: None, place_and_day: None }
     }
 
     /// Configured inclination, else that of the field model, radians.
@@ -97,7 +97,7 @@ pub struct HeadingScore {
     /// Mean, degrees; includes the declination if the reference is true.
     pub mean_deg: f64,
     /// Number of rows.
-    pub rows: usize,
+    pub row_count: usize,
     /// Percentage of demeaned errors within one and two standard deviations.
     pub within_percent: [f64; 2],
 }
@@ -108,13 +108,13 @@ pub struct ReplayResult {
     /// The solution, if any.
     pub solution: Option<Solution>,
     /// Whether the module would have accepted the solution; otherwise the reason, with what the flight lacked.
-    pub accepted: Result<(), Refusal>,
+    pub acceptance: Result<(), Refusal>,
     /// Number of samples fitted.
-    pub samples: usize,
+    pub sample_count: usize,
     /// Times of the fitted samples, seconds after the first row, unordered.
-    pub fitted_s: Vec<f64>,
+    pub fitted_times_s: Vec<f64>,
     /// Time of the automatic end, seconds after the first row.
-    pub ended_s: Option<f64>,
+    pub collection_end_s: Option<f64>,
     /// Headings, one for each row; empty without a solution.
     pub headings: Vec<HeadingRow>,
     /// Score of the heading, with a reference.

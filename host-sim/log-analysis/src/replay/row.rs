@@ -11,9 +11,9 @@ pub struct ReplayRow {
     /// Flight time of the measurement, seconds.
     pub t_s: f64,
     /// Raw field, body axes.
-    pub field: Field<Sensor>,
+    pub raw_field: Field<Sensor>,
     /// The field as the autopilot corrected it, body axes.
-    pub logged: Field<Sensor>,
+    pub logged_field: Field<Sensor>,
     /// The autopilot's attitude.
     pub attitude: Attitude,
     /// Body rates p, q, r, rad/s, if available.
@@ -21,7 +21,7 @@ pub struct ReplayRow {
     /// Battery current, amperes, if known.
     pub current_a: Option<f32>,
     /// Whether the row is used for fit and score.
-    pub usable: bool,
+    pub is_usable: bool,
     /// Reference heading, degrees from an arbitrary north.
     pub reference_deg: Option<f64>,
 }
@@ -38,6 +38,6 @@ impl ReplayRow {
     /// Corrected field, microtesla; an unknown current counts as zero.
     #[must_use]
     pub fn corrected_field(&self, correction: &FieldCorrection) -> Vector3<f64> {
-        correction.correct_field(self.field.ut.map(f64::from), self.current_a.map_or(0.0, f64::from))
+        correction.correct_field(self.raw_field.ut.map(f64::from), self.current_a.map_or(0.0, f64::from))
     }
 }

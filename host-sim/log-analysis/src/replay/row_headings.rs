@@ -45,7 +45,7 @@ pub(super) fn estimate_heading(instrument: &mut Instrument, row: &ReplayRow, sta
     if let Some(amperes) = row.current_a {
         instrument.on_current(at, amperes);
     }
-    instrument.on_reading(at, Reading { field: row.field, saturated: false, overrun: false })
+    instrument.on_reading(at, Reading { field: row.raw_field, is_saturated: false, was_overwritten: false })
 }
 
 /// Attitude report of a row, dated by arrival.
@@ -61,7 +61,7 @@ pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
         EulerRates::from_report(&attitude_report(row.attitude, row.rates_rad_s)).unwrap_or_default();
     let rates = Rates::from_rad_s([roll_rad_s, pitch_rad_s, heading_rad_s]);
     let sample = Sample {
-        field: row.field,
+        field: row.raw_field,
         attitude: row.attitude,
         rates,
         current: Current::UNKNOWN,
@@ -145,7 +145,7 @@ pub(super) fn monitored_changes_ut(rows: &[ReplayRow], flight: &Flight, solution
     let mut feed = RowFeed::new(rows, Some(flight));
     let mut instrument = calibrated_instrument(instrument_config(rows), solution);
     let mut changes: Vec<Vector3<f64>> = Vec::new();
-    for row in rows.iter().filter(|row| row.usable) {
+    for row in rows.iter().filter(|row| row.is_usable) {
         feed.feed_instruments([&mut instrument], row);
         let change = match instrument.installation_change() {
             Some(InstallationChange::HardIron(change)) => Some(change.change_ut.map(f64::from)),
@@ -166,7 +166,7 @@ pub(super) fn score_rows(
         .filter_map(|row| {
             // No heading before the first report and in gaps.
             let (heading_deg, sigma_deg) = heading(row).filter(|(heading_deg, _)| heading_deg.is_finite())?;
-            let reference_deg = row.reference_deg.filter(|_| row.usable)?;
+            let reference_deg = row.reference_deg.filter(|_| row.is_usable)?;
             Some((wrap_180(heading_deg - reference_deg), sigma_deg))
         })
         .collect();
@@ -178,7 +178,7 @@ pub(super) fn score_rows(
     Some(HeadingScore {
         rms_deg: (errors.iter().map(|(error, _)| square(rest(*error))).sum::<f64>() / number).sqrt(),
         mean_deg,
-        rows: errors.len(),
+        row_count: errors.len(),
         within_percent: within_percent(&normalised),
     })
 }

@@ -17,9 +17,9 @@ use crate::score::accepted_by_uncalibrated;
 /// time of the automatic end.
 pub(super) struct RunOutcome {
     pub solution: Option<Solution>,
-    pub accepted: Result<(), Refusal>,
-    pub fitted_s: Vec<f64>,
-    pub ended_s: Option<f64>,
+    pub acceptance: Result<(), Refusal>,
+    pub fitted_times_s: Vec<f64>,
+    pub collection_end_s: Option<f64>,
 }
 
 impl RunOutcome {
@@ -37,10 +37,10 @@ impl RunOutcome {
         let advice = || solution.as_ref()?.advice.filter(Advice::is_worthwhile);
         let missing = || advice().map(|advice| CollectionProblem::MissingManoeuvre(advice.manoeuvre));
         Self {
-            accepted: accepted.map_err(|refusal| refusal.with_cause(lack.or_else(missing))),
+            acceptance: accepted.map_err(|refusal| refusal.with_cause(lack.or_else(missing))),
             solution,
-            fitted_s: fit.all().map(sample_time_s).collect(),
-            ended_s: None,
+            fitted_times_s: fit.all().map(sample_time_s).collect(),
+            collection_end_s: None,
         }
     }
 }

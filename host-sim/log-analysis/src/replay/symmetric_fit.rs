@@ -35,13 +35,13 @@ pub struct SymmetricFit<'a> {
     /// Rows flown.
     pub rows: &'a [ReplayRow],
     /// The same rows, with their fields rotated by the mounting.
-    pub turned: &'a [ReplayRow],
+    pub rotated_rows: &'a [ReplayRow],
     /// Rotation by the mounting.
     pub mounting: Matrix3<f64>,
     /// Calibration, of which `full` is the correction.
     pub calibration: &'a Calibration,
     /// Full correction.
-    pub full: FieldCorrection,
+    pub full_correction: FieldCorrection,
     /// Whether the matrix is diagonal.
     pub is_diagonal: bool,
 }
@@ -106,16 +106,16 @@ impl SymmetricFit<'_> {
     }
 
     fn fitted_rows(&self) -> Vec<FittedRow> {
-        let every = self.rows.iter().filter(|row| row.usable).count().div_ceil(MAX_ROWS).max(1);
+        let every = self.rows.iter().filter(|row| row.is_usable).count().div_ceil(MAX_ROWS).max(1);
         let mut fitted: Vec<FittedRow> = self
             .rows
             .iter()
-            .zip(self.turned)
-            .filter(|(row, _)| row.usable)
+            .zip(self.rotated_rows)
+            .filter(|(row, _)| row.is_usable)
             .step_by(every)
             .map(|(row, turned)| FittedRow {
                 row: *turned,
-                heading_deg: heading_deg(row, &self.full),
+                heading_deg: heading_deg(row, &self.full_correction),
                 root_weight: 1.0,
             })
             .collect();
@@ -128,10 +128,11 @@ impl SymmetricFit<'_> {
     /// Rows that the full correction predicts for all headings at [`BANKS_DEG`] and [`PITCHES_DEG`]; none if it has no
     /// inverse.
     fn rows_of_normal_flight(&self) -> Vec<FittedRow> {
-        let Some(inverse) = self.full.matrix.try_inverse() else { return Vec::new() };
+        let Some(inverse) = self.full_correction.matrix.try_inverse() else { return Vec::new() };
         let Calibration { total_ut, inclination_rad, motor_current, .. } = self.calibration;
         let current_a = motor_current.mean_current_a;
-        let constant_ut = self.full.hard_iron_ut + self.full.motor_ut_per_a * f64::from(current_a);
+        let constant_ut =
+            self.full_correction.hard_iron_ut + self.full_correction.motor_ut_per_a * f64::from(current_a);
         let mut rows = Vec::new();
         for bank_deg in BANKS_DEG {
             for pitch_deg in PITCHES_DEG {
@@ -143,12 +144,12 @@ impl SymmetricFit<'_> {
                     let field = Field::new((self.mounting * field).map(|axis| axis as f32));
                     let row = ReplayRow {
                         t_s: 0.0,
-                        field,
-                        logged: field,
+                        raw_field: field,
+                        logged_field: field,
                         attitude,
                         rates_rad_s: None,
                         current_a: Some(current_a),
-                        usable: true,
+                        is_usable: true,
                         reference_deg: None,
                     };
                     rows.push(FittedRow { row, heading_deg: f64::from(heading_deg), root_weight: 1.0 });

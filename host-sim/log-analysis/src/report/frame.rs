@@ -6,9 +6,9 @@ use crate::numbers::format_number;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
     /// Values at both ends.
-    pub range: [f64; 2],
+    pub value_range: [f64; 2],
     /// Interval of the grid lines.
-    pub step: f64,
+    pub grid_step: f64,
     /// Number of grid lines from one numbered line to the next.
     pub number_every: usize,
 }
@@ -16,7 +16,7 @@ pub struct Axis {
 impl Axis {
     /// Heading axis: lines every 30 deg, numbers every 30 or 90 deg.
     pub const fn headings_deg(numbered_deg: usize) -> Self {
-        Self { range: [0.0, 360.0], step: 30.0, number_every: numbered_deg / 30 }
+        Self { value_range: [0.0, 360.0], grid_step: 30.0, number_every: numbered_deg / 30 }
     }
 
     /// Axis over a range, extended to round steps.
@@ -24,8 +24,12 @@ impl Axis {
         let (least, most) = if least.is_finite() && most.is_finite() { (least, most) } else { (0.0, 1.0) };
         let span = (most - least).max(least.abs() * 1e-6).max(1e-3);
         let step = round_step(span / lines);
-        Self { range: [(least / step).floor() * step, (most / step).ceil() * step], step, number_every: 1 }
-            .rounded_to_step()
+        Self {
+            value_range: [(least / step).floor() * step, (most / step).ceil() * step],
+            grid_step: step,
+            number_every: 1,
+        }
+        .rounded_to_step()
     }
 
     /// Symmetric axis of angles, degrees.
@@ -37,27 +41,27 @@ impl Axis {
             _ => round_step(most / 3.0),
         };
         let end = (most / step).ceil() * step;
-        Self { range: [-end, end], step, number_every: 1 }
+        Self { value_range: [-end, end], grid_step: step, number_every: 1 }
     }
 
     fn rounded_to_step(self) -> Self {
-        let [from, to] = self.range;
-        if to > from { self } else { Self { range: [from, from + self.step], ..self } }
+        let [from, to] = self.value_range;
+        if to > from { self } else { Self { value_range: [from, from + self.grid_step], ..self } }
     }
 
     pub fn grid_values(&self) -> impl Iterator<Item = f64> + use<> {
-        let (step, [from, to]) = (self.step, self.range);
+        let (step, [from, to]) = (self.grid_step, self.value_range);
         let first = (from / step - 1e-6).ceil() as i64;
         let last = (to / step + 1e-6).floor() as i64;
         (first..=last).map(move |line| line as f64 * step)
     }
 
     fn decimals(&self) -> usize {
-        if self.step >= 1.0 { 0 } else { (-libm::log10(self.step) - 1e-9).ceil() as usize }
+        if self.grid_step >= 1.0 { 0 } else { (-libm::log10(self.grid_step) - 1e-9).ceil() as usize }
     }
 
     fn axis_fraction(&self, value: f64) -> f64 {
-        (value - self.range[0]) / (self.range[1] - self.range[0])
+        (value - self.value_range[0]) / (self.value_range[1] - self.value_range[0])
     }
 }
 
@@ -72,7 +76,7 @@ pub struct PlotFrame {
     pub x: Axis,
     pub y: Axis,
     /// Upper left corner of the frame.
-    pub origin: Point,
+    pub upper_left: Point,
     pub size: Point,
 }
 
@@ -84,24 +88,24 @@ impl PlotFrame {
     }
 
     pub fn x_position(&self, x: f64) -> f64 {
-        self.origin[0] + self.x.axis_fraction(x) * self.size[0]
+        self.upper_left[0] + self.x.axis_fraction(x) * self.size[0]
     }
 
     /// Vertical position, clamped to the frame.
     pub fn y_position(&self, y: f64) -> f64 {
-        self.origin[1] + (1.0 - self.y.axis_fraction(y).clamp(0.0, 1.0)) * self.size[1]
+        self.upper_left[1] + (1.0 - self.y.axis_fraction(y).clamp(0.0, 1.0)) * self.size[1]
     }
 
     pub fn bottom(&self) -> f64 {
-        self.origin[1] + self.size[1]
+        self.upper_left[1] + self.size[1]
     }
 
     pub fn centre_x(&self) -> f64 {
-        self.origin[0] + self.size[0] / 2.0
+        self.upper_left[0] + self.size[0] / 2.0
     }
 
     pub fn draw_axes(&self, svg: &mut Svg, x_name: &str, y_name: &str) {
-        let [left, top] = self.origin;
+        let [left, top] = self.upper_left;
         let (right, bottom) = (left + self.size[0], self.bottom());
         for (i, line) in self.x.grid_values().enumerate() {
             let x = self.x_position(line);
@@ -113,10 +117,10 @@ impl PlotFrame {
         }
         for line in self.y.grid_values() {
             let y = self.y_position(line);
-            svg.draw_line(if line.abs() < self.y.step / 2.0 { "zero" } else { "grid" }, [left, y], [right, y]);
+            svg.draw_line(if line.abs() < self.y.grid_step / 2.0 { "zero" } else { "grid" }, [left, y], [right, y]);
             svg.draw_text("tick end", [left - 6.0, y + 4.0], &format_number(line, self.y.decimals()));
         }
-        svg.draw_rectangle("box", self.origin, self.size);
+        svg.draw_rectangle("box", self.upper_left, self.size);
         svg.draw_text("name mid", [self.centre_x(), bottom + 34.0], x_name);
         svg.vertical_text("name mid", [left - 43.0, top + self.size[1] / 2.0], y_name);
     }
@@ -161,7 +165,7 @@ mod tests {
             Axis::symmetric_deg(f64::NAN),
         ] {
             assert!((2..20).contains(&lines(axis).len()), "{axis:?}");
-            assert!(axis.range[1] > axis.range[0], "{axis:?}");
+            assert!(axis.value_range[1] > axis.value_range[0], "{axis:?}");
         }
     }
 
@@ -170,7 +174,7 @@ mod tests {
         let frame = PlotFrame {
             x: Axis::headings_deg(30),
             y: Axis::symmetric_deg(0.8),
-            origin: [50.0, 10.0],
+            upper_left: [50.0, 10.0],
             size: [300.0, 200.0],
         };
         let mut svg = Svg::new(400.0, 300.0);
@@ -191,7 +195,7 @@ mod tests {
         let frame = PlotFrame {
             x: Axis::headings_deg(30),
             y: Axis::symmetric_deg(1.0),
-            origin: [50.0, 10.0],
+            upper_left: [50.0, 10.0],
             size: [360.0, 200.0],
         };
         assert_eq!(frame.plot_point(90.0, 0.0), Some([140.0, 110.0]));

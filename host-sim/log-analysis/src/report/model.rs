@@ -14,9 +14,9 @@ pub struct Report {
     /// Whether a module would have calibrated itself on this flight; only for a log.
     pub module_verdict: Option<String>,
     /// Most important figures, name and value.
-    pub figures: Vec<[String; 2]>,
+    pub key_figures: Vec<[String; 2]>,
     /// Warnings about the log.
-    pub notes: Vec<String>,
+    pub log_warnings: Vec<String>,
     /// Reference of the headings.
     pub reference: ReferenceInfo,
     /// Comparison of calibrators.
@@ -35,7 +35,7 @@ impl Report {
     /// The first compass with an accepted calibration, else the first; shown on the map.
     #[must_use]
     pub fn main_compass(&self) -> Option<&CompassReport> {
-        self.compasses.iter().find(|compass| compass.accepted).or_else(|| self.compasses.first())
+        self.compasses.iter().find(|compass| compass.is_accepted).or_else(|| self.compasses.first())
     }
 }
 
@@ -45,16 +45,16 @@ pub struct VerdictLine {
     /// State of the compass.
     pub state: CompassState,
     /// State of the compass in one word.
-    pub word: &'static str,
+    pub state_word: &'static str,
     /// The verdict.
-    pub text: String,
+    pub verdict_text: String,
 }
 
 /// Origin of a report, besides its flight.
 #[derive(Clone, Debug, Default)]
 pub struct ReportOrigin {
     /// Command line that created the report.
-    pub command: String,
+    pub command_line: String,
     /// Settings, name and value.
     pub settings: Vec<[String; 2]>,
     /// Output of the command.
@@ -71,7 +71,7 @@ pub struct ReferenceInfo {
     /// Name of the reference.
     pub reference_name: String,
     /// Accuracy of the reference heading, in words.
-    pub limits: String,
+    pub accuracy_text: String,
     /// Constant part of the errors on a deviation card, a sentence.
     pub card_constant: String,
     /// Whether the reference is accurate to 2 deg or better, as a deviation card requires.
@@ -84,7 +84,7 @@ pub struct CalibratorComparison {
     /// Names of the compasses.
     pub compasses: Vec<String>,
     /// Calibrators with heading RMS less mean for each compass, degrees.
-    pub rows: Vec<(String, Vec<Option<f64>>)>,
+    pub calibrator_rows: Vec<(String, Vec<Option<f64>>)>,
 }
 
 /// Results of a compass.
@@ -93,13 +93,13 @@ pub struct CompassReport {
     /// Name of the compass.
     pub name: String,
     /// Whether its calibration was accepted, or would have been.
-    pub accepted: bool,
+    pub is_accepted: bool,
     /// Further results, name and value.
     pub facts: Vec<[String; 2]>,
     /// Errors before the calibration.
-    pub before: Vec<DeviationCurve>,
+    pub curves_before: Vec<DeviationCurve>,
     /// Errors after the calibration.
-    pub after: Vec<DeviationCurve>,
+    pub curves_after: Vec<DeviationCurve>,
     /// Expected standard deviation by heading, degrees; as long as a line, or empty.
     pub sigma_deg: Vec<f64>,
     /// Description of the expected standard deviation.
@@ -107,13 +107,13 @@ pub struct CompassReport {
     /// States of the flight in order of time.
     pub samples: Vec<ReportSample>,
     /// Events on the time axis.
-    pub marks: Vec<EventMark>,
+    pub event_marks: Vec<EventMark>,
     /// Correction of the headings before the calibration.
     pub before_name: &'static str,
     /// Correction of the samples' fields.
     pub corrected_by: &'static str,
     /// Earth's field that the corrected field should have: strength, microtesla, and inclination, degrees.
-    pub earth: Option<[f64; 2]>,
+    pub earth_field: Option<[f64; 2]>,
     /// Magnetic heading less the heading of the samples, degrees.
     pub magnetic_offset_deg: f64,
     /// Whether fitted samples are marked.
@@ -146,7 +146,7 @@ impl DeviationCurve {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EventMark {
     /// Seconds on the clock of the samples.
-    pub at_s: f64,
+    pub time_s: f64,
     /// Name in the picture.
     pub name: String,
 }
@@ -155,7 +155,7 @@ pub struct EventMark {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReportSample {
     /// Seconds on the clock of the log, or after the first sample of a mission.
-    pub at_s: f64,
+    pub time_s: f64,
     /// Heading, degrees: reference, else the module's own.
     pub heading_deg: Option<f64>,
     /// Bank, right wing down positive, degrees.

@@ -68,7 +68,7 @@ fn page_sections(report: &Report) -> Vec<PageSection> {
         parts.push(open("parameters", "Parameters to load", sections::parameters_section(name, text)));
     }
     parts.push(open("findings", "Findings", sections::findings_section(report)));
-    if !report.calibrators.rows.is_empty() {
+    if !report.calibrators.calibrator_rows.is_empty() {
         parts.push(part("compasses", "Compasses side by side", sections::comparison_section(report)));
     }
     for (i, compass) in report.compasses.iter().enumerate() {

@@ -21,7 +21,7 @@ use crate::score::wrap_180;
 pub fn report_replay(verdict: &Verdict<'_>, log: &str, made: &ReportOrigin) -> Report {
     let evaluation = verdict.evaluation;
     let lines = [
-        ("command", made.command.clone()),
+        ("command", made.command_line.clone()),
         ("made by", format!("Autoswing {}", env!("CARGO_PKG_VERSION"))),
         ("log", verdict.log_description(log)),
     ];
@@ -30,12 +30,16 @@ pub fn report_replay(verdict: &Verdict<'_>, log: &str, made: &ReportOrigin) -> R
         title: format!("Flight {}", log.rsplit(['/', '\\']).next().unwrap_or(log)),
         verdicts: verdict.compasses_in_use_first().into_iter().map(verdict_line).collect(),
         module_verdict: Some(verdict.outcome.to_string()),
-        figures: figures(verdict),
-        notes: verdict.notes.iter().map(ToString::to_string).collect(),
+        key_figures: figures(verdict),
+        log_warnings: verdict.log_warnings.iter().map(ToString::to_string).collect(),
         reference: reference_info(evaluation),
         calibrators: CalibratorComparison {
-            compasses: evaluation.compasses.iter().map(|compass| format!("compass {}", compass.number)).collect(),
-            rows: rows.collect(),
+            compasses: evaluation
+                .compasses
+                .iter()
+                .map(|compass| format!("compass {}", compass.compass_number))
+                .collect(),
+            calibrator_rows: rows.collect(),
         },
         compasses: verdict.compasses.iter().map(|compass| compass_report(verdict, compass)).collect(),
         parameters: made.parameters.clone(),
@@ -57,7 +61,7 @@ fn verdict_line(compass: &CompassVerdict<'_>) -> VerdictLine {
         CompassState::Doubtful => "Doubtful",
         CompassState::Bad => "Bad",
     };
-    VerdictLine { state, word, text: compass.summary_sentence() }
+    VerdictLine { state, state_word: word, verdict_text: compass.summary_sentence() }
 }
 
 fn reference_info(verdict: &FlightEvaluation) -> ReferenceInfo {
@@ -65,7 +69,7 @@ fn reference_info(verdict: &FlightEvaluation) -> ReferenceInfo {
         Some(reference) => ReferenceInfo {
             difference_name: reference.difference_name(),
             reference_name: reference.reference_name().to_owned(),
-            limits: format!(
+            accuracy_text: format!(
                 "{}; the mean difference, which declination and mounting cause, is subtracted",
                 reference.limits_text()
             ),
@@ -78,7 +82,7 @@ fn reference_info(verdict: &FlightEvaluation) -> ReferenceInfo {
         None => ReferenceInfo {
             difference_name: "correction",
             reference_name: "the module's own heading".to_owned(),
-            limits: "the log has no reference heading; shown is the change by the module".to_owned(),
+            accuracy_text: "the log has no reference heading; shown is the change by the module".to_owned(),
             card_constant: String::new(),
             is_accurate: false,
         },
@@ -94,8 +98,8 @@ fn figures(verdict: &Verdict<'_>) -> Vec<[String; 2]> {
             figures.push([label, format!("{} {unit}", format_number(value, decimals))]);
         }
     };
-    let number = compass.evaluation.number;
-    let held_back = compass.parameters.as_ref().ok().and_then(|export| export.held_back);
+    let number = compass.evaluation.compass_number;
+    let held_back = compass.parameters.as_ref().ok().and_then(|export| export.held_back_score);
     let word = reference_info(verdict.evaluation).difference_name;
     let rms_of = |source: CorrectionSource| Some(compass.evaluation.correction_from(source)?.score?.rms_deg);
     let as_logged = rms_of(CorrectionSource::Autopilot).or(rms_of(CorrectionSource::Uncorrected));
@@ -125,15 +129,15 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
         has_reference: evaluation.reference.is_some(),
     };
     let mut report = CompassReport {
-        name: format!("Compass {}", compass.number),
-        accepted: compass.module.accepted.is_ok(),
+        name: format!("Compass {}", compass.compass_number),
+        is_accepted: compass.module_result.acceptance.is_ok(),
         facts,
         sigma_description: "the mean sigma that the module sends with its headings",
         samples: report_samples(flight, compass, replay_result, &shown),
-        marks: event_marks(compass),
+        event_marks: event_marks(compass),
         before_name: logged_correction_source(compass).source_name(),
         corrected_by: if exported.is_some() { "with the parameters to load" } else { "by the module" },
-        earth: solution.map(|s| expected_earth(evaluation, &s.calibration, exported.is_some())),
+        earth_field: solution.map(|s| expected_earth(evaluation, &s.calibration, exported.is_some())),
         has_fitted_marks: true,
         advice: solution.and_then(|s| s.advice).map(|advice| {
             let [now, then] =
@@ -167,13 +171,13 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
             constant_deg,
         })
     };
-    let module = if replay_result.accepted.is_ok() { "module" } else { "module, but refused" };
+    let module = if replay_result.acceptance.is_ok() { "module" } else { "module, but refused" };
     let before = line(logged_correction_source(compass).source_name(), means[0], |sample| sample.error_before_deg);
     let after = [
         line("parameters", means[1], |sample| sample.error_parameters_deg),
         line(module, means[2], |sample| sample.error_deg),
     ];
-    (report.before, report.after) = (before.into_iter().collect(), after.into_iter().flatten().collect());
+    (report.curves_before, report.curves_after) = (before.into_iter().collect(), after.into_iter().flatten().collect());
     if solution.is_some() {
         let sigma = means_by_heading(&report.samples, |sample| sample.sigma_deg);
         report.sigma_deg = sigma.into_iter().map(|sigma| sigma.unwrap_or(f64::NAN)).collect();
@@ -184,14 +188,14 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
 /// Declination by the field model, degrees, for a reference from true north.
 fn declination_deg(evaluation: &FlightEvaluation) -> Option<f64> {
     let is_true = evaluation.reference.as_ref().is_some_and(|reference| !matches!(reference, ReferenceHeading::Column));
-    let (earth, _) = evaluation.earth.as_ref().filter(|_| is_true)?;
+    let (earth, _) = evaluation.earth_field.as_ref().filter(|_| is_true)?;
     earth.declination_deg.map(f64::from)
 }
 
 /// Strength, microtesla, and inclination, degrees, that a corrected field should have: exported parameters have the
 /// scale of the field model, a calibration its own.
 fn expected_earth(evaluation: &FlightEvaluation, calibration: &Calibration, is_exported: bool) -> [f64; 2] {
-    let modelled = evaluation.earth.as_ref().filter(|_| is_exported).map(|(earth, _)| earth.total_ut);
+    let modelled = evaluation.earth_field.as_ref().filter(|_| is_exported).map(|(earth, _)| earth.total_ut);
     let inclination_deg = calibration.inclination_rad.to_degrees();
     [modelled.unwrap_or(calibration.total_ut), inclination_deg].map(f64::from)
 }
@@ -207,12 +211,13 @@ fn logged_correction_source(compass: &CompassEvaluation) -> CorrectionSource {
 
 fn event_marks(compass: &CompassEvaluation) -> Vec<EventMark> {
     let first_s = compass.rows.first().map_or(0.0, |row| row.t_s);
-    let calibrated = compass.module.ended_s.map(|at_s| EventMark {
-        at_s: first_s + at_s,
-        name: if compass.module.accepted.is_ok() { "would have calibrated" } else { "would have solved" }.to_owned(),
+    let calibrated = compass.module_result.collection_end_s.map(|at_s| EventMark {
+        time_s: first_s + at_s,
+        name: if compass.module_result.acceptance.is_ok() { "would have calibrated" } else { "would have solved" }
+            .to_owned(),
     });
-    let changed = compass.changes.iter().map(|HardIronChange { step, .. }| EventMark {
-        at_s: step.at_s,
+    let changed = compass.hard_iron_changes.iter().map(|HardIronChange { hard_iron_step: step, .. }| EventMark {
+        time_s: step.time_s,
         name: format!("iron changed by {} uT, most on {}", format_number(step.size_ut(), 1), step.axis()),
     });
     calibrated.into_iter().chain(changed).collect()
@@ -249,12 +254,12 @@ fn report_samples(
             ..shown.report_sample(row, replay_result.headings.get(i))
         })
         .collect();
-    for fitted_s in replay_result.fitted_s.iter().map(|since_s| since_s + first.t_s) {
+    for fitted_s in replay_result.fitted_times_s.iter().map(|since_s| since_s + first.t_s) {
         // The nearest row, since samples are means and their clock has milliseconds.
-        let after = samples.partition_point(|sample| sample.at_s < fitted_s).min(samples.len() - 1);
+        let after = samples.partition_point(|sample| sample.time_s < fitted_s).min(samples.len() - 1);
         let near = [after.saturating_sub(1), after];
         let time_difference =
-            |i: &usize| samples.get(*i).map_or(f64::INFINITY, |sample| (sample.at_s - fitted_s).abs());
+            |i: &usize| samples.get(*i).map_or(f64::INFINITY, |sample| (sample.time_s - fitted_s).abs());
         let nearest = near.into_iter().min_by(|a, b| time_difference(a).total_cmp(&time_difference(b)));
         if let Some(sample) = nearest.and_then(|nearest| samples.get_mut(nearest)) {
             sample.is_fitted = true;
@@ -265,8 +270,8 @@ fn report_samples(
 
 impl ShownCorrections<'_> {
     fn report_sample(&self, row: &ReplayRow, module: Option<&HeadingRow>) -> ReportSample {
-        let raw = row.field.ut.map(f64::from);
-        let logged = row.logged.ut.map(f64::from);
+        let raw = row.raw_field.ut.map(f64::from);
+        let logged = row.logged_field.ut.map(f64::from);
         let with_parameters = self.parameters.map(|field| field(row));
         let before_deg = heading_deg(row, if self.is_logged { logged } else { raw });
         let module_deg = module.map(|module| module.heading_deg).filter(|deg| deg.is_finite());
@@ -274,10 +279,13 @@ impl ShownCorrections<'_> {
         let error_deg = |heading_deg: f64| Some(wrap_180(heading_deg - compared_deg?));
         let by_module = |solution: &Solution| {
             let calibration = &solution.calibration;
-            calibration.calibrated_field(calibration.remove_motor_current(row.field, row.current_a)).ut.map(f64::from)
+            calibration
+                .calibrated_field(calibration.remove_motor_current(row.raw_field, row.current_a))
+                .ut
+                .map(f64::from)
         };
         ReportSample {
-            at_s: row.t_s,
+            time_s: row.t_s,
             heading_deg: row.reference_deg.or(module_deg).or(Some(before_deg)).map(|deg| deg.rem_euclid(360.0)),
             roll_deg: f64::from(row.attitude.roll_rad.to_degrees()),
             pitch_deg: f64::from(row.attitude.pitch_rad.to_degrees()),
@@ -291,7 +299,7 @@ impl ShownCorrections<'_> {
                 .and_then(|field| error_deg(heading_deg(row, field))),
             error_deg: module_deg.filter(|_| self.has_reference).and_then(error_deg),
             sigma_deg: module.map(|module| module.sigma_deg).filter(|deg| deg.is_finite()),
-            is_usable: row.usable,
+            is_usable: row.is_usable,
             is_heading_withheld: module.is_some_and(|module| module.status.is_err()),
             ..ReportSample::default()
         }
@@ -355,7 +363,7 @@ mod tests {
         let verdict = evaluate_flight(
             &flight,
             &EvaluationOptions {
-                selected: RowSelection::Flight,
+                row_selection: RowSelection::Flight,
                 field_latency_s: Some(0.0),
                 ..EvaluationOptions::DEFAULT
             },
@@ -382,17 +390,20 @@ mod tests {
     #[test]
     fn a_refused_calibration_is_labelled_as_refused() {
         let automatic = report(|_, _| {});
-        let refused = report(|_, verdict| verdict.compasses[0].module.accepted = REFUSED);
+        let refused = report(|_, verdict| verdict.compasses[0].module_result.acceptance = REFUSED);
         for (report, line, mark, words) in [
             (&automatic, "module", "would have calibrated", "would have calibrated itself at"),
             (&refused, "module, but refused", "would have solved", "would have been refused: not-converged"),
         ] {
             let compass = &report.compasses[0];
-            assert_eq!((compass.after.last().unwrap().name.as_str(), compass.marks[0].name.as_str()), (line, mark));
+            assert_eq!(
+                (compass.curves_after.last().unwrap().name.as_str(), compass.event_marks[0].name.as_str()),
+                (line, mark)
+            );
             assert!(fact(report, "module").unwrap().starts_with(words), "{:?}", compass.facts);
         }
-        let on_request = report(|_, verdict| verdict.compasses[0].module.ended_s = None);
-        assert!(on_request.compasses[0].marks.is_empty());
+        let on_request = report(|_, verdict| verdict.compasses[0].module_result.collection_end_s = None);
+        assert!(on_request.compasses[0].event_marks.is_empty());
         assert_eq!(fact(&on_request, "module").unwrap(), "would have calibrated by a command at the end");
     }
 
@@ -403,14 +414,14 @@ mod tests {
             // 30 s of the log precede the first row.
             compass.rows.drain(..300);
             let at_s = compass.rows[0].t_s + 50.0;
-            compass.module.ended_s = Some(90.0);
-            let step = HardIronStep { at_s, step_ut: [1.0, -8.0, 0.0], sigma_ut: [0.1; 3] };
-            compass.changes = vec![HardIronChange { step, bend_deg: 15.0 }];
+            compass.module_result.collection_end_s = Some(90.0);
+            let step = HardIronStep { time_s: at_s, step_ut: [1.0, -8.0, 0.0], sigma_ut: [0.1; 3] };
+            compass.hard_iron_changes = vec![HardIronChange { hard_iron_step: step, heading_effect_deg: 15.0 }];
         });
-        let [calibrated, changed] = report.compasses[0].marks.as_slice() else { panic!("two marks") };
+        let [calibrated, changed] = report.compasses[0].event_marks.as_slice() else { panic!("two marks") };
         // On the log's clock.
         let first_s = FLOWN.1.compasses[0].rows[300].t_s;
-        assert!((calibrated.at_s - first_s - 90.0).abs() < 1e-9 && (changed.at_s - first_s - 50.0).abs() < 1e-9);
+        assert!((calibrated.time_s - first_s - 90.0).abs() < 1e-9 && (changed.time_s - first_s - 50.0).abs() < 1e-9);
         assert_eq!(changed.name, "iron changed by 8.1 uT, most on y");
     }
 
@@ -420,7 +431,7 @@ mod tests {
             let report = report(|_, verdict| {
                 let day = Date::from_unix_s(1_767_484_800).unwrap();
                 let earth = EarthField::from_model(Position::new(48.0, 11.3, 500.0).unwrap(), day).unwrap();
-                verdict.earth = Some((earth, is_valid));
+                verdict.earth_field = Some((earth, is_valid));
             });
             assert!(fact(&report, "strength").unwrap().ends_with(words), "{words}");
         }
@@ -430,28 +441,30 @@ mod tests {
     fn the_before_curve_is_the_autopilot_s_correction() {
         let logged = report(|_, _| {});
         let raw = report(|_, verdict| {
-            verdict.compasses[0].corrections.retain(|correction| correction.source != CorrectionSource::Autopilot);
+            verdict.compasses[0]
+                .corrections
+                .retain(|correction| correction.correction_source != CorrectionSource::Autopilot);
         });
         let rows = &FLOWN.1.compasses[0].rows;
         for (report, name, is_logged) in [(&logged, "as logged", true), (&raw, "uncorrected", false)] {
             let compass = &report.compasses[0];
-            assert_eq!(compass.before[0].name, name);
+            assert_eq!(compass.curves_before[0].name, name);
             // Errors have their mean removed, so differences between rows are compared.
             let difference_deg = |i: usize| {
                 let row = &rows[i];
-                let ut = if is_logged { row.logged.ut } else { row.field.ut };
+                let ut = if is_logged { row.logged_field.ut } else { row.raw_field.ut };
                 heading_deg(row, ut.map(f64::from)) - row.reference_deg.unwrap()
             };
             let shown = |i: usize| compass.samples[i].error_before_deg.unwrap();
             let off_deg = wrap_180(shown(500) - shown(1500) - (difference_deg(500) - difference_deg(1500)));
             assert!(off_deg.abs() < 1e-6, "{name}: {off_deg}");
         }
-        assert!(figure(&logged, "as logged") != figure(&raw, "as logged"), "{:?}", raw.figures);
+        assert!(figure(&logged, "as logged") != figure(&raw, "as logged"), "{:?}", raw.key_figures);
     }
 
     fn figure(report: &Report, name_part: &str) -> String {
         report
-            .figures
+            .key_figures
             .iter()
             .find(|[name, _]| name.contains(name_part))
             .map(|[_, value]| value.clone())
@@ -477,12 +490,12 @@ mod tests {
             assert_eq!(report.reference.difference_name, word);
             let has_card = crate::report::render_page(&report).contains("Deviation card");
             assert_eq!(has_card, word == "error", "a card is for a known accuracy");
-            assert!(!figure(&report, &format!("{word} as logged")).is_empty(), "{:?}", report.figures);
+            assert!(!figure(&report, &format!("{word} as logged")).is_empty(), "{:?}", report.key_figures);
             let usable = || report.compasses[0].samples.iter().filter(|moment| moment.is_usable).skip(20);
             assert_eq!(usable().all(|moment| moment.error_deg.is_some()), reference.is_some(), "{word}");
             // Without a reference, the difference between the module's and the autopilot's heading is shown.
             assert!(usable().all(|moment| moment.error_before_deg.is_some()), "{word}");
-            assert_eq!(report.compasses[0].after.is_empty(), reference.is_none(), "{word}");
+            assert_eq!(report.compasses[0].curves_after.is_empty(), reference.is_none(), "{word}");
         }
     }
 
@@ -493,7 +506,7 @@ mod tests {
         {
             let report = report(|flight, verdict| {
                 flight.parameters = ParameterHistory::default();
-                verdict.compasses[0].is_used = is_used;
+                verdict.compasses[0].is_used_for_heading = is_used;
             });
             assert_eq!(fact(&report, "autopilot").as_deref(), words);
         }

@@ -36,7 +36,7 @@ const SAMPLE_COLUMNS: [Column; 17] = [
 
 /// Whether a compass has data for the charts.
 pub fn has_samples(compass: &CompassReport) -> bool {
-    !compass.samples.is_empty() || !compass.before.is_empty()
+    !compass.samples.is_empty() || !compass.curves_before.is_empty()
 }
 
 /// The samples in columns of hundredths (missing: null), `kinds` with a digit for each (1 usable, 2 fitted, 4 without a
@@ -57,17 +57,17 @@ pub fn samples_json(compass: &CompassReport, error_name: &str) -> Value {
         };
         curves.iter().map(curve).collect()
     };
-    let marks = compass.marks.iter().filter(|mark| mark.at_s.is_finite());
+    let marks = compass.event_marks.iter().filter(|mark| mark.time_s.is_finite());
     json!({
         "error": error_name,
         "before_name": compass.before_name,
-        "earth": compass.earth.filter(|earth| earth.iter().all(|number| number.is_finite())),
+        "earth": compass.earth_field.filter(|earth| earth.iter().all(|number| number.is_finite())),
         "offset": compass.magnetic_offset_deg,
         "t": rows.iter().map(|(at_s, _)| to_hundredths(*at_s)).collect::<Vec<_>>(),
         "columns": columns,
         "kinds": kinds,
-        "marks": marks.map(|mark| json!({ "at": mark.at_s, "name": mark.name })).collect::<Vec<_>>(),
-        "curves": { "before": curves(&compass.before), "after": curves(&compass.after) },
+        "marks": marks.map(|mark| json!({ "at": mark.time_s, "name": mark.name })).collect::<Vec<_>>(),
+        "curves": { "before": curves(&compass.curves_before), "after": curves(&compass.curves_after) },
     })
 }
 
@@ -107,16 +107,16 @@ fn drawn_samples(samples: &[ReportSample]) -> Vec<&ReportSample> {
 
 /// Samples with their times, and none in the middle of each gap.
 fn with_gaps<'a>(samples: &[&'a ReportSample]) -> Vec<(f64, Option<&'a ReportSample>)> {
-    let span_s = samples.first().zip(samples.last()).map_or(0.0, |(first, last)| last.at_s - first.at_s);
+    let span_s = samples.first().zip(samples.last()).map_or(0.0, |(first, last)| last.time_s - first.time_s);
     let gap_s = LINE_GAP_S.max(LINE_GAP_STEPS * span_s / samples.len().max(1) as f64);
     let mut rows = Vec::new();
     let mut last_s = f64::INFINITY;
-    for sample in samples.iter().filter(|sample| sample.at_s.is_finite()) {
-        if sample.at_s - last_s > gap_s {
-            rows.push((sample.at_s.midpoint(last_s), None));
+    for sample in samples.iter().filter(|sample| sample.time_s.is_finite()) {
+        if sample.time_s - last_s > gap_s {
+            rows.push((sample.time_s.midpoint(last_s), None));
         }
-        last_s = sample.at_s;
-        rows.push((sample.at_s, Some(*sample)));
+        last_s = sample.time_s;
+        rows.push((sample.time_s, Some(*sample)));
     }
     rows
 }
@@ -127,7 +127,7 @@ mod tests {
 
     fn flight(number: u32) -> CompassReport {
         let sample = |i: u32| ReportSample {
-            at_s: f64::from(i) * 0.02,
+            time_s: f64::from(i) * 0.02,
             raw_ut: Some([f64::from(i % 7), 0.0, 40.0]),
             error_deg: Some(f64::from(i % 5)),
             is_usable: !(100..200).contains(&i),
@@ -161,7 +161,7 @@ mod tests {
         let (kinds, empty) = rows(&compass);
         assert_eq!((&kinds[..2], &kinds[150..151], empty), ("51", "0", 0));
         for sample in &mut compass.samples[200..] {
-            sample.at_s += 100.0;
+            sample.time_s += 100.0;
         }
         assert_eq!(rows(&compass).1, 1);
         let empty = samples_json(&CompassReport::default(), "error");

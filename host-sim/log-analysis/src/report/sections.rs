@@ -15,8 +15,8 @@ pub fn verdict_section(report: &Report) -> String {
 /// Figures, reference, the module's result and doubts.
 pub fn findings_section(report: &Report) -> String {
     let mut html: Vec<String> = Vec::new();
-    if !report.figures.is_empty() {
-        let rows = concat_map(&report.figures, |[label, value]| {
+    if !report.key_figures.is_empty() {
+        let rows = concat_map(&report.key_figures, |[label, value]| {
             format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(label), escape_html(value))
         });
         html.push(format!("<dl class=\"figures\">\n{rows}</dl>\n"));
@@ -25,7 +25,7 @@ pub fn findings_section(report: &Report) -> String {
         html.push(format!(
             "<p>Headings are compared with {}: {}. A difference is called {} here.</p>\n",
             escape_html(&report.reference.reference_name),
-            escape_html(&report.reference.limits),
+            escape_html(&report.reference.accuracy_text),
             escape_html(report.reference.difference_name)
         ));
     }
@@ -35,8 +35,8 @@ pub fn findings_section(report: &Report) -> String {
             escape_html(module_verdict.trim_end_matches('.'))
         ));
     }
-    if !report.notes.is_empty() {
-        let notes = concat_map(&report.notes, |note| format!("<li>{}</li>\n", escape_html(note)));
+    if !report.log_warnings.is_empty() {
+        let notes = concat_map(&report.log_warnings, |note| format!("<li>{}</li>\n", escape_html(note)));
         html.push(format!("<ul>\n{notes}</ul>\n"));
     }
     html.concat()
@@ -50,15 +50,15 @@ fn verdict_line(line: &VerdictLine) -> String {
     };
     format!(
         "<p class=\"verdict {class}\"><span aria-hidden=\"true\">{sign}</span> <b>{}.</b> {}.</p>\n",
-        line.word,
-        escape_html(&capitalised(line.text.trim_end_matches('.')))
+        line.state_word,
+        escape_html(&capitalised(line.verdict_text.trim_end_matches('.')))
     )
 }
 
 /// Comparison of calibrators and compasses.
 pub fn comparison_section(report: &Report) -> String {
     let names: Vec<&str> = report.calibrators.compasses.iter().map(String::as_str).collect();
-    let rows = report.calibrators.rows.iter().map(|(name, cells)| {
+    let rows = report.calibrators.calibrator_rows.iter().map(|(name, cells)| {
         let cells = cells.iter().map(|cell| format_optional(*cell, 2)).collect();
         (name.clone(), cells)
     });
@@ -80,7 +80,8 @@ type Chart = (&'static str, &'static str, String);
 fn charts(compass_report: &CompassReport, word: &str) -> Vec<Chart> {
     let has = |of: fn(&ReportSample) -> bool| compass_report.samples.iter().any(of);
     let by = compass_report.corrected_by;
-    let marks = concat_map(&compass_report.marks, |mark| format!(" {} s: {}.", format_number(mark.at_s, 0), mark.name));
+    let marks =
+        concat_map(&compass_report.event_marks, |mark| format!(" {} s: {}.", format_number(mark.time_s, 0), mark.name));
     let chart = |is: bool, kind, title, description| is.then_some((kind, title, description));
     [
         chart(
@@ -99,7 +100,7 @@ fn charts(compass_report: &CompassReport, word: &str) -> Vec<Chart> {
             format!("{}, mean subtracted, with one sigma of the module.{}", capitalised(word), withheld_headings_note(compass_report)),
         ),
         chart(
-            !compass_report.before.is_empty(),
+            !compass_report.curves_before.is_empty(),
             "by_heading",
             "Heading by heading",
             format!("{} of each heading, and means. Choose a name in the legend to hide it.", capitalised(word)),
@@ -189,19 +190,21 @@ pub fn compass_section(id: &str, compass_report: &CompassReport, compared: &Refe
 
 /// Deviation card, as used with ships' compasses.
 fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> String {
-    let Some(first) = compass_report.before.first().or(compass_report.after.first()) else { return String::new() };
+    let Some(first) = compass_report.curves_before.first().or(compass_report.curves_after.first()) else {
+        return String::new();
+    };
     let sectors = first.errors_deg.len();
     let step = 360 / sectors.max(1);
     let has_sigma = compass_report.sigma_deg.len() == sectors;
     let column = |when: &str, line: &DeviationCurve| format!("{when}: {}", line.name);
-    let mut columns: Vec<String> = compass_report.before.iter().map(|line| column("before", line)).collect();
-    columns.extend(compass_report.after.iter().map(|line| column("after", line)));
+    let mut columns: Vec<String> = compass_report.curves_before.iter().map(|line| column("before", line)).collect();
+    columns.extend(compass_report.curves_after.iter().map(|line| column("after", line)));
     if has_sigma {
         columns.push("sigma".to_owned());
     }
     let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
     let row = |i: usize| {
-        let lines = compass_report.before.iter().chain(&compass_report.after);
+        let lines = compass_report.curves_before.iter().chain(&compass_report.curves_after);
         let mut cells: Vec<String> = lines.map(|line| format_optional(line.card_deg(i), 2)).collect();
         if has_sigma {
             let sigma = format_optional(compass_report.sigma_deg.get(i).copied(), 2);
@@ -258,7 +261,7 @@ pub fn origin_section(report: &Report) -> String {
 }
 
 fn html_figure(id: &str, picture: &Picture) -> String {
-    let class = if picture.is_wide { "wide" } else { "narrow" };
+    let class = if picture.needs_full_width { "wide" } else { "narrow" };
     format!(
         "<figure class=\"{class}\"><div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"{title}: picture\">\n{}\
          </div><figcaption><b>{title}.</b> {}</figcaption></figure>\n",

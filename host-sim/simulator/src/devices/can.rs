@@ -29,11 +29,11 @@ pub struct CanFaults {
     /// Seed of the faults.
     pub seed: u64,
     /// Share of frames that are lost.
-    pub loss: f32,
+    pub loss_share: f32,
     /// Share of frames that are received twice.
-    pub duplication: f32,
+    pub duplication_share: f32,
     /// Share of frames that are received up to 5 ms late, after later ones.
-    pub reordering: f32,
+    pub reordering_share: f32,
 }
 
 /// Error of the bus.
@@ -166,7 +166,8 @@ impl State {
     fn broadcast_frame(&mut self, sender: usize, frame: &CanFrame, now_us: u64) {
         self.frames += 1;
         self.free_at_us = self.free_at_us.max(now_us) + EMPTY_FRAME_US + DATA_BYTE_US * frame.data().len() as u64;
-        let CanFaults { loss, duplication, reordering, .. } = self.faults;
+        let CanFaults { loss_share: loss, duplication_share: duplication, reordering_share: reordering, .. } =
+            self.faults;
         for (_, inbox) in self.nodes.iter_mut().enumerate().filter(|(node, _)| *node != sender) {
             let mut happens = |share: f32| share > 0.0 && self.random.uniform(0.0, 1.0) < share;
             if happens(loss) {

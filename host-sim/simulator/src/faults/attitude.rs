@@ -219,13 +219,13 @@ pub struct Alignment {
     /// Periods of roll and pitch, seconds.
     pub periods_s: [f64; 2],
     /// Duration, seconds.
-    pub for_s: f64,
+    pub duration_s: f64,
 }
 
 impl Alignment {
     /// Adds the error at a time after the start.
     fn add_error(&self, after_s: f64, message: &mut ATTITUDE_DATA) {
-        let swing_rad = self.amplitude_deg.to_radians() * (1.0 - after_s / self.for_s).clamp(0.0, 1.0);
+        let swing_rad = self.amplitude_deg.to_radians() * (1.0 - after_s / self.duration_s).clamp(0.0, 1.0);
         for (angle, period_s) in [&mut message.roll, &mut message.pitch].into_iter().zip(self.periods_s) {
             *angle += (swing_rad * libm::sin(TAU * after_s / period_s)) as f32;
         }

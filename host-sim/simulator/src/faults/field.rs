@@ -138,7 +138,7 @@ pub struct MountTurn {
 
 impl FieldFault for MountTurn {
     fn added_ut(&self, truth: &TrueState) -> Vector3<f64> {
-        let Airframe { a, b_ut } = self.airframe;
+        let Airframe { field_matrix: a, hard_iron_ut: b_ut } = self.airframe;
         let field_ut = a * self.earth.body_field_ut(truth.euler()) + b_ut;
         let axis = Rotation3::from_matrix(&a) * Vector3::z_axis();
         let turn_rad = self.turn_deg.to_radians() * self.switch.progress(truth.time_us);

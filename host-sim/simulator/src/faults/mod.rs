@@ -23,15 +23,15 @@ use std::rc::Rc;
 #[derive(Default)]
 pub struct Faults {
     /// Faults of a LIS3MDL.
-    pub sensor: Vec<Box<dyn sensor::SensorFault>>,
+    pub sensor_faults: Vec<Box<dyn sensor::SensorFault>>,
     /// Attitude faults.
-    pub attitude: Vec<Box<dyn attitude::AttitudeFault>>,
+    pub attitude_faults: Vec<Box<dyn attitude::AttitudeFault>>,
     /// Additional senders of attitude on the same line.
-    pub senders: Vec<attitude::SecondSender>,
+    pub second_senders: Vec<attitude::SecondSender>,
     /// Faults of the link to the autopilot.
-    pub link: Vec<link::LinkFault>,
+    pub link_faults: Vec<link::LinkFault>,
     /// Field faults, shared with code that needs the true field.
-    pub field: Vec<Rc<dyn field::FieldFault>>,
+    pub field_faults: Vec<Rc<dyn field::FieldFault>>,
 }
 
 #[cfg(test)]

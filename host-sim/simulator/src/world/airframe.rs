@@ -20,9 +20,9 @@ const RANDOM_MOUNTING_DEG: f64 = 10.0;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Airframe {
     /// `A`, dimensionless, body axes to chip axes: soft iron, then mounting.
-    pub a: Matrix3<f64>,
+    pub field_matrix: Matrix3<f64>,
     /// `b`, microtesla, chip axes: hard iron and zero offset.
-    pub b_ut: Vector3<f64>,
+    pub hard_iron_ut: Vector3<f64>,
 }
 
 /// Airframe in a scenario file: `A = mounting * soft_iron`.
@@ -44,7 +44,7 @@ impl From<AirframeDescription> for Airframe {
         let chip_from_body = Rotation3::from_euler_angles(roll, pitch, yaw).inverse();
         let [x, y, z] = description.soft_iron.map(Into::into);
         let soft_iron = Matrix3::from_columns(&[x, y, z]).transpose();
-        Self { a: chip_from_body * soft_iron, b_ut: description.hard_iron_ut.into() }
+        Self { field_matrix: chip_from_body * soft_iron, hard_iron_ut: description.hard_iron_ut.into() }
     }
 }
 
@@ -52,13 +52,13 @@ impl From<&Airframe> for AirframeDescription {
     /// Polar decomposition of `A` into a symmetric soft iron and a mounting rotation; requires a chip that is not
     /// mirrored.
     fn from(airframe: &Airframe) -> Self {
-        let svd = airframe.a.svd(true, true);
+        let svd = airframe.field_matrix.svd(true, true);
         let [u, v_t] = [svd.u, svd.v_t].map(Option::unwrap_or_default);
         let soft_iron = v_t.transpose() * Matrix3::from_diagonal(&svd.singular_values) * v_t;
         let (roll, pitch, yaw) = Rotation3::from_matrix_unchecked(u * v_t).inverse().euler_angles();
         Self {
             soft_iron: soft_iron.transpose().into(),
-            hard_iron_ut: airframe.b_ut.into(),
+            hard_iron_ut: airframe.hard_iron_ut.into(),
             mounting_deg: [roll, pitch, yaw].map(f64::to_degrees),
         }
     }
@@ -68,14 +68,14 @@ impl Airframe {
     /// No soft or hard iron, chip axes equal to body axes.
     #[must_use]
     pub fn none() -> Self {
-        Self { a: Matrix3::identity(), b_ut: Vector3::zeros() }
+        Self { field_matrix: Matrix3::identity(), hard_iron_ut: Vector3::zeros() }
     }
 
     /// Aircraft of Liu 2007 table 1 (see [`table1`]).
     #[must_use]
     pub fn table1() -> Self {
         let a = Matrix3::from_row_slice(table1::SOFT_IRON.as_flattened());
-        Self { a, b_ut: Vector3::from(table1::HARD_IRON) * Earth::default().horizontal_ut() }
+        Self { field_matrix: a, hard_iron_ut: Vector3::from(table1::HARD_IRON) * Earth::default().horizontal_ut() }
     }
 
     /// Random airframe: soft iron up to 20 %, hard iron up to 1.5 times the horizontal field, mounting up to 10
@@ -91,30 +91,30 @@ impl Airframe {
             + scaled_to_size(asymmetric, random.uniform(0.0, RANDOM_ASYMMETRY));
         let hard_iron = random.random_direction() * random.uniform(0.0, RANDOM_HARD_IRON);
         let mounting = random.random_rotation(RANDOM_MOUNTING_DEG);
-        Self { a: mounting * soft_iron, b_ut: hard_iron * earth.horizontal_ut() }
+        Self { field_matrix: mounting * soft_iron, hard_iron_ut: hard_iron * earth.horizontal_ut() }
     }
 
     /// Field of the soft iron per field in body axes, chip axes: `A` less its rotation, the mounting.
     #[must_use]
     pub fn soft_iron(&self) -> Matrix3<f64> {
-        self.a - Rotation3::from_matrix(&self.a).into_inner()
+        self.field_matrix - Rotation3::from_matrix(&self.field_matrix).into_inner()
     }
 
     /// Field at the chip for a field in body axes, microtesla.
     #[must_use]
     pub fn measured_field(&self, body_ut: &Vector3<f64>) -> Field<Sensor> {
-        Field::new((self.a * body_ut + self.b_ut).cast())
+        Field::new((self.field_matrix * body_ut + self.hard_iron_ut).cast())
     }
 
     /// The calibration that inverts this airframe exactly; `None` when `A` is singular.
     #[must_use]
     pub fn true_calibration(&self, earth: &Earth) -> Option<Calibration> {
-        let w = self.a.try_inverse()?;
+        let w = self.field_matrix.try_inverse()?;
         let scale = libm::cbrt(w.determinant()).recip();
         let w = (w * scale).cast::<f32>();
         Some(Calibration {
             w: std::array::from_fn(|row| std::array::from_fn(|column| w[(row, column)])),
-            b_ut: self.b_ut.cast().into(),
+            b_ut: self.hard_iron_ut.cast().into(),
             inclination_rad: earth.inclination_deg.to_radians() as f32,
             total_ut: (earth.total_ut * scale) as f32,
             latency_s: 0.0,
@@ -141,10 +141,10 @@ mod tests {
         for seed in 0..1000 {
             let earth = Earth::random(seed);
             let airframe = Airframe::random(seed, &earth);
-            let svd = airframe.a.svd(true, true);
+            let svd = airframe.field_matrix.svd(true, true);
             let soft_iron = svd.singular_values.map(|s| (s - 1.0).abs()).max();
-            let rotation = Rotation3::from_matrix(&airframe.a);
-            let hard_iron = airframe.b_ut.norm() / earth.horizontal_ut();
+            let rotation = Rotation3::from_matrix(&airframe.field_matrix);
+            let hard_iron = airframe.hard_iron_ut.norm() / earth.horizontal_ut();
             for (largest, value) in largest.iter_mut().zip([soft_iron, rotation.angle().to_degrees(), hard_iron]) {
                 *largest = largest.max(value);
             }

@@ -205,13 +205,13 @@ impl WorldConfig {
     /// [`ConfigError::OutOfRange`] with the first invalid number.
     pub fn validate(&self) -> Result<(), ConfigError> {
         let Self { airframe, earth, aircraft, weather, attitude_source: source, gyro, .. } = self;
-        let singular = airframe.a.singular_values();
+        let singular = airframe.field_matrix.singular_values();
         let ranges = [
             // Weaker or stronger soft iron makes any compass useless; a negative determinant is a mirrored chip.
             ("smallest gain of airframe.soft_iron", singular.min(), 0.2, 5.0),
             ("largest gain of airframe.soft_iron", singular.max(), 0.2, 5.0),
-            ("determinant of airframe.soft_iron", airframe.a.determinant(), 0.008, 125.0),
-            ("length of airframe.hard_iron_ut", airframe.b_ut.norm(), 0.0, 1000.0),
+            ("determinant of airframe.soft_iron", airframe.field_matrix.determinant(), 0.008, 125.0),
+            ("length of airframe.hard_iron_ut", airframe.hard_iron_ut.norm(), 0.0, 1000.0),
             ("earth.total_ut", earth.total_ut, 15.0, 80.0),
             // Closer to a pole the horizontal field is too weak for a heading.
             ("earth.inclination_deg", earth.inclination_deg, -85.0, 85.0),

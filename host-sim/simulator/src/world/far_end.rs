@@ -95,7 +95,8 @@ async fn mavlink(
                     }
                 };
                 let (is_armed, current_a) = (world.is_armed(), world.reported_current_a(now_us));
-                let bytes = device.send(now_us, &AutopilotInputs { truth, is_armed, current_a }, modify_message);
+                let bytes =
+                    device.send(now_us, &AutopilotInputs { true_state: truth, is_armed, current_a }, modify_message);
                 if world.sends_attitude() && !is_silent(&faults, now_us) {
                     uart.send(&bytes);
                 }
@@ -142,7 +143,7 @@ async fn msp(
         {
             let mut device = device.borrow_mut();
             for timed_byte in uart.receive_timed() {
-                device.receive_byte(timed_byte.at_us, timed_byte.byte);
+                device.receive_byte(timed_byte.arrives_at_us, timed_byte.byte);
             }
             let bytes = device.send_replies(now_us, &known);
             if world.sends_attitude() && !is_silent(&faults, now_us) {

@@ -11,9 +11,9 @@ pub struct Frame {
     /// Sequence number of the sender; wraps.
     pub sequence: u8,
     /// System ID of the sender.
-    pub system: u8,
+    pub system_id: u8,
     /// Component ID of the sender.
-    pub component: u8,
+    pub component_id: u8,
     /// Message ID.
     pub id: u32,
     /// Payload, trailing zeros removed.
@@ -39,7 +39,7 @@ impl Frame {
         let end = self.payload.iter().rposition(|&byte| byte != 0).map_or(1, |last| last + 1);
         let payload = &self.payload[..end.min(self.payload.len())];
         let [id_0, id_1, id_2, _] = self.id.to_le_bytes();
-        let Self { sequence, system, component, .. } = *self;
+        let Self { sequence, system_id: system, component_id: component, .. } = *self;
         let header = [0xFD, payload.len() as u8, 0, 0, sequence, system, component, id_0, id_1, id_2];
         let mut bytes = [&header, payload].concat();
         bytes.extend(calculate_crc(&bytes[1..], extra_crc).to_le_bytes());
@@ -54,7 +54,7 @@ pub fn command_long(from: [u8; 2], system: u8, command: u16, confirmation: u8, p
     payload.extend(command.to_le_bytes());
     payload.extend([system, MODULE_COMPONENT, confirmation]);
     let [from_system, from_component] = from;
-    Frame { sequence: 0, system: from_system, component: from_component, id: 76, payload }.frame_bytes(152)
+    Frame { sequence: 0, system_id: from_system, component_id: from_component, id: 76, payload }.frame_bytes(152)
 }
 
 fn extra_crc(id: u32) -> u8 {
@@ -100,6 +100,12 @@ impl FrameReader {
         };
         let id = u32::from_le_bytes([id_0, id_1, id_2, 0]);
         let is_right = calculate_crc(&self.bytes[1..end], extra_crc(id)).to_le_bytes() == self.bytes[end..end + 2];
-        is_right.then(|| Frame { sequence, system, component, id, payload: self.bytes[10..end].to_vec() })
+        is_right.then(|| Frame {
+            sequence,
+            system_id: system,
+            component_id: component,
+            id,
+            payload: self.bytes[10..end].to_vec(),
+        })
     }
 }

@@ -34,9 +34,9 @@ pub struct PublishedRow {
     /// True heading, degrees.
     pub heading_deg: f64,
     /// Errors of the uncompensated heading.
-    pub before: BankErrors,
+    pub uncompensated: BankErrors,
     /// Heading errors after compensation from known headings.
-    pub reference: BankErrors,
+    pub reference_errors: BankErrors,
     /// Heading errors after compensation by the paper's method.
     pub four_ellipse: BankErrors,
     /// Heading errors after compensation by the paper's method, less the mean error.
@@ -61,8 +61,8 @@ fn parse_row(line: &str) -> PublishedRow {
     let mut sides = || BankErrors { right_deg: next(), left_deg: next() };
     PublishedRow {
         heading_deg,
-        before: sides(),
-        reference: sides(),
+        uncompensated: sides(),
+        reference_errors: sides(),
         four_ellipse: sides(),
         four_ellipse_demeaned: sides(),
     }
@@ -91,7 +91,7 @@ mod tests {
         published_rows()
             .iter()
             .flat_map(|row| {
-                [(BANK_DEG, row.before.right_deg), (-BANK_DEG, row.before.left_deg)]
+                [(BANK_DEG, row.uncompensated.right_deg), (-BANK_DEG, row.uncompensated.left_deg)]
                     .map(|(bank, published)| error_before_deg(airframe, row.heading_deg, bank) - published)
             })
             .collect()
@@ -105,8 +105,8 @@ mod tests {
     fn the_table_is_read_as_printed() {
         let rows = published_rows();
         let [first, last] = [rows[0], rows[11]];
-        assert_eq!((first.heading_deg, first.before), (0.0, BankErrors { right_deg: 4.2, left_deg: 2.4 }));
-        assert_eq!((last.heading_deg, last.reference), (330.0, BankErrors { right_deg: 1.5, left_deg: -2.3 }));
+        assert_eq!((first.heading_deg, first.uncompensated), (0.0, BankErrors { right_deg: 4.2, left_deg: 2.4 }));
+        assert_eq!((last.heading_deg, last.reference_errors), (330.0, BankErrors { right_deg: 1.5, left_deg: -2.3 }));
         assert_eq!(last.four_ellipse_demeaned, BankErrors { right_deg: 0.8, left_deg: -1.2 });
     }
 
@@ -134,17 +134,17 @@ mod tests {
     fn the_coefficients_are_the_least_squares_fit() {
         let horizontal_ut = Earth::default().horizontal_ut();
         let cost = |airframe: &Airframe| {
-            let ridge = (airframe.a - nalgebra::Matrix3::identity()).norm_squared()
-                + (airframe.b_ut / horizontal_ut).norm_squared();
+            let ridge = (airframe.field_matrix - nalgebra::Matrix3::identity()).norm_squared()
+                + (airframe.hard_iron_ut / horizontal_ut).norm_squared();
             residuals_deg(airframe).iter().map(|r| r * r).sum::<f64>() + ridge
         };
         let best = cost(&Airframe::table1());
         for (index, step) in (0..12).flat_map(|index| [(index, 0.01), (index, -0.01)]) {
             let mut moved = Airframe::table1();
             if index < 9 {
-                moved.a[index] += step;
+                moved.field_matrix[index] += step;
             } else {
-                moved.b_ut[index - 9] += step * horizontal_ut;
+                moved.hard_iron_ut[index - 9] += step * horizontal_ut;
             }
             assert!(cost(&moved) > best, "coefficient {index} by {step}: {} for {best}", cost(&moved));
         }

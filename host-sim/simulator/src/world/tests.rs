@@ -19,8 +19,8 @@ fn the_example_file_shows_the_defaults() {
     let defaults = WorldConfig::table1(3);
     assert_eq!(WorldConfig { airframe: defaults.airframe, ..config }, defaults);
     // The file's 8 % of soft iron and 24.8 uT of hard iron; singular values do not depend on the mounting.
-    assert!((config.airframe.b_ut.norm() - 24.8).abs() < 0.1);
-    assert!((config.airframe.a.singular_values().max() - 1.085).abs() < 0.01);
+    assert!((config.airframe.hard_iron_ut.norm() - 24.8).abs() < 0.1);
+    assert!((config.airframe.field_matrix.singular_values().max() - 1.085).abs() < 0.01);
 }
 
 /// Tolerances: half of the last printed digit, and for the matrix also 0.005 deg of mounting.
@@ -30,9 +30,9 @@ fn an_airframe_round_trips_through_its_file() {
         let config = WorldConfig::random(seed);
         let text = config.airframe_toml();
         let read = WorldConfig::from_toml(&text, seed).unwrap_or_else(|error| panic!("{seed}: {error}\n{text}"));
-        let max_difference = (read.airframe.a - config.airframe.a).abs().max();
+        let max_difference = (read.airframe.field_matrix - config.airframe.field_matrix).abs().max();
         assert!(max_difference < 0.000_5, "seed {seed}: {max_difference}\n{text}");
-        let off_ut = (read.airframe.b_ut - config.airframe.b_ut).abs().max();
+        let off_ut = (read.airframe.hard_iron_ut - config.airframe.hard_iron_ut).abs().max();
         assert!(off_ut < 0.006, "seed {seed}: {off_ut}");
         assert!((read.earth.total_ut - config.earth.total_ut).abs() < 0.006, "seed {seed}");
         assert!((read.earth.inclination_deg - config.earth.inclination_deg).abs() < 0.006, "seed {seed}");

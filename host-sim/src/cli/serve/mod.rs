@@ -216,7 +216,13 @@ pub fn run_serve(options: &Serve) -> Result<ExitCode, Failure> {
     } else {
         print_ports(options, &places, world_number)?;
     }
-    let wiring = Connections { port_wires, world, can, pilot_commands: Some(PilotCommandInput::from_stdin()), flash };
+    let wiring = Connections {
+        port_wires,
+        world_socket: world,
+        can_bus: can,
+        pilot_commands: Some(PilotCommandInput::from_stdin()),
+        flash,
+    };
     wiring.run(&mut served_module, options.module_options.speed, interruption.stop())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
@@ -347,8 +353,8 @@ fn serve_private_module(module_options: &ModuleOptions) -> Result<ExitCode, Fail
     port_wires[serve::CONSOLE].push(Box::new(open_terminal(Some(orders))?));
     let wiring = Connections {
         port_wires,
-        world: None,
-        can: None,
+        world_socket: None,
+        can_bus: None,
         pilot_commands: Some(PilotCommandInput::from_channel(order_lines)),
         flash,
     };

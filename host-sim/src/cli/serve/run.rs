@@ -18,8 +18,8 @@ use crate::cli::print;
 pub struct Connections {
     /// Connections to each of the module's ports, by port.
     pub port_wires: Vec<Vec<Box<dyn Wire>>>,
-    pub world: Option<UdpSocket>,
-    pub can: Option<MulticastBus>,
+    pub world_socket: Option<UdpSocket>,
+    pub can_bus: Option<MulticastBus>,
     pub pilot_commands: Option<PilotCommandInput>,
     pub flash: FlashWriter,
 }
@@ -45,17 +45,17 @@ impl Connections {
                     }
                 }
             }
-            if let Some(world) = &self.world {
+            if let Some(world) = &self.world_socket {
                 is_malformed_told |= apply_datagrams(world, served_module, is_malformed_told);
             }
             if let Some(pilot_commands) = &mut self.pilot_commands {
                 pilot_commands.execute_orders(served_module);
             }
-            if let Some(can) = &self.can {
+            if let Some(can) = &self.can_bus {
                 can.receive_frames().iter().for_each(|frame| served_module.send_frame(frame));
             }
             served_module.advance_time(pace.elapsed_us());
-            if let Some(can) = &self.can {
+            if let Some(can) = &self.can_bus {
                 served_module.take_frames().iter().for_each(|frame| can.send_frame(frame));
             }
             if let Some((path, server)) = served_module.take_firmware_update() {

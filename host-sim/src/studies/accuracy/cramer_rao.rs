@@ -29,7 +29,7 @@ pub fn rms_deg(trial: &RandomFlight) -> Option<f64> {
 pub fn rms_deg_for<'a>(trial: &RandomFlight, instants: impl Iterator<Item = &'a TrueSample>) -> Option<f64> {
     let information: FisherInformation = instants.map(|instant| fisher_information(trial, instant)).sum();
     let covariance = information.cholesky()?.inverse();
-    let w = trial.a.try_inverse()?;
+    let w = trial.field_matrix.try_inverse()?;
     let (sum, number) = trial.envelope.attitudes().fold((0.0, 0.0), |(sum, number), euler| {
         let row = heading_row(trial, &w, euler);
         (sum + row.dot(&(covariance * row)), number + 1.0)
@@ -73,15 +73,20 @@ fn equations(trial: &RandomFlight, instant: &TrueSample) -> (SMatrix<f64, 5, 13>
     }
     // Central differences with a step of 1e-5 have an error of about 1e-10.
     let numerical_derivative = |change: &dyn Fn(f64) -> Vector3<f64>| (change(1e-5) - change(-1e-5)) / 2e-5;
-    let by_inclination = numerical_derivative(&|step| trial.a * euler.field(1.0, trial.inclination_rad + step));
+    let by_inclination =
+        numerical_derivative(&|step| trial.field_matrix * euler.field(1.0, trial.inclination_rad + step));
     common.fixed_view_mut::<3, 1>(0, 12).copy_from(&by_inclination);
     let mut nuisance_rows = SMatrix::<f64, 5, 3>::zeros();
     for (column, derivative) in [
         numerical_derivative(&|step| {
-            trial.a * trial.body_field(Euler { heading_rad: euler.heading_rad + step, ..euler })
+            trial.field_matrix * trial.body_field(Euler { heading_rad: euler.heading_rad + step, ..euler })
         }),
-        numerical_derivative(&|step| trial.a * trial.body_field(Euler { roll_rad: euler.roll_rad + step, ..euler })),
-        numerical_derivative(&|step| trial.a * trial.body_field(Euler { pitch_rad: euler.pitch_rad + step, ..euler })),
+        numerical_derivative(&|step| {
+            trial.field_matrix * trial.body_field(Euler { roll_rad: euler.roll_rad + step, ..euler })
+        }),
+        numerical_derivative(&|step| {
+            trial.field_matrix * trial.body_field(Euler { pitch_rad: euler.pitch_rad + step, ..euler })
+        }),
     ]
     .iter()
     .enumerate()

@@ -137,7 +137,7 @@ mod tests {
 
     #[test]
     fn selected_samples_have_a_lower_bound_than_evenly_thinned_ones() {
-        let flight = Flight { kind: VehicleKind::Copter, pattern: FlightPattern::Routine, minutes: 3.0 }
+        let flight = Flight { kind: VehicleKind::Copter, pattern: FlightPattern::Routine, duration_minutes: 3.0 }
             .fly(&Ranges::WORST_CASE, 3);
         let trial = trial(1).with_flight(flight, Envelope::Tilted);
         let thinned = cramer_rao::rms_deg_for(&trial, trial.true_samples().step_by(9)).unwrap();

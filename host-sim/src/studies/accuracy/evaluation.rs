@@ -13,7 +13,7 @@ pub struct AccuracyPlan {
     pub airframes: u64,
     /// Noise realisations per airframe. The ratio to the bound has a relative standard error of about `0.3 /
     /// sqrt(draws)`.
-    pub draws: u64,
+    pub noise_draws: u64,
     /// Seed of the first airframe.
     pub seed: u64,
 }
@@ -37,31 +37,31 @@ const HEADINGS: usize = 16;
 /// Solves of one method.
 #[derive(Clone, Copy, Default)]
 pub(super) struct SolveCounts {
-    pub(super) solved: u32,
-    pub(super) refused: u32,
-    pub(super) accepted: u32,
-    pub(super) wrong: u32,
+    pub(super) completed_solves: u32,
+    pub(super) refused_solves: u32,
+    pub(super) accepted_solves: u32,
+    pub(super) wrong_solves: u32,
     /// Sum of the mean squared heading errors of all solves, square degrees.
     squares: f64,
 }
 
 impl SolveCounts {
     pub(super) fn rms_deg(&self) -> f64 {
-        (self.squares / f64::from(self.solved)).sqrt()
+        (self.squares / f64::from(self.completed_solves)).sqrt()
     }
 
     pub(super) fn add_solution(&mut self, trial: &RandomFlight, recorded: &Recording, solution: Option<&Solution>) {
         let Some(solution) = solution else {
-            self.refused += 1;
+            self.refused_solves += 1;
             return;
         };
         let errors_deg = trial.errors_deg(&solution.calibration);
         let square = errors_deg.iter().map(|e| e * e).sum::<f64>() / errors_deg.len() as f64;
         let accepted = accepted_by_uncalibrated(solution, recorded.samples(), recorded.held_back()).is_ok();
-        self.solved += 1;
+        self.completed_solves += 1;
         self.squares += square;
-        self.accepted += u32::from(accepted);
-        self.wrong += u32::from(accepted && square.sqrt() > 3.0 * f64::from(solution.quality.expected_rms_deg));
+        self.accepted_solves += u32::from(accepted);
+        self.wrong_solves += u32::from(accepted && square.sqrt() > 3.0 * f64::from(solution.quality.expected_rms_deg));
     }
 }
 

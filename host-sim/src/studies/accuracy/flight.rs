@@ -47,7 +47,7 @@ pub struct Flight {
     /// Flight pattern.
     pub pattern: FlightPattern,
     /// Duration, minutes.
-    pub minutes: f64,
+    pub duration_minutes: f64,
 }
 
 const SAMPLE_PERIOD_US: u64 = 100_000;
@@ -60,7 +60,7 @@ impl Flight {
         let config =
             VehicleConfig { kind: self.kind, heading_deg: random.uniform(0.0, 360.0), ..VehicleConfig::default() };
         let mut aircraft = Aircraft::new(config, Weather::default(), seed, 0);
-        let plan = TurnPlan { bank_deg: random.uniform(ranges.bank_deg[0], ranges.bank_deg[1]), circles: 3.0 };
+        let plan = TurnPlan { bank_deg: random.uniform(ranges.bank_deg[0], ranges.bank_deg[1]), circles_per_side: 3.0 };
         let routine = match self.pattern {
             FlightPattern::Routine => {
                 Some((1.0 / 3.0, Routine::for_vehicle(self.kind, plan, config.heading_deg).legs()))
@@ -70,7 +70,7 @@ impl Flight {
             }
             FlightPattern::Wandering => None,
         };
-        let end_us = (self.minutes * 60e6) as u64;
+        let end_us = (self.duration_minutes * 60e6) as u64;
         let mut instants = Vec::new();
         // Flight time without the calibration routine, whose duration a separate simulation determines.
         let spare_us = routine.as_ref().map_or(0, |(_, legs)| end_us.saturating_sub(duration_us(config, seed, legs)));
@@ -144,7 +144,7 @@ mod tests {
     use super::*;
 
     fn fly_pattern(kind: VehicleKind, pattern: FlightPattern, seed: u64) -> Vec<TrueSample> {
-        Flight { kind, pattern, minutes: 3.0 }.fly(&Ranges::WORST_CASE, seed)
+        Flight { kind, pattern, duration_minutes: 3.0 }.fly(&Ranges::WORST_CASE, seed)
     }
 
     #[test]
@@ -183,8 +183,9 @@ mod tests {
     #[test]
     fn the_routine_is_flown_within_the_flight() {
         for seed in [2, 5, 6] {
-            let fly_pattern =
-                |pattern| Flight { kind: VehicleKind::Copter, pattern, minutes: 20.0 }.fly(&Ranges::WORST_CASE, seed);
+            let fly_pattern = |pattern| {
+                Flight { kind: VehicleKind::Copter, pattern, duration_minutes: 20.0 }.fly(&Ranges::WORST_CASE, seed)
+            };
             for (instants, right, left) in [
                 (fly_pattern(FlightPattern::Routine), [3670, 3775], [3790, 3900]),
                 (fly_pattern(FlightPattern::Mirrored), [8115, 8220], [8240, 8350]),

@@ -60,7 +60,7 @@ pub fn run(flight: Flight, plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> Flig
     let trials: Vec<FlightResult> = (plan.seed..plan.seed + plan.airframes)
         .into_par_iter()
         .filter_map(|seed| {
-            let flight_result = FlightResult::evaluate(flight, seed, plan.draws);
+            let flight_result = FlightResult::evaluate(flight, seed, plan.noise_draws);
             tick();
             flight_result
         })
@@ -124,9 +124,9 @@ fn study_row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
     let sum = |count_of: fn(&SolveCounts) -> u32| {
         trials.iter().map(|flight_result| count_of(&flight_result.counts)).sum::<u32>()
     };
-    let (solved, refused) = (sum(|c| c.solved), sum(|c| c.refused));
+    let (solved, refused) = (sum(|c| c.completed_solves), sum(|c| c.refused_solves));
     let percent = |part: u32| 100.0 * f64::from(part) / f64::from((solved + refused).max(1));
-    let solved_ones = || trials.iter().filter(|flight_result| flight_result.counts.solved > 0);
+    let solved_ones = || trials.iter().filter(|flight_result| flight_result.counts.completed_solves > 0);
     let rms_deg =
         |part| quantile(solved_ones().map(|flight_result| flight_result.counts.rms_deg()), part).unwrap_or(f64::NAN);
     let ratios = || solved_ones().map(|flight_result| flight_result.counts.rms_deg() / flight_result.best_bound_deg);
@@ -136,11 +136,11 @@ fn study_row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
     FlightStudyRow {
         aircraft: flight.kind.vehicle_name(),
         pattern: flight.pattern,
-        minutes: flight.minutes,
+        minutes: flight.duration_minutes,
         readings: median(trials.iter().map(|flight_result| flight_result.readings as f64)),
         converged_percent: percent(solved),
-        accepted_percent: percent(sum(|c| c.accepted)),
-        wrong: sum(|c| c.wrong),
+        accepted_percent: percent(sum(|c| c.accepted_solves)),
+        wrong: sum(|c| c.wrong_solves),
         rms_median_deg: rms_deg(0.5),
         rms_worst_decile_deg: rms_deg(0.9),
         kept_ratio_median: median(kept_ratios),

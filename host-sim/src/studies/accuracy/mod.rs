@@ -65,7 +65,8 @@ pub fn run(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> AccuracyResult {
     let trials: Vec<AirframeResult> = (plan.seed..plan.seed + plan.airframes)
         .into_par_iter()
         .filter_map(|seed| {
-            let airframe_result = AirframeResult::evaluate(&RandomFlight::draw(&Ranges::WORST_CASE, seed), plan.draws);
+            let airframe_result =
+                AirframeResult::evaluate(&RandomFlight::draw(&Ranges::WORST_CASE, seed), plan.noise_draws);
             tick();
             airframe_result
         })
@@ -119,15 +120,15 @@ impl AirframeResult {
 fn summary(trials: &[AirframeResult], index: usize, method: Method) -> MethodResult {
     let each = || trials.iter().map(|t| (t, &t.methods[index]));
     let sum = |count_of: fn(&SolveCounts) -> u32| each().map(|(_, counts)| count_of(counts)).sum::<u32>();
-    let (solved, refused) = (sum(|c| c.solved), sum(|c| c.refused));
+    let (solved, refused) = (sum(|c| c.completed_solves), sum(|c| c.refused_solves));
     let percent = |part: u32| 100.0 * f64::from(part) / f64::from((solved + refused).max(1));
-    let solved_ones = || each().filter(|(_, counts)| counts.solved > 0);
+    let solved_ones = || each().filter(|(_, counts)| counts.completed_solves > 0);
     let ratios = || solved_ones().map(|(trial, counts)| counts.rms_deg() / trial.bound_deg);
     MethodResult {
         method: method.method_name(),
         converged_percent: percent(solved),
-        accepted_percent: percent(sum(|c| c.accepted)),
-        wrong: sum(|c| c.wrong),
+        accepted_percent: percent(sum(|c| c.accepted_solves)),
+        wrong: sum(|c| c.wrong_solves),
         rms_median_deg: median(solved_ones().map(|(_, counts)| counts.rms_deg())),
         ratio_median: median(ratios()),
         ratio_worst_decile: quantile(ratios(), 0.9).unwrap_or(f64::NAN),

@@ -127,9 +127,9 @@ impl TrueSample {
 pub struct RandomFlight {
     seed: u64,
     /// `A` of Liu 2007 eq. 8, body axes to chip axes.
-    pub a: Matrix3<f64>,
+    pub field_matrix: Matrix3<f64>,
     /// `b`, in units of the total field.
-    pub b: Vector3<f64>,
+    pub hard_iron: Vector3<f64>,
     /// Inclination, radians, positive down.
     pub inclination_rad: f64,
     /// Sensor noise of each axis, in units of the total field.
@@ -195,8 +195,8 @@ impl RandomFlight {
         let [left, right] = [-bank_deg, bank_deg].map(|bank_deg| random_turn(ranges, bank_deg, &mut random));
         Self {
             seed,
-            a: mounting * (Matrix3::identity() + symmetric * size),
-            b: hard_iron,
+            field_matrix: mounting * (Matrix3::identity() + symmetric * size),
+            hard_iron: hard_iron,
             inclination_rad,
             sensor_sigma: random.uniform(ranges.sensor_noise[0], ranges.sensor_noise[1]),
             attitude_sigma_rad: random.uniform(ranges.attitude_noise_deg[0], ranges.attitude_noise_deg[1]).to_radians(),
@@ -279,7 +279,8 @@ impl RandomFlight {
 
     fn noisy_sample(&self, instant: &TrueSample, source: ConstantAttitudeErrors, random: &mut Random) -> Sample {
         let euler = instant.euler;
-        let sensed = self.a * self.body_field(euler) + self.b + random.normal_vector() * self.sensor_sigma;
+        let sensed =
+            self.field_matrix * self.body_field(euler) + self.hard_iron + random.normal_vector() * self.sensor_sigma;
         let reported_angles = [
             euler.roll_rad * (1.0 + source.bank_scale) + source.roll_bias_rad,
             euler.pitch_rad + source.pitch_bias_rad,
@@ -302,7 +303,7 @@ impl RandomFlight {
         self.envelope
             .attitudes()
             .map(|euler| {
-                let sensed = (self.a * self.body_field(euler) + self.b) * FIELD_STRENGTH_UT;
+                let sensed = (self.field_matrix * self.body_field(euler) + self.hard_iron) * FIELD_STRENGTH_UT;
                 let attitude = Attitude { roll_rad: euler.roll_rad as f32, pitch_rad: euler.pitch_rad as f32 };
                 let found = attitude.level(calibration.calibrated_field(Field::new(sensed.cast()))).heading_rad();
                 wrap_180((f64::from(found) - euler.heading_rad).to_degrees())

@@ -26,7 +26,7 @@ pub struct AcceptedCalibration {
     /// Heading error estimated by the module, degrees RMS.
     pub expected_deg: f64,
     /// True heading error at exact field and attitude, with the hard iron at the end of the calibration, degrees RMS.
-    pub true_deg: f64,
+    pub true_error_deg: f64,
     /// Time from start to acceptance, seconds.
     pub duration_s: f64,
 }
@@ -35,7 +35,7 @@ impl AcceptedCalibration {
     /// True over estimated heading error.
     #[must_use]
     pub fn error_ratio(&self) -> f64 {
-        self.true_deg / self.expected_deg
+        self.true_error_deg / self.expected_deg
     }
 }
 
@@ -48,11 +48,11 @@ pub struct HardIronEstimateError(pub f64);
 #[derive(Clone, Debug, PartialEq)]
 pub struct CaseFlightResult {
     /// Calibration, or the code of its rejection.
-    pub calibrated: Result<AcceptedCalibration, String>,
+    pub calibration: Result<AcceptedCalibration, String>,
     /// Statistics of the output in use.
     pub output_statistics: HeadingStatistics,
     /// Codes of the console's notes in use.
-    pub notes: Vec<String>,
+    pub note_codes: Vec<String>,
     /// Estimation error of a hard-iron change in use.
     pub hard_iron_error: Option<HardIronEstimateError>,
 }
@@ -69,7 +69,7 @@ const SOLVE_TIMEOUT_S: f64 = 10.0;
 pub fn fly_case(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
     let mut drawn = case.draw(seed, plan.aircraft, plan.source);
     let faults = std::mem::take(&mut drawn.faults);
-    let fields = faults.field.clone();
+    let fields = faults.field_faults.clone();
     let mut rig = Rig::with_port_devices(drawn.world, faults, [drawn.far_end, FarEnd::Unconnected]);
     let RandomCase { world, ref switch, onset, .. } = drawn;
     rig.world.set_armed(true);
@@ -78,7 +78,7 @@ pub fn fly_case(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResul
     }
     rig.run_for_s(2.0);
     rig.send_console_line(&format!("stream heading {}", plan.heading.kind_name()));
-    rig.send_console_line(drawn.routine.command);
+    rig.send_console_line(drawn.routine.start_command);
     if let Onset::Calibrating { after_s, until_s } = onset {
         switch.set_active(add_seconds_us(rig.now_us(), after_s), add_seconds_us(rig.now_us(), until_s));
     }
@@ -86,7 +86,7 @@ pub fn fly_case(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResul
     let calibration = calibrate(&mut rig, &drawn.routine.legs());
     let calibrated = calibration.map(|(shown, at_us)| AcceptedCalibration {
         expected_deg: shown.expected_rms_deg,
-        true_deg: true_deg(&shown.calibration, &world, &|state| {
+        true_error_deg: true_deg(&shown.calibration, &world, &|state| {
             fields.iter().map(|fault| fault.steady_ut(&TrueState { time_us: at_us, ..*state })).sum()
         }),
         duration_s: (at_us - began_us) as f64 / 1e6,
@@ -121,7 +121,12 @@ pub fn fly_case(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResul
         let added_ut = fields.iter().map(|fault| fault.added_ut(&now)).sum();
         hard_iron_estimate_error(&mut rig, &world, added_ut)
     });
-    CaseFlightResult { calibrated, output_statistics, notes, hard_iron_error: hard_iron_error_of_case }
+    CaseFlightResult {
+        calibration: calibrated,
+        output_statistics,
+        note_codes: notes,
+        hard_iron_error: hard_iron_error_of_case,
+    }
 }
 
 /// Flies a full turn each way and compares the module's estimate with a hard-iron change of `added_ut`, chip axes.
@@ -134,7 +139,7 @@ fn hard_iron_estimate_error(rig: &mut Rig, world: &WorldConfig, added_ut: Vector
         .map_or_else(Vector3::zeros, Vector3::from);
     // By `m = A h + b`, the change in the measurement m equals a change of the field h by `A^-1 added_ut`. A singular
     // airframe measures nothing.
-    let true_ut = world.airframe.a.try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * added_ut);
+    let true_ut = world.airframe.field_matrix.try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * added_ut);
     HardIronEstimateError((told_ut - true_ut).norm() / true_ut.norm())
 }
 
@@ -235,9 +240,11 @@ fn process_console_output(
         // The console erases the line before a note.
         notes.extend(printed.split("note ").skip(1).filter_map(|text| Some(text.split_once(": ")?.0.to_owned())));
         for timed_byte in rig.instrument.receive_timed() {
-            if let Some(received) = reader.push_byte(timed_byte.at_us, timed_byte.byte).filter(|r| r.kind == "PASWH") {
-                let true_deg = rig.world.true_state(timed_byte.at_us).heading_deg();
-                on_sentence(timed_byte.at_us, &evaluated_sentence(received, true_deg));
+            if let Some(received) =
+                reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte).filter(|r| r.kind == "PASWH")
+            {
+                let true_deg = rig.world.true_state(timed_byte.arrives_at_us).heading_deg();
+                on_sentence(timed_byte.arrives_at_us, &evaluated_sentence(received, true_deg));
             }
         }
     }

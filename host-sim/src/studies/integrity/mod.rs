@@ -76,7 +76,9 @@ pub fn run(plan: IntegrityPlan, cases: &[&'static Case], flown: &(dyn Fn() + Syn
     let flights: Vec<(usize, u64)> = cases
         .iter()
         .enumerate()
-        .flat_map(|(i, case)| (0..case.flight_count(plan.flights)).map(move |n| (i, plan.seed.wrapping_add(n))))
+        .flat_map(|(i, case)| {
+            (0..case.flight_count(plan.flights_per_case)).map(move |n| (i, plan.seed.wrapping_add(n)))
+        })
         .collect();
     let all: Vec<(usize, CaseFlightResult)> = flights
         .into_par_iter()
@@ -93,11 +95,11 @@ pub fn run(plan: IntegrityPlan, cases: &[&'static Case], flown: &(dyn Fn() + Syn
 /// Total number of flights.
 #[must_use]
 pub fn flight_count(plan: IntegrityPlan, cases: &[&'static Case]) -> u64 {
-    cases.iter().map(|case| case.flight_count(plan.flights)).sum()
+    cases.iter().map(|case| case.flight_count(plan.flights_per_case)).sum()
 }
 
 fn integrity_row(case: &'static str, results: &[&CaseFlightResult]) -> IntegrityRow {
-    let calibrated = || results.iter().filter_map(|one| one.calibrated.as_ref().ok());
+    let calibrated = || results.iter().filter_map(|one| one.calibration.as_ref().ok());
     let ratios = || calibrated().map(AcceptedCalibration::error_ratio);
     let iron_errors = results.iter().filter_map(|one| one.hard_iron_error.map(|HardIronEstimateError(error)| error));
     let percent_of_flights = |number: usize| 100.0 * number as f64 / results.len().max(1) as f64;
@@ -123,10 +125,10 @@ fn integrity_row(case: &'static str, results: &[&CaseFlightResult]) -> Integrity
         within_three_sigma_percent: three,
         empty_percent: output_statistics.empty_percent(),
         alarms_per_hour: output_statistics.alarms_per_hour(),
-        notes: count_codes(results.iter().flat_map(|one| one.notes.iter().cloned())),
+        notes: count_codes(results.iter().flat_map(|one| one.note_codes.iter().cloned())),
         iron_error_median_percent: quantile(iron_errors, 0.5).map(|error| 100.0 * error),
-        refused: count_codes(results.iter().filter_map(|one| one.calibrated.as_ref().err().cloned())),
-        empty: output_statistics.empty.into_iter().collect(),
+        refused: count_codes(results.iter().filter_map(|one| one.calibration.as_ref().err().cloned())),
+        empty: output_statistics.no_heading_counts.into_iter().collect(),
     }
 }
 

@@ -9,7 +9,7 @@ use simulator::world::msp_autopilot::{AnswerFaults, MspFirmware};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct IntegrityPlan {
     /// Flights per case.
-    pub flights: u64,
+    pub flights_per_case: u64,
     /// Seed of the first flight; later flights use consecutive seeds.
     pub seed: u64,
     /// Heading selected for output.

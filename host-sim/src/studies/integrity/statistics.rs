@@ -43,7 +43,7 @@ pub struct HeadingStatistics {
     /// Largest error exceeded for 10 s without a break while every sigma was 2 deg or less, degrees.
     pub worst_10s_deg: f64,
     /// Sentences without heading, by status code.
-    pub empty: BTreeMap<String, usize>,
+    pub no_heading_counts: BTreeMap<String, usize>,
     alarms: u64,
     faultless_s: f64,
     /// Start of the present sequence of bad headings, microseconds.
@@ -68,7 +68,7 @@ impl HeadingStatistics {
         }
         match sentence {
             EvaluatedSentence::Empty(reason) => {
-                *self.empty.entry(reason.clone()).or_insert(0) += 1;
+                *self.no_heading_counts.entry(reason.clone()).or_insert(0) += 1;
                 self.bad_since_us = None;
                 self.recent_errors.clear();
             }
@@ -127,8 +127,8 @@ impl HeadingStatistics {
         }
         self.worst_deg = self.worst_deg.max(other.worst_deg);
         self.longest_bad_s = self.longest_bad_s.max(other.longest_bad_s);
-        for (reason, number) in &other.empty {
-            *self.empty.entry(reason.clone()).or_insert(0) += number;
+        for (reason, number) in &other.no_heading_counts {
+            *self.no_heading_counts.entry(reason.clone()).or_insert(0) += number;
         }
         self.alarms += other.alarms;
         self.faultless_s += other.faultless_s;
@@ -168,7 +168,7 @@ impl HeadingStatistics {
     /// Sentences without heading, percent of all sentences.
     #[must_use]
     pub fn empty_percent(&self) -> f64 {
-        let empty = self.empty.values().sum::<usize>() as u64;
+        let empty = self.no_heading_counts.values().sum::<usize>() as u64;
         percent(empty, empty + self.headings)
     }
 
@@ -242,7 +242,7 @@ mod tests {
         assert!((statistics_of(&sentences, false).alarms_per_hour() - 2.0 * 3600.0).abs() < 1e-6);
         assert_eq!(statistics_of(&sentences, true).alarms_per_hour().to_bits(), 0);
         assert!((statistics_of(&sentences, true).empty_percent() - 50.0).abs() < 1e-9);
-        assert_eq!(statistics_of(&sentences, true).empty["sensor-silent"], 3);
+        assert_eq!(statistics_of(&sentences, true).no_heading_counts["sensor-silent"], 3);
     }
 
     #[test]

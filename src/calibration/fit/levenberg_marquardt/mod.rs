@@ -167,7 +167,7 @@ impl Refinement {
         }
         self.noise_estimates += 1;
         self.steps_since_estimate = 0;
-        self.likelihood.estimate_noise(self.system.clipped_squares, self.system.samples, &self.unknowns);
+        self.likelihood.estimate_noise(self.system.clipped_squares, self.system.sample_count, &self.unknowns);
         // The last pass and the covariance need all digits, which sums of thin data lose.
         self.likelihood.uses_normal_equations &= self.noise_estimates < MAX_NOISE_ESTIMATES;
         self.system = LinearisedProblem::linearise(&self.likelihood, samples, &self.unknowns);

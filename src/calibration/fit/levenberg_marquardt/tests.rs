@@ -228,7 +228,7 @@ fn fixed_unknowns_stay() {
     let steps = (0..10).take_while(|_| refinement.step(recorded.turns()) == RefinementProgress::Continue).count();
     assert_eq!((steps, refinement.unknowns), (3, before));
     // Initial noise is 5 % and 0.1 rad; a sphere fit leaves less of the norm's and more than a sensor's.
-    let NoiseModel { norm, inclination_sigma_rad: dip_rad, .. } = refinement.likelihood.noise;
+    let NoiseModel { norm_sigma: norm, inclination_sigma_rad: dip_rad, .. } = refinement.likelihood.noise;
     assert!((0.01..0.049).contains(&norm) && (0.01..0.3).contains(&dip_rad), "{norm} {dip_rad}");
 }
 
@@ -275,7 +275,7 @@ fn normal_equations_agree_with_rotations() {
         likelihood.uses_normal_equations = sums_up;
         LinearisedProblem::linearise(&likelihood, recorded.turns(), &unknowns)
     });
-    assert!(close(summed.cost, exact.cost) && summed.samples == exact.samples);
+    assert!(close(summed.cost, exact.cost) && summed.sample_count == exact.sample_count);
     let (found, expected) = (summed.step_to_maximum().unwrap(), exact.step_to_maximum().unwrap());
     assert!((found - expected).norm() < 1e-3 * expected.norm(), "{found} {expected}");
 }

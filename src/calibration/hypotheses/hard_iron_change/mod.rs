@@ -114,12 +114,16 @@ fn load_fraction(down: &Vector3<f32>) -> f32 {
 /// Adds both residuals of a sample by an unknown with this effect on the corrected field: faster than one by one,
 /// because their rows have the measurement in common.
 fn add_pair(sums: &mut ScoreTest<1>, equations: &SampleEquations, effect: &Vector3<f32>) {
-    let mut pair = JacobianRow { by_field: Vector3::zeros(), x: equations.norm.row.x, by_inclination: 0.0 };
+    let mut pair = JacobianRow {
+        derivative_by_field: Vector3::zeros(),
+        x: equations.norm_equation.jacobian_row.x,
+        by_inclination: 0.0,
+    };
     for equation in hard_iron_residuals(equations) {
-        let by_unknown = effect.dot(&equation.row.by_field);
+        let by_unknown = effect.dot(&equation.jacobian_row.derivative_by_field);
         let weighted = by_unknown * equation.weight;
-        pair.by_field += equation.row.by_field * weighted;
-        pair.by_inclination += equation.row.by_inclination * weighted;
+        pair.derivative_by_field += equation.jacobian_row.derivative_by_field * weighted;
+        pair.by_inclination += equation.jacobian_row.by_inclination * weighted;
         sums.information.x += weighted * by_unknown;
         sums.gradient.x -= weighted * equation.residual;
     }
@@ -158,10 +162,10 @@ fn norm_significance(
 ) -> Option<f32> {
     let mut variance = sums.information * norm;
     let score = sums.eliminate_coefficients(system, to_likeliest)?;
-    for (axis, column) in score.columns.iter().enumerate() {
+    for (axis, column) in score.nuisance_columns.iter().enumerate() {
         let dips = residuals.excess_inclination_product(column, norm);
         for (other, with) in sums.cross_information.iter().enumerate() {
-            variance[(axis, other)] += score.columns[other].dot(&dips) - column.dot(with) * norm;
+            variance[(axis, other)] += score.nuisance_columns[other].dot(&dips) - column.dot(with) * norm;
         }
     }
     Some(score.gradient.dot(&(inverse(&(variance + rounding_floor(sums)))? * score.gradient)))
@@ -180,9 +184,9 @@ struct ChangeEstimate {
 
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct ConfirmedChange {
-    pub change: DetectedHardIronChange,
+    pub detected_change: DetectedHardIronChange,
     /// `H_ub beta`: effect on the gradient of the unknowns.
-    pub effect: Vector13,
+    pub gradient_effect: Vector13,
 }
 
 /// Search for a hard-iron change in one pass in time order. About 900 bytes.
@@ -294,7 +298,7 @@ impl HardIronScan {
             duration_s: whole_seconds(self.span.duration_ms),
         };
         is_significant(found.form, self.significance(&found, fit, system, residuals)?)
-            .then_some(ConfirmedChange { change: iron, effect: self.effect })
+            .then_some(ConfirmedChange { detected_change: iron, gradient_effect: self.effect })
     }
 
     fn significance(
@@ -319,15 +323,17 @@ impl HardIronScan {
             } else {
                 -self.w
             };
-            let derivative = |equation: &ResidualEquation| response.tr_mul(&equation.row.by_field);
+            let derivative = |equation: &ResidualEquation| response.tr_mul(&equation.jacobian_row.derivative_by_field);
             let residual = |equation: &ResidualEquation| {
                 let by_change = derivative(equation).dot(&found.beta) * share;
-                let residual = equation.residual + equation.row.dot(&move_unknowns) + by_change;
+                let residual = equation.residual + equation.jacobian_row.dot(&move_unknowns) + by_change;
                 residual * sqrt(equation.weight)
             };
-            remaining
-                .add_residuals(part, [residual(&equations.norm), equations.inclination.as_ref().map_or(0.0, residual)]);
-            norms.add_weighted_equation(&equations.norm, &derivative(&equations.norm), share);
+            remaining.add_residuals(
+                part,
+                [residual(&equations.norm_equation), equations.inclination_equation.as_ref().map_or(0.0, residual)],
+            );
+            norms.add_weighted_equation(&equations.norm_equation, &derivative(&equations.norm_equation), share);
         }
         // Degrees of freedom: half of the sixteen unknowns for each kind of residual.
         let freedom = (self.sample_count as f32 - 8.0).max(1.0);
@@ -356,7 +362,7 @@ fn whole_seconds(ms: u32) -> u16 {
 
 /// Derivative of a residual by a hard-iron change `beta`, which lowers the corrected field by `W beta`.
 pub(in crate::calibration) fn derivative_by_hard_iron(w: &Matrix3<f32>, equation: &ResidualEquation) -> Vector3<f32> {
-    -w.tr_mul(&equation.row.by_field)
+    -w.tr_mul(&equation.jacobian_row.derivative_by_field)
 }
 
 #[cfg(test)]

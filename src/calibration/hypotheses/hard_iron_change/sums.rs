@@ -31,12 +31,12 @@ impl SampleProducts {
     pub fn new(equations: &SampleEquations) -> Self {
         let mut products = Self {
             pairs: [0.0; 6],
-            x: equations.norm.row.x,
+            x: equations.norm_equation.jacobian_row.x,
             with_inclination: Vector3::zeros(),
             gradient: Vector3::zeros(),
         };
         for equation in hard_iron_residuals(equations) {
-            let k = equation.row.by_field;
+            let k = equation.jacobian_row.derivative_by_field;
             let weighted = k * equation.weight;
             let [a, b, c, d, e, f] = products.pairs;
             products.pairs = [
@@ -48,7 +48,7 @@ impl SampleProducts {
                 f + weighted.z * k.z,
             ];
             products.gradient += weighted * equation.residual;
-            products.with_inclination += weighted * equation.row.by_inclination;
+            products.with_inclination += weighted * equation.jacobian_row.by_inclination;
         }
         products
     }
@@ -121,5 +121,5 @@ impl HardIronSums {
 pub(in crate::calibration) fn hard_iron_residuals(
     equations: &SampleEquations,
 ) -> impl Iterator<Item = &ResidualEquation> {
-    core::iter::once(&equations.norm).chain(&equations.inclination)
+    core::iter::once(&equations.norm_equation).chain(&equations.inclination_equation)
 }

@@ -102,9 +102,9 @@ fn hard_iron_derivatives_equal_numerical_ones() {
         for axis in 0..3 {
             let moved = |step: f32| of(Vector3::ith(axis, step));
             let by = |equation: &ResidualEquation| derivative_by_hard_iron(&parameters.w, equation)[axis];
-            assert_derivative(by(&here.norm), |step| moved(step).norm.residual, "norm by hard iron");
-            let dip = here.inclination.as_ref().unwrap();
-            assert_derivative(by(dip), |step| moved(step).inclination.unwrap().residual, "dip by hard iron");
+            assert_derivative(by(&here.norm_equation), |step| moved(step).norm_equation.residual, "norm by hard iron");
+            let dip = here.inclination_equation.as_ref().unwrap();
+            assert_derivative(by(dip), |step| moved(step).inclination_equation.unwrap().residual, "dip by hard iron");
         }
     }
 }
@@ -117,8 +117,9 @@ fn estimate_equals_joint_least_squares() {
         let mut joint = LeastSquares::<16, 1>::new();
         let mut sums = ScoreTest::zero();
         for (equation, by_beta, _) in case.equations(form) {
-            let row =
-                SVector::<f32, 16>::from_fn(|i, _| if i < 13 { equation.row.as_vector()[i] } else { by_beta[i - 13] });
+            let row = SVector::<f32, 16>::from_fn(|i, _| {
+                if i < 13 { equation.jacobian_row.as_vector()[i] } else { by_beta[i - 13] }
+            });
             joint.add_weighted_row(&row, [-equation.residual], equation.weight);
             sums.add_weighted_equation(&equation, &by_beta, 1.0);
         }
@@ -126,7 +127,7 @@ fn estimate_equals_joint_least_squares() {
             &case.likelihood,
             &ModelParameters::new(&case.unknowns),
             &mut |prior| {
-                let row = SVector::<f32, 16>::from_fn(|i, _| if i < 13 { prior.row[i] } else { 0.0 });
+                let row = SVector::<f32, 16>::from_fn(|i, _| if i < 13 { prior.jacobian_row[i] } else { 0.0 });
                 joint.add_weighted_row(&row, [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
             },
         );
@@ -149,7 +150,7 @@ fn estimate_equals_joint_least_squares() {
 fn the_scan_finds_time_and_size() {
     let (mut scan, information) = Case::new(PAYLOAD_CHANGE_UT, 65_000).scanned();
     scan.extend_drift(0.0);
-    scan.test_course(&information.system, TestedCourse::Drift);
+    scan.test_course(&information.linear_system, TestedCourse::Drift);
     let found = scan.best.unwrap();
     assert_eq!(found.form, TestedCourse::Step(64_500));
     let unit_ut = Case::new(PAYLOAD_CHANGE_UT, 65_000).likelihood.unit_ut;
@@ -169,7 +170,7 @@ fn drift_sums_approximate_the_exact_sums() {
     for (equation, by_beta, _) in case.equations(TestedCourse::Drift) {
         exact.add_weighted_equation(&equation, &by_beta, 1.0);
     }
-    let of = |sums: &ScoreTest<3>| estimate_step(sums, &information.system, &scan.step_to_maximum).unwrap();
+    let of = |sums: &ScoreTest<3>| estimate_step(sums, &information.linear_system, &scan.step_to_maximum).unwrap();
     let ((found, significance), (beta, expected)) = (of(&scan.drifting.score_test(&scan.w)), of(&exact));
     assert!((found - beta).norm() < 0.03 * beta.norm(), "{found} {beta}");
     assert!((significance / expected - 1.0).abs() < 0.03, "{significance} {expected}");
@@ -181,7 +182,7 @@ fn the_gradient_effect_is_that_of_the_best_change() {
     let scan = case.scanned().0;
     let found = scan.best.unwrap();
     let effect = case.equations(found.form).iter().fold(Vector13::zeros(), |sum, (equation, by_beta, _)| {
-        sum + equation.row.as_vector() * (equation.weight * by_beta.dot(&found.beta))
+        sum + equation.jacobian_row.as_vector() * (equation.weight * by_beta.dot(&found.beta))
     });
     assert!((scan.effect - effect).norm() < 1e-3 * effect.norm());
 }
@@ -197,24 +198,25 @@ fn the_significance_of_norms_is_that_of_their_gradient() {
             sums.add_weighted_equation(&equation, &by_beta, 1.0);
         }
     }
-    let to_likeliest = information.system.step_to_maximum().unwrap();
-    let columns = sums.cross_information.map(|with| information.system.covariance_times(&with).unwrap());
+    let to_likeliest = information.linear_system.step_to_maximum().unwrap();
+    let columns = sums.cross_information.map(|with| information.linear_system.covariance_times(&with).unwrap());
     // Part of the gradient that the other unknowns do not explain; for inclination residuals the explained part.
     let left = |row: &JacobianRow, by_beta: Vector3<f32>| by_beta - Vector3::from_fn(|axis, _| row.dot(&columns[axis]));
     let of_inclination = |(equation, _, is_norm): (ResidualEquation, Vector3<f32>, bool)| {
-        if is_norm { 0.0 } else { equation.weight * equation.row.by_inclination.powi(2) }
+        if is_norm { 0.0 } else { equation.weight * equation.jacobian_row.by_inclination.powi(2) }
     };
     let dips: f32 = case.equations(form).into_iter().map(of_inclination).sum();
     let of_dip = information.residuals.excess_inclination_product(&Vector13::ith(12, 1.0), 0.0)[12] / dips;
     let norm = 1.3;
     let mut variance = Matrix3::zeros();
     for (equation, by_beta, is_norm) in case.equations(form) {
-        let left = left(&equation.row, if is_norm { by_beta } else { Vector3::zeros() });
+        let left = left(&equation.jacobian_row, if is_norm { by_beta } else { Vector3::zeros() });
         variance += left * left.transpose() * (equation.weight * if is_norm { norm } else { of_dip.max(norm) });
     }
     let gradient = sums.gradient - Vector3::from_fn(|axis, _| sums.cross_information[axis].dot(&to_likeliest));
     let expected = gradient.dot(&(variance.try_inverse().unwrap() * gradient));
-    let found = norm_significance(&sums, &information.system, &information.residuals, &to_likeliest, norm).unwrap();
+    let found =
+        norm_significance(&sums, &information.linear_system, &information.residuals, &to_likeliest, norm).unwrap();
     assert!((found / expected - 1.0).abs() < 0.05, "{found} {expected}");
     assert!(of_dip > 1.5, "{of_dip}");
 }
@@ -238,7 +240,7 @@ fn both_significance_thresholds_must_be_exceeded() {
         (scan.drifting, scan.drift_fraction) = (HardIronSums::zero(), 0.0);
         (scan.with_load, scan.with_hysteresis) = (HardIronSums::zero(), ScoreTest::zero());
         scan.best.as_mut().unwrap().significance = significance;
-        let found = scan.confirm_change(&case.fit(&calibration), &information.system, &information.residuals);
+        let found = scan.confirm_change(&case.fit(&calibration), &information.linear_system, &information.residuals);
         assert_eq!(found.is_some(), is_found, "{significance}");
     }
 }

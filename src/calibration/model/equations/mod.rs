@@ -14,7 +14,7 @@ use crate::trig::sqrt;
 /// Linearised residual: `row . change = -residual`.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct ResidualEquation {
-    pub row: JacobianRow,
+    pub jacobian_row: JacobianRow,
     pub residual: f32,
     /// Inverse variance times the Huber weight.
     pub weight: f32,
@@ -40,7 +40,7 @@ impl ResidualEquation {
             let size = sqrt(square);
             (information * huber / size, huber * (size - 0.5 * huber))
         };
-        Self { row, residual, weight, loss, clipped_square: square.min(CLIP_SIGMAS * CLIP_SIGMAS) }
+        Self { jacobian_row: row, residual, weight, loss, clipped_square: square.min(CLIP_SIGMAS * CLIP_SIGMAS) }
     }
 
     pub fn clipped_residual(&self) -> f32 {
@@ -59,10 +59,10 @@ impl ResidualEquation {
 /// inclination are the same at every attitude; the paper's method does not.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct SampleEquations {
-    pub norm: ResidualEquation,
+    pub norm_equation: ResidualEquation,
     /// Inclination residual, decorrelated from the norm residual. `None` without attitude.
-    pub inclination: Option<ResidualEquation>,
-    pub heading: Option<ResidualEquation>,
+    pub inclination_equation: Option<ResidualEquation>,
+    pub heading_equation: Option<ResidualEquation>,
     /// Derivatives of the inclination by roll and by pitch.
     pub inclination_by_attitude: [f32; 2],
 }
@@ -71,7 +71,7 @@ pub(in crate::calibration) struct SampleEquations {
 pub(in crate::calibration) struct MeasuredSample {
     /// Field minus the mean of all samples, mount axes, units of field.
     pub x: Vector3<f32>,
-    pub tilt: AttitudeRotation,
+    pub tilt_rotation: AttitudeRotation,
     /// Given heading, radians.
     pub heading_rad: Option<f32>,
 }
@@ -85,8 +85,8 @@ impl SampleEquations {
         config: &ModelConfig,
         refined: bool,
     ) -> Self {
-        let prediction = parameters.predict_field(measured.x, &measured.tilt);
-        let by_attitude = prediction.inclination_by_attitude(&measured.tilt);
+        let prediction = parameters.predict_field(measured.x, &measured.tilt_rotation);
+        let by_attitude = prediction.inclination_by_attitude(&measured.tilt_rotation);
         let covariance = noise.covariance(&prediction.direction, &prediction.inclination_by_field, by_attitude);
         let residuals = Residuals::new(parameters, &prediction);
         let (prediction, Residuals { norm, inclination_rad: dip }) = if refined {
@@ -96,15 +96,20 @@ impl SampleEquations {
         };
         let norm_row = prediction.norm_row();
         Self {
-            inclination: config.uses_attitude.then(|| {
+            inclination_equation: config.uses_attitude.then(|| {
                 let mut row = prediction.inclination_row();
-                row.by_field -= norm_row.by_field * covariance.slope;
-                ResidualEquation::new(row, dip - norm * covariance.slope, covariance.inclination, config.huber_sigmas)
+                row.derivative_by_field -= norm_row.derivative_by_field * covariance.decorrelation_slope;
+                ResidualEquation::new(
+                    row,
+                    dip - norm * covariance.decorrelation_slope,
+                    covariance.inclination_variance,
+                    config.huber_sigmas,
+                )
             }),
-            heading: measured
+            heading_equation: measured
                 .heading_rad
                 .map(|given_rad| heading_equation(measured, noise, config, &prediction, given_rad)),
-            norm: ResidualEquation::new(norm_row, norm, covariance.norm, config.huber_sigmas),
+            norm_equation: ResidualEquation::new(norm_row, norm, covariance.norm_variance, config.huber_sigmas),
             inclination_by_attitude: by_attitude,
         }
     }
@@ -112,7 +117,7 @@ impl SampleEquations {
 
 impl SampleEquations {
     pub fn iter(&self) -> impl Iterator<Item = &ResidualEquation> {
-        core::iter::once(&self.norm).chain(&self.inclination).chain(&self.heading)
+        core::iter::once(&self.norm_equation).chain(&self.inclination_equation).chain(&self.heading_equation)
     }
 }
 
@@ -151,12 +156,15 @@ fn linearise_at_corrected(
         let is_small = residual * residual <= limit_squared;
         (if is_small { residual } else { sqrt(limit_squared).copysign(residual) }) / variance
     };
-    let by_dip =
-        if config.uses_attitude { bounded(dip - norm * covariance.slope, covariance.inclination) } else { 0.0 };
-    let by_norm = bounded(norm, covariance.norm) - covariance.slope * by_dip;
+    let by_dip = if config.uses_attitude {
+        bounded(dip - norm * covariance.decorrelation_slope, covariance.inclination_variance)
+    } else {
+        0.0
+    };
+    let by_norm = bounded(norm, covariance.norm_variance) - covariance.decorrelation_slope * by_dip;
     let move_x =
         noise.likely_sensor_error(&(prediction.direction * by_norm + prediction.inclination_by_field * by_dip));
-    let moved = parameters.predict_field(prediction.x - move_x, &measured.tilt);
+    let moved = parameters.predict_field(prediction.x - move_x, &measured.tilt_rotation);
     let move_body = multiply(&parameters.w, &move_x);
     let moved_residuals = Residuals::new(parameters, &moved);
     let residuals = Residuals {
@@ -173,11 +181,11 @@ fn heading_equation(
     prediction: &FieldPrediction,
     given_rad: f32,
 ) -> ResidualEquation {
-    let by_field = prediction.heading_by_field(&measured.tilt);
+    let by_field = prediction.heading_by_field(&measured.tilt_rotation);
     let variance =
         config.given_heading_sigma_rad * config.given_heading_sigma_rad + noise.heading_variance(&by_field, prediction);
     let residual = wrap_pi(prediction.heading_rad() - given_rad);
-    ResidualEquation::new(prediction.heading_row(&measured.tilt), residual, variance, config.huber_sigmas)
+    ResidualEquation::new(prediction.heading_row(&measured.tilt_rotation), residual, variance, config.huber_sigmas)
 }
 
 #[cfg(test)]

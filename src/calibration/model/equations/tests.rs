@@ -13,7 +13,7 @@ fn close(found: f32, expected: f32) -> bool {
 }
 
 fn equation(sigmas: f32) -> ResidualEquation {
-    let row = JacobianRow { by_field: Vector3::zeros(), x: Vector3::zeros(), by_inclination: 0.0 };
+    let row = JacobianRow { derivative_by_field: Vector3::zeros(), x: Vector3::zeros(), by_inclination: 0.0 };
     ResidualEquation::new(row, sigmas * 0.1, 0.01, ModelConfig::DEFAULT.huber_sigmas)
 }
 
@@ -56,14 +56,14 @@ fn clipped_mean_square_of_normal_noise() {
 fn without_attitude_there_is_no_inclination_equation() {
     let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 1.0 };
     let tilt = Attitude::from_deg(20.0, 0.0).tilt_rotation();
-    let measured = MeasuredSample { x: Vector3::new(0.6, 0.0, 0.8), tilt, heading_rad: None };
+    let measured = MeasuredSample { x: Vector3::new(0.6, 0.0, 0.8), tilt_rotation: tilt, heading_rad: None };
     let equations = |config| SampleEquations::new(&parameters, &measured, &NoiseModel::INITIAL, &config, true);
     assert!(
-        equations(ModelConfig::DEFAULT).inclination.is_some()
-            && equations(ModelConfig::WITH_FIXED_MOUNTING).inclination.is_some()
+        equations(ModelConfig::DEFAULT).inclination_equation.is_some()
+            && equations(ModelConfig::WITH_FIXED_MOUNTING).inclination_equation.is_some()
     );
-    assert!(equations(ModelConfig::WITHOUT_ATTITUDE).inclination.is_none());
-    assert!(equations(ModelConfig::DEFAULT).heading.is_none());
+    assert!(equations(ModelConfig::WITHOUT_ATTITUDE).inclination_equation.is_none());
+    assert!(equations(ModelConfig::DEFAULT).heading_equation.is_none());
 }
 
 /// Expected gradient at the truth over all headings at 15 deg of bank each way and 70 deg of inclination, in
@@ -85,10 +85,12 @@ fn expected_gradient(refined: bool) -> f32 {
         let exact = parameters.expected_field(&tilt, f32::from(step) / 128.0 * TAU).unwrap();
         for (axis, sign) in [(0, 1.0), (1, 1.0), (2, 1.0), (0, -1.0), (1, -1.0), (2, -1.0)] {
             let x = exact + Vector3::ith(axis, sign * sigma * 3_f32.sqrt());
-            let measured = MeasuredSample { x, tilt, heading_rad: None };
+            let measured = MeasuredSample { x, tilt_rotation: tilt, heading_rad: None };
             let equations = SampleEquations::new(&parameters, &measured, &noise, &ModelConfig::DEFAULT, refined);
-            for equation in [Some(&equations.norm), equations.inclination.as_ref()].into_iter().flatten() {
-                let row = equation.row.as_vector();
+            for equation in
+                [Some(&equations.norm_equation), equations.inclination_equation.as_ref()].into_iter().flatten()
+            {
+                let row = equation.jacobian_row.as_vector();
                 gradient += row * (equation.weight * equation.residual / 6.0);
                 information += row.component_mul(&row) * (equation.weight / 6.0);
             }
@@ -116,7 +118,7 @@ fn the_measurement_is_corrected_by_its_expected_sensor_error() {
     let mut parameters = ModelParameters { w: noise_w, d: Vector3::new(0.1, 0.0, 0.2), inclination_rad: 1.0 };
     let measured = MeasuredSample {
         x: parameters.expected_field(&tilt, 0.7).unwrap() + Vector3::new(0.004, -0.006, 0.005),
-        tilt,
+        tilt_rotation: tilt,
         heading_rad: None,
     };
     let moved_by = |parameters: &ModelParameters| {
@@ -153,12 +155,13 @@ fn heading_variance_is_the_sum_of_reference_and_sensor_variance() {
     let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 0.9 };
     let tilt = Attitude::from_deg(10.0, 0.0).tilt_rotation();
     let x = parameters.expected_field(&tilt, 0.7).unwrap();
-    let measured = MeasuredSample { x, tilt, heading_rad: Some(0.69) };
+    let measured = MeasuredSample { x, tilt_rotation: tilt, heading_rad: Some(0.69) };
     for noise in [NoiseModel::new(1e-6, 1e-6, Matrix3::identity()), NoiseModel::new(0.01, 0.02, Matrix3::identity())] {
         let prediction = parameters.predict_field(x, &tilt);
         let own = noise.heading_variance(&prediction.heading_by_field(&tilt), &prediction);
-        let equation =
-            SampleEquations::new(&parameters, &measured, &noise, &ModelConfig::DEFAULT, false).heading.unwrap();
+        let equation = SampleEquations::new(&parameters, &measured, &noise, &ModelConfig::DEFAULT, false)
+            .heading_equation
+            .unwrap();
         assert!((equation.residual - 0.01).abs() < 1e-5);
         assert!(close(1.0 / equation.weight, 0.0175 * 0.0175 + own), "{} {own}", 1.0 / equation.weight);
     }

@@ -226,7 +226,7 @@ impl Solver {
     /// fit. The log-likelihood of `N` samples is `-N ln` of it, up to a constant.
     fn misfit(&self, calibration: &Calibration) -> f32 {
         let noise = &self.refinement.likelihood.noise;
-        noise.norm * calibration.total_ut * noise.inclination_sigma_rad
+        noise.norm_sigma * calibration.total_ut * noise.inclination_sigma_rad
     }
 
     /// Assesses the refined result. `None` on a restart with another latency or motor-current interference.
@@ -313,7 +313,9 @@ impl Solver {
             Err(SolveError::NotConverged)
         };
         // A hard-iron change explains a misfit or an implausible result.
-        sound.map_err(|error| change.as_ref().map_or(error, |change| SolveError::HardIronChanged(change.change)))?;
+        sound.map_err(|error| {
+            change.as_ref().map_or(error, |change| SolveError::HardIronChanged(change.detected_change))
+        })?;
         if self.method == Method::MaximumLikelihood {
             let sigmas = assumed_sigmas(self.consider, latency);
             let own = inclination_from_samples(information, likelihood, judgement.unknowns, &sigmas);

@@ -183,7 +183,9 @@ fn the_misfit_scales_with_the_total_field() {
     let mut solution = found(0.5, 0.0);
     let misfit = solver.misfit(&solution.calibration);
     let noise = &solver.refinement.likelihood.noise;
-    assert!((misfit / (noise.norm * noise.inclination_sigma_rad * solution.calibration.total_ut) - 1.0).abs() < 1e-5);
+    assert!(
+        (misfit / (noise.norm_sigma * noise.inclination_sigma_rad * solution.calibration.total_ut) - 1.0).abs() < 1e-5
+    );
     solution.calibration.total_ut *= 2.0;
     assert!((solver.misfit(&solution.calibration) / misfit - 2.0).abs() < 1e-5);
 }

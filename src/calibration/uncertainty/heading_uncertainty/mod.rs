@@ -128,7 +128,7 @@ pub(in crate::calibration) fn heading_uncertainty(
     white_fraction: f32,
 ) -> Option<HeadingUncertainty> {
     let noise = &likelihood.noise;
-    let white = noise.norm * noise.norm * white_fraction;
+    let white = noise.norm_sigma * noise.norm_sigma * white_fraction;
     let attitude_sigma_rad = if likelihood.config.uses_attitude {
         sqrt((noise.inclination_sigma_rad * noise.inclination_sigma_rad - white).max(0.0))
     } else {

@@ -23,7 +23,7 @@ fn node(number: u8) -> NodeId {
 const fn info(first_byte: u8) -> NodeInfo {
     let mut unique_id = [7; UNIQUE_ID_LENGTH];
     unique_id[0] = first_byte;
-    let software = SoftwareVersion { major: 0, minor: 1, commit: None, image_crc: None };
+    let software = SoftwareVersion { major_version: 0, minor_version: 1, commit: None, image_crc: None };
     NodeInfo { name: "org.autoswing.test", software, hardware: [1, 0], unique_id }
 }
 
@@ -131,12 +131,12 @@ impl Bench {
 
     /// Polls once, without sending.
     fn poll(&mut self) {
-        self.estimate.at = self.now();
+        self.estimate.timestamp = self.now();
         let snapshot = Snapshot {
             now: self.now(),
             estimate: &self.estimate,
             settings: &self.settings,
-            indicator: self.indicator,
+            indicator_state: self.indicator,
             calibration: None,
         };
         let context = NodeContext { snapshot, stored_settings: &self.settings, is_armed: self.is_armed };

@@ -155,7 +155,7 @@ fn an_update_is_handed_over_with_the_restart() {
     assert_eq!(bench.node.granted_update(), None, "not before the state machine");
     bench.node.complete_command(Command::Restart, Ok(()));
     let update = bench.node.granted_update().unwrap();
-    assert_eq!((update.server, update.own_node, update.file_path()), (node(PEER), node(OWN), &b"a.bin"[..]));
+    assert_eq!((update.server_node, update.own_node, update.file_path()), (node(PEER), node(OWN), &b"a.bin"[..]));
     let bytes = update.boot_loader_bytes();
     assert_eq!(bytes[..4], [0x9A, 0xAD, 0x44, 0xC5]);
     assert_eq!(bytes[4..22], [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, PEER, OWN]);
@@ -184,7 +184,7 @@ fn a_path_is_checked() {
     assert_eq!((longest[22], longest[221], &longest[222..]), (11, b'x', &[0, 0][..]));
     bench.ask(DataType::BEGIN_FIRMWARE_UPDATE, &path(5));
     bench.node.complete_command(Command::Restart, Ok(()));
-    assert_eq!(bench.node.granted_update().unwrap().server, node(11));
+    assert_eq!(bench.node.granted_update().unwrap().server_node, node(11));
 }
 
 #[test]

@@ -135,7 +135,7 @@ impl MavlinkBench {
             now: self.now(),
             estimate: &self.estimate,
             settings: &self.settings,
-            indicator: self.glance,
+            indicator_state: self.glance,
             calibration: self.calibration.as_ref(),
         };
         let mut out = TransmitBuffer::new();

@@ -93,7 +93,7 @@ fn echoed_own_messages_are_ignored() {
             now: bench.now(),
             estimate: &Estimate::EMPTY,
             settings: &Settings { sends_vision_yaw: true, ..Settings::DEFAULT },
-            indicator: IndicatorState::Collecting(3),
+            indicator_state: IndicatorState::Collecting(3),
             calibration: None,
         };
         let mut out = TransmitBuffer::new();
@@ -180,7 +180,7 @@ fn bench_with_heading() -> MavlinkBench {
     let mut bench = MavlinkBench::beside_an_autopilot();
     bench.settings.sends_vision_yaw = true;
     bench.settings.declination_deg = Some(-20.0);
-    bench.estimate.at = Timestamp::from_us(3_599_990_000);
+    bench.estimate.timestamp = Timestamp::from_us(3_599_990_000);
     bench.estimate.heading = Ok(heading(10.0, 2.0));
     bench.estimate.smoothed_heading = Some(heading(99.0, 9.0));
     bench.estimate.attitude = Some(Attitude { roll_rad: 0.3, pitch_rad: -0.1 });

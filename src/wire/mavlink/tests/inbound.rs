@@ -100,8 +100,8 @@ fn commands_are_decoded_from_command_long_and_command_int() {
     let expected = |command, confirmation| {
         InboundMessage::Command(ReceivedCommand {
             source: SENDER,
-            target: Address { system: 12, component: 158 },
-            command,
+            target: Address { system_id: 12, component_id: 158 },
+            command_number: command,
             confirmation,
             parameters: [1.5, -2.0, 3.0, 4.0],
         })
@@ -133,17 +133,17 @@ fn a_command_int_has_no_confirmation() {
 fn unknown_command_and_result_numbers_are_returned() {
     let payload = [&[0; 28][..], &[0xFF, 0xFF, 1, 158, 0]].concat();
     let InboundMessage::Command(command) = decode_single(&frame(76, 152, &payload)) else { panic!() };
-    assert_eq!(command.command, 0xFFFF);
+    assert_eq!(command.command_number, 0xFFFF);
     let InboundMessage::Acknowledgement(ack) = decode_single(&frame(77, 143, &[0xFF, 0xFF, 200])) else { panic!() };
-    assert_eq!((ack.command, ack.result), (0xFFFF, 200));
+    assert_eq!((ack.command_number, ack.result), (0xFFFF, 200));
 }
 
 /// With the extension fields of version 2; without them it is for all.
 #[test]
 fn an_acknowledgement_has_a_target_in_version_2() {
     let ack = |result, system, component| {
-        let target = Address { system, component };
-        InboundMessage::Acknowledgement(Acknowledgement { source: SENDER, target, command: 511, result })
+        let target = Address { system_id: system, component_id: component };
+        InboundMessage::Acknowledgement(Acknowledgement { source: SENDER, target, command_number: 511, result })
     };
     assert_eq!(decode_single(&bytes("fd0a0000c90c224d0000ff010207fbffffff0c9ea59c")), ack(2, 12, 158));
     let v1 = with_crc_of(143, vec![0xFE, 3, 0, 12, 34, 77, 0xFF, 1, 2]);
@@ -182,6 +182,6 @@ fn the_longest_frame_is_decoded() {
 
 #[test]
 fn an_address_round_trips_through_a_sender_id() {
-    let address = Address { system: 12, component: 34 };
+    let address = Address { system_id: 12, component_id: 34 };
     assert_eq!((address.sender_id(), Address::from_sender(SENDER)), (SENDER, address));
 }

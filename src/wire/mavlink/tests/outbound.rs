@@ -5,8 +5,8 @@ use super::*;
 use crate::time::Timestamp;
 use mavlink::dialects::common::{MavResult, MavSeverity, MavState};
 
-const OWN: Address = Address { system: 7, component: 158 };
-const AUTOPILOT: Address = Address { system: 7, component: 1 };
+const OWN: Address = Address { system_id: 7, component_id: 158 };
+const AUTOPILOT: Address = Address { system_id: 7, component_id: 1 };
 
 fn assert_is(message: OutboundMessage, hex: &str) {
     assert_eq!(message.into_frame(OWN, 201, &mut Signatures::new())[..], bytes(hex)[..]);
@@ -28,7 +28,7 @@ fn attitude_is_requested_by_message_interval_and_by_stream() {
 
 #[test]
 fn an_acknowledgement_is_addressed_to_the_requester() {
-    let to = Address { system: 255, component: 190 };
+    let to = Address { system_id: 255, component_id: 190 };
     let rejected = MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
     assert_is(OutboundMessage::acknowledgement(to, 42_424, rejected), "fd0a0000c9079e4d0000b8a5010000000000ffbee40a");
 }
@@ -98,7 +98,7 @@ fn a_calibration_report_contains_the_parameters_of_a_success() {
 #[test]
 fn a_pose_contains_the_heading_variance() {
     let pose = Pose {
-        at: Timestamp::from_us(123_456_789_012),
+        timestamp: Timestamp::from_us(123_456_789_012),
         roll_pitch_yaw_rad: [0.1, -0.2, 3.0],
         yaw_variance_rad2: 0.0004,
         reset_counter: 2,
@@ -115,7 +115,7 @@ fn a_pose_contains_the_heading_variance() {
 /// Required by version 2, to one byte at least.
 #[test]
 fn zeros_at_the_end_are_cut_off() {
-    let zero_address = Address { system: 0, component: 0 };
+    let zero_address = Address { system_id: 0, component_id: 0 };
     let ack = |command| OutboundMessage::acknowledgement(zero_address, command, MavResult::MAV_RESULT_ACCEPTED);
     assert_is(ack(42_424), "fd020000c9079e4d0000b8a5d472");
     assert_eq!(ack(0).into_frame(OWN, 0, &mut Signatures::new())[..11], [0xFD, 1, 0, 0, 0, 7, 158, 77, 0, 0, 0]);

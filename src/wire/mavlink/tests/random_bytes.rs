@@ -4,8 +4,8 @@ use super::*;
 
 fn frame(random: &mut Random) -> Vec<u8> {
     let wanted = &SUPPORTED_MESSAGES[usize::from(random.byte()) % SUPPORTED_MESSAGES.len()];
-    let id = if random.byte() < 32 { random.byte() } else { wanted.id as u8 };
-    let length = usize::from(random.byte()) % (wanted.extended + 2);
+    let id = if random.byte() < 32 { random.byte() } else { wanted.message_id as u8 };
+    let length = usize::from(random.byte()) % (wanted.extended_length + 2);
     let payload = random.bytes(length);
     let head = if random.byte() < 128 {
         vec![0xFE, length as u8, 0, 12, 34, id]

@@ -5,7 +5,7 @@ use mavlink::dialects::common::MavState;
 use super::super::signature::{LENGTH, MAX_AGE, SIGNED_FLAG};
 use super::super::{Address, Frame, InboundMessage, OutboundMessage, Receiver, Signatures, key_from_passphrase};
 
-const AUTOPILOT: Address = Address { system: 1, component: 1 };
+const AUTOPILOT: Address = Address { system_id: 1, component_id: 1 };
 
 /// HEARTBEAT of an armed autopilot with the passphrase "swing", link 2, time 100,000,000; made with Python's hashlib.
 const SIGNED: [u8; 34] = [
@@ -58,7 +58,7 @@ fn with_a_key_unsigned_frames_are_rejected_and_sent_ones_signed() {
     // The time follows the newest received frame.
     assert!(is_accepted(&mut one, &SIGNED));
     let signed = sent(&mut one.signatures, AUTOPILOT);
-    assert!(is_accepted(&mut other, &signed) && other.signatures.time == 100_000_001);
+    assert!(is_accepted(&mut other, &signed) && other.signatures.newest_time == 100_000_001);
 }
 
 /// A minute behind the newest frame; a ninth stream, and no key.
@@ -67,8 +67,8 @@ fn old_streams_and_too_many_are_rejected() {
     let frame_at = |time, system| {
         let mut sender = Signatures::new();
         sender.set_key(Some(key_from_passphrase("swing")));
-        sender.time = time;
-        sent(&mut sender, Address { system, component: 1 })
+        sender.newest_time = time;
+        sent(&mut sender, Address { system_id: system, component_id: 1 })
     };
     let mut receiver = receiver("swing");
     assert!(is_accepted(&mut receiver, &frame_at(2 * MAX_AGE, 1)));

@@ -108,7 +108,7 @@ mod tests {
         assert_eq!(rows.len(), 2);
         assert_eq!(rows[0].values.map(f32::to_bits), [10.0_f32, -20.0, 40.0, 10.0, -20.0, 40.0].map(f32::to_bits));
         assert!((flight.attitude.rows()[1].values[1].to_degrees() + 3.0).abs() < 1e-5);
-        assert_eq!(flight.usable.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [1.0, 0.0]);
+        assert_eq!(flight.usable_rows.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [1.0, 0.0]);
         let in_ut = read_csv(GOOD.as_bytes(), FieldUnit::Microtesla).unwrap();
         assert_eq!(in_ut.compasses[0].field.rows()[0].values[..3], [100.0, -200.0, 400.0]);
     }
@@ -151,7 +151,7 @@ mod tests {
     fn a_malformed_line_costs_only_that_line() {
         for bad in ["0.2,9,10", "0.2,9,x,-200,400,10,-2,1\n", "0.2,9,100,,400,10,-2,1\n", "0.2,9,100,inf,400,10,-2,1"] {
             let flight = read_text(&format!("{GOOD}{bad}")).unwrap();
-            assert_eq!((flight.compasses[0].field.rows().len(), flight.counts.garbage), (2, 1), "{bad}");
+            assert_eq!((flight.compasses[0].field.rows().len(), flight.skipped_counts.garbage), (2, 1), "{bad}");
         }
     }
 
@@ -161,7 +161,7 @@ mod tests {
         let flight = read_text(&text).unwrap();
         let times: Vec<f64> = flight.compasses[0].field.rows().iter().map(|row| row.t_s).collect();
         assert_eq!(times.len(), 3);
-        assert!(times.is_sorted() && flight.counts.repeats > 0);
+        assert!(times.is_sorted() && flight.skipped_counts.repeats > 0);
     }
 
     #[test]

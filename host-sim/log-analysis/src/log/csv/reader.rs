@@ -33,8 +33,10 @@ impl TableReader {
     /// clock), or two in three go back at all.
     pub fn from_first_lines(table: &TableLayout, held: &[(u64, String)]) -> Self {
         const MAX_REORDERING_S: f64 = 3.0;
-        let mut times_s: Vec<f64> =
-            held.iter().filter_map(|(_, line)| table.values(line).required_number(table.t_s, "t_s").ok()).collect();
+        let mut times_s: Vec<f64> = held
+            .iter()
+            .filter_map(|(_, line)| table.values(line).required_number(table.time_column, "t_s").ok())
+            .collect();
         let steps = |is: &dyn Fn(f64) -> bool| times_s.windows(2).filter(|pair| is(pair[1] - pair[0])).count();
         let [back, far_back] = [steps(&|step_s| step_s < 0.0), steps(&|step_s| step_s < -MAX_REORDERING_S)];
         let is_shuffled = far_back * 10 > times_s.len() || back * 3 > times_s.len() * 2;
@@ -53,20 +55,20 @@ impl TableReader {
 
     pub fn record_line(&mut self, table: &TableLayout, unit: FieldUnit, number: u64, line: &str) {
         if let Err((column, found)) = self.read_line(table, unit, line) {
-            self.recorder.flight.counts.garbage += 1;
+            self.recorder.flight.skipped_counts.garbage += 1;
             self.first_invalid.get_or_insert((number, column, found));
         }
     }
 
     fn read_line(&mut self, table: &TableLayout, unit: FieldUnit, line: &str) -> Result<(), InvalidCell> {
         let values = table.values(line);
-        let t_s = values.required_number(table.t_s, "t_s")?;
+        let t_s = values.required_number(table.time_column, "t_s")?;
         let [roll_deg, pitch_deg] = [
-            values.required_number(table.attitude[0], "roll_deg")?,
-            values.required_number(table.attitude[1], "pitch_deg")?,
+            values.required_number(table.attitude_columns[0], "roll_deg")?,
+            values.required_number(table.attitude_columns[1], "pitch_deg")?,
         ];
         let mut fields = Vec::new();
-        for &(number, [x, y, z]) in &table.fields {
+        for &(number, [x, y, z]) in &table.field_columns {
             let given = [x, y, z].map(|index| values.get(index));
             if number == 1 || given.iter().all(Option::is_some) {
                 let field = [
@@ -81,10 +83,10 @@ impl TableReader {
             Some(index) if values.get(index).is_some() => values.required_number(index, name).map(Some),
             _ => Ok(None),
         };
-        let usable = optional(table.usable, "use")?;
-        let reference = optional(table.reference, "yaw_ref_deg")?;
-        let yaw = optional(table.yaw, "yaw_deg")?;
-        let read = match table.rates.filter(|rates| rates.iter().any(|&index| values.get(index).is_some())) {
+        let usable = optional(table.usable_column, "use")?;
+        let reference = optional(table.reference_column, "yaw_ref_deg")?;
+        let yaw = optional(table.yaw_column, "yaw_deg")?;
+        let read = match table.rate_columns.filter(|rates| rates.iter().any(|&index| values.get(index).is_some())) {
             Some([p, q, r]) => Some([
                 values.required_number(p, "p_dps")?,
                 values.required_number(q, "q_dps")?,
@@ -96,7 +98,7 @@ impl TableReader {
         if let Some(read) = read {
             self.rates.push(t_s, read.map(|dps| dps.to_radians() as f32));
         }
-        if let Ok(Some(armed)) = optional(table.armed, "armed") {
+        if let Ok(Some(armed)) = optional(table.armed_column, "armed") {
             self.armed.push(t_s, [f32::from(armed != 0.0)]);
         }
         let into = &mut self.recorder;
@@ -110,15 +112,15 @@ impl TableReader {
             flight.reference_heading.push(t_s, [reference.to_radians() as f32]);
         }
         if let Some(usable) = usable {
-            flight.usable.push(t_s, [f32::from(usable != 0.0)]);
+            flight.usable_rows.push(t_s, [f32::from(usable != 0.0)]);
         }
-        if let Ok(Some(amperes)) = optional(table.current, "current_a") {
+        if let Ok(Some(amperes)) = optional(table.current_column, "current_a") {
             into.push_current(t_s, amperes as f32);
         }
-        if let Some([latitude, longitude]) = table.place.map(|place| place.map(|index| values.get(index)))
+        if let Some([latitude, longitude]) = table.place_columns.map(|place| place.map(|index| values.get(index)))
             && let (Some(latitude), Some(longitude)) = (latitude, longitude)
         {
-            let height_m = table.height.and_then(|index| values.get(index)).unwrap_or(0.0) as f32;
+            let height_m = table.height_column.and_then(|index| values.get(index)).unwrap_or(0.0) as f32;
             let [latitude_deg, longitude_deg] = [latitude, longitude].map(|deg| deg as f32);
             let known =
                 |index: Option<usize>| index.and_then(|index| values.get(index)).map_or(f32::NAN, |value| value as f32);
@@ -133,7 +135,7 @@ impl TableReader {
     fn at(&mut self, t_s: f64) -> Option<f64> {
         let since_s = t_s - self.median_time_s;
         if since_s.abs() >= MAX_TIME_FROM_START_S {
-            self.recorder.flight.counts.bad_times += 1;
+            self.recorder.flight.skipped_counts.bad_times += 1;
             None
         } else if self.is_unordered {
             Some(t_s)
@@ -154,7 +156,7 @@ impl TableReader {
         }
         let flight = self.recorder.finish_flight();
         // Rejected readings count as rows; the caller reports them.
-        let is_empty = flight.compasses.is_empty() && flight.counts.unhealthy == 0;
+        let is_empty = flight.compasses.is_empty() && flight.skipped_counts.unhealthy == 0;
         if is_empty { Err(CsvError::NoRows(self.first_invalid)) } else { Ok(flight) }
     }
 }

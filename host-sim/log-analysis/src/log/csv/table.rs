@@ -6,18 +6,18 @@ use super::error::CsvError;
 
 pub(super) struct TableLayout {
     separator: char,
-    pub t_s: usize,
-    pub fields: Vec<(u8, [usize; 3])>,
-    pub attitude: [usize; 2],
-    pub rates: Option<[usize; 3]>,
-    pub usable: Option<usize>,
-    pub reference: Option<usize>,
-    pub yaw: Option<usize>,
-    pub current: Option<usize>,
-    pub place: Option<[usize; 2]>,
-    pub height: Option<usize>,
+    pub time_column: usize,
+    pub field_columns: Vec<(u8, [usize; 3])>,
+    pub attitude_columns: [usize; 2],
+    pub rate_columns: Option<[usize; 3]>,
+    pub usable_column: Option<usize>,
+    pub reference_column: Option<usize>,
+    pub yaw_column: Option<usize>,
+    pub current_column: Option<usize>,
+    pub place_columns: Option<[usize; 2]>,
+    pub height_column: Option<usize>,
     pub over_ground: [Option<usize>; 2],
-    pub armed: Option<usize>,
+    pub armed_column: Option<usize>,
 }
 
 /// Other names of required columns.
@@ -65,18 +65,18 @@ impl TableLayout {
         let place = find("lat_deg").zip(find("lon_deg")).map(|(latitude, longitude)| [latitude, longitude]);
         Ok(Self {
             separator,
-            t_s: need("t_s")?,
-            fields,
-            attitude: [need("roll_deg")?, need("pitch_deg")?],
-            rates: rates_in(&find)?,
-            usable: find("use"),
-            reference: find("yaw_ref_deg"),
-            yaw: find("yaw_deg").or_else(|| find("yaw_log_deg")),
-            current: find("current_a"),
-            place,
-            height: find("height_m"),
+            time_column: need("t_s")?,
+            field_columns: fields,
+            attitude_columns: [need("roll_deg")?, need("pitch_deg")?],
+            rate_columns: rates_in(&find)?,
+            usable_column: find("use"),
+            reference_column: find("yaw_ref_deg"),
+            yaw_column: find("yaw_deg").or_else(|| find("yaw_log_deg")),
+            current_column: find("current_a"),
+            place_columns: place,
+            height_column: find("height_m"),
             over_ground: ["speed_m_s", "course_deg"].map(find),
-            armed: find("armed"),
+            armed_column: find("armed"),
         })
     }
 

@@ -48,7 +48,7 @@ pub fn read_binary(source: &mut dyn Read) -> io::Result<Flight> {
                 Some(layout.length)
             })
         };
-        recorder.flight.counts.garbage += u64::from(taken.is_none());
+        recorder.flight.skipped_counts.garbage += u64::from(taken.is_none());
         window.consume_bytes(taken.unwrap_or(1));
     }
     Ok(recorder.finish_flight())

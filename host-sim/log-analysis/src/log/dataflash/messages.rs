@@ -154,7 +154,7 @@ fn numeric_fields<const N: usize>(message: &dyn Message, names: [&str; N]) -> Op
 fn record_field(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message, number: u8) {
     let Some(field) = numeric_fields(message, ["MagX", "MagY", "MagZ"]) else { return };
     if message.numeric_field("Health") == Some(0.0) {
-        recorder.flight.counts.unhealthy += 1;
+        recorder.flight.skipped_counts.unhealthy += 1;
         return;
     }
     let motor =

@@ -36,7 +36,7 @@ fn the_gyro_bias_is_subtracted() {
         ("IMU", &[("TimeUS", 1.1e6), ("GyrX", 0.1), ("GyrY", 0.2), ("GyrZ", 0.3)]),
     ]);
     let expected = [0.1 - 1_f32.to_radians(), 0.2 + 2_f32.to_radians(), 0.3 - 0.5_f32.to_radians()];
-    let [row] = flight.rates.rows() else { panic!("{:?}", flight.rates) };
+    let [row] = flight.body_rates.rows() else { panic!("{:?}", flight.body_rates) };
     assert!(row.values.iter().zip(expected).all(|(rate, expected)| (rate - expected).abs() < 1e-6), "{row:?}");
 }
 
@@ -52,7 +52,7 @@ fn curr_precedes_bat_and_2d_fixes_are_rejected() {
         ("GPS", &fix(1.1e6, 2.0)),
         ("GPS", &fix(1.2e6, 3.0)),
     ]);
-    assert_eq!(flight.current.rows().iter().map(|row| row.values[0].round() as i32).collect::<Vec<_>>(), [13]);
+    assert_eq!(flight.battery_current.rows().iter().map(|row| row.values[0].round() as i32).collect::<Vec<_>>(), [13]);
     let [row] = flight.gps.rows() else { panic!("{:?}", flight.gps) };
     assert!(Gps::from_columns(row.values).yaw_deg.is_nan(), "{row:?}");
 }

@@ -34,7 +34,7 @@ pub fn read_text(source: &mut dyn Read) -> io::Result<Flight> {
                 record_message(&mut recorder, name, &TextMessage { layout, values: values.collect() });
             }
         } else {
-            recorder.flight.counts.garbage += u64::from(!name.is_empty());
+            recorder.flight.skipped_counts.garbage += u64::from(!name.is_empty());
         }
     }
     Ok(recorder.finish_flight())

@@ -35,11 +35,11 @@ fn old_ardupilot_formats_are_read() {
         bytes[at + 16..at + 20].copy_from_slice(&((amperes * 100.0).round() as i32).to_le_bytes());
     }
     for flight in [text, read_bytes(&bytes).unwrap()] {
-        for row in flight.current.rows() {
+        for row in flight.battery_current.rows() {
             let error = f64::from(row.values[0]) - expected(row.t_s);
             assert!(error.abs() < 0.006, "{:?}: {row:?}", flight.format);
         }
-        assert_eq!(flight.current.rows().len(), 300);
+        assert_eq!(flight.battery_current.rows().len(), 300);
     }
 }
 
@@ -66,12 +66,12 @@ fn only_the_first_of_several_sensors_is_used() {
     let [without, with] = [log.clone(), log + &more.join("\n")].map(|log| read_bytes(log.as_bytes()).unwrap());
     let rows = |flight: &Flight| {
         [
-            flight.rates.rows().len(),
+            flight.body_rates.rows().len(),
             flight.gps.rows().len(),
-            flight.current.rows().len(),
+            flight.battery_current.rows().len(),
             flight.compasses[0].field.rows().len(),
         ]
     };
     assert_eq!(rows(&with), rows(&without));
-    assert_eq!((without.counts.unhealthy, with.counts.unhealthy), (0, 1));
+    assert_eq!((without.skipped_counts.unhealthy, with.skipped_counts.unhealthy), (0, 1));
 }

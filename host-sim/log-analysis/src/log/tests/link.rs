@@ -20,8 +20,12 @@ fn only_the_first_autopilot_of_a_link_counts() {
     let renumbered = renumbered(&other, 2);
     both.extend(renumbered);
     let flight = read_bytes(&both).unwrap();
-    assert!(flight.counts.others > 600 && flight.systems.len() == 2, "{:?}", flight.systems);
-    assert_eq!(read_bytes(&encode_tlog(&selected)).unwrap().systems, [1]);
+    assert!(
+        flight.skipped_counts.others > 600 && flight.autopilot_systems.len() == 2,
+        "{:?}",
+        flight.autopilot_systems
+    );
+    assert_eq!(read_bytes(&encode_tlog(&selected)).unwrap().autopilot_systems, [1]);
     assert_eq!(flight.compasses[0].field.rows().len(), 300);
 }
 
@@ -29,7 +33,7 @@ fn only_the_first_autopilot_of_a_link_counts() {
 fn a_second_autopilot_of_the_same_system_is_reported() {
     let selected = encode_tlog(&recording(&ARDUPILOT));
     let started_log = read_bytes(&selected).unwrap();
-    assert_eq!(started_log.components, [1]);
+    assert_eq!(started_log.autopilot_components, [1]);
     let mut both = selected;
     let beside = MavHeader { system_id: 1, component_id: 2, sequence: 0 };
     let mut frame = MAVLinkV2MessageRaw::new();
@@ -39,7 +43,7 @@ fn a_second_autopilot_of_the_same_system_is_reported() {
     );
     both.extend([&70_000_000_u64.to_be_bytes(), frame.raw_bytes()].concat());
     let flight = read_bytes(&both).unwrap();
-    assert_eq!((flight.systems, flight.components), (vec![1], vec![1, 2]));
+    assert_eq!((flight.autopilot_systems, flight.autopilot_components), (vec![1], vec![1, 2]));
     assert_eq!(flight.autopilot, started_log.autopilot);
 }
 
@@ -115,7 +119,7 @@ fn zero_current_is_kept_and_negative_current_dropped() {
     };
     let bytes = [started_px4_log(), current(100_000, 0), current(200_000, -1), current(300_000, 250)].concat();
     let flight = read_bytes(&bytes).unwrap();
-    assert_eq!(flight.current.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [0.0, 2.5]);
+    assert_eq!(flight.battery_current.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [0.0, 2.5]);
 }
 
 /// The receiver's clock bridges at most two seconds.
@@ -124,7 +128,7 @@ fn messages_without_time_follow_the_last_message_with_time() {
     let current = |at_us: u64| logged_frame(at_us, &SYS_STATUS_DATA { current_battery: 100, ..Default::default() });
     for (at_us, after_s) in [(300_000, 0.3), (1_900_000, 1.9), (60_000_000, 2.0)] {
         let flight = read_bytes(&[started_px4_log(), current(at_us)].concat()).unwrap();
-        let (at_s, field_s) = (flight.current.rows()[0].t_s, flight.compasses[0].field.rows()[0].t_s);
+        let (at_s, field_s) = (flight.battery_current.rows()[0].t_s, flight.compasses[0].field.rows()[0].t_s);
         assert!((at_s - field_s - after_s).abs() < 1e-6, "{at_us} us: {at_s}, {field_s}");
     }
 }
@@ -166,7 +170,7 @@ fn the_first_compass_is_raw_imu_for_ardupilot_and_scaled_imu_for_px4() {
         let flight = read_bytes(&bytes).unwrap();
         let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
         assert!((row.values[0] - ut).abs() < 1e-4, "{row:?}");
-        assert_eq!(flight.counts.unhealthy, 0);
+        assert_eq!(flight.skipped_counts.unhealthy, 0);
     }
 }
 
@@ -178,7 +182,7 @@ fn unix_times_are_not_used_as_time_since_boot() {
     let flight = read_bytes(&bytes).unwrap();
     let (row, attitude) = (flight.compasses[0].field.rows()[0], flight.attitude.rows()[0]);
     assert!((row.t_s - attitude.t_s - 0.5).abs() < 1e-6, "{row:?} {attitude:?}");
-    assert_eq!((flight.counts.restarts, flight.counts.bad_times), (0, 0));
+    assert_eq!((flight.skipped_counts.restarts, flight.skipped_counts.bad_times), (0, 0));
 }
 
 /// Two vehicles on one link, preceded by a ground station that reports a generic autopilot.
@@ -208,7 +212,7 @@ fn the_requested_vehicle_is_read() {
     }
     for (requested, systems, x_ut) in [(None, [1, 2], None), (Some(1), [1, 2], None), (Some(2), [2, 1], Some(1.0))] {
         let flight = read_system(&mut &link[..], FieldUnit::Milligauss, requested).unwrap();
-        assert_eq!(flight.systems, systems, "{requested:?}");
+        assert_eq!(flight.autopilot_systems, systems, "{requested:?}");
         let rows = flight.compasses[0].field.rows();
         assert!(rows.len() >= 299, "{requested:?}: {}", rows.len());
         let is_the_other = rows.iter().all(|row| (row.values[0] - 1.0).abs() < 0.01);
@@ -228,5 +232,5 @@ fn a_gimbal_is_not_a_second_vehicle() {
     frame.serialize_message_data(MavHeader { system_id: 1, component_id: 154, sequence: 0 }, &heartbeat);
     let other = [&0_u64.to_be_bytes(), frame.raw_bytes()].concat();
     let flight = read_bytes(&[started_px4_log(), other].concat()).unwrap();
-    assert_eq!((flight.systems, flight.counts.others), (vec![1], 1));
+    assert_eq!((flight.autopilot_systems, flight.skipped_counts.others), (vec![1], 1));
 }

@@ -73,7 +73,7 @@ fn recording(parameters: &[(&str, f64)]) -> FlightRecording {
     FlightRecording {
         samples: instants.collect(),
         parameters: parameters.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect(),
-        place: Some([48.0, 11.3, 500.0]),
+        start_position: Some([48.0, 11.3, 500.0]),
         declination_deg: 0.0,
         is_copter: false,
         field_latency_s: 0.0,
@@ -104,7 +104,11 @@ fn every_format_gives_the_raw_field_in_body_axes() {
         let flight = read_bytes(&bytes).unwrap();
         assert_eq!(flight.format, format);
         let compasses = if format == LogFormat::Csv { 1 } else { 2 };
-        assert_eq!(flight.compasses.iter().map(|c| c.number).collect::<Vec<_>>(), [1, 2][..compasses], "{format:?}");
+        assert_eq!(
+            flight.compasses.iter().map(|c| c.compass_number).collect::<Vec<_>>(),
+            [1, 2][..compasses],
+            "{format:?}"
+        );
         for (index, compass) in flight.compasses.iter().enumerate() {
             // Rows before a link's first heartbeat are ignored.
             let late = original.samples.len() - compass.field.rows().len();
@@ -123,21 +127,21 @@ fn every_format_gives_the_raw_field_in_body_axes() {
             "{format:?}"
         );
         assert!(format == LogFormat::Csv || (f64::from(row.values[2]) - yaw).abs() < 2e-4, "{format:?}");
-        let rates = flight.rates.interpolate(row.t_s, 1.0).unwrap();
+        let rates = flight.body_rates.interpolate(row.t_s, 1.0).unwrap();
         assert!(
             rates.iter().zip([0.1, -0.2, 0.3]).all(|(rate, expected)| (rate - expected).abs() < 1e-4),
             "{format:?}"
         );
-        let [current] = flight.current.interpolate_or_hold(row.t_s, 2.0).unwrap();
+        let [current] = flight.battery_current.interpolate_or_hold(row.t_s, 2.0).unwrap();
         assert!((f64::from(current) - instant.current_a).abs() < 0.1, "{format:?}: {current}");
         let gps = Gps::from_columns(flight.gps.rows()[5].values);
         assert!((gps.latitude_deg - 48.0).abs() < 1e-4 && (gps.height_m - 500.0).abs() < 0.1, "{format:?}: {gps:?}");
         let over_ground = [gps.speed_m_s, gps.course_deg.rem_euclid(360.0)];
         let is_right = (over_ground[0] - 15.0).abs() < 0.01 && (over_ground[1] - 233.13).abs() < 0.01;
         assert!(is_right, "{format:?}: {gps:?}");
-        assert_eq!(flight.counts, SkippedCounts::default(), "{format:?}");
+        assert_eq!(flight.skipped_counts, SkippedCounts::default(), "{format:?}");
         assert!(!flight.is_copter, "{format:?}");
-        assert!(flight.truth.is_empty() || format == LogFormat::Csv);
+        assert!(flight.true_attitude.is_empty() || format == LogFormat::Csv);
     }
 }
 
@@ -153,8 +157,8 @@ fn autopilot_firmware_and_armed_state_are_read() {
         [bin.autopilot, link.autopilot, px4.autopilot],
         [Autopilot::ArduPilot, Autopilot::ArduPilot, Autopilot::Px4]
     );
-    assert_eq!(bin.compasses[0].is_used.zip(bin.compasses[1].is_used), Some((true, false)));
-    assert_eq!([&bin, &link, &px4, &table].map(|flight| flight.day.is_some()), [true, true, true, false]);
+    assert_eq!(bin.compasses[0].is_used_for_heading.zip(bin.compasses[1].is_used_for_heading), Some((true, false)));
+    assert_eq!([&bin, &link, &px4, &table].map(|flight| flight.flight_date.is_some()), [true, true, true, false]);
     assert_eq!((link.is_armed(45.0), table.is_armed(45.0), bin.is_armed(45.0)), (Some(true), Some(true), None));
 }
 
@@ -190,7 +194,11 @@ fn damage_in_the_middle_costs_few_rows() {
         damaged.splice(middle..middle, *b"\n\x00garbage\xff\xa3\x95\xfd\n");
         let flight = read_bytes(&damaged).unwrap();
         let rows = flight.compasses[0].field.rows().len();
-        assert!(rows + 12 >= whole && flight.counts.garbage > 0, "{format:?}: {rows} of {whole}, {:?}", flight.counts);
+        assert!(
+            rows + 12 >= whole && flight.skipped_counts.garbage > 0,
+            "{format:?}: {rows} of {whole}, {:?}",
+            flight.skipped_counts
+        );
         let cut = read_bytes(&bytes[..=bytes.len() * 3 / 4]).unwrap();
         assert!(cut.compasses[0].field.rows().len() > whole * 2 / 3, "{format:?}");
     }
@@ -206,7 +214,7 @@ fn a_restart_within_a_log_continues_ten_seconds_later() {
     twice.samples.extend(again);
     for bytes in [encode_dataflash(&twice), encode_dataflash_text(&twice), encode_csv(&twice), encode_ulog(&twice)] {
         let flight = read_bytes(&bytes).unwrap();
-        assert_eq!(flight.counts.restarts, 1);
+        assert_eq!(flight.skipped_counts.restarts, 1);
         let rows = flight.compasses[0].field.rows();
         assert!(rows.len() >= 598, "{}", rows.len());
         let steps: Vec<f64> =

@@ -89,7 +89,10 @@ fn row(number: u8, at_us: u64, values: &[&[u8]]) -> (u8, Vec<u8>) {
 fn a_compass_of_priority_zero_is_not_used() {
     let parameters = [&PX4[..], &[("CAL_MAG0_PRIO", 50.0), ("CAL_MAG1_PRIO", 0.0)]].concat();
     let flight = read_bytes(&encode_ulog(&recording(&parameters))).unwrap();
-    assert_eq!(flight.compasses.iter().map(|compass| compass.is_used).collect::<Vec<_>>(), [None, Some(false)]);
+    assert_eq!(
+        flight.compasses.iter().map(|compass| compass.is_used_for_heading).collect::<Vec<_>>(),
+        [None, Some(false)]
+    );
 }
 
 /// A second battery does not supply the motors.
@@ -103,8 +106,8 @@ fn the_current_of_the_first_battery_is_used() {
         row(91, 70_100_000, &[&current(2.0)]),
     ];
     let flight = read_bytes(&with_more(encode_ulog(&recording(&PX4)), &messages)).unwrap();
-    assert_eq!(flight.current.rows().len(), 301);
-    assert_eq!(flight.current.rows().last().unwrap().values.map(f32::to_bits), [33.0_f32.to_bits()]);
+    assert_eq!(flight.battery_current.rows().len(), 301);
+    assert_eq!(flight.battery_current.rows().last().unwrap().values.map(f32::to_bits), [33.0_f32.to_bits()]);
 }
 
 /// The column names since 1.14, without velocity components; a 2D fix and a second receiver are ignored.
@@ -118,7 +121,7 @@ fn gps_columns_are_read_by_their_new_names() {
         row(90, at_us, &[&place, &over_ground, &[kind]])
     };
     let mut original = recording(&PX4);
-    original.place = None;
+    original.start_position = None;
     let second = (b'D', [&[91, 0], &fix(70_400_000, 3).1[2..]].concat());
     let messages = [
         (b'F', format.as_bytes().to_vec()),
@@ -166,7 +169,7 @@ fn a_sample_has_its_timestamp_sample() {
         row(90, 70_100_000, &[&70_060_000_u64.to_le_bytes(), &rates]),
     ];
     let flight = read_bytes(&with_more(encode_ulog(&recording(&PX4)), &messages)).unwrap();
-    let last = flight.rates.rows().last().unwrap();
+    let last = flight.body_rates.rows().last().unwrap();
     assert!((last.t_s - 70.06).abs() < 1e-6, "{last:?}");
 }
 

@@ -38,7 +38,7 @@ fn a_csv_table_is_read_in_any_row_order_and_time_base() {
         ("from the end", from_the_end),
     ] {
         let flight = read_bytes(table.as_bytes()).unwrap();
-        assert_eq!(flight.counts, SkippedCounts::default(), "{shape}");
+        assert_eq!(flight.skipped_counts, SkippedCounts::default(), "{shape}");
         let [found, expected_summary] = [&flight, &expected].map(|flight| {
             let rows = flight.compasses[0].field.rows();
             rows.iter()
@@ -53,7 +53,7 @@ fn a_csv_table_is_read_in_any_row_order_and_time_base() {
     }
     // An impossible time is counted; a zero field is rejected.
     let far = read_bytes(format!("{text}1e9,1,2,3,0,0\n").as_bytes()).unwrap();
-    assert_eq!(far.counts.bad_times, 1);
+    assert_eq!(far.skipped_counts.bad_times, 1);
     let nothing = read_bytes(b"t_s,mx,my,mz,roll_deg,pitch_deg\n0,0,0,0,1,2\n").unwrap_err();
     assert!(matches!(nothing, LogError::NoField(LogFormat::Csv, 1)), "{nothing}");
 }

@@ -4,8 +4,8 @@ use std::collections::HashMap;
 
 #[derive(Clone, Copy)]
 pub(super) struct Column {
-    pub scalar: ScalarType,
-    pub offset: usize,
+    pub scalar_type: ScalarType,
+    pub byte_offset: usize,
     pub array_len: usize,
 }
 
@@ -79,21 +79,23 @@ pub(super) fn parse_keyed_value(body: &[u8]) -> Option<(&str, &str, &[u8])> {
 
 pub(super) struct TopicRow<'a> {
     pub columns: &'a Columns,
-    pub body: &'a [u8],
+    pub row_bytes: &'a [u8],
 }
 
 impl TopicRow<'_> {
     pub fn numeric_field(&self, name: &str) -> Option<f64> {
         let column = self.columns.get(name)?;
-        column.scalar.decode_number(self.body.get(column.offset..)?)
+        column.scalar_type.decode_number(self.row_bytes.get(column.byte_offset..)?)
     }
 
     pub fn number_array<const N: usize>(&self, name: &str) -> Option<[f32; N]> {
         let column = self.columns.get(name).filter(|column| column.array_len >= N)?;
         let mut found = [0.0; N];
         for (i, number) in found.iter_mut().enumerate() {
-            *number =
-                column.scalar.decode_number(self.body.get(column.offset + i * column.scalar.byte_len()..)?)? as f32;
+            *number = column
+                .scalar_type
+                .decode_number(self.row_bytes.get(column.byte_offset + i * column.scalar_type.byte_len()..)?)?
+                as f32;
         }
         Some(found)
     }
@@ -130,9 +132,9 @@ mod tests {
     /// More bytes follow the array.
     #[test]
     fn an_array_has_its_declared_length() {
-        let column = Column { scalar: ScalarType::F32, offset: 0, array_len: 2 };
+        let column = Column { scalar_type: ScalarType::F32, byte_offset: 0, array_len: 2 };
         let columns = Columns::from([("q".to_owned(), column)]);
-        let row = TopicRow { columns: &columns, body: &[0; 64] };
+        let row = TopicRow { columns: &columns, row_bytes: &[0; 64] };
         assert_eq!((row.number_array::<2>("q"), row.number_array::<3>("q")), (Some([0.0; 2]), None));
     }
 }

@@ -46,7 +46,7 @@ pub fn read_ulog(source: &mut dyn Read) -> io::Result<Flight> {
         let end = HEADER_LENGTH + usize::from(u16::from_le_bytes([low, high]));
         debug_assert!(end + HEADER_LENGTH <= MAX_PEEK);
         if is_lost && !is_header_sequence(window.peek_bytes(RESYNC_MESSAGES * (HEADER_LENGTH + MAX_RESYNC_LENGTH))?) {
-            log.builder.flight.counts.garbage += 1;
+            log.builder.flight.skipped_counts.garbage += 1;
             window.consume_bytes(1);
             continue;
         }
@@ -60,7 +60,7 @@ pub fn read_ulog(source: &mut dyn Read) -> io::Result<Flight> {
             end
         } else {
             is_lost = true;
-            log.builder.flight.counts.garbage += 1;
+            log.builder.flight.skipped_counts.garbage += 1;
             1
         };
         window.consume_bytes(length);
@@ -182,7 +182,10 @@ impl UlogReader {
                 return None;
             }
             if let Some(kind) = ScalarType::from_name(kind) {
-                into.insert(format!("{prefix}{column}"), Column { scalar: kind, offset: *at, array_len: number });
+                into.insert(
+                    format!("{prefix}{column}"),
+                    Column { scalar_type: kind, byte_offset: *at, array_len: number },
+                );
                 *at += kind.byte_len() * number;
             } else {
                 for i in 0..number.min(64) {
@@ -196,7 +199,7 @@ impl UlogReader {
     fn read_row(&mut self, body: &[u8]) {
         let [low, high, body @ ..] = body else { return };
         let Some(topic) = self.topics.get(&u16::from_le_bytes([*low, *high])) else { return };
-        let row = TopicRow { columns: &topic.columns, body };
+        let row = TopicRow { columns: &topic.columns, row_bytes: body };
         let Some(us) = row.numeric_field("timestamp") else { return };
         let Some(t_s) = self.builder.timeline.flight_time_s(us as u64) else { return };
         // The sampling time precedes the publishing time.
@@ -281,7 +284,7 @@ impl UlogReader {
                 self.record_field(false, 0, 0, row.t_s, row.values);
             }
         }
-        if self.builder.flight.rates.is_empty() {
+        if self.builder.flight.body_rates.is_empty() {
             for row in rates.rows() {
                 self.builder.push_rates(row.t_s, row.values);
             }

@@ -36,7 +36,7 @@ pub struct FlightRecording {
     /// The autopilot's parameters.
     pub parameters: Vec<(String, f64)>,
     /// Start: latitude, longitude, degrees, and height, metres.
-    pub place: Option<[f64; 3]>,
+    pub start_position: Option<[f64; 3]>,
     /// Declination at the start, degrees, east positive.
     pub declination_deg: f64,
     /// Whether the aircraft is a copter.
@@ -64,7 +64,7 @@ impl FlightRecording {
     pub(super) fn place_at(&self, instant: &FlightSample) -> Option<[f64; 3]> {
         /// Length of one degree of latitude, metres.
         const METRES_PER_DEGREE: f64 = 111_200.0;
-        let [latitude_deg, longitude_deg, height_m] = self.place?;
+        let [latitude_deg, longitude_deg, height_m] = self.start_position?;
         let [north_deg, east_deg] = instant.displacement_m.map(|metres| metres / METRES_PER_DEGREE);
         let shrinks = libm::cos(latitude_deg.to_radians());
         Some([latitude_deg + north_deg, longitude_deg + east_deg / shrinks, height_m])

@@ -376,7 +376,7 @@ impl HeadingIntegral {
         let mut last: Option<(f64, f64, f64)> = None;
         for row in flight.attitude.rows() {
             let [roll_rad, pitch_rad, _] = row.values;
-            let Some(rates_rad_s) = flight.rates.interpolate(row.t_s, MAX_GAP_S) else { continue };
+            let Some(rates_rad_s) = flight.body_rates.interpolate(row.t_s, MAX_GAP_S) else { continue };
             let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
             let attitude = Attitude { roll_rad, pitch_rad };
             let Some(motion) =

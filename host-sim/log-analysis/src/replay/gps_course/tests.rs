@@ -9,7 +9,7 @@ fn heading_integral(bank_deg: f32, turn_deg_s: f32) -> HeadingIntegral {
         let [roll, turn] =
             [bank_deg, turn_deg_s].map(|angle| 0.001 + if is_eleventh_second { angle.to_radians() } else { 0.0 });
         flight.attitude.push(f64::from(i) / 10.0, [roll, 0.0, 0.0]);
-        flight.rates.push(f64::from(i) / 10.0, [0.0, 0.0, turn]);
+        flight.body_rates.push(f64::from(i) / 10.0, [0.0, 0.0, turn]);
     }
     HeadingIntegral::from_flight(&flight).unwrap()
 }

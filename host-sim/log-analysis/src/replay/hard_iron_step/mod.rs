@@ -48,7 +48,7 @@ const CLIP_SIGMAS: f64 = 3.0;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HardIronStep {
     /// Flight time, seconds.
-    pub at_s: f64,
+    pub time_s: f64,
     /// Size, body axes, microtesla.
     pub step_ut: [f64; 3],
     /// Standard deviation of each component, microtesla.
@@ -72,7 +72,7 @@ impl HardIronStep {
 /// Finds a significant step of hard iron in the usable rows, starting from a correction that fits most of them.
 #[must_use]
 pub fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIronStep> {
-    let usable: Vec<&ReplayRow> = rows.iter().filter(|row| row.usable).collect();
+    let usable: Vec<&ReplayRow> = rows.iter().filter(|row| row.is_usable).collect();
     let every = usable.len().div_ceil(MAX_ROWS).max(1);
     let usable: Vec<&ReplayRow> = usable.into_iter().step_by(every).collect();
     if usable.len() < 2 * MIN_ROWS {
@@ -98,7 +98,7 @@ pub fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIr
     let left_of_all = left(&usable, first);
     let is_better = left_of_all < MAX_TOTAL_SCATTER_RATIO
         || left_of_all < MAX_TOTAL_SCATTER_RATIO_NEAR_END && left_of_few < MAX_SHORT_SIDE_SCATTER_RATIO;
-    let found = HardIronStep { at_s: usable[first].t_s, step_ut: state.step_ut.into(), sigma_ut: sigma.into() };
+    let found = HardIronStep { time_s: usable[first].t_s, step_ut: state.step_ut.into(), sigma_ut: sigma.into() };
     let sigmas = state.step_ut.component_div(&sigma).amax();
     (sigmas > MIN_SIGMAS && found.size_ut() > MIN_STEP_UT && is_better).then_some(found)
 }
@@ -129,7 +129,7 @@ impl StepEstimate {
     }
 
     fn without_hard_iron(&self, row: &ReplayRow) -> Vector3<f64> {
-        row.field.ut.map(f64::from) - self.hard_iron_ut - self.motor_ut_per_a * row.current_a.map_or(0.0, f64::from)
+        row.raw_field.ut.map(f64::from) - self.hard_iron_ut - self.motor_ut_per_a * row.current_a.map_or(0.0, f64::from)
     }
 
     /// Corrected field of a row before or after the step.

@@ -26,12 +26,12 @@ fn rows_from(at: u16, moved: Vector3<f32>, noise_ut: f32, by_current_ut: Vector3
         let field = Field::new(earth + noise + moved + by_current_ut * current_a);
         ReplayRow {
             t_s: f64::from(i) / 10.0,
-            field,
-            logged: field,
+            raw_field: field,
+            logged_field: field,
             attitude,
             rates_rad_s: None,
             current_a: Some(current_a),
-            usable: true,
+            is_usable: true,
             reference_deg: None,
         }
     };
@@ -49,7 +49,7 @@ fn a_hard_iron_step_is_found_with_its_time_and_sigma() {
     for seed in 0..20 {
         let moved = [4.0, -3.0, 2.0];
         let change = find_simulated(moved, 0.5, seed).unwrap();
-        assert!((change.at_s - f64::from(AT) / 10.0).abs() < 0.35, "{change:?}");
+        assert!((change.time_s - f64::from(AT) / 10.0).abs() < 0.35, "{change:?}");
         assert_eq!(change.axis(), 'x');
         errors.extend((0..3).map(|i| (change.step_ut[i] - f64::from(moved[i])) / change.sigma_ut[i]));
     }
@@ -105,7 +105,7 @@ fn motor_current_interference_is_not_a_hard_iron_step() {
 #[test]
 fn unusable_rows_give_no_hard_iron_step() {
     let mut rows = rows(Vector3::new(8.0, 0.0, 0.0), 0.3, Vector3::zeros(), 1);
-    rows.iter_mut().skip(usize::from(AT)).for_each(|row| row.usable = false);
+    rows.iter_mut().skip(usize::from(AT)).for_each(|row| row.is_usable = false);
     assert_eq!(find_step(&rows, &FieldCorrection::identity()), None);
 }
 
@@ -125,7 +125,7 @@ fn outliers_neither_cause_nor_hide_a_hard_iron_step() {
     for seed in 0..4 {
         let detected_step = |moved_ut: f32| {
             let mut rows = rows(Vector3::new(moved_ut, 0.0, 0.0), 0.3, Vector3::zeros(), seed);
-            rows.iter_mut().skip(300).step_by(40).for_each(|row| row.field.ut.y += 100.0);
+            rows.iter_mut().skip(300).step_by(40).for_each(|row| row.raw_field.ut.y += 100.0);
             find_step(&rows, &FieldCorrection::identity())
         };
         assert_eq!(detected_step(0.0), None, "{seed}");
@@ -167,7 +167,7 @@ fn a_hard_iron_step_in_a_tenth_of_the_rows_is_found() {
                     find_step(&rows, &FieldCorrection { hard_iron_ut: centre_ut, ..FieldCorrection::identity() });
                 assert_eq!(change.is_some(), is_found, "{at}, {seed}: {moved_ut} uT in {noise_ut}: {change:?}");
                 if let Some(change) = change {
-                    assert!((change.at_s - f64::from(at) / 10.0).abs() < 1.0, "{change:?}");
+                    assert!((change.time_s - f64::from(at) / 10.0).abs() < 1.0, "{change:?}");
                     assert!((change.size_ut() - f64::from(moved_ut)).abs() < 1.0, "{change:?}");
                 }
             }

@@ -154,22 +154,25 @@ pub fn build_rows(
     }
     let [moved_s, stopped_s] = moving_interval_s(flight);
     for row in &mut rows {
-        let is_excluded =
-            flight.usable.adjacent_values(row.t_s + age_s + 1e-6).0.is_some_and(|usability| usability.values[0] == 0.0);
+        let is_excluded = flight
+            .usable_rows
+            .adjacent_values(row.t_s + age_s + 1e-6)
+            .0
+            .is_some_and(|usability| usability.values[0] == 0.0);
         let is_disarmed = was_armed && flight.is_armed(row.t_s) == Some(false);
         let is_on_the_ground = row.t_s < moved_s || row.t_s > stopped_s;
-        row.usable = !is_excluded && !is_disarmed && !is_on_the_ground;
+        row.is_usable = !is_excluded && !is_disarmed && !is_on_the_ground;
         counted.kept_out += usize::from(is_excluded);
         counted.disarmed += usize::from(is_disarmed && !is_excluded);
         counted.on_the_ground += usize::from(is_on_the_ground && !is_disarmed && !is_excluded);
     }
     for [from_s, to_s] in frozen_intervals(&rows).into_iter().map(|frozen| frozen.interval_s) {
-        for row in rows.iter_mut().filter(|row| row.usable && (from_s..=to_s).contains(&row.t_s)) {
-            row.usable = false;
+        for row in rows.iter_mut().filter(|row| row.is_usable && (from_s..=to_s).contains(&row.t_s)) {
+            row.is_usable = false;
             counted.stuck += 1;
         }
     }
-    counted.used = rows.iter().filter(|row| row.usable).count();
+    counted.used = rows.iter().filter(|row| row.is_usable).count();
     (rows, counted)
 }
 
@@ -222,12 +225,12 @@ impl RowAccumulator {
         let rates = self.rates.map(|sum| sum / f32::from(self.rates_number.max(1)));
         ReplayRow {
             t_s,
-            field: field(self.raw),
-            logged: field(self.logged),
+            raw_field: field(self.raw),
+            logged_field: field(self.logged),
             attitude,
             rates_rad_s: (self.rates_number > 0).then_some(rates),
             current_a: current_at(flight, t_s),
-            usable: true,
+            is_usable: true,
             reference_deg: reference.and_then(|reference| reference.heading_deg(flight, t_s)),
         }
     }
@@ -236,7 +239,7 @@ impl RowAccumulator {
 fn current_at(flight: &Flight, t_s: f64) -> Option<f32> {
     /// Longest gap between battery currents, seconds; battery status arrives at 1 Hz or faster.
     const MAX_GAP_S: f64 = 3.0;
-    flight.current.interpolate_or_hold(t_s, MAX_GAP_S).map(|[amperes]| amperes)
+    flight.battery_current.interpolate_or_hold(t_s, MAX_GAP_S).map(|[amperes]| amperes)
 }
 
 /// Times of the first and last movement over ground, seconds; unbounded without any.
@@ -266,8 +269,9 @@ fn contradicting_intervals(flight: &Flight) -> Vec<[f64; 2]> {
         if step_s > TILT_WINDOW_S {
             (started_s, first) = (row.t_s, last);
         }
-        let rate =
-            |at_s: f64| flight.rates.interpolate(at_s, MAX_GAP_S).map(|[p, q, r]| libm::hypotf(libm::hypotf(p, q), r));
+        let rate = |at_s: f64| {
+            flight.body_rates.interpolate(at_s, MAX_GAP_S).map(|[p, q, r]| libm::hypotf(libm::hypotf(p, q), r))
+        };
         let Some(rate) = rate(before.t_s).zip(rate(row.t_s)).map(|(from, to)| from.max(to)) else {
             (started_s, first) = (row.t_s, last);
             continue;
@@ -311,10 +315,10 @@ fn angle_between_downs_rad(a: &Stamped<3>, b: &Stamped<3>) -> f32 {
 /// Roll and pitch by Hermite interpolation with slopes from the body rates, and the rates.
 fn attitude_at(flight: &Flight, t_s: f64) -> Option<(Attitude, Option<[f32; 3]>)> {
     let (before, after, part) = flight.attitude.surrounding_values(t_s, MAX_GAP_S)?;
-    let rates = flight.rates.interpolate(t_s, MAX_GAP_S);
+    let rates = flight.body_rates.interpolate(t_s, MAX_GAP_S);
     let step_s = (after.t_s - before.t_s) as f32;
     let part = part as f32;
-    let motions = motion_at(&flight.rates, before).zip(motion_at(&flight.rates, after));
+    let motions = motion_at(&flight.body_rates, before).zip(motion_at(&flight.body_rates, after));
     let [roll_rad, pitch_rad] = [0, 1].map(|angle| {
         let turned = wrap_pi(after.values[angle] - before.values[angle]);
         let straight = part * turned;

@@ -7,14 +7,14 @@ fn level(seconds: i32) -> Flight {
     let mut flight = Flight::new(LogFormat::ULog);
     for i in 0..=10 * seconds {
         flight.attitude.push(f64::from(i) / 10.0, [0.0; 3]);
-        flight.rates.push(f64::from(i) / 10.0, [0.0; 3]);
+        flight.body_rates.push(f64::from(i) / 10.0, [0.0; 3]);
     }
     flight
 }
 
 /// Readings of 20, 0, 40 uT over an interval in seconds.
 fn compass(from_s: i32, to_s: i32) -> Compass {
-    let mut compass = Compass { number: 1, ..Compass::default() };
+    let mut compass = Compass { compass_number: 1, ..Compass::default() };
     for i in 10 * from_s..10 * to_s {
         compass.field.push(f64::from(i) / 10.0, [20.0, 0.0, 40.0, 20.0, 0.0, 40.0]);
     }
@@ -24,7 +24,7 @@ fn compass(from_s: i32, to_s: i32) -> Compass {
 /// First and last time of usable rows, and the number of unusable rows.
 fn used(flight: &Flight, compass: &Compass, age_s: f64) -> ([f64; 2], usize) {
     let (rows, counted) = build_rows(flight, compass, age_s, None);
-    let used_s: Vec<f64> = rows.iter().filter(|row| row.usable).map(|row| row.t_s).collect();
+    let used_s: Vec<f64> = rows.iter().filter(|row| row.is_usable).map(|row| row.t_s).collect();
     assert_eq!(used_s.len(), counted.used);
     ([used_s[0], used_s[used_s.len() - 1]], rows.len() - used_s.len())
 }
@@ -34,8 +34,8 @@ fn used(flight: &Flight, compass: &Compass, age_s: f64) -> ([f64; 2], usize) {
 fn disarmed_rows_are_excluded_if_the_log_was_ever_armed() {
     let (mut flight, compass) = (level(30), compass(0, 30));
     for (armed, unused) in [(vec![], 0), (vec![(0.0, false)], 0), (vec![(10.05, true), (20.05, false)], 200)] {
-        flight.armed = armed;
-        assert_eq!(used(&flight, &compass, 0.0).1, unused, "{:?}", flight.armed);
+        flight.armed_changes = armed;
+        assert_eq!(used(&flight, &compass, 0.0).1, unused, "{:?}", flight.armed_changes);
     }
     assert_eq!(build_rows(&flight, &compass, 0.0, None).1.disarmed, 200);
 }
@@ -44,7 +44,7 @@ fn disarmed_rows_are_excluded_if_the_log_was_ever_armed() {
 fn excluded_rows_are_selected_by_their_logged_time() {
     let (mut flight, compass) = (level(30), compass(1, 21));
     for i in 10..210 {
-        flight.usable.push(f64::from(i) / 10.0, [if i < 60 { 0.0 } else { 1.0 }]);
+        flight.usable_rows.push(f64::from(i) / 10.0, [if i < 60 { 0.0 } else { 1.0 }]);
     }
     let age_s = 0.45;
     let ([from_s, to_s], unused) = used(&flight, &compass, age_s);
@@ -75,7 +75,7 @@ fn attitude_is_interpolated_over_one_lost_report() {
         let mut flight = Flight::new(LogFormat::ULog);
         for i in 0..20 {
             flight.attitude.push(f64::from(i) * gap_s, [0.0; 3]);
-            flight.rates.push(f64::from(i) * gap_s, [0.0; 3]);
+            flight.body_rates.push(f64::from(i) * gap_s, [0.0; 3]);
         }
         let at_middle = attitude_at(&flight, 4.5 * gap_s);
         assert_eq!(at_middle.is_some(), is_known, "{gap_s}");
@@ -92,7 +92,7 @@ fn attitude_is_interpolated_with_the_body_rates() {
         for i in 0..60 {
             let t_s = f64::from(i) / 3.0;
             flight.attitude.push(t_s, [roll(t_s), 0.0, 0.0]);
-            flight.rates.push(t_s, [(libm::cos(2.0 * t_s) * unit) as f32, 0.0, 0.0]);
+            flight.body_rates.push(t_s, [(libm::cos(2.0 * t_s) * unit) as f32, 0.0, 0.0]);
         }
         let errors = (0..180).map(|i| {
             let t_s = f64::from(i) / 10.0;
@@ -114,7 +114,7 @@ fn attitude_jumps_without_rates_are_excluded() {
             let t_s = f64::from(i) / 10.0;
             let is_jump = (t_s - jump_s).abs() < 0.01;
             flight.attitude.push(t_s, [if t_s > jump_s - 0.01 { by_deg.to_radians() } else { 0.0 }, 0.0, 0.0]);
-            flight.rates.push(t_s, [if is_jump { rate_deg_s.to_radians() } else { 0.0 }, 0.0, 0.0]);
+            flight.body_rates.push(t_s, [if is_jump { rate_deg_s.to_radians() } else { 0.0 }, 0.0, 0.0]);
         }
         build_rows(&flight, &compass(0, 199), 0.0, None).1.unsettled
     };
@@ -134,7 +134,7 @@ fn tilt_may_change_by_twice_the_rates() {
             let phase_s = f32::from(i % 80) / 10.0;
             let roll_deg = roll_deg_s * phase_s.min(8.0 - phase_s);
             flight.attitude.push(f64::from(i) / 10.0, [roll_deg.to_radians(), 0.0, 0.0]);
-            flight.rates.push(f64::from(i) / 10.0, [5_f32.to_radians(), 0.0, 0.0]);
+            flight.body_rates.push(f64::from(i) / 10.0, [5_f32.to_radians(), 0.0, 0.0]);
         }
         let unsettled = build_rows(&flight, &compass(0, 99), 0.0, None).1.unsettled;
         assert_eq!(unsettled == 0, is_flown, "{roll_deg_s} deg/s: {unsettled}");
@@ -156,7 +156,7 @@ fn a_jump_soon_after_a_gap_is_alignment() {
                 flight.attitude.push(t_s, [roll_rad, 0.0, 0.0]);
             }
             if has_rates || !is_gap {
-                flight.rates.push(t_s, [0.0; 3]);
+                flight.body_rates.push(t_s, [0.0; 3]);
             }
         }
         let unsettled = build_rows(&flight, &compass(0, 199), 0.0, None).1.unsettled;
@@ -181,7 +181,7 @@ fn attitudes_between_distant_rows_are_returned() {
 #[test]
 fn the_mean_roll_of_a_row_wraps_at_180_deg() {
     let mut flight = Flight::new(LogFormat::ULog);
-    let mut compass = Compass { number: 1, ..Compass::default() };
+    let mut compass = Compass { compass_number: 1, ..Compass::default() };
     for (i, roll_deg) in (0_u8..).zip([179.0_f32, -179.0]) {
         let t_s = f64::from(i) * 0.05;
         flight.attitude.push(t_s, [roll_deg.to_radians(), 0.0, 0.0]);
@@ -197,7 +197,7 @@ fn the_mean_roll_of_a_row_wraps_at_180_deg() {
 fn a_current_is_known_within_three_seconds_of_a_report() {
     let mut flight = level(30);
     for (t_s, amperes) in [(0.0, 10.0), (2.9, 20.0), (12.0, 30.0)] {
-        flight.current.push(t_s, [amperes]);
+        flight.battery_current.push(t_s, [amperes]);
     }
     for (t_s, current_a) in [(1.45, Some(15.0)), (7.0, None), (14.9, Some(30.0)), (15.1, None)] {
         assert_eq!(current_at(&flight, t_s), current_a, "{t_s}");
@@ -219,7 +219,7 @@ fn a_jump_of_the_attitude_drops_the_rows_about_it() {
     for i in 0..1000 {
         let roll_rad = if (500..502).contains(&i) { 0.5 } else { 0.0 };
         flight.attitude.push(f64::from(i) / 10.0, [roll_rad, 0.0, 0.0]);
-        flight.rates.push(f64::from(i) / 10.0, [0.0, 0.0, 0.3]);
+        flight.body_rates.push(f64::from(i) / 10.0, [0.0, 0.0, 0.3]);
     }
     let counts = build_rows(&flight, &compass(0, 99), 0.0, None).1;
     assert!((3..=5).contains(&counts.unsettled), "{counts:?}");

@@ -6,7 +6,7 @@ fn with_gaps(step_s: f64, every: usize, gap_s: f64) -> Option<f64> {
     let mut flight = Flight::new(LogFormat::ULog);
     let mut t_s = 0.0;
     for i in 1..=1001 {
-        flight.rates.push(t_s, [0.0; 3]);
+        flight.body_rates.push(t_s, [0.0; 3]);
         t_s += if i % every == 0 { gap_s } else { step_s };
     }
     data_loss::excessive_rate_loss(&flight)

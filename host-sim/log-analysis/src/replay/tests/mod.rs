@@ -30,7 +30,7 @@ static FLOWN: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
 fn flown() -> (Flight, CompassEvaluation) {
     let (flight, verdict) = FLOWN.clone();
     let compass = verdict.compasses[0].clone();
-    assert_eq!(compass.module.accepted, Ok(()));
+    assert_eq!(compass.module_result.acceptance, Ok(()));
     (flight, compass)
 }
 

@@ -11,8 +11,8 @@ use crate::score::wrap_180;
 
 /// Export of the module's calibration for its own rows.
 fn export_module(compass: &CompassEvaluation, dialect: ParameterFormat) -> ExportedCorrection {
-    let calibration = &compass.module.solution.as_ref().unwrap().calibration;
-    export_correction(compass.number, &compass.rows, calibration, None, dialect).unwrap()
+    let calibration = &compass.module_result.solution.as_ref().unwrap().calibration;
+    export_correction(compass.compass_number, &compass.rows, calibration, None, dialect).unwrap()
 }
 
 /// ArduPilot's limit is 1800 mG or `COMPASS_OFFS_MAX`.
@@ -47,7 +47,7 @@ fn an_inexpressible_correction_is_reported_from_0_3_deg_on() {
     let square = export_module(&compass, ParameterFormat::ArduPilot).correction;
     let (mut little, mut much) = (0, 0);
     for quarters in 0..60_u8 {
-        let calibration = &mut compass.module.solution.as_mut().unwrap().calibration;
+        let calibration = &mut compass.module_result.solution.as_mut().unwrap().calibration;
         let turn = Rotation3::from_euler_angles(f64::from(quarters).to_radians() / 4.0, 0.0, 0.0);
         let w = turn.matrix() * square.matrix;
         calibration.w = std::array::from_fn(|i| std::array::from_fn(|j| w[(i, j)] as f32));
@@ -66,7 +66,7 @@ fn an_inexpressible_correction_is_reported_from_0_3_deg_on() {
 #[test]
 fn parameters_hold_at_attitudes_that_were_not_flown() {
     let (_, mut compass) = flown();
-    let calibration = &mut compass.module.solution.as_mut().unwrap().calibration;
+    let calibration = &mut compass.module_result.solution.as_mut().unwrap().calibration;
     let turn = Rotation3::from_euler_angles(0.026, -0.035, 0.07);
     let soft_iron = Matrix3::new(1.08, 0.02, 0.01, 0.02, 0.95, -0.04, 0.01, -0.04, 1.02);
     let measured = turn.matrix().transpose() * soft_iron;
@@ -82,7 +82,7 @@ fn parameters_hold_at_attitudes_that_were_not_flown() {
     };
     compass.rows.retain(|row| row.attitude.roll_rad.abs() < 0.5);
     for (i, row) in compass.rows.iter_mut().enumerate() {
-        row.field = field(&row.attitude, i as f32);
+        row.raw_field = field(&row.attitude, i as f32);
     }
     let export = export_module(&compass, ParameterFormat::ArduPilot);
     let mut errors_deg = Vec::new();
@@ -90,7 +90,7 @@ fn parameters_hold_at_attitudes_that_were_not_flown() {
         for pitch_deg in [-10.0, 10.0] {
             for heading_deg in (0_u8..24).map(|i| f32::from(i) * 15.0) {
                 let attitude = Attitude::from_deg(bank_deg, pitch_deg);
-                let row = ReplayRow { field: field(&attitude, heading_deg), attitude, ..compass.rows[0] };
+                let row = ReplayRow { raw_field: field(&attitude, heading_deg), attitude, ..compass.rows[0] };
                 let found = heading_deg_with(&row, &export.correction);
                 errors_deg.push(wrap_180(found - f64::from(heading_deg)));
             }
@@ -108,11 +108,11 @@ fn parameters_hold_at_attitudes_that_were_not_flown() {
 fn inavs_offsets_include_interference_at_the_mean_current() {
     let (_, mut compass) = flown();
     let by_current_ut = Vector3::new(0.5_f32, -0.3, 0.0);
-    let calibration = &mut compass.module.solution.as_mut().unwrap().calibration;
+    let calibration = &mut compass.module_result.solution.as_mut().unwrap().calibration;
     (calibration.motor_current.ut_per_a, calibration.motor_current.mean_current_a) = (by_current_ut.into(), 20.0);
     for row in &mut compass.rows {
         row.current_a = Some(20.0);
-        row.field.ut += by_current_ut * 20.0;
+        row.raw_field.ut += by_current_ut * 20.0;
     }
     let exported = |dialect| export_module(&compass, dialect);
     let (inav, ardupilot) = (exported(ParameterFormat::Inav), exported(ParameterFormat::ArduPilot));
@@ -128,12 +128,12 @@ fn inavs_offsets_include_interference_at_the_mean_current() {
 fn turned(number: u8, by: f64) -> ExportedCorrection {
     let turned = NumberedRotation::new(by).unwrap();
     ExportedCorrection {
-        number,
+        compass_number: number,
         correction: FieldCorrection::identity(),
         rotation: turned,
         heading_loss_deg: [0.0; 2],
-        rows_s: None,
-        held_back: None,
+        fitted_range_s: None,
+        held_back_score: None,
         warnings: Vec::new(),
     }
 }

@@ -6,12 +6,12 @@ use super::*;
 #[test]
 fn a_configured_inclination_is_used_by_the_solver() {
     let (_, compass) = flown();
-    let found_deg = f64::from(compass.module.solution.unwrap().calibration.inclination_rad.to_degrees());
+    let found_deg = f64::from(compass.module_result.solution.unwrap().calibration.inclination_rad.to_degrees());
     for (off_deg, is_taken) in [(-6.0, false), (-2.5, true), (0.0, true), (2.5, true), (6.0, false)] {
         for selected in [RowSelection::All, RowSelection::Turns] {
             let options =
                 ReplayOptions { inclination_deg: Some(found_deg + off_deg), ..ReplayOptions::with_selection(selected) };
-            assert_eq!(replay_rows(&compass.rows, &options).accepted.is_ok(), is_taken, "{off_deg} of {selected:?}");
+            assert_eq!(replay_rows(&compass.rows, &options).acceptance.is_ok(), is_taken, "{off_deg} of {selected:?}");
         }
     }
 }
@@ -20,14 +20,18 @@ fn a_configured_inclination_is_used_by_the_solver() {
 #[test]
 fn a_configured_inclination_is_used_by_trial_solves() {
     let (_, compass) = flown();
-    let found_deg = f64::from(compass.module.solution.unwrap().calibration.inclination_rad.to_degrees());
+    let found_deg = f64::from(compass.module_result.solution.unwrap().calibration.inclination_rad.to_degrees());
     for (off_deg, ends) in [(0.0, true), (12.0, false)] {
         let options = ReplayOptions {
             inclination_deg: Some(found_deg + off_deg),
             ..ReplayOptions::with_selection(RowSelection::Flight)
         };
         let replay_result = replay_rows(&compass.rows, &options);
-        assert_eq!((replay_result.ended_s.is_some(), replay_result.accepted.is_ok()), (ends, ends), "{off_deg}");
+        assert_eq!(
+            (replay_result.collection_end_s.is_some(), replay_result.acceptance.is_ok()),
+            (ends, ends),
+            "{off_deg}"
+        );
     }
 }
 
@@ -47,7 +51,7 @@ fn place_with_inclination(inclination_deg: f64) -> (Position, Date) {
 #[test]
 fn a_contradicted_model_inclination_is_dropped() {
     let (_, compass) = flown();
-    let found_deg = f64::from(compass.module.solution.unwrap().calibration.inclination_rad.to_degrees());
+    let found_deg = f64::from(compass.module_result.solution.unwrap().calibration.inclination_rad.to_degrees());
     for selected in [RowSelection::All, RowSelection::Turns, RowSelection::Flight] {
         let without_place = ReplayOptions::with_selection(selected);
         let run_replay = |options: ReplayOptions| replay_rows(&compass.rows, &options);
@@ -62,11 +66,11 @@ fn a_contradicted_model_inclination_is_dropped() {
         );
         let (with, without) = (run_replay(elsewhere), run_replay(without_place));
         assert_eq!(
-            (with.accepted.clone(), with.ended_s, expected_deg(&with)),
-            (Ok(()), without.ended_s, expected_deg(&without)),
+            (with.acceptance.clone(), with.collection_end_s, expected_deg(&with)),
+            (Ok(()), without.collection_end_s, expected_deg(&without)),
             "{selected:?}"
         );
         let by_person = run_replay(ReplayOptions { inclination_deg: Some(found_deg + 12.0), ..there });
-        assert!(by_person.accepted.is_err(), "{selected:?}");
+        assert!(by_person.acceptance.is_err(), "{selected:?}");
     }
 }

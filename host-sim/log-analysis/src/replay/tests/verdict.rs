@@ -8,11 +8,11 @@ fn notes(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<String> {
 
 fn of_two(change: impl Fn(&mut CompassEvaluation)) -> String {
     let (_, first) = flown();
-    let mut first = CompassEvaluation { number: 1, ..first };
-    first.module.ended_s = Some(40.0 - first.rows[0].t_s);
-    let mut second = CompassEvaluation { number: 2, ..first.clone() };
+    let mut first = CompassEvaluation { compass_number: 1, ..first };
+    first.module_result.collection_end_s = Some(40.0 - first.rows[0].t_s);
+    let mut second = CompassEvaluation { compass_number: 2, ..first.clone() };
     for (compass, expected_deg) in [(&mut first, 0.52), (&mut second, 0.91)] {
-        compass.module.solution.as_mut().unwrap().quality.expected_rms_deg = expected_deg;
+        compass.module_result.solution.as_mut().unwrap().quality.expected_rms_deg = expected_deg;
     }
     change(&mut second);
     FlightOutcome::new(&verdict(vec![first, second])).to_string()
@@ -20,25 +20,28 @@ fn of_two(change: impl Fn(&mut CompassEvaluation)) -> String {
 
 #[test]
 fn a_verdict_reports_the_worst_compass_s_time_and_accuracy() {
-    let at = |at_s: Option<f64>| of_two(|second| second.module.ended_s = at_s.map(|at_s| at_s - second.rows[0].t_s));
+    let at = |at_s: Option<f64>| {
+        of_two(|second| second.module_result.collection_end_s = at_s.map(|at_s| at_s - second.rows[0].t_s))
+    };
     assert!(at(Some(40.0)).ends_with("each of 2 compasses by itself at 40 s of the log, expecting 0.9 deg"));
     // Times less than 1.5 s apart are reported as one.
     assert!(at(Some(41.4)).contains("by itself at 40 s of"), "{}", at(Some(41.4)));
     assert!(at(Some(41.6)).contains("by themselves at 40 to 42 s of"), "{}", at(Some(41.6)));
     assert!(at(Some(12.0)).contains("by themselves at 12 to 40 s of"), "{}", at(Some(12.0)));
     assert!(at(None).contains("by a command at the end of the flight, expecting 0.9 deg"), "{}", at(None));
-    let refused = of_two(|second| (second.module.accepted, second.module.ended_s) = (REFUSED, None));
+    let refused =
+        of_two(|second| (second.module_result.acceptance, second.module_result.collection_end_s) = (REFUSED, None));
     assert!(refused.contains("1 of 2 compasses (number 1) by itself at 40 s of the log, expecting 0.5"), "{refused}");
 }
 
 #[test]
 fn the_time_of_the_calibration_is_on_the_log_s_clock() {
     let (flight, mut compass) = flown();
-    compass.module.ended_s = Some(70.0);
+    compass.module_result.collection_end_s = Some(70.0);
     let first_s = flight.time_range_s()[0];
     assert!(first_s > 1.0, "the recording does not start at zero: {first_s}");
     assert!((compass.calibrated_s().unwrap() - first_s - 70.0).abs() < 0.2, "{:?}", compass.calibrated_s());
-    compass.module.ended_s = None;
+    compass.module_result.collection_end_s = None;
     assert_eq!(compass.calibrated_s(), None);
 }
 
@@ -47,9 +50,9 @@ fn the_time_of_the_calibration_is_on_the_log_s_clock() {
 fn a_log_with_under_20_usable_rows_is_the_cause_of_a_refusal() {
     let refused = |readings: usize, used: usize| {
         let (_, mut compass) = flown();
-        (compass.module.accepted, compass.module.ended_s) = (REFUSED, None);
-        compass.counts = RowCounts { readings, used, disarmed: readings - used, ..RowCounts::default() };
-        let own = compass.module.accepted.as_ref().unwrap_err().to_string();
+        (compass.module_result.acceptance, compass.module_result.collection_end_s) = (REFUSED, None);
+        compass.row_counts = RowCounts { readings, used, disarmed: readings - used, ..RowCounts::default() };
+        let own = compass.module_result.acceptance.as_ref().unwrap_err().to_string();
         FlightOutcome::new(&verdict(vec![compass])).to_string().replace(&own, "its own")
     };
     assert!(refused(19, 19).ends_with("the log has 19 readings of the field, too few for a flight"));
@@ -61,11 +64,11 @@ fn a_log_with_under_20_usable_rows_is_the_cause_of_a_refusal() {
 fn the_refusal_of_the_compass_closest_to_acceptance_is_reported() {
     let of = |number: u8, readings: usize| {
         let (_, mut compass) = flown();
-        (compass.module.accepted, compass.module.ended_s) = (REFUSED, None);
-        compass.counts = RowCounts { readings, used: readings, ..RowCounts::default() };
-        CompassEvaluation { number, ..compass }
+        (compass.module_result.acceptance, compass.module_result.collection_end_s) = (REFUSED, None);
+        compass.row_counts = RowCounts { readings, used: readings, ..RowCounts::default() };
+        CompassEvaluation { compass_number: number, ..compass }
     };
-    let why = of(1, 900).module.accepted.unwrap_err();
+    let why = of(1, 900).module_result.acceptance.unwrap_err();
     for (readings, told) in [
         (900, format!("the module would have refused each of 2 compasses: {why}")),
         (10, format!("the module would have refused each of 2 compasses; number 2 came nearest: {why}")),
@@ -78,7 +81,7 @@ fn strength(radius_ut: f64, earth_ut: Option<f32>) -> String {
     use autoswing::earth::{Date, EarthField, Position};
     let (flight, compass) = flown();
     let mut verdict = verdict(vec![CompassEvaluation { radius_ut: Some(radius_ut), ..compass }]);
-    verdict.earth = earth_ut.map(|total_ut| {
+    verdict.earth_field = earth_ut.map(|total_ut| {
         let field = EarthField::from_model(
             Position::new(48.0, 11.3, 500.0).unwrap(),
             Date::from_unix_s(1_767_484_800).unwrap(),

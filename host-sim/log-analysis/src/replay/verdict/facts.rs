@@ -16,10 +16,10 @@ impl Verdict<'_> {
         let CompassVerdict { evaluation: compass, judgement, outcome, parameters } = compass;
         let mut facts: Vec<[String; 2]> = Vec::new();
         let mut add = |name: &str, value: String| facts.push([name.to_owned(), value]);
-        if let Some(is_used) = compass.is_used {
+        if let Some(is_used) = compass.is_used_for_heading {
             add("autopilot", if is_used { "uses it for its heading" } else { "does not use it" }.to_owned());
         }
-        for HardIronChange { step, bend_deg } in &compass.changes {
+        for HardIronChange { hard_iron_step: step, heading_effect_deg: bend_deg } in &compass.hard_iron_changes {
             let [x, y, z] = step.step_ut;
             add(
                 "iron changed",
@@ -27,14 +27,14 @@ impl Verdict<'_> {
                     "{} uT at {:.0} s of the log, most on {} (x {x:+.1}, y {y:+.1}, z {z:+.1}), up to {bend_deg:.0} deg of \
                      heading; a drift shows as a step, too",
                     format_number(step.size_ut(), 1),
-                    step.at_s,
+                    step.time_s,
                     step.axis(),
                 ),
             );
         }
         match parameters {
-            Ok(exported) if judgement.action == CompassAction::Load => {
-                if let Some([from_s, to_s]) = exported.rows_s {
+            Ok(exported) if judgement.recommended_action == CompassAction::Load => {
+                if let Some([from_s, to_s]) = exported.fitted_range_s {
                     add("parameters", format!("fitted to {from_s:.0} to {to_s:.0} s of the log"));
                 }
                 let lost = format_number(exported.heading_loss_deg[0], 2);
@@ -50,14 +50,14 @@ impl Verdict<'_> {
             add("module's headings", format!("in {} % of the flight", format_number(percent, 0)));
         }
         if let Some(solution) = &compass.result_for_report().solution {
-            let of = if compass.module.solution.is_some() { "" } else { ", of all rows" };
+            let of = if compass.module_result.solution.is_some() { "" } else { ", of all rows" };
             add("solved by", format!("{}{of}", solution.quality.method.method_name()));
             add_solution_facts(solution, &mut add);
         }
         if let Some(without_deg) = compass.rms_without_current_deg {
             add("without the current", format!("{} deg RMS", format_number(without_deg, 2)));
         }
-        match (&compass.module.accepted, &compass.all_rows.accepted) {
+        match (&compass.module_result.acceptance, &compass.all_rows_result.acceptance) {
             (Ok(()), Err(refusal)) => add("all rows, thinned", format!("would have been refused: {refusal}")),
             (Err(_), Ok(())) => add("all rows, thinned", "would have been accepted".to_owned()),
             _ => {}
@@ -69,15 +69,15 @@ impl Verdict<'_> {
         let age = format_number(compass.latency.used_s * 1e3, 0);
         let hz = format_number(1.0 / compass.reading_interval_s, 1);
         add("field", format!("{hz} times a second, {age} ms old at its time stamp ({source})"));
-        if let (Some((earth, is_valid)), Some(radius_ut)) = (&self.evaluation.earth, compass.radius_ut) {
+        if let (Some((earth, is_valid)), Some(radius_ut)) = (&self.evaluation.earth_field, compass.radius_ut) {
             let year = if *is_valid { "" } else { ", of another year" };
             let model = format_number(f64::from(earth.total_ut), 1);
             add("strength", format!("{} uT, {model} by the field model{year}", format_number(radius_ut, 1)));
         }
         let rejected: Vec<String> =
-            compass.counts.rejection_texts().into_iter().map(|rejected| format!("; {rejected}")).collect();
-        let RowCounts { used, .. } = compass.counts;
-        add("rows", format!("{used} usable, {} fitted to{}", compass.module.samples, rejected.concat()));
+            compass.row_counts.rejection_texts().into_iter().map(|rejected| format!("; {rejected}")).collect();
+        let RowCounts { used, .. } = compass.row_counts;
+        add("rows", format!("{used} usable, {} fitted to{}", compass.module_result.sample_count, rejected.concat()));
         facts
     }
 }
@@ -112,7 +112,7 @@ fn add_solution_facts(solution: &Solution, add: &mut dyn FnMut(&str, String)) {
     }
     if let Some(advice) = &solution.advice {
         let [now, then] = [advice.expected_deg, advice.expected_after_deg].map(deg);
-        add("weakest", format!("{} ({} deg)", advice.weakest.measure_name(), deg(advice.weakest_deg)));
+        add("weakest", format!("{} ({} deg)", advice.weakest_deviation.measure_name(), deg(advice.weakest_deg)));
         add("best next", format!("{} ({now} to {then} deg)", advice.manoeuvre));
     }
 }

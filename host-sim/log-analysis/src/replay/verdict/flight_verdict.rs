@@ -19,7 +19,7 @@ pub struct Verdict<'a> {
     /// Whether the module would have calibrated.
     pub outcome: FlightOutcome,
     /// Warnings about the log.
-    pub notes: Vec<LogWarning>,
+    pub log_warnings: Vec<LogWarning>,
     /// The compasses, by number.
     pub compasses: Vec<CompassVerdict<'a>>,
     /// Format of the parameters.
@@ -43,7 +43,7 @@ impl<'a> Verdict<'a> {
     /// Verdict on an evaluated log; `format` is that of the parameters.
     #[must_use]
     pub fn new(flight: &'a Flight, evaluation: &'a FlightEvaluation, format: ParameterFormat) -> Self {
-        let total_ut = evaluation.earth.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
+        let total_ut = evaluation.earth_field.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
         let reference = evaluation.reference.as_ref();
         let compass = |compass: &'a CompassEvaluation| {
             let parameters = choose_parameters(flight, compass, reference, total_ut, format);
@@ -59,7 +59,7 @@ impl<'a> Verdict<'a> {
             flight,
             evaluation,
             outcome: FlightOutcome::new(evaluation),
-            notes: LogWarning::warnings_of_flight(flight, evaluation),
+            log_warnings: LogWarning::warnings_of_flight(flight, evaluation),
             compasses: evaluation.compasses.iter().map(compass).collect(),
             format,
         }
@@ -76,7 +76,7 @@ impl<'a> Verdict<'a> {
     pub fn compasses_in_use_first(&self) -> Vec<&CompassVerdict<'a>> {
         let mut compasses: Vec<&CompassVerdict<'a>> = self.compasses.iter().collect();
         // Compasses of unknown use come after used ones and before unused ones.
-        compasses.sort_by_key(|compass| match compass.evaluation.is_used {
+        compasses.sort_by_key(|compass| match compass.evaluation.is_used_for_heading {
             Some(true) => 0,
             None => 1,
             Some(false) => 2,
@@ -94,7 +94,7 @@ impl<'a> Verdict<'a> {
     #[must_use]
     pub fn is_solved(&self) -> bool {
         self.compasses_in_use_first().first().is_some_and(|compass| {
-            compass.judgement.state == CompassState::Good || compass.judgement.action == CompassAction::Load
+            compass.judgement.state == CompassState::Good || compass.judgement.recommended_action == CompassAction::Load
         })
     }
 
@@ -130,7 +130,7 @@ impl<'a> Verdict<'a> {
             (source.source_name(), self.evaluation.compasses.iter().map(rms_deg).collect::<Vec<_>>())
         });
         let held_back = |compass: &CompassVerdict<'_>| {
-            compass.parameters_to_load()?.held_back.filter(|score| !score.is_estimate).map(|score| score.rms_deg)
+            compass.parameters_to_load()?.held_back_score.filter(|score| !score.is_estimate).map(|score| score.rms_deg)
         };
         let parameters = ("parameters to load", self.compasses.iter().map(held_back).collect());
         rows.into_iter().chain([parameters]).filter(|(_, cells)| cells.iter().any(Option::is_some)).collect()
@@ -141,21 +141,22 @@ impl CompassVerdict<'_> {
     /// Parameters to load.
     #[must_use]
     pub fn parameters_to_load(&self) -> Option<&ExportedCorrection> {
-        self.parameters.as_ref().ok().filter(|_| self.judgement.action == CompassAction::Load)
+        self.parameters.as_ref().ok().filter(|_| self.judgement.recommended_action == CompassAction::Load)
     }
 
     /// Judgement of the compass, a sentence.
     #[must_use]
     pub fn summary_sentence(&self) -> String {
-        let used = if self.evaluation.is_used == Some(true) { ", in use," } else { "" };
-        format!("Compass {}{used} {}.", self.evaluation.number, self.judgement)
+        let used = if self.evaluation.is_used_for_heading == Some(true) { ", in use," } else { "" };
+        format!("Compass {}{used} {}.", self.evaluation.compass_number, self.judgement)
     }
 
     /// Percentage of usable rows for which the module, so calibrated, would have sent a heading.
     #[must_use]
     pub fn sent_percent(&self) -> Option<f64> {
         let rows = self.evaluation.rows.iter().zip(&self.evaluation.result_for_report().headings);
-        let sent: Vec<bool> = rows.filter(|(row, _)| row.usable).map(|(_, heading)| heading.status.is_ok()).collect();
+        let sent: Vec<bool> =
+            rows.filter(|(row, _)| row.is_usable).map(|(_, heading)| heading.status.is_ok()).collect();
         let number = sent.iter().filter(|is_sent| **is_sent).count();
         (!sent.is_empty()).then(|| 100.0 * number as f64 / sent.len() as f64)
     }

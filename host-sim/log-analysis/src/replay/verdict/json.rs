@@ -24,7 +24,7 @@ impl Verdict<'_> {
             "schema": SCHEMA,
             "verdict": self.summary_sentences().join(" "),
             "state": self.compass_state(),
-            "in_use": self.compasses_in_use_first().first().map(|compass| compass.evaluation.number),
+            "in_use": self.compasses_in_use_first().first().map(|compass| compass.evaluation.compass_number),
             "module_verdict": self.outcome,
             "accepted": self.is_accepted(),
             "log": {
@@ -34,8 +34,8 @@ impl Verdict<'_> {
                 "from_s": round_to(from_s, 3),
                 "to_s": round_to(to_s, 3),
                 "attitude_hz": round_to(1.0 / evaluation.attitude_interval_s, 2),
-                "has_current": !flight.current.is_empty(),
-                "passed_over": flight.counts,
+                "has_current": !flight.battery_current.is_empty(),
+                "passed_over": flight.skipped_counts,
             },
             "reference": evaluation.reference.as_ref().map(|reference| json!({
                 "name": reference.reference_name(),
@@ -43,13 +43,13 @@ impl Verdict<'_> {
                 "limits": reference.limits_text(),
                 "course": reference.gps_course_solution().map(course_json),
             })),
-            "field_model": evaluation.earth.as_ref().map(|(earth, is_valid)| json!({
+            "field_model": evaluation.earth_field.as_ref().map(|(earth, is_valid)| json!({
                 "total_ut": round_to(f64::from(earth.total_ut), 2),
                 "inclination_deg": round_to(f64::from(earth.inclination_deg), 2),
                 "declination_deg": earth.declination_deg.map(|deg| round_to(f64::from(deg), 2)),
                 "is_of_that_day": is_valid,
             })),
-            "notes": self.notes,
+            "notes": self.log_warnings,
             "compasses": self.compasses.iter().map(CompassVerdict::json).collect::<Vec<_>>(),
         })
     }
@@ -77,11 +77,11 @@ impl CompassVerdict<'_> {
         }
         let compass = self.evaluation;
         json!({
-            "compass": compass.number,
-            "is_used": compass.is_used,
+            "compass": compass.compass_number,
+            "is_used": compass.is_used_for_heading,
             "verdict": {
                 "state": self.judgement.state,
-                "action": self.judgement.action,
+                "action": self.judgement.recommended_action,
                 "reasons": self.judgement.reason_codes(),
             },
             "as_logged_rms_deg": self.judgement.as_logged_rms_deg.map(|deg| round_to(deg, 3)),
@@ -90,22 +90,22 @@ impl CompassVerdict<'_> {
             "field_age_ms": round_to(compass.latency.used_s * 1e3, 1),
             "field_age_sigma_ms": compass.latency.sigma_s.map(|s| round_to(s * 1e3, 1)),
             "field_ut": compass.radius_ut.map(|ut| round_to(ut, 2)),
-            "rows": Rows { counted: compass.counts, fitted: compass.module.samples },
+            "rows": Rows { counted: compass.row_counts, fitted: compass.module_result.sample_count },
             "calibrated_s": compass.calibrated_s().map(|s| round_to(s, 1)),
-            "module": result_json(&compass.module),
+            "module": result_json(&compass.module_result),
             "without_current_rms_deg": compass.rms_without_current_deg.map(|deg| round_to(deg, 3)),
-            "all_rows": result_json(&compass.all_rows),
+            "all_rows": result_json(&compass.all_rows_result),
             "headings": compass.corrections.iter().map(|correction| json!({
-                "by": correction.source.source_name(),
+                "by": correction.correction_source.source_name(),
                 "against_reference": correction.score.as_ref().map(score_json),
             })).collect::<Vec<_>>(),
-            "changes": compass.changes.iter().map(|HardIronChange { step, bend_deg }| json!({
-                "at_s": round_to(step.at_s, 1),
+            "changes": compass.hard_iron_changes.iter().map(|HardIronChange { hard_iron_step: step, heading_effect_deg: bend_deg }| json!({
+                "at_s": round_to(step.time_s, 1),
                 "ut": step.step_ut.map(|axis| round_to(axis, 2)),
                 "sigma_ut": step.sigma_ut.map(|axis| round_to(axis, 2)),
                 "bend_deg": round_to(*bend_deg, 1),
             })).collect::<Vec<_>>(),
-            "parameters": (self.judgement.action == CompassAction::Load)
+            "parameters": (self.judgement.recommended_action == CompassAction::Load)
                 .then_some(self.parameters.as_ref().ok().map(parameters_json)),
         })
     }
@@ -118,8 +118,8 @@ fn result_json(result: &ReplayResult) -> Value {
     let latency = solution.and_then(|s| s.quality.latency);
     let current = solution.map(|s| s.calibration.motor_current).filter(|current| current.current_sigma_a > 0.0);
     json!({
-        "accepted": result.accepted.is_ok(),
-        "refusal": result.accepted.as_ref().err().map(|r| json!({ "code": r.stable_code(), "words": r.to_string() })),
+        "accepted": result.acceptance.is_ok(),
+        "refusal": result.acceptance.as_ref().err().map(|r| json!({ "code": r.stable_code(), "words": r.to_string() })),
         "method": solution.map(|s| s.quality.method.method_name()),
         "coefficients": solution.map(|s| coefficients_json(&s.calibration)),
         "inclination_deg": solution.map(|s| rounded(s.calibration.inclination_rad.to_degrees(), 2)),
@@ -135,7 +135,7 @@ fn result_json(result: &ReplayResult) -> Value {
             "mean_a": rounded(current.mean_current_a, 2),
             "spread_a": rounded(current.current_sigma_a, 2),
         })),
-        "samples": result.samples,
+        "samples": result.sample_count,
         "smooth": result.smoothed_score.as_ref().map(score_json),
     })
 }
@@ -145,7 +145,7 @@ fn score_json(score: &HeadingScore) -> Value {
     json!({
         "heading_rms_deg": round_to(score.rms_deg, 3),
         "heading_mean_deg": round_to(score.mean_deg, 3),
-        "rows": score.rows,
+        "rows": score.row_count,
         "within_one_sigma_percent": has_sigma.then(|| round_to(score.within_percent[0], 1)),
         "within_two_sigma_percent": has_sigma.then(|| round_to(score.within_percent[1], 1)),
     })
@@ -157,10 +157,10 @@ fn parameters_json(exported: &ExportedCorrection) -> Value {
         "offsets_ut": exported.correction.hard_iron_ut.iter().map(|number| round_to(-number, 3)).collect::<Vec<_>>(),
         "lost_rms_deg": round_to(exported.heading_loss_deg[0], 3),
         "lost_mean_deg": round_to(exported.heading_loss_deg[1], 3),
-        "heading_rms_deg": exported.held_back.map(|score| round_to(score.rms_deg, 3)),
-        "is_estimate": exported.held_back.map(|score| score.is_estimate),
-        "rows_from_s": exported.rows_s.map(|[from_s, _]| round_to(from_s, 1)),
-        "rows_to_s": exported.rows_s.map(|[_, to_s]| round_to(to_s, 1)),
+        "heading_rms_deg": exported.held_back_score.map(|score| round_to(score.rms_deg, 3)),
+        "is_estimate": exported.held_back_score.map(|score| score.is_estimate),
+        "rows_from_s": exported.fitted_range_s.map(|[from_s, _]| round_to(from_s, 1)),
+        "rows_to_s": exported.fitted_range_s.map(|[_, to_s]| round_to(to_s, 1)),
         "warnings": exported.warnings,
     })
 }

@@ -92,7 +92,7 @@ pub struct Judgement {
     /// State of the compass.
     pub state: CompassState,
     /// Recommended action.
-    pub action: CompassAction,
+    pub recommended_action: CompassAction,
     /// Reasons of the judgement.
     pub reasons: Vec<Reason>,
     /// Heading error as logged since the last change of hard iron, degrees RMS less mean; none without a reference of 2
@@ -110,8 +110,8 @@ impl Judgement {
         parameters: &Result<ExportedCorrection, NoParameters>,
     ) -> Self {
         let as_logged_rms_deg = as_logged_rms_deg(evaluation, compass);
-        let change = compass.changes.last();
-        let bend_deg = compass.changes.iter().map(|change| change.bend_deg).fold(0.0, f64::max);
+        let change = compass.hard_iron_changes.last();
+        let bend_deg = compass.hard_iron_changes.iter().map(|change| change.heading_effect_deg).fold(0.0, f64::max);
         let state = match as_logged_rms_deg {
             _ if failure.is_some() || bend_deg > BAD_COMPASS_RMS_DEG => CompassState::Bad,
             Some(rms_deg) if rms_deg > BAD_COMPASS_RMS_DEG => CompassState::Bad,
@@ -124,20 +124,20 @@ impl Judgement {
             parameters.as_ref().map_or_else(|why| action_without_parameters(state, why), |_| CompassAction::Load)
         };
         let changed = change.map(|change| Reason::IronChanged {
-            at_s: change.step.at_s,
-            size_ut: change.step.size_ut(),
-            bend_deg: change.bend_deg,
+            at_s: change.hard_iron_step.time_s,
+            size_ut: change.hard_iron_step.size_ut(),
+            bend_deg: change.heading_effect_deg,
         });
         let unknown = if accurate_reference(evaluation).is_some() { Reason::FewHeadings } else { Reason::NoReference };
         let error = as_logged_rms_deg.map_or(unknown, Reason::ErrorAsLogged);
         let given = match parameters {
             Ok(_) if failure.is_some() => None,
-            Ok(export) => export.held_back.map(Reason::Parameters),
+            Ok(export) => export.held_back_score.map(Reason::Parameters),
             Err(why) => Some(Reason::NoParameters(why.clone())),
         };
         let reasons =
             failure.map(Reason::SensorFailed).into_iter().chain(changed).chain([error]).chain(given).collect();
-        Self { state, action, reasons, as_logged_rms_deg }
+        Self { state, recommended_action: action, reasons, as_logged_rms_deg }
     }
 
     /// Codes of the reasons.
@@ -180,7 +180,7 @@ fn as_logged_rms_deg(evaluation: &FlightEvaluation, compass: &CompassEvaluation)
     if sectors.iter().filter(|number| **number >= MIN_ROWS_PER_SECTOR).count() < MIN_HEADING_SECTORS {
         return None;
     }
-    let logged = score_rows(&rows, |row| Some((heading_deg(row, row.logged.ut.map(f64::from)), f64::NAN)));
+    let logged = score_rows(&rows, |row| Some((heading_deg(row, row.logged_field.ut.map(f64::from)), f64::NAN)));
     logged.map(|score| score.rms_deg)
 }
 
@@ -230,7 +230,7 @@ impl fmt::Display for Judgement {
             write!(f, "{joint}{text}")?;
             joint = "; ";
         }
-        f.write_str(match self.action {
+        f.write_str(match self.recommended_action {
             CompassAction::Load => ": load them",
             CompassAction::Leave => ": leave it as it is",
             CompassAction::FlyAgain => ": fly again",

@@ -78,7 +78,7 @@ impl FlightOutcome {
         let compasses = &evaluation.compasses;
         let of = compasses.len();
         let accepted: Vec<&CompassEvaluation> =
-            compasses.iter().filter(|compass| compass.module.accepted.is_ok()).collect();
+            compasses.iter().filter(|compass| compass.module_result.acceptance.is_ok()).collect();
         let slow_attitude_s = Some(evaluation.attitude_interval_s).filter(|interval_s| *interval_s > SLOW_ATTITUDE_S);
         if accepted.is_empty() {
             let nearest = nearest(compasses);
@@ -87,19 +87,22 @@ impl FlightOutcome {
             // rounding.
             let is_shared =
                 compasses.iter().all(|compass| FlightRefusal::new(compass).to_string() == cause.to_string());
-            let nearest = nearest.filter(|_| !is_shared).map(|compass| compass.number);
+            let nearest = nearest.filter(|_| !is_shared).map(|compass| compass.compass_number);
             return Self::Refused { of, nearest, cause, slow_attitude_s };
         }
         let times_s: Option<Vec<f64>> = accepted.iter().map(|compass| compass.calibrated_s()).collect();
         Self::Calibrated {
-            numbers: accepted.iter().map(|compass| compass.number).collect(),
+            numbers: accepted.iter().map(|compass| compass.compass_number).collect(),
             of,
             at_s: times_s.map(|times_s| {
                 times_s
                     .iter()
                     .fold([f64::INFINITY, f64::NEG_INFINITY], |[first, last], &at_s| [first.min(at_s), last.max(at_s)])
             }),
-            expected_deg: accepted.iter().filter_map(|compass| compass.module.expected_rms_deg()).fold(0.0, f64::max),
+            expected_deg: accepted
+                .iter()
+                .filter_map(|compass| compass.module_result.expected_rms_deg())
+                .fold(0.0, f64::max),
             slow_attitude_s,
         }
     }
@@ -107,11 +110,13 @@ impl FlightOutcome {
 
 /// The rejected compass closest to a calibration.
 fn nearest(compasses: &[CompassEvaluation]) -> Option<&CompassEvaluation> {
-    let expected_deg = |compass: &CompassEvaluation| compass.module.expected_rms_deg().unwrap_or(f64::INFINITY);
+    let expected_deg = |compass: &CompassEvaluation| compass.module_result.expected_rms_deg().unwrap_or(f64::INFINITY);
     // Compasses that are unused or hardly logged rank last.
-    let is_out = |compass: &CompassEvaluation| (compass.counts.used < MIN_FLIGHT_ROWS, compass.is_used == Some(false));
+    let is_out = |compass: &CompassEvaluation| {
+        (compass.row_counts.used < MIN_FLIGHT_ROWS, compass.is_used_for_heading == Some(false))
+    };
     compasses.iter().min_by(|a, b| {
-        let by_rows = || b.counts.used.cmp(&a.counts.used);
+        let by_rows = || b.row_counts.used.cmp(&a.row_counts.used);
         is_out(a).cmp(&is_out(b)).then_with(|| expected_deg(a).total_cmp(&expected_deg(b))).then_with(by_rows)
     })
 }
@@ -119,18 +124,18 @@ fn nearest(compasses: &[CompassEvaluation]) -> Option<&CompassEvaluation> {
 impl FlightRefusal {
     /// Too few usable rows, else the module's reason.
     fn new(compass: &CompassEvaluation) -> Self {
-        let RowCounts { readings, used, .. } = compass.counts;
-        match &compass.module.accepted {
+        let RowCounts { readings, used, .. } = compass.row_counts;
+        match &compass.module_result.acceptance {
             Err(refusal) if used >= MIN_FLIGHT_ROWS => Self::Module(refusal.clone()),
             _ if readings < MIN_FLIGHT_ROWS => Self::FewReadings(readings),
-            _ => Self::FewRows { readings, used, rejected: compass.counts.main_rejection() },
+            _ => Self::FewRows { readings, used, rejected: compass.row_counts.main_rejection() },
         }
     }
 }
 
 impl CompassOutcome {
     pub(super) fn new(compass: &CompassEvaluation) -> Self {
-        match (&compass.module.accepted, compass.calibrated_s()) {
+        match (&compass.module_result.acceptance, compass.calibrated_s()) {
             (Err(refusal), _) => Self::Refused(refusal.clone()),
             (Ok(()), Some(at_s)) => Self::Automatic(at_s),
             (Ok(()), None) => Self::Commanded,

@@ -48,14 +48,14 @@ fn coverage_cells(compass_report: &CompassReport) -> [[CoverageCell; HEADING_SEC
         .samples
         .iter()
         .skip(1)
-        .map(|next| next.at_s)
-        .chain(compass_report.samples.last().map(|last| last.at_s));
+        .map(|next| next.time_s)
+        .chain(compass_report.samples.last().map(|last| last.time_s));
     for (moment, next_s) in compass_report.samples.iter().zip(nexts).filter(|(moment, _)| counts(moment)) {
         let Some(heading_deg) = moment.heading_deg.filter(|deg| deg.is_finite()) else { continue };
         let sector = (heading_deg / 30.0).round().rem_euclid(HEADING_SECTORS as f64) as usize;
         for (row, (_, belongs)) in cells.iter_mut().zip(TILT_ROWS) {
             if let Some(cell) = row.get_mut(sector).filter(|_| belongs(moment)) {
-                cell.flown_s += (next_s - moment.at_s).clamp(0.0, 1.0);
+                cell.flown_s += (next_s - moment.time_s).clamp(0.0, 1.0);
                 cell.fitted += usize::from(moment.is_fitted);
             }
         }
@@ -105,7 +105,7 @@ pub fn coverage_picture(compass_report: &CompassReport) -> Picture {
         svg,
         title: "What was flown".to_owned(),
         description: coverage_in_words(compass_report, &cells),
-        is_wide: true,
+        needs_full_width: true,
     }
 }
 
@@ -153,7 +153,7 @@ mod tests {
     #[test]
     fn flown_and_missing_headings_are_drawn_differently() {
         let moment = |at_s: f64, heading_deg: f64, roll_deg: f64, is_fitted: bool| ReportSample {
-            at_s,
+            time_s: at_s,
             heading_deg: Some(heading_deg),
             roll_deg,
             raw_ut: Some([20.0, 0.0, 40.0]),

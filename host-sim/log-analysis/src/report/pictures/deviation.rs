@@ -21,9 +21,10 @@ const UNCALIBRATED_LINES: [(&str, Shape, &str); 3] =
 pub fn common_scale_picture(compass_report: &CompassReport, word: &str) -> Picture {
     let mut svg = Svg::new(PICTURE_SIZE[0], PICTURE_SIZE[1]);
     draw_one_scale(&mut svg, [0.0, 0.0], compass_report, word);
-    let [before, after] = [&compass_report.before, &compass_report.after].map(|lines| max_error_deg(lines));
+    let [before, after] =
+        [&compass_report.curves_before, &compass_report.curves_after].map(|lines| max_error_deg(lines));
     let title = picture_title(compass_report).to_owned();
-    let words = match (compass_report.before.is_empty(), compass_report.after.is_empty()) {
+    let words = match (compass_report.curves_before.is_empty(), compass_report.curves_after.is_empty()) {
         (false, false) => {
             format!(
                 "The largest {word} by heading is {} deg before, {} after.",
@@ -34,19 +35,19 @@ pub fn common_scale_picture(compass_report: &CompassReport, word: &str) -> Pictu
         (false, true) => format!("The largest {word} by heading is {} deg.", format_number(before, 1)),
         _ => "There is no reference heading.".to_owned(),
     };
-    Picture { svg, title, description: words, is_wide: false }
+    Picture { svg, title, description: words, needs_full_width: false }
 }
 
 /// Draws the errors after calibration; none without data.
 pub fn enlarged_picture(compass_report: &CompassReport, word: &str) -> Option<Picture> {
-    if compass_report.after.is_empty() {
+    if compass_report.curves_after.is_empty() {
         return None;
     }
     let mut svg = Svg::new(PICTURE_SIZE[0], PICTURE_SIZE[1]);
     let outside = draw_enlarged(&mut svg, [0.0, 0.0], compass_report, word);
     let mut words = vec![format!(
         "The largest {word} by heading is {} deg.",
-        format_number(max_error_deg(&compass_report.after), 2)
+        format_number(max_error_deg(&compass_report.curves_after), 2)
     )];
     if !compass_report.sigma_deg.is_empty() {
         let sigma = max_magnitude(compass_report.sigma_deg.iter().copied());
@@ -59,7 +60,7 @@ pub fn enlarged_picture(compass_report: &CompassReport, word: &str) -> Option<Pi
     if outside > 0 {
         words.push(format!("{outside} of the points drawn would lie outside."));
     }
-    Some(Picture { svg, title: "After, enlarged".to_owned(), description: words.join(" "), is_wide: false })
+    Some(Picture { svg, title: "After, enlarged".to_owned(), description: words.join(" "), needs_full_width: false })
 }
 
 /// Draws both frames side by side, for documents with one picture.
@@ -76,12 +77,12 @@ pub fn combined_picture(compass_report: &CompassReport, word: &str) -> Picture {
         svg,
         title: "Heading error before and after the calibration".to_owned(),
         description: words,
-        is_wide: true,
+        needs_full_width: true,
     }
 }
 
 fn picture_title(compass_report: &CompassReport) -> &'static str {
-    if compass_report.after.is_empty() { "Before; there is no after" } else { "Before and after, one scale" }
+    if compass_report.curves_after.is_empty() { "Before; there is no after" } else { "Before and after, one scale" }
 }
 
 fn max_error_deg(lines: &[DeviationCurve]) -> f64 {
@@ -93,7 +94,7 @@ fn plot_frame(top: f64, [left, up]: Point, y: Axis) -> PlotFrame {
     PlotFrame {
         x: Axis::headings_deg(90),
         y,
-        origin: at,
+        upper_left: at,
         size: [PICTURE_SIZE[0] - 58.0 - 16.0, up + PICTURE_SIZE[1] - 44.0 - top],
     }
 }
@@ -106,27 +107,29 @@ fn draw_title(svg: &mut Svg, [left, up]: Point, words: &str) -> Point {
 fn draw_one_scale(svg: &mut Svg, at: Point, compass_report: &CompassReport, word: &str) {
     let below = draw_title(svg, at, picture_title(compass_report));
     let names: Vec<String> =
-        compass_report.before.iter().map(|line| format!("before{}", name_suffix(&line.name))).collect();
+        compass_report.curves_before.iter().map(|line| format!("before{}", name_suffix(&line.name))).collect();
     let mut items: Vec<(LegendSample, &str)> = UNCALIBRATED_LINES
         .iter()
         .zip(&names)
         .map(|(&(line, shape, class), name)| (LegendSample::Both(line, shape, class), &**name))
         .collect();
-    let after = match &compass_report.after[..] {
+    let after = match &compass_report.curves_after[..] {
         [only] => format!("after{}", name_suffix(&only.name)),
         _ => "after, the same banks".to_owned(),
     };
-    if !compass_report.after.is_empty() {
+    if !compass_report.curves_after.is_empty() {
         items.push((LegendSample::Line("l l3"), &after));
     }
     let top = draw_legend(svg, below, PICTURE_SIZE[0] - 32.0, &items);
-    let y = Axis::symmetric_deg(max_error_deg(&compass_report.before).max(max_error_deg(&compass_report.after)));
+    let y = Axis::symmetric_deg(
+        max_error_deg(&compass_report.curves_before).max(max_error_deg(&compass_report.curves_after)),
+    );
     let frame = plot_frame(top, at, y);
     frame.draw_axes(svg, "heading, deg", &format!("{word}, deg"));
-    for (line, (class, shape, points)) in compass_report.before.iter().zip(UNCALIBRATED_LINES) {
+    for (line, (class, shape, points)) in compass_report.curves_before.iter().zip(UNCALIBRATED_LINES) {
         draw_curve(svg, &frame, line, class, Some((shape, points)));
     }
-    for line in &compass_report.after {
+    for line in &compass_report.curves_after {
         draw_curve(svg, &frame, line, "l l3", None);
     }
 }
@@ -141,9 +144,10 @@ fn draw_enlarged(svg: &mut Svg, at: Point, compass_report: &CompassReport, word:
         .filter_map(|moment| Some([moment.heading_deg?.rem_euclid(360.0), moment.error_deg?]))
         .collect();
     let names: Vec<String> =
-        compass_report.after.iter().map(|line| format!("after{}", name_suffix(&line.name))).collect();
+        compass_report.curves_after.iter().map(|line| format!("after{}", name_suffix(&line.name))).collect();
     // A single line is drawn in the style of the combined picture.
-    let classes = if compass_report.after.len() > 1 { UNCALIBRATED_LINES } else { [("l l3", Shape::Circle, "p3"); 3] };
+    let classes =
+        if compass_report.curves_after.len() > 1 { UNCALIBRATED_LINES } else { [("l l3", Shape::Circle, "p3"); 3] };
     let mut items: Vec<(LegendSample, &str)> = classes
         .iter()
         .zip(&names)
@@ -156,7 +160,7 @@ fn draw_enlarged(svg: &mut Svg, at: Point, compass_report: &CompassReport, word:
         items.push((LegendSample::Points(Shape::Dot, "dot"), "single headings"));
     }
     let top = draw_legend(svg, below, PICTURE_SIZE[0] - 32.0, &items);
-    let most = max_error_deg(&compass_report.after)
+    let most = max_error_deg(&compass_report.curves_after)
         .max(max_magnitude(compass_report.sigma_deg.iter().copied()))
         .max(magnitude_quantile(points.iter().map(|[_, error]| *error), FRAMED_FRACTION));
     let frame = plot_frame(top, at, Axis::symmetric_deg(most));
@@ -164,7 +168,7 @@ fn draw_enlarged(svg: &mut Svg, at: Point, compass_report: &CompassReport, word:
     frame.draw_axes(svg, "heading, deg", &format!("{word}, deg"));
     let plotted: Vec<Option<Point>> = subsample(&points, MAX_POINTS).map(|&[x, y]| frame.plot_point(x, y)).collect();
     svg.draw_points("dot", Shape::Dot, 1.4, plotted.iter().copied().flatten());
-    for (line, (class, shape, points)) in compass_report.after.iter().zip(classes) {
+    for (line, (class, shape, points)) in compass_report.curves_after.iter().zip(classes) {
         draw_curve(svg, &frame, line, class, Some((shape, points)));
     }
     plotted.iter().filter(|point| point.is_none()).count()
@@ -208,8 +212,8 @@ mod tests {
     #[test]
     fn the_enlarged_picture_has_its_own_scale() {
         let compass_report = CompassReport {
-            before: vec![line(&[20.0, -18.0, 5.0, 1.0])],
-            after: vec![line(&[0.4, -0.2, 0.1, 0.0])],
+            curves_before: vec![line(&[20.0, -18.0, 5.0, 1.0])],
+            curves_after: vec![line(&[0.4, -0.2, 0.1, 0.0])],
             sigma_deg: vec![0.5; 4],
             sigma_description: "what is expected",
             ..CompassReport::default()
@@ -238,7 +242,7 @@ mod tests {
         let mut moments: Vec<_> = (0..200).map(|i| moment(f64::from(i), 0.1)).collect();
         moments.push(moment(10.0, 50.0));
         let compass_report =
-            CompassReport { after: vec![line(&[0.1, -0.1])], samples: moments, ..CompassReport::default() };
+            CompassReport { curves_after: vec![line(&[0.1, -0.1])], samples: moments, ..CompassReport::default() };
         assert!(enlarged_picture(&compass_report, "error").unwrap().description.contains("1 of the points drawn"));
     }
 }

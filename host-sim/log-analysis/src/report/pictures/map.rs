@@ -28,8 +28,8 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
         let middle = least.midpoint(most) / per;
         let half = 0.54 * side / per;
         Axis {
-            range: [middle - half, middle + half],
-            step: Axis::for_range(0.0, 2.0 * half, 6.0).step,
+            value_range: [middle - half, middle + half],
+            grid_step: Axis::for_range(0.0, 2.0 * half, 6.0).grid_step,
             number_every: 1,
         }
     };
@@ -45,7 +45,7 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
         (LegendSample::Points(Shape::Square, "p0"), "ends"),
     ]);
     let top = draw_legend(&mut svg, [16.0, 8.0], MAP_SIDE + 58.0, &items);
-    let frame = PlotFrame { x: axis(east), y: axis(north), origin: [70.0, top], size: [MAP_SIDE, MAP_SIDE] };
+    let frame = PlotFrame { x: axis(east), y: axis(north), upper_left: [70.0, top], size: [MAP_SIDE, MAP_SIDE] };
     frame.draw_axes(&mut svg, &format!("east, {unit}"), &format!("north, {unit}"));
     let point = |[x, y]: Point| frame.plot_point(x / per, y / per);
     for kind in &track_classes {
@@ -67,7 +67,7 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
         String::new()
     };
     let words = format!("North is up. The flight spans {wide} by {high} {unit}.{collected}");
-    Some(Picture { svg, title: "Where it was flown".to_owned(), description: words, is_wide: false })
+    Some(Picture { svg, title: "Where it was flown".to_owned(), description: words, needs_full_width: false })
 }
 
 struct TrackClass {

@@ -8,7 +8,7 @@ pub struct Picture {
     /// Description, also for screen readers.
     pub description: String,
     /// Whether the picture needs the page's full width.
-    pub is_wide: bool,
+    pub needs_full_width: bool,
 }
 
 /// Symbol in a legend: line, points, both, or a filled area, with style classes.

@@ -18,7 +18,7 @@ const SELF_TEST_GAUSS: Vector3<f64> = Vector3::new(2.0, 2.0, 0.55);
 
 pub(super) struct CompletedConversion {
     /// Completion time, microseconds.
-    pub at_us: u64,
+    pub completed_at_us: u64,
     /// Whether earlier conversions were not read.
     pub missed_others: bool,
 }
@@ -42,13 +42,13 @@ impl Converter {
         if mode.conversion == Conversion::Single {
             registers.power_down();
             self.next_us = None;
-            return Some(CompletedConversion { at_us: first_us, missed_others: false });
+            return Some(CompletedConversion { completed_at_us: first_us, missed_others: false });
         }
         let period_us = period_us(&mode);
         let more = (now_us - first_us) / period_us;
         let at_us = first_us + more * period_us;
         self.next_us = Some(at_us + period_us);
-        Some(CompletedConversion { at_us, missed_others: more > 0 })
+        Some(CompletedConversion { completed_at_us: at_us, missed_others: more > 0 })
     }
 }
 
@@ -66,7 +66,7 @@ pub(super) fn field_counts(
     let xy = NOISE_XY_GAUSS * noise_ratio(mode.averaging_xy);
     let z = NOISE_Z_GAUSS * noise_ratio(mode.averaging_z);
     let sigma = Vector3::new(xy, xy, z) * noise_scale;
-    let added = if mode.self_test { SELF_TEST_GAUSS } else { Vector3::zeros() };
+    let added = if mode.has_self_test_field { SELF_TEST_GAUSS } else { Vector3::zeros() };
     let gauss = field.ut.cast::<f64>() / UT_PER_GAUSS + added + noise.normal_vector().component_mul(&sigma);
     // A float-to-integer cast saturates, as the chip's converter does.
     (gauss * COUNTS_PER_GAUSS[mode.full_scale]).map(|counts| counts.round() as i16)

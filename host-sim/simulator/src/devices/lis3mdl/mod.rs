@@ -95,7 +95,7 @@ impl Lis3mdl {
 
     fn finish_conversion(&mut self, due: &CompletedConversion) {
         if !self.frozen {
-            let field = (self.source)(due.at_us);
+            let field = (self.source)(due.completed_at_us);
             let counts = conversion::field_counts(
                 &field,
                 &self.registers.measurement_mode(),

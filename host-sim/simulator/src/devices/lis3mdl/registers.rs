@@ -46,7 +46,7 @@ pub(super) struct MeasurementSettings {
     /// Measurement rate, Hz.
     pub rate_hz: f64,
     /// Whether the self-test field is added.
-    pub self_test: bool,
+    pub has_self_test_field: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -177,7 +177,7 @@ impl Registers {
             averaging_z: usize::from(self.register_value(CTRL_REG4) >> 2 & 3),
             full_scale: usize::from(self.register_value(CTRL_REG2) >> 5 & 3),
             rate_hz: if fast { FAST_RATE_HZ[averaging_xy] } else { 0.625 * f64::from(1 << (control1 >> 2 & 7)) },
-            self_test: control1 & SELF_TEST != 0,
+            has_self_test_field: control1 & SELF_TEST != 0,
         }
     }
 

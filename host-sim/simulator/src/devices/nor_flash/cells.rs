@@ -15,9 +15,9 @@ const WORDS_PER_PAGE: usize = PAGE_BYTES / WORD_BYTES;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Wear {
     /// Page erases, including incomplete ones.
-    pub erases: u64,
+    pub page_erases: u64,
     /// Programmed double words, including incomplete ones.
-    pub writes: u64,
+    pub programmed_words: u64,
     /// Erase count of the most erased page.
     pub worst_page_erases: u32,
 }
@@ -71,8 +71,8 @@ impl Cells {
 
     pub fn wear(&self) -> Wear {
         Wear {
-            erases: self.erases.iter().copied().map(u64::from).sum(),
-            writes: self.writes,
+            page_erases: self.erases.iter().copied().map(u64::from).sum(),
+            programmed_words: self.writes,
             worst_page_erases: self.erases.iter().copied().max().unwrap_or(0),
         }
     }

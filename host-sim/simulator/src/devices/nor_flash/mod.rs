@@ -270,7 +270,7 @@ mod tests {
         assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Ok(())));
         assert_eq!(run(&mut simulation, write(flash.clone(), 8, OLD.to_vec())), Some(Ok(())));
         assert_eq!(flash.flash_contents()[8..16], OLD);
-        assert_eq!(flash.wear(), Wear { erases: 1, writes: 2, worst_page_erases: 1 });
+        assert_eq!(flash.wear(), Wear { page_erases: 1, programmed_words: 2, worst_page_erases: 1 });
     }
 
     #[test]

@@ -18,7 +18,7 @@ pub enum WakeCondition {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TimedByte {
     /// Simulation time, microseconds.
-    pub at_us: u64,
+    pub arrives_at_us: u64,
     /// The byte on the line.
     pub byte: u8,
 }
@@ -61,7 +61,7 @@ impl CableDirection {
         self.free_at = self.free_at.max(now_us * self.baud);
         for &byte in bytes {
             self.free_at += BITS_PER_BYTE * MICROSECONDS_PER_SECOND;
-            self.wire.push_back(TimedByte { at_us: self.free_at_us(), byte });
+            self.wire.push_back(TimedByte { arrives_at_us: self.free_at_us(), byte });
         }
         if let Some(reader) = self.reader.take() {
             self.wake_on_delivery(&reader);
@@ -82,7 +82,7 @@ impl CableDirection {
 
     /// Number of bytes in transmission.
     pub fn bytes_in_transit(&self, now_us: u64) -> usize {
-        self.wire.len() - self.wire.partition_point(|timed_byte| timed_byte.at_us <= now_us)
+        self.wire.len() - self.wire.partition_point(|timed_byte| timed_byte.arrives_at_us <= now_us)
     }
 
     /// Drops bytes in transmission, as when the sender is switched off.
@@ -135,14 +135,14 @@ impl CableDirection {
     }
 
     pub fn wake_at_next_arrival(&self, now_us: u64, waker: &Waker) {
-        if let Some(next) = self.wire.iter().find(|timed_byte| timed_byte.at_us > now_us) {
-            embassy_time_driver::schedule_wake(next.at_us, waker);
+        if let Some(next) = self.wire.iter().find(|timed_byte| timed_byte.arrives_at_us > now_us) {
+            embassy_time_driver::schedule_wake(next.arrives_at_us, waker);
         }
     }
 
     /// Moves arrived bytes into the receive buffer. An overflow loses bytes and sets the overrun error.
     fn deliver_arrived_bytes(&mut self, now_us: u64) {
-        while let Some(timed_byte) = self.wire.pop_front_if(|timed_byte| timed_byte.at_us <= now_us) {
+        while let Some(timed_byte) = self.wire.pop_front_if(|timed_byte| timed_byte.arrives_at_us <= now_us) {
             if self.received.len() < self.capacity {
                 self.received.push_back(timed_byte);
             } else {
@@ -160,18 +160,18 @@ impl CableDirection {
 
     fn delivery_us(&self) -> Option<u64> {
         match self.delivery {
-            WakeCondition::EachByte => self.wire.front().map(|timed_byte| timed_byte.at_us),
+            WakeCondition::EachByte => self.wire.front().map(|timed_byte| timed_byte.arrives_at_us),
             WakeCondition::IdleLine => {
                 // First byte that is followed by a pause or fills half of the buffer.
                 let pause_us = 2 * self.byte_time_us();
                 let half = self.capacity / 2;
-                let next = self.wire.iter().skip(1).map(|timed_byte| Some(timed_byte.at_us)).chain([None]);
+                let next = self.wire.iter().skip(1).map(|timed_byte| Some(timed_byte.arrives_at_us)).chain([None]);
                 self.wire.iter().zip(next).zip(1..).find_map(|((timed_byte, next), count)| {
-                    let idle = next.is_none_or(|next_us| next_us > timed_byte.at_us + pause_us);
+                    let idle = next.is_none_or(|next_us| next_us > timed_byte.arrives_at_us + pause_us);
                     if count >= half {
-                        Some(timed_byte.at_us)
+                        Some(timed_byte.arrives_at_us)
                     } else {
-                        idle.then(|| timed_byte.at_us + self.byte_time_us())
+                        idle.then(|| timed_byte.arrives_at_us + self.byte_time_us())
                     }
                 })
             }

@@ -45,7 +45,7 @@ fn a_thousand_bytes_keep_the_exact_rate() {
     simulation.run_until(86_805);
     assert_eq!(cable.host_end().receive().len(), 999);
     simulation.run_until(86_806);
-    assert_eq!(cable.host_end().receive_timed(), [TimedByte { at_us: 86_806, byte: 0x55 }]);
+    assert_eq!(cable.host_end().receive_timed(), [TimedByte { arrives_at_us: 86_806, byte: 0x55 }]);
 }
 
 /// A DMA receiver delivers a burst one byte time after its end: 3 x 87 us.

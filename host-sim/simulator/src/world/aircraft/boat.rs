@@ -45,7 +45,7 @@ impl Boat {
             east_m_s: speed_m_s * sin,
             // Sloping water accelerates the boat by `g * slope`.
             disturbing_acceleration_m_s2: turning_m_s2.abs() + GRAVITY_M_S2 * libm::hypot(ahead, right),
-            current: 1.0,
+            current_ratio: 1.0,
         }
     }
 }

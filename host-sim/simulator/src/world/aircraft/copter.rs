@@ -123,7 +123,7 @@ impl Copter {
             east_m_s: self.velocity_m_s[1],
             disturbing_acceleration_m_s2: libm::hypot(acceleration[0], acceleration[1]),
             // Rotor power is proportional to thrust^(3/2) (momentum theory).
-            current: libm::pow(thrust, 1.5),
+            current_ratio: libm::pow(thrust, 1.5),
         }
     }
 

@@ -171,7 +171,7 @@ impl Aircraft {
             north_m_s,
             east_m_s,
             disturbing_acceleration_m_s2: push_m_s2,
-            current,
+            current_ratio: current,
         } = motion;
         self.state = TrueState {
             time_us: before.time_us + STEP_US,

@@ -18,7 +18,7 @@ pub struct Motion {
     pub north_m_s: f64,
     pub east_m_s: f64,
     pub disturbing_acceleration_m_s2: f64,
-    pub current: f64,
+    pub current_ratio: f64,
 }
 
 /// North and east components of a vector given along the nose and to the right.

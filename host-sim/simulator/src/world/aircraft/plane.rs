@@ -68,7 +68,7 @@ impl Plane {
             // The attitude source's `turn_error` covers the turn acceleration.
             disturbing_acceleration_m_s2: 0.0,
             // Induced drag is proportional to the square of the load factor.
-            current: square(libm::cos(roll_rad)).recip(),
+            current_ratio: square(libm::cos(roll_rad)).recip(),
         }
     }
 

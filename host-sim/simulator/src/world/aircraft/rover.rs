@@ -38,7 +38,7 @@ impl Rover {
             north_m_s: speed_m_s * cos,
             east_m_s: speed_m_s * sin,
             disturbing_acceleration_m_s2: (speed_m_s * self.turn_rate_rad_s).abs(),
-            current: (1.0 + CURRENT_PER_SLOPE * slope[0]).max(0.0),
+            current_ratio: (1.0 + CURRENT_PER_SLOPE * slope[0]).max(0.0),
         }
     }
 }

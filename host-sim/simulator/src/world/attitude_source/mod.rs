@@ -300,8 +300,14 @@ impl AttitudeSource {
     /// Frame of a message with payload fields unknown to the MAVLink library.
     pub(super) fn encode_raw(&mut self, id: u32, extra_crc: u8, payload: &[u8]) -> Vec<u8> {
         let Identity { system_id: system, component_id: component, .. } = self.identity;
-        Frame { sequence: self.next_sequence(), system, component, id, payload: payload.to_vec() }
-            .frame_bytes(extra_crc)
+        Frame {
+            sequence: self.next_sequence(),
+            system_id: system,
+            component_id: component,
+            id,
+            payload: payload.to_vec(),
+        }
+        .frame_bytes(extra_crc)
     }
 
     const fn next_sequence(&mut self) -> u8 {

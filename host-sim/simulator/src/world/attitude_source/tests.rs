@@ -37,7 +37,7 @@ fn simulate_source(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (Wo
         loop {
             let count = receiver.read(&mut buffer).await.unwrap();
             let at_us = clock::now_us();
-            log.borrow_mut().extend(buffer[..count].iter().map(|&byte| TimedByte { at_us, byte }));
+            log.borrow_mut().extend(buffer[..count].iter().map(|&byte| TimedByte { arrives_at_us: at_us, byte }));
         }
     });
     let source = AttitudeSource::new(config, GyroConfig::PERFECT, seed);
@@ -57,7 +57,7 @@ fn messages(stream: &[TimedByte]) -> Vec<(u64, u8, MavMessage)> {
         let crc = mavlink::calculate_crc(&frame[1..frame_length - 2], MavMessage::extra_crc(id));
         assert_eq!(frame[frame_length - 2..], crc.to_le_bytes());
         let message = MavMessage::parse(MavlinkVersion::V2, id, &frame[10..frame_length - 2]).unwrap();
-        messages.push((rest[frame_length - 1].at_us, frame[4], message));
+        messages.push((rest[frame_length - 1].arrives_at_us, frame[4], message));
         rest = &rest[frame_length..];
     }
     messages
@@ -89,7 +89,7 @@ fn the_heartbeat_contains_the_armed_state() {
     let mut source = world.attitude_source();
     let mut next_heartbeat = || {
         let frame = source.heartbeat_message(world.is_armed());
-        let stream: Vec<TimedByte> = frame.into_iter().map(|byte| TimedByte { at_us: 0, byte }).collect();
+        let stream: Vec<TimedByte> = frame.into_iter().map(|byte| TimedByte { arrives_at_us: 0, byte }).collect();
         match messages(&stream).pop() {
             Some((_, _, MavMessage::HEARTBEAT(data))) => {
                 assert_eq!(data.autopilot, MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA);
@@ -196,7 +196,7 @@ fn the_heartbeat_contains_the_vehicle_kind() {
     ] {
         let frame =
             World::new(WorldConfig::table1(1).with_vehicle_kind(kind)).attitude_source().heartbeat_message(false);
-        let stream: Vec<TimedByte> = frame.into_iter().map(|byte| TimedByte { at_us: 0, byte }).collect();
+        let stream: Vec<TimedByte> = frame.into_iter().map(|byte| TimedByte { arrives_at_us: 0, byte }).collect();
         assert!(matches!(&messages(&stream)[0].2, MavMessage::HEARTBEAT(data) if data.mavtype == expected), "{kind:?}");
     }
 }

@@ -59,7 +59,7 @@ const REQUESTABLE_MESSAGES: [u32; 5] =
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AutopilotInputs {
     /// True state on which the attitude estimate is based.
-    pub truth: TrueState,
+    pub true_state: TrueState,
     /// Whether the autopilot is armed.
     pub is_armed: bool,
     /// Battery current, amperes; `None` without a current sensor.
@@ -169,7 +169,7 @@ impl MavlinkAutopilot {
             bytes.extend(match id {
                 HEARTBEAT_DATA::ID => self.source.heartbeat_message(inputs.is_armed),
                 ATTITUDE_DATA::ID => {
-                    let mut attitude = self.source.attitude_message(&inputs.truth, clock_us);
+                    let mut attitude = self.source.attitude_message(&inputs.true_state, clock_us);
                     modify_message(&mut attitude);
                     self.source.encode_message(&attitude)
                 }
@@ -221,7 +221,7 @@ impl MavlinkAutopilot {
             MavResult::MAV_RESULT_ACCEPTED
         };
         let [low, high] = (command.command as u16).to_le_bytes();
-        let payload = [low, high, result as u8, 0, 0, 0, 0, 0, frame.system, frame.component];
+        let payload = [low, high, result as u8, 0, 0, 0, 0, 0, frame.system_id, frame.component_id];
         let answer = self.source.encode_raw(77, 143, &payload);
         self.answers.extend(answer);
     }

@@ -97,7 +97,7 @@ impl Bench {
             now: Timestamp::from_us(1000 * self.ms),
             estimate: &Estimate::EMPTY,
             settings: &Settings::DEFAULT,
-            indicator: IndicatorState::Idle,
+            indicator_state: IndicatorState::Idle,
             calibration: None,
         };
         let mut out = TransmitBuffer::new();
@@ -253,7 +253,7 @@ fn a_second_autopilot_is_ignored() {
             other.send(1000 * bench.ms, &AutopilotInputs { is_armed: true, ..AutopilotInputs::default() }, |_| ());
         bench.deliver(&bytes);
     }
-    assert!(bench.frames.iter().all(|(_, frame)| (frame.system, frame.component) == (1, 158)));
+    assert!(bench.frames.iter().all(|(_, frame)| (frame.system_id, frame.component_id) == (1, 158)));
     assert!(bench.received.iter().any(|(_, received)| *received == ReceivedMessage::RejectedAttitude));
     assert_eq!(bench.module.is_armed(Timestamp::from_us(1000 * bench.ms)), Some(false));
     assert_eq!(bench.autopilot.rate_hz(ATTITUDE), Some(40.0));
@@ -296,7 +296,7 @@ fn the_autopilot_answers_over_a_serial_cable() {
                 now,
                 estimate: &Estimate::EMPTY,
                 settings: &Settings::DEFAULT,
-                indicator: IndicatorState::Idle,
+                indicator_state: IndicatorState::Idle,
                 calibration: None,
             };
             let mut out = TransmitBuffer::new();
@@ -317,7 +317,7 @@ fn the_autopilot_answers_over_a_serial_cable() {
 /// Frames cut at any byte, with noise between them.
 #[test]
 fn the_reader_finds_every_frame() {
-    let frame = Frame { sequence: 3, system: 1, component: 158, id: 191, payload: vec![7; 17] };
+    let frame = Frame { sequence: 3, system_id: 1, component_id: 158, id: 191, payload: vec![7; 17] };
     let bytes = [&[0xFD, 2, 3][..], &frame.frame_bytes(92), b"noise", &frame.frame_bytes(92)].concat();
     for cut in 0..bytes.len() {
         let mut reader = FrameReader::default();

@@ -19,25 +19,26 @@ use crate::random::{Purpose, Random};
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AnswerFaults {
     /// Probability of no answer.
-    pub dropped: f64,
+    pub drop_probability: f64,
     /// Probability of an error frame.
-    pub rejected: f64,
+    pub rejection_probability: f64,
     /// Probability of a truncated answer.
-    pub truncated: f64,
+    pub truncation_probability: f64,
     /// Probability that an answer is delayed until the next one and sent with it.
-    pub delayed: f64,
+    pub delay_probability: f64,
 }
 
 impl AnswerFaults {
     /// No faults.
-    pub const NONE: Self = Self { dropped: 0.0, rejected: 0.0, truncated: 0.0, delayed: 0.0 };
+    pub const NONE: Self =
+        Self { drop_probability: 0.0, rejection_probability: 0.0, truncation_probability: 0.0, delay_probability: 0.0 };
 }
 
 /// Received compass sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CompassSample {
     /// Reception time of the last byte, microseconds.
-    pub at_us: u64,
+    pub received_at_us: u64,
     /// Compass instance.
     pub instance: u8,
     /// Time stamp of the compass's own clock, milliseconds.
@@ -75,7 +76,7 @@ impl MspAutopilot {
     pub fn receive_byte(&mut self, at_us: u64, byte: u8) {
         let Some(request) = self.frames.push_byte(byte) else { return };
         if let Some((instance, time_ms, field_mg)) = request.compass_sample() {
-            self.readings.push(CompassSample { at_us, instance, time_ms, field_mg });
+            self.readings.push(CompassSample { received_at_us: at_us, instance, time_ms, field_mg });
         } else if !request.is_sensor_function() {
             let delay_us = 1e3 * self.random.uniform(ANSWER_DELAY_RANGE_MS.0, ANSWER_DELAY_RANGE_MS.1);
             // Requests are answered in order.
@@ -123,7 +124,12 @@ impl MspAutopilot {
     }
 
     fn send_with_faults(&mut self, answer: &Answer, request: &Request, sent: &mut Vec<u8>) {
-        let AnswerFaults { dropped, rejected: refused, truncated: cut, delayed: joined } = self.answer_faults;
+        let AnswerFaults {
+            drop_probability: dropped,
+            rejection_probability: refused,
+            truncation_probability: cut,
+            delay_probability: joined,
+        } = self.answer_faults;
         // A uniform random number selects the fault by cumulative probability.
         let draw = self.random.uniform(0.0, 1.0);
         if draw < dropped {

@@ -21,7 +21,12 @@ const KNOWN: AutopilotState = AutopilotState {
     current_a: Some(12.34),
 };
 
-const NONE: AnswerFaults = AnswerFaults { dropped: 0.0, rejected: 0.0, truncated: 0.0, delayed: 0.0 };
+const NONE: AnswerFaults = AnswerFaults {
+    drop_probability: 0.0,
+    rejection_probability: 0.0,
+    truncation_probability: 0.0,
+    delay_probability: 0.0,
+};
 
 fn send_request(autopilot: &mut MspAutopilot, at_us: u64, bytes: &[u8]) {
     for &byte in bytes {
@@ -93,7 +98,7 @@ fn compass_frames_are_received() {
     let mut reading = msp::compass_message(0, 123_456, Field::from_ut(20.0, -5.1, 44.2));
     send_request(&mut autopilot, 7, b"$X noise");
     send_request(&mut autopilot, 7, &reading);
-    let expected = CompassSample { at_us: 7, instance: 0, time_ms: 123_456, field_mg: [200, -51, 442] };
+    let expected = CompassSample { received_at_us: 7, instance: 0, time_ms: 123_456, field_mg: [200, -51, 442] };
     assert_eq!(autopilot.take_compass_samples(), [expected]);
     assert_eq!((autopilot.next_answer_us(), autopilot.crc_error_count()), (None, 0));
     reading[15] ^= 1;
@@ -157,23 +162,23 @@ fn replies_with_faults(answer_faults: AnswerFaults) -> (Vec<MspReply>, usize, u3
 fn answer_faults_occur_with_their_probability() {
     let tenth = 62..=138;
     let whole = 15_000;
-    let (messages, number, _) = replies_with_faults(AnswerFaults { dropped: 0.1, ..NONE });
+    let (messages, number, _) = replies_with_faults(AnswerFaults { drop_probability: 0.1, ..NONE });
     assert!(tenth.contains(&(1_000 - messages.len())) && number == messages.len() * 15);
-    let (messages, number, _) = replies_with_faults(AnswerFaults { rejected: 0.1, ..NONE });
+    let (messages, number, _) = replies_with_faults(AnswerFaults { rejection_probability: 0.1, ..NONE });
     let refused = messages.iter().filter(|message| matches!(message, MspReply::Refused(Function::Attitude))).count();
     assert!(tenth.contains(&refused) && messages.len() == 1_000 && number == whole - refused * 6);
-    let (messages, number, _) = replies_with_faults(AnswerFaults { truncated: 0.1, ..NONE });
+    let (messages, number, _) = replies_with_faults(AnswerFaults { truncation_probability: 0.1, ..NONE });
     assert!(tenth.contains(&(1_000 - messages.len())), "{} of 1,000", messages.len());
     assert!((14_000..whole).contains(&number));
     // Of joined answers only the last one is missing, because no answer follows it.
-    let (messages, _, rejected) = replies_with_faults(AnswerFaults { delayed: 0.5, ..NONE });
+    let (messages, _, rejected) = replies_with_faults(AnswerFaults { delay_probability: 0.5, ..NONE });
     assert!(messages.len() >= 990 && rejected == 0, "{}", messages.len());
     assert_eq!(replies_with_faults(NONE).0.len(), 1_000);
 }
 
 #[test]
 fn a_delayed_answer_is_sent_with_the_next() {
-    let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, AnswerFaults { delayed: 1.0, ..NONE }, 5);
+    let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, AnswerFaults { delay_probability: 1.0, ..NONE }, 5);
     send_request(&mut autopilot, 0, &msp::encode_request(Function::Attitude));
     assert!(autopilot.send_replies(20_000, &KNOWN).is_empty());
     autopilot.answer_faults = NONE;
@@ -215,13 +220,13 @@ fn exchange(firmware: MspFirmware, answer_faults: AnswerFaults, seconds: u64) ->
         }
         if us % 12_500 == 0 {
             let estimate =
-                Estimate { at: now, compass_field: Some(Field::from_ut(20.0, -5.1, 44.2)), ..Estimate::EMPTY };
+                Estimate { timestamp: now, compass_field: Some(Field::from_ut(20.0, -5.1, 44.2)), ..Estimate::EMPTY };
             port.poll(
                 &Snapshot {
                     now,
                     estimate: &estimate,
                     settings: &settings,
-                    indicator: IndicatorState::Idle,
+                    indicator_state: IndicatorState::Idle,
                     calibration: None,
                 },
                 &mut output,
@@ -240,7 +245,9 @@ fn the_module_and_the_autopilot_exchange_messages() {
     for firmware in [MspFirmware::ArduPilot, MspFirmware::Inav] {
         let exchange = exchange(firmware, NONE, 60);
         assert!((2_990..=3_010).contains(&exchange.readings.len()), "{}", exchange.readings.len());
-        assert!(exchange.readings[0].at_us == 0 && exchange.readings.iter().all(|r| r.field_mg == [200, -51, 442]));
+        assert!(
+            exchange.readings[0].received_at_us == 0 && exchange.readings.iter().all(|r| r.field_mg == [200, -51, 442])
+        );
         // Some requests wait for the next estimate, others for a pending answer.
         assert!((2_300..=3_000).contains(&exchange.attitudes), "{}", exchange.attitudes);
         assert!(exchange.gap_us < 60_000, "{} us", exchange.gap_us);
@@ -251,7 +258,12 @@ fn the_module_and_the_autopilot_exchange_messages() {
 
 #[test]
 fn answer_faults_do_not_stop_the_exchange() {
-    let answer_faults = AnswerFaults { dropped: 0.1, rejected: 0.1, truncated: 0.1, delayed: 0.1 };
+    let answer_faults = AnswerFaults {
+        drop_probability: 0.1,
+        rejection_probability: 0.1,
+        truncation_probability: 0.1,
+        delay_probability: 0.1,
+    };
     let exchange = exchange(MspFirmware::Inav, answer_faults, 60);
     assert!((2_990..=3_010).contains(&exchange.readings.len()));
     assert!((1_000..2_600).contains(&exchange.attitudes), "{}", exchange.attitudes);

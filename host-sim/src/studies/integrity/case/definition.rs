@@ -37,9 +37,9 @@ pub struct Case {
     /// Description of the fault.
     pub description: &'static str,
     /// Changes world, attitude source, routine, onset and use of the flight, and adds faults.
-    pub(super) set_up: fn(&mut RandomCase),
+    pub(super) configure_case: fn(&mut RandomCase),
     /// Vehicles to which the case applies.
-    pub(super) vehicles: fn(VehicleKind) -> bool,
+    pub(super) applies_to_vehicle: fn(VehicleKind) -> bool,
     /// Whether the case requires several senders or a gyro's rates, which MSP does not have.
     pub(super) needs_mavlink: bool,
     /// Largest number of flights of the case.
@@ -137,7 +137,7 @@ impl Case {
     /// Whether the case applies to this vehicle.
     #[must_use]
     pub fn applies_to_vehicle(&self, aircraft: VehicleKind) -> bool {
-        (self.vehicles)(aircraft)
+        (self.applies_to_vehicle)(aircraft)
     }
 
     /// Whether the case applies to this attitude source: MSP has one sender, and a gyro only by INAV.
@@ -162,7 +162,7 @@ impl Case {
             seed,
             random: Random::new(seed, Purpose::Case),
         };
-        (self.set_up)(&mut drawn_case);
+        (self.configure_case)(&mut drawn_case);
         drawn_case
     }
 }
@@ -175,17 +175,17 @@ impl RandomCase {
 
     pub(super) fn add_sensor_fault(&mut self, onset: Onset, fault: impl SensorFault + 'static) {
         self.onset = onset;
-        self.faults.sensor.push(Box::new(fault));
+        self.faults.sensor_faults.push(Box::new(fault));
     }
 
     pub(super) fn add_attitude_fault(&mut self, onset: Onset, fault: impl AttitudeFault + 'static) {
         self.onset = onset;
-        self.faults.attitude.push(Box::new(fault));
+        self.faults.attitude_faults.push(Box::new(fault));
     }
 
     pub(super) fn add_field_fault(&mut self, onset: Onset, fault: impl FieldFault + 'static) {
         self.onset = onset;
-        self.faults.field.push(Rc::new(fault));
+        self.faults.field_faults.push(Rc::new(fault));
     }
 
     /// Random direction with this magnitude, microtesla, chip axes.
@@ -216,7 +216,7 @@ impl RandomCase {
     }
 
     pub(super) fn quantise_attitude(&mut self) {
-        self.faults.attitude.push(Box::new(attitude_quantisation(0.1)));
+        self.faults.attitude_faults.push(Box::new(attitude_quantisation(0.1)));
     }
 
     pub(super) fn freeze_attitude(&mut self, after_s: f64) {
@@ -226,7 +226,12 @@ impl RandomCase {
     /// Adds a sender with a roll error of 5 deg, present from the beginning; only use is evaluated.
     pub(super) fn add_sender(&mut self, heartbeat_kind: Option<SenderKind>) {
         self.onset = Onset::Always;
-        self.faults.senders.push(SecondSender { system_id: 1, component_id: 154, heartbeat_kind, roll_error_deg: 5.0 });
+        self.faults.second_senders.push(SecondSender {
+            system_id: 1,
+            component_id: 154,
+            heartbeat_kind,
+            roll_error_deg: 5.0,
+        });
     }
 
     /// The autopilot pauses for 12 s, longer than a sender's selection is kept on the ground, while another vehicle's
@@ -234,13 +239,13 @@ impl RandomCase {
     pub(super) fn pause_beside_other_vehicle(&mut self) {
         self.flight_after_calibration_s = 300.0;
         self.onset = Onset::InUse { after_s: USUAL_ONSET_S, for_s: 12.0 };
-        self.faults.link = vec![LinkFault::Pause(self.random_switch()), LinkFault::OtherVehicle(2)];
+        self.faults.link_faults = vec![LinkFault::Pause(self.random_switch()), LinkFault::OtherVehicle(2)];
     }
 
     /// Adds forged messages in the autopilot's name, among its own, permanently from soon after the start of use.
     pub(super) fn send_forged_messages(&mut self, message: ForgedMessage) {
         self.onset = Onset::SOON_AND_PERMANENT;
-        self.faults.link.push(LinkFault::Forged(self.random_switch(), message));
+        self.faults.link_faults.push(LinkFault::Forged(self.random_switch(), message));
     }
 
     pub(super) fn bias_attitude(&mut self, degrees: f64) {
@@ -259,7 +264,7 @@ impl RandomCase {
     fn random_alignment(&mut self) -> Alignment {
         let [amplitude_deg, roll_s, pitch_s] =
             [(3.0, 40.0), (1.5, 6.0), (1.5, 6.0)].map(|(a, b)| self.random.uniform(a, b));
-        Alignment { amplitude_deg, periods_s: [roll_s, pitch_s], for_s: RESTART_ALIGNMENT_S }
+        Alignment { amplitude_deg, periods_s: [roll_s, pitch_s], duration_s: RESTART_ALIGNMENT_S }
     }
 
     pub(super) fn make_attitude_stale(&mut self) {

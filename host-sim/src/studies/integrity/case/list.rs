@@ -21,8 +21,8 @@ const fn define_case(name: &'static str, description: &'static str, set_up: fn(&
     Case {
         name,
         description,
-        set_up,
-        vehicles: |_| true,
+        configure_case: set_up,
+        applies_to_vehicle: |_| true,
         needs_mavlink: false,
         max_flights: u64::MAX,
         changes_hard_iron: false,
@@ -31,12 +31,12 @@ const fn define_case(name: &'static str, description: &'static str, set_up: fn(&
 
 /// Case for vehicles that can hover.
 const fn hover_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
-    Case { vehicles: VehicleKind::can_hover, ..define_case(name, description, set_up) }
+    Case { applies_to_vehicle: VehicleKind::can_hover, ..define_case(name, description, set_up) }
 }
 
 /// Case for vehicles that cannot hover.
 const fn turn_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
-    Case { vehicles: |kind| !kind.can_hover(), ..define_case(name, description, set_up) }
+    Case { applies_to_vehicle: |kind| !kind.can_hover(), ..define_case(name, description, set_up) }
 }
 
 /// Case for autopilots with several senders or body rates.
@@ -245,7 +245,7 @@ pub static ALL_CASES: &[Case] = &[
     ),
     define_case("cal-level-3", "attitude levelled 3 deg off, always", |flight| flight.level_attitude_wrongly(3.0)),
     Case {
-        vehicles: |kind| matches!(kind, VehicleKind::Plane | VehicleKind::Vtol),
+        applies_to_vehicle: |kind| matches!(kind, VehicleKind::Plane | VehicleKind::Vtol),
         ..define_case("cal-linkage-3", "elevator linkage: 3 uT in turns only, always", |flight| flight.add_linkage(3.0))
     },
     define_case("cal-hysteresis-15", "soft iron follows turns with a play of 15 deg, always", |flight| {

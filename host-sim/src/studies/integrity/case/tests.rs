@@ -49,7 +49,7 @@ fn a_copter_s_cases_are_flown_by_a_copter() {
     assert_eq!(draw_case("cal-current-unreported-20").onset, Onset::Always);
     let hover = draw_case("cal-yaw-only").routine;
     assert_eq!(hover.legs(), clean.routine.parts[0].legs.repeat(4));
-    assert_eq!(hover.command, clean.routine.command);
+    assert_eq!(hover.start_command, clean.routine.start_command);
 }
 
 /// Onset before the earliest end of the calibration.
