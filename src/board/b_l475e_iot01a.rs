@@ -78,11 +78,11 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     let hardware = Hardware {
         magnetometer: Lis3mdl::new(bus, Lis3mdlConfig::default()),
         lines: Uarts {
-            ports: [
+            port_uarts: [
                 new_uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_BUFFERS.init(UartBuffers::NEW)),
                 new_uart(p.USART2, p.PD6, p.PD5, Irqs, INSTRUMENT_BUFFERS.init(UartBuffers::NEW)),
             ],
-            console: new_uart(p.USART1, p.PB7, p.PB6, Irqs, CONSOLE_BUFFERS.init(UartBuffers::NEW)),
+            console_uart: new_uart(p.USART1, p.PB7, p.PB6, Irqs, CONSOLE_BUFFERS.init(UartBuffers::NEW)),
         },
         watchdog,
         panel: Panel {
@@ -92,7 +92,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
         },
         flash: StoreFlash::new(Flash::new(p.FLASH, Irqs)),
         platform: Platform,
-        reset,
+        reset_cause: reset,
     };
     set_priorities();
 

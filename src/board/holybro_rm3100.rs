@@ -111,7 +111,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
         // Infallible: an output pin accepts every level.
         magnetometer: Rm3100::new(ExclusiveDevice::new_no_delay(spi, chip_select).expect("a pin")),
         lines: CanAndUart {
-            can: CanBus { info: node_info(), rx, tx, boot_loader: BootLoader },
+            can_bus: CanBus { node_info: node_info(), rx, tx, boot_loader: BootLoader },
             uart: new_uart(p.USART2, p.PA3, p.PA2, Irqs, UART_BUFFERS.init(UartBuffers::NEW)),
         },
         watchdog: Watchdog { watchdog, can_prove: !reset.requires_safe_mode() },
@@ -122,7 +122,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
         },
         flash: StoreFlash::new(Flash::new(p.FLASH, Irqs)),
         platform: Platform,
-        reset,
+        reset_cause: reset,
     };
     set_priorities();
 

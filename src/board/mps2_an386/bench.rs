@@ -169,7 +169,7 @@ fn measure_budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut R
         }
     });
     let to_pose = count_instructions(|| {
-        let own_address = Address { system: 1, component: 158 };
+        let own_address = Address { system_id: 1, component_id: 158 };
         drop(black_box(OutboundMessage::pose_estimate(black_box(&POSE)).into_frame(
             own_address,
             0,
@@ -220,7 +220,8 @@ fn monitor_instructions(solution: &Solution) -> u64 {
             rates_rad_s: [0.0, 0.14, 0.29],
         };
         instrument.on_attitude(at, report);
-        let reading = Reading { field: simulated_field(attitude, heading_rad), saturated: false, overrun: false };
+        let reading =
+            Reading { field: simulated_field(attitude, heading_rad), is_saturated: false, was_overwritten: false };
         black_box(instrument.on_reading(at, reading));
         while instrument.next_sample().is_some() {}
         most = most.max(count_instructions(|| instrument.update_monitor()));
@@ -233,11 +234,17 @@ const ESTIMATES: u64 = 160;
 
 fn bench_estimate(number: u64) -> Estimate {
     let compass_field = Some(Field::from_ut(20.0, -5.1, 44.2));
-    Estimate { at: Timestamp::from_us(number * READING_US), compass_field, ..Estimate::EMPTY }
+    Estimate { timestamp: Timestamp::from_us(number * READING_US), compass_field, ..Estimate::EMPTY }
 }
 
 fn snapshot<'a>(estimate: &'a Estimate, settings: &'a Settings) -> Snapshot<'a> {
-    Snapshot { now: estimate.at, estimate, settings, indicator: IndicatorState::Calibrated, calibration: None }
+    Snapshot {
+        now: estimate.timestamp,
+        estimate,
+        settings,
+        indicator_state: IndicatorState::Calibrated,
+        calibration: None,
+    }
 }
 
 /// Largest instruction count of a poll of the CAN node that sends a field alone, with its frame.
@@ -257,7 +264,7 @@ fn can_field_instructions() -> Option<u64> {
         let count = count_instructions(|| {
             black_box(node.poll(black_box(&context)));
             while black_box(node.next_frame()).is_some() {
-                node.frame_sent(estimate.at);
+                node.frame_sent(estimate.timestamp);
                 frames += 1;
             }
         });
@@ -449,7 +456,7 @@ const ATTITUDE_ANSWER: [u8; 15] =
 
 /// Pose for VISION_POSITION_ESTIMATE, the longest of the frequent messages.
 const POSE: Pose = Pose {
-    at: Timestamp::from_us(1_234_567_000),
+    timestamp: Timestamp::from_us(1_234_567_000),
     roll_pitch_yaw_rad: [0.4, 0.05, 1.0],
     yaw_variance_rad2: 1e-4,
     reset_counter: 1,

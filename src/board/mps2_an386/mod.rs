@@ -127,17 +127,17 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     let hardware = Hardware {
         magnetometer: Magnetometer::new(SensorBus::new()),
         lines: Uarts {
-            ports: [
+            port_uarts: [
                 (UartTx { uart: &AUTOPILOT, on_written: || {} }, &AUTOPILOT.received),
                 (UartTx { uart: &INSTRUMENT, on_written: lockstep::report_instrument_write }, &INSTRUMENT.received),
             ],
-            console: (CONSOLE_TX, &CONSOLE.received),
+            console_uart: (CONSOLE_TX, &CONSOLE.received),
         },
         watchdog: Watchdog,
         panel: Panel,
         flash: StoreFlash::new(),
         platform: Platform,
-        reset,
+        reset_cause: reset,
     };
 
     // Infallible: this task and the bench task are spawned only once.

@@ -111,7 +111,8 @@ pub struct AppDescriptor {
 impl AppDescriptor {
     /// Descriptor for a board number of ArduPilot.
     pub const fn new(board_id: u16) -> Self {
-        let SoftwareVersion { major, minor, .. } = SoftwareVersion::of_this_firmware(None);
+        let SoftwareVersion { major_version: major, minor_version: minor, .. } =
+            SoftwareVersion::of_this_firmware(None);
         Self {
             signature: [0x40, 0xA2, 0xE4, 0xF1, 0x64, 0x68, 0x91, 0x06],
             image_crc1: 0,

@@ -18,7 +18,7 @@ pub fn spawn_line_tasks(
     lines: Lines,
     (platform, reset): (Platform, ResetCause),
 ) {
-    above.spawn(expect_spawn_token(can_task(links, lines.can, false)));
+    above.spawn(expect_spawn_token(can_task(links, lines.can_bus, false)));
     below.spawn(expect_spawn_token(uart_task(links, (above, below), lines.uart, platform, reset)));
 }
 
@@ -31,13 +31,13 @@ pub fn spawn_in_safe_mode(
 ) -> [UartTx; SAFE_MODE_PORTS] {
     let (tx, rx) = lines.uart;
     below.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset)));
-    below.spawn(expect_spawn_token(can_task(links, lines.can, true)));
+    below.spawn(expect_spawn_token(can_task(links, lines.can_bus, true)));
     []
 }
 
 #[embassy_executor::task]
 async fn can_task(links: &'static Links, bus: CanBus, is_safe_mode: bool) -> ! {
-    let CanBus { info, rx, tx, boot_loader } = bus;
+    let CanBus { node_info: info, rx, tx, boot_loader } = bus;
     app::can::run_can(links, info, rx, tx, boot_loader, is_safe_mode).await
 }
 

@@ -31,8 +31,8 @@ pub fn spawn_all_tasks(above: SendSpawner, below: SendSpawner, hardware: Hardwar
     let links = LINKS.init_with(Links::new);
     let region = hardware.flash.store_region();
     let store = Store::new(hardware.flash, region);
-    let restart = (hardware.platform, hardware.reset);
-    if hardware.reset.requires_safe_mode() {
+    let restart = (hardware.platform, hardware.reset_cause);
+    if hardware.reset_cause.requires_safe_mode() {
         let ports = board_lines::spawn_in_safe_mode(links, below, hardware.lines, restart);
         below.spawn(expect_spawn_token(safe_mode(links, store, ports, hardware.watchdog)));
         return;

@@ -18,9 +18,9 @@ pub fn spawn_line_tasks(
     lines: Lines,
     (platform, reset): (Platform, ResetCause),
 ) {
-    let (tx, rx) = lines.console;
+    let (tx, rx) = lines.console_uart;
     below.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset)));
-    for (number, (tx, rx)) in PortNumber::ALL.into_iter().zip(lines.ports) {
+    for (number, (tx, rx)) in PortNumber::ALL.into_iter().zip(lines.port_uarts) {
         above.spawn(expect_spawn_token(port_task(links, number, tx, rx)));
     }
 }
@@ -32,7 +32,7 @@ pub fn spawn_in_safe_mode(
     lines: Lines,
     (platform, reset): (Platform, ResetCause),
 ) -> [UartTx; SAFE_MODE_PORTS] {
-    let (tx, rx) = lines.console;
+    let (tx, rx) = lines.console_uart;
     below.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset)));
-    lines.ports.map(|(tx, _)| tx)
+    lines.port_uarts.map(|(tx, _)| tx)
 }
