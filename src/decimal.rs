@@ -34,8 +34,8 @@ impl fmt::Display for ShortestDecimal {
 }
 
 /// Formats a number with a fixed number of decimals; not generic, so that flash contains one copy.
-const CAPACITY: usize = 41 + MAX_DIGITS;
-fn format_fixed(value: f32, decimals: usize) -> heapless::String<CAPACITY> {
+const DECIMAL_CAPACITY: usize = 41 + MAX_DIGITS;
+fn format_fixed(value: f32, decimals: usize) -> heapless::String<DECIMAL_CAPACITY> {
     let mut text = heapless::String::new();
     // Sign, seven digits, point and decimals always fit.
     if !value.is_finite() {

@@ -54,8 +54,13 @@ impl Autopilot {
     fn send(&mut self, data_type: DataType, kind: TransferKind, payload: &[u8]) {
         let payload = Payload::from_slice(payload).expect("a short payload");
         self.transfer_id = (self.transfer_id + 1) % 32;
-        let transfer =
-            OutboundTransfer { data_type, priority: priority::LOW, kind, transfer_id: self.transfer_id, payload };
+        let transfer = OutboundTransfer {
+            data_type,
+            priority: priority::LOW_PRIORITY,
+            kind,
+            transfer_id: self.transfer_id,
+            payload,
+        };
         for frame in transfer.frames(Some(self.number)) {
             self.end.queue_frame(&frame);
         }
@@ -233,7 +238,7 @@ fn a_second_node_with_this_number_silences_the_field() {
     let second = bench.bus.attach_node();
     let status = OutboundTransfer {
         data_type: DataType::NODE_STATUS,
-        priority: priority::LOW,
+        priority: priority::LOW_PRIORITY,
         kind: TransferKind::Message,
         transfer_id: 0,
         payload: NodeStatus::default().payload(),

@@ -17,7 +17,7 @@ fn rig(config: &WorldConfig) -> Rig {
 
 fn table1() -> Rig {
     // The vehicle is put on a heading at once, which a gyro would contradict.
-    let mut rig = rig(&WorldConfig { gyro: GyroConfig::PERFECT, ..WorldConfig::table1(3) });
+    let mut rig = rig(&WorldConfig { gyro: GyroConfig::ERROR_FREE, ..WorldConfig::table1(3) });
     rig.run_for_s(1.0);
     rig
 }

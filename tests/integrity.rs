@@ -449,10 +449,10 @@ fn a_vehicle_parked_for_a_day_raises_no_alarm() {
         let mut random = Random(u64::from(period_us));
         let mut instrument =
             Instrument::new(InstrumentConfig { stuck_after: Some(stuck_after), ..InstrumentConfig::new(period_us) });
-        let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
+        let uncalibrated = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
         let calibration = Calibration { inclination_rad: 1.1, total_ut: 50.0, ..uncalibrated };
-        let calibration = Some((calibration, HeadingUncertainty::NONE));
-        instrument.set_correction(Correction { calibration, ..Correction::NONE });
+        let calibration = Some((calibration, HeadingUncertainty::NO_UNCERTAINTY));
+        instrument.set_correction(Correction { calibration, ..Correction::UNCALIBRATED });
         let field = Attitude::default().body(Field::earth(50.0, 1.1, 0.7)).ut;
         for i in 1..=86_400_000_000 / u64::from(period_us) {
             let at = Timestamp::from_us(i * u64::from(period_us));

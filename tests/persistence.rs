@@ -77,7 +77,7 @@ fn a_power_cut_in_the_first_save_leaves_the_new_calibration_or_none() {
     let new = shown_calibration(&mut whole).unwrap();
     let mut seen = [0, 0];
     for operations in (0..40).step_by(3) {
-        for outcome in CutOutcome::ALL {
+        for outcome in CutOutcome::ALL_OUTCOMES {
             let mut rig = Rig::new(WorldConfig::table1(3));
             rig.run_for_s(1.0);
             rig.cut_power_after(operations, outcome);
@@ -103,7 +103,7 @@ fn a_power_cut_in_a_later_save_leaves_the_old_calibration() {
     let old = shown_calibration(&mut rig).unwrap();
     let mut power_cuts = 0;
     for operations in 0..52 {
-        for outcome in CutOutcome::ALL {
+        for outcome in CutOutcome::ALL_OUTCOMES {
             rig.cut_power_after(operations, outcome);
             rig.console.send(format!("stream rate {}\r", 10 + operations).as_bytes());
             if rig.run_for_s(0.5) == ModuleRunEnd::PowerCut {
@@ -235,7 +235,7 @@ fn two_power_cuts_in_a_row_lose_nothing() {
     let mut power_cuts = 0;
     for first in (0..14).step_by(3) {
         for second in 0..14 {
-            for outcomes in CutOutcome::ALL.map(|a| CutOutcome::ALL.map(|b| [a, b])).concat() {
+            for outcomes in CutOutcome::ALL_OUTCOMES.map(|a| CutOutcome::ALL_OUTCOMES.map(|b| [a, b])).concat() {
                 for (operations, outcome) in [first, second].into_iter().zip(outcomes) {
                     rig.cut_power_after(operations, outcome);
                     rig.console.send(b"stream rate 20\r");
@@ -259,7 +259,8 @@ type StoreFlash = RamFlash<2048>;
 const STORE_PAGES: usize = 8;
 
 fn record(serial: u32) -> CalibrationRecord {
-    let calibration = Calibration { b_ut: [serial as f32, 2.0, 3.0], ..Calibration::uncalibrated(Orientation::NONE) };
+    let calibration =
+        Calibration { b_ut: [serial as f32, 2.0, 3.0], ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) };
     let quality = Quality {
         method: Method::MaximumLikelihood,
         envelope: Envelope::Banked,
@@ -275,9 +276,9 @@ fn record(serial: u32) -> CalibrationRecord {
     CalibrationRecord {
         calibration,
         quality,
-        uncertainty: HeadingUncertainty::NONE,
+        uncertainty: HeadingUncertainty::NO_UNCERTAINTY,
         sensor,
-        mount: Orientation::NONE,
+        mount: Orientation::IDENTITY_ROTATION,
         serial_number: serial,
     }
 }

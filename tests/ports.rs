@@ -251,7 +251,7 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
         let error_deg = HeadingErrors::evaluate(&shown.calibration, &config).statistics().rms_deg;
         println!("{far_end:?}, told: {is_reported}: {error_deg:.2} deg, {:?}", shown.calibration.motor_current);
         if !is_reported {
-            assert_eq!(shown.calibration.motor_current, MotorCurrentInterference::NONE);
+            assert_eq!(shown.calibration.motor_current, MotorCurrentInterference::NO_INTERFERENCE);
             continue;
         }
         for (found, added_ut) in ut_per_a.iter().zip(config.current_interference_ut) {

@@ -11,8 +11,8 @@ use std::sync::LazyLock;
 use std::time::Duration;
 
 use host_sim::serve::{
-    AUTOPILOT, AttitudeProvider, CONSOLE, DatagramCounts, FlashImage, INSTRUMENT, PilotPattern, ServeOptions,
-    ServedModule,
+    AUTOPILOT_PORT, AttitudeProvider, CONSOLE_PORT, DatagramCounts, FlashImage, INSTRUMENT_PORT, PilotPattern,
+    ServeOptions, ServedModule,
 };
 use log_analysis::score::wrap_180;
 use mavlink::dialects::common::ATTITUDE_DATA;
@@ -33,17 +33,17 @@ fn served_module(options: ServeOptions, image: Option<&FlashImage>) -> ServedMod
 }
 
 fn typed_command(served_module: &mut ServedModule, line: &str) -> String {
-    drop(served_module.receive(CONSOLE));
-    served_module.send(CONSOLE, format!("{line}\r").as_bytes());
+    drop(served_module.receive(CONSOLE_PORT));
+    served_module.send(CONSOLE_PORT, format!("{line}\r").as_bytes());
     served_module.advance_time(SECOND_US / 2);
-    String::from_utf8(served_module.receive(CONSOLE)).unwrap()
+    String::from_utf8(served_module.receive(CONSOLE_PORT)).unwrap()
 }
 
 /// Headings output in some seconds; `None` for an empty field.
 fn headings(served_module: &mut ServedModule, seconds: u64) -> Vec<Option<f64>> {
-    drop(served_module.receive(INSTRUMENT));
+    drop(served_module.receive(INSTRUMENT_PORT));
     served_module.advance_time(seconds * SECOND_US);
-    sentences(&served_module.receive(INSTRUMENT))
+    sentences(&served_module.receive(INSTRUMENT_PORT))
 }
 
 fn sentences(bytes: &[u8]) -> Vec<Option<f64>> {
@@ -60,7 +60,7 @@ static CALIBRATED: LazyLock<FlashImage> = LazyLock::new(|| {
     // Four circles to each side at 12 deg/s take 240 s.
     for _ in 0..300 {
         served_module.advance_time(SECOND_US);
-        session.push_str(&String::from_utf8(served_module.receive(CONSOLE)).unwrap());
+        session.push_str(&String::from_utf8(served_module.receive(CONSOLE_PORT)).unwrap());
         if session.contains("note calibrated: expected error") {
             return served_module.flash_image();
         }
@@ -93,12 +93,12 @@ fn the_output_does_not_depend_on_the_time_steps() {
         let mut pieces = pieces_us.iter().cycle();
         for typed_command in [&b"status all\r"[..], b"cal start\r", b"status all\r"] {
             let until_us = served_module.now_us() + 20 * SECOND_US;
-            served_module.send(CONSOLE, typed_command);
+            served_module.send(CONSOLE_PORT, typed_command);
             while served_module.now_us() < until_us {
                 served_module.advance_time((*pieces.next().unwrap()).min(until_us - served_module.now_us()));
             }
         }
-        (served_module.receive(CONSOLE), served_module.receive(INSTRUMENT))
+        (served_module.receive(CONSOLE_PORT), served_module.receive(INSTRUMENT_PORT))
     };
     let whole = output_of_pieces(&[20 * SECOND_US]);
     assert!(whole.0.len() > 1000 && whole.1.len() > 10_000);
@@ -236,10 +236,10 @@ fn an_attached_autopilot_replaces_the_simulated_attitude() {
             "{attitude:?}"
         );
         for tick in 0..600 {
-            served_module.send(AUTOPILOT, &peer_frame(tick));
+            served_module.send(AUTOPILOT_PORT, &peer_frame(tick));
             served_module.advance_time(SECOND_US / 50);
         }
-        served_module.send(AUTOPILOT, &peer_frame(600));
+        served_module.send(AUTOPILOT_PORT, &peer_frame(600));
         let status = typed_command(&mut served_module, "status all");
         assert_eq!(status.contains("attitude: roll 40."), is_believed, "{attitude:?}: {status}");
         assert!(expected_counts.contains(&number_after(&status, "reports: ")), "{attitude:?}: {status}");
@@ -270,7 +270,7 @@ fn no_bytes_stop_the_served_module() {
     let mut served_module = served_module(ServeOptions::default(), None);
     let mut random = Random(5);
     for _ in 0..200 {
-        for port in [CONSOLE, AUTOPILOT, INSTRUMENT, 3, usize::MAX] {
+        for port in [CONSOLE_PORT, AUTOPILOT_PORT, INSTRUMENT_PORT, 3, usize::MAX] {
             let mut bytes = random.bytes(served_module.free_bytes(port).min(300));
             // Without letters, so that no random line is a command.
             bytes.retain(|byte| !byte.is_ascii_alphabetic());
@@ -278,10 +278,10 @@ fn no_bytes_stop_the_served_module() {
         }
         served_module.advance_time(SECOND_US / 100);
     }
-    assert!(served_module.free_bytes(AUTOPILOT) < 1152 && served_module.free_bytes(3) == 0);
+    assert!(served_module.free_bytes(AUTOPILOT_PORT) < 1152 && served_module.free_bytes(3) == 0);
     served_module.advance_time(2 * SECOND_US);
     // Except for the simulator's messages of one instant: heartbeat, position, date, current and attitude.
-    assert!(served_module.free_bytes(AUTOPILOT) >= 1152 - 200);
+    assert!(served_module.free_bytes(AUTOPILOT_PORT) >= 1152 - 200);
     typed_command(&mut served_module, "");
     assert!(typed_command(&mut served_module, "version").contains("ok autoswing"));
 }
@@ -368,7 +368,7 @@ fn serve_over_tcp_answers_streams_follows_and_ends() {
     CALIBRATED.write_file(&flash).unwrap();
     let mut program =
         Program::serve(&["--tcp", "0", "--world", "0", "--speed", "5", "--flash", flash.to_str().unwrap()]);
-    let mut console = program.tcp(CONSOLE);
+    let mut console = program.tcp(CONSOLE_PORT);
     console.write_all(b"version\r").unwrap();
     read_until(&mut console, contains("ok autoswing 0.1.0\r\n> "));
     let udp = UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -376,7 +376,7 @@ fn serve_over_tcp_answers_streams_follows_and_ends() {
     udp.send_to(b"east", ("127.0.0.1", world)).unwrap();
     udp.send_to(b"0 0 90", ("127.0.0.1", world)).unwrap();
     // Both connections receive the same output, long enough to observe the turn.
-    for mut listener in [program.tcp(INSTRUMENT), program.tcp(INSTRUMENT)] {
+    for mut listener in [program.tcp(INSTRUMENT_PORT), program.tcp(INSTRUMENT_PORT)] {
         let is_east =
             |read: &[u8]| sentences(read).iter().flatten().any(|deg| wrap_180(deg - 90.0).abs() < HEADING_BOUND_DEG);
         read_until(&mut listener, is_east);
@@ -398,7 +398,7 @@ fn serve_over_tcp_answers_streams_follows_and_ends() {
 #[test]
 fn serve_over_a_pseudo_terminal_answers_and_removes_it() {
     let mut program = Program::serve(&["--speed", "5"]);
-    let path = program.pty(CONSOLE);
+    let path = program.pty(CONSOLE_PORT);
     for _ in 0..2 {
         let mut console = host_sim(&["console", &path]).spawn().unwrap();
         let mut printed = console.stdout.take().unwrap();
@@ -408,7 +408,7 @@ fn serve_over_a_pseudo_terminal_answers_and_removes_it() {
         drop(keys);
         assert!(console.wait().unwrap().success(), "it ends when nothing more is typed");
     }
-    let mut nmea = fs::File::open(program.pty(INSTRUMENT)).unwrap();
+    let mut nmea = fs::File::open(program.pty(INSTRUMENT_PORT)).unwrap();
     read_until(&mut nmea, contains("$HCHDM,,M*07\r\n"));
     assert_eq!(program.interrupt(), Some(130));
     drop(nmea);
@@ -424,11 +424,11 @@ fn attaching_programs_are_reported_and_a_flash_file_has_one_user() {
     let Output { status, stderr, .. } = host_sim(&["serve", "--flash", flash]).output().unwrap();
     let stderr_text = String::from_utf8(stderr).unwrap();
     assert!(status.code() == Some(2) && stderr_text.contains("flash-in-use: "), "{stderr_text}");
-    let number = program.places["ports"][INSTRUMENT]["tcp"].to_string();
-    let nmea = fs::File::open(program.pty(INSTRUMENT)).unwrap();
+    let number = program.places["ports"][INSTRUMENT_PORT]["tcp"].to_string();
+    let nmea = fs::File::open(program.pty(INSTRUMENT_PORT)).unwrap();
     let mut stderr = program.child.stderr.take().unwrap();
-    read_until(&mut stderr, contains(&format!("port 2: a program attached to {}", program.pty(INSTRUMENT))));
-    let client = program.tcp(INSTRUMENT);
+    read_until(&mut stderr, contains(&format!("port 2: a program attached to {}", program.pty(INSTRUMENT_PORT))));
+    let client = program.tcp(INSTRUMENT_PORT);
     read_until(&mut stderr, contains(&format!(" attached to TCP port {number}")));
     drop((client, nmea));
     read_until(&mut stderr, contains(&format!("a program detached from TCP port {number}")));

@@ -159,7 +159,7 @@ fn check_held_back(policy: &AcceptancePolicy, grounds: &AcceptanceSamples<'_>) -
 /// between marks are.
 fn fewest_held_back(grounds: &AcceptanceSamples<'_>) -> u16 {
     let AcceptanceSamples { fit_samples: fitted, held_back_samples: held_back, .. } = grounds;
-    let used = CollectionPart::ALL.into_iter().filter(|part| !fitted.part(*part).is_empty());
+    let used = CollectionPart::ALL_PARTS.into_iter().filter(|part| !fitted.part(*part).is_empty());
     used.map(|part| u16::try_from(held_back.part(part).len()).unwrap_or(u16::MAX)).min().unwrap_or(0)
 }
 

@@ -31,7 +31,7 @@ fn calibration_with_error(b_ut: f32) -> Calibration {
         b_ut: [b_ut, 0.0, 0.0],
         inclination_rad: 1.0,
         total_ut: 50.0,
-        ..Calibration::uncalibrated(Orientation::NONE)
+        ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
     }
 }
 
@@ -39,7 +39,7 @@ fn candidate(b_ut: f32, quality: Quality) -> Solution {
     Solution {
         calibration: calibration_with_error(b_ut),
         quality,
-        uncertainty: HeadingUncertainty::NONE,
+        uncertainty: HeadingUncertainty::NO_UNCERTAINTY,
         advice: None,
         hard_iron_change: None,
         bank_scale_error: None,
@@ -57,7 +57,7 @@ const NOT_CALIBRATED: Incumbent = Incumbent {
         inclination_rad: 0.0,
         total_ut: 0.0,
         latency_s: 0.0,
-        motor_current: crate::calibration::MotorCurrentInterference::NONE,
+        motor_current: crate::calibration::MotorCurrentInterference::NO_INTERFERENCE,
     },
     quality: None,
 };

@@ -18,8 +18,8 @@ pub async fn run_instrument(links: &Links) -> ! {
     let mut correction = subscribe(&links.correction);
     let estimates = links.estimates.sender();
     let mut instrument = Instrument::new(InstrumentConfig::new(DEFAULT_READING_PERIOD_US));
-    let mut change_report = ChangeReporter::NONE;
-    let mut turn_request = TurnRequest::NONE;
+    let mut change_report = ChangeReporter::NOTHING_REPORTED;
+    let mut turn_request = TurnRequest::NO_GROWTH;
     let mut silent_at = silence_deadline(&instrument);
     loop {
         // Reports are received before readings, so that a reading uses attitude of its own instant.

@@ -59,7 +59,7 @@ const LINE_COUNT: usize = PORT_COUNT + 1;
 
 impl AutopilotLine {
     /// All lines.
-    pub const ALL: [Self; LINE_COUNT] = [Self::Port(PortNumber::One), Self::Port(PortNumber::Two), Self::Can];
+    pub const ALL_LINES: [Self; LINE_COUNT] = [Self::Port(PortNumber::One), Self::Port(PortNumber::Two), Self::Can];
 
     const fn line_number(self) -> u8 {
         match self {
@@ -194,14 +194,15 @@ impl Links {
 
     /// Whether the autopilot of any line is armed, if known.
     pub(super) fn is_armed(&self) -> Option<bool> {
-        let known =
-            AutopilotLine::ALL.into_iter().filter_map(|line| self.links_of_line(line).state.lock(Cell::get).is_armed);
+        let known = AutopilotLine::ALL_LINES
+            .into_iter()
+            .filter_map(|line| self.links_of_line(line).state.lock(Cell::get).is_armed);
         known.reduce(|one, two| one || two)
     }
 
     /// Sets the ports' initial protocols to those detected before the restart.
     pub(super) fn set_initial_protocols(&self, found: [ProtocolKind; PORT_COUNT]) {
-        for (number, found) in PortNumber::ALL.into_iter().zip(found) {
+        for (number, found) in PortNumber::ALL_PORTS.into_iter().zip(found) {
             self.links_of_line(AutopilotLine::Port(number))
                 .state
                 .lock(|state| state.set(LineState { protocol: found, ..state.get() }));
@@ -210,7 +211,8 @@ impl Links {
 
     /// Protocols of the ports; the initial ones until a port runs.
     pub(super) fn port_protocols(&self) -> [ProtocolKind; PORT_COUNT] {
-        PortNumber::ALL.map(|number| self.links_of_line(AutopilotLine::Port(number)).state.lock(Cell::get).protocol)
+        PortNumber::ALL_PORTS
+            .map(|number| self.links_of_line(AutopilotLine::Port(number)).state.lock(Cell::get).protocol)
     }
 
     /// Present counter values.

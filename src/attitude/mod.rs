@@ -64,7 +64,7 @@ pub struct RejectedReports {
 
 impl RejectedReports {
     /// All counts zero.
-    pub const NONE: Self = Self { spike_reports: 0, frozen_reports: 0, contradicting_rates: 0 };
+    pub const NO_REJECTIONS: Self = Self { spike_reports: 0, frozen_reports: 0, contradicting_rates: 0 };
 }
 
 /// Recent plausible reports on the module's clock.
@@ -100,7 +100,7 @@ impl AttitudeHistory {
             restarted_at: None,
             last_contradicted_at: None,
             rate_consistency: RateConsistency::EMPTY,
-            rejected: RejectedReports::NONE,
+            rejected: RejectedReports::NO_REJECTIONS,
         }
     }
 

@@ -141,8 +141,8 @@ impl StaleAttitudeDetector {
 
 impl Motion {
     const fn new() -> Self {
-        const NONE: Vector3<f32> = Vector3::new(0.0, 0.0, 0.0);
-        Self { last: None, observed: NONE, predicted: NONE }
+        const ZERO_VECTOR: Vector3<f32> = Vector3::new(0.0, 0.0, 0.0);
+        Self { last: None, observed: ZERO_VECTOR, predicted: ZERO_VECTOR }
     }
 
     /// Adds the step to the vector's present value, with the integrated body rates; keeps a part of earlier motion.

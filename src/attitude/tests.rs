@@ -287,7 +287,7 @@ fn a_distant_report_is_rejected() {
         assert!((found_deg - expected_deg).abs() < 1e-3, "{spike_deg}: {found_deg}");
         assert_eq!(
             track.rejected_reports(),
-            RejectedReports { spike_reports: u32::from(!is_accepted), ..RejectedReports::NONE }
+            RejectedReports { spike_reports: u32::from(!is_accepted), ..RejectedReports::NO_REJECTIONS }
         );
     }
 }
@@ -360,7 +360,7 @@ fn a_frozen_source_is_rejected() {
     assert_ne!(track.attitude_at(at(true_us + 1)), AttitudeLookup::Frozen, "four are equal");
     let (mut track, true_us) = rolled_history(&[&rolls_deg[..], &[10.05]].concat());
     assert_eq!(track.attitude_at(at(true_us + 1)), AttitudeLookup::Frozen);
-    assert_eq!(track.rejected_reports(), RejectedReports { frozen_reports: 1, ..RejectedReports::NONE });
+    assert_eq!(track.rejected_reports(), RejectedReports { frozen_reports: 1, ..RejectedReports::NO_REJECTIONS });
     // `Frozen` holds for the extrapolation limit after the last report.
     assert_eq!(track.attitude_at(at(true_us + 200_000)), AttitudeLookup::Frozen);
     assert_eq!(track.attitude_at(at(true_us + 200_001)), AttitudeLookup::Stale);
@@ -401,14 +401,14 @@ fn plausibility_state_is_per_sender() {
     let (mut track, true_us) = rolled_history(&[10.0, 10.02, 40.0, 10.05, 10.05, 10.05, 10.05, 10.05]);
     assert_eq!(
         track.rejected_reports(),
-        RejectedReports { spike_reports: 1, frozen_reports: 1, ..RejectedReports::NONE }
+        RejectedReports { spike_reports: 1, frozen_reports: 1, ..RejectedReports::NO_REJECTIONS }
     );
     let other = AttitudeReport { sender: SenderId::new(7), ..rolling(0, 50.0, 0.0) };
     track.push_report(at(true_us + PERIOD_US + LATENCY_US), other);
     assert!((roll_deg(track.attitude_at(at(true_us + PERIOD_US))) - 50.0).abs() < 1e-3);
     assert_eq!(
         track.rejected_reports(),
-        RejectedReports { spike_reports: 1, frozen_reports: 1, ..RejectedReports::NONE }
+        RejectedReports { spike_reports: 1, frozen_reports: 1, ..RejectedReports::NO_REJECTIONS }
     );
 }
 

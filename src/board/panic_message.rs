@@ -13,7 +13,7 @@ use embassy_time::Instant;
 use static_cell::StaticCell;
 
 /// Longest message: 200 characters with the path of a source file and its line.
-const CAPACITY: usize = 288;
+const TEXT_CAPACITY: usize = 288;
 const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
 /// A message with CRC: after power-on the memory has random contents.
@@ -22,12 +22,12 @@ struct Message {
     length: usize,
     /// Number of consecutive panics soon after the start.
     early_panics: u8,
-    text: [u8; CAPACITY],
+    text: [u8; TEXT_CAPACITY],
     crc: u32,
 }
 
 impl Message {
-    const EMPTY: Self = Self { length: 0, early_panics: 0, text: [0; CAPACITY], crc: 0 };
+    const EMPTY: Self = Self { length: 0, early_panics: 0, text: [0; TEXT_CAPACITY], crc: 0 };
 
     fn checksum(&self) -> u32 {
         let mut digest = CRC.digest();
@@ -91,9 +91,9 @@ fn store_panic_and_reset(message: fmt::Arguments<'_>) -> ! {
 /// Returns the panic of the previous run and erases its message; the number of early panics stays until a run ends
 /// otherwise. Call once, first of all.
 pub fn take_panic_report() -> Option<PanicReport> {
-    static TEXT: StaticCell<[u8; CAPACITY]> = StaticCell::new();
+    static MESSAGE_TEXT: StaticCell<[u8; TEXT_CAPACITY]> = StaticCell::new();
     let Message { length, early_panics, text, .. } = Message::load_message();
-    let message = TEXT.init(text).get(..length).and_then(|text| core::str::from_utf8(text).ok())?;
+    let message = MESSAGE_TEXT.init(text).get(..length).and_then(|text| core::str::from_utf8(text).ok())?;
     let has_panicked = !message.is_empty();
     Message { early_panics: if has_panicked { early_panics } else { 0 }, ..Message::EMPTY }.store_message();
     has_panicked.then_some(PanicReport { message, early_panics })

@@ -14,7 +14,7 @@ struct Memory(UnsafeCell<MaybeUninit<RetainedSamples>>);
 unsafe impl Sync for Memory {}
 
 #[unsafe(link_section = ".uninit.kept")]
-static MEMORY: Memory = Memory(UnsafeCell::new(MaybeUninit::uninit()));
+static SAMPLE_MEMORY: Memory = Memory(UnsafeCell::new(MaybeUninit::uninit()));
 
 /// Returns the sample buffer to the one task that collects.
 ///
@@ -24,7 +24,7 @@ static MEMORY: Memory = Memory(UnsafeCell::new(MaybeUninit::uninit()));
 pub fn take_sample_memory() -> &'static mut RetainedSamples {
     static IS_MEMORY_TAKEN: AtomicBool = AtomicBool::new(false);
     assert!(!IS_MEMORY_TAKEN.swap(true, Ordering::Relaxed), "one task of each");
-    let mut place = MEMORY.0.get();
+    let mut place = SAMPLE_MEMORY.0.get();
     // SAFETY: the assembly is empty. The compiler must assume that it initialises the memory, as the previous run or
     // power-on did.
     unsafe { asm!("/* {0} */", inout(reg) place, options(nostack, preserves_flags)) };

@@ -72,7 +72,7 @@ const CIRCLE_MANOEUVRES: [Manoeuvre; 7] = [
 ];
 
 impl TiltDirection {
-    const ALL: [Self; 4] = [Self::Ahead, Self::Back, Self::Left, Self::Right];
+    const ALL_DIRECTIONS: [Self; 4] = [Self::Ahead, Self::Back, Self::Left, Self::Right];
 
     fn tilt_attitude(self) -> Attitude {
         let [roll_deg, pitch_deg] = match self {
@@ -95,7 +95,7 @@ impl TiltDirection {
 }
 
 impl HeadingQuadrant {
-    const ALL: [Self; 4] = [Self::North, Self::East, Self::South, Self::West];
+    const ALL_QUADRANTS: [Self; 4] = [Self::North, Self::East, Self::South, Self::West];
 
     const fn quadrant_name(self) -> &'static str {
         match self {
@@ -114,12 +114,12 @@ impl Manoeuvre {
         }
         let Some(number) = number.checked_sub(1) else { return Some(Self::YawTurn) };
         if moves == VehicleMotion::TiltsOnUnknownHeading {
-            return TiltDirection::ALL.get(number).map(|&towards| Self::Tilt(towards, None));
+            return TiltDirection::ALL_DIRECTIONS.get(number).map(|&towards| Self::Tilt(towards, None));
         }
-        let quarters = HeadingQuadrant::ALL.len();
+        let quarters = HeadingQuadrant::ALL_QUADRANTS.len();
         Some(Self::Tilt(
-            *TiltDirection::ALL.get(number / quarters)?,
-            HeadingQuadrant::ALL.get(number % quarters).copied(),
+            *TiltDirection::ALL_DIRECTIONS.get(number / quarters)?,
+            HeadingQuadrant::ALL_QUADRANTS.get(number % quarters).copied(),
         ))
     }
 
@@ -413,7 +413,7 @@ mod tests {
         assert_eq!((headings.len(), headings[0].to_bits()), (24, 0));
         let are_even = |headings: &[f32]| headings.windows(2).all(|pair| (pair[1] - pair[0] - TAU / 24.0).abs() < 1e-5);
         assert!(are_even(&headings));
-        for (quarter, first_deg) in HeadingQuadrant::ALL.into_iter().zip([0.0_f32, 90.0, 180.0, 270.0]) {
+        for (quarter, first_deg) in HeadingQuadrant::ALL_QUADRANTS.into_iter().zip([0.0_f32, 90.0, 180.0, 270.0]) {
             let headings: Vec<f32> = Manoeuvre::Tilt(TiltDirection::Back, Some(quarter)).headings_rad().collect();
             assert!(are_even(&headings) && headings.len() == 6 && (headings[0] - first_deg.to_radians()).abs() < 1e-5);
         }

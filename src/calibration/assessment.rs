@@ -6,7 +6,7 @@ use crate::calibration::hypotheses::attitude_error::{AttitudeErrorFinding, Attit
 use crate::calibration::hypotheses::hard_iron_change::{ConfirmedChange, HardIronScan};
 use crate::calibration::hypotheses::lagging_lean::MIN_REPORTED_SIGMAS;
 use crate::calibration::hypotheses::table::{
-    ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, ERRORS, LAGGING_LEAN, ROLL_BIAS, assumed_sigmas,
+    ATTITUDE_ERROR_COUNT, ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, LAGGING_LEAN, ROLL_BIAS, assumed_sigmas,
 };
 use crate::calibration::uncertainty::coefficient_covariance::CoefficientCovariance;
 use crate::calibration::uncertainty::expected_error::{ExpectedError, expected_heading_error};
@@ -83,7 +83,7 @@ impl ConvergedFit<'_> {
         let mut sigmas = assumed_sigmas(consider, latency);
         let mut covariance = CoefficientCovariance::ZERO;
         let mut expected = self.expected_error(information, &sigmas, &mut covariance)?;
-        let (mut attitude_errors, mut iron) = ([None; ERRORS], None);
+        let (mut attitude_errors, mut iron) = ([None; ATTITUDE_ERROR_COUNT], None);
         for (index, error) in ATTITUDE_ERRORS.iter().enumerate() {
             // Closed forms are too far from the maximum likelihood for the linearised test.
             let Some(test) = error.acceptance_rule.filter(|_| self.method == Method::MaximumLikelihood) else {

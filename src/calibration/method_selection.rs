@@ -33,7 +33,7 @@ pub enum Procedure {
 
 impl Procedure {
     /// All procedures, in the order of display.
-    pub const ALL: [Self; 5] = [Self::Flight, Self::Turns, Self::Level, Self::Swing, Self::Tumble];
+    pub const ALL_PROCEDURES: [Self; 5] = [Self::Flight, Self::Turns, Self::Level, Self::Swing, Self::Tumble];
 
     /// Name typed after `cal start`.
     #[must_use]
@@ -50,7 +50,7 @@ impl Procedure {
     /// Parses a procedure name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|procedure| procedure.procedure_name() == name)
+        Self::ALL_PROCEDURES.into_iter().find(|procedure| procedure.procedure_name() == name)
     }
 }
 
@@ -188,7 +188,7 @@ mod tests {
             let all = Parts { left, right, level, free: &parts[1], marks: &marks }.samples();
             let selected = SelectedParts::new(all, procedure).select_samples(all);
             assert_eq!(selected.marks, marks);
-            let [left, right, level, free] = CollectionPart::ALL.map(|part| selected.part(part).len());
+            let [left, right, level, free] = CollectionPart::ALL_PARTS.map(|part| selected.part(part).len());
             assert_eq!((free, selected.iter().count()), (11, left + right + level + free));
             (left, right, level)
         };

@@ -84,7 +84,7 @@ mod tests {
     }
 
     fn scores(samples: &[Sample], knows_attitude: bool) -> HeldBackScores {
-        let none = Calibration::uncalibrated(Orientation::NONE);
+        let none = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
         // The overall scale of a calibration is not an error.
         let doubled = Calibration { w: none.w.map(|row| row.map(|w| 2.0 * w)), ..none };
         let scores =
@@ -116,7 +116,7 @@ mod tests {
     fn each_calibration_has_its_own_score() {
         let clean = samples(0.0, 0.0);
         let held_back = Parts { right: &clean, ..Parts::default() }.samples();
-        let none = Calibration::uncalibrated(Orientation::NONE);
+        let none = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
         let moved = Calibration { b_ut: [3.0, 0.0, 0.0], ..none };
         let HeldBackScores { candidate_score: candidate, active_score: incumbent } =
             score_held_back(held_back, true, &moved, &none);
@@ -129,7 +129,7 @@ mod tests {
 
     #[test]
     fn without_held_back_samples_both_scores_are_nan() {
-        let none = Calibration::uncalibrated(Orientation::NONE);
+        let none = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
         let marks = [Mark { sample: samples(0.0, 0.0)[0], heading_rad: 0.0 }; 4];
         for nothing in [Samples::default(), Parts { marks: &marks, ..Parts::default() }.samples()] {
             let scores = score_held_back(nothing, true, &none, &none);

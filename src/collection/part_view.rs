@@ -14,7 +14,7 @@ const SAMPLE_INTERVAL_MS: u32 = 400;
 pub(super) const HOLD_BACK_CYCLE: u16 = 4;
 
 /// Number of parts of the sample buffer.
-pub(super) const PARTS: usize = CollectionPart::ALL.len();
+pub(super) const PART_COUNT: usize = CollectionPart::ALL_PARTS.len();
 
 /// One part (left, right or level) of the sample buffer, with its state.
 pub(super) struct PartView<'a> {
@@ -29,8 +29,8 @@ impl<'a> PartView<'a> {
     pub fn new(
         part: CollectionPart,
         buffer: &'a mut SampleBuffer,
-        states: &'a mut [PartState; PARTS],
-        last_taken_at: &'a mut [Option<WrappingMillis>; PARTS],
+        states: &'a mut [PartState; PART_COUNT],
+        last_taken_at: &'a mut [Option<WrappingMillis>; PART_COUNT],
     ) -> Self {
         let index = part.index();
         Self { part, buffer, state: &mut states[index], last_taken_at: &mut last_taken_at[index] }

@@ -30,7 +30,7 @@ impl Quota {
     pub const LEVEL: Self = Self { fit_quota: 64, held_back_quota: 20 };
 
     /// Quota of the whole buffer: free flight, or two sides and level flight.
-    pub const ALL: Self = Self {
+    pub const WHOLE_BUFFER: Self = Self {
         fit_quota: 2 * Self::TURN.fit_quota + Self::LEVEL.fit_quota,
         held_back_quota: 2 * Self::TURN.held_back_quota + Self::LEVEL.held_back_quota,
     };

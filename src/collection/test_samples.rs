@@ -1,7 +1,7 @@
 use nalgebra::Vector3;
 
 use super::RetainedSamples;
-use super::part_view::{PARTS, PartView};
+use super::part_view::{PART_COUNT, PartView};
 use super::progress::Coverage;
 use super::quota::SampleUse;
 use super::retained_samples::PartState;
@@ -19,13 +19,13 @@ const HARD_IRON_UT: Vector3<f32> = Vector3::new(60.0, -45.0, 80.0);
 #[derive(Debug)]
 pub struct TestBuffer {
     pub samples: SampleBuffer,
-    states: [PartState; PARTS],
-    last_taken_at: [Option<WrappingMillis>; PARTS],
+    states: [PartState; PART_COUNT],
+    last_taken_at: [Option<WrappingMillis>; PART_COUNT],
 }
 
 impl TestBuffer {
     pub fn new() -> Self {
-        Self { samples: SampleBuffer::EMPTY, states: [PartState::EMPTY; PARTS], last_taken_at: [None; PARTS] }
+        Self { samples: SampleBuffer::EMPTY, states: [PartState::EMPTY; PART_COUNT], last_taken_at: [None; PART_COUNT] }
     }
 
     pub fn part_view(&mut self, part: CollectionPart) -> PartView<'_> {

@@ -29,7 +29,7 @@ impl Compass<'_> {
     pub(super) fn start_collection(&mut self, procedure: Procedure, starter: CollectionStarter) {
         self.collector.begin_procedure(procedure);
         self.recent_samples = RecentSamples::new();
-        self.trials = TrialSolves::NONE;
+        self.trials = TrialSolves::NO_TRIALS;
         self.activity = Activity::Collecting(starter);
     }
 
@@ -37,7 +37,7 @@ impl Compass<'_> {
     #[inline(never)]
     pub(super) fn discard_collection(&mut self) {
         self.collector.discard();
-        self.trials = TrialSolves::NONE;
+        self.trials = TrialSolves::NO_TRIALS;
         self.activity = Activity::Idle;
     }
 

@@ -61,7 +61,7 @@ impl<'a> Compass<'a> {
             pending_save: None,
             last_outcome: None,
             advice: None,
-            trials: TrialSolves::NONE,
+            trials: TrialSolves::NO_TRIALS,
             automatic: AutomaticStart::NEW,
             persistent: PersistentState::new(startup_values),
         };

@@ -57,7 +57,8 @@ impl Compass<'_> {
             }
         };
         if let Some(settled) = self.persistent.stable_protocols(detected, now) {
-            for ((number, found), kind) in PortNumber::ALL.into_iter().zip(&mut wanted.detected_protocols).zip(settled)
+            for ((number, found), kind) in
+                PortNumber::ALL_PORTS.into_iter().zip(&mut wanted.detected_protocols).zip(settled)
             {
                 // Failed detection does not replace an earlier result, nor does a configured protocol.
                 if self.settings.ports.settings_of_port(number).protocol == ProtocolKind::Auto

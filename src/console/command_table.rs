@@ -235,7 +235,9 @@ pub static COMMANDS: &[CommandSpec] = &[
     )
     .with_arguments(&[ArgumentSpec::new("ORIENTATION", ArgumentKind::Choice(orientation))])
     .with_request(|given| {
-        set_request(SettingChange::Mount(given.choice_argument(0, nth_orientation).unwrap_or(Orientation::NONE)))
+        set_request(SettingChange::Mount(
+            given.choice_argument(0, nth_orientation).unwrap_or(Orientation::IDENTITY_ROTATION),
+        ))
     }),
     CommandSpec::new(
         "set",
@@ -317,7 +319,7 @@ pub static COMMANDS: &[CommandSpec] = &[
     CommandSpec::new("set", "can-node", "number on the CAN bus, after a restart; 0: the autopilot gives one")
         .with_arguments(&[ArgumentSpec::new(
             "NUMBER",
-            ArgumentKind::Whole { range: CanSettings::NODE, unit: "as a node" },
+            ArgumentKind::Whole { range: CanSettings::NODE_ID_RANGE, unit: "as a node" },
         )])
         .with_request(|given| set_request(SettingChange::CanNode(given.number_argument(0).unwrap_or_default() as u8))),
     CommandSpec::new("set", "can-rate", "rate of the field on the CAN bus")
@@ -359,7 +361,7 @@ fn method(number: usize) -> Option<&'static str> {
 }
 
 fn nth_procedure(number: usize) -> Option<Procedure> {
-    Procedure::ALL.get(number).copied()
+    Procedure::ALL_PROCEDURES.get(number).copied()
 }
 
 fn procedure(number: usize) -> Option<&'static str> {
@@ -367,7 +369,7 @@ fn procedure(number: usize) -> Option<&'static str> {
 }
 
 /// Index of the choice `again`, which follows the procedures: the last procedure with an empty collection.
-const CHOICE_AGAIN: usize = Procedure::ALL.len();
+const CHOICE_AGAIN: usize = Procedure::ALL_PROCEDURES.len();
 
 fn procedure_or_again(number: usize) -> Option<&'static str> {
     if number == CHOICE_AGAIN { Some("again") } else { procedure(number) }
@@ -382,7 +384,7 @@ fn switch(number: usize) -> Option<&'static str> {
 }
 
 fn nth_kind(number: usize) -> Option<HeadingKind> {
-    HeadingKind::ALL.get(number).copied()
+    HeadingKind::ALL_HEADINGS.get(number).copied()
 }
 
 fn heading_kind(number: usize) -> Option<&'static str> {
@@ -398,7 +400,7 @@ fn orientation(number: usize) -> Option<&'static str> {
 }
 
 fn nth_protocol(number: usize) -> Option<ProtocolKind> {
-    ProtocolKind::ALL.get(number).copied()
+    ProtocolKind::ALL_PROTOCOLS.get(number).copied()
 }
 
 fn protocol(number: usize) -> Option<&'static str> {
@@ -410,7 +412,7 @@ fn protocol_of(port: PortNumber, given: &Arguments) -> SettingChange {
 }
 
 fn nth_baud(number: usize) -> Option<Baud> {
-    Baud::ALL.get(number).copied()
+    Baud::ALL_RATES.get(number).copied()
 }
 
 fn nth_baud_name(number: usize) -> Option<&'static str> {
@@ -463,7 +465,7 @@ mod tests {
 
     #[test]
     fn every_method_can_be_selected() {
-        assert!(Method::ALL.iter().all(|method| METHODS.contains(method)));
+        assert!(Method::ALL_METHODS.iter().all(|method| METHODS.contains(method)));
     }
 
     /// Commands follow the row of their first word; no two are equal; a row without a request has second words.

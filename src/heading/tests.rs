@@ -5,7 +5,7 @@ use crate::calibration::Orientation;
 use crate::frames::wrap_pi;
 
 fn ideal_calibration() -> Calibration {
-    Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::NONE) }
+    Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
 }
 
 fn measured(total_ut: f32, inclination_rad: f32, heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
@@ -22,7 +22,7 @@ fn heading_is_exact_at_any_attitude() {
             let found = compute_heading(
                 HeadingLimits::DEFAULT,
                 &ideal_calibration(),
-                &HeadingUncertainty::NONE,
+                &HeadingUncertainty::NO_UNCERTAINTY,
                 field,
                 attitude,
             )
@@ -36,7 +36,7 @@ fn heading_is_exact_at_any_attitude() {
 /// Whether a heading results from this field at 0.5 rad.
 fn is_accepted(config: HeadingLimits, total_ut: f32, inclination_rad: f32, attitude: Attitude) -> bool {
     let field = measured(total_ut, inclination_rad, 0.5, attitude);
-    match compute_heading(config, &ideal_calibration(), &HeadingUncertainty::NONE, field, attitude) {
+    match compute_heading(config, &ideal_calibration(), &HeadingUncertainty::NO_UNCERTAINTY, field, attitude) {
         Ok(_) => true,
         Err(reason) => {
             assert_eq!(reason, NoHeading::FieldDisturbed);
@@ -83,8 +83,13 @@ fn a_non_finite_field_is_disturbed() {
     }
     let non_finite = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
     let field = measured(50.0, 1.0, 0.5, Attitude::default());
-    let found =
-        compute_heading(HeadingLimits::DEFAULT, &ideal_calibration(), &HeadingUncertainty::NONE, field, non_finite);
+    let found = compute_heading(
+        HeadingLimits::DEFAULT,
+        &ideal_calibration(),
+        &HeadingUncertainty::NO_UNCERTAINTY,
+        field,
+        non_finite,
+    );
     assert_eq!(found, Err(NoHeading::FieldDisturbed));
 }
 
@@ -113,7 +118,7 @@ fn all_field_limits_can_be_disabled() {
 /// A tilt error of 0.5 deg causes `tan(inclination)` times as much heading error.
 #[test]
 fn sigma_depends_on_attitude_and_field() {
-    let mut uncertainty = HeadingUncertainty::NONE;
+    let mut uncertainty = HeadingUncertainty::NO_UNCERTAINTY;
     uncertainty.attitude_sigma_rad = 0.5_f32.to_radians();
     let field = measured(50.0, 1.0, 0.5, Attitude::default());
     let found = compute_heading(HeadingLimits::DEFAULT, &ideal_calibration(), &uncertainty, field, Attitude::default())
@@ -121,7 +126,7 @@ fn sigma_depends_on_attitude_and_field() {
     let expected_deg = 0.5 * 1.0_f32.tan();
     assert!((found.sigma_deg() - expected_deg).abs() < 1e-3, "{} {expected_deg}", found.sigma_deg());
     // Sensor noise of 1 % of the field is divided by the horizontal field.
-    let mut uncertainty = HeadingUncertainty::NONE;
+    let mut uncertainty = HeadingUncertainty::NO_UNCERTAINTY;
     uncertainty.sensor_sigma = 0.01;
     let found = compute_heading(HeadingLimits::DEFAULT, &ideal_calibration(), &uncertainty, field, Attitude::default())
         .unwrap();

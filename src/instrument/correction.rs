@@ -40,7 +40,7 @@ impl SensorErrorSigmas {
 
 impl Correction {
     /// Correction without a calibration.
-    pub const NONE: Self = Self {
+    pub const UNCALIBRATED: Self = Self {
         calibration: None,
         has_valid_inclination: true,
         align_deg: 0.0,

@@ -64,12 +64,12 @@ pub struct RejectionCounts {
 
 impl RejectionCounts {
     /// All counts zero.
-    pub const NONE: Self = Self {
+    pub const NO_REJECTIONS: Self = Self {
         unpaired_readings: 0,
         saturated_readings: 0,
         clipped_readings: 0,
         stuck_readings: 0,
         spike_readings: 0,
-        rejected_reports: RejectedReports::NONE,
+        rejected_reports: RejectedReports::NO_REJECTIONS,
     };
 }

@@ -54,7 +54,7 @@ pub(super) struct HeadingRateError {
 
 impl HeadingRateError {
     /// Heading-rate error of zero without uncertainty.
-    pub const NONE: Self = Self {
+    pub const ZERO_ERROR: Self = Self {
         gyro_errors: UdFilter::ZERO,
         derivative_row: [0.0; GYRO_ERROR_COUNT],
         rate_error_rad_s: 0.0,

@@ -115,12 +115,12 @@ impl Instrument {
     pub fn new(config: InstrumentConfig) -> Self {
         Self {
             config,
-            active: ActiveCalibration::new(Correction::NONE),
+            active: ActiveCalibration::new(Correction::UNCALIBRATED),
             attitude_history: AttitudeHistory::new(config.attitude),
             sensor_check: SensorCheck::new(&config),
             pairing: PairingQueue::new(config.readings_per_sample(), config.max_step_us()),
             smoother: HeadingSmoother::new(),
-            rejections: RejectionCounts::NONE,
+            rejections: RejectionCounts::NO_REJECTIONS,
             monitor: Monitor::new(SensorErrorSigmas::DEFAULT),
             pending_sample: None,
             compass_field: CompassField::INITIAL,

@@ -24,13 +24,13 @@ pub struct TurnRequest {
 
 impl TurnRequest {
     /// State in which the sigma has not grown so far.
-    pub const NONE: Self = Self { sigma_exceeded_at: None, is_request_sent: false };
+    pub const NO_GROWTH: Self = Self { sigma_exceeded_at: None, is_request_sent: false };
 
     /// Updates with an estimate; returns the heading sigma, radians, if a turn is requested.
     pub fn update(&mut self, estimate: &Estimate) -> Option<f32> {
         let heading = estimate.smoothed_heading.as_ref().or(estimate.heading.as_ref().ok())?;
         if heading.sigma_rad < SETTLED_SIGMA_RAD {
-            *self = Self::NONE;
+            *self = Self::NO_GROWTH;
         }
         if heading.sigma_rad < REQUEST_SIGMA_RAD {
             self.sigma_exceeded_at = None;
@@ -49,7 +49,7 @@ mod tests {
     use crate::heading::Heading;
 
     fn asked_at_s(sigmas_deg: impl Fn(u32) -> f32) -> Vec<u32> {
-        let mut request = TurnRequest::NONE;
+        let mut request = TurnRequest::NO_GROWTH;
         let mut asks = |second: &u32| {
             let heading =
                 Heading { magnetic_rad: 1.0, sigma_rad: sigmas_deg(*second) * DEG, systematic_variance_rad2: 0.0 };
@@ -74,6 +74,6 @@ mod tests {
 
     #[test]
     fn without_headings_nothing_is_asked() {
-        assert_eq!(TurnRequest::NONE.clone().update(&Estimate::EMPTY), None);
+        assert_eq!(TurnRequest::NO_GROWTH.clone().update(&Estimate::EMPTY), None);
     }
 }

@@ -10,7 +10,7 @@ use super::{Identity, Magnetometer, MagnetometerError, Model, Reading};
 use crate::frames::Field;
 
 /// Fixed address.
-const ADDRESS: u8 = 0x1E;
+const I2C_ADDRESS: u8 = 0x1E;
 /// Measurement period at 75 Hz.
 const PERIOD_US: u32 = 13_333;
 
@@ -20,7 +20,7 @@ const SR_REG_M: u8 = 0x09;
 const IRA_REG_M: u8 = 0x0A;
 const IDENTITY: [u8; 3] = *b"H43";
 /// `SR_REG_M`: new measurement of all axes.
-const DRDY: u8 = 0x01;
+const DATA_READY: u8 = 0x01;
 /// Value of an axis at the end of its range (data sheet section 7.2).
 const OVERFLOW: i16 = -4096;
 
@@ -85,7 +85,7 @@ impl<B: I2c> Lsm303dlhc<B> {
     /// Creates a driver; [`init`](Magnetometer::init) is the first bus access.
     pub const fn new(bus: B, config: Lsm303dlhcConfig) -> Self {
         Self {
-            chip: I2cRegisters::new(bus, ADDRESS),
+            chip: I2cRegisters::new(bus, I2C_ADDRESS),
             config,
             polling: PollingSchedule::new(PERIOD_US, chip::SLEEP_PERCENT),
         }
@@ -118,12 +118,14 @@ impl<B: I2c> Magnetometer for Lsm303dlhc<B> {
         // the old range.
         let _old: [u8; 6] = self.chip.read_registers(OUT_X_H_M).await?;
         self.polling.start_sleep();
-        Ok(Identity { model: Model::Lsm303dlhc, address: ADDRESS })
+        Ok(Identity { model: Model::Lsm303dlhc, address: I2C_ADDRESS })
     }
 
     async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<B::Error>> {
         let chip = &mut self.chip;
-        self.polling.wait_for_next(async || chip.read_registers(SR_REG_M).await, |[status]| status & DRDY != 0).await?;
+        self.polling
+            .wait_for_next(async || chip.read_registers(SR_REG_M).await, |[status]| status & DATA_READY != 0)
+            .await?;
         let data = self.chip.read_registers(OUT_X_H_M).await?;
         Ok(decode_reading(data, self.config.range))
     }

@@ -39,7 +39,7 @@ enum ParameterKind {
 pub static PARAMETERS: [Parameter; 23] = [
     whole_number(
         "CAN_NODE",
-        byte_range(&CanSettings::NODE),
+        byte_range(&CanSettings::NODE_ID_RANGE),
         |s| s.can.node.into(),
         |v| byte_setting(v, SettingChange::CanNode),
     ),
@@ -71,7 +71,7 @@ pub static PARAMETERS: [Parameter; 23] = [
     ),
     whole_number(
         "MOUNT",
-        [0, Orientation::COUNT as u32 - 1],
+        [0, Orientation::ORIENTATION_COUNT as u32 - 1],
         |s| choice_position(Orientation::all_orientations(), &s.mount),
         |v| nth_choice(Orientation::all_orientations(), v).map(SettingChange::Mount),
     ),
@@ -108,9 +108,9 @@ pub static PARAMETERS: [Parameter; 23] = [
     ),
     whole_number(
         "STREAM_HEADING",
-        [0, HeadingKind::ALL.len() as u32 - 1],
-        |s| choice_position(HeadingKind::ALL, &s.stream_heading),
-        |v| nth_choice(HeadingKind::ALL, v).map(SettingChange::StreamHeading),
+        [0, HeadingKind::ALL_HEADINGS.len() as u32 - 1],
+        |s| choice_position(HeadingKind::ALL_HEADINGS, &s.stream_heading),
+        |v| nth_choice(HeadingKind::ALL_HEADINGS, v).map(SettingChange::StreamHeading),
     ),
     number(
         "GYRO_ERROR",
@@ -133,9 +133,9 @@ pub static PARAMETERS: [Parameter; 23] = [
 ];
 
 const SWITCH_RANGE: [u32; 2] = [0, 1];
-const PROTOCOLS: [u32; 2] = [0, ProtocolKind::ALL.len() as u32 - 1];
+const PROTOCOLS: [u32; 2] = [0, ProtocolKind::ALL_PROTOCOLS.len() as u32 - 1];
 const BAUDS: [u32; 2] = {
-    let [least, .., most] = Baud::ALL;
+    let [least, .., most] = Baud::ALL_RATES;
     [least.bits_per_s(), most.bits_per_s()]
 };
 
@@ -216,11 +216,11 @@ fn nth_choice<T>(all: impl IntoIterator<Item = T>, position: u32) -> Option<T> {
 }
 
 fn protocol_number(settings: &Settings, port: PortNumber) -> u32 {
-    choice_position(ProtocolKind::ALL, &settings.ports.settings_of_port(port).protocol)
+    choice_position(ProtocolKind::ALL_PROTOCOLS, &settings.ports.settings_of_port(port).protocol)
 }
 
 fn set_protocol(port: PortNumber, value: u32) -> Option<SettingChange> {
-    nth_choice(ProtocolKind::ALL, value).map(|kind| SettingChange::Protocol(port, kind))
+    nth_choice(ProtocolKind::ALL_PROTOCOLS, value).map(|kind| SettingChange::Protocol(port, kind))
 }
 
 fn baud_number(settings: &Settings, port: PortNumber) -> u32 {
@@ -228,7 +228,7 @@ fn baud_number(settings: &Settings, port: PortNumber) -> u32 {
 }
 
 fn set_baud(port: PortNumber, value: u32) -> Option<SettingChange> {
-    let baud = Baud::ALL.into_iter().find(|baud| baud.bits_per_s() == value)?;
+    let baud = Baud::ALL_RATES.into_iter().find(|baud| baud.bits_per_s() == value)?;
     Some(SettingChange::Baud(port, baud))
 }
 

@@ -11,7 +11,7 @@ use crate::wire::nmea;
 
 /// Text for ground stations, of at most 50 characters.
 const SAFE_MODE_TEXT: &[u8] = b"autoswing: safe-mode: see its console";
-const _: () = assert!(SAFE_MODE_TEXT.len() <= OutboundMessage::TEXT);
+const _: () = assert!(SAFE_MODE_TEXT.len() <= OutboundMessage::STATUSTEXT_CAPACITY);
 
 /// Most common address of an autopilot.
 const USUAL_AUTOPILOT: Address = Address { system_id: 1, component_id: 1 };

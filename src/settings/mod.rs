@@ -66,13 +66,13 @@ impl CanSettings {
     pub const DEFAULT: Self = Self { node: 0, rate_hz: 50, sends_covariance: false, is_terminated: false };
 
     /// Range of the node's number; 126 and 127 are for tools.
-    pub const NODE: RangeInclusive<u8> = 0..=125;
+    pub const NODE_ID_RANGE: RangeInclusive<u8> = 0..=125;
 
     /// Range of the field's rate, up to the measurement rate.
     pub const RATE_HZ: RangeInclusive<u8> = 5..=80;
 
     fn is_valid(self) -> bool {
-        Self::NODE.contains(&self.node) && Self::RATE_HZ.contains(&self.rate_hz)
+        Self::NODE_ID_RANGE.contains(&self.node) && Self::RATE_HZ.contains(&self.rate_hz)
     }
 }
 
@@ -98,7 +98,7 @@ pub enum HeadingKind {
 
 impl HeadingKind {
     /// Both kinds of heading.
-    pub const ALL: [Self; 2] = [Self::Raw, Self::Smooth];
+    pub const ALL_HEADINGS: [Self; 2] = [Self::Raw, Self::Smooth];
 
     /// Name in commands.
     #[must_use]
@@ -112,7 +112,7 @@ impl HeadingKind {
     /// Parses a name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.kind_name() == name)
+        Self::ALL_HEADINGS.into_iter().find(|kind| kind.kind_name() == name)
     }
 }
 
@@ -186,7 +186,7 @@ impl Settings {
         align_deg: 0.0,
         stream_on: true,
         stream_rate_hz: 10,
-        mount: Orientation::NONE,
+        mount: Orientation::IDENTITY_ROTATION,
         attitude_error: AttitudeError::DEFAULT,
         stream_heading: HeadingKind::Smooth,
         accuracy_deg: 0.5,

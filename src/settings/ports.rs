@@ -16,7 +16,7 @@ pub enum PortNumber {
 
 impl PortNumber {
     /// Both ports.
-    pub const ALL: [Self; PORT_COUNT] = [Self::One, Self::Two];
+    pub const ALL_PORTS: [Self; PORT_COUNT] = [Self::One, Self::Two];
 
     /// Selects the port's element of an array.
     #[must_use]
@@ -44,7 +44,7 @@ pub enum ProtocolKind {
 
 impl ProtocolKind {
     /// All protocols.
-    pub const ALL: [Self; 4] = [Self::Auto, Self::Mavlink, Self::Msp, Self::Nmea];
+    pub const ALL_PROTOCOLS: [Self; 4] = [Self::Auto, Self::Mavlink, Self::Msp, Self::Nmea];
 
     /// Name in commands.
     #[must_use]
@@ -60,7 +60,7 @@ impl ProtocolKind {
     /// Parses a name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.protocol_name() == name)
+        Self::ALL_PROTOCOLS.into_iter().find(|kind| kind.protocol_name() == name)
     }
 }
 
@@ -79,7 +79,7 @@ pub enum Baud {
 
 impl Baud {
     /// All rates, ascending.
-    pub const ALL: [Self; 4] = [Self::B57600, Self::B115200, Self::B230400, Self::B460800];
+    pub const ALL_RATES: [Self; 4] = [Self::B57600, Self::B115200, Self::B230400, Self::B460800];
 
     /// Bits per second.
     #[must_use]
@@ -106,7 +106,7 @@ impl Baud {
     /// Parses a name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|baud| baud.name() == name)
+        Self::ALL_RATES.into_iter().find(|baud| baud.name() == name)
     }
 }
 
@@ -152,10 +152,10 @@ mod tests {
 
     #[test]
     fn protocol_and_baud_names_round_trip() {
-        for kind in ProtocolKind::ALL {
+        for kind in ProtocolKind::ALL_PROTOCOLS {
             assert_eq!(ProtocolKind::from_name(kind.protocol_name()), Some(kind));
         }
-        for baud in Baud::ALL {
+        for baud in Baud::ALL_RATES {
             assert_eq!(Baud::from_name(baud.name()), Some(baud));
             assert_eq!(baud.name(), baud.bits_per_s().to_string());
         }
@@ -167,7 +167,7 @@ mod tests {
         let mut ports = PortsSettings::DEFAULT;
         ports.port_mut(PortNumber::Two).protocol = ProtocolKind::Msp;
         ports.port_mut(PortNumber::One).baud = Baud::B57600;
-        let [first, second] = PortNumber::ALL.map(|number| ports.settings_of_port(number));
+        let [first, second] = PortNumber::ALL_PORTS.map(|number| ports.settings_of_port(number));
         assert_eq!(first, PortSettings { protocol: ProtocolKind::Auto, baud: Baud::B57600 });
         assert_eq!(second, PortSettings { protocol: ProtocolKind::Msp, baud: Baud::B115200 });
     }

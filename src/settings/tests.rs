@@ -166,7 +166,7 @@ fn a_setting_changes_itself_and_nothing_else() {
 
 #[test]
 fn a_port_s_setting_changes_that_port() {
-    for port in PortNumber::ALL {
+    for port in PortNumber::ALL_PORTS {
         let before = Settings::DEFAULT;
         let mut ports = before.ports;
         ports.port_mut(port).protocol = ProtocolKind::Msp;
@@ -191,7 +191,7 @@ fn alignment_is_limited_to_180_deg() {
 
 #[test]
 fn solves_use_mounting_inclination_and_the_attitude_s_error() {
-    let none = Orientation::NONE;
+    let none = Orientation::IDENTITY_ROTATION;
     for (setting, used) in [
         (SettingChange::Mount(none), true),
         (SettingChange::Inclination(None), true),

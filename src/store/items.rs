@@ -58,7 +58,7 @@ impl CalibrationRecord {
 impl Fields for CalibrationRecord {
     fn with_defaults() -> Self {
         Self {
-            calibration: Calibration::uncalibrated(Orientation::NONE),
+            calibration: Calibration::uncalibrated(Orientation::IDENTITY_ROTATION),
             quality: Quality {
                 method: Method::Level,
                 envelope: Envelope::Level,
@@ -70,9 +70,9 @@ impl Fields for CalibrationRecord {
                 latency: None,
                 knows_inclination: true,
             },
-            uncertainty: HeadingUncertainty::NONE,
+            uncertainty: HeadingUncertainty::NO_UNCERTAINTY,
             sensor: Identity { model: Model::Lis3mdl, address: 0 },
-            mount: Orientation::NONE,
+            mount: Orientation::IDENTITY_ROTATION,
             serial_number: 0,
         }
     }
@@ -260,7 +260,7 @@ impl Fields for StoredState {
         visitor.visit_optional(12, stream_heading);
         visitor.visit_optional(13, accuracy_deg);
         visitor.visit_optional(14, auto_on);
-        for (number, [protocol_tag, baud_tag]) in PortNumber::ALL.into_iter().zip([[15, 16], [17, 18]]) {
+        for (number, [protocol_tag, baud_tag]) in PortNumber::ALL_PORTS.into_iter().zip([[15, 16], [17, 18]]) {
             let PortSettings { protocol, baud } = ports.port_mut(number);
             visitor.visit_optional(protocol_tag, protocol);
             visitor.visit_optional(baud_tag, baud);

@@ -34,7 +34,8 @@ static SAVED: LazyLock<[Flash; 4]> = LazyLock::new(|| {
 });
 
 fn record(serial: u32) -> CalibrationRecord {
-    let calibration = Calibration { b_ut: [serial as f32, 2.0, 3.0], ..Calibration::uncalibrated(Orientation::NONE) };
+    let calibration =
+        Calibration { b_ut: [serial as f32, 2.0, 3.0], ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) };
     let quality = Quality {
         method: Method::MaximumLikelihood,
         envelope: Envelope::Banked,
@@ -50,9 +51,9 @@ fn record(serial: u32) -> CalibrationRecord {
     CalibrationRecord {
         calibration,
         quality,
-        uncertainty: HeadingUncertainty::NONE,
+        uncertainty: HeadingUncertainty::NO_UNCERTAINTY,
         sensor,
-        mount: Orientation::NONE,
+        mount: Orientation::IDENTITY_ROTATION,
         serial_number: serial,
     }
 }

@@ -44,7 +44,7 @@ pub fn accepted_by_uncalibrated(
     held_back: Samples<'_>,
 ) -> Result<(), Rejection> {
     let samples = AcceptanceSamples { fit_samples: fit, held_back_samples: held_back, is_attitude_known: true };
-    let incumbent = Incumbent::uncalibrated(Orientation::NONE);
+    let incumbent = Incumbent::uncalibrated(Orientation::IDENTITY_ROTATION);
     acceptance::evaluate_candidate(&AcceptancePolicy::DEFAULT, solution, samples, &incumbent).map(|_| ())
 }
 

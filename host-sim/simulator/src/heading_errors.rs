@@ -69,9 +69,9 @@ mod tests {
             motor_current: MotorCurrentInterference {
                 ut_per_a: world.current_interference_ut.map(|ut| (ut / CRUISE_CURRENT_A) as f32),
                 mean_current_a: mean_a,
-                ..MotorCurrentInterference::NONE
+                ..MotorCurrentInterference::NO_INTERFERENCE
             },
-            ..Calibration::uncalibrated(Orientation::NONE)
+            ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
         };
         let [right, wrong] = [CRUISE_CURRENT_A as f32, 0.0].map(calibration);
         let worst_deg = |calibration: &Calibration, world: &WorldConfig| {

@@ -139,7 +139,7 @@ pub fn fly_mission(world: WorldConfig, plan: TurnPlan, watch: &mut dyn FnMut(Mis
 pub fn fly_with(module: &mut impl Module, plan: TurnPlan, watch: &mut dyn FnMut(MissionStage, f64)) -> MissionResult {
     let world = module.world().config();
     let mut mission = Mission { module, session: String::new(), glimpses: Vec::new(), watch };
-    let before = HeadingErrors::evaluate(&Calibration::uncalibrated(Orientation::NONE), &world);
+    let before = HeadingErrors::evaluate(&Calibration::uncalibrated(Orientation::IDENTITY_ROTATION), &world);
     let routine = Routine::for_vehicle(world.aircraft.kind, plan, world.aircraft.heading_deg);
     let result = mission.calibrate(&routine);
     let solved_s = mission.module.now_us() as f64 / 1e6;

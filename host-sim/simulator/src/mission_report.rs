@@ -237,7 +237,7 @@ fn collected_sample(glimpse: &RoutineMeasurement, calibration: Option<&Calibrati
     let corrected = |applied: &Calibration| {
         applied.calibrated_field(applied.remove_motor_current(glimpse.field, glimpse.current_a))
     };
-    let before = corrected(&Calibration::uncalibrated(Orientation::NONE));
+    let before = corrected(&Calibration::uncalibrated(Orientation::IDENTITY_ROTATION));
     let before_deg = f64::from(glimpse.true_moment.attitude.level(before).heading_rad().to_degrees());
     let body_ut = |field: Field<Body>| field.ut.map(f64::from).into();
     ReportSample {

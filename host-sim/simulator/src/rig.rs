@@ -237,7 +237,7 @@ impl Rig {
         self.magnetometer.spawn_task(simulation, links.clone());
         let l = links.clone();
         simulation.spawn(Level::Interrupt, "instrument", async move { app::instrument::run_instrument(&l).await });
-        for (number, cable) in PortNumber::ALL.into_iter().zip([&self.autopilot_cable, &self.instrument_cable]) {
+        for (number, cable) in PortNumber::ALL_PORTS.into_iter().zip([&self.autopilot_cable, &self.instrument_cable]) {
             let (l, (rx, tx)) = (links.clone(), cable.module_ends());
             simulation.spawn(Level::Interrupt, "port", async move { app::port::run_port(&l, number, rx, tx).await });
         }

@@ -86,7 +86,7 @@ impl Routine {
 /// Pilot instructions for all kinds.
 #[must_use]
 pub fn all_instructions() -> String {
-    VehicleKind::ALL.into_iter().fold(String::new(), |text, kind| {
+    VehicleKind::ALL_VEHICLES.into_iter().fold(String::new(), |text, kind| {
         let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
         format!("{text}{}, after `{}`:\n{}", kind.vehicle_name(), routine.start_command, routine.pilot_instructions())
     })
@@ -273,7 +273,7 @@ mod tests {
     /// Limited by battery capacity. Three circles suffice for an aeroplane.
     #[test]
     fn no_routine_takes_more_than_three_minutes() {
-        for kind in VehicleKind::ALL {
+        for kind in VehicleKind::ALL_VEHICLES {
             let routine = Routine::for_vehicle(kind, TurnPlan { circles_per_side: 3.0, ..TurnPlan::default() }, 0.0);
             let seconds = duration_s(kind, &routine.legs(), 3);
             assert!((60.0..=185.0).contains(&seconds), "{kind:?}: {seconds} s");
@@ -283,7 +283,7 @@ mod tests {
     #[test]
     fn every_vehicle_kind_has_instructions_for_every_part() {
         let words = all_instructions();
-        for kind in VehicleKind::ALL {
+        for kind in VehicleKind::ALL_VEHICLES {
             let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
             assert!(words.contains(&format!("{}, after `{}`", kind.vehicle_name(), routine.start_command)));
             assert!(routine.parts.iter().all(|part| words.contains(part.instruction) && !part.legs.is_empty()));
@@ -293,7 +293,7 @@ mod tests {
     #[test]
     fn the_documentation_lists_the_same_routines() {
         let text = include_str!("../../../docs/routines.md").to_lowercase();
-        for kind in VehicleKind::ALL {
+        for kind in VehicleKind::ALL_VEHICLES {
             let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
             let row = format!("| `{}` | `{}` |", kind.vehicle_name(), routine.start_command);
             let row = text.lines().find(|line| line.starts_with(&row)).unwrap_or_default();

@@ -90,7 +90,7 @@ fn latency_s(text: &str) -> Option<f32> {
 
 fn parse_motor_current(text: &str) -> Option<MotorCurrentInterference> {
     if text == "not known" {
-        return Some(MotorCurrentInterference::NONE);
+        return Some(MotorCurrentInterference::NO_INTERFERENCE);
     }
     let [x, y, z, sigma_ut_per_a, mean_a, spread_a] = parse_numbers(text)?;
     Some(MotorCurrentInterference {

@@ -13,7 +13,7 @@ use simulator::world::aircraft::VehicleKind;
 use super::failure::Failure;
 use super::print::{self, append_wrapped, narrow_table, right_aligned};
 use super::progress::progress_bar;
-use super::range::{AIRCRAFT, integer_in_range, number_in_range, one_of};
+use super::range::{AIRCRAFT_NAMES, integer_in_range, number_in_range, one_of};
 
 const FLIGHT_PATTERNS: &[(&str, FlightPattern)] = &[
     ("routine", FlightPattern::Routine),
@@ -34,7 +34,7 @@ const FLIGHT_PATTERNS: &[(&str, FlightPattern)] = &[
 #[derive(Args)]
 pub struct Accuracy {
     /// Kind of aircraft
-    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = one_of(AIRCRAFT))]
+    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = one_of(AIRCRAFT_NAMES))]
     aircraft: VehicleKind,
     /// Flight patterns, one row each [default: all three; for an aeroplane turns only, all of them solved]
     #[arg(long = "pattern", value_name = "routine|mirrored|wandering", value_parser = one_of(FLIGHT_PATTERNS))]
@@ -127,7 +127,8 @@ fn format_outcome(plan: AccuracyPlan, outcome: &AccuracyResult) -> String {
 }
 
 fn run_whole_flights(options: &Accuracy, kind: VehicleKind, plan: AccuracyPlan) -> Result<ExitCode, Failure> {
-    let patterns = if options.patterns.is_empty() { FlightPattern::ALL.to_vec() } else { options.patterns.clone() };
+    let patterns =
+        if options.patterns.is_empty() { FlightPattern::ALL_PATTERNS.to_vec() } else { options.patterns.clone() };
     let minutes = options.minutes.unwrap_or(FLIGHT_MINUTES);
     let bar = progress_bar("airframes", plan.airframes * patterns.len() as u64);
     let rows: Vec<FlightStudyRow> = patterns

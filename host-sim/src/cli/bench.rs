@@ -72,7 +72,7 @@ pub fn run_budget(options: &Budget) -> Result<ExitCode, Failure> {
 pub fn run_speed(options: &Speed) -> Result<ExitCode, Failure> {
     const TIMED_RUNS: usize = 21;
     let trial = RandomFlight::draw(&Ranges { samples: 256, ..Ranges::WORST_CASE }, 1);
-    let (recorded, _) = trial.record_flight(0, ConstantErrorSigmas::NONE);
+    let (recorded, _) = trial.record_flight(0, ConstantErrorSigmas::NO_ERRORS);
     let methods = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse]
         .map(|method| (method.method_name(), median((0..TIMED_RUNS).map(|_| time_ms(method, recorded.samples())))));
     let start = Instant::now();

@@ -36,7 +36,7 @@ pub fn named_world(name: &str, seed: u64) -> Result<WorldConfig, Failure> {
         "random" => Ok(WorldConfig::random(seed)),
         path => {
             let text = fs::read_to_string(path).map_err(|error| {
-                let kinds = VehicleKind::ALL.map(VehicleKind::vehicle_name).join("`, `");
+                let kinds = VehicleKind::ALL_VEHICLES.map(VehicleKind::vehicle_name).join("`, `");
                 Failure(format!(
                     "airframe-unreadable: {path}: {error} (expected `{kinds}`, `table1`, `random` or an airframe file)"
                 ))

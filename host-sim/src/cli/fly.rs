@@ -25,7 +25,7 @@ use simulator::world::aircraft::VehicleKind;
 use super::failure::Failure;
 use super::files::named_world;
 use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
-use super::range::{SENSORS, integer_in_range, number_in_range, one_of};
+use super::range::{SENSOR_NAMES, integer_in_range, number_in_range, one_of};
 use super::termination::{SecondSignal, TerminationSignals};
 
 /// Take off uncalibrated, fly the calibration routine, restart, and fly on with the calibrated heading (the default).
@@ -55,7 +55,7 @@ pub struct Fly {
     #[arg(long)]
     tell_current: bool,
     /// Magnetometer of the module: the reference board's LIS3MDL, or an RM3100
-    #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = one_of(SENSORS))]
+    #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = one_of(SENSOR_NAMES))]
     sensor: SensorModel,
     /// Bank in an aeroplane's calibration turns, degrees, 5 to 60
     #[arg(long, default_value_t = 25.0, value_name = "DEG", value_parser = number_in_range(5.0, 60.0))]
@@ -129,7 +129,7 @@ fn world_config(options: &Fly) -> Result<WorldConfig, Failure> {
         (Some(kind), airframe_name) => named(airframe_name.as_deref().unwrap_or("table1"))?.with_vehicle_kind(kind),
         (None, None) => named(&options.aircraft)?,
         (None, Some(_)) => {
-            let kinds = VehicleKind::ALL.map(VehicleKind::vehicle_name).join(", ");
+            let kinds = VehicleKind::ALL_VEHICLES.map(VehicleKind::vehicle_name).join(", ");
             return Err(Failure(format!("--aircraft {}: with --airframe it is one of {kinds}", options.aircraft)));
         }
     };
@@ -318,7 +318,7 @@ mod tests {
         assert_eq!(world_of_arguments(&[]), Ok(WorldConfig::table1(1)));
         assert_eq!(world_of_arguments(&["--aircraft", "random", "--seed", "7"]), Ok(WorldConfig::random(7)));
         assert_eq!(world_of_arguments(&["--airframe", "random", "--seed", "7"]), Ok(WorldConfig::random(7)));
-        for kind in VehicleKind::ALL {
+        for kind in VehicleKind::ALL_VEHICLES {
             assert_eq!(
                 world_of_arguments(&["--aircraft", kind.vehicle_name()]),
                 Ok(WorldConfig::table1(1).with_vehicle_kind(kind))

@@ -11,7 +11,7 @@ use simulator::world::aircraft::VehicleKind;
 use super::failure::Failure;
 use super::print::{self, narrow_table, right_aligned, wrapped_table};
 use super::progress::progress_bar;
-use super::range::{AIRCRAFT, integer_in_range, one_of};
+use super::range::{AIRCRAFT_NAMES, integer_in_range, one_of};
 
 const HEADING_KINDS: &[(&str, HeadingKind)] = &[("raw", HeadingKind::Raw), ("smooth", HeadingKind::Smooth)];
 
@@ -28,7 +28,7 @@ const ATTITUDE_PROTOCOLS: &[(&str, AttitudeProtocol)] =
 #[derive(Args)]
 pub struct Integrity {
     /// Kind of aircraft; a copter or a VTOL calibrates by its routine, and turns and accelerates in hover
-    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = one_of(AIRCRAFT))]
+    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = one_of(AIRCRAFT_NAMES))]
     aircraft: VehicleKind,
     /// Flights of each case, 1 to 100000; the ten-hour case is flown once
     #[arg(long, default_value_t = 100, value_name = "N", value_parser = integer_in_range(1_u64, 100_000))]

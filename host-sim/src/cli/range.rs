@@ -8,11 +8,11 @@ use simulator::devices::sensor::SensorModel;
 use simulator::world::aircraft::VehicleKind;
 
 /// Vehicles of the studies.
-pub const AIRCRAFT: &[(&str, VehicleKind)] =
+pub const AIRCRAFT_NAMES: &[(&str, VehicleKind)] =
     &[("plane", VehicleKind::Plane), ("copter", VehicleKind::Copter), ("vtol", VehicleKind::Vtol)];
 
 /// Magnetometers of the simulated module.
-pub const SENSORS: &[(&str, SensorModel)] = &[("lis3mdl", SensorModel::Lis3mdl), ("rm3100", SensorModel::Rm3100)];
+pub const SENSOR_NAMES: &[(&str, SensorModel)] = &[("lis3mdl", SensorModel::Lis3mdl), ("rm3100", SensorModel::Rm3100)];
 
 /// Parses a number in a range.
 pub fn number_in_range(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {

@@ -32,7 +32,7 @@ const ROW_SELECTIONS: &[(&str, RowSelection)] = &[
 const PARAMETER_FORMATS: &[(&str, ParameterFormat)] =
     &[("ardupilot", ParameterFormat::ArduPilot), ("px4", ParameterFormat::Px4), ("inav", ParameterFormat::Inav)];
 
-const REFERENCES: &[(&str, ReferenceKind)] = &[
+const REFERENCE_NAMES: &[(&str, ReferenceKind)] = &[
     ("simulator", ReferenceKind::Simulator),
     ("column", ReferenceKind::Column),
     ("gps-yaw", ReferenceKind::GpsYaw),
@@ -103,7 +103,7 @@ pub struct Replay {
     #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = log_time)]
     pub to: Option<f64>,
     /// Heading that errors are measured against [default: the best in the log, in this order]
-    #[arg(long, value_name = "simulator|column|gps-yaw|gps-course|autopilot", value_parser = one_of(REFERENCES))]
+    #[arg(long, value_name = "simulator|column|gps-yaw|gps-course|autopilot", value_parser = one_of(REFERENCE_NAMES))]
     pub reference: Option<ReferenceKind>,
     /// Write t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg,readings for every reading of the first compass,
     /// at the log's time stamps; `readings` are averaged to one heading, smooth ones may be empty
@@ -179,7 +179,7 @@ pub fn evaluate(file: &Path, flight: &Flight, options: &Replay) -> Result<Flight
     }
     if options.reference.is_some() && evaluation.reference.is_none() {
         let has = |(_, kind): &&(&str, ReferenceKind)| ReferenceHeading::of_kind(flight, *kind).is_some();
-        let others: Vec<&str> = REFERENCES.iter().filter(has).map(|(name, _)| *name).collect();
+        let others: Vec<&str> = REFERENCE_NAMES.iter().filter(has).map(|(name, _)| *name).collect();
         return Err(Failure(format!("{name}: the log has no such reference; it has {}", others.join(", "))));
     }
     Ok(evaluation)
@@ -241,7 +241,10 @@ fn settings_table(options: &Replay) -> Vec<[String; 2]> {
         ("to", options.to.map(|s| format!("{s} s"))),
         (
             "reference",
-            REFERENCES.iter().find(|(_, kind)| Some(*kind) == options.reference).map(|(name, _)| (*name).to_owned()),
+            REFERENCE_NAMES
+                .iter()
+                .find(|(_, kind)| Some(*kind) == options.reference)
+                .map(|(name, _)| (*name).to_owned()),
         ),
         ("compass", options.compass.map(|number| number.to_string())),
         ("system", options.system.map(|number| number.to_string())),

@@ -72,7 +72,7 @@ fn json_figures(columns: &[MethodErrors]) -> Value {
 fn errors(columns: &[MethodErrors]) -> Table {
     let names = columns.iter().map(|column| column.name.replace(' ', "\n"));
     let mut table = narrow_table(std::iter::once("heading".to_owned()).chain(names));
-    for row in 0..paper::HEADINGS {
+    for row in 0..paper::HEADING_COUNT {
         let cells = columns.iter().map(|column| {
             let BankErrors { right_deg, left_deg } = column.bank_errors(row);
             format!("{} / {}", format_two_decimals(right_deg), format_two_decimals(left_deg))

@@ -89,12 +89,12 @@ pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<Budget>, EmulatorErr
 
 /// Instructions of the full sample path in a module calibrated by a compass swing.
 fn sample_path_instructions(emulator: &mut Emulator) -> Option<u64> {
-    const HEADINGS: u8 = 8;
+    const HEADING_COUNT: u8 = 8;
     let heading_rate_deg_s = 15.0;
-    let step_deg = 360.0 / f64::from(HEADINGS);
+    let step_deg = 360.0 / f64::from(HEADING_COUNT);
     emulator.send_console_line("stream rate 80");
     emulator.send_console_line("cal start swing");
-    for i in 0..HEADINGS {
+    for i in 0..HEADING_COUNT {
         let heading_deg = f64::from(i) * step_deg;
         emulator.world().set_motion(PrescribedMotion {
             heading_deg,

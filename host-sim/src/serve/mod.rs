@@ -47,11 +47,11 @@ pub const PORTS: &[Port] = &[
 ];
 
 /// Index of the console in [`PORTS`].
-pub const CONSOLE: usize = 0;
+pub const CONSOLE_PORT: usize = 0;
 /// Index of the autopilot port in [`PORTS`].
-pub const AUTOPILOT: usize = 1;
+pub const AUTOPILOT_PORT: usize = 1;
 /// Index of the instrument port in [`PORTS`].
-pub const INSTRUMENT: usize = 2;
+pub const INSTRUMENT_PORT: usize = 2;
 
 /// Source of the module's attitude.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -110,7 +110,7 @@ impl ServedModule {
     #[must_use]
     pub fn new(world: WorldConfig, options: ServeOptions, image: Option<&FlashImage>) -> Self {
         // Attitudes of an external simulator come without rates: those derived from them are no gyro's.
-        let gyro = if options.has_external_simulator { GyroConfig::PERFECT } else { world.gyro };
+        let gyro = if options.has_external_simulator { GyroConfig::ERROR_FREE } else { world.gyro };
         // The position is known only if the simulated field is that of Xi'an.
         let reports_position = world.earth == Earth::default();
         let mut rig = Rig::new(WorldConfig { gyro, reports_current: true, reports_position, ..world });
@@ -155,7 +155,7 @@ impl ServedModule {
     pub fn send(&mut self, port: usize, bytes: &[u8]) {
         let Some(Port { cable, .. }) = PORTS.get(port) else { return };
         cable(&self.rig).send(bytes);
-        if port == AUTOPILOT {
+        if port == AUTOPILOT_PORT {
             self.peer.process_bytes(self.rig.now_us(), bytes);
             self.forward_attitude();
         }

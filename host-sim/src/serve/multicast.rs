@@ -3,7 +3,7 @@
 use autoswing::wire::dronecan::CanFrame;
 use crc::{CRC_16_IBM_3740, Crc};
 
-const MAGIC: u16 = 0x2934;
+const DATAGRAM_MAGIC: u16 = 0x2934;
 
 /// Length of a datagram's header, bytes: magic number, CRC of everything after it, flags, identifier.
 const HEADER_LENGTH: usize = 10;
@@ -11,17 +11,17 @@ const HEADER_LENGTH: usize = 10;
 const EXTENDED_IDENTIFIER_FLAG: u32 = 1 << 31;
 
 /// Largest datagram: a frame of CAN FD, which is dropped.
-pub const DATAGRAM: usize = HEADER_LENGTH + 64;
+pub const MAX_DATAGRAM_SIZE: usize = HEADER_LENGTH + 64;
 
 const CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_3740);
 
 /// Encodes a CAN frame as a UDP datagram.
 #[must_use]
 pub fn to_datagram(frame: &CanFrame) -> Vec<u8> {
-    const FLAGS: u16 = 0;
+    const DATAGRAM_FLAGS: u16 = 0;
     let id = frame.id() | EXTENDED_IDENTIFIER_FLAG;
-    let checked = [&FLAGS.to_le_bytes(), &id.to_le_bytes()[..], frame.data()].concat();
-    [&MAGIC.to_le_bytes(), &CRC.checksum(&checked).to_le_bytes(), &checked[..]].concat()
+    let checked = [&DATAGRAM_FLAGS.to_le_bytes(), &id.to_le_bytes()[..], frame.data()].concat();
+    [&DATAGRAM_MAGIC.to_le_bytes(), &CRC.checksum(&checked).to_le_bytes(), &checked[..]].concat()
 }
 
 /// Frame of a datagram; `None` for anything but an intact classic frame with an extended identifier.
@@ -30,7 +30,7 @@ pub fn from_datagram(datagram: &[u8]) -> Option<CanFrame> {
     let ([magic_low, magic_high, crc_low, crc_high], checked) = datagram.split_first_chunk()?;
     let (&[flags_low, flags_high, a, b, c, d], data) = checked.split_first_chunk()?;
     let id = u32::from_le_bytes([a, b, c, d]);
-    let is_intact = u16::from_le_bytes([*magic_low, *magic_high]) == MAGIC
+    let is_intact = u16::from_le_bytes([*magic_low, *magic_high]) == DATAGRAM_MAGIC
         && u16::from_le_bytes([*crc_low, *crc_high]) == CRC.checksum(checked);
     let is_classic = [flags_low, flags_high] == [0, 0] && id & EXTENDED_IDENTIFIER_FLAG != 0;
     CanFrame::new(id & !EXTENDED_IDENTIFIER_FLAG, data).filter(|_| is_intact && is_classic)
@@ -61,6 +61,6 @@ mod tests {
             damaged[bit / 8] ^= 1 << (bit % 8);
             assert_eq!(from_datagram(&damaged), None, "bit {bit}");
         }
-        assert_eq!(from_datagram(&[0; DATAGRAM]), None);
+        assert_eq!(from_datagram(&[0; MAX_DATAGRAM_SIZE]), None);
     }
 }

@@ -21,7 +21,7 @@ pub enum PilotPattern {
 
 impl PilotPattern {
     /// All patterns.
-    pub const ALL: [Self; 4] = [Self::Routine, Self::Circles, Self::Wandering, Self::Level];
+    pub const ALL_PATTERNS: [Self; 4] = [Self::Routine, Self::Circles, Self::Wandering, Self::Level];
 
     /// Name on the command line.
     #[must_use]
@@ -37,7 +37,7 @@ impl PilotPattern {
     /// The pattern with this name, if any.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|pattern| pattern.pattern_name() == name)
+        Self::ALL_PATTERNS.into_iter().find(|pattern| pattern.pattern_name() == name)
     }
 
     /// Legs of one repetition; empty for level flight.

@@ -18,7 +18,7 @@ use simulator::world::rotation::Euler;
 use simulator::world::table1::{BANK_DEG, BankErrors};
 
 /// Number of headings in the table, 30 deg apart.
-pub const HEADINGS: usize = 12;
+pub const HEADING_COUNT: usize = 12;
 
 /// Noise of one LIS3MDL measurement on x, y and z, microtesla: ultra-high-performance mode (data sheet, table 2). A
 /// module sample averages several measurements.
@@ -53,9 +53,9 @@ pub struct MethodErrors {
     /// Method name.
     pub name: &'static str,
     /// Heading errors with the right wing down, degrees.
-    pub right_deg: [f64; HEADINGS],
+    pub right_deg: [f64; HEADING_COUNT],
     /// Heading errors with the left wing down, degrees.
-    pub left_deg: [f64; HEADINGS],
+    pub left_deg: [f64; HEADING_COUNT],
 }
 
 impl MethodErrors {
@@ -88,7 +88,7 @@ pub fn method_errors(experiment: Experiment) -> Result<[MethodErrors; 5], SolveE
         solve(method, samples, &Prior::default()).map(|solution| table.column(name, &solution.calibration))
     };
     Ok([
-        table.column("before", &Calibration::uncalibrated(Orientation::NONE)),
+        table.column("before", &Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)),
         solved("reference", Method::CompassSwing, swing)?,
         solved("four ellipses", Method::FourEllipse, sides)?,
         solved("two planes", Method::TwoPlane, sides)?,
@@ -137,7 +137,7 @@ impl Table1Experiment {
 
     /// A subset of the samples with known headings, limited to the module's capacity.
     fn marks(experiment: Experiment, left: &[Sample], right: &[Sample]) -> Vec<Mark> {
-        let every = usize::from(experiment.samples) / HEADINGS;
+        let every = usize::from(experiment.samples) / HEADING_COUNT;
         let marks_of_turn = |samples: &[Sample], turn_sign: f64| -> Vec<Mark> {
             (0..experiment.samples)
                 .zip(samples)
@@ -153,7 +153,7 @@ impl Table1Experiment {
 
     fn column(&self, name: &'static str, calibration: &Calibration) -> MethodErrors {
         let error_deg = |roll_deg: f64, row: usize| {
-            let heading_rad = heading_rad(row as u16, HEADINGS as u16);
+            let heading_rad = heading_rad(row as u16, HEADING_COUNT as u16);
             let exact = self.simulated_sample(roll_deg, heading_rad, Vector3::zeros());
             let shown_rad = exact.attitude.level(calibration.calibrated_field(exact.field)).heading_rad();
             wrap_180((f64::from(shown_rad) - heading_rad).to_degrees())

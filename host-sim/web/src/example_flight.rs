@@ -83,7 +83,7 @@ impl StepReporter<'_> {
             wrap_180(f64::from(level(applied).heading_rad().to_degrees()) - state.heading_deg())
         };
         let horizontal_ut = |applied: &Calibration| [level(applied).ut.x, level(applied).ut.y];
-        let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
+        let uncalibrated = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
         let calibration = self.calibration.get();
         let (stage, done) = self.progress.get();
         FlightStep {

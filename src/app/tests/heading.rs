@@ -15,11 +15,11 @@ use crate::reading::Reading;
 use crate::time::{Timestamp, WrappingMillis};
 
 fn calibration() -> Calibration {
-    Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::NONE) }
+    Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
 }
 
 fn correction() -> Correction {
-    Correction { calibration: Some((calibration(), HeadingUncertainty::NONE)), ..Correction::NONE }
+    Correction { calibration: Some((calibration(), HeadingUncertainty::NO_UNCERTAINTY)), ..Correction::UNCALIBRATED }
 }
 
 fn with_instrument() -> TaskBench {

@@ -146,7 +146,7 @@ fn armed_state_is_published_on_change_and_expires_after_10_s() {
 #[test]
 fn armed_on_any_port_is_armed() {
     let mut bench = TaskBench::new();
-    let lines = PortNumber::ALL.map(|number| spawn_port(&mut bench, number).0);
+    let lines = PortNumber::ALL_PORTS.map(|number| spawn_port(&mut bench, number).0);
     let links = Rc::clone(&bench.links);
     let mut armed_after_heartbeat = |line: usize, base_mode| {
         lines[line].put(&heartbeat(base_mode));
@@ -243,7 +243,7 @@ fn a_message_is_sent_as_mavlink_status_text() {
 #[test]
 fn each_port_uses_its_configured_baud_rate() {
     let mut bench = TaskBench::new();
-    let ports = PortNumber::ALL.map(|number| spawn_port(&mut bench, number).1);
+    let ports = PortNumber::ALL_PORTS.map(|number| spawn_port(&mut bench, number).1);
     let bauds = || [ports[0].bauds.take(), ports[1].bauds.take()];
     stream(&mut bench, NORTH, 100);
     assert_eq!(bauds(), [vec![], vec![]]);

@@ -167,7 +167,7 @@ fn samples_become_a_correction() {
     assert!((0.25..0.55).contains(&reading_ut), "{reading_ut}");
     assert_eq!(bench.links.event_counts().saves, 2, "that there is a collection, and its calibration");
     assert_eq!(bench.links.indicator_state.try_get(), Some(IndicatorState::Calibrated));
-    for number in PortNumber::ALL {
+    for number in PortNumber::ALL_PORTS {
         assert!(
             matches!(
                 bench.links.links_of_line(AutopilotLine::Port(number)).messages.try_receive(),

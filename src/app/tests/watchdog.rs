@@ -29,7 +29,7 @@ impl Watchdog for FakeWatchdog {
 
 fn all(links: &Links) -> [&AtomicU32; MAX_HEARTBEATS] {
     let Heartbeats { sensor, instrument, compass } = &links.heartbeats;
-    let [one, two, can] = AutopilotLine::ALL.map(|line| &links.links_of_line(line).heartbeat);
+    let [one, two, can] = AutopilotLine::ALL_LINES.map(|line| &links.links_of_line(line).heartbeat);
     [sensor, instrument, compass, one, two, can]
 }
 

@@ -82,10 +82,10 @@ pub fn request_test(number: u8) {
 
 /// Runs requested tests. Fatal ones end the run.
 pub async fn run_bench(mut tx: UartTx) -> ! {
-    static KEPT: StaticCell<RetainedSamples> = StaticCell::new();
+    static RETAINED_SAMPLES: StaticCell<RetainedSamples> = StaticCell::new();
     panic_if_requested();
     let mut turns = Turns::fly_turns();
-    let mut collector = Collector::new(KEPT.init_with(|| RetainedSamples::EMPTY));
+    let mut collector = Collector::new(RETAINED_SAMPLES.init_with(|| RetainedSamples::EMPTY));
     loop {
         let mut results = Results::new();
         let written = match REQUESTED_TEST.wait().await {
@@ -230,7 +230,7 @@ fn monitor_instructions(solution: &Solution) -> u64 {
 }
 
 /// Estimates over two seconds, as input of the protocols.
-const ESTIMATES: u64 = 160;
+const ESTIMATE_COUNT: u64 = 160;
 
 fn bench_estimate(number: u64) -> Estimate {
     let compass_field = Some(Field::from_ut(20.0, -5.1, 44.2));
@@ -256,7 +256,7 @@ fn can_field_instructions() -> Option<u64> {
     let mut node = CanNode::new(NodeInfo { name: "", software, hardware: [1, 0], unique_id: [7; 16] }, can);
     // The node sends nothing before it has received a frame.
     node.receive_frame(Timestamp::START, &CanFrame::new(0, &[])?, &mut |_| {});
-    let counts = (1..ESTIMATES).filter_map(|number| {
+    let counts = (1..ESTIMATE_COUNT).filter_map(|number| {
         let estimate = bench_estimate(number);
         let snapshot = snapshot(&estimate, &settings);
         let context = NodeContext { snapshot, stored_settings: &settings, is_armed: false };
@@ -278,7 +278,7 @@ fn can_field_instructions() -> Option<u64> {
 fn msp_reading_instructions() -> Option<u64> {
     let compass_length = msp::compass_message(0, 0, Field::from_ut(0.0, 0.0, 0.0)).len();
     let mut port = Port::new(ProtocolKind::Msp, ProtocolKind::Auto, Timestamp::START);
-    let counts = (1..ESTIMATES).filter_map(|number| {
+    let counts = (1..ESTIMATE_COUNT).filter_map(|number| {
         let estimate = bench_estimate(number);
         let snapshot = snapshot(&estimate, &Settings::DEFAULT);
         let mut length = 0;
@@ -340,9 +340,9 @@ impl Turns {
     /// Simulates the turns; may be called only once.
     fn fly_turns() -> Self {
         // An array made by a function would be on the stack first.
-        static TURNS: ConstStaticCell<heapless::Vec<Sample, { 2 * SAMPLES_PER_TURN }>> =
+        static TURN_SAMPLES: ConstStaticCell<heapless::Vec<Sample, { 2 * SAMPLES_PER_TURN }>> =
             ConstStaticCell::new(heapless::Vec::new());
-        let (turns, mut noise) = (TURNS.take(), Noise(1));
+        let (turns, mut noise) = (TURN_SAMPLES.take(), Noise(1));
         for (side, part) in [(-1.0, CollectionPart::LEFT), (1.0, CollectionPart::RIGHT)] {
             turns.extend((0..SAMPLES_PER_TURN).map(|i| Sample { part, ..bench_sample(side, i, &mut noise) }));
         }

@@ -11,12 +11,12 @@ use embassy_time_queue_utils::Queue;
 
 use super::registers::{Peripheral, Register};
 
-const COUNTER: Register = Register::at_offset(Peripheral::FpgaIo, 0x18);
-const PRESCALE: Register = Register::at_offset(Peripheral::FpgaIo, 0x1C);
-const LOAD: Register = Register::at_offset(Peripheral::DualTimer, 0x00);
-const VALUE: Register = Register::at_offset(Peripheral::DualTimer, 0x04);
-const CONTROL: Register = Register::at_offset(Peripheral::DualTimer, 0x08);
-const CLEAR: Register = Register::at_offset(Peripheral::DualTimer, 0x0C);
+const FPGA_COUNTER: Register = Register::at_offset(Peripheral::FpgaIo, 0x18);
+const FPGA_PRESCALE: Register = Register::at_offset(Peripheral::FpgaIo, 0x1C);
+const TIMER_LOAD: Register = Register::at_offset(Peripheral::DualTimer, 0x00);
+const TIMER_VALUE: Register = Register::at_offset(Peripheral::DualTimer, 0x04);
+const TIMER_CONTROL: Register = Register::at_offset(Peripheral::DualTimer, 0x08);
+const TIMER_CLEAR: Register = Register::at_offset(Peripheral::DualTimer, 0x0C);
 
 /// Frequency of counter and timer: 25 MHz.
 pub const TICKS_PER_US: u64 = 25;
@@ -55,7 +55,7 @@ embassy_time_driver::time_driver_impl!(static CLOCK: MachineClock = MachineClock
 
 impl Clock {
     fn read_counter(&mut self) -> u64 {
-        let low = COUNTER.read_register();
+        let low = FPGA_COUNTER.read_register();
         if low < self.low {
             self.high = self.high.wrapping_add(1);
         }
@@ -78,14 +78,14 @@ impl Clock {
 
     /// Wakes expired timers and sets the hardware timer for the next.
     fn set_timer(&mut self) {
-        CONTROL.write_register(TIMER_STOPPED);
+        TIMER_CONTROL.write_register(TIMER_STOPPED);
         let now_us = self.now_us();
         let next_us = self.queue.next_expiration(now_us);
         // The interval is at most a minute, and at least 1 us, so that deadlines passed meanwhile are handled by the
         // next interrupt.
         let after_us = next_us.saturating_sub(now_us).clamp(1, LONGEST_US);
-        LOAD.write_register((after_us * TICKS_PER_US) as u32);
-        CONTROL.write_register(TIMER_RUNNING);
+        TIMER_LOAD.write_register((after_us * TICKS_PER_US) as u32);
+        TIMER_CONTROL.write_register(TIMER_RUNNING);
     }
 }
 
@@ -112,14 +112,14 @@ impl Driver for MachineClock {
 
 /// Starts the counter at zero.
 pub fn start_clock() {
-    PRESCALE.write_register(0);
-    COUNTER.write_register(0);
+    FPGA_PRESCALE.write_register(0);
+    FPGA_COUNTER.write_register(0);
     CLOCK.with_clock(Clock::set_timer);
 }
 
 /// Timer interrupt handler.
 pub extern "C" fn on_interrupt() {
-    CLEAR.write_register(1);
+    TIMER_CLEAR.write_register(1);
     CLOCK.with_clock(Clock::set_timer);
 }
 
@@ -139,7 +139,7 @@ fn clock_phase() -> u32 {
             "ldr {c}, [{counter}]",
             "ldr {d}, [{counter}]",
             "ldr {e}, [{counter}]",
-            counter = in(reg) COUNTER.register_address(),
+            counter = in(reg) FPGA_COUNTER.register_address(),
             a = out(reg) a,
             b = out(reg) b,
             c = out(reg) c,
@@ -182,14 +182,14 @@ pub fn ticks() -> u64 {
 /// The instruction count of `f` depends on the host, since bytes arrive at any time. An instruction takes 64 ns, a tick
 /// 40 ns, so five instructions are eight ticks; without restoring the phase, runs of one seed would differ.
 pub fn with_frozen_clock(f: impl FnOnce(u64)) {
-    CONTROL.write_register(TIMER_PAUSED);
+    TIMER_CONTROL.write_register(TIMER_PAUSED);
     let place = clock_phase();
     let before = CLOCK.with_clock(Clock::read_counter);
     f(ticks());
     restore_clock_phase(place);
     CLOCK.with_clock(|clock| clock.frozen += clock.read_counter() - before);
     // An expired timer has its interrupt pending, which restarts it.
-    if VALUE.read_register() != 0 {
-        CONTROL.write_register(TIMER_RUNNING);
+    if TIMER_VALUE.read_register() != 0 {
+        TIMER_CONTROL.write_register(TIMER_RUNNING);
     }
 }

@@ -7,8 +7,8 @@ use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorF
 
 /// Page size, bytes, word size and durations of the STM32L4: pages of 2 KB, erased in 22 ms; double words, programmed
 /// in 82 us.
-const PAGE: usize = 2048;
-const WORD: usize = 8;
+const PAGE_BYTES: usize = 2048;
+const WORD_BYTES: usize = 8;
 const ERASE_TIME: Duration = Duration::from_millis(22);
 const PROGRAM_TIME: Duration = Duration::from_micros(82);
 const ERASED: u8 = 0xFF;
@@ -81,14 +81,14 @@ impl ReadNorFlash for StoreFlash {
 }
 
 impl NorFlash for StoreFlash {
-    const WRITE_SIZE: usize = WORD;
-    const ERASE_SIZE: usize = PAGE;
+    const WRITE_SIZE: usize = WORD_BYTES;
+    const ERASE_SIZE: usize = PAGE_BYTES;
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
-        if !(from as usize).is_multiple_of(PAGE) || !(to as usize).is_multiple_of(PAGE) {
+        if !(from as usize).is_multiple_of(PAGE_BYTES) || !(to as usize).is_multiple_of(PAGE_BYTES) {
             return Err(FlashError::Alignment);
         }
-        for page in self.bytes(from, to.saturating_sub(from) as usize)?.chunks_exact_mut(PAGE) {
+        for page in self.bytes(from, to.saturating_sub(from) as usize)?.chunks_exact_mut(PAGE_BYTES) {
             Timer::after(ERASE_TIME).await;
             page.fill(ERASED);
         }
@@ -96,11 +96,11 @@ impl NorFlash for StoreFlash {
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
-        if !(offset as usize).is_multiple_of(WORD) || !bytes.len().is_multiple_of(WORD) {
+        if !(offset as usize).is_multiple_of(WORD_BYTES) || !bytes.len().is_multiple_of(WORD_BYTES) {
             return Err(FlashError::Alignment);
         }
-        let words = self.bytes(offset, bytes.len())?.chunks_exact_mut(WORD);
-        for (word, new) in words.zip(bytes.chunks_exact(WORD)) {
+        let words = self.bytes(offset, bytes.len())?.chunks_exact_mut(WORD_BYTES);
+        for (word, new) in words.zip(bytes.chunks_exact(WORD_BYTES)) {
             Timer::after(PROGRAM_TIME).await;
             if word.iter().any(|&byte| byte != ERASED) {
                 return Err(FlashError::NotErased);

@@ -94,7 +94,7 @@ extern "C" fn on_other_tasks() {
 }
 
 /// Interrupt priorities; lower values are more urgent.
-const PRIORITIES: [(Interrupt, u8); 8] = [
+const INTERRUPT_PRIORITIES: [(Interrupt, u8); 8] = [
     (Interrupt::Uart0Rx, 0x20),
     (Interrupt::Uart1Rx, 0x20),
     (Interrupt::Uart2Rx, 0x20),
@@ -108,7 +108,7 @@ const PRIORITIES: [(Interrupt, u8); 8] = [
 pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! {
     let reset = reset::cause();
     if let Some(mut core) = Peripherals::take() {
-        for (interrupt, priority) in PRIORITIES {
+        for (interrupt, priority) in INTERRUPT_PRIORITIES {
             // SAFETY: no critical section in this firmware depends on priorities.
             unsafe { core.NVIC.set_priority(interrupt, priority) };
         }

@@ -70,12 +70,12 @@ pub union Vector {
     reserved: u32,
 }
 
-const INTERRUPTS: usize = 32;
+const INTERRUPT_COUNT: usize = 32;
 
 impl Vector {
     /// A table with these handlers; other interrupts are never enabled.
-    pub const fn interrupt_table(handlers: &[(Interrupt, extern "C" fn())]) -> [Self; INTERRUPTS] {
-        let mut table = [Self { reserved: 0 }; INTERRUPTS];
+    pub const fn interrupt_table(handlers: &[(Interrupt, extern "C" fn())]) -> [Self; INTERRUPT_COUNT] {
+        let mut table = [Self { reserved: 0 }; INTERRUPT_COUNT];
         let mut i = 0;
         while i < handlers.len() {
             let (interrupt, handler) = handlers[i];

@@ -11,11 +11,11 @@ const STATE_RUNNING: u32 = 0x5157_1A6E;
 const STATE_REBOOTING: u32 = 0x0B00_7ED0;
 
 #[unsafe(link_section = ".uninit.state")]
-static STATE: AtomicU32 = AtomicU32::new(0);
+static RESET_STATE: AtomicU32 = AtomicU32::new(0);
 
 /// Returns and clears the reset cause. Call it once, before all other code.
 pub fn cause() -> ResetCause {
-    let before = STATE.swap(STATE_RUNNING, Ordering::Relaxed);
+    let before = RESET_STATE.swap(STATE_RUNNING, Ordering::Relaxed);
     match (panic_message::take_panic_report(), before) {
         (Some(report), STATE_RUNNING) => ResetCause::Panic(report),
         (_, STATE_REBOOTING) => ResetCause::Software,
@@ -26,5 +26,5 @@ pub fn cause() -> ResetCause {
 
 /// Marks the next start as a reboot.
 pub fn announce_reboot() {
-    STATE.store(STATE_REBOOTING, Ordering::Relaxed);
+    RESET_STATE.store(STATE_REBOOTING, Ordering::Relaxed);
 }

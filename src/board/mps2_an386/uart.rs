@@ -11,17 +11,17 @@ use embedded_io_async::{ErrorType, Write};
 
 use super::registers::{Peripheral, Register};
 
-const DATA: usize = 0x00;
-const STATE: usize = 0x04;
-const CONTROL: usize = 0x08;
-const CLEAR: usize = 0x0C;
+const UART_DATA: usize = 0x00;
+const UART_STATE: usize = 0x04;
+const UART_CONTROL: usize = 0x08;
+const UART_CLEAR: usize = 0x0C;
 const BAUD_DIVISOR: usize = 0x10;
 
 /// Bits of register `STATE`.
 const TX_FULL: u32 = 1;
 const RX_FULL: u32 = 2;
 /// Value of `CONTROL` that enables transmitter, receiver and receive interrupt.
-const ENABLED: u32 = 0b1011;
+const UART_ENABLED: u32 = 0b1011;
 /// Bit of `CLEAR` that clears the receive interrupt.
 const RX_INTERRUPT: u32 = 2;
 
@@ -29,12 +29,12 @@ const RX_INTERRUPT: u32 = 2;
 const CLOCK_HZ: u32 = 25_000_000;
 
 /// Size of the receive buffer, bytes: 22 ms of input, as on the reference board.
-const BUFFER: usize = 256;
+const BUFFER_SIZE: usize = 256;
 
 /// Polling interval of a busy transmitter: one byte at 115200 baud.
 const BYTE_TIME: Duration = Duration::from_micros(87);
 
-pub type Received = Pipe<CriticalSectionRawMutex, BUFFER>;
+pub type Received = Pipe<CriticalSectionRawMutex, BUFFER_SIZE>;
 
 pub struct Uart {
     peripheral: Peripheral,
@@ -58,7 +58,7 @@ impl Uart {
     /// Enables the UART at 115200 baud, 8N1.
     pub fn enable(&self) {
         self.set_baud(Baud::B115200);
-        self.register(CONTROL).write_register(ENABLED);
+        self.register(UART_CONTROL).write_register(UART_ENABLED);
     }
 
     /// Rounding error of the divisor: 0.5 % at 460,800 baud, otherwise less.
@@ -69,11 +69,11 @@ impl Uart {
 
     /// Reads a received byte.
     pub fn read_byte(&self) -> Option<u8> {
-        if self.register(STATE).read_register() & RX_FULL == 0 {
+        if self.register(UART_STATE).read_register() & RX_FULL == 0 {
             return None;
         }
-        self.register(CLEAR).write_register(RX_INTERRUPT);
-        Some(self.register(DATA).read_register() as u8)
+        self.register(UART_CLEAR).write_register(RX_INTERRUPT);
+        Some(self.register(UART_DATA).read_register() as u8)
     }
 
     /// Moves a received byte to the buffer; returns whether there was a byte.
@@ -88,9 +88,9 @@ impl Uart {
 
     /// Sends a byte; false if the transmitter is busy.
     pub fn put_byte(&self, byte: u8) -> bool {
-        let is_free = self.register(STATE).read_register() & TX_FULL == 0;
+        let is_free = self.register(UART_STATE).read_register() & TX_FULL == 0;
         if is_free {
-            self.register(DATA).write_register(byte.into());
+            self.register(UART_DATA).write_register(byte.into());
         }
         is_free
     }

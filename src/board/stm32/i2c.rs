@@ -10,7 +10,7 @@ use embedded_hal_async::i2c::{ErrorType, Operation};
 /// Half a clock period of the bus recovery: 100 kHz, supported by every chip.
 const HALF_CLOCK: Duration = Duration::from_micros(5);
 /// Number of clocks of the recovery: a byte and its acknowledge.
-const CLOCKS: u32 = 9;
+const RECOVERY_CLOCKS: u32 = 9;
 
 /// The HAL's driver, with the means to recreate it.
 pub struct I2cBus {
@@ -61,7 +61,7 @@ impl I2cBus {
         if sda.is_high() {
             return;
         }
-        for _ in 0..CLOCKS {
+        for _ in 0..RECOVERY_CLOCKS {
             scl.set_low();
             Timer::after(HALF_CLOCK).await;
             scl.set_high();

@@ -50,9 +50,9 @@ pub struct UartTx(BufferedUartTx<'static>);
 
 impl UartTx {
     /// Most bytes passed to the HAL at once; its buffer must be larger.
-    const CHUNK: usize = 32;
+    const CHUNK_SIZE: usize = 32;
     /// Duration of a chunk at 115200 baud.
-    const RETRY: Duration = Duration::from_micros(2_800);
+    const RETRY_DELAY: Duration = Duration::from_micros(2_800);
 
     /// Wraps a transmitter with a buffer larger than [`CHUNK`](Self::CHUNK).
     fn new(tx: BufferedUartTx<'static>) -> Self {

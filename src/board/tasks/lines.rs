@@ -8,14 +8,14 @@ use embassy_executor::{SpawnError, SpawnToken};
 use crate::board::chosen::{Platform, UartRx, UartTx};
 
 /// Number of ports of the selected board.
-const PORTS: usize = if cfg!(feature = "board-holybro-rm3100") { 1 } else { autoswing::settings::PORT_COUNT };
+const PORT_TASK_COUNT: usize = if cfg!(feature = "board-holybro-rm3100") { 1 } else { autoswing::settings::PORT_COUNT };
 
 /// Infallible: each task has as many instances as are spawned.
 pub fn expect_spawn_token<S>(token: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
     token.expect("one task of each")
 }
 
-#[embassy_executor::task(pool_size = PORTS)]
+#[embassy_executor::task(pool_size = PORT_TASK_COUNT)]
 pub async fn port_task(links: &'static Links, number: PortNumber, tx: UartTx, rx: UartRx) -> ! {
     app::port::run_port(links, number, rx, tx).await
 }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::calibration::model::{
-    INCLINATION_INDEX, JacobianRow, PAIRS_OF_3, PAIRS_OF_4, UNKNOWNS, Vector13, product_index,
+    INCLINATION_INDEX, JacobianRow, PAIRS_OF_3, PAIRS_OF_4, UNKNOWN_COUNT, Vector13, product_index,
 };
 
 /// Sum of `weight row row^T`. A row is `k (x, 1)^T` except for its last element, so the sum has only 73 different
@@ -109,8 +109,8 @@ impl InformationMatrix {
         each(INCLINATION_INDEX, INCLINATION_INDEX, self.inclination_squared);
     }
 
-    pub fn upper_triangle(&self) -> [[f32; UNKNOWNS]; UNKNOWNS] {
-        let mut triangle = [[0.0; UNKNOWNS]; UNKNOWNS];
+    pub fn upper_triangle(&self) -> [[f32; UNKNOWN_COUNT]; UNKNOWN_COUNT] {
+        let mut triangle = [[0.0; UNKNOWN_COUNT]; UNKNOWN_COUNT];
         self.for_each_element(|i, j, element| {
             if let Some(slot) = triangle.get_mut(i.min(j)).and_then(|row| row.get_mut(i.max(j))) {
                 *slot = element;
@@ -158,8 +158,8 @@ mod tests {
         let vector = Vector13::from_fn(|_, _| random.uniform(-1.0, 1.0));
         assert!((squares.multiply_vector(&vector) - full * vector).norm() < 1e-5 * full.norm());
         let triangle = squares.upper_triangle();
-        for i in 0..UNKNOWNS {
-            for j in i..UNKNOWNS {
+        for i in 0..UNKNOWN_COUNT {
+            for j in i..UNKNOWN_COUNT {
                 assert!((triangle[i][j] - full[(i, j)]).abs() < 1e-5 * full.norm(), "{i} {j}");
             }
         }

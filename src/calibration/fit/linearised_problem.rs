@@ -2,14 +2,14 @@
 
 use super::information_matrix::InformationMatrix;
 use crate::calibration::model::{
-    JacobianRow, Likelihood, ModelParameters, ResidualEquation, SampleEquations, UNKNOWNS, Vector13, for_each_prior,
-    scaled_unit_vector,
+    JacobianRow, Likelihood, ModelParameters, ResidualEquation, SampleEquations, UNKNOWN_COUNT, Vector13,
+    for_each_prior, scaled_unit_vector,
 };
 use crate::calibration::{LeastSquares, Samples};
 
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct LinearisedProblem {
-    triangle: LeastSquares<UNKNOWNS, 1>,
+    triangle: LeastSquares<UNKNOWN_COUNT, 1>,
     /// Cost: half the weighted sum of squares, with Huber's loss.
     pub cost: f32,
     /// Sums of the clipped squared normalised residuals, of norm and inclination.

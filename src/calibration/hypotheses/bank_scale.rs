@@ -13,7 +13,7 @@
 use super::attitude_error::{AttitudeError, AttitudeErrorFinding, AttitudeErrorTest, AttitudeState};
 use super::score_test::EfficientScore;
 use crate::calibration::model::{ModelParameters, ResidualEquation, SampleEquations, Vector13};
-use crate::calibration::types::time_order::{PARTS, TimeOrdered};
+use crate::calibration::types::time_order::{PART_COUNT, TimeOrdered};
 use crate::trig::sqrt;
 
 /// Bank-angle scale error in the table of attitude errors.
@@ -74,7 +74,7 @@ const CLUSTER_SAMPLES: u8 = 12;
 /// seconds, such as a power line, counts once.
 #[derive(Clone, Copy, Debug, Default)]
 struct ClusterVariance {
-    open_clusters: [(f32, u8); PARTS],
+    open_clusters: [(f32, u8); PART_COUNT],
     closed_clusters: f32,
     cluster_sum: f32,
     cluster_squares: f32,
@@ -325,7 +325,7 @@ mod tests {
         clusters.add_sample_score(0, &equations, 2.0, &column);
         let (sum, samples) = clusters.open_clusters[0];
         assert!(close(sum, 10.0 * 0.1 * -1.5 + 4.0 * -0.2 * (2.0 - 1.5)) && samples == 1, "{sum}");
-        clusters.add_sample_score(PARTS, &equations, 2.0, &column);
+        clusters.add_sample_score(PART_COUNT, &equations, 2.0, &column);
         assert_eq!(clusters.open_clusters.iter().map(|open| open.1).sum::<u8>(), 1);
     }
 

@@ -23,18 +23,18 @@ pub(in crate::calibration) const ATTITUDE_ERRORS: &[AttitudeError] = &[
 ];
 
 /// Number of attitude errors.
-pub(in crate::calibration) const ERRORS: usize = ATTITUDE_ERRORS.len();
+pub(in crate::calibration) const ATTITUDE_ERROR_COUNT: usize = ATTITUDE_ERRORS.len();
 /// Index of the roll bias.
 pub(in crate::calibration) const ROLL_BIAS: usize = 0;
 /// Index of the bank-angle scale error.
 pub(in crate::calibration) const BANK_SCALE: usize = 2;
 /// Index of the attitude latency, whose sigma is estimated.
-pub(in crate::calibration) const LATENCY: usize = 3;
+pub(in crate::calibration) const LATENCY_INDEX: usize = 3;
 /// Index of the lean with a time constant.
 pub(in crate::calibration) const LAGGING_LEAN: usize = 4;
 
 /// Standard deviations of all attitude errors.
-pub(in crate::calibration) type AttitudeErrorSigmas = [f32; ERRORS];
+pub(in crate::calibration) type AttitudeErrorSigmas = [f32; ATTITUDE_ERROR_COUNT];
 
 /// Standard deviations of all errors before they are tested: the assumed ones, and for the latency that of its
 /// estimate.
@@ -43,12 +43,12 @@ pub(in crate::calibration) fn assumed_sigmas(
     latency: Option<AttitudeLatency>,
 ) -> AttitudeErrorSigmas {
     let mut sigmas = array::from_fn(|index| (ATTITUDE_ERRORS[index].assumed_sigma)(consider));
-    sigmas[LATENCY] = latency.map_or(0.0, |latency| latency.sigma_s);
+    sigmas[LATENCY_INDEX] = latency.map_or(0.0, |latency| latency.sigma_s);
     sigmas
 }
 
 /// Score-test sums of all errors, over inclination residuals.
-pub(in crate::calibration) type AttitudeErrorSums = [ScoreTest<1>; ERRORS];
+pub(in crate::calibration) type AttitudeErrorSums = [ScoreTest<1>; ATTITUDE_ERROR_COUNT];
 
 /// Adds the inclination residual of a sample to the sums.
 pub(in crate::calibration) fn add_inclination(

@@ -19,7 +19,7 @@ use super::config::ModelConfig;
 use super::equations::{CLIPPED_MEAN_SQUARE, MeasuredSample, SampleEquations};
 use super::noise::NoiseModel;
 use super::parameters::ModelParameters;
-use super::unknowns::{UNKNOWNS, Vector13};
+use super::unknowns::{UNKNOWN_COUNT, Vector13};
 use crate::calibration::closed_form::starting_point::StartingPoint;
 use crate::calibration::{
     Calibration, MotorCurrentInterference, Prior, Sample, Samples, SolveError, matrix_rows, multiply,
@@ -129,7 +129,7 @@ impl Likelihood {
     /// Estimates the noise from the sums of the clipped squared normalised residuals.
     pub fn estimate_noise(&mut self, clipped_squares: [f32; 2], samples: u16, unknowns: &Vector13) {
         // Degrees of freedom: half of the thirteen unknowns for each kind of residual.
-        let freedom = (f32::from(samples) - UNKNOWNS as f32 / 2.0).max(1.0);
+        let freedom = (f32::from(samples) - UNKNOWN_COUNT as f32 / 2.0).max(1.0);
         let ModelConfig {
             typical_norm_sigma: usual_norm_sigma,
             typical_inclination_sigma_rad: usual_dip_sigma_rad,

@@ -28,7 +28,7 @@ pub(in crate::calibration) enum PriorQuantity {
 }
 
 impl PriorQuantity {
-    pub const COUNT: usize = 4;
+    pub const PRIOR_COUNT: usize = 4;
 }
 
 /// Sigma of an unknown inclination, radians: wide, keeps the information regular.

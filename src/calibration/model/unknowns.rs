@@ -13,13 +13,13 @@
 
 use nalgebra::{SVector, Vector3};
 
-pub(crate) const UNKNOWNS: usize = 13;
-pub(crate) type Vector13 = SVector<f32, UNKNOWNS>;
+pub(crate) const UNKNOWN_COUNT: usize = 13;
+pub(crate) type Vector13 = SVector<f32, UNKNOWN_COUNT>;
 #[cfg(test)]
-pub(in crate::calibration) type Matrix13 = nalgebra::SMatrix<f32, UNKNOWNS, UNKNOWNS>;
+pub(in crate::calibration) type Matrix13 = nalgebra::SMatrix<f32, UNKNOWN_COUNT, UNKNOWN_COUNT>;
 
-pub(in crate::calibration) const COEFFICIENTS: usize = 12;
-pub(in crate::calibration) type Vector12 = SVector<f32, COEFFICIENTS>;
+pub(in crate::calibration) const COEFFICIENT_COUNT: usize = 12;
+pub(in crate::calibration) type Vector12 = SVector<f32, COEFFICIENT_COUNT>;
 
 /// Index of an element of `W` in unknowns and coefficients. Rows are contiguous.
 pub(in crate::calibration) const fn w_index(row: usize, column: usize) -> usize {
@@ -138,7 +138,7 @@ mod tests {
         let mut indices: Vec<usize> = (0..3).flat_map(|i| (0..3).map(move |j| w_index(i, j))).collect();
         indices.extend((0..3).map(d_index));
         indices.push(INCLINATION_INDEX);
-        assert_eq!(indices, (0..UNKNOWNS).collect::<Vec<_>>());
+        assert_eq!(indices, (0..UNKNOWN_COUNT).collect::<Vec<_>>());
     }
 
     #[test]

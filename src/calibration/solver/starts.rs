@@ -17,7 +17,7 @@ pub(super) struct SampleCorrections {
 }
 
 impl SampleCorrections {
-    pub const NONE: Self = Self { latency_s: 0.0, ut_per_a: [0.0; 3] };
+    pub const NO_CORRECTIONS: Self = Self { latency_s: 0.0, ut_per_a: [0.0; 3] };
 }
 
 fn solve_closed_form(
@@ -42,7 +42,8 @@ pub(super) fn choose_starting_point(
     prior: &Prior,
 ) -> Result<(StartingPoint, Start), SolveError> {
     let rotation = prior.mount.body_from_sensor();
-    let matches_mounting = |start: &StartingPoint| Orientation::nearest_to_rotation(&start.w) == Orientation::NONE;
+    let matches_mounting =
+        |start: &StartingPoint| Orientation::nearest_to_rotation(&start.w) == Orientation::IDENTITY_ROTATION;
     if samples.has_free_flight_samples()
         && method != Method::Ellipsoid
         && let Some(start) = starting_point::vertical_component_start(samples, &rotation)

@@ -3,7 +3,7 @@
 //! For first-order autoregressive errors with autocorrelation rho, the effective sample size is `(1 - rho) / (1 + rho)`
 //! of the number of samples.
 
-use crate::calibration::types::time_order::PARTS;
+use crate::calibration::types::time_order::PART_COUNT;
 
 /// Upper limit of rho: an effective sample size of 1/39.
 const MAX_RHO: f32 = 0.95;
@@ -13,7 +13,7 @@ const MAX_RHO: f32 = 0.95;
 pub(in crate::calibration) struct Autocorrelation {
     lag_products: [f32; 2],
     square_sums: [f32; 2],
-    previous: [[f32; 2]; PARTS],
+    previous: [[f32; 2]; PART_COUNT],
 }
 
 impl Autocorrelation {
@@ -59,7 +59,7 @@ mod tests {
             (10.0, 10.0, 38.0),
         ] {
             let of = |products, squares| {
-                Autocorrelation { lag_products: products, square_sums: squares, previous: [[0.0; 2]; PARTS] }
+                Autocorrelation { lag_products: products, square_sums: squares, previous: [[0.0; 2]; PART_COUNT] }
                     .excess_inflation()
             };
             assert!(close(of([products, 5.0], [squares, 10.0]), [excess, 2.0]), "{products} {squares}");
@@ -77,7 +77,7 @@ mod tests {
         assert!(close(correlation.lag_products, [2.0 - 3.0, -1.0 + 2.0]), "{correlation:?}");
         assert!(close(correlation.sums_of_squares(), [1.0 + 9.0 + 4.0 + 81.0 + 1.0, 4.0 + 1.0 + 0.25 + 81.0 + 4.0]));
         let before = correlation;
-        correlation.add_residuals(PARTS, [1.0, 1.0]);
+        correlation.add_residuals(PART_COUNT, [1.0, 1.0]);
         assert_eq!(correlation, before);
     }
 }

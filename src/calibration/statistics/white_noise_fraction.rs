@@ -6,7 +6,7 @@
 //! limit.
 
 use crate::calibration::model::CLIPPED_MEAN_SQUARE;
-use crate::calibration::types::time_order::PARTS;
+use crate::calibration::types::time_order::PART_COUNT;
 use crate::time::WrappingMillis;
 
 /// Maximum time between neighbouring samples, milliseconds: 20 deg in an ordinary turn.
@@ -17,7 +17,7 @@ const MIN_DIFFERENCES: f32 = 20.0;
 #[derive(Clone, Copy, Debug, Default)]
 pub(in crate::calibration) struct WhiteNoiseFraction {
     /// Residual of the sample before the last, residual and time of the last, of each part.
-    previous: [Option<(Option<f32>, f32, WrappingMillis)>; PARTS],
+    previous: [Option<(Option<f32>, f32, WrappingMillis)>; PART_COUNT],
     difference_squares: f32,
     difference_count: f32,
 }

@@ -7,7 +7,7 @@ use crate::calibration::hypotheses::attitude_error::AttitudeState;
 use crate::calibration::hypotheses::table::ATTITUDE_ERRORS;
 use crate::calibration::model::{
     FieldPrediction, Likelihood, MeasuredSample, ModelConfig, ModelParameters, NoiseModel, PriorQuantity,
-    SampleEquations, UNKNOWNS, Vector13, for_each_prior,
+    SampleEquations, UNKNOWN_COUNT, Vector13, for_each_prior,
 };
 use crate::calibration::{CollectionPart, Current, Prior, Rates, Sample, Samples};
 use crate::frames::{Attitude, Field, Level, wrap_pi};
@@ -35,7 +35,7 @@ pub(crate) fn assert_derivative(written: f32, function: impl Fn(f32) -> f32, lab
 
 #[track_caller]
 fn assert_row(row: &Vector13, at: &Vector13, function: impl Fn(&Vector13) -> f32, label: &str) {
-    for i in 0..UNKNOWNS {
+    for i in 0..UNKNOWN_COUNT {
         let moved = |step: f32| {
             let mut unknowns = *at;
             unknowns[i] += step;
@@ -291,7 +291,7 @@ fn each_prior_constrains_its_own_quantity() {
     let likelihood = likelihood(Some(0.9));
     let straight = ModelParameters { w: Matrix3::identity(), d: likelihood.mean_field, inclination_rad: 0.9 };
     let sizes = |parameters: &ModelParameters| {
-        let mut sizes = [0.0_f32; PriorQuantity::COUNT];
+        let mut sizes = [0.0_f32; PriorQuantity::PRIOR_COUNT];
         for (quantity, _, residual, _) in priors(&likelihood, &parameters.unknowns().unwrap()) {
             sizes[quantity as usize] = sizes[quantity as usize].hypot(residual);
         }
@@ -360,7 +360,7 @@ fn an_expected_field_has_no_residuals() {
 fn parameters_round_trip_through_unknowns() {
     let unknowns = Vector13::from_fn(|i, _| i as f32 + 1.0);
     assert_eq!(ModelParameters::new(&unknowns).unknowns(), Some(unknowns));
-    for i in 0..UNKNOWNS {
+    for i in 0..UNKNOWN_COUNT {
         let mut bad = unknowns;
         bad[i] = f32::NAN;
         assert_eq!(ModelParameters::new(&bad).unknowns(), None);

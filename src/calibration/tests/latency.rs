@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, SVector};
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, mean, rms};
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::hypotheses::attitude_error::AttitudeState;
-use crate::calibration::hypotheses::table::{ATTITUDE_ERRORS, LATENCY};
+use crate::calibration::hypotheses::table::{ATTITUDE_ERRORS, LATENCY_INDEX};
 use crate::calibration::model::{Likelihood, ModelConfig, ModelParameters, NoiseModel, for_each_prior};
 use crate::calibration::tests::{NO_PRIOR, solved};
 use crate::calibration::uncertainty::information::Information;
@@ -175,7 +175,7 @@ fn elimination_equals_a_joint_solution_of_fourteen_unknowns() {
             let norm = &equations.norm_equation;
             joint.add_weighted_row(&norm.jacobian_row.as_vector().push(0.0), [-norm.residual], norm.weight);
             let attitude = sample.latency_compensated_attitude(used_s);
-            let by_latency = ATTITUDE_ERRORS[LATENCY]
+            let by_latency = ATTITUDE_ERRORS[LATENCY_INDEX]
                 .inclination_derivative(&equations, &AttitudeState::steady(attitude, sample.rates));
             let inclination_equation = equations.inclination_equation.unwrap();
             joint.add_weighted_row(

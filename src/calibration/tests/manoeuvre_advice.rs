@@ -52,7 +52,7 @@ fn level_samples_are_used_only_for_a_missing_side() {
     let select = |fit: Samples<'_>| SelectedParts::new(fit, Procedure::Turns).select_samples(all);
     assert!(select(all).part(CollectionPart::LEVEL).is_empty());
     let thin = select(Parts { left: &left, right: &right[..5], level: &left, ..Parts::default() }.samples());
-    assert_eq!(CollectionPart::ALL.map(|part| thin.part(part).len()), [left.len(), 0, left.len(), 0]);
+    assert_eq!(CollectionPart::ALL_PARTS.map(|part| thin.part(part).len()), [left.len(), 0, left.len(), 0]);
 }
 
 #[test]

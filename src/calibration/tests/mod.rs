@@ -28,7 +28,7 @@ use crate::calibration::{
 use crate::frames::Field;
 use synthetic::{Airframe, Flight, Random, RecordedTurns, max_abs, mean, quantile, rms, vector};
 
-const NO_PRIOR: Prior = Prior { mount: Orientation::NONE, inclination_rad: None, readings_per_sample: 1 };
+const NO_PRIOR: Prior = Prior { mount: Orientation::IDENTITY_ROTATION, inclination_rad: None, readings_per_sample: 1 };
 
 fn solved(recorded: &RecordedTurns) -> Result<crate::calibration::assessment::Solution, SolveError> {
     solve(Method::MaximumLikelihood, recorded.turns(), &NO_PRIOR)
@@ -58,7 +58,7 @@ fn two_planes_are_exact_on_perfect_turns() {
         }
         let planes = two_plane::solve_two_plane(recorded.turns(), &Matrix3::identity()).unwrap();
         let w = planes.response_ut.try_inverse().unwrap().cast::<f32>();
-        let none = Calibration::uncalibrated(Orientation::NONE);
+        let none = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
         let calibration =
             Calibration { w: matrix_rows(&w), b_ut: planes.hard_iron_ut.cast::<f32>().into(), total_ut: 1.0, ..none };
         let error = max_abs(&airframe.errors_deg(&calibration));
@@ -138,7 +138,7 @@ fn every_right_angle_mounting_is_solved_and_a_wrong_one_reported() {
             ..airframe
         };
         assert!(rms(&in_chip_axes.errors_deg(&solution.calibration)) < 1.0, "{}", mount.orientation_name());
-        if mount != Orientation::NONE {
+        if mount != Orientation::IDENTITY_ROTATION {
             let contradicted = solved(&turned).unwrap_err();
             assert_eq!(contradicted, SolveError::MountContradicted { found: mount });
         }
@@ -193,9 +193,9 @@ fn verification_scores_the_true_calibration_best() {
         inclination_rad: airframe.inclination_rad,
         total_ut: airframe.total_ut,
         latency_s: 0.0,
-        motor_current: crate::calibration::MotorCurrentInterference::NONE,
+        motor_current: crate::calibration::MotorCurrentInterference::NO_INTERFERENCE,
     };
-    let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
+    let uncalibrated = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
     // 2 uT of hard iron are about 4 deg of heading in this field.
     let moved = Calibration { b_ut: (airframe.b_ut + Vector3::new(2.0, 0.0, 0.0)).into(), ..truth };
     for worse in [uncalibrated, moved] {

@@ -156,7 +156,7 @@ fn without_current_there_is_no_estimate() {
     let [none, few, many] = [1, 3, 5].map(|every| solved(&with_every_nth_current(every)).unwrap());
     assert_eq!(
         (none.calibration.motor_current, few.calibration.motor_current),
-        (MotorCurrentInterference::NONE, MotorCurrentInterference::NONE)
+        (MotorCurrentInterference::NO_INTERFERENCE, MotorCurrentInterference::NO_INTERFERENCE)
     );
     assert_eq!(none.calibration, few.calibration);
     // One unknown current in five.
@@ -169,7 +169,7 @@ fn without_current_there_is_no_estimate() {
 fn verification_corrects_for_the_current() {
     let (_, _, recorded) = one_flight(2);
     let calibration = solved(&recorded).unwrap().calibration;
-    let unused = Calibration { motor_current: MotorCurrentInterference::NONE, ..calibration };
+    let unused = Calibration { motor_current: MotorCurrentInterference::NO_INTERFERENCE, ..calibration };
     let scores = verification::score_held_back(recorded.turns(), true, &calibration, &unused);
     assert!(scores.candidate_score < 0.2 * scores.active_score, "{scores:?}");
 }
@@ -358,13 +358,13 @@ fn current_statistics_are_those_of_the_samples() {
             sample.current = Current::UNKNOWN;
         }
         assert_eq!(
-            MotorCurrentInterference::from_samples(recorded.turns()) != MotorCurrentInterference::NONE,
+            MotorCurrentInterference::from_samples(recorded.turns()) != MotorCurrentInterference::NO_INTERFERENCE,
             is_known,
             "{unknown}"
         );
     }
     assert_eq!(
         MotorCurrentInterference::from_samples(crate::calibration::Samples::default()),
-        MotorCurrentInterference::NONE
+        MotorCurrentInterference::NO_INTERFERENCE
     );
 }

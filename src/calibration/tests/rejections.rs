@@ -47,7 +47,7 @@ fn too_few_samples_reports_the_part() {
 fn every_method_rejects_nonfinite_samples() {
     let (_, mut recorded) = ordinary_flight(Flight::TYPICAL);
     recorded.right[17].field.ut.z = f32::NAN;
-    for method in Method::ALL {
+    for method in Method::ALL_METHODS {
         assert_eq!(solve_error(method, recorded.turns()), Some(SolveError::NotFinite), "{}", method.method_name());
     }
 }

@@ -40,7 +40,7 @@ fn calibrate(recorded: &RecordedTurns, mount: Orientation) -> Calibration {
 #[test]
 fn invariant_to_rotation_of_sensor_and_mount() {
     for (seed, recorded, _) in flights() {
-        let straight = calibrate(&recorded, Orientation::NONE);
+        let straight = calibrate(&recorded, Orientation::IDENTITY_ROTATION);
         for mount in Orientation::all_orientations() {
             let turned = recorded.in_mount(mount);
             let calibration = calibrate(&turned, mount);
@@ -57,7 +57,8 @@ fn invariant_to_rotation_of_the_sensor_in_its_mount() {
         let axis = Unit::new_normalize(vector(&mut random, 1.0));
         let turn = Rotation3::from_axis_angle(&axis, 10.0_f32.to_radians());
         let turned = map_samples(&recorded, |s| Sample { field: Field::new(turn * s.field.ut), ..*s });
-        let (a, b) = (calibrate(&recorded, Orientation::NONE), calibrate(&turned, Orientation::NONE));
+        let (a, b) =
+            (calibrate(&recorded, Orientation::IDENTITY_ROTATION), calibrate(&turned, Orientation::IDENTITY_ROTATION));
         let difference = difference_deg((&a, &recorded), (&b, &turned));
         assert!(difference < 0.03, "seed {seed}: {difference} deg");
     }
@@ -69,7 +70,8 @@ fn invariant_to_field_scale() {
     for (seed, recorded, mut random) in flights() {
         let scale = random.uniform(0.5, 2.0);
         let scaled = map_samples(&recorded, |s| Sample { field: Field::new(s.field.ut * scale), ..*s });
-        let (a, b) = (calibrate(&recorded, Orientation::NONE), calibrate(&scaled, Orientation::NONE));
+        let (a, b) =
+            (calibrate(&recorded, Orientation::IDENTITY_ROTATION), calibrate(&scaled, Orientation::IDENTITY_ROTATION));
         let difference = difference_deg((&a, &recorded), (&b, &scaled));
         assert!(difference < 0.01, "seed {seed}, by {scale}: {difference} deg");
     }
@@ -84,7 +86,10 @@ fn invariant_to_sample_order() {
                 side.swap(i, random.uniform(0.0, i as f32 + 0.999) as usize);
             }
         }
-        let (a, b) = (calibrate(&recorded, Orientation::NONE), calibrate(&permuted, Orientation::NONE));
+        let (a, b) = (
+            calibrate(&recorded, Orientation::IDENTITY_ROTATION),
+            calibrate(&permuted, Orientation::IDENTITY_ROTATION),
+        );
         let difference = difference_deg((&a, &recorded), (&b, &recorded));
         assert!(difference < 0.01, "seed {seed}: {difference} deg");
     }

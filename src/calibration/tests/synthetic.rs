@@ -248,7 +248,7 @@ pub struct Parts<'a> {
 impl Parts<'_> {
     /// View of copies, which stay until the process ends.
     pub fn samples(self) -> Samples<'static> {
-        let parts = CollectionPart::ALL.into_iter().zip([self.left, self.right, self.level, self.free]);
+        let parts = CollectionPart::ALL_PARTS.into_iter().zip([self.left, self.right, self.level, self.free]);
         let ordered: Vec<Sample> =
             parts.flat_map(|(part, samples)| samples.iter().map(move |sample| Sample { part, ..*sample })).collect();
         Samples::new(ordered.leak()).with_marks(self.marks.to_vec().leak())

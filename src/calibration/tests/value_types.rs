@@ -58,7 +58,7 @@ fn calibration() -> Calibration {
         inclination_rad: 1.0,
         total_ut: 50.0,
         latency_s: -0.02,
-        motor_current: MotorCurrentInterference::NONE,
+        motor_current: MotorCurrentInterference::NO_INTERFERENCE,
     }
 }
 
@@ -98,10 +98,10 @@ fn a_nonfinite_coefficient_is_detected() {
         assert!(!Calibration { total_ut: bad, ..calibration() }.is_finite());
         assert!(!Calibration { latency_s: bad, ..calibration() }.is_finite());
         for current in [
-            MotorCurrentInterference { ut_per_a: [0.0, bad, 0.0], ..MotorCurrentInterference::NONE },
-            MotorCurrentInterference { sigma_ut_per_a: bad, ..MotorCurrentInterference::NONE },
-            MotorCurrentInterference { mean_current_a: bad, ..MotorCurrentInterference::NONE },
-            MotorCurrentInterference { current_sigma_a: bad, ..MotorCurrentInterference::NONE },
+            MotorCurrentInterference { ut_per_a: [0.0, bad, 0.0], ..MotorCurrentInterference::NO_INTERFERENCE },
+            MotorCurrentInterference { sigma_ut_per_a: bad, ..MotorCurrentInterference::NO_INTERFERENCE },
+            MotorCurrentInterference { mean_current_a: bad, ..MotorCurrentInterference::NO_INTERFERENCE },
+            MotorCurrentInterference { current_sigma_a: bad, ..MotorCurrentInterference::NO_INTERFERENCE },
         ] {
             assert!(!Calibration { motor_current: current, ..calibration() }.is_finite(), "{current:?}");
         }
@@ -124,8 +124,8 @@ fn names_of_sides_axes_parts_and_methods_are_stable() {
         ["left turns", "right turns", "level headings", "marks", "all attitudes"]
     );
     let names = ["level", "four-ellipse", "two-plane", "maximum-likelihood", "compass-swing", "ellipsoid"];
-    assert_eq!(Method::ALL.map(Method::method_name), names);
-    for method in Method::ALL {
+    assert_eq!(Method::ALL_METHODS.map(Method::method_name), names);
+    for method in Method::ALL_METHODS {
         assert_eq!(Method::from_name(method.method_name()), Some(method));
     }
     assert_eq!(Method::from_name("guess"), None);

@@ -41,7 +41,7 @@ impl Calibration {
             inclination_rad: 0.0,
             total_ut: 0.0,
             latency_s: 0.0,
-            motor_current: MotorCurrentInterference::NONE,
+            motor_current: MotorCurrentInterference::NO_INTERFERENCE,
         }
     }
 

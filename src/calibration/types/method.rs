@@ -20,7 +20,7 @@ pub enum Method {
 
 impl Method {
     /// All methods.
-    pub const ALL: [Self; 6] =
+    pub const ALL_METHODS: [Self; 6] =
         [Self::Level, Self::FourEllipse, Self::TwoPlane, Self::MaximumLikelihood, Self::CompassSwing, Self::Ellipsoid];
 
     /// Name shown to users, in JSON and in `cal solve`.
@@ -39,7 +39,7 @@ impl Method {
     /// Parses a method name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|method| method.method_name() == name)
+        Self::ALL_METHODS.into_iter().find(|method| method.method_name() == name)
     }
 
     /// Whether an iterative refinement follows the closed form.

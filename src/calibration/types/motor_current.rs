@@ -27,17 +27,18 @@ pub struct MotorCurrentInterference {
 
 impl MotorCurrentInterference {
     /// No interference.
-    pub const NONE: Self = Self { ut_per_a: [0.0; 3], sigma_ut_per_a: 0.0, mean_current_a: 0.0, current_sigma_a: 0.0 };
+    pub const NO_INTERFERENCE: Self =
+        Self { ut_per_a: [0.0; 3], sigma_ut_per_a: 0.0, mean_current_a: 0.0, current_sigma_a: 0.0 };
 
     pub(in crate::calibration) fn from_samples(samples: Samples<'_>) -> Self {
         let currents = || samples.all().filter_map(|sample| sample.current.amperes());
         let known = currents().count();
         if known * MAX_UNKNOWN_ONE_IN < samples.all().count() * (MAX_UNKNOWN_ONE_IN - 1) || known == 0 {
-            return Self::NONE;
+            return Self::NO_INTERFERENCE;
         }
         let mean_a = currents().sum::<f32>() / known as f32;
         let variance = currents().map(|amperes| (amperes - mean_a) * (amperes - mean_a)).sum::<f32>() / known as f32;
-        Self { mean_current_a: mean_a, current_sigma_a: sqrt(variance), ..Self::NONE }
+        Self { mean_current_a: mean_a, current_sigma_a: sqrt(variance), ..Self::NO_INTERFERENCE }
     }
 
     /// Whether an interference is applied.

@@ -11,7 +11,7 @@ use nalgebra::Matrix3;
 pub struct Orientation(u8);
 
 /// Name, and roll, pitch, yaw in quarter turns.
-const TABLE: [(&str, [u8; 3]); 24] = [
+const ORIENTATION_TABLE: [(&str, [u8; 3]); 24] = [
     ("none", [0, 0, 0]),
     ("yaw90", [0, 0, 1]),
     ("yaw180", [0, 0, 2]),
@@ -40,14 +40,14 @@ const TABLE: [(&str, [u8; 3]); 24] = [
 
 impl Orientation {
     /// Chip axes equal to body axes.
-    pub const NONE: Self = Self(0);
+    pub const IDENTITY_ROTATION: Self = Self(0);
 
     /// Number of orientations.
-    pub const COUNT: u8 = 24;
+    pub const ORIENTATION_COUNT: u8 = 24;
 
     /// All 24, in MAVLink order.
     pub fn all_orientations() -> impl Iterator<Item = Self> {
-        (0..Self::COUNT).map(Self)
+        (0..Self::ORIENTATION_COUNT).map(Self)
     }
 
     /// Parses the output of [`name`](Self::name).
@@ -76,18 +76,20 @@ impl Orientation {
     #[must_use]
     pub fn nearest_to_rotation(w: &Matrix3<f32>) -> Self {
         let similarity = |orientation: &Self| orientation.body_from_sensor().component_mul(w).sum();
-        Self::all_orientations().max_by(|a, b| similarity(a).total_cmp(&similarity(b))).unwrap_or(Self::NONE)
+        Self::all_orientations()
+            .max_by(|a, b| similarity(a).total_cmp(&similarity(b)))
+            .unwrap_or(Self::IDENTITY_ROTATION)
     }
 
     fn table_entry(self) -> (&'static str, [u8; 3]) {
         // Data from flash may hold any number; `is_valid` rejects those past the end, which read as the last entry.
-        TABLE[usize::from(self.0).min(TABLE.len() - 1)]
+        ORIENTATION_TABLE[usize::from(self.0).min(ORIENTATION_TABLE.len() - 1)]
     }
 
     /// Whether the number is one of the 24: check for data from flash.
     #[must_use]
     pub fn is_valid(self) -> bool {
-        usize::from(self.0) < TABLE.len()
+        usize::from(self.0) < ORIENTATION_TABLE.len()
     }
 }
 
@@ -156,7 +158,7 @@ mod tests {
         assert_eq!(Orientation::all_orientations().filter(|o| o.is_valid()).count(), 24);
         assert!(!Orientation(24).is_valid() && !Orientation(255).is_valid());
         assert_eq!(Orientation(255).orientation_name(), "roll90-yaw270");
-        assert_eq!(Orientation::NONE.body_from_sensor(), Matrix3::identity());
-        assert_eq!(Orientation::default(), Orientation::NONE);
+        assert_eq!(Orientation::IDENTITY_ROTATION.body_from_sensor(), Matrix3::identity());
+        assert_eq!(Orientation::default(), Orientation::IDENTITY_ROTATION);
     }
 }

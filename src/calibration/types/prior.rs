@@ -16,6 +16,6 @@ pub struct Prior {
 /// Sensor aligned with the body, unknown field, single readings.
 impl Default for Prior {
     fn default() -> Self {
-        Self { mount: Orientation::NONE, inclination_rad: None, readings_per_sample: 1 }
+        Self { mount: Orientation::IDENTITY_ROTATION, inclination_rad: None, readings_per_sample: 1 }
     }
 }

@@ -73,7 +73,7 @@ impl CollectionPart {
     pub const FREE: Self = Self(3);
 
     /// All parts, in the order of samples.
-    pub const ALL: [Self; 4] = [Self::LEFT, Self::RIGHT, Self::LEVEL, Self::FREE];
+    pub const ALL_PARTS: [Self; 4] = [Self::LEFT, Self::RIGHT, Self::LEVEL, Self::FREE];
 
     /// Part that contains the turns to one side.
     #[must_use]
@@ -108,7 +108,7 @@ impl CollectionPart {
 pub struct Samples<'a> {
     ordered: &'a [Sample],
     /// Whether the view leaves a part out, by [`CollectionPart::index`].
-    is_excluded: [bool; CollectionPart::ALL.len()],
+    is_excluded: [bool; CollectionPart::ALL_PARTS.len()],
     /// Samples with a given heading.
     pub marks: &'a [Mark],
 }
@@ -214,7 +214,7 @@ pub(crate) fn part_range(ordered: &[Sample], part: CollectionPart) -> [usize; 2]
 struct IncludedSamples<'a> {
     run: core::slice::Iter<'a, Sample>,
     rest: &'a [Sample],
-    is_excluded: [bool; CollectionPart::ALL.len()],
+    is_excluded: [bool; CollectionPart::ALL_PARTS.len()],
 }
 
 impl<'a> IncludedSamples<'a> {
@@ -269,7 +269,7 @@ mod tests {
     fn samples_are_iterated_by_part_and_marks_last() {
         assert_eq!(times(samples().iter()), [1, 2, 3, 4, 5, 6, 7, 8]);
         assert_eq!(times(samples().all()), [1, 2, 3, 4, 5, 6, 7, 8, 9]);
-        assert_eq!(CollectionPart::ALL.map(|part| times(samples().part(part))), [[1, 2], [3, 4], [5, 6], [7, 8]]);
+        assert_eq!(CollectionPart::ALL_PARTS.map(|part| times(samples().part(part))), [[1, 2], [3, 4], [5, 6], [7, 8]]);
         assert_eq!([Side::Left, Side::Right].map(|side| times(samples().samples_of_turn(side))), [[1, 2], [3, 4]]);
         assert_eq!(times(Samples::default().all()), []);
         assert!(samples().has_free_flight_samples() && !Samples::default().has_free_flight_samples());
@@ -279,11 +279,11 @@ mod tests {
     fn excluded_parts_are_left_out() {
         for excluded in 0..16_u32 {
             let is_excluded = |part: CollectionPart| excluded >> part.index() & 1 == 1;
-            let view = CollectionPart::ALL
+            let view = CollectionPart::ALL_PARTS
                 .into_iter()
                 .filter(|part| is_excluded(*part))
                 .fold(samples(), Samples::without_part);
-            let included = || CollectionPart::ALL.into_iter().filter(|part| !is_excluded(*part));
+            let included = || CollectionPart::ALL_PARTS.into_iter().filter(|part| !is_excluded(*part));
             assert_eq!(times(view.iter()), times(included().flat_map(|part| samples().part(part))), "{excluded}");
             assert_eq!(times(view.iter()), times(included().flat_map(|part| view.part(part))), "{excluded}");
             assert_eq!(view.iter().count() + 1, view.all().count());
@@ -292,8 +292,8 @@ mod tests {
 
     #[test]
     fn unknown_parts_are_of_arbitrary_attitude() {
-        assert_eq!(CollectionPart::ALL.map(CollectionPart::index), [0, 1, 2, 3]);
+        assert_eq!(CollectionPart::ALL_PARTS.map(CollectionPart::index), [0, 1, 2, 3]);
         assert_eq!([4, 0xFF, u32::MAX].map(|number| CollectionPart::from_number(number).index()), [3; 3]);
-        assert!(CollectionPart::ALL.is_sorted());
+        assert!(CollectionPart::ALL_PARTS.is_sorted());
     }
 }

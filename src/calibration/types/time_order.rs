@@ -3,10 +3,10 @@
 use super::samples::{CollectionPart, Sample, Samples};
 
 /// Number of parts.
-pub(in crate::calibration) const PARTS: usize = CollectionPart::ALL.len();
+pub(in crate::calibration) const PART_COUNT: usize = CollectionPart::ALL_PARTS.len();
 
 /// Runs of samples in order of time: free flight has up to three.
-const MAX_ORDERED_RUNS: usize = PARTS + 2;
+const MAX_ORDERED_RUNS: usize = PART_COUNT + 2;
 
 /// Iterator over samples in time order, each with the index of its part.
 #[derive(Clone, Debug)]
@@ -18,7 +18,7 @@ impl<'a> TimeOrdered<'a> {
     /// Merges all parts except samples with given headings, whose times are unrelated.
     pub fn new(samples: Samples<'a>) -> Self {
         let is_in_order = |before: &Sample, after: &Sample| after.time.signed_ms_since(before.time) >= 0;
-        let mut runs = CollectionPart::ALL.into_iter().flat_map(|part| samples.part(part).chunk_by(is_in_order));
+        let mut runs = CollectionPart::ALL_PARTS.into_iter().flat_map(|part| samples.part(part).chunk_by(is_in_order));
         Self { remaining: core::array::from_fn(|_| runs.next().unwrap_or_default()) }
     }
 }

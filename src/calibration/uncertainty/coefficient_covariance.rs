@@ -1,17 +1,17 @@
 //! Covariance of the twelve coefficients.
 
-use crate::calibration::model::{COEFFICIENTS, Vector12};
+use crate::calibration::model::{COEFFICIENT_COUNT, Vector12};
 
 /// Covariance of the twelve coefficients, in the order of the [model](crate::calibration::model), units of the total
 /// field. Packed lower triangle, row by row.
 #[derive(Clone, Debug)]
-pub(in crate::calibration) struct CoefficientCovariance([f32; COEFFICIENTS * (COEFFICIENTS + 1) / 2]);
+pub(in crate::calibration) struct CoefficientCovariance([f32; COEFFICIENT_COUNT * (COEFFICIENT_COUNT + 1) / 2]);
 
 impl CoefficientCovariance {
-    pub const ZERO: Self = Self([0.0; COEFFICIENTS * (COEFFICIENTS + 1) / 2]);
+    pub const ZERO: Self = Self([0.0; COEFFICIENT_COUNT * (COEFFICIENT_COUNT + 1) / 2]);
 
     pub fn set_lower_triangle(&mut self, mut element: impl FnMut(usize, usize) -> f32) {
-        let triangle = (0..COEFFICIENTS).flat_map(|row| (0..=row).map(move |column| (row, column)));
+        let triangle = (0..COEFFICIENT_COUNT).flat_map(|row| (0..=row).map(move |column| (row, column)));
         for (packed, (row, column)) in self.0.iter_mut().zip(triangle) {
             *packed = element(row, column);
         }
@@ -19,7 +19,7 @@ impl CoefficientCovariance {
 
     pub fn add_outer_product(&mut self, vector: &Vector12, weight: f32) {
         let mut packed = self.0.iter_mut();
-        for i in 0..COEFFICIENTS {
+        for i in 0..COEFFICIENT_COUNT {
             let weighted = weight * vector[i];
             for (&v, c) in vector.iter().take(i + 1).zip(&mut packed) {
                 *c += weighted * v;
@@ -40,7 +40,7 @@ impl CoefficientCovariance {
     pub fn variance(&self, row: &Vector12) -> f32 {
         let mut packed = self.0.iter();
         let mut sum = 0.0;
-        for i in 0..COEFFICIENTS {
+        for i in 0..COEFFICIENT_COUNT {
             let mut partial = 0.0;
             for (&column, &c) in row.iter().take(i).zip(&mut packed) {
                 partial += column * c;

@@ -40,7 +40,7 @@ pub enum Deviation {
 }
 
 impl Deviation {
-    const ALL: [Self; 4] = [Self::Constant, Self::Semicircular, Self::Quadrantal, Self::Heeling];
+    const ALL_DEVIATIONS: [Self; 4] = [Self::Constant, Self::Semicircular, Self::Quadrantal, Self::Heeling];
 
     /// Stable name.
     #[must_use]
@@ -75,7 +75,7 @@ pub(in crate::calibration) fn expected_heading_error(
     let size = |part: Deviation| {
         sigma_deg(mean_square_of_part(part, covariance, &|bank_deg, step| at.heading_jacobian_row(bank_deg, step)))
     };
-    let weakest = Deviation::ALL
+    let weakest = Deviation::ALL_DEVIATIONS
         .into_iter()
         .filter(|&part| part != Deviation::Heeling || envelope == Envelope::Banked)
         .map(|part| (part, size(part)))
@@ -166,7 +166,7 @@ mod tests {
     use crate::time::WrappingMillis;
 
     fn clean() -> Calibration {
-        Calibration { inclination_rad: 0.9, total_ut: 1.0, ..Calibration::uncalibrated(Orientation::NONE) }
+        Calibration { inclination_rad: 0.9, total_ut: 1.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
     }
 
     fn expected_of(wrong: &[(usize, f32)], envelope: Envelope) -> ExpectedError {
@@ -268,7 +268,7 @@ mod tests {
 
     #[test]
     fn each_deviation_part_has_a_name_and_a_text() {
-        let all = Deviation::ALL.map(|part| (part.measure_name(), part.to_string()));
+        let all = Deviation::ALL_DEVIATIONS.map(|part| (part.measure_name(), part.to_string()));
         assert_eq!(all.each_ref().map(|(name, _)| *name), ["constant", "semicircular", "quadrantal", "heeling"]);
         let words = ["at all headings", "one period", "two periods", "in turns"];
         assert!(all.iter().zip(words).all(|((_, said), word)| said.contains(word)), "{all:?}");

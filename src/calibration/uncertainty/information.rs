@@ -8,13 +8,13 @@ use crate::calibration::hypotheses::hard_iron_change::{HardIronScan, derivative_
 use crate::calibration::hypotheses::lagging_lean::LaggedRoll;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
 use crate::calibration::hypotheses::score_test::ScoreTest;
-use crate::calibration::hypotheses::table::{ATTITUDE_ERRORS, AttitudeErrorSums, LATENCY, add_inclination};
+use crate::calibration::hypotheses::table::{ATTITUDE_ERRORS, AttitudeErrorSums, LATENCY_INDEX, add_inclination};
 use crate::calibration::model::{
     Likelihood, MeasuredSample, ModelParameters, ResidualEquation, SampleEquations, Vector13,
 };
 use crate::calibration::statistics::autocorrelation::Autocorrelation;
 use crate::calibration::statistics::residuals::ResidualStatistics;
-use crate::calibration::types::time_order::{PARTS, TimeOrdered};
+use crate::calibration::types::time_order::{PART_COUNT, TimeOrdered};
 use crate::calibration::{AttitudeLatency, Rates, Samples};
 use crate::frames::Attitude;
 
@@ -76,7 +76,7 @@ impl Information {
                 });
             }
             if let Some(dip) = &equations.inclination_equation {
-                let by_latency = ATTITUDE_ERRORS[LATENCY].inclination_derivative(&equations, &state);
+                let by_latency = ATTITUDE_ERRORS[LATENCY_INDEX].inclination_derivative(&equations, &state);
                 self.latency_contributions.add_residuals(part, [dip.weight * by_latency * dip.residual, 0.0]);
             }
             let dip = equations.inclination_equation.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
@@ -95,7 +95,7 @@ impl Information {
             let attitude = mark.sample.latency_compensated_attitude(likelihood.latency_s);
             self.add_inclination(&equations, &AttitudeState::steady(attitude, mark.sample.rates));
             let dip = equations.inclination_equation.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
-            self.residuals.autocorrelation.add_residuals(PARTS - 1, [0.0, dip]);
+            self.residuals.autocorrelation.add_residuals(PART_COUNT - 1, [0.0, dip]);
         }
     }
 
@@ -124,7 +124,7 @@ impl Information {
     /// Attitude latency, and the derivative of the unknowns by it (1/s). `None` without attitude rates.
     #[inline(never)]
     pub fn estimate_latency(&self, used_s: f32) -> Option<(AttitudeLatency, Vector13)> {
-        let sums = &self.attitude_errors[LATENCY];
+        let sums = &self.attitude_errors[LATENCY_INDEX];
         let score = sums.eliminate_coefficients(&self.linear_system, &self.linear_system.step_to_maximum()?)?;
         let latency = AttitudeLatency::estimate_latency(sums, &score, &self.latency_contributions, used_s)?;
         Some((latency, -score.nuisance_columns[0]))

@@ -51,7 +51,7 @@ pub(in crate::calibration) fn unobservable_quantities(
     likelihood: &Likelihood,
     unknowns: &Vector13,
 ) -> Option<impl Iterator<Item = PriorQuantity>> {
-    let mut left = [None; PriorQuantity::COUNT];
+    let mut left = [None; PriorQuantity::PRIOR_COUNT];
     let mut determined = true;
     for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |prior| {
         let Some(column) = system.covariance_times(&prior.jacobian_row) else {

@@ -5,7 +5,7 @@ use super::coefficient_covariance::CoefficientCovariance;
 use super::information::Information;
 use crate::calibration::hypotheses::table::AttitudeErrorSigmas;
 use crate::calibration::model::{
-    COEFFICIENTS, Likelihood, ModelParameters, Vector12, Vector13, beta_index, for_each_prior,
+    COEFFICIENT_COUNT, Likelihood, ModelParameters, Vector12, Vector13, beta_index, for_each_prior,
 };
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,7 +36,7 @@ pub(in crate::calibration) fn sandwich_covariance(
 ) -> Option<()> {
     let units = CoefficientConversion::new(likelihood, unknowns)?;
     // `H^-1` times the Jacobian row of each coefficient: 12 of 13 columns instead of a 13x13 inverse.
-    let mut columns = [Vector13::zeros(); COEFFICIENTS];
+    let mut columns = [Vector13::zeros(); COEFFICIENT_COUNT];
     for (i, column) in columns.iter_mut().enumerate() {
         *column = information.linear_system.covariance_times(&units.jacobian_row(i))?;
     }

@@ -13,11 +13,11 @@ use crate::calibration::hypotheses::attitude_error::AttitudeState;
 use crate::calibration::hypotheses::hard_iron_change::derivative_by_hard_iron;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
 use crate::calibration::hypotheses::table::{
-    ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, ERRORS, LATENCY, assumed_sigmas,
+    ATTITUDE_ERROR_COUNT, ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, LATENCY_INDEX, assumed_sigmas,
 };
 use crate::calibration::model::{
-    COEFFICIENTS, Coefficient, INCLINATION_INDEX, JacobianRow, Likelihood, Matrix13, MeasuredSample, ModelConfig,
-    ModelParameters, NoiseModel, PriorQuantity, ResidualEquation, SampleEquations, UNKNOWNS, Vector12, Vector13,
+    COEFFICIENT_COUNT, Coefficient, INCLINATION_INDEX, JacobianRow, Likelihood, Matrix13, MeasuredSample, ModelConfig,
+    ModelParameters, NoiseModel, PriorQuantity, ResidualEquation, SampleEquations, UNKNOWN_COUNT, Vector12, Vector13,
     beta_index, for_each_prior,
 };
 use crate::calibration::tests::derivatives::assert_derivative;
@@ -60,9 +60,9 @@ fn jacobian_rows_equal_numerical_derivatives() {
                 (before.w_matrix() * moved)[axis]
             }
         };
-        for i in 0..COEFFICIENTS {
+        for i in 0..COEFFICIENT_COUNT {
             let row = units.jacobian_row(i);
-            for j in 0..UNKNOWNS {
+            for j in 0..UNKNOWN_COUNT {
                 let moved = |step: f32| {
                     let mut unknowns = at;
                     unknowns[j] += step;
@@ -76,7 +76,7 @@ fn jacobian_rows_equal_numerical_derivatives() {
 
 fn uniform_information(likelihood: &Likelihood, unknowns: &Vector13, weight: f32) -> Information {
     let mut information = prior_information(likelihood, unknowns);
-    for i in 0..UNKNOWNS {
+    for i in 0..UNKNOWN_COUNT {
         information.linear_system.add_row(&Vector13::ith(i, 1.0), 0.0, weight);
     }
     information
@@ -129,7 +129,7 @@ fn covariance_is_the_sum_of_its_terms() {
     let units = CoefficientConversion::new(&likelihood, &at).unwrap();
     let j = SMatrix::<f32, 12, 13>::from_fn(|i, k| units.jacobian_row(i)[k]);
     let mut inverse = Matrix13::zeros();
-    for k in 0..UNKNOWNS {
+    for k in 0..UNKNOWN_COUNT {
         inverse.set_column(k, &information.linear_system.covariance_times(&Vector13::ith(k, 1.0)).unwrap());
     }
     let g = j * inverse;
@@ -191,13 +191,13 @@ fn motor_current_estimate_equals_joint_least_squares() {
         let row = rows(&prior.jacobian_row, Vector3::zeros());
         joint.add_weighted_row(&row, [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
     });
-    for i in 0..UNKNOWNS {
+    for i in 0..UNKNOWN_COUNT {
         joint.add_weighted_row(&SVector::ith(i, 1.0), [0.0], 1e4);
     }
     let prior = InterferenceEstimate::prior_precision(likelihood.unit_ut);
     for axis in 0..3 {
         joint.add_weighted_row(
-            &SVector::ith(UNKNOWNS + axis, 1.0),
+            &SVector::ith(UNKNOWN_COUNT + axis, 1.0),
             [-likelihood.motor_current_per_ampere()[axis]],
             prior,
         );
@@ -215,13 +215,14 @@ fn motor_current_estimate_equals_joint_least_squares() {
         information.residuals.autocorrelation.add_residuals(0, [residual, 0.0]);
     }
     let found = information.estimate_motor_current(&likelihood).unwrap();
-    let step = joint.solve().unwrap().fixed_rows::<3>(UNKNOWNS).into_owned();
+    let step = joint.solve().unwrap().fixed_rows::<3>(UNKNOWN_COUNT).into_owned();
     assert!(
         (found.interference_ut_per_a - likelihood.motor_current_per_ampere() - step).norm() < 1e-3 * step.norm(),
         "{found:?} {step}"
     );
-    let independent =
-        Matrix3::from_fn(|i, j| joint.covariance_times(&SVector::ith(UNKNOWNS + i, 1.0)).unwrap()[UNKNOWNS + j]);
+    let independent = Matrix3::from_fn(|i, j| {
+        joint.covariance_times(&SVector::ith(UNKNOWN_COUNT + i, 1.0)).unwrap()[UNKNOWN_COUNT + j]
+    });
     // `P (3 (P^-1 - prior) + prior) P` for rho = 1/2.
     let expected = independent * 3.0 - independent * independent * (2.0 * prior);
     assert!((found.covariance - expected).norm() < 2e-3 * expected.norm(), "{} {expected}", found.covariance);
@@ -257,7 +258,7 @@ fn inclination_information_and_gradients_are_summed() {
         }
         information.add_inclination(&equations, &state);
     }
-    for i in 0..UNKNOWNS {
+    for i in 0..UNKNOWN_COUNT {
         let found = information.residuals.inclination_information.multiply_vector(&Vector13::ith(i, 1.0));
         assert!((found - dip.column(i)).norm() < 1e-4 * dip.norm());
     }
@@ -272,7 +273,7 @@ fn latency_sigma_becomes_a_consider_state() {
     let mut information = uniform_information(&likelihood, &parameters().unknowns().unwrap(), 1e4);
     assert!(information.estimate_latency(0.0).is_none());
     let row = JacobianRow { derivative_by_field: Vector3::x(), x: Vector3::y(), by_inclination: -1.0 };
-    let latency = &mut information.attitude_errors[LATENCY];
+    let latency = &mut information.attitude_errors[LATENCY_INDEX];
     latency.add_weighted_equation(&ResidualEquation::new(row, 0.01, 1e-4, 1e6), &Vector1::new(0.5), 1.0);
     latency.cross_information = [Vector13::ith(2, 40.0)];
     let (latency, follows) = information.estimate_latency(0.0).unwrap();
@@ -280,8 +281,8 @@ fn latency_sigma_becomes_a_consider_state() {
     assert!((latency.sigma_s * f32::sqrt(2500.0 - 0.16 + 100.0) - 1.0).abs() < 1e-4, "{latency:?}");
     assert!((follows[2] + 40.0 / 1e4).abs() < 1e-5, "{follows}");
     let sigmas = assumed_sigmas(ConsiderSigmas::DEFAULT, Some(latency));
-    assert_eq!(sigmas[..=LATENCY], [0.0035, 0.0035, 0.01, latency.sigma_s]);
-    assert_eq!(assumed_sigmas(ConsiderSigmas::ZERO, None).map(f32::to_bits), [0; ERRORS]);
+    assert_eq!(sigmas[..=LATENCY_INDEX], [0.0035, 0.0035, 0.01, latency.sigma_s]);
+    assert_eq!(assumed_sigmas(ConsiderSigmas::ZERO, None).map(f32::to_bits), [0; ATTITUDE_ERROR_COUNT]);
 }
 
 #[test]
@@ -342,7 +343,7 @@ fn singular_information_has_no_covariance() {
                 &open,
                 &likelihood,
                 unknowns,
-                (CovarianceContent::All, &[0.0; ERRORS]),
+                (CovarianceContent::All, &[0.0; ATTITUDE_ERROR_COUNT]),
                 &mut covariance
             )
             .is_none()
@@ -360,14 +361,14 @@ fn autocorrelation_does_not_inflate_priors() {
     // The overall scale, which no prior constrains.
     let scale = Vector13::from_fn(|i, _| if [0, 4, 8].contains(&i) { 1.0 } else { 0.0 });
     information.linear_system.add_row(&scale, 0.0, 1e4);
-    let of = |information: &Information| full_covariance(information, &likelihood, &at, &[0.0; ERRORS]);
+    let of = |information: &Information| full_covariance(information, &likelihood, &at, &[0.0; ATTITUDE_ERROR_COUNT]);
     let before = of(&information);
     for residual in [1.0, 1.0, 0.0] {
         information.residuals.autocorrelation.add_residuals(0, [residual, 0.0]);
     }
     let after = of(&information);
     assert!((information.residuals.autocorrelation_inflation() - 3.0).abs() < 1e-3);
-    for i in 0..COEFFICIENTS {
+    for i in 0..COEFFICIENT_COUNT {
         assert!((after[(i, i)] / before[(i, i)] - 1.0).abs() < 0.05, "{i}: {} {}", after[(i, i)], before[(i, i)]);
     }
 }
@@ -395,7 +396,7 @@ fn configured_inclination_is_removed_from_the_estimate() {
                     .add_residuals(0, if told { [0.0, residual] } else { [residual, 0.0] });
             }
             information.attitude_errors[BANK_SCALE].cross_information = [Vector13::ith(INCLINATION_INDEX, 2e3)];
-            let mut sigmas = [0.0; ERRORS];
+            let mut sigmas = [0.0; ATTITUDE_ERROR_COUNT];
             sigmas[BANK_SCALE] = 0.01;
             let Some([found_rad, variance]) = inclination_from_samples(&information, &likelihood, &at, &sigmas) else {
                 assert!(told && !is_shown, "{own_rad} {sigma}");

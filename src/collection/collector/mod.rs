@@ -5,7 +5,7 @@ use super::flight_statistics::{CollectionProblem, TiltFilter};
 use super::free_flight::{self, FreeFlightSample};
 use super::level_limits::is_level;
 use super::min_distance;
-use super::part_view::{PARTS, PartView, coverage};
+use super::part_view::{PART_COUNT, PartView, coverage};
 use super::progress::CollectionProgress;
 use super::quota::{Quota, SampleUse};
 use super::retained_samples::{Header, RetainedSamples};
@@ -36,7 +36,7 @@ pub struct Collector<'a> {
     detector: TurnDetector,
     tilt_filter: TiltFilter,
     /// By [`CollectionPart::index`].
-    last_taken_at: [Option<WrappingMillis>; PARTS],
+    last_taken_at: [Option<WrappingMillis>; PART_COUNT],
     /// Information of the free-flight fit samples.
     selection: DOptimalSelection,
 }
@@ -54,9 +54,9 @@ impl<'a> Collector<'a> {
             has_changed: false,
             clock_offset_ms: header.clock_ms.wrapping_add(RESTART_GAP_MS),
             detector: TurnDetector::new(TurnDetectorConfig::DEFAULT),
-            tilt_filter: TiltFilter::NONE,
+            tilt_filter: TiltFilter::NOT_STARTED,
             last_taken_at: [None; _],
-            selection: DOptimalSelection::NONE,
+            selection: DOptimalSelection::NO_SELECTION,
         };
         if is_valid && header.state() != CollectionState::Inactive {
             collector.memory.count_unexpected_restart();
@@ -186,7 +186,7 @@ impl<'a> Collector<'a> {
         self.header = Header::new(procedure, min_distance::INITIAL_DISTANCE_UT);
         self.memory.samples.clear();
         self.detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
-        self.tilt_filter = TiltFilter::NONE;
+        self.tilt_filter = TiltFilter::NOT_STARTED;
         self.last_taken_at = [None; _];
         self.selection.reset();
         self.clock_offset_ms = 0;

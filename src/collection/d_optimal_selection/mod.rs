@@ -48,14 +48,14 @@ struct Linearisation {
 
 impl Linearisation {
     /// No coefficients. All zeros, so that initial data need no flash.
-    const NONE: Self = Self {
+    const NO_COEFFICIENTS: Self = Self {
         calibration: Calibration {
             w: [[0.0; 3]; 3],
             b_ut: [0.0; 3],
             inclination_rad: 0.0,
             total_ut: 0.0,
             latency_s: 0.0,
-            motor_current: crate::calibration::MotorCurrentInterference::NONE,
+            motor_current: crate::calibration::MotorCurrentInterference::NO_INTERFERENCE,
         },
         sensor_noise_share: 0.0,
         new_sample_factor: 0.0,
@@ -63,7 +63,8 @@ impl Linearisation {
     };
 
     fn from_centre(centre_ut: Vector3<f32>) -> Self {
-        let calibration = Calibration { b_ut: centre_ut.into(), ..Calibration::uncalibrated(Orientation::NONE) };
+        let calibration =
+            Calibration { b_ut: centre_ut.into(), ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) };
         Self { calibration, sensor_noise_share: 0.0, new_sample_factor: 0.8, is_from_trial: false }
     }
 
@@ -110,15 +111,15 @@ pub(super) struct DOptimalSelection {
 }
 
 impl DOptimalSelection {
-    pub const NONE: Self =
-        Self { linearisation: Linearisation::NONE, information: LeastSquares::new(), min_leverage: 0.0 };
+    pub const NO_SELECTION: Self =
+        Self { linearisation: Linearisation::NO_COEFFICIENTS, information: LeastSquares::new(), min_leverage: 0.0 };
 
     pub fn with_reset_leverages(&self) -> Self {
         Self { linearisation: self.linearisation.clone(), information: LeastSquares::new(), min_leverage: 0.0 }
     }
 
     pub fn reset(&mut self) {
-        self.set_linearisation(Linearisation::NONE);
+        self.set_linearisation(Linearisation::NO_COEFFICIENTS);
     }
 
     /// Evaluates samples with the coefficients of a trial solve from now on.

@@ -27,7 +27,7 @@ fn random_samples(soft_iron: &Matrix3<f32>) -> Vec<Sample> {
 }
 
 fn weakest_of(samples: &[Sample]) -> Option<usize> {
-    let mut spread = DOptimalSelection::NONE;
+    let mut spread = DOptimalSelection::NO_SELECTION;
     let (new, others) = samples.split_first()?;
     spread.find_weakest(new, Samples::new(others))
 }
@@ -116,7 +116,7 @@ fn a_new_sample_must_exceed_the_margin() {
 #[test]
 fn the_quick_test_accepts_what_the_full_evaluation_accepts() {
     let samples = random_samples(&Matrix3::identity());
-    let mut known = DOptimalSelection::NONE;
+    let mut known = DOptimalSelection::NO_SELECTION;
     assert!(known.may_exceed_weakest(&samples[0]));
     known.find_weakest(&samples[0], Samples::new(&samples[1..])).unwrap();
     let mut random = Random(5);
@@ -145,7 +145,7 @@ fn trial_linearisation(soft_iron: &Matrix3<f32>, sensor_noise_share_of_trial: f3
         w: core::array::from_fn(|i| core::array::from_fn(|j| w[(i, j)])),
         b_ut: [60.0, -45.0, 80.0],
         inclination_rad: 1.1,
-        ..Linearisation::NONE.calibration
+        ..Linearisation::NO_COEFFICIENTS.calibration
     };
     Linearisation {
         calibration,
@@ -202,7 +202,7 @@ fn noise_does_not_change_the_inclination_row() {
 #[test]
 fn a_trial_solution_applies_to_all_sets() {
     let samples = random_samples(&Matrix3::identity());
-    let mut spread = DOptimalSelection::NONE;
+    let mut spread = DOptimalSelection::NO_SELECTION;
     spread.find_weakest(&samples[0], Samples::new(&samples[1..])).unwrap();
     let inside = sample_at(0.3, 0.0, 0.0, &Matrix3::identity());
     assert!(!spread.may_exceed_weakest(&inside));
@@ -220,7 +220,7 @@ fn a_trial_solution_applies_to_all_sets() {
     assert_eq!(others.linearisation.calibration, spread.linearisation.calibration);
     assert!(others.may_exceed_weakest(&inside), "what these tell, those do not");
     others.reset();
-    assert_eq!(others.linearisation.calibration, Linearisation::NONE.calibration);
+    assert_eq!(others.linearisation.calibration, Linearisation::NO_COEFFICIENTS.calibration);
 }
 
 #[test]

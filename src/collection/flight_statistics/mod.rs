@@ -105,7 +105,7 @@ pub(super) struct TiltFilter {
 }
 
 impl TiltFilter {
-    pub const NONE: Self = Self { last_sample_at: None, attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 } };
+    pub const NOT_STARTED: Self = Self { last_sample_at: None, attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 } };
 
     pub fn last_sample_at(&self) -> Option<WrappingMillis> {
         self.last_sample_at

@@ -6,7 +6,7 @@ use super::*;
 use crate::calibration::method_selection::Procedure;
 
 fn diagnose_banks(step_ms: u32, banks: &[(f32, u32)]) -> Option<CollectionProblem> {
-    let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NONE);
+    let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);
     let mut time_ms = u32::MAX - 5000;
     for &(roll_deg, seconds) in banks {
         for _ in 0..seconds * 1000 / step_ms {
@@ -27,7 +27,7 @@ fn long_sample_intervals_are_reported() {
     assert!((every_s - 0.51).abs() < 0.01, "{every_s}");
     // More than half of the intervals must be long.
     let mixed = |slow: u32| {
-        let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NONE);
+        let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);
         let mut time_ms = 0;
         for i in 0..100 {
             time_ms += if i % 20 < slow { 1000 } else { 100 };
@@ -51,7 +51,7 @@ fn an_attitude_in_radians_is_reported() {
     );
     assert!(matches!(diagnose_banks(100, &[(-1.9, 60), (1.9, 60)]), Some(CollectionProblem::NoTilt { .. })));
     assert!(matches!(diagnose_banks(100, &[(-2.1, 60), (2.1, 60)]), Some(CollectionProblem::InsufficientBank { .. })));
-    let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NONE);
+    let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);
     (0..300).for_each(|i| statistics.update(&mut filter, &banked_sample(0.0, -15.0, i * 100)));
     assert!(
         matches!(statistics.diagnose(&CollectionProgress::default()), Some(CollectionProblem::InsufficientBank { most_deg }) if most_deg > 14.0)
@@ -67,7 +67,7 @@ fn small_or_short_banks_are_reported() {
     assert_eq!(diagnose_banks(100, &[(-10.1, 60), (10.1, 60)]), None);
     // At 20 deg the filter's delay is the same at both edges of the threshold.
     let for_tenths = |tenths: u32| {
-        let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NONE);
+        let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);
         for i in 0..600 {
             let roll_deg = if (300..300 + tenths).contains(&i) { 20.0 } else { 0.0 };
             statistics.update(&mut filter, &banked_sample(roll_deg, 0.0, i * 100));
@@ -121,7 +121,7 @@ fn arcs_are_reported() {
         right_turns: super::super::progress::Coverage { samples, covered_sectors: sectors, ..Default::default() },
         ..CollectionProgress::default()
     };
-    let (mut both, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NONE);
+    let (mut both, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);
     turn_samples(-25.0, 0, 20, 9.0)
         .chain(turn_samples(25.0, 20, 40, 9.0))
         .for_each(|sample| both.update(&mut filter, &sample));

@@ -35,7 +35,7 @@ pub(super) fn push_sample(
         return FreeFlightSample::Ignored;
     }
     let purpose = part.count_and_assign_use(&sample);
-    if !part.is_full(purpose, Quota::ALL) {
+    if !part.is_full(purpose, Quota::WHOLE_BUFFER) {
         part.insert(purpose, sample);
         return FreeFlightSample::Stored;
     }

@@ -11,7 +11,7 @@ struct FreeFlight {
 
 impl FreeFlight {
     fn new() -> Self {
-        Self { buffer: TestBuffer::new(), selection: DOptimalSelection::NONE }
+        Self { buffer: TestBuffer::new(), selection: DOptimalSelection::NO_SELECTION }
     }
 
     fn collect(samples: impl Iterator<Item = Sample>) -> Self {
@@ -76,7 +76,7 @@ fn informative_samples_replace_uninformative_ones() {
     let mut banked_sum = 0;
     for purpose in [SampleUse::Fit, SampleUse::Verification] {
         let (samples, capacity) =
-            (flight.buffer.samples.part(purpose, CollectionPart::FREE), Quota::ALL.quota_of(purpose));
+            (flight.buffer.samples.part(purpose, CollectionPart::FREE), Quota::WHOLE_BUFFER.quota_of(purpose));
         let banked = samples.iter().filter(|s| s.attitude.roll_rad.abs() > 0.3).count();
         banked_sum += banked;
         assert_eq!(samples.len(), capacity);

@@ -25,7 +25,7 @@ pub(in crate::collection) struct Header {
     /// Minimum distance between samples of a tumble, microtesla; grows when the buffer is full.
     pub min_distance_ut: f32,
     /// States of the parts by [`Part::index`].
-    pub part_states: [PartState; CollectionPart::ALL.len()],
+    pub part_states: [PartState; CollectionPart::ALL_PARTS.len()],
     pub statistics: FlightStatistics,
 }
 

@@ -49,7 +49,7 @@ fn observable_state(
 
 #[test]
 fn samples_survive_a_restart() {
-    for procedure in Procedure::ALL {
+    for procedure in Procedure::ALL_PROCEDURES {
         let retained = empty_memory();
         collect(retained, procedure, flight());
         let mut uninterrupted = empty_memory().clone();

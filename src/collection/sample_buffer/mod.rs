@@ -9,7 +9,7 @@ use crate::calibration::{CollectionPart, Current, Rates, Sample, Samples, part_r
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
-const CAPACITY: usize = Quota::ALL.fit_quota + Quota::ALL.held_back_quota;
+const SAMPLE_CAPACITY: usize = Quota::WHOLE_BUFFER.fit_quota + Quota::WHOLE_BUFFER.held_back_quota;
 
 pub(super) const UNUSED_SAMPLE: Sample = Sample {
     field: Field::from_ut(0.0, 0.0, 0.0),
@@ -23,14 +23,14 @@ pub(super) const UNUSED_SAMPLE: Sample = Sample {
 /// Samples and their numbers; valid for every content of its memory.
 #[derive(Clone, Debug)]
 pub(super) struct SampleBuffer {
-    pub samples: [Sample; CAPACITY],
+    pub samples: [Sample; SAMPLE_CAPACITY],
     pub fit_count: u16,
     pub held_back_count: u16,
 }
 
 impl SampleBuffer {
     #[expect(clippy::large_stack_arrays, reason = "a constant, not on a stack")]
-    pub const EMPTY: Self = Self { samples: [UNUSED_SAMPLE; CAPACITY], fit_count: 0, held_back_count: 0 };
+    pub const EMPTY: Self = Self { samples: [UNUSED_SAMPLE; SAMPLE_CAPACITY], fit_count: 0, held_back_count: 0 };
 
     /// All samples; empty if the numbers exceed the capacity, as at power-on.
     pub fn all(&self) -> &[Sample] {
@@ -54,7 +54,7 @@ impl SampleBuffer {
 
     /// Fit samples of a part, then the held-back ones.
     pub fn part_fit_then_held_back(&self, part: CollectionPart) -> Samples<'_> {
-        CollectionPart::ALL
+        CollectionPart::ALL_PARTS
             .into_iter()
             .filter(|other| *other != part)
             .fold(Samples::new(self.all()), Samples::without_part)

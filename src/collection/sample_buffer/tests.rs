@@ -79,7 +79,7 @@ fn a_replacement_changes_its_part_only() {
 #[test]
 fn a_full_buffer_accepts_no_more() {
     let mut buffer = SampleBuffer::EMPTY;
-    for time_ms in 0..CAPACITY as u32 + 5 {
+    for time_ms in 0..SAMPLE_CAPACITY as u32 + 5 {
         insert(
             &mut buffer,
             if time_ms % 4 == 3 { SampleUse::Verification } else { SampleUse::Fit },
@@ -87,7 +87,7 @@ fn a_full_buffer_accepts_no_more() {
             time_ms,
         );
     }
-    assert_eq!(buffer.all().len(), CAPACITY);
+    assert_eq!(buffer.all().len(), SAMPLE_CAPACITY);
     assert!(
         times(buffer.samples_of_use(SampleUse::Fit)).is_sorted()
             && times(buffer.samples_of_use(SampleUse::Verification)).is_sorted()
@@ -99,7 +99,9 @@ fn a_full_buffer_accepts_no_more() {
 /// As at power-on.
 #[test]
 fn numbers_beyond_the_capacity_are_an_empty_buffer() {
-    for (fit_count, held_back_count) in [(CAPACITY as u16 + 1, 0), (1, CAPACITY as u16), (u16::MAX, u16::MAX)] {
+    for (fit_count, held_back_count) in
+        [(SAMPLE_CAPACITY as u16 + 1, 0), (1, SAMPLE_CAPACITY as u16), (u16::MAX, u16::MAX)]
+    {
         let mut buffer = SampleBuffer { fit_count, held_back_count, ..filled() };
         assert!(
             [SampleUse::Fit, SampleUse::Verification].iter().all(|purpose| buffer.samples_of_use(*purpose).is_empty())

@@ -290,9 +290,9 @@ fn a_trial_solve_reports_a_refusal_in_flight() {
     let Some(Refusal::Solve(SolveError::MountContradicted { found })) = prospect.refusal else {
         panic!("{prospect:?}")
     };
-    assert_eq!((found, prospect.expected_deg), (Orientation::NONE, None));
+    assert_eq!((found, prospect.expected_deg), (Orientation::IDENTITY_ROTATION, None));
     // The samples are usable with the corrected mounting.
-    bench.saved(Command::Set(SettingChange::Mount(Orientation::NONE))).unwrap();
+    bench.saved(Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION))).unwrap();
     bench.done(Command::CalSolve(None));
     let end = bench.solve();
     assert!(bench.settle(end).is_ok());

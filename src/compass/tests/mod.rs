@@ -196,13 +196,13 @@ fn some_field() -> Field<Sensor> {
 #[test]
 fn a_correction_contains_mounting_armed_state_and_expected_errors() {
     let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), memory());
-    assert_eq!(compass.correction(), Correction::NONE);
+    assert_eq!(compass.correction(), Correction::UNCALIBRATED);
     compass.step(Event::Armed(Some(false)));
-    assert_eq!(compass.correction(), Correction { is_armed: Some(false), ..Correction::NONE });
+    assert_eq!(compass.correction(), Correction { is_armed: Some(false), ..Correction::UNCALIBRATED });
     let mut bench = TestBed::new();
     let mount = Orientation::from_name("yaw90").unwrap();
     bench.saved(Command::Set(SettingChange::Mount(mount))).unwrap();
-    assert_eq!(bench.compass.correction(), Correction { mount: Some(mount), ..Correction::NONE });
+    assert_eq!(bench.compass.correction(), Correction { mount: Some(mount), ..Correction::UNCALIBRATED });
     let error = SensorError { gyro_percent: 50.0 / 8.0, drift_percent: 0.5 };
     bench.saved(Command::Set(SettingChange::SensorError(error))).unwrap();
     assert_eq!(
@@ -215,7 +215,10 @@ fn a_correction_contains_mounting_armed_state_and_expected_errors() {
 fn full_turns_to_both_sides_give_a_calibration() {
     let mut bench = TestBed::new();
     assert_eq!(bench.compass.state(), ModuleState::Uncalibrated);
-    assert_eq!(bench.compass.correction(), Correction { mount: Some(Orientation::NONE), ..Correction::NONE });
+    assert_eq!(
+        bench.compass.correction(),
+        Correction { mount: Some(Orientation::IDENTITY_ROTATION), ..Correction::UNCALIBRATED }
+    );
     bench.done(Command::CalStart(Procedure::Turns));
     bench.fly(&turns(&airframe(), 1));
     assert_eq!(bench.compass.state(), ModuleState::Solving);
@@ -237,7 +240,7 @@ fn full_turns_to_both_sides_give_a_calibration() {
     };
     assert_eq!(bench.compass.state(), ModuleState::Calibrated);
     assert_eq!(bench.compass.active_record(), Some(&written));
-    assert_eq!((written.serial_number, written.sensor, written.mount), (1, SENSOR, Orientation::NONE));
+    assert_eq!((written.serial_number, written.sensor, written.mount), (1, SENSOR, Orientation::IDENTITY_ROTATION));
     assert_eq!(verdict, ExpectedAccuracy::new(written.quality, &written.calibration));
     assert!(bench.compass.pending_change().is_none());
     assert!(rms(&airframe().errors_deg(&written.calibration)) < 3.0 * verdict.quality.expected_rms_deg);
@@ -264,7 +267,7 @@ fn settings_of_a_running_solve_cannot_change() {
         Command::Align(Some(10.0)),
         Command::Align(None),
         Command::AlignConfirmed(10.0),
-        Command::Set(SettingChange::Mount(Orientation::NONE)),
+        Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION)),
         Command::Set(SettingChange::Inclination(Some(50.0))),
         Command::Set(SettingChange::AttitudeError(AttitudeError::DEFAULT)),
     ] {
@@ -299,7 +302,7 @@ fn ground_commands_are_refused_while_armed() {
         Command::CalMark(10.0),
         Command::CalClear,
         Command::CalUndo,
-        Command::Set(SettingChange::Mount(Orientation::NONE)),
+        Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION)),
         Command::Restart,
     ];
     assert_eq!(bench.report().is_armed, None, "before anything is known");
@@ -314,7 +317,9 @@ fn ground_commands_are_refused_while_armed() {
     assert_eq!(bench.done(Command::CalStart(Procedure::Swing)), ModuleState::Collecting);
     bench.stand(some_field(), 8);
     assert!(matches!(bench.ask(Command::CalMark(10.0)), Ok(Reply::Marked(1))));
-    for command in [Command::CalUndo, Command::Set(SettingChange::Mount(Orientation::NONE)), Command::CalClear] {
+    for command in
+        [Command::CalUndo, Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION)), Command::CalClear]
+    {
         bench.saved(command).unwrap();
     }
 }
@@ -541,7 +546,7 @@ fn a_record_is_used_only_with_its_sensor_and_mounting() {
     let turned = Orientation::from_name("yaw90").unwrap();
     bench.saved(Command::Set(SettingChange::Mount(turned))).unwrap();
     assert_eq!(bench.compass.state(), ModuleState::Uncalibrated);
-    bench.saved(Command::Set(SettingChange::Mount(Orientation::NONE))).unwrap();
+    bench.saved(Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION))).unwrap();
     assert_eq!(bench.compass.state(), ModuleState::Calibrated);
     let unknown = Compass::new(
         AcceptancePolicy::DEFAULT,

@@ -98,7 +98,7 @@ pub struct TrialSchedule {
 
 impl TrialSchedule {
     /// Schedule before the first trial.
-    pub const NONE: Self = Self {
+    pub const NO_TRIAL: Self = Self {
         last_trial_at: WrappingMillis::new(0),
         measurements_at_last: 0,
         retained_at_last: 0,
@@ -145,8 +145,8 @@ pub(super) struct TrialSolves {
 }
 
 impl TrialSolves {
-    pub const NONE: Self =
-        Self { schedule: TrialSchedule::NONE, best_deg: None, trials_since_best: 0, last_result: None };
+    pub const NO_TRIALS: Self =
+        Self { schedule: TrialSchedule::NO_TRIAL, best_deg: None, trials_since_best: 0, last_result: None };
 
     pub fn is_due(&mut self, collector: &Collector, now: WrappingMillis) -> bool {
         self.schedule.is_due(collector, now)

@@ -69,8 +69,8 @@ fn an_unconfirmed_accuracy_is_tried_again_without_new_samples() {
 
 fn trials_representing(represented: u8) -> TrialSolves {
     TrialSolves {
-        schedule: TrialSchedule { represented_trials: represented, ..TrialSchedule::NONE },
-        ..TrialSolves::NONE
+        schedule: TrialSchedule { represented_trials: represented, ..TrialSchedule::NO_TRIAL },
+        ..TrialSolves::NO_TRIALS
     }
 }
 
@@ -143,12 +143,14 @@ fn solution_with(expected_rms_deg: f32, ut_per_a: f32) -> Solution {
         latency: None,
         knows_inclination: true,
     };
-    let current = MotorCurrentInterference { ut_per_a: [ut_per_a, 0.0, 0.0], ..MotorCurrentInterference::NONE };
-    let calibration = Calibration { motor_current: current, ..Calibration::uncalibrated(Orientation::NONE) };
+    let current =
+        MotorCurrentInterference { ut_per_a: [ut_per_a, 0.0, 0.0], ..MotorCurrentInterference::NO_INTERFERENCE };
+    let calibration =
+        Calibration { motor_current: current, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) };
     Solution {
         calibration,
         quality,
-        uncertainty: HeadingUncertainty::NONE,
+        uncertainty: HeadingUncertainty::NO_UNCERTAINTY,
         advice: None,
         hard_iron_change: None,
         bank_scale_error: None,
@@ -164,7 +166,7 @@ fn motor_current_interference_requires_two_good_trial_solves_in_a_row() {
         (0.5, &[1.1, 0.9, 0.9], &[false, false, true]),
         (0.5, &[0.9, 1.1, 0.9, 0.9], &[false, false, false, true]),
     ] {
-        let mut trials = TrialSolves::NONE;
+        let mut trials = TrialSolves::NO_TRIALS;
         let ended: Vec<bool> =
             trials_deg.iter().map(|&deg| trials.record_result(&solution_with(deg, ut_per_a), None, 1.0)).collect();
         assert_eq!(ended, ends, "{ut_per_a} uT/A, {trials_deg:?}");

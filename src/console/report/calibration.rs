@@ -121,14 +121,14 @@ mod tests {
         assert_eq!(line(found), "current: 0.250 -0.125 0.500 uT/A, sigma 0.004, used; 14.3 A, sigma 6.5\n");
         let unused = MotorCurrentInterference { ut_per_a: [0.0; 3], ..found };
         assert_eq!(line(unused), "current: 0.000 0.000 0.000 uT/A, sigma 0.004, not used; 14.3 A, sigma 6.5\n");
-        assert_eq!(line(MotorCurrentInterference::NONE), "current: not known\n");
+        assert_eq!(line(MotorCurrentInterference::NO_INTERFERENCE), "current: not known\n");
     }
 
     /// An applied latency is shown with its value; an estimate is not applied; without rates the latency is unknown.
     #[test]
     fn attitude_latency_is_reported_as_used_or_not() {
         let line = |latency_s: f32, found: Option<AttitudeLatency>| {
-            let calibration = Calibration { latency_s, ..Calibration::uncalibrated(Orientation::NONE) };
+            let calibration = Calibration { latency_s, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) };
             let mut out = heapless::String::<64>::new();
             write_latency(&mut out, &calibration, found).unwrap();
             out

@@ -26,7 +26,7 @@ pub(super) enum SettingGroup {
 
 impl SettingGroup {
     /// All groups but that of the CAN bus, which not every board has.
-    pub const ALL: [Self; 13] = [
+    pub const ALL_GROUPS: [Self; 13] = [
         Self::Stream,
         Self::Declination,
         Self::Inclination,
@@ -245,7 +245,7 @@ mod tests {
             ([None, None], "declination: not set"),
         ] {
             let mut out = String::new();
-            super::write_degrees(&mut out, "declination", ": ", degrees, "not set").unwrap();
+            write_degrees(&mut out, "declination", ": ", degrees, "not set").unwrap();
             assert_eq!(out, words);
         }
     }

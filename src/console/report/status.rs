@@ -79,7 +79,7 @@ pub(super) fn full_status(out: &mut impl Write, report: &StatusReport, health: &
         write_latency(out, &record.calibration, record.quality.latency)?;
     }
     last_outcome(out, report)?;
-    for line in SettingGroup::ALL {
+    for line in SettingGroup::ALL_GROUPS {
         setting_line(out, line, ": ", report)?;
         if let SettingGroup::Port(port) = line {
             write_detected_protocol(

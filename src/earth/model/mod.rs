@@ -162,7 +162,7 @@ fn components_nt(place: Position, years: f32) -> [f32; 3] {
         GeocentricPosition::from_position(place);
     let (sin_longitude, cos_longitude) = trig::sin_cos(place.longitude_deg.to_radians());
     let (mut north, mut east, mut down) = (0.0, 0.0, 0.0);
-    let mut coefficients = COEFFICIENTS.iter();
+    let mut coefficients = MODEL_COEFFICIENTS.iter();
     // For order `m`: first function, power of the ratio, sine and cosine of `m` times longitude.
     let (mut first, mut first_power, mut sin_m, mut cos_m) = ((1.0, 0.0), ratio * ratio, 0.0, 1.0);
     for m in 0..=MAX_DEGREE {
@@ -209,7 +209,7 @@ const MAX_DEGREE: u8 = 12;
 /// `g`, `h` at 2025.0 and their yearly changes, tenths of a nanotesla, by order and then degree. The dipole exceeds
 /// `i16`: 30,000 nT are added to the first `g`, 3,000 nT subtracted from the first `h` of order 1.
 #[rustfmt::skip]
-const COEFFICIENTS: [[i16; 4]; 90] = [
+const MODEL_COEFFICIENTS: [[i16; 4]; 90] = [
     // Coefficients of order m = 0.
     [6_482, 0, 120, 0], [-25_566, 0, -116, 0], [13_610, 0, -13, 0], [8_950, 0, -16, 0], [-2_332, 0, 6, 0],
     [644, 0, -2, 0], [795, 0, 0, 0], [232, 0, -1, 0], [46, 0, 0, 0], [-13, 0, 1, 0], [29, 0, 0, 0], [-20, 0, 0, 0],

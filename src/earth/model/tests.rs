@@ -69,7 +69,7 @@ fn coefficients_match_noaa() {
     ];
     for (years, [sum, squares, h_sum, h_squares]) in expected {
         let mut found = [0.0_f64; 4];
-        let mut coefficients = COEFFICIENTS.iter();
+        let mut coefficients = MODEL_COEFFICIENTS.iter();
         for m in 0..=MAX_DEGREE {
             for n in m.max(1)..=MAX_DEGREE {
                 let [g, h] = coefficients_at(*coefficients.next().unwrap(), n, m, years).map(f64::from);

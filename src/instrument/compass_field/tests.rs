@@ -13,7 +13,7 @@ fn at(us: u64) -> Timestamp {
 }
 
 fn calibration() -> Calibration {
-    Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::NONE) }
+    Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
 }
 
 /// Another calibration of the same aircraft; headings differ by up to 12 deg.
@@ -23,7 +23,7 @@ fn other_calibration() -> Calibration {
 }
 
 fn corrected(calibration: Calibration) -> Correction {
-    Correction { calibration: Some((calibration, HeadingUncertainty::NONE)), ..Correction::NONE }
+    Correction { calibration: Some((calibration, HeadingUncertainty::NO_UNCERTAINTY)), ..Correction::UNCALIBRATED }
 }
 
 fn armed(is_armed: bool, correction: &Correction) -> Correction {
@@ -108,10 +108,10 @@ fn the_compass_field_has_the_true_strength_where_it_is_known() {
 /// Autopilots look for a compass at start-up, when it is unknown whether a calibration is stored for the chip.
 #[test]
 fn an_uncalibrated_module_sends_the_raw_field() {
-    let mut instrument = with(Correction::NONE);
+    let mut instrument = with(Correction::UNCALIBRATED);
     assert_eq!(read(&mut instrument, 0, SOME).compass_field, None);
     let mount = Orientation::from_name("yaw90");
-    instrument.set_correction(Correction { mount, ..Correction::NONE });
+    instrument.set_correction(Correction { mount, ..Correction::UNCALIBRATED });
     let estimate = read(&mut instrument, PERIOD_US, SOME);
     assert_eq!(estimate.heading, Err(NoHeading::Uncalibrated));
     // A chip rotated to the right has its y axis towards the tail.
@@ -123,10 +123,10 @@ fn an_uncalibrated_module_sends_the_raw_field() {
 
 #[test]
 fn the_raw_field_is_never_sent_after_a_calibration_was_used() {
-    let mount = Some(Orientation::NONE);
+    let mount = Some(Orientation::IDENTITY_ROTATION);
     let mut instrument = with(Correction { mount, ..corrected(calibration()) });
     assert!(read(&mut instrument, 0, SOME).compass_field.is_some());
-    instrument.set_correction(Correction { mount, ..Correction::NONE });
+    instrument.set_correction(Correction { mount, ..Correction::UNCALIBRATED });
     assert_eq!(read(&mut instrument, PERIOD_US, SOME).compass_field, None);
     instrument.set_correction(Correction { mount, ..corrected(other_calibration()) });
     assert!(
@@ -220,7 +220,7 @@ fn a_field_rejected_by_the_monitor_is_not_sent() {
 fn the_compass_field_uses_the_monitored_calibration() {
     let mut instrument = with(corrected(calibration()));
     let monitored = Calibration { b_ut: [1.0, 0.0, 0.0], ..calibration() };
-    instrument.active.adjusted_calibration = Some((monitored, HeadingUncertainty::NONE));
+    instrument.active.adjusted_calibration = Some((monitored, HeadingUncertainty::NO_UNCERTAINTY));
     assert!(is_near(read(&mut instrument, 0, SOME).compass_field, monitored.calibrated_field(SOME)));
     instrument.set_correction(armed(true, &corrected(calibration())));
     assert!(is_near(read(&mut instrument, PERIOD_US, SOME).compass_field, monitored.calibrated_field(SOME)));
@@ -308,9 +308,9 @@ fn a_change_of_100_deg_also_turns_at_1_deg_s() {
 /// From the raw field to a calibration, and to another one before the blend ends.
 #[test]
 fn a_further_change_starts_from_the_present_blend() {
-    let mount = Some(Orientation::NONE);
+    let mount = Some(Orientation::IDENTITY_ROTATION);
     let field = sensed(0.3, Attitude::default());
-    let mut instrument = with(armed(true, &Correction { mount, ..Correction::NONE }));
+    let mut instrument = with(armed(true, &Correction { mount, ..Correction::UNCALIBRATED }));
     output_at(&mut instrument, 0, field);
     let aligned = |align_deg| armed(true, &Correction { align_deg, mount, ..corrected(calibration()) });
     instrument.set_correction(aligned(10.0));
@@ -436,7 +436,7 @@ fn arming_does_not_change_headings() {
     let changed = [
         armed(true, &correction),
         Correction { total_ut: Some(48.0), ..correction.clone() },
-        Correction { mount: Some(Orientation::NONE), ..correction.clone() },
+        Correction { mount: Some(Orientation::IDENTITY_ROTATION), ..correction.clone() },
     ];
     assert!(changed.iter().all(|other| other.gives_same_headings(&correction)));
     let others = [

@@ -19,10 +19,10 @@ pub(super) enum MeasurementKind {
 }
 
 impl MeasurementKind {
-    pub const ALL: [Self; 3] = [Self::Strength, Self::Inclination, Self::Heading];
+    pub const ALL_MEASUREMENTS: [Self; 3] = [Self::Strength, Self::Inclination, Self::Heading];
 }
 
-pub(super) type PerKind<T> = [T; MeasurementKind::ALL.len()];
+pub(super) type PerKind<T> = [T; MeasurementKind::ALL_MEASUREMENTS.len()];
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Innovation {
@@ -88,7 +88,7 @@ pub(super) struct InnovationGate {
 }
 
 impl InnovationGate {
-    pub const NONE: Self = Self {
+    pub const NO_INNOVATIONS: Self = Self {
         beyond_wide_gate: [0; 3],
         beyond_narrow_gate: [0; 3],
         gross_count: 0,
@@ -174,7 +174,7 @@ mod tests {
     }
 
     fn changed_after(each: [f32; 3]) -> Option<usize> {
-        let mut gate = InnovationGate::NONE;
+        let mut gate = InnovationGate::NO_INNOVATIONS;
         (1..=40).find(|_| {
             matches!(gate.test_innovations(innovations_of_sigmas(each), 0.1), GateResult::ChangeDetected { .. })
         })
@@ -185,12 +185,12 @@ mod tests {
         for i in 0..3 {
             let alone = |n: f32| core::array::from_fn(|k| if k == i { n } else { 0.0 });
             for (n, expected) in [(4.1, Some(2)), (-4.1, Some(2)), (3.9, Some(6)), (2.1, Some(6)), (-2.1, Some(6))] {
-                assert_eq!(changed_after(alone(n)), expected, "{n} of {:?}", MeasurementKind::ALL[i]);
+                assert_eq!(changed_after(alone(n)), expected, "{n} of {:?}", MeasurementKind::ALL_MEASUREMENTS[i]);
             }
             assert_eq!(changed_after(alone(1.9)), None);
         }
         // Alternating kinds do not form a sequence.
-        let mut gate = InnovationGate::NONE;
+        let mut gate = InnovationGate::NO_INNOVATIONS;
         for i in 0..20 {
             let each = if i % 2 == 0 { [5.0, 0.0, 0.0] } else { [0.0, 5.0, 0.0] };
             assert!(
@@ -202,7 +202,7 @@ mod tests {
 
     #[test]
     fn the_first_large_innovation_is_not_used() {
-        let mut gate = InnovationGate::NONE;
+        let mut gate = InnovationGate::NO_INNOVATIONS;
         let verdict = gate.test_innovations(innovations_of_sigmas([4.1, 3.9, -4.1]), 0.1);
         assert_eq!(verdict, GateResult::Consistent { is_usable: [false, true, false] });
         assert!(!gate.is_withholding());
@@ -210,7 +210,7 @@ mod tests {
 
     #[test]
     fn a_detected_change_has_the_size_of_the_exceeding_residuals() {
-        let mut gate = InnovationGate::NONE;
+        let mut gate = InnovationGate::NO_INNOVATIONS;
         gate.test_innovations(innovations_of_sigmas([-5.0, 2.5, 1.9]), 0.1);
         let GateResult::ChangeDetected { exceeding_residuals: sizes } =
             gate.test_innovations(innovations_of_sigmas([-5.0, 2.5, 1.9]), 0.1)
@@ -224,7 +224,7 @@ mod tests {
 
     #[test]
     fn headings_are_withheld_for_4_s_after_the_last_contradiction() {
-        let mut gate = InnovationGate::NONE;
+        let mut gate = InnovationGate::NO_INNOVATIONS;
         for _ in 0..7 {
             gate.test_innovations(innovations_of_sigmas([5.0, 0.0, 0.0]), 0.1);
         }
@@ -243,7 +243,7 @@ mod tests {
             core::array::from_fn(|k| (k == kind).then_some(Innovation { residual, variance: 1e-4 }))
         };
         for kind in [0, 1] {
-            let mut gate = InnovationGate::NONE;
+            let mut gate = InnovationGate::NO_INNOVATIONS;
             for residual in [0.21, -0.21].into_iter().cycle().take(12) {
                 let verdict = gate.test_innovations(innovations_of(residual, kind), 0.1);
                 assert_eq!(verdict, GateResult::Consistent { is_usable: [false; 3] });
@@ -262,18 +262,18 @@ mod tests {
                 GateResult::ChangeDetected { .. }
             ));
         }
-        let mut gate = InnovationGate::NONE;
+        let mut gate = InnovationGate::NO_INNOVATIONS;
         gate.test_innovations(innovations_of(0.19, 0), 0.1);
         assert!(matches!(gate.test_innovations(innovations_of(0.19, 0), 0.1), GateResult::ChangeDetected { .. }));
         // The heading has no limit for gross residuals.
-        let mut gate = InnovationGate::NONE;
+        let mut gate = InnovationGate::NO_INNOVATIONS;
         gate.test_innovations(innovations_of(2.0, 2), 0.1);
         assert!(matches!(gate.test_innovations(innovations_of(2.0, 2), 0.1), GateResult::ChangeDetected { .. }));
     }
 
     #[test]
     fn missing_measurements_do_not_affect_the_gate() {
-        let mut gate = InnovationGate::NONE;
+        let mut gate = InnovationGate::NO_INNOVATIONS;
         gate.test_innovations(innovations_of_sigmas([0.0, 0.0, 5.0]), 0.1);
         gate.test_innovations(innovations_of_sigmas([0.0, 0.0, f32::NAN]), 0.1);
         assert!(matches!(
@@ -286,7 +286,7 @@ mod tests {
     #[test]
     fn gate_counters_saturate() {
         assert_eq!(changed_after([9.0; 3]), Some(2));
-        let mut gate = InnovationGate::NONE;
+        let mut gate = InnovationGate::NO_INNOVATIONS;
         for _ in 0..1000 {
             gate.test_innovations(innovations_of_sigmas([9.0; 3]), 0.1);
         }
@@ -296,7 +296,7 @@ mod tests {
     /// After 16 s of withheld headings, as of four changes in succession, a turn of 60 deg must show agreement.
     #[test]
     fn repeated_changes_require_a_turn() {
-        let mut gate = InnovationGate::NONE;
+        let mut gate = InnovationGate::NO_INNOVATIONS;
         let mut pass = |sigmas: f32, turned_rad: f32, samples: usize| {
             for _ in 0..samples {
                 gate.test_innovations(innovations_of_sigmas([sigmas; 3]), 0.1);

@@ -70,7 +70,7 @@ const MAX_REPORTS: u8 = 5;
 
 impl ChangeReporter {
     /// Reporter that has reported no change yet.
-    pub const NONE: Self = Self { last_reported: None, last_report_at: None, count: 0 };
+    pub const NOTHING_REPORTED: Self = Self { last_reported: None, last_report_at: None, count: 0 };
 
     /// Returns the present change if it is to be reported; `Some(None)` if all is as calibrated again.
     pub fn update(
@@ -166,7 +166,7 @@ mod tests {
     #[test]
     fn each_change_is_reported_once() {
         let change = |y_ut: f32| Some(hard_iron_change(Vector3::new(0.0, y_ut, 0.0)));
-        let mut reporter = ChangeReporter::NONE;
+        let mut reporter = ChangeReporter::NOTHING_REPORTED;
         let mut at = Timestamp::from_us(0);
         for (now, expected) in [
             (None, None),
@@ -189,7 +189,7 @@ mod tests {
     #[test]
     fn reports_are_30_seconds_apart() {
         let change = Some(hard_iron_change(Vector3::new(5.0, 0.0, 0.0)));
-        let mut reporter = ChangeReporter::NONE;
+        let mut reporter = ChangeReporter::NOTHING_REPORTED;
         let mut reports = (0..700_u32).filter_map(|tenth| {
             let now = if tenth / 10 % 2 == 0 { change } else { None };
             reporter.update(Timestamp::from_us(u64::from(tenth) * 100_000), false, now).map(|report| (tenth, report))
@@ -201,7 +201,7 @@ mod tests {
     #[test]
     fn a_further_change_must_be_significant() {
         let reports_again = |first: InstallationChange, then: InstallationChange| {
-            let mut reporter = ChangeReporter::NONE;
+            let mut reporter = ChangeReporter::NOTHING_REPORTED;
             reporter.update(Timestamp::from_us(0), false, Some(first));
             reporter.update(Timestamp::from_us(MIN_REPORT_PERIOD_US), false, Some(then)).is_some()
         };
@@ -219,7 +219,7 @@ mod tests {
 
     #[test]
     fn a_flight_has_five_reports_at_most() {
-        let mut reporter = ChangeReporter::NONE;
+        let mut reporter = ChangeReporter::NOTHING_REPORTED;
         let mut reports = |from: u64, is_armed: bool| {
             let change = Some(hard_iron_change(Vector3::new(5.0, 0.0, 0.0)));
             let update = |i: &u64| {

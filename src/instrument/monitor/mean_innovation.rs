@@ -21,7 +21,7 @@ pub(super) struct MeanInnovations {
 }
 
 impl MeanInnovations {
-    pub const NONE: Self = Self { means: [0.0; 3] };
+    pub const ZERO_MEANS: Self = Self { means: [0.0; 3] };
 
     /// Adds the innovations of a sample `step_s` after the last one. Returns the mean innovation of the heading,
     /// radians, if it is significant and that of no other measurement is.
@@ -46,7 +46,7 @@ mod tests {
 
     /// Change that is significant after `samples` of constant residuals, in sigmas, at 10 Hz.
     fn change_after(sigmas: PerKind<f32>, samples: usize) -> Option<f32> {
-        let mut means = MeanInnovations::NONE;
+        let mut means = MeanInnovations::ZERO_MEANS;
         let innovations = sigmas.map(|n| Some(Innovation { residual: 0.01 * n, variance: 1e-4 }));
         (0..samples).map(|_| means.update(&innovations, 0.1)).last().flatten()
     }

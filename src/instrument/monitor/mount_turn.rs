@@ -56,7 +56,7 @@ mod tests {
             w: core::array::from_fn(|row| core::array::from_fn(|column| w[(row, column)])),
             b_ut: [15.0, -10.0, 8.0],
             total_ut: 50.0,
-            ..Calibration::uncalibrated(Orientation::NONE)
+            ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
         }
     }
 

@@ -39,7 +39,7 @@ impl MonitorOutput {
         states: [0.0; STATE_COUNT],
         heading_variance_rad2: 0.0,
         sample_noise: None,
-        heading_rate_error: HeadingRateError::NONE,
+        heading_rate_error: HeadingRateError::ZERO_ERROR,
         gyro_offset: None,
         validity: Ok(()),
         installation_change: None,

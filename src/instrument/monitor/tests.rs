@@ -106,12 +106,12 @@ impl Flight {
         let calibration = Calibration {
             inclination_rad: INCLINATION_RAD,
             total_ut: TOTAL_UT,
-            ..Calibration::uncalibrated(Orientation::NONE)
+            ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
         };
         let uncertainty = HeadingUncertainty {
             sensor_sigma: STRENGTH_SIGMA,
             attitude_sigma_rad: TILT_SIGMA_RAD,
-            ..HeadingUncertainty::NONE
+            ..HeadingUncertainty::NO_UNCERTAINTY
         };
         Self {
             monitor: Monitor::new(SensorErrorSigmas::DEFAULT),
@@ -401,9 +401,9 @@ fn the_scale_error_of_the_gyro_is_estimated() {
 /// With a calibration that corrects for the motor current, samples before its first report are discarded for 3 s.
 #[test]
 fn the_first_report_of_a_corrected_current_is_awaited() {
-    let applied = MotorCurrentInterference { ut_per_a: [0.8, 0.0, 0.0], ..MotorCurrentInterference::NONE };
+    let applied = MotorCurrentInterference { ut_per_a: [0.8, 0.0, 0.0], ..MotorCurrentInterference::NO_INTERFERENCE };
     for (motor_current, reported_a, discarded) in
-        [(MotorCurrentInterference::NONE, None, 0), (applied, Some(15.0), 0), (applied, None, 30)]
+        [(MotorCurrentInterference::NO_INTERFERENCE, None, 0), (applied, Some(15.0), 0), (applied, None, 30)]
     {
         let mut flight = Flight::new(15);
         flight.calibration.motor_current = motor_current;
@@ -646,11 +646,11 @@ fn estimated_changes_are_applied_to_the_calibration() {
         b_ut: [1.0, 2.0, 3.0],
         inclination_rad: 1.0,
         total_ut: 50.0,
-        ..Calibration::uncalibrated(Orientation::NONE)
+        ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
     };
     let monitored = MonitoredCalibration {
         calibration: &calibration,
-        uncertainty: &HeadingUncertainty::NONE,
+        uncertainty: &HeadingUncertainty::NO_UNCERTAINTY,
         readings_per_sample: 4,
     };
     let mut states = [0.0; STATE_COUNT];
@@ -666,7 +666,7 @@ fn estimated_changes_are_applied_to_the_calibration() {
     // The mean of four readings has half the sigma of one.
     assert!((adapted.sensor_sigma - 0.02).abs() < 1e-6 && (adapted.attitude_sigma_rad - 0.02).abs() < 1e-6);
     let unchanged = MonitorOutput::INITIAL.correct_calibration(&monitored);
-    assert_eq!(unchanged, (calibration, HeadingUncertainty::NONE));
+    assert_eq!(unchanged, (calibration, HeadingUncertainty::NO_UNCERTAINTY));
 }
 
 /// 24 hours at rest without body rates: all is unobservable, and no state drifts.

@@ -319,7 +319,12 @@ fn a_gap_is_bridged_by_the_gyro_for_three_seconds() {
             let rate_rad_s = flight.pass(40.0);
             let at = Timestamp::from_us(flight.at_us);
             assert_eq!(
-                flight.smoother.smooth_heading(at, None, Some(&flight.turning(rate_rad_s)), &HeadingRateError::NONE),
+                flight.smoother.smooth_heading(
+                    at,
+                    None,
+                    Some(&flight.turning(rate_rad_s)),
+                    &HeadingRateError::ZERO_ERROR
+                ),
                 None,
                 "nothing to tell"
             );
@@ -338,7 +343,7 @@ fn no_smoothed_heading_without_a_gyro_or_after_a_new_gyro_run() {
     flight.wander();
     flight.pass(0.0);
     let at = Timestamp::from_us(flight.at_us);
-    assert_eq!(flight.smoother.smooth_heading(at, Some(&flight.raw()), None, &HeadingRateError::NONE), None);
+    assert_eq!(flight.smoother.smooth_heading(at, Some(&flight.raw()), None, &HeadingRateError::ZERO_ERROR), None);
     assert!(flight.step(0.0).smooth.is_some(), "it is back within three seconds");
     (flight.run, flight.turned_rad) = (2, -1.0);
     assert!(none_smooth(&flight.fly(0.0, 1.9)));

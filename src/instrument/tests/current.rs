@@ -16,8 +16,8 @@ const ATTITUDE: Attitude = Attitude { roll_rad: 0.2, pitch_rad: -0.1 };
 fn with_interference() -> Instrument {
     let mut instrument = instrument();
     let calibration = Calibration { motor_current: IRON, ..calibration() };
-    let calibration = Some((calibration, HeadingUncertainty::NONE));
-    instrument.set_correction(Correction { calibration, has_valid_inclination: true, ..Correction::NONE });
+    let calibration = Some((calibration, HeadingUncertainty::NO_UNCERTAINTY));
+    instrument.set_correction(Correction { calibration, has_valid_inclination: true, ..Correction::UNCALIBRATED });
     instrument
 }
 
@@ -87,7 +87,7 @@ fn a_reported_current_is_valid_for_three_seconds() {
 fn samples_keep_their_current() {
     for sample_attitude in [SampleAttitude::Interpolated, SampleAttitude::Unknown] {
         let mut instrument = instrument();
-        instrument.set_correction(Correction { sample_attitude, ..Correction::NONE });
+        instrument.set_correction(Correction { sample_attitude, ..Correction::UNCALIBRATED });
         let mut found = Vec::new();
         for us in (0..1_000_000).step_by(PERIOD_US as usize) {
             instrument.on_current(at(us), 16.0);

@@ -23,14 +23,14 @@ fn instrument() -> Instrument {
 }
 
 fn calibration() -> Calibration {
-    Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::NONE) }
+    Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
 }
 
 fn calibrated() -> Instrument {
     let mut instrument = instrument();
     instrument.set_correction(Correction {
-        calibration: Some((calibration(), HeadingUncertainty::NONE)),
-        ..Correction::NONE
+        calibration: Some((calibration(), HeadingUncertainty::NO_UNCERTAINTY)),
+        ..Correction::UNCALIBRATED
     });
     instrument
 }
@@ -111,8 +111,8 @@ fn latency_is_applied_to_headings_and_not_to_samples() {
         let mut instrument = instrument();
         let calibration = Calibration { latency_s, ..calibration() };
         instrument.set_correction(Correction {
-            calibration: Some((calibration, HeadingUncertainty::NONE)),
-            ..Correction::NONE
+            calibration: Some((calibration, HeadingUncertainty::NO_UNCERTAINTY)),
+            ..Correction::UNCALIBRATED
         });
         let rolled = |us: u64| Attitude { roll_rad: us as f32 * 1e-6 - 0.2, pitch_rad: 0.1 };
         let mut found = Vec::new();
@@ -284,7 +284,7 @@ fn readings_dropped_from_a_full_queue_are_counted() {
 fn a_gap_in_the_readings_starts_another_sample() {
     for (gap_us, made) in [(40_000, 1), (40_001, 0)] {
         let mut instrument = instrument();
-        let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::NONE };
+        let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::UNCALIBRATED };
         instrument.set_correction(unknown);
         for i in 0..8 {
             let us = i * PERIOD_US + if i < 4 { 0 } else { gap_us - PERIOD_US };
@@ -297,7 +297,7 @@ fn a_gap_in_the_readings_starts_another_sample() {
 #[test]
 fn field_only_samples_do_not_wait_for_attitude() {
     let mut instrument = instrument();
-    let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::NONE };
+    let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::UNCALIBRATED };
     instrument.set_correction(unknown.clone());
     let mut made = Vec::new();
     for i in 0..16 {
@@ -313,20 +313,20 @@ fn field_only_samples_do_not_wait_for_attitude() {
 #[test]
 fn a_sample_mixes_no_readings_with_and_without_attitude() {
     let mut instrument = instrument();
-    let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::NONE };
+    let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::UNCALIBRATED };
     instrument.set_correction(unknown.clone());
     for i in 0..4 {
         instrument.on_reading(at(i * PERIOD_US), reading(SOME));
         assert!(samples(&mut instrument).is_empty());
     }
-    instrument.set_correction(Correction::NONE);
+    instrument.set_correction(Correction::UNCALIBRATED);
     for i in 4..8 {
         report(&mut instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
         instrument.on_reading(at(i * PERIOD_US), reading(SOME));
     }
     assert!(samples(&mut instrument).is_empty());
     // A change of alignment keeps the run.
-    let align = Correction { align_deg: 5.0, ..Correction::NONE };
+    let align = Correction { align_deg: 5.0, ..Correction::UNCALIBRATED };
     instrument.set_correction(align);
     for i in 8..12 {
         report(&mut instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
@@ -530,7 +530,7 @@ fn a_frozen_attitude_is_reported_at_the_fifth_equal_report() {
     assert!(estimates[4].attitude.is_none() && estimates[4].body_field.is_some());
     assert_eq!(
         instrument.rejections().rejected_reports,
-        RejectedReports { frozen_reports: 16, ..RejectedReports::NONE }
+        RejectedReports { frozen_reports: 16, ..RejectedReports::NO_REJECTIONS }
     );
 }
 

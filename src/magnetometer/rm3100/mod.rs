@@ -16,27 +16,27 @@ const PERIOD_US: u32 = 13_333;
 /// the period to 83 %.
 const SLEEP_PERCENT: u32 = 79;
 
-const POLL: u8 = 0x00;
+const POLL_REGISTER: u8 = 0x00;
 /// Continuous mode. Reading it ends the mode.
-const CMM: u8 = 0x01;
-const CCX1: u8 = 0x04;
+const CMM_REGISTER: u8 = 0x01;
+const CCX1_REGISTER: u8 = 0x04;
 /// Rate of the continuous mode. Writing it ends the mode.
-const TMRC: u8 = 0x0B;
-const MX2: u8 = 0x24;
-const BIST: u8 = 0x33;
-const STATUS: u8 = 0x34;
-const REVID: u8 = 0x36;
+const TMRC_REGISTER: u8 = 0x0B;
+const MX2_REGISTER: u8 = 0x24;
+const BIST_REGISTER: u8 = 0x33;
+const STATUS_REGISTER: u8 = 0x34;
+const REVID_REGISTER: u8 = 0x36;
 
 const REVID_VALUE: u8 = 0x22;
 /// Cycle count 200 of the three axes, the chip's default. ArduPilot's driver recognises the chip by it, also after a
 /// restart that leaves the chip powered.
 const CYCLE_COUNTS: [u8; 6] = [0x00, 200, 0x00, 200, 0x00, 200];
 /// `TMRC`: 75 Hz.
-const RATE: u8 = 0x95;
+const RATE_75_HZ: u8 = 0x95;
 /// `CMM`: stopped.
 const CMM_STOPPED: u8 = 0x00;
 /// `CMM`: three axes, data ready after the last of them.
-const CONTINUOUS: u8 = 0b0111_1001;
+const CONTINUOUS_MODE: u8 = 0b0111_1001;
 /// `POLL`: three axes.
 const ALL_AXES: u8 = 0b0111_0000;
 /// `BIST`: four periods of each LR oscillator, within 120 us.
@@ -45,7 +45,7 @@ const TEST_DISABLED: u8 = 0x00;
 /// `BIST`: enabled, and the oscillators of the three axes work.
 const TEST_PASSED: u8 = 0b1111_0000;
 /// `STATUS`: new measurement; the other bits are undefined.
-const DRDY: u8 = 0x80;
+const DATA_READY: u8 = 0x80;
 
 /// Sensitivity at cycle count 200 (manual, table 3-1).
 const COUNTS_PER_UT: f32 = 75.0;
@@ -67,32 +67,32 @@ impl<S: SpiDevice> Rm3100<S> {
 
     /// Stops continuous mode and waits for the end of a measurement: until then the chip refuses single ones.
     async fn stop(&mut self) -> Result<(), MagnetometerError<S::Error>> {
-        self.chip.write_registers(&[CMM, CMM_STOPPED]).await?;
+        self.chip.write_registers(&[CMM_REGISTER, CMM_STOPPED]).await?;
         Timer::after_micros(PERIOD_US.into()).await;
         self.discard_measurement().await
     }
 
     /// Reads the data, which clears data ready.
     async fn discard_measurement(&mut self) -> Result<(), MagnetometerError<S::Error>> {
-        let _old: [u8; 9] = self.chip.read_registers(MX2).await?;
+        let _old: [u8; 9] = self.chip.read_registers(MX2_REGISTER).await?;
         Ok(())
     }
 
     async fn wait_for_measurement(&mut self) -> Result<(), MagnetometerError<S::Error>> {
         let chip = &mut self.chip;
-        let is_ready = |[status]: &[u8; 1]| status & DRDY != 0;
-        self.polling.wait_for_next(async || chip.read_registers(STATUS).await, is_ready).await?;
+        let is_ready = |[status]: &[u8; 1]| status & DATA_READY != 0;
+        self.polling.wait_for_next(async || chip.read_registers(STATUS_REGISTER).await, is_ready).await?;
         Ok(())
     }
 
     /// Runs the built-in self-test of the oscillators (manual, section 5.6.1).
     async fn run_self_test(&mut self) -> Result<(), MagnetometerError<S::Error>> {
-        self.chip.write_registers(&[BIST, TEST_ENABLED]).await?;
-        self.chip.write_registers(&[POLL, ALL_AXES]).await?;
+        self.chip.write_registers(&[BIST_REGISTER, TEST_ENABLED]).await?;
+        self.chip.write_registers(&[POLL_REGISTER, ALL_AXES]).await?;
         self.polling.start_sleep();
         self.wait_for_measurement().await?;
-        let [result] = self.chip.read_registers(BIST).await?;
-        self.chip.write_registers(&[BIST, TEST_DISABLED]).await?;
+        let [result] = self.chip.read_registers(BIST_REGISTER).await?;
+        self.chip.write_registers(&[BIST_REGISTER, TEST_DISABLED]).await?;
         if result & TEST_PASSED == TEST_PASSED { Ok(()) } else { Err(MagnetometerError::SelfTest(result)) }
     }
 }
@@ -101,26 +101,26 @@ impl<S: SpiDevice> Magnetometer for Rm3100<S> {
     type BusError = S::Error;
 
     async fn init(&mut self) -> Result<Identity, MagnetometerError<S::Error>> {
-        match self.chip.read_registers(REVID).await? {
+        match self.chip.read_registers(REVID_REGISTER).await? {
             [REVID_VALUE] => {}
             [other] => return Err(MagnetometerError::WrongIdentity(other)),
         }
         self.stop().await?;
         self.run_self_test().await?;
         let [x1, x0, y1, y0, z1, z0] = CYCLE_COUNTS;
-        self.chip.write_registers(&[CCX1, x1, x0, y1, y0, z1, z0]).await?;
-        self.chip.write_registers(&[TMRC, RATE]).await?;
+        self.chip.write_registers(&[CCX1_REGISTER, x1, x0, y1, y0, z1, z0]).await?;
+        self.chip.write_registers(&[TMRC_REGISTER, RATE_75_HZ]).await?;
         self.verify_configuration().await?;
         self.discard_measurement().await?;
         // Continuous mode is started last, because other accesses end it.
-        self.chip.write_registers(&[CMM, CONTINUOUS]).await?;
+        self.chip.write_registers(&[CMM_REGISTER, CONTINUOUS_MODE]).await?;
         self.polling.start_sleep();
         Ok(Identity { model: Model::Rm3100, address: Identity::SPI })
     }
 
     async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<S::Error>> {
         self.wait_for_measurement().await?;
-        match self.chip.read_registers(MX2).await? {
+        match self.chip.read_registers(MX2_REGISTER).await? {
             // No chip drives the line: SPI has no acknowledge, and such a line also reads as data ready.
             [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF] => Err(MagnetometerError::NoData),
             data => Ok(decode_reading(data)),
@@ -130,8 +130,8 @@ impl<S: SpiDevice> Magnetometer for Rm3100<S> {
     /// Verifies all but continuous mode, which a read of `CMM` would end: a chip that left continuous mode sends no
     /// data.
     async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<S::Error>> {
-        chip::check_readback(CYCLE_COUNTS, self.chip.read_registers(CCX1).await?)?;
-        chip::check_readback([RATE], self.chip.read_registers(TMRC).await?)
+        chip::check_readback(CYCLE_COUNTS, self.chip.read_registers(CCX1_REGISTER).await?)?;
+        chip::check_readback([RATE_75_HZ], self.chip.read_registers(TMRC_REGISTER).await?)
     }
 
     /// Noise of 1.1 counts repeats the middle value in every third reading, half of it in two of three. 48 in a row

@@ -204,7 +204,7 @@ impl CanNode {
         }
         let Some(own) = self.node_id() else {
             if let Some(payload) = self.allocation.next_request(now) {
-                self.outbox.send_message(now, None, DataType::ALLOCATION, priority::LOW, payload);
+                self.outbox.send_message(now, None, DataType::ALLOCATION, priority::LOW_PRIORITY, payload);
             }
             return None;
         };
@@ -313,14 +313,20 @@ impl CanNode {
                 if sends_covariance { variance_gauss2(snapshot.estimate, field).map(|axis| [axis; 3]) } else { None };
             let gauss = [field.ut.x, field.ut.y, field.ut.z].map(|ut| ut / UT_PER_GAUSS);
             let payload = outbound::magnetic_field(SENSOR_NUMBER, gauss, variances);
-            self.outbox.send_field(snapshot.now, own, priority::LOW, payload);
+            self.outbox.send_field(snapshot.now, own, priority::LOW_PRIORITY, payload);
         }
     }
 
     fn send_status(&mut self, own: NodeId, snapshot: &Snapshot<'_>) {
         if self.status_schedule.is_due(snapshot.now, STATUS_HZ) {
             let status = self.node_status(snapshot);
-            self.outbox.send_message(snapshot.now, Some(own), DataType::NODE_STATUS, priority::LOW, status.payload());
+            self.outbox.send_message(
+                snapshot.now,
+                Some(own),
+                DataType::NODE_STATUS,
+                priority::LOW_PRIORITY,
+                status.payload(),
+            );
         }
     }
 
@@ -359,7 +365,13 @@ impl CanNode {
     fn send_tunnel(&mut self, own: NodeId, snapshot: &Snapshot<'_>) {
         self.tunnel.poll(snapshot);
         if let Some((payload, length)) = self.tunnel.next_piece()
-            && self.outbox.send_message(snapshot.now, Some(own), DataType::TARGETTED, priority::MEDIUM, payload)
+            && self.outbox.send_message(
+                snapshot.now,
+                Some(own),
+                DataType::TARGETTED,
+                priority::MEDIUM_PRIORITY,
+                payload,
+            )
         {
             self.tunnel.consume_bytes(length);
         }
@@ -369,7 +381,7 @@ impl CanNode {
         if self.outbox.has_room_for_text()
             && let Some(payload) = self.log.next_piece(now)
         {
-            self.outbox.send_message(now, Some(own), DataType::LOG_MESSAGE, priority::LOW, payload);
+            self.outbox.send_message(now, Some(own), DataType::LOG_MESSAGE, priority::LOW_PRIORITY, payload);
         }
     }
 }

@@ -40,7 +40,7 @@ impl Tunnel {
         deliver: &mut dyn FnMut(ReceivedMessage),
     ) {
         let Some(node) = transfer.source else { return };
-        if ![Targetted::MAVLINK, Targetted::MAVLINK_2].contains(&piece.protocol) {
+        if ![Targetted::MAVLINK_PROTOCOL, Targetted::MAVLINK_2].contains(&piece.protocol) {
             return;
         }
         let active = self.peer.filter(|peer| at.us_since(peer.last) <= TUNNEL_RELEASE_US);
@@ -71,7 +71,7 @@ impl Tunnel {
     pub fn next_piece(&self) -> Option<(Payload, usize)> {
         let TunnelPeer { node, protocol, serial, baud, .. } = self.peer?;
         let pending = self.output.pending_bytes();
-        let data = pending.get(..Targetted::LENGTH).unwrap_or(pending);
+        let data = pending.get(..Targetted::MAX_DATA_LENGTH).unwrap_or(pending);
         let piece =
             Targetted { protocol, target: node.get(), serial_line: serial, options: TARGETTED_OPTIONS, baud, data };
         (!data.is_empty()).then(|| (piece.payload(), data.len()))

@@ -26,7 +26,7 @@ enum MessageRequest {
 }
 
 /// Requests in order: first for the calibration, then for the field model.
-const REQUESTS: [MessageRequest; 8] = [
+const MESSAGE_REQUESTS: [MessageRequest; 8] = [
     MessageRequest::Attitude(50),
     MessageRequest::Attitude(40),
     MessageRequest::Attitude(25),
@@ -90,7 +90,7 @@ impl RequestSequence {
         if !is_open || ack.result == MavResult::MAV_RESULT_IN_PROGRESS as u8 {
             return;
         }
-        match REQUESTS.get(self.request_index) {
+        match MESSAGE_REQUESTS.get(self.request_index) {
             // The messages must arrive from now on.
             Some(MessageRequest::Attitude(_)) if is_granted => self.restart_rate_count(at),
             Some(MessageRequest::Attitude(_) | MessageRequest::Message(..)) => {
@@ -128,7 +128,7 @@ impl RequestSequence {
             MessageRequest::Attitude(rate_hz) => *rate_hz <= self.max_attitude_hz,
             MessageRequest::Stream(_) | MessageRequest::Message(..) => true,
         };
-        self.select_request(REQUESTS.iter().position(is_allowed).unwrap_or(0));
+        self.select_request(MESSAGE_REQUESTS.iter().position(is_allowed).unwrap_or(0));
         self.restart_rate_count(now);
     }
 
@@ -142,7 +142,7 @@ impl RequestSequence {
 
     fn due_request(&mut self, now: Timestamp) -> Option<MessageRequest> {
         let elapsed_us = now.us_since(self.since);
-        let periodic_request = REQUESTS.get(self.request_index);
+        let periodic_request = MESSAGE_REQUESTS.get(self.request_index);
         if periodic_request.is_none() {
             let heard_us = self.last.map_or(elapsed_us, |(at, _)| now.us_since(at));
             if heard_us > ATTITUDE_TIMEOUT_US {
@@ -157,7 +157,7 @@ impl RequestSequence {
         } else if self.attempts >= ATTEMPTS_PER_REQUEST {
             self.select_request(self.request_index + 1);
         }
-        REQUESTS.get(self.request_index).copied()
+        MESSAGE_REQUESTS.get(self.request_index).copied()
     }
 }
 

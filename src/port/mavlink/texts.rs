@@ -59,16 +59,16 @@ impl PendingTexts {
             return false;
         }
         let characters = text.characters.bytes();
-        let is_long = characters.len() > OutboundMessage::TEXT;
-        let rest = characters.get(usize::from(self.sent) * OutboundMessage::TEXT..).unwrap_or_default();
-        let chunk = rest.get(..OutboundMessage::TEXT).unwrap_or(rest);
+        let is_long = characters.len() > OutboundMessage::STATUSTEXT_CAPACITY;
+        let rest = characters.get(usize::from(self.sent) * OutboundMessage::STATUSTEXT_CAPACITY..).unwrap_or_default();
+        let chunk = rest.get(..OutboundMessage::STATUSTEXT_CAPACITY).unwrap_or(rest);
         let id = if is_long { self.id.max(1) } else { 0 };
         if !line.send_message(OutboundMessage::text(text.severity, chunk, id, self.sent)) {
             return false;
         }
         self.sent += 1;
         // The last of several chunks must not be full: an empty one follows if all are.
-        if !is_long || chunk.len() < OutboundMessage::TEXT {
+        if !is_long || chunk.len() < OutboundMessage::STATUSTEXT_CAPACITY {
             self.waiting.remove(0);
             (self.sent, self.id) = (0, id.wrapping_add(1));
         }

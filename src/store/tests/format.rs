@@ -209,8 +209,8 @@ fn variants_keep_their_numbers() {
     assert_numbers(&[Model::Lis3mdl, Model::Lsm303dlhc, Model::Rm3100]);
     assert_numbers(&[Envelope::Banked, Envelope::Level]);
     assert_numbers(&[HeadingKind::Raw, HeadingKind::Smooth]);
-    assert_numbers(&ProtocolKind::ALL);
-    assert_numbers(&Baud::ALL);
+    assert_numbers(&ProtocolKind::ALL_PROTOCOLS);
+    assert_numbers(&Baud::ALL_RATES);
     assert_numbers(&[
         Method::Level,
         Method::FourEllipse,

@@ -31,8 +31,8 @@ pub(crate) fn record(serial: u32) -> CalibrationRecord {
         inclination_rad: 1.0,
         total_ut: 48.0,
         latency_s: -0.04,
-        motor_current: MotorCurrentInterference::NONE,
-        ..Calibration::uncalibrated(Orientation::NONE)
+        motor_current: MotorCurrentInterference::NO_INTERFERENCE,
+        ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
     };
     let quality = Quality {
         method: Method::MaximumLikelihood,
@@ -46,9 +46,16 @@ pub(crate) fn record(serial: u32) -> CalibrationRecord {
         knows_inclination: true,
     };
     let sensor = Identity { model: Model::Lis3mdl, address: 0x1E };
-    let mut uncertainty = HeadingUncertainty::NONE;
+    let mut uncertainty = HeadingUncertainty::NO_UNCERTAINTY;
     uncertainty.sensor_sigma = 0.002;
-    CalibrationRecord { calibration, quality, uncertainty, sensor, mount: Orientation::NONE, serial_number: serial }
+    CalibrationRecord {
+        calibration,
+        quality,
+        uncertainty,
+        sensor,
+        mount: Orientation::IDENTITY_ROTATION,
+        serial_number: serial,
+    }
 }
 
 fn stored_calibrations(serial: u32) -> StoredCalibrations {

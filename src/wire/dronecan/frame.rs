@@ -48,12 +48,12 @@ pub struct NodeId(NonZeroU8);
 
 impl NodeId {
     /// Largest node number.
-    pub const MAX: u8 = 127;
+    pub const MAX_NODE_ID: u8 = 127;
 
     /// A node number; `None` for 0, which is no node, and above 127.
     #[must_use]
     pub fn new(number: u8) -> Option<Self> {
-        NonZeroU8::new(number).filter(|number| number.get() <= Self::MAX).map(Self)
+        NonZeroU8::new(number).filter(|number| number.get() <= Self::MAX_NODE_ID).map(Self)
     }
 
     /// The node number.
@@ -66,9 +66,9 @@ impl NodeId {
 /// Transfer priorities, the highest first.
 pub mod priority {
     /// Priority of tunnelled bytes.
-    pub const MEDIUM: u8 = 16;
+    pub const MEDIUM_PRIORITY: u8 = 16;
     /// Priority of all other messages than tunnelled bytes.
-    pub const LOW: u8 = 24;
+    pub const LOW_PRIORITY: u8 = 24;
 }
 
 /// Kind of a transfer.
@@ -100,10 +100,10 @@ impl FrameHeader {
     #[must_use]
     pub fn from_id(id: u32) -> Option<Self> {
         let [high, middle, low, last] = id.to_be_bytes();
-        let (priority, is_service, source) = (high & 0x1F, last & 0x80 != 0, NodeId::new(last & NodeId::MAX));
+        let (priority, is_service, source) = (high & 0x1F, last & 0x80 != 0, NodeId::new(last & NodeId::MAX_NODE_ID));
         let (kind, type_id) = if is_service {
             source?;
-            let other = NodeId::new(low & NodeId::MAX)?;
+            let other = NodeId::new(low & NodeId::MAX_NODE_ID)?;
             let kind = if low & 0x80 == 0 { TransferKind::Response(other) } else { TransferKind::Request(other) };
             (kind, u16::from(middle))
         } else {

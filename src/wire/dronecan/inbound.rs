@@ -121,11 +121,11 @@ pub struct Targetted<'a> {
 
 impl Targetted<'_> {
     /// Bytes are MAVLink, version 1 or 2.
-    pub const MAVLINK: u8 = 0;
+    pub const MAVLINK_PROTOCOL: u8 = 0;
     /// Bytes are MAVLink 2.
     pub const MAVLINK_2: u8 = 1;
     /// Largest number of bytes of a message.
-    pub const LENGTH: usize = 120;
+    pub const MAX_DATA_LENGTH: usize = 120;
 }
 
 /// Data type with its decoder.
@@ -222,7 +222,7 @@ fn tunnel_targetted(payload: &[u8]) -> Option<InboundMessage<'_>> {
         baud: fields.take(24) as u32,
         data: fields.take_rest(),
     };
-    (message.data.len() <= Targetted::LENGTH).then_some(InboundMessage::Targetted(message))
+    (message.data.len() <= Targetted::MAX_DATA_LENGTH).then_some(InboundMessage::Targetted(message))
 }
 
 fn arming_status(payload: &[u8]) -> Option<InboundMessage<'_>> {

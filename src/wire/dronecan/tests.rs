@@ -22,7 +22,7 @@ fn frames_of(id: u32, text: &str) -> Vec<CanFrame> {
 }
 
 fn transfer(data_type: DataType, kind: TransferKind, transfer_id: u8, payload: Payload) -> OutboundTransfer {
-    OutboundTransfer { data_type, priority: priority::LOW, kind, transfer_id, payload }
+    OutboundTransfer { data_type, priority: priority::LOW_PRIORITY, kind, transfer_id, payload }
 }
 
 fn message(data_type: DataType, transfer_id: u8, payload: Payload) -> OutboundTransfer {
@@ -244,9 +244,10 @@ fn bytes_of_a_serial_line_are_sent_and_received() {
     let piece =
         Targetted { protocol: Targetted::MAVLINK_2, target: 10, serial_line: 0, options: 1, baud: 57_600, data };
     assert_received(0x100B_B92A, text, &inbound(16, Some(node(42)), 9, InboundMessage::Targetted(piece)));
-    let sent = OutboundTransfer { priority: priority::MEDIUM, ..message(DataType::TARGETTED, 9, piece.payload()) };
+    let sent =
+        OutboundTransfer { priority: priority::MEDIUM_PRIORITY, ..message(DataType::TARGETTED, 9, piece.payload()) };
     assert_frames(&sent, 0x100B_B92A, text);
-    let default = Targetted { serial_line: -1, data: &[0; Targetted::LENGTH], ..piece };
+    let default = Targetted { serial_line: -1, data: &[0; Targetted::MAX_DATA_LENGTH], ..piece };
     assert_eq!(default.payload().len(), 126);
     let frames: Vec<_> = message(DataType::TARGETTED, 0, default.payload()).frames(Some(node(42))).collect();
     assert_eq!(

@@ -29,8 +29,8 @@ impl Address {
 }
 
 /// First byte of a frame, by version.
-pub(super) const V1: u8 = 0xFE;
-pub(super) const V2: u8 = 0xFD;
+pub(super) const V1_START_BYTE: u8 = 0xFE;
+pub(super) const V2_START_BYTE: u8 = 0xFD;
 
 /// Header length, bytes, by version.
 pub(super) const V1_HEADER_LENGTH: usize = 6;

@@ -19,14 +19,14 @@ mod signature;
 
 use crate::attitude::SenderId;
 pub use frame::Address;
-use frame::{V1, V1_HEADER_LENGTH, V2, V2_HEADER_LENGTH, checksum};
+use frame::{V1_HEADER_LENGTH, V1_START_BYTE, V2_HEADER_LENGTH, V2_START_BYTE, checksum};
 pub use inbound::{Acknowledgement, InboundMessage, ReceivedCommand};
 use inbound::{MAX_PAYLOAD_LENGTH, MessageSpec, SUPPORTED_MESSAGES};
 pub use outbound::{Frame, MagCalReport, OutboundMessage, Pose};
 pub use signature::{Signatures, key_from_passphrase};
 
 /// Longest frame of version 2, bytes: header, payload, 2 of CRC, 13 of signature.
-const MAX_FRAME: usize = V2_HEADER_LENGTH + MAX_PAYLOAD_LENGTH + 2 + signature::LENGTH;
+const MAX_FRAME: usize = V2_HEADER_LENGTH + MAX_PAYLOAD_LENGTH + 2 + signature::SIGNATURE_SIZE;
 
 /// Receiver of supported messages in a stream of bytes.
 #[derive(Debug, Default)]
@@ -121,7 +121,7 @@ impl Receiver {
 
 fn find_frame_candidate(bytes: &[u8]) -> FrameCandidate {
     match *bytes {
-        [V1, length, _, system, component, id, ..] => {
+        [V1_START_BYTE, length, _, system, component, id, ..] => {
             let payload = usize::from(length);
             let matches_layout =
                 |wanted: &&MessageSpec| wanted.message_id == u32::from(id) && wanted.payload_length == payload;
@@ -130,7 +130,7 @@ fn find_frame_candidate(bytes: &[u8]) -> FrameCandidate {
                 FrameCandidate::Yes(FrameLayout { wanted, source, header: V1_HEADER_LENGTH, payload, signature: 0 })
             })
         }
-        [V2, length, incompatibility, _, _, system, component, m0, m1, m2, ..] => {
+        [V2_START_BYTE, length, incompatibility, _, _, system, component, m0, m1, m2, ..] => {
             let payload = usize::from(length);
             let id = u32::from_le_bytes([m0, m1, m2, 0]);
             // An unknown flag may change the format. Trailing zeros of the payload are truncated, to one byte at least.
@@ -140,12 +140,13 @@ fn find_frame_candidate(bytes: &[u8]) -> FrameCandidate {
             };
             SUPPORTED_MESSAGES.iter().find(matches_layout).map_or(FrameCandidate::No, |wanted| {
                 let source = Address { system_id: system, component_id: component }.sender_id();
-                let signature = if incompatibility & signature::SIGNED_FLAG == 0 { 0 } else { signature::LENGTH };
+                let signature =
+                    if incompatibility & signature::SIGNED_FLAG == 0 { 0 } else { signature::SIGNATURE_SIZE };
                 FrameCandidate::Yes(FrameLayout { wanted, source, header: V2_HEADER_LENGTH, payload, signature })
             })
         }
-        [] | [V1, ..] => FrameCandidate::Unknown(V1_HEADER_LENGTH),
-        [V2, ..] => FrameCandidate::Unknown(V2_HEADER_LENGTH),
+        [] | [V1_START_BYTE, ..] => FrameCandidate::Unknown(V1_HEADER_LENGTH),
+        [V2_START_BYTE, ..] => FrameCandidate::Unknown(V2_HEADER_LENGTH),
         _ => FrameCandidate::No,
     }
 }

@@ -10,7 +10,7 @@ use mavlink::dialects::common::{
     MavResult, MavSeverity, MavState, MavType, NAMED_VALUE_FLOAT_DATA, STATUSTEXT_DATA, VISION_POSITION_ESTIMATE_DATA,
 };
 
-use super::frame::{Address, V2, V2_HEADER_LENGTH, checksum};
+use super::frame::{Address, V2_HEADER_LENGTH, V2_START_BYTE, checksum};
 use super::signature::{self, Signatures};
 use crate::time::Timestamp;
 
@@ -18,7 +18,7 @@ use crate::time::Timestamp;
 const MAX_PAYLOAD: usize = 117;
 
 /// Encoded MAVLink frame.
-pub type Frame = heapless::Vec<u8, { V2_HEADER_LENGTH + MAX_PAYLOAD + 2 + signature::LENGTH }>;
+pub type Frame = heapless::Vec<u8, { V2_HEADER_LENGTH + MAX_PAYLOAD + 2 + signature::SIGNATURE_SIZE }>;
 
 /// Message to send.
 #[derive(Clone, Debug)]
@@ -100,13 +100,13 @@ impl OutboundMessage {
     }
 
     /// Capacity of a STATUSTEXT, characters.
-    pub const TEXT: usize = 50;
+    pub const STATUSTEXT_CAPACITY: usize = 50;
 
     /// STATUSTEXT: a chunk of a text, cut at 50 characters. The chunks of a longer text share a number other than 0,
     /// and the first chunk that is not full is the last.
     #[must_use]
     pub fn text(severity: MavSeverity, chunk: &[u8], number: u16, sequence: u8) -> Self {
-        let mut text = [0; Self::TEXT];
+        let mut text = [0; Self::STATUSTEXT_CAPACITY];
         text.iter_mut().zip(chunk).for_each(|(to, from)| *to = *from);
         let mut message = Self::from_library::<STATUSTEXT_DATA>();
         message.put_bytes(&[severity as u8]);
@@ -200,7 +200,7 @@ impl OutboundMessage {
     fn new(id: u32, extra_crc: u8) -> Self {
         let [id_0, id_1, id_2, _] = id.to_le_bytes();
         let mut message = Self { frame: heapless::Vec::new(), extra_crc };
-        message.put_bytes(&[V2, 0, 0, 0, 0, 0, 0, id_0, id_1, id_2]);
+        message.put_bytes(&[V2_START_BYTE, 0, 0, 0, 0, 0, 0, id_0, id_1, id_2]);
         message
     }
 

@@ -15,7 +15,7 @@ use crate::attitude::SenderId;
 use crate::settings::SigningKey;
 
 /// Length of a signature, bytes.
-pub(super) const LENGTH: usize = 13;
+pub(super) const SIGNATURE_SIZE: usize = 13;
 
 /// Bytes of the hash in a signature.
 const HASH_LENGTH: usize = 6;

@@ -68,11 +68,11 @@ pub enum Function {
 }
 
 impl Function {
-    const ALL: [Self; 7] =
+    const ALL_FUNCTIONS: [Self; 7] =
         [Self::FcVariant, Self::Status, Self::RawImu, Self::RawGps, Self::Attitude, Self::Analog, Self::Rtc];
 
     fn from_number(number: u16) -> Option<Self> {
-        Self::ALL.into_iter().find(|function| *function as u16 == number)
+        Self::ALL_FUNCTIONS.into_iter().find(|function| *function as u16 == number)
     }
 }
 
@@ -143,12 +143,12 @@ pub enum MspReply {
     Refused(Function),
 }
 
-const HEADER: usize = 8;
+const FRAME_HEADER_SIZE: usize = 8;
 
 /// Longest accepted payload, bytes. MSP_STATUS has 11 to 40, depending on firmware and version.
 const MAX_PAYLOAD: usize = 64;
 
-const MAX_FRAME: usize = HEADER + MAX_PAYLOAD + 1;
+const MAX_FRAME: usize = FRAME_HEADER_SIZE + MAX_PAYLOAD + 1;
 
 /// Receiver of supported replies in a stream of bytes.
 #[derive(Debug, Default)]
@@ -215,9 +215,9 @@ fn required_length(bytes: &[u8]) -> Option<usize> {
         [b'$', b'X', b'>' | b'!', _, f0, f1, n0, n1, ..] => {
             let payload = usize::from(u16::from_le_bytes([n0, n1]));
             let is_wanted = Function::from_number(u16::from_le_bytes([f0, f1])).is_some() && payload <= MAX_PAYLOAD;
-            is_wanted.then_some(HEADER + payload + 1)
+            is_wanted.then_some(FRAME_HEADER_SIZE + payload + 1)
         }
-        [] | [b'$'] | [b'$', b'X'] | [b'$', b'X', b'>' | b'!', ..] => Some(HEADER),
+        [] | [b'$'] | [b'$', b'X'] | [b'$', b'X', b'>' | b'!', ..] => Some(FRAME_HEADER_SIZE),
         _ => None,
     }
 }

@@ -226,7 +226,7 @@ fn a_date_is_decoded_from_calendar_or_seconds() {
 
 #[test]
 fn refusals_and_empty_replies_are_returned() {
-    for function in Function::ALL {
+    for function in Function::ALL_FUNCTIONS {
         assert_eq!(decode_single(&frame(b'!', function as u16, &[])), Some(MspReply::Refused(function)));
         assert_eq!(
             decode_single(&frame(b'!', function as u16, &[1, 2, 3, 4, 5, 6])),

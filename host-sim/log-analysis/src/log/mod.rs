@@ -164,7 +164,7 @@ fn detect_format(head: &[u8]) -> Result<LogFormat, LogError> {
     let text = || head.split(|&byte| byte == b'\n').take(100);
     if head.is_empty() {
         Err(LogError::Empty)
-    } else if head.starts_with(&ulog::MAGIC) {
+    } else if head.starts_with(&ulog::ULOG_MAGIC) {
         Ok(LogFormat::ULog)
     } else if dataflash::matches_header(head) {
         Ok(LogFormat::DataFlash)

@@ -205,8 +205,8 @@ impl TlogReader {
 
     /// Reads the payload bytes directly, so that vehicle types unknown to the library are accepted.
     fn process_heartbeat(&mut self, frame: &Frame<'_>) {
-        const ARDUPILOT: u8 = 3;
-        const PX4: u8 = 12;
+        const MAV_AUTOPILOT_ARDUPILOT: u8 = 3;
+        const MAV_AUTOPILOT_PX4: u8 = 12;
         const ARMED_FLAG: u8 = 0x80;
         // MAV_TYPE: quadrotor, coaxial, helicopter, hexa-, octo-, tri-, dodeca-, decarotor.
         const ROTORCRAFT_TYPES: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
@@ -217,8 +217,8 @@ impl TlogReader {
             self.autopilot = Some(frame.sender);
             self.builder.flight.is_copter = ROTORCRAFT_TYPES.contains(&byte(4));
             self.builder.flight.autopilot = match autopilot {
-                ARDUPILOT => Autopilot::ArduPilot,
-                PX4 => Autopilot::Px4,
+                MAV_AUTOPILOT_ARDUPILOT => Autopilot::ArduPilot,
+                MAV_AUTOPILOT_PX4 => Autopilot::Px4,
                 _ => Autopilot::Unknown,
             };
         }

@@ -106,7 +106,7 @@ pub enum CorrectionSource {
 
 impl CorrectionSource {
     /// All sources, in the order of reports.
-    pub const ALL: [Self; 6] =
+    pub const ALL_SOURCES: [Self; 6] =
         [Self::Uncorrected, Self::Autopilot, Self::Sphere, Self::Ellipsoid, Self::Module, Self::ModuleAllRows];
 
     /// Name in reports.

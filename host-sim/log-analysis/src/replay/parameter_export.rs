@@ -87,8 +87,8 @@ const DEFAULT_MAX_OFFSET_MG: f64 = 1800.0;
 /// Heading loss that causes a warning, degrees.
 const MIN_REPORTED_LOSS_DEG: f64 = 0.3;
 
-const MILLIGAUSS: f64 = 10.0;
-const GAUSS: f64 = 0.01;
+const MILLIGAUSS_PER_UT: f64 = 10.0;
+const GAUSS_PER_UT: f64 = 0.01;
 /// PX4 uses gauss per kiloampere.
 const AMPERES_PER_KILOAMPERE: f64 = 1000.0;
 
@@ -99,7 +99,7 @@ impl ExportedCorrection {
 
     /// Largest offset, milligauss.
     pub(super) fn largest_offset_mg(&self) -> f64 {
-        self.correction.hard_iron_ut.amax() * MILLIGAUSS
+        self.correction.hard_iron_ut.amax() * MILLIGAUSS_PER_UT
     }
 
     /// Limit of the offsets that the autopilot rejects, milligauss, if exceeded.
@@ -194,7 +194,7 @@ fn inav_correction(text: &str) -> FieldCorrection {
         }))
     };
     let scale = values("maggain", 1024.0).map(|gain| 1024.0 / gain);
-    FieldCorrection::without_current(Matrix3::from_diagonal(&scale), values("magzero", 0.0) / MILLIGAUSS)
+    FieldCorrection::without_current(Matrix3::from_diagonal(&scale), values("magzero", 0.0) / MILLIGAUSS_PER_UT)
 }
 
 fn polar_decomposition(matrix: &Matrix3<f64>) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
@@ -272,11 +272,11 @@ fn write_ardupilot_parameters(text: &mut String, flight: &Flight, exports: &[Exp
         let index = if export.compass_number == 1 { String::new() } else { export.compass_number.to_string() };
         let [offsets, diagonal, off_diagonal] = correction_parts(&export.correction);
         for (name, numbers, decimals) in [
-            ("OFS", -offsets * MILLIGAUSS, 2),
+            ("OFS", -offsets * MILLIGAUSS_PER_UT, 2),
             ("DIA", diagonal, 5),
             ("ODI", off_diagonal, 5),
             // ArduPilot adds the motor-current term after the multiplication with the matrix.
-            ("MOT", -(export.correction.matrix * export.correction.motor_ut_per_a) * MILLIGAUSS, 3),
+            ("MOT", -(export.correction.matrix * export.correction.motor_ut_per_a) * MILLIGAUSS_PER_UT, 3),
         ] {
             for (axis, number) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {
                 writeln!(text, "COMPASS_{name}{index}_{axis},{}", format_number(*number, decimals))?;
@@ -346,8 +346,9 @@ fn write_px4_parameters(text: &mut String, flight: &Flight, exports: &[ExportedC
             motor_ut_per_a: to_sensor * export.correction.motor_ut_per_a,
         };
         let [offsets, diagonal, off_diagonal] = correction_parts(&sensor);
-        let comp = -sensor.motor_ut_per_a * GAUSS * AMPERES_PER_KILOAMPERE;
-        for (name, numbers) in [("OFF", offsets * GAUSS), ("SCALE", diagonal), ("ODIAG", off_diagonal), ("COMP", comp)]
+        let comp = -sensor.motor_ut_per_a * GAUSS_PER_UT * AMPERES_PER_KILOAMPERE;
+        for (name, numbers) in
+            [("OFF", offsets * GAUSS_PER_UT), ("SCALE", diagonal), ("ODIAG", off_diagonal), ("COMP", comp)]
         {
             for (axis, number) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {
                 writeln!(text, "1\t1\tCAL_MAG{index}_{axis}{name}\t{}\t9", format_number(*number, 6))?;
@@ -377,7 +378,7 @@ fn write_inav_parameters(text: &mut String, exports: &[ExportedCorrection]) -> s
             .iter()
             .zip(export.correction.hard_iron_ut.iter().zip(export.correction.matrix.diagonal().iter()))
         {
-            writeln!(text, "set magzero_{axis} = {:.0}", zero * MILLIGAUSS)?;
+            writeln!(text, "set magzero_{axis} = {:.0}", zero * MILLIGAUSS_PER_UT)?;
             writeln!(text, "set maggain_{axis} = {:.0}", 1024.0 / gain)?;
         }
         writeln!(text, "save")?;

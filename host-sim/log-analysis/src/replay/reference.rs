@@ -41,7 +41,7 @@ pub enum ReferenceKind {
 
 impl ReferenceKind {
     /// All kinds of reference, best first.
-    pub const ALL: [Self; 5] = [Self::Simulator, Self::Column, Self::GpsYaw, Self::GpsCourse, Self::AutopilotYaw];
+    pub const ALL_KINDS: [Self; 5] = [Self::Simulator, Self::Column, Self::GpsYaw, Self::GpsCourse, Self::AutopilotYaw];
 }
 
 /// Largest interpolation gap, seconds.
@@ -51,7 +51,7 @@ impl ReferenceHeading {
     /// Selects the best reference in a log.
     #[must_use]
     pub fn best_reference(flight: &Flight) -> Option<Self> {
-        ReferenceKind::ALL.into_iter().find_map(|kind| Self::of_kind(flight, kind))
+        ReferenceKind::ALL_KINDS.into_iter().find_map(|kind| Self::of_kind(flight, kind))
     }
 
     /// The reference of a kind, if the log has it.

@@ -117,7 +117,7 @@ impl<'a> RowFeed<'a> {
 fn calibrated_instrument(config: InstrumentConfig, solution: &Solution) -> Instrument {
     let mut instrument = Instrument::new(config);
     let calibration = Some((solution.calibration, solution.uncertainty));
-    instrument.set_correction(Correction { calibration, ..Correction::NONE });
+    instrument.set_correction(Correction { calibration, ..Correction::UNCALIBRATED });
     instrument
 }
 

@@ -64,7 +64,7 @@ pub(super) struct SolverPrior {
 impl SolverPrior {
     pub fn new(options: &ReplayOptions, config: InstrumentConfig) -> Self {
         let prior = Prior {
-            mount: Orientation::NONE,
+            mount: Orientation::IDENTITY_ROTATION,
             inclination_rad: options.inclination_rad(),
             readings_per_sample: config.readings_per_sample(),
         };

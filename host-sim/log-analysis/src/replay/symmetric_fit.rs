@@ -21,7 +21,7 @@ const REGULARISATION_SIGMAS: [f64; 2] = [0.3, 30.0];
 /// leaves a scale and an offset along z that cancel each other there, and nowhere else.
 const BANKS_DEG: [f32; 7] = [-45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0];
 const PITCHES_DEG: [f32; 3] = [-15.0, 0.0, 15.0];
-const HEADINGS: usize = 12;
+const HEADING_COUNT: usize = 12;
 
 /// Row with its field in mount axes, its heading by the full correction, degrees, and the square root of its weight.
 struct FittedRow {
@@ -136,8 +136,8 @@ impl SymmetricFit<'_> {
         let mut rows = Vec::new();
         for bank_deg in BANKS_DEG {
             for pitch_deg in PITCHES_DEG {
-                for number in 0..HEADINGS {
-                    let heading_deg = number as f32 * (360.0 / HEADINGS as f32);
+                for number in 0..HEADING_COUNT {
+                    let heading_deg = number as f32 * (360.0 / HEADING_COUNT as f32);
                     let attitude = Attitude::from_deg(bank_deg, pitch_deg);
                     let level = Field::<Level>::earth(*total_ut, *inclination_rad, heading_deg.to_radians());
                     let field = inverse * attitude.body(level).ut.map(f64::from) + constant_ut;

@@ -118,7 +118,7 @@ impl Airframe {
             inclination_rad: earth.inclination_deg.to_radians() as f32,
             total_ut: (earth.total_ut * scale) as f32,
             latency_s: 0.0,
-            motor_current: MotorCurrentInterference::NONE,
+            motor_current: MotorCurrentInterference::NO_INTERFERENCE,
         })
     }
 }

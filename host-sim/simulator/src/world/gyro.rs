@@ -44,7 +44,7 @@ pub struct GyroConfig {
 
 impl GyroConfig {
     /// A gyro without errors.
-    pub const PERFECT: Self = Self {
+    pub const ERROR_FREE: Self = Self {
         scale_percent: 0.0,
         offset_deg_s: 0.0,
         drift_deg_s: 0.0,
@@ -66,7 +66,7 @@ impl Default for GyroConfig {
             drift_deg_s: 0.01,
             noise_deg_s: 0.1,
             g_sensitivity_deg_s: 0.02,
-            ..Self::PERFECT
+            ..Self::ERROR_FREE
         }
     }
 }
@@ -140,14 +140,14 @@ mod tests {
     #[test]
     fn a_perfect_gyro_measures_the_true_rates() {
         let truth = turning();
-        let measured = Gyro::new(GyroConfig::PERFECT, 1, STEP_S).measure_rates(&truth);
+        let measured = Gyro::new(GyroConfig::ERROR_FREE, 1, STEP_S).measure_rates(&truth);
         assert_eq!(measured.map(f64::to_bits), truth.body_rates_rad_s().map(f64::to_bits));
     }
 
     /// Each element of the error is 5 % in size, and both signs occur.
     #[test]
     fn an_exact_gyro_has_scale_errors_of_its_class() {
-        let config = GyroConfig { scale_percent: 5.0, exact: true, ..GyroConfig::PERFECT };
+        let config = GyroConfig { scale_percent: 5.0, exact: true, ..GyroConfig::ERROR_FREE };
         let gyros: Vec<Gyro> = (0..10).map(|seed| Gyro::new(config, seed, STEP_S)).collect();
         assert!(gyros.iter().all(|gyro| gyro.error.iter().all(|error| (error.abs() - 0.05).abs() < 1e-12)));
         assert!((1..9).contains(&gyros.iter().filter(|gyro| gyro.error[(2, 2)] > 0.0).count()));

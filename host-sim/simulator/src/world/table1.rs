@@ -80,8 +80,8 @@ mod tests {
 
     fn error_before_deg(airframe: &Airframe, heading_deg: f64, bank_deg: f64) -> f64 {
         let body_ut = Earth::default().body_field_ut(Euler::from_deg(bank_deg, 0.0, heading_deg));
-        let uncorrected =
-            Calibration::uncalibrated(Orientation::NONE).calibrated_field(airframe.measured_field(&body_ut));
+        let uncorrected = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
+            .calibrated_field(airframe.measured_field(&body_ut));
         let attitude = Attitude::from_deg(bank_deg as f32, 0.0);
         let indicated_deg = f64::from(attitude.level(uncorrected).heading_rad().to_degrees());
         (indicated_deg - heading_deg + 180.0).rem_euclid(360.0) - 180.0

@@ -4,7 +4,7 @@ use std::io;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 
 use autoswing::wire::dronecan::CanFrame;
-use host_sim::serve::multicast::{DATAGRAM, from_datagram, to_datagram};
+use host_sim::serve::multicast::{MAX_DATAGRAM_SIZE, from_datagram, to_datagram};
 use socket2::{Domain, Socket, Type};
 
 const MULTICAST_PORT: u16 = 57_732;
@@ -42,7 +42,7 @@ impl MulticastBus {
     pub fn receive_frames(&self) -> Vec<CanFrame> {
         let own = self.output.local_addr().map(|address| address.port());
         let is_own = |from: SocketAddr| own.as_ref().is_ok_and(|own| *own == from.port());
-        let mut datagram = [0; DATAGRAM];
+        let mut datagram = [0; MAX_DATAGRAM_SIZE];
         let datagrams = (0..MAX_DATAGRAMS_PER_POLL).map_while(|_| {
             self.input
                 .recv_from(&mut datagram)

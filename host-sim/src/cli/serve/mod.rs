@@ -33,7 +33,7 @@ use super::termination::{SecondSignal, TerminationSignals};
 
 use super::files::named_world;
 use super::print;
-use super::range::{SENSORS, integer_in_range, number_in_range, one_of};
+use super::range::{SENSOR_NAMES, integer_in_range, number_in_range, one_of};
 use crate::cli::failure::Failure;
 
 /// Serve the simulated module to a terminal, an autopilot, an instrument or another simulator.
@@ -106,14 +106,14 @@ struct ModuleOptions {
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]
     seed: u64,
     /// Kind of aircraft [default: plane, or that of the airframe file]
-    #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(VehicleKind::ALL.map(VehicleKind::vehicle_name)))]
+    #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(VehicleKind::ALL_VEHICLES.map(VehicleKind::vehicle_name)))]
     aircraft: Option<String>,
     /// Magnetometer of the module: the reference board's LIS3MDL, or an RM3100
-    #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = one_of(SENSORS))]
+    #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = one_of(SENSOR_NAMES))]
     sensor: SensorModel,
     /// Pattern that is flown without orders
     #[arg(long, default_value = PilotPattern::default().pattern_name(), value_name = "NAME",
-        value_parser = PossibleValuesParser::new(PilotPattern::ALL.map(PilotPattern::pattern_name)))]
+        value_parser = PossibleValuesParser::new(PilotPattern::ALL_PATTERNS.map(PilotPattern::pattern_name)))]
     pattern: String,
     /// Store the module's flash in this file, so that a calibration survives the program
     #[arg(long, value_name = "FILE")]
@@ -266,16 +266,16 @@ fn print_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> R
         if let Some(pty) = pty {
             let pty = pty.display();
             let with = match index {
-                serve::CONSOLE => format!("picocom {pty}"),
-                serve::AUTOPILOT => format!("mavproxy.py --master={pty}"),
+                serve::CONSOLE_PORT => format!("picocom {pty}"),
+                serve::AUTOPILOT_PORT => format!("mavproxy.py --master={pty}"),
                 _ => format!("cat {pty}"),
             };
             print::print_line(format_args!("  {pty:<22}{with}"));
         }
         if let Some(number) = tcp {
             let with = match index {
-                serve::CONSOLE => format!("host-sim console --tcp {number}"),
-                serve::AUTOPILOT => format!("mavproxy.py --master=tcp:127.0.0.1:{number}"),
+                serve::CONSOLE_PORT => format!("host-sim console --tcp {number}"),
+                serve::AUTOPILOT_PORT => format!("mavproxy.py --master=tcp:127.0.0.1:{number}"),
                 _ => format!("nc 127.0.0.1 {number}"),
             };
             print::print_line(format_args!("  {:<22}{with}", format!("tcp 127.0.0.1:{number}")));
@@ -350,7 +350,7 @@ fn serve_private_module(module_options: &ModuleOptions) -> Result<ExitCode, Fail
     let mut port_wires: Vec<Vec<Box<dyn Wire>>> = PORTS.iter().map(|_| Vec::new()).collect();
     let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
     let (orders, order_lines) = mpsc::channel();
-    port_wires[serve::CONSOLE].push(Box::new(open_terminal(Some(orders))?));
+    port_wires[serve::CONSOLE_PORT].push(Box::new(open_terminal(Some(orders))?));
     let wiring = Connections {
         port_wires,
         world_socket: None,

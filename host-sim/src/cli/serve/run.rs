@@ -25,7 +25,7 @@ pub struct Connections {
 }
 
 /// Largest number of datagrams read in one poll; the system's buffer drops the excess.
-const DATAGRAMS: usize = 64;
+const MAX_DATAGRAMS_PER_POLL: usize = 64;
 
 impl Connections {
     /// Runs the served module until stopped, until a connection has ended, or until the reader has closed standard
@@ -83,7 +83,7 @@ impl Connections {
 fn apply_datagrams(world: &UdpSocket, served_module: &mut ServedModule, is_reported: bool) -> bool {
     let mut datagram = [0; 256];
     let mut is_reported = is_reported;
-    for _ in 0..DATAGRAMS {
+    for _ in 0..MAX_DATAGRAMS_PER_POLL {
         let Ok(length) = world.recv(&mut datagram) else { break };
         if let Err(error) = served_module.follow_datagram(&datagram[..length])
             && !is_reported

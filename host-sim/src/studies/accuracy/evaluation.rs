@@ -32,7 +32,7 @@ pub struct Coverage {
 /// Coverage is evaluated for every fifth noise realisation.
 pub(super) const COVERAGE_DRAW_INTERVAL: u64 = 5;
 
-const HEADINGS: usize = 16;
+const HEADING_COUNT: usize = 16;
 
 /// Solves of one method.
 #[derive(Clone, Copy, Default)]
@@ -74,7 +74,7 @@ pub(super) fn normalised_errors_in_use(
 ) -> Vec<f64> {
     let (recorded, mut source) = record(ConstantErrorSigmas::from_considered(consider));
     let Ok(solution) = solve(Method::MaximumLikelihood, recorded.samples(), consider) else { return Vec::new() };
-    (0..HEADINGS).filter_map(|_| trial.normalised_heading_error(&solution, &mut source)).collect()
+    (0..HEADING_COUNT).filter_map(|_| trial.normalised_heading_error(&solution, &mut source)).collect()
 }
 
 pub(super) fn solve(method: Method, samples: Samples<'_>, consider: ConsiderSigmas) -> Result<Solution, SolveError> {

@@ -26,7 +26,7 @@ pub enum FlightPattern {
 
 impl FlightPattern {
     /// All patterns.
-    pub const ALL: [Self; 3] = [Self::Routine, Self::Mirrored, Self::Wandering];
+    pub const ALL_PATTERNS: [Self; 3] = [Self::Routine, Self::Mirrored, Self::Wandering];
 
     /// Name in reports and on the command line.
     #[must_use]
@@ -150,7 +150,7 @@ mod tests {
     #[test]
     fn a_flight_of_three_minutes_has_1800_samples() {
         for kind in [VehicleKind::Plane, VehicleKind::Copter, VehicleKind::Vtol] {
-            for pattern in FlightPattern::ALL {
+            for pattern in FlightPattern::ALL_PATTERNS {
                 let instants = fly_pattern(kind, pattern, 4);
                 assert_eq!(instants.len(), 1800, "{kind:?} {pattern:?}");
                 assert!(instants.windows(2).all(|pair| pair[1].time.ms_since(pair[0].time) == 100));

@@ -84,7 +84,7 @@ impl FlightResult {
         let trial =
             RandomFlight::draw(&Ranges::WORST_CASE, seed).with_flight(flight.fly(&Ranges::WORST_CASE, seed), envelope);
         let retained_times: BTreeSet<u32> =
-            retention::retain_samples(&trial.record_all(0, ConstantErrorSigmas::NONE).0)
+            retention::retain_samples(&trial.record_all(0, ConstantErrorSigmas::NO_ERRORS).0)
                 .samples()
                 .all()
                 .map(|sample| sample.time.as_ms())
@@ -100,7 +100,7 @@ impl FlightResult {
             normalised_with_faults: Vec::new(),
         };
         for draw in 0..draws {
-            let recorded = retention::retain_samples(&trial.record_all(draw, ConstantErrorSigmas::NONE).0);
+            let recorded = retention::retain_samples(&trial.record_all(draw, ConstantErrorSigmas::NO_ERRORS).0);
             let solution = solve(Method::MaximumLikelihood, recorded.samples(), ConsiderSigmas::DEFAULT).ok();
             flight_result.counts.add_solution(&trial, &recorded, solution.as_ref());
             if draw % COVERAGE_DRAW_INTERVAL == 0 {

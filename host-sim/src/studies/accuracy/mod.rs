@@ -98,7 +98,7 @@ impl AirframeResult {
             normalised_with_faults: Vec::new(),
         };
         for draw in 0..draws {
-            let (recorded, _) = trial.record_flight(draw, ConstantErrorSigmas::NONE);
+            let (recorded, _) = trial.record_flight(draw, ConstantErrorSigmas::NO_ERRORS);
             for (counts, method) in airframe_result.methods.iter_mut().zip(COMPARED_METHODS) {
                 counts.add_solution(
                     trial,

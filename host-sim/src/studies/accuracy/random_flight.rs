@@ -60,7 +60,7 @@ pub struct ConstantErrorSigmas {
 
 impl ConstantErrorSigmas {
     /// No constant errors.
-    pub const NONE: Self = Self { bias_deg: 0.0, bank_scale: 0.0 };
+    pub const NO_ERRORS: Self = Self { bias_deg: 0.0, bank_scale: 0.0 };
 
     /// The errors that a solver considers.
     #[must_use]
@@ -410,7 +410,7 @@ mod tests {
         let trial = RandomFlight::draw(&Ranges::WORST_CASE, 3);
         for (push_m_s2, by_push_deg) in [(0.0, 0.0), (2.6, 1.04)] {
             let trial = trial.clone().with_flight(vec![instant(push_m_s2); 2000], Envelope::Tilted);
-            let (samples, _) = trial.record_all(0, ConstantErrorSigmas::NONE);
+            let (samples, _) = trial.record_all(0, ConstantErrorSigmas::NO_ERRORS);
             let squares = samples.iter().map(|s| square(f64::from(s.attitude.roll_rad.to_degrees() - 3.0)));
             let sigma_deg = (squares.sum::<f64>() / 2000.0).sqrt();
             let expected_deg = libm::hypot(trial.attitude_sigma_rad.to_degrees(), by_push_deg);
@@ -425,7 +425,7 @@ mod tests {
     fn held_back_samples_lie_between_those_of_the_fit() {
         for seed in 0..20 {
             let trial = RandomFlight::draw(&Ranges::WORST_CASE, seed);
-            let (recorded, _) = trial.record_flight(3, ConstantErrorSigmas::NONE);
+            let (recorded, _) = trial.record_flight(3, ConstantErrorSigmas::NO_ERRORS);
             let (fit, held_back) = (recorded.samples(), recorded.held_back());
             for (fit, held_back) in
                 [Side::Left, Side::Right].map(|side| (fit.samples_of_turn(side), held_back.samples_of_turn(side)))

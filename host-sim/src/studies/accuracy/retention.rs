@@ -14,7 +14,7 @@ pub fn retain_samples(samples: &[Sample]) -> Recording {
     let mut retained = RetainedSamples::EMPTY;
     let mut collector = Collector::new(&mut retained);
     collector.begin_procedure(Procedure::Flight);
-    let mut pace = TrialSchedule::NONE;
+    let mut pace = TrialSchedule::NO_TRIAL;
     for &sample in samples {
         collector.push(sample);
         if pace.is_due(&collector, sample.time)

@@ -36,8 +36,8 @@ impl AttitudeProtocol {
     pub(super) const fn far_end(self) -> FarEnd {
         match self {
             Self::Mavlink => FarEnd::Talker,
-            Self::Msp => FarEnd::Msp(MspFirmware::ArduPilot, AnswerFaults::NONE),
-            Self::MspInav => FarEnd::Msp(MspFirmware::Inav, AnswerFaults::NONE),
+            Self::Msp => FarEnd::Msp(MspFirmware::ArduPilot, AnswerFaults::NO_FAULTS),
+            Self::MspInav => FarEnd::Msp(MspFirmware::Inav, AnswerFaults::NO_FAULTS),
         }
     }
 }

@@ -65,12 +65,12 @@ struct Damping {
 impl Damping {
     const INITIAL_GROWTH: f32 = 4.0;
     /// Damping at which steps are negligible, which ends the search.
-    const MAX: f32 = 1e6;
+    const MAX_DAMPING: f32 = 1e6;
     /// Damping below `f32` resolution.
-    const MIN: f32 = 1e-9;
+    const MIN_DAMPING: f32 = 1e-9;
 
     /// Damping at a starting point that may be far from the solution.
-    const START: Self = Self { value: 1e-3, growth: Self::INITIAL_GROWTH };
+    const START_DAMPING: Self = Self { value: 1e-3, growth: Self::INITIAL_GROWTH };
     /// Damping for new weights near a converged solution.
     const AFTER_REWEIGHTING: f32 = 1e-6;
 
@@ -78,7 +78,7 @@ impl Damping {
     /// less than half (H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05).
     fn after_success(self, share: f32) -> Self {
         let excess = 2.0 * share.clamp(0.0, 1.0) - 1.0;
-        let value = (self.value * (1.0 - excess * excess * excess).max(0.1)).max(Self::MIN);
+        let value = (self.value * (1.0 - excess * excess * excess).max(0.1)).max(Self::MIN_DAMPING);
         Self { value, growth: Self::INITIAL_GROWTH }
     }
 
@@ -108,7 +108,7 @@ impl Refinement {
             unknowns,
             refines_unknowns: moves,
             system,
-            damping: Damping::START,
+            damping: Damping::START_DAMPING,
             noise_estimates: 0,
             steps_since_estimate: 0,
         }
@@ -200,7 +200,7 @@ impl Refinement {
             self.damping = self.damping.after_failure();
         }
         let can_continue =
-            promised.is_finite() && self.damping.value < Damping::MAX && self.steps_since_estimate < MAX_STEPS;
+            promised.is_finite() && self.damping.value < Damping::MAX_DAMPING && self.steps_since_estimate < MAX_STEPS;
         if can_continue { RefinementProgress::Continue } else { RefinementProgress::Converged }
     }
 }

@@ -126,7 +126,7 @@ fn steps_that_raise_the_cost_are_rejected() {
         descend(&mut refinement, -4.5 - worse);
         assert_eq!(refinement.unknowns != before, taken, "refined {refined}, worse by {worse}");
         let growth = if taken { 2.0 } else { 4.0 };
-        let found = refinement.damping.value / Damping::START.value;
+        let found = refinement.damping.value / Damping::START_DAMPING.value;
         assert!((found / growth - 1.0).abs() < 0.01, "{found} {growth}");
     }
 }
@@ -136,7 +136,7 @@ fn damping_ignores_gains_within_the_tolerance() {
     for (lost, factor) in [(0.0, 0.1), (2.25, 1.0), (3.75, 1.0 + (2.0_f32 / 3.0).powi(3))] {
         let mut refinement = refinement_off_by(3.0);
         descend(&mut refinement, -lost);
-        let found = refinement.damping.value / Damping::START.value;
+        let found = refinement.damping.value / Damping::START_DAMPING.value;
         // Damping shortens a step by a thousandth, its gain by a millionth.
         assert!((found / factor - 1.0).abs() < 0.01, "{lost}: {found} {factor}");
     }
@@ -145,7 +145,7 @@ fn damping_ignores_gains_within_the_tolerance() {
         let mut refinement = refinement_off_by(sigmas);
         refinement.likelihood.has_noise_estimate = true;
         descend(&mut refinement, -0.5 * sigmas * sigmas);
-        let found = refinement.damping.value / Damping::START.value;
+        let found = refinement.damping.value / Damping::START_DAMPING.value;
         assert!((found / factor - 1.0).abs() < 0.01, "{sigmas}: {found} {factor}");
     }
 }

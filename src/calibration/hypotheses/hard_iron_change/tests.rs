@@ -234,7 +234,7 @@ fn both_significance_thresholds_must_be_exceeded() {
     // Sigmas inflated by the misfit: the residuals with the change are much smaller.
     let mut case = Case::new(PAYLOAD_CHANGE_UT * 4.0, 60_000);
     case.likelihood.noise = NoiseModel::new(0.012, 0.024, Matrix3::identity());
-    let calibration = Calibration::uncalibrated(Orientation::NONE);
+    let calibration = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
     for (significance, is_found) in [(16.1, true), (15.9, false)] {
         let (mut scan, information) = case.scanned();
         (scan.drifting, scan.drift_fraction) = (HardIronSums::zero(), 0.0);

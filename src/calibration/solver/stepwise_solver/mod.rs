@@ -92,7 +92,7 @@ impl Solver {
     ) -> Result<Self, SolveError> {
         check_samples(method, samples)?;
         let (point, start) = choose_starting_point(method, samples, prior)?;
-        let refinement = begin_refinement(method, prior, samples, &point, SampleCorrections::NONE)?;
+        let refinement = begin_refinement(method, prior, samples, &point, SampleCorrections::NO_CORRECTIONS)?;
         Ok(Self {
             method,
             prior: *prior,
@@ -165,7 +165,7 @@ impl Solver {
         }
         let point = starting_point::sphere_start(samples, &self.prior.mount.body_from_sensor());
         let retained = end.as_ref().ok().and_then(|solution| self.retain_result(solution));
-        let is_started = point.is_some_and(|point| self.restart(samples, &point, SampleCorrections::NONE));
+        let is_started = point.is_some_and(|point| self.restart(samples, &point, SampleCorrections::NO_CORRECTIONS));
         if is_started {
             self.attempt.start = Start::Sphere;
             self.first_result = retained;
@@ -197,7 +197,7 @@ impl Solver {
         self.prior.inclination_rad = None;
         let Ok((point, start)) = choose_starting_point(self.method, samples, &self.prior) else { return false };
         self.attempt = Attempt { start, uses_inclination: false };
-        self.restart(samples, &point, SampleCorrections::NONE)
+        self.restart(samples, &point, SampleCorrections::NO_CORRECTIONS)
     }
 
     /// Restarts the refinement, if possible; returns whether it did.

@@ -166,9 +166,9 @@ fn the_better_of_two_results_is_returned() {
         while !matches!(solver.refinement.step(samples), Refining::Converged) {}
         let RetainedResult { start, noise, .. } = solver.retain_result(&plain).unwrap();
         let sphere = starting_point::sphere_start(samples, &Matrix3::identity()).unwrap();
-        assert!(solver.restart(samples, &sphere, SampleCorrections::NONE));
+        assert!(solver.restart(samples, &sphere, SampleCorrections::NO_CORRECTIONS));
         (solver.attempt.start, solver.first_result) =
-            (Start::Sphere, Some(RetainedResult { start, misfit, assumed: SampleCorrections::NONE, noise }));
+            (Start::Sphere, Some(RetainedResult { start, misfit, assumed: SampleCorrections::NO_CORRECTIONS, noise }));
         let (again, began) = run(solver, samples);
         assert_eq!(began, if is_found_again { 2 } else { 1 });
         let again = again.unwrap();

@@ -50,7 +50,8 @@ impl HeadingVariance {
 
 impl HeadingUncertainty {
     /// Zero uncertainty.
-    pub const NONE: Self = Self { reduced_covariance: [[0.0; 10]; 6], sensor_sigma: 0.0, attitude_sigma_rad: 0.0 };
+    pub const NO_UNCERTAINTY: Self =
+        Self { reduced_covariance: [[0.0; 10]; 6], sensor_sigma: 0.0, attitude_sigma_rad: 0.0 };
 
     fn from_covariance(covariance: &CoefficientCovariance, sensor_sigma: f32, attitude_sigma_rad: f32) -> Self {
         // Index of the coefficient multiplied by components `k` of `f` and `a` of `y`.

@@ -4,7 +4,7 @@ use nalgebra::Matrix3;
 
 use super::*;
 use crate::calibration::matrix_rows;
-use crate::calibration::model::{COEFFICIENTS, Vector12, coefficient_jacobian_row};
+use crate::calibration::model::{COEFFICIENT_COUNT, Vector12, coefficient_jacobian_row};
 use crate::calibration::tests::derivatives::{assert_derivative, derivative};
 use crate::calibration::tests::synthetic::{Random, vector};
 use crate::frames::{Attitude, wrap_pi};
@@ -42,7 +42,7 @@ impl Case {
             inclination_rad: random.uniform(-1.1, 1.1),
             total_ut: random.uniform(30.0, 60.0),
             latency_s: 0.0,
-            motor_current: crate::calibration::MotorCurrentInterference::NONE,
+            motor_current: crate::calibration::MotorCurrentInterference::NO_INTERFERENCE,
         };
         let attitude = Attitude { roll_rad: random.uniform(-1.0, 1.0), pitch_rad: 0.0 };
         let level = Field::earth(calibration.total_ut, calibration.inclination_rad, random.uniform(-3.0, 3.0));
@@ -83,7 +83,7 @@ fn jacobian_equals_numerical_derivatives() {
         let x = (case.reading.ut - case.calibration.b_vector_ut()) / total_ut;
         let row = coefficient_jacobian_row(&heading_by_field(&tilt, &level), &x);
         let here = case.heading_rad(&case.calibration);
-        for i in 0..COEFFICIENTS {
+        for i in 0..COEFFICIENT_COUNT {
             let direction = Vector12::ith(i, 1.0);
             let turned = |step| wrap_pi(case.heading_rad(&case.perturbed_calibration(&direction, step)) - here);
             assert_derivative(row[i], turned, &format!("heading by coefficient {i}"));
@@ -132,7 +132,8 @@ fn sigma_equals_the_effect_of_noise() {
         let sensor = (0..3).map(by_reading).map(|d| d * d).sum::<f32>().sqrt();
         let attitude = by_attitude(1.0, 0.0).hypot(by_attitude(0.0, 1.0));
         for (sensor_sigma, attitude_sigma_rad) in [(0.01, 0.0), (0.0, 0.01), (0.003, 0.004)] {
-            let uncertainty = HeadingUncertainty { sensor_sigma, attitude_sigma_rad, ..HeadingUncertainty::NONE };
+            let uncertainty =
+                HeadingUncertainty { sensor_sigma, attitude_sigma_rad, ..HeadingUncertainty::NO_UNCERTAINTY };
             let (found, expected) =
                 (case.sigma_rad(&uncertainty), (sensor * sensor_sigma).hypot(attitude * attitude_sigma_rad));
             assert!((found / expected - 1.0).abs() < 2e-3, "{found} {expected}");
@@ -143,8 +144,9 @@ fn sigma_equals_the_effect_of_noise() {
 #[test]
 fn next_to_a_pole_sigma_is_finite() {
     let calibration =
-        Calibration { total_ut: 50.0, ..Calibration::uncalibrated(crate::calibration::Orientation::NONE) };
-    let uncertainty = HeadingUncertainty { sensor_sigma: 0.01, attitude_sigma_rad: 0.01, ..HeadingUncertainty::NONE };
+        Calibration { total_ut: 50.0, ..Calibration::uncalibrated(crate::calibration::Orientation::IDENTITY_ROTATION) };
+    let uncertainty =
+        HeadingUncertainty { sensor_sigma: 0.01, attitude_sigma_rad: 0.01, ..HeadingUncertainty::NO_UNCERTAINTY };
     let sensor = Field::from_ut(0.0, 0.0, 50.0);
     let tilt = Attitude::default().tilt_rotation();
     let sigma_rad = uncertainty
@@ -155,9 +157,9 @@ fn next_to_a_pole_sigma_is_finite() {
 
 #[test]
 fn every_number_must_be_finite() {
-    assert!(HeadingUncertainty::NONE.is_finite());
+    assert!(HeadingUncertainty::NO_UNCERTAINTY.is_finite());
     let spoilt = |spoil: &dyn Fn(&mut HeadingUncertainty)| {
-        let mut uncertainty = HeadingUncertainty::NONE;
+        let mut uncertainty = HeadingUncertainty::NO_UNCERTAINTY;
         spoil(&mut uncertainty);
         uncertainty.is_finite()
     };
@@ -179,8 +181,8 @@ fn an_outer_product_is_added_to_every_element() {
     let mut covariance = CoefficientCovariance::ZERO;
     covariance.set_lower_triangle(|i, j| one[i] * one[j]);
     covariance.add_outer_product(&two, -0.5);
-    for i in 0..COEFFICIENTS {
-        for j in 0..COEFFICIENTS {
+    for i in 0..COEFFICIENT_COUNT {
+        for j in 0..COEFFICIENT_COUNT {
             assert!((covariance.element(i, j) - (one[i] * one[j] - 0.5 * two[i] * two[j])).abs() < 1e-6, "{i} {j}");
         }
     }

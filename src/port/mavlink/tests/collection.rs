@@ -16,9 +16,9 @@ fn calibration(x_ut: f32) -> (Calibration, HeadingUncertainty) {
         w: [[1.1, 0.03, 0.0], [0.01, 0.9, -0.05], [0.0, 0.01, 1.0]],
         b_ut: [x_ut, -8.0, 20.0],
         total_ut: 50.0,
-        ..Calibration::uncalibrated(Orientation::NONE)
+        ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
     };
-    let mut uncertainty = HeadingUncertainty::NONE;
+    let mut uncertainty = HeadingUncertainty::NO_UNCERTAINTY;
     uncertainty.sensor_sigma = 0.004;
     (calibration, uncertainty)
 }

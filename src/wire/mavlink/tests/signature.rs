@@ -2,7 +2,7 @@
 
 use mavlink::dialects::common::MavState;
 
-use super::super::signature::{LENGTH, MAX_AGE, SIGNED_FLAG};
+use super::super::signature::{MAX_AGE, SIGNATURE_SIZE, SIGNED_FLAG};
 use super::super::{Address, Frame, InboundMessage, OutboundMessage, Receiver, Signatures, key_from_passphrase};
 
 const AUTOPILOT: Address = Address { system_id: 1, component_id: 1 };
@@ -52,7 +52,7 @@ fn with_a_key_unsigned_frames_are_rejected_and_sent_ones_signed() {
     assert!(is_accepted(&mut Receiver::new(), &unsigned));
     for _ in 0..3 {
         let signed = sent(&mut one.signatures, AUTOPILOT);
-        assert_eq!((signed.len(), signed[2]), (unsigned.len() + LENGTH, SIGNED_FLAG));
+        assert_eq!((signed.len(), signed[2]), (unsigned.len() + SIGNATURE_SIZE, SIGNED_FLAG));
         assert!(is_accepted(&mut other, &signed));
     }
     // The time follows the newest received frame.

@@ -16,7 +16,7 @@ use super::read_window::{MAX_PEEK, ReadWindow};
 use super::series::Series;
 
 /// Start of a log; version and time follow.
-pub const MAGIC: [u8; 7] = *b"ULog\x01\x12\x35";
+pub const ULOG_MAGIC: [u8; 7] = *b"ULog\x01\x12\x35";
 const FILE_HEADER: usize = 16;
 const HEADER_LENGTH: usize = 3;
 

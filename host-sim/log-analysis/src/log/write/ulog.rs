@@ -4,7 +4,7 @@ use super::recording::{FLIGHT_START_UTC_US, FlightRecording};
 use crate::log::FieldCorrection;
 use crate::log::ParameterHistory;
 
-const FORMATS: [&str; 6] = [
+const ULOG_FORMATS: [&str; 6] = [
     "vehicle_magnetometer:uint64_t timestamp;uint32_t device_id;float[3] magnetometer_ga;",
     "vehicle_attitude:uint64_t timestamp;float[4] q;",
     "vehicle_angular_velocity:uint64_t timestamp;float[3] xyz;",
@@ -26,7 +26,7 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
     };
     message(b'B', &[0; 40]);
     message(b'I', &encode_keyed_value("uint32_t ver_sw_release", &[255, 0, 15, 1]));
-    for format in FORMATS {
+    for format in ULOG_FORMATS {
         message(b'F', format.as_bytes());
     }
     let mut parameters = ParameterHistory::default();

@@ -264,21 +264,21 @@ fn thin_velocities(velocities: &[GroundVelocity]) -> Vec<GroundVelocity> {
 
 /// Largest angle between neighbouring directions flown straight, degrees; 360 if none was flown.
 fn widest_gap_deg(straight: &[GroundVelocity], circle: &VelocityCircle) -> f64 {
-    const BINS: usize = 72;
-    const BIN_DEG: f64 = 360.0 / BINS as f64;
-    let mut flown_s = [0.0; BINS];
+    const DIRECTION_BINS: usize = 72;
+    const BIN_DEG: f64 = 360.0 / DIRECTION_BINS as f64;
+    let mut flown_s = [0.0; DIRECTION_BINS];
     for pair in straight.windows(2) {
-        let bin = (circle.heading_rad(&pair[0]).to_degrees().rem_euclid(360.0) / BIN_DEG) as usize % BINS;
+        let bin = (circle.heading_rad(&pair[0]).to_degrees().rem_euclid(360.0) / BIN_DEG) as usize % DIRECTION_BINS;
         let step_s = pair[1].t_s - pair[0].t_s;
         flown_s[bin] += if step_s < MAX_GAP_S { step_s } else { 0.0 };
     }
     // The flight time of a heading bin includes both adjacent bins, since gusts spread one straight leg over several.
     let is_flown = |bin: usize| {
-        let around = [BINS - 1, 0, 1].map(|bin_offset| flown_s[(bin + bin_offset) % BINS]);
-        flown_s[bin % BINS] > 0.0 && around.iter().sum::<f64>() >= MIN_TIME_PER_DIRECTION_S
+        let around = [DIRECTION_BINS - 1, 0, 1].map(|bin_offset| flown_s[(bin + bin_offset) % DIRECTION_BINS]);
+        flown_s[bin % DIRECTION_BINS] > 0.0 && around.iter().sum::<f64>() >= MIN_TIME_PER_DIRECTION_S
     };
     let (mut empty, mut widest) = (0, 0);
-    for bin in 0..2 * BINS {
+    for bin in 0..2 * DIRECTION_BINS {
         empty = if is_flown(bin) { 0 } else { empty + 1 };
         widest = widest.max(empty + 1);
     }

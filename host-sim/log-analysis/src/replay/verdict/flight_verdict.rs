@@ -125,7 +125,7 @@ impl<'a> Verdict<'a> {
     /// RMS less mean against the reference by correction and compass, degrees; corrections without any are omitted.
     #[must_use]
     pub fn comparison_deg(&self) -> Vec<(&'static str, Vec<Option<f64>>)> {
-        let rows = CorrectionSource::ALL.map(|source| {
+        let rows = CorrectionSource::ALL_SOURCES.map(|source| {
             let rms_deg = |compass: &CompassEvaluation| Some(compass.correction_from(source)?.score?.rms_deg);
             (source.source_name(), self.evaluation.compasses.iter().map(rms_deg).collect::<Vec<_>>())
         });

@@ -7,7 +7,7 @@ use super::{LegendSample, Picture, draw_legend};
 use crate::numbers::format_number;
 
 /// Largest number of points of the track.
-const POINTS: usize = 2500;
+const MAX_TRACK_POINTS: usize = 2500;
 
 /// Draws the map; none without positions.
 pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
@@ -49,7 +49,7 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
     frame.draw_axes(&mut svg, &format!("east, {unit}"), &format!("north, {unit}"));
     let point = |[x, y]: Point| frame.plot_point(x / per, y / per);
     for kind in &track_classes {
-        let track = subsample(&compass_report.samples, POINTS)
+        let track = subsample(&compass_report.samples, MAX_TRACK_POINTS)
             .map(|moment| moment.position_m.filter(|_| (kind.belongs)(moment)).and_then(point));
         svg.draw_path(kind.class, track);
     }

@@ -37,7 +37,7 @@ pub enum CutOutcome {
 
 impl CutOutcome {
     /// All outcomes, for exhaustive tests.
-    pub const ALL: [Self; 3] = [Self::NotBegun, Self::Torn, Self::Done];
+    pub const ALL_OUTCOMES: [Self; 3] = [Self::NotBegun, Self::Torn, Self::Done];
 }
 
 struct ScheduledPowerCut {
@@ -306,7 +306,7 @@ mod tests {
 
     #[test]
     fn a_power_cut_occurs_at_the_chosen_operation_and_ends_the_run() {
-        for outcome in CutOutcome::ALL {
+        for outcome in CutOutcome::ALL_OUTCOMES {
             let mut simulation = Simulation::new();
             let flash = Flash::new(1, 7);
             flash.cut_power_after(1, outcome, simulation.stop());

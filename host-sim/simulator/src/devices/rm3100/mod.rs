@@ -151,7 +151,7 @@ impl SimulatedSpiDevice for Rm3100 {
         }
         self.catch_up();
         let Some((&address, values)) = bytes.split_first() else { return };
-        self.pointer = address & !registers::READ;
+        self.pointer = address & !registers::READ_FLAG;
         for &value in values {
             self.registers.write_register(self.pointer, value, clock::now_us(), self.config.period_scale);
             self.pointer = self.pointer.wrapping_add(1);
@@ -166,7 +166,7 @@ impl SimulatedSpiDevice for Rm3100 {
         self.catch_up();
         for byte in bytes {
             *byte = match (self.pointer, self.fault) {
-                (registers::REVID, Some(Rm3100Fault::Identity(other))) => other,
+                (registers::REVID_REGISTER, Some(Rm3100Fault::Identity(other))) => other,
                 (register, _) => self.registers.read_register(register),
             };
             self.pointer = self.pointer.wrapping_add(1);

@@ -1,28 +1,28 @@
 //! Register file of the RM3100.
 
-pub(super) const READ: u8 = 0x80;
-const POLL: u8 = 0x00;
-const CMM: u8 = 0x01;
-const CCX1: u8 = 0x04;
-const CCZ0: u8 = 0x09;
-const TMRC: u8 = 0x0B;
-const MX2: u8 = 0x24;
-const MZ0: u8 = 0x2C;
-const BIST: u8 = 0x33;
-const STATUS: u8 = 0x34;
-const HSHAKE: u8 = 0x35;
-pub(super) const REVID: u8 = 0x36;
+pub(super) const READ_FLAG: u8 = 0x80;
+const POLL_REGISTER: u8 = 0x00;
+const CMM_REGISTER: u8 = 0x01;
+const CCX1_REGISTER: u8 = 0x04;
+const CCZ0_REGISTER: u8 = 0x09;
+const TMRC_REGISTER: u8 = 0x0B;
+const MX2_REGISTER: u8 = 0x24;
+const MZ0_REGISTER: u8 = 0x2C;
+const BIST_REGISTER: u8 = 0x33;
+const STATUS_REGISTER: u8 = 0x34;
+const HSHAKE_REGISTER: u8 = 0x35;
+pub(super) const REVID_REGISTER: u8 = 0x36;
 
-const COUNT: usize = 0x40;
+const REGISTER_COUNT: usize = 0x40;
 /// `CMM`: continuous mode.
-const START: u8 = 0x01;
+const START_CONTINUOUS: u8 = 0x01;
 /// `CMM`: data ready after a full sequence.
 const DRDM_SEQUENCE: u8 = 0b1000;
 const DRDM: u8 = 0b1100;
 const ALL_AXES: u8 = 0x70;
 /// `BIST`: a self-test replaces the next single measurement.
-const STE: u8 = 0x80;
-const DRDY: u8 = 0x80;
+const SELF_TEST_ENABLE: u8 = 0x80;
+const DATA_READY: u8 = 0x80;
 
 /// Time of a measurement of one axis per cycle count: 440 measurements per second at 200 (manual, table 3-1).
 const NANOSECONDS_PER_CYCLE: u64 = 11_364;
@@ -41,16 +41,18 @@ pub(super) enum RunningMeasurement {
 
 /// Registers and the running measurement.
 pub(super) struct Registers {
-    bytes: [u8; COUNT],
+    bytes: [u8; REGISTER_COUNT],
     running: Option<RunningMeasurement>,
 }
 
 impl Default for Registers {
     /// Reset values of the manual's table 5-1.
     fn default() -> Self {
-        let mut bytes = [0; COUNT];
-        let cycle_counts = [CCX1 + 1, CCX1 + 3, CCX1 + 5].map(|register| (register, 200));
-        for (register, reset) in cycle_counts.into_iter().chain([(TMRC, 0x96), (HSHAKE, 0x1B), (REVID, 0x22)]) {
+        let mut bytes = [0; REGISTER_COUNT];
+        let cycle_counts = [CCX1_REGISTER + 1, CCX1_REGISTER + 3, CCX1_REGISTER + 5].map(|register| (register, 200));
+        for (register, reset) in
+            cycle_counts.into_iter().chain([(TMRC_REGISTER, 0x96), (HSHAKE_REGISTER, 0x1B), (REVID_REGISTER, 0x22)])
+        {
             bytes[usize::from(register)] = reset;
         }
         Self { bytes, running: None }
@@ -73,8 +75,8 @@ impl Registers {
     /// Reads a register, with the effects of the access.
     pub fn read_register(&mut self, register: u8) -> u8 {
         match register {
-            CMM => self.stop(),
-            MX2..=MZ0 => self.clear_data_ready(),
+            CMM_REGISTER => self.stop(),
+            MX2_REGISTER..=MZ0_REGISTER => self.clear_data_ready(),
             _ => {}
         }
         self.register_value(register)
@@ -84,30 +86,30 @@ impl Registers {
     pub fn write_register(&mut self, register: u8, value: u8, now_us: u64, period_scale: f64) {
         self.clear_data_ready();
         match register {
-            POLL => self.start_single(value, now_us),
-            CMM => {
-                self.set_register(CMM, value);
+            POLL_REGISTER => self.start_single(value, now_us),
+            CMM_REGISTER => {
+                self.set_register(CMM_REGISTER, value);
                 self.running = self.is_continuous().then(|| RunningMeasurement::Field {
                     ends_at_us: now_us + self.period_us(period_scale),
                     is_continuous: true,
                 });
             }
-            TMRC => {
+            TMRC_REGISTER => {
                 self.stop();
-                self.set_register(TMRC, value);
+                self.set_register(TMRC_REGISTER, value);
             }
-            CCX1..=CCZ0 | BIST | HSHAKE => self.set_register(register, value),
+            CCX1_REGISTER..=CCZ0_REGISTER | BIST_REGISTER | HSHAKE_REGISTER => self.set_register(register, value),
             // Writes to read-only and alarm registers have no effect.
             _ => {}
         }
     }
 
     fn is_continuous(&self) -> bool {
-        self.register_value(CMM) & (START | ALL_AXES) == START | ALL_AXES
+        self.register_value(CMM_REGISTER) & (START_CONTINUOUS | ALL_AXES) == START_CONTINUOUS | ALL_AXES
     }
 
     fn stop(&mut self) {
-        self.set_register(CMM, self.register_value(CMM) & !START);
+        self.set_register(CMM_REGISTER, self.register_value(CMM_REGISTER) & !START_CONTINUOUS);
         if matches!(self.running, Some(RunningMeasurement::Field { is_continuous: true, .. })) {
             self.running = None;
         }
@@ -118,7 +120,7 @@ impl Registers {
         if self.is_continuous() || axes & ALL_AXES != ALL_AXES {
             return;
         }
-        self.running = Some(if self.register_value(BIST) & STE != 0 {
+        self.running = Some(if self.register_value(BIST_REGISTER) & SELF_TEST_ENABLE != 0 {
             RunningMeasurement::SelfTest { ends_at_us: now_us + SELF_TEST_US }
         } else {
             RunningMeasurement::Field { ends_at_us: now_us + self.sequence_us(), is_continuous: false }
@@ -149,30 +151,30 @@ impl Registers {
 
     /// Data ready, unless continuous mode waits for an alarm.
     pub fn set_data_ready(&mut self) {
-        if !self.is_continuous() || self.register_value(CMM) & DRDM == DRDM_SEQUENCE {
-            self.set_register(STATUS, DRDY);
+        if !self.is_continuous() || self.register_value(CMM_REGISTER) & DRDM == DRDM_SEQUENCE {
+            self.set_register(STATUS_REGISTER, DATA_READY);
         }
     }
 
     fn clear_data_ready(&mut self) {
-        self.set_register(STATUS, 0);
+        self.set_register(STATUS_REGISTER, 0);
     }
 
     pub fn set_self_test_passed(&mut self, axis: usize, passed: bool) {
         let bit = 0x10 << axis;
-        let others = self.register_value(BIST) & !bit;
-        self.set_register(BIST, if passed { others | bit } else { others });
+        let others = self.register_value(BIST_REGISTER) & !bit;
+        self.set_register(BIST_REGISTER, if passed { others | bit } else { others });
     }
 
     pub fn set_result(&mut self, axis: usize, counts: i32) {
         let [_, high, middle, low] = counts.clamp(-0x80_0000, 0x7F_FFFF).to_be_bytes();
-        for (register, byte) in (MX2 + 3 * axis as u8..).zip([high, middle, low]) {
+        for (register, byte) in (MX2_REGISTER + 3 * axis as u8..).zip([high, middle, low]) {
             self.set_register(register, byte);
         }
     }
 
     pub fn cycle_count(&self, axis: usize) -> u16 {
-        let register = CCX1 + 2 * axis as u8;
+        let register = CCX1_REGISTER + 2 * axis as u8;
         u16::from_be_bytes([self.register_value(register), self.register_value(register + 1)])
     }
 
@@ -187,7 +189,7 @@ impl Registers {
 
     /// Period of the continuous mode, at least the time of the measurement.
     fn period_us(&self, scale: f64) -> u64 {
-        let doublings = u32::from((self.register_value(TMRC) & 0x0F).max(2)) - 2;
+        let doublings = u32::from((self.register_value(TMRC_REGISTER) & 0x0F).max(2)) - 2;
         let nominal_us = SHORTEST_PERIOD_US << doublings;
         ((nominal_us as f64 * scale).round() as u64).max(self.sequence_us())
     }

@@ -21,7 +21,7 @@ pub enum VehicleKind {
 
 impl VehicleKind {
     /// All kinds.
-    pub const ALL: [Self; 5] = [Self::Plane, Self::Copter, Self::Vtol, Self::Rover, Self::Boat];
+    pub const ALL_VEHICLES: [Self; 5] = [Self::Plane, Self::Copter, Self::Vtol, Self::Rover, Self::Boat];
 
     /// Name in scenario files and on the command line.
     #[must_use]
@@ -38,7 +38,7 @@ impl VehicleKind {
     /// The kind with this name, if any.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.vehicle_name() == name)
+        Self::ALL_VEHICLES.into_iter().find(|kind| kind.vehicle_name() == name)
     }
 
     /// Whether this kind can hover.

@@ -40,7 +40,7 @@ fn simulate_source(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (Wo
             log.borrow_mut().extend(buffer[..count].iter().map(|&byte| TimedByte { arrives_at_us: at_us, byte }));
         }
     });
-    let source = AttitudeSource::new(config, GyroConfig::PERFECT, seed);
+    let source = AttitudeSource::new(config, GyroConfig::ERROR_FREE, seed);
     simulation.spawn(Level::World, "attitude source", source.run(world.clone(), cable.host_end(), vec![]));
     simulation.run_until(seconds * 1_000_000 + 10_000);
     (world, bytes.take())
@@ -128,7 +128,7 @@ fn an_exact_source_reports_the_truth_after_its_latency() {
 #[test]
 fn attitude_errors_have_the_configured_statistics() {
     let config = AttitudeSourceConfig { latency_ms: 0.0, ..AttitudeSourceConfig::default() };
-    let mut source = AttitudeSource::new(config, GyroConfig::PERFECT, 4);
+    let mut source = AttitudeSource::new(config, GyroConfig::ERROR_FREE, 4);
     let bank_rad = 25_f64.to_radians();
     let truth = TrueState { roll_rad: bank_rad, ..TrueState::default() };
     let reports: Vec<ReportedAttitude> = (0..30_000).map(|_| source.report(&truth)).collect();
@@ -155,7 +155,7 @@ fn disturbing_acceleration_causes_tilt_error() {
         bias_deg: 0.0,
         ..WorldConfig::table1(4).with_vehicle_kind(VehicleKind::Copter).attitude_source
     };
-    let mut source = AttitudeSource::new(config, GyroConfig::PERFECT, 4);
+    let mut source = AttitudeSource::new(config, GyroConfig::ERROR_FREE, 4);
     let mut sigma_deg = |push_m_s2: f64| {
         let truth = TrueState { disturbing_acceleration_m_s2: push_m_s2, ..TrueState::default() };
         let reports: Vec<ReportedAttitude> = (0..60_000).map(|_| source.report(&truth)).collect();
@@ -176,7 +176,7 @@ fn disturbing_acceleration_causes_tilt_error() {
 fn acceleration_tilt_error_has_a_correlation_time_of_2_s() {
     let config =
         AttitudeSourceConfig { noise_deg: 0.0, bias_deg: 0.0, push_error_deg: 1.0, ..AttitudeSourceConfig::default() };
-    let mut source = AttitudeSource::new(config, GyroConfig::PERFECT, 9);
+    let mut source = AttitudeSource::new(config, GyroConfig::ERROR_FREE, 9);
     let truth = TrueState { disturbing_acceleration_m_s2: 1.0, ..TrueState::default() };
     let errors: Vec<f64> = (0..200_000).map(|_| source.report(&truth).roll_rad).collect();
     let covariance =

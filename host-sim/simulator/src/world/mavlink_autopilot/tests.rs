@@ -58,7 +58,7 @@ struct Bench {
 
 impl Bench {
     fn new(firmware: MavlinkFirmware) -> Self {
-        let source = AttitudeSource::new(AttitudeSourceConfig::default(), GyroConfig::PERFECT, 1);
+        let source = AttitudeSource::new(AttitudeSourceConfig::default(), GyroConfig::ERROR_FREE, 1);
         Self {
             autopilot: MavlinkAutopilot::new(source, firmware, 0),
             module: Mavlink::new(),
@@ -244,7 +244,7 @@ fn position_and_date_of_the_autopilot_are_received() {
 fn a_second_autopilot_is_ignored() {
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
     let foreign = Identity { system_id: 9, component_id: 1, heartbeat_kind: Some(SenderKind::Autopilot) };
-    let source = AttitudeSource::new(AttitudeSourceConfig::default(), GyroConfig::PERFECT, 2).with_identity(foreign);
+    let source = AttitudeSource::new(AttitudeSourceConfig::default(), GyroConfig::ERROR_FREE, 2).with_identity(foreign);
     let mut other = MavlinkAutopilot::new(source, MavlinkFirmware::Px4, 0);
     bench.run(1);
     for _ in 0..10 {

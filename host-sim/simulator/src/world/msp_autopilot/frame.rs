@@ -3,12 +3,12 @@
 use super::state::{AutopilotState, MspFirmware};
 
 const FC_VARIANT: u16 = 2;
-const STATUS: u16 = 101;
+const MSP_STATUS: u16 = 101;
 const RAW_IMU: u16 = 102;
 const RAW_GPS: u16 = 106;
-const ATTITUDE: u16 = 108;
-const ANALOG: u16 = 110;
-const RTC: u16 = 247;
+const MSP_ATTITUDE: u16 = 108;
+const MSP_ANALOG: u16 = 110;
+const MSP_RTC: u16 = 247;
 const SENSOR_COMPASS: u16 = 0x1F04;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -93,12 +93,12 @@ pub(super) fn reply_payload(firmware: MspFirmware, function: u16, known: &Autopi
             MspFirmware::ArduPilot => b"ARDU".to_vec(),
             MspFirmware::Inav => b"INAV".to_vec(),
         }),
-        STATUS => Some(encode_status_reply(firmware, known.is_armed)),
+        MSP_STATUS => Some(encode_status_reply(firmware, known.is_armed)),
         RAW_IMU => raw_imu(firmware, known),
         RAW_GPS => Some(raw_gps(known)),
-        ATTITUDE => Some(encode_attitude_reply(firmware, known)),
-        ANALOG => Some(encode_analog_reply(firmware, known.current_a)),
-        RTC => Some(encode_rtc_reply(firmware, known.unix_s)),
+        MSP_ATTITUDE => Some(encode_attitude_reply(firmware, known)),
+        MSP_ANALOG => Some(encode_analog_reply(firmware, known.current_a)),
+        MSP_RTC => Some(encode_rtc_reply(firmware, known.unix_s)),
         _ => None,
     }
 }

@@ -30,7 +30,7 @@ pub struct AnswerFaults {
 
 impl AnswerFaults {
     /// No faults.
-    pub const NONE: Self =
+    pub const NO_FAULTS: Self =
         Self { drop_probability: 0.0, rejection_probability: 0.0, truncation_probability: 0.0, delay_probability: 0.0 };
 }
 

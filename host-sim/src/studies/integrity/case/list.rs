@@ -63,7 +63,7 @@ pub static ALL_CASES: &[Case] = &[
             flight.flight_after_calibration_s = 36_000.0;
         })
     },
-    mavlink_case("gyro-perfect", "a gyro without errors", |flight| flight.world.gyro = GyroConfig::PERFECT),
+    mavlink_case("gyro-perfect", "a gyro without errors", |flight| flight.world.gyro = GyroConfig::ERROR_FREE),
     mavlink_case("gyro-1", "scale and cross-axis errors of the gyro of exactly 1 %", |flight| flight.scale_gyro(1.0)),
     mavlink_case("gyro-3", "scale and cross-axis errors of the gyro of exactly 3 %", |flight| flight.scale_gyro(3.0)),
     mavlink_case("gyro-5", "scale and cross-axis errors of the gyro of exactly 5 %", |flight| flight.scale_gyro(5.0)),

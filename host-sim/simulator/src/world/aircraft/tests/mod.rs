@@ -57,7 +57,7 @@ fn legs() -> [Leg; 6] {
 /// previous step, so an error of the square of the angle per step remains: 0.4 deg/s at 90 deg/s and 5 ms.
 #[test]
 fn body_rates_belong_to_the_attitude() {
-    for kind in VehicleKind::ALL {
+    for kind in VehicleKind::ALL_VEHICLES {
         let mut aircraft = vehicle(kind, Weather::default(), 4);
         let states: Vec<TrueState> = legs().into_iter().flat_map(|leg| fly_leg(&mut aircraft, leg)).collect();
         let mut fastest_deg_s: f64 = 0.0;
@@ -79,7 +79,7 @@ fn body_rates_belong_to_the_attitude() {
 /// Bounds per step of 5 ms: 1 deg (200 deg/s) and 15 m/s^2, also at the start of legs and at VTOL transitions.
 #[test]
 fn attitude_and_velocity_change_without_jumps() {
-    for kind in VehicleKind::ALL {
+    for kind in VehicleKind::ALL_VEHICLES {
         let mut aircraft = vehicle(kind, Weather::default(), 6);
         let mut before = *aircraft.state();
         for leg in legs() {
@@ -100,7 +100,7 @@ fn attitude_and_velocity_change_without_jumps() {
 
 #[test]
 fn the_same_seed_moves_the_same_way() {
-    for kind in VehicleKind::ALL {
+    for kind in VehicleKind::ALL_VEHICLES {
         let [first, second, other] = [5, 5, 6].map(|seed| {
             let mut aircraft = vehicle(kind, Weather::default(), seed);
             fly_leg(&mut aircraft, Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 90.0 })
