@@ -11,7 +11,7 @@ use core::marker::PhantomData;
 use nalgebra::Vector3;
 
 use crate::trig;
-use crate::trig::{Length as _, sqrt};
+use crate::trig::{VectorLength as _, sqrt};
 
 /// Axes of the magnetometer chip's registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

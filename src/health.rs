@@ -25,7 +25,7 @@ pub struct Diagnostics {
     /// Motor current, amperes, if reported recently.
     pub current_a: Option<f32>,
     /// Event counters.
-    pub event_counts: Counts,
+    pub event_counts: EventCounts,
     /// Reason for the last start.
     pub reset_cause: ResetCause,
     /// Time since the start, seconds.
@@ -115,17 +115,17 @@ macro_rules! counters {
     ($($(#[$doc:meta])* $name:ident),* $(,)?) => {
         /// Event counters since start, wrapping.
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-        pub struct Counts {
+        pub struct EventCounts {
             $($(#[$doc])* pub $name: u32,)*
         }
 
         /// Atomic counters, for tasks of any priority.
         #[derive(Debug, Default)]
-        pub struct Counters {
+        pub struct EventCounters {
             $($(#[$doc])* pub $name: AtomicU32,)*
         }
 
-        impl Counters {
+        impl EventCounters {
             /// All counters zero.
             #[must_use]
             pub const fn new() -> Self {
@@ -134,8 +134,8 @@ macro_rules! counters {
 
             /// Reads all counters. Not inlined, to save flash.
             #[must_use]
-            pub fn snapshot(&self) -> Counts {
-                Counts { $($name: self.$name.load(Ordering::Relaxed),)* }
+            pub fn snapshot(&self) -> EventCounts {
+                EventCounts { $($name: self.$name.load(Ordering::Relaxed),)* }
             }
         }
     };
@@ -188,7 +188,7 @@ counters! {
     store_errors,
 }
 
-impl Counters {
+impl EventCounters {
     /// Copies the instrument's counters.
     pub fn store_rejections(&self, counts: &instrument::RejectionCounts) {
         for (counter, count) in [
@@ -220,7 +220,7 @@ pub enum SampleLoss {
 impl SampleLoss {
     /// Main reason between two snapshots; `None` if most readings became samples, or for few readings.
     #[must_use]
-    pub const fn from_counts(before: &Counts, now: &Counts) -> Option<Self> {
+    pub const fn from_counts(before: &EventCounts, now: &EventCounts) -> Option<Self> {
         const fn percent(part: u32, whole: u32) -> u32 {
             (part as u64 * 100 / whole as u64) as u32
         }
@@ -269,15 +269,15 @@ impl fmt::Display for SampleLoss {
 mod tests {
     use super::*;
 
-    fn counts_before() -> Counts {
-        Counts {
+    fn counts_before() -> EventCounts {
+        EventCounts {
             readings: u32::MAX - 50,
             saturated: 900,
             sensor_clipped: 40,
             unpaired: 77,
             attitude_reports: 5000,
             attitude_rejected: 12,
-            ..Counts::default()
+            ..EventCounts::default()
         }
     }
 
@@ -289,7 +289,7 @@ mod tests {
         attitude: [u32; 2],
     ) -> Option<SampleLoss> {
         let some = counts_before();
-        let now = Counts {
+        let now = EventCounts {
             readings: some.readings.wrapping_add(readings),
             saturated: some.saturated + saturated,
             sensor_clipped: some.sensor_clipped + clipped,

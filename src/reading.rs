@@ -20,7 +20,7 @@ pub struct Reading {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Identity {
     /// Model of the magnetometer.
-    pub model: Model,
+    pub model: MagnetometerModel,
     /// 7-bit I2C address, or [`SPI`](Self::SPI).
     pub address: u8,
 }
@@ -43,7 +43,7 @@ impl fmt::Display for Identity {
 /// Supported magnetometers. Stored by position: append new variants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub enum Model {
+pub enum MagnetometerModel {
     /// ST LIS3MDL.
     Lis3mdl,
     /// ST LSM303DLHC.
@@ -52,7 +52,7 @@ pub enum Model {
     Rm3100,
 }
 
-impl Model {
+impl MagnetometerModel {
     /// Name on the data sheet.
     #[must_use]
     pub const fn model_name(self) -> &'static str {
@@ -70,13 +70,13 @@ mod tests {
 
     #[test]
     fn models_have_the_names_of_their_data_sheets() {
-        let models = [Model::Lis3mdl, Model::Lsm303dlhc, Model::Rm3100];
-        assert_eq!(models.map(Model::model_name), ["LIS3MDL", "LSM303DLHC", "RM3100"]);
+        let models = [MagnetometerModel::Lis3mdl, MagnetometerModel::Lsm303dlhc, MagnetometerModel::Rm3100];
+        assert_eq!(models.map(MagnetometerModel::model_name), ["LIS3MDL", "LSM303DLHC", "RM3100"]);
     }
 
     #[test]
     fn an_identity_is_shown_with_its_address_or_its_bus() {
-        assert_eq!(Identity { model: Model::Lis3mdl, address: 0x1E }.to_string(), "LIS3MDL at 1e");
-        assert_eq!(Identity { model: Model::Rm3100, address: Identity::SPI }.to_string(), "RM3100 on SPI");
+        assert_eq!(Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E }.to_string(), "LIS3MDL at 1e");
+        assert_eq!(Identity { model: MagnetometerModel::Rm3100, address: Identity::SPI }.to_string(), "RM3100 on SPI");
     }
 }

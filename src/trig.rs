@@ -54,7 +54,7 @@ pub fn hypot(a: f32, b: f32) -> f32 {
 }
 
 /// Lengths of vectors by the FPU's square root; nalgebra's own call `libm`'s.
-pub trait Length {
+pub trait VectorLength {
     /// Vector of the same direction with length 1.
     type Unit;
 
@@ -65,7 +65,7 @@ pub trait Length {
     fn unit_vector(&self) -> Self::Unit;
 }
 
-impl<const N: usize, S: Storage<f32, Const<N>>> Length for Vector<f32, Const<N>, S> {
+impl<const N: usize, S: Storage<f32, Const<N>>> VectorLength for Vector<f32, Const<N>, S> {
     type Unit = SVector<f32, N>;
 
     fn vector_length(&self) -> f32 {

@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use host_sim::studies::accuracy::flight::{Flight, FlightPattern};
-use host_sim::studies::accuracy::{AccuracyPlan, AccuracyResult, Coverage, MethodResult, flight_study, run};
+use host_sim::studies::accuracy::{AccuracyPlan, AccuracyResult, MethodResult, SigmaCoverage, flight_study, run};
 use simulator::world::aircraft::VehicleKind;
 
 /// 40 airframes with 20 flights each: the ratio of one airframe has a standard error of 0.3 / sqrt(20) = 7 %, which
@@ -36,7 +36,7 @@ fn every_solve_converges_and_none_is_accepted_wrongly() {
 /// Tolerance of three points, including the standard error of one point with 2,560 headings.
 #[test]
 fn errors_are_within_sigma_as_often_as_predicted() {
-    for Coverage { one_sigma_percent, two_sigma_percent, headings } in
+    for SigmaCoverage { one_sigma_percent, two_sigma_percent, headings } in
         [outcome().coverage, outcome().coverage_with_faults]
     {
         assert_eq!(headings, 40 * 4 * 16);

@@ -16,7 +16,7 @@ use simulator::transcript;
 use simulator::world::aircraft::{VehicleConfig, VehicleKind};
 use simulator::world::autopilot::Leg;
 use simulator::world::far_end::{AttachedDevice, FarEnd};
-use simulator::world::mavlink_autopilot::{self, Frame};
+use simulator::world::mavlink_autopilot::{self, MavlinkFrame};
 use simulator::world::msp_autopilot::{self, AnswerFaults};
 use simulator::world::{CRUISE_CURRENT_A, WorldConfig};
 use testkit::random::Random;
@@ -236,7 +236,7 @@ fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
     assert!(headings == 0 && empty >= 8, "{headings} {empty}");
     let [AttachedDevice::Mavlink(autopilot), _] = emulator.port_devices.clone() else { panic!() };
     let received = autopilot.borrow_mut().take_received();
-    let text = |frame: &Frame| String::from_utf8_lossy(&frame.payload).contains("autoswing: safe-mode: ");
+    let text = |frame: &MavlinkFrame| String::from_utf8_lossy(&frame.payload).contains("autoswing: safe-mode: ");
     assert!(received.iter().any(|frame| frame.id == 253 && text(frame)), "{received:?}");
 
     emulator.take_console_output();
@@ -399,9 +399,9 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     for leg in routine.iter().chain(&routine) {
         emulator.world().fly(*leg);
     }
-    let mut received: Vec<Frame> = Vec::new();
+    let mut received: Vec<MavlinkFrame> = Vec::new();
     // MAG_CAL_SUCCESS, and stored.
-    let is_success = |frame: &Frame| (frame.id, frame.byte_at(42), frame.byte_at(43)) == (192, 4, 1);
+    let is_success = |frame: &MavlinkFrame| (frame.id, frame.byte_at(42), frame.byte_at(43)) == (192, 4, 1);
     for _second in 0..220 {
         assert_eq!(emulator.run_for_s(1.0), ModuleRunEnd::Time);
         received.extend(autopilot.borrow_mut().take_received());
@@ -444,7 +444,7 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
         assert_eq!(emulator.run_for_s(15.0), ModuleRunEnd::Time);
         let _ = autopilot.borrow_mut().take_received();
         assert_eq!(emulator.run_for_s(4.0), ModuleRunEnd::Time);
-        let is_heading = |frame: &&Frame| frame.id == 251 && (8..15).map(|at| frame.byte_at(at)).eq(*b"hdg_mag");
+        let is_heading = |frame: &&MavlinkFrame| frame.id == 251 && (8..15).map(|at| frame.byte_at(at)).eq(*b"hdg_mag");
         for heading in autopilot.borrow_mut().take_received().iter().filter(is_heading) {
             let time_ms = u32::from_le_bytes([0, 1, 2, 3].map(|at| heading.byte_at(at)));
             let truth_deg = emulator.world().true_state(u64::from(time_ms) * 1000).heading_deg();

@@ -9,7 +9,7 @@ use autoswing::magnetometer::rm3100::Rm3100;
 use autoswing::magnetometer::{Magnetometer, MagnetometerError};
 use autoswing::reading::Reading;
 use embassy_time::Instant;
-use simulator::devices::i2c::{Bus, BusError};
+use simulator::devices::i2c::{BusError, SimulatedI2cBus};
 use simulator::devices::lis3mdl as chip;
 use simulator::devices::rm3100::{self, Rm3100Config, Rm3100Fault};
 use simulator::devices::sensor::SensorModel;
@@ -24,13 +24,13 @@ use testkit::simulation::{Level, Simulation};
 /// contains its time of measurement with a resolution of 15 nT = 1.5 ms.
 fn with_driver<S, F>(script: S)
 where
-    S: FnOnce(Lis3mdl<Bus>, Rc<RefCell<chip::Lis3mdl>>) -> F + 'static,
+    S: FnOnce(Lis3mdl<SimulatedI2cBus>, Rc<RefCell<chip::Lis3mdl>>) -> F + 'static,
     F: Future<Output = ()> + 'static,
 {
     let mut simulation = Simulation::new();
     let config = chip::Lis3mdlConfig { noise_scale: 0.0, ..chip::Lis3mdlConfig::default() };
     let chip = chip::Lis3mdl::new(config, Box::new(|at_us| Field::from_ut(at_us as f32 * 1e-5, 0.0, 0.0)));
-    let bus = Bus::new();
+    let bus = SimulatedI2cBus::new();
     bus.attach_device(chip.clone());
     simulation.spawn(Level::Interrupt, "script", script(Lis3mdl::new(bus, Lis3mdlConfig::default()), chip));
     simulation.run_for(60_000_000);

@@ -1,11 +1,11 @@
 //! Flash contents survive power failures; an interrupted save leaves the old values.
 #![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
-use autoswing::calibration::{Calibration, Envelope, HeadingUncertainty, Method, Orientation, Quality};
+use autoswing::calibration::{AttitudeEnvelope, Calibration, HeadingUncertainty, Method, Orientation, Quality};
 use autoswing::frames::{Attitude, Field, wrap_pi};
 use autoswing::health::ResetCause;
-use autoswing::reading::{Identity, Model};
-use autoswing::store::{CalibrationRecord, Loaded, Store, StoreChange, StoreError, StoredCalibrations};
+use autoswing::reading::{Identity, MagnetometerModel};
+use autoswing::store::{CalibrationRecord, LoadedValues, Store, StoreChange, StoreError, StoredCalibrations};
 use embassy_futures::block_on;
 use simulator::devices::nor_flash::CutOutcome;
 use simulator::mission::TurnPlan;
@@ -263,7 +263,7 @@ fn record(serial: u32) -> CalibrationRecord {
         Calibration { b_ut: [serial as f32, 2.0, 3.0], ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) };
     let quality = Quality {
         method: Method::MaximumLikelihood,
-        envelope: Envelope::Banked,
+        envelope: AttitudeEnvelope::Banked,
         expected_rms_deg: 0.3,
         expected_worst_deg: 0.7,
         norm_residual: 0.004,
@@ -272,7 +272,7 @@ fn record(serial: u32) -> CalibrationRecord {
         latency: None,
         knows_inclination: true,
     };
-    let sensor = Identity { model: Model::Lis3mdl, address: 0x1E };
+    let sensor = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
     CalibrationRecord {
         calibration,
         quality,
@@ -301,7 +301,7 @@ fn save(flash: &mut StoreFlash, serial: u32) -> Result<(), StoreError> {
 }
 
 fn load(flash: &mut StoreFlash) -> Result<StoredCalibrations, StoreError> {
-    let Loaded { stored_values: stored, load_error: error } = block_on(store(flash).load_state());
+    let LoadedValues { stored_values: stored, load_error: error } = block_on(store(flash).load_state());
     error.map_or(Ok(stored.stored_calibrations), Err)
 }
 

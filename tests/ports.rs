@@ -17,7 +17,7 @@ use simulator::transcript;
 use simulator::world::aircraft::{PrescribedMotion, VehicleConfig, VehicleKind};
 use simulator::world::autopilot::Leg;
 use simulator::world::far_end::{AttachedDevice, FarEnd};
-use simulator::world::mavlink_autopilot::{self, Frame, ReportedPosition, XIAN, command_long};
+use simulator::world::mavlink_autopilot::{self, MavlinkFrame, ReportedPosition, XIAN, command_long};
 use simulator::world::msp_autopilot::{self, AnswerFaults, CompassSample};
 use simulator::world::{CRUISE_CURRENT_A, TrueState, WorldConfig};
 
@@ -67,7 +67,7 @@ fn fly_routine(rig: &mut Rig, kind: VehicleKind) {
 }
 
 /// Frames received by the MAVLink autopilot since the last call.
-fn received_frames(rig: &Rig, port: usize) -> Vec<Frame> {
+fn received_frames(rig: &Rig, port: usize) -> Vec<MavlinkFrame> {
     let AttachedDevice::Mavlink(autopilot) = &rig.port_devices[port] else { panic!("no MAVLink there") };
     autopilot.borrow_mut().take_received()
 }
@@ -80,12 +80,12 @@ const MAG_CAL_REPORT: u32 = 192;
 const NAMED_VALUE_FLOAT: u32 = 251;
 const STATUSTEXT: u32 = 253;
 
-fn frames_with_id(id: u32, received_frames: &[Frame]) -> Vec<&Frame> {
+fn frames_with_id(id: u32, received_frames: &[MavlinkFrame]) -> Vec<&MavlinkFrame> {
     received_frames.iter().filter(|frame| frame.id == id).collect()
 }
 
 /// Complete status texts; byte 53 is the chunk number of a text in several frames.
-fn texts(received_frames: &[Frame]) -> Vec<String> {
+fn texts(received_frames: &[MavlinkFrame]) -> Vec<String> {
     let mut texts: Vec<String> = Vec::new();
     for frame in frames_with_id(STATUSTEXT, received_frames) {
         let characters: Vec<u8> = (1..51).map(|at| frame.byte_at(at)).take_while(|&byte| byte != 0).collect();
@@ -170,7 +170,7 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
             "{kind:?}: {status_texts:?}"
         );
         // MAG_CAL_SUCCESS, and stored.
-        let is_success = |report: &&Frame| (report.byte_at(42), report.byte_at(43)) == (4, 1);
+        let is_success = |report: &&MavlinkFrame| (report.byte_at(42), report.byte_at(43)) == (4, 1);
         let reports = frames_with_id(MAG_CAL_REPORT, &during);
         assert!(reports.iter().any(is_success), "{kind:?}: {reports:?}");
         assert!(!frames_with_id(MAG_CAL_PROGRESS, &during).is_empty());
@@ -182,7 +182,7 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
         for _ in 0..5 {
             run(&mut rig, 1.0);
             let values = received_frames(&rig, 0);
-            let is_heading = |frame: &&Frame| (8..15).map(|at| frame.byte_at(at)).eq(*b"hdg_mag");
+            let is_heading = |frame: &&MavlinkFrame| (8..15).map(|at| frame.byte_at(at)).eq(*b"hdg_mag");
             for heading in frames_with_id(NAMED_VALUE_FLOAT, &values).into_iter().filter(is_heading) {
                 let time_ms = u32::from_le_bytes([0, 1, 2, 3].map(|at| heading.byte_at(at)));
                 let truth_deg = rig.world.true_state(u64::from(time_ms) * 1000).heading_deg();
@@ -374,7 +374,7 @@ fn a_ground_station_commands_calibration_and_restart() {
         run(rig, 2.5);
         let all = received_frames(rig, 0);
         read.replace(texts(&all));
-        let is_to_who_asked = |frame: &&Frame| (frame.byte_at(8), frame.byte_at(9)) == (255, 190);
+        let is_to_who_asked = |frame: &&MavlinkFrame| (frame.byte_at(8), frame.byte_at(9)) == (255, 190);
         let answers = frames_with_id(COMMAND_ACK, &all).into_iter().filter(is_to_who_asked);
         answers
             .map(|frame| (u16::from_le_bytes([frame.byte_at(0), frame.byte_at(1)]), frame.byte_at(2)))

@@ -10,9 +10,9 @@ use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::{Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
-use host_sim::studies::accuracy::random_flight::{RandomFlight, Ranges};
+use host_sim::studies::accuracy::random_flight::{RandomFlight, RandomRanges};
 use log_analysis::score::{ErrorStatistics, wrap_180};
-use simulator::random::{Purpose, Random};
+use simulator::random::{RandomStream, StreamPurpose};
 use simulator::routine::{Routine, TurnPlan};
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::airframe::Airframe;
@@ -28,7 +28,7 @@ use testkit::simulation::Simulation;
 /// the attitude source has bias, bank-angle scale error and acceleration-induced tilt error.
 fn harsh_config(kind: VehicleKind, seed: u64) -> WorldConfig {
     const TOTAL_UT: f64 = 50.0;
-    let trial = RandomFlight::draw(&Ranges::WORST_CASE, seed);
+    let trial = RandomFlight::draw(&RandomRanges::WORST_CASE, seed);
     let world = WorldConfig::random(seed).with_vehicle_kind(kind);
     let noise_deg = trial.attitude_sigma_rad.to_degrees();
     WorldConfig {
@@ -45,7 +45,7 @@ fn fly_samples(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
     let mut simulation = Simulation::new();
     let world = World::new(*config);
     let mut source = world.attitude_source();
-    let mut noise = Random::new(config.seed, Purpose::Magnetometer);
+    let mut noise = RandomStream::new(config.seed, StreamPurpose::Magnetometer);
     for &leg in legs {
         world.fly(leg);
     }

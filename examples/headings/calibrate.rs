@@ -1,7 +1,7 @@
 //! Calibration from samples, and heading of a sample: `no_std`, without allocation.
 
 use autoswing::calibration::{
-    CollectionPart, Current, Method, Prior, Rates, Sample, Samples, Solution, SolveError, solve,
+    CollectionPart, Method, MotorCurrent, Prior, Rates, Sample, Samples, Solution, SolveError, solve,
 };
 use autoswing::frames::{Attitude, Field};
 use autoswing::heading::{HeadingLimits, NoHeading, compute_heading};
@@ -15,7 +15,7 @@ pub fn sample([time_s, x, y, z, roll_deg, pitch_deg]: [f32; 6]) -> Sample {
         attitude: Attitude::from_deg(roll_deg, pitch_deg),
         rates: Rates::ZERO,
         time: WrappingMillis::new((time_s * 1000.0) as u32),
-        current: Current::UNKNOWN,
+        current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     }
 }

@@ -3,8 +3,8 @@
 use super::*;
 use crate::calibration::tests::synthetic::Parts;
 use crate::calibration::{
-    Advice, CollectionPart, Current, Deviation, Envelope, HardIronTimeCourse, HeadingUncertainty, Manoeuvre, Method,
-    Rates, Sample,
+    Advice, AttitudeEnvelope, CollectionPart, Deviation, HardIronTimeCourse, HeadingUncertainty, Manoeuvre, Method,
+    MotorCurrent, Rates, Sample,
 };
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
@@ -14,7 +14,7 @@ const POLICY: AcceptancePolicy = AcceptancePolicy::DEFAULT;
 fn quality(expected_rms_deg: f32) -> Quality {
     Quality {
         method: Method::MaximumLikelihood,
-        envelope: Envelope::Banked,
+        envelope: AttitudeEnvelope::Banked,
         expected_rms_deg,
         expected_worst_deg: 2.0 * expected_rms_deg,
         norm_residual: 0.004,
@@ -75,7 +75,7 @@ fn circle(roll_deg: f32, samples: u16) -> Vec<Sample> {
                 attitude,
                 time: WrappingMillis::new(u32::from(i) * 400),
                 rates: Rates::ZERO,
-                current: Current::UNKNOWN,
+                current: MotorCurrent::UNKNOWN,
                 part: CollectionPart::FREE,
             }
         })
@@ -237,7 +237,7 @@ fn expected_error_above_1_5_times_the_active_one_is_rejected() {
 /// Free flight alone: the expected error of the other procedures contains what they leave undetermined.
 #[test]
 fn a_free_flight_without_tilt_is_unobservable() {
-    let level = Quality { envelope: Envelope::Level, ..quality(0.5) };
+    let level = Quality { envelope: AttitudeEnvelope::Level, ..quality(0.5) };
     let samples = circle(0.0, 24);
     let [free, swung] = [
         Parts { free: &samples, ..Parts::default() }.samples(),
@@ -270,7 +270,7 @@ fn a_free_flight_without_tilt_is_unobservable() {
 /// A level envelope or an unobservable mounting makes a candidate thinner.
 #[test]
 fn a_partial_calibration_does_not_replace_a_full_one() {
-    let level = Quality { envelope: Envelope::Level, ..quality(0.2) };
+    let level = Quality { envelope: AttitudeEnvelope::Level, ..quality(0.2) };
     let tumbled = Quality { method: Method::Ellipsoid, ..quality(0.2) };
     for less in [level, tumbled] {
         let found = evaluate(ENOUGH_HELD_BACK, &candidate(0.9, less), &active_calibration(1.0, 1.0));

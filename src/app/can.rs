@@ -8,7 +8,7 @@ use core::future::pending;
 use embassy_futures::select::{Either4, select4};
 use embassy_time::{Duration, Instant, Timer};
 
-use super::Links;
+use super::TaskLinks;
 use super::line::{new_calibration, route_message, with_snapshot};
 use super::links::{AutopilotLine, CommandSource, increment, now, subscribe};
 use crate::compass::{Command, IndicatorState};
@@ -56,7 +56,7 @@ pub trait HandOver {
 /// Runs the node for ever. It is silent until the settings are loaded; its configured number is that at the start. In safe
 /// mode it runs without settings and estimates.
 pub async fn run_can(
-    links: &Links,
+    links: &TaskLinks,
     info: NodeInfo,
     mut rx: impl ReceiveFrame,
     mut tx: impl SendFrame,
@@ -134,7 +134,7 @@ pub async fn run_can(
 
 /// Polls the node. A separate function, because the data is large and must not be kept across a wait.
 #[inline(never)]
-fn poll_can_node(links: &Links, node: &mut CanNode, settings: &Settings) {
+fn poll_can_node(links: &TaskLinks, node: &mut CanNode, settings: &Settings) {
     let now = now();
     links.update_line_state(AutopilotLine::Can, ProtocolKind::Mavlink, node.is_armed(now));
     links.set_can_state(node.can_state(now));
@@ -149,7 +149,7 @@ fn poll_can_node(links: &Links, node: &mut CanNode, settings: &Settings) {
 
 /// Polls the node in safe mode: without a heading, and without anything of the module.
 #[inline(never)]
-fn poll_in_safe_mode(links: &Links, node: &mut CanNode, settings: &Settings) {
+fn poll_in_safe_mode(links: &TaskLinks, node: &mut CanNode, settings: &Settings) {
     let now = now();
     let estimate = Estimate { timestamp: now, heading: Err(NoHeading::SafeMode), ..Estimate::EMPTY };
     let indicator = IndicatorState::Idle;
@@ -159,7 +159,7 @@ fn poll_in_safe_mode(links: &Links, node: &mut CanNode, settings: &Settings) {
 }
 
 /// Sends a command to the state machine. If the queue is full, the request times out, and its sender repeats it.
-fn send_command(links: &Links, command: Option<Command>) {
+fn send_command(links: &TaskLinks, command: Option<Command>) {
     if let Some(command) = command {
         let _ = links.commands.try_send((CommandSource::Line(AutopilotLine::Can), command));
     }

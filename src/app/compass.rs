@@ -9,7 +9,7 @@ use embassy_futures::{poll_once, yield_now};
 use embassy_time::{Duration, with_timeout};
 use embedded_storage_async::nor_flash::NorFlash;
 
-use super::Links;
+use super::TaskLinks;
 use super::links::{
     CommandSource, DetectedSensor, Timestamped, ValueReceiver, apply_atomically, increment, now, publish_value,
     subscribe,
@@ -18,11 +18,11 @@ use crate::acceptance::AcceptancePolicy;
 use crate::collection::RetainedSamples;
 use crate::compass::{Command, Compass, Effect, Event, Reply};
 use crate::earth::{Date, Position};
-use crate::health::{Counts, SampleLoss};
+use crate::health::{EventCounts, SampleLoss};
 use crate::instrument::readings_per_sample;
 use crate::log::{info, warning};
 use crate::messages::Message;
-use crate::store::{Loaded, Store, StoreError};
+use crate::store::{LoadedValues, Store, StoreError};
 
 /// Longest wait for an event, and so interval of heartbeats of the idle state machine.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(200);
@@ -34,10 +34,10 @@ const SAVE_TIMEOUT: Duration = Duration::from_millis(500);
 pub(super) const MAX_HEARTBEAT_INTERVAL_MS: u64 = SAVE_TIMEOUT.as_millis() + 100;
 
 /// Loads the flash contents and the retained collection, then runs the state machine for ever.
-pub async fn run_compass<F: NorFlash>(links: &Links, mut store: Store<F>, retained: &mut RetainedSamples) -> ! {
+pub async fn run_compass<F: NorFlash>(links: &TaskLinks, mut store: Store<F>, retained: &mut RetainedSamples) -> ! {
     // The loaded data is dropped at the end of this block and takes no room in this task's memory afterwards.
     let mut compass = {
-        let Loaded { stored_values: stored, load_error: error } =
+        let LoadedValues { stored_values: stored, load_error: error } =
             poll_in_own_stack_frame(pin!(store.load_state())).await;
         if let Some(error) = error {
             report_unreadable_flash(links, error);
@@ -53,9 +53,9 @@ pub async fn run_compass<F: NorFlash>(links: &Links, mut store: Store<F>, retain
 
 /// Runs the state machine for ever. It is passed by reference: created here, it would be built on the stack, which has
 /// no room for it, and copied.
-async fn run_state_machine<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut Compass<'_>) -> ! {
-    let mut events = Events::new(links);
-    let mut began = Counts::default();
+async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>, compass: &mut Compass<'_>) -> ! {
+    let mut events = CompassEvents::new(links);
+    let mut began = EventCounts::default();
     publish_state(links, compass, None);
     loop {
         increment(&links.heartbeats.compass);
@@ -132,16 +132,16 @@ async fn poll_in_own_stack_frame<F: Future>(mut future: Pin<&mut F>) -> F::Outpu
 }
 
 /// The state machine's events from all other tasks, in one sequence.
-struct Events<'a> {
-    links: &'a Links,
+struct CompassEvents<'a> {
+    links: &'a TaskLinks,
     armed: ValueReceiver<'a, Option<bool>, 1>,
     sensor: ValueReceiver<'a, DetectedSensor, 2>,
     position: ValueReceiver<'a, Timestamped<Position>, 1>,
     date: ValueReceiver<'a, Date, 1>,
 }
 
-impl<'a> Events<'a> {
-    fn new(links: &'a Links) -> Self {
+impl<'a> CompassEvents<'a> {
+    fn new(links: &'a TaskLinks) -> Self {
         Self {
             links,
             armed: subscribe(&links.armed_state),
@@ -177,7 +177,7 @@ impl<'a> Events<'a> {
 }
 
 /// Counts and reports unreadable flash; the module starts without stored data.
-fn report_unreadable_flash(links: &Links, error: StoreError) {
+fn report_unreadable_flash(links: &TaskLinks, error: StoreError) {
     let message = Message::StoreFailed(error);
     warning!("load: {=str}", message.stable_code());
     increment(&links.event_counters.store_errors);
@@ -186,7 +186,7 @@ fn report_unreadable_flash(links: &Links, error: StoreError) {
 
 /// Publishes the state to the other tasks. A port receives a message together with the state after it: a collection
 /// that ends without a message was aborted.
-fn publish_state(links: &Links, compass: &Compass<'_>, message: Option<&Message>) {
+fn publish_state(links: &TaskLinks, compass: &Compass<'_>, message: Option<&Message>) {
     publish_value(&links.correction, compass.correction());
     publish_value(&links.stored_settings, *compass.settings());
     publish_value(&links.settings, compass.effective_settings());

@@ -4,7 +4,7 @@ use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 
-use super::Links;
+use super::TaskLinks;
 use super::links::CommandSource;
 use crate::compass::{Command, Reply};
 use crate::console::session::Session;
@@ -36,7 +36,7 @@ pub trait Platform {
 
 /// Runs the console for ever.
 pub async fn run_console(
-    links: &Links,
+    links: &TaskLinks,
     mut rx: impl Read,
     mut tx: impl Write,
     mut platform: impl Platform,
@@ -73,7 +73,7 @@ const fn reports_resulting_state(command: Command) -> bool {
 }
 
 /// Executes requested restarts, in place of the console on a board whose UART serves a port.
-pub async fn restart_without_terminal(links: &Links, mut platform: impl Platform) -> ! {
+pub async fn restart_without_terminal(links: &TaskLinks, mut platform: impl Platform) -> ! {
     loop {
         links.restart_request.wait().await;
         reboot_after_reply(&mut platform).await;
@@ -87,7 +87,7 @@ async fn reboot_after_reply(platform: &mut impl Platform) {
 
 /// Terminal session and the sources of its replies.
 struct Terminal<'a> {
-    links: &'a Links,
+    links: &'a TaskLinks,
     session: Session,
     reset: ResetCause,
 }
@@ -129,7 +129,7 @@ impl Terminal<'_> {
 }
 
 /// Sends a command to the state machine, which replies within one step of a solve or one save.
-async fn execute_command(links: &Links, command: Command) -> Result<Reply, Refusal> {
+async fn execute_command(links: &TaskLinks, command: Command) -> Result<Reply, Refusal> {
     links.commands.send((CommandSource::Console, command)).await;
     links.replies.receive().await
 }

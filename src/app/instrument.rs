@@ -4,7 +4,7 @@ use embassy_futures::select::{Either4, select4};
 use embassy_futures::yield_now;
 use embassy_time::{Instant, Timer};
 
-use super::Links;
+use super::TaskLinks;
 use super::links::{DetectedSensor, increment, now, subscribe};
 use crate::instrument::{ChangeReporter, Instrument, InstrumentConfig, TurnRequest};
 use crate::messages::Message;
@@ -13,7 +13,7 @@ use crate::messages::Message;
 const DEFAULT_READING_PERIOD_US: u32 = 12_500;
 
 /// Runs the instrument for ever.
-pub async fn run_instrument(links: &Links) -> ! {
+pub async fn run_instrument(links: &TaskLinks) -> ! {
     let mut sensor = subscribe(&links.sensor);
     let mut correction = subscribe(&links.correction);
     let estimates = links.estimates.sender();

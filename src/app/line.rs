@@ -1,6 +1,6 @@
 //! Functions shared by the tasks of all lines: snapshots of the module, and routing of received messages.
 
-use super::Links;
+use super::TaskLinks;
 use super::links::{AutopilotLine, CommandSource, Timestamped, increment, publish_value};
 use crate::calibration::Calibration;
 use crate::compass::IndicatorState;
@@ -10,7 +10,7 @@ use crate::settings::Settings;
 use crate::time::Timestamp;
 
 /// Active calibration, if it is to be reported. It is large and rarely changes.
-pub(super) fn new_calibration(links: &Links, is_new: impl Fn(&Calibration) -> bool) -> Option<Correction> {
+pub(super) fn new_calibration(links: &TaskLinks, is_new: impl Fn(&Calibration) -> bool) -> Option<Correction> {
     links
         .correction
         .try_get_and(|correction| correction.calibration.as_ref().is_some_and(|(calibration, _)| is_new(calibration)))
@@ -18,7 +18,7 @@ pub(super) fn new_calibration(links: &Links, is_new: impl Fn(&Calibration) -> bo
 
 /// Calls a function with a snapshot of the module's state; not before the first estimate.
 pub(super) fn with_snapshot<R>(
-    links: &Links,
+    links: &TaskLinks,
     now: Timestamp,
     settings: &Settings,
     correction: Option<&Correction>,
@@ -32,7 +32,7 @@ pub(super) fn with_snapshot<R>(
 
 /// Passes a received message to the task that needs it. `can_have_gyro`: body rates are a gyro's if the report has any.
 pub(super) fn route_message(
-    links: &Links,
+    links: &TaskLinks,
     line: AutopilotLine,
     at: Timestamp,
     message: ReceivedMessage,

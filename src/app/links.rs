@@ -14,7 +14,7 @@ use crate::attitude::{AttitudeReport, LineSelector};
 use crate::calibration::Sample;
 use crate::compass::{Command, IndicatorState, Reply};
 use crate::earth::{Date, Position};
-use crate::health::{CanState, Counters, Counts};
+use crate::health::{CanState, EventCounters, EventCounts};
 use crate::instrument::{Correction, Estimate};
 use crate::messages::{Message, Refusal};
 use crate::reading::{Identity, Reading};
@@ -70,7 +70,7 @@ impl AutopilotLine {
 }
 
 /// Channel whose sender never waits: an item that finds it full is counted and dropped.
-pub(super) type Queue<T, const N: usize> = Channel<CriticalSectionRawMutex, T, N>;
+pub(super) type TaskQueue<T, const N: usize> = Channel<CriticalSectionRawMutex, T, N>;
 
 /// Latest value for up to `N` waiting tasks.
 pub(super) type LatestValue<T, const N: usize> = Watch<CriticalSectionRawMutex, T, N>;
@@ -79,16 +79,16 @@ pub(super) type ValueReceiver<'a, T, const N: usize> = Receiver<'a, CriticalSect
 
 /// All connections between tasks. The tasks run at two priorities, so each access is a critical section of a few
 /// hundred instructions at most.
-pub struct Links {
-    pub(super) readings: Queue<Timestamped<Reading>, 4>,
-    pub(super) attitude_reports: Queue<Timestamped<AttitudeReport>, 8>,
-    pub(super) samples: Queue<Sample, 8>,
+pub struct TaskLinks {
+    pub(super) readings: TaskQueue<Timestamped<Reading>, 4>,
+    pub(super) attitude_reports: TaskQueue<Timestamped<AttitudeReport>, 8>,
+    pub(super) samples: TaskQueue<Sample, 8>,
     /// Commands for the state machine. Capacity: one command of each source.
-    pub(super) commands: Queue<(CommandSource, Command), { 2 + LINE_COUNT }>,
+    pub(super) commands: TaskQueue<(CommandSource, Command), { 2 + LINE_COUNT }>,
     /// Replies to commands of the console.
-    pub(super) replies: Queue<Result<Reply, Refusal>, 1>,
+    pub(super) replies: TaskQueue<Result<Reply, Refusal>, 1>,
     /// Unsolicited messages for the console. Each line has a queue of its own.
-    pub(super) console_messages: Queue<Message, MESSAGE_QUEUE_CAPACITY>,
+    pub(super) console_messages: TaskQueue<Message, MESSAGE_QUEUE_CAPACITY>,
     /// Indicator state for the lamp, whose task polls it.
     pub(super) indicator_state: LatestValue<IndicatorState, 1>,
     /// Detected sensor, for the instrument and the state machine.
@@ -114,11 +114,11 @@ pub struct Links {
     lines: [LineLinks; LINE_COUNT],
     attitude_line: Mutex<CriticalSectionRawMutex, Cell<LineSelector>>,
     can_state: Mutex<CriticalSectionRawMutex, Cell<Option<CanState>>>,
-    pub(super) event_counters: Counters,
+    pub(super) event_counters: EventCounters,
     pub(super) heartbeats: Heartbeats,
 }
 
-impl Links {
+impl TaskLinks {
     /// Creates empty connections.
     #[must_use]
     pub const fn new() -> Self {
@@ -143,7 +143,7 @@ impl Links {
             lines: [const { LineLinks::new() }; LINE_COUNT],
             attitude_line: Mutex::new(Cell::new(LineSelector::new())),
             can_state: Mutex::new(Cell::new(None)),
-            event_counters: Counters::new(),
+            event_counters: EventCounters::new(),
             heartbeats: Heartbeats::new(),
         }
     }
@@ -217,7 +217,7 @@ impl Links {
 
     /// Present counter values.
     #[must_use]
-    pub fn event_counts(&self) -> Counts {
+    pub fn event_counts(&self) -> EventCounts {
         self.event_counters.snapshot()
     }
 
@@ -232,14 +232,14 @@ impl Links {
     }
 
     /// Queues an item; counts it as dropped if the queue is full.
-    pub(super) fn queue_or_count<T, const N: usize>(&self, queue: &Queue<T, N>, item: T) {
+    pub(super) fn queue_or_count<T, const N: usize>(&self, queue: &TaskQueue<T, N>, item: T) {
         if queue.try_send(item).is_err() {
             increment(&self.event_counters.samples_dropped);
         }
     }
 }
 
-impl Default for Links {
+impl Default for TaskLinks {
     fn default() -> Self {
         Self::new()
     }
@@ -295,7 +295,7 @@ pub(super) struct LineLinks {
     /// Heartbeat counter; 0 for a line that does not run.
     pub heartbeat: AtomicU32,
     /// Unsolicited messages for the line.
-    pub messages: Queue<Message, MESSAGE_QUEUE_CAPACITY>,
+    pub messages: TaskQueue<Message, MESSAGE_QUEUE_CAPACITY>,
     /// Result of a command received on this line.
     pub command_results: Signal<CriticalSectionRawMutex, (Command, Result<(), Refusal>)>,
     state: Mutex<CriticalSectionRawMutex, Cell<LineState>>,
@@ -330,7 +330,7 @@ impl Heartbeats {
     }
 }
 
-impl Links {
+impl TaskLinks {
     /// All heartbeat counters; 0 for a line that does not run.
     pub(super) fn heartbeat_counts(&self) -> [u32; MAX_HEARTBEATS] {
         let Heartbeats { sensor, instrument, compass } = &self.heartbeats;

@@ -32,7 +32,7 @@ mod tests;
 pub mod watchdog;
 
 pub use console::Platform;
-pub use links::Links;
+pub use links::TaskLinks;
 pub use panel::Panel;
 pub use port::SetBaud;
 pub use watchdog::Watchdog;

@@ -11,7 +11,7 @@
 
 use embassy_time::{Duration, Ticker};
 
-use super::Links;
+use super::TaskLinks;
 use super::links::CommandSource;
 use crate::calibration::method_selection::Procedure;
 use crate::compass::{Command, IndicatorState};
@@ -59,7 +59,7 @@ impl LampPattern {
 }
 
 /// Drives the lamp and polls the button for ever.
-pub async fn run_panel(links: &Links, mut panel: impl Panel) -> ! {
+pub async fn run_panel(links: &TaskLinks, mut panel: impl Panel) -> ! {
     let mut ticker = Ticker::every(Duration::from_millis(POLL_PERIOD_MS.into()));
     let (mut ms, mut held_ms) = (0, 0);
     loop {
@@ -76,7 +76,7 @@ pub async fn run_panel(links: &Links, mut panel: impl Panel) -> ! {
 
 /// Selects the pattern. A missing heading is a fault, unless only the calibration is missing. Missing attitude is a
 /// fault in an uncalibrated module that collects nothing.
-fn select_pattern(links: &Links) -> LampPattern {
+fn select_pattern(links: &TaskLinks) -> LampPattern {
     let indicator_state = links.indicator_state.try_get().unwrap_or(IndicatorState::Idle);
     let has_no_fault = links.estimates.try_get().is_some_and(|estimate| match estimate.heading {
         Ok(_) => true,

@@ -8,10 +8,10 @@ use embassy_futures::yield_now;
 use embassy_time::{Duration, Timer};
 use embedded_io_async::{Read, Write};
 
-use super::Links;
+use super::TaskLinks;
 use super::line::{new_calibration, route_message, with_snapshot};
 use super::links::{AutopilotLine, increment, now, subscribe};
-use crate::health::Counters;
+use crate::health::EventCounters;
 use crate::port::{MessageSchedule, Port, TransmitBuffer};
 use crate::settings::{Baud, PortNumber, PortSettings, ProtocolKind, Settings};
 use crate::time::Timestamp;
@@ -30,12 +30,12 @@ pub trait SetBaud {
 
 /// Waits for the settings; returns whether they name a protocol of a port. A board with one UART runs the console on it
 /// otherwise.
-pub async fn has_protocol(links: &Links, number: PortNumber) -> bool {
+pub async fn has_protocol(links: &TaskLinks, number: PortNumber) -> bool {
     subscribe(&links.settings).changed().await.ports.settings_of_port(number).protocol != ProtocolKind::Auto
 }
 
 /// Runs a port for ever. Until the settings are loaded it is silent, at the baud rate of [`Settings::DEFAULT`].
-pub async fn run_port(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: impl Write + SetBaud) -> ! {
+pub async fn run_port(links: &TaskLinks, number: PortNumber, mut rx: impl Read, mut tx: impl Write + SetBaud) -> ! {
     let mut estimates = subscribe(&links.estimates);
     let mut changes = subscribe(&links.settings);
     let line = AutopilotLine::Port(number);
@@ -111,7 +111,7 @@ fn apply_settings(port: &mut Port, tx: &mut impl SetBaud, before: PortSettings, 
 
 /// Polls the protocol. A separate function, because the data is large and must not be kept across a wait.
 #[inline(never)]
-fn poll_port(links: &Links, port: &mut Port, now: Timestamp, settings: &Settings) {
+fn poll_port(links: &TaskLinks, port: &mut Port, now: Timestamp, settings: &Settings) {
     // Only MAVLink reports the calibration.
     let is_reported = port.active_protocol(now) == ProtocolKind::Mavlink;
     let correction =
@@ -119,7 +119,7 @@ fn poll_port(links: &Links, port: &mut Port, now: Timestamp, settings: &Settings
     with_snapshot(links, now, settings, correction.as_ref(), |snapshot| port.poll(snapshot));
 }
 
-fn receive_bytes(links: &Links, line: AutopilotLine, port: &mut Port, bytes: &[u8]) {
+fn receive_bytes(links: &TaskLinks, line: AutopilotLine, port: &mut Port, bytes: &[u8]) {
     let at = now();
     for &byte in bytes {
         if let Some(message) = port.process_byte(at, byte) {
@@ -134,7 +134,7 @@ fn receive_bytes(links: &Links, line: AutopilotLine, port: &mut Port, bytes: &[u
 struct PublishedCounts([u32; 4]);
 
 impl PublishedCounts {
-    fn add_new_counts(&mut self, port: &Port, counters: &Counters) {
+    fn add_new_counts(&mut self, port: &Port, counters: &EventCounters) {
         let TransmitBuffer { message_count: sent, messages_without_heading: empty, lost_messages: lost, .. } =
             port.output;
         let now = [sent, empty, lost, port.rejected_frames()];

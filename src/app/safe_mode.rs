@@ -8,7 +8,7 @@ use embedded_io_async::Write;
 use embedded_storage_async::nor_flash::NorFlash;
 
 use super::links::CommandSource;
-use super::{Links, Watchdog};
+use super::{TaskLinks, Watchdog};
 use crate::compass::{Command, ModuleState, Reply};
 use crate::messages::{Message, Refusal};
 use crate::port::{SafeModeReporter, TransmitBuffer};
@@ -31,7 +31,7 @@ const _: () = assert!(
 
 /// Answers the commands of console and CAN bus, reports on the ports and feeds the watchdog, for ever.
 pub async fn run_safe_mode<F: NorFlash, const PORTS: usize>(
-    links: &Links,
+    links: &TaskLinks,
     mut store: Store<F>,
     mut ports: [impl Write; PORTS],
     mut watchdog: impl Watchdog,

@@ -2,7 +2,7 @@
 
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 
-use super::Links;
+use super::TaskLinks;
 use super::links::{DetectedSensor, increment, stamped_now};
 use crate::log::{info, warning};
 use crate::magnetometer::{Magnetometer, MagnetometerError};
@@ -28,7 +28,7 @@ enum StopReason {
 }
 
 /// Initialises the magnetometer and reads every measurement; starts again after any error.
-pub async fn run_sensor(links: &Links, mut magnetometer: impl Magnetometer) -> ! {
+pub async fn run_sensor(links: &TaskLinks, mut magnetometer: impl Magnetometer) -> ! {
     loop {
         match with_timeout(DRIVER_TIMEOUT, magnetometer.init()).await {
             Ok(Ok(identity)) => {
@@ -49,7 +49,7 @@ pub async fn run_sensor(links: &Links, mut magnetometer: impl Magnetometer) -> !
     }
 }
 
-async fn read_until_error(links: &Links, magnetometer: &mut impl Magnetometer) -> StopReason {
+async fn read_until_error(links: &TaskLinks, magnetometer: &mut impl Magnetometer) -> StopReason {
     let mut verify_at = Instant::now() + VERIFICATION_INTERVAL;
     while let Ok(Ok(reading)) = with_timeout(DRIVER_TIMEOUT, magnetometer.read_measurement()).await {
         let reading = stamped_now(reading);

@@ -2,7 +2,7 @@
 
 use embassy_time::{Duration, Timer};
 
-use super::Links;
+use super::TaskLinks;
 use super::links::{HEARTBEATS_OF_EVERY_BOARD, MAX_HEARTBEATS};
 
 /// Interval of checks; longer than the slowest heartbeat, that of a sensor that does not answer.
@@ -22,7 +22,7 @@ pub trait Watchdog {
 
 /// Feeds the watchdog if sensor, instrument, every running port and the state machine have each sent a heartbeat since
 /// the last check. A console that does not yield stops the state machine, too: they share an executor.
-pub async fn run_watchdog(links: &Links, mut watchdog: impl Watchdog) -> ! {
+pub async fn run_watchdog(links: &TaskLinks, mut watchdog: impl Watchdog) -> ! {
     let mut before = links.heartbeat_counts();
     loop {
         Timer::after(CHECK_INTERVAL).await;

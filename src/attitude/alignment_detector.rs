@@ -10,7 +10,7 @@ use super::AttitudeReport;
 use super::plausibility::MeanDirection;
 use crate::frames::{Field, Sensor};
 use crate::time::Timestamp;
-use crate::trig::Length as _;
+use crate::trig::VectorLength as _;
 
 /// Time constant of the means of tilt, field and rates, seconds.
 const MEAN_TIME_CONSTANT_S: f32 = 1.0;

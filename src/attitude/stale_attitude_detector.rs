@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 use super::AttitudeReport;
 use crate::frames::{Body, Field};
 use crate::time::Timestamp;
-use crate::trig::Length as _;
+use crate::trig::VectorLength as _;
 
 /// Time constant with which motion is forgotten, seconds: longer than a roll into a turn. It limits the effect of a
 /// gyro offset.
@@ -55,8 +55,8 @@ pub(super) struct StaleAttitudeDetector {
     last: Option<(Timestamp, Vector3<f32>)>,
     /// Gyro offset across the vertical, rad/s.
     offset: Vector3<f32>,
-    vertical: Motion,
-    field: Motion,
+    vertical: VectorMotion,
+    field: VectorMotion,
     /// Evidence that the field follows the rates, leaky, square radians times seconds.
     field_evidence: f32,
     /// Integrated magnitude of the body rates with exponential forgetting, radians.
@@ -66,7 +66,7 @@ pub(super) struct StaleAttitudeDetector {
 
 /// Recent motion of a unit vector in body axes, with exponential forgetting, radians.
 #[derive(Debug)]
-struct Motion {
+struct VectorMotion {
     last: Option<Vector3<f32>>,
     observed: Vector3<f32>,
     /// Motion predicted from the body rates.
@@ -79,8 +79,8 @@ impl StaleAttitudeDetector {
             field_direction: None,
             last: None,
             offset: Vector3::new(0.0, 0.0, 0.0),
-            vertical: Motion::new(),
-            field: Motion::new(),
+            vertical: VectorMotion::new(),
+            field: VectorMotion::new(),
             field_evidence: 0.0,
             turned_rad: 0.0,
             is_stale: false,
@@ -119,7 +119,7 @@ impl StaleAttitudeDetector {
             self.offset = offset.map(|rad_s| rad_s.clamp(-MAX_OFFSET_RAD_S, MAX_OFFSET_RAD_S));
         }
         self.field.accumulate_turn(field, turn, kept);
-        let Motion { observed, predicted, .. } = &self.field;
+        let VectorMotion { observed, predicted, .. } = &self.field;
         self.field_evidence *= 1.0 - step_s / EVIDENCE_MEMORY_S;
         self.field_evidence += step_s * (observed - predicted * MIN_FOLLOWING_FRACTION).dot(predicted);
         let is_stale = if self.is_stale {
@@ -133,13 +133,13 @@ impl StaleAttitudeDetector {
 
     /// Whether the vertical does not move while the rates show that it should.
     fn is_vertical_motion_missing(&self) -> bool {
-        let Motion { observed, predicted, .. } = &self.vertical;
+        let VectorMotion { observed, predicted, .. } = &self.vertical;
         (predicted - observed).vector_length() > MIN_MISSING_RAD + MIN_MISSING_PER_RAD_TURNED * self.turned_rad
             && observed.vector_length() < MAX_HANGING_FRACTION * predicted.vector_length()
     }
 }
 
-impl Motion {
+impl VectorMotion {
     const fn new() -> Self {
         const ZERO_VECTOR: Vector3<f32> = Vector3::new(0.0, 0.0, 0.0);
         Self { last: None, observed: ZERO_VECTOR, predicted: ZERO_VECTOR }

@@ -55,7 +55,7 @@ const EXECUTOR_PRIORITY: Priority = Priority::P6;
 const FLASH_PRIORITY: Priority = Priority::P8;
 
 pub type Magnetometer = Lis3mdl<I2cBus>;
-pub type Lines = Uarts<UartTx, UartRx>;
+pub type BoardLines = Uarts<UartTx, UartRx>;
 pub type Hardware = hardware::Hardware<Magnetometer, Lines, Watchdog, Panel, StoreFlash, Platform>;
 
 /// Executor of the heading tasks.

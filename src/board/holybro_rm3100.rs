@@ -75,7 +75,7 @@ const GOOD_IMAGE_AFTER: Duration = Duration::from_secs(30);
 static DESCRIPTOR: AppDescriptor = AppDescriptor::new(BOARD_ID);
 
 pub type Magnetometer = Rm3100<ExclusiveDevice<Spi<'static, Async, Master>, Output<'static>, NoDelay>>;
-pub type Lines = CanAndUart<CanBus, UartTx, UartRx>;
+pub type BoardLines = CanAndUart<CanBus, UartTx, UartRx>;
 pub type Hardware = hardware::Hardware<Magnetometer, Lines, Watchdog, Panel, StoreFlash, Platform>;
 
 /// CAN bus, and what the node on it reports.

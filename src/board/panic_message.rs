@@ -18,7 +18,7 @@ const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
 /// A message with CRC: after power-on the memory has random contents.
 #[derive(Clone, Copy)]
-struct Message {
+struct PanicMessage {
     length: usize,
     /// Number of consecutive panics soon after the start.
     early_panics: u8,
@@ -126,7 +126,7 @@ unsafe extern "C" fn HardFault() -> ! {
 
 /// Exception frame pushed by the processor.
 #[repr(C)]
-struct Frame {
+struct ExceptionFrame {
     r0_to_r3: [u32; 4],
     r12: u32,
     lr: u32,

@@ -8,7 +8,7 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use autoswing::collection::RetainedSamples;
 
 /// Memory not initialised by the start-up code.
-struct Memory(UnsafeCell<MaybeUninit<RetainedSamples>>);
+struct SampleMemory(UnsafeCell<MaybeUninit<RetainedSamples>>);
 
 // SAFETY: one function accesses it, and only once.
 unsafe impl Sync for Memory {}

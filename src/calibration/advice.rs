@@ -309,7 +309,7 @@ fn report_unobservable(left_to_priors: impl Iterator<Item = PriorQuantity>) -> U
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{CollectionPart, Current, Rates, Sample};
+    use crate::calibration::{CollectionPart, MotorCurrent, Rates, Sample};
     use crate::frames::Field;
     use crate::time::WrappingMillis;
 
@@ -372,7 +372,7 @@ mod tests {
                         attitude,
                         time: WrappingMillis::default(),
                         rates,
-                        current: Current::UNKNOWN,
+                        current: MotorCurrent::UNKNOWN,
                         part: CollectionPart::FREE,
                     }
                 })

@@ -120,7 +120,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::{CollectionPart, Current, Mark, Rates, Sample};
+    use crate::calibration::{CollectionPart, HeadingMark, MotorCurrent, Rates, Sample};
     use crate::frames::{Attitude, Field, Level};
     use crate::time::WrappingMillis;
 
@@ -133,7 +133,7 @@ mod tests {
                     attitude: Attitude::default(),
                     time: WrappingMillis::default(),
                     rates: Rates::ZERO,
-                    current: Current::UNKNOWN,
+                    current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 }
             })
@@ -182,7 +182,7 @@ mod tests {
     #[test]
     fn small_parts_and_redundant_level_flight_are_omitted() {
         let parts = [0, 11, 12].map(circle);
-        let marks = [Mark { sample: circle(1)[0], heading_rad: 0.0 }];
+        let marks = [HeadingMark { sample: circle(1)[0], heading_rad: 0.0 }];
         let selected = |left: usize, right: usize, level: usize, procedure| {
             let [left, right, level] = [left, right, level].map(|part| &parts[part][..]);
             let all = Parts { left, right, level, free: &parts[1], marks: &marks }.samples();

@@ -93,9 +93,9 @@ pub use types::{
     motor_current::MotorCurrentInterference,
     orientation::Orientation,
     prior::Prior,
-    quality::{AttitudeLatency, Envelope, Quality},
-    rates::{Current, Rates},
-    samples::{CollectionPart, Mark, Sample, SamplePart, Samples, Side},
+    quality::{AttitudeEnvelope, AttitudeLatency, Quality},
+    rates::{MotorCurrent, Rates},
+    samples::{CollectionPart, HeadingMark, Sample, SamplePart, Samples, Side},
 };
 pub use uncertainty::{
     expected_error::Deviation,

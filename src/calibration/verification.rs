@@ -57,7 +57,7 @@ fn score_calibration(samples: Samples<'_>, knows_attitude: bool, calibration: &C
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{CollectionPart, Current, Mark, Orientation, Rates};
+    use crate::calibration::{CollectionPart, HeadingMark, MotorCurrent, Orientation, Rates};
     use crate::frames::{Attitude, Field, Level};
     use crate::time::WrappingMillis;
 
@@ -76,7 +76,7 @@ mod tests {
                     attitude: Attitude::default(),
                     time: WrappingMillis::default(),
                     rates: Rates::ZERO,
-                    current: Current::UNKNOWN,
+                    current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 }
             })
@@ -130,7 +130,7 @@ mod tests {
     #[test]
     fn without_held_back_samples_both_scores_are_nan() {
         let none = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
-        let marks = [Mark { sample: samples(0.0, 0.0)[0], heading_rad: 0.0 }; 4];
+        let marks = [HeadingMark { sample: samples(0.0, 0.0)[0], heading_rad: 0.0 }; 4];
         for nothing in [Samples::default(), Parts { marks: &marks, ..Parts::default() }.samples()] {
             let scores = score_held_back(nothing, true, &none, &none);
             assert!(scores.candidate_score.is_nan() && scores.active_score.is_nan(), "{scores:?}");

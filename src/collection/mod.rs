@@ -41,7 +41,7 @@ pub use circle::SECTORS;
 pub use collector::Collector;
 pub use flight_statistics::CollectionProblem;
 pub use level_limits::LevelLimits;
-pub use progress::{CollectionProgress, Coverage};
+pub use progress::{CollectionProgress, PartCoverage};
 pub use quota::FIT_CAPACITY;
 pub use recent_samples::RecentSamples;
 pub use retained_samples::{MARKS_CAPACITY, RetainedSamples};

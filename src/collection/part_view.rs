@@ -1,7 +1,7 @@
 //! One part of the buffer and its state, on which a retention policy acts.
 
-use super::progress::Coverage;
-use super::quota::{Quota, SampleUse};
+use super::progress::PartCoverage;
+use super::quota::{SampleQuota, SampleUse};
 use super::retained_samples::PartState;
 use super::sample_buffer::SampleBuffer;
 use crate::calibration::{CollectionPart, Sample, Samples};
@@ -46,7 +46,7 @@ impl<'a> PartView<'a> {
         self.buffer.part_fit_then_held_back(self.part)
     }
 
-    pub fn is_full(&self, purpose: SampleUse, quota: Quota) -> bool {
+    pub fn is_full(&self, purpose: SampleUse, quota: SampleQuota) -> bool {
         self.samples_of_use(purpose).len() >= quota.quota_of(purpose)
     }
 
@@ -82,14 +82,14 @@ impl<'a> PartView<'a> {
         self.buffer.remove_sample(purpose, self.part, position);
     }
 
-    pub fn coverage(&self) -> Coverage {
+    pub fn coverage(&self) -> PartCoverage {
         coverage(self.buffer, self.part, *self.state)
     }
 }
 
 /// Coverage of a part.
-pub(super) fn coverage(buffer: &SampleBuffer, part: CollectionPart, state: PartState) -> Coverage {
+pub(super) fn coverage(buffer: &SampleBuffer, part: CollectionPart, state: PartState) -> PartCoverage {
     let [samples, held_back] =
         [SampleUse::Fit, SampleUse::Verification].map(|purpose| buffer.part(purpose, part).len() as u16);
-    Coverage { samples, held_back_count: held_back, covered_sectors: state.covered_sectors, percent: state.percent }
+    PartCoverage { samples, held_back_count: held_back, covered_sectors: state.covered_sectors, percent: state.percent }
 }

@@ -5,7 +5,7 @@ use crate::calibration::method_selection::Procedure;
 
 /// Coverage of a part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub struct Coverage {
+pub struct PartCoverage {
     /// Number of fit samples.
     pub samples: u16,
     /// Number of held-back samples.
@@ -16,7 +16,7 @@ pub struct Coverage {
     pub percent: u8,
 }
 
-impl Coverage {
+impl PartCoverage {
     /// Whether all required samples are stored.
     #[must_use]
     pub fn is_complete(&self) -> bool {
@@ -30,11 +30,11 @@ pub struct CollectionProgress {
     /// Collection procedure.
     pub procedure: Procedure,
     /// Progress of the left turns, or of all samples of `Tumble` and `Flight`.
-    pub left_turns: Coverage,
+    pub left_turns: PartCoverage,
     /// Progress of the right turns.
-    pub right_turns: Coverage,
+    pub right_turns: PartCoverage,
     /// Progress of level flight.
-    pub level: Coverage,
+    pub level: PartCoverage,
     /// Number of compass-swing marks.
     pub mark_count: u16,
     /// Side of the turn in progress.
@@ -65,9 +65,9 @@ mod tests {
 
     #[test]
     fn completeness_depends_on_the_procedure() {
-        let full = Coverage { percent: 100, ..Coverage::default() };
-        let part = Coverage { percent: 99, ..full };
-        let is_complete = |procedure, [left, right, level]: [Coverage; 3]| {
+        let full = PartCoverage { percent: 100, ..PartCoverage::default() };
+        let part = PartCoverage { percent: 99, ..full };
+        let is_complete = |procedure, [left, right, level]: [PartCoverage; 3]| {
             CollectionProgress {
                 procedure,
                 left_turns: left,
@@ -88,8 +88,8 @@ mod tests {
 
     #[test]
     fn a_part_is_complete_at_100_percent() {
-        assert!(Coverage { percent: 100, ..Coverage::default() }.is_complete());
-        assert!(!Coverage { percent: 99, ..Coverage::default() }.is_complete());
+        assert!(PartCoverage { percent: 100, ..PartCoverage::default() }.is_complete());
+        assert!(!PartCoverage { percent: 99, ..PartCoverage::default() }.is_complete());
     }
 
     #[test]

@@ -16,12 +16,12 @@ pub(super) enum SampleUse {
 
 /// Largest numbers of samples of a part.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Quota {
+pub(super) struct SampleQuota {
     pub fit_quota: usize,
     pub held_back_quota: usize,
 }
 
-impl Quota {
+impl SampleQuota {
     /// Quota of a turn side; 5 held-back samples per sector. Also of a tumble, whose closest samples are searched at
     /// each sample.
     pub const TURN: Self = Self { fit_quota: FIT_CAPACITY, held_back_quota: 5 * SECTORS };

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::calibration::{Rates, Sample};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
-use crate::trig::Length as _;
+use crate::trig::VectorLength as _;
 
 /// Number of samples averaged: 0.8 s at 10 Hz.
 const AVERAGED_SAMPLES: usize = 8;

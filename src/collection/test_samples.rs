@@ -2,11 +2,11 @@ use nalgebra::Vector3;
 
 use super::RetainedSamples;
 use super::part_view::{PART_COUNT, PartView};
-use super::progress::Coverage;
+use super::progress::PartCoverage;
 use super::quota::SampleUse;
 use super::retained_samples::PartState;
 use super::sample_buffer::SampleBuffer;
-use crate::calibration::{CollectionPart, Current, Rates, Sample};
+use crate::calibration::{CollectionPart, MotorCurrent, Rates, Sample};
 use crate::frames::{Attitude, Field, Level};
 use crate::time::WrappingMillis;
 
@@ -45,7 +45,7 @@ impl TestBuffer {
         self.fit_samples(part).len() + self.held_back(part).len()
     }
 
-    pub fn coverage(&mut self, part: CollectionPart) -> Coverage {
+    pub fn coverage(&mut self, part: CollectionPart) -> PartCoverage {
         self.part_view(part).coverage()
     }
 }
@@ -60,7 +60,7 @@ pub fn sample(field_ut: [f32; 3], time_ms: u32) -> Sample {
         attitude: Attitude::default(),
         time: WrappingMillis::new(time_ms),
         rates: Rates::ZERO,
-        current: Current::UNKNOWN,
+        current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     }
 }
@@ -87,7 +87,7 @@ pub fn turn_samples(roll_deg: f32, from_s: u16, to_s: u16, rate_deg_s: f32) -> i
             attitude,
             time: WrappingMillis::new(u32::from(i) * 100),
             rates: Rates::ZERO,
-            current: Current::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         }
     })

@@ -1,7 +1,7 @@
 //! Detector of sustained turns, from bank alone: `psi' = g tan(roll) / V`. The heading of the attitude source is not
 //! used.
 
-use crate::calibration::{Envelope, Sample, Side};
+use crate::calibration::{AttitudeEnvelope, Sample, Side};
 use crate::time::WrappingMillis;
 
 #[derive(Clone, Copy, Debug)]
@@ -23,7 +23,7 @@ pub(super) struct TurnDetectorConfig {
 impl TurnDetectorConfig {
     /// Thresholds for fixed-wing UAVs.
     pub const DEFAULT: Self = Self {
-        enter_roll_rad: Envelope::MIN_BANK_RAD,
+        enter_roll_rad: AttitudeEnvelope::MIN_BANK_RAD,
         leave_roll_rad: 7_f32.to_radians(),
         max_roll_rad: 60_f32.to_radians(),
         max_pitch_rad: 20_f32.to_radians(),

@@ -4,7 +4,7 @@
 use crate::calibration::Sample;
 use crate::frames::{Field, Sensor};
 use crate::time::WrappingMillis;
-use crate::trig::Length as _;
+use crate::trig::VectorLength as _;
 
 /// Time without motion after which a vehicle is at rest, milliseconds. In level flight and in hover, turbulence exceeds
 /// the limit within this time.

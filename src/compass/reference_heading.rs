@@ -2,7 +2,7 @@
 
 use super::activity::{Activity, PendingSave};
 use super::{Compass, Effect, Reply};
-use crate::calibration::Mark;
+use crate::calibration::HeadingMark;
 use crate::calibration::method_selection::Procedure;
 use crate::collection::RecentSamples;
 use crate::frames::wrap_pi;
@@ -23,7 +23,7 @@ impl Compass<'_> {
         }
         check_heading_range(heading_deg)?;
         let sample = self.recent_samples.mean_at_rest(now).ok_or(Refusal::NotStationary)?;
-        if !self.collector.add_mark(Mark { sample, heading_rad: heading_deg.to_radians() }) {
+        if !self.collector.add_mark(HeadingMark { sample, heading_rad: heading_deg.to_radians() }) {
             return Err(Refusal::TooManyMarks);
         }
         self.recent_samples = RecentSamples::new();

@@ -47,13 +47,13 @@ pub enum Key {
 /// Decoder from bytes to keys.
 #[derive(Debug, Default)]
 pub struct KeyDecoder {
-    sequence: Sequence,
+    sequence: KeySequence,
     /// The last byte was a carriage return: a line feed after it belongs to the same line end.
     returned: bool,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
-enum Sequence {
+enum KeySequence {
     #[default]
     None,
     /// State after an ESC byte.
@@ -67,18 +67,18 @@ impl KeyDecoder {
     pub fn push_byte(&mut self, byte: u8) -> Option<Key> {
         let after_return = core::mem::replace(&mut self.returned, byte == b'\r');
         match (core::mem::take(&mut self.sequence), byte) {
-            (Sequence::Escape, b'[' | b'O') => self.sequence = Sequence::Control(0, false),
-            (Sequence::Control(number, is_complete), b' '..=b'?') => {
+            (KeySequence::Escape, b'[' | b'O') => self.sequence = KeySequence::Control(0, false),
+            (KeySequence::Control(number, is_complete), b' '..=b'?') => {
                 let digit = byte.wrapping_sub(b'0');
                 self.sequence = if digit > 9 || is_complete {
-                    Sequence::Control(number, true)
+                    KeySequence::Control(number, true)
                 } else {
-                    Sequence::Control(number.saturating_mul(10).saturating_add(digit), false)
+                    KeySequence::Control(number.saturating_mul(10).saturating_add(digit), false)
                 };
             }
-            (Sequence::Control(number, _), b'@'..=b'~') => return key_of_sequence(number, byte),
+            (KeySequence::Control(number, _), b'@'..=b'~') => return key_of_sequence(number, byte),
             (_, b'\n') if after_return => {}
-            (_, 0x1B) => self.sequence = Sequence::Escape,
+            (_, 0x1B) => self.sequence = KeySequence::Escape,
             (_, byte) => return plain_key(byte),
         }
         None

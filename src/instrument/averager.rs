@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::attitude::EulerRates;
-use crate::calibration::{CollectionPart, Current, Rates, Sample};
+use crate::calibration::{CollectionPart, MotorCurrent, Rates, Sample};
 use crate::frames::{Attitude, Field, Sensor, wrap_pi};
 use crate::time::Timestamp;
 
@@ -90,7 +90,7 @@ impl AveragingRun {
             },
             rates: Rates::from_rad_s(self.rates_rad_s.map(|sum| sum / count)),
             time: middle.wrapping_millis(),
-            current: Current::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         }
     }

@@ -62,7 +62,7 @@ mod turn_request;
 mod ud_filter;
 
 use crate::attitude::{AttitudeHistory, AttitudeLookup, AttitudeReport, EulerRates, GyroHeading};
-use crate::calibration::{Current, Sample};
+use crate::calibration::{MotorCurrent, Sample};
 use crate::frames::{Attitude, Body, Field, Sensor};
 use crate::heading::{self, Heading, NoHeading};
 use crate::reading::Reading;
@@ -263,7 +263,7 @@ impl Instrument {
                 };
                 let (at, mut sample) =
                     self.pairing.next_sample(|at| self.attitude_history.attitude_at(at), motion_at)?;
-                sample.current = Current::from_a(self.current_a(at));
+                sample.current = MotorCurrent::from_a(self.current_a(at));
                 self.pending_sample = Some((at, sample));
                 Some(sample)
             }
@@ -271,7 +271,7 @@ impl Instrument {
                 let at_rest = |_| EulerRates::default();
                 let (at, mut sample) =
                     self.pairing.next_sample(|_| AttitudeLookup::Interpolated(Attitude::default()), at_rest)?;
-                sample.current = Current::from_a(self.current_a(at));
+                sample.current = MotorCurrent::from_a(self.current_a(at));
                 Some(sample)
             }
         }

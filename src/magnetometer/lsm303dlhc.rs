@@ -6,7 +6,7 @@
 use embedded_hal_async::i2c::I2c;
 
 use super::chip::{self, I2cRegisters, PollingSchedule};
-use super::{Identity, Magnetometer, MagnetometerError, Model, Reading};
+use super::{Identity, Magnetometer, MagnetometerError, MagnetometerModel, Reading};
 use crate::frames::Field;
 
 /// Fixed address.
@@ -118,7 +118,7 @@ impl<B: I2c> Magnetometer for Lsm303dlhc<B> {
         // the old range.
         let _old: [u8; 6] = self.chip.read_registers(OUT_X_H_M).await?;
         self.polling.start_sleep();
-        Ok(Identity { model: Model::Lsm303dlhc, address: I2C_ADDRESS })
+        Ok(Identity { model: MagnetometerModel::Lsm303dlhc, address: I2C_ADDRESS })
     }
 
     async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<B::Error>> {
@@ -187,7 +187,7 @@ mod tests {
     fn init_writes_the_configuration_of_the_data_sheet() {
         let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
         let identity = block_on(driver.init());
-        assert_eq!(identity, Ok(Identity { model: Model::Lsm303dlhc, address: 0x1E }));
+        assert_eq!(identity, Ok(Identity { model: MagnetometerModel::Lsm303dlhc, address: 0x1E }));
         // 75 Hz without temperature, 2.5 gauss, continuous: data sheet sections 7.2.1 to 7.2.3.
         assert_eq!(driver.chip.bus.values[..3], [0x18, 0x60, 0x00]);
     }

@@ -6,5 +6,5 @@ pub mod lis3mdl;
 pub mod lsm303dlhc;
 pub mod rm3100;
 
-pub use crate::reading::{Identity, Model, Reading};
+pub use crate::reading::{Identity, MagnetometerModel, Reading};
 pub use driver::{Magnetometer, MagnetometerError};

@@ -2,7 +2,7 @@
 
 use core::fmt::{self, Display};
 
-use crate::calibration::{Calibration, Envelope, Quality};
+use crate::calibration::{AttitudeEnvelope, Calibration, Quality};
 use crate::decimal::Decimal;
 use crate::trig;
 
@@ -44,8 +44,8 @@ impl Display for ExpectedErrorText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (rms, worst) = (Decimal::<2>(self.0.expected_rms_deg), Decimal::<2>(self.0.expected_worst_deg));
         let envelope = match self.0.envelope {
-            Envelope::Banked => "",
-            Envelope::Level => ", level only",
+            AttitudeEnvelope::Banked => "",
+            AttitudeEnvelope::Level => ", level only",
         };
         write!(f, "expected error {rms} deg rms, sigma {worst} deg at the worst heading{envelope}")
     }

@@ -14,7 +14,7 @@ use crate::health::SampleLoss;
 use crate::instrument::{HardIronChange, InstallationChange, MountTurn};
 use crate::settings::OutOfRange;
 use crate::store::StoreError;
-use crate::trig::Length as _;
+use crate::trig::VectorLength as _;
 
 /// Callback that receives an entry's code, what happened, and what to do.
 type EntryWriter<'a> = &'a mut dyn FnMut(&'static str, Arguments<'_>, Arguments<'_>) -> fmt::Result;

@@ -7,16 +7,16 @@ const TEXT_CAPACITY: usize = 240;
 
 /// Text. Characters beyond the capacity are cut.
 #[derive(Debug, Default)]
-pub(super) struct Characters(heapless::Vec<u8, TEXT_CAPACITY>);
+pub(super) struct BoundedText(heapless::Vec<u8, TEXT_CAPACITY>);
 
-impl Characters {
+impl BoundedText {
     /// The text.
     pub fn bytes(&self) -> &[u8] {
         &self.0
     }
 }
 
-impl fmt::Write for Characters {
+impl fmt::Write for BoundedText {
     fn write_str(&mut self, text: &str) -> fmt::Result {
         for byte in text.bytes() {
             let _ = self.0.push(byte);

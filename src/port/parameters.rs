@@ -11,7 +11,7 @@ use crate::settings::{
 
 /// Setting with a name of at most 16 characters.
 #[derive(Debug)]
-pub struct Parameter {
+pub struct SettingParameter {
     /// Name, that of the console's command in capitals.
     pub name: &'static str,
     kind: ParameterKind,
@@ -36,7 +36,7 @@ enum ParameterKind {
 }
 
 /// All parameters. Tools refer to them by position as well, so that a new one is the last.
-pub static PARAMETERS: [Parameter; 23] = [
+pub static PARAMETERS: [SettingParameter; 23] = [
     whole_number(
         "CAN_NODE",
         byte_range(&CanSettings::NODE_ID_RANGE),
@@ -94,7 +94,10 @@ pub static PARAMETERS: [Parameter; 23] = [
         |v| byte_setting(v, SettingChange::AttitudeRateHz),
     ),
     whole_number("VISION", SWITCH_RANGE, |s| s.sends_vision_yaw.into(), |v| switch_setting(v, SettingChange::Vision)),
-    Parameter { name: "SIGNING", kind: ParameterKind::Key { get: |s| s.signing_key, set: SettingChange::Signing } },
+    SettingParameter {
+        name: "SIGNING",
+        kind: ParameterKind::Key { get: |s| s.signing_key, set: SettingChange::Signing },
+    },
     whole_number("PORT1", PROTOCOLS, |s| protocol_number(s, PortNumber::One), |v| set_protocol(PortNumber::One, v)),
     whole_number("PORT2", PROTOCOLS, |s| protocol_number(s, PortNumber::Two), |v| set_protocol(PortNumber::Two, v)),
     whole_number("BAUD1", BAUDS, |s| baud_number(s, PortNumber::One), |v| set_baud(PortNumber::One, v)),
@@ -139,7 +142,7 @@ const BAUDS: [u32; 2] = {
     [least.bits_per_s(), most.bits_per_s()]
 };
 
-impl Parameter {
+impl SettingParameter {
     /// Value in these settings.
     #[must_use]
     pub fn parameter_value(&self, settings: &Settings) -> ParameterValue {
@@ -177,8 +180,8 @@ const fn whole_number(
     range: [u32; 2],
     get: fn(&Settings) -> u32,
     set: fn(u32) -> Option<SettingChange>,
-) -> Parameter {
-    Parameter { name, kind: ParameterKind::Whole { range, get, set } }
+) -> SettingParameter {
+    SettingParameter { name, kind: ParameterKind::Whole { range, get, set } }
 }
 
 const fn number(
@@ -186,8 +189,8 @@ const fn number(
     range: RangeInclusive<f32>,
     get: fn(&Settings) -> f32,
     set: fn(&Settings, f32) -> SettingChange,
-) -> Parameter {
-    Parameter { name, kind: ParameterKind::Number { range, get, set } }
+) -> SettingParameter {
+    SettingParameter { name, kind: ParameterKind::Number { range, get, set } }
 }
 
 const fn byte_range(range: &RangeInclusive<u8>) -> [u32; 2] {
@@ -239,7 +242,7 @@ mod tests {
     use super::*;
 
     /// Extremes of a parameter, or a key.
-    fn extremes(parameter: &Parameter) -> [ParameterValue; 2] {
+    fn extremes(parameter: &SettingParameter) -> [ParameterValue; 2] {
         parameter.value_range().unwrap_or([None, Some(SigningKey([7; 32]))].map(ParameterValue::Key))
     }
 
@@ -264,7 +267,7 @@ mod tests {
     #[test]
     fn ranges_are_those_of_the_settings() {
         let settings = Settings::DEFAULT;
-        let refuses = |parameter: &Parameter, value| {
+        let refuses = |parameter: &SettingParameter, value| {
             parameter.setting_change(&settings, value).is_none_or(|change| settings.with_setting(change).is_err())
         };
         for parameter in &PARAMETERS {

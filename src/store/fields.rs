@@ -18,18 +18,18 @@ use super::StoreError;
 const HEADER_SIZE: usize = 3;
 
 /// Value stored as tagged fields.
-pub trait Fields: Copy {
+pub trait StoredFields: Copy {
     /// Value before any field is read, with defaults in optional fields.
     fn with_defaults() -> Self;
 
     /// Passes each field and its tag to the visitor, in the order of introduction.
-    fn visit_fields(&mut self, visitor: &mut impl Visitor);
+    fn visit_fields(&mut self, visitor: &mut impl FieldVisitor);
 
     fn is_valid(&self) -> bool;
 }
 
 /// Reads or writes fields.
-pub trait Visitor {
+pub trait FieldVisitor {
     /// Visits a field without which the value is invalid.
     fn visit_required<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T);
 
@@ -38,29 +38,29 @@ pub trait Visitor {
 }
 
 /// Encodes all fields; returns their length in bytes.
-pub fn encode_fields<T: Fields>(value: &T, buffer: &mut [u8]) -> Result<usize, StoreError> {
+pub fn encode_fields<T: StoredFields>(value: &T, buffer: &mut [u8]) -> Result<usize, StoreError> {
     if !value.is_valid() {
         return Err(StoreError::Invalid);
     }
-    let mut writer = Writer { buffer, length: Some(0) };
+    let mut writer = FieldWriter { buffer, length: Some(0) };
     { *value }.visit_fields(&mut writer);
     writer.length.ok_or(StoreError::Full)
 }
 
-pub fn decode_fields<T: Fields>(fields: &[u8]) -> Result<T, StoreError> {
-    let mut reader = Reader { fields, is_complete: is_well_formed(fields) };
+pub fn decode_fields<T: StoredFields>(fields: &[u8]) -> Result<T, StoreError> {
+    let mut reader = FieldReader { fields, is_complete: is_well_formed(fields) };
     let mut value = T::with_defaults();
     value.visit_fields(&mut reader);
     if reader.is_complete && value.is_valid() { Ok(value) } else { Err(StoreError::Corrupt) }
 }
 
-struct Writer<'a> {
+struct FieldWriter<'a> {
     buffer: &'a mut [u8],
     /// Bytes written; `None` once a field does not fit.
     length: Option<usize>,
 }
 
-impl Writer<'_> {
+impl FieldWriter<'_> {
     /// Writes a field at `offset`; returns the end offset.
     fn write_field<T: Serialize>(&mut self, offset: usize, tag: u8, field: &T) -> Option<usize> {
         let (header, rest) = self.buffer.get_mut(offset..)?.split_first_chunk_mut::<HEADER_SIZE>()?;
@@ -71,7 +71,7 @@ impl Writer<'_> {
     }
 }
 
-impl Visitor for Writer<'_> {
+impl FieldVisitor for FieldWriter<'_> {
     fn visit_required<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T) {
         self.length = self.length.and_then(|offset| self.write_field(offset, tag, field));
     }
@@ -81,13 +81,13 @@ impl Visitor for Writer<'_> {
     }
 }
 
-struct Reader<'a> {
+struct FieldReader<'a> {
     fields: &'a [u8],
     /// Whether all required fields were read.
     is_complete: bool,
 }
 
-impl Reader<'_> {
+impl FieldReader<'_> {
     /// The field with this tag, if present and decodable.
     fn read_field<T: DeserializeOwned>(&self, tag: u8) -> Option<T> {
         let mut rest = self.fields;
@@ -101,7 +101,7 @@ impl Reader<'_> {
     }
 }
 
-impl Visitor for Reader<'_> {
+impl FieldVisitor for FieldReader<'_> {
     fn visit_required<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T) {
         match self.read_field(tag) {
             Some(value) => *field = value,

@@ -2,11 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::fields::{Fields, Visitor};
+use super::fields::{FieldVisitor, StoredFields};
 use crate::calibration::{
-    AttitudeLatency, Calibration, Envelope, HeadingUncertainty, Method, MotorCurrentInterference, Orientation, Quality,
+    AttitudeEnvelope, AttitudeLatency, Calibration, HeadingUncertainty, Method, MotorCurrentInterference, Orientation,
+    Quality,
 };
-use crate::reading::{Identity, Model};
+use crate::reading::{Identity, MagnetometerModel};
 use crate::settings::{
     AttitudeError, CanSettings, PORT_COUNT, PortNumber, PortSettings, ProtocolKind, SensorError, Settings,
 };
@@ -55,13 +56,13 @@ impl CalibrationRecord {
 }
 
 /// All fields of the first release are required.
-impl Fields for CalibrationRecord {
+impl StoredFields for CalibrationRecord {
     fn with_defaults() -> Self {
         Self {
             calibration: Calibration::uncalibrated(Orientation::IDENTITY_ROTATION),
             quality: Quality {
                 method: Method::Level,
-                envelope: Envelope::Level,
+                envelope: AttitudeEnvelope::Level,
                 expected_rms_deg: 0.0,
                 expected_worst_deg: 0.0,
                 norm_residual: 0.0,
@@ -71,13 +72,13 @@ impl Fields for CalibrationRecord {
                 knows_inclination: true,
             },
             uncertainty: HeadingUncertainty::NO_UNCERTAINTY,
-            sensor: Identity { model: Model::Lis3mdl, address: 0 },
+            sensor: Identity { model: MagnetometerModel::Lis3mdl, address: 0 },
             mount: Orientation::IDENTITY_ROTATION,
             serial_number: 0,
         }
     }
 
-    fn visit_fields(&mut self, visitor: &mut impl Visitor) {
+    fn visit_fields(&mut self, visitor: &mut impl FieldVisitor) {
         let Self { calibration, quality, uncertainty, sensor, mount, serial_number: serial } = self;
         let Calibration { w, b_ut, inclination_rad, total_ut, latency_s, motor_current: current } = calibration;
         visitor.visit_required(1, w);
@@ -221,12 +222,12 @@ pub struct StoredState {
     pub startup_values: StartupValues,
 }
 
-impl Fields for StoredState {
+impl StoredFields for StoredState {
     fn with_defaults() -> Self {
         Self::default()
     }
 
-    fn visit_fields(&mut self, visitor: &mut impl Visitor) {
+    fn visit_fields(&mut self, visitor: &mut impl FieldVisitor) {
         let Self { save_count: saves, current_slot: current, previous_slot: previous, settings, startup_values } = self;
         visitor.visit_required(1, saves);
         visitor.visit_required(2, current);

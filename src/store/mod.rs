@@ -35,7 +35,7 @@ use embedded_storage_async::nor_flash::NorFlash;
 pub use error::StoreError;
 use items::{CALIBRATION_SLOTS, SlotReference, StoredState};
 pub use items::{CalibrationRecord, StartupValues, StoreChange, StoredCalibrations, StoredValues};
-use page::{ITEM_SIZE, Item, PageContent, WORD_SIZE};
+use page::{ITEM_SIZE, PageContent, StoredItem, WORD_SIZE};
 
 /// First page for states, after the slots.
 const FIRST_STATE_PAGE: u32 = CALIBRATION_SLOTS as u32;
@@ -45,7 +45,7 @@ const MIN_STATE_PAGES: u32 = 2;
 
 /// Result of a load: the readable values, and defaults for the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Loaded {
+pub struct LoadedValues {
     /// The readable values.
     pub stored_values: StoredValues,
     /// Reason why a value, or all of them, could not be read.
@@ -89,9 +89,9 @@ impl<F: NorFlash> Store<F> {
     /// The error is [`StoreError::OtherFormat`] if the store has another format (nothing is loaded), and
     /// [`Corrupt`](StoreError::Corrupt) or [`Flash`](StoreError::Flash) if no state or one of the calibrations is
     /// unreadable.
-    pub async fn load_state(&mut self) -> Loaded {
+    pub async fn load_state(&mut self) -> LoadedValues {
         let PageScan { valid_state: valid, other_format: other, error } = self.scan_pages().await;
-        let mut loaded = Loaded { stored_values: StoredValues::default(), load_error: error };
+        let mut loaded = LoadedValues { stored_values: StoredValues::default(), load_error: error };
         if let Some((_, format)) = other {
             loaded.load_error = Some(StoreError::OtherFormat(format));
         } else if let Some((
@@ -286,7 +286,7 @@ impl<F: NorFlash> Store<F> {
 impl PageScan {
     fn add_state(&mut self, page: u32, content: &PageContent<'_>) {
         let state = match content {
-            PageContent::Item(Item { field_bytes: fields, .. }) => fields::decode_fields::<StoredState>(fields),
+            PageContent::Item(StoredItem { field_bytes: fields, .. }) => fields::decode_fields::<StoredState>(fields),
             // Only a power failure during the very first save damages the first page alone; nothing was stored before.
             PageContent::Damaged if page == FIRST_STATE_PAGE => return,
             PageContent::Damaged => Err(StoreError::Corrupt),

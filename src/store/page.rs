@@ -13,7 +13,7 @@
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 
 use super::StoreError;
-use super::fields::{self, Fields};
+use super::fields::{self, StoredFields};
 
 /// Changes with the position or meaning of stored bytes; appended fields do not change it.
 pub const STORE_FORMAT: u8 = 1;
@@ -38,11 +38,11 @@ pub enum PageContent<'a> {
     Damaged,
     /// A complete item of another format.
     OtherFormat(u8),
-    Item(Item<'a>),
+    Item(StoredItem<'a>),
 }
 
 #[derive(Debug, PartialEq, Eq)]
-pub struct Item<'a> {
+pub struct StoredItem<'a> {
     pub field_bytes: &'a [u8],
     pub crc: u32,
 }
@@ -53,7 +53,7 @@ pub fn parse_page(page: &[u8]) -> PageContent<'_> {
     let length = HEADER_SIZE + usize::from(u16::from_le_bytes([low, high]));
     match split_checked(page, length) {
         Some((item, crc)) if format == STORE_FORMAT => {
-            PageContent::Item(Item { field_bytes: &item[HEADER_SIZE..], crc })
+            PageContent::Item(StoredItem { field_bytes: &item[HEADER_SIZE..], crc })
         }
         Some(_) => PageContent::OtherFormat(format),
         None => match development_format(page) {
@@ -65,7 +65,10 @@ pub fn parse_page(page: &[u8]) -> PageContent<'_> {
 }
 
 /// Encodes an item into the buffer, padded like erased flash. Returns the bytes to program and the item's CRC.
-pub fn encode_item<'a, T: Fields>(value: &T, buffer: &'a mut [u8; ITEM_SIZE]) -> Result<(&'a [u8], u32), StoreError> {
+pub fn encode_item<'a, T: StoredFields>(
+    value: &T,
+    buffer: &'a mut [u8; ITEM_SIZE],
+) -> Result<(&'a [u8], u32), StoreError> {
     buffer.fill(0xFF);
     let length = HEADER_SIZE + fields::encode_fields(value, &mut buffer[HEADER_SIZE..ITEM_SIZE - CRC_SIZE])?;
     let [low, high] = ((length - HEADER_SIZE) as u16).to_le_bytes();

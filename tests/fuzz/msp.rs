@@ -1,6 +1,6 @@
 //! Fuzz test of the MSP receiver.
 
-use autoswing::wire::msp::{Firmware, MspAngles, MspReply, Receiver};
+use autoswing::wire::msp::{AutopilotFirmware, MspAngles, MspReply, Receiver};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -126,10 +126,10 @@ impl stream::Intact<MspReply> for Intact<'_> {
                     let is = |name: &[u8]| self.payload.starts_with(name);
                     self.function == FC_VARIANT
                         && match firmware {
-                            Firmware::ArduPilot => is(b"ARDU"),
-                            Firmware::Inav => is(b"INAV"),
-                            Firmware::Betaflight => is(b"BTFL"),
-                            Firmware::Other => true,
+                            AutopilotFirmware::ArduPilot => is(b"ARDU"),
+                            AutopilotFirmware::Inav => is(b"INAV"),
+                            AutopilotFirmware::Betaflight => is(b"BTFL"),
+                            AutopilotFirmware::Other => true,
                         }
                 }
                 MspReply::Armed(is_armed) => {

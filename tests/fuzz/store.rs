@@ -2,10 +2,12 @@
 
 use std::sync::LazyLock;
 
-use autoswing::calibration::{Calibration, Envelope, HeadingUncertainty, Method, Orientation, Quality};
-use autoswing::reading::{Identity, Model};
+use autoswing::calibration::{AttitudeEnvelope, Calibration, HeadingUncertainty, Method, Orientation, Quality};
+use autoswing::reading::{Identity, MagnetometerModel};
 use autoswing::settings::Settings;
-use autoswing::store::{CalibrationRecord, Loaded, Store, StoreChange, StoreError, StoredCalibrations, StoredValues};
+use autoswing::store::{
+    CalibrationRecord, LoadedValues, Store, StoreChange, StoreError, StoredCalibrations, StoredValues,
+};
 use embassy_futures::block_on;
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -38,7 +40,7 @@ fn record(serial: u32) -> CalibrationRecord {
         Calibration { b_ut: [serial as f32, 2.0, 3.0], ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) };
     let quality = Quality {
         method: Method::MaximumLikelihood,
-        envelope: Envelope::Banked,
+        envelope: AttitudeEnvelope::Banked,
         expected_rms_deg: 0.3,
         expected_worst_deg: 0.7,
         norm_residual: 0.004,
@@ -47,7 +49,7 @@ fn record(serial: u32) -> CalibrationRecord {
         latency: None,
         knows_inclination: true,
     };
-    let sensor = Identity { model: Model::Lis3mdl, address: 0x1E };
+    let sensor = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
     CalibrationRecord {
         calibration,
         quality,
@@ -98,7 +100,7 @@ fn arbitrary_flash_contents_load_valid_values_and_allow_saves() {
         for (at, bytes) in &damage {
             replace(&mut flash, *at, bytes);
         }
-        let Loaded { stored_values: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
+        let LoadedValues { stored_values: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
             block_on(store(&mut flash).load_state());
         prop_assert!(settings.is_valid());
         for found in [generations.current_calibration, generations.previous_calibration].into_iter().flatten() {
@@ -111,7 +113,7 @@ fn arbitrary_flash_contents_load_valid_values_and_allow_saves() {
         };
         prop_assert_eq!(save(&mut flash, &settings), Ok(()));
         prop_assert_eq!(accept(&mut flash, &generations), Ok(()));
-        let Loaded { stored_values: stored, load_error: error } = block_on(store(&mut flash).load_state());
+        let LoadedValues { stored_values: stored, load_error: error } = block_on(store(&mut flash).load_state());
         prop_assert_eq!((stored.settings, stored.stored_calibrations, error), (settings, generations, None));
         Ok(())
     });
@@ -147,7 +149,7 @@ fn the_store_handles_any_fields() {
             item.extend(crc(&item).to_le_bytes());
             replace(&mut flash, page * PAGE, &item);
         }
-        let Loaded { stored_values: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
+        let LoadedValues { stored_values: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
             block_on(store(&mut flash).load_state());
         prop_assert!(settings.is_valid());
         prop_assert!(
@@ -158,7 +160,7 @@ fn the_store_handles_any_fields() {
         );
         let generations = StoredCalibrations { current_calibration: Some(record(99)), previous_calibration: None };
         prop_assert_eq!(accept(&mut flash, &generations), Ok(()));
-        let Loaded { stored_values: stored, load_error: error } = block_on(store(&mut flash).load_state());
+        let LoadedValues { stored_values: stored, load_error: error } = block_on(store(&mut flash).load_state());
         prop_assert_eq!((stored.settings, stored.stored_calibrations, error), (settings, generations, None));
         Ok(())
     });

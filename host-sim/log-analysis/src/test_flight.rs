@@ -20,7 +20,7 @@ const TURNS_DEG: [[f64; 2]; 4] = [[25.0, 720.0], [-25.0, -720.0], [40.0, 720.0],
 
 /// Roll, pitch and heading, radians, and their rates, rad/s.
 #[derive(Clone, Copy)]
-struct Motion {
+struct FlightMotion {
     euler_rad: Vector3<f64>,
     euler_rates_rad_s: Vector3<f64>,
 }
@@ -31,7 +31,7 @@ pub fn record_turns(field_latency_s: f64) -> FlightRecording {
     let mut random = Random(1);
     let mut noise_rad = [0.0; 2];
     let samples = (20..motions.len()).map(|i| {
-        let Motion { euler_rad, euler_rates_rad_s } = motions[i];
+        let FlightMotion { euler_rad, euler_rates_rad_s } = motions[i];
         let field_ut = measured_field_ut(past_attitude(&motions, i, field_latency_s / STEP_S));
         let field_ut = field_ut.map(|axis| axis + f64::from(FIELD_NOISE_UT * random.normal()));
         // Attitude noise with a correlation time of half a second.
@@ -52,8 +52,8 @@ pub fn record_turns(field_latency_s: f64) -> FlightRecording {
 }
 
 /// The flight is straight for 10 s before each pair of turns and after them.
-fn fly_turns() -> Vec<Motion> {
-    let mut motions = vec![Motion { euler_rad: Vector3::zeros(), euler_rates_rad_s: Vector3::zeros() }];
+fn fly_turns() -> Vec<FlightMotion> {
+    let mut motions = vec![FlightMotion { euler_rad: Vector3::zeros(), euler_rates_rad_s: Vector3::zeros() }];
     for (i, [bank_deg, change_deg]) in TURNS_DEG.into_iter().enumerate() {
         if i % 2 == 0 {
             let until = motions.len() + 100;
@@ -73,7 +73,7 @@ fn fly_turns() -> Vec<Motion> {
 }
 
 /// Appends the motion one step later, while the roll approaches `bank_deg`; gusts disturb roll and pitch.
-fn step(motions: &mut Vec<Motion>, bank_deg: f64) {
+fn step(motions: &mut Vec<FlightMotion>, bank_deg: f64) {
     let Some(last) = motions.last() else { return };
     let (t_s, [roll_rad, pitch_rad, heading_rad]) = (motions.len() as f64 * STEP_S, last.euler_rad.into());
     let target_rad = bank_deg.to_radians() + 0.03 * libm::sin(1.3 * t_s);
@@ -82,11 +82,11 @@ fn step(motions: &mut Vec<Motion>, bank_deg: f64) {
     let heading_rate = 9.81 * libm::tan(roll_rad) / AIRSPEED_M_S;
     let euler_rates_rad_s = Vector3::new(roll_rate, pitch_rate, heading_rate);
     let euler_rad = Vector3::new(roll_rad, pitch_rad, heading_rad) + euler_rates_rad_s * STEP_S;
-    motions.push(Motion { euler_rad, euler_rates_rad_s });
+    motions.push(FlightMotion { euler_rad, euler_rates_rad_s });
 }
 
 /// Attitude a number of steps before step `i`, linearly interpolated.
-fn past_attitude(motions: &[Motion], i: usize, steps: f64) -> Vector3<f64> {
+fn past_attitude(motions: &[FlightMotion], i: usize, steps: f64) -> Vector3<f64> {
     let at = (i as f64 - steps).max(0.0);
     let (before, part) = (at.floor() as usize, at.fract());
     let after = (before + 1).min(motions.len() - 1);

@@ -3,12 +3,12 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use autoswing::app::{self, Links};
+use autoswing::app::{self, TaskLinks};
 use autoswing::magnetometer::lis3mdl::Lis3mdlConfig as DriverConfig;
 use autoswing::magnetometer::{self, Magnetometer};
 use testkit::simulation::{Level, Simulation};
 
-use crate::devices::i2c::Bus;
+use crate::devices::i2c::SimulatedI2cBus;
 use crate::devices::lis3mdl::{Lis3mdl, Lis3mdlConfig};
 use crate::devices::rm3100::{Rm3100, Rm3100Config, Rm3100Fault};
 use crate::devices::sensor::{FieldSource, SensorModel};
@@ -18,7 +18,7 @@ use crate::faults::sensor::{FaultyChip, SensorFault};
 /// Chip on its bus; survives a restart of the module.
 pub enum SimulatedMagnetometer {
     /// LIS3MDL.
-    Lis3mdl(Rc<RefCell<Lis3mdl>>, Bus),
+    Lis3mdl(Rc<RefCell<Lis3mdl>>, SimulatedI2cBus),
     /// RM3100.
     Rm3100(Rc<RefCell<Rm3100>>),
 }
@@ -30,7 +30,7 @@ impl SimulatedMagnetometer {
         match model {
             SensorModel::Lis3mdl => {
                 let chip = Lis3mdl::new(Lis3mdlConfig { seed, ..Lis3mdlConfig::default() }, field);
-                let bus = Bus::new();
+                let bus = SimulatedI2cBus::new();
                 bus.attach_device(FaultyChip::new(chip.clone(), faults));
                 Self::Lis3mdl(chip, bus)
             }
@@ -55,7 +55,7 @@ impl SimulatedMagnetometer {
     }
 
     /// Starts the firmware's sensor task with the chip's driver.
-    pub(crate) fn spawn_task(&self, simulation: &mut Simulation, links: Rc<Links>) {
+    pub(crate) fn spawn_task(&self, simulation: &mut Simulation, links: Rc<TaskLinks>) {
         match self {
             Self::Lis3mdl(_, bus) => {
                 spawn_sensor_task(
@@ -75,6 +75,6 @@ impl SimulatedMagnetometer {
     }
 }
 
-fn spawn_sensor_task(simulation: &mut Simulation, links: Rc<Links>, driver: impl Magnetometer + 'static) {
+fn spawn_sensor_task(simulation: &mut Simulation, links: Rc<TaskLinks>, driver: impl Magnetometer + 'static) {
     simulation.spawn(Level::Interrupt, "sensor", async move { app::sensor::run_sensor(&links, driver).await });
 }

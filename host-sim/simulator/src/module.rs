@@ -57,7 +57,7 @@ pub trait Module {
 }
 
 /// Receiver of the time and the console output of a module that other code operates.
-pub trait Observer {
+pub trait ModuleObserver {
     /// The module's time has advanced.
     fn time_advanced(&mut self, module: &impl Module);
 
@@ -73,14 +73,14 @@ pub struct ObservedModule<'a, M, O> {
     pub observer: O,
 }
 
-impl<'a, M: Module, O: Observer> ObservedModule<'a, M, O> {
+impl<'a, M: Module, O: ModuleObserver> ObservedModule<'a, M, O> {
     /// Wraps a module; the observer is notified from now on.
     pub const fn new(module: &'a mut M, observer: O) -> Self {
         Self { module, observer }
     }
 }
 
-impl<M: Module, O: Observer> Module for ObservedModule<'_, M, O> {
+impl<M: Module, O: ModuleObserver> Module for ObservedModule<'_, M, O> {
     fn world(&self) -> &World {
         self.module.world()
     }

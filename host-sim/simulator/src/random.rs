@@ -8,7 +8,7 @@ use rand_distr::StandardNormal;
 
 /// Purpose of a random stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Purpose {
+pub enum StreamPurpose {
     /// Soft iron, hard iron and mounting of a random airframe.
     Airframe = 1,
     /// Place of a random airframe.
@@ -67,12 +67,12 @@ pub enum Purpose {
 
 /// Stream of random numbers.
 #[derive(Clone, Debug)]
-pub struct Random(ChaCha8Rng);
+pub struct RandomStream(ChaCha8Rng);
 
-impl Random {
+impl RandomStream {
     /// The stream of a seed for a purpose.
     #[must_use]
-    pub fn new(seed: u64, purpose: Purpose) -> Self {
+    pub fn new(seed: u64, purpose: StreamPurpose) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(purpose as u64);
         Self(rng)

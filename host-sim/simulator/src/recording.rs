@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use autoswing::earth::{self, Date, EarthField};
 use log_analysis::log::write::{FlightRecording, FlightSample};
 
-use crate::module::{Module, Observer};
+use crate::module::{Module, ModuleObserver};
 use crate::world::aircraft::VehicleKind;
 use crate::world::attitude_source::AttitudeSource;
 use crate::world::autopilot::Leg;
@@ -93,7 +93,7 @@ impl Recorder {
     }
 }
 
-impl Observer for Recorder {
+impl ModuleObserver for Recorder {
     fn time_advanced(&mut self, module: &impl Module) {
         let now_us = module.now_us();
         self.next_us = self.next_us.max(

@@ -4,7 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
 use autoswing::app::can::HandOver;
-use autoswing::app::{self, Links, Panel, Platform, Watchdog};
+use autoswing::app::{self, Panel, Platform, TaskLinks, Watchdog};
 use autoswing::collection::RetainedSamples;
 use autoswing::health::ResetCause;
 use autoswing::port::FirmwareUpdate;
@@ -18,7 +18,7 @@ use testkit::simulation::{Level, RunEnd, Simulation, Stop};
 
 use crate::devices::can::CanEnd;
 use crate::devices::nor_flash::{Flash, PAGE_BYTES};
-use crate::devices::uart::{Cable, HostEnd, UartConfig as CableConfig};
+use crate::devices::uart::{HostEnd, SerialCable, UartConfig as CableConfig};
 use crate::faults::Faults;
 use crate::magnetometer::SimulatedMagnetometer;
 use crate::module::{Module, ModuleRunEnd};
@@ -56,9 +56,9 @@ pub struct Rig {
     pub firmware_update: Rc<RefCell<Option<FirmwareUpdate>>>,
     /// Sample memory, borrowed by the module while it runs.
     pub retained_samples: Rc<RefCell<RetainedSamples>>,
-    console_cable: Cable,
-    autopilot_cable: Cable,
-    instrument_cable: Cable,
+    console_cable: SerialCable,
+    autopilot_cable: SerialCable,
+    instrument_cable: SerialCable,
     reset: Rc<ResetLine>,
     can: Option<(CanEnd, NodeInfo)>,
 }
@@ -148,9 +148,9 @@ impl Rig {
     pub fn with_port_devices(config: WorldConfig, faults: Faults, port_devices: [FarEnd; PORT_COUNT]) -> Self {
         let mut simulation = Simulation::new();
         let world = World::new(config);
-        let console_cable = Cable::new(CableConfig::default());
-        let autopilot_cable = Cable::new(CableConfig::default());
-        let instrument_cable = Cable::new(CableConfig::default());
+        let console_cable = SerialCable::new(CableConfig::default());
+        let autopilot_cable = SerialCable::new(CableConfig::default());
+        let instrument_cable = SerialCable::new(CableConfig::default());
         let field = world.magnetometer_source(faults.field_faults);
         let magnetometer = SimulatedMagnetometer::new(config.sensor, config.seed, field, faults.sensor_faults);
         let reset = Rc::new(ResetLine {
@@ -227,7 +227,7 @@ impl Rig {
         }
         self.flash.power_on();
         self.reset.watchdog_due_us.set(clock::now_us() + WATCHDOG_US);
-        let links = Rc::new(Links::new());
+        let links = Rc::new(TaskLinks::new());
         let (console_rx, console_tx) = self.console_cable.module_ends();
         let store = Store::new(self.flash.clone(), 0..STORE_BYTES as u32);
         let platform = SimulatedPlatform(self.reset.clone());

@@ -3,7 +3,7 @@
 
 use std::fmt::Write as _;
 
-use crate::random::Random;
+use crate::random::RandomStream;
 use crate::world::aircraft::VehicleKind;
 use crate::world::autopilot::Leg;
 
@@ -229,7 +229,7 @@ fn boat_routine(heading_deg: f64) -> Routine {
 }
 
 /// A random leg suitable for this vehicle kind.
-pub fn random_leg(kind: VehicleKind, random: &mut Random) -> Leg {
+pub fn random_leg(kind: VehicleKind, random: &mut RandomStream) -> Leg {
     let side = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
     let choices = if kind.can_hover() { 5.0 } else { 2.0 };
     match random.uniform(0.0, choices) as u8 {

@@ -6,11 +6,11 @@ use std::process::ExitCode;
 use clap::Args;
 use host_sim::studies::accuracy::flight::{Flight, FlightPattern};
 use host_sim::studies::accuracy::flight_study::{self, FlightStudyRow};
-use host_sim::studies::accuracy::{self, AccuracyPlan, AccuracyResult, Coverage};
+use host_sim::studies::accuracy::{self, AccuracyPlan, AccuracyResult, SigmaCoverage};
 use serde_json::json;
 use simulator::world::aircraft::VehicleKind;
 
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::print::{self, append_wrapped, narrow_table, right_aligned};
 use super::progress::progress_bar;
 use super::range::{AIRCRAFT_NAMES, integer_in_range, number_in_range, one_of};
@@ -32,7 +32,7 @@ const FLIGHT_PATTERNS: &[(&str, FlightPattern)] = &[
 /// many readings, the best of the flight, selected afterwards (greedy, D-optimal); errors are evaluated level and at 20
 /// deg of tilt to eight sides, for an aeroplane level and at 30 deg of bank.
 #[derive(Args)]
-pub struct Accuracy {
+pub struct AccuracyOptions {
     /// Kind of aircraft
     #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = one_of(AIRCRAFT_NAMES))]
     aircraft: VehicleKind,
@@ -59,7 +59,7 @@ pub struct Accuracy {
 /// Default duration of a flight, minutes.
 const FLIGHT_MINUTES: f64 = 3.0;
 
-pub fn run_accuracy(options: &Accuracy) -> Result<ExitCode, Failure> {
+pub fn run_accuracy(options: &AccuracyOptions) -> Result<ExitCode, CommandFailure> {
     let kind = options.aircraft;
     let plan = AccuracyPlan { airframes: options.airframes, noise_draws: options.draws, seed: options.seed };
     if kind == VehicleKind::Plane && options.patterns.is_empty() && options.minutes.is_none() {
@@ -69,12 +69,12 @@ pub fn run_accuracy(options: &Accuracy) -> Result<ExitCode, Failure> {
     }
 }
 
-fn run_turns(options: &Accuracy, plan: AccuracyPlan) -> Result<ExitCode, Failure> {
+fn run_turns(options: &AccuracyOptions, plan: AccuracyPlan) -> Result<ExitCode, CommandFailure> {
     let bar = progress_bar("airframes", plan.airframes);
     let outcome = accuracy::run(plan, &|| bar.inc(1));
     bar.finish_and_clear();
     if options.json {
-        let mut value = serde_json::to_value(&outcome).map_err(|e| Failure(e.to_string()))?;
+        let mut value = serde_json::to_value(&outcome).map_err(|e| CommandFailure(e.to_string()))?;
         value["airframes"] = json!(plan.airframes);
         value["draws"] = json!(plan.noise_draws);
         value["seed"] = json!(plan.seed);
@@ -114,7 +114,7 @@ fn format_outcome(plan: AccuracyPlan, outcome: &AccuracyResult) -> String {
     for (source, coverage) in
         [("noise alone", outcome.coverage), ("noise, bias and bank scale", outcome.coverage_with_faults)]
     {
-        let Coverage { one_sigma_percent: one, two_sigma_percent: two, headings, .. } = coverage;
+        let SigmaCoverage { one_sigma_percent: one, two_sigma_percent: two, headings, .. } = coverage;
         append_wrapped(
             &mut text,
             "",
@@ -126,7 +126,11 @@ fn format_outcome(plan: AccuracyPlan, outcome: &AccuracyResult) -> String {
     text
 }
 
-fn run_whole_flights(options: &Accuracy, kind: VehicleKind, plan: AccuracyPlan) -> Result<ExitCode, Failure> {
+fn run_whole_flights(
+    options: &AccuracyOptions,
+    kind: VehicleKind,
+    plan: AccuracyPlan,
+) -> Result<ExitCode, CommandFailure> {
     let patterns =
         if options.patterns.is_empty() { FlightPattern::ALL_PATTERNS.to_vec() } else { options.patterns.clone() };
     let minutes = options.minutes.unwrap_or(FLIGHT_MINUTES);
@@ -137,7 +141,7 @@ fn run_whole_flights(options: &Accuracy, kind: VehicleKind, plan: AccuracyPlan) 
         .collect();
     bar.finish_and_clear();
     if options.json {
-        let flights = serde_json::to_value(&rows).map_err(|e| Failure(e.to_string()))?;
+        let flights = serde_json::to_value(&rows).map_err(|e| CommandFailure(e.to_string()))?;
         let AccuracyPlan { airframes, noise_draws: draws, seed } = plan;
         print::print_json(json!({ "flights": flights, "airframes": airframes, "draws": draws, "seed": seed }))?;
     } else {
@@ -154,7 +158,7 @@ fn format_flights(plan: AccuracyPlan, rows: &[FlightStudyRow]) -> String {
     let mut ratios =
         narrow_table(["flight", "rms/\nkept", "best", "rms/\nbest", "worst\n10 %", "1/2\nsigma, %", "with\nfaults, %"]);
     for row in rows {
-        let within = |sigma_coverage: Coverage| {
+        let within = |sigma_coverage: SigmaCoverage| {
             format!("{:.1}/{:.1}", sigma_coverage.one_sigma_percent, sigma_coverage.two_sigma_percent)
         };
         errors.add_row(

@@ -7,13 +7,13 @@ use std::time::Instant;
 use autoswing::calibration::{Method, Prior, Samples, solve};
 use clap::Args;
 use host_sim::emulator::{self, Emulator, EmulatorError};
-use host_sim::studies::accuracy::random_flight::{ConstantErrorSigmas, RandomFlight, Ranges};
+use host_sim::studies::accuracy::random_flight::{ConstantErrorSigmas, RandomFlight, RandomRanges};
 use log_analysis::numbers::median;
 use serde_json::json;
 use simulator::mission;
 use simulator::world::WorldConfig;
 
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::print::{self, right_aligned, wrapped_table};
 use super::progress::show_spinner;
 use super::termination::{SecondSignal, TerminationSignals};
@@ -22,7 +22,7 @@ use super::termination::{SecondSignal, TerminationSignals};
 ///
 /// Needs qemu-system-arm and the bench image from scripts/build-firmware. Exit code 1 if a limit is exceeded.
 #[derive(Args)]
-pub struct Budget {
+pub struct BudgetOptions {
     /// Bench image [default: target/firmware/mps2-an386-bench.elf]
     #[arg(long, value_name = "FILE")]
     image: Option<PathBuf>,
@@ -33,15 +33,15 @@ pub struct Budget {
 
 /// Solve time of each method, and simulated seconds a second, on this machine
 #[derive(Args)]
-pub struct Speed {
+pub struct SpeedOptions {
     /// Print one JSON object instead of the text
     #[arg(long)]
     json: bool,
 }
 
-pub fn run_budget(options: &Budget) -> Result<ExitCode, Failure> {
+pub fn run_budget(options: &BudgetOptions) -> Result<ExitCode, CommandFailure> {
     let image = options.image.clone().unwrap_or_else(emulator::default_bench_image);
-    let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.stable_code()));
+    let failed = |error: EmulatorError| CommandFailure(format!("{}: {error}", error.stable_code()));
     let interruption = TerminationSignals::install_handlers(SecondSignal::IsIgnored)?;
     let bar = show_spinner("counting instructions, some two minutes");
     let budgets = Emulator::start_with_stop_flag(interruption.stop(), &image, WorldConfig::table1(1))
@@ -61,7 +61,7 @@ pub fn run_budget(options: &Budget) -> Result<ExitCode, Failure> {
         }
         print::print_line(table);
     }
-    Ok(if budgets.iter().all(emulator::budget::Budget::is_within_limit) {
+    Ok(if budgets.iter().all(emulator::budget::InstructionBudget::is_within_limit) {
         ExitCode::SUCCESS
     } else {
         ExitCode::FAILURE
@@ -69,9 +69,9 @@ pub fn run_budget(options: &Budget) -> Result<ExitCode, Failure> {
 }
 
 /// Measures wall-clock time, so the result is not reproducible from a seed.
-pub fn run_speed(options: &Speed) -> Result<ExitCode, Failure> {
+pub fn run_speed(options: &SpeedOptions) -> Result<ExitCode, CommandFailure> {
     const TIMED_RUNS: usize = 21;
-    let trial = RandomFlight::draw(&Ranges { samples: 256, ..Ranges::WORST_CASE }, 1);
+    let trial = RandomFlight::draw(&RandomRanges { samples: 256, ..RandomRanges::WORST_CASE }, 1);
     let (recorded, _) = trial.record_flight(0, ConstantErrorSigmas::NO_ERRORS);
     let methods = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse]
         .map(|method| (method.method_name(), median((0..TIMED_RUNS).map(|_| time_ms(method, recorded.samples())))));

@@ -2,9 +2,9 @@
 
 /// Reason why a command failed; exit code 2.
 #[derive(Debug)]
-pub struct Failure(pub String);
+pub struct CommandFailure(pub String);
 
-impl Failure {
+impl CommandFailure {
     /// An error with its stable code.
     pub fn with_code(code: &str, error: impl std::fmt::Display) -> Self {
         Self(format!("{code}: {error}"))

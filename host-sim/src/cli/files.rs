@@ -10,7 +10,7 @@ use log_analysis::report::{self, Report};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
-use super::failure::Failure;
+use super::failure::CommandFailure;
 
 /// Reads a flight from a file, or from standard input if its name is `-`. `unit` is the unit of a table's field,
 /// `system` the MAVLink system to read (default: the first autopilot).
@@ -30,19 +30,19 @@ pub fn read_log(path: &Path, unit: FieldUnit, system: Option<u8>) -> Result<Flig
 /// # Errors
 ///
 /// The file cannot be read or parsed, or a number is out of range.
-pub fn named_world(name: &str, seed: u64) -> Result<WorldConfig, Failure> {
+pub fn named_world(name: &str, seed: u64) -> Result<WorldConfig, CommandFailure> {
     match name {
         "table1" => Ok(WorldConfig::table1(seed)),
         "random" => Ok(WorldConfig::random(seed)),
         path => {
             let text = fs::read_to_string(path).map_err(|error| {
                 let kinds = VehicleKind::ALL_VEHICLES.map(VehicleKind::vehicle_name).join("`, `");
-                Failure(format!(
+                CommandFailure(format!(
                     "airframe-unreadable: {path}: {error} (expected `{kinds}`, `table1`, `random` or an airframe file)"
                 ))
             })?;
             WorldConfig::from_toml(&text, seed)
-                .map_err(|error| Failure(format!("{}: {path}: {error}", error.stable_code())))
+                .map_err(|error| CommandFailure(format!("{}: {path}: {error}", error.stable_code())))
         }
     }
 }
@@ -81,7 +81,7 @@ mod tests {
 
     #[test]
     fn a_missing_airframe_file_is_named() {
-        let Failure(missing) = named_world("no/such.toml", 0).unwrap_err();
+        let CommandFailure(missing) = named_world("no/such.toml", 0).unwrap_err();
         assert!(
             missing.starts_with("airframe-unreadable: no/such.toml: ") && missing.contains("`table1`"),
             "{missing}"

@@ -22,7 +22,7 @@ use simulator::transcript::SolveNotice;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::files::named_world;
 use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
 use super::range::{SENSOR_NAMES, integer_in_range, number_in_range, one_of};
@@ -35,7 +35,7 @@ use super::termination::{SecondSignal, TerminationSignals};
 /// attitude. The error of the headings streamed in flight, with noise and latency, is listed separately.
 #[derive(Args)]
 #[command(after_long_help = format!("Routines, none longer than three minutes; each ends automatically; `cal solve` ends it with the samples collected so far:\n\n{}", simulator::routine::all_instructions()))]
-pub struct Fly {
+pub struct FlyOptions {
     /// Seed of weather, ground, waves, noise and, for `random`, of airframe and place, 0 to 18446744073709551615
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]
     seed: u64,
@@ -86,9 +86,9 @@ pub struct Fly {
 /// Needs qemu-system-arm and the image from scripts/build-firmware. World and machine run in lockstep, so the result
 /// depends on the seed only, except for a microsecond at a restart. It takes a minute or two.
 #[derive(Args)]
-pub struct Emulate {
+pub struct EmulateOptions {
     #[command(flatten)]
-    fly: Fly,
+    fly: FlyOptions,
     /// Firmware image [default: target/firmware/mps2-an386.elf]
     #[arg(long, value_name = "FILE")]
     image: Option<PathBuf>,
@@ -96,18 +96,18 @@ pub struct Emulate {
 
 const DEFAULT_REPORT: &str = "report";
 
-pub fn run_fly(options: &Fly) -> Result<ExitCode, Failure> {
+pub fn run_fly(options: &FlyOptions) -> Result<ExitCode, CommandFailure> {
     let (mission_result, recording) = fly_recorded(&mut Rig::new(world_config(options)?), options);
     write_log(options, recording.as_ref())?;
     report_result(options, &mission_result)
 }
 
-pub fn run_emulate(options: &Emulate) -> Result<ExitCode, Failure> {
+pub fn run_emulate(options: &EmulateOptions) -> Result<ExitCode, CommandFailure> {
     if options.fly.sensor != SensorModel::default() {
-        return Err(Failure("--sensor: QEMU has a magnetometer of its own".to_owned()));
+        return Err(CommandFailure("--sensor: QEMU has a magnetometer of its own".to_owned()));
     }
     let image = options.image.clone().unwrap_or_else(emulator::default_image);
-    let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.stable_code()));
+    let failed = |error: EmulatorError| CommandFailure(format!("{}: {error}", error.stable_code()));
     let interruption = TerminationSignals::install_handlers(SecondSignal::IsIgnored)?;
     let mission_result = Emulator::start_with_stop_flag(interruption.stop(), &image, world_config(&options.fly)?)
         .and_then(|mut emulator| {
@@ -123,27 +123,30 @@ pub fn run_emulate(options: &Emulate) -> Result<ExitCode, Failure> {
 }
 
 /// The world of the options. `--aircraft` names a kind of aircraft, or, for compatibility, an airframe.
-fn world_config(options: &Fly) -> Result<WorldConfig, Failure> {
+fn world_config(options: &FlyOptions) -> Result<WorldConfig, CommandFailure> {
     let named = |name: &str| named_world(name, options.seed);
     let world = match (VehicleKind::from_name(&options.aircraft), &options.airframe) {
         (Some(kind), airframe_name) => named(airframe_name.as_deref().unwrap_or("table1"))?.with_vehicle_kind(kind),
         (None, None) => named(&options.aircraft)?,
         (None, Some(_)) => {
             let kinds = VehicleKind::ALL_VEHICLES.map(VehicleKind::vehicle_name).join(", ");
-            return Err(Failure(format!("--aircraft {}: with --airframe it is one of {kinds}", options.aircraft)));
+            return Err(CommandFailure(format!(
+                "--aircraft {}: with --airframe it is one of {kinds}",
+                options.aircraft
+            )));
         }
     };
     let world = if options.current > 0.0 { world.with_current_interference(options.current) } else { world };
     Ok(WorldConfig { reports_current: options.tell_current, sensor: options.sensor, ..world })
 }
 
-impl Fly {
+impl FlyOptions {
     fn is_airframe_random(&self) -> bool {
         self.airframe.as_deref().unwrap_or(&self.aircraft) == "random"
     }
 }
 
-fn report_result(options: &Fly, mission_result: &MissionResult) -> Result<ExitCode, Failure> {
+fn report_result(options: &FlyOptions, mission_result: &MissionResult) -> Result<ExitCode, CommandFailure> {
     if options.json {
         print::print_line(mission_json(mission_result));
     } else {
@@ -156,7 +159,7 @@ fn report_result(options: &Fly, mission_result: &MissionResult) -> Result<ExitCo
     Ok(if mission_result.result.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-fn report_origin(options: &Fly) -> ReportOrigin {
+fn report_origin(options: &FlyOptions) -> ReportOrigin {
     let setting = |name: &str, value: String| [name.to_owned(), value];
     let mut settings = vec![
         setting("aircraft", options.aircraft.clone()),
@@ -172,7 +175,7 @@ fn report_origin(options: &Fly) -> ReportOrigin {
 }
 
 /// Flies, recording the flight if a log was requested.
-fn fly_recorded(module: &mut impl Module, options: &Fly) -> (MissionResult, Option<FlightRecording>) {
+fn fly_recorded(module: &mut impl Module, options: &FlyOptions) -> (MissionResult, Option<FlightRecording>) {
     if options.record.is_none() {
         return (fly_mission(module, options), None);
     }
@@ -182,14 +185,15 @@ fn fly_recorded(module: &mut impl Module, options: &Fly) -> (MissionResult, Opti
     (mission_result, Some(module.observer.recording))
 }
 
-fn write_log(options: &Fly, recording: Option<&FlightRecording>) -> Result<(), Failure> {
+fn write_log(options: &FlyOptions, recording: Option<&FlightRecording>) -> Result<(), CommandFailure> {
     let (Some(path), Some(recording)) = (&options.record, recording) else { return Ok(()) };
-    std::fs::write(path, write::encode_for_path(path, recording))
-        .map_err(|error| Failure(format!("cannot write {}: {error}; --record names another file", path.display())))
+    std::fs::write(path, write::encode_for_path(path, recording)).map_err(|error| {
+        CommandFailure(format!("cannot write {}: {error}; --record names another file", path.display()))
+    })
 }
 
 /// Flies with a progress bar for each stage, on the error output if that is a terminal.
-fn fly_mission(module: &mut impl Module, options: &Fly) -> MissionResult {
+fn fly_mission(module: &mut impl Module, options: &FlyOptions) -> MissionResult {
     const PROGRESS_TICKS: u64 = 1000;
     let mut current: Option<(MissionStage, ProgressBar)> = None;
     let plan = TurnPlan { bank_deg: options.bank, circles_per_side: options.circles };
@@ -216,7 +220,7 @@ fn finish_stage(current: Option<(MissionStage, ProgressBar)>) {
     }
 }
 
-fn format_result(options: &Fly, mission_result: &MissionResult) -> String {
+fn format_result(options: &FlyOptions, mission_result: &MissionResult) -> String {
     let mut text = String::new();
     if options.console {
         let session = mission_result.transcript.replace("\r\n", "\n").replace("\r\u{1b}[2K", "");
@@ -310,7 +314,7 @@ mod tests {
 
     fn world_of_arguments(arguments: &[&str]) -> Result<WorldConfig, String> {
         let cli = Cli::try_parse_from(std::iter::once("host-sim").chain(arguments.iter().copied()));
-        world_config(&cli.map_err(|error| error.to_string())?.fly).map_err(|Failure(message)| message)
+        world_config(&cli.map_err(|error| error.to_string())?.fly).map_err(|CommandFailure(message)| message)
     }
 
     #[test]

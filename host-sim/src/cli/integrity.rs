@@ -5,10 +5,10 @@ use std::process::ExitCode;
 use autoswing::settings::HeadingKind;
 use clap::Args;
 use comfy_table::Table;
-use host_sim::studies::integrity::{self, ALL_CASES, AttitudeProtocol, Case, IntegrityPlan, IntegrityRow, case};
+use host_sim::studies::integrity::{self, ALL_CASES, AttitudeProtocol, FaultCase, IntegrityPlan, IntegrityRow, case};
 use simulator::world::aircraft::VehicleKind;
 
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::print::{self, narrow_table, right_aligned, wrapped_table};
 use super::progress::progress_bar;
 use super::range::{AIRCRAFT_NAMES, integer_in_range, one_of};
@@ -26,7 +26,7 @@ const ATTITUDE_PROTOCOLS: &[(&str, AttitudeProtocol)] =
 /// one. An alarm is a period without headings that begins without a fault. 100 flights of every case take about five
 /// minutes on two cores.
 #[derive(Args)]
-pub struct Integrity {
+pub struct IntegrityOptions {
     /// Kind of aircraft; a copter or a VTOL calibrates by its routine, and turns and accelerates in hover
     #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = one_of(AIRCRAFT_NAMES))]
     aircraft: VehicleKind,
@@ -51,9 +51,9 @@ pub struct Integrity {
     json: bool,
 }
 
-pub fn run_integrity(options: &Integrity) -> Result<ExitCode, Failure> {
-    let Integrity { heading, aircraft, source, flights, seed, .. } = *options;
-    let applies = |case: &Case| case.applies_to_vehicle(aircraft) && case.applies_to_protocol(source);
+pub fn run_integrity(options: &IntegrityOptions) -> Result<ExitCode, CommandFailure> {
+    let IntegrityOptions { heading, aircraft, source, flights, seed, .. } = *options;
+    let applies = |case: &FaultCase| case.applies_to_vehicle(aircraft) && case.applies_to_protocol(source);
     if options.cases.iter().any(|name| name == "list") {
         print_cases(&applies);
         return Ok(ExitCode::SUCCESS);
@@ -77,22 +77,25 @@ pub fn run_integrity(options: &Integrity) -> Result<ExitCode, Failure> {
 
 fn selected_cases(
     names: &[String],
-    applies: &dyn Fn(&Case) -> bool,
+    applies: &dyn Fn(&FaultCase) -> bool,
     aircraft: VehicleKind,
-) -> Result<Vec<&'static Case>, Failure> {
+) -> Result<Vec<&'static FaultCase>, CommandFailure> {
     if names.is_empty() {
         return Ok(ALL_CASES.iter().filter(|case| applies(case)).collect());
     }
     let find = |name: &String| {
         let case = case::find_by_name(name).filter(|case| applies(case));
         case.ok_or_else(|| {
-            Failure(format!("no case {name} for a {} with this source; --case list shows all", aircraft.vehicle_name()))
+            CommandFailure(format!(
+                "no case {name} for a {} with this source; --case list shows all",
+                aircraft.vehicle_name()
+            ))
         })
     };
     names.iter().map(find).collect()
 }
 
-fn print_cases(applies: &dyn Fn(&Case) -> bool) {
+fn print_cases(applies: &dyn Fn(&FaultCase) -> bool) {
     let mut table = wrapped_table(["case", "fault"]);
     for case in ALL_CASES.iter().filter(|case| applies(case)) {
         table.add_row([case.name, case.description]);

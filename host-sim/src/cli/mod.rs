@@ -21,7 +21,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
-use failure::Failure;
+use failure::CommandFailure;
 use termination::TerminationSignals;
 
 /// The version; with its commit if a script of this repository built the program (`scripts/foreign-target.sh`).
@@ -39,33 +39,33 @@ const VERSION: &str = match option_env!("AUTOSWING_VERSION") {
 #[command(version = VERSION, about, long_about, args_conflicts_with_subcommands = true, max_term_width = print::MAX_OUTPUT_COLUMNS)]
 struct Cli {
     #[command(subcommand)]
-    command: Option<Command>,
+    command: Option<CliCommand>,
     #[command(flatten)]
-    fly: fly::Fly,
+    fly: fly::FlyOptions,
 }
 
 // No doc comments on these variants: they would replace the commands' own long help.
 #[derive(Subcommand)]
-enum Command {
-    Fly(fly::Fly),
-    Emulate(fly::Emulate),
-    Serve(serve::Serve),
-    Console(serve::Console),
-    Table1(table1::Table1),
+enum CliCommand {
+    Fly(fly::FlyOptions),
+    Emulate(fly::EmulateOptions),
+    Serve(serve::ServeCommandOptions),
+    Console(serve::ConsoleOptions),
+    Table1(table1::Table1Options),
     Replay(replay::Replay),
     /// Measure accuracy or speed
     #[command(subcommand)]
-    Bench(Bench),
-    Completions(shell_files::Completions),
-    Man(shell_files::Man),
+    Bench(BenchCommand),
+    Completions(shell_files::CompletionsOptions),
+    Man(shell_files::ManOptions),
 }
 
 #[derive(Subcommand)]
-enum Bench {
-    Accuracy(accuracy::Accuracy),
-    Integrity(integrity::Integrity),
-    Speed(bench::Speed),
-    Budget(bench::Budget),
+enum BenchCommand {
+    Accuracy(accuracy::AccuracyOptions),
+    Integrity(integrity::IntegrityOptions),
+    Speed(bench::SpeedOptions),
+    Budget(bench::BudgetOptions),
 }
 
 pub fn run_program() -> ExitCode {
@@ -76,35 +76,38 @@ pub fn run_program() -> ExitCode {
         }
         error.exit()
     });
-    let command = cli.command.unwrap_or(Command::Fly(cli.fly));
-    print::final_exit_code(carry_out(&command).unwrap_or_else(|Failure(message)| {
+    let command = cli.command.unwrap_or(CliCommand::Fly(cli.fly));
+    print::final_exit_code(carry_out(&command).unwrap_or_else(|CommandFailure(message)| {
         print::print_error(format_args!("host-sim: {message}"));
         ExitCode::from(2)
     }))
 }
 
-fn carry_out(command: &Command) -> Result<ExitCode, Failure> {
+fn carry_out(command: &CliCommand) -> Result<ExitCode, CommandFailure> {
     match command {
         // Commands that clean up after a termination signal.
-        Command::Emulate(_) | Command::Serve(_) | Command::Console(_) | Command::Bench(Bench::Budget(_)) => {}
+        CliCommand::Emulate(_)
+        | CliCommand::Serve(_)
+        | CliCommand::Console(_)
+        | CliCommand::Bench(BenchCommand::Budget(_)) => {}
         _ => TerminationSignals::exit_immediately()?,
     }
     match command {
-        Command::Fly(options) => fly::run_fly(options),
-        Command::Emulate(options) => fly::run_emulate(options),
-        Command::Serve(options) => serve::run_serve(options),
-        Command::Console(options) => serve::run_console(options),
-        Command::Table1(options) => table1::run_table1(options),
-        Command::Replay(options) => match options.files.as_slice() {
+        CliCommand::Fly(options) => fly::run_fly(options),
+        CliCommand::Emulate(options) => fly::run_emulate(options),
+        CliCommand::Serve(options) => serve::run_serve(options),
+        CliCommand::Console(options) => serve::run_console(options),
+        CliCommand::Table1(options) => table1::run_table1(options),
+        CliCommand::Replay(options) => match options.files.as_slice() {
             [file] if !file.is_dir() => replay::run_replay(file, options),
             _ => several_logs::replay_several_logs(options),
         },
-        Command::Bench(Bench::Accuracy(options)) => accuracy::run_accuracy(options),
-        Command::Bench(Bench::Budget(options)) => bench::run_budget(options),
-        Command::Bench(Bench::Integrity(options)) => integrity::run_integrity(options),
-        Command::Bench(Bench::Speed(options)) => bench::run_speed(options),
-        Command::Completions(options) => Ok(shell_files::write_completions(options, Cli::command())),
-        Command::Man(options) => shell_files::write_man_pages(options, Cli::command()),
+        CliCommand::Bench(BenchCommand::Accuracy(options)) => accuracy::run_accuracy(options),
+        CliCommand::Bench(BenchCommand::Budget(options)) => bench::run_budget(options),
+        CliCommand::Bench(BenchCommand::Integrity(options)) => integrity::run_integrity(options),
+        CliCommand::Bench(BenchCommand::Speed(options)) => bench::run_speed(options),
+        CliCommand::Completions(options) => Ok(shell_files::write_completions(options, Cli::command())),
+        CliCommand::Man(options) => shell_files::write_man_pages(options, Cli::command()),
     }
 }
 

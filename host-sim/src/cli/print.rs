@@ -11,7 +11,7 @@ use log_analysis::report::Report;
 use serde::Serialize;
 use terminal_size::terminal_size_of;
 
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::files::write_report_file;
 
 /// Width of the output in columns; a narrower terminal has its own.
@@ -95,17 +95,17 @@ pub fn final_exit_code(code: ExitCode) -> ExitCode {
 }
 
 /// Prints a value as one line of JSON with rounded numbers; see docs/json.md.
-pub fn print_json(value: impl Serialize) -> Result<(), Failure> {
-    let mut value = serde_json::to_value(value).map_err(|error| Failure(error.to_string()))?;
+pub fn print_json(value: impl Serialize) -> Result<(), CommandFailure> {
+    let mut value = serde_json::to_value(value).map_err(|error| CommandFailure(error.to_string()))?;
     round_json(&mut value);
     print_line(value);
     Ok(())
 }
 
 /// Writes a report and prints its path on the error output, since standard output may be JSON.
-pub fn write_report(report: &Report, path: &Path) -> Result<(), Failure> {
+pub fn write_report(report: &Report, path: &Path) -> Result<(), CommandFailure> {
     let written = write_report_file(report, path).map_err(|error| {
-        Failure(format!("cannot write the report to {}: {error}; --report names another folder", path.display()))
+        CommandFailure(format!("cannot write the report to {}: {error}; --report names another folder", path.display()))
     })?;
     if !has_output_failed() {
         print_error(format_args!("report: {}", written.display()));

@@ -20,19 +20,19 @@ pub fn number_in_range(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, Strin
 }
 
 /// Parses a whole number in a range.
-pub fn integer_in_range<T: Number>(
+pub fn integer_in_range<T: OptionNumber>(
     min: T,
     max: T,
 ) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static {
     in_range(min, max, "a whole number")
 }
 
-pub trait Number: FromStr + PartialOrd + Display + Clone + Send + Sync + 'static {}
+pub trait OptionNumber: FromStr + PartialOrd + Display + Clone + Send + Sync + 'static {}
 
-impl<T: FromStr + PartialOrd + Display + Clone + Send + Sync + 'static> Number for T {}
+impl<T: FromStr + PartialOrd + Display + Clone + Send + Sync + 'static> OptionNumber for T {}
 
 /// Parses a number in a range; `kind` names the type in the error message.
-fn in_range<T: Number>(
+fn in_range<T: OptionNumber>(
     min: T,
     max: T,
     kind: &'static str,

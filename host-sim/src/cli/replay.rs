@@ -17,7 +17,7 @@ use log_analysis::replay::verdict::Verdict;
 use log_analysis::replay::{ReferenceHeading, ReferenceKind, RowSelection};
 use log_analysis::report::{self, ReportOrigin};
 
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::files::read_log;
 use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
 use super::progress::show_spinner;
@@ -125,20 +125,20 @@ const MAX_OFF_ROW_S: f64 = 0.06;
 /// # Errors
 ///
 /// The file cannot be read, or holds no usable flight.
-pub fn read_flight(file: &Path, options: &Replay) -> Result<Flight, Failure> {
+pub fn read_flight(file: &Path, options: &Replay) -> Result<Flight, CommandFailure> {
     let name = file.display();
     let mut flight = read_log(file, options.unit, options.system).map_err(|e| match e {
         LogError::Io(why) => {
-            Failure(format!("cannot read {name}: {why}; give the path of a log, or - for standard input"))
+            CommandFailure(format!("cannot read {name}: {why}; give the path of a log, or - for standard input"))
         }
-        other => Failure(format!("{name}: {other}")),
+        other => CommandFailure(format!("{name}: {other}")),
     })?;
     if let Some(mount) = options.mount {
         if flight.format == LogFormat::Csv {
             flight.rotate_sensors(mount);
         } else {
             flight.set_orientation(mount, options.compass).map_err(|number| {
-                Failure(format!(
+                CommandFailure(format!(
                     "{name}: the orientation of compass {number} is that of the autopilot's board, or unknown; give \
                      --compass with the number of another"
                 ))
@@ -160,7 +160,7 @@ fn parse_orientation(name: &str) -> Result<Orientation, String> {
 /// # Errors
 ///
 /// The log does not have the compass or the reference of the options.
-pub fn evaluate(file: &Path, flight: &Flight, options: &Replay) -> Result<FlightEvaluation, Failure> {
+pub fn evaluate(file: &Path, flight: &Flight, options: &Replay) -> Result<FlightEvaluation, CommandFailure> {
     let name = file.display();
     let evaluation = evaluate_flight(
         flight,
@@ -175,19 +175,24 @@ pub fn evaluate(file: &Path, flight: &Flight, options: &Replay) -> Result<Flight
     );
     if evaluation.compasses.is_empty() {
         let numbers: Vec<String> = flight.compasses.iter().map(|compass| compass.compass_number.to_string()).collect();
-        return Err(Failure(format!("{name}: the log has no compass of this number; it has {}", numbers.join(", "))));
+        return Err(CommandFailure(format!(
+            "{name}: the log has no compass of this number; it has {}",
+            numbers.join(", ")
+        )));
     }
     if options.reference.is_some() && evaluation.reference.is_none() {
         let has = |(_, kind): &&(&str, ReferenceKind)| ReferenceHeading::of_kind(flight, *kind).is_some();
         let others: Vec<&str> = REFERENCE_NAMES.iter().filter(has).map(|(name, _)| *name).collect();
-        return Err(Failure(format!("{name}: the log has no such reference; it has {}", others.join(", "))));
+        return Err(CommandFailure(format!("{name}: the log has no such reference; it has {}", others.join(", "))));
     }
     Ok(evaluation)
 }
 
-pub fn run_replay(file: &Path, options: &Replay) -> Result<ExitCode, Failure> {
+pub fn run_replay(file: &Path, options: &Replay) -> Result<ExitCode, CommandFailure> {
     if options.params_for.is_some() && options.params.is_none() && options.report.is_none() {
-        return Err(Failure("--params-for chooses the format of a file: give --params FILE, or --report".to_owned()));
+        return Err(CommandFailure(
+            "--params-for chooses the format of a file: give --params FILE, or --report".to_owned(),
+        ));
     }
     let name = file.display();
     let bar = show_spinner("reading the log");
@@ -253,8 +258,8 @@ fn settings_table(options: &Replay) -> Vec<[String; 2]> {
     settings
 }
 
-fn cannot_write(path: &Path, error: &std::io::Error) -> Failure {
-    Failure(format!("cannot write {}: {error}", path.display()))
+fn cannot_write(path: &Path, error: &std::io::Error) -> CommandFailure {
+    CommandFailure(format!("cannot write {}: {error}", path.display()))
 }
 
 fn verdict_text(name: &str, verdict: &Verdict<'_>) -> String {

@@ -8,7 +8,7 @@ use log_analysis::replay::verdict::{CompassState, Verdict};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::print::{self, append_wrapped};
 use super::progress::show_spinner;
 use super::replay::{Replay, evaluate, read_flight};
@@ -25,9 +25,9 @@ struct LogLine {
     json: Value,
 }
 
-pub fn replay_several_logs(options: &Replay) -> Result<ExitCode, Failure> {
+pub fn replay_several_logs(options: &Replay) -> Result<ExitCode, CommandFailure> {
     if options.params.is_some() || options.params_for.is_some() || options.out.is_some() || options.report.is_some() {
-        return Err(Failure("--params, --params-for, --out and --report take one log".to_owned()));
+        return Err(CommandFailure("--params, --params-for, --out and --report take one log".to_owned()));
     }
     let logs = expand_folders(&options.files)?;
     let bar = show_spinner("evaluating the logs");
@@ -47,14 +47,14 @@ pub fn replay_several_logs(options: &Replay) -> Result<ExitCode, Failure> {
 }
 
 /// The logs, and those in the folders, by name.
-fn expand_folders(files: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
+fn expand_folders(files: &[PathBuf]) -> Result<Vec<PathBuf>, CommandFailure> {
     let mut logs = Vec::new();
     for file in files {
         if !file.is_dir() {
             logs.push(file.clone());
             continue;
         }
-        let unreadable = |error| Failure(format!("cannot read {}: {error}", file.display()));
+        let unreadable = |error| CommandFailure(format!("cannot read {}: {error}", file.display()));
         let entries = std::fs::read_dir(file).map_err(unreadable)?;
         let paths = entries.map(|entry| Ok(entry?.path())).collect::<std::io::Result<Vec<PathBuf>>>();
         let mut found: Vec<PathBuf> = paths.map_err(unreadable)?.into_iter().filter(|path| is_log(path)).collect();
@@ -62,7 +62,7 @@ fn expand_folders(files: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
         logs.extend(found);
     }
     if logs.is_empty() {
-        return Err(Failure(format!("no logs in these folders (.{})", LOG_EXTENSIONS.join(", ."))));
+        return Err(CommandFailure(format!("no logs in these folders (.{})", LOG_EXTENSIONS.join(", ."))));
     }
     Ok(logs)
 }
@@ -91,7 +91,7 @@ fn judge_log(log: &Path, options: &Replay) -> LogLine {
             json,
         })
     });
-    judged.unwrap_or_else(|Failure(why)| LogLine {
+    judged.unwrap_or_else(|CommandFailure(why)| LogLine {
         rank: (u8::MAX, 0),
         code: 2,
         text: format!("UNREADABLE: {why}"),

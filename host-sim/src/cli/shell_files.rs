@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use clap::{Args, Command};
 use clap_complete::Shell;
 
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::print;
 
 const PROGRAM_NAME: &str = "host-sim";
@@ -17,7 +17,7 @@ const PROGRAM_NAME: &str = "host-sim";
 /// For bash, for instance: host-sim completions bash >
 /// ~/.local/share/bash-completion/completions/host-sim
 #[derive(Args)]
-pub struct Completions {
+pub struct CompletionsOptions {
     /// The shell
     shell: Shell,
 }
@@ -26,14 +26,14 @@ pub struct Completions {
 ///
 /// For the pages of one user: host-sim man ~/.local/share/man/man1; then: man host-sim
 #[derive(Args)]
-pub struct Man {
+pub struct ManOptions {
     /// Folder for the pages; made if missing
     #[arg(value_name = "DIR")]
     folder: PathBuf,
 }
 
 /// Prints the completions of a command line.
-pub fn write_completions(options: &Completions, mut command_line: Command) -> ExitCode {
+pub fn write_completions(options: &CompletionsOptions, mut command_line: Command) -> ExitCode {
     let mut script = Vec::new();
     clap_complete::generate(options.shell, &mut command_line, PROGRAM_NAME, &mut script);
     print::print_bytes(&script);
@@ -45,11 +45,11 @@ pub fn write_completions(options: &Completions, mut command_line: Command) -> Ex
 /// # Errors
 ///
 /// The folder cannot be made or written.
-pub fn write_man_pages(options: &Man, command_line: Command) -> Result<ExitCode, Failure> {
+pub fn write_man_pages(options: &ManOptions, command_line: Command) -> Result<ExitCode, CommandFailure> {
     let folder = &options.folder;
     fs::create_dir_all(folder)
         .and_then(|()| clap_mangen::generate_to(command_line, folder))
-        .map_err(|error| Failure(format!("{}: {error}", folder.display())))?;
+        .map_err(|error| CommandFailure(format!("{}: {error}", folder.display())))?;
     print::print_line(format_args!("pages: {}", folder.display()));
     Ok(ExitCode::SUCCESS)
 }

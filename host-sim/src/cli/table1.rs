@@ -4,12 +4,12 @@ use std::process::ExitCode;
 
 use clap::Args;
 use comfy_table::Table;
-use host_sim::studies::paper::{self, Experiment, MethodErrors};
+use host_sim::studies::paper::{self, MethodErrors, PaperExperiment};
 use log_analysis::score::ErrorStatistics;
 use serde_json::{Value, json};
 use simulator::world::table1::{self, BankErrors, PublishedRow};
 
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::print::{self, narrow_table, right_aligned};
 use super::range::integer_in_range;
 
@@ -18,7 +18,7 @@ use super::range::integer_in_range;
 /// The airframe is fitted to the published errors. As in the paper's experiment it is tilted 20 deg to either side at
 /// zero pitch: at 12 headings without noise, and at 256 with the noise of a LIS3MDL.
 #[derive(Args)]
-pub struct Table1 {
+pub struct Table1Options {
     /// Seed of the sensor's noise, 0 to 18446744073709551615
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]
     seed: u64,
@@ -27,10 +27,10 @@ pub struct Table1 {
     json: bool,
 }
 
-pub fn run_table1(options: &Table1) -> Result<ExitCode, Failure> {
-    let columns = |experiment| paper::method_errors(experiment).map_err(|error| Failure(error.to_string()));
-    let noise_free = columns(Experiment::NOISE_FREE)?;
-    let noisy = columns(Experiment::noisy(options.seed))?;
+pub fn run_table1(options: &Table1Options) -> Result<ExitCode, CommandFailure> {
+    let columns = |experiment| paper::method_errors(experiment).map_err(|error| CommandFailure(error.to_string()));
+    let noise_free = columns(PaperExperiment::NOISE_FREE)?;
+    let noisy = columns(PaperExperiment::noisy(options.seed))?;
     let published_errors = published_errors();
     if options.json {
         let value = json!({

@@ -11,7 +11,7 @@ use signal_hook::consts::SIGHUP;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
-use super::failure::Failure;
+use super::failure::CommandFailure;
 use super::progress;
 
 /// Signals that end the program. On Windows, SIGINT is Ctrl-C.
@@ -40,7 +40,7 @@ pub enum SecondSignal {
 
 impl TerminationSignals {
     /// Installs immediate termination, for commands without clean-up.
-    pub fn exit_immediately() -> Result<(), Failure> {
+    pub fn exit_immediately() -> Result<(), CommandFailure> {
         let signals = Self::install_handlers(SecondSignal::Exits)?;
         thread::spawn(move || {
             while !signals.stop.load(Ordering::SeqCst) {
@@ -53,7 +53,7 @@ impl TerminationSignals {
     }
 
     /// Installs handlers that record the signal.
-    pub fn install_handlers(second: SecondSignal) -> Result<Self, Failure> {
+    pub fn install_handlers(second: SecondSignal) -> Result<Self, CommandFailure> {
         let interruption = Self { stop: Arc::new(AtomicBool::new(false)), signal: Arc::new(AtomicUsize::new(0)) };
         for &signal in TERMINATION_SIGNALS {
             if second == SecondSignal::Exits {
@@ -82,6 +82,6 @@ const fn exit_status(signal: i32) -> i32 {
     128 + signal
 }
 
-fn signal_failure(error: impl std::fmt::Display) -> Failure {
-    Failure(format!("no-signals: {error}"))
+fn signal_failure(error: impl std::fmt::Display) -> CommandFailure {
+    CommandFailure(format!("no-signals: {error}"))
 }

@@ -10,7 +10,7 @@ use super::machine::BenchTest;
 
 /// Instruction limit of a firmware path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Budget {
+pub struct InstructionBudget {
     /// Short name.
     pub name: &'static str,
     /// Description of the path.
@@ -21,7 +21,7 @@ pub struct Budget {
     pub counted: Option<u64>,
 }
 
-impl Budget {
+impl InstructionBudget {
     /// Whether the count exists and is within its limit.
     #[must_use]
     pub fn is_within_limit(&self) -> bool {
@@ -60,7 +60,7 @@ const SOLVE_TIMEOUT_S: u32 = 30;
 /// # Errors
 ///
 /// The emulator's failure. A missing count is not an error but `None` in its budget.
-pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<Budget>, EmulatorError> {
+pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<InstructionBudget>, EmulatorError> {
     emulator.run_for_s(1.0);
     let sample = sample_path_instructions(emulator);
     emulator.take_console_output();
@@ -77,14 +77,14 @@ pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<Budget>, EmulatorErr
     if let Some(error) = emulator.take_failure() {
         return Err(error);
     }
-    let image_budgets = INSTRUCTION_LIMITS.iter().map(|&(name, of, limit)| Budget {
+    let image_budgets = INSTRUCTION_LIMITS.iter().map(|&(name, of, limit)| InstructionBudget {
         name,
         of,
         limit,
         counted: printed_value(&printed, name),
     });
     let (name, of, limit) = SAMPLE_LIMIT;
-    Ok(image_budgets.chain([Budget { name, of, limit, counted: sample }]).collect())
+    Ok(image_budgets.chain([InstructionBudget { name, of, limit, counted: sample }]).collect())
 }
 
 /// Instructions of the full sample path in a module calibrated by a compass swing.

@@ -5,15 +5,15 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use autoswing::settings::PORT_COUNT;
-use simulator::devices::uart::{Cable, HostEnd, UartConfig as CableConfig, WakeCondition};
+use simulator::devices::uart::{HostEnd, SerialCable, UartConfig as CableConfig, WakeCondition};
 use simulator::module::{Module, ModuleRunEnd};
-use simulator::random::{Purpose, Random};
+use simulator::random::{RandomStream, StreamPurpose};
 use simulator::world::far_end::{AttachedDevice, FarEnd};
 use simulator::world::{World, WorldConfig};
 use testkit::simulation::Simulation;
 
 use super::error::EmulatorError;
-use super::machine::{BenchTest, Machine, MachineMessage, StepInput, TICKS_PER_US};
+use super::machine::{BenchTest, EmulatedMachine, MachineMessage, StepInput, TICKS_PER_US};
 use super::machine_port::MachinePort;
 use super::sample_path::{FIELD_UPDATE_PERIOD_US, SamplePath};
 
@@ -32,8 +32,8 @@ pub struct Emulator {
     console_wire: MachinePort,
     autopilot_wire: MachinePort,
     instrument_wire: MachinePort,
-    machine: Machine,
-    noise: Random,
+    machine: EmulatedMachine,
+    noise: RandomStream,
     field_set_us: Option<u64>,
     sensor_broken: bool,
     sensor_stuck: bool,
@@ -67,7 +67,11 @@ impl Emulator {
         image: &Path,
         config: WorldConfig,
     ) -> Result<Self, EmulatorError> {
-        Self::start_machine(|| Machine::start(image, Arc::clone(stop)), &config, [FarEnd::Talker, FarEnd::Unconnected])
+        Self::start_machine(
+            || EmulatedMachine::start(image, Arc::clone(stop)),
+            &config,
+            [FarEnd::Talker, FarEnd::Unconnected],
+        )
     }
 
     /// As [`start`](Self::start), with other devices at the ports.
@@ -80,20 +84,20 @@ impl Emulator {
         config: WorldConfig,
         port_devices: [FarEnd; PORT_COUNT],
     ) -> Result<Self, EmulatorError> {
-        Self::start_machine(|| Machine::start(image, Arc::default()), &config, port_devices)
+        Self::start_machine(|| EmulatedMachine::start(image, Arc::default()), &config, port_devices)
     }
 
     fn start_machine(
-        machine: impl FnOnce() -> Result<Machine, EmulatorError>,
+        machine: impl FnOnce() -> Result<EmulatedMachine, EmulatorError>,
         config: &WorldConfig,
         [one, two]: [FarEnd; PORT_COUNT],
     ) -> Result<Self, EmulatorError> {
         let mut simulation = Simulation::new();
         let world = World::new(*config);
-        let cable = || Cable::new(CableConfig { delivery: WakeCondition::EachByte, ..CableConfig::default() });
+        let cable = || SerialCable::new(CableConfig { delivery: WakeCondition::EachByte, ..CableConfig::default() });
         let [console_cable, autopilot_cable, instrument_cable] = [(); 3].map(|()| cable());
         let [console, autopilot, instrument] =
-            [&console_cable, &autopilot_cable, &instrument_cable].map(Cable::host_end);
+            [&console_cable, &autopilot_cable, &instrument_cable].map(SerialCable::host_end);
         let port_devices = [
             one.attach(&mut simulation, &world, autopilot.clone(), vec![]),
             two.attach(&mut simulation, &world, instrument.clone(), vec![]),
@@ -109,7 +113,7 @@ impl Emulator {
             instrument,
             port_devices,
             machine: machine()?,
-            noise: Random::new(config.seed, Purpose::Magnetometer),
+            noise: RandomStream::new(config.seed, StreamPurpose::Magnetometer),
             field_set_us: None,
             sensor_broken: false,
             sensor_stuck: false,

@@ -101,7 +101,7 @@ pub enum BenchTest {
 pub const MAX_STEP_BYTES: usize = 255;
 
 /// Running QEMU, ended on drop.
-pub struct Machine {
+pub struct EmulatedMachine {
     qemu: Qemu,
     qmp: Qmp,
     console: LocalStream,
@@ -114,7 +114,7 @@ pub struct Machine {
     _directory: TempDir,
 }
 
-impl Machine {
+impl EmulatedMachine {
     /// Starts QEMU with a firmware image and erased flash. Setting `stop` cancels all waiting.
     pub fn start(image: &Path, stop: Arc<AtomicBool>) -> Result<Self, EmulatorError> {
         if !local_socket::ARE_LOCAL_SOCKETS_SUPPORTED {

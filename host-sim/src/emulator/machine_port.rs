@@ -7,7 +7,7 @@ use std::rc::Rc;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embedded_io_async::{Read, Write};
-use simulator::devices::uart::{Cable, Receiver, Transmitter};
+use simulator::devices::uart::{Receiver, SerialCable, Transmitter};
 use testkit::simulation::{Level, Simulation};
 
 use super::machine::MAX_STEP_BYTES;
@@ -25,7 +25,7 @@ struct OutgoingBytes {
 }
 
 impl MachinePort {
-    pub fn new(cable: &Cable, simulation: &mut Simulation) -> Self {
+    pub fn new(cable: &SerialCable, simulation: &mut Simulation) -> Self {
         let (receiver, transmitter) = cable.module_ends();
         let wire = Self { to_machine: Rc::default(), to_cable: Rc::default() };
         simulation.spawn(Level::World, "to machine", receive(receiver, Rc::clone(&wire.to_machine)));

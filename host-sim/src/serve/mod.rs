@@ -27,11 +27,11 @@ use simulator::world::gyro::GyroConfig;
 use simulator::world::rotation::Euler;
 
 use self::external_autopilot::ExternalAutopilot;
-use self::pilot::Pilot;
+use self::pilot::SimulatedPilot;
 
 /// Port of the module.
 #[derive(Debug)]
-pub struct Port {
+pub struct ServedPort {
     /// Name of the port.
     pub name: &'static str,
     /// Short description of its traffic.
@@ -40,10 +40,14 @@ pub struct Port {
 }
 
 /// All ports in order.
-pub const PORTS: &[Port] = &[
-    Port { name: "console", traffic_description: "a terminal", cable: |rig| &rig.console },
-    Port { name: "port 1", traffic_description: "an autopilot: MAVLink or MSP, detected", cable: |rig| &rig.autopilot },
-    Port { name: "port 2", traffic_description: "an instrument: NMEA heading", cable: |rig| &rig.instrument },
+pub const PORTS: &[ServedPort] = &[
+    ServedPort { name: "console", traffic_description: "a terminal", cable: |rig| &rig.console },
+    ServedPort {
+        name: "port 1",
+        traffic_description: "an autopilot: MAVLink or MSP, detected",
+        cable: |rig| &rig.autopilot,
+    },
+    ServedPort { name: "port 2", traffic_description: "an instrument: NMEA heading", cable: |rig| &rig.instrument },
 ];
 
 /// Index of the console in [`PORTS`].
@@ -87,7 +91,7 @@ const MAX_BYTES_IN_TRANSMISSION: usize = 1152;
 /// Simulated module in its vehicle, with its ports.
 pub struct ServedModule {
     rig: Rig,
-    pilot: Pilot,
+    pilot: SimulatedPilot,
     peer: ExternalAutopilot,
     attitude: AttitudeProvider,
     visits: Option<DatagramCounts>,
@@ -123,7 +127,7 @@ impl ServedModule {
             rig.attach_can(bus.attach_node(), world.seed);
             bus.attach_node()
         });
-        let pilot = Pilot::new(&world, options.pattern, options.has_external_simulator);
+        let pilot = SimulatedPilot::new(&world, options.pattern, options.has_external_simulator);
         pilot.start(&rig.world);
         let visits = options.has_external_simulator.then(DatagramCounts::default);
         let module = Self { rig, pilot, peer: ExternalAutopilot::default(), attitude: options.attitude, visits, can };
@@ -153,7 +157,7 @@ impl ServedModule {
 
     /// Sends bytes to the port at this index in [`PORTS`]; ignores an invalid index.
     pub fn send(&mut self, port: usize, bytes: &[u8]) {
-        let Some(Port { cable, .. }) = PORTS.get(port) else { return };
+        let Some(ServedPort { cable, .. }) = PORTS.get(port) else { return };
         cable(&self.rig).send(bytes);
         if port == AUTOPILOT_PORT {
             self.peer.process_bytes(self.rig.now_us(), bytes);

@@ -2,7 +2,7 @@
 
 use std::cell::RefCell;
 
-use simulator::random::{Purpose, Random};
+use simulator::random::{RandomStream, StreamPurpose};
 use simulator::world::aircraft::{PrescribedMotion, VehicleKind};
 use simulator::world::autopilot::Leg;
 use simulator::world::{World, WorldConfig};
@@ -27,17 +27,21 @@ enum PilotTask {
 }
 
 #[derive(Debug)]
-pub(super) struct Pilot {
+pub(super) struct SimulatedPilot {
     kind: VehicleKind,
     task: PilotTask,
-    random: RefCell<Random>,
+    random: RefCell<RandomStream>,
 }
 
-impl Pilot {
+impl SimulatedPilot {
     /// A pilot that flies a pattern, or is inactive because of an external simulator.
     pub fn new(world: &WorldConfig, pattern: PilotPattern, is_visited: bool) -> Self {
         let task = if is_visited { PilotTask::Visited } else { PilotTask::Pattern(pattern) };
-        Self { kind: world.aircraft.kind, task, random: RefCell::new(Random::new(world.seed, Purpose::Legs)) }
+        Self {
+            kind: world.aircraft.kind,
+            task,
+            random: RefCell::new(RandomStream::new(world.seed, StreamPurpose::Legs)),
+        }
     }
 
     /// Starts the pattern in flight, armed.

@@ -1,6 +1,6 @@
 //! Patterns that the simulated pilot flies without commands.
 
-use simulator::random::Random;
+use simulator::random::RandomStream;
 use simulator::routine::{Routine, TurnPlan, random_leg};
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::autopilot::Leg;
@@ -41,7 +41,7 @@ impl PilotPattern {
     }
 
     /// Legs of one repetition; empty for level flight.
-    pub(super) fn legs(self, kind: VehicleKind, heading_deg: f64, random: &mut Random) -> Vec<Leg> {
+    pub(super) fn legs(self, kind: VehicleKind, heading_deg: f64, random: &mut RandomStream) -> Vec<Leg> {
         let straight = Leg::Straight { heading_deg, seconds: 30.0 };
         let circles = |change_deg| match kind {
             VehicleKind::Plane | VehicleKind::Vtol => {

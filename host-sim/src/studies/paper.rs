@@ -2,7 +2,8 @@
 //! with all methods on the same samples.
 
 use autoswing::calibration::{
-    Calibration, CollectionPart, Current, Mark, Method, Orientation, Prior, Rates, Sample, Samples, SolveError, solve,
+    Calibration, CollectionPart, HeadingMark, Method, MotorCurrent, Orientation, Prior, Rates, Sample, Samples,
+    SolveError, solve,
 };
 use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::readings_per_sample;
@@ -11,7 +12,7 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use log_analysis::score::{ErrorStatistics, wrap_180};
-use simulator::random::{Purpose, Random};
+use simulator::random::{RandomStream, StreamPurpose};
 use simulator::world::airframe::Airframe;
 use simulator::world::earth::Earth;
 use simulator::world::rotation::Euler;
@@ -29,14 +30,14 @@ const READING_PERIOD_US: u32 = 12_500;
 
 /// Settings of the experiment.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Experiment {
+pub struct PaperExperiment {
     /// Samples per side, uniform over all headings.
     pub samples: u16,
     /// Seed of the sensor noise; `None` for no noise.
     pub noise: Option<u64>,
 }
 
-impl Experiment {
+impl PaperExperiment {
     /// The paper's twelve headings per side, without noise.
     pub const NOISE_FREE: Self = Self { samples: 12, noise: None };
 
@@ -77,7 +78,7 @@ impl MethodErrors {
 /// # Errors
 ///
 /// The error of a method without a solution.
-pub fn method_errors(experiment: Experiment) -> Result<[MethodErrors; 5], SolveError> {
+pub fn method_errors(experiment: PaperExperiment) -> Result<[MethodErrors; 5], SolveError> {
     let table = Table1Experiment { airframe: Airframe::table1(), earth: Earth::default() };
     let (left, right) = table.measure_turns(experiment);
     let turns = [&left[..], &right].concat();
@@ -111,14 +112,14 @@ impl Table1Experiment {
             attitude,
             time: WrappingMillis::default(),
             rates: Rates::ZERO,
-            current: Current::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         }
     }
 
     /// Left and right turns, each in the direction of flight.
-    fn measure_turns(&self, experiment: Experiment) -> (Vec<Sample>, Vec<Sample>) {
-        let mut noise = experiment.noise.map(|seed| Random::new(seed, Purpose::Magnetometer));
+    fn measure_turns(&self, experiment: PaperExperiment) -> (Vec<Sample>, Vec<Sample>) {
+        let mut noise = experiment.noise.map(|seed| RandomStream::new(seed, StreamPurpose::Magnetometer));
         let mut side = |sign: f64, part: CollectionPart| -> Vec<Sample> {
             (0..experiment.samples)
                 .map(|i| {
@@ -136,15 +137,15 @@ impl Table1Experiment {
     }
 
     /// A subset of the samples with known headings, limited to the module's capacity.
-    fn marks(experiment: Experiment, left: &[Sample], right: &[Sample]) -> Vec<Mark> {
+    fn marks(experiment: PaperExperiment, left: &[Sample], right: &[Sample]) -> Vec<HeadingMark> {
         let every = usize::from(experiment.samples) / HEADING_COUNT;
-        let marks_of_turn = |samples: &[Sample], turn_sign: f64| -> Vec<Mark> {
+        let marks_of_turn = |samples: &[Sample], turn_sign: f64| -> Vec<HeadingMark> {
             (0..experiment.samples)
                 .zip(samples)
                 .step_by(every)
                 .map(|(i, &sample)| {
                     let heading_rad = (turn_sign * heading_rad(i, experiment.samples)) as f32;
-                    Mark { sample, heading_rad }
+                    HeadingMark { sample, heading_rad }
                 })
                 .collect()
         };

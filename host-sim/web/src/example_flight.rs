@@ -8,7 +8,7 @@ use log_analysis::score::wrap_180;
 use serde::{Deserialize, Serialize};
 use simulator::mission::{self, MissionStage, TurnPlan};
 use simulator::mission_report::{mission_json, report_mission};
-use simulator::module::{Module, ObservedModule, Observer};
+use simulator::module::{Module, ModuleObserver, ObservedModule};
 use simulator::rig::Rig;
 use simulator::transcript;
 use simulator::world::WorldConfig;
@@ -99,7 +99,7 @@ impl StepReporter<'_> {
     }
 }
 
-impl Observer for StepReporter<'_> {
+impl ModuleObserver for StepReporter<'_> {
     fn time_advanced(&mut self, module: &impl Module) {
         let step = self.report_step(module);
         (self.report_step)(&step);

@@ -35,7 +35,7 @@ impl Read for PageFile {
 }
 
 #[derive(Default)]
-struct State {
+struct PageState {
     request: Vec<u8>,
     answer: Vec<u8>,
     log: Option<LoadedLog>,

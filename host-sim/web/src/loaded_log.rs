@@ -24,7 +24,7 @@ pub struct LogRequest {
 /// Choices on the page, as the options of `host-sim replay`.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Choices {
+pub struct PageChoices {
     /// Rows used for the fit.
     pub samples: RowSelection,
     /// Number of the only compass to evaluate.
@@ -92,7 +92,7 @@ impl LoadedLog {
     /// # Errors
     ///
     /// The log does not have the compass.
-    pub fn judge_log(&self, choices: &Choices) -> Result<JudgedLog, String> {
+    pub fn judge_log(&self, choices: &PageChoices) -> Result<JudgedLog, String> {
         let Self { name, flight } = self;
         let options = EvaluationOptions {
             row_selection: choices.samples,
@@ -126,7 +126,7 @@ impl LoadedLog {
     }
 }
 
-fn settings_table(choices: &Choices) -> Vec<[String; 2]> {
+fn settings_table(choices: &PageChoices) -> Vec<[String; 2]> {
     let given = [
         ("samples", Some(choices.samples.selection_name().to_owned())),
         ("compass", choices.compass.map(|number| number.to_string())),
@@ -153,7 +153,8 @@ mod tests {
         let log = loaded();
         let LogSummary { compasses, range_s: [from_s, to_s], is_table } = log.summary();
         assert!(compasses == [1] && from_s < 30.0 && to_s > 199.0 && is_table, "{from_s} to {to_s} s");
-        let all = Choices { samples: RowSelection::Flight, compass: None, from_s: None, to_s: None, reference: None };
+        let all =
+            PageChoices { samples: RowSelection::Flight, compass: None, from_s: None, to_s: None, reference: None };
         let [all, chosen] =
             [all, serde_json::from_str(CHOICES).unwrap()].map(|choices| log.judge_log(&choices).unwrap());
         let used = |judged: &JudgedLog| {
@@ -174,9 +175,9 @@ mod tests {
         let request: LogRequest = serde_json::from_str(r#"{ "name": "letter", "unit": "ut" }"#).unwrap();
         let error = LoadedLog::read_log(&mut b"Dear reader".as_slice(), request).unwrap_err();
         assert!(error.starts_with("not a known log"), "{error}");
-        let missing = Choices { reference: Some(ReferenceKind::GpsYaw), ..serde_json::from_str(CHOICES).unwrap() };
+        let missing = PageChoices { reference: Some(ReferenceKind::GpsYaw), ..serde_json::from_str(CHOICES).unwrap() };
         assert_eq!(loaded().judge_log(&missing).unwrap_err(), "the log has no such reference");
-        let missing = Choices { compass: Some(8), ..serde_json::from_str(CHOICES).unwrap() };
+        let missing = PageChoices { compass: Some(8), ..serde_json::from_str(CHOICES).unwrap() };
         assert_eq!(loaded().judge_log(&missing).unwrap_err(), "the log has no compass of this number");
     }
 }

@@ -11,10 +11,10 @@ use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use crate::app::SetBaud;
 use crate::frames::Field;
 use crate::magnetometer::{Magnetometer, MagnetometerError};
-use crate::reading::{Identity, Model, Reading};
+use crate::reading::{Identity, MagnetometerModel, Reading};
 use crate::settings::Baud;
 
-pub const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
+pub const SENSOR: Identity = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceBehaviour {

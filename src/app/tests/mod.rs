@@ -13,20 +13,20 @@ use std::rc::Rc;
 
 use testkit::simulation::{Level, Simulation};
 
-use super::Links;
+use super::TaskLinks;
 
 /// Tasks and their connections.
 struct TaskBench {
     simulation: Simulation,
-    links: Rc<Links>,
+    links: Rc<TaskLinks>,
 }
 
 impl TaskBench {
     fn new() -> Self {
-        Self { simulation: Simulation::new(), links: Rc::new(Links::new()) }
+        Self { simulation: Simulation::new(), links: Rc::new(TaskLinks::new()) }
     }
 
-    fn run<F: Future<Output = ()> + 'static>(&mut self, name: &'static str, task: impl FnOnce(Rc<Links>) -> F) {
+    fn run<F: Future<Output = ()> + 'static>(&mut self, name: &'static str, task: impl FnOnce(Rc<TaskLinks>) -> F) {
         self.simulation.spawn(Level::Interrupt, name, task(Rc::clone(&self.links)));
     }
 

@@ -13,7 +13,7 @@ use crate::app::links::{
     AutopilotLine, CommandSource, HEARTBEATS_OF_EVERY_BOARD, Heartbeats, MAX_HEARTBEATS, increment,
 };
 use crate::app::watchdog::{self, MAX_FEED_INTERVAL_US};
-use crate::app::{Links, Watchdog};
+use crate::app::{TaskLinks, Watchdog};
 use crate::compass::Command;
 use crate::messages::Refusal;
 use crate::store::StoreError;
@@ -27,7 +27,7 @@ impl Watchdog for FakeWatchdog {
     }
 }
 
-fn all(links: &Links) -> [&AtomicU32; MAX_HEARTBEATS] {
+fn all(links: &TaskLinks) -> [&AtomicU32; MAX_HEARTBEATS] {
     let Heartbeats { sensor, instrument, compass } = &links.heartbeats;
     let [one, two, can] = AutopilotLine::ALL_LINES.map(|line| &links.links_of_line(line).heartbeat);
     [sensor, instrument, compass, one, two, can]
@@ -38,7 +38,7 @@ fn with_silent(silent: Option<usize>) -> (TaskBench, FakeWatchdog) {
     let (mut bench, watchdog_timer) = (TaskBench::new(), FakeWatchdog::default());
     let fed = watchdog_timer.clone();
     bench.run("watchdog", |links| async move { watchdog::run_watchdog(&links, fed).await });
-    bench.run("tasks", |links: Rc<Links>| async move {
+    bench.run("tasks", |links: Rc<TaskLinks>| async move {
         for ms in (0..).step_by(100) {
             for (i, beat) in all(&links).into_iter().enumerate() {
                 if silent != Some(i) || ms < 1000 {
@@ -78,7 +78,7 @@ fn the_watchdog_does_not_wait_for_lines_that_never_ran() {
         let (mut bench, watchdog_timer) = (TaskBench::new(), FakeWatchdog::default());
         let watchdog_clone = watchdog_timer.clone();
         bench.run("watchdog", |links| async move { watchdog::run_watchdog(&links, watchdog_clone).await });
-        bench.run("tasks", move |links: Rc<Links>| async move {
+        bench.run("tasks", move |links: Rc<TaskLinks>| async move {
             loop {
                 all(&links).into_iter().take(counted_tasks).for_each(increment);
                 Timer::after_millis(100).await;
@@ -111,13 +111,13 @@ fn saves_that_never_complete_cause_no_reset() {
     let (mut bench, watchdog_timer) = (with_compass(flash), FakeWatchdog::default());
     let fed = watchdog_timer.clone();
     bench.run("watchdog", |links| async move { watchdog::run_watchdog(&links, fed).await });
-    bench.run("other tasks", |links: Rc<Links>| async move {
+    bench.run("other tasks", |links: Rc<TaskLinks>| async move {
         loop {
             all(&links).into_iter().enumerate().filter(|(i, _)| *i != 2).for_each(|(_, beat)| increment(beat));
             Timer::after_millis(100).await;
         }
     });
-    bench.run("person", |links: Rc<Links>| async move {
+    bench.run("person", |links: Rc<TaskLinks>| async move {
         loop {
             links.commands.send((CommandSource::Console, Command::CalClear)).await;
             assert!(matches!(links.replies.receive().await, Err(Refusal::Store(StoreError::Timeout))));

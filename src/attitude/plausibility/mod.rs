@@ -7,7 +7,7 @@ use super::timed_report::{TimedReport, extrapolate_attitude};
 use crate::frames::{Attitude, Body, Field, wrap_pi};
 use crate::time::Timestamp;
 use crate::trig;
-use crate::trig::Length as _;
+use crate::trig::VectorLength as _;
 
 /// Largest deviation from the extrapolated previous report, radians.
 const SPIKE_MARGIN_RAD: f32 = 0.1;

@@ -113,7 +113,7 @@ fn panic_if_requested() {
     assert!(PANIC_AT_START.load(Ordering::Relaxed) != PANIC_AT_START_MARK, "at each start");
 }
 
-type Results = heapless::String<256>;
+type ResultText = heapless::String<256>;
 
 /// Recurses without end.
 #[expect(unconditional_recursion, reason = "that is what it is for")]
@@ -334,7 +334,7 @@ fn count_instructions(f: impl FnOnce()) -> u64 {
 }
 
 /// Samples of a left and a right turn.
-struct Turns(&'static mut [Sample]);
+struct BenchTurns(&'static mut [Sample]);
 
 impl Turns {
     /// Simulates the turns; may be called only once.

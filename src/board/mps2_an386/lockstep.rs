@@ -23,7 +23,7 @@ const LOCKSTEP_PERIOD: Duration = Duration::from_millis(2);
 
 /// Message to the simulator.
 #[derive(Clone, Copy)]
-enum Message {
+enum LockstepMessage {
     /// The machine has started; it does not wait.
     Started = b'B' as isize,
     /// A time step has passed; the machine waits.

@@ -43,7 +43,7 @@ use super::hardware::{self, Uarts};
 use super::stack;
 
 pub type UartRx = &'static Received;
-pub type Lines = Uarts<UartTx, UartRx>;
+pub type BoardLines = Uarts<UartTx, UartRx>;
 pub type Hardware = hardware::Hardware<Magnetometer, Lines, Watchdog, Panel, StoreFlash, Platform>;
 
 const CONSOLE_TX: UartTx = UartTx { uart: &CONSOLE, on_written: || {} };

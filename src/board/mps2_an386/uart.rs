@@ -34,7 +34,7 @@ const BUFFER_SIZE: usize = 256;
 /// Polling interval of a busy transmitter: one byte at 115200 baud.
 const BYTE_TIME: Duration = Duration::from_micros(87);
 
-pub type Received = Pipe<CriticalSectionRawMutex, BUFFER_SIZE>;
+pub type ReceiveQueue = Pipe<CriticalSectionRawMutex, BUFFER_SIZE>;
 
 pub struct Uart {
     peripheral: Peripheral,

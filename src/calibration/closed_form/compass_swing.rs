@@ -8,7 +8,7 @@
 use nalgebra::{Matrix3, Vector3, Vector4};
 
 use super::starting_point::{SensorResponse, inclination_tangent};
-use crate::calibration::{LeastSquares, Mark, SamplePart, SolveError};
+use crate::calibration::{HeadingMark, LeastSquares, SamplePart, SolveError};
 use crate::frames::Field;
 use crate::trig;
 use crate::trig::sqrt;
@@ -28,7 +28,7 @@ const INCLINATIONS_DEG: [f32; 11] = [-75.0, -60.0, -45.0, -30.0, -15.0, 0.0, 15.
 ///
 /// [`SolveError::TooFewSamples`], and [`SolveError::NotDetermined`] when the field does not follow the headings.
 pub(in crate::calibration) fn solve_compass_swing(
-    marks: &[Mark],
+    marks: &[HeadingMark],
     rotation: &Matrix3<f32>,
     inclination_rad: Option<f32>,
 ) -> Result<SensorResponse, SolveError> {
@@ -45,7 +45,7 @@ pub(in crate::calibration) fn solve_compass_swing(
 }
 
 /// Horizontal field strength, from a regression of the horizontal axes without vertical field.
-fn estimate_horizontal_ut(marks: &[Mark], rotation: &Matrix3<f32>) -> Option<f32> {
+fn estimate_horizontal_ut(marks: &[HeadingMark], rotation: &Matrix3<f32>) -> Option<f32> {
     let (_, response) = fit_response(marks, rotation, 0.0, 0.0)?;
     let horizontal = response.response_ut.fixed_view::<2, 2>(0, 0).determinant();
     Some(sqrt(horizontal.abs())).filter(|h0_ut| *h0_ut > 1.0)
@@ -53,17 +53,17 @@ fn estimate_horizontal_ut(marks: &[Mark], rotation: &Matrix3<f32>) -> Option<f32
 
 /// Squared residual (square microtesla) and response at an inclination.
 fn fit_response(
-    marks: &[Mark],
+    marks: &[HeadingMark],
     rotation: &Matrix3<f32>,
     tan_inclination: f32,
     h0_ut: f32,
 ) -> Option<(f32, SensorResponse)> {
-    let regressors = |mark: &Mark| {
+    let regressors = |mark: &HeadingMark| {
         let (sin, cos) = trig::sin_cos(mark.heading_rad);
         let level = Field::from_ut(cos, -sin, tan_inclination);
         mark.sample.attitude.body(level).ut.push(1.0)
     };
-    let field = |mark: &Mark| rotation * mark.sample.field.ut;
+    let field = |mark: &HeadingMark| rotation * mark.sample.field.ut;
     let mean = marks.iter().map(field).sum::<Vector3<f32>>() / marks.len() as f32;
     let mut system = LeastSquares::<4, 3>::new();
     // Ridge: A times H0 is H0 times the identity; no assumption about b.
@@ -90,7 +90,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::{CollectionPart, Current, Rates, Sample};
+    use crate::calibration::{CollectionPart, MotorCurrent, Rates, Sample};
     use crate::frames::{Attitude, Level};
     use crate::time::WrappingMillis;
 
@@ -100,20 +100,20 @@ mod tests {
         Matrix3::new(1.1, 0.05, -0.02, -0.03, 0.9, 0.04, 0.02, 0.06, 1.05)
     }
 
-    fn marks(inclination_deg: f32, lean_deg: f32) -> Vec<Mark> {
+    fn marks(inclination_deg: f32, lean_deg: f32) -> Vec<HeadingMark> {
         let mark = |i: u8| {
             let heading_rad = f32::from(i) / 12.0 * TAU;
             let (roll, pitch) = [(1.0, 0.3), (-1.0, -0.2), (0.2, 1.0), (-0.3, -1.0)][usize::from(i % 4)];
             let attitude = Attitude::from_deg(lean_deg * roll, lean_deg * pitch);
             let level = Field::<Level>::earth(50.0, inclination_deg.to_radians(), heading_rad);
             let field = Field::new(a() * attitude.body(level).ut + B_UT);
-            Mark {
+            HeadingMark {
                 sample: Sample {
                     field,
                     attitude,
                     time: WrappingMillis::default(),
                     rates: Rates::ZERO,
-                    current: Current::UNKNOWN,
+                    current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 },
                 heading_rad,
@@ -167,11 +167,11 @@ mod tests {
     #[test]
     fn fields_are_rotated_first() {
         let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        let turned: Vec<Mark> = marks(60.0, 20.0)
+        let turned: Vec<HeadingMark> = marks(60.0, 20.0)
             .into_iter()
             .map(|mark| {
                 let field = Field::new(about_z.transpose() * mark.sample.field.ut);
-                Mark { sample: Sample { field, ..mark.sample }, ..mark }
+                HeadingMark { sample: Sample { field, ..mark.sample }, ..mark }
             })
             .collect();
         assert_found(&solve_compass_swing(&turned, &about_z, None).unwrap(), 60.0);
@@ -188,7 +188,7 @@ mod tests {
 
     #[test]
     fn fields_unrelated_to_the_headings_are_rejected() {
-        let scaled = |h0_ut: f32| -> Vec<Mark> {
+        let scaled = |h0_ut: f32| -> Vec<HeadingMark> {
             let mark = |i: u8| {
                 let heading_rad = f32::from(i) / 12.0 * TAU;
                 let field = Field::from_ut(h0_ut * heading_rad.cos() + 9.0, -h0_ut * heading_rad.sin(), 40.0);
@@ -197,10 +197,10 @@ mod tests {
                     attitude: Attitude::default(),
                     time: WrappingMillis::default(),
                     rates: Rates::ZERO,
-                    current: Current::UNKNOWN,
+                    current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 };
-                Mark { sample, heading_rad }
+                HeadingMark { sample, heading_rad }
             };
             (0..12).map(mark).collect()
         };

@@ -82,7 +82,7 @@ pub(in crate::calibration) fn fit_conic(
 
 #[cfg(test)]
 mod tests {
-    use crate::calibration::{CollectionPart, Current};
+    use crate::calibration::{CollectionPart, MotorCurrent};
     use core::f32::consts::TAU;
 
     use super::*;
@@ -107,7 +107,7 @@ mod tests {
                     attitude: Attitude::default(),
                     time: WrappingMillis::default(),
                     rates: Rates::ZERO,
-                    current: Current::UNKNOWN,
+                    current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 }
             })

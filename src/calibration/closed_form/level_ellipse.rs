@@ -127,7 +127,7 @@ impl VerticalAxisFit {
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{CollectionPart, Current, Mark, Rates, Sample};
+    use crate::calibration::{CollectionPart, HeadingMark, MotorCurrent, Rates, Sample};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -149,7 +149,7 @@ mod tests {
                     attitude: Attitude::default(),
                     time: WrappingMillis::default(),
                     rates: Rates::ZERO,
-                    current: Current::UNKNOWN,
+                    current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 }
             })
@@ -179,7 +179,8 @@ mod tests {
     #[test]
     fn all_parts_count_and_are_rotated() {
         let samples = samples_at(&evenly_spaced_deg(24), 1.0);
-        let marks: Vec<Mark> = samples[12..].iter().map(|&sample| Mark { sample, heading_rad: 0.0 }).collect();
+        let marks: Vec<HeadingMark> =
+            samples[12..].iter().map(|&sample| HeadingMark { sample, heading_rad: 0.0 }).collect();
         let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
         let parts =
             Parts { left: &samples[..6], right: &samples[6..12], level: &[], marks: &marks, ..Parts::default() }

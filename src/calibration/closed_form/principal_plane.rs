@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::calibration::Samples;
-use crate::trig::{Length as _, sqrt};
+use crate::trig::{VectorLength as _, sqrt};
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PrincipalPlane {
@@ -58,7 +58,7 @@ fn least_scatter_direction(scatter: &Matrix3<f32>) -> Option<Vector3<f32>> {
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{CollectionPart, Current, Rates, Sample};
+    use crate::calibration::{CollectionPart, MotorCurrent, Rates, Sample};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -68,7 +68,7 @@ mod tests {
             attitude: Attitude::default(),
             time: WrappingMillis::default(),
             rates: Rates::ZERO,
-            current: Current::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         };
         fields_ut.iter().map(sample).collect()

@@ -134,7 +134,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::{CollectionPart, Current, Mark, Rates, Sample};
+    use crate::calibration::{CollectionPart, HeadingMark, MotorCurrent, Rates, Sample};
     use crate::frames::{Attitude, Level};
     use crate::time::WrappingMillis;
 
@@ -181,7 +181,7 @@ mod tests {
                     attitude,
                     time: WrappingMillis::default(),
                     rates: Rates::ZERO,
-                    current: Current::UNKNOWN,
+                    current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 }
             })
@@ -202,8 +202,8 @@ mod tests {
         assert!((start.inclination_rad - 1.0).abs() < 0.01, "{}", start.inclination_rad);
         assert_eq!(start.w, Matrix3::identity());
 
-        let marks: Vec<Mark> =
-            circles(&[-25.0, 25.0], b_ut).iter().map(|&sample| Mark { sample, heading_rad: 0.0 }).collect();
+        let marks: Vec<HeadingMark> =
+            circles(&[-25.0, 25.0], b_ut).iter().map(|&sample| HeadingMark { sample, heading_rad: 0.0 }).collect();
         let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
         let turned = sphere_start(Parts { marks: &marks, ..Parts::default() }.samples(), &about_z).unwrap();
         let expected_ut = about_z * b_ut;

@@ -115,7 +115,7 @@ pub(in crate::calibration) fn turn_progress_by_rates_rad(
 #[cfg(test)]
 mod tests {
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{CollectionPart, Current};
+    use crate::calibration::{CollectionPart, MotorCurrent};
     use core::f32::consts::TAU;
 
     use super::*;
@@ -130,7 +130,7 @@ mod tests {
             attitude: Attitude::from_deg(roll_deg, 3.0),
             time: WrappingMillis::new(millis),
             rates: Rates::ZERO,
-            current: Current::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         }
     }

@@ -19,7 +19,7 @@ use super::conic::Ellipse;
 use super::starting_point::SensorResponse;
 use super::turns::{MIN_SAMPLES, MeanBank, TurnCentres, turn_progress_rad};
 use crate::calibration::{Sample, SamplePart, Samples, Side, SolveError};
-use crate::trig::Length as _;
+use crate::trig::VectorLength as _;
 
 /// Minimum sine of the angle between the planes; below it their intersection is noise.
 const MIN_SINE_OF_PLANES: f32 = 1e-3;
@@ -87,7 +87,7 @@ impl<'a> TurnEllipse<'a> {
 #[cfg(test)]
 mod tests {
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{CollectionPart, Current};
+    use crate::calibration::{CollectionPart, MotorCurrent};
     use core::f32::consts::TAU;
 
     use super::*;
@@ -107,7 +107,7 @@ mod tests {
                     attitude: Attitude::from_deg(bank_deg, 0.0),
                     time: WrappingMillis::new(u32::from(i) * 500),
                     rates: Rates::ZERO,
-                    current: Current::UNKNOWN,
+                    current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 }
             })

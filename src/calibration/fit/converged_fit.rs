@@ -1,7 +1,7 @@
 //! A converged fit: the model at its result, with the samples.
 
 use crate::calibration::model::{Likelihood, Vector13};
-use crate::calibration::{Calibration, Envelope, Method, Samples};
+use crate::calibration::{AttitudeEnvelope, Calibration, Method, Samples};
 
 pub(in crate::calibration) struct ConvergedFit<'a> {
     pub method: Method,
@@ -12,7 +12,7 @@ pub(in crate::calibration) struct ConvergedFit<'a> {
 }
 
 impl ConvergedFit<'_> {
-    pub fn envelope(&self) -> Envelope {
-        Envelope::for_samples(self.method, self.samples)
+    pub fn envelope(&self) -> AttitudeEnvelope {
+        AttitudeEnvelope::for_samples(self.method, self.samples)
     }
 }

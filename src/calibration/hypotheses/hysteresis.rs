@@ -79,7 +79,7 @@ impl Hysteresis {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{CollectionPart, Current, Rates};
+    use crate::calibration::{CollectionPart, MotorCurrent, Rates};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -89,7 +89,7 @@ mod tests {
             attitude: Attitude { roll_rad, pitch_rad: 0.0 },
             rates,
             time: WrappingMillis::new(0),
-            current: Current::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         }
     }

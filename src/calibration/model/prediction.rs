@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::unknowns::JacobianRow;
 use crate::frames::{AttitudeRotation, Field};
-use crate::trig::{Length as _, sqrt};
+use crate::trig::{VectorLength as _, sqrt};
 
 /// Floor of the norm: keeps direction and residual finite.
 const MIN_NORM: f32 = 1e-6;

@@ -4,11 +4,11 @@ use crate::calibration::assessment::Solution;
 use crate::calibration::fit::levenberg_marquardt::MAX_REFINEMENT_STEPS;
 use crate::calibration::hypotheses::{attitude_latency, motor_current};
 use crate::calibration::{Calibration, Quality, SolveError};
-use crate::trig::Length as _;
+use crate::trig::VectorLength as _;
 
 /// Starting point of an attempt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Start {
+pub(super) enum AttemptStart {
     /// Closed form, or fit to the vertical.
     ClosedForm,
     /// Sphere fit.
@@ -20,7 +20,7 @@ pub(super) enum Start {
 /// A refinement from a starting point, with as many latencies and motor-current interferences as their rules allow.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Attempt {
-    pub start: Start,
+    pub start: AttemptStart,
     /// Whether a given inclination is a prior.
     pub uses_inclination: bool,
 }
@@ -28,12 +28,12 @@ pub(super) struct Attempt {
 /// All attempts in order. The next attempt is the first later entry that [may follow](Attempt::may_follow), is needed
 /// and can start. The last attempt gives the result.
 pub(super) static ATTEMPT_QUEUE: [Attempt; 6] = [
-    Attempt { start: Start::ClosedForm, uses_inclination: true },
-    Attempt { start: Start::Sphere, uses_inclination: true },
-    Attempt { start: Start::FirstResult, uses_inclination: true },
-    Attempt { start: Start::ClosedForm, uses_inclination: false },
-    Attempt { start: Start::Sphere, uses_inclination: false },
-    Attempt { start: Start::FirstResult, uses_inclination: false },
+    Attempt { start: AttemptStart::ClosedForm, uses_inclination: true },
+    Attempt { start: AttemptStart::Sphere, uses_inclination: true },
+    Attempt { start: AttemptStart::FirstResult, uses_inclination: true },
+    Attempt { start: AttemptStart::ClosedForm, uses_inclination: false },
+    Attempt { start: AttemptStart::Sphere, uses_inclination: false },
+    Attempt { start: AttemptStart::FirstResult, uses_inclination: false },
 ];
 
 /// Bound on the steps of a solve: each attempt refines once, and again after each update of latency and of motor
@@ -48,9 +48,9 @@ impl Attempt {
     pub fn may_follow(self, before: Self) -> bool {
         let is_same = self.uses_inclination == before.uses_inclination;
         match self.start {
-            Start::ClosedForm => !is_same,
-            Start::Sphere => is_same && before.start == Start::ClosedForm,
-            Start::FirstResult => is_same && before.start == Start::Sphere,
+            AttemptStart::ClosedForm => !is_same,
+            AttemptStart::Sphere => is_same && before.start == AttemptStart::ClosedForm,
+            AttemptStart::FirstResult => is_same && before.start == AttemptStart::Sphere,
         }
     }
 }

@@ -47,7 +47,7 @@ mod tests {
 
     use super::*;
     use crate::calibration::{
-        CollectionPart, Current, Method, Prior, Quality, Rates, Sample, SamplePart, SolveError, solve,
+        CollectionPart, Method, MotorCurrent, Prior, Quality, Rates, Sample, SamplePart, SolveError, solve,
     };
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
@@ -82,7 +82,7 @@ mod tests {
                 attitude: Attitude::default(),
                 time: WrappingMillis::default(),
                 rates: Rates::ZERO,
-                current: Current::UNKNOWN,
+                current: MotorCurrent::UNKNOWN,
                 part: CollectionPart::FREE,
             })
             .collect()

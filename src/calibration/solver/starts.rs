@@ -2,12 +2,12 @@
 
 use nalgebra::Matrix3;
 
-use super::attempts::Start;
+use super::attempts::AttemptStart;
 use crate::calibration::closed_form::starting_point::{self, SensorResponse, StartingPoint};
 use crate::calibration::closed_form::{compass_swing, four_ellipse, level_ellipse, two_plane};
 use crate::calibration::fit::levenberg_marquardt::Refinement;
 use crate::calibration::model::{Likelihood, ModelConfig};
-use crate::calibration::{Envelope, Method, Orientation, Prior, SamplePart, Samples, SolveError};
+use crate::calibration::{AttitudeEnvelope, Method, Orientation, Prior, SamplePart, Samples, SolveError};
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SampleCorrections {
@@ -40,7 +40,7 @@ pub(super) fn choose_starting_point(
     method: Method,
     samples: Samples<'_>,
     prior: &Prior,
-) -> Result<(StartingPoint, Start), SolveError> {
+) -> Result<(StartingPoint, AttemptStart), SolveError> {
     let rotation = prior.mount.body_from_sensor();
     let matches_mounting =
         |start: &StartingPoint| Orientation::nearest_to_rotation(&start.w) == Orientation::IDENTITY_ROTATION;
@@ -48,7 +48,7 @@ pub(super) fn choose_starting_point(
         && method != Method::Ellipsoid
         && let Some(start) = starting_point::vertical_component_start(samples, &rotation)
     {
-        return Ok((start, Start::ClosedForm));
+        return Ok((start, AttemptStart::ClosedForm));
     }
     let closed_form = match solve_closed_form(method, samples, &rotation, prior.inclination_rad) {
         Ok(response) => response.starting_point(),
@@ -60,12 +60,13 @@ pub(super) fn choose_starting_point(
         Some(start) if method == Method::MaximumLikelihood && !matches_mounting(&start) => {
             // Two planes need the direction of turn, which the bank gives only for aircraft that bank into turns.
             let tilted = starting_point::vertical_component_start(samples, &rotation).filter(matches_mounting);
-            Ok((tilted.unwrap_or(start), Start::ClosedForm))
+            Ok((tilted.unwrap_or(start), AttemptStart::ClosedForm))
         }
-        Some(start) => Ok((start, Start::ClosedForm)),
-        None if method.is_refined() => {
-            Ok((starting_point::sphere_start(samples, &rotation).ok_or(SolveError::NotConverged)?, Start::Sphere))
-        }
+        Some(start) => Ok((start, AttemptStart::ClosedForm)),
+        None if method.is_refined() => Ok((
+            starting_point::sphere_start(samples, &rotation).ok_or(SolveError::NotConverged)?,
+            AttemptStart::Sphere,
+        )),
         None => Err(SolveError::NotConverged),
     }
 }
@@ -87,7 +88,7 @@ pub(super) fn begin_refinement(
     let mut likelihood =
         Likelihood { latency_s: assumed.latency_s, ..Likelihood::new(prior, config, samples, start.unit_ut) };
     likelihood.motor_current.ut_per_a = assumed.ut_per_a;
-    if method == Method::CompassSwing && Envelope::for_samples(method, samples) == Envelope::Level {
+    if method == Method::CompassSwing && AttitudeEnvelope::for_samples(method, samples) == AttitudeEnvelope::Level {
         // The inclination is unobservable on level ground, and fixed at its start value.
         likelihood.known_inclination_rad = Some(start.inclination_rad);
     }

@@ -9,7 +9,7 @@ use crate::calibration::model::{
     FieldPrediction, Likelihood, MeasuredSample, ModelConfig, ModelParameters, NoiseModel, PriorQuantity,
     SampleEquations, UNKNOWN_COUNT, Vector13, for_each_prior,
 };
-use crate::calibration::{CollectionPart, Current, Prior, Rates, Sample, Samples};
+use crate::calibration::{CollectionPart, MotorCurrent, Prior, Rates, Sample, Samples};
 use crate::frames::{Attitude, Field, Level, wrap_pi};
 use crate::time::WrappingMillis;
 
@@ -177,7 +177,7 @@ fn sample_at(attitude: Attitude) -> Sample {
         attitude,
         rates: Rates::ZERO,
         time: WrappingMillis::default(),
-        current: Current::UNKNOWN,
+        current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     }
 }

@@ -8,7 +8,9 @@ use crate::calibration::closed_form::starting_point::StartingPoint;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::model::{Likelihood, ModelConfig, ModelParameters, NoiseModel, Vector13};
 use crate::calibration::tests::NO_PRIOR;
-use crate::calibration::{CollectionPart, Current, Mark, Orientation, Prior, Rates, Sample, Samples, SolveError};
+use crate::calibration::{
+    CollectionPart, HeadingMark, MotorCurrent, Orientation, Prior, Rates, Sample, Samples, SolveError,
+};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -18,7 +20,7 @@ fn sample(ut: [f32; 3]) -> Sample {
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
         rates: Rates::ZERO,
-        current: Current::UNKNOWN,
+        current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     }
 }
@@ -82,7 +84,7 @@ fn large_residuals_are_not_explained() {
 #[test]
 fn early_iterations_use_a_subset_of_many_samples() {
     let turn: Vec<Sample> = (0..512_u16).map(|i| sample([f32::from(i % 40), 20.0, 30.0])).collect();
-    let mark = Mark { sample: turn[0], heading_rad: 0.0 };
+    let mark = HeadingMark { sample: turn[0], heading_rad: 0.0 };
     for (samples, at_first) in [(512, 128), (384, 128), (383, 192), (256, 128), (255, 255), (12, 12)] {
         for marks in [&[][..], &[mark]] {
             let part = Parts { left: &turn[..samples], marks, ..Parts::default() }.samples();
@@ -112,7 +114,7 @@ fn early_iterations_use_a_subset_of_many_samples() {
 fn the_sample_mean_is_subtracted() {
     let mount = Orientation::from_name("yaw90").unwrap();
     let (left, right) = ([sample([10.0, 0.0, 5.0])], [sample([30.0, -8.0, 5.0])]);
-    let marks = [Mark { sample: sample([20.0, 20.0, 35.0]), heading_rad: 0.0 }];
+    let marks = [HeadingMark { sample: sample([20.0, 20.0, 35.0]), heading_rad: 0.0 }];
     let samples = Parts { left: &left, right: &right, marks: &marks, ..Parts::default() }.samples();
     let prior = Prior { mount, ..NO_PRIOR };
     let likelihood = Likelihood::new(&prior, ModelConfig::DEFAULT, samples, 10.0);
@@ -216,8 +218,10 @@ fn the_cost_sums_all_equations_and_priors() {
     let mut random = Random(61);
     let airframe = Airframe::random(&mut random, 0.2, 1.0, 5.0, [-60.0, 60.0]);
     let recorded = Flight::TYPICAL.fly(&airframe, &mut random);
-    let marks =
-        [Mark { sample: recorded.left[3], heading_rad: 1.0 }, Mark { sample: recorded.left[9], heading_rad: 2.0 }];
+    let marks = [
+        HeadingMark { sample: recorded.left[3], heading_rad: 1.0 },
+        HeadingMark { sample: recorded.left[9], heading_rad: 2.0 },
+    ];
     let samples = Parts { left: &recorded.left[..40], marks: &marks, ..Parts::default() }.samples();
     for config in [ModelConfig::DEFAULT, ModelConfig::WITHOUT_ATTITUDE] {
         let likelihood = Likelihood::new(&NO_PRIOR, config, samples, airframe.total_ut);

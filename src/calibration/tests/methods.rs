@@ -11,7 +11,8 @@ use crate::calibration::method_selection;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::{
-    ConsiderSigmas, Envelope, Mark, Method, Prior, Quality, Sample, SamplePart, Solution, SolveError, Solver, solve,
+    AttitudeEnvelope, ConsiderSigmas, HeadingMark, Method, Prior, Quality, Sample, SamplePart, Solution, SolveError,
+    Solver, solve,
 };
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
@@ -120,12 +121,12 @@ fn a_tilted_swing_determines_all_coefficients() {
     for seed in 0..50 {
         let mut random = Random(700 + seed);
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
-        let marks: Vec<Mark> = (0..24_u8)
+        let marks: Vec<HeadingMark> = (0..24_u8)
             .map(|i| {
                 let heading_rad = f32::from(i % 12) / 12.0 * TAU;
                 let attitude = Attitude::from_deg(if i < 12 { 20.0 } else { -20.0 }, 0.0);
                 let sample = sample(&airframe, attitude, heading_rad, 0.05, &mut random);
-                Mark { sample, heading_rad: heading_rad + (random.normal() * 0.5).to_radians() }
+                HeadingMark { sample, heading_rad: heading_rad + (random.normal() * 0.5).to_radians() }
             })
             .collect();
         let samples = Parts { marks: &marks, ..Parts::default() }.samples();
@@ -142,18 +143,18 @@ fn a_level_swing_is_accurate_level_and_honest_when_banked() {
     for seed in 0..50 {
         let mut random = Random(900 + seed);
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
-        let marks: Vec<Mark> = (0..8_u8)
+        let marks: Vec<HeadingMark> = (0..8_u8)
             .map(|i| {
                 let heading_rad = f32::from(i) / 8.0 * TAU;
                 let sample = sample(&airframe, Attitude::default(), heading_rad, 0.05, &mut random);
-                Mark { sample, heading_rad: heading_rad + (random.normal() * 0.5).to_radians() }
+                HeadingMark { sample, heading_rad: heading_rad + (random.normal() * 0.5).to_radians() }
             })
             .collect();
         let samples = Parts { marks: &marks, ..Parts::default() }.samples();
         let solution = solve(Method::CompassSwing, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
         let level = airframe.errors_at_deg(&solution.calibration, &[0.0]);
         assert!(rms(&level) < 1.5, "seed {seed}: {} deg", rms(&level));
-        assert_eq!(solution.quality.envelope, Envelope::Level);
+        assert_eq!(solution.quality.envelope, AttitudeEnvelope::Level);
         assert!(rms(&level) < 3.0 * solution.quality.expected_rms_deg, "seed {seed}: {} deg", rms(&level));
         // Banked headings have a larger sigma.
         let banks_deg = [30.0, -30.0];
@@ -165,8 +166,9 @@ fn a_level_swing_is_accurate_level_and_honest_when_banked() {
 #[test]
 fn too_few_marks_are_refused() {
     let airframe = airframe(Matrix3::identity(), [5.0, 3.0, 0.0]);
-    let mark = Mark { sample: sample(&airframe, Attitude::default(), 1.0, 0.0, &mut Random(0)), heading_rad: 1.0 };
-    let solve = |marks: &[Mark]| {
+    let mark =
+        HeadingMark { sample: sample(&airframe, Attitude::default(), 1.0, 0.0, &mut Random(0)), heading_rad: 1.0 };
+    let solve = |marks: &[HeadingMark]| {
         solve(Method::CompassSwing, Parts { marks, ..Parts::default() }.samples(), &NO_PRIOR).map(|_| ())
     };
     let missing = SolveError::TooFewSamples { part: SamplePart::Marks, have: 3, need: 4 };
@@ -224,12 +226,12 @@ fn a_configured_inclination_improves_a_level_swing_when_banked() {
     for seed in 0..50_u8 {
         let mut random = Random(5000 + u64::from(seed));
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
-        let marks: Vec<Mark> = (0..8_u8)
+        let marks: Vec<HeadingMark> = (0..8_u8)
             .map(|i| {
                 let heading_rad = f32::from(i) / 8.0 * TAU;
                 let tilt = Attitude::from_deg(random.normal() * 0.5, random.normal() * 0.5);
                 let sample = sample(&airframe, tilt, heading_rad, 0.05, &mut random);
-                Mark { sample, heading_rad: heading_rad + (random.normal() * 0.5).to_radians() }
+                HeadingMark { sample, heading_rad: heading_rad + (random.normal() * 0.5).to_radians() }
             })
             .collect();
         let samples = Parts { marks: &marks, ..Parts::default() }.samples();

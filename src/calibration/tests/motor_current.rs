@@ -10,7 +10,8 @@ use crate::calibration::tests::{NO_PRIOR, solved};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::verification;
 use crate::calibration::{
-    Calibration, Current, LeastSquares, Method, MotorCurrentInterference, Orientation, Prior, Sample, Solution, solve,
+    Calibration, LeastSquares, Method, MotorCurrent, MotorCurrentInterference, Orientation, Prior, Sample, Solution,
+    solve,
 };
 use crate::frames::Field;
 
@@ -40,7 +41,7 @@ fn fly(airframe: &Airframe, k: Vector3<f32>, currents: CurrentProfile, random: &
         for (i, sample) in side.iter_mut().enumerate() {
             let current_a = currents.current_a(i as f32 * 0.4, is_right, random);
             sample.field.ut += k * current_a;
-            sample.current = Current::from_a(Some(current_a));
+            sample.current = MotorCurrent::from_a(Some(current_a));
         }
     }
     recorded
@@ -148,7 +149,7 @@ fn without_current_there_is_no_estimate() {
     // Small enough to be accepted without the correction.
     let recorded = fly(&airframe, Vector3::new(0.05, -0.06, 0.03), CurrentProfile::Bursts, &mut random);
     let strip = |samples: &[Sample], every: usize| -> Vec<Sample> {
-        let current = |i: usize, s: &Sample| if i.is_multiple_of(every) { Current::UNKNOWN } else { s.current };
+        let current = |i: usize, s: &Sample| if i.is_multiple_of(every) { MotorCurrent::UNKNOWN } else { s.current };
         samples.iter().enumerate().map(|(i, s)| Sample { current: current(i, s), ..*s }).collect()
     };
     let with_every_nth_current =
@@ -355,7 +356,7 @@ fn current_statistics_are_those_of_the_samples() {
     let number = recorded.left.len() + recorded.right.len();
     for (unknown, is_known) in [(number / 4, true), (number / 4 + 1, false), (number, false)] {
         for sample in recorded.left.iter_mut().chain(&mut recorded.right).take(unknown) {
-            sample.current = Current::UNKNOWN;
+            sample.current = MotorCurrent::UNKNOWN;
         }
         assert_eq!(
             MotorCurrentInterference::from_samples(recorded.turns()) != MotorCurrentInterference::NO_INTERFERENCE,

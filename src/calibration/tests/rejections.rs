@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, level_circle, rms, sample, vector};
 use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::{
-    Axis, Mark, Method, Orientation, Sample, SamplePart, Samples, Side, Solution, SolveError, Solver, solve,
+    Axis, HeadingMark, Method, Orientation, Sample, SamplePart, Samples, Side, Solution, SolveError, Solver, solve,
 };
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
@@ -38,7 +38,7 @@ fn too_few_samples_reports_the_part() {
     let level = level_circle(&airframe, 11, &mut Random(1));
     let level = Parts { level: &level, ..Parts::default() }.samples();
     assert_eq!(solve_error(Method::Level, level), missing(SamplePart::Level, 11, 12));
-    let mark = Mark { sample: left[0], heading_rad: 1.0 };
+    let mark = HeadingMark { sample: left[0], heading_rad: 1.0 };
     let marks = Parts { marks: &[mark; 3], ..Parts::default() }.samples();
     assert_eq!(solve_error(Method::CompassSwing, marks), missing(SamplePart::Marks, 3, 4));
 }
@@ -96,7 +96,7 @@ fn unobservable_coefficients_are_reported() {
     let (airframe, recorded) = ordinary_flight(Flight { wander_deg: 0.5, ..Flight::TYPICAL });
     assert_eq!(solve_error(Method::Ellipsoid, recorded.turns()), Some(SolveError::NotDetermined(SamplePart::All)));
     let still = sample(&airframe, Attitude::default(), 1.0, 0.0, &mut Random(0));
-    let marks = Parts { marks: &[Mark { sample: still, heading_rad: 1.0 }; 6], ..Parts::default() }.samples();
+    let marks = Parts { marks: &[HeadingMark { sample: still, heading_rad: 1.0 }; 6], ..Parts::default() }.samples();
     assert_eq!(solve_error(Method::CompassSwing, marks), Some(SolveError::NotDetermined(SamplePart::Marks)));
 }
 

@@ -6,7 +6,9 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 pub use testkit::random::Random;
 
 use crate::calibration::closed_form::starting_point::StartingPoint;
-use crate::calibration::{Calibration, CollectionPart, Current, Mark, Orientation, Rates, Sample, Samples, Side};
+use crate::calibration::{
+    Calibration, CollectionPart, HeadingMark, MotorCurrent, Orientation, Rates, Sample, Samples, Side,
+};
 use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 
@@ -100,7 +102,7 @@ pub fn sample(airframe: &Airframe, attitude: Attitude, heading_rad: f32, noise_u
         attitude,
         time: WrappingMillis::default(),
         rates: Rates::ZERO,
-        current: Current::UNKNOWN,
+        current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     }
 }
@@ -221,7 +223,7 @@ impl Flight {
                     },
                     time: WrappingMillis::new(u32::from(i) * 500),
                     rates: Rates::ZERO,
-                    current: Current::UNKNOWN,
+                    current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 }
             })
@@ -242,7 +244,7 @@ pub struct Parts<'a> {
     pub right: &'a [Sample],
     pub level: &'a [Sample],
     pub free: &'a [Sample],
-    pub marks: &'a [Mark],
+    pub marks: &'a [HeadingMark],
 }
 
 impl Parts<'_> {

@@ -2,8 +2,8 @@
 
 use crate::calibration::tests::synthetic::Parts;
 use crate::calibration::{
-    Axis, Calibration, CollectionPart, Current, Envelope, Mark, Method, MotorCurrentInterference, Orientation, Quality,
-    Rates, Sample, SamplePart, Samples, Side, matrix_rows,
+    AttitudeEnvelope, Axis, Calibration, CollectionPart, HeadingMark, Method, MotorCurrent, MotorCurrentInterference,
+    Orientation, Quality, Rates, Sample, SamplePart, Samples, Side, matrix_rows,
 };
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
@@ -14,7 +14,7 @@ fn sample(x_ut: f32) -> Sample {
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
         rates: Rates::ZERO,
-        current: Current::UNKNOWN,
+        current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     }
 }
@@ -22,7 +22,7 @@ fn sample(x_ut: f32) -> Sample {
 /// 1,024 samples of a flight are kept in RAM.
 #[test]
 fn a_sample_takes_36_bytes() {
-    assert_eq!((size_of::<Sample>(), size_of::<Mark>()), (36, 40));
+    assert_eq!((size_of::<Sample>(), size_of::<HeadingMark>()), (36, 40));
 }
 
 /// Roll wraps at 180 deg, pitch does not; both are constant without rates.
@@ -43,7 +43,7 @@ fn attitude_is_extrapolated_with_its_rates() {
 #[test]
 fn iter_omits_marks_and_all_includes_them() {
     let (left, right, level) = ([sample(1.0), sample(2.0)], [sample(3.0)], [sample(4.0), sample(5.0)]);
-    let marks = [Mark { sample: sample(6.0), heading_rad: 0.0 }];
+    let marks = [HeadingMark { sample: sample(6.0), heading_rad: 0.0 }];
     let samples = Parts { left: &left, right: &right, level: &level, marks: &marks, ..Parts::default() }.samples();
     let numbers = |iter: &mut dyn Iterator<Item = &Sample>| -> Vec<f32> { iter.map(|s| s.field.ut.x).collect() };
     assert_eq!(numbers(&mut samples.iter()), [1.0, 2.0, 3.0, 4.0, 5.0]);
@@ -144,10 +144,10 @@ fn only_banked_samples_with_attitude_determine_all_coefficients() {
         latency: None,
         knows_inclination: true,
     };
-    assert!(quality(Method::MaximumLikelihood, Envelope::Banked).determines_all_coefficients());
-    assert!(quality(Method::CompassSwing, Envelope::Banked).determines_all_coefficients());
-    assert!(!quality(Method::CompassSwing, Envelope::Level).determines_all_coefficients());
-    assert!(!quality(Method::Level, Envelope::Level).determines_all_coefficients());
-    assert!(!quality(Method::Ellipsoid, Envelope::Banked).determines_all_coefficients());
-    assert!(!quality(Method::Ellipsoid, Envelope::Level).determines_all_coefficients());
+    assert!(quality(Method::MaximumLikelihood, AttitudeEnvelope::Banked).determines_all_coefficients());
+    assert!(quality(Method::CompassSwing, AttitudeEnvelope::Banked).determines_all_coefficients());
+    assert!(!quality(Method::CompassSwing, AttitudeEnvelope::Level).determines_all_coefficients());
+    assert!(!quality(Method::Level, AttitudeEnvelope::Level).determines_all_coefficients());
+    assert!(!quality(Method::Ellipsoid, AttitudeEnvelope::Banked).determines_all_coefficients());
+    assert!(!quality(Method::Ellipsoid, AttitudeEnvelope::Level).determines_all_coefficients());
 }

@@ -11,7 +11,7 @@ pub struct Quality {
     /// Method of the solution.
     pub method: Method,
     /// Attitudes for which the error is expected.
-    pub envelope: Envelope,
+    pub envelope: AttitudeEnvelope,
     /// Expected heading error (1 sigma), RMS over the envelope, degrees.
     pub expected_rms_deg: f32,
     /// Expected heading error (1 sigma) at the worst heading and bank of the envelope, degrees.
@@ -44,21 +44,21 @@ impl Quality {
     /// Whether all twelve coefficients, mounting included, were determined.
     #[must_use]
     pub fn determines_all_coefficients(&self) -> bool {
-        self.envelope == Envelope::Banked && self.method != Method::Ellipsoid
+        self.envelope == AttitudeEnvelope::Banked && self.method != Method::Ellipsoid
     }
 }
 
 /// Attitudes of the expected error: twelve headings at each bank.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub enum Envelope {
+pub enum AttitudeEnvelope {
     /// Bank -30, 0 and 30 deg.
     Banked,
     /// Zero bank.
     Level,
 }
 
-impl Envelope {
+impl AttitudeEnvelope {
     /// Bank above which a sample belongs to a turn, radians. A calibration without such samples is for level headings
     /// only. Samples of arbitrary attitude are also tested in pitch, because a vehicle that pitches to accelerate also
     /// banks.

@@ -46,9 +46,9 @@ const STEPS_PER_A: f32 = 64.0;
 
 /// Motor current, 1/64 A, up to 512 A; -1 if unknown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Current(i16);
+pub struct MotorCurrent(i16);
 
-impl Current {
+impl MotorCurrent {
     /// No current is reported.
     pub const UNKNOWN: Self = Self(-1);
 
@@ -112,16 +112,16 @@ mod tests {
     /// An unknown current differs from 0 A.
     #[test]
     fn currents_round_trip_within_half_a_step() {
-        assert_eq!(Current::UNKNOWN.amperes(), None);
-        assert_eq!(Current::from_a(None), Current::UNKNOWN);
+        assert_eq!(MotorCurrent::UNKNOWN.amperes(), None);
+        assert_eq!(MotorCurrent::from_a(None), MotorCurrent::UNKNOWN);
         for given in [0.0, 0.01, 0.5, 1.0, 10.0, 47.0, 200.0, 511.0] {
-            let kept = Current::from_a(Some(given)).amperes().unwrap();
+            let kept = MotorCurrent::from_a(Some(given)).amperes().unwrap();
             assert!((kept - given).abs() <= 0.5 / 64.0, "{given} {kept}");
         }
-        assert_eq!(Current::from_a(Some(-5.0)).amperes(), Some(0.0));
+        assert_eq!(MotorCurrent::from_a(Some(-5.0)).amperes(), Some(0.0));
         for much in [512.0, 1e9, f32::INFINITY] {
-            assert_eq!(Current::from_a(Some(much)).amperes(), Some(511.984_38), "{much}");
+            assert_eq!(MotorCurrent::from_a(Some(much)).amperes(), Some(511.984_38), "{much}");
         }
-        assert_eq!(Current::from_a(Some(f32::NAN)), Current::UNKNOWN);
+        assert_eq!(MotorCurrent::from_a(Some(f32::NAN)), MotorCurrent::UNKNOWN);
     }
 }

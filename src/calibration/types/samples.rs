@@ -2,7 +2,7 @@
 
 use core::fmt::Debug;
 
-use super::rates::{Current, Rates};
+use super::rates::{MotorCurrent, Rates};
 use crate::frames::{Attitude, Field, Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 
@@ -16,7 +16,7 @@ pub struct Sample {
     /// Rates of the attitude angles.
     pub rates: Rates,
     /// Motor current during the sample.
-    pub current: Current,
+    pub current: MotorCurrent,
     /// Time of the measurement. Only order and differences within one turn are used.
     pub time: WrappingMillis,
     /// Part of the collection; [`CollectionPart::FREE`] before its assignment.
@@ -110,12 +110,12 @@ pub struct Samples<'a> {
     /// Whether the view leaves a part out, by [`CollectionPart::index`].
     is_excluded: [bool; CollectionPart::ALL_PARTS.len()],
     /// Samples with a given heading.
-    pub marks: &'a [Mark],
+    pub marks: &'a [HeadingMark],
 }
 
 /// A sample with a known heading (compass swing). 40 bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mark {
+pub struct HeadingMark {
     /// Sample at the mark.
     pub sample: Sample,
     /// Magnetic heading, radians.
@@ -158,7 +158,7 @@ impl<'a> Samples<'a> {
 
     /// The same samples with other compass-swing marks.
     #[must_use]
-    pub const fn with_marks(mut self, marks: &'a [Mark]) -> Self {
+    pub const fn with_marks(mut self, marks: &'a [HeadingMark]) -> Self {
         self.marks = marks;
         self
     }
@@ -253,11 +253,11 @@ mod tests {
             attitude: Attitude::default(),
             rates: Rates::ZERO,
             time: WrappingMillis::new(time_ms),
-            current: Current::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         };
         let [left, right, level, free] = [[1, 2], [3, 4], [5, 6], [7, 8]].map(|times| times.map(sample));
-        let marks = [Mark { sample: sample(9), heading_rad: 0.0 }];
+        let marks = [HeadingMark { sample: sample(9), heading_rad: 0.0 }];
         Parts { left: &left, right: &right, level: &level, free: &free, marks: &marks }.samples()
     }
 

@@ -47,7 +47,7 @@ impl<'a> Iterator for TimeOrdered<'a> {
 mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
-    use crate::calibration::{Current, Rates};
+    use crate::calibration::{MotorCurrent, Rates};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -57,7 +57,7 @@ mod tests {
             attitude: Attitude::default(),
             time: WrappingMillis::new(millis),
             rates: Rates::ZERO,
-            current: Current::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         };
         millis.iter().map(sample).collect()

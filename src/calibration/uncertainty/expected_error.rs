@@ -8,7 +8,7 @@ use nalgebra::Matrix3;
 
 use super::coefficient_covariance::CoefficientCovariance;
 use crate::calibration::model::{Vector12, coefficient_jacobian_row, heading_by_field};
-use crate::calibration::{Calibration, Envelope, inverse};
+use crate::calibration::{AttitudeEnvelope, Calibration, inverse};
 use crate::frames::{Attitude, Field, Level};
 use crate::trig;
 use crate::trig::sqrt;
@@ -68,7 +68,7 @@ impl fmt::Display for Deviation {
 pub(in crate::calibration) fn expected_heading_error(
     calibration: &Calibration,
     covariance: &CoefficientCovariance,
-    envelope: Envelope,
+    envelope: AttitudeEnvelope,
 ) -> Option<ExpectedError> {
     let at = EnvelopeModel::new(calibration)?;
     let (rms_deg, worst_deg) = at.rms_and_worst_deg(covariance, envelope)?;
@@ -77,7 +77,7 @@ pub(in crate::calibration) fn expected_heading_error(
     };
     let weakest = Deviation::ALL_DEVIATIONS
         .into_iter()
-        .filter(|&part| part != Deviation::Heeling || envelope == Envelope::Banked)
+        .filter(|&part| part != Deviation::Heeling || envelope == AttitudeEnvelope::Banked)
         .map(|part| (part, size(part)))
         .fold((Deviation::Constant, 0.0), |a, b| if b.1 > a.1 { b } else { a });
     Some(ExpectedError { rms_deg, worst_deg, weakest_deviation: weakest })
@@ -86,7 +86,7 @@ pub(in crate::calibration) fn expected_heading_error(
 pub(in crate::calibration) fn expected_rms_deg(
     calibration: &Calibration,
     covariance: &CoefficientCovariance,
-    envelope: Envelope,
+    envelope: AttitudeEnvelope,
 ) -> Option<f32> {
     EnvelopeModel::new(calibration)?.rms_and_worst_deg(covariance, envelope).map(|(rms_deg, _)| rms_deg)
 }
@@ -109,7 +109,7 @@ impl EnvelopeModel {
         coefficient_jacobian_row(&heading_by_field(&tilt, &level.ut), &x)
     }
 
-    fn rms_and_worst_deg(&self, covariance: &CoefficientCovariance, envelope: Envelope) -> Option<(f32, f32)> {
+    fn rms_and_worst_deg(&self, covariance: &CoefficientCovariance, envelope: AttitudeEnvelope) -> Option<(f32, f32)> {
         let mut sum = 0.0;
         let mut worst: f32 = 0.0;
         for &bank_deg in envelope.banks_deg() {
@@ -161,7 +161,7 @@ mod tests {
     use super::*;
     use crate::calibration::model::{beta_index, w_index};
     use crate::calibration::tests::synthetic::{max_abs, mean, rms};
-    use crate::calibration::{CollectionPart, Current, Method, Orientation, Rates, Sample, matrix_rows};
+    use crate::calibration::{CollectionPart, Method, MotorCurrent, Orientation, Rates, Sample, matrix_rows};
     use crate::frames::wrap_pi;
     use crate::time::WrappingMillis;
 
@@ -169,7 +169,7 @@ mod tests {
         Calibration { inclination_rad: 0.9, total_ut: 1.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
     }
 
-    fn expected_of(wrong: &[(usize, f32)], envelope: Envelope) -> ExpectedError {
+    fn expected_of(wrong: &[(usize, f32)], envelope: AttitudeEnvelope) -> ExpectedError {
         let mut direction = Vector12::zeros();
         for &(index, size) in wrong {
             direction[index] = size;
@@ -194,32 +194,37 @@ mod tests {
     #[test]
     fn the_weakest_part_identifies_the_cause() {
         let turned = [(w_index(0, 1), -0.02), (w_index(1, 0), 0.02)];
-        let constant = expected_of(&turned, Envelope::Banked).weakest_deviation;
+        let constant = expected_of(&turned, AttitudeEnvelope::Banked).weakest_deviation;
         assert_eq!(constant.0, Deviation::Constant);
         assert!((constant.1 - 0.02_f32.to_degrees()).abs() < 0.01, "{constant:?}");
         for axis in [0, 1] {
-            let semicircular = expected_of(&[(beta_index(axis), 0.02)], Envelope::Banked).weakest_deviation;
+            let semicircular = expected_of(&[(beta_index(axis), 0.02)], AttitudeEnvelope::Banked).weakest_deviation;
             assert_eq!(semicircular.0, Deviation::Semicircular);
             let amplitude_deg = (0.02 / 0.9_f32.cos()).to_degrees();
             assert!((semicircular.1 - amplitude_deg / 2_f32.sqrt()).abs() < 0.01, "{semicircular:?}");
         }
         for wrong in [&[(w_index(0, 0), 0.02), (w_index(1, 1), -0.02)], &[(w_index(0, 1), 0.02), (w_index(1, 0), 0.02)]]
         {
-            let quadrantal = expected_of(wrong, Envelope::Level).weakest_deviation;
+            let quadrantal = expected_of(wrong, AttitudeEnvelope::Level).weakest_deviation;
             assert_eq!(quadrantal.0, Deviation::Quadrantal);
             assert!((quadrantal.1 - 0.02_f32.to_degrees() / 2_f32.sqrt()).abs() < 0.01, "{quadrantal:?}");
         }
-        let heeling = expected_of(&[(beta_index(2), 0.02)], Envelope::Banked).weakest_deviation;
+        let heeling = expected_of(&[(beta_index(2), 0.02)], AttitudeEnvelope::Banked).weakest_deviation;
         assert_eq!(heeling.0, Deviation::Heeling);
         let [right, left] = [30.0, -30.0].map(|bank_deg| errors_deg(Matrix3::zeros(), [0.0, 0.0, 0.02], &[bank_deg]));
         let halves: Vec<f32> = right.iter().zip(left).map(|(right, left)| (right - left) / 2.0).collect();
         assert!((heeling.1 - rms(&halves)).abs() < 0.02 * rms(&halves), "{heeling:?} {}", rms(&halves));
-        assert_ne!(expected_of(&[(beta_index(2), 0.02)], Envelope::Level).weakest_deviation.0, Deviation::Heeling);
+        assert_ne!(
+            expected_of(&[(beta_index(2), 0.02)], AttitudeEnvelope::Level).weakest_deviation.0,
+            Deviation::Heeling
+        );
     }
 
     #[test]
     fn expected_error_equals_the_error_of_perturbed_calibrations() {
-        for (envelope, banks_deg) in [(Envelope::Banked, &[-30.0, 0.0, 30.0][..]), (Envelope::Level, &[0.0])] {
+        for (envelope, banks_deg) in
+            [(AttitudeEnvelope::Banked, &[-30.0, 0.0, 30.0][..]), (AttitudeEnvelope::Level, &[0.0])]
+        {
             let beta_z = expected_of(&[(beta_index(2), 0.01), (w_index(0, 2), 0.01)], envelope);
             let mut change = Matrix3::zeros();
             change[(0, 2)] = 0.01;
@@ -234,11 +239,11 @@ mod tests {
     #[test]
     fn non_finite_errors_are_rejected() {
         let flat = Calibration { w: [[0.0; 3]; 3], ..clean() };
-        assert_eq!(expected_heading_error(&flat, &CoefficientCovariance::ZERO, Envelope::Level), None);
+        assert_eq!(expected_heading_error(&flat, &CoefficientCovariance::ZERO, AttitudeEnvelope::Level), None);
         let mut covariance = CoefficientCovariance::ZERO;
         covariance.set_lower_triangle(|_, _| 1e38);
-        assert_eq!(expected_heading_error(&clean(), &covariance, Envelope::Level), None);
-        let nothing = expected_heading_error(&clean(), &CoefficientCovariance::ZERO, Envelope::Level).unwrap();
+        assert_eq!(expected_heading_error(&clean(), &covariance, AttitudeEnvelope::Level), None);
+        let nothing = expected_heading_error(&clean(), &CoefficientCovariance::ZERO, AttitudeEnvelope::Level).unwrap();
         assert_eq!(
             [nothing.rms_deg.to_bits(), nothing.worst_deg.to_bits(), nothing.weakest_deviation.1.to_bits()],
             [0; 3]
@@ -252,18 +257,18 @@ mod tests {
             attitude: Attitude::from_deg(roll_deg, 0.0),
             time: WrappingMillis::default(),
             rates: Rates::ZERO,
-            current: Current::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         };
         let of = |method, rolls_deg: &[f32]| {
             let level: Vec<Sample> = rolls_deg.iter().map(|&roll_deg| sample(roll_deg)).collect();
-            Envelope::for_samples(method, Parts { level: &level, ..Parts::default() }.samples())
+            AttitudeEnvelope::for_samples(method, Parts { level: &level, ..Parts::default() }.samples())
         };
-        assert_eq!(of(Method::CompassSwing, &[9.9, -9.9, 0.0]), Envelope::Level);
-        assert_eq!(of(Method::CompassSwing, &[0.0, 10.1]), Envelope::Banked);
-        assert_eq!(of(Method::MaximumLikelihood, &[-10.1, 0.0]), Envelope::Banked);
-        assert_eq!(of(Method::Level, &[20.0, -20.0]), Envelope::Level);
-        assert_eq!(of(Method::Ellipsoid, &[0.0]), Envelope::Banked);
+        assert_eq!(of(Method::CompassSwing, &[9.9, -9.9, 0.0]), AttitudeEnvelope::Level);
+        assert_eq!(of(Method::CompassSwing, &[0.0, 10.1]), AttitudeEnvelope::Banked);
+        assert_eq!(of(Method::MaximumLikelihood, &[-10.1, 0.0]), AttitudeEnvelope::Banked);
+        assert_eq!(of(Method::Level, &[20.0, -20.0]), AttitudeEnvelope::Level);
+        assert_eq!(of(Method::Ellipsoid, &[0.0]), AttitudeEnvelope::Banked);
     }
 
     #[test]

@@ -7,13 +7,13 @@ use super::level_limits::is_level;
 use super::min_distance;
 use super::part_view::{PART_COUNT, PartView, coverage};
 use super::progress::CollectionProgress;
-use super::quota::{Quota, SampleUse};
-use super::retained_samples::{Header, RetainedSamples};
+use super::quota::{SampleQuota, SampleUse};
+use super::retained_samples::{CollectionHeader, RetainedSamples};
 use super::sector_balance::SectorBalance;
 use super::state::{CollectionContext, CollectionState};
 use super::turn_detector::{TurnDetector, TurnDetectorConfig};
 use crate::calibration::method_selection::Procedure;
-use crate::calibration::{CollectionPart, Mark, Method, Sample, Samples, Solution};
+use crate::calibration::{CollectionPart, HeadingMark, Method, Sample, Samples, Solution};
 use crate::time::WrappingMillis;
 
 /// Fit samples (4 s of flight) below which a loss is not reported.
@@ -27,7 +27,7 @@ const RESTART_GAP_MS: u32 = 1000;
 pub struct Collector<'a> {
     memory: &'a mut RetainedSamples,
     /// State of the collection; stored in the memory by [`Collector::update_header`].
-    header: Header,
+    header: CollectionHeader,
     restored_context: Option<CollectionContext>,
     /// Whether data changed since the header's checksum.
     has_changed: bool,
@@ -95,7 +95,7 @@ impl<'a> Collector<'a> {
         self.has_changed = false;
         if is_over {
             self.reset_restart_count();
-            return self.memory.write_header_and_checksum(Header::EMPTY);
+            return self.memory.write_header_and_checksum(CollectionHeader::EMPTY);
         }
         self.header.set_context(context);
         self.header.clock_ms = self.tilt_filter.last_sample_at().map_or(self.clock_offset_ms, WrappingMillis::as_ms);
@@ -134,9 +134,9 @@ impl<'a> Collector<'a> {
     }
 
     fn push_tumble_sample(&mut self, sample: Sample) -> bool {
-        let Header { part_states: parts, min_distance_ut, .. } = &mut self.header;
+        let CollectionHeader { part_states: parts, min_distance_ut, .. } = &mut self.header;
         let part = PartView::new(CollectionPart::FREE, &mut self.memory.samples, parts, &mut self.last_taken_at);
-        min_distance::push_sample(part, Quota::TURN, min_distance_ut, sample)
+        min_distance::push_sample(part, SampleQuota::TURN, min_distance_ut, sample)
     }
 
     fn push_free_flight_sample(&mut self, sample: Sample) -> bool {
@@ -169,7 +169,7 @@ impl<'a> Collector<'a> {
     }
 
     /// Stores a sample at a known heading; returns false if there is no room.
-    pub fn add_mark(&mut self, mut mark: Mark) -> bool {
+    pub fn add_mark(&mut self, mut mark: HeadingMark) -> bool {
         mark.sample.time = mark.sample.time.plus_ms(self.clock_offset_ms);
         self.has_changed = true;
         let room = self.memory.marks.get_mut(usize::from(self.header.mark_count));
@@ -183,7 +183,7 @@ impl<'a> Collector<'a> {
 
     /// Discards all samples and starts a procedure.
     pub fn begin_procedure(&mut self, procedure: Procedure) {
-        self.header = Header::new(procedure, min_distance::INITIAL_DISTANCE_UT);
+        self.header = CollectionHeader::new(procedure, min_distance::INITIAL_DISTANCE_UT);
         self.memory.samples.clear();
         self.detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
         self.tilt_filter = TiltFilter::NOT_STARTED;

@@ -2,7 +2,7 @@ use super::super::test_samples::{banked_sample, circle_sample, empty_memory, sam
 use super::*;
 use crate::calibration::Side;
 use crate::collection::level_limits::LevelLimits;
-use crate::collection::progress::Coverage;
+use crate::collection::progress::PartCoverage;
 
 fn started_collector(procedure: Procedure) -> Collector<'static> {
     let mut collector = Collector::new(empty_memory());
@@ -106,7 +106,7 @@ fn a_flight_and_a_level_drive_become_complete() {
 #[test]
 fn there_is_room_for_thirty_six_marks() {
     let mut collector = started_collector(Procedure::Swing);
-    let mark = |i: u16| Mark { sample: circle_sample(f32::from(i) * 10.0), heading_rad: f32::from(i) };
+    let mark = |i: u16| HeadingMark { sample: circle_sample(f32::from(i) * 10.0), heading_rad: f32::from(i) };
     for i in 0..36 {
         assert!(collector.add_mark(mark(i)), "mark {i}");
     }
@@ -119,7 +119,7 @@ fn there_is_room_for_thirty_six_marks() {
 fn a_new_collection_discards_the_last_one() {
     let mut collector = started_collector(Procedure::Swing);
     collector.push(banked_sample(0.0, 0.0, 0));
-    collector.add_mark(Mark { sample: circle_sample(0.0), heading_rad: 0.0 });
+    collector.add_mark(HeadingMark { sample: circle_sample(0.0), heading_rad: 0.0 });
     collector.begin_procedure(Procedure::Turns);
     hold_bank(&mut collector, 25.0, 0, 5);
     assert_eq!((collector.procedure(), sample_counts(&collector)), (Procedure::Turns, [0, 8, 0, 0]));
@@ -140,7 +140,7 @@ fn a_new_collection_restarts_its_policy() {
     collector.begin_procedure(Procedure::Flight);
     (0..3).for_each(|i| collector.push(sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
     collector.begin_procedure(Procedure::Flight);
-    assert_eq!((collector.progress().left_turns, collector.distinct_samples()), (Coverage::default(), 0));
+    assert_eq!((collector.progress().left_turns, collector.distinct_samples()), (PartCoverage::default(), 0));
     (0..4).for_each(|i| collector.push(sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
     assert_eq!((collector.distinct_samples(), collector.stored_count()), (4, 4));
     assert_eq!(collector.held_back().iter().map(|held| held.time.as_ms()).collect::<Vec<_>>(), [300]);

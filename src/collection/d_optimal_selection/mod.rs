@@ -23,7 +23,7 @@ use crate::calibration::{
     Calibration, FieldPrediction, InformationMatrix, JacobianRow, LeastSquares, Orientation, Quality, Sample, Samples,
     fit_sphere,
 };
-use crate::trig::Length as _;
+use crate::trig::VectorLength as _;
 
 /// Prior information on each unknown, in units of inclination equations. Keeps the matrix invertible, above `f32`
 /// rounding in the sum over all samples.

@@ -118,7 +118,7 @@ fn arcs_are_reported() {
         through(1.3, 90)
     );
     let progress_of = |samples, sectors| CollectionProgress {
-        right_turns: super::super::progress::Coverage { samples, covered_sectors: sectors, ..Default::default() },
+        right_turns: super::super::progress::PartCoverage { samples, covered_sectors: sectors, ..Default::default() },
         ..CollectionProgress::default()
     };
     let (mut both, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);

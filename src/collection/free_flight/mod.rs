@@ -2,11 +2,11 @@
 
 use super::d_optimal_selection::DOptimalSelection;
 use super::part_view::PartView;
-use super::quota::{Quota, SampleUse};
+use super::quota::{SampleQuota, SampleUse};
 use crate::calibration::{Sample, Samples};
 use crate::frames::{Attitude, wrap_pi};
 use crate::trig;
-use crate::trig::Length as _;
+use crate::trig::VectorLength as _;
 
 /// Smallest change of the field between distinct samples, microtesla: three sigma of an averaged sample.
 const MIN_FIELD_CHANGE_UT: f32 = 1.0;
@@ -35,7 +35,7 @@ pub(super) fn push_sample(
         return FreeFlightSample::Ignored;
     }
     let purpose = part.count_and_assign_use(&sample);
-    if !part.is_full(purpose, Quota::WHOLE_BUFFER) {
+    if !part.is_full(purpose, SampleQuota::WHOLE_BUFFER) {
         part.insert(purpose, sample);
         return FreeFlightSample::Stored;
     }
@@ -50,7 +50,7 @@ pub(super) fn push_sample(
 
 /// Ends of the sections in which samples are in order of time: a sample replaces one of its section.
 fn section_ends(purpose: SampleUse, length: usize) -> [usize; 3] {
-    let turn = Quota::TURN.quota_of(purpose);
+    let turn = SampleQuota::TURN.quota_of(purpose);
     [turn, 2 * turn, length].map(|end| end.min(length))
 }
 

@@ -1,7 +1,7 @@
 use super::super::test_samples::{TestBuffer, sample, turn_samples};
 use super::*;
 use crate::calibration::CollectionPart;
-use crate::collection::progress::Coverage;
+use crate::collection::progress::PartCoverage;
 
 /// A free flight.
 struct FreeFlight {
@@ -34,7 +34,7 @@ impl FreeFlight {
         times(self.buffer.held_back(CollectionPart::FREE))
     }
 
-    fn coverage(&mut self) -> Coverage {
+    fn coverage(&mut self) -> PartCoverage {
         self.buffer.coverage(CollectionPart::FREE)
     }
 }
@@ -59,7 +59,7 @@ fn free_flight_samples_are_stored_until_full() {
     all.sort_unstable();
     assert_eq!(all, (0..400).map(|i| i * 100).collect::<Vec<_>>());
     assert!(fit.is_sorted());
-    assert_eq!(flight.coverage(), Coverage { samples: 300, held_back_count: 100, ..Coverage::default() });
+    assert_eq!(flight.coverage(), PartCoverage { samples: 300, held_back_count: 100, ..PartCoverage::default() });
     assert!(
         flight.buffer.fit_samples(CollectionPart::LEFT).is_empty()
             && flight.buffer.held_back(CollectionPart::LEVEL).is_empty()
@@ -76,7 +76,7 @@ fn informative_samples_replace_uninformative_ones() {
     let mut banked_sum = 0;
     for purpose in [SampleUse::Fit, SampleUse::Verification] {
         let (samples, capacity) =
-            (flight.buffer.samples.part(purpose, CollectionPart::FREE), Quota::WHOLE_BUFFER.quota_of(purpose));
+            (flight.buffer.samples.part(purpose, CollectionPart::FREE), SampleQuota::WHOLE_BUFFER.quota_of(purpose));
         let banked = samples.iter().filter(|s| s.attitude.roll_rad.abs() > 0.3).count();
         banked_sum += banked;
         assert_eq!(samples.len(), capacity);

@@ -2,9 +2,9 @@
 
 use super::part_view::PartView;
 use super::progress::percent;
-use super::quota::{Quota, SampleUse};
+use super::quota::{SampleQuota, SampleUse};
 use crate::calibration::Sample;
-use crate::trig::Length as _;
+use crate::trig::VectorLength as _;
 
 /// Initial minimum distance between samples, microtesla: a thirtieth of a circle in a weak field.
 pub(super) const INITIAL_DISTANCE_UT: f32 = 5.0;
@@ -14,11 +14,11 @@ const DISTANCE_GROWTH: f32 = 1.3;
 
 /// Fit samples that count as 100 percent.
 const COMPLETE_SAMPLE_COUNT: u16 = 66;
-const _: () = assert!(COMPLETE_SAMPLE_COUNT as usize <= Quota::TURN.fit_quota);
+const _: () = assert!(COMPLETE_SAMPLE_COUNT as usize <= SampleQuota::TURN.fit_quota);
 
 /// Stores a sample of any attitude if it is due and at least `distance_ut` from the others; increases the distance when
 /// the quota is used. Returns whether the sample was stored.
-pub(super) fn push_sample(mut part: PartView<'_>, quota: Quota, distance_ut: &mut f32, sample: Sample) -> bool {
+pub(super) fn push_sample(mut part: PartView<'_>, quota: SampleQuota, distance_ut: &mut f32, sample: Sample) -> bool {
     let is_far = !part.fit_then_held_back().iter().any(|other| field_distance(other, &sample) < *distance_ut);
     let is_taken = part.is_due(&sample) && is_far;
     if is_taken {
@@ -30,7 +30,7 @@ pub(super) fn push_sample(mut part: PartView<'_>, quota: Quota, distance_ut: &mu
 }
 
 /// Stores a sample; for the fit if there is no room among the held-back ones.
-fn store(part: &mut PartView<'_>, purpose: SampleUse, quota: Quota, distance_ut: &mut f32, sample: Sample) {
+fn store(part: &mut PartView<'_>, purpose: SampleUse, quota: SampleQuota, distance_ut: &mut f32, sample: Sample) {
     if purpose == SampleUse::Verification && !part.is_full(purpose, quota) {
         return part.insert(purpose, sample);
     }

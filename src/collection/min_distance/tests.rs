@@ -1,23 +1,23 @@
 use super::super::test_samples::{TestBuffer, sample};
 use super::*;
 use crate::calibration::CollectionPart;
-use crate::collection::progress::Coverage;
+use crate::collection::progress::PartCoverage;
 
 /// A tumble.
 struct Tumble {
     buffer: TestBuffer,
-    quota: Quota,
+    quota: SampleQuota,
     distance_ut: f32,
 }
 
 impl Tumble {
-    fn new(quota: Quota) -> Self {
+    fn new(quota: SampleQuota) -> Self {
         Self { buffer: TestBuffer::new(), quota, distance_ut: INITIAL_DISTANCE_UT }
     }
 
     /// Collects a number of points on a line, `step_ut` apart.
     fn on_line(number: u32, step_ut: f32) -> Self {
-        let mut tumble = Self::new(Quota::TURN);
+        let mut tumble = Self::new(SampleQuota::TURN);
         (0..number).for_each(|i| tumble.push_at(i as f32 * step_ut, i * 400));
         tumble
     }
@@ -39,7 +39,7 @@ impl Tumble {
         self.buffer.stored(CollectionPart::FREE)
     }
 
-    fn coverage(&mut self) -> Coverage {
+    fn coverage(&mut self) -> PartCoverage {
         self.buffer.coverage(CollectionPart::FREE)
     }
 }
@@ -56,7 +56,7 @@ fn tumbled_samples_are_at_least_5_ut_apart() {
 #[test]
 fn tumbled_samples_are_stored_at_most_every_0_4_s() {
     for (spacing_ms, expected) in [(400, 20), (399, 10)] {
-        let mut tumble = Tumble::new(Quota::TURN);
+        let mut tumble = Tumble::new(SampleQuota::TURN);
         (0..20).for_each(|i| tumble.push_at(i as f32 * 10.0, i * spacing_ms));
         assert_eq!(tumble.stored(), expected);
     }
@@ -65,15 +65,15 @@ fn tumbled_samples_are_stored_at_most_every_0_4_s() {
 /// The 253rd sample exceeds the quota: the distance grows from 5 to 6.5 uT and thins steps of 5.1 uT.
 #[test]
 fn a_full_tumble_is_thinned() {
-    let both = Quota::TURN.fit_quota + Quota::TURN.held_back_quota;
+    let both = SampleQuota::TURN.fit_quota + SampleQuota::TURN.held_back_quota;
     assert_eq!(Tumble::on_line(both as u32, 5.1).stored(), both);
     let mut tumble = Tumble::on_line(both as u32 + 1, 5.1);
-    assert_eq!(tumble.stored(), Quota::TURN.held_back_quota + expected_after_thinning() + 1);
+    assert_eq!(tumble.stored(), SampleQuota::TURN.held_back_quota + expected_after_thinning() + 1);
     assert!((tumble.distance_ut - 6.5).abs() < 1e-4, "{}", tumble.distance_ut);
     let coverage = tumble.coverage();
     assert_eq!(
         (coverage.samples as usize, coverage.held_back_count as usize),
-        (expected_after_thinning() + 1, Quota::TURN.held_back_quota)
+        (expected_after_thinning() + 1, SampleQuota::TURN.held_back_quota)
     );
     // The new distance applies from then on.
     let stored_count = tumble.fit().len();
@@ -85,7 +85,7 @@ fn a_full_tumble_is_thinned() {
 }
 
 fn expected_after_thinning() -> usize {
-    let Quota { fit_quota: fit, held_back_quota: held_back } = Quota::TURN;
+    let SampleQuota { fit_quota: fit, held_back_quota: held_back } = SampleQuota::TURN;
     let is_held_back = |i: usize| i % 4 == 3 && i / 4 < held_back;
     let fit = (0..fit + held_back).filter(|i| !is_held_back(*i)).map(|i| i as f64 * 5.1);
     fit.fold((0, f64::NEG_INFINITY), |(count, last), x| if x - last >= 6.5 { (count + 1, x) } else { (count, last) }).0
@@ -102,7 +102,7 @@ fn a_tumble_is_complete_at_66_fit_samples() {
 
 #[test]
 fn thinning_keeps_the_first_of_close_samples() {
-    let mut tumble = Tumble::new(Quota::TURN);
+    let mut tumble = Tumble::new(SampleQuota::TURN);
     for x_ut in [0.0, 1.0, 2.0, 3.0, 2.5, 10.0] {
         tumble.buffer.part_view(CollectionPart::FREE).insert(SampleUse::Fit, sample([x_ut, 0.0, 0.0], 0));
     }
@@ -112,7 +112,7 @@ fn thinning_keeps_the_first_of_close_samples() {
 
 #[test]
 fn a_full_held_back_quota_passes_samples_to_the_fit() {
-    let mut tumble = Tumble::new(Quota { fit_quota: 12, held_back_quota: 1 });
+    let mut tumble = Tumble::new(SampleQuota { fit_quota: 12, held_back_quota: 1 });
     (0..8).for_each(|i| tumble.push_at(i as f32 * 10.0, i * 400));
     let coverage = tumble.coverage();
     assert_eq!((coverage.samples, coverage.held_back_count), (7, 1));
@@ -121,14 +121,14 @@ fn a_full_held_back_quota_passes_samples_to_the_fit() {
 /// If thinning removes nothing, the new sample is dropped.
 #[test]
 fn a_part_of_distant_samples_stays_as_it_is() {
-    let mut tumble = Tumble::new(Quota { fit_quota: 3, held_back_quota: 1 });
+    let mut tumble = Tumble::new(SampleQuota { fit_quota: 3, held_back_quota: 1 });
     (0..12).for_each(|i| tumble.push_at(i as f32 * 1000.0, i * 400));
     assert_eq!(tumble.fit().iter().map(|s| s.time.as_ms() / 400).collect::<Vec<_>>(), [0, 1, 2]);
 }
 
 #[test]
 fn nonfinite_samples_are_rejected() {
-    let mut tumble = Tumble::new(Quota::TURN);
+    let mut tumble = Tumble::new(SampleQuota::TURN);
     for (i, broken) in (0..).zip([f32::NAN, f32::INFINITY, f32::NEG_INFINITY]) {
         tumble.push_at(broken, i * 400);
     }

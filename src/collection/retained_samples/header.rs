@@ -1,6 +1,6 @@
 //! State of a collection in retained memory, without its samples.
 
-use super::words::{Words, words};
+use super::words::{MemoryWords, words};
 use crate::calibration::CollectionPart;
 use crate::calibration::method_selection::Procedure;
 use crate::collection::flight_statistics::FlightStatistics;
@@ -8,7 +8,7 @@ use crate::collection::state::{CollectionContext, CollectionState};
 
 /// State of a collection. Every bit pattern is a valid value: states and flags are numbers.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::collection) struct Header {
+pub(in crate::collection) struct CollectionHeader {
     state: u8,
     procedure: u8,
     is_automatic: u8,
@@ -44,7 +44,7 @@ impl PartState {
     pub const EMPTY: Self = Self { taken_count: 0, covered_sectors: 0, percent: 0 };
 }
 
-impl Header {
+impl CollectionHeader {
     /// Header without a collection.
     pub const EMPTY: Self = Self {
         state: 0,
@@ -118,7 +118,7 @@ impl Header {
     }
 }
 
-words!(Header {
+words!(CollectionHeader {
     state,
     procedure,
     is_automatic,

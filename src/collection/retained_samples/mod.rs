@@ -9,12 +9,12 @@
 mod header;
 mod words;
 
-pub(super) use header::{Header, PartState};
+pub(super) use header::{CollectionHeader, PartState};
 
 use super::sample_buffer::{SampleBuffer, UNUSED_SAMPLE};
 use super::state::CollectionState;
-use crate::calibration::Mark;
-use words::{Checksum, Words, words};
+use crate::calibration::HeadingMark;
+use words::{Checksum, MemoryWords, words};
 
 /// Capacity for compass-swing marks: one every 10 deg. 1.4 KB.
 pub const MARKS_CAPACITY: usize = 36;
@@ -43,9 +43,9 @@ pub struct RetainedSamples {
     checksum: u32,
     /// Unexpected restarts in a row. Excluded from the checksum: it can be written on its own.
     unexpected_restarts: u32,
-    header: Header,
+    header: CollectionHeader,
     pub(super) samples: SampleBuffer,
-    pub(super) marks: [Mark; MARKS_CAPACITY],
+    pub(super) marks: [HeadingMark; MARKS_CAPACITY],
 }
 
 words!(SampleBuffer { samples, fit_count, held_back_count });
@@ -56,9 +56,9 @@ impl RetainedSamples {
     pub const EMPTY: Self = Self {
         checksum: 0,
         unexpected_restarts: 0,
-        header: Header::EMPTY,
+        header: CollectionHeader::EMPTY,
         samples: SampleBuffer::EMPTY,
-        marks: [Mark { sample: UNUSED_SAMPLE, heading_rad: 0.0 }; MARKS_CAPACITY],
+        marks: [HeadingMark { sample: UNUSED_SAMPLE, heading_rad: 0.0 }; MARKS_CAPACITY],
     };
 
     /// Transforms every word, to simulate memory contents.
@@ -72,18 +72,18 @@ impl RetainedSamples {
     }
 
     /// Header as of the last update.
-    pub(super) const fn header(&self) -> &Header {
+    pub(super) const fn header(&self) -> &CollectionHeader {
         &self.header
     }
 
     /// Stores a header that fits the samples and marks, and the checksum of all.
-    pub(super) fn write_header_and_checksum(&mut self, header: Header) {
+    pub(super) fn write_header_and_checksum(&mut self, header: CollectionHeader) {
         self.header = header;
         self.checksum = self.compute_checksum(FIRMWARE_SEED);
     }
 
     /// First marks, at most as many as there are.
-    pub(super) fn marks(&self, number: u16) -> &[Mark] {
+    pub(super) fn marks(&self, number: u16) -> &[HeadingMark] {
         self.marks.get(..number.into()).unwrap_or_default()
     }
 

@@ -23,7 +23,7 @@ fn collect(retained: &mut RetainedSamples, procedure: Procedure, samples: impl I
         collector.update_header(MANUAL);
     }
     if procedure == Procedure::Swing {
-        assert!(collector.add_mark(Mark { sample: circle_sample(30.0), heading_rad: 0.5 }));
+        assert!(collector.add_mark(HeadingMark { sample: circle_sample(30.0), heading_rad: 0.5 }));
         collector.update_header(MANUAL);
     }
 }
@@ -57,7 +57,7 @@ fn samples_survive_a_restart() {
         before.begin_procedure(procedure);
         flight().for_each(|sample| before.push(sample));
         if procedure == Procedure::Swing {
-            before.add_mark(Mark { sample: circle_sample(30.0), heading_rad: 0.5 });
+            before.add_mark(HeadingMark { sample: circle_sample(30.0), heading_rad: 0.5 });
         }
         let after = Collector::new(retained);
         let ((progress, fit, held_back, ..), then) = (observable_state(&after), observable_state(&before));

@@ -1,11 +1,11 @@
 //! Values in retained memory as words: for the checksum, and to simulate memory contents.
 
-use crate::calibration::{CollectionPart, Current, Mark, Rates, Sample};
+use crate::calibration::{CollectionPart, HeadingMark, MotorCurrent, Rates, Sample};
 use crate::frames::{Attitude, Field, Sensor};
 use crate::time::WrappingMillis;
 
 /// A value for which every bit pattern is valid.
-pub(in crate::collection) trait Words {
+pub(in crate::collection) trait MemoryWords {
     /// Visits the value as words, which the visitor may change.
     fn visit_words(&mut self, visit: &mut impl FnMut(&mut u32));
 }
@@ -13,7 +13,7 @@ pub(in crate::collection) trait Words {
 /// Implements [`Words`] for a number, by its conversions to and from `u32`, or for a structure, by its fields.
 macro_rules! words {
     ($type:ty, $to:expr, $from:expr) => {
-        impl Words for $type {
+        impl MemoryWords for $type {
             fn visit_words(&mut self, visit: &mut impl FnMut(&mut u32)) {
                 let mut word = $to(*self);
                 visit(&mut word);
@@ -22,7 +22,7 @@ macro_rules! words {
         }
     };
     ($type:ty { $($field:ident),* $(,)? }) => {
-        impl Words for $type {
+        impl MemoryWords for $type {
             fn visit_words(&mut self, visit: &mut impl FnMut(&mut u32)) {
                 let Self { $($field),* } = self;
                 $($field.visit_words(visit);)*
@@ -41,27 +41,27 @@ words!(WrappingMillis, Self::as_ms, Self::new);
 words!(CollectionPart, Self::part_number, Self::from_number);
 words!(Attitude { roll_rad, pitch_rad });
 words!(Sample { field, attitude, rates, current, time, part });
-words!(Mark { sample, heading_rad });
+words!(HeadingMark { sample, heading_rad });
 
-impl Words for Rates {
+impl MemoryWords for Rates {
     fn visit_words(&mut self, visit: &mut impl FnMut(&mut u32)) {
         self.quantised_mut().visit_words(visit);
     }
 }
 
-impl Words for Current {
+impl MemoryWords for MotorCurrent {
     fn visit_words(&mut self, visit: &mut impl FnMut(&mut u32)) {
         self.quantised_mut().visit_words(visit);
     }
 }
 
-impl Words for Field<Sensor> {
+impl MemoryWords for Field<Sensor> {
     fn visit_words(&mut self, visit: &mut impl FnMut(&mut u32)) {
         self.ut.iter_mut().for_each(|component| component.visit_words(visit));
     }
 }
 
-impl<T: Words, const N: usize> Words for [T; N] {
+impl<T: MemoryWords, const N: usize> MemoryWords for [T; N] {
     fn visit_words(&mut self, visit: &mut impl FnMut(&mut u32)) {
         for value in self {
             value.visit_words(visit);
@@ -78,7 +78,7 @@ impl Checksum {
         self.0 = (self.0.rotate_left(5) ^ word).wrapping_mul(0x9E37_79B9);
     }
 
-    pub fn add_words(&mut self, value: &(impl Words + Clone)) {
+    pub fn add_words(&mut self, value: &(impl MemoryWords + Clone)) {
         value.clone().visit_words(&mut |word| self.add_word(*word));
     }
 }

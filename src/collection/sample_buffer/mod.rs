@@ -4,19 +4,19 @@
 //! within them. A new sample is the latest of its part; storing it moves all samples behind that part.
 //! A full free flight is in order of time within three sections only, in which its policy replaces samples.
 
-use super::quota::{Quota, SampleUse};
-use crate::calibration::{CollectionPart, Current, Rates, Sample, Samples, part_range, samples_of_part};
+use super::quota::{SampleQuota, SampleUse};
+use crate::calibration::{CollectionPart, MotorCurrent, Rates, Sample, Samples, part_range, samples_of_part};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
-const SAMPLE_CAPACITY: usize = Quota::WHOLE_BUFFER.fit_quota + Quota::WHOLE_BUFFER.held_back_quota;
+const SAMPLE_CAPACITY: usize = SampleQuota::WHOLE_BUFFER.fit_quota + SampleQuota::WHOLE_BUFFER.held_back_quota;
 
 pub(super) const UNUSED_SAMPLE: Sample = Sample {
     field: Field::from_ut(0.0, 0.0, 0.0),
     attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
     rates: Rates::ZERO,
     time: WrappingMillis::new(0),
-    current: Current::UNKNOWN,
+    current: MotorCurrent::UNKNOWN,
     part: CollectionPart::LEFT,
 };
 

@@ -5,13 +5,13 @@
 use super::circle::{SECTORS, TurnCircle};
 use super::part_view::{HOLD_BACK_CYCLE, PartView};
 use super::progress::percent;
-use super::quota::{Quota, SampleUse};
+use super::quota::{SampleQuota, SampleUse};
 use crate::calibration::Sample;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SectorBalance {
     /// Capacity of the part, samples.
-    quota: Quota,
+    quota: SampleQuota,
     /// Fit samples that fill a sector.
     sector_samples: u16,
     /// Fit samples of a complete part.
@@ -33,10 +33,10 @@ const _: () = assert!(SectorBalance::TURNS.fits_quota() && SectorBalance::LEVEL.
 impl SectorBalance {
     /// For turns of 5 to 30 deg/s: two passes of a sector at 13 deg/s, about three circles.
     pub const TURNS: Self =
-        Self { quota: Quota::TURN, sector_samples: 8, target: 132, min_radius_ut: 4.0, min_samples: 10 };
+        Self { quota: SampleQuota::TURN, sector_samples: 8, target: 132, min_radius_ut: 4.0, min_samples: 10 };
 
     /// For level flight, with a smaller quota: two circles.
-    pub const LEVEL: Self = Self { quota: Quota::LEVEL, sector_samples: 4, target: 48, ..Self::TURNS };
+    pub const LEVEL: Self = Self { quota: SampleQuota::LEVEL, sector_samples: 4, target: 48, ..Self::TURNS };
 
     /// Whether the quota suffices for a complete part.
     const fn fits_quota(&self) -> bool {
@@ -102,7 +102,7 @@ fn count_by_sector(samples: &[Sample], sector_of: impl Fn(&Sample) -> usize) -> 
 fn insert_balanced(
     part: &mut PartView<'_>,
     purpose: SampleUse,
-    quota: Quota,
+    quota: SampleQuota,
     sample: Sample,
     sector_of: impl Fn(&Sample) -> usize,
 ) {

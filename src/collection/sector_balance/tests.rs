@@ -1,12 +1,12 @@
 use super::super::test_samples::{TestBuffer, circle_sample, sample, turn_samples};
 use super::*;
-use crate::calibration::{CollectionPart, Current, Rates, Samples};
-use crate::collection::progress::Coverage;
+use crate::calibration::{CollectionPart, MotorCurrent, Rates, Samples};
+use crate::collection::progress::PartCoverage;
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
 const QUOTA_12: SectorBalance =
-    SectorBalance { quota: Quota { fit_quota: 12, held_back_quota: 12 }, ..SectorBalance::TURNS };
+    SectorBalance { quota: SampleQuota { fit_quota: 12, held_back_quota: 12 }, ..SectorBalance::TURNS };
 
 fn push_turn(buffer: &mut TestBuffer, sample: Sample) -> bool {
     SectorBalance::TURNS.push_sample(buffer.part_view(CollectionPart::RIGHT), sample)
@@ -20,7 +20,7 @@ fn collect(samples: impl Iterator<Item = Sample>) -> TestBuffer {
     buffer
 }
 
-fn coverage(samples: impl Iterator<Item = Sample>) -> Coverage {
+fn coverage(samples: impl Iterator<Item = Sample>) -> PartCoverage {
     collect(samples).coverage(CollectionPart::RIGHT)
 }
 
@@ -63,7 +63,7 @@ fn a_full_buffer_stores_samples_of_missing_headings() {
     let later = turn_samples(25.0, 700, 728, 13.0);
     let mut buffer = collect(third.chain(later));
     let coverage = buffer.coverage(CollectionPart::RIGHT);
-    assert_eq!(coverage.samples as usize, Quota::TURN.fit_quota, "the buffer was full");
+    assert_eq!(coverage.samples as usize, SampleQuota::TURN.fit_quota, "the buffer was full");
     assert_eq!(coverage.covered_sectors, 12);
     assert!(buffer.fit_samples(CollectionPart::RIGHT).is_sorted_by_key(|s| s.time.as_ms()));
 }
@@ -116,7 +116,7 @@ fn parts_are_separate() {
         let samples = [buffer.fit_samples(part), buffer.held_back(part)].concat();
         assert!(samples.iter().all(|s| s.part == part && s.field.ut.y.to_bits() == number.to_bits()));
     }
-    assert_eq!(buffer.coverage(CollectionPart::FREE), Coverage::default());
+    assert_eq!(buffer.coverage(CollectionPart::FREE), PartCoverage::default());
 }
 
 #[test]
@@ -140,7 +140,7 @@ fn no_sensor_value_panics() {
         attitude: Attitude::from_deg(25.0, 0.0),
         time: WrappingMillis::new(i * 400),
         rates: Rates::ZERO,
-        current: Current::UNKNOWN,
+        current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     });
     assert!(coverage(samples).samples > 0);
@@ -186,9 +186,9 @@ fn crowded() -> TestBuffer {
     buffer
 }
 
-const QUOTA_6: Quota = Quota { fit_quota: 6, held_back_quota: 6 };
+const QUOTA_6: SampleQuota = SampleQuota { fit_quota: 6, held_back_quota: 6 };
 
-fn insert_at(buffer: &mut TestBuffer, quota: Quota, time_ms: u32) {
+fn insert_at(buffer: &mut TestBuffer, quota: SampleQuota, time_ms: u32) {
     let sector_from_time = |sample: &Sample| sample.time.as_ms() as usize / 100;
     insert_balanced(
         &mut buffer.part_view(CollectionPart::LEFT),
@@ -223,7 +223,7 @@ fn a_full_part_rejects_samples_of_its_fullest_sector() {
 fn a_part_with_room_accepts_all() {
     let mut buffer = crowded();
     for time_ms in [304, 305, 306] {
-        insert_at(&mut buffer, Quota { fit_quota: 9, ..QUOTA_6 }, time_ms);
+        insert_at(&mut buffer, SampleQuota { fit_quota: 9, ..QUOTA_6 }, time_ms);
     }
     assert_eq!(times(&buffer), [100, 301, 302, 500, 303, 700, 304, 305, 306]);
 }
@@ -245,7 +245,7 @@ fn a_turn_is_complete_with_8_samples_per_sector_and_132_in_all() {
     assert_eq!((level(&[4; SECTORS], 48), level(&[4; SECTORS], 47), level(&[3; SECTORS], 48)), (100, 97, 75));
 }
 
-fn circle_coverage(radius_ut: f32, fit: u16) -> Coverage {
+fn circle_coverage(radius_ut: f32, fit: u16) -> PartCoverage {
     // The last of each four is held back.
     let number = u32::from(fit + (fit - 1) / 3);
     let coverage = coverage((0..number).map(|i| {
@@ -258,7 +258,7 @@ fn circle_coverage(radius_ut: f32, fit: u16) -> Coverage {
 
 #[test]
 fn sectors_need_a_circle_of_4_ut_and_ten_samples() {
-    let sectors = |coverage: Coverage| (coverage.covered_sectors > 0, coverage.percent > 0);
+    let sectors = |coverage: PartCoverage| (coverage.covered_sectors > 0, coverage.percent > 0);
     assert_eq!(sectors(circle_coverage(4.1, 60)), (true, true));
     assert_eq!(sectors(circle_coverage(3.9, 60)), (false, false));
     assert_eq!(sectors(circle_coverage(20.0, 10)), (true, true));
@@ -321,7 +321,8 @@ fn a_complete_part_stays_complete() {
 
 #[test]
 fn the_quota_must_suffice_for_a_complete_part() {
-    let with = |fit| SectorBalance { quota: Quota { fit_quota: fit, held_back_quota: 60 }, ..SectorBalance::LEVEL };
+    let with =
+        |fit| SectorBalance { quota: SampleQuota { fit_quota: fit, held_back_quota: 60 }, ..SectorBalance::LEVEL };
     assert!(with(48).fits_quota() && !with(47).fits_quota(), "either target");
     assert!(!SectorBalance { target: 49, ..with(48) }.fits_quota());
     assert!(!SectorBalance { sector_samples: 5, ..with(59) }.fits_quota());
@@ -329,7 +330,7 @@ fn the_quota_must_suffice_for_a_complete_part() {
     assert!(!SectorBalance { min_samples: 49, ..with(100) }.fits_quota());
     assert!(SectorBalance { min_samples: 48, ..with(100) }.fits_quota());
     let held_back = |held_back| SectorBalance {
-        quota: Quota { fit_quota: 48, held_back_quota: held_back },
+        quota: SampleQuota { fit_quota: 48, held_back_quota: held_back },
         ..SectorBalance::LEVEL
     };
     assert!(held_back(15).fits_quota() && !held_back(14).fits_quota());

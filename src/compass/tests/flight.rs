@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::calibration::tests::synthetic::multirotor_samples;
-use crate::calibration::{Current, Manoeuvre};
+use crate::calibration::{Manoeuvre, MotorCurrent};
 use nalgebra::Vector3;
 
 /// 100 s of a multirotor, 4 samples/s: 40 s of yaw turns, then tilts to all sides.
@@ -77,7 +77,7 @@ fn with_motor_current_two_successive_good_trials_are_required() {
         let mut samples = hover(1);
         for (number, sample) in samples.iter_mut().enumerate() {
             let current_a = 15.0 + 5.0 * (number as f32 * 0.3).sin();
-            sample.current = Current::from_a(Some(current_a));
+            sample.current = MotorCurrent::from_a(Some(current_a));
             sample.field.ut += Vector3::new(0.6, -0.7, 0.4) * ut_per_a * current_a;
         }
         let (mut bench, mut good) = (TestBed::with_accuracy(1.5), 0);
@@ -187,7 +187,7 @@ fn a_vehicle_without_tilt_is_not_calibrated_in_flight() {
                     attitude,
                     rates,
                     time: WrappingMillis::new(u32::from(i) * 100),
-                    current: Current::UNKNOWN,
+                    current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 }
             })

@@ -8,18 +8,18 @@ use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
 use crate::calibration::{
-    Calibration, CollectionPart, Current, Method, Orientation, Rates, SamplePart, Side, SolveError,
+    Calibration, CollectionPart, Method, MotorCurrent, Orientation, Rates, SamplePart, Side, SolveError,
 };
 use crate::collection::CollectionProblem;
 use crate::frames::{Attitude, Field, Sensor};
 use crate::instrument::{Correction, SampleAttitude, SensorErrorSigmas};
 use crate::messages::{ExpectedAccuracy, Message, SolveOutcome};
-use crate::reading::{Identity, Model};
+use crate::reading::{Identity, MagnetometerModel};
 use crate::settings::{AttitudeError, HeadingKind, OutOfRange, SensorError, Settings};
 use crate::store::tests::record;
 use crate::store::{CalibrationRecord, StartupValues, StoreChange, StoreError, StoredCalibrations};
 
-const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
+const SENSOR: Identity = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
 const READINGS: u16 = 8;
 
 /// Each sample is distinct, and turns are continuous.
@@ -94,7 +94,7 @@ impl TestBed {
             attitude,
             time: self.time(),
             rates: Rates::ZERO,
-            current: Current::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         }));
         self.now = self.now.wrapping_add(STEP_MS);
@@ -108,7 +108,7 @@ impl TestBed {
                 attitude: Attitude::default(),
                 time: self.time(),
                 rates: Rates::ZERO,
-                current: Current::UNKNOWN,
+                current: MotorCurrent::UNKNOWN,
                 part: CollectionPart::FREE,
             }));
             self.now = self.now.wrapping_add(100);
@@ -535,7 +535,7 @@ fn a_record_is_used_only_with_its_sensor_and_mounting() {
     let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, stored_calibrations);
     assert_eq!(bench.compass.state(), ModuleState::Calibrated);
     // An equal chip at another address is another sensor.
-    for other in [Identity { address: 0x1C, ..SENSOR }, Identity { model: Model::Lsm303dlhc, ..SENSOR }] {
+    for other in [Identity { address: 0x1C, ..SENSOR }, Identity { model: MagnetometerModel::Lsm303dlhc, ..SENSOR }] {
         bench.compass.step(Event::SensorDetected(other, READINGS));
         assert_eq!(bench.compass.state(), ModuleState::Uncalibrated, "{other:?}");
         assert!(bench.compass.correction().calibration.is_none());

@@ -4,7 +4,8 @@ use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::{
-    Calibration, Current, Envelope, HeadingUncertainty, Method, MotorCurrentInterference, Orientation, Quality,
+    AttitudeEnvelope, Calibration, HeadingUncertainty, Method, MotorCurrent, MotorCurrentInterference, Orientation,
+    Quality,
 };
 use crate::calibration::{CollectionPart, Rates, Sample};
 use crate::collection::RetainedSamples;
@@ -30,7 +31,7 @@ fn trial_times_in_turns(result: impl Fn(usize) -> Option<Solution>) -> Vec<(f32,
             attitude,
             rates: Rates::ZERO,
             time,
-            current: Current::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         });
         if trials.is_due(&collector, time) {
@@ -134,7 +135,7 @@ fn a_collection_ends_when_accurate_or_not_improvable() {
 fn solution_with(expected_rms_deg: f32, ut_per_a: f32) -> Solution {
     let quality = Quality {
         method: Method::MaximumLikelihood,
-        envelope: Envelope::Banked,
+        envelope: AttitudeEnvelope::Banked,
         expected_rms_deg,
         expected_worst_deg: expected_rms_deg,
         norm_residual: 0.0,

@@ -17,7 +17,7 @@ use calibration::{CalibrationTitle, write_advice, write_calibration};
 pub use error::line_error;
 use error::write_refusal;
 use settings::{SettingGroup, setting_line};
-use status::{Reset, full_status, safe_mode_status, write_status};
+use status::{ResetText, full_status, safe_mode_status, write_status};
 
 /// The firmware's version; with its commit if a script of this repository built it (`scripts/foreign-target.sh`).
 pub const VERSION: &str = match option_env!("AUTOSWING_VERSION") {
@@ -40,7 +40,7 @@ pub fn write_version(out: &mut impl Write) -> fmt::Result {
 ///
 /// Those of `out`.
 pub fn write_greeting(out: &mut impl Write, reset: &ResetCause) -> fmt::Result {
-    writeln!(out, "autoswing {VERSION}, started by {}; help lists the commands", Reset(reset))
+    writeln!(out, "autoswing {VERSION}, started by {}; help lists the commands", ResetText(reset))
 }
 
 /// Writes the reply to a command; a report after a command that changes something shows the resulting state.

@@ -5,11 +5,11 @@ use core::fmt::{self, Display, Write};
 use super::calibration::write_latency;
 use super::settings::{SettingGroup, field_model, setting_line};
 use crate::calibration::method_selection::Procedure;
-use crate::collection::{Coverage, SECTORS};
+use crate::collection::{PartCoverage, SECTORS};
 use crate::compass::{ModuleState, StatusReport, TrialResult};
 use crate::decimal::{Decimal, ShortestDecimal};
 use crate::frames::Attitude;
-use crate::health::{CanState, Counts, Diagnostics, ResetCause, StackUse};
+use crate::health::{CanState, Diagnostics, EventCounts, ResetCause, StackUse};
 use crate::instrument::InstallationChange;
 use crate::messages::Message;
 use crate::settings::ProtocolKind;
@@ -109,7 +109,7 @@ pub(super) fn safe_mode_status(out: &mut impl Write, health: &Diagnostics) -> fm
 }
 
 fn write_uptime(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
-    writeln!(out, "up: {} s, started by {}", health.uptime_s, Reset(&health.reset_cause))
+    writeln!(out, "up: {} s, started by {}", health.uptime_s, ResetText(&health.reset_cause))
 }
 
 fn write_motor_current(out: &mut impl Write, current_a: Option<f32>) -> fmt::Result {
@@ -158,7 +158,7 @@ fn write_progress(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
             writeln!(out, "level: {}", CoverageText(&progress.level))
         }
         Procedure::Flight | Procedure::Tumble => {
-            let Coverage { samples, held_back_count: held_back, .. } = progress.left_turns;
+            let PartCoverage { samples, held_back_count: held_back, .. } = progress.left_turns;
             writeln!(out, "attitudes: {samples} samples, {held_back} held back")
         }
     }
@@ -226,7 +226,7 @@ fn heading_lines(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
     }
 }
 
-fn write_counters(out: &mut impl Write, counts: &Counts) -> fmt::Result {
+fn write_counters(out: &mut impl Write, counts: &EventCounts) -> fmt::Result {
     writeln!(
         out,
         "readings: {}, {} overruns, {} errors, {} register upsets repaired",
@@ -256,19 +256,19 @@ fn write_counters(out: &mut impl Write, counts: &Counts) -> fmt::Result {
     writeln!(out, "saves: {}, {} failed", counts.saves, counts.store_errors)
 }
 
-struct CoverageText<'a>(&'a Coverage);
+struct CoverageText<'a>(&'a PartCoverage);
 
 impl Display for CoverageText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Coverage { samples, held_back_count: held_back, covered_sectors: sectors, percent } = *self.0;
+        let PartCoverage { samples, held_back_count: held_back, covered_sectors: sectors, percent } = *self.0;
         write!(f, "{percent} %, {sectors} of {SECTORS} sectors, {samples} samples, {held_back} held back")
     }
 }
 
 /// Reset cause as text.
-pub(super) struct Reset<'a>(pub &'a ResetCause);
+pub(super) struct ResetText<'a>(pub &'a ResetCause);
 
-impl Display for Reset<'_> {
+impl Display for ResetText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
             ResetCause::PowerOn => f.write_str("power-on"),

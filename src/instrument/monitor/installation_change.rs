@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::time::Timestamp;
-use crate::trig::{DEG, Length as _};
+use crate::trig::{DEG, VectorLength as _};
 
 /// Change of hard iron since the calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]

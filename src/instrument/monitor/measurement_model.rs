@@ -24,7 +24,7 @@ use crate::attitude::{EulerRates, GyroHeading};
 use crate::calibration::{Calibration, FieldPrediction, multiply};
 use crate::frames::{Attitude, Body, Field, wrap_pi};
 use crate::trig;
-use crate::trig::Length as _;
+use crate::trig::VectorLength as _;
 
 pub(super) const STATE_COUNT: usize = GYRO_ERRORS + GYRO_ERROR_COUNT;
 pub(super) const HARD_IRON_CHANGE: usize = 0;

@@ -43,7 +43,7 @@ use crate::frames::wrap_pi;
 use crate::heading::NoHeading;
 use crate::time::Timestamp;
 use crate::trig;
-use crate::trig::{Length as _, sqrt};
+use crate::trig::{VectorLength as _, sqrt};
 use acceleration_tilt::AccelerationTilt;
 use adaptive_noise::{AdaptiveNoise, SampleNoise};
 use coordinated_turn::CoordinatedTurn;

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 
 use super::measurement_model::mount_axis;
 use crate::calibration::{Calibration, inverse};
-use crate::trig::Length as _;
+use crate::trig::VectorLength as _;
 
 /// Largest cosine between the difference and the mean of both fields, or the axis: at most 9 deg from a right angle.
 const MAX_COSINE_OF_CHANGE: f32 = 0.15;

@@ -7,7 +7,7 @@ use testkit::random::Random;
 
 use super::*;
 use crate::calibration::{
-    Calibration, CollectionPart, Current, HeadingUncertainty, MotorCurrentInterference, Orientation, Rates,
+    Calibration, CollectionPart, HeadingUncertainty, MotorCurrent, MotorCurrentInterference, Orientation, Rates,
 };
 use crate::frames::{Attitude, Field};
 use crate::heading::Heading;
@@ -67,7 +67,7 @@ struct Flight {
     wrong: SimulatedErrors,
     samples: u32,
     gyro_rad: f32,
-    current: Current,
+    current: MotorCurrent,
 }
 
 const STEP_S: f32 = 0.1;
@@ -121,7 +121,7 @@ impl Flight {
             wrong: SimulatedErrors::NOTHING,
             samples: 0,
             gyro_rad: 2.0,
-            current: Current::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
         }
     }
 
@@ -407,7 +407,7 @@ fn the_first_report_of_a_corrected_current_is_awaited() {
     {
         let mut flight = Flight::new(15);
         flight.calibration.motor_current = motor_current;
-        flight.current = Current::from_a(reported_a);
+        flight.current = MotorCurrent::from_a(reported_a);
         let is_new = |flight: &Flight| flight.monitor.last_sample_at.is_none();
         let waited = (0..100).take_while(|_| {
             let _ = flight.step();
@@ -571,7 +571,7 @@ fn a_source_without_rates_is_monitored() {
             attitude,
             rates: Rates::ZERO,
             time: at.wrapping_millis(),
-            current: Current::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         };
         let monitored = MonitoredCalibration {
@@ -602,7 +602,7 @@ fn non_finite_samples_are_ignored() {
         attitude: Attitude::default(),
         rates: Rates::ZERO,
         time: WrappingMillis::default(),
-        current: Current::UNKNOWN,
+        current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     };
     let non_finite = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
@@ -685,7 +685,7 @@ fn a_day_at_rest_changes_no_state() {
             attitude,
             rates: Rates::ZERO,
             time: at.wrapping_millis(),
-            current: Current::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         };
         let monitored = MonitoredCalibration {

@@ -5,7 +5,7 @@ use crate::frames::{Field, Sensor};
 use crate::heading::NoHeading;
 use crate::reading::Reading;
 use crate::time::Timestamp;
-use crate::trig::{Length as _, sqrt};
+use crate::trig::{VectorLength as _, sqrt};
 
 /// Reason for rejecting a reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,7 +4,7 @@ mod current;
 
 use super::*;
 use crate::attitude::{AttitudeConfig, RejectedReports, SenderId};
-use crate::calibration::{Calibration, CollectionPart, Current, HeadingUncertainty, Orientation, Rates};
+use crate::calibration::{Calibration, CollectionPart, HeadingUncertainty, MotorCurrent, Orientation, Rates};
 use crate::frames::{Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 use testkit::random::Random;
@@ -358,7 +358,7 @@ fn a_recording_at_10_hz_passes_unchanged() {
             attitude,
             time: at(us).wrapping_millis(),
             rates: Rates::ZERO,
-            current: Current::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         };
         assert_eq!(samples(&mut instrument), [sample], "row {row}");

@@ -6,7 +6,7 @@
 use embedded_hal_async::i2c::I2c;
 
 use super::chip::{self, I2cRegisters, PollingSchedule};
-use super::{Identity, Magnetometer, MagnetometerError, Model, Reading};
+use super::{Identity, Magnetometer, MagnetometerError, MagnetometerModel, Reading};
 use crate::frames::Field;
 
 /// Measurement period at 80 Hz.
@@ -134,7 +134,7 @@ impl<B: I2c> Magnetometer for Lis3mdl<B> {
         // read.
         let _old: [u8; 6] = self.read_registers(OUT_X_L).await?;
         self.polling.start_sleep();
-        Ok(Identity { model: Model::Lis3mdl, address: self.config.address })
+        Ok(Identity { model: MagnetometerModel::Lis3mdl, address: self.config.address })
     }
 
     async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<B::Error>> {

@@ -16,7 +16,7 @@ fn registers() -> SimulatedRegisters {
 fn init_writes_the_configuration_of_the_data_sheet() {
     let mut driver = Lis3mdl::new(registers(), Lis3mdlConfig::default());
     let identity = block_on(driver.init());
-    assert_eq!(identity, Ok(Identity { model: Model::Lis3mdl, address: 0x1E }));
+    assert_eq!(identity, Ok(Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E }));
     // UHP 80 Hz, 4 gauss, continuous, UHP, BDU: data sheet sections 7.3 to 7.7.
     assert_eq!(driver.chip.bus.values[0x20..0x25], [0x7C, 0x00, 0x00, 0x0C, 0x40]);
 }
@@ -68,7 +68,7 @@ fn the_configured_address_is_used() {
     let mut driver = Lis3mdl::new(registers(), Lis3mdlConfig { address: 0x1C, ..Lis3mdlConfig::default() });
     assert_eq!(block_on(driver.init()), Err(MagnetometerError::Bus(ErrorKind::Other)));
     driver.chip.bus.address = 0x1C;
-    assert_eq!(block_on(driver.init()), Ok(Identity { model: Model::Lis3mdl, address: 0x1C }));
+    assert_eq!(block_on(driver.init()), Ok(Identity { model: MagnetometerModel::Lis3mdl, address: 0x1C }));
 }
 
 /// Unfreezes axes under block data update.

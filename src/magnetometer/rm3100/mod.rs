@@ -7,7 +7,7 @@ use embassy_time::Timer;
 use embedded_hal_async::spi::SpiDevice;
 
 use super::chip::{self, PollingSchedule, SpiRegisters};
-use super::{Identity, Magnetometer, MagnetometerError, Model, Reading};
+use super::{Identity, Magnetometer, MagnetometerError, MagnetometerModel, Reading};
 use crate::frames::Field;
 
 /// Measurement period at 75 Hz.
@@ -115,7 +115,7 @@ impl<S: SpiDevice> Magnetometer for Rm3100<S> {
         // Continuous mode is started last, because other accesses end it.
         self.chip.write_registers(&[CMM_REGISTER, CONTINUOUS_MODE]).await?;
         self.polling.start_sleep();
-        Ok(Identity { model: Model::Rm3100, address: Identity::SPI })
+        Ok(Identity { model: MagnetometerModel::Rm3100, address: Identity::SPI })
     }
 
     async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<S::Error>> {

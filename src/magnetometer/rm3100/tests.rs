@@ -31,7 +31,7 @@ fn simulate<F: Future<Output = ()> + 'static>(script: F) {
 fn init_stops_tests_configures_and_starts_in_this_order() {
     simulate(async {
         let mut driver = driver();
-        assert_eq!(driver.init().await, Ok(Identity { model: Model::Rm3100, address: 0 }));
+        assert_eq!(driver.init().await, Ok(Identity { model: MagnetometerModel::Rm3100, address: 0 }));
         let cycle_counts = (4..).zip([0x00, 0xC8, 0x00, 0xC8, 0x00, 0xC8]);
         let expected: Vec<(u8, u8)> = [(0x01, 0x00), (0x33, 0x8F), (0x00, 0x70), (0x33, 0x00)]
             .into_iter()

@@ -5,7 +5,7 @@ use core::fmt::Write as _;
 use crate::compass::IndicatorState;
 use crate::heading::NoHeading;
 use crate::messages::{Message, Severity};
-use crate::port::characters::Characters;
+use crate::port::characters::BoundedText;
 use crate::port::{MessageSchedule, Snapshot};
 use crate::time::Timestamp;
 use crate::wire::dronecan::Payload;
@@ -24,9 +24,9 @@ const PIECE_RATE_HZ: u8 = 10;
 const MIN_STATE_DURATION_US: u64 = 2_000_000;
 
 #[derive(Debug)]
-struct Text {
+struct QueuedText {
     level: LogLevel,
-    characters: Characters,
+    characters: BoundedText,
     /// Bytes of the text that are sent.
     sent: usize,
 }
@@ -42,7 +42,7 @@ struct LoggedState {
 /// Queue of texts.
 #[derive(Debug, Default)]
 pub(super) struct LogMessageQueue {
-    waiting: heapless::Deque<Text, QUEUE_CAPACITY>,
+    waiting: heapless::Deque<QueuedText, QUEUE_CAPACITY>,
     schedule: MessageSchedule,
     logged: Option<LoggedState>,
     /// State that differs from the last reported one, and since when.
@@ -89,12 +89,12 @@ impl LogMessageQueue {
     }
 
     fn write(&mut self, level: LogLevel, text: core::fmt::Arguments<'_>) {
-        let mut characters = Characters::default();
+        let mut characters = BoundedText::default();
         let _ = characters.write_fmt(text);
         if self.waiting.is_full() {
             self.waiting.pop_front();
         }
-        let _ = self.waiting.push_back(Text { level, characters, sent: 0 });
+        let _ = self.waiting.push_back(QueuedText { level, characters, sent: 0 });
     }
 
     /// Next piece of a text, if due. A longer text is continued in the next message.

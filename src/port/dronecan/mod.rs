@@ -42,7 +42,7 @@ use crate::wire::dronecan::{
 };
 use allocation::AllocationClient;
 use log_message_queue::LogMessageQueue;
-use outbox::Outbox;
+use outbox::FrameOutbox;
 use services::{RequestStep, Services};
 use status::StatusMonitor;
 use tunnel::Tunnel;
@@ -72,7 +72,7 @@ const UT_PER_GAUSS: f32 = 100.0;
 
 /// Number of this node, or the client that asks for one.
 #[derive(Debug)]
-enum Address {
+enum NodeAddress {
     Configured(NodeId),
     Allocated(NodeId),
     Unallocated,
@@ -94,10 +94,10 @@ pub struct NodeContext<'a> {
 pub struct CanNode {
     info: NodeInfo,
     is_safe_mode: bool,
-    address: Address,
+    address: NodeAddress,
     allocation: AllocationClient,
     receiver: Receiver,
-    outbox: Outbox,
+    outbox: FrameOutbox,
     services: Services,
     status: StatusMonitor,
     vehicle_reports: VehicleReports,
@@ -116,12 +116,12 @@ impl CanNode {
     #[must_use]
     pub fn new(info: NodeInfo, settings: CanSettings) -> Self {
         Self {
-            address: NodeId::new(settings.node).map_or(Address::Unallocated, Address::Configured),
+            address: NodeId::new(settings.node).map_or(NodeAddress::Unallocated, NodeAddress::Configured),
             allocation: AllocationClient::new(info.unique_id),
             info,
             is_safe_mode: false,
             receiver: Receiver::new(),
-            outbox: Outbox::default(),
+            outbox: FrameOutbox::default(),
             services: Services::default(),
             status: StatusMonitor::default(),
             vehicle_reports: VehicleReports::default(),
@@ -160,7 +160,7 @@ impl CanNode {
         match (message, own, source) {
             (InboundMessage::Allocation(step), None, _) => {
                 if let Some(number) = allocation.receive_allocation(at, source, step) {
-                    self.address = Address::Allocated(number);
+                    self.address = NodeAddress::Allocated(number);
                 }
             }
             (InboundMessage::Targetted(piece), Some(own), _) if piece.target == own.get() => {
@@ -286,8 +286,8 @@ impl CanNode {
 
     const fn node_id(&self) -> Option<NodeId> {
         match self.address {
-            Address::Configured(number) | Address::Allocated(number) => Some(number),
-            Address::Unallocated => None,
+            NodeAddress::Configured(number) | NodeAddress::Allocated(number) => Some(number),
+            NodeAddress::Unallocated => None,
         }
     }
 
@@ -295,8 +295,8 @@ impl CanNode {
     /// one another is requested.
     fn on_conflict(&mut self, at: Timestamp) {
         self.conflict_at = Some(at);
-        if let Address::Allocated(_) = self.address {
-            self.address = Address::Unallocated;
+        if let NodeAddress::Allocated(_) = self.address {
+            self.address = NodeAddress::Unallocated;
             self.outbox.clear();
         }
     }

@@ -26,7 +26,7 @@ const COUNTED_TYPES: [DataType; 5] = [
 
 /// Queue of frames; a field is sent before the others, and replaces a waiting one.
 #[derive(Debug, Default)]
-pub(super) struct Outbox {
+pub(super) struct FrameOutbox {
     field: heapless::Deque<CanFrame, FRAMES_PER_FIELD>,
     /// Whether the first frame of the field was sent.
     is_first_field_frame_sent: bool,
@@ -40,7 +40,7 @@ pub(super) struct Outbox {
     pub lost_transfers: u32,
 }
 
-impl Outbox {
+impl FrameOutbox {
     /// Queues a transfer; returns whether there was room.
     pub fn queue_transfer(&mut self, now: Timestamp, source: Option<NodeId>, transfer: &OutboundTransfer) -> bool {
         self.start_progress_timeout(now);

@@ -1,15 +1,15 @@
 //! Settings as parameters of GetSet.
 
-use crate::port::parameters::{PARAMETERS, Parameter, ParameterValue};
+use crate::port::parameters::{PARAMETERS, ParameterValue, SettingParameter};
 use crate::settings::Settings;
-use crate::wire::dronecan::{GetSet, Payload, Value, outbound};
+use crate::wire::dronecan::{GetSet, GetSetValue, Payload, outbound};
 use crate::wire::mavlink::key_from_passphrase;
 
 /// Word that removes the key of signatures; the value without a key.
 const NO_KEY_TEXT: &str = "off";
 
 /// Parameter of a request: by its name, otherwise by its position.
-pub(super) fn requested_parameter(request: &GetSet<'_>) -> Option<&'static Parameter> {
+pub(super) fn requested_parameter(request: &GetSet<'_>) -> Option<&'static SettingParameter> {
     if request.name.is_empty() {
         return PARAMETERS.get(usize::from(request.parameter_index));
     }
@@ -17,13 +17,15 @@ pub(super) fn requested_parameter(request: &GetSet<'_>) -> Option<&'static Param
 }
 
 /// Value of a request in the parameter's kind; `None` for another kind, which is a request to read.
-pub(super) fn requested_value(parameter: &Parameter, value: Value<'_>) -> Option<ParameterValue> {
+pub(super) fn requested_value(parameter: &SettingParameter, value: GetSetValue<'_>) -> Option<ParameterValue> {
     match (parameter.parameter_value(&Settings::DEFAULT), value) {
-        (ParameterValue::Whole(_), Value::Integer(number)) => u32::try_from(number).ok().map(ParameterValue::Whole),
-        (ParameterValue::Whole(_), Value::Boolean(is_on)) => Some(ParameterValue::Whole(is_on.into())),
-        (ParameterValue::Number(_), Value::Real(number)) => Some(ParameterValue::Number(number)),
-        (ParameterValue::Number(_), Value::Integer(number)) => Some(ParameterValue::Number(number as f32)),
-        (ParameterValue::Key(_), Value::Text(word)) => {
+        (ParameterValue::Whole(_), GetSetValue::Integer(number)) => {
+            u32::try_from(number).ok().map(ParameterValue::Whole)
+        }
+        (ParameterValue::Whole(_), GetSetValue::Boolean(is_on)) => Some(ParameterValue::Whole(is_on.into())),
+        (ParameterValue::Number(_), GetSetValue::Real(number)) => Some(ParameterValue::Number(number)),
+        (ParameterValue::Number(_), GetSetValue::Integer(number)) => Some(ParameterValue::Number(number as f32)),
+        (ParameterValue::Key(_), GetSetValue::Text(word)) => {
             let word = core::str::from_utf8(word).ok().filter(|word| !word.is_empty())?;
             let key = (!word.eq_ignore_ascii_case(NO_KEY_TEXT)).then(|| key_from_passphrase(word));
             Some(ParameterValue::Key(key))
@@ -33,10 +35,10 @@ pub(super) fn requested_value(parameter: &Parameter, value: Value<'_>) -> Option
 }
 
 /// Response with value, default and range; empty without such a parameter.
-pub(super) fn parameter_response(parameter: Option<&Parameter>, settings: &Settings) -> Payload {
-    let Some(parameter) = parameter else { return outbound::Parameter::default().payload() };
-    let [min, max] = parameter.value_range().map_or([Value::Empty; 2], |range| range.map(to_value));
-    outbound::Parameter {
+pub(super) fn parameter_response(parameter: Option<&SettingParameter>, settings: &Settings) -> Payload {
+    let Some(parameter) = parameter else { return outbound::ParameterResponse::default().payload() };
+    let [min, max] = parameter.value_range().map_or([GetSetValue::Empty; 2], |range| range.map(to_value));
+    outbound::ParameterResponse {
         value: to_value(parameter.parameter_value(settings)),
         default_value: to_value(parameter.parameter_value(&Settings::DEFAULT)),
         max_value: max,
@@ -47,10 +49,10 @@ pub(super) fn parameter_response(parameter: Option<&Parameter>, settings: &Setti
 }
 
 /// A key is not sent, only whether there is one.
-fn to_value(value: ParameterValue) -> Value<'static> {
+fn to_value(value: ParameterValue) -> GetSetValue<'static> {
     match value {
-        ParameterValue::Whole(number) => Value::Integer(number.into()),
-        ParameterValue::Number(number) => Value::Real(number),
-        ParameterValue::Key(key) => Value::Text(key.map_or(NO_KEY_TEXT, |_| "on").as_bytes()),
+        ParameterValue::Whole(number) => GetSetValue::Integer(number.into()),
+        ParameterValue::Number(number) => GetSetValue::Real(number),
+        ParameterValue::Key(key) => GetSetValue::Text(key.map_or(NO_KEY_TEXT, |_| "on").as_bytes()),
     }
 }

@@ -5,12 +5,12 @@ use super::parameters;
 use super::update::FirmwareUpdate;
 use crate::compass::Command;
 use crate::messages::Refusal;
-use crate::port::parameters::{Parameter, ParameterValue};
+use crate::port::parameters::{ParameterValue, SettingParameter};
 use crate::settings::Settings;
 use crate::time::Timestamp;
 use crate::wire::dronecan::outbound::{self, UpdateResult};
 use crate::wire::dronecan::{
-    DataType, InboundMessage, InboundTransfer, NodeId, Opcode, OutboundTransfer, Payload, TransferKind,
+    DataType, InboundMessage, InboundTransfer, NodeId, OutboundTransfer, ParameterOpcode, Payload, TransferKind,
 };
 
 /// Capacity of the queue, requests. While the queue is full, further ones are not answered, and their senders repeat
@@ -37,11 +37,11 @@ impl Requester {
 
 /// Request without its requester.
 #[derive(Clone, Copy, Debug)]
-enum Request {
+enum ServiceRequest {
     GetNodeInfo,
     GetTransportStats,
-    Parameter { parameter: Option<&'static Parameter>, value: Option<ParameterValue> },
-    Opcode(Opcode),
+    Parameter { parameter: Option<&'static SettingParameter>, value: Option<ParameterValue> },
+    Opcode(ParameterOpcode),
     Restart { is_confirmed: bool },
     Update(UpdateRequest),
 }
@@ -62,7 +62,7 @@ struct OpenCommand {
     at: Timestamp,
     command: Command,
     requester: Requester,
-    request: Request,
+    request: ServiceRequest,
 }
 
 /// Next step with the oldest request.
@@ -78,10 +78,10 @@ pub(super) enum RequestStep {
 /// Queue of requests.
 #[derive(Debug, Default)]
 pub(super) struct Services {
-    waiting: heapless::Deque<(Requester, Request), REQUEST_CAPACITY>,
+    waiting: heapless::Deque<(Requester, ServiceRequest), REQUEST_CAPACITY>,
     open: Option<OpenCommand>,
     /// Request of an executed command, and its result, which is sent before all others.
-    finished: Option<(Requester, Request, Result<(), &'static str>)>,
+    finished: Option<(Requester, ServiceRequest, Result<(), &'static str>)>,
     /// Requested update; one at a time.
     update: Option<FirmwareUpdate>,
     /// Update that the state machine has granted.
@@ -93,17 +93,17 @@ impl Services {
     pub fn receive_transfer(&mut self, own: NodeId, transfer: &InboundTransfer<'_>) {
         let Some(node) = transfer.source.filter(|_| !self.waiting.is_full()) else { return };
         let request = match transfer.message {
-            InboundMessage::GetNodeInfo => Request::GetNodeInfo,
-            InboundMessage::GetTransportStats => Request::GetTransportStats,
+            InboundMessage::GetNodeInfo => ServiceRequest::GetNodeInfo,
+            InboundMessage::GetTransportStats => ServiceRequest::GetTransportStats,
             InboundMessage::GetSet(request) => {
                 let parameter = parameters::requested_parameter(&request);
                 let value = parameter.and_then(|parameter| parameters::requested_value(parameter, request.value));
-                Request::Parameter { parameter, value }
+                ServiceRequest::Parameter { parameter, value }
             }
-            InboundMessage::ExecuteOpcode(opcode) => Request::Opcode(opcode),
-            InboundMessage::RestartNode(is_confirmed) => Request::Restart { is_confirmed },
+            InboundMessage::ExecuteOpcode(opcode) => ServiceRequest::Opcode(opcode),
+            InboundMessage::RestartNode(is_confirmed) => ServiceRequest::Restart { is_confirmed },
             InboundMessage::BeginFirmwareUpdate { server, path } => {
-                Request::Update(self.receive_update(FirmwareUpdate::new(server.unwrap_or(node), own, path)))
+                ServiceRequest::Update(self.receive_update(FirmwareUpdate::new(server.unwrap_or(node), own, path)))
             }
             _ => return,
         };
@@ -149,11 +149,11 @@ impl Services {
         }
         let Some((requester, request)) = self.waiting.front().copied() else { return RequestStep::Idle };
         match self.next_step(request, settings, is_armed, describe) {
-            Decision::Answer(data_type, payload) => {
+            RequestDecision::Answer(data_type, payload) => {
                 RequestStep::Respond(requester.response_transfer((data_type, payload)))
             }
-            Decision::Execute(_) if self.open.is_some() => RequestStep::Idle,
-            Decision::Execute(command) => {
+            RequestDecision::Execute(_) if self.open.is_some() => RequestStep::Idle,
+            RequestDecision::Execute(command) => {
                 self.waiting.pop_front();
                 self.open = Some(OpenCommand { at: now, command, requester, request });
                 RequestStep::Execute(command)
@@ -189,36 +189,41 @@ impl Services {
 
     fn next_step(
         &mut self,
-        request: Request,
+        request: ServiceRequest,
         settings: &Settings,
         is_armed: bool,
         describe: impl Fn(DataType) -> Payload,
-    ) -> Decision {
-        let described = |data_type| Decision::Answer(data_type, describe(data_type));
+    ) -> RequestDecision {
+        let described = |data_type| RequestDecision::Answer(data_type, describe(data_type));
         match request {
-            Request::GetNodeInfo => described(DataType::GET_NODE_INFO),
-            Request::GetTransportStats => described(DataType::GET_TRANSPORT_STATS),
-            Request::Parameter { parameter, value } => {
+            ServiceRequest::GetNodeInfo => described(DataType::GET_NODE_INFO),
+            ServiceRequest::GetTransportStats => described(DataType::GET_TRANSPORT_STATS),
+            ServiceRequest::Parameter { parameter, value } => {
                 let change = parameter
                     .zip(value)
                     .filter(|(parameter, value)| !is_armed && parameter.parameter_value(settings) != *value);
                 change.and_then(|(parameter, value)| parameter.setting_change(settings, value)).map_or_else(
-                    || Decision::Answer(DataType::GET_SET, parameters::parameter_response(parameter, settings)),
-                    |change| Decision::Execute(Command::Set(change)),
+                    || RequestDecision::Answer(DataType::GET_SET, parameters::parameter_response(parameter, settings)),
+                    |change| RequestDecision::Execute(Command::Set(change)),
                 )
             }
-            Request::Opcode(Opcode::Erase) if !is_armed => Decision::Execute(Command::ResetSettings),
-            // A parameter is saved when it is set.
-            Request::Opcode(opcode) => {
-                Decision::Answer(DataType::EXECUTE_OPCODE, outbound::opcode_result(opcode == Opcode::Save))
+            ServiceRequest::Opcode(ParameterOpcode::Erase) if !is_armed => {
+                RequestDecision::Execute(Command::ResetSettings)
             }
-            Request::Restart { is_confirmed: true } if !is_armed => Decision::Execute(Command::Restart),
-            Request::Restart { .. } => Decision::Answer(DataType::RESTART_NODE, outbound::restart_result(false)),
-            Request::Update(request) => self.decide_update(request, is_armed),
+            // A parameter is saved when it is set.
+            ServiceRequest::Opcode(opcode) => RequestDecision::Answer(
+                DataType::EXECUTE_OPCODE,
+                outbound::opcode_result(opcode == ParameterOpcode::Save),
+            ),
+            ServiceRequest::Restart { is_confirmed: true } if !is_armed => RequestDecision::Execute(Command::Restart),
+            ServiceRequest::Restart { .. } => {
+                RequestDecision::Answer(DataType::RESTART_NODE, outbound::restart_result(false))
+            }
+            ServiceRequest::Update(request) => self.decide_update(request, is_armed),
         }
     }
 
-    fn decide_update(&mut self, request: UpdateRequest, is_armed: bool) -> Decision {
+    fn decide_update(&mut self, request: UpdateRequest, is_armed: bool) -> RequestDecision {
         let (result, reason) = match request {
             UpdateRequest::Second => (UpdateResult::InProgress, ""),
             UpdateRequest::Valid if self.is_updating() => {
@@ -229,16 +234,16 @@ impl Services {
                 self.update = None;
                 (UpdateResult::InvalidMode, "armed")
             }
-            UpdateRequest::Valid => return Decision::Execute(Command::Restart),
+            UpdateRequest::Valid => return RequestDecision::Execute(Command::Restart),
             UpdateRequest::Invalid => (UpdateResult::Unknown, "a path has 1 to 200 characters"),
         };
-        Decision::Answer(DataType::BEGIN_FIRMWARE_UPDATE, outbound::update_result(result, reason))
+        RequestDecision::Answer(DataType::BEGIN_FIRMWARE_UPDATE, outbound::update_result(result, reason))
     }
 
     /// Ends the open command.
     fn finish_request(&mut self, result: Result<(), &'static str>) {
         let Some(OpenCommand { requester, request, .. }) = self.open.take() else { return };
-        if let Request::Update(_) = request {
+        if let ServiceRequest::Update(_) = request {
             self.granted = self.update.take().filter(|_| result.is_ok());
         }
         self.finished = Some((requester, request, result));
@@ -246,13 +251,13 @@ impl Services {
 }
 
 /// Response to a request after its command. A parameter is answered with the value that is then in force.
-fn result_of(request: Request, result: Result<(), &'static str>, settings: &Settings) -> (DataType, Payload) {
+fn result_of(request: ServiceRequest, result: Result<(), &'static str>, settings: &Settings) -> (DataType, Payload) {
     match request {
-        Request::Parameter { parameter, .. } => {
+        ServiceRequest::Parameter { parameter, .. } => {
             (DataType::GET_SET, parameters::parameter_response(parameter, settings))
         }
-        Request::Opcode(_) => (DataType::EXECUTE_OPCODE, outbound::opcode_result(result.is_ok())),
-        Request::Update(_) => {
+        ServiceRequest::Opcode(_) => (DataType::EXECUTE_OPCODE, outbound::opcode_result(result.is_ok())),
+        ServiceRequest::Update(_) => {
             let (code, reason) = match result {
                 Ok(()) => (UpdateResult::Ok, ""),
                 Err(reason) => (UpdateResult::InvalidMode, reason),
@@ -260,14 +265,14 @@ fn result_of(request: Request, result: Result<(), &'static str>, settings: &Sett
             (DataType::BEGIN_FIRMWARE_UPDATE, outbound::update_result(code, reason))
         }
         // Of these requests only `Restart` needs a command.
-        Request::Restart { .. } | Request::GetNodeInfo | Request::GetTransportStats => {
+        ServiceRequest::Restart { .. } | ServiceRequest::GetNodeInfo | ServiceRequest::GetTransportStats => {
             (DataType::RESTART_NODE, outbound::restart_result(result.is_ok()))
         }
     }
 }
 
 /// Answer to a request, or the command that it needs.
-enum Decision {
+enum RequestDecision {
     Answer(DataType, Payload),
     Execute(Command),
 }

@@ -4,7 +4,7 @@ use crate::compass::IndicatorState;
 use crate::heading::NoHeading;
 use crate::port::Snapshot;
 use crate::time::Timestamp;
-use crate::wire::dronecan::outbound::{Health, Mode, NodeStatus};
+use crate::wire::dronecan::outbound::{NodeHealth, NodeMode, NodeStatus};
 
 /// Silence of the sensor that is a fault of the node, microseconds. It is the only one besides safe mode: an autopilot
 /// does not arm while a node is not healthy, and everything else shows in the field that is not sent.
@@ -34,11 +34,11 @@ impl StatusMonitor {
         let is_faulty = is_silent || snapshot.estimate.heading == Err(NoHeading::SafeMode);
         NodeStatus {
             uptime_s: (snapshot.now.as_us() / 1_000_000) as u32,
-            health: if is_faulty { Health::Error } else { Health::Ok },
+            health: if is_faulty { NodeHealth::Error } else { NodeHealth::Ok },
             mode: match (is_updating, self.has_reading || is_faulty) {
-                (true, _) => Mode::SoftwareUpdate,
-                (false, false) => Mode::Initialization,
-                (false, true) => Mode::Operational,
+                (true, _) => NodeMode::SoftwareUpdate,
+                (false, false) => NodeMode::Initialization,
+                (false, true) => NodeMode::Operational,
             },
             vendor_code: vendor_code(snapshot, has_conflict),
         }

@@ -35,7 +35,7 @@ struct LastCommand {
 }
 
 /// Result of a command that is not passed on, with the reason, sent as a text; none for a repeated or unknown command.
-type Rejection = (MavResult, Option<Refusal>);
+type CommandRejection = (MavResult, Option<Refusal>);
 
 #[derive(Clone, Copy, Debug)]
 struct PendingAcknowledgement {
@@ -97,7 +97,7 @@ impl CommandHandler {
         is_sent
     }
 
-    fn evaluate(&self, at: Timestamp, received: &ReceivedCommand) -> Result<Command, Rejection> {
+    fn evaluate(&self, at: Timestamp, received: &ReceivedCommand) -> Result<Command, CommandRejection> {
         let command = console_command(received)?;
         if let Some(last) = self.last {
             let age_us = at.us_since(last.at);
@@ -118,7 +118,7 @@ impl CommandHandler {
     }
 }
 
-fn console_command(received: &ReceivedCommand) -> Result<Command, Rejection> {
+fn console_command(received: &ReceivedCommand) -> Result<Command, CommandRejection> {
     const REBOOT_COMMAND: u16 = MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN as u16;
     match received.command_number {
         DO_START_MAG_CAL => Ok(Command::CalStart(Procedure::Flight)),

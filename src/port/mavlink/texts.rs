@@ -7,7 +7,7 @@ use ::mavlink::dialects::common::MavSeverity;
 use super::transmitter::Transmitter;
 use crate::messages::{Message, Severity};
 use crate::port::MessageSchedule;
-use crate::port::characters::Characters;
+use crate::port::characters::BoundedText;
 use crate::time::Timestamp;
 use crate::wire::mavlink::OutboundMessage;
 
@@ -21,15 +21,15 @@ const CHUNK_RATE_HZ: u8 = 10;
 const TEXT_PREFIX: &str = "autoswing: ";
 
 #[derive(Debug)]
-struct Text {
+struct PendingText {
     severity: MavSeverity,
-    characters: Characters,
+    characters: BoundedText,
 }
 
 /// Pending texts. When full, the oldest is dropped, except one whose first chunk was sent.
 #[derive(Debug, Default)]
 pub(super) struct PendingTexts {
-    waiting: heapless::Vec<Text, QUEUE_CAPACITY>,
+    waiting: heapless::Vec<PendingText, QUEUE_CAPACITY>,
     /// Number of sent chunks of the first text.
     sent: u8,
     /// STATUSTEXT's `id`, counted for texts of several chunks; 0 is for texts of one chunk.
@@ -44,12 +44,12 @@ impl PendingTexts {
             Severity::Info => MavSeverity::MAV_SEVERITY_INFO,
             Severity::Warning => MavSeverity::MAV_SEVERITY_WARNING,
         };
-        let mut characters = Characters::default();
+        let mut characters = BoundedText::default();
         let _ = write!(characters, "{TEXT_PREFIX}{message}");
         if self.waiting.is_full() {
             self.waiting.remove(usize::from(self.sent > 0));
         }
-        let _ = self.waiting.push(Text { severity, characters });
+        let _ = self.waiting.push(PendingText { severity, characters });
     }
 
     /// Sends the next due chunk; returns whether one was sent.

@@ -13,7 +13,8 @@ use super::{MessageSchedule, Protocol, ReceivedMessage, Snapshot, TransmitBuffer
 use crate::attitude::{AttitudeReport, RateEstimator, SenderId};
 use crate::time::{Timestamp, WrappingMillis};
 use crate::wire::msp::{
-    Firmware, Function, MspAngles, MspReply, Receiver, compass_message, encode_request, inav_body_rates_rad_s,
+    AutopilotFirmware, MspAngles, MspFunction, MspReply, Receiver, compass_message, encode_request,
+    inav_body_rates_rad_s,
 };
 
 /// Rate of compass readings, Hz: INAV drops a compass after 250 ms, ArduPilot after 500 ms; ArduPilot's filter uses 10
@@ -27,15 +28,15 @@ const ATTITUDE_HZ: u8 = 50;
 const PERIODIC_REQUESTS_HZ: u8 = PERIODIC_REQUESTS.len() as u8;
 
 /// Other requests, in turn.
-const PERIODIC_REQUESTS: [Function; 8] = [
-    Function::Status,
-    Function::Analog,
-    Function::RawGps,
-    Function::Analog,
-    Function::Rtc,
-    Function::Analog,
-    Function::FcVariant,
-    Function::Analog,
+const PERIODIC_REQUESTS: [MspFunction; 8] = [
+    MspFunction::Status,
+    MspFunction::Analog,
+    MspFunction::RawGps,
+    MspFunction::Analog,
+    MspFunction::Rtc,
+    MspFunction::Analog,
+    MspFunction::FcVariant,
+    MspFunction::Analog,
 ];
 
 /// Timeout of a reply, microseconds: nearly three times the longest observed.
@@ -51,7 +52,7 @@ const COMPASS_NUMBER: u8 = 0;
 #[derive(Debug, Default)]
 pub struct Msp {
     receiver: Receiver,
-    firmware: Option<Firmware>,
+    firmware: Option<AutopilotFirmware>,
     armed: Option<(Timestamp, bool)>,
     /// Time and body rates of the last MSP_RAW_IMU, rad/s.
     gyro: Option<(Timestamp, [f32; 3])>,
@@ -84,12 +85,12 @@ impl Msp {
     }
 
     fn process_message(&mut self, at: Timestamp, message: MspReply) -> Option<ReceivedMessage> {
-        if matches!(message, MspReply::Attitude(_) | MspReply::Refused(Function::Attitude)) {
+        if matches!(message, MspReply::Attitude(_) | MspReply::Refused(MspFunction::Attitude)) {
             self.requested_at = None;
         }
         match message {
             MspReply::Attitude(angles) => return self.report(at, angles),
-            MspReply::Gyro(counts) if self.firmware == Some(Firmware::Inav) => {
+            MspReply::Gyro(counts) if self.firmware == Some(AutopilotFirmware::Inav) => {
                 self.gyro = Some((at, inav_body_rates_rad_s(counts)));
             }
             MspReply::RawGps(place) => return place.map(ReceivedMessage::Position),
@@ -112,7 +113,7 @@ impl Msp {
         Some(ReceivedMessage::Attitude(AttitudeReport { sender: source, sender_time, attitude, rates_rad_s }))
     }
 
-    fn next_periodic_request(&mut self) -> Function {
+    fn next_periodic_request(&mut self) -> MspFunction {
         let [first, ..] = PERIODIC_REQUESTS;
         let function = PERIODIC_REQUESTS.get(self.next).copied().unwrap_or(first);
         self.next = (self.next + 1) % PERIODIC_REQUESTS.len();
@@ -120,11 +121,11 @@ impl Msp {
     }
 
     /// Request to send whenever the last was answered; none if the firmware's signs are unknown.
-    fn repeated_request(&self) -> Option<Function> {
+    fn repeated_request(&self) -> Option<MspFunction> {
         match self.firmware {
-            None => Some(Function::FcVariant),
-            Some(Firmware::Other) => None,
-            Some(_) => Some(Function::Attitude),
+            None => Some(MspFunction::FcVariant),
+            Some(AutopilotFirmware::Other) => None,
+            Some(_) => Some(MspFunction::Attitude),
         }
     }
 
@@ -176,8 +177,9 @@ impl Protocol for Msp {
         {
             // The reply to the first request arrives first. At most two requests at a time: rates remain valid for 50
             // ms.
-            let gyro = encode_request(Function::RawImu);
-            let has_gyro = function == Function::Attitude && self.firmware == Some(Firmware::Inav) && !is_other_due;
+            let gyro = encode_request(MspFunction::RawImu);
+            let has_gyro =
+                function == MspFunction::Attitude && self.firmware == Some(AutopilotFirmware::Inav) && !is_other_due;
             let requests = [if has_gyro { &gyro[..] } else { &[] }, &encode_request(function)];
             self.requested_at = out.append(&requests).then_some(now);
         }

@@ -49,7 +49,7 @@ fn frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
 }
 
 /// Decoded messages except `Other`, which only identifies the protocol in use.
-fn receive(msp: &mut Msp, us: u64, direction: u8, function: Function, payload: &[u8]) -> Vec<ReceivedMessage> {
+fn receive(msp: &mut Msp, us: u64, direction: u8, function: MspFunction, payload: &[u8]) -> Vec<ReceivedMessage> {
     let mut received: Vec<_> =
         frame(direction, function as u16, payload).iter().filter_map(|&byte| msp.process_byte(at(us), byte)).collect();
     received.retain(|received| *received != ReceivedMessage::Other);
@@ -63,7 +63,7 @@ const STATUS_DISARMED: [u8; 11] = [0; 11];
 /// Protocol with a known firmware.
 fn msp_with_firmware(name: &[u8]) -> Msp {
     let mut msp = Msp::new();
-    assert!(receive(&mut msp, 0, b'>', Function::FcVariant, name).is_empty());
+    assert!(receive(&mut msp, 0, b'>', MspFunction::FcVariant, name).is_empty());
     msp
 }
 
@@ -74,12 +74,12 @@ fn requested(msp: &mut Msp, seconds: u64, answered_after_us: Option<u64>) -> Vec
     for us in (0..seconds * 1_000_000).step_by(500) {
         if answer_us.is_some_and(|at_us| us >= at_us) {
             answer_us = None;
-            assert_eq!(receive(msp, us, b'>', Function::Attitude, &ANGLES).len(), 1);
+            assert_eq!(receive(msp, us, b'>', MspFunction::Attitude, &ANGLES).len(), 1);
         }
         if us % PERIOD_US == 0 {
             for frame in poll(msp, us, &Estimate::EMPTY) {
                 requested.push((us, function(&frame)));
-                if function(&frame) == Function::Attitude as u16 {
+                if function(&frame) == MspFunction::Attitude as u16 {
                     answer_us = answered_after_us.map(|after_us| us + after_us);
                 }
             }
@@ -88,7 +88,7 @@ fn requested(msp: &mut Msp, seconds: u64, answered_after_us: Option<u64>) -> Vec
     requested
 }
 
-fn count_requests(requested: &[(u64, u16)], function: Function) -> usize {
+fn count_requests(requested: &[(u64, u16)], function: MspFunction) -> usize {
     requested.iter().filter(|(_, requested)| *requested == function as u16).count()
 }
 
@@ -119,22 +119,22 @@ fn compass_frames_are_sent_from_power_up() {
 fn without_a_known_firmware_attitude_is_ignored() {
     for (name, times) in [(None, 209..=211), (Some(b"PX4X"), 10..=10)] {
         let mut msp = name.map_or_else(Msp::new, |name| msp_with_firmware(name));
-        assert!(receive(&mut msp, 0, b'>', Function::Attitude, &ANGLES).is_empty());
+        assert!(receive(&mut msp, 0, b'>', MspFunction::Attitude, &ANGLES).is_empty());
         let requested = requested(&mut msp, 10, None);
-        assert_eq!(count_requests(&requested, Function::Attitude), 0);
-        let number = count_requests(&requested, Function::FcVariant);
+        assert_eq!(count_requests(&requested, MspFunction::Attitude), 0);
+        let number = count_requests(&requested, MspFunction::FcVariant);
         assert!(times.contains(&number), "{name:?}: {number}");
-        assert!((9..=11).contains(&count_requests(&requested, Function::Status)), "whether it is armed is of use");
+        assert!((9..=11).contains(&count_requests(&requested, MspFunction::Status)), "whether it is armed is of use");
     }
     let first = poll(&mut Msp::new(), 0, &Estimate::EMPTY);
-    assert!(first.iter().any(|frame| function(frame) == Function::FcVariant as u16), "at once");
+    assert!(first.iter().any(|frame| function(frame) == MspFunction::FcVariant as u16), "at once");
 }
 
 /// 10 deg right, 5 deg up or down; no clock and no rates.
 #[test]
 fn attitude_is_received_with_the_firmware_s_signs() {
     for (name, pitch_deg) in [(b"ARDU", 5.0), (b"INAV", -5.0), (b"BTFL", -5.0)] {
-        let received = receive(&mut msp_with_firmware(name), 0, b'>', Function::Attitude, &ANGLES);
+        let received = receive(&mut msp_with_firmware(name), 0, b'>', MspFunction::Attitude, &ANGLES);
         let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
         let expected = Attitude::from_deg(10.0, pitch_deg);
         assert!((report.attitude.roll_rad - expected.roll_rad).abs() < 1e-6);
@@ -142,8 +142,8 @@ fn attitude_is_received_with_the_firmware_s_signs() {
         assert_eq!((report.rates_rad_s, report.sender_time), ([0.0; 3], WrappingMillis::new(0)));
     }
     let mut msp = msp_with_firmware(b"ARDU");
-    assert!(receive(&mut msp, 0, b'>', Function::FcVariant, b"INAV").is_empty());
-    let received = receive(&mut msp, 0, b'>', Function::Attitude, &ANGLES);
+    assert!(receive(&mut msp, 0, b'>', MspFunction::FcVariant, b"INAV").is_empty());
+    let received = receive(&mut msp, 0, b'>', MspFunction::Attitude, &ANGLES);
     assert!(matches!(received[..], [ReceivedMessage::Attitude(report)] if report.attitude.pitch_rad < 0.0));
 }
 
@@ -154,14 +154,14 @@ fn inav_s_gyro_gives_the_body_rates() {
     let gyro: Vec<u8> = [0_i16, 0, 512, 3, -4, -18, 0, 0, 0].iter().flat_map(|number| number.to_le_bytes()).collect();
     for (name, expected_deg_s) in [(b"INAV", [3.0, 4.0, 18.0]), (b"ARDU", [0.0; 3]), (b"BTFL", [0.0; 3])] {
         let mut msp = msp_with_firmware(name);
-        assert!(receive(&mut msp, 0, b'>', Function::RawImu, &gyro).is_empty());
-        let received = receive(&mut msp, 0, b'>', Function::Attitude, &ANGLES);
+        assert!(receive(&mut msp, 0, b'>', MspFunction::RawImu, &gyro).is_empty());
+        let received = receive(&mut msp, 0, b'>', MspFunction::Attitude, &ANGLES);
         let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
         for (found, expected) in report.rates_rad_s.map(f32::to_degrees).into_iter().zip(expected_deg_s) {
             assert!((found - expected).abs() < 1e-4, "{name:?}: {report:?}");
         }
         let requested = requested(&mut msp, 10, Some(10_000));
-        let [attitudes, gyros] = [Function::Attitude, Function::RawImu].map(|f| count_requests(&requested, f));
+        let [attitudes, gyros] = [MspFunction::Attitude, MspFunction::RawImu].map(|f| count_requests(&requested, f));
         let expected = if name == b"INAV" { attitudes * 3 / 4..attitudes } else { 0..1 };
         assert!(attitudes > 100 && expected.contains(&gyros), "{name:?}: {attitudes} {gyros}");
     }
@@ -174,7 +174,7 @@ fn without_a_gyro_the_attitude_s_changes_give_the_body_rates() {
     let mut sum_deg_s = 0.0;
     for step in 0..100_u16 {
         let angles: Vec<u8> = [0, 0, (350 + step * 2 / 5) % 360].iter().flat_map(|angle| angle.to_le_bytes()).collect();
-        let received = receive(&mut msp, u64::from(step) * 20_000, b'>', Function::Attitude, &angles);
+        let received = receive(&mut msp, u64::from(step) * 20_000, b'>', MspFunction::Attitude, &angles);
         let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
         sum_deg_s += if step >= 50 { report.rates_rad_s[2].to_degrees() } else { 0.0 };
     }
@@ -188,10 +188,10 @@ fn attitude_is_requested_at_the_rate_of_the_replies() {
     for (after_us, least, most) in [(3_500, 495, 501), (9_500, 495, 501), (18_000, 395, 401), (40_000, 195, 201)] {
         let mut msp = msp_with_firmware(b"ARDU");
         let requested = requested(&mut msp, 10, Some(after_us));
-        let number = count_requests(&requested, Function::Attitude);
+        let number = count_requests(&requested, MspFunction::Attitude);
         assert!((least..=most).contains(&number), "answered after {after_us} us: {number}");
         for other in PERIODIC_REQUESTS {
-            let times = if other == Function::Analog { 4 } else { 1 };
+            let times = if other == MspFunction::Analog { 4 } else { 1 };
             assert!((9 * times..=10 * times + 1).contains(&count_requests(&requested, other)), "{other:?}");
         }
     }
@@ -202,16 +202,19 @@ fn attitude_is_requested_at_the_rate_of_the_replies() {
 fn unanswered_requests_do_not_stop_polling() {
     let mut msp = msp_with_firmware(b"INAV");
     let unanswered = requested(&mut msp, 10, None);
-    let attitudes: Vec<u64> =
-        unanswered.iter().filter(|(_, function)| *function == Function::Attitude as u16).map(|(us, _)| *us).collect();
+    let attitudes: Vec<u64> = unanswered
+        .iter()
+        .filter(|(_, function)| *function == MspFunction::Attitude as u16)
+        .map(|(us, _)| *us)
+        .collect();
     assert!(attitudes.windows(2).all(|pair| pair[1] - pair[0] == 50_000), "{attitudes:?}");
     // Not before the timeout, even if polled just before it.
     let mut msp = msp_with_firmware(b"INAV");
     let is_asked = |msp: &mut Msp, us| poll(msp, us, &Estimate::EMPTY).iter().any(|f| function(f) == 108);
     assert!(is_asked(&mut msp, 0) && !is_asked(&mut msp, 49_999) && is_asked(&mut msp, 50_000));
-    assert!(receive(&mut msp, 51_000, b'!', Function::Attitude, &[]).is_empty());
+    assert!(receive(&mut msp, 51_000, b'!', MspFunction::Attitude, &[]).is_empty());
     assert!(is_asked(&mut msp, 70_000));
-    assert!(receive(&mut msp, 71_000, b'!', Function::Status, &[]).is_empty());
+    assert!(receive(&mut msp, 71_000, b'!', MspFunction::Status, &[]).is_empty());
     assert!(!is_asked(&mut msp, 90_000), "that was not the answer to this");
 }
 
@@ -220,7 +223,7 @@ fn unanswered_requests_do_not_stop_polling() {
 fn an_incomplete_reply_is_discarded() {
     let mut msp = msp_with_firmware(b"ARDU");
     poll(&mut msp, 0, &Estimate::EMPTY);
-    let answer = frame(b'>', Function::Attitude as u16, &ANGLES);
+    let answer = frame(b'>', MspFunction::Attitude as u16, &ANGLES);
     assert!(answer[..12].iter().all(|&byte| msp.process_byte(at(10_000), byte).is_none()));
     poll(&mut msp, 50_000, &Estimate::EMPTY);
     let received: Vec<_> = answer.iter().filter_map(|&byte| msp.process_byte(at(60_000), byte)).collect();
@@ -233,7 +236,7 @@ fn only_a_reply_detects_an_msp_peer() {
     let mut msp = Msp::new();
     assert!(b"$GPRMC,$X>$X!".iter().all(|&byte| msp.process_byte(at(0), byte).is_none()));
     for (direction, payload) in [(b'!', &b""[..]), (b'>', b"INAV")] {
-        let answer = frame(direction, Function::FcVariant as u16, payload);
+        let answer = frame(direction, MspFunction::FcVariant as u16, payload);
         let received: Vec<_> = answer.iter().map(|&byte| msp.process_byte(at(7), byte)).collect();
         let (last, before) = received.split_last().unwrap();
         assert_eq!((*last, before.iter().flatten().count()), (Some(ReceivedMessage::Other), 0));
@@ -242,7 +245,7 @@ fn only_a_reply_detects_an_msp_peer() {
 
 #[test]
 fn a_motor_current_is_received() {
-    let received = receive(&mut Msp::new(), 0, b'>', Function::Analog, &[0, 0, 0, 0, 0, 0xE2, 0x04]);
+    let received = receive(&mut Msp::new(), 0, b'>', MspFunction::Analog, &[0, 0, 0, 0, 0, 0xE2, 0x04]);
     assert_eq!(received, [ReceivedMessage::Current(12.5)]);
 }
 
@@ -250,11 +253,11 @@ fn a_motor_current_is_received() {
 fn armed_state_expires_after_ten_seconds() {
     let mut msp = Msp::new();
     assert_eq!(msp.is_armed(at(0)), None);
-    assert!(receive(&mut msp, 0, b'>', Function::Status, &STATUS_ARMED).is_empty());
+    assert!(receive(&mut msp, 0, b'>', MspFunction::Status, &STATUS_ARMED).is_empty());
     assert_eq!((msp.is_armed(at(10_000_000)), msp.is_armed(at(10_000_001))), (Some(true), None));
-    assert!(receive(&mut msp, 11_000_000, b'>', Function::Status, &STATUS_DISARMED).is_empty());
+    assert!(receive(&mut msp, 11_000_000, b'>', MspFunction::Status, &STATUS_DISARMED).is_empty());
     assert_eq!(msp.is_armed(at(11_000_000)), Some(false));
-    assert!(receive(&mut msp, 12_000_000, b'!', Function::Status, &[]).is_empty());
+    assert!(receive(&mut msp, 12_000_000, b'!', MspFunction::Status, &[]).is_empty());
     assert_eq!(msp.is_armed(at(12_000_000)), Some(false), "a refusal says nothing");
 }
 
@@ -265,19 +268,19 @@ fn position_and_date_are_received() {
     gps[2..6].copy_from_slice(&500_000_000_i32.to_le_bytes());
     gps[6..10].copy_from_slice(&(-100_000_000_i32).to_le_bytes());
     let place = Position::new(50.0, -10.0, 300.0).unwrap();
-    assert_eq!(receive(&mut msp, 0, b'>', Function::RawGps, &gps), [ReceivedMessage::Position(place)]);
+    assert_eq!(receive(&mut msp, 0, b'>', MspFunction::RawGps, &gps), [ReceivedMessage::Position(place)]);
     gps[0] = 0;
-    assert!(receive(&mut msp, 0, b'>', Function::RawGps, &gps).is_empty(), "no fix");
+    assert!(receive(&mut msp, 0, b'>', MspFunction::RawGps, &gps).is_empty(), "no fix");
     let day = Date::from_unix_s(1_709_164_800).unwrap();
     let rtc = [0xE8, 0x07, 2, 29, 0, 0, 0, 0, 0];
-    assert_eq!(receive(&mut msp, 0, b'>', Function::Rtc, &rtc), [ReceivedMessage::Date(day)]);
-    assert!(receive(&mut msp, 0, b'>', Function::Rtc, &[0; 6]).is_empty(), "a clock that was never set");
+    assert_eq!(receive(&mut msp, 0, b'>', MspFunction::Rtc, &rtc), [ReceivedMessage::Date(day)]);
+    assert!(receive(&mut msp, 0, b'>', MspFunction::Rtc, &[0; 6]).is_empty(), "a clock that was never set");
 }
 
 #[test]
 fn damaged_frames_are_counted() {
     let mut msp = msp_with_firmware(b"ARDU");
-    let mut broken = frame(b'>', Function::Attitude as u16, &ANGLES);
+    let mut broken = frame(b'>', MspFunction::Attitude as u16, &ANGLES);
     broken[9] ^= 1;
     assert!(broken.iter().all(|&byte| msp.process_byte(at(0), byte).is_none()));
     assert_eq!(msp.rejected_frames(), 1);

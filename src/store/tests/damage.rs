@@ -42,7 +42,7 @@ fn one_damaged_page_never_loses_both_calibrations() {
                 let case = format!("page {page} after {saves} saves");
                 let mut damaged = flash.clone();
                 put(&mut damaged, page, &damage);
-                let Loaded { stored_values: stored, load_error: error } = load_readable(&mut damaged);
+                let LoadedValues { stored_values: stored, load_error: error } = load_readable(&mut damaged);
                 let StoredCalibrations { current_calibration: current, previous_calibration: previous } =
                     stored.stored_calibrations;
                 assert!(current.is_some() || previous.is_some(), "{case}");
@@ -63,7 +63,7 @@ fn one_damaged_page_never_loses_both_calibrations() {
 fn the_previous_calibration_replaces_a_damaged_one() {
     let mut flash = flash_after(2);
     put(&mut flash, 2, &[0; PAGE]);
-    let Loaded { stored_values: stored, load_error: error } = load_readable(&mut flash);
+    let LoadedValues { stored_values: stored, load_error: error } = load_readable(&mut flash);
     assert_eq!(error, Some(StoreError::Corrupt));
     assert_eq!(
         stored.stored_calibrations,
@@ -85,7 +85,7 @@ fn the_previous_calibration_replaces_a_damaged_one() {
 fn a_slot_with_another_calibration_is_damaged() {
     let mut flash = flash_after(1);
     put(&mut flash, 0, &item_of(&record(7)));
-    let Loaded { stored_values: stored, load_error: error } = load_readable(&mut flash);
+    let LoadedValues { stored_values: stored, load_error: error } = load_readable(&mut flash);
     assert_eq!((stored.stored_calibrations.current_calibration, error), (None, Some(StoreError::Corrupt)));
 }
 
@@ -109,7 +109,7 @@ fn damaged_states_are_reported_and_replaced() {
     flash.bytes[CALIBRATION_SLOTS as usize * PAGE..].fill(0x33);
     assert_eq!(
         load_readable(&mut flash),
-        Loaded { stored_values: StoredValues::default(), load_error: Some(StoreError::Corrupt) }
+        LoadedValues { stored_values: StoredValues::default(), load_error: Some(StoreError::Corrupt) }
     );
 }
 
@@ -141,7 +141,7 @@ fn damage_never_invents_a_calibration() {
         }
         let mut damaged = flash.clone();
         damaged.bytes[position] ^= 0x5A;
-        let Loaded {
+        let LoadedValues {
             stored_values:
                 StoredValues {
                     stored_calibrations:

@@ -43,7 +43,7 @@ fn an_unreadable_page_is_reported_and_the_others_are_loaded() {
     assert_eq!(load_generations(&mut flash), Ok(stored_calibrations(2)));
     // The first save wrote calibrations 1 and 0 to the first two slots, the second wrote calibration 2 to the third.
     flash.unreadable = Some((page_bytes(2), usize::MAX));
-    let Loaded { stored_values: stored, load_error: error } = load_readable(&mut flash);
+    let LoadedValues { stored_values: stored, load_error: error } = load_readable(&mut flash);
     let only_previous = StoredCalibrations { current_calibration: None, ..stored_calibrations(2) };
     assert_eq!((stored.stored_calibrations, error), (only_previous, Some(StoreError::Flash)));
     let mut empty = Flash::new(PAGES);

@@ -37,12 +37,12 @@ fn calibration() -> CalibrationRecord {
         mean_current_a: 12.0,
         current_sigma_a: 4.0,
     };
-    record.sensor.model = Model::Lsm303dlhc;
+    record.sensor.model = MagnetometerModel::Lsm303dlhc;
     record
 }
 
 fn fields_of(item: &[u8]) -> Vec<u8> {
-    let PageContent::Item(Item { field_bytes: fields, .. }) = page::parse_page(item) else { panic!("{item:?}") };
+    let PageContent::Item(StoredItem { field_bytes: fields, .. }) = page::parse_page(item) else { panic!("{item:?}") };
     fields.to_vec()
 }
 
@@ -206,8 +206,8 @@ fn variants_keep_their_numbers() {
             assert_eq!(postcard::to_slice(variant, &mut [0; 8]).map(|bytes| bytes.to_vec()), Ok(vec![number]));
         }
     }
-    assert_numbers(&[Model::Lis3mdl, Model::Lsm303dlhc, Model::Rm3100]);
-    assert_numbers(&[Envelope::Banked, Envelope::Level]);
+    assert_numbers(&[MagnetometerModel::Lis3mdl, MagnetometerModel::Lsm303dlhc, MagnetometerModel::Rm3100]);
+    assert_numbers(&[AttitudeEnvelope::Banked, AttitudeEnvelope::Level]);
     assert_numbers(&[HeadingKind::Raw, HeadingKind::Smooth]);
     assert_numbers(&ProtocolKind::ALL_PROTOCOLS);
     assert_numbers(&Baud::ALL_RATES);

@@ -10,12 +10,13 @@ mod ranges;
 use embassy_futures::block_on;
 use testkit::flash::RamFlash;
 
-use super::fields::Fields;
+use super::fields::StoredFields;
 use super::*;
 use crate::calibration::{
-    AttitudeLatency, Calibration, Envelope, HeadingUncertainty, Method, MotorCurrentInterference, Orientation, Quality,
+    AttitudeEnvelope, AttitudeLatency, Calibration, HeadingUncertainty, Method, MotorCurrentInterference, Orientation,
+    Quality,
 };
-use crate::reading::{Identity, Model};
+use crate::reading::{Identity, MagnetometerModel};
 use crate::settings::{HeadingKind, ProtocolKind, Settings};
 
 const PAGE: usize = 2048;
@@ -36,7 +37,7 @@ pub(crate) fn record(serial: u32) -> CalibrationRecord {
     };
     let quality = Quality {
         method: Method::MaximumLikelihood,
-        envelope: Envelope::Banked,
+        envelope: AttitudeEnvelope::Banked,
         expected_rms_deg: 0.3,
         expected_worst_deg: 0.7,
         norm_residual: 0.004,
@@ -45,7 +46,7 @@ pub(crate) fn record(serial: u32) -> CalibrationRecord {
         latency: Some(AttitudeLatency { estimate_s: -0.042, sigma_s: 0.006 }),
         knows_inclination: true,
     };
-    let sensor = Identity { model: Model::Lis3mdl, address: 0x1E };
+    let sensor = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
     let mut uncertainty = HeadingUncertainty::NO_UNCERTAINTY;
     uncertainty.sensor_sigma = 0.002;
     CalibrationRecord {
@@ -84,7 +85,7 @@ pub(super) fn settings() -> Settings {
     }
 }
 
-fn item_of(value: &impl Fields) -> Vec<u8> {
+fn item_of(value: &impl StoredFields) -> Vec<u8> {
     page::encode_item(value, &mut [0; ITEM_SIZE]).unwrap().0.to_vec()
 }
 
@@ -124,11 +125,11 @@ fn save_change(flash: &mut Flash, change: StoreChange<'_>) -> Result<(), StoreEr
 
 /// Loaded values, or the error.
 fn load(flash: &mut Flash) -> Result<StoredValues, StoreError> {
-    let Loaded { stored_values: stored, load_error: error } = load_readable(flash);
+    let LoadedValues { stored_values: stored, load_error: error } = load_readable(flash);
     error.map_or(Ok(stored), Err)
 }
 
-fn load_readable(flash: &mut Flash) -> Loaded {
+fn load_readable(flash: &mut Flash) -> LoadedValues {
     block_on(Store::new(flash, REGION).load_state())
 }
 

@@ -67,7 +67,7 @@ fn another_format_is_reported_and_left_untouched() {
         let error = StoreError::OtherFormat(format);
         assert_eq!(
             load_readable(&mut copy),
-            Loaded { stored_values: StoredValues::default(), load_error: Some(error) },
+            LoadedValues { stored_values: StoredValues::default(), load_error: Some(error) },
             "{case}"
         );
         let nothing = StoreChange::StoredCalibrations { current: None, previous: None };

@@ -2,18 +2,18 @@
 
 use super::*;
 use crate::settings::AttitudeError;
-use crate::store::fields::Visitor;
+use crate::store::fields::FieldVisitor;
 
 /// A value without range checks.
 #[derive(Clone, Copy)]
 struct Unchecked<T>(T);
 
-impl<T: Fields> Fields for Unchecked<T> {
+impl<T: StoredFields> StoredFields for Unchecked<T> {
     fn with_defaults() -> Self {
         Self(T::with_defaults())
     }
 
-    fn visit_fields(&mut self, visitor: &mut impl Visitor) {
+    fn visit_fields(&mut self, visitor: &mut impl FieldVisitor) {
         self.0.visit_fields(visitor);
     }
 
@@ -22,9 +22,11 @@ impl<T: Fields> Fields for Unchecked<T> {
     }
 }
 
-fn assert_valid<T: Fields + PartialEq + core::fmt::Debug>(value: &T, valid: bool, label: &str) {
+fn assert_valid<T: StoredFields + PartialEq + core::fmt::Debug>(value: &T, valid: bool, label: &str) {
     let unchecked = item_of(&Unchecked(*value));
-    let PageContent::Item(Item { field_bytes: fields, .. }) = page::parse_page(&unchecked) else { panic!("{label}") };
+    let PageContent::Item(StoredItem { field_bytes: fields, .. }) = page::parse_page(&unchecked) else {
+        panic!("{label}")
+    };
     let mut buffer = [0; ITEM_SIZE];
     let encoded = page::encode_item(value, &mut buffer).map(|(item, _)| item);
     if valid {

@@ -28,7 +28,7 @@ pub enum InboundMessage<'a> {
     /// Request to read or write a parameter.
     GetSet(GetSet<'a>),
     /// Request to save or to reset all parameters.
-    ExecuteOpcode(Opcode),
+    ExecuteOpcode(ParameterOpcode),
     /// Request to restart; false without the number that confirms it.
     RestartNode(bool),
     /// Request for the counters of frames.
@@ -70,14 +70,14 @@ pub struct GetSet<'a> {
     /// Position of the parameter; ignored if there is a name.
     pub parameter_index: u16,
     /// New value; empty to read.
-    pub value: Value<'a>,
+    pub value: GetSetValue<'a>,
     /// Name, if not empty.
     pub name: &'a [u8],
 }
 
 /// Value of a parameter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Value<'a> {
+pub enum GetSetValue<'a> {
     /// No value.
     #[default]
     Empty,
@@ -93,7 +93,7 @@ pub enum Value<'a> {
 
 /// Operation on all parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Opcode {
+pub enum ParameterOpcode {
     /// Saves all parameters.
     Save,
     /// Reset to the defaults.
@@ -176,14 +176,14 @@ fn get_set(payload: &[u8]) -> Option<InboundMessage<'_>> {
     let mut fields = BitReader::new(payload);
     let index = fields.take(13) as u16;
     let value = match fields.take(3) {
-        0 => Value::Empty,
-        1 => Value::Integer(fields.take(64).cast_signed()),
-        2 => Value::Real(f32::from_bits(fields.take(32) as u32)),
-        3 => Value::Boolean(fields.take(8) != 0),
+        0 => GetSetValue::Empty,
+        1 => GetSetValue::Integer(fields.take(64).cast_signed()),
+        2 => GetSetValue::Real(f32::from_bits(fields.take(32) as u32)),
+        3 => GetSetValue::Boolean(fields.take(8) != 0),
         4 => {
             let length = fields.take(8) as usize;
             let text = fields.take_bytes(length);
-            (text.len() == length).then_some(Value::Text(text))?
+            (text.len() == length).then_some(GetSetValue::Text(text))?
         }
         _ => return None,
     };
@@ -194,9 +194,9 @@ fn get_set(payload: &[u8]) -> Option<InboundMessage<'_>> {
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn execute_opcode(payload: &[u8]) -> Option<InboundMessage<'_>> {
     Some(InboundMessage::ExecuteOpcode(match BitReader::new(payload).take(8) {
-        0 if !payload.is_empty() => Opcode::Save,
-        1 => Opcode::Erase,
-        _ => Opcode::Other,
+        0 if !payload.is_empty() => ParameterOpcode::Save,
+        1 => ParameterOpcode::Erase,
+        _ => ParameterOpcode::Other,
     }))
 }
 

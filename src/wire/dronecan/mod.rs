@@ -14,6 +14,8 @@ mod tests;
 mod transfer;
 
 pub use frame::{CanFrame, FrameHeader, NodeId, TRANSFER_ID_MASK, TransferKind, priority};
-pub use inbound::{Allocation, GetSet, InboundMessage, Opcode, PATH_LENGTH, Targetted, UNIQUE_ID_LENGTH, Value};
+pub use inbound::{
+    Allocation, GetSet, GetSetValue, InboundMessage, PATH_LENGTH, ParameterOpcode, Targetted, UNIQUE_ID_LENGTH,
+};
 pub use receiver::{InboundTransfer, LONGEST_RECEIVED, Receiver};
 pub use transfer::{DataType, OutboundTransfer, PAYLOAD_CAPACITY, Payload};

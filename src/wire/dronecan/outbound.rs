@@ -1,12 +1,12 @@
 //! Payloads of sent messages and responses.
 
 use super::bits::BitWriter;
-use super::inbound::{Targetted, UNIQUE_ID_LENGTH, Value};
+use super::inbound::{GetSetValue, Targetted, UNIQUE_ID_LENGTH};
 use super::transfer::Payload;
 
 /// Health of a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Health {
+pub enum NodeHealth {
     /// The node works.
     #[default]
     Ok = 0,
@@ -16,7 +16,7 @@ pub enum Health {
 
 /// Mode of a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Mode {
+pub enum NodeMode {
     /// Normal operation.
     #[default]
     Operational = 0,
@@ -32,9 +32,9 @@ pub struct NodeStatus {
     /// Time since the start, seconds.
     pub uptime_s: u32,
     /// Health of the node.
-    pub health: Health,
+    pub health: NodeHealth,
     /// Operating mode of the node.
-    pub mode: Mode,
+    pub mode: NodeMode,
     /// Code of the vendor.
     pub vendor_code: u16,
 }
@@ -131,20 +131,20 @@ pub fn allocation_payload(is_first_part: bool, unique_id_part: &[u8]) -> Payload
 
 /// Response to GetSet. Without a name the parameter does not exist, and all values are empty.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Parameter<'a> {
+pub struct ParameterResponse<'a> {
     /// Value of the parameter.
-    pub value: Value<'a>,
+    pub value: GetSetValue<'a>,
     /// Default value of the parameter.
-    pub default_value: Value<'a>,
+    pub default_value: GetSetValue<'a>,
     /// Largest value: an integer, a number, or empty.
-    pub max_value: Value<'a>,
+    pub max_value: GetSetValue<'a>,
     /// Smallest value: an integer, a number, or empty.
-    pub min_value: Value<'a>,
+    pub min_value: GetSetValue<'a>,
     /// Name of the parameter.
     pub name: &'a str,
 }
 
-impl Parameter<'_> {
+impl ParameterResponse<'_> {
     /// Encoded response to GetSet.
     #[must_use]
     pub fn payload(&self) -> Payload {
@@ -158,22 +158,22 @@ impl Parameter<'_> {
     }
 }
 
-fn put_value(out: &mut BitWriter, value: Value<'_>, tag_bits: u32) {
+fn put_value(out: &mut BitWriter, value: GetSetValue<'_>, tag_bits: u32) {
     match value {
-        Value::Empty => out.put_bits(0, tag_bits),
-        Value::Integer(number) => {
+        GetSetValue::Empty => out.put_bits(0, tag_bits),
+        GetSetValue::Integer(number) => {
             out.put_bits(1, tag_bits);
             out.put_bits(number.cast_unsigned(), 64);
         }
-        Value::Real(number) => {
+        GetSetValue::Real(number) => {
             out.put_bits(2, tag_bits);
             out.put_bits(number.to_bits().into(), 32);
         }
-        Value::Boolean(is_on) => {
+        GetSetValue::Boolean(is_on) => {
             out.put_bits(3, tag_bits);
             out.put_bits(is_on.into(), 8);
         }
-        Value::Text(text) => {
+        GetSetValue::Text(text) => {
             out.put_bits(4, tag_bits);
             out.put_bytes(&[text.len() as u8]);
             out.put_bytes(text);

@@ -38,7 +38,7 @@ pub struct InboundTransfer<'a> {
 /// Receiver of the transfers that this node understands. 1 KB.
 #[derive(Debug)]
 pub struct Receiver {
-    slots: [Slot; TRANSFER_SLOTS],
+    slots: [TransferSlot; TRANSFER_SLOTS],
     /// Frames and transfers dropped since the start; wraps.
     pub rejected: u32,
 }
@@ -53,7 +53,7 @@ impl Receiver {
     /// Creates a receiver.
     #[must_use]
     pub const fn new() -> Self {
-        Self { slots: [const { Slot::EMPTY }; TRANSFER_SLOTS], rejected: 0 }
+        Self { slots: [const { TransferSlot::EMPTY }; TRANSFER_SLOTS], rejected: 0 }
     }
 
     /// Processes a frame; returns the transfer that it completes. Requests to other nodes than `own` are ignored.
@@ -95,14 +95,14 @@ impl Receiver {
 }
 
 /// Slot of a sender and type. A first frame without one takes a free slot, or that of the longest silent transfer.
-fn find_slot(slots: &mut [Slot; TRANSFER_SLOTS], key: u32, is_start: bool) -> Option<&mut Slot> {
+fn find_slot(slots: &mut [TransferSlot; TRANSFER_SLOTS], key: u32, is_start: bool) -> Option<&mut TransferSlot> {
     let index = slots.iter().position(|slot| slot.key == Some(key)).or_else(|| {
         let oldest = slots.iter().enumerate().min_by_key(|(_, slot)| (slot.key.is_some(), slot.last));
         oldest.map(|(index, _)| index).filter(|_| is_start)
     })?;
     let slot = slots.get_mut(index)?;
     if is_start {
-        *slot = Slot { key: Some(key), ..Slot::EMPTY };
+        *slot = TransferSlot { key: Some(key), ..TransferSlot::EMPTY };
     }
     Some(slot)
 }
@@ -116,7 +116,7 @@ enum FrameEffect<'a> {
 
 /// Transfer being received.
 #[derive(Debug)]
-struct Slot {
+struct TransferSlot {
     /// Identifier without priority; `None` if free.
     key: Option<u32>,
     transfer_id: u8,
@@ -127,7 +127,7 @@ struct Slot {
     payload: heapless::Vec<u8, LONGEST_RECEIVED>,
 }
 
-impl Slot {
+impl TransferSlot {
     const EMPTY: Self = Self {
         key: None,
         transfer_id: 0,

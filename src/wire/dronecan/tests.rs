@@ -1,7 +1,8 @@
 //! Frames and payloads compared with those of pydronecan 1.0.27; node 42 is the compass, node 10 its peer.
 
 use super::outbound::{
-    self, BusCounts, Health, LogLevel, Mode, NodeInfo, NodeStatus, Parameter, SoftwareVersion, UpdateResult,
+    self, BusCounts, LogLevel, NodeHealth, NodeInfo, NodeMode, NodeStatus, ParameterResponse, SoftwareVersion,
+    UpdateResult,
 };
 use super::*;
 use crate::earth::{Date, Position};
@@ -63,7 +64,7 @@ const UNIQUE_ID: [u8; UNIQUE_ID_LENGTH] =
     [0x11, 0x12, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18, 0x19, 0x1A, 0x1B, 0x1C, 0, 0, 0, 0];
 
 const STATUS: NodeStatus =
-    NodeStatus { uptime_s: 0x1234_5678, health: Health::Ok, mode: Mode::Operational, vendor_code: 0xBEEF };
+    NodeStatus { uptime_s: 0x1234_5678, health: NodeHealth::Ok, mode: NodeMode::Operational, vendor_code: 0xBEEF };
 
 #[test]
 fn a_field_is_one_frame_and_three_with_variances() {
@@ -103,7 +104,7 @@ fn status_texts_and_results_are_those_of_pydronecan() {
     let mut warning = STATUS.payload();
     warning[4] |= 0x40;
     assert_frames(&message(DataType::NODE_STATUS, 3, warning), 0x1801_552A, "78 56 34 12 40 EF BE C3");
-    let failed = NodeStatus { health: Health::Error, mode: Mode::SoftwareUpdate, ..STATUS };
+    let failed = NodeStatus { health: NodeHealth::Error, mode: NodeMode::SoftwareUpdate, ..STATUS };
     assert_eq!(failed.payload()[4], 0b1001_1000);
     let text = message(DataType::LOG_MESSAGE, 0, outbound::log_message(LogLevel::Info, "mag", b"ok"));
     assert_frames(&text, 0x183F_FF2A, "23 6D 61 67 6F 6B C0");
@@ -167,39 +168,40 @@ fn an_allocation_is_requested_and_granted_in_three_parts() {
 fn parameters_are_read_and_written_by_name_or_index() {
     let request = |index, value, name| InboundMessage::GetSet(GetSet { parameter_index: index, value, name });
     for (transfer_id, text, expected) in [
-        (5, "AC 76 00 00 43 41 4E 85 ; 5F 4E 4F 44 45 65", request(0, Value::Empty, &b"CAN_NODE"[..])),
-        (6, "03 00 C6", request(3, Value::Empty, b"")),
+        (5, "AC 76 00 00 43 41 4E 85 ; 5F 4E 4F 44 45 65", request(0, GetSetValue::Empty, &b"CAN_NODE"[..])),
+        (6, "03 00 C6", request(3, GetSetValue::Empty, b"")),
         (
             7,
             "4A 24 00 01 32 00 00 87 ; 00 00 00 00 00 43 41 27 ; 4E 5F 4E 4F 44 45 47",
-            request(0, Value::Integer(50), b"CAN_NODE"),
+            request(0, GetSetValue::Integer(50), b"CAN_NODE"),
         ),
     ] {
         assert_received(0x1E0B_AA8A, text, &inbound(30, Some(node(10)), transfer_id, expected));
     }
-    let answer = Parameter { value: Value::Integer(50), name: "CAN_NODE", ..Parameter::default() };
+    let answer =
+        ParameterResponse { value: GetSetValue::Integer(50), name: "CAN_NODE", ..ParameterResponse::default() };
     assert_frames(
         &response(DataType::GET_SET, 7, answer.payload()),
         0x1E0B_0AAA,
         "7A 95 01 32 00 00 00 87 ; 00 00 00 00 00 00 00 27 ; 43 41 4E 5F 4E 4F 44 07 ; 45 67",
     );
-    let unknown = response(DataType::GET_SET, 9, Parameter::default().payload());
+    let unknown = response(DataType::GET_SET, 9, ParameterResponse::default().payload());
     assert_frames(&unknown, 0x1E0B_0AAA, "00 00 00 00 C9");
 }
 
 /// Layout by the table of the definition: tags of three and of two bits, each in a byte of its own.
 #[test]
 fn a_parameter_has_value_default_and_range() {
-    let parameter = Parameter {
-        value: Value::Real(1.0),
-        default_value: Value::Boolean(true),
-        max_value: Value::Real(2.0),
-        min_value: Value::Integer(-1),
+    let parameter = ParameterResponse {
+        value: GetSetValue::Real(1.0),
+        default_value: GetSetValue::Boolean(true),
+        max_value: GetSetValue::Real(2.0),
+        min_value: GetSetValue::Integer(-1),
         name: "P",
     };
     let expected = "02 00 00 80 3F  03 01  02 00 00 00 40  01 FF FF FF FF FF FF FF FF  50";
     assert_eq!(parameter.payload()[..], bytes_of(expected));
-    let text = Parameter { value: Value::Text(b"on"), ..Parameter::default() };
+    let text = ParameterResponse { value: GetSetValue::Text(b"on"), ..ParameterResponse::default() };
     assert_eq!(text.payload()[..], bytes_of("04 02 6F 6E  00 00 00"));
 }
 
@@ -214,10 +216,10 @@ fn services_are_requests_to_this_node() {
     assert_received(0x1E28_AA8A, "00 61 2E 62 69 6E C4", &from_peer(4, update(None, b"a.bin")));
     assert_received(0x1E28_AA8A, "0B 61 C4", &from_peer(4, update(NodeId::new(11), b"a")));
     for (text, opcode) in [
-        ("00 00 00 00 00 00 00 C0", Opcode::Save),
-        ("01 00 00 00 00 00 00 C0", Opcode::Erase),
-        ("02 C0", Opcode::Other),
-        ("C0", Opcode::Other),
+        ("00 00 00 00 00 00 00 C0", ParameterOpcode::Save),
+        ("01 00 00 00 00 00 00 C0", ParameterOpcode::Erase),
+        ("02 C0", ParameterOpcode::Other),
+        ("C0", ParameterOpcode::Other),
     ] {
         assert_received(0x1E0A_AA8A, text, &from_peer(0, InboundMessage::ExecuteOpcode(opcode)));
     }

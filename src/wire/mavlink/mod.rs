@@ -22,7 +22,7 @@ pub use frame::Address;
 use frame::{V1_HEADER_LENGTH, V1_START_BYTE, V2_HEADER_LENGTH, V2_START_BYTE, checksum};
 pub use inbound::{Acknowledgement, InboundMessage, ReceivedCommand};
 use inbound::{MAX_PAYLOAD_LENGTH, MessageSpec, SUPPORTED_MESSAGES};
-pub use outbound::{Frame, MagCalReport, OutboundMessage, Pose};
+pub use outbound::{EncodedFrame, MagCalReport, OutboundMessage, Pose};
 pub use signature::{Signatures, key_from_passphrase};
 
 /// Longest frame of version 2, bytes: header, payload, 2 of CRC, 13 of signature.

@@ -18,13 +18,13 @@ use crate::time::Timestamp;
 const MAX_PAYLOAD: usize = 117;
 
 /// Encoded MAVLink frame.
-pub type Frame = heapless::Vec<u8, { V2_HEADER_LENGTH + MAX_PAYLOAD + 2 + signature::SIGNATURE_SIZE }>;
+pub type EncodedFrame = heapless::Vec<u8, { V2_HEADER_LENGTH + MAX_PAYLOAD + 2 + signature::SIGNATURE_SIZE }>;
 
 /// Message to send.
 #[derive(Clone, Debug)]
 pub struct OutboundMessage {
     /// Header and payload; of the header only the message number is set.
-    frame: Frame,
+    frame: EncodedFrame,
     extra_crc: u8,
 }
 
@@ -176,7 +176,7 @@ impl OutboundMessage {
 
     /// Sets sender and sequence number, truncates trailing zeros, appends the CRC and, with a key, the signature.
     #[must_use]
-    pub fn into_frame(mut self, from: Address, sequence: u8, signatures: &mut Signatures) -> Frame {
+    pub fn into_frame(mut self, from: Address, sequence: u8, signatures: &mut Signatures) -> EncodedFrame {
         // At least one byte of payload remains.
         while self.frame.len() > V2_HEADER_LENGTH + 1 && self.frame.last() == Some(&0) {
             self.frame.pop();

@@ -40,7 +40,7 @@ pub fn key_from_passphrase(passphrase: &str) -> SigningKey {
 
 /// Frames of a sender on a link.
 #[derive(Clone, Copy, Debug)]
-struct Stream {
+struct SignedStream {
     link: u8,
     source: SenderId,
     /// Time of the last frame.
@@ -53,7 +53,7 @@ pub struct Signatures {
     key: Option<SigningKey>,
     /// Time of the newest frame, received or sent.
     pub(super) newest_time: u64,
-    streams: heapless::Vec<Stream, MAX_STREAMS>,
+    streams: heapless::Vec<SignedStream, MAX_STREAMS>,
 }
 
 impl Signatures {
@@ -90,7 +90,7 @@ impl Signatures {
                 stream.time = time;
                 true
             }
-            None => self.streams.push(Stream { link, source, time }).is_ok(),
+            None => self.streams.push(SignedStream { link, source, time }).is_ok(),
         }
     }
 

@@ -50,7 +50,7 @@ use crate::frames::{Attitude, Body, Field};
 /// Function of a request or reply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u16)]
-pub enum Function {
+pub enum MspFunction {
     /// MSP_FC_VARIANT: firmware of the flight controller.
     FcVariant = 2,
     /// MSP_STATUS: armed state, among others.
@@ -67,7 +67,7 @@ pub enum Function {
     Rtc = 247,
 }
 
-impl Function {
+impl MspFunction {
     const ALL_FUNCTIONS: [Self; 7] =
         [Self::FcVariant, Self::Status, Self::RawImu, Self::RawGps, Self::Attitude, Self::Analog, Self::Rtc];
 
@@ -78,7 +78,7 @@ impl Function {
 
 /// The firmware of an autopilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Firmware {
+pub enum AutopilotFirmware {
     /// ArduPilot.
     ArduPilot,
     /// INAV.
@@ -89,7 +89,7 @@ pub enum Firmware {
     Other,
 }
 
-impl Firmware {
+impl AutopilotFirmware {
     /// Converts MSP_ATTITUDE to FRD axes; none if the signs are unknown.
     #[must_use]
     pub fn attitude_from_angles(self, angles: MspAngles) -> Option<Attitude> {
@@ -125,7 +125,7 @@ pub struct MspAngles {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MspReply {
     /// Firmware of the flight controller.
-    FcVariant(Firmware),
+    FcVariant(AutopilotFirmware),
     /// Whether the vehicle is armed.
     Armed(bool),
     /// Position; none without a fix.
@@ -140,7 +140,7 @@ pub enum MspReply {
     Rtc(Option<Date>),
     /// Function that the autopilot does not support: an error frame, or a reply without a payload, which ArduPilot
     /// sends for unknown functions and Betaflight without a clock.
-    Refused(Function),
+    Refused(MspFunction),
 }
 
 const FRAME_HEADER_SIZE: usize = 8;
@@ -214,7 +214,7 @@ fn required_length(bytes: &[u8]) -> Option<usize> {
     match *bytes {
         [b'$', b'X', b'>' | b'!', _, f0, f1, n0, n1, ..] => {
             let payload = usize::from(u16::from_le_bytes([n0, n1]));
-            let is_wanted = Function::from_number(u16::from_le_bytes([f0, f1])).is_some() && payload <= MAX_PAYLOAD;
+            let is_wanted = MspFunction::from_number(u16::from_le_bytes([f0, f1])).is_some() && payload <= MAX_PAYLOAD;
             is_wanted.then_some(FRAME_HEADER_SIZE + payload + 1)
         }
         [] | [b'$'] | [b'$', b'X'] | [b'$', b'X', b'>' | b'!', ..] => Some(FRAME_HEADER_SIZE),
@@ -235,33 +235,35 @@ fn is_intact(frame: &[u8]) -> bool {
 /// Decodes a valid frame; none for a short payload or impossible values.
 fn decode_reply(frame: &[u8]) -> Option<MspReply> {
     let [_, _, direction, _, f0, f1, _, _, payload @ .., _crc] = frame else { return None };
-    let function = Function::from_number(u16::from_le_bytes([*f0, *f1]))?;
+    let function = MspFunction::from_number(u16::from_le_bytes([*f0, *f1]))?;
     if *direction == b'!' || payload.is_empty() {
         return Some(MspReply::Refused(function));
     }
     match (function, payload) {
-        (Function::FcVariant, payload) => payload.get(..4).map(|name| MspReply::FcVariant(parse_firmware(name))),
-        (Function::Status, [_, _, _, _, _, _, flags, _, _, _, _profile, ..]) => Some(MspReply::Armed(flags & 1 != 0)),
-        (Function::RawGps, payload) => raw_gps(payload),
-        (Function::Attitude, [r0, r1, p0, p1, h0, h1, ..]) => parse_angles([[*r0, *r1], [*p0, *p1], [*h0, *h1]]),
-        (Function::RawImu, [_, _, _, _, _, _, x0, x1, y0, y1, z0, z1, ..]) => {
+        (MspFunction::FcVariant, payload) => payload.get(..4).map(|name| MspReply::FcVariant(parse_firmware(name))),
+        (MspFunction::Status, [_, _, _, _, _, _, flags, _, _, _, _profile, ..]) => {
+            Some(MspReply::Armed(flags & 1 != 0))
+        }
+        (MspFunction::RawGps, payload) => raw_gps(payload),
+        (MspFunction::Attitude, [r0, r1, p0, p1, h0, h1, ..]) => parse_angles([[*r0, *r1], [*p0, *p1], [*h0, *h1]]),
+        (MspFunction::RawImu, [_, _, _, _, _, _, x0, x1, y0, y1, z0, z1, ..]) => {
             Some(MspReply::Gyro([[*x0, *x1], [*y0, *y1], [*z0, *z1]].map(i16::from_le_bytes)))
         }
         // Voltage, charge, signal strength, then the current in hundredths of an ampere.
-        (Function::Analog, [_, _, _, _, _, c0, c1, ..]) => {
+        (MspFunction::Analog, [_, _, _, _, _, c0, c1, ..]) => {
             Some(MspReply::Current(f32::from(i16::from_le_bytes([*c0, *c1])) * 0.01))
         }
-        (Function::Rtc, payload) => parse_rtc(payload),
+        (MspFunction::Rtc, payload) => parse_rtc(payload),
         _ => None,
     }
 }
 
-fn parse_firmware(name: &[u8]) -> Firmware {
+fn parse_firmware(name: &[u8]) -> AutopilotFirmware {
     match name {
-        b"ARDU" => Firmware::ArduPilot,
-        b"INAV" => Firmware::Inav,
-        b"BTFL" => Firmware::Betaflight,
-        _ => Firmware::Other,
+        b"ARDU" => AutopilotFirmware::ArduPilot,
+        b"INAV" => AutopilotFirmware::Inav,
+        b"BTFL" => AutopilotFirmware::Betaflight,
+        _ => AutopilotFirmware::Other,
     }
 }
 
@@ -307,7 +309,7 @@ fn parse_date(year: u16, month: u8, day: u8) -> Option<Date> {
 
 /// Encodes a request.
 #[must_use]
-pub fn encode_request(function: Function) -> [u8; 9] {
+pub fn encode_request(function: MspFunction) -> [u8; 9] {
     let [f0, f1] = (function as u16).to_le_bytes();
     let mut frame = [b'$', b'X', b'<', 0, f0, f1, 0, 0, 0];
     write_checksum(&mut frame);

@@ -15,12 +15,12 @@ fn frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
     frame
 }
 
-fn reply(function: Function, payload: &[u8]) -> Vec<u8> {
+fn reply(function: MspFunction, payload: &[u8]) -> Vec<u8> {
     frame(b'>', function as u16, payload)
 }
 
 fn attitude(roll: i16, pitch: i16) -> Vec<u8> {
-    reply(Function::Attitude, &[roll.to_le_bytes(), pitch.to_le_bytes(), 10_i16.to_le_bytes()].concat())
+    reply(MspFunction::Attitude, &[roll.to_le_bytes(), pitch.to_le_bytes(), 10_i16.to_le_bytes()].concat())
 }
 
 fn angles_of(roll_decideg: i16, pitch_decideg: i16) -> MspReply {
@@ -46,15 +46,15 @@ fn decode_single(stream: &[u8]) -> Option<MspReply> {
 #[test]
 fn sent_frames_match_frames_that_autopilots_accepted() {
     assert_eq!(checksum(b"123456789"), 0xBC);
-    assert_eq!(encode_request(Function::Attitude).to_vec(), hex("24 58 3C 00 6C 00 00 00 D8"));
+    assert_eq!(encode_request(MspFunction::Attitude).to_vec(), hex("24 58 3C 00 6C 00 00 00 D8"));
     let sent = compass_message(0, 123_456, Field::from_ut(20.0, -5.1, 44.2));
     assert_eq!(sent.to_vec(), hex("24 58 3C 00 04 1F 0B 00 00 40 E2 01 00 C8 00 CD FF BA 01 26"));
     for (function, number) in [
-        (Function::FcVariant, 2),
-        (Function::Status, 101),
-        (Function::RawGps, 106),
-        (Function::Attitude, 108),
-        (Function::Rtc, 247),
+        (MspFunction::FcVariant, 2),
+        (MspFunction::Status, 101),
+        (MspFunction::RawGps, 106),
+        (MspFunction::Attitude, 108),
+        (MspFunction::Rtc, 247),
     ] {
         assert_eq!(encode_request(function).to_vec(), frame(b'<', number, &[]));
     }
@@ -94,36 +94,36 @@ fn replies_of_later_longer_versions_are_decoded() {
     let date = [0xE8, 0x07, 2, 29, 23, 59, 59, 0xE7, 0x03];
     let day = Date::from_unix_s(1_709_164_800);
     let expected = [
-        (Function::FcVariant, b"INAV".to_vec(), MspReply::FcVariant(Firmware::Inav)),
-        (Function::Status, status.to_vec(), MspReply::Armed(true)),
-        (Function::RawGps, gps.to_vec(), MspReply::RawGps(place)),
-        (Function::Attitude, hex("7B 00 CE FF 0A 00"), angles_of(123, -50)),
-        (Function::Rtc, date.to_vec(), MspReply::Rtc(day)),
+        (MspFunction::FcVariant, b"INAV".to_vec(), MspReply::FcVariant(AutopilotFirmware::Inav)),
+        (MspFunction::Status, status.to_vec(), MspReply::Armed(true)),
+        (MspFunction::RawGps, gps.to_vec(), MspReply::RawGps(place)),
+        (MspFunction::Attitude, hex("7B 00 CE FF 0A 00"), angles_of(123, -50)),
+        (MspFunction::Rtc, date.to_vec(), MspReply::Rtc(day)),
     ];
     for (function, payload, message) in expected {
         assert_eq!(decode_single(&reply(function, &payload)), Some(message));
         let longer = [payload.clone(), vec![0xA5; MAX_PAYLOAD - payload.len()]].concat();
         assert_eq!(decode_single(&reply(function, &longer)), Some(message), "with more");
-        if function != Function::Rtc {
+        if function != MspFunction::Rtc {
             assert_eq!(decode_single(&reply(function, &payload[1..])), None, "{function:?} that is too short");
         }
     }
     // A payload longer than any firmware's is skipped.
-    let (messages, rejected) = all(&[reply(Function::Attitude, &[0; MAX_PAYLOAD + 1]), attitude(1, 2)].concat());
+    let (messages, rejected) = all(&[reply(MspFunction::Attitude, &[0; MAX_PAYLOAD + 1]), attitude(1, 2)].concat());
     assert_eq!((messages, rejected), (vec![angles_of(1, 2)], 0));
 }
 
 #[test]
 fn firmware_is_identified_by_its_name() {
     let names: [(&[u8], _); 5] = [
-        (b"ARDU", Firmware::ArduPilot),
-        (b"INAV", Firmware::Inav),
-        (b"BTFL", Firmware::Betaflight),
-        (b"inav", Firmware::Other),
-        (b"BTFLX", Firmware::Betaflight),
+        (b"ARDU", AutopilotFirmware::ArduPilot),
+        (b"INAV", AutopilotFirmware::Inav),
+        (b"BTFL", AutopilotFirmware::Betaflight),
+        (b"inav", AutopilotFirmware::Other),
+        (b"BTFLX", AutopilotFirmware::Betaflight),
     ];
     for (name, firmware) in names {
-        assert_eq!(decode_single(&reply(Function::FcVariant, name)), Some(MspReply::FcVariant(firmware)));
+        assert_eq!(decode_single(&reply(MspFunction::FcVariant, name)), Some(MspReply::FcVariant(firmware)));
     }
 }
 
@@ -131,14 +131,16 @@ fn firmware_is_identified_by_its_name() {
 #[test]
 fn the_sign_of_pitch_is_that_of_the_firmware() {
     let expected = Attitude::from_deg(12.3, 5.0);
-    for (firmware, pitch_decideg) in [(Firmware::ArduPilot, 50), (Firmware::Inav, -50), (Firmware::Betaflight, -50)] {
+    for (firmware, pitch_decideg) in
+        [(AutopilotFirmware::ArduPilot, 50), (AutopilotFirmware::Inav, -50), (AutopilotFirmware::Betaflight, -50)]
+    {
         let found =
             firmware.attitude_from_angles(MspAngles { roll_decideg: 123, pitch_decideg, heading_deg: 0 }).unwrap();
         assert!((found.roll_rad - expected.roll_rad).abs() < 1e-6, "{firmware:?} {found:?}");
         assert!((found.pitch_rad - expected.pitch_rad).abs() < 1e-6, "{firmware:?} {found:?}");
     }
     assert_eq!(
-        Firmware::Other.attitude_from_angles(MspAngles { roll_decideg: 0, pitch_decideg: 0, heading_deg: 0 }),
+        AutopilotFirmware::Other.attitude_from_angles(MspAngles { roll_decideg: 0, pitch_decideg: 0, heading_deg: 0 }),
         None
     );
 }
@@ -157,7 +159,7 @@ fn impossible_angles_are_rejected() {
 fn armed_state_is_the_lowest_status_bit() {
     for (flags, is_armed) in [([1, 0], true), ([0xFE, 0xFF], false), ([0xFF, 0], true), ([0, 1], false)] {
         let payload = [[9; 6].as_slice(), &flags, &[1, 1, 1]].concat();
-        assert_eq!(decode_single(&reply(Function::Status, &payload)), Some(MspReply::Armed(is_armed)), "{flags:?}");
+        assert_eq!(decode_single(&reply(MspFunction::Status, &payload)), Some(MspReply::Armed(is_armed)), "{flags:?}");
     }
 }
 
@@ -166,10 +168,10 @@ fn armed_state_is_the_lowest_status_bit() {
 fn a_current_is_in_hundredths() {
     for (bytes, amperes) in [([0xD2, 0x04], 12.34), ([0, 0], 0.0), ([0xFE, 0xFF], -0.02)] {
         let payload = [[7; 5].as_slice(), &bytes].concat();
-        assert_eq!(decode_single(&reply(Function::Analog, &payload)), Some(MspReply::Current(amperes)));
+        assert_eq!(decode_single(&reply(MspFunction::Analog, &payload)), Some(MspReply::Current(amperes)));
         let longer = [&payload[..], &[9, 9]].concat();
-        assert_eq!(decode_single(&reply(Function::Analog, &longer)), Some(MspReply::Current(amperes)));
-        assert_eq!(decode_single(&reply(Function::Analog, &payload[..6])), None, "too short");
+        assert_eq!(decode_single(&reply(MspFunction::Analog, &longer)), Some(MspReply::Current(amperes)));
+        assert_eq!(decode_single(&reply(MspFunction::Analog, &payload[..6])), None, "too short");
     }
 }
 
@@ -182,7 +184,7 @@ fn a_position_needs_a_fix() {
         payload.extend((-10_000_000_i32).to_le_bytes());
         payload.extend(height_m.to_le_bytes());
         payload.extend([0; 6]);
-        decode_single(&reply(Function::RawGps, &payload))
+        decode_single(&reply(MspFunction::RawGps, &payload))
     };
     let place = |latitude_deg, height_m| Some(MspReply::RawGps(Position::new(latitude_deg, -1.0, height_m)));
     assert_eq!(gps(1, 315_000_000, -400), place(31.5, -400.0));
@@ -196,7 +198,7 @@ fn a_position_needs_a_fix() {
 fn a_date_is_decoded_from_calendar_or_seconds() {
     let of_date = |year: u16, month, day| {
         let [y0, y1] = year.to_le_bytes();
-        decode_single(&reply(Function::Rtc, &[y0, y1, month, day, 1, 2, 3, 4, 0]))
+        decode_single(&reply(MspFunction::Rtc, &[y0, y1, month, day, 1, 2, 3, 4, 0]))
     };
     let day = |seconds| Some(MspReply::Rtc(Date::from_unix_s(seconds)));
     for (year, month, date, seconds) in [
@@ -218,15 +220,15 @@ fn a_date_is_decoded_from_calendar_or_seconds() {
         assert_eq!(of_date(year, 1, 1), Some(MspReply::Rtc(None)));
     }
     let of_seconds =
-        |seconds: u32| decode_single(&reply(Function::Rtc, &[&seconds.to_le_bytes()[..], &[7, 0]].concat()));
+        |seconds: u32| decode_single(&reply(MspFunction::Rtc, &[&seconds.to_le_bytes()[..], &[7, 0]].concat()));
     assert_eq!(of_seconds(1_709_164_800), day(1_709_164_800));
     assert_eq!(of_seconds(0), Some(MspReply::Rtc(None)));
-    assert_eq!(decode_single(&reply(Function::Rtc, &[0; 5])), None);
+    assert_eq!(decode_single(&reply(MspFunction::Rtc, &[0; 5])), None);
 }
 
 #[test]
 fn refusals_and_empty_replies_are_returned() {
-    for function in Function::ALL_FUNCTIONS {
+    for function in MspFunction::ALL_FUNCTIONS {
         assert_eq!(decode_single(&frame(b'!', function as u16, &[])), Some(MspReply::Refused(function)));
         assert_eq!(
             decode_single(&frame(b'!', function as u16, &[1, 2, 3, 4, 5, 6])),
@@ -243,7 +245,7 @@ fn unsupported_frames_are_skipped() {
     let other = frame(b'>', 0x3E6C, &[b'$'; 40]);
     let noise = hex("24 24 58 24 58 3E 24 58 3F 00 6C 00 00");
     let stream =
-        [&attitude(1, 2)[..], &version_1, &encode_request(Function::Attitude), &other, &noise, &attitude(3, 4)]
+        [&attitude(1, 2)[..], &version_1, &encode_request(MspFunction::Attitude), &other, &noise, &attitude(3, 4)]
             .concat();
     assert_eq!(all(&stream), (vec![angles_of(1, 2), angles_of(3, 4)], 0));
 }
@@ -252,7 +254,7 @@ fn unsupported_frames_are_skipped() {
 #[test]
 fn a_frame_within_a_payload_is_not_decoded() {
     let payload = [&[0; 11][..], &attitude(1, 2)].concat();
-    let (messages, rejected) = all(&[reply(Function::Status, &payload), vec![0; MAX_FRAME]].concat());
+    let (messages, rejected) = all(&[reply(MspFunction::Status, &payload), vec![0; MAX_FRAME]].concat());
     assert_eq!((messages, rejected), (vec![MspReply::Armed(false)], 0));
 }
 

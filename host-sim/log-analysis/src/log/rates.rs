@@ -4,7 +4,7 @@ use autoswing::frames::wrap_pi;
 
 use super::flight::Flight;
 use super::rates_problem::RatesProblem;
-use super::series::{Series, Stamped};
+use super::series::{Series, TimedRow};
 use crate::numbers::median;
 
 /// Longest interval between the neighbours of a row for a difference, seconds.
@@ -52,7 +52,7 @@ pub(super) fn check_rates(flight: &mut Flight) {
     }
 }
 
-fn find_problem(differences: &[Stamped<3>], flight: &Flight) -> Option<RatesProblem> {
+fn find_problem(differences: &[TimedRow<3>], flight: &Flight) -> Option<RatesProblem> {
     if flight.body_rates.is_empty() {
         return (!differences.is_empty()).then_some(RatesProblem::NotLogged);
     }
@@ -93,8 +93,8 @@ fn sign_or_unit(pairs: &[([f32; 3], [f32; 3])], axis: usize) -> Option<RatesProb
 }
 
 /// Body rates by central differences of the attitude; a missing yaw counts as constant.
-fn attitude_differences(attitude: &Series<3>) -> Vec<Stamped<3>> {
-    let rate_at = |three: &[Stamped<3>]| {
+fn attitude_differences(attitude: &Series<3>) -> Vec<TimedRow<3>> {
+    let rate_at = |three: &[TimedRow<3>]| {
         let [before, at, after] = three else { return None };
         let span_s = after.t_s - before.t_s;
         let [roll, pitch, yaw]: [f32; 3] =
@@ -106,7 +106,7 @@ fn attitude_differences(attitude: &Series<3>) -> Vec<Stamped<3>> {
             pitch * cos_roll + yaw * sin_roll * cos_pitch,
             -pitch * sin_roll + yaw * cos_roll * cos_pitch,
         ];
-        (span_s <= MAX_DIFFERENCE_INTERVAL_S).then_some(Stamped { t_s: at.t_s, values })
+        (span_s <= MAX_DIFFERENCE_INTERVAL_S).then_some(TimedRow { t_s: at.t_s, values })
     };
     attitude.rows().windows(3).filter_map(rate_at).collect()
 }

@@ -14,7 +14,7 @@ const LOWEST_THINNED_RATE_HZ: f64 = 20.0;
 
 /// A row of `N` values with its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stamped<const N: usize> {
+pub struct TimedRow<const N: usize> {
     /// Flight time, seconds.
     pub t_s: f64,
     /// Values of the row.
@@ -24,7 +24,7 @@ pub struct Stamped<const N: usize> {
 /// A time series of `N` values a row.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Series<const N: usize> {
-    rows: Vec<Stamped<N>>,
+    rows: Vec<TimedRow<N>>,
     /// Base-2 logarithm of the row stride: of `stride` consecutive rows one is stored.
     row_stride_log2: u8,
     /// Base-2 logarithm of the part stride: of `stride` consecutive periods of the log one is stored.
@@ -56,7 +56,7 @@ impl<const N: usize> Series<N> {
                 return;
             }
         }
-        self.rows.push(Stamped { t_s, values });
+        self.rows.push(TimedRow { t_s, values });
     }
 
     /// Drops every second part at a low rate, else every second row; rows also if a single part exceeds three quarters
@@ -90,12 +90,12 @@ impl<const N: usize> Series<N> {
 
     /// The rows.
     #[must_use]
-    pub fn rows(&self) -> &[Stamped<N>] {
+    pub fn rows(&self) -> &[TimedRow<N>] {
         &self.rows
     }
 
     /// The rows, mutable; the caller must keep their times in order.
-    pub fn rows_mut(&mut self) -> &mut [Stamped<N>] {
+    pub fn rows_mut(&mut self) -> &mut [TimedRow<N>] {
         &mut self.rows
     }
 
@@ -107,7 +107,7 @@ impl<const N: usize> Series<N> {
 
     /// The last row at or before a time and the first after it.
     #[must_use]
-    pub fn adjacent_values(&self, t_s: f64) -> (Option<&Stamped<N>>, Option<&Stamped<N>>) {
+    pub fn adjacent_values(&self, t_s: f64) -> (Option<&TimedRow<N>>, Option<&TimedRow<N>>) {
         let after = self.rows.partition_point(|row| row.t_s <= t_s);
         (after.checked_sub(1).and_then(|before| self.rows.get(before)), self.rows.get(after))
     }
@@ -115,7 +115,7 @@ impl<const N: usize> Series<N> {
     /// The rows around a time and the interpolation weight of the second, 0 to 1; none outside the series and in gaps
     /// longer than `max_gap_s`.
     #[must_use]
-    pub fn surrounding_values(&self, t_s: f64, max_gap_s: f64) -> Option<(&Stamped<N>, &Stamped<N>, f64)> {
+    pub fn surrounding_values(&self, t_s: f64, max_gap_s: f64) -> Option<(&TimedRow<N>, &TimedRow<N>, f64)> {
         let (before, after) = self.adjacent_values(t_s);
         let before = before?;
         let Some(after) = after else { return (before.t_s >= t_s).then_some((before, before, 0.0)) };

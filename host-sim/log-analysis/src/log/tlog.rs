@@ -37,7 +37,7 @@ pub fn matches_header(head: &[u8]) -> bool {
 /// since the end of the previous frame can look like a clock.
 fn find_clock_length(head: &[u8]) -> Option<usize> {
     let right = |at: usize, clock: usize| {
-        Frame::parse_first_frame(head.get(at..)?, clock).filter(|frame| frame.is_checksum_valid)
+        LogFrame::parse_first_frame(head.get(at..)?, clock).filter(|frame| frame.is_checksum_valid)
     };
     let is_chain =
         |at: usize, clock: usize| right(at, clock).is_some_and(|one| right(at + one.total_len, clock).is_some());
@@ -63,7 +63,7 @@ pub fn read_tlog(source: &mut dyn Read, system: Option<u8>) -> io::Result<Flight
         if bytes.is_empty() {
             break;
         }
-        let frame = Frame::parse_first_frame(bytes, clock);
+        let frame = LogFrame::parse_first_frame(bytes, clock);
         let length = if let Some(frame) = frame {
             if frame.is_checksum_valid {
                 log.record_frame(&frame);
@@ -78,7 +78,7 @@ pub fn read_tlog(source: &mut dyn Read, system: Option<u8>) -> io::Result<Flight
     Ok(log.finish_flight())
 }
 
-struct Frame<'a> {
+struct LogFrame<'a> {
     /// Receiver's clock, microseconds since 1970; zero if absent.
     received_us: u64,
     version: MavlinkVersion,
@@ -89,7 +89,7 @@ struct Frame<'a> {
     total_len: usize,
 }
 
-impl<'a> Frame<'a> {
+impl<'a> LogFrame<'a> {
     /// Parses the frame at the start of `bytes`, after `clock` bytes of clock.
     fn parse_first_frame(bytes: &'a [u8], clock: usize) -> Option<Self> {
         let (received, frame) = bytes.split_at_checked(clock)?;
@@ -127,7 +127,7 @@ impl<'a> Frame<'a> {
 const HEARTBEAT: u32 = 0;
 
 /// The autopilot (`MAV_AUTOPILOT`) of a heartbeat; none of other messages and components.
-fn autopilot_of_heartbeat(frame: &Frame<'_>) -> Option<u8> {
+fn autopilot_of_heartbeat(frame: &LogFrame<'_>) -> Option<u8> {
     const INVALID_AUTOPILOT: u8 = 8;
     // MAV_TYPE: ground station, onboard controller, gimbal, ADS-B, camera. Some report a generic autopilot.
     const NON_VEHICLE_TYPES: [u8; 5] = [6, 18, 26, 27, 30];
@@ -163,7 +163,7 @@ impl TlogReader {
         }
     }
 
-    fn record_frame(&mut self, frame: &Frame<'_>) {
+    fn record_frame(&mut self, frame: &LogFrame<'_>) {
         let [system, _] = frame.sender;
         if self.autopilot.is_some_and(|selected| selected != frame.sender)
             || self.requested_system.is_some_and(|wanted| wanted != system)
@@ -190,7 +190,7 @@ impl TlogReader {
     }
 
     /// Records another vehicle, or a second autopilot of the same system.
-    fn record_other_vehicle(&mut self, frame: &Frame<'_>, autopilot: Option<u8>) {
+    fn record_other_vehicle(&mut self, frame: &LogFrame<'_>, autopilot: Option<u8>) {
         let [system, component] = frame.sender;
         let is_own = self.autopilot.is_some_and(|[selected_system, _]| selected_system == system);
         if autopilot.is_none() {
@@ -204,7 +204,7 @@ impl TlogReader {
     }
 
     /// Reads the payload bytes directly, so that vehicle types unknown to the library are accepted.
-    fn process_heartbeat(&mut self, frame: &Frame<'_>) {
+    fn process_heartbeat(&mut self, frame: &LogFrame<'_>) {
         const MAV_AUTOPILOT_ARDUPILOT: u8 = 3;
         const MAV_AUTOPILOT_PX4: u8 = 12;
         const ARMED_FLAG: u8 = 0x80;
@@ -234,7 +234,7 @@ impl TlogReader {
         self.builder.finish_flight()
     }
 
-    fn process_message(&mut self, frame: &Frame<'_>, message: &MavMessage) {
+    fn process_message(&mut self, frame: &LogFrame<'_>, message: &MavMessage) {
         match message {
             MavMessage::ATTITUDE(m) => {
                 if let Some(t_s) = self.time_by_sender(frame, u64::from(m.time_boot_ms) * 1000) {
@@ -305,7 +305,7 @@ impl TlogReader {
     }
 
     /// Adds a field in milligauss.
-    fn record_field(&mut self, frame: &Frame<'_>, number: u8, us: u64, field: [i16; 3]) {
+    fn record_field(&mut self, frame: &LogFrame<'_>, number: u8, us: u64, field: [i16; 3]) {
         // An absent compass is sent as zero.
         if field == [0; 3] {
             return;
@@ -318,7 +318,7 @@ impl TlogReader {
 
     /// Flight time of a message with the sender's clock. Some senders put Unix time in the field; then the receiver's
     /// clock is used.
-    fn time_by_sender(&mut self, frame: &Frame<'_>, us: u64) -> Option<f64> {
+    fn time_by_sender(&mut self, frame: &LogFrame<'_>, us: u64) -> Option<f64> {
         /// Ten years: longer than any uptime, earlier than any Unix time after 1980.
         const MAX_BOOT_US: u64 = 315_000_000_000_000;
         if us == 0 || us > MAX_BOOT_US {
@@ -330,7 +330,7 @@ impl TlogReader {
     }
 
     /// Flight time of a message without the sender's clock.
-    fn time_by_receiver(&mut self, frame: &Frame<'_>) -> Option<f64> {
+    fn time_by_receiver(&mut self, frame: &LogFrame<'_>) -> Option<f64> {
         const MAX_US: u64 = 2_000_000;
         let (sent_us, received_us) = self.last_clocks_us?;
         let since_us = frame.received_us.saturating_sub(received_us).min(MAX_US);

@@ -6,7 +6,7 @@ use autoswing::calibration::{Sample, Solution};
 use autoswing::collection::{Collector, RetainedSamples};
 use autoswing::compass::{Command, Compass, Effect, Event};
 use autoswing::messages::{Message, Refusal};
-use autoswing::reading::{Identity, Model};
+use autoswing::reading::{Identity, MagnetometerModel};
 use autoswing::settings::Settings;
 use autoswing::store::StoredValues;
 use autoswing::time::WrappingMillis;
@@ -15,7 +15,7 @@ use super::result::ReplayOptions;
 use super::row_solve::{RunOutcome, sample_time_s};
 
 /// Arbitrary sensor identity, since samples are already averaged and nothing is stored.
-const PLACEHOLDER_SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
+const PLACEHOLDER_SENSOR: Identity = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
 
 /// A module that collects in flight, without a calibration.
 pub struct ModuleRun<'a> {

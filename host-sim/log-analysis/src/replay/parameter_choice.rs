@@ -62,7 +62,7 @@ pub enum NoParameters {
         /// Expected error over all headings, degrees RMS.
         expected_deg: f64,
         /// Quantity that the residuals depend on.
-        dependence: Dependence,
+        dependence: ResidualDependence,
     },
     /// The module's verification rejects the fit, and there is no reference to judge it by.
     Unverified,
@@ -86,7 +86,7 @@ pub enum NoParameters {
 
 /// Quantity that residuals of a fit depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Dependence {
+pub enum ResidualDependence {
     /// Time.
     Time,
     /// Bank.
@@ -122,7 +122,12 @@ pub fn choose_parameters(
         let [Some(first), Some(second)] = halves.map(export) else { return None };
         let full = halves.map(solved_correction);
         let held_back = score_held_back(flight, &rows, &[first, second], &full, format, sigma_deg.is_some())?;
-        Some(Candidate { solution: variant.fit_of_all_rows, is_accepted: variant.is_accepted, exported, held_back })
+        Some(ParameterCandidate {
+            solution: variant.fit_of_all_rows,
+            is_accepted: variant.is_accepted,
+            exported,
+            held_back,
+        })
     };
     let mut candidates = fit.fit_variants.iter().filter_map(candidate);
     let mut best = candidates.next().ok_or(NoParameters::Unsolved)?;
@@ -132,7 +137,7 @@ pub fn choose_parameters(
         }
     }
     best.check(sigma_deg)?;
-    let Candidate { mut exported, held_back, .. } = best;
+    let ParameterCandidate { mut exported, held_back, .. } = best;
     if let Some(limit_mg) = exported.exceeded_offset_mg(flight, format) {
         return Err(NoParameters::OffsetsTooLarge { offset_mg: exported.largest_offset_mg(), limit_mg });
     }
@@ -141,14 +146,14 @@ pub fn choose_parameters(
     Ok(exported)
 }
 
-struct Candidate {
+struct ParameterCandidate {
     solution: Solution,
     is_accepted: bool,
     exported: ExportedCorrection,
     held_back: HeldBackScore,
 }
 
-impl Candidate {
+impl ParameterCandidate {
     fn check(&self, reference_sigma_deg: Option<f64>) -> Result<(), NoParameters> {
         let HeldBackScore { rms_deg, as_logged_rms_deg, .. } = self.held_back;
         let expected_deg = f64::from(self.solution.quality.expected_rms_deg);
@@ -175,12 +180,12 @@ impl Candidate {
 }
 
 /// Quantity on which the residuals depend, if this dependence makes up most of the expected error.
-fn residual_dependence(solution: &Solution) -> Option<Dependence> {
+fn residual_dependence(solution: &Solution) -> Option<ResidualDependence> {
     let expected_deg = f64::from(solution.quality.expected_rms_deg);
     let is_most = |added_deg: f32| square(added_deg.into()) > 0.5 * square(expected_deg);
     let by_time = solution.hard_iron_change.filter(|finding| is_most(finding.added_error_deg));
     let by_bank = solution.bank_scale_error.filter(|finding| is_most(finding.added_error_deg));
-    by_time.map(|_| Dependence::Time).or(by_bank.map(|_| Dependence::Bank))
+    by_time.map(|_| ResidualDependence::Time).or(by_bank.map(|_| ResidualDependence::Bank))
 }
 
 /// Whether motor-current interference is known and large enough to be compensated.
@@ -301,10 +306,10 @@ impl fmt::Display for NoParameters {
             }
             Self::Residuals { expected_deg, dependence } => {
                 let depends = match dependence {
-                    Dependence::Time => {
+                    ResidualDependence::Time => {
                         "the field does not fit early and late in the flight alike, as with iron that moves"
                     }
-                    Dependence::Bank => {
+                    ResidualDependence::Bank => {
                         "the field does not fit all banks alike, as with a wrong bank or iron that follows it"
                     }
                 };

@@ -1,7 +1,7 @@
 //! Headings of the rows by the module's instrument, and their score.
 
 use autoswing::attitude::{self, AttitudeReport, EulerRates, SenderId};
-use autoswing::calibration::{Calibration, CollectionPart, Current, Rates, Sample, Solution};
+use autoswing::calibration::{Calibration, CollectionPart, MotorCurrent, Rates, Sample, Solution};
 use autoswing::frames::{Attitude, Field, Level};
 use autoswing::heading;
 use autoswing::instrument::{Correction, Estimate, InstallationChange, Instrument, InstrumentConfig};
@@ -64,7 +64,7 @@ pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
         field: row.raw_field,
         attitude: row.attitude,
         rates,
-        current: Current::UNKNOWN,
+        current: MotorCurrent::UNKNOWN,
         time: WrappingMillis::default(),
         part: CollectionPart::FREE,
     };

@@ -1,6 +1,6 @@
 //! Coordinate axes of all pictures.
 
-use super::svg::{Point, Svg};
+use super::svg::{PicturePoint, Svg};
 use crate::numbers::format_number;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,13 +76,13 @@ pub struct PlotFrame {
     pub x: Axis,
     pub y: Axis,
     /// Upper left corner of the frame.
-    pub upper_left: Point,
-    pub size: Point,
+    pub upper_left: PicturePoint,
+    pub size: PicturePoint,
 }
 
 impl PlotFrame {
     /// Position of a point; none if outside or NaN.
-    pub fn plot_point(&self, x: f64, y: f64) -> Option<Point> {
+    pub fn plot_point(&self, x: f64, y: f64) -> Option<PicturePoint> {
         let inside = |axis: &Axis, value: f64| (-1e-9..=1.0 + 1e-9).contains(&axis.axis_fraction(value));
         (inside(&self.x, x) && inside(&self.y, y)).then(|| [self.x_position(x), self.y_position(y)])
     }
@@ -127,7 +127,7 @@ impl PlotFrame {
 }
 
 /// Points of a closed line of errors by heading, interrupted at missing values and at jumps across 180 deg.
-pub fn closed_heading_curve(errors_deg: &[Option<f64>]) -> Vec<Option<Point>> {
+pub fn closed_heading_curve(errors_deg: &[Option<f64>]) -> Vec<Option<PicturePoint>> {
     let step_deg = 360.0 / errors_deg.len().max(1) as f64;
     let mut points = Vec::new();
     let mut last: Option<f64> = None;

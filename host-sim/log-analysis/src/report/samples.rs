@@ -12,9 +12,9 @@ const LINE_GAP_S: f64 = 3.0;
 const LINE_GAP_STEPS: f64 = 4.0;
 
 /// A number for each sample.
-type Column = (&'static str, fn(&ReportSample) -> Option<f64>);
+type SampleColumn = (&'static str, fn(&ReportSample) -> Option<f64>);
 
-const SAMPLE_COLUMNS: [Column; 17] = [
+const SAMPLE_COLUMNS: [SampleColumn; 17] = [
     ("heading", |sample| sample.heading_deg),
     ("roll", |sample| Some(sample.roll_deg)),
     ("pitch", |sample| Some(sample.pitch_deg)),

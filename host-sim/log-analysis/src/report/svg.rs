@@ -9,11 +9,11 @@ const COLOURS_CSS: &str = include_str!("assets/colours.css");
 const PICTURE_CSS: &str = include_str!("assets/picture.css");
 
 /// Position in a picture, right and down.
-pub type Point = [f64; 2];
+pub type PicturePoint = [f64; 2];
 
 /// Marker shape, distinguishable without colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shape {
+pub enum MarkerShape {
     Circle,
     Triangle,
     Square,
@@ -23,7 +23,7 @@ pub enum Shape {
 }
 
 pub struct Svg {
-    size: Point,
+    size: PicturePoint,
     body: String,
 }
 
@@ -32,28 +32,28 @@ impl Svg {
         Self { size: [width, height], body: String::new() }
     }
 
-    pub fn draw_line(&mut self, class: &str, [x1, y1]: Point, [x2, y2]: Point) {
+    pub fn draw_line(&mut self, class: &str, [x1, y1]: PicturePoint, [x2, y2]: PicturePoint) {
         if let Some([x1, y1, x2, y2]) = format_coordinates([x1, y1, x2, y2]) {
             self.push_element(&format!(r#"<line class="{class}" x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}"/>"#));
         }
     }
 
     /// A rectangle from its upper left corner.
-    pub fn draw_rectangle(&mut self, class: &str, [x, y]: Point, [width, height]: Point) {
+    pub fn draw_rectangle(&mut self, class: &str, [x, y]: PicturePoint, [width, height]: PicturePoint) {
         if let Some([x, y, width, height]) = format_coordinates([x, y, width.max(0.0), height.max(0.0)]) {
             self.push_element(&format!(r#"<rect class="{class}" x="{x}" y="{y}" width="{width}" height="{height}"/>"#));
         }
     }
 
     /// Text; the class sets its alignment at the position.
-    pub fn draw_text(&mut self, class: &str, [x, y]: Point, words: &str) {
+    pub fn draw_text(&mut self, class: &str, [x, y]: PicturePoint, words: &str) {
         if let Some([x, y]) = format_coordinates([x, y]) {
             self.push_element(&format!(r#"<text class="{class}" x="{x}" y="{y}">{}</text>"#, escape_html(words)));
         }
     }
 
     /// Text rotated to read upwards, centred.
-    pub fn vertical_text(&mut self, class: &str, [x, y]: Point, words: &str) {
+    pub fn vertical_text(&mut self, class: &str, [x, y]: PicturePoint, words: &str) {
         if let Some([x, y]) = format_coordinates([x, y]) {
             let words = escape_html(words);
             self.push_element(&format!(
@@ -63,7 +63,7 @@ impl Svg {
     }
 
     /// A line through points, interrupted at `None`.
-    pub fn draw_path(&mut self, class: &str, points: impl IntoIterator<Item = Option<Point>>) {
+    pub fn draw_path(&mut self, class: &str, points: impl IntoIterator<Item = Option<PicturePoint>>) {
         let mut d = String::new();
         let mut is_down = false;
         for point in points {
@@ -81,17 +81,23 @@ impl Svg {
     }
 
     /// Points of one class and shape as a single element.
-    pub fn draw_points(&mut self, class: &str, shape: Shape, radius: f64, points: impl IntoIterator<Item = Point>) {
+    pub fn draw_points(
+        &mut self,
+        class: &str,
+        shape: MarkerShape,
+        radius: f64,
+        points: impl IntoIterator<Item = PicturePoint>,
+    ) {
         let mut d = String::new();
         for point in points {
             let Some([x, y]) = format_coordinates(point) else { continue };
             let Some([r, twice, up]) = format_coordinates([radius, 2.0 * radius, 1.15 * radius]) else { continue };
             let _ = match shape {
-                Shape::Dot => write!(d, "M{x} {y}h0"),
-                Shape::Circle => write!(d, "M{x} {y}m-{r} 0a{r} {r} 0 1 0 {twice} 0a{r} {r} 0 1 0-{twice} 0"),
-                Shape::Square => write!(d, "M{x} {y}m-{r}-{r}h{twice}v{twice}h-{twice}z"),
-                Shape::Triangle => write!(d, "M{x} {y}m0-{up}l{up} {twice}h-{up}h-{up}z"),
-                Shape::Diamond => write!(d, "M{x} {y}m0-{up}l{up} {up}l-{up} {up}l-{up}-{up}z"),
+                MarkerShape::Dot => write!(d, "M{x} {y}h0"),
+                MarkerShape::Circle => write!(d, "M{x} {y}m-{r} 0a{r} {r} 0 1 0 {twice} 0a{r} {r} 0 1 0-{twice} 0"),
+                MarkerShape::Square => write!(d, "M{x} {y}m-{r}-{r}h{twice}v{twice}h-{twice}z"),
+                MarkerShape::Triangle => write!(d, "M{x} {y}m0-{up}l{up} {twice}h-{up}h-{up}z"),
+                MarkerShape::Diamond => write!(d, "M{x} {y}m0-{up}l{up} {up}l-{up} {up}l-{up}-{up}z"),
             };
         }
         if !d.is_empty() {
@@ -153,7 +159,7 @@ mod tests {
         svg.draw_rectangle("a", [0.0, 0.0], [f64::INFINITY, 1.0]);
         svg.draw_text("a", [f64::NAN, 0.0], "words");
         svg.vertical_text("a", [f64::NAN, 0.0], "words");
-        svg.draw_points("a", Shape::Circle, 1.0, [[f64::NAN, 1.0]]);
+        svg.draw_points("a", MarkerShape::Circle, 1.0, [[f64::NAN, 1.0]]);
         svg.draw_path("a", [None, Some([f64::NAN, 1.0])]);
         assert_eq!(svg.body, "");
         svg.draw_path("a", [Some([0.0, 0.0]), Some([1.0, 1.0]), Some([f64::NAN, 2.0]), None, Some([3.04, -0.01])]);

@@ -42,20 +42,20 @@ pub struct BusOff;
 
 /// Bus with its nodes.
 #[derive(Clone)]
-pub struct CanBus(Rc<RefCell<State>>);
+pub struct CanBus(Rc<RefCell<BusState>>);
 
-struct State {
+struct BusState {
     faults: CanFaults,
     random: Random,
     free_at_us: u64,
     /// End of the state bus-off of all controllers.
     off_until_us: u64,
-    nodes: Vec<Inbox>,
+    nodes: Vec<FrameInbox>,
     frames: u64,
 }
 
 #[derive(Default)]
-struct Inbox {
+struct FrameInbox {
     /// Frames with their times of arrival.
     frames: VecDeque<(u64, CanFrame)>,
     reader: Option<Waker>,
@@ -65,7 +65,7 @@ impl CanBus {
     /// A bus without nodes.
     #[must_use]
     pub fn new(faults: CanFaults) -> Self {
-        Self(Rc::new(RefCell::new(State {
+        Self(Rc::new(RefCell::new(BusState {
             faults,
             random: Random(faults.seed),
             free_at_us: 0,
@@ -79,7 +79,7 @@ impl CanBus {
     #[must_use]
     pub fn attach_node(&self) -> CanEnd {
         let mut state = self.0.borrow_mut();
-        state.nodes.push(Inbox::default());
+        state.nodes.push(FrameInbox::default());
         CanEnd { bus: self.clone(), node: state.nodes.len() - 1 }
     }
 
@@ -105,7 +105,7 @@ pub struct CanEnd {
 impl CanEnd {
     /// Clears the receiver, as at the start of the node.
     pub fn reset(&self) {
-        self.bus.0.borrow_mut().nodes[self.node] = Inbox::default();
+        self.bus.0.borrow_mut().nodes[self.node] = FrameInbox::default();
     }
 
     /// Sends a frame as soon as the bus is free, behind all frames offered before.
@@ -162,7 +162,7 @@ impl ReceiveFrame for CanEnd {
     }
 }
 
-impl State {
+impl BusState {
     fn broadcast_frame(&mut self, sender: usize, frame: &CanFrame, now_us: u64) {
         self.frames += 1;
         self.free_at_us = self.free_at_us.max(now_us) + EMPTY_FRAME_US + DATA_BYTE_US * frame.data().len() as u64;
@@ -184,7 +184,7 @@ impl State {
     }
 }
 
-impl Inbox {
+impl FrameInbox {
     fn push_frame(&mut self, at_us: u64, frame: &CanFrame) {
         if self.frames.len() >= RECEIVER_CAPACITY_FRAMES {
             return;

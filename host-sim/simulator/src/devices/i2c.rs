@@ -41,11 +41,11 @@ impl Error for BusError {
 
 /// Cloneable handle to the bus. A transaction takes the time of its bytes and takes effect at its end.
 #[derive(Clone, Default)]
-pub struct Bus {
+pub struct SimulatedI2cBus {
     targets: Rc<RefCell<Vec<SharedI2cDevice>>>,
 }
 
-impl Bus {
+impl SimulatedI2cBus {
     /// A bus without devices.
     #[must_use]
     pub fn new() -> Self {
@@ -62,11 +62,11 @@ impl Bus {
     }
 }
 
-impl ErrorType for Bus {
+impl ErrorType for SimulatedI2cBus {
     type Error = BusError;
 }
 
-impl I2c for Bus {
+impl I2c for SimulatedI2cBus {
     async fn transaction(
         &mut self,
         address: SevenBitAddress,

@@ -4,9 +4,9 @@ use std::f64::consts::{FRAC_PI_4, TAU};
 
 use mavlink::dialects::common::ATTITUDE_DATA;
 
-use super::Switch;
+use super::FaultSwitch;
 use crate::devices::uart::HostEnd;
-use crate::random::{Purpose, Random};
+use crate::random::{RandomStream, StreamPurpose};
 use crate::world::World;
 use crate::world::attitude_source::{AttitudeSource, AttitudeSourceConfig, Identity, SenderKind};
 pub use crate::world::fault_interfaces::AttitudeFault;
@@ -31,7 +31,7 @@ impl SecondSender {
         let Self { system_id, component_id, heartbeat_kind: heartbeats, roll_error_deg: roll_deg } = self;
         let config = world.config();
         let source = AttitudeSource::new(config.attitude_source, config.gyro, config.seed.wrapping_add(0x5EED));
-        let bias = attitude_bias(Switch::always_on(), [roll_deg.to_radians(), 0.0]);
+        let bias = attitude_bias(FaultSwitch::always_on(), [roll_deg.to_radians(), 0.0]);
         source.with_identity(Identity { system_id, component_id, heartbeat_kind: heartbeats }).run(
             world.clone(),
             uart,
@@ -41,7 +41,7 @@ impl SecondSender {
 }
 
 /// Applies a change to each message while the switch is on.
-fn change_while_on(switch: Switch, mut change: impl FnMut(&mut ATTITUDE_DATA)) -> impl AttitudeFault {
+fn change_while_on(switch: FaultSwitch, mut change: impl FnMut(&mut ATTITUDE_DATA)) -> impl AttitudeFault {
     move |now_us: u64, message: &mut ATTITUDE_DATA| {
         if switch.is_on(now_us) {
             change(message);
@@ -55,7 +55,7 @@ fn rates_of_message(message: &mut ATTITUDE_DATA) -> [&mut f32; 3] {
 
 /// Fault: the source repeats its last values with new time stamps.
 #[must_use]
-pub fn frozen_attitude(switch: Switch) -> impl AttitudeFault {
+pub fn frozen_attitude(switch: FaultSwitch) -> impl AttitudeFault {
     let mut last: Option<ATTITUDE_DATA> = None;
     move |now_us: u64, message: &mut ATTITUDE_DATA| match &last {
         Some(last) if switch.is_on(now_us) => {
@@ -67,9 +67,9 @@ pub fn frozen_attitude(switch: Switch) -> impl AttitudeFault {
 
 /// Roll and pitch of the onset with the source's noise, while the body rates go on: a filter that ignores its gyro.
 #[must_use]
-pub fn stale_attitude(switch: Switch, source: &AttitudeSourceConfig, seed: u64) -> impl AttitudeFault + use<> {
+pub fn stale_attitude(switch: FaultSwitch, source: &AttitudeSourceConfig, seed: u64) -> impl AttitudeFault + use<> {
     let noise = |seed| {
-        let random = Random::new(seed, Purpose::AttitudeFault);
+        let random = RandomStream::new(seed, StreamPurpose::AttitudeFault);
         FirstOrder::new(source.noise_deg.to_radians(), source.noise_time_s, 1.0 / source.rate_hz, random)
     };
     let (mut roll_noise_rad, mut pitch_noise_rad) = (noise(seed), noise(!seed));
@@ -82,9 +82,9 @@ pub fn stale_attitude(switch: Switch, source: &AttitudeSourceConfig, seed: u64) 
 }
 
 /// Silence of the source, in one or several intervals.
-pub struct Silence {
+pub struct SourceSilence {
     /// Active time.
-    pub switch: Switch,
+    pub switch: FaultSwitch,
     /// Duration of an interval, seconds.
     pub silent_s: f64,
     /// Time between the beginnings of two intervals, seconds; infinite for a single one.
@@ -93,7 +93,7 @@ pub struct Silence {
     pub stops_clock: bool,
 }
 
-impl AttitudeFault for Silence {
+impl AttitudeFault for SourceSilence {
     fn is_silent(&self, now_us: u64) -> bool {
         self.switch.active_for_s(now_us).is_some_and(|on_for_s| on_for_s % self.period_s < self.silent_s)
     }
@@ -107,16 +107,16 @@ impl AttitudeFault for Silence {
 }
 
 /// Restart of the source: silence, then time stamps from zero and the alignment of its filter.
-pub struct Restart {
+pub struct SourceRestart {
     /// Active time, which begins with the silence.
-    pub switch: Switch,
+    pub switch: FaultSwitch,
     /// Duration of the silence, seconds.
     pub silent_s: f64,
     /// Alignment afterwards.
-    pub alignment: Alignment,
+    pub alignment: FilterAlignment,
 }
 
-impl AttitudeFault for Restart {
+impl AttitudeFault for SourceRestart {
     fn is_silent(&self, now_us: u64) -> bool {
         self.switch.active_for_s(now_us).is_some_and(|on_for_s| on_for_s < self.silent_s)
     }
@@ -131,8 +131,8 @@ impl AttitudeFault for Restart {
 
 /// Roll and pitch errors of 45 deg in a fraction of the messages.
 #[must_use]
-pub fn attitude_spikes(switch: Switch, fraction: f64, seed: u64) -> impl AttitudeFault {
-    let mut random = Random::new(seed, Purpose::AttitudeFault);
+pub fn attitude_spikes(switch: FaultSwitch, fraction: f64, seed: u64) -> impl AttitudeFault {
+    let mut random = RandomStream::new(seed, StreamPurpose::AttitudeFault);
     change_while_on(switch, move |message| {
         if random.uniform(0.0, 1.0) < fraction {
             let mut wrong = || if random.uniform(-1.0, 1.0) < 0.0 { -FRAC_PI_4 } else { FRAC_PI_4 } as f32;
@@ -144,7 +144,7 @@ pub fn attitude_spikes(switch: Switch, fraction: f64, seed: u64) -> impl Attitud
 
 /// Constant error of roll and pitch, radians.
 #[must_use]
-pub fn attitude_bias(switch: Switch, bias_rad: [f64; 2]) -> impl AttitudeFault {
+pub fn attitude_bias(switch: FaultSwitch, bias_rad: [f64; 2]) -> impl AttitudeFault {
     change_while_on(switch, move |message| {
         message.roll += bias_rad[0] as f32;
         message.pitch += bias_rad[1] as f32;
@@ -153,7 +153,7 @@ pub fn attitude_bias(switch: Switch, bias_rad: [f64; 2]) -> impl AttitudeFault {
 
 /// Bank-angle scale error: ratio of reported to true bank.
 #[must_use]
-pub fn bank_scale_error(switch: Switch, reported_ratio: f64) -> impl AttitudeFault {
+pub fn bank_scale_error(switch: FaultSwitch, reported_ratio: f64) -> impl AttitudeFault {
     change_while_on(switch, move |message| message.roll *= reported_ratio as f32)
 }
 
@@ -161,7 +161,7 @@ pub fn bank_scale_error(switch: Switch, reported_ratio: f64) -> impl AttitudeFau
 /// bank: the missing bank approaches `share` of the bank with this time constant (M. Euston et al., "A Complementary
 /// Filter for Attitude Estimation of a Fixed-Wing UAV", IROS 2008, section IV).
 #[must_use]
-pub fn lagging_bank_error(switch: Switch, share: f64, time_s: f64) -> impl AttitudeFault {
+pub fn lagging_bank_error(switch: FaultSwitch, share: f64, time_s: f64) -> impl AttitudeFault {
     let (mut lean_rad, mut before_us) = (0.0, None);
     move |now_us: u64, message: &mut ATTITUDE_DATA| {
         let step_s = now_us.saturating_sub(before_us.replace(now_us).unwrap_or(now_us)) as f64 / 1e6;
@@ -174,7 +174,7 @@ pub fn lagging_bank_error(switch: Switch, share: f64, time_s: f64) -> impl Attit
 /// Additional attitude latency.
 pub struct AdditionalLatency {
     /// Active time.
-    pub switch: Switch,
+    pub switch: FaultSwitch,
     /// Additional latency, microseconds.
     pub latency_us: u64,
 }
@@ -189,7 +189,7 @@ impl AttitudeFault for AdditionalLatency {
 
 /// Scale error of the body rates, reported over true: 0 for missing rates, -1 for a wrong sign, 57.3 for degrees.
 #[must_use]
-pub fn rate_scale_error(switch: Switch, factor: f64) -> impl AttitudeFault {
+pub fn rate_scale_error(switch: FaultSwitch, factor: f64) -> impl AttitudeFault {
     change_while_on(switch, move |message| {
         for rate in rates_of_message(message) {
             *rate *= factor as f32;
@@ -199,7 +199,7 @@ pub fn rate_scale_error(switch: Switch, factor: f64) -> impl AttitudeFault {
 
 /// Gyro offset that grows linearly from the onset on, degrees per second per second.
 #[must_use]
-pub fn rate_offset_ramp(switch: Switch, growth_deg_s2: [f64; 3]) -> impl AttitudeFault {
+pub fn rate_offset_ramp(switch: FaultSwitch, growth_deg_s2: [f64; 3]) -> impl AttitudeFault {
     move |now_us: u64, message: &mut ATTITUDE_DATA| {
         let Some(on_for_s) = switch.active_for_s(now_us) else { return };
         for (rate, growth_deg_s2) in rates_of_message(message).into_iter().zip(growth_deg_s2) {
@@ -213,7 +213,7 @@ const GYRO_OFFSET_RAD_S: f32 = 2e-4;
 
 /// Alignment of an attitude filter after its start: decaying oscillation of roll and pitch.
 #[derive(Clone, Copy, Debug)]
-pub struct Alignment {
+pub struct FilterAlignment {
     /// Initial amplitude, degrees.
     pub amplitude_deg: f64,
     /// Periods of roll and pitch, seconds.
@@ -222,7 +222,7 @@ pub struct Alignment {
     pub duration_s: f64,
 }
 
-impl Alignment {
+impl FilterAlignment {
     /// Adds the error at a time after the start.
     fn add_error(&self, after_s: f64, message: &mut ATTITUDE_DATA) {
         let swing_rad = self.amplitude_deg.to_radians() * (1.0 - after_s / self.duration_s).clamp(0.0, 1.0);
@@ -234,7 +234,7 @@ impl Alignment {
 
 /// Alignment of the source's filter at rest, from the onset on.
 #[must_use]
-pub fn filter_alignment(switch: Switch, alignment: Alignment) -> impl AttitudeFault {
+pub fn filter_alignment(switch: FaultSwitch, alignment: FilterAlignment) -> impl AttitudeFault {
     move |now_us: u64, message: &mut ATTITUDE_DATA| {
         let Some(on_for_s) = switch.active_for_s(now_us) else { return };
         // Real gyros never output exactly zero.
@@ -248,7 +248,7 @@ pub fn filter_alignment(switch: Switch, alignment: Alignment) -> impl AttitudeFa
 /// Quantisation of roll and pitch.
 #[must_use]
 pub fn attitude_quantisation(resolution_deg: f64) -> impl AttitudeFault {
-    change_while_on(Switch::always_on(), move |message| {
+    change_while_on(FaultSwitch::always_on(), move |message| {
         for angle in [&mut message.roll, &mut message.pitch] {
             let degrees = (f64::from(*angle).to_degrees() / resolution_deg).round() * resolution_deg;
             *angle = degrees.to_radians() as f32;

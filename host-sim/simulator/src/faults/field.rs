@@ -5,8 +5,8 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::Switch;
-use crate::random::{Purpose, Random};
+use super::FaultSwitch;
+use crate::random::{RandomStream, StreamPurpose};
 use crate::world::TrueState;
 use crate::world::airframe::Airframe;
 use crate::world::earth::Earth;
@@ -15,19 +15,19 @@ use crate::world::rotation::Euler;
 
 /// Permanent hard-iron change, microtesla, chip axes.
 #[must_use]
-pub fn hard_iron_change(switch: Switch, change_ut: Vector3<f64>) -> impl FieldFault {
+pub fn hard_iron_change(switch: FaultSwitch, change_ut: Vector3<f64>) -> impl FieldFault {
     move |truth: &TrueState| if switch.is_on(truth.time_us) { change_ut } else { Vector3::zeros() }
 }
 
 /// Zero drift of a warming sensor: linear while the switch is on, then constant; microtesla, chip axes.
 #[must_use]
-pub fn zero_drift(switch: Switch, change_ut: Vector3<f64>) -> impl FieldFault {
+pub fn zero_drift(switch: FaultSwitch, change_ut: Vector3<f64>) -> impl FieldFault {
     move |truth: &TrueState| change_ut * switch.progress(truth.time_us)
 }
 
 /// Hard iron that relaxes to a new value, as of a magnetised part that warms; microtesla, chip axes.
 #[must_use]
-pub fn hard_iron_drift(switch: Switch, change_ut: Vector3<f64>, time_constant_s: f64) -> impl FieldFault {
+pub fn hard_iron_drift(switch: FaultSwitch, change_ut: Vector3<f64>, time_constant_s: f64) -> impl FieldFault {
     move |truth: &TrueState| {
         let on_for_s = switch.active_for_s(truth.time_us).unwrap_or(0.0);
         change_ut * (1.0 - libm::exp(-on_for_s / time_constant_s))
@@ -36,7 +36,7 @@ pub fn hard_iron_drift(switch: Switch, change_ut: Vector3<f64>, time_constant_s:
 
 /// Passing magnetic object: a raised cosine over the active time; its peak in microtesla, chip axes.
 #[must_use]
-pub fn passing_object(switch: Switch, peak_ut: Vector3<f64>) -> impl FieldFault {
+pub fn passing_object(switch: FaultSwitch, peak_ut: Vector3<f64>) -> impl FieldFault {
     move |&TrueState { time_us, .. }: &TrueState| {
         let near =
             if switch.is_on(time_us) { (1.0 - libm::cos(2.0 * PI * switch.progress(time_us))) / 2.0 } else { 0.0 };
@@ -47,8 +47,8 @@ pub fn passing_object(switch: Switch, peak_ut: Vector3<f64>) -> impl FieldFault 
 /// Interference in proportion to throttle, which is constant before the onset; then it changes every few seconds
 /// within 0.5 s. `full_ut`: change from cruise to full throttle, microtesla, chip axes.
 #[must_use]
-pub fn throttle_interference(switch: Switch, full_ut: Vector3<f64>, seed: u64) -> impl FieldFault {
-    let mut random = Random::new(seed, Purpose::Throttle);
+pub fn throttle_interference(switch: FaultSwitch, full_ut: Vector3<f64>, seed: u64) -> impl FieldFault {
+    let mut random = RandomStream::new(seed, StreamPurpose::Throttle);
     // Times since the onset (seconds) and new throttle values, -1..1 relative to cruise.
     let mut moves = vec![(0.0, 0.0)];
     let mut at_s = 0.0;
@@ -127,7 +127,7 @@ impl FieldFault for SoftIronHysteresis {
 /// A module that turns about the body's z axis in its mount, within an airframe whose iron stays.
 pub struct MountTurn {
     /// Active while the module turns.
-    pub switch: Switch,
+    pub switch: FaultSwitch,
     /// The airframe.
     pub airframe: Airframe,
     /// Earth's field.
@@ -150,7 +150,7 @@ impl FieldFault for MountTurn {
 /// Another place with another field.
 pub struct OtherPlace {
     /// Active time.
-    pub switch: Switch,
+    pub switch: FaultSwitch,
     /// Earth's field at that place.
     pub earth: Earth,
 }

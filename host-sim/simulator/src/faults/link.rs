@@ -6,7 +6,7 @@ use std::pin::Pin;
 use embassy_time::{Duration, Timer};
 use testkit::clock;
 
-use super::switch::Switch;
+use super::switch::FaultSwitch;
 use crate::devices::uart::HostEnd;
 use crate::world::attitude_source::{AttitudeSource, Identity, SenderKind};
 use crate::world::autopilot::Leg;
@@ -19,12 +19,12 @@ const SWITCH_CHECK_MS: u64 = 100;
 #[derive(Clone, Debug)]
 pub enum LinkFault {
     /// The vehicle's autopilot sends nothing while the switch is on.
-    Pause(Switch),
+    Pause(FaultSwitch),
     /// Another vehicle flies circles; its autopilot sends heartbeats and attitude with this system ID from the
     /// beginning.
     OtherVehicle(u8),
     /// Forged messages that name the autopilot as their sender, ten a second while the switch is on.
-    Forged(Switch, ForgedMessage),
+    Forged(FaultSwitch, ForgedMessage),
 }
 
 /// Forged message that names the autopilot as its sender.
@@ -52,7 +52,7 @@ impl LinkFault {
     }
 }
 
-async fn pause_link(switch: Switch, world: World) {
+async fn pause_link(switch: FaultSwitch, world: World) {
     loop {
         let is_on = switch.is_on(clock::now_us());
         if is_on == world.sends_attitude() {
@@ -77,7 +77,12 @@ async fn simulate_other_vehicle(system_id: u8, own: World, uart: HostEnd) {
     world.attitude_source().with_identity(identity).run(world, uart, Vec::new()).await;
 }
 
-async fn send_forged_message(switch: Switch, message: ForgedMessage, mut autopilot: AttitudeSource, uart: HostEnd) {
+async fn send_forged_message(
+    switch: FaultSwitch,
+    message: ForgedMessage,
+    mut autopilot: AttitudeSource,
+    uart: HostEnd,
+) {
     if message == ForgedMessage::NoAutopilot {
         autopilot =
             autopilot.with_identity(Identity { heartbeat_kind: Some(SenderKind::Other), ..Identity::AUTOPILOT });

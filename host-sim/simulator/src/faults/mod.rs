@@ -15,7 +15,7 @@ pub mod link;
 pub mod sensor;
 mod switch;
 
-pub use switch::Switch;
+pub use switch::FaultSwitch;
 
 use std::rc::Rc;
 

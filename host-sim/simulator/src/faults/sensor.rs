@@ -7,9 +7,9 @@ use std::rc::Rc;
 use nalgebra::Vector3;
 use testkit::clock;
 
-use super::Switch;
+use super::FaultSwitch;
 use crate::devices::i2c::{SharedI2cDevice, SimulatedI2cDevice};
-use crate::random::{Purpose, Random};
+use crate::random::{RandomStream, StreamPurpose};
 
 /// First output register, and the auto-increment bit of the register address.
 const OUT_X_L: u8 = 0x28;
@@ -91,7 +91,7 @@ impl<F: FnMut(u64, &mut [i16; 3])> SensorFault for F {
 
 /// Axes that repeat their last value before the onset.
 #[must_use]
-pub fn stuck_axes(switch: Switch, axes: [bool; 3]) -> impl SensorFault {
+pub fn stuck_axes(switch: FaultSwitch, axes: [bool; 3]) -> impl SensorFault {
     let mut last = [0; 3];
     move |at_us: u64, counts: &mut [i16; 3]| {
         if !switch.is_on(at_us) {
@@ -108,8 +108,8 @@ pub fn stuck_axes(switch: Switch, axes: [bool; 3]) -> impl SensorFault {
 
 /// Additional normally distributed noise on each axis.
 #[must_use]
-pub fn additional_noise(switch: Switch, sigma_counts: f64, seed: u64) -> impl SensorFault {
-    let mut random = Random::new(seed, Purpose::SensorFault);
+pub fn additional_noise(switch: FaultSwitch, sigma_counts: f64, seed: u64) -> impl SensorFault {
+    let mut random = RandomStream::new(seed, StreamPurpose::SensorFault);
     move |at_us: u64, counts: &mut [i16; 3]| {
         if switch.is_on(at_us) {
             for count in counts {
@@ -121,8 +121,8 @@ pub fn additional_noise(switch: Switch, sigma_counts: f64, seed: u64) -> impl Se
 
 /// Error in one axis in a fraction of the measurements.
 #[must_use]
-pub fn measurement_spikes(switch: Switch, fraction: f64, height_counts: f64, seed: u64) -> impl SensorFault {
-    let mut random = Random::new(seed, Purpose::SensorFault);
+pub fn measurement_spikes(switch: FaultSwitch, fraction: f64, height_counts: f64, seed: u64) -> impl SensorFault {
+    let mut random = RandomStream::new(seed, StreamPurpose::SensorFault);
     move |at_us: u64, counts: &mut [i16; 3]| {
         if !switch.is_on(at_us) || random.uniform(0.0, 1.0) >= fraction {
             return;
@@ -136,7 +136,7 @@ pub fn measurement_spikes(switch: Switch, fraction: f64, height_counts: f64, see
 /// Vibration of the sensor against iron near a multiple of its sample rate: the alias is slow, and passes all averaging
 /// (a motor at 4,800 rpm vibrates at the 80 Hz of a LIS3MDL). `alias_hz`: the difference.
 #[must_use]
-pub fn aliased_vibration(switch: Switch, peak_counts: Vector3<f64>, alias_hz: f64) -> impl SensorFault {
+pub fn aliased_vibration(switch: FaultSwitch, peak_counts: Vector3<f64>, alias_hz: f64) -> impl SensorFault {
     move |at_us: u64, counts: &mut [i16; 3]| {
         let Some(on_s) = switch.active_for_s(at_us) else { return };
         let now = libm::sin(TAU * alias_hz * on_s);
@@ -148,7 +148,7 @@ pub fn aliased_vibration(switch: Switch, peak_counts: Vector3<f64>, alias_hz: f6
 
 /// Early saturation of an axis, 0 to 2.
 #[must_use]
-pub fn axis_clipping(switch: Switch, axis: usize, limit_counts: i16) -> impl SensorFault {
+pub fn axis_clipping(switch: FaultSwitch, axis: usize, limit_counts: i16) -> impl SensorFault {
     move |at_us: u64, counts: &mut [i16; 3]| {
         if switch.is_on(at_us) {
             counts[axis] = counts[axis].min(limit_counts);
@@ -159,7 +159,7 @@ pub fn axis_clipping(switch: Switch, axis: usize, limit_counts: i16) -> impl Sen
 /// Single-event upset of register bits.
 pub struct RegisterUpset {
     /// Active time; the upset occurs at its start.
-    pub switch: Switch,
+    pub switch: FaultSwitch,
     /// Register address.
     pub register: u8,
     /// Bit mask.

@@ -5,9 +5,9 @@ use std::rc::Rc;
 
 /// Cloneable handle to the active time of a fault.
 #[derive(Clone, Debug)]
-pub struct Switch(Rc<Cell<(u64, u64)>>);
+pub struct FaultSwitch(Rc<Cell<(u64, u64)>>);
 
-impl Switch {
+impl FaultSwitch {
     /// A switch that is off until its active time is set.
     #[must_use]
     pub fn always_off() -> Self {

@@ -5,7 +5,7 @@ use mavlink::dialects::common::ATTITUDE_DATA;
 use nalgebra::Vector3;
 use testkit::simulation::Simulation;
 
-use super::Switch;
+use super::FaultSwitch;
 use super::attitude::{
     AdditionalLatency, AttitudeFault, attitude_bias, attitude_quantisation, attitude_spikes, bank_scale_error,
     frozen_attitude, lagging_bank_error,
@@ -25,8 +25,8 @@ use crate::world::{TrueState, WorldConfig};
 use log_analysis::numbers::square;
 
 /// On from 1 s to 3 s.
-fn switch() -> Switch {
-    let switch = Switch::always_off();
+fn switch() -> FaultSwitch {
+    let switch = FaultSwitch::always_off();
     switch.set_active(1_000_000, 3_000_000);
     switch
 }
@@ -36,7 +36,7 @@ const WHILE_US: u64 = 2_000_000;
 
 #[test]
 fn a_switch_is_on_from_its_start_until_its_end() {
-    let switch = Switch::always_off();
+    let switch = FaultSwitch::always_off();
     assert!(!switch.is_on(0) && !switch.is_on(u64::MAX - 1));
     switch.set_active(1_000_000, 3_000_000);
     assert_eq!([999_999, 1_000_000, 2_999_999, 3_000_000].map(|us| switch.is_on(us)), [false, true, true, false]);
@@ -45,7 +45,7 @@ fn a_switch_is_on_from_its_start_until_its_end() {
     for (at_us, progress) in [(0, 0.0), (1_000_000, 0.0), (2_000_000, 0.5), (4_000_000, 1.0)] {
         assert!((switch.progress(at_us) - progress).abs() < 1e-9, "{at_us}");
     }
-    assert!(Switch::always_on().is_on(0));
+    assert!(FaultSwitch::always_on().is_on(0));
 }
 
 #[derive(Default)]
@@ -87,7 +87,7 @@ fn read(fault: impl SensorFault + 'static, pointer: u8, length: usize) -> (Vec<u
 /// The output registers contain 0x2928, 0x2B2A, 0x2D2C.
 #[test]
 fn a_sensor_fault_changes_output_registers_only() {
-    let clipped = || axis_clipping(Switch::always_on(), 1, 0x0100);
+    let clipped = || axis_clipping(FaultSwitch::always_on(), 1, 0x0100);
     assert_eq!(read(clipped(), 0xA8, 6).0, [0x28, 0x29, 0x00, 0x01, 0x2C, 0x2D]);
     assert_eq!(read(clipped(), 0x28, 6).0, [0x28, 0x29, 0x2A, 0x2B, 0x2C, 0x2D], "without counting up");
     assert_eq!(read(clipped(), 0xA0, 5).0, [0x20, 0x21, 0x22, 0x23, 0x24]);
@@ -97,7 +97,7 @@ fn a_sensor_fault_changes_output_registers_only() {
 /// The flip precedes the next transfer, which is otherwise unaffected.
 #[test]
 fn an_upset_flips_the_bits_of_a_register_once() {
-    let upset = RegisterUpset { switch: Switch::always_on(), register: 0x21, bits: 0x60, has_occurred: false };
+    let upset = RegisterUpset { switch: FaultSwitch::always_on(), register: 0x21, bits: 0x60, has_occurred: false };
     let (bytes, chip) = read(upset, 0xA0, 5);
     assert_eq!(bytes, [0x20, 0x41, 0x22, 0x23, 0x24]);
     assert_eq!(chip.borrow().registers[0x21], 0x41);
@@ -195,7 +195,7 @@ fn each_field_fault_has_its_named_effect() {
             assert!((added(fault, at_us) - expected_ut).abs() < 1e-9, "{at_us}: {}", added(fault, at_us));
         }
     }
-    let throttle = throttle_interference(Switch::always_on(), ut, 1);
+    let throttle = throttle_interference(FaultSwitch::always_on(), ut, 1);
     let values: Vec<f64> = (0..600).map(|s| added(&throttle, s * 100_000)).collect();
     assert!(values[..30].iter().all(|ut| *ut == 0.0), "cruise for three seconds");
     assert!(values.iter().fold(0.0_f64, |most, ut| most.max(*ut)) > 2.0 && values.iter().all(|ut| *ut <= 5.0));
@@ -236,7 +236,7 @@ fn hysteresis_depends_on_the_side_of_the_last_turn() {
 
 #[test]
 fn a_lean_grows_with_its_time_constant() {
-    let mut lean = lagging_bank_error(Switch::always_on(), 0.12, 10.0);
+    let mut lean = lagging_bank_error(FaultSwitch::always_on(), 0.12, 10.0);
     let mut message = ATTITUDE_DATA::default();
     for step in 0..=500 {
         message = ATTITUDE_DATA { roll: 0.5, ..ATTITUDE_DATA::default() };
@@ -248,7 +248,7 @@ fn a_lean_grows_with_its_time_constant() {
 
 #[test]
 fn an_alias_of_a_vibration_is_slow() {
-    let mut vibration = aliased_vibration(Switch::always_on(), Vector3::new(100.0, 0.0, -200.0), 0.1);
+    let mut vibration = aliased_vibration(FaultSwitch::always_on(), Vector3::new(100.0, 0.0, -200.0), 0.1);
     assert_eq!(apply_sensor_fault(&mut vibration, 2_500_000, [1, 2, 3]), [101, 2, -197]);
     assert_eq!(apply_sensor_fault(&mut vibration, 5_000_000, [1, 2, 3]), [1, 2, 3]);
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::earth::Earth;
 use super::table1;
-use crate::random::{Purpose, Random};
+use crate::random::{RandomStream, StreamPurpose};
 
 /// Largest symmetric soft iron of a random airframe, relative.
 const RANDOM_SOFT_IRON: f64 = 0.20;
@@ -82,7 +82,7 @@ impl Airframe {
     /// degrees.
     #[must_use]
     pub fn random(seed: u64, earth: &Earth) -> Self {
-        let mut random = Random::new(seed, Purpose::Airframe);
+        let mut random = RandomStream::new(seed, StreamPurpose::Airframe);
         let raw = Matrix3::from_fn(|_, _| random.uniform(-1.0, 1.0));
         let symmetric = raw + raw.transpose();
         let asymmetric = raw - raw.transpose();

@@ -11,7 +11,7 @@ use super::gyro::GyroConfig;
 use super::weather::Weather;
 use super::{aircraft, attitude_source};
 use crate::devices::sensor::SensorModel;
-use crate::random::{Purpose, Random};
+use crate::random::{RandomStream, StreamPurpose};
 
 /// All settings of a world. Equal settings and seeds give equal worlds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -173,7 +173,7 @@ impl WorldConfig {
     /// The same world with motor-current interference of this magnitude (microtesla) in a random direction.
     #[must_use]
     pub fn with_current_interference(self, size_ut: f64) -> Self {
-        let current_ut = Random::new(self.seed, Purpose::Current).random_direction() * size_ut;
+        let current_ut = RandomStream::new(self.seed, StreamPurpose::Current).random_direction() * size_ut;
         Self { current_interference_ut: current_ut.into(), ..self }
     }
 

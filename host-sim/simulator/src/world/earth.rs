@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::rotation::Euler;
-use crate::random::{Purpose, Random};
+use crate::random::{RandomStream, StreamPurpose};
 use log_analysis::numbers::square;
 
 /// Magnetic field at the place of the flight.
@@ -29,7 +29,7 @@ impl Earth {
     /// 25..60 microtesla.
     #[must_use]
     pub fn random(seed: u64) -> Self {
-        let mut random = Random::new(seed, Purpose::Earth);
+        let mut random = RandomStream::new(seed, StreamPurpose::Earth);
         let inclination_deg = random.uniform(-70.0, 70.0);
         let magnetic_latitude_rad = libm::atan(libm::tan(inclination_deg.to_radians()) / 2.0);
         let dipole_ut = 30.0 * (1.0 + 3.0 * square(libm::sin(magnetic_latitude_rad))).sqrt();

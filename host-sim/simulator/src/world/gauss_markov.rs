@@ -1,6 +1,6 @@
 //! Stationary coloured noise (Gauss-Markov processes).
 
-use crate::random::Random;
+use crate::random::RandomStream;
 
 /// First-order Gauss-Markov process with exponential autocorrelation; not differentiable.
 #[derive(Clone, Debug)]
@@ -8,13 +8,13 @@ pub struct FirstOrder {
     value: f64,
     decay: f64,
     drive: f64,
-    random: Random,
+    random: RandomStream,
 }
 
 impl FirstOrder {
     /// A stationary process with this standard deviation and correlation time, sampled every `step_s`.
     #[must_use]
-    pub fn new(sigma: f64, correlation_s: f64, step_s: f64, mut random: Random) -> Self {
+    pub fn new(sigma: f64, correlation_s: f64, step_s: f64, mut random: RandomStream) -> Self {
         let decay = libm::exp(-step_s / correlation_s);
         Self { value: sigma * random.gaussian(), decay, drive: sigma * (1.0 - decay * decay).sqrt(), random }
     }
@@ -40,7 +40,7 @@ impl SecondOrder {
     /// It is a first-order process followed by a first-order lag, both with half the correlation time. With the decay
     /// `a` per step, an input variance of `s^2` gives an output variance of `s^2 (1 + a^2) / (1 + a)^2`.
     #[must_use]
-    pub fn new(sigma: f64, correlation_s: f64, step_s: f64, mut random: Random) -> Self {
+    pub fn new(sigma: f64, correlation_s: f64, step_s: f64, mut random: RandomStream) -> Self {
         let time_constant_s = correlation_s / 2.0;
         let decay = libm::exp(-step_s / time_constant_s);
         let input_sigma = sigma * (1.0 + decay) / (1.0 + decay * decay).sqrt();
@@ -58,7 +58,7 @@ impl SecondOrder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::Purpose;
+    use crate::random::StreamPurpose;
 
     const STEP_S: f64 = 0.01;
 
@@ -79,7 +79,7 @@ mod tests {
     /// 20,000 s are 13,000 correlation times of 1.5 s: sigma is accurate to 1 %, the integral to about 5 %.
     #[test]
     fn both_processes_have_their_standard_deviation_and_correlation_time() {
-        let random = || Random::new(1, Purpose::Bank);
+        let random = || RandomStream::new(1, StreamPurpose::Bank);
         let mut rough = FirstOrder::new(2.0, 1.5, STEP_S, random());
         let mut smooth = SecondOrder::new(2.0, 1.5, STEP_S, random());
         for (sigma, correlation_s) in [statistics(|| rough.next_value(), 1.5), statistics(|| smooth.next_value(), 1.5)]

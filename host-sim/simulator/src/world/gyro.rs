@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use super::gauss_markov::FirstOrder;
 use super::state::TrueState;
-use crate::random::{Purpose, Random};
+use crate::random::{RandomStream, StreamPurpose};
 
 /// Standard deviations of the errors of a gyro; the seed draws one gyro of this class. The default is the class
 /// `gyro-1`.
@@ -79,13 +79,13 @@ pub(super) struct Gyro {
     by_force_rad_s: Matrix3<f64>,
     drift_rad_s: [FirstOrder; 3],
     noise_rad_s: f64,
-    random: Random,
+    random: RandomStream,
 }
 
 impl Gyro {
     /// The gyro of a seed, read every `step_s`.
     pub fn new(config: GyroConfig, seed: u64, step_s: f64) -> Self {
-        let mut random = Random::new(seed, Purpose::Gyro);
+        let mut random = RandomStream::new(seed, StreamPurpose::Gyro);
         let mut draw = |sigma: f64, exact: bool| {
             let normal = random.gaussian();
             sigma * if exact { normal.signum() } else { normal }
@@ -95,13 +95,13 @@ impl Gyro {
         let by_force_rad_s = Matrix3::from_fn(|_, _| draw(config.g_sensitivity_deg_s.to_radians(), false));
         let drift = |purpose| {
             let sigma_rad_s = config.drift_deg_s.to_radians();
-            FirstOrder::new(sigma_rad_s, config.drift_time_s, step_s, Random::new(seed, purpose))
+            FirstOrder::new(sigma_rad_s, config.drift_time_s, step_s, RandomStream::new(seed, purpose))
         };
         Self {
             error,
             offset_rad_s,
             by_force_rad_s,
-            drift_rad_s: [Purpose::GyroDriftX, Purpose::GyroDriftY, Purpose::GyroDriftZ].map(drift),
+            drift_rad_s: [StreamPurpose::GyroDriftX, StreamPurpose::GyroDriftY, StreamPurpose::GyroDriftZ].map(drift),
             noise_rad_s: config.noise_deg_s.to_radians(),
             random,
         }

@@ -7,7 +7,7 @@ pub(super) const MODULE_COMPONENT: u8 = 158;
 
 /// Received or sent frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Frame {
+pub struct MavlinkFrame {
     /// Sequence number of the sender; wraps.
     pub sequence: u8,
     /// System ID of the sender.
@@ -20,7 +20,7 @@ pub struct Frame {
     pub payload: Vec<u8>,
 }
 
-impl Frame {
+impl MavlinkFrame {
     /// Payload byte; zero beyond the truncated payload.
     #[must_use]
     pub fn byte_at(&self, at: usize) -> u8 {
@@ -54,7 +54,7 @@ pub fn command_long(from: [u8; 2], system: u8, command: u16, confirmation: u8, p
     payload.extend(command.to_le_bytes());
     payload.extend([system, MODULE_COMPONENT, confirmation]);
     let [from_system, from_component] = from;
-    Frame { sequence: 0, system_id: from_system, component_id: from_component, id: 76, payload }.frame_bytes(152)
+    MavlinkFrame { sequence: 0, system_id: from_system, component_id: from_component, id: 76, payload }.frame_bytes(152)
 }
 
 fn extra_crc(id: u32) -> u8 {
@@ -72,7 +72,7 @@ pub struct FrameReader {
 
 impl FrameReader {
     /// Appends bytes and returns the completed frames.
-    pub fn read_frames(&mut self, bytes: &[u8]) -> Vec<Frame> {
+    pub fn read_frames(&mut self, bytes: &[u8]) -> Vec<MavlinkFrame> {
         self.bytes.extend_from_slice(bytes);
         let mut frames = Vec::new();
         while let [begin, length, ..] = *self.bytes.as_slice() {
@@ -94,13 +94,13 @@ impl FrameReader {
         self.garbage
     }
 
-    fn checked_frame(&self, end: usize) -> Option<Frame> {
+    fn checked_frame(&self, end: usize) -> Option<MavlinkFrame> {
         let [_, _, _, _, sequence, system, component, id_0, id_1, id_2, ..] = *self.bytes.as_slice() else {
             return None;
         };
         let id = u32::from_le_bytes([id_0, id_1, id_2, 0]);
         let is_right = calculate_crc(&self.bytes[1..end], extra_crc(id)).to_le_bytes() == self.bytes[end..end + 2];
-        is_right.then(|| Frame {
+        is_right.then(|| MavlinkFrame {
             sequence,
             system_id: system,
             component_id: component,

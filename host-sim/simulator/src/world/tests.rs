@@ -5,9 +5,9 @@ use nalgebra::Vector3;
 
 use super::autopilot::Leg;
 use super::*;
-use crate::devices::i2c::Bus;
+use crate::devices::i2c::SimulatedI2cBus;
 use crate::devices::lis3mdl::{self, Lis3mdl};
-use crate::devices::uart::{self, Cable};
+use crate::devices::uart::{self, SerialCable};
 use testkit::clock;
 use testkit::simulation::{Level, Simulation};
 
@@ -163,12 +163,12 @@ fn fly_everything(seed: u64, duration_us: u64) -> (u64, usize) {
 
     let mut simulation = Simulation::new();
     let world = World::new(WorldConfig::random(seed));
-    let mut bus = Bus::new();
+    let mut bus = SimulatedI2cBus::new();
     bus.attach_device(Lis3mdl::new(
         lis3mdl::Lis3mdlConfig { seed, ..Default::default() },
         world.magnetometer_source(vec![]),
     ));
-    let cable = Cable::new(uart::UartConfig::default());
+    let cable = SerialCable::new(uart::UartConfig::default());
     let (mut receiver, _transmitter) = cable.module_ends();
     let seen = Rc::new(RefCell::new((DefaultHasher::new(), 0)));
     let note = |seen: &Rc<RefCell<(DefaultHasher, usize)>>, bytes: &[u8]| {

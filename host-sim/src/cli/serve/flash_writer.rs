@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use host_sim::serve::{FlashImage, FlashImageError, ServedModule};
 
-use crate::cli::failure::Failure;
+use crate::cli::failure::CommandFailure;
 
 /// Writes the flash to its file after each change, and keeps the file locked.
 #[derive(Default)]
@@ -18,13 +18,13 @@ pub struct FlashWriter {
 
 impl FlashWriter {
     /// Locks and reads a file.
-    pub fn open_file(path: Option<&Path>) -> Result<(Self, Option<FlashImage>), Failure> {
+    pub fn open_file(path: Option<&Path>) -> Result<(Self, Option<FlashImage>), CommandFailure> {
         let (lock, image) = path.map(FlashImage::lock_and_read).transpose().map_err(flash_failure)?.flatten().unzip();
         Ok((Self { path: path.map(Path::to_owned), lock, ..Self::default() }, image))
     }
 
     /// Writes the module's flash contents to the file.
-    pub fn write_flash(&mut self, served_module: &ServedModule) -> Result<(), Failure> {
+    pub fn write_flash(&mut self, served_module: &ServedModule) -> Result<(), CommandFailure> {
         if let Some(path) = &self.path {
             if cfg!(windows) {
                 // Windows replaces no file that is open.
@@ -36,7 +36,7 @@ impl FlashWriter {
     }
 
     /// Writes the file if the flash changed and is stable since the last call, or at the end.
-    pub fn write_if_stable(&mut self, served_module: &ServedModule, is_end: bool) -> Result<(), Failure> {
+    pub fn write_if_stable(&mut self, served_module: &ServedModule, is_end: bool) -> Result<(), CommandFailure> {
         let changes = served_module.flash_changes();
         let rests = changes == self.seen_changes || is_end;
         self.seen_changes = changes;
@@ -48,6 +48,6 @@ impl FlashWriter {
     }
 }
 
-fn flash_failure(error: FlashImageError) -> Failure {
-    Failure::with_code(error.stable_code(), error)
+fn flash_failure(error: FlashImageError) -> CommandFailure {
+    CommandFailure::with_code(error.stable_code(), error)
 }

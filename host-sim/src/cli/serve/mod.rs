@@ -28,13 +28,13 @@ use simulator::world::aircraft::VehicleKind;
 use self::can::MulticastBus;
 use self::flash_writer::FlashWriter;
 use self::run::{Connections, PilotCommandInput};
-use self::wire::{Connection, MAX_POLL_BYTES, POLL_INTERVAL, TcpPort, Terminal, Wire};
+use self::wire::{ByteConnection, Connection, MAX_POLL_BYTES, POLL_INTERVAL, TcpPort, Terminal};
 use super::termination::{SecondSignal, TerminationSignals};
 
 use super::files::named_world;
 use super::print;
 use super::range::{SENSOR_NAMES, integer_in_range, number_in_range, one_of};
-use crate::cli::failure::Failure;
+use crate::cli::failure::CommandFailure;
 
 /// Serve the simulated module to a terminal, an autopilot, an instrument or another simulator.
 ///
@@ -49,7 +49,7 @@ use crate::cli::failure::Failure;
 /// Exit codes: 130 ended by Ctrl-C, 2 wrong command or unavailable port.
 #[derive(Args)]
 #[command(after_long_help = after_help())]
-pub struct Serve {
+pub struct ServeCommandOptions {
     #[command(flatten)]
     module_options: ModuleOptions,
     /// Serve the ports also on successive TCP ports of this computer, starting at this one, 0 to 65535: console,
@@ -81,7 +81,7 @@ pub struct Serve {
 /// orders after an exclamation mark: `!land` disarms, `!help` lists them. `quit`, Ctrl-D on an empty line and Ctrl-]
 /// end. Piped input is sent, and its answers are awaited.
 #[derive(Args)]
-pub struct Console {
+pub struct ConsoleOptions {
     /// Pseudo-terminal or serial port
     #[arg(value_name = "PATH", conflicts_with = "tcp")]
     path: Option<PathBuf>,
@@ -159,7 +159,7 @@ fn after_help() -> String {
 }
 
 impl ModuleOptions {
-    fn world_config(&self) -> Result<WorldConfig, Failure> {
+    fn world_config(&self) -> Result<WorldConfig, CommandFailure> {
         let world = WorldConfig { sensor: self.sensor, ..named_world(&self.airframe, self.seed)? };
         Ok(self
             .aircraft
@@ -173,7 +173,7 @@ impl ModuleOptions {
         attitude: AttitudeProvider,
         is_visited: bool,
         has_can: bool,
-    ) -> Result<(ServedModule, FlashWriter), Failure> {
+    ) -> Result<(ServedModule, FlashWriter), CommandFailure> {
         let pattern = PilotPattern::from_name(&self.pattern).unwrap_or_default();
         let (mut flash, image) = FlashWriter::open_file(self.flash.as_deref())?;
         let served_module = ServedModule::new(
@@ -187,17 +187,17 @@ impl ModuleOptions {
     }
 }
 
-pub fn run_serve(options: &Serve) -> Result<ExitCode, Failure> {
+pub fn run_serve(options: &ServeCommandOptions) -> Result<ExitCode, CommandFailure> {
     let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
     let (mut served_module, flash) =
         options.module_options.build_module(options.attitude, options.world.is_some(), options.can.is_some())?;
-    let mut port_wires: Vec<Vec<Box<dyn Wire>>> = Vec::new();
+    let mut port_wires: Vec<Vec<Box<dyn ByteConnection>>> = Vec::new();
     let mut places = Vec::new();
     let mut next = options.tcp;
     for port in PORTS {
         let (pty, pty_path) = pty::open_pty()?.unzip();
         if pty.is_none() && next.is_none() {
-            return Err(Failure::with_code(
+            return Err(CommandFailure::with_code(
                 "no-pty",
                 "this system has no pseudo-terminals; serve TCP ports: --tcp 5760",
             ));
@@ -205,7 +205,7 @@ pub fn run_serve(options: &Serve) -> Result<ExitCode, Failure> {
         let tcp = next.map(tcp_port).transpose()?;
         next = next.map(|number| if number == 0 { 0 } else { number.wrapping_add(1) });
         places.push(PortAddress { port, pty: pty_path, tcp: tcp.as_ref().map(|tcp| tcp.port) });
-        let tcp = tcp.map(|tcp| Box::new(tcp) as Box<dyn Wire>);
+        let tcp = tcp.map(|tcp| Box::new(tcp) as Box<dyn ByteConnection>);
         port_wires.push(pty.into_iter().chain(tcp).collect());
     }
     let world = options.world.map(open_attitude_socket).transpose()?;
@@ -227,28 +227,33 @@ pub fn run_serve(options: &Serve) -> Result<ExitCode, Failure> {
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
 
-fn tcp_port(number: u16) -> Result<TcpPort, Failure> {
-    TcpPort::open_port(number).map_err(|error| Failure::with_code("tcp-unavailable", format!("port {number}: {error}")))
+fn tcp_port(number: u16) -> Result<TcpPort, CommandFailure> {
+    TcpPort::open_port(number)
+        .map_err(|error| CommandFailure::with_code("tcp-unavailable", format!("port {number}: {error}")))
 }
 
-fn open_attitude_socket(number: u16) -> Result<UdpSocket, Failure> {
+fn open_attitude_socket(number: u16) -> Result<UdpSocket, CommandFailure> {
     let socket =
         UdpSocket::bind((Ipv4Addr::LOCALHOST, number)).and_then(|socket| socket.set_nonblocking(true).map(|()| socket));
-    socket.map_err(|error| Failure::with_code("world-unavailable", format!("port {number}: {error}")))
+    socket.map_err(|error| CommandFailure::with_code("world-unavailable", format!("port {number}: {error}")))
 }
 
-fn can_bus(number: u8) -> Result<MulticastBus, Failure> {
+fn can_bus(number: u8) -> Result<MulticastBus, CommandFailure> {
     MulticastBus::open_bus(number)
-        .map_err(|error| Failure::with_code("can-unavailable", format!("{}: {error}", bus_name(number))))
+        .map_err(|error| CommandFailure::with_code("can-unavailable", format!("{}: {error}", bus_name(number))))
 }
 
 struct PortAddress {
-    port: &'static serve::Port,
+    port: &'static serve::ServedPort,
     pty: Option<PathBuf>,
     tcp: Option<u16>,
 }
 
-fn describe_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> Result<Value, Failure> {
+fn describe_ports(
+    options: &ServeCommandOptions,
+    places: &[PortAddress],
+    world: Option<u16>,
+) -> Result<Value, CommandFailure> {
     let ports: Vec<Value> =
         places.iter().map(|place| json!({ "name": place.port.name, "pty": place.pty, "tcp": place.tcp })).collect();
     let airframe = airframe_json(&options.module_options.world_config()?);
@@ -259,7 +264,11 @@ fn bus_name(number: u8) -> String {
     format!("mcast:{number}")
 }
 
-fn print_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> Result<(), Failure> {
+fn print_ports(
+    options: &ServeCommandOptions,
+    places: &[PortAddress],
+    world: Option<u16>,
+) -> Result<(), CommandFailure> {
     let module_options = &options.module_options;
     for (index, PortAddress { port, pty, tcp }) in places.iter().enumerate() {
         print::print_line(format_args!("{}: {}", port.name, port.traffic_description));
@@ -308,7 +317,7 @@ fn print_ports(options: &Serve, places: &[PortAddress], world: Option<u16>) -> R
     Ok(())
 }
 
-pub fn run_console(options: &Console) -> Result<ExitCode, Failure> {
+pub fn run_console(options: &ConsoleOptions) -> Result<ExitCode, CommandFailure> {
     match (&options.path, options.tcp) {
         (Some(path), _) => attach(pty::connect_serial(path)?),
         (None, Some(port)) => attach(connect_tcp(port)?),
@@ -316,11 +325,11 @@ pub fn run_console(options: &Console) -> Result<ExitCode, Failure> {
     }
 }
 
-fn connect_tcp(port: u16) -> Result<Connection<TcpStream>, Failure> {
-    wire::connect_tcp(port).map_err(|error| Failure::with_code("no-module", format!("TCP port {port}: {error}")))
+fn connect_tcp(port: u16) -> Result<Connection<TcpStream>, CommandFailure> {
+    wire::connect_tcp(port).map_err(|error| CommandFailure::with_code("no-module", format!("TCP port {port}: {error}")))
 }
 
-fn attach(mut module: impl Wire) -> Result<ExitCode, Failure> {
+fn attach(mut module: impl ByteConnection) -> Result<ExitCode, CommandFailure> {
     let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
     let mut terminal = open_terminal(None)?;
     while !interruption.stop().load(Ordering::SeqCst) && !terminal.has_ended() {
@@ -328,7 +337,7 @@ fn attach(mut module: impl Wire) -> Result<ExitCode, Failure> {
         terminal.write_bytes(&module.read_bytes(MAX_POLL_BYTES));
         if module.has_ended() {
             drop(terminal);
-            return Err(Failure::with_code("no-module", "the module has gone"));
+            return Err(CommandFailure::with_code("no-module", "the module has gone"));
         }
         thread::sleep(POLL_INTERVAL);
     }
@@ -337,17 +346,17 @@ fn attach(mut module: impl Wire) -> Result<ExitCode, Failure> {
 }
 
 /// Opens the console's terminal. `orders` receives the lines for the simulated pilot of a private module.
-fn open_terminal(orders: Option<Sender<Vec<u8>>>) -> Result<Terminal, Failure> {
+fn open_terminal(orders: Option<Sender<Vec<u8>>>) -> Result<Terminal, CommandFailure> {
     if io::IsTerminal::is_terminal(&io::stdin()) {
         let pilot = if orders.is_some() { "; !ORDER is for the pilot: !land, !help" } else { "" };
         print::print_error(format_args!("quit, Ctrl-D or Ctrl-] ends{pilot}"));
     }
-    Terminal::open_terminal(orders).map_err(|error| Failure::with_code("no-terminal", error))
+    Terminal::open_terminal(orders).map_err(|error| CommandFailure::with_code("no-terminal", error))
 }
 
-fn serve_private_module(module_options: &ModuleOptions) -> Result<ExitCode, Failure> {
+fn serve_private_module(module_options: &ModuleOptions) -> Result<ExitCode, CommandFailure> {
     let (mut served_module, flash) = module_options.build_module(AttitudeProvider::Own, false, false)?;
-    let mut port_wires: Vec<Vec<Box<dyn Wire>>> = PORTS.iter().map(|_| Vec::new()).collect();
+    let mut port_wires: Vec<Vec<Box<dyn ByteConnection>>> = PORTS.iter().map(|_| Vec::new()).collect();
     let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
     let (orders, order_lines) = mpsc::channel();
     port_wires[serve::CONSOLE_PORT].push(Box::new(open_terminal(Some(orders))?));

@@ -10,20 +10,20 @@ use rustix::io::{FdFlags, fcntl_setfd, ioctl_fionbio};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
-use super::wire::{BufferedStream, Connection, OpenedPty, Wire};
-use crate::cli::failure::Failure;
+use super::wire::{BufferedStream, ByteConnection, Connection, OpenedPty};
+use crate::cli::failure::CommandFailure;
 
 /// A pseudo-terminal with its path, closed when dropped.
-pub fn open_pty() -> Result<Option<OpenedPty>, Failure> {
-    let pty = Pty::open_pty().map_err(|error| Failure::with_code("no-pty", error))?;
+pub fn open_pty() -> Result<Option<OpenedPty>, CommandFailure> {
+    let pty = Pty::open_pty().map_err(|error| CommandFailure::with_code("no-pty", error))?;
     let path = pty.path.clone();
     Ok(Some((Box::new(pty), path)))
 }
 
 /// Opens a serial port, or a served pseudo-terminal.
-pub fn connect_serial(path: &Path) -> Result<Connection<File>, Failure> {
+pub fn connect_serial(path: &Path) -> Result<Connection<File>, CommandFailure> {
     let port = open_serial(path).and_then(|port| make_raw(&port).map(|()| port));
-    let port = port.map_err(|error| Failure::with_code("no-module", format!("{}: {error}", path.display())))?;
+    let port = port.map_err(|error| CommandFailure::with_code("no-module", format!("{}: {error}", path.display())))?;
     Ok(Connection(BufferedStream::new(port)))
 }
 
@@ -48,7 +48,7 @@ impl Pty {
     }
 }
 
-impl Wire for Pty {
+impl ByteConnection for Pty {
     fn read_bytes(&mut self, most: usize) -> Vec<u8> {
         self.master.read_bytes(most)
     }

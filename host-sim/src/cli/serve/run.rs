@@ -11,13 +11,13 @@ use host_sim::serve::{PORTS, ServedModule};
 use super::can::MulticastBus;
 use super::flash_writer::FlashWriter;
 use super::pace::VirtualClock;
-use super::wire::{MAX_POLL_BYTES, POLL_INTERVAL, Wire, read_in_thread};
-use crate::cli::failure::Failure;
+use super::wire::{ByteConnection, MAX_POLL_BYTES, POLL_INTERVAL, read_in_thread};
+use crate::cli::failure::CommandFailure;
 use crate::cli::print;
 
 pub struct Connections {
     /// Connections to each of the module's ports, by port.
-    pub port_wires: Vec<Vec<Box<dyn Wire>>>,
+    pub port_wires: Vec<Vec<Box<dyn ByteConnection>>>,
     pub world_socket: Option<UdpSocket>,
     pub can_bus: Option<MulticastBus>,
     pub pilot_commands: Option<PilotCommandInput>,
@@ -30,10 +30,16 @@ const MAX_DATAGRAMS_PER_POLL: usize = 64;
 impl Connections {
     /// Runs the served module until stopped, until a connection has ended, or until the reader has closed standard
     /// output.
-    pub fn run(mut self, served_module: &mut ServedModule, speed: f64, stop: &AtomicBool) -> Result<(), Failure> {
+    pub fn run(
+        mut self,
+        served_module: &mut ServedModule,
+        speed: f64,
+        stop: &AtomicBool,
+    ) -> Result<(), CommandFailure> {
         let mut pace = VirtualClock::new(speed);
         let mut is_malformed_told = false;
-        let has_ended = |port_wires: &[Vec<Box<dyn Wire>>]| port_wires.iter().flatten().any(|wire| wire.has_ended());
+        let has_ended =
+            |port_wires: &[Vec<Box<dyn ByteConnection>>]| port_wires.iter().flatten().any(|wire| wire.has_ended());
         while !stop.load(Ordering::SeqCst) && !has_ended(&self.port_wires) && !print::poll_output_closed() {
             for (port, wires) in self.port_wires.iter_mut().enumerate() {
                 for wire in wires {

@@ -19,7 +19,7 @@ pub const POLL_INTERVAL: Duration = Duration::from_millis(2);
 pub const MAX_POLL_BYTES: usize = 4096;
 
 /// A connection whose far end may be absent.
-pub trait Wire {
+pub trait ByteConnection {
     /// Returns received bytes, at most `most`.
     fn read_bytes(&mut self, most: usize) -> Vec<u8>;
 
@@ -38,7 +38,7 @@ pub trait Wire {
 }
 
 /// A pseudo-terminal with its path.
-pub type OpenedPty = (Box<dyn Wire>, PathBuf);
+pub type OpenedPty = (Box<dyn ByteConnection>, PathBuf);
 
 /// Largest backlog of a slow receiver, bytes: six seconds of a full line.
 const MAX_BACKLOG_BYTES: usize = 65_536;
@@ -131,7 +131,7 @@ impl TcpPort {
     }
 }
 
-impl Wire for TcpPort {
+impl ByteConnection for TcpPort {
     fn read_bytes(&mut self, most: usize) -> Vec<u8> {
         self.accept_client();
         let mut bytes = Vec::new();
@@ -161,7 +161,7 @@ pub fn connect_tcp(port: u16) -> io::Result<Connection<TcpStream>> {
     Ok(Connection(BufferedStream::new(stream)))
 }
 
-impl<S: Read + Write> Wire for Connection<S> {
+impl<S: Read + Write> ByteConnection for Connection<S> {
     fn read_bytes(&mut self, most: usize) -> Vec<u8> {
         self.0.read_bytes(most)
     }
@@ -294,7 +294,7 @@ impl Terminal {
     }
 }
 
-impl Wire for Terminal {
+impl ByteConnection for Terminal {
     fn read_bytes(&mut self, most: usize) -> Vec<u8> {
         self.process_console_output();
         let bytes: Vec<u8> = self.pending.drain(..most.min(self.pending.len())).collect();

@@ -19,29 +19,29 @@ use super::random_flight::{RandomFlight, TrueSample};
 const PRIOR_SIGMAS: [f64; 3] = [0.3, 3.0, 1.0];
 
 /// Sample with its last computed gain.
-struct Candidate {
+struct SampleCandidate {
     gain: f64,
     index: usize,
     /// Number of selected samples when the gain was computed.
     evaluated_at: usize,
 }
 
-impl PartialEq for Candidate {
+impl PartialEq for SampleCandidate {
     fn eq(&self, other: &Self) -> bool {
         self.cmp(other) == Ordering::Equal
     }
 }
 
-impl Eq for Candidate {}
+impl Eq for SampleCandidate {}
 
-impl PartialOrd for Candidate {
+impl PartialOrd for SampleCandidate {
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
         Some(self.cmp(other))
     }
 }
 
 /// Ordered by gain; equal gains by earlier sample.
-impl Ord for Candidate {
+impl Ord for SampleCandidate {
     fn cmp(&self, other: &Self) -> Ordering {
         self.gain.total_cmp(&other.gain).then(other.index.cmp(&self.index))
     }
@@ -57,14 +57,18 @@ pub fn select_samples(trial: &RandomFlight, number: usize) -> Vec<TrueSample> {
     let gain = |covariance: &FisherInformation, index: usize| {
         libm::log(information_gain_matrix(covariance, &rows[index]).determinant())
     };
-    let candidate = |index| Candidate { gain: gain(&covariance, index), index, evaluated_at: 0 };
-    let mut candidates: BinaryHeap<Candidate> = (0..rows.len()).map(candidate).collect();
+    let candidate = |index| SampleCandidate { gain: gain(&covariance, index), index, evaluated_at: 0 };
+    let mut candidates: BinaryHeap<SampleCandidate> = (0..rows.len()).map(candidate).collect();
     let mut chosen = Vec::new();
     while chosen.len() < number
         && let Some(best) = candidates.pop()
     {
         if best.evaluated_at < chosen.len() {
-            candidates.push(Candidate { gain: gain(&covariance, best.index), evaluated_at: chosen.len(), ..best });
+            candidates.push(SampleCandidate {
+                gain: gain(&covariance, best.index),
+                evaluated_at: chosen.len(),
+                ..best
+            });
             continue;
         }
         covariance = with_sample(&covariance, &rows[best.index]);
@@ -107,11 +111,11 @@ fn with_sample(covariance: &FisherInformation, rows: &InformationRoot) -> Fisher
 mod tests {
     use super::*;
     use crate::studies::accuracy::flight::{Flight, FlightPattern};
-    use crate::studies::accuracy::random_flight::{Envelope, Ranges};
+    use crate::studies::accuracy::random_flight::{AttitudeEnvelope, RandomRanges};
     use simulator::world::aircraft::VehicleKind;
 
     fn trial(samples: usize) -> RandomFlight {
-        RandomFlight::draw(&Ranges { samples, ..Ranges::WORST_CASE }, 3)
+        RandomFlight::draw(&RandomRanges { samples, ..RandomRanges::WORST_CASE }, 3)
     }
 
     /// Reference: evaluates every sample in every step and inverts the whole matrix.
@@ -138,8 +142,8 @@ mod tests {
     #[test]
     fn selected_samples_have_a_lower_bound_than_evenly_thinned_ones() {
         let flight = Flight { kind: VehicleKind::Copter, pattern: FlightPattern::Routine, duration_minutes: 3.0 }
-            .fly(&Ranges::WORST_CASE, 3);
-        let trial = trial(1).with_flight(flight, Envelope::Tilted);
+            .fly(&RandomRanges::WORST_CASE, 3);
+        let trial = trial(1).with_flight(flight, AttitudeEnvelope::Tilted);
         let thinned = cramer_rao::rms_deg_for(&trial, trial.true_samples().step_by(9)).unwrap();
         let chosen = rms_deg(&trial, 200).unwrap();
         assert!(chosen < 0.9 * thinned, "{chosen} {thinned}");

@@ -20,7 +20,7 @@ pub struct AccuracyPlan {
 
 /// Fraction of heading errors within one and two sigma, percent.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Coverage {
+pub struct SigmaCoverage {
     /// Percentage of headings with an error within one sigma; ideally 68.3.
     pub one_sigma_percent: f64,
     /// Percentage of headings with an error within two sigma; ideally 95.4.
@@ -82,7 +82,7 @@ pub(super) fn solve(method: Method, samples: Samples<'_>, consider: ConsiderSigm
     Solver::with_consider_sigmas(method, samples, &Prior::default(), consider)?.run(samples)
 }
 
-pub(super) fn coverage(normalised: &[f64]) -> Coverage {
+pub(super) fn coverage(normalised: &[f64]) -> SigmaCoverage {
     let [one_sigma_percent, two_sigma_percent] = within_percent(normalised);
-    Coverage { one_sigma_percent, two_sigma_percent, headings: normalised.len() }
+    SigmaCoverage { one_sigma_percent, two_sigma_percent, headings: normalised.len() }
 }

@@ -3,13 +3,13 @@
 use autoswing::calibration::Rates;
 use autoswing::time::WrappingMillis;
 use serde::Serialize;
-use simulator::random::{Purpose, Random};
+use simulator::random::{RandomStream, StreamPurpose};
 use simulator::routine::{Routine, TurnPlan, random_leg};
 use simulator::world::aircraft::{Aircraft, VehicleConfig, VehicleKind};
 use simulator::world::autopilot::Leg;
 use simulator::world::weather::Weather;
 
-use super::random_flight::{Ranges, TrueSample};
+use super::random_flight::{RandomRanges, TrueSample};
 
 /// Flight pattern.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -55,8 +55,8 @@ const SAMPLE_PERIOD_US: u64 = 100_000;
 impl Flight {
     /// True attitudes at 10 Hz, in weather drawn from the seed.
     #[must_use]
-    pub fn fly(&self, ranges: &Ranges, seed: u64) -> Vec<TrueSample> {
-        let mut random = Random::new(seed, Purpose::Legs);
+    pub fn fly(&self, ranges: &RandomRanges, seed: u64) -> Vec<TrueSample> {
+        let mut random = RandomStream::new(seed, StreamPurpose::Legs);
         let config =
             VehicleConfig { kind: self.kind, heading_deg: random.uniform(0.0, 360.0), ..VehicleConfig::default() };
         let mut aircraft = Aircraft::new(config, Weather::default(), seed, 0);
@@ -135,7 +135,7 @@ fn mirrored_legs(legs: &[Leg]) -> Vec<Leg> {
     legs.iter().rev().map(|&leg| mirror(leg)).collect()
 }
 
-fn straight_leg(random: &mut Random) -> Leg {
+fn straight_leg(random: &mut RandomStream) -> Leg {
     Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: random.uniform(20.0, 60.0) }
 }
 
@@ -144,7 +144,7 @@ mod tests {
     use super::*;
 
     fn fly_pattern(kind: VehicleKind, pattern: FlightPattern, seed: u64) -> Vec<TrueSample> {
-        Flight { kind, pattern, duration_minutes: 3.0 }.fly(&Ranges::WORST_CASE, seed)
+        Flight { kind, pattern, duration_minutes: 3.0 }.fly(&RandomRanges::WORST_CASE, seed)
     }
 
     #[test]
@@ -184,7 +184,8 @@ mod tests {
     fn the_routine_is_flown_within_the_flight() {
         for seed in [2, 5, 6] {
             let fly_pattern = |pattern| {
-                Flight { kind: VehicleKind::Copter, pattern, duration_minutes: 20.0 }.fly(&Ranges::WORST_CASE, seed)
+                Flight { kind: VehicleKind::Copter, pattern, duration_minutes: 20.0 }
+                    .fly(&RandomRanges::WORST_CASE, seed)
             };
             for (instants, right, left) in [
                 (fly_pattern(FlightPattern::Routine), [3670, 3775], [3790, 3900]),

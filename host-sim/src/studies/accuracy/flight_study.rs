@@ -10,10 +10,10 @@ use serde::Serialize;
 use simulator::world::aircraft::VehicleKind;
 
 use super::evaluation::{
-    AccuracyPlan, COVERAGE_DRAW_INTERVAL, Coverage, SolveCounts, coverage, normalised_errors_in_use, solve,
+    AccuracyPlan, COVERAGE_DRAW_INTERVAL, SigmaCoverage, SolveCounts, coverage, normalised_errors_in_use, solve,
 };
 use super::flight::{Flight, FlightPattern};
-use super::random_flight::{ConstantErrorSigmas, Envelope, RandomFlight, Ranges};
+use super::random_flight::{AttitudeEnvelope, ConstantErrorSigmas, RandomFlight, RandomRanges};
 use super::{cramer_rao, d_optimal, retention};
 
 /// Results of flights of one pattern.
@@ -49,9 +49,9 @@ pub struct FlightStudyRow {
     /// RMS heading error over the bound of the optimal selection, 90th percentile.
     pub best_ratio_worst_decile: f64,
     /// Coverage with attitude noise only, which the solver is given.
-    pub coverage: Coverage,
+    pub coverage: SigmaCoverage,
     /// Coverage with the constant errors that the solver considers ([`ConsiderSigmas::DEFAULT`]).
-    pub coverage_with_faults: Coverage,
+    pub coverage_with_faults: SigmaCoverage,
 }
 
 /// Runs the plan for one flight. `tick` is called once per airframe, from any thread.
@@ -80,9 +80,10 @@ struct FlightResult {
 
 impl FlightResult {
     fn evaluate(flight: Flight, seed: u64, draws: u64) -> Option<Self> {
-        let envelope = if flight.kind == VehicleKind::Plane { Envelope::Banked } else { Envelope::Tilted };
-        let trial =
-            RandomFlight::draw(&Ranges::WORST_CASE, seed).with_flight(flight.fly(&Ranges::WORST_CASE, seed), envelope);
+        let envelope =
+            if flight.kind == VehicleKind::Plane { AttitudeEnvelope::Banked } else { AttitudeEnvelope::Tilted };
+        let trial = RandomFlight::draw(&RandomRanges::WORST_CASE, seed)
+            .with_flight(flight.fly(&RandomRanges::WORST_CASE, seed), envelope);
         let retained_times: BTreeSet<u32> =
             retention::retain_samples(&trial.record_all(0, ConstantErrorSigmas::NO_ERRORS).0)
                 .samples()

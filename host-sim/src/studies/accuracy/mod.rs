@@ -18,10 +18,10 @@ use autoswing::calibration::{ConsiderSigmas, Method};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
-pub use evaluation::{AccuracyPlan, Coverage};
+pub use evaluation::{AccuracyPlan, SigmaCoverage};
 
 use evaluation::{COVERAGE_DRAW_INTERVAL, SolveCounts, coverage, normalised_errors_in_use, solve};
-use random_flight::{ConstantErrorSigmas, RandomFlight, Ranges};
+use random_flight::{ConstantErrorSigmas, RandomFlight, RandomRanges};
 
 use log_analysis::numbers::{median, quantile};
 
@@ -52,9 +52,9 @@ pub struct AccuracyResult {
     /// Results by method.
     pub methods: Vec<MethodResult>,
     /// Coverage with attitude noise only, which the solver is given.
-    pub coverage: Coverage,
+    pub coverage: SigmaCoverage,
     /// Coverage with the constant errors that the solver considers ([`ConsiderSigmas::DEFAULT`]).
-    pub coverage_with_faults: Coverage,
+    pub coverage_with_faults: SigmaCoverage,
 }
 
 const COMPARED_METHODS: [Method; 3] = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse];
@@ -66,7 +66,7 @@ pub fn run(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> AccuracyResult {
         .into_par_iter()
         .filter_map(|seed| {
             let airframe_result =
-                AirframeResult::evaluate(&RandomFlight::draw(&Ranges::WORST_CASE, seed), plan.noise_draws);
+                AirframeResult::evaluate(&RandomFlight::draw(&RandomRanges::WORST_CASE, seed), plan.noise_draws);
             tick();
             airframe_result
         })

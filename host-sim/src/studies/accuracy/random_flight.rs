@@ -1,19 +1,21 @@
 //! One random airframe with its turns, and simulated recordings of them.
 
-use autoswing::calibration::{Calibration, CollectionPart, ConsiderSigmas, Current, Rates, Sample, Samples, Solution};
+use autoswing::calibration::{
+    Calibration, CollectionPart, ConsiderSigmas, MotorCurrent, Rates, Sample, Samples, Solution,
+};
 use autoswing::frames::{Attitude, Field};
 use autoswing::heading;
 use autoswing::time::WrappingMillis;
 use nalgebra::{Matrix3, Vector3};
 
 use log_analysis::score::wrap_180;
-use simulator::random::{Purpose, Random};
+use simulator::random::{RandomStream, StreamPurpose};
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::rotation::Euler;
 
 /// Ranges of random airframes, places and flights.
 #[derive(Clone, Copy, Debug)]
-pub struct Ranges {
+pub struct RandomRanges {
     /// Largest soft iron, relative.
     pub soft_iron: f64,
     /// Largest hard iron, in units of the horizontal field.
@@ -34,7 +36,7 @@ pub struct Ranges {
     pub samples: usize,
 }
 
-impl Ranges {
+impl RandomRanges {
     /// Worst realistic airframes, with as many samples as the module's buffers hold.
     pub const WORST_CASE: Self = Self {
         soft_iron: 0.3,
@@ -68,7 +70,7 @@ impl ConstantErrorSigmas {
         Self { bias_deg: f64::from(consider.bias_rad.to_degrees()), bank_scale: f64::from(consider.bank_scale) }
     }
 
-    fn draw(self, random: &mut Random) -> ConstantAttitudeErrors {
+    fn draw(self, random: &mut RandomStream) -> ConstantAttitudeErrors {
         ConstantAttitudeErrors {
             roll_bias_rad: (random.gaussian() * self.bias_deg).to_radians(),
             pitch_bias_rad: (random.gaussian() * self.bias_deg).to_radians(),
@@ -88,7 +90,7 @@ struct ConstantAttitudeErrors {
 #[derive(Clone, Debug)]
 pub struct LaterMeasurements {
     source: ConstantAttitudeErrors,
-    random: Random,
+    random: RandomStream,
 }
 
 /// True state at one sample of the flight.
@@ -137,7 +139,7 @@ pub struct RandomFlight {
     /// Noise of roll and pitch without acceleration, radians.
     pub attitude_sigma_rad: f64,
     /// Attitudes at which headings are evaluated.
-    pub envelope: Envelope,
+    pub envelope: AttitudeEnvelope,
     /// Samples of left turns.
     pub left: Vec<TrueSample>,
     /// Samples of right turns.
@@ -146,14 +148,14 @@ pub struct RandomFlight {
 
 /// Attitudes at which a calibration is evaluated, each at twelve headings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Envelope {
+pub enum AttitudeEnvelope {
     /// Level and banked by 30 deg to either side, at pitch zero (aeroplane).
     Banked,
     /// Level and tilted by 20 deg in eight directions (multirotor).
     Tilted,
 }
 
-impl Envelope {
+impl AttitudeEnvelope {
     const TILT_DEG: f64 = 20.0;
 
     /// All attitudes of the envelope.
@@ -171,7 +173,7 @@ impl Envelope {
 /// Roll and pitch of a tilt in one of eight directions, degrees.
 fn tilt_toward(side: u8) -> [f64; 2] {
     let (sin, cos) = libm::sincos(f64::from(side) * std::f64::consts::FRAC_PI_4);
-    [Envelope::TILT_DEG * sin, Envelope::TILT_DEG * cos]
+    [AttitudeEnvelope::TILT_DEG * sin, AttitudeEnvelope::TILT_DEG * cos]
 }
 
 const FIELD_STRENGTH_UT: f64 = 50.0;
@@ -183,8 +185,8 @@ const TILT_ERROR_DEG_PER_M_S2: f64 = VehicleKind::Copter.tilt_error_deg_per_m_s2
 impl RandomFlight {
     /// Draws airframe, place and flight.
     #[must_use]
-    pub fn draw(ranges: &Ranges, seed: u64) -> Self {
-        let mut random = Random::new(seed, Purpose::Airframe);
+    pub fn draw(ranges: &RandomRanges, seed: u64) -> Self {
+        let mut random = RandomStream::new(seed, StreamPurpose::Airframe);
         let raw = Matrix3::from_fn(|_, _| random.uniform(-1.0, 1.0));
         let symmetric = raw + raw.transpose();
         let size = random.uniform(0.0, ranges.soft_iron) / symmetric.singular_values().max();
@@ -200,7 +202,7 @@ impl RandomFlight {
             inclination_rad,
             sensor_sigma: random.uniform(ranges.sensor_noise[0], ranges.sensor_noise[1]),
             attitude_sigma_rad: random.uniform(ranges.attitude_noise_deg[0], ranges.attitude_noise_deg[1]).to_radians(),
-            envelope: Envelope::Banked,
+            envelope: AttitudeEnvelope::Banked,
             left,
             right,
         }
@@ -208,7 +210,7 @@ impl RandomFlight {
 
     /// The same airframe, place and instruments with another flight, without turn directions.
     #[must_use]
-    pub fn with_flight(self, flight: Vec<TrueSample>, envelope: Envelope) -> Self {
+    pub fn with_flight(self, flight: Vec<TrueSample>, envelope: AttitudeEnvelope) -> Self {
         Self { envelope, left: flight, right: Vec::new(), ..self }
     }
 
@@ -234,11 +236,11 @@ impl RandomFlight {
     #[must_use]
     pub fn record_flight(&self, repetition: u64, faults: ConstantErrorSigmas) -> (Recording, LaterMeasurements) {
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
-        let mut random = Random::new(seed, Purpose::Magnetometer);
+        let mut random = RandomStream::new(seed, StreamPurpose::Magnetometer);
         let source = faults.draw(&mut random);
         let fit = sample_turns(&self.left, &self.right, |instant| self.noisy_sample(instant, source, &mut random));
         // A separate random stream, so that held-back samples do not change the other random numbers.
-        let mut fresh = Random::new(seed, Purpose::HeldBack);
+        let mut fresh = RandomStream::new(seed, StreamPurpose::HeldBack);
         let [left, right] = [midpoints(&self.left), midpoints(&self.right)];
         let held_back = sample_turns(&left, &right, |instant| self.noisy_sample(instant, source, &mut fresh));
         (Recording { fit, held_back }, LaterMeasurements { source, random })
@@ -248,7 +250,7 @@ impl RandomFlight {
     #[must_use]
     pub fn record_all(&self, repetition: u64, faults: ConstantErrorSigmas) -> (Vec<Sample>, LaterMeasurements) {
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
-        let mut random = Random::new(seed, Purpose::Magnetometer);
+        let mut random = RandomStream::new(seed, StreamPurpose::Magnetometer);
         let source = faults.draw(&mut random);
         let samples = self.true_samples().map(|instant| self.noisy_sample(instant, source, &mut random)).collect();
         (samples, LaterMeasurements { source, random })
@@ -277,7 +279,7 @@ impl RandomFlight {
         Some(error_deg / f64::from(shown.sigma_deg()))
     }
 
-    fn noisy_sample(&self, instant: &TrueSample, source: ConstantAttitudeErrors, random: &mut Random) -> Sample {
+    fn noisy_sample(&self, instant: &TrueSample, source: ConstantAttitudeErrors, random: &mut RandomStream) -> Sample {
         let euler = instant.euler;
         let sensed =
             self.field_matrix * self.body_field(euler) + self.hard_iron + random.normal_vector() * self.sensor_sigma;
@@ -292,7 +294,7 @@ impl RandomFlight {
             attitude: Attitude { roll_rad, pitch_rad },
             time: instant.time,
             rates: instant.rates,
-            current: Current::UNKNOWN,
+            current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         }
     }
@@ -317,7 +319,7 @@ fn midpoints(instants: &[TrueSample]) -> Vec<TrueSample> {
 }
 
 /// Coordinated turns with random bank and pitch (correlation time 1.5 s), sampled every 0.5 s.
-fn random_turn(ranges: &Ranges, bank_deg: f64, random: &mut Random) -> Vec<TrueSample> {
+fn random_turn(ranges: &RandomRanges, bank_deg: f64, random: &mut RandomStream) -> Vec<TrueSample> {
     const STEP_S: f64 = 0.5;
     let keep = libm::exp(-STEP_S / 1.5_f64);
     let fresh = (1.0 - keep * keep).sqrt() * ranges.random_attitude_deg;
@@ -387,14 +389,14 @@ mod tests {
     #[test]
     fn the_tilted_envelope_has_20_deg_of_tilt_to_eight_sides() {
         let mut directions = std::collections::BTreeSet::new();
-        for euler in Envelope::Tilted.attitudes().skip(12) {
+        for euler in AttitudeEnvelope::Tilted.attitudes().skip(12) {
             let tilt_deg = libm::acos(libm::cos(euler.roll_rad) * libm::cos(euler.pitch_rad)).to_degrees();
             assert!((tilt_deg - 20.0).abs() < 0.2, "{tilt_deg}");
             directions.insert(libm::atan2(euler.roll_rad, euler.pitch_rad).to_degrees().round() as i32);
         }
         assert_eq!(directions.len(), 8);
-        assert_eq!(Envelope::Tilted.attitudes().count(), 108);
-        assert!(Envelope::Banked.attitudes().all(|euler| euler.pitch_rad.abs() < 1e-9));
+        assert_eq!(AttitudeEnvelope::Tilted.attitudes().count(), 108);
+        assert!(AttitudeEnvelope::Banked.attitudes().all(|euler| euler.pitch_rad.abs() < 1e-9));
     }
 
     /// 2.6 m/s^2 cause 1.04 deg, added in quadrature to the noise of 0.2 to 1 deg; 2,000 samples determine sigma to 2
@@ -407,9 +409,9 @@ mod tests {
             rates: Rates::from_rad_s([0.1, -0.2, 0.3]),
             time: WrappingMillis::new(7),
         };
-        let trial = RandomFlight::draw(&Ranges::WORST_CASE, 3);
+        let trial = RandomFlight::draw(&RandomRanges::WORST_CASE, 3);
         for (push_m_s2, by_push_deg) in [(0.0, 0.0), (2.6, 1.04)] {
-            let trial = trial.clone().with_flight(vec![instant(push_m_s2); 2000], Envelope::Tilted);
+            let trial = trial.clone().with_flight(vec![instant(push_m_s2); 2000], AttitudeEnvelope::Tilted);
             let (samples, _) = trial.record_all(0, ConstantErrorSigmas::NO_ERRORS);
             let squares = samples.iter().map(|s| square(f64::from(s.attitude.roll_rad.to_degrees() - 3.0)));
             let sigma_deg = (squares.sum::<f64>() / 2000.0).sqrt();
@@ -424,7 +426,7 @@ mod tests {
     #[test]
     fn held_back_samples_lie_between_those_of_the_fit() {
         for seed in 0..20 {
-            let trial = RandomFlight::draw(&Ranges::WORST_CASE, seed);
+            let trial = RandomFlight::draw(&RandomRanges::WORST_CASE, seed);
             let (recorded, _) = trial.record_flight(3, ConstantErrorSigmas::NO_ERRORS);
             let (fit, held_back) = (recorded.samples(), recorded.held_back());
             for (fit, held_back) in
@@ -447,7 +449,7 @@ mod tests {
             let rolls = samples.iter().map(|s| f64::from(s.attitude.roll_rad.to_degrees()));
             rolls.sum::<f64>() / samples.iter().count() as f64
         };
-        let trial = RandomFlight::draw(&Ranges::WORST_CASE, 5);
+        let trial = RandomFlight::draw(&RandomRanges::WORST_CASE, 5);
         let [first, second] =
             [0, 1].map(|draw| trial.record_flight(draw, ConstantErrorSigmas { bias_deg: 10.0, bank_scale: 0.0 }).0);
         for recorded in [&first, &second] {

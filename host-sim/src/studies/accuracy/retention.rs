@@ -33,7 +33,7 @@ pub fn retain_samples(samples: &[Sample]) -> Recording {
 
 #[cfg(test)]
 mod tests {
-    use autoswing::calibration::{CollectionPart, Current, Rates, Samples};
+    use autoswing::calibration::{CollectionPart, MotorCurrent, Rates, Samples};
     use autoswing::frames::{Attitude, Field};
     use autoswing::time::WrappingMillis;
     use log_analysis::replay::module_run::ModuleRun;
@@ -58,7 +58,7 @@ mod tests {
                 field,
                 attitude,
                 rates: Rates::ZERO,
-                current: Current::UNKNOWN,
+                current: MotorCurrent::UNKNOWN,
                 time: WrappingMillis::new(u32::from(i) * 100),
                 part: CollectionPart::FREE,
             }

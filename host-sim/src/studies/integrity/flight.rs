@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use simulator::heading_errors::HeadingErrors;
 use simulator::module::{Module, ModuleRunEnd};
 use simulator::nmea::{HeadingSentence, SentenceReader};
-use simulator::random::{Purpose, Random};
+use simulator::random::{RandomStream, StreamPurpose};
 use simulator::rig::Rig;
 use simulator::transcript::{self, SolveNotice};
 use simulator::world::aircraft::PrescribedMotion;
@@ -15,7 +15,7 @@ use simulator::world::autopilot::Leg;
 use simulator::world::far_end::FarEnd;
 use simulator::world::{TrueState, WorldConfig};
 
-use super::case::{Case, Onset, RandomCase};
+use super::case::{FaultCase, FaultOnset, RandomCase};
 use super::legs_after_calibration;
 use super::plan::IntegrityPlan;
 use super::statistics::{EvaluatedSentence, HeadingStatistics};
@@ -66,20 +66,20 @@ const SOLVE_TIMEOUT_S: f64 = 10.0;
 
 /// Flies the case for a seed, with vehicle, attitude source and heading output of the plan.
 #[must_use]
-pub fn fly_case(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
+pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
     let mut drawn = case.draw(seed, plan.aircraft, plan.source);
     let faults = std::mem::take(&mut drawn.faults);
     let fields = faults.field_faults.clone();
     let mut rig = Rig::with_port_devices(drawn.world, faults, [drawn.far_end, FarEnd::Unconnected]);
     let RandomCase { world, ref switch, onset, .. } = drawn;
     rig.world.set_armed(true);
-    if onset == Onset::Always {
+    if onset == FaultOnset::Always {
         switch.set_active(0, u64::MAX);
     }
     rig.run_for_s(2.0);
     rig.send_console_line(&format!("stream heading {}", plan.heading.kind_name()));
     rig.send_console_line(drawn.routine.start_command);
-    if let Onset::Calibrating { after_s, until_s } = onset {
+    if let FaultOnset::Calibrating { after_s, until_s } = onset {
         switch.set_active(add_seconds_us(rig.now_us(), after_s), add_seconds_us(rig.now_us(), until_s));
     }
     let began_us = rig.now_us();
@@ -94,18 +94,18 @@ pub fn fly_case(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResul
     let mut output_statistics = HeadingStatistics::default();
     let mut notes = Vec::new();
     if calibrated.is_ok() {
-        if let Onset::InUse { after_s, for_s } = onset {
+        if let FaultOnset::InUse { after_s, for_s } = onset {
             let from_us = add_seconds_us(rig.now_us(), after_s);
             switch.set_active(from_us, add_seconds_us(from_us, for_s));
         }
         let counts_from_us =
-            if let Onset::InUse { after_s, .. } = onset { add_seconds_us(rig.now_us(), after_s) } else { 0 };
+            if let FaultOnset::InUse { after_s, .. } = onset { add_seconds_us(rig.now_us(), after_s) } else { 0 };
         notes = process_console_output(&mut rig, &drawn, seed, &mut |at_us, evaluated_sentence| {
             // A hard-iron change during calibration remains part of the airframe in use.
             let faulty = match onset {
-                Onset::Never => false,
-                Onset::Always | Onset::Calibrating { .. } => true,
-                Onset::InUse { .. } => switch.is_on(at_us),
+                FaultOnset::Never => false,
+                FaultOnset::Always | FaultOnset::Calibrating { .. } => true,
+                FaultOnset::InUse { .. } => switch.is_on(at_us),
             };
             output_statistics.add_sentence(
                 at_us,
@@ -208,7 +208,7 @@ fn process_console_output(
     on_sentence: &mut dyn FnMut(u64, &EvaluatedSentence),
 ) -> Vec<String> {
     let RandomCase { ground_time_s: stands_s, flight_after_calibration_s, further_legs, .. } = *drawn;
-    let mut random = Random::new(seed, Purpose::Legs);
+    let mut random = RandomStream::new(seed, StreamPurpose::Legs);
     if stands_s > 0.0 {
         // Keeps the last attitude and the unwrapped heading, to avoid jumps.
         let now = rig.world.true_state(rig.now_us());

@@ -1,6 +1,6 @@
 //! Legs flown in use: a common start, then random legs.
 
-use simulator::random::Random;
+use simulator::random::RandomStream;
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::autopilot::Leg;
 
@@ -9,7 +9,7 @@ pub(super) const TIME_IN_LEVEL_FLIGHT_S: f64 = 25.0;
 pub(super) const TIME_IN_TURN_S: f64 = 48.0;
 
 /// Straight leg, then a full circle that is in progress 48 s after the start.
-pub(super) fn first_legs(kind: VehicleKind, random: &mut Random) -> [Leg; 2] {
+pub(super) fn first_legs(kind: VehicleKind, random: &mut RandomStream) -> [Leg; 2] {
     let straight = Leg::Straight {
         heading_deg: random.uniform(0.0, 360.0),
         seconds: TIME_IN_LEVEL_FLIGHT_S.midpoint(TIME_IN_TURN_S),
@@ -24,7 +24,7 @@ pub(super) fn first_legs(kind: VehicleKind, random: &mut Random) -> [Leg; 2] {
 }
 
 /// Straight leg; then a turn, or hover, yaw and a tilt to the side.
-pub(super) fn further_legs(kind: VehicleKind, random: &mut Random) -> Vec<Leg> {
+pub(super) fn further_legs(kind: VehicleKind, random: &mut RandomStream) -> Vec<Leg> {
     let straight = Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: random.uniform(15.0, 30.0) };
     let side = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
     let heading_change_deg = side * random.uniform(180.0, 360.0);
@@ -45,12 +45,12 @@ pub(super) fn further_legs(kind: VehicleKind, random: &mut Random) -> Vec<Leg> {
 }
 
 /// Hover at the present heading; vehicles that cannot hover fly straight.
-pub(super) fn steady_leg(_: VehicleKind, _: &mut Random) -> Vec<Leg> {
+pub(super) fn steady_leg(_: VehicleKind, _: &mut RandomStream) -> Vec<Leg> {
     vec![Leg::Hover { seconds: 60.0 }]
 }
 
 /// Straight leg, then a turn at 45 deg of bank.
-pub(super) fn steep_turns(kind: VehicleKind, random: &mut Random) -> Vec<Leg> {
+pub(super) fn steep_turns(kind: VehicleKind, random: &mut RandomStream) -> Vec<Leg> {
     let mut legs = further_legs(kind, random);
     for leg in &mut legs {
         if let Leg::Turn { bank_deg, .. } = leg {
@@ -63,12 +63,12 @@ pub(super) fn steep_turns(kind: VehicleKind, random: &mut Random) -> Vec<Leg> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use simulator::random::Purpose;
+    use simulator::random::StreamPurpose;
 
     /// The order of random draws of an aeroplane's flights must not change.
     #[test]
     fn hovering_vehicles_yaw_and_tilt_and_aeroplanes_turn() {
-        let mut random = Random::new(3, Purpose::Legs);
+        let mut random = RandomStream::new(3, StreamPurpose::Legs);
         assert!(matches!(first_legs(VehicleKind::Plane, &mut random), [Leg::Straight { .. }, Leg::Turn { .. }]));
         assert!(matches!(further_legs(VehicleKind::Plane, &mut random)[..], [Leg::Straight { .. }, Leg::Turn { .. }]));
         assert!(matches!(first_legs(VehicleKind::Copter, &mut random), [Leg::Straight { .. }, Leg::Yaw { .. }]));

@@ -13,7 +13,7 @@ mod statistics;
 use rayon::prelude::*;
 use serde::Serialize;
 
-pub use case::{ALL_CASES, Case};
+pub use case::{ALL_CASES, FaultCase};
 pub use plan::{AttitudeProtocol, IntegrityPlan};
 pub use statistics::HeadingStatistics;
 
@@ -72,7 +72,7 @@ pub struct IntegrityRow {
 }
 
 /// Flies all cases in parallel; calls `flown` after every flight. The result does not depend on the number of cores.
-pub fn run(plan: IntegrityPlan, cases: &[&'static Case], flown: &(dyn Fn() + Sync)) -> Vec<IntegrityRow> {
+pub fn run(plan: IntegrityPlan, cases: &[&'static FaultCase], flown: &(dyn Fn() + Sync)) -> Vec<IntegrityRow> {
     let flights: Vec<(usize, u64)> = cases
         .iter()
         .enumerate()
@@ -94,7 +94,7 @@ pub fn run(plan: IntegrityPlan, cases: &[&'static Case], flown: &(dyn Fn() + Syn
 
 /// Total number of flights.
 #[must_use]
-pub fn flight_count(plan: IntegrityPlan, cases: &[&'static Case]) -> u64 {
+pub fn flight_count(plan: IntegrityPlan, cases: &[&'static FaultCase]) -> u64 {
     cases.iter().map(|case| case.flight_count(plan.flights_per_case)).sum()
 }
 

@@ -7,7 +7,7 @@ use super::*;
 use crate::calibration::closed_form::starting_point;
 use crate::calibration::model::{INCLINATION_INDEX, ModelConfig, ModelParameters};
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns};
-use crate::calibration::{CollectionPart, Current, Prior, Rates, Sample};
+use crate::calibration::{CollectionPart, MotorCurrent, Prior, Rates, Sample};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -53,7 +53,7 @@ fn refinement_off_by(sigmas: f32) -> Refinement {
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
         rates: Rates::ZERO,
-        current: Current::UNKNOWN,
+        current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     };
     let samples = Parts { left: &[sample], ..Parts::default() }.samples();
@@ -70,7 +70,7 @@ fn descend(refinement: &mut Refinement, higher: f32) -> RefinementProgress {
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
         rates: Rates::ZERO,
-        current: Current::UNKNOWN,
+        current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     };
     refinement.system.cost += higher;

@@ -38,7 +38,7 @@ use crate::calibration::statistics::residuals::ResidualStatistics;
 use crate::calibration::types::time_order::TimeOrdered;
 use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, Sample, Samples, inverse};
 use crate::time::WrappingMillis;
-use crate::trig::{Length as _, sqrt};
+use crate::trig::{VectorLength as _, sqrt};
 
 /// Number of times at which a step is tested.
 const MAX_TESTED_STEPS: usize = 32;

@@ -10,7 +10,7 @@ use crate::calibration::tests::derivatives::assert_derivative;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::{
-    Calibration, CollectionPart, Current, LeastSquares, Method, Orientation, Prior, Rates, Sample,
+    Calibration, CollectionPart, LeastSquares, Method, MotorCurrent, Orientation, Prior, Rates, Sample,
 };
 use crate::frames::Field;
 
@@ -250,7 +250,7 @@ const STILL: Sample = Sample {
     attitude: crate::frames::Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
     time: WrappingMillis::new(0),
     rates: Rates::ZERO,
-    current: Current::UNKNOWN,
+    current: MotorCurrent::UNKNOWN,
     part: CollectionPart::FREE,
 };
 

@@ -1,7 +1,8 @@
 //! Solver for all methods, in steps: from samples to a calibration with its quality.
 
 use super::attempts::{
-    ATTEMPT_QUEUE, Attempt, MAX_SOLVE_STEPS, Start, has_small_error_and_hard_iron, is_accurate, is_implausible, is_poor,
+    ATTEMPT_QUEUE, Attempt, AttemptStart, MAX_SOLVE_STEPS, has_small_error_and_hard_iron, is_accurate, is_implausible,
+    is_poor,
 };
 use super::ellipsoid;
 use super::inclination::GivenInclination;
@@ -148,9 +149,9 @@ impl Solver {
         later.any(|next| {
             next.may_follow(current)
                 && match next.start {
-                    Start::ClosedForm => self.start_without_inclination(end, samples),
-                    Start::Sphere => self.start_from_sphere(end, samples),
-                    Start::FirstResult => self.restore_first_result(end, samples),
+                    AttemptStart::ClosedForm => self.start_without_inclination(end, samples),
+                    AttemptStart::Sphere => self.start_from_sphere(end, samples),
+                    AttemptStart::FirstResult => self.restore_first_result(end, samples),
                 }
         })
     }
@@ -167,7 +168,7 @@ impl Solver {
         let retained = end.as_ref().ok().and_then(|solution| self.retain_result(solution));
         let is_started = point.is_some_and(|point| self.restart(samples, &point, SampleCorrections::NO_CORRECTIONS));
         if is_started {
-            self.attempt.start = Start::Sphere;
+            self.attempt.start = AttemptStart::Sphere;
             self.first_result = retained;
         }
         is_started
@@ -180,7 +181,7 @@ impl Solver {
         let is_better = end.as_ref().is_ok_and(|solution| self.misfit(&solution.calibration) < misfit);
         let is_started = !is_better && self.restart(samples, &start, assumed);
         if is_started {
-            self.attempt.start = Start::FirstResult;
+            self.attempt.start = AttemptStart::FirstResult;
             self.refinement.restart_with_noise(samples, noise);
         }
         is_started
@@ -326,7 +327,7 @@ impl Solver {
         }
         // Advice is not computed for a poor result that another starting point may improve.
         let needs_advice = |quality: &Quality| {
-            self.attempt.start != Start::ClosedForm
+            self.attempt.start != AttemptStart::ClosedForm
                 || self.method != Method::MaximumLikelihood
                 || has_small_error_and_hard_iron(quality, calibration)
         };

@@ -7,7 +7,9 @@ use super::*;
 use crate::calibration::Axis;
 use crate::calibration::solver::sample_checks::stuck_axis;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
-use crate::calibration::{CollectionPart, Current, DetectedHardIronChange, HardIronTimeCourse, Mark, Rates};
+use crate::calibration::{
+    CollectionPart, DetectedHardIronChange, HardIronTimeCourse, HeadingMark, MotorCurrent, Rates,
+};
 use crate::frames::Attitude;
 use crate::frames::Field;
 use crate::time::WrappingMillis;
@@ -19,7 +21,7 @@ fn varying_samples(number: u8) -> Vec<Sample> {
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
         rates: Rates::ZERO,
-        current: Current::UNKNOWN,
+        current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     };
     (0..number).map(sample).collect()
@@ -73,7 +75,7 @@ fn twelve_samples_or_one_mark_are_accepted() {
     assert_eq!(check_samples(Method::MaximumLikelihood, of(&samples[..11])), missing(SamplePart::All, 11, 12));
     assert_eq!(check_samples(Method::Level, of(&samples[..11])), missing(SamplePart::Level, 11, 12));
     assert_eq!(check_samples(Method::CompassSwing, of(&[])), missing(SamplePart::All, 0, 12));
-    let mark = [Mark { sample: samples[0], heading_rad: 1.0 }];
+    let mark = [HeadingMark { sample: samples[0], heading_rad: 1.0 }];
     assert_eq!(check_samples(Method::CompassSwing, Parts { marks: &mark, ..Parts::default() }.samples()), Ok(()));
 }
 
@@ -93,7 +95,7 @@ fn non_finite_samples_are_rejected() {
         let good = varying_samples(20);
         let mut bad = good.clone();
         change(&mut bad[7]);
-        let marks = [Mark { sample: bad[7], heading_rad: 0.0 }];
+        let marks = [HeadingMark { sample: bad[7], heading_rad: 0.0 }];
         for samples in [
             Parts { left: &bad, right: &good, ..Parts::default() }.samples(),
             Parts { left: &good, right: &bad, ..Parts::default() }.samples(),
@@ -106,7 +108,7 @@ fn non_finite_samples_are_rejected() {
     let mut large = varying_samples(20);
     large[3].field.ut.x = -0.9e6;
     assert_eq!(check_samples(Method::Level, Parts { level: &large, ..Parts::default() }.samples()), Ok(()));
-    let marks = [Mark { sample: varying_samples(1)[0], heading_rad: f32::NAN }];
+    let marks = [HeadingMark { sample: varying_samples(1)[0], heading_rad: f32::NAN }];
     let nowhere = check_samples(Method::CompassSwing, Parts { marks: &marks, ..Parts::default() }.samples());
     assert_eq!(nowhere, Err(SolveError::NotFinite));
 }
@@ -167,8 +169,10 @@ fn the_better_of_two_results_is_returned() {
         let RetainedResult { start, noise, .. } = solver.retain_result(&plain).unwrap();
         let sphere = starting_point::sphere_start(samples, &Matrix3::identity()).unwrap();
         assert!(solver.restart(samples, &sphere, SampleCorrections::NO_CORRECTIONS));
-        (solver.attempt.start, solver.first_result) =
-            (Start::Sphere, Some(RetainedResult { start, misfit, assumed: SampleCorrections::NO_CORRECTIONS, noise }));
+        (solver.attempt.start, solver.first_result) = (
+            AttemptStart::Sphere,
+            Some(RetainedResult { start, misfit, assumed: SampleCorrections::NO_CORRECTIONS, noise }),
+        );
         let (again, began) = run(solver, samples);
         assert_eq!(began, if is_found_again { 2 } else { 1 });
         let again = again.unwrap();

@@ -3,7 +3,7 @@
 use mavlink::dialects::common::MavState;
 
 use super::super::signature::{MAX_AGE, SIGNATURE_SIZE, SIGNED_FLAG};
-use super::super::{Address, Frame, InboundMessage, OutboundMessage, Receiver, Signatures, key_from_passphrase};
+use super::super::{Address, EncodedFrame, InboundMessage, OutboundMessage, Receiver, Signatures, key_from_passphrase};
 
 const AUTOPILOT: Address = Address { system_id: 1, component_id: 1 };
 
@@ -26,7 +26,7 @@ fn is_accepted(receiver: &mut Receiver, frame: &[u8]) -> bool {
         .any(|message| matches!(message, InboundMessage::Heartbeat(_)))
 }
 
-fn sent(signatures: &mut Signatures, from: Address) -> Frame {
+fn sent(signatures: &mut Signatures, from: Address) -> EncodedFrame {
     OutboundMessage::heartbeat(MavState::MAV_STATE_ACTIVE).into_frame(from, 0, signatures)
 }
 

@@ -4,7 +4,7 @@ use std::io::{self, Read};
 
 use super::super::flight::{Flight, LogFormat};
 use super::super::read_window::ReadWindow;
-use super::messages::{MESSAGES_TO_READ, Message, record_message, recorder};
+use super::messages::{LogMessage, MESSAGES_TO_READ, record_message, recorder};
 
 const FRAME_START: [u8; 2] = [0xA3, 0x95];
 const FMT_MESSAGE_NUMBER: u8 = 128;
@@ -58,10 +58,10 @@ struct MessageLayout {
     length: usize,
     name: String,
     is_wanted: bool,
-    columns: Vec<Column>,
+    columns: Vec<MessageColumn>,
 }
 
-struct Column {
+struct MessageColumn {
     name: String,
     kind: u8,
     offset: usize,
@@ -77,7 +77,7 @@ impl MessageLayout {
         let mut columns = Vec::new();
         let mut names = names.split(',');
         for kind in kinds.bytes() {
-            columns.push(Column { name: names.next().unwrap_or_default().trim().to_owned(), kind, offset: at });
+            columns.push(MessageColumn { name: names.next().unwrap_or_default().trim().to_owned(), kind, offset: at });
             at += format_size(kind)?;
         }
         let length = usize::from(*length);
@@ -116,7 +116,7 @@ impl BinaryMessage<'_> {
     }
 }
 
-impl Message for BinaryMessage<'_> {
+impl LogMessage for BinaryMessage<'_> {
     fn numeric_field(&self, name: &str) -> Option<f64> {
         let (kind, bytes) = self.column_bytes(name)?;
         Some(match (kind, bytes) {

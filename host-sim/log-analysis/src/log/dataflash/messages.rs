@@ -4,7 +4,7 @@ use crate::log::flight::{Autopilot, Gps, LogFormat};
 use crate::log::flight_builder::{FieldProcessing, FlightBuilder};
 
 /// A message with named columns, scaled to degrees and m/s by their format letters.
-pub(super) trait Message {
+pub(super) trait LogMessage {
     fn numeric_field(&self, name: &str) -> Option<f64>;
     fn has_column(&self, name: &str) -> bool;
     /// Whether a column is an unscaled integer.
@@ -24,7 +24,7 @@ pub(super) fn recorder(format: LogFormat) -> FlightBuilder {
     recorder
 }
 
-pub(super) fn record_message(recorder: &mut FlightBuilder, name: &str, message: &dyn Message) {
+pub(super) fn record_message(recorder: &mut FlightBuilder, name: &str, message: &dyn LogMessage) {
     if name == "PARM" {
         if let (Some(name), Some(value)) = (message.text_field("Name"), message.numeric_field("Value")) {
             recorder.set_parameter(&name, value);
@@ -96,7 +96,7 @@ pub(super) fn record_message(recorder: &mut FlightBuilder, name: &str, message: 
 
 /// Time of a message without a stamp (common until 2014): the newest stamp, seconds. Of several rows at one stamp the
 /// first is kept.
-fn time_of_unstamped_message_s(recorder: &mut FlightBuilder, name: &str, message: &dyn Message) -> Option<f64> {
+fn time_of_unstamped_message_s(recorder: &mut FlightBuilder, name: &str, message: &dyn LogMessage) -> Option<f64> {
     let is_damaged = ["TimeUS", "TimeMS"].iter().any(|column| name != "GPS" && message.has_column(column));
     if is_damaged {
         return None;
@@ -108,7 +108,7 @@ fn time_of_unstamped_message_s(recorder: &mut FlightBuilder, name: &str, message
 }
 
 /// Roll, pitch and yaw, radians, from columns in degrees; yaw is NaN if absent.
-fn angles_rad(message: &dyn Message) -> Option<[f32; 3]> {
+fn angles_rad(message: &dyn LogMessage) -> Option<[f32; 3]> {
     let [roll, pitch] = numeric_fields(message, ["Roll", "Pitch"])?;
     let yaw = message.numeric_field("Yaw").unwrap_or(f64::NAN);
     Some([roll, pitch, yaw].map(|deg| deg.to_radians() as f32))
@@ -116,7 +116,7 @@ fn angles_rad(message: &dyn Message) -> Option<[f32; 3]> {
 
 /// Adds the attitude of the filter's first core, or of AHR2, used if `ATT` is not logged (`LOG_BITMASK`). Quaternions
 /// rank after angles, since the board's trim is not removed from them.
-fn push_fallback_attitude(recorder: &mut FlightBuilder, name: &str, t_s: f64, message: &dyn Message) {
+fn push_fallback_attitude(recorder: &mut FlightBuilder, name: &str, t_s: f64, message: &dyn LogMessage) {
     let (rank, from) = match name {
         "XKF1" => (0, "XKF1"),
         "NKF1" => (1, "NKF1"),
@@ -132,7 +132,7 @@ fn push_fallback_attitude(recorder: &mut FlightBuilder, name: &str, t_s: f64, me
     }
 }
 
-fn microseconds(name: &str, message: &dyn Message) -> Option<u64> {
+fn microseconds(name: &str, message: &dyn LogMessage) -> Option<u64> {
     let scaled_column = |column: &str, scale: f64| {
         let us = message.numeric_field(column)? * scale;
         (us >= 0.0).then_some(us as u64)
@@ -142,7 +142,7 @@ fn microseconds(name: &str, message: &dyn Message) -> Option<u64> {
     scaled_column("TimeUS", 1.0).or(ms)
 }
 
-fn numeric_fields<const N: usize>(message: &dyn Message, names: [&str; N]) -> Option<[f64; N]> {
+fn numeric_fields<const N: usize>(message: &dyn LogMessage, names: [&str; N]) -> Option<[f64; N]> {
     let mut found = [0.0; N];
     for (number, name) in found.iter_mut().zip(names) {
         *number = message.numeric_field(name).filter(|number| number.is_finite())?;
@@ -151,7 +151,7 @@ fn numeric_fields<const N: usize>(message: &dyn Message, names: [&str; N]) -> Op
 }
 
 /// Adds a field row in milligauss.
-fn record_field(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message, number: u8) {
+fn record_field(recorder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage, number: u8) {
     let Some(field) = numeric_fields(message, ["MagX", "MagY", "MagZ"]) else { return };
     if message.numeric_field("Health") == Some(0.0) {
         recorder.flight.skipped_counts.unhealthy += 1;
@@ -166,7 +166,7 @@ fn record_field(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message, n
 
 /// Sets the offset parameters from a row: offsets learnt in flight (`COMPASS_LEARN`) or calibrated on the ground appear
 /// in no PARM. Rows are truncated to whole milligauss, so a PARM that agrees is preferred.
-fn update_offset_parameters(recorder: &mut FlightBuilder, message: &dyn Message, number: u8) {
+fn update_offset_parameters(recorder: &mut FlightBuilder, message: &dyn LogMessage, number: u8) {
     const SAME_OFFSET_MG: f64 = 1.5;
     let Some(logged_offset) = numeric_fields(message, ["OfsX", "OfsY", "OfsZ"]) else { return };
     let index = if number == 1 { String::new() } else { number.to_string() };
@@ -178,7 +178,7 @@ fn update_offset_parameters(recorder: &mut FlightBuilder, message: &dyn Message,
     }
 }
 
-fn record_gps(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message) {
+fn record_gps(recorder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
     const FIX_3D: f64 = 3.0;
     /// 1980-01-06 in Unix time; leap seconds (less than a minute) are ignored.
     const GPS_EPOCH_UNIX_S: f64 = 315_964_800.0;
@@ -203,7 +203,7 @@ fn record_gps(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message) {
 }
 
 /// Adds a current; CURR has integer hundredths of an ampere.
-fn record_current(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message) {
+fn record_current(recorder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
     if let Some(logged) = message.numeric_field("Curr") {
         let amperes = if message.is_unscaled_integer("Curr") { logged * 0.01 } else { logged };
         recorder.push_current(t_s, amperes as f32);
@@ -211,7 +211,7 @@ fn record_current(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message)
 }
 
 /// Adds the simulator's attitude, by quaternion if logged, since the angles are rounded to 0.01 deg.
-fn record_truth(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message) {
+fn record_truth(recorder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
     let angles = numeric_fields(message, ["Q1", "Q2", "Q3", "Q4"]).map(quaternion_to_euler_rad);
     let logged = || numeric_fields(message, ["Roll", "Pitch", "Yaw"]).map(|angles| angles.map(f64::to_radians));
     if let Some(angles) = angles.or_else(logged) {

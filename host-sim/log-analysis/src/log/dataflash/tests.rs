@@ -3,7 +3,7 @@ use crate::log::flight::{Gps, LogFormat};
 
 struct Numbers<'a>(&'a [(&'a str, f64)]);
 
-impl Message for Numbers<'_> {
+impl LogMessage for Numbers<'_> {
     fn numeric_field(&self, name: &str) -> Option<f64> {
         self.0.iter().find(|(column, _)| *column == name).map(|(_, number)| *number)
     }

@@ -6,7 +6,7 @@ use std::io::{self, Read};
 use super::super::flight::{Flight, LogFormat};
 use super::super::read_window::ReadWindow;
 use super::binary::is_unscaled_integer;
-use super::messages::{MESSAGES_TO_READ, Message, record_message, recorder};
+use super::messages::{LogMessage, MESSAGES_TO_READ, record_message, recorder};
 
 const MAX_MESSAGE_KINDS: usize = 512;
 
@@ -56,7 +56,7 @@ impl TextMessage<'_> {
     }
 }
 
-impl Message for TextMessage<'_> {
+impl LogMessage for TextMessage<'_> {
     fn numeric_field(&self, name: &str) -> Option<f64> {
         let number = self.values.get(self.column_index(name)?)?.parse::<f64>().ok()?;
         // Some ground stations write the raw integer of 1e-7 deg.

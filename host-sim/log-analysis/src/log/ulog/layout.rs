@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 #[derive(Clone, Copy)]
-pub(super) struct Column {
+pub(super) struct RowColumn {
     pub scalar_type: ScalarType,
     pub byte_offset: usize,
     pub array_len: usize,
@@ -67,7 +67,7 @@ impl ScalarType {
     }
 }
 
-pub(super) type Columns = HashMap<String, Column>;
+pub(super) type RowColumns = HashMap<String, RowColumn>;
 
 /// Splits a keyed value into type, name and bytes: length, `type name`, value.
 pub(super) fn parse_keyed_value(body: &[u8]) -> Option<(&str, &str, &[u8])> {
@@ -78,7 +78,7 @@ pub(super) fn parse_keyed_value(body: &[u8]) -> Option<(&str, &str, &[u8])> {
 }
 
 pub(super) struct TopicRow<'a> {
-    pub columns: &'a Columns,
+    pub columns: &'a RowColumns,
     pub row_bytes: &'a [u8],
 }
 
@@ -132,8 +132,8 @@ mod tests {
     /// More bytes follow the array.
     #[test]
     fn an_array_has_its_declared_length() {
-        let column = Column { scalar_type: ScalarType::F32, byte_offset: 0, array_len: 2 };
-        let columns = Columns::from([("q".to_owned(), column)]);
+        let column = RowColumn { scalar_type: ScalarType::F32, byte_offset: 0, array_len: 2 };
+        let columns = RowColumns::from([("q".to_owned(), column)]);
         let row = TopicRow { columns: &columns, row_bytes: &[0; 64] };
         assert_eq!((row.number_array::<2>("q"), row.number_array::<3>("q")), (Some([0.0; 2]), None));
     }

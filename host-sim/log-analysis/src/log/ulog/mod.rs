@@ -6,7 +6,7 @@ mod sensors;
 use std::collections::HashMap;
 use std::io::{self, Read};
 
-use layout::{Column, Columns, ScalarType, TopicRow, parse_keyed_value};
+use layout::{RowColumn, RowColumns, ScalarType, TopicRow, parse_keyed_value};
 use sensors::CompassAssignment;
 
 use super::dataflash::quaternion_to_euler_rad;
@@ -86,16 +86,16 @@ fn is_header_sequence(bytes: &[u8]) -> bool {
     })
 }
 
-struct Topic {
+struct UlogTopic {
     name: String,
     instance: u8,
-    columns: Columns,
+    columns: RowColumns,
 }
 
 struct UlogReader {
     builder: FlightBuilder,
     formats: HashMap<String, String>,
-    topics: HashMap<u16, Topic>,
+    topics: HashMap<u16, UlogTopic>,
     /// Major and minor version. `sensor_mag` is raw since 1.11; before, drivers corrected it.
     release: Option<(u8, u8)>,
     has_angular_velocity: bool,
@@ -158,17 +158,24 @@ impl UlogReader {
     fn read_subscription(&mut self, body: &[u8]) {
         let [instance, low, high, name @ ..] = body else { return };
         let name = String::from_utf8_lossy(name).into_owned();
-        let mut columns = Columns::new();
+        let mut columns = RowColumns::new();
         let mut at = 0;
         if READ_TOPICS.contains(&name.as_str()) && self.compute_columns(&name, "", &mut at, 0, &mut columns).is_some() {
             self.has_angular_velocity |= name == "vehicle_angular_velocity";
-            let topic = Topic { name, instance: *instance, columns };
+            let topic = UlogTopic { name, instance: *instance, columns };
             self.topics.insert(u16::from_le_bytes([*low, *high]), topic);
         }
     }
 
     /// Computes the columns of a format, with nested formats by `prefix`; none if invalid.
-    fn compute_columns(&self, name: &str, prefix: &str, at: &mut usize, depth: u8, into: &mut Columns) -> Option<()> {
+    fn compute_columns(
+        &self,
+        name: &str,
+        prefix: &str,
+        at: &mut usize,
+        depth: u8,
+        into: &mut RowColumns,
+    ) -> Option<()> {
         if depth > MAX_FORMAT_NESTING {
             return None;
         }
@@ -184,7 +191,7 @@ impl UlogReader {
             if let Some(kind) = ScalarType::from_name(kind) {
                 into.insert(
                     format!("{prefix}{column}"),
-                    Column { scalar_type: kind, byte_offset: *at, array_len: number },
+                    RowColumn { scalar_type: kind, byte_offset: *at, array_len: number },
                 );
                 *at += kind.byte_len() * number;
             } else {

@@ -20,12 +20,12 @@ const WRITTEN_MESSAGES: [(u8, &str, &str, &str); 8] = [
 const FLIGHT_GPS_WEEK: u16 = 2400;
 
 #[derive(Clone)]
-enum Value {
+enum ColumnValue {
     Number(f64),
     Text(String),
 }
 
-impl From<f64> for Value {
+impl From<f64> for ColumnValue {
     fn from(number: f64) -> Self {
         Self::Number(number)
     }
@@ -46,8 +46,8 @@ pub fn encode_dataflash(recording: &FlightRecording) -> Vec<u8> {
         bytes.extend([0xA3, 0x95, number]);
         for (format_code, value) in format_codes.bytes().zip(values) {
             match value {
-                Value::Text(words) => bytes.extend(padded_text(words, format_size(format_code))),
-                Value::Number(number) => bytes.extend(encode_number(format_code, *number)),
+                ColumnValue::Text(words) => bytes.extend(padded_text(words, format_size(format_code))),
+                ColumnValue::Number(number) => bytes.extend(encode_number(format_code, *number)),
             }
         }
     });
@@ -67,9 +67,9 @@ pub fn encode_dataflash_text(recording: &FlightRecording) -> Vec<u8> {
         text.push_str(name);
         for (format_code, value) in format_codes.bytes().zip(values) {
             let _ = match value {
-                Value::Text(words) => write!(text, ", {words}"),
-                Value::Number(number) if matches!(format_code, b'f' | b'L' | b'e') => write!(text, ", {number}"),
-                Value::Number(number) => write!(text, ", {number:.0}"),
+                ColumnValue::Text(words) => write!(text, ", {words}"),
+                ColumnValue::Number(number) if matches!(format_code, b'f' | b'L' | b'e') => write!(text, ", {number}"),
+                ColumnValue::Number(number) => write!(text, ", {number:.0}"),
             };
         }
         text.push('\n');
@@ -78,9 +78,9 @@ pub fn encode_dataflash_text(recording: &FlightRecording) -> Vec<u8> {
 }
 
 /// Writes each message: index in [`WRITTEN_MESSAGES`] and values.
-fn write_messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Value])) {
+fn write_messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[ColumnValue])) {
     let first_us = recording.samples.first().map_or(0.0, |instant| instant.time_us as f64);
-    let words = |words: &str| Value::Text(words.to_owned());
+    let words = |words: &str| ColumnValue::Text(words.to_owned());
     let firmware = if recording.is_copter { "ArduCopter V4.6.0 (host-sim)" } else { "ArduPlane V4.6.0 (host-sim)" };
     write(2, &[first_us.into(), words(firmware)]);
     for (name, value) in &recording.parameters {
@@ -89,7 +89,8 @@ fn write_messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Va
     for (i, instant) in recording.samples.iter().enumerate() {
         let us = instant.time_us as f64;
         let mut row = |index: usize, numbers: &[f64]| {
-            let values: Vec<Value> = std::iter::once(us).chain(numbers.iter().copied()).map(Value::from).collect();
+            let values: Vec<ColumnValue> =
+                std::iter::once(us).chain(numbers.iter().copied()).map(ColumnValue::from).collect();
             write(index, &values);
         };
         row(3, &instant.attitude_rad.map(f64::to_degrees));

@@ -221,7 +221,7 @@ impl GpsCourseHeading {
 }
 
 fn ground_velocities(flight: &Flight) -> Vec<GroundVelocity> {
-    let ground_velocity = |row: &crate::log::series::Stamped<6>| {
+    let ground_velocity = |row: &crate::log::series::TimedRow<6>| {
         let Gps { speed_m_s, course_deg, .. } = Gps::from_columns(row.values);
         let (sin, cos) = libm::sincos(f64::from(course_deg).to_radians());
         let m_s = Vector2::new(cos, sin) * f64::from(speed_m_s);

@@ -10,7 +10,7 @@ use super::data_loss;
 use super::frozen_field::frozen_intervals;
 use super::reference::ReferenceHeading;
 use super::row::ReplayRow;
-use crate::log::series::{Series, Stamped};
+use crate::log::series::{Series, TimedRow};
 use crate::log::{Compass, Flight};
 use crate::numbers::quantile;
 
@@ -191,7 +191,7 @@ struct RowAccumulator {
 }
 
 impl RowAccumulator {
-    fn add_reading(&mut self, t_s: f64, reading: &Stamped<6>, attitude: Attitude, rates: Option<[f32; 3]>) {
+    fn add_reading(&mut self, t_s: f64, reading: &TimedRow<6>, attitude: Attitude, rates: Option<[f32; 3]>) {
         if self.number == 0 {
             (self.first_s, self.first_roll_rad) = (t_s, attitude.roll_rad);
         }
@@ -301,8 +301,8 @@ fn contradicting_intervals(flight: &Flight) -> Vec<[f64; 2]> {
 }
 
 /// Angle between the down directions of two attitudes.
-fn angle_between_downs_rad(a: &Stamped<3>, b: &Stamped<3>) -> f32 {
-    let down = |row: &Stamped<3>| {
+fn angle_between_downs_rad(a: &TimedRow<3>, b: &TimedRow<3>) -> f32 {
+    let down = |row: &TimedRow<3>| {
         let ([sin_roll, sin_pitch], [cos_roll, cos_pitch]) = (
             [libm::sinf(row.values[0]), libm::sinf(row.values[1])],
             [libm::cosf(row.values[0]), libm::cosf(row.values[1])],
@@ -332,7 +332,7 @@ fn attitude_at(flight: &Flight, t_s: f64) -> Option<(Attitude, Option<[f32; 3]>)
     Some((Attitude { roll_rad: wrap_pi(roll_rad), pitch_rad }, rates))
 }
 
-fn motion_at(rates: &Series<3>, at: &Stamped<3>) -> Option<EulerRates> {
+fn motion_at(rates: &Series<3>, at: &TimedRow<3>) -> Option<EulerRates> {
     let [roll_rad, pitch_rad, _] = at.values;
     let rates_rad_s = rates.interpolate(at.t_s, MAX_GAP_S)?;
     let (source, sender_time) = (SenderId::default(), WrappingMillis::default());

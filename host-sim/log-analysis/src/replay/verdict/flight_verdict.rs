@@ -1,6 +1,6 @@
 //! The verdict on a flight and its compasses.
 
-use super::judgement::{CompassAction, CompassState, Judgement};
+use super::judgement::{CompassAction, CompassJudgement, CompassState};
 use super::module_outcome::{CompassOutcome, FlightOutcome};
 use crate::log::Flight;
 use crate::numbers::format_number;
@@ -32,7 +32,7 @@ pub struct CompassVerdict<'a> {
     /// Evaluation of the compass.
     pub evaluation: &'a CompassEvaluation,
     /// State of the compass, and what to do with it.
-    pub judgement: Judgement,
+    pub judgement: CompassJudgement,
     /// Whether the module would have calibrated the compass.
     pub outcome: CompassOutcome,
     /// Parameters to load, or the reason for giving none.
@@ -50,7 +50,7 @@ impl<'a> Verdict<'a> {
             let failure = sensor_failure(flight, compass);
             CompassVerdict {
                 evaluation: compass,
-                judgement: Judgement::new(evaluation, compass, failure, &parameters),
+                judgement: CompassJudgement::new(evaluation, compass, failure, &parameters),
                 outcome: CompassOutcome::new(compass),
                 parameters,
             }

@@ -45,7 +45,7 @@ pub enum CompassAction {
 
 /// Reason of a judgement.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Reason {
+pub enum JudgementReason {
     /// The sensor failed; contains the note about its failure.
     SensorFailed(LogWarning),
     /// Hard iron changed: time of the last change, seconds, its size, microtesla, and effect, degrees.
@@ -69,7 +69,7 @@ pub enum Reason {
     NoParameters(NoParameters),
 }
 
-impl Reason {
+impl JudgementReason {
     /// Code for programs.
     #[must_use]
     pub const fn stable_code(&self) -> &'static str {
@@ -88,19 +88,19 @@ impl Reason {
 
 /// Judgement of a compass.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Judgement {
+pub struct CompassJudgement {
     /// State of the compass.
     pub state: CompassState,
     /// Recommended action.
     pub recommended_action: CompassAction,
     /// Reasons of the judgement.
-    pub reasons: Vec<Reason>,
+    pub reasons: Vec<JudgementReason>,
     /// Heading error as logged since the last change of hard iron, degrees RMS less mean; none without a reference of 2
     /// deg or better.
     pub as_logged_rms_deg: Option<f64>,
 }
 
-impl Judgement {
+impl CompassJudgement {
     /// Judges a compass by its evaluation and the parameters found for it.
     #[must_use]
     pub fn new(
@@ -123,27 +123,31 @@ impl Judgement {
         } else {
             parameters.as_ref().map_or_else(|why| action_without_parameters(state, why), |_| CompassAction::Load)
         };
-        let changed = change.map(|change| Reason::IronChanged {
+        let changed = change.map(|change| JudgementReason::IronChanged {
             at_s: change.hard_iron_step.time_s,
             size_ut: change.hard_iron_step.size_ut(),
             bend_deg: change.heading_effect_deg,
         });
-        let unknown = if accurate_reference(evaluation).is_some() { Reason::FewHeadings } else { Reason::NoReference };
-        let error = as_logged_rms_deg.map_or(unknown, Reason::ErrorAsLogged);
+        let unknown = if accurate_reference(evaluation).is_some() {
+            JudgementReason::FewHeadings
+        } else {
+            JudgementReason::NoReference
+        };
+        let error = as_logged_rms_deg.map_or(unknown, JudgementReason::ErrorAsLogged);
         let given = match parameters {
             Ok(_) if failure.is_some() => None,
-            Ok(export) => export.held_back_score.map(Reason::Parameters),
-            Err(why) => Some(Reason::NoParameters(why.clone())),
+            Ok(export) => export.held_back_score.map(JudgementReason::Parameters),
+            Err(why) => Some(JudgementReason::NoParameters(why.clone())),
         };
         let reasons =
-            failure.map(Reason::SensorFailed).into_iter().chain(changed).chain([error]).chain(given).collect();
+            failure.map(JudgementReason::SensorFailed).into_iter().chain(changed).chain([error]).chain(given).collect();
         Self { state, recommended_action: action, reasons, as_logged_rms_deg }
     }
 
     /// Codes of the reasons.
     #[must_use]
     pub fn reason_codes(&self) -> Vec<&'static str> {
-        self.reasons.iter().map(Reason::stable_code).collect()
+        self.reasons.iter().map(JudgementReason::stable_code).collect()
     }
 }
 
@@ -194,38 +198,44 @@ impl fmt::Display for CompassState {
     }
 }
 
-impl fmt::Display for Judgement {
+impl fmt::Display for CompassJudgement {
     /// The judgement after a subject: "is off by 7.3 deg RMS; with these parameters 0.6: load them".
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut joint = "";
         for reason in &self.reasons {
             let text = match reason {
-                Reason::SensorFailed(note) => {
+                JudgementReason::SensorFailed(note) => {
                     let note = note.to_string();
                     format!("failed: {}", note.split_once(": ").map_or(note.as_str(), |(_, rest)| rest))
                 }
-                Reason::IronChanged { at_s, size_ut, bend_deg } => format!(
+                JudgementReason::IronChanged { at_s, size_ut, bend_deg } => format!(
                     "has other iron around it since {at_s:.0} s, by {size_ut:.1} uT, which bends headings by up to \
                      {bend_deg:.0} deg"
                 ),
-                Reason::ErrorAsLogged(rms_deg) if self.state == CompassState::Good => {
+                JudgementReason::ErrorAsLogged(rms_deg) if self.state == CompassState::Good => {
                     format!("is good already ({rms_deg:.2} deg RMS)")
                 }
-                Reason::ErrorAsLogged(rms_deg) => format!("is off by {rms_deg:.1} deg RMS"),
-                Reason::FewHeadings => "was flown on too few headings to be judged".to_owned(),
-                Reason::NoReference => "cannot be compared with a heading of 2 deg or better in this log".to_owned(),
-                Reason::Parameters(HeldBackScore { rms_deg, as_logged_rms_deg, is_estimate: true, .. }) => format!(
+                JudgementReason::ErrorAsLogged(rms_deg) => format!("is off by {rms_deg:.1} deg RMS"),
+                JudgementReason::FewHeadings => "was flown on too few headings to be judged".to_owned(),
+                JudgementReason::NoReference => {
+                    "cannot be compared with a heading of 2 deg or better in this log".to_owned()
+                }
+                JudgementReason::Parameters(HeldBackScore {
+                    rms_deg, as_logged_rms_deg, is_estimate: true, ..
+                }) => format!(
                     "with these parameters its field is consistent to {rms_deg:.1} deg, as logged to \
                      {as_logged_rms_deg:.1}"
                 ),
-                Reason::Parameters(HeldBackScore { rms_deg, .. }) if *rms_deg > GOOD_COMPASS_RMS_DEG => {
+                JudgementReason::Parameters(HeldBackScore { rms_deg, .. }) if *rms_deg > GOOD_COMPASS_RMS_DEG => {
                     format!(
                         "with these parameters {rms_deg:.1}, part of it what the autopilot's parameters cannot express"
                     )
                 }
-                Reason::Parameters(HeldBackScore { rms_deg, .. }) => format!("with these parameters {rms_deg:.1}"),
-                Reason::NoParameters(_) if self.state == CompassState::Good => continue,
-                Reason::NoParameters(why) => why.to_string(),
+                JudgementReason::Parameters(HeldBackScore { rms_deg, .. }) => {
+                    format!("with these parameters {rms_deg:.1}")
+                }
+                JudgementReason::NoParameters(_) if self.state == CompassState::Good => continue,
+                JudgementReason::NoParameters(why) => why.to_string(),
             };
             write!(f, "{joint}{text}")?;
             joint = "; ";

@@ -8,5 +8,5 @@ mod judgement;
 mod module_outcome;
 
 pub use flight_verdict::{CompassVerdict, Verdict};
-pub use judgement::{CompassAction, CompassState, Judgement, Reason};
+pub use judgement::{CompassAction, CompassJudgement, CompassState, JudgementReason};
 pub use module_outcome::{CompassOutcome, FlightOutcome, FlightRefusal};

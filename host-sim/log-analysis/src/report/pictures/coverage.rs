@@ -1,7 +1,7 @@
 //! Picture of the headings and tilts flown.
 
 use super::super::model::{CompassReport, ReportSample};
-use super::super::svg::{Point, Shape, Svg};
+use super::super::svg::{MarkerShape, PicturePoint, Svg};
 use super::{LegendSample, Picture, draw_legend};
 use crate::numbers::format_number;
 
@@ -65,7 +65,7 @@ fn coverage_cells(compass_report: &CompassReport) -> [[CoverageCell; HEADING_SEC
 
 pub fn coverage_picture(compass_report: &CompassReport) -> Picture {
     const LEFT_MARGIN: f64 = 142.0;
-    const CELL_SIZE: Point = [40.0, 26.0];
+    const CELL_SIZE: PicturePoint = [40.0, 26.0];
     let cells = coverage_cells(compass_report);
     let mut svg = Svg::new(LEFT_MARGIN + CELL_SIZE[0] * HEADING_SECTORS as f64 + 16.0, 346.0);
     let knows = compass_report.has_fitted_marks;
@@ -109,10 +109,16 @@ pub fn coverage_picture(compass_report: &CompassReport) -> Picture {
     }
 }
 
-fn draw_cell(svg: &mut Svg, [x, y]: Point, [width, height]: Point, cell: CoverageCell, knows_fitted: bool) {
+fn draw_cell(
+    svg: &mut Svg,
+    [x, y]: PicturePoint,
+    [width, height]: PicturePoint,
+    cell: CoverageCell,
+    knows_fitted: bool,
+) {
     if cell.is_missing() {
         svg.draw_rectangle("missed", [x + 2.0, y + 2.0], [width - 4.0, height - 4.0]);
-        svg.draw_points("p2 faint", Shape::Diamond, 2.0, [[x + width / 2.0, y + height / 2.0]]);
+        svg.draw_points("p2 faint", MarkerShape::Diamond, 2.0, [[x + width / 2.0, y + height / 2.0]]);
         return;
     }
     let is_used = !knows_fitted || cell.fitted > 0;

@@ -2,11 +2,11 @@
 
 use super::super::frame::{Axis, PlotFrame, closed_heading_curve};
 use super::super::model::{CompassReport, DeviationCurve, magnitude_quantile, max_magnitude, subsample};
-use super::super::svg::{Point, Shape, Svg};
+use super::super::svg::{MarkerShape, PicturePoint, Svg};
 use super::{LegendSample, Picture, draw_legend};
 use crate::numbers::format_number;
 
-const PICTURE_SIZE: Point = [440.0, 350.0];
+const PICTURE_SIZE: PicturePoint = [440.0, 350.0];
 
 /// Largest number of points drawn.
 const MAX_POINTS: usize = 700;
@@ -15,8 +15,8 @@ const MAX_POINTS: usize = 700;
 const FRAMED_FRACTION: f64 = 0.98;
 
 /// Classes of the lines before the calibration: line, points.
-const UNCALIBRATED_LINES: [(&str, Shape, &str); 3] =
-    [("l l0", Shape::Circle, "p0"), ("l l1", Shape::Triangle, "p1"), ("l l2", Shape::Square, "p2")];
+const UNCALIBRATED_LINES: [(&str, MarkerShape, &str); 3] =
+    [("l l0", MarkerShape::Circle, "p0"), ("l l1", MarkerShape::Triangle, "p1"), ("l l2", MarkerShape::Square, "p2")];
 
 pub fn common_scale_picture(compass_report: &CompassReport, word: &str) -> Picture {
     let mut svg = Svg::new(PICTURE_SIZE[0], PICTURE_SIZE[1]);
@@ -89,7 +89,7 @@ fn max_error_deg(lines: &[DeviationCurve]) -> f64 {
     max_magnitude(lines.iter().flat_map(|line| line.errors_deg.iter().copied().flatten()))
 }
 
-fn plot_frame(top: f64, [left, up]: Point, y: Axis) -> PlotFrame {
+fn plot_frame(top: f64, [left, up]: PicturePoint, y: Axis) -> PlotFrame {
     let at = [left + 58.0, top];
     PlotFrame {
         x: Axis::headings_deg(90),
@@ -99,12 +99,12 @@ fn plot_frame(top: f64, [left, up]: Point, y: Axis) -> PlotFrame {
     }
 }
 
-fn draw_title(svg: &mut Svg, [left, up]: Point, words: &str) -> Point {
+fn draw_title(svg: &mut Svg, [left, up]: PicturePoint, words: &str) -> PicturePoint {
     svg.draw_text("title", [left + 16.0, up + 20.0], words);
     [left + 16.0, up + 30.0]
 }
 
-fn draw_one_scale(svg: &mut Svg, at: Point, compass_report: &CompassReport, word: &str) {
+fn draw_one_scale(svg: &mut Svg, at: PicturePoint, compass_report: &CompassReport, word: &str) {
     let below = draw_title(svg, at, picture_title(compass_report));
     let names: Vec<String> =
         compass_report.curves_before.iter().map(|line| format!("before{}", name_suffix(&line.name))).collect();
@@ -135,9 +135,9 @@ fn draw_one_scale(svg: &mut Svg, at: Point, compass_report: &CompassReport, word
 }
 
 /// Returns the number of points outside the frame.
-fn draw_enlarged(svg: &mut Svg, at: Point, compass_report: &CompassReport, word: &str) -> usize {
+fn draw_enlarged(svg: &mut Svg, at: PicturePoint, compass_report: &CompassReport, word: &str) -> usize {
     let below = draw_title(svg, at, "After, enlarged");
-    let points: Vec<Point> = compass_report
+    let points: Vec<PicturePoint> = compass_report
         .samples
         .iter()
         .filter(|moment| moment.is_usable)
@@ -146,8 +146,11 @@ fn draw_enlarged(svg: &mut Svg, at: Point, compass_report: &CompassReport, word:
     let names: Vec<String> =
         compass_report.curves_after.iter().map(|line| format!("after{}", name_suffix(&line.name))).collect();
     // A single line is drawn in the style of the combined picture.
-    let classes =
-        if compass_report.curves_after.len() > 1 { UNCALIBRATED_LINES } else { [("l l3", Shape::Circle, "p3"); 3] };
+    let classes = if compass_report.curves_after.len() > 1 {
+        UNCALIBRATED_LINES
+    } else {
+        [("l l3", MarkerShape::Circle, "p3"); 3]
+    };
     let mut items: Vec<(LegendSample, &str)> = classes
         .iter()
         .zip(&names)
@@ -157,7 +160,7 @@ fn draw_enlarged(svg: &mut Svg, at: Point, compass_report: &CompassReport, word:
         items.push((LegendSample::Area("band"), "expected, 1 sigma"));
     }
     if !points.is_empty() {
-        items.push((LegendSample::Points(Shape::Dot, "dot"), "single headings"));
+        items.push((LegendSample::Points(MarkerShape::Dot, "dot"), "single headings"));
     }
     let top = draw_legend(svg, below, PICTURE_SIZE[0] - 32.0, &items);
     let most = max_error_deg(&compass_report.curves_after)
@@ -166,16 +169,23 @@ fn draw_enlarged(svg: &mut Svg, at: Point, compass_report: &CompassReport, word:
     let frame = plot_frame(top, at, Axis::symmetric_deg(most));
     draw_expected_error_band(svg, &frame, &compass_report.sigma_deg);
     frame.draw_axes(svg, "heading, deg", &format!("{word}, deg"));
-    let plotted: Vec<Option<Point>> = subsample(&points, MAX_POINTS).map(|&[x, y]| frame.plot_point(x, y)).collect();
-    svg.draw_points("dot", Shape::Dot, 1.4, plotted.iter().copied().flatten());
+    let plotted: Vec<Option<PicturePoint>> =
+        subsample(&points, MAX_POINTS).map(|&[x, y]| frame.plot_point(x, y)).collect();
+    svg.draw_points("dot", MarkerShape::Dot, 1.4, plotted.iter().copied().flatten());
     for (line, (class, shape, points)) in compass_report.curves_after.iter().zip(classes) {
         draw_curve(svg, &frame, line, class, Some((shape, points)));
     }
     plotted.iter().filter(|point| point.is_none()).count()
 }
 
-fn draw_curve(svg: &mut Svg, frame: &PlotFrame, line: &DeviationCurve, class: &str, points: Option<(Shape, &str)>) {
-    let places: Vec<Option<Point>> = closed_heading_curve(&line.errors_deg)
+fn draw_curve(
+    svg: &mut Svg,
+    frame: &PlotFrame,
+    line: &DeviationCurve,
+    class: &str,
+    points: Option<(MarkerShape, &str)>,
+) {
+    let places: Vec<Option<PicturePoint>> = closed_heading_curve(&line.errors_deg)
         .into_iter()
         .map(|point| point.and_then(|[x, y]| frame.plot_point(x, y)))
         .collect();

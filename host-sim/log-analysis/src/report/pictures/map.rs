@@ -2,7 +2,7 @@
 
 use super::super::frame::{Axis, PlotFrame};
 use super::super::model::{CompassReport, ReportSample, subsample};
-use super::super::svg::{Point, Shape, Svg};
+use super::super::svg::{MarkerShape, PicturePoint, Svg};
 use super::{LegendSample, Picture, draw_legend};
 use crate::numbers::format_number;
 
@@ -12,7 +12,7 @@ const MAX_TRACK_POINTS: usize = 2500;
 /// Draws the map; none without positions.
 pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
     const MAP_SIDE: f64 = 400.0;
-    let places: Vec<Point> = compass_report.samples.iter().filter_map(|moment| moment.position_m).collect();
+    let places: Vec<PicturePoint> = compass_report.samples.iter().filter_map(|moment| moment.position_m).collect();
     let [east, north] = [0, 1].map(|axis| {
         let all = places.iter().map(move |place| place[axis]).filter(|number| number.is_finite());
         all.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], number| [least.min(number), most.max(number)])
@@ -38,16 +38,16 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
     let mut items: Vec<(LegendSample, &str)> =
         track_classes.iter().map(|kind| (LegendSample::Line(kind.class), kind.name)).collect();
     if compass_report.has_fitted_marks {
-        items.push((LegendSample::Points(Shape::Circle, "p2"), "collected"));
+        items.push((LegendSample::Points(MarkerShape::Circle, "p2"), "collected"));
     }
     items.extend([
-        (LegendSample::Points(Shape::Triangle, "p0"), "begins"),
-        (LegendSample::Points(Shape::Square, "p0"), "ends"),
+        (LegendSample::Points(MarkerShape::Triangle, "p0"), "begins"),
+        (LegendSample::Points(MarkerShape::Square, "p0"), "ends"),
     ]);
     let top = draw_legend(&mut svg, [16.0, 8.0], MAP_SIDE + 58.0, &items);
     let frame = PlotFrame { x: axis(east), y: axis(north), upper_left: [70.0, top], size: [MAP_SIDE, MAP_SIDE] };
     frame.draw_axes(&mut svg, &format!("east, {unit}"), &format!("north, {unit}"));
-    let point = |[x, y]: Point| frame.plot_point(x / per, y / per);
+    let point = |[x, y]: PicturePoint| frame.plot_point(x / per, y / per);
     for kind in &track_classes {
         let track = subsample(&compass_report.samples, MAX_TRACK_POINTS)
             .map(|moment| moment.position_m.filter(|_| (kind.belongs)(moment)).and_then(point));
@@ -55,9 +55,9 @@ pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
     }
     let collected =
         compass_report.samples.iter().filter(|moment| moment.is_fitted).filter_map(|moment| point(moment.position_m?));
-    svg.draw_points("p2", Shape::Circle, 2.2, collected);
-    svg.draw_points("p0", Shape::Triangle, 5.0, places.first().and_then(|place| point(*place)));
-    svg.draw_points("p0", Shape::Square, 4.0, places.last().and_then(|place| point(*place)));
+    svg.draw_points("p2", MarkerShape::Circle, 2.2, collected);
+    svg.draw_points("p0", MarkerShape::Triangle, 5.0, places.first().and_then(|place| point(*place)));
+    svg.draw_points("p0", MarkerShape::Square, 4.0, places.last().and_then(|place| point(*place)));
     let decimals = usize::from(per > 1.0);
     let [wide, high] = [east, north].map(|[from, to]| format_number((to - from) / per, decimals));
     let fitted = compass_report.samples.iter().filter(|moment| moment.is_fitted).count();

@@ -1,6 +1,6 @@
 //! A drawing with its texts, and its legend.
 
-use super::super::svg::{Point, Shape, Svg};
+use super::super::svg::{MarkerShape, PicturePoint, Svg};
 
 pub struct Picture {
     pub svg: Svg,
@@ -15,15 +15,15 @@ pub struct Picture {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LegendSample {
     Line(&'static str),
-    Points(Shape, &'static str),
-    Both(&'static str, Shape, &'static str),
+    Points(MarkerShape, &'static str),
+    Both(&'static str, MarkerShape, &'static str),
     Area(&'static str),
 }
 
 const LEGEND_ROW_HEIGHT: f64 = 18.0;
 
 /// Draws a legend in as many rows as needed; returns its lower edge.
-pub fn draw_legend(svg: &mut Svg, [left, top]: Point, width: f64, items: &[(LegendSample, &str)]) -> f64 {
+pub fn draw_legend(svg: &mut Svg, [left, top]: PicturePoint, width: f64, items: &[(LegendSample, &str)]) -> f64 {
     const LEGEND_SAMPLE_WIDTH: f64 = 24.0;
     let (mut x, mut y) = (left, top);
     for (key, name) in items {

@@ -3,8 +3,8 @@
 use autoswing::frames::{Field, Sensor};
 use nalgebra::Vector3;
 
-use super::registers::{Conversion, FAST_RATE_HZ, MeasurementSettings, Registers};
-use crate::random::Random;
+use super::registers::{Conversion, FAST_RATE_HZ, Lis3mdlRegisters, MeasurementSettings};
+use crate::random::RandomStream;
 
 /// Counts per gauss at full scale 4, 8, 12, 16 gauss (data sheet, table 2).
 const COUNTS_PER_GAUSS: [f64; 4] = [6842.0, 3421.0, 2281.0, 1711.0];
@@ -24,19 +24,19 @@ pub(super) struct CompletedConversion {
 }
 
 #[derive(Default)]
-pub(super) struct Converter {
+pub(super) struct FieldConverter {
     next_us: Option<u64>,
 }
 
-impl Converter {
+impl FieldConverter {
     /// Restarts conversion, as after a write to a control register.
-    pub fn restart_conversion(&mut self, registers: &Registers, now_us: u64) {
+    pub fn restart_conversion(&mut self, registers: &Lis3mdlRegisters, now_us: u64) {
         let mode = registers.measurement_mode();
         self.next_us = (mode.conversion != Conversion::PowerDown).then(|| now_us + period_us(&mode));
     }
 
     /// The last conversion completed by now, if any.
-    pub fn take_completed(&mut self, registers: &mut Registers, now_us: u64) -> Option<CompletedConversion> {
+    pub fn take_completed(&mut self, registers: &mut Lis3mdlRegisters, now_us: u64) -> Option<CompletedConversion> {
         let first_us = self.next_us.filter(|&next_us| next_us <= now_us)?;
         let mode = registers.measurement_mode();
         if mode.conversion == Conversion::Single {
@@ -61,7 +61,7 @@ pub(super) fn field_counts(
     field: &Field<Sensor>,
     mode: &MeasurementSettings,
     noise_scale: f64,
-    noise: &mut Random,
+    noise: &mut RandomStream,
 ) -> Vector3<i16> {
     let xy = NOISE_XY_GAUSS * noise_ratio(mode.averaging_xy);
     let z = NOISE_Z_GAUSS * noise_ratio(mode.averaging_z);

@@ -14,11 +14,11 @@ use std::rc::Rc;
 
 use testkit::clock;
 
-use self::conversion::{CompletedConversion, Converter};
-use self::registers::Registers;
+use self::conversion::{CompletedConversion, FieldConverter};
+use self::registers::Lis3mdlRegisters;
 use crate::devices::i2c::SimulatedI2cDevice;
 use crate::devices::sensor::FieldSource;
-use crate::random::{Purpose, Random};
+use crate::random::{RandomStream, StreamPurpose};
 
 /// Address with the SA1 pin high, as on ST's boards.
 pub const ADDRESS_SA1_HIGH: u8 = 0x1E;
@@ -48,10 +48,10 @@ impl Default for Lis3mdlConfig {
 /// previous access.
 pub struct Lis3mdl {
     config: Lis3mdlConfig,
-    registers: Registers,
-    converter: Converter,
+    registers: Lis3mdlRegisters,
+    converter: FieldConverter,
     source: FieldSource,
-    noise: Random,
+    noise: RandomStream,
     silent: bool,
     frozen: bool,
 }
@@ -62,10 +62,10 @@ impl Lis3mdl {
     pub fn new(config: Lis3mdlConfig, source: FieldSource) -> Rc<RefCell<Self>> {
         Rc::new(RefCell::new(Self {
             config,
-            registers: Registers::default(),
-            converter: Converter::default(),
+            registers: Lis3mdlRegisters::default(),
+            converter: FieldConverter::default(),
             source,
-            noise: Random::new(config.seed, Purpose::Magnetometer),
+            noise: RandomStream::new(config.seed, StreamPurpose::Magnetometer),
             silent: false,
             frozen: false,
         }))
@@ -83,8 +83,8 @@ impl Lis3mdl {
 
     /// Fault: a supply drop resets all registers.
     pub fn power_cycle(&mut self) {
-        self.registers = Registers::default();
-        self.converter = Converter::default();
+        self.registers = Lis3mdlRegisters::default();
+        self.converter = FieldConverter::default();
     }
 
     fn catch_up(&mut self) {

@@ -60,7 +60,7 @@ pub(super) enum Conversion {
 pub(super) const FAST_RATE_HZ: [f64; 4] = [1000.0, 560.0, 300.0, 155.0];
 
 /// Registers, address pointer, and measurements delayed by block data update.
-pub(super) struct Registers {
+pub(super) struct Lis3mdlRegisters {
     bytes: [u8; REGISTER_COUNT],
     pointer: u8,
     auto_increment: bool,
@@ -70,7 +70,7 @@ pub(super) struct Registers {
     latest: Vector3<i16>,
 }
 
-impl Default for Registers {
+impl Default for Lis3mdlRegisters {
     fn default() -> Self {
         let mut bytes = [0; REGISTER_COUNT];
         for (register, reset) in [(WHO_AM_I, 0x3D), (CTRL_REG1, 0x10), (CTRL_REG3, POWER_DOWN), (INT_CFG, 0xE8)] {
@@ -80,7 +80,7 @@ impl Default for Registers {
     }
 }
 
-impl Registers {
+impl Lis3mdlRegisters {
     /// Sets address and auto-increment from the first byte of a write.
     pub fn set_pointer(&mut self, sub_address: u8) {
         self.pointer = sub_address & ADDRESS_MASK;

@@ -3,7 +3,7 @@ use embassy_time::Timer;
 use embedded_hal_async::i2c::I2c;
 
 use super::*;
-use crate::devices::i2c::{Bus, BusError};
+use crate::devices::i2c::{BusError, SimulatedI2cBus};
 use log_analysis::numbers::square;
 use testkit::simulation::{Level, Simulation};
 
@@ -12,7 +12,7 @@ const READ_XYZ: u8 = 0x28 | 0x80;
 /// Runs `script` on a bus with a chip in the field `field_ut(t)`.
 fn on_bus<S, F>(config: Lis3mdlConfig, field_ut: impl FnMut(u64) -> [f32; 3] + 'static, script: S)
 where
-    S: FnOnce(Bus, Rc<RefCell<Lis3mdl>>) -> F + 'static,
+    S: FnOnce(SimulatedI2cBus, Rc<RefCell<Lis3mdl>>) -> F + 'static,
     F: Future<Output = ()> + 'static,
 {
     let mut field_ut = field_ut;
@@ -22,31 +22,31 @@ where
         Field::from_ut(x, y, z)
     };
     let chip = Lis3mdl::new(config, Box::new(source));
-    let bus = Bus::new();
+    let bus = SimulatedI2cBus::new();
     bus.attach_device(chip.clone());
     simulation.spawn(Level::Thread, "script", script(bus, chip));
     simulation.run_for(100_000_000);
     assert_eq!(simulation.tasks(), 0, "the script did not end");
 }
 
-async fn get(bus: &mut Bus, register: u8) -> u8 {
+async fn get(bus: &mut SimulatedI2cBus, register: u8) -> u8 {
     let mut value = [0];
     bus.write_read(ADDRESS_SA1_HIGH, &[register], &mut value).await.unwrap();
     value[0]
 }
 
-async fn set(bus: &mut Bus, register: u8, value: u8) {
+async fn set(bus: &mut SimulatedI2cBus, register: u8, value: u8) {
     bus.write(ADDRESS_SA1_HIGH, &[register, value]).await.unwrap();
 }
 
-async fn counts(bus: &mut Bus) -> [i16; 3] {
+async fn counts(bus: &mut SimulatedI2cBus) -> [i16; 3] {
     let mut bytes = [0; 6];
     bus.write_read(ADDRESS_SA1_HIGH, &[READ_XYZ], &mut bytes).await.unwrap();
     [0, 2, 4].map(|low| i16::from_le_bytes([bytes[low], bytes[low + 1]]))
 }
 
 /// Ultra-high performance on all axes, 80 Hz (12.5 ms), 4 gauss, block data update, continuous.
-async fn start(bus: &mut Bus) {
+async fn start(bus: &mut SimulatedI2cBus) {
     bus.write(ADDRESS_SA1_HIGH, &[0x20 | 0x80, 0x7C, 0x00, 0x00, 0x0C, 0x40]).await.unwrap();
 }
 

@@ -1,7 +1,7 @@
 //! Memory cells of the flash, and the effects of interrupted operations.
 
 use super::error::FlashError;
-use crate::random::Random;
+use crate::random::RandomStream;
 
 /// Page size in bytes, the unit of erasing.
 pub const PAGE_BYTES: usize = 2048;
@@ -13,7 +13,7 @@ const WORDS_PER_PAGE: usize = PAGE_BYTES / WORD_BYTES;
 
 /// Wear counters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Wear {
+pub struct WearCounters {
     /// Page erases, including incomplete ones.
     pub page_erases: u64,
     /// Programmed double words, including incomplete ones.
@@ -24,12 +24,12 @@ pub struct Wear {
 
 /// Smallest operation, which a power cut can interrupt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Operation {
+pub(super) enum FlashOperation {
     Program { word: usize, value: [u8; WORD_BYTES] },
     Erase { page: usize },
 }
 
-pub(super) struct Cells {
+pub(super) struct FlashCells {
     bytes: Vec<u8>,
     /// Double words programmed since the last erase. Programming all ones counts, because it writes the
     /// error-correcting code.
@@ -38,7 +38,7 @@ pub(super) struct Cells {
     writes: u64,
 }
 
-impl Cells {
+impl FlashCells {
     pub fn erased(pages: usize) -> Self {
         Self {
             bytes: vec![ERASED; pages * PAGE_BYTES],
@@ -69,8 +69,8 @@ impl Cells {
         self.bytes[offset] ^= mask;
     }
 
-    pub fn wear(&self) -> Wear {
-        Wear {
+    pub fn wear(&self) -> WearCounters {
+        WearCounters {
             page_erases: self.erases.iter().copied().map(u64::from).sum(),
             programmed_words: self.writes,
             worst_page_erases: self.erases.iter().copied().max().unwrap_or(0),
@@ -78,19 +78,19 @@ impl Cells {
     }
 
     /// Checks that the operation is allowed.
-    pub fn check_operation(&self, operation: Operation) -> Result<(), FlashError> {
+    pub fn check_operation(&self, operation: FlashOperation) -> Result<(), FlashError> {
         match operation {
-            Operation::Program { word, .. } if self.programmed[word] => {
+            FlashOperation::Program { word, .. } if self.programmed[word] => {
                 Err(FlashError::NotErased { offset: (word * WORD_BYTES) as u32 })
             }
             _ => Ok(()),
         }
     }
 
-    pub fn perform_operation(&mut self, operation: Operation) {
+    pub fn perform_operation(&mut self, operation: FlashOperation) {
         match operation {
-            Operation::Program { word, value } => self.program_word(word, value),
-            Operation::Erase { page } => {
+            FlashOperation::Program { word, value } => self.program_word(word, value),
+            FlashOperation::Erase { page } => {
                 self.erases[page] += 1;
                 for word in page * WORDS_PER_PAGE..(page + 1) * WORDS_PER_PAGE {
                     self.erase_word(word);
@@ -101,13 +101,13 @@ impl Cells {
 
     /// Applies a partial operation. Interrupted programming clears only some bits. An interrupted erase leaves each
     /// double word unchanged, erased, or with some bits set.
-    pub fn apply_partially(&mut self, operation: Operation, random: &mut Random) {
+    pub fn apply_partially(&mut self, operation: FlashOperation, random: &mut RandomStream) {
         match operation {
-            Operation::Program { word, value } => {
+            FlashOperation::Program { word, value } => {
                 let fallen = random.random_bits().to_le_bytes();
                 self.program_word(word, std::array::from_fn(|i| value[i] | fallen[i]));
             }
-            Operation::Erase { page } => {
+            FlashOperation::Erase { page } => {
                 self.erases[page] += 1;
                 for word in page * WORDS_PER_PAGE..(page + 1) * WORDS_PER_PAGE {
                     self.erase_word_partially(word, random);
@@ -116,7 +116,7 @@ impl Cells {
         }
     }
 
-    fn erase_word_partially(&mut self, word: usize, random: &mut Random) {
+    fn erase_word_partially(&mut self, word: usize, random: &mut RandomStream) {
         match random.random_bits() % 3 {
             0 => {}
             1 => self.erase_word(word),

@@ -14,10 +14,10 @@ use embassy_time::{Duration, Timer};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use testkit::simulation::Stop;
 
-use self::cells::{Cells, Operation};
-pub use self::cells::{PAGE_BYTES, WORD_BYTES, Wear};
+use self::cells::{FlashCells, FlashOperation};
+pub use self::cells::{PAGE_BYTES, WORD_BYTES, WearCounters};
 pub use self::error::FlashError;
-use crate::random::{Purpose, Random};
+use crate::random::{RandomStream, StreamPurpose};
 
 /// Time to program a double word (STM32L475 data sheet, typical 81.7 us).
 const PROGRAM_TIME: Duration = Duration::from_micros(82);
@@ -48,8 +48,8 @@ struct ScheduledPowerCut {
 }
 
 struct FlashDevice {
-    cells: Cells,
-    random: Random,
+    cells: FlashCells,
+    random: RandomStream,
     cut: Option<ScheduledPowerCut>,
     powered: bool,
 }
@@ -63,8 +63,8 @@ impl Flash {
     #[must_use]
     pub fn new(pages: usize, seed: u64) -> Self {
         Self(Rc::new(RefCell::new(FlashDevice {
-            cells: Cells::erased(pages),
-            random: Random::new(seed, Purpose::Flash),
+            cells: FlashCells::erased(pages),
+            random: RandomStream::new(seed, StreamPurpose::Flash),
             cut: None,
             powered: true,
         })))
@@ -91,7 +91,7 @@ impl Flash {
 
     /// Wear counters since creation.
     #[must_use]
-    pub fn wear(&self) -> Wear {
+    pub fn wear(&self) -> WearCounters {
         self.0.borrow().cells.wear()
     }
 
@@ -116,7 +116,7 @@ impl Flash {
         self.0.borrow_mut().cells.flip_bits(offset, mask);
     }
 
-    async fn perform_operation(&self, operation: Operation, duration: Duration) -> Result<(), FlashError> {
+    async fn perform_operation(&self, operation: FlashOperation, duration: Duration) -> Result<(), FlashError> {
         self.0.borrow_mut().begin_operation(operation)?;
         let mut unfinished = OperationGuard { flash: self, operation, finished: false };
         Timer::after(duration).await;
@@ -129,7 +129,7 @@ impl Flash {
 /// Guard that leaves the operation incomplete when its future is dropped.
 struct OperationGuard<'a> {
     flash: &'a Flash,
-    operation: Operation,
+    operation: FlashOperation,
     finished: bool,
 }
 
@@ -143,7 +143,7 @@ impl Drop for OperationGuard<'_> {
 
 impl FlashDevice {
     /// Checks power and rules, and applies a scheduled power cut.
-    fn begin_operation(&mut self, operation: Operation) -> Result<(), FlashError> {
+    fn begin_operation(&mut self, operation: FlashOperation) -> Result<(), FlashError> {
         if !self.powered {
             return Err(FlashError::PowerLost);
         }
@@ -168,7 +168,7 @@ impl FlashDevice {
         }
     }
 
-    fn interrupt_operation(&mut self, operation: Operation) {
+    fn interrupt_operation(&mut self, operation: FlashOperation) {
         self.cells.apply_partially(operation, &mut self.random);
     }
 
@@ -213,7 +213,7 @@ impl NorFlash for Flash {
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
         self.0.borrow().check_range(from, to, PAGE_BYTES)?;
         for page in from as usize / PAGE_BYTES..to as usize / PAGE_BYTES {
-            self.perform_operation(Operation::Erase { page }, ERASE_TIME).await?;
+            self.perform_operation(FlashOperation::Erase { page }, ERASE_TIME).await?;
         }
         Ok(())
     }
@@ -222,7 +222,7 @@ impl NorFlash for Flash {
         self.0.borrow().check_range(offset, range_end(offset, bytes.len())?, WORD_BYTES)?;
         let (words, _) = bytes.as_chunks::<WORD_BYTES>();
         for (word, &value) in (offset as usize / WORD_BYTES..).zip(words) {
-            self.perform_operation(Operation::Program { word, value }, PROGRAM_TIME).await?;
+            self.perform_operation(FlashOperation::Program { word, value }, PROGRAM_TIME).await?;
         }
         Ok(())
     }
@@ -270,7 +270,7 @@ mod tests {
         assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Ok(())));
         assert_eq!(run(&mut simulation, write(flash.clone(), 8, OLD.to_vec())), Some(Ok(())));
         assert_eq!(flash.flash_contents()[8..16], OLD);
-        assert_eq!(flash.wear(), Wear { page_erases: 1, programmed_words: 2, worst_page_erases: 1 });
+        assert_eq!(flash.wear(), WearCounters { page_erases: 1, programmed_words: 2, worst_page_erases: 1 });
     }
 
     #[test]
@@ -286,7 +286,7 @@ mod tests {
         assert_eq!(clear(0, 1024), Err(FlashError::NotAligned));
         assert_eq!(clear(2048, 6144), Err(FlashError::OutOfBounds));
         assert_eq!(clear(2048, 0), Err(FlashError::OutOfBounds));
-        assert_eq!(flash.wear(), Wear::default());
+        assert_eq!(flash.wear(), WearCounters::default());
     }
 
     /// STM32L475 data sheet: 81.7 us per double word, 22.0 ms per page.

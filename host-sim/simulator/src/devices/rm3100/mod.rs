@@ -13,10 +13,10 @@ use std::rc::Rc;
 use autoswing::frames::{Field, Sensor};
 use testkit::clock;
 
-use self::registers::{Registers, RunningMeasurement};
+use self::registers::{Rm3100Registers, RunningMeasurement};
 use crate::devices::sensor::FieldSource;
 use crate::devices::spi::SimulatedSpiDevice;
-use crate::random::{Purpose, Random};
+use crate::random::{RandomStream, StreamPurpose};
 
 /// RMS noise at cycle count 200, microtesla (manual, table 3-1).
 const NOISE_UT: f64 = 0.015;
@@ -57,9 +57,9 @@ pub enum Rm3100Fault {
 /// Simulated chip. Each access first completes the measurements due since the previous access.
 pub struct Rm3100 {
     config: Rm3100Config,
-    registers: Registers,
+    registers: Rm3100Registers,
     source: FieldSource,
-    noise: Random,
+    noise: RandomStream,
     fault: Option<Rm3100Fault>,
     /// Address of the register that the next byte reads or writes.
     pointer: u8,
@@ -71,9 +71,9 @@ impl Rm3100 {
     pub fn new(config: Rm3100Config, source: FieldSource) -> Rc<RefCell<Self>> {
         Rc::new(RefCell::new(Self {
             config,
-            registers: Registers::default(),
+            registers: Rm3100Registers::default(),
             source,
-            noise: Random::new(config.seed, Purpose::Magnetometer),
+            noise: RandomStream::new(config.seed, StreamPurpose::Magnetometer),
             fault: None,
             pointer: 0,
         }))
@@ -86,7 +86,7 @@ impl Rm3100 {
 
     /// Fault: a supply drop resets all registers, which ends continuous mode.
     pub fn power_cycle(&mut self) {
-        self.registers = Registers::default();
+        self.registers = Rm3100Registers::default();
     }
 
     /// Fault: bits of a register flip.

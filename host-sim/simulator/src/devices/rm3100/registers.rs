@@ -40,12 +40,12 @@ pub(super) enum RunningMeasurement {
 }
 
 /// Registers and the running measurement.
-pub(super) struct Registers {
+pub(super) struct Rm3100Registers {
     bytes: [u8; REGISTER_COUNT],
     running: Option<RunningMeasurement>,
 }
 
-impl Default for Registers {
+impl Default for Rm3100Registers {
     /// Reset values of the manual's table 5-1.
     fn default() -> Self {
         let mut bytes = [0; REGISTER_COUNT];
@@ -59,7 +59,7 @@ impl Default for Registers {
     }
 }
 
-impl Registers {
+impl Rm3100Registers {
     pub fn register_value(&self, register: u8) -> u8 {
         self.bytes.get(usize::from(register)).copied().unwrap_or(0)
     }

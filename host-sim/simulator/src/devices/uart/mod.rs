@@ -41,13 +41,13 @@ impl Default for UartConfig {
 }
 
 /// Cable with both directions. Keep it for the whole simulation.
-pub struct Cable {
+pub struct SerialCable {
     to_module: Rc<RefCell<CableDirection>>,
     to_host: Rc<RefCell<CableDirection>>,
     transmit_buffer: usize,
 }
 
-impl Cable {
+impl SerialCable {
     /// An unused cable.
     #[must_use]
     pub fn new(config: UartConfig) -> Self {

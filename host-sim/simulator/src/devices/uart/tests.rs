@@ -20,7 +20,7 @@ fn spawn_reader(simulation: &mut Simulation, mut receiver: Receiver) -> Log<(u64
 #[test]
 fn bytes_arrive_at_the_baud_rate_to_the_microsecond() {
     let mut simulation = Simulation::new();
-    let cable = Cable::new(UartConfig { delivery: WakeCondition::EachByte, ..UartConfig::default() });
+    let cable = SerialCable::new(UartConfig { delivery: WakeCondition::EachByte, ..UartConfig::default() });
     let (receiver, _transmitter) = cable.module_ends();
     let reads = spawn_reader(&mut simulation, receiver);
     cable.host_end().send(b"ab");
@@ -34,7 +34,7 @@ fn bytes_arrive_at_the_baud_rate_to_the_microsecond() {
 #[test]
 fn a_thousand_bytes_keep_the_exact_rate() {
     let mut simulation = Simulation::new();
-    let cable = Cable::new(UartConfig { transmit_buffer: 2000, ..UartConfig::default() });
+    let cable = SerialCable::new(UartConfig { transmit_buffer: 2000, ..UartConfig::default() });
     let (_receiver, mut transmitter) = cable.module_ends();
     simulation.spawn(Level::Thread, "writer", async move {
         transmitter.write_all(&[0x55; 1000]).await.unwrap();
@@ -52,7 +52,7 @@ fn a_thousand_bytes_keep_the_exact_rate() {
 #[test]
 fn idle_line_delivers_bursts_whole() {
     let mut simulation = Simulation::new();
-    let cable = Cable::new(UartConfig { receive_buffer: 8, ..UartConfig::default() });
+    let cable = SerialCable::new(UartConfig { receive_buffer: 8, ..UartConfig::default() });
     let (receiver, _transmitter) = cable.module_ends();
     let reads = spawn_reader(&mut simulation, receiver);
     cable.host_end().send(b"ab");
@@ -68,7 +68,7 @@ fn idle_line_delivers_bursts_whole() {
 #[test]
 fn a_slow_reader_loses_the_newest_bytes_and_gets_one_overrun() {
     let mut simulation = Simulation::new();
-    let cable = Cable::new(UartConfig { receive_buffer: 4, ..UartConfig::default() });
+    let cable = SerialCable::new(UartConfig { receive_buffer: 4, ..UartConfig::default() });
     let (receiver, _transmitter) = cable.module_ends();
     cable.host_end().send(b"abcdefg");
     simulation.run_until(10_000);
@@ -82,7 +82,7 @@ fn a_slow_reader_loses_the_newest_bytes_and_gets_one_overrun() {
 #[test]
 fn an_injected_error_wakes_the_reader() {
     let mut simulation = Simulation::new();
-    let cable = Cable::new(UartConfig::default());
+    let cable = SerialCable::new(UartConfig::default());
     let (receiver, _transmitter) = cable.module_ends();
     let reads = spawn_reader(&mut simulation, receiver);
     simulation.run_until(500);
@@ -94,7 +94,7 @@ fn an_injected_error_wakes_the_reader() {
 #[test]
 fn a_write_waits_while_the_transmit_buffer_is_full() {
     let mut simulation = Simulation::new();
-    let cable = Cable::new(UartConfig { transmit_buffer: 2, ..UartConfig::default() });
+    let cable = SerialCable::new(UartConfig { transmit_buffer: 2, ..UartConfig::default() });
     let (_receiver, mut transmitter) = cable.module_ends();
     simulation.spawn(Level::Thread, "writer", async move {
         transmitter.write_all(b"abcd").await.unwrap();
@@ -108,7 +108,7 @@ fn a_write_waits_while_the_transmit_buffer_is_full() {
 #[test]
 fn power_off_truncates_output_and_discards_received_bytes() {
     let mut simulation = Simulation::new();
-    let cable = Cable::new(UartConfig::default());
+    let cable = SerialCable::new(UartConfig::default());
     let (receiver, mut transmitter) = cable.module_ends();
     simulation.spawn(Level::Thread, "writer", async move {
         transmitter.write_all(b"$HCHDM,1").await.unwrap();
@@ -131,7 +131,7 @@ fn power_off_truncates_output_and_discards_received_bytes() {
 #[test]
 fn the_host_side_can_wait_for_bytes() {
     let mut simulation = Simulation::new();
-    let cable = Cable::new(UartConfig::default());
+    let cable = SerialCable::new(UartConfig::default());
     let (_receiver, mut transmitter) = cable.module_ends();
     let host = cable.host_end();
     simulation.spawn(Level::World, "pilot", async move {

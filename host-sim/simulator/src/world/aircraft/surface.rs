@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use super::GRAVITY_M_S2;
-use crate::random::{Purpose, Random};
+use crate::random::{RandomStream, StreamPurpose};
 
 const WAVE_COUNT: usize = 24;
 
@@ -28,7 +28,7 @@ impl Surface {
     /// Ground with wavelengths of 5 to 40 m in all directions; `slope_deg` is the standard deviation of the slope along
     /// any direction.
     pub fn rough_ground(slope_deg: f64, seed: u64) -> Self {
-        let mut random = Random::new(seed, Purpose::Surface);
+        let mut random = RandomStream::new(seed, StreamPurpose::Surface);
         // The mean square slope along a fixed direction is a quarter of the squared amplitude: one half from the wave
         // directions, one half from the cosine.
         let slope = libm::tan(slope_deg.to_radians()) * (4.0 / WAVE_COUNT as f64).sqrt();
@@ -39,7 +39,7 @@ impl Surface {
     /// the standard deviation of the slope along `toward_rad`.
     pub fn water_waves(slope_deg: f64, toward_rad: f64, seed: u64) -> Self {
         const WAVE_DIRECTION_SPREAD_RAD: f64 = 0.7;
-        let mut random = Random::new(seed, Purpose::Surface);
+        let mut random = RandomStream::new(seed, StreamPurpose::Surface);
         // The mean square of the cosine over +-0.7 rad is 0.85.
         let slope = libm::tan(slope_deg.to_radians()) * (2.0 / 0.85 / WAVE_COUNT as f64).sqrt();
         let directions = [toward_rad - WAVE_DIRECTION_SPREAD_RAD, toward_rad + WAVE_DIRECTION_SPREAD_RAD];
@@ -64,7 +64,7 @@ impl Surface {
 
 impl Wave {
     /// Standing wave that does not move: unevenness of the ground.
-    fn new(random: &mut Random, slope: f64, lengths_m: [f64; 2], directions_rad: [f64; 2]) -> Self {
+    fn new(random: &mut RandomStream, slope: f64, lengths_m: [f64; 2], directions_rad: [f64; 2]) -> Self {
         // The wavelength is distributed uniformly in its logarithm.
         let length_m = libm::exp(random.uniform(libm::log(lengths_m[0]), libm::log(lengths_m[1])));
         let (sin, cos) = libm::sincos(random.uniform(directions_rad[0], directions_rad[1]));

@@ -1,7 +1,7 @@
 //! Gusts, and random roll and pitch of a flying aircraft.
 
 use super::STEP_S;
-use crate::random::{Purpose, Random};
+use crate::random::{RandomStream, StreamPurpose};
 use crate::world::gauss_markov::SecondOrder;
 use crate::world::weather::Weather;
 
@@ -33,15 +33,16 @@ pub(super) struct Disturbances {
 
 impl Turbulence {
     pub fn new(weather: Weather, seed: u64) -> Self {
-        let process = |sigma, time_s, purpose| SecondOrder::new(sigma, time_s, STEP_S, Random::new(seed, purpose));
+        let process =
+            |sigma, time_s, purpose| SecondOrder::new(sigma, time_s, STEP_S, RandomStream::new(seed, purpose));
         let gauss_markov = |sigma_deg: f64, purpose| process(sigma_deg.to_radians(), weather.wander_time_s, purpose);
         let gust = |purpose| process(weather.gust_m_s, GUST_TIME_S, purpose);
         Self {
-            bank: gauss_markov(weather.bank_wander_deg, Purpose::Bank),
-            pitch: gauss_markov(weather.pitch_wander_deg, Purpose::Pitch),
-            gust_across_m_s: gust(Purpose::GustAcross),
-            gust_vertical_m_s: gust(Purpose::GustVertical),
-            gust_along_m_s: gust(Purpose::GustAlong),
+            bank: gauss_markov(weather.bank_wander_deg, StreamPurpose::Bank),
+            pitch: gauss_markov(weather.pitch_wander_deg, StreamPurpose::Pitch),
+            gust_across_m_s: gust(StreamPurpose::GustAcross),
+            gust_vertical_m_s: gust(StreamPurpose::GustVertical),
+            gust_along_m_s: gust(StreamPurpose::GustAlong),
         }
     }
 

@@ -12,10 +12,10 @@ use serde::{Deserialize, Serialize};
 use super::aircraft;
 use super::gauss_markov::FirstOrder;
 use super::gyro::{Gyro, GyroConfig};
-use super::mavlink_frame::Frame;
+use super::mavlink_frame::MavlinkFrame;
 use super::place::{ReportedPosition, START_UNIX_US};
 use super::state::TrueState;
-use crate::random::{Purpose, Random};
+use crate::random::{RandomStream, StreamPurpose};
 
 /// MAVLink identity of a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -138,13 +138,18 @@ impl AttitudeSource {
     pub fn new(config: AttitudeSourceConfig, gyro_config: GyroConfig, seed: u64) -> Self {
         let noise = |purpose| {
             let sigma_rad = config.noise_deg.to_radians();
-            FirstOrder::new(sigma_rad, config.noise_time_s, 1.0 / config.rate_hz, Random::new(seed, purpose))
+            FirstOrder::new(sigma_rad, config.noise_time_s, 1.0 / config.rate_hz, RandomStream::new(seed, purpose))
         };
         let push = |purpose| {
             let sigma_rad = config.push_error_deg.to_radians();
-            FirstOrder::new(sigma_rad, ACCELERATION_ERROR_TIME_S, 1.0 / config.rate_hz, Random::new(seed, purpose))
+            FirstOrder::new(
+                sigma_rad,
+                ACCELERATION_ERROR_TIME_S,
+                1.0 / config.rate_hz,
+                RandomStream::new(seed, purpose),
+            )
         };
-        let direction_rad = Random::new(seed, Purpose::AttitudeBias).uniform(0.0, TAU);
+        let direction_rad = RandomStream::new(seed, StreamPurpose::AttitudeBias).uniform(0.0, TAU);
         Self {
             config,
             gyro_config,
@@ -152,10 +157,10 @@ impl AttitudeSource {
             seed,
             identity: Identity::AUTOPILOT,
             vehicle: MavType::MAV_TYPE_FIXED_WING,
-            roll_noise_rad: noise(Purpose::RollNoise),
-            pitch_noise_rad: noise(Purpose::PitchNoise),
-            roll_error_per_m_s2_rad: push(Purpose::RollPush),
-            pitch_error_per_m_s2_rad: push(Purpose::PitchPush),
+            roll_noise_rad: noise(StreamPurpose::RollNoise),
+            pitch_noise_rad: noise(StreamPurpose::PitchNoise),
+            roll_error_per_m_s2_rad: push(StreamPurpose::RollPush),
+            pitch_error_per_m_s2_rad: push(StreamPurpose::PitchPush),
             roll_bias_rad: config.bias_deg.to_radians() * libm::cos(direction_rad),
             pitch_bias_rad: config.bias_deg.to_radians() * libm::sin(direction_rad),
             sequence: 0,
@@ -300,7 +305,7 @@ impl AttitudeSource {
     /// Frame of a message with payload fields unknown to the MAVLink library.
     pub(super) fn encode_raw(&mut self, id: u32, extra_crc: u8, payload: &[u8]) -> Vec<u8> {
         let Identity { system_id: system, component_id: component, .. } = self.identity;
-        Frame {
+        MavlinkFrame {
             sequence: self.next_sequence(),
             system_id: system,
             component_id: component,

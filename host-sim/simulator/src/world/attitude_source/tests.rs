@@ -2,7 +2,7 @@ use mavlink::dialects::common::MavMessage;
 use mavlink::{MavlinkVersion, Message};
 
 use super::*;
-use crate::devices::uart::{Cable, TimedByte};
+use crate::devices::uart::{SerialCable, TimedByte};
 use crate::world::aircraft::VehicleKind;
 use crate::world::{World, WorldConfig};
 use log_analysis::numbers::square;
@@ -27,7 +27,7 @@ fn simulate_source(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (Wo
     let mut simulation = Simulation::new();
     let world = World::new(WorldConfig { seed, attitude_source: config, ..WorldConfig::table1(seed) });
     world.hold_bank_and_pitch(25.0, 0.0);
-    let cable = Cable::new(crate::devices::uart::UartConfig { receive_buffer: 1 << 20, ..Default::default() });
+    let cable = SerialCable::new(crate::devices::uart::UartConfig { receive_buffer: 1 << 20, ..Default::default() });
     let (mut receiver, _transmitter) = cable.module_ends();
     let bytes = std::rc::Rc::new(std::cell::RefCell::new(Vec::new()));
     let log = std::rc::Rc::clone(&bytes);

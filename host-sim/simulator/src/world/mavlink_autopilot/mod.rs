@@ -11,7 +11,7 @@ use mavlink::dialects::common::{
 use mavlink::{MavlinkVersion, Message};
 
 use super::attitude_source::AttitudeSource;
-pub use super::mavlink_frame::{Frame, FrameReader, command_long};
+pub use super::mavlink_frame::{FrameReader, MavlinkFrame, command_long};
 pub use super::place::{ReportedPosition, START_UNIX_US, XIAN};
 use super::state::TrueState;
 
@@ -77,7 +77,7 @@ pub struct MavlinkAutopilot {
     streams: Vec<PeriodicMessage>,
     reader: FrameReader,
     answers: Vec<u8>,
-    received: Vec<Frame>,
+    received: Vec<MavlinkFrame>,
     denied: u32,
 }
 
@@ -126,7 +126,7 @@ impl MavlinkAutopilot {
     }
 
     /// Returns and clears the received frames.
-    pub fn take_received(&mut self) -> Vec<Frame> {
+    pub fn take_received(&mut self) -> Vec<MavlinkFrame> {
         std::mem::take(&mut self.received)
     }
 
@@ -181,7 +181,7 @@ impl MavlinkAutopilot {
         bytes
     }
 
-    fn handle_frame(&mut self, now_us: u64, frame: &Frame) {
+    fn handle_frame(&mut self, now_us: u64, frame: &MavlinkFrame) {
         if self.firmware == MavlinkFirmware::Deaf {
             return;
         }
@@ -205,7 +205,7 @@ impl MavlinkAutopilot {
         system == identity.system_id && component == identity.component_id
     }
 
-    fn execute_command(&mut self, now_us: u64, frame: &Frame, command: &COMMAND_LONG_DATA) {
+    fn execute_command(&mut self, now_us: u64, frame: &MavlinkFrame, command: &COMMAND_LONG_DATA) {
         if self.firmware == MavlinkFirmware::Streams {
             return;
         }

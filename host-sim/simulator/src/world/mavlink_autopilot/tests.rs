@@ -15,7 +15,7 @@ use embassy_time::{Duration, with_timeout};
 use embedded_io_async::{Read, Write};
 
 use super::*;
-use crate::devices::uart::Cable;
+use crate::devices::uart::SerialCable;
 use crate::world::attitude_source::{AttitudeSourceConfig, Identity, SenderKind};
 use crate::world::far_end::FarEnd;
 use crate::world::gyro::GyroConfig;
@@ -34,7 +34,7 @@ enum Request {
     Stream { rate_hz: u8 },
 }
 
-fn request(frame: &Frame) -> Option<Request> {
+fn request(frame: &MavlinkFrame) -> Option<Request> {
     const COMMAND_LONG: u32 = 76;
     match frame.id {
         COMMAND_LONG => {
@@ -52,7 +52,7 @@ struct Bench {
     ms: u64,
     silent_until_ms: u64,
     received: Vec<(u64, ReceivedMessage)>,
-    frames: Vec<(u64, Frame)>,
+    frames: Vec<(u64, MavlinkFrame)>,
     seen: AutopilotInputs,
 }
 
@@ -278,7 +278,7 @@ fn a_ground_station_commands_the_module() {
 fn the_autopilot_answers_over_a_serial_cable() {
     let mut simulation = Simulation::new();
     let world = World::new(WorldConfig::table1(1));
-    let cable = Cable::new(crate::devices::uart::UartConfig::default());
+    let cable = SerialCable::new(crate::devices::uart::UartConfig::default());
     let (mut rx, mut tx) = cable.module_ends();
     let times = Rc::new(RefCell::new(Vec::new()));
     let log = Rc::clone(&times);
@@ -317,7 +317,7 @@ fn the_autopilot_answers_over_a_serial_cable() {
 /// Frames cut at any byte, with noise between them.
 #[test]
 fn the_reader_finds_every_frame() {
-    let frame = Frame { sequence: 3, system_id: 1, component_id: 158, id: 191, payload: vec![7; 17] };
+    let frame = MavlinkFrame { sequence: 3, system_id: 1, component_id: 158, id: 191, payload: vec![7; 17] };
     let bytes = [&[0xFD, 2, 3][..], &frame.frame_bytes(92), b"noise", &frame.frame_bytes(92)].concat();
     for cut in 0..bytes.len() {
         let mut reader = FrameReader::default();

@@ -12,12 +12,12 @@ const MSP_RTC: u16 = 247;
 const SENSOR_COMPASS: u16 = 0x1F04;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Request {
+pub(super) struct MspRequest {
     pub function: u16,
     payload: Vec<u8>,
 }
 
-impl Request {
+impl MspRequest {
     /// Whether the function is in the sensor range, which is never answered.
     pub fn is_sensor_function(&self) -> bool {
         (0x1F00..=0x1FFF).contains(&self.function)
@@ -39,7 +39,7 @@ pub(super) struct RequestReader {
 
 impl RequestReader {
     /// Processes one byte and returns a completed request; bytes outside frames are dropped.
-    pub fn push_byte(&mut self, byte: u8) -> Option<Request> {
+    pub fn push_byte(&mut self, byte: u8) -> Option<MspRequest> {
         self.bytes.push(byte);
         let begun = self.bytes.len().min(3);
         if self.bytes[..begun] != b"$X<"[..begun] {
@@ -50,7 +50,7 @@ impl RequestReader {
         if payload.len() < usize::from(u16::from_le_bytes([n0, n1])) {
             return None;
         }
-        let request = Request { function: u16::from_le_bytes([f0, f1]), payload: payload.to_vec() };
+        let request = MspRequest { function: u16::from_le_bytes([f0, f1]), payload: payload.to_vec() };
         let is_intact = crc_8_dvb_s2(&self.bytes[3..self.bytes.len() - 1]) == crc;
         self.bytes.clear();
         if !is_intact {
@@ -68,15 +68,15 @@ pub(super) fn crc_8_dvb_s2(bytes: &[u8]) -> u8 {
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Answer {
+pub(super) enum MspAnswer {
     Reply(Vec<u8>),
     Error,
 }
 
-pub(super) fn encode_reply(function: u16, answer: &Answer) -> Vec<u8> {
+pub(super) fn encode_reply(function: u16, answer: &MspAnswer) -> Vec<u8> {
     let (direction, payload) = match answer {
-        Answer::Reply(payload) => (b'>', payload.as_slice()),
-        Answer::Error => (b'!', [].as_slice()),
+        MspAnswer::Reply(payload) => (b'>', payload.as_slice()),
+        MspAnswer::Error => (b'!', [].as_slice()),
     };
     let mut frame = vec![b'$', b'X', direction, 0];
     frame.extend(function.to_le_bytes());

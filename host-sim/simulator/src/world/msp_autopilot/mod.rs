@@ -12,8 +12,8 @@ use std::collections::VecDeque;
 
 pub use self::state::{AutopilotState, MspFirmware};
 
-use self::frame::{Answer, Request, RequestReader, encode_reply};
-use crate::random::{Purpose, Random};
+use self::frame::{MspAnswer, MspRequest, RequestReader, encode_reply};
+use crate::random::{RandomStream, StreamPurpose};
 
 /// Probabilities (0 to 1) of communication faults per answer. At most one fault occurs per answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -55,10 +55,10 @@ const ANSWER_DELAY_RANGE_MS: (f64, f64) = (3.5, 18.0);
 pub struct MspAutopilot {
     firmware: MspFirmware,
     answer_faults: AnswerFaults,
-    random: Random,
+    random: RandomStream,
     frames: RequestReader,
     /// Pending requests with answer time, in order of reception.
-    waiting: VecDeque<(u64, Request)>,
+    waiting: VecDeque<(u64, MspRequest)>,
     held: Vec<u8>,
     readings: Vec<CompassSample>,
 }
@@ -67,7 +67,7 @@ impl MspAutopilot {
     /// An autopilot that was just switched on.
     #[must_use]
     pub fn new(firmware: MspFirmware, answer_faults: AnswerFaults, seed: u64) -> Self {
-        let random = Random::new(seed, Purpose::Msp);
+        let random = RandomStream::new(seed, StreamPurpose::Msp);
         let (frames, waiting) = (RequestReader::default(), VecDeque::new());
         Self { firmware, answer_faults, random, frames, waiting, held: Vec::new(), readings: Vec::new() }
     }
@@ -112,18 +112,18 @@ impl MspAutopilot {
         self.frames.crc_errors
     }
 
-    fn answer_request(&self, request: &Request, known: &AutopilotState) -> Answer {
+    fn answer_request(&self, request: &MspRequest, known: &AutopilotState) -> MspAnswer {
         frame::reply_payload(self.firmware, request.function, known).map_or(
             match self.firmware {
                 // ArduPilot acknowledges unknown functions.
-                MspFirmware::ArduPilot => Answer::Reply(Vec::new()),
-                MspFirmware::Inav => Answer::Error,
+                MspFirmware::ArduPilot => MspAnswer::Reply(Vec::new()),
+                MspFirmware::Inav => MspAnswer::Error,
             },
-            Answer::Reply,
+            MspAnswer::Reply,
         )
     }
 
-    fn send_with_faults(&mut self, answer: &Answer, request: &Request, sent: &mut Vec<u8>) {
+    fn send_with_faults(&mut self, answer: &MspAnswer, request: &MspRequest, sent: &mut Vec<u8>) {
         let AnswerFaults {
             drop_probability: dropped,
             rejection_probability: refused,
@@ -136,7 +136,7 @@ impl MspAutopilot {
             return;
         }
         let is_refused = draw < dropped + refused;
-        let mut bytes = encode_reply(request.function, if is_refused { &Answer::Error } else { answer });
+        let mut bytes = encode_reply(request.function, if is_refused { &MspAnswer::Error } else { answer });
         if !is_refused && draw < dropped + refused + cut {
             bytes.truncate((self.random.random_bits() % bytes.len() as u64) as usize);
         } else if !is_refused && draw < dropped + refused + cut + joined {

@@ -4,7 +4,7 @@ use autoswing::instrument::Estimate;
 use autoswing::port::{Msp, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
 use autoswing::settings::Settings;
 use autoswing::time::Timestamp;
-use autoswing::wire::msp::{self, Firmware as Told, Function, MspReply, Receiver};
+use autoswing::wire::msp::{self, AutopilotFirmware as Told, MspFunction, MspReply, Receiver};
 
 use super::frame::crc_8_dvb_s2;
 use super::*;
@@ -34,7 +34,7 @@ fn send_request(autopilot: &mut MspAutopilot, at_us: u64, bytes: &[u8]) {
     }
 }
 
-fn request_reply(autopilot: &mut MspAutopilot, function: Function, known: &AutopilotState) -> Option<MspReply> {
+fn request_reply(autopilot: &mut MspAutopilot, function: MspFunction, known: &AutopilotState) -> Option<MspReply> {
     send_request(autopilot, 0, &msp::encode_request(function));
     let mut receiver = Receiver::new();
     let messages: Vec<_> =
@@ -48,35 +48,37 @@ fn the_library_understands_both_firmwares() {
     assert_eq!(crc_8_dvb_s2(b"123456789"), 0xBC);
     for (firmware, detected) in [(MspFirmware::ArduPilot, Told::ArduPilot), (MspFirmware::Inav, Told::Inav)] {
         let mut autopilot = MspAutopilot::new(firmware, NONE, 1);
-        assert_eq!(request_reply(&mut autopilot, Function::FcVariant, &KNOWN), Some(MspReply::FcVariant(detected)));
+        assert_eq!(request_reply(&mut autopilot, MspFunction::FcVariant, &KNOWN), Some(MspReply::FcVariant(detected)));
         for is_armed in [true, false] {
             let known = AutopilotState { is_armed, ..KNOWN };
-            assert_eq!(request_reply(&mut autopilot, Function::Status, &known), Some(MspReply::Armed(is_armed)));
+            assert_eq!(request_reply(&mut autopilot, MspFunction::Status, &known), Some(MspReply::Armed(is_armed)));
         }
-        let Some(MspReply::Attitude(angles)) = request_reply(&mut autopilot, Function::Attitude, &KNOWN) else {
+        let Some(MspReply::Attitude(angles)) = request_reply(&mut autopilot, MspFunction::Attitude, &KNOWN) else {
             panic!()
         };
         let attitude = detected.attitude_from_angles(angles).unwrap();
         // Resolution: tenths of a degree.
         assert!((attitude.roll_rad - 0.2).abs() < 0.0018, "{firmware:?} {attitude:?}");
         assert!((attitude.pitch_rad - 0.1).abs() < 0.0018, "{firmware:?} {attitude:?}");
-        let Some(MspReply::RawGps(Some(place))) = request_reply(&mut autopilot, Function::RawGps, &KNOWN) else {
+        let Some(MspReply::RawGps(Some(place))) = request_reply(&mut autopilot, MspFunction::RawGps, &KNOWN) else {
             panic!()
         };
         assert!((place.latitude_deg + 33.9).abs() < 1e-5 && (place.longitude_deg - 151.2).abs() < 2e-5);
         assert!((place.height_m - 20.0).abs() < 1e-6);
-        let Some(MspReply::Current(amperes)) = request_reply(&mut autopilot, Function::Analog, &KNOWN) else {
+        let Some(MspReply::Current(amperes)) = request_reply(&mut autopilot, MspFunction::Analog, &KNOWN) else {
             panic!()
         };
         assert!((amperes - 12.34).abs() < 1e-5);
         for unix_s in [1_795_348_800, 1_709_164_800, 1_735_689_599, 4_107_542_400_u64] {
             let known = AutopilotState { unix_s: Some(unix_s), ..KNOWN };
-            let Some(MspReply::Rtc(Some(day))) = request_reply(&mut autopilot, Function::Rtc, &known) else { panic!() };
+            let Some(MspReply::Rtc(Some(day))) = request_reply(&mut autopilot, MspFunction::Rtc, &known) else {
+                panic!()
+            };
             assert_eq!(u64::from(day.days_since_1970()), unix_s / 86_400);
         }
         let lost = AutopilotState { position: None, unix_s: None, ..KNOWN };
-        assert_eq!(request_reply(&mut autopilot, Function::RawGps, &lost), Some(MspReply::RawGps(None)));
-        assert_eq!(request_reply(&mut autopilot, Function::Rtc, &lost), Some(MspReply::Rtc(None)));
+        assert_eq!(request_reply(&mut autopilot, MspFunction::RawGps, &lost), Some(MspReply::RawGps(None)));
+        assert_eq!(request_reply(&mut autopilot, MspFunction::Rtc, &lost), Some(MspReply::Rtc(None)));
     }
 }
 
@@ -114,7 +116,7 @@ fn answers_are_delayed_by_3_5_to_18_ms() {
         (0..1_000_u64)
             .map(|i| {
                 let at_us = i * 20_000;
-                send_request(&mut autopilot, at_us, &msp::encode_request(Function::Attitude));
+                send_request(&mut autopilot, at_us, &msp::encode_request(MspFunction::Attitude));
                 let due_us = autopilot.next_answer_us().unwrap();
                 assert!(autopilot.send_replies(due_us - 1, &KNOWN).is_empty());
                 assert!(!autopilot.send_replies(due_us, &KNOWN).is_empty());
@@ -128,7 +130,8 @@ fn answers_are_delayed_by_3_5_to_18_ms() {
     assert_eq!(delays(3), delays_us);
     assert_ne!(delays(4), delays_us);
     let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, NONE, 3);
-    let functions = [Function::Attitude, Function::Status, Function::Attitude, Function::Rtc, Function::FcVariant];
+    let functions =
+        [MspFunction::Attitude, MspFunction::Status, MspFunction::Attitude, MspFunction::Rtc, MspFunction::FcVariant];
     for (us, function) in (0..).zip(functions) {
         send_request(&mut autopilot, us, &msp::encode_request(function));
     }
@@ -147,7 +150,7 @@ fn replies_with_faults(answer_faults: AnswerFaults) -> (Vec<MspReply>, usize, u3
     let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, answer_faults, 5);
     let mut bytes = Vec::new();
     for i in 0..1_000_u64 {
-        send_request(&mut autopilot, i * 20_000, &msp::encode_request(Function::Attitude));
+        send_request(&mut autopilot, i * 20_000, &msp::encode_request(MspFunction::Attitude));
         bytes.extend(autopilot.send_replies((i + 1) * 20_000, &KNOWN));
     }
     let number = bytes.len();
@@ -165,7 +168,7 @@ fn answer_faults_occur_with_their_probability() {
     let (messages, number, _) = replies_with_faults(AnswerFaults { drop_probability: 0.1, ..NONE });
     assert!(tenth.contains(&(1_000 - messages.len())) && number == messages.len() * 15);
     let (messages, number, _) = replies_with_faults(AnswerFaults { rejection_probability: 0.1, ..NONE });
-    let refused = messages.iter().filter(|message| matches!(message, MspReply::Refused(Function::Attitude))).count();
+    let refused = messages.iter().filter(|message| matches!(message, MspReply::Refused(MspFunction::Attitude))).count();
     assert!(tenth.contains(&refused) && messages.len() == 1_000 && number == whole - refused * 6);
     let (messages, number, _) = replies_with_faults(AnswerFaults { truncation_probability: 0.1, ..NONE });
     assert!(tenth.contains(&(1_000 - messages.len())), "{} of 1,000", messages.len());
@@ -179,10 +182,10 @@ fn answer_faults_occur_with_their_probability() {
 #[test]
 fn a_delayed_answer_is_sent_with_the_next() {
     let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, AnswerFaults { delay_probability: 1.0, ..NONE }, 5);
-    send_request(&mut autopilot, 0, &msp::encode_request(Function::Attitude));
+    send_request(&mut autopilot, 0, &msp::encode_request(MspFunction::Attitude));
     assert!(autopilot.send_replies(20_000, &KNOWN).is_empty());
     autopilot.answer_faults = NONE;
-    send_request(&mut autopilot, 20_000, &msp::encode_request(Function::Status));
+    send_request(&mut autopilot, 20_000, &msp::encode_request(MspFunction::Status));
     assert_eq!(autopilot.send_replies(40_000, &KNOWN).len(), 15 + 31);
 }
 

@@ -5,8 +5,9 @@ use std::rc::Rc;
 
 use nalgebra::Vector3;
 use simulator::faults::attitude::{
-    AdditionalLatency, Alignment, AttitudeFault, Restart, SecondSender, Silence, attitude_bias, attitude_quantisation,
-    bank_scale_error, filter_alignment, frozen_attitude, lagging_bank_error, rate_scale_error, stale_attitude,
+    AdditionalLatency, AttitudeFault, FilterAlignment, SecondSender, SourceRestart, SourceSilence, attitude_bias,
+    attitude_quantisation, bank_scale_error, filter_alignment, frozen_attitude, lagging_bank_error, rate_scale_error,
+    stale_attitude,
 };
 use simulator::faults::field::{
     FieldFault, MountTurn, OtherPlace, SoftIronHysteresis, elevator_linkage, hard_iron_change, hard_iron_drift,
@@ -14,8 +15,8 @@ use simulator::faults::field::{
 };
 use simulator::faults::link::{ForgedMessage, LinkFault};
 use simulator::faults::sensor::{RegisterUpset, SensorFault, aliased_vibration, axis_clipping, stuck_axes};
-use simulator::faults::{Faults, Switch};
-use simulator::random::{Purpose, Random};
+use simulator::faults::{FaultSwitch, Faults};
+use simulator::random::{RandomStream, StreamPurpose};
 use simulator::routine::{Routine, TurnPlan};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
@@ -31,7 +32,7 @@ use crate::studies::integrity::plan::AttitudeProtocol;
 
 /// Fault and the flights on which it is tested: a row of [`ALL_CASES`](super::ALL_CASES).
 #[derive(Debug)]
-pub struct Case {
+pub struct FaultCase {
     /// Name on the command line and in JSON.
     pub name: &'static str,
     /// Description of the fault.
@@ -50,7 +51,7 @@ pub struct Case {
 
 /// Time during which the fault is active.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Onset {
+pub enum FaultOnset {
     /// No fault.
     Never,
     /// The fault is active during calibration and use.
@@ -82,17 +83,17 @@ pub struct RandomCase {
     /// Faults injected in the simulation.
     pub faults: Faults,
     /// Switch that activates the faults.
-    pub switch: Switch,
+    pub switch: FaultSwitch,
     /// Time during which the fault is active.
-    pub onset: Onset,
+    pub onset: FaultOnset,
     /// Time on the ground between calibration and the flight in use, seconds.
     pub ground_time_s: f64,
     /// Duration of the flight in use (after the calibration), seconds.
     pub flight_after_calibration_s: f64,
     /// Draws the legs of the flight in use after its first leg.
-    pub further_legs: fn(VehicleKind, &mut Random) -> Vec<Leg>,
+    pub further_legs: fn(VehicleKind, &mut RandomStream) -> Vec<Leg>,
     pub(super) seed: u64,
-    pub(super) random: Random,
+    pub(super) random: RandomStream,
 }
 
 /// Duration of a flight in use, seconds. The first legs are the same for all (see
@@ -127,7 +128,7 @@ pub(super) const COUNTS_PER_UT: f64 = 68.42;
 
 pub(super) const SENSOR_SIGMA_COUNTS: f64 = 0.32 * COUNTS_PER_UT;
 
-impl Case {
+impl FaultCase {
     /// Number of flights of this case: `requested`, up to the case's limit.
     #[must_use]
     pub fn flight_count(&self, requested: u64) -> u64 {
@@ -154,13 +155,13 @@ impl Case {
             far_end: source.far_end(),
             routine: Routine::for_vehicle(aircraft, TurnPlan::default(), 0.0),
             faults: Faults::default(),
-            switch: Switch::always_off(),
-            onset: Onset::Never,
+            switch: FaultSwitch::always_off(),
+            onset: FaultOnset::Never,
             ground_time_s: 0.0,
             flight_after_calibration_s: FLIGHT_AFTER_CALIBRATION_S,
             further_legs: legs_after_calibration::further_legs,
             seed,
-            random: Random::new(seed, Purpose::Case),
+            random: RandomStream::new(seed, StreamPurpose::Case),
         };
         (self.configure_case)(&mut drawn_case);
         drawn_case
@@ -169,21 +170,21 @@ impl Case {
 
 impl RandomCase {
     /// Handle for a fault that is active from the onset on.
-    pub(super) fn random_switch(&self) -> Switch {
+    pub(super) fn random_switch(&self) -> FaultSwitch {
         self.switch.clone()
     }
 
-    pub(super) fn add_sensor_fault(&mut self, onset: Onset, fault: impl SensorFault + 'static) {
+    pub(super) fn add_sensor_fault(&mut self, onset: FaultOnset, fault: impl SensorFault + 'static) {
         self.onset = onset;
         self.faults.sensor_faults.push(Box::new(fault));
     }
 
-    pub(super) fn add_attitude_fault(&mut self, onset: Onset, fault: impl AttitudeFault + 'static) {
+    pub(super) fn add_attitude_fault(&mut self, onset: FaultOnset, fault: impl AttitudeFault + 'static) {
         self.onset = onset;
         self.faults.attitude_faults.push(Box::new(fault));
     }
 
-    pub(super) fn add_field_fault(&mut self, onset: Onset, fault: impl FieldFault + 'static) {
+    pub(super) fn add_field_fault(&mut self, onset: FaultOnset, fault: impl FieldFault + 'static) {
         self.onset = onset;
         self.faults.field_faults.push(Rc::new(fault));
     }
@@ -194,8 +195,8 @@ impl RandomCase {
     }
 
     /// Onset at a random time of the straight leg or the turn at the start of use.
-    pub(super) fn random_onset(&mut self) -> Onset {
-        Onset::permanent_after(self.random.uniform(USUAL_ONSET_S, TIME_IN_TURN_S))
+    pub(super) fn random_onset(&mut self) -> FaultOnset {
+        FaultOnset::permanent_after(self.random.uniform(USUAL_ONSET_S, TIME_IN_TURN_S))
     }
 
     pub(super) fn stick_axes(&mut self, axes: [bool; 3]) {
@@ -205,11 +206,14 @@ impl RandomCase {
 
     pub(super) fn upset_register(&mut self, register: u8, bits: u8) {
         let switch = self.random_switch();
-        self.add_sensor_fault(Onset::SOON_AND_PERMANENT, RegisterUpset { switch, register, bits, has_occurred: false });
+        self.add_sensor_fault(
+            FaultOnset::SOON_AND_PERMANENT,
+            RegisterUpset { switch, register, bits, has_occurred: false },
+        );
     }
 
     /// Saturates a random axis within its range on a level circle.
-    pub(super) fn clip_axis(&mut self, onset: Onset) {
+    pub(super) fn clip_axis(&mut self, onset: FaultOnset) {
         let axis = (self.random.uniform(0.0, 3.0) as usize).min(2);
         let limit_counts = clip_at(&self.world, axis, self.random.uniform(0.3, 0.95));
         self.add_sensor_fault(onset, axis_clipping(self.random_switch(), axis, limit_counts));
@@ -220,12 +224,12 @@ impl RandomCase {
     }
 
     pub(super) fn freeze_attitude(&mut self, after_s: f64) {
-        self.add_attitude_fault(Onset::permanent_after(after_s), frozen_attitude(self.random_switch()));
+        self.add_attitude_fault(FaultOnset::permanent_after(after_s), frozen_attitude(self.random_switch()));
     }
 
     /// Adds a sender with a roll error of 5 deg, present from the beginning; only use is evaluated.
     pub(super) fn add_sender(&mut self, heartbeat_kind: Option<SenderKind>) {
-        self.onset = Onset::Always;
+        self.onset = FaultOnset::Always;
         self.faults.second_senders.push(SecondSender {
             system_id: 1,
             component_id: 154,
@@ -238,33 +242,33 @@ impl RandomCase {
     /// autopilot goes on. Flown for 300 s, of which the pause itself is 4 %.
     pub(super) fn pause_beside_other_vehicle(&mut self) {
         self.flight_after_calibration_s = 300.0;
-        self.onset = Onset::InUse { after_s: USUAL_ONSET_S, for_s: 12.0 };
+        self.onset = FaultOnset::InUse { after_s: USUAL_ONSET_S, for_s: 12.0 };
         self.faults.link_faults = vec![LinkFault::Pause(self.random_switch()), LinkFault::OtherVehicle(2)];
     }
 
     /// Adds forged messages in the autopilot's name, among its own, permanently from soon after the start of use.
     pub(super) fn send_forged_messages(&mut self, message: ForgedMessage) {
-        self.onset = Onset::SOON_AND_PERMANENT;
+        self.onset = FaultOnset::SOON_AND_PERMANENT;
         self.faults.link_faults.push(LinkFault::Forged(self.random_switch(), message));
     }
 
     pub(super) fn bias_attitude(&mut self, degrees: f64) {
         let direction_rad = self.random.uniform(0.0, TAU);
         let bias_rad = [libm::cos(direction_rad), libm::sin(direction_rad)].map(|part| degrees.to_radians() * part);
-        self.add_attitude_fault(Onset::SOON_AND_PERMANENT, attitude_bias(self.random_switch(), bias_rad));
+        self.add_attitude_fault(FaultOnset::SOON_AND_PERMANENT, attitude_bias(self.random_switch(), bias_rad));
     }
 
     /// The autopilot's attitude filter aligns on the ground.
     pub(super) fn align_attitude(&mut self) {
         self.ground_time_s = TIME_ON_GROUND_S;
         let fault = filter_alignment(self.random_switch(), self.random_alignment());
-        self.add_attitude_fault(Onset::InUse { after_s: USUAL_ONSET_S, for_s: RESTART_ALIGNMENT_S }, fault);
+        self.add_attitude_fault(FaultOnset::InUse { after_s: USUAL_ONSET_S, for_s: RESTART_ALIGNMENT_S }, fault);
     }
 
-    fn random_alignment(&mut self) -> Alignment {
+    fn random_alignment(&mut self) -> FilterAlignment {
         let [amplitude_deg, roll_s, pitch_s] =
             [(3.0, 40.0), (1.5, 6.0), (1.5, 6.0)].map(|(a, b)| self.random.uniform(a, b));
-        Alignment { amplitude_deg, periods_s: [roll_s, pitch_s], duration_s: RESTART_ALIGNMENT_S }
+        FilterAlignment { amplitude_deg, periods_s: [roll_s, pitch_s], duration_s: RESTART_ALIGNMENT_S }
     }
 
     pub(super) fn make_attitude_stale(&mut self) {
@@ -279,8 +283,8 @@ impl RandomCase {
         self.further_legs = legs_after_calibration::steep_turns;
         let switch = self.random_switch();
         self.add_attitude_fault(
-            Onset::SOON_AND_PERMANENT,
-            Silence { switch, silent_s: 1.5, period_s: 10.0, stops_clock: false },
+            FaultOnset::SOON_AND_PERMANENT,
+            SourceSilence { switch, silent_s: 1.5, period_s: 10.0, stops_clock: false },
         );
     }
 
@@ -292,11 +296,11 @@ impl RandomCase {
         let switch = self.random_switch();
         let kind = self.random.uniform(0.0, 3.0);
         if kind < 1.0 {
-            self.add_attitude_fault(Onset::InUse { after_s, for_s: SENSOR_STALL_S }, frozen_attitude(switch));
+            self.add_attitude_fault(FaultOnset::InUse { after_s, for_s: SENSOR_STALL_S }, frozen_attitude(switch));
         } else {
             let stops_clock = kind < 2.0;
-            let fault = Silence { switch, silent_s: SENSOR_STALL_S, period_s: f64::INFINITY, stops_clock };
-            self.add_attitude_fault(Onset::permanent_after(after_s), fault);
+            let fault = SourceSilence { switch, silent_s: SENSOR_STALL_S, period_s: f64::INFINITY, stops_clock };
+            self.add_attitude_fault(FaultOnset::permanent_after(after_s), fault);
         }
     }
 
@@ -310,32 +314,32 @@ impl RandomCase {
         }
         let (switch, alignment) = (self.random_switch(), self.random_alignment());
         self.add_attitude_fault(
-            Onset::permanent_after(after_s),
-            Restart { switch, silent_s: RESTART_SILENCE_S, alignment },
+            FaultOnset::permanent_after(after_s),
+            SourceRestart { switch, silent_s: RESTART_SILENCE_S, alignment },
         );
     }
 
-    pub(super) fn scale_bank(&mut self, onset: Onset, reported_ratio: f64) {
+    pub(super) fn scale_bank(&mut self, onset: FaultOnset, reported_ratio: f64) {
         self.add_attitude_fault(onset, bank_scale_error(self.random_switch(), reported_ratio));
     }
 
     pub(super) fn lag_bank_in_turns(&mut self) {
-        self.add_attitude_fault(Onset::Always, lagging_bank_error(self.random_switch(), 0.12, 10.0));
+        self.add_attitude_fault(FaultOnset::Always, lagging_bank_error(self.random_switch(), 0.12, 10.0));
     }
 
     pub(super) fn level_attitude_wrongly(&mut self, degrees: f64) {
         self.bias_attitude(degrees);
-        self.onset = Onset::Always;
+        self.onset = FaultOnset::Always;
     }
 
     pub(super) fn add_linkage(&mut self, in_turns_ut: f64) {
         let full_ut = self.random_ut(in_turns_ut);
-        self.add_field_fault(Onset::Always, elevator_linkage(full_ut));
+        self.add_field_fault(FaultOnset::Always, elevator_linkage(full_ut));
     }
 
     pub(super) fn add_hysteresis(&mut self, play_deg: f64) {
         let WorldConfig { airframe, earth, .. } = self.world;
-        self.add_field_fault(Onset::Always, SoftIronHysteresis::new(&airframe, earth, play_deg));
+        self.add_field_fault(FaultOnset::Always, SoftIronHysteresis::new(&airframe, earth, play_deg));
     }
 
     /// Adds vibration near the sample rate, whose alias of 0.01 to 0.5 Hz no average removes: the lowest frequencies
@@ -343,45 +347,45 @@ impl RandomCase {
     pub(super) fn add_vibration(&mut self, peak_ut: f64) {
         let peak_counts = self.random_ut(peak_ut) * COUNTS_PER_UT;
         let alias_hz = self.random.uniform(0.01, 0.5);
-        self.add_sensor_fault(Onset::Always, aliased_vibration(self.random_switch(), peak_counts, alias_hz));
+        self.add_sensor_fault(FaultOnset::Always, aliased_vibration(self.random_switch(), peak_counts, alias_hz));
     }
 
     pub(super) fn delay_attitude(&mut self, latency_ms: u64) {
         let fault = AdditionalLatency { switch: self.random_switch(), latency_us: latency_ms * 1000 };
-        self.add_attitude_fault(Onset::SOON_AND_PERMANENT, fault);
+        self.add_attitude_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }
 
     pub(super) fn scale_rates(&mut self, factor: f64) {
-        self.add_attitude_fault(Onset::SOON_AND_PERMANENT, rate_scale_error(self.random_switch(), factor));
+        self.add_attitude_fault(FaultOnset::SOON_AND_PERMANENT, rate_scale_error(self.random_switch(), factor));
     }
 
     /// Gives the gyro scale errors and cross-axis sensitivities of exactly this size, always.
     pub(super) fn scale_gyro(&mut self, scale_percent: f64) {
-        self.onset = Onset::Always;
+        self.onset = FaultOnset::Always;
         self.world.gyro = GyroConfig { scale_percent, exact: true, ..GyroConfig::default() };
     }
 
     pub(super) fn change_hard_iron(&mut self, magnitude_ut: f64) {
         let change_ut = self.random_ut(magnitude_ut);
-        self.add_field_fault(Onset::SOON_AND_PERMANENT, hard_iron_change(self.random_switch(), change_ut));
+        self.add_field_fault(FaultOnset::SOON_AND_PERMANENT, hard_iron_change(self.random_switch(), change_ut));
     }
 
     pub(super) fn change_hard_iron_while_calibrating(&mut self, magnitude_ut: f64) {
         let change_ut = self.random_ut(magnitude_ut);
         let after_s = self.random.uniform(0.0, calibration_s(self.world.aircraft.kind));
-        let onset = Onset::Calibrating { after_s, until_s: f64::INFINITY };
+        let onset = FaultOnset::Calibrating { after_s, until_s: f64::INFINITY };
         self.add_field_fault(onset, hard_iron_change(self.random_switch(), change_ut));
     }
 
     pub(super) fn add_throttle_interference(&mut self, full_ut: f64) {
         let full_ut = self.random_ut(full_ut);
         self.add_field_fault(
-            Onset::SOON_AND_PERMANENT,
+            FaultOnset::SOON_AND_PERMANENT,
             throttle_interference(self.random_switch(), full_ut, self.seed),
         );
     }
 
-    pub(super) fn drift_zero(&mut self, onset: Onset) {
+    pub(super) fn drift_zero(&mut self, onset: FaultOnset) {
         let change_ut = self.random_ut(10.0);
         self.add_field_fault(onset, zero_drift(self.random_switch(), change_ut));
     }
@@ -391,14 +395,14 @@ impl RandomCase {
         self.flight_after_calibration_s = STEADY_FLIGHT_ONSET_S + STEADY_FLIGHT_DURATION_S;
         self.further_legs = legs_after_calibration::steady_leg;
         let change_ut = self.random_ut(10.0);
-        let onset = Onset::permanent_after(STEADY_FLIGHT_ONSET_S);
+        let onset = FaultOnset::permanent_after(STEADY_FLIGHT_ONSET_S);
         self.add_field_fault(onset, hard_iron_drift(self.random_switch(), change_ut, time_constant_s));
     }
 
     /// Turns the module in its mount within `for_s` seconds.
     pub(super) fn turn_mount(&mut self, turn_deg: f64, for_s: f64) {
         let side = if self.random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
-        let onset = Onset::InUse { after_s: USUAL_ONSET_S, for_s };
+        let onset = FaultOnset::InUse { after_s: USUAL_ONSET_S, for_s };
         let (airframe, earth) = (self.world.airframe, self.world.earth);
         self.add_field_fault(
             onset,
@@ -408,7 +412,7 @@ impl RandomCase {
 
     pub(super) fn pass_object(&mut self, peak_ut: f64, for_s: f64) {
         let peak_ut = self.random_ut(peak_ut);
-        let onset = Onset::InUse { after_s: PASSING_ONSET_S, for_s };
+        let onset = FaultOnset::InUse { after_s: PASSING_ONSET_S, for_s };
         self.add_field_fault(onset, passing_object(self.random_switch(), peak_ut));
     }
 
@@ -416,18 +420,18 @@ impl RandomCase {
         self.world.earth = Earth { total_ut: 50.0, inclination_deg: 60.0 };
         let total_ut = self.random.uniform(45.0, 55.0);
         let earth = Earth { total_ut, inclination_deg: self.random.uniform(50.0, 70.0) };
-        self.add_field_fault(Onset::SOON_AND_PERMANENT, OtherPlace { switch: self.random_switch(), earth });
+        self.add_field_fault(FaultOnset::SOON_AND_PERMANENT, OtherPlace { switch: self.random_switch(), earth });
     }
 
     pub(super) fn calibrate_at_bank(&mut self, bank_deg: f64) {
-        self.onset = Onset::Always;
+        self.onset = FaultOnset::Always;
         let plan = TurnPlan { bank_deg, ..TurnPlan::default() };
         self.routine = Routine::for_vehicle(VehicleKind::Plane, plan, 0.0);
     }
 
     /// Repeats the routine's first part (yaw turns) up to the duration of the whole routine.
     pub(super) fn calibrate_in_hover(&mut self) {
-        self.onset = Onset::Always;
+        self.onset = FaultOnset::Always;
         self.routine.parts.truncate(1);
         for part in &mut self.routine.parts {
             part.legs = part.legs.repeat(4);
@@ -435,12 +439,12 @@ impl RandomCase {
     }
 
     pub(super) fn add_current(&mut self, in_hover_ut: f64, reports_current: bool) {
-        self.onset = Onset::Always;
+        self.onset = FaultOnset::Always;
         self.world = WorldConfig { reports_current, ..self.world.with_current_interference(in_hover_ut) };
     }
 }
 
-impl Onset {
+impl FaultOnset {
     /// Permanent fault from `USUAL_ONSET_S` after the start of use.
     pub(super) const SOON_AND_PERMANENT: Self = Self::permanent_after(USUAL_ONSET_S);
 

@@ -10,15 +10,15 @@ use simulator::world::attitude_source::SenderKind;
 use simulator::world::gyro::GyroConfig;
 
 use super::definition::{
-    COUNTS_PER_UT, Case, FLIGHT_AFTER_CALIBRATION_S, Onset, RandomCase, SENSOR_SIGMA_COUNTS, USUAL_ONSET_S,
+    COUNTS_PER_UT, FLIGHT_AFTER_CALIBRATION_S, FaultCase, FaultOnset, RandomCase, SENSOR_SIGMA_COUNTS, USUAL_ONSET_S,
 };
 use crate::studies::integrity::legs_after_calibration::{TIME_IN_LEVEL_FLIGHT_S, TIME_IN_TURN_S};
 
 const DEGREES_PER_RADIAN: f64 = 360.0 / TAU;
 
 /// Case for all vehicles and attitude sources.
-const fn define_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
-    Case {
+const fn define_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> FaultCase {
+    FaultCase {
         name,
         description,
         configure_case: set_up,
@@ -30,34 +30,38 @@ const fn define_case(name: &'static str, description: &'static str, set_up: fn(&
 }
 
 /// Case for vehicles that can hover.
-const fn hover_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
-    Case { applies_to_vehicle: VehicleKind::can_hover, ..define_case(name, description, set_up) }
+const fn hover_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> FaultCase {
+    FaultCase { applies_to_vehicle: VehicleKind::can_hover, ..define_case(name, description, set_up) }
 }
 
 /// Case for vehicles that cannot hover.
-const fn turn_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
-    Case { applies_to_vehicle: |kind| !kind.can_hover(), ..define_case(name, description, set_up) }
+const fn turn_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> FaultCase {
+    FaultCase { applies_to_vehicle: |kind| !kind.can_hover(), ..define_case(name, description, set_up) }
 }
 
 /// Case for autopilots with several senders or body rates.
-const fn mavlink_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
-    Case { needs_mavlink: true, ..define_case(name, description, set_up) }
+const fn mavlink_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> FaultCase {
+    FaultCase { needs_mavlink: true, ..define_case(name, description, set_up) }
 }
 
 /// Case of a permanent hard-iron change in use.
-const fn hard_iron_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
-    Case { changes_hard_iron: true, ..define_case(name, description, set_up) }
+const fn hard_iron_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> FaultCase {
+    FaultCase { changes_hard_iron: true, ..define_case(name, description, set_up) }
 }
 
 /// Case of a permanent hard-iron change in use, for autopilots with several senders or body rates.
-const fn mavlink_hard_iron_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> Case {
-    Case { needs_mavlink: true, ..hard_iron_case(name, description, set_up) }
+const fn mavlink_hard_iron_case(
+    name: &'static str,
+    description: &'static str,
+    set_up: fn(&mut RandomCase),
+) -> FaultCase {
+    FaultCase { needs_mavlink: true, ..hard_iron_case(name, description, set_up) }
 }
 
 /// All cases in the order of the report.
-pub static ALL_CASES: &[Case] = &[
+pub static ALL_CASES: &[FaultCase] = &[
     define_case("clean", "nothing", |_| {}),
-    Case {
+    FaultCase {
         max_flights: 1,
         ..turn_case("ten-hours", "nothing, one flight of ten hours", |flight| {
             flight.flight_after_calibration_s = 36_000.0;
@@ -71,13 +75,13 @@ pub static ALL_CASES: &[Case] = &[
         flight.scale_gyro(10.0);
     }),
     mavlink_case("gyro-offset-1", "gyro offsets of exactly 1 deg/s", |flight| {
-        flight.onset = Onset::Always;
+        flight.onset = FaultOnset::Always;
         flight.world.gyro = GyroConfig { offset_deg_s: 1.0, exact: true, ..GyroConfig::default() };
     }),
     mavlink_case("gyro-ramp", "a gyro offset that grows by 2 deg/s in a minute", |flight| {
         let growth_deg_s2 = flight.random.random_direction() * (2.0 / 60.0);
         flight.add_attitude_fault(
-            Onset::SOON_AND_PERMANENT,
+            FaultOnset::SOON_AND_PERMANENT,
             rate_offset_ramp(flight.random_switch(), growth_deg_s2.into()),
         );
     }),
@@ -104,14 +108,14 @@ pub static ALL_CASES: &[Case] = &[
     }),
     define_case("sensor-spikes", "1 % of readings off by 30 uT", |flight| {
         let fault = measurement_spikes(flight.random_switch(), 0.01, 30.0 * COUNTS_PER_UT, flight.seed);
-        flight.add_sensor_fault(Onset::SOON_AND_PERMANENT, fault);
+        flight.add_sensor_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }),
     define_case("sensor-noise", "five times the sensor's noise", |flight| {
         let fault = additional_noise(flight.random_switch(), 24_f64.sqrt() * SENSOR_SIGMA_COUNTS, flight.seed);
-        flight.add_sensor_fault(Onset::SOON_AND_PERMANENT, fault);
+        flight.add_sensor_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }),
     define_case("sensor-clipped", "an axis saturates within the circle", |flight| {
-        flight.clip_axis(Onset::SOON_AND_PERMANENT)
+        flight.clip_axis(FaultOnset::SOON_AND_PERMANENT)
     }),
     define_case("upset-scale", "a full-scale bit flips", |flight| flight.upset_register(0x21, 0x20)),
     define_case("upset-self-test", "the self-test bit flips", |flight| flight.upset_register(0x20, 0x01)),
@@ -138,8 +142,10 @@ pub static ALL_CASES: &[Case] = &[
     ),
     define_case("coarse", "attitude in tenths of a degree, without fault", RandomCase::quantise_attitude),
     define_case("spikes", "1 % of attitude messages wrong by 45 deg", |flight| {
-        flight
-            .add_attitude_fault(Onset::SOON_AND_PERMANENT, attitude_spikes(flight.random_switch(), 0.01, flight.seed));
+        flight.add_attitude_fault(
+            FaultOnset::SOON_AND_PERMANENT,
+            attitude_spikes(flight.random_switch(), 0.01, flight.seed),
+        );
     }),
     mavlink_case("foreign", "a gimbal also sends attitude, 5 deg off", |flight| {
         flight.add_sender(Some(SenderKind::Other));
@@ -166,10 +172,10 @@ pub static ALL_CASES: &[Case] = &[
     define_case("bias-5", "attitude bias of 5 deg", |flight| flight.bias_attitude(5.0)),
     mavlink_case("aligning", "the attitude filter aligns on the ground", RandomCase::align_attitude),
     define_case("lean-70", "attitude reads 70 % of the bank", |flight| {
-        flight.scale_bank(Onset::SOON_AND_PERMANENT, 0.7)
+        flight.scale_bank(FaultOnset::SOON_AND_PERMANENT, 0.7)
     }),
     define_case("lean-30", "attitude reads 30 % of the bank", |flight| {
-        flight.scale_bank(Onset::SOON_AND_PERMANENT, 0.3)
+        flight.scale_bank(FaultOnset::SOON_AND_PERMANENT, 0.3)
     }),
     define_case("late-200", "attitude 200 ms later", |flight| flight.delay_attitude(200)),
     define_case("late-300", "attitude 300 ms later", |flight| flight.delay_attitude(300)),
@@ -212,7 +218,10 @@ pub static ALL_CASES: &[Case] = &[
         flight.add_throttle_interference(10.0)
     }),
     define_case("warming", "the sensor's zero drifts from 0 to 10 uT", |flight| {
-        flight.drift_zero(Onset::InUse { after_s: USUAL_ONSET_S, for_s: FLIGHT_AFTER_CALIBRATION_S - USUAL_ONSET_S });
+        flight.drift_zero(FaultOnset::InUse {
+            after_s: USUAL_ONSET_S,
+            for_s: FLIGHT_AFTER_CALIBRATION_S - USUAL_ONSET_S,
+        });
     }),
     define_case("passing-10-1s", "iron of 10 uT passes within 1 s", |flight| flight.pass_object(10.0, 1.0)),
     define_case("passing-10-5s", "iron of 10 uT passes within 5 s", |flight| flight.pass_object(10.0, 5.0)),
@@ -229,14 +238,14 @@ pub static ALL_CASES: &[Case] = &[
         flight.change_hard_iron_while_calibrating(10.0);
     }),
     define_case("cal-warming", "the zero drifts from 0 to 10 uT during the calibration", |flight| {
-        flight.drift_zero(Onset::during_calibration(flight.world.aircraft.kind));
+        flight.drift_zero(FaultOnset::during_calibration(flight.world.aircraft.kind));
     }),
     turn_case("cal-bank-5", "calibration turns at 5 deg of bank", |flight| flight.calibrate_at_bank(5.0)),
     define_case("cal-clipped", "an axis saturates within the circles, always", |flight| {
-        flight.clip_axis(Onset::Always)
+        flight.clip_axis(FaultOnset::Always)
     }),
     define_case("cal-lean-90", "attitude always reads 90 % of the bank", |flight| {
-        flight.scale_bank(Onset::Always, 0.9)
+        flight.scale_bank(FaultOnset::Always, 0.9)
     }),
     define_case(
         "cal-lean-lag",
@@ -244,7 +253,7 @@ pub static ALL_CASES: &[Case] = &[
         RandomCase::lag_bank_in_turns,
     ),
     define_case("cal-level-3", "attitude levelled 3 deg off, always", |flight| flight.level_attitude_wrongly(3.0)),
-    Case {
+    FaultCase {
         applies_to_vehicle: |kind| matches!(kind, VehicleKind::Plane | VehicleKind::Vtol),
         ..define_case("cal-linkage-3", "elevator linkage: 3 uT in turns only, always", |flight| flight.add_linkage(3.0))
     },
@@ -254,7 +263,7 @@ pub static ALL_CASES: &[Case] = &[
     define_case("cal-vibration-3", "aliased vibration of 3 uT, always", |flight| flight.add_vibration(3.0)),
     hover_case("cal-yaw-only", "calibration by yaw turns in hover alone", RandomCase::calibrate_in_hover),
     hover_case("pushed", "acceleration-induced tilt error always doubled", |flight| {
-        flight.onset = Onset::Always;
+        flight.onset = FaultOnset::Always;
         flight.world.attitude_source.push_error_deg *= 2.0;
     }),
     hover_case("cal-current-unreported", "motor current of 5 uT in hover, not reported", |flight| {

@@ -3,12 +3,12 @@
 mod definition;
 mod list;
 
-pub use definition::{Case, Onset, RandomCase};
+pub use definition::{FaultCase, FaultOnset, RandomCase};
 pub use list::ALL_CASES;
 
 /// The case with this name, if any.
 #[must_use]
-pub fn find_by_name(name: &str) -> Option<&'static Case> {
+pub fn find_by_name(name: &str) -> Option<&'static FaultCase> {
     ALL_CASES.iter().find(|case| case.name == name)
 }
 

@@ -46,7 +46,7 @@ fn a_copter_s_cases_are_flown_by_a_copter() {
     assert!((pushed / clean.world.attitude_source.push_error_deg - 2.0).abs() < 1e-9);
     let current_ut = Vector3::from(draw_case("cal-current-unreported-20").world.current_interference_ut);
     assert!((current_ut.norm() - 20.0).abs() < 1e-9);
-    assert_eq!(draw_case("cal-current-unreported-20").onset, Onset::Always);
+    assert_eq!(draw_case("cal-current-unreported-20").onset, FaultOnset::Always);
     let hover = draw_case("cal-yaw-only").routine;
     assert_eq!(hover.legs(), clean.routine.parts[0].legs.repeat(4));
     assert_eq!(hover.start_command, clean.routine.start_command);
@@ -58,7 +58,7 @@ fn a_change_during_calibration_begins_before_its_end() {
     for (aircraft, most_s) in [(VehicleKind::Plane, 195.0), (VehicleKind::Copter, 60.0)] {
         let latest_s = (0..200).fold(0.0_f64, |latest_s, seed| {
             match find_by_name("cal-moved-5").unwrap().draw(seed, aircraft, AttitudeProtocol::Mavlink).onset {
-                Onset::Calibrating { after_s, .. } => latest_s.max(after_s),
+                FaultOnset::Calibrating { after_s, .. } => latest_s.max(after_s),
                 other => panic!("{other:?}"),
             }
         });
