@@ -56,7 +56,7 @@ const FLASH_PRIORITY: Priority = Priority::P8;
 
 pub type Magnetometer = Lis3mdl<I2cBus>;
 pub type BoardLines = Uarts<UartTx, UartRx>;
-pub type Hardware = hardware::Hardware<Magnetometer, Lines, Watchdog, Panel, StoreFlash, Platform>;
+pub type Hardware = hardware::Hardware<Magnetometer, BoardLines, Watchdog, Panel, StoreFlash, Platform>;
 
 /// Executor of the heading tasks.
 static HEADING_TASKS: InterruptExecutor = InterruptExecutor::new();

@@ -76,7 +76,7 @@ static DESCRIPTOR: AppDescriptor = AppDescriptor::new(BOARD_ID);
 
 pub type Magnetometer = Rm3100<ExclusiveDevice<Spi<'static, Async, Master>, Output<'static>, NoDelay>>;
 pub type BoardLines = CanAndUart<CanBus, UartTx, UartRx>;
-pub type Hardware = hardware::Hardware<Magnetometer, Lines, Watchdog, Panel, StoreFlash, Platform>;
+pub type Hardware = hardware::Hardware<Magnetometer, BoardLines, Watchdog, Panel, StoreFlash, Platform>;
 
 /// CAN bus, and what the node on it reports.
 pub struct CanBus {

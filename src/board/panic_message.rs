@@ -26,7 +26,7 @@ struct PanicMessage {
     crc: u32,
 }
 
-impl Message {
+impl PanicMessage {
     const EMPTY: Self = Self { length: 0, early_panics: 0, text: [0; TEXT_CAPACITY], crc: 0 };
 
     fn checksum(&self) -> u32 {
@@ -54,7 +54,7 @@ impl Message {
     }
 }
 
-impl Write for Message {
+impl Write for PanicMessage {
     /// Appends text up to the capacity; replaces all but printable ASCII, so that it can be cut anywhere.
     fn write_str(&mut self, text: &str) -> fmt::Result {
         for byte in text.bytes() {
@@ -68,7 +68,7 @@ impl Write for Message {
 }
 
 /// Memory not initialised by the start-up code.
-struct UninitialisedMessage(UnsafeCell<MaybeUninit<Message>>);
+struct UninitialisedMessage(UnsafeCell<MaybeUninit<PanicMessage>>);
 
 // SAFETY: written only at a panic or fault, with interrupts disabled, and read at the start, before tasks and
 // interrupts exist.
@@ -80,8 +80,8 @@ static PANIC_MESSAGE: UninitialisedMessage = UninitialisedMessage(UnsafeCell::ne
 /// Stores a message and resets.
 fn store_panic_and_reset(message: fmt::Arguments<'_>) -> ! {
     cortex_m::interrupt::disable();
-    let early_panics = count_early_panics(Message::load_message().early_panics, Instant::now().as_secs());
-    let mut words = Message { early_panics, ..Message::EMPTY };
+    let early_panics = count_early_panics(PanicMessage::load_message().early_panics, Instant::now().as_secs());
+    let mut words = PanicMessage { early_panics, ..PanicMessage::EMPTY };
     // Infallible: `Message` truncates a text that is too long.
     let _ = words.write_fmt(message);
     words.store_message();
@@ -92,10 +92,10 @@ fn store_panic_and_reset(message: fmt::Arguments<'_>) -> ! {
 /// otherwise. Call once, first of all.
 pub fn take_panic_report() -> Option<PanicReport> {
     static MESSAGE_TEXT: StaticCell<[u8; TEXT_CAPACITY]> = StaticCell::new();
-    let Message { length, early_panics, text, .. } = Message::load_message();
+    let PanicMessage { length, early_panics, text, .. } = PanicMessage::load_message();
     let message = MESSAGE_TEXT.init(text).get(..length).and_then(|text| core::str::from_utf8(text).ok())?;
     let has_panicked = !message.is_empty();
-    Message { early_panics: if has_panicked { early_panics } else { 0 }, ..Message::EMPTY }.store_message();
+    PanicMessage { early_panics: if has_panicked { early_panics } else { 0 }, ..PanicMessage::EMPTY }.store_message();
     has_panicked.then_some(PanicReport { message, early_panics })
 }
 
@@ -134,7 +134,7 @@ struct ExceptionFrame {
     xpsr: u32,
 }
 
-extern "C" fn report_fault(frame: *const Frame) -> ! {
+extern "C" fn report_fault(frame: *const ExceptionFrame) -> ! {
     // SAFETY: the System Control Block always exists, and reading these registers has no side effects.
     let scb = unsafe { &*SCB::PTR };
     let (cfsr, bfar) = (scb.cfsr.read(), scb.bfar.read());
@@ -142,6 +142,6 @@ extern "C" fn report_fault(frame: *const Frame) -> ! {
         store_panic_and_reset(format_args!("stack overflow, cfsr {cfsr:08x}"));
     }
     // SAFETY: the frame is within the stack and aligned by the processor.
-    let Frame { lr, pc, .. } = unsafe { frame.read() };
+    let ExceptionFrame { lr, pc, .. } = unsafe { frame.read() };
     store_panic_and_reset(format_args!("fault at pc {pc:08x} lr {lr:08x} cfsr {cfsr:08x} bfar {bfar:08x}"))
 }

@@ -11,10 +11,10 @@ use autoswing::collection::RetainedSamples;
 struct SampleMemory(UnsafeCell<MaybeUninit<RetainedSamples>>);
 
 // SAFETY: one function accesses it, and only once.
-unsafe impl Sync for Memory {}
+unsafe impl Sync for SampleMemory {}
 
 #[unsafe(link_section = ".uninit.kept")]
-static SAMPLE_MEMORY: Memory = Memory(UnsafeCell::new(MaybeUninit::uninit()));
+static SAMPLE_MEMORY: SampleMemory = SampleMemory(UnsafeCell::new(MaybeUninit::uninit()));
 
 /// Returns the sample buffer to the one task that collects.
 ///

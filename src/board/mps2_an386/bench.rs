@@ -9,7 +9,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use autoswing::attitude::{AttitudeReport, SenderId};
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{
-    CollectionPart, Current, Method, Prior, Rates, Sample, Samples, Solution, SolveProgress, Solver,
+    CollectionPart, Method, MotorCurrent, Prior, Rates, Sample, Samples, Solution, SolveProgress, Solver,
 };
 use autoswing::collection::{CollectionContext, Collector, RetainedSamples};
 use autoswing::compass::IndicatorState;
@@ -84,10 +84,10 @@ pub fn request_test(number: u8) {
 pub async fn run_bench(mut tx: UartTx) -> ! {
     static RETAINED_SAMPLES: StaticCell<RetainedSamples> = StaticCell::new();
     panic_if_requested();
-    let mut turns = Turns::fly_turns();
+    let mut turns = BenchTurns::fly_turns();
     let mut collector = Collector::new(RETAINED_SAMPLES.init_with(|| RetainedSamples::EMPTY));
     loop {
-        let mut results = Results::new();
+        let mut results = ResultText::new();
         let written = match REQUESTED_TEST.wait().await {
             BenchTest::Budgets => measure_budgets(&mut turns, &mut collector, &mut results),
             BenchTest::Fault => cortex_m::asm::udf(),
@@ -124,7 +124,7 @@ fn fill_stack(depth: u32) -> u32 {
     ballast.iter().fold(below, |sum, &word| sum.wrapping_add(word))
 }
 
-fn measure_budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut Results) -> fmt::Result {
+fn measure_budgets(turns: &mut BenchTurns, collector: &mut Collector<'_>, out: &mut ResultText) -> fmt::Result {
     let (mut solve, mut late, mut current) = (0, 0, 0);
     turns.add_attitude_latency(TEST_LATENCY_S);
     let is_latency_found = turns.solve(&mut late).is_some_and(|solution| solution.calibration.uses_latency());
@@ -207,7 +207,7 @@ fn measure_budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut R
 fn monitor_instructions(solution: &Solution) -> u64 {
     let mut instrument = Instrument::new(InstrumentConfig::new(READING_US as u32));
     let calibration = Some((solution.calibration, solution.uncertainty));
-    instrument.set_correction(Correction { calibration, ..Correction::NONE });
+    instrument.set_correction(Correction { calibration, ..Correction::UNCALIBRATED });
     let mut most = 0;
     for i in 1..160_u16 {
         let at = Timestamp::from_us(u64::from(i) * READING_US);
@@ -336,7 +336,7 @@ fn count_instructions(f: impl FnOnce()) -> u64 {
 /// Samples of a left and a right turn.
 struct BenchTurns(&'static mut [Sample]);
 
-impl Turns {
+impl BenchTurns {
     /// Simulates the turns; may be called only once.
     fn fly_turns() -> Self {
         // An array made by a function would be on the stack first.
@@ -361,14 +361,14 @@ impl Turns {
         for (i, sample) in self.0.iter_mut().enumerate() {
             let amperes = 15.0 + 5.0 * libm::sinf(i as f32 * 0.08);
             sample.field = Field::new(sample.field.ut.add_scalar(ut_per_a * amperes));
-            sample.current = Current::from_a(Some(amperes));
+            sample.current = MotorCurrent::from_a(Some(amperes));
         }
     }
 
     /// Removes the currents from the samples.
     fn remove_currents(&mut self) {
         for sample in &mut *self.0 {
-            sample.current = Current::UNKNOWN;
+            sample.current = MotorCurrent::UNKNOWN;
         }
     }
 
@@ -419,7 +419,7 @@ fn bench_sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
         attitude: reported,
         rates,
         time: WrappingMillis::new(SAMPLE_INTERVAL_MS * i as u32),
-        current: Current::UNKNOWN,
+        current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     }
 }

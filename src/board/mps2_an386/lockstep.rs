@@ -58,32 +58,32 @@ pub async fn run_lockstep() -> ! {
     loop {
         due += LOCKSTEP_PERIOD;
         Timer::at(due).await;
-        wait_for_message(Message::Step, Some(due));
+        wait_for_message(LockstepMessage::Step, Some(due));
     }
 }
 
 /// Reports the start, before anything waits.
 pub fn report_start() {
-    send_message(Message::Started, clock::ticks());
+    send_message(LockstepMessage::Started, clock::ticks());
 }
 
 pub fn wait_before_sensor_access() {
-    wait_for_message(Message::Sensor, None);
+    wait_for_message(LockstepMessage::Sensor, None);
 }
 
 /// Reports a write to the instrument port.
 pub fn report_instrument_write() {
-    critical_section::with(|_| clock::with_frozen_clock(|ticks| send_message(Message::Written, ticks)));
+    critical_section::with(|_| clock::with_frozen_clock(|ticks| send_message(LockstepMessage::Written, ticks)));
 }
 
-fn send_message(message: Message, ticks: u64) {
+fn send_message(message: LockstepMessage, ticks: u64) {
     for byte in core::iter::once(message as u8).chain(ticks.to_le_bytes()) {
         // The emulator passes each byte to the host at once.
         while !LOCKSTEP.put_byte(byte) {}
     }
 }
 
-fn wait_for_message(message: Message, due: Option<Instant>) {
+fn wait_for_message(message: LockstepMessage, due: Option<Instant>) {
     critical_section::with(|_| {
         clock::with_frozen_clock(|ticks| {
             send_message(message, due.map_or(ticks, |due| due.as_micros() * clock::TICKS_PER_US));

@@ -38,13 +38,13 @@ use self::i2c::SensorBus;
 use self::registers::{Interrupt, Vector};
 pub use self::sensor::Sensor as Magnetometer;
 pub use self::uart::UartTx;
-use self::uart::{AUTOPILOT, CONSOLE, INSTRUMENT, LOCKSTEP, Received};
+use self::uart::{AUTOPILOT, CONSOLE, INSTRUMENT, LOCKSTEP, ReceiveQueue};
 use super::hardware::{self, Uarts};
 use super::stack;
 
-pub type UartRx = &'static Received;
+pub type UartRx = &'static ReceiveQueue;
 pub type BoardLines = Uarts<UartTx, UartRx>;
-pub type Hardware = hardware::Hardware<Magnetometer, Lines, Watchdog, Panel, StoreFlash, Platform>;
+pub type Hardware = hardware::Hardware<Magnetometer, BoardLines, Watchdog, Panel, StoreFlash, Platform>;
 
 const CONSOLE_TX: UartTx = UartTx { uart: &CONSOLE, on_written: || {} };
 

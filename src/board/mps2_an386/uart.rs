@@ -38,7 +38,7 @@ pub type ReceiveQueue = Pipe<CriticalSectionRawMutex, BUFFER_SIZE>;
 
 pub struct Uart {
     peripheral: Peripheral,
-    pub received: Received,
+    pub received: ReceiveQueue,
 }
 
 pub static CONSOLE: Uart = Uart::new(Peripheral::Uart0);

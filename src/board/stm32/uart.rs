@@ -79,9 +79,9 @@ impl Write for UartTx {
         if bytes.is_empty() {
             return Ok(0);
         }
-        let chunk = bytes.get(..Self::CHUNK).unwrap_or(bytes);
+        let chunk = bytes.get(..Self::CHUNK_SIZE).unwrap_or(bytes);
         loop {
-            if let Ok(result) = with_timeout(Self::RETRY, self.0.write(chunk)).await {
+            if let Ok(result) = with_timeout(Self::RETRY_DELAY, self.0.write(chunk)).await {
                 return result;
             }
         }

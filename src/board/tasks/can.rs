@@ -1,21 +1,21 @@
 //! Lines of a board with a CAN bus and one UART: the console, or port 1 once a protocol is selected for it.
 
-use autoswing::app::{self, Links};
+use autoswing::app::{self, TaskLinks};
 use autoswing::health::ResetCause;
 use autoswing::settings::PortNumber;
 use embassy_executor::SendSpawner;
 
 use super::lines::{console_task, expect_spawn_token, port_task};
-use crate::board::chosen::{CanBus, Lines, Platform, UartRx, UartTx};
+use crate::board::chosen::{BoardLines, CanBus, Platform, UartRx, UartTx};
 
 /// Number of ports that report safe mode: none, because the only UART is the console then.
 pub const SAFE_MODE_PORTS: usize = 0;
 
 /// Spawns CAN bus and port on `above`, the console on `below`.
 pub fn spawn_line_tasks(
-    links: &'static Links,
+    links: &'static TaskLinks,
     (above, below): (SendSpawner, SendSpawner),
-    lines: Lines,
+    lines: BoardLines,
     (platform, reset): (Platform, ResetCause),
 ) {
     above.spawn(expect_spawn_token(can_task(links, lines.can_bus, false)));
@@ -24,9 +24,9 @@ pub fn spawn_line_tasks(
 
 /// Spawns the console, whatever is selected for the UART, and the CAN bus, by which the firmware can be replaced.
 pub fn spawn_in_safe_mode(
-    links: &'static Links,
+    links: &'static TaskLinks,
     below: SendSpawner,
-    lines: Lines,
+    lines: BoardLines,
     (platform, reset): (Platform, ResetCause),
 ) -> [UartTx; SAFE_MODE_PORTS] {
     let (tx, rx) = lines.uart;
@@ -36,14 +36,14 @@ pub fn spawn_in_safe_mode(
 }
 
 #[embassy_executor::task]
-async fn can_task(links: &'static Links, bus: CanBus, is_safe_mode: bool) -> ! {
+async fn can_task(links: &'static TaskLinks, bus: CanBus, is_safe_mode: bool) -> ! {
     let CanBus { node_info: info, rx, tx, boot_loader } = bus;
     app::can::run_can(links, info, rx, tx, boot_loader, is_safe_mode).await
 }
 
 #[embassy_executor::task]
 async fn uart_task(
-    links: &'static Links,
+    links: &'static TaskLinks,
     spawners: (SendSpawner, SendSpawner),
     line: (UartTx, UartRx),
     platform: Platform,

@@ -1,6 +1,6 @@
 //! Tasks of the lines: console and ports.
 
-use autoswing::app::{self, Links};
+use autoswing::app::{self, TaskLinks};
 use autoswing::health::ResetCause;
 use autoswing::settings::PortNumber;
 use embassy_executor::{SpawnError, SpawnToken};
@@ -16,11 +16,17 @@ pub fn expect_spawn_token<S>(token: Result<SpawnToken<S>, SpawnError>) -> SpawnT
 }
 
 #[embassy_executor::task(pool_size = PORT_TASK_COUNT)]
-pub async fn port_task(links: &'static Links, number: PortNumber, tx: UartTx, rx: UartRx) -> ! {
+pub async fn port_task(links: &'static TaskLinks, number: PortNumber, tx: UartTx, rx: UartRx) -> ! {
     app::port::run_port(links, number, rx, tx).await
 }
 
 #[embassy_executor::task]
-pub async fn console_task(links: &'static Links, rx: UartRx, tx: UartTx, platform: Platform, reset: ResetCause) -> ! {
+pub async fn console_task(
+    links: &'static TaskLinks,
+    rx: UartRx,
+    tx: UartTx,
+    platform: Platform,
+    reset: ResetCause,
+) -> ! {
     app::console::run_console(links, rx, tx, platform, reset).await
 }

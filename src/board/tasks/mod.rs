@@ -11,7 +11,7 @@ use can as board_lines;
 #[cfg(not(feature = "board-holybro-rm3100"))]
 use uarts as board_lines;
 
-use autoswing::app::{self, Links};
+use autoswing::app::{self, TaskLinks};
 use autoswing::collection::RetainedSamples;
 use autoswing::store::Store;
 use embassy_executor::SendSpawner;
@@ -23,12 +23,12 @@ use board_lines::SAFE_MODE_PORTS;
 use lines::expect_spawn_token;
 
 /// Initialised at run time, so that `.data` costs no flash.
-static LINKS: StaticCell<Links> = StaticCell::new();
+static LINKS: StaticCell<TaskLinks> = StaticCell::new();
 
 /// Spawns all tasks: heading tasks on the executor `above`, which interrupts `below` with the slow tasks. In safe mode,
 /// spawns the console, a CAN bus, and the task of that mode only.
 pub fn spawn_all_tasks(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
-    let links = LINKS.init_with(Links::new);
+    let links = LINKS.init_with(TaskLinks::new);
     let region = hardware.flash.store_region();
     let store = Store::new(hardware.flash, region);
     let restart = (hardware.platform, hardware.reset_cause);
@@ -46,33 +46,37 @@ pub fn spawn_all_tasks(above: SendSpawner, below: SendSpawner, hardware: Hardwar
 }
 
 #[embassy_executor::task]
-async fn sensor_task(links: &'static Links, magnetometer: Magnetometer) -> ! {
+async fn sensor_task(links: &'static TaskLinks, magnetometer: Magnetometer) -> ! {
     app::sensor::run_sensor(links, magnetometer).await
 }
 
 #[embassy_executor::task]
-async fn instrument_task(links: &'static Links) -> ! {
+async fn instrument_task(links: &'static TaskLinks) -> ! {
     app::instrument::run_instrument(links).await
 }
 
 #[embassy_executor::task]
-async fn feed_watchdog(links: &'static Links, watchdog: Watchdog) -> ! {
+async fn feed_watchdog(links: &'static TaskLinks, watchdog: Watchdog) -> ! {
     app::watchdog::run_watchdog(links, watchdog).await
 }
 
 #[embassy_executor::task]
-async fn panel_task(links: &'static Links, panel: Panel) -> ! {
+async fn panel_task(links: &'static TaskLinks, panel: Panel) -> ! {
     app::panel::run_panel(links, panel).await
 }
 
 #[embassy_executor::task]
-async fn compass_task(links: &'static Links, store: Store<StoreFlash>, retained: &'static mut RetainedSamples) -> ! {
+async fn compass_task(
+    links: &'static TaskLinks,
+    store: Store<StoreFlash>,
+    retained: &'static mut RetainedSamples,
+) -> ! {
     app::compass::run_compass(links, store, retained).await
 }
 
 #[embassy_executor::task]
 async fn safe_mode(
-    links: &'static Links,
+    links: &'static TaskLinks,
     store: Store<StoreFlash>,
     ports: [UartTx; SAFE_MODE_PORTS],
     watchdog: Watchdog,

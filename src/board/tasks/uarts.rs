@@ -1,35 +1,35 @@
 //! Lines of a board with a UART for each port and one for the console.
 
-use autoswing::app::Links;
+use autoswing::app::TaskLinks;
 use autoswing::health::ResetCause;
 use autoswing::settings::{PORT_COUNT, PortNumber};
 use embassy_executor::SendSpawner;
 
 use super::lines::{console_task, expect_spawn_token, port_task};
-use crate::board::chosen::{Lines, Platform, UartTx};
+use crate::board::chosen::{BoardLines, Platform, UartTx};
 
 /// Ports that report safe mode.
 pub const SAFE_MODE_PORTS: usize = PORT_COUNT;
 
 /// Spawns the console on `below`, the ports on `above`.
 pub fn spawn_line_tasks(
-    links: &'static Links,
+    links: &'static TaskLinks,
     (above, below): (SendSpawner, SendSpawner),
-    lines: Lines,
+    lines: BoardLines,
     (platform, reset): (Platform, ResetCause),
 ) {
     let (tx, rx) = lines.console_uart;
     below.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset)));
-    for (number, (tx, rx)) in PortNumber::ALL.into_iter().zip(lines.port_uarts) {
+    for (number, (tx, rx)) in PortNumber::ALL_PORTS.into_iter().zip(lines.port_uarts) {
         above.spawn(expect_spawn_token(port_task(links, number, tx, rx)));
     }
 }
 
 /// Spawns the console alone; returns the transmitters of the ports.
 pub fn spawn_in_safe_mode(
-    links: &'static Links,
+    links: &'static TaskLinks,
     below: SendSpawner,
-    lines: Lines,
+    lines: BoardLines,
     (platform, reset): (Platform, ResetCause),
 ) -> [UartTx; SAFE_MODE_PORTS] {
     let (tx, rx) = lines.console_uart;
