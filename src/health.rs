@@ -46,7 +46,7 @@ pub struct CanState {
     /// Whether another node has the same number.
     pub has_conflict: bool,
     /// Counters of frames.
-    pub frames: BusCounts,
+    pub frame_counts: BusCounts,
 }
 
 impl Diagnostics {

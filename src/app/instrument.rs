@@ -76,12 +76,12 @@ pub async fn run_instrument(links: &TaskLinks) -> ! {
 }
 
 fn silence_deadline(instrument: &Instrument) -> Instant {
-    Instant::now() + embassy_time::Duration::from_micros(instrument.config().silence_us())
+    Instant::now() + embassy_time::Duration::from_micros(instrument.instrument_config().silence_us())
 }
 
 /// Reconfigures the instrument if the sensor differs from the last.
 fn configure_sensor(instrument: &mut Instrument, found: DetectedSensor) {
-    let InstrumentConfig { reading_period_us, stuck_after, .. } = *instrument.config();
+    let InstrumentConfig { reading_period_us, stuck_after, .. } = *instrument.instrument_config();
     if (found.period_us, Some(found.stuck_after)) != (reading_period_us, stuck_after) {
         instrument.set_sensor(found.period_us, Some(found.stuck_after));
     }

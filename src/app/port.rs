@@ -50,7 +50,7 @@ pub async fn run_port(links: &TaskLinks, number: PortNumber, mut rx: impl Read, 
     let mut bytes = [0; 64];
     loop {
         let written = async {
-            match port.output.pending_bytes() {
+            match port.pending_output.pending_bytes() {
                 [] => pending().await,
                 bytes => tx.write(bytes).await,
             }
@@ -88,8 +88,8 @@ pub async fn run_port(links: &TaskLinks, number: PortNumber, mut rx: impl Read, 
                 }
                 counted.add_new_counts(&port, &links.event_counters);
             }
-            Either4::Second(Ok(number)) if number > 0 => port.output.consume_bytes(number),
-            Either4::Second(_) => port.output.mark_failed(),
+            Either4::Second(Ok(number)) if number > 0 => port.pending_output.consume_bytes(number),
+            Either4::Second(_) => port.pending_output.mark_failed(),
             Either4::Third((command, result)) => port.mavlink.complete_command(command, result.as_ref().copied()),
             Either4::Fourth(Ok(read)) if read > 0 => {
                 receive_bytes(links, line, &mut port, bytes.get(..read).unwrap_or_default());
@@ -136,7 +136,7 @@ struct PublishedCounts([u32; 4]);
 impl PublishedCounts {
     fn add_new_counts(&mut self, port: &Port, counters: &EventCounters) {
         let TransmitBuffer { message_count: sent, messages_without_heading: empty, lost_messages: lost, .. } =
-            port.output;
+            port.pending_output;
         let now = [sent, empty, lost, port.rejected_frames()];
         let totals =
             [&counters.messages, &counters.messages_empty, &counters.write_errors, &counters.attitude_rejected];

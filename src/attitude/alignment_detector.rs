@@ -82,7 +82,7 @@ impl AlignmentDetector {
         let step_s = at.us_since(last.updated_at) as f32 * 1e-6;
         self.hold_remaining_s = (self.hold_remaining_s - step_s).max(0.0);
         if step_s <= MAX_GAP_S {
-            let mean = last.updated(&now, step_s);
+            let mean = last.updated_means(&now, step_s);
             let tilted_rad = (now.mean_down - mean.mean_down).vector_length();
             if tilted_rad > MIN_TILT_DEVIATION_RAD + INTEGRATED_RATE_FACTOR * mean.integrated_rate_rad
                 && (field - mean.mean_field).vector_length() < MAX_FIELD_TO_TILT_RATIO * tilted_rad
@@ -98,7 +98,7 @@ impl AlignmentDetector {
 
 impl RunningMeans {
     /// Means updated with the report `now`, `step_s` later.
-    fn updated(&self, now: &Self, step_s: f32) -> Self {
+    fn updated_means(&self, now: &Self, step_s: f32) -> Self {
         let part = step_s / MEAN_TIME_CONSTANT_S;
         let rate_rad_s = now.rate_rad_s.max(self.rate_rad_s);
         Self {

@@ -5,7 +5,7 @@ use autoswing::health::ResetCause;
 /// Initialised hardware for the tasks, in the types of a board.
 pub struct Hardware<Magnetometer, Lines, Watchdog, Panel, StoreFlash, Platform> {
     pub magnetometer: Magnetometer,
-    pub lines: Lines,
+    pub board_lines: Lines,
     pub watchdog: Watchdog,
     pub panel: Panel,
     pub flash: StoreFlash,

@@ -231,7 +231,7 @@ const MIN_BANK_CORRELATION: f32 = 0.45;
 /// Whether the vehicle banks into its turns; true for samples of the turns procedure.
 fn banks_into_turns(samples: Samples<'_>) -> bool {
     let (mut product_sum, mut bank_squares, mut rate_squares) = (0.0, 0.0, 0.0);
-    for sample in samples.part(CollectionPart::FREE) {
+    for sample in samples.samples_of_part(CollectionPart::FREE) {
         let (roll_rad, rate_rad_s) = (sample.attitude.roll_rad, sample.rates.heading_rad_s());
         product_sum += roll_rad * rate_rad_s;
         bank_squares += roll_rad * roll_rad;

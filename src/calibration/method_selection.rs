@@ -70,7 +70,7 @@ impl SelectedParts {
         let enough = |part: &[_]| part.len() >= MIN_SAMPLES;
         let (left, right) = (enough(fit.samples_of_turn(Side::Left)), enough(fit.samples_of_turn(Side::Right)));
         let both = procedure == Procedure::Turns && left && right;
-        Self { left, right, level: enough(fit.part(CollectionPart::LEVEL)) && !both }
+        Self { left, right, level: enough(fit.samples_of_part(CollectionPart::LEVEL)) && !both }
     }
 
     /// Returns the selected parts, all samples of arbitrary attitude, and all with given headings.
@@ -101,7 +101,7 @@ pub fn select_method(samples: Samples<'_>, procedure: Procedure) -> Result<Metho
         Procedure::Flight => Ok(Method::MaximumLikelihood),
         Procedure::Turns => {
             let SelectedParts { left, right, .. } = SelectedParts::new(samples, procedure);
-            let level = samples.part(CollectionPart::LEVEL).len() >= MIN_SAMPLES;
+            let level = samples.samples_of_part(CollectionPart::LEVEL).len() >= MIN_SAMPLES;
             let missing = |side| {
                 Err(SolveError::too_few(SamplePart::Turns(side), samples.samples_of_turn(side).len(), MIN_SAMPLES))
             };
@@ -188,7 +188,7 @@ mod tests {
             let all = Parts { left, right, level, free: &parts[1], marks: &marks }.samples();
             let selected = SelectedParts::new(all, procedure).select_samples(all);
             assert_eq!(selected.marks, marks);
-            let [left, right, level, free] = CollectionPart::ALL_PARTS.map(|part| selected.part(part).len());
+            let [left, right, level, free] = CollectionPart::ALL_PARTS.map(|part| selected.samples_of_part(part).len());
             assert_eq!((free, selected.iter().count()), (11, left + right + level + free));
             (left, right, level)
         };

@@ -31,7 +31,7 @@ impl TurnCircle {
         if samples.iter().count() < MIN_CIRCLE_POINTS {
             return None;
         }
-        let plane = PrincipalPlane::fit(samples, &Matrix3::identity())?;
+        let plane = PrincipalPlane::fit_plane(samples, &Matrix3::identity())?;
         let mut system = LeastSquares::<3, 1>::new();
         for sample in samples.iter() {
             let p = plane.plane_coordinates(&sample.field.ut);

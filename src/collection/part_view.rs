@@ -20,7 +20,7 @@ pub(super) const PART_COUNT: usize = CollectionPart::ALL_PARTS.len();
 pub(super) struct PartView<'a> {
     part: CollectionPart,
     buffer: &'a mut SampleBuffer,
-    pub state: &'a mut PartState,
+    pub part_state: &'a mut PartState,
     last_taken_at: &'a mut Option<WrappingMillis>,
 }
 
@@ -33,12 +33,12 @@ impl<'a> PartView<'a> {
         last_taken_at: &'a mut [Option<WrappingMillis>; PART_COUNT],
     ) -> Self {
         let index = part.index();
-        Self { part, buffer, state: &mut states[index], last_taken_at: &mut last_taken_at[index] }
+        Self { part, buffer, part_state: &mut states[index], last_taken_at: &mut last_taken_at[index] }
     }
 
     /// The part's samples for one purpose, fit or held back, in the order of their storage.
     pub fn samples_of_use(&self, purpose: SampleUse) -> &[Sample] {
-        self.buffer.part(purpose, self.part)
+        self.buffer.samples_of_part(purpose, self.part)
     }
 
     /// Fit samples, then the held-back ones.
@@ -59,8 +59,8 @@ impl<'a> PartView<'a> {
     /// Counts a sample and returns its use.
     pub fn count_and_assign_use(&mut self, sample: &Sample) -> SampleUse {
         *self.last_taken_at = Some(sample.time);
-        self.state.taken_count = self.state.taken_count.wrapping_add(1);
-        let is_held_back = self.state.taken_count.is_multiple_of(HOLD_BACK_CYCLE);
+        self.part_state.taken_count = self.part_state.taken_count.wrapping_add(1);
+        let is_held_back = self.part_state.taken_count.is_multiple_of(HOLD_BACK_CYCLE);
         if is_held_back { SampleUse::Verification } else { SampleUse::Fit }
     }
 
@@ -83,13 +83,13 @@ impl<'a> PartView<'a> {
     }
 
     pub fn coverage(&self) -> PartCoverage {
-        coverage(self.buffer, self.part, *self.state)
+        coverage(self.buffer, self.part, *self.part_state)
     }
 }
 
 /// Coverage of a part.
 pub(super) fn coverage(buffer: &SampleBuffer, part: CollectionPart, state: PartState) -> PartCoverage {
     let [samples, held_back] =
-        [SampleUse::Fit, SampleUse::Verification].map(|purpose| buffer.part(purpose, part).len() as u16);
+        [SampleUse::Fit, SampleUse::Verification].map(|purpose| buffer.samples_of_part(purpose, part).len() as u16);
     PartCoverage { samples, held_back_count: held_back, covered_sectors: state.covered_sectors, percent: state.percent }
 }

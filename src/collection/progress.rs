@@ -34,7 +34,7 @@ pub struct CollectionProgress {
     /// Progress of the right turns.
     pub right_turns: PartCoverage,
     /// Progress of level flight.
-    pub level: PartCoverage,
+    pub level_progress: PartCoverage,
     /// Number of compass-swing marks.
     pub mark_count: u16,
     /// Side of the turn in progress.
@@ -48,7 +48,7 @@ impl CollectionProgress {
     pub fn is_complete(&self) -> bool {
         match self.procedure {
             Procedure::Turns => self.left_turns.is_complete() && self.right_turns.is_complete(),
-            Procedure::Level => self.level.is_complete(),
+            Procedure::Level => self.level_progress.is_complete(),
             Procedure::Swing | Procedure::Tumble | Procedure::Flight => false,
         }
     }
@@ -72,7 +72,7 @@ mod tests {
                 procedure,
                 left_turns: left,
                 right_turns: right,
-                level,
+                level_progress: level,
                 ..CollectionProgress::default()
             }
             .is_complete()

@@ -33,15 +33,15 @@ impl TestBuffer {
     }
 
     pub fn fit_samples(&self, part: CollectionPart) -> &[Sample] {
-        self.samples.part(SampleUse::Fit, part)
+        self.samples.samples_of_part(SampleUse::Fit, part)
     }
 
     pub fn held_back(&self, part: CollectionPart) -> &[Sample] {
-        self.samples.part(SampleUse::Verification, part)
+        self.samples.samples_of_part(SampleUse::Verification, part)
     }
 
     /// Number of samples of a part, fit and held back.
-    pub fn stored(&self, part: CollectionPart) -> usize {
+    pub fn stored_samples(&self, part: CollectionPart) -> usize {
         self.fit_samples(part).len() + self.held_back(part).len()
     }
 

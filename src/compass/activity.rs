@@ -24,8 +24,8 @@ pub(super) enum Activity {
 /// A solve, up to the save of its calibration.
 #[derive(Debug)]
 pub(super) struct Solve {
-    pub stage: SolveStage,
-    pub purpose: SolvePurpose,
+    pub solve_stage: SolveStage,
+    pub solve_purpose: SolvePurpose,
     /// Sensor at the start of the solve; the calibration is valid for it alone.
     pub sensor: DetectedSensor,
 }
@@ -53,7 +53,7 @@ impl Activity {
         match self {
             Self::Idle => None,
             Self::Collecting(starter) => Some(*starter),
-            Self::Solving(solve) => match solve.purpose {
+            Self::Solving(solve) => match solve.solve_purpose {
                 SolvePurpose::Trial(starter) => Some(starter),
                 SolvePurpose::Calibration(starter) => starter,
             },

@@ -11,8 +11,8 @@ impl Compass<'_> {
     /// Starts a collection if enabled and the vehicle is armed, because before arming it may be carried or stand near
     /// iron.
     pub(super) fn start_automatic_collection(&mut self) {
-        self.automatic.samples_since_start =
-            self.automatic.samples_since_start.saturating_add(1).min(ARMED_STATE_TIMEOUT_SAMPLES);
+        self.automatic_start.samples_since_start =
+            self.automatic_start.samples_since_start.saturating_add(1).min(ARMED_STATE_TIMEOUT_SAMPLES);
         let is_ready = self.pending_save.is_none() && self.sensor.is_some();
         if self.is_assumed_armed() && is_ready && self.wants_automatic_collection() {
             self.start_collection(Procedure::Flight, CollectionStarter::Module);
@@ -21,7 +21,7 @@ impl Compass<'_> {
 
     /// Whether the vehicle is armed, or the armed state is unavailable.
     fn is_assumed_armed(&self) -> bool {
-        self.armed_state.reported().unwrap_or(self.automatic.samples_since_start == ARMED_STATE_TIMEOUT_SAMPLES)
+        self.armed_state.reported().unwrap_or(self.automatic_start.samples_since_start == ARMED_STATE_TIMEOUT_SAMPLES)
     }
 
     /// Whether automatic collection waits for arming.
@@ -33,7 +33,7 @@ impl Compass<'_> {
     fn wants_automatic_collection(&self) -> bool {
         matches!(self.activity, Activity::Idle)
             && self.settings.auto_on
-            && !self.automatic.is_overridden
+            && !self.automatic_start.is_overridden
             && self.active_record().is_none()
     }
 
@@ -45,7 +45,7 @@ impl Compass<'_> {
 
     /// Returns control to the module, for `cal auto` and `cal clear`.
     pub(super) fn enable_automatic_start(&mut self, auto_on: bool) {
-        self.automatic.is_overridden = false;
+        self.automatic_start.is_overridden = false;
         if !auto_on && self.activity.is_automatic() {
             self.discard_collection();
         }

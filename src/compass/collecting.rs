@@ -22,7 +22,7 @@ impl Compass<'_> {
             }
             _ => self.start_collection(procedure, CollectionStarter::User),
         }
-        self.automatic.is_overridden = true;
+        self.automatic_start.is_overridden = true;
         Ok(())
     }
 

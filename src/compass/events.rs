@@ -136,7 +136,7 @@ impl ModuleState {
 #[derive(Clone, Debug)]
 pub struct StatusReport {
     /// Present state.
-    pub state: ModuleState,
+    pub module_state: ModuleState,
     /// Armed state, if known.
     pub is_armed: Option<bool>,
     /// Whether the collection was started automatically.

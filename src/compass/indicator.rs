@@ -39,7 +39,7 @@ impl Compass<'_> {
         let progress = self.collector.progress();
         match progress.procedure {
             Procedure::Turns => progress.left_turns.percent.midpoint(progress.right_turns.percent),
-            Procedure::Level => progress.level.percent,
+            Procedure::Level => progress.level_progress.percent,
             Procedure::Flight => {
                 let expected_deg =
                     self.trials.last_result.as_ref().and_then(|prospect: &TrialResult| prospect.expected_deg);

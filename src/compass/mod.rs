@@ -48,7 +48,7 @@ impl<'a> Compass<'a> {
     pub fn new(policy: AcceptancePolicy, stored: &StoredValues, retained: &'a mut RetainedSamples) -> Self {
         let StoredValues { settings, stored_calibrations, startup_values } = *stored;
         let mut compass = Self {
-            policy,
+            acceptance_policy: policy,
             settings,
             stored_calibrations,
             sensor: None,
@@ -62,7 +62,7 @@ impl<'a> Compass<'a> {
             last_outcome: None,
             advice: None,
             trials: TrialSolves::NO_TRIALS,
-            automatic: AutomaticStart::NEW,
+            automatic_start: AutomaticStart::NEW,
             persistent: PersistentState::new(startup_values),
         };
         compass.restore_collection();
@@ -122,7 +122,7 @@ impl<'a> Compass<'a> {
         let Some(starter) = self.activity.starter().filter(|starter| !self.is_paused(*starter)) else {
             return Effect::None;
         };
-        if let Activity::Solving(Solve { purpose, .. }) = self.activity {
+        if let Activity::Solving(Solve { solve_purpose: purpose, .. }) = self.activity {
             let is_held = self.samples_during_solve.push(sample).is_ok();
             if is_held || !matches!(purpose, SolvePurpose::Trial(_)) {
                 return Effect::None;
@@ -157,7 +157,7 @@ impl<'a> Compass<'a> {
                 let Activity::Collecting(_) = self.activity else { return Err(Refusal::NotCollecting) };
                 self.activity = Activity::Idle;
                 self.collector.set_state(CollectionState::Stopped);
-                self.automatic.is_overridden = true;
+                self.automatic_start.is_overridden = true;
             }
             Command::CalSolve(method) => {
                 self.start_solving(method, SolvePurpose::Calibration(self.activity.starter()))
@@ -168,7 +168,7 @@ impl<'a> Compass<'a> {
             }
             Command::CalAbort => {
                 self.discard_collection();
-                self.automatic.is_overridden = true;
+                self.automatic_start.is_overridden = true;
             }
             Command::CalClear => return Ok(self.request_save(PendingSave::Clear)),
             Command::CalUndo => return self.restore_previous(),
@@ -195,7 +195,7 @@ impl<'a> Compass<'a> {
 
     fn status_report(&self) -> StatusReport {
         StatusReport {
-            state: self.state(),
+            module_state: self.state(),
             is_armed: self.armed_state.reported(),
             is_automatic: self.activity.is_automatic(),
             awaits_arming: self.awaits_arming(),

@@ -21,9 +21,9 @@ impl Compass<'_> {
                     CollectionState::Running => {
                         let starter = if was_automatic { CollectionStarter::Module } else { CollectionStarter::User };
                         self.activity = Activity::Collecting(starter);
-                        self.automatic.is_overridden = !was_automatic;
+                        self.automatic_start.is_overridden = !was_automatic;
                     }
-                    CollectionState::Stopped => self.automatic.is_overridden = true,
+                    CollectionState::Stopped => self.automatic_start.is_overridden = true,
                     CollectionState::Inactive => {}
                 }
             }

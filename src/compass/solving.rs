@@ -39,20 +39,21 @@ impl Compass<'_> {
         let consider = self.settings.attitude_error.to_consider_sigmas();
         let solver = Solver::with_consider_sigmas(method, collected_samples(&self.collector), &prior, consider)
             .map_err(Refusal::Solve)?;
-        self.activity = Activity::Solving(Solve { stage: SolveStage::Fitting(solver), purpose, sensor });
+        self.activity =
+            Activity::Solving(Solve { solve_stage: SolveStage::Fitting(solver), solve_purpose: purpose, sensor });
         Ok(())
     }
 
     #[inline(never)]
     pub(super) fn advance_solve(&mut self) -> Effect {
         let Activity::Solving(solve) = &mut self.activity else { return Effect::None };
-        let (purpose, sensor) = (solve.purpose, solve.sensor);
-        match &mut solve.stage {
+        let (purpose, sensor) = (solve.solve_purpose, solve.sensor);
+        match &mut solve.solve_stage {
             SolveStage::Fitting(solver) => match solver.step(collected_samples(&self.collector)) {
                 Solving::Continue => Effect::None,
                 Solving::Finished(Ok(solution)) => {
                     self.advice = solution.advice;
-                    solve.stage = SolveStage::Verifying(solution);
+                    solve.solve_stage = SolveStage::Verifying(solution);
                     Effect::None
                 }
                 Solving::Finished(Err(error)) => self.on_solve_failed(error, purpose, sensor),
@@ -75,7 +76,8 @@ impl Compass<'_> {
 
     #[inline(never)]
     fn verify_candidate(&mut self) -> Effect {
-        let Activity::Solving(Solve { stage: SolveStage::Verifying(candidate), purpose, sensor }) = &self.activity
+        let Activity::Solving(Solve { solve_stage: SolveStage::Verifying(candidate), solve_purpose: purpose, sensor }) =
+            &self.activity
         else {
             return Effect::None;
         };
@@ -94,7 +96,11 @@ impl Compass<'_> {
         }
         match accepted {
             Ok(record) => {
-                self.activity = Activity::Solving(Solve { stage: SolveStage::Saving(record), purpose, sensor });
+                self.activity = Activity::Solving(Solve {
+                    solve_stage: SolveStage::Saving(record),
+                    solve_purpose: purpose,
+                    sensor,
+                });
                 Effect::Save
             }
             Err(refusal) => self.end_solve(purpose, Err(refusal)),
@@ -109,7 +115,7 @@ impl Compass<'_> {
             held_back_samples: selection.select_samples(self.collector.held_back()),
             is_attitude_known: self.collector.procedure() != Procedure::Tumble,
         };
-        acceptance::evaluate_candidate(&self.policy, candidate, grounds, &self.incumbent())
+        acceptance::evaluate_candidate(&self.acceptance_policy, candidate, grounds, &self.incumbent())
             .map_err(Refusal::Rejected)?;
         let current = self.stored_calibrations.current_calibration.as_ref();
         Ok(CalibrationRecord {

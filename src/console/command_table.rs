@@ -16,7 +16,7 @@ pub struct CommandSpec {
     /// One or two words, lower case; the second is empty if there is one.
     pub command_words: [&'static str; 2],
     /// Description in `help`.
-    pub help: &'static str,
+    pub help_text: &'static str,
     /// Arguments of the command, in order.
     pub arguments: &'static [ArgumentSpec],
     /// Constructor of the request; none if a second word is required.
@@ -27,9 +27,9 @@ pub struct CommandSpec {
 #[derive(Debug)]
 pub struct ArgumentSpec {
     /// Name, upper case.
-    pub name: &'static str,
+    pub argument_name: &'static str,
     /// Permitted values.
-    pub kind: ArgumentKind,
+    pub argument_kind: ArgumentKind,
     /// Whether the argument may be omitted.
     pub is_optional: bool,
 }
@@ -104,7 +104,7 @@ fn signing_key(given: &Arguments) -> Option<SigningKey> {
 
 impl CommandSpec {
     const fn new(first: &'static str, second: &'static str, help: &'static str) -> Self {
-        Self { command_words: [first, second], help, arguments: &[], request: None }
+        Self { command_words: [first, second], help_text: help, arguments: &[], request: None }
     }
 
     const fn with_arguments(self, slots: &'static [ArgumentSpec]) -> Self {
@@ -118,17 +118,17 @@ impl CommandSpec {
 
 impl ArgumentSpec {
     const fn new(name: &'static str, kind: ArgumentKind) -> Self {
-        Self { name, kind, is_optional: false }
+        Self { argument_name: name, argument_kind: kind, is_optional: false }
     }
 
     const fn optional_argument(name: &'static str, kind: ArgumentKind) -> Self {
-        Self { name, kind, is_optional: true }
+        Self { argument_name: name, argument_kind: kind, is_optional: true }
     }
 
     /// Permitted word with this index.
     pub fn nth_word(&self, number: usize) -> Option<&'static str> {
         let only = |word| if number == 0 { word } else { None };
-        match self.kind {
+        match self.argument_kind {
             ArgumentKind::Choice(name) => name(number),
             ArgumentKind::Number { or, .. } => only(or),
             ArgumentKind::Whole { .. } => None,
@@ -494,7 +494,11 @@ mod tests {
         for row in COMMANDS {
             assert!(row.command_words.iter().all(|word| is_plain(word)), "{:?}", row.command_words);
             for argument in row.arguments {
-                assert!((0..).map_while(|number| argument.nth_word(number)).all(is_plain), "{}", argument.name);
+                assert!(
+                    (0..).map_while(|number| argument.nth_word(number)).all(is_plain),
+                    "{}",
+                    argument.argument_name
+                );
             }
         }
     }

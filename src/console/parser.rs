@@ -50,7 +50,7 @@ impl Display for LineError {
                 write!(f, "after {first} expected ")?;
                 write_list(f, &|number| ExpectedElement::Second(first).nth_word(number), " or ")
             }
-            Self::MissingArgument(slot) => write!(f, "<{}> is missing; expected {slot}", slot.name),
+            Self::MissingArgument(slot) => write!(f, "<{}> is missing; expected {slot}", slot.argument_name),
             Self::BadValue(slot) => write!(f, "expected {slot}"),
             Self::UnexpectedArgument(row) => write!(f, "too many words; it is {row}"),
             Self::MissingConfirmation(row) => write!(f, "this cannot be undone; type {row}"),
@@ -126,7 +126,7 @@ fn parse_arguments<'a>(
     let mut given = Arguments([ArgumentValue::Absent; 2]);
     for (slot, value) in row.arguments.iter().zip(&mut given.0) {
         let Some(word) = words.next() else {
-            match slot.kind {
+            match slot.argument_kind {
                 _ if slot.is_optional => break,
                 ArgumentKind::Confirmation(_) => return Err(LineError::MissingConfirmation(row)),
                 _ => return Err(LineError::MissingArgument(slot)),
@@ -134,7 +134,7 @@ fn parse_arguments<'a>(
         };
         *value = match value_of(slot, word) {
             Some(value) => value,
-            None if matches!(slot.kind, ArgumentKind::Confirmation(_)) && !slot.is_optional => {
+            None if matches!(slot.argument_kind, ArgumentKind::Confirmation(_)) && !slot.is_optional => {
                 return Err(LineError::MissingConfirmation(row));
             }
             None => return Err(LineError::BadValue(slot)),
@@ -149,7 +149,7 @@ fn parse_arguments<'a>(
 
 fn value_of(argument: &ArgumentSpec, typed: &str) -> Option<ArgumentValue> {
     let choice = (0..).map_while(|number| argument.nth_word(number)).position(|word| word.eq_ignore_ascii_case(typed));
-    match &argument.kind {
+    match &argument.argument_kind {
         ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_) => choice.map(ArgumentValue::Choice),
         ArgumentKind::Number { .. } | ArgumentKind::Passphrase if choice.is_some() => Some(ArgumentValue::Absent),
         ArgumentKind::Number { .. } => decimal::parse_decimal(typed).map(ArgumentValue::Number),
@@ -271,7 +271,7 @@ impl Display for CommandSpec {
         }
         for slot in self.arguments {
             let (open, close) = if slot.is_optional { ("[", "]") } else { ("", "") };
-            write!(f, " {open}{}{close}", slot.name)?;
+            write!(f, " {open}{}{close}", slot.argument_name)?;
         }
         Ok(())
     }
@@ -279,7 +279,7 @@ impl Display for CommandSpec {
 
 impl Display for ArgumentSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.kind {
+        match &self.argument_kind {
             ArgumentKind::Number { range, unit, .. } => {
                 write!(
                     f,
@@ -312,7 +312,7 @@ pub fn write_help(out: &mut dyn fmt::Write, topic: Option<&'static CommandSpec>)
     };
     writeln!(out, "ok {}", CommandHelp(topic))?;
     for argument in topic.arguments {
-        writeln!(out, "{}: {argument}", argument.name)?;
+        writeln!(out, "{}: {argument}", argument.argument_name)?;
     }
     let [first, second] = topic.command_words;
     if second.is_empty() { write_subcommands(out, ExpectedElement::Second(first)) } else { Ok(()) }
@@ -334,7 +334,7 @@ struct CommandHelp(&'static CommandSpec);
 
 impl Display for CommandHelp {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.0, self.0.help)?;
+        write!(f, "{}: {}", self.0, self.0.help_text)?;
         let [first, second] = self.0.command_words;
         if self.0.request.is_none() && second.is_empty() && !is_help(first) {
             f.write_str(": ")?;
@@ -531,7 +531,7 @@ mod tests {
     #[test]
     fn a_range_is_shown_with_all_its_digits() {
         let kind = ArgumentKind::Number { range: 0.25..=7.5, unit: "deg", or: None };
-        let slot = ArgumentSpec { name: "DEG", kind, is_optional: false };
+        let slot = ArgumentSpec { argument_name: "DEG", argument_kind: kind, is_optional: false };
         assert_eq!(slot.to_string(), "a number, 0.25 to 7.5 deg");
     }
 
@@ -542,10 +542,13 @@ mod tests {
             let words = row.command_words.join(" ");
             let reply = help_text(&format!("help {words}"));
             assert!(reply.starts_with(&format!("ok {}", words.trim_end())), "{reply}");
-            assert!(reply.contains(row.help), "{reply}");
+            assert!(reply.contains(row.help_text), "{reply}");
             let [first, second] = row.command_words;
             let group = if second.is_empty() { all.clone() } else { help_text(&format!("help {first}")) };
-            assert!(group.starts_with("ok ") && group.contains(&format!("\n{row}: {}", row.help)), "{row}: {group}");
+            assert!(
+                group.starts_with("ok ") && group.contains(&format!("\n{row}: {}", row.help_text)),
+                "{row}: {group}"
+            );
         }
         assert_eq!(
             help_text("HELP Stream"),

@@ -320,7 +320,7 @@ impl Instrument {
 
     /// Parameters of the instrument.
     #[must_use]
-    pub const fn config(&self) -> &InstrumentConfig {
+    pub const fn instrument_config(&self) -> &InstrumentConfig {
         &self.config
     }
 

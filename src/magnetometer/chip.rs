@@ -12,25 +12,25 @@ const POLL_INTERVAL: Duration = Duration::from_micros(500);
 /// Chip registers at an I2C address.
 #[derive(Debug)]
 pub(super) struct I2cRegisters<B> {
-    pub bus: B,
+    pub i2c_bus: B,
     address: u8,
 }
 
 impl<B: I2c> I2cRegisters<B> {
     pub const fn new(bus: B, address: u8) -> Self {
-        Self { bus, address }
+        Self { i2c_bus: bus, address }
     }
 
     /// Reads `N` registers from `first` on.
     pub async fn read_registers<const N: usize>(&mut self, first: u8) -> Result<[u8; N], MagnetometerError<B::Error>> {
         let mut values = [0; N];
-        self.bus.write_read(self.address, &[first], &mut values).await.map_err(MagnetometerError::Bus)?;
+        self.i2c_bus.write_read(self.address, &[first], &mut values).await.map_err(MagnetometerError::Bus)?;
         Ok(values)
     }
 
     /// Writes a register address and values.
     pub async fn write_registers(&mut self, message: &[u8]) -> Result<(), MagnetometerError<B::Error>> {
-        self.bus.write(self.address, message).await.map_err(MagnetometerError::Bus)
+        self.i2c_bus.write(self.address, message).await.map_err(MagnetometerError::Bus)
     }
 }
 
@@ -40,25 +40,25 @@ const SPI_READ: u8 = 0x80;
 /// Chip registers on an SPI bus.
 #[derive(Debug)]
 pub(super) struct SpiRegisters<S> {
-    pub device: S,
+    pub spi_device: S,
 }
 
 impl<S: SpiDevice> SpiRegisters<S> {
     pub const fn new(device: S) -> Self {
-        Self { device }
+        Self { spi_device: device }
     }
 
     /// Reads `N` registers from `first` on.
     pub async fn read_registers<const N: usize>(&mut self, first: u8) -> Result<[u8; N], MagnetometerError<S::Error>> {
         let mut values = [0; N];
         let mut transfer = [Operation::Write(&[first | SPI_READ]), Operation::Read(&mut values)];
-        self.device.transaction(&mut transfer).await.map_err(MagnetometerError::Bus)?;
+        self.spi_device.transaction(&mut transfer).await.map_err(MagnetometerError::Bus)?;
         Ok(values)
     }
 
     /// Writes a register address and values.
     pub async fn write_registers(&mut self, message: &[u8]) -> Result<(), MagnetometerError<S::Error>> {
-        self.device.write(message).await.map_err(MagnetometerError::Bus)
+        self.spi_device.write(message).await.map_err(MagnetometerError::Bus)
     }
 }
 

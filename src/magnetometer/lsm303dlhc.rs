@@ -175,7 +175,7 @@ mod tests {
     #[test]
     fn every_configuration_bit_is_verified() {
         let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
-        block_on(assert_every_bit_is_verified(&mut driver, |driver| &mut driver.chip.bus, 0..3));
+        block_on(assert_every_bit_is_verified(&mut driver, |driver| &mut driver.chip.i2c_bus, 0..3));
     }
 
     #[test]
@@ -189,21 +189,21 @@ mod tests {
         let identity = block_on(driver.init());
         assert_eq!(identity, Ok(Identity { model: MagnetometerModel::Lsm303dlhc, address: 0x1E }));
         // 75 Hz without temperature, 2.5 gauss, continuous: data sheet sections 7.2.1 to 7.2.3.
-        assert_eq!(driver.chip.bus.values[..3], [0x18, 0x60, 0x00]);
+        assert_eq!(driver.chip.i2c_bus.values[..3], [0x18, 0x60, 0x00]);
     }
 
     #[test]
     fn a_chip_with_another_identity_is_not_configured() {
         let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
-        driver.chip.bus.values[0x0B] = 0x35;
+        driver.chip.i2c_bus.values[0x0B] = 0x35;
         assert_eq!(block_on(driver.init()), Err(MagnetometerError::WrongIdentity(0x35)));
-        assert_eq!(driver.chip.bus.values[..3], [0; 3]);
+        assert_eq!(driver.chip.i2c_bus.values[..3], [0; 3]);
     }
 
     #[test]
     fn a_control_register_that_reads_back_differently_is_reported() {
         let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
-        driver.chip.bus.broken = vec![0x01];
+        driver.chip.i2c_bus.broken = vec![0x01];
         assert_eq!(block_on(driver.init()), Err(MagnetometerError::Configuration { written: 0x60, read: 0x00 }));
     }
 
@@ -211,7 +211,7 @@ mod tests {
     fn every_identity_register_is_checked() {
         for register in 0x0A..0x0D {
             let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
-            driver.chip.bus.values[register] = 0xEE;
+            driver.chip.i2c_bus.values[register] = 0xEE;
             assert_eq!(block_on(driver.init()), Err(MagnetometerError::WrongIdentity(0xEE)));
         }
     }
@@ -230,7 +230,7 @@ mod tests {
         ] {
             let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig { range });
             block_on(driver.init()).unwrap();
-            assert_eq!(driver.chip.bus.values[1], bits, "{range:?}");
+            assert_eq!(driver.chip.i2c_bus.values[1], bits, "{range:?}");
             let (xy, z) = (xy.to_be_bytes(), z.to_be_bytes());
             let one_gauss = decode_reading([xy[0], xy[1], z[0], z[1], xy[0], xy[1]], range).field.ut;
             assert!((one_gauss - nalgebra::Vector3::repeat(100.0)).amax() < 1e-4, "{range:?}: {one_gauss}");
@@ -241,14 +241,14 @@ mod tests {
     fn init_reads_the_data_once() {
         let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
         block_on(driver.init()).unwrap();
-        assert!(driver.chip.bus.was_read[0x03..0x09].iter().all(|&was_read| was_read));
+        assert!(driver.chip.i2c_bus.was_read[0x03..0x09].iter().all(|&was_read| was_read));
     }
 
     /// -0.25 gauss on y at 2.5 gauss: 167.5 counts, here 168.
     fn with_measurement(status: u8) -> Lsm303dlhc<SimulatedRegisters> {
         let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
-        driver.chip.bus.values[0x09] = status;
-        driver.chip.bus.values[0x07..0x09].copy_from_slice(&(-168_i16).to_be_bytes());
+        driver.chip.i2c_bus.values[0x09] = status;
+        driver.chip.i2c_bus.values[0x07..0x09].copy_from_slice(&(-168_i16).to_be_bytes());
         driver
     }
 

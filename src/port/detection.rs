@@ -17,7 +17,7 @@ pub struct Port {
     msp: Msp,
     nmea: Nmea,
     /// Bytes to write to the line.
-    pub output: TransmitBuffer,
+    pub pending_output: TransmitBuffer,
 }
 
 /// Detected protocol, and the time of its last frame.
@@ -54,7 +54,7 @@ impl Port {
             mavlink: Mavlink::new(),
             msp: Msp::new(),
             nmea: Nmea::new(),
-            output: TransmitBuffer::new(),
+            pending_output: TransmitBuffer::new(),
         }
     }
 
@@ -108,9 +108,9 @@ impl Port {
     /// without a request and searches for its compass while it starts; a MAVLink autopilot ignores them.
     pub fn poll(&mut self, snapshot: &Snapshot<'_>) {
         match self.active_protocol(snapshot.now) {
-            ProtocolKind::Mavlink => self.mavlink.poll(snapshot, &mut self.output),
-            ProtocolKind::Nmea => self.nmea.poll(snapshot, &mut self.output),
-            ProtocolKind::Auto | ProtocolKind::Msp => self.msp.poll(snapshot, &mut self.output),
+            ProtocolKind::Mavlink => self.mavlink.poll(snapshot, &mut self.pending_output),
+            ProtocolKind::Nmea => self.nmea.poll(snapshot, &mut self.pending_output),
+            ProtocolKind::Auto | ProtocolKind::Msp => self.msp.poll(snapshot, &mut self.pending_output),
         }
     }
 
@@ -164,8 +164,8 @@ mod tests {
     fn sent_bytes(port: &mut Port, ms: u64) -> Vec<u8> {
         let estimate = Estimate { timestamp: at(ms), ..Estimate::EMPTY };
         port.poll(&facts(&estimate, &Settings::DEFAULT));
-        let bytes = port.output.pending_bytes().to_vec();
-        port.output.consume_bytes(usize::MAX);
+        let bytes = port.pending_output.pending_bytes().to_vec();
+        port.pending_output.consume_bytes(usize::MAX);
         bytes
     }
 

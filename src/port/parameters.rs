@@ -13,7 +13,7 @@ use crate::settings::{
 #[derive(Debug)]
 pub struct SettingParameter {
     /// Name, that of the console's command in capitals.
-    pub name: &'static str,
+    pub parameter_name: &'static str,
     kind: ParameterKind,
 }
 
@@ -56,14 +56,14 @@ pub static PARAMETERS: [SettingParameter; 23] = [
         |v| switch_setting(v, SettingChange::CanCovariance),
     ),
     whole_number("AUTO", SWITCH_RANGE, |s| s.auto_on.into(), |v| switch_setting(v, SettingChange::Auto)),
-    number("ACCURACY", Settings::ACCURACY_DEG, |s| s.accuracy_deg, |_, deg| SettingChange::Accuracy(deg)),
-    number(
+    number_setting("ACCURACY", Settings::ACCURACY_DEG, |s| s.accuracy_deg, |_, deg| SettingChange::Accuracy(deg)),
+    number_setting(
         "DECLINATION",
         Settings::DECLINATION_DEG,
         |s| s.declination_deg.unwrap_or(f32::NAN),
         |_, deg| SettingChange::Declination(not_nan(deg)),
     ),
-    number(
+    number_setting(
         "INCLINATION",
         Settings::INCLINATION_DEG,
         |s| s.inclination_deg.unwrap_or(f32::NAN),
@@ -75,13 +75,13 @@ pub static PARAMETERS: [SettingParameter; 23] = [
         |s| choice_position(Orientation::all_orientations(), &s.mount),
         |v| nth_choice(Orientation::all_orientations(), v).map(SettingChange::Mount),
     ),
-    number(
+    number_setting(
         "ATT_ERROR_DEG",
         AttitudeError::BIAS_DEG,
         |s| s.attitude_error.bias_deg,
         |s, bias_deg| SettingChange::AttitudeError(AttitudeError { bias_deg, ..s.attitude_error }),
     ),
-    number(
+    number_setting(
         "ATT_ERROR_BANK",
         AttitudeError::BANK_PERCENT,
         |s| s.attitude_error.bank_percent,
@@ -95,7 +95,7 @@ pub static PARAMETERS: [SettingParameter; 23] = [
     ),
     whole_number("VISION", SWITCH_RANGE, |s| s.sends_vision_yaw.into(), |v| switch_setting(v, SettingChange::Vision)),
     SettingParameter {
-        name: "SIGNING",
+        parameter_name: "SIGNING",
         kind: ParameterKind::Key { get: |s| s.signing_key, set: SettingChange::Signing },
     },
     whole_number("PORT1", PROTOCOLS, |s| protocol_number(s, PortNumber::One), |v| set_protocol(PortNumber::One, v)),
@@ -115,13 +115,13 @@ pub static PARAMETERS: [SettingParameter; 23] = [
         |s| choice_position(HeadingKind::ALL_HEADINGS, &s.stream_heading),
         |v| nth_choice(HeadingKind::ALL_HEADINGS, v).map(SettingChange::StreamHeading),
     ),
-    number(
+    number_setting(
         "GYRO_ERROR",
         SensorError::GYRO_PERCENT,
         |s| s.sensor_error.gyro_percent,
         |s, gyro_percent| SettingChange::SensorError(SensorError { gyro_percent, ..s.sensor_error }),
     ),
-    number(
+    number_setting(
         "IRON_DRIFT",
         SensorError::DRIFT_PERCENT,
         |s| s.sensor_error.drift_percent,
@@ -181,16 +181,16 @@ const fn whole_number(
     get: fn(&Settings) -> u32,
     set: fn(u32) -> Option<SettingChange>,
 ) -> SettingParameter {
-    SettingParameter { name, kind: ParameterKind::Whole { range, get, set } }
+    SettingParameter { parameter_name: name, kind: ParameterKind::Whole { range, get, set } }
 }
 
-const fn number(
+const fn number_setting(
     name: &'static str,
     range: RangeInclusive<f32>,
     get: fn(&Settings) -> f32,
     set: fn(&Settings, f32) -> SettingChange,
 ) -> SettingParameter {
-    SettingParameter { name, kind: ParameterKind::Number { range, get, set } }
+    SettingParameter { parameter_name: name, kind: ParameterKind::Number { range, get, set } }
 }
 
 const fn byte_range(range: &RangeInclusive<u8>) -> [u32; 2] {
@@ -253,11 +253,11 @@ mod tests {
             for value in extremes(parameter) {
                 let change = parameter.setting_change(&Settings::DEFAULT, value).unwrap();
                 let changed = Settings::DEFAULT.with_setting(change).unwrap();
-                assert_eq!(parameter.parameter_value(&changed), value, "{}", parameter.name);
-                for other in PARAMETERS.iter().filter(|other| other.name != parameter.name) {
+                assert_eq!(parameter.parameter_value(&changed), value, "{}", parameter.parameter_name);
+                for other in PARAMETERS.iter().filter(|other| other.parameter_name != parameter.parameter_name) {
                     let [before, after] =
                         [&Settings::DEFAULT, &changed].map(|settings| format!("{:?}", other.parameter_value(settings)));
-                    assert_eq!(before, after, "{} by {}", other.name, parameter.name);
+                    assert_eq!(before, after, "{} by {}", other.parameter_name, parameter.parameter_name);
                 }
             }
         }
@@ -281,7 +281,7 @@ mod tests {
                 _ => [ParameterValue::Whole(0), ParameterValue::Number(0.0)],
             };
             for value in outside {
-                assert!(refuses(parameter, value), "{} {value:?}", parameter.name);
+                assert!(refuses(parameter, value), "{} {value:?}", parameter.parameter_name);
             }
         }
     }
@@ -315,14 +315,14 @@ mod tests {
     fn every_setting_is_a_parameter_with_a_short_unique_name() {
         let changes = PARAMETERS.iter().filter_map(|one| one.setting_change(&Settings::DEFAULT, extremes(one)[0]));
         assert_eq!(changes.map(variant).collect::<BTreeSet<_>>(), (0..21).collect());
-        let names: BTreeSet<&str> = PARAMETERS.iter().map(|parameter| parameter.name).collect();
+        let names: BTreeSet<&str> = PARAMETERS.iter().map(|parameter| parameter.parameter_name).collect();
         assert_eq!(names.len(), PARAMETERS.len());
         assert!(names.iter().all(|name| name.len() <= 16));
     }
 
     #[test]
     fn not_a_number_removes_an_entered_angle() {
-        let declination = PARAMETERS.iter().find(|parameter| parameter.name == "DECLINATION").unwrap();
+        let declination = PARAMETERS.iter().find(|parameter| parameter.parameter_name == "DECLINATION").unwrap();
         let none = declination.setting_change(&Settings::DEFAULT, ParameterValue::Number(f32::NAN));
         assert_eq!(none, Some(SettingChange::Declination(None)));
     }

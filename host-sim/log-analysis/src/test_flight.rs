@@ -58,22 +58,22 @@ fn fly_turns() -> Vec<FlightMotion> {
         if i % 2 == 0 {
             let until = motions.len() + 100;
             while motions.len() < until {
-                step(&mut motions, 0.0);
+                add_motion_step(&mut motions, 0.0);
             }
         }
         let start_rad = motions.last().map_or(0.0, |motion| motion.euler_rad.z);
         while motions.last().is_some_and(|now| (now.euler_rad.z - start_rad).abs() < change_deg.abs().to_radians()) {
-            step(&mut motions, bank_deg);
+            add_motion_step(&mut motions, bank_deg);
         }
     }
     while motions.len() < 2400 {
-        step(&mut motions, 0.0);
+        add_motion_step(&mut motions, 0.0);
     }
     motions
 }
 
 /// Appends the motion one step later, while the roll approaches `bank_deg`; gusts disturb roll and pitch.
-fn step(motions: &mut Vec<FlightMotion>, bank_deg: f64) {
+fn add_motion_step(motions: &mut Vec<FlightMotion>, bank_deg: f64) {
     let Some(last) = motions.last() else { return };
     let (t_s, [roll_rad, pitch_rad, heading_rad]) = (motions.len() as f64 * STEP_S, last.euler_rad.into());
     let target_rad = bank_deg.to_radians() + 0.03 * libm::sin(1.3 * t_s);

@@ -20,7 +20,7 @@ pub struct HeadingErrors(pub [[f64; 12]; 3]);
 impl HeadingErrors {
     /// Evaluates a calibration in a world at cruise current.
     #[must_use]
-    pub fn evaluate(calibration: &Calibration, world: &WorldConfig) -> Self {
+    pub fn evaluate_calibration(calibration: &Calibration, world: &WorldConfig) -> Self {
         Self::evaluate_with_field(calibration, world, &|_| Vector3::zeros())
     }
 
@@ -63,7 +63,7 @@ mod tests {
     /// Without a reported current it assumes the mean current; a wrong mean causes an error of 12 uT.
     #[test]
     fn motor_current_interference_is_scored_by_the_reported_current() {
-        let world = WorldConfig { airframe: Airframe::none(), ..WorldConfig::random(1) };
+        let world = WorldConfig { airframe: Airframe::without_iron(), ..WorldConfig::random(1) };
         let mut world = world.with_current_interference(12.0);
         let calibration = |mean_a: f32| Calibration {
             motor_current: MotorCurrentInterference {
@@ -75,7 +75,7 @@ mod tests {
         };
         let [right, wrong] = [CRUISE_CURRENT_A as f32, 0.0].map(calibration);
         let worst_deg = |calibration: &Calibration, world: &WorldConfig| {
-            HeadingErrors::evaluate(calibration, world).statistics().max_deg
+            HeadingErrors::evaluate_calibration(calibration, world).statistics().max_deg
         };
         world.reports_current = true;
         assert!(worst_deg(&right, &world) < 0.01 && worst_deg(&wrong, &world) < 0.01);

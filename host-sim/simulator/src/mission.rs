@@ -139,7 +139,8 @@ pub fn fly_mission(world: WorldConfig, plan: TurnPlan, watch: &mut dyn FnMut(Mis
 pub fn fly_with(module: &mut impl Module, plan: TurnPlan, watch: &mut dyn FnMut(MissionStage, f64)) -> MissionResult {
     let world = module.world().config();
     let mut mission = Mission { module, session: String::new(), glimpses: Vec::new(), watch };
-    let before = HeadingErrors::evaluate(&Calibration::uncalibrated(Orientation::IDENTITY_ROTATION), &world);
+    let before =
+        HeadingErrors::evaluate_calibration(&Calibration::uncalibrated(Orientation::IDENTITY_ROTATION), &world);
     let routine = Routine::for_vehicle(world.aircraft.kind, plan, world.aircraft.heading_deg);
     let result = mission.calibrate(&routine);
     let solved_s = mission.module.now_us() as f64 / 1e6;
@@ -147,8 +148,9 @@ pub fn fly_with(module: &mut impl Module, plan: TurnPlan, watch: &mut dyn FnMut(
         let (streamed, headings) = mission.evaluate_output(&routine.mission_legs);
         (Some(streamed), headings)
     });
-    let after =
-        result.as_ref().map_or_else(|_| before.clone(), |shown| HeadingErrors::evaluate(&shown.calibration, &world));
+    let after = result
+        .as_ref()
+        .map_or_else(|_| before.clone(), |shown| HeadingErrors::evaluate_calibration(&shown.calibration, &world));
     MissionResult {
         world,
         result,
@@ -185,9 +187,9 @@ impl<M: Module> Mission<'_, M> {
         self.fly_leg(MissionStage::TakeOff, routine.take_off);
         self.send_console_line("status");
         self.send_console_line(routine.start_command);
-        for part in &routine.parts {
+        for part in &routine.routine_parts {
             for &leg in &part.legs {
-                self.fly_leg(MissionStage::Routine(part.name), leg);
+                self.fly_leg(MissionStage::Routine(part.part_name), leg);
             }
             self.send_console_line("status");
         }
@@ -234,8 +236,9 @@ impl<M: Module> Mission<'_, M> {
             while self.module.world().unfinished_legs() > 0 && self.advance_one_step() {
                 (self.watch)(MissionStage::Stream, done as f64 / legs.len() as f64);
                 for timed_byte in self.module.instrument().receive_timed() {
-                    let Some(received) =
-                        reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte).filter(|r| r.kind == "PASWH")
+                    let Some(received) = reader
+                        .push_byte(timed_byte.arrives_at_us, timed_byte.byte)
+                        .filter(|r| r.sentence_kind == "PASWH")
                     else {
                         continue;
                     };

@@ -107,7 +107,7 @@ fn verdict_line(mission_result: &MissionResult) -> VerdictLine {
         Err(SolveNotice::Refused { code, words }) => format!("the module refused: {code}: {words}"),
         Err(SolveNotice::Calibrated(words)) => format!("calibrated, but cal show could not be read: {words}"),
     };
-    VerdictLine { state, state_word: word, verdict_text: text }
+    VerdictLine { compass_state: state, state_word: word, verdict_text: text }
 }
 
 fn figures(mission_result: &MissionResult) -> Vec<[String; 2]> {
@@ -150,7 +150,7 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
     }
     let expected_deg = mission_result.result.as_ref().ok().map(|shown| shown.expected_rms_deg);
     CompassReport {
-        name: "The module's compass".to_owned(),
+        compass_name: "The module's compass".to_owned(),
         is_accepted: mission_result.result.is_ok(),
         facts,
         curves_before: deviation_curves(&mission_result.errors_before),
@@ -164,7 +164,7 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
         samples: moments,
         event_marks: vec![EventMark {
             time_s: mission_result.solved_s - first_s,
-            name: if mission_result.result.is_ok() { "calibrated, restarted" } else { "refused" }.to_owned(),
+            event_name: if mission_result.result.is_ok() { "calibrated, restarted" } else { "refused" }.to_owned(),
         }],
         before_name: "uncorrected",
         corrected_by: "by the module",
@@ -213,7 +213,7 @@ fn deviation_curves(errors: &HeadingErrors) -> Vec<DeviationCurve> {
         .iter()
         .zip(&errors.0)
         .map(|(bank_deg, errors)| DeviationCurve {
-            name: name(*bank_deg),
+            curve_name: name(*bank_deg),
             errors_deg: errors.iter().copied().map(Some).collect(),
             constant_deg: 0.0,
         })

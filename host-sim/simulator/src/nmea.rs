@@ -6,7 +6,7 @@ pub struct HeadingSentence {
     /// Arrival time of its last byte, microseconds of simulation time.
     pub arrived_at_us: u64,
     /// `HCHDM`, `HCHDG`, `HCHDT`, `PASWH`.
-    pub kind: String,
+    pub sentence_kind: String,
     /// Heading in degrees, true in `HCHDT`, otherwise magnetic; `None` if the field is empty.
     pub heading_deg: Option<f64>,
     /// Standard deviation, degrees; only in `PASWH` with a heading.
@@ -60,7 +60,7 @@ fn parse_sentence(at_us: u64, line: &[u8]) -> Option<HeadingSentence> {
     };
     Some(HeadingSentence {
         arrived_at_us: at_us,
-        kind,
+        sentence_kind: kind,
         heading_deg,
         sigma_deg,
         status,

@@ -25,7 +25,7 @@ const ZERO_PARAMETERS: [&str; 4] = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_O
 /// Appends the state of the world at a time no more than one second past.
 pub fn record_sample(recording: &mut FlightRecording, world: &World, source: &mut AttitudeSource, at_us: u64) {
     recording.is_copter = world.config().aircraft.kind == VehicleKind::Copter;
-    let (truth, reported) = (world.true_state(at_us), source.report(&world.true_state(at_us)));
+    let (truth, reported) = (world.true_state(at_us), source.next_report(&world.true_state(at_us)));
     let field = world.sensor_field(at_us.saturating_sub((recording.field_latency_s * 1e6) as u64)).ut;
     let declination_rad = recording.declination_deg.to_radians();
     let heading_rad = (truth.heading_rad + declination_rad).rem_euclid(TAU);

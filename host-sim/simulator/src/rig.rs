@@ -165,10 +165,10 @@ impl Rig {
             two.attach(&mut simulation, &world, instrument.clone(), Vec::new()),
         ];
         for fault in faults.link_faults {
-            simulation.spawn(Level::World, "link fault", fault.run(world.clone(), autopilot.clone()));
+            simulation.spawn(Level::World, "link fault", fault.run_fault(world.clone(), autopilot.clone()));
         }
         for foreign in faults.second_senders {
-            simulation.spawn(Level::World, "foreign sender", foreign.run(&world, autopilot.clone()));
+            simulation.spawn(Level::World, "foreign sender", foreign.run_sender(&world, autopilot.clone()));
         }
         simulation.spawn(Level::World, "watchdog timer", watchdog_timer(reset.clone()));
         let mut rig = Self {
@@ -198,7 +198,15 @@ impl Rig {
         let mut unique_id = [0; UNIQUE_ID_LENGTH];
         unique_id[..8].copy_from_slice(&number.to_be_bytes());
         let software = SoftwareVersion::of_this_firmware(None);
-        self.can = Some((end, NodeInfo { name: "org.autoswing.simulator", software, hardware: [1, 0], unique_id }));
+        self.can = Some((
+            end,
+            NodeInfo {
+                node_name: "org.autoswing.simulator",
+                software_version: software,
+                hardware_version: [1, 0],
+                unique_id,
+            },
+        ));
         self.power_on(ResetCause::PowerOn);
     }
 

@@ -27,7 +27,7 @@ impl Default for TurnPlan {
 #[derive(Clone, Debug, PartialEq)]
 pub struct RoutinePart {
     /// Name.
-    pub name: &'static str,
+    pub part_name: &'static str,
     /// Instruction to the pilot.
     pub instruction: &'static str,
     /// Legs for the simulated autopilot.
@@ -42,7 +42,7 @@ pub struct Routine {
     /// Uncalibrated leg before the collection.
     pub take_off: Leg,
     /// Parts in order.
-    pub parts: Vec<RoutinePart>,
+    pub routine_parts: Vec<RoutinePart>,
     /// Legs flown with the calibration.
     pub mission_legs: Vec<Leg>,
 }
@@ -69,13 +69,13 @@ impl Routine {
     /// All legs in order.
     #[must_use]
     pub fn legs(&self) -> Vec<Leg> {
-        self.parts.iter().flat_map(|part| part.legs.iter().copied()).collect()
+        self.routine_parts.iter().flat_map(|part| part.legs.iter().copied()).collect()
     }
 
     /// Pilot instructions, one line per part.
     #[must_use]
     pub fn pilot_instructions(&self) -> String {
-        self.parts.iter().enumerate().fold(String::new(), |mut text, (i, part)| {
+        self.routine_parts.iter().enumerate().fold(String::new(), |mut text, (i, part)| {
             // Writing to a string never fails.
             let _ = writeln!(text, "  {}. {}", i + 1, part.instruction);
             text
@@ -101,7 +101,7 @@ const HOVER_RATE_DEG_S: f64 = 30.0;
 
 fn yaw_turns() -> RoutinePart {
     RoutinePart {
-        name: "yaw turns",
+        part_name: "yaw turns",
         instruction: "in hover, turn the nose slowly once all round to the right, then once to the left, in 12 s each",
         legs: vec![circle_leg(HOVER_RATE_DEG_S, 360.0), circle_leg(HOVER_RATE_DEG_S, -360.0)],
     }
@@ -116,7 +116,7 @@ fn tilts_to_all_sides(name: &'static str, instruction_text: &'static str, headin
         [Leg::Push { toward_deg, tilt_deg: 18.0, seconds: TILT_DURATION_S }, Leg::Hover { seconds: REST_AFTER_TILT_S }]
     });
     let legs = (0..headings).flat_map(|_| each.clone().chain([turn])).collect();
-    RoutinePart { name, instruction: instruction_text, legs }
+    RoutinePart { part_name: name, instruction: instruction_text, legs }
 }
 
 fn plane_routine(plan: TurnPlan, heading_deg: f64) -> Routine {
@@ -126,13 +126,13 @@ fn plane_routine(plan: TurnPlan, heading_deg: f64) -> Routine {
     Routine {
         start_command: START_TURNS_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
-        parts: vec![
+        routine_parts: vec![
             RoutinePart {
-                name: "right turns",
+                part_name: "right turns",
                 instruction: "three or four full circles to the right, at 15 to 45 deg of bank",
                 legs: turns(1.0),
             },
-            RoutinePart { name: "left turns", instruction: "as many to the left", legs: turns(-1.0) },
+            RoutinePart { part_name: "left turns", instruction: "as many to the left", legs: turns(-1.0) },
         ],
         mission_legs: vec![
             Leg::Turn { bank_deg: 20.0, heading_change_deg: 360.0 },
@@ -149,7 +149,7 @@ fn copter_routine() -> Routine {
     Routine {
         start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Hover { seconds: 5.0 },
-        parts: vec![yaw_turns(), tilts_to_all_sides("pushes", instruction_text, 4)],
+        routine_parts: vec![yaw_turns(), tilts_to_all_sides("pushes", instruction_text, 4)],
         mission_legs: vec![
             circle_leg(45.0, 360.0),
             Leg::Straight { heading_deg: 60.0, seconds: 20.0 },
@@ -165,10 +165,10 @@ fn vtol_routine(heading_deg: f64) -> Routine {
     Routine {
         start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Hover { seconds: 5.0 },
-        parts: vec![
+        routine_parts: vec![
             yaw_turns(),
             RoutinePart {
-                name: "circles on wings",
+                part_name: "circles on wings",
                 instruction: "on wings, two full circles to the right and two to the left, at some 30 deg of bank",
                 legs: vec![
                     Leg::Straight { heading_deg, seconds: 10.0 },
@@ -191,7 +191,7 @@ fn vtol_routine(heading_deg: f64) -> Routine {
 fn circles_routine(name: &'static str, instruction_text: &'static str, rate_deg_s: f64, number: usize) -> RoutinePart {
     let sides = [720.0, -720.0].into_iter().cycle();
     RoutinePart {
-        name,
+        part_name: name,
         instruction: instruction_text,
         legs: sides.take(number).map(|change_deg| circle_leg(rate_deg_s, change_deg)).collect(),
     }
@@ -212,7 +212,7 @@ fn rover_routine(heading_deg: f64) -> Routine {
     Routine {
         start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
-        parts: vec![circles_routine("circles", instruction_text, 18.0, 4)],
+        routine_parts: vec![circles_routine("circles", instruction_text, 18.0, 4)],
         mission_legs: surface_mission(),
     }
 }
@@ -223,7 +223,7 @@ fn boat_routine(heading_deg: f64) -> Routine {
     Routine {
         start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
-        parts: vec![circles_routine("circles", instruction_text, 18.0, 4)],
+        routine_parts: vec![circles_routine("circles", instruction_text, 18.0, 4)],
         mission_legs: surface_mission(),
     }
 }
@@ -265,7 +265,7 @@ mod tests {
             aircraft.autopilot_mut().fly(leg);
         }
         while aircraft.autopilot().unfinished_legs() > 0 && aircraft.state().time_us < 1_000_000_000 {
-            aircraft.step();
+            aircraft.advance_step();
         }
         aircraft.state().time_us as f64 / 1e6
     }
@@ -286,7 +286,7 @@ mod tests {
         for kind in VehicleKind::ALL_VEHICLES {
             let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
             assert!(words.contains(&format!("{}, after `{}`", kind.vehicle_name(), routine.start_command)));
-            assert!(routine.parts.iter().all(|part| words.contains(part.instruction) && !part.legs.is_empty()));
+            assert!(routine.routine_parts.iter().all(|part| words.contains(part.instruction) && !part.legs.is_empty()));
         }
     }
 
@@ -297,7 +297,10 @@ mod tests {
             let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
             let row = format!("| `{}` | `{}` |", kind.vehicle_name(), routine.start_command);
             let row = text.lines().find(|line| line.starts_with(&row)).unwrap_or_default();
-            assert!(routine.parts.iter().all(|part| row.contains(&part.instruction.to_lowercase())), "{kind:?}: {row}");
+            assert!(
+                routine.routine_parts.iter().all(|part| row.contains(&part.instruction.to_lowercase())),
+                "{kind:?}: {row}"
+            );
         }
     }
 }

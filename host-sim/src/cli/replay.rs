@@ -160,7 +160,7 @@ fn parse_orientation(name: &str) -> Result<Orientation, String> {
 /// # Errors
 ///
 /// The log does not have the compass or the reference of the options.
-pub fn evaluate(file: &Path, flight: &Flight, options: &Replay) -> Result<FlightEvaluation, CommandFailure> {
+pub fn evaluate_log(file: &Path, flight: &Flight, options: &Replay) -> Result<FlightEvaluation, CommandFailure> {
     let name = file.display();
     let evaluation = evaluate_flight(
         flight,

@@ -67,7 +67,7 @@ impl TerminationSignals {
         Ok(interruption)
     }
 
-    pub fn stop(&self) -> &Arc<AtomicBool> {
+    pub fn stop_flag(&self) -> &Arc<AtomicBool> {
         &self.stop
     }
 

@@ -68,7 +68,7 @@ impl Emulator {
         config: WorldConfig,
     ) -> Result<Self, EmulatorError> {
         Self::start_machine(
-            || EmulatedMachine::start(image, Arc::clone(stop)),
+            || EmulatedMachine::start_qemu(image, Arc::clone(stop)),
             &config,
             [FarEnd::Talker, FarEnd::Unconnected],
         )
@@ -84,7 +84,7 @@ impl Emulator {
         config: WorldConfig,
         port_devices: [FarEnd; PORT_COUNT],
     ) -> Result<Self, EmulatorError> {
-        Self::start_machine(|| EmulatedMachine::start(image, Arc::default()), &config, port_devices)
+        Self::start_machine(|| EmulatedMachine::start_qemu(image, Arc::default()), &config, port_devices)
     }
 
     fn start_machine(
@@ -152,7 +152,7 @@ impl Emulator {
     }
 
     /// Runs the machine to its next message and the world to the machine's time.
-    fn step(&mut self) -> Result<(), EmulatorError> {
+    fn run_step(&mut self) -> Result<(), EmulatorError> {
         let (message, ticks) = self.machine.wait_for_message()?;
         if message == MachineMessage::Started {
             self.on_restart();
@@ -181,7 +181,7 @@ impl Emulator {
             autopilot_bytes: self.autopilot_wire.take_bytes(),
             instrument_bytes: self.instrument_wire.take_bytes(),
             is_sensor_wire_broken: self.sensor_broken,
-            test: self.requested_bench_test.take(),
+            bench_test: self.requested_bench_test.take(),
         };
         self.machine.resume(&go)
     }
@@ -239,7 +239,7 @@ impl Module for Emulator {
 
     fn run_until(&mut self, until_us: u64) -> ModuleRunEnd {
         while self.now_us() < until_us {
-            if let Err(error) = self.step() {
+            if let Err(error) = self.run_step() {
                 self.failure = Some(error);
                 return ModuleRunEnd::Failed;
             }

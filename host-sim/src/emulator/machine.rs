@@ -72,13 +72,13 @@ pub struct StepInput {
     /// Whether the sensor's data wire is broken.
     pub is_sensor_wire_broken: bool,
     /// Test to be run by the bench image.
-    pub test: Option<BenchTest>,
+    pub bench_test: Option<BenchTest>,
 }
 
 impl StepInput {
     /// Last byte of the message: bit 0 breaks the sensor's wire, higher bits are the test number.
     fn step_flags(&self) -> u8 {
-        u8::from(self.is_sensor_wire_broken) | self.test.map_or(0, |test| test as u8) << 1
+        u8::from(self.is_sensor_wire_broken) | self.bench_test.map_or(0, |test| test as u8) << 1
     }
 }
 
@@ -116,7 +116,7 @@ pub struct EmulatedMachine {
 
 impl EmulatedMachine {
     /// Starts QEMU with a firmware image and erased flash. Setting `stop` cancels all waiting.
-    pub fn start(image: &Path, stop: Arc<AtomicBool>) -> Result<Self, EmulatorError> {
+    pub fn start_qemu(image: &Path, stop: Arc<AtomicBool>) -> Result<Self, EmulatorError> {
         if !local_socket::ARE_LOCAL_SOCKETS_SUPPORTED {
             return Err(EmulatorError::NoLocalSockets);
         }

@@ -28,8 +28,8 @@ impl MachinePort {
     pub fn new(cable: &SerialCable, simulation: &mut Simulation) -> Self {
         let (receiver, transmitter) = cable.module_ends();
         let wire = Self { to_machine: Rc::default(), to_cable: Rc::default() };
-        simulation.spawn(Level::World, "to machine", receive(receiver, Rc::clone(&wire.to_machine)));
-        simulation.spawn(Level::World, "from machine", transmit(transmitter, Rc::clone(&wire.to_cable)));
+        simulation.spawn(Level::World, "to machine", forward_received(receiver, Rc::clone(&wire.to_machine)));
+        simulation.spawn(Level::World, "from machine", forward_sent(transmitter, Rc::clone(&wire.to_cable)));
         wire
     }
 
@@ -48,7 +48,7 @@ impl MachinePort {
     }
 }
 
-async fn receive(mut receiver: Receiver, to_machine: Rc<RefCell<VecDeque<u8>>>) {
+async fn forward_received(mut receiver: Receiver, to_machine: Rc<RefCell<VecDeque<u8>>>) {
     let mut buffer = [0; 64];
     loop {
         // Line errors are never injected here.
@@ -58,7 +58,7 @@ async fn receive(mut receiver: Receiver, to_machine: Rc<RefCell<VecDeque<u8>>>) 
     }
 }
 
-async fn transmit(mut transmitter: Transmitter, outgoing: Rc<OutgoingBytes>) {
+async fn forward_sent(mut transmitter: Transmitter, outgoing: Rc<OutgoingBytes>) {
     loop {
         outgoing.more.wait().await;
         let bytes = outgoing.bytes.take();

@@ -33,7 +33,7 @@ use self::pilot::SimulatedPilot;
 #[derive(Debug)]
 pub struct ServedPort {
     /// Name of the port.
-    pub name: &'static str,
+    pub port_name: &'static str,
     /// Short description of its traffic.
     pub traffic_description: &'static str,
     cable: fn(&Rig) -> &HostEnd,
@@ -41,13 +41,13 @@ pub struct ServedPort {
 
 /// All ports in order.
 pub const PORTS: &[ServedPort] = &[
-    ServedPort { name: "console", traffic_description: "a terminal", cable: |rig| &rig.console },
+    ServedPort { port_name: "console", traffic_description: "a terminal", cable: |rig| &rig.console },
     ServedPort {
-        name: "port 1",
+        port_name: "port 1",
         traffic_description: "an autopilot: MAVLink or MSP, detected",
         cable: |rig| &rig.autopilot,
     },
-    ServedPort { name: "port 2", traffic_description: "an instrument: NMEA heading", cable: |rig| &rig.instrument },
+    ServedPort { port_name: "port 2", traffic_description: "an instrument: NMEA heading", cable: |rig| &rig.instrument },
 ];
 
 /// Index of the console in [`PORTS`].
@@ -73,7 +73,7 @@ pub enum AttitudeProvider {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ServeOptions {
     /// Flight pattern without pilot commands.
-    pub pattern: PilotPattern,
+    pub flight_pattern: PilotPattern,
     /// Provider of the attitude.
     pub attitude: AttitudeProvider,
     /// Whether an external simulator provides the attitude of the aircraft.
@@ -127,8 +127,8 @@ impl ServedModule {
             rig.attach_can(bus.attach_node(), world.seed);
             bus.attach_node()
         });
-        let pilot = SimulatedPilot::new(&world, options.pattern, options.has_external_simulator);
-        pilot.start(&rig.world);
+        let pilot = SimulatedPilot::new(&world, options.flight_pattern, options.has_external_simulator);
+        pilot.start_pattern(&rig.world);
         let visits = options.has_external_simulator.then(DatagramCounts::default);
         let module = Self { rig, pilot, peer: ExternalAutopilot::default(), attitude: options.attitude, visits, can };
         module.forward_attitude();

@@ -45,7 +45,7 @@ impl SimulatedPilot {
     }
 
     /// Starts the pattern in flight, armed.
-    pub fn start(&self, world: &World) {
+    pub fn start_pattern(&self, world: &World) {
         world.set_armed(self.task != PilotTask::Visited);
         self.fly_pattern(world);
     }

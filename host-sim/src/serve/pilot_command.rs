@@ -126,7 +126,7 @@ impl FromStr for PilotCommand {
             "turn" => Self::Turn { bank_deg: parse_bank(&mut words)?, change_deg: parse_heading_change(&mut words)? },
             "level" => Self::Level { seconds: parse_seconds(&mut words)? },
             "heading" => {
-                let deg = number(&mut words, "DEG", 0.0..=360.0, "a heading is 0 to 360 deg")?;
+                let deg = parse_number_in_range(&mut words, "DEG", 0.0..=360.0, "a heading is 0 to 360 deg")?;
                 Self::Heading { deg, seconds: parse_seconds(&mut words)? }
             }
             "pattern" => Self::Pattern(parse_pattern(&mut words)?),
@@ -141,21 +141,21 @@ impl FromStr for PilotCommand {
 }
 
 fn parse_bank(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
-    let deg = number(words, "BANK", -60.0..=60.0, BANK_RANGE_TEXT)?;
+    let deg = parse_number_in_range(words, "BANK", -60.0..=60.0, BANK_RANGE_TEXT)?;
     if deg.abs() >= 1.0 { Ok(deg) } else { Err(PilotCommandError::OutOfRange(BANK_RANGE_TEXT)) }
 }
 
 const BANK_RANGE_TEXT: &str = "a bank is 1 to 60 deg, either way";
 
 fn parse_heading_change(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
-    let deg = number(words, "DEG", -3600.0..=3600.0, TURN_RANGE_TEXT)?;
+    let deg = parse_number_in_range(words, "DEG", -3600.0..=3600.0, TURN_RANGE_TEXT)?;
     if deg.abs() >= 1.0 { Ok(deg) } else { Err(PilotCommandError::OutOfRange(TURN_RANGE_TEXT)) }
 }
 
 const TURN_RANGE_TEXT: &str = "a turn goes through 1 to 3600 deg, either way";
 
 fn parse_seconds(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
-    number(words, "S", 0.1..=3600.0, "a time is 0.1 to 3600 s")
+    parse_number_in_range(words, "S", 0.1..=3600.0, "a time is 0.1 to 3600 s")
 }
 
 fn parse_pattern(words: &mut SplitWhitespace<'_>) -> Result<PilotPattern, PilotCommandError> {
@@ -164,7 +164,7 @@ fn parse_pattern(words: &mut SplitWhitespace<'_>) -> Result<PilotPattern, PilotC
         .ok_or(PilotCommandError::BadValue("routine, circles, wandering or level"))
 }
 
-fn number(
+fn parse_number_in_range(
     words: &mut SplitWhitespace<'_>,
     name: &'static str,
     range: std::ops::RangeInclusive<f64>,

@@ -43,7 +43,7 @@ impl PaperExperiment {
 
     /// As many samples as a long flight provides, with the noise of a LIS3MDL.
     #[must_use]
-    pub const fn noisy(seed: u64) -> Self {
+    pub const fn noisy_experiment(seed: u64) -> Self {
         Self { samples: 256, noise: Some(seed) }
     }
 }

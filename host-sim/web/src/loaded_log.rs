@@ -83,7 +83,7 @@ impl LoadedLog {
         LogSummary {
             compasses: self.flight.compasses.iter().map(|compass| compass.compass_number).collect(),
             range_s: self.flight.time_range_s(),
-            is_table: self.flight.format == LogFormat::Csv,
+            is_table: self.flight.log_format == LogFormat::Csv,
         }
     }
 

@@ -143,9 +143,9 @@ impl Bus {
         let bus = Self::default();
         let module = bus.clone();
         let info = NodeInfo {
-            name: "org.autoswing.test",
-            software: SoftwareVersion::of_this_firmware(None),
-            hardware: [1, 0],
+            node_name: "org.autoswing.test",
+            software_version: SoftwareVersion::of_this_firmware(None),
+            hardware_version: [1, 0],
             unique_id: UNIQUE_ID,
         };
         bench.run("can", |links| async move {
@@ -153,7 +153,7 @@ impl Bus {
         });
         bus.put(DataType::ARMING_STATUS, &[0]);
         bench.ms(1_100);
-        let is_anonymous = |frame: &CanFrame| FrameHeader::from_id(frame.id()).unwrap().source.is_none();
+        let is_anonymous = |frame: &CanFrame| FrameHeader::from_id(frame.id()).unwrap().source_node.is_none();
         assert!(bus.sent.take().iter().any(is_anonymous), "no request for a number");
         bus.put(DataType::ALLOCATION, &[&[OWN << 1], &UNIQUE_ID[..]].concat());
         bench.ms(1_100);
@@ -166,7 +166,7 @@ impl Bus {
             if data_type.is_service { TransferKind::Request(NodeId::new(OWN).unwrap()) } else { TransferKind::Message };
         let payload = Payload::from_slice(payload).unwrap();
         let transfer_id = self.received.borrow().len() as u8;
-        let transfer = OutboundTransfer { data_type, priority: 16, kind, transfer_id, payload };
+        let transfer = OutboundTransfer { data_type, priority: 16, transfer_kind: kind, transfer_id, payload };
         self.received.borrow_mut().extend(transfer.frames(NodeId::new(10)));
     }
 

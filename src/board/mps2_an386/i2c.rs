@@ -42,14 +42,14 @@ impl SensorBus {
         self.stop();
     }
 
-    fn start(&mut self) {
+    fn start_condition(&mut self) {
         SET_LINES.write_register(SDA);
         SET_LINES.write_register(SCL);
         CLEAR_LINES.write_register(SDA);
         CLEAR_LINES.write_register(SCL);
     }
 
-    fn stop(&mut self) {
+    fn stop_condition(&mut self) {
         CLEAR_LINES.write_register(SDA);
         SET_LINES.write_register(SCL);
         SET_LINES.write_register(SDA);

@@ -111,7 +111,7 @@ fn take_byte(uart: &Uart) -> u8 {
     }
 }
 
-fn receive(uart: &Uart, bytes: u8) {
+fn receive_bytes(uart: &Uart, bytes: u8) {
     let mut left = bytes;
     while left > 0 {
         if uart.receive() { left -= 1 } else { sleep() }

@@ -38,7 +38,7 @@ pub type ReceiveQueue = Pipe<CriticalSectionRawMutex, BUFFER_SIZE>;
 
 pub struct Uart {
     peripheral: Peripheral,
-    pub received: ReceiveQueue,
+    pub receive_queue: ReceiveQueue,
 }
 
 pub static CONSOLE: Uart = Uart::new(Peripheral::Uart0);
@@ -77,7 +77,7 @@ impl Uart {
     }
 
     /// Moves a received byte to the buffer; returns whether there was a byte.
-    pub fn receive(&self) -> bool {
+    pub fn receive_byte(&self) -> bool {
         let byte = self.read_byte();
         if let Some(byte) = byte {
             // An overrun loses the byte.

@@ -36,7 +36,7 @@ impl CanBuffers {
 }
 
 /// Starts a controller whose transceiver is on, in restricted mode.
-pub fn start(
+pub fn start_controller(
     mut can: CanConfigurator<'static>,
     silent: Output<'static>,
     termination: Output<'static>,

@@ -14,7 +14,7 @@ pub struct Watchdog(IndependentWatchdog<'static, IWDG>);
 
 impl Watchdog {
     /// Starts the watchdog. If a boot loader has started it, this sets its period.
-    pub fn start(watchdog: Peri<'static, IWDG>) -> Self {
+    pub fn start_watchdog(watchdog: Peri<'static, IWDG>) -> Self {
         let mut watchdog = IndependentWatchdog::new(watchdog, PERIOD_US);
         watchdog.unleash();
         // A reload before the new period is in force, 0.2 ms, would use the old one.

@@ -22,17 +22,17 @@ impl Ellipse {
     /// # Errors
     ///
     /// [`SolveError::NotFinite`] for non-finite fields, [`SolveError::NotAnEllipse`] for another conic.
-    pub fn fit(samples: &[Sample], rotation: &Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
+    pub fn fit_ellipse(samples: &[Sample], rotation: &Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
         let samples = Samples::new(samples);
-        let Some(plane) = PrincipalPlane::fit(&samples, rotation) else { return Err(SolveError::NotFinite) };
+        let Some(plane) = PrincipalPlane::fit_plane(&samples, rotation) else { return Err(SolveError::NotFinite) };
         // Scaled to about 1; otherwise the equations would mix magnitudes of 1 and uT^4.
         let scale = plane.rms_distance_ut;
         let points = samples.iter().map(|s| plane.plane_coordinates(&(rotation * s.field.ut)) / scale);
         let (centre, form) = fit_conic(points).ok_or(SolveError::NotAnEllipse(SamplePart::Turns(side)))?;
         Ok(Self {
-            centre_ut: plane.origin_ut + (plane.axes[0] * centre.x + plane.axes[1] * centre.y) * scale,
+            centre_ut: plane.origin_ut + (plane.plane_axes[0] * centre.x + plane.plane_axes[1] * centre.y) * scale,
             normal: plane.normal,
-            axes: plane.axes,
+            axes: plane.plane_axes,
             quadratic_form: form / (scale * scale),
         })
     }
@@ -116,7 +116,7 @@ mod tests {
 
     #[test]
     fn an_ellipse_in_space_is_found_with_its_conjugate_axes() {
-        let ellipse = Ellipse::fit(&samples(ellipse_point), &Matrix3::identity(), Side::Left).unwrap();
+        let ellipse = Ellipse::fit_ellipse(&samples(ellipse_point), &Matrix3::identity(), Side::Left).unwrap();
         assert!((ellipse.centre_ut - CENTRE_UT).norm() < 1e-3, "{}", ellipse.centre_ut);
         assert!((ellipse.normal.dot(&U_UT.cross(&V_UT).normalize()).abs() - 1.0).abs() < 1e-5);
         for (direction, conjugate) in [(U_UT, V_UT), (V_UT, U_UT), (U_UT + V_UT, (V_UT - U_UT) / 2_f32.sqrt())] {
@@ -136,7 +136,7 @@ mod tests {
     #[test]
     fn fields_are_rotated_before_they_are_fitted() {
         let rotation = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        let ellipse = Ellipse::fit(&samples(ellipse_point), &rotation, Side::Left).unwrap();
+        let ellipse = Ellipse::fit_ellipse(&samples(ellipse_point), &rotation, Side::Left).unwrap();
         assert!((ellipse.centre_ut - Vector3::new(40.0, 100.0, 15.0)).norm() < 1e-3, "{}", ellipse.centre_ut);
     }
 
@@ -145,11 +145,14 @@ mod tests {
         let hyperbola =
             samples(|phase| Vector3::new((phase / 3.0 - 1.0).cosh(), 2.0 * (phase / 3.0 - 1.0).sinh(), 0.0) * 20.0);
         for side in [Side::Left, Side::Right] {
-            let refused = Ellipse::fit(&hyperbola, &Matrix3::identity(), side).map(|_| ());
+            let refused = Ellipse::fit_ellipse(&hyperbola, &Matrix3::identity(), side).map(|_| ());
             assert_eq!(refused, Err(SolveError::NotAnEllipse(SamplePart::Turns(side))));
         }
         let nothing = samples(|_| Vector3::repeat(f32::NAN));
-        assert_eq!(Ellipse::fit(&nothing, &Matrix3::identity(), Side::Left).map(|_| ()), Err(SolveError::NotFinite));
+        assert_eq!(
+            Ellipse::fit_ellipse(&nothing, &Matrix3::identity(), Side::Left).map(|_| ()),
+            Err(SolveError::NotFinite)
+        );
     }
 
     fn points(point: impl Fn(f32) -> [f32; 2]) -> Option<(Vector2<f32>, Matrix2<f32>)> {

@@ -71,8 +71,9 @@ impl PlaneFigures {
         SolveError::require_samples(part, samples.len(), MIN_SAMPLES)?;
         let fields = samples.iter().map(|s| rotation * s.field.ut);
         let not_an_ellipse = SolveError::NotAnEllipse(part);
-        let xy = EllipseMap::fit(fields.clone().map(|f| Vector2::new(f.x, -f.z * up))).ok_or(not_an_ellipse)?;
-        let xz = EllipseMap::fit(fields.map(|f| f.xy())).ok_or(not_an_ellipse)?;
+        let xy =
+            EllipseMap::fit_ellipse_map(fields.clone().map(|f| Vector2::new(f.x, -f.z * up))).ok_or(not_an_ellipse)?;
+        let xz = EllipseMap::fit_ellipse_map(fields.map(|f| f.xy())).ok_or(not_an_ellipse)?;
         // Both figures measure x; eq. 13 and 14 use that of (x, up).
         let assemble = |of_xy: Vector2<f32>, of_xz: Vector2<f32>| Vector3::new(of_xy.x, of_xy.y * up, of_xz.y);
         Ok(Self {

@@ -34,7 +34,7 @@ pub(in crate::calibration) struct EllipseMap {
 impl EllipseMap {
     /// Fits the conic and derives the map. With `S` the inverse of the conic's form, `S = K P P^T K`: its diagonal is
     /// `K^2`, its off-diagonal element over `Kx Ky` is `sin 2p`. `None` when the points are not on an ellipse.
-    pub fn fit(points_ut: impl Iterator<Item = Vector2<f32>> + Clone) -> Option<Self> {
+    pub fn fit_ellipse_map(points_ut: impl Iterator<Item = Vector2<f32>> + Clone) -> Option<Self> {
         let number = points_ut.clone().count() as f32;
         let mean = points_ut.clone().sum::<Vector2<f32>>() / number;
         let scale = sqrt(points_ut.clone().map(|p| (p - mean).norm_squared()).sum::<f32>() / number);
@@ -82,7 +82,8 @@ pub(in crate::calibration) fn solve_level_ellipse(
 ) -> Result<SensorResponse, SolveError> {
     let fields = samples.all().map(|s| rotation * s.field.ut);
     SolveError::require_samples(SamplePart::Level, fields.clone().count(), MIN_SAMPLES)?;
-    let found = EllipseMap::fit(fields.clone().map(|f| f.xy())).ok_or(SolveError::NotAnEllipse(SamplePart::Level))?;
+    let found = EllipseMap::fit_ellipse_map(fields.clone().map(|f| f.xy()))
+        .ok_or(SolveError::NotAnEllipse(SamplePart::Level))?;
     let vertical_ut = sqrt(found.map_ut.determinant().abs());
     if vertical_ut.is_nan() || vertical_ut < MIN_RADIUS_UT {
         return Err(SolveError::NotAnEllipse(SamplePart::Level));
@@ -91,8 +92,8 @@ pub(in crate::calibration) fn solve_level_ellipse(
     if headings < MIN_HEADINGS {
         return Err(SolveError::TooFewHeadings { have: headings, need: MIN_HEADINGS });
     }
-    let vertical =
-        VerticalAxisFit::fit(&found, fields, vertical_ut).ok_or(SolveError::NotAnEllipse(SamplePart::Level))?;
+    let vertical = VerticalAxisFit::fit_vertical_axis(&found, fields, vertical_ut)
+        .ok_or(SolveError::NotAnEllipse(SamplePart::Level))?;
     let map = found.map_ut;
     let [x, y] = vertical.horizontal_response_ut;
     #[rustfmt::skip]
@@ -111,7 +112,11 @@ struct VerticalAxisFit {
 }
 
 impl VerticalAxisFit {
-    fn fit(found: &EllipseMap, fields: impl Iterator<Item = Vector3<f32>>, scale_ut: f32) -> Option<Self> {
+    fn fit_vertical_axis(
+        found: &EllipseMap,
+        fields: impl Iterator<Item = Vector3<f32>>,
+        scale_ut: f32,
+    ) -> Option<Self> {
         let inverse = found.map_ut.try_inverse()?;
         let mut system = LeastSquares::<3, 1>::new();
         for field in fields {

@@ -11,14 +11,14 @@ pub(crate) struct PrincipalPlane {
     /// Unit normal: direction of least scatter.
     pub normal: Vector3<f32>,
     /// Two orthonormal vectors in the plane.
-    pub axes: [Vector3<f32>; 2],
+    pub plane_axes: [Vector3<f32>; 2],
     /// RMS distance of the fields from their mean.
     pub rms_distance_ut: f32,
 }
 
 impl PrincipalPlane {
     /// Plane of the samples' fields, rotated by `rotation` first. `None` without samples or if not finite.
-    pub fn fit(samples: &Samples<'_>, rotation: &Matrix3<f32>) -> Option<Self> {
+    pub fn fit_plane(samples: &Samples<'_>, rotation: &Matrix3<f32>) -> Option<Self> {
         let fields_ut = || samples.iter().map(|sample| rotation * sample.field.ut);
         let number = fields_ut().count() as f32;
         let origin_ut = fields_ut().sum::<Vector3<f32>>() / number;
@@ -29,11 +29,11 @@ impl PrincipalPlane {
         }
         let normal = least_scatter_direction(&scatter)?;
         let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).unit_vector();
-        Some(Self { origin_ut, normal, axes: [first, normal.cross(&first)], rms_distance_ut: spread_ut })
+        Some(Self { origin_ut, normal, plane_axes: [first, normal.cross(&first)], rms_distance_ut: spread_ut })
     }
 
     pub fn plane_coordinates(&self, field_ut: &Vector3<f32>) -> Vector2<f32> {
-        Vector2::from(self.axes.map(|axis| axis.dot(&(field_ut - self.origin_ut))))
+        Vector2::from(self.plane_axes.map(|axis| axis.dot(&(field_ut - self.origin_ut))))
     }
 }
 
@@ -78,7 +78,7 @@ mod tests {
         let samples = samples(fields_ut);
         let (left, rest) = samples.split_at(1);
         let (right, level) = rest.split_at(1);
-        PrincipalPlane::fit(&Parts { left, right, level, ..Parts::default() }.samples(), rotation)
+        PrincipalPlane::fit_plane(&Parts { left, right, level, ..Parts::default() }.samples(), rotation)
     }
 
     #[test]
@@ -90,7 +90,7 @@ mod tests {
         assert!((plane.origin_ut - origin).norm() < 1e-5, "{}", plane.origin_ut);
         assert!((plane.normal.dot(&Vector3::new(0.0, -0.8, 0.6)).abs() - 1.0).abs() < 1e-5, "{}", plane.normal);
         assert!((plane.rms_distance_ut - 11.661_9).abs() < 1e-3, "{}", plane.rms_distance_ut);
-        let [x, y] = plane.axes;
+        let [x, y] = plane.plane_axes;
         assert!((x.norm() - 1.0).abs() < 1e-5 && (y.norm() - 1.0).abs() < 1e-5 && x.dot(&y).abs() < 1e-5);
         for corner in corners {
             let flat = plane.plane_coordinates(&corner);
@@ -113,7 +113,7 @@ mod tests {
             let plane = through(&fields, &Matrix3::identity()).unwrap();
             let least = (0..3).min_by(|&a, &b| f32::total_cmp(&lengths[a], &lengths[b])).unwrap();
             assert!((plane.normal.dot(&axes[least]).abs() - 1.0).abs() < 1e-5, "{lengths:?} {}", plane.normal);
-            let [x, y] = plane.axes;
+            let [x, y] = plane.plane_axes;
             assert!((x.cross(&y) - plane.normal).norm() < 1e-5);
         }
     }
@@ -131,6 +131,6 @@ mod tests {
     fn non_finite_fields_have_no_plane() {
         let fields = [Vector3::x(), Vector3::y(), Vector3::new(f32::NAN, 0.0, 1.0)];
         assert!(through(&fields, &Matrix3::identity()).is_none());
-        assert!(PrincipalPlane::fit(&Samples::default(), &Matrix3::identity()).is_none());
+        assert!(PrincipalPlane::fit_plane(&Samples::default(), &Matrix3::identity()).is_none());
     }
 }

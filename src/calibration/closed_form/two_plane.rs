@@ -73,7 +73,7 @@ struct TurnEllipse<'a> {
 impl<'a> TurnEllipse<'a> {
     fn new(samples: &'a [Sample], rotation: &'a Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
         SolveError::require_samples(SamplePart::Turns(side), samples.len(), MIN_SAMPLES)?;
-        let ellipse = Ellipse::fit(samples, rotation, side)?;
+        let ellipse = Ellipse::fit_ellipse(samples, rotation, side)?;
         Ok(Self { samples, rotation, side, ellipse, bank: MeanBank::from_samples(samples) })
     }
 

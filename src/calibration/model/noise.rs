@@ -75,7 +75,7 @@ impl NoiseModel {
     /// Heading variance of one sample from its derivative by the corrected field. A tilt error rotates the heading by
     /// `tan(inclination)` times its component towards the field.
     pub fn heading_variance(&self, by_field: &Vector3<f32>, prediction: &FieldPrediction) -> f32 {
-        let tan_dip = prediction.level.z / prediction.cos_inclination;
+        let tan_dip = prediction.level_field.z / prediction.cos_inclination;
         let attitude = self.attitude_sigma_rad() * tan_dip;
         self.w.tr_mul(by_field).norm_squared() * self.norm_sigma * self.norm_sigma + attitude * attitude
     }

@@ -22,12 +22,12 @@ pub(crate) struct FieldPrediction {
     /// Norm of the corrected field, `|w|`; nominally 1.
     pub norm: f32,
     /// `n`, also the derivative of the norm by the corrected field.
-    pub direction: Vector3<f32>,
+    pub field_direction: Vector3<f32>,
     /// Derivative of the inclination `i` by the corrected field. From `sin i = down . n` and
     /// `d n = (1 - n n^T) d w / |w|`: `(down - n l_z) / (|w| cos i)`.
     pub inclination_by_field: Vector3<f32>,
     /// `l`.
-    pub level: Vector3<f32>,
+    pub level_field: Vector3<f32>,
     /// `cos i = sqrt(l_x^2 + l_y^2)`.
     pub cos_inclination: f32,
     /// Inclination `i = atan2(l_z, sqrt(l_x^2 + l_y^2))`, radians.
@@ -45,9 +45,9 @@ impl FieldPrediction {
         Self {
             x,
             norm: total,
-            direction,
+            field_direction: direction,
             inclination_by_field: (tilt.down_in_body() - direction * level.z) / (total * horizontal),
-            level,
+            level_field: level,
             cos_inclination: horizontal,
             inclination_rad: libm::atan2f(level.z, horizontal),
         }
@@ -55,7 +55,7 @@ impl FieldPrediction {
 
     /// Jacobian row of `e_norm = |W x + d| - 1`: `n x^T` by `W`, `n` by `d`, 0 by `I`.
     pub(crate) fn norm_row(&self) -> JacobianRow {
-        JacobianRow { derivative_by_field: self.direction, x: self.x, by_inclination: 0.0 }
+        JacobianRow { derivative_by_field: self.field_direction, x: self.x, by_inclination: 0.0 }
     }
 
     /// Jacobian row of `e_incl = i - I`, with `t` the derivative of `i` by the field: `t x^T` by `W`, `t` by `d`, -1 by
@@ -72,26 +72,26 @@ impl FieldPrediction {
 
     /// Magnetic heading, radians (Liu 2007 eq. 3).
     pub fn heading_rad(&self) -> f32 {
-        libm::atan2f(-self.level.y, self.level.x)
+        libm::atan2f(-self.level_field.y, self.level_field.x)
     }
 
     /// Derivative of the heading by the corrected field, in body axes.
     pub fn heading_by_field(&self, tilt: &AttitudeRotation) -> Vector3<f32> {
-        heading_by_field(tilt, &self.level) / self.norm
+        heading_by_field(tilt, &self.level_field) / self.norm
     }
 
     /// Derivatives of the inclination by roll and by pitch. From `sin i = down . n` and
     /// `down = (-sin theta, cos theta sin phi, cos theta cos phi)`: `cos theta l_y / cos i` and `-l_x / cos i`.
     pub fn inclination_by_attitude(&self, tilt: &AttitudeRotation) -> [f32; 2] {
-        [tilt.cos_pitch() * self.level.y / self.cos_inclination, -self.level.x / self.cos_inclination]
+        [tilt.cos_pitch() * self.level_field.y / self.cos_inclination, -self.level_field.x / self.cos_inclination]
     }
 
     /// Derivatives of the heading by roll and by pitch. A roll rotates the level field about
     /// `(cos theta, 0, -sin theta)`, a pitch about `(0, 1, 0)`: `sin theta + cos theta l_x l_z / cos^2 i` and
     /// `l_y l_z / cos^2 i`.
     pub fn heading_by_attitude(&self, tilt: &AttitudeRotation) -> [f32; 2] {
-        let per_horizontal = self.level.z / (self.cos_inclination * self.cos_inclination);
-        [tilt.sin_pitch() + tilt.cos_pitch() * self.level.x * per_horizontal, self.level.y * per_horizontal]
+        let per_horizontal = self.level_field.z / (self.cos_inclination * self.cos_inclination);
+        [tilt.sin_pitch() + tilt.cos_pitch() * self.level_field.x * per_horizontal, self.level_field.y * per_horizontal]
     }
 }
 

@@ -12,7 +12,7 @@ pub(in crate::calibration) struct PriorEquation {
     pub jacobian_row: Vector13,
     pub residual: f32,
     pub sigma: f32,
-    pub quantity: PriorQuantity,
+    pub prior_quantity: PriorQuantity,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,9 +62,9 @@ fn soft_iron_and_mounting_priors(
         let (ij, ji) = (parameters.w[(i, j)], parameters.w[(j, i)]);
         let (by_ij, by_ji) = (scaled_unit_vector(w_index(i, j), 0.5), scaled_unit_vector(w_index(j, i), 0.5));
         let (residual, sigma) = (ij.midpoint(ji), config.soft_iron_sigma);
-        each(&PriorEquation { jacobian_row: by_ij + by_ji, residual, sigma, quantity: PriorQuantity::SoftIron });
+        each(&PriorEquation { jacobian_row: by_ij + by_ji, residual, sigma, prior_quantity: PriorQuantity::SoftIron });
         let (residual, sigma) = ((ij - ji) / 2.0, config.mounting_sigma);
-        each(&PriorEquation { jacobian_row: by_ij - by_ji, residual, sigma, quantity: PriorQuantity::Mounting });
+        each(&PriorEquation { jacobian_row: by_ij - by_ji, residual, sigma, prior_quantity: PriorQuantity::Mounting });
     }
     let third_of_trace = (0..3).map(|i| scaled_unit_vector(w_index(i, i), 1.0 / 3.0)).sum::<Vector13>();
     for i in 0..3 {
@@ -74,7 +74,7 @@ fn soft_iron_and_mounting_priors(
             jacobian_row: row,
             residual,
             sigma: config.soft_iron_sigma,
-            quantity: PriorQuantity::SoftIron,
+            prior_quantity: PriorQuantity::SoftIron,
         });
     }
 }
@@ -92,7 +92,7 @@ fn hard_iron_priors(likelihood: &Likelihood, parameters: &ModelParameters, each:
             row[d_index(axis)] = -k[axis];
         }
         let residual = likelihood.mean_field[i] - from_b[i];
-        each(&PriorEquation { jacobian_row: row, residual, sigma, quantity: PriorQuantity::HardIron });
+        each(&PriorEquation { jacobian_row: row, residual, sigma, prior_quantity: PriorQuantity::HardIron });
     }
 }
 
@@ -104,7 +104,7 @@ fn inclination_prior(likelihood: &Likelihood, parameters: &ModelParameters, each
         jacobian_row: scaled_unit_vector(INCLINATION_INDEX, 1.0),
         residual,
         sigma,
-        quantity: PriorQuantity::Inclination,
+        prior_quantity: PriorQuantity::Inclination,
     });
 }
 

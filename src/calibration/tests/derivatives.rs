@@ -127,9 +127,10 @@ fn norm_inclination_and_heading_by_field() {
         let here = case.predict(&case.unknowns);
         let heading = here.heading_by_field(&tilt);
         for axis in 0..3 {
-            let moved =
-                |step| FieldPrediction::new(case.x, &(here.direction * here.norm + Vector3::ith(axis, step)), &tilt);
-            assert_derivative(here.direction[axis], |step| moved(step).norm, "total by field");
+            let moved = |step| {
+                FieldPrediction::new(case.x, &(here.field_direction * here.norm + Vector3::ith(axis, step)), &tilt)
+            };
+            assert_derivative(here.field_direction[axis], |step| moved(step).norm, "total by field");
             assert_derivative(here.inclination_by_field[axis], |step| moved(step).inclination_rad, "dip by field");
             let turned = |step| wrap_pi(moved(step).heading_rad() - here.heading_rad());
             assert_derivative(heading[axis], turned, "heading by field");
@@ -230,7 +231,7 @@ fn inclination_is_decorrelated_from_the_norm() {
     for case in cases(Case::normalised) {
         let here = case.predict(&case.unknowns);
         let equations = equations(&case, &case.unknowns, None, false);
-        let (norm_by_x, dip_by_x) = (noise_w.tr_mul(&here.direction), noise_w.tr_mul(&here.inclination_by_field));
+        let (norm_by_x, dip_by_x) = (noise_w.tr_mul(&here.field_direction), noise_w.tr_mul(&here.inclination_by_field));
         let slope = norm_by_x.dot(&dip_by_x) / norm_by_x.norm_squared();
         let tilt_variance = 0.02_f32.powi(2) - 0.01_f32.powi(2);
         let [roll, pitch] = here.inclination_by_attitude(&case.attitude.tilt_rotation());
@@ -263,7 +264,7 @@ fn likelihood(known_inclination_rad: Option<f32>) -> Likelihood {
 fn priors(likelihood: &Likelihood, unknowns: &Vector13) -> Vec<(PriorQuantity, Vector13, f32, f32)> {
     let mut priors = Vec::new();
     for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |p| {
-        priors.push((p.quantity, p.jacobian_row, p.residual, p.sigma));
+        priors.push((p.prior_quantity, p.jacobian_row, p.residual, p.sigma));
     });
     priors
 }
@@ -350,7 +351,7 @@ fn an_expected_field_has_no_residuals() {
         let x = parameters.expected_field(&tilt, heading_rad).unwrap();
         let prediction = parameters.predict_field(x, &tilt);
         let level = Field::<Level>::earth(1.0, parameters.inclination_rad, heading_rad).ut;
-        assert!((prediction.norm - 1.0).abs() < 1e-5 && (prediction.level - level).norm() < 1e-5);
+        assert!((prediction.norm - 1.0).abs() < 1e-5 && (prediction.level_field - level).norm() < 1e-5);
         assert!((prediction.inclination_rad - parameters.inclination_rad).abs() < 1e-5);
         assert!(wrap_pi(prediction.heading_rad() - heading_rad).abs() < 1e-5);
     }

@@ -50,9 +50,9 @@ fn level_samples_are_used_only_for_a_missing_side() {
     let RecordedTurns { left, right } = Flight::TYPICAL.fly(&airframe, &mut random);
     let all = Parts { left: &left, right: &right, level: &left, ..Parts::default() }.samples();
     let select = |fit: Samples<'_>| SelectedParts::new(fit, Procedure::Turns).select_samples(all);
-    assert!(select(all).part(CollectionPart::LEVEL).is_empty());
+    assert!(select(all).samples_of_part(CollectionPart::LEVEL).is_empty());
     let thin = select(Parts { left: &left, right: &right[..5], level: &left, ..Parts::default() }.samples());
-    assert_eq!(CollectionPart::ALL_PARTS.map(|part| thin.part(part).len()), [left.len(), 0, left.len(), 0]);
+    assert_eq!(CollectionPart::ALL_PARTS.map(|part| thin.samples_of_part(part).len()), [left.len(), 0, left.len(), 0]);
 }
 
 #[test]

@@ -172,14 +172,14 @@ impl<'a> Samples<'a> {
 
     /// Samples of a part, in order of time.
     #[must_use]
-    pub fn part(&self, part: CollectionPart) -> &'a [Sample] {
+    pub fn samples_of_part(&self, part: CollectionPart) -> &'a [Sample] {
         if self.is_excluded[part.index()] { &[] } else { samples_of_part(self.ordered, part) }
     }
 
     /// Samples of the turns of a side, in order of time.
     #[must_use]
     pub fn samples_of_turn(&self, side: Side) -> &'a [Sample] {
-        self.part(CollectionPart::of_turn(side))
+        self.samples_of_part(CollectionPart::of_turn(side))
     }
 
     /// Iterates over the samples without a given heading, by part, then time.
@@ -193,7 +193,7 @@ impl<'a> Samples<'a> {
     }
 
     pub(crate) fn has_free_flight_samples(&self) -> bool {
-        !self.part(CollectionPart::FREE).is_empty()
+        !self.samples_of_part(CollectionPart::FREE).is_empty()
     }
 }
 
@@ -269,7 +269,10 @@ mod tests {
     fn samples_are_iterated_by_part_and_marks_last() {
         assert_eq!(times(samples().iter()), [1, 2, 3, 4, 5, 6, 7, 8]);
         assert_eq!(times(samples().all()), [1, 2, 3, 4, 5, 6, 7, 8, 9]);
-        assert_eq!(CollectionPart::ALL_PARTS.map(|part| times(samples().part(part))), [[1, 2], [3, 4], [5, 6], [7, 8]]);
+        assert_eq!(
+            CollectionPart::ALL_PARTS.map(|part| times(samples().samples_of_part(part))),
+            [[1, 2], [3, 4], [5, 6], [7, 8]]
+        );
         assert_eq!([Side::Left, Side::Right].map(|side| times(samples().samples_of_turn(side))), [[1, 2], [3, 4]]);
         assert_eq!(times(Samples::default().all()), []);
         assert!(samples().has_free_flight_samples() && !Samples::default().has_free_flight_samples());
@@ -284,8 +287,12 @@ mod tests {
                 .filter(|part| is_excluded(*part))
                 .fold(samples(), Samples::without_part);
             let included = || CollectionPart::ALL_PARTS.into_iter().filter(|part| !is_excluded(*part));
-            assert_eq!(times(view.iter()), times(included().flat_map(|part| samples().part(part))), "{excluded}");
-            assert_eq!(times(view.iter()), times(included().flat_map(|part| view.part(part))), "{excluded}");
+            assert_eq!(
+                times(view.iter()),
+                times(included().flat_map(|part| samples().samples_of_part(part))),
+                "{excluded}"
+            );
+            assert_eq!(times(view.iter()), times(included().flat_map(|part| view.samples_of_part(part))), "{excluded}");
             assert_eq!(view.iter().count() + 1, view.all().count());
         }
     }

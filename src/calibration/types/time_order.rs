@@ -18,7 +18,8 @@ impl<'a> TimeOrdered<'a> {
     /// Merges all parts except samples with given headings, whose times are unrelated.
     pub fn new(samples: Samples<'a>) -> Self {
         let is_in_order = |before: &Sample, after: &Sample| after.time.signed_ms_since(before.time) >= 0;
-        let mut runs = CollectionPart::ALL_PARTS.into_iter().flat_map(|part| samples.part(part).chunk_by(is_in_order));
+        let mut runs =
+            CollectionPart::ALL_PARTS.into_iter().flat_map(|part| samples.samples_of_part(part).chunk_by(is_in_order));
         Self { remaining: core::array::from_fn(|_| runs.next().unwrap_or_default()) }
     }
 }

@@ -145,6 +145,6 @@ impl Information {
 
     /// Step of the unknowns that follows a change of the interference.
     pub fn step_for_motor_current(&self, k: &Vector3<f32>) -> Option<Vector13> {
-        Some(-self.linear_system.covariance_times(&self.motor_current.effect(k))?)
+        Some(-self.linear_system.covariance_times(&self.motor_current.coefficient_effect(k))?)
     }
 }

@@ -59,9 +59,9 @@ pub(in crate::calibration) fn unobservable_quantities(
             return;
         };
         if prior.jacobian_row.dot(&column) > 0.25 * prior.sigma * prior.sigma
-            && let Some(slot) = left.get_mut(prior.quantity as usize)
+            && let Some(slot) = left.get_mut(prior.prior_quantity as usize)
         {
-            *slot = Some(prior.quantity);
+            *slot = Some(prior.prior_quantity);
         }
     });
     if !determined {

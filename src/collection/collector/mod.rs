@@ -246,7 +246,7 @@ impl<'a> Collector<'a> {
                 Procedure::Turns | Procedure::Level | Procedure::Swing => of(CollectionPart::LEFT),
             },
             right_turns: of(CollectionPart::RIGHT),
-            level: of(CollectionPart::LEVEL),
+            level_progress: of(CollectionPart::LEVEL),
             mark_count: self.header.mark_count,
             turn_in_progress: self.detector.turn_side(),
         }

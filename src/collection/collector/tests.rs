@@ -17,8 +17,9 @@ fn hold_bank(collector: &mut Collector, roll_deg: f32, from_s: u32, to_s: u32) {
 }
 
 fn sample_counts(collector: &Collector) -> [usize; 4] {
-    CollectionPart::ALL_PARTS
-        .map(|part| collector.fit_samples().part(part).len() + collector.held_back().part(part).len())
+    CollectionPart::ALL_PARTS.map(|part| {
+        collector.fit_samples().samples_of_part(part).len() + collector.held_back().samples_of_part(part).len()
+    })
 }
 
 /// 10 s of turn: 2 s settle, then a sample every 0.4 s.

@@ -93,9 +93,10 @@ impl Linearisation {
         let off_rad = self.sensor_noise_share * (seen.inclination_rad - self.calibration.inclination_rad);
         let off_rad = off_rad.clamp(-MAX_CORRECTION_RAD, MAX_CORRECTION_RAD);
         // Small rotation in the plane of field and vertical.
-        let direction = seen.direction - seen.inclination_by_field * off_rad;
-        let towards_down = seen.inclination_by_field + seen.direction * off_rad;
-        let truly = FieldPrediction { x: direction, direction, inclination_by_field: towards_down, ..seen };
+        let direction = seen.field_direction - seen.inclination_by_field * off_rad;
+        let towards_down = seen.inclination_by_field + seen.field_direction * off_rad;
+        let truly =
+            FieldPrediction { x: direction, field_direction: direction, inclination_by_field: towards_down, ..seen };
         [truly.norm_row(), truly.inclination_row()]
     }
 }

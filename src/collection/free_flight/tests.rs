@@ -75,8 +75,10 @@ fn informative_samples_replace_uninformative_ones() {
     let stored = turns.filter(|sample| flight.push(*sample) == FreeFlightSample::Stored).count();
     let mut banked_sum = 0;
     for purpose in [SampleUse::Fit, SampleUse::Verification] {
-        let (samples, capacity) =
-            (flight.buffer.samples.part(purpose, CollectionPart::FREE), SampleQuota::WHOLE_BUFFER.quota_of(purpose));
+        let (samples, capacity) = (
+            flight.buffer.samples.samples_of_part(purpose, CollectionPart::FREE),
+            SampleQuota::WHOLE_BUFFER.quota_of(purpose),
+        );
         let banked = samples.iter().filter(|s| s.attitude.roll_rad.abs() > 0.3).count();
         banked_sum += banked;
         assert_eq!(samples.len(), capacity);

@@ -23,14 +23,20 @@ pub(super) fn push_sample(mut part: PartView<'_>, quota: SampleQuota, distance_u
     let is_taken = part.is_due(&sample) && is_far;
     if is_taken {
         let purpose = part.count_and_assign_use(&sample);
-        store(&mut part, purpose, quota, distance_ut, sample);
-        part.state.percent = percent(part.samples_of_use(SampleUse::Fit).len() as u16, COMPLETE_SAMPLE_COUNT);
+        store_sample(&mut part, purpose, quota, distance_ut, sample);
+        part.part_state.percent = percent(part.samples_of_use(SampleUse::Fit).len() as u16, COMPLETE_SAMPLE_COUNT);
     }
     is_taken
 }
 
 /// Stores a sample; for the fit if there is no room among the held-back ones.
-fn store(part: &mut PartView<'_>, purpose: SampleUse, quota: SampleQuota, distance_ut: &mut f32, sample: Sample) {
+fn store_sample(
+    part: &mut PartView<'_>,
+    purpose: SampleUse,
+    quota: SampleQuota,
+    distance_ut: &mut f32,
+    sample: Sample,
+) {
     if purpose == SampleUse::Verification && !part.is_full(purpose, quota) {
         return part.insert(purpose, sample);
     }

@@ -36,7 +36,7 @@ impl Tumble {
     }
 
     fn stored(&self) -> usize {
-        self.buffer.stored(CollectionPart::FREE)
+        self.buffer.stored_samples(CollectionPart::FREE)
     }
 
     fn coverage(&mut self) -> PartCoverage {

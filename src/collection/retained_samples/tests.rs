@@ -92,9 +92,9 @@ fn a_collection_continues_after_a_restart() {
         }
         assert!(collector.progress().is_complete(), "{cut}: {:?}", collector.progress());
         for part in [
-            collector.fit_samples().part(CollectionPart::LEFT),
-            collector.fit_samples().part(CollectionPart::RIGHT),
-            collector.held_back().part(CollectionPart::LEFT),
+            collector.fit_samples().samples_of_part(CollectionPart::LEFT),
+            collector.fit_samples().samples_of_part(CollectionPart::RIGHT),
+            collector.held_back().samples_of_part(CollectionPart::LEFT),
         ] {
             assert!(part.is_sorted_by_key(|sample| sample.time.as_ms()), "{cut}");
             assert!(part.windows(2).all(|two| two[1].time.ms_since(two[0].time) >= 400), "{cut}");

@@ -48,7 +48,7 @@ impl SampleBuffer {
     }
 
     /// Samples of one use and part, ordered by time.
-    pub fn part(&self, purpose: SampleUse, part: CollectionPart) -> &[Sample] {
+    pub fn samples_of_part(&self, purpose: SampleUse, part: CollectionPart) -> &[Sample] {
         samples_of_part(self.samples_of_use(purpose), part)
     }
 

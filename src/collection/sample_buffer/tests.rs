@@ -32,9 +32,9 @@ fn samples_are_ordered_by_use_part_and_time() {
         times(buffer.all()),
         [times(buffer.samples_of_use(SampleUse::Fit)), times(buffer.samples_of_use(SampleUse::Verification))].concat()
     );
-    assert_eq!(times(buffer.part(SampleUse::Fit, CollectionPart::LEVEL)), [1, 21, 41]);
-    assert_eq!(times(buffer.part(SampleUse::Verification, CollectionPart::FREE)), [12, 32, 52]);
-    assert!(buffer.part(SampleUse::Fit, CollectionPart::RIGHT).is_empty());
+    assert_eq!(times(buffer.samples_of_part(SampleUse::Fit, CollectionPart::LEVEL)), [1, 21, 41]);
+    assert_eq!(times(buffer.samples_of_part(SampleUse::Verification, CollectionPart::FREE)), [12, 32, 52]);
+    assert!(buffer.samples_of_part(SampleUse::Fit, CollectionPart::RIGHT).is_empty());
     for (i, part) in PARTS.into_iter().enumerate() {
         let both: Vec<Sample> = buffer.part_fit_then_held_back(part).iter().copied().collect();
         assert_eq!(times(&both), [0, 20, 40, 10, 30, 50].map(|time_ms| time_ms + i as u32));

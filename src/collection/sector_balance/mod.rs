@@ -77,7 +77,7 @@ impl SectorBalance {
             let percent = if is_complete { 100 } else { self.balance_percent(&counts, number) };
             (counts.iter().filter(|&&n| n > 0).count() as u8, percent)
         });
-        (part.state.covered_sectors, part.state.percent) = (sectors, percent);
+        (part.part_state.covered_sectors, part.part_state.percent) = (sectors, percent);
     }
 
     /// Lesser of sector filling and sample number, percent.

@@ -129,7 +129,7 @@ fn nonfinite_samples_are_rejected() {
             assert!(!push_turn(&mut buffer, sample(field_ut, (i * 3 + axis) as u32 * 400)));
         }
     }
-    assert_eq!(buffer.stored(CollectionPart::RIGHT), 0);
+    assert_eq!(buffer.stored_samples(CollectionPart::RIGHT), 0);
 }
 
 #[test]
@@ -149,7 +149,7 @@ fn no_sensor_value_panics() {
 /// Number of samples stored at this interval, across a wrap of the clock.
 fn stored_at_interval(spacing_ms: u32, number: u32) -> usize {
     let at = |i: u32| sample([i as f32, 0.0, 0.0], (i * spacing_ms).wrapping_sub(1000));
-    collect((0..number).map(at)).stored(CollectionPart::RIGHT)
+    collect((0..number).map(at)).stored_samples(CollectionPart::RIGHT)
 }
 
 #[test]
@@ -174,7 +174,7 @@ fn a_sample_too_early_does_not_count() {
     assert!(push_turn(&mut buffer, sample([0.0; 3], 0)));
     assert!(!push_turn(&mut buffer, sample([1.0, 0.0, 0.0], 399)));
     assert!(push_turn(&mut buffer, sample([1.0, 0.0, 0.0], 400)));
-    assert_eq!(buffer.part_view(CollectionPart::RIGHT).state.taken_count, 2);
+    assert_eq!(buffer.part_view(CollectionPart::RIGHT).part_state.taken_count, 2);
 }
 
 /// Samples at `100 sector + age`; sector 3 is the most crowded.
@@ -283,7 +283,8 @@ fn the_circle_is_fitted_to_fit_and_held_back_samples() {
         (0..12).for_each(|i| buffer.part_view(CollectionPart::LEFT).insert(purpose, at(i)));
         for i in 12..36 {
             // One before the use in question.
-            buffer.part_view(CollectionPart::LEFT).state.taken_count = if purpose == SampleUse::Fit { 0 } else { 3 };
+            buffer.part_view(CollectionPart::LEFT).part_state.taken_count =
+                if purpose == SampleUse::Fit { 0 } else { 3 };
             assert!(QUOTA_12.push_sample(buffer.part_view(CollectionPart::LEFT), at(i)));
         }
         let samples = if purpose == SampleUse::Fit {
@@ -291,7 +292,7 @@ fn the_circle_is_fitted_to_fit_and_held_back_samples() {
         } else {
             buffer.held_back(CollectionPart::LEFT)
         };
-        assert_eq!((samples.len(), buffer.stored(CollectionPart::LEFT)), (12, 12));
+        assert_eq!((samples.len(), buffer.stored_samples(CollectionPart::LEFT)), (12, 12));
         assert!(samples.iter().filter(|s| s.time.as_ms() >= 12 * 400).count() >= 10, "{samples:?}");
         assert!(purpose == SampleUse::Verification || buffer.coverage(CollectionPart::LEFT).covered_sectors >= 11);
     }

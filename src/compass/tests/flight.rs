@@ -262,7 +262,7 @@ fn commands_interrupt_trial_solves() {
         bench
     };
     let mut bench = bench_in_trial();
-    assert_eq!(bench.report().state, ModuleState::Collecting);
+    assert_eq!(bench.report().module_state, ModuleState::Collecting);
     assert!(bench.compass.is_busy(), "a look changes nothing");
     assert_eq!(bench.done(Command::CalStop), ModuleState::Uncalibrated);
     assert!(!bench.compass.is_busy());

@@ -246,7 +246,10 @@ fn full_turns_to_both_sides_give_a_calibration() {
     assert!(rms(&airframe().errors_deg(&written.calibration)) < 3.0 * verdict.quality.expected_rms_deg);
     assert_eq!(bench.compass.correction().calibration, Some((written.calibration, written.uncertainty)));
     let report = bench.report();
-    assert_eq!((report.state, report.can_undo, report.last_outcome.is_some()), (ModuleState::Calibrated, false, true));
+    assert_eq!(
+        (report.module_state, report.can_undo, report.last_outcome.is_some()),
+        (ModuleState::Calibrated, false, true)
+    );
     assert_eq!(report.stored_calibration.as_ref().map(|summary| summary.serial_number), Some(1));
     assert_eq!(report.stored_calibration.map(|summary| summary.expected_accuracy()), Some(verdict));
 }
@@ -282,7 +285,7 @@ fn settings_of_a_running_solve_cannot_change() {
     ] {
         assert!(matches!(bench.saved(Command::Set(setting)), Ok(Reply::Done(ModuleState::Solving))), "{setting:?}");
     }
-    assert_eq!(bench.report().state, ModuleState::Solving);
+    assert_eq!(bench.report().module_state, ModuleState::Solving);
     assert_eq!(bench.done(Command::Restart), ModuleState::Solving, "a solve is no reason to stay");
     assert_eq!(bench.refused(Command::CalAdvise), Refusal::NotSolved);
     let end = bench.solve();
@@ -378,7 +381,7 @@ fn commands_that_change_state_are_refused_during_a_save() {
     ] {
         assert_eq!(bench.refused(command), Refusal::Busy, "{command:?}");
     }
-    assert_eq!(bench.report().state, ModuleState::Verifying);
+    assert_eq!(bench.report().module_state, ModuleState::Verifying);
     assert!(matches!(bench.compass.step(Event::Saved(Ok(()))), Effect::Notify(Message::Solved(Ok(_)))));
     assert_eq!(bench.done(Command::CalAbort), ModuleState::Calibrated);
 }

@@ -133,7 +133,7 @@ fn control_of_a_collection_survives_restarts() {
     module.run(|run| assert!(run.fly(&hover_samples[..60]).is_none() && run.report().is_automatic));
     let samples = module.run(|run| {
         let report = run.report();
-        assert!(report.is_automatic && report.state == ModuleState::Collecting);
+        assert!(report.is_automatic && report.module_state == ModuleState::Collecting);
         run.compass.step(Event::Armed(Some(false)));
         assert!(run.fly(&hover_samples[60..100]).is_none() && run.report().awaits_arming);
         report.progress.left_turns.samples
@@ -152,7 +152,7 @@ fn control_of_a_collection_survives_restarts() {
         assert!(run.fly(&hover_samples[100..160]).is_none());
         let report = run.report();
         assert_eq!(
-            (report.state, report.progress.left_turns.samples),
+            (report.module_state, report.progress.left_turns.samples),
             (ModuleState::Uncalibrated, samples),
             "nor does it begin"
         );

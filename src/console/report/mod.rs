@@ -83,15 +83,15 @@ fn write_state_after_change(out: &mut impl Write, command: Command, report: &Sta
             out.write_str("ok ")?;
             setting_line(out, SettingGroup::from_setting(setting), " ", report)?;
             // A calibration is valid for one mounting.
-            let state = if let SettingChange::Mount(_) = setting { report.state.state_name() } else { "" };
+            let state = if let SettingChange::Mount(_) = setting { report.module_state.state_name() } else { "" };
             writeln!(out, "{}{state}", if state.is_empty() { "" } else { "; " })
         }
         (Command::Align(_) | Command::AlignConfirmed(_), _) => {
             writeln!(out, "ok align {} deg, added to every heading", ShortestDecimal(report.settings.align_deg, 1))
         }
         (Command::CalUndo, Some(record)) => {
-            writeln!(out, "ok {}: {}", report.state.state_name(), CalibrationTitle(record))
+            writeln!(out, "ok {}: {}", report.module_state.state_name(), CalibrationTitle(record))
         }
-        _ => writeln!(out, "ok {}", report.state.state_name()),
+        _ => writeln!(out, "ok {}", report.module_state.state_name()),
     }
 }

@@ -18,9 +18,9 @@ use crate::wire::dronecan::outbound::BusCounts;
 /// Writes the reply to `status`: the state, sensors, and the collection, what went wrong last, or the
 /// calibration.
 pub(super) fn write_status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
-    writeln!(out, "ok {}", report.state.state_name())?;
+    writeln!(out, "ok {}", report.module_state.state_name())?;
     heading_lines(out, health)?;
-    match (report.state, &report.last_outcome) {
+    match (report.module_state, &report.last_outcome) {
         (ModuleState::Collecting, _) if report.progress.procedure == Procedure::Flight => {
             write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)
         }
@@ -33,7 +33,8 @@ pub(super) fn write_status(out: &mut impl Write, report: &StatusReport, health: 
 /// Writes the progress of a collection.
 fn write_coverage(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     let progress = &report.progress;
-    let [left, right, level] = [&progress.left_turns, &progress.right_turns, &progress.level].map(|part| part.percent);
+    let [left, right, level] =
+        [&progress.left_turns, &progress.right_turns, &progress.level_progress].map(|part| part.percent);
     write!(out, "collecting: {}", progress.procedure.procedure_name())?;
     match progress.procedure {
         Procedure::Turns => writeln!(out, ", left {left} %, right {right} %, level {level} %"),
@@ -66,12 +67,12 @@ fn calibration_line(out: &mut impl Write, report: &StatusReport, health: &Diagno
 
 /// Writes the reply to `status all`.
 pub(super) fn full_status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
-    writeln!(out, "ok {}", report.state.state_name())?;
+    writeln!(out, "ok {}", report.module_state.state_name())?;
     heading_lines(out, health)?;
     writeln!(out, "armed: {}", report.is_armed.map_or("not known", |armed| if armed { "yes" } else { "no" }))?;
     write_motor_current(out, health.current_a)?;
     write_progress(out, report)?;
-    if let (ModuleState::Collecting, Procedure::Flight) = (report.state, report.progress.procedure) {
+    if let (ModuleState::Collecting, Procedure::Flight) = (report.module_state, report.progress.procedure) {
         write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)?;
     }
     calibration_line(out, report, health)?;
@@ -137,7 +138,7 @@ fn write_can_state(out: &mut impl Write, can: &CanState) -> fmt::Result {
     if can.has_conflict {
         out.write_str(", which another node has, too")?;
     }
-    let BusCounts { sent_frames: sent, received_frames: received, bus_errors: errors } = can.frames;
+    let BusCounts { sent_frames: sent, received_frames: received, bus_errors: errors } = can.frame_counts;
     writeln!(out, "; {sent} frames sent, {received} received, {errors} errors")
 }
 
@@ -150,12 +151,12 @@ fn write_progress(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
         Procedure::Turns => {
             writeln!(out, "left: {}", CoverageText(&progress.left_turns))?;
             writeln!(out, "right: {}", CoverageText(&progress.right_turns))?;
-            writeln!(out, "level: {}", CoverageText(&progress.level))
+            writeln!(out, "level: {}", CoverageText(&progress.level_progress))
         }
-        Procedure::Level => writeln!(out, "level: {}", CoverageText(&progress.level)),
+        Procedure::Level => writeln!(out, "level: {}", CoverageText(&progress.level_progress)),
         Procedure::Swing => {
             writeln!(out, "marks: {}", progress.mark_count)?;
-            writeln!(out, "level: {}", CoverageText(&progress.level))
+            writeln!(out, "level: {}", CoverageText(&progress.level_progress))
         }
         Procedure::Flight | Procedure::Tumble => {
             let PartCoverage { samples, held_back_count: held_back, .. } = progress.left_turns;

@@ -180,9 +180,9 @@ impl MeasurementModel {
             strength: measured.total_ut(),
             inclination_rad: measured.inclination_rad(),
             heading_rad,
-            tan_inclination: prediction.level.z / prediction.cos_inclination,
+            tan_inclination: prediction.level_field.z / prediction.cos_inclination,
             uncorrected_residual: seen.field - earth,
-            strength_jacobian: row(&prediction.direction, [0.0; 2]),
+            strength_jacobian: row(&prediction.field_direction, [0.0; 2]),
             inclination_jacobian: row(&prediction.inclination_by_field, inclination_by_tilt),
             heading_jacobian: row(&prediction.heading_by_field(&tilt), heading_by_tilt),
         }

@@ -394,7 +394,7 @@ fn a_new_sensor_sets_the_period_and_drops_waiting_readings() {
     }
     assert_eq!(instrument.rejections().unpaired_readings, 1);
     instrument.set_sensor(100_000, None);
-    assert_eq!(instrument.config().reading_period_us, 100_000);
+    assert_eq!(instrument.instrument_config().reading_period_us, 100_000);
     report(&mut instrument, 400_000, Attitude::default());
     assert!(samples(&mut instrument).is_empty(), "nothing waits");
     instrument.on_reading(at(400_000), reading(SOME));

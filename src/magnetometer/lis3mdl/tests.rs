@@ -18,7 +18,7 @@ fn init_writes_the_configuration_of_the_data_sheet() {
     let identity = block_on(driver.init());
     assert_eq!(identity, Ok(Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E }));
     // UHP 80 Hz, 4 gauss, continuous, UHP, BDU: data sheet sections 7.3 to 7.7.
-    assert_eq!(driver.chip.bus.values[0x20..0x25], [0x7C, 0x00, 0x00, 0x0C, 0x40]);
+    assert_eq!(driver.chip.i2c_bus.values[0x20..0x25], [0x7C, 0x00, 0x00, 0x0C, 0x40]);
 }
 
 #[test]
@@ -31,30 +31,30 @@ fn range_goes_to_bits_5_and_6_of_control_register_2() {
     ] {
         let mut driver = Lis3mdl::new(registers(), Lis3mdlConfig { range, ..Lis3mdlConfig::default() });
         block_on(driver.init()).unwrap();
-        assert_eq!(driver.chip.bus.values[0x21], bits);
+        assert_eq!(driver.chip.i2c_bus.values[0x21], bits);
     }
 }
 
 #[test]
 fn a_chip_with_another_identity_is_not_configured() {
     let mut driver = Lis3mdl::new(registers(), Lis3mdlConfig::default());
-    driver.chip.bus.values[0x0F] = 0x40;
+    driver.chip.i2c_bus.values[0x0F] = 0x40;
     assert_eq!(block_on(driver.init()), Err(MagnetometerError::WrongIdentity(0x40)));
-    assert_eq!(driver.chip.bus.values[0x20..0x25], [0; 5]);
+    assert_eq!(driver.chip.i2c_bus.values[0x20..0x25], [0; 5]);
 }
 
 #[test]
 fn a_control_register_that_reads_back_differently_is_reported() {
     let mut driver = Lis3mdl::new(registers(), Lis3mdlConfig::default());
-    driver.chip.bus.broken = vec![0x24];
+    driver.chip.i2c_bus.broken = vec![0x24];
     assert_eq!(block_on(driver.init()), Err(MagnetometerError::Configuration { written: 0x40, read: 0x00 }));
 }
 
 #[test]
 fn every_configuration_bit_is_verified() {
     let mut driver = Lis3mdl::new(registers(), Lis3mdlConfig::default());
-    block_on(assert_every_bit_is_verified(&mut driver, |driver| &mut driver.chip.bus, 0x20..0x25));
-    driver.chip.bus.address = 0x1C;
+    block_on(assert_every_bit_is_verified(&mut driver, |driver| &mut driver.chip.i2c_bus, 0x20..0x25));
+    driver.chip.i2c_bus.address = 0x1C;
     assert_eq!(block_on(driver.verify_configuration()), Err(MagnetometerError::Bus(ErrorKind::Other)));
 }
 
@@ -67,7 +67,7 @@ fn twelve_equal_readings_indicate_a_stuck_axis() {
 fn the_configured_address_is_used() {
     let mut driver = Lis3mdl::new(registers(), Lis3mdlConfig { address: 0x1C, ..Lis3mdlConfig::default() });
     assert_eq!(block_on(driver.init()), Err(MagnetometerError::Bus(ErrorKind::Other)));
-    driver.chip.bus.address = 0x1C;
+    driver.chip.i2c_bus.address = 0x1C;
     assert_eq!(block_on(driver.init()), Ok(Identity { model: MagnetometerModel::Lis3mdl, address: 0x1C }));
 }
 
@@ -76,14 +76,14 @@ fn the_configured_address_is_used() {
 fn init_reads_the_data_once() {
     let mut driver = Lis3mdl::new(registers(), Lis3mdlConfig::default());
     block_on(driver.init()).unwrap();
-    assert!(driver.chip.bus.was_read[0x28..0x2E].iter().all(|&was_read| was_read));
+    assert!(driver.chip.i2c_bus.was_read[0x28..0x2E].iter().all(|&was_read| was_read));
 }
 
 /// 0.5 gauss on x at +-4 gauss.
 fn with_measurement(status: u8) -> Lis3mdl<SimulatedRegisters> {
     let mut driver = Lis3mdl::new(registers(), Lis3mdlConfig::default());
-    driver.chip.bus.values[0x27] = status;
-    driver.chip.bus.values[0x28..0x2A].copy_from_slice(&3421_i16.to_le_bytes());
+    driver.chip.i2c_bus.values[0x27] = status;
+    driver.chip.i2c_bus.values[0x28..0x2A].copy_from_slice(&3421_i16.to_le_bytes());
     driver
 }
 

@@ -38,7 +38,7 @@ fn init_stops_tests_configures_and_starts_in_this_order() {
             .chain(cycle_counts)
             .chain([(0x0B, 0x95), (0x01, 0x79)])
             .collect();
-        assert_eq!(driver.chip.device.writes, expected);
+        assert_eq!(driver.chip.spi_device.writes, expected);
     });
 }
 
@@ -50,8 +50,8 @@ fn the_continuous_mode_register_is_never_read() {
         driver.init().await.unwrap();
         driver.read_measurement().await.unwrap();
         driver.verify_configuration().await.unwrap();
-        assert!(!driver.chip.device.was_read[0x01]);
-        assert!(driver.chip.device.was_read[0x24..0x2D].iter().all(|&was_read| was_read));
+        assert!(!driver.chip.spi_device.was_read[0x01]);
+        assert!(driver.chip.spi_device.was_read[0x24..0x2D].iter().all(|&was_read| was_read));
     });
 }
 
@@ -61,9 +61,9 @@ fn a_chip_with_another_identity_is_not_configured() {
     simulate(async {
         for other in [0x00, 0x21, 0x23, 0xFF] {
             let mut driver = driver();
-            driver.chip.device.values[0x36] = other;
+            driver.chip.spi_device.values[0x36] = other;
             assert_eq!(driver.init().await, Err(MagnetometerError::WrongIdentity(other)));
-            assert_eq!(driver.chip.device.writes, []);
+            assert_eq!(driver.chip.spi_device.writes, []);
         }
     });
 }
@@ -76,7 +76,7 @@ fn each_failed_oscillator_fails_the_self_test() {
             let result = !(1_u8 << bit);
             let mut driver = driver_with_test_result(result);
             assert_eq!(driver.init().await, Err(MagnetometerError::SelfTest(result)));
-            assert!(!driver.chip.device.writes.contains(&(0x01, 0x79)), "not started");
+            assert!(!driver.chip.spi_device.writes.contains(&(0x01, 0x79)), "not started");
         }
         let mut driver = driver_with_test_result(0xF0);
         assert!(driver.init().await.is_ok(), "bits 0 to 3 are settings");
@@ -87,7 +87,7 @@ fn each_failed_oscillator_fails_the_self_test() {
 fn a_self_test_without_an_end_is_reported() {
     simulate(async {
         let mut driver = driver();
-        driver.chip.device.values[0x34] = 0x7F;
+        driver.chip.spi_device.values[0x34] = 0x7F;
         assert_eq!(driver.init().await, Err(MagnetometerError::NoData));
     });
 }
@@ -97,9 +97,9 @@ fn a_register_that_reads_back_differently_is_reported_before_the_start() {
     for (register, written) in [(0x05, 0xC8), (0x07, 0xC8), (0x09, 0xC8), (0x0B, 0x95)] {
         simulate(async move {
             let mut driver = driver();
-            driver.chip.device.broken.push(register);
+            driver.chip.spi_device.broken.push(register);
             assert_eq!(driver.init().await, Err(MagnetometerError::Configuration { written, read: 0 }));
-            assert!(!driver.chip.device.writes.contains(&(0x01, 0x79)), "not started");
+            assert!(!driver.chip.spi_device.writes.contains(&(0x01, 0x79)), "not started");
         });
     }
 }
@@ -108,8 +108,8 @@ fn a_register_that_reads_back_differently_is_reported_before_the_start() {
 fn every_bit_of_cycle_counts_and_rate_is_verified() {
     simulate(async {
         let mut driver = driver();
-        assert_every_bit_is_verified(&mut driver, |driver| &mut driver.chip.device, 0x04..0x0A).await;
-        assert_every_bit_is_verified(&mut driver, |driver| &mut driver.chip.device, 0x0B..0x0C).await;
+        assert_every_bit_is_verified(&mut driver, |driver| &mut driver.chip.spi_device, 0x04..0x0A).await;
+        assert_every_bit_is_verified(&mut driver, |driver| &mut driver.chip.spi_device, 0x0B..0x0C).await;
     });
 }
 
@@ -119,7 +119,7 @@ fn old_measurements_are_not_returned() {
     simulate(async {
         let mut driver = driver();
         driver.init().await.unwrap();
-        driver.chip.device.values[0x34] = 0x7F;
+        driver.chip.spi_device.values[0x34] = 0x7F;
         let start = Instant::now();
         assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
         assert_eq!(start.elapsed().as_micros(), 10_533 + 53_500);
@@ -131,9 +131,9 @@ fn old_measurements_are_not_returned() {
 fn data_of_ones_is_no_measurement() {
     simulate(async {
         let mut driver = driver();
-        driver.chip.device.values[0x24..0x2D].fill(0xFF);
+        driver.chip.spi_device.values[0x24..0x2D].fill(0xFF);
         assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
-        driver.chip.device.values[0x2C] = 0xFE;
+        driver.chip.spi_device.values[0x2C] = 0xFE;
         assert!(driver.read_measurement().await.is_ok());
     });
 }

@@ -146,7 +146,7 @@ impl CanNode {
         self.frames.received_frames = self.frames.received_frames.wrapping_add(1);
         let own = self.node_id();
         let header = FrameHeader::from_id(frame.id());
-        if own.is_some() && header.and_then(|header| header.source) == own {
+        if own.is_some() && header.and_then(|header| header.source_node) == own {
             self.on_conflict(at);
             return;
         }
@@ -156,7 +156,7 @@ impl CanNode {
         let Self { receiver, services, vehicle_reports, tunnel, allocation, .. } = self;
         let Some(transfer) = receiver.push_frame(at, own, frame) else { return };
         self.received_transfers = self.received_transfers.wrapping_add(1);
-        let InboundTransfer { source, message, .. } = transfer;
+        let InboundTransfer { source_node: source, message, .. } = transfer;
         match (message, own, source) {
             (InboundMessage::Allocation(step), None, _) => {
                 if let Some(number) = allocation.receive_allocation(at, source, step) {
@@ -165,7 +165,7 @@ impl CanNode {
             }
             (InboundMessage::Targetted(piece), Some(own), _) if piece.target == own.get() => {
                 let has_battery = vehicle_reports.has_battery(at);
-                tunnel.receive(at, &transfer, &piece, &mut |message| match message {
+                tunnel.receive_targetted(at, &transfer, &piece, &mut |message| match message {
                     ReceivedMessage::Current(_) if has_battery => {}
                     message => deliver(message),
                 });
@@ -263,7 +263,7 @@ impl CanNode {
 
     /// Removes the frame after it was sent.
     pub fn frame_sent(&mut self, now: Timestamp) {
-        self.outbox.pop(now);
+        self.outbox.pop_frame(now);
         self.frames.sent_frames = self.frames.sent_frames.wrapping_add(1);
     }
 
@@ -281,7 +281,7 @@ impl CanNode {
     /// State of the node for status reports.
     #[must_use]
     pub fn can_state(&self, now: Timestamp) -> CanState {
-        CanState { node: self.node_id(), has_conflict: self.has_conflict(now), frames: self.frames }
+        CanState { node: self.node_id(), has_conflict: self.has_conflict(now), frame_counts: self.frames }
     }
 
     const fn node_id(&self) -> Option<NodeId> {
@@ -351,10 +351,10 @@ impl CanNode {
             _ => outbound::transport_stats(transfers, *frames),
         };
         loop {
-            match services.step(snapshot.now, stored_settings, *is_armed, describe) {
+            match services.next_decision(snapshot.now, stored_settings, *is_armed, describe) {
                 RequestStep::Execute(command) => return Some(command),
                 RequestStep::Respond(response) if outbox.queue_transfer(snapshot.now, Some(own), &response) => {
-                    services.pop()
+                    services.pop_response()
                 }
                 // If the queue is full, the response is made again later.
                 RequestStep::Respond(_) | RequestStep::Idle => return None,

@@ -65,8 +65,11 @@ impl FrameOutbox {
     ) -> bool {
         let transfer_id = self.transfer_id(data_type);
         let kind = TransferKind::Message;
-        let is_queued =
-            self.queue_transfer(now, source, &OutboundTransfer { data_type, priority, kind, transfer_id, payload });
+        let is_queued = self.queue_transfer(
+            now,
+            source,
+            &OutboundTransfer { data_type, priority, transfer_kind: kind, transfer_id, payload },
+        );
         if is_queued {
             self.next_transfer_id(data_type);
         }
@@ -86,7 +89,9 @@ impl FrameOutbox {
         let data_type = DataType::MAGNETIC_FIELD_STRENGTH_2;
         let transfer_id = self.transfer_id(data_type);
         let kind = TransferKind::Message;
-        for frame in (OutboundTransfer { data_type, priority, kind, transfer_id, payload }).frames(Some(source)) {
+        for frame in
+            (OutboundTransfer { data_type, priority, transfer_kind: kind, transfer_id, payload }).frames(Some(source))
+        {
             let _ = self.field.push_back(frame);
         }
         self.is_first_field_frame_sent = false;
@@ -100,7 +105,7 @@ impl FrameOutbox {
     }
 
     /// Removes the next frame after it was sent.
-    pub fn pop(&mut self, now: Timestamp) {
+    pub fn pop_frame(&mut self, now: Timestamp) {
         self.progress_at = now;
         self.is_first_field_frame_sent = self.field.pop_front().is_some() || {
             self.frames.pop_front();

@@ -10,10 +10,10 @@ const NO_KEY_TEXT: &str = "off";
 
 /// Parameter of a request: by its name, otherwise by its position.
 pub(super) fn requested_parameter(request: &GetSet<'_>) -> Option<&'static SettingParameter> {
-    if request.name.is_empty() {
+    if request.parameter_name.is_empty() {
         return PARAMETERS.get(usize::from(request.parameter_index));
     }
-    PARAMETERS.iter().find(|parameter| parameter.name.as_bytes() == request.name)
+    PARAMETERS.iter().find(|parameter| parameter.parameter_name.as_bytes() == request.parameter_name)
 }
 
 /// Value of a request in the parameter's kind; `None` for another kind, which is a request to read.
@@ -43,7 +43,7 @@ pub(super) fn parameter_response(parameter: Option<&SettingParameter>, settings:
         default_value: to_value(parameter.parameter_value(&Settings::DEFAULT)),
         max_value: max,
         min_value: min,
-        name: parameter.name,
+        parameter_name: parameter.parameter_name,
     }
     .payload()
 }

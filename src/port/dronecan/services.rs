@@ -31,7 +31,7 @@ struct Requester {
 impl Requester {
     fn response_transfer(self, (data_type, payload): (DataType, Payload)) -> OutboundTransfer {
         let Self { node, priority, transfer_id } = self;
-        OutboundTransfer { data_type, priority, kind: TransferKind::Response(node), transfer_id, payload }
+        OutboundTransfer { data_type, priority, transfer_kind: TransferKind::Response(node), transfer_id, payload }
     }
 }
 
@@ -91,7 +91,7 @@ pub(super) struct Services {
 impl Services {
     /// Queues a request.
     pub fn receive_transfer(&mut self, own: NodeId, transfer: &InboundTransfer<'_>) {
-        let Some(node) = transfer.source.filter(|_| !self.waiting.is_full()) else { return };
+        let Some(node) = transfer.source_node.filter(|_| !self.waiting.is_full()) else { return };
         let request = match transfer.message {
             InboundMessage::GetNodeInfo => ServiceRequest::GetNodeInfo,
             InboundMessage::GetTransportStats => ServiceRequest::GetTransportStats,
@@ -134,7 +134,7 @@ impl Services {
 
     /// Next step with the oldest request. While the vehicle is armed no request changes the module. `describe` returns
     /// the responses that only the node knows.
-    pub fn step(
+    pub fn next_decision(
         &mut self,
         now: Timestamp,
         settings: &Settings,
@@ -162,7 +162,7 @@ impl Services {
     }
 
     /// Removes the request after its response was queued.
-    pub fn pop(&mut self) {
+    pub fn pop_response(&mut self) {
         if self.finished.take().is_none() {
             self.waiting.pop_front();
         }

@@ -35,7 +35,7 @@ impl StatusMonitor {
         NodeStatus {
             uptime_s: (snapshot.now.as_us() / 1_000_000) as u32,
             health: if is_faulty { NodeHealth::Error } else { NodeHealth::Ok },
-            mode: match (is_updating, self.has_reading || is_faulty) {
+            node_mode: match (is_updating, self.has_reading || is_faulty) {
                 (true, _) => NodeMode::SoftwareUpdate,
                 (false, false) => NodeMode::Initialization,
                 (false, true) => NodeMode::Operational,

@@ -32,14 +32,14 @@ pub(super) struct Tunnel {
 
 impl Tunnel {
     /// Processes received bytes; passes on the decoded messages.
-    pub fn receive(
+    pub fn receive_targetted(
         &mut self,
         at: Timestamp,
         transfer: &InboundTransfer<'_>,
         piece: &Targetted<'_>,
         deliver: &mut dyn FnMut(ReceivedMessage),
     ) {
-        let Some(node) = transfer.source else { return };
+        let Some(node) = transfer.source_node else { return };
         if ![Targetted::MAVLINK_PROTOCOL, Targetted::MAVLINK_2].contains(&piece.protocol) {
             return;
         }
@@ -51,7 +51,7 @@ impl Tunnel {
         }
         let Targetted { protocol, serial_line: serial, baud, .. } = *piece;
         self.peer = Some(TunnelPeer { node, protocol, serial, baud, last: at, transfer_id: transfer.transfer_id });
-        for &byte in piece.data {
+        for &byte in piece.serial_bytes {
             if let Some(message) = self.mavlink.process_byte(at, byte) {
                 deliver(message);
             }
@@ -72,8 +72,14 @@ impl Tunnel {
         let TunnelPeer { node, protocol, serial, baud, .. } = self.peer?;
         let pending = self.output.pending_bytes();
         let data = pending.get(..Targetted::MAX_DATA_LENGTH).unwrap_or(pending);
-        let piece =
-            Targetted { protocol, target: node.get(), serial_line: serial, options: TARGETTED_OPTIONS, baud, data };
+        let piece = Targetted {
+            protocol,
+            target: node.get(),
+            serial_line: serial,
+            tunnel_options: TARGETTED_OPTIONS,
+            baud,
+            serial_bytes: data,
+        };
         (!data.is_empty()).then(|| (piece.payload(), data.len()))
     }
 

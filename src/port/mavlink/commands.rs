@@ -60,14 +60,14 @@ impl CommandHandler {
     ///
     /// The command is rejected, with the reason to send as a text, if any.
     pub fn process_command(&mut self, at: Timestamp, received: &ReceivedCommand) -> Result<Command, Option<Refusal>> {
-        match self.evaluate(at, received) {
+        match self.evaluate_command(at, received) {
             Ok(command) => {
-                let (by, number) = (received.source, received.command_number);
+                let (by, number) = (received.sender_id, received.command_number);
                 self.last = Some(LastCommand { at, by, number, command, result: None });
                 Ok(command)
             }
             Err((result, reason)) => {
-                self.queue_reply(received.source, received.command_number, result);
+                self.queue_reply(received.sender_id, received.command_number, result);
                 Err(reason)
             }
         }
@@ -97,12 +97,12 @@ impl CommandHandler {
         is_sent
     }
 
-    fn evaluate(&self, at: Timestamp, received: &ReceivedCommand) -> Result<Command, CommandRejection> {
+    fn evaluate_command(&self, at: Timestamp, received: &ReceivedCommand) -> Result<Command, CommandRejection> {
         let command = console_command(received)?;
         if let Some(last) = self.last {
             let age_us = at.us_since(last.at);
             let is_open = last.result.is_none() && age_us <= RESULT_TIMEOUT_US;
-            let is_the_same = last.by == received.source && last.number == received.command_number;
+            let is_the_same = last.by == received.sender_id && last.number == received.command_number;
             if is_the_same && received.confirmation > 0 && (is_open || age_us <= REPETITION_WINDOW_US) {
                 return Err((last.result.unwrap_or(MavResult::MAV_RESULT_IN_PROGRESS), None));
             }

@@ -134,7 +134,7 @@ impl Mavlink {
             }
             InboundMessage::Command(_) => None,
             InboundMessage::Acknowledgement(ack) => {
-                if is_autopilot(&ack.source) && is_own(ack.target) {
+                if is_autopilot(&ack.sender_id) && is_own(ack.target) {
                     self.requests.on_acknowledgement(at, ack);
                 }
                 None

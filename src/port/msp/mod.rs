@@ -89,7 +89,7 @@ impl Msp {
             self.requested_at = None;
         }
         match message {
-            MspReply::Attitude(angles) => return self.report(at, angles),
+            MspReply::Attitude(angles) => return self.attitude_report(at, angles),
             MspReply::Gyro(counts) if self.firmware == Some(AutopilotFirmware::Inav) => {
                 self.gyro = Some((at, inav_body_rates_rad_s(counts)));
             }
@@ -103,7 +103,7 @@ impl Msp {
         None
     }
 
-    fn report(&mut self, at: Timestamp, angles: MspAngles) -> Option<ReceivedMessage> {
+    fn attitude_report(&mut self, at: Timestamp, angles: MspAngles) -> Option<ReceivedMessage> {
         // MSP has one sender, without a clock.
         let (source, sender_time) = (SenderId::default(), WrappingMillis::new(0));
         let attitude = self.firmware?.attitude_from_angles(angles)?;

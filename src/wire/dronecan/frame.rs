@@ -88,11 +88,11 @@ pub struct FrameHeader {
     /// Priority, 0 (highest) to 31.
     pub priority: u8,
     /// Kind of the transfer.
-    pub kind: TransferKind,
+    pub transfer_kind: TransferKind,
     /// Data type; of an anonymous message only the two low bits.
     pub type_id: u16,
     /// Sender; `None` for an anonymous message.
-    pub source: Option<NodeId>,
+    pub source_node: Option<NodeId>,
 }
 
 impl FrameHeader {
@@ -110,15 +110,15 @@ impl FrameHeader {
             let type_id = u16::from_be_bytes([middle, low]);
             (TransferKind::Message, if source.is_none() { type_id & 3 } else { type_id })
         };
-        Some(Self { priority, kind, type_id, source })
+        Some(Self { priority, transfer_kind: kind, type_id, source_node: source })
     }
 
     /// Encodes the identifier; that of an anonymous message has the discriminator in the high bits of its type.
     #[must_use]
     pub fn to_id(self) -> u32 {
-        let source = self.source.map_or(0, NodeId::get);
+        let source = self.source_node.map_or(0, NodeId::get);
         let [type_high, type_low] = self.type_id.to_be_bytes();
-        let (middle, low, service) = match self.kind {
+        let (middle, low, service) = match self.transfer_kind {
             TransferKind::Message => (type_high, type_low, 0),
             TransferKind::Request(to) => (type_low, 0x80 | to.get(), 0x80),
             TransferKind::Response(to) => (type_low, to.get(), 0x80),

@@ -72,7 +72,7 @@ pub struct GetSet<'a> {
     /// New value; empty to read.
     pub value: GetSetValue<'a>,
     /// Name, if not empty.
-    pub name: &'a [u8],
+    pub parameter_name: &'a [u8],
 }
 
 /// Value of a parameter.
@@ -112,11 +112,11 @@ pub struct Targetted<'a> {
     /// Number of the serial line, -16 to 15; -1 is the default one.
     pub serial_line: i8,
     /// Option bits of the tunnel.
-    pub options: u8,
+    pub tunnel_options: u8,
     /// Baud rate of the serial line, bits per second.
     pub baud: u32,
     /// Bytes of the serial line.
-    pub data: &'a [u8],
+    pub serial_bytes: &'a [u8],
 }
 
 impl Targetted<'_> {
@@ -159,7 +159,7 @@ static RECEIVED_TYPES: [ReceivedType; 11] = [
 /// one.
 pub(super) fn find_type(is_service: bool, id: u16, is_anonymous: bool) -> Option<&'static ReceivedType> {
     RECEIVED_TYPES.iter().find(|received| {
-        let DataType { id: known, is_service: is_known_service, .. } = received.data_type;
+        let DataType { type_id: known, is_service: is_known_service, .. } = received.data_type;
         (is_known_service, known) == (is_service, id) && (!is_anonymous || received.data_type == DataType::ALLOCATION)
     })
 }
@@ -188,7 +188,11 @@ fn get_set(payload: &[u8]) -> Option<InboundMessage<'_>> {
         _ => return None,
     };
     let name = fields.take_rest();
-    (name.len() <= NAME_LENGTH).then_some(InboundMessage::GetSet(GetSet { parameter_index: index, value, name }))
+    (name.len() <= NAME_LENGTH).then_some(InboundMessage::GetSet(GetSet {
+        parameter_index: index,
+        value,
+        parameter_name: name,
+    }))
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
@@ -218,11 +222,11 @@ fn tunnel_targetted(payload: &[u8]) -> Option<InboundMessage<'_>> {
         protocol: fields.take(8) as u8,
         target: fields.take(7) as u8,
         serial_line: fields.take_signed(5) as i8,
-        options: fields.take(4) as u8,
+        tunnel_options: fields.take(4) as u8,
         baud: fields.take(24) as u32,
-        data: fields.take_rest(),
+        serial_bytes: fields.take_rest(),
     };
-    (message.data.len() <= Targetted::MAX_DATA_LENGTH).then_some(InboundMessage::Targetted(message))
+    (message.serial_bytes.len() <= Targetted::MAX_DATA_LENGTH).then_some(InboundMessage::Targetted(message))
 }
 
 fn arming_status(payload: &[u8]) -> Option<InboundMessage<'_>> {

@@ -34,7 +34,7 @@ pub struct NodeStatus {
     /// Health of the node.
     pub health: NodeHealth,
     /// Operating mode of the node.
-    pub mode: NodeMode,
+    pub node_mode: NodeMode,
     /// Code of the vendor.
     pub vendor_code: u16,
 }
@@ -43,7 +43,7 @@ impl NodeStatus {
     fn put_status(self, out: &mut BitWriter) {
         out.put_bits(self.uptime_s.into(), 32);
         out.put_bits(self.health as u64, 2);
-        out.put_bits(self.mode as u64, 3);
+        out.put_bits(self.node_mode as u64, 3);
         out.put_bits(0, 3);
         out.put_bits(self.vendor_code.into(), 16);
     }
@@ -90,11 +90,11 @@ impl SoftwareVersion {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NodeInfo {
     /// Name, a reversed domain, at most 80 characters.
-    pub name: &'static str,
+    pub node_name: &'static str,
     /// Software version of the node.
-    pub software: SoftwareVersion,
+    pub software_version: SoftwareVersion,
     /// Major and minor version of the hardware.
-    pub hardware: [u8; 2],
+    pub hardware_version: [u8; 2],
     /// Unique id of the hardware.
     pub unique_id: [u8; UNIQUE_ID_LENGTH],
 }
@@ -103,17 +103,17 @@ impl NodeInfo {
     /// Response to GetNodeInfo.
     #[must_use]
     pub fn payload(&self, status: NodeStatus) -> Payload {
-        let SoftwareVersion { major_version: major, minor_version: minor, commit, image_crc } = self.software;
+        let SoftwareVersion { major_version: major, minor_version: minor, commit, image_crc } = self.software_version;
         let mut out = BitWriter::default();
         status.put_status(&mut out);
         out.put_bytes(&[major, minor, u8::from(commit.is_some()) | u8::from(image_crc.is_some()) << 1]);
         out.put_bits(commit.unwrap_or(0).into(), 32);
         out.put_bits(image_crc.unwrap_or(0), 64);
-        out.put_bytes(&self.hardware);
+        out.put_bytes(&self.hardware_version);
         out.put_bytes(&self.unique_id);
         // No certificate of authenticity.
         out.put_bytes(&[0]);
-        out.put_bytes(self.name.as_bytes());
+        out.put_bytes(self.node_name.as_bytes());
         out.finish()
     }
 }
@@ -141,7 +141,7 @@ pub struct ParameterResponse<'a> {
     /// Smallest value: an integer, a number, or empty.
     pub min_value: GetSetValue<'a>,
     /// Name of the parameter.
-    pub name: &'a str,
+    pub parameter_name: &'a str,
 }
 
 impl ParameterResponse<'_> {
@@ -153,7 +153,7 @@ impl ParameterResponse<'_> {
             out.put_bits(0, 8 - tag_bits);
             put_value(&mut out, value, tag_bits);
         }
-        out.put_bytes(self.name.as_bytes());
+        out.put_bytes(self.parameter_name.as_bytes());
         out.finish()
     }
 }
@@ -285,9 +285,9 @@ impl Targetted<'_> {
         out.put_bits(self.protocol.into(), 8);
         out.put_bits(self.target.into(), 7);
         out.put_bits(i64::from(self.serial_line).cast_unsigned(), 5);
-        out.put_bits(self.options.into(), 4);
+        out.put_bits(self.tunnel_options.into(), 4);
         out.put_bits(self.baud.into(), 24);
-        out.put_bytes(self.data);
+        out.put_bytes(self.serial_bytes);
         out.finish()
     }
 }

@@ -26,7 +26,7 @@ const KEY_MASK: u32 = 0x00FF_FFFF;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InboundTransfer<'a> {
     /// Sender; `None` if anonymous.
-    pub source: Option<NodeId>,
+    pub source_node: Option<NodeId>,
     /// Priority, which a response copies.
     pub priority: u8,
     /// Number of the transfer, which a response copies.
@@ -64,8 +64,8 @@ impl Receiver {
         frame: &'a CanFrame,
     ) -> Option<InboundTransfer<'a>> {
         let header = FrameHeader::from_id(frame.id())?;
-        let ReceivedType { data_type, decoder: decode } = match header.kind {
-            TransferKind::Message => find_type(false, header.type_id, header.source.is_none()),
+        let ReceivedType { data_type, decoder: decode } = match header.transfer_kind {
+            TransferKind::Message => find_type(false, header.type_id, header.source_node.is_none()),
             TransferKind::Request(to) if Some(to) == own => find_type(true, header.type_id, false),
             TransferKind::Request(_) | TransferKind::Response(_) => None,
         }?;
@@ -73,7 +73,7 @@ impl Receiver {
         let is_single = tail.is_start() && tail.is_end();
         let progress = if is_single {
             if tail.toggle() { FrameEffect::Rejected } else { FrameEffect::Complete(part) }
-        } else if header.source.is_none() || (!tail.is_end() && part.len() + 1 < FRAME_CAPACITY) {
+        } else if header.source_node.is_none() || (!tail.is_end() && part.len() + 1 < FRAME_CAPACITY) {
             FrameEffect::Rejected
         } else {
             match find_slot(&mut self.slots, frame.id() & KEY_MASK, tail.is_start()) {
@@ -89,8 +89,8 @@ impl Receiver {
         if message.is_none() {
             self.rejected = self.rejected.wrapping_add(1);
         }
-        let (source, priority, transfer_id) = (header.source, header.priority, tail.transfer_id());
-        message.map(|message| InboundTransfer { source, priority, transfer_id, message })
+        let (source, priority, transfer_id) = (header.source_node, header.priority, tail.transfer_id());
+        message.map(|message| InboundTransfer { source_node: source, priority, transfer_id, message })
     }
 }
 

@@ -23,7 +23,7 @@ fn frames_of(id: u32, text: &str) -> Vec<CanFrame> {
 }
 
 fn transfer(data_type: DataType, kind: TransferKind, transfer_id: u8, payload: Payload) -> OutboundTransfer {
-    OutboundTransfer { data_type, priority: priority::LOW_PRIORITY, kind, transfer_id, payload }
+    OutboundTransfer { data_type, priority: priority::LOW_PRIORITY, transfer_kind: kind, transfer_id, payload }
 }
 
 fn message(data_type: DataType, transfer_id: u8, payload: Payload) -> OutboundTransfer {
@@ -57,14 +57,14 @@ fn assert_received(id: u32, text: &str, expected: &InboundTransfer<'_>) {
 }
 
 fn inbound(priority: u8, source: Option<NodeId>, transfer_id: u8, message: InboundMessage<'_>) -> InboundTransfer<'_> {
-    InboundTransfer { source, priority, transfer_id, message }
+    InboundTransfer { source_node: source, priority, transfer_id, message }
 }
 
 const UNIQUE_ID: [u8; UNIQUE_ID_LENGTH] =
     [0x11, 0x12, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18, 0x19, 0x1A, 0x1B, 0x1C, 0, 0, 0, 0];
 
 const STATUS: NodeStatus =
-    NodeStatus { uptime_s: 0x1234_5678, health: NodeHealth::Ok, mode: NodeMode::Operational, vendor_code: 0xBEEF };
+    NodeStatus { uptime_s: 0x1234_5678, health: NodeHealth::Ok, node_mode: NodeMode::Operational, vendor_code: 0xBEEF };
 
 #[test]
 fn a_field_is_one_frame_and_three_with_variances() {
@@ -80,7 +80,7 @@ fn a_field_is_one_frame_and_three_with_variances() {
 /// NotifyState.
 #[test]
 fn any_payload_is_divided_as_pydronecan_does() {
-    let data_type = |id, is_service, signature| DataType { id, is_service, signature };
+    let data_type = |id, is_service, signature| DataType { type_id: id, is_service, signature };
     let payload = |hex| Payload::from_slice(&bytes_of(hex)).unwrap();
     let field = data_type(1001, false, 0xE2A7_D4A9_460B_C2F2);
     assert_frames(&message(field, 2, payload("66 32 66 AA 33 37")), 0x1803_E92A, "66 32 66 AA 33 37 C2");
@@ -104,7 +104,7 @@ fn status_texts_and_results_are_those_of_pydronecan() {
     let mut warning = STATUS.payload();
     warning[4] |= 0x40;
     assert_frames(&message(DataType::NODE_STATUS, 3, warning), 0x1801_552A, "78 56 34 12 40 EF BE C3");
-    let failed = NodeStatus { health: NodeHealth::Error, mode: NodeMode::SoftwareUpdate, ..STATUS };
+    let failed = NodeStatus { health: NodeHealth::Error, node_mode: NodeMode::SoftwareUpdate, ..STATUS };
     assert_eq!(failed.payload()[4], 0b1001_1000);
     let text = message(DataType::LOG_MESSAGE, 0, outbound::log_message(LogLevel::Info, "mag", b"ok"));
     assert_frames(&text, 0x183F_FF2A, "23 6D 61 67 6F 6B C0");
@@ -125,7 +125,8 @@ fn node_info_has_versions_unique_id_and_name() {
         commit: Some(0xDEAD_BEEF),
         image_crc: Some(0x1122_3344_5566_7788),
     };
-    let info = NodeInfo { name: "org.x", software, hardware: [4, 64], unique_id: UNIQUE_ID };
+    let info =
+        NodeInfo { node_name: "org.x", software_version: software, hardware_version: [4, 64], unique_id: UNIQUE_ID };
     let mut payload = info.payload(STATUS);
     assert_eq!(payload.len(), 46);
     payload[4] = 0x40;
@@ -133,7 +134,7 @@ fn node_info_has_versions_unique_id_and_name() {
     assert_eq!((frames.len(), frames[0].id(), &frames[0].data()[..2]), (7, 0x1E01_0AAA, &[0xEE, 0x5E][..]));
     let unknown = SoftwareVersion { commit: None, image_crc: None, ..software };
     assert_eq!(
-        NodeInfo { software: unknown, ..info }.payload(STATUS)[7..22],
+        NodeInfo { software_version: unknown, ..info }.payload(STATUS)[7..22],
         [1, 9, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     );
 }
@@ -166,7 +167,8 @@ fn an_allocation_is_requested_and_granted_in_three_parts() {
 
 #[test]
 fn parameters_are_read_and_written_by_name_or_index() {
-    let request = |index, value, name| InboundMessage::GetSet(GetSet { parameter_index: index, value, name });
+    let request =
+        |index, value, name| InboundMessage::GetSet(GetSet { parameter_index: index, value, parameter_name: name });
     for (transfer_id, text, expected) in [
         (5, "AC 76 00 00 43 41 4E 85 ; 5F 4E 4F 44 45 65", request(0, GetSetValue::Empty, &b"CAN_NODE"[..])),
         (6, "03 00 C6", request(3, GetSetValue::Empty, b"")),
@@ -178,8 +180,11 @@ fn parameters_are_read_and_written_by_name_or_index() {
     ] {
         assert_received(0x1E0B_AA8A, text, &inbound(30, Some(node(10)), transfer_id, expected));
     }
-    let answer =
-        ParameterResponse { value: GetSetValue::Integer(50), name: "CAN_NODE", ..ParameterResponse::default() };
+    let answer = ParameterResponse {
+        value: GetSetValue::Integer(50),
+        parameter_name: "CAN_NODE",
+        ..ParameterResponse::default()
+    };
     assert_frames(
         &response(DataType::GET_SET, 7, answer.payload()),
         0x1E0B_0AAA,
@@ -197,7 +202,7 @@ fn a_parameter_has_value_default_and_range() {
         default_value: GetSetValue::Boolean(true),
         max_value: GetSetValue::Real(2.0),
         min_value: GetSetValue::Integer(-1),
-        name: "P",
+        parameter_name: "P",
     };
     let expected = "02 00 00 80 3F  03 01  02 00 00 00 40  01 FF FF FF FF FF FF FF FF  50";
     assert_eq!(parameter.payload()[..], bytes_of(expected));
@@ -243,13 +248,19 @@ fn counters_of_transfers_and_frames_are_sent() {
 fn bytes_of_a_serial_line_are_sent_and_received() {
     let text = "9D 83 01 14 01 00 E1 89 ; 00 FD 01 02 69";
     let data = &[0xFD, 1, 2][..];
-    let piece =
-        Targetted { protocol: Targetted::MAVLINK_2, target: 10, serial_line: 0, options: 1, baud: 57_600, data };
+    let piece = Targetted {
+        protocol: Targetted::MAVLINK_2,
+        target: 10,
+        serial_line: 0,
+        tunnel_options: 1,
+        baud: 57_600,
+        serial_bytes: data,
+    };
     assert_received(0x100B_B92A, text, &inbound(16, Some(node(42)), 9, InboundMessage::Targetted(piece)));
     let sent =
         OutboundTransfer { priority: priority::MEDIUM_PRIORITY, ..message(DataType::TARGETTED, 9, piece.payload()) };
     assert_frames(&sent, 0x100B_B92A, text);
-    let default = Targetted { serial_line: -1, data: &[0; Targetted::MAX_DATA_LENGTH], ..piece };
+    let default = Targetted { serial_line: -1, serial_bytes: &[0; Targetted::MAX_DATA_LENGTH], ..piece };
     assert_eq!(default.payload().len(), 126);
     let frames: Vec<_> = message(DataType::TARGETTED, 0, default.payload()).frames(Some(node(42))).collect();
     assert_eq!(
@@ -271,7 +282,12 @@ fn the_vehicle_s_state_is_received() {
 /// Transfer of any length from node 10, in frames.
 fn frames_from_peer(data_type: DataType, payload: &[u8]) -> Vec<CanFrame> {
     let checked = [&data_type.crc(payload).to_le_bytes()[..], payload].concat();
-    let id = FrameHeader { priority: 24, kind: TransferKind::Message, type_id: data_type.id, source: Some(node(10)) };
+    let id = FrameHeader {
+        priority: 24,
+        transfer_kind: TransferKind::Message,
+        type_id: data_type.type_id,
+        source_node: Some(node(10)),
+    };
     let count = checked.len().div_ceil(7);
     let frame = |(number, part): (usize, &[u8])| {
         let tail = u8::from(number == 0) << 7 | u8::from(number + 1 == count) << 6 | (number as u8 % 2) << 5;
@@ -330,7 +346,8 @@ fn position_and_date_of_satellites_are_received() {
 
 /// A transfer of seven frames.
 fn piece_frames() -> Vec<CanFrame> {
-    let piece = Targetted { protocol: 1, target: 42, serial_line: 0, options: 0, baud: 0, data: &[7; 40] };
+    let piece =
+        Targetted { protocol: 1, target: 42, serial_line: 0, tunnel_options: 0, baud: 0, serial_bytes: &[7; 40] };
     frames_from_peer(DataType::TARGETTED, &piece.payload())
 }
 
@@ -432,7 +449,7 @@ fn identifiers_are_decoded_as_they_are_encoded() {
     for _ in 0..10_000 {
         let id = random.bits() as u32 & 0x1FFF_FFFF;
         let Some(header) = FrameHeader::from_id(id) else { continue };
-        if header.source.is_some() {
+        if header.source_node.is_some() {
             assert_eq!(header.to_id(), id);
         }
     }

@@ -23,7 +23,7 @@ const CRC: Crc<u16, Table<0>> = Crc::<u16, Table<0>>::new(&CRC_16_IBM_3740);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DataType {
     /// Number of the data type.
-    pub id: u16,
+    pub type_id: u16,
     /// Whether the data type is a service.
     pub is_service: bool,
     /// Signature of the data type's DSDL definition.
@@ -61,17 +61,17 @@ impl DataType {
     pub const ARMING_STATUS: Self = Self::new_message(1100, 0x8700_F375_556A_8003);
 
     const fn new_message(id: u16, signature: u64) -> Self {
-        Self { id, is_service: false, signature }
+        Self { type_id: id, is_service: false, signature }
     }
 
     const fn service_type(id: u16, signature: u64) -> Self {
-        Self { id, is_service: true, signature }
+        Self { type_id: id, is_service: true, signature }
     }
 
     /// Whether a frame with this header is of this type.
     #[must_use]
     pub const fn is_of(&self, header: FrameHeader) -> bool {
-        header.type_id == self.id && self.is_service != matches!(header.kind, TransferKind::Message)
+        header.type_id == self.type_id && self.is_service != matches!(header.transfer_kind, TransferKind::Message)
     }
 
     /// CRC of a payload, seeded with the signature.
@@ -91,7 +91,7 @@ pub struct OutboundTransfer {
     /// Priority, 0 (highest) to 31.
     pub priority: u8,
     /// Kind of the transfer.
-    pub kind: TransferKind,
+    pub transfer_kind: TransferKind,
     /// Number of the transfer, 0 to 31.
     pub transfer_id: u8,
     /// Encoded message, request or response.
@@ -111,9 +111,14 @@ impl OutboundTransfer {
 
     /// Frames in order. A sender without a number sends an anonymous message; it must fit into one frame.
     pub fn frames(&self, source: Option<NodeId>) -> impl Iterator<Item = CanFrame> + '_ {
-        let mut header = FrameHeader { priority: self.priority, kind: self.kind, type_id: self.data_type.id, source };
+        let mut header = FrameHeader {
+            priority: self.priority,
+            transfer_kind: self.transfer_kind,
+            type_id: self.data_type.type_id,
+            source_node: source,
+        };
         if source.is_none() {
-            header.type_id = self.data_type.id & 3 | discriminator(&self.payload) << 2;
+            header.type_id = self.data_type.type_id & 3 | discriminator(&self.payload) << 2;
         }
         let crc = (!self.is_single()).then(|| self.data_type.crc(&self.payload).to_le_bytes());
         let crc_length = crc.map_or(0, |crc| crc.len());

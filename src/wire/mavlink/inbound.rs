@@ -41,7 +41,7 @@ pub enum InboundMessage {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReceivedCommand {
     /// Sender of the command.
-    pub source: SenderId,
+    pub sender_id: SenderId,
     /// Addressee of the command.
     pub target: Address,
     /// Number of the command (`MAV_CMD`).
@@ -56,7 +56,7 @@ pub struct ReceivedCommand {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Acknowledgement {
     /// Sender of the acknowledgement.
-    pub source: SenderId,
+    pub sender_id: SenderId,
     /// Addressee; all in version 1, which does not contain it.
     pub target: Address,
     /// Number of the acknowledged command (`MAV_CMD`).
@@ -259,7 +259,7 @@ fn received_command(source: SenderId, payload: &[u8], confirmation: u8) -> Recei
     const TARGET_OFFSET: usize = 30;
     let fields = PayloadReader(payload);
     ReceivedCommand {
-        source,
+        sender_id: source,
         target: fields.read_address(TARGET_OFFSET),
         command_number: fields.read_u16(COMMAND_OFFSET),
         confirmation,
@@ -274,7 +274,7 @@ fn acknowledgement(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const TARGET_OFFSET: usize = 8;
     let fields = PayloadReader(payload);
     Some(InboundMessage::Acknowledgement(Acknowledgement {
-        source,
+        sender_id: source,
         target: fields.read_address(TARGET_OFFSET),
         command_number: fields.read_u16(COMMAND_OFFSET),
         result: fields.read_u8(RESULT_OFFSET),

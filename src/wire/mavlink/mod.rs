@@ -50,7 +50,7 @@ struct FrameLayout {
 }
 
 impl FrameLayout {
-    fn frame(&self) -> usize {
+    fn frame_length(&self) -> usize {
         self.header + self.payload + 2 + self.signature
     }
 }
@@ -89,13 +89,13 @@ impl Receiver {
                     return None;
                 }
                 FrameCandidate::Yes(layout) => {
-                    self.needed = layout.frame();
+                    self.needed = layout.frame_length();
                     if self.buffer.len() < self.needed {
                         return None;
                     }
                     let message = decode_message(&self.buffer, &layout).filter(|_| self.is_signature_accepted(&layout));
                     if message.is_some() {
-                        self.drop_front(layout.frame());
+                        self.drop_front(layout.frame_length());
                         return message;
                     }
                     // A valid frame may start inside the invalid one: skip one byte only.
@@ -107,7 +107,7 @@ impl Receiver {
     }
 
     fn is_signature_accepted(&mut self, layout: &FrameLayout) -> bool {
-        let frame = self.buffer.get(..layout.frame()).unwrap_or_default();
+        let frame = self.buffer.get(..layout.frame_length()).unwrap_or_default();
         self.signatures.accept_frame(frame, layout.source, layout.signature > 0)
     }
 

@@ -131,11 +131,11 @@ pub struct SkippedCounts {
 #[derive(Clone, Debug)]
 pub struct Flight {
     /// Format of the log.
-    pub format: LogFormat,
+    pub log_format: LogFormat,
     /// The autopilot that wrote the log.
     pub autopilot: Autopilot,
     /// The autopilot's firmware name.
-    pub firmware: Option<String>,
+    pub firmware_name: Option<String>,
     /// Whether it is a rotorcraft.
     pub is_copter: bool,
     /// The compasses of the aircraft.
@@ -181,10 +181,10 @@ impl Flight {
     pub fn rotate_sensors(&mut self, mount: Orientation) {
         let body_from_sensor = mount.body_from_sensor();
         for row in self.compasses.iter_mut().flat_map(|compass| compass.field.rows_mut()) {
-            let [x, y, z, logged_x, logged_y, logged_z] = row.values;
+            let [x, y, z, logged_x, logged_y, logged_z] = row.row_values;
             let raw = body_from_sensor * Vector3::new(x, y, z);
             let logged = body_from_sensor * Vector3::new(logged_x, logged_y, logged_z);
-            row.values = [raw.x, raw.y, raw.z, logged.x, logged.y, logged.z];
+            row.row_values = [raw.x, raw.y, raw.z, logged.x, logged.y, logged.z];
         }
     }
 
@@ -207,9 +207,9 @@ impl Flight {
             };
             let last = turn(f64::INFINITY).ok_or(compass.compass_number)?;
             for row in compass.field.rows_mut() {
-                let [x, y, z, ..] = row.values.map(f64::from);
+                let [x, y, z, ..] = row.row_values.map(f64::from);
                 let raw = turn(row.t_s).unwrap_or(last) * Vector3::new(x, y, z);
-                row.values[..3].copy_from_slice(raw.map(|axis| axis as f32).as_slice());
+                row.row_values[..3].copy_from_slice(raw.map(|axis| axis as f32).as_slice());
             }
             compass.correction = compass.correction.map(|correction| FieldCorrection {
                 matrix: correction.matrix * last.transpose(),
@@ -228,9 +228,9 @@ impl Flight {
     #[must_use]
     pub fn new(format: LogFormat) -> Self {
         Self {
-            format,
+            log_format: format,
             autopilot: Autopilot::default(),
-            firmware: None,
+            firmware_name: None,
             is_copter: false,
             compasses: Vec::new(),
             attitude: Series::new(),

@@ -131,7 +131,7 @@ impl FlightBuilder {
         let name: String = name.chars().filter(|c| !c.is_control()).take(80).collect();
         self.flight.is_copter |= name.contains("Copter");
         if !name.is_empty() {
-            self.flight.firmware.get_or_insert(name);
+            self.flight.firmware_name.get_or_insert(name);
         }
     }
 
@@ -218,7 +218,7 @@ fn remove_correction(
         while changes.next_if(|&&at_s| at_s <= row.t_s).is_some() {
             undo = at(row.t_s);
         }
-        let [x, y, z, mx, my, mz] = row.values.map(f64::from);
+        let [x, y, z, mx, my, mz] = row.row_values.map(f64::from);
         let (logged, logged_motor) = (Vector3::new(x, y, z), Vector3::new(mx, my, mz));
         let current_a =
             flight.battery_current.interpolate_or_hold(row.t_s, 2.0).map_or(0.0, |[amperes]| f64::from(amperes));
@@ -229,7 +229,7 @@ fn remove_correction(
             let motor = if mx.is_nan() { undo.motor_ut(current_a) } else { logged_motor };
             (undo.raw_ut(logged, motor), logged)
         };
-        row.values = [raw.x, raw.y, raw.z, corrected.x, corrected.y, corrected.z].map(|number| number as f32);
+        row.row_values = [raw.x, raw.y, raw.z, corrected.x, corrected.y, corrected.z].map(|number| number as f32);
     }
     let last = at(f64::INFINITY);
     ((was != FieldProcessing::BodyRaw && !parameters.is_empty()).then_some(last.correction), field)
@@ -264,7 +264,10 @@ mod tests {
             recorder.push_current(i as f64, amperes);
         }
         let flight = recorder.finish_flight();
-        assert_eq!(flight.battery_current.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [0.0, 9_999.0]);
+        assert_eq!(
+            flight.battery_current.rows().iter().map(|row| row.row_values[0]).collect::<Vec<_>>(),
+            [0.0, 9_999.0]
+        );
     }
 
     /// Motor-current compensation uses the last current for two seconds.
@@ -281,7 +284,7 @@ mod tests {
         }
         let flight = recorder.finish_flight();
         // 10 A at 5 mG/A.
-        let raw: Vec<f32> = flight.compasses[0].field.rows().iter().map(|row| row.values[0]).collect();
+        let raw: Vec<f32> = flight.compasses[0].field.rows().iter().map(|row| row.row_values[0]).collect();
         assert_eq!(raw, [15.0, 15.0, 20.0, 20.0]);
     }
 
@@ -308,7 +311,7 @@ mod tests {
         recorder.push_field(1, FieldProcessing::ArduPilot, 1.0, [20.0, 0.0, 40.0], Some([3.0, 0.0, -1.0]));
         let flight = recorder.finish_flight();
         assert_eq!(
-            flight.compasses[0].field.rows()[0].values.map(f32::to_bits)[..3],
+            flight.compasses[0].field.rows()[0].row_values.map(f32::to_bits)[..3],
             [17.0_f32, 0.0, 41.0].map(f32::to_bits)
         );
     }
@@ -320,7 +323,7 @@ mod tests {
             recorder.set_parameter("COMPASS_OFS_X", 100.0);
             recorder.push_field(1, was, 1.0, [20.0, 0.0, 40.0], None);
             let flight = recorder.finish_flight();
-            let raw_ut = flight.compasses[0].field.rows()[0].values[0];
+            let raw_ut = flight.compasses[0].field.rows()[0].row_values[0];
             assert_eq!(
                 (flight.compasses[0].correction.is_some(), raw_ut < 20.0),
                 (is_corrected, is_corrected),
@@ -341,7 +344,7 @@ mod tests {
             recorder.push_field(1, FieldProcessing::ArduPilot, t_s, [20.0, 0.0, 40.0], None);
         }
         let flight = recorder.finish_flight();
-        let raw: Vec<f32> = flight.compasses[0].field.rows().iter().map(|row| row.values[0]).collect();
+        let raw: Vec<f32> = flight.compasses[0].field.rows().iter().map(|row| row.row_values[0]).collect();
         assert_eq!(raw, [10.0, 15.0, 15.0, 20.0]);
     }
 }

@@ -42,13 +42,13 @@ pub(super) fn check_rates(flight: &mut Flight) {
         flight.rates_problem.get_or_insert(problem);
         let Some(factors) = problem.repair() else { break };
         for row in flight.body_rates.rows_mut() {
-            row.values = std::array::from_fn(|axis| row.values[axis] * factors[axis]);
+            row.row_values = std::array::from_fn(|axis| row.row_values[axis] * factors[axis]);
         }
     }
     flight.has_heading_rates = false;
     flight.body_rates = Series::new();
     for row in differences {
-        flight.body_rates.push(row.t_s, row.values);
+        flight.body_rates.push(row.t_s, row.row_values);
     }
 }
 
@@ -58,12 +58,12 @@ fn find_problem(differences: &[TimedRow<3>], flight: &Flight) -> Option<RatesPro
     }
     let pairs: Vec<([f32; 3], [f32; 3])> = differences
         .iter()
-        .filter_map(|row| Some((row.values, flight.body_rates.interpolate(row.t_s, MAX_GAP_S)?)))
+        .filter_map(|row| Some((row.row_values, flight.body_rates.interpolate(row.t_s, MAX_GAP_S)?)))
         .collect();
     if pairs.len() < MIN_TESTED_ROWS {
         return None;
     }
-    let has_yaw = flight.attitude.rows().iter().any(|row| row.values[2].is_finite());
+    let has_yaw = flight.attitude.rows().iter().any(|row| row.row_values[2].is_finite());
     (0..if has_yaw { 3 } else { 2 }).find_map(|axis| sign_or_unit(&pairs, axis)).or_else(|| {
         let step_s = flight.attitude.median_step_s().filter(|_| has_yaw)?;
         let off = |(seen, logged): &([f32; 3], [f32; 3])| f64::from(seen[2] - logged[2]);
@@ -98,15 +98,16 @@ fn attitude_differences(attitude: &Series<3>) -> Vec<TimedRow<3>> {
         let [before, at, after] = three else { return None };
         let span_s = after.t_s - before.t_s;
         let [roll, pitch, yaw]: [f32; 3] =
-            std::array::from_fn(|i| wrap_pi(after.values[i] - before.values[i]) / span_s as f32);
+            std::array::from_fn(|i| wrap_pi(after.row_values[i] - before.row_values[i]) / span_s as f32);
         let yaw = if yaw.is_finite() { yaw } else { 0.0 };
-        let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) = (libm::sincosf(at.values[0]), libm::sincosf(at.values[1]));
+        let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) =
+            (libm::sincosf(at.row_values[0]), libm::sincosf(at.row_values[1]));
         let values = [
             roll - yaw * sin_pitch,
             pitch * cos_roll + yaw * sin_roll * cos_pitch,
             -pitch * sin_roll + yaw * cos_roll * cos_pitch,
         ];
-        (span_s <= MAX_DIFFERENCE_INTERVAL_S).then_some(TimedRow { t_s: at.t_s, values })
+        (span_s <= MAX_DIFFERENCE_INTERVAL_S).then_some(TimedRow { t_s: at.t_s, row_values: values })
     };
     attitude.rows().windows(3).filter_map(rate_at).collect()
 }
@@ -153,7 +154,10 @@ mod tests {
             assert!(problem.contains(expected), "{expected}: {problem}");
             assert!(changed.has_heading_rates);
             for (row, truth) in changed.body_rates.rows().iter().zip(good.body_rates.rows()) {
-                assert!((0..3).all(|axis| (row.values[axis] - truth.values[axis]).abs() < 1e-5), "{row:?} {truth:?}");
+                assert!(
+                    (0..3).all(|axis| (row.row_values[axis] - truth.row_values[axis]).abs() < 1e-5),
+                    "{row:?} {truth:?}"
+                );
             }
         }
     }
@@ -175,7 +179,10 @@ mod tests {
             assert!(changed.body_rates.rows().len() > 590);
             // Differences over 0.2 s at a period of 10 s.
             for (row, truth) in changed.body_rates.rows().iter().zip(&good.body_rates.rows()[1..]) {
-                assert!((0..3).all(|axis| (row.values[axis] - truth.values[axis]).abs() < 0.01), "{row:?} {truth:?}");
+                assert!(
+                    (0..3).all(|axis| (row.row_values[axis] - truth.row_values[axis]).abs() < 0.01),
+                    "{row:?} {truth:?}"
+                );
             }
         }
     }

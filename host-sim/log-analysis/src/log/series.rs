@@ -18,7 +18,7 @@ pub struct TimedRow<const N: usize> {
     /// Flight time, seconds.
     pub t_s: f64,
     /// Values of the row.
-    pub values: [f32; N],
+    pub row_values: [f32; N],
 }
 
 /// A time series of `N` values a row.
@@ -56,7 +56,7 @@ impl<const N: usize> Series<N> {
                 return;
             }
         }
-        self.rows.push(TimedRow { t_s, values });
+        self.rows.push(TimedRow { t_s, row_values: values });
     }
 
     /// Drops every second part at a low rate, else every second row; rows also if a single part exceeds three quarters
@@ -127,14 +127,14 @@ impl<const N: usize> Series<N> {
     #[must_use]
     pub fn interpolate(&self, t_s: f64, max_gap_s: f64) -> Option<[f32; N]> {
         let (before, after, part) = self.surrounding_values(t_s, max_gap_s)?;
-        Some(std::array::from_fn(|i| before.values[i] + part as f32 * (after.values[i] - before.values[i])))
+        Some(std::array::from_fn(|i| before.row_values[i] + part as f32 * (after.row_values[i] - before.row_values[i])))
     }
 
     /// Linear interpolation; holds the last row for up to `max_gap_s`.
     #[must_use]
     pub fn interpolate_or_hold(&self, t_s: f64, max_gap_s: f64) -> Option<[f32; N]> {
         let last = self.rows.last().filter(|last| (0.0..=max_gap_s).contains(&(t_s - last.t_s)));
-        last.map(|last| last.values).or_else(|| self.interpolate(t_s, max_gap_s))
+        last.map(|last| last.row_values).or_else(|| self.interpolate(t_s, max_gap_s))
     }
 
     /// Interpolation of angles in radians, the shorter way round.
@@ -142,7 +142,7 @@ impl<const N: usize> Series<N> {
     pub fn interpolate_angles(&self, t_s: f64, max_gap_s: f64) -> Option<[f32; N]> {
         let (before, after, part) = self.surrounding_values(t_s, max_gap_s)?;
         Some(std::array::from_fn(|i| {
-            wrap_pi(before.values[i] + part as f32 * wrap_pi(after.values[i] - before.values[i]))
+            wrap_pi(before.row_values[i] + part as f32 * wrap_pi(after.row_values[i] - before.row_values[i]))
         }))
     }
 
@@ -175,7 +175,7 @@ mod tests {
     fn rows_are_sorted_and_the_first_of_equal_times_is_kept() {
         let mut series = series_from(&[(1.0, 1.0), (3.0, 3.0), (2.0, 2.0), (3.0, 9.0)]);
         assert_eq!(series.sort_and_dedup(), 1);
-        assert_eq!(series.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [1.0, 2.0, 3.0]);
+        assert_eq!(series.rows().iter().map(|row| row.row_values[0]).collect::<Vec<_>>(), [1.0, 2.0, 3.0]);
     }
 
     #[test]

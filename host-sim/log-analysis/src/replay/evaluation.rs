@@ -307,7 +307,7 @@ pub(crate) fn heading_deg(row: &ReplayRow, corrected: Vector3<f64>) -> f64 {
 
 fn flight_position(flight: &Flight) -> Option<Position> {
     let rows = flight.gps.rows();
-    let gps = Gps::from_columns(rows.get(rows.len() / 2)?.values);
+    let gps = Gps::from_columns(rows.get(rows.len() / 2)?.row_values);
     Position::new(gps.latitude_deg, gps.longitude_deg, gps.height_m)
 }
 

@@ -35,7 +35,7 @@ pub struct FieldLatency {
 /// Estimates a compass's latency; the format's default if the flight does not show it.
 #[must_use]
 pub fn estimate_latency(flight: &Flight, compass: &Compass) -> FieldLatency {
-    let usual = FieldLatency { used_s: flight.format.default_field_latency_s(), sigma_s: None };
+    let usual = FieldLatency { used_s: flight.log_format.default_field_latency_s(), sigma_s: None };
     let mut age_s = usual.used_s;
     let mut known = None;
     for _ in 0..MAX_ITERATIONS {

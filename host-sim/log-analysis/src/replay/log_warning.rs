@@ -105,7 +105,7 @@ impl LogWarning {
         let Flight { skipped_counts: counts, parameters, .. } = flight;
         let compasses = &evaluation.compasses;
         // Native formats define their units.
-        let is_table = flight.format == LogFormat::Csv;
+        let is_table = flight.log_format == LogFormat::Csv;
 
         if let Some(problem) = flight.rates_problem {
             add_if(true, Self::BodyRates { problem, is_repaired: flight.has_heading_rates });
@@ -182,7 +182,8 @@ fn mounting_changes(flight: &Flight, evaluation: &FlightEvaluation) -> Option<Lo
 }
 
 fn largest_tilt_deg(flight: &Flight) -> Option<f64> {
-    let tilts = flight.attitude.rows().iter().map(|row| f64::from(row.values[0].abs().max(row.values[1].abs())));
+    let tilts =
+        flight.attitude.rows().iter().map(|row| f64::from(row.row_values[0].abs().max(row.row_values[1].abs())));
     tilts.reduce(f64::max).map(f64::to_degrees)
 }
 
@@ -365,8 +366,8 @@ mod tests {
             (|flight| flight.rates_problem = Some(RatesProblem::NotLogged), "no body rates"),
             (
                 |flight| {
-                    flight.format = LogFormat::Csv;
-                    flight.attitude.rows_mut()[0].values[0] = 0.02;
+                    flight.log_format = LogFormat::Csv;
+                    flight.attitude.rows_mut()[0].row_values[0] = 0.02;
                 },
                 "tilts by 1.15 deg at most",
             ),

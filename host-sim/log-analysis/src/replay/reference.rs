@@ -57,14 +57,14 @@ impl ReferenceHeading {
     /// The reference of a kind, if the log has it.
     #[must_use]
     pub fn of_kind(flight: &Flight, kind: ReferenceKind) -> Option<Self> {
-        let gps_yaws = || flight.gps.rows().iter().filter(|row| row.values[5].is_finite()).count();
+        let gps_yaws = || flight.gps.rows().iter().filter(|row| row.row_values[5].is_finite()).count();
         match kind {
             ReferenceKind::Simulator => (!flight.true_attitude.is_empty()).then_some(Self::Simulator),
             ReferenceKind::Column => (!flight.reference_heading.is_empty()).then_some(Self::Column),
             ReferenceKind::GpsYaw => (gps_yaws() > 20).then_some(Self::GpsYaw),
             ReferenceKind::GpsCourse => GpsCourseHeading::from_flight(flight).ok().map(Self::GpsCourse),
             ReferenceKind::AutopilotYaw => {
-                flight.attitude.rows().iter().any(|row| row.values[2].is_finite()).then_some(Self::AutopilotYaw)
+                flight.attitude.rows().iter().any(|row| row.row_values[2].is_finite()).then_some(Self::AutopilotYaw)
             }
         }
     }
@@ -138,7 +138,7 @@ impl ReferenceHeading {
             Self::AutopilotYaw => flight.attitude.interpolate_angles(t_s, MAX_GAP_S)?[2],
             Self::GpsYaw => {
                 let (before, after, part) = flight.gps.surrounding_values(t_s, MAX_GAP_S)?;
-                let [from, to] = [before.values[5].to_radians(), after.values[5].to_radians()];
+                let [from, to] = [before.row_values[5].to_radians(), after.row_values[5].to_radians()];
                 from + part as f32 * wrap_pi(to - from)
             }
         };

@@ -106,7 +106,8 @@ impl<'a> RowFeed<'a> {
             }
             let estimate = estimate_heading(instrument, row, self.start_s);
             while instrument.next_sample().is_some() {}
-            if self.has_complete_rates && instrument.config().reading_period_us <= MAX_MONITORED_INTERVAL_US {
+            if self.has_complete_rates && instrument.instrument_config().reading_period_us <= MAX_MONITORED_INTERVAL_US
+            {
                 instrument.update_monitor();
             }
             estimate

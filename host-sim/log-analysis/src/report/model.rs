@@ -43,7 +43,7 @@ impl Report {
 #[derive(Clone, Debug, PartialEq)]
 pub struct VerdictLine {
     /// State of the compass.
-    pub state: CompassState,
+    pub compass_state: CompassState,
     /// State of the compass in one word.
     pub state_word: &'static str,
     /// The verdict.
@@ -91,7 +91,7 @@ pub struct CalibratorComparison {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CompassReport {
     /// Name of the compass.
-    pub name: String,
+    pub compass_name: String,
     /// Whether its calibration was accepted, or would have been.
     pub is_accepted: bool,
     /// Further results, name and value.
@@ -128,7 +128,7 @@ pub struct CompassReport {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DeviationCurve {
     /// Name in the legend.
-    pub name: String,
+    pub curve_name: String,
     /// Errors from north clockwise at equal steps, degrees.
     pub errors_deg: Vec<Option<f64>>,
     /// Constant part of the error, degrees; a deviation card adds it to `errors_deg`.
@@ -148,7 +148,7 @@ pub struct EventMark {
     /// Seconds on the clock of the samples.
     pub time_s: f64,
     /// Name in the picture.
-    pub name: String,
+    pub event_name: String,
 }
 
 /// State of the flight at one time.

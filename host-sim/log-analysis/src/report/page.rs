@@ -73,7 +73,7 @@ fn page_sections(report: &Report) -> Vec<PageSection> {
     }
     for (i, compass) in report.compasses.iter().enumerate() {
         let id = format!("compass-{}", i + 1);
-        parts.push(part(&id, &compass.name, sections::compass_section(&id, compass, &report.reference)));
+        parts.push(part(&id, &compass.compass_name, sections::compass_section(&id, compass, &report.reference)));
     }
     if let Some(map) = report.main_compass().and_then(sections::map_section) {
         parts.push(part("map", "Map", map));

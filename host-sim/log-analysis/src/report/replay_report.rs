@@ -55,13 +55,13 @@ pub fn report_replay(verdict: &Verdict<'_>, log: &str, made: &ReportOrigin) -> R
 }
 
 fn verdict_line(compass: &CompassVerdict<'_>) -> VerdictLine {
-    let state = compass.judgement.state;
+    let state = compass.judgement.compass_state;
     let word = match state {
         CompassState::Good => "Good",
         CompassState::Doubtful => "Doubtful",
         CompassState::Bad => "Bad",
     };
-    VerdictLine { state, state_word: word, verdict_text: compass.summary_sentence() }
+    VerdictLine { compass_state: state, state_word: word, verdict_text: compass.summary_sentence() }
 }
 
 fn reference_info(verdict: &FlightEvaluation) -> ReferenceInfo {
@@ -121,7 +121,7 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
     let compass = compass.evaluation;
     let replay_result = compass.result_for_report();
     let solution = replay_result.solution.as_ref();
-    let parameters = exported.map(|export| applied_field(flight, export, verdict.format));
+    let parameters = exported.map(|export| applied_field(flight, export, verdict.parameter_format));
     let shown = ShownCorrections {
         is_logged: logged_correction_source(compass) == CorrectionSource::Autopilot,
         parameters: parameters.as_ref().map(|field| field as &FieldOfRow<'_>),
@@ -129,7 +129,7 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
         has_reference: evaluation.reference.is_some(),
     };
     let mut report = CompassReport {
-        name: format!("Compass {}", compass.compass_number),
+        compass_name: format!("Compass {}", compass.compass_number),
         is_accepted: compass.module_result.acceptance.is_ok(),
         facts,
         sigma_description: "the mean sigma that the module sends with its headings",
@@ -166,7 +166,7 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
         let errors_deg = means_by_heading(&report.samples, of);
         let constant_deg = declination_deg.zip(mean_deg).map_or(0.0, |(declination, mean)| mean + declination);
         errors_deg.iter().any(Option::is_some).then(|| DeviationCurve {
-            name: name.to_owned(),
+            curve_name: name.to_owned(),
             errors_deg,
             constant_deg,
         })
@@ -213,12 +213,16 @@ fn event_marks(compass: &CompassEvaluation) -> Vec<EventMark> {
     let first_s = compass.rows.first().map_or(0.0, |row| row.t_s);
     let calibrated = compass.module_result.collection_end_s.map(|at_s| EventMark {
         time_s: first_s + at_s,
-        name: if compass.module_result.acceptance.is_ok() { "would have calibrated" } else { "would have solved" }
-            .to_owned(),
+        event_name: if compass.module_result.acceptance.is_ok() {
+            "would have calibrated"
+        } else {
+            "would have solved"
+        }
+        .to_owned(),
     });
     let changed = compass.hard_iron_changes.iter().map(|HardIronChange { hard_iron_step: step, .. }| EventMark {
         time_s: step.time_s,
-        name: format!("iron changed by {} uT, most on {}", format_number(step.size_ut(), 1), step.axis()),
+        event_name: format!("iron changed by {} uT, most on {}", format_number(step.size_ut(), 1), step.axis()),
     });
     calibrated.into_iter().chain(changed).collect()
 }
@@ -317,7 +321,7 @@ impl LocalPositions {
 
     fn from_flight(flight: &Flight) -> Option<Self> {
         let is_place = |gps: &Gps| gps.latitude_deg.abs() + gps.longitude_deg.abs() > 0.0;
-        let first = flight.gps.rows().iter().map(|row| Gps::from_columns(row.values)).find(is_place)?;
+        let first = flight.gps.rows().iter().map(|row| Gps::from_columns(row.row_values)).find(is_place)?;
         let first = [first.longitude_deg, first.latitude_deg].map(f64::from);
         Some(Self {
             origin_deg: first,
@@ -328,7 +332,7 @@ impl LocalPositions {
     fn position_at(&self, flight: &Flight, t_s: f64) -> Option<[f64; 2]> {
         let (before, after, part) = flight.gps.surrounding_values(t_s, Self::MAX_GAP_S)?;
         let [before, after] = [before, after].map(|row| {
-            let gps = Gps::from_columns(row.values);
+            let gps = Gps::from_columns(row.row_values);
             [gps.longitude_deg, gps.latitude_deg].map(f64::from)
         });
         Some(std::array::from_fn(|axis| {
@@ -397,7 +401,7 @@ mod tests {
         ] {
             let compass = &report.compasses[0];
             assert_eq!(
-                (compass.curves_after.last().unwrap().name.as_str(), compass.event_marks[0].name.as_str()),
+                (compass.curves_after.last().unwrap().curve_name.as_str(), compass.event_marks[0].event_name.as_str()),
                 (line, mark)
             );
             assert!(fact(report, "module").unwrap().starts_with(words), "{:?}", compass.facts);
@@ -422,7 +426,7 @@ mod tests {
         // On the log's clock.
         let first_s = FLOWN.1.compasses[0].rows[300].t_s;
         assert!((calibrated.time_s - first_s - 90.0).abs() < 1e-9 && (changed.time_s - first_s - 50.0).abs() < 1e-9);
-        assert_eq!(changed.name, "iron changed by 8.1 uT, most on y");
+        assert_eq!(changed.event_name, "iron changed by 8.1 uT, most on y");
     }
 
     #[test]
@@ -448,7 +452,7 @@ mod tests {
         let rows = &FLOWN.1.compasses[0].rows;
         for (report, name, is_logged) in [(&logged, "as logged", true), (&raw, "uncorrected", false)] {
             let compass = &report.compasses[0];
-            assert_eq!(compass.curves_before[0].name, name);
+            assert_eq!(compass.curves_before[0].curve_name, name);
             // Errors have their mean removed, so differences between rows are compared.
             let difference_deg = |i: usize| {
                 let row = &rows[i];

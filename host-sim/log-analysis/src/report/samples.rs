@@ -53,7 +53,7 @@ pub fn samples_json(compass: &CompassReport, error_name: &str) -> Value {
     let curves = |curves: &[DeviationCurve]| -> Vec<Value> {
         let curve = |curve: &DeviationCurve| {
             let errors: Vec<_> = curve.errors_deg.iter().map(|deg| deg.and_then(to_hundredths)).collect();
-            json!({ "name": curve.name, "errors": errors })
+            json!({ "name": curve.curve_name, "errors": errors })
         };
         curves.iter().map(curve).collect()
     };
@@ -66,7 +66,7 @@ pub fn samples_json(compass: &CompassReport, error_name: &str) -> Value {
         "t": rows.iter().map(|(at_s, _)| to_hundredths(*at_s)).collect::<Vec<_>>(),
         "columns": columns,
         "kinds": kinds,
-        "marks": marks.map(|mark| json!({ "at": mark.time_s, "name": mark.name })).collect::<Vec<_>>(),
+        "marks": marks.map(|mark| json!({ "at": mark.time_s, "name": mark.event_name })).collect::<Vec<_>>(),
         "curves": { "before": curves(&compass.curves_before), "after": curves(&compass.curves_after) },
     })
 }

@@ -43,7 +43,7 @@ pub fn findings_section(report: &Report) -> String {
 }
 
 fn verdict_line(line: &VerdictLine) -> String {
-    let (class, sign) = match line.state {
+    let (class, sign) = match line.compass_state {
         CompassState::Good => ("good", "✓"),
         CompassState::Doubtful => ("doubtful", "?"),
         CompassState::Bad => ("bad", "✗"),
@@ -80,8 +80,9 @@ type Chart = (&'static str, &'static str, String);
 fn charts(compass_report: &CompassReport, word: &str) -> Vec<Chart> {
     let has = |of: fn(&ReportSample) -> bool| compass_report.samples.iter().any(of);
     let by = compass_report.corrected_by;
-    let marks =
-        concat_map(&compass_report.event_marks, |mark| format!(" {} s: {}.", format_number(mark.time_s, 0), mark.name));
+    let marks = concat_map(&compass_report.event_marks, |mark| {
+        format!(" {} s: {}.", format_number(mark.time_s, 0), mark.event_name)
+    });
     let chart = |is: bool, kind, title, description| is.then_some((kind, title, description));
     [
         chart(
@@ -196,7 +197,7 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
     let sectors = first.errors_deg.len();
     let step = 360 / sectors.max(1);
     let has_sigma = compass_report.sigma_deg.len() == sectors;
-    let column = |when: &str, line: &DeviationCurve| format!("{when}: {}", line.name);
+    let column = |when: &str, line: &DeviationCurve| format!("{when}: {}", line.curve_name);
     let mut columns: Vec<String> = compass_report.curves_before.iter().map(|line| column("before", line)).collect();
     columns.extend(compass_report.curves_after.iter().map(|line| column("after", line)));
     if has_sigma {
@@ -221,7 +222,7 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
         "<div class=\"card\">\n<h3>Deviation card: {}</h3>\n<p>Degrees by heading: indicated less {}. Subtract it from the \
          indicated heading: with +3.00 at 090, a compass that shows 093 points to 090. {}</p>\n<div class=\"halves\">{}</div>\
          </div>\n",
-        escape_html(&compass_report.name),
+        escape_html(&compass_report.compass_name),
         escape_html(&compared.reference_name),
         escape_html(&compared.card_constant),
         concat_map(halves, |half| half)

@@ -116,7 +116,7 @@ impl CanEnd {
     /// Returns and removes the received frames.
     #[must_use]
     pub fn take_received(&self) -> Vec<CanFrame> {
-        std::iter::from_fn(|| self.bus.0.borrow_mut().nodes[self.node].pop(clock::now_us())).collect()
+        std::iter::from_fn(|| self.bus.0.borrow_mut().nodes[self.node].pop_frame(clock::now_us())).collect()
     }
 
     fn poll_send(&self, frame: &CanFrame, context: &Context<'_>) -> Poll<Result<(), BusOff>> {
@@ -135,7 +135,7 @@ impl CanEnd {
 
     fn poll_receive(&self, context: &Context<'_>) -> Poll<CanFrame> {
         let inbox = &mut self.bus.0.borrow_mut().nodes[self.node];
-        if let Some(frame) = inbox.pop(clock::now_us()) {
+        if let Some(frame) = inbox.pop_frame(clock::now_us()) {
             return Poll::Ready(frame);
         }
         inbox.reader = Some(context.waker().clone());
@@ -196,7 +196,7 @@ impl FrameInbox {
         }
     }
 
-    fn pop(&mut self, now_us: u64) -> Option<CanFrame> {
+    fn pop_frame(&mut self, now_us: u64) -> Option<CanFrame> {
         self.frames.pop_front_if(|(at_us, _)| *at_us <= now_us).map(|(_, frame)| frame)
     }
 }

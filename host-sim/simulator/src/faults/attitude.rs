@@ -27,12 +27,12 @@ pub struct SecondSender {
 
 impl SecondSender {
     /// Task that never returns: sends attitude at the autopilot's rate and latency with independent noise.
-    pub fn run(self, world: &World, uart: HostEnd) -> impl Future<Output = ()> + use<> {
+    pub fn run_sender(self, world: &World, uart: HostEnd) -> impl Future<Output = ()> + use<> {
         let Self { system_id, component_id, heartbeat_kind: heartbeats, roll_error_deg: roll_deg } = self;
         let config = world.config();
         let source = AttitudeSource::new(config.attitude_source, config.gyro, config.seed.wrapping_add(0x5EED));
         let bias = attitude_bias(FaultSwitch::always_on(), [roll_deg.to_radians(), 0.0]);
-        source.with_identity(Identity { system_id, component_id, heartbeat_kind: heartbeats }).run(
+        source.with_identity(Identity { system_id, component_id, heartbeat_kind: heartbeats }).run_source(
             world.clone(),
             uart,
             vec![Box::new(bias)],
@@ -84,7 +84,7 @@ pub fn stale_attitude(switch: FaultSwitch, source: &AttitudeSourceConfig, seed: 
 /// Silence of the source, in one or several intervals.
 pub struct SourceSilence {
     /// Active time.
-    pub switch: FaultSwitch,
+    pub fault_switch: FaultSwitch,
     /// Duration of an interval, seconds.
     pub silent_s: f64,
     /// Time between the beginnings of two intervals, seconds; infinite for a single one.
@@ -95,11 +95,11 @@ pub struct SourceSilence {
 
 impl AttitudeFault for SourceSilence {
     fn is_silent(&self, now_us: u64) -> bool {
-        self.switch.active_for_s(now_us).is_some_and(|on_for_s| on_for_s % self.period_s < self.silent_s)
+        self.fault_switch.active_for_s(now_us).is_some_and(|on_for_s| on_for_s % self.period_s < self.silent_s)
     }
 
     fn modify_message(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
-        if let Some(on_for_s) = self.switch.active_for_s(now_us).filter(|_| self.stops_clock) {
+        if let Some(on_for_s) = self.fault_switch.active_for_s(now_us).filter(|_| self.stops_clock) {
             let intervals = (on_for_s / self.period_s).floor() + 1.0;
             message.time_boot_ms = message.time_boot_ms.wrapping_sub((1e3 * intervals * self.silent_s) as u32);
         }
@@ -109,7 +109,7 @@ impl AttitudeFault for SourceSilence {
 /// Restart of the source: silence, then time stamps from zero and the alignment of its filter.
 pub struct SourceRestart {
     /// Active time, which begins with the silence.
-    pub switch: FaultSwitch,
+    pub fault_switch: FaultSwitch,
     /// Duration of the silence, seconds.
     pub silent_s: f64,
     /// Alignment afterwards.
@@ -118,11 +118,11 @@ pub struct SourceRestart {
 
 impl AttitudeFault for SourceRestart {
     fn is_silent(&self, now_us: u64) -> bool {
-        self.switch.active_for_s(now_us).is_some_and(|on_for_s| on_for_s < self.silent_s)
+        self.fault_switch.active_for_s(now_us).is_some_and(|on_for_s| on_for_s < self.silent_s)
     }
 
     fn modify_message(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
-        if let Some(on_for_s) = self.switch.active_for_s(now_us) {
+        if let Some(on_for_s) = self.fault_switch.active_for_s(now_us) {
             message.time_boot_ms = (1e3 * on_for_s) as u32;
             self.alignment.add_error(on_for_s - self.silent_s, message);
         }
@@ -174,14 +174,14 @@ pub fn lagging_bank_error(switch: FaultSwitch, share: f64, time_s: f64) -> impl 
 /// Additional attitude latency.
 pub struct AdditionalLatency {
     /// Active time.
-    pub switch: FaultSwitch,
+    pub fault_switch: FaultSwitch,
     /// Additional latency, microseconds.
     pub latency_us: u64,
 }
 
 impl AttitudeFault for AdditionalLatency {
     fn added_latency_us(&self, now_us: u64) -> u64 {
-        if self.switch.is_on(now_us) { self.latency_us } else { 0 }
+        if self.fault_switch.is_on(now_us) { self.latency_us } else { 0 }
     }
 
     fn modify_message(&mut self, _now_us: u64, _message: &mut ATTITUDE_DATA) {}

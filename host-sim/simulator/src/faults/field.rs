@@ -127,7 +127,7 @@ impl FieldFault for SoftIronHysteresis {
 /// A module that turns about the body's z axis in its mount, within an airframe whose iron stays.
 pub struct MountTurn {
     /// Active while the module turns.
-    pub switch: FaultSwitch,
+    pub fault_switch: FaultSwitch,
     /// The airframe.
     pub airframe: Airframe,
     /// Earth's field.
@@ -141,7 +141,7 @@ impl FieldFault for MountTurn {
         let Airframe { field_matrix: a, hard_iron_ut: b_ut } = self.airframe;
         let field_ut = a * self.earth.body_field_ut(truth.euler()) + b_ut;
         let axis = Rotation3::from_matrix(&a) * Vector3::z_axis();
-        let turn_rad = self.turn_deg.to_radians() * self.switch.progress(truth.time_us);
+        let turn_rad = self.turn_deg.to_radians() * self.fault_switch.progress(truth.time_us);
         // The field turns the other way in the module's axes.
         Rotation3::from_axis_angle(&axis, -turn_rad) * field_ut - field_ut
     }
@@ -150,13 +150,13 @@ impl FieldFault for MountTurn {
 /// Another place with another field.
 pub struct OtherPlace {
     /// Active time.
-    pub switch: FaultSwitch,
+    pub fault_switch: FaultSwitch,
     /// Earth's field at that place.
     pub earth: Earth,
 }
 
 impl FieldFault for OtherPlace {
     fn earth(&self, at_us: u64) -> Option<Earth> {
-        self.switch.is_on(at_us).then_some(self.earth)
+        self.fault_switch.is_on(at_us).then_some(self.earth)
     }
 }

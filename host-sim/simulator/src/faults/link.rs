@@ -41,7 +41,7 @@ pub enum ForgedMessage {
 impl LinkFault {
     /// Task that never returns, on the line of the autopilot of `world`.
     #[must_use]
-    pub fn run(self, world: World, uart: HostEnd) -> Pin<Box<dyn Future<Output = ()>>> {
+    pub fn run_fault(self, world: World, uart: HostEnd) -> Pin<Box<dyn Future<Output = ()>>> {
         match self {
             Self::Pause(switch) => Box::pin(pause_link(switch, world)),
             Self::OtherVehicle(system_id) => Box::pin(simulate_other_vehicle(system_id, world, uart)),
@@ -74,7 +74,7 @@ async fn simulate_other_vehicle(system_id: u8, own: World, uart: HostEnd) {
         world.fly(Leg::Turn { bank_deg: 20.0, heading_change_deg });
     }
     let identity = Identity { system_id, component_id: 1, heartbeat_kind: Some(SenderKind::Autopilot) };
-    world.attitude_source().with_identity(identity).run(world, uart, Vec::new()).await;
+    world.attitude_source().with_identity(identity).run_source(world, uart, Vec::new()).await;
 }
 
 async fn send_forged_message(

@@ -159,19 +159,19 @@ pub fn axis_clipping(switch: FaultSwitch, axis: usize, limit_counts: i16) -> imp
 /// Single-event upset of register bits.
 pub struct RegisterUpset {
     /// Active time; the upset occurs at its start.
-    pub switch: FaultSwitch,
+    pub fault_switch: FaultSwitch,
     /// Register address.
     pub register: u8,
     /// Bit mask.
-    pub bits: u8,
+    pub bit_mask: u8,
     /// Whether the upset has occurred.
     pub has_occurred: bool,
 }
 
 impl SensorFault for RegisterUpset {
     fn register_upset(&mut self, at_us: u64) -> Option<(u8, u8)> {
-        let occurs_now = self.switch.is_on(at_us) && !self.has_occurred;
+        let occurs_now = self.fault_switch.is_on(at_us) && !self.has_occurred;
         self.has_occurred |= occurs_now;
-        occurs_now.then_some((self.register, self.bits))
+        occurs_now.then_some((self.register, self.bit_mask))
     }
 }

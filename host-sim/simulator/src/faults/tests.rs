@@ -97,11 +97,12 @@ fn a_sensor_fault_changes_output_registers_only() {
 /// The flip precedes the next transfer, which is otherwise unaffected.
 #[test]
 fn an_upset_flips_the_bits_of_a_register_once() {
-    let upset = RegisterUpset { switch: FaultSwitch::always_on(), register: 0x21, bits: 0x60, has_occurred: false };
+    let upset =
+        RegisterUpset { fault_switch: FaultSwitch::always_on(), register: 0x21, bit_mask: 0x60, has_occurred: false };
     let (bytes, chip) = read(upset, 0xA0, 5);
     assert_eq!(bytes, [0x20, 0x41, 0x22, 0x23, 0x24]);
     assert_eq!(chip.borrow().registers[0x21], 0x41);
-    let mut upset = RegisterUpset { switch: switch(), register: 0x21, bits: 0x60, has_occurred: false };
+    let mut upset = RegisterUpset { fault_switch: switch(), register: 0x21, bit_mask: 0x60, has_occurred: false };
     assert_eq!(upset.register_upset(BEFORE_US), None);
     assert_eq!((upset.register_upset(WHILE_US), upset.register_upset(WHILE_US)), (Some((0x21, 0x60)), None));
 }
@@ -168,7 +169,7 @@ fn each_attitude_fault_has_its_named_effect() {
     for (fault, expected) in [(&mut bank_scale as &mut dyn AttitudeFault, 0.28), (&mut bias, 0.5)] {
         assert!((roll(fault, BEFORE_US) - 0.4).abs() < 1e-6 && (roll(fault, WHILE_US) - expected).abs() < 1e-6);
     }
-    let late = AdditionalLatency { switch: switch(), latency_us: 200_000 };
+    let late = AdditionalLatency { fault_switch: switch(), latency_us: 200_000 };
     assert_eq!([BEFORE_US, WHILE_US].map(|us| late.added_latency_us(us)), [0, 200_000]);
     let coarse = roll(&mut attitude_quantisation(0.1), 0).to_degrees();
     assert!((coarse - 22.9).abs() < 1e-4, "0.4 rad are 22.918 deg: {coarse}");
@@ -230,7 +231,7 @@ fn hysteresis_depends_on_the_side_of_the_last_turn() {
     let banked = |bank_deg: f64| TrueState { roll_rad: bank_deg.to_radians(), ..at(90.0) };
     assert!((iron.steady_ut(&banked(25.0)) - iron.at_heading(&banked(25.0), 75_f64.to_radians())).norm() < 1e-9);
     assert!(iron.steady_ut(&banked(0.0)).norm() < 1e-9 && lag_ut(90.0, 75.0).norm() > 0.1);
-    let none = SoftIronHysteresis::new(&Airframe::none(), Earth::default(), 15.0);
+    let none = SoftIronHysteresis::new(&Airframe::without_iron(), Earth::default(), 15.0);
     assert!(none.steady_ut(&banked(25.0)).norm() < 1e-9);
 }
 

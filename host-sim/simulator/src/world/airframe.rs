@@ -67,7 +67,7 @@ impl From<&Airframe> for AirframeDescription {
 impl Airframe {
     /// No soft or hard iron, chip axes equal to body axes.
     #[must_use]
-    pub fn none() -> Self {
+    pub fn without_iron() -> Self {
         Self { field_matrix: Matrix3::identity(), hard_iron_ut: Vector3::zeros() }
     }
 

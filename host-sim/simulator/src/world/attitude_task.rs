@@ -22,7 +22,7 @@ impl AttitudeSource {
     /// Sends attitude, heartbeats (1 Hz) and, as far as reported, position and date (1 Hz) and current (10 Hz) while
     /// the [world enables sending](World::set_sends_attitude); never returns. Faults modify each attitude message in
     /// order.
-    pub async fn run(mut self, world: World, uart: HostEnd, mut faults: Vec<Box<dyn AttitudeFault>>) {
+    pub async fn run_source(mut self, world: World, uart: HostEnd, mut faults: Vec<Box<dyn AttitudeFault>>) {
         let period_us = 1e6 / self.config.rate_hz;
         let latency_us = self.latency_us();
         let began_us = clock::now_us();

@@ -79,14 +79,14 @@ pub struct VehicleCommand {
     /// Turn rate of vehicles that turn without banking, radians per second.
     pub turn_rate_rad_s: f64,
     /// Mode of translation.
-    pub mode: TranslationMode,
+    pub translation_mode: TranslationMode,
 }
 
 impl VehicleCommand {
     /// Turn rate of vehicles that cannot bank, rad/s: the commanded rate in yaw legs, otherwise numerically the
     /// commanded bank in radians.
     pub(super) fn flat_turn_rate_rad_s(&self) -> f64 {
-        if self.mode == TranslationMode::Onward { self.bank_rad } else { self.turn_rate_rad_s }
+        if self.translation_mode == TranslationMode::Onward { self.bank_rad } else { self.turn_rate_rad_s }
     }
 }
 
@@ -112,12 +112,12 @@ impl Autopilot {
     #[must_use]
     pub fn new(hovers: bool) -> Self {
         let rest = if hovers { TranslationMode::OnTheSpot } else { TranslationMode::Onward };
-        Self { held: VehicleCommand { mode: rest, ..VehicleCommand::default() }, rest, ..Self::default() }
+        Self { held: VehicleCommand { translation_mode: rest, ..VehicleCommand::default() }, rest, ..Self::default() }
     }
 
     /// Appends a leg. After the last leg the vehicle continues wings level, or hovers.
     pub fn fly(&mut self, leg: Leg) {
-        self.held = VehicleCommand { mode: self.rest, ..VehicleCommand::default() };
+        self.held = VehicleCommand { translation_mode: self.rest, ..VehicleCommand::default() };
         self.plan.push_back(leg);
     }
 
@@ -133,7 +133,7 @@ impl Autopilot {
     pub fn clear_plan(&mut self) {
         self.plan.clear();
         self.active = None;
-        self.held = VehicleCommand { mode: self.rest, ..VehicleCommand::default() };
+        self.held = VehicleCommand { translation_mode: self.rest, ..VehicleCommand::default() };
     }
 
     /// Number of unfinished legs, the present one included.
@@ -142,7 +142,7 @@ impl Autopilot {
         self.plan.len() + usize::from(self.active.is_some())
     }
 
-    pub(super) fn step(&mut self, state: &TrueState) -> VehicleCommand {
+    pub(super) fn next_command(&mut self, state: &TrueState) -> VehicleCommand {
         if self.active.is_some_and(|active| active.is_done(state)) {
             self.active = None;
         }
@@ -181,12 +181,21 @@ impl ActiveLeg {
             Leg::Yaw { rate_deg_s, heading_change_deg } => {
                 let side = heading_change_deg.signum();
                 let turn_rate_rad_s = rate_deg_s.abs().to_radians() * side;
-                VehicleCommand { turn_rate_rad_s, mode: TranslationMode::OnTheSpot, ..banked(RATE_BANK_DEG * side) }
+                VehicleCommand {
+                    turn_rate_rad_s,
+                    translation_mode: TranslationMode::OnTheSpot,
+                    ..banked(RATE_BANK_DEG * side)
+                }
             }
-            Leg::Hover { .. } => VehicleCommand { mode: TranslationMode::OnTheSpot, ..VehicleCommand::default() },
+            Leg::Hover { .. } => {
+                VehicleCommand { translation_mode: TranslationMode::OnTheSpot, ..VehicleCommand::default() }
+            }
             Leg::Push { toward_deg, tilt_deg, .. } => {
                 let [toward_rad, tilt_rad] = [toward_deg, tilt_deg].map(f64::to_radians);
-                VehicleCommand { mode: TranslationMode::Pushed { toward_rad, tilt_rad }, ..VehicleCommand::default() }
+                VehicleCommand {
+                    translation_mode: TranslationMode::Pushed { toward_rad, tilt_rad },
+                    ..VehicleCommand::default()
+                }
             }
         }
     }

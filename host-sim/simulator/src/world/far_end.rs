@@ -54,7 +54,7 @@ impl FarEnd {
         match self {
             Self::Unconnected => AttachedDevice::Deaf,
             Self::Talker => {
-                simulation.spawn(Level::World, "attitude source", source.run(world, uart, faults));
+                simulation.spawn(Level::World, "attitude source", source.run_source(world, uart, faults));
                 AttachedDevice::Deaf
             }
             Self::Mavlink(firmware) => {

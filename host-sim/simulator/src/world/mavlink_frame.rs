@@ -15,7 +15,7 @@ pub struct MavlinkFrame {
     /// Component ID of the sender.
     pub component_id: u8,
     /// Message ID.
-    pub id: u32,
+    pub message_id: u32,
     /// Payload, trailing zeros removed.
     pub payload: Vec<u8>,
 }
@@ -38,7 +38,7 @@ impl MavlinkFrame {
     pub fn frame_bytes(&self, extra_crc: u8) -> Vec<u8> {
         let end = self.payload.iter().rposition(|&byte| byte != 0).map_or(1, |last| last + 1);
         let payload = &self.payload[..end.min(self.payload.len())];
-        let [id_0, id_1, id_2, _] = self.id.to_le_bytes();
+        let [id_0, id_1, id_2, _] = self.message_id.to_le_bytes();
         let Self { sequence, system_id: system, component_id: component, .. } = *self;
         let header = [0xFD, payload.len() as u8, 0, 0, sequence, system, component, id_0, id_1, id_2];
         let mut bytes = [&header, payload].concat();
@@ -54,7 +54,8 @@ pub fn command_long(from: [u8; 2], system: u8, command: u16, confirmation: u8, p
     payload.extend(command.to_le_bytes());
     payload.extend([system, MODULE_COMPONENT, confirmation]);
     let [from_system, from_component] = from;
-    MavlinkFrame { sequence: 0, system_id: from_system, component_id: from_component, id: 76, payload }.frame_bytes(152)
+    MavlinkFrame { sequence: 0, system_id: from_system, component_id: from_component, message_id: 76, payload }
+        .frame_bytes(152)
 }
 
 fn extra_crc(id: u32) -> u8 {
@@ -104,7 +105,7 @@ impl FrameReader {
             sequence,
             system_id: system,
             component_id: component,
-            id,
+            message_id: id,
             payload: self.bytes[10..end].to_vec(),
         })
     }

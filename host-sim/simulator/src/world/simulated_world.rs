@@ -178,7 +178,7 @@ impl World {
 impl WorldState {
     fn advance_to(&mut self, to_us: u64) {
         while self.aircraft.state().time_us < to_us {
-            self.aircraft.step();
+            self.aircraft.advance_step();
             if self.history.len() == HISTORY_STEPS {
                 self.history.pop_front();
             }

@@ -177,7 +177,11 @@ fn fly_everything(seed: u64, duration_us: u64) -> (u64, usize) {
         seen.1 += bytes.len();
     };
 
-    simulation.spawn(Level::World, "autopilot", world.attitude_source().run(world.clone(), cable.host_end(), vec![]));
+    simulation.spawn(
+        Level::World,
+        "autopilot",
+        world.attitude_source().run_source(world.clone(), cable.host_end(), vec![]),
+    );
     let seen_attitude = Rc::clone(&seen);
     simulation.spawn(Level::Interrupt, "attitude", async move {
         let mut buffer = [0; 128];

@@ -30,7 +30,7 @@ const MAX_DATAGRAMS_PER_POLL: usize = 64;
 impl Connections {
     /// Runs the served module until stopped, until a connection has ended, or until the reader has closed standard
     /// output.
-    pub fn run(
+    pub fn run_connections(
         mut self,
         served_module: &mut ServedModule,
         speed: f64,

@@ -130,7 +130,7 @@ mod tests {
     #[test]
     fn information_root_squares_to_the_information() {
         for seed in 0..5 {
-            let trial = RandomFlight::draw(&RandomRanges::WORST_CASE, seed);
+            let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed);
             for instant in trial.true_samples().step_by(40) {
                 let (whole, root) = (fisher_information(&trial, instant), information_root(&trial, instant));
                 let difference = root.tr_mul(&root) - whole;
@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn disturbing_acceleration_raises_the_cramer_rao_bound() {
-        let trial = RandomFlight::draw(&RandomRanges::WORST_CASE, 7);
+        let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, 7);
         let turbulent: Vec<TrueSample> =
             trial.true_samples().map(|instant| TrueSample { disturbing_acceleration_m_s2: 5.0, ..*instant }).collect();
         let [calm, turbulent] = [rms_deg(&trial).unwrap(), rms_deg_for(&trial, turbulent.iter()).unwrap()];
@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn a_flight_flown_twice_is_known_better_by_the_root_of_two() {
-        let trial = RandomFlight::draw(&RandomRanges::WORST_CASE, 7);
+        let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, 7);
         let once = rms_deg(&trial).unwrap();
         let twice = rms_deg_for(&trial, trial.true_samples().chain(trial.true_samples())).unwrap();
         assert!((once / twice - 2_f64.sqrt()).abs() < 1e-9, "{once} {twice}");

@@ -115,7 +115,7 @@ mod tests {
     use simulator::world::aircraft::VehicleKind;
 
     fn trial(samples: usize) -> RandomFlight {
-        RandomFlight::draw(&RandomRanges { samples, ..RandomRanges::WORST_CASE }, 3)
+        RandomFlight::draw_flight(&RandomRanges { samples, ..RandomRanges::WORST_CASE }, 3)
     }
 
     /// Reference: evaluates every sample in every step and inverts the whole matrix.
@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn selected_samples_have_a_lower_bound_than_evenly_thinned_ones() {
-        let flight = Flight { kind: VehicleKind::Copter, pattern: FlightPattern::Routine, duration_minutes: 3.0 }
+        let flight = Flight { kind: VehicleKind::Copter, flight_pattern: FlightPattern::Routine, duration_minutes: 3.0 }
             .fly(&RandomRanges::WORST_CASE, 3);
         let trial = trial(1).with_flight(flight, AttitudeEnvelope::Tilted);
         let thinned = cramer_rao::rms_deg_for(&trial, trial.true_samples().step_by(9)).unwrap();

@@ -45,7 +45,7 @@ pub struct Flight {
     /// Vehicle kind.
     pub kind: VehicleKind,
     /// Flight pattern.
-    pub pattern: FlightPattern,
+    pub flight_pattern: FlightPattern,
     /// Duration, minutes.
     pub duration_minutes: f64,
 }
@@ -61,7 +61,7 @@ impl Flight {
             VehicleConfig { kind: self.kind, heading_deg: random.uniform(0.0, 360.0), ..VehicleConfig::default() };
         let mut aircraft = Aircraft::new(config, Weather::default(), seed, 0);
         let plan = TurnPlan { bank_deg: random.uniform(ranges.bank_deg[0], ranges.bank_deg[1]), circles_per_side: 3.0 };
-        let routine = match self.pattern {
+        let routine = match self.flight_pattern {
             FlightPattern::Routine => {
                 Some((1.0 / 3.0, Routine::for_vehicle(self.kind, plan, config.heading_deg).legs()))
             }
@@ -81,14 +81,14 @@ impl Flight {
                 aircraft.autopilot_mut().hold_bank_and_pitch(0.0, 0.0);
                 fly_all(&mut aircraft, &legs);
             } else if aircraft.autopilot().unfinished_legs() == 0 {
-                let leg = if self.pattern == FlightPattern::Wandering {
+                let leg = if self.flight_pattern == FlightPattern::Wandering {
                     random_leg(self.kind, &mut random)
                 } else {
                     straight_leg(&mut random)
                 };
                 aircraft.autopilot_mut().fly(leg);
             }
-            aircraft.step();
+            aircraft.advance_step();
             if aircraft.state().time_us.is_multiple_of(SAMPLE_PERIOD_US) {
                 instants.push(true_sample(&aircraft));
             }
@@ -119,7 +119,7 @@ fn duration_us(config: VehicleConfig, seed: u64, legs: &[Leg]) -> u64 {
     let mut aircraft = Aircraft::new(config, Weather::default(), seed, 0);
     fly_all(&mut aircraft, legs);
     while aircraft.autopilot().unfinished_legs() > 0 {
-        aircraft.step();
+        aircraft.advance_step();
     }
     aircraft.state().time_us
 }
@@ -144,7 +144,7 @@ mod tests {
     use super::*;
 
     fn fly_pattern(kind: VehicleKind, pattern: FlightPattern, seed: u64) -> Vec<TrueSample> {
-        Flight { kind, pattern, duration_minutes: 3.0 }.fly(&RandomRanges::WORST_CASE, seed)
+        Flight { kind, flight_pattern: pattern, duration_minutes: 3.0 }.fly(&RandomRanges::WORST_CASE, seed)
     }
 
     #[test]
@@ -184,7 +184,7 @@ mod tests {
     fn the_routine_is_flown_within_the_flight() {
         for seed in [2, 5, 6] {
             let fly_pattern = |pattern| {
-                Flight { kind: VehicleKind::Copter, pattern, duration_minutes: 20.0 }
+                Flight { kind: VehicleKind::Copter, flight_pattern: pattern, duration_minutes: 20.0 }
                     .fly(&RandomRanges::WORST_CASE, seed)
             };
             for (instants, right, left) in [

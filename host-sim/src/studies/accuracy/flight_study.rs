@@ -56,11 +56,11 @@ pub struct FlightStudyRow {
 
 /// Runs the plan for one flight. `tick` is called once per airframe, from any thread.
 #[must_use]
-pub fn run(flight: Flight, plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> FlightStudyRow {
+pub fn run_flight_study(flight: Flight, plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> FlightStudyRow {
     let trials: Vec<FlightResult> = (plan.seed..plan.seed + plan.airframes)
         .into_par_iter()
         .filter_map(|seed| {
-            let flight_result = FlightResult::evaluate(flight, seed, plan.noise_draws);
+            let flight_result = FlightResult::evaluate_trial(flight, seed, plan.noise_draws);
             tick();
             flight_result
         })
@@ -79,10 +79,10 @@ struct FlightResult {
 }
 
 impl FlightResult {
-    fn evaluate(flight: Flight, seed: u64, draws: u64) -> Option<Self> {
+    fn evaluate_trial(flight: Flight, seed: u64, draws: u64) -> Option<Self> {
         let envelope =
             if flight.kind == VehicleKind::Plane { AttitudeEnvelope::Banked } else { AttitudeEnvelope::Tilted };
-        let trial = RandomFlight::draw(&RandomRanges::WORST_CASE, seed)
+        let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed)
             .with_flight(flight.fly(&RandomRanges::WORST_CASE, seed), envelope);
         let retained_times: BTreeSet<u32> =
             retention::retain_samples(&trial.record_all(0, ConstantErrorSigmas::NO_ERRORS).0)
@@ -136,7 +136,7 @@ fn study_row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
     let all_of = |errors: fn(&FlightResult) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
     FlightStudyRow {
         aircraft: flight.kind.vehicle_name(),
-        pattern: flight.pattern,
+        pattern: flight.flight_pattern,
         minutes: flight.duration_minutes,
         readings: median(trials.iter().map(|flight_result| flight_result.readings as f64)),
         converged_percent: percent(solved),

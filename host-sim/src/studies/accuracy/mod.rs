@@ -61,12 +61,12 @@ const COMPARED_METHODS: [Method; 3] = [Method::MaximumLikelihood, Method::TwoPla
 
 /// Runs the study. `tick` is called once per airframe, from any thread.
 #[must_use]
-pub fn run(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> AccuracyResult {
+pub fn run_accuracy_study(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> AccuracyResult {
     let trials: Vec<AirframeResult> = (plan.seed..plan.seed + plan.airframes)
         .into_par_iter()
         .filter_map(|seed| {
             let airframe_result =
-                AirframeResult::evaluate(&RandomFlight::draw(&RandomRanges::WORST_CASE, seed), plan.noise_draws);
+                AirframeResult::evaluate_airframe(&RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed), plan.noise_draws);
             tick();
             airframe_result
         })
@@ -90,7 +90,7 @@ struct AirframeResult {
 }
 
 impl AirframeResult {
-    fn evaluate(trial: &RandomFlight, draws: u64) -> Option<Self> {
+    fn evaluate_airframe(trial: &RandomFlight, draws: u64) -> Option<Self> {
         let mut airframe_result = Self {
             bound_deg: cramer_rao::rms_deg(trial)?,
             methods: [SolveCounts::default(); COMPARED_METHODS.len()],

@@ -70,7 +70,7 @@ impl ConstantErrorSigmas {
         Self { bias_deg: f64::from(consider.bias_rad.to_degrees()), bank_scale: f64::from(consider.bank_scale) }
     }
 
-    fn draw(self, random: &mut RandomStream) -> ConstantAttitudeErrors {
+    fn draw_errors(self, random: &mut RandomStream) -> ConstantAttitudeErrors {
         ConstantAttitudeErrors {
             roll_bias_rad: (random.gaussian() * self.bias_deg).to_radians(),
             pitch_bias_rad: (random.gaussian() * self.bias_deg).to_radians(),
@@ -141,9 +141,9 @@ pub struct RandomFlight {
     /// Attitudes at which headings are evaluated.
     pub envelope: AttitudeEnvelope,
     /// Samples of left turns.
-    pub left: Vec<TrueSample>,
+    pub left_turns: Vec<TrueSample>,
     /// Samples of right turns.
-    pub right: Vec<TrueSample>,
+    pub right_turns: Vec<TrueSample>,
 }
 
 /// Attitudes at which a calibration is evaluated, each at twelve headings.
@@ -185,7 +185,7 @@ const TILT_ERROR_DEG_PER_M_S2: f64 = VehicleKind::Copter.tilt_error_deg_per_m_s2
 impl RandomFlight {
     /// Draws airframe, place and flight.
     #[must_use]
-    pub fn draw(ranges: &RandomRanges, seed: u64) -> Self {
+    pub fn draw_flight(ranges: &RandomRanges, seed: u64) -> Self {
         let mut random = RandomStream::new(seed, StreamPurpose::Airframe);
         let raw = Matrix3::from_fn(|_, _| random.uniform(-1.0, 1.0));
         let symmetric = raw + raw.transpose();
@@ -203,15 +203,15 @@ impl RandomFlight {
             sensor_sigma: random.uniform(ranges.sensor_noise[0], ranges.sensor_noise[1]),
             attitude_sigma_rad: random.uniform(ranges.attitude_noise_deg[0], ranges.attitude_noise_deg[1]).to_radians(),
             envelope: AttitudeEnvelope::Banked,
-            left,
-            right,
+            left_turns: left,
+            right_turns: right,
         }
     }
 
     /// The same airframe, place and instruments with another flight, without turn directions.
     #[must_use]
     pub fn with_flight(self, flight: Vec<TrueSample>, envelope: AttitudeEnvelope) -> Self {
-        Self { envelope, left: flight, right: Vec::new(), ..self }
+        Self { envelope, left_turns: flight, right_turns: Vec::new(), ..self }
     }
 
     /// Standard deviation of roll and of pitch errors at a sample, radians.
@@ -223,7 +223,7 @@ impl RandomFlight {
 
     /// All samples of the flight.
     pub fn true_samples(&self) -> impl Iterator<Item = &TrueSample> {
-        self.left.iter().chain(&self.right)
+        self.left_turns.iter().chain(&self.right_turns)
     }
 
     /// Earth's field in body axes, in units of the total field.
@@ -237,11 +237,11 @@ impl RandomFlight {
     pub fn record_flight(&self, repetition: u64, faults: ConstantErrorSigmas) -> (Recording, LaterMeasurements) {
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
         let mut random = RandomStream::new(seed, StreamPurpose::Magnetometer);
-        let source = faults.draw(&mut random);
-        let fit = sample_turns(&self.left, &self.right, |instant| self.noisy_sample(instant, source, &mut random));
+        let source = faults.draw_errors(&mut random);
+        let fit = sample_turns(&self.left_turns, &self.right_turns, |instant| self.noisy_sample(instant, source, &mut random));
         // A separate random stream, so that held-back samples do not change the other random numbers.
         let mut fresh = RandomStream::new(seed, StreamPurpose::HeldBack);
-        let [left, right] = [midpoints(&self.left), midpoints(&self.right)];
+        let [left, right] = [midpoints(&self.left_turns), midpoints(&self.right_turns)];
         let held_back = sample_turns(&left, &right, |instant| self.noisy_sample(instant, source, &mut fresh));
         (Recording { fit, held_back }, LaterMeasurements { source, random })
     }
@@ -251,7 +251,7 @@ impl RandomFlight {
     pub fn record_all(&self, repetition: u64, faults: ConstantErrorSigmas) -> (Vec<Sample>, LaterMeasurements) {
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
         let mut random = RandomStream::new(seed, StreamPurpose::Magnetometer);
-        let source = faults.draw(&mut random);
+        let source = faults.draw_errors(&mut random);
         let samples = self.true_samples().map(|instant| self.noisy_sample(instant, source, &mut random)).collect();
         (samples, LaterMeasurements { source, random })
     }
@@ -409,7 +409,7 @@ mod tests {
             rates: Rates::from_rad_s([0.1, -0.2, 0.3]),
             time: WrappingMillis::new(7),
         };
-        let trial = RandomFlight::draw(&RandomRanges::WORST_CASE, 3);
+        let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, 3);
         for (push_m_s2, by_push_deg) in [(0.0, 0.0), (2.6, 1.04)] {
             let trial = trial.clone().with_flight(vec![instant(push_m_s2); 2000], AttitudeEnvelope::Tilted);
             let (samples, _) = trial.record_all(0, ConstantErrorSigmas::NO_ERRORS);
@@ -426,7 +426,7 @@ mod tests {
     #[test]
     fn held_back_samples_lie_between_those_of_the_fit() {
         for seed in 0..20 {
-            let trial = RandomFlight::draw(&RandomRanges::WORST_CASE, seed);
+            let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed);
             let (recorded, _) = trial.record_flight(3, ConstantErrorSigmas::NO_ERRORS);
             let (fit, held_back) = (recorded.samples(), recorded.held_back());
             for (fit, held_back) in
@@ -449,7 +449,7 @@ mod tests {
             let rolls = samples.iter().map(|s| f64::from(s.attitude.roll_rad.to_degrees()));
             rolls.sum::<f64>() / samples.iter().count() as f64
         };
-        let trial = RandomFlight::draw(&RandomRanges::WORST_CASE, 5);
+        let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, 5);
         let [first, second] =
             [0, 1].map(|draw| trial.record_flight(draw, ConstantErrorSigmas { bias_deg: 10.0, bank_scale: 0.0 }).0);
         for recorded in [&first, &second] {

@@ -67,20 +67,20 @@ const SOLVE_TIMEOUT_S: f64 = 10.0;
 /// Flies the case for a seed, with vehicle, attitude source and heading output of the plan.
 #[must_use]
 pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
-    let mut drawn = case.draw(seed, plan.aircraft, plan.source);
+    let mut drawn = case.draw_case(seed, plan.aircraft, plan.attitude_protocol);
     let faults = std::mem::take(&mut drawn.faults);
     let fields = faults.field_faults.clone();
     let mut rig = Rig::with_port_devices(drawn.world, faults, [drawn.far_end, FarEnd::Unconnected]);
-    let RandomCase { world, ref switch, onset, .. } = drawn;
+    let RandomCase { world, ref fault_switch, fault_onset: onset, .. } = drawn;
     rig.world.set_armed(true);
     if onset == FaultOnset::Always {
-        switch.set_active(0, u64::MAX);
+        fault_switch.set_active(0, u64::MAX);
     }
     rig.run_for_s(2.0);
     rig.send_console_line(&format!("stream heading {}", plan.heading.kind_name()));
     rig.send_console_line(drawn.routine.start_command);
     if let FaultOnset::Calibrating { after_s, until_s } = onset {
-        switch.set_active(add_seconds_us(rig.now_us(), after_s), add_seconds_us(rig.now_us(), until_s));
+        fault_switch.set_active(add_seconds_us(rig.now_us(), after_s), add_seconds_us(rig.now_us(), until_s));
     }
     let began_us = rig.now_us();
     let calibration = calibrate(&mut rig, &drawn.routine.legs());
@@ -96,7 +96,7 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
     if calibrated.is_ok() {
         if let FaultOnset::InUse { after_s, for_s } = onset {
             let from_us = add_seconds_us(rig.now_us(), after_s);
-            switch.set_active(from_us, add_seconds_us(from_us, for_s));
+            fault_switch.set_active(from_us, add_seconds_us(from_us, for_s));
         }
         let counts_from_us =
             if let FaultOnset::InUse { after_s, .. } = onset { add_seconds_us(rig.now_us(), after_s) } else { 0 };
@@ -105,7 +105,7 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
             let faulty = match onset {
                 FaultOnset::Never => false,
                 FaultOnset::Always | FaultOnset::Calibrating { .. } => true,
-                FaultOnset::InUse { .. } => switch.is_on(at_us),
+                FaultOnset::InUse { .. } => fault_switch: switch.is_on(at_us),
             };
             output_statistics.add_sentence(
                 at_us,
@@ -241,7 +241,7 @@ fn process_console_output(
         notes.extend(printed.split("note ").skip(1).filter_map(|text| Some(text.split_once(": ")?.0.to_owned())));
         for timed_byte in rig.instrument.receive_timed() {
             if let Some(received) =
-                reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte).filter(|r| r.kind == "PASWH")
+                reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte).filter(|r| r.sentence_kind == "PASWH")
             {
                 let true_deg = rig.world.true_state(timed_byte.arrives_at_us).heading_deg();
                 on_sentence(timed_byte.arrives_at_us, &evaluated_sentence(received, true_deg));

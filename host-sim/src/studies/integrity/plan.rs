@@ -17,7 +17,7 @@ pub struct IntegrityPlan {
     /// Vehicle kind.
     pub aircraft: VehicleKind,
     /// Attitude source.
-    pub source: AttitudeProtocol,
+    pub attitude_protocol: AttitudeProtocol,
 }
 
 /// Protocol of the attitude source.

@@ -155,7 +155,7 @@ impl Refinement {
 
     /// One pass over the samples. Not inlined, which bounds the solver's stack.
     #[inline(never)]
-    pub fn step(&mut self, samples: Samples<'_>) -> RefinementProgress {
+    pub fn refine_step(&mut self, samples: Samples<'_>) -> RefinementProgress {
         if self.refines_unknowns {
             match self.levenberg_marquardt_step(samples) {
                 RefinementProgress::Converged => {}

@@ -155,7 +155,7 @@ fn a_singular_problem_fails() {
     let likelihood = Likelihood::new(&Prior::default(), ModelConfig::DEFAULT, Samples::default(), 50.0);
     let flat = ModelParameters { w: Matrix3::zeros(), d: Vector3::zeros(), inclination_rad: 0.0 }.unknowns().unwrap();
     let mut refinement = Refinement::new(likelihood, Samples::default(), flat, true);
-    assert_eq!(refinement.step(Samples::default()), RefinementProgress::Failed);
+    assert_eq!(refinement.refine_step(Samples::default()), RefinementProgress::Failed);
 }
 
 fn flight(seed: u64) -> (Airframe, RecordedTurns) {
@@ -179,7 +179,7 @@ fn the_noise_is_estimated_three_times() {
     let mut estimates = Vec::new();
     loop {
         let rounds = refinement.noise_estimates;
-        match refinement.step(recorded.turns()) {
+        match refinement.refine_step(recorded.turns()) {
             RefinementProgress::Continue if refinement.noise_estimates > rounds => {
                 assert!(close(refinement.damping.value, 1e-6) && refinement.steps_since_estimate == 0);
                 estimates.push(refinement.likelihood.noise.inclination_sigma_rad);
@@ -197,14 +197,14 @@ fn a_restart_converges_in_one_round() {
     let (_, recorded) = flight(4);
     let settled = || {
         let mut refinement = refinement(&recorded, true);
-        while refinement.step(recorded.turns()) == RefinementProgress::Continue {}
+        while refinement.refine_step(recorded.turns()) == RefinementProgress::Continue {}
         refinement
     };
     let (there, mut again) = (settled(), refinement(&recorded, true));
     again.unknowns = there.unknowns;
     again.restart_with_noise(recorded.turns(), there.likelihood.noise.clone());
     assert_eq!(
-        (again.step(recorded.turns()), again.step(recorded.turns())),
+        (again.refine_step(recorded.turns()), again.refine_step(recorded.turns())),
         (RefinementProgress::Continue, RefinementProgress::Converged)
     );
     let moved = (again.unknowns - there.unknowns).norm();
@@ -225,7 +225,8 @@ fn fixed_unknowns_stay() {
     let (_, recorded) = flight(2);
     let mut refinement = refinement(&recorded, false);
     let before = refinement.unknowns;
-    let steps = (0..10).take_while(|_| refinement.step(recorded.turns()) == RefinementProgress::Continue).count();
+    let steps =
+        (0..10).take_while(|_| refinement.refine_step(recorded.turns()) == RefinementProgress::Continue).count();
     assert_eq!((steps, refinement.unknowns), (3, before));
     // Initial noise is 5 % and 0.1 rad; a sphere fit leaves less of the norm's and more than a sensor's.
     let NoiseModel { norm_sigma: norm, inclination_sigma_rad: dip_rad, .. } = refinement.likelihood.noise;
@@ -240,7 +241,7 @@ fn a_solve_takes_seven_passes() {
         let (_, recorded) = flight(seed);
         let mut refinement = refinement(&recorded, true);
         passes += 1;
-        while refinement.step(recorded.turns()) == RefinementProgress::Continue {
+        while refinement.refine_step(recorded.turns()) == RefinementProgress::Continue {
             passes += 1;
         }
     }
@@ -251,7 +252,7 @@ fn a_solve_takes_seven_passes() {
 fn only_the_last_pass_rotates_equations() {
     let (_, recorded) = flight(1);
     let mut refinement = refinement(&recorded, true);
-    while refinement.step(recorded.turns()) == RefinementProgress::Continue {
+    while refinement.refine_step(recorded.turns()) == RefinementProgress::Continue {
         assert_eq!(refinement.likelihood.uses_normal_equations, refinement.noise_estimates < MAX_NOISE_ESTIMATES);
     }
     assert!(!refinement.likelihood.uses_normal_equations);

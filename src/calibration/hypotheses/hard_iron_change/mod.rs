@@ -264,7 +264,7 @@ impl HardIronScan {
         };
         let Some((beta, significance)) = estimate_step(&sums, system, &self.step_to_maximum) else { return };
         if self.best.is_none_or(|found| significance > found.significance) {
-            self.effect = sums.effect(&beta);
+            self.effect = sums.coefficient_effect(&beta);
             self.best = Some(ChangeEstimate { form, beta, significance });
         }
     }

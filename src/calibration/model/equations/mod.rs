@@ -87,7 +87,7 @@ impl SampleEquations {
     ) -> Self {
         let prediction = parameters.predict_field(measured.x, &measured.tilt_rotation);
         let by_attitude = prediction.inclination_by_attitude(&measured.tilt_rotation);
-        let covariance = noise.covariance(&prediction.direction, &prediction.inclination_by_field, by_attitude);
+        let covariance = noise.covariance(&prediction.field_direction, &prediction.inclination_by_field, by_attitude);
         let residuals = Residuals::new(parameters, &prediction);
         let (prediction, Residuals { norm, inclination_rad: dip }) = if refined {
             linearise_at_corrected(parameters, measured, noise, &covariance, &prediction, &residuals, config)
@@ -163,12 +163,12 @@ fn linearise_at_corrected(
     };
     let by_norm = bounded(norm, covariance.norm_variance) - covariance.decorrelation_slope * by_dip;
     let move_x =
-        noise.likely_sensor_error(&(prediction.direction * by_norm + prediction.inclination_by_field * by_dip));
+        noise.likely_sensor_error(&(prediction.field_direction * by_norm + prediction.inclination_by_field * by_dip));
     let moved = parameters.predict_field(prediction.x - move_x, &measured.tilt_rotation);
     let move_body = multiply(&parameters.w, &move_x);
     let moved_residuals = Residuals::new(parameters, &moved);
     let residuals = Residuals {
-        norm: moved_residuals.norm + moved.direction.dot(&move_body),
+        norm: moved_residuals.norm + moved.field_direction.dot(&move_body),
         inclination_rad: moved_residuals.inclination_rad + moved.inclination_by_field.dot(&move_body),
     };
     (moved, residuals)

@@ -124,7 +124,7 @@ fn the_measurement_is_corrected_by_its_expected_sensor_error() {
     let moved_by = |parameters: &ModelParameters| {
         let prediction = parameters.predict_field(measured.x, &tilt);
         let by_attitude = prediction.inclination_by_attitude(&tilt);
-        let covariance = noise.covariance(&prediction.direction, &prediction.inclination_by_field, by_attitude);
+        let covariance = noise.covariance(&prediction.field_direction, &prediction.inclination_by_field, by_attitude);
         let residuals = Residuals::new(parameters, &prediction);
         let config = &ModelConfig::DEFAULT;
         let (moved, _) =
@@ -132,7 +132,7 @@ fn the_measurement_is_corrected_by_its_expected_sensor_error() {
         (measured.x - moved.x, prediction, residuals)
     };
     let (found, prediction, residuals) = moved_by(&parameters);
-    let by_x = [noise_w.tr_mul(&prediction.direction), noise_w.tr_mul(&prediction.inclination_by_field)];
+    let by_x = [noise_w.tr_mul(&prediction.field_direction), noise_w.tr_mul(&prediction.inclination_by_field)];
     let [roll, pitch] = prediction.inclination_by_attitude(&tilt);
     let attitude = (0.015_f32.powi(2) - 1e-4) * (roll * roll + pitch * pitch);
     let of = |i: usize, j: usize| by_x[i].dot(&by_x[j]) * 1e-4 + if (i, j) == (1, 1) { attitude } else { 0.0 };

@@ -111,7 +111,7 @@ impl Solver {
     /// One pass over the samples. Its large parts are not inlined, so that their locals do not add up on a small stack.
     #[inline(never)]
     pub fn step(&mut self, samples: Samples<'_>) -> SolveProgress {
-        let end = match self.refinement.step(samples) {
+        let end = match self.refinement.refine_step(samples) {
             Refining::Continue => return SolveProgress::Continue,
             Refining::Converged => match self.assess_refined(samples) {
                 Some(end) => end,

@@ -165,7 +165,7 @@ fn the_better_of_two_results_is_returned() {
     // Simulates a poor first result with this misfit.
     for (misfit, is_found_again) in [(f32::INFINITY, false), (0.0, true)] {
         let mut solver = new();
-        while !matches!(solver.refinement.step(samples), Refining::Converged) {}
+        while !matches!(solver.refinement.refine_step(samples), Refining::Converged) {}
         let RetainedResult { start, noise, .. } = solver.retain_result(&plain).unwrap();
         let sphere = starting_point::sphere_start(samples, &Matrix3::identity()).unwrap();
         assert!(solver.restart(samples, &sphere, SampleCorrections::NO_CORRECTIONS));

@@ -19,7 +19,7 @@ impl Allocator {
     fn respond(&mut self, now_us: u64, request: &CanFrame) -> Option<OutboundTransfer> {
         let header = FrameHeader::from_id(request.id()).unwrap();
         let (_, [first, part @ ..]) = request.data().split_last()? else { return None };
-        if header.source.is_some() || header.type_id != 1 {
+        if header.source_node.is_some() || header.type_id != 1 {
             return None;
         }
         if now_us > self.last_us + 500_000 {
@@ -160,7 +160,7 @@ fn an_unallocated_node_only_asks_for_a_number() {
     bench.receive(PEER, &transfer(DataType::ARMING_STATUS, 0, &[0]));
     let sent = bench.run(60_000);
     assert!((60..=101).contains(&sent.len()), "{}", sent.len());
-    assert!(sent.iter().all(|sent| sent.header.source.is_none() && sent.payload.len() == 7));
+    assert!(sent.iter().all(|sent| sent.header.source_node.is_none() && sent.payload.len() == 7));
 }
 
 /// The same unique id has the same number: the allocator remembers it.
@@ -172,5 +172,5 @@ fn another_node_with_an_allocated_number_makes_the_node_ask_again() {
     assert!(!bench.sent(DataType::MAGNETIC_FIELD_STRENGTH_2, 1000).is_empty());
     bench.receive(125, &transfer(DataType::ARMING_STATUS, 0, &[0]));
     assert_eq!(bench.node.node_id(), None);
-    assert!(bench.run(500).iter().all(|sent| sent.header.source.is_none()));
+    assert!(bench.run(500).iter().all(|sent| sent.header.source_node.is_none()));
 }

@@ -24,14 +24,14 @@ const fn info(first_byte: u8) -> NodeInfo {
     let mut unique_id = [7; UNIQUE_ID_LENGTH];
     unique_id[0] = first_byte;
     let software = SoftwareVersion { major_version: 0, minor_version: 1, commit: None, image_crc: None };
-    NodeInfo { name: "org.autoswing.test", software, hardware: [1, 0], unique_id }
+    NodeInfo { node_name: "org.autoswing.test", software_version: software, hardware_version: [1, 0], unique_id }
 }
 
 /// Transfer from another node; a request to this one if the type is a service.
 fn transfer(data_type: DataType, transfer_id: u8, payload: &[u8]) -> OutboundTransfer {
     let kind = if data_type.is_service { TransferKind::Request(node(OWN)) } else { TransferKind::Message };
     let payload = Payload::from_slice(payload).unwrap();
-    OutboundTransfer { data_type, priority: 20, kind, transfer_id, payload }
+    OutboundTransfer { data_type, priority: 20, transfer_kind: kind, transfer_id, payload }
 }
 
 /// A transfer of several frames or of one, reassembled from sent frames.
@@ -176,13 +176,14 @@ impl Bench {
         let mut sent = self.sent(data_type, 25);
         assert!(sent.len() <= 1);
         sent.pop().map(|sent| {
-            assert_eq!((sent.header.kind, sent.header.priority), (TransferKind::Response(node(PEER)), 20));
-            assert_eq!((sent.header.source, sent.transfer_id), (Some(node(OWN)), 9));
+            assert_eq!((sent.header.transfer_kind, sent.header.priority), (TransferKind::Response(node(PEER)), 20));
+            assert_eq!((sent.header.source_node, sent.transfer_id), (Some(node(OWN)), 9));
             sent.payload
         })
     }
 }
 
 fn is_of(sent: &Sent, data_type: DataType) -> bool {
-    (sent.header.type_id, sent.header.kind != TransferKind::Message) == (data_type.id, data_type.is_service)
+    (sent.header.type_id, sent.header.transfer_kind != TransferKind::Message)
+        == (data_type.type_id, data_type.is_service)
 }

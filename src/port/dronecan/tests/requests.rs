@@ -35,15 +35,15 @@ fn all_parameters_are_listed() {
     let mut bench = Bench::new();
     for (index, parameter) in PARAMETERS.iter().enumerate() {
         let payload = bench.ask(GET_SET, &[index as u8, 0]).unwrap();
-        let name = parameter.name.as_bytes();
-        assert!(payload.ends_with(name), "{} {payload:?}", parameter.name);
+        let name = parameter.parameter_name.as_bytes();
+        assert!(payload.ends_with(name), "{} {payload:?}", parameter.parameter_name);
         let tags = |value| match value {
             ParameterValue::Whole(_) => 9,
             ParameterValue::Number(_) => 5,
             ParameterValue::Key(_) => 0,
         };
         if let Some([least, _]) = parameter.value_range() {
-            assert_eq!(payload.len() - name.len(), 4 * tags(least), "{}", parameter.name);
+            assert_eq!(payload.len() - name.len(), 4 * tags(least), "{}", parameter.parameter_name);
         }
     }
     assert_eq!(bench.ask(GET_SET, &[PARAMETERS.len() as u8, 0]), Some(vec![0; 4]));
@@ -225,6 +225,6 @@ fn each_requester_gets_its_answer() {
         bench.receive(source, &transfer(DataType::GET_NODE_INFO, source, &[]));
     }
     let sent = bench.sent(DataType::GET_NODE_INFO, 100);
-    let answered: Vec<_> = sent.iter().map(|sent| (sent.header.kind, sent.transfer_id)).collect();
+    let answered: Vec<_> = sent.iter().map(|sent| (sent.header.transfer_kind, sent.transfer_id)).collect();
     assert_eq!(answered, [11, 12, 13, 14].map(|source| (TransferKind::Response(node(source)), source)));
 }

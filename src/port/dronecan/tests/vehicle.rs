@@ -66,8 +66,14 @@ fn heartbeat(base_mode: MavModeFlag) -> Vec<u8> {
 }
 
 fn piece(transfer_id: u8, target: u8, serial: i8, data: &[u8]) -> OutboundTransfer {
-    let piece =
-        Targetted { protocol: Targetted::MAVLINK_2, target, serial_line: serial, options: 1, baud: 57_600, data };
+    let piece = Targetted {
+        protocol: Targetted::MAVLINK_2,
+        target,
+        serial_line: serial,
+        tunnel_options: 1,
+        baud: 57_600,
+        serial_bytes: data,
+    };
     transfer(DataType::TARGETTED, transfer_id, &piece.payload())
 }
 
@@ -100,7 +106,14 @@ fn one_serial_line_of_one_node_uses_the_tunnel() {
     bench.receive(PEER, &piece(1, OWN + 1, 0, &attitude(0.2)));
     bench.receive(66, &piece(1, OWN, 0, &attitude(0.3)));
     bench.receive(PEER, &piece(2, OWN, 1, &attitude(0.4)));
-    let gps = Targetted { protocol: 2, target: OWN, serial_line: 0, options: 0, baud: 0, data: &attitude(0.5) };
+    let gps = Targetted {
+        protocol: 2,
+        target: OWN,
+        serial_line: 0,
+        tunnel_options: 0,
+        baud: 0,
+        serial_bytes: &attitude(0.5),
+    };
     bench.receive(PEER, &transfer(DataType::TARGETTED, 3, &gps.payload()));
     assert_eq!(rolls(&bench), [0.1]);
     bench.now_us += 3_000_001;

@@ -99,7 +99,7 @@ fn a_date_is_received_in_microseconds_since_1970() {
 fn commands_are_decoded_from_command_long_and_command_int() {
     let expected = |command, confirmation| {
         InboundMessage::Command(ReceivedCommand {
-            source: SENDER,
+            sender_id: SENDER,
             target: Address { system_id: 12, component_id: 158 },
             command_number: command,
             confirmation,
@@ -143,7 +143,7 @@ fn unknown_command_and_result_numbers_are_returned() {
 fn an_acknowledgement_has_a_target_in_version_2() {
     let ack = |result, system, component| {
         let target = Address { system_id: system, component_id: component };
-        InboundMessage::Acknowledgement(Acknowledgement { source: SENDER, target, command_number: 511, result })
+        InboundMessage::Acknowledgement(Acknowledgement { sender_id: SENDER, target, command_number: 511, result })
     };
     assert_eq!(decode_single(&bytes("fd0a0000c90c224d0000ff010207fbffffff0c9ea59c")), ack(2, 12, 158));
     let v1 = with_crc_of(143, vec![0xFE, 3, 0, 12, 34, 77, 0xFF, 1, 2]);

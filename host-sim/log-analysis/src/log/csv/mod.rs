@@ -106,11 +106,11 @@ mod tests {
         let flight = read_text(GOOD).unwrap();
         let rows = flight.compasses[0].field.rows();
         assert_eq!(rows.len(), 2);
-        assert_eq!(rows[0].values.map(f32::to_bits), [10.0_f32, -20.0, 40.0, 10.0, -20.0, 40.0].map(f32::to_bits));
-        assert!((flight.attitude.rows()[1].values[1].to_degrees() + 3.0).abs() < 1e-5);
-        assert_eq!(flight.usable_rows.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [1.0, 0.0]);
+        assert_eq!(rows[0].row_values.map(f32::to_bits), [10.0_f32, -20.0, 40.0, 10.0, -20.0, 40.0].map(f32::to_bits));
+        assert!((flight.attitude.rows()[1].row_values[1].to_degrees() + 3.0).abs() < 1e-5);
+        assert_eq!(flight.usable_rows.rows().iter().map(|row| row.row_values[0]).collect::<Vec<_>>(), [1.0, 0.0]);
         let in_ut = read_csv(GOOD.as_bytes(), FieldUnit::Microtesla).unwrap();
-        assert_eq!(in_ut.compasses[0].field.rows()[0].values[..3], [100.0, -200.0, 400.0]);
+        assert_eq!(in_ut.compasses[0].field.rows()[0].row_values[..3], [100.0, -200.0, 400.0]);
     }
 
     #[test]

@@ -9,14 +9,14 @@ const MAX_GAP_IN_MEDIAN_STEPS: f64 = 3.0;
 /// has no lag. At a gap only the other side's mean is used, if there is one.
 pub(super) fn rates_at_rows(rates: &Series<3>) -> Vec<(f64, [f32; 3])> {
     let Some(step_s) = rates.median_step_s() else {
-        return rates.rows().iter().map(|row| (row.t_s, row.values)).collect();
+        return rates.rows().iter().map(|row| (row.t_s, row.row_values)).collect();
     };
     let rows = rates.rows();
     let is_gap = |later: usize| rows[later].t_s - rows[later - 1].t_s > MAX_GAP_IN_MEDIAN_STEPS * step_s;
     (0..rows.len())
         .map(|i| {
-            let before = rows[i].values;
-            let after = rows.get(i + 1).filter(|_| !is_gap(i + 1)).map(|next| next.values);
+            let before = rows[i].row_values;
+            let after = rows.get(i + 1).filter(|_| !is_gap(i + 1)).map(|next| next.row_values);
             let begins = i == 0 || is_gap(i);
             let at = match after {
                 Some(after) if begins => after,

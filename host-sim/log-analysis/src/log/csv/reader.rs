@@ -35,7 +35,7 @@ impl TableReader {
         const MAX_REORDERING_S: f64 = 3.0;
         let mut times_s: Vec<f64> = held
             .iter()
-            .filter_map(|(_, line)| table.values(line).required_number(table.time_column, "t_s").ok())
+            .filter_map(|(_, line)| table.line_values(line).required_number(table.time_column, "t_s").ok())
             .collect();
         let steps = |is: &dyn Fn(f64) -> bool| times_s.windows(2).filter(|pair| is(pair[1] - pair[0])).count();
         let [back, far_back] = [steps(&|step_s| step_s < 0.0), steps(&|step_s| step_s < -MAX_REORDERING_S)];
@@ -61,7 +61,7 @@ impl TableReader {
     }
 
     fn read_line(&mut self, table: &TableLayout, unit: FieldUnit, line: &str) -> Result<(), InvalidCell> {
-        let values = table.values(line);
+        let values = table.line_values(line);
         let t_s = values.required_number(table.time_column, "t_s")?;
         let [roll_deg, pitch_deg] = [
             values.required_number(table.attitude_columns[0], "roll_deg")?,
@@ -69,7 +69,7 @@ impl TableReader {
         ];
         let mut fields = Vec::new();
         for &(number, [x, y, z]) in &table.field_columns {
-            let given = [x, y, z].map(|index| values.get(index));
+            let given = [x, y, z].map(|index| values.cell_value(index));
             if number == 1 || given.iter().all(Option::is_some) {
                 let field = [
                     values.required_number(x, "mx")?,
@@ -80,20 +80,21 @@ impl TableReader {
             }
         }
         let optional = |index: Option<usize>, name: &str| match index {
-            Some(index) if values.get(index).is_some() => values.required_number(index, name).map(Some),
+            Some(index) if values.cell_value(index).is_some() => values.required_number(index, name).map(Some),
             _ => Ok(None),
         };
         let usable = optional(table.usable_column, "use")?;
         let reference = optional(table.reference_column, "yaw_ref_deg")?;
         let yaw = optional(table.yaw_column, "yaw_deg")?;
-        let read = match table.rate_columns.filter(|rates| rates.iter().any(|&index| values.get(index).is_some())) {
-            Some([p, q, r]) => Some([
-                values.required_number(p, "p_dps")?,
-                values.required_number(q, "q_dps")?,
-                values.required_number(r, "r_dps")?,
-            ]),
-            None => None,
-        };
+        let read =
+            match table.rate_columns.filter(|rates| rates.iter().any(|&index| values.cell_value(index).is_some())) {
+                Some([p, q, r]) => Some([
+                    values.required_number(p, "p_dps")?,
+                    values.required_number(q, "q_dps")?,
+                    values.required_number(r, "r_dps")?,
+                ]),
+                None => None,
+            };
         let Some(t_s) = self.at(t_s) else { return Ok(()) };
         if let Some(read) = read {
             self.rates.push(t_s, read.map(|dps| dps.to_radians() as f32));
@@ -117,13 +118,15 @@ impl TableReader {
         if let Ok(Some(amperes)) = optional(table.current_column, "current_a") {
             into.push_current(t_s, amperes as f32);
         }
-        if let Some([latitude, longitude]) = table.place_columns.map(|place| place.map(|index| values.get(index)))
+        if let Some([latitude, longitude]) =
+            table.place_columns.map(|place| place.map(|index| values.cell_value(index)))
             && let (Some(latitude), Some(longitude)) = (latitude, longitude)
         {
-            let height_m = table.height_column.and_then(|index| values.get(index)).unwrap_or(0.0) as f32;
+            let height_m = table.height_column.and_then(|index| values.cell_value(index)).unwrap_or(0.0) as f32;
             let [latitude_deg, longitude_deg] = [latitude, longitude].map(|deg| deg as f32);
-            let known =
-                |index: Option<usize>| index.and_then(|index| values.get(index)).map_or(f32::NAN, |value| value as f32);
+            let known = |index: Option<usize>| {
+                index.and_then(|index| values.cell_value(index)).map_or(f32::NAN, |value| value as f32)
+            };
             let [speed_m_s, course_deg] = table.over_ground.map(known);
             let yaw_deg = f32::NAN;
             into.push_gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });
@@ -152,7 +155,7 @@ impl TableReader {
         }
         self.armed.sort_and_dedup();
         for row in self.armed.rows() {
-            self.recorder.push_armed(row.t_s, row.values[0] != 0.0);
+            self.recorder.push_armed(row.t_s, row.row_values[0] != 0.0);
         }
         let flight = self.recorder.finish_flight();
         // Rejected readings count as rows; the caller reports them.

@@ -80,7 +80,7 @@ impl TableLayout {
         })
     }
 
-    pub fn values<'a>(&self, line: &'a str) -> LineValues<'a> {
+    pub fn line_values<'a>(&self, line: &'a str) -> LineValues<'a> {
         LineValues {
             values: line.split(self.separator).map(trimmed_cell).collect(),
             has_decimal_comma: self.separator != ',',
@@ -95,7 +95,7 @@ pub(super) struct LineValues<'a> {
 
 impl LineValues<'_> {
     /// The number in a column; none if empty or `nan`, NaN if invalid.
-    pub fn get(&self, index: usize) -> Option<f64> {
+    pub fn cell_value(&self, index: usize) -> Option<f64> {
         let text = self.values.get(index).filter(|text| !text.is_empty() && !text.eq_ignore_ascii_case("nan"))?;
         // A cell with invalid text is an error, not a missing value.
         Some(self.parse_cell(text).unwrap_or(f64::NAN))
@@ -108,7 +108,7 @@ impl LineValues<'_> {
     pub fn required_number(&self, index: usize, column: &str) -> Result<f64, InvalidCell> {
         let bad =
             || (column.to_owned(), self.values.get(index).copied().unwrap_or_default().chars().take(40).collect());
-        self.get(index).filter(|number| number.is_finite()).ok_or_else(bad)
+        self.cell_value(index).filter(|number| number.is_finite()).ok_or_else(bad)
     }
 }
 

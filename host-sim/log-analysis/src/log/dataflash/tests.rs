@@ -37,7 +37,7 @@ fn the_gyro_bias_is_subtracted() {
     ]);
     let expected = [0.1 - 1_f32.to_radians(), 0.2 + 2_f32.to_radians(), 0.3 - 0.5_f32.to_radians()];
     let [row] = flight.body_rates.rows() else { panic!("{:?}", flight.body_rates) };
-    assert!(row.values.iter().zip(expected).all(|(rate, expected)| (rate - expected).abs() < 1e-6), "{row:?}");
+    assert!(row.row_values.iter().zip(expected).all(|(rate, expected)| (rate - expected).abs() < 1e-6), "{row:?}");
 }
 
 /// CURR precedes BAT; a 2D fix is rejected; yaw 0 means a single antenna.
@@ -52,9 +52,12 @@ fn curr_precedes_bat_and_2d_fixes_are_rejected() {
         ("GPS", &fix(1.1e6, 2.0)),
         ("GPS", &fix(1.2e6, 3.0)),
     ]);
-    assert_eq!(flight.battery_current.rows().iter().map(|row| row.values[0].round() as i32).collect::<Vec<_>>(), [13]);
+    assert_eq!(
+        flight.battery_current.rows().iter().map(|row| row.row_values[0].round() as i32).collect::<Vec<_>>(),
+        [13]
+    );
     let [row] = flight.gps.rows() else { panic!("{:?}", flight.gps) };
-    assert!(Gps::from_columns(row.values).yaw_deg.is_nan(), "{row:?}");
+    assert!(Gps::from_columns(row.row_values).yaw_deg.is_nan(), "{row:?}");
 }
 
 /// A message with roll, pitch 5 and yaw 30 deg.
@@ -72,7 +75,7 @@ fn read_owned_messages(messages: &[(String, Vec<(&str, f64)>)]) -> crate::log::F
 #[test]
 fn filter_attitude_replaces_a_missing_att_message() {
     let rolls = |flight: &crate::log::Flight| {
-        flight.attitude.rows().iter().map(|row| row.values[0].to_degrees().round() as i32).collect::<Vec<_>>()
+        flight.attitude.rows().iter().map(|row| row.row_values[0].to_degrees().round() as i32).collect::<Vec<_>>()
     };
     let mut second_core = attitude_message("XKF1", 1.1e6, 12.0);
     second_core.1.push(("C", 1.0));
@@ -111,7 +114,7 @@ fn a_quaternion_replaces_missing_angles() {
     let q = [("TimeUS", 1e6), ("C", 0.0), ("Q1", half), ("Q2", half), ("Q3", 0.0), ("Q4", 0.0)];
     let flight = read_messages(&[("XKQ", &q)]);
     let [row] = flight.attitude.rows() else { panic!("{:?}", flight.attitude) };
-    assert!((row.values[0].to_degrees() - 90.0).abs() < 1e-3 && row.values[2].abs() < 1e-6, "{row:?}");
+    assert!((row.row_values[0].to_degrees() - 90.0).abs() < 1e-3 && row.row_values[2].abs() < 1e-6, "{row:?}");
 }
 
 #[test]
@@ -132,7 +135,7 @@ fn rows_without_time_get_the_time_of_the_previous_row() {
         .field
         .rows()
         .iter()
-        .map(|row| ((row.t_s * 1e3).round() as i32, row.values[0] as i32))
+        .map(|row| ((row.t_s * 1e3).round() as i32, row.row_values[0] as i32))
         .collect();
     assert_eq!(rows, [(5000, 20), (5100, 40)]);
     assert_eq!((flight.attitude.rows().len(), flight.rows_without_time), (1, 4));
@@ -155,6 +158,6 @@ fn offsets_estimated_in_flight_are_undone_per_row() {
     }
     let flight = recorder.finish_flight();
     for row in flight.compasses[0].field.rows() {
-        assert!((row.values[0] - 20.0).abs() < 1e-4, "{row:?}");
+        assert!((row.row_values[0] - 20.0).abs() < 1e-4, "{row:?}");
     }
 }

@@ -22,7 +22,7 @@ fn old_ardupilot_formats_are_read() {
     }
     lines.push("EV, 11".to_owned());
     let text = read_bytes(lines.join("\n").as_bytes()).unwrap();
-    assert_eq!(text.firmware.as_deref(), Some("ArduPlane V4.6.0 (host-sim)"));
+    assert_eq!(text.firmware_name.as_deref(), Some("ArduPlane V4.6.0 (host-sim)"));
     // Disarmed at the last stamp, 69.9 s.
     assert_eq!((text.is_armed(69.8), text.is_armed(69.91)), (Some(true), Some(false)));
     // The same in binary with an integer column.
@@ -36,8 +36,8 @@ fn old_ardupilot_formats_are_read() {
     }
     for flight in [text, read_bytes(&bytes).unwrap()] {
         for row in flight.battery_current.rows() {
-            let error = f64::from(row.values[0]) - expected(row.t_s);
-            assert!(error.abs() < 0.006, "{:?}: {row:?}", flight.format);
+            let error = f64::from(row.row_values[0]) - expected(row.t_s);
+            assert!(error.abs() < 0.006, "{:?}: {row:?}", flight.log_format);
         }
         assert_eq!(flight.battery_current.rows().len(), 300);
     }

@@ -108,7 +108,7 @@ fn started_px4_log() -> Vec<u8> {
 fn highres_imu_is_in_gauss() {
     let flight = read_bytes(&started_px4_log()).unwrap();
     let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
-    assert!(row.values.iter().zip([20.0, -5.0, 40.0]).all(|(ut, sent)| (ut - sent).abs() < 1e-4), "{row:?}");
+    assert!(row.row_values.iter().zip([20.0, -5.0, 40.0]).all(|(ut, sent)| (ut - sent).abs() < 1e-4), "{row:?}");
 }
 
 /// A negative current means no measurement.
@@ -119,7 +119,7 @@ fn zero_current_is_kept_and_negative_current_dropped() {
     };
     let bytes = [started_px4_log(), current(100_000, 0), current(200_000, -1), current(300_000, 250)].concat();
     let flight = read_bytes(&bytes).unwrap();
-    assert_eq!(flight.battery_current.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [0.0, 2.5]);
+    assert_eq!(flight.battery_current.rows().iter().map(|row| row.row_values[0]).collect::<Vec<_>>(), [0.0, 2.5]);
 }
 
 /// The receiver's clock bridges at most two seconds.
@@ -146,7 +146,7 @@ fn unknown_gps_values_are_nan() {
     ];
     let flight = read_bytes(&bytes.concat()).unwrap();
     let [known, unknown] = flight.gps.rows() else { panic!("{:?}", flight.gps) };
-    let [known, unknown] = [known, unknown].map(|row| Gps::from_columns(row.values));
+    let [known, unknown] = [known, unknown].map(|row| Gps::from_columns(row.row_values));
     assert_eq!((known.latitude_deg, known.speed_m_s, known.course_deg), (48.0, 9.0, 45.0));
     assert!(unknown.speed_m_s.is_nan() && unknown.course_deg.is_nan(), "{unknown:?}");
 }
@@ -169,7 +169,7 @@ fn the_first_compass_is_raw_imu_for_ardupilot_and_scaled_imu_for_px4() {
             [started_log(autopilot), logged_frame(0, &raw), logged_frame(0, &scaled), nothing.concat()].concat();
         let flight = read_bytes(&bytes).unwrap();
         let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
-        assert!((row.values[0] - ut).abs() < 1e-4, "{row:?}");
+        assert!((row.row_values[0] - ut).abs() < 1e-4, "{row:?}");
         assert_eq!(flight.skipped_counts.unhealthy, 0);
     }
 }
@@ -215,7 +215,7 @@ fn the_requested_vehicle_is_read() {
         assert_eq!(flight.autopilot_systems, systems, "{requested:?}");
         let rows = flight.compasses[0].field.rows();
         assert!(rows.len() >= 299, "{requested:?}: {}", rows.len());
-        let is_the_other = rows.iter().all(|row| (row.values[0] - 1.0).abs() < 0.01);
+        let is_the_other = rows.iter().all(|row| (row.row_values[0] - 1.0).abs() < 0.01);
         assert_eq!(is_the_other, x_ut.is_some(), "{requested:?}");
     }
     let none = read_system(&mut &link[..], FieldUnit::Milligauss, Some(7)).unwrap_err();

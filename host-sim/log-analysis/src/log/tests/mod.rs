@@ -102,7 +102,7 @@ fn every_format_gives_the_raw_field_in_body_axes() {
     let original = recording(&[]);
     for (format, bytes, exactly_ut) in each() {
         let flight = read_bytes(&bytes).unwrap();
-        assert_eq!(flight.format, format);
+        assert_eq!(flight.log_format, format);
         let compasses = if format == LogFormat::Csv { 1 } else { 2 };
         assert_eq!(
             flight.compasses.iter().map(|c| c.compass_number).collect::<Vec<_>>(),
@@ -114,7 +114,7 @@ fn every_format_gives_the_raw_field_in_body_axes() {
             let late = original.samples.len() - compass.field.rows().len();
             assert!(late <= 1, "{format:?}: {late}");
             for (row, instant) in compass.field.rows().iter().zip(&original.samples[late..]) {
-                let raw = Vector3::new(row.values[0], row.values[1], row.values[2]).map(f64::from);
+                let raw = Vector3::new(row.row_values[0], row.row_values[1], row.row_values[2]).map(f64::from);
                 let off_ut = (raw - Vector3::from(instant.field_ut[index])).norm();
                 // The inverse soft-iron matrix scales the resolution.
                 assert!(off_ut < exactly_ut * 1.5, "{format:?} compass {}: {off_ut} uT at {}", index + 1, row.t_s);
@@ -123,10 +123,10 @@ fn every_format_gives_the_raw_field_in_body_axes() {
         let (row, instant) = (&flight.attitude.rows()[100], &original.samples[100]);
         let [roll, pitch, yaw] = instant.attitude_rad;
         assert!(
-            (f64::from(row.values[0]) - roll).abs() < 2e-4 && (f64::from(row.values[1]) - pitch).abs() < 2e-4,
+            (f64::from(row.row_values[0]) - roll).abs() < 2e-4 && (f64::from(row.row_values[1]) - pitch).abs() < 2e-4,
             "{format:?}"
         );
-        assert!(format == LogFormat::Csv || (f64::from(row.values[2]) - yaw).abs() < 2e-4, "{format:?}");
+        assert!(format == LogFormat::Csv || (f64::from(row.row_values[2]) - yaw).abs() < 2e-4, "{format:?}");
         let rates = flight.body_rates.interpolate(row.t_s, 1.0).unwrap();
         assert!(
             rates.iter().zip([0.1, -0.2, 0.3]).all(|(rate, expected)| (rate - expected).abs() < 1e-4),
@@ -134,7 +134,7 @@ fn every_format_gives_the_raw_field_in_body_axes() {
         );
         let [current] = flight.battery_current.interpolate_or_hold(row.t_s, 2.0).unwrap();
         assert!((f64::from(current) - instant.current_a).abs() < 0.1, "{format:?}: {current}");
-        let gps = Gps::from_columns(flight.gps.rows()[5].values);
+        let gps = Gps::from_columns(flight.gps.rows()[5].row_values);
         assert!((gps.latitude_deg - 48.0).abs() < 1e-4 && (gps.height_m - 500.0).abs() < 0.1, "{format:?}: {gps:?}");
         let over_ground = [gps.speed_m_s, gps.course_deg.rem_euclid(360.0)];
         let is_right = (over_ground[0] - 15.0).abs() < 0.01 && (over_ground[1] - 233.13).abs() < 0.01;
@@ -150,9 +150,9 @@ fn autopilot_firmware_and_armed_state_are_read() {
     let flights = each().map(|(_, bytes, _)| read_bytes(&bytes).unwrap());
     let [bin, text, link, px4, table] = flights;
     for flight in [&bin, &text] {
-        assert_eq!(flight.firmware.as_deref(), Some("ArduPlane V4.6.0 (host-sim)"));
+        assert_eq!(flight.firmware_name.as_deref(), Some("ArduPlane V4.6.0 (host-sim)"));
     }
-    assert_eq!(px4.firmware.as_deref(), Some("PX4 1.15.0"));
+    assert_eq!(px4.firmware_name.as_deref(), Some("PX4 1.15.0"));
     assert_eq!(
         [bin.autopilot, link.autopilot, px4.autopilot],
         [Autopilot::ArduPilot, Autopilot::ArduPilot, Autopilot::Px4]
@@ -170,7 +170,7 @@ fn a_copter_is_identified_in_every_format() {
         [encode_dataflash(&ardupilot), encode_dataflash_text(&ardupilot), encode_tlog(&ardupilot), encode_ulog(&px4)]
     {
         let flight = read_bytes(&bytes).unwrap();
-        assert!(flight.is_copter, "{:?}", flight.format);
+        assert!(flight.is_copter, "{:?}", flight.log_format);
     }
 }
 
@@ -246,9 +246,9 @@ fn a_given_orientation_replaces_the_logged_one() {
         let [one, other] = [&given, &logged].map(|flight| &flight.compasses[0]);
         for (one_row, other_row) in one.field.rows().iter().zip(other.field.rows()) {
             let [one_ut, other_ut] = [one_row, other_row]
-                .map(|row| Vector3::new(row.values[0], row.values[1], row.values[2]).map(f64::from));
+                .map(|row| Vector3::new(row.row_values[0], row.row_values[1], row.row_values[2]).map(f64::from));
             assert!((one_ut - turn * other_ut).norm() < 1e-4, "{one_ut} {other_ut}");
-            assert_eq!(one_row.values[3..], other_row.values[3..]);
+            assert_eq!(one_row.row_values[3..], other_row.row_values[3..]);
             let [one_ut, other_ut] = [(one, one_ut), (other, other_ut)]
                 .map(|(compass, raw)| compass.correction.as_ref().unwrap().correct_field(raw, 10.0));
             assert!((one_ut - other_ut).norm() < 1e-4, "{one_ut} {other_ut}");

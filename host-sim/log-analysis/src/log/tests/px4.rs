@@ -45,7 +45,7 @@ fn px4s_old_sensor_combined_is_read() {
     let rows = flight.compasses[0].field.rows();
     assert_eq!((flight.compasses.len(), rows.len()), (1, 300));
     for (row, instant) in rows.iter().zip(&one.samples) {
-        let raw = Vector3::new(row.values[0], row.values[1], row.values[2]).map(f64::from);
+        let raw = Vector3::new(row.row_values[0], row.row_values[1], row.row_values[2]).map(f64::from);
         assert!((raw - Vector3::from(instant.field_ut[0])).norm() < 0.001, "{row:?}");
         assert!((row.t_s + 0.02 - instant.time_us as f64 / 1e6).abs() < 1e-6, "{row:?}");
     }
@@ -107,7 +107,7 @@ fn the_current_of_the_first_battery_is_used() {
     ];
     let flight = read_bytes(&with_more(encode_ulog(&recording(&PX4)), &messages)).unwrap();
     assert_eq!(flight.battery_current.rows().len(), 301);
-    assert_eq!(flight.battery_current.rows().last().unwrap().values.map(f32::to_bits), [33.0_f32.to_bits()]);
+    assert_eq!(flight.battery_current.rows().last().unwrap().row_values.map(f32::to_bits), [33.0_f32.to_bits()]);
 }
 
 /// The column names since 1.14, without velocity components; a 2D fix and a second receiver are ignored.
@@ -133,7 +133,7 @@ fn gps_columns_are_read_by_their_new_names() {
     ];
     let flight = read_bytes(&with_more(encode_ulog(&original), &messages)).unwrap();
     let [fix] = flight.gps.rows() else { panic!("{:?}", flight.gps) };
-    let Gps { latitude_deg, speed_m_s, course_deg, yaw_deg, .. } = Gps::from_columns(fix.values);
+    let Gps { latitude_deg, speed_m_s, course_deg, yaw_deg, .. } = Gps::from_columns(fix.row_values);
     assert_eq!((latitude_deg, speed_m_s), (48.0, 12.0));
     assert!((course_deg - 0.5_f32.to_degrees()).abs() < 1e-4 && (yaw_deg - 1.5_f32.to_degrees()).abs() < 1e-4);
 }
@@ -200,7 +200,7 @@ fn sensor_mag_is_raw_since_1_11() {
         // Turned by 90 deg: the sensor's y is the body's -x.
         let flight = read.unwrap();
         let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
-        assert!((row.values[0] - 10.0).abs() < 1e-4 && (row.values[1] - 20.0).abs() < 1e-4, "{row:?}");
+        assert!((row.row_values[0] - 10.0).abs() < 1e-4 && (row.row_values[1] - 20.0).abs() < 1e-4, "{row:?}");
     }
 }
 
@@ -245,8 +245,10 @@ fn the_faster_logged_of_raw_and_corrected_field_is_read() {
         let [compass] = flight.compasses.as_slice() else { panic!("one compass") };
         assert_eq!(compass.field.rows().len(), 300, "1 of {every}");
         for (row, instant) in compass.field.rows().iter().zip(&one.samples) {
-            let [raw, logged] =
-                [[row.values[0], row.values[1], row.values[2]], [row.values[3], row.values[4], row.values[5]]];
+            let [raw, logged] = [
+                [row.row_values[0], row.row_values[1], row.row_values[2]],
+                [row.row_values[3], row.row_values[4], row.row_values[5]],
+            ];
             let original = Vector3::from(instant.field_ut[0]);
             assert!((Vector3::from(raw).map(f64::from) - original).norm() < 0.001, "1 of {every}: {row:?}");
             let corrected = Vector3::new(original.x - 12.0, original.y * 1.1, original.z);
@@ -290,6 +292,6 @@ fn a_ulog_of_other_firmware_has_its_name() {
         let message = [&(body.len() as u16).to_le_bytes()[..], b"I", &body].concat();
         let mut bytes = encode_ulog(&recording(&PX4));
         bytes.splice(16..16, message);
-        assert_eq!(read_bytes(&bytes).unwrap().firmware.as_deref(), Some(firmware));
+        assert_eq!(read_bytes(&bytes).unwrap().firmware_name.as_deref(), Some(firmware));
     }
 }

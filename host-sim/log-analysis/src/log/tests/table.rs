@@ -43,7 +43,7 @@ fn a_csv_table_is_read_in_any_row_order_and_time_base() {
             let rows = flight.compasses[0].field.rows();
             rows.iter()
                 .map(|row| ((row.t_s - rows[0].t_s) * 1e3).round() as i64)
-                .zip(rows.iter().map(|row| row.values))
+                .zip(rows.iter().map(|row| row.row_values))
                 .collect::<Vec<_>>()
         });
         assert!(found == expected_summary, "{shape}");

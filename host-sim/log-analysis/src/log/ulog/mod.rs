@@ -288,12 +288,12 @@ impl UlogReader {
         let (fields, rates) = std::mem::take(&mut self.combined);
         if self.sensors.is_empty() {
             for row in fields.rows() {
-                self.record_field(false, 0, 0, row.t_s, row.values);
+                self.record_field(false, 0, 0, row.t_s, row.row_values);
             }
         }
         if self.builder.flight.body_rates.is_empty() {
             for row in rates.rows() {
-                self.builder.push_rates(row.t_s, row.values);
+                self.builder.push_rates(row.t_s, row.row_values);
             }
         }
         self.builder.finish_flight()

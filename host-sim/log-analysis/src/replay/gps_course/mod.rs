@@ -222,7 +222,7 @@ impl GpsCourseHeading {
 
 fn ground_velocities(flight: &Flight) -> Vec<GroundVelocity> {
     let ground_velocity = |row: &crate::log::series::TimedRow<6>| {
-        let Gps { speed_m_s, course_deg, .. } = Gps::from_columns(row.values);
+        let Gps { speed_m_s, course_deg, .. } = Gps::from_columns(row.row_values);
         let (sin, cos) = libm::sincos(f64::from(course_deg).to_radians());
         let m_s = Vector2::new(cos, sin) * f64::from(speed_m_s);
         (m_s.x.is_finite() && m_s.y.is_finite()).then_some(GroundVelocity { t_s: row.t_s, velocity_m_s: m_s })
@@ -375,7 +375,7 @@ impl HeadingIntegral {
         let (mut nose, mut banked_s) = (Vec::new(), Vec::new());
         let mut last: Option<(f64, f64, f64)> = None;
         for row in flight.attitude.rows() {
-            let [roll_rad, pitch_rad, _] = row.values;
+            let [roll_rad, pitch_rad, _] = row.row_values;
             let Some(rates_rad_s) = flight.body_rates.interpolate(row.t_s, MAX_GAP_S) else { continue };
             let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
             let attitude = Attitude { roll_rad, pitch_rad };

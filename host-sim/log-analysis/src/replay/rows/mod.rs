@@ -158,7 +158,7 @@ pub fn build_rows(
             .usable_rows
             .adjacent_values(row.t_s + age_s + 1e-6)
             .0
-            .is_some_and(|usability| usability.values[0] == 0.0);
+            .is_some_and(|usability| usability.row_values[0] == 0.0);
         let is_disarmed = was_armed && flight.is_armed(row.t_s) == Some(false);
         let is_on_the_ground = row.t_s < moved_s || row.t_s > stopped_s;
         row.is_usable = !is_excluded && !is_disarmed && !is_on_the_ground;
@@ -197,7 +197,7 @@ impl RowAccumulator {
         }
         self.number += 1;
         self.t_s += t_s - self.first_s;
-        let [x, y, z, cx, cy, cz] = reading.values;
+        let [x, y, z, cx, cy, cz] = reading.row_values;
         for (sum, axis) in self.raw.iter_mut().chain(&mut self.logged).zip([x, y, z, cx, cy, cz]) {
             *sum += axis;
         }
@@ -248,7 +248,7 @@ fn moving_interval_s(flight: &Flight) -> [f64; 2] {
     const MIN_MOVING_SPEED_M_S: f32 = 3.0;
     /// Shortest flight, seconds.
     const MIN_FLIGHT_S: f64 = 20.0;
-    let moving = || flight.gps.rows().iter().filter(|row| row.values[3] > MIN_MOVING_SPEED_M_S).map(|row| row.t_s);
+    let moving = || flight.gps.rows().iter().filter(|row| row.row_values[3] > MIN_MOVING_SPEED_M_S).map(|row| row.t_s);
     match (moving().next(), moving().next_back()) {
         (Some(from_s), Some(to_s)) if to_s - from_s > MIN_FLIGHT_S => [from_s, to_s],
         _ => [f64::NEG_INFINITY, f64::INFINITY],
@@ -304,8 +304,8 @@ fn contradicting_intervals(flight: &Flight) -> Vec<[f64; 2]> {
 fn angle_between_downs_rad(a: &TimedRow<3>, b: &TimedRow<3>) -> f32 {
     let down = |row: &TimedRow<3>| {
         let ([sin_roll, sin_pitch], [cos_roll, cos_pitch]) = (
-            [libm::sinf(row.values[0]), libm::sinf(row.values[1])],
-            [libm::cosf(row.values[0]), libm::cosf(row.values[1])],
+            [libm::sinf(row.row_values[0]), libm::sinf(row.row_values[1])],
+            [libm::cosf(row.row_values[0]), libm::cosf(row.row_values[1])],
         );
         Vector3::new(-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch)
     };
@@ -320,20 +320,20 @@ fn attitude_at(flight: &Flight, t_s: f64) -> Option<(Attitude, Option<[f32; 3]>)
     let part = part as f32;
     let motions = motion_at(&flight.body_rates, before).zip(motion_at(&flight.body_rates, after));
     let [roll_rad, pitch_rad] = [0, 1].map(|angle| {
-        let turned = wrap_pi(after.values[angle] - before.values[angle]);
+        let turned = wrap_pi(after.row_values[angle] - before.row_values[angle]);
         let straight = part * turned;
         let bulge = motions.map_or(0.0, |(from, to)| {
             let rate_of_angle = |motion: &EulerRates| if angle == 0 { motion.roll_rad_s } else { motion.pitch_rad_s };
             let (rest, left) = (rate_of_angle(&from) * step_s - turned, turned - rate_of_angle(&to) * step_s);
             part * (1.0 - part) * ((1.0 - part) * rest + part * left)
         });
-        before.values[angle] + straight + if bulge.abs() <= MAX_CUBIC_DEVIATION_RAD { bulge } else { 0.0 }
+        before.row_values[angle] + straight + if bulge.abs() <= MAX_CUBIC_DEVIATION_RAD { bulge } else { 0.0 }
     });
     Some((Attitude { roll_rad: wrap_pi(roll_rad), pitch_rad }, rates))
 }
 
 fn motion_at(rates: &Series<3>, at: &TimedRow<3>) -> Option<EulerRates> {
-    let [roll_rad, pitch_rad, _] = at.values;
+    let [roll_rad, pitch_rad, _] = at.row_values;
     let rates_rad_s = rates.interpolate(at.t_s, MAX_GAP_S)?;
     let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
     EulerRates::from_report(&AttitudeReport {

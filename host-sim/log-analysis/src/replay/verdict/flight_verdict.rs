@@ -23,7 +23,7 @@ pub struct Verdict<'a> {
     /// The compasses, by number.
     pub compasses: Vec<CompassVerdict<'a>>,
     /// Format of the parameters.
-    pub format: ParameterFormat,
+    pub parameter_format: ParameterFormat,
 }
 
 /// Verdict on a compass.
@@ -61,7 +61,7 @@ impl<'a> Verdict<'a> {
             outcome: FlightOutcome::new(evaluation),
             log_warnings: LogWarning::warnings_of_flight(flight, evaluation),
             compasses: evaluation.compasses.iter().map(compass).collect(),
-            format,
+            parameter_format: format,
         }
     }
 
@@ -87,14 +87,15 @@ impl<'a> Verdict<'a> {
     /// State of the compass in use; bad without any.
     #[must_use]
     pub fn compass_state(&self) -> CompassState {
-        self.compasses_in_use_first().first().map_or(CompassState::Bad, |compass| compass.judgement.state)
+        self.compasses_in_use_first().first().map_or(CompassState::Bad, |compass| compass.judgement.compass_state)
     }
 
     /// Whether the compass in use is good, or has parameters to load.
     #[must_use]
     pub fn is_solved(&self) -> bool {
         self.compasses_in_use_first().first().is_some_and(|compass| {
-            compass.judgement.state == CompassState::Good || compass.judgement.recommended_action == CompassAction::Load
+            compass.judgement.compass_state == CompassState::Good
+                || compass.judgement.recommended_action == CompassAction::Load
         })
     }
 
@@ -114,11 +115,11 @@ impl<'a> Verdict<'a> {
     #[must_use]
     pub fn log_description(&self, name: &str) -> String {
         let [from_s, to_s] = self.flight.time_range_s();
-        let firmware = self.flight.firmware.as_deref().unwrap_or("firmware not named");
+        let firmware = self.flight.firmware_name.as_deref().unwrap_or("firmware not named");
         let [duration_s, from_s, to_s] = [to_s - from_s, from_s, to_s].map(|s| format_number(s, 0));
         format!(
             "{name}: {}, {firmware}, {duration_s} s: {from_s} to {to_s} s of its clock",
-            self.flight.format.format_name()
+            self.flight.log_format.format_name()
         )
     }
 

@@ -28,9 +28,9 @@ impl Verdict<'_> {
             "module_verdict": self.outcome,
             "accepted": self.is_accepted(),
             "log": {
-                "format": flight.format.format_name(),
+                "format": flight.log_format.format_name(),
                 "autopilot": flight.autopilot,
-                "firmware": flight.firmware,
+                "firmware": flight.firmware_name,
                 "from_s": round_to(from_s, 3),
                 "to_s": round_to(to_s, 3),
                 "attitude_hz": round_to(1.0 / evaluation.attitude_interval_s, 2),
@@ -80,7 +80,7 @@ impl CompassVerdict<'_> {
             "compass": compass.compass_number,
             "is_used": compass.is_used_for_heading,
             "verdict": {
-                "state": self.judgement.state,
+                "state": self.judgement.compass_state,
                 "action": self.judgement.recommended_action,
                 "reasons": self.judgement.reason_codes(),
             },

@@ -90,7 +90,7 @@ impl JudgementReason {
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompassJudgement {
     /// State of the compass.
-    pub state: CompassState,
+    pub compass_state: CompassState,
     /// Recommended action.
     pub recommended_action: CompassAction,
     /// Reasons of the judgement.
@@ -141,7 +141,7 @@ impl CompassJudgement {
         };
         let reasons =
             failure.map(JudgementReason::SensorFailed).into_iter().chain(changed).chain([error]).chain(given).collect();
-        Self { state, recommended_action: action, reasons, as_logged_rms_deg }
+        Self { compass_state: state, recommended_action: action, reasons, as_logged_rms_deg }
     }
 
     /// Codes of the reasons.
@@ -212,7 +212,7 @@ impl fmt::Display for CompassJudgement {
                     "has other iron around it since {at_s:.0} s, by {size_ut:.1} uT, which bends headings by up to \
                      {bend_deg:.0} deg"
                 ),
-                JudgementReason::ErrorAsLogged(rms_deg) if self.state == CompassState::Good => {
+                JudgementReason::ErrorAsLogged(rms_deg) if self.compass_state == CompassState::Good => {
                     format!("is good already ({rms_deg:.2} deg RMS)")
                 }
                 JudgementReason::ErrorAsLogged(rms_deg) => format!("is off by {rms_deg:.1} deg RMS"),
@@ -234,7 +234,7 @@ impl fmt::Display for CompassJudgement {
                 JudgementReason::Parameters(HeldBackScore { rms_deg, .. }) => {
                     format!("with these parameters {rms_deg:.1}")
                 }
-                JudgementReason::NoParameters(_) if self.state == CompassState::Good => continue,
+                JudgementReason::NoParameters(_) if self.compass_state == CompassState::Good => continue,
                 JudgementReason::NoParameters(why) => why.to_string(),
             };
             write!(f, "{joint}{text}")?;

@@ -37,7 +37,7 @@ impl CoverageCell {
 }
 
 /// Whether a sample is usable and has a measured field.
-fn counts(moment: &ReportSample) -> bool {
+fn has_usable_field(moment: &ReportSample) -> bool {
     moment.is_usable && moment.raw_ut.is_some()
 }
 
@@ -50,7 +50,7 @@ fn coverage_cells(compass_report: &CompassReport) -> [[CoverageCell; HEADING_SEC
         .skip(1)
         .map(|next| next.time_s)
         .chain(compass_report.samples.last().map(|last| last.time_s));
-    for (moment, next_s) in compass_report.samples.iter().zip(nexts).filter(|(moment, _)| counts(moment)) {
+    for (moment, next_s) in compass_report.samples.iter().zip(nexts).filter(|(moment, _)| has_usable_field(moment)) {
         let Some(heading_deg) = moment.heading_deg.filter(|deg| deg.is_finite()) else { continue };
         let sector = (heading_deg / 30.0).round().rem_euclid(HEADING_SECTORS as f64) as usize;
         for (row, (_, belongs)) in cells.iter_mut().zip(TILT_ROWS) {

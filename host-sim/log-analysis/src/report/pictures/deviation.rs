@@ -107,14 +107,14 @@ fn draw_title(svg: &mut Svg, [left, up]: PicturePoint, words: &str) -> PicturePo
 fn draw_one_scale(svg: &mut Svg, at: PicturePoint, compass_report: &CompassReport, word: &str) {
     let below = draw_title(svg, at, picture_title(compass_report));
     let names: Vec<String> =
-        compass_report.curves_before.iter().map(|line| format!("before{}", name_suffix(&line.name))).collect();
+        compass_report.curves_before.iter().map(|line| format!("before{}", name_suffix(&line.curve_name))).collect();
     let mut items: Vec<(LegendSample, &str)> = UNCALIBRATED_LINES
         .iter()
         .zip(&names)
         .map(|(&(line, shape, class), name)| (LegendSample::Both(line, shape, class), &**name))
         .collect();
     let after = match &compass_report.curves_after[..] {
-        [only] => format!("after{}", name_suffix(&only.name)),
+        [only] => format!("after{}", name_suffix(&only.curve_name)),
         _ => "after, the same banks".to_owned(),
     };
     if !compass_report.curves_after.is_empty() {
@@ -144,7 +144,7 @@ fn draw_enlarged(svg: &mut Svg, at: PicturePoint, compass_report: &CompassReport
         .filter_map(|moment| Some([moment.heading_deg?.rem_euclid(360.0), moment.error_deg?]))
         .collect();
     let names: Vec<String> =
-        compass_report.curves_after.iter().map(|line| format!("after{}", name_suffix(&line.name))).collect();
+        compass_report.curves_after.iter().map(|line| format!("after{}", name_suffix(&line.curve_name))).collect();
     // A single line is drawn in the style of the combined picture.
     let classes = if compass_report.curves_after.len() > 1 {
         UNCALIBRATED_LINES
@@ -216,7 +216,7 @@ mod tests {
 
     fn line(errors_deg: &[f64]) -> DeviationCurve {
         let errors_deg = errors_deg.iter().map(|error| Some(*error)).collect();
-        DeviationCurve { name: "level".to_owned(), errors_deg, constant_deg: 0.0 }
+        DeviationCurve { curve_name: "level".to_owned(), errors_deg, constant_deg: 0.0 }
     }
 
     #[test]

@@ -131,11 +131,11 @@ impl Copter {
     fn desired_motion(&mut self, command: VehicleCommand, before: &TrueState) -> ([f64; 2], f64) {
         let position_m = [before.north_m, before.east_m];
         let is_at_rest = libm::hypot(self.velocity_m_s[0], self.velocity_m_s[1]) < AT_REST_M_S;
-        if !(matches!(command.mode, TranslationMode::OnTheSpot) && is_at_rest) {
+        if !(matches!(command.translation_mode, TranslationMode::OnTheSpot) && is_at_rest) {
             self.spot_m = position_m;
         }
         let own_limit_m_s2 = GRAVITY_M_S2 * libm::tan(self.limits.max_controller_tilt_deg.to_radians());
-        match command.mode {
+        match command.translation_mode {
             TranslationMode::OnTheSpot => {
                 let back = std::array::from_fn(|i| {
                     POSITION_GAIN_S2 * (self.spot_m[i] - position_m[i]) - VELOCITY_GAIN_S * self.velocity_m_s[i]

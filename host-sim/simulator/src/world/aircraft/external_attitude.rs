@@ -70,7 +70,7 @@ mod tests {
 
     fn follow_for_steps(aircraft: &mut Aircraft, attitude: Euler, steps: usize) -> TrueState {
         aircraft.follow_attitude(attitude);
-        (0..steps).for_each(|_| aircraft.step());
+        (0..steps).for_each(|_| aircraft.advance_step());
         *aircraft.state()
     }
 
@@ -109,7 +109,7 @@ mod tests {
         assert!(((after.heading_rad - before.heading_rad).to_degrees() - 20.0).abs() < 1e-9);
         assert!((after.roll_rad.to_degrees() + 170.0).abs() < 1e-9, "{after:?}");
         aircraft.follow_attitude(Euler::from_deg(170.0, 0.0, 10.0));
-        aircraft.step();
+        aircraft.advance_step();
         assert!(aircraft.state().roll_rate_rad_s < 0.0, "back over the top");
     }
 

@@ -107,9 +107,9 @@ impl Aircraft {
         };
         // The first step computes an attitude from which rates can be differentiated. A rover or boat starts at the
         // tilt of its surface, so it needs a second step for correct rates.
-        aircraft.step();
+        aircraft.advance_step();
         if !config.kind.can_fly() {
-            aircraft.step();
+            aircraft.advance_step();
         }
         aircraft.state = TrueState { time_us: start_us, north_m: 0.0, east_m: 0.0, ..aircraft.state };
         aircraft
@@ -149,7 +149,7 @@ impl Aircraft {
     }
 
     /// Advances by one integration step.
-    pub fn step(&mut self) {
+    pub fn advance_step(&mut self) {
         match &self.motion_source {
             MotionSource::ByItself => self.advance_vehicle_model(),
             MotionSource::Carried(prescribed_motion, since_us) => {
@@ -160,7 +160,7 @@ impl Aircraft {
     }
 
     fn advance_vehicle_model(&mut self) {
-        let command = self.autopilot.step(&self.state);
+        let command = self.autopilot.next_command(&self.state);
         let before = &self.state;
         let motion = self.vehicle.next_motion(command, before);
         let Motion {

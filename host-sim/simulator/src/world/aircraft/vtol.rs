@@ -49,7 +49,7 @@ impl Vtol {
     }
 
     pub fn next_motion(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
-        let on_wings = matches!(command.mode, TranslationMode::Onward);
+        let on_wings = matches!(command.translation_mode, TranslationMode::Onward);
         let takes_over = on_wings != self.on_wings;
         self.on_wings = on_wings;
         if takes_over && on_wings {

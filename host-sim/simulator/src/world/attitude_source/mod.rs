@@ -206,7 +206,7 @@ impl AttitudeSource {
     }
 
     /// Reported attitude for a true state. Each call advances the noise by one message period.
-    pub fn report(&mut self, truth: &TrueState) -> ReportedAttitude {
+    pub fn next_report(&mut self, truth: &TrueState) -> ReportedAttitude {
         let [roll_push_rad, pitch_push_rad] = [&mut self.roll_error_per_m_s2_rad, &mut self.pitch_error_per_m_s2_rad]
             .map(|push| push.next_value() * truth.disturbing_acceleration_m_s2);
         let roll_rad =
@@ -235,7 +235,7 @@ impl AttitudeSource {
 
     /// Next ATTITUDE message, sent at `now_us`, for an earlier true state.
     pub(super) fn attitude_message(&mut self, truth: &TrueState, now_us: u64) -> ATTITUDE_DATA {
-        let reported = self.report(truth);
+        let reported = self.next_report(truth);
         let [roll_rate, pitch_rate, yaw_rate] = self.measured_rates_rad_s(truth);
         ATTITUDE_DATA {
             // Time stamp of sending, as ArduPilot does, so the stamp does not reveal the latency.
@@ -309,7 +309,7 @@ impl AttitudeSource {
             sequence: self.next_sequence(),
             system_id: system,
             component_id: component,
-            id,
+            message_id: id,
             payload: payload.to_vec(),
         }
         .frame_bytes(extra_crc)

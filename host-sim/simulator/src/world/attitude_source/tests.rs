@@ -41,7 +41,7 @@ fn simulate_source(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (Wo
         }
     });
     let source = AttitudeSource::new(config, GyroConfig::ERROR_FREE, seed);
-    simulation.spawn(Level::World, "attitude source", source.run(world.clone(), cable.host_end(), vec![]));
+    simulation.spawn(Level::World, "attitude source", source.run_source(world.clone(), cable.host_end(), vec![]));
     simulation.run_until(seconds * 1_000_000 + 10_000);
     (world, bytes.take())
 }
@@ -131,7 +131,7 @@ fn attitude_errors_have_the_configured_statistics() {
     let mut source = AttitudeSource::new(config, GyroConfig::ERROR_FREE, 4);
     let bank_rad = 25_f64.to_radians();
     let truth = TrueState { roll_rad: bank_rad, ..TrueState::default() };
-    let reports: Vec<ReportedAttitude> = (0..30_000).map(|_| source.report(&truth)).collect();
+    let reports: Vec<ReportedAttitude> = (0..30_000).map(|_| source.next_report(&truth)).collect();
     let statistics_deg = |error: fn(&ReportedAttitude, f64) -> f64| {
         let errors: Vec<f64> = reports.iter().map(|r| error(r, bank_rad).to_degrees()).collect();
         let mean = errors.iter().sum::<f64>() / errors.len() as f64;
@@ -158,7 +158,7 @@ fn disturbing_acceleration_causes_tilt_error() {
     let mut source = AttitudeSource::new(config, GyroConfig::ERROR_FREE, 4);
     let mut sigma_deg = |push_m_s2: f64| {
         let truth = TrueState { disturbing_acceleration_m_s2: push_m_s2, ..TrueState::default() };
-        let reports: Vec<ReportedAttitude> = (0..60_000).map(|_| source.report(&truth)).collect();
+        let reports: Vec<ReportedAttitude> = (0..60_000).map(|_| source.next_report(&truth)).collect();
         let mean_angle = |angle: fn(&ReportedAttitude) -> f64| {
             (reports.iter().map(|r| square(angle(r).to_degrees())).sum::<f64>() / reports.len() as f64).sqrt()
         };
@@ -178,7 +178,7 @@ fn acceleration_tilt_error_has_a_correlation_time_of_2_s() {
         AttitudeSourceConfig { noise_deg: 0.0, bias_deg: 0.0, push_error_deg: 1.0, ..AttitudeSourceConfig::default() };
     let mut source = AttitudeSource::new(config, GyroConfig::ERROR_FREE, 9);
     let truth = TrueState { disturbing_acceleration_m_s2: 1.0, ..TrueState::default() };
-    let errors: Vec<f64> = (0..200_000).map(|_| source.report(&truth).roll_rad).collect();
+    let errors: Vec<f64> = (0..200_000).map(|_| source.next_report(&truth).roll_rad).collect();
     let covariance =
         |lag: usize| errors.iter().zip(&errors[lag..]).map(|(a, b)| a * b).sum::<f64>() / (errors.len() - lag) as f64;
     let correlation = covariance(100) / covariance(0);

@@ -185,12 +185,13 @@ impl MavlinkAutopilot {
         if self.firmware == MavlinkFirmware::Deaf {
             return;
         }
-        if let Ok(MavMessage::COMMAND_LONG(command)) = MavMessage::parse(MavlinkVersion::V2, frame.id, &frame.payload)
+        if let Ok(MavMessage::COMMAND_LONG(command)) =
+            MavMessage::parse(MavlinkVersion::V2, frame.message_id, &frame.payload)
             && self.is_addressed(command.target_system, command.target_component)
         {
             self.execute_command(now_us, frame, &command);
         }
-        if frame.id == REQUEST_DATA_STREAM
+        if frame.message_id == REQUEST_DATA_STREAM
             && self.is_addressed(frame.byte_at(2), frame.byte_at(3))
             && frame.byte_at(4) == STREAM_EXTRA1
         {

@@ -36,7 +36,7 @@ enum Request {
 
 fn request(frame: &MavlinkFrame) -> Option<Request> {
     const COMMAND_LONG: u32 = 76;
-    match frame.id {
+    match frame.message_id {
         COMMAND_LONG => {
             Some(Request::Message { id: frame.float_at(0) as u32, rate_hz: (1e6 / frame.float_at(4)).round() as u32 })
         }
@@ -269,7 +269,7 @@ fn a_ground_station_commands_the_module() {
     assert_eq!(bench.received.last().unwrap().1, ReceivedMessage::Command(Command::CalStart(Procedure::Flight)));
     bench.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
     bench.run(1);
-    let ack = bench.frames.iter().find(|(_, frame)| frame.id == 77).map(|(_, frame)| frame).expect("an answer");
+    let ack = bench.frames.iter().find(|(_, frame)| frame.message_id == 77).map(|(_, frame)| frame).expect("an answer");
     assert_eq!(ack.payload, [0xB8, 0xA5, 0, 0, 0, 0, 0, 0, 255, 190]);
 }
 
@@ -317,7 +317,7 @@ fn the_autopilot_answers_over_a_serial_cable() {
 /// Frames cut at any byte, with noise between them.
 #[test]
 fn the_reader_finds_every_frame() {
-    let frame = MavlinkFrame { sequence: 3, system_id: 1, component_id: 158, id: 191, payload: vec![7; 17] };
+    let frame = MavlinkFrame { sequence: 3, system_id: 1, component_id: 158, message_id: 191, payload: vec![7; 17] };
     let bytes = [&[0xFD, 2, 3][..], &frame.frame_bytes(92), b"noise", &frame.frame_bytes(92)].concat();
     for cut in 0..bytes.len() {
         let mut reader = FrameReader::default();

@@ -13,21 +13,21 @@ const SENSOR_COMPASS: u16 = 0x1F04;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct MspRequest {
-    pub function: u16,
+    pub function_code: u16,
     payload: Vec<u8>,
 }
 
 impl MspRequest {
     /// Whether the function is in the sensor range, which is never answered.
     pub fn is_sensor_function(&self) -> bool {
-        (0x1F00..=0x1FFF).contains(&self.function)
+        (0x1F00..=0x1FFF).contains(&self.function_code)
     }
 
     /// Instance, time stamp (ms) and field (milligauss) if the request is a compass sample.
     pub fn compass_sample(&self) -> Option<(u8, u32, [i16; 3])> {
         let [instance, t0, t1, t2, t3, x0, x1, y0, y1, z0, z1] = *self.payload.as_slice() else { return None };
         let field_mg = [[x0, x1], [y0, y1], [z0, z1]].map(i16::from_le_bytes);
-        (self.function == SENSOR_COMPASS).then_some((instance, u32::from_le_bytes([t0, t1, t2, t3]), field_mg))
+        (self.function_code == SENSOR_COMPASS).then_some((instance, u32::from_le_bytes([t0, t1, t2, t3]), field_mg))
     }
 }
 
@@ -50,7 +50,7 @@ impl RequestReader {
         if payload.len() < usize::from(u16::from_le_bytes([n0, n1])) {
             return None;
         }
-        let request = MspRequest { function: u16::from_le_bytes([f0, f1]), payload: payload.to_vec() };
+        let request = MspRequest { function_code: u16::from_le_bytes([f0, f1]), payload: payload.to_vec() };
         let is_intact = crc_8_dvb_s2(&self.bytes[3..self.bytes.len() - 1]) == crc;
         self.bytes.clear();
         if !is_intact {

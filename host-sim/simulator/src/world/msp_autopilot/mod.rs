@@ -40,7 +40,7 @@ pub struct CompassSample {
     /// Reception time of the last byte, microseconds.
     pub received_at_us: u64,
     /// Compass instance.
-    pub instance: u8,
+    pub compass_instance: u8,
     /// Time stamp of the compass's own clock, milliseconds.
     pub time_ms: u32,
     /// Field forward, right, down, milligauss.
@@ -76,7 +76,7 @@ impl MspAutopilot {
     pub fn receive_byte(&mut self, at_us: u64, byte: u8) {
         let Some(request) = self.frames.push_byte(byte) else { return };
         if let Some((instance, time_ms, field_mg)) = request.compass_sample() {
-            self.readings.push(CompassSample { received_at_us: at_us, instance, time_ms, field_mg });
+            self.readings.push(CompassSample { received_at_us: at_us, compass_instance: instance, time_ms, field_mg });
         } else if !request.is_sensor_function() {
             let delay_us = 1e3 * self.random.uniform(ANSWER_DELAY_RANGE_MS.0, ANSWER_DELAY_RANGE_MS.1);
             // Requests are answered in order.
@@ -113,7 +113,7 @@ impl MspAutopilot {
     }
 
     fn answer_request(&self, request: &MspRequest, known: &AutopilotState) -> MspAnswer {
-        frame::reply_payload(self.firmware, request.function, known).map_or(
+        frame::reply_payload(self.firmware, request.function_code, known).map_or(
             match self.firmware {
                 // ArduPilot acknowledges unknown functions.
                 MspFirmware::ArduPilot => MspAnswer::Reply(Vec::new()),
@@ -136,7 +136,7 @@ impl MspAutopilot {
             return;
         }
         let is_refused = draw < dropped + refused;
-        let mut bytes = encode_reply(request.function, if is_refused { &MspAnswer::Error } else { answer });
+        let mut bytes = encode_reply(request.function_code, if is_refused { &MspAnswer::Error } else { answer });
         if !is_refused && draw < dropped + refused + cut {
             bytes.truncate((self.random.random_bits() % bytes.len() as u64) as usize);
         } else if !is_refused && draw < dropped + refused + cut + joined {

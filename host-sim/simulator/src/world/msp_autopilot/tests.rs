@@ -100,7 +100,8 @@ fn compass_frames_are_received() {
     let mut reading = msp::compass_message(0, 123_456, Field::from_ut(20.0, -5.1, 44.2));
     send_request(&mut autopilot, 7, b"$X noise");
     send_request(&mut autopilot, 7, &reading);
-    let expected = CompassSample { received_at_us: 7, instance: 0, time_ms: 123_456, field_mg: [200, -51, 442] };
+    let expected =
+        CompassSample { received_at_us: 7, compass_instance: 0, time_ms: 123_456, field_mg: [200, -51, 442] };
     assert_eq!(autopilot.take_compass_samples(), [expected]);
     assert_eq!((autopilot.next_answer_us(), autopilot.crc_error_count()), (None, 0));
     reading[15] ^= 1;

@@ -34,7 +34,7 @@ use crate::studies::integrity::plan::AttitudeProtocol;
 #[derive(Debug)]
 pub struct FaultCase {
     /// Name on the command line and in JSON.
-    pub name: &'static str,
+    pub case_name: &'static str,
     /// Description of the fault.
     pub description: &'static str,
     /// Changes world, attitude source, routine, onset and use of the flight, and adds faults.
@@ -83,9 +83,9 @@ pub struct RandomCase {
     /// Faults injected in the simulation.
     pub faults: Faults,
     /// Switch that activates the faults.
-    pub switch: FaultSwitch,
+    pub fault_switch: FaultSwitch,
     /// Time during which the fault is active.
-    pub onset: FaultOnset,
+    pub fault_onset: FaultOnset,
     /// Time on the ground between calibration and the flight in use, seconds.
     pub ground_time_s: f64,
     /// Duration of the flight in use (after the calibration), seconds.
@@ -93,7 +93,7 @@ pub struct RandomCase {
     /// Draws the legs of the flight in use after its first leg.
     pub further_legs: fn(VehicleKind, &mut RandomStream) -> Vec<Leg>,
     pub(super) seed: u64,
-    pub(super) random: RandomStream,
+    pub(super) random_stream: RandomStream,
 }
 
 /// Duration of a flight in use, seconds. The first legs are the same for all (see
@@ -149,19 +149,19 @@ impl FaultCase {
 
     /// Draws the flight of a seed.
     #[must_use]
-    pub fn draw(&self, seed: u64, aircraft: VehicleKind, source: AttitudeProtocol) -> RandomCase {
+    pub fn draw_case(&self, seed: u64, aircraft: VehicleKind, source: AttitudeProtocol) -> RandomCase {
         let mut drawn_case = RandomCase {
             world: WorldConfig::random(seed).with_vehicle_kind(aircraft),
             far_end: source.far_end(),
             routine: Routine::for_vehicle(aircraft, TurnPlan::default(), 0.0),
             faults: Faults::default(),
-            switch: FaultSwitch::always_off(),
-            onset: FaultOnset::Never,
+            fault_switch: FaultSwitch::always_off(),
+            fault_onset: FaultOnset::Never,
             ground_time_s: 0.0,
             flight_after_calibration_s: FLIGHT_AFTER_CALIBRATION_S,
             further_legs: legs_after_calibration::further_legs,
             seed,
-            random: RandomStream::new(seed, StreamPurpose::Case),
+            random_stream: RandomStream::new(seed, StreamPurpose::Case),
         };
         (self.configure_case)(&mut drawn_case);
         drawn_case
@@ -171,32 +171,32 @@ impl FaultCase {
 impl RandomCase {
     /// Handle for a fault that is active from the onset on.
     pub(super) fn random_switch(&self) -> FaultSwitch {
-        self.switch.clone()
+        self.fault_switch.clone()
     }
 
     pub(super) fn add_sensor_fault(&mut self, onset: FaultOnset, fault: impl SensorFault + 'static) {
-        self.onset = onset;
+        self.fault_onset = onset;
         self.faults.sensor_faults.push(Box::new(fault));
     }
 
     pub(super) fn add_attitude_fault(&mut self, onset: FaultOnset, fault: impl AttitudeFault + 'static) {
-        self.onset = onset;
+        self.fault_onset = onset;
         self.faults.attitude_faults.push(Box::new(fault));
     }
 
     pub(super) fn add_field_fault(&mut self, onset: FaultOnset, fault: impl FieldFault + 'static) {
-        self.onset = onset;
+        self.fault_onset = onset;
         self.faults.field_faults.push(Rc::new(fault));
     }
 
     /// Random direction with this magnitude, microtesla, chip axes.
     pub(super) fn random_ut(&mut self, magnitude_ut: f64) -> Vector3<f64> {
-        self.random.random_direction() * magnitude_ut
+        self.random_stream.random_direction() * magnitude_ut
     }
 
     /// Onset at a random time of the straight leg or the turn at the start of use.
     pub(super) fn random_onset(&mut self) -> FaultOnset {
-        FaultOnset::permanent_after(self.random.uniform(USUAL_ONSET_S, TIME_IN_TURN_S))
+        FaultOnset::permanent_after(self.random_stream.uniform(USUAL_ONSET_S, TIME_IN_TURN_S))
     }
 
     pub(super) fn stick_axes(&mut self, axes: [bool; 3]) {
@@ -208,14 +208,14 @@ impl RandomCase {
         let switch = self.random_switch();
         self.add_sensor_fault(
             FaultOnset::SOON_AND_PERMANENT,
-            RegisterUpset { switch, register, bits, has_occurred: false },
+            RegisterUpset { fault_switch: switch, register, bit_mask: bits, has_occurred: false },
         );
     }
 
     /// Saturates a random axis within its range on a level circle.
     pub(super) fn clip_axis(&mut self, onset: FaultOnset) {
-        let axis = (self.random.uniform(0.0, 3.0) as usize).min(2);
-        let limit_counts = clip_at(&self.world, axis, self.random.uniform(0.3, 0.95));
+        let axis = (self.random_stream.uniform(0.0, 3.0) as usize).min(2);
+        let limit_counts = clip_at(&self.world, axis, self.random_stream.uniform(0.3, 0.95));
         self.add_sensor_fault(onset, axis_clipping(self.random_switch(), axis, limit_counts));
     }
 
@@ -229,7 +229,7 @@ impl RandomCase {
 
     /// Adds a sender with a roll error of 5 deg, present from the beginning; only use is evaluated.
     pub(super) fn add_sender(&mut self, heartbeat_kind: Option<SenderKind>) {
-        self.onset = FaultOnset::Always;
+        self.fault_onset = FaultOnset::Always;
         self.faults.second_senders.push(SecondSender {
             system_id: 1,
             component_id: 154,
@@ -242,18 +242,18 @@ impl RandomCase {
     /// autopilot goes on. Flown for 300 s, of which the pause itself is 4 %.
     pub(super) fn pause_beside_other_vehicle(&mut self) {
         self.flight_after_calibration_s = 300.0;
-        self.onset = FaultOnset::InUse { after_s: USUAL_ONSET_S, for_s: 12.0 };
+        self.fault_onset = FaultOnset::InUse { after_s: USUAL_ONSET_S, for_s: 12.0 };
         self.faults.link_faults = vec![LinkFault::Pause(self.random_switch()), LinkFault::OtherVehicle(2)];
     }
 
     /// Adds forged messages in the autopilot's name, among its own, permanently from soon after the start of use.
     pub(super) fn send_forged_messages(&mut self, message: ForgedMessage) {
-        self.onset = FaultOnset::SOON_AND_PERMANENT;
+        self.fault_onset = FaultOnset::SOON_AND_PERMANENT;
         self.faults.link_faults.push(LinkFault::Forged(self.random_switch(), message));
     }
 
     pub(super) fn bias_attitude(&mut self, degrees: f64) {
-        let direction_rad = self.random.uniform(0.0, TAU);
+        let direction_rad = self.random_stream.uniform(0.0, TAU);
         let bias_rad = [libm::cos(direction_rad), libm::sin(direction_rad)].map(|part| degrees.to_radians() * part);
         self.add_attitude_fault(FaultOnset::SOON_AND_PERMANENT, attitude_bias(self.random_switch(), bias_rad));
     }
@@ -267,7 +267,7 @@ impl RandomCase {
 
     fn random_alignment(&mut self) -> FilterAlignment {
         let [amplitude_deg, roll_s, pitch_s] =
-            [(3.0, 40.0), (1.5, 6.0), (1.5, 6.0)].map(|(a, b)| self.random.uniform(a, b));
+            [(3.0, 40.0), (1.5, 6.0), (1.5, 6.0)].map(|(a, b)| self.random_stream.uniform(a, b));
         FilterAlignment { amplitude_deg, periods_s: [roll_s, pitch_s], duration_s: RESTART_ALIGNMENT_S }
     }
 
@@ -284,7 +284,7 @@ impl RandomCase {
         let switch = self.random_switch();
         self.add_attitude_fault(
             FaultOnset::SOON_AND_PERMANENT,
-            SourceSilence { switch, silent_s: 1.5, period_s: 10.0, stops_clock: false },
+            SourceSilence { fault_switch: switch, silent_s: 1.5, period_s: 10.0, stops_clock: false },
         );
     }
 
@@ -292,14 +292,14 @@ impl RandomCase {
     /// time stamps that go on or stop meanwhile, or it repeats its last message with new time stamps.
     pub(super) fn stall_source(&mut self) {
         const SENSOR_STALL_S: f64 = 1.4;
-        let after_s = self.random.uniform(TIME_IN_TURN_S - 5.0, TIME_IN_TURN_S + 5.0);
+        let after_s = self.random_stream.uniform(TIME_IN_TURN_S - 5.0, TIME_IN_TURN_S + 5.0);
         let switch = self.random_switch();
-        let kind = self.random.uniform(0.0, 3.0);
+        let kind = self.random_stream.uniform(0.0, 3.0);
         if kind < 1.0 {
             self.add_attitude_fault(FaultOnset::InUse { after_s, for_s: SENSOR_STALL_S }, frozen_attitude(switch));
         } else {
             let stops_clock = kind < 2.0;
-            let fault = SourceSilence { switch, silent_s: SENSOR_STALL_S, period_s: f64::INFINITY, stops_clock };
+            let fault = SourceSilence { fault_switch: switch, silent_s: SENSOR_STALL_S, period_s: f64::INFINITY, stops_clock };
             self.add_attitude_fault(FaultOnset::permanent_after(after_s), fault);
         }
     }
@@ -307,15 +307,15 @@ impl RandomCase {
     /// The autopilot restarts, on the ground or in the air: silence, then time stamps from zero and an attitude that
     /// aligns.
     pub(super) fn restart_autopilot(&mut self) {
-        let mut after_s = self.random.uniform(USUAL_ONSET_S, TIME_IN_TURN_S);
-        if self.random.uniform(0.0, 1.0) < 0.5 {
+        let mut after_s = self.random_stream.uniform(USUAL_ONSET_S, TIME_IN_TURN_S);
+        if self.random_stream.uniform(0.0, 1.0) < 0.5 {
             self.ground_time_s = TIME_ON_GROUND_S;
             after_s = USUAL_ONSET_S;
         }
         let (switch, alignment) = (self.random_switch(), self.random_alignment());
         self.add_attitude_fault(
             FaultOnset::permanent_after(after_s),
-            SourceRestart { switch, silent_s: RESTART_SILENCE_S, alignment },
+            SourceRestart { fault_switch: switch, silent_s: RESTART_SILENCE_S, alignment },
         );
     }
 
@@ -329,7 +329,7 @@ impl RandomCase {
 
     pub(super) fn level_attitude_wrongly(&mut self, degrees: f64) {
         self.bias_attitude(degrees);
-        self.onset = FaultOnset::Always;
+        self.fault_onset = FaultOnset::Always;
     }
 
     pub(super) fn add_linkage(&mut self, in_turns_ut: f64) {
@@ -346,12 +346,12 @@ impl RandomCase {
     /// are below the circling rate. `peak_ut`: amplitude, microtesla.
     pub(super) fn add_vibration(&mut self, peak_ut: f64) {
         let peak_counts = self.random_ut(peak_ut) * COUNTS_PER_UT;
-        let alias_hz = self.random.uniform(0.01, 0.5);
+        let alias_hz = self.random_stream.uniform(0.01, 0.5);
         self.add_sensor_fault(FaultOnset::Always, aliased_vibration(self.random_switch(), peak_counts, alias_hz));
     }
 
     pub(super) fn delay_attitude(&mut self, latency_ms: u64) {
-        let fault = AdditionalLatency { switch: self.random_switch(), latency_us: latency_ms * 1000 };
+        let fault = AdditionalLatency { fault_switch: self.random_switch(), latency_us: latency_ms * 1000 };
         self.add_attitude_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }
 
@@ -361,7 +361,7 @@ impl RandomCase {
 
     /// Gives the gyro scale errors and cross-axis sensitivities of exactly this size, always.
     pub(super) fn scale_gyro(&mut self, scale_percent: f64) {
-        self.onset = FaultOnset::Always;
+        self.fault_onset = FaultOnset::Always;
         self.world.gyro = GyroConfig { scale_percent, exact: true, ..GyroConfig::default() };
     }
 
@@ -372,7 +372,7 @@ impl RandomCase {
 
     pub(super) fn change_hard_iron_while_calibrating(&mut self, magnitude_ut: f64) {
         let change_ut = self.random_ut(magnitude_ut);
-        let after_s = self.random.uniform(0.0, calibration_s(self.world.aircraft.kind));
+        let after_s = self.random_stream.uniform(0.0, calibration_s(self.world.aircraft.kind));
         let onset = FaultOnset::Calibrating { after_s, until_s: f64::INFINITY };
         self.add_field_fault(onset, hard_iron_change(self.random_switch(), change_ut));
     }
@@ -401,12 +401,12 @@ impl RandomCase {
 
     /// Turns the module in its mount within `for_s` seconds.
     pub(super) fn turn_mount(&mut self, turn_deg: f64, for_s: f64) {
-        let side = if self.random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
+        let side = if self.random_stream.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
         let onset = FaultOnset::InUse { after_s: USUAL_ONSET_S, for_s };
         let (airframe, earth) = (self.world.airframe, self.world.earth);
         self.add_field_fault(
             onset,
-            MountTurn { switch: self.random_switch(), airframe, earth, turn_deg: side * turn_deg },
+            MountTurn { fault_switch: self.random_switch(), airframe, earth, turn_deg: side * turn_deg },
         );
     }
 
@@ -418,28 +418,28 @@ impl RandomCase {
 
     pub(super) fn move_to_other_place(&mut self) {
         self.world.earth = Earth { total_ut: 50.0, inclination_deg: 60.0 };
-        let total_ut = self.random.uniform(45.0, 55.0);
-        let earth = Earth { total_ut, inclination_deg: self.random.uniform(50.0, 70.0) };
-        self.add_field_fault(FaultOnset::SOON_AND_PERMANENT, OtherPlace { switch: self.random_switch(), earth });
+        let total_ut = self.random_stream.uniform(45.0, 55.0);
+        let earth = Earth { total_ut, inclination_deg: self.random_stream.uniform(50.0, 70.0) };
+        self.add_field_fault(FaultOnset::SOON_AND_PERMANENT, OtherPlace { fault_switch: self.random_switch(), earth });
     }
 
     pub(super) fn calibrate_at_bank(&mut self, bank_deg: f64) {
-        self.onset = FaultOnset::Always;
+        self.fault_onset = FaultOnset::Always;
         let plan = TurnPlan { bank_deg, ..TurnPlan::default() };
         self.routine = Routine::for_vehicle(VehicleKind::Plane, plan, 0.0);
     }
 
     /// Repeats the routine's first part (yaw turns) up to the duration of the whole routine.
     pub(super) fn calibrate_in_hover(&mut self) {
-        self.onset = FaultOnset::Always;
-        self.routine.parts.truncate(1);
-        for part in &mut self.routine.parts {
+        self.fault_onset = FaultOnset::Always;
+        self.routine.routine_parts.truncate(1);
+        for part in &mut self.routine.routine_parts {
             part.legs = part.legs.repeat(4);
         }
     }
 
     pub(super) fn add_current(&mut self, in_hover_ut: f64, reports_current: bool) {
-        self.onset = FaultOnset::Always;
+        self.fault_onset = FaultOnset::Always;
         self.world = WorldConfig { reports_current, ..self.world.with_current_interference(in_hover_ut) };
     }
 }

@@ -19,7 +19,7 @@ const DEGREES_PER_RADIAN: f64 = 360.0 / TAU;
 /// Case for all vehicles and attitude sources.
 const fn define_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> FaultCase {
     FaultCase {
-        name,
+        case_name: name,
         description,
         configure_case: set_up,
         applies_to_vehicle: |_| true,
@@ -75,11 +75,11 @@ pub static ALL_CASES: &[FaultCase] = &[
         flight.scale_gyro(10.0);
     }),
     mavlink_case("gyro-offset-1", "gyro offsets of exactly 1 deg/s", |flight| {
-        flight.onset = FaultOnset::Always;
+        flight.fault_onset = FaultOnset::Always;
         flight.world.gyro = GyroConfig { offset_deg_s: 1.0, exact: true, ..GyroConfig::default() };
     }),
     mavlink_case("gyro-ramp", "a gyro offset that grows by 2 deg/s in a minute", |flight| {
-        let growth_deg_s2 = flight.random.random_direction() * (2.0 / 60.0);
+        let growth_deg_s2 = flight.random_stream.random_direction() * (2.0 / 60.0);
         flight.add_attitude_fault(
             FaultOnset::SOON_AND_PERMANENT,
             rate_offset_ramp(flight.random_switch(), growth_deg_s2.into()),
@@ -104,7 +104,7 @@ pub static ALL_CASES: &[FaultCase] = &[
     define_case("stuck-noisy", "all axes of the sensor repeat, with noise added", |flight| {
         flight.stick_axes([true; 3]);
         flight
-            .add_sensor_fault(flight.onset, additional_noise(flight.random_switch(), SENSOR_SIGMA_COUNTS, flight.seed));
+            .add_sensor_fault(flight.fault_onset, additional_noise(flight.random_switch(), SENSOR_SIGMA_COUNTS, flight.seed));
     }),
     define_case("sensor-spikes", "1 % of readings off by 30 uT", |flight| {
         let fault = measurement_spikes(flight.random_switch(), 0.01, 30.0 * COUNTS_PER_UT, flight.seed);
@@ -263,7 +263,7 @@ pub static ALL_CASES: &[FaultCase] = &[
     define_case("cal-vibration-3", "aliased vibration of 3 uT, always", |flight| flight.add_vibration(3.0)),
     hover_case("cal-yaw-only", "calibration by yaw turns in hover alone", RandomCase::calibrate_in_hover),
     hover_case("pushed", "acceleration-induced tilt error always doubled", |flight| {
-        flight.onset = FaultOnset::Always;
+        flight.fault_onset = FaultOnset::Always;
         flight.world.attitude_source.push_error_deg *= 2.0;
     }),
     hover_case("cal-current-unreported", "motor current of 5 uT in hover, not reported", |flight| {

@@ -9,7 +9,7 @@ pub use list::ALL_CASES;
 /// The case with this name, if any.
 #[must_use]
 pub fn find_by_name(name: &str) -> Option<&'static FaultCase> {
-    ALL_CASES.iter().find(|case| case.name == name)
+    ALL_CASES.iter().find(|case| case.case_name == name)
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use super::*;
 use crate::studies::integrity::plan::AttitudeProtocol;
 
 fn names(aircraft: VehicleKind) -> Vec<&'static str> {
-    ALL_CASES.iter().filter(|case| case.applies_to_vehicle(aircraft)).map(|case| case.name).collect()
+    ALL_CASES.iter().filter(|case| case.applies_to_vehicle(aircraft)).map(|case| case.case_name).collect()
 }
 
 #[test]
@@ -38,7 +38,7 @@ fn each_vehicle_kind_has_its_applicable_cases() {
 
 #[test]
 fn a_copter_s_cases_are_flown_by_a_copter() {
-    let draw_case = |name| find_by_name(name).unwrap().draw(3, VehicleKind::Copter, AttitudeProtocol::Mavlink);
+    let draw_case = |name| find_by_name(name).unwrap().draw_case(3, VehicleKind::Copter, AttitudeProtocol::Mavlink);
     let clean = draw_case("clean");
     assert_eq!(clean.world, WorldConfig::random(3).with_vehicle_kind(VehicleKind::Copter));
     assert_eq!(clean.routine, Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0));
@@ -46,9 +46,9 @@ fn a_copter_s_cases_are_flown_by_a_copter() {
     assert!((pushed / clean.world.attitude_source.push_error_deg - 2.0).abs() < 1e-9);
     let current_ut = Vector3::from(draw_case("cal-current-unreported-20").world.current_interference_ut);
     assert!((current_ut.norm() - 20.0).abs() < 1e-9);
-    assert_eq!(draw_case("cal-current-unreported-20").onset, FaultOnset::Always);
+    assert_eq!(draw_case("cal-current-unreported-20").fault_onset, FaultOnset::Always);
     let hover = draw_case("cal-yaw-only").routine;
-    assert_eq!(hover.legs(), clean.routine.parts[0].legs.repeat(4));
+    assert_eq!(hover.legs(), clean.routine.routine_parts[0].legs.repeat(4));
     assert_eq!(hover.start_command, clean.routine.start_command);
 }
 
@@ -57,7 +57,7 @@ fn a_copter_s_cases_are_flown_by_a_copter() {
 fn a_change_during_calibration_begins_before_its_end() {
     for (aircraft, most_s) in [(VehicleKind::Plane, 195.0), (VehicleKind::Copter, 60.0)] {
         let latest_s = (0..200).fold(0.0_f64, |latest_s, seed| {
-            match find_by_name("cal-moved-5").unwrap().draw(seed, aircraft, AttitudeProtocol::Mavlink).onset {
+            match find_by_name("cal-moved-5").unwrap().draw_case(seed, aircraft, AttitudeProtocol::Mavlink).fault_onset {
                 FaultOnset::Calibrating { after_s, .. } => latest_s.max(after_s),
                 other => panic!("{other:?}"),
             }

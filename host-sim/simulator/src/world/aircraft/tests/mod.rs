@@ -15,7 +15,7 @@ fn vehicle(kind: VehicleKind, weather: Weather, seed: u64) -> Aircraft {
 fn fly(aircraft: &mut Aircraft, seconds: f64) -> Vec<TrueState> {
     (0..(seconds / STEP_S) as usize)
         .map(|_| {
-            aircraft.step();
+            aircraft.advance_step();
             *aircraft.state()
         })
         .collect()

@@ -82,7 +82,7 @@ fn the_wind_moves_the_ground_track_not_the_heading() {
     fly(&mut aircraft, 5.0);
     let before = *aircraft.state();
     while aircraft.state().heading_rad < before.heading_rad + 10.0 * TAU {
-        aircraft.step();
+        aircraft.advance_step();
     }
     let after = aircraft.state();
     let seconds = (after.time_us - before.time_us) as f64 / 1e6;
