@@ -62,8 +62,9 @@ fn a_run_is_a_function_of_its_seed() {
 #[test]
 fn a_copter_is_calibrated_by_its_routine_either_way_round() {
     for pattern in [FlightPattern::Routine, FlightPattern::Mirrored] {
-        let flight = Flight { kind: VehicleKind::Copter, pattern, duration_minutes: 3.0 };
-        let row = flight_study::run(flight, AccuracyPlan { airframes: 20, noise_draws: 5, seed: 1000 }, &|| {});
+        let flight = Flight { kind: VehicleKind::Copter, flight_pattern: pattern, duration_minutes: 3.0 };
+        let row =
+            flight_study::run_flight_study(flight, AccuracyPlan { airframes: 20, noise_draws: 5, seed: 1000 }, &|| {});
         assert!(row.converged_percent >= 100.0 && row.accepted_percent >= 95.0 && row.wrong == 0, "{row:?}");
         assert!(row.rms_median_deg <= 0.8 && row.rms_worst_decile_deg <= 1.6, "{row:?}");
         // Loss of the solver, which weights all attitudes equally although accelerations degrade some.
@@ -71,8 +72,12 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
         // Retained samples against the optimal selection of equal size.
         assert!((0.85..=1.15).contains(&row.best_ratio_median), "{row:?}");
         assert_eq!(row.coverage.headings, 20 * 16);
-        let again = flight_study::run(flight, AccuracyPlan { airframes: 2, noise_draws: 2, seed: 7 }, &|| {});
-        assert_eq!(again, flight_study::run(flight, AccuracyPlan { airframes: 2, noise_draws: 2, seed: 7 }, &|| {}));
+        let again =
+            flight_study::run_flight_study(flight, AccuracyPlan { airframes: 2, noise_draws: 2, seed: 7 }, &|| {});
+        assert_eq!(
+            again,
+            flight_study::run_flight_study(flight, AccuracyPlan { airframes: 2, noise_draws: 2, seed: 7 }, &|| {})
+        );
     }
 }
 
@@ -81,8 +86,9 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
 #[test]
 fn a_wandering_flight_reaches_nearly_the_best_possible_accuracy() {
     for (kind, most_by_choice) in [(VehicleKind::Copter, 1.08), (VehicleKind::Plane, 1.09)] {
-        let flight = Flight { kind, pattern: FlightPattern::Wandering, duration_minutes: 3.0 };
-        let row = flight_study::run(flight, AccuracyPlan { airframes: 20, noise_draws: 5, seed: 1000 }, &|| {});
+        let flight = Flight { kind, flight_pattern: FlightPattern::Wandering, duration_minutes: 3.0 };
+        let row =
+            flight_study::run_flight_study(flight, AccuracyPlan { airframes: 20, noise_draws: 5, seed: 1000 }, &|| {});
         assert!(row.accepted_percent >= 95.0, "{row:?}");
         assert!(row.choice_ratio_median <= most_by_choice, "{row:?}");
         assert!(row.best_ratio_median <= 1.1 + 0.08, "{row:?}");

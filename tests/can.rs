@@ -18,12 +18,12 @@ fn node(number: u8) -> NodeId {
 }
 
 fn source(frame: &CanFrame) -> Option<NodeId> {
-    FrameHeader::from_id(frame.id()).and_then(|header| header.source)
+    FrameHeader::from_id(frame.id()).and_then(|header| header.source_node)
 }
 
 fn is_message(frame: &CanFrame, data_type: DataType) -> bool {
     FrameHeader::from_id(frame.id())
-        .is_some_and(|header| (header.kind, header.type_id) == (TransferKind::Message, data_type.id))
+        .is_some_and(|header| (header.transfer_kind, header.type_id) == (TransferKind::Message, data_type.type_id))
 }
 
 /// Autopilot: sends its status and its armed state, and allocates numbers.
@@ -57,7 +57,7 @@ impl Autopilot {
         let transfer = OutboundTransfer {
             data_type,
             priority: priority::LOW_PRIORITY,
-            kind,
+            transfer_kind: kind,
             transfer_id: self.transfer_id,
             payload,
         };
@@ -217,9 +217,10 @@ fn a_babbling_node_does_not_stop_the_field() {
     bench.run_with(5_000, |_| {
         for _ in 0..20 {
             let types = [DataType::TARGETTED, DataType::ALLOCATION, DataType::BATTERY_INFO, DataType::FIX_2];
-            let type_id = types[random.bits() as usize % types.len()].id;
+            let type_id = types[random.bits() as usize % types.len()].type_id;
             let source = NodeId::new(1 + random.byte() % 124);
-            let header = FrameHeader { priority: 0, kind: TransferKind::Message, type_id, source };
+            let header =
+                FrameHeader { priority: 0, transfer_kind: TransferKind::Message, type_id, source_node: source };
             let data = random.bytes(8);
             babbler.queue_frame(&CanFrame::new(header.to_id(), &data).unwrap());
         }
@@ -239,7 +240,7 @@ fn a_second_node_with_this_number_silences_the_field() {
     let status = OutboundTransfer {
         data_type: DataType::NODE_STATUS,
         priority: priority::LOW_PRIORITY,
-        kind: TransferKind::Message,
+        transfer_kind: TransferKind::Message,
         transfer_id: 0,
         payload: NodeStatus::default().payload(),
     };
@@ -274,7 +275,8 @@ fn mavlink_goes_through_the_tunnel() {
     let mut bench = Bench::new(CanFaults::default());
     bench.run(3_000);
     let send = |bench: &mut Bench, data: &[u8]| {
-        let piece = Targetted { protocol: 1, target: 125, serial_line: 0, options: 1, baud: 57_600, data };
+        let piece =
+            Targetted { protocol: 1, target: 125, serial_line: 0, tunnel_options: 1, baud: 57_600, serial_bytes: data };
         bench.autopilot.send(DataType::TARGETTED, TransferKind::Message, &piece.payload());
     };
     let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;

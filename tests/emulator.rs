@@ -237,7 +237,7 @@ fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
     let [AttachedDevice::Mavlink(autopilot), _] = emulator.port_devices.clone() else { panic!() };
     let received = autopilot.borrow_mut().take_received();
     let text = |frame: &MavlinkFrame| String::from_utf8_lossy(&frame.payload).contains("autoswing: safe-mode: ");
-    assert!(received.iter().any(|frame| frame.id == 253 && text(frame)), "{received:?}");
+    assert!(received.iter().any(|frame| frame.message_id == 253 && text(frame)), "{received:?}");
 
     emulator.take_console_output();
     let printed = emulator.send_console_line("reboot");
@@ -337,7 +337,7 @@ fn mavlink_and_msp_run_at_once_on_the_emulator() {
     let ages_ms =
         readings.iter().map(|reading| (reading.received_at_us / 1000).cast_signed() - i64::from(reading.time_ms));
     assert!(ages_ms.clone().all(|age_ms| (0..=8).contains(&age_ms)), "{:?}", ages_ms.max());
-    let heartbeats = mavlink.borrow_mut().take_received().iter().filter(|frame| frame.id == 0).count();
+    let heartbeats = mavlink.borrow_mut().take_received().iter().filter(|frame| frame.message_id == 0).count();
     assert!((9..=11).contains(&heartbeats), "{heartbeats}");
     let status = emulator.send_console_line("status all");
     assert!(status.contains("found mavlink\r\nport2: msp, 115200 baud\r\n"), "{status}");
@@ -401,7 +401,7 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     }
     let mut received: Vec<MavlinkFrame> = Vec::new();
     // MAG_CAL_SUCCESS, and stored.
-    let is_success = |frame: &MavlinkFrame| (frame.id, frame.byte_at(42), frame.byte_at(43)) == (192, 4, 1);
+    let is_success = |frame: &MavlinkFrame| (frame.message_id, frame.byte_at(42), frame.byte_at(43)) == (192, 4, 1);
     for _second in 0..220 {
         assert_eq!(emulator.run_for_s(1.0), ModuleRunEnd::Time);
         received.extend(autopilot.borrow_mut().take_received());
@@ -410,12 +410,15 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
         }
     }
     assert!(received.iter().any(is_success), "no MAG_CAL_REPORT of a success");
-    assert!(received.iter().any(|frame| frame.id == 191), "no MAG_CAL_PROGRESS");
+    assert!(received.iter().any(|frame| frame.message_id == 191), "no MAG_CAL_PROGRESS");
     assert_eq!(emulator.run_for_s(3.0), ModuleRunEnd::Time);
     received.extend(autopilot.borrow_mut().take_received());
     let begins = |begin: &str| {
         let begin = begin.as_bytes();
-        received.iter().filter(|frame| frame.id == 253 && frame.payload.get(1..=begin.len()) == Some(begin)).count()
+        received
+            .iter()
+            .filter(|frame| frame.message_id == 253 && frame.payload.get(1..=begin.len()) == Some(begin))
+            .count()
     };
     assert_eq!(begins("autoswing: calibrated: expected error "), 1, "{received:?}");
     assert!(begins("autoswing: collecting: ") >= 2, "{}", begins("autoswing: collecting"));
@@ -444,7 +447,8 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
         assert_eq!(emulator.run_for_s(15.0), ModuleRunEnd::Time);
         let _ = autopilot.borrow_mut().take_received();
         assert_eq!(emulator.run_for_s(4.0), ModuleRunEnd::Time);
-        let is_heading = |frame: &&MavlinkFrame| frame.id == 251 && (8..15).map(|at| frame.byte_at(at)).eq(*b"hdg_mag");
+        let is_heading =
+            |frame: &&MavlinkFrame| frame.message_id == 251 && (8..15).map(|at| frame.byte_at(at)).eq(*b"hdg_mag");
         for heading in autopilot.borrow_mut().take_received().iter().filter(is_heading) {
             let time_ms = u32::from_le_bytes([0, 1, 2, 3].map(|at| heading.byte_at(at)));
             let truth_deg = emulator.world().true_state(u64::from(time_ms) * 1000).heading_deg();

@@ -57,7 +57,7 @@ fn outcome(rig: &mut Rig, text: &str) -> Result<ShownCalibration, SolveNotice> {
 
 /// Largest level heading error less the mean error, and the mean error, degrees.
 fn level_errors_deg(rig: &Rig, shown: &ShownCalibration) -> (f64, f64) {
-    let level = HeadingErrors::evaluate(&shown.calibration, &rig.world.config()).0[0];
+    let level = HeadingErrors::evaluate_calibration(&shown.calibration, &rig.world.config()).0[0];
     let constant = level.iter().sum::<f64>() / 12.0;
     (level.iter().map(|e| (e - constant).abs()).fold(0.0, f64::max), constant)
 }
@@ -189,7 +189,7 @@ fn tumbling_needs_no_attitude() {
     tumble(&mut rig);
     let shown = solve(&mut rig).unwrap();
     assert_eq!(shown.method, "ellipsoid");
-    let errors = HeadingErrors::evaluate(&shown.calibration, &rig.world.config()).statistics();
+    let errors = HeadingErrors::evaluate_calibration(&shown.calibration, &rig.world.config()).statistics();
     // The paper's airframe is asymmetric by up to 1.5 deg about each axis, which is indistinguishable from mounting
     // without attitude; at 54 deg of inclination such a tilt causes 1.4 times that in heading.
     assert!(errors.max_demeaned_deg < 2.5 && errors.mean_deg.abs() < 2.5, "{errors:?}");

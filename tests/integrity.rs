@@ -7,7 +7,7 @@ use autoswing::instrument::{Correction, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::settings::HeadingKind;
 use autoswing::time::{Timestamp, WrappingMillis};
-use host_sim::studies::integrity::{self, ALL_CASES, IntegrityPlan, IntegrityRow, case, run};
+use host_sim::studies::integrity::{self, ALL_CASES, IntegrityPlan, IntegrityRow, case, run_integrity_study};
 use simulator::faults::Faults;
 use simulator::faults::attitude::{AttitudeFault, attitude_quantisation};
 use simulator::module::Module as _;
@@ -24,7 +24,7 @@ const PLAN: IntegrityPlan = IntegrityPlan {
     seed: 5000,
     heading: HeadingKind::Smooth,
     aircraft: VehicleKind::Plane,
-    source: integrity::AttitudeProtocol::Mavlink,
+    attitude_protocol: integrity::AttitudeProtocol::Mavlink,
 };
 
 fn rows(names: &[&str]) -> Vec<IntegrityRow> {
@@ -53,12 +53,12 @@ fn count_of(row: &IntegrityRow, code: &str) -> usize {
 #[test]
 fn attitude_by_msp_has_rates() {
     for source in [integrity::AttitudeProtocol::Msp, integrity::AttitudeProtocol::MspInav] {
-        for row in rows_of(IntegrityPlan { source, ..PLAN }, &["clean"]) {
+        for row in rows_of(IntegrityPlan { attitude_protocol: source, ..PLAN }, &["clean"]) {
             assert!(all_accepted(&row) && row.smooth_percent > 60.0, "{source:?} {row:?}");
             assert!(row.rms_deg < 0.7 && row.worst_deg < 6.0 && row.bad_percent <= 0.0, "{source:?} {row:?}");
             assert!(row.within_three_sigma_percent > 90.0 && row.empty_percent < 0.1, "{source:?} {row:?}");
         }
-        for row in rows_of(IntegrityPlan { source, ..PLAN }, &["stuck-noisy"]) {
+        for row in rows_of(IntegrityPlan { attitude_protocol: source, ..PLAN }, &["stuck-noisy"]) {
             assert!(row.bad_percent <= 3.0 && row.empty_percent > 90.0, "{source:?} {row:?}");
         }
     }

@@ -81,7 +81,7 @@ const NAMED_VALUE_FLOAT: u32 = 251;
 const STATUSTEXT: u32 = 253;
 
 fn frames_with_id(id: u32, received_frames: &[MavlinkFrame]) -> Vec<&MavlinkFrame> {
-    received_frames.iter().filter(|frame| frame.id == id).collect()
+    received_frames.iter().filter(|frame| frame.message_id == id).collect()
 }
 
 /// Complete status texts; byte 53 is the chunk number of a text in several frames.
@@ -248,7 +248,7 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
         let shown = rig.send_console_line("cal show");
         let shown = transcript::parse_shown_calibration(&shown).unwrap_or_else(|| panic!("{far_end:?}: {shown}"));
         let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, .. } = shown.calibration.motor_current;
-        let error_deg = HeadingErrors::evaluate(&shown.calibration, &config).statistics().rms_deg;
+        let error_deg = HeadingErrors::evaluate_calibration(&shown.calibration, &config).statistics().rms_deg;
         println!("{far_end:?}, told: {is_reported}: {error_deg:.2} deg, {:?}", shown.calibration.motor_current);
         if !is_reported {
             assert_eq!(shown.calibration.motor_current, MotorCurrentInterference::NO_INTERFERENCE);
@@ -411,7 +411,7 @@ fn sent_declinations_deg(rig: &mut Rig) -> Vec<f64> {
     let received = rig.instrument.receive_timed();
     let sentences =
         received.iter().filter_map(|timed_byte| reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte));
-    let declination = |sentence: HeadingSentence| match sentence.kind.as_str() {
+    let declination = |sentence: HeadingSentence| match sentence.sentence_kind.as_str() {
         "HCHDM" => {
             magnetic_deg = sentence.heading_deg;
             None

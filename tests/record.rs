@@ -37,7 +37,7 @@ fn a_recorded_flight_has_its_position_and_true_headings() {
         let (field, _) = verdict.earth_field.unwrap();
         assert!((field.declination_deg.unwrap() + 4.2).abs() < 0.1, "{name}: {field:?}");
         let rows = flight.gps.rows();
-        let [before, after] = [rows.len() - 50, rows.len() - 1].map(|at| Gps::from_columns(rows[at].values));
+        let [before, after] = [rows.len() - 50, rows.len() - 1].map(|at| Gps::from_columns(rows[at].row_values));
         let shrinks = f64::from(before.latitude_deg).to_radians().cos();
         let north = f64::from(after.latitude_deg - before.latitude_deg);
         let east = f64::from(after.longitude_deg - before.longitude_deg) * shrinks;

@@ -188,7 +188,7 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
     let judged = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot);
     let report = report_replay(&judged, "flight.bin", &ReportOrigin::default());
     // The compass in use is not known: the first is judged, and one good compass does not make the page green.
-    assert_eq!(report.verdicts[0].state, CompassState::Bad, "{:?}", report.verdicts);
+    assert_eq!(report.verdicts[0].compass_state, CompassState::Bad, "{:?}", report.verdicts);
     assert!(report.verdicts[0].verdict_text.contains("replace"), "{:?}", report.verdicts);
     assert_eq!(
         report.compasses.iter().map(|compass_report| compass_report.is_accepted).collect::<Vec<_>>(),
@@ -249,19 +249,22 @@ fn text_of_a_hostile_log_is_escaped() {
         is_heading_withheld: true,
     };
     let line = DeviationCurve {
-        name: hostile(),
+        curve_name: hostile(),
         errors_deg: vec![None, nan, Some(f64::INFINITY), Some(1.0)],
         constant_deg: f64::NAN,
     };
     let compass_report = CompassReport {
-        name: hostile(),
+        compass_name: hostile(),
         is_accepted: true,
         facts: vec![[hostile(), hostile()]],
         curves_before: vec![line.clone()],
         curves_after: vec![line],
         sigma_deg: vec![f64::NAN, 0.5, f64::INFINITY, -0.0],
         samples: (0..50).map(moment).collect(),
-        event_marks: vec![EventMark { time_s: f64::NAN, name: hostile() }, EventMark { time_s: 1e9, name: hostile() }],
+        event_marks: vec![
+            EventMark { time_s: f64::NAN, event_name: hostile() },
+            EventMark { time_s: 1e9, event_name: hostile() },
+        ],
         earth_field: Some([f64::NAN; 2]),
         magnetic_offset_deg: f64::NAN,
         advice: Some(hostile()),
@@ -270,7 +273,11 @@ fn text_of_a_hostile_log_is_escaped() {
     };
     let report = Report {
         title: hostile(),
-        verdicts: vec![VerdictLine { state: CompassState::Doubtful, state_word: "Doubtful", verdict_text: hostile() }],
+        verdicts: vec![VerdictLine {
+            compass_state: CompassState::Doubtful,
+            state_word: "Doubtful",
+            verdict_text: hostile(),
+        }],
         module_verdict: Some(hostile()),
         key_figures: vec![[hostile(), hostile()]],
         log_warnings: vec![hostile()],

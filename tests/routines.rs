@@ -28,7 +28,7 @@ use testkit::simulation::Simulation;
 /// the attitude source has bias, bank-angle scale error and acceleration-induced tilt error.
 fn harsh_config(kind: VehicleKind, seed: u64) -> WorldConfig {
     const TOTAL_UT: f64 = 50.0;
-    let trial = RandomFlight::draw(&RandomRanges::WORST_CASE, seed);
+    let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed);
     let world = WorldConfig::random(seed).with_vehicle_kind(kind);
     let noise_deg = trial.attitude_sigma_rad.to_degrees();
     WorldConfig {
@@ -61,7 +61,7 @@ fn fly_samples(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
         let at = Timestamp::from_us(now_us);
         if now_us.is_multiple_of(20_000) {
             let truth = world.true_state(now_us - latency_us);
-            let reported = source.report(&truth);
+            let reported = source.next_report(&truth);
             let [roll_rad, pitch_rad] = [reported.roll_rad, reported.pitch_rad].map(|angle| angle as f32);
             let sender_time = WrappingMillis::new((now_us / 1000) as u32);
             let attitude = Attitude { roll_rad, pitch_rad };
@@ -130,7 +130,7 @@ fn a_copter_s_routine_determines_its_calibration() {
 #[test]
 fn yaw_turns_in_hover_do_not_determine_the_calibration() {
     let [median, _] =
-        median_and_worst_decile_deg(VehicleKind::Copter, &routine(VehicleKind::Copter).parts[0].legs.repeat(3));
+        median_and_worst_decile_deg(VehicleKind::Copter, &routine(VehicleKind::Copter).routine_parts[0].legs.repeat(3));
     assert!(median > 1.6, "{median}");
 }
 

@@ -49,7 +49,7 @@ fn headings(served_module: &mut ServedModule, seconds: u64) -> Vec<Option<f64>> 
 fn sentences(bytes: &[u8]) -> Vec<Option<f64>> {
     let mut reader = SentenceReader::default();
     let received = bytes.iter().filter_map(|&byte| reader.push_byte(0, byte));
-    received.filter(|sentence| sentence.kind == "HCHDM").map(|sentence| sentence.heading_deg).collect()
+    received.filter(|sentence| sentence.sentence_kind == "HCHDM").map(|sentence| sentence.heading_deg).collect()
 }
 
 /// Flash contents after a calibration by `cal start turns`.
@@ -88,7 +88,7 @@ fn console_commands_are_answered_and_flash_survives_a_restart() {
 #[test]
 fn the_output_does_not_depend_on_the_time_steps() {
     let output_of_pieces = |pieces_us: &[u64]| {
-        let options = ServeOptions { pattern: PilotPattern::Wandering, ..ServeOptions::default() };
+        let options = ServeOptions { flight_pattern: PilotPattern::Wandering, ..ServeOptions::default() };
         let mut served_module = ServedModule::new(WorldConfig::table1(3), options, Some(&CALIBRATED));
         let mut pieces = pieces_us.iter().cycle();
         for typed_command in [&b"status all\r"[..], b"cal start\r", b"status all\r"] {
@@ -141,7 +141,7 @@ fn number_after(text: &str, words: &str) -> f64 {
 }
 
 const VISITED: ServeOptions = ServeOptions {
-    pattern: PilotPattern::Routine,
+    flight_pattern: PilotPattern::Routine,
     attitude: AttitudeProvider::Auto,
     has_external_simulator: true,
     has_can: false,
@@ -224,7 +224,7 @@ fn an_attached_autopilot_replaces_the_simulated_attitude() {
         // All reports of the other autopilot.
         (AttitudeProvider::Peer, true, 600.0..602.0),
     ] {
-        let options = ServeOptions { attitude, pattern: PilotPattern::Level, ..ServeOptions::default() };
+        let options = ServeOptions { attitude, flight_pattern: PilotPattern::Level, ..ServeOptions::default() };
         let mut served_module = served_module(options, None);
         // While armed, another system does not replace the autopilot. Seven more seconds of own reports.
         let _ = served_module.execute_line("land");

@@ -52,7 +52,7 @@ fn every_sentence_is_sent_at_the_set_rate() {
         rig.send_console_line(&format!("stream rate {rate_hz}"));
         let received = listen(&mut rig, 5.0);
         for kind in ["HCHDM", "HCHDG", "PASWH"] {
-            let count = received.iter().filter(|r| r.kind == kind).count();
+            let count = received.iter().filter(|r| r.sentence_kind == kind).count();
             // Output follows the sensor's 80 Hz samples, whose period need not divide a second.
             assert!(count.abs_diff(expected) <= 1 + expected / 20, "{kind} at {rate_hz} Hz: {count} in 5 s");
         }
@@ -72,7 +72,7 @@ fn the_pilot_chooses_which_heading_is_sent() {
         rig.send_console_line(&format!("stream heading {kind}"));
         rig.run_for_s(0.5);
         let received = listen(&mut rig, 4.0);
-        let qualities: Vec<_> = received.iter().filter(|r| r.kind == "PASWH").collect();
+        let qualities: Vec<_> = received.iter().filter(|r| r.sentence_kind == "PASWH").collect();
         assert!(qualities.len() >= 35 && qualities.iter().all(|r| r.heading_kind.as_deref() == Some(kind)), "{kind}");
         let headings: Vec<f64> = qualities.iter().filter_map(|r| r.heading_deg).collect();
         let bend = |three: &[f64]| wrap_180(three[2] - three[1]) - wrap_180(three[1] - three[0]);
@@ -102,7 +102,7 @@ fn variation_is_sent_when_declination_is_set() {
     };
     let is_true = |rig: &mut Rig, declination_deg: f64| {
         let received = listen(rig, 1.0);
-        let heading_deg = |kind: &str| received.iter().find(|r| r.kind == kind).unwrap().heading_deg.unwrap();
+        let heading_deg = |kind: &str| received.iter().find(|r| r.sentence_kind == kind).unwrap().heading_deg.unwrap();
         // Headings of one output are rounded to 0.1 deg each.
         let off_deg = heading_deg("HCHDT") - heading_deg("HCHDM") - declination_deg;
         (off_deg - 360.0 * (off_deg / 360.0).round()).abs() < 0.11

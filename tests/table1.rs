@@ -32,7 +32,7 @@ fn all_other_methods_are_exact_without_noise() {
 #[test]
 fn maximum_likelihood_with_sensor_noise_is_within_0_3_deg() {
     for seed in 1..=20 {
-        let [.., maximum_likelihood] = figures(PaperExperiment::noisy(seed));
+        let [.., maximum_likelihood] = figures(PaperExperiment::noisy_experiment(seed));
         assert!(maximum_likelihood.max_deg <= 0.3, "seed {seed}: {maximum_likelihood:?}");
     }
 }

@@ -54,13 +54,13 @@ fn print_messages(rig: &Rig) {
         match far_end {
             AttachedDevice::Mavlink(autopilot) => {
                 for frame in autopilot.borrow_mut().take_received() {
-                    let is_text = frame.id == STATUSTEXT;
+                    let is_text = frame.message_id == STATUSTEXT;
                     let payload = if is_text { &frame.payload[..1] } else { &frame.payload[..] };
                     // Later pieces of a long text: how many there are depends on the text.
                     if !is_text || frame.byte_at(53) == 0 {
                         println!(
                             "{now_ms} {port} {} {}/{} {payload:02x?}",
-                            frame.id, frame.system_id, frame.component_id
+                            frame.message_id, frame.system_id, frame.component_id
                         );
                     }
                 }

@@ -71,13 +71,13 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     let p = embassy_stm32::init(clock_config());
     // A debugger that halts the processor also halts the watchdog.
     pac::DBGMCU.apb1fzr1().modify(|freeze| freeze.set_iwdg(true));
-    let watchdog = Watchdog::start(p.IWDG);
+    let watchdog = Watchdog::start_watchdog(p.IWDG);
 
     // SAFETY: `i2c2` creates the driver with these pins, and its peripherals are used nowhere else.
     let bus = unsafe { I2cBus::new(p.PB10.into(), p.PB11.into(), i2c2_bus) };
     let hardware = Hardware {
         magnetometer: Lis3mdl::new(bus, Lis3mdlConfig::default()),
-        lines: Uarts {
+        board_lines: Uarts {
             port_uarts: [
                 new_uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_BUFFERS.init(UartBuffers::NEW)),
                 new_uart(p.USART2, p.PD6, p.PD5, Irqs, INSTRUMENT_BUFFERS.init(UartBuffers::NEW)),

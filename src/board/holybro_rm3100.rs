@@ -99,18 +99,18 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     let p = embassy_stm32::init(clock_config());
     // A debugger that halts the processor also halts the watchdog.
     pac::DBGMCU.apb1lfzr().modify(|freeze| freeze.set_iwdg(true));
-    let watchdog = stm32::watchdog::Watchdog::start(p.IWDG);
+    let watchdog = stm32::watchdog::Watchdog::start_watchdog(p.IWDG);
 
     let spi = Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA1_CH2, p.DMA1_CH1, Irqs, spi_config());
     let chip_select = Output::new(p.PC14, Level::High, Speed::Low);
     let can = CanConfigurator::new(p.FDCAN1, p.PA11, p.PA12, Irqs);
     let silent = Output::new(p.PC13, Level::Low, Speed::Low);
     let termination = Output::new(p.PB4, Level::Low, Speed::Low);
-    let (rx, tx) = stm32::can::start(can, silent, termination, CAN_BUFFERS.init_with(CanBuffers::new));
+    let (rx, tx) = stm32::can::start_controller(can, silent, termination, CAN_BUFFERS.init_with(CanBuffers::new));
     let hardware = Hardware {
         // Infallible: an output pin accepts every level.
         magnetometer: Rm3100::new(ExclusiveDevice::new_no_delay(spi, chip_select).expect("a pin")),
-        lines: CanAndUart {
+        board_lines: CanAndUart {
             can_bus: CanBus { node_info: node_info(), rx, tx, boot_loader: BootLoader },
             uart: new_uart(p.USART2, p.PA3, p.PA2, Irqs, UART_BUFFERS.init(UartBuffers::NEW)),
         },
@@ -186,9 +186,9 @@ fn node_info() -> NodeInfo {
         *place = byte;
     }
     NodeInfo {
-        name: "org.autoswing.holybro-rm3100",
-        software: DESCRIPTOR.software_version(),
-        hardware: BOARD_ID.to_be_bytes(),
+        node_name: "org.autoswing.holybro-rm3100",
+        software_version: DESCRIPTOR.software_version(),
+        hardware_version: BOARD_ID.to_be_bytes(),
         unique_id,
     }
 }

@@ -66,9 +66,9 @@ fn transfer() -> impl Strategy<Value = Vec<CanFrame>> {
     (proptest::sample::select(TYPES.to_vec()), source, any::<u8>(), length, vec(any::<u8>(), 300)).prop_map(
         |(data_type, source, transfer_id, length, payload)| {
             let id = if data_type.is_service {
-                0x1E00_8080 | u32::from(data_type.id) << 16 | u32::from(OWN) << 8 | u32::from(source)
+                0x1E00_8080 | u32::from(data_type.type_id) << 16 | u32::from(OWN) << 8 | u32::from(source)
             } else {
-                0x1800_0000 | u32::from(data_type.id) << 8 | u32::from(source)
+                0x1800_0000 | u32::from(data_type.type_id) << 8 | u32::from(source)
             };
             frames(id, data_type, transfer_id, &payload[..length])
         },
@@ -143,9 +143,9 @@ fn traffic() -> impl Strategy<Value = Vec<CanFrame>> {
 fn is_bounded(message: &InboundMessage<'_>) -> bool {
     match message {
         InboundMessage::Allocation(step) => step.unique_id.len() <= 16,
-        InboundMessage::GetSet(request) => request.name.len() <= 92,
+        InboundMessage::GetSet(request) => request.parameter_name.len() <= 92,
         InboundMessage::BeginFirmwareUpdate { path, .. } => path.len() < LONGEST_RECEIVED,
-        InboundMessage::Targetted(piece) => piece.data.len() <= 120,
+        InboundMessage::Targetted(piece) => piece.serial_bytes.len() <= 120,
         _ => true,
     }
 }
@@ -175,9 +175,9 @@ fn any_frames_are_received_or_dropped() {
 #[test]
 fn a_node_survives_any_frames() {
     const INFO: NodeInfo = NodeInfo {
-        name: "org.autoswing.fuzz",
-        software: SoftwareVersion::of_this_firmware(None),
-        hardware: [1, 0],
+        node_name: "org.autoswing.fuzz",
+        software_version: SoftwareVersion::of_this_firmware(None),
+        hardware_version: [1, 0],
         unique_id: [7; 16],
     };
     hold((traffic(), any::<bool>(), any::<bool>()), |(traffic, has_number, is_armed)| -> Promise {

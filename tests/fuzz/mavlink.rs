@@ -150,10 +150,11 @@ impl stream::Intact<InboundMessage> for Intact {
             InboundMessage::Date(source, _) => (id, sender) == (2, source.packed_number()),
             InboundMessage::Command(command) => {
                 let number = u16::from_le_bytes([self.payload[28], self.payload[29]]);
-                [75, 76].contains(&id) && (sender, number) == (command.source.packed_number(), command.command_number)
+                [75, 76].contains(&id)
+                    && (sender, number) == (command.sender_id.packed_number(), command.command_number)
             }
             InboundMessage::Acknowledgement(ack) => {
-                (id, sender, self.payload[2]) == (77, ack.source.packed_number(), ack.result)
+                (id, sender, self.payload[2]) == (77, ack.sender_id.packed_number(), ack.result)
             }
         }
     }

@@ -40,8 +40,8 @@ fn poll(port: &mut Port, now: Timestamp) -> usize {
         calibration: None,
     };
     port.poll(&snapshot);
-    let sent_length = port.output.pending_bytes().len();
-    port.output.consume_bytes(usize::MAX);
+    let sent_length = port.pending_output.pending_bytes().len();
+    port.pending_output.consume_bytes(usize::MAX);
     sent_length
 }
 

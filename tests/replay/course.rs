@@ -57,13 +57,13 @@ fn gps_course_gives_the_heading_of_straight_flight_in_any_wind() {
         world.weather.gust_m_s = 0.0;
         let flight = read(&write(&with_delayed_velocity(legs(&world, &ALL_ROUND_DEG))));
         let course = GpsCourseHeading::from_flight(&flight).unwrap();
-        let name = format!("{:?}, {wind_m_s} m/s: {}", flight.format, course.limits_text());
+        let name = format!("{:?}, {wind_m_s} m/s: {}", flight.log_format, course.limits_text());
         assert!((course.wind_speed_m_s() - wind_m_s).abs() < 0.2, "{name}");
         let is_from = (course.wind_from_deg() - 250.0).abs() < 2.0;
         assert!((is_from || wind_m_s == 0.0) && (course.airspeed_m_s - 22.0).abs() < 0.2, "{name}");
         let mut by_leg: [Vec<f64>; 12] = Default::default();
         for row in flight.attitude.rows() {
-            let [roll_rad, _, yaw_rad] = row.values;
+            let [roll_rad, _, yaw_rad] = row.row_values;
             let Some(found_rad) = course.heading_rad(row.t_s) else { continue };
             assert!(roll_rad.abs() < 0.2, "{name}: banked by {roll_rad} at {}", row.t_s);
             let error_deg = f64::from(wrap_pi(found_rad - yaw_rad).to_degrees());
@@ -210,7 +210,7 @@ fn references_are_ranked() {
     let best = |flight: &Flight| ReferenceHeading::best_reference(flight).unwrap().reference_name();
     let mut ranked = vec![best(&flight)];
     for row in flight.gps.rows_mut() {
-        row.values[5] = 90.0;
+        row.row_values[5] = 90.0;
     }
     ranked.push(best(&flight));
     flight.true_attitude = flight.attitude.clone();

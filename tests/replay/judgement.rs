@@ -54,7 +54,7 @@ fn parameters_make_a_bad_compass_good() {
             let judgement = &compass.judgement;
             assert!(judgement.as_logged_rms_deg.unwrap() > 5.0, "seed {seed}: {judgement:?}");
             assert_eq!(
-                (judgement.state, judgement.recommended_action),
+                (judgement.compass_state, judgement.recommended_action),
                 (CompassState::Bad, CompassAction::Load),
                 "seed {seed}"
             );
@@ -80,7 +80,7 @@ fn parameters_make_a_bad_compass_good() {
             let is_good = judgement.as_logged_rms_deg.unwrap() <= 2.0;
             assert_eq!(judgement.recommended_action, CompassAction::Leave, "{judgement:?}");
             assert_eq!(
-                (judgement.state == CompassState::Good, verdict.is_solved()),
+                (judgement.compass_state == CompassState::Good, verdict.is_solved()),
                 (is_good, is_good),
                 "{judgement:?}"
             );
@@ -105,7 +105,7 @@ fn after_a_change_of_iron_parameters_fit_what_was_flown_since() {
                 "seed {seed}: {change:?}"
             );
             assert_eq!(
-                (judgement.state, judgement.recommended_action),
+                (judgement.compass_state, judgement.recommended_action),
                 (CompassState::Bad, CompassAction::Load),
                 "{judgement:?}"
             );
@@ -128,7 +128,7 @@ fn too_little_after_a_change_of_iron_gives_no_parameters() {
     judged(&recording, |verdict, _| {
         let judgement = &verdict.compasses[0].judgement;
         assert_eq!(
-            (judgement.state, judgement.recommended_action),
+            (judgement.compass_state, judgement.recommended_action),
             (CompassState::Bad, CompassAction::FlyAgain),
             "{judgement:?}"
         );
@@ -177,7 +177,7 @@ fn without_a_reference_the_state_is_doubtful() {
     assert!(!evaluation.reference.as_ref().unwrap().is_accuracy());
     let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
     let judgement = &verdict.compasses[0].judgement;
-    assert_eq!((judgement.state, judgement.as_logged_rms_deg), (CompassState::Doubtful, None));
+    assert_eq!((judgement.compass_state, judgement.as_logged_rms_deg), (CompassState::Doubtful, None));
     assert!(judgement.reason_codes().contains(&"no-reference"), "{judgement:?}");
 }
 
@@ -202,7 +202,7 @@ fn residuals_that_no_fit_explains_are_named_in_place_of_a_manoeuvre() {
             let judgement = &verdict.compasses[0].judgement;
             let text = verdict.summary_sentences().concat();
             assert_eq!(
-                (judgement.state, judgement.recommended_action),
+                (judgement.compass_state, judgement.recommended_action),
                 (CompassState::Bad, CompassAction::FlyAgain),
                 "{text}"
             );

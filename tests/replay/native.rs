@@ -65,7 +65,7 @@ fn a_native_log_gives_heading_and_field_latency() {
     ] {
         let recording = record_flight(&world, age_s);
         let (flight, compass) = evaluate(&write(&recording));
-        let name = flight.format.format_name();
+        let name = flight.log_format.format_name();
         let most_s = 2.5 * compass.latency.sigma_s.unwrap();
         assert!((compass.latency.used_s - age_s).abs() < most_s.max(0.01), "{name}: {:?}", compass.latency);
         assert_eq!(compass.module_result.acceptance, Ok(()), "{name}");

@@ -48,7 +48,7 @@ fn recorded_with(world: &WorldConfig, circles: f64, iron_ut: impl Fn(f64) -> [f6
         world.set_disturbance_ut(iron_ut(at_us as f64 / 1e6));
         let truth = world.true_state(at_us);
         let field = world.sensor_field(at_us).ut * 10.0;
-        let reported = source.report(&truth);
+        let reported = source.next_report(&truth);
         let [roll_deg, pitch_deg] = [reported.roll_rad, reported.pitch_rad].map(f64::to_degrees);
         let (t_s, reference_deg, usable) = (at_us as f64 / 1e6, truth.heading_deg(), u8::from(i >= 100));
         let [x, y, z] = [field.x, field.y, field.z];
@@ -186,7 +186,8 @@ fn a_changing_hard_iron_is_refused_or_in_the_expected_error() {
                     assert!(solution.hard_iron_change.is_some(), "seed {seed} {name}");
                     let mut at_the_end = world;
                     at_the_end.airframe.hard_iron_ut += Vector3::from(iron_ut(205.0));
-                    let error_deg = HeadingErrors::evaluate(&solution.calibration, &at_the_end).statistics().rms_deg;
+                    let error_deg =
+                        HeadingErrors::evaluate_calibration(&solution.calibration, &at_the_end).statistics().rms_deg;
                     let expected_deg = f64::from(solution.quality.expected_rms_deg);
                     assert!(error_deg < 2.0 * expected_deg, "seed {seed} {name}: {error_deg}, {expected_deg}");
                 }

@@ -71,7 +71,7 @@ pub fn run_accuracy(options: &AccuracyOptions) -> Result<ExitCode, CommandFailur
 
 fn run_turns(options: &AccuracyOptions, plan: AccuracyPlan) -> Result<ExitCode, CommandFailure> {
     let bar = progress_bar("airframes", plan.airframes);
-    let outcome = accuracy::run(plan, &|| bar.inc(1));
+    let outcome = accuracy::run_accuracy_study(plan, &|| bar.inc(1));
     bar.finish_and_clear();
     if options.json {
         let mut value = serde_json::to_value(&outcome).map_err(|e| CommandFailure(e.to_string()))?;
@@ -137,7 +137,13 @@ fn run_whole_flights(
     let bar = progress_bar("airframes", plan.airframes * patterns.len() as u64);
     let rows: Vec<FlightStudyRow> = patterns
         .into_iter()
-        .map(|pattern| flight_study::run(Flight { kind, pattern, duration_minutes: minutes }, plan, &|| bar.inc(1)))
+        .map(|pattern| {
+            flight_study::run_flight_study(
+                Flight { kind, flight_pattern: pattern, duration_minutes: minutes },
+                plan,
+                &|| bar.inc(1),
+            )
+        })
         .collect();
     bar.finish_and_clear();
     if options.json {

@@ -44,7 +44,7 @@ pub fn run_budget(options: &BudgetOptions) -> Result<ExitCode, CommandFailure> {
     let failed = |error: EmulatorError| CommandFailure(format!("{}: {error}", error.stable_code()));
     let interruption = TerminationSignals::install_handlers(SecondSignal::IsIgnored)?;
     let bar = show_spinner("counting instructions, some two minutes");
-    let budgets = Emulator::start_with_stop_flag(interruption.stop(), &image, WorldConfig::table1(1))
+    let budgets = Emulator::start_with_stop_flag(interruption.stop_flag(), &image, WorldConfig::table1(1))
         .and_then(|mut emulator| emulator::budget::count_budgets(&mut emulator));
     bar.finish_and_clear();
     if let Some(code) = interruption.exit_code() {
@@ -71,7 +71,7 @@ pub fn run_budget(options: &BudgetOptions) -> Result<ExitCode, CommandFailure> {
 /// Measures wall-clock time, so the result is not reproducible from a seed.
 pub fn run_speed(options: &SpeedOptions) -> Result<ExitCode, CommandFailure> {
     const TIMED_RUNS: usize = 21;
-    let trial = RandomFlight::draw(&RandomRanges { samples: 256, ..RandomRanges::WORST_CASE }, 1);
+    let trial = RandomFlight::draw_flight(&RandomRanges { samples: 256, ..RandomRanges::WORST_CASE }, 1);
     let (recorded, _) = trial.record_flight(0, ConstantErrorSigmas::NO_ERRORS);
     let methods = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse]
         .map(|method| (method.method_name(), median((0..TIMED_RUNS).map(|_| time_ms(method, recorded.samples())))));

@@ -109,7 +109,7 @@ pub fn run_emulate(options: &EmulateOptions) -> Result<ExitCode, CommandFailure>
     let image = options.image.clone().unwrap_or_else(emulator::default_image);
     let failed = |error: EmulatorError| CommandFailure(format!("{}: {error}", error.stable_code()));
     let interruption = TerminationSignals::install_handlers(SecondSignal::IsIgnored)?;
-    let mission_result = Emulator::start_with_stop_flag(interruption.stop(), &image, world_config(&options.fly)?)
+    let mission_result = Emulator::start_with_stop_flag(interruption.stop_flag(), &image, world_config(&options.fly)?)
         .and_then(|mut emulator| {
             let mission_result = fly_recorded(&mut emulator, &options.fly);
             emulator.take_failure().map_or(Ok(mission_result), Err)

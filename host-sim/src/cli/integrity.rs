@@ -59,9 +59,9 @@ pub fn run_integrity(options: &IntegrityOptions) -> Result<ExitCode, CommandFail
         return Ok(ExitCode::SUCCESS);
     }
     let cases = selected_cases(&options.cases, &applies, aircraft)?;
-    let plan = IntegrityPlan { flights_per_case: flights, seed, heading, aircraft, source };
+    let plan = IntegrityPlan { flights_per_case: flights, seed, heading, aircraft, attitude_protocol: source };
     let bar = progress_bar("flights", integrity::flight_count(plan, &cases));
-    let rows = integrity::run(plan, &cases, &|| bar.inc(1));
+    let rows = integrity::run_integrity_study(plan, &cases, &|| bar.inc(1));
     bar.finish_and_clear();
     if options.json {
         print::print_json(&rows)?;
@@ -98,7 +98,7 @@ fn selected_cases(
 fn print_cases(applies: &dyn Fn(&FaultCase) -> bool) {
     let mut table = wrapped_table(["case", "fault"]);
     for case in ALL_CASES.iter().filter(|case| applies(case)) {
-        table.add_row([case.name, case.description]);
+        table.add_row([case.case_name, case.description]);
     }
     print::print_line(table);
 }

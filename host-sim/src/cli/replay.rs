@@ -134,7 +134,7 @@ pub fn read_flight(file: &Path, options: &Replay) -> Result<Flight, CommandFailu
         other => CommandFailure(format!("{name}: {other}")),
     })?;
     if let Some(mount) = options.mount {
-        if flight.format == LogFormat::Csv {
+        if flight.log_format == LogFormat::Csv {
             flight.rotate_sensors(mount);
         } else {
             flight.set_orientation(mount, options.compass).map_err(|number| {
@@ -198,7 +198,7 @@ pub fn run_replay(file: &Path, options: &Replay) -> Result<ExitCode, CommandFail
     let bar = show_spinner("reading the log");
     let flight = read_flight(file, options)?;
     bar.set_message("evaluating the compasses");
-    let evaluation = evaluate(file, &flight, options)?;
+    let evaluation = evaluate_log(file, &flight, options)?;
     bar.finish_and_clear();
     let format = options.params_for.unwrap_or_else(|| ParameterFormat::for_autopilot(flight.autopilot));
     let verdict = Verdict::new(&flight, &evaluation, format);
@@ -265,7 +265,11 @@ fn cannot_write(path: &Path, error: &std::io::Error) -> CommandFailure {
 fn verdict_text(name: &str, verdict: &Verdict<'_>) -> String {
     let mut out = String::new();
     for (compass, sentence) in verdict.compasses_in_use_first().iter().zip(verdict.summary_sentences()) {
-        append_wrapped(&mut out, &format!("{}: ", compass.judgement.state.to_string().to_uppercase()), &sentence);
+        append_wrapped(
+            &mut out,
+            &format!("{}: ", compass.judgement.compass_state.to_string().to_uppercase()),
+            &sentence,
+        );
     }
     append_wrapped(&mut out, "", &verdict.log_description(name));
     append_wrapped(&mut out, "", &format!("an Autoswing module on this flight: {}", verdict.outcome));

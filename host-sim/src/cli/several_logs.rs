@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use super::failure::CommandFailure;
 use super::print::{self, append_wrapped};
 use super::progress::show_spinner;
-use super::replay::{Replay, evaluate, read_flight};
+use super::replay::{Replay, evaluate_log, read_flight};
 
 /// Names of logs in a folder end in one of these.
 const LOG_EXTENSIONS: [&str; 5] = ["bin", "log", "tlog", "ulg", "csv"];
@@ -76,7 +76,7 @@ pub fn is_log(path: &Path) -> bool {
 fn judge_log(log: &Path, options: &Replay) -> LogLine {
     let name = log.display().to_string();
     let judged = read_flight(log, options).and_then(|flight| {
-        let evaluation = evaluate(log, &flight, options)?;
+        let evaluation = evaluate_log(log, &flight, options)?;
         let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::for_autopilot(flight.autopilot));
         let mut json = verdict.json();
         json["file"] = json!(name);

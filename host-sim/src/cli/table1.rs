@@ -30,7 +30,7 @@ pub struct Table1Options {
 pub fn run_table1(options: &Table1Options) -> Result<ExitCode, CommandFailure> {
     let columns = |experiment| paper::method_errors(experiment).map_err(|error| CommandFailure(error.to_string()));
     let noise_free = columns(PaperExperiment::NOISE_FREE)?;
-    let noisy = columns(PaperExperiment::noisy(options.seed))?;
+    let noisy = columns(PaperExperiment::noisy_experiment(options.seed))?;
     let published_errors = published_errors();
     if options.json {
         let value = json!({

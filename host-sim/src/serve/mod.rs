@@ -47,7 +47,11 @@ pub const PORTS: &[ServedPort] = &[
         traffic_description: "an autopilot: MAVLink or MSP, detected",
         cable: |rig| &rig.autopilot,
     },
-    ServedPort { port_name: "port 2", traffic_description: "an instrument: NMEA heading", cable: |rig| &rig.instrument },
+    ServedPort {
+        port_name: "port 2",
+        traffic_description: "an instrument: NMEA heading",
+        cable: |rig| &rig.instrument,
+    },
 ];
 
 /// Index of the console in [`PORTS`].

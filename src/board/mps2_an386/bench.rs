@@ -253,7 +253,10 @@ fn can_field_instructions() -> Option<u64> {
     let can = CanSettings { node: 42, ..CanSettings::DEFAULT };
     let settings = Settings { can, ..Settings::DEFAULT };
     let software = SoftwareVersion::of_this_firmware(None);
-    let mut node = CanNode::new(NodeInfo { name: "", software, hardware: [1, 0], unique_id: [7; 16] }, can);
+    let mut node = CanNode::new(
+        NodeInfo { node_name: "", software_version: software, hardware_version: [1, 0], unique_id: [7; 16] },
+        can,
+    );
     // The node sends nothing before it has received a frame.
     node.receive_frame(Timestamp::START, &CanFrame::new(0, &[])?, &mut |_| {});
     let counts = (1..ESTIMATE_COUNT).filter_map(|number| {
@@ -284,8 +287,8 @@ fn msp_reading_instructions() -> Option<u64> {
         let mut length = 0;
         let count = count_instructions(|| {
             port.poll(black_box(&snapshot));
-            length = black_box(port.output.pending_bytes()).len();
-            port.output.consume_bytes(length);
+            length = black_box(port.pending_output.pending_bytes()).len();
+            port.pending_output.consume_bytes(length);
         });
         (length == compass_length).then_some(count)
     });

@@ -39,7 +39,7 @@ impl SensorBus {
     /// Releases a data line held low by a chip.
     fn clear(&mut self) {
         self.take_bits(BUS_RECOVERY_CLOCKS);
-        self.stop();
+        self.stop_condition();
     }
 
     fn start_condition(&mut self) {
@@ -89,7 +89,7 @@ impl SensorBus {
     }
 
     fn perform_operation(&mut self, address: u8, operation: &mut Operation<'_>) -> Result<(), NoAcknowledge> {
-        self.start();
+        self.start_condition();
         let reads = matches!(operation, Operation::Read(_));
         self.put_byte(address << 1 | u8::from(reads), NoAcknowledgeSource::Address)?;
         match operation {
@@ -118,7 +118,7 @@ impl I2c for SensorBus {
         lockstep::wait_before_sensor_access();
         let result = operations.iter_mut().try_for_each(|operation| self.perform_operation(address, operation));
         if result.is_ok() {
-            self.stop();
+            self.stop_condition();
         } else {
             self.clear();
         }

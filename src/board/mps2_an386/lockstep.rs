@@ -89,9 +89,9 @@ fn wait_for_message(message: LockstepMessage, due: Option<Instant>) {
             send_message(message, due.map_or(ticks, |due| due.as_micros() * clock::TICKS_PER_US));
             let others = mask_all_but_uarts();
             let [console, autopilot, instrument, go] = core::array::from_fn(|_| take_byte(&LOCKSTEP));
-            receive(&CONSOLE, console);
-            receive(&AUTOPILOT, autopilot);
-            receive(&INSTRUMENT, instrument);
+            receive_bytes(&CONSOLE, console);
+            receive_bytes(&AUTOPILOT, autopilot);
+            receive_bytes(&INSTRUMENT, instrument);
             // Bytes received without waiting would cause interrupts later, not reproducibly.
             clear_receive_interrupts();
             SENSOR_BROKEN.store(go & ReleaseBits::SENSOR_BROKEN != 0, Ordering::Relaxed);
@@ -114,7 +114,7 @@ fn take_byte(uart: &Uart) -> u8 {
 fn receive_bytes(uart: &Uart, bytes: u8) {
     let mut left = bytes;
     while left > 0 {
-        if uart.receive() { left -= 1 } else { sleep() }
+        if uart.receive_byte() { left -= 1 } else { sleep() }
     }
 }
 

@@ -67,15 +67,15 @@ static __INTERRUPTS: [Vector; 32] = Vector::interrupt_table(&[
 ]);
 
 extern "C" fn on_console() {
-    while CONSOLE.receive() {}
+    while CONSOLE.receive_byte() {}
 }
 
 extern "C" fn on_autopilot() {
-    while AUTOPILOT.receive() {}
+    while AUTOPILOT.receive_byte() {}
 }
 
 extern "C" fn on_instrument() {
-    while INSTRUMENT.receive() {}
+    while INSTRUMENT.receive_byte() {}
 }
 
 extern "C" fn on_step_task() {
@@ -126,12 +126,15 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     let is_safe_mode = reset.requires_safe_mode();
     let hardware = Hardware {
         magnetometer: Magnetometer::new(SensorBus::new()),
-        lines: Uarts {
+        board_lines: Uarts {
             port_uarts: [
-                (UartTx { uart: &AUTOPILOT, on_written: || {} }, &AUTOPILOT.received),
-                (UartTx { uart: &INSTRUMENT, on_written: lockstep::report_instrument_write }, &INSTRUMENT.received),
+                (UartTx { uart: &AUTOPILOT, on_written: || {} }, &AUTOPILOT.receive_queue),
+                (
+                    UartTx { uart: &INSTRUMENT, on_written: lockstep::report_instrument_write },
+                    &INSTRUMENT.receive_queue,
+                ),
             ],
-            console_uart: (CONSOLE_TX, &CONSOLE.received),
+            console_uart: (CONSOLE_TX, &CONSOLE.receive_queue),
         },
         watchdog: Watchdog,
         panel: Panel,

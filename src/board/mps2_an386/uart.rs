@@ -48,7 +48,7 @@ pub static LOCKSTEP: Uart = Uart::new(Peripheral::Uart2);
 
 impl Uart {
     pub const fn new(peripheral: Peripheral) -> Self {
-        Self { peripheral, received: Pipe::new() }
+        Self { peripheral, receive_queue: Pipe::new() }
     }
 
     fn register(&self, offset: usize) -> Register {
@@ -81,7 +81,7 @@ impl Uart {
         let byte = self.read_byte();
         if let Some(byte) = byte {
             // An overrun loses the byte.
-            let _ = self.received.try_write(&[byte]);
+            let _ = self.receive_queue.try_write(&[byte]);
         }
         byte.is_some()
     }

@@ -33,11 +33,11 @@ pub fn spawn_all_tasks(above: SendSpawner, below: SendSpawner, hardware: Hardwar
     let store = Store::new(hardware.flash, region);
     let restart = (hardware.platform, hardware.reset_cause);
     if hardware.reset_cause.requires_safe_mode() {
-        let ports = board_lines::spawn_in_safe_mode(links, below, hardware.lines, restart);
+        let ports = board_lines::spawn_in_safe_mode(links, below, hardware.board_lines, restart);
         below.spawn(expect_spawn_token(safe_mode(links, store, ports, hardware.watchdog)));
         return;
     }
-    board_lines::spawn_line_tasks(links, (above, below), hardware.lines, restart);
+    board_lines::spawn_line_tasks(links, (above, below), hardware.board_lines, restart);
     above.spawn(expect_spawn_token(sensor_task(links, hardware.magnetometer)));
     above.spawn(expect_spawn_token(instrument_task(links)));
     above.spawn(expect_spawn_token(feed_watchdog(links, hardware.watchdog)));

@@ -178,7 +178,7 @@ impl ModuleOptions {
         let (mut flash, image) = FlashWriter::open_file(self.flash.as_deref())?;
         let served_module = ServedModule::new(
             self.world_config()?,
-            serve::ServeOptions { pattern, attitude, has_external_simulator: is_visited, has_can },
+            serve::ServeOptions { flight_pattern: pattern, attitude, has_external_simulator: is_visited, has_can },
             image.as_ref(),
         );
         // The file is written at the start, so that an unwritable one is noticed before a calibration is lost.
@@ -223,7 +223,7 @@ pub fn run_serve(options: &ServeCommandOptions) -> Result<ExitCode, CommandFailu
         pilot_commands: Some(PilotCommandInput::from_stdin()),
         flash,
     };
-    wiring.run(&mut served_module, options.module_options.speed, interruption.stop())?;
+    wiring.run_connections(&mut served_module, options.module_options.speed, interruption.stop_flag())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
 
@@ -254,8 +254,10 @@ fn describe_ports(
     places: &[PortAddress],
     world: Option<u16>,
 ) -> Result<Value, CommandFailure> {
-    let ports: Vec<Value> =
-        places.iter().map(|place| json!({ "name": place.port.name, "pty": place.pty, "tcp": place.tcp })).collect();
+    let ports: Vec<Value> = places
+        .iter()
+        .map(|place| json!({ "name": place.port.port_name, "pty": place.pty, "tcp": place.tcp }))
+        .collect();
     let airframe = airframe_json(&options.module_options.world_config()?);
     Ok(json!({ "ports": ports, "world": world, "can": options.can.map(bus_name), "airframe": airframe }))
 }
@@ -271,7 +273,7 @@ fn print_ports(
 ) -> Result<(), CommandFailure> {
     let module_options = &options.module_options;
     for (index, PortAddress { port, pty, tcp }) in places.iter().enumerate() {
-        print::print_line(format_args!("{}: {}", port.name, port.traffic_description));
+        print::print_line(format_args!("{}: {}", port.port_name, port.traffic_description));
         if let Some(pty) = pty {
             let pty = pty.display();
             let with = match index {
@@ -332,7 +334,7 @@ fn connect_tcp(port: u16) -> Result<Connection<TcpStream>, CommandFailure> {
 fn attach(mut module: impl ByteConnection) -> Result<ExitCode, CommandFailure> {
     let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
     let mut terminal = open_terminal(None)?;
-    while !interruption.stop().load(Ordering::SeqCst) && !terminal.has_ended() {
+    while !interruption.stop_flag().load(Ordering::SeqCst) && !terminal.has_ended() {
         module.write_bytes(&terminal.read_bytes(MAX_POLL_BYTES));
         terminal.write_bytes(&module.read_bytes(MAX_POLL_BYTES));
         if module.has_ended() {
@@ -367,7 +369,7 @@ fn serve_private_module(module_options: &ModuleOptions) -> Result<ExitCode, Comm
         pilot_commands: Some(PilotCommandInput::from_channel(order_lines)),
         flash,
     };
-    wiring.run(&mut served_module, module_options.speed, interruption.stop())?;
+    wiring.run_connections(&mut served_module, module_options.speed, interruption.stop_flag())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
 

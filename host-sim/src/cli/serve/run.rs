@@ -47,7 +47,7 @@ impl Connections {
                     let bytes = wire.read_bytes(served_module.free_bytes(port).min(MAX_POLL_BYTES));
                     served_module.send(port, &bytes);
                     for notice in wire.take_notices() {
-                        print::print_error(format_args!("{}: {notice}", PORTS[port].name));
+                        print::print_error(format_args!("{}: {notice}", PORTS[port].port_name));
                     }
                 }
             }

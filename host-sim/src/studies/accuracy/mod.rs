@@ -65,8 +65,10 @@ pub fn run_accuracy_study(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> Accur
     let trials: Vec<AirframeResult> = (plan.seed..plan.seed + plan.airframes)
         .into_par_iter()
         .filter_map(|seed| {
-            let airframe_result =
-                AirframeResult::evaluate_airframe(&RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed), plan.noise_draws);
+            let airframe_result = AirframeResult::evaluate_airframe(
+                &RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed),
+                plan.noise_draws,
+            );
             tick();
             airframe_result
         })

@@ -238,7 +238,9 @@ impl RandomFlight {
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
         let mut random = RandomStream::new(seed, StreamPurpose::Magnetometer);
         let source = faults.draw_errors(&mut random);
-        let fit = sample_turns(&self.left_turns, &self.right_turns, |instant| self.noisy_sample(instant, source, &mut random));
+        let fit = sample_turns(&self.left_turns, &self.right_turns, |instant| {
+            self.noisy_sample(instant, source, &mut random)
+        });
         // A separate random stream, so that held-back samples do not change the other random numbers.
         let mut fresh = RandomStream::new(seed, StreamPurpose::HeldBack);
         let [left, right] = [midpoints(&self.left_turns), midpoints(&self.right_turns)];

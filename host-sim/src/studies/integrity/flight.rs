@@ -105,7 +105,7 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
             let faulty = match onset {
                 FaultOnset::Never => false,
                 FaultOnset::Always | FaultOnset::Calibrating { .. } => true,
-                FaultOnset::InUse { .. } => fault_switch: switch.is_on(at_us),
+                FaultOnset::InUse { .. } => fault_switch.is_on(at_us),
             };
             output_statistics.add_sentence(
                 at_us,

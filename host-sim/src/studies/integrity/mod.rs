@@ -72,7 +72,11 @@ pub struct IntegrityRow {
 }
 
 /// Flies all cases in parallel; calls `flown` after every flight. The result does not depend on the number of cores.
-pub fn run_integrity_study(plan: IntegrityPlan, cases: &[&'static FaultCase], flown: &(dyn Fn() + Sync)) -> Vec<IntegrityRow> {
+pub fn run_integrity_study(
+    plan: IntegrityPlan,
+    cases: &[&'static FaultCase],
+    flown: &(dyn Fn() + Sync),
+) -> Vec<IntegrityRow> {
     let flights: Vec<(usize, u64)> = cases
         .iter()
         .enumerate()
@@ -89,7 +93,11 @@ pub fn run_integrity_study(plan: IntegrityPlan, cases: &[&'static FaultCase], fl
         })
         .collect();
     let results_of = |i: usize| all.iter().filter(move |(case, _)| *case == i).map(|(_, flown)| flown);
-    cases.iter().enumerate().map(|(i, case)| integrity_row(case.case_name, &results_of(i).collect::<Vec<_>>())).collect()
+    cases
+        .iter()
+        .enumerate()
+        .map(|(i, case)| integrity_row(case.case_name, &results_of(i).collect::<Vec<_>>()))
+        .collect()
 }
 
 /// Total number of flights.

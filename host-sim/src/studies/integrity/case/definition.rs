@@ -299,7 +299,8 @@ impl RandomCase {
             self.add_attitude_fault(FaultOnset::InUse { after_s, for_s: SENSOR_STALL_S }, frozen_attitude(switch));
         } else {
             let stops_clock = kind < 2.0;
-            let fault = SourceSilence { fault_switch: switch, silent_s: SENSOR_STALL_S, period_s: f64::INFINITY, stops_clock };
+            let fault =
+                SourceSilence { fault_switch: switch, silent_s: SENSOR_STALL_S, period_s: f64::INFINITY, stops_clock };
             self.add_attitude_fault(FaultOnset::permanent_after(after_s), fault);
         }
     }

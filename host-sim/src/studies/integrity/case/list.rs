@@ -103,8 +103,10 @@ pub static ALL_CASES: &[FaultCase] = &[
     define_case("stuck-all", "all axes of the sensor repeat", |flight| flight.stick_axes([true; 3])),
     define_case("stuck-noisy", "all axes of the sensor repeat, with noise added", |flight| {
         flight.stick_axes([true; 3]);
-        flight
-            .add_sensor_fault(flight.fault_onset, additional_noise(flight.random_switch(), SENSOR_SIGMA_COUNTS, flight.seed));
+        flight.add_sensor_fault(
+            flight.fault_onset,
+            additional_noise(flight.random_switch(), SENSOR_SIGMA_COUNTS, flight.seed),
+        );
     }),
     define_case("sensor-spikes", "1 % of readings off by 30 uT", |flight| {
         let fault = measurement_spikes(flight.random_switch(), 0.01, 30.0 * COUNTS_PER_UT, flight.seed);

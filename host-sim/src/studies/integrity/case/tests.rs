@@ -57,7 +57,8 @@ fn a_copter_s_cases_are_flown_by_a_copter() {
 fn a_change_during_calibration_begins_before_its_end() {
     for (aircraft, most_s) in [(VehicleKind::Plane, 195.0), (VehicleKind::Copter, 60.0)] {
         let latest_s = (0..200).fold(0.0_f64, |latest_s, seed| {
-            match find_by_name("cal-moved-5").unwrap().draw_case(seed, aircraft, AttitudeProtocol::Mavlink).fault_onset {
+            match find_by_name("cal-moved-5").unwrap().draw_case(seed, aircraft, AttitudeProtocol::Mavlink).fault_onset
+            {
                 FaultOnset::Calibrating { after_s, .. } => latest_s.max(after_s),
                 other => panic!("{other:?}"),
             }
