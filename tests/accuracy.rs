@@ -3,14 +3,16 @@
 use std::sync::OnceLock;
 
 use host_sim::studies::accuracy::flight::{Flight, FlightPattern};
-use host_sim::studies::accuracy::{AccuracyPlan, AccuracyResult, MethodResult, SigmaCoverage, flight_study, run};
+use host_sim::studies::accuracy::{
+    AccuracyPlan, AccuracyResult, MethodResult, SigmaCoverage, flight_study, run_accuracy_study,
+};
 use simulator::world::aircraft::VehicleKind;
 
 /// 40 airframes with 20 flights each: the ratio of one airframe has a standard error of 0.3 / sqrt(20) = 7 %, which
 /// raises the 90th percentile by 1.28 times that.
 fn outcome() -> &'static AccuracyResult {
     static OUTCOME: OnceLock<AccuracyResult> = OnceLock::new();
-    OUTCOME.get_or_init(|| run(AccuracyPlan { airframes: 40, noise_draws: 20, seed: 1000 }, &|| {}))
+    OUTCOME.get_or_init(|| run_accuracy_study(AccuracyPlan { airframes: 40, noise_draws: 20, seed: 1000 }, &|| {}))
 }
 
 fn maximum_likelihood() -> MethodResult {
@@ -56,7 +58,7 @@ fn closed_forms_are_less_accurate_than_maximum_likelihood() {
 #[test]
 fn a_run_is_a_function_of_its_seed() {
     let small = AccuracyPlan { airframes: 4, noise_draws: 2, seed: 7 };
-    assert_eq!(run(small, &|| {}), run(small, &|| {}));
+    assert_eq!(run_accuracy_study(small, &|| {}), run_accuracy_study(small, &|| {}));
 }
 
 #[test]

@@ -9,7 +9,7 @@ use simulator::faults::Faults;
 use simulator::module::Module as _;
 use simulator::rig::Rig;
 use simulator::world::WorldConfig;
-use simulator::world::far_end::FarEnd;
+use simulator::world::cable_far_end::FarEnd;
 
 const MAG: DataType = DataType::MAGNETIC_FIELD_STRENGTH_2;
 

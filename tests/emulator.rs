@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use autoswing::calibration::MotorCurrentInterference;
 use autoswing::health::StackUse;
-use host_sim::emulator::{BenchTest, Emulator, budget};
+use host_sim::emulator::{BenchTest, Emulator, instruction_budget};
 use log_analysis::score::wrap_180;
 use simulator::mission::{TurnPlan, fly_with};
 use simulator::module::{Module as _, ModuleRunEnd};
@@ -15,7 +15,7 @@ use simulator::transcript;
 
 use simulator::world::aircraft::{VehicleConfig, VehicleKind};
 use simulator::world::autopilot::Leg;
-use simulator::world::far_end::{AttachedDevice, FarEnd};
+use simulator::world::cable_far_end::{AttachedDevice, FarEnd};
 use simulator::world::mavlink_autopilot::{self, MavlinkFrame};
 use simulator::world::msp_autopilot::{self, AnswerFaults};
 use simulator::world::{CRUISE_CURRENT_A, WorldConfig};
@@ -281,7 +281,7 @@ fn only_the_bench_image_runs_the_tests_of_the_bench() {
 fn instructions_stay_within_their_budgets() {
     let image = image("mps2-an386-bench.elf");
     let mut emulator = Emulator::start(&image, WorldConfig::table1(1)).unwrap_or_else(|e| panic!("{e}"));
-    for budget in budget::count_budgets(&mut emulator).unwrap() {
+    for budget in instruction_budget::count_budgets(&mut emulator).unwrap() {
         assert!(budget.is_within_limit(), "{budget:?}");
     }
 }

@@ -7,7 +7,7 @@ use autoswing::instrument::{Correction, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::settings::HeadingKind;
 use autoswing::time::{Timestamp, WrappingMillis};
-use host_sim::studies::integrity::{self, ALL_CASES, IntegrityPlan, IntegrityRow, case, run_integrity_study};
+use host_sim::studies::integrity::{self, ALL_CASES, IntegrityPlan, IntegrityRow, fault_case, run_integrity_study};
 use simulator::faults::Faults;
 use simulator::faults::attitude::{AttitudeFault, attitude_quantisation};
 use simulator::module::Module as _;
@@ -32,9 +32,9 @@ fn rows(names: &[&str]) -> Vec<IntegrityRow> {
 }
 
 fn rows_of(plan: IntegrityPlan, names: &[&str]) -> Vec<IntegrityRow> {
-    let cases: Vec<_> = names.iter().filter_map(|name| case::find_by_name(name)).collect();
+    let cases: Vec<_> = names.iter().filter_map(|name| fault_case::find_by_name(name)).collect();
     assert_eq!(cases.len(), names.len(), "{names:?}");
-    run(plan, &cases, &|| {})
+    run_integrity_study(plan, &cases, &|| {})
 }
 
 /// All flights calibrated, none with an underestimated error.

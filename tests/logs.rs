@@ -4,7 +4,7 @@
 use std::fmt::Write as _;
 
 use log_analysis::log::csv::FieldUnit;
-use log_analysis::log::write::{FlightRecording, encode_csv, encode_dataflash_text, encode_tlog};
+use log_analysis::log::log_writers::{FlightRecording, encode_csv, encode_dataflash_text, encode_tlog};
 use log_analysis::log::{self, Flight};
 use log_analysis::replay::evaluation::{CorrectionSource, EvaluationOptions, FlightEvaluation, evaluate_flight};
 use log_analysis::replay::log_warning::LogWarning;

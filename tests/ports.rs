@@ -16,7 +16,7 @@ use simulator::routine::Routine;
 use simulator::transcript;
 use simulator::world::aircraft::{PrescribedMotion, VehicleConfig, VehicleKind};
 use simulator::world::autopilot::Leg;
-use simulator::world::far_end::{AttachedDevice, FarEnd};
+use simulator::world::cable_far_end::{AttachedDevice, FarEnd};
 use simulator::world::mavlink_autopilot::{self, MavlinkFrame, ReportedPosition, XIAN, command_long};
 use simulator::world::msp_autopilot::{self, AnswerFaults, CompassSample};
 use simulator::world::{CRUISE_CURRENT_A, TrueState, WorldConfig};

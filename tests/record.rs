@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use log_analysis::log::csv::FieldUnit;
-use log_analysis::log::write;
+use log_analysis::log::log_writers;
 use log_analysis::log::{self, Gps};
 use log_analysis::replay::evaluation::{CorrectionSource, EvaluationOptions, evaluate_flight};
 use log_analysis::score::wrap_180;
@@ -29,7 +29,7 @@ fn a_recorded_flight_has_its_position_and_true_headings() {
         module.run_for_s(1.0);
     }
     for name in ["flight.bin", "flight.log", "flight.tlog", "flight.ulg", "flight.csv"] {
-        let bytes = write::encode_for_path(Path::new(name), &module.observer.recording);
+        let bytes = log_writers::encode_for_path(Path::new(name), &module.observer.recording);
         let flight = log::read_flight(&mut bytes.as_slice(), FieldUnit::Milligauss).unwrap();
         let verdict = evaluate_flight(&flight, &ASKED);
         let ours = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();

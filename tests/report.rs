@@ -1,6 +1,6 @@
 //! Contents and safety of the report's page.
 
-use log_analysis::log::write::{FlightRecording, encode_dataflash};
+use log_analysis::log::log_writers::{FlightRecording, encode_dataflash};
 use log_analysis::log::{self, csv::FieldUnit};
 use log_analysis::numbers::format_number;
 use log_analysis::replay::evaluation::{EvaluationOptions, evaluate_flight};

@@ -11,7 +11,7 @@ use simulator::rig::Rig;
 use simulator::routine::Routine;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
-use simulator::world::far_end::{AttachedDevice, FarEnd};
+use simulator::world::cable_far_end::{AttachedDevice, FarEnd};
 use simulator::world::mavlink_autopilot::MavlinkFirmware;
 use simulator::world::msp_autopilot::{self, AnswerFaults};
 

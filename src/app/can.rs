@@ -10,7 +10,7 @@ use embassy_time::{Duration, Instant, Timer};
 
 use super::TaskLinks;
 use super::line::{new_calibration, route_message, with_snapshot};
-use super::links::{AutopilotLine, CommandSource, increment, now, subscribe};
+use super::task_links::{AutopilotLine, CommandSource, increment, now, subscribe};
 use crate::compass::{Command, IndicatorState};
 use crate::heading::NoHeading;
 use crate::instrument::Estimate;

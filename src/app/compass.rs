@@ -10,7 +10,7 @@ use embassy_time::{Duration, with_timeout};
 use embedded_storage_async::nor_flash::NorFlash;
 
 use super::TaskLinks;
-use super::links::{
+use super::task_links::{
     CommandSource, DetectedSensor, Timestamped, ValueReceiver, apply_atomically, increment, now, publish_value,
     subscribe,
 };

@@ -5,7 +5,7 @@ use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 
 use super::TaskLinks;
-use super::links::CommandSource;
+use super::task_links::CommandSource;
 use crate::compass::{Command, Reply};
 use crate::console::session::Session;
 use crate::console::{Request, report, write_help};

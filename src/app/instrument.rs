@@ -5,7 +5,7 @@ use embassy_futures::yield_now;
 use embassy_time::{Instant, Timer};
 
 use super::TaskLinks;
-use super::links::{DetectedSensor, increment, now, subscribe};
+use super::task_links::{DetectedSensor, increment, now, subscribe};
 use crate::instrument::{ChangeReporter, Instrument, InstrumentConfig, TurnRequest};
 use crate::messages::Message;
 

@@ -1,7 +1,7 @@
 //! Functions shared by the tasks of all lines: snapshots of the module, and routing of received messages.
 
 use super::TaskLinks;
-use super::links::{AutopilotLine, CommandSource, Timestamped, increment, publish_value};
+use super::task_links::{AutopilotLine, CommandSource, Timestamped, increment, publish_value};
 use crate::calibration::Calibration;
 use crate::compass::IndicatorState;
 use crate::instrument::Correction;

@@ -22,17 +22,17 @@ pub mod compass;
 pub mod console;
 pub mod instrument;
 mod line;
-mod links;
 pub mod panel;
 pub mod port;
 pub mod safe_mode;
 pub mod sensor;
+mod task_links;
 #[cfg(test)]
 mod tests;
 pub mod watchdog;
 
 pub use console::Platform;
-pub use links::TaskLinks;
 pub use panel::Panel;
 pub use port::SetBaud;
+pub use task_links::TaskLinks;
 pub use watchdog::Watchdog;

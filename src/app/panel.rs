@@ -12,7 +12,7 @@
 use embassy_time::{Duration, Ticker};
 
 use super::TaskLinks;
-use super::links::CommandSource;
+use super::task_links::CommandSource;
 use crate::calibration::method_selection::Procedure;
 use crate::compass::{Command, IndicatorState};
 use crate::heading::NoHeading;

@@ -10,7 +10,7 @@ use embedded_io_async::{Read, Write};
 
 use super::TaskLinks;
 use super::line::{new_calibration, route_message, with_snapshot};
-use super::links::{AutopilotLine, increment, now, subscribe};
+use super::task_links::{AutopilotLine, increment, now, subscribe};
 use crate::health::EventCounters;
 use crate::port::{MessageSchedule, Port, TransmitBuffer};
 use crate::settings::{Baud, PortNumber, PortSettings, ProtocolKind, Settings};

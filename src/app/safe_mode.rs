@@ -7,7 +7,7 @@ use embassy_time::{Duration, Ticker, with_timeout};
 use embedded_io_async::Write;
 use embedded_storage_async::nor_flash::NorFlash;
 
-use super::links::CommandSource;
+use super::task_links::CommandSource;
 use super::{TaskLinks, Watchdog};
 use crate::compass::{Command, ModuleState, Reply};
 use crate::messages::{Message, Refusal};

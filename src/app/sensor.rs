@@ -3,7 +3,7 @@
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 
 use super::TaskLinks;
-use super::links::{DetectedSensor, increment, stamped_now};
+use super::task_links::{DetectedSensor, increment, stamped_now};
 use crate::log::{info, warning};
 use crate::magnetometer::{Magnetometer, MagnetometerError};
 

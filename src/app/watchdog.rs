@@ -3,7 +3,7 @@
 use embassy_time::{Duration, Timer};
 
 use super::TaskLinks;
-use super::links::{HEARTBEATS_OF_EVERY_BOARD, MAX_HEARTBEATS};
+use super::task_links::{HEARTBEATS_OF_EVERY_BOARD, MAX_HEARTBEATS};
 
 /// Interval of checks; longer than the slowest heartbeat, that of a sensor that does not answer.
 const CHECK_INTERVAL: Duration = Duration::from_millis(700);

@@ -3,11 +3,11 @@
 use crate::calibration::advice::{self, Advice};
 use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::hypotheses::attitude_error::{AttitudeErrorFinding, AttitudeErrorTest};
-use crate::calibration::hypotheses::hard_iron_change::{ConfirmedChange, HardIronScan};
-use crate::calibration::hypotheses::lagging_lean::MIN_REPORTED_SIGMAS;
-use crate::calibration::hypotheses::table::{
+use crate::calibration::hypotheses::attitude_error_table::{
     ATTITUDE_ERROR_COUNT, ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, LAGGING_LEAN, ROLL_BIAS, assumed_sigmas,
 };
+use crate::calibration::hypotheses::hard_iron_change::{ConfirmedChange, HardIronScan};
+use crate::calibration::hypotheses::lagging_lean::MIN_REPORTED_SIGMAS;
 use crate::calibration::uncertainty::coefficient_covariance::CoefficientCovariance;
 use crate::calibration::uncertainty::expected_error::{ExpectedError, expected_heading_error};
 use crate::calibration::uncertainty::heading_uncertainty::{HeadingUncertainty, heading_uncertainty};

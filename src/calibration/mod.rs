@@ -86,7 +86,7 @@ pub use solver::stepwise_solver::{SolveProgress, Solver, solve};
 pub use types::{
     bank_scale::BankScaleFinding,
     coefficients::Calibration,
-    consider::ConsiderSigmas,
+    consider_states::ConsiderSigmas,
     error::{Axis, SolveError},
     hard_iron_change::{DetectedHardIronChange, HardIronTimeCourse},
     method::Method,

@@ -18,7 +18,6 @@
 //! | `flight_statistics/`, `progress` | diagnosis of missing samples; counts and coverage of the stored ones |
 //! | `recent_samples` | the last second, for marks |
 
-mod circle;
 mod collector;
 mod d_optimal_selection;
 mod flight_statistics;
@@ -35,9 +34,9 @@ mod sector_balance;
 mod state;
 #[cfg(test)]
 mod test_samples;
+mod turn_circle;
 mod turn_detector;
 
-pub use circle::SECTORS;
 pub use collector::Collector;
 pub use flight_statistics::CollectionProblem;
 pub use level_limits::LevelLimits;
@@ -48,3 +47,4 @@ pub use retained_samples::{MARKS_CAPACITY, RetainedSamples};
 #[cfg(feature = "firmware")]
 pub(crate) use sector_balance::MIN_HELD_BACK_WHEN_COMPLETE;
 pub use state::{CollectionContext, CollectionState};
+pub use turn_circle::SECTORS;

@@ -1,6 +1,6 @@
 //! Uses of samples, and capacities of the parts in the one buffer.
 
-use super::circle::SECTORS;
+use super::turn_circle::SECTORS;
 
 /// Fit samples per turn side: 16 per sector. 6.9 KB.
 pub const FIT_CAPACITY: usize = 16 * SECTORS;

@@ -6,18 +6,18 @@
 //! becomes active after passing [`acceptance`](crate::acceptance) and being completely saved.
 
 mod activity;
-mod admission;
 mod armed_state;
-mod automatic;
-mod collecting;
+mod automatic_start;
+mod command_admission;
 mod events;
 mod indicator;
 mod persistence;
 mod persistent_state;
 mod reference_heading;
-mod saving;
+mod sample_collection;
 mod solving;
 mod state;
+mod state_saving;
 #[cfg(test)]
 mod tests;
 mod trial_solves;

@@ -6,11 +6,11 @@
 //! an `error <code>: what to do`, so that scripts can rely on the codes.
 
 mod command_table;
-mod editor;
+mod line_editor;
 mod parser;
 pub mod report;
 pub mod session;
 
 pub use command_table::{CommandSpec, Request};
-pub use editor::LINE_CAPACITY;
+pub use line_editor::LINE_CAPACITY;
 pub use parser::{LineError, parse_request, write_help};

@@ -3,7 +3,7 @@
 use core::fmt::{self, Display};
 
 use super::command_table::{ArgumentKind, ArgumentSpec, ArgumentValue, Arguments, COMMANDS, CommandSpec, Request};
-use super::editor::LINE_CAPACITY;
+use super::line_editor::LINE_CAPACITY;
 use crate::decimal::{self, ShortestDecimal};
 use crate::wire::mavlink::key_from_passphrase;
 

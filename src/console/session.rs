@@ -2,7 +2,7 @@
 
 use core::fmt::{self, Write};
 
-use super::editor::{Editor, Key, KeyDecoder, PROMPT};
+use super::line_editor::{Editor, Key, KeyDecoder, PROMPT};
 use super::parser::{self, LineError};
 use super::{Request, parse_request};
 

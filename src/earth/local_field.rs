@@ -1,6 +1,6 @@
 //! Position and date with the Earth's field there.
 
-use super::model::{EarthField, ModelValidity};
+use super::field_model::{EarthField, ModelValidity};
 use super::{Date, Position};
 use crate::time::WrappingMillis;
 use crate::trig;

@@ -45,6 +45,7 @@
 //! ```
 
 mod active_calibration;
+mod attitude_pairing;
 mod averager;
 mod compass_field;
 mod config;
@@ -53,7 +54,6 @@ mod estimate;
 mod gyro_error;
 mod monitor;
 mod output_map;
-mod pairing;
 mod sensor_check;
 mod smoother;
 #[cfg(test)]
@@ -68,13 +68,13 @@ use crate::heading::{self, Heading, NoHeading};
 use crate::reading::Reading;
 use crate::time::Timestamp;
 use active_calibration::ActiveCalibration;
+use attitude_pairing::PairingQueue;
 use compass_field::CompassField;
 pub use config::{InstrumentConfig, readings_per_sample};
 pub use correction::{Correction, SampleAttitude, SensorErrorSigmas};
 pub use estimate::{Estimate, RejectionCounts};
 pub use monitor::{ChangeReporter, HardIronChange, InstallationChange, MountTurn};
 use monitor::{Monitor, MonitorOutput, MonitoredCalibration};
-use pairing::PairingQueue;
 use sensor_check::{ReadingFault, SensorCheck};
 use smoother::HeadingSmoother;
 pub use turn_request::TurnRequest;

@@ -11,8 +11,8 @@
 //! rooms below have one plain clause each; advice and severity are here.
 
 mod accuracy;
-mod list;
 mod message;
+mod message_list;
 mod refusal;
 #[cfg(test)]
 mod tests;

@@ -4,26 +4,26 @@
 //! module's state, distributes the decoded messages, and writes its output. [`CanNode`] is the same for frames of a CAN
 //! bus (`app::can`).
 
-mod characters;
+mod bounded_text;
 mod detection;
 mod dronecan;
 mod mavlink;
+mod message_schedule;
 mod msp;
 mod nmea;
 mod parameters;
 mod protocol;
 mod safe_mode;
-mod schedule;
 mod snapshot;
 mod transmit_buffer;
 
 pub use detection::Port;
 pub use dronecan::{BOOT_LOADER_BYTES, CanNode, FirmwareUpdate, NodeContext};
 pub use mavlink::Mavlink;
+pub use message_schedule::MessageSchedule;
 pub use msp::Msp;
 pub use nmea::Nmea;
 pub use protocol::{Protocol, ReceivedMessage};
 pub use safe_mode::SafeModeReporter;
-pub use schedule::MessageSchedule;
 pub use snapshot::Snapshot;
 pub use transmit_buffer::TransmitBuffer;

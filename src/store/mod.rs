@@ -23,8 +23,8 @@
 
 mod error;
 mod fields;
-mod items;
-mod page;
+mod flash_page;
+mod stored_items;
 #[cfg(test)]
 pub(crate) mod tests;
 
@@ -33,9 +33,9 @@ use core::ops::Range;
 use embedded_storage_async::nor_flash::NorFlash;
 
 pub use error::StoreError;
-use items::{CALIBRATION_SLOTS, SlotReference, StoredState};
-pub use items::{CalibrationRecord, StartupValues, StoreChange, StoredCalibrations, StoredValues};
-use page::{ITEM_SIZE, PageContent, StoredItem, WORD_SIZE};
+use flash_page::{ITEM_SIZE, PageContent, StoredItem, WORD_SIZE};
+use stored_items::{CALIBRATION_SLOTS, SlotReference, StoredState};
+pub use stored_items::{CalibrationRecord, StartupValues, StoreChange, StoredCalibrations, StoredValues};
 
 /// First page for states, after the slots.
 const FIRST_STATE_PAGE: u32 = CALIBRATION_SLOTS as u32;
@@ -218,7 +218,7 @@ impl<F: NorFlash> Store<F> {
     ) -> Result<Option<SlotReference>, StoreError> {
         let Some(record) = record else { return Ok(None) };
         let mut buffer = [0; ITEM_SIZE];
-        let (item, crc) = page::encode_item(record, &mut buffer)?;
+        let (item, crc) = flash_page::encode_item(record, &mut buffer)?;
         for slot in 0..CALIBRATION_SLOTS {
             if self.page_contains(u32::from(slot), item).await? {
                 return Ok(Some(SlotReference { slot, crc }));
@@ -238,7 +238,7 @@ impl<F: NorFlash> Store<F> {
     /// Writes the state to a page.
     async fn write_state(&mut self, page: u32, state: &StoredState) -> Result<(), StoreError> {
         let mut buffer = [0; ITEM_SIZE];
-        let (item, _) = page::encode_item(state, &mut buffer)?;
+        let (item, _) = flash_page::encode_item(state, &mut buffer)?;
         self.program_page(page, item).await
     }
 
@@ -267,7 +267,7 @@ impl<F: NorFlash> Store<F> {
         buffer: &'a mut [u8; ITEM_SIZE],
     ) -> Result<PageContent<'a>, StoreError> {
         self.flash.read(self.start_of(page), buffer).await.map_err(|_| StoreError::Flash)?;
-        Ok(page::parse_page(buffer))
+        Ok(flash_page::parse_page(buffer))
     }
 
     const fn page_count(&self) -> u32 {

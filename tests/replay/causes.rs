@@ -1,6 +1,6 @@
 //! Causes injected into recorded flights, and the report of each: the table in docs/your-flight.md.
 
-use log_analysis::log::write::{FlightRecording, FlightSample, encode_dataflash};
+use log_analysis::log::log_writers::{FlightRecording, FlightSample, encode_dataflash};
 use log_analysis::replay::evaluation::evaluate_flight;
 use log_analysis::replay::parameter_export::ParameterFormat;
 use log_analysis::replay::verdict::{CompassAction, Verdict};

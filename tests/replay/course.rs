@@ -1,7 +1,7 @@
 //! GPS course as a reference heading, and the ranking of references.
 
 use autoswing::frames::wrap_pi;
-use log_analysis::log::write::{FlightRecording, FlightSample, encode_dataflash, encode_tlog, encode_ulog};
+use log_analysis::log::log_writers::{FlightRecording, FlightSample, encode_dataflash, encode_tlog, encode_ulog};
 use log_analysis::log::{FieldCorrection, Flight};
 use log_analysis::replay::evaluation::{evaluate_flight, score_correction};
 use log_analysis::replay::gps_course::{GpsCourseHeading, GpsCourseRejection};

@@ -1,6 +1,6 @@
 //! The judgement of each compass, and the parameters that are given for it.
 
-use log_analysis::log::write::{FlightRecording, encode_dataflash};
+use log_analysis::log::log_writers::{FlightRecording, encode_dataflash};
 use log_analysis::log::{FieldCorrection, Flight};
 use log_analysis::replay::ReplayRow;
 use log_analysis::replay::evaluation::{CompassEvaluation, FlightEvaluation, evaluate_flight, score_correction};

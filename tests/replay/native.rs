@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use log_analysis::log::csv::FieldUnit;
-use log_analysis::log::write::{FlightRecording, encode_csv, encode_dataflash, encode_tlog, encode_ulog};
+use log_analysis::log::log_writers::{FlightRecording, encode_csv, encode_dataflash, encode_tlog, encode_ulog};
 use log_analysis::log::{self, FieldCorrection, Flight, NumberedRotation};
 use log_analysis::replay::HeadingScore;
 use log_analysis::replay::evaluation::{

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use testkit::random::Random;
 
-use crate::log::write::{FlightRecording, FlightSample};
+use crate::log::log_writers::{FlightRecording, FlightSample};
 
 const STEP_S: f64 = 0.1;
 const AIRSPEED_M_S: f64 = 22.0;

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use autoswing::earth::{self, Date, EarthField};
-use log_analysis::log::write::{FlightRecording, FlightSample};
+use log_analysis::log::log_writers::{FlightRecording, FlightSample};
 
 use crate::module::{Module, ModuleObserver};
 use crate::world::aircraft::VehicleKind;

@@ -22,7 +22,7 @@ use crate::devices::uart::{HostEnd, SerialCable, UartConfig as CableConfig};
 use crate::faults::Faults;
 use crate::magnetometer::SimulatedMagnetometer;
 use crate::module::{Module, ModuleRunEnd};
-use crate::world::far_end::{AttachedDevice, FarEnd};
+use crate::world::cable_far_end::{AttachedDevice, FarEnd};
 use crate::world::{World, WorldConfig};
 
 const STORE_PAGES: usize = 8;

@@ -10,10 +10,10 @@ use host_sim::studies::accuracy::{self, AccuracyPlan, AccuracyResult, SigmaCover
 use serde_json::json;
 use simulator::world::aircraft::VehicleKind;
 
-use super::failure::CommandFailure;
+use super::command_failure::CommandFailure;
+use super::option_parsers::{AIRCRAFT_NAMES, integer_in_range, number_in_range, one_of};
 use super::print::{self, append_wrapped, narrow_table, right_aligned};
 use super::progress::progress_bar;
-use super::range::{AIRCRAFT_NAMES, integer_in_range, number_in_range, one_of};
 
 const FLIGHT_PATTERNS: &[(&str, FlightPattern)] = &[
     ("routine", FlightPattern::Routine),

@@ -13,7 +13,7 @@ use serde_json::json;
 use simulator::mission;
 use simulator::world::WorldConfig;
 
-use super::failure::CommandFailure;
+use super::command_failure::CommandFailure;
 use super::print::{self, right_aligned, wrapped_table};
 use super::progress::show_spinner;
 use super::termination::{SecondSignal, TerminationSignals};
@@ -45,7 +45,7 @@ pub fn run_budget(options: &BudgetOptions) -> Result<ExitCode, CommandFailure> {
     let interruption = TerminationSignals::install_handlers(SecondSignal::IsIgnored)?;
     let bar = show_spinner("counting instructions, some two minutes");
     let budgets = Emulator::start_with_stop_flag(interruption.stop_flag(), &image, WorldConfig::table1(1))
-        .and_then(|mut emulator| emulator::budget::count_budgets(&mut emulator));
+        .and_then(|mut emulator| emulator::instruction_budget::count_budgets(&mut emulator));
     bar.finish_and_clear();
     if let Some(code) = interruption.exit_code() {
         return Ok(code);
@@ -61,7 +61,7 @@ pub fn run_budget(options: &BudgetOptions) -> Result<ExitCode, CommandFailure> {
         }
         print::print_line(table);
     }
-    Ok(if budgets.iter().all(emulator::budget::InstructionBudget::is_within_limit) {
+    Ok(if budgets.iter().all(emulator::instruction_budget::InstructionBudget::is_within_limit) {
         ExitCode::SUCCESS
     } else {
         ExitCode::FAILURE

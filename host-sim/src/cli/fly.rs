@@ -8,7 +8,7 @@ use clap::Args;
 use comfy_table::Table;
 use host_sim::emulator::{self, Emulator, EmulatorError};
 use indicatif::{ProgressBar, ProgressStyle};
-use log_analysis::log::write::{self, FlightRecording};
+use log_analysis::log::log_writers::{self, FlightRecording};
 use log_analysis::report::ReportOrigin;
 use log_analysis::score::ErrorStatistics;
 use simulator::devices::sensor::SensorModel;
@@ -22,10 +22,10 @@ use simulator::transcript::SolveNotice;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
-use super::failure::CommandFailure;
-use super::files::named_world;
+use super::command_failure::CommandFailure;
+use super::file_options::named_world;
+use super::option_parsers::{SENSOR_NAMES, integer_in_range, number_in_range, one_of};
 use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
-use super::range::{SENSOR_NAMES, integer_in_range, number_in_range, one_of};
 use super::termination::{SecondSignal, TerminationSignals};
 
 /// Take off uncalibrated, fly the calibration routine, restart, and fly on with the calibrated heading (the default).
@@ -187,7 +187,7 @@ fn fly_recorded(module: &mut impl Module, options: &FlyOptions) -> (MissionResul
 
 fn write_log(options: &FlyOptions, recording: Option<&FlightRecording>) -> Result<(), CommandFailure> {
     let (Some(path), Some(recording)) = (&options.record, recording) else { return Ok(()) };
-    std::fs::write(path, write::encode_for_path(path, recording)).map_err(|error| {
+    std::fs::write(path, log_writers::encode_for_path(path, recording)).map_err(|error| {
         CommandFailure(format!("cannot write {}: {error}; --record names another file", path.display()))
     })
 }

@@ -5,13 +5,15 @@ use std::process::ExitCode;
 use autoswing::settings::HeadingKind;
 use clap::Args;
 use comfy_table::Table;
-use host_sim::studies::integrity::{self, ALL_CASES, AttitudeProtocol, FaultCase, IntegrityPlan, IntegrityRow, case};
+use host_sim::studies::integrity::{
+    self, ALL_CASES, AttitudeProtocol, FaultCase, IntegrityPlan, IntegrityRow, fault_case,
+};
 use simulator::world::aircraft::VehicleKind;
 
-use super::failure::CommandFailure;
+use super::command_failure::CommandFailure;
+use super::option_parsers::{AIRCRAFT_NAMES, integer_in_range, one_of};
 use super::print::{self, narrow_table, right_aligned, wrapped_table};
 use super::progress::progress_bar;
-use super::range::{AIRCRAFT_NAMES, integer_in_range, one_of};
 
 const HEADING_KINDS: &[(&str, HeadingKind)] = &[("raw", HeadingKind::Raw), ("smooth", HeadingKind::Smooth)];
 
@@ -84,7 +86,7 @@ fn selected_cases(
         return Ok(ALL_CASES.iter().filter(|case| applies(case)).collect());
     }
     let find = |name: &String| {
-        let case = case::find_by_name(name).filter(|case| applies(case));
+        let case = fault_case::find_by_name(name).filter(|case| applies(case));
         case.ok_or_else(|| {
             CommandFailure(format!(
                 "no case {name} for a {} with this source; --case list shows all",

@@ -2,13 +2,13 @@
 
 mod accuracy;
 mod bench;
-mod failure;
-mod files;
+mod command_failure;
+mod file_options;
 mod fly;
 mod integrity;
+mod option_parsers;
 mod print;
 mod progress;
-mod range;
 mod replay;
 mod serve;
 mod several_logs;
@@ -21,7 +21,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
-use failure::CommandFailure;
+use command_failure::CommandFailure;
 use termination::TerminationSignals;
 
 /// The version; with its commit if a script of this repository built the program (`scripts/foreign-target.sh`).

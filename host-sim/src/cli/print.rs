@@ -11,8 +11,8 @@ use log_analysis::report::Report;
 use serde::Serialize;
 use terminal_size::terminal_size_of;
 
-use super::failure::CommandFailure;
-use super::files::write_report_file;
+use super::command_failure::CommandFailure;
+use super::file_options::write_report_file;
 
 /// Width of the output in columns; a narrower terminal has its own.
 pub const MAX_OUTPUT_COLUMNS: usize = 80;

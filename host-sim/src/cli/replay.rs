@@ -17,11 +17,11 @@ use log_analysis::replay::verdict::Verdict;
 use log_analysis::replay::{ReferenceHeading, ReferenceKind, RowSelection};
 use log_analysis::report::{self, ReportOrigin};
 
-use super::failure::CommandFailure;
-use super::files::read_log;
+use super::command_failure::CommandFailure;
+use super::file_options::read_log;
+use super::option_parsers::{integer_in_range, log_time, number_in_range, one_of};
 use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
 use super::progress::show_spinner;
-use super::range::{integer_in_range, log_time, number_in_range, one_of};
 
 const ROW_SELECTIONS: &[(&str, RowSelection)] = &[
     (RowSelection::All.selection_name(), RowSelection::All),

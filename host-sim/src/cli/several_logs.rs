@@ -8,7 +8,7 @@ use log_analysis::replay::verdict::{CompassState, Verdict};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use super::failure::CommandFailure;
+use super::command_failure::CommandFailure;
 use super::print::{self, append_wrapped};
 use super::progress::show_spinner;
 use super::replay::{Replay, evaluate_log, read_flight};

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use clap::{Args, Command};
 use clap_complete::Shell;
 
-use super::failure::CommandFailure;
+use super::command_failure::CommandFailure;
 use super::print;
 
 const PROGRAM_NAME: &str = "host-sim";

@@ -4,14 +4,14 @@ use std::process::ExitCode;
 
 use clap::Args;
 use comfy_table::Table;
-use host_sim::studies::paper::{self, MethodErrors, PaperExperiment};
+use host_sim::studies::paper_experiment::{self, MethodErrors, PaperExperiment};
 use log_analysis::score::ErrorStatistics;
 use serde_json::{Value, json};
-use simulator::world::table1::{self, BankErrors, PublishedRow};
+use simulator::world::published_table1::{self, BankErrors, PublishedRow};
 
-use super::failure::CommandFailure;
+use super::command_failure::CommandFailure;
+use super::option_parsers::integer_in_range;
 use super::print::{self, narrow_table, right_aligned};
-use super::range::integer_in_range;
 
 /// Compare the methods on the aircraft of Liu 2007 table 1.
 ///
@@ -28,7 +28,8 @@ pub struct Table1Options {
 }
 
 pub fn run_table1(options: &Table1Options) -> Result<ExitCode, CommandFailure> {
-    let columns = |experiment| paper::method_errors(experiment).map_err(|error| CommandFailure(error.to_string()));
+    let columns =
+        |experiment| paper_experiment::method_errors(experiment).map_err(|error| CommandFailure(error.to_string()));
     let noise_free = columns(PaperExperiment::NOISE_FREE)?;
     let noisy = columns(PaperExperiment::noisy_experiment(options.seed))?;
     let published_errors = published_errors();
@@ -52,7 +53,7 @@ pub fn run_table1(options: &Table1Options) -> Result<ExitCode, CommandFailure> {
 }
 
 fn published_errors() -> [MethodErrors; 3] {
-    let rows = table1::published_rows();
+    let rows = published_table1::published_rows();
     let column = |name, errors_of: fn(&PublishedRow) -> BankErrors| MethodErrors {
         name,
         right_deg: rows.map(|row| errors_of(&row).right_deg),
@@ -72,7 +73,7 @@ fn json_figures(columns: &[MethodErrors]) -> Value {
 fn errors(columns: &[MethodErrors]) -> Table {
     let names = columns.iter().map(|column| column.name.replace(' ', "\n"));
     let mut table = narrow_table(std::iter::once("heading".to_owned()).chain(names));
-    for row in 0..paper::HEADING_COUNT {
+    for row in 0..paper_experiment::HEADING_COUNT {
         let cells = columns.iter().map(|column| {
             let BankErrors { right_deg, left_deg } = column.bank_errors(row);
             format!("{} / {}", format_two_decimals(right_deg), format_two_decimals(left_deg))

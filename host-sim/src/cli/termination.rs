@@ -11,7 +11,7 @@ use signal_hook::consts::SIGHUP;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
-use super::failure::CommandFailure;
+use super::command_failure::CommandFailure;
 use super::progress;
 
 /// Signals that end the program. On Windows, SIGINT is Ctrl-C.

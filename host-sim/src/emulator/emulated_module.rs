@@ -8,12 +8,12 @@ use autoswing::settings::PORT_COUNT;
 use simulator::devices::uart::{HostEnd, SerialCable, UartConfig as CableConfig, WakeCondition};
 use simulator::module::{Module, ModuleRunEnd};
 use simulator::random::{RandomStream, StreamPurpose};
-use simulator::world::far_end::{AttachedDevice, FarEnd};
+use simulator::world::cable_far_end::{AttachedDevice, FarEnd};
 use simulator::world::{World, WorldConfig};
 use testkit::simulation::Simulation;
 
+use super::emulated_machine::{BenchTest, EmulatedMachine, MachineMessage, StepInput, TICKS_PER_US};
 use super::error::EmulatorError;
-use super::machine::{BenchTest, EmulatedMachine, MachineMessage, StepInput, TICKS_PER_US};
 use super::machine_port::MachinePort;
 use super::sample_path::{FIELD_UPDATE_PERIOD_US, SamplePath};
 

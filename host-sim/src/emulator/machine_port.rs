@@ -10,7 +10,7 @@ use embedded_io_async::{Read, Write};
 use simulator::devices::uart::{Receiver, SerialCable, Transmitter};
 use testkit::simulation::{Level, Simulation};
 
-use super::machine::MAX_STEP_BYTES;
+use super::emulated_machine::MAX_STEP_BYTES;
 
 /// Machine end of a cable; buffers received bytes until the machine stops.
 pub struct MachinePort {

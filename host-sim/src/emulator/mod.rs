@@ -3,21 +3,21 @@
 //! Machine and world run in lockstep: the machine stops every 2 ms and before every sensor access, sends its time, and
 //! continues when the world has reached that time. Host time has no influence.
 
-pub mod budget;
-mod elf;
+mod elf_header;
+mod emulated_machine;
 mod emulated_module;
 mod error;
+pub mod instruction_budget;
 mod local_socket;
-mod machine;
 mod machine_port;
 mod qmp;
 mod sample_path;
 
 use std::path::PathBuf;
 
+pub use self::emulated_machine::BenchTest;
 pub use self::emulated_module::Emulator;
 pub use self::error::EmulatorError;
-pub use self::machine::BenchTest;
 
 /// Path of the image that `scripts/build-firmware` builds, from the repository's root.
 #[must_use]

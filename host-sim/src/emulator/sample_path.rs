@@ -1,6 +1,6 @@
 //! Instructions from the sensor's registers to the last byte of each sample.
 
-use super::machine::{INSTRUCTION_NS, TICK_NS, TICKS_PER_US};
+use super::emulated_machine::{INSTRUCTION_NS, TICK_NS, TICKS_PER_US};
 
 /// Update period of the field, microseconds; both accesses of one measurement read the same field.
 pub const FIELD_UPDATE_PERIOD_US: u64 = 2_000;

@@ -8,4 +8,4 @@
 
 pub mod accuracy;
 pub mod integrity;
-pub mod paper;
+pub mod paper_experiment;

@@ -12,6 +12,6 @@
 #![warn(clippy::disallowed_methods)]
 
 pub mod example_flight;
-#[cfg(target_arch = "wasm32")]
-mod exports;
 pub mod loaded_log;
+#[cfg(target_arch = "wasm32")]
+mod page_exports;

@@ -5,7 +5,7 @@ use std::rc::Rc;
 use super::TaskBench;
 use super::devices::SENSOR;
 use crate::app::instrument;
-use crate::app::links::{DetectedSensor, publish_value, stamped_now, subscribe};
+use crate::app::task_links::{DetectedSensor, publish_value, stamped_now, subscribe};
 use crate::attitude::{AttitudeReport, SenderId};
 use crate::calibration::{Calibration, HeadingUncertainty, Orientation};
 use crate::frames::{Attitude, Field};

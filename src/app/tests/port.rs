@@ -7,8 +7,8 @@ use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
 use super::TaskBench;
 use super::devices::{DeviceBehaviour, Line, Port};
-use crate::app::links::{Timestamped, publish_value, subscribe};
 use crate::app::port;
+use crate::app::task_links::{Timestamped, publish_value, subscribe};
 use crate::attitude::AttitudeReport;
 use crate::heading::{Heading, NoHeading};
 use crate::instrument::Estimate;

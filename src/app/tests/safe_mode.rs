@@ -88,7 +88,7 @@ fn broken_devices_do_not_starve_the_watchdog() {
         port.mood.set(DeviceBehaviour::Hangs);
     }
     for _ in 0..20 {
-        bench.links.commands.try_send((crate::app::links::CommandSource::Console, Command::CalClear)).unwrap();
+        bench.links.commands.try_send((crate::app::task_links::CommandSource::Console, Command::CalClear)).unwrap();
         bench.ms(937);
         assert!(matches!(bench.links.replies.try_receive(), Ok(Err(Refusal::Store(StoreError::Timeout)))));
     }

@@ -4,8 +4,8 @@ use std::rc::Rc;
 
 use super::TaskBench;
 use super::devices::{Chip, DeviceBehaviour, SENSOR};
-use crate::app::links::{DetectedSensor, subscribe};
 use crate::app::sensor;
+use crate::app::task_links::{DetectedSensor, subscribe};
 
 fn bench() -> (TaskBench, Chip) {
     let (mut bench, chip) = (TaskBench::new(), Chip::default());

@@ -9,7 +9,7 @@ use testkit::flash::{RamFlash, SilentFault};
 
 use super::TaskBench;
 use super::devices::{Chip, DeviceBehaviour, Line, Port, SENSOR};
-use crate::app::links::{AutopilotLine, CommandSource, DetectedSensor, now, publish_value};
+use crate::app::task_links::{AutopilotLine, CommandSource, DetectedSensor, now, publish_value};
 use crate::app::{Platform, compass, console, port};
 use crate::calibration::Sample;
 use crate::calibration::method_selection::Procedure;

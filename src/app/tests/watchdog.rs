@@ -9,7 +9,7 @@ use testkit::flash::SilentFault;
 
 use super::TaskBench;
 use super::thread_tasks::{Flash, PAGES, with_compass};
-use crate::app::links::{
+use crate::app::task_links::{
     AutopilotLine, CommandSource, HEARTBEATS_OF_EVERY_BOARD, Heartbeats, MAX_HEARTBEATS, increment,
 };
 use crate::app::watchdog::{self, MAX_FEED_INTERVAL_US};

@@ -17,10 +17,10 @@
 
 #[cfg(feature = "bench")]
 mod bench;
-mod clock;
 mod flash;
 mod i2c;
 mod lockstep;
+mod machine_clock;
 mod registers;
 mod reset;
 mod sensor;

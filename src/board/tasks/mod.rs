@@ -2,7 +2,7 @@
 
 #[cfg(feature = "board-holybro-rm3100")]
 mod can;
-mod lines;
+mod line_tasks;
 #[cfg(not(feature = "board-holybro-rm3100"))]
 mod uarts;
 

@@ -1,6 +1,7 @@
 //! Hypotheses beyond the model, each tested by its efficient score.
 
 pub(in crate::calibration) mod attitude_error;
+pub(in crate::calibration) mod attitude_error_table;
 pub(in crate::calibration) mod attitude_latency;
 mod bank_scale;
 pub(in crate::calibration) mod hard_iron_change;
@@ -8,4 +9,3 @@ mod hysteresis;
 pub(in crate::calibration) mod lagging_lean;
 pub(in crate::calibration) mod motor_current;
 pub(in crate::calibration) mod score_test;
-pub(in crate::calibration) mod table;

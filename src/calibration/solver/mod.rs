@@ -1,8 +1,8 @@
 //! Solver for all methods, in steps: from samples to a calibration with its quality.
 
-mod attempts;
 mod ellipsoid;
 mod inclination;
+mod refinement_start;
 mod sample_checks;
-mod starts;
+mod solve_attempts;
 pub(in crate::calibration) mod stepwise_solver;

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::synthetic::{Random, vector};
 use crate::calibration::hypotheses::attitude_error::AttitudeState;
-use crate::calibration::hypotheses::table::ATTITUDE_ERRORS;
+use crate::calibration::hypotheses::attitude_error_table::ATTITUDE_ERRORS;
 use crate::calibration::model::{
     FieldPrediction, Likelihood, MeasuredSample, ModelConfig, ModelParameters, NoiseModel, PriorQuantity,
     SampleEquations, UNKNOWN_COUNT, Vector13, for_each_prior,

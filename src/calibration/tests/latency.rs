@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, SVector};
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, mean, rms};
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::hypotheses::attitude_error::AttitudeState;
-use crate::calibration::hypotheses::table::{ATTITUDE_ERRORS, LATENCY_INDEX};
+use crate::calibration::hypotheses::attitude_error_table::{ATTITUDE_ERRORS, LATENCY_INDEX};
 use crate::calibration::model::{Likelihood, ModelConfig, ModelParameters, NoiseModel, for_each_prior};
 use crate::calibration::tests::{NO_PRIOR, solved};
 use crate::calibration::uncertainty::information::Information;

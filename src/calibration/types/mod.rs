@@ -2,7 +2,7 @@
 
 pub(in crate::calibration) mod bank_scale;
 pub(in crate::calibration) mod coefficients;
-pub(in crate::calibration) mod consider;
+pub(in crate::calibration) mod consider_states;
 pub(in crate::calibration) mod error;
 pub(in crate::calibration) mod hard_iron_change;
 pub(in crate::calibration) mod method;

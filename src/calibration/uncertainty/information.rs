@@ -4,11 +4,13 @@ use nalgebra::Vector3;
 
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::hypotheses::attitude_error::AttitudeState;
+use crate::calibration::hypotheses::attitude_error_table::{
+    ATTITUDE_ERRORS, AttitudeErrorSums, LATENCY_INDEX, add_inclination,
+};
 use crate::calibration::hypotheses::hard_iron_change::{HardIronScan, derivative_by_hard_iron, hard_iron_residuals};
 use crate::calibration::hypotheses::lagging_lean::LaggedRoll;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
 use crate::calibration::hypotheses::score_test::ScoreTest;
-use crate::calibration::hypotheses::table::{ATTITUDE_ERRORS, AttitudeErrorSums, LATENCY_INDEX, add_inclination};
 use crate::calibration::model::{
     Likelihood, MeasuredSample, ModelParameters, ResidualEquation, SampleEquations, Vector13,
 };

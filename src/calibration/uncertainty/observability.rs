@@ -2,7 +2,7 @@
 
 use super::information::Information;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
-use crate::calibration::hypotheses::table::AttitudeErrorSigmas;
+use crate::calibration::hypotheses::attitude_error_table::AttitudeErrorSigmas;
 use crate::calibration::model::{
     INCLINATION_INDEX, Likelihood, ModelParameters, PriorQuantity, Vector13, for_each_prior,
 };

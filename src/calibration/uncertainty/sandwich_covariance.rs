@@ -3,7 +3,7 @@
 use super::coefficient_conversion::CoefficientConversion;
 use super::coefficient_covariance::CoefficientCovariance;
 use super::information::Information;
-use crate::calibration::hypotheses::table::AttitudeErrorSigmas;
+use crate::calibration::hypotheses::attitude_error_table::AttitudeErrorSigmas;
 use crate::calibration::model::{
     COEFFICIENT_COUNT, Likelihood, ModelParameters, Vector12, Vector13, beta_index, for_each_prior,
 };

@@ -10,11 +10,11 @@ use super::observability::{inclination_from_samples, unobservable_quantities};
 use super::sandwich_covariance::{CovarianceContent, sandwich_covariance};
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::hypotheses::attitude_error::AttitudeState;
-use crate::calibration::hypotheses::hard_iron_change::derivative_by_hard_iron;
-use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
-use crate::calibration::hypotheses::table::{
+use crate::calibration::hypotheses::attitude_error_table::{
     ATTITUDE_ERROR_COUNT, ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, LATENCY_INDEX, assumed_sigmas,
 };
+use crate::calibration::hypotheses::hard_iron_change::derivative_by_hard_iron;
+use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
 use crate::calibration::model::{
     COEFFICIENT_COUNT, Coefficient, INCLINATION_INDEX, JacobianRow, Likelihood, Matrix13, MeasuredSample, ModelConfig,
     ModelParameters, NoiseModel, PriorQuantity, ResidualEquation, SampleEquations, UNKNOWN_COUNT, Vector12, Vector13,

@@ -2,8 +2,8 @@
 
 use core::fmt;
 
-use super::circle::SECTORS;
 use super::progress::CollectionProgress;
+use super::turn_circle::SECTORS;
 use super::turn_detector::TurnDetectorConfig;
 use crate::calibration::{Manoeuvre, Sample, Side};
 use crate::decimal::Decimal;

@@ -1,6 +1,6 @@
 //! State of a collection in retained memory, without its samples.
 
-use super::words::{MemoryWords, words};
+use super::memory_words::{MemoryWords, words};
 use crate::calibration::CollectionPart;
 use crate::calibration::method_selection::Procedure;
 use crate::collection::flight_statistics::FlightStatistics;

@@ -7,14 +7,14 @@
 //! The collection's clock continues after a restart; the module's clock, which restarts at zero, is added to it.
 
 mod header;
-mod words;
+mod memory_words;
 
 pub(super) use header::{CollectionHeader, PartState};
 
 use super::sample_buffer::{SampleBuffer, UNUSED_SAMPLE};
 use super::state::CollectionState;
 use crate::calibration::HeadingMark;
-use words::{Checksum, MemoryWords, words};
+use memory_words::{Checksum, MemoryWords, words};
 
 /// Capacity for compass-swing marks: one every 10 deg. 1.4 KB.
 pub const MARKS_CAPACITY: usize = 36;

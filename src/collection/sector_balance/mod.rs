@@ -2,10 +2,10 @@
 //!
 //! A full part replaces samples in its most crowded sector.
 
-use super::circle::{SECTORS, TurnCircle};
 use super::part_view::{HOLD_BACK_CYCLE, PartView};
 use super::progress::percent;
 use super::quota::{SampleQuota, SampleUse};
+use super::turn_circle::{SECTORS, TurnCircle};
 use crate::calibration::Sample;
 
 #[derive(Clone, Copy, Debug)]

@@ -22,9 +22,9 @@ mod innovation_gate;
 mod installation_change;
 mod mean_innovation;
 mod measurement_model;
+mod monitor_output;
 mod monitored_calibration;
 mod mount_turn;
-mod output;
 mod parameters;
 #[cfg(test)]
 mod tests;
@@ -56,9 +56,9 @@ use measurement_model::{
     HARD_IRON_CHANGE, INCLINATION_CHANGE, MOUNT_TURN, MeasurementModel, MonitorSample, MountTurnEffect, PITCH_BIAS,
     PredictedField, ROLL_BIAS, STATE_COUNT, STRENGTH_CHANGE, StateVector,
 };
+pub(super) use monitor_output::MonitorOutput;
 pub(super) use monitored_calibration::MonitoredCalibration;
 use mount_turn::mount_turn_rad;
-pub(super) use output::MonitorOutput;
 use parameters::{
     ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_VARIANCE_FACTOR, DECAY_TIME_S, DRIFT_FACTOR, DRIFT_TIME_S,
     INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_AWAITED_SAMPLES, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON,

@@ -5,7 +5,7 @@ use core::fmt::Write as _;
 use crate::compass::IndicatorState;
 use crate::heading::NoHeading;
 use crate::messages::{Message, Severity};
-use crate::port::characters::BoundedText;
+use crate::port::bounded_text::BoundedText;
 use crate::port::{MessageSchedule, Snapshot};
 use crate::time::Timestamp;
 use crate::wire::dronecan::Payload;

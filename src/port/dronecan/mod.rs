@@ -15,15 +15,15 @@
 //! stops the field.
 
 mod allocation;
+mod firmware_update;
+mod frame_outbox;
 mod log_message_queue;
-mod outbox;
+mod node_services;
 mod parameters;
-mod services;
 mod status;
 #[cfg(test)]
 mod tests;
 mod tunnel;
-mod update;
 mod vehicle_reports;
 
 use super::{MessageSchedule, Protocol as _, ReceivedMessage, Snapshot};
@@ -41,12 +41,12 @@ use crate::wire::dronecan::{
     CanFrame, DataType, FrameHeader, InboundMessage, InboundTransfer, NodeId, Receiver, priority,
 };
 use allocation::AllocationClient;
+pub use firmware_update::{BOOT_LOADER_BYTES, FirmwareUpdate};
+use frame_outbox::FrameOutbox;
 use log_message_queue::LogMessageQueue;
-use outbox::FrameOutbox;
-use services::{RequestStep, Services};
+use node_services::{RequestStep, Services};
 use status::StatusMonitor;
 use tunnel::Tunnel;
-pub use update::{BOOT_LOADER_BYTES, FirmwareUpdate};
 use vehicle_reports::VehicleReports;
 
 /// Rate of NodeStatus, Hz.

@@ -6,7 +6,7 @@
 
 use nalgebra::Vector3;
 
-use super::texts::PendingTexts;
+use super::status_texts::PendingTexts;
 use super::transmitter::Transmitter;
 use crate::calibration::{Calibration, Orientation};
 use crate::compass::IndicatorState;

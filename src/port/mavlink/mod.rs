@@ -17,7 +17,7 @@
 mod collection;
 mod commands;
 mod requests;
-mod texts;
+mod status_texts;
 mod transmitter;
 
 use ::mavlink::dialects::common::MavState;
@@ -35,7 +35,7 @@ use crate::wire::mavlink::{Address, InboundMessage, OutboundMessage, Pose, Recei
 use collection::CollectionReporter;
 use commands::CommandHandler;
 use requests::RequestSequence;
-use texts::PendingTexts;
+use status_texts::PendingTexts;
 pub(super) use transmitter::Transmitter;
 use transmitter::{OWN_COMPONENT, own_address};
 

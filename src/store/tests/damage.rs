@@ -92,7 +92,7 @@ fn a_slot_with_another_calibration_is_damaged() {
 #[test]
 fn damaged_states_are_reported_and_replaced() {
     for fields in [vec![], vec![1, 2, 3], vec![1, 1, 0, 7]] {
-        let mut item = vec![page::STORE_FORMAT, fields.len() as u8, 0];
+        let mut item = vec![flash_page::STORE_FORMAT, fields.len() as u8, 0];
         item.extend(fields);
         for page in CALIBRATION_SLOTS as usize..PAGES {
             let mut flash = Flash::new(PAGES);

@@ -42,7 +42,9 @@ fn calibration() -> CalibrationRecord {
 }
 
 fn fields_of(item: &[u8]) -> Vec<u8> {
-    let PageContent::Item(StoredItem { field_bytes: fields, .. }) = page::parse_page(item) else { panic!("{item:?}") };
+    let PageContent::Item(StoredItem { field_bytes: fields, .. }) = flash_page::parse_page(item) else {
+        panic!("{item:?}")
+    };
     fields.to_vec()
 }
 
@@ -237,7 +239,7 @@ fn a_reference_beyond_the_slots_is_refused() {
         for state in
             [StoredState { current_slot: reference, ..state() }, StoredState { previous_slot: reference, ..state() }]
         {
-            assert_eq!(page::encode_item(&state, &mut [0; ITEM_SIZE]).is_ok(), valid, "{slot}");
+            assert_eq!(flash_page::encode_item(&state, &mut [0; ITEM_SIZE]).is_ok(), valid, "{slot}");
         }
     }
 }
@@ -249,7 +251,7 @@ fn a_flipped_bit_makes_an_item_damaged() {
     for bit in 0..(item.len() - padding) * 8 {
         let mut damaged = item.clone();
         damaged[bit / 8] ^= 1 << (bit % 8);
-        assert_eq!(page::parse_page(&damaged), PageContent::Damaged, "bit {bit}");
+        assert_eq!(flash_page::parse_page(&damaged), PageContent::Damaged, "bit {bit}");
     }
 }
 
@@ -257,7 +259,7 @@ fn a_flipped_bit_makes_an_item_damaged() {
 fn a_truncated_item_is_damaged() {
     let item = pinned_calibration();
     for length in 0..item.len() - 7 {
-        assert_eq!(page::parse_page(&item[..length]), PageContent::Damaged, "{length}");
+        assert_eq!(flash_page::parse_page(&item[..length]), PageContent::Damaged, "{length}");
     }
     for fields in [state_fields(), fields_of(&item)] {
         let ends: Vec<_> = split(&fields)

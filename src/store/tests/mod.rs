@@ -86,11 +86,11 @@ pub(super) fn settings() -> Settings {
 }
 
 fn item_of(value: &impl StoredFields) -> Vec<u8> {
-    page::encode_item(value, &mut [0; ITEM_SIZE]).unwrap().0.to_vec()
+    flash_page::encode_item(value, &mut [0; ITEM_SIZE]).unwrap().0.to_vec()
 }
 
 fn with_crc(mut bytes: Vec<u8>) -> Vec<u8> {
-    bytes.extend(page::CRC.checksum(&bytes).to_le_bytes());
+    bytes.extend(flash_page::CRC.checksum(&bytes).to_le_bytes());
     bytes
 }
 

@@ -7,7 +7,7 @@ use testkit::flash::CutProgress;
 use super::*;
 
 /// A later format.
-const LATER: u8 = page::STORE_FORMAT + 1;
+const LATER: u8 = flash_page::STORE_FORMAT + 1;
 
 /// Item of another format, longer than any of this one.
 fn other_item(format: u8) -> Vec<u8> {
@@ -81,11 +81,11 @@ fn another_format_is_reported_and_left_untouched() {
 
 #[test]
 fn each_other_format_is_named() {
-    for format in (0..=255).filter(|format| *format != page::STORE_FORMAT) {
-        assert_eq!(page::parse_page(&other_item(format)), PageContent::OtherFormat(format));
+    for format in (0..=255).filter(|format| *format != flash_page::STORE_FORMAT) {
+        assert_eq!(flash_page::parse_page(&other_item(format)), PageContent::OtherFormat(format));
     }
     for format in 2..=9 {
-        assert_eq!(page::parse_page(&development_page(format)), PageContent::OtherFormat(format));
+        assert_eq!(flash_page::parse_page(&development_page(format)), PageContent::OtherFormat(format));
     }
 }
 

@@ -24,11 +24,11 @@ impl<T: StoredFields> StoredFields for Unchecked<T> {
 
 fn assert_valid<T: StoredFields + PartialEq + core::fmt::Debug>(value: &T, valid: bool, label: &str) {
     let unchecked = item_of(&Unchecked(*value));
-    let PageContent::Item(StoredItem { field_bytes: fields, .. }) = page::parse_page(&unchecked) else {
+    let PageContent::Item(StoredItem { field_bytes: fields, .. }) = flash_page::parse_page(&unchecked) else {
         panic!("{label}")
     };
     let mut buffer = [0; ITEM_SIZE];
-    let encoded = page::encode_item(value, &mut buffer).map(|(item, _)| item);
+    let encoded = flash_page::encode_item(value, &mut buffer).map(|(item, _)| item);
     if valid {
         assert_eq!(encoded, Ok(&unchecked[..]), "{label}");
         assert_eq!(fields::decode_fields(fields), Ok(*value), "{label}");

@@ -1,7 +1,7 @@
 //! Received messages and requests, and the decoding of their payloads. Missing values at the end of a payload are zero
 //! or empty, further bytes are ignored.
 
-use super::bits::BitReader;
+use super::bit_stream::BitReader;
 use super::frame::NodeId;
 use super::transfer::DataType;
 use crate::earth::{Date, Position};

@@ -4,7 +4,7 @@
 //! with those of pydronecan. `canadensis` implements another version of the protocol, and the crate `dronecan` few of
 //! the messages.
 
-mod bits;
+mod bit_stream;
 mod frame;
 mod inbound;
 pub mod outbound;

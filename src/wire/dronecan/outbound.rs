@@ -1,6 +1,6 @@
 //! Payloads of sent messages and responses.
 
-use super::bits::BitWriter;
+use super::bit_stream::BitWriter;
 use super::inbound::{GetSetValue, Targetted, UNIQUE_ID_LENGTH};
 use super::transfer::Payload;
 

@@ -313,7 +313,7 @@ fn the_current_of_a_battery_is_received() {
 
 /// Bits by the table of the definition.
 fn fix_payload(status: u64, time_standard: u64) -> Vec<u8> {
-    let mut bits = bits::BitWriter::default();
+    let mut bits = bit_stream::BitWriter::default();
     let signed = i64::cast_unsigned;
     bits.put_bits(0, 56);
     bits.put_bits(1_795_000_000_000_000, 56);

@@ -9,7 +9,7 @@ use super::ParameterHistory;
 use super::correction::{FieldCorrection, logged_mounting, orientation_parameter};
 use super::rates_problem::RatesProblem;
 use super::rotation::NumberedRotation;
-use super::series::Series;
+use super::time_series::Series;
 
 /// Log file format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

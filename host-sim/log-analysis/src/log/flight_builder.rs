@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 use super::correction::{FieldCorrection, InvertibleCorrection, px4_mounting};
 use super::flight::{Autopilot, Compass, Flight, Gps, LogFormat};
-use super::series::Series;
+use super::time_series::Series;
 use super::timeline::Timeline;
 
 /// Largest compass number; no autopilot has more.

@@ -21,18 +21,18 @@ pub mod csv;
 mod dataflash;
 mod flight;
 mod flight_builder;
+pub mod log_writers;
 mod parameters;
 mod rates;
 mod rates_problem;
 mod read_window;
 mod rotation;
-pub mod series;
 #[cfg(test)]
 mod tests;
+pub mod time_series;
 mod timeline;
 mod tlog;
 mod ulog;
-pub mod write;
 
 pub use correction::{FieldCorrection, missing_ardupilot_parameters};
 pub(crate) use correction::{px4_mounting, symmetric_matrix};

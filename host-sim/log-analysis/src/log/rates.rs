@@ -4,7 +4,7 @@ use autoswing::frames::wrap_pi;
 
 use super::flight::Flight;
 use super::rates_problem::RatesProblem;
-use super::series::{Series, TimedRow};
+use super::time_series::{Series, TimedRow};
 use crate::numbers::median;
 
 /// Longest interval between the neighbours of a row for a difference, seconds.

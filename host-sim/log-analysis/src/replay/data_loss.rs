@@ -1,7 +1,7 @@
 //! Detects rows lost by a link or a slow card.
 
 use crate::log::Flight;
-use crate::log::series::Series;
+use crate::log::time_series::Series;
 
 /// A step longer than this factor times the median is a gap, unless shorter than this time, seconds, in which rates
 /// hardly change.
@@ -44,7 +44,7 @@ pub(super) fn excessive_rate_loss(flight: &Flight) -> Option<f64> {
 fn count_gaps(series: &Series<3>) -> (usize, usize) {
     let Some(step_s) = series.median_step_s() else { return (0, 0) };
     let rows = series.rows();
-    let is_long = |pair: &&[crate::log::series::TimedRow<3>]| {
+    let is_long = |pair: &&[crate::log::time_series::TimedRow<3>]| {
         pair[1].t_s - pair[0].t_s > MIN_RATE_GAP_S.max(GAP_IN_MEDIAN_STEPS * step_s)
     };
     (rows.windows(2).filter(is_long).count(), rows.len() - 1)

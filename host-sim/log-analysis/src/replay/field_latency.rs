@@ -76,7 +76,7 @@ mod tests {
     use super::*;
     use crate::log;
     use crate::log::csv::FieldUnit;
-    use crate::log::write::encode_ulog;
+    use crate::log::log_writers::encode_ulog;
     use crate::test_flight::record_turns;
 
     /// An estimate at a bound is no minimum.

@@ -380,7 +380,7 @@ mod tests {
             (|flight| flight.skipped_counts.bad_times = 4, "skipped: 4 messages with an invalid time"),
             (|flight| flight.skipped_counts.unhealthy = 5, "skipped: 5 readings"),
             (|flight| flight.parameters.set_value(1.0, "COMPASS_MOTCT", 1.0), "compensates by throttle"),
-            (|flight| flight.battery_current = crate::log::series::Series::new(), "no current is logged"),
+            (|flight| flight.battery_current = crate::log::time_series::Series::new(), "no current is logged"),
             (|flight| flight.parameters = crate::log::ParameterHistory::default(), "the parameters are not in the log"),
         ];
         for (change, words) in cases {

@@ -352,7 +352,7 @@ mod tests {
 
     use super::*;
     use crate::log::csv::FieldUnit;
-    use crate::log::write::{FlightRecording, encode_dataflash};
+    use crate::log::log_writers::{FlightRecording, encode_dataflash};
     use crate::log::{self, ParameterHistory};
     use crate::replay::RowSelection;
     use crate::replay::evaluation::{EvaluationOptions, evaluate_flight};

@@ -10,12 +10,12 @@
 //! Each fault is active while its [`Switch`] is on, and depends only on its seed and the simulation time.
 
 pub mod attitude;
+mod fault_switch;
 pub mod field;
-pub mod link;
+pub mod link_faults;
 pub mod sensor;
-mod switch;
 
-pub use switch::FaultSwitch;
+pub use fault_switch::FaultSwitch;
 
 use std::rc::Rc;
 
@@ -29,7 +29,7 @@ pub struct Faults {
     /// Additional senders of attitude on the same line.
     pub second_senders: Vec<attitude::SecondSender>,
     /// Faults of the link to the autopilot.
-    pub link_faults: Vec<link::LinkFault>,
+    pub link_faults: Vec<link_faults::LinkFault>,
     /// Field faults, shared with code that needs the true field.
     pub field_faults: Vec<Rc<dyn field::FieldFault>>,
 }

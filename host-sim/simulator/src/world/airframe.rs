@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::earth::Earth;
-use super::table1;
+use super::published_table1;
 use crate::random::{RandomStream, StreamPurpose};
 
 /// Largest symmetric soft iron of a random airframe, relative.
@@ -74,8 +74,11 @@ impl Airframe {
     /// Aircraft of Liu 2007 table 1 (see [`table1`]).
     #[must_use]
     pub fn table1() -> Self {
-        let a = Matrix3::from_row_slice(table1::SOFT_IRON.as_flattened());
-        Self { field_matrix: a, hard_iron_ut: Vector3::from(table1::HARD_IRON) * Earth::default().horizontal_ut() }
+        let a = Matrix3::from_row_slice(published_table1::SOFT_IRON.as_flattened());
+        Self {
+            field_matrix: a,
+            hard_iron_ut: Vector3::from(published_table1::HARD_IRON) * Earth::default().horizontal_ut(),
+        }
     }
 
     /// Random airframe: soft iron up to 20 %, hard iron up to 1.5 times the horizontal field, mounting up to 10

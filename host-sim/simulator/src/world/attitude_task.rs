@@ -5,7 +5,7 @@ use testkit::clock;
 
 use super::attitude_source::{AttitudeSource, HEARTBEAT_PERIOD_US, STATUS_PERIOD_US, SenderKind};
 use super::fault_interfaces::{AttitudeFault, is_silent};
-use super::place::XIAN;
+use super::flight_place::XIAN;
 use super::simulated_world::World;
 use crate::devices::uart::HostEnd;
 

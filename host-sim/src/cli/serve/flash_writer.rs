@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use host_sim::serve::{FlashImage, FlashImageError, ServedModule};
 
-use crate::cli::failure::CommandFailure;
+use crate::cli::command_failure::CommandFailure;
 
 /// Writes the flash to its file after each change, and keeps the file locked.
 #[derive(Default)]

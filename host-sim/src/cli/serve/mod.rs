@@ -1,12 +1,12 @@
 //! `host-sim serve` and `host-sim console`.
 
+mod byte_connections;
 mod can;
 mod flash_writer;
-mod pace;
 #[cfg_attr(not(unix), path = "no_pty.rs")]
 mod pty;
-mod run;
-mod wire;
+mod real_time_pace;
+mod serve_loop;
 
 use std::io;
 use std::net::{Ipv4Addr, TcpStream, UdpSocket};
@@ -25,16 +25,16 @@ use simulator::mission_report::airframe_json;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
+use self::byte_connections::{ByteConnection, Connection, MAX_POLL_BYTES, POLL_INTERVAL, TcpPort, Terminal};
 use self::can::MulticastBus;
 use self::flash_writer::FlashWriter;
-use self::run::{Connections, PilotCommandInput};
-use self::wire::{ByteConnection, Connection, MAX_POLL_BYTES, POLL_INTERVAL, TcpPort, Terminal};
+use self::serve_loop::{Connections, PilotCommandInput};
 use super::termination::{SecondSignal, TerminationSignals};
 
-use super::files::named_world;
+use super::file_options::named_world;
+use super::option_parsers::{SENSOR_NAMES, integer_in_range, number_in_range, one_of};
 use super::print;
-use super::range::{SENSOR_NAMES, integer_in_range, number_in_range, one_of};
-use crate::cli::failure::CommandFailure;
+use crate::cli::command_failure::CommandFailure;
 
 /// Serve the simulated module to a terminal, an autopilot, an instrument or another simulator.
 ///
@@ -328,7 +328,8 @@ pub fn run_console(options: &ConsoleOptions) -> Result<ExitCode, CommandFailure>
 }
 
 fn connect_tcp(port: u16) -> Result<Connection<TcpStream>, CommandFailure> {
-    wire::connect_tcp(port).map_err(|error| CommandFailure::with_code("no-module", format!("TCP port {port}: {error}")))
+    byte_connections::connect_tcp(port)
+        .map_err(|error| CommandFailure::with_code("no-module", format!("TCP port {port}: {error}")))
 }
 
 fn attach(mut module: impl ByteConnection) -> Result<ExitCode, CommandFailure> {

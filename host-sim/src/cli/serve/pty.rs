@@ -10,8 +10,8 @@ use rustix::io::{FdFlags, fcntl_setfd, ioctl_fionbio};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
-use super::wire::{BufferedStream, ByteConnection, Connection, OpenedPty};
-use crate::cli::failure::CommandFailure;
+use super::byte_connections::{BufferedStream, ByteConnection, Connection, OpenedPty};
+use crate::cli::command_failure::CommandFailure;
 
 /// A pseudo-terminal with its path, closed when dropped.
 pub fn open_pty() -> Result<Option<OpenedPty>, CommandFailure> {

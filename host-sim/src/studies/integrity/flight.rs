@@ -12,12 +12,12 @@ use simulator::rig::Rig;
 use simulator::transcript::{self, SolveNotice};
 use simulator::world::aircraft::PrescribedMotion;
 use simulator::world::autopilot::Leg;
-use simulator::world::far_end::FarEnd;
+use simulator::world::cable_far_end::FarEnd;
 use simulator::world::{TrueState, WorldConfig};
 
-use super::case::{FaultCase, FaultOnset, RandomCase};
+use super::fault_case::{FaultCase, FaultOnset, RandomCase};
+use super::integrity_plan::IntegrityPlan;
 use super::legs_after_calibration;
-use super::plan::IntegrityPlan;
 use super::statistics::{EvaluatedSentence, HeadingStatistics};
 
 /// Accepted calibration.

@@ -4,17 +4,17 @@
 //! firmware's own tasks ([`flight`]); the statistics count output headings whose error is not covered by their sigma.
 //! True headings come from the simulator.
 
-pub mod case;
+pub mod fault_case;
 pub mod flight;
+mod integrity_plan;
 mod legs_after_calibration;
-mod plan;
 mod statistics;
 
 use rayon::prelude::*;
 use serde::Serialize;
 
-pub use case::{ALL_CASES, FaultCase};
-pub use plan::{AttitudeProtocol, IntegrityPlan};
+pub use fault_case::{ALL_CASES, FaultCase};
+pub use integrity_plan::{AttitudeProtocol, IntegrityPlan};
 pub use statistics::HeadingStatistics;
 
 use flight::{AcceptedCalibration, CaseFlightResult, HardIronEstimateError};

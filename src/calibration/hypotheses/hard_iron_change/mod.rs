@@ -22,12 +22,12 @@
 //! hardly changes the norm. Hysteresis of 15 deg has 20 to 300 where it costs half a degree or more. Of 60 clean
 //! flights the first pass has at most 10 of these two, which are tested once.
 
-mod sums;
+mod score_sums;
 
 use nalgebra::{Matrix3, Vector3};
 
-pub(in crate::calibration) use self::sums::hard_iron_residuals;
-use self::sums::{HardIronSums, SampleProducts};
+pub(in crate::calibration) use self::score_sums::hard_iron_residuals;
+use self::score_sums::{HardIronSums, SampleProducts};
 use super::hysteresis::{Hysteresis, LastTurn};
 use super::score_test::ScoreTest;
 use crate::calibration::fit::converged_fit::ConvergedFit;

@@ -1,22 +1,22 @@
 //! Solver for all methods, in steps: from samples to a calibration with its quality.
 
-use super::attempts::{
+use super::ellipsoid;
+use super::inclination::GivenInclination;
+use super::refinement_start::{SampleCorrections, begin_refinement, choose_starting_point};
+use super::sample_checks::check_samples;
+use super::solve_attempts::{
     ATTEMPT_QUEUE, Attempt, AttemptStart, MAX_SOLVE_STEPS, has_small_error_and_hard_iron, is_accurate, is_implausible,
     is_poor,
 };
-use super::ellipsoid;
-use super::inclination::GivenInclination;
-use super::sample_checks::check_samples;
-use super::starts::{SampleCorrections, begin_refinement, choose_starting_point};
 use crate::calibration::assessment::Solution;
 use crate::calibration::closed_form::starting_point::{self, StartingPoint};
 use crate::calibration::closed_form::turns::{turn_progress_by_rates_rad, turn_progress_rad};
 use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::fit::levenberg_marquardt::{Refinement, RefinementProgress as Refining};
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
+use crate::calibration::hypotheses::attitude_error_table::assumed_sigmas;
 use crate::calibration::hypotheses::hard_iron_change::ConfirmedChange;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
-use crate::calibration::hypotheses::table::assumed_sigmas;
 use crate::calibration::model::{Likelihood, NoiseModel, Vector13};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::uncertainty::observability::inclination_from_samples;

@@ -23,23 +23,23 @@
 //! Lines are parsed by hand in bounded memory: the crate `csv` buffers a record of any length, and real tables have
 //! unclosed quotes, decimal commas and truncated lines.
 
-mod cells;
 mod error;
+mod field_unit;
 mod rates;
 mod reader;
-mod table;
-mod unit;
+mod table_cells;
+mod table_layout;
 
 use std::io::Read;
 
 pub use error::CsvError;
-pub use unit::FieldUnit;
+pub use field_unit::FieldUnit;
 
 use super::flight::Flight;
 use super::read_window::ReadWindow;
-use cells::is_comment;
 use reader::TableReader;
-use table::{TableLayout, is_header};
+use table_cells::is_comment;
+use table_layout::{TableLayout, is_header};
 
 /// Whether the first line that is no comment is the header of a table: with a column `t_s`, or half of the required columns.
 #[must_use]
@@ -90,7 +90,7 @@ const MAX_ORDER_CHECK_LINES: usize = 1000;
 
 #[cfg(test)]
 mod tests {
-    use super::super::series::Series;
+    use super::super::time_series::Series;
     use super::rates::rates_at_rows;
     use super::*;
 

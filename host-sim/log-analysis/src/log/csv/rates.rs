@@ -1,6 +1,6 @@
 //! Rates at the rows of a table.
 
-use super::super::series::Series;
+use super::super::time_series::Series;
 
 /// Interval between rows, in median steps, that counts as a gap: a mean rate over it does not represent its ends.
 const MAX_GAP_IN_MEDIAN_STEPS: f64 = 3.0;

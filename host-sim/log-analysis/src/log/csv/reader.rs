@@ -2,11 +2,11 @@
 
 use super::super::flight::{Flight, Gps, LogFormat};
 use super::super::flight_builder::{FieldProcessing, FlightBuilder};
-use super::super::series::Series;
+use super::super::time_series::Series;
 use super::error::CsvError;
+use super::field_unit::FieldUnit;
 use super::rates::rates_at_rows;
-use super::table::{InvalidCell, TableLayout};
-use super::unit::FieldUnit;
+use super::table_layout::{InvalidCell, TableLayout};
 
 /// Clock value assigned to the median time of the first lines, microseconds; large, so that earlier lines have positive
 /// values.

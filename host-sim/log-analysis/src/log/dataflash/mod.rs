@@ -6,11 +6,11 @@
 
 mod binary;
 mod messages;
-mod text;
+mod text_log;
 
 pub use binary::{matches_header, read_binary};
 pub(super) use messages::quaternion_to_euler_rad;
-pub use text::read_text;
+pub use text_log::read_text;
 
 #[cfg(test)]
 mod tests;

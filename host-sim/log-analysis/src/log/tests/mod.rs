@@ -10,7 +10,7 @@ use autoswing::calibration::Orientation;
 use nalgebra::{Rotation3, Vector3};
 
 use super::csv::FieldUnit;
-use super::write::{
+use super::log_writers::{
     FlightRecording, FlightSample, encode_csv, encode_dataflash, encode_dataflash_text, encode_tlog, encode_ulog,
 };
 use super::*;

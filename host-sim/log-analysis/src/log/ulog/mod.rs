@@ -1,19 +1,19 @@
 //! Reader for PX4's ULog (docs.px4.io, "ULog File Format").
 
-mod layout;
+mod row_layout;
 mod sensors;
 
 use std::collections::HashMap;
 use std::io::{self, Read};
 
-use layout::{RowColumn, RowColumns, ScalarType, TopicRow, parse_keyed_value};
+use row_layout::{RowColumn, RowColumns, ScalarType, TopicRow, parse_keyed_value};
 use sensors::CompassAssignment;
 
 use super::dataflash::quaternion_to_euler_rad;
 use super::flight::{Autopilot, Flight, Gps, LogFormat};
 use super::flight_builder::{FieldProcessing, FlightBuilder};
 use super::read_window::{MAX_PEEK, ReadWindow};
-use super::series::Series;
+use super::time_series::Series;
 
 /// Start of a log; version and time follow.
 pub const ULOG_MAGIC: [u8; 7] = *b"ULog\x01\x12\x35";

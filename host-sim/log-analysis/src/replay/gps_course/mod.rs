@@ -10,7 +10,7 @@ use autoswing::frames::{Attitude, wrap_pi};
 use autoswing::time::WrappingMillis;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::log::series::Series;
+use crate::log::time_series::Series;
 use crate::log::{Flight, Gps};
 use crate::numbers::{median, square};
 
@@ -221,7 +221,7 @@ impl GpsCourseHeading {
 }
 
 fn ground_velocities(flight: &Flight) -> Vec<GroundVelocity> {
-    let ground_velocity = |row: &crate::log::series::TimedRow<6>| {
+    let ground_velocity = |row: &crate::log::time_series::TimedRow<6>| {
         let Gps { speed_m_s, course_deg, .. } = Gps::from_columns(row.row_values);
         let (sin, cos) = libm::sincos(f64::from(course_deg).to_radians());
         let m_s = Vector2::new(cos, sin) * f64::from(speed_m_s);

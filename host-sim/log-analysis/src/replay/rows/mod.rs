@@ -10,7 +10,7 @@ use super::data_loss;
 use super::frozen_field::frozen_intervals;
 use super::reference::ReferenceHeading;
 use super::row::ReplayRow;
-use crate::log::series::{Series, TimedRow};
+use crate::log::time_series::{Series, TimedRow};
 use crate::log::{Compass, Flight};
 use crate::numbers::quantile;
 

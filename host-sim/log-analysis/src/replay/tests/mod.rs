@@ -14,7 +14,7 @@ use autoswing::messages::Refusal;
 use super::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, evaluate_flight};
 use super::*;
 use crate::log::csv::FieldUnit;
-use crate::log::write::encode_dataflash;
+use crate::log::log_writers::encode_dataflash;
 use crate::log::{self, Flight};
 use crate::test_flight::record_turns;
 

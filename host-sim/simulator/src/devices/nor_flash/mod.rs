@@ -4,8 +4,8 @@
 //! An *operation* programs one double word or erases one page. A power cut, or dropping the future of an operation,
 //! leaves this operation incomplete and all earlier ones complete.
 
-mod cells;
 mod error;
+mod flash_cells;
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -14,9 +14,9 @@ use embassy_time::{Duration, Timer};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use testkit::simulation::Stop;
 
-use self::cells::{FlashCells, FlashOperation};
-pub use self::cells::{PAGE_BYTES, WORD_BYTES, WearCounters};
 pub use self::error::FlashError;
+use self::flash_cells::{FlashCells, FlashOperation};
+pub use self::flash_cells::{PAGE_BYTES, WORD_BYTES, WearCounters};
 use crate::random::{RandomStream, StreamPurpose};
 
 /// Time to program a double word (STM32L475 data sheet, typical 81.7 us).

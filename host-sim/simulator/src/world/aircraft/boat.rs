@@ -1,6 +1,6 @@
 //! Boat: waves roll and pitch it; it turns at a commanded rate and heels outward in turns.
 
-use super::surface::{Surface, roll_pitch_on_slope};
+use super::rough_surface::{Surface, roll_pitch_on_slope};
 use super::{GRAVITY_M_S2, Motion, STEP_S, TrueState, VehicleCommand, VehicleConfig, Weather, forward_right};
 
 /// Wave slope along the direction of travel, standard deviation, degrees.

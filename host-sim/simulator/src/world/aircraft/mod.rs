@@ -6,8 +6,8 @@ mod copter;
 mod external_attitude;
 mod motion;
 mod plane;
+mod rough_surface;
 mod rover;
-mod surface;
 mod turbulence;
 mod vtol;
 

@@ -1,6 +1,6 @@
 //! Rover on rough ground: turns at a commanded rate; the ground slope sets roll and pitch.
 
-use super::surface::{Surface, roll_pitch_on_slope};
+use super::rough_surface::{Surface, roll_pitch_on_slope};
 use super::{Motion, STEP_S, TrueState, VehicleCommand, VehicleConfig, forward_right};
 
 /// Ground slope along any direction, standard deviation, degrees.

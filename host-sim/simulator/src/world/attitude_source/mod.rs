@@ -10,10 +10,10 @@ use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 use serde::{Deserialize, Serialize};
 
 use super::aircraft;
+use super::flight_place::{ReportedPosition, START_UNIX_US};
 use super::gauss_markov::FirstOrder;
 use super::gyro::{Gyro, GyroConfig};
 use super::mavlink_frame::MavlinkFrame;
-use super::place::{ReportedPosition, START_UNIX_US};
 use super::state::TrueState;
 use crate::random::{RandomStream, StreamPurpose};
 

@@ -11,8 +11,8 @@ use mavlink::dialects::common::{
 use mavlink::{MavlinkVersion, Message};
 
 use super::attitude_source::AttitudeSource;
+pub use super::flight_place::{ReportedPosition, START_UNIX_US, XIAN};
 pub use super::mavlink_frame::{FrameReader, MavlinkFrame, command_long};
-pub use super::place::{ReportedPosition, START_UNIX_US, XIAN};
 use super::state::TrueState;
 
 /// Autopilot firmware, which determines the handling of message requests.

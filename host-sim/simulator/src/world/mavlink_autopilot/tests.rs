@@ -17,7 +17,7 @@ use embedded_io_async::{Read, Write};
 use super::*;
 use crate::devices::uart::SerialCable;
 use crate::world::attitude_source::{AttitudeSourceConfig, Identity, SenderKind};
-use crate::world::far_end::FarEnd;
+use crate::world::cable_far_end::FarEnd;
 use crate::world::gyro::GyroConfig;
 use crate::world::{World, WorldConfig};
 use testkit::clock;

@@ -1,6 +1,6 @@
 use nalgebra::Vector3;
 
-use super::super::surface::{Surface, roll_pitch_on_slope};
+use super::super::rough_surface::{Surface, roll_pitch_on_slope};
 use super::*;
 use crate::world::rotation::Euler;
 

@@ -6,7 +6,7 @@ use std::pin::Pin;
 use embassy_time::{Duration, Timer};
 use testkit::clock;
 
-use super::switch::FaultSwitch;
+use super::fault_switch::FaultSwitch;
 use crate::devices::uart::HostEnd;
 use crate::world::attitude_source::{AttitudeSource, Identity, SenderKind};
 use crate::world::autopilot::Leg;

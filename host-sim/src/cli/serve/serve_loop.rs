@@ -8,11 +8,11 @@ use std::thread;
 
 use host_sim::serve::{PORTS, ServedModule};
 
+use super::byte_connections::{ByteConnection, MAX_POLL_BYTES, POLL_INTERVAL, read_in_thread};
 use super::can::MulticastBus;
 use super::flash_writer::FlashWriter;
-use super::pace::VirtualClock;
-use super::wire::{ByteConnection, MAX_POLL_BYTES, POLL_INTERVAL, read_in_thread};
-use crate::cli::failure::CommandFailure;
+use super::real_time_pace::VirtualClock;
+use crate::cli::command_failure::CommandFailure;
 use crate::cli::print;
 
 pub struct Connections {

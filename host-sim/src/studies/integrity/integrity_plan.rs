@@ -2,7 +2,7 @@
 
 use autoswing::settings::HeadingKind;
 use simulator::world::aircraft::VehicleKind;
-use simulator::world::far_end::FarEnd;
+use simulator::world::cable_far_end::FarEnd;
 use simulator::world::msp_autopilot::{AnswerFaults, MspFirmware};
 
 /// Extent of a run.

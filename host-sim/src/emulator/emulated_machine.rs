@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use serde_json::json;
 use tempfile::TempDir;
 
-use super::elf;
+use super::elf_header;
 use super::error::{EmulatorError, QEMU_PROGRAM};
 use super::local_socket::{self, LocalStream};
 use super::qmp::Qmp;
@@ -120,7 +120,7 @@ impl EmulatedMachine {
         if !local_socket::ARE_LOCAL_SOCKETS_SUPPORTED {
             return Err(EmulatorError::NoLocalSockets);
         }
-        elf::check_image(image)?;
+        elf_header::check_image(image)?;
         let directory = tempfile::tempdir().map_err(|error| EmulatorError::Connection("directory", error))?;
         let flash = directory.path().join("flash.bin");
         fs::write(&flash, vec![0xFF; FLASH_BYTES]).map_err(|error| EmulatorError::Connection("flash", error))?;

@@ -7,7 +7,7 @@ use ::mavlink::dialects::common::MavSeverity;
 use super::transmitter::Transmitter;
 use crate::messages::{Message, Severity};
 use crate::port::MessageSchedule;
-use crate::port::characters::BoundedText;
+use crate::port::bounded_text::BoundedText;
 use crate::time::Timestamp;
 use crate::wire::mavlink::OutboundMessage;
 

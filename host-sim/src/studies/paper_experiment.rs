@@ -15,8 +15,8 @@ use log_analysis::score::{ErrorStatistics, wrap_180};
 use simulator::random::{RandomStream, StreamPurpose};
 use simulator::world::airframe::Airframe;
 use simulator::world::earth::Earth;
+use simulator::world::published_table1::{BANK_DEG, BankErrors};
 use simulator::world::rotation::Euler;
-use simulator::world::table1::{BANK_DEG, BankErrors};
 
 /// Number of headings in the table, 30 deg apart.
 pub const HEADING_COUNT: usize = 12;

@@ -13,7 +13,7 @@ use simulator::faults::field::{
     FieldFault, MountTurn, OtherPlace, SoftIronHysteresis, elevator_linkage, hard_iron_change, hard_iron_drift,
     passing_object, throttle_interference, zero_drift,
 };
-use simulator::faults::link::{ForgedMessage, LinkFault};
+use simulator::faults::link_faults::{ForgedMessage, LinkFault};
 use simulator::faults::sensor::{RegisterUpset, SensorFault, aliased_vibration, axis_clipping, stuck_axes};
 use simulator::faults::{FaultSwitch, Faults};
 use simulator::random::{RandomStream, StreamPurpose};
@@ -22,13 +22,13 @@ use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::attitude_source::SenderKind;
 use simulator::world::autopilot::Leg;
+use simulator::world::cable_far_end::FarEnd;
 use simulator::world::earth::Earth;
-use simulator::world::far_end::FarEnd;
 use simulator::world::gyro::GyroConfig;
 use simulator::world::rotation::Euler;
 
+use crate::studies::integrity::integrity_plan::AttitudeProtocol;
 use crate::studies::integrity::legs_after_calibration::{self, TIME_IN_TURN_S};
-use crate::studies::integrity::plan::AttitudeProtocol;
 
 /// Fault and the flights on which it is tested: a row of [`ALL_CASES`](super::ALL_CASES).
 #[derive(Debug)]

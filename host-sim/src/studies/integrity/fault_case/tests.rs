@@ -4,7 +4,7 @@ use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
 use super::*;
-use crate::studies::integrity::plan::AttitudeProtocol;
+use crate::studies::integrity::integrity_plan::AttitudeProtocol;
 
 fn names(aircraft: VehicleKind) -> Vec<&'static str> {
     ALL_CASES.iter().filter(|case| case.applies_to_vehicle(aircraft)).map(|case| case.case_name).collect()

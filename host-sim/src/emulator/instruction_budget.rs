@@ -4,9 +4,9 @@ use serde::Serialize;
 use simulator::module::{Module, ModuleRunEnd};
 use simulator::world::aircraft::PrescribedMotion;
 
+use super::emulated_machine::BenchTest;
 use super::emulated_module::Emulator;
 use super::error::EmulatorError;
-use super::machine::BenchTest;
 
 /// Instruction limit of a firmware path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

@@ -3,13 +3,13 @@
 use std::f64::consts::TAU;
 
 use simulator::faults::attitude::{attitude_spikes, rate_offset_ramp};
-use simulator::faults::link::ForgedMessage;
+use simulator::faults::link_faults::ForgedMessage;
 use simulator::faults::sensor::{additional_noise, measurement_spikes};
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::attitude_source::SenderKind;
 use simulator::world::gyro::GyroConfig;
 
-use super::definition::{
+use super::case_definition::{
     COUNTS_PER_UT, FLIGHT_AFTER_CALIBRATION_S, FaultCase, FaultOnset, RandomCase, SENSOR_SIGMA_COUNTS, USUAL_ONSET_S,
 };
 use crate::studies::integrity::legs_after_calibration::{TIME_IN_LEVEL_FLIGHT_S, TIME_IN_TURN_S};

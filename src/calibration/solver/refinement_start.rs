@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 
-use super::attempts::AttemptStart;
+use super::solve_attempts::AttemptStart;
 use crate::calibration::closed_form::starting_point::{self, SensorResponse, StartingPoint};
 use crate::calibration::closed_form::{compass_swing, four_ellipse, level_ellipse, two_plane};
 use crate::calibration::fit::levenberg_marquardt::Refinement;

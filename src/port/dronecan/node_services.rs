@@ -1,8 +1,8 @@
 //! Requests of other nodes. They wait until the module's state is known, and while the state machine executes a
 //! command.
 
+use super::firmware_update::FirmwareUpdate;
 use super::parameters;
-use super::update::FirmwareUpdate;
 use crate::compass::Command;
 use crate::messages::Refusal;
 use crate::port::parameters::{ParameterValue, SettingParameter};

@@ -1,10 +1,10 @@
 //! Cases of the integrity study: fault, onset and flight.
 
-mod definition;
-mod list;
+mod case_definition;
+mod case_list;
 
-pub use definition::{FaultCase, FaultOnset, RandomCase};
-pub use list::ALL_CASES;
+pub use case_definition::{FaultCase, FaultOnset, RandomCase};
+pub use case_list::ALL_CASES;
 
 /// The case with this name, if any.
 #[must_use]

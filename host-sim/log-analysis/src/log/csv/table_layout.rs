@@ -1,8 +1,8 @@
 //! Columns of a table and the parser of its lines.
 
 use super::super::flight_builder::MAX_COMPASSES;
-use super::cells::{separator, trimmed_cell};
 use super::error::CsvError;
+use super::table_cells::{separator, trimmed_cell};
 
 pub(super) struct TableLayout {
     separator: char,
