@@ -29,7 +29,7 @@ use embassy_sync::signal::Signal;
 use embedded_io_async::Write as _;
 use static_cell::{ConstStaticCell, StaticCell};
 
-use super::clock;
+use super::machine_clock;
 use super::uart::UartTx;
 
 /// Samples per turn.
@@ -321,9 +321,9 @@ const READING_US: u64 = 12_500;
 fn count_instructions(f: impl FnOnce()) -> u64 {
     let ticks = |f: &mut dyn FnMut()| {
         critical_section::with(|_| {
-            let before = clock::ticks();
+            let before = machine_clock::ticks();
             f();
-            clock::ticks() - before
+            machine_clock::ticks() - before
         })
     };
     let reading_the_clock = ticks(&mut || {});

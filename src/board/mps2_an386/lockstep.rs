@@ -14,7 +14,7 @@ use cortex_m::asm;
 use cortex_m::peripheral::NVIC;
 use embassy_time::{Duration, Instant, Timer};
 
-use super::clock;
+use super::machine_clock;
 use super::registers::Interrupt;
 use super::uart::{AUTOPILOT, CONSOLE, INSTRUMENT, LOCKSTEP, Uart};
 
@@ -64,7 +64,7 @@ pub async fn run_lockstep() -> ! {
 
 /// Reports the start, before anything waits.
 pub fn report_start() {
-    send_message(LockstepMessage::Started, clock::ticks());
+    send_message(LockstepMessage::Started, machine_clock::ticks());
 }
 
 pub fn wait_before_sensor_access() {
@@ -73,7 +73,7 @@ pub fn wait_before_sensor_access() {
 
 /// Reports a write to the instrument port.
 pub fn report_instrument_write() {
-    critical_section::with(|_| clock::with_frozen_clock(|ticks| send_message(LockstepMessage::Written, ticks)));
+    critical_section::with(|_| machine_clock::with_frozen_clock(|ticks| send_message(LockstepMessage::Written, ticks)));
 }
 
 fn send_message(message: LockstepMessage, ticks: u64) {
@@ -85,8 +85,8 @@ fn send_message(message: LockstepMessage, ticks: u64) {
 
 fn wait_for_message(message: LockstepMessage, due: Option<Instant>) {
     critical_section::with(|_| {
-        clock::with_frozen_clock(|ticks| {
-            send_message(message, due.map_or(ticks, |due| due.as_micros() * clock::TICKS_PER_US));
+        machine_clock::with_frozen_clock(|ticks| {
+            send_message(message, due.map_or(ticks, |due| due.as_micros() * machine_clock::TICKS_PER_US));
             let others = mask_all_but_uarts();
             let [console, autopilot, instrument, go] = core::array::from_fn(|_| take_byte(&LOCKSTEP));
             receive_bytes(&CONSOLE, console);

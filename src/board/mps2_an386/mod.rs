@@ -60,7 +60,7 @@ static __INTERRUPTS: [Vector; 32] = Vector::interrupt_table(&[
     (Interrupt::Uart0Rx, on_console),
     (Interrupt::Uart1Rx, on_autopilot),
     (Interrupt::Uart3Rx, on_instrument),
-    (Interrupt::DualTimer, clock::on_interrupt),
+    (Interrupt::DualTimer, machine_clock::on_interrupt),
     (Interrupt::StepTask, on_step_task),
     (Interrupt::HeadingTasks, on_heading_tasks),
     (Interrupt::OtherTasks, on_other_tasks),
@@ -116,7 +116,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     for uart in [&CONSOLE, &AUTOPILOT, &INSTRUMENT, &LOCKSTEP] {
         uart.enable();
     }
-    clock::start_clock();
+    machine_clock::start_clock();
     lockstep::report_start();
     for interrupt in [Interrupt::DualTimer, Interrupt::Uart0Rx, Interrupt::Uart1Rx, Interrupt::Uart3Rx] {
         // SAFETY: `__INTERRUPTS` has handlers of these interrupts.

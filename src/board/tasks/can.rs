@@ -5,7 +5,7 @@ use autoswing::health::ResetCause;
 use autoswing::settings::PortNumber;
 use embassy_executor::SendSpawner;
 
-use super::lines::{console_task, expect_spawn_token, port_task};
+use super::line_tasks::{console_task, expect_spawn_token, port_task};
 use crate::board::chosen::{BoardLines, CanBus, Platform, UartRx, UartTx};
 
 /// Number of ports that report safe mode: none, because the only UART is the console then.

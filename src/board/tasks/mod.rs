@@ -20,7 +20,7 @@ use static_cell::StaticCell;
 use super::chosen::{Hardware, Magnetometer, Panel, StoreFlash, UartTx, Watchdog};
 use super::sample_memory;
 use board_lines::SAFE_MODE_PORTS;
-use lines::expect_spawn_token;
+use line_tasks::expect_spawn_token;
 
 /// Initialised at run time, so that `.data` costs no flash.
 static LINKS: StaticCell<TaskLinks> = StaticCell::new();

@@ -5,7 +5,7 @@ use autoswing::health::ResetCause;
 use autoswing::settings::{PORT_COUNT, PortNumber};
 use embassy_executor::SendSpawner;
 
-use super::lines::{console_task, expect_spawn_token, port_task};
+use super::line_tasks::{console_task, expect_spawn_token, port_task};
 use crate::board::chosen::{BoardLines, Platform, UartTx};
 
 /// Ports that report safe mode.
