@@ -15,7 +15,7 @@
 //! ```
 //!
 //! Tasks that make headings preempt the slow ones (solve, flash erase, console), which therefore never delay a
-//! sentence. All connections between tasks are in one [`Links`]; there are no globals.
+//! sentence. All connections between tasks are in one [`TaskLinks`]; there are no globals.
 
 pub mod can;
 pub mod compass;

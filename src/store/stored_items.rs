@@ -133,7 +133,7 @@ impl StoredFields for CalibrationRecord {
 pub struct StoredCalibrations {
     /// Active calibration, if any.
     pub current_calibration: Option<CalibrationRecord>,
-    /// Calibration that [`undo`](Self::undo) restores.
+    /// Calibration that [`undo_last`](Self::undo_last) restores.
     pub previous_calibration: Option<CalibrationRecord>,
 }
 

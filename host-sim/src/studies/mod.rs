@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`accuracy`] | accuracy relative to the Cramér-Rao bound |
 //! | [`integrity`] | headings output as good while a fault is active |
-//! | [`paper`] | reproduction of Liu 2007 table 1 with every method |
+//! | [`paper_experiment`] | reproduction of Liu 2007 table 1 with every method |
 
 pub mod accuracy;
 pub mod integrity;

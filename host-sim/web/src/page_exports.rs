@@ -99,7 +99,7 @@ extern "C" fn open_log() {
     });
 }
 
-/// Judges the log: `Choices`, answered by a `JudgedLog`.
+/// Judges the log: `PageChoices`, answered by a `JudgedLog`.
 // SAFETY: no other linked function has this name.
 #[unsafe(no_mangle)]
 extern "C" fn judge_log() {

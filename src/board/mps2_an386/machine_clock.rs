@@ -21,7 +21,7 @@ const TIMER_CLEAR: Register = Register::at_offset(Peripheral::DualTimer, 0x0C);
 /// Frequency of counter and timer: 25 MHz.
 pub const TICKS_PER_US: u64 = 25;
 
-/// Values of `CONTROL`: one shot, 32 bits. QEMU applies 32 bits of `LOAD` only if 32-bit mode was set before.
+/// Values of `TIMER_CONTROL`: one shot, 32 bits. QEMU applies 32 bits of `TIMER_LOAD` only if 32-bit mode was set before.
 const TIMER_STOPPED: u32 = 0b0000_0011;
 const TIMER_RUNNING: u32 = 0b1010_0011;
 /// Value of `CONTROL` that stops the timer, which keeps its remaining time.

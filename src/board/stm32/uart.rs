@@ -54,7 +54,7 @@ impl UartTx {
     /// Duration of a chunk at 115200 baud.
     const RETRY_DELAY: Duration = Duration::from_micros(2_800);
 
-    /// Wraps a transmitter with a buffer larger than [`CHUNK`](Self::CHUNK).
+    /// Wraps a transmitter with a buffer larger than [`CHUNK_SIZE`](Self::CHUNK_SIZE).
     fn new(tx: BufferedUartTx<'static>) -> Self {
         Self(tx)
     }

@@ -9,7 +9,7 @@ use crate::calibration::{ConsiderSigmas, Rates};
 use crate::frames::Attitude;
 use crate::trig::sqrt;
 
-/// Row of the [table](super::table) of attitude errors.
+/// Row of the [table](super::attitude_error_table) of attitude errors.
 pub(in crate::calibration) struct AttitudeError {
     /// Change of roll and pitch by one unit of the error, radians.
     pub effect: fn(&AttitudeState) -> [f32; 2],

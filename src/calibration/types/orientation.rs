@@ -50,7 +50,7 @@ impl Orientation {
         (0..Self::ORIENTATION_COUNT).map(Self)
     }
 
-    /// Parses the output of [`name`](Self::name).
+    /// Parses the output of [`orientation_name`](Self::orientation_name).
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         Self::all_orientations().find(|orientation| orientation.orientation_name() == name)

@@ -84,7 +84,7 @@ impl CollectionPart {
         }
     }
 
-    /// Position in [`CollectionPart::ALL`]; unknown numbers are of arbitrary attitude.
+    /// Position in [`CollectionPart::ALL_PARTS`]; unknown numbers are of arbitrary attitude.
     pub(crate) const fn index(self) -> usize {
         match self.0 {
             0 => 0,

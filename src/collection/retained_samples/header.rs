@@ -24,7 +24,7 @@ pub(in crate::collection) struct CollectionHeader {
     pub distinct_count: u32,
     /// Minimum distance between samples of a tumble, microtesla; grows when the buffer is full.
     pub min_distance_ut: f32,
-    /// States of the parts by [`Part::index`].
+    /// States of the parts by [`CollectionPart::index`].
     pub part_states: [PartState; CollectionPart::ALL_PARTS.len()],
     pub statistics: FlightStatistics,
 }

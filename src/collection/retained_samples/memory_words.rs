@@ -10,7 +10,7 @@ pub(in crate::collection) trait MemoryWords {
     fn visit_words(&mut self, visit: &mut impl FnMut(&mut u32));
 }
 
-/// Implements [`Words`] for a number, by its conversions to and from `u32`, or for a structure, by its fields.
+/// Implements [`MemoryWords`] for a number, by its conversions to and from `u32`, or for a structure, by its fields.
 macro_rules! words {
     ($type:ty, $to:expr, $from:expr) => {
         impl MemoryWords for $type {

@@ -69,9 +69,9 @@ struct OpenCommand {
 pub(super) enum RequestStep {
     /// No request to answer.
     Idle,
-    /// Send a response, then call [`Services::pop`].
+    /// Send a response, then call [`Services::pop_response`].
     Respond(OutboundTransfer),
-    /// Execute a command, then call [`Services::complete`].
+    /// Execute a command, then call [`Services::complete_command`].
     Execute(Command),
 }
 

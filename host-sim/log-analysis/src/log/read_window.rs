@@ -66,7 +66,7 @@ impl<'a> ReadWindow<'a> {
         Ok(None)
     }
 
-    /// Consumes bytes returned by [`Self::peek`].
+    /// Consumes bytes returned by [`Self::peek_bytes`].
     pub fn consume_bytes(&mut self, number: usize) {
         self.start = self.end.min(self.start + number);
     }

@@ -110,7 +110,7 @@ impl Svg {
         self.body.push('\n');
     }
 
-    /// Element for a page with [`style`]. `id` must be unique in the page; title and words describe the picture to
+    /// Element for a page with [`style_css`]. `id` must be unique in the page; title and words describe the picture to
     /// screen readers.
     pub fn to_inline(&self, id: &str, title: &str, words: &str) -> String {
         let [width, height] = self.size;

@@ -7,7 +7,7 @@
 //! | link | `link.rs` | an autopilot that pauses, other vehicles, forged messages |
 //! | field | `field.rs` | hard-iron changes and other fields at the chip |
 //!
-//! Each fault is active while its [`Switch`] is on, and depends only on its seed and the simulation time.
+//! Each fault is active while its [`FaultSwitch`] is on, and depends only on its seed and the simulation time.
 
 pub mod attitude;
 mod fault_switch;

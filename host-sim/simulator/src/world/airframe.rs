@@ -71,7 +71,7 @@ impl Airframe {
         Self { field_matrix: Matrix3::identity(), hard_iron_ut: Vector3::zeros() }
     }
 
-    /// Aircraft of Liu 2007 table 1 (see [`table1`]).
+    /// Aircraft of Liu 2007 table 1 (see [`published_table1`]).
     #[must_use]
     pub fn table1() -> Self {
         let a = Matrix3::from_row_slice(published_table1::SOFT_IRON.as_flattened());

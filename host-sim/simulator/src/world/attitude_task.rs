@@ -10,7 +10,7 @@ use super::simulated_world::World;
 use crate::devices::uart::HostEnd;
 
 impl World {
-    /// Attitude source of this world; spawn its [`run`](AttitudeSource::run) as a task.
+    /// Attitude source of this world; spawn its [`run_source`](AttitudeSource::run_source) as a task.
     #[must_use]
     pub fn attitude_source(&self) -> AttitudeSource {
         let config = self.config();

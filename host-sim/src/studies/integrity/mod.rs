@@ -1,6 +1,6 @@
 //! Integrity study: headings output as good while a fault is active.
 //!
-//! Each [`Case`] is a fault during calibration or during use. Random airframes at random places fly it with the
+//! Each [`FaultCase`] is a fault during calibration or during use. Random airframes at random places fly it with the
 //! firmware's own tasks ([`flight`]); the statistics count output headings whose error is not covered by their sigma.
 //! True headings come from the simulator.
 

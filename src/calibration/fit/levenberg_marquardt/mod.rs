@@ -87,7 +87,7 @@ impl Damping {
     }
 }
 
-/// Refinement in progress; each [`step`](Self::step) is one pass over the samples. About 1 KB.
+/// Refinement in progress; each [`refine_step`](Self::refine_step) is one pass over the samples. About 1 KB.
 #[derive(Debug)]
 pub(in crate::calibration) struct Refinement {
     pub likelihood: Likelihood,

@@ -101,7 +101,7 @@ impl Flash {
         self.0.borrow().cells.bytes().to_vec()
     }
 
-    /// Restores a copy from [`contents`](Self::contents). False without effect if the size differs.
+    /// Restores a copy from [`flash_contents`](Self::flash_contents). False without effect if the size differs.
     #[must_use]
     pub fn restore_contents(&self, contents: &[u8]) -> bool {
         self.0.borrow_mut().cells.restore_contents(contents)

@@ -1,7 +1,7 @@
 //! Simulated autopilot with bidirectional MAVLink and the attitude of an [`AttitudeSource`].
 //!
 //! A pure state machine: the caller passes time and bytes. It answers message requests as real firmwares do, as far as
-//! the module can observe. [`FarEnd`](super::far_end::FarEnd) attaches it to a cable.
+//! the module can observe. [`FarEnd`](super::cable_far_end::FarEnd) attaches it to a cable.
 
 use mavlink::MessageData;
 use mavlink::dialects::common::{
