@@ -1,7 +1,7 @@
 //! Reference frames as types, attitude, and angles.
 //!
 //! A magnetic field is a [`Field`]`<F>` with the frame `F` of its components: [`Sensor`], [`Body`] or [`Level`].
-//! [`Calibration::calibrated_field`](crate::calibration::Calibration::apply) converts from sensor to body axes,
+//! [`Calibration::calibrated_field`](crate::calibration::Calibration::calibrated_field) converts from sensor to body axes,
 //! [`Attitude::level`] to the level frame, and only a level field has a heading, so no conversion can be omitted.
 //! Conventions: [crate docs](crate).
 

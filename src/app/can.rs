@@ -118,7 +118,7 @@ pub async fn run_can(
             Either4::Fourth(Ok(frame)) => {
                 let at = now();
                 node.receive_frame(at, &frame, &mut |message| {
-                    route_message(links, AutopilotLine::Can, at, message, true)
+                    route_message(links, AutopilotLine::Can, at, message, true);
                 });
                 if node.has_requests() {
                     poll(links, &mut node, &settings);

@@ -97,7 +97,7 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
             match source {
                 CommandSource::Console => links.replies.send(reply).await,
                 CommandSource::Line(line) => {
-                    links.links_of_line(line).command_results.signal((command, reply.map(|_| ())))
+                    links.links_of_line(line).command_results.signal((command, reply.map(|_| ())));
                 }
                 CommandSource::Button => {}
             }

@@ -60,7 +60,7 @@ pub async fn run_safe_mode<F: NorFlash, const PORTS: usize>(
                 match source {
                     CommandSource::Console => links.replies.send(reply).await,
                     CommandSource::Line(line) => {
-                        links.links_of_line(line).command_results.signal((command, reply.map(|_| ())))
+                        links.links_of_line(line).command_results.signal((command, reply.map(|_| ())));
                     }
                     CommandSource::Button => {}
                 }

@@ -24,8 +24,8 @@ pub(super) enum Activity {
 /// A solve, up to the save of its calibration.
 #[derive(Debug)]
 pub(super) struct Solve {
-    pub solve_stage: SolveStage,
-    pub solve_purpose: SolvePurpose,
+    pub current_stage: SolveStage,
+    pub run_purpose: SolvePurpose,
     /// Sensor at the start of the solve; the calibration is valid for it alone.
     pub sensor: DetectedSensor,
 }
@@ -53,7 +53,7 @@ impl Activity {
         match self {
             Self::Idle => None,
             Self::Collecting(starter) => Some(*starter),
-            Self::Solving(solve) => match solve.solve_purpose {
+            Self::Solving(solve) => match solve.run_purpose {
                 SolvePurpose::Trial(starter) => Some(starter),
                 SolvePurpose::Calibration(starter) => starter,
             },

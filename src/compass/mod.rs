@@ -122,7 +122,7 @@ impl<'a> Compass<'a> {
         let Some(starter) = self.activity.starter().filter(|starter| !self.is_paused(*starter)) else {
             return Effect::None;
         };
-        if let Activity::Solving(Solve { solve_purpose: purpose, .. }) = self.activity {
+        if let Activity::Solving(Solve { run_purpose: purpose, .. }) = self.activity {
             let is_held = self.samples_during_solve.push(sample).is_ok();
             if is_held || !matches!(purpose, SolvePurpose::Trial(_)) {
                 return Effect::None;

@@ -40,20 +40,20 @@ impl Compass<'_> {
         let solver = Solver::with_consider_sigmas(method, collected_samples(&self.collector), &prior, consider)
             .map_err(Refusal::Solve)?;
         self.activity =
-            Activity::Solving(Solve { solve_stage: SolveStage::Fitting(solver), solve_purpose: purpose, sensor });
+            Activity::Solving(Solve { current_stage: SolveStage::Fitting(solver), run_purpose: purpose, sensor });
         Ok(())
     }
 
     #[inline(never)]
     pub(super) fn advance_solve(&mut self) -> Effect {
         let Activity::Solving(solve) = &mut self.activity else { return Effect::None };
-        let (purpose, sensor) = (solve.solve_purpose, solve.sensor);
-        match &mut solve.solve_stage {
+        let (purpose, sensor) = (solve.run_purpose, solve.sensor);
+        match &mut solve.current_stage {
             SolveStage::Fitting(solver) => match solver.step(collected_samples(&self.collector)) {
                 Solving::Continue => Effect::None,
                 Solving::Finished(Ok(solution)) => {
                     self.advice = solution.advice;
-                    solve.solve_stage = SolveStage::Verifying(solution);
+                    solve.current_stage = SolveStage::Verifying(solution);
                     Effect::None
                 }
                 Solving::Finished(Err(error)) => self.on_solve_failed(error, purpose, sensor),
@@ -76,7 +76,7 @@ impl Compass<'_> {
 
     #[inline(never)]
     fn verify_candidate(&mut self) -> Effect {
-        let Activity::Solving(Solve { solve_stage: SolveStage::Verifying(candidate), solve_purpose: purpose, sensor }) =
+        let Activity::Solving(Solve { current_stage: SolveStage::Verifying(candidate), run_purpose: purpose, sensor }) =
             &self.activity
         else {
             return Effect::None;
@@ -97,8 +97,8 @@ impl Compass<'_> {
         match accepted {
             Ok(record) => {
                 self.activity = Activity::Solving(Solve {
-                    solve_stage: SolveStage::Saving(record),
-                    solve_purpose: purpose,
+                    current_stage: SolveStage::Saving(record),
+                    run_purpose: purpose,
                     sensor,
                 });
                 Effect::Save

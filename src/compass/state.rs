@@ -55,7 +55,7 @@ impl Compass<'_> {
     #[must_use]
     pub const fn candidate_solution(&self) -> Option<&crate::calibration::Solution> {
         match &self.activity {
-            Activity::Solving(Solve { solve_stage: SolveStage::Verifying(solution), .. }) => Some(solution),
+            Activity::Solving(Solve { current_stage: SolveStage::Verifying(solution), .. }) => Some(solution),
             _ => None,
         }
     }
@@ -63,7 +63,7 @@ impl Compass<'_> {
     /// Whether [`Event::Advance`](super::Event::Advance) is needed.
     #[must_use]
     pub fn is_busy(&self) -> bool {
-        matches!(&self.activity, Activity::Solving(solve) if !matches!(solve.solve_stage, SolveStage::Saving(_)))
+        matches!(&self.activity, Activity::Solving(solve) if !matches!(solve.current_stage, SolveStage::Saving(_)))
     }
 
     /// Configuration of the instrument.
@@ -128,10 +128,10 @@ impl Compass<'_> {
     #[must_use]
     pub fn state(&self) -> ModuleState {
         match &self.activity {
-            Activity::Collecting(_) | Activity::Solving(Solve { solve_purpose: SolvePurpose::Trial(_), .. }) => {
+            Activity::Collecting(_) | Activity::Solving(Solve { run_purpose: SolvePurpose::Trial(_), .. }) => {
                 ModuleState::Collecting
             }
-            Activity::Solving(Solve { solve_stage: SolveStage::Fitting(_), .. }) => ModuleState::Solving,
+            Activity::Solving(Solve { current_stage: SolveStage::Fitting(_), .. }) => ModuleState::Solving,
             Activity::Solving(_) => ModuleState::Verifying,
             Activity::Idle if self.active_record().is_some() => ModuleState::Calibrated,
             Activity::Idle => ModuleState::Uncalibrated,

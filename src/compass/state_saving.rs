@@ -11,7 +11,7 @@ impl Compass<'_> {
     pub fn pending_change(&self) -> Option<StoreChange<'_>> {
         let StoredCalibrations { current_calibration: current, previous_calibration: previous } =
             &self.stored_calibrations;
-        if let Activity::Solving(Solve { solve_stage: SolveStage::Saving(record), .. }) = &self.activity {
+        if let Activity::Solving(Solve { current_stage: SolveStage::Saving(record), .. }) = &self.activity {
             return Some(StoreChange::StoredCalibrations { current: Some(record), previous: current.as_ref() });
         }
         Some(match self.pending_save.as_ref()? {
@@ -40,7 +40,7 @@ impl Compass<'_> {
 
     #[inline(never)]
     pub(super) fn on_saved(&mut self, result: Result<(), StoreError>) -> Effect {
-        if let Activity::Solving(Solve { solve_stage: SolveStage::Saving(record), solve_purpose: purpose, .. }) =
+        if let Activity::Solving(Solve { current_stage: SolveStage::Saving(record), run_purpose: purpose, .. }) =
             &self.activity
         {
             let purpose = *purpose;

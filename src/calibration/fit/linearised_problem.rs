@@ -94,7 +94,7 @@ impl LinearisedProblem {
             // Priors first: an equation that meets an empty row would be divided by its own element, however small.
             system.add_priors(likelihood, unknowns);
             likelihood.for_each_sample_equations(samples, &parameters, &mut |equations| {
-                system.add_sample_equations(equations)
+                system.add_sample_equations(equations);
             });
         }
         system

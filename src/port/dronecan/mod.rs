@@ -354,7 +354,7 @@ impl CanNode {
             match services.next_decision(snapshot.now, stored_settings, *is_armed, describe) {
                 RequestStep::Execute(command) => return Some(command),
                 RequestStep::Respond(response) if outbox.queue_transfer(snapshot.now, Some(own), &response) => {
-                    services.pop_response()
+                    services.pop_response();
                 }
                 // If the queue is full, the response is made again later.
                 RequestStep::Respond(_) | RequestStep::Idle => return None,

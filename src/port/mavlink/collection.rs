@@ -61,7 +61,7 @@ impl CollectionReporter {
         let outcome = self.outcome.take();
         match (self.reported_tenths, snapshot.indicator_state) {
             (reported_tenths, IndicatorState::Collecting(percent)) => {
-                self.report_progress(reported_tenths, percent, texts)
+                self.report_progress(reported_tenths, percent, texts);
             }
             (Some(_), indicator) => {
                 texts.push_message(&Message::CollectionEnded);

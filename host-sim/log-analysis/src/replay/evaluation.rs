@@ -219,7 +219,7 @@ fn evaluate_compass(
     let fields: Vec<Vector3<f64>> =
         rows.iter().filter(|row| row.is_usable).map(|row| row.raw_field.ut.map(f64::from)).collect();
     let scored = |correction_source, iron: Option<FieldCorrection>| ScoredCorrection {
-        correction_source: correction_source,
+        correction_source,
         correction: iron,
         score: iron.and_then(|iron| score_correction(&rows, &iron)),
     };
@@ -233,7 +233,7 @@ fn evaluate_compass(
     corrections.push(scored(CorrectionSource::Sphere, baseline_fits::fit_sphere(&fields).map(|(iron, _)| iron)));
     corrections.push(scored(CorrectionSource::Ellipsoid, baseline_fits::fit_ellipsoid(&fields).map(|(iron, _)| iron)));
     let solved = |correction_source, replayed: &ReplayResult| ScoredCorrection {
-        correction_source: correction_source,
+        correction_source,
         correction: replayed.solution.as_ref().map(solved_correction),
         score: replayed.score,
     };

@@ -299,7 +299,7 @@ fn write_ardupilot_parameters(text: &mut String, flight: &Flight, exports: &[Exp
                 // AHRS_ORIENTATION rotates internal compasses.
                 _ if is_internal => writeln!(text, "# {orient}: not used, because {external} is 0")?,
                 Some((rotation, off_deg)) if off_deg < 1.0 => {
-                    writeln!(text, "{orient},{}", rotation.rotation_number())?
+                    writeln!(text, "{orient},{}", rotation.rotation_number())?;
                 }
                 _ => writeln!(text, "# {orient}: the orientation has no number")?,
             }

@@ -198,7 +198,7 @@ impl RandomFlight {
         Self {
             seed,
             field_matrix: mounting * (Matrix3::identity() + symmetric * size),
-            hard_iron: hard_iron,
+            hard_iron,
             inclination_rad,
             sensor_sigma: random.uniform(ranges.sensor_noise[0], ranges.sensor_noise[1]),
             attitude_sigma_rad: random.uniform(ranges.attitude_noise_deg[0], ranges.attitude_noise_deg[1]).to_radians(),

@@ -43,7 +43,7 @@ pub fn draw_legend(svg: &mut Svg, [left, top]: PicturePoint, width: f64, items: 
                 svg.draw_points(class, shape, 3.5, centre);
             }
             LegendSample::Area(class) => {
-                svg.draw_rectangle(class, [x, y + 3.0], [LEGEND_SAMPLE_WIDTH, LEGEND_ROW_HEIGHT - 6.0])
+                svg.draw_rectangle(class, [x, y + 3.0], [LEGEND_SAMPLE_WIDTH, LEGEND_ROW_HEIGHT - 6.0]);
             }
         }
         svg.draw_text("name", [x + LEGEND_SAMPLE_WIDTH + 6.0, middle + 4.0], name);

@@ -117,7 +117,7 @@ pub static ALL_CASES: &[FaultCase] = &[
         flight.add_sensor_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }),
     define_case("sensor-clipped", "an axis saturates within the circle", |flight| {
-        flight.clip_axis(FaultOnset::SOON_AND_PERMANENT)
+        flight.clip_axis(FaultOnset::SOON_AND_PERMANENT);
     }),
     define_case("upset-scale", "a full-scale bit flips", |flight| flight.upset_register(0x21, 0x20)),
     define_case("upset-self-test", "the self-test bit flips", |flight| flight.upset_register(0x20, 0x01)),
@@ -174,10 +174,10 @@ pub static ALL_CASES: &[FaultCase] = &[
     define_case("bias-5", "attitude bias of 5 deg", |flight| flight.bias_attitude(5.0)),
     mavlink_case("aligning", "the attitude filter aligns on the ground", RandomCase::align_attitude),
     define_case("lean-70", "attitude reads 70 % of the bank", |flight| {
-        flight.scale_bank(FaultOnset::SOON_AND_PERMANENT, 0.7)
+        flight.scale_bank(FaultOnset::SOON_AND_PERMANENT, 0.7);
     }),
     define_case("lean-30", "attitude reads 30 % of the bank", |flight| {
-        flight.scale_bank(FaultOnset::SOON_AND_PERMANENT, 0.3)
+        flight.scale_bank(FaultOnset::SOON_AND_PERMANENT, 0.3);
     }),
     define_case("late-200", "attitude 200 ms later", |flight| flight.delay_attitude(200)),
     define_case("late-300", "attitude 300 ms later", |flight| flight.delay_attitude(300)),
@@ -214,10 +214,10 @@ pub static ALL_CASES: &[FaultCase] = &[
         flight.drift_hard_iron(f64::INFINITY);
     }),
     define_case("throttle-5", "interference of 5 uT follows the throttle", |flight| {
-        flight.add_throttle_interference(5.0)
+        flight.add_throttle_interference(5.0);
     }),
     define_case("throttle-10", "interference of 10 uT follows the throttle", |flight| {
-        flight.add_throttle_interference(10.0)
+        flight.add_throttle_interference(10.0);
     }),
     define_case("warming", "the sensor's zero drifts from 0 to 10 uT", |flight| {
         flight.drift_zero(FaultOnset::InUse {
@@ -244,10 +244,10 @@ pub static ALL_CASES: &[FaultCase] = &[
     }),
     turn_case("cal-bank-5", "calibration turns at 5 deg of bank", |flight| flight.calibrate_at_bank(5.0)),
     define_case("cal-clipped", "an axis saturates within the circles, always", |flight| {
-        flight.clip_axis(FaultOnset::Always)
+        flight.clip_axis(FaultOnset::Always);
     }),
     define_case("cal-lean-90", "attitude always reads 90 % of the bank", |flight| {
-        flight.scale_bank(FaultOnset::Always, 0.9)
+        flight.scale_bank(FaultOnset::Always, 0.9);
     }),
     define_case(
         "cal-lean-lag",
