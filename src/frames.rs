@@ -89,15 +89,15 @@ impl Attitude {
     /// Rotates a body field to the level frame.
     #[must_use]
     #[inline]
-    pub fn level(&self, body: Field<Body>) -> Field<Level> {
-        self.tilt_rotation().level(body)
+    pub fn to_level_frame(&self, body: Field<Body>) -> Field<Level> {
+        self.tilt_rotation().to_level_frame(body)
     }
 
     /// Rotates a level field to the body frame, the inverse of [`level`](Self::level).
     #[must_use]
     #[inline]
-    pub fn body(&self, level: Field<Level>) -> Field<Body> {
-        self.tilt_rotation().body(level)
+    pub fn to_body_frame(&self, level: Field<Level>) -> Field<Body> {
+        self.tilt_rotation().to_body_frame(level)
     }
 }
 
@@ -131,7 +131,7 @@ impl AttitudeRotation {
     /// Rotates a body field to the level frame: `C h` (Liu 2007 eq. 7).
     #[must_use]
     #[inline]
-    pub fn level(&self, body: Field<Body>) -> Field<Level> {
+    pub fn to_level_frame(&self, body: Field<Body>) -> Field<Level> {
         let body = body.ut;
         let lower = self.sin_roll * body.y + self.cos_roll * body.z;
         Field::from_ut(
@@ -144,7 +144,7 @@ impl AttitudeRotation {
     /// Rotates a level field to the body frame: `C^T l`.
     #[must_use]
     #[inline]
-    pub fn body(&self, level: Field<Level>) -> Field<Body> {
+    pub fn to_body_frame(&self, level: Field<Level>) -> Field<Body> {
         let level = level.ut;
         let lower = self.sin_pitch * level.x + self.cos_pitch * level.z;
         Field::from_ut(
@@ -159,7 +159,7 @@ impl Field<Level> {
     /// Earth's field in the level frame: `H0 [cos psi, -sin psi, tan I]` with `H0 = F cos I` (Liu 2007 eq. 7). Strength
     /// `F` in microtesla, inclination `I` in radians, positive down, magnetic heading in radians.
     #[must_use]
-    pub fn earth(total_ut: f32, inclination_rad: f32, heading_rad: f32) -> Self {
+    pub fn earth_field(total_ut: f32, inclination_rad: f32, heading_rad: f32) -> Self {
         let (sin_inclination, cos_inclination) = trig::sin_cos(inclination_rad);
         let (sin_heading, cos_heading) = trig::sin_cos(heading_rad);
         let horizontal_ut = total_ut * cos_inclination;
@@ -210,7 +210,7 @@ mod tests {
     }
 
     fn level(roll_deg: f32, pitch_deg: f32, body: [f32; 3]) -> Vector3<f32> {
-        Attitude::from_deg(roll_deg, pitch_deg).level(Field::new(body.into())).ut
+        Attitude::from_deg(roll_deg, pitch_deg).to_level_frame(Field::new(body.into())).ut
     }
 
     /// Expected values from Liu 2007 eq. 7 by hand.
@@ -248,14 +248,14 @@ mod tests {
             for pitch_deg in [-85.0, -20.0, 0.0, 35.0, 60.0] {
                 let attitude = Attitude::from_deg(roll_deg, pitch_deg);
                 let rotation = Rotation3::from_euler_angles(attitude.roll_rad, attitude.pitch_rad, 0.0);
-                let level = attitude.level(Field::new(field));
+                let level = attitude.to_level_frame(Field::new(field));
                 assert_near(level.ut, (rotation * field).into());
-                assert_near(attitude.body(Field::new(field)).ut, (rotation.inverse() * field).into());
-                assert_near(attitude.body(level).ut, field.into());
-                assert_near(attitude.level(attitude.body(Field::new(field))).ut, field.into());
+                assert_near(attitude.to_body_frame(Field::new(field)).ut, (rotation.inverse() * field).into());
+                assert_near(attitude.to_body_frame(level).ut, field.into());
+                assert_near(attitude.to_level_frame(attitude.to_body_frame(Field::new(field))).ut, field.into());
                 assert_near(
                     attitude.tilt_rotation().down_in_body(),
-                    attitude.body(Field::from_ut(0.0, 0.0, 1.0)).ut.into(),
+                    attitude.to_body_frame(Field::from_ut(0.0, 0.0, 1.0)).ut.into(),
                 );
                 assert!((attitude.tilt_rotation().cos_pitch() - attitude.pitch_rad.cos()).abs() < 2e-7);
             }
@@ -266,7 +266,7 @@ mod tests {
     #[test]
     fn the_earth_field_turns_against_the_heading() {
         let earth = |inclination_deg: f32, heading_deg: f32| {
-            Field::<Level>::earth(50.0, inclination_deg.to_radians(), heading_deg.to_radians()).ut
+            Field::<Level>::earth_field(50.0, inclination_deg.to_radians(), heading_deg.to_radians()).ut
         };
         assert_near(earth(60.0, 0.0), [25.0, 0.0, 43.301_27]);
         assert_near(earth(60.0, 90.0), [0.0, -25.0, 43.301_27]);

@@ -9,7 +9,7 @@ use simulator::world::WorldConfig;
 use simulator::world::aircraft::{VehicleConfig, VehicleKind};
 
 fn world(kind: VehicleKind) -> WorldConfig {
-    let world = WorldConfig::table1(7);
+    let world = WorldConfig::of_table1(7);
     WorldConfig { aircraft: VehicleConfig { kind, ..world.aircraft }, ..world }
 }
 
@@ -25,9 +25,9 @@ fn lit_percent(rig: &mut Rig) -> u32 {
 /// Flies a routine, armed; returns the module's unsolicited result and the lamp's duty cycle during collection.
 fn fly(rig: &mut Rig, kind: VehicleKind) -> (Option<SolveNotice>, u32) {
     rig.world.set_armed(true);
-    let legs = Routine::for_vehicle(kind, TurnPlan::default(), rig.world.config().aircraft.heading_deg).legs();
+    let legs = Routine::for_vehicle(kind, TurnPlan::default(), rig.world.world_config().aircraft.heading_deg).legs();
     for leg in legs {
-        rig.world.fly(leg);
+        rig.world.fly_leg(leg);
     }
     let (mut printed, mut lamp) = (String::new(), 0);
     for second in 0..240 {
@@ -81,7 +81,7 @@ fn motion_while_disarmed_collects_nothing() {
     let mut rig = Rig::new(world(VehicleKind::Copter));
     let legs = Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0).legs();
     for leg in legs {
-        rig.world.fly(leg);
+        rig.world.fly_leg(leg);
     }
     rig.run_for_s(120.0);
     let status = rig.send_console_line("status all");

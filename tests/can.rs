@@ -18,11 +18,11 @@ fn node(number: u8) -> NodeId {
 }
 
 fn source(frame: &CanFrame) -> Option<NodeId> {
-    FrameHeader::from_id(frame.id()).and_then(|header| header.source_node)
+    FrameHeader::from_id(frame.frame_id()).and_then(|header| header.source_node)
 }
 
 fn is_message(frame: &CanFrame, data_type: DataType) -> bool {
-    FrameHeader::from_id(frame.id())
+    FrameHeader::from_id(frame.frame_id())
         .is_some_and(|header| (header.transfer_kind, header.type_id) == (TransferKind::Message, data_type.type_id))
 }
 
@@ -119,7 +119,7 @@ struct Bench {
 impl Bench {
     fn new(faults: CanFaults) -> Self {
         let mut rig = Rig::with_port_devices(
-            WorldConfig::table1(7),
+            WorldConfig::of_table1(7),
             Faults::default(),
             [FarEnd::Unconnected, FarEnd::Unconnected],
         );
@@ -176,7 +176,7 @@ fn a_module_is_a_compass_on_a_bad_bus() {
 fn a_module_keeps_its_number_over_a_restart() {
     let mut bench = Bench::new(CanFaults::default());
     bench.run(3_000);
-    bench.rig.reset();
+    bench.rig.reset_module();
     bench.autopilot.take_fields(125);
     bench.run(3_000);
     assert!(bench.autopilot.take_fields(125) > 10);
@@ -194,9 +194,9 @@ fn a_module_sends_again_after_bus_off() {
     bench.run(1_000);
     let fields = bench.autopilot.take_fields(125);
     assert!(fields.abs_diff(50) <= 2, "{fields}");
-    bench.rig.console.send(b"status all\r");
+    bench.rig.console.send_bytes(b"status all\r");
     bench.run(100);
-    let status = String::from_utf8_lossy(&bench.rig.console.receive()).into_owned();
+    let status = String::from_utf8_lossy(&bench.rig.console.receive_bytes()).into_owned();
     let line = status.lines().find(|line| line.starts_with("can: ")).unwrap_or_default();
     assert!(
         line.starts_with("can: node by allocation, 50 Hz, covariance off, termination off; node 125; "),
@@ -233,7 +233,7 @@ fn a_babbling_node_does_not_stop_the_field() {
 #[test]
 fn a_second_node_with_this_number_silences_the_field() {
     let mut bench = Bench::new(CanFaults::default());
-    bench.rig.console.send(b"set can-node 42\rreboot\r");
+    bench.rig.console.send_bytes(b"set can-node 42\rreboot\r");
     bench.run(3_000);
     assert!(bench.autopilot.take_fields(42) > 10);
     let second = bench.bus.attach_node();
@@ -250,10 +250,10 @@ fn a_second_node_with_this_number_silences_the_field() {
         }
     });
     bench.autopilot.take_fields(42);
-    bench.rig.console.send(b"status all\r");
+    bench.rig.console.send_bytes(b"status all\r");
     bench.run_with(900, |_| {});
     assert_eq!(bench.autopilot.take_fields(42), 0);
-    let status = String::from_utf8_lossy(&bench.rig.console.receive()).into_owned();
+    let status = String::from_utf8_lossy(&bench.rig.console.receive_bytes()).into_owned();
     assert!(status.contains("; node 42, which another node has, too"), "{status}");
     bench.run(4_000);
     assert!(bench.autopilot.take_fields(42) > 10, "the other one is gone");
@@ -292,9 +292,9 @@ fn mavlink_goes_through_the_tunnel() {
             send(bench, &frame(&ATTITUDE_DATA { time_boot_ms, roll, ..ATTITUDE_DATA::default() }));
         }
     });
-    bench.rig.console.send(b"status all\r");
+    bench.rig.console.send_bytes(b"status all\r");
     bench.run(100);
-    let status = String::from_utf8_lossy(&bench.rig.console.receive()).into_owned();
+    let status = String::from_utf8_lossy(&bench.rig.console.receive_bytes()).into_owned();
     assert!(status.contains("attitude: roll 5.9 deg"), "{status}");
     let restart = COMMAND_LONG_DATA {
         command: MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN,
@@ -308,7 +308,7 @@ fn mavlink_goes_through_the_tunnel() {
     send(&mut bench, &frame(&restart));
     bench.run(4_000);
     assert!(bench.autopilot.received.iter().any(|frame| is_message(frame, DataType::TARGETTED)));
-    let console = String::from_utf8_lossy(&bench.rig.console.receive()).into_owned();
+    let console = String::from_utf8_lossy(&bench.rig.console.receive_bytes()).into_owned();
     assert!(console.contains("started by reboot"), "{console}");
 }
 

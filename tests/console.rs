@@ -9,7 +9,7 @@ use simulator::world::aircraft::PrescribedMotion;
 use testkit::random::Random;
 
 fn rig() -> Rig {
-    let mut rig = Rig::new(WorldConfig::table1(1));
+    let mut rig = Rig::new(WorldConfig::of_table1(1));
     rig.run_for_s(1.0);
     rig
 }
@@ -134,7 +134,7 @@ fn status_shows_what_is_connected() {
     assert!(status.contains("attitude: roll "), "{status}");
     assert!(status.contains("heading: none, uncalibrated"), "{status}");
     rig.magnetometer.set_silent(true);
-    rig.autopilot.send(&[0; 4000]);
+    rig.autopilot.send_bytes(&[0; 4000]);
     rig.run_for_s(0.3);
     let status = reply_after(&mut rig, "status all");
     // 4000 zero bytes occupy the line for a third of a second, so the next attitude is stale.
@@ -149,7 +149,7 @@ fn status_counts_attitude_of_other_senders() {
         let theirs = ATTITUDE_DATA { time_boot_ms: 20 * tick, roll: -0.8, ..Default::default() };
         let mut frame = MAVLinkV2MessageRaw::new();
         frame.serialize_message_data(MavHeader { system_id: 2, component_id: 1, sequence: tick as u8 }, &theirs);
-        rig.autopilot.send(frame.raw_bytes());
+        rig.autopilot.send_bytes(frame.raw_bytes());
         rig.run_for_s(0.02);
         if tick % 10 == 0 {
             let status = reply_after(&mut rig, "status all");
@@ -194,7 +194,7 @@ fn tab_completes_up_recalls_backspace_deletes() {
         "in the middle of a line, too"
     );
     // Tab prints the candidates and repeats the line.
-    rig.console.send(b"stream \t");
+    rig.console.send_bytes(b"stream \t");
     rig.run_for_s(0.1);
     let shown = rig.take_console_output();
     assert!(shown.contains("\r\non  off  rate  heading  \r\n") && shown.ends_with("> stream "), "{shown:?}");
@@ -206,10 +206,10 @@ fn split_escape_sequences_and_all_line_ends_are_accepted() {
     let mut rig = rig();
     rig.send_console_line("version");
     for part in ["\x1b", "[", "A", "\x7f", "n\r\n"] {
-        rig.console.send(part.as_bytes());
+        rig.console.send_bytes(part.as_bytes());
         rig.run_for_s(0.1);
     }
-    rig.console.send(b"version\n");
+    rig.console.send_bytes(b"version\n");
     rig.run_for_s(0.1);
     let text = rig.take_console_output();
     assert_eq!(text.matches("ok autoswing").count(), 2, "{text:?}");
@@ -311,7 +311,7 @@ fn random_keys_do_not_stop_the_console() {
             }
         }
         bytes.retain(|byte| !b"bcBC".contains(byte));
-        rig.console.send(&bytes);
+        rig.console.send_bytes(&bytes);
         rig.run_for_s(0.02);
     }
     rig.run_for_s(1.0);
@@ -329,7 +329,7 @@ fn no_bytes_stop_the_console() {
         let mut bytes = random.bytes(100);
         // Without letters there is no command.
         bytes.retain(|byte| !byte.is_ascii_alphabetic());
-        rig.console.send(&bytes);
+        rig.console.send_bytes(&bytes);
         rig.run_for_s(0.02);
     }
     rig.run_for_s(1.0);

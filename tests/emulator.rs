@@ -27,18 +27,18 @@ fn image(name: &str) -> PathBuf {
 }
 
 fn start_emulator() -> Emulator {
-    start_emulator_in(&WorldConfig::table1(1))
+    start_emulator_in(&WorldConfig::of_table1(1))
 }
 
 fn start_emulator_in(world: &WorldConfig) -> Emulator {
-    let mut emulator = Emulator::start(&image("mps2-an386.elf"), *world).unwrap_or_else(|e| panic!("{e}"));
+    let mut emulator = Emulator::start_emulator(&image("mps2-an386.elf"), *world).unwrap_or_else(|e| panic!("{e}"));
     emulator.run_for_s(1.0);
     emulator
 }
 
 fn with_bench_image() -> Emulator {
     let image = image("mps2-an386-bench.elf");
-    let mut emulator = Emulator::start(&image, WorldConfig::table1(1)).unwrap_or_else(|e| panic!("{e}"));
+    let mut emulator = Emulator::start_emulator(&image, WorldConfig::of_table1(1)).unwrap_or_else(|e| panic!("{e}"));
     emulator.run_for_s(1.0);
     emulator.take_console_output();
     emulator
@@ -66,11 +66,11 @@ fn random_noise(seed: u64, bytes: usize) -> Vec<u8> {
 
 /// Numbers of sentences with and without a heading in the next seconds.
 fn listen(emulator: &mut Emulator, seconds: f64) -> (usize, usize) {
-    let _ = emulator.instrument().receive();
+    let _ = emulator.instrument_cable().receive_bytes();
     emulator.run_for_s(seconds);
     let mut reader = SentenceReader::default();
     let received: Vec<_> = emulator
-        .instrument()
+        .instrument_cable()
         .receive_timed()
         .into_iter()
         .filter_map(|timed_byte| reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte))
@@ -86,8 +86,8 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     let mut emulator = start_emulator();
     let status = emulator.send_console_line("status all");
     assert!(status.contains("sensor: LSM303DLHC at 1e"), "{status}");
-    emulator.console().send(&random_noise(1, 500));
-    emulator.autopilot().send(&random_noise(2, 2000));
+    emulator.console_cable().send_bytes(&random_noise(1, 500));
+    emulator.autopilot_cable().send_bytes(&random_noise(2, 2000));
     emulator.run_for_s(1.0);
     emulator.send_console_line("");
     let mission_result =
@@ -99,7 +99,7 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     assert!(streamed.rms_deg <= 2.0 && streamed.empty <= 10, "{streamed:?}");
 
     // The mission reset the module in flight; here it rests.
-    emulator.reset();
+    emulator.reset_module();
     emulator.run_for_s(1.0);
     let status = emulator.send_console_line("status all");
     assert!(status.contains("started by reset pin") && status.contains("ok calibrated"), "{status}");
@@ -115,7 +115,7 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     assert!(headings >= 27 && empty == 0, "{headings} {empty}");
 
     // A frozen sensor during a turn: 32 samples at 75 Hz are 0.43 s, in which four outputs of three sentences are sent.
-    emulator.world().fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 360.0 });
+    emulator.world().fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 360.0 });
     emulator.run_for_s(6.0);
     emulator.freeze_sensor(true);
     let (headings, _) = listen(&mut emulator, 3.0);
@@ -136,12 +136,12 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
-    let world = WorldConfig { reports_current: true, ..WorldConfig::table1(1).with_current_interference(8.0) };
+    let world = WorldConfig { reports_current: true, ..WorldConfig::of_table1(1).with_current_interference(8.0) };
     let mut emulator = start_emulator_in(&world);
     emulator.send_console_line("stream rate 80");
     emulator.send_console_line("cal start turns");
-    emulator.world().fly(Leg::Turn { bank_deg: 30.0, heading_change_deg: 900.0 });
-    emulator.world().fly(Leg::Turn { bank_deg: 30.0, heading_change_deg: -900.0 });
+    emulator.world().fly_leg(Leg::Turn { bank_deg: 30.0, heading_change_deg: 900.0 });
+    emulator.world().fly_leg(Leg::Turn { bank_deg: 30.0, heading_change_deg: -900.0 });
     while emulator.world().unfinished_legs() > 0 {
         assert_eq!(emulator.run_for_s(1.0), ModuleRunEnd::Time);
     }
@@ -183,10 +183,10 @@ fn one_seed_gives_one_run() {
     let run = || {
         let mut emulator = start_emulator();
         emulator.send_console_line("cal start turns");
-        emulator.world().fly(Leg::Turn { bank_deg: 30.0, heading_change_deg: 90.0 });
+        emulator.world().fly_leg(Leg::Turn { bank_deg: 30.0, heading_change_deg: 90.0 });
         emulator.run_for_s(10.0);
         let status = emulator.send_console_line("status all");
-        (status, emulator.instrument().receive())
+        (status, emulator.instrument_cable().receive_bytes())
     };
     assert_eq!(run(), run());
 }
@@ -217,7 +217,7 @@ fn the_cause_of_a_crash_is_reported_after_the_restart() {
 fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
     let image = image("mps2-an386-bench.elf");
     let far_ends = [FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot), FarEnd::Unconnected];
-    let mut emulator = Emulator::start_with_port_devices(&image, WorldConfig::table1(1), far_ends).unwrap();
+    let mut emulator = Emulator::start_with_port_devices(&image, WorldConfig::of_table1(1), far_ends).unwrap();
     emulator.run_for_s(1.0);
     emulator.send_console_line("stream rate 20");
     emulator.request_bench_test(BenchTest::PanicAtStarts);
@@ -280,7 +280,7 @@ fn only_the_bench_image_runs_the_tests_of_the_bench() {
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn instructions_stay_within_their_budgets() {
     let image = image("mps2-an386-bench.elf");
-    let mut emulator = Emulator::start(&image, WorldConfig::table1(1)).unwrap_or_else(|e| panic!("{e}"));
+    let mut emulator = Emulator::start_emulator(&image, WorldConfig::of_table1(1)).unwrap_or_else(|e| panic!("{e}"));
     for budget in instruction_budget::count_budgets(&mut emulator).unwrap() {
         assert!(budget.is_within_limit(), "{budget:?}");
     }
@@ -288,7 +288,9 @@ fn instructions_stay_within_their_budgets() {
 
 #[test]
 fn a_missing_image_is_reported_with_the_build_command() {
-    let Err(error) = Emulator::start("no/such.elf".as_ref(), WorldConfig::table1(1)) else { panic!("it started") };
+    let Err(error) = Emulator::start_emulator("no/such.elf".as_ref(), WorldConfig::of_table1(1)) else {
+        panic!("it started")
+    };
     assert_eq!(error.stable_code(), "no-image");
     assert!(error.to_string().contains("scripts/build-firmware"), "{error}");
 }
@@ -297,7 +299,7 @@ fn a_missing_image_is_reported_with_the_build_command() {
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn an_image_for_another_machine_ends_the_emulator_with_an_error() {
     let path = image("autoswing.elf");
-    let error = Emulator::start(&path, WorldConfig::table1(1)).map_or_else(
+    let error = Emulator::start_emulator(&path, WorldConfig::of_table1(1)).map_or_else(
         |error| error,
         |mut emulator| {
             assert_eq!(emulator.run_for_s(0.1), ModuleRunEnd::Failed);
@@ -324,7 +326,7 @@ fn mavlink_and_msp_run_at_once_on_the_emulator() {
         FarEnd::Msp(msp_autopilot::MspFirmware::ArduPilot, calm),
     ];
     let mut emulator =
-        Emulator::start_with_port_devices(&image("mps2-an386.elf"), WorldConfig::table1(2), far_ends).unwrap();
+        Emulator::start_with_port_devices(&image("mps2-an386.elf"), WorldConfig::of_table1(2), far_ends).unwrap();
     emulator.run_for_s(1.0);
     assert!(emulator.send_console_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
     emulator.run_for_s(10.0);
@@ -355,7 +357,7 @@ fn a_collection_continues_after_a_reboot() {
     };
     let mut emulator = start_emulator();
     emulator.send_console_line("cal start");
-    emulator.world().fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 200.0 });
+    emulator.world().fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 200.0 });
     emulator.run_for_s(14.0);
     let before = samples(&mut emulator);
     assert!(before > 15, "{before}");
@@ -364,7 +366,7 @@ fn a_collection_continues_after_a_reboot() {
         if restarts == 0 {
             emulator.send_console_line("reboot");
         } else {
-            emulator.reset();
+            emulator.reset_module();
         }
         emulator.run_for_s(1.0);
         let printed = emulator.take_console_output();
@@ -386,18 +388,18 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     const HEADING_BOUND_DEG: f64 = 2.5;
     let far_ends = [FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot), FarEnd::Unconnected];
     // A copter has the shortest routine.
-    let config = WorldConfig::table1(7);
+    let config = WorldConfig::of_table1(7);
     let config = WorldConfig { aircraft: VehicleConfig { kind: VehicleKind::Copter, ..config.aircraft }, ..config };
     let config = WorldConfig { reports_current: true, ..config.with_current_interference(12.0) };
     let mut emulator = Emulator::start_with_port_devices(&image("mps2-an386.elf"), config, far_ends).unwrap();
     let AttachedDevice::Mavlink(autopilot) = emulator.port_devices[0].clone() else { panic!("no MAVLink there") };
     assert_eq!(emulator.run_for_s(8.0), ModuleRunEnd::Time);
     emulator.world().set_armed(true);
-    let heading_deg = emulator.world().config().aircraft.heading_deg;
+    let heading_deg = emulator.world().world_config().aircraft.heading_deg;
     let routine = Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), heading_deg).legs();
     // Twice: an automatic collection goes on until 0.5 deg are expected, which one routine may miss by a little.
     for leg in routine.iter().chain(&routine) {
-        emulator.world().fly(*leg);
+        emulator.world().fly_leg(*leg);
     }
     let mut received: Vec<MavlinkFrame> = Vec::new();
     // MAG_CAL_SUCCESS, and stored.
@@ -443,7 +445,7 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     }
     let mut errors_deg = Vec::new();
     for heading_deg in [200.0, 245.0] {
-        emulator.world().fly(Leg::Straight { heading_deg, seconds: 20.0 });
+        emulator.world().fly_leg(Leg::Straight { heading_deg, seconds: 20.0 });
         assert_eq!(emulator.run_for_s(15.0), ModuleRunEnd::Time);
         let _ = autopilot.borrow_mut().take_received();
         assert_eq!(emulator.run_for_s(4.0), ModuleRunEnd::Time);

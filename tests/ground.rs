@@ -17,7 +17,7 @@ fn rig(config: &WorldConfig) -> Rig {
 
 fn table1() -> Rig {
     // The vehicle is put on a heading at once, which a gyro would contradict.
-    let mut rig = rig(&WorldConfig { gyro: GyroConfig::ERROR_FREE, ..WorldConfig::table1(3) });
+    let mut rig = rig(&WorldConfig { gyro: GyroConfig::ERROR_FREE, ..WorldConfig::of_table1(3) });
     rig.run_for_s(1.0);
     rig
 }
@@ -57,7 +57,7 @@ fn outcome(rig: &mut Rig, text: &str) -> Result<ShownCalibration, SolveNotice> {
 
 /// Largest level heading error less the mean error, and the mean error, degrees.
 fn level_errors_deg(rig: &Rig, shown: &ShownCalibration) -> (f64, f64) {
-    let level = HeadingErrors::evaluate_calibration(&shown.calibration, &rig.world.config()).0[0];
+    let level = HeadingErrors::evaluate_calibration(&shown.calibration, &rig.world.world_config()).0[0];
     let constant = level.iter().sum::<f64>() / 12.0;
     (level.iter().map(|e| (e - constant).abs()).fold(0.0, f64::max), constant)
 }
@@ -130,7 +130,7 @@ fn legs_at_five_headings_are_enough_and_four_are_not() {
 #[test]
 fn a_compass_swing_finds_the_mounting() {
     for seed in 0..12 {
-        let mut rig = rig(&WorldConfig::random(seed));
+        let mut rig = rig(&WorldConfig::random_world(seed));
         rig.run_for_s(1.0);
         rig.take_console_output();
         assert!(rig.send_console_line("cal mark 0").contains("error not-swinging: "));
@@ -183,13 +183,13 @@ fn tumble(rig: &mut Rig) {
 /// On a bench, practically without attitude messages.
 #[test]
 fn tumbling_needs_no_attitude() {
-    let mut config = WorldConfig::table1(5);
+    let mut config = WorldConfig::of_table1(5);
     config.attitude_source.rate_hz = 0.001;
     let mut rig = rig(&config);
     tumble(&mut rig);
     let shown = solve(&mut rig).unwrap();
     assert_eq!(shown.method, "ellipsoid");
-    let errors = HeadingErrors::evaluate_calibration(&shown.calibration, &rig.world.config()).statistics();
+    let errors = HeadingErrors::evaluate_calibration(&shown.calibration, &rig.world.world_config()).statistics();
     // The paper's airframe is asymmetric by up to 1.5 deg about each axis, which is indistinguishable from mounting
     // without attitude; at 54 deg of inclination such a tilt causes 1.4 times that in heading.
     assert!(errors.max_demeaned_deg < 2.5 && errors.mean_deg.abs() < 2.5, "{errors:?}");

@@ -453,7 +453,7 @@ fn a_vehicle_parked_for_a_day_raises_no_alarm() {
         let calibration = Calibration { inclination_rad: 1.1, total_ut: 50.0, ..uncalibrated };
         let calibration = Some((calibration, HeadingUncertainty::NO_UNCERTAINTY));
         instrument.set_correction(Correction { calibration, ..Correction::UNCALIBRATED });
-        let field = Attitude::default().body(Field::earth(50.0, 1.1, 0.7)).ut;
+        let field = Attitude::default().to_body_frame(Field::earth_field(50.0, 1.1, 0.7)).ut;
         for i in 1..=86_400_000_000 / u64::from(period_us) {
             let at = Timestamp::from_us(i * u64::from(period_us));
             if i % 8 == 1 {
@@ -486,7 +486,7 @@ fn a_run_is_a_function_of_its_seed() {
 #[test]
 fn parked_for_ten_minutes_with_either_source_raises_no_alarm() {
     for coarse in [false, true] {
-        let mut world = WorldConfig::table1(3);
+        let mut world = WorldConfig::of_table1(3);
         world.attitude_source.noise_deg = 0.01;
         let attitude: Vec<Box<dyn AttitudeFault>> =
             if coarse { vec![Box::new(attitude_quantisation(0.1))] } else { vec![] };
@@ -494,7 +494,7 @@ fn parked_for_ten_minutes_with_either_source_raises_no_alarm() {
         rig.run_for_s(1.0);
         rig.send_console_line("cal start turns");
         for heading_change_deg in [1440.0, -1440.0] {
-            rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg });
+            rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
         }
         rig.run_for_s(250.0);
         assert!(rig.take_console_output().contains("note calibrated"));
@@ -502,7 +502,7 @@ fn parked_for_ten_minutes_with_either_source_raises_no_alarm() {
         let heading_deg = rig.world.true_state(rig.now_us()).heading_rad.to_degrees();
         rig.world.set_motion(PrescribedMotion { heading_deg, ..PrescribedMotion::default() });
         rig.run_for_s(1.0);
-        let _ = rig.instrument.receive();
+        let _ = rig.instrument.receive_bytes();
         let mut reader = SentenceReader::default();
         rig.run_for_s(600.0);
         let sent: Vec<_> = rig

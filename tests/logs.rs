@@ -48,7 +48,7 @@ fn keep_every_nth(text: &str, name: &str, number: usize) -> String {
 #[test]
 fn a_field_logged_at_1_hz_gives_the_same_headings() {
     for seed in [3, 5, 8] {
-        let world = WorldConfig::random(seed);
+        let world = WorldConfig::random_world(seed);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
         let text = String::from_utf8(encode_dataflash_text(&record_flight(&world))).unwrap();
         for number in [1, 4, 10] {
@@ -71,7 +71,7 @@ fn a_field_logged_at_1_hz_gives_the_same_headings() {
 /// Attitude at 2 Hz cannot be interpolated reliably; at 0.5 Hz not at all.
 #[test]
 fn a_verdict_reports_attitude_below_3_hz() {
-    let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random(3)))).unwrap();
+    let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random_world(3)))).unwrap();
     for (number, words) in [(1, ""), (5, "2.0 times a second"), (20, "0.5 times a second")] {
         let (_, verdict) = evaluate(&keep_every_nth(&text, "ATT", number));
         let verdict_text = FlightOutcome::new(&verdict).to_string();
@@ -85,7 +85,7 @@ fn a_verdict_reports_attitude_below_3_hz() {
 
 #[test]
 fn a_verdict_reports_a_log_without_flight() {
-    let mut recording = record_flight(&WorldConfig::random(3));
+    let mut recording = record_flight(&WorldConfig::random_world(3));
     for (i, instant) in recording.samples.iter_mut().enumerate() {
         instant.is_armed = i >= 2370;
     }
@@ -98,7 +98,7 @@ fn a_verdict_reports_a_log_without_flight() {
 #[test]
 fn a_verdict_reports_the_refusal_of_the_better_compass() {
     for worse in [0, 1] {
-        let mut recording = record_flight(&WorldConfig::random(3));
+        let mut recording = record_flight(&WorldConfig::random_world(3));
         recording.samples.truncate(300);
         let mut random = testkit::random::Random(7);
         for instant in &mut recording.samples {
@@ -116,7 +116,7 @@ fn a_verdict_reports_the_refusal_of_the_better_compass() {
 
 #[test]
 fn a_mounting_change_within_the_log_is_reported() {
-    let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random(3)))).unwrap();
+    let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random_world(3)))).unwrap();
     let middle = text.lines().count() / 2;
     for (name, is_noted) in [("COMPASS_ORIENT", true), ("AHRS_ORIENTATION", true), ("COMPASS_ORIENT3", false)] {
         let change = |(i, line): (usize, &str)| {
@@ -134,7 +134,7 @@ fn a_mounting_change_within_the_log_is_reported() {
 #[test]
 fn implausible_units_are_reported_without_a_position() {
     // 48 uT.
-    let text = String::from_utf8(encode_csv(&record_flight(&WorldConfig::table1(1)))).unwrap();
+    let text = String::from_utf8(encode_csv(&record_flight(&WorldConfig::of_table1(1)))).unwrap();
     let scaled = |columns: std::ops::Range<usize>, factor: f64| {
         let scale = |(column, value): (usize, &str)| match value.parse::<f64>() {
             Ok(number) if columns.contains(&column) => format!("{}", number * factor),
@@ -164,7 +164,7 @@ fn implausible_units_are_reported_without_a_position() {
 /// Messages without a sender's clock get the time of the message before, a few milliseconds earlier.
 #[test]
 fn mavlink_without_receiver_times_gives_the_same_flight() {
-    let with = encode_tlog(&record_flight(&WorldConfig::random(3)));
+    let with = encode_tlog(&record_flight(&WorldConfig::random_world(3)));
     let mut without = Vec::new();
     let mut rest = with.as_slice();
     while let [_, _, _, _, _, _, _, _, frame @ ..] = rest {
@@ -193,7 +193,7 @@ fn mavlink_without_receiver_times_gives_the_same_flight() {
 /// Times count from the log's start, 2 s after the clock's.
 #[test]
 fn a_compass_that_fails_in_flight_is_reported() {
-    let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random(3)))).unwrap();
+    let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random_world(3)))).unwrap();
     let second = |dead: fn(&str) -> String| {
         let mut last = String::new();
         let mut log = String::new();
@@ -240,7 +240,7 @@ fn change_lines(text: &str, mut change: impl FnMut(&str) -> String) -> String {
 /// `LOG_BITMASK` may disable `ATT`.
 #[test]
 fn the_filters_attitude_gives_the_same_headings() {
-    let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random(3)))).unwrap();
+    let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random_world(3)))).unwrap();
     let without = text.replace("\nATT, ", "\nXKF1, ").replace(", ATT, ", ", XKF1, ");
     let [(_, from_attitude), (flight, other)] = [evaluate(&text), evaluate(&without)];
     let score = |verdict: &FlightEvaluation| {
@@ -254,7 +254,7 @@ fn the_filters_attitude_gives_the_same_headings() {
 /// which adds to the error of `replay/native.rs`.
 #[test]
 fn rows_without_time_get_the_time_of_their_neighbours() {
-    let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random(3)))).unwrap();
+    let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random_world(3)))).unwrap();
     let strip = |names: &[&str], text: &str| {
         change_lines(text, |line| {
             let values: Vec<&str> = line.split(", ").collect();
@@ -282,7 +282,7 @@ fn rows_without_time_get_the_time_of_their_neighbours() {
 #[test]
 fn a_log_with_lost_rows_gives_the_same_accuracy() {
     for seed in [3, 5, 8] {
-        let world = WorldConfig::random(seed);
+        let world = WorldConfig::random_world(seed);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
         let text = String::from_utf8(encode_dataflash_text(&record_flight(&world))).unwrap();
         let mut state = seed;
@@ -305,7 +305,7 @@ fn a_log_with_lost_rows_gives_the_same_accuracy() {
 /// Sensor noise at rest is not a field strength.
 #[test]
 fn a_log_at_rest_gives_no_field_strength() {
-    let mut recording = record_flight(&WorldConfig::table1(1));
+    let mut recording = record_flight(&WorldConfig::of_table1(1));
     let first = recording.samples[0].clone();
     for (i, instant) in recording.samples.iter_mut().enumerate() {
         *instant = first.clone();

@@ -204,7 +204,7 @@ fn an_rm3100_keeps_the_default_cycle_counts_and_survives_a_restart_of_the_module
                 driver.read_measurement().await.unwrap();
                 driver.verify_configuration().await.unwrap();
             }
-            let cycle_counts: Vec<u8> = (0x04..0x0A).map(|register| chip.borrow().register(register)).collect();
+            let cycle_counts: Vec<u8> = (0x04..0x0A).map(|register| chip.borrow().peek_register(register)).collect();
             assert_eq!(cycle_counts, [0x00, 0xC8, 0x00, 0xC8, 0x00, 0xC8]);
             driver = Rm3100::new(SelectedDevice::new(chip.clone()));
         }
@@ -213,7 +213,7 @@ fn an_rm3100_keeps_the_default_cycle_counts_and_survives_a_restart_of_the_module
 
 /// A module with an RM3100, and its chip.
 fn module_with_rm3100() -> (Rig, Rc<RefCell<rm3100::Rm3100>>) {
-    let mut rig = Rig::new(WorldConfig { sensor: SensorModel::Rm3100, ..WorldConfig::table1(1) });
+    let mut rig = Rig::new(WorldConfig { sensor: SensorModel::Rm3100, ..WorldConfig::of_table1(1) });
     rig.run_for_s(2.0);
     let SimulatedMagnetometer::Rm3100(chip) = &rig.magnetometer else { unreachable!("selected above") };
     let chip = chip.clone();
@@ -248,10 +248,10 @@ fn a_module_detects_each_fault_of_its_rm3100_and_uses_it_again() {
 fn a_module_repairs_upset_registers_of_its_rm3100() {
     for register in [0x04, 0x05, 0x06, 0x07, 0x08, 0x09, 0x0B] {
         let (mut rig, chip) = module_with_rm3100();
-        let before = chip.borrow().register(register);
+        let before = chip.borrow().peek_register(register);
         chip.borrow_mut().flip_register_bits(register, 0x02);
         rig.run_for_s(1.2);
-        assert_eq!(chip.borrow().register(register), before);
+        assert_eq!(chip.borrow().peek_register(register), before);
         let status = rig.send_console_line("status all");
         assert!(status.contains("1 register upsets repaired"), "{register:#x}: {status}");
         assert!(status.contains("heading: none, uncalibrated"), "{register:#x}: {status}");
@@ -260,5 +260,5 @@ fn a_module_repairs_upset_registers_of_its_rm3100() {
     chip.borrow_mut().power_cycle();
     rig.run_for_s(0.5);
     assert!(rig.send_console_line("status all").contains("heading: none, uncalibrated"));
-    assert_eq!(chip.borrow().register(0x0B), 0x95);
+    assert_eq!(chip.borrow().peek_register(0x0B), 0x95);
 }

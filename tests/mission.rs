@@ -25,7 +25,7 @@ fn expected_rms_deg(mission_result: &MissionResult) -> f64 {
 fn the_paper_s_aircraft_is_calibrated_to_one_degree() {
     let mut worst_deg = 0.0_f64;
     for seed in 1..=5 {
-        let mission_result = mission_result(&WorldConfig::table1(seed));
+        let mission_result = mission_result(&WorldConfig::of_table1(seed));
         let expected_deg = expected_rms_deg(&mission_result);
         let (before, after) = (mission_result.errors_before.statistics(), mission_result.errors_after.statistics());
         assert!((before.max_deg - 21.5).abs() <= 1.0, "before {before:?}");
@@ -42,7 +42,7 @@ fn the_paper_s_aircraft_is_calibrated_to_one_degree() {
 #[test]
 fn with_an_rm3100_the_paper_s_aircraft_is_calibrated_to_one_degree() {
     for seed in 1..=3 {
-        let world = WorldConfig { sensor: SensorModel::Rm3100, ..WorldConfig::table1(seed) };
+        let world = WorldConfig { sensor: SensorModel::Rm3100, ..WorldConfig::of_table1(seed) };
         let mission_result = mission_result(&world);
         let (expected_deg, after) = (expected_rms_deg(&mission_result), mission_result.errors_after.statistics());
         assert!(after.max_deg <= 1.0, "after {after:?}");
@@ -58,7 +58,7 @@ fn with_an_rm3100_the_paper_s_aircraft_is_calibrated_to_one_degree() {
 #[test]
 fn with_a_reported_current_an_aeroplane_is_calibrated_to_1_deg() {
     for seed in 1..=3 {
-        let world = WorldConfig::table1(seed).with_current_interference(12.0);
+        let world = WorldConfig::of_table1(seed).with_current_interference(12.0);
         let with_current = mission_result(&WorldConfig { reports_current: true, ..world });
         let without_current = mission_result(&world);
         let (with_current_deg, without_current_deg) =
@@ -78,7 +78,9 @@ fn with_a_reported_current_an_aeroplane_is_calibrated_to_1_deg() {
 fn fifty_random_airframes_are_calibrated_to_their_expected_error() {
     // Two threads, each with its own simulations.
     let halves = [1..=25, 26..=50].map(|seeds| {
-        std::thread::spawn(move || seeds.map(|seed| mission_result(&WorldConfig::random(seed))).collect::<Vec<_>>())
+        std::thread::spawn(move || {
+            seeds.map(|seed| mission_result(&WorldConfig::random_world(seed))).collect::<Vec<_>>()
+        })
     });
     let all: Vec<MissionResult> = halves.into_iter().flat_map(|half| half.join().unwrap()).collect();
     let mut rms_deg = Vec::new();
@@ -128,7 +130,7 @@ fn fifty_random_airframes_are_calibrated_to_their_expected_error() {
 /// `status` agree.
 #[test]
 fn a_calibration_reports_heading_error_per_attitude_error() {
-    let mut rig = Rig::new(WorldConfig::table1(1));
+    let mut rig = Rig::new(WorldConfig::of_table1(1));
     let mission_result = fly_with(&mut rig, TurnPlan::default(), &mut |_, _| {});
     let line_after = |text: &str, line: &str| {
         let words = text.split(line).nth(1).and_then(|rest| rest.split("; a degree of attitude error costs ").nth(1));
@@ -144,7 +146,7 @@ fn a_calibration_reports_heading_error_per_attitude_error() {
 /// Equal up to the last byte of the console output.
 #[test]
 fn one_seed_gives_one_flight() {
-    let [first, second, other] = [7, 7, 8].map(|seed| mission_result(&WorldConfig::random(seed)));
+    let [first, second, other] = [7, 7, 8].map(|seed| mission_result(&WorldConfig::random_world(seed)));
     assert_eq!(first.transcript, second.transcript);
     assert_eq!(first.streamed_statistics, second.streamed_statistics);
     assert_eq!(first.errors_after, second.errors_after);
@@ -154,7 +156,7 @@ fn one_seed_gives_one_flight() {
 #[test]
 fn a_flight_without_turns_is_refused_with_a_reason() {
     let mission_result =
-        fly_mission(WorldConfig::table1(1), TurnPlan { bank_deg: 25.0, circles_per_side: 0.05 }, &mut |_, _| {});
+        fly_mission(WorldConfig::of_table1(1), TurnPlan { bank_deg: 25.0, circles_per_side: 0.05 }, &mut |_, _| {});
     let Err(SolveNotice::Refused { code, words }) = &mission_result.result else {
         panic!("{:?}", mission_result.result)
     };
@@ -169,8 +171,11 @@ fn a_flight_without_turns_is_refused_with_a_reason() {
 fn a_flight_with_little_bank_is_refused() {
     // Gusts bank these two to ten degrees for long enough to start a turn, after which level flight is collected.
     for seed in [5, 7] {
-        let mission_result =
-            fly_mission(WorldConfig::random(seed), TurnPlan { bank_deg: 5.0, circles_per_side: 2.0 }, &mut |_, _| {});
+        let mission_result = fly_mission(
+            WorldConfig::random_world(seed),
+            TurnPlan { bank_deg: 5.0, circles_per_side: 2.0 },
+            &mut |_, _| {},
+        );
         let Err(SolveNotice::Refused { code, words }) = &mission_result.result else {
             panic!("{:?}", mission_result.result)
         };

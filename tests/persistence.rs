@@ -29,8 +29,8 @@ fn swing(rig: &mut Rig) -> ModuleRunEnd {
 /// Result message of such a flight; `None` if the power was cut.
 fn swing_outcome(rig: &mut Rig) -> Option<transcript::SolveNotice> {
     rig.send_console_line("cal start turns");
-    rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
-    rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
+    rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
+    rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
     let mut session = String::new();
     for _ in 0..300 {
         if rig.run_for_s(1.0) == ModuleRunEnd::PowerCut {
@@ -49,7 +49,7 @@ fn shown_calibration(rig: &mut Rig) -> Option<transcript::ShownCalibration> {
 }
 
 fn calibrated() -> Rig {
-    let mut rig = Rig::new(WorldConfig::table1(3));
+    let mut rig = Rig::new(WorldConfig::of_table1(3));
     rig.run_for_s(1.0);
     assert_eq!(swing(&mut rig), ModuleRunEnd::Time);
     rig
@@ -78,7 +78,7 @@ fn a_power_cut_in_the_first_save_leaves_the_new_calibration_or_none() {
     let mut seen = [0, 0];
     for operations in (0..40).step_by(3) {
         for outcome in CutOutcome::ALL_OUTCOMES {
-            let mut rig = Rig::new(WorldConfig::table1(3));
+            let mut rig = Rig::new(WorldConfig::of_table1(3));
             rig.run_for_s(1.0);
             rig.cut_power_after(operations, outcome);
             let ran = swing(&mut rig);
@@ -105,7 +105,7 @@ fn a_power_cut_in_a_later_save_leaves_the_old_calibration() {
     for operations in 0..52 {
         for outcome in CutOutcome::ALL_OUTCOMES {
             rig.cut_power_after(operations, outcome);
-            rig.console.send(format!("stream rate {}\r", 10 + operations).as_bytes());
+            rig.console.send_bytes(format!("stream rate {}\r", 10 + operations).as_bytes());
             if rig.run_for_s(0.5) == ModuleRunEnd::PowerCut {
                 power_cuts += 1;
             }
@@ -164,9 +164,9 @@ fn a_one_sided_flight_does_not_replace_turns_to_both_sides() {
     let mut rig = calibrated();
     let first = shown_calibration(&mut rig).unwrap();
     rig.send_console_line("cal start turns");
-    rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
+    rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
     for heading_deg in [0.0, 30.0, 60.0] {
-        rig.world.fly(Leg::Straight { heading_deg, seconds: 10.0 });
+        rig.world.fly_leg(Leg::Straight { heading_deg, seconds: 10.0 });
     }
     while rig.world.unfinished_legs() > 0 {
         rig.run_for_s(1.0);
@@ -195,7 +195,7 @@ fn a_calibration_that_is_no_better_changes_nothing() {
     let mut unchanged = 0;
     let mut replaced = 0;
     for seed in 0..8 {
-        let mut rig = Rig::new(WorldConfig::random(seed));
+        let mut rig = Rig::new(WorldConfig::random_world(seed));
         rig.run_for_s(1.0);
         swing(&mut rig);
         let first = shown_calibration(&mut rig).unwrap();
@@ -229,7 +229,7 @@ fn a_calibration_is_not_used_with_another_mounting() {
 /// `power_cuts_anywhere_leave_old_or_new` tests the store alone, at every fill of the region.
 #[test]
 fn two_power_cuts_in_a_row_lose_nothing() {
-    let mut rig = Rig::new(WorldConfig::table1(5));
+    let mut rig = Rig::new(WorldConfig::of_table1(5));
     rig.run_for_s(0.2);
     rig.send_console_line("set declination 7");
     let mut power_cuts = 0;
@@ -238,7 +238,7 @@ fn two_power_cuts_in_a_row_lose_nothing() {
             for outcomes in CutOutcome::ALL_OUTCOMES.map(|a| CutOutcome::ALL_OUTCOMES.map(|b| [a, b])).concat() {
                 for (operations, outcome) in [first, second].into_iter().zip(outcomes) {
                     rig.cut_power_after(operations, outcome);
-                    rig.console.send(b"stream rate 20\r");
+                    rig.console.send_bytes(b"stream rate 20\r");
                     power_cuts += u32::from(rig.run_for_s(0.3) == ModuleRunEnd::PowerCut);
                     rig.power_off();
                     rig.power_on(ResetCause::PowerOn);
@@ -353,7 +353,7 @@ fn power_cuts(flash: &StoreFlash, serial: u32) -> impl Iterator<Item = (usize, (
 
 /// Armed aeroplane on its routine, with automatic collection.
 fn start_flight() -> Rig {
-    let mut rig = Rig::new(WorldConfig::table1(7));
+    let mut rig = Rig::new(WorldConfig::of_table1(7));
     rig.run_for_s(8.0);
     take_off(&mut rig);
     rig.take_console_output();
@@ -363,9 +363,10 @@ fn start_flight() -> Rig {
 fn take_off(rig: &mut Rig) {
     rig.world.set_armed(true);
     for leg in
-        Routine::for_vehicle(VehicleKind::Plane, TurnPlan::default(), rig.world.config().aircraft.heading_deg).legs()
+        Routine::for_vehicle(VehicleKind::Plane, TurnPlan::default(), rig.world.world_config().aircraft.heading_deg)
+            .legs()
     {
-        rig.world.fly(leg);
+        rig.world.fly_leg(leg);
     }
 }
 
@@ -388,7 +389,7 @@ fn differ_deg(first: &Calibration, second: &Calibration) -> f32 {
         let earth = nalgebra::Vector3::new(31.0 * cos, -31.0 * sin, 42.0);
         let sensed = Field::new(inverse * earth + first.b_vector_ut());
         let [heading_rad, other_rad] =
-            [first, second].map(|it| Attitude::default().level(it.calibrated_field(sensed)).heading_rad());
+            [first, second].map(|it| Attitude::default().to_level_frame(it.calibrated_field(sensed)).heading_rad());
         wrap_pi(other_rad - heading_rad).to_degrees().abs()
     };
     (0..36).map(|i| difference(10.0 * i as f32)).fold(0.0, f32::max)

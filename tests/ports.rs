@@ -46,7 +46,7 @@ const MSP_INAV: FarEnd = FarEnd::Msp(
 const HEADING_BOUND_DEG: f64 = 2.5;
 
 fn world(kind: VehicleKind) -> WorldConfig {
-    let world = WorldConfig::table1(7);
+    let world = WorldConfig::of_table1(7);
     WorldConfig { aircraft: VehicleConfig { kind, ..world.aircraft }, ..world }
 }
 
@@ -60,8 +60,8 @@ fn run(rig: &mut Rig, seconds: f64) {
 
 fn fly_routine(rig: &mut Rig, kind: VehicleKind) {
     rig.world.set_armed(true);
-    for leg in Routine::for_vehicle(kind, TurnPlan::default(), rig.world.config().aircraft.heading_deg).legs() {
-        rig.world.fly(leg);
+    for leg in Routine::for_vehicle(kind, TurnPlan::default(), rig.world.world_config().aircraft.heading_deg).legs() {
+        rig.world.fly_leg(leg);
     }
     run(rig, 240.0);
 }
@@ -125,7 +125,7 @@ fn rms_deg(rig: &Rig, readings: &[CompassSample]) -> f64 {
 fn readings_all_round(rig: &mut Rig, port: usize) -> (Vec<CompassSample>, f64) {
     let (mut all, mut squares) = (Vec::new(), 0.0);
     for heading in 0..8 {
-        rig.world.fly(Leg::Straight { heading_deg: 45.0 * f64::from(heading), seconds: 14.0 });
+        rig.world.fly_leg(Leg::Straight { heading_deg: 45.0 * f64::from(heading), seconds: 14.0 });
         run(rig, 12.0);
         let _ = readings(rig, port);
         run(rig, 1.5);
@@ -175,7 +175,7 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
         assert!(reports.iter().any(is_success), "{kind:?}: {reports:?}");
         assert!(!frames_with_id(MAG_CAL_PROGRESS, &during).is_empty());
         // In straight flight the age of a named value has no effect.
-        rig.world.fly(Leg::Straight { heading_deg: 200.0, seconds: 60.0 });
+        rig.world.fly_leg(Leg::Straight { heading_deg: 200.0, seconds: 60.0 });
         run(&mut rig, 45.0);
         let _ = received_frames(&rig, 0);
         let mut headings = 0;
@@ -322,7 +322,7 @@ fn mavlink_and_msp_run_at_once() {
     fly_routine(&mut rig, VehicleKind::Plane);
     let (_, rms) = readings_all_round(&mut rig, 1);
     assert!(rms < 1.0, "{rms} deg");
-    rig.world.fly(Leg::Straight { heading_deg: 315.0, seconds: 200.0 });
+    rig.world.fly_leg(Leg::Straight { heading_deg: 315.0, seconds: 200.0 });
     for baud in ["115200", "57600"] {
         rig.send_console_line(&format!("set baud1 {baud}"));
         rig.send_console_line(&format!("set baud2 {baud}"));
@@ -370,7 +370,7 @@ fn a_ground_station_commands_calibration_and_restart() {
     let _ = received_frames(&rig, 0);
     let read = RefCell::new(Vec::new());
     let order = |rig: &mut Rig, system: u8, command: u16, parameters: [f32; 7]| {
-        rig.autopilot.send(&command_long([255, 190], system, command, 0, parameters));
+        rig.autopilot.send_bytes(&command_long([255, 190], system, command, 0, parameters));
         run(rig, 2.5);
         let all = received_frames(rig, 0);
         read.replace(texts(&all));
@@ -405,7 +405,7 @@ fn a_ground_station_commands_calibration_and_restart() {
 
 /// Declinations of the true headings sent in the next five seconds, degrees: true minus magnetic heading.
 fn sent_declinations_deg(rig: &mut Rig) -> Vec<f64> {
-    let _ = rig.instrument.receive();
+    let _ = rig.instrument.receive_bytes();
     run(rig, 5.0);
     let (mut reader, mut magnetic_deg) = (SentenceReader::default(), None);
     let received = rig.instrument.receive_timed();
@@ -468,11 +468,11 @@ fn detection_starts_with_the_stored_protocol() {
     run(&mut before, 60.0);
     assert!(before.flash.flash_contents() == remembered, "written once");
     let mut rig = rig(VehicleKind::Copter, [FarEnd::Unconnected, FarEnd::Unconnected]);
-    let searches = |rig: &Rig| rig.autopilot.receive().windows(3).any(|three| three == b"$X<");
+    let searches = |rig: &Rig| rig.autopilot.receive_bytes().windows(3).any(|three| three == b"$X<");
     run(&mut rig, 1.0);
     assert!(searches(&rig), "who remembers nothing searches");
     assert!(rig.load_flash(&remembered));
-    let _ = rig.autopilot.receive();
+    let _ = rig.autopilot.receive_bytes();
     run(&mut rig, 9.9);
     assert!(!searches(&rig));
     run(&mut rig, 0.6);
@@ -509,10 +509,10 @@ fn a_port_uses_its_configured_protocol_from_the_first_byte() {
     for cause in [ResetCause::PowerOn, ResetCause::Software] {
         rig.power_off();
         run(&mut rig, 0.5);
-        let _ = rig.autopilot.receive();
+        let _ = rig.autopilot.receive_bytes();
         rig.power_on(cause);
         run(&mut rig, 2.0);
-        let received = rig.autopilot.receive();
+        let received = rig.autopilot.receive_bytes();
         assert!(received.starts_with(b"$HC"), "{}", String::from_utf8_lossy(&received[..20]));
         assert!(!received.windows(2).any(|two| two == b"$X") && !received.contains(&0xFD));
     }

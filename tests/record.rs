@@ -18,13 +18,13 @@ const ASKED: EvaluationOptions = EvaluationOptions::DEFAULT;
 /// Declination at Xi'an is -4.2 deg (WMM2025), so magnetic headings exceed true ones by 4.2 deg.
 #[test]
 fn a_recorded_flight_has_its_position_and_true_headings() {
-    let mut rig = Rig::new(WorldConfig::table1(1));
+    let mut rig = Rig::new(WorldConfig::of_table1(1));
     let recorder = Recorder::new(&rig);
     let mut module = ObservedModule::new(&mut rig, recorder);
     for heading_change_deg in [1440.0, -1440.0] {
-        module.world().fly(Leg::Turn { bank_deg: 25.0, heading_change_deg });
+        module.world().fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
-    module.world().fly(Leg::Straight { heading_deg: 90.0, seconds: 60.0 });
+    module.world().fly_leg(Leg::Straight { heading_deg: 90.0, seconds: 60.0 });
     for _ in 0..300 {
         module.run_for_s(1.0);
     }

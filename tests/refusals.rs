@@ -24,7 +24,7 @@ fn rig(attitude: Option<Scaled>) -> Rig {
     if let Some(scaled) = attitude {
         faults.attitude_faults.push(Box::new(scaled));
     }
-    Rig::with_faults(WorldConfig::table1(1), faults)
+    Rig::with_faults(WorldConfig::of_table1(1), faults)
 }
 
 fn turn(bank_deg: f64, heading_change_deg: f64) -> Leg {
@@ -41,7 +41,7 @@ fn refused_solve(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (Str
         assert!(reply.contains("\r\nok "), "{reply}");
     }
     for &(bank_deg, heading_change_deg) in turns {
-        rig.world.fly(turn(bank_deg, heading_change_deg));
+        rig.world.fly_leg(turn(bank_deg, heading_change_deg));
     }
     while rig.world.unfinished_legs() > 0 {
         rig.run_for_s(1.0);
@@ -91,7 +91,7 @@ fn too_little_bank_and_one_side_have_different_reasons() {
 /// An eighth of a circle to each side in 45 s.
 #[test]
 fn a_turn_that_is_too_slow_is_refused_as_an_arc() {
-    let mut config = WorldConfig::table1(1);
+    let mut config = WorldConfig::of_table1(1);
     config.aircraft.airspeed_m_s = 120.0;
     let mut rig = Rig::with_faults(config, Faults::default());
     let (code, words) = refused_solve(&mut rig, &[], &[(12.0, 45.0), (12.0, -45.0)]);
@@ -109,7 +109,7 @@ fn attitude_in_a_wrong_unit_is_reported() {
 
 #[test]
 fn attitude_at_1_hz_is_reported_as_too_slow() {
-    let mut config = WorldConfig::table1(1);
+    let mut config = WorldConfig::of_table1(1);
     config.attitude_source.rate_hz = 1.0;
     let mut rig = Rig::with_faults(config, Faults::default());
     assert_refused(&mut rig, &[], &BOTH, "no-samples", "send ATTITUDE ten times a second or more");

@@ -18,7 +18,7 @@ use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
 
 fn flown(plan: TurnPlan) -> MissionResult {
-    fly_mission(WorldConfig::table1(1), plan, &mut |_, _| {})
+    fly_mission(WorldConfig::of_table1(1), plan, &mut |_, _| {})
 }
 
 fn page_of(mission: &MissionResult) -> String {
@@ -176,7 +176,7 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
 /// The first of two compasses is dead.
 #[test]
 fn a_log_report_shows_the_flown_path_and_attitude() {
-    let mut world = WorldConfig::table1(1);
+    let mut world = WorldConfig::of_table1(1);
     // The field model's value for the place.
     world.earth.inclination_deg = 64.0;
     let mut recording = FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..record_turns(&world, 0.0) };

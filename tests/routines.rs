@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use autoswing::attitude::{AttitudeReport, SenderId};
 use autoswing::calibration::method_selection::Procedure;
-use autoswing::calibration::{Calibration, Method, Prior, Sample, solve};
+use autoswing::calibration::{Calibration, Method, Prior, Sample, solve_samples};
 use autoswing::collection::{Collector, RetainedSamples};
 use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::{Instrument, InstrumentConfig};
@@ -29,7 +29,7 @@ use testkit::simulation::Simulation;
 fn harsh_config(kind: VehicleKind, seed: u64) -> WorldConfig {
     const TOTAL_UT: f64 = 50.0;
     let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed);
-    let world = WorldConfig::random(seed).with_vehicle_kind(kind);
+    let world = WorldConfig::random_world(seed).with_vehicle_kind(kind);
     let noise_deg = trial.attitude_sigma_rad.to_degrees();
     WorldConfig {
         airframe: Airframe { field_matrix: trial.field_matrix, hard_iron_ut: trial.hard_iron * TOTAL_UT },
@@ -47,7 +47,7 @@ fn fly_samples(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
     let mut source = world.attitude_source();
     let mut noise = RandomStream::new(config.seed, StreamPurpose::Magnetometer);
     for &leg in legs {
-        world.fly(leg);
+        world.fly_leg(leg);
     }
     let latency_us = (config.attitude_source.latency_ms * 1e3) as u64;
     let mut instrument = Instrument::new(InstrumentConfig::new(12_500));
@@ -87,8 +87,8 @@ fn rms_deg(calibration: &Calibration, config: &WorldConfig) -> f64 {
         .map(|[roll_deg, pitch_deg, heading_deg]| {
             let truth = Euler::from_deg(roll_deg, pitch_deg, heading_deg);
             let sensed = config.airframe.measured_field(&config.earth.body_field_ut(truth));
-            let level =
-                Attitude::from_deg(roll_deg as f32, pitch_deg as f32).level(calibration.calibrated_field(sensed));
+            let level = Attitude::from_deg(roll_deg as f32, pitch_deg as f32)
+                .to_level_frame(calibration.calibrated_field(sensed));
             wrap_180(f64::from(level.heading_rad().to_degrees()) - heading_deg)
         })
         .collect();
@@ -108,10 +108,10 @@ fn median_and_worst_decile_deg(kind: VehicleKind, legs: &[Leg]) -> [f64; 2] {
             let mut collector = Collector::new(&mut retained);
             collector.begin_procedure(Procedure::Flight);
             for sample in fly_samples(&config, legs) {
-                collector.push(sample);
+                collector.push_sample(sample);
             }
             let prior = Prior { readings_per_sample: 8, ..Prior::default() };
-            let solved = solve(Method::MaximumLikelihood, collector.fit_samples(), &prior);
+            let solved = solve_samples(Method::MaximumLikelihood, collector.fit_samples(), &prior);
             solved.map_or(f64::INFINITY, |solution| rms_deg(&solution.calibration, &config))
         })
         .collect();

@@ -27,23 +27,23 @@ use testkit::random::Random;
 const SECOND_US: u64 = 1_000_000;
 
 fn served_module(options: ServeOptions, image: Option<&FlashImage>) -> ServedModule {
-    let mut served_module = ServedModule::new(WorldConfig::table1(1), options, image);
+    let mut served_module = ServedModule::new(WorldConfig::of_table1(1), options, image);
     served_module.advance_time(SECOND_US);
     served_module
 }
 
 fn typed_command(served_module: &mut ServedModule, line: &str) -> String {
-    drop(served_module.receive(CONSOLE_PORT));
-    served_module.send(CONSOLE_PORT, format!("{line}\r").as_bytes());
+    drop(served_module.receive_bytes(CONSOLE_PORT));
+    served_module.send_bytes(CONSOLE_PORT, format!("{line}\r").as_bytes());
     served_module.advance_time(SECOND_US / 2);
-    String::from_utf8(served_module.receive(CONSOLE_PORT)).unwrap()
+    String::from_utf8(served_module.receive_bytes(CONSOLE_PORT)).unwrap()
 }
 
 /// Headings output in some seconds; `None` for an empty field.
 fn headings(served_module: &mut ServedModule, seconds: u64) -> Vec<Option<f64>> {
-    drop(served_module.receive(INSTRUMENT_PORT));
+    drop(served_module.receive_bytes(INSTRUMENT_PORT));
     served_module.advance_time(seconds * SECOND_US);
-    sentences(&served_module.receive(INSTRUMENT_PORT))
+    sentences(&served_module.receive_bytes(INSTRUMENT_PORT))
 }
 
 fn sentences(bytes: &[u8]) -> Vec<Option<f64>> {
@@ -60,7 +60,7 @@ static CALIBRATED: LazyLock<FlashImage> = LazyLock::new(|| {
     // Four circles to each side at 12 deg/s take 240 s.
     for _ in 0..300 {
         served_module.advance_time(SECOND_US);
-        session.push_str(&String::from_utf8(served_module.receive(CONSOLE_PORT)).unwrap());
+        session.push_str(&String::from_utf8(served_module.receive_bytes(CONSOLE_PORT)).unwrap());
         if session.contains("note calibrated: expected error") {
             return served_module.flash_image();
         }
@@ -89,16 +89,16 @@ fn console_commands_are_answered_and_flash_survives_a_restart() {
 fn the_output_does_not_depend_on_the_time_steps() {
     let output_of_pieces = |pieces_us: &[u64]| {
         let options = ServeOptions { flight_pattern: PilotPattern::Wandering, ..ServeOptions::default() };
-        let mut served_module = ServedModule::new(WorldConfig::table1(3), options, Some(&CALIBRATED));
+        let mut served_module = ServedModule::new(WorldConfig::of_table1(3), options, Some(&CALIBRATED));
         let mut pieces = pieces_us.iter().cycle();
         for typed_command in [&b"status all\r"[..], b"cal start\r", b"status all\r"] {
             let until_us = served_module.now_us() + 20 * SECOND_US;
-            served_module.send(CONSOLE_PORT, typed_command);
+            served_module.send_bytes(CONSOLE_PORT, typed_command);
             while served_module.now_us() < until_us {
                 served_module.advance_time((*pieces.next().unwrap()).min(until_us - served_module.now_us()));
             }
         }
-        (served_module.receive(CONSOLE_PORT), served_module.receive(INSTRUMENT_PORT))
+        (served_module.receive_bytes(CONSOLE_PORT), served_module.receive_bytes(INSTRUMENT_PORT))
     };
     let whole = output_of_pieces(&[20 * SECOND_US]);
     assert!(whole.0.len() > 1000 && whole.1.len() > 10_000);
@@ -168,7 +168,7 @@ fn attitudes_of_another_simulator_turn_the_heading() {
 #[test]
 fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
     for deg in [0.0, 100.0, 301.0] {
-        let mut served_module = ServedModule::new(WorldConfig::table1(1), VISITED, Some(&CALIBRATED));
+        let mut served_module = ServedModule::new(WorldConfig::of_table1(1), VISITED, Some(&CALIBRATED));
         assert!(headings(&mut served_module, 3).iter().all(Option::is_none), "{deg}");
         assert!(served_module.execute_line("status").unwrap().contains("attitude from nobody yet"));
         assert!(typed_command(&mut served_module, "status all").contains("reports: 0,"), "none from power-on");
@@ -236,10 +236,10 @@ fn an_attached_autopilot_replaces_the_simulated_attitude() {
             "{attitude:?}"
         );
         for tick in 0..600 {
-            served_module.send(AUTOPILOT_PORT, &peer_frame(tick));
+            served_module.send_bytes(AUTOPILOT_PORT, &peer_frame(tick));
             served_module.advance_time(SECOND_US / 50);
         }
-        served_module.send(AUTOPILOT_PORT, &peer_frame(600));
+        served_module.send_bytes(AUTOPILOT_PORT, &peer_frame(600));
         let status = typed_command(&mut served_module, "status all");
         assert_eq!(status.contains("attitude: roll 40."), is_believed, "{attitude:?}: {status}");
         assert!(expected_counts.contains(&number_after(&status, "reports: ")), "{attitude:?}: {status}");
@@ -254,8 +254,8 @@ fn an_attached_autopilot_replaces_the_simulated_attitude() {
 #[test]
 fn a_served_module_knows_declination_and_current() {
     for (world, declination) in [
-        (WorldConfig::table1(1), "declination: -4.2 deg, by the field model"),
-        (WorldConfig::random(1), "declination: not set"),
+        (WorldConfig::of_table1(1), "declination: -4.2 deg, by the field model"),
+        (WorldConfig::random_world(1), "declination: not set"),
     ] {
         let mut served_module = ServedModule::new(world, ServeOptions::default(), None);
         served_module.advance_time(5 * SECOND_US);
@@ -274,7 +274,7 @@ fn no_bytes_stop_the_served_module() {
             let mut bytes = random.bytes(served_module.free_bytes(port).min(300));
             // Without letters, so that no random line is a command.
             bytes.retain(|byte| !byte.is_ascii_alphabetic());
-            served_module.send(port, &bytes);
+            served_module.send_bytes(port, &bytes);
         }
         served_module.advance_time(SECOND_US / 100);
     }

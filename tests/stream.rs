@@ -10,24 +10,24 @@ use simulator::world::autopilot::Leg;
 use testkit::random::Random;
 
 fn calibrated() -> Rig {
-    let mut rig = Rig::new(WorldConfig::table1(2));
+    let mut rig = Rig::new(WorldConfig::of_table1(2));
     rig.run_for_s(1.0);
     rig.send_console_line("cal start turns");
-    rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
-    rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
+    rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
+    rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
     let mut session = String::new();
     while transcript::parse_solve_notice(&session).is_none() {
         assert_eq!(rig.run_for_s(1.0), ModuleRunEnd::Time);
         session.push_str(&rig.take_console_output());
     }
-    rig.world.fly(Leg::Straight { heading_deg: 90.0, seconds: 20.0 });
+    rig.world.fly_leg(Leg::Straight { heading_deg: 90.0, seconds: 20.0 });
     rig.run_for_s(25.0);
-    let _ = rig.instrument.receive();
+    let _ = rig.instrument.receive_bytes();
     rig
 }
 
 fn listen(rig: &mut Rig, seconds: f64) -> Vec<HeadingSentence> {
-    let _ = rig.instrument.receive();
+    let _ = rig.instrument.receive_bytes();
     rig.run_for_s(seconds);
     let mut reader = SentenceReader::default();
     let received = rig
@@ -84,7 +84,7 @@ fn the_pilot_chooses_which_heading_is_sent() {
 
 #[test]
 fn an_uncalibrated_module_sends_empty_headings() {
-    let mut rig = Rig::new(WorldConfig::table1(2));
+    let mut rig = Rig::new(WorldConfig::of_table1(2));
     rig.run_for_s(1.0);
     let received = listen(&mut rig, 3.0);
     assert!(received.len() >= 50);
@@ -95,9 +95,9 @@ fn an_uncalibrated_module_sends_empty_headings() {
 fn variation_is_sent_when_declination_is_set() {
     let mut rig = calibrated();
     let sentence = |rig: &mut Rig, kind: &str| {
-        let _ = rig.instrument.receive();
+        let _ = rig.instrument.receive_bytes();
         rig.run_for_s(0.3);
-        let text = String::from_utf8(rig.instrument.receive()).unwrap();
+        let text = String::from_utf8(rig.instrument.receive_bytes()).unwrap();
         text.split("\r\n").find(|line| line.starts_with(kind)).map(str::to_owned)
     };
     let is_true = |rig: &mut Rig, declination_deg: f64| {
@@ -166,7 +166,7 @@ fn garbage_between_the_attitude_messages_does_not_stop_the_stream() {
     let mut random = Random(99);
     let mut seen = (0, 0);
     for _ in 0..100 {
-        rig.autopilot.send(&random.bytes(40));
+        rig.autopilot.send_bytes(&random.bytes(40));
         let received = listen(&mut rig, 0.1);
         seen = (seen.0 + headings(&received), seen.1 + received.len());
     }

@@ -1,7 +1,7 @@
 //! Calibration from samples, and heading of a sample: `no_std`, without allocation.
 
 use autoswing::calibration::{
-    CollectionPart, Method, MotorCurrent, Prior, Rates, Sample, Samples, Solution, SolveError, solve,
+    CollectionPart, Method, MotorCurrent, Prior, Rates, Sample, Samples, Solution, SolveError, solve_samples,
 };
 use autoswing::frames::{Attitude, Field};
 use autoswing::heading::{HeadingLimits, NoHeading, compute_heading};
@@ -26,7 +26,7 @@ pub fn sample([time_s, x, y, z, roll_deg, pitch_deg]: [f32; 6]) -> Sample {
 ///
 /// The samples do not determine the coefficients.
 pub fn calibrate(samples: &[Sample]) -> Result<Solution, SolveError> {
-    solve(Method::MaximumLikelihood, Samples::new(samples), &Prior::default())
+    solve_samples(Method::MaximumLikelihood, Samples::new(samples), &Prior::default())
 }
 
 /// Magnetic heading of a sample and its standard deviation, degrees.

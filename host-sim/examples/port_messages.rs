@@ -34,12 +34,12 @@ fn main() {
 fn print_flight(kind: VehicleKind, port_devices: [FarEnd; 2], setting: &str) {
     println!("{} {setting}", kind.vehicle_name());
     let mut rig =
-        Rig::with_port_devices(WorldConfig::table1(7).with_vehicle_kind(kind), Faults::default(), port_devices);
+        Rig::with_port_devices(WorldConfig::of_table1(7).with_vehicle_kind(kind), Faults::default(), port_devices);
     let _ = rig.send_console_line(setting);
     let _ = rig.run_for_s(12.0);
     rig.world.set_armed(true);
-    for leg in Routine::for_vehicle(kind, TurnPlan::default(), rig.world.config().aircraft.heading_deg).legs() {
-        rig.world.fly(leg);
+    for leg in Routine::for_vehicle(kind, TurnPlan::default(), rig.world.world_config().aircraft.heading_deg).legs() {
+        rig.world.fly_leg(leg);
     }
     let end_us = rig.now_us() + (FLIGHT_S * 1e6) as u64;
     while rig.now_us() < end_us {
@@ -73,7 +73,7 @@ fn print_messages(rig: &Rig) {
             AttachedDevice::Deaf => {}
         }
     }
-    for sentence in String::from_utf8_lossy(&rig.instrument().receive()).lines() {
+    for sentence in String::from_utf8_lossy(&rig.instrument_cable().receive_bytes()).lines() {
         println!("{now_ms} nmea {sentence}");
     }
 }

@@ -69,7 +69,7 @@ fn circle(roll_deg: f32, samples: u16) -> Vec<Sample> {
         .map(|i| {
             let attitude = Attitude::from_deg(roll_deg, 0.0);
             let heading_rad = f32::from(i) / f32::from(samples) * core::f32::consts::TAU;
-            let field = Field::new(attitude.body(Field::earth(50.0, 1.0, heading_rad)).ut);
+            let field = Field::new(attitude.to_body_frame(Field::earth_field(50.0, 1.0, heading_rad)).ut);
             Sample {
                 field,
                 attitude,

@@ -10,7 +10,7 @@ use embassy_time::{Duration, Instant, Timer};
 
 use super::TaskLinks;
 use super::line::{new_calibration, route_message, with_snapshot};
-use super::task_links::{AutopilotLine, CommandSource, increment, now, subscribe};
+use super::task_links::{AutopilotLine, CommandSource, increment_counter, now, subscribe};
 use crate::compass::{Command, IndicatorState};
 use crate::heading::NoHeading;
 use crate::instrument::Estimate;
@@ -95,7 +95,7 @@ pub async fn run_can(
         // Estimates come first: a bus in error is ready at every poll, and would starve any future after it.
         match select4(estimated, sent, wires.command_results.wait(), rx.receive_frame()).await {
             Either4::First(()) => {
-                increment(&wires.heartbeat);
+                increment_counter(&wires.heartbeat);
                 poll_at = Instant::now() + SAFE_MODE_PERIOD;
                 if let Some(changed) = changes.try_changed() {
                     settings = changed;

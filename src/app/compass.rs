@@ -11,7 +11,7 @@ use embedded_storage_async::nor_flash::NorFlash;
 
 use super::TaskLinks;
 use super::task_links::{
-    CommandSource, DetectedSensor, Timestamped, ValueReceiver, apply_atomically, increment, now, publish_value,
+    CommandSource, DetectedSensor, Timestamped, ValueReceiver, apply_atomically, increment_counter, now, publish_value,
     subscribe,
 };
 use crate::acceptance::AcceptancePolicy;
@@ -58,7 +58,7 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
     let mut began = EventCounts::default();
     publish_state(links, compass, None);
     loop {
-        increment(&links.heartbeats.compass);
+        increment_counter(&links.heartbeats.compass);
         let (event, source) = if compass.is_busy() {
             // The console runs between two steps of a solve.
             yield_now().await;
@@ -82,7 +82,11 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
             let result = with_timeout(SAVE_TIMEOUT, poll_in_own_stack_frame(pin!(store.save_change(change))))
                 .await
                 .unwrap_or(Err(StoreError::Timeout));
-            increment(if result.is_ok() { &links.event_counters.saves } else { &links.event_counters.store_errors });
+            increment_counter(if result.is_ok() {
+                &links.event_counters.saves
+            } else {
+                &links.event_counters.store_errors
+            });
             effect = compass.step(Event::Saved(result));
         }
         add_sample_loss(&mut effect, SampleLoss::from_counts(&began, &links.event_counts()));
@@ -180,15 +184,15 @@ impl<'a> CompassEvents<'a> {
 fn report_unreadable_flash(links: &TaskLinks, error: StoreError) {
     let message = Message::StoreFailed(error);
     warning!("load: {=str}", message.stable_code());
-    increment(&links.event_counters.store_errors);
+    increment_counter(&links.event_counters.store_errors);
     links.announce(&message);
 }
 
 /// Publishes the state to the other tasks. A port receives a message together with the state after it: a collection
 /// that ends without a message was aborted.
 fn publish_state(links: &TaskLinks, compass: &Compass<'_>, message: Option<&Message>) {
-    publish_value(&links.correction, compass.correction());
-    publish_value(&links.stored_settings, *compass.settings());
+    publish_value(&links.correction, compass.instrument_correction());
+    publish_value(&links.stored_settings, *compass.stored_settings());
     publish_value(&links.settings, compass.effective_settings());
     let glance = compass.indicator_state();
     if let Some(message) = message {

@@ -96,9 +96,9 @@ impl Terminal<'_> {
     /// Processes a received byte; returns a command for the state machine.
     fn process_byte(&mut self, byte: u8) -> Option<Command> {
         match self.session.process_byte(byte)? {
-            Err(error) => self.session.reply(|out| report::line_error(out, &error)),
-            Ok(Request::Help(help_topic)) => self.session.reply(|out| write_help(out, help_topic)),
-            Ok(Request::Version) => self.session.reply(report::write_version),
+            Err(error) => self.session.write_reply(|out| report::line_error(out, &error)),
+            Ok(Request::Help(help_topic)) => self.session.write_reply(|out| write_help(out, help_topic)),
+            Ok(Request::Version) => self.session.write_reply(report::write_version),
             Ok(Request::Command(command)) => return Some(command),
         }
         None
@@ -106,7 +106,7 @@ impl Terminal<'_> {
 
     fn write_reply(&mut self, command: Command, answer: &Result<Reply, Refusal>, platform: &impl Platform) {
         let health = self.diagnostics(platform);
-        self.session.reply(|out| report::reply(out, command, answer, &health));
+        self.session.write_reply(|out| report::write_reply(out, command, answer, &health));
     }
 
     fn diagnostics(&self, platform: &impl Platform) -> Diagnostics {
@@ -135,8 +135,8 @@ async fn execute_command(links: &TaskLinks, command: Command) -> Result<Reply, R
 }
 
 async fn flush_output(session: &mut Session, tx: &mut impl Write) {
-    if !session.output().is_empty() {
-        let _ = with_timeout(WRITE_TIMEOUT, tx.write_all(session.output())).await;
+    if !session.pending_output().is_empty() {
+        let _ = with_timeout(WRITE_TIMEOUT, tx.write_all(session.pending_output())).await;
         session.clear_output();
     }
 }

@@ -5,7 +5,7 @@ use embassy_futures::yield_now;
 use embassy_time::{Instant, Timer};
 
 use super::TaskLinks;
-use super::task_links::{DetectedSensor, increment, now, subscribe};
+use super::task_links::{DetectedSensor, increment_counter, now, subscribe};
 use crate::instrument::{ChangeReporter, Instrument, InstrumentConfig, TurnRequest};
 use crate::messages::Message;
 
@@ -26,7 +26,7 @@ pub async fn run_instrument(links: &TaskLinks) -> ! {
         let event =
             select4(sensor.changed(), links.attitude_reports.receive(), links.readings.receive(), Timer::at(silent_at))
                 .await;
-        increment(&links.heartbeats.instrument);
+        increment_counter(&links.heartbeats.instrument);
         let has_new_estimate = matches!(event, Either4::Third(_) | Either4::Fourth(()));
         match event {
             Either4::First(found) => configure_sensor(&mut instrument, found),
@@ -40,7 +40,7 @@ pub async fn run_instrument(links: &TaskLinks) -> ! {
             }
             Either4::Third(reading) => {
                 let estimate = instrument.on_reading(reading.timestamp, reading.value);
-                let wanted = turn_request.update(&estimate).filter(|_| links.is_armed() != Some(false));
+                let wanted = turn_request.update_request(&estimate).filter(|_| links.is_armed() != Some(false));
                 estimates.send(estimate);
                 if let Some(sigma_rad) = wanted {
                     links.announce(&Message::TurnWanted { sigma_rad });
@@ -62,13 +62,13 @@ pub async fn run_instrument(links: &TaskLinks) -> ! {
             // ports have run in between.
             yield_now().await;
             yield_now().await;
-            links.event_counters.store_rejections(&instrument.rejections());
+            links.event_counters.store_rejections(&instrument.rejection_counts());
             if let Some(changed) = correction.try_changed() {
                 instrument.set_correction(changed);
             }
             instrument.update_monitor();
             let is_armed = links.is_armed() == Some(true);
-            if let Some(change) = change_report.update(now(), is_armed, instrument.installation_change()) {
+            if let Some(change) = change_report.select_report(now(), is_armed, instrument.installation_change()) {
                 links.announce(&change.map_or(Message::InstallationRestored, Message::InstallationChanged));
             }
         }

@@ -1,7 +1,7 @@
 //! Functions shared by the tasks of all lines: snapshots of the module, and routing of received messages.
 
 use super::TaskLinks;
-use super::task_links::{AutopilotLine, CommandSource, Timestamped, increment, publish_value};
+use super::task_links::{AutopilotLine, CommandSource, Timestamped, increment_counter, publish_value};
 use crate::calibration::Calibration;
 use crate::compass::IndicatorState;
 use crate::instrument::Correction;
@@ -40,11 +40,11 @@ pub(super) fn route_message(
 ) {
     match message {
         ReceivedMessage::Attitude(report) if links.accept_attitude(line, at, report.has_rates() && can_have_gyro) => {
-            increment(&links.event_counters.attitude_reports);
+            increment_counter(&links.event_counters.attitude_reports);
             links.queue_or_count(&links.attitude_reports, Timestamped { timestamp: at, value: report });
         }
         ReceivedMessage::Attitude(_) | ReceivedMessage::RejectedAttitude => {
-            increment(&links.event_counters.attitude_foreign);
+            increment_counter(&links.event_counters.attitude_foreign);
         }
         // The sender repeats a command that is not answered.
         ReceivedMessage::Command(command) => {

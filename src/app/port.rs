@@ -10,7 +10,7 @@ use embedded_io_async::{Read, Write};
 
 use super::TaskLinks;
 use super::line::{new_calibration, route_message, with_snapshot};
-use super::task_links::{AutopilotLine, increment, now, subscribe};
+use super::task_links::{AutopilotLine, increment_counter, now, subscribe};
 use crate::health::EventCounters;
 use crate::port::{MessageSchedule, Port, TransmitBuffer};
 use crate::settings::{Baud, PortNumber, PortSettings, ProtocolKind, Settings};
@@ -62,7 +62,7 @@ pub async fn run_port(links: &TaskLinks, number: PortNumber, mut rx: impl Read, 
         // Estimates come first: a line in error is ready at every poll, and would starve any future after it.
         match select4(estimated, written, wires.command_results.wait(), rx.read(&mut bytes)).await {
             Either4::First(()) => {
-                increment(&wires.heartbeat);
+                increment_counter(&wires.heartbeat);
                 if let Some(changed) = changes.try_changed() {
                     apply_settings(
                         &mut port,
@@ -95,7 +95,7 @@ pub async fn run_port(links: &TaskLinks, number: PortNumber, mut rx: impl Read, 
                 receive_bytes(links, line, &mut port, bytes.get(..read).unwrap_or_default());
             }
             Either4::Fourth(_) => {
-                increment(&links.event_counters.attitude_line_errors);
+                increment_counter(&links.event_counters.attitude_line_errors);
                 Timer::after(LINE_ERROR_PAUSE).await;
             }
         }

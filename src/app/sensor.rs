@@ -3,7 +3,7 @@
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 
 use super::TaskLinks;
-use super::task_links::{DetectedSensor, increment, stamped_now};
+use super::task_links::{DetectedSensor, increment_counter, stamped_now};
 use crate::log::{info, warning};
 use crate::magnetometer::{Magnetometer, MagnetometerError};
 
@@ -37,14 +37,14 @@ pub async fn run_sensor(links: &TaskLinks, mut magnetometer: impl Magnetometer) 
                 links.sensor.sender().send(DetectedSensor { identity, period_us, stuck_after });
                 if read_until_error(links, &mut magnetometer).await == StopReason::Upset {
                     // The sensor answers, so that it is initialised again without a delay.
-                    increment(&links.event_counters.sensor_upsets);
+                    increment_counter(&links.event_counters.sensor_upsets);
                     continue;
                 }
             }
             Ok(Err(_)) | Err(_) => warning!("magnetometer does not answer, or failed its self-test"),
         }
-        increment(&links.event_counters.sensor_errors);
-        increment(&links.heartbeats.sensor);
+        increment_counter(&links.event_counters.sensor_errors);
+        increment_counter(&links.heartbeats.sensor);
         Timer::after(RETRY_DELAY).await;
     }
 }
@@ -53,10 +53,10 @@ async fn read_until_error(links: &TaskLinks, magnetometer: &mut impl Magnetomete
     let mut verify_at = Instant::now() + VERIFICATION_INTERVAL;
     while let Ok(Ok(reading)) = with_timeout(DRIVER_TIMEOUT, magnetometer.read_measurement()).await {
         let reading = stamped_now(reading);
-        increment(&links.event_counters.readings);
-        increment(&links.heartbeats.sensor);
+        increment_counter(&links.event_counters.readings);
+        increment_counter(&links.heartbeats.sensor);
         if reading.value.was_overwritten {
-            increment(&links.event_counters.overruns);
+            increment_counter(&links.event_counters.overruns);
         }
         links.queue_or_count(&links.readings, reading);
         // The configuration is verified just after a measurement, when the next one is furthest away.

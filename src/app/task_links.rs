@@ -234,7 +234,7 @@ impl TaskLinks {
     /// Queues an item; counts it as dropped if the queue is full.
     pub(super) fn queue_or_count<T, const N: usize>(&self, queue: &TaskQueue<T, N>, item: T) {
         if queue.try_send(item).is_err() {
-            increment(&self.event_counters.samples_dropped);
+            increment_counter(&self.event_counters.samples_dropped);
         }
     }
 }
@@ -275,7 +275,7 @@ pub(super) fn apply_atomically(change: impl FnOnce()) {
 }
 
 /// Increments a counter; wraps at 2^32.
-pub(super) fn increment(counter: &AtomicU32) {
+pub(super) fn increment_counter(counter: &AtomicU32) {
     counter.fetch_add(1, Ordering::Relaxed);
 }
 

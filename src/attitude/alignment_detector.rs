@@ -61,12 +61,12 @@ impl AlignmentDetector {
 
     /// Updates the field direction with an uncalibrated reading.
     pub fn update_field(&mut self, field: Field<Sensor>) {
-        self.field_direction.update(field.ut);
+        self.field_direction.update_mean(field.ut);
     }
 
     /// Processes a report; returns whether the source is still aligning. Always false without a field or without body
     /// rates. Small angles are compared as chords of unit vectors.
-    pub fn update(&mut self, at: Timestamp, report: &AttitudeReport) -> bool {
+    pub fn process_report(&mut self, at: Timestamp, report: &AttitudeReport) -> bool {
         let Some((field, rate_rad_s)) = self.field_direction.mean().zip(report.body_rate_rad_s()) else {
             (self.last_means, self.hold_remaining_s) = (None, 0.0);
             return false;
@@ -159,7 +159,7 @@ mod tests {
             };
             let angle = (by_field * tilt_deg(t_s)).to_radians();
             (0..40).for_each(|_| aligning.update_field(Field::from_ut(48.0 * angle.cos(), 48.0 * angle.sin(), 0.0)));
-            if aligning.update(Timestamp::from_us(u64::from(i) * 20_000), &report(attitude, rates_rad_s)) {
+            if aligning.process_report(Timestamp::from_us(u64::from(i) * 20_000), &report(attitude, rates_rad_s)) {
                 found = Some([found.map_or(t_s, |[from_s, _]| from_s), t_s]);
             }
         }
@@ -225,7 +225,7 @@ mod tests {
                 aligning.update_field(Field::from_ut(20.0, 0.0, 43.0));
             }
             let mut see = |us: u64, deg: f32| {
-                aligning.update(Timestamp::from_us(us), &report(tilted(deg), [rate_rad_s, 0.0, 0.0]))
+                aligning.process_report(Timestamp::from_us(us), &report(tilted(deg), [rate_rad_s, 0.0, 0.0]))
             };
             see(0, 0.0) || see(step_us, 30.0)
         };
@@ -240,7 +240,7 @@ mod tests {
         let mut aligning = AlignmentDetector::new();
         aligning.update_field(Field::from_ut(20.0, 0.0, 43.0));
         let mut see = |us: u64, deg: f32| {
-            aligning.update(Timestamp::from_us(us), &report(Attitude::from_deg(deg, 0.0), [1e-4, 0.0, 0.0]))
+            aligning.process_report(Timestamp::from_us(us), &report(Attitude::from_deg(deg, 0.0), [1e-4, 0.0, 0.0]))
         };
         assert!(!see(0, 0.0) && see(20_000, 30.0));
         assert!(see(2_000_000, 0.0) && see(5_000_000, 0.0) && !see(5_100_000, 0.0));
@@ -252,8 +252,10 @@ mod tests {
         aligning.update_field(Field::from_ut(f32::NAN, 0.0, 0.0));
         let mut see = |i: u64, roll_deg: f32| {
             aligning.update_field(Field::from_ut(20.0, 0.0, 43.0));
-            aligning
-                .update(Timestamp::from_us(i * 20_000), &report(Attitude::from_deg(roll_deg, 0.0), [1e-4, 0.0, 0.0]))
+            aligning.process_report(
+                Timestamp::from_us(i * 20_000),
+                &report(Attitude::from_deg(roll_deg, 0.0), [1e-4, 0.0, 0.0]),
+            )
         };
         assert!((0..200).all(|i| !see(i, if i == 3 { f32::NAN } else { 0.0 })));
         assert!(see(200, 30.0));

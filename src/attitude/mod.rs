@@ -118,7 +118,7 @@ impl AttitudeHistory {
         if self.reports.back().is_some_and(|last| last.sent_at >= at) {
             return;
         }
-        self.freeze_detector.update(at, &report);
+        self.freeze_detector.process_report(at, &report);
         if self.freeze_detector.frozen_at().is_some() {
             self.rejected.frozen_reports = self.rejected.frozen_reports.wrapping_add(1);
             return;
@@ -130,9 +130,10 @@ impl AttitudeHistory {
             return;
         }
         // Contradicting rates cannot show that the aircraft is at rest.
-        let is_aligning = self.alignment_detector.update(at, &report) && !self.rate_consistency.is_contradicted()
+        let is_aligning = self.alignment_detector.process_report(at, &report)
+            && !self.rate_consistency.is_contradicted()
             || self.restarted_at.is_some_and(|restart| at.us_since(restart) < RESTART_ALIGNMENT_US);
-        let is_stale = self.stale_attitude_detector.update(at, &report);
+        let is_stale = self.stale_attitude_detector.process_report(at, &report);
         self.last_contradicted_at = (is_aligning || is_stale).then_some(at);
         if is_stale {
             self.rejected.frozen_reports = self.rejected.frozen_reports.wrapping_add(1);
@@ -140,7 +141,7 @@ impl AttitudeHistory {
         if is_aligning || is_stale {
             return;
         }
-        if self.rate_consistency.update(at, &report) {
+        if self.rate_consistency.process_report(at, &report) {
             self.rejected.contradicting_rates = self.rejected.contradicting_rates.wrapping_add(1);
             report.rates_rad_s = [0.0; 3];
         }

@@ -66,7 +66,7 @@ impl RateConsistency {
     }
 
     /// Processes a report; returns whether the rates contradict the attitude.
-    pub fn update(&mut self, at: Timestamp, report: &AttitudeReport) -> bool {
+    pub fn process_report(&mut self, at: Timestamp, report: &AttitudeReport) -> bool {
         let Some(motion) = EulerRates::from_report(report) else { return false };
         let attitude = report.attitude;
         if let Some((last_at, last, before)) = self.last.replace((at, attitude, motion)) {
@@ -160,7 +160,7 @@ mod tests {
                 attitude,
                 rates_rad_s,
             };
-            check.update(Timestamp::from_us(u64::from(i) * 20_000), &report).then(|| u32::from(i) / 50)
+            check.process_report(Timestamp::from_us(u64::from(i) * 20_000), &report).then(|| u32::from(i) / 50)
         })
     }
 
@@ -197,7 +197,7 @@ mod tests {
                 attitude: Attitude { roll_rad, pitch_rad: 0.0 },
                 rates_rad_s: [rate, 0.0, 1e-6],
             };
-            is_contradicted = check.update(Timestamp::from_us(u64::from(i) * 100_000), &report);
+            is_contradicted = check.process_report(Timestamp::from_us(u64::from(i) * 100_000), &report);
         }
         is_contradicted
     }
@@ -241,7 +241,7 @@ mod tests {
                 attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
                 rates_rad_s: [0.03, -0.015, 0.0],
             };
-            assert!(!check.update(Timestamp::from_us(u64::from(i) * 100_000), &report), "{i}");
+            assert!(!check.process_report(Timestamp::from_us(u64::from(i) * 100_000), &report), "{i}");
         }
     }
 

@@ -48,7 +48,7 @@ impl RateEstimator {
 
     /// Processes an attitude and a heading of any reference received at `at`; returns the body rates, rad/s, zero if
     /// unknown.
-    pub fn update(&mut self, at: Timestamp, attitude: Attitude, heading_rad: f32) -> [f32; 3] {
+    pub fn update_rates(&mut self, at: Timestamp, attitude: Attitude, heading_rad: f32) -> [f32; 3] {
         let measured = [attitude.roll_rad, attitude.pitch_rad, heading_rad];
         let started = SmoothedAngles { at, angles_rad: measured, rates_rad_s: [0.0; 3], outliers: 0 };
         let Some(last) = self.0.replace(started) else { return [0.0; 3] };
@@ -94,7 +94,7 @@ mod tests {
             let [roll_deg, pitch_deg, heading_deg] = angles_deg(step as f32 * 0.02);
             let attitude = Attitude::from_deg((roll_deg * 10.0).trunc() / 10.0, (pitch_deg * 10.0).trunc() / 10.0);
             let heading_deg = heading_deg.rem_euclid(360.0).trunc();
-            estimator.update(Timestamp::from_us(step * STEP_US), attitude, heading_deg.to_radians())
+            estimator.update_rates(Timestamp::from_us(step * STEP_US), attitude, heading_deg.to_radians())
         };
         (0..1000).map(report).collect()
     }
@@ -135,14 +135,14 @@ mod tests {
         let attitude = Attitude::from_deg(1.0, 2.0);
         assert!(
             estimator
-                .update(Timestamp::from_us(0), attitude, 0.0)
+                .update_rates(Timestamp::from_us(0), attitude, 0.0)
                 .iter()
                 .all(|rate_rad_s| rate_rad_s.abs() < f32::EPSILON)
         );
-        assert!(estimator.update(Timestamp::from_us(STEP_US), attitude, 0.1)[2] > 0.1);
+        assert!(estimator.update_rates(Timestamp::from_us(STEP_US), attitude, 0.1)[2] > 0.1);
         assert!(
             estimator
-                .update(Timestamp::from_us(1_000_000), attitude, 0.2)
+                .update_rates(Timestamp::from_us(1_000_000), attitude, 0.2)
                 .iter()
                 .all(|rate_rad_s| rate_rad_s.abs() < f32::EPSILON)
         );

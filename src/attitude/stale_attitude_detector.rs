@@ -95,7 +95,7 @@ impl StaleAttitudeDetector {
 
     /// Processes a report; returns whether the attitude is stale. Always false without a field or without body rates. A
     /// detected attitude is stale until it follows the rates, or the field contradicts them.
-    pub fn update(&mut self, at: Timestamp, report: &AttitudeReport) -> bool {
+    pub fn process_report(&mut self, at: Timestamp, report: &AttitudeReport) -> bool {
         let Some(field) = self.field_direction.filter(|_| report.has_rates()) else {
             *self = Self::new();
             return false;
@@ -233,12 +233,12 @@ mod tests {
                 (errors.rates * (with_errors + offset_deg_s + noise_deg())).to_radians()
             });
             let field_at = if errors.is_field_stale { [0.0; 2] } else { [heading_deg, roll_deg] };
-            let earth = Field::earth(50.0, 1.1, field_at[0].to_radians() + 0.3);
-            let field = Attitude::from_deg(field_at[1], 0.0).body(Field::new(earth.ut));
+            let earth = Field::earth_field(50.0, 1.1, field_at[0].to_radians() + 0.3);
+            let field = Attitude::from_deg(field_at[1], 0.0).to_body_frame(Field::new(earth.ut));
             detector.update_field(Field::new(field.ut.map(|ut| ut + 0.3 * random.normal())));
             let (sender, sender_time) = (SenderId::default(), WrappingMillis::default());
             let report = AttitudeReport { sender, sender_time, attitude, rates_rad_s };
-            let is_stale = detector.update(Timestamp::from_us(u64::from(i) * 20_000), &report);
+            let is_stale = detector.process_report(Timestamp::from_us(u64::from(i) * 20_000), &report);
             if is_stale != was_stale {
                 changes.push(t_s);
                 was_stale = is_stale;
@@ -304,7 +304,7 @@ mod tests {
             let (sender, sender_time) = (SenderId::default(), WrappingMillis::default());
             let attitude = Attitude::default();
             let report = AttitudeReport { sender, sender_time, attitude, rates_rad_s: [rate_rad_s, 0.0, 0.0] };
-            detector.update(Timestamp::from_us(i as u64 * 20_000), &report);
+            detector.process_report(Timestamp::from_us(i as u64 * 20_000), &report);
         }
         // The mean of two steps has the infinite rate, too.
         assert!(detector.turned_rad.is_finite() && detector.vertical.predicted.vector_length() < 0.01);

@@ -127,7 +127,7 @@ mod tests {
     fn circle(number: usize) -> Vec<Sample> {
         (0..number)
             .map(|i| {
-                let field = Field::<Level>::earth(50.0, 1.0, TAU * i as f32 / number as f32);
+                let field = Field::<Level>::earth_field(50.0, 1.0, TAU * i as f32 / number as f32);
                 Sample {
                     field: Field::new(field.ut),
                     attitude: Attitude::default(),

@@ -82,7 +82,7 @@ pub mod verification;
 
 pub use advice::{Advice, HeadingQuadrant, Manoeuvre, NOTICEABLE_ERROR_RATIO, TiltDirection, UnobservableQuantities};
 pub use assessment::{Finding, Solution};
-pub use solver::stepwise_solver::{SolveProgress, Solver, solve};
+pub use solver::stepwise_solver::{SolveProgress, Solver, solve_samples};
 pub use types::{
     bank_scale::BankScaleFinding,
     coefficients::Calibration,

@@ -70,7 +70,7 @@ mod tests {
                     (if i % 2 == 0 { 1.0 } else { -1.0 }, if i % 4 < 2 { 1.0 } else { -1.0 });
                 let total_ut = 50.0 * (1.0 + norm * norm_scales * 0.004);
                 let inclination_rad = 1.0 + inclination_sign * dip_scales * 0.005;
-                let field = Field::<Level>::earth(total_ut, inclination_rad, f32::from(i));
+                let field = Field::<Level>::earth_field(total_ut, inclination_rad, f32::from(i));
                 Sample {
                     field: Field::new(field.ut),
                     attitude: Attitude::default(),
@@ -142,7 +142,11 @@ mod tests {
         let leaning: Vec<Sample> = samples(0.0, 0.0)
             .into_iter()
             .zip((0..).map(|i: u8| Attitude::from_deg(f32::from(i) * 4.0 - 30.0, f32::from(i % 3) * 5.0)))
-            .map(|(s, attitude)| Sample { field: Field::new(attitude.body(Field::new(s.field.ut)).ut), attitude, ..s })
+            .map(|(s, attitude)| Sample {
+                field: Field::new(attitude.to_body_frame(Field::new(s.field.ut)).ut),
+                attitude,
+                ..s
+            })
             .collect();
         assert!(scores(&leaning, true).candidate_score < 1e-2);
     }

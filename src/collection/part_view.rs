@@ -65,8 +65,8 @@ impl<'a> PartView<'a> {
     }
 
     /// Stores the latest sample.
-    pub fn insert(&mut self, purpose: SampleUse, sample: Sample) {
-        self.buffer.insert(purpose, Sample { part: self.part, ..sample });
+    pub fn insert_sample(&mut self, purpose: SampleUse, sample: Sample) {
+        self.buffer.insert_sample(purpose, Sample { part: self.part, ..sample });
     }
 
     /// Stores the latest sample in place of the one at a position.

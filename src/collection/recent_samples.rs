@@ -66,7 +66,7 @@ impl RecentSamples {
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_samples::sample;
+    use super::super::test_samples::test_sample;
     use super::*;
 
     fn at(ms: u32) -> WrappingMillis {
@@ -79,7 +79,7 @@ mod tests {
         for (i, x) in fields_ut.into_iter().enumerate() {
             let attitude = Attitude::from_deg(1.0 + x / 10.0, -2.0 - x / 10.0);
             let rates = Rates::from_rad_s([x / 100.0, -x / 50.0, x / 10.0]);
-            recent.push_sample(Sample { attitude, rates, ..sample([x, 5.0, 40.0], 1000 + i as u32 * 100) });
+            recent.push_sample(Sample { attitude, rates, ..test_sample([x, 5.0, 40.0], 1000 + i as u32 * 100) });
         }
         recent
     }
@@ -113,7 +113,7 @@ mod tests {
         assert_eq!(RecentSamples::new().mean_at_rest(at(0)), None);
         // At zero field, a mean over eight instead of seven would pass the deviation test.
         let mut seven = RecentSamples::new();
-        (0..7).for_each(|i| seven.push_sample(sample([0.0; 3], 1000 + i * 100)));
+        (0..7).for_each(|i| seven.push_sample(test_sample([0.0; 3], 1000 + i * 100)));
         assert_eq!(seven.mean_at_rest(at(1700)), None);
     }
 

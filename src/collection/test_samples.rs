@@ -54,7 +54,7 @@ pub fn empty_memory() -> &'static mut RetainedSamples {
     Box::leak(Box::new(RetainedSamples::EMPTY))
 }
 
-pub fn sample(field_ut: [f32; 3], time_ms: u32) -> Sample {
+pub fn test_sample(field_ut: [f32; 3], time_ms: u32) -> Sample {
     Sample {
         field: Field::from_ut(field_ut[0], field_ut[1], field_ut[2]),
         attitude: Attitude::default(),
@@ -66,14 +66,14 @@ pub fn sample(field_ut: [f32; 3], time_ms: u32) -> Sample {
 }
 
 pub fn banked_sample(roll_deg: f32, pitch_deg: f32, time_ms: u32) -> Sample {
-    Sample { attitude: Attitude::from_deg(roll_deg, pitch_deg), ..sample([20.0, 0.0, 40.0], time_ms) }
+    Sample { attitude: Attitude::from_deg(roll_deg, pitch_deg), ..test_sample([20.0, 0.0, 40.0], time_ms) }
 }
 
 /// Level sample on a circle whose hard iron is five times its radius.
 pub fn circle_sample(heading_deg: f32) -> Sample {
     let (sin, cos) = heading_deg.to_radians().sin_cos();
     let field_ut = Vector3::new(RADIUS_UT * cos, -RADIUS_UT * sin, 45.0) + HARD_IRON_UT;
-    sample(field_ut.into(), 0)
+    test_sample(field_ut.into(), 0)
 }
 
 /// Samples of a turn at 10 Hz: 20 uT horizontal, 45 uT down, hard iron of 110 uT, 1 deg of bank wander.
@@ -81,7 +81,7 @@ pub fn turn_samples(roll_deg: f32, from_s: u16, to_s: u16, rate_deg_s: f32) -> i
     (from_s * 10..to_s * 10).map(move |i| {
         let t_s = f32::from(i) / 10.0;
         let attitude = Attitude::from_deg(roll_deg + (t_s * 4.2).sin(), 2.0);
-        let body = attitude.body(Field::<Level>::earth(49.2, 1.152, (rate_deg_s * t_s).to_radians()));
+        let body = attitude.to_body_frame(Field::<Level>::earth_field(49.2, 1.152, (rate_deg_s * t_s).to_radians()));
         Sample {
             field: Field::new(body.ut + HARD_IRON_UT),
             attitude,

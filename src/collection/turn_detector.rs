@@ -55,7 +55,7 @@ impl TurnDetector {
     }
 
     /// Processes a sample; returns the side of the sustained turn it belongs to.
-    pub fn update(&mut self, sample: &Sample) -> Option<Side> {
+    pub fn process_sample(&mut self, sample: &Sample) -> Option<Side> {
         self.bank = self.next_bank(sample);
         self.turn_side()
     }
@@ -90,7 +90,7 @@ mod tests {
         (0..seconds * 10)
             .map(|i| {
                 let time_ms = START_MS.wrapping_add(u32::from(i) * 100);
-                detector.update(&banked_sample(roll_deg(f32::from(i) / 10.0), pitch_deg, time_ms))
+                detector.process_sample(&banked_sample(roll_deg(f32::from(i) / 10.0), pitch_deg, time_ms))
             })
             .collect()
     }
@@ -106,10 +106,10 @@ mod tests {
     fn side_after_turn(gap_ms: u32, roll_deg: f32, pitch_deg: f32) -> Option<Side> {
         let mut detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
         for i in 0..=30 {
-            detector.update(&banked_sample(25.0, 0.0, START_MS.wrapping_add(i * 100)));
+            detector.process_sample(&banked_sample(25.0, 0.0, START_MS.wrapping_add(i * 100)));
         }
         assert_eq!(detector.turn_side(), Some(Side::Right));
-        detector.update(&banked_sample(roll_deg, pitch_deg, START_MS.wrapping_add(3000 + gap_ms)))
+        detector.process_sample(&banked_sample(roll_deg, pitch_deg, START_MS.wrapping_add(3000 + gap_ms)))
     }
 
     #[test]
@@ -178,9 +178,9 @@ mod tests {
         for (last_ms, expected) in [(1999, None), (2000, Some(Side::Right))] {
             let mut detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
             for time_ms in [0, 400, 800, 1200, 1600] {
-                assert_eq!(detector.update(&banked_sample(25.0, 0.0, START_MS.wrapping_add(time_ms))), None);
+                assert_eq!(detector.process_sample(&banked_sample(25.0, 0.0, START_MS.wrapping_add(time_ms))), None);
             }
-            assert_eq!(detector.update(&banked_sample(25.0, 0.0, START_MS.wrapping_add(last_ms))), expected);
+            assert_eq!(detector.process_sample(&banked_sample(25.0, 0.0, START_MS.wrapping_add(last_ms))), expected);
         }
     }
 

@@ -30,12 +30,12 @@ impl ArmedState {
     pub const UNKNOWN: Self = Self { reported: None, has_flown: false, rest: None };
 
     /// Armed state by the autopilot's last report, if known.
-    pub const fn reported(&self) -> Option<bool> {
+    pub const fn reported_state(&self) -> Option<bool> {
         self.reported
     }
 
     /// Processes the autopilot's report; `None` without a recent one.
-    pub const fn update(&mut self, reported: Option<bool>) {
+    pub const fn update_reported(&mut self, reported: Option<bool>) {
         self.reported = reported;
     }
 

@@ -21,12 +21,14 @@ impl Compass<'_> {
 
     /// Whether the vehicle is armed, or the armed state is unavailable.
     fn is_assumed_armed(&self) -> bool {
-        self.armed_state.reported().unwrap_or(self.automatic_start.samples_since_start == ARMED_STATE_TIMEOUT_SAMPLES)
+        self.armed_state
+            .reported_state()
+            .unwrap_or(self.automatic_start.samples_since_start == ARMED_STATE_TIMEOUT_SAMPLES)
     }
 
     /// Whether automatic collection waits for arming.
     pub(super) fn awaits_arming(&self) -> bool {
-        self.armed_state.reported() == Some(false)
+        self.armed_state.reported_state() == Some(false)
             && (self.activity.is_automatic() || self.wants_automatic_collection())
     }
 

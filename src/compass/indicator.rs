@@ -21,7 +21,7 @@ impl Compass<'_> {
     /// The indicator state.
     #[must_use]
     pub fn indicator_state(&self) -> IndicatorState {
-        match self.state() {
+        match self.module_state() {
             ModuleState::Uncalibrated => match self.last_outcome {
                 Some(Message::Solved(Err(_))) => IndicatorState::Refused,
                 // The next flight starts another collection, so the module is idle.
@@ -36,7 +36,7 @@ impl Compass<'_> {
 
     /// Progress, percent: in a flight, wanted over expected heading error; 0 for procedures that the user ends.
     fn progress_percent(&self) -> u8 {
-        let progress = self.collector.progress();
+        let progress = self.collector.collection_progress();
         match progress.procedure {
             Procedure::Turns => progress.left_turns.percent.midpoint(progress.right_turns.percent),
             Procedure::Level => progress.level_progress.percent,

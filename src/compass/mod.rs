@@ -92,7 +92,7 @@ impl<'a> Compass<'a> {
                 Effect::None
             }
             Event::Armed(reported) => {
-                self.armed_state.update(reported);
+                self.armed_state.update_reported(reported);
                 Effect::None
             }
             Event::Position(place, at) => {
@@ -129,9 +129,9 @@ impl<'a> Compass<'a> {
             }
             self.resume_collection(starter);
         }
-        self.collector.push(sample);
+        self.collector.push_sample(sample);
         self.update_retained();
-        let purpose = if self.collector.progress().is_complete() {
+        let purpose = if self.collector.collection_progress().is_complete() {
             SolvePurpose::Calibration(Some(starter))
         } else if self.collector.procedure() == Procedure::Flight && self.trials.is_due(&self.collector, sample.time) {
             SolvePurpose::Trial(starter)
@@ -184,22 +184,22 @@ impl<'a> Compass<'a> {
             }
             Command::ResetSettings => {
                 self.enable_automatic_start(Settings::DEFAULT.auto_on);
-                return Ok(self.request_save(PendingSave::Settings(self.settings.reset())));
+                return Ok(self.request_save(PendingSave::Settings(self.settings.factory_reset())));
             }
             Command::Align(heading_deg) => return self.set_alignment(heading_deg, false, now),
             Command::AlignConfirmed(heading_deg) => return self.set_alignment(Some(heading_deg), true, now),
             Command::Restart => self.collector.reset_restart_count(),
         }
-        Ok(Effect::Reply(Ok(Reply::Done(self.state()))))
+        Ok(Effect::Reply(Ok(Reply::Done(self.module_state()))))
     }
 
     fn status_report(&self) -> StatusReport {
         StatusReport {
-            module_state: self.state(),
-            is_armed: self.armed_state.reported(),
+            module_state: self.module_state(),
+            is_armed: self.armed_state.reported_state(),
             is_automatic: self.activity.is_automatic(),
             awaits_arming: self.awaits_arming(),
-            progress: self.collector.progress(),
+            progress: self.collector.collection_progress(),
             last_trial: self.trials.last_result.clone(),
             settings: self.settings,
             local_field: self.local_field,

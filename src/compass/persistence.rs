@@ -17,7 +17,7 @@ impl Compass<'_> {
             Some(CollectionContext { is_automatic: was_automatic, calibration_serial: serial })
                 if serial == self.calibration_serial() =>
             {
-                match self.collector.state() {
+                match self.collector.collection_state() {
                     CollectionState::Running => {
                         let starter = if was_automatic { CollectionStarter::Module } else { CollectionStarter::User };
                         self.activity = Activity::Collecting(starter);
@@ -50,7 +50,7 @@ impl Compass<'_> {
     /// Saves changed values while idle.
     pub(super) fn save_persistent(&mut self, detected: [ProtocolKind; PORT_COUNT], now: WrappingMillis) -> Effect {
         let mut wanted = self.persistent.last_written;
-        wanted.is_collecting = match self.collector.state() {
+        wanted.is_collecting = match self.collector.collection_state() {
             CollectionState::Inactive => false,
             CollectionState::Stopped | CollectionState::Running => {
                 wanted.is_collecting || self.collector.is_loss_reportable()

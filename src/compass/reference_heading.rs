@@ -27,7 +27,7 @@ impl Compass<'_> {
             return Err(Refusal::TooManyMarks);
         }
         self.recent_samples = RecentSamples::new();
-        Ok(Effect::Reply(Ok(Reply::Marked(self.collector.progress().mark_count))))
+        Ok(Effect::Reply(Ok(Reply::Marked(self.collector.collection_progress().mark_count))))
     }
 
     /// Sets the alignment from the present and the given heading.
@@ -42,7 +42,8 @@ impl Compass<'_> {
             check_heading_range(heading_deg)?;
             let calibration = &self.active_record().ok_or(Refusal::NoCalibration)?.calibration;
             let mean_sample = self.recent_samples.mean_at_rest(now).ok_or(Refusal::NotStationary)?;
-            let shown_rad = mean_sample.attitude.level(calibration.corrected_body_field(&mean_sample)).heading_rad();
+            let shown_rad =
+                mean_sample.attitude.to_level_frame(calibration.corrected_body_field(&mean_sample)).heading_rad();
             align_deg = wrap_pi(heading_deg.to_radians() - shown_rad).to_degrees();
             if align_deg.abs() > MAX_UNCONFIRMED_ALIGNMENT_DEG && !is_sure {
                 return Err(Refusal::LargeAlignment { heading_deg, align_deg });

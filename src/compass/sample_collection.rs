@@ -44,7 +44,7 @@ impl Compass<'_> {
     /// Continues collecting after a solve, or instead of a trial solve.
     pub(super) fn resume_collection(&mut self, starter: CollectionStarter) {
         for sample in &self.samples_during_solve {
-            self.collector.push(*sample);
+            self.collector.push_sample(*sample);
         }
         self.samples_during_solve.clear();
         self.activity = Activity::Collecting(starter);

@@ -16,7 +16,7 @@ impl Compass<'_> {
     pub(super) fn start_solving(&mut self, method: Option<Method>, purpose: SolvePurpose) -> Result<(), Refusal> {
         self.samples_during_solve.clear();
         let sensor = self.sensor.ok_or(Refusal::NoSensor)?;
-        if self.collector.fit_samples().all().next().is_none() {
+        if self.collector.fit_samples().all_samples().next().is_none() {
             return Err(Refusal::NoSamples);
         }
         let supported = || method_selection::select_method(self.collector.fit_samples(), self.collector.procedure());
@@ -49,7 +49,7 @@ impl Compass<'_> {
         let Activity::Solving(solve) = &mut self.activity else { return Effect::None };
         let (purpose, sensor) = (solve.run_purpose, solve.sensor);
         match &mut solve.current_stage {
-            SolveStage::Fitting(solver) => match solver.step(collected_samples(&self.collector)) {
+            SolveStage::Fitting(solver) => match solver.solve_step(collected_samples(&self.collector)) {
                 Solving::Continue => Effect::None,
                 Solving::Finished(Ok(solution)) => {
                     self.advice = solution.advice;

@@ -68,7 +68,7 @@ impl Compass<'_> {
 
     /// Configuration of the instrument.
     #[must_use]
-    pub fn correction(&self) -> Correction {
+    pub fn instrument_correction(&self) -> Correction {
         let tumbles =
             matches!(self.activity, Activity::Collecting(_)) && self.collector.procedure() == Procedure::Tumble;
         Correction {
@@ -78,7 +78,7 @@ impl Compass<'_> {
             sample_attitude: if tumbles { SampleAttitude::Unknown } else { SampleAttitude::Interpolated },
             mount: self.sensor.map(|_| self.settings.mount),
             total_ut: self.model_field_strength_ut(),
-            is_armed: self.armed_state.reported(),
+            is_armed: self.armed_state.reported_state(),
             sensor_errors: expected_errors(self.settings.sensor_error),
         }
     }
@@ -93,7 +93,7 @@ impl Compass<'_> {
 
     /// Settings as stored.
     #[must_use]
-    pub fn settings(&self) -> &Settings {
+    pub fn stored_settings(&self) -> &Settings {
         &self.settings
     }
 
@@ -101,7 +101,7 @@ impl Compass<'_> {
     #[must_use]
     pub fn effective_settings(&self) -> Settings {
         let Settings { declination_deg, inclination_deg, .. } = self.settings;
-        let field = self.local_field.field();
+        let field = self.local_field.model_field();
         Settings {
             declination_deg: declination_deg.or_else(|| field?.declination_deg),
             inclination_deg: inclination_deg.or_else(|| Some(field?.inclination_deg)),
@@ -113,7 +113,7 @@ impl Compass<'_> {
     pub(super) fn position_context(&self, now: WrappingMillis) -> PositionContext {
         let record = self.active_record().filter(|record| record.quality.knows_inclination);
         PositionContext {
-            is_disarmed: self.armed_state.reported() == Some(false) && !self.armed_state.is_in_flight(now),
+            is_disarmed: self.armed_state.reported_state() == Some(false) && !self.armed_state.is_in_flight(now),
             calibrated_inclination_deg: record.map(|record| record.calibration.inclination_rad.to_degrees()),
         }
     }
@@ -121,12 +121,12 @@ impl Compass<'_> {
     /// Field strength of the field model, microtesla.
     #[must_use]
     pub fn model_field_strength_ut(&self) -> Option<f32> {
-        self.local_field.field().map(|field| field.total_ut)
+        self.local_field.model_field().map(|field| field.total_ut)
     }
 
     /// State of the module, as shown to users.
     #[must_use]
-    pub fn state(&self) -> ModuleState {
+    pub fn module_state(&self) -> ModuleState {
         match &self.activity {
             Activity::Collecting(_) | Activity::Solving(Solve { run_purpose: SolvePurpose::Trial(_), .. }) => {
                 ModuleState::Collecting

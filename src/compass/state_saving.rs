@@ -82,6 +82,6 @@ impl Compass<'_> {
     }
 
     fn reply_done(&self) -> Effect {
-        Effect::Reply(Ok(Reply::Done(self.state())))
+        Effect::Reply(Ok(Reply::Done(self.module_state())))
     }
 }

@@ -181,7 +181,7 @@ pub static COMMANDS: &[CommandSpec] = &[
         "auto",
         "start collecting automatically while uncalibrated, as soon as the autopilot is armed",
     )
-    .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
+    .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(nth_switch_name))])
     .with_request(|given| set_request(SettingChange::Auto(given.choice_argument(0, nth_switch).unwrap_or(true)))),
     CommandSpec::new("cal", "mark", "in a swing: record samples at this magnetic heading of the vehicle")
         .with_arguments(&[ArgumentSpec::new("HEADING", HEADING)])
@@ -192,7 +192,7 @@ pub static COMMANDS: &[CommandSpec] = &[
         "solve",
         "solve with the collected samples, by the best method they support or by a given one",
     )
-    .with_arguments(&[ArgumentSpec::optional_argument("METHOD", ArgumentKind::Choice(method))])
+    .with_arguments(&[ArgumentSpec::optional_argument("METHOD", ArgumentKind::Choice(nth_method_name))])
     .with_request(|given| Command::CalSolve(given.choice_argument(0, |number| METHODS.get(number).copied())).into()),
     CommandSpec::new("cal", "advise", "show the weakest part of the last solve, and the manoeuvre that improves it")
         .with_request(|_| Command::CalAdvise.into()),
@@ -233,7 +233,7 @@ pub static COMMANDS: &[CommandSpec] = &[
         "mount",
         "orientation of the sensor: rotated from the vehicle by yaw, then pitch, then roll",
     )
-    .with_arguments(&[ArgumentSpec::new("ORIENTATION", ArgumentKind::Choice(orientation))])
+    .with_arguments(&[ArgumentSpec::new("ORIENTATION", ArgumentKind::Choice(nth_orientation_name))])
     .with_request(|given| {
         set_request(SettingChange::Mount(
             given.choice_argument(0, nth_orientation).unwrap_or(Orientation::IDENTITY_ROTATION),
@@ -299,7 +299,7 @@ pub static COMMANDS: &[CommandSpec] = &[
         "vision",
         "send true yaw to a MAVLink autopilot, in place of its own compass; needs a declination",
     )
-    .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
+    .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(nth_switch_name))])
     .with_request(|given| set_request(SettingChange::Vision(given.choice_argument(0, nth_switch).unwrap_or(false)))),
     CommandSpec::new("set", "attitude-rate", "highest rate at which attitude is requested from a MAVLink autopilot")
         .with_arguments(&[ArgumentSpec::new(
@@ -331,19 +331,19 @@ pub static COMMANDS: &[CommandSpec] = &[
             set_request(SettingChange::CanRateHz(given.number_argument(0).unwrap_or_default() as u8))
         }),
     CommandSpec::new("set", "can-covariance", "send the field on the CAN bus with its covariance")
-        .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
+        .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(nth_switch_name))])
         .with_request(|given| {
             set_request(SettingChange::CanCovariance(given.choice_argument(0, nth_switch).unwrap_or(false)))
         }),
     CommandSpec::new("set", "can-termination", "terminating resistor of the CAN bus, if the board switches one")
-        .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
+        .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(nth_switch_name))])
         .with_request(|given| {
             set_request(SettingChange::CanTermination(given.choice_argument(0, nth_switch).unwrap_or(false)))
         }),
     CommandSpec::new("reboot", "", "restart the module").with_request(|_| Command::Restart.into()),
 ];
 
-const PROTOCOL: ArgumentSpec = ArgumentSpec::new("PROTOCOL", ArgumentKind::Choice(protocol));
+const PROTOCOL: ArgumentSpec = ArgumentSpec::new("PROTOCOL", ArgumentKind::Choice(nth_protocol_name));
 const BAUD: ArgumentSpec = ArgumentSpec::new("BAUD", ArgumentKind::Choice(nth_baud_name));
 
 /// Methods, the best first.
@@ -356,7 +356,7 @@ const METHODS: [Method; 6] = [
     Method::Ellipsoid,
 ];
 
-fn method(number: usize) -> Option<&'static str> {
+fn nth_method_name(number: usize) -> Option<&'static str> {
     METHODS.get(number).map(|method| method.method_name())
 }
 
@@ -364,7 +364,7 @@ fn nth_procedure(number: usize) -> Option<Procedure> {
     Procedure::ALL_PROCEDURES.get(number).copied()
 }
 
-fn procedure(number: usize) -> Option<&'static str> {
+fn nth_procedure_name(number: usize) -> Option<&'static str> {
     nth_procedure(number).map(Procedure::procedure_name)
 }
 
@@ -372,14 +372,14 @@ fn procedure(number: usize) -> Option<&'static str> {
 const CHOICE_AGAIN: usize = Procedure::ALL_PROCEDURES.len();
 
 fn procedure_or_again(number: usize) -> Option<&'static str> {
-    if number == CHOICE_AGAIN { Some("again") } else { procedure(number) }
+    if number == CHOICE_AGAIN { Some("again") } else { nth_procedure_name(number) }
 }
 
 fn nth_switch(number: usize) -> Option<bool> {
     [true, false].get(number).copied()
 }
 
-fn switch(number: usize) -> Option<&'static str> {
+fn nth_switch_name(number: usize) -> Option<&'static str> {
     nth_switch(number).map(|is_on| if is_on { "on" } else { "off" })
 }
 
@@ -395,7 +395,7 @@ fn nth_orientation(number: usize) -> Option<Orientation> {
     Orientation::all_orientations().nth(number)
 }
 
-fn orientation(number: usize) -> Option<&'static str> {
+fn nth_orientation_name(number: usize) -> Option<&'static str> {
     nth_orientation(number).map(Orientation::orientation_name)
 }
 
@@ -403,7 +403,7 @@ fn nth_protocol(number: usize) -> Option<ProtocolKind> {
     ProtocolKind::ALL_PROTOCOLS.get(number).copied()
 }
 
-fn protocol(number: usize) -> Option<&'static str> {
+fn nth_protocol_name(number: usize) -> Option<&'static str> {
     nth_protocol(number).map(ProtocolKind::protocol_name)
 }
 
@@ -416,7 +416,7 @@ fn nth_baud(number: usize) -> Option<Baud> {
 }
 
 fn nth_baud_name(number: usize) -> Option<&'static str> {
-    nth_baud(number).map(Baud::name)
+    nth_baud(number).map(Baud::baud_name)
 }
 
 fn baud_of(port: PortNumber, given: &Arguments) -> SettingChange {
@@ -506,13 +506,13 @@ mod tests {
     #[test]
     fn every_choice_name_parses_to_its_value() {
         for number in 0..30 {
-            assert_eq!(nth_procedure(number), procedure(number).and_then(Procedure::from_name));
-            assert_eq!(nth_switch(number), switch(number).map(|name| name == "on"));
-            assert_eq!(nth_protocol(number), protocol(number).and_then(ProtocolKind::from_name));
+            assert_eq!(nth_procedure(number), nth_procedure_name(number).and_then(Procedure::from_name));
+            assert_eq!(nth_switch(number), nth_switch_name(number).map(|name| name == "on"));
+            assert_eq!(nth_protocol(number), nth_protocol_name(number).and_then(ProtocolKind::from_name));
             assert_eq!(nth_baud(number), nth_baud_name(number).and_then(Baud::from_name));
             assert_eq!(nth_kind(number), heading_kind(number).and_then(HeadingKind::from_name));
-            assert_eq!(nth_orientation(number), orientation(number).and_then(Orientation::from_name));
-            assert_eq!(METHODS.get(number).copied(), method(number).and_then(Method::from_name));
+            assert_eq!(nth_orientation(number), nth_orientation_name(number).and_then(Orientation::from_name));
+            assert_eq!(METHODS.get(number).copied(), nth_method_name(number).and_then(Method::from_name));
         }
     }
 }

@@ -153,7 +153,7 @@ impl Editor {
     pub fn process_key(&mut self, key: Key, out: &mut dyn fmt::Write) {
         let end = self.line.len();
         match key {
-            Key::Character(byte) => return self.insert(byte, out),
+            Key::Character(byte) => return self.insert_byte(byte, out),
             Key::Backspace if self.excess_characters > 0 => self.excess_characters -= 1,
             Key::Backspace if self.cursor == 0 => {}
             Key::Backspace => {
@@ -212,7 +212,7 @@ impl Editor {
         (self.cursor, self.excess_characters, self.history_index) = (0, 0, None);
     }
 
-    fn insert(&mut self, byte: u8, out: &mut dyn fmt::Write) {
+    fn insert_byte(&mut self, byte: u8, out: &mut dyn fmt::Write) {
         if self.is_too_long() || self.line.insert(self.cursor, byte).is_err() {
             self.excess_characters += 1;
             return;

@@ -37,13 +37,13 @@ impl Session {
     pub fn new(greeting: impl FnOnce(&mut ConsoleOutput) -> fmt::Result) -> Self {
         let mut session =
             Self { keys: KeyDecoder::default(), editor: Editor::default(), output: ConsoleOutput::default() };
-        session.reply(greeting);
+        session.write_reply(greeting);
         session
     }
 
     /// Pending output.
     #[must_use]
-    pub fn output(&self) -> &[u8] {
+    pub fn pending_output(&self) -> &[u8] {
         &self.output.0
     }
 
@@ -69,7 +69,7 @@ impl Session {
     }
 
     /// Writes the reply to the last line, then the prompt.
-    pub fn reply(&mut self, write: impl FnOnce(&mut ConsoleOutput) -> fmt::Result) {
+    pub fn write_reply(&mut self, write: impl FnOnce(&mut ConsoleOutput) -> fmt::Result) {
         // Writing to this output never fails.
         let _ = write(&mut self.output);
         self.print_text(PROMPT);

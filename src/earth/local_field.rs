@@ -90,13 +90,13 @@ impl LocalField {
 
     /// Model field; `None` without a position and a date within the model's validity.
     #[must_use]
-    pub const fn field(&self) -> Option<&EarthField> {
+    pub const fn model_field(&self) -> Option<&EarthField> {
         self.field.as_ref()
     }
 
     /// Position of the model field.
     #[must_use]
-    pub const fn position(&self) -> Option<Position> {
+    pub const fn model_position(&self) -> Option<Position> {
         self.position
     }
 
@@ -153,15 +153,15 @@ mod tests {
         let mut here = LocalField::UNKNOWN;
         here.update_position(LATER, position_at, PositionContext::default());
         assert_eq!(
-            (here.position(), here.date(), here.field(), here.validity()),
+            (here.model_position(), here.date(), here.model_field(), here.validity()),
             (Some(position_at), None, None, None)
         );
         here.set_date(day);
-        assert_eq!(here.field(), EarthField::from_model(position_at, day).as_ref());
-        assert!(here.field().is_some());
+        assert_eq!(here.model_field(), EarthField::from_model(position_at, day).as_ref());
+        assert!(here.model_field().is_some());
         let mut other = LocalField::UNKNOWN;
         other.set_date(day);
-        assert_eq!((other.field(), other.validity()), (None, Some(ModelValidity::Valid)));
+        assert_eq!((other.model_field(), other.validity()), (None, Some(ModelValidity::Valid)));
         other.update_position(LATER, position_at, PositionContext::default());
         assert_eq!(other, here);
     }
@@ -175,7 +175,7 @@ mod tests {
         for days in [20_000, 20_779, 20_780, 21_000] {
             here.set_date(day(days));
             assert_eq!(
-                (here.date(), here.field()),
+                (here.date(), here.model_field()),
                 (Some(day(days)), EarthField::from_model(position_at, day(days)).as_ref())
             );
         }
@@ -202,14 +202,14 @@ mod tests {
                 position_at(latitude_deg, longitude_deg),
                 PositionContext::default(),
             );
-            assert_eq!(here.field() == before.field(), is_same, "{latitude_deg} {longitude_deg}");
+            assert_eq!(here.model_field() == before.model_field(), is_same, "{latitude_deg} {longitude_deg}");
         }
         let mut here = LocalField::UNKNOWN;
         for step in 0..10_u8 {
             let at = LATER.plus_ms(10_000 * u32::from(step));
             here.update_position(at, position_at(51.1 + 0.015 * f32::from(step), 13.7), PositionContext::default());
         }
-        assert!((here.position().unwrap().latitude_deg - 51.22).abs() < 0.001, "{here:?}");
+        assert!((here.model_position().unwrap().latitude_deg - 51.22).abs() < 0.001, "{here:?}");
     }
 
     /// Bavaria; in Greenland the inclination differs by 15 deg, at the same latitude in Canada by 5 deg.
@@ -221,13 +221,13 @@ mod tests {
     fn is_accepted([latitude_deg, longitude_deg]: [f32; 2], after_ms: u32, context: PositionContext) -> bool {
         let mut here = LocalField { date: Some(day(20_779)), ..LocalField::UNKNOWN };
         here.update_position(LATER, position_at(BAVARIA[0], BAVARIA[1]), context);
-        let before = here.field().copied();
+        let before = here.model_field().copied();
         assert!(before.is_some());
         for second in 0..30 {
             let at = LATER.plus_ms(after_ms + 1000 * second);
             here.update_position(at, position_at(latitude_deg, longitude_deg), context);
         }
-        here.field().copied() != before
+        here.model_field().copied() != before
     }
 
     /// 6,200 km in ten hours are 170 m/s, in four hours 430 m/s.
@@ -247,7 +247,7 @@ mod tests {
         let mut here = LocalField::UNKNOWN;
         for [latitude_deg, longitude_deg] in [BAVARIA, GREENLAND, BAVARIA] {
             here.update_position(LATER, position_at(latitude_deg, longitude_deg), context);
-            assert_eq!(here.position(), Some(position_at(BAVARIA[0], BAVARIA[1])));
+            assert_eq!(here.model_position(), Some(position_at(BAVARIA[0], BAVARIA[1])));
         }
     }
 
@@ -258,7 +258,7 @@ mod tests {
         {
             let mut here = LocalField::UNKNOWN;
             here.update_position(LATER, position_at(latitude_deg, longitude_deg), PositionContext::default());
-            assert_eq!(here.position().is_none(), is_none, "{latitude_deg} {longitude_deg}");
+            assert_eq!(here.model_position().is_none(), is_none, "{latitude_deg} {longitude_deg}");
         }
     }
 

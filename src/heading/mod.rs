@@ -169,7 +169,7 @@ pub fn compute_corrected_heading(
     attitude: Attitude,
 ) -> Result<Heading, NoHeading> {
     let tilt = attitude.tilt_rotation();
-    let level = tilt.level(body);
+    let level = tilt.to_level_frame(body);
     let [x, y, z] = [level.ut.x, level.ut.y, level.ut.z].map(|ut| ut / calibration.total_ut);
     let normalised_field = Vector3::new(x, y, z);
     if exceeds_limits(limits, calibration, &normalised_field) {

@@ -9,7 +9,7 @@ fn ideal_calibration() -> Calibration {
 }
 
 fn measured(total_ut: f32, inclination_rad: f32, heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
-    Field::new(attitude.body(Field::earth(total_ut, inclination_rad, heading_rad)).ut)
+    Field::new(attitude.to_body_frame(Field::earth_field(total_ut, inclination_rad, heading_rad)).ut)
 }
 
 /// Tolerance for f32 rounding of a few 1e-5 deg.

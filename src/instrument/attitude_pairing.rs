@@ -36,7 +36,7 @@ impl PairingQueue {
         }
     }
 
-    pub fn reset(&mut self) {
+    pub fn clear_queue(&mut self) {
         self.queue.clear();
         self.averager.reset();
     }

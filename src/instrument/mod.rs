@@ -135,10 +135,10 @@ impl Instrument {
         let base = &self.active.stored_correction;
         if correction.sample_attitude != base.sample_attitude {
             // A sample must not mix readings with and without attitude.
-            self.pairing.reset();
+            self.pairing.clear_queue();
         }
         if !correction.gives_same_headings(base) {
-            self.smoother.reset();
+            self.smoother.reset_filter();
         }
         if correction.calibration == base.calibration && correction.sensor_errors == base.sensor_errors {
             self.replace_active(self.active.clone().with_stored_correction(correction));
@@ -294,8 +294,8 @@ impl Instrument {
             .map(|turning| turning.extrapolated_back(ahead_s));
         let readings_per_sample = self.config.readings_per_sample();
         let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
-        self.monitor.update(&monitored, at, &sample, turning);
-        let adjustment = self.monitor.output();
+        self.monitor.process_sample(&monitored, at, &sample, turning);
+        let adjustment = self.monitor.monitor_output();
         // Headings of an instrument that accepts any field ignore the monitor.
         let is_ignored = self.config.heading.accepts_any_field() && adjustment.validity.is_err();
         let adjustment = if is_ignored { &MonitorOutput::INITIAL } else { adjustment };
@@ -305,12 +305,12 @@ impl Instrument {
     /// Change of the installation since the calibration, once significant.
     #[must_use]
     pub const fn installation_change(&self) -> Option<InstallationChange> {
-        self.monitor.output().installation_change
+        self.monitor.monitor_output().installation_change
     }
 
     /// Rejected inputs so far.
     #[must_use]
-    pub const fn rejections(&self) -> RejectionCounts {
+    pub const fn rejection_counts(&self) -> RejectionCounts {
         RejectionCounts {
             unpaired_readings: self.pairing.unpaired_readings(),
             rejected_reports: self.attitude_history.rejected_reports(),

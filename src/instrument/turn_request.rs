@@ -27,7 +27,7 @@ impl TurnRequest {
     pub const NO_GROWTH: Self = Self { sigma_exceeded_at: None, is_request_sent: false };
 
     /// Updates with an estimate; returns the heading sigma, radians, if a turn is requested.
-    pub fn update(&mut self, estimate: &Estimate) -> Option<f32> {
+    pub fn update_request(&mut self, estimate: &Estimate) -> Option<f32> {
         let heading = estimate.smoothed_heading.as_ref().or(estimate.heading.as_ref().ok())?;
         if heading.sigma_rad < SETTLED_SIGMA_RAD {
             *self = Self::NO_GROWTH;
@@ -54,7 +54,7 @@ mod tests {
             let heading =
                 Heading { magnetic_rad: 1.0, sigma_rad: sigmas_deg(*second) * DEG, systematic_variance_rad2: 0.0 };
             let at = Timestamp::from_us(u64::from(*second) * 1_000_000);
-            request.update(&Estimate { timestamp: at, heading: Ok(heading), ..Estimate::EMPTY }).is_some()
+            request.update_request(&Estimate { timestamp: at, heading: Ok(heading), ..Estimate::EMPTY }).is_some()
         };
         (0..300).filter(|second| asks(second)).collect()
     }
@@ -74,6 +74,6 @@ mod tests {
 
     #[test]
     fn without_headings_nothing_is_asked() {
-        assert_eq!(TurnRequest::NO_GROWTH.clone().update(&Estimate::EMPTY), None);
+        assert_eq!(TurnRequest::NO_GROWTH.clone().update_request(&Estimate::EMPTY), None);
     }
 }

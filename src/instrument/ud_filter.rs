@@ -75,7 +75,7 @@ impl<const N: usize> UdFilter<N> {
     }
 
     /// Measurement update (Bierman).
-    pub fn update(&mut self, measurement: &Measurement<N>) {
+    pub fn apply_measurement(&mut self, measurement: &Measurement<N>) {
         let Measurement { jacobian: row, residual, variance } = measurement;
         let length = used_length(row);
         let f: [f32; N] = core::array::from_fn(|j| self.u_transposed_times(row, length, j));
@@ -192,7 +192,7 @@ mod tests {
         for step in 0..200_usize {
             let variance = random.uniform(0.05, 2.0);
             let measurement = Measurement { jacobian: row(&mut random), residual: random.normal(), variance };
-            state.update(&measurement);
+            state.apply_measurement(&measurement);
             textbook.update(&measurement);
             let (index, noise) = (step % N, random.uniform(0.0, 0.1));
             state.inflate_variance(index, noise);
@@ -226,7 +226,7 @@ mod tests {
         let mut h = [1.0, 1.0, 1.0, 1.0, 1.0];
         for step in 0..864_000_usize {
             h[step % N] = 1.0 + 1e-3 * random.uniform(-1.0, 1.0);
-            state.update(&Measurement { jacobian: h, residual: 1e-3 * random.normal(), variance: 1e-8 });
+            state.apply_measurement(&Measurement { jacobian: h, residual: 1e-3 * random.normal(), variance: 1e-8 });
             state.inflate_variance(step % N, 1e-12);
             if step % 1000 == 0 {
                 assert!(state.diagonal.iter().all(|d| *d >= 0.0) && state.is_finite(), "step {step}: {state:?}");

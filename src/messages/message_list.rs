@@ -310,8 +310,8 @@ impl Message {
 
     /// Text of the message: what happened, then what to do.
     #[must_use]
-    pub fn text(&self) -> impl Display {
-        fmt::from_fn(|f| text(f, |show| self.entry(show)))
+    pub fn message_text(&self) -> impl Display {
+        fmt::from_fn(|f| entry_text(f, |show| self.entry(show)))
     }
 }
 
@@ -319,7 +319,7 @@ impl Message {
 impl Display for Message {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let refused = if self.is_refusal() { "refused " } else { "" };
-        write!(f, "{refused}{}: {}", self.stable_code(), self.text())
+        write!(f, "{refused}{}: {}", self.stable_code(), self.message_text())
     }
 }
 
@@ -334,7 +334,7 @@ impl Refusal {
 /// Text of the message: what happened, then what to do.
 impl Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        text(f, |show| self.entry(show))
+        entry_text(f, |show| self.entry(show))
     }
 }
 
@@ -348,7 +348,7 @@ fn entry_code(entry: impl FnOnce(EntryWriter<'_>) -> fmt::Result) -> &'static st
     found
 }
 
-fn text(f: &mut fmt::Formatter<'_>, entry: impl FnOnce(EntryWriter<'_>) -> fmt::Result) -> fmt::Result {
+fn entry_text(f: &mut fmt::Formatter<'_>, entry: impl FnOnce(EntryWriter<'_>) -> fmt::Result) -> fmt::Result {
     entry(&mut |_, fact, advice| {
         f.write_fmt(fact)?;
         if advice.as_str() == Some("") { Ok(()) } else { write!(f, "; {advice}") }

@@ -346,7 +346,7 @@ fn every_message_has_its_severity_and_text() {
     for (message, severity, line) in messages() {
         assert_eq!((message.severity(), message.to_string().as_str()), (severity, line));
         let text = line.split_once(": ").unwrap().1;
-        assert_eq!(message.text().to_string(), text);
+        assert_eq!(message.message_text().to_string(), text);
     }
 }
 

@@ -33,7 +33,7 @@ impl Nmea {
         ];
         let hdt = settings.declination_deg.map(|declination_deg| nmea::hdt_sentence(heading_deg, declination_deg));
         let hdt = hdt.as_deref().unwrap_or_default();
-        out.append(&[&hdm, &hdg, hdt, &quality]);
+        out.append_message(&[&hdm, &hdg, hdt, &quality]);
         if heading.is_err() {
             out.messages_without_heading = out.messages_without_heading.wrapping_add(1);
         }

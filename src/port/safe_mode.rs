@@ -31,7 +31,7 @@ impl SafeModeReporter {
     /// Appends sentences without a heading, a heartbeat, and at every twentieth call a text.
     pub fn report_safe_mode(&mut self, out: &mut TransmitBuffer) {
         // The line end separates the sentences from the binary messages before them.
-        out.append(&[
+        out.append_message(&[
             b"\r\n",
             &nmea::hdm_sentence(None),
             &nmea::quality_sentence(&Err(NoHeading::SafeMode), HeadingKind::Raw),

@@ -39,7 +39,7 @@ impl TransmitBuffer {
     }
 
     /// Appends a message given in parts; returns whether there was room.
-    pub fn append(&mut self, parts: &[&[u8]]) -> bool {
+    pub fn append_message(&mut self, parts: &[&[u8]]) -> bool {
         self.message_count = self.message_count.wrapping_add(1);
         let length: usize = parts.iter().map(|part| part.len()).sum();
         if self.end + length > TRANSMIT_CAPACITY {
@@ -92,17 +92,17 @@ mod tests {
     #[test]
     fn a_message_is_written_whole_or_not_at_all() {
         let mut out = TransmitBuffer::new();
-        assert!(out.append(&[&[1; TRANSMIT_CAPACITY - 2], &[1]]));
-        assert!(!out.append(&[&[2], &[2]]));
+        assert!(out.append_message(&[&[1; TRANSMIT_CAPACITY - 2], &[1]]));
+        assert!(!out.append_message(&[&[2], &[2]]));
         assert_eq!(out.pending_bytes(), [1; TRANSMIT_CAPACITY - 1]);
-        assert!(out.append(&[&[3]]));
+        assert!(out.append_message(&[&[3]]));
         assert_eq!((out.message_count, out.lost_messages), (3, 1));
         out.consume_bytes(TRANSMIT_CAPACITY - 2);
         assert_eq!(out.pending_bytes(), [1, 3]);
         out.mark_failed();
         assert!(out.pending_bytes().is_empty());
         assert_eq!(out.lost_messages, 2);
-        assert!(out.append(&[&[4; TRANSMIT_CAPACITY]]));
+        assert!(out.append_message(&[&[4; TRANSMIT_CAPACITY]]));
         out.consume_bytes(usize::MAX);
         assert!(out.pending_bytes().is_empty());
     }
@@ -111,12 +111,12 @@ mod tests {
     #[test]
     fn room_of_sent_bytes_is_reused() {
         let mut out = TransmitBuffer::new();
-        assert!(out.append(&[&[1; TRANSMIT_CAPACITY]]));
+        assert!(out.append_message(&[&[1; TRANSMIT_CAPACITY]]));
         out.consume_bytes(100);
         assert_eq!(out.pending_bytes(), [1; TRANSMIT_CAPACITY - 100]);
-        assert!(!out.append(&[&[2; 101]]));
+        assert!(!out.append_message(&[&[2; 101]]));
         assert_eq!(out.pending_bytes(), [1; TRANSMIT_CAPACITY - 100]);
-        assert!(out.append(&[&[2; 60], &[3; 40]]));
+        assert!(out.append_message(&[&[2; 60], &[3; 40]]));
         assert_eq!(out.pending_bytes(), [vec![1; TRANSMIT_CAPACITY - 100], vec![2; 60], vec![3; 40]].concat());
     }
 }

@@ -201,7 +201,7 @@ impl Settings {
 
     /// Factory settings with the present alignment, which belongs to the calibration.
     #[must_use]
-    pub const fn reset(&self) -> Self {
+    pub const fn factory_reset(&self) -> Self {
         Self { align_deg: self.align_deg, ..Self::DEFAULT }
     }
 

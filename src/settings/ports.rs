@@ -94,7 +94,7 @@ impl Baud {
 
     /// Name in commands.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn baud_name(self) -> &'static str {
         match self {
             Self::B57600 => "57600",
             Self::B115200 => "115200",
@@ -106,7 +106,7 @@ impl Baud {
     /// Parses a name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL_RATES.into_iter().find(|baud| baud.name() == name)
+        Self::ALL_RATES.into_iter().find(|baud| baud.baud_name() == name)
     }
 }
 
@@ -156,8 +156,8 @@ mod tests {
             assert_eq!(ProtocolKind::from_name(kind.protocol_name()), Some(kind));
         }
         for baud in Baud::ALL_RATES {
-            assert_eq!(Baud::from_name(baud.name()), Some(baud));
-            assert_eq!(baud.name(), baud.bits_per_s().to_string());
+            assert_eq!(Baud::from_name(baud.baud_name()), Some(baud));
+            assert_eq!(baud.baud_name(), baud.bits_per_s().to_string());
         }
         assert_eq!((ProtocolKind::from_name("ubx"), Baud::from_name("9600")), (None, None));
     }

@@ -104,20 +104,20 @@ fn feed(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, TestCase
         match session.process_byte(byte) {
             Some(Ok(request)) => {
                 if let Request::Help(help_topic) = request {
-                    session.reply(|out| write_help(out, help_topic));
+                    session.write_reply(|out| write_help(out, help_topic));
                 } else {
-                    session.reply(report::write_version);
+                    session.write_reply(report::write_version);
                 }
                 last = Some(request);
             }
             Some(Err(error)) => {
                 let text = error.to_string();
                 prop_assert!(!text.is_empty() && text.bytes().all(|byte| (b' '..=b'~').contains(&byte)), "{text:?}");
-                session.reply(|out| report::line_error(out, &error));
+                session.write_reply(|out| report::line_error(out, &error));
             }
             None => {}
         }
-        prop_assert!(session.output().len() <= ROOM);
+        prop_assert!(session.pending_output().len() <= ROOM);
     }
     Ok(last)
 }
@@ -132,7 +132,7 @@ fn the_console_accepts_any_input() {
             let _ = feed(&mut session, part)?;
             if *is_sent {
                 let strange = |byte: &&u8| !matches!(byte, b' '..=b'~' | b'\r' | b'\n' | 0x08 | 0x1B);
-                prop_assert_eq!(session.output().iter().find(strange), None);
+                prop_assert_eq!(session.pending_output().iter().find(strange), None);
                 session.clear_output();
             }
         }

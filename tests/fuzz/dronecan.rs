@@ -108,7 +108,7 @@ impl Damage {
                 let frame = &mut frames[at % count];
                 let mut data = frame.data().to_vec();
                 let bits = 29 + 8 * data.len();
-                let (mut id, bit) = (frame.id(), bit % bits);
+                let (mut id, bit) = (frame.frame_id(), bit % bits);
                 if let Some(bit) = bit.checked_sub(29) {
                     data[bit / 8] ^= 1 << (bit % 8);
                 } else {
@@ -203,8 +203,8 @@ fn a_node_survives_any_frames() {
             }
             for _ in 0..100 {
                 let Some(frame) = node.next_frame() else { break };
-                let source = frame.id() as u8 & 0x7F;
-                prop_assert!(frame.data().len() <= 8 && (has_number || frame.id() & 0x80 == 0 || source != 0));
+                let source = frame.frame_id() as u8 & 0x7F;
+                prop_assert!(frame.data().len() <= 8 && (has_number || frame.frame_id() & 0x80 == 0 || source != 0));
                 node.frame_sent(now);
             }
             prop_assert!(node.next_frame().is_none(), "frames without an end");

@@ -25,7 +25,7 @@ struct Reported {
 fn report(kind: VehicleKind, seed: u64, cause: Cause) -> Reported {
     let parameters = vec![("COMPASS_OFS_X".to_owned(), 0.0)];
     let mut recording =
-        FlightRecording { parameters, ..record_turns(&WorldConfig::random(seed).with_vehicle_kind(kind), 0.05) };
+        FlightRecording { parameters, ..record_turns(&WorldConfig::random_world(seed).with_vehicle_kind(kind), 0.05) };
     let first_us = recording.samples[0].time_us;
     for sample in &mut recording.samples {
         cause((sample.time_us - first_us) as f64 * 1e-6, sample);

@@ -21,10 +21,10 @@ fn legs(world: &WorldConfig, headings_deg: &[f64]) -> FlightRecording {
     let world = World::new(*world);
     let mut source = world.attitude_source();
     for heading_change_deg in [360.0, -360.0] {
-        world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg });
+        world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
     for &heading_deg in headings_deg {
-        world.fly(Leg::Straight { heading_deg, seconds: 30.0 });
+        world.fly_leg(Leg::Straight { heading_deg, seconds: 30.0 });
     }
     let mut recording =
         FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..FlightRecording::with_field_latency(0.0) };
@@ -37,7 +37,7 @@ fn legs(world: &WorldConfig, headings_deg: &[f64]) -> FlightRecording {
 const ALL_ROUND_DEG: [f64; 6] = [10.0, 130.0, 250.0, 70.0, 190.0, 310.0];
 
 fn config_with_wind(seed: u64, wind_m_s: f64) -> WorldConfig {
-    let mut world = WorldConfig::random(seed);
+    let mut world = WorldConfig::random_world(seed);
     (world.weather.wind_m_s, world.weather.wind_from_deg) = (wind_m_s, 250.0);
     world
 }
@@ -172,8 +172,8 @@ fn a_copter_is_not_compared_with_its_course() {
     let world = World::new(config);
     let mut source = world.attitude_source();
     for i in 0..8 {
-        world.fly(Leg::Push { toward_deg: f64::from(i) * 45.0, tilt_deg: 15.0, seconds: 20.0 });
-        world.fly(Leg::Hover { seconds: 10.0 });
+        world.fly_leg(Leg::Push { toward_deg: f64::from(i) * 45.0, tilt_deg: 15.0, seconds: 20.0 });
+        world.fly_leg(Leg::Hover { seconds: 10.0 });
     }
     let mut recording =
         FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..FlightRecording::with_field_latency(0.0) };

@@ -17,7 +17,7 @@ const CHANGED_S: f64 = 120.0;
 /// A flight of turns with a compass that has no parameters, and a change of its field by the log's clock.
 fn record(seed: u64, change: impl Fn(f64, &mut [f64; 3])) -> FlightRecording {
     let parameters = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z"].map(|name| (name.to_owned(), 0.0)).to_vec();
-    let mut recording = FlightRecording { parameters, ..record_turns(&WorldConfig::random(seed), 0.05) };
+    let mut recording = FlightRecording { parameters, ..record_turns(&WorldConfig::random_world(seed), 0.05) };
     for sample in &mut recording.samples {
         change(sample.time_us as f64 * 1e-6, &mut sample.field_ut[0]);
     }
@@ -140,7 +140,7 @@ fn too_little_after_a_change_of_iron_gives_no_parameters() {
 #[test]
 fn motor_compensation_is_given_where_it_is_significant() {
     for (interference_ut, is_given) in [(0.0, false), (8.0, true)] {
-        let world = WorldConfig::random(3).with_current_interference(interference_ut);
+        let world = WorldConfig::random_world(3).with_current_interference(interference_ut);
         let parameters = vec![("COMPASS_OFS_X".to_owned(), 0.0)];
         let recording = FlightRecording { parameters, ..record_turns(&world, 0.05) };
         judged(&recording, |verdict, _| {

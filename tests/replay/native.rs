@@ -55,7 +55,7 @@ fn evaluate(bytes: &[u8]) -> (Flight, CompassEvaluation) {
 /// heading error is due to attitude noise of 0.3 deg.
 #[test]
 fn a_native_log_gives_heading_and_field_latency() {
-    let world = WorldConfig::random(3);
+    let world = WorldConfig::random_world(3);
     let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
     for (age_s, write) in [
         (0.05, encode_dataflash as fn(&FlightRecording) -> Vec<u8>),
@@ -83,7 +83,7 @@ fn a_native_log_gives_heading_and_field_latency() {
 /// Disarmed rows near a steel hangar affect no calibrator. The second compass is evaluated alone when selected.
 #[test]
 fn disarmed_rows_are_used_by_no_calibrator() {
-    let world = WorldConfig::table1(1);
+    let world = WorldConfig::of_table1(1);
     let mut recording = record_turns(&world, 0.0);
     for (i, instant) in recording.samples.iter_mut().enumerate() {
         instant.is_armed = i >= 400;
@@ -115,7 +115,7 @@ fn exported_parameters_give_the_predicted_heading_error() {
         (5, encode_ulog, ParameterFormat::Px4),
         (7, encode_tlog, ParameterFormat::ArduPilot),
     ] {
-        let (flight, compass) = evaluate(&write(&record_flight(&WorldConfig::random(seed), 0.05)));
+        let (flight, compass) = evaluate(&write(&record_flight(&WorldConfig::random_world(seed), 0.05)));
         let export = export_module(&compass, Some(50.0), dialect);
         let score = score_of_file(&flight, &compass, &export, dialect);
         let ours = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
@@ -132,7 +132,7 @@ fn exported_parameters_give_the_predicted_heading_error() {
 /// ArduPilot rotates an internal compass with the board.
 #[test]
 fn an_internal_compass_is_given_no_orientation() {
-    let (mut flight, compass) = evaluate(&encode_dataflash(&record_flight(&WorldConfig::random(3), 0.05)));
+    let (mut flight, compass) = evaluate(&encode_dataflash(&record_flight(&WorldConfig::random_world(3), 0.05)));
     let mut export = export_module(&compass, None, ParameterFormat::ArduPilot);
     export.rotation = NumberedRotation::new(2.0).unwrap();
     for (external, line) in
@@ -154,7 +154,7 @@ fn motor_current_interference_is_estimated_and_exported() {
         (7, encode_tlog, ParameterFormat::ArduPilot),
         (9, encode_csv, ParameterFormat::Px4),
     ] {
-        let world = WorldConfig::random(seed).with_current_interference(8.0);
+        let world = WorldConfig::random_world(seed).with_current_interference(8.0);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
         let (flight, compass) = evaluate(&write(&record_flight(&world, 0.05)));
         assert_eq!(compass.module_result.acceptance, Ok(()), "seed {seed}");
@@ -215,7 +215,7 @@ fn inav_correction(text: &str) -> FieldCorrection {
 /// Parameters that ArduPilot rejects are not given: the compass is to be moved.
 #[test]
 fn no_parameters_are_given_beyond_compass_offs_max() {
-    let (mut flight, compass) = evaluate(&encode_dataflash(&record_flight(&WorldConfig::random(3), 0.05)));
+    let (mut flight, compass) = evaluate(&encode_dataflash(&record_flight(&WorldConfig::random_world(3), 0.05)));
     let evaluation = evaluate_flight(&flight, &ASKED);
     let offsets_mg = export_module(&compass, Some(50.0), ParameterFormat::ArduPilot).correction.hard_iron_ut * 10.0;
     for (part, action) in [(0.95, CompassAction::Replace), (1.05, CompassAction::Load)] {
@@ -252,7 +252,7 @@ fn score_of_file(
 
 #[test]
 fn implausible_units_are_reported() {
-    let world = WorldConfig::table1(1);
+    let world = WorldConfig::of_table1(1);
     // A place with about that world's field strength, 48 uT.
     let text = encode_csv(&FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..record_flight(&world, 0.0) });
     let notes = |bytes: &[u8], unit: FieldUnit| {
@@ -284,7 +284,7 @@ fn implausible_units_are_reported() {
 /// Pairs in reverse order, with duplicates.
 #[test]
 fn duplicate_and_unordered_readings_become_sorted_rows() {
-    let text = String::from_utf8(encode_csv(&record_flight(&WorldConfig::random(3), 0.0))).unwrap();
+    let text = String::from_utf8(encode_csv(&record_flight(&WorldConfig::random_world(3), 0.0))).unwrap();
     let mut lines = text.lines();
     let header = lines.next().unwrap();
     let mut untidy = format!("{header}\n");
@@ -308,7 +308,7 @@ fn duplicate_and_unordered_readings_become_sorted_rows() {
 #[test]
 fn the_model_inclination_is_used_only_on_days_of_its_validity() {
     for (inclination_deg, is_right) in [(64.0, true), (52.0, false)] {
-        let mut world = WorldConfig::random(3);
+        let mut world = WorldConfig::random_world(3);
         world.earth.inclination_deg = inclination_deg;
         let recording = FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..record_turns(&world, 0.0) };
         let flight = read(&encode_dataflash(&recording));
@@ -337,7 +337,7 @@ fn evaluate_hard_iron_step(world: &WorldConfig, at_s: u64) -> CompassEvaluation 
 /// Limits: 0.3 uT with a sixth of the flight on one side, and 0.5 s of the log's clock.
 #[test]
 fn a_hard_iron_step_is_found_at_any_time_with_its_full_size() {
-    for world in [WorldConfig::table1(1), WorldConfig::random(3), WorldConfig::random(5)] {
+    for world in [WorldConfig::of_table1(1), WorldConfig::random_world(3), WorldConfig::random_world(5)] {
         for at_s in [40, 120, 180] {
             let changes = evaluate_hard_iron_step(&world, at_s).hard_iron_changes;
             let [HardIronChange { hard_iron_step: change, .. }] = changes.as_slice() else {

@@ -36,11 +36,11 @@ fn recorded(world: &WorldConfig, circles: f64) -> Vec<ReplayRow> {
 fn recorded_with(world: &WorldConfig, circles: f64, iron_ut: impl Fn(f64) -> [f64; 3]) -> Vec<ReplayRow> {
     let world = World::new(*world);
     let mut source = world.attitude_source();
-    world.fly(Leg::Straight { heading_deg: 0.0, seconds: 15.0 });
+    world.fly_leg(Leg::Straight { heading_deg: 0.0, seconds: 15.0 });
     for heading_change_deg in [360.0 * circles, -360.0 * circles] {
-        world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg });
+        world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
-    world.fly(Leg::Straight { heading_deg: 120.0, seconds: 20.0 });
+    world.fly_leg(Leg::Straight { heading_deg: 120.0, seconds: 20.0 });
     let mut text = "t_s,mx,my,mz,roll_deg,pitch_deg,yaw_ref_deg,use,p_dps,q_dps,r_dps\n".to_owned();
     let mut last = None;
     for i in 0..(35 + (60.0 * circles) as u64) * 10 {
@@ -66,7 +66,7 @@ fn recorded_with(world: &WorldConfig, circles: f64, iron_ut: impl Fn(f64) -> [f6
 #[test]
 fn all_rows_and_turns_alone_give_the_heading() {
     for seed in 0..10 {
-        let world = WorldConfig::random(seed);
+        let world = WorldConfig::random_world(seed);
         let rows = recorded(&world, 3.0);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
         for options in [ALL, TURNS] {
@@ -87,7 +87,7 @@ fn body_rates_reduce_the_heading_error_by_smoothing() {
     let rms = |score: Option<HeadingScore>| score.unwrap().rms_deg;
     let mut ratios = Vec::new();
     for seed in 0..5 {
-        let mut rows = recorded(&WorldConfig::random(seed), 3.0);
+        let mut rows = recorded(&WorldConfig::random_world(seed), 3.0);
         let with = replay_rows(&rows, &ALL);
         let number = with.headings.iter().filter(|shown| shown.smooth_deg.is_some()).count();
         assert!(number > rows.len() * 9 / 10, "seed {seed}: {number} of {}", rows.len());
@@ -109,7 +109,7 @@ fn body_rates_reduce_the_heading_error_by_smoothing() {
 /// A part of the rows, and `--inclination`.
 #[test]
 fn a_fit_to_a_part_of_the_flight_is_good_or_refused() {
-    let rows = recorded(&WorldConfig::table1(1), 3.0);
+    let rows = recorded(&WorldConfig::of_table1(1), 3.0);
     let until = |end_s: f64| -> Vec<ReplayRow> { rows.iter().filter(|row| row.t_s < end_s).copied().collect() };
     let early = replay_rows(&until(25.0), &TURNS);
     assert!(matches!(early.acceptance, Err(Refusal::Solve(_))), "{:?}", early.acceptance);
@@ -124,7 +124,7 @@ fn a_fit_to_a_part_of_the_flight_is_good_or_refused() {
 #[test]
 fn a_short_flight_is_refused_or_has_an_honest_expected_error() {
     for seed in 0..10 {
-        let rows = recorded(&WorldConfig::random(seed), 0.0);
+        let rows = recorded(&WorldConfig::random_world(seed), 0.0);
         for options in [ALL, TURNS] {
             let replay_result = replay_rows(&rows, &options);
             if replay_result.acceptance.is_ok() {
@@ -139,7 +139,7 @@ fn a_short_flight_is_refused_or_has_an_honest_expected_error() {
 
 #[test]
 fn a_steady_course_is_refused() {
-    let mut rows = recorded(&WorldConfig::table1(1), 0.0);
+    let mut rows = recorded(&WorldConfig::of_table1(1), 0.0);
     rows.retain(|row| row.t_s < 14.0);
     for options in [ALL, TURNS] {
         assert!(replay_rows(&rows, &options).acceptance.is_err(), "{options:?}");
@@ -148,7 +148,7 @@ fn a_steady_course_is_refused() {
 
 #[test]
 fn a_refusal_names_the_missing_manoeuvre() {
-    let replay_of_seed = |seed| replay_rows(&recorded(&WorldConfig::random(seed), 0.0), &ALL);
+    let replay_of_seed = |seed| replay_rows(&recorded(&WorldConfig::random_world(seed), 0.0), &ALL);
     let inaccurate: Vec<_> = (0..10)
         .map(replay_of_seed)
         .filter(|replay_result| {
@@ -168,7 +168,7 @@ fn a_refusal_names_the_missing_manoeuvre() {
 fn a_changing_hard_iron_is_refused_or_in_the_expected_error() {
     let mut refused = 0;
     for seed in 0..6 {
-        let world = WorldConfig::random(seed);
+        let world = WorldConfig::random_world(seed);
         for (name, iron_ut) in [
             ("between the sides", (|t_s| if t_s < 110.0 { [0.0; 3] } else { [3.0, -3.0, 3.0] }) as fn(f64) -> [f64; 3]),
             ("in a turn", |t_s| if t_s < 60.0 { [0.0; 3] } else { [-2.0, 2.0, 3.0] }),
@@ -201,7 +201,7 @@ fn a_changing_hard_iron_is_refused_or_in_the_expected_error() {
 #[test]
 fn a_wrong_inclination_is_named() {
     for seed in 0..6 {
-        let world = WorldConfig::random(seed);
+        let world = WorldConfig::random_world(seed);
         let rows = recorded(&world, 3.0);
         let true_deg = world.earth.inclination_deg;
         for told_deg in [true_deg + 10.0, true_deg - 20.0, if true_deg.abs() > 5.0 { -true_deg } else { 45.0 }] {
@@ -218,7 +218,7 @@ fn a_wrong_inclination_is_named() {
 /// Radians instead of degrees, and a row rate of 1 Hz.
 #[test]
 fn wrong_units_and_slow_rows_are_reported() {
-    let rows = recorded(&WorldConfig::table1(1), 3.0);
+    let rows = recorded(&WorldConfig::of_table1(1), 3.0);
     let in_radians: Vec<ReplayRow> = rows
         .iter()
         .map(|&row| {
@@ -239,7 +239,7 @@ fn wrong_units_and_slow_rows_are_reported() {
 
 #[test]
 fn a_hard_iron_step_is_found_with_time_size_and_axis() {
-    let world = WorldConfig::table1(1);
+    let world = WorldConfig::of_table1(1);
     for (moved, axis) in [([8.0, 0.0, 0.0], 'x'), ([0.0, -6.0, 2.0], 'y'), ([0.0; 3], ' ')] {
         let rows = recorded_with(&world, 3.0, |t_s| if t_s < 110.0 { [0.0; 3] } else { moved });
         let solution = replay_rows(&rows, &ALL).solution;

@@ -33,14 +33,14 @@ impl HeadingErrors {
     ) -> Self {
         let error_deg = |bank_deg: f64, heading_rad: f64| {
             let truth = TrueState { roll_rad: bank_deg.to_radians(), heading_rad, ..TrueState::default() };
-            let sensed = world.airframe.measured_field(&world.earth.body_field_ut(truth.euler()));
+            let sensed = world.airframe.measured_field(&world.earth.body_field_ut(truth.euler_angles()));
             let added_ut = added_ut(&truth) + Vector3::from(world.current_interference_ut);
             let sensed = Field::new(sensed.ut + added_ut.cast());
             // The indicated heading is calculated by the module's own code.
             let told_a = world.reports_current.then_some(CRUISE_CURRENT_A as f32);
             let sensed = calibration.remove_motor_current(sensed, told_a);
             let attitude = Attitude::from_deg(bank_deg as f32, 0.0);
-            let indicated = attitude.level(calibration.calibrated_field(sensed)).heading_rad();
+            let indicated = attitude.to_level_frame(calibration.calibrated_field(sensed)).heading_rad();
             wrap_180((f64::from(indicated) - heading_rad).to_degrees())
         };
         Self(BANKS_DEG.map(|bank_deg| std::array::from_fn(|i| error_deg(bank_deg, i as f64 * FRAC_PI_6))))
@@ -63,7 +63,7 @@ mod tests {
     /// Without a reported current it assumes the mean current; a wrong mean causes an error of 12 uT.
     #[test]
     fn motor_current_interference_is_scored_by_the_reported_current() {
-        let world = WorldConfig { airframe: Airframe::without_iron(), ..WorldConfig::random(1) };
+        let world = WorldConfig { airframe: Airframe::without_iron(), ..WorldConfig::random_world(1) };
         let mut world = world.with_current_interference(12.0);
         let calibration = |mean_a: f32| Calibration {
             motor_current: MotorCurrentInterference {

@@ -137,7 +137,7 @@ pub fn fly_mission(world: WorldConfig, plan: TurnPlan, watch: &mut dyn FnMut(Mis
 
 /// Flies a mission with a module that was just switched on.
 pub fn fly_with(module: &mut impl Module, plan: TurnPlan, watch: &mut dyn FnMut(MissionStage, f64)) -> MissionResult {
-    let world = module.world().config();
+    let world = module.world().world_config();
     let mut mission = Mission { module, session: String::new(), glimpses: Vec::new(), watch };
     let before =
         HeadingErrors::evaluate_calibration(&Calibration::uncalibrated(Orientation::IDENTITY_ROTATION), &world);
@@ -223,19 +223,19 @@ impl<M: Module> Mission<'_, M> {
 
     /// Restarts the module, flies the mission's legs and compares the output with true headings.
     fn evaluate_output(&mut self, legs: &[Leg]) -> (OutputStatistics, Vec<EvaluatedHeading>) {
-        let _ = self.module.instrument().receive();
+        let _ = self.module.instrument_cable().receive_bytes();
         // Reset by the pin, because a module in flight refuses the restart command.
-        self.module.reset();
+        self.module.reset_module();
         self.module.run_for_s(RESTART_DURATION_S);
         self.process_console_output();
         let mut evaluated: Vec<EvaluatedHeading> = Vec::new();
         let mut empty = 0;
         let mut reader = SentenceReader::default();
         for (done, &leg) in legs.iter().enumerate() {
-            self.module.world().fly(leg);
+            self.module.world().fly_leg(leg);
             while self.module.world().unfinished_legs() > 0 && self.advance_one_step() {
                 (self.watch)(MissionStage::Stream, done as f64 / legs.len() as f64);
-                for timed_byte in self.module.instrument().receive_timed() {
+                for timed_byte in self.module.instrument_cable().receive_timed() {
                     let Some(received) = reader
                         .push_byte(timed_byte.arrives_at_us, timed_byte.byte)
                         .filter(|r| r.sentence_kind == "PASWH")
@@ -270,7 +270,7 @@ impl<M: Module> Mission<'_, M> {
     /// Flies a leg; records measurements during the routine.
     fn fly_leg(&mut self, stage: MissionStage, leg: Leg) {
         let began = self.module.world().true_state(self.module.now_us());
-        self.module.world().fly(leg);
+        self.module.world().fly_leg(leg);
         while self.module.world().unfinished_legs() > 0 && self.advance_one_step() {
             self.process_console_output();
             let now = self.module.world().true_state(self.module.now_us());

@@ -25,7 +25,7 @@ pub fn report_mission(mission_result: &MissionResult, made: &ReportOrigin) -> Re
     Report {
         title: format!("Simulated {kind}, seed {seed}"),
         verdicts: vec![verdict_line(mission_result)],
-        key_figures: figures(mission_result),
+        key_figures: key_figures(mission_result),
         reference: ReferenceInfo {
             difference_name: "error",
             reference_name: "the simulator's own heading".to_owned(),
@@ -110,7 +110,7 @@ fn verdict_line(mission_result: &MissionResult) -> VerdictLine {
     VerdictLine { compass_state: state, state_word: word, verdict_text: text }
 }
 
-fn figures(mission_result: &MissionResult) -> Vec<[String; 2]> {
+fn key_figures(mission_result: &MissionResult) -> Vec<[String; 2]> {
     let (before, after) = (mission_result.errors_before.statistics(), mission_result.errors_after.statistics());
     let mut figures = vec![["before: largest error".to_owned(), format!("{} deg", format_number(before.max_deg, 2))]];
     if let Ok(shown) = &mission_result.result {
@@ -238,7 +238,7 @@ fn collected_sample(glimpse: &RoutineMeasurement, calibration: Option<&Calibrati
         applied.calibrated_field(applied.remove_motor_current(glimpse.field, glimpse.current_a))
     };
     let before = corrected(&Calibration::uncalibrated(Orientation::IDENTITY_ROTATION));
-    let before_deg = f64::from(glimpse.true_moment.attitude.level(before).heading_rad().to_degrees());
+    let before_deg = f64::from(glimpse.true_moment.attitude.to_level_frame(before).heading_rad().to_degrees());
     let body_ut = |field: Field<Body>| field.ut.map(f64::from).into();
     ReportSample {
         raw_ut: Some(body_ut(before)),

@@ -20,13 +20,13 @@ pub trait Module {
     fn world(&self) -> &World;
 
     /// Host end of the console's cable.
-    fn console(&self) -> &HostEnd;
+    fn console_cable(&self) -> &HostEnd;
 
     /// Host end of the autopilot's cable.
-    fn autopilot(&self) -> &HostEnd;
+    fn autopilot_cable(&self) -> &HostEnd;
 
     /// Host end of the instrument's cable.
-    fn instrument(&self) -> &HostEnd;
+    fn instrument_cable(&self) -> &HostEnd;
 
     /// Time since the start of the simulation, microseconds.
     fn now_us(&self) -> u64;
@@ -35,7 +35,7 @@ pub trait Module {
     fn run_until(&mut self, until_us: u64) -> ModuleRunEnd;
 
     /// Resets the module by its reset pin; it starts when time advances.
-    fn reset(&mut self);
+    fn reset_module(&mut self);
 
     /// Advances by some seconds.
     fn run_for_s(&mut self, seconds: f64) -> ModuleRunEnd {
@@ -44,7 +44,7 @@ pub trait Module {
 
     /// Types a line on the console, waits for the answer and returns the printed text.
     fn send_console_line(&mut self, line: &str) -> String {
-        self.console().send(format!("{line}\r").as_bytes());
+        self.console_cable().send_bytes(format!("{line}\r").as_bytes());
         // 64 characters and an answer of 1500 take 0.14 s at 115200 baud, a save with an erase 0.1 s.
         self.run_for_s(0.5);
         self.take_console_output()
@@ -52,7 +52,7 @@ pub trait Module {
 
     /// Console output since the last call.
     fn take_console_output(&self) -> String {
-        String::from_utf8_lossy(&self.console().receive()).into_owned()
+        String::from_utf8_lossy(&self.console_cable().receive_bytes()).into_owned()
     }
 }
 
@@ -85,16 +85,16 @@ impl<M: Module, O: ModuleObserver> Module for ObservedModule<'_, M, O> {
         self.module.world()
     }
 
-    fn console(&self) -> &HostEnd {
-        self.module.console()
+    fn console_cable(&self) -> &HostEnd {
+        self.module.console_cable()
     }
 
-    fn autopilot(&self) -> &HostEnd {
-        self.module.autopilot()
+    fn autopilot_cable(&self) -> &HostEnd {
+        self.module.autopilot_cable()
     }
 
-    fn instrument(&self) -> &HostEnd {
-        self.module.instrument()
+    fn instrument_cable(&self) -> &HostEnd {
+        self.module.instrument_cable()
     }
 
     fn now_us(&self) -> u64 {
@@ -107,8 +107,8 @@ impl<M: Module, O: ModuleObserver> Module for ObservedModule<'_, M, O> {
         end
     }
 
-    fn reset(&mut self) {
-        self.module.reset();
+    fn reset_module(&mut self) {
+        self.module.reset_module();
     }
 
     fn take_console_output(&self) -> String {

@@ -24,7 +24,7 @@ const ZERO_PARAMETERS: [&str; 4] = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_O
 
 /// Appends the state of the world at a time no more than one second past.
 pub fn record_sample(recording: &mut FlightRecording, world: &World, source: &mut AttitudeSource, at_us: u64) {
-    recording.is_copter = world.config().aircraft.kind == VehicleKind::Copter;
+    recording.is_copter = world.world_config().aircraft.kind == VehicleKind::Copter;
     let (truth, reported) = (world.true_state(at_us), source.next_report(&world.true_state(at_us)));
     let field = world.sensor_field(at_us.saturating_sub((recording.field_latency_s * 1e6) as u64)).ut;
     let declination_rad = recording.declination_deg.to_radians();
@@ -60,9 +60,9 @@ pub fn record_turns(world: &WorldConfig, age_s: f64) -> FlightRecording {
     let world = World::new(*world);
     let mut source = world.attitude_source();
     for bank_deg in [25.0, 40.0] {
-        world.fly(Leg::Straight { heading_deg: 0.0, seconds: 10.0 });
+        world.fly_leg(Leg::Straight { heading_deg: 0.0, seconds: 10.0 });
         for heading_change_deg in [720.0, -720.0] {
-            world.fly(Leg::Turn { bank_deg, heading_change_deg });
+            world.fly_leg(Leg::Turn { bank_deg, heading_change_deg });
         }
     }
     let mut recording = FlightRecording::with_field_latency(age_s);
@@ -86,7 +86,7 @@ impl Recorder {
         let (source, next_us) = (module.world().attitude_source(), module.now_us());
         let parameters = ZERO_PARAMETERS.map(|name| (name.to_owned(), 0.0)).to_vec();
         let mut recording = FlightRecording { parameters, ..FlightRecording::default() };
-        if module.world().config().earth == Earth::default() {
+        if module.world().world_config().earth == Earth::default() {
             set_place(&mut recording, XIAN);
         }
         Self { source, next_us, recording }

@@ -161,8 +161,8 @@ impl Rig {
         let (autopilot, instrument) = (autopilot_cable.host_end(), instrument_cable.host_end());
         let [one, two] = port_devices;
         let port_devices = [
-            one.attach(&mut simulation, &world, autopilot.clone(), faults.attitude_faults),
-            two.attach(&mut simulation, &world, instrument.clone(), Vec::new()),
+            one.attach_device(&mut simulation, &world, autopilot.clone(), faults.attitude_faults),
+            two.attach_device(&mut simulation, &world, instrument.clone(), Vec::new()),
         ];
         for fault in faults.link_faults {
             simulation.spawn(Level::World, "link fault", fault.run_fault(world.clone(), autopilot.clone()));
@@ -250,7 +250,7 @@ impl Rig {
             simulation.spawn(Level::Interrupt, "port", async move { app::port::run_port(&l, number, rx, tx).await });
         }
         if let Some((end, info)) = self.can.clone() {
-            end.reset();
+            end.clear_receiver();
             let (l, tx, boot_loader) =
                 (links.clone(), end.clone(), SimulatedBootLoader(Rc::clone(&self.firmware_update)));
             simulation.spawn(Level::Interrupt, "can", async move {
@@ -282,15 +282,15 @@ impl Module for Rig {
         &self.world
     }
 
-    fn console(&self) -> &HostEnd {
+    fn console_cable(&self) -> &HostEnd {
         &self.console
     }
 
-    fn autopilot(&self) -> &HostEnd {
+    fn autopilot_cable(&self) -> &HostEnd {
         &self.autopilot
     }
 
-    fn instrument(&self) -> &HostEnd {
+    fn instrument_cable(&self) -> &HostEnd {
         &self.instrument
     }
 
@@ -298,7 +298,7 @@ impl Module for Rig {
         self.simulation.now_us()
     }
 
-    fn reset(&mut self) {
+    fn reset_module(&mut self) {
         self.power_on(ResetCause::Pin);
     }
 

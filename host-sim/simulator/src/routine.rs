@@ -259,15 +259,15 @@ mod tests {
     use crate::world::aircraft::Aircraft;
 
     fn duration_s(kind: VehicleKind, legs: &[Leg], seed: u64) -> f64 {
-        let config = WorldConfig::random(seed).with_vehicle_kind(kind);
+        let config = WorldConfig::random_world(seed).with_vehicle_kind(kind);
         let mut aircraft = Aircraft::new(config.aircraft, config.weather, seed, 0);
         for &leg in legs {
-            aircraft.autopilot_mut().fly(leg);
+            aircraft.autopilot_mut().fly_leg(leg);
         }
-        while aircraft.autopilot().unfinished_legs() > 0 && aircraft.state().time_us < 1_000_000_000 {
+        while aircraft.autopilot().unfinished_legs() > 0 && aircraft.true_state().time_us < 1_000_000_000 {
             aircraft.advance_step();
         }
-        aircraft.state().time_us as f64 / 1e6
+        aircraft.true_state().time_us as f64 / 1e6
     }
 
     /// Limited by battery capacity. Three circles suffice for an aeroplane.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
-use autoswing::calibration::{Method, Prior, Samples, solve};
+use autoswing::calibration::{Method, Prior, Samples, solve_samples};
 use clap::Args;
 use host_sim::emulator::{self, Emulator, EmulatorError};
 use host_sim::studies::accuracy::random_flight::{ConstantErrorSigmas, RandomFlight, RandomRanges};
@@ -44,7 +44,7 @@ pub fn run_budget(options: &BudgetOptions) -> Result<ExitCode, CommandFailure> {
     let failed = |error: EmulatorError| CommandFailure(format!("{}: {error}", error.stable_code()));
     let interruption = TerminationSignals::install_handlers(SecondSignal::IsIgnored)?;
     let bar = show_spinner("counting instructions, some two minutes");
-    let budgets = Emulator::start_with_stop_flag(interruption.stop_flag(), &image, WorldConfig::table1(1))
+    let budgets = Emulator::start_with_stop_flag(interruption.stop_flag(), &image, WorldConfig::of_table1(1))
         .and_then(|mut emulator| emulator::instruction_budget::count_budgets(&mut emulator));
     bar.finish_and_clear();
     if let Some(code) = interruption.exit_code() {
@@ -74,9 +74,9 @@ pub fn run_speed(options: &SpeedOptions) -> Result<ExitCode, CommandFailure> {
     let trial = RandomFlight::draw_flight(&RandomRanges { samples: 256, ..RandomRanges::WORST_CASE }, 1);
     let (recorded, _) = trial.record_flight(0, ConstantErrorSigmas::NO_ERRORS);
     let methods = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse]
-        .map(|method| (method.method_name(), median((0..TIMED_RUNS).map(|_| time_ms(method, recorded.samples())))));
+        .map(|method| (method.method_name(), median((0..TIMED_RUNS).map(|_| time_ms(method, recorded.fit_samples())))));
     let start = Instant::now();
-    let mission_result = mission::fly_mission(WorldConfig::table1(1), mission::TurnPlan::default(), &mut |_, _| {});
+    let mission_result = mission::fly_mission(WorldConfig::of_table1(1), mission::TurnPlan::default(), &mut |_, _| {});
     let simulated_per_real = mission_result.duration_s / start.elapsed().as_secs_f64();
     if options.json {
         let solve_ms: serde_json::Map<_, _> =
@@ -94,6 +94,6 @@ pub fn run_speed(options: &SpeedOptions) -> Result<ExitCode, CommandFailure> {
 fn time_ms(method: Method, samples: Samples<'_>) -> f64 {
     let start = Instant::now();
     // Only the time matters; closed-form methods may reject a wandering flight.
-    let _ = std::hint::black_box(solve(method, samples, &Prior::default()));
+    let _ = std::hint::black_box(solve_samples(method, samples, &Prior::default()));
     start.elapsed().as_secs_f64() * 1e3
 }

@@ -32,8 +32,8 @@ pub fn read_log(path: &Path, unit: FieldUnit, system: Option<u8>) -> Result<Flig
 /// The file cannot be read or parsed, or a number is out of range.
 pub fn named_world(name: &str, seed: u64) -> Result<WorldConfig, CommandFailure> {
     match name {
-        "table1" => Ok(WorldConfig::table1(seed)),
-        "random" => Ok(WorldConfig::random(seed)),
+        "table1" => Ok(WorldConfig::of_table1(seed)),
+        "random" => Ok(WorldConfig::random_world(seed)),
         path => {
             let text = fs::read_to_string(path).map_err(|error| {
                 let kinds = VehicleKind::ALL_VEHICLES.map(VehicleKind::vehicle_name).join("`, `");

@@ -319,22 +319,22 @@ mod tests {
 
     #[test]
     fn aircraft_option_accepts_vehicle_kinds_and_airframes() {
-        assert_eq!(world_of_arguments(&[]), Ok(WorldConfig::table1(1)));
-        assert_eq!(world_of_arguments(&["--aircraft", "random", "--seed", "7"]), Ok(WorldConfig::random(7)));
-        assert_eq!(world_of_arguments(&["--airframe", "random", "--seed", "7"]), Ok(WorldConfig::random(7)));
+        assert_eq!(world_of_arguments(&[]), Ok(WorldConfig::of_table1(1)));
+        assert_eq!(world_of_arguments(&["--aircraft", "random", "--seed", "7"]), Ok(WorldConfig::random_world(7)));
+        assert_eq!(world_of_arguments(&["--airframe", "random", "--seed", "7"]), Ok(WorldConfig::random_world(7)));
         for kind in VehicleKind::ALL_VEHICLES {
             assert_eq!(
                 world_of_arguments(&["--aircraft", kind.vehicle_name()]),
-                Ok(WorldConfig::table1(1).with_vehicle_kind(kind))
+                Ok(WorldConfig::of_table1(1).with_vehicle_kind(kind))
             );
             let random =
                 world_of_arguments(&["--aircraft", kind.vehicle_name(), "--airframe", "random", "--seed", "3"]);
-            assert_eq!(random, Ok(WorldConfig::random(3).with_vehicle_kind(kind)));
+            assert_eq!(random, Ok(WorldConfig::random_world(3).with_vehicle_kind(kind)));
         }
         let current = world_of_arguments(&["--aircraft", "copter", "--current", "12"]);
         assert_eq!(
             current,
-            Ok(WorldConfig::table1(1).with_vehicle_kind(VehicleKind::Copter).with_current_interference(12.0))
+            Ok(WorldConfig::of_table1(1).with_vehicle_kind(VehicleKind::Copter).with_current_interference(12.0))
         );
     }
 

@@ -44,10 +44,10 @@ pub fn run_table1(options: &Table1Options) -> Result<ExitCode, CommandFailure> {
         print::print_json(value)?;
     } else {
         print::print_line("Liu 2007 table 1: heading error in degrees, indicated less true, at 20 deg of");
-        print::print_line(format_args!("tilt right / left\n{}", errors(&noise_free)));
+        print::print_line(format_args!("tilt right / left\n{}", errors_table(&noise_free)));
         print::print_line("published; 12 samples a side without noise; 256 a side with a LIS3MDL's noise:");
         print::print_line("largest error, constant error, largest less the constant; deg");
-        print::print_line(summary(&published_errors, &noise_free, &noisy));
+        print::print_line(summary_text(&published_errors, &noise_free, &noisy));
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -70,7 +70,7 @@ fn json_figures(columns: &[MethodErrors]) -> Value {
     columns.iter().map(|column| (column.name.replace(' ', "_"), json!(column.error_statistics()))).collect()
 }
 
-fn errors(columns: &[MethodErrors]) -> Table {
+fn errors_table(columns: &[MethodErrors]) -> Table {
     let names = columns.iter().map(|column| column.name.replace(' ', "\n"));
     let mut table = narrow_table(std::iter::once("heading".to_owned()).chain(names));
     for row in 0..paper_experiment::HEADING_COUNT {
@@ -83,7 +83,7 @@ fn errors(columns: &[MethodErrors]) -> Table {
     table
 }
 
-fn summary(published_errors: &[MethodErrors], noise_free: &[MethodErrors], noisy: &[MethodErrors]) -> Table {
+fn summary_text(published_errors: &[MethodErrors], noise_free: &[MethodErrors], noisy: &[MethodErrors]) -> Table {
     let mut table = narrow_table(["", "published", "12 a side", "256 a side"]);
     for (exact, noisy) in noise_free.iter().zip(noisy) {
         let printed = published_errors.iter().find(|column| column.name == exact.name);

@@ -204,7 +204,7 @@ impl EmulatedMachine {
     }
 
     /// Resets the machine.
-    pub fn reset(&mut self) -> Result<(), EmulatorError> {
+    pub fn reset_machine(&mut self) -> Result<(), EmulatorError> {
         self.qmp.execute_commands(&[json!({ "execute": "system_reset" })])
     }
 }

@@ -53,7 +53,7 @@ impl Emulator {
     ///
     /// Missing image or QEMU, or a failed connection. With an image for another machine QEMU ends at once or at the
     /// first step.
-    pub fn start(image: &Path, config: WorldConfig) -> Result<Self, EmulatorError> {
+    pub fn start_emulator(image: &Path, config: WorldConfig) -> Result<Self, EmulatorError> {
         Self::start_with_port_devices(image, config, [FarEnd::Talker, FarEnd::Unconnected])
     }
 
@@ -99,8 +99,8 @@ impl Emulator {
         let [console, autopilot, instrument] =
             [&console_cable, &autopilot_cable, &instrument_cable].map(SerialCable::host_end);
         let port_devices = [
-            one.attach(&mut simulation, &world, autopilot.clone(), vec![]),
-            two.attach(&mut simulation, &world, instrument.clone(), vec![]),
+            one.attach_device(&mut simulation, &world, autopilot.clone(), vec![]),
+            two.attach_device(&mut simulation, &world, instrument.clone(), vec![]),
         ];
         Ok(Self {
             console_wire: MachinePort::new(&console_cable, &mut simulation),
@@ -173,7 +173,7 @@ impl Emulator {
                 self.set_field()?;
             }
             // While the machine waits, no message is in transmission that a reset could truncate.
-            MachineMessage::Step if std::mem::take(&mut self.reset_pressed) => return self.machine.reset(),
+            MachineMessage::Step if std::mem::take(&mut self.reset_pressed) => return self.machine.reset_machine(),
             MachineMessage::Started | MachineMessage::Step => {}
         }
         let go = StepInput {
@@ -191,7 +191,7 @@ impl Emulator {
         self.since_us += self.machine_us;
         self.machine_us = 0;
         self.field_set_us = None;
-        self.sample_path.restart();
+        self.sample_path.end_sample();
     }
 
     fn catch_up(&mut self, machine_us: u64) {
@@ -217,15 +217,15 @@ impl Module for Emulator {
         &self.world
     }
 
-    fn console(&self) -> &HostEnd {
+    fn console_cable(&self) -> &HostEnd {
         &self.console
     }
 
-    fn autopilot(&self) -> &HostEnd {
+    fn autopilot_cable(&self) -> &HostEnd {
         &self.autopilot
     }
 
-    fn instrument(&self) -> &HostEnd {
+    fn instrument_cable(&self) -> &HostEnd {
         &self.instrument
     }
 
@@ -233,7 +233,7 @@ impl Module for Emulator {
         self.since_us + self.machine_us
     }
 
-    fn reset(&mut self) {
+    fn reset_module(&mut self) {
         self.reset_pressed = true;
     }
 

@@ -23,7 +23,7 @@ impl SamplePath {
     }
 
     /// The machine restarted: the present sample ends.
-    pub fn restart(&mut self) {
+    pub fn end_sample(&mut self) {
         self.began = None;
     }
 

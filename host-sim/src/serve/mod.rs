@@ -153,16 +153,16 @@ impl ServedModule {
             // No power cut is scheduled in this rig.
             let _ = self.rig.run_until(tick_us.min(until_us));
             if self.now_us() == tick_us {
-                self.pilot.update(&self.rig.world);
+                self.pilot.continue_flight(&self.rig.world);
                 self.forward_attitude();
             }
         }
     }
 
     /// Sends bytes to the port at this index in [`PORTS`]; ignores an invalid index.
-    pub fn send(&mut self, port: usize, bytes: &[u8]) {
+    pub fn send_bytes(&mut self, port: usize, bytes: &[u8]) {
         let Some(ServedPort { cable, .. }) = PORTS.get(port) else { return };
-        cable(&self.rig).send(bytes);
+        cable(&self.rig).send_bytes(bytes);
         if port == AUTOPILOT_PORT {
             self.peer.process_bytes(self.rig.now_us(), bytes);
             self.forward_attitude();
@@ -171,8 +171,8 @@ impl ServedModule {
 
     /// Bytes received from the port at this index in [`PORTS`]; none for an invalid index.
     #[must_use]
-    pub fn receive(&self, port: usize) -> Vec<u8> {
-        PORTS.get(port).map_or_else(Vec::new, |port| (port.cable)(&self.rig).receive())
+    pub fn receive_bytes(&self, port: usize) -> Vec<u8> {
+        PORTS.get(port).map_or_else(Vec::new, |port| (port.cable)(&self.rig).receive_bytes())
     }
 
     /// Puts a frame of another node on the CAN bus; ignored without one.
@@ -247,7 +247,7 @@ impl ServedModule {
     /// Number of flash operations (programmed words and erased pages).
     #[must_use]
     pub fn flash_changes(&self) -> u64 {
-        let wear = self.rig.flash.wear();
+        let wear = self.rig.flash.wear_counters();
         wear.page_erases + wear.programmed_words
     }
 

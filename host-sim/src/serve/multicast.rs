@@ -19,7 +19,7 @@ const CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_3740);
 #[must_use]
 pub fn to_datagram(frame: &CanFrame) -> Vec<u8> {
     const DATAGRAM_FLAGS: u16 = 0;
-    let id = frame.id() | EXTENDED_IDENTIFIER_FLAG;
+    let id = frame.frame_id() | EXTENDED_IDENTIFIER_FLAG;
     let checked = [&DATAGRAM_FLAGS.to_le_bytes(), &id.to_le_bytes()[..], frame.data()].concat();
     [&DATAGRAM_MAGIC.to_le_bytes(), &CRC.checksum(&checked).to_le_bytes(), &checked[..]].concat()
 }

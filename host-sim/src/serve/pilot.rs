@@ -51,7 +51,7 @@ impl SimulatedPilot {
     }
 
     /// Continues with the next legs, or completes the landing.
-    pub fn update(&mut self, world: &World) {
+    pub fn continue_flight(&mut self, world: &World) {
         if world.unfinished_legs() > 0 {
             return;
         }
@@ -77,17 +77,19 @@ impl SimulatedPilot {
             (PilotTask::Landed, _) => return Err(PilotCommandError::Landed),
             (_, PilotCommand::Turn { bank_deg, change_deg }) => {
                 let heading_change_deg = change_deg * bank_deg.signum();
-                self.fly(world, Leg::Turn { bank_deg: bank_deg.abs(), heading_change_deg });
+                self.fly_leg(world, Leg::Turn { bank_deg: bank_deg.abs(), heading_change_deg });
             }
-            (_, PilotCommand::Level { seconds }) => self.fly(world, Leg::Hover { seconds }),
-            (_, PilotCommand::Heading { deg, seconds }) => self.fly(world, Leg::Straight { heading_deg: deg, seconds }),
+            (_, PilotCommand::Level { seconds }) => self.fly_leg(world, Leg::Hover { seconds }),
+            (_, PilotCommand::Heading { deg, seconds }) => {
+                self.fly_leg(world, Leg::Straight { heading_deg: deg, seconds })
+            }
             (_, PilotCommand::Pattern(pattern)) => {
                 self.start_task(world, PilotTask::Pattern(pattern));
                 self.fly_pattern(world);
             }
             (_, PilotCommand::Land) => {
                 self.start_task(world, PilotTask::Landing);
-                world.fly(Leg::Straight { heading_deg: heading_deg(world), seconds: LANDING_DURATION_S });
+                world.fly_leg(Leg::Straight { heading_deg: heading_deg(world), seconds: LANDING_DURATION_S });
             }
             (_, PilotCommand::TakeOff | PilotCommand::Status | PilotCommand::Help) => {}
         }
@@ -109,11 +111,11 @@ impl SimulatedPilot {
     }
 
     /// Appends a leg to previous commands; cancels any other activity.
-    fn fly(&mut self, world: &World, leg: Leg) {
+    fn fly_leg(&mut self, world: &World, leg: Leg) {
         if self.task != PilotTask::Orders {
             self.start_task(world, PilotTask::Orders);
         }
-        world.fly(leg);
+        world.fly_leg(leg);
     }
 
     fn start_task(&mut self, world: &World, task: PilotTask) {
@@ -125,7 +127,7 @@ impl SimulatedPilot {
         if let PilotTask::Pattern(pattern) = self.task {
             let legs = pattern.legs(self.kind, heading_deg(world), &mut self.random.borrow_mut());
             for leg in legs {
-                world.fly(leg);
+                world.fly_leg(leg);
             }
         }
     }

@@ -3,7 +3,7 @@
 
 use autoswing::calibration::{
     Calibration, CollectionPart, HeadingMark, Method, MotorCurrent, Orientation, Prior, Rates, Sample, Samples,
-    SolveError, solve,
+    SolveError, solve_samples,
 };
 use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::readings_per_sample;
@@ -79,14 +79,14 @@ impl MethodErrors {
 ///
 /// The error of a method without a solution.
 pub fn method_errors(experiment: PaperExperiment) -> Result<[MethodErrors; 5], SolveError> {
-    let table = Table1Experiment { airframe: Airframe::table1(), earth: Earth::default() };
+    let table = Table1Experiment { airframe: Airframe::of_table1(), earth: Earth::default() };
     let (left, right) = table.measure_turns(experiment);
     let turns = [&left[..], &right].concat();
     let sides = Samples::new(&turns);
-    let marks = Table1Experiment::marks(experiment, &left, &right);
+    let marks = Table1Experiment::heading_marks(experiment, &left, &right);
     let swing = Samples::default().with_marks(&marks);
     let solved = |name, method, samples| {
-        solve(method, samples, &Prior::default()).map(|solution| table.column(name, &solution.calibration))
+        solve_samples(method, samples, &Prior::default()).map(|solution| table.column(name, &solution.calibration))
     };
     Ok([
         table.column("before", &Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)),
@@ -137,7 +137,7 @@ impl Table1Experiment {
     }
 
     /// A subset of the samples with known headings, limited to the module's capacity.
-    fn marks(experiment: PaperExperiment, left: &[Sample], right: &[Sample]) -> Vec<HeadingMark> {
+    fn heading_marks(experiment: PaperExperiment, left: &[Sample], right: &[Sample]) -> Vec<HeadingMark> {
         let every = usize::from(experiment.samples) / HEADING_COUNT;
         let marks_of_turn = |samples: &[Sample], turn_sign: f64| -> Vec<HeadingMark> {
             (0..experiment.samples)
@@ -156,7 +156,7 @@ impl Table1Experiment {
         let error_deg = |roll_deg: f64, row: usize| {
             let heading_rad = heading_rad(row as u16, HEADING_COUNT as u16);
             let exact = self.simulated_sample(roll_deg, heading_rad, Vector3::zeros());
-            let shown_rad = exact.attitude.level(calibration.calibrated_field(exact.field)).heading_rad();
+            let shown_rad = exact.attitude.to_level_frame(calibration.calibrated_field(exact.field)).heading_rad();
             wrap_180((f64::from(shown_rad) - heading_rad).to_degrees())
         };
         MethodErrors {

@@ -53,7 +53,7 @@ pub struct FlownExample {
 /// Flies the mission on the aircraft of the paper, and reports each step.
 pub fn fly_example(request: FlightRequest, report_step: &mut dyn FnMut(&FlightStep)) -> FlownExample {
     let progress = Cell::new((MissionStage::TakeOff, 0.0));
-    let mut rig = Rig::new(WorldConfig::table1(request.seed));
+    let mut rig = Rig::new(WorldConfig::of_table1(request.seed));
     let reporter = StepReporter { progress: &progress, calibration: Cell::new(None), report_step };
     let mut observed = ObservedModule::new(&mut rig, reporter);
     let flown = mission::fly_with(&mut observed, TurnPlan::default(), &mut |stage, done| progress.set((stage, done)));
@@ -78,7 +78,7 @@ impl StepReporter<'_> {
         let world = module.world();
         let state = world.true_state(module.now_us());
         let field = world.sensor_field(state.time_us);
-        let level = |applied: &Calibration| state.attitude().level(applied.calibrated_field(field));
+        let level = |applied: &Calibration| state.attitude().to_level_frame(applied.calibrated_field(field));
         let error_deg = |applied: &Calibration| {
             wrap_180(f64::from(level(applied).heading_rad().to_degrees()) - state.heading_deg())
         };

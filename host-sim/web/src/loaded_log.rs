@@ -79,7 +79,7 @@ impl LoadedLog {
 
     /// Contents of the log.
     #[must_use]
-    pub fn summary(&self) -> LogSummary {
+    pub fn log_summary(&self) -> LogSummary {
         LogSummary {
             compasses: self.flight.compasses.iter().map(|compass| compass.compass_number).collect(),
             range_s: self.flight.time_range_s(),
@@ -151,7 +151,7 @@ mod tests {
     #[test]
     fn choices_of_the_page_are_used_and_stated_in_the_report() {
         let log = loaded();
-        let LogSummary { compasses, range_s: [from_s, to_s], is_table } = log.summary();
+        let LogSummary { compasses, range_s: [from_s, to_s], is_table } = log.log_summary();
         assert!(compasses == [1] && from_s < 30.0 && to_s > 199.0 && is_table, "{from_s} to {to_s} s");
         let all =
             PageChoices { samples: RowSelection::Flight, compass: None, from_s: None, to_s: None, reference: None };

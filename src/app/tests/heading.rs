@@ -30,7 +30,7 @@ fn with_instrument() -> TaskBench {
 
 /// Sends a level reading with this heading.
 fn read(bench: &TaskBench, heading_rad: f32) {
-    let field = Field::new(Attitude::default().body(Field::earth(50.0, 1.0, heading_rad)).ut);
+    let field = Field::new(Attitude::default().to_body_frame(Field::earth_field(50.0, 1.0, heading_rad)).ut);
     bench.links.queue_or_count(
         &bench.links.readings,
         stamped_now(Reading { field, is_saturated: false, was_overwritten: false }),

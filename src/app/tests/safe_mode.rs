@@ -153,7 +153,7 @@ impl Bus {
         });
         bus.put(DataType::ARMING_STATUS, &[0]);
         bench.ms(1_100);
-        let is_anonymous = |frame: &CanFrame| FrameHeader::from_id(frame.id()).unwrap().source_node.is_none();
+        let is_anonymous = |frame: &CanFrame| FrameHeader::from_id(frame.frame_id()).unwrap().source_node.is_none();
         assert!(bus.sent.take().iter().any(is_anonymous), "no request for a number");
         bus.put(DataType::ALLOCATION, &[&[OWN << 1], &UNIQUE_ID[..]].concat());
         bench.ms(1_100);
@@ -172,7 +172,7 @@ impl Bus {
 
     /// Data of the sent frames of a type since the last call.
     fn take_sent(&self, data_type: DataType) -> Vec<Vec<u8>> {
-        let is_of = |frame: &CanFrame| data_type.is_of(FrameHeader::from_id(frame.id()).unwrap());
+        let is_of = |frame: &CanFrame| data_type.is_of(FrameHeader::from_id(frame.frame_id()).unwrap());
         self.sent.take().iter().filter(|frame| is_of(frame)).map(|frame| frame.data().to_vec()).collect()
     }
 }

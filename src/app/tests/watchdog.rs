@@ -10,7 +10,7 @@ use testkit::flash::SilentFault;
 use super::TaskBench;
 use super::thread_tasks::{Flash, PAGES, with_compass};
 use crate::app::task_links::{
-    AutopilotLine, CommandSource, HEARTBEATS_OF_EVERY_BOARD, Heartbeats, MAX_HEARTBEATS, increment,
+    AutopilotLine, CommandSource, HEARTBEATS_OF_EVERY_BOARD, Heartbeats, MAX_HEARTBEATS, increment_counter,
 };
 use crate::app::watchdog::{self, MAX_FEED_INTERVAL_US};
 use crate::app::{TaskLinks, Watchdog};
@@ -42,7 +42,7 @@ fn with_silent(silent: Option<usize>) -> (TaskBench, FakeWatchdog) {
         for ms in (0..).step_by(100) {
             for (i, beat) in all(&links).into_iter().enumerate() {
                 if silent != Some(i) || ms < 1000 {
-                    increment(beat);
+                    increment_counter(beat);
                 }
             }
             Timer::after_millis(100).await;
@@ -80,7 +80,7 @@ fn the_watchdog_does_not_wait_for_lines_that_never_ran() {
         bench.run("watchdog", |links| async move { watchdog::run_watchdog(&links, watchdog_clone).await });
         bench.run("tasks", move |links: Rc<TaskLinks>| async move {
             loop {
-                all(&links).into_iter().take(counted_tasks).for_each(increment);
+                all(&links).into_iter().take(counted_tasks).for_each(increment_counter);
                 Timer::after_millis(100).await;
             }
         });
@@ -113,7 +113,7 @@ fn saves_that_never_complete_cause_no_reset() {
     bench.run("watchdog", |links| async move { watchdog::run_watchdog(&links, fed).await });
     bench.run("other tasks", |links: Rc<TaskLinks>| async move {
         loop {
-            all(&links).into_iter().enumerate().filter(|(i, _)| *i != 2).for_each(|(_, beat)| increment(beat));
+            all(&links).into_iter().enumerate().filter(|(i, _)| *i != 2).for_each(|(_, beat)| increment_counter(beat));
             Timer::after_millis(100).await;
         }
     });

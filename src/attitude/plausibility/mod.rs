@@ -95,7 +95,7 @@ impl MeanDirection {
     pub const UNKNOWN: Self = Self(None);
 
     /// Updates the mean with a reading, in any axes.
-    pub fn update(&mut self, field: Vector3<f32>) {
+    pub fn update_mean(&mut self, field: Vector3<f32>) {
         let direction = field / field.vector_length();
         let before = self.0.unwrap_or(direction);
         let averaged = before + (direction - before) / FIELD_MEAN_READINGS;
@@ -140,11 +140,11 @@ impl FreezeDetector {
     }
 
     pub fn update_field(&mut self, field: Field<Body>) {
-        self.field_direction.update(field.ut);
+        self.field_direction.update_mean(field.ut);
     }
 
     /// Processes a report, before other plausibility tests.
-    pub fn update(&mut self, at: Timestamp, report: &AttitudeReport) {
+    pub fn process_report(&mut self, at: Timestamp, report: &AttitudeReport) {
         let attitude = report.attitude;
         let is_equal = self.last_attitude.is_some_and(|last| {
             last.roll_rad.to_bits() == attitude.roll_rad.to_bits()

@@ -38,12 +38,12 @@ fn is_frozen_at(
 ) -> bool {
     let mut freeze = FreezeDetector::new();
     update_rotated(&mut freeze, axis, 0.0);
-    freeze.update(Timestamp::from_us(0), &report(roll_deg, pitch_deg));
+    freeze.process_report(Timestamp::from_us(0), &report(roll_deg, pitch_deg));
     for i in 1..=reports {
         let at_us = apart_us * u64::from(i);
         let turned = at_us > 400_000 + 2 * apart_us;
         update_rotated(&mut freeze, axis, if turned { turned_deg } else { 0.0 });
-        freeze.update(Timestamp::from_us(at_us), &report(roll_deg + first_step_deg, pitch_deg));
+        freeze.process_report(Timestamp::from_us(at_us), &report(roll_deg + first_step_deg, pitch_deg));
     }
     freeze.frozen_at().is_some()
 }
@@ -68,11 +68,11 @@ fn fine_resolution_is_frozen_after_five_reports() {
 fn a_fine_step_of_pitch_counts() {
     for pitch_deg in [0.04, -0.04] {
         let mut freeze = FreezeDetector::new();
-        freeze.update(Timestamp::from_us(0), &report(0.0, 0.0));
-        (1..=5).for_each(|i| freeze.update(Timestamp::from_us(i * 20_000), &report(0.0, pitch_deg)));
+        freeze.process_report(Timestamp::from_us(0), &report(0.0, 0.0));
+        (1..=5).for_each(|i| freeze.process_report(Timestamp::from_us(i * 20_000), &report(0.0, pitch_deg)));
         assert!(freeze.frozen_at().is_some());
         // Either angle shows that the source is alive.
-        freeze.update(Timestamp::from_us(120_000), &report(0.01, pitch_deg));
+        freeze.process_report(Timestamp::from_us(120_000), &report(0.01, pitch_deg));
         assert!(freeze.frozen_at().is_none());
     }
 }
@@ -118,12 +118,12 @@ fn field_rotation_before_settling_is_ignored() {
     let mut freeze = FreezeDetector::new();
     let level = Field::<Body>::from_ut(0.0, -20.0, 40.0);
     let banked = Attitude::from_deg(25.0, 0.0);
-    let in_bank = banked.body(Field::new(level.ut));
+    let in_bank = banked.to_body_frame(Field::new(level.ut));
     (0..200).for_each(|_| freeze.update_field(in_bank));
-    freeze.update(Timestamp::from_us(0), &report(25.0, 0.0));
+    freeze.process_report(Timestamp::from_us(0), &report(25.0, 0.0));
     // After the roll-out the field's average still contains the bank.
     for i in 1..100 {
-        freeze.update(Timestamp::from_us(i * 20_000), &report(0.1, 0.0));
+        freeze.process_report(Timestamp::from_us(i * 20_000), &report(0.1, 0.0));
         (0..2).for_each(|_| freeze.update_field(Field::new(level.ut)));
         assert!(freeze.frozen_at().is_none(), "{i}");
     }
@@ -136,7 +136,7 @@ fn a_coarse_source_at_rest_is_not_frozen() {
     let mut freeze = FreezeDetector::new();
     for i in 0..600 * 80_u64 {
         if i % 8 == 0 {
-            freeze.update(Timestamp::from_us(i * 12_500), &report(0.3, -1.2));
+            freeze.process_report(Timestamp::from_us(i * 12_500), &report(0.3, -1.2));
             assert!(freeze.frozen_at().is_none(), "after {i} readings");
         }
         let [x, y, z] = [10.0, -5.0, 22.0].map(|ut| ut + 0.35 * random.normal());

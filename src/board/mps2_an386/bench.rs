@@ -360,7 +360,7 @@ impl BenchTurns {
     }
 
     /// Adds a varying motor current with this interference on each axis, microtesla per ampere.
-    fn draw(&mut self, ut_per_a: f32) {
+    fn add_current(&mut self, ut_per_a: f32) {
         for (i, sample) in self.0.iter_mut().enumerate() {
             let amperes = 15.0 + 5.0 * libm::sinf(i as f32 * 0.08);
             sample.field = Field::new(sample.field.ut.add_scalar(ut_per_a * amperes));
@@ -376,7 +376,7 @@ impl BenchTurns {
     }
 
     /// Solves by maximum likelihood and adds up instructions.
-    fn solve(&self, count: &mut u64) -> Option<Solution> {
+    fn solve_turns(&self, count: &mut u64) -> Option<Solution> {
         let samples = Samples::new(self.0);
         let mut solver = None;
         *count += count_instructions(|| {

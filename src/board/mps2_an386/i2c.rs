@@ -37,7 +37,7 @@ impl SensorBus {
     }
 
     /// Releases a data line held low by a chip.
-    fn clear(&mut self) {
+    fn release_data_line(&mut self) {
         self.take_bits(BUS_RECOVERY_CLOCKS);
         self.stop_condition();
     }

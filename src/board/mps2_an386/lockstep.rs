@@ -119,7 +119,7 @@ fn receive_bytes(uart: &Uart, bytes: u8) {
 }
 
 /// Waits for a UART interrupt. Interrupts are disabled, so it only ends the wait.
-fn sleep() {
+fn wait_for_interrupt() {
     asm::wfi();
     clear_receive_interrupts();
 }

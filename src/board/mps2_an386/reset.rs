@@ -14,7 +14,7 @@ const STATE_REBOOTING: u32 = 0x0B00_7ED0;
 static RESET_STATE: AtomicU32 = AtomicU32::new(0);
 
 /// Returns and clears the reset cause. Call it once, before all other code.
-pub fn cause() -> ResetCause {
+pub fn take_reset_cause() -> ResetCause {
     let before = RESET_STATE.swap(STATE_RUNNING, Ordering::Relaxed);
     match (panic_message::take_panic_report(), before) {
         (Some(report), STATE_RUNNING) => ResetCause::Panic(report),

@@ -6,7 +6,7 @@ use embassy_stm32::pac;
 use crate::board::panic_message;
 
 /// Returns and clears the reset cause. Call once, first of all.
-pub fn cause() -> ResetCause {
+pub fn take_reset_cause() -> ResetCause {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|csr| csr.set_rmvf(true));
     let panic_message = panic_message::take_panic_report();

@@ -61,7 +61,7 @@ fn fit_response(
     let regressors = |mark: &HeadingMark| {
         let (sin, cos) = trig::sin_cos(mark.heading_rad);
         let level = Field::from_ut(cos, -sin, tan_inclination);
-        mark.sample.attitude.body(level).ut.push(1.0)
+        mark.sample.attitude.to_body_frame(level).ut.push(1.0)
     };
     let field = |mark: &HeadingMark| rotation * mark.sample.field.ut;
     let mean = marks.iter().map(field).sum::<Vector3<f32>>() / marks.len() as f32;
@@ -105,8 +105,8 @@ mod tests {
             let heading_rad = f32::from(i) / 12.0 * TAU;
             let (roll, pitch) = [(1.0, 0.3), (-1.0, -0.2), (0.2, 1.0), (-0.3, -1.0)][usize::from(i % 4)];
             let attitude = Attitude::from_deg(lean_deg * roll, lean_deg * pitch);
-            let level = Field::<Level>::earth(50.0, inclination_deg.to_radians(), heading_rad);
-            let field = Field::new(a() * attitude.body(level).ut + B_UT);
+            let level = Field::<Level>::earth_field(50.0, inclination_deg.to_radians(), heading_rad);
+            let field = Field::new(a() * attitude.to_body_frame(level).ut + B_UT);
             HeadingMark {
                 sample: Sample {
                     field,

@@ -80,7 +80,7 @@ pub(in crate::calibration) fn solve_level_ellipse(
     samples: Samples<'_>,
     rotation: &Matrix3<f32>,
 ) -> Result<SensorResponse, SolveError> {
-    let fields = samples.all().map(|s| rotation * s.field.ut);
+    let fields = samples.all_samples().map(|s| rotation * s.field.ut);
     SolveError::require_samples(SamplePart::Level, fields.clone().count(), MIN_SAMPLES)?;
     let found = EllipseMap::fit_ellipse_map(fields.clone().map(|f| f.xy()))
         .ok_or(SolveError::NotAnEllipse(SamplePart::Level))?;

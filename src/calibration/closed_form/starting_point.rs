@@ -52,7 +52,7 @@ const NO_HARD_IRON_WEIGHT: f32 = 1e-4;
 /// iron and field strength without soft iron. `None` without samples or if not finite.
 #[inline(never)]
 pub(crate) fn fit_sphere(new: Option<&Sample>, samples: Samples<'_>) -> Option<(Vector3<f32>, f32)> {
-    let fields = || new.into_iter().chain(samples.all()).map(|s| s.field.ut);
+    let fields = || new.into_iter().chain(samples.all_samples()).map(|s| s.field.ut);
     let mean = fields().sum::<Vector3<f32>>() / fields().count() as f32;
     // |m|^2 = 2 m . b + (r^2 - |b|^2) is linear in b and the bracket. The mean is subtracted to preserve digits.
     let mut system = LeastSquares::<4, 1>::new();
@@ -76,13 +76,13 @@ pub(in crate::calibration) fn sphere_start(samples: Samples<'_>, rotation: &Matr
     let (centre_ut, unit_ut) = fit_sphere(None, samples)?;
     let b_ut = rotation * centre_ut;
     let sin_dip = samples
-        .all()
+        .all_samples()
         .map(|s| {
-            let level = s.attitude.level(Field::new(rotation * s.field.ut - b_ut));
+            let level = s.attitude.to_level_frame(Field::new(rotation * s.field.ut - b_ut));
             level.ut.z / level.total_ut().max(1e-6)
         })
         .sum::<f32>()
-        / samples.all().count() as f32;
+        / samples.all_samples().count() as f32;
     let inclination_rad = trig::asin(sin_dip);
     Some(StartingPoint { unit_ut, w: Matrix3::identity(), hard_iron: b_ut / unit_ut, inclination_rad })
 }
@@ -95,13 +95,13 @@ pub(in crate::calibration) fn vertical_component_start(
     samples: Samples<'_>,
     rotation: &Matrix3<f32>,
 ) -> Option<StartingPoint> {
-    let fields = || samples.all().map(|s| (rotation * s.field.ut, s));
+    let fields = || samples.all_samples().map(|s| (rotation * s.field.ut, s));
     let number = fields().count() as f32;
     let mean = fields().map(|(f, _)| f).sum::<Vector3<f32>>() / number;
     let spread = fields().map(|(f, _)| (f - mean).norm_squared()).sum::<f32>() / number;
     let scale_ut = sqrt(spread);
     let rows = fields().map(|(field, s)| {
-        let down = s.attitude.body(Field::new(Vector3::z())).ut;
+        let down = s.attitude.to_body_frame(Field::new(Vector3::z())).ut;
         let row = down * ((field - mean) / scale_ut).push(1.0).transpose();
         SVector::<f32, 12>::from_iterator(row.iter().copied())
     });
@@ -174,8 +174,8 @@ mod tests {
         let fly = |&bank_deg: &f32| {
             let attitude = Attitude::from_deg(bank_deg, 2.0);
             (0..24_u8).map(move |i| {
-                let level = Field::<Level>::earth(50.0, 1.0, f32::from(i) / 24.0 * TAU);
-                let field = Field::new(attitude.body(level).ut + b_ut);
+                let level = Field::<Level>::earth_field(50.0, 1.0, f32::from(i) / 24.0 * TAU);
+                let field = Field::new(attitude.to_body_frame(level).ut + b_ut);
                 Sample {
                     field,
                     attitude,

@@ -30,7 +30,7 @@ pub(in crate::calibration) struct AttitudeState {
 
 impl AttitudeState {
     /// State in a turn so long that the lagged roll equals the roll.
-    pub const fn steady(attitude: Attitude, rates: Rates) -> Self {
+    pub const fn steady_turn(attitude: Attitude, rates: Rates) -> Self {
         Self { attitude, rates, lagged_roll_rad: attitude.roll_rad }
     }
 }

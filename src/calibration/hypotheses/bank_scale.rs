@@ -58,9 +58,9 @@ fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
     let parameters = ModelParameters::new(test.fit.unknowns);
     let mut clusters = ClusterVariance::default();
     for (part, sample) in TimeOrdered::new(test.fit.samples) {
-        let equations = test.fit.likelihood.equations(sample, None, &parameters);
+        let equations = test.fit.likelihood.sample_equations(sample, None, &parameters);
         let attitude = sample.latency_compensated_attitude(test.fit.likelihood.latency_s);
-        let state = AttitudeState::steady(attitude, sample.rates);
+        let state = AttitudeState::steady_turn(attitude, sample.rates);
         let by_bank = BANK_SCALE_ERROR.inclination_derivative(&equations, &state);
         clusters.add_sample_score(part, &equations, by_bank, &score.nuisance_columns[0]);
     }

@@ -26,7 +26,7 @@ pub(super) struct LastTurn(f32);
 
 impl LastTurn {
     /// Updates with the next sample; returns the direction of the last turn at this sample.
-    pub fn update(&mut self, sample: &Sample) -> f32 {
+    pub fn next_direction(&mut self, sample: &Sample) -> f32 {
         let (rate, bank) = (sample.rates.heading_rad_s(), sample.attitude.roll_rad);
         if rate.abs() > MIN_TURN_RATE_RAD_S {
             self.0 = 1_f32.copysign(rate);
@@ -109,8 +109,12 @@ mod tests {
             (-0.141, Rates::ZERO, -1.0),
         ] {
             let mut last = LastTurn::default();
-            assert_eq!(last.update(&sample(roll_rad, rates)).to_bits(), f32::to_bits(expected), "{roll_rad} {rates:?}");
-            let after_it = last.update(&sample(0.0, rate(0.049)));
+            assert_eq!(
+                last.next_direction(&sample(roll_rad, rates)).to_bits(),
+                f32::to_bits(expected),
+                "{roll_rad} {rates:?}"
+            );
+            let after_it = last.next_direction(&sample(0.0, rate(0.049)));
             assert_eq!(after_it.to_bits(), f32::to_bits(expected), "straight flight keeps it: {roll_rad}");
         }
     }

@@ -52,7 +52,7 @@ pub(in crate::calibration) struct LaggedRoll {
 
 impl LaggedRoll {
     /// Lagged roll at the next sample in order of time, radians; zero at the first.
-    pub fn update(&mut self, time: WrappingMillis, roll_rad: f32) -> f32 {
+    pub fn filter_roll(&mut self, time: WrappingMillis, roll_rad: f32) -> f32 {
         if let Some((before, before_rad)) = self.last.replace((time, roll_rad)) {
             let step_s = time.ms_since(before) as f32 / 1000.0;
             let mean_rad = 0.5 * (roll_rad + before_rad);
@@ -86,9 +86,9 @@ mod tests {
     fn roll_lags_by_ten_seconds() {
         for bank_rad in [0.5_f32, -0.5] {
             let mut lagged = LaggedRoll::default();
-            assert_eq!(lagged.update(WrappingMillis::new(0), bank_rad).to_bits(), 0);
+            assert_eq!(lagged.filter_roll(WrappingMillis::new(0), bank_rad).to_bits(), 0);
             let after_ten_s =
-                (1..=20).map(|step| lagged.update(WrappingMillis::new(step * 500), bank_rad)).last().unwrap();
+                (1..=20).map(|step| lagged.filter_roll(WrappingMillis::new(step * 500), bank_rad)).last().unwrap();
             assert!((after_ten_s / bank_rad - 0.632).abs() < 0.02);
         }
     }

@@ -55,8 +55,8 @@ const COARSE_SAMPLES: usize = 128;
 impl Likelihood {
     pub fn new(prior: &Prior, config: ModelConfig, samples: Samples<'_>, unit_ut: f32) -> Self {
         let rotation = prior.mount.body_from_sensor();
-        let sum_ut = samples.all().map(|s| s.field.ut).sum::<Vector3<f32>>();
-        let number = samples.all().count();
+        let sum_ut = samples.all_samples().map(|s| s.field.ut).sum::<Vector3<f32>>();
+        let number = samples.all_samples().count();
         Self {
             config,
             known_inclination_rad: prior.inclination_rad,
@@ -80,13 +80,13 @@ impl Likelihood {
         each: &mut dyn FnMut(&SampleEquations),
     ) {
         let mut one =
-            |sample: &Sample, heading_rad: Option<f32>| each(&self.equations(sample, heading_rad, parameters));
+            |sample: &Sample, heading_rad: Option<f32>| each(&self.sample_equations(sample, heading_rad, parameters));
         samples.iter().step_by(self.sample_stride).for_each(|sample| one(sample, None));
         samples.marks.iter().for_each(|mark| one(&mark.sample, Some(mark.heading_rad)));
     }
 
     #[inline]
-    pub fn equations(
+    pub fn sample_equations(
         &self,
         sample: &Sample,
         heading_rad: Option<f32>,

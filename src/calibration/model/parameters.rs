@@ -52,7 +52,7 @@ impl ModelParameters {
 
     /// Noise-free field minus the mean, at an attitude and heading: `W^-1 (C^T h - d)`. `None` when `W` is singular.
     pub fn expected_field(&self, tilt: &AttitudeRotation, heading_rad: f32) -> Option<Vector3<f32>> {
-        let level = Field::earth(1.0, self.inclination_rad, heading_rad);
-        Some(inverse(&self.w)? * (tilt.body(level).ut - self.d))
+        let level = Field::earth_field(1.0, self.inclination_rad, heading_rad);
+        Some(inverse(&self.w)? * (tilt.to_body_frame(level).ut - self.d))
     }
 }

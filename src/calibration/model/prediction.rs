@@ -40,7 +40,7 @@ impl FieldPrediction {
     pub fn new(x: Vector3<f32>, corrected: &Vector3<f32>, tilt: &AttitudeRotation) -> Self {
         let total = corrected.vector_length().max(MIN_NORM);
         let direction = corrected / total;
-        let level = tilt.level(Field::new(direction)).ut;
+        let level = tilt.to_level_frame(Field::new(direction)).ut;
         let horizontal = sqrt(level.x * level.x + level.y * level.y).max(MIN_HORIZONTAL);
         Self {
             x,
@@ -103,5 +103,5 @@ pub(in crate::calibration) fn horizontal_squared(level: &Vector3<f32>) -> f32 {
 /// (Liu 2007 eq. 3): `d psi = (l_y d l_x - l_x d l_y) / (l_x^2 + l_y^2)`.
 pub(in crate::calibration) fn heading_by_field(tilt: &AttitudeRotation, level: &Vector3<f32>) -> Vector3<f32> {
     let horizontal = horizontal_squared(level);
-    tilt.body(Field::from_ut(level.y / horizontal, -level.x / horizontal, 0.0)).ut
+    tilt.to_body_frame(Field::from_ut(level.y / horizontal, -level.x / horizontal, 0.0)).ut
 }

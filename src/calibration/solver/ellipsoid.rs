@@ -28,8 +28,9 @@ pub(super) fn is_determined(fit: &ConvergedFit<'_>, information: &Information) -
 }
 
 fn count_directions(samples: Samples<'_>, calibration: &Calibration) -> u32 {
-    let seen =
-        samples.all().fold(0_u32, |seen, s| seen | 1 << direction_index(&calibration.calibrated_field(s.field).ut));
+    let seen = samples
+        .all_samples()
+        .fold(0_u32, |seen, s| seen | 1 << direction_index(&calibration.calibrated_field(s.field).ut));
     seen.count_ones()
 }
 
@@ -47,7 +48,7 @@ mod tests {
 
     use super::*;
     use crate::calibration::{
-        CollectionPart, Method, MotorCurrent, Prior, Quality, Rates, Sample, SamplePart, SolveError, solve,
+        CollectionPart, Method, MotorCurrent, Prior, Quality, Rates, Sample, SamplePart, SolveError, solve_samples,
     };
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
@@ -89,7 +90,7 @@ mod tests {
     }
 
     fn tumbled(missing: usize) -> Result<Quality, SolveError> {
-        solve(Method::Ellipsoid, Samples::new(&tumbled_samples(missing)), &Prior::default()).map(|s| s.quality)
+        solve_samples(Method::Ellipsoid, Samples::new(&tumbled_samples(missing)), &Prior::default()).map(|s| s.quality)
     }
 
     /// The solve starts from the sphere, and its advice assumes turns.
@@ -100,7 +101,7 @@ mod tests {
             sample.attitude = Attitude::from_deg(40.0 * (i as f32).sin(), 30.0 * (1.7 * i as f32).cos());
         }
         let solved = |parts: Parts<'_>| {
-            let solution = solve(Method::Ellipsoid, parts.samples(), &Prior::default()).unwrap();
+            let solution = solve_samples(Method::Ellipsoid, parts.samples(), &Prior::default()).unwrap();
             (solution.calibration, solution.advice)
         };
         let free = solved(Parts { free: &samples, ..Parts::default() });

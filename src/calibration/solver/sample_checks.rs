@@ -16,9 +16,9 @@ const MIN_SAMPLES_PER_RANGE_END: usize = 5;
 pub(super) fn check_samples(method: Method, samples: Samples<'_>) -> Result<(), SolveError> {
     let part = if method == Method::Level { SamplePart::Level } else { SamplePart::All };
     let need = if samples.marks.is_empty() { MIN_SAMPLES } else { 1 };
-    SolveError::require_samples(part, samples.all().count(), need)?;
+    SolveError::require_samples(part, samples.all_samples().count(), need)?;
     let headings = samples.marks.iter().all(|mark| mark.heading_rad.is_finite());
-    if !(headings && samples.all().all(is_finite)) {
+    if !(headings && samples.all_samples().all(is_finite)) {
         return Err(SolveError::NotFinite);
     }
     stuck_axis(samples).map_or(Ok(()), |axis| Err(SolveError::AxisStuck { axis }))

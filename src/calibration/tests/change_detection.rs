@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, max_abs, mean, rms, vector};
 use crate::calibration::tests::{NO_PRIOR, solved};
-use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, Method, Solution, SolveError, solve};
+use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, Method, Solution, SolveError, solve_samples};
 use crate::time::WrappingMillis;
 
 /// 75 s of left turns, then 75 s of right turns.
@@ -111,7 +111,7 @@ fn every_method_of_turns_detects_a_change() {
             sample.time = WrappingMillis::new(sample.time.as_ms().wrapping_add(offset));
         }
         for method in [Method::MaximumLikelihood, Method::TwoPlane] {
-            let change_finding = solve(method, moved.turns(), &NO_PRIOR).unwrap().hard_iron_change.unwrap();
+            let change_finding = solve_samples(method, moved.turns(), &NO_PRIOR).unwrap().hard_iron_change.unwrap();
             let HardIronTimeCourse::Step { after_s } = change_finding.violation.time_course else {
                 panic!("{change_finding:?}")
             };

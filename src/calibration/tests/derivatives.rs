@@ -155,7 +155,8 @@ fn inclination_by_attitude() {
         assert_derivative(by_pitch, pitched, "dip by pitch");
         let equations = equations(&case, &case.unknowns, None, false);
         let [roll_bias, pitch_bias, bank_scale, latency] = core::array::from_fn(|index| {
-            ATTITUDE_ERRORS[index].inclination_derivative(&equations, &AttitudeState::steady(case.attitude, rates()))
+            ATTITUDE_ERRORS[index]
+                .inclination_derivative(&equations, &AttitudeState::steady_turn(case.attitude, rates()))
         });
         assert_derivative(roll_bias, rolled, "dip by roll bias");
         assert_derivative(pitch_bias, pitched, "dip by pitch bias");
@@ -350,7 +351,7 @@ fn an_expected_field_has_no_residuals() {
         let tilt = case.attitude.tilt_rotation();
         let x = parameters.expected_field(&tilt, heading_rad).unwrap();
         let prediction = parameters.predict_field(x, &tilt);
-        let level = Field::<Level>::earth(1.0, parameters.inclination_rad, heading_rad).ut;
+        let level = Field::<Level>::earth_field(1.0, parameters.inclination_rad, heading_rad).ut;
         assert!((prediction.norm - 1.0).abs() < 1e-5 && (prediction.level_field - level).norm() < 1e-5);
         assert!((prediction.inclination_rad - parameters.inclination_rad).abs() < 1e-5);
         assert!(wrap_pi(prediction.heading_rad() - heading_rad).abs() < 1e-5);

@@ -4,7 +4,7 @@ use super::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
 use crate::calibration::tests::synthetic::Parts;
 use crate::calibration::tests::{NO_PRIOR, solved};
 use crate::calibration::{
-    Calibration, CollectionPart, ConsiderSigmas, Manoeuvre, Method, Sample, Side, Solution, Solver, solve,
+    Calibration, CollectionPart, ConsiderSigmas, Manoeuvre, Method, Sample, Side, Solution, Solver, solve_samples,
 };
 use crate::frames::{Attitude, wrap_pi};
 
@@ -33,7 +33,7 @@ fn the_expected_error_of_every_method_is_honest() {
     for method in [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse] {
         let mut accepted = 0;
         for (seed, airframe, recorded) in flights(0..40) {
-            let Ok(solution) = solve(method, recorded.turns(), &NO_PRIOR) else { continue };
+            let Ok(solution) = solve_samples(method, recorded.turns(), &NO_PRIOR) else { continue };
             let expected_deg = solution.quality.expected_rms_deg;
             if expected_deg <= 3.0 {
                 accepted += 1;
@@ -153,7 +153,7 @@ fn the_ellipsoid_ignores_attitude() {
     };
     let [without_attitude, wrong] = [false, true].map(|has_attitude| {
         let samples = tumbled(has_attitude);
-        solve(Method::Ellipsoid, Parts { left: &samples, ..Parts::default() }.samples(), &NO_PRIOR).unwrap()
+        solve_samples(Method::Ellipsoid, Parts { left: &samples, ..Parts::default() }.samples(), &NO_PRIOR).unwrap()
     });
     let [a, b] = [without_attitude, wrong].map(|solution| solution.calibration);
     assert_eq!((a.w, a.b_ut), (b.w, b.b_ut));
@@ -167,7 +167,7 @@ fn advice_starts_from_the_expected_error() {
             recorded.turns().without_part(CollectionPart::RIGHT),
             recorded.turns().without_part(CollectionPart::LEFT),
         ] {
-            let Ok(solution) = solve(Method::MaximumLikelihood, samples, &NO_PRIOR) else { continue };
+            let Ok(solution) = solve_samples(Method::MaximumLikelihood, samples, &NO_PRIOR) else { continue };
             let advice = solution.advice.unwrap();
             assert!((advice.expected_deg - solution.quality.expected_rms_deg).abs() < 1e-5, "seed {seed}");
             assert!(advice.expected_after_deg < advice.expected_deg, "seed {seed}: {advice:?}");

@@ -6,13 +6,13 @@ use core::f32::consts::TAU;
 use super::synthetic::{Airframe, Flight, Random, max_abs, multirotor_samples, quantile, rms, sample};
 use crate::calibration::closed_form::starting_point::vertical_component_start;
 use crate::calibration::tests::{NO_PRIOR, harsh_airframe};
-use crate::calibration::{Method, Orientation, Prior, Rates, Sample, SamplePart, Samples, SolveError, solve};
+use crate::calibration::{Method, Orientation, Prior, Rates, Sample, SamplePart, Samples, SolveError, solve_samples};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 use nalgebra::{Matrix3, Vector3};
 
 fn solved(samples: &[Sample], prior: &Prior) -> Result<crate::calibration::assessment::Solution, SolveError> {
-    solve(Method::MaximumLikelihood, Samples::new(samples), prior)
+    solve_samples(Method::MaximumLikelihood, Samples::new(samples), prior)
 }
 
 /// Cramér-Rao bound: 0.3 to 0.6 deg at 15 deg of tilt and 0.6 deg of attitude noise; here 0.1 to 0.2 deg away from the
@@ -38,9 +38,9 @@ fn turns_without_a_side_give_the_same_solution() {
         let mut random = Random(8100 + seed);
         let airframe = harsh_airframe(&mut random);
         let turns = Flight { attitude_bias_deg: 0.0, bank_scale: 0.0, ..Flight::TYPICAL }.fly(&airframe, &mut random);
-        let from_turns = solve(Method::MaximumLikelihood, turns.turns(), &NO_PRIOR).unwrap();
+        let from_turns = solve_samples(Method::MaximumLikelihood, turns.turns(), &NO_PRIOR).unwrap();
         let free = Parts { free: &[&turns.left[..], &turns.right].concat(), ..Parts::default() }.samples();
-        let from_free = solve(Method::MaximumLikelihood, free, &NO_PRIOR).unwrap();
+        let from_free = solve_samples(Method::MaximumLikelihood, free, &NO_PRIOR).unwrap();
         let apart: Vec<f32> = airframe
             .errors_deg(&from_turns.calibration)
             .iter()
@@ -86,7 +86,7 @@ fn the_vertical_component_gives_a_start() {
         for (heading_rad, roll_deg) in [(0.3, 0.0), (2.0, 10.0), (4.0, -10.0)] {
             let attitude = Attitude::from_deg(roll_deg, 5.0);
             let found = start.w * (airframe.field(attitude, heading_rad).ut / start.unit_ut - start.hard_iron);
-            let heading = attitude.level(Field::new(found)).heading_rad();
+            let heading = attitude.to_level_frame(Field::new(found)).heading_rad();
             let off_deg = crate::frames::wrap_pi(heading - heading_rad).to_degrees().abs();
             assert!(off_deg < 1.0 && (found.norm() - 1.0).abs() < 0.02, "seed {seed}: {off_deg} {found}");
         }
@@ -150,7 +150,7 @@ fn banking_out_of_a_turn_is_accepted_with_body_rates() {
     for (known, expected) in [(true, Ok(())), (false, Err(SolveError::TurnsReversed))] {
         let (left, right) = (turn(-20.0, 0.2, known, 0, &mut random), turn(20.0, -0.2, known, 60_000, &mut random));
         let turns = Parts { left: &left, right: &right, ..Parts::default() }.samples();
-        assert_eq!(solve(Method::MaximumLikelihood, turns, &NO_PRIOR).map(|_| ()), expected, "rates {known}");
+        assert_eq!(solve_samples(Method::MaximumLikelihood, turns, &NO_PRIOR).map(|_| ()), expected, "rates {known}");
     }
 }
 

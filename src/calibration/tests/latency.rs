@@ -171,12 +171,12 @@ fn elimination_equals_a_joint_solution_of_fourteen_unknowns() {
         });
         joint.add_weighted_row(&SVector::<f32, 14>::ith(13, 1.0), [-used_s], 100.0);
         for sample in samples.iter() {
-            let equations = likelihood.equations(sample, None, &parameters);
+            let equations = likelihood.sample_equations(sample, None, &parameters);
             let norm = &equations.norm_equation;
             joint.add_weighted_row(&norm.jacobian_row.as_vector().push(0.0), [-norm.residual], norm.weight);
             let attitude = sample.latency_compensated_attitude(used_s);
             let by_latency = ATTITUDE_ERRORS[LATENCY_INDEX]
-                .inclination_derivative(&equations, &AttitudeState::steady(attitude, sample.rates));
+                .inclination_derivative(&equations, &AttitudeState::steady_turn(attitude, sample.rates));
             let inclination_equation = equations.inclination_equation.unwrap();
             joint.add_weighted_row(
                 &inclination_equation.jacobian_row.as_vector().push(by_latency),

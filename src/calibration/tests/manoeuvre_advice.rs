@@ -6,7 +6,8 @@ use crate::calibration::method_selection::{Procedure, SelectedParts};
 use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::tests::synthetic::Parts;
 use crate::calibration::{
-    Advice, CollectionPart, Deviation, Manoeuvre, Method, SamplePart, Samples, Side, Solution, SolveError, solve,
+    Advice, CollectionPart, Deviation, Manoeuvre, Method, SamplePart, Samples, Side, Solution, SolveError,
+    solve_samples,
 };
 
 fn airframe(random: &mut Random) -> Airframe {
@@ -14,7 +15,7 @@ fn airframe(random: &mut Random) -> Airframe {
 }
 
 fn solution(samples: Samples<'_>) -> Solution {
-    solve(Method::MaximumLikelihood, samples, &NO_PRIOR).unwrap()
+    solve_samples(Method::MaximumLikelihood, samples, &NO_PRIOR).unwrap()
 }
 
 fn advice(samples: Samples<'_>) -> Advice {
@@ -110,7 +111,7 @@ fn level_flight_reports_the_assumed_mounting() {
     let airframe = airframe(&mut random);
     let level = level_circle(&airframe, 60, &mut random);
     let samples = Parts { level: &level, ..Parts::default() }.samples();
-    let advice = solve(Method::Level, samples, &NO_PRIOR).unwrap().advice.unwrap();
+    let advice = solve_samples(Method::Level, samples, &NO_PRIOR).unwrap().advice.unwrap();
     assert!(advice.unobservable.mounting, "{advice:?}");
     assert_ne!(advice.weakest_deviation, Deviation::Heeling, "it is not for banking vehicles");
 }

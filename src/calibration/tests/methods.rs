@@ -12,7 +12,7 @@ use crate::calibration::method_selection::Procedure;
 use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::{
     AttitudeEnvelope, ConsiderSigmas, HeadingMark, Method, Prior, Quality, Sample, SamplePart, Solution, SolveError,
-    Solver, solve,
+    Solver, solve_samples,
 };
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
@@ -43,7 +43,7 @@ fn four_ellipses_recover_a_diagonal_airframe_exactly() {
         let samples = Parts { left: &left, right: &right, ..Parts::default() }.samples();
         for inclination_rad in [None, Some(airframe.inclination_rad)] {
             let prior = Prior { inclination_rad, ..NO_PRIOR };
-            let solution = solve(Method::FourEllipse, samples, &prior).unwrap();
+            let solution = solve_samples(Method::FourEllipse, samples, &prior).unwrap();
             let error = max_abs(&airframe.errors_deg(&solution.calibration));
             assert!(error < 0.02, "{left_deg} {right_deg} {inclination_rad:?}: {error} deg");
         }
@@ -68,7 +68,7 @@ fn axis_coupling_needs_two_planes() {
     let airframe = airframe(coupled, [9.0, -1.0, 0.0]);
     let (left, right) = (circle(&airframe, -20.0, 72), circle(&airframe, 20.0, 72));
     let samples = Parts { left: &left, right: &right, ..Parts::default() }.samples();
-    let error = |method| max_abs(&airframe.errors_deg(&solve(method, samples, &NO_PRIOR).unwrap().calibration));
+    let error = |method| max_abs(&airframe.errors_deg(&solve_samples(method, samples, &NO_PRIOR).unwrap().calibration));
     assert!((0.5..4.0).contains(&error(Method::FourEllipse)), "{}", error(Method::FourEllipse));
     assert!(error(Method::TwoPlane) < 0.02, "{}", error(Method::TwoPlane));
 }
@@ -85,7 +85,7 @@ fn level_flight_leaves_a_constant_error() {
         let samples = level_circle(&airframe, 48, &mut random);
         let level = Parts { level: &samples, ..Parts::default() }.samples();
         assert_eq!(method_selection::select_method(level, Procedure::Level), Ok(Method::Level));
-        let solution = solve(Method::Level, level, &NO_PRIOR).unwrap();
+        let solution = solve_samples(Method::Level, level, &NO_PRIOR).unwrap();
         let errors = airframe.errors_at_deg(&solution.calibration, &[0.0]);
         let constant = mean(&errors);
         let rest: Vec<f32> = errors.iter().map(|e| e - constant).collect();
@@ -107,7 +107,8 @@ fn level_flight_at_too_few_headings_is_refused() {
             })
             .collect()
     };
-    let solve = |legs: &[Sample]| solve(Method::Level, Parts { level: legs, ..Parts::default() }.samples(), &NO_PRIOR);
+    let solve =
+        |legs: &[Sample]| solve_samples(Method::Level, Parts { level: legs, ..Parts::default() }.samples(), &NO_PRIOR);
     assert!(matches!(solve(&legs(4)), Err(SolveError::TooFewHeadings { need: 5, .. })), "{:?}", solve(&legs(4)));
     assert_eq!(solve(&legs(1)).map(|_| ()).unwrap_err(), SolveError::NotAnEllipse(SamplePart::Level));
     let solution = solve(&legs(5)).unwrap();
@@ -130,7 +131,8 @@ fn a_tilted_swing_determines_all_coefficients() {
             })
             .collect();
         let samples = Parts { marks: &marks, ..Parts::default() }.samples();
-        let solution = solve(Method::CompassSwing, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
+        let solution =
+            solve_samples(Method::CompassSwing, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
         let errors = airframe.errors_deg(&solution.calibration);
         assert!(rms(&errors) < 3.0 * solution.quality.expected_rms_deg, "seed {seed}: {}", rms(&errors));
         assert!(rms(&errors) < 1.0, "seed {seed}: {} deg", rms(&errors));
@@ -151,7 +153,8 @@ fn a_level_swing_is_accurate_level_and_honest_when_banked() {
             })
             .collect();
         let samples = Parts { marks: &marks, ..Parts::default() }.samples();
-        let solution = solve(Method::CompassSwing, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
+        let solution =
+            solve_samples(Method::CompassSwing, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
         let level = airframe.errors_at_deg(&solution.calibration, &[0.0]);
         assert!(rms(&level) < 1.5, "seed {seed}: {} deg", rms(&level));
         assert_eq!(solution.quality.envelope, AttitudeEnvelope::Level);
@@ -169,7 +172,7 @@ fn too_few_marks_are_refused() {
     let mark =
         HeadingMark { sample: sample(&airframe, Attitude::default(), 1.0, 0.0, &mut Random(0)), heading_rad: 1.0 };
     let solve = |marks: &[HeadingMark]| {
-        solve(Method::CompassSwing, Parts { marks, ..Parts::default() }.samples(), &NO_PRIOR).map(|_| ())
+        solve_samples(Method::CompassSwing, Parts { marks, ..Parts::default() }.samples(), &NO_PRIOR).map(|_| ())
     };
     let missing = SolveError::TooFewSamples { part: SamplePart::Marks, have: 3, need: 4 };
     assert_eq!(solve(&[mark; 3]), Err(missing));
@@ -197,7 +200,8 @@ fn tumbling_determines_shape_and_centre() {
             .collect();
         let samples = Parts { left: &tumbled, ..Parts::default() }.samples();
         assert_eq!(method_selection::select_method(samples, Procedure::Tumble), Ok(Method::Ellipsoid));
-        let solution = solve(Method::Ellipsoid, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
+        let solution =
+            solve_samples(Method::Ellipsoid, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
         let errors = airframe.errors_deg(&solution.calibration);
         assert!(rms(&errors) < 0.6, "seed {seed}: {} deg", rms(&errors));
         assert!(rms(&errors) < 3.0 * solution.quality.expected_rms_deg, "seed {seed}: {}", rms(&errors));
@@ -212,7 +216,7 @@ fn turns_do_not_determine_an_ellipsoid() {
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 5.0, [-60.0, 60.0]);
         let flight = Flight { wander_deg: 0.5, ..Flight::TYPICAL };
         let recorded = flight.fly(&airframe, &mut random);
-        let result = solve(Method::Ellipsoid, recorded.turns(), &NO_PRIOR);
+        let result = solve_samples(Method::Ellipsoid, recorded.turns(), &NO_PRIOR);
         let open = matches!(result, Err(SolveError::NotDetermined(SamplePart::All) | SolveError::NotConverged));
         assert!(open, "seed {seed}: {:?}", result.map(|s| s.quality));
     }
@@ -236,7 +240,8 @@ fn a_configured_inclination_improves_a_level_swing_when_banked() {
             .collect();
         let samples = Parts { marks: &marks, ..Parts::default() }.samples();
         let error = |inclination_rad: Option<f32>| {
-            let solution = solve(Method::CompassSwing, samples, &Prior { inclination_rad, ..NO_PRIOR }).unwrap();
+            let solution =
+                solve_samples(Method::CompassSwing, samples, &Prior { inclination_rad, ..NO_PRIOR }).unwrap();
             rms(&airframe.errors_deg(&solution.calibration))
         };
         let off_rad = f32::to_radians(if seed % 2 == 0 { 0.3 } else { -0.3 });
@@ -258,7 +263,7 @@ fn a_wrong_configured_inclination_does_little_harm() {
         let recorded = Flight { bank_deg: 15.0, ..Flight::TYPICAL }.fly(&airframe, &mut random);
         let error = |inclination_rad: Option<f32>| {
             let prior = Prior { inclination_rad, ..NO_PRIOR };
-            let solution = solve(Method::MaximumLikelihood, recorded.turns(), &prior).unwrap();
+            let solution = solve_samples(Method::MaximumLikelihood, recorded.turns(), &prior).unwrap();
             rms(&airframe.errors_deg(&solution.calibration))
         };
         free.push(error(None));
@@ -281,7 +286,7 @@ fn one_side_and_level_flight_have_an_honest_expected_error() {
         let level = level_circle(&airframe, 60, &mut random);
         let samples = Parts { left: &turns.left, level: &level, ..Parts::default() }.samples();
         assert_eq!(method_selection::select_method(samples, Procedure::Turns), Ok(Method::MaximumLikelihood));
-        let solution = solve(Method::MaximumLikelihood, samples, &NO_PRIOR).unwrap();
+        let solution = solve_samples(Method::MaximumLikelihood, samples, &NO_PRIOR).unwrap();
         ratios.push(rms(&airframe.errors_deg(&solution.calibration)) / solution.quality.expected_rms_deg);
     }
     assert!(max_abs(&ratios) < 3.0, "{}", max_abs(&ratios));
@@ -315,8 +320,8 @@ fn sigmas_deg(solution: &Solution, banks_deg: &[f32]) -> Vec<f32> {
     let sigma_deg = |bank_deg: f32, heading_deg: u16| {
         let attitude = Attitude::from_deg(bank_deg, 0.0);
         let heading_rad = f32::from(heading_deg).to_radians();
-        let level = Field::earth(calibration.total_ut, calibration.inclination_rad, heading_rad);
-        let field = Field::new(field_from_body * attitude.body(level).ut + calibration.b_vector_ut());
+        let level = Field::earth_field(calibration.total_ut, calibration.inclination_rad, heading_rad);
+        let field = Field::new(field_from_body * attitude.to_body_frame(level).ut + calibration.b_vector_ut());
         quiet.heading_variance(calibration, field, &attitude.tilt_rotation(), level).sigma_rad().to_degrees()
     };
     let headings = || (0..360).step_by(30);

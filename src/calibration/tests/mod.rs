@@ -23,7 +23,7 @@ use crate::calibration::method_selection;
 use crate::calibration::method_selection::Procedure;
 use crate::calibration::verification;
 use crate::calibration::{
-    Calibration, CollectionPart, Method, Orientation, Prior, SamplePart, Side, SolveError, matrix_rows, solve,
+    Calibration, CollectionPart, Method, Orientation, Prior, SamplePart, Side, SolveError, matrix_rows, solve_samples,
 };
 use crate::frames::Field;
 use synthetic::{Airframe, Flight, Random, RecordedTurns, max_abs, mean, quantile, rms, vector};
@@ -31,7 +31,7 @@ use synthetic::{Airframe, Flight, Random, RecordedTurns, max_abs, mean, quantile
 const NO_PRIOR: Prior = Prior { mount: Orientation::IDENTITY_ROTATION, inclination_rad: None, readings_per_sample: 1 };
 
 fn solved(recorded: &RecordedTurns) -> Result<crate::calibration::assessment::Solution, SolveError> {
-    solve(Method::MaximumLikelihood, recorded.turns(), &NO_PRIOR)
+    solve_samples(Method::MaximumLikelihood, recorded.turns(), &NO_PRIOR)
 }
 
 /// Worst plausible airframes: soft iron 30 %, hard iron 3 H0, mounting 20 deg.
@@ -52,7 +52,7 @@ fn two_planes_are_exact_on_perfect_turns() {
             // The generator flies at 2 deg of pitch; the closed form requires zero.
             let heading = sample
                 .attitude
-                .level(Field::new(airframe.a.try_inverse().unwrap() * (sample.field.ut - airframe.b_ut)));
+                .to_level_frame(Field::new(airframe.a.try_inverse().unwrap() * (sample.field.ut - airframe.b_ut)));
             sample.attitude.pitch_rad = 0.0;
             sample.field = airframe.field(sample.attitude, heading.heading_rad());
         }
@@ -131,7 +131,7 @@ fn every_right_angle_mounting_is_solved_and_a_wrong_one_reported() {
     let recorded = Flight::TYPICAL.fly(&airframe, &mut random);
     for mount in Orientation::all_orientations() {
         let turned = recorded.in_mount(mount);
-        let solution = solve(Method::MaximumLikelihood, turned.turns(), &Prior { mount, ..NO_PRIOR }).unwrap();
+        let solution = solve_samples(Method::MaximumLikelihood, turned.turns(), &Prior { mount, ..NO_PRIOR }).unwrap();
         let in_chip_axes = Airframe {
             a: mount.body_from_sensor().transpose() * airframe.a,
             b_ut: mount.body_from_sensor().transpose() * airframe.b_ut,

@@ -11,7 +11,7 @@ use crate::calibration::uncertainty::information::Information;
 use crate::calibration::verification;
 use crate::calibration::{
     Calibration, LeastSquares, Method, MotorCurrent, MotorCurrentInterference, Orientation, Prior, Sample, Solution,
-    solve,
+    solve_samples,
 };
 use crate::frames::Field;
 
@@ -242,7 +242,7 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
             );
         }
         for sample in samples.iter() {
-            let equations = likelihood.equations(sample, None, &parameters);
+            let equations = likelihood.sample_equations(sample, None, &parameters);
             let share_a = sample.current.amperes().unwrap() - likelihood.motor_current.mean_current_a;
             for equation in equations.iter() {
                 let more = -parameters.w.tr_mul(&equation.jacobian_row.derivative_by_field) * share_a;
@@ -334,7 +334,7 @@ fn interference_is_estimated_in_sensor_axes() {
         samples.iter().map(|s| Sample { field: Field::new(rotation.tr_mul(&s.field.ut)), ..*s }).collect()
     };
     let turned = RecordedTurns { left: turned(&recorded.left), right: turned(&recorded.right) };
-    let solution = solve(Method::MaximumLikelihood, turned.turns(), &Prior { mount, ..NO_PRIOR }).unwrap();
+    let solution = solve_samples(Method::MaximumLikelihood, turned.turns(), &Prior { mount, ..NO_PRIOR }).unwrap();
     let current = solution.calibration.motor_current;
     let rotation_difference = rotation * Vector3::from(current.ut_per_a) - Vector3::from(straight.ut_per_a);
     assert!(
@@ -348,7 +348,7 @@ fn interference_is_estimated_in_sensor_axes() {
 #[test]
 fn current_statistics_are_those_of_the_samples() {
     let (_, _, mut recorded) = one_flight(4);
-    let all: Vec<f32> = recorded.turns().all().filter_map(|s| s.current.amperes()).collect();
+    let all: Vec<f32> = recorded.turns().all_samples().filter_map(|s| s.current.amperes()).collect();
     let interference = MotorCurrentInterference::from_samples(recorded.turns());
     assert!((interference.mean_current_a - mean(&all)).abs() < 1e-3);
     let rest: Vec<f32> = all.iter().map(|a| a - mean(&all)).collect();

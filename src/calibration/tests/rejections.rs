@@ -8,7 +8,8 @@ use nalgebra::{Matrix3, Vector3};
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, level_circle, rms, sample, vector};
 use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::{
-    Axis, HeadingMark, Method, Orientation, Sample, SamplePart, Samples, Side, Solution, SolveError, Solver, solve,
+    Axis, HeadingMark, Method, Orientation, Sample, SamplePart, Samples, Side, Solution, SolveError, Solver,
+    solve_samples,
 };
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
@@ -20,7 +21,7 @@ fn ordinary_flight(flight: Flight) -> (Airframe, RecordedTurns) {
 }
 
 fn solve_error(method: Method, samples: Samples<'_>) -> Option<SolveError> {
-    solve(method, samples, &NO_PRIOR).err()
+    solve_samples(method, samples, &NO_PRIOR).err()
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
 use crate::calibration::tests::NO_PRIOR;
-use crate::calibration::{Method, Orientation, Prior, Solution, SolveError, solve};
+use crate::calibration::{Method, Orientation, Prior, Solution, SolveError, solve_samples};
 
 fn flight_at_inclination(seed: u64, flight: Flight, inclination_deg: f32) -> (Airframe, RecordedTurns) {
     let mut random = Random(9500 + seed);
@@ -13,7 +13,7 @@ fn flight_at_inclination(seed: u64, flight: Flight, inclination_deg: f32) -> (Ai
 
 fn solve_with_inclination(recorded: &RecordedTurns, inclination_deg: f32) -> Result<Solution, SolveError> {
     let prior = Prior { inclination_rad: Some(inclination_deg.to_radians()), ..NO_PRIOR };
-    solve(Method::MaximumLikelihood, recorded.turns(), &prior)
+    solve_samples(Method::MaximumLikelihood, recorded.turns(), &prior)
 }
 
 /// The reported inclination is accurate to 1 deg plus rounding.
@@ -98,7 +98,7 @@ fn a_second_start_keeps_the_better_fit() {
     for seed in 0..40 {
         let flight = Flight { samples: 14, attitude_noise_deg: 0.8, bank_deg: 15.0, ..Flight::TYPICAL };
         let (airframe, recorded) = flight_at_inclination(seed, flight, 60.0);
-        let Ok(solution) = solve(Method::MaximumLikelihood, recorded.turns(), &NO_PRIOR) else { continue };
+        let Ok(solution) = solve_samples(Method::MaximumLikelihood, recorded.turns(), &NO_PRIOR) else { continue };
         let expected_deg = solution.quality.expected_rms_deg;
         poor_fits += usize::from(expected_deg > 3.0);
         let error_deg = rms(&airframe.errors_deg(&solution.calibration));

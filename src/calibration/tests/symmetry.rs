@@ -4,13 +4,13 @@ use nalgebra::{Rotation3, Unit};
 
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, vector};
 use crate::calibration::tests::NO_PRIOR;
-use crate::calibration::{Calibration, Method, Orientation, Prior, Sample, solve};
+use crate::calibration::{Calibration, Method, Orientation, Prior, Sample, solve_samples};
 use crate::frames::{Field, wrap_pi};
 
 /// Largest heading difference of two calibrations of one flight, each on its own samples, degrees.
 fn difference_deg(a: (&Calibration, &RecordedTurns), b: (&Calibration, &RecordedTurns)) -> f32 {
     let headings = |(calibration, recorded): (&Calibration, &RecordedTurns)| -> Vec<f32> {
-        let heading = |s: &Sample| s.attitude.level(calibration.calibrated_field(s.field)).heading_rad();
+        let heading = |s: &Sample| s.attitude.to_level_frame(calibration.calibrated_field(s.field)).heading_rad();
         recorded.left.iter().chain(&recorded.right).map(heading).collect()
     };
     let pairs = headings(a).into_iter().zip(headings(b));
@@ -33,7 +33,7 @@ fn flights() -> impl Iterator<Item = (u64, RecordedTurns, Random)> {
 }
 
 fn calibrate(recorded: &RecordedTurns, mount: Orientation) -> Calibration {
-    solve(Method::MaximumLikelihood, recorded.turns(), &Prior { mount, ..NO_PRIOR }).unwrap().calibration
+    solve_samples(Method::MaximumLikelihood, recorded.turns(), &Prior { mount, ..NO_PRIOR }).unwrap().calibration
 }
 
 /// The refinement works in mounting axes, so only rounding differs.

@@ -71,8 +71,8 @@ impl Airframe {
     }
 
     pub fn field(&self, attitude: Attitude, heading_rad: f32) -> Field<Sensor> {
-        let level = Field::<Level>::earth(self.total_ut, self.inclination_rad, heading_rad);
-        Field::new(self.a * attitude.body(level).ut + self.b_ut)
+        let level = Field::<Level>::earth_field(self.total_ut, self.inclination_rad, heading_rad);
+        Field::new(self.a * attitude.to_body_frame(level).ut + self.b_ut)
     }
 
     /// Heading errors at exact field and attitude, degrees: twelve headings at 0, 25 and -25 deg of bank.
@@ -86,8 +86,9 @@ impl Airframe {
             for step in 0..12_u8 {
                 let heading_rad = f32::from(step) * core::f32::consts::FRAC_PI_6;
                 let attitude = Attitude::from_deg(bank_deg, 0.0);
-                let found =
-                    attitude.level(calibration.calibrated_field(self.field(attitude, heading_rad))).heading_rad();
+                let found = attitude
+                    .to_level_frame(calibration.calibrated_field(self.field(attitude, heading_rad)))
+                    .heading_rad();
                 errors.push(wrap_pi(found - heading_rad).to_degrees());
             }
         }

@@ -37,7 +37,10 @@ fn attitude_is_extrapolated_with_its_rates() {
     assert_eq!(turning.latency_compensated_attitude(0.0), attitude);
     assert_eq!(Sample { rates: Rates::ZERO, ..turning }.latency_compensated_attitude(1.0), attitude);
     let calibration = Calibration { latency_s: 0.1, ..calibration() };
-    assert_eq!(calibration.corrected_level_field(&turning), later.level(calibration.calibrated_field(turning.field)));
+    assert_eq!(
+        calibration.corrected_level_field(&turning),
+        later.to_level_frame(calibration.calibrated_field(turning.field))
+    );
 }
 
 #[test]
@@ -47,8 +50,8 @@ fn iter_omits_marks_and_all_includes_them() {
     let samples = Parts { left: &left, right: &right, level: &level, marks: &marks, ..Parts::default() }.samples();
     let numbers = |iter: &mut dyn Iterator<Item = &Sample>| -> Vec<f32> { iter.map(|s| s.field.ut.x).collect() };
     assert_eq!(numbers(&mut samples.iter()), [1.0, 2.0, 3.0, 4.0, 5.0]);
-    assert_eq!(numbers(&mut samples.all()), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
-    assert_eq!(Samples::default().all().count(), 0);
+    assert_eq!(numbers(&mut samples.all_samples()), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+    assert_eq!(Samples::default().all_samples().count(), 0);
 }
 
 fn calibration() -> Calibration {

@@ -71,7 +71,7 @@ impl Calibration {
     /// Corrected field of a sample in the level frame, microtesla, with attitude latency and motor current compensated.
     #[must_use]
     pub fn corrected_level_field(&self, sample: &Sample) -> Field<Level> {
-        sample.latency_compensated_attitude(self.latency_s).level(self.corrected_body_field(sample))
+        sample.latency_compensated_attitude(self.latency_s).to_level_frame(self.corrected_body_field(sample))
     }
 
     /// Whether all coefficients are finite: check for data from flash or from a solver.

@@ -31,9 +31,9 @@ impl MotorCurrentInterference {
         Self { ut_per_a: [0.0; 3], sigma_ut_per_a: 0.0, mean_current_a: 0.0, current_sigma_a: 0.0 };
 
     pub(in crate::calibration) fn from_samples(samples: Samples<'_>) -> Self {
-        let currents = || samples.all().filter_map(|sample| sample.current.amperes());
+        let currents = || samples.all_samples().filter_map(|sample| sample.current.amperes());
         let known = currents().count();
-        if known * MAX_UNKNOWN_ONE_IN < samples.all().count() * (MAX_UNKNOWN_ONE_IN - 1) || known == 0 {
+        if known * MAX_UNKNOWN_ONE_IN < samples.all_samples().count() * (MAX_UNKNOWN_ONE_IN - 1) || known == 0 {
             return Self::NO_INTERFERENCE;
         }
         let mean_a = currents().sum::<f32>() / known as f32;

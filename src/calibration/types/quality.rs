@@ -73,7 +73,7 @@ impl AttitudeEnvelope {
             Method::Level => Self::Level,
             // Samples of the ellipsoid method have no attitude to test.
             Method::Ellipsoid => Self::Banked,
-            _ if samples.all().all(is_level) => Self::Level,
+            _ if samples.all_samples().all(is_level) => Self::Level,
             _ => Self::Banked,
         }
     }

@@ -188,7 +188,7 @@ impl<'a> Samples<'a> {
     }
 
     /// Iterates over all samples, those with given headings last.
-    pub fn all(&self) -> impl Iterator<Item = &'a Sample> + Clone + Debug + use<'a> {
+    pub fn all_samples(&self) -> impl Iterator<Item = &'a Sample> + Clone + Debug + use<'a> {
         self.iter().chain(self.marks.iter().map(|mark| &mark.sample))
     }
 
@@ -268,13 +268,13 @@ mod tests {
     #[test]
     fn samples_are_iterated_by_part_and_marks_last() {
         assert_eq!(times(samples().iter()), [1, 2, 3, 4, 5, 6, 7, 8]);
-        assert_eq!(times(samples().all()), [1, 2, 3, 4, 5, 6, 7, 8, 9]);
+        assert_eq!(times(samples().all_samples()), [1, 2, 3, 4, 5, 6, 7, 8, 9]);
         assert_eq!(
             CollectionPart::ALL_PARTS.map(|part| times(samples().samples_of_part(part))),
             [[1, 2], [3, 4], [5, 6], [7, 8]]
         );
         assert_eq!([Side::Left, Side::Right].map(|side| times(samples().samples_of_turn(side))), [[1, 2], [3, 4]]);
-        assert_eq!(times(Samples::default().all()), []);
+        assert_eq!(times(Samples::default().all_samples()), []);
         assert!(samples().has_free_flight_samples() && !Samples::default().has_free_flight_samples());
     }
 
@@ -293,7 +293,7 @@ mod tests {
                 "{excluded}"
             );
             assert_eq!(times(view.iter()), times(included().flat_map(|part| view.samples_of_part(part))), "{excluded}");
-            assert_eq!(view.iter().count() + 1, view.all().count());
+            assert_eq!(view.iter().count() + 1, view.all_samples().count());
         }
     }
 

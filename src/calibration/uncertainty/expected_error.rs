@@ -104,8 +104,8 @@ impl EnvelopeModel {
 
     fn heading_jacobian_row(&self, bank_deg: f32, step: u8) -> Vector12 {
         let tilt = Attitude::from_deg(bank_deg, 0.0).tilt_rotation();
-        let level = Field::<Level>::earth(1.0, self.inclination_rad, f32::from(step) * FRAC_PI_6);
-        let x = self.field_from_body * tilt.body(level).ut;
+        let level = Field::<Level>::earth_field(1.0, self.inclination_rad, f32::from(step) * FRAC_PI_6);
+        let x = self.field_from_body * tilt.to_body_frame(level).ut;
         coefficient_jacobian_row(&heading_by_field(&tilt, &level.ut), &x)
     }
 
@@ -184,8 +184,8 @@ mod tests {
         let error = |bank_deg: f32, step: u8| {
             let heading_rad = f32::from(step) * FRAC_PI_6;
             let attitude = Attitude::from_deg(bank_deg, 0.0);
-            let field = Field::new(attitude.body(Field::earth(1.0, 0.9, heading_rad)).ut);
-            wrap_pi(attitude.level(wrong.calibrated_field(field)).heading_rad() - heading_rad).to_degrees()
+            let field = Field::new(attitude.to_body_frame(Field::earth_field(1.0, 0.9, heading_rad)).ut);
+            wrap_pi(attitude.to_level_frame(wrong.calibrated_field(field)).heading_rad() - heading_rad).to_degrees()
         };
         banks_deg.iter().flat_map(|&bank_deg| (0..12).map(move |step| error(bank_deg, step))).collect()
     }

@@ -62,9 +62,9 @@ impl Information {
         let parameters = ModelParameters::new(unknowns);
         let mut lagged_roll = LaggedRoll::default();
         for (part, sample) in TimeOrdered::new(samples) {
-            let equations = likelihood.equations(sample, None, &parameters);
+            let equations = likelihood.sample_equations(sample, None, &parameters);
             let attitude = sample.latency_compensated_attitude(likelihood.latency_s);
-            let lagged_roll_rad = lagged_roll.update(sample.time, attitude.roll_rad);
+            let lagged_roll_rad = lagged_roll.filter_roll(sample.time, attitude.roll_rad);
             let state = AttitudeState { attitude, rates: sample.rates, lagged_roll_rad };
             self.add_inclination(&equations, &state);
             if likelihood.motor_current.current_sigma_a > 0.0 {
@@ -93,9 +93,9 @@ impl Information {
             }
         }
         for mark in samples.marks {
-            let equations = likelihood.equations(&mark.sample, Some(mark.heading_rad), &parameters);
+            let equations = likelihood.sample_equations(&mark.sample, Some(mark.heading_rad), &parameters);
             let attitude = mark.sample.latency_compensated_attitude(likelihood.latency_s);
-            self.add_inclination(&equations, &AttitudeState::steady(attitude, mark.sample.rates));
+            self.add_inclination(&equations, &AttitudeState::steady_turn(attitude, mark.sample.rates));
             let dip = equations.inclination_equation.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
             self.residuals.autocorrelation.add_residuals(PART_COUNT - 1, [0.0, dip]);
         }
@@ -120,7 +120,7 @@ impl Information {
         let measured = MeasuredSample { x, tilt_rotation: tilt, heading_rad: None };
         let equations = SampleEquations::new(parameters, &measured, &likelihood.noise, &likelihood.config, false);
         self.linear_system.add_sample_equations(&equations);
-        self.add_inclination(&equations, &AttitudeState::steady(attitude, Rates::ZERO));
+        self.add_inclination(&equations, &AttitudeState::steady_turn(attitude, Rates::ZERO));
     }
 
     /// Attitude latency, and the derivative of the unknowns by it (1/s). `None` without attitude rates.

@@ -247,7 +247,7 @@ fn inclination_information_and_gradients_are_summed() {
         let attitude = Attitude::from_deg(bank_deg, 3.0);
         let tilt = attitude.tilt_rotation();
         let x = parameters.expected_field(&tilt, heading_rad).unwrap();
-        let state = AttitudeState::steady(attitude, Rates::from_rad_s([0.3, -0.2, 0.0]));
+        let state = AttitudeState::steady_turn(attitude, Rates::from_rad_s([0.3, -0.2, 0.0]));
         let measured = MeasuredSample { x, tilt_rotation: tilt, heading_rad: None };
         let equations = SampleEquations::new(&parameters, &measured, &likelihood.noise, &likelihood.config, false);
         let of_dip = equations.inclination_equation.as_ref().unwrap();

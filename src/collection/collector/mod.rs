@@ -75,7 +75,7 @@ impl<'a> Collector<'a> {
 
     /// State of the collection.
     #[must_use]
-    pub fn state(&self) -> CollectionState {
+    pub fn collection_state(&self) -> CollectionState {
         self.header.state()
     }
 
@@ -83,12 +83,12 @@ impl<'a> Collector<'a> {
     #[must_use]
     pub fn is_loss_reportable(&self) -> bool {
         let number = self.memory.samples.samples_of_use(SampleUse::Fit).len();
-        self.state() != CollectionState::Inactive && number >= MIN_REPORTED_LOSS_SAMPLES
+        self.collection_state() != CollectionState::Inactive && number >= MIN_REPORTED_LOSS_SAMPLES
     }
 
     /// Updates the header and its checksum after changes. Call it before long operations.
     pub fn update_header(&mut self, context: CollectionContext) {
-        let is_over = self.state() == CollectionState::Inactive;
+        let is_over = self.collection_state() == CollectionState::Inactive;
         if !self.has_changed && (is_over || context == self.memory.header().collection_context()) {
             return;
         }
@@ -108,9 +108,9 @@ impl<'a> Collector<'a> {
     }
 
     /// Adds the next averaged sample.
-    pub fn push(&mut self, mut sample: Sample) {
+    pub fn push_sample(&mut self, mut sample: Sample) {
         sample.time = sample.time.plus_ms(self.clock_offset_ms);
-        self.header.statistics.update(&mut self.tilt_filter, &sample);
+        self.header.statistics.add_sample(&mut self.tilt_filter, &sample);
         self.has_changed |= match self.header.procedure() {
             Procedure::Turns => self.push_turn_or_level_sample(sample),
             Procedure::Level | Procedure::Swing => {
@@ -122,7 +122,7 @@ impl<'a> Collector<'a> {
     }
 
     fn push_turn_or_level_sample(&mut self, sample: Sample) -> bool {
-        if let Some(side) = self.detector.update(&sample) {
+        if let Some(side) = self.detector.process_sample(&sample) {
             self.header.set_turned();
             SectorBalance::TURNS.push_sample(self.part_view(CollectionPart::of_turn(side)), sample)
         } else {
@@ -188,7 +188,7 @@ impl<'a> Collector<'a> {
         self.detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
         self.tilt_filter = TiltFilter::NOT_STARTED;
         self.last_taken_at = [None; _];
-        self.selection.reset();
+        self.selection.reset_selection();
         self.clock_offset_ms = 0;
         self.reset_restart_count();
         self.set_state(CollectionState::Running);
@@ -210,7 +210,7 @@ impl<'a> Collector<'a> {
     #[must_use]
     pub fn collection_problem(&self) -> Option<CollectionProblem> {
         match self.procedure() {
-            Procedure::Turns => self.header.statistics.diagnose(&self.progress()),
+            Procedure::Turns => self.header.statistics.diagnose(&self.collection_progress()),
             Procedure::Flight => self.header.statistics.check_tilt(),
             Procedure::Level | Procedure::Swing | Procedure::Tumble => None,
         }
@@ -236,7 +236,7 @@ impl<'a> Collector<'a> {
 
     /// Progress by part.
     #[must_use]
-    pub fn progress(&self) -> CollectionProgress {
+    pub fn collection_progress(&self) -> CollectionProgress {
         let of = |part: CollectionPart| coverage(&self.memory.samples, part, self.header.part_states[part.index()]);
         let procedure = self.procedure();
         CollectionProgress {
@@ -256,7 +256,7 @@ impl<'a> Collector<'a> {
     #[must_use]
     pub fn fit_samples(&self) -> Samples<'_> {
         Samples::new(self.memory.samples.samples_of_use(SampleUse::Fit))
-            .with_marks(self.memory.marks(self.header.mark_count))
+            .with_marks(self.memory.stored_marks(self.header.mark_count))
     }
 
     /// Verification samples, not in the fit.

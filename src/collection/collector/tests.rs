@@ -1,4 +1,4 @@
-use super::super::test_samples::{banked_sample, circle_sample, empty_memory, sample, turn_samples};
+use super::super::test_samples::{banked_sample, circle_sample, empty_memory, test_sample, turn_samples};
 use super::*;
 use crate::calibration::Side;
 use crate::collection::level_limits::LevelLimits;
@@ -12,7 +12,7 @@ fn started_collector(procedure: Procedure) -> Collector<'static> {
 
 fn hold_bank(collector: &mut Collector, roll_deg: f32, from_s: u32, to_s: u32) {
     for i in from_s * 10..to_s * 10 {
-        collector.push(banked_sample(roll_deg, 0.0, i * 100));
+        collector.push_sample(banked_sample(roll_deg, 0.0, i * 100));
     }
 }
 
@@ -27,9 +27,15 @@ fn sample_counts(collector: &Collector) -> [usize; 4] {
 fn turn_samples_are_stored_by_side() {
     let mut collector = started_collector(Procedure::Turns);
     hold_bank(&mut collector, -25.0, 0, 10);
-    assert_eq!((sample_counts(&collector), collector.progress().turn_in_progress), ([20, 0, 0, 0], Some(Side::Left)));
+    assert_eq!(
+        (sample_counts(&collector), collector.collection_progress().turn_in_progress),
+        ([20, 0, 0, 0], Some(Side::Left))
+    );
     hold_bank(&mut collector, 25.0, 10, 20);
-    assert_eq!((sample_counts(&collector), collector.progress().turn_in_progress), ([20, 20, 0, 0], Some(Side::Right)));
+    assert_eq!(
+        (sample_counts(&collector), collector.collection_progress().turn_in_progress),
+        ([20, 20, 0, 0], Some(Side::Right))
+    );
 }
 
 /// Parked near iron before the first turn; a bank of 1 s is not a turn.
@@ -65,7 +71,7 @@ fn level_is_seven_degrees_of_bank_and_twelve_of_pitch() {
         for (roll_deg, pitch_deg, is_level) in [(6.9, 11.9, true), (7.1, 0.0, false), (0.0, 12.1, false)] {
             for (roll_sign, pitch_sign) in [(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)] {
                 let mut collector = started_collector(procedure);
-                collector.push(banked_sample(roll_sign * roll_deg, pitch_sign * pitch_deg, 0));
+                collector.push_sample(banked_sample(roll_sign * roll_deg, pitch_sign * pitch_deg, 0));
                 assert_eq!(sample_counts(&collector), [0, 0, usize::from(is_level), 0], "{roll_deg} {pitch_deg}");
             }
         }
@@ -83,7 +89,7 @@ fn a_tumbled_module_collects_every_attitude() {
     let mut collector = started_collector(Procedure::Tumble);
     for (i, roll_deg) in [0.0, 90.0, 180.0, -90.0].into_iter().enumerate() {
         let sample = Sample { field: circle_sample(roll_deg).field, ..banked_sample(roll_deg, 80.0, i as u32 * 400) };
-        collector.push(sample);
+        collector.push_sample(sample);
     }
     assert_eq!(sample_counts(&collector), [0, 0, 0, 4]);
 }
@@ -93,15 +99,15 @@ fn a_tumbled_module_collects_every_attitude() {
 fn a_flight_and_a_level_drive_become_complete() {
     let mut collector = started_collector(Procedure::Turns);
     for sample in turn_samples(-25.0, 0, 90, -13.0).chain(turn_samples(25.0, 90, 130, 13.0)) {
-        collector.push(sample);
+        collector.push_sample(sample);
     }
-    let progress = collector.progress();
+    let progress = collector.collection_progress();
     assert!(progress.left_turns.is_complete() && !progress.is_complete(), "{progress:?}");
-    turn_samples(25.0, 130, 190, 13.0).for_each(|sample| collector.push(sample));
-    assert!(collector.progress().is_complete(), "{:?}", collector.progress());
+    turn_samples(25.0, 130, 190, 13.0).for_each(|sample| collector.push_sample(sample));
+    assert!(collector.collection_progress().is_complete(), "{:?}", collector.collection_progress());
     collector.begin_procedure(Procedure::Level);
-    turn_samples(0.0, 0, 60, 13.0).for_each(|sample| collector.push(sample));
-    assert!(collector.progress().is_complete(), "{:?}", collector.progress());
+    turn_samples(0.0, 0, 60, 13.0).for_each(|sample| collector.push_sample(sample));
+    assert!(collector.collection_progress().is_complete(), "{:?}", collector.collection_progress());
 }
 
 #[test]
@@ -112,42 +118,45 @@ fn there_is_room_for_thirty_six_marks() {
         assert!(collector.add_mark(mark(i)), "mark {i}");
     }
     assert!(!collector.add_mark(mark(36)));
-    assert_eq!((collector.progress().mark_count, collector.fit_samples().marks.len()), (36, 36));
+    assert_eq!((collector.collection_progress().mark_count, collector.fit_samples().marks.len()), (36, 36));
     assert_eq!(collector.fit_samples().marks[35], mark(35));
 }
 
 #[test]
 fn a_new_collection_discards_the_last_one() {
     let mut collector = started_collector(Procedure::Swing);
-    collector.push(banked_sample(0.0, 0.0, 0));
+    collector.push_sample(banked_sample(0.0, 0.0, 0));
     collector.add_mark(HeadingMark { sample: circle_sample(0.0), heading_rad: 0.0 });
     collector.begin_procedure(Procedure::Turns);
     hold_bank(&mut collector, 25.0, 0, 5);
     assert_eq!((collector.procedure(), sample_counts(&collector)), (Procedure::Turns, [0, 8, 0, 0]));
     collector.begin_procedure(Procedure::Tumble);
     let progress = CollectionProgress { procedure: Procedure::Tumble, ..CollectionProgress::default() };
-    assert_eq!((collector.progress(), collector.procedure()), (progress, Procedure::Tumble));
-    assert_eq!((collector.fit_samples().all().count(), collector.held_back().all().count()), (0, 0));
+    assert_eq!((collector.collection_progress(), collector.procedure()), (progress, Procedure::Tumble));
+    assert_eq!((collector.fit_samples().all_samples().count(), collector.held_back().all_samples().count()), (0, 0));
 }
 
 /// The hold-back cycle, the sample interval and the distance of a tumble start again.
 #[test]
 fn a_new_collection_restarts_its_policy() {
     let mut collector = started_collector(Procedure::Swing);
-    (0..3).for_each(|i| collector.push(sample([i as f32, 0.0, 0.0], i * 400)));
+    (0..3).for_each(|i| collector.push_sample(test_sample([i as f32, 0.0, 0.0], i * 400)));
     collector.begin_procedure(Procedure::Swing);
-    collector.push(sample([0.0; 3], 801));
+    collector.push_sample(test_sample([0.0; 3], 801));
     assert_eq!((collector.fit_samples().iter().count(), collector.held_back().iter().count()), (1, 0));
     collector.begin_procedure(Procedure::Flight);
-    (0..3).for_each(|i| collector.push(sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
+    (0..3).for_each(|i| collector.push_sample(test_sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
     collector.begin_procedure(Procedure::Flight);
-    assert_eq!((collector.progress().left_turns, collector.distinct_samples()), (PartCoverage::default(), 0));
-    (0..4).for_each(|i| collector.push(sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
+    assert_eq!(
+        (collector.collection_progress().left_turns, collector.distinct_samples()),
+        (PartCoverage::default(), 0)
+    );
+    (0..4).for_each(|i| collector.push_sample(test_sample([i as f32 * 2.0, 0.0, 0.0], i * 100)));
     assert_eq!((collector.distinct_samples(), collector.stored_count()), (4, 4));
     assert_eq!(collector.held_back().iter().map(|held| held.time.as_ms()).collect::<Vec<_>>(), [300]);
     let tumble = |collector: &mut Collector, number: u32| {
         collector.begin_procedure(Procedure::Tumble);
-        (0..number).for_each(|i| collector.push(sample([i as f32 * 5.1, 0.0, 0.0], i * 400)));
+        (0..number).for_each(|i| collector.push_sample(test_sample([i as f32 * 5.1, 0.0, 0.0], i * 400)));
         collector.fit_samples().iter().chain(collector.held_back().iter()).count()
     };
     assert!(tumble(&mut collector, 300) < 252, "the distance grew");
@@ -159,7 +168,7 @@ fn a_turn_continues_while_the_clock_wraps() {
     let mut collector = started_collector(Procedure::Turns);
     for sample in turn_samples(25.0, 0, 30, 13.0) {
         let time = WrappingMillis::new(sample.time.as_ms().wrapping_sub(15_000));
-        collector.push(Sample { time, ..sample });
+        collector.push_sample(Sample { time, ..sample });
     }
     assert_eq!(sample_counts(&collector), [0, 70, 0, 0]);
 }

@@ -119,7 +119,7 @@ impl DOptimalSelection {
         Self { linearisation: self.linearisation.clone(), information: LeastSquares::new(), min_leverage: 0.0 }
     }
 
-    pub fn reset(&mut self) {
+    pub fn reset_selection(&mut self) {
         self.set_linearisation(Linearisation::NO_COEFFICIENTS);
     }
 
@@ -163,7 +163,7 @@ impl DOptimalSelection {
             let (centre_ut, _) = fit_sphere(Some(new), samples).filter(|(ut, _)| ut.iter().all(|c| c.is_finite()))?;
             self.linearisation = Linearisation::from_centre(centre_ut);
         }
-        let all = || core::iter::once(new).chain(samples.all());
+        let all = || core::iter::once(new).chain(samples.all_samples());
         let mut squares = InformationMatrix::zero();
         for sample in all() {
             let [strength, inclination_row] = self.linearisation.jacobian_rows(sample);
@@ -177,7 +177,7 @@ impl DOptimalSelection {
         self.information = LeastSquares::from_normal_equations(information, [[0.0]; _]);
         let leverage_of = |sample: &Sample| self.leverages(sample).iter().sum::<f32>();
         let of_new = self.linearisation.new_sample_factor * leverage_of(new);
-        let leverages = core::iter::once(of_new).chain(samples.all().map(leverage_of)).enumerate();
+        let leverages = core::iter::once(of_new).chain(samples.all_samples().map(leverage_of)).enumerate();
         let (place, least) = leverages.min_by(|a, b| a.1.total_cmp(&b.1))?;
         self.min_leverage = least;
         Some(place)

@@ -5,15 +5,15 @@ use core::f32::consts::TAU;
 use nalgebra::Matrix3;
 use testkit::random::Random;
 
-use super::super::test_samples::sample;
+use super::super::test_samples::test_sample;
 use super::*;
 use crate::frames::{Attitude, Field, Level};
 
 fn sample_at(heading_rad: f32, roll_deg: f32, pitch_deg: f32, soft_iron: &Matrix3<f32>) -> Sample {
     let attitude = Attitude::from_deg(roll_deg, pitch_deg);
-    let body = attitude.body(Field::<Level>::earth(50.0, 1.1, heading_rad)).ut;
+    let body = attitude.to_body_frame(Field::<Level>::earth_field(50.0, 1.1, heading_rad)).ut;
     let field = soft_iron * body + Vector3::new(60.0, -45.0, 80.0);
-    Sample { attitude, ..sample(field.into(), 0) }
+    Sample { attitude, ..test_sample(field.into(), 0) }
 }
 
 fn random_samples(soft_iron: &Matrix3<f32>) -> Vec<Sample> {
@@ -219,12 +219,12 @@ fn a_trial_solution_applies_to_all_sets() {
     let mut others = spread.with_reset_leverages();
     assert_eq!(others.linearisation.calibration, spread.linearisation.calibration);
     assert!(others.may_exceed_weakest(&inside), "what these tell, those do not");
-    others.reset();
+    others.reset_selection();
     assert_eq!(others.linearisation.calibration, Linearisation::NO_COEFFICIENTS.calibration);
 }
 
 #[test]
 fn identical_readings_have_no_weakest_sample() {
     assert_eq!(weakest_of(&[]), None);
-    assert_eq!(weakest_of(&vec![sample([20.0, 0.0, 40.0], 0); 30]), None);
+    assert_eq!(weakest_of(&vec![test_sample([20.0, 0.0, 40.0], 0); 30]), None);
 }

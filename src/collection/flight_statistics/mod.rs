@@ -112,7 +112,7 @@ impl TiltFilter {
     }
 
     /// Filters the attitude of a sample; returns the milliseconds since the last one.
-    fn update(&mut self, sample: &Sample) -> Option<u32> {
+    fn filter_attitude(&mut self, sample: &Sample) -> Option<u32> {
         let Some(last) = self.last_sample_at.replace(sample.time) else {
             self.attitude = sample.attitude;
             return None;
@@ -135,13 +135,13 @@ impl FlightStatistics {
         right_bank_ms: 0,
     };
 
-    pub fn update(&mut self, filter: &mut TiltFilter, sample: &Sample) {
+    pub fn add_sample(&mut self, filter: &mut TiltFilter, sample: &Sample) {
         let Attitude { roll_rad, pitch_rad } = sample.attitude;
         if !(roll_rad.is_finite() && pitch_rad.is_finite()) {
             return;
         }
         self.sample_count = self.sample_count.saturating_add(1);
-        let Some(step_ms) = filter.update(sample) else { return };
+        let Some(step_ms) = filter.filter_attitude(sample) else { return };
         self.duration_ms = self.duration_ms.saturating_add(step_ms);
         self.long_intervals += u32::from(step_ms > TurnDetectorConfig::DEFAULT.max_gap_ms);
         let Attitude { roll_rad, pitch_rad } = filter.attitude;

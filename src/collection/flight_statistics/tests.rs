@@ -10,7 +10,7 @@ fn diagnose_banks(step_ms: u32, banks: &[(f32, u32)]) -> Option<CollectionProble
     let mut time_ms = u32::MAX - 5000;
     for &(roll_deg, seconds) in banks {
         for _ in 0..seconds * 1000 / step_ms {
-            statistics.update(&mut filter, &banked_sample(roll_deg, 0.0, time_ms));
+            statistics.add_sample(&mut filter, &banked_sample(roll_deg, 0.0, time_ms));
             time_ms = time_ms.wrapping_add(step_ms);
         }
     }
@@ -31,7 +31,7 @@ fn long_sample_intervals_are_reported() {
         let mut time_ms = 0;
         for i in 0..100 {
             time_ms += if i % 20 < slow { 1000 } else { 100 };
-            statistics.update(&mut filter, &banked_sample(if i < 50 { 25.0 } else { -25.0 }, 0.0, time_ms));
+            statistics.add_sample(&mut filter, &banked_sample(if i < 50 { 25.0 } else { -25.0 }, 0.0, time_ms));
         }
         statistics.diagnose(&CollectionProgress::default())
     };
@@ -52,7 +52,7 @@ fn an_attitude_in_radians_is_reported() {
     assert!(matches!(diagnose_banks(100, &[(-1.9, 60), (1.9, 60)]), Some(CollectionProblem::NoTilt { .. })));
     assert!(matches!(diagnose_banks(100, &[(-2.1, 60), (2.1, 60)]), Some(CollectionProblem::InsufficientBank { .. })));
     let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);
-    (0..300).for_each(|i| statistics.update(&mut filter, &banked_sample(0.0, -15.0, i * 100)));
+    (0..300).for_each(|i| statistics.add_sample(&mut filter, &banked_sample(0.0, -15.0, i * 100)));
     assert!(
         matches!(statistics.diagnose(&CollectionProgress::default()), Some(CollectionProblem::InsufficientBank { most_deg }) if most_deg > 14.0)
     );
@@ -70,7 +70,7 @@ fn small_or_short_banks_are_reported() {
         let (mut statistics, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);
         for i in 0..600 {
             let roll_deg = if (300..300 + tenths).contains(&i) { 20.0 } else { 0.0 };
-            statistics.update(&mut filter, &banked_sample(roll_deg, 0.0, i * 100));
+            statistics.add_sample(&mut filter, &banked_sample(roll_deg, 0.0, i * 100));
         }
         statistics.diagnose(&CollectionProgress::default())
     };
@@ -107,8 +107,8 @@ fn arcs_are_reported() {
     let through = |rate_deg_s: f32, seconds: u16| {
         let mut collector = Collector::new(empty_memory());
         collector.begin_procedure(Procedure::Turns);
-        turn_samples(-25.0, 0, seconds, -rate_deg_s).for_each(|sample| collector.push(sample));
-        turn_samples(25.0, seconds, 2 * seconds, rate_deg_s).for_each(|sample| collector.push(sample));
+        turn_samples(-25.0, 0, seconds, -rate_deg_s).for_each(|sample| collector.push_sample(sample));
+        turn_samples(25.0, seconds, 2 * seconds, rate_deg_s).for_each(|sample| collector.push_sample(sample));
         collector.collection_problem()
     };
     assert_eq!(through(4.5, 90), None);
@@ -124,7 +124,7 @@ fn arcs_are_reported() {
     let (mut both, mut filter) = (FlightStatistics::EMPTY, TiltFilter::NOT_STARTED);
     turn_samples(-25.0, 0, 20, 9.0)
         .chain(turn_samples(25.0, 20, 40, 9.0))
-        .for_each(|sample| both.update(&mut filter, &sample));
+        .for_each(|sample| both.add_sample(&mut filter, &sample));
     assert_eq!(both.diagnose(&progress_of(60, 8)), Some(CollectionProblem::ArcOnly { side: Side::Right, sectors: 8 }));
     assert_eq!((both.diagnose(&progress_of(59, 8)), both.diagnose(&progress_of(60, 9))), (None, None));
 }
@@ -136,12 +136,12 @@ fn bank_problems_are_reported_for_turns_only_and_reset_at_each_start() {
         [(Procedure::Turns, true), (Procedure::Flight, false), (Procedure::Level, false), (Procedure::Swing, false)]
     {
         collector.begin_procedure(procedure);
-        (0..300).for_each(|i| collector.push(banked_sample(5.0, 0.0, i * 100)));
+        (0..300).for_each(|i| collector.push_sample(banked_sample(5.0, 0.0, i * 100)));
         assert_eq!(collector.collection_problem().is_some(), is_reported, "{procedure:?}");
     }
     collector.begin_procedure(Procedure::Flight);
     assert_eq!(collector.collection_problem(), None);
-    (0..300).for_each(|i| collector.push(banked_sample(1.9, 0.0, i * 100)));
+    (0..300).for_each(|i| collector.push_sample(banked_sample(1.9, 0.0, i * 100)));
     assert!(
         matches!(collector.collection_problem(), Some(CollectionProblem::NoTilt { .. })),
         "of whatever is flown nothing else is asked"

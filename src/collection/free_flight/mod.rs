@@ -36,7 +36,7 @@ pub(super) fn push_sample(
     }
     let purpose = part.count_and_assign_use(&sample);
     if !part.is_full(purpose, SampleQuota::WHOLE_BUFFER) {
-        part.insert(purpose, sample);
+        part.insert_sample(purpose, sample);
         return FreeFlightSample::Stored;
     }
     let Some(weakest) = find_weakest(part.samples_of_use(purpose), purpose, selection, &sample) else {

@@ -1,4 +1,4 @@
-use super::super::test_samples::{TestBuffer, sample, turn_samples};
+use super::super::test_samples::{TestBuffer, test_sample, turn_samples};
 use super::*;
 use crate::calibration::CollectionPart;
 use crate::collection::progress::PartCoverage;
@@ -110,7 +110,7 @@ fn identical_samples_are_stored_once() {
     let mut is_stored = |x_ut: f32, roll_deg: f32, pitch_deg: f32| {
         let attitude = Attitude::from_deg(roll_deg, pitch_deg);
         let before = flight.coverage();
-        let end = flight.push(Sample { attitude, ..sample([x_ut, 5.0, 40.0], 100) });
+        let end = flight.push(Sample { attitude, ..test_sample([x_ut, 5.0, 40.0], 100) });
         let expected = if flight.coverage() == before { FreeFlightSample::Ignored } else { FreeFlightSample::Stored };
         assert_eq!(end, expected);
         end == FreeFlightSample::Stored

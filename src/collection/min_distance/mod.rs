@@ -38,7 +38,7 @@ fn store_sample(
     sample: Sample,
 ) {
     if purpose == SampleUse::Verification && !part.is_full(purpose, quota) {
-        return part.insert(purpose, sample);
+        return part.insert_sample(purpose, sample);
     }
     if part.is_full(SampleUse::Fit, quota) {
         *distance_ut *= DISTANCE_GROWTH;
@@ -46,7 +46,7 @@ fn store_sample(
     }
     // If thinning removed nothing, the sample is dropped.
     if !part.is_full(SampleUse::Fit, quota) {
-        part.insert(SampleUse::Fit, sample);
+        part.insert_sample(SampleUse::Fit, sample);
     }
 }
 

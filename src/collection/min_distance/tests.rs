@@ -1,4 +1,4 @@
-use super::super::test_samples::{TestBuffer, sample};
+use super::super::test_samples::{TestBuffer, test_sample};
 use super::*;
 use crate::calibration::CollectionPart;
 use crate::collection::progress::PartCoverage;
@@ -27,7 +27,7 @@ impl Tumble {
             self.buffer.part_view(CollectionPart::FREE),
             self.quota,
             &mut self.distance_ut,
-            sample([x_ut, 0.0, 0.0], time_ms),
+            test_sample([x_ut, 0.0, 0.0], time_ms),
         );
     }
 
@@ -104,7 +104,7 @@ fn a_tumble_is_complete_at_66_fit_samples() {
 fn thinning_keeps_the_first_of_close_samples() {
     let mut tumble = Tumble::new(SampleQuota::TURN);
     for x_ut in [0.0, 1.0, 2.0, 3.0, 2.5, 10.0] {
-        tumble.buffer.part_view(CollectionPart::FREE).insert(SampleUse::Fit, sample([x_ut, 0.0, 0.0], 0));
+        tumble.buffer.part_view(CollectionPart::FREE).insert_sample(SampleUse::Fit, test_sample([x_ut, 0.0, 0.0], 0));
     }
     remove_close_samples(&mut tumble.buffer.part_view(CollectionPart::FREE), 2.0);
     assert_eq!(tumble.fit().iter().map(|s| s.field.ut.x).collect::<Vec<_>>(), [0.0, 2.0, 10.0]);

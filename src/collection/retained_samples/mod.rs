@@ -83,7 +83,7 @@ impl RetainedSamples {
     }
 
     /// First marks, at most as many as there are.
-    pub(super) fn marks(&self, number: u16) -> &[HeadingMark] {
+    pub(super) fn stored_marks(&self, number: u16) -> &[HeadingMark] {
         self.marks.get(..number.into()).unwrap_or_default()
     }
 
@@ -101,10 +101,10 @@ impl RetainedSamples {
         // The samples of an inactive collection stay for another solve, until a restart.
         if self.header.state() != CollectionState::Inactive {
             sum.add_words(&[self.samples.fit_count, self.samples.held_back_count]);
-            for sample in self.samples.all() {
+            for sample in self.samples.all_samples() {
                 sum.add_words(sample);
             }
-            for mark in self.marks(self.header.mark_count) {
+            for mark in self.stored_marks(self.header.mark_count) {
                 sum.add_words(mark);
             }
         }

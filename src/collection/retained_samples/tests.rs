@@ -1,6 +1,6 @@
 use testkit::random::Random;
 
-use super::super::test_samples::{banked_sample, circle_sample, empty_memory, sample, turn_samples};
+use super::super::test_samples::{banked_sample, circle_sample, empty_memory, test_sample, turn_samples};
 use super::super::{CollectionContext, CollectionProblem, CollectionProgress, CollectionState, Collector};
 use super::*;
 use crate::calibration::method_selection::Procedure;
@@ -19,7 +19,7 @@ fn collect(retained: &mut RetainedSamples, procedure: Procedure, samples: impl I
     let mut collector = Collector::new(retained);
     collector.begin_procedure(procedure);
     for sample in samples {
-        collector.push(sample);
+        collector.push_sample(sample);
         collector.update_header(MANUAL);
     }
     if procedure == Procedure::Swing {
@@ -29,7 +29,7 @@ fn collect(retained: &mut RetainedSamples, procedure: Procedure, samples: impl I
 }
 
 fn copy_all(samples: Samples<'_>) -> Vec<Sample> {
-    samples.all().copied().collect()
+    samples.all_samples().copied().collect()
 }
 
 /// Observable state of a collection.
@@ -37,7 +37,7 @@ fn observable_state(
     collector: &Collector<'_>,
 ) -> (CollectionProgress, Vec<Sample>, Vec<Sample>, Option<CollectionProblem>, u32) {
     // The turn in progress is detected only after two seconds.
-    let progress = CollectionProgress { turn_in_progress: None, ..collector.progress() };
+    let progress = CollectionProgress { turn_in_progress: None, ..collector.collection_progress() };
     (
         progress,
         copy_all(collector.fit_samples()),
@@ -55,14 +55,14 @@ fn samples_survive_a_restart() {
         let mut uninterrupted = empty_memory().clone();
         let mut before = Collector::new(&mut uninterrupted);
         before.begin_procedure(procedure);
-        flight().for_each(|sample| before.push(sample));
+        flight().for_each(|sample| before.push_sample(sample));
         if procedure == Procedure::Swing {
             before.add_mark(HeadingMark { sample: circle_sample(30.0), heading_rad: 0.5 });
         }
         let after = Collector::new(retained);
         let ((progress, fit, held_back, ..), then) = (observable_state(&after), observable_state(&before));
         assert_eq!(
-            (after.restored_context(), after.state()),
+            (after.restored_context(), after.collection_state()),
             (Some(MANUAL), CollectionState::Running),
             "{procedure:?}"
         );
@@ -87,10 +87,10 @@ fn a_collection_continues_after_a_restart() {
         let anew = samples[cut].time;
         for &sample in &samples[cut..] {
             let time = WrappingMillis::new(300 + sample.time.ms_since(anew));
-            collector.push(Sample { time, ..sample });
+            collector.push_sample(Sample { time, ..sample });
             collector.update_header(MANUAL);
         }
-        assert!(collector.progress().is_complete(), "{cut}: {:?}", collector.progress());
+        assert!(collector.collection_progress().is_complete(), "{cut}: {:?}", collector.collection_progress());
         for part in [
             collector.fit_samples().samples_of_part(CollectionPart::LEFT),
             collector.fit_samples().samples_of_part(CollectionPart::RIGHT),
@@ -110,21 +110,24 @@ fn state_and_context_are_stored() {
     let automatic = CollectionContext { is_automatic: true, calibration_serial: 8 };
     collector.update_header(automatic);
     let mut collector = Collector::new(retained);
-    assert_eq!((collector.restored_context(), collector.state()), (Some(automatic), CollectionState::Running));
+    assert_eq!(
+        (collector.restored_context(), collector.collection_state()),
+        (Some(automatic), CollectionState::Running)
+    );
     collector.set_state(CollectionState::Stopped);
     collector.update_header(MANUAL);
     let mut collector = Collector::new(retained);
-    assert_eq!((collector.restored_context(), collector.state()), (Some(MANUAL), CollectionState::Stopped));
-    assert!(collector.is_loss_reportable() && collector.fit_samples().all().next().is_some());
+    assert_eq!((collector.restored_context(), collector.collection_state()), (Some(MANUAL), CollectionState::Stopped));
+    assert!(collector.is_loss_reportable() && collector.fit_samples().all_samples().next().is_some());
     collector.set_state(CollectionState::Inactive);
     collector.update_header(MANUAL);
-    assert!(collector.fit_samples().all().next().is_some(), "they stay for another solve");
+    assert!(collector.fit_samples().all_samples().next().is_some(), "they stay for another solve");
     let collector = Collector::new(retained);
     assert_eq!(
-        (collector.restored_context(), collector.state()),
+        (collector.restored_context(), collector.collection_state()),
         (Some(CollectionContext::default()), CollectionState::Inactive)
     );
-    assert!(collector.fit_samples().all().next().is_none() && !collector.is_loss_reportable());
+    assert!(collector.fit_samples().all_samples().next().is_none() && !collector.is_loss_reportable());
 }
 
 /// Threshold: ten fit samples.
@@ -134,8 +137,8 @@ fn losing_few_samples_is_not_reported() {
     let mut collector = Collector::new(retained);
     collector.begin_procedure(Procedure::Tumble);
     for i in 0..14_u32 {
-        collector.push(sample([i as f32 * 10.0, 0.0, 0.0], i * 400));
-        let fit = collector.fit_samples().all().count();
+        collector.push_sample(test_sample([i as f32 * 10.0, 0.0, 0.0], i * 400));
+        let fit = collector.fit_samples().all_samples().count();
         assert_eq!(collector.is_loss_reportable(), fit >= 10, "{fit}");
     }
 }
@@ -230,10 +233,11 @@ fn a_flipped_bit_invalidates_the_memory() {
             same += 1;
         } else {
             assert!(
-                collector.state() == CollectionState::Inactive && copy_all(collector.fit_samples()).is_empty(),
+                collector.collection_state() == CollectionState::Inactive
+                    && copy_all(collector.fit_samples()).is_empty(),
                 "bit {bit}"
             );
-            assert_eq!(collector.progress(), CollectionProgress::default(), "bit {bit}");
+            assert_eq!(collector.collection_progress(), CollectionProgress::default(), "bit {bit}");
             collector.begin_procedure(Procedure::Flight);
         }
     }
@@ -248,11 +252,11 @@ fn random_memory_is_rejected_and_usable() {
         let (mut random, retained) = (Random(seed), empty_memory());
         retained.transform_words(|_| random.bits() as u32 & mask);
         let mut collector = Collector::new(retained);
-        assert_eq!((collector.restored_context(), collector.state()), (None, CollectionState::Inactive));
-        assert_eq!(collector.progress(), CollectionProgress::default());
+        assert_eq!((collector.restored_context(), collector.collection_state()), (None, CollectionState::Inactive));
+        assert_eq!(collector.collection_progress(), CollectionProgress::default());
         collector.begin_procedure(Procedure::Flight);
-        flight().take(30).for_each(|sample| collector.push(sample));
-        assert!(collector.fit_samples().all().all(|sample| sample.field.ut.norm() < 200.0));
+        flight().take(30).for_each(|sample| collector.push_sample(sample));
+        assert!(collector.fit_samples().all_samples().all(|sample| sample.field.ut.norm() < 200.0));
     }
 }
 
@@ -299,13 +303,13 @@ fn a_sample_that_is_not_stored_does_not_change_the_memory() {
     collect(retained, Procedure::Turns, flight());
     let mut collector = Collector::new(retained);
     collector.reset_restart_count();
-    collector.push(banked_sample(8.0, 0.0, 1000));
+    collector.push_sample(banked_sample(8.0, 0.0, 1000));
     collector.update_header(MANUAL);
     let before = memory_words(retained);
     let mut collector = Collector::new(retained);
     collector.reset_restart_count();
     for i in 0..10 {
-        collector.push(banked_sample(8.0, 0.0, 2000 + i * 100));
+        collector.push_sample(banked_sample(8.0, 0.0, 2000 + i * 100));
         collector.update_header(MANUAL);
     }
     assert_eq!(memory_words(retained)[2..], before[2..], "neither level nor turned");

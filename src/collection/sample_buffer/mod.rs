@@ -33,14 +33,14 @@ impl SampleBuffer {
     pub const EMPTY: Self = Self { samples: [UNUSED_SAMPLE; SAMPLE_CAPACITY], fit_count: 0, held_back_count: 0 };
 
     /// All samples; empty if the numbers exceed the capacity, as at power-on.
-    pub fn all(&self) -> &[Sample] {
+    pub fn all_samples(&self) -> &[Sample] {
         let used = usize::from(self.fit_count) + usize::from(self.held_back_count);
         self.samples.get(..used).unwrap_or_default()
     }
 
     /// Samples of one use, ordered by part, then time.
     pub fn samples_of_use(&self, purpose: SampleUse) -> &[Sample] {
-        let (fit, held_back) = self.all().split_at_checked(usize::from(self.fit_count)).unwrap_or_default();
+        let (fit, held_back) = self.all_samples().split_at_checked(usize::from(self.fit_count)).unwrap_or_default();
         match purpose {
             SampleUse::Fit => fit,
             SampleUse::Verification => held_back,
@@ -57,7 +57,7 @@ impl SampleBuffer {
         CollectionPart::ALL_PARTS
             .into_iter()
             .filter(|other| *other != part)
-            .fold(Samples::new(self.all()), Samples::without_part)
+            .fold(Samples::new(self.all_samples()), Samples::without_part)
     }
 
     pub fn clear(&mut self) {
@@ -65,9 +65,9 @@ impl SampleBuffer {
     }
 
     /// Stores a sample as the latest of its part; drops it if the buffer is full.
-    pub fn insert(&mut self, purpose: SampleUse, sample: Sample) {
+    pub fn insert_sample(&mut self, purpose: SampleUse, sample: Sample) {
         let [_, end] = self.index_range(purpose, sample.part);
-        let used = self.all().len();
+        let used = self.all_samples().len();
         if let Some(moved @ [_, ..]) = self.samples.get_mut(end..=used) {
             moved.copy_within(..moved.len() - 1, 1);
             moved[0] = sample;
@@ -78,7 +78,7 @@ impl SampleBuffer {
     /// Removes the sample at a position of its part.
     pub fn remove_sample(&mut self, purpose: SampleUse, part: CollectionPart, position: usize) {
         let [start, end] = self.index_range(purpose, part);
-        let used = self.all().len();
+        let used = self.all_samples().len();
         if start + position < end
             && let Some(moved) = self.samples.get_mut(start + position..used)
         {

@@ -1,10 +1,10 @@
-use super::super::test_samples::sample;
+use super::super::test_samples::test_sample;
 use super::*;
 
 const PARTS: [CollectionPart; 3] = [CollectionPart::LEFT, CollectionPart::LEVEL, CollectionPart::FREE];
 
 fn insert(buffer: &mut SampleBuffer, purpose: SampleUse, part: CollectionPart, time_ms: u32) {
-    buffer.insert(purpose, Sample { part, ..sample([1.0; 3], time_ms) });
+    buffer.insert_sample(purpose, Sample { part, ..test_sample([1.0; 3], time_ms) });
 }
 
 fn times(samples: &[Sample]) -> Vec<u32> {
@@ -29,7 +29,7 @@ fn samples_are_ordered_by_use_part_and_time() {
     assert_eq!(times(buffer.samples_of_use(SampleUse::Fit)), [0, 20, 40, 1, 21, 41, 2, 22, 42]);
     assert_eq!(times(buffer.samples_of_use(SampleUse::Verification)), [10, 30, 50, 11, 31, 51, 12, 32, 52]);
     assert_eq!(
-        times(buffer.all()),
+        times(buffer.all_samples()),
         [times(buffer.samples_of_use(SampleUse::Fit)), times(buffer.samples_of_use(SampleUse::Verification))].concat()
     );
     assert_eq!(times(buffer.samples_of_part(SampleUse::Fit, CollectionPart::LEVEL)), [1, 21, 41]);
@@ -60,20 +60,20 @@ fn removing_a_sample_leaves_the_others_in_order() {
     let mut buffer = filled();
     buffer.remove_sample(SampleUse::Fit, CollectionPart::LEFT, 3);
     buffer.remove_sample(SampleUse::Fit, CollectionPart::RIGHT, 0);
-    assert_eq!(buffer.all(), filled().all(), "there is none");
+    assert_eq!(buffer.all_samples(), filled().all_samples(), "there is none");
 }
 
 #[test]
 fn a_replacement_changes_its_part_only() {
     let mut buffer = filled();
-    let new = |part, time_ms| Sample { part, ..sample([2.0; 3], time_ms) };
+    let new = |part, time_ms| Sample { part, ..test_sample([2.0; 3], time_ms) };
     buffer.replace_sample(SampleUse::Fit, 1, 3, new(CollectionPart::LEVEL, 99));
     assert_eq!(times(buffer.samples_of_use(SampleUse::Fit)), [0, 20, 40, 1, 41, 99, 2, 22, 42]);
     buffer.replace_sample(SampleUse::Verification, 0, 3, new(CollectionPart::FREE, 98));
     assert_eq!(times(buffer.samples_of_use(SampleUse::Verification)), [10, 30, 50, 11, 31, 51, 32, 52, 98]);
     let before = buffer.clone();
     buffer.replace_sample(SampleUse::Fit, 3, 3, new(CollectionPart::LEVEL, 97));
-    assert_eq!(buffer.all(), before.all(), "there is none");
+    assert_eq!(buffer.all_samples(), before.all_samples(), "there is none");
 }
 
 #[test]
@@ -87,13 +87,13 @@ fn a_full_buffer_accepts_no_more() {
             time_ms,
         );
     }
-    assert_eq!(buffer.all().len(), SAMPLE_CAPACITY);
+    assert_eq!(buffer.all_samples().len(), SAMPLE_CAPACITY);
     assert!(
         times(buffer.samples_of_use(SampleUse::Fit)).is_sorted()
             && times(buffer.samples_of_use(SampleUse::Verification)).is_sorted()
     );
     buffer.clear();
-    assert!(buffer.all().is_empty() && buffer.samples_of_use(SampleUse::Verification).is_empty());
+    assert!(buffer.all_samples().is_empty() && buffer.samples_of_use(SampleUse::Verification).is_empty());
 }
 
 /// As at power-on.
@@ -107,9 +107,9 @@ fn numbers_beyond_the_capacity_are_an_empty_buffer() {
             [SampleUse::Fit, SampleUse::Verification].iter().all(|purpose| buffer.samples_of_use(*purpose).is_empty())
         );
         buffer.remove_sample(SampleUse::Verification, CollectionPart::FREE, 0);
-        buffer.replace_sample(SampleUse::Verification, 0, 1, sample([0.0; 3], 2));
+        buffer.replace_sample(SampleUse::Verification, 0, 1, test_sample([0.0; 3], 2));
         buffer.clear();
         insert(&mut buffer, SampleUse::Fit, CollectionPart::FREE, 3);
-        assert_eq!(times(buffer.all()), [3]);
+        assert_eq!(times(buffer.all_samples()), [3]);
     }
 }

@@ -107,7 +107,7 @@ fn insert_balanced(
     sector_of: impl Fn(&Sample) -> usize,
 ) {
     if !part.is_full(purpose, quota) {
-        return part.insert(purpose, sample);
+        return part.insert_sample(purpose, sample);
     }
     let counts = count_by_sector(part.samples_of_use(purpose), &sector_of);
     let crowded = (0..SECTORS).max_by_key(|&sector| counts[sector]).unwrap_or(0);

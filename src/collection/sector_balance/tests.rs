@@ -1,4 +1,4 @@
-use super::super::test_samples::{TestBuffer, circle_sample, sample, turn_samples};
+use super::super::test_samples::{TestBuffer, circle_sample, test_sample, turn_samples};
 use super::*;
 use crate::calibration::{CollectionPart, MotorCurrent, Rates, Samples};
 use crate::collection::progress::PartCoverage;
@@ -98,12 +98,13 @@ fn parts_are_separate() {
     let mut buffer = TestBuffer::new();
     for i in 0..8_u32 {
         // Eight left, four right, four level; every fourth is held back.
-        SectorBalance::TURNS.push_sample(buffer.part_view(CollectionPart::LEFT), sample([i as f32, 0.0, 0.0], i * 400));
+        SectorBalance::TURNS
+            .push_sample(buffer.part_view(CollectionPart::LEFT), test_sample([i as f32, 0.0, 0.0], i * 400));
         if i < 4 {
             SectorBalance::TURNS
-                .push_sample(buffer.part_view(CollectionPart::RIGHT), sample([i as f32, 1.0, 0.0], i * 400));
+                .push_sample(buffer.part_view(CollectionPart::RIGHT), test_sample([i as f32, 1.0, 0.0], i * 400));
             SectorBalance::LEVEL
-                .push_sample(buffer.part_view(CollectionPart::LEVEL), sample([i as f32, 2.0, 0.0], i * 400));
+                .push_sample(buffer.part_view(CollectionPart::LEVEL), test_sample([i as f32, 2.0, 0.0], i * 400));
         }
     }
     for (number, part, numbers) in [
@@ -126,7 +127,7 @@ fn nonfinite_samples_are_rejected() {
         for axis in 0..3 {
             let mut field_ut = [20.0; 3];
             field_ut[axis] = broken;
-            assert!(!push_turn(&mut buffer, sample(field_ut, (i * 3 + axis) as u32 * 400)));
+            assert!(!push_turn(&mut buffer, test_sample(field_ut, (i * 3 + axis) as u32 * 400)));
         }
     }
     assert_eq!(buffer.stored_samples(CollectionPart::RIGHT), 0);
@@ -148,7 +149,7 @@ fn no_sensor_value_panics() {
 
 /// Number of samples stored at this interval, across a wrap of the clock.
 fn stored_at_interval(spacing_ms: u32, number: u32) -> usize {
-    let at = |i: u32| sample([i as f32, 0.0, 0.0], (i * spacing_ms).wrapping_sub(1000));
+    let at = |i: u32| test_sample([i as f32, 0.0, 0.0], (i * spacing_ms).wrapping_sub(1000));
     collect((0..number).map(at)).stored_samples(CollectionPart::RIGHT)
 }
 
@@ -161,7 +162,7 @@ fn turn_samples_are_stored_at_most_every_0_4_s() {
 
 #[test]
 fn every_fourth_sample_is_held_back() {
-    let buffer = collect((0..13).map(|i| sample([i as f32, 0.0, 0.0], i * 400)));
+    let buffer = collect((0..13).map(|i| test_sample([i as f32, 0.0, 0.0], i * 400)));
     let times = |samples: &[Sample]| samples.iter().map(|s| s.time.as_ms() / 400).collect::<Vec<_>>();
     assert_eq!(times(buffer.held_back(CollectionPart::RIGHT)), [3, 7, 11]);
     assert_eq!(times(buffer.fit_samples(CollectionPart::RIGHT)), [0, 1, 2, 4, 5, 6, 8, 9, 10, 12]);
@@ -171,9 +172,9 @@ fn every_fourth_sample_is_held_back() {
 #[test]
 fn a_sample_too_early_does_not_count() {
     let mut buffer = TestBuffer::new();
-    assert!(push_turn(&mut buffer, sample([0.0; 3], 0)));
-    assert!(!push_turn(&mut buffer, sample([1.0, 0.0, 0.0], 399)));
-    assert!(push_turn(&mut buffer, sample([1.0, 0.0, 0.0], 400)));
+    assert!(push_turn(&mut buffer, test_sample([0.0; 3], 0)));
+    assert!(!push_turn(&mut buffer, test_sample([1.0, 0.0, 0.0], 399)));
+    assert!(push_turn(&mut buffer, test_sample([1.0, 0.0, 0.0], 400)));
     assert_eq!(buffer.part_view(CollectionPart::RIGHT).part_state.taken_count, 2);
 }
 
@@ -181,7 +182,7 @@ fn a_sample_too_early_does_not_count() {
 fn crowded() -> TestBuffer {
     let mut buffer = TestBuffer::new();
     for time_ms in [100, 301, 302, 500, 303, 700] {
-        buffer.part_view(CollectionPart::LEFT).insert(SampleUse::Fit, sample([0.0; 3], time_ms));
+        buffer.part_view(CollectionPart::LEFT).insert_sample(SampleUse::Fit, test_sample([0.0; 3], time_ms));
     }
     buffer
 }
@@ -194,7 +195,7 @@ fn insert_at(buffer: &mut TestBuffer, quota: SampleQuota, time_ms: u32) {
         &mut buffer.part_view(CollectionPart::LEFT),
         SampleUse::Fit,
         quota,
-        sample([0.0; 3], time_ms),
+        test_sample([0.0; 3], time_ms),
         sector_from_time,
     );
 }
@@ -250,7 +251,7 @@ fn circle_coverage(radius_ut: f32, fit: u16) -> PartCoverage {
     let number = u32::from(fit + (fit - 1) / 3);
     let coverage = coverage((0..number).map(|i| {
         let (sin, cos) = (i as f32 * 30.5).to_radians().sin_cos();
-        sample([radius_ut * cos, radius_ut * sin, 40.0], i * 400)
+        test_sample([radius_ut * cos, radius_ut * sin, 40.0], i * 400)
     }));
     assert_eq!(coverage.samples, fit);
     coverage
@@ -280,7 +281,7 @@ fn the_circle_is_fitted_to_fit_and_held_back_samples() {
     };
     for purpose in [SampleUse::Fit, SampleUse::Verification] {
         let mut buffer = TestBuffer::new();
-        (0..12).for_each(|i| buffer.part_view(CollectionPart::LEFT).insert(purpose, at(i)));
+        (0..12).for_each(|i| buffer.part_view(CollectionPart::LEFT).insert_sample(purpose, at(i)));
         for i in 12..36 {
             // One before the use in question.
             buffer.part_view(CollectionPart::LEFT).part_state.taken_count =
@@ -315,7 +316,7 @@ fn a_complete_part_stays_complete() {
         collect((0..190_u32).map(|i| Sample { time: WrappingMillis::new(i * 400), ..circle_sample(i as f32 * 13.0) }));
     assert!(buffer.coverage(CollectionPart::RIGHT).is_complete());
     for i in 190..194_u32 {
-        push_turn(&mut buffer, sample([900.0, 0.0, 0.0], i * 400));
+        push_turn(&mut buffer, test_sample([900.0, 0.0, 0.0], i * 400));
         assert!(buffer.coverage(CollectionPart::RIGHT).is_complete(), "{:?}", buffer.coverage(CollectionPart::RIGHT));
     }
 }

@@ -40,9 +40,9 @@ fn flying_starts_a_collection_and_calibrates() {
     bench.arm(true);
     let outcome = bench.collect_until_end(&hover(1)).unwrap().unwrap();
     assert!(outcome.quality.expected_rms_deg <= Settings::DEFAULT.accuracy_deg);
-    assert_eq!(bench.compass.state(), ModuleState::Calibrated);
+    assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
     assert!(bench.collect_until_end(&hover(2)[..100]).is_none());
-    assert_eq!(bench.compass.state(), ModuleState::Calibrated);
+    assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
     assert!(!bench.report().is_automatic);
 }
 
@@ -52,7 +52,7 @@ fn while_disarmed_no_samples_are_collected() {
     bench.arm(false);
     let hover_samples = hover(3);
     assert!(bench.collect_until_end(&hover_samples[..100]).is_none());
-    assert_eq!((bench.compass.state(), bench.kept()), (ModuleState::Uncalibrated, 0));
+    assert_eq!((bench.compass.module_state(), bench.kept()), (ModuleState::Uncalibrated, 0));
     assert!(bench.report().awaits_arming && !bench.report().is_automatic);
     bench.arm(true);
     assert!(bench.collect_until_end(&hover_samples[..60]).is_none());
@@ -60,7 +60,7 @@ fn while_disarmed_no_samples_are_collected() {
     assert!(kept > 20 && bench.report().is_automatic && !bench.report().awaits_arming, "{kept}");
     bench.arm(false);
     assert!(bench.collect_until_end(&hover_samples[60..160]).is_none());
-    assert_eq!((bench.compass.state(), bench.kept()), (ModuleState::Collecting, kept));
+    assert_eq!((bench.compass.module_state(), bench.kept()), (ModuleState::Collecting, kept));
     assert!(bench.report().awaits_arming);
     bench.arm(true);
     assert!(bench.collect_until_end(&hover_samples[60..100]).is_none());
@@ -73,10 +73,10 @@ fn without_armed_state_a_collection_starts_after_five_seconds() {
     let mut bench = TestBed::new();
     let hover_samples = hover(4);
     assert!(bench.collect_until_end(&hover_samples[..49]).is_none());
-    assert_eq!(bench.compass.state(), ModuleState::Uncalibrated);
+    assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
     assert!(!bench.report().awaits_arming);
     assert!(bench.collect_until_end(&hover_samples[49..52]).is_none());
-    assert_eq!(bench.compass.state(), ModuleState::Collecting);
+    assert_eq!(bench.compass.module_state(), ModuleState::Collecting);
     let mut bench = TestBed::new();
     bench.arm(true);
     assert!(bench.collect_until_end(&hover_samples[..20]).is_none());
@@ -132,14 +132,14 @@ fn user_control_prevents_automatic_starts() {
         assert_eq!(bench.done(command), ModuleState::Uncalibrated);
         assert!(bench.collect_until_end(&hover(6)[60..160]).is_none());
         let expected = if command == Command::CalStop { kept } else { 0 };
-        assert_eq!((bench.compass.state(), bench.kept()), (ModuleState::Uncalibrated, expected), "{command:?}");
+        assert_eq!((bench.compass.module_state(), bench.kept()), (ModuleState::Uncalibrated, expected), "{command:?}");
         let request =
             if command == Command::CalStop { Command::Set(SettingChange::Auto(true)) } else { Command::CalClear };
         bench.arm(false);
         bench.saved(request).unwrap();
         bench.arm(true);
         assert!(bench.collect_until_end(&hover(6)[60..62]).is_none());
-        assert_eq!(bench.compass.state(), ModuleState::Collecting, "{request:?}");
+        assert_eq!(bench.compass.module_state(), ModuleState::Collecting, "{request:?}");
     }
     let mut bench = TestBed::new();
     bench.arm(true);
@@ -150,7 +150,7 @@ fn user_control_prevents_automatic_starts() {
     let end = bench.solve();
     assert!(bench.settle(end).is_err());
     assert!(bench.collect_until_end(&hover(8)[100..160]).is_none());
-    assert_eq!((bench.compass.state(), bench.kept()), (ModuleState::Uncalibrated, kept));
+    assert_eq!((bench.compass.module_state(), bench.kept()), (ModuleState::Uncalibrated, kept));
 }
 
 #[test]
@@ -159,15 +159,15 @@ fn automatic_collection_can_be_switched_off() {
     bench.arm(true);
     assert!(bench.collect_until_end(&hover(7)[..60]).is_none());
     bench.saved(Command::Set(SettingChange::Auto(false))).unwrap();
-    assert_eq!((bench.compass.state(), bench.kept()), (ModuleState::Uncalibrated, 0));
+    assert_eq!((bench.compass.module_state(), bench.kept()), (ModuleState::Uncalibrated, 0));
     assert!(bench.collect_until_end(&hover(7)[60..160]).is_none());
-    assert_eq!((bench.compass.state(), bench.kept()), (ModuleState::Uncalibrated, 0));
+    assert_eq!((bench.compass.module_state(), bench.kept()), (ModuleState::Uncalibrated, 0));
     bench.done(Command::CalStart(Procedure::Flight));
     assert!(bench.collect_until_end(&hover(7)[..60]).is_none());
     let kept = bench.kept();
     for on in [true, false] {
         bench.saved(Command::Set(SettingChange::Auto(on))).unwrap();
-        assert_eq!((bench.compass.state(), bench.kept()), (ModuleState::Collecting, kept), "{on}");
+        assert_eq!((bench.compass.module_state(), bench.kept()), (ModuleState::Collecting, kept), "{on}");
     }
 }
 
@@ -180,10 +180,10 @@ fn a_failed_solve_continues_the_automatic_collection() {
     assert_eq!(bench.done(Command::CalSolve(None)), ModuleState::Solving);
     let end = bench.solve();
     assert!(bench.settle(end).is_err());
-    assert_eq!((bench.compass.state(), bench.kept()), (ModuleState::Collecting, kept));
+    assert_eq!((bench.compass.module_state(), bench.kept()), (ModuleState::Collecting, kept));
     assert!(bench.report().is_automatic);
     assert!(bench.collect_until_end(&hover(8)[100..]).unwrap().is_ok());
-    assert_eq!(bench.compass.state(), ModuleState::Calibrated);
+    assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
 }
 
 /// A forged report of disarming, in hover. Rest counts after five seconds; a sensor that fails does not prevent it.

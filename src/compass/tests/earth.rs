@@ -49,9 +49,9 @@ fn configured_declination_and_inclination_override_the_model() {
         (bench.active_field(), bench.compass.model_field_strength_ut()),
         ((declination_deg, inclination_deg), Some(field.total_ut))
     );
-    assert_eq!(bench.compass.settings(), &Settings::DEFAULT);
+    assert_eq!(bench.compass.stored_settings(), &Settings::DEFAULT);
     let report = bench.report();
-    assert_eq!((report.settings, report.local_field.field()), (Settings::DEFAULT, Some(&field)));
+    assert_eq!((report.settings, report.local_field.model_field()), (Settings::DEFAULT, Some(&field)));
     bench.saved(Command::Set(SettingChange::Declination(Some(-3.5)))).unwrap();
     assert_eq!(bench.active_field(), (Some(-3.5), inclination_deg));
     bench.saved(Command::Set(SettingChange::Inclination(Some(60.0)))).unwrap();
@@ -109,7 +109,7 @@ fn a_tumble_at_a_known_position_uses_the_model_s_inclination() {
         bench.done(Command::CalSolve(None));
         let end = bench.solve();
         bench.settle(end).unwrap();
-        assert_eq!(bench.compass.correction().has_valid_inclination, knows);
+        assert_eq!(bench.compass.instrument_correction().has_valid_inclination, knows);
         let solved_inclination_deg = bench.compass.active_record().unwrap().calibration.inclination_rad.to_degrees();
         assert!(
             (solved_inclination_deg - place.and_then(model_deg).unwrap_or(0.0)).abs() < 0.1,

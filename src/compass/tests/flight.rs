@@ -36,7 +36,7 @@ impl TestBed {
             assert!(matches!(self.compass.step(Event::Sample(sample)), Effect::None));
             let is_trial_running = self.compass.is_busy();
             while self.compass.is_busy() {
-                assert_eq!(self.compass.state(), ModuleState::Collecting, "nobody asked for a solve");
+                assert_eq!(self.compass.module_state(), ModuleState::Collecting, "nobody asked for a solve");
                 match self.compass.step(Event::Advance) {
                     Effect::None => {}
                     end => return Some((self.settle(end), number)),
@@ -62,7 +62,7 @@ fn a_flight_collection_ends_at_the_configured_accuracy() {
         let (outcome, samples) = bench.hover(&hover(1)).unwrap();
         let expected_deg = outcome.unwrap().quality.expected_rms_deg;
         assert!(expected_deg <= accuracy_deg, "{expected_deg}");
-        assert_eq!(bench.compass.state(), ModuleState::Calibrated);
+        assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
         let calibration = bench.compass.active_record().unwrap().calibration;
         assert!(rms(&airframe().errors_deg(&calibration)) < 3.0 * expected_deg);
         ends.push(samples);
@@ -140,7 +140,7 @@ fn trial_solves_are_ten_seconds_apart() {
         let sample = Sample { time: WrappingMillis::new(250 * number as u32), ..sample };
         bench.compass.step(Event::Sample(sample));
         if bench.compass.is_busy() {
-            began.push((number, bench.compass.collector.progress().left_turns.samples));
+            began.push((number, bench.compass.collector.collection_progress().left_turns.samples));
             bench.solve_trial();
         }
     }
@@ -225,7 +225,7 @@ fn collect_during_trial(before_first_step: usize) -> TestBed {
             assert!(matches!(bench.compass.step(Event::Advance), Effect::None));
         }
         assert!(matches!(bench.compass.step(Event::Sample(sample)), Effect::None));
-        assert_eq!(bench.compass.state(), ModuleState::Collecting);
+        assert_eq!(bench.compass.module_state(), ModuleState::Collecting);
     }
     bench.solve_trial();
     assert_eq!(usize::from(stored(&bench) - before), before_first_step.max(20), "every one is stored");
@@ -235,7 +235,7 @@ fn collect_during_trial(before_first_step: usize) -> TestBed {
 /// It does not matter when they arrive: the samples of the solve must not change.
 #[test]
 fn samples_during_a_trial_are_stored_after_it() {
-    let fit = |bench: &TestBed| bench.compass.collector.fit_samples().all().copied().collect::<Vec<Sample>>();
+    let fit = |bench: &TestBed| bench.compass.collector.fit_samples().all_samples().copied().collect::<Vec<Sample>>();
     let [mut early, mut late] = [20, 0].map(collect_during_trial);
     assert_eq!(fit(&early), fit(&late));
     assert!(early.prospect().is_some() && early.prospect() == late.prospect());
@@ -271,7 +271,7 @@ fn commands_interrupt_trial_solves() {
     assert_eq!(bench.refused(Command::CalStop), Refusal::Busy, "this one was asked for");
     let mut bench = bench_in_trial();
     bench.saved(Command::Set(SettingChange::Inclination(Some(55.0)))).unwrap();
-    assert_eq!((bench.compass.state(), bench.compass.is_busy()), (ModuleState::Collecting, false));
+    assert_eq!((bench.compass.module_state(), bench.compass.is_busy()), (ModuleState::Collecting, false));
     let mut bench = bench_in_trial();
     assert_eq!(bench.done(Command::CalAbort), ModuleState::Uncalibrated);
     assert!(bench.prospect().is_none() && !bench.compass.is_busy());

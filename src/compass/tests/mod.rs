@@ -196,17 +196,17 @@ fn some_field() -> Field<Sensor> {
 #[test]
 fn a_correction_contains_mounting_armed_state_and_expected_errors() {
     let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), memory());
-    assert_eq!(compass.correction(), Correction::UNCALIBRATED);
+    assert_eq!(compass.instrument_correction(), Correction::UNCALIBRATED);
     compass.step(Event::Armed(Some(false)));
-    assert_eq!(compass.correction(), Correction { is_armed: Some(false), ..Correction::UNCALIBRATED });
+    assert_eq!(compass.instrument_correction(), Correction { is_armed: Some(false), ..Correction::UNCALIBRATED });
     let mut bench = TestBed::new();
     let mount = Orientation::from_name("yaw90").unwrap();
     bench.saved(Command::Set(SettingChange::Mount(mount))).unwrap();
-    assert_eq!(bench.compass.correction(), Correction { mount: Some(mount), ..Correction::UNCALIBRATED });
+    assert_eq!(bench.compass.instrument_correction(), Correction { mount: Some(mount), ..Correction::UNCALIBRATED });
     let error = SensorError { gyro_percent: 50.0 / 8.0, drift_percent: 0.5 };
     bench.saved(Command::Set(SettingChange::SensorError(error))).unwrap();
     assert_eq!(
-        bench.compass.correction().sensor_errors,
+        bench.compass.instrument_correction().sensor_errors,
         SensorErrorSigmas { gyro_scale: 0.0625, hard_iron_drift: 0.005 }
     );
 }
@@ -214,20 +214,20 @@ fn a_correction_contains_mounting_armed_state_and_expected_errors() {
 #[test]
 fn full_turns_to_both_sides_give_a_calibration() {
     let mut bench = TestBed::new();
-    assert_eq!(bench.compass.state(), ModuleState::Uncalibrated);
+    assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
     assert_eq!(
-        bench.compass.correction(),
+        bench.compass.instrument_correction(),
         Correction { mount: Some(Orientation::IDENTITY_ROTATION), ..Correction::UNCALIBRATED }
     );
     bench.done(Command::CalStart(Procedure::Turns));
     bench.fly(&turns(&airframe(), 1));
-    assert_eq!(bench.compass.state(), ModuleState::Solving);
-    while bench.compass.state() == ModuleState::Solving {
+    assert_eq!(bench.compass.module_state(), ModuleState::Solving);
+    while bench.compass.module_state() == ModuleState::Solving {
         assert!(matches!(bench.compass.step(Event::Advance), Effect::None));
     }
-    assert_eq!(bench.compass.state(), ModuleState::Verifying);
+    assert_eq!(bench.compass.module_state(), ModuleState::Verifying);
     assert!(matches!(bench.compass.step(Event::Advance), Effect::Save));
-    assert_eq!(bench.compass.state(), ModuleState::Verifying, "until it is written");
+    assert_eq!(bench.compass.module_state(), ModuleState::Verifying, "until it is written");
     assert!(bench.compass.active_record().is_none());
     let Some(StoreChange::StoredCalibrations { current: Some(written), previous: None }) =
         bench.compass.pending_change()
@@ -238,13 +238,13 @@ fn full_turns_to_both_sides_give_a_calibration() {
     let Effect::Notify(Message::Solved(Ok(verdict))) = bench.compass.step(Event::Saved(Ok(()))) else {
         panic!("not told")
     };
-    assert_eq!(bench.compass.state(), ModuleState::Calibrated);
+    assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
     assert_eq!(bench.compass.active_record(), Some(&written));
     assert_eq!((written.serial_number, written.sensor, written.mount), (1, SENSOR, Orientation::IDENTITY_ROTATION));
     assert_eq!(verdict, ExpectedAccuracy::new(written.quality, &written.calibration));
     assert!(bench.compass.pending_change().is_none());
     assert!(rms(&airframe().errors_deg(&written.calibration)) < 3.0 * verdict.quality.expected_rms_deg);
-    assert_eq!(bench.compass.correction().calibration, Some((written.calibration, written.uncertainty)));
+    assert_eq!(bench.compass.instrument_correction().calibration, Some((written.calibration, written.uncertainty)));
     let report = bench.report();
     assert_eq!(
         (report.module_state, report.can_undo, report.last_outcome.is_some()),
@@ -259,7 +259,7 @@ fn settings_of_a_running_solve_cannot_change() {
     let mut bench = TestBed::new();
     bench.done(Command::CalStart(Procedure::Turns));
     bench.fly(&turns(&airframe(), 1));
-    assert_eq!(bench.compass.state(), ModuleState::Solving);
+    assert_eq!(bench.compass.module_state(), ModuleState::Solving);
     for command in [
         Command::CalStart(Procedure::Turns),
         Command::CalMark(10.0),
@@ -290,7 +290,7 @@ fn settings_of_a_running_solve_cannot_change() {
     assert_eq!(bench.refused(Command::CalAdvise), Refusal::NotSolved);
     let end = bench.solve();
     assert!(bench.settle(end).is_ok());
-    let Settings { stream_on, stream_rate_hz, declination_deg, .. } = *bench.compass.settings();
+    let Settings { stream_on, stream_rate_hz, declination_deg, .. } = *bench.compass.stored_settings();
     assert_eq!((stream_on, stream_rate_hz, declination_deg), (false, 5, Some(3.0)));
 }
 
@@ -466,7 +466,7 @@ fn a_failed_solve_is_refused_with_the_solver_s_reason() {
         Refusal::InsufficientSamples { code: "not-determined", expected_rms_deg: None, cause: lack.into() }
     );
     assert_eq!(bench.report().last_outcome, Some(Message::Solved(Err(refused))));
-    assert_eq!(bench.compass.state(), ModuleState::Uncalibrated);
+    assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
 }
 
 #[test]
@@ -478,7 +478,7 @@ fn a_rejected_calibration_is_not_used() {
         let refused = bench.calibrate(&turns(&airframe(), 1)).unwrap_err();
         assert_eq!(refused.stable_code(), code);
         assert!(matches!(refused, Refusal::Rejected(_)));
-        assert_eq!(bench.compass.state(), ModuleState::Uncalibrated);
+        assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
         assert!(bench.compass.pending_change().is_none());
     }
 }
@@ -497,7 +497,7 @@ fn a_second_calibration_is_judged_against_the_first() {
     );
     assert!(rejected, "{refused:?}");
     assert_eq!(bench.compass.active_record(), Some(&first));
-    assert_eq!(bench.compass.state(), ModuleState::Calibrated);
+    assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
     let moved = Airframe { b_ut: airframe().b_ut * 0.2, ..airframe() };
     bench.calibrate(&turns(&moved, 2)).unwrap();
     let second = *bench.compass.active_record().unwrap();
@@ -536,21 +536,21 @@ fn a_record_is_used_only_with_its_sensor_and_mounting() {
     let current = Some(record(4));
     let stored_calibrations = StoredCalibrations { current_calibration: current, previous_calibration: None };
     let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, stored_calibrations);
-    assert_eq!(bench.compass.state(), ModuleState::Calibrated);
+    assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
     // An equal chip at another address is another sensor.
     for other in [Identity { address: 0x1C, ..SENSOR }, Identity { model: MagnetometerModel::Lsm303dlhc, ..SENSOR }] {
         bench.compass.step(Event::SensorDetected(other, READINGS));
-        assert_eq!(bench.compass.state(), ModuleState::Uncalibrated, "{other:?}");
-        assert!(bench.compass.correction().calibration.is_none());
+        assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated, "{other:?}");
+        assert!(bench.compass.instrument_correction().calibration.is_none());
         assert_eq!(bench.refused(Command::Align(Some(10.0))), Refusal::NoCalibration);
     }
     bench.compass.step(Event::SensorDetected(SENSOR, READINGS));
-    assert_eq!(bench.compass.state(), ModuleState::Calibrated);
+    assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
     let turned = Orientation::from_name("yaw90").unwrap();
     bench.saved(Command::Set(SettingChange::Mount(turned))).unwrap();
-    assert_eq!(bench.compass.state(), ModuleState::Uncalibrated);
+    assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
     bench.saved(Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION))).unwrap();
-    assert_eq!(bench.compass.state(), ModuleState::Calibrated);
+    assert_eq!(bench.compass.module_state(), ModuleState::Calibrated);
     let unknown = Compass::new(
         AcceptancePolicy::DEFAULT,
         &StoredValues { stored_calibrations, ..StoredValues::default() },
@@ -644,15 +644,15 @@ fn alignment_removes_a_constant_heading_error() {
     assert_eq!(bench.refused(Command::Align(Some(360.5))).stable_code(), "out-of-range");
     let calibration = record(1).calibration;
     for (shown_deg, given_heading_deg, align_deg) in [(90.0, 100.0, 10.0), (5.0, 350.0, -15.0), (350.0, 5.0, 15.0)] {
-        let earth = Field::earth(48.0, 1.0, f32::to_radians(shown_deg));
+        let earth = Field::earth_field(48.0, 1.0, f32::to_radians(shown_deg));
         bench.stand(Field::new(earth.ut + calibration.b_vector_ut()), 8);
         bench.saved(Command::Align(Some(given_heading_deg))).unwrap();
-        let found_deg = bench.compass.settings().align_deg;
+        let found_deg = bench.compass.stored_settings().align_deg;
         assert!((found_deg - align_deg).abs() < 0.01, "{shown_deg} at {given_heading_deg}: {found_deg}");
-        assert!((bench.compass.correction().align_deg - align_deg).abs() < 0.01);
+        assert!((bench.compass.instrument_correction().align_deg - align_deg).abs() < 0.01);
     }
     bench.saved(Command::Align(None)).unwrap();
-    assert!(bench.compass.settings().align_deg.abs() < f32::EPSILON);
+    assert!(bench.compass.stored_settings().align_deg.abs() < f32::EPSILON);
 }
 
 #[test]
@@ -662,22 +662,22 @@ fn a_large_alignment_must_be_confirmed() {
         AcceptancePolicy::DEFAULT,
         StoredCalibrations { current_calibration: Some(record(1)), previous_calibration: None },
     );
-    let earth = Field::earth(48.0, 1.0, f32::to_radians(90.0));
+    let earth = Field::earth_field(48.0, 1.0, f32::to_radians(90.0));
     let stand = |bench: &mut TestBed| bench.stand(Field::new(earth.ut + calibration.b_vector_ut()), 8);
     for (given_heading_deg, align_deg) in [(109.9, 19.9), (70.1, -19.9)] {
         stand(&mut bench);
         bench.saved(Command::Align(Some(given_heading_deg))).unwrap();
-        assert!((bench.compass.settings().align_deg - align_deg).abs() < 0.01);
+        assert!((bench.compass.stored_settings().align_deg - align_deg).abs() < 0.01);
     }
     for (given_heading_deg, align_deg, words) in [
         (110.5, 20.5, "every heading would be turned by 20.5 deg, "),
         (69.5, -20.5, "every heading would be turned by -20.5 deg, "),
         (271.0, -179.0, "every heading would be turned by -179.0 deg, "),
     ] {
-        let before_deg = bench.compass.settings().align_deg;
+        let before_deg = bench.compass.stored_settings().align_deg;
         stand(&mut bench);
         let refused = bench.refused(Command::Align(Some(given_heading_deg)));
-        assert!(bench.compass.settings().align_deg.to_bits() == before_deg.to_bits(), "nothing has changed");
+        assert!(bench.compass.stored_settings().align_deg.to_bits() == before_deg.to_bits(), "nothing has changed");
         let repeat = format!("; if that is right: set align {given_heading_deg} yes");
         let refusal_text = refused.to_string();
         assert!(
@@ -685,7 +685,7 @@ fn a_large_alignment_must_be_confirmed() {
             "{refusal_text}"
         );
         bench.saved(Command::AlignConfirmed(given_heading_deg)).unwrap();
-        assert!((bench.compass.settings().align_deg - align_deg).abs() < 0.01);
+        assert!((bench.compass.stored_settings().align_deg - align_deg).abs() < 0.01);
     }
     assert_eq!(bench.refused(Command::AlignConfirmed(360.5)).stable_code(), "out-of-range");
     bench.now = bench.now.wrapping_add(60_000);
@@ -793,7 +793,7 @@ fn a_change_that_cannot_be_stored_has_no_effect() {
         let effect = bench.compass.step(failed());
         assert!(matches!(effect, Effect::Reply(Err(Refusal::Store(StoreError::Verify)))), "{command:?}: {effect:?}");
         assert_eq!(bench.compass.stored_calibrations, stored_calibrations);
-        assert_eq!(*bench.compass.settings(), Settings::DEFAULT);
+        assert_eq!(*bench.compass.stored_settings(), Settings::DEFAULT);
         assert!(bench.compass.pending_change().is_none());
     }
     let mut bench = TestBed::new();
@@ -804,7 +804,7 @@ fn a_change_that_cannot_be_stored_has_no_effect() {
         bench.compass.step(failed()),
         Effect::Notify(Message::Solved(Err(Refusal::Store(StoreError::Verify))))
     ));
-    assert_eq!(bench.compass.state(), ModuleState::Uncalibrated);
+    assert_eq!(bench.compass.module_state(), ModuleState::Uncalibrated);
     assert_eq!(bench.report().last_outcome, Some(Message::Solved(Err(Refusal::Store(StoreError::Verify)))));
 }
 
@@ -815,7 +815,7 @@ fn unexpected_events_are_ignored() {
     assert!(matches!(bench.compass.step(Event::Saved(Ok(()))), Effect::None));
     bench.done(Command::CalStart(Procedure::Turns));
     assert!(matches!(bench.compass.step(Event::Advance), Effect::None));
-    assert_eq!(bench.compass.state(), ModuleState::Collecting);
+    assert_eq!(bench.compass.module_state(), ModuleState::Collecting);
 }
 
 #[test]
@@ -832,16 +832,16 @@ fn settings_out_of_range_are_refused_and_not_written() {
 fn a_tumbling_needs_no_attitude() {
     let mut bench = TestBed::new();
     bench.done(Command::CalStart(Procedure::Tumble));
-    assert_eq!(bench.compass.correction().sample_attitude, SampleAttitude::Unknown);
+    assert_eq!(bench.compass.instrument_correction().sample_attitude, SampleAttitude::Unknown);
     bench.tumble();
     bench.done(Command::CalSolve(None));
-    assert_eq!(bench.compass.correction().sample_attitude, SampleAttitude::Interpolated);
+    assert_eq!(bench.compass.instrument_correction().sample_attitude, SampleAttitude::Interpolated);
     let end = bench.solve();
     let verdict = bench.settle(end).unwrap();
     assert_eq!((verdict.quality.method, verdict.heading_deg_per_attitude_deg), (Method::Ellipsoid, None));
-    assert!(!bench.compass.correction().has_valid_inclination);
+    assert!(!bench.compass.instrument_correction().has_valid_inclination);
     bench.done(Command::CalStart(Procedure::Level));
-    assert_eq!(bench.compass.correction().sample_attitude, SampleAttitude::Interpolated);
+    assert_eq!(bench.compass.instrument_correction().sample_attitude, SampleAttitude::Interpolated);
 }
 
 #[test]

@@ -176,7 +176,7 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
         panic!("a trial after forty samples");
     });
     module.run(|run| {
-        assert_eq!((run.compass.state(), run.report().is_automatic), (ModuleState::Collecting, false));
+        assert_eq!((run.compass.module_state(), run.report().is_automatic), (ModuleState::Collecting, false));
         run.command(Command::CalSolve(Some(Method::TwoPlane)));
         let mut steps = 0;
         while run.compass.is_busy() && steps < 1000 {
@@ -190,7 +190,10 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
         );
     });
     module.run(|run| {
-        assert_eq!((run.compass.state(), run.report().progress.left_turns.samples), (ModuleState::Uncalibrated, 0));
+        assert_eq!(
+            (run.compass.module_state(), run.report().progress.left_turns.samples),
+            (ModuleState::Uncalibrated, 0)
+        );
         assert_eq!(run.compass.last_outcome(), None, "it was told");
     });
     module.run(|run| {
@@ -207,7 +210,10 @@ fn a_collection_whose_calibration_is_stored_is_discarded() {
     module.run(|run| assert!(run.fly(&hover()[..60]).is_none()));
     module.stored.stored_calibrations.current_calibration = Some(CalibrationRecord { sensor: SENSOR, ..record(1) });
     module.run(|run| {
-        assert_eq!((run.compass.state(), run.report().progress.left_turns.samples), (ModuleState::Calibrated, 0));
+        assert_eq!(
+            (run.compass.module_state(), run.report().progress.left_turns.samples),
+            (ModuleState::Calibrated, 0)
+        );
         assert_eq!(run.compass.last_outcome(), None);
     });
 }
@@ -269,14 +275,14 @@ fn requested_restarts_and_trial_solves_reset_the_restart_count() {
     module.run(|run| assert!(run.fly(&hover_samples[..60]).is_none()));
     for _ in 0..6 {
         module.run(|run| {
-            assert_eq!(run.compass.state(), ModuleState::Collecting);
+            assert_eq!(run.compass.module_state(), ModuleState::Collecting);
             run.compass.step(Event::Armed(Some(false)));
             assert!(matches!(run.command(Command::Restart), Effect::Reply(Ok(_))));
         });
     }
     for _ in 0..6 {
         module.run(|run| {
-            assert_eq!(run.compass.state(), ModuleState::Collecting);
+            assert_eq!(run.compass.module_state(), ModuleState::Collecting);
             assert!(run.fly(&hover_samples[60..62]).is_none() && run.report().last_trial.is_some(), "a trial");
         });
     }

@@ -24,9 +24,9 @@ fn trial_times_in_turns(result: impl Fn(usize) -> Option<Solution>) -> Vec<(f32,
         let pitch_deg = if (400.0..440.0).contains(&t_s) { -15.0 } else { 0.0 };
         let attitude = Attitude::from_deg(0.0, pitch_deg);
         let heading_rad = f32::from(tenths % 180).to_radians() * 2.0;
-        let field = Field::new(attitude.body(Field::<Level>::earth(50.0, 1.1, heading_rad)).ut);
+        let field = Field::new(attitude.to_body_frame(Field::<Level>::earth_field(50.0, 1.1, heading_rad)).ut);
         let time = WrappingMillis::new(u32::from(tenths) * 100);
-        collector.push(Sample {
+        collector.push_sample(Sample {
             field,
             attitude,
             rates: Rates::ZERO,

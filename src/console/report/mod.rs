@@ -48,7 +48,7 @@ pub fn write_greeting(out: &mut impl Write, reset: &ResetCause) -> fmt::Result {
 /// # Errors
 ///
 /// Those of `out`.
-pub fn reply(
+pub fn write_reply(
     out: &mut impl Write,
     command: Command,
     answer: &Result<Reply, Refusal>,

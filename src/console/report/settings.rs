@@ -74,7 +74,7 @@ pub(super) fn setting_line(
     report: &StatusReport,
 ) -> fmt::Result {
     let StatusReport { settings, local_field: here, .. } = report;
-    let field = here.field();
+    let field = here.model_field();
     match line {
         SettingGroup::Stream => {
             let on = on_or_off(settings.stream_on);
@@ -118,7 +118,7 @@ pub(super) fn setting_line(
         }
         SettingGroup::Port(port) => {
             let PortSettings { protocol, baud } = settings.ports.settings_of_port(port);
-            write!(out, "port{}{between}{}, {} baud", port as u8 + 1, protocol.protocol_name(), baud.name())
+            write!(out, "port{}{between}{}, {} baud", port as u8 + 1, protocol.protocol_name(), baud.baud_name())
         }
         SettingGroup::Vision => write!(out, "vision{between}{}", on_or_off(settings.sends_vision_yaw)),
         SettingGroup::AttitudeRate => write!(out, "attitude-rate{between}{} Hz at most", settings.attitude_rate_hz),
@@ -170,15 +170,15 @@ pub(super) fn field_model(out: &mut impl Write, here: &LocalField) -> fmt::Resul
         let (year, month, day) = day.year_month_day();
         write!(out, "; {year}-{month:02}-{day:02}")?;
     }
-    match here.position() {
+    match here.model_position() {
         None => out.write_str(", no position yet")?,
         Some(Position { latitude_deg, longitude_deg, .. }) => {
-            let north = side(latitude_deg, "N", "S");
-            let east = side(longitude_deg, "E", "W");
+            let north = side_word(latitude_deg, "N", "S");
+            let east = side_word(longitude_deg, "E", "W");
             write!(out, ", {} {north} {} {east}", Decimal::<1>(latitude_deg.abs()), Decimal::<1>(longitude_deg.abs()))?;
         }
     }
-    if let Some(EarthField { declination_deg, total_ut, .. }) = here.field() {
+    if let Some(EarthField { declination_deg, total_ut, .. }) = here.model_field() {
         write!(out, ", {} uT", Decimal::<1>(*total_ut))?;
         if declination_deg.is_none() {
             out.write_str(", no declination so near to a magnetic pole")?;
@@ -187,7 +187,7 @@ pub(super) fn field_model(out: &mut impl Write, here: &LocalField) -> fmt::Resul
     writeln!(out)
 }
 
-const fn side(deg: f32, positive: &'static str, negative: &'static str) -> &'static str {
+const fn side_word(deg: f32, positive: &'static str, negative: &'static str) -> &'static str {
     if deg < 0.0 { negative } else { positive }
 }
 

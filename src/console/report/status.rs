@@ -47,7 +47,7 @@ fn write_coverage(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
 fn last_outcome(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     match &report.last_outcome {
         Some(Message::Solved(Ok(_))) => writeln!(out, "last solve: ok"),
-        Some(message) => writeln!(out, "last solve: {}: {}", message.stable_code(), message.text()),
+        Some(message) => writeln!(out, "last solve: {}: {}", message.stable_code(), message.message_text()),
         None => writeln!(out, "last solve: none"),
     }
 }
@@ -105,7 +105,7 @@ pub(super) fn full_status(out: &mut impl Write, report: &StatusReport, health: &
 
 /// Writes the reply to `status` in safe mode.
 pub(super) fn safe_mode_status(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
-    writeln!(out, "ok {}: {}", Message::SafeMode.stable_code(), Message::SafeMode.text())?;
+    writeln!(out, "ok {}: {}", Message::SafeMode.stable_code(), Message::SafeMode.message_text())?;
     write_uptime(out, health)
 }
 
@@ -221,7 +221,7 @@ fn heading_lines(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
                 InstallationChange::HardIron(_) => "hard iron: changed by",
                 InstallationChange::Mount(_) => "mount: turned by",
             };
-            writeln!(out, "{what} {}", Message::InstallationChanged(*change).text())
+            writeln!(out, "{what} {}", Message::InstallationChanged(*change).message_text())
         }
         None => writeln!(out, "hard iron: no change detected"),
     }

@@ -139,11 +139,11 @@ struct LegendreFunction {
 }
 
 impl LegendreFunction {
-    const fn first((p, slope): (f32, f32)) -> Self {
+    const fn first_of_order((p, slope): (f32, f32)) -> Self {
         Self { value: p, derivative: slope, previous: (0.0, 0.0), root: 0.0 }
     }
 
-    fn advance(&mut self, degree: f32, order: f32, (sin, cos): (f32, f32)) {
+    fn next_degree(&mut self, degree: f32, order: f32, (sin, cos): (f32, f32)) {
         let Self { value: p, derivative: slope, previous: (p_before, slope_before), root } = *self;
         let next_root = sqrt((degree + 1.0) * (degree + 1.0) - order * order);
         let odd = 2.0 * degree + 1.0;
@@ -174,7 +174,7 @@ fn components_nt(place: Position, years: f32) -> [f32; 3] {
             (sin_m, cos_m) =
                 (sin_m * cos_longitude + cos_m * sin_longitude, cos_m * cos_longitude - sin_m * sin_longitude);
         }
-        let (mut function, mut power) = (LegendreFunction::first(first), first_power);
+        let (mut function, mut power) = (LegendreFunction::first_of_order(first), first_power);
         for n in m..=MAX_DEGREE {
             let degree = f32::from(n);
             // Degree 0 (magnetic monopole) has no coefficients.
@@ -185,7 +185,7 @@ fn components_nt(place: Position, years: f32) -> [f32; 3] {
                 east += power * (g * sin_m - h * cos_m) * order * function.value / sin;
                 down -= along * (degree + 1.0) * function.value;
             }
-            function.advance(degree, order, (sin, cos));
+            function.next_degree(degree, order, (sin, cos));
             power *= ratio;
         }
     }

@@ -93,7 +93,8 @@ fn blend_duration_s(from: &FieldMap, to: &FieldMap, calibration: &Calibration, a
     let total_ut = calibration.total_ut * active.output_map.strength_ratio;
     let turn_rad = |heading: u8| {
         let heading_rad = TAU / f32::from(EVALUATED_HEADINGS) * f32::from(heading);
-        let after = Attitude::default().body(Field::<Level>::earth(total_ut, inclination_rad, heading_rad));
+        let after =
+            Attitude::default().to_body_frame(Field::<Level>::earth_field(total_ut, inclination_rad, heading_rad));
         max_turn_rad_per_weight(from.map_field(sensor_field(after)), after)
     };
     let worst_rad = (0..EVALUATED_HEADINGS).map(turn_rad).fold(0.0, f32::max);
@@ -117,7 +118,7 @@ struct RestDetector {
 }
 
 impl RestDetector {
-    fn update(&mut self, at: Timestamp, attitude: Attitude) {
+    fn update_rest(&mut self, at: Timestamp, attitude: Attitude) {
         let stays = |(_, from): &(Timestamp, Attitude)| {
             wrap_pi(attitude.roll_rad - from.roll_rad).abs() <= AT_REST_RAD
                 && (attitude.pitch_rad - from.pitch_rad).abs() <= AT_REST_RAD
@@ -142,7 +143,7 @@ struct MapBlend {
 
 impl MapBlend {
     /// Weight of the new map; `None` once complete.
-    fn weight(&self, at: Timestamp) -> Option<f32> {
+    fn blend_weight(&self, at: Timestamp) -> Option<f32> {
         let weight = at.us_since(self.started_at) as f32 * 1e-6 / self.duration_s;
         (weight < 1.0).then_some(weight)
     }
@@ -166,7 +167,7 @@ impl CompassField {
     };
 
     pub fn update_attitude(&mut self, at: Timestamp, attitude: Attitude) {
-        self.rest_detector.update(at, attitude);
+        self.rest_detector.update_rest(at, attitude);
     }
 
     /// Begins the blend from one active calibration to the next; none if the output is the same.
@@ -201,7 +202,7 @@ impl CompassField {
         self.last = at;
         let after = body.or_else(|| Some(self.output_calibration(active)?.calibrated_field(field)))?;
         let after = active.output_map.map_field(after);
-        let Some((blend, weight)) = self.blend.as_ref().and_then(|blend| Some((blend, blend.weight(at)?))) else {
+        let Some((blend, weight)) = self.blend.as_ref().and_then(|blend| Some((blend, blend.blend_weight(at)?))) else {
             self.blend = None;
             return Some(after);
         };
@@ -219,7 +220,7 @@ impl CompassField {
     }
 
     fn blended_map(&self, now: Timestamp, to: FieldMap) -> FieldMap {
-        let blended = self.blend.as_ref().and_then(|blend| Some(blend.from.interpolate(&to, blend.weight(now)?)));
+        let blended = self.blend.as_ref().and_then(|blend| Some(blend.from.interpolate(&to, blend.blend_weight(now)?)));
         blended.unwrap_or(to)
     }
 }

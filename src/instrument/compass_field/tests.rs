@@ -37,7 +37,7 @@ fn with(correction: Correction) -> Instrument {
 }
 
 fn sensed(heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
-    Field::new(attitude.body(Field::earth(50.0, 1.0, heading_rad)).ut)
+    Field::new(attitude.to_body_frame(Field::earth_field(50.0, 1.0, heading_rad)).ut)
 }
 
 fn read(instrument: &mut Instrument, us: u64, field: Field<Sensor>) -> Estimate {
@@ -51,7 +51,7 @@ fn report(instrument: &mut Instrument, us: u64, attitude: Attitude) {
 }
 
 fn heading_deg(field: Field<Body>) -> f32 {
-    Attitude::default().level(field).heading_rad().to_degrees()
+    Attitude::default().to_level_frame(field).heading_rad().to_degrees()
 }
 
 fn turned_deg(from: Field<Body>, to: Field<Body>) -> f32 {
@@ -393,7 +393,7 @@ fn rest_is_detected_upside_down() {
     let mut rest = RestDetector { rest_start: None, last: at(0) };
     for i in 0..200 {
         let roll_deg = if i % 2 == 0 { 179.95 } else { -179.95 };
-        rest.update(at(i * 20_000), Attitude::from_deg(roll_deg, 0.0));
+        rest.update_rest(at(i * 20_000), Attitude::from_deg(roll_deg, 0.0));
     }
     assert!(rest.is_at_rest(at(3_980_000)));
 }

@@ -33,7 +33,7 @@ pub(super) struct AccelerationTilt {
 impl AccelerationTilt {
     pub const NEW: Self = Self { last_pitch_rad: None, reported_excursion_rad: 0.0, integrated_excursion_rad: 0.0 };
 
-    pub fn update(&mut self, Attitude { pitch_rad, .. }: Attitude, motion: &EulerRates, step_s: f32) {
+    pub fn update_tilt(&mut self, Attitude { pitch_rad, .. }: Attitude, motion: &EulerRates, step_s: f32) {
         let last_rad = self.last_pitch_rad.replace(pitch_rad).unwrap_or(pitch_rad);
         let decay = (1.0 - step_s / AVERAGING_TIME_S).max(0.0);
         self.reported_excursion_rad = decay * (self.reported_excursion_rad + pitch_rad - last_rad);
@@ -58,7 +58,7 @@ mod tests {
         let mut tilt = AccelerationTilt::NEW;
         let mut see = |pitch_rad: f32, pitch_rad_s: f32| {
             let motion = EulerRates { pitch_rad_s, ..EulerRates::default() };
-            tilt.update(Attitude { roll_rad: 0.3, pitch_rad }, &motion, 0.1);
+            tilt.update_tilt(Attitude { roll_rad: 0.3, pitch_rad }, &motion, 0.1);
         };
         for _ in 0..600 {
             see(0.05, 0.0);
@@ -89,7 +89,7 @@ mod tests {
         let mut tilt = AccelerationTilt::NEW;
         for i in 0..10_u8 {
             let motion = EulerRates { roll_rad_s: 0.5, heading_rad_s: 0.3, ..EulerRates::default() };
-            tilt.update(Attitude { roll_rad: 0.05 * f32::from(i), pitch_rad: 0.1 }, &motion, 0.1);
+            tilt.update_tilt(Attitude { roll_rad: 0.05 * f32::from(i), pitch_rad: 0.1 }, &motion, 0.1);
         }
         assert!(tilt.variance_rad2() < 1e-12);
     }
@@ -101,7 +101,7 @@ mod tests {
         assert!((found - 0.372).abs() < 0.02, "{found}");
         let mut tilt = AccelerationTilt::NEW;
         for (pitch_rad, step_s) in [(0.0, 0.1), (0.3, 25.0)] {
-            tilt.update(
+            tilt.update_tilt(
                 Attitude { roll_rad: 0.0, pitch_rad },
                 &EulerRates { pitch_rad_s: 0.01, ..EulerRates::default() },
                 step_s,

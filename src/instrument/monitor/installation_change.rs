@@ -73,7 +73,7 @@ impl ChangeReporter {
     pub const NOTHING_REPORTED: Self = Self { last_reported: None, last_report_at: None, count: 0 };
 
     /// Returns the present change if it is to be reported; `Some(None)` if all is as calibrated again.
-    pub fn update(
+    pub fn select_report(
         &mut self,
         at: Timestamp,
         is_armed: bool,
@@ -128,7 +128,7 @@ impl ChangeDetector {
     }
 
     /// Updates with the size of the estimated change and its sigma, `step_s` after the last.
-    pub fn update(&mut self, size: f32, sigma: f32, is_silent: bool, step_s: f32) -> bool {
+    pub fn update_detection(&mut self, size: f32, sigma: f32, is_silent: bool, step_s: f32) -> bool {
         self.undisturbed_s = if is_silent { 0.0 } else { self.undisturbed_s + step_s };
         self.is_significant = if self.is_significant {
             // A larger sigma does not end a reported change.
@@ -147,7 +147,7 @@ mod tests {
     const DETECTOR: ChangeDetector = ChangeDetector::new(MIN_HARD_IRON_CHANGE);
 
     fn repeat_update(moved: &mut ChangeDetector, change: f32, sigma: f32, is_silent: bool, tenths: usize) -> bool {
-        (0..tenths).map(|_| moved.update(change, sigma, is_silent, 0.1)).last().unwrap()
+        (0..tenths).map(|_| moved.update_detection(change, sigma, is_silent, 0.1)).last().unwrap()
     }
 
     #[test]
@@ -181,7 +181,7 @@ mod tests {
             (None, None),
         ] {
             at = at.plus_us(MIN_REPORT_PERIOD_US);
-            assert_eq!(reporter.update(at, false, now), expected, "{now:?}");
+            assert_eq!(reporter.select_report(at, false, now), expected, "{now:?}");
         }
     }
 
@@ -192,7 +192,9 @@ mod tests {
         let mut reporter = ChangeReporter::NOTHING_REPORTED;
         let mut reports = (0..700_u32).filter_map(|tenth| {
             let now = if tenth / 10 % 2 == 0 { change } else { None };
-            reporter.update(Timestamp::from_us(u64::from(tenth) * 100_000), false, now).map(|report| (tenth, report))
+            reporter
+                .select_report(Timestamp::from_us(u64::from(tenth) * 100_000), false, now)
+                .map(|report| (tenth, report))
         });
         assert_eq!(reports.by_ref().collect::<Vec<_>>(), [(0, change), (310, None), (620, change)]);
     }
@@ -202,8 +204,8 @@ mod tests {
     fn a_further_change_must_be_significant() {
         let reports_again = |first: InstallationChange, then: InstallationChange| {
             let mut reporter = ChangeReporter::NOTHING_REPORTED;
-            reporter.update(Timestamp::from_us(0), false, Some(first));
-            reporter.update(Timestamp::from_us(MIN_REPORT_PERIOD_US), false, Some(then)).is_some()
+            reporter.select_report(Timestamp::from_us(0), false, Some(first));
+            reporter.select_report(Timestamp::from_us(MIN_REPORT_PERIOD_US), false, Some(then)).is_some()
         };
         let iron = |y_ut: f32, sigma_ut: f32| {
             InstallationChange::HardIron(HardIronChange { change_ut: Vector3::new(0.0, y_ut, 0.0), sigma_ut })
@@ -224,7 +226,7 @@ mod tests {
             let change = Some(hard_iron_change(Vector3::new(5.0, 0.0, 0.0)));
             let update = |i: &u64| {
                 let at = Timestamp::from_us(i * MIN_REPORT_PERIOD_US);
-                reporter.update(at, is_armed, change.filter(|_| i.is_multiple_of(2))).is_some()
+                reporter.select_report(at, is_armed, change.filter(|_| i.is_multiple_of(2))).is_some()
             };
             (from..from + 20).filter(update).count()
         };

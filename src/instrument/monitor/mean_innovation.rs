@@ -25,7 +25,7 @@ impl MeanInnovations {
 
     /// Adds the innovations of a sample `step_s` after the last one. Returns the mean innovation of the heading,
     /// radians, if it is significant and that of no other measurement is.
-    pub fn update(&mut self, innovations: &PerKind<Option<Innovation>>, step_s: f32) -> Option<f32> {
+    pub fn update_means(&mut self, innovations: &PerKind<Option<Innovation>>, step_s: f32) -> Option<f32> {
         let part = step_s / (MEAN_TIME_S + step_s);
         let mut sigmas_squared = [0.0; 3];
         for ((mean, innovation), sigmas_squared) in self.means.iter_mut().zip(innovations).zip(&mut sigmas_squared) {
@@ -48,7 +48,7 @@ mod tests {
     fn change_after(sigmas: PerKind<f32>, samples: usize) -> Option<f32> {
         let mut means = MeanInnovations::ZERO_MEANS;
         let innovations = sigmas.map(|n| Some(Innovation { residual: 0.01 * n, variance: 1e-4 }));
-        (0..samples).map(|_| means.update(&innovations, 0.1)).last().flatten()
+        (0..samples).map(|_| means.update_means(&innovations, 0.1)).last().flatten()
     }
 
     /// The mean of `n` white innovations within 4 s, 80 samples, has a ninth of their sigma.

@@ -167,11 +167,14 @@ impl MeasurementModel {
     pub fn new(seen: &MonitorSample, states: &StateVector, predicted: &PredictedField) -> Self {
         let tilt = correct_attitude(seen.attitude, &seen.motion, states).tilt_rotation();
         let (field, by_mount_turn) = body_field(seen, states);
-        let measured = tilt.level(field);
+        let measured = tilt.to_level_frame(field);
         let heading_rad = measured.heading_rad();
-        let level =
-            Field::earth(predicted.strength, predicted.inclination_rad, predicted.heading_rad.unwrap_or(heading_rad));
-        let earth = tilt.body(level).ut;
+        let level = Field::earth_field(
+            predicted.strength,
+            predicted.inclination_rad,
+            predicted.heading_rad.unwrap_or(heading_rad),
+        );
+        let earth = tilt.to_body_frame(level).ut;
         let prediction = FieldPrediction::new(earth, &earth, &tilt);
         let inclination_by_tilt = prediction.inclination_by_attitude(&tilt);
         let heading_by_tilt = prediction.heading_by_attitude(&tilt);
@@ -252,9 +255,9 @@ mod tests {
     fn random_sample(random: &mut Random) -> MonitorSample {
         let mut number = |size: f32| random.uniform(-size, size);
         let attitude = Attitude { roll_rad: number(0.8), pitch_rad: number(0.4) };
-        let level = Field::earth(1.0 + number(0.1), 0.8 + number(0.2), number(3.0));
+        let level = Field::earth_field(1.0 + number(0.1), 0.8 + number(0.2), number(3.0));
         MonitorSample {
-            field: attitude.body(level).ut,
+            field: attitude.to_body_frame(level).ut,
             mount_turn_effect: MountTurnEffect {
                 p: Vector3::from_fn(|_, _| number(1.0)),
                 q: Vector3::from_fn(|_, _| number(1.0)),
@@ -305,7 +308,7 @@ mod tests {
     #[test]
     fn the_prediction_of_a_true_field_is_exact() {
         let attitude = Attitude::from_deg(-30.0, 8.0);
-        let body = attitude.body(Field::earth(1.0, 1.1, 2.0)).ut;
+        let body = attitude.to_body_frame(Field::earth_field(1.0, 1.1, 2.0)).ut;
         let mount_turn_effect = MountTurnEffect { p: Vector3::x(), q: Vector3::y() };
         let seen = MonitorSample { field: body, mount_turn_effect, attitude, motion: EulerRates::default() };
         let predicted_field = PredictedField::new(&[0.0; STATE_COUNT], 1.1, None);

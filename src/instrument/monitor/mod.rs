@@ -139,13 +139,13 @@ impl Monitor {
         }
     }
 
-    pub const fn output(&self) -> &MonitorOutput {
+    pub const fn monitor_output(&self) -> &MonitorOutput {
         &self.output
     }
 
     /// Processes a sample whose last reading was at `at`, with the gyro turn at the sample's own time.
     #[inline(never)]
-    pub fn update(
+    pub fn process_sample(
         &mut self,
         monitored: &MonitoredCalibration<'_>,
         at: Timestamp,
@@ -169,7 +169,7 @@ impl Monitor {
         }
         let step_s = self.last_sample_at.map_or(INITIAL_STEP_S, |last| at.us_since(last) as f32 * 1e-6);
         self.last_sample_at = Some(at);
-        self.acceleration_tilt.update(seen.attitude, &seen.motion, step_s);
+        self.acceleration_tilt.update_tilt(seen.attitude, &seen.motion, step_s);
         self.predict_state(step_s);
         let gyro_rows = turning.map(|_| GyroErrorRows::new(seen.attitude, &seen.motion));
         self.follow_drift(seen.attitude.roll_rad, step_s);
@@ -185,7 +185,7 @@ impl Monitor {
         self.filter.set_mean(GYRO_OFFSET, wrap_pi(offset_rad));
         if !self.filter.is_finite() {
             // A state that is not finite is unexpected; the reset keeps NaN out of all later results.
-            self.reset();
+            self.reset_states();
             return;
         }
         self.update_output(monitored, &seen, &heading_jacobian, step_s);
@@ -204,7 +204,7 @@ impl Monitor {
 
     /// Resets the monitor. Not inlined, because a whole monitor is on the stack.
     #[inline(never)]
-    fn reset(&mut self) {
+    fn reset_states(&mut self) {
         *self = Self::new(self.expected_errors);
     }
 
@@ -252,7 +252,7 @@ impl Monitor {
         {
             let (measured, _) = measurement_model::body_field(seen, self.filter.mean());
             let attitude = measurement_model::correct_attitude(seen.attitude, &seen.motion, self.filter.mean());
-            let heading_rad = attitude.level(measured).heading_rad();
+            let heading_rad = attitude.to_level_frame(measured).heading_rad();
             self.filter.set_mean(GYRO_OFFSET, wrap_pi(heading_rad - turning.relative_heading_rad));
             self.filter.inflate_variance(GYRO_OFFSET, UNKNOWN_ANGLE_VARIANCE_RAD2);
             self.coordinated_turn = CoordinatedTurn::EMPTY;
@@ -346,7 +346,7 @@ impl Monitor {
         step_s: f32,
     ) -> PerKind<bool> {
         let innovations = array::from_fn(|kind| measurements[kind].as_ref().map(|m| self.innovation(m)));
-        if let Some(heading_change_rad) = self.mean_innovations.update(&innovations, step_s)
+        if let Some(heading_change_rad) = self.mean_innovations.update_means(&innovations, step_s)
             && self.post_change_remaining_s <= 0.0
         {
             self.follow_gyro_offset(heading_change_rad, step_s);
@@ -414,7 +414,7 @@ impl Monitor {
         let mut measurement = *measurement;
         let changes = self.filter.mean().iter().zip(predicted_with).map(|(now, then)| now - then);
         measurement.residual -= measurement.jacobian.iter().zip(changes).map(|(d, change)| d * change).sum::<f32>();
-        self.filter.update(&measurement);
+        self.filter.apply_measurement(&measurement);
     }
 
     /// Updates with the coordinated-turn pseudo-measurement at the end of its window.
@@ -423,7 +423,7 @@ impl Monitor {
         let step_s = step_s.min(MAX_GAP_S);
         let measured = self.coordinated_turn.integrate(seen.attitude, &seen.motion, gyro_row, step_s, states);
         if let Some(measurement) = measured {
-            self.filter.update(&measurement);
+            self.filter.apply_measurement(&measurement);
         }
     }
 
@@ -537,14 +537,15 @@ impl Monitor {
         let is_withholding = self.innovation_gate.is_withholding() || size > MAX_HARD_IRON_CHANGE;
         let turn_rad = self.filter.mean()[MOUNT_TURN];
         let sigma_rad = sqrt(self.filter.state_variance(MOUNT_TURN));
-        if self.mount_detector.update(turn_rad.abs(), sigma_rad, is_withholding, step_s) {
+        if self.mount_detector.update_detection(turn_rad.abs(), sigma_rad, is_withholding, step_s) {
             // An inaccurate turn looks like changed hard iron as well.
             return Some(InstallationChange::Mount(MountTurn { turn_rad, sigma_rad }));
         }
         let sigma = HARD_IRON_AXES.map(|axis| sqrt(self.filter.state_variance(axis))).into_iter().fold(0.0, f32::max);
         // Coefficient errors resemble hard iron.
         let sigma_with_coefficients = sqrt(sigma * sigma + self.max_coefficient_variance);
-        let is_significant = self.hard_iron_detector.update(size, sigma_with_coefficients, is_withholding, step_s);
+        let is_significant =
+            self.hard_iron_detector.update_detection(size, sigma_with_coefficients, is_withholding, step_s);
         (is_significant && size <= MAX_HARD_IRON_CHANGE).then(|| {
             let (change_ut, sigma_ut) = (hard_iron_change * total_ut, sigma * total_ut);
             InstallationChange::HardIron(HardIronChange { change_ut, sigma_ut })

@@ -138,13 +138,13 @@ impl Flight {
         } = self.wrong;
         let (mut attitude, _, heading_rad) = moment(self.now_s());
         attitude.pitch_rad += self.wrong.raised_rad;
-        let earth = Field::earth(TOTAL_UT * (1.0 + strength), INCLINATION_RAD + inclination_rad, heading_rad);
+        let earth = Field::earth_field(TOTAL_UT * (1.0 + strength), INCLINATION_RAD + inclination_rad, heading_rad);
         let (mut reported, mut motion, reported_heading_rad) = moment(self.now_s() - late_s);
         motion.heading_rad_s *= self.wrong.gyro_scale;
         reported.pitch_rad += self.wrong.raised_rad;
         motion.pitch_rad_s += self.wrong.raising_rad_s;
         let mut noise = |sigma: f32| sigma * self.random.normal();
-        let body_ut = attitude.body(earth).ut + Vector3::from(iron_ut) + self.calibration.b_vector_ut();
+        let body_ut = attitude.to_body_frame(earth).ut + Vector3::from(iron_ut) + self.calibration.b_vector_ut();
         let module_from_body = Rotation3::from_axis_angle(&Vector3::z_axis(), -self.wrong.mount_turn_rad);
         let field = module_from_body * body_ut + Vector3::from_fn(|_, _| noise(STRENGTH_SIGMA * TOTAL_UT));
         let reported = Attitude {
@@ -172,8 +172,8 @@ impl Flight {
             uncertainty: &self.uncertainty,
             readings_per_sample: 1,
         };
-        self.monitor.update(&monitored, at, &sample, Some(turning));
-        let adjustment = self.monitor.output();
+        self.monitor.process_sample(&monitored, at, &sample, Some(turning));
+        let adjustment = self.monitor.monitor_output();
         adjustment.validity?;
         let (calibration, uncertainty) = adjustment.correct_calibration(&monitored);
         let attitude = adjustment.correct_attitude(reported, &motion);
@@ -243,7 +243,7 @@ fn headings_after_a_day_are_as_good_as_after_an_hour() {
         assert_eq!(hour.none, []);
         assert!(hour.worst_deg < 4.5, "{hour:?}");
     }
-    assert_eq!(flight.monitor.output().installation_change, None);
+    assert_eq!(flight.monitor.monitor_output().installation_change, None);
 }
 
 /// 3 uT or more in level flight, in any direction: detected at once; heading usable within seconds; estimated within 30
@@ -265,7 +265,7 @@ fn a_hard_iron_change_is_detected_and_reported() {
         assert!(turning.none.len() <= 100 && turning.worst_deg < 8.0, "{iron_ut:?}: {turning:?}");
         let flight_result = flight.fly(180);
         assert!(flight_result.none.is_empty() && flight_result.worst_deg < 5.0, "{iron_ut:?}: {flight_result:?}");
-        let Some(InstallationChange::HardIron(told)) = flight.monitor.output().installation_change else {
+        let Some(InstallationChange::HardIron(told)) = flight.monitor.monitor_output().installation_change else {
             panic!("{iron_ut:?}")
         };
         let off_ut = (told.change_ut - Vector3::from(iron_ut)).norm();
@@ -273,7 +273,7 @@ fn a_hard_iron_change_is_detected_and_reported() {
         assert!(off_ut < 6.0 * told.sigma_ut, "{iron_ut:?}: {told:?}");
         flight.wrong.iron_ut = [0.0; 3];
         flight.fly(200);
-        assert_eq!(flight.monitor.output().installation_change, None, "{iron_ut:?}");
+        assert_eq!(flight.monitor.monitor_output().installation_change, None, "{iron_ut:?}");
     }
 }
 
@@ -288,14 +288,14 @@ fn a_turn_in_the_mount_is_estimated_and_reported() {
         flight.fly(180);
         let flight_result = flight.fly(400);
         assert!(flight_result.none.is_empty() && flight_result.worst_deg < 4.5, "{turn_deg}: {flight_result:?}");
-        let Some(InstallationChange::Mount(told)) = flight.monitor.output().installation_change else {
+        let Some(InstallationChange::Mount(told)) = flight.monitor.monitor_output().installation_change else {
             panic!("{turn_deg}")
         };
         let off_deg = told.turn_rad.to_degrees() - turn_deg;
         assert!(off_deg.abs() < 1.5 && off_deg.abs() < 4.0 * told.sigma_rad.to_degrees(), "{turn_deg}: {told:?}");
         flight.wrong.mount_turn_rad = 0.0;
         flight.fly(400);
-        assert_eq!(flight.monitor.output().installation_change, None, "{turn_deg}");
+        assert_eq!(flight.monitor.monitor_output().installation_change, None, "{turn_deg}");
     }
 }
 
@@ -309,7 +309,7 @@ fn a_change_of_place_is_estimated() {
     assert!(turning.none.len() <= 150 && turning.worst_deg < 8.0, "{turning:?}");
     let flight_result = flight.fly(1000);
     assert!(flight_result.none.is_empty() && flight_result.worst_deg < 5.0, "{flight_result:?}");
-    let adjustment = flight.monitor.output();
+    let adjustment = flight.monitor.monitor_output();
     assert_eq!(adjustment.installation_change, None);
     let (strength, inclination_rad) = (adjustment.states[STRENGTH_CHANGE], adjustment.states[INCLINATION_CHANGE]);
     assert!((strength + 0.08).abs() < 0.01 && (inclination_rad - 0.12).abs() < 0.015, "{strength} {inclination_rad}");
@@ -358,7 +358,7 @@ fn attitude_noise_grows_while_the_aircraft_accelerates() {
         }
         assert_eq!(silent > 0, is_silenced, "{raised_rad}: {silent}");
         // 0.15 times the excursion is 0.8 deg or more; calibration and adaptation alone give 0.3 deg.
-        let tilt_sigma_rad = libm::sqrtf(flight.monitor.output().sample_noise.unwrap().tilt_rad2);
+        let tilt_sigma_rad = libm::sqrtf(flight.monitor.monitor_output().sample_noise.unwrap().tilt_rad2);
         assert_eq!(tilt_sigma_rad > 0.0125, !is_silenced, "{raised_rad}: {tilt_sigma_rad}");
     }
 }
@@ -373,7 +373,7 @@ fn attitude_latency_and_gyro_drift_are_distinguished() {
         let mut flight = Flight::new(9);
         flight.wrong = wrong;
         flight.fly(600);
-        let found = flight.monitor.output().states[index];
+        let found = flight.monitor.monitor_output().states[index];
         assert!((found - expected).abs() < within, "{wrong:?}: {found}");
     }
 }
@@ -389,7 +389,7 @@ fn the_scale_error_of_the_gyro_is_estimated() {
         assert!(flight_result.none.len() < 50 && flight_result.worst_deg < 5.0, "{flight_result:?}");
         let (attitude, motion, _) = moment(STRAIGHT_S + CIRCLE_S / 2.0);
         let row = GyroErrorRows::new(attitude, &motion).heading_row;
-        let errors = flight.monitor.output().heading_rate_error.gyro_errors;
+        let errors = flight.monitor.monitor_output().heading_rate_error.gyro_errors;
         let found = estimated_scale_error(&flight, STRAIGHT_S + CIRCLE_S / 2.0);
         // The errors are those of the true rates, the row is taken at the measured ones.
         let expected = (gyro_scale - 1.0) / gyro_scale;
@@ -421,7 +421,7 @@ fn the_first_report_of_a_corrected_current_is_awaited() {
 fn estimated_scale_error(flight: &Flight, t_s: f32) -> f32 {
     let (attitude, motion, _) = moment(t_s);
     let row = GyroErrorRows::new(attitude, &motion).heading_row;
-    flight.monitor.output().heading_rate_error.gyro_errors.projected_mean(&row) / motion.heading_rad_s
+    flight.monitor.monitor_output().heading_rate_error.gyro_errors.projected_mean(&row) / motion.heading_rad_s
 }
 
 /// After a third of a circle with a gyro of 10 %: an expected error of 10 % follows it, one of 0.2 % lags behind.
@@ -468,7 +468,7 @@ fn implausible_gyro_errors_withhold_the_heading() {
 fn a_drift_in_straight_flight_is_in_the_heading_variance() {
     let mut flight = Flight::new(14);
     flight.fly(170);
-    let before_rad2 = flight.monitor.output().heading_variance_rad2;
+    let before_rad2 = flight.monitor.monitor_output().heading_variance_rad2;
     let mut worst_sigmas = 0.0_f32;
     for i in 0..500_u16 {
         let part = f32::from(i) / 500.0;
@@ -477,7 +477,7 @@ fn a_drift_in_straight_flight_is_in_the_heading_variance() {
             worst_sigmas = worst_sigmas.max(error_deg.abs() / sigma_deg);
         }
     }
-    assert!(flight.monitor.output().heading_variance_rad2 > 20.0 * before_rad2);
+    assert!(flight.monitor.monitor_output().heading_variance_rad2 > 20.0 * before_rad2);
     assert!(worst_sigmas < 4.0, "{worst_sigmas}");
 }
 
@@ -486,23 +486,24 @@ fn a_drift_in_straight_flight_is_in_the_heading_variance() {
 fn heading_variance_is_inflated_after_a_detected_change() {
     let mut flight = Flight::new(5);
     flight.fly(40);
-    let unchanged_rad2 = flight.monitor.output().heading_variance_rad2;
+    let unchanged_rad2 = flight.monitor.monitor_output().heading_variance_rad2;
     assert!(unchanged_rad2 < 0.006 * 0.006, "nothing has changed: {unchanged_rad2}");
     flight.wrong.iron_ut = [0.0, 5.0, 0.0];
     flight.fly(15);
     let (attitude, motion, heading_rad) = moment(flight.now_s());
-    let field = attitude.body(Field::earth(1.0, INCLINATION_RAD, heading_rad)).ut;
+    let field = attitude.to_body_frame(Field::earth_field(1.0, INCLINATION_RAD, heading_rad)).ut;
     let mount_turn_effect = MountTurnEffect::new(&flight.calibration, &field);
     let seen = MonitorSample { field, mount_turn_effect, attitude, motion };
     let states = *flight.monitor.filter.mean();
     let predicted =
         PredictedField { heading_rad: Some(heading_rad), ..PredictedField::new(&states, INCLINATION_RAD, None) };
     let jacobian = MeasurementModel::new(&seen, &states, &predicted).heading_jacobian;
-    let inflation = flight.monitor.output().heading_variance_rad2 / flight.monitor.filter.projected_variance(&jacobian);
+    let inflation =
+        flight.monitor.monitor_output().heading_variance_rad2 / flight.monitor.filter.projected_variance(&jacobian);
     assert!((2.4..=3.6).contains(&inflation), "{inflation}");
     flight.wrong.iron_ut = [0.0; 3];
     flight.fly(200);
-    assert!(flight.monitor.output().heading_variance_rad2 < 0.006 * 0.006);
+    assert!(flight.monitor.monitor_output().heading_variance_rad2 < 0.006 * 0.006);
 }
 
 #[test]
@@ -564,7 +565,8 @@ fn a_source_without_rates_is_monitored() {
     for i in 0..240_u16 {
         let iron_ut = if i < 200 { 0.0 } else { 8.0 };
         let (attitude, _, heading_rad) = moment(f32::from(i) * STEP_S);
-        let field = attitude.body(Field::earth(TOTAL_UT, INCLINATION_RAD, heading_rad)).ut + Vector3::z() * iron_ut;
+        let field = attitude.to_body_frame(Field::earth_field(TOTAL_UT, INCLINATION_RAD, heading_rad)).ut
+            + Vector3::z() * iron_ut;
         let at = Timestamp::from_us(u64::from(i) * 100_000);
         let sample = Sample {
             field: Field::new(field),
@@ -579,19 +581,19 @@ fn a_source_without_rates_is_monitored() {
             uncertainty: &flight.uncertainty,
             readings_per_sample: 1,
         };
-        monitor.update(&monitored, at, &sample, None);
-        verdicts.push(monitor.output().validity);
+        monitor.process_sample(&monitored, at, &sample, None);
+        verdicts.push(monitor.monitor_output().validity);
     }
     assert!(verdicts[..201].iter().all(Result::is_ok));
     assert!(verdicts[201..].iter().all(|verdict| *verdict == Err(NoHeading::FieldDisturbed)));
-    assert_eq!(monitor.output().gyro_offset, None);
+    assert_eq!(monitor.monitor_output().gyro_offset, None);
 }
 
 #[test]
 fn non_finite_samples_are_ignored() {
     let mut flight = Flight::new(13);
     flight.fly(30);
-    let before = *flight.monitor.output();
+    let before = *flight.monitor.monitor_output();
     let monitored = MonitoredCalibration {
         calibration: &flight.calibration,
         uncertainty: &flight.uncertainty,
@@ -612,8 +614,8 @@ fn non_finite_samples_are_ignored() {
         (Sample { attitude: non_finite, ..good }, None),
         (good, Some(turned)),
     ] {
-        flight.monitor.update(&monitored, Timestamp::from_us(60_000_000), &sample, turning);
-        assert_eq!(*flight.monitor.output(), before);
+        flight.monitor.process_sample(&monitored, Timestamp::from_us(60_000_000), &sample, turning);
+        assert_eq!(*flight.monitor.monitor_output(), before);
     }
 }
 
@@ -621,7 +623,7 @@ fn non_finite_samples_are_ignored() {
 fn a_heading_contradicted_by_the_gyro_is_withheld() {
     let mut flight = Flight::new(14);
     flight.fly(300);
-    let adjustment = flight.monitor.output();
+    let adjustment = flight.monitor.monitor_output();
     let (run, offset_rad2) = adjustment.gyro_offset.unwrap();
     let motion = EulerRates { heading_rad_s: 0.3, ..EulerRates::default() };
     let turning = GyroHeading { euler_rates: motion, relative_heading_rad: 1.0, run_number: run };
@@ -676,7 +678,7 @@ fn a_day_at_rest_changes_no_state() {
     let flight = Flight::new(15);
     let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
     let attitude = Attitude::from_deg(2.0, 5.0);
-    let body = attitude.body(Field::earth(TOTAL_UT, INCLINATION_RAD, 0.7)).ut;
+    let body = attitude.to_body_frame(Field::earth_field(TOTAL_UT, INCLINATION_RAD, 0.7)).ut;
     for i in 0..864_000_u32 {
         let field = body + Vector3::from_fn(|_, _| STRENGTH_SIGMA * TOTAL_UT * random.normal());
         let at = Timestamp::from_us(u64::from(i) * 100_000);
@@ -693,8 +695,8 @@ fn a_day_at_rest_changes_no_state() {
             uncertainty: &flight.uncertainty,
             readings_per_sample: 1,
         };
-        monitor.update(&monitored, at, &sample, None);
-        assert_eq!(monitor.output().validity, Ok(()), "{i}");
+        monitor.process_sample(&monitored, at, &sample, None);
+        assert_eq!(monitor.monitor_output().validity, Ok(()), "{i}");
     }
     assert!(monitor.filter.mean().iter().all(|unknown| unknown.abs() < 0.01), "{:?}", monitor.filter.mean());
 }

@@ -67,7 +67,7 @@ impl AgreementTest {
     };
 
     /// Restarts the test with the filter, except for the turn still required.
-    pub fn restart(&mut self) {
+    pub fn restart_test(&mut self) {
         *self = Self { required_turn_rad: self.required_turn_rad, ..Self::NEW };
     }
 

@@ -81,7 +81,7 @@ impl HeadingSmoother {
         Self { state: None, agreement: AgreementTest::NEW, residual_noise: ResidualNoise::NEW }
     }
 
-    pub fn reset(&mut self) {
+    pub fn reset_filter(&mut self) {
         *self = Self::new();
     }
 
@@ -104,8 +104,8 @@ impl HeadingSmoother {
             (square(raw.sigma_rad) - raw.systematic_variance_rad2).max(MIN_VARIANCE_RAD2).min(MAX_VARIANCE_RAD2);
         let agreed = self.update_filter((at, raw.magnetic_rad, variance), turning, gyro);
         if agreed == AgreementResult::Lost {
-            self.agreement.restart();
-            self.residual_noise.restart();
+            self.agreement.restart_test();
+            self.residual_noise.restart_noise();
             self.state = Some(SmootherState::new_at(at, raw.magnetic_rad, variance, turning));
         }
         let state = self.state.as_ref().filter(|_| agreed == AgreementResult::InAgreement)?;
@@ -133,7 +133,7 @@ impl HeadingSmoother {
             return AgreementResult::Lost; // A NaN must not enter the state.
         }
         let expected = state.variance() + variance;
-        self.residual_noise.update(off_rad, expected, step.step_s);
+        self.residual_noise.update_noise(off_rad, expected, step.step_s);
         let agreed = self.agreement.test_innovation(off_rad, expected, step);
         state.update_measurement(off_rad, variance, step.step_s);
         agreed

@@ -32,11 +32,11 @@ impl ResidualNoise {
         (Self::TRACKING_CORRECTION * self.remaining_fraction).min(1.0)
     }
 
-    pub fn restart(&mut self) {
+    pub fn restart_noise(&mut self) {
         self.mean_innovation_rad = 0.0;
     }
 
-    pub fn update(&mut self, off_rad: f32, variance: f32, step_s: f32) {
+    pub fn update_noise(&mut self, off_rad: f32, variance: f32, step_s: f32) {
         self.mean_innovation_rad += (off_rad - self.mean_innovation_rad) * step_s / (Self::MEAN_TIME_S + step_s);
         self.averaging_s = (self.averaging_s + step_s).min(Self::MAX_AVERAGING_S);
         let share = (square(self.mean_innovation_rad) / variance).min(1.0);

@@ -364,7 +364,7 @@ fn turns_faster_than_360_deg_s_are_not_smoothed() {
 fn a_reset_discards_the_smoother_state() {
     let mut flight = Flight::new();
     flight.wander();
-    flight.smoother.reset();
+    flight.smoother.reset_filter();
     assert!(none_smooth(&flight.fly(0.0, 2.0)));
 }
 
@@ -550,7 +550,7 @@ mod agreement {
             }
             assert_eq!(last == AgreementResult::InAgreement, agreed, "{turned_deg}");
             // The requirement survives a restart.
-            agreement.restart();
+            agreement.restart_test();
             assert_eq!(
                 !repeat_innovation(&mut agreement, 0.0, 2.1) && repeat_innovation(&mut agreement, 0.0, 1.0),
                 agreed
@@ -591,7 +591,7 @@ mod lasting {
             let (mut lasting, mut noise) = (ResidualNoise::NEW, 2.0 * random.normal());
             for _ in 0..(240.0 / STEP_S) as usize {
                 noise = decay * noise + 2.0 * (1.0 - decay * decay).sqrt() * random.normal();
-                lasting.update(noise, 4.0, STEP_S);
+                lasting.update_noise(noise, 4.0, STEP_S);
             }
             sum += lasting.remaining_fraction();
         }
@@ -615,7 +615,7 @@ mod lasting {
             let mut lasting = ResidualNoise::NEW;
             assert!((lasting.remaining_fraction() - 0.225).abs() < 1e-6);
             for _ in 0..(1200.0 / STEP_S) as usize {
-                lasting.update(innovation, 1.0, STEP_S);
+                lasting.update_noise(innovation, 1.0, STEP_S);
             }
             assert!(
                 (lasting.remaining_fraction() - expected).abs() < 0.01,
@@ -631,15 +631,15 @@ mod lasting {
         let mut lasting = ResidualNoise::NEW;
         let quiet = |lasting: &mut ResidualNoise, seconds: f32| {
             for _ in 0..(seconds / STEP_S) as usize {
-                lasting.update(0.0, 1.0, STEP_S);
+                lasting.update_noise(0.0, 1.0, STEP_S);
             }
         };
         quiet(&mut lasting, 10.0);
         assert!((lasting.remaining_fraction() - 0.1125).abs() < 0.004, "{}", lasting.remaining_fraction());
         for _ in 0..(2000.0 / STEP_S) as usize {
-            lasting.update(1.0, 1.0, STEP_S);
+            lasting.update_noise(1.0, 1.0, STEP_S);
         }
-        lasting.restart();
+        lasting.restart_noise();
         quiet(&mut lasting, 120.0);
         assert!(
             (lasting.remaining_fraction() - 1.5 * (-1.0_f32).exp()).abs() < 0.01,

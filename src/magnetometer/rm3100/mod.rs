@@ -66,7 +66,7 @@ impl<S: SpiDevice> Rm3100<S> {
     }
 
     /// Stops continuous mode and waits for the end of a measurement: until then the chip refuses single ones.
-    async fn stop(&mut self) -> Result<(), MagnetometerError<S::Error>> {
+    async fn stop_continuous_mode(&mut self) -> Result<(), MagnetometerError<S::Error>> {
         self.chip.write_registers(&[CMM_REGISTER, CMM_STOPPED]).await?;
         Timer::after_micros(PERIOD_US.into()).await;
         self.discard_measurement().await
@@ -105,7 +105,7 @@ impl<S: SpiDevice> Magnetometer for Rm3100<S> {
             [REVID_VALUE] => {}
             [other] => return Err(MagnetometerError::WrongIdentity(other)),
         }
-        self.stop().await?;
+        self.stop_continuous_mode().await?;
         self.run_self_test().await?;
         let [x1, x0, y1, y0, z1, z0] = CYCLE_COUNTS;
         self.chip.write_registers(&[CCX1_REGISTER, x1, x0, y1, y0, z1, z0]).await?;

@@ -56,11 +56,11 @@ impl LogMessageQueue {
             Severity::Info => LogLevel::Info,
             Severity::Warning => LogLevel::Warning,
         };
-        self.write(level, format_args!("{message}"));
+        self.queue_text(level, format_args!("{message}"));
     }
 
     /// Queues a text about a state that has changed for two seconds.
-    pub fn update(&mut self, snapshot: &Snapshot<'_>) {
+    pub fn queue_changes(&mut self, snapshot: &Snapshot<'_>) {
         let state = LoggedState {
             activity: match snapshot.indicator_state {
                 IndicatorState::Idle => "uncalibrated",
@@ -81,14 +81,17 @@ impl LogMessageQueue {
         }
         (self.logged, self.candidate) = (Some(state), None);
         match state.withheld {
-            None => self.write(LogLevel::Info, format_args!("{}", state.activity)),
+            None => self.queue_text(LogLevel::Info, format_args!("{}", state.activity)),
             Some(reason) => {
-                self.write(LogLevel::Warning, format_args!("{}; no field: {}", state.activity, reason.stable_code()));
+                self.queue_text(
+                    LogLevel::Warning,
+                    format_args!("{}; no field: {}", state.activity, reason.stable_code()),
+                );
             }
         }
     }
 
-    fn write(&mut self, level: LogLevel, text: core::fmt::Arguments<'_>) {
+    fn queue_text(&mut self, level: LogLevel, text: core::fmt::Arguments<'_>) {
         let mut characters = BoundedText::default();
         let _ = characters.write_fmt(text);
         if self.waiting.is_full() {

@@ -145,7 +145,7 @@ impl CanNode {
     pub fn receive_frame(&mut self, at: Timestamp, frame: &CanFrame, deliver: &mut dyn FnMut(ReceivedMessage)) {
         self.frames.received_frames = self.frames.received_frames.wrapping_add(1);
         let own = self.node_id();
-        let header = FrameHeader::from_id(frame.id());
+        let header = FrameHeader::from_id(frame.frame_id());
         if own.is_some() && header.and_then(|header| header.source_node) == own {
             self.on_conflict(at);
             return;
@@ -194,9 +194,9 @@ impl CanNode {
     pub fn poll(&mut self, context: &NodeContext<'_>) -> Option<Command> {
         let NodeContext { snapshot, .. } = context;
         let now = snapshot.now;
-        self.status.update(snapshot);
+        self.status.update_conditions(snapshot);
         if !self.is_safe_mode {
-            self.log.update(snapshot);
+            self.log.queue_changes(snapshot);
         }
         self.outbox.drop_expired_frames(now);
         if self.frames.received_frames == 0 {
@@ -331,7 +331,7 @@ impl CanNode {
     }
 
     fn node_status(&self, snapshot: &Snapshot<'_>) -> outbound::NodeStatus {
-        self.status.status(snapshot, self.services.is_updating(), self.has_conflict(snapshot.now))
+        self.status.node_status(snapshot, self.services.is_updating(), self.has_conflict(snapshot.now))
     }
 
     fn answer_requests(&mut self, own: NodeId, context: &NodeContext<'_>) -> Option<Command> {
@@ -390,7 +390,7 @@ impl CanNode {
 /// field. Unknown without a heading.
 fn variance_gauss2(estimate: &Estimate, field: Field<Body>) -> Option<f32> {
     let (heading, attitude) = (estimate.heading.ok()?, estimate.attitude?);
-    let level = attitude.level(field);
+    let level = attitude.to_level_frame(field);
     let horizontal_gauss = sqrt(level.ut.x * level.ut.x + level.ut.y * level.ut.y) / UT_PER_GAUSS;
     let sigma_gauss = heading.sigma_rad * horizontal_gauss;
     Some(sigma_gauss * sigma_gauss)

@@ -20,7 +20,7 @@ pub(super) struct StatusMonitor {
 
 impl StatusMonitor {
     /// Updates the conditions with an estimate.
-    pub fn update(&mut self, snapshot: &Snapshot<'_>) {
+    pub fn update_conditions(&mut self, snapshot: &Snapshot<'_>) {
         if snapshot.estimate.heading == Err(NoHeading::SensorSilent) {
             self.silent_since.get_or_insert(snapshot.now);
         } else {
@@ -29,7 +29,7 @@ impl StatusMonitor {
     }
 
     /// Status to send.
-    pub fn status(&self, snapshot: &Snapshot<'_>, is_updating: bool, has_conflict: bool) -> NodeStatus {
+    pub fn node_status(&self, snapshot: &Snapshot<'_>, is_updating: bool, has_conflict: bool) -> NodeStatus {
         let is_silent = self.silent_since.is_some_and(|since| snapshot.now.us_since(since) >= SENSOR_FAULT_US);
         let is_faulty = is_silent || snapshot.estimate.heading == Err(NoHeading::SafeMode);
         NodeStatus {

@@ -50,7 +50,7 @@ impl CollectionReporter {
     }
 
     /// Tracks the module's state; must be called also while no autopilot is known.
-    pub fn update(&mut self, snapshot: &Snapshot<'_>, texts: &mut PendingTexts) {
+    pub fn track_state(&mut self, snapshot: &Snapshot<'_>, texts: &mut PendingTexts) {
         if let Some((calibration, uncertainty)) =
             snapshot.calibration.filter(|(calibration, _)| self.differs_from_reported(calibration))
         {

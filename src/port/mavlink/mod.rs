@@ -164,7 +164,7 @@ impl Mavlink {
         if line.transmit_buffer.pending_bytes().len() > MAX_PENDING_BEFORE_POSE_BYTES {
             return false;
         }
-        let Some(pose) = pose(snapshot, self.collection.calibrations()) else { return false };
+        let Some(pose) = current_pose(snapshot, self.collection.calibrations()) else { return false };
         self.vision.is_due(snapshot.now, VISION_HZ) && line.send_message(OutboundMessage::pose_estimate(&pose))
     }
 
@@ -205,7 +205,7 @@ impl Protocol for Mavlink {
     fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
         let now = snapshot.now;
         self.senders.record_field_contradiction(now, is_contradicted(snapshot.estimate.heading));
-        self.collection.update(snapshot, &mut self.texts);
+        self.collection.track_state(snapshot, &mut self.texts);
         let Some(autopilot) = self.senders.autopilot_to_query(now) else { return };
         let (mut sequence, mut signatures) = (self.sequence, core::mem::take(&mut self.receiver.signatures));
         let line = &mut Transmitter::new(out, autopilot, &mut sequence, &mut signatures);
@@ -247,7 +247,7 @@ const fn percent(indicator_state: IndicatorState) -> u8 {
 
 /// Pose, if enabled, the declination known and the heading valid: the raw heading, because the autopilot filters it,
 /// with roll and pitch of the same instant.
-fn pose(snapshot: &Snapshot<'_>, reset_counter: u8) -> Option<Pose> {
+fn current_pose(snapshot: &Snapshot<'_>, reset_counter: u8) -> Option<Pose> {
     let Snapshot { estimate, settings, .. } = *snapshot;
     if !settings.sends_vision_yaw {
         return None;

@@ -34,8 +34,11 @@ impl<'a> Transmitter<'a> {
     /// Appends a message; returns whether there was room. Only appended messages take a sequence number, so that a gap
     /// means a loss on the line.
     pub fn send_message(&mut self, message: OutboundMessage) -> bool {
-        let fits =
-            self.transmit_buffer.append(&[&message.into_frame(self.own_address, *self.sequence, self.signatures)]);
+        let fits = self.transmit_buffer.append_message(&[&message.into_frame(
+            self.own_address,
+            *self.sequence,
+            self.signatures,
+        )]);
         *self.sequence = self.sequence.wrapping_add(u8::from(fits));
         fits
     }

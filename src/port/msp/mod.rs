@@ -107,7 +107,7 @@ impl Msp {
         // MSP has one sender, without a clock.
         let (source, sender_time) = (SenderId::default(), WrappingMillis::new(0));
         let attitude = self.firmware?.attitude_from_angles(angles)?;
-        let estimated = self.rate_estimator.update(at, attitude, f32::from(angles.heading_deg).to_radians());
+        let estimated = self.rate_estimator.update_rates(at, attitude, f32::from(angles.heading_deg).to_radians());
         let measured = self.gyro.filter(|(received_at, _)| at.us_since(*received_at) <= REPLY_TIMEOUT_US);
         let rates_rad_s = measured.map_or(estimated, |(_, rates_rad_s)| rates_rad_s);
         Some(ReceivedMessage::Attitude(AttitudeReport { sender: source, sender_time, attitude, rates_rad_s }))
@@ -161,7 +161,7 @@ impl Protocol for Msp {
         if let Some(field) = snapshot.estimate.compass_field
             && self.compass.is_due(now, COMPASS_HZ)
         {
-            out.append(&[&compass_message(
+            out.append_message(&[&compass_message(
                 COMPASS_NUMBER,
                 snapshot.estimate.timestamp.wrapping_millis().as_ms(),
                 field,
@@ -169,7 +169,7 @@ impl Protocol for Msp {
         }
         let is_other_due = self.other_requests.is_due(now, PERIODIC_REQUESTS_HZ);
         if is_other_due {
-            out.append(&[&encode_request(self.next_periodic_request())]);
+            out.append_message(&[&encode_request(self.next_periodic_request())]);
         }
         if let Some(function) = self.repeated_request()
             && self.may_request(now)
@@ -181,7 +181,7 @@ impl Protocol for Msp {
             let has_gyro =
                 function == MspFunction::Attitude && self.firmware == Some(AutopilotFirmware::Inav) && !is_other_due;
             let requests = [if has_gyro { &gyro[..] } else { &[] }, &encode_request(function)];
-            self.requested_at = out.append(&requests).then_some(now);
+            self.requested_at = out.append_message(&requests).then_some(now);
         }
     }
 }

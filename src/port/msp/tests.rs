@@ -291,7 +291,7 @@ fn damaged_frames_are_counted() {
 fn a_request_that_does_not_fit_is_sent_later() {
     let mut msp = msp_with_firmware(b"ARDU");
     let mut out = TransmitBuffer::new();
-    assert!(out.append(&[&[0; 380]]));
+    assert!(out.append_message(&[&[0; 380]]));
     let settings = Settings::DEFAULT;
     let snapshot = Snapshot {
         now: at(0),

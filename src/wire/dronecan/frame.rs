@@ -26,7 +26,7 @@ impl CanFrame {
 
     /// Identifier, 29 bits.
     #[must_use]
-    pub const fn id(&self) -> u32 {
+    pub const fn frame_id(&self) -> u32 {
         self.id
     }
 

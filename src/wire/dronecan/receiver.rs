@@ -63,7 +63,7 @@ impl Receiver {
         own: Option<NodeId>,
         frame: &'a CanFrame,
     ) -> Option<InboundTransfer<'a>> {
-        let header = FrameHeader::from_id(frame.id())?;
+        let header = FrameHeader::from_id(frame.frame_id())?;
         let ReceivedType { data_type, decoder: decode } = match header.transfer_kind {
             TransferKind::Message => find_type(false, header.type_id, header.source_node.is_none()),
             TransferKind::Request(to) if Some(to) == own => find_type(true, header.type_id, false),
@@ -76,7 +76,7 @@ impl Receiver {
         } else if header.source_node.is_none() || (!tail.is_end() && part.len() + 1 < FRAME_CAPACITY) {
             FrameEffect::Rejected
         } else {
-            match find_slot(&mut self.slots, frame.id() & KEY_MASK, tail.is_start()) {
+            match find_slot(&mut self.slots, frame.frame_id() & KEY_MASK, tail.is_start()) {
                 Some(slot) => slot.push_payload(at, tail, part, data_type),
                 None => FrameEffect::Rejected,
             }

@@ -131,7 +131,7 @@ fn node_info_has_versions_unique_id_and_name() {
     assert_eq!(payload.len(), 46);
     payload[4] = 0x40;
     let frames: Vec<CanFrame> = response(DataType::GET_NODE_INFO, 0, payload).frames(Some(node(42))).collect();
-    assert_eq!((frames.len(), frames[0].id(), &frames[0].data()[..2]), (7, 0x1E01_0AAA, &[0xEE, 0x5E][..]));
+    assert_eq!((frames.len(), frames[0].frame_id(), &frames[0].data()[..2]), (7, 0x1E01_0AAA, &[0xEE, 0x5E][..]));
     let unknown = SoftwareVersion { commit: None, image_crc: None, ..software };
     assert_eq!(
         NodeInfo { software_version: unknown, ..info }.payload(STATUS)[7..22],
@@ -413,7 +413,7 @@ fn a_flood_of_first_frames_does_not_stop_a_transfer_in_progress() {
     let mut is_received = false;
     for (number, frame) in frames.iter().enumerate() {
         for sender in 11..14 {
-            let flood = CanFrame::new(frame.id() & !0x7F | sender, frames[0].data()).unwrap();
+            let flood = CanFrame::new(frame.frame_id() & !0x7F | sender, frames[0].data()).unwrap();
             let at = Timestamp::from_us(number as u64 * 100 + u64::from(sender));
             assert_eq!(receiver.push_frame(at, Some(node(42)), &flood), None);
         }
@@ -429,7 +429,7 @@ fn a_wrong_crc_drops_a_transfer() {
     let mut frames = piece_frames();
     let mut data = frames[2].data().to_vec();
     data[3] ^= 1;
-    frames[2] = CanFrame::new(frames[2].id(), &data).unwrap();
+    frames[2] = CanFrame::new(frames[2].frame_id(), &data).unwrap();
     assert_eq!(receive_all(&frames), (None, 1));
 }
 

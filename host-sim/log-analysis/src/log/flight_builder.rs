@@ -77,12 +77,12 @@ impl FlightBuilder {
                 self.field_rows.len() - 1
             });
         let ([x, y, z], [mx, my, mz]) = (field_ut, motor_ut.unwrap_or([f32::NAN; 3]));
-        self.field_rows[index].2.push(t_s, [x, y, z, mx, my, mz]);
+        self.field_rows[index].2.push_row(t_s, [x, y, z, mx, my, mz]);
     }
 
     pub fn push_attitude(&mut self, t_s: f64, angles_rad: [f32; 3]) {
         if is_attitude(angles_rad) {
-            self.flight.attitude.push(t_s, angles_rad);
+            self.flight.attitude.push_row(t_s, angles_rad);
         }
     }
 
@@ -90,29 +90,29 @@ impl FlightBuilder {
     /// preferred.
     pub fn push_fallback_attitude(&mut self, rank: u8, from: &'static str, t_s: f64, angles_rad: [f32; 3]) {
         if is_attitude(angles_rad) {
-            self.fallback_attitudes.entry(rank).or_insert((from, Series::new())).1.push(t_s, angles_rad);
+            self.fallback_attitudes.entry(rank).or_insert((from, Series::new())).1.push_row(t_s, angles_rad);
         }
     }
 
     pub fn push_rates(&mut self, t_s: f64, rates_rad_s: [f32; 3]) {
         if rates_rad_s.iter().all(|rate| rate.abs() < 100.0) {
-            self.flight.body_rates.push(t_s, rates_rad_s);
+            self.flight.body_rates.push_row(t_s, rates_rad_s);
         }
     }
 
     pub fn push_truth(&mut self, t_s: f64, angles_rad: [f32; 3]) {
         if angles_rad.iter().all(|angle| angle.is_finite()) {
-            self.flight.true_attitude.push(t_s, angles_rad);
+            self.flight.true_attitude.push_row(t_s, angles_rad);
         }
     }
 
     pub fn push_gps(&mut self, t_s: f64, gps: Gps) {
-        self.flight.gps.push(t_s, gps.columns());
+        self.flight.gps.push_row(t_s, gps.columns());
     }
 
     pub fn push_current(&mut self, t_s: f64, amperes: f32) {
         if (0.0..10_000.0).contains(&amperes) {
-            self.flight.battery_current.push(t_s, [amperes]);
+            self.flight.battery_current.push_row(t_s, [amperes]);
         }
     }
 

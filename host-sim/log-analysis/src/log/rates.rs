@@ -40,7 +40,7 @@ pub(super) fn check_rates(flight: &mut Flight) {
     for _ in 0..=MAX_REPAIRS {
         let Some(problem) = find_problem(&differences, flight) else { return };
         flight.rates_problem.get_or_insert(problem);
-        let Some(factors) = problem.repair() else { break };
+        let Some(factors) = problem.repair_factors() else { break };
         for row in flight.body_rates.rows_mut() {
             row.row_values = std::array::from_fn(|axis| row.row_values[axis] * factors[axis]);
         }
@@ -48,7 +48,7 @@ pub(super) fn check_rates(flight: &mut Flight) {
     flight.has_heading_rates = false;
     flight.body_rates = Series::new();
     for row in differences {
-        flight.body_rates.push(row.t_s, row.row_values);
+        flight.body_rates.push_row(row.t_s, row.row_values);
     }
 }
 
@@ -127,8 +127,8 @@ mod tests {
             let yaw_rate = 0.3 * libm::sinf(0.6 * t_s);
             let mut rates = [roll_rate, yaw_rate * libm::sinf(roll), yaw_rate * libm::cosf(roll)];
             change(usize::from(i), &mut rates);
-            flight.attitude.push(f64::from(i) / 10.0, [roll, 0.0, yaw]);
-            flight.body_rates.push(f64::from(i) / 10.0, rates);
+            flight.attitude.push_row(f64::from(i) / 10.0, [roll, 0.0, yaw]);
+            flight.body_rates.push_row(f64::from(i) / 10.0, rates);
         }
         flight
     }

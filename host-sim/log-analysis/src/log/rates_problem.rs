@@ -20,7 +20,7 @@ const MAX_RATIO_ERROR: f64 = 0.5;
 
 impl RatesProblem {
     /// Factors by axis that correct the body rates; `None` if they must be replaced.
-    pub(super) fn repair(self) -> Option<[f32; 3]> {
+    pub(super) fn repair_factors(self) -> Option<[f32; 3]> {
         match self {
             Self::WrongSign(wrong) => Some(std::array::from_fn(|axis| if axis == wrong { -1.0 } else { 1.0 })),
             Self::WrongUnit(ratio) => [1_f64.to_degrees(), 1_f64.to_radians()]

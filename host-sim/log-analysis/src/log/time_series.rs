@@ -40,7 +40,7 @@ impl<const N: usize> Series<N> {
     }
 
     /// Appends a row, in the order of the file; may drop it to bound memory.
-    pub fn push(&mut self, t_s: f64, values: [f32; N]) {
+    pub fn push_row(&mut self, t_s: f64, values: [f32; N]) {
         if !is_in_retained_part(t_s, self.part_stride_log2) {
             return;
         }
@@ -166,7 +166,7 @@ mod tests {
     fn series_from(rows: &[(f64, f32)]) -> Series<1> {
         let mut series = Series::new();
         for &(t_s, value) in rows {
-            series.push(t_s, [value]);
+            series.push_row(t_s, [value]);
         }
         series
     }
@@ -207,7 +207,7 @@ mod tests {
         let mut series = Series::new();
         let number = 3 * MAX_ROWS;
         for i in 0..number {
-            series.push(i as f64 * 0.01, [0.0]);
+            series.push_row(i as f64 * 0.01, [0.0]);
         }
         assert!(series.rows().len() <= MAX_ROWS && series.rows().len() > MAX_ROWS / 2, "{}", series.rows().len());
         let steps: Vec<f64> = series.rows().windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
@@ -219,7 +219,7 @@ mod tests {
     fn rows_at_10_hz_are_thinned_by_whole_parts() {
         let mut series = Series::new();
         for i in 0..3 * MAX_ROWS {
-            series.push(i as f64 * 0.1, [0.0]);
+            series.push_row(i as f64 * 0.1, [0.0]);
         }
         assert!(series.rows().len() <= MAX_ROWS && series.rows().len() > MAX_ROWS / 2, "{}", series.rows().len());
         assert!((series.median_step_s().unwrap() - 0.1).abs() < 1e-6);

@@ -302,7 +302,7 @@ pub fn score_correction(rows: &[ReplayRow], correction: &FieldCorrection) -> Opt
 /// Heading of a row by a corrected field, degrees.
 pub(crate) fn heading_deg(row: &ReplayRow, corrected: Vector3<f64>) -> f64 {
     let field: Field<Body> = Field::new(corrected.map(|axis| axis as f32));
-    f64::from(row.attitude.level(field).heading_rad().to_degrees())
+    f64::from(row.attitude.to_level_frame(field).heading_rad().to_degrees())
 }
 
 fn flight_position(flight: &Flight) -> Option<Position> {
@@ -352,7 +352,7 @@ mod tests {
         let mut flight = Flight::new(LogFormat::Csv);
         flight.flight_date = day;
         for i in 0..7_u8 {
-            flight.gps.push(f64::from(i), [10.0 * f32::from(i), 11.3, 500.0, 0.0, 0.0, f32::NAN]);
+            flight.gps.push_row(f64::from(i), [10.0 * f32::from(i), 11.3, 500.0, 0.0, 0.0, f32::NAN]);
         }
         flight
     }

@@ -349,9 +349,9 @@ mod tests {
         let mut flight = Flight::new(LogFormat::DataFlash);
         flight.autopilot = Autopilot::ArduPilot;
         flight.parameters.set_value(0.0, "COMPASS_OFS_X", 1.0);
-        flight.attitude.push(0.0, [0.5, 0.0, 0.0]);
-        flight.body_rates.push(0.0, [0.0; 3]);
-        flight.battery_current.push(0.0, [10.0]);
+        flight.attitude.push_row(0.0, [0.5, 0.0, 0.0]);
+        flight.body_rates.push_row(0.0, [0.0; 3]);
+        flight.battery_current.push_row(0.0, [10.0]);
         change(&mut flight);
         let evaluation =
             FlightEvaluation { compasses: Vec::new(), reference: None, earth_field: None, attitude_interval_s: 0.1 };

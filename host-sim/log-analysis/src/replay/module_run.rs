@@ -79,7 +79,11 @@ impl<'a> ModuleRun<'a> {
         RunOutcome {
             solution: self.candidate,
             acceptance: self.outcome.unwrap_or(Err(Refusal::NoSamples)),
-            fitted_times_s: selection.select_samples(collector.fit_samples()).all().map(sample_time_s).collect(),
+            fitted_times_s: selection
+                .select_samples(collector.fit_samples())
+                .all_samples()
+                .map(sample_time_s)
+                .collect(),
             collection_end_s: self.ended_s,
         }
     }

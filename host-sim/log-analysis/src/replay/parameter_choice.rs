@@ -136,7 +136,7 @@ pub fn choose_parameters(
             best = other;
         }
     }
-    best.check(sigma_deg)?;
+    best.check_usefulness(sigma_deg)?;
     let ParameterCandidate { mut exported, held_back, .. } = best;
     if let Some(limit_mg) = exported.exceeded_offset_mg(flight, format) {
         return Err(NoParameters::OffsetsTooLarge { offset_mg: exported.largest_offset_mg(), limit_mg });
@@ -154,7 +154,7 @@ struct ParameterCandidate {
 }
 
 impl ParameterCandidate {
-    fn check(&self, reference_sigma_deg: Option<f64>) -> Result<(), NoParameters> {
+    fn check_usefulness(&self, reference_sigma_deg: Option<f64>) -> Result<(), NoParameters> {
         let HeldBackScore { rms_deg, as_logged_rms_deg, .. } = self.held_back;
         let expected_deg = f64::from(self.solution.quality.expected_rms_deg);
         let unexplained_deg = (square(rms_deg) - square(self.exported.heading_loss_deg[0])).max(0.0).sqrt();
@@ -225,11 +225,11 @@ fn score_held_back(
             .collect();
         let lost_deg = score_rows(&lost_rows, |row| Some((heading_deg(row, field(row)), f64::NAN)))?.rms_deg;
         [
-            libm::hypot(rms_deg_by_scatter(scatter(rows, &full_field)), lost_deg),
-            rms_deg_by_scatter(scatter(rows, &logged)),
+            libm::hypot(rms_deg_by_scatter(heading_scatter(rows, &full_field)), lost_deg),
+            rms_deg_by_scatter(heading_scatter(rows, &logged)),
         ]
     };
-    let [field_scatter_deg, _] = scatter(rows, &full_field);
+    let [field_scatter_deg, _] = heading_scatter(rows, &full_field);
     let is_estimate = !has_reference;
     rms_deg.is_finite().then_some(HeldBackScore { rms_deg, as_logged_rms_deg, is_estimate, field_scatter_deg })
 }
@@ -237,7 +237,7 @@ fn score_held_back(
 /// Heading errors that correspond to the scatter of field strength and of inclination, degrees RMS. An isotropic
 /// disturbance of the field by a fraction `f` of its strength changes the inclination by `f` and the heading by `f /
 /// cos I` radians.
-fn scatter(rows: &[ReplayRow], field: &dyn Fn(&ReplayRow) -> Vector3<f64>) -> [f64; 2] {
+fn heading_scatter(rows: &[ReplayRow], field: &dyn Fn(&ReplayRow) -> Vector3<f64>) -> [f64; 2] {
     let polar: Vec<[f64; 2]> = rows
         .iter()
         .map(|row| {

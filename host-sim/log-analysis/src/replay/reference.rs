@@ -155,7 +155,7 @@ mod tests {
     fn flight_with_yaws(yaws_deg: &[f32]) -> Flight {
         let mut flight = Flight::new(LogFormat::DataFlash);
         for (i, yaw_deg) in yaws_deg.iter().enumerate() {
-            flight.gps.push(i as f64 / 5.0, [48.0, 11.3, 500.0, 0.0, 0.0, *yaw_deg]);
+            flight.gps.push_row(i as f64 / 5.0, [48.0, 11.3, 500.0, 0.0, 0.0, *yaw_deg]);
         }
         flight
     }
@@ -167,7 +167,7 @@ mod tests {
         assert_eq!(ReferenceHeading::best_reference(&flight_with_yaws(&[90.0; 21])), Some(ReferenceHeading::GpsYaw));
         for (yaw_rad, expected) in [(f32::NAN, None), (1.0, Some(ReferenceHeading::AutopilotYaw))] {
             let mut flight = Flight::new(LogFormat::Csv);
-            flight.attitude.push(0.0, [0.1, 0.2, yaw_rad]);
+            flight.attitude.push_row(0.0, [0.1, 0.2, yaw_rad]);
             assert_eq!(ReferenceHeading::best_reference(&flight), expected);
         }
     }
@@ -178,7 +178,7 @@ mod tests {
         let mut flight = flight_with_yaws(&[350.0, 10.0]);
         let north_deg = ReferenceHeading::GpsYaw.heading_deg(&flight, 0.1).unwrap();
         assert!((north_deg.rem_euclid(360.0) + 1.0) % 360.0 < 1.01, "{north_deg}");
-        flight.gps.push(1.0, [48.0, 11.3, 500.0, 0.0, 0.0, 10.0]);
+        flight.gps.push_row(1.0, [48.0, 11.3, 500.0, 0.0, 0.0, 10.0]);
         assert_eq!(ReferenceHeading::GpsYaw.heading_deg(&flight, 0.6), None, "between 0.2 and 1 s");
     }
 }

@@ -2,7 +2,7 @@
 
 use autoswing::calibration::method_selection::{self, Procedure, SelectedParts};
 use autoswing::calibration::{
-    Advice, CollectionPart, Method, Orientation, Prior, Sample, Samples, Solution, SolveError, solve,
+    Advice, CollectionPart, Method, Orientation, Prior, Sample, Samples, Solution, SolveError, solve_samples,
 };
 use autoswing::collection::{CollectionProblem, Collector, FIT_CAPACITY, LevelLimits, RetainedSamples};
 use autoswing::instrument::InstrumentConfig;
@@ -39,7 +39,7 @@ impl RunOutcome {
         Self {
             acceptance: accepted.map_err(|refusal| refusal.with_cause(lack.or_else(missing))),
             solution,
-            fitted_times_s: fit.all().map(sample_time_s).collect(),
+            fitted_times_s: fit.all_samples().map(sample_time_s).collect(),
             collection_end_s: None,
         }
     }
@@ -73,9 +73,9 @@ impl SolverPrior {
 
     /// Solves as the module does: without the modelled inclination if the samples contradict it.
     fn solve(&self, method: Method, samples: Samples<'_>) -> Result<Solution, SolveError> {
-        match solve(method, samples, &self.prior) {
+        match solve_samples(method, samples, &self.prior) {
             Err(SolveError::InclinationContradicted { .. }) if !self.is_inclination_configured => {
-                solve(Method::MaximumLikelihood, samples, &Prior { inclination_rad: None, ..self.prior })
+                solve_samples(Method::MaximumLikelihood, samples, &Prior { inclination_rad: None, ..self.prior })
             }
             end => end,
         }
@@ -88,7 +88,7 @@ pub(super) fn from_procedure(samples: &[Sample], procedure: Procedure, known: &S
     let mut collector = Collector::new(&mut retained);
     collector.begin_procedure(procedure);
     for &sample in samples {
-        collector.push(sample);
+        collector.push_sample(sample);
     }
     let selection = SelectedParts::new(collector.fit_samples(), procedure);
     let parts = [collector.fit_samples(), collector.held_back()].map(|samples| selection.select_samples(samples));

@@ -139,8 +139,8 @@ impl SymmetricFit<'_> {
                 for number in 0..HEADING_COUNT {
                     let heading_deg = number as f32 * (360.0 / HEADING_COUNT as f32);
                     let attitude = Attitude::from_deg(bank_deg, pitch_deg);
-                    let level = Field::<Level>::earth(*total_ut, *inclination_rad, heading_deg.to_radians());
-                    let field = inverse * attitude.body(level).ut.map(f64::from) + constant_ut;
+                    let level = Field::<Level>::earth_field(*total_ut, *inclination_rad, heading_deg.to_radians());
+                    let field = inverse * attitude.to_body_frame(level).ut.map(f64::from) + constant_ut;
                     let field = Field::new((self.mounting * field).map(|axis| axis as f32));
                     let row = ReplayRow {
                         t_s: 0.0,
@@ -163,7 +163,7 @@ impl SymmetricFit<'_> {
 /// Heading of a row with a correction, degrees.
 pub fn heading_deg(row: &ReplayRow, correction: &FieldCorrection) -> f64 {
     let corrected = row.corrected_field(correction).map(|axis| axis as f32);
-    f64::from(row.attitude.level(Field::new(corrected)).heading_rad().to_degrees())
+    f64::from(row.attitude.to_level_frame(Field::new(corrected)).heading_rad().to_degrees())
 }
 
 /// Offsets, diagonal, and elements xy, xz and yz.

@@ -30,7 +30,7 @@ pub fn report_replay(verdict: &Verdict<'_>, log: &str, made: &ReportOrigin) -> R
         title: format!("Flight {}", log.rsplit(['/', '\\']).next().unwrap_or(log)),
         verdicts: verdict.compasses_in_use_first().into_iter().map(verdict_line).collect(),
         module_verdict: Some(verdict.outcome.to_string()),
-        key_figures: figures(verdict),
+        key_figures: key_figures(verdict),
         log_warnings: verdict.log_warnings.iter().map(ToString::to_string).collect(),
         reference: reference_info(evaluation),
         calibrators: CalibratorComparison {
@@ -90,7 +90,7 @@ fn reference_info(verdict: &FlightEvaluation) -> ReferenceInfo {
 }
 
 /// Figures of the compass in use.
-fn figures(verdict: &Verdict<'_>) -> Vec<[String; 2]> {
+fn key_figures(verdict: &Verdict<'_>) -> Vec<[String; 2]> {
     let Some(compass) = verdict.compasses_in_use_first().first().copied() else { return Vec::new() };
     let mut figures = Vec::new();
     let mut add = |label: String, value: Option<f64>, decimals: usize, unit: &str| {

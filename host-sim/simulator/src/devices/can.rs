@@ -104,7 +104,7 @@ pub struct CanEnd {
 
 impl CanEnd {
     /// Clears the receiver, as at the start of the node.
-    pub fn reset(&self) {
+    pub fn clear_receiver(&self) {
         self.bus.0.borrow_mut().nodes[self.node] = FrameInbox::default();
     }
 

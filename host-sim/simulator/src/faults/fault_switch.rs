@@ -40,7 +40,7 @@ impl FaultSwitch {
 
     /// Elapsed fraction of the active time: 0 before, 1 after it.
     #[must_use]
-    pub fn progress(&self, at_us: u64) -> f64 {
+    pub fn active_fraction(&self, at_us: u64) -> f64 {
         let (from_us, until_us) = self.0.get();
         (at_us.saturating_sub(from_us) as f64 / until_us.saturating_sub(from_us).max(1) as f64).min(1.0)
     }

@@ -22,7 +22,7 @@ pub fn hard_iron_change(switch: FaultSwitch, change_ut: Vector3<f64>) -> impl Fi
 /// Zero drift of a warming sensor: linear while the switch is on, then constant; microtesla, chip axes.
 #[must_use]
 pub fn zero_drift(switch: FaultSwitch, change_ut: Vector3<f64>) -> impl FieldFault {
-    move |truth: &TrueState| change_ut * switch.progress(truth.time_us)
+    move |truth: &TrueState| change_ut * switch.active_fraction(truth.time_us)
 }
 
 /// Hard iron that relaxes to a new value, as of a magnetised part that warms; microtesla, chip axes.
@@ -38,8 +38,11 @@ pub fn hard_iron_drift(switch: FaultSwitch, change_ut: Vector3<f64>, time_consta
 #[must_use]
 pub fn passing_object(switch: FaultSwitch, peak_ut: Vector3<f64>) -> impl FieldFault {
     move |&TrueState { time_us, .. }: &TrueState| {
-        let near =
-            if switch.is_on(time_us) { (1.0 - libm::cos(2.0 * PI * switch.progress(time_us))) / 2.0 } else { 0.0 };
+        let near = if switch.is_on(time_us) {
+            (1.0 - libm::cos(2.0 * PI * switch.active_fraction(time_us))) / 2.0
+        } else {
+            0.0
+        };
         peak_ut * near
     }
 }
@@ -103,7 +106,7 @@ impl SoftIronHysteresis {
     }
 
     pub(super) fn at_heading(&self, truth: &TrueState, magnetised_at_rad: f64) -> Vector3<f64> {
-        let body_ut = |heading_rad| self.earth.body_field_ut(Euler { heading_rad, ..truth.euler() });
+        let body_ut = |heading_rad| self.earth.body_field_ut(Euler { heading_rad, ..truth.euler_angles() });
         self.soft_iron * (body_ut(magnetised_at_rad) - body_ut(truth.heading_rad))
     }
 }
@@ -139,9 +142,9 @@ pub struct MountTurn {
 impl FieldFault for MountTurn {
     fn added_ut(&self, truth: &TrueState) -> Vector3<f64> {
         let Airframe { field_matrix: a, hard_iron_ut: b_ut } = self.airframe;
-        let field_ut = a * self.earth.body_field_ut(truth.euler()) + b_ut;
+        let field_ut = a * self.earth.body_field_ut(truth.euler_angles()) + b_ut;
         let axis = Rotation3::from_matrix(&a) * Vector3::z_axis();
-        let turn_rad = self.turn_deg.to_radians() * self.fault_switch.progress(truth.time_us);
+        let turn_rad = self.turn_deg.to_radians() * self.fault_switch.active_fraction(truth.time_us);
         // The field turns the other way in the module's axes.
         Rotation3::from_axis_angle(&axis, -turn_rad) * field_ut - field_ut
     }
@@ -156,7 +159,7 @@ pub struct OtherPlace {
 }
 
 impl FieldFault for OtherPlace {
-    fn earth(&self, at_us: u64) -> Option<Earth> {
+    fn replaced_earth(&self, at_us: u64) -> Option<Earth> {
         self.fault_switch.is_on(at_us).then_some(self.earth)
     }
 }

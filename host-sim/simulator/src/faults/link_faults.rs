@@ -66,12 +66,12 @@ async fn pause_link(switch: FaultSwitch, world: World) {
 async fn simulate_other_vehicle(system_id: u8, own: World, uart: HostEnd) {
     /// Number of circles that the vehicle flies: more than ten hours.
     const MAX_FLIGHT_CIRCLES: usize = 4000;
-    let config = own.config();
+    let config = own.world_config();
     let world = World::new(WorldConfig { seed: config.seed.wrapping_add(0x0711), ..config });
     world.set_armed(true);
     for circle in 0..MAX_FLIGHT_CIRCLES {
         let heading_change_deg = if circle % 2 == 0 { 360.0 } else { -360.0 };
-        world.fly(Leg::Turn { bank_deg: 20.0, heading_change_deg });
+        world.fly_leg(Leg::Turn { bank_deg: 20.0, heading_change_deg });
     }
     let identity = Identity { system_id, component_id: 1, heartbeat_kind: Some(SenderKind::Autopilot) };
     world.attitude_source().with_identity(identity).run_source(world, uart, Vec::new()).await;
@@ -89,7 +89,7 @@ async fn send_forged_message(
     }
     loop {
         if switch.is_on(clock::now_us()) {
-            uart.send(&match message {
+            uart.send_bytes(&match message {
                 ForgedMessage::Current(amperes) => autopilot.status_message(Some(amperes)),
                 ForgedMessage::NoAutopilot => autopilot.heartbeat_message(true),
                 ForgedMessage::Disarmed => autopilot.heartbeat_message(false),

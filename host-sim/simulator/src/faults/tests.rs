@@ -43,7 +43,7 @@ fn a_switch_is_on_from_its_start_until_its_end() {
     assert_eq!(switch.active_for_s(2_500_000), Some(1.5));
     assert_eq!(switch.active_for_s(3_000_000), None);
     for (at_us, progress) in [(0, 0.0), (1_000_000, 0.0), (2_000_000, 0.5), (4_000_000, 1.0)] {
-        assert!((switch.progress(at_us) - progress).abs() < 1e-9, "{at_us}");
+        assert!((switch.active_fraction(at_us) - progress).abs() < 1e-9, "{at_us}");
     }
     assert!(FaultSwitch::always_on().is_on(0));
 }
@@ -216,7 +216,7 @@ fn a_linkage_moves_in_turns_to_both_sides_only() {
 /// After a turn the magnetisation stays behind by the play, on the side that the turn came from.
 #[test]
 fn hysteresis_depends_on_the_side_of_the_last_turn() {
-    let WorldConfig { airframe, earth, .. } = WorldConfig::random(3);
+    let WorldConfig { airframe, earth, .. } = WorldConfig::random_world(3);
     let iron = SoftIronHysteresis::new(&airframe, earth, 15.0);
     let at = |heading_deg: f64| TrueState { heading_rad: heading_deg.to_radians(), ..TrueState::default() };
     let fly = |from: i32, to: i32| {

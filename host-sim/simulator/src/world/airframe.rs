@@ -73,7 +73,7 @@ impl Airframe {
 
     /// Aircraft of Liu 2007 table 1 (see [`published_table1`]).
     #[must_use]
-    pub fn table1() -> Self {
+    pub fn of_table1() -> Self {
         let a = Matrix3::from_row_slice(published_table1::SOFT_IRON.as_flattened());
         Self {
             field_matrix: a,
@@ -84,7 +84,7 @@ impl Airframe {
     /// Random airframe: soft iron up to 20 %, hard iron up to 1.5 times the horizontal field, mounting up to 10
     /// degrees.
     #[must_use]
-    pub fn random(seed: u64, earth: &Earth) -> Self {
+    pub fn random_airframe(seed: u64, earth: &Earth) -> Self {
         let mut random = RandomStream::new(seed, StreamPurpose::Airframe);
         let raw = Matrix3::from_fn(|_, _| random.uniform(-1.0, 1.0));
         let symmetric = raw + raw.transpose();
@@ -142,8 +142,8 @@ mod tests {
     fn random_airframes_cover_their_limits() {
         let mut largest = [0.0_f64; 3];
         for seed in 0..1000 {
-            let earth = Earth::random(seed);
-            let airframe = Airframe::random(seed, &earth);
+            let earth = Earth::random_earth(seed);
+            let airframe = Airframe::random_airframe(seed, &earth);
             let svd = airframe.field_matrix.svd(true, true);
             let soft_iron = svd.singular_values.map(|s| (s - 1.0).abs()).max();
             let rotation = Rotation3::from_matrix(&airframe.field_matrix);
@@ -161,13 +161,13 @@ mod tests {
     #[test]
     fn the_true_calibration_recovers_heading_and_field() {
         for seed in 0..50 {
-            let earth = Earth::random(seed);
-            let airframe = Airframe::random(seed, &earth);
+            let earth = Earth::random_earth(seed);
+            let airframe = Airframe::random_airframe(seed, &earth);
             let calibration = airframe.true_calibration(&earth).unwrap();
             let attitude = Attitude::from_deg(25.0, -4.0);
             let truth = Euler { heading_rad: 1.0, ..Euler::from_deg(25.0, -4.0, 0.0) };
             let body_ut = earth.body_field_ut(truth);
-            let level = attitude.level(calibration.calibrated_field(airframe.measured_field(&body_ut)));
+            let level = attitude.to_level_frame(calibration.calibrated_field(airframe.measured_field(&body_ut)));
             assert!((level.heading_rad() - 1.0).abs() < 2e-5, "seed {seed}: {}", level.heading_rad());
             assert!((level.total_ut() / calibration.total_ut - 1.0).abs() < 1e-5);
             assert!((level.inclination_rad() - calibration.inclination_rad).abs() < 1e-5);

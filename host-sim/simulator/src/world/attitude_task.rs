@@ -13,7 +13,7 @@ impl World {
     /// Attitude source of this world; spawn its [`run_source`](AttitudeSource::run_source) as a task.
     #[must_use]
     pub fn attitude_source(&self) -> AttitudeSource {
-        let config = self.config();
+        let config = self.world_config();
         AttitudeSource::new(config.attitude_source, config.gyro, config.seed).with_vehicle_kind(config.aircraft.kind)
     }
 }
@@ -36,19 +36,19 @@ impl AttitudeSource {
                 heartbeat_us += HEARTBEAT_PERIOD_US;
                 let heartbeat = self.heartbeat_message(world.is_armed());
                 if sends {
-                    uart.send(&heartbeat);
+                    uart.send_bytes(&heartbeat);
                 }
-                if world.config().reports_position && sends {
+                if world.world_config().reports_position && sends {
                     let truth = world.true_state(now_us);
                     let place = XIAN.displaced([truth.north_m, truth.east_m]);
-                    uart.send(&self.position_message(Some(place), now_us));
-                    uart.send(&self.time_message(now_us, now_us));
+                    uart.send_bytes(&self.position_message(Some(place), now_us));
+                    uart.send_bytes(&self.time_message(now_us, now_us));
                 }
             }
             if now_us >= status_us && self.identity.heartbeat_kind == Some(SenderKind::Autopilot) {
                 status_us += STATUS_PERIOD_US;
                 if let Some(amperes) = world.reported_current_a(now_us).filter(|_| sends) {
-                    uart.send(&self.status_message(Some(amperes)));
+                    uart.send_bytes(&self.status_message(Some(amperes)));
                 }
             }
             let added_latency_us: u64 = faults.iter().map(|fault| fault.added_latency_us(now_us)).sum();
@@ -60,7 +60,7 @@ impl AttitudeSource {
             // Noise advances also while sending is disabled, so it depends only on time.
             let frame = self.encode_message(&message);
             if sends {
-                uart.send(&frame);
+                uart.send_bytes(&frame);
             }
         }
     }

@@ -116,7 +116,7 @@ impl Autopilot {
     }
 
     /// Appends a leg. After the last leg the vehicle continues wings level, or hovers.
-    pub fn fly(&mut self, leg: Leg) {
+    pub fn fly_leg(&mut self, leg: Leg) {
         self.held = VehicleCommand { translation_mode: self.rest, ..VehicleCommand::default() };
         self.plan.push_back(leg);
     }

@@ -42,7 +42,7 @@ pub enum AttachedDevice {
 
 impl FarEnd {
     /// Attaches the device to a cable for the rest of the simulation. The faults modify its attitude messages.
-    pub fn attach(
+    pub fn attach_device(
         self,
         simulation: &mut Simulation,
         world: &World,
@@ -59,13 +59,13 @@ impl FarEnd {
             }
             Self::Mavlink(firmware) => {
                 let device = Rc::new(RefCell::new(MavlinkAutopilot::new(source, firmware, clock::now_us())));
-                let task = mavlink(Rc::clone(&device), latency_us, world, uart, faults);
+                let task = run_mavlink(Rc::clone(&device), latency_us, world, uart, faults);
                 simulation.spawn(Level::World, "autopilot", task);
                 AttachedDevice::Mavlink(device)
             }
             Self::Msp(firmware, troubles) => {
-                let device = Rc::new(RefCell::new(MspAutopilot::new(firmware, troubles, world.config().seed)));
-                simulation.spawn(Level::World, "autopilot", msp(Rc::clone(&device), world, uart, source, faults));
+                let device = Rc::new(RefCell::new(MspAutopilot::new(firmware, troubles, world.world_config().seed)));
+                simulation.spawn(Level::World, "autopilot", run_msp(Rc::clone(&device), world, uart, source, faults));
                 AttachedDevice::Msp(device)
             }
         }
@@ -74,7 +74,7 @@ impl FarEnd {
 
 const POLL_INTERVAL_US: u64 = 1_000;
 
-async fn mavlink(
+async fn run_mavlink(
     device: Rc<RefCell<MavlinkAutopilot>>,
     latency_us: u64,
     world: World,
@@ -85,7 +85,7 @@ async fn mavlink(
         let now_us = clock::now_us();
         {
             let mut device = device.borrow_mut();
-            device.receive_bytes(now_us, &uart.receive());
+            device.receive_bytes(now_us, &uart.receive_bytes());
             if device.due_us() <= now_us {
                 let added_latency_us: u64 = faults.iter().map(|fault| fault.added_latency_us(now_us)).sum();
                 let truth = world.true_state(now_us.saturating_sub(latency_us + added_latency_us));
@@ -95,10 +95,13 @@ async fn mavlink(
                     }
                 };
                 let (is_armed, current_a) = (world.is_armed(), world.reported_current_a(now_us));
-                let bytes =
-                    device.send(now_us, &AutopilotInputs { true_state: truth, is_armed, current_a }, modify_message);
+                let bytes = device.due_messages(
+                    now_us,
+                    &AutopilotInputs { true_state: truth, is_armed, current_a },
+                    modify_message,
+                );
                 if world.sends_attitude() && !is_silent(&faults, now_us) {
-                    uart.send(&bytes);
+                    uart.send_bytes(&bytes);
                 }
             }
         }
@@ -107,7 +110,7 @@ async fn mavlink(
 }
 
 /// Estimates attitude at the rate and latency of the attitude source.
-async fn msp(
+async fn run_msp(
     device: Rc<RefCell<MspAutopilot>>,
     world: World,
     uart: HostEnd,
@@ -115,7 +118,7 @@ async fn msp(
     mut faults: Vec<Box<dyn AttitudeFault>>,
 ) {
     let latency_us = source.latency_us();
-    let period_us = (1e6 / world.config().attitude_source.rate_hz) as u64;
+    let period_us = (1e6 / world.world_config().attitude_source.rate_hz) as u64;
     let mut known = AutopilotState::default();
     let mut estimated_us = 0;
     loop {
@@ -147,7 +150,7 @@ async fn msp(
             }
             let bytes = device.send_replies(now_us, &known);
             if world.sends_attitude() && !is_silent(&faults, now_us) {
-                uart.send(&bytes);
+                uart.send_bytes(&bytes);
             }
         }
         Timer::after(Duration::from_micros(POLL_INTERVAL_US)).await;

@@ -103,15 +103,15 @@ impl std::error::Error for ConfigError {}
 impl WorldConfig {
     /// Aircraft of Liu 2007 table 1 over Xi'an.
     #[must_use]
-    pub fn table1(seed: u64) -> Self {
-        Self::with_defaults(seed, Airframe::table1(), Earth::default())
+    pub fn of_table1(seed: u64) -> Self {
+        Self::with_defaults(seed, Airframe::of_table1(), Earth::default())
     }
 
     /// Airframe and place drawn from the seed.
     #[must_use]
-    pub fn random(seed: u64) -> Self {
-        let earth = Earth::random(seed);
-        Self::with_defaults(seed, Airframe::random(seed, &earth), earth)
+    pub fn random_world(seed: u64) -> Self {
+        let earth = Earth::random_earth(seed);
+        Self::with_defaults(seed, Airframe::random_airframe(seed, &earth), earth)
     }
 
     /// Parses the text of an airframe file (format: `host-sim/airframes/example.toml`).

@@ -28,7 +28,7 @@ impl Earth {
     /// Random place with an inclination of -70..70 degrees; field strength of a dipole with a deviation of up to 15 %:
     /// 25..60 microtesla.
     #[must_use]
-    pub fn random(seed: u64) -> Self {
+    pub fn random_earth(seed: u64) -> Self {
         let mut random = RandomStream::new(seed, StreamPurpose::Earth);
         let inclination_deg = random.uniform(-70.0, 70.0);
         let magnetic_latitude_rad = libm::atan(libm::tan(inclination_deg.to_radians()) / 2.0);
@@ -45,7 +45,7 @@ impl Earth {
     /// Field in the body axes of an aircraft with this attitude, microtesla.
     #[must_use]
     pub fn body_field_ut(&self, aircraft: Euler) -> Vector3<f64> {
-        aircraft.field(self.total_ut, self.inclination_deg.to_radians())
+        aircraft.body_field(self.total_ut, self.inclination_deg.to_radians())
     }
 }
 
@@ -57,7 +57,7 @@ mod tests {
     #[test]
     fn random_places_are_on_earth() {
         for seed in 0..1000 {
-            let earth = Earth::random(seed);
+            let earth = Earth::random_earth(seed);
             assert!(earth.inclination_deg.abs() <= 70.0 && (25.0..65.0).contains(&earth.total_ut), "{earth:?}");
         }
     }

@@ -83,7 +83,7 @@ mod tests {
         let uncorrected = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
             .calibrated_field(airframe.measured_field(&body_ut));
         let attitude = Attitude::from_deg(bank_deg as f32, 0.0);
-        let indicated_deg = f64::from(attitude.level(uncorrected).heading_rad().to_degrees());
+        let indicated_deg = f64::from(attitude.to_level_frame(uncorrected).heading_rad().to_degrees());
         (indicated_deg - heading_deg + 180.0).rem_euclid(360.0) - 180.0
     }
 
@@ -114,14 +114,14 @@ mod tests {
     /// degree.
     #[test]
     fn the_airframe_reproduces_the_published_errors() {
-        let rms_deg = rms(&residuals_deg(&Airframe::table1()));
+        let rms_deg = rms(&residuals_deg(&Airframe::of_table1()));
         assert!(rms_deg < 0.45, "{rms_deg} deg");
     }
 
     /// The abstract gives a largest error of 21.5 degrees, here over level flight and banks of 25 degrees.
     #[test]
     fn the_largest_error_is_the_published_one() {
-        let airframe = Airframe::table1();
+        let airframe = Airframe::of_table1();
         let largest_deg = (0..12)
             .flat_map(|i| [0.0, 25.0, -25.0].map(|bank| error_before_deg(&airframe, 30.0 * f64::from(i), bank).abs()))
             .fold(0.0, f64::max);
@@ -138,9 +138,9 @@ mod tests {
                 + (airframe.hard_iron_ut / horizontal_ut).norm_squared();
             residuals_deg(airframe).iter().map(|r| r * r).sum::<f64>() + ridge
         };
-        let best = cost(&Airframe::table1());
+        let best = cost(&Airframe::of_table1());
         for (index, step) in (0..12).flat_map(|index| [(index, 0.01), (index, -0.01)]) {
-            let mut moved = Airframe::table1();
+            let mut moved = Airframe::of_table1();
             if index < 9 {
                 moved.field_matrix[index] += step;
             } else {

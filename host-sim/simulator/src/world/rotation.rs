@@ -44,7 +44,7 @@ impl Euler {
 
     /// Earth's field in body axes, in the unit of `total`.
     #[must_use]
-    pub fn field(&self, total: f64, inclination_rad: f64) -> Vector3<f64> {
+    pub fn body_field(&self, total: f64, inclination_rad: f64) -> Vector3<f64> {
         self.body_from_earth() * earth_field(total, inclination_rad)
     }
 }
@@ -141,7 +141,7 @@ mod tests {
     /// 35.98.
     #[test]
     fn a_field_in_a_bank_equals_hand_calculation() {
-        let field = Euler::from_deg(30.0, 0.0, 30.0).field(50.0, libm::atan(30_f64 / 40.0));
+        let field = Euler::from_deg(30.0, 0.0, 30.0).body_field(50.0, libm::atan(30_f64 / 40.0));
         let root = 3_f64.sqrt();
         assert_near(field, [20.0 * root, 15.0 - 10.0 * root, 10.0 + 15.0 * root]);
     }

@@ -42,7 +42,7 @@ impl World {
     #[must_use]
     pub fn new(config: WorldConfig) -> Self {
         let aircraft = Aircraft::new(config.aircraft, config.weather, config.seed, clock::now_us());
-        let history = VecDeque::from([*aircraft.state()]);
+        let history = VecDeque::from([*aircraft.true_state()]);
         Self(Rc::new(RefCell::new(WorldState {
             config,
             aircraft,
@@ -55,7 +55,7 @@ impl World {
 
     /// World settings.
     #[must_use]
-    pub fn config(&self) -> WorldConfig {
+    pub fn world_config(&self) -> WorldConfig {
         self.0.borrow().config
     }
 
@@ -69,7 +69,7 @@ impl World {
     /// measured.
     #[must_use]
     pub fn reported_current_a(&self, now_us: u64) -> Option<f64> {
-        let is_reported = self.config().reports_current;
+        let is_reported = self.world_config().reports_current;
         is_reported.then(|| self.true_state(now_us.saturating_sub(CURRENT_AGE_US)).current_a())
     }
 
@@ -85,7 +85,7 @@ impl World {
     pub fn magnetometer_source(&self, faults: Vec<Rc<dyn FieldFault>>) -> FieldSource {
         let world = self.clone();
         Box::new(move |at_us| {
-            let earth = faults.iter().find_map(|fault| fault.earth(at_us));
+            let earth = faults.iter().find_map(|fault| fault.replaced_earth(at_us));
             let field = world.0.borrow_mut().sensor_field(at_us, earth);
             let truth = world.true_state(at_us);
             let added: Vector3<f64> = faults.iter().map(|fault| fault.added_ut(&truth)).sum();
@@ -104,8 +104,8 @@ impl World {
     }
 
     /// Appends a leg to the flight plan.
-    pub fn fly(&self, leg: Leg) {
-        self.advanced_to_now().aircraft.autopilot_mut().fly(leg);
+    pub fn fly_leg(&self, leg: Leg) {
+        self.advanced_to_now().aircraft.autopilot_mut().fly_leg(leg);
     }
 
     /// Number of unfinished legs, the present one included.
@@ -177,12 +177,12 @@ impl World {
 
 impl WorldState {
     fn advance_to(&mut self, to_us: u64) {
-        while self.aircraft.state().time_us < to_us {
+        while self.aircraft.true_state().time_us < to_us {
             self.aircraft.advance_step();
             if self.history.len() == HISTORY_STEPS {
                 self.history.pop_front();
             }
-            self.history.push_back(*self.aircraft.state());
+            self.history.push_back(*self.aircraft.true_state());
         }
     }
 
@@ -201,7 +201,7 @@ impl WorldState {
     /// Field in chip axes; `elsewhere` replaces the configured Earth's field.
     fn sensor_field(&mut self, at_us: u64, other_earth: Option<Earth>) -> Field<Sensor> {
         let truth = self.true_state(at_us);
-        let body_ut = other_earth.unwrap_or(self.config.earth).body_field_ut(truth.euler());
+        let body_ut = other_earth.unwrap_or(self.config.earth).body_field_ut(truth.euler_angles());
         let measured = self.config.airframe.measured_field(&body_ut);
         let current_ut = Vector3::from(self.config.current_interference_ut) * truth.relative_current;
         Field::new(measured.ut + (self.disturbance_ut + current_ut).cast())

@@ -63,7 +63,7 @@ impl TrueState {
 
     /// Euler angles.
     #[must_use]
-    pub fn euler(&self) -> Euler {
+    pub fn euler_angles(&self) -> Euler {
         Euler { roll_rad: self.roll_rad, pitch_rad: self.pitch_rad, heading_rad: self.heading_rad }
     }
 

@@ -16,7 +16,7 @@ const EXAMPLE: &str = include_str!("../../../airframes/example.toml");
 #[test]
 fn the_example_file_shows_the_defaults() {
     let config = WorldConfig::from_toml(EXAMPLE, 3).unwrap();
-    let defaults = WorldConfig::table1(3);
+    let defaults = WorldConfig::of_table1(3);
     assert_eq!(WorldConfig { airframe: defaults.airframe, ..config }, defaults);
     // The file's 8 % of soft iron and 24.8 uT of hard iron; singular values do not depend on the mounting.
     assert!((config.airframe.hard_iron_ut.norm() - 24.8).abs() < 0.1);
@@ -27,7 +27,7 @@ fn the_example_file_shows_the_defaults() {
 #[test]
 fn an_airframe_round_trips_through_its_file() {
     for seed in 0..200 {
-        let config = WorldConfig::random(seed);
+        let config = WorldConfig::random_world(seed);
         let text = config.airframe_toml();
         let read = WorldConfig::from_toml(&text, seed).unwrap_or_else(|error| panic!("{seed}: {error}\n{text}"));
         let max_difference = (read.airframe.field_matrix - config.airframe.field_matrix).abs().max();
@@ -77,7 +77,7 @@ fn mistakes_in_a_file_are_named() {
 fn the_flight_does_not_depend_on_queries() {
     let flight = |look_every_us: u64| {
         let mut simulation = Simulation::new();
-        let world = World::new(WorldConfig::random(5));
+        let world = World::new(WorldConfig::random_world(5));
         let looker = world.clone();
         simulation.spawn(Level::World, "looker", async move {
             loop {
@@ -86,7 +86,7 @@ fn the_flight_does_not_depend_on_queries() {
             }
         });
         simulation.run_until(1_234_567);
-        world.fly(Leg::Turn { bank_deg: 20.0, heading_change_deg: 90.0 });
+        world.fly_leg(Leg::Turn { bank_deg: 20.0, heading_change_deg: 90.0 });
         simulation.run_until(20_000_000);
         (world.true_state(20_000_000), world.sensor_field(19_000_001), world.unfinished_legs())
     };
@@ -96,7 +96,7 @@ fn the_flight_does_not_depend_on_queries() {
 #[test]
 fn states_of_the_past_two_seconds_are_available() {
     let mut simulation = Simulation::new();
-    let config = WorldConfig { weather: weather::Weather::calm(), ..WorldConfig::table1(1) };
+    let config = WorldConfig { weather: weather::Weather::calm(), ..WorldConfig::of_table1(1) };
     let world = World::new(config);
     world.hold_bank_and_pitch(30.0, 0.0);
     simulation.run_until(20_000_000);
@@ -111,7 +111,7 @@ fn states_of_the_past_two_seconds_are_available() {
 #[test]
 fn a_disturbance_adds_to_the_field_until_it_is_removed() {
     let _simulation = Simulation::new();
-    let world = World::new(WorldConfig::table1(1));
+    let world = World::new(WorldConfig::of_table1(1));
     let clean = world.sensor_field(0);
     world.set_disturbance_ut([500.0, 0.0, -3.0]);
     let difference = world.sensor_field(0).ut - clean.ut;
@@ -124,7 +124,7 @@ fn a_disturbance_adds_to_the_field_until_it_is_removed() {
 #[test]
 fn motor_current_interference_is_proportional_to_the_current() {
     let mut simulation = Simulation::new();
-    let still = WorldConfig { weather: weather::Weather::calm(), ..WorldConfig::table1(1) };
+    let still = WorldConfig { weather: weather::Weather::calm(), ..WorldConfig::of_table1(1) };
     let world = World::new(still.with_vehicle_kind(aircraft::VehicleKind::Copter));
     simulation.run_until(2_000_000);
     let added_ut = |current_ut: [f64; 3]| {
@@ -135,16 +135,16 @@ fn motor_current_interference_is_proportional_to_the_current() {
         (world.sensor_field(at_us).ut - clean.ut).x
     };
     assert!((added_ut([10.0, 0.0, 0.0]) - 10.0).abs() < 0.01);
-    world.fly(Leg::Push { toward_deg: 90.0, tilt_deg: 18.0, seconds: 3.0 });
+    world.fly_leg(Leg::Push { toward_deg: 90.0, tilt_deg: 18.0, seconds: 3.0 });
     simulation.run_until(4_900_000);
     assert!((added_ut([10.0, 0.0, 0.0]) - 10.78).abs() < 0.05);
-    assert_eq!(WorldConfig::table1(1).current_interference_ut.map(f64::to_bits), [0; 3]);
+    assert_eq!(WorldConfig::of_table1(1).current_interference_ut.map(f64::to_bits), [0; 3]);
     let interference_ut_per_a =
-        Vector3::from(WorldConfig::table1(1).with_current_interference(8.0).current_interference_ut);
+        Vector3::from(WorldConfig::of_table1(1).with_current_interference(8.0).current_interference_ut);
     assert!((interference_ut_per_a.norm() - 8.0).abs() < 1e-9);
     assert_ne!(
         interference_ut_per_a,
-        Vector3::from(WorldConfig::table1(2).with_current_interference(8.0).current_interference_ut)
+        Vector3::from(WorldConfig::of_table1(2).with_current_interference(8.0).current_interference_ut)
     );
 }
 
@@ -162,7 +162,7 @@ fn fly_everything(seed: u64, duration_us: u64) -> (u64, usize) {
     use embedded_io_async::Read;
 
     let mut simulation = Simulation::new();
-    let world = World::new(WorldConfig::random(seed));
+    let world = World::new(WorldConfig::random_world(seed));
     let mut bus = SimulatedI2cBus::new();
     bus.attach_device(Lis3mdl::new(
         lis3mdl::Lis3mdlConfig { seed, ..Default::default() },
@@ -200,7 +200,7 @@ fn fly_everything(seed: u64, duration_us: u64) -> (u64, usize) {
             note(&seen_field, &bytes);
         }
     });
-    world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 7200.0 });
+    world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 7200.0 });
     simulation.run_until(duration_us);
     let seen = seen.borrow();
     (seen.0.finish(), seen.1)

@@ -321,8 +321,8 @@ fn print_ports(
 
 pub fn run_console(options: &ConsoleOptions) -> Result<ExitCode, CommandFailure> {
     match (&options.path, options.tcp) {
-        (Some(path), _) => attach(pty::connect_serial(path)?),
-        (None, Some(port)) => attach(connect_tcp(port)?),
+        (Some(path), _) => attach_terminal(pty::connect_serial(path)?),
+        (None, Some(port)) => attach_terminal(connect_tcp(port)?),
         (None, None) => serve_private_module(&options.module_options),
     }
 }
@@ -332,7 +332,7 @@ fn connect_tcp(port: u16) -> Result<Connection<TcpStream>, CommandFailure> {
         .map_err(|error| CommandFailure::with_code("no-module", format!("TCP port {port}: {error}")))
 }
 
-fn attach(mut module: impl ByteConnection) -> Result<ExitCode, CommandFailure> {
+fn attach_terminal(mut module: impl ByteConnection) -> Result<ExitCode, CommandFailure> {
     let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
     let mut terminal = open_terminal(None)?;
     while !interruption.stop_flag().load(Ordering::SeqCst) && !terminal.has_ended() {

@@ -45,7 +45,7 @@ impl Connections {
                 for wire in wires {
                     // At most as many bytes are read as the port can receive: a faster sender waits, as on a real line.
                     let bytes = wire.read_bytes(served_module.free_bytes(port).min(MAX_POLL_BYTES));
-                    served_module.send(port, &bytes);
+                    served_module.send_bytes(port, &bytes);
                     for notice in wire.take_notices() {
                         print::print_error(format_args!("{}: {notice}", PORTS[port].port_name));
                     }
@@ -70,7 +70,7 @@ impl Connections {
                 ));
             }
             for (port, wires) in self.port_wires.iter_mut().enumerate() {
-                let bytes = served_module.receive(port);
+                let bytes = served_module.receive_bytes(port);
                 for wire in wires {
                     wire.write_bytes(&bytes);
                 }
@@ -126,7 +126,7 @@ impl PilotCommandInput {
         while let Ok(bytes) = self.input.try_recv() {
             for byte in bytes {
                 if byte == b'\n' {
-                    answer(served_module, &std::mem::take(&mut self.line));
+                    answer_line(served_module, &std::mem::take(&mut self.line));
                 } else if self.line.len() <= LONGEST_LINE {
                     self.line.push(byte);
                 }
@@ -135,7 +135,7 @@ impl PilotCommandInput {
     }
 }
 
-fn answer(served_module: &mut ServedModule, line: &[u8]) {
+fn answer_line(served_module: &mut ServedModule, line: &[u8]) {
     let line = String::from_utf8_lossy(line);
     if line.len() > LONGEST_LINE {
         print::print_line("error line-too-long: an order has at most 256 characters");

@@ -39,7 +39,7 @@ pub fn rms_deg_for<'a>(trial: &RandomFlight, instants: impl Iterator<Item = &'a 
 
 /// Fisher information of a sample about the common parameters.
 fn fisher_information(trial: &RandomFlight, instant: &TrueSample) -> FisherInformation {
-    let (common, nuisance_rows) = equations(trial, instant);
+    let (common, nuisance_rows) = measurement_jacobians(trial, instant);
     let projected = nuisance_rows.tr_mul(&common);
     // Regular except at a magnetic pole: attitude measurements determine roll and pitch, the field determines heading.
     let nuisance = (nuisance_rows.tr_mul(&nuisance_rows)).try_inverse().unwrap_or_else(Matrix3::zeros);
@@ -49,7 +49,7 @@ fn fisher_information(trial: &RandomFlight, instant: &TrueSample) -> FisherInfor
 /// Jacobian rows of the two combinations of measurements that are independent of the nuisance parameters.
 #[must_use]
 pub fn information_root(trial: &RandomFlight, instant: &TrueSample) -> InformationRoot {
-    let (common, nuisance_rows) = equations(trial, instant);
+    let (common, nuisance_rows) = measurement_jacobians(trial, instant);
     let nuisance = (nuisance_rows.tr_mul(&nuisance_rows)).try_inverse().unwrap_or_else(Matrix3::zeros);
     let untouched = SMatrix::<f64, 5, 5>::identity() - nuisance_rows * nuisance * nuisance_rows.transpose();
     // The projection has rank two: two eigenvalues are one, the others zero.
@@ -61,7 +61,7 @@ pub fn information_root(trial: &RandomFlight, instant: &TrueSample) -> Informati
 }
 
 /// Jacobians of a sample's measurements by common and nuisance parameters, in units of the measurement sigmas.
-fn equations(trial: &RandomFlight, instant: &TrueSample) -> (SMatrix<f64, 5, 13>, SMatrix<f64, 5, 3>) {
+fn measurement_jacobians(trial: &RandomFlight, instant: &TrueSample) -> (SMatrix<f64, 5, 13>, SMatrix<f64, 5, 3>) {
     let euler = instant.euler;
     let body = trial.body_field(euler);
     let mut common = SMatrix::<f64, 5, 13>::zeros();
@@ -74,7 +74,7 @@ fn equations(trial: &RandomFlight, instant: &TrueSample) -> (SMatrix<f64, 5, 13>
     // Central differences with a step of 1e-5 have an error of about 1e-10.
     let numerical_derivative = |change: &dyn Fn(f64) -> Vector3<f64>| (change(1e-5) - change(-1e-5)) / 2e-5;
     let by_inclination =
-        numerical_derivative(&|step| trial.field_matrix * euler.field(1.0, trial.inclination_rad + step));
+        numerical_derivative(&|step| trial.field_matrix * euler.body_field(1.0, trial.inclination_rad + step));
     common.fixed_view_mut::<3, 1>(0, 12).copy_from(&by_inclination);
     let mut nuisance_rows = SMatrix::<f64, 5, 3>::zeros();
     for (column, derivative) in [

@@ -143,7 +143,7 @@ mod tests {
     fn selected_samples_have_a_lower_bound_than_evenly_thinned_ones() {
         let flight =
             Flight { kind: VehicleKind::Copter, flight_pattern: FlightPattern::Routine, duration_minutes: 3.0 }
-                .fly(&RandomRanges::WORST_CASE, 3);
+                .true_flight(&RandomRanges::WORST_CASE, 3);
         let trial = trial(1).with_flight(flight, AttitudeEnvelope::Tilted);
         let thinned = cramer_rao::rms_deg_for(&trial, trial.true_samples().step_by(9)).unwrap();
         let chosen = rms_deg(&trial, 200).unwrap();

@@ -57,7 +57,7 @@ impl SolveCounts {
         };
         let errors_deg = trial.errors_deg(&solution.calibration);
         let square = errors_deg.iter().map(|e| e * e).sum::<f64>() / errors_deg.len() as f64;
-        let accepted = accepted_by_uncalibrated(solution, recorded.samples(), recorded.held_back()).is_ok();
+        let accepted = accepted_by_uncalibrated(solution, recorded.fit_samples(), recorded.held_back()).is_ok();
         self.completed_solves += 1;
         self.squares += square;
         self.accepted_solves += u32::from(accepted);
@@ -73,16 +73,22 @@ pub(super) fn normalised_errors_in_use(
     record: impl FnOnce(ConstantErrorSigmas) -> (Recording, LaterMeasurements),
 ) -> Vec<f64> {
     let (recorded, mut source) = record(ConstantErrorSigmas::from_considered(consider));
-    let Ok(solution) = solve(Method::MaximumLikelihood, recorded.samples(), consider) else { return Vec::new() };
+    let Ok(solution) = solve_samples(Method::MaximumLikelihood, recorded.fit_samples(), consider) else {
+        return Vec::new();
+    };
     (0..HEADING_COUNT).filter_map(|_| trial.normalised_heading_error(&solution, &mut source)).collect()
 }
 
-pub(super) fn solve(method: Method, samples: Samples<'_>, consider: ConsiderSigmas) -> Result<Solution, SolveError> {
+pub(super) fn solve_samples(
+    method: Method,
+    samples: Samples<'_>,
+    consider: ConsiderSigmas,
+) -> Result<Solution, SolveError> {
     // Samples are single measurements, as are the evaluated headings.
     Solver::with_consider_sigmas(method, samples, &Prior::default(), consider)?.run(samples)
 }
 
-pub(super) fn coverage(normalised: &[f64]) -> SigmaCoverage {
+pub(super) fn sigma_coverage(normalised: &[f64]) -> SigmaCoverage {
     let [one_sigma_percent, two_sigma_percent] = within_percent(normalised);
     SigmaCoverage { one_sigma_percent, two_sigma_percent, headings: normalised.len() }
 }

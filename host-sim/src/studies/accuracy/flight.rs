@@ -55,7 +55,7 @@ const SAMPLE_PERIOD_US: u64 = 100_000;
 impl Flight {
     /// True attitudes at 10 Hz, in weather drawn from the seed.
     #[must_use]
-    pub fn fly(&self, ranges: &RandomRanges, seed: u64) -> Vec<TrueSample> {
+    pub fn true_flight(&self, ranges: &RandomRanges, seed: u64) -> Vec<TrueSample> {
         let mut random = RandomStream::new(seed, StreamPurpose::Legs);
         let config =
             VehicleConfig { kind: self.kind, heading_deg: random.uniform(0.0, 360.0), ..VehicleConfig::default() };
@@ -75,8 +75,8 @@ impl Flight {
         // Flight time without the calibration routine, whose duration a separate simulation determines.
         let spare_us = routine.as_ref().map_or(0, |(_, legs)| end_us.saturating_sub(duration_us(config, seed, legs)));
         let mut routine = routine.map(|(share, legs)| ((spare_us as f64 * share) as u64, legs));
-        while aircraft.state().time_us < end_us {
-            if let Some((_, legs)) = routine.take_if(|(at_us, _)| aircraft.state().time_us >= *at_us) {
+        while aircraft.true_state().time_us < end_us {
+            if let Some((_, legs)) = routine.take_if(|(at_us, _)| aircraft.true_state().time_us >= *at_us) {
                 // Aborts the straight leg in progress.
                 aircraft.autopilot_mut().hold_bank_and_pitch(0.0, 0.0);
                 fly_all(&mut aircraft, &legs);
@@ -86,10 +86,10 @@ impl Flight {
                 } else {
                     straight_leg(&mut random)
                 };
-                aircraft.autopilot_mut().fly(leg);
+                aircraft.autopilot_mut().fly_leg(leg);
             }
             aircraft.advance_step();
-            if aircraft.state().time_us.is_multiple_of(SAMPLE_PERIOD_US) {
+            if aircraft.true_state().time_us.is_multiple_of(SAMPLE_PERIOD_US) {
                 instants.push(true_sample(&aircraft));
             }
         }
@@ -98,9 +98,9 @@ impl Flight {
 }
 
 fn true_sample(aircraft: &Aircraft) -> TrueSample {
-    let state = aircraft.state();
+    let state = aircraft.true_state();
     TrueSample {
-        euler: state.euler(),
+        euler: state.euler_angles(),
         disturbing_acceleration_m_s2: state.disturbing_acceleration_m_s2,
         rates: Rates::from_rad_s(
             [state.roll_rate_rad_s, state.pitch_rate_rad_s, state.heading_rate_rad_s].map(|rad_s| rad_s as f32),
@@ -111,7 +111,7 @@ fn true_sample(aircraft: &Aircraft) -> TrueSample {
 
 fn fly_all(aircraft: &mut Aircraft, legs: &[Leg]) {
     for &leg in legs {
-        aircraft.autopilot_mut().fly(leg);
+        aircraft.autopilot_mut().fly_leg(leg);
     }
 }
 
@@ -121,7 +121,7 @@ fn duration_us(config: VehicleConfig, seed: u64, legs: &[Leg]) -> u64 {
     while aircraft.autopilot().unfinished_legs() > 0 {
         aircraft.advance_step();
     }
-    aircraft.state().time_us
+    aircraft.true_state().time_us
 }
 
 /// Legs in reverse order, mirrored left to right.
@@ -144,7 +144,7 @@ mod tests {
     use super::*;
 
     fn fly_pattern(kind: VehicleKind, pattern: FlightPattern, seed: u64) -> Vec<TrueSample> {
-        Flight { kind, flight_pattern: pattern, duration_minutes: 3.0 }.fly(&RandomRanges::WORST_CASE, seed)
+        Flight { kind, flight_pattern: pattern, duration_minutes: 3.0 }.true_flight(&RandomRanges::WORST_CASE, seed)
     }
 
     #[test]
@@ -185,7 +185,7 @@ mod tests {
         for seed in [2, 5, 6] {
             let fly_pattern = |pattern| {
                 Flight { kind: VehicleKind::Copter, flight_pattern: pattern, duration_minutes: 20.0 }
-                    .fly(&RandomRanges::WORST_CASE, seed)
+                    .true_flight(&RandomRanges::WORST_CASE, seed)
             };
             for (instants, right, left) in [
                 (fly_pattern(FlightPattern::Routine), [3670, 3775], [3790, 3900]),

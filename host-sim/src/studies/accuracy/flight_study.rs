@@ -10,7 +10,8 @@ use serde::Serialize;
 use simulator::world::aircraft::VehicleKind;
 
 use super::evaluation::{
-    AccuracyPlan, COVERAGE_DRAW_INTERVAL, SigmaCoverage, SolveCounts, coverage, normalised_errors_in_use, solve,
+    AccuracyPlan, COVERAGE_DRAW_INTERVAL, SigmaCoverage, SolveCounts, normalised_errors_in_use, sigma_coverage,
+    solve_samples,
 };
 use super::flight::{Flight, FlightPattern};
 use super::random_flight::{AttitudeEnvelope, ConstantErrorSigmas, RandomFlight, RandomRanges};
@@ -83,11 +84,11 @@ impl FlightResult {
         let envelope =
             if flight.kind == VehicleKind::Plane { AttitudeEnvelope::Banked } else { AttitudeEnvelope::Tilted };
         let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed)
-            .with_flight(flight.fly(&RandomRanges::WORST_CASE, seed), envelope);
+            .with_flight(flight.true_flight(&RandomRanges::WORST_CASE, seed), envelope);
         let retained_times: BTreeSet<u32> =
             retention::retain_samples(&trial.record_all(0, ConstantErrorSigmas::NO_ERRORS).0)
-                .samples()
-                .all()
+                .fit_samples()
+                .all_samples()
                 .map(|sample| sample.time.as_ms())
                 .collect();
         let kept_instants = trial.true_samples().filter(|instant| retained_times.contains(&instant.time.as_ms()));
@@ -102,7 +103,8 @@ impl FlightResult {
         };
         for draw in 0..draws {
             let recorded = retention::retain_samples(&trial.record_all(draw, ConstantErrorSigmas::NO_ERRORS).0);
-            let solution = solve(Method::MaximumLikelihood, recorded.samples(), ConsiderSigmas::DEFAULT).ok();
+            let solution =
+                solve_samples(Method::MaximumLikelihood, recorded.fit_samples(), ConsiderSigmas::DEFAULT).ok();
             flight_result.counts.add_solution(&trial, &recorded, solution.as_ref());
             if draw % COVERAGE_DRAW_INTERVAL == 0 {
                 let record = |faults| {
@@ -151,7 +153,7 @@ fn study_row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
         best_bound_median_deg: median(trials.iter().map(|flight_result| flight_result.best_bound_deg)),
         best_ratio_median: median(ratios()),
         best_ratio_worst_decile: quantile(ratios(), 0.9).unwrap_or(f64::NAN),
-        coverage: coverage(&all_of(|flight_result| &flight_result.normalised)),
-        coverage_with_faults: coverage(&all_of(|flight_result| &flight_result.normalised_with_faults)),
+        coverage: sigma_coverage(&all_of(|flight_result| &flight_result.normalised)),
+        coverage_with_faults: sigma_coverage(&all_of(|flight_result| &flight_result.normalised_with_faults)),
     }
 }

@@ -20,7 +20,7 @@ use serde::Serialize;
 
 pub use evaluation::{AccuracyPlan, SigmaCoverage};
 
-use evaluation::{COVERAGE_DRAW_INTERVAL, SolveCounts, coverage, normalised_errors_in_use, solve};
+use evaluation::{COVERAGE_DRAW_INTERVAL, SolveCounts, normalised_errors_in_use, sigma_coverage, solve_samples};
 use random_flight::{ConstantErrorSigmas, RandomFlight, RandomRanges};
 
 use log_analysis::numbers::{median, quantile};
@@ -77,9 +77,9 @@ pub fn run_accuracy_study(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> Accur
         |errors: fn(&AirframeResult) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
     AccuracyResult {
         bound_median_deg: median(trials.iter().map(|t| t.bound_deg)),
-        methods: COMPARED_METHODS.iter().enumerate().map(|(i, &method)| summary(&trials, i, method)).collect(),
-        coverage: coverage(&all_of(|t| &t.normalised)),
-        coverage_with_faults: coverage(&all_of(|t| &t.normalised_with_faults)),
+        methods: COMPARED_METHODS.iter().enumerate().map(|(i, &method)| method_result(&trials, i, method)).collect(),
+        coverage: sigma_coverage(&all_of(|t| &t.normalised)),
+        coverage_with_faults: sigma_coverage(&all_of(|t| &t.normalised_with_faults)),
     }
 }
 
@@ -105,7 +105,7 @@ impl AirframeResult {
                 counts.add_solution(
                     trial,
                     &recorded,
-                    solve(method, recorded.samples(), ConsiderSigmas::DEFAULT).ok().as_ref(),
+                    solve_samples(method, recorded.fit_samples(), ConsiderSigmas::DEFAULT).ok().as_ref(),
                 );
             }
             if draw % COVERAGE_DRAW_INTERVAL == 0 {
@@ -119,7 +119,7 @@ impl AirframeResult {
     }
 }
 
-fn summary(trials: &[AirframeResult], index: usize, method: Method) -> MethodResult {
+fn method_result(trials: &[AirframeResult], index: usize, method: Method) -> MethodResult {
     let each = || trials.iter().map(|t| (t, &t.methods[index]));
     let sum = |count_of: fn(&SolveCounts) -> u32| each().map(|(_, counts)| count_of(counts)).sum::<u32>();
     let (solved, refused) = (sum(|c| c.completed_solves), sum(|c| c.refused_solves));

@@ -229,7 +229,7 @@ impl RandomFlight {
     /// Earth's field in body axes, in units of the total field.
     #[must_use]
     pub fn body_field(&self, euler: Euler) -> Vector3<f64> {
-        euler.field(1.0, self.inclination_rad)
+        euler.body_field(1.0, self.inclination_rad)
     }
 
     /// The `repetition`-th noise realisation: recording, and noise stream for later measurements.
@@ -309,7 +309,8 @@ impl RandomFlight {
             .map(|euler| {
                 let sensed = (self.field_matrix * self.body_field(euler) + self.hard_iron) * FIELD_STRENGTH_UT;
                 let attitude = Attitude { roll_rad: euler.roll_rad as f32, pitch_rad: euler.pitch_rad as f32 };
-                let found = attitude.level(calibration.calibrated_field(Field::new(sensed.cast()))).heading_rad();
+                let found =
+                    attitude.to_level_frame(calibration.calibrated_field(Field::new(sensed.cast()))).heading_rad();
                 wrap_180((f64::from(found) - euler.heading_rad).to_degrees())
             })
             .collect()
@@ -357,7 +358,7 @@ impl Recording {
 
     /// Samples for the fit.
     #[must_use]
-    pub fn samples(&self) -> Samples<'_> {
+    pub fn fit_samples(&self) -> Samples<'_> {
         Samples::new(&self.fit)
     }
 
@@ -430,7 +431,7 @@ mod tests {
         for seed in 0..20 {
             let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed);
             let (recorded, _) = trial.record_flight(3, ConstantErrorSigmas::NO_ERRORS);
-            let (fit, held_back) = (recorded.samples(), recorded.held_back());
+            let (fit, held_back) = (recorded.fit_samples(), recorded.held_back());
             for (fit, held_back) in
                 [Side::Left, Side::Right].map(|side| (fit.samples_of_turn(side), held_back.samples_of_turn(side)))
             {
@@ -455,7 +456,7 @@ mod tests {
         let [first, second] =
             [0, 1].map(|draw| trial.record_flight(draw, ConstantErrorSigmas { bias_deg: 10.0, bank_scale: 0.0 }).0);
         for recorded in [&first, &second] {
-            let difference_deg = mean_deg(recorded.samples()) - mean_deg(recorded.held_back());
+            let difference_deg = mean_deg(recorded.fit_samples()) - mean_deg(recorded.held_back());
             assert!(difference_deg.abs() < 0.5, "{difference_deg}");
         }
         assert!((mean_deg(first.held_back()) - mean_deg(second.held_back())).abs() > 1.0, "draws differ in their bias");

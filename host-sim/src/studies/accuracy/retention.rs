@@ -5,7 +5,7 @@ use autoswing::calibration::{ConsiderSigmas, Method, Sample};
 use autoswing::collection::{Collector, RetainedSamples};
 use autoswing::compass::TrialSchedule;
 
-use super::evaluation::solve;
+use super::evaluation::solve_samples;
 use super::random_flight::Recording;
 
 /// Retained samples of a flight. Trial solves update the collector's coefficients at the device's pace.
@@ -16,15 +16,16 @@ pub fn retain_samples(samples: &[Sample]) -> Recording {
     collector.begin_procedure(Procedure::Flight);
     let mut pace = TrialSchedule::NO_TRIAL;
     for &sample in samples {
-        collector.push(sample);
+        collector.push_sample(sample);
         if pace.is_due(&collector, sample.time)
-            && let Ok(found) = solve(Method::MaximumLikelihood, collector.fit_samples(), ConsiderSigmas::DEFAULT)
+            && let Ok(found) =
+                solve_samples(Method::MaximumLikelihood, collector.fit_samples(), ConsiderSigmas::DEFAULT)
         {
             collector.use_trial_solution(&found);
         }
     }
     let all = |samples: autoswing::calibration::Samples<'_>| {
-        let mut samples: Vec<Sample> = samples.all().copied().collect();
+        let mut samples: Vec<Sample> = samples.all_samples().copied().collect();
         samples.sort_by_key(|sample| sample.time.as_ms());
         samples
     };
@@ -48,7 +49,7 @@ mod tests {
         let sample_at = |i: u16| {
             let t_s = f32::from(i) / 10.0;
             let attitude = Attitude::from_deg(15.0 * libm::sinf(0.31 * t_s), 6.0 * libm::sinf(0.47 * t_s));
-            let body = attitude.body(Field::earth(50.0, 1.1, 0.4 * libm::sinf(0.2 * t_s))).ut;
+            let body = attitude.to_body_frame(Field::earth_field(50.0, 1.1, 0.4 * libm::sinf(0.2 * t_s))).ut;
             let field = Field::from_ut(
                 body.x + 20.0 + 0.3 * random.normal(),
                 body.y - 10.0 + 0.3 * random.normal(),
@@ -67,7 +68,7 @@ mod tests {
     }
 
     fn sorted(samples: Samples<'_>) -> Vec<Sample> {
-        let mut samples: Vec<Sample> = samples.all().copied().collect();
+        let mut samples: Vec<Sample> = samples.all_samples().copied().collect();
         samples.sort_by_key(|sample| sample.time.as_ms());
         samples
     }
@@ -78,7 +79,7 @@ mod tests {
         let mut collector = Collector::new(&mut retained);
         collector.begin_procedure(Procedure::Flight);
         for &sample in samples {
-            collector.push(sample);
+            collector.push_sample(sample);
         }
         sorted(collector.fit_samples())
     }
@@ -92,7 +93,7 @@ mod tests {
         module.collect_samples(&samples);
         let collected = sorted(module.collector().fit_samples());
         assert_eq!(module.ended_s(), None);
-        assert_eq!(collected, sorted(retain_samples(&samples).samples()));
+        assert_eq!(collected, sorted(retain_samples(&samples).fit_samples()));
         assert_ne!(collected, retained_without_trial_solves(&samples));
     }
 }

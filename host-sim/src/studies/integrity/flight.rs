@@ -132,7 +132,7 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
 /// Flies a full turn each way and compares the module's estimate with a hard-iron change of `added_ut`, chip axes.
 fn hard_iron_estimate_error(rig: &mut Rig, world: &WorldConfig, added_ut: Vector3<f64>) -> HardIronEstimateError {
     for heading_change_deg in [360.0, -360.0] {
-        rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg });
+        rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
     while rig.world.unfinished_legs() > 0 && rig.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time {}
     let told_ut = transcript::hard_iron_change_ut(&rig.send_console_line("status all"))
@@ -151,7 +151,7 @@ fn add_seconds_us(from_us: u64, by_s: f64) -> u64 {
 /// Flies the routine until the module reports the result of its solve; returns it with its time.
 fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibration, u64), String> {
     for &leg in legs {
-        rig.world.fly(leg);
+        rig.world.fly_leg(leg);
     }
     let mut session = String::new();
     let mut waited_s = 0.0;
@@ -217,12 +217,12 @@ fn process_console_output(
     }
     let flies_us = add_seconds_us(rig.now_us(), stands_s);
     let end_us = add_seconds_us(flies_us, flight_after_calibration_s);
-    let kind = rig.world.config().aircraft.kind;
+    let kind = rig.world.world_config().aircraft.kind;
     for leg in legs_after_calibration::first_legs(kind, &mut random) {
-        rig.world.fly(leg);
+        rig.world.fly_leg(leg);
     }
     let mut reader = SentenceReader::default();
-    let _ = (rig.instrument.receive(), rig.take_console_output());
+    let _ = (rig.instrument.receive_bytes(), rig.take_console_output());
     let mut notes = Vec::new();
     while rig.now_us() < end_us {
         if stands_s > 0.0 && rig.now_us() >= flies_us {
@@ -230,7 +230,7 @@ fn process_console_output(
         }
         if rig.world.unfinished_legs() < 2 {
             for leg in further_legs(kind, &mut random) {
-                rig.world.fly(leg);
+                rig.world.fly_leg(leg);
             }
         }
         if rig.run_for_s(RUN_STEP_S) != ModuleRunEnd::Time {

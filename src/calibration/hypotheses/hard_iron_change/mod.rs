@@ -238,7 +238,7 @@ impl HardIronScan {
         let products = SampleProducts::new(equations);
         self.so_far.add_sample_products(&products, 1.0);
         self.with_load.add_sample_products(&products, load_fraction(&down));
-        let lagging = self.hysteresis.field_response(&down, self.last_turn.update(sample), equations);
+        let lagging = self.hysteresis.field_response(&down, self.last_turn.next_direction(sample), equations);
         add_pair(&mut self.with_hysteresis, equations, &lagging);
         self.samples_seen += 1;
         if self.samples_seen.is_multiple_of(self.sample_count.div_ceil(MAX_TESTED_STEPS))
@@ -314,11 +314,11 @@ impl HardIronScan {
         let mut norms = ScoreTest::zero();
         let mut last_turn = LastTurn::default();
         for (part, sample) in TimeOrdered::new(fit.samples) {
-            let equations = fit.likelihood.equations(sample, None, &parameters);
+            let equations = fit.likelihood.sample_equations(sample, None, &parameters);
             let share = self.span.fraction_at(found.form, sample);
             let response = if found.form == TestedCourse::Hysteresis {
                 let down = sample.attitude.tilt_rotation().down_in_body();
-                let lagging = self.hysteresis.field_response(&down, last_turn.update(sample), &equations);
+                let lagging = self.hysteresis.field_response(&down, last_turn.next_direction(sample), &equations);
                 Matrix3::from_columns(&[lagging, Vector3::zeros(), Vector3::zeros()])
             } else {
                 -self.w

@@ -76,7 +76,7 @@ impl Case {
         let (parameters, w) = (ModelParameters::new(&self.unknowns), ModelParameters::new(&self.unknowns).w);
         let mut all = Vec::new();
         for (_, sample) in TimeOrdered::new(self.recorded.turns()) {
-            let equations = self.likelihood.equations(sample, None, &parameters);
+            let equations = self.likelihood.sample_equations(sample, None, &parameters);
             let share = span.fraction_at(form, sample);
             for (equation, is_norm) in hard_iron_residuals(&equations).zip([true, false]) {
                 all.push((equation.clone(), derivative_by_hard_iron(&w, equation) * share, is_norm));
@@ -96,7 +96,7 @@ fn hard_iron_derivatives_equal_numerical_ones() {
     for sample in case.recorded.left.iter().step_by(20) {
         let of = |beta: Vector3<f32>| {
             let field = Field::new(sample.field.ut - beta * case.likelihood.unit_ut);
-            case.likelihood.equations(&Sample { field, ..*sample }, None, &parameters)
+            case.likelihood.sample_equations(&Sample { field, ..*sample }, None, &parameters)
         };
         let here = of(Vector3::zeros());
         for axis in 0..3 {

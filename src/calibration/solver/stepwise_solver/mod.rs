@@ -110,7 +110,7 @@ impl Solver {
 
     /// One pass over the samples. Its large parts are not inlined, so that their locals do not add up on a small stack.
     #[inline(never)]
-    pub fn step(&mut self, samples: Samples<'_>) -> SolveProgress {
+    pub fn solve_step(&mut self, samples: Samples<'_>) -> SolveProgress {
         let end = match self.refinement.refine_step(samples) {
             Refining::Continue => return SolveProgress::Continue,
             Refining::Converged => match self.assess_refined(samples) {
@@ -135,7 +135,7 @@ impl Solver {
     /// ([`SolveError::TurnsReversed`], [`SolveError::InclinationContradicted`], [`SolveError::MountContradicted`]).
     pub fn run(mut self, samples: Samples<'_>) -> Result<Solution, SolveError> {
         for _ in 0..MAX_SOLVE_STEPS {
-            if let SolveProgress::Finished(end) = self.step(samples) {
+            if let SolveProgress::Finished(end) = self.solve_step(samples) {
                 return end;
             }
         }
@@ -166,7 +166,8 @@ impl Solver {
         }
         let point = starting_point::sphere_start(samples, &self.prior.mount.body_from_sensor());
         let retained = end.as_ref().ok().and_then(|solution| self.retain_result(solution));
-        let is_started = point.is_some_and(|point| self.restart(samples, &point, SampleCorrections::NO_CORRECTIONS));
+        let is_started =
+            point.is_some_and(|point| self.restart_refinement(samples, &point, SampleCorrections::NO_CORRECTIONS));
         if is_started {
             self.attempt.start = AttemptStart::Sphere;
             self.first_result = retained;
@@ -179,7 +180,7 @@ impl Solver {
     fn restore_first_result(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
         let Some(RetainedResult { start, misfit, assumed, noise }) = self.first_result.take() else { return false };
         let is_better = end.as_ref().is_ok_and(|solution| self.misfit(&solution.calibration) < misfit);
-        let is_started = !is_better && self.restart(samples, &start, assumed);
+        let is_started = !is_better && self.restart_refinement(samples, &start, assumed);
         if is_started {
             self.attempt.start = AttemptStart::FirstResult;
             self.refinement.restart_with_noise(samples, noise);
@@ -198,11 +199,11 @@ impl Solver {
         self.prior.inclination_rad = None;
         let Ok((point, start)) = choose_starting_point(self.method, samples, &self.prior) else { return false };
         self.attempt = Attempt { start, uses_inclination: false };
-        self.restart(samples, &point, SampleCorrections::NO_CORRECTIONS)
+        self.restart_refinement(samples, &point, SampleCorrections::NO_CORRECTIONS)
     }
 
     /// Restarts the refinement, if possible; returns whether it did.
-    fn restart(&mut self, samples: Samples<'_>, start: &StartingPoint, assumed: SampleCorrections) -> bool {
+    fn restart_refinement(&mut self, samples: Samples<'_>, start: &StartingPoint, assumed: SampleCorrections) -> bool {
         let Ok(refinement) = begin_refinement(self.method, &self.prior, samples, start, assumed) else { return false };
         self.refinement = refinement;
         self.latency_updates = u8::from(assumed.latency_s != 0.0);
@@ -369,7 +370,7 @@ impl Solver {
 /// # Errors
 ///
 /// The errors of [`Solver::new`] and [`Solver::run`].
-pub fn solve(method: Method, samples: Samples<'_>, prior: &Prior) -> Result<Solution, SolveError> {
+pub fn solve_samples(method: Method, samples: Samples<'_>, prior: &Prior) -> Result<Solution, SolveError> {
     Solver::new(method, samples, prior)?.run(samples)
 }
 

@@ -115,7 +115,7 @@ fn non_finite_samples_are_rejected() {
 
 fn found(expected_rms_deg: f32, b_ut: f32) -> Solution {
     let (_, recorded) = flown();
-    let mut solution = solve(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
+    let mut solution = solve_samples(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
     solution.quality.expected_rms_deg = expected_rms_deg;
     solution.calibration.b_ut = [0.0, b_ut, 0.0];
     solution
@@ -144,7 +144,7 @@ fn run(mut solver: Solver, samples: Samples<'_>) -> (Result<Solution, SolveError
     let mut began = 1;
     for _ in 0..MAX_SOLVE_STEPS {
         let before = solver.attempt;
-        match solver.step(samples) {
+        match solver.solve_step(samples) {
             SolveProgress::Continue => {}
             SolveProgress::Finished(end) => return (end, began),
         }
@@ -168,7 +168,7 @@ fn the_better_of_two_results_is_returned() {
         while !matches!(solver.refinement.refine_step(samples), Refining::Converged) {}
         let RetainedResult { start, noise, .. } = solver.retain_result(&plain).unwrap();
         let sphere = starting_point::sphere_start(samples, &Matrix3::identity()).unwrap();
-        assert!(solver.restart(samples, &sphere, SampleCorrections::NO_CORRECTIONS));
+        assert!(solver.restart_refinement(samples, &sphere, SampleCorrections::NO_CORRECTIONS));
         (solver.attempt.start, solver.first_result) = (
             AttemptStart::Sphere,
             Some(RetainedResult { start, misfit, assumed: SampleCorrections::NO_CORRECTIONS, noise }),
@@ -204,7 +204,7 @@ fn a_retained_result_is_restored_with_its_corrections() {
     let kept = solver.retain_result(&found(0.5, 0.0)).unwrap();
     let again = likelihood.unknowns_from_start(&kept.start).unwrap();
     assert!((again - unknowns).norm() < 1e-5 * unknowns.norm(), "{again} {unknowns}");
-    assert!(solver.restart(recorded.turns(), &kept.start, kept.assumed));
+    assert!(solver.restart_refinement(recorded.turns(), &kept.start, kept.assumed));
     let Likelihood { latency_s, motor_current: current, .. } = &solver.refinement.likelihood;
     assert_eq!((*latency_s, current.ut_per_a), (0.04, [0.3, -0.2, 0.1]));
     assert_eq!((solver.latency_updates, solver.motor_current_updates), (1, 1), "each was tried once at least");

@@ -45,18 +45,18 @@ impl Case {
             motor_current: crate::calibration::MotorCurrentInterference::NO_INTERFERENCE,
         };
         let attitude = Attitude { roll_rad: random.uniform(-1.0, 1.0), pitch_rad: 0.0 };
-        let level = Field::earth(calibration.total_ut, calibration.inclination_rad, random.uniform(-3.0, 3.0));
-        let reading = w.try_inverse().unwrap() * attitude.body(level).ut + calibration.b_vector_ut();
+        let level = Field::earth_field(calibration.total_ut, calibration.inclination_rad, random.uniform(-3.0, 3.0));
+        let reading = w.try_inverse().unwrap() * attitude.to_body_frame(level).ut + calibration.b_vector_ut();
         Self { calibration, attitude, reading: Field::new(reading) }
     }
 
     fn heading_rad(&self, calibration: &Calibration) -> f32 {
-        self.attitude.level(calibration.calibrated_field(self.reading)).heading_rad()
+        self.attitude.to_level_frame(calibration.calibrated_field(self.reading)).heading_rad()
     }
 
     fn sigma_rad(&self, uncertainty: &HeadingUncertainty) -> f32 {
         let tilt = self.attitude.tilt_rotation();
-        let level = tilt.level(self.calibration.calibrated_field(self.reading));
+        let level = tilt.to_level_frame(self.calibration.calibrated_field(self.reading));
         uncertainty.heading_variance(&self.calibration, self.reading, &tilt, level).sigma_rad()
     }
 
@@ -79,7 +79,7 @@ fn jacobian_equals_numerical_derivatives() {
         let case = Case::random(&mut random);
         let tilt = case.attitude.tilt_rotation();
         let total_ut = case.calibration.total_ut;
-        let level = tilt.level(case.calibration.calibrated_field(case.reading)).ut / total_ut;
+        let level = tilt.to_level_frame(case.calibration.calibrated_field(case.reading)).ut / total_ut;
         let x = (case.reading.ut - case.calibration.b_vector_ut()) / total_ut;
         let row = coefficient_jacobian_row(&heading_by_field(&tilt, &level), &x);
         let here = case.heading_rad(&case.calibration);
@@ -118,7 +118,7 @@ fn sigma_equals_the_effect_of_noise() {
         let by_reading = |axis: usize| {
             derivative(|step| {
                 let reading = case.reading.ut + Vector3::ith(axis, step * total_ut);
-                let level = case.attitude.level(case.calibration.calibrated_field(Field::new(reading)));
+                let level = case.attitude.to_level_frame(case.calibration.calibrated_field(Field::new(reading)));
                 wrap_pi(level.heading_rad() - here)
             })
         };
@@ -126,7 +126,7 @@ fn sigma_equals_the_effect_of_noise() {
             derivative(|step| {
                 let Attitude { roll_rad, pitch_rad } = case.attitude;
                 let attitude = Attitude { roll_rad: roll_rad + roll * step, pitch_rad: pitch_rad + pitch * step };
-                wrap_pi(attitude.level(case.calibration.calibrated_field(case.reading)).heading_rad() - here)
+                wrap_pi(attitude.to_level_frame(case.calibration.calibrated_field(case.reading)).heading_rad() - here)
             })
         };
         let sensor = (0..3).map(by_reading).map(|d| d * d).sum::<f32>().sqrt();
@@ -150,7 +150,7 @@ fn next_to_a_pole_sigma_is_finite() {
     let sensor = Field::from_ut(0.0, 0.0, 50.0);
     let tilt = Attitude::default().tilt_rotation();
     let sigma_rad = uncertainty
-        .heading_variance(&calibration, sensor, &tilt, tilt.level(calibration.calibrated_field(sensor)))
+        .heading_variance(&calibration, sensor, &tilt, tilt.to_level_frame(calibration.calibrated_field(sensor)))
         .sigma_rad();
     assert!(sigma_rad.is_finite() && sigma_rad > 3.0, "{sigma_rad}");
 }

@@ -17,7 +17,7 @@ impl Allocator {
     }
 
     fn respond(&mut self, now_us: u64, request: &CanFrame) -> Option<OutboundTransfer> {
-        let header = FrameHeader::from_id(request.id()).unwrap();
+        let header = FrameHeader::from_id(request.frame_id()).unwrap();
         let (_, [first, part @ ..]) = request.data().split_last()? else { return None };
         if header.source_node.is_some() || header.type_id != 1 {
             return None;

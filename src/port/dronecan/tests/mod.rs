@@ -49,10 +49,10 @@ fn reassemble(frames: &[CanFrame]) -> Vec<Sent> {
     for frame in frames {
         let (&tail, part) = frame.data().split_last().unwrap();
         if tail & 0x80 != 0 {
-            assert!(open.iter().all(|(id, _)| *id != frame.id()), "a transfer begins within another");
-            open.push((frame.id(), Vec::new()));
+            assert!(open.iter().all(|(id, _)| *id != frame.frame_id()), "a transfer begins within another");
+            open.push((frame.frame_id(), Vec::new()));
         }
-        let at = open.iter().position(|(id, _)| *id == frame.id()).expect("a first frame before the others");
+        let at = open.iter().position(|(id, _)| *id == frame.frame_id()).expect("a first frame before the others");
         open[at].1.extend_from_slice(part);
         if tail & 0x40 != 0 {
             let (id, mut payload) = open.remove(at);

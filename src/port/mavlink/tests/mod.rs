@@ -140,7 +140,7 @@ impl MavlinkBench {
         };
         let mut out = TransmitBuffer::new();
         let others = self.room.map_or(0, |room| TRANSMIT_CAPACITY - room);
-        assert!(out.append(&[&vec![0; others]]));
+        assert!(out.append_message(&[&vec![0; others]]));
         self.module.poll(&snapshot, &mut out);
         let rest = &out.pending_bytes()[others..];
         let [0xFD, length, 0, 0, sequence, system, component, id, 0, 0, ..] = *rest else {

@@ -185,7 +185,7 @@ mod tests {
         let mut rates = Series::new();
         for &(t_s, rate) in read {
             if let Some(rate) = rate {
-                rates.push(t_s, [0.0, rate, -rate]);
+                rates.push_row(t_s, [0.0, rate, -rate]);
             }
         }
         rates_at_rows(&rates)

@@ -95,12 +95,12 @@ impl TableReader {
                 ]),
                 None => None,
             };
-        let Some(t_s) = self.at(t_s) else { return Ok(()) };
+        let Some(t_s) = self.row_time(t_s) else { return Ok(()) };
         if let Some(read) = read {
-            self.rates.push(t_s, read.map(|dps| dps.to_radians() as f32));
+            self.rates.push_row(t_s, read.map(|dps| dps.to_radians() as f32));
         }
         if let Ok(Some(armed)) = optional(table.armed_column, "armed") {
-            self.armed.push(t_s, [f32::from(armed != 0.0)]);
+            self.armed.push_row(t_s, [f32::from(armed != 0.0)]);
         }
         let into = &mut self.recorder;
         for (number, field_ut) in fields {
@@ -110,10 +110,10 @@ impl TableReader {
         into.push_attitude(t_s, angles.map(|deg| deg.to_radians() as f32));
         let flight = &mut into.flight;
         if let Some(reference) = reference {
-            flight.reference_heading.push(t_s, [reference.to_radians() as f32]);
+            flight.reference_heading.push_row(t_s, [reference.to_radians() as f32]);
         }
         if let Some(usable) = usable {
-            flight.usable_rows.push(t_s, [f32::from(usable != 0.0)]);
+            flight.usable_rows.push_row(t_s, [f32::from(usable != 0.0)]);
         }
         if let Ok(Some(amperes)) = optional(table.current_column, "current_a") {
             into.push_current(t_s, amperes as f32);
@@ -135,7 +135,7 @@ impl TableReader {
     }
 
     /// Time of a row, seconds: as in the table until its clock restarts.
-    fn at(&mut self, t_s: f64) -> Option<f64> {
+    fn row_time(&mut self, t_s: f64) -> Option<f64> {
         let since_s = t_s - self.median_time_s;
         if since_s.abs() >= MAX_TIME_FROM_START_S {
             self.recorder.flight.skipped_counts.bad_times += 1;

@@ -15,7 +15,7 @@ pub fn encode_tlog(recording: &FlightRecording) -> Vec<u8> {
     for (i, instant) in recording.samples.iter().enumerate() {
         out.at_us = instant.time_us;
         if i % 10 == 0 {
-            out.seconds(recording, instant);
+            out.write_slow_messages(recording, instant);
         }
         if i == 5 {
             for (name, value) in &recording.parameters {
@@ -62,7 +62,7 @@ impl FrameWriter {
     }
 
     /// Writes the messages that an autopilot sends once a second.
-    fn seconds(&mut self, recording: &FlightRecording, instant: &FlightSample) {
+    fn write_slow_messages(&mut self, recording: &FlightRecording, instant: &FlightSample) {
         let mut base_mode = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED;
         base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, instant.is_armed);
         let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;

@@ -248,12 +248,12 @@ impl UlogReader {
             }
             "sensor_combined" if instance == 0 => {
                 if let Some(rates) = row.number_array("gyro_rad") {
-                    self.combined.1.push(t_s, rates);
+                    self.combined.1.push_row(t_s, rates);
                 }
                 // The field's time is relative; an unchanged field repeats its time.
                 let late_us = row.numeric_field("magnetometer_timestamp_relative").filter(|us| us.abs() < 1e6);
                 if let (Some(gauss), Some(late_us)) = (row.number_array("magnetometer_ga"), late_us) {
-                    self.combined.0.push(t_s + late_us / 1e6, gauss);
+                    self.combined.0.push_row(t_s + late_us / 1e6, gauss);
                 }
             }
             "vehicle_attitude_groundtruth" => {

@@ -166,7 +166,7 @@ impl GpsCourseHeading {
         }
         let mut heading = Series::new();
         for v in straight {
-            heading.push(v.t_s, [circle.heading_rad(v) as f32]);
+            heading.push_row(v.t_s, [circle.heading_rad(v) as f32]);
         }
         let wind_m_s = circle.wind_m_s.into();
         Ok(Self { wind_m_s, wind_sigma_m_s, airspeed_m_s, scatter_m_s, widest_gap_deg, heading })
@@ -297,7 +297,7 @@ impl VelocityCircle {
     fn fit_robustly(velocities: &[GroundVelocity]) -> Option<Self> {
         let mut circle = Self::initial_fit(velocities)?;
         for _ in 0..30 {
-            circle = circle.refined(velocities)?;
+            circle = circle.refined_circle(velocities)?;
         }
         (circle.radius_m_s.is_finite() && circle.wind_m_s.norm().is_finite()).then_some(circle)
     }
@@ -318,7 +318,7 @@ impl VelocityCircle {
     }
 
     /// One Gauss-Newton step on radial distances with Tukey's biweight.
-    fn refined(self, velocities: &[GroundVelocity]) -> Option<Self> {
+    fn refined_circle(self, velocities: &[GroundVelocity]) -> Option<Self> {
         /// Tukey's constant times the MAD factor; and the least scale, a receiver's noise, m/s.
         const TUKEY_CUTOFF_PER_MAD: f64 = 4.685 * 1.4826;
         const MIN_SCALE_M_S: f64 = 0.1;

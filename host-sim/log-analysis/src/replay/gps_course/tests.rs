@@ -8,8 +8,8 @@ fn heading_integral(bank_deg: f32, turn_deg_s: f32) -> HeadingIntegral {
         let is_eleventh_second = (100..110).contains(&i);
         let [roll, turn] =
             [bank_deg, turn_deg_s].map(|angle| 0.001 + if is_eleventh_second { angle.to_radians() } else { 0.0 });
-        flight.attitude.push(f64::from(i) / 10.0, [roll, 0.0, 0.0]);
-        flight.body_rates.push(f64::from(i) / 10.0, [0.0, 0.0, turn]);
+        flight.attitude.push_row(f64::from(i) / 10.0, [roll, 0.0, 0.0]);
+        flight.body_rates.push_row(f64::from(i) / 10.0, [0.0, 0.0, turn]);
     }
     HeadingIntegral::from_flight(&flight).unwrap()
 }

@@ -133,13 +133,13 @@ impl StepEstimate {
     }
 
     /// Corrected field of a row before or after the step.
-    fn field(&self, row: &ReplayRow, is_after: bool) -> Vector3<f64> {
+    fn corrected_field(&self, row: &ReplayRow, is_after: bool) -> Vector3<f64> {
         let moved = if is_after { self.step_ut } else { Vector3::zeros() };
         self.matrix * (self.without_hard_iron(row) - moved)
     }
 
     fn residuals(&self, row: &ReplayRow, is_after: bool) -> [f64; 2] {
-        let field = self.field(row, is_after);
+        let field = self.corrected_field(row, is_after);
         [field.norm() - self.strength_ut, row.down_in_body().dot(&field) - self.vertical_ut]
     }
 
@@ -177,7 +177,7 @@ impl StepEstimate {
         let best = sums
             .iter()
             .filter_map(|(i, after, after_right)| {
-                let (solved, gain, sigma) = solved(&matrix, &right, after, after_right, &self.prior_sigmas())?;
+                let (solved, gain, sigma) = solve_unknowns(&matrix, &right, after, after_right, &self.prior_sigmas())?;
                 Some((*i, solved, gain, sigma))
             })
             .max_by(|(_, _, a, _), (_, _, b, _)| a.total_cmp(b))?;
@@ -251,7 +251,7 @@ impl StepEstimate {
 
 /// Returns the unknowns, the gain over a fit without a step, and the step's standard deviation at unit residual
 /// variance.
-fn solved(
+fn solve_unknowns(
     matrix: &DMatrix<f64>,
     right: &DVector<f64>,
     after: &DMatrix<f64>,

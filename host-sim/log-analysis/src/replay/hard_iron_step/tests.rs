@@ -19,7 +19,7 @@ fn rows_from(at: u16, moved: Vector3<f32>, noise_ut: f32, by_current_ut: Vector3
     let row_at = |i: u16| {
         let (t_s, is_after) = (f32::from(i) / 10.0, i >= at);
         let attitude = Attitude::from_deg(30.0 * libm::sinf(t_s * 0.31), 15.0 * libm::sinf(t_s * 0.47));
-        let earth = attitude.body(Field::earth(50.0, 60_f32.to_radians(), 0.2 * t_s)).ut;
+        let earth = attitude.to_body_frame(Field::earth_field(50.0, 60_f32.to_radians(), 0.2 * t_s)).ut;
         let noise = Vector3::from_fn(|_, _| random.normal() * noise_ut);
         let current_a = if is_after { 30.0 } else { 10.0 };
         let moved = if is_after { moved } else { Vector3::zeros() };

@@ -6,8 +6,8 @@ use crate::log::{FieldCorrection, Gps, LogFormat};
 fn level(seconds: i32) -> Flight {
     let mut flight = Flight::new(LogFormat::ULog);
     for i in 0..=10 * seconds {
-        flight.attitude.push(f64::from(i) / 10.0, [0.0; 3]);
-        flight.body_rates.push(f64::from(i) / 10.0, [0.0; 3]);
+        flight.attitude.push_row(f64::from(i) / 10.0, [0.0; 3]);
+        flight.body_rates.push_row(f64::from(i) / 10.0, [0.0; 3]);
     }
     flight
 }
@@ -16,7 +16,7 @@ fn level(seconds: i32) -> Flight {
 fn compass(from_s: i32, to_s: i32) -> Compass {
     let mut compass = Compass { compass_number: 1, ..Compass::default() };
     for i in 10 * from_s..10 * to_s {
-        compass.field.push(f64::from(i) / 10.0, [20.0, 0.0, 40.0, 20.0, 0.0, 40.0]);
+        compass.field.push_row(f64::from(i) / 10.0, [20.0, 0.0, 40.0, 20.0, 0.0, 40.0]);
     }
     compass
 }
@@ -44,7 +44,7 @@ fn disarmed_rows_are_excluded_if_the_log_was_ever_armed() {
 fn excluded_rows_are_selected_by_their_logged_time() {
     let (mut flight, compass) = (level(30), compass(1, 21));
     for i in 10..210 {
-        flight.usable_rows.push(f64::from(i) / 10.0, [if i < 60 { 0.0 } else { 1.0 }]);
+        flight.usable_rows.push_row(f64::from(i) / 10.0, [if i < 60 { 0.0 } else { 1.0 }]);
     }
     let age_s = 0.45;
     let ([from_s, to_s], unused) = used(&flight, &compass, age_s);
@@ -61,7 +61,7 @@ fn rows_before_and_after_the_movement_are_excluded() {
             let is_moving = (30..=30 + moves_s).contains(&i);
             let (speed_m_s, course_deg, yaw_deg) = (if is_moving { m_s } else { 0.5 }, 0.0, f32::NAN);
             let place = Gps { latitude_deg: 48.0, longitude_deg: 11.0, height_m: 0.0, speed_m_s, course_deg, yaw_deg };
-            flight.gps.push(f64::from(i), place.columns());
+            flight.gps.push_row(f64::from(i), place.columns());
         }
         let (span_s, left_out) = used(&flight, &compass(0, 100), 0.0);
         assert!(left_out.abs_diff(unused) <= 1, "{m_s} m/s, {moves_s} s: {span_s:?} {left_out}");
@@ -74,8 +74,8 @@ fn attitude_is_interpolated_over_one_lost_report() {
     for (gap_s, is_known) in [(0.67, true), (0.8, false)] {
         let mut flight = Flight::new(LogFormat::ULog);
         for i in 0..20 {
-            flight.attitude.push(f64::from(i) * gap_s, [0.0; 3]);
-            flight.body_rates.push(f64::from(i) * gap_s, [0.0; 3]);
+            flight.attitude.push_row(f64::from(i) * gap_s, [0.0; 3]);
+            flight.body_rates.push_row(f64::from(i) * gap_s, [0.0; 3]);
         }
         let at_middle = attitude_at(&flight, 4.5 * gap_s);
         assert_eq!(at_middle.is_some(), is_known, "{gap_s}");
@@ -91,8 +91,8 @@ fn attitude_is_interpolated_with_the_body_rates() {
         let mut flight = Flight::new(LogFormat::ULog);
         for i in 0..60 {
             let t_s = f64::from(i) / 3.0;
-            flight.attitude.push(t_s, [roll(t_s), 0.0, 0.0]);
-            flight.body_rates.push(t_s, [(libm::cos(2.0 * t_s) * unit) as f32, 0.0, 0.0]);
+            flight.attitude.push_row(t_s, [roll(t_s), 0.0, 0.0]);
+            flight.body_rates.push_row(t_s, [(libm::cos(2.0 * t_s) * unit) as f32, 0.0, 0.0]);
         }
         let errors = (0..180).map(|i| {
             let t_s = f64::from(i) / 10.0;
@@ -113,8 +113,8 @@ fn attitude_jumps_without_rates_are_excluded() {
         for i in 0..2000 {
             let t_s = f64::from(i) / 10.0;
             let is_jump = (t_s - jump_s).abs() < 0.01;
-            flight.attitude.push(t_s, [if t_s > jump_s - 0.01 { by_deg.to_radians() } else { 0.0 }, 0.0, 0.0]);
-            flight.body_rates.push(t_s, [if is_jump { rate_deg_s.to_radians() } else { 0.0 }, 0.0, 0.0]);
+            flight.attitude.push_row(t_s, [if t_s > jump_s - 0.01 { by_deg.to_radians() } else { 0.0 }, 0.0, 0.0]);
+            flight.body_rates.push_row(t_s, [if is_jump { rate_deg_s.to_radians() } else { 0.0 }, 0.0, 0.0]);
         }
         build_rows(&flight, &compass(0, 199), 0.0, None).1.unsettled
     };
@@ -133,8 +133,8 @@ fn tilt_may_change_by_twice_the_rates() {
         for i in 0_u16..1000 {
             let phase_s = f32::from(i % 80) / 10.0;
             let roll_deg = roll_deg_s * phase_s.min(8.0 - phase_s);
-            flight.attitude.push(f64::from(i) / 10.0, [roll_deg.to_radians(), 0.0, 0.0]);
-            flight.body_rates.push(f64::from(i) / 10.0, [5_f32.to_radians(), 0.0, 0.0]);
+            flight.attitude.push_row(f64::from(i) / 10.0, [roll_deg.to_radians(), 0.0, 0.0]);
+            flight.body_rates.push_row(f64::from(i) / 10.0, [5_f32.to_radians(), 0.0, 0.0]);
         }
         let unsettled = build_rows(&flight, &compass(0, 99), 0.0, None).1.unsettled;
         assert_eq!(unsettled == 0, is_flown, "{roll_deg_s} deg/s: {unsettled}");
@@ -153,10 +153,10 @@ fn a_jump_soon_after_a_gap_is_alignment() {
             let is_gap = (100.05..102.05).contains(&t_s);
             if has_attitude || !is_gap {
                 let roll_rad = if t_s > 119.95 { 5_f32.to_radians() } else { 0.0 };
-                flight.attitude.push(t_s, [roll_rad, 0.0, 0.0]);
+                flight.attitude.push_row(t_s, [roll_rad, 0.0, 0.0]);
             }
             if has_rates || !is_gap {
-                flight.body_rates.push(t_s, [0.0; 3]);
+                flight.body_rates.push_row(t_s, [0.0; 3]);
             }
         }
         let unsettled = build_rows(&flight, &compass(0, 199), 0.0, None).1.unsettled;
@@ -184,8 +184,8 @@ fn the_mean_roll_of_a_row_wraps_at_180_deg() {
     let mut compass = Compass { compass_number: 1, ..Compass::default() };
     for (i, roll_deg) in (0_u8..).zip([179.0_f32, -179.0]) {
         let t_s = f64::from(i) * 0.05;
-        flight.attitude.push(t_s, [roll_deg.to_radians(), 0.0, 0.0]);
-        compass.field.push(t_s, [20.0, 0.0, -40.0, 20.0, 0.0, -40.0]);
+        flight.attitude.push_row(t_s, [roll_deg.to_radians(), 0.0, 0.0]);
+        compass.field.push_row(t_s, [20.0, 0.0, -40.0, 20.0, 0.0, -40.0]);
     }
     let (rows, _) = build_rows(&flight, &compass, 0.0, None);
     assert_eq!(rows.len(), 1);
@@ -197,7 +197,7 @@ fn the_mean_roll_of_a_row_wraps_at_180_deg() {
 fn a_current_is_known_within_three_seconds_of_a_report() {
     let mut flight = level(30);
     for (t_s, amperes) in [(0.0, 10.0), (2.9, 20.0), (12.0, 30.0)] {
-        flight.battery_current.push(t_s, [amperes]);
+        flight.battery_current.push_row(t_s, [amperes]);
     }
     for (t_s, current_a) in [(1.45, Some(15.0)), (7.0, None), (14.9, Some(30.0)), (15.1, None)] {
         assert_eq!(current_at(&flight, t_s), current_a, "{t_s}");
@@ -218,8 +218,8 @@ fn a_jump_of_the_attitude_drops_the_rows_about_it() {
     let mut flight = Flight::new(LogFormat::ULog);
     for i in 0..1000 {
         let roll_rad = if (500..502).contains(&i) { 0.5 } else { 0.0 };
-        flight.attitude.push(f64::from(i) / 10.0, [roll_rad, 0.0, 0.0]);
-        flight.body_rates.push(f64::from(i) / 10.0, [0.0, 0.0, 0.3]);
+        flight.attitude.push_row(f64::from(i) / 10.0, [roll_rad, 0.0, 0.0]);
+        flight.body_rates.push_row(f64::from(i) / 10.0, [0.0, 0.0, 0.3]);
     }
     let counts = build_rows(&flight, &compass(0, 99), 0.0, None).1;
     assert!((3..=5).contains(&counts.unsettled), "{counts:?}");

@@ -6,7 +6,7 @@ fn with_gaps(step_s: f64, every: usize, gap_s: f64) -> Option<f64> {
     let mut flight = Flight::new(LogFormat::ULog);
     let mut t_s = 0.0;
     for i in 1..=1001 {
-        flight.body_rates.push(t_s, [0.0; 3]);
+        flight.body_rates.push_row(t_s, [0.0; 3]);
         t_s += if i % every == 0 { gap_s } else { step_s };
     }
     data_loss::excessive_rate_loss(&flight)
@@ -27,7 +27,7 @@ fn attitude_is_not_interpolated_over_two_lost_reports() {
     for (step_s, gap_s) in [(0.04, 0.25), (0.2, 0.5), (0.5, 0.7)] {
         let mut flight = Flight::new(LogFormat::ULog);
         for i in 0..100 {
-            flight.attitude.push(f64::from(i) * step_s, [0.0; 3]);
+            flight.attitude.push_row(f64::from(i) * step_s, [0.0; 3]);
         }
         assert!((data_loss::max_attitude_gap_s(&flight, 0.7) - gap_s).abs() < 1e-9, "{step_s} s");
     }

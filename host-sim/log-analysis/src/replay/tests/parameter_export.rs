@@ -76,8 +76,8 @@ fn parameters_hold_at_attitudes_that_were_not_flown() {
     calibration.b_ut = hard_iron_ut.map(|axis| axis as f32).into();
     let Calibration { total_ut, inclination_rad, .. } = *calibration;
     let field = |attitude: &Attitude, heading_deg: f32| {
-        let level = Field::<Level>::earth(total_ut, inclination_rad, heading_deg.to_radians());
-        let raw = measured * attitude.body(level).ut.map(f64::from) + hard_iron_ut;
+        let level = Field::<Level>::earth_field(total_ut, inclination_rad, heading_deg.to_radians());
+        let raw = measured * attitude.to_body_frame(level).ut.map(f64::from) + hard_iron_ut;
         Field::new(raw.map(|axis| axis as f32))
     };
     compass.rows.retain(|row| row.attitude.roll_rad.abs() < 0.5);

@@ -81,7 +81,7 @@ impl FlightOutcome {
             compasses.iter().filter(|compass| compass.module_result.acceptance.is_ok()).collect();
         let slow_attitude_s = Some(evaluation.attitude_interval_s).filter(|interval_s| *interval_s > SLOW_ATTITUDE_S);
         if accepted.is_empty() {
-            let nearest = nearest(compasses);
+            let nearest = nearest_rejected(compasses);
             let cause = nearest.map_or(FlightRefusal::FewReadings(0), FlightRefusal::new);
             // The compasses share a cause if its displayed text is equal for all, even if the numbers differ before
             // rounding.
@@ -109,7 +109,7 @@ impl FlightOutcome {
 }
 
 /// The rejected compass closest to a calibration.
-fn nearest(compasses: &[CompassEvaluation]) -> Option<&CompassEvaluation> {
+fn nearest_rejected(compasses: &[CompassEvaluation]) -> Option<&CompassEvaluation> {
     let expected_deg = |compass: &CompassEvaluation| compass.module_result.expected_rms_deg().unwrap_or(f64::INFINITY);
     // Compasses that are unused or hardly logged rank last.
     let is_out = |compass: &CompassEvaluation| {

@@ -69,7 +69,7 @@ impl FlashCells {
         self.bytes[offset] ^= mask;
     }
 
-    pub fn wear(&self) -> WearCounters {
+    pub fn wear_counters(&self) -> WearCounters {
         WearCounters {
             page_erases: self.erases.iter().copied().map(u64::from).sum(),
             programmed_words: self.writes,

@@ -91,8 +91,8 @@ impl Flash {
 
     /// Wear counters since creation.
     #[must_use]
-    pub fn wear(&self) -> WearCounters {
-        self.0.borrow().cells.wear()
+    pub fn wear_counters(&self) -> WearCounters {
+        self.0.borrow().cells.wear_counters()
     }
 
     /// A copy of all bytes.
@@ -270,7 +270,7 @@ mod tests {
         assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Ok(())));
         assert_eq!(run(&mut simulation, write(flash.clone(), 8, OLD.to_vec())), Some(Ok(())));
         assert_eq!(flash.flash_contents()[8..16], OLD);
-        assert_eq!(flash.wear(), WearCounters { page_erases: 1, programmed_words: 2, worst_page_erases: 1 });
+        assert_eq!(flash.wear_counters(), WearCounters { page_erases: 1, programmed_words: 2, worst_page_erases: 1 });
     }
 
     #[test]
@@ -286,7 +286,7 @@ mod tests {
         assert_eq!(clear(0, 1024), Err(FlashError::NotAligned));
         assert_eq!(clear(2048, 6144), Err(FlashError::OutOfBounds));
         assert_eq!(clear(2048, 0), Err(FlashError::OutOfBounds));
-        assert_eq!(flash.wear(), WearCounters::default());
+        assert_eq!(flash.wear_counters(), WearCounters::default());
     }
 
     /// STM32L475 data sheet: 81.7 us per double word, 22.0 ms per page.

@@ -96,7 +96,7 @@ impl Rm3100 {
 
     /// Value of a register, without the effects of an access.
     #[must_use]
-    pub fn register(&self, register: u8) -> u8 {
+    pub fn peek_register(&self, register: u8) -> u8 {
         self.registers.register_value(register)
     }
 

@@ -75,7 +75,7 @@ impl Rm3100Registers {
     /// Reads a register, with the effects of the access.
     pub fn read_register(&mut self, register: u8) -> u8 {
         match register {
-            CMM_REGISTER => self.stop(),
+            CMM_REGISTER => self.stop_continuous_mode(),
             MX2_REGISTER..=MZ0_REGISTER => self.clear_data_ready(),
             _ => {}
         }
@@ -95,7 +95,7 @@ impl Rm3100Registers {
                 });
             }
             TMRC_REGISTER => {
-                self.stop();
+                self.stop_continuous_mode();
                 self.set_register(TMRC_REGISTER, value);
             }
             CCX1_REGISTER..=CCZ0_REGISTER | BIST_REGISTER | HSHAKE_REGISTER => self.set_register(register, value),
@@ -108,7 +108,7 @@ impl Rm3100Registers {
         self.register_value(CMM_REGISTER) & (START_CONTINUOUS | ALL_AXES) == START_CONTINUOUS | ALL_AXES
     }
 
-    fn stop(&mut self) {
+    fn stop_continuous_mode(&mut self) {
         self.set_register(CMM_REGISTER, self.register_value(CMM_REGISTER) & !START_CONTINUOUS);
         if matches!(self.running, Some(RunningMeasurement::Field { is_continuous: true, .. })) {
             self.running = None;

@@ -86,13 +86,13 @@ pub struct HostEnd {
 
 impl HostEnd {
     /// Sends bytes as soon as the line is free.
-    pub fn send(&self, bytes: &[u8]) {
+    pub fn send_bytes(&self, bytes: &[u8]) {
         self.to_module.borrow_mut().send_bytes(bytes, clock::now_us());
     }
 
     /// Returns and removes the received bytes.
     #[must_use]
-    pub fn receive(&self) -> Vec<u8> {
+    pub fn receive_bytes(&self) -> Vec<u8> {
         self.receive_timed().into_iter().map(|timed_byte| timed_byte.byte).collect()
     }
 

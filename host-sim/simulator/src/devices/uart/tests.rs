@@ -23,9 +23,9 @@ fn bytes_arrive_at_the_baud_rate_to_the_microsecond() {
     let cable = SerialCable::new(UartConfig { delivery: WakeCondition::EachByte, ..UartConfig::default() });
     let (receiver, _transmitter) = cable.module_ends();
     let reads = spawn_reader(&mut simulation, receiver);
-    cable.host_end().send(b"ab");
+    cable.host_end().send_bytes(b"ab");
     simulation.run_until(1000);
-    cable.host_end().send(b"c");
+    cable.host_end().send_bytes(b"c");
     simulation.run_until(2000);
     let expected = [(87, b"a"), (174, b"b"), (1087, b"c")].map(|(at_us, byte)| (at_us, Ok(byte.to_vec())));
     assert_eq!(*reads.borrow(), expected);
@@ -43,7 +43,7 @@ fn a_thousand_bytes_keep_the_exact_rate() {
         std::future::pending::<()>().await;
     });
     simulation.run_until(86_805);
-    assert_eq!(cable.host_end().receive().len(), 999);
+    assert_eq!(cable.host_end().receive_bytes().len(), 999);
     simulation.run_until(86_806);
     assert_eq!(cable.host_end().receive_timed(), [TimedByte { arrives_at_us: 86_806, byte: 0x55 }]);
 }
@@ -55,9 +55,9 @@ fn idle_line_delivers_bursts_whole() {
     let cable = SerialCable::new(UartConfig { receive_buffer: 8, ..UartConfig::default() });
     let (receiver, _transmitter) = cable.module_ends();
     let reads = spawn_reader(&mut simulation, receiver);
-    cable.host_end().send(b"ab");
+    cable.host_end().send_bytes(b"ab");
     simulation.run_until(5000);
-    cable.host_end().send(b"cdefgh");
+    cable.host_end().send_bytes(b"cdefgh");
     simulation.run_until(10_000);
     let reads = reads.borrow();
     assert_eq!(reads[0], (261, Ok(b"ab".to_vec())));
@@ -70,7 +70,7 @@ fn a_slow_reader_loses_the_newest_bytes_and_gets_one_overrun() {
     let mut simulation = Simulation::new();
     let cable = SerialCable::new(UartConfig { receive_buffer: 4, ..UartConfig::default() });
     let (receiver, _transmitter) = cable.module_ends();
-    cable.host_end().send(b"abcdefg");
+    cable.host_end().send_bytes(b"abcdefg");
     simulation.run_until(10_000);
     let reads = spawn_reader(&mut simulation, receiver);
     simulation.run_until(20_000);
@@ -102,7 +102,7 @@ fn a_write_waits_while_the_transmit_buffer_is_full() {
         std::future::pending::<()>().await;
     });
     simulation.run_until(1000);
-    assert_eq!(cable.host_end().receive(), b"abcd");
+    assert_eq!(cable.host_end().receive_bytes(), b"abcd");
 }
 
 #[test]
@@ -117,13 +117,13 @@ fn power_off_truncates_output_and_discards_received_bytes() {
     simulation.run_until(300);
     simulation.power_off();
     drop(receiver);
-    cable.host_end().send(b"lost");
+    cable.host_end().send_bytes(b"lost");
     simulation.run_until(10_000);
-    assert_eq!(cable.host_end().receive(), b"$HC", "three bytes of 86.8 us fit into 300 us");
+    assert_eq!(cable.host_end().receive_bytes(), b"$HC", "three bytes of 86.8 us fit into 300 us");
 
     let (receiver, _transmitter) = cable.module_ends();
     let reads = spawn_reader(&mut simulation, receiver);
-    cable.host_end().send(b"new");
+    cable.host_end().send_bytes(b"new");
     simulation.run_until(20_000);
     assert_eq!(*reads.borrow(), [(10_000 + 261 + 87, Ok(b"new".to_vec()))]);
 }
@@ -136,7 +136,7 @@ fn the_host_side_can_wait_for_bytes() {
     let host = cable.host_end();
     simulation.spawn(Level::World, "pilot", async move {
         host.wait_until_readable().await;
-        assert_eq!((clock::now_us(), host.receive()), (1087, b"!".to_vec()));
+        assert_eq!((clock::now_us(), host.receive_bytes()), (1087, b"!".to_vec()));
     });
     simulation.spawn(Level::Thread, "writer", async move {
         Timer::after_micros(1000).await;

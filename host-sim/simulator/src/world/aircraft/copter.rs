@@ -46,7 +46,7 @@ struct TiltControl {
 }
 
 impl TiltControl {
-    fn step(&mut self, wanted_rad: f64) {
+    fn next_angle(&mut self, wanted_rad: f64) {
         let wanted_rate = ((wanted_rad - self.rad) / TILT_TIME_S).clamp(-MAX_TILT_RATE_RAD_S, MAX_TILT_RATE_RAD_S);
         self.rate_rad_s += (wanted_rate - self.rate_rad_s) * STEP_S / TILT_RATE_TIME_S;
         self.rad += self.rate_rad_s * STEP_S;
@@ -95,8 +95,8 @@ impl Copter {
         let (wanted_m_s2, turn_rate_rad_s) = self.desired_motion(command, before);
         self.turn_rate_rad_s += (turn_rate_rad_s - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
-        self.pitch.step(libm::atan(-wanted_m_s2[0] / GRAVITY_M_S2));
-        self.roll.step(libm::atan(wanted_m_s2[1] * libm::cos(self.pitch.rad) / GRAVITY_M_S2));
+        self.pitch.next_angle(libm::atan(-wanted_m_s2[0] / GRAVITY_M_S2));
+        self.roll.next_angle(libm::atan(wanted_m_s2[1] * libm::cos(self.pitch.rad) / GRAVITY_M_S2));
 
         let disturbance = self.turbulence.next_disturbances();
         let (roll_rad, pitch_rad) = (self.roll.rad + disturbance.bank_rad, self.pitch.rad + disturbance.pitch_rad);

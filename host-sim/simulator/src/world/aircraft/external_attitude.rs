@@ -27,7 +27,7 @@ impl AttitudeInterpolation {
     /// sets the aircraft without a turn: the world's own attitude before it means nothing.
     pub fn new(before: Option<&Self>, state: &TrueState, received: Euler) -> Self {
         let since_us = before.map_or(STEP_US, |before| state.time_us - before.received_us);
-        let from = if before.is_some() { state.euler() } else { received };
+        let from = if before.is_some() { state.euler_angles() } else { received };
         let change = Euler {
             roll_rad: wrap_pi_rad(received.roll_rad - from.roll_rad),
             pitch_rad: received.pitch_rad - from.pitch_rad,
@@ -71,7 +71,7 @@ mod tests {
     fn follow_for_steps(aircraft: &mut Aircraft, attitude: Euler, steps: usize) -> TrueState {
         aircraft.follow_attitude(attitude);
         (0..steps).for_each(|_| aircraft.advance_step());
-        *aircraft.state()
+        *aircraft.true_state()
     }
 
     /// At 50 Hz and 20 deg/s of yaw: a lag of 20 ms, no jumps, correct rate.
@@ -110,7 +110,7 @@ mod tests {
         assert!((after.roll_rad.to_degrees() + 170.0).abs() < 1e-9, "{after:?}");
         aircraft.follow_attitude(Euler::from_deg(170.0, 0.0, 10.0));
         aircraft.advance_step();
-        assert!(aircraft.state().roll_rate_rad_s < 0.0, "back over the top");
+        assert!(aircraft.true_state().roll_rate_rad_s < 0.0, "back over the top");
     }
 
     #[test]

@@ -117,7 +117,7 @@ impl Aircraft {
 
     /// True state after the last step.
     #[must_use]
-    pub fn state(&self) -> &TrueState {
+    pub fn true_state(&self) -> &TrueState {
         &self.state
     }
 

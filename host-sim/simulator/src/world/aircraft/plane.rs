@@ -44,7 +44,7 @@ impl Plane {
     }
 
     pub fn next_motion(&mut self, command: VehicleCommand) -> Motion {
-        self.fly(command);
+        self.follow_command(command);
         let disturbance = self.air.next_disturbances();
         let airspeed_m_s = self.config.airspeed_m_s;
         let sideslip_rad = disturbance.across_m_s / airspeed_m_s;
@@ -72,7 +72,7 @@ impl Plane {
         }
     }
 
-    fn fly(&mut self, command: VehicleCommand) {
+    fn follow_command(&mut self, command: VehicleCommand) {
         let limit = self.config.max_roll_rate_deg_s.to_radians();
         let wanted_rate = ((command.bank_rad - self.flown.bank) / BANK_TIME_S).clamp(-limit, limit);
         self.flown.bank_rate += (wanted_rate - self.flown.bank_rate) * STEP_S / ROLL_RATE_TIME_S;

@@ -25,7 +25,7 @@ const EXACT: AttitudeSourceConfig = AttitudeSourceConfig {
 /// Bytes received at the module's end of the cable during a turn.
 fn simulate_source(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (World, Vec<TimedByte>) {
     let mut simulation = Simulation::new();
-    let world = World::new(WorldConfig { seed, attitude_source: config, ..WorldConfig::table1(seed) });
+    let world = World::new(WorldConfig { seed, attitude_source: config, ..WorldConfig::of_table1(seed) });
     world.hold_bank_and_pitch(25.0, 0.0);
     let cable = SerialCable::new(crate::devices::uart::UartConfig { receive_buffer: 1 << 20, ..Default::default() });
     let (mut receiver, _transmitter) = cable.module_ends();
@@ -85,7 +85,7 @@ fn attitude_comes_at_50_hz_and_a_heartbeat_each_second() {
 /// The autopilot starts disarmed.
 #[test]
 fn the_heartbeat_contains_the_armed_state() {
-    let world = World::new(WorldConfig::table1(1));
+    let world = World::new(WorldConfig::of_table1(1));
     let mut source = world.attitude_source();
     let mut next_heartbeat = || {
         let frame = source.heartbeat_message(world.is_armed());
@@ -153,7 +153,7 @@ fn disturbing_acceleration_causes_tilt_error() {
     let config = AttitudeSourceConfig {
         noise_deg: 0.0,
         bias_deg: 0.0,
-        ..WorldConfig::table1(4).with_vehicle_kind(VehicleKind::Copter).attitude_source
+        ..WorldConfig::of_table1(4).with_vehicle_kind(VehicleKind::Copter).attitude_source
     };
     let mut source = AttitudeSource::new(config, GyroConfig::ERROR_FREE, 4);
     let mut sigma_deg = |push_m_s2: f64| {
@@ -168,7 +168,7 @@ fn disturbing_acceleration_causes_tilt_error() {
         assert!((sigma_deg - 1.04).abs() < 0.12, "{sigma_deg}");
     }
     assert!(sigma_deg(0.0).iter().all(|sigma_deg| *sigma_deg < 1e-12));
-    let plane = WorldConfig::table1(4).with_vehicle_kind(VehicleKind::Plane).attitude_source;
+    let plane = WorldConfig::of_table1(4).with_vehicle_kind(VehicleKind::Plane).attitude_source;
     assert_eq!(plane.push_error_deg.to_bits(), 0);
 }
 
@@ -195,7 +195,7 @@ fn the_heartbeat_contains_the_vehicle_kind() {
         (VehicleKind::Boat, MavType::MAV_TYPE_SURFACE_BOAT),
     ] {
         let frame =
-            World::new(WorldConfig::table1(1).with_vehicle_kind(kind)).attitude_source().heartbeat_message(false);
+            World::new(WorldConfig::of_table1(1).with_vehicle_kind(kind)).attitude_source().heartbeat_message(false);
         let stream: Vec<TimedByte> = frame.into_iter().map(|byte| TimedByte { arrives_at_us: 0, byte }).collect();
         assert!(matches!(&messages(&stream)[0].2, MavMessage::HEARTBEAT(data) if data.mavtype == expected), "{kind:?}");
     }

@@ -152,7 +152,7 @@ impl MavlinkAutopilot {
     }
 
     /// Messages due at `now_us`; `modify_message` modifies each attitude message.
-    pub fn send(
+    pub fn due_messages(
         &mut self,
         now_us: u64,
         inputs: &AutopilotInputs,

@@ -73,7 +73,7 @@ impl Bench {
     fn run(&mut self, seconds: u64) {
         for ms in self.ms..self.ms + 1000 * seconds {
             self.ms = ms;
-            let sent = self.autopilot.send(1000 * ms, &self.seen, |_| ());
+            let sent = self.autopilot.due_messages(1000 * ms, &self.seen, |_| ());
             if ms >= self.silent_until_ms {
                 self.deliver(&sent);
             }
@@ -249,8 +249,11 @@ fn a_second_autopilot_is_ignored() {
     bench.run(1);
     for _ in 0..10 {
         bench.run(1);
-        let bytes =
-            other.send(1000 * bench.ms, &AutopilotInputs { is_armed: true, ..AutopilotInputs::default() }, |_| ());
+        let bytes = other.due_messages(
+            1000 * bench.ms,
+            &AutopilotInputs { is_armed: true, ..AutopilotInputs::default() },
+            |_| (),
+        );
         bench.deliver(&bytes);
     }
     assert!(bench.frames.iter().all(|(_, frame)| (frame.system_id, frame.component_id) == (1, 158)));
@@ -277,7 +280,7 @@ fn a_ground_station_commands_the_module() {
 #[test]
 fn the_autopilot_answers_over_a_serial_cable() {
     let mut simulation = Simulation::new();
-    let world = World::new(WorldConfig::table1(1));
+    let world = World::new(WorldConfig::of_table1(1));
     let cable = SerialCable::new(crate::devices::uart::UartConfig::default());
     let (mut rx, mut tx) = cable.module_ends();
     let times = Rc::new(RefCell::new(Vec::new()));
@@ -304,7 +307,7 @@ fn the_autopilot_answers_over_a_serial_cable() {
             tx.write_all(out.pending_bytes()).await.unwrap();
         }
     });
-    FarEnd::Mavlink(MavlinkFirmware::ArduPilot).attach(&mut simulation, &world, cable.host_end(), vec![]);
+    FarEnd::Mavlink(MavlinkFirmware::ArduPilot).attach_device(&mut simulation, &world, cable.host_end(), vec![]);
     simulation.run_until(10_000_000);
     let last_second = times.borrow().iter().filter(|&&us| us > 9_000_000).count();
     assert!(last_second.abs_diff(40) <= 1, "{last_second}");

@@ -151,7 +151,7 @@ impl FaultCase {
     #[must_use]
     pub fn draw_case(&self, seed: u64, aircraft: VehicleKind, source: AttitudeProtocol) -> RandomCase {
         let mut drawn_case = RandomCase {
-            world: WorldConfig::random(seed).with_vehicle_kind(aircraft),
+            world: WorldConfig::random_world(seed).with_vehicle_kind(aircraft),
             far_end: source.far_end(),
             routine: Routine::for_vehicle(aircraft, TurnPlan::default(), 0.0),
             faults: Faults::default(),

@@ -17,7 +17,7 @@ fn a_copter_hovers_in_place_and_tilts_into_the_wind() {
     {
         let mut copter = copter(wind(4.0, 250.0), heading_deg);
         fly(&mut copter, 30.0);
-        let now = copter.state();
+        let now = copter.true_state();
         assert!((now.roll_rad.to_degrees() - roll_deg).abs() < 0.1, "at {heading_deg}: {now:?}");
         assert!((now.pitch_rad.to_degrees() - pitch_deg).abs() < 0.1, "at {heading_deg}: {now:?}");
         // The wind moves the copter for about a second until it tilts, and then holds it off its set point.
@@ -65,7 +65,7 @@ fn a_tilt_leg_moves_the_copter_to_its_side() {
             let against = braking.roll_rad * roll + braking.pitch_rad * pitch;
             assert!(against.to_degrees() < -10.0, "{braking:?}");
             fly(&mut copter, 5.0);
-            let rest = copter.state();
+            let rest = copter.true_state();
             assert!(libm::hypot(rest.north_m_s, rest.east_m_s) < 0.3, "{rest:?}");
         }
     }
@@ -77,7 +77,7 @@ fn a_tilt_leg_moves_the_copter_to_its_side() {
 fn a_copter_flies_forward_and_banks_into_its_turns() {
     let mut copter = copter(Weather::calm(), 0.0);
     fly_leg(&mut copter, Leg::Straight { heading_deg: 60.0, seconds: 20.0 });
-    let now = *copter.state();
+    let now = *copter.true_state();
     assert!((now.heading_deg() - 60.0).abs() < 0.5 && (now.course_deg() - 60.0).abs() < 1.0, "{now:?}");
     // The proportional speed controller is left with a steady error due to drag: 3 m/s / 1.2.
     assert!((2.3..3.0).contains(&libm::hypot(now.north_m_s, now.east_m_s)), "{now:?}");
@@ -115,7 +115,7 @@ fn gusts_come_from_ahead_and_from_the_side() {
 fn current_follows_thrust() {
     let mut copter = copter(Weather::calm(), 0.0);
     fly(&mut copter, 2.0);
-    assert!((copter.state().relative_current - 1.0).abs() < 1e-3);
+    assert!((copter.true_state().relative_current - 1.0).abs() < 1e-3);
     let states = fly_leg(&mut copter, Leg::Push { toward_deg: 90.0, tilt_deg: 18.0, seconds: 2.0 });
     assert!(
         (states[states.len() - 1].relative_current - 1.078).abs() < 0.005,

@@ -16,14 +16,14 @@ fn fly(aircraft: &mut Aircraft, seconds: f64) -> Vec<TrueState> {
     (0..(seconds / STEP_S) as usize)
         .map(|_| {
             aircraft.advance_step();
-            *aircraft.state()
+            *aircraft.true_state()
         })
         .collect()
 }
 
 /// States of every step until the leg ends.
 fn fly_leg(aircraft: &mut Aircraft, leg: Leg) -> Vec<TrueState> {
-    aircraft.autopilot_mut().fly(leg);
+    aircraft.autopilot_mut().fly_leg(leg);
     let mut states = Vec::new();
     while states.is_empty() || aircraft.autopilot().unfinished_legs() > 0 {
         states.extend(fly(aircraft, STEP_S));
@@ -62,7 +62,7 @@ fn body_rates_belong_to_the_attitude() {
         let states: Vec<TrueState> = legs().into_iter().flat_map(|leg| fly_leg(&mut aircraft, leg)).collect();
         let mut fastest_deg_s: f64 = 0.0;
         for (before, after) in states.iter().zip(&states[1..]) {
-            let turned = after.euler().body_from_earth() * before.euler().body_from_earth().transpose();
+            let turned = after.euler_angles().body_from_earth() * before.euler_angles().body_from_earth().transpose();
             let rates =
                 [turned[(1, 2)] - turned[(2, 1)], turned[(2, 0)] - turned[(0, 2)], turned[(0, 1)] - turned[(1, 0)]]
                     .map(|twice| (twice / 2.0 / STEP_S).to_degrees());
@@ -81,7 +81,7 @@ fn body_rates_belong_to_the_attitude() {
 fn attitude_and_velocity_change_without_jumps() {
     for kind in VehicleKind::ALL_VEHICLES {
         let mut aircraft = vehicle(kind, Weather::default(), 6);
-        let mut before = *aircraft.state();
+        let mut before = *aircraft.true_state();
         for leg in legs() {
             for after in fly_leg(&mut aircraft, leg) {
                 let angles = [

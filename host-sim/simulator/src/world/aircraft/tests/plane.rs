@@ -15,7 +15,7 @@ fn the_turn_rate_is_that_of_a_coordinated_turn() {
         let mut aircraft = aircraft(Weather::calm(), 1);
         aircraft.autopilot_mut().hold_bank_and_pitch(bank_deg, 0.0);
         fly(&mut aircraft, 10.0);
-        let state = aircraft.state();
+        let state = aircraft.true_state();
         assert!((state.roll_rad.to_degrees() - bank_deg).abs() < 0.01);
         let expected_deg_s = (9.806_65 * libm::tan(bank_deg.to_radians()) / 22.0_f64).to_degrees();
         let rate_deg_s = state.heading_rate_rad_s.to_degrees();
@@ -60,16 +60,16 @@ fn bank_and_pitch_have_the_configured_standard_deviation() {
 #[test]
 fn a_plan_is_flown_leg_by_leg() {
     let mut aircraft = aircraft(Weather::default(), 3);
-    aircraft.autopilot_mut().fly(Leg::Straight { heading_deg: 350.0, seconds: 20.0 });
-    aircraft.autopilot_mut().fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
+    aircraft.autopilot_mut().fly_leg(Leg::Straight { heading_deg: 350.0, seconds: 20.0 });
+    aircraft.autopilot_mut().fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
     fly(&mut aircraft, 20.0);
-    assert!((aircraft.state().heading_rad.to_degrees() + 10.0).abs() < 4.0, "the short way to 350 is to the left");
+    assert!((aircraft.true_state().heading_rad.to_degrees() + 10.0).abs() < 4.0, "the short way to 350 is to the left");
     // 720 degrees at 11.91 deg/s take 60.5 s.
     fly(&mut aircraft, 55.0);
     assert_eq!(aircraft.autopilot().unfinished_legs(), 1);
     fly(&mut aircraft, 15.0);
     assert_eq!(aircraft.autopilot().unfinished_legs(), 0);
-    let turned_deg = aircraft.state().heading_rad.to_degrees() + 10.0;
+    let turned_deg = aircraft.true_state().heading_rad.to_degrees() + 10.0;
     assert!((-760.0..-720.0).contains(&turned_deg), "{turned_deg}");
 }
 
@@ -80,11 +80,11 @@ fn the_wind_moves_the_ground_track_not_the_heading() {
     let mut aircraft = aircraft(weather, 1);
     aircraft.autopilot_mut().hold_bank_and_pitch(30.0, 0.0);
     fly(&mut aircraft, 5.0);
-    let before = *aircraft.state();
-    while aircraft.state().heading_rad < before.heading_rad + 10.0 * TAU {
+    let before = *aircraft.true_state();
+    while aircraft.true_state().heading_rad < before.heading_rad + 10.0 * TAU {
         aircraft.advance_step();
     }
-    let after = aircraft.state();
+    let after = aircraft.true_state();
     let seconds = (after.time_us - before.time_us) as f64 / 1e6;
     let drift_m_s = libm::hypot(after.north_m - before.north_m, after.east_m - before.east_m) / seconds;
     let toward_deg = libm::atan2(after.east_m - before.east_m, after.north_m - before.north_m).to_degrees();
@@ -107,12 +107,12 @@ fn the_same_seed_flies_the_same_flight_and_settings_do_not_share_noise() {
 #[test]
 fn an_aeroplane_completes_hover_tilt_and_yaw_legs() {
     let mut aircraft = aircraft(Weather::calm(), 1);
-    aircraft.autopilot_mut().fly(Leg::Hover { seconds: 2.0 });
-    aircraft.autopilot_mut().fly(Leg::Push { toward_deg: 90.0, tilt_deg: 20.0, seconds: 2.0 });
+    aircraft.autopilot_mut().fly_leg(Leg::Hover { seconds: 2.0 });
+    aircraft.autopilot_mut().fly_leg(Leg::Push { toward_deg: 90.0, tilt_deg: 20.0, seconds: 2.0 });
     let states = fly(&mut aircraft, 4.0);
     assert!(states.iter().all(|s| s.roll_rad.abs() < 1e-6 && s.disturbing_acceleration_m_s2.to_bits() == 0));
-    aircraft.autopilot_mut().fly(Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: -360.0 });
+    aircraft.autopilot_mut().fly_leg(Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: -360.0 });
     fly(&mut aircraft, 60.0);
     assert_eq!(aircraft.autopilot().unfinished_legs(), 0);
-    assert!(aircraft.state().heading_rad < -TAU);
+    assert!(aircraft.true_state().heading_rad < -TAU);
 }
