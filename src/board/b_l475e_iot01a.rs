@@ -67,7 +67,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     static INSTRUMENT_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static OTHER_TASKS: StaticCell<Executor> = StaticCell::new();
 
-    let reset = reset::cause();
+    let reset = reset::take_reset_cause();
     let p = embassy_stm32::init(clock_config());
     // A debugger that halts the processor also halts the watchdog.
     pac::DBGMCU.apb1fzr1().modify(|freeze| freeze.set_iwdg(true));

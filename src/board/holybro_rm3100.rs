@@ -95,7 +95,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     static OTHER_TASKS: StaticCell<Executor> = StaticCell::new();
 
     boot_loader::reset_boot_loader_state();
-    let reset = reset::cause();
+    let reset = reset::take_reset_cause();
     let p = embassy_stm32::init(clock_config());
     // A debugger that halts the processor also halts the watchdog.
     pac::DBGMCU.apb1lfzr().modify(|freeze| freeze.set_iwdg(true));

@@ -127,14 +127,14 @@ fn fill_stack(depth: u32) -> u32 {
 fn measure_budgets(turns: &mut BenchTurns, collector: &mut Collector<'_>, out: &mut ResultText) -> fmt::Result {
     let (mut solve, mut late, mut current) = (0, 0, 0);
     turns.add_attitude_latency(TEST_LATENCY_S);
-    let is_latency_found = turns.solve(&mut late).is_some_and(|solution| solution.calibration.uses_latency());
+    let is_latency_found = turns.solve_turns(&mut late).is_some_and(|solution| solution.calibration.uses_latency());
     turns.add_attitude_latency(-TEST_LATENCY_S);
-    turns.draw(UT_PER_A);
+    turns.add_current(UT_PER_A);
     let is_current_found =
-        turns.solve(&mut current).is_some_and(|solution| solution.calibration.motor_current.is_applied());
-    turns.draw(-UT_PER_A);
+        turns.solve_turns(&mut current).is_some_and(|solution| solution.calibration.motor_current.is_applied());
+    turns.add_current(-UT_PER_A);
     turns.remove_currents();
-    let Some(solution) = turns.solve(&mut solve) else { return writeln!(out, "\nerror not-solved: none") };
+    let Some(solution) = turns.solve_turns(&mut solve) else { return writeln!(out, "\nerror not-solved: none") };
     let attitude = Attitude::from_deg(23.0, 3.0);
     let field = simulated_field(attitude, 1.0);
     let mut found = Ok(Heading { magnetic_rad: 0.0, sigma_rad: 0.0, systematic_variance_rad2: 0.0 });
@@ -305,7 +305,7 @@ fn collection_instructions(collector: &mut Collector<'_>) -> u64 {
     for i in 0..FULL_BUFFER_SAMPLES + 20 {
         let sample = bench_sample(if i % 2 == 0 { -1.0 } else { 1.0 }, i, &mut noise);
         let count = count_instructions(|| {
-            collector.push(sample);
+            collector.push_sample(sample);
             collector.update_header(CollectionContext::default());
         });
         if i >= FULL_BUFFER_SAMPLES {
@@ -385,7 +385,7 @@ impl BenchTurns {
         let mut solver = solver?;
         loop {
             let mut progress = SolveProgress::Continue;
-            *count += count_instructions(|| progress = solver.step(samples));
+            *count += count_instructions(|| progress = solver.solve_step(samples));
             if let SolveProgress::Finished(end) = progress {
                 return end.ok();
             }
@@ -428,7 +428,7 @@ fn bench_sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
 }
 
 fn simulated_field(attitude: Attitude, heading_rad: f32) -> Field<Sensor> {
-    let body = attitude.body(Field::earth(53.0, 0.95, heading_rad)).ut;
+    let body = attitude.to_body_frame(Field::earth_field(53.0, 0.95, heading_rad)).ut;
     let soft_iron = nalgebra::Matrix3::new(1.02, 0.05, -0.03, -0.02, 0.95, 0.04, 0.03, -0.04, 1.03);
     Field::new(soft_iron * body + nalgebra::Vector3::new(9.0, -4.0, 6.0))
 }

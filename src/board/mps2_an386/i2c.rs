@@ -32,7 +32,7 @@ impl SensorBus {
     /// A bus in the idle state.
     pub fn new() -> Self {
         let mut bus = Self(());
-        bus.clear();
+        bus.release_data_line();
         bus
     }
 
@@ -120,7 +120,7 @@ impl I2c for SensorBus {
         if result.is_ok() {
             self.stop_condition();
         } else {
-            self.clear();
+            self.release_data_line();
         }
         result
     }

@@ -107,14 +107,14 @@ fn take_byte(uart: &Uart) -> u8 {
         if let Some(byte) = uart.read_byte() {
             return byte;
         }
-        sleep();
+        wait_for_interrupt();
     }
 }
 
 fn receive_bytes(uart: &Uart, bytes: u8) {
     let mut left = bytes;
     while left > 0 {
-        if uart.receive_byte() { left -= 1 } else { sleep() }
+        if uart.receive_byte() { left -= 1 } else { wait_for_interrupt() }
     }
 }
 

@@ -106,7 +106,7 @@ const INTERRUPT_PRIORITIES: [(Interrupt, u8); 8] = [
 ];
 
 pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware)) -> ! {
-    let reset = reset::cause();
+    let reset = reset::take_reset_cause();
     if let Some(mut core) = Peripherals::take() {
         for (interrupt, priority) in INTERRUPT_PRIORITIES {
             // SAFETY: no critical section in this firmware depends on priorities.

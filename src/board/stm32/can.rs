@@ -96,7 +96,7 @@ impl SendFrame for CanSender {
 
     async fn send_frame(&mut self, frame: &CanFrame) -> Result<(), BusError> {
         // Infallible: a `CanFrame` has at most 29 bits and eight bytes.
-        if let Ok(frame) = Frame::new_extended(frame.id(), frame.data()) {
+        if let Ok(frame) = Frame::new_extended(frame.frame_id(), frame.data()) {
             self.frames.write(frame).await;
         }
         Ok(())

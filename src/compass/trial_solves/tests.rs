@@ -17,7 +17,7 @@ fn trial_times_in_turns(result: impl Fn(usize) -> Option<Solution>) -> Vec<(f32,
     let mut retained = RetainedSamples::EMPTY;
     let mut collector = Collector::new(&mut retained);
     collector.begin_procedure(Procedure::Flight);
-    let mut trials = TrialSolves::NONE;
+    let mut trials = TrialSolves::NO_TRIALS;
     let mut due = Vec::new();
     for tenths in 0..6000_u16 {
         let t_s = f32::from(tenths) / 10.0;
