@@ -81,7 +81,7 @@ impl SimulatedPilot {
             }
             (_, PilotCommand::Level { seconds }) => self.fly_leg(world, Leg::Hover { seconds }),
             (_, PilotCommand::Heading { deg, seconds }) => {
-                self.fly_leg(world, Leg::Straight { heading_deg: deg, seconds })
+                self.fly_leg(world, Leg::Straight { heading_deg: deg, seconds });
             }
             (_, PilotCommand::Pattern(pattern)) => {
                 self.start_task(world, PilotTask::Pattern(pattern));
