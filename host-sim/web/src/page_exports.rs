@@ -42,29 +42,29 @@ struct PageState {
 }
 
 thread_local! {
-    static PAGE_STATE: RefCell<State> = RefCell::default();
+    static PAGE_STATE: RefCell<PageState> = RefCell::default();
 }
 
-impl State {
+impl PageState {
     fn parse_request<T: DeserializeOwned>(&self) -> Result<T, String> {
         serde_json::from_slice(&self.request).map_err(|error| error.to_string())
     }
 
     fn open_log(&mut self) -> Result<impl Serialize + use<>, String> {
         self.log = None;
-        let log = LoadedLog::read(&mut PageFile, self.request()?)?;
-        let summary = log.summary();
+        let log = LoadedLog::read_log(&mut PageFile, self.parse_request()?)?;
+        let summary = log.log_summary();
         self.log = Some(log);
         Ok(summary)
     }
 
     fn judge_log(&self) -> Result<impl Serialize + use<>, String> {
         let log = self.log.as_ref().ok_or("no log is open")?;
-        log.judge(&self.request()?)
+        log.judge_log(&self.parse_request()?)
     }
 
     fn fly_example(&self) -> Result<impl Serialize + use<>, String> {
-        let request = self.request()?;
+        let request = self.parse_request()?;
         Ok(example_flight::fly_example(request, &mut |step| {
             let json = serde_json::to_vec(step).unwrap_or_default();
             // SAFETY: the worker reads `length` bytes before it returns.

@@ -3,18 +3,18 @@
 use std::net::TcpStream;
 use std::path::Path;
 
-use super::wire::{Connection, OpenedPty};
-use crate::cli::failure::Failure;
+use super::byte_connections::{Connection, OpenedPty};
+use crate::cli::command_failure::CommandFailure;
 
 /// Opens nothing: without pseudo-terminals the module is served on TCP ports alone.
 #[expect(clippy::unnecessary_wraps, reason = "as on Unix, where it can fail")]
-pub fn open_pty() -> Result<Option<OpenedPty>, Failure> {
+pub fn open_pty() -> Result<Option<OpenedPty>, CommandFailure> {
     Ok(None)
 }
 
 /// Fails: a serial port is no file here. The type is never used.
-pub fn connect_serial(path: &Path) -> Result<Connection<TcpStream>, Failure> {
+pub fn connect_serial(path: &Path) -> Result<Connection<TcpStream>, CommandFailure> {
     let reason =
         "this system's serial ports are no files; use a terminal program such as PuTTY, or, for a served module, --tcp";
-    Err(Failure::with_code("no-serial", format!("{}: {reason}", path.display())))
+    Err(CommandFailure::with_code("no-serial", format!("{}: {reason}", path.display())))
 }
