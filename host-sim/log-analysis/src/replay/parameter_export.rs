@@ -181,7 +181,7 @@ pub fn applied_field(
         ParameterFormat::Inav => inav_correction(&text),
     };
     let q = export.rotation.rotation_matrix();
-    // The heading is that of the body axes, to which the orientation parameter turns the field first.
+    // The orientation parameter turns the field to body axes first, so that the heading is that of the body.
     move |row| row_in_rotated_axes(row, &q).corrected_field(&correction)
 }
 

@@ -79,7 +79,7 @@ impl HardIronSums {
         self.gradient += sample.gradient * fraction;
     }
 
-    /// Adds other sums of which the samples have a fraction, given with its square.
+    /// Adds the sums of samples that have a fraction of the change, given with its square.
     pub fn add_scaled(&mut self, sums: &Self, fraction: f32, squared: f32) {
         for (sum, with) in self.products.as_flattened_mut().iter_mut().zip(sums.products.as_flattened()) {
             *sum += with * fraction;
