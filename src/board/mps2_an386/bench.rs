@@ -151,7 +151,7 @@ fn measure_budgets(turns: &mut BenchTurns, collector: &mut Collector<'_>, out: &
         count_instructions(|| drop(black_box(nmea::hdm_sentence(black_box(Some(123.4)))))),
         count_instructions(|| drop(black_box(nmea::hdg_sentence(black_box(Some(123.4)), black_box(Some(-11.3)))))),
         count_instructions(|| {
-            drop(black_box(nmea::quality_sentence(black_box(&found), black_box(HeadingKind::Smooth))))
+            drop(black_box(nmea::quality_sentence(black_box(&found), black_box(HeadingKind::Smooth))));
         }),
     ];
     let mut receiver = mavlink::Receiver::new();

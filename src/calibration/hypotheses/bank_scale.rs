@@ -159,7 +159,8 @@ impl BankScaleEstimate {
         if believed > 0.0 { believed.min(square) } else { 0.0 }
     }
 
-    /// Variance of the estimate if the source's error is within the allowance: that of the noise plus the allowance's square.
+    /// Variance of the estimate if the source's error is within the allowance: that of the noise plus the allowance's
+    /// square.
     fn null_variance(&self, allowance: f32) -> f32 {
         self.variance + allowance * allowance
     }
