@@ -8,14 +8,14 @@
 //! ```
 //! use std::f32::consts::TAU;
 //!
-//! use autoswing::calibration::{CollectionPart, Current, Method, Prior, Rates, Sample, Samples, solve};
+//! use autoswing::calibration::{CollectionPart, MotorCurrent, Method, Prior, Rates, Sample, Samples, solve_samples};
 //! use autoswing::frames::{Attitude, Field, wrap_pi};
 //! use autoswing::time::WrappingMillis;
 //!
 //! // In place of a sensor: the Earth's field of 50 uT and 60 deg of inclination, bent by the iron of an airframe.
 //! let measure = |attitude: Attitude, heading_rad: f32| {
-//!     let earth = Field::earth(50.0, 60_f32.to_radians(), heading_rad);
-//!     let body = attitude.body(earth).ut;
+//!     let earth = Field::earth_field(50.0, 60_f32.to_radians(), heading_rad);
+//!     let body = attitude.to_body_frame(earth).ut;
 //!     Field::from_ut(
 //!         1.10 * body.x + 0.04 * body.y + 12.0,
 //!         0.93 * body.y - 0.05 * body.z - 8.0,
@@ -30,19 +30,19 @@
 //!             let attitude = Attitude::from_deg(bank_deg, 2.0);
 //!             let heading_rad = bank_deg.signum() * TAU * i as f32 / 60.0;
 //!             let (field, time) = (measure(attitude, heading_rad), WrappingMillis::new(i * 500));
-//!             Sample { field, attitude, rates: Rates::ZERO, current: Current::UNKNOWN, time, part }
+//!             Sample { field, attitude, rates: Rates::ZERO, current: MotorCurrent::UNKNOWN, time, part }
 //!         })
 //! };
 //! let turns: Vec<Sample> = circle(-25.0, CollectionPart::LEFT).chain(circle(25.0, CollectionPart::RIGHT)).collect();
 //! let samples = Samples::new(&turns);
 //!
-//! let solution = solve(Method::MaximumLikelihood, samples, &Prior::default())?;
+//! let solution = solve_samples(Method::MaximumLikelihood, samples, &Prior::default())?;
 //! assert!(solution.quality.expected_rms_deg < 1.0);
 //!
 //! // From then on: the field of a reading, corrected, levelled by the attitude at its instant, shows the heading.
 //! let (attitude, heading_rad) = (Attitude::from_deg(10.0, -3.0), 1.2);
-//! let corrected = solution.calibration.apply(measure(attitude, heading_rad));
-//! let error_rad = wrap_pi(attitude.level(corrected).heading_rad() - heading_rad);
+//! let corrected = solution.calibration.calibrated_field(measure(attitude, heading_rad));
+//! let error_rad = wrap_pi(attitude.to_level_frame(corrected).heading_rad() - heading_rad);
 //! assert!(error_rad.abs().to_degrees() < 0.1, "{error_rad} rad");
 //! # Ok::<(), autoswing::calibration::SolveError>(())
 //! ```

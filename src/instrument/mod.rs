@@ -29,17 +29,17 @@
 //! let calibration = Calibration {
 //!     inclination_rad: 60_f32.to_radians(),
 //!     total_ut: 50.0,
-//!     ..Calibration::uncalibrated(Orientation::NONE)
+//!     ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
 //! };
-//! let calibration = Some((calibration, HeadingUncertainty::NONE));
-//! instrument.set_correction(Correction { calibration, ..Correction::NONE });
+//! let calibration = Some((calibration, HeadingUncertainty::NO_UNCERTAINTY));
+//! instrument.set_correction(Correction { calibration, ..Correction::UNCALIBRATED });
 //!
 //! let attitude = Attitude::from_deg(20.0, 3.0);
 //! let sender_time = WrappingMillis::new(0);
 //! let report = AttitudeReport { sender: SenderId::default(), sender_time, attitude, rates_rad_s: [0.0; 3] };
 //! instrument.on_attitude(Timestamp::from_us(1_000_000), report);
-//! let field = Field::new(attitude.body(Field::earth(50.0, 60_f32.to_radians(), 1.2)).ut);
-//! let reading = Reading { field, saturated: false, overrun: false };
+//! let field = Field::new(attitude.to_body_frame(Field::earth_field(50.0, 60_f32.to_radians(), 1.2)).ut);
+//! let reading = Reading { field, is_saturated: false, was_overwritten: false };
 //! let estimate = instrument.on_reading(Timestamp::from_us(1_010_000), reading);
 //! assert!((estimate.heading.unwrap().magnetic_rad - 1.2).abs() < 1e-4);
 //! ```
