@@ -187,10 +187,10 @@ fn residuals_that_no_fit_explains_are_named_in_place_of_a_manoeuvre() {
             assert!(text.contains(words) && !text.contains("missing most"), "{text}");
         });
     };
-    is_named(&record(5, |t_s, field_ut| field_ut[0] += 0.05 * t_s), "early and late in the flight");
+    is_named(&record(5, |t_s, field_ut| field_ut[0] += 0.05 * t_s), "late in the flight does not fit that early");
     for seed in [5, 7] {
         let mut leaning = record(seed, |_, _| {});
         leaning.samples.iter_mut().for_each(|sample| sample.attitude_rad[0] *= 0.85);
-        is_named(&leaning, "all banks alike");
+        is_named(&leaning, "in steep banks does not fit that in shallow");
     }
 }

@@ -162,13 +162,21 @@ fn orientation(name: &str) -> Result<Orientation, String> {
 /// The log does not have the compass or the reference of the options.
 pub fn evaluate(file: &Path, flight: &Flight, options: &Replay) -> Result<FlightEvaluation, Failure> {
     let name = file.display();
+    let window_s = [options.from.unwrap_or(f64::NEG_INFINITY), options.to.unwrap_or(f64::INFINITY)];
+    let [first_s, last_s] = flight.time_range_s();
+    if window_s[0] >= window_s[1] {
+        return Err(Failure("--to must be later than --from".to_owned()));
+    }
+    if window_s[0] > last_s || window_s[1] < first_s {
+        return Err(Failure(format!("{name}: no rows between --from and --to: the log has {first_s:.0} to {last_s:.0} s")));
+    }
     let evaluation = evaluate_flight(
         flight,
         &EvaluationOptions {
             selected: options.samples,
             compass: options.compass,
             inclination_deg: options.inclination,
-            window_s: [options.from.unwrap_or(f64::NEG_INFINITY), options.to.unwrap_or(f64::INFINITY)],
+            window_s,
             reference: options.reference,
             field_latency_s: options.age.map(|ms| ms / 1e3),
         },

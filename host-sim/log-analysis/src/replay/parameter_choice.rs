@@ -299,10 +299,10 @@ impl fmt::Display for NoParameters {
             Self::Residuals { expected_deg, dependence } => {
                 let depends = match dependence {
                     Dependence::Time => {
-                        "the field does not fit early and late in the flight alike, as with iron that moves"
+                        "the field late in the flight does not fit that early in it, as when iron moves"
                     }
                     Dependence::Bank => {
-                        "the field does not fit all banks alike, as with a wrong bank or iron that follows it"
+                        "the field in steep banks does not fit that in shallow ones, as when the logged bank is wrong or iron moves with it"
                     }
                 };
                 write!(f, "{depends}, which leaves an error of {expected_deg:.1} deg over all headings")

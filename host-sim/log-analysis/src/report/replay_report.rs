@@ -130,6 +130,7 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
         facts,
         sigma_description: "the mean sigma that the module sends with its headings",
         samples: samples(flight, compass, replay_result, &shown),
+        changed_s: compass.parameter_fit.changed_s,
         marks: marks(compass),
         before_name: logged_correction_source(compass).name(),
         corrected_by: if exported.is_some() { "with the parameters to load" } else { "by the module" },
@@ -148,18 +149,18 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
     };
     let means = report.subtract_mean_errors();
     report.magnetic_offset_deg = means[1].or(means[2]).unwrap_or(0.0);
-    let means_words: Vec<String> = ["as logged", "with the parameters", "of the module"]
+    let means_words: Vec<String> = ["deg as logged", "deg with the parameters", "deg of the module"]
         .into_iter()
         .zip(means)
         .filter_map(|(name, mean)| Some(format!("{} {name}", format_number(mean?, 2))))
         .collect();
     if !means_words.is_empty() {
-        let words = format!("{} deg, declination included", means_words.join(", "));
+        let words = format!("{}; the declination is part of them", means_words.join(", "));
         report.facts.push(["means subtracted".to_owned(), words]);
     }
     let declination_deg = declination_deg(evaluation);
     let line = |name: &str, mean_deg: Option<f64>, of: fn(&ReportSample) -> Option<f64>| {
-        let errors_deg = means_by_heading(&report.samples, of);
+        let errors_deg = means_by_heading(report.samples_since_change(), of);
         let constant_deg = declination_deg.zip(mean_deg).map_or(0.0, |(declination, mean)| mean + declination);
         errors_deg.iter().any(Option::is_some).then(|| DeviationCurve {
             name: name.to_owned(),
@@ -175,7 +176,7 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
     ];
     (report.before, report.after) = (before.into_iter().collect(), after.into_iter().flatten().collect());
     if solution.is_some() {
-        let sigma = means_by_heading(&report.samples, |sample| sample.sigma_deg);
+        let sigma = means_by_heading(report.samples_since_change(), |sample| sample.sigma_deg);
         report.sigma_deg = sigma.into_iter().map(|sigma| sigma.unwrap_or(f64::NAN)).collect();
     }
     report

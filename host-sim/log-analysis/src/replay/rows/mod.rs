@@ -83,7 +83,7 @@ pub struct RowCounts {
     pub disarmed: usize,
     /// Rows before the first and after the last movement, near foreign iron.
     pub on_the_ground: usize,
-    /// Rows excluded by the log.
+    /// Rows excluded by the log, or outside the chosen time.
     pub kept_out: usize,
     /// Rows with a frozen field while the aircraft moved.
     pub stuck: usize,
@@ -97,7 +97,7 @@ impl RowCounts {
             (self.without_attitude, "without an attitude near it"),
             (self.unsettled, "while the attitude contradicts the body rates"),
             (self.stuck, "with a frozen field"),
-            (self.kept_out, "excluded by the log"),
+            (self.kept_out, "excluded by the log or outside the chosen time"),
         ]
     }
 

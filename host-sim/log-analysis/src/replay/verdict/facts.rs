@@ -38,7 +38,7 @@ impl Verdict<'_> {
                     add("parameters", format!("fitted to {from_s:.0} to {to_s:.0} s of the log"));
                 }
                 let lost = format_number(exported.heading_loss_deg[0], 2);
-                add("as parameters", format!("{lost} deg RMS lost"));
+                add("parameters", format!("the autopilot cannot express all of the fit: {lost} deg RMS"));
                 exported.warnings.iter().for_each(|warning| add("parameters", warning.clone()));
             }
             // Parameters that the judgement does not recommend, as those of a failed sensor, are not shown.
@@ -105,14 +105,14 @@ fn add_solution_facts(solution: &Solution, add: &mut dyn FnMut(&str, String)) {
     }
     // No cause is named: latency, an attitude that lags in turns, and interference cause both kinds of residuals.
     if let Some(finding) = &solution.hard_iron_change {
-        add("allowed for", format!("{} deg: residuals that change in time", deg(finding.added_error_deg)));
+        add("of it", format!("{} deg for residuals that change in time", deg(finding.added_error_deg)));
     }
     if let Some(finding) = &solution.bank_scale_error {
-        add("allowed for", format!("{} deg: residuals that depend on the bank", deg(finding.added_error_deg)));
+        add("of it", format!("{} deg for residuals that depend on the bank", deg(finding.added_error_deg)));
     }
     if let Some(advice) = &solution.advice {
         let [now, then] = [advice.expected_deg, advice.expected_after_deg].map(deg);
-        add("weakest", format!("{} ({} deg)", advice.weakest.name(), deg(advice.weakest_deg)));
-        add("best next", format!("{} ({now} to {then} deg)", advice.manoeuvre));
+        add("least certain", format!("{} deviation ({} deg)", advice.weakest.name(), deg(advice.weakest_deg)));
+        add("would help most", format!("{} ({now} to {then} deg)", advice.manoeuvre));
     }
 }

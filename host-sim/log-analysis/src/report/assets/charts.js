@@ -97,7 +97,7 @@
     },
   });
 
-  const overTime = { axes: [axis("time of the log, s", { size: 34 })], isTime: true };
+  const overTime = { axes: [axis("time of the log, s", { size: 34 })], at: "s", isTime: true };
 
   const CHARTS = {
     strength(data) {
@@ -144,7 +144,7 @@
       const [x, ...columns] = uPlot.join(tables);
       return {
         x, series: series.map((item, i) => [item, columns[i]]),
-        scales: { x: { time: false, range: [0, 360] } },
+        at: "heading", scales: { x: { time: false, range: [0, 360] } },
         axes: [axis("heading, deg", { size: 34, splits: () => [0, 60, 120, 180, 240, 300, 360] }), axis(`${data.error}, deg`)],
       };
     },
@@ -166,7 +166,7 @@
           series.push([points(`${axisName} ${label}`, tones[k], { show: isShown }), differences]);
         });
       }
-      return { x: order.map((i) => data.current[i]), series, axes: [axis("current, A", { size: 34 }), axis("difference, uT")] };
+      return { at: "A", x: order.map((i) => data.current[i]), series, axes: [axis("current, A", { size: 34 }), axis("difference, uT")] };
     },
   };
 
@@ -276,7 +276,7 @@
     const width = holder.clientWidth;
     const plot = new uPlot({
       width, height: height(width),
-      series: [{ label: chart.isTime ? "s" : "at", value: fixed(1) }, ...chart.series.map(([series]) => series)],
+      series: [{ label: chart.at, value: fixed(1) }, ...chart.series.map(([series]) => series)],
       axes: chart.axes,
       bands: chart.bands,
       legend: { markers: { dash: (u, i) => (u.series[i].dash ? "dashed" : "solid") } },
@@ -340,12 +340,19 @@
   const each = (act) => shown.filter(({ holder }) => holder.isConnected).forEach(act);
   addEventListener("resize", () => each(({ holder, resize }) => holder.clientWidth > 0 && resize(holder.clientWidth)));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => each(({ redraw }) => redraw()));
+  // Folded parts are unfolded on paper, and folded again after it.
+  let folded = [];
   addEventListener("beforeprint", () => {
+    folded = [...document.querySelectorAll("details:not([open], .terminal)")];
+    for (const part of folded) part.open = true;
+    document.querySelectorAll(".charts").forEach(draw);
     document.documentElement.classList.add("printing");
     each(({ resize }) => resize(...PAPER));
   });
   addEventListener("afterprint", () => {
     document.documentElement.classList.remove("printing");
+    for (const part of folded) part.open = false;
+    folded = [];
     each(({ holder, resize }) => holder.clientWidth > 0 && resize(holder.clientWidth));
   });
 })();
