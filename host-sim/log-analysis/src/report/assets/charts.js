@@ -5,8 +5,8 @@
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const FONT = "12px system-ui, sans-serif";
   const AXES = ["x", "y", "z"];
-  // A third of a page of A4, CSS pixels.
-  const PAPER = [222, 170];
+  // Size of a chart on paper, CSS pixels: the style shrinks it to a third of a page of A4.
+  const PAPER = [360, 250];
   const shown = [];
 
   // Numbers of the samples; columns without any are undefined.
