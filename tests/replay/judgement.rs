@@ -194,3 +194,19 @@ fn residuals_that_no_fit_explains_are_named_in_place_of_a_manoeuvre() {
         is_named(&leaning, "in steep banks does not fit that in shallow");
     }
 }
+
+/// The field of a sensor that is turned by 90 deg about its x axis: its orientation is the cause, and not a manoeuvre.
+#[test]
+fn a_wrong_orientation_is_named() {
+    for seed in [3, 5, 7] {
+        let turned = record(seed, |_, field_ut| *field_ut = [field_ut[0], field_ut[2], -field_ut[1]]);
+        judged(&turned, |verdict, _| {
+            let text = verdict.sentences().concat();
+            assert_eq!(verdict.compasses[0].judgement.action, CompassAction::FlyAgain, "{text}");
+            assert!(
+                text.contains("seems to be turned by roll90 against its orientation setting"),
+                "seed {seed}: {text}"
+            );
+        });
+    }
+}

@@ -168,7 +168,9 @@ pub fn evaluate(file: &Path, flight: &Flight, options: &Replay) -> Result<Flight
         return Err(Failure("--to must be later than --from".to_owned()));
     }
     if window_s[0] > last_s || window_s[1] < first_s {
-        return Err(Failure(format!("{name}: no rows between --from and --to: the log has {first_s:.0} to {last_s:.0} s")));
+        return Err(Failure(format!(
+            "{name}: no rows between --from and --to: the log has {first_s:.0} to {last_s:.0} s"
+        )));
     }
     let evaluation = evaluate_flight(
         flight,

@@ -3,7 +3,8 @@
 
 use std::fmt;
 
-use autoswing::calibration::Solution;
+use autoswing::calibration::{Orientation, Solution, SolveError};
+use autoswing::messages::Refusal;
 use nalgebra::Vector3;
 
 use super::evaluation::{CompassEvaluation, heading_deg};
@@ -47,7 +48,10 @@ pub enum NoParameters {
     /// The log has too few usable rows; their number.
     FewRows(usize),
     /// The rows, or half of them, give no solution.
-    Unsolved,
+    Unsolved {
+        /// Rotation of the sensor against its orientation setting, where the samples show one.
+        mount: Option<Orientation>,
+    },
     /// The flight leaves the parameters too uncertain.
     Unobservable {
         /// Expected error over all headings, degrees RMS.
@@ -122,7 +126,7 @@ pub fn choose_parameters(
         Some(Candidate { solution: variant.fit_of_all_rows, is_accepted: variant.is_accepted, exported, held_back })
     };
     let mut candidates = fit.variants.iter().filter_map(candidate);
-    let mut best = candidates.next().ok_or(NoParameters::Unsolved)?;
+    let mut best = candidates.next().ok_or_else(|| NoParameters::Unsolved { mount: contradicted_mount(evaluation) })?;
     for other in candidates {
         if is_motor_significant(&other.solution) && other.held_back.rms_deg < best.held_back.rms_deg {
             best = other;
@@ -168,6 +172,14 @@ impl Candidate {
         } else {
             Ok(())
         }
+    }
+}
+
+/// Mounting that the module found where it refused the calibration for it.
+fn contradicted_mount(evaluation: &CompassEvaluation) -> Option<Orientation> {
+    match evaluation.result_for_report().accepted {
+        Err(Refusal::Solve(SolveError::MountContradicted { found })) => Some(found),
+        _ => None,
     }
 }
 
@@ -261,7 +273,7 @@ impl NoParameters {
     pub const fn code(&self) -> &'static str {
         match self {
             Self::FewRows(_) => "few-rows",
-            Self::Unsolved => "unsolved",
+            Self::Unsolved { .. } => "unsolved",
             Self::Unobservable { .. } => "unobservable",
             Self::Residuals { .. } => "residuals",
             Self::Unverified => "unverified",
@@ -276,12 +288,24 @@ impl fmt::Display for NoParameters {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::FewRows(rows) => write!(f, "{rows} usable rows are too few for a fit"),
-            Self::Unsolved => f.write_str("no fit of these rows converges"),
+            Self::Unsolved { mount } => {
+                f.write_str("no fit of these rows converges")?;
+                mount.map_or(Ok(()), |mount| {
+                    let name = mount.name();
+                    write!(
+                        f,
+                        "; the sensor seems to be turned by {name} against its orientation setting, which is to be corrected first"
+                    )
+                })
+            }
             Self::Unobservable { expected_deg, manoeuvre } => {
                 write!(f, "the attitudes flown leave an error of {expected_deg:.1} deg over all headings")?;
                 manoeuvre.as_ref().map_or(Ok(()), |manoeuvre| write!(f, "; missing most: {manoeuvre}"))
             }
             Self::Unverified => f.write_str("the fit fails the module's verification, and no reference confirms it"),
+            Self::NoGain(HeldBackScore { as_logged_rms_deg, is_estimate: true, .. }) => {
+                write!(f, "its field is consistent to {as_logged_rms_deg:.1} deg as logged, and no fit is better")
+            }
             Self::NoGain(HeldBackScore { rms_deg, .. }) => {
                 write!(f, "a fit is no better: {rms_deg:.1} deg RMS on held-back rows")
             }

@@ -215,9 +215,9 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
         let caption = format!("Headings {:03} to {:03}", half.start * step, (half.end - 1) * step);
         table(&caption, "heading", &columns, half.map(row))
     });
-    let since = compass_report
-        .changed_s
-        .map_or_else(String::new, |at_s| format!(" Of the flight after {} s, the last change.", format_number(at_s, 0)));
+    let since = compass_report.changed_s.map_or_else(String::new, |at_s| {
+        format!(" Of the flight after {} s, the last change.", format_number(at_s, 0))
+    });
     format!(
         "<div class=\"card\">\n<h3>Deviation card: {}</h3>\n<p>Degrees by heading: indicated less {}. Subtract it from the \
          indicated heading: with +3.00 at 090, a compass that shows 093 points to 090. {}{since}</p>\n<div class=\"halves\">{}</div>\

@@ -60,6 +60,7 @@ impl TableReader {
 
     fn read_line(&mut self, table: &TableLayout, unit: FieldUnit, line: &str) -> Result<(), InvalidCell> {
         let values = table.values(line);
+        table.reject_extra_cells(&values)?;
         let t_s = values.require(table.t_s, "t_s")?;
         let [roll_deg, pitch_deg] =
             [values.require(table.attitude[0], "roll_deg")?, values.require(table.attitude[1], "pitch_deg")?];

@@ -120,7 +120,10 @@ impl Judgement {
         let action = if failure.is_some() {
             CompassAction::Replace
         } else {
-            parameters.as_ref().map_or_else(|why| action_without_parameters(state, why), |_| CompassAction::Load)
+            let covers_headings = as_logged_rms_deg.is_some() || accurate_reference(evaluation).is_none();
+            parameters
+                .as_ref()
+                .map_or_else(|why| action_without_parameters(state, why, covers_headings), |_| CompassAction::Load)
         };
         let changed = change.map(|change| Reason::IronChanged {
             at_s: change.step.at_s,
@@ -146,9 +149,12 @@ impl Judgement {
     }
 }
 
-fn action_without_parameters(state: CompassState, why: &NoParameters) -> CompassAction {
+/// `covers_headings` is false if the flight has too few headings to judge the compass.
+fn action_without_parameters(state: CompassState, why: &NoParameters, covers_headings: bool) -> CompassAction {
     match why {
         NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
+        // On few headings neither the compass nor a fit is judged.
+        _ if !covers_headings => CompassAction::FlyAgain,
         // Flying again does not make the matrix express more.
         NoParameters::Inaccurate { held_back, lost_deg } if is_mostly_lost(held_back.rms_deg, *lost_deg) => {
             CompassAction::Replace
@@ -235,5 +241,30 @@ impl fmt::Display for Judgement {
             CompassAction::FlyAgain => ": fly again",
             CompassAction::Replace => ": replace or move it",
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A field that no fit corrects is a reason to replace a compass only if the flight covers headings.
+    #[test]
+    fn on_few_headings_no_compass_is_replaced_or_left() {
+        let held_back = |rms_deg| HeldBackScore {
+            rms_deg,
+            as_logged_rms_deg: 20.0,
+            is_estimate: false,
+            field_scatter_deg: rms_deg,
+        };
+        let action = |rms_deg, covers_headings| {
+            action_without_parameters(
+                CompassState::Doubtful,
+                &NoParameters::NoGain(held_back(rms_deg)),
+                covers_headings,
+            )
+        };
+        assert_eq!((action(26.0, true), action(26.0, false)), (CompassAction::Replace, CompassAction::FlyAgain));
+        assert_eq!((action(1.0, true), action(1.0, false)), (CompassAction::Leave, CompassAction::FlyAgain));
     }
 }
