@@ -338,13 +338,14 @@ fn write_headings(path: &Path, flight: &Flight, compass: Option<&CompassEvaluati
     let rows: Vec<Option<usize>> = stamps_s.iter().map(|stamp_s| row_of(*stamp_s)).collect();
     let mut readings = vec![0_u32; headings.len()];
     rows.iter().flatten().for_each(|index| readings[*index] += 1);
+    let is_refused = compass.module.accepted.is_err();
+    let missing_status = if is_refused { NoHeading::Uncalibrated.code() } else { "left-out" };
     for (stamp_s, index) in stamps_s.iter().zip(rows) {
         let Some(index) = index else {
-            writeln!(out, "{stamp_s:.6},,,left-out,,,0")?;
+            writeln!(out, "{stamp_s:.6},,,{missing_status},,,0")?;
             continue;
         };
         let row = &headings[index];
-        let is_refused = compass.module.accepted.is_err();
         let status = if is_refused { Err(NoHeading::Uncalibrated) } else { row.status };
         let status = status.map_or_else(NoHeading::code, |()| "ok");
         let smooth =

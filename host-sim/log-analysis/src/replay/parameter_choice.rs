@@ -4,15 +4,17 @@
 use std::fmt;
 
 use autoswing::calibration::{Orientation, Solution, SolveError};
+use autoswing::frames::Field;
 use autoswing::messages::Refusal;
 use nalgebra::Vector3;
 
 use super::evaluation::{CompassEvaluation, heading_deg};
 use super::parameter_export::{ExportedCorrection, HeldBackScore, ParameterFormat, applied_field, export_correction};
 use super::parameter_fit::{FitVariant, half_at};
+use super::replay_run::solve_rows;
 use super::row_headings::score;
 use super::row_solve::solved_correction;
-use super::{ReferenceHeading, ReplayRow};
+use super::{ReferenceHeading, ReplayOptions, ReplayRow, RowSelection};
 use crate::log::{FieldCorrection, Flight};
 use crate::numbers::{median, square};
 
@@ -126,7 +128,8 @@ pub fn choose_parameters(
         Some(Candidate { solution: variant.fit_of_all_rows, is_accepted: variant.is_accepted, exported, held_back })
     };
     let mut candidates = fit.variants.iter().filter_map(candidate);
-    let mut best = candidates.next().ok_or_else(|| NoParameters::Unsolved { mount: contradicted_mount(evaluation) })?;
+    let mut best =
+        candidates.next().ok_or_else(|| NoParameters::Unsolved { mount: contradicted_mount(evaluation, &rows) })?;
     for other in candidates {
         if is_motor_significant(&other.solution) && other.held_back.rms_deg < best.held_back.rms_deg {
             best = other;
@@ -175,12 +178,16 @@ impl Candidate {
     }
 }
 
-/// Mounting that the module found where it refused the calibration for it.
-fn contradicted_mount(evaluation: &CompassEvaluation) -> Option<Orientation> {
-    match evaluation.result_for_report().accepted {
-        Err(Refusal::Solve(SolveError::MountContradicted { found })) => Some(found),
-        _ => None,
-    }
+/// Mounting for which the module refused the calibration, if it would accept one with it: noise imitates a mounting, too.
+fn contradicted_mount(evaluation: &CompassEvaluation, rows: &[ReplayRow]) -> Option<Orientation> {
+    let Err(Refusal::Solve(SolveError::MountContradicted { found })) = evaluation.result_for_report().accepted else {
+        return None;
+    };
+    let body_from_sensor = found.body_from_sensor();
+    let turned: Vec<ReplayRow> =
+        rows.iter().map(|row| ReplayRow { field: Field::new(body_from_sensor * row.field.ut), ..*row }).collect();
+    let (_, is_accepted) = solve_rows(&turned, &ReplayOptions::with_selection(RowSelection::All));
+    is_accepted.then_some(found)
 }
 
 /// Quantity on which residuals depend that make up most of the expected error.
