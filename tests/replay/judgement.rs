@@ -210,3 +210,21 @@ fn a_wrong_orientation_is_named() {
         });
     }
 }
+
+/// A compass of which each reading is zero is judged, and is not left out of the verdict.
+#[test]
+fn a_compass_without_a_reading_has_failed() {
+    let mut recording = record(3, |_, _| {});
+    recording.parameters.push(("COMPASS_USE".to_owned(), 1.0));
+    recording.samples.iter_mut().for_each(|sample| sample.field_ut.insert(0, [0.0; 3]));
+    judged(&recording, |verdict, _| {
+        let [failed, other] = verdict.compasses.as_slice() else { panic!("two compasses") };
+        let judgement = &failed.judgement;
+        assert_eq!((judgement.state, judgement.action), (CompassState::Bad, CompassAction::Replace));
+        assert_eq!(judgement.reason_codes(), ["sensor-failed"]);
+        assert!(
+            !verdict.is_solved() && verdict.sentences()[0].starts_with("Compass 1, in use, failed: all its readings")
+        );
+        assert_eq!(other.judgement.action, CompassAction::Load);
+    });
+}

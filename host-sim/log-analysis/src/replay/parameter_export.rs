@@ -258,7 +258,7 @@ fn comments(text: &mut String, export: &ExportedCorrection) -> std::fmt::Result 
     if let Some([from_s, to_s]) = export.rows_s {
         write!(text, "; fitted to {from_s:.0} to {to_s:.0} s of the log")?;
     }
-    writeln!(text, "\n# the autopilot cannot express all of the fit: {:.2} deg RMS", export.heading_loss_deg[0])?;
+    writeln!(text, "\n# {:.2} deg RMS are lost, which these parameters cannot express", export.heading_loss_deg[0])?;
     export.warnings.iter().try_for_each(|warning| writeln!(text, "# {warning}"))
 }
 

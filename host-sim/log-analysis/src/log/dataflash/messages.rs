@@ -1,7 +1,7 @@
 //! Messages of a flight, by name, whatever their encoding.
 
 use crate::log::flight::{Autopilot, Gps, LogFormat};
-use crate::log::flight_builder::{FieldProcessing, FlightBuilder};
+use crate::log::flight_builder::{FieldProcessing, FlightBuilder, MAX_COMPASSES};
 
 /// A message with named columns, scaled to degrees and m/s by their format letters.
 pub(super) trait Message {
@@ -152,6 +152,10 @@ fn numbers<const N: usize>(message: &dyn Message, names: [&str; N]) -> Option<[f
 /// Adds a field row in milligauss.
 fn field(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message, number: u8) {
     let Some(field) = numbers(message, ["MagX", "MagY", "MagZ"]) else { return };
+    // ArduPilot logs existing compasses only.
+    if (1..=MAX_COMPASSES).contains(&number) {
+        recorder.compass_rows(number, FieldProcessing::ArduPilot);
+    }
     if message.number("Health") == Some(0.0) {
         recorder.flight.counts.unhealthy += 1;
         return;

@@ -38,7 +38,7 @@ impl Verdict<'_> {
                     add("parameters", format!("fitted to {from_s:.0} to {to_s:.0} s of the log"));
                 }
                 let lost = format_number(exported.heading_loss_deg[0], 2);
-                add("parameters", format!("the autopilot cannot express all of the fit: {lost} deg RMS"));
+                add("lost with them", format!("{lost} deg RMS that the autopilot's parameters cannot express"));
                 exported.warnings.iter().for_each(|warning| add("parameters", warning.clone()));
             }
             // Parameters that the judgement does not recommend, as those of a failed sensor, are not shown.
@@ -68,7 +68,9 @@ impl Verdict<'_> {
         );
         let age = format_number(compass.latency.used_s * 1e3, 0);
         let hz = format_number(1.0 / compass.reading_interval_s, 1);
-        add("field", format!("{hz} times a second, {age} ms old at its time stamp ({source})"));
+        if compass.counts.readings > 0 {
+            add("field", format!("{hz} times a second, {age} ms old at its time stamp ({source})"));
+        }
         if let (Some((earth, is_valid)), Some(radius_ut)) = (&self.evaluation.earth, compass.radius_ut) {
             let year = if *is_valid { "" } else { ", of another year" };
             let model = format_number(f64::from(earth.total_ut), 1);

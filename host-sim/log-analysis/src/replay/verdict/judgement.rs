@@ -131,14 +131,14 @@ impl Judgement {
             bend_deg: change.bend_deg,
         });
         let unknown = if accurate_reference(evaluation).is_some() { Reason::FewHeadings } else { Reason::NoReference };
-        let error = as_logged_rms_deg.map_or(unknown, Reason::ErrorAsLogged);
+        // A failure is reason enough.
+        let error = as_logged_rms_deg.map(Reason::ErrorAsLogged).or_else(|| failure.is_none().then_some(unknown));
         let given = match parameters {
-            Ok(_) if failure.is_some() => None,
+            _ if failure.is_some() => None,
             Ok(export) => export.held_back.map(Reason::Parameters),
             Err(why) => Some(Reason::NoParameters(why.clone())),
         };
-        let reasons =
-            failure.map(Reason::SensorFailed).into_iter().chain(changed).chain([error]).chain(given).collect();
+        let reasons = failure.map(Reason::SensorFailed).into_iter().chain(changed).chain(error).chain(given).collect();
         Self { state, action, reasons, as_logged_rms_deg }
     }
 
@@ -165,7 +165,7 @@ fn action_without_parameters(state: CompassState, why: &NoParameters, covers_hea
             CompassAction::Replace
         }
         _ if state == CompassState::Good => CompassAction::Leave,
-        NoParameters::NoGain(_) => CompassAction::Leave,
+        NoParameters::NoGain(_) if state == CompassState::Doubtful => CompassAction::Leave,
         _ => CompassAction::FlyAgain,
     }
 }
