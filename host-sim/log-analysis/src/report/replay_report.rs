@@ -214,7 +214,7 @@ fn marks(compass: &CompassEvaluation) -> Vec<EventMark> {
     });
     let changed = compass.changes.iter().map(|HardIronChange { step, .. }| EventMark {
         at_s: step.at_s,
-        name: format!("iron changed by {} uT, most on {}", format_number(step.size_ut(), 1), step.axis()),
+        name: format!("iron changed by {} uT", format_number(step.size_ut(), 1)),
     });
     calibrated.into_iter().chain(changed).collect()
 }
@@ -412,7 +412,7 @@ mod tests {
         // On the log's clock.
         let first_s = FLOWN.1.compasses[0].rows[300].t_s;
         assert!((calibrated.at_s - first_s - 90.0).abs() < 1e-9 && (changed.at_s - first_s - 50.0).abs() < 1e-9);
-        assert_eq!(changed.name, "iron changed by 8.1 uT, most on y");
+        assert_eq!(changed.name, "iron changed by 8.1 uT");
     }
 
     #[test]

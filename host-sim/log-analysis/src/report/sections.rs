@@ -72,7 +72,8 @@ pub fn comparison_section(report: &Report) -> String {
 
 const CORRECTIONS_TEXT: &str = "Uncorrected: the sensor's field. As logged: with the autopilot's parameters. Sphere: a fit of \
                            offsets alone. Ellipsoid: of offsets and a symmetric matrix, from the field alone. Module: an Autoswing module on this flight, from the samples it would have collected, and from all \
-                           rows. Parameters to load: as the autopilot would apply them, on held-back rows, which are not part of the fit.";
+                           rows. Parameters to load: as the autopilot would apply them, on held-back rows, which are not part of the fit. \
+                           Errors are of the whole flight, those of the parameters to load of the part that they are fitted to.";
 
 /// A chart of `assets/charts.js`: its kind, title and description.
 type Chart = (&'static str, &'static str, String);

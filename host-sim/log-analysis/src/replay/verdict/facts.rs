@@ -107,10 +107,16 @@ fn add_solution_facts(solution: &Solution, add: &mut dyn FnMut(&str, String)) {
     }
     // No cause is named: latency, an attitude that lags in turns, and interference cause both kinds of residuals.
     if let Some(finding) = &solution.hard_iron_change {
-        add("of it", format!("{} deg for residuals that change in time", deg(finding.added_error_deg)));
+        add(
+            "residuals",
+            format!("{} deg of the expected error, since they change in time", deg(finding.added_error_deg)),
+        );
     }
     if let Some(finding) = &solution.bank_scale_error {
-        add("of it", format!("{} deg for residuals that depend on the bank", deg(finding.added_error_deg)));
+        add(
+            "residuals",
+            format!("{} deg of the expected error, since they depend on the bank", deg(finding.added_error_deg)),
+        );
     }
     if let Some(advice) = &solution.advice {
         let [now, then] = [advice.expected_deg, advice.expected_after_deg].map(deg);

@@ -88,7 +88,7 @@
           u.ctx.moveTo(x, top);
           u.ctx.lineTo(x, top + height);
           u.ctx.stroke();
-          const isRight = x > left + width / 2;
+          const isRight = x + u.ctx.measureText(name).width > left + width;
           u.ctx.textAlign = isRight ? "right" : "left";
           u.ctx.fillText(name, x + (isRight ? -4 : 4) * devicePixelRatio, top + (13 + 14 * (i % 3)) * devicePixelRatio);
         });
