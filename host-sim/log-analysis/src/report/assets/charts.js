@@ -6,7 +6,7 @@
   const FONT = "12px system-ui, sans-serif";
   const AXES = ["x", "y", "z"];
   // Size of a chart on paper, CSS pixels: the style shrinks it to a third of a page of A4.
-  const PAPER = [360, 250];
+  const PAPER = [360, 210];
   const shown = [];
 
   // Numbers of the samples; columns without any are undefined.
@@ -267,7 +267,7 @@
       view.tilt += tilt;
       redraw();
     });
-    return { redraw, resize: (to) => ((width = to), redraw()) };
+    return { redraw, resize: (to, high = to) => ((width = Math.min(to, 1.2 * high)), redraw()) };
   }
 
   const height = (width) => Math.round(Math.min(300, Math.max(190, 0.55 * width)));
