@@ -879,3 +879,62 @@ fn the_gyro_offset_starts_again_after_a_gap() {
         assert_eq!(flight.monitor.gyro_run, Some(run_number));
     }
 }
+
+/// A drift of 0.01 of the field in a minute: twice its square, as a rate, for hard iron, and in a bank for the mount.
+#[test]
+fn a_drift_inflates_hard_iron_and_in_a_bank_the_mount() {
+    for (drift, roll_rad, [hard_iron, mount]) in
+        [(0.01, 0.16, [1.0, 0.0]), (-0.01, 0.18, [1.0, 1.0]), (0.01, -0.18, [1.0, 1.0]), (0.0039, 0.18, [0.0, 0.0])]
+    {
+        let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
+        let before = variances(&monitor);
+        monitor.filter.set_mean(HARD_IRON_CHANGE, drift);
+        monitor.follow_drift(roll_rad, 1e-3);
+        let rate = 2.0 * drift * drift * 1e-3 / 60.0;
+        let mut expected = [0.0; STATE_COUNT];
+        expected[..3].fill(hard_iron * rate);
+        expected[MOUNT_TURN] = mount * rate;
+        for (i, (now, before)) in variances(&monitor).into_iter().zip(before).enumerate() {
+            assert!((now - before - expected[i]).abs() < 0.02 * rate, "{drift} {roll_rad}: {i}");
+        }
+        // After a detected change the drift starts anew.
+        monitor.post_change_remaining_s = 1.0;
+        let before = variances(&monitor);
+        monitor.follow_drift(roll_rad, 1e-3);
+        assert_eq!(variances(&monitor), before);
+    }
+}
+
+/// The heading's noise is the tilt's times the tangent of the inclination, three quarters of it; each has its floor.
+/// Rotation adds 10 ms of tilt.
+#[test]
+fn measurement_noise_follows_inclination_and_rotation() {
+    let variances = |inclination_rad: f32, pitch_rad_s: f32| {
+        let mut flight = Flight::new(0);
+        let states = *flight.monitor.filter.mean();
+        let seen = MonitorSample {
+            field: Field::<crate::frames::Level>::earth(1.0, inclination_rad, 0.0).ut,
+            mount_turn_effect: MountTurnEffect::new(&flight.calibration, &Vector3::x()),
+            attitude: Attitude::default(),
+            motion: EulerRates { pitch_rad_s, ..EulerRates::default() },
+        };
+        let model = MeasurementModel::new(&seen, &states, &PredictedField::new(&states, inclination_rad, None));
+        let monitored = MonitoredCalibration {
+            calibration: &flight.calibration,
+            uncertainty: &flight.uncertainty,
+            readings_per_sample: 1,
+        };
+        let [strength, tilt, heading] =
+            flight.monitor.measurement_variances(&monitored, &seen, &model, &Vector3::x(), STEP_S);
+        let correlation = flight.monitor.adaptive_noise.unwrap().correlated_noise_factor();
+        ([strength - 9e-6, tilt - 9e-6, heading - 1.44e-4], correlation)
+    };
+    for inclination_rad in [0.5_f32, -1.2] {
+        let ([strength, tilt, heading], correlation) = variances(inclination_rad, 0.0);
+        let expected = 0.75 * inclination_rad.tan().powi(2) * tilt;
+        assert!((heading / expected - 1.0).abs() < 1e-3, "{heading} {expected}");
+        assert!((strength / (4.0 * STRENGTH_SIGMA * STRENGTH_SIGMA) - 1.0).abs() < 0.01, "{strength}");
+        let added = variances(inclination_rad, 0.5).0[1] - tilt;
+        assert!((added / (correlation * 0.005 * 0.005) - 1.0).abs() < 0.01, "{added}");
+    }
+}
