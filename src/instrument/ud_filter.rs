@@ -261,4 +261,11 @@ mod tests {
         assert!((last.projected_variance(&row) - 10.25).abs() < 1e-5 && (last.projected_mean(&row) - 0.3).abs() < 1e-6);
         assert!((state.projected_variance(&[0.0, 1.0, 3.0]) - 10.25).abs() < 1e-5);
     }
+
+    #[test]
+    fn a_known_state_without_process_noise_stays_known() {
+        let mut known = UdFilter::<3>::ZERO;
+        known.inflate_variance(2, 0.0);
+        assert_eq!(known, UdFilter::ZERO);
+    }
 }

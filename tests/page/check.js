@@ -12,7 +12,7 @@ const SCHEMES = ["light", "dark"];
 
 // Folded, the page is short, and the first screen has the parameters.
 const MOST_SCREENS = 5;
-// Of a page with three compasses, all unfolded.
+// Of a page with three compasses.
 const MOST_SHEETS = 6;
 
 async function isShort({ page, say }) {
@@ -106,12 +106,17 @@ async function copies({ context, page, say }) {
   return true;
 }
 
+// Folded parts are printed, too, and folded again after it.
 async function prints({ page, say }) {
   await page.emulateMedia({ media: "print", colorScheme: "light" });
+  await page.evaluate(() => addEventListener("beforeprint", () => (window.unfolded = document.querySelectorAll("details:not(.terminal)[open]").length)));
+  const parts = await page.locator("details:not(.terminal)").count();
   for (const what of await page.evaluate(() => window.printed())) say(what);
   const paper = await page.pdf({ format: "A4" });
   const sheets = paper.toString("latin1").match(/\/Type\s*\/Page\b(?!s)/g).length;
   if (paper.length < 20000) say("prints nothing");
+  const [unfolded, left] = await page.evaluate(() => [window.unfolded, document.querySelectorAll("details[open]").length]);
+  if (unfolded !== parts || left !== 0) say(`prints ${unfolded} of ${parts} parts, leaves ${left} unfolded`);
   if (sheets > MOST_SHEETS) say(`prints ${sheets} sheets`);
 }
 
@@ -135,7 +140,7 @@ async function main(files) {
         if (scheme === "light") copied += await copies(look);
         await look.page.evaluate(inPage);
         if (scheme === "dark" && width === 1280) {
-          await unfold(look, true);
+          await unfold(look, false);
           await prints(look);
         }
         await look.context.close();

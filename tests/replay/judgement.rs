@@ -210,10 +210,48 @@ fn residuals_that_no_fit_explains_are_named_in_place_of_a_manoeuvre() {
             assert!(text.contains(words) && !text.contains("missing most"), "{text}");
         });
     };
-    is_named(&record(5, |t_s, field_ut| field_ut[0] += 0.05 * t_s), "early and late in the flight");
+    is_named(&record(5, |t_s, field_ut| field_ut[0] += 0.05 * t_s), "late in the flight does not fit that early");
     for seed in [5, 7] {
         let mut leaning = record(seed, |_, _| {});
         leaning.samples.iter_mut().for_each(|sample| sample.attitude_rad[0] *= 0.85);
-        is_named(&leaning, "all banks alike");
+        is_named(&leaning, "in steep banks does not fit that in shallow");
     }
+}
+
+/// The field of a sensor that is turned by 90 deg about its x axis: its orientation is the cause, and not a manoeuvre.
+#[test]
+fn a_wrong_orientation_is_named() {
+    for seed in [3, 5, 7] {
+        let turned = record(seed, |_, field_ut| *field_ut = [field_ut[0], field_ut[2], -field_ut[1]]);
+        judged(&turned, |verdict, _| {
+            let text = verdict.summary_sentences().concat();
+            assert_eq!(verdict.compasses[0].judgement.recommended_action, CompassAction::FlyAgain, "{text}");
+            assert!(
+                text.contains("seems to be turned by roll90 against its orientation setting"),
+                "seed {seed}: {text}"
+            );
+        });
+    }
+}
+
+/// A compass of which each reading is zero is judged, and is not left out of the verdict.
+#[test]
+fn a_compass_without_a_reading_has_failed() {
+    let mut recording = record(3, |_, _| {});
+    recording.parameters.push(("COMPASS_USE".to_owned(), 1.0));
+    recording.samples.iter_mut().for_each(|sample| sample.field_ut.insert(0, [0.0; 3]));
+    judged(&recording, |verdict, _| {
+        let [failed, other] = verdict.compasses.as_slice() else { panic!("two compasses") };
+        let judgement = &failed.judgement;
+        assert_eq!(
+            (judgement.compass_state, judgement.recommended_action),
+            (CompassState::Bad, CompassAction::Replace)
+        );
+        assert_eq!(judgement.reason_codes(), ["sensor-failed"]);
+        assert!(
+            !verdict.is_solved()
+                && verdict.summary_sentences()[0].starts_with("Compass 1, in use, failed: all its readings")
+        );
+        assert_eq!(other.judgement.recommended_action, CompassAction::Load);
+    });
 }

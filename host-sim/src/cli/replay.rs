@@ -162,13 +162,23 @@ fn parse_orientation(name: &str) -> Result<Orientation, String> {
 /// The log does not have the compass or the reference of the options.
 pub fn evaluate_log(file: &Path, flight: &Flight, options: &Replay) -> Result<FlightEvaluation, CommandFailure> {
     let name = file.display();
+    let window_s = [options.from.unwrap_or(f64::NEG_INFINITY), options.to.unwrap_or(f64::INFINITY)];
+    let [first_s, last_s] = flight.time_range_s();
+    if window_s[0] >= window_s[1] {
+        return Err(CommandFailure("--to must be later than --from".to_owned()));
+    }
+    if window_s[0] > last_s || window_s[1] < first_s {
+        return Err(CommandFailure(format!(
+            "{name}: no rows between --from and --to: the log has {first_s:.0} to {last_s:.0} s"
+        )));
+    }
     let evaluation = evaluate_flight(
         flight,
         &EvaluationOptions {
             row_selection: options.samples,
             compass_number: options.compass,
             inclination_deg: options.inclination,
-            time_window_s: [options.from.unwrap_or(f64::NEG_INFINITY), options.to.unwrap_or(f64::INFINITY)],
+            time_window_s: window_s,
             reference_kind: options.reference,
             field_latency_s: options.age.map(|ms| ms / 1e3),
         },
@@ -341,13 +351,14 @@ fn write_headings(path: &Path, flight: &Flight, compass: Option<&CompassEvaluati
     let rows: Vec<Option<usize>> = stamps_s.iter().map(|stamp_s| row_of(*stamp_s)).collect();
     let mut readings = vec![0_u32; headings.len()];
     rows.iter().flatten().for_each(|index| readings[*index] += 1);
+    let is_refused = compass.module_result.acceptance.is_err();
+    let missing_status = if is_refused { NoHeading::Uncalibrated.stable_code() } else { "left-out" };
     for (stamp_s, index) in stamps_s.iter().zip(rows) {
         let Some(index) = index else {
-            writeln!(out, "{stamp_s:.6},,,left-out,,,0")?;
+            writeln!(out, "{stamp_s:.6},,,{missing_status},,,0")?;
             continue;
         };
         let row = &headings[index];
-        let is_refused = compass.module_result.acceptance.is_err();
         let status = if is_refused { Err(NoHeading::Uncalibrated) } else { row.status };
         let status = status.map_or_else(NoHeading::stable_code, |()| "ok");
         let smooth =

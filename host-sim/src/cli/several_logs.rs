@@ -1,5 +1,6 @@
 //! `host-sim replay` of several logs: one line each, the worst first.
 
+use std::io::{IsTerminal as _, stdout};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -38,12 +39,20 @@ pub fn replay_several_logs(options: &Replay) -> Result<ExitCode, CommandFailure>
         if options.json {
             print::print_line(&line.json);
         } else {
-            let mut text = String::new();
-            append_wrapped(&mut text, "", &line.text);
-            print::print_text(&text);
+            print::print_text(&one_line(&line.text, stdout().is_terminal()));
         }
     }
     Ok(ExitCode::from(lines.iter().map(|line| line.code).max().unwrap_or(2)))
+}
+
+/// The line of a log: wrapped on a terminal, whole in a file or pipe, for `grep` and `sort`.
+fn one_line(text: &str, is_terminal: bool) -> String {
+    if !is_terminal {
+        return format!("{text}\n");
+    }
+    let mut wrapped = String::new();
+    append_wrapped(&mut wrapped, "", text);
+    wrapped
 }
 
 /// The logs, and those in the folders, by name.

@@ -1,10 +1,11 @@
 //! Score tests for changed hard iron and bank-angle scale error, on faulty and on good flights.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, max_abs, mean, rms, vector};
 use crate::calibration::tests::{NO_PRIOR, solved};
 use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, Method, Solution, SolveError, solve_samples};
+use crate::frames::Field;
 use crate::time::WrappingMillis;
 
 /// 75 s of left turns, then 75 s of right turns.
@@ -98,6 +99,39 @@ fn a_drift_is_detected() {
         let ratio = error_deg(&airframe, &solution) / solution.quality.expected_rms_deg;
         assert!(ratio < 2.0, "seed {seed}: {ratio}");
     }
+}
+
+/// Soft iron of up to 40 % that lags by 15 deg in turns. The size is the RMS field of the lag over the headings of
+/// level flight.
+#[test]
+fn hysteresis_is_detected_with_its_size() {
+    let play_rad = 15_f32.to_radians();
+    let mut ratios = Vec::new();
+    for seed in 0..20 {
+        let mut random = Random(9100 + seed);
+        let airframe = Airframe::random(&mut random, 0.4, 1.0, 0.0, [30.0, 60.0]);
+        let mut recorded = Flight::TYPICAL.fly(&airframe, &mut random);
+        let soft_iron = airframe.a - Matrix3::identity() * airframe.a.determinant().cbrt();
+        let w = airframe.a.try_inverse().unwrap();
+        for (samples, direction) in [(&mut recorded.left, -1.0), (&mut recorded.right, 1.0)] {
+            for sample in samples {
+                let down = sample.attitude.to_body_frame(Field::new(Vector3::z())).ut;
+                let earth_ut = w * (sample.field.ut - airframe.b_ut);
+                sample.field.ut -= soft_iron * down.cross(&earth_ut) * direction * play_rad;
+            }
+        }
+        recorded.right.iter_mut().for_each(|sample| sample.time = WrappingMillis::new(sample.time.as_ms() + 75_000));
+        let horizontal_ut = airframe.total_ut * airframe.inclination_rad.cos();
+        let expected_ut =
+            play_rad * horizontal_ut * ((w * soft_iron).fixed_columns::<2>(0).norm_squared() / 2.0).sqrt();
+        let Some(finding) = solved(&recorded).ok().and_then(|solution| solution.hard_iron_change) else { continue };
+        if finding.violation.time_course == HardIronTimeCourse::BehindTurns {
+            ratios.push(finding.violation.size_ut / expected_ut);
+        }
+    }
+    assert_eq!(ratios.len(), 20, "{ratios:?}");
+    ratios.sort_by(f32::total_cmp);
+    assert!((0.85..1.15).contains(&ratios[10]), "{ratios:?}");
 }
 
 /// For both methods of turns, also when the clock wraps in flight.

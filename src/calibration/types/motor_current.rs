@@ -85,3 +85,25 @@ impl MotorCurrentInterference {
             .all(|number| number.is_finite())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Five times the highest current of the samples, the mean and two sigmas: 5 (10 A + 2 x 2 A) = 70 A, either way.
+    #[test]
+    fn a_current_beyond_five_times_the_highest_is_implausible() {
+        for mean_current_a in [10.0, -10.0] {
+            let known = MotorCurrentInterference {
+                sigma_ut_per_a: 0.1,
+                mean_current_a,
+                current_sigma_a: 2.0,
+                ..MotorCurrentInterference::NO_INTERFERENCE
+            };
+            for sign in [1.0, -1.0] {
+                assert!(known.is_plausible(sign * 69.9) && !known.is_plausible(sign * 70.1));
+            }
+        }
+        assert!(MotorCurrentInterference::NO_INTERFERENCE.is_plausible(500.0), "there are no currents to compare with");
+    }
+}

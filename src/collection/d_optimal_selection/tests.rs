@@ -155,6 +155,29 @@ fn trial_linearisation(soft_iron: &Matrix3<f32>, sensor_noise_share_of_trial: f3
     }
 }
 
+/// Both residuals are noise of the sensor if they are equal; of norm and inclination residuals of 1 : 2 a quarter of the
+/// inclination's variance is the sensor's. Without residuals there is nothing to attribute.
+#[test]
+fn the_sensor_share_of_noise_is_the_ratio_of_variances() {
+    for (norm_residual, inclination_residual_rad, expected) in
+        [(0.01, 0.02_f32, 0.25), (0.002, 0.02, 0.01), (0.03, 0.02, 1.0), (0.0, 0.0, 1.0)]
+    {
+        let quality = Quality {
+            method: crate::calibration::Method::MaximumLikelihood,
+            envelope: crate::calibration::AttitudeEnvelope::Banked,
+            expected_rms_deg: 1.0,
+            expected_worst_deg: 2.0,
+            norm_residual,
+            inclination_residual_deg: inclination_residual_rad.to_degrees(),
+            samples: 100,
+            latency: None,
+            knows_inclination: true,
+        };
+        let found = Linearisation::from_trial(&Linearisation::NO_COEFFICIENTS.calibration, &quality).sensor_noise_share;
+        assert!((found - expected).abs() < 1e-5, "{norm_residual} {inclination_residual_rad}: {found}");
+    }
+}
+
 /// Noise of 1 % of the field or 0.6 deg of attitude changes the inclination row to second order only, if the
 /// coefficients are known and the noise is attributed to its true source. With sphere coefficients under soft iron,
 /// or the wrong source, it changes to first order.

@@ -36,6 +36,22 @@ impl TestBed {
     }
 }
 
+/// An estimator that jumps by 1100 km is believed once disarmed, as after a transport; while armed or without an armed
+/// state it never is.
+#[test]
+fn a_distant_position_is_accepted_only_while_disarmed() {
+    for (armed, is_accepted) in [(None, false), (Some(true), false), (Some(false), true)] {
+        let mut bench = TestBed::new();
+        bench.compass.step(Event::Armed(armed));
+        bench.set_place(dresden());
+        for _ in 0..100 {
+            bench.set_place(naples());
+        }
+        let expected = EarthField::from_model(if is_accepted { naples() } else { dresden() }, today());
+        assert_eq!(bench.compass.model_field_strength_ut(), expected.map(|field| field.total_ut), "{armed:?}");
+    }
+}
+
 /// Each setting overrides the model, and only settings are saved.
 #[test]
 fn configured_declination_and_inclination_override_the_model() {

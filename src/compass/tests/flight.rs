@@ -97,12 +97,15 @@ fn with_motor_current_two_successive_good_trials_are_required() {
 fn a_collection_continues_until_the_accuracy_is_reached() {
     let mut bench = TestBed::with_accuracy(0.2);
     assert!(bench.prospect().is_none() && !bench.compass.collector.uses_trial_solution(), "not tried");
+    assert_eq!(bench.compass.indicator_state(), IndicatorState::Collecting(0));
     assert!(bench.hover(&hover(2)[..300]).is_none());
     assert!(bench.compass.collector.uses_trial_solution());
     let Some(TrialResult { expected_deg: Some(expected_deg), refusal: None, .. }) = bench.prospect() else {
         panic!("{:?}", bench.prospect())
     };
     assert!((0.2..1.0).contains(&expected_deg), "{expected_deg}");
+    let percent = (100.0 * 0.2 / expected_deg) as u8;
+    assert_eq!(bench.compass.indicator_state(), IndicatorState::Collecting(percent));
     assert_eq!(bench.done(Command::CalSolve(None)), ModuleState::Solving);
     let end = bench.solve();
     let found = bench.settle(end).unwrap().quality.expected_rms_deg;
@@ -247,7 +250,7 @@ fn a_trial_that_takes_too_long_is_ended_without_loss_of_samples() {
     assert!(collect_during_trial(HELD_SAMPLES_CAPACITY + 1).prospect().is_none());
 }
 
-/// Queries do not interrupt a trial, other commands do.
+/// Queries and settings that no solve uses do not interrupt a trial, other commands do.
 #[test]
 fn commands_interrupt_trial_solves() {
     let bench_in_trial = || {
@@ -264,6 +267,8 @@ fn commands_interrupt_trial_solves() {
     let mut bench = bench_in_trial();
     assert_eq!(bench.report().module_state, ModuleState::Collecting);
     assert!(bench.compass.is_busy(), "a look changes nothing");
+    bench.saved(Command::Set(SettingChange::StreamRateHz(5))).unwrap();
+    assert!(bench.compass.is_busy());
     assert_eq!(bench.done(Command::CalStop), ModuleState::Uncalibrated);
     assert!(!bench.compass.is_busy());
     let mut bench = bench_in_trial();

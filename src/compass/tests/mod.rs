@@ -399,6 +399,19 @@ fn an_abort_ends_a_solve_and_discards_the_samples() {
     assert_eq!(bench.refused(Command::CalStop), Refusal::NotCollecting);
 }
 
+/// A wrong mounting: idle before, refused after the solve, until there is a calibration.
+#[test]
+fn the_indicator_shows_a_refused_solve() {
+    let mut bench = TestBed::new();
+    bench.saved(Command::Set(SettingChange::Mount(Orientation::from_name("yaw90").unwrap()))).unwrap();
+    assert_eq!(bench.compass.indicator_state(), IndicatorState::Idle);
+    assert_eq!(bench.calibrate(&turns(&airframe(), 1)).unwrap_err().stable_code(), "mount-contradicted");
+    assert_eq!(bench.compass.indicator_state(), IndicatorState::Refused);
+    bench.saved(Command::Set(SettingChange::Mount(Orientation::IDENTITY_ROTATION))).unwrap();
+    bench.calibrate(&turns(&airframe(), 1)).unwrap();
+    assert_eq!(bench.compass.indicator_state(), IndicatorState::Calibrated);
+}
+
 #[test]
 fn a_stopped_collection_keeps_its_samples() {
     let mut bench = TestBed::new();

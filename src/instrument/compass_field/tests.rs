@@ -419,6 +419,31 @@ fn every_blend_ends() {
     assert!(blend_duration_s(&map, &map, &flat, &active).abs() < 1e-9, "a singular map applies at once");
 }
 
+/// In level flight on any heading the fastest moment of a blend has 1 deg/s, less the sampling margin of 5 %, also in a
+/// field of another strength.
+#[test]
+fn the_fastest_moment_of_a_blend_has_1_deg_s() {
+    for (b_ut, total_ut) in [([2.0, 0.0, 0.0], None), ([-6.0, 9.0, 1.0], None), ([6.0, 3.0, 0.0], Some(40.0))] {
+        let active = ActiveCalibration::new(Correction { total_ut, ..corrected(calibration()) });
+        let [from, to] = [Calibration { b_ut, ..other_calibration() }, calibration()]
+            .map(|calibration| FieldMap::new(&calibration, &active.output_map));
+        let seconds = blend_duration_s(&from, &to, &calibration(), &active);
+        let sensor_field = to.inverse().unwrap();
+        let fastest_rad = (0_u16..360)
+            .flat_map(|heading| {
+                let earth = Field::earth_field(total_ut.unwrap_or(50.0), 1.0, f32::from(heading).to_radians());
+                let field = sensor_field(Attitude::default().to_body_frame(earth));
+                let heading_rad = |step: u16| {
+                    heading_deg(from.interpolate(&to, f32::from(step) / 1000.0).map_field(field)).to_radians()
+                };
+                (0..1000).map(|step| wrap_pi(heading_rad(step + 1) - heading_rad(step)).abs()).collect::<Vec<_>>()
+            })
+            .fold(0.0, f32::max);
+        let fastest_deg_s = fastest_rad.to_degrees() * 1000.0 / seconds;
+        assert!((0.93..=1.0).contains(&fastest_deg_s), "{b_ut:?}: {fastest_deg_s}");
+    }
+}
+
 #[test]
 fn a_blend_with_unknown_inclination_takes_longer() {
     let seconds = |knows_inclination| {

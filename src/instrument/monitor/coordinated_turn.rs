@@ -137,4 +137,21 @@ mod tests {
             .unwrap();
         assert!(next.residual.abs() < 1e-5, "{next:?}");
     }
+
+    /// The window's mean of the gyro's rows; the bank's are those of a level turn.
+    #[test]
+    fn the_jacobian_is_the_mean_over_the_window() {
+        let motion = EulerRates { heading_rad_s: 0.3, ..EulerRates::default() };
+        let reported = Attitude { roll_rad: 0.8, pitch_rad: 0.0 };
+        let mut balance = CoordinatedTurn::EMPTY;
+        let gyro_row: GyroErrors = core::array::from_fn(|i| 0.1 * i as f32 - 0.3);
+        let found = (0..30)
+            .find_map(|_| balance.integrate(reported, &motion, &gyro_row, 0.1, &[0.0; STATE_COUNT]))
+            .unwrap()
+            .jacobian;
+        let mut expected = [0.0; STATE_COUNT];
+        expected[GYRO_ERRORS..].copy_from_slice(&gyro_row);
+        (expected[ROLL_BIAS], expected[BANK_SCALE_ERROR]) = (-0.3, -0.24);
+        assert!(found.iter().zip(expected).all(|(d, expected)| (d - expected).abs() < 1e-5), "{found:?}");
+    }
 }

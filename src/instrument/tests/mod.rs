@@ -626,3 +626,35 @@ fn no_smoothed_heading_without_rates_or_a_raw_heading() {
     assert_eq!((lost.heading, lost.smoothed_heading), (Err(NoHeading::SensorSaturated), None));
     assert_eq!(instrument.on_silence(at(10_200_000)).smoothed_heading, None);
 }
+
+/// The rates that the monitor has used were wrong: its states of them are worthless. A single report is no reason.
+#[test]
+fn ten_reports_with_contradicting_rates_restart_the_monitor() {
+    let initial = *Monitor::new(SensorErrorSigmas::DEFAULT).monitor_output();
+    for (rate_sign, is_contradicting) in [(1.0, false), (-1.0, true)] {
+        let mut instrument = calibrated();
+        for second in 0..10_u8 {
+            turning(&mut instrument, f32::from(second), 1.0, 1.0);
+            while instrument.next_sample().is_some() {
+                instrument.update_monitor();
+            }
+        }
+        assert_ne!(*instrument.monitor.monitor_output(), initial);
+        let mut consecutive = 0;
+        for i in 0..500_u16 {
+            let t_s = f32::from(i) * 0.02;
+            let before = instrument.attitude_history.rejected_reports().contradicting_rates;
+            let report = AttitudeReport {
+                sender: SenderId::default(),
+                sender_time: WrappingMillis::default(),
+                attitude: Attitude::from_deg(5.0 + 10.0 * t_s.sin(), 0.0),
+                rates_rad_s: [rate_sign * 10_f32.to_radians() * t_s.cos(), 0.0, 0.0],
+            };
+            instrument.on_attitude(at(10_000_000 + u64::from(i) * 20_000 + LATENCY_US), report);
+            let is_rejected = instrument.attitude_history.rejected_reports().contradicting_rates != before;
+            consecutive = if is_rejected { consecutive + 1 } else { 0 };
+            assert_eq!(*instrument.monitor.monitor_output() == initial, consecutive >= 10, "{rate_sign} {i}");
+        }
+        assert_eq!(consecutive >= 10, is_contradicting);
+    }
+}

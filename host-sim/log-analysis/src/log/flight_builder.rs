@@ -68,16 +68,18 @@ impl FlightBuilder {
             self.flight.skipped_counts.unhealthy += 1;
             return;
         }
-        let index = self
-            .field_rows
-            .iter()
-            .position(|&(other, autopilot_correction, _)| (other, autopilot_correction) == (number, was))
-            .unwrap_or_else(|| {
-                self.field_rows.push((number, was, Series::new()));
-                self.field_rows.len() - 1
-            });
         let ([x, y, z], [mx, my, mz]) = (field_ut, motor_ut.unwrap_or([f32::NAN; 3]));
-        self.field_rows[index].2.push_row(t_s, [x, y, z, mx, my, mz]);
+        self.compass_rows(number, was).push_row(t_s, [x, y, z, mx, my, mz]);
+    }
+
+    /// Rows of a compass. A compass without any is reported as failed, if others have rows.
+    pub fn compass_rows(&mut self, number: u8, was: FieldProcessing) -> &mut Series<6> {
+        let index = self.field_rows.iter().position(|&(other, others, _)| (other, others) == (number, was));
+        let index = index.unwrap_or_else(|| {
+            self.field_rows.push((number, was, Series::new()));
+            self.field_rows.len() - 1
+        });
+        &mut self.field_rows[index].2
     }
 
     pub fn push_attitude(&mut self, t_s: f64, angles_rad: [f32; 3]) {
@@ -158,6 +160,9 @@ impl FlightBuilder {
         flight.reference_heading.sort_and_dedup();
         flight.usable_rows.sort_and_dedup();
         flight.skipped_counts.repeats += attitude_repeats as u64;
+        if self.field_rows.iter().all(|(_, _, field)| field.rows().is_empty()) {
+            self.field_rows.clear();
+        }
         for (number, was, mut field) in select_densest(std::mem::take(&mut self.field_rows)) {
             flight.skipped_counts.repeats += field.sort_and_dedup() as u64;
             let (correction_in_log, field) = remove_correction(flight, number, was, field);

@@ -61,6 +61,8 @@ pub enum LogWarning {
         /// Start and end of the longest interval, seconds.
         interval_s: [f64; 2],
     },
+    /// No reading of the compass is usable: zero, out of range or marked unhealthy. Its number.
+    FieldMissing(u8),
     /// The field ends before the log.
     FieldEnds {
         /// Number of the compass.
@@ -262,6 +264,9 @@ impl fmt::Display for LogWarning {
                      {to_s:.0} s; these rows are not used, as in the module (sensor-stuck)",
                 )
             }
+            Self::FieldMissing(compass) => {
+                write!(f, "compass {compass}: all its readings are zero, out of range, or marked unhealthy by the autopilot")
+            }
             Self::FieldEnds { compass, at_s, log_s } => {
                 write!(f, "compass {compass}: its field ends at {at_s:.0} s, the log at {log_s:.0} s")
             }
@@ -324,6 +329,9 @@ impl Serialize for LogWarning {
 /// Warning about a sensor that failed: its field ends, or freezes while the aircraft moves.
 pub(super) fn sensor_failure(flight: &Flight, compass: &CompassEvaluation) -> Option<LogWarning> {
     let number = compass.compass_number;
+    if compass.row_counts.readings == 0 {
+        return Some(LogWarning::FieldMissing(number));
+    }
     let duration_s = |frozen: &FrozenInterval| frozen.interval_s[1] - frozen.interval_s[0];
     let longest =
         frozen_intervals(&compass.rows).into_iter().max_by(|one, other| duration_s(one).total_cmp(&duration_s(other)));

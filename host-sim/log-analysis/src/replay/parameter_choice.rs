@@ -3,15 +3,18 @@
 
 use std::fmt;
 
-use autoswing::calibration::Solution;
+use autoswing::calibration::{Orientation, Solution, SolveError};
+use autoswing::frames::Field;
+use autoswing::messages::Refusal;
 use nalgebra::Vector3;
 
 use super::evaluation::{CompassEvaluation, heading_deg};
 use super::parameter_export::{ExportedCorrection, HeldBackScore, ParameterFormat, applied_field, export_correction};
 use super::parameter_fit::{FitVariant, half_at};
+use super::replay_run::solve_rows;
 use super::row_headings::score_rows;
 use super::row_solve::solved_correction;
-use super::{ReferenceHeading, ReplayRow};
+use super::{ReferenceHeading, ReplayOptions, ReplayRow, RowSelection};
 use crate::log::{FieldCorrection, Flight};
 use crate::numbers::{median, square};
 
@@ -49,7 +52,10 @@ pub enum NoParameters {
     /// The log has too few usable rows; their number.
     FewRows(usize),
     /// The rows, or half of them, give no solution.
-    Unsolved,
+    Unsolved {
+        /// Rotation of the sensor against its orientation setting, where the samples show one.
+        mount: Option<Orientation>,
+    },
     /// The flight leaves the parameters too uncertain.
     Unobservable {
         /// Expected error over all headings, degrees RMS.
@@ -130,7 +136,8 @@ pub fn choose_parameters(
         })
     };
     let mut candidates = fit.fit_variants.iter().filter_map(candidate);
-    let mut best = candidates.next().ok_or(NoParameters::Unsolved)?;
+    let mut best =
+        candidates.next().ok_or_else(|| NoParameters::Unsolved { mount: contradicted_mount(evaluation, &rows) })?;
     for other in candidates {
         if is_motor_significant(&other.solution) && other.held_back.rms_deg < best.held_back.rms_deg {
             best = other;
@@ -179,7 +186,21 @@ impl ParameterCandidate {
     }
 }
 
-/// Quantity on which the residuals depend, if this dependence makes up most of the expected error.
+/// Mounting for which the module refused the calibration, if it would accept one with it: noise imitates a mounting, too.
+fn contradicted_mount(evaluation: &CompassEvaluation, rows: &[ReplayRow]) -> Option<Orientation> {
+    let Err(Refusal::Solve(SolveError::MountContradicted { found })) = evaluation.result_for_report().acceptance else {
+        return None;
+    };
+    let body_from_sensor = found.body_from_sensor();
+    let turned: Vec<ReplayRow> = rows
+        .iter()
+        .map(|row| ReplayRow { raw_field: Field::new(body_from_sensor * row.raw_field.ut), ..*row })
+        .collect();
+    let (_, is_accepted) = solve_rows(&turned, &ReplayOptions::with_selection(RowSelection::All));
+    is_accepted.then_some(found)
+}
+
+/// Quantity on which residuals depend that make up most of the expected error.
 fn residual_dependence(solution: &Solution) -> Option<ResidualDependence> {
     let expected_deg = f64::from(solution.quality.expected_rms_deg);
     let is_most = |added_deg: f32| square(added_deg.into()) > 0.5 * square(expected_deg);
@@ -269,7 +290,7 @@ impl NoParameters {
     pub const fn stable_code(&self) -> &'static str {
         match self {
             Self::FewRows(_) => "few-rows",
-            Self::Unsolved => "unsolved",
+            Self::Unsolved { .. } => "unsolved",
             Self::Unobservable { .. } => "unobservable",
             Self::Residuals { .. } => "residuals",
             Self::Unverified => "unverified",
@@ -284,12 +305,24 @@ impl fmt::Display for NoParameters {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::FewRows(rows) => write!(f, "{rows} usable rows are too few for a fit"),
-            Self::Unsolved => f.write_str("no fit of these rows converges"),
+            Self::Unsolved { mount } => {
+                f.write_str("no fit of these rows converges")?;
+                mount.map_or(Ok(()), |mount| {
+                    let name = mount.orientation_name();
+                    write!(
+                        f,
+                        "; the sensor seems to be turned by {name} against its orientation setting, which is to be corrected first"
+                    )
+                })
+            }
             Self::Unobservable { expected_deg, manoeuvre } => {
                 write!(f, "the attitudes flown leave an error of {expected_deg:.1} deg over all headings")?;
                 manoeuvre.as_ref().map_or(Ok(()), |manoeuvre| write!(f, "; missing most: {manoeuvre}"))
             }
             Self::Unverified => f.write_str("the fit fails the module's verification, and no reference confirms it"),
+            Self::NoGain(HeldBackScore { as_logged_rms_deg, is_estimate: true, .. }) => {
+                write!(f, "its field is consistent to {as_logged_rms_deg:.1} deg as logged, and no fit is better")
+            }
             Self::NoGain(HeldBackScore { rms_deg, .. }) => {
                 write!(f, "a fit is no better: {rms_deg:.1} deg RMS on held-back rows")
             }
@@ -307,10 +340,10 @@ impl fmt::Display for NoParameters {
             Self::Residuals { expected_deg, dependence } => {
                 let depends = match dependence {
                     ResidualDependence::Time => {
-                        "the field does not fit early and late in the flight alike, as with iron that moves"
+                        "the field late in the flight does not fit that early in it, as when iron moves"
                     }
                     ResidualDependence::Bank => {
-                        "the field does not fit all banks alike, as with a wrong bank or iron that follows it"
+                        "the field in steep banks does not fit that in shallow ones, as when the logged bank is wrong or iron moves with it"
                     }
                 };
                 write!(f, "{depends}, which leaves an error of {expected_deg:.1} deg over all headings")

@@ -148,7 +148,7 @@ pub fn export_correction(
     let lost_deg = heading_loss_deg_of(own_rows, &rows, &full, &exportable);
     let mut warnings = Vec::new();
     if lost_deg[0] > MIN_REPORTED_LOSS_DEG {
-        warnings.push(format!("what cannot be expressed costs {:.1} deg RMS", lost_deg[0]));
+        warnings.push(format!("what the autopilot cannot express costs {:.1} deg RMS", lost_deg[0]));
     }
     if dialect == ParameterFormat::Inav && calibration.motor_current.is_applied() {
         warnings.push("motor-current interference cannot be expressed".to_owned());
@@ -258,7 +258,7 @@ fn write_comments(text: &mut String, export: &ExportedCorrection) -> std::fmt::R
     if let Some([from_s, to_s]) = export.fitted_range_s {
         write!(text, "; fitted to {from_s:.0} to {to_s:.0} s of the log")?;
     }
-    writeln!(text, "\n# {:.2} deg RMS are lost by what cannot be expressed", export.heading_loss_deg[0])?;
+    writeln!(text, "\n# {:.2} deg RMS are lost, which these parameters cannot express", export.heading_loss_deg[0])?;
     export.warnings.iter().try_for_each(|warning| writeln!(text, "# {warning}"))
 }
 

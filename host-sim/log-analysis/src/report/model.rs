@@ -106,6 +106,8 @@ pub struct CompassReport {
     pub sigma_description: &'static str,
     /// States of the flight in order of time.
     pub samples: Vec<ReportSample>,
+    /// Time of the last change of hard iron or mounting, seconds: means and the deviation card are of later samples.
+    pub changed_s: Option<f64>,
     /// Events on the time axis.
     pub event_marks: Vec<EventMark>,
     /// Correction of the headings before the calibration.
@@ -217,11 +219,18 @@ pub(super) fn means_by_heading(
 }
 
 impl CompassReport {
-    /// Subtracts the mean error of usable moments, separately as logged, with the parameters and of the module; returns
-    /// the means.
+    /// Samples since the last change of hard iron or mounting.
+    pub(super) fn samples_since_change(&self) -> &[ReportSample] {
+        let from_s = self.changed_s.unwrap_or(f64::NEG_INFINITY);
+        self.samples.get(self.samples.partition_point(|sample| sample.time_s < from_s)..).unwrap_or_default()
+    }
+
+    /// Subtracts the mean error of usable samples since the last change, separately as logged, with the parameters and of
+    /// the module; returns the means.
     pub(super) fn subtract_mean_errors(&mut self) -> [Option<f64>; 3] {
+        let since = self.samples_since_change();
         let usable = |quantity: fn(&ReportSample) -> Option<f64>| {
-            mean_angle_deg(self.samples.iter().filter(|moment| moment.is_usable).filter_map(quantity))
+            mean_angle_deg(since.iter().filter(|moment| moment.is_usable).filter_map(quantity))
         };
         let means = [
             usable(|moment| moment.error_before_deg),
@@ -289,6 +298,16 @@ mod tests {
         assert!((after.unwrap().abs() - 180.0).abs() < 1e-9);
         let errors: Vec<f64> = compass_report.samples.iter().map(|moment| moment.error_deg.unwrap()).collect();
         assert!((errors[0] + 1.0).abs() < 1e-9 && (errors[1] - 1.0).abs() < 1e-9, "{errors:?}");
+    }
+
+    #[test]
+    fn the_mean_error_is_that_since_the_last_change() {
+        let samples =
+            [(1.0, 10.0), (2.0, 30.0), (3.0, 32.0)].map(|(at_s, deg)| ReportSample { time_s: at_s, ..at(0.0, deg) });
+        let mut report = CompassReport { samples: samples.to_vec(), changed_s: Some(1.5), ..CompassReport::default() };
+        assert_eq!(report.samples_since_change().len(), 2);
+        assert!((report.subtract_mean_errors()[2].unwrap() - 31.0).abs() < 1e-9);
+        assert!((report.samples[0].error_deg.unwrap() + 21.0).abs() < 1e-9);
     }
 
     #[test]

@@ -134,6 +134,7 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
         facts,
         sigma_description: "the mean sigma that the module sends with its headings",
         samples: report_samples(flight, compass, replay_result, &shown),
+        changed_s: compass.parameter_fit.last_change_s,
         event_marks: event_marks(compass),
         before_name: logged_correction_source(compass).source_name(),
         corrected_by: if exported.is_some() { "with the parameters to load" } else { "by the module" },
@@ -152,18 +153,18 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
     };
     let means = report.subtract_mean_errors();
     report.magnetic_offset_deg = means[1].or(means[2]).unwrap_or(0.0);
-    let means_words: Vec<String> = ["as logged", "with the parameters", "of the module"]
+    let means_words: Vec<String> = ["deg as logged", "deg with the parameters", "deg of the module"]
         .into_iter()
         .zip(means)
         .filter_map(|(name, mean)| Some(format!("{} {name}", format_number(mean?, 2))))
         .collect();
     if !means_words.is_empty() {
-        let words = format!("{} deg, declination included", means_words.join(", "));
+        let words = format!("{}; the declination is part of them", means_words.join(", "));
         report.facts.push(["means subtracted".to_owned(), words]);
     }
     let declination_deg = declination_deg(evaluation);
     let line = |name: &str, mean_deg: Option<f64>, of: fn(&ReportSample) -> Option<f64>| {
-        let errors_deg = means_by_heading(&report.samples, of);
+        let errors_deg = means_by_heading(report.samples_since_change(), of);
         let constant_deg = declination_deg.zip(mean_deg).map_or(0.0, |(declination, mean)| mean + declination);
         errors_deg.iter().any(Option::is_some).then(|| DeviationCurve {
             curve_name: name.to_owned(),
@@ -179,7 +180,7 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
     ];
     (report.curves_before, report.curves_after) = (before.into_iter().collect(), after.into_iter().flatten().collect());
     if solution.is_some() {
-        let sigma = means_by_heading(&report.samples, |sample| sample.sigma_deg);
+        let sigma = means_by_heading(report.samples_since_change(), |sample| sample.sigma_deg);
         report.sigma_deg = sigma.into_iter().map(|sigma| sigma.unwrap_or(f64::NAN)).collect();
     }
     report
@@ -222,7 +223,7 @@ fn event_marks(compass: &CompassEvaluation) -> Vec<EventMark> {
     });
     let changed = compass.hard_iron_changes.iter().map(|HardIronChange { hard_iron_step: step, .. }| EventMark {
         time_s: step.time_s,
-        event_name: format!("iron changed by {} uT, most on {}", format_number(step.size_ut(), 1), step.axis()),
+        event_name: format!("iron changed by {} uT", format_number(step.size_ut(), 1)),
     });
     calibrated.into_iter().chain(changed).collect()
 }
@@ -426,7 +427,7 @@ mod tests {
         // On the log's clock.
         let first_s = FLOWN.1.compasses[0].rows[300].t_s;
         assert!((calibrated.time_s - first_s - 90.0).abs() < 1e-9 && (changed.time_s - first_s - 50.0).abs() < 1e-9);
-        assert_eq!(changed.event_name, "iron changed by 8.1 uT, most on y");
+        assert_eq!(changed.event_name, "iron changed by 8.1 uT");
     }
 
     #[test]

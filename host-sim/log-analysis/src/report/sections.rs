@@ -70,9 +70,10 @@ pub fn comparison_section(report: &Report) -> String {
     format!("<p>{CORRECTIONS_TEXT}</p>\n{}", html_table(&caption, "corrected by", &names, rows))
 }
 
-const CORRECTIONS_TEXT: &str = "Uncorrected: the sensor's field. As logged: with the autopilot's parameters. Sphere, ellipsoid: the usual \
-                           fits. Module: an Autoswing module on this flight, from the samples it would have collected, and from all \
-                           rows. Parameters to load: as the autopilot would apply them, on rows that were held back from their fit.";
+const CORRECTIONS_TEXT: &str = "Uncorrected: the sensor's field. As logged: with the autopilot's parameters. Sphere: a fit of \
+                           offsets alone. Ellipsoid: of offsets and a symmetric matrix, from the field alone. Module: an Autoswing module on this flight, from the samples it would have collected, and from all \
+                           rows. Parameters to load: as the autopilot would apply them, on held-back rows, which are not part of the fit. \
+                           Errors are of the whole flight, those of the parameters to load of the part that they are fitted to.";
 
 /// A chart of `assets/charts.js`: its kind, title and description.
 type Chart = (&'static str, &'static str, String);
@@ -83,6 +84,7 @@ fn charts(compass_report: &CompassReport, word: &str) -> Vec<Chart> {
     let marks = concat_map(&compass_report.event_marks, |mark| {
         format!(" {} s: {}.", format_number(mark.time_s, 0), mark.event_name)
     });
+    let unused = if has(|sample| !sample.is_usable) { " Grey: not used, as on the ground." } else { "" };
     let chart = |is: bool, kind, title, description| is.then_some((kind, title, description));
     [
         chart(
@@ -91,19 +93,19 @@ fn charts(compass_report: &CompassReport, word: &str) -> Vec<Chart> {
             "Field strength and current",
             format!(
                 "Corrected {by}, the strength should be that of the Earth's field at all times: a step is iron that changed, a \
-                 bump motor current or iron nearby.{marks}"
+                 bump motor current or iron nearby.{marks}{unused}"
             ),
         ),
         chart(
             has(|sample| sample.error_deg.is_some() || sample.error_before_deg.is_some()),
             "errors",
-            "Heading over time",
+            "Error over time",
             format!("{}, mean subtracted, with one sigma of the module.{}", capitalised(word), withheld_headings_note(compass_report)),
         ),
         chart(
             !compass_report.curves_before.is_empty(),
             "by_heading",
-            "Heading by heading",
+            "Error by heading",
             format!("{} of each heading, and means. Choose a name in the legend to hide it.", capitalised(word)),
         ),
         chart(
@@ -218,9 +220,12 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
         let caption = format!("Headings {:03} to {:03}", half.start * step, (half.end - 1) * step);
         html_table(&caption, "heading", &columns, half.map(row))
     });
+    let since = compass_report.changed_s.map_or_else(String::new, |at_s| {
+        format!(" Of the flight after {} s, the last change.", format_number(at_s, 0))
+    });
     format!(
         "<div class=\"card\">\n<h3>Deviation card: {}</h3>\n<p>Degrees by heading: indicated less {}. Subtract it from the \
-         indicated heading: with +3.00 at 090, a compass that shows 093 points to 090. {}</p>\n<div class=\"halves\">{}</div>\
+         indicated heading: with +3.00 at 090, a compass that shows 093 points to 090. {}{since}</p>\n<div class=\"halves\">{}</div>\
          </div>\n",
         escape_html(&compass_report.compass_name),
         escape_html(&compared.reference_name),

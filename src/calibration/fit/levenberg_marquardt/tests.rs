@@ -218,6 +218,12 @@ fn a_restart_converges_in_one_round() {
     assert_eq!(late.likelihood.latency_s.to_bits(), 0.05_f32.to_bits());
     assert!((late.unknowns - there.unknowns - Vector13::repeat(1e-4)).norm() < 1e-6);
     assert_eq!((late.noise_estimates, late.steps_since_estimate), (MAX_NOISE_ESTIMATES - 1, 0));
+    // The first noise estimate contained the interference.
+    let mut with_current = settled();
+    with_current.restart_with_motor_current(recorded.turns(), &Vector3::new(0.0, 1e-3, 0.0), &Vector13::repeat(1e-4));
+    assert!((with_current.likelihood.motor_current_per_ampere() - Vector3::new(0.0, 1e-3, 0.0)).norm() < 1e-6);
+    assert!((with_current.unknowns - there.unknowns - Vector13::repeat(1e-4)).norm() < 1e-6);
+    assert_eq!((with_current.noise_estimates, with_current.steps_since_estimate), (MAX_NOISE_ESTIMATES - 2, 0));
 }
 
 #[test]

@@ -7,7 +7,7 @@ use super::*;
 use crate::calibration::closed_form::starting_point;
 use crate::calibration::model::{JacobianRow, Likelihood, ModelConfig, NoiseModel};
 use crate::calibration::tests::derivatives::assert_derivative;
-use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns};
+use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, sample};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::{
     Calibration, CollectionPart, LeastSquares, Method, MotorCurrent, Orientation, Prior, Rates, Sample,
@@ -146,6 +146,85 @@ fn estimate_equals_joint_least_squares() {
     }
 }
 
+/// Hard iron that is there all the time is one of the unknowns: what rounding leaves of its information is below the
+/// floor, and is no change of either sign.
+#[test]
+fn constant_hard_iron_is_no_change() {
+    let case = Case::new(Vector3::zeros(), 0);
+    let mut sums = ScoreTest::zero();
+    for (equation, by_beta, _) in case.equations(TestedCourse::Step(u32::MAX)) {
+        sums.add_weighted_equation(&equation, &by_beta, 1.0);
+    }
+    let system = case.system();
+    let (beta, significance) = estimate_step(&sums, &system, &system.step_to_maximum().unwrap()).unwrap();
+    assert!((0.0..1.0).contains(&significance), "{significance}");
+    assert!(beta.norm() * case.likelihood.unit_ut < 0.1, "{beta}");
+}
+
+/// Each sample twice has no more information: the autocorrelation of the residuals outweighs the number.
+#[test]
+fn repeated_samples_add_no_significance() {
+    let mut case = Case::new(PAYLOAD_CHANGE_UT, 65_000);
+    let significance = |case: &Case| {
+        let calibration = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
+        let (scan, information) = case.scanned();
+        let found = scan.best.unwrap();
+        scan.significance(&found, &case.fit(&calibration), &information.linear_system, &information.residuals).unwrap()
+    };
+    let once = significance(&case);
+    for samples in [&mut case.recorded.left, &mut case.recorded.right] {
+        *samples = samples.iter().flat_map(|sample| [*sample; 2]).collect();
+    }
+    let twice = significance(&case);
+    assert!(twice.into_iter().zip(once).all(|(twice, once)| 0.0 < twice && twice < 1.1 * once), "{twice:?} {once:?}");
+}
+
+/// RMS over the headings of level flight; to 3 %, because the unknowns are those of a noisy flight.
+#[test]
+fn the_size_of_hysteresis_is_the_rms_of_its_response() {
+    let case = Case::new(Vector3::zeros(), 0);
+    let airframe = Airframe::random(&mut Random(77), 0.1, 1.0, 5.0, [50.0, 60.0]);
+    let (scan, parameters) = (case.scanned().0, ModelParameters::new(&case.unknowns));
+    let mut squares = 0.0;
+    for heading in 0_u8..36 {
+        let heading_rad = (10.0 * f32::from(heading)).to_radians();
+        let level = sample(&airframe, crate::frames::Attitude::default(), heading_rad, 0.0, &mut Random(1));
+        let equations = case.likelihood.sample_equations(&level, None, &parameters);
+        squares += scan.hysteresis.field_response(&Vector3::z(), 1.0, &equations).norm_squared();
+    }
+    let (rms, size) = ((squares / 36.0).sqrt(), scan.hysteresis.effect_size(-1.0));
+    assert!((size / rms - 1.0).abs() < 0.03, "{size} {rms}");
+}
+
+/// A sample's pair of residuals is added at once; the sums are those of its equations.
+#[test]
+fn the_sums_of_hysteresis_are_those_of_each_equation() {
+    let case = Case::new(Vector3::zeros(), 0);
+    let (scan, _) = case.scanned();
+    let parameters = ModelParameters::new(&case.unknowns);
+    let (mut expected, mut last_turn) = (ScoreTest::<1>::zero(), LastTurn::default());
+    for (_, sample) in TimeOrdered::new(case.recorded.turns()) {
+        let equations = case.likelihood.sample_equations(sample, None, &parameters);
+        let lagging = scan.hysteresis.field_response(
+            &sample.attitude.tilt_rotation().down_in_body(),
+            last_turn.next_direction(sample),
+            &equations,
+        );
+        for equation in hard_iron_residuals(&equations) {
+            expected.add_weighted_equation(
+                equation,
+                &SVector::<f32, 1>::new(lagging.dot(&equation.jacobian_row.derivative_by_field)),
+                1.0,
+            );
+        }
+    }
+    let found = as_three_unknowns(&scan.with_hysteresis);
+    assert!((found.information[(0, 0)] / expected.information.x - 1.0).abs() < 1e-3);
+    assert!((found.gradient.x - expected.gradient.x).abs() < 1e-3 * expected.information.x.sqrt());
+    let [found, expected] = [found.cross_information[0], expected.cross_information[0]];
+    assert!((found - expected).norm() < 1e-3 * expected.norm(), "{found} {expected}");
+}
+
 #[test]
 fn the_scan_finds_time_and_size() {
     let (mut scan, information) = Case::new(PAYLOAD_CHANGE_UT, 65_000).scanned();
@@ -261,6 +340,12 @@ fn fraction_of_the_change_at_a_time() {
     for (ms, step, drift) in [(0, 1.0, 1.0), (1_000, 1.0, 0.75), (1_001, 0.0, 0.749_75), (4_000, 0.0, 0.0)] {
         assert!((span.fraction_at(TestedCourse::Step(1_000), &at(ms)) - step).abs() < 1e-6, "{ms}");
         assert!((span.fraction_at(TestedCourse::Drift, &at(ms)) - drift).abs() < 1e-6, "{ms}");
+    }
+    // All of it in a turn at 25 deg of bank, half of it at half its additional load, and no more than all.
+    for (load, fraction) in [(1.0, 0.0), (1.0517, 0.5), (1.1034, 1.0), (1.5, 1.0)] {
+        let roll_rad = f32::acos(1.0 / load);
+        let turning = Sample { attitude: crate::frames::Attitude { roll_rad, pitch_rad: 0.0 }, ..STILL };
+        assert!((span.fraction_at(TestedCourse::Load, &turning) - fraction).abs() < 1e-3, "{load}");
     }
     assert_eq!((whole_seconds(999), whole_seconds(31_999), whole_seconds(u32::MAX)), (0, 31, 65_535));
 }

@@ -210,6 +210,22 @@ fn a_retained_result_is_restored_with_its_corrections() {
     assert_eq!((solver.latency_updates, solver.motor_current_updates), (1, 1), "each was tried once at least");
 }
 
+/// A latency that changes with each estimate is used twice, and then not again.
+#[test]
+fn the_latency_is_updated_at_most_twice() {
+    let (_, recorded) = flown();
+    let mut solver = Solver::new(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
+    let mut used_s = Vec::new();
+    while used_s.len() < 5 {
+        let latency = AttitudeLatency { estimate_s: 0.1 + 0.05 * used_s.len() as f32, sigma_s: 0.01 };
+        if !solver.restart_with_latency(recorded.turns(), Some(&(latency, Vector13::zeros()))) {
+            break;
+        }
+        used_s.push(solver.refinement.likelihood.latency_s);
+    }
+    assert!(used_s.len() == 2 && (used_s[1] - 0.15).abs() < 1e-6, "{used_s:?}");
+}
+
 #[test]
 fn the_current_s_spread_is_in_microtesla() {
     let (_, recorded) = flown();

@@ -29,7 +29,7 @@ impl fmt::Display for CsvError {
             Self::NoRate(name) => write!(f, "no column {name}; p_dps, q_dps and r_dps belong together"),
             Self::NoRows(None) => f.write_str("there are no rows"),
             Self::NoRows(Some((line, column, found))) => {
-                write!(f, "there are no rows; line {line}, {column}: {found:?} is not a number")
+                write!(f, "there are no rows; line {line}, {column}: {found:?} cannot be read")
             }
         }
     }

@@ -149,7 +149,13 @@ mod tests {
 
     #[test]
     fn a_malformed_line_costs_only_that_line() {
-        for bad in ["0.2,9,10", "0.2,9,x,-200,400,10,-2,1\n", "0.2,9,100,,400,10,-2,1\n", "0.2,9,100,inf,400,10,-2,1"] {
+        for bad in [
+            "0.2,9,10",
+            "0.2,9,1,5,-200,400,10,-2,1",
+            "0.2,9,x,-200,400,10,-2,1\n",
+            "0.2,9,100,,400,10,-2,1\n",
+            "0.2,9,100,inf,400,10,-2,1",
+        ] {
             let flight = read_text(&format!("{GOOD}{bad}")).unwrap();
             assert_eq!((flight.compasses[0].field.rows().len(), flight.skipped_counts.garbage), (2, 1), "{bad}");
         }
@@ -171,6 +177,11 @@ mod tests {
         assert_eq!(error("t_s,mx,my,mz,roll_deg,pitch_deg\n"), CsvError::NoRows(None));
         let bad = CsvError::NoRows(Some((2, "my".to_owned(), "nan".to_owned())));
         assert_eq!(error("t_s,mx,my,mz,roll_deg,pitch_deg\n1,1,nan,3,4,5\n"), bad);
+        let decimal_commas = error("t_s,mx,my,mz,roll_deg,pitch_deg\n0,1,1,5,2,3,4,0\n").to_string();
+        assert!(
+            decimal_commas.contains("line 2, beyond the last column (decimal commas need semicolons"),
+            "{decimal_commas}"
+        );
         for (columns, missing) in
             [("q_dps,r_dps", "p_dps"), ("p_dps,r_dps", "q_dps"), ("q_dps,p_dps", "r_dps"), ("r_dps", "p_dps")]
         {

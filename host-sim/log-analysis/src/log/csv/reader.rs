@@ -62,6 +62,7 @@ impl TableReader {
 
     fn read_line(&mut self, table: &TableLayout, unit: FieldUnit, line: &str) -> Result<(), InvalidCell> {
         let values = table.line_values(line);
+        table.reject_extra_cells(&values)?;
         let t_s = values.required_number(table.time_column, "t_s")?;
         let [roll_deg, pitch_deg] = [
             values.required_number(table.attitude_columns[0], "roll_deg")?,

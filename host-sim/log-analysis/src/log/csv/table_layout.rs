@@ -6,6 +6,8 @@ use super::table_cells::{separator, trimmed_cell};
 
 pub(super) struct TableLayout {
     separator: char,
+    /// Number of columns that the header names.
+    columns: usize,
     pub time_column: usize,
     pub field_columns: Vec<(u8, [usize; 3])>,
     pub attitude_columns: [usize; 2],
@@ -65,6 +67,7 @@ impl TableLayout {
         let place = find("lat_deg").zip(find("lon_deg")).map(|(latitude, longitude)| [latitude, longitude]);
         Ok(Self {
             separator,
+            columns: names.len(),
             time_column: need("t_s")?,
             field_columns: fields,
             attitude_columns: [need("roll_deg")?, need("pitch_deg")?],
@@ -78,6 +81,13 @@ impl TableLayout {
             over_ground: ["speed_m_s", "course_deg"].map(find),
             armed_column: find("armed"),
         })
+    }
+
+    /// Rejects cells beyond the last column, which decimal commas make of a table that commas separate.
+    pub fn reject_extra_cells(&self, values: &LineValues<'_>) -> Result<(), InvalidCell> {
+        let extra = values.values.iter().skip(self.columns).find(|cell| !cell.is_empty());
+        let where_found = "beyond the last column (decimal commas need semicolons between columns)";
+        extra.map_or(Ok(()), |cell| Err((where_found.to_owned(), cell.chars().take(40).collect())))
     }
 
     pub fn line_values<'a>(&self, line: &'a str) -> LineValues<'a> {

@@ -1,7 +1,7 @@
 //! Messages of a flight, by name, whatever their encoding.
 
 use crate::log::flight::{Autopilot, Gps, LogFormat};
-use crate::log::flight_builder::{FieldProcessing, FlightBuilder};
+use crate::log::flight_builder::{FieldProcessing, FlightBuilder, MAX_COMPASSES};
 
 /// A message with named columns, scaled to degrees and m/s by their format letters.
 pub(super) trait LogMessage {
@@ -153,6 +153,10 @@ fn numeric_fields<const N: usize>(message: &dyn LogMessage, names: [&str; N]) ->
 /// Adds a field row in milligauss.
 fn record_field(recorder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage, number: u8) {
     let Some(field) = numeric_fields(message, ["MagX", "MagY", "MagZ"]) else { return };
+    // ArduPilot logs existing compasses only.
+    if (1..=MAX_COMPASSES).contains(&number) {
+        recorder.compass_rows(number, FieldProcessing::ArduPilot);
+    }
     if message.numeric_field("Health") == Some(0.0) {
         recorder.flight.skipped_counts.unhealthy += 1;
         return;

@@ -83,7 +83,7 @@ pub struct RowCounts {
     pub disarmed: usize,
     /// Number of rows before the first and after the last movement, where foreign iron may be near.
     pub on_the_ground: usize,
-    /// Number of rows that the log marks as unusable.
+    /// Rows excluded by the log, or outside the chosen time.
     pub kept_out: usize,
     /// Number of rows with a frozen field while the aircraft moved.
     pub stuck: usize,
@@ -97,7 +97,7 @@ impl RowCounts {
             (self.without_attitude, "without an attitude near it"),
             (self.unsettled, "while the attitude contradicts the body rates"),
             (self.stuck, "with a frozen field"),
-            (self.kept_out, "excluded by the log"),
+            (self.kept_out, "excluded by the log or outside the chosen time"),
         ]
     }
 

@@ -53,7 +53,8 @@ fn an_inexpressible_correction_is_reported_from_0_3_deg_on() {
         calibration.w = std::array::from_fn(|i| std::array::from_fn(|j| w[(i, j)] as f32));
         calibration.b_ut = square.hard_iron_ut.map(|axis| axis as f32).into();
         let export = export_module(&compass, ParameterFormat::ArduPilot);
-        let warns_of_loss = export.warnings.iter().any(|warning| warning.contains("cannot be expressed costs"));
+        let warns_of_loss =
+            export.warnings.iter().any(|warning| warning.contains("the autopilot cannot express costs"));
         assert_eq!(warns_of_loss, export.heading_loss_deg[0] > 0.3, "{quarters}: {:?}", export.heading_loss_deg);
         little += usize::from((0.2..0.3).contains(&export.heading_loss_deg[0]));
         much += usize::from((0.3..0.4).contains(&export.heading_loss_deg[0]));

@@ -26,8 +26,8 @@ fn a_verdict_reports_the_worst_compass_s_time_and_accuracy() {
     assert!(at(Some(40.0)).ends_with("each of 2 compasses by itself at 40 s of the log, expecting 0.9 deg"));
     // Times less than 1.5 s apart are reported as one.
     assert!(at(Some(41.4)).contains("by itself at 40 s of"), "{}", at(Some(41.4)));
-    assert!(at(Some(41.6)).contains("by themselves at 40 to 42 s of"), "{}", at(Some(41.6)));
-    assert!(at(Some(12.0)).contains("by themselves at 12 to 40 s of"), "{}", at(Some(12.0)));
+    assert!(at(Some(41.6)).contains("by itself at 40 to 42 s of"), "{}", at(Some(41.6)));
+    assert!(at(Some(12.0)).contains("by itself at 12 to 40 s of"), "{}", at(Some(12.0)));
     assert!(at(None).contains("by a command at the end of the flight, expecting 0.9 deg"), "{}", at(None));
     let refused =
         of_two(|second| (second.module_result.acceptance, second.module_result.collection_end_s) = (REFUSED, None));

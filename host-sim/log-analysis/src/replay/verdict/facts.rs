@@ -38,7 +38,7 @@ impl Verdict<'_> {
                     add("parameters", format!("fitted to {from_s:.0} to {to_s:.0} s of the log"));
                 }
                 let lost = format_number(exported.heading_loss_deg[0], 2);
-                add("as parameters", format!("{lost} deg RMS lost"));
+                add("lost with them", format!("{lost} deg RMS that the autopilot's parameters cannot express"));
                 exported.warnings.iter().for_each(|warning| add("parameters", warning.clone()));
             }
             // Parameters that the judgement does not recommend, as those of a failed sensor, are not shown.
@@ -68,7 +68,9 @@ impl Verdict<'_> {
         );
         let age = format_number(compass.latency.used_s * 1e3, 0);
         let hz = format_number(1.0 / compass.reading_interval_s, 1);
-        add("field", format!("{hz} times a second, {age} ms old at its time stamp ({source})"));
+        if compass.row_counts.readings > 0 {
+            add("field", format!("{hz} times a second, {age} ms old at its time stamp ({source})"));
+        }
         if let (Some((earth, is_valid)), Some(radius_ut)) = (&self.evaluation.earth_field, compass.radius_ut) {
             let year = if *is_valid { "" } else { ", of another year" };
             let model = format_number(f64::from(earth.total_ut), 1);
@@ -105,14 +107,23 @@ fn add_solution_facts(solution: &Solution, add: &mut dyn FnMut(&str, String)) {
     }
     // No cause is named: latency, an attitude that lags in turns, and interference cause both kinds of residuals.
     if let Some(finding) = &solution.hard_iron_change {
-        add("allowed for", format!("{} deg: residuals that change in time", deg(finding.added_error_deg)));
+        add(
+            "residuals",
+            format!("{} deg of the expected error, since they change in time", deg(finding.added_error_deg)),
+        );
     }
     if let Some(finding) = &solution.bank_scale_error {
-        add("allowed for", format!("{} deg: residuals that depend on the bank", deg(finding.added_error_deg)));
+        add(
+            "residuals",
+            format!("{} deg of the expected error, since they depend on the bank", deg(finding.added_error_deg)),
+        );
     }
     if let Some(advice) = &solution.advice {
         let [now, then] = [advice.expected_deg, advice.expected_after_deg].map(deg);
-        add("weakest", format!("{} ({} deg)", advice.weakest_deviation.measure_name(), deg(advice.weakest_deg)));
-        add("best next", format!("{} ({now} to {then} deg)", advice.manoeuvre));
+        add(
+            "least certain",
+            format!("{} deviation ({} deg)", advice.weakest_deviation.measure_name(), deg(advice.weakest_deg)),
+        );
+        add("would help most", format!("{} ({now} to {then} deg)", advice.manoeuvre));
     }
 }

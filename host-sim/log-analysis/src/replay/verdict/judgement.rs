@@ -121,7 +121,10 @@ impl CompassJudgement {
         let action = if failure.is_some() {
             CompassAction::Replace
         } else {
-            parameters.as_ref().map_or_else(|why| action_without_parameters(state, why), |_| CompassAction::Load)
+            let covers_headings = as_logged_rms_deg.is_some() || accurate_reference(evaluation).is_none();
+            parameters
+                .as_ref()
+                .map_or_else(|why| action_without_parameters(state, why, covers_headings), |_| CompassAction::Load)
         };
         let changed = change.map(|change| JudgementReason::IronChanged {
             at_s: change.hard_iron_step.time_s,
@@ -133,14 +136,16 @@ impl CompassJudgement {
         } else {
             JudgementReason::NoReference
         };
-        let error = as_logged_rms_deg.map_or(unknown, JudgementReason::ErrorAsLogged);
+        // A failure is reason enough.
+        let error =
+            as_logged_rms_deg.map(JudgementReason::ErrorAsLogged).or_else(|| failure.is_none().then_some(unknown));
         let given = match parameters {
-            Ok(_) if failure.is_some() => None,
+            _ if failure.is_some() => None,
             Ok(export) => export.held_back_score.map(JudgementReason::Parameters),
             Err(why) => Some(JudgementReason::NoParameters(why.clone())),
         };
         let reasons =
-            failure.map(JudgementReason::SensorFailed).into_iter().chain(changed).chain([error]).chain(given).collect();
+            failure.map(JudgementReason::SensorFailed).into_iter().chain(changed).chain(error).chain(given).collect();
         Self { compass_state: state, recommended_action: action, reasons, as_logged_rms_deg }
     }
 
@@ -151,10 +156,13 @@ impl CompassJudgement {
     }
 }
 
-fn action_without_parameters(state: CompassState, why: &NoParameters) -> CompassAction {
+/// `covers_headings` is false if the flight has too few headings to judge the compass.
+fn action_without_parameters(state: CompassState, why: &NoParameters, covers_headings: bool) -> CompassAction {
     match why {
         NoParameters::OffsetsTooLarge { .. } => CompassAction::Replace,
-        // Another flight does not help: the parameters of the autopilot cannot express the matrix.
+        // On few headings neither the compass nor a fit is judged.
+        _ if !covers_headings => CompassAction::FlyAgain,
+        // Flying again does not make the matrix express more.
         NoParameters::Inaccurate { held_back, lost_deg } if is_mostly_lost(held_back.rms_deg, *lost_deg) => {
             CompassAction::Replace
         }
@@ -164,7 +172,7 @@ fn action_without_parameters(state: CompassState, why: &NoParameters) -> Compass
             CompassAction::Replace
         }
         _ if state == CompassState::Good => CompassAction::Leave,
-        NoParameters::NoGain(_) => CompassAction::Leave,
+        NoParameters::NoGain(_) if state == CompassState::Doubtful => CompassAction::Leave,
         _ => CompassAction::FlyAgain,
     }
 }
@@ -246,5 +254,30 @@ impl fmt::Display for CompassJudgement {
             CompassAction::FlyAgain => ": fly again",
             CompassAction::Replace => ": replace or move it",
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A field that no fit corrects is a reason to replace a compass only if the flight covers headings.
+    #[test]
+    fn on_few_headings_no_compass_is_replaced_or_left() {
+        let held_back = |rms_deg| HeldBackScore {
+            rms_deg,
+            as_logged_rms_deg: 20.0,
+            is_estimate: false,
+            field_scatter_deg: rms_deg,
+        };
+        let action = |rms_deg, covers_headings| {
+            action_without_parameters(
+                CompassState::Doubtful,
+                &NoParameters::NoGain(held_back(rms_deg)),
+                covers_headings,
+            )
+        };
+        assert_eq!((action(26.0, true), action(26.0, false)), (CompassAction::Replace, CompassAction::FlyAgain));
+        assert_eq!((action(1.0, true), action(1.0, false)), (CompassAction::Leave, CompassAction::FlyAgain));
     }
 }

@@ -164,7 +164,7 @@ impl fmt::Display for FlightOutcome {
                 }
                 match at_s {
                     Some([first, last]) if last - first < 1.5 => write!(f, " by itself at {first:.0} s of the log"),
-                    Some([first, last]) => write!(f, " by themselves at {first:.0} to {last:.0} s of the log"),
+                    Some([first, last]) => write!(f, " by itself at {first:.0} to {last:.0} s of the log"),
                     None => f.write_str(" by a command at the end of the flight"),
                 }?;
                 write!(f, ", expecting {expected_deg:.1} deg{}", slow_after("but "))

@@ -5,8 +5,8 @@
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const FONT = "12px system-ui, sans-serif";
   const AXES = ["x", "y", "z"];
-  // A third of a page of A4, CSS pixels.
-  const PAPER = [222, 170];
+  // Size of a chart on paper, CSS pixels: the style shrinks it to a third of a page of A4.
+  const PAPER = [360, 210];
   const shown = [];
 
   // Numbers of the samples; columns without any are undefined.
@@ -88,7 +88,7 @@
           u.ctx.moveTo(x, top);
           u.ctx.lineTo(x, top + height);
           u.ctx.stroke();
-          const isRight = x > left + width / 2;
+          const isRight = x + u.ctx.measureText(name).width > left + width;
           u.ctx.textAlign = isRight ? "right" : "left";
           u.ctx.fillText(name, x + (isRight ? -4 : 4) * devicePixelRatio, top + (13 + 14 * (i % 3)) * devicePixelRatio);
         });
@@ -97,7 +97,7 @@
     },
   });
 
-  const overTime = { axes: [axis("time of the log, s", { size: 34 })], isTime: true };
+  const overTime = { axes: [axis("time of the log, s", { size: 34 })], at: "s", isTime: true };
 
   const CHARTS = {
     strength(data) {
@@ -144,7 +144,7 @@
       const [x, ...columns] = uPlot.join(tables);
       return {
         x, series: series.map((item, i) => [item, columns[i]]),
-        scales: { x: { time: false, range: [0, 360] } },
+        at: "heading", scales: { x: { time: false, range: [0, 360] } },
         axes: [axis("heading, deg", { size: 34, splits: () => [0, 60, 120, 180, 240, 300, 360] }), axis(`${data.error}, deg`)],
       };
     },
@@ -166,7 +166,7 @@
           series.push([points(`${axisName} ${label}`, tones[k], { show: isShown }), differences]);
         });
       }
-      return { x: order.map((i) => data.current[i]), series, axes: [axis("current, A", { size: 34 }), axis("difference, uT")] };
+      return { at: "A", x: order.map((i) => data.current[i]), series, axes: [axis("current, A", { size: 34 }), axis("difference, uT")] };
     },
   };
 
@@ -267,7 +267,7 @@
       view.tilt += tilt;
       redraw();
     });
-    return { redraw, resize: (to) => ((width = to), redraw()) };
+    return { redraw, resize: (to, high = to) => ((width = Math.min(to, 1.2 * high)), redraw()) };
   }
 
   const height = (width) => Math.round(Math.min(300, Math.max(190, 0.55 * width)));
@@ -276,7 +276,7 @@
     const width = holder.clientWidth;
     const plot = new uPlot({
       width, height: height(width),
-      series: [{ label: chart.isTime ? "s" : "at", value: fixed(1) }, ...chart.series.map(([series]) => series)],
+      series: [{ label: chart.at, value: fixed(1) }, ...chart.series.map(([series]) => series)],
       axes: chart.axes,
       bands: chart.bands,
       legend: { markers: { dash: (u, i) => (u.series[i].dash ? "dashed" : "solid") } },
@@ -340,12 +340,19 @@
   const each = (act) => shown.filter(({ holder }) => holder.isConnected).forEach(act);
   addEventListener("resize", () => each(({ holder, resize }) => holder.clientWidth > 0 && resize(holder.clientWidth)));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => each(({ redraw }) => redraw()));
+  // Folded parts are unfolded on paper, and folded again after it.
+  let folded = [];
   addEventListener("beforeprint", () => {
+    folded = [...document.querySelectorAll("details:not([open], .terminal)")];
+    for (const part of folded) part.open = true;
+    document.querySelectorAll(".charts").forEach(draw);
     document.documentElement.classList.add("printing");
     each(({ resize }) => resize(...PAPER));
   });
   addEventListener("afterprint", () => {
     document.documentElement.classList.remove("printing");
+    for (const part of folded) part.open = false;
+    folded = [];
     each(({ holder, resize }) => holder.clientWidth > 0 && resize(holder.clientWidth));
   });
 })();

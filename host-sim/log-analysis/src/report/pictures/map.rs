@@ -82,7 +82,7 @@ fn track_classes(knows_fitted: bool) -> [TrackClass; 2] {
     if knows_fitted {
         [
             kind("not used", "l l0 thin faint", |moment| !moment.is_usable),
-            kind("flown, counts", "trace", |moment| moment.is_usable),
+            kind("used", "trace", |moment| moment.is_usable),
         ]
     } else {
         [
