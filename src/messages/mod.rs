@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `message.rs` | [`Message`] and its severity |
 //! | `refusal.rs` | [`Refusal`]: why a command or a solve was refused |
-//! | `list.rs` | the list: stable code, what happened and what to do, an entry for each message and each refusal |
+//! | `message_list.rs` | the list: stable code, what happened and what to do, an entry for each message and each refusal |
 //! | `accuracy.rs` | [`ExpectedAccuracy`] of a calibration, as text |
 //!
 //! The console writes a message after `note `, MAVLink sends it as a STATUSTEXT of its severity. The errors of the

@@ -8,7 +8,7 @@ use crate::health::SampleLoss;
 use crate::settings::OutOfRange;
 use crate::store::StoreError;
 
-/// Reason for a rejected command or a failed solve. Codes and texts are in `list.rs`.
+/// Reason for a rejected command or a failed solve. Codes and texts are in `message_list.rs`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Refusal {
     /// The command is not allowed while armed.

@@ -14,8 +14,8 @@
 //! | `fault_interfaces.rs` | how faults change field and attitude |
 //! | `msp_autopilot/` | autopilot that uses the module as MSP compass |
 //! | `mavlink_autopilot/` | autopilot that answers MAVLink requests |
-//! | `place.rs` | place and date of the flight |
-//! | `far_end.rs` | selection of the device at a port |
+//! | `flight_place.rs` | place and date of the flight |
+//! | `cable_far_end.rs` | selection of the device at a port |
 //! | `gauss_markov.rs` | coloured noise |
 
 pub mod aircraft;
