@@ -3,7 +3,7 @@
 use simulator::mission::TurnPlan;
 use simulator::module::{Module as _, ModuleRunEnd};
 use simulator::rig::Rig;
-use simulator::routine::Routine;
+use simulator::routine::CalibrationRoutine;
 use simulator::transcript::{self, SolveNotice};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::{VehicleConfig, VehicleKind};
@@ -25,7 +25,9 @@ fn lit_percent(rig: &mut Rig) -> u32 {
 /// Flies a routine, armed; returns the module's unsolicited result and the lamp's duty cycle during collection.
 fn fly(rig: &mut Rig, kind: VehicleKind) -> (Option<SolveNotice>, u32) {
     rig.world.set_armed(true);
-    let legs = Routine::for_vehicle(kind, TurnPlan::default(), rig.world.world_config().aircraft.heading_deg).legs();
+    let legs =
+        CalibrationRoutine::for_vehicle(kind, TurnPlan::default(), rig.world.world_config().aircraft.heading_deg)
+            .legs();
     for leg in legs {
         rig.world.fly_leg(leg);
     }
@@ -79,7 +81,7 @@ fn auto_off_leaves_the_start_to_the_pilot() {
 #[test]
 fn motion_while_disarmed_collects_nothing() {
     let mut rig = Rig::new(world(VehicleKind::Copter));
-    let legs = Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0).legs();
+    let legs = CalibrationRoutine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0).legs();
     for leg in legs {
         rig.world.fly_leg(leg);
     }

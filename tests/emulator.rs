@@ -10,7 +10,7 @@ use log_analysis::score::wrap_180;
 use simulator::mission::{TurnPlan, fly_with};
 use simulator::module::{Module as _, ModuleRunEnd};
 use simulator::nmea::SentenceReader;
-use simulator::routine::Routine;
+use simulator::routine::CalibrationRoutine;
 use simulator::transcript;
 
 use simulator::world::aircraft::{VehicleConfig, VehicleKind};
@@ -396,7 +396,7 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     assert_eq!(emulator.run_for_s(8.0), ModuleRunEnd::Time);
     emulator.world().set_armed(true);
     let heading_deg = emulator.world().world_config().aircraft.heading_deg;
-    let routine = Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), heading_deg).legs();
+    let routine = CalibrationRoutine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), heading_deg).legs();
     // Twice: an automatic collection goes on until 0.5 deg are expected, which one routine may miss by a little.
     for leg in routine.iter().chain(&routine) {
         emulator.world().fly_leg(*leg);

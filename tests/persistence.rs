@@ -11,7 +11,7 @@ use simulator::devices::nor_flash::CutOutcome;
 use simulator::mission::TurnPlan;
 use simulator::module::{Module as _, ModuleRunEnd};
 use simulator::rig::Rig;
-use simulator::routine::Routine;
+use simulator::routine::CalibrationRoutine;
 use simulator::transcript;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::{PrescribedMotion, VehicleKind};
@@ -362,9 +362,12 @@ fn start_flight() -> Rig {
 
 fn take_off(rig: &mut Rig) {
     rig.world.set_armed(true);
-    for leg in
-        Routine::for_vehicle(VehicleKind::Plane, TurnPlan::default(), rig.world.world_config().aircraft.heading_deg)
-            .legs()
+    for leg in CalibrationRoutine::for_vehicle(
+        VehicleKind::Plane,
+        TurnPlan::default(),
+        rig.world.world_config().aircraft.heading_deg,
+    )
+    .legs()
     {
         rig.world.fly_leg(leg);
     }

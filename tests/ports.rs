@@ -12,7 +12,7 @@ use simulator::mission::TurnPlan;
 use simulator::module::{Module as _, ModuleRunEnd};
 use simulator::nmea::{HeadingSentence, SentenceReader};
 use simulator::rig::Rig;
-use simulator::routine::Routine;
+use simulator::routine::CalibrationRoutine;
 use simulator::transcript;
 use simulator::world::aircraft::{PrescribedMotion, VehicleConfig, VehicleKind};
 use simulator::world::autopilot::Leg;
@@ -60,7 +60,9 @@ fn run(rig: &mut Rig, seconds: f64) {
 
 fn fly_routine(rig: &mut Rig, kind: VehicleKind) {
     rig.world.set_armed(true);
-    for leg in Routine::for_vehicle(kind, TurnPlan::default(), rig.world.world_config().aircraft.heading_deg).legs() {
+    for leg in
+        CalibrationRoutine::for_vehicle(kind, TurnPlan::default(), rig.world.world_config().aircraft.heading_deg).legs()
+    {
         rig.world.fly_leg(leg);
     }
     run(rig, 240.0);

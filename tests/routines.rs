@@ -13,7 +13,7 @@ use autoswing::time::{Timestamp, WrappingMillis};
 use host_sim::studies::accuracy::random_flight::{RandomFlight, RandomRanges};
 use log_analysis::score::{ErrorStatistics, wrap_180};
 use simulator::random::{RandomStream, StreamPurpose};
-use simulator::routine::{Routine, TurnPlan};
+use simulator::routine::{CalibrationRoutine, TurnPlan};
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::airframe::Airframe;
 use simulator::world::attitude_source;
@@ -95,8 +95,8 @@ fn rms_deg(calibration: &Calibration, config: &WorldConfig) -> f64 {
     ErrorStatistics::from_errors_deg(&errors).rms_deg
 }
 
-fn routine(kind: VehicleKind) -> Routine {
-    Routine::for_vehicle(kind, TurnPlan { circles_per_side: 3.0, ..TurnPlan::default() }, 0.0)
+fn routine(kind: VehicleKind) -> CalibrationRoutine {
+    CalibrationRoutine::for_vehicle(kind, TurnPlan { circles_per_side: 3.0, ..TurnPlan::default() }, 0.0)
 }
 
 /// Median and 90th percentile of the RMS heading error of 40 airframes; infinite without a solution.

@@ -8,7 +8,7 @@ use simulator::faults::Faults;
 use simulator::mission::TurnPlan;
 use simulator::module::Module as _;
 use simulator::rig::Rig;
-use simulator::routine::Routine;
+use simulator::routine::CalibrationRoutine;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::cable_far_end::{AttachedDevice, FarEnd};
@@ -38,7 +38,9 @@ fn print_flight(kind: VehicleKind, port_devices: [FarEnd; 2], setting: &str) {
     let _ = rig.send_console_line(setting);
     let _ = rig.run_for_s(12.0);
     rig.world.set_armed(true);
-    for leg in Routine::for_vehicle(kind, TurnPlan::default(), rig.world.world_config().aircraft.heading_deg).legs() {
+    for leg in
+        CalibrationRoutine::for_vehicle(kind, TurnPlan::default(), rig.world.world_config().aircraft.heading_deg).legs()
+    {
         rig.world.fly_leg(leg);
     }
     let end_us = rig.now_us() + (FLIGHT_S * 1e6) as u64;

@@ -10,7 +10,7 @@ use crate::heading_errors::HeadingErrors;
 use crate::module::{Module, ModuleRunEnd};
 use crate::nmea::SentenceReader;
 use crate::rig::Rig;
-use crate::routine::Routine;
+use crate::routine::CalibrationRoutine;
 pub use crate::routine::TurnPlan;
 use log_analysis::score::{ErrorStatistics, within_percent, wrap_180};
 
@@ -141,7 +141,7 @@ pub fn fly_with(module: &mut impl Module, plan: TurnPlan, watch: &mut dyn FnMut(
     let mut mission = Mission { module, session: String::new(), glimpses: Vec::new(), watch };
     let before =
         HeadingErrors::evaluate_calibration(&Calibration::uncalibrated(Orientation::IDENTITY_ROTATION), &world);
-    let routine = Routine::for_vehicle(world.aircraft.kind, plan, world.aircraft.heading_deg);
+    let routine = CalibrationRoutine::for_vehicle(world.aircraft.kind, plan, world.aircraft.heading_deg);
     let result = mission.calibrate(&routine);
     let solved_s = mission.module.now_us() as f64 / 1e6;
     let (streamed, headings) = result.as_ref().map_or((None, Vec::new()), |_| {
@@ -181,7 +181,7 @@ const RESTART_DURATION_S: f64 = 0.5;
 const SOLVE_TIMEOUT_S: f64 = 10.0;
 
 impl<M: Module> Mission<'_, M> {
-    fn calibrate(&mut self, routine: &Routine) -> Result<ShownCalibration, SolveNotice> {
+    fn calibrate(&mut self, routine: &CalibrationRoutine) -> Result<ShownCalibration, SolveNotice> {
         (self.watch)(MissionStage::TakeOff, 0.0);
         self.module.world().set_armed(true);
         self.fly_leg(MissionStage::TakeOff, routine.take_off);

@@ -36,7 +36,7 @@ pub struct RoutinePart {
 
 /// Calibration routine.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Routine {
+pub struct CalibrationRoutine {
     /// Console command that starts the collection.
     pub start_command: &'static str,
     /// Uncalibrated leg before the collection.
@@ -53,8 +53,8 @@ pub const START_FLIGHT_COLLECTION: &str = "cal start";
 /// Console command for the collection of an aeroplane's turns.
 const START_TURNS_COLLECTION: &str = "cal start turns";
 
-impl Routine {
-    /// Routine of a vehicle kind, with take-off heading; the plan applies to aeroplanes.
+impl CalibrationRoutine {
+    /// CalibrationRoutine of a vehicle kind, with take-off heading; the plan applies to aeroplanes.
     #[must_use]
     pub fn for_vehicle(kind: VehicleKind, plan: TurnPlan, heading_deg: f64) -> Self {
         match kind {
@@ -87,7 +87,7 @@ impl Routine {
 #[must_use]
 pub fn all_instructions() -> String {
     VehicleKind::ALL_VEHICLES.into_iter().fold(String::new(), |text, kind| {
-        let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
+        let routine = CalibrationRoutine::for_vehicle(kind, TurnPlan::default(), 0.0);
         format!("{text}{}, after `{}`:\n{}", kind.vehicle_name(), routine.start_command, routine.pilot_instructions())
     })
 }
@@ -119,11 +119,11 @@ fn tilts_to_all_sides(name: &'static str, instruction_text: &'static str, headin
     RoutinePart { part_name: name, instruction: instruction_text, legs }
 }
 
-fn plane_routine(plan: TurnPlan, heading_deg: f64) -> Routine {
+fn plane_routine(plan: TurnPlan, heading_deg: f64) -> CalibrationRoutine {
     let turns = |side: f64| {
         vec![Leg::Turn { bank_deg: plan.bank_deg, heading_change_deg: side * 360.0 * plan.circles_per_side }]
     };
-    Routine {
+    CalibrationRoutine {
         start_command: START_TURNS_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
         routine_parts: vec![
@@ -143,10 +143,10 @@ fn plane_routine(plan: TurnPlan, heading_deg: f64) -> Routine {
     }
 }
 
-fn copter_routine() -> Routine {
+fn copter_routine() -> CalibrationRoutine {
     let instruction_text = "on four headings, a quarter turn apart: push the stick ahead, back, right and left until it tilts by some \
                 20 deg, two seconds each, and let it come to rest in between";
-    Routine {
+    CalibrationRoutine {
         start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Hover { seconds: 5.0 },
         routine_parts: vec![yaw_turns(), tilts_to_all_sides("pushes", instruction_text, 4)],
@@ -161,8 +161,8 @@ fn copter_routine() -> Routine {
     }
 }
 
-fn vtol_routine(heading_deg: f64) -> Routine {
-    Routine {
+fn vtol_routine(heading_deg: f64) -> CalibrationRoutine {
+    CalibrationRoutine {
         start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Hover { seconds: 5.0 },
         routine_parts: vec![
@@ -206,10 +206,10 @@ fn surface_mission() -> Vec<Leg> {
     ]
 }
 
-fn rover_routine(heading_deg: f64) -> Routine {
+fn rover_routine(heading_deg: f64) -> CalibrationRoutine {
     let instruction_text = "on the roughest ground there is, or across a slope: two circles to the right and two to the left, and both \
                 again, each in 20 s";
-    Routine {
+    CalibrationRoutine {
         start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
         routine_parts: vec![circles_routine("circles", instruction_text, 18.0, 4)],
@@ -217,10 +217,10 @@ fn rover_routine(heading_deg: f64) -> Routine {
     }
 }
 
-fn boat_routine(heading_deg: f64) -> Routine {
+fn boat_routine(heading_deg: f64) -> CalibrationRoutine {
     let instruction_text =
         "in waves that roll it: two circles to the right and two to the left, and both again, each in 20 s";
-    Routine {
+    CalibrationRoutine {
         start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
         routine_parts: vec![circles_routine("circles", instruction_text, 18.0, 4)],
@@ -274,7 +274,8 @@ mod tests {
     #[test]
     fn no_routine_takes_more_than_three_minutes() {
         for kind in VehicleKind::ALL_VEHICLES {
-            let routine = Routine::for_vehicle(kind, TurnPlan { circles_per_side: 3.0, ..TurnPlan::default() }, 0.0);
+            let routine =
+                CalibrationRoutine::for_vehicle(kind, TurnPlan { circles_per_side: 3.0, ..TurnPlan::default() }, 0.0);
             let seconds = duration_s(kind, &routine.legs(), 3);
             assert!((60.0..=185.0).contains(&seconds), "{kind:?}: {seconds} s");
         }
@@ -284,7 +285,7 @@ mod tests {
     fn every_vehicle_kind_has_instructions_for_every_part() {
         let words = all_instructions();
         for kind in VehicleKind::ALL_VEHICLES {
-            let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
+            let routine = CalibrationRoutine::for_vehicle(kind, TurnPlan::default(), 0.0);
             assert!(words.contains(&format!("{}, after `{}`", kind.vehicle_name(), routine.start_command)));
             assert!(routine.routine_parts.iter().all(|part| words.contains(part.instruction) && !part.legs.is_empty()));
         }
@@ -294,7 +295,7 @@ mod tests {
     fn the_documentation_lists_the_same_routines() {
         let text = include_str!("../../../docs/routines.md").to_lowercase();
         for kind in VehicleKind::ALL_VEHICLES {
-            let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
+            let routine = CalibrationRoutine::for_vehicle(kind, TurnPlan::default(), 0.0);
             let row = format!("| `{}` | `{}` |", kind.vehicle_name(), routine.start_command);
             let row = text.lines().find(|line| line.starts_with(&row)).unwrap_or_default();
             assert!(

@@ -1,7 +1,7 @@
 //! Patterns that the simulated pilot flies without commands.
 
 use simulator::random::RandomStream;
-use simulator::routine::{Routine, TurnPlan, random_leg};
+use simulator::routine::{CalibrationRoutine, TurnPlan, random_leg};
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::autopilot::Leg;
 
@@ -53,7 +53,7 @@ impl PilotPattern {
         };
         match self {
             Self::Routine => {
-                let mut legs = Routine::for_vehicle(kind, TurnPlan::default(), heading_deg).legs();
+                let mut legs = CalibrationRoutine::for_vehicle(kind, TurnPlan::default(), heading_deg).legs();
                 legs.push(straight);
                 legs
             }

@@ -229,7 +229,7 @@ fn monitor_instructions(solution: &Solution) -> u64 {
     most
 }
 
-/// Estimates over two seconds, as input of the protocols.
+/// Number of estimates that each protocol is benchmarked with: two seconds of them.
 const ESTIMATE_COUNT: u64 = 160;
 
 fn bench_estimate(number: u64) -> Estimate {

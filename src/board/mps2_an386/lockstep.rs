@@ -72,7 +72,7 @@ pub fn wait_before_sensor_access() {
 }
 
 /// Reports a write to the instrument port.
-pub fn report_instrument_write() {
+pub fn report_instrument_port_write() {
     critical_section::with(|_| machine_clock::with_frozen_clock(|ticks| send_message(LockstepMessage::Written, ticks)));
 }
 

@@ -130,7 +130,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
             port_uarts: [
                 (UartTx { uart: &AUTOPILOT, on_written: || {} }, &AUTOPILOT.receive_queue),
                 (
-                    UartTx { uart: &INSTRUMENT, on_written: lockstep::report_instrument_write },
+                    UartTx { uart: &INSTRUMENT, on_written: lockstep::report_instrument_port_write },
                     &INSTRUMENT.receive_queue,
                 ),
             ],

@@ -11,7 +11,7 @@ pub struct ConsiderSigmas {
 }
 
 impl ConsiderSigmas {
-    /// Values for a good autopilot.
+    /// Standard deviations of the attitude errors of a good autopilot.
     pub const DEFAULT: Self = Self { bias_rad: 0.0035, bank_scale: 0.01 };
 
     /// Error-free attitude source.

@@ -34,7 +34,7 @@ impl Axis {
 pub enum SolveError {
     /// A part has fewer samples than any solution needs.
     TooFewSamples {
-        /// Part of the samples.
+        /// Part of the collection that lacks samples, such as its left turns.
         part: SamplePart,
         /// Number of samples.
         have: u16,

@@ -157,7 +157,7 @@ impl DOptimalSelection {
     /// Index of the sample with the least leverage, the new one being the first; `None` if there is no sphere through
     /// the samples.
     #[inline(never)]
-    pub fn find_weakest(&mut self, new: &Sample, samples: Samples<'_>) -> Option<usize> {
+    pub fn find_least_informative_sample(&mut self, new: &Sample, samples: Samples<'_>) -> Option<usize> {
         self.information = LeastSquares::new();
         if !self.linearisation.is_from_trial {
             let (centre_ut, _) = fit_sphere(Some(new), samples).filter(|(ut, _)| ut.iter().all(|c| c.is_finite()))?;

@@ -29,7 +29,7 @@ fn random_samples(soft_iron: &Matrix3<f32>) -> Vec<Sample> {
 fn weakest_of(samples: &[Sample]) -> Option<usize> {
     let mut spread = DOptimalSelection::NO_SELECTION;
     let (new, others) = samples.split_first()?;
-    spread.find_weakest(new, Samples::new(others))
+    spread.find_least_informative_sample(new, Samples::new(others))
 }
 
 #[test]
@@ -118,7 +118,7 @@ fn the_quick_test_accepts_what_the_full_evaluation_accepts() {
     let samples = random_samples(&Matrix3::identity());
     let mut known = DOptimalSelection::NO_SELECTION;
     assert!(known.may_exceed_weakest(&samples[0]));
-    known.find_weakest(&samples[0], Samples::new(&samples[1..])).unwrap();
+    known.find_least_informative_sample(&samples[0], Samples::new(&samples[1..])).unwrap();
     let mut random = Random(5);
     let mut decisions = [0; 2];
     for _ in 0..200 {
@@ -226,13 +226,13 @@ fn noise_does_not_change_the_inclination_row() {
 fn a_trial_solution_applies_to_all_sets() {
     let samples = random_samples(&Matrix3::identity());
     let mut spread = DOptimalSelection::NO_SELECTION;
-    spread.find_weakest(&samples[0], Samples::new(&samples[1..])).unwrap();
+    spread.find_least_informative_sample(&samples[0], Samples::new(&samples[1..])).unwrap();
     let inside = sample_at(0.3, 0.0, 0.0, &Matrix3::identity());
     assert!(!spread.may_exceed_weakest(&inside));
     let Calibration { b_ut: before_ut, .. } = spread.linearisation.calibration;
     spread.set_linearisation(trial_linearisation(&Matrix3::identity(), 0.5));
     assert!(spread.may_exceed_weakest(&inside));
-    spread.find_weakest(&samples[0], Samples::new(&samples[1..])).unwrap();
+    spread.find_least_informative_sample(&samples[0], Samples::new(&samples[1..])).unwrap();
     assert!(!spread.may_exceed_weakest(&inside));
     assert_ne!(
         before_ut.map(f32::to_bits),

@@ -39,7 +39,7 @@ pub(super) fn push_sample(
         part.insert_sample(purpose, sample);
         return FreeFlightSample::Stored;
     }
-    let Some(weakest) = find_weakest(part.samples_of_use(purpose), purpose, selection, &sample) else {
+    let Some(weakest) = find_least_informative_sample(part.samples_of_use(purpose), purpose, selection, &sample) else {
         return FreeFlightSample::Rejected;
     };
     let end =
@@ -55,7 +55,7 @@ fn section_ends(purpose: SampleUse, length: usize) -> [usize; 3] {
 }
 
 /// Position of the sample that contributes less information than the new one.
-fn find_weakest(
+fn find_least_informative_sample(
     samples: &[Sample],
     purpose: SampleUse,
     selection: &mut DOptimalSelection,
@@ -64,8 +64,8 @@ fn find_weakest(
     let samples = Samples::new(samples);
     let weakest = match purpose {
         SampleUse::Fit if !selection.may_exceed_weakest(new) => None,
-        SampleUse::Fit => selection.find_weakest(new, samples),
-        SampleUse::Verification => selection.with_reset_leverages().find_weakest(new, samples),
+        SampleUse::Fit => selection.find_least_informative_sample(new, samples),
+        SampleUse::Verification => selection.with_reset_leverages().find_least_informative_sample(new, samples),
     };
     weakest?.checked_sub(1)
 }

@@ -120,7 +120,7 @@ fn write_motor_current(out: &mut impl Write, current_a: Option<f32>) -> fmt::Res
     }
 }
 
-/// Writes the detected protocol of a port that is set to `auto`.
+/// Adds to the line of a port that is set to `auto` which protocol was detected on it.
 fn write_detected_protocol(out: &mut impl Write, chosen: ProtocolKind, detected: ProtocolKind) -> fmt::Result {
     match (chosen, detected) {
         (ProtocolKind::Auto, ProtocolKind::Auto) => out.write_str(", no protocol detected yet"),

@@ -26,7 +26,8 @@ const fn random_walk_state(initial_sigma: f32, process_noise_per_s: f32) -> Stat
 /// Time in which a random walk of the hard iron has the expected drift, seconds.
 const HARD_IRON_DRIFT_TIME_S: f32 = 62.5;
 
-/// Noise of state `i` of [`measurement_model`](super::measurement_model), with its symbols.
+/// Initial sigma and process noise of state `i` of the monitor's filter, with the symbols of
+/// [`measurement_model`](super::measurement_model).
 pub(super) fn state_noise(i: usize, errors: SensorErrorSigmas) -> StateNoise {
     match i {
         // Hard-iron change beta: coefficient errors are as large as a minute's drift.

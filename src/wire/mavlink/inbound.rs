@@ -206,20 +206,23 @@ fn global_position(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn system_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const CURRENT_OFFSET: usize = 16;
-    Some(InboundMessage::Current(source, amperes_from_centiamperes(PayloadReader(payload).read_u16(CURRENT_OFFSET))))
+    const BATTERY_CURRENT_OFFSET: usize = 16;
+    Some(InboundMessage::Current(
+        source,
+        amperes_from_centiamperes(PayloadReader(payload).read_u16(BATTERY_CURRENT_OFFSET)),
+    ))
 }
 
 /// Only the first battery, as in SYS_STATUS.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn battery_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const CURRENT_OFFSET: usize = 30;
+    const BATTERY_CURRENT_OFFSET: usize = 30;
     const BATTERY_ID_OFFSET: usize = 32;
     let fields = PayloadReader(payload);
     let is_first = fields.read_u8(BATTERY_ID_OFFSET) == 0;
     Some(InboundMessage::Current(
         source,
-        amperes_from_centiamperes(fields.read_u16(CURRENT_OFFSET)).filter(|_| is_first),
+        amperes_from_centiamperes(fields.read_u16(BATTERY_CURRENT_OFFSET)).filter(|_| is_first),
     ))
 }
 

@@ -92,7 +92,7 @@ pub struct CalibratorComparison {
 pub struct CompassReport {
     /// Name of the compass.
     pub compass_name: String,
-    /// Whether its calibration was accepted, or would have been.
+    /// Whether the module accepted the calibration of this compass, or would have accepted it.
     pub is_accepted: bool,
     /// Further results, name and value.
     pub facts: Vec<[String; 2]>,
@@ -110,9 +110,9 @@ pub struct CompassReport {
     pub changed_s: Option<f64>,
     /// Events on the time axis.
     pub event_marks: Vec<EventMark>,
-    /// Correction of the headings before the calibration.
+    /// Name of the correction that the headings before the calibration had.
     pub before_name: &'static str,
-    /// Correction of the samples' fields.
+    /// Name of the correction that is applied to the fields of the samples.
     pub corrected_by: &'static str,
     /// Earth's field that the corrected field should have: strength, microtesla, and inclination, degrees.
     pub earth_field: Option<[f64; 2]>,

@@ -21,7 +21,7 @@ use crate::devices::sensor::FieldSource;
 const HISTORY_STEPS: usize = 400;
 
 /// Mean age of a reported current, microseconds: half of the reporting period of 100 ms.
-const CURRENT_AGE_US: u64 = 50_000;
+const REPORTED_CURRENT_AGE_US: u64 = 50_000;
 
 struct WorldState {
     config: WorldConfig,
@@ -70,7 +70,7 @@ impl World {
     #[must_use]
     pub fn reported_current_a(&self, now_us: u64) -> Option<f64> {
         let is_reported = self.world_config().reports_current;
-        is_reported.then(|| self.true_state(now_us.saturating_sub(CURRENT_AGE_US)).current_a())
+        is_reported.then(|| self.true_state(now_us.saturating_sub(REPORTED_CURRENT_AGE_US)).current_a())
     }
 
     /// Field in chip axes at a time between two seconds ago and now.

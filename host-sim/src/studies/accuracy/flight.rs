@@ -4,7 +4,7 @@ use autoswing::calibration::Rates;
 use autoswing::time::WrappingMillis;
 use serde::Serialize;
 use simulator::random::{RandomStream, StreamPurpose};
-use simulator::routine::{Routine, TurnPlan, random_leg};
+use simulator::routine::{CalibrationRoutine, TurnPlan, random_leg};
 use simulator::world::aircraft::{Aircraft, VehicleConfig, VehicleKind};
 use simulator::world::autopilot::Leg;
 use simulator::world::weather::Weather;
@@ -63,11 +63,12 @@ impl Flight {
         let plan = TurnPlan { bank_deg: random.uniform(ranges.bank_deg[0], ranges.bank_deg[1]), circles_per_side: 3.0 };
         let routine = match self.flight_pattern {
             FlightPattern::Routine => {
-                Some((1.0 / 3.0, Routine::for_vehicle(self.kind, plan, config.heading_deg).legs()))
+                Some((1.0 / 3.0, CalibrationRoutine::for_vehicle(self.kind, plan, config.heading_deg).legs()))
             }
-            FlightPattern::Mirrored => {
-                Some((2.0 / 3.0, mirrored_legs(&Routine::for_vehicle(self.kind, plan, config.heading_deg).legs())))
-            }
+            FlightPattern::Mirrored => Some((
+                2.0 / 3.0,
+                mirrored_legs(&CalibrationRoutine::for_vehicle(self.kind, plan, config.heading_deg).legs()),
+            )),
             FlightPattern::Wandering => None,
         };
         let end_us = (self.duration_minutes * 60e6) as u64;
@@ -164,7 +165,7 @@ mod tests {
 
     #[test]
     fn a_mirrored_routine_reverses_order_and_sides() {
-        let legs = Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0).legs();
+        let legs = CalibrationRoutine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0).legs();
         let back = mirrored_legs(&legs);
         assert_eq!(back.len(), legs.len());
         assert_eq!(

@@ -17,7 +17,7 @@ use simulator::faults::link_faults::{ForgedMessage, LinkFault};
 use simulator::faults::sensor::{RegisterUpset, SensorFault, aliased_vibration, axis_clipping, stuck_axes};
 use simulator::faults::{FaultSwitch, Faults};
 use simulator::random::{RandomStream, StreamPurpose};
-use simulator::routine::{Routine, TurnPlan};
+use simulator::routine::{CalibrationRoutine, TurnPlan};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::attitude_source::SenderKind;
@@ -78,8 +78,8 @@ pub struct RandomCase {
     pub world: WorldConfig,
     /// Simulated attitude source and its protocol.
     pub far_end: FarEnd,
-    /// Routine flown for the calibration.
-    pub routine: Routine,
+    /// CalibrationRoutine flown for the calibration.
+    pub routine: CalibrationRoutine,
     /// Faults injected in the simulation.
     pub faults: Faults,
     /// Switch that activates the faults.
@@ -153,7 +153,7 @@ impl FaultCase {
         let mut drawn_case = RandomCase {
             world: WorldConfig::random_world(seed).with_vehicle_kind(aircraft),
             far_end: source.far_end(),
-            routine: Routine::for_vehicle(aircraft, TurnPlan::default(), 0.0),
+            routine: CalibrationRoutine::for_vehicle(aircraft, TurnPlan::default(), 0.0),
             faults: Faults::default(),
             fault_switch: FaultSwitch::always_off(),
             fault_onset: FaultOnset::Never,
@@ -427,7 +427,7 @@ impl RandomCase {
     pub(super) fn calibrate_at_bank(&mut self, bank_deg: f64) {
         self.fault_onset = FaultOnset::Always;
         let plan = TurnPlan { bank_deg, ..TurnPlan::default() };
-        self.routine = Routine::for_vehicle(VehicleKind::Plane, plan, 0.0);
+        self.routine = CalibrationRoutine::for_vehicle(VehicleKind::Plane, plan, 0.0);
     }
 
     /// Repeats the routine's first part (yaw turns) up to the duration of the whole routine.

@@ -1,5 +1,5 @@
 use nalgebra::Vector3;
-use simulator::routine::{Routine, TurnPlan};
+use simulator::routine::{CalibrationRoutine, TurnPlan};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
@@ -41,7 +41,7 @@ fn a_copter_s_cases_are_flown_by_a_copter() {
     let draw_case = |name| find_by_name(name).unwrap().draw_case(3, VehicleKind::Copter, AttitudeProtocol::Mavlink);
     let clean = draw_case("clean");
     assert_eq!(clean.world, WorldConfig::random_world(3).with_vehicle_kind(VehicleKind::Copter));
-    assert_eq!(clean.routine, Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0));
+    assert_eq!(clean.routine, CalibrationRoutine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0));
     let pushed = draw_case("pushed").world.attitude_source.push_error_deg;
     assert!((pushed / clean.world.attitude_source.push_error_deg - 2.0).abs() < 1e-9);
     let current_ut = Vector3::from(draw_case("cal-current-unreported-20").world.current_interference_ut);
