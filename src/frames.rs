@@ -2,7 +2,7 @@
 //!
 //! A magnetic field is a [`Field`]`<F>` with the frame `F` of its components: [`Sensor`], [`Body`] or [`Level`].
 //! [`Calibration::calibrated_field`](crate::calibration::Calibration::calibrated_field) converts from sensor to body axes,
-//! [`Attitude::level`] to the level frame, and only a level field has a heading, so no conversion can be omitted.
+//! [`Attitude::to_level_frame`] to the level frame, and only a level field has a heading, so no conversion can be omitted.
 //! Conventions: [crate docs](crate).
 
 use core::f32::consts::{PI, TAU};
@@ -93,7 +93,7 @@ impl Attitude {
         self.tilt_rotation().to_level_frame(body)
     }
 
-    /// Rotates a level field to the body frame, the inverse of [`level`](Self::level).
+    /// Rotates a level field to the body frame, the inverse of [`to_level_frame`](Self::to_level_frame).
     #[must_use]
     #[inline]
     pub fn to_body_frame(&self, level: Field<Level>) -> Field<Body> {

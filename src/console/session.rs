@@ -53,7 +53,7 @@ impl Session {
     }
 
     /// Processes a received byte; returns a request or an error at the end of a line that is not empty. The caller then
-    /// has to call [`reply`](Self::reply).
+    /// has to call [`write_reply`](Self::write_reply).
     pub fn process_byte(&mut self, byte: u8) -> Option<Result<Request, LineError>> {
         match self.keys.push_byte(byte)? {
             Key::Enter => return self.submit_line(),

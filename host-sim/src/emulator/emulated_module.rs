@@ -57,11 +57,11 @@ impl Emulator {
         Self::start_with_port_devices(image, config, [FarEnd::Talker, FarEnd::Unconnected])
     }
 
-    /// As [`start`](Self::start), but after `stop` is set every run fails with [`EmulatorError::Interrupted`].
+    /// As [`start_emulator`](Self::start_emulator), but after `stop` is set every run fails with [`EmulatorError::Interrupted`].
     ///
     /// # Errors
     ///
-    /// As [`start`](Self::start).
+    /// As [`start_emulator`](Self::start_emulator).
     pub fn start_with_stop_flag(
         stop: &Arc<AtomicBool>,
         image: &Path,
@@ -74,11 +74,11 @@ impl Emulator {
         )
     }
 
-    /// As [`start`](Self::start), with other devices at the ports.
+    /// As [`start_emulator`](Self::start_emulator), with other devices at the ports.
     ///
     /// # Errors
     ///
-    /// As [`start`](Self::start).
+    /// As [`start_emulator`](Self::start_emulator).
     pub fn start_with_port_devices(
         image: &Path,
         config: WorldConfig,

@@ -29,13 +29,13 @@ use crate::calibration::{
 #[expect(clippy::large_enum_variant, reason = "there is one of it, and no heap to put it on")]
 #[derive(Debug)]
 pub enum SolveProgress {
-    /// More steps are needed: call [`Solver::step`] again.
+    /// More steps are needed: call [`Solver::solve_step`] again.
     Continue,
     /// The result.
     Finished(Result<Solution, SolveError>),
 }
 
-/// A solve in progress. Each [`step`](Self::step) is one pass over the samples. About 1.5 KB.
+/// A solve in progress. Each [`solve_step`](Self::solve_step) is one pass over the samples. About 1.5 KB.
 #[derive(Debug)]
 pub struct Solver {
     method: Method,

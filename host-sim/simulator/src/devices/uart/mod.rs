@@ -108,7 +108,7 @@ impl HostEnd {
         self.to_module.borrow().bytes_in_transit(clock::now_us())
     }
 
-    /// Waits until bytes are available to [`receive`](Self::receive).
+    /// Waits until bytes are available to [`receive_bytes`](Self::receive_bytes).
     pub async fn wait_until_readable(&self) {
         poll_fn(|context| self.to_host.borrow_mut().poll_readable(clock::now_us(), context.waker())).await;
     }
