@@ -36,19 +36,13 @@ impl CalibrationRecord {
     /// Whether all numbers are finite and the mounting is one of the 24.
     #[must_use]
     pub fn is_valid(&self) -> bool {
-        let Quality {
-            expected_rms_deg,
-            expected_worst_deg,
-            norm_residual,
-            inclination_residual_deg: dip_residual_deg,
-            latency,
-            ..
-        } = self.quality;
+        let Quality { expected_rms_deg, expected_worst_deg, norm_residual, inclination_residual_deg, latency, .. } =
+            self.quality;
         let AttitudeLatency { estimate_s: found_s, sigma_s } =
             latency.unwrap_or(AttitudeLatency { estimate_s: 0.0, sigma_s: 0.0 });
         self.calibration.is_finite()
             && self.uncertainty.is_finite()
-            && [expected_rms_deg, expected_worst_deg, norm_residual, dip_residual_deg, found_s, sigma_s]
+            && [expected_rms_deg, expected_worst_deg, norm_residual, inclination_residual_deg, found_s, sigma_s]
                 .iter()
                 .all(|number| number.is_finite())
             && self.mount.is_valid()
@@ -98,7 +92,7 @@ impl StoredFields for CalibrationRecord {
             expected_rms_deg,
             expected_worst_deg,
             norm_residual,
-            inclination_residual_deg: dip_residual_deg,
+            inclination_residual_deg,
             samples,
             latency,
             knows_inclination,
@@ -108,11 +102,11 @@ impl StoredFields for CalibrationRecord {
         visitor.visit_required(12, expected_rms_deg);
         visitor.visit_required(13, expected_worst_deg);
         visitor.visit_required(14, norm_residual);
-        visitor.visit_required(15, dip_residual_deg);
+        visitor.visit_required(15, inclination_residual_deg);
         visitor.visit_required(16, samples);
         visitor.visit_required(17, latency);
-        let HeadingUncertainty { reduced_covariance: products, sensor_sigma, attitude_sigma_rad } = uncertainty;
-        visitor.visit_required(18, products);
+        let HeadingUncertainty { reduced_covariance, sensor_sigma, attitude_sigma_rad } = uncertainty;
+        visitor.visit_required(18, reduced_covariance);
         visitor.visit_required(19, sensor_sigma);
         visitor.visit_required(20, attitude_sigma_rad);
         let Identity { model, address } = sensor;

@@ -36,7 +36,7 @@ struct Pty {
 impl Pty {
     fn open_pty() -> io::Result<Self> {
         let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
-        // Close-on-exec is set separately, because openpt of macOS has no such flag.
+        // Close-on-exec is set by a second call: on macOS openpt has no flag for it.
         fcntl_setfd(&ours, FdFlags::CLOEXEC)?;
         grantpt(&ours)?;
         unlockpt(&ours)?;

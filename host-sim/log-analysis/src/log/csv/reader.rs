@@ -39,18 +39,11 @@ impl TableReader {
             .collect();
         let steps = |is: &dyn Fn(f64) -> bool| times_s.windows(2).filter(|pair| is(pair[1] - pair[0])).count();
         let [back, far_back] = [steps(&|step_s| step_s < 0.0), steps(&|step_s| step_s < -MAX_REORDERING_S)];
-        let is_shuffled = far_back * 10 > times_s.len() || back * 3 > times_s.len() * 2;
+        let is_unordered = far_back * 10 > times_s.len() || back * 3 > times_s.len() * 2;
         times_s.sort_by(f64::total_cmp);
-        let about_s = times_s.get(times_s.len() / 2).copied().unwrap_or(0.0);
+        let median_time_s = times_s.get(times_s.len() / 2).copied().unwrap_or(0.0);
         let recorder = FlightBuilder::new(LogFormat::Csv);
-        Self {
-            recorder,
-            rates: Series::new(),
-            armed: Series::new(),
-            median_time_s: about_s,
-            is_unordered: is_shuffled,
-            first_invalid: None,
-        }
+        Self { recorder, rates: Series::new(), armed: Series::new(), median_time_s, is_unordered, first_invalid: None }
     }
 
     pub fn record_line(&mut self, table: &TableLayout, unit: FieldUnit, number: u64, line: &str) {
