@@ -83,11 +83,11 @@ class Flight:
         self.last, self.asked_hz = {}, []
 
     def go_on(self, bank_deg):
-        """Flies at a bank for one period of real time."""
+        """Flies at a bank for a period, or for as long as a busy computer takes for it."""
         aircraft, mav = self.aircraft, self.link.mav
-        aircraft.fly(bank_deg, PERIOD_S)
-        self.flown_s += PERIOD_S
-        time.sleep(max(0.0, self.began + self.flown_s / SPEED - time.monotonic()))
+        time.sleep(PERIOD_S / SPEED)
+        before_s, self.flown_s = self.flown_s, (time.monotonic() - self.began) * SPEED
+        aircraft.fly(bank_deg, self.flown_s - before_s)
         self.module.lie(aircraft.roll_deg, 0.0, aircraft.heading_deg)
         if self.flown_s >= self.beats:
             self.beats += 1
@@ -174,7 +174,6 @@ def check_headings(module, flight):
             if heading is not None:
                 errors.append(wrap_180(float(heading) - flight.aircraft.heading_deg))
     check_errors(errors)
-
 
 
 def fly(module, link):

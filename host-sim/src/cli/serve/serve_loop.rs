@@ -41,6 +41,8 @@ impl Connections {
         let has_ended =
             |port_wires: &[Vec<Box<dyn ByteConnection>>]| port_wires.iter().flatten().any(|wire| wire.has_ended());
         while !stop.load(Ordering::SeqCst) && !has_ended(&self.port_wires) && !print::poll_output_closed() {
+            // First, because nothing that is received now was sent before the instant to which time advances.
+            served_module.advance_time(pace.elapsed_us());
             for (port, wires) in self.port_wires.iter_mut().enumerate() {
                 for wire in wires {
                     // At most as many bytes are read as the port can receive: a faster sender waits, as on a real line.
@@ -60,7 +62,6 @@ impl Connections {
             if let Some(can) = &self.can_bus {
                 can.receive_frames().iter().for_each(|frame| served_module.send_frame(frame));
             }
-            served_module.advance_time(pace.elapsed_us());
             if let Some(can) = &self.can_bus {
                 served_module.take_frames().iter().for_each(|frame| can.send_frame(frame));
             }

@@ -19,21 +19,29 @@ pub(super) struct AttitudeInterpolation {
     /// Total change in radians; roll and heading by the shorter direction.
     change: Euler,
     received_us: u64,
+    /// Duration, microseconds; 0 if the attitude is taken at once.
     takes_us: u64,
 }
 
 impl AttitudeInterpolation {
     /// Interpolation to an attitude received now; `before` is the interpolation to the previous one. The first attitude
-    /// sets the aircraft without a turn: the world's own attitude before it means nothing.
+    /// sets the aircraft without a turn: the world's own attitude before it means nothing. Of several attitudes at one
+    /// instant, as after a stall, the last one counts.
     pub fn new(before: Option<&Self>, state: &TrueState, received: Euler) -> Self {
-        let since_us = before.map_or(STEP_US, |before| state.time_us - before.received_us);
-        let from = if before.is_some() { state.euler_angles() } else { received };
+        let replaced = before.filter(|before| before.received_us == state.time_us);
+        let takes_us = match (replaced, before) {
+            (Some(replaced), _) => replaced.takes_us,
+            (None, Some(before)) => (state.time_us - before.received_us).min(MAX_INTERPOLATION_US),
+            (None, None) => 0,
+        };
+        let from =
+            if takes_us == 0 { received } else { replaced.map_or(state.euler_angles(), |replaced| replaced.from) };
         let change = Euler {
             roll_rad: wrap_pi_rad(received.roll_rad - from.roll_rad),
             pitch_rad: received.pitch_rad - from.pitch_rad,
             heading_rad: wrap_pi_rad(received.heading_rad - from.heading_rad),
         };
-        Self { from, change, received_us: state.time_us, takes_us: since_us.clamp(STEP_US, MAX_INTERPOLATION_US) }
+        Self { from, change, received_us: state.time_us, takes_us }
     }
 
     /// State one step after `before`.
@@ -99,6 +107,22 @@ mod tests {
         let state = follow_for_steps(&mut aircraft, Euler::from_deg(-20.0, 5.0, 200.0), 1);
         assert!((state.heading_deg() - 200.0).abs() < 1e-9 && (state.roll_rad.to_degrees() + 20.0).abs() < 1e-9);
         assert!(state.heading_rate_rad_s.abs() < f64::EPSILON && state.roll_rate_rad_s.abs() < f64::EPSILON);
+    }
+
+    /// The second of two first attitudes at one instant once turned the aircraft by 59 deg within a step: a heading
+    /// 4 to 9 deg off for the rest of the run.
+    #[test]
+    fn of_attitudes_at_one_instant_the_last_one_counts() {
+        let mut aircraft = Aircraft::new(VehicleConfig::default(), Weather::default(), 1, 0);
+        aircraft.follow_attitude(Euler::from_deg(0.0, 0.0, 290.0));
+        let set = follow_for_steps(&mut aircraft, Euler::from_deg(0.0, 0.0, 301.0), 1);
+        assert!((set.heading_deg() - 301.0).abs() < 1e-9 && set.heading_rate_rad_s.abs() < f64::EPSILON, "{set:?}");
+        // A stall of 20 steps (0.1 s), then two attitudes: 4 deg are turned within 0.1 s.
+        (1..20).for_each(|_| aircraft.advance_step());
+        aircraft.follow_attitude(Euler::from_deg(0.0, 0.0, 303.0));
+        let turning = follow_for_steps(&mut aircraft, Euler::from_deg(0.0, 0.0, 305.0), 10);
+        assert!((turning.heading_deg() - 303.0).abs() < 1e-6, "half of the way: {turning:?}");
+        assert!((turning.heading_rate_rad_s.to_degrees() - 40.0).abs() < 1e-6, "{turning:?}");
     }
 
     #[test]
