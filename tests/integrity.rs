@@ -459,8 +459,7 @@ fn a_vehicle_parked_for_a_day_raises_no_alarm() {
             if i % 8 == 1 {
                 let attitude = Attitude::from_deg(0.02 * random.normal(), 0.02 * random.normal());
                 let sender_time = WrappingMillis::default();
-                let report =
-                    AttitudeReport { sender: SenderId::default(), sender_time, attitude, rates_rad_s: [0.0; 3] };
+                let report = AttitudeReport { sender: SenderId::default(), sender_time, attitude, body_rates: None };
                 instrument.on_attitude(at, report);
             }
             let [x, y, z] = std::array::from_fn(|axis| {

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use autoswing::attitude::{AttitudeReport, SenderId};
+use autoswing::attitude::{AttitudeReport, BodyRates, SenderId};
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Calibration, Method, Prior, Sample, solve_samples};
 use autoswing::collection::{Collector, RetainedSamples};
@@ -66,8 +66,15 @@ fn fly_samples(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
             let sender_time = WrappingMillis::new((now_us / 1000) as u32);
             let attitude = Attitude { roll_rad, pitch_rad };
             let rates_rad_s = truth.body_rates_rad_s().map(|rate| rate as f32);
-            instrument
-                .on_attitude(at, AttitudeReport { sender: SenderId::default(), sender_time, attitude, rates_rad_s });
+            instrument.on_attitude(
+                at,
+                AttitudeReport {
+                    sender: SenderId::default(),
+                    sender_time,
+                    attitude,
+                    body_rates: BodyRates::from_rad_s(rates_rad_s),
+                },
+            );
         }
         if now_us.is_multiple_of(12_500) {
             let field = Field::new(world.sensor_field(now_us).ut + (noise.normal_vector() * 0.32).cast());

@@ -13,7 +13,7 @@ pub fn sample([time_s, x, y, z, roll_deg, pitch_deg]: [f32; 6]) -> Sample {
     Sample {
         field: Field::from_ut(x / 10.0, y / 10.0, z / 10.0),
         attitude: Attitude::from_deg(roll_deg, pitch_deg),
-        rates: Rates::ZERO,
+        rates: Rates::UNKNOWN,
         time: WrappingMillis::new((time_s * 1000.0) as u32),
         current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,

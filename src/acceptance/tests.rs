@@ -74,7 +74,7 @@ fn circle(roll_deg: f32, samples: u16) -> Vec<Sample> {
                 field,
                 attitude,
                 time: WrappingMillis::new(u32::from(i) * 400),
-                rates: Rates::ZERO,
+                rates: Rates::UNKNOWN,
                 current: MotorCurrent::UNKNOWN,
                 part: CollectionPart::FREE,
             }

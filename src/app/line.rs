@@ -39,7 +39,9 @@ pub(super) fn route_message(
     can_have_gyro: bool,
 ) {
     match message {
-        ReceivedMessage::Attitude(report) if links.accept_attitude(line, at, report.has_rates() && can_have_gyro) => {
+        ReceivedMessage::Attitude(report)
+            if links.accept_attitude(line, at, report.body_rates.is_some() && can_have_gyro) =>
+        {
             increment_counter(&links.event_counters.attitude_reports);
             links.queue_or_count(&links.attitude_reports, Timestamped { timestamp: at, value: report });
         }

@@ -67,7 +67,9 @@ impl AlignmentDetector {
     /// Processes a report; returns whether the source is still aligning. Always false without a field or without body
     /// rates. Small angles are compared as chords of unit vectors.
     pub fn process_report(&mut self, at: Timestamp, report: &AttitudeReport) -> bool {
-        let Some((field, rate_rad_s)) = self.field_direction.mean().zip(report.body_rate_rad_s()) else {
+        let Some((field, rate_rad_s)) =
+            self.field_direction.mean().zip(report.body_rates.map(|rates| rates.magnitude_rad_s()))
+        else {
             (self.last_means, self.hold_remaining_s) = (None, 0.0);
             return false;
         };
@@ -113,7 +115,7 @@ impl RunningMeans {
 
 #[cfg(test)]
 mod tests {
-    use super::super::SenderId;
+    use super::super::{BodyRates, SenderId};
     use super::*;
     use crate::frames::Attitude;
     use crate::time::WrappingMillis;
@@ -167,7 +169,8 @@ mod tests {
     }
 
     fn report(attitude: Attitude, rates_rad_s: [f32; 3]) -> AttitudeReport {
-        AttitudeReport { sender: SenderId::default(), sender_time: WrappingMillis::default(), attitude, rates_rad_s }
+        let (sender, sender_time) = (SenderId::default(), WrappingMillis::default());
+        AttitudeReport { sender, sender_time, attitude, body_rates: BodyRates::from_rad_s(rates_rad_s) }
     }
 
     /// The first report of a step moves its mean by a fiftieth: 2.9 deg stay below the limit of 3 deg.

@@ -1,6 +1,6 @@
 //! Rates of roll, pitch and heading, from body rates.
 
-use super::AttitudeReport;
+use super::{AttitudeReport, BodyRates};
 use crate::frames::{Attitude, wrap_pi};
 use crate::trig;
 
@@ -20,25 +20,28 @@ pub(crate) const MIN_COS_PITCH: f32 = 0.2;
 const MAX_TAN_PITCH: f32 = 5.0;
 
 impl EulerRates {
-    /// Computes the angle rates of a report; `None` without body rates.
+    /// Angle rates of a report; `None` without body rates.
     #[must_use]
     pub fn from_report(report: &AttitudeReport) -> Option<Self> {
-        if !report.has_rates() {
-            return None;
-        }
-        let [p, q, r] = report.rates_rad_s;
-        let (sin_roll, cos_roll) = trig::sin_cos(report.attitude.roll_rad);
-        let (sin_pitch, cos_pitch) = trig::sin_cos(report.attitude.pitch_rad);
+        report.body_rates.map(|rates| Self::from_body_rates(rates, report.attitude))
+    }
+
+    /// Angle rates of body rates at an attitude.
+    #[must_use]
+    pub fn from_body_rates(rates: BodyRates, attitude: Attitude) -> Self {
+        let [p, q, r] = rates.rad_s();
+        let (sin_roll, cos_roll) = trig::sin_cos(attitude.roll_rad);
+        let (sin_pitch, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
         let about_level = q * sin_roll + r * cos_roll;
         let tan_pitch = (sin_pitch / cos_pitch).clamp(-MAX_TAN_PITCH, MAX_TAN_PITCH);
-        Some(Self {
+        Self {
             roll_rad_s: p + tan_pitch * about_level,
             pitch_rad_s: q * cos_roll - r * sin_roll,
             heading_rad_s: about_level / cos_pitch.max(MIN_COS_PITCH),
-        })
+        }
     }
 
-    /// Body rates p, q, r at an attitude, rad/s: the inverse of [`from_report`](Self::from_report).
+    /// Body rates p, q, r at an attitude, rad/s: the inverse of [`from_body_rates`](Self::from_body_rates).
     pub(crate) fn to_body_rates(self, attitude: Attitude) -> [f32; 3] {
         let (sin_roll, cos_roll) = trig::sin_cos(attitude.roll_rad);
         let (sin_pitch, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
@@ -144,7 +147,7 @@ mod tests {
             sender: SenderId::default(),
             sender_time: WrappingMillis::default(),
             attitude: Attitude::from_deg(roll_deg, pitch_deg),
-            rates_rad_s: rates_deg_s.map(f32::to_radians),
+            body_rates: BodyRates::from_rad_s(rates_deg_s.map(f32::to_radians)),
         }
     }
 

@@ -24,7 +24,7 @@ pub use line_selector::LineSelector;
 use plausibility::{FreezeDetector, SpikeFilter};
 use rate_consistency::RateConsistency;
 pub use rate_estimator::RateEstimator;
-pub use report::AttitudeReport;
+pub use report::{AttitudeReport, BodyRates};
 use sender_clock::SenderClock;
 pub use sender_selector::{Heartbeat, SenderId, SenderSelector};
 use stale_attitude_detector::StaleAttitudeDetector;
@@ -143,7 +143,7 @@ impl AttitudeHistory {
         }
         if self.rate_consistency.process_report(at, &report) {
             self.rejected.contradicting_rates = self.rejected.contradicting_rates.wrapping_add(1);
-            report.rates_rad_s = [0.0; 3];
+            report.body_rates = None;
         }
         if self.reports.is_full() {
             self.reports.pop_front();
@@ -167,7 +167,7 @@ impl AttitudeHistory {
     /// Magnitude of the newest body rates, rad/s; `None` without body rates.
     #[must_use]
     pub fn body_rate_rad_s(&self) -> Option<f32> {
-        self.reports.back()?.report.body_rate_rad_s()
+        Some(self.reports.back()?.report.body_rates?.magnitude_rad_s())
     }
 
     /// Counts of rejected reports.

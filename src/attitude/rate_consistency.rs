@@ -132,7 +132,7 @@ fn norm_squared([roll, pitch]: [f32; 2]) -> f32 {
 mod tests {
     use testkit::random::Random;
 
-    use super::super::SenderId;
+    use super::super::{BodyRates, SenderId};
     use super::*;
     use crate::time::WrappingMillis;
 
@@ -158,7 +158,7 @@ mod tests {
                 sender: SenderId::default(),
                 sender_time: WrappingMillis::default(),
                 attitude,
-                rates_rad_s,
+                body_rates: BodyRates::from_rad_s(rates_rad_s),
             };
             check.process_report(Timestamp::from_us(u64::from(i) * 20_000), &report).then(|| u32::from(i) / 50)
         })
@@ -195,7 +195,7 @@ mod tests {
                 sender: SenderId::default(),
                 sender_time: WrappingMillis::default(),
                 attitude: Attitude { roll_rad, pitch_rad: 0.0 },
-                rates_rad_s: [rate, 0.0, 1e-6],
+                body_rates: BodyRates::from_rad_s([rate, 0.0, 1e-6]),
             };
             is_contradicted = check.process_report(Timestamp::from_us(u64::from(i) * 100_000), &report);
         }
@@ -239,7 +239,7 @@ mod tests {
                 sender: SenderId::default(),
                 sender_time: WrappingMillis::default(),
                 attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
-                rates_rad_s: [0.03, -0.015, 0.0],
+                body_rates: BodyRates::from_rad_s([0.03, -0.015, 0.0]),
             };
             assert!(!check.process_report(Timestamp::from_us(u64::from(i) * 100_000), &report), "{i}");
         }

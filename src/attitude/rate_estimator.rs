@@ -152,13 +152,8 @@ mod tests {
     fn body_rates_and_angle_rates_are_inverse() {
         let attitude = Attitude::from_deg(40.0, -30.0);
         let rates_rad_s = [0.1, -0.2, 0.3];
-        let report = super::super::AttitudeReport {
-            sender: super::super::SenderId::default(),
-            sender_time: crate::time::WrappingMillis::default(),
-            attitude,
-            rates_rad_s,
-        };
-        let found = EulerRates::from_report(&report).unwrap().to_body_rates(attitude);
+        let body_rates = super::super::BodyRates::from_rad_s(rates_rad_s).unwrap();
+        let found = EulerRates::from_body_rates(body_rates, attitude).to_body_rates(attitude);
         assert!(found.iter().zip(rates_rad_s).all(|(found, expected)| (found - expected).abs() < 1e-5), "{found:?}");
     }
 }

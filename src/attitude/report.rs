@@ -14,21 +14,36 @@ pub struct AttitudeReport {
     pub sender_time: WrappingMillis,
     /// Roll and pitch.
     pub attitude: Attitude,
-    /// Body rates p, q, r, rad/s; zero if not sent.
-    pub rates_rad_s: [f32; 3],
+    /// Body rates; `None` from a sender without a gyro.
+    pub body_rates: Option<BodyRates>,
 }
 
-impl AttitudeReport {
-    /// Whether the report has body rates: not all exactly zero, and within gyro range.
-    pub(crate) fn has_rates(&self) -> bool {
-        self.rates_rad_s.iter().any(|rate_rad_s| rate_rad_s.abs() > 0.0)
-            && self.rates_rad_s.iter().all(|rate_rad_s| rate_rad_s.abs() <= MAX_BODY_RATE_RAD_S)
+/// Body rates p, q, r of a gyro, within its range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BodyRates {
+    rad_s: [f32; 3],
+}
+
+impl BodyRates {
+    /// Body rates p, q, r, rad/s; `None` if one is no number or beyond the range of gyros, or if all are exactly zero,
+    /// as in messages of senders without a gyro.
+    #[must_use]
+    pub fn from_rad_s(rad_s: [f32; 3]) -> Option<Self> {
+        let is_measured = rad_s.iter().any(|rate_rad_s| rate_rad_s.abs() > 0.0)
+            && rad_s.iter().all(|rate_rad_s| rate_rad_s.abs() <= MAX_BODY_RATE_RAD_S);
+        is_measured.then_some(Self { rad_s })
     }
 
-    /// Magnitude of the body rates, rad/s; `None` without body rates.
-    pub(super) fn body_rate_rad_s(&self) -> Option<f32> {
-        let [p, q, r] = self.rates_rad_s;
-        self.has_rates().then(|| sqrt(p * p + q * q + r * r))
+    /// Body rates p, q, r, rad/s.
+    #[must_use]
+    pub const fn rad_s(&self) -> [f32; 3] {
+        self.rad_s
+    }
+
+    /// Magnitude, rad/s.
+    pub(super) fn magnitude_rad_s(&self) -> f32 {
+        let [p, q, r] = self.rad_s;
+        sqrt(p * p + q * q + r * r)
     }
 }
 

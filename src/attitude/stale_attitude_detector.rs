@@ -96,11 +96,11 @@ impl StaleAttitudeDetector {
     /// Processes a report; returns whether the attitude is stale. Always false without a field or without body rates. A
     /// detected attitude is stale until it follows the rates, or the field contradicts them.
     pub fn process_report(&mut self, at: Timestamp, report: &AttitudeReport) -> bool {
-        let Some(field) = self.field_direction.filter(|_| report.has_rates()) else {
+        let Some((field, body_rates)) = self.field_direction.zip(report.body_rates) else {
             *self = Self::new();
             return false;
         };
-        let rates = Vector3::from(report.rates_rad_s);
+        let rates = Vector3::from(body_rates.rad_s());
         let (last_at, last_rates) = self.last.replace((at, rates)).unwrap_or((at, rates));
         let step_s = at.us_since(last_at) as f32 * 1e-6;
         let turn = ((last_rates + rates) * 0.5 - self.offset) * step_s;
@@ -167,7 +167,7 @@ impl VectorMotion {
 mod tests {
     use testkit::random::Random;
 
-    use super::super::SenderId;
+    use super::super::{BodyRates, SenderId};
     use super::*;
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
@@ -237,7 +237,8 @@ mod tests {
             let field = Attitude::from_deg(field_at[1], 0.0).to_body_frame(Field::new(earth.ut));
             detector.update_field(Field::new(field.ut.map(|ut| ut + 0.3 * random.normal())));
             let (sender, sender_time) = (SenderId::default(), WrappingMillis::default());
-            let report = AttitudeReport { sender, sender_time, attitude, rates_rad_s };
+            let report =
+                AttitudeReport { sender, sender_time, attitude, body_rates: BodyRates::from_rad_s(rates_rad_s) };
             let is_stale = detector.process_report(Timestamp::from_us(u64::from(i) * 20_000), &report);
             if is_stale != was_stale {
                 changes.push(t_s);
@@ -303,7 +304,12 @@ mod tests {
         for (i, rate_rad_s) in [f32::INFINITY, 0.1, 0.1].into_iter().enumerate() {
             let (sender, sender_time) = (SenderId::default(), WrappingMillis::default());
             let attitude = Attitude::default();
-            let report = AttitudeReport { sender, sender_time, attitude, rates_rad_s: [rate_rad_s, 0.0, 0.0] };
+            let report = AttitudeReport {
+                sender,
+                sender_time,
+                attitude,
+                body_rates: BodyRates::from_rad_s([rate_rad_s, 0.0, 0.0]),
+            };
             detector.process_report(Timestamp::from_us(i as u64 * 20_000), &report);
         }
         // The mean of two steps has the infinite rate, too.

@@ -14,8 +14,8 @@ fn rolling(sender_ms: u32, roll_deg: f32, p_deg_s: f32) -> AttitudeReport {
 }
 
 fn moving(sender_ms: u32, attitude: Attitude, rates_deg_s: [f32; 3]) -> AttitudeReport {
-    let rates_rad_s = rates_deg_s.map(f32::to_radians);
-    AttitudeReport { sender: SenderId::default(), sender_time: WrappingMillis::new(sender_ms), attitude, rates_rad_s }
+    let body_rates = BodyRates::from_rad_s(rates_deg_s.map(f32::to_radians));
+    AttitudeReport { sender: SenderId::default(), sender_time: WrappingMillis::new(sender_ms), attitude, body_rates }
 }
 
 fn single_report(attitude: Attitude, rates_deg_s: [f32; 3]) -> AttitudeHistory {
@@ -257,7 +257,12 @@ fn no_report_panics() {
         let sender_time = WrappingMillis::new(pick().to_bits());
         track.push_report(
             at(pick().to_bits().into()),
-            AttitudeReport { sender: SenderId::default(), sender_time, attitude, rates_rad_s },
+            AttitudeReport {
+                sender: SenderId::default(),
+                sender_time,
+                attitude,
+                body_rates: BodyRates::from_rad_s(rates_rad_s),
+            },
         );
         let _ = (track.attitude_at(at(i * 1_000)), track.attitude_at(at(u64::MAX)));
     }

@@ -75,7 +75,7 @@ mod tests {
                     field: Field::new(field.ut),
                     attitude: Attitude::default(),
                     time: WrappingMillis::default(),
-                    rates: Rates::ZERO,
+                    rates: Rates::UNKNOWN,
                     current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 }

@@ -52,11 +52,15 @@ impl RecentSamples {
         is_steady.then(|| Sample {
             field: Field::new(mean_ut),
             attitude: Attitude { roll_rad: mean(|s| s.attitude.roll_rad), pitch_rad: mean(|s| s.attitude.pitch_rad) },
-            rates: Rates::from_rad_s([
-                mean(|s| s.rates.roll_rad_s()),
-                mean(|s| s.rates.pitch_rad_s()),
-                mean(|s| s.rates.heading_rad_s()),
-            ]),
+            rates: if self.samples.iter().all(|s| s.rates.is_known()) {
+                Rates::from_rad_s([
+                    mean(|s| s.rates.roll_rad_s()),
+                    mean(|s| s.rates.pitch_rad_s()),
+                    mean(|s| s.rates.heading_rad_s()),
+                ])
+            } else {
+                Rates::UNKNOWN
+            },
             current: oldest.current,
             time: oldest.time,
             part: oldest.part,

@@ -59,7 +59,7 @@ pub fn test_sample(field_ut: [f32; 3], time_ms: u32) -> Sample {
         field: Field::from_ut(field_ut[0], field_ut[1], field_ut[2]),
         attitude: Attitude::default(),
         time: WrappingMillis::new(time_ms),
-        rates: Rates::ZERO,
+        rates: Rates::UNKNOWN,
         current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     }
@@ -86,7 +86,7 @@ pub fn turn_samples(roll_deg: f32, from_s: u16, to_s: u16, rate_deg_s: f32) -> i
             field: Field::new(body.ut + HARD_IRON_UT),
             attitude,
             time: WrappingMillis::new(u32::from(i) * 100),
-            rates: Rates::ZERO,
+            rates: Rates::UNKNOWN,
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         }

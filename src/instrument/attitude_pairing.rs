@@ -65,7 +65,7 @@ impl PairingQueue {
     pub fn next_sample(
         &mut self,
         attitude_at: impl Fn(Timestamp) -> AttitudeLookup,
-        motion_at: impl Fn(Timestamp) -> EulerRates,
+        motion_at: impl Fn(Timestamp) -> Option<EulerRates>,
     ) -> Option<(Timestamp, Sample)> {
         while let Some(&(at, field)) = self.queue.front() {
             let attitude = match attitude_at(at) {

@@ -26,7 +26,8 @@ struct AveragingRun {
     /// Sum of the rolls relative to the first one, radians, so that a roll through 180 deg averages correctly.
     relative_roll_rad: f32,
     pitch_rad: f32,
-    rates_rad_s: [f32; 3],
+    /// Sum of the rates of roll, pitch and heading, rad/s; `None` if the rates at one of the readings are unknown.
+    rates_rad_s: Option<[f32; 3]>,
 }
 
 impl Averager {
@@ -44,7 +45,7 @@ impl Averager {
         at: Timestamp,
         field: Field<Sensor>,
         attitude: Attitude,
-        motion: EulerRates,
+        motion: Option<EulerRates>,
     ) -> Option<Sample> {
         let fits = |run: &AveragingRun| at >= run.last_at && at.us_since(run.last_at) <= self.max_step_us;
         let mut run = self.run.take().filter(fits).unwrap_or_else(|| AveragingRun::new_at(at, attitude));
@@ -53,10 +54,9 @@ impl Averager {
         run.field_ut += field.ut;
         run.relative_roll_rad += wrap_pi(attitude.roll_rad - run.first_roll_rad);
         run.pitch_rad += attitude.pitch_rad;
-        let rates_rad_s = [motion.roll_rad_s, motion.pitch_rad_s, motion.heading_rad_s];
-        for (sum, rate_rad_s) in run.rates_rad_s.iter_mut().zip(rates_rad_s) {
-            *sum += rate_rad_s;
-        }
+        run.rates_rad_s = run.rates_rad_s.zip(motion).map(|([roll, pitch, heading], motion)| {
+            [roll + motion.roll_rad_s, pitch + motion.pitch_rad_s, heading + motion.heading_rad_s]
+        });
         if run.count >= self.readings_per_sample {
             return Some(run.mean_sample());
         }
@@ -75,7 +75,7 @@ impl AveragingRun {
             first_roll_rad: attitude.roll_rad,
             relative_roll_rad: 0.0,
             pitch_rad: 0.0,
-            rates_rad_s: [0.0; 3],
+            rates_rad_s: Some([0.0; 3]),
         }
     }
 
@@ -88,7 +88,7 @@ impl AveragingRun {
                 roll_rad: wrap_pi(self.first_roll_rad + self.relative_roll_rad / count),
                 pitch_rad: self.pitch_rad / count,
             },
-            rates: Rates::from_rad_s(self.rates_rad_s.map(|sum| sum / count)),
+            rates: self.rates_rad_s.map_or(Rates::UNKNOWN, |sums| Rates::from_rad_s(sums.map(|sum| sum / count))),
             time: middle.wrapping_millis(),
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
@@ -116,7 +116,7 @@ mod tests {
                 let x = f32::from(i);
                 let at = Timestamp::from_us(u64::from(i) * PERIOD_US);
                 let motion = EulerRates { roll_rad_s: x / 10.0, pitch_rad_s: -x / 5.0, heading_rad_s: 2.0 };
-                averager.push_reading(at, Field::from_ut(x, 0.0, -x), Attitude::from_deg(x, -x), motion)
+                averager.push_reading(at, Field::from_ut(x, 0.0, -x), Attitude::from_deg(x, -x), Some(motion))
             })
             .collect();
         assert_eq!(samples.len(), 2);
@@ -134,12 +134,7 @@ mod tests {
             .find_map(|i| {
                 let roll_deg = if i % 2 == 0 { 178.0 } else { -178.0 };
                 let at = Timestamp::from_us(u64::from(i) * PERIOD_US);
-                averager.push_reading(
-                    at,
-                    Field::from_ut(1.0, 0.0, 0.0),
-                    Attitude::from_deg(roll_deg, 0.0),
-                    EulerRates::default(),
-                )
+                averager.push_reading(at, Field::from_ut(1.0, 0.0, 0.0), Attitude::from_deg(roll_deg, 0.0), None)
             })
             .unwrap();
         assert!((sample.attitude.roll_rad.to_degrees().abs() - 180.0).abs() < 1e-3, "{sample:?}");
@@ -148,8 +143,7 @@ mod tests {
     fn samples(instants_us: impl IntoIterator<Item = u64>) -> Vec<Sample> {
         let mut averager = averager();
         let field = Field::from_ut(1.0, 0.0, 0.0);
-        let mut push =
-            |us| averager.push_reading(Timestamp::from_us(us), field, Attitude::default(), EulerRates::default());
+        let mut push = |us| averager.push_reading(Timestamp::from_us(us), field, Attitude::default(), None);
         instants_us.into_iter().filter_map(&mut push).collect()
     }
 

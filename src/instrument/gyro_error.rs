@@ -74,17 +74,10 @@ impl HeadingRateError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::attitude::{AttitudeReport, SenderId};
-    use crate::time::WrappingMillis;
+    use crate::attitude::BodyRates;
 
     fn euler_rates(attitude: Attitude, rates_rad_s: [f32; 3]) -> EulerRates {
-        let report = AttitudeReport {
-            sender: SenderId::default(),
-            sender_time: WrappingMillis::default(),
-            attitude,
-            rates_rad_s,
-        };
-        EulerRates::from_report(&report).unwrap()
+        EulerRates::from_body_rates(BodyRates::from_rad_s(rates_rad_s).unwrap(), attitude)
     }
 
     /// By the model of the module's documentation: measured rates `(I + M) w + b`.

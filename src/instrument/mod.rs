@@ -36,7 +36,7 @@
 //!
 //! let attitude = Attitude::from_deg(20.0, 3.0);
 //! let sender_time = WrappingMillis::new(0);
-//! let report = AttitudeReport { sender: SenderId::default(), sender_time, attitude, rates_rad_s: [0.0; 3] };
+//! let report = AttitudeReport { sender: SenderId::default(), sender_time, attitude, body_rates: None };
 //! instrument.on_attitude(Timestamp::from_us(1_000_000), report);
 //! let field = Field::new(attitude.to_body_frame(Field::earth_field(50.0, 60_f32.to_radians(), 1.2)).ut);
 //! let reading = Reading { field, is_saturated: false, was_overwritten: false };
@@ -256,11 +256,7 @@ impl Instrument {
     pub fn next_sample(&mut self) -> Option<Sample> {
         match self.active.stored_correction.sample_attitude {
             SampleAttitude::Interpolated => {
-                let motion_at = |at| {
-                    self.attitude_history
-                        .gyro_heading_at(at)
-                        .map_or_else(EulerRates::default, |turning| turning.euler_rates)
-                };
+                let motion_at = |at| Some(self.attitude_history.gyro_heading_at(at)?.euler_rates);
                 let (at, mut sample) =
                     self.pairing.next_sample(|at| self.attitude_history.attitude_at(at), motion_at)?;
                 sample.current = MotorCurrent::from_a(self.current_a(at));
@@ -268,9 +264,8 @@ impl Instrument {
                 Some(sample)
             }
             SampleAttitude::Unknown => {
-                let at_rest = |_| EulerRates::default();
                 let (at, mut sample) =
-                    self.pairing.next_sample(|_| AttitudeLookup::Interpolated(Attitude::default()), at_rest)?;
+                    self.pairing.next_sample(|_| AttitudeLookup::Interpolated(Attitude::default()), |_| None)?;
                 sample.current = MotorCurrent::from_a(self.current_a(at));
                 Some(sample)
             }

@@ -5,7 +5,7 @@
 //! bus (`app::can`).
 
 mod bounded_text;
-mod detection;
+mod protocol_detection;
 mod dronecan;
 mod mavlink;
 mod message_schedule;
@@ -17,7 +17,7 @@ mod safe_mode;
 mod snapshot;
 mod transmit_buffer;
 
-pub use detection::Port;
+pub use protocol_detection::Port;
 pub use dronecan::{BOOT_LOADER_BYTES, CanNode, FirmwareUpdate, NodeContext};
 pub use mavlink::Mavlink;
 pub use message_schedule::MessageSchedule;

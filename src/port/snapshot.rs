@@ -16,7 +16,7 @@ pub struct Snapshot<'a> {
     pub estimate: &'a Estimate,
     /// Effective settings; a declination that was not entered is the field model's, if known.
     pub settings: &'a Settings,
-    /// State of the state machine.
+    /// State of collection and calibration, as the indicator shows it.
     pub indicator_state: IndicatorState,
     /// Active calibration with its heading uncertainty; may be none if it was already reported.
     pub calibration: Option<&'a (Calibration, HeadingUncertainty)>,

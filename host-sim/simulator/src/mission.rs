@@ -112,7 +112,7 @@ pub struct MissionResult {
     pub world: WorldConfig,
     /// Stored calibration, or the reason of its rejection, as printed on the console.
     pub result: Result<ShownCalibration, SolveNotice>,
-    /// Errors of an uncalibrated module.
+    /// Heading errors of an uncalibrated module.
     pub errors_before: HeadingErrors,
     /// Errors with the stored calibration, or of the uncalibrated module without one.
     pub errors_after: HeadingErrors,

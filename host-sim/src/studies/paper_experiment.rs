@@ -111,7 +111,7 @@ impl Table1Experiment {
             field: Field::new(field.ut + noise_ut.cast()),
             attitude,
             time: WrappingMillis::default(),
-            rates: Rates::ZERO,
+            rates: Rates::UNKNOWN,
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         }

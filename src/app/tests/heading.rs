@@ -42,7 +42,7 @@ fn report(bench: &TaskBench) {
         sender: SenderId::default(),
         sender_time: WrappingMillis::default(),
         attitude: Attitude::default(),
-        rates_rad_s: [0.0; 3],
+        body_rates: None,
     };
     bench.links.queue_or_count(&bench.links.attitude_reports, stamped_now(report));
 }

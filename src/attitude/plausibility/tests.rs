@@ -6,12 +6,7 @@ use crate::time::WrappingMillis;
 
 fn report(roll_deg: f32, pitch_deg: f32) -> AttitudeReport {
     let attitude = Attitude::from_deg(roll_deg, pitch_deg);
-    AttitudeReport {
-        sender: SenderId::default(),
-        sender_time: WrappingMillis::default(),
-        attitude,
-        rates_rad_s: [0.0; 3],
-    }
+    AttitudeReport { sender: SenderId::default(), sender_time: WrappingMillis::default(), attitude, body_rates: None }
 }
 
 /// Field of an aircraft rotated about an axis, after the average has settled.

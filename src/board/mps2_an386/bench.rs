@@ -6,7 +6,7 @@ use core::fmt::{self, Write as _};
 use core::hint::black_box;
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use autoswing::attitude::{AttitudeReport, SenderId};
+use autoswing::attitude::{AttitudeReport, BodyRates, SenderId};
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{
     CollectionPart, Method, MotorCurrent, Prior, Rates, Sample, Samples, Solution, SolveProgress, Solver,
@@ -217,7 +217,7 @@ fn monitor_instructions(solution: &Solution) -> u64 {
             sender: SenderId::default(),
             sender_time: WrappingMillis::default(),
             attitude,
-            rates_rad_s: [0.0, 0.14, 0.29],
+            body_rates: BodyRates::from_rad_s([0.0, 0.14, 0.29]),
         };
         instrument.on_attitude(at, report);
         let reading =

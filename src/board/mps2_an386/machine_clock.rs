@@ -153,7 +153,7 @@ fn clock_phase() -> u32 {
     u32::from(CLOCK_PHASES[bits as usize & 15])
 }
 
-/// Executes instructions until the processor is at this phase again.
+/// Executes instructions until the processor has this phase relative to the counter again.
 #[inline(never)]
 fn restore_clock_phase(place: u32) {
     let missing = (place + 5 - clock_phase()) % 5;

@@ -112,7 +112,7 @@ mod tests {
                     field,
                     attitude,
                     time: WrappingMillis::default(),
-                    rates: Rates::ZERO,
+                    rates: Rates::UNKNOWN,
                     current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 },
@@ -196,7 +196,7 @@ mod tests {
                     field,
                     attitude: Attitude::default(),
                     time: WrappingMillis::default(),
-                    rates: Rates::ZERO,
+                    rates: Rates::UNKNOWN,
                     current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 };

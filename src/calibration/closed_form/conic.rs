@@ -106,7 +106,7 @@ mod tests {
                     field,
                     attitude: Attitude::default(),
                     time: WrappingMillis::default(),
-                    rates: Rates::ZERO,
+                    rates: Rates::UNKNOWN,
                     current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 }

@@ -180,7 +180,7 @@ mod tests {
                     field,
                     attitude,
                     time: WrappingMillis::default(),
-                    rates: Rates::ZERO,
+                    rates: Rates::UNKNOWN,
                     current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 }

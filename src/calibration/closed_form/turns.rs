@@ -129,7 +129,7 @@ mod tests {
             field,
             attitude: Attitude::from_deg(roll_deg, 3.0),
             time: WrappingMillis::new(millis),
-            rates: Rates::ZERO,
+            rates: Rates::UNKNOWN,
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         }

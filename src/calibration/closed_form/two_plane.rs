@@ -106,7 +106,7 @@ mod tests {
                     field: Field::from_ut(x, y * cos, -y * sin),
                     attitude: Attitude::from_deg(bank_deg, 0.0),
                     time: WrappingMillis::new(u32::from(i) * 500),
-                    rates: Rates::ZERO,
+                    rates: Rates::UNKNOWN,
                     current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 }

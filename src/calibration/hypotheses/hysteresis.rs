@@ -30,7 +30,7 @@ impl LastTurn {
         let (rate, bank) = (sample.rates.heading_rad_s(), sample.attitude.roll_rad);
         if rate.abs() > MIN_TURN_RATE_RAD_S {
             self.0 = 1_f32.copysign(rate);
-        } else if sample.rates == crate::calibration::Rates::ZERO && bank.abs() > MIN_TURN_BANK_RAD {
+        } else if !sample.rates.is_known() && bank.abs() > MIN_TURN_BANK_RAD {
             self.0 = 1_f32.copysign(bank);
         }
         self.0
@@ -104,9 +104,10 @@ mod tests {
             (0.0, rate(-0.053), -1.0),
             (0.5, rate(0.049), 0.0),
             (0.5, rate(-0.053), -1.0),
-            (0.139, Rates::ZERO, 0.0),
-            (0.141, Rates::ZERO, 1.0),
-            (-0.141, Rates::ZERO, -1.0),
+            (0.5, rate(0.0), 0.0),
+            (0.139, Rates::UNKNOWN, 0.0),
+            (0.141, Rates::UNKNOWN, 1.0),
+            (-0.141, Rates::UNKNOWN, -1.0),
         ] {
             let mut last = LastTurn::default();
             assert_eq!(

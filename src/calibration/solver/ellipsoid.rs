@@ -82,7 +82,7 @@ mod tests {
                 field: Field::new(ut),
                 attitude: Attitude::default(),
                 time: WrappingMillis::default(),
-                rates: Rates::ZERO,
+                rates: Rates::UNKNOWN,
                 current: MotorCurrent::UNKNOWN,
                 part: CollectionPart::FREE,
             })

@@ -52,7 +52,7 @@ pub(super) fn choose_starting_point(
     }
     let closed_form = match solve_closed_form(method, samples, &rotation, prior.inclination_rad) {
         Ok(response) => response.starting_point(),
-        // Without a closed form these methods start from the sphere fit.
+        // Where the closed form has no solution, these methods start from the sphere fit.
         Err(_) if matches!(method, Method::MaximumLikelihood | Method::Ellipsoid) => None,
         Err(error) => return Err(error),
     };

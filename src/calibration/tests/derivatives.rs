@@ -177,7 +177,7 @@ fn sample_at(attitude: Attitude) -> Sample {
     Sample {
         field: Field::from_ut(0.0, 0.0, 0.0),
         attitude,
-        rates: Rates::ZERO,
+        rates: Rates::UNKNOWN,
         time: WrappingMillis::default(),
         current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,

@@ -124,7 +124,7 @@ fn a_mirrored_attitude_is_detected() {
             let mirrored: Vec<Sample> = samples.iter().map(mirror).collect();
             let refused = solved(&mirrored, &NO_PRIOR).map(|_| ());
             assert_eq!(refused, Err(SolveError::TurnsReversed), "seed {seed}: {roll} {pitch}");
-            let silent: Vec<Sample> = mirrored.iter().map(|s| Sample { rates: Rates::ZERO, ..*s }).collect();
+            let silent: Vec<Sample> = mirrored.iter().map(|s| Sample { rates: Rates::UNKNOWN, ..*s }).collect();
             let refused = solved(&silent, &NO_PRIOR).map(|_| ());
             assert!(matches!(refused, Err(SolveError::MountContradicted { .. })), "seed {seed}: {refused:?}");
         }
@@ -141,7 +141,7 @@ fn banking_out_of_a_turn_is_accepted_with_body_rates() {
             .map(|i| {
                 let t_s = f32::from(i) * 0.4;
                 let wobble = Attitude::from_deg(bank_deg + 2.0 * t_s.sin(), 2.0 * (0.7 * t_s).cos());
-                let rates = if known { Rates::from_rad_s([0.0, 0.0, rate_rad_s]) } else { Rates::ZERO };
+                let rates = if known { Rates::from_rad_s([0.0, 0.0, rate_rad_s]) } else { Rates::UNKNOWN };
                 let time = WrappingMillis::new(from_ms + u32::from(i) * 400);
                 Sample { rates, time, ..sample(&airframe, wobble, rate_rad_s * t_s, 0.1, random) }
             })

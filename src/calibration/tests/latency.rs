@@ -124,7 +124,7 @@ fn flight_with_latency(seed: u64, late_s: f32) -> (Airframe, RecordedTurns) {
 }
 
 fn without_rates(recorded: &RecordedTurns) -> RecordedTurns {
-    let strip = |samples: &[Sample]| samples.iter().map(|s| Sample { rates: Rates::ZERO, ..*s }).collect();
+    let strip = |samples: &[Sample]| samples.iter().map(|s| Sample { rates: Rates::UNKNOWN, ..*s }).collect();
     RecordedTurns { left: strip(&recorded.left), right: strip(&recorded.right) }
 }
 

@@ -19,7 +19,7 @@ fn sample(ut: [f32; 3]) -> Sample {
         field: Field::new(ut.into()),
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
-        rates: Rates::ZERO,
+        rates: Rates::UNKNOWN,
         current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     }

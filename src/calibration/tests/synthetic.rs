@@ -102,7 +102,7 @@ pub fn sample(airframe: &Airframe, attitude: Attitude, heading_rad: f32, noise_u
         field: Field::new(airframe.field(attitude, heading_rad).ut + noise),
         attitude,
         time: WrappingMillis::default(),
-        rates: Rates::ZERO,
+        rates: Rates::UNKNOWN,
         current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     }
@@ -223,7 +223,7 @@ impl Flight {
                         pitch_rad: reported.pitch_rad + bias.pitch_rad,
                     },
                     time: WrappingMillis::new(u32::from(i) * 500),
-                    rates: Rates::ZERO,
+                    rates: Rates::UNKNOWN,
                     current: MotorCurrent::UNKNOWN,
                     part: CollectionPart::FREE,
                 }

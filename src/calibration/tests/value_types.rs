@@ -13,7 +13,7 @@ fn sample(x_ut: f32) -> Sample {
         field: Field::from_ut(x_ut, 0.0, 0.0),
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
-        rates: Rates::ZERO,
+        rates: Rates::UNKNOWN,
         current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     }
@@ -35,7 +35,7 @@ fn attitude_is_extrapolated_with_its_rates() {
     let earlier = turning.latency_compensated_attitude(-0.1);
     assert!((earlier.roll_rad - 3.0).abs() < 1e-5 && (earlier.pitch_rad - 0.25).abs() < 1e-6);
     assert_eq!(turning.latency_compensated_attitude(0.0), attitude);
-    assert_eq!(Sample { rates: Rates::ZERO, ..turning }.latency_compensated_attitude(1.0), attitude);
+    assert_eq!(Sample { rates: Rates::UNKNOWN, ..turning }.latency_compensated_attitude(1.0), attitude);
     let calibration = Calibration { latency_s: 0.1, ..calibration() };
     assert_eq!(
         calibration.corrected_level_field(&turning),

@@ -4,37 +4,46 @@ const STEPS_PER_RAD_S: f32 = 1024.0;
 
 /// Rates of roll, pitch and heading, 1/1024 rad/s, up to 32 rad/s. A step changes the attitude by 0.006 deg in 0.1 s.
 ///
-/// A source without rates has zero rates. Like rest, these determine neither an attitude latency nor a direction of
-/// turn.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// Unknown rates read as zero, because like rest they determine neither an attitude latency nor a direction of turn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rates([i16; 3]);
 
 impl Rates {
-    /// No motion, or a source without rates.
-    pub const ZERO: Self = Self([0; 3]);
+    /// The source has no rates.
+    pub const UNKNOWN: Self = Self([i16::MIN; 3]);
 
     /// Rates of roll, pitch and heading, rad/s, saturated at 32. NaN is 0.
     #[must_use]
     pub fn from_rad_s(rad_s: [f32; 3]) -> Self {
-        Self(rad_s.map(|rate_rad_s| to_steps(rate_rad_s * STEPS_PER_RAD_S)))
+        Self(rad_s.map(|rate_rad_s| to_steps(rate_rad_s * STEPS_PER_RAD_S).max(-i16::MAX)))
     }
 
-    /// Roll rate, rad/s.
+    /// Whether the source has rates.
+    #[must_use]
+    pub fn is_known(&self) -> bool {
+        *self != Self::UNKNOWN
+    }
+
+    /// Roll rate, rad/s; 0 if unknown.
     #[must_use]
     pub fn roll_rad_s(&self) -> f32 {
-        f32::from(self.0[0]) / STEPS_PER_RAD_S
+        self.rate_rad_s(0)
     }
 
-    /// Pitch rate, rad/s.
+    /// Pitch rate, rad/s; 0 if unknown.
     #[must_use]
     pub fn pitch_rad_s(&self) -> f32 {
-        f32::from(self.0[1]) / STEPS_PER_RAD_S
+        self.rate_rad_s(1)
     }
 
-    /// Heading rate, rad/s.
+    /// Heading rate, rad/s; 0 if unknown.
     #[must_use]
     pub fn heading_rad_s(&self) -> f32 {
-        f32::from(self.0[2]) / STEPS_PER_RAD_S
+        self.rate_rad_s(2)
+    }
+
+    fn rate_rad_s(&self, axis: usize) -> f32 {
+        if self.is_known() { f32::from(self.0[axis]) / STEPS_PER_RAD_S } else { 0.0 }
     }
 
     pub(crate) const fn quantised_mut(&mut self) -> &mut [i16; 3] {
@@ -106,7 +115,17 @@ mod tests {
             let [roll, pitch, heading] = of([fast, -fast, fast]);
             assert!((roll - 32.0).abs() < 1e-3 && (pitch + 32.0).abs() < 1e-3 && (heading - 32.0).abs() < 1e-3);
         }
-        assert_eq!(Rates::from_rad_s([f32::NAN; 3]), Rates::ZERO);
+        assert_eq!(Rates::from_rad_s([f32::NAN; 3]), Rates::from_rad_s([0.0; 3]));
+    }
+
+    #[test]
+    fn unknown_rates_differ_from_all_others_and_read_as_zero() {
+        for rad_s in [[0.0; 3], [f32::NEG_INFINITY; 3], [f32::NAN; 3]] {
+            assert!(Rates::from_rad_s(rad_s).is_known(), "{rad_s:?}");
+        }
+        let unknown = Rates::UNKNOWN;
+        let read_rad_s = [unknown.roll_rad_s(), unknown.pitch_rad_s(), unknown.heading_rad_s()];
+        assert_eq!((unknown.is_known(), read_rad_s.map(f32::to_bits)), (false, [0; 3]));
     }
 
     /// An unknown current differs from 0 A.

@@ -251,7 +251,7 @@ mod tests {
         let sample = |time_ms| Sample {
             field: Field::from_ut(0.0, 0.0, 0.0),
             attitude: Attitude::default(),
-            rates: Rates::ZERO,
+            rates: Rates::UNKNOWN,
             time: WrappingMillis::new(time_ms),
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,

@@ -57,7 +57,7 @@ mod tests {
             field: Field::from_ut(0.0, 0.0, 0.0),
             attitude: Attitude::default(),
             time: WrappingMillis::new(millis),
-            rates: Rates::ZERO,
+            rates: Rates::UNKNOWN,
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         };

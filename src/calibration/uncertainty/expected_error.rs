@@ -256,7 +256,7 @@ mod tests {
             field: Field::from_ut(1.0, 0.0, 0.0),
             attitude: Attitude::from_deg(roll_deg, 0.0),
             time: WrappingMillis::default(),
-            rates: Rates::ZERO,
+            rates: Rates::UNKNOWN,
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         };

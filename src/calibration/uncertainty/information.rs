@@ -120,7 +120,7 @@ impl Information {
         let measured = MeasuredSample { x, tilt_rotation: tilt, heading_rad: None };
         let equations = SampleEquations::new(parameters, &measured, &likelihood.noise, &likelihood.config, false);
         self.linear_system.add_sample_equations(&equations);
-        self.add_inclination(&equations, &AttitudeState::steady_turn(attitude, Rates::ZERO));
+        self.add_inclination(&equations, &AttitudeState::steady_turn(attitude, Rates::UNKNOWN));
     }
 
     /// Attitude latency, and the derivative of the unknowns by it (1/s). `None` without attitude rates.

@@ -14,7 +14,7 @@ const SAMPLE_CAPACITY: usize = SampleQuota::WHOLE_BUFFER.fit_quota + SampleQuota
 pub(super) const UNUSED_SAMPLE: Sample = Sample {
     field: Field::from_ut(0.0, 0.0, 0.0),
     attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
-    rates: Rates::ZERO,
+    rates: Rates::UNKNOWN,
     time: WrappingMillis::new(0),
     current: MotorCurrent::UNKNOWN,
     part: CollectionPart::LEFT,

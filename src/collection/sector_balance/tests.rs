@@ -140,7 +140,7 @@ fn no_sensor_value_panics() {
         field: Field::from_ut(values[i as usize % 6], values[i as usize / 6 % 6], values[i as usize / 36 % 6]),
         attitude: Attitude::from_deg(25.0, 0.0),
         time: WrappingMillis::new(i * 400),
-        rates: Rates::ZERO,
+        rates: Rates::UNKNOWN,
         current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     });

@@ -93,7 +93,7 @@ impl TestBed {
             field,
             attitude,
             time: self.time(),
-            rates: Rates::ZERO,
+            rates: Rates::UNKNOWN,
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         }));
@@ -107,7 +107,7 @@ impl TestBed {
                 field,
                 attitude: Attitude::default(),
                 time: self.time(),
-                rates: Rates::ZERO,
+                rates: Rates::UNKNOWN,
                 current: MotorCurrent::UNKNOWN,
                 part: CollectionPart::FREE,
             }));

@@ -29,7 +29,7 @@ fn trial_times_in_turns(result: impl Fn(usize) -> Option<Solution>) -> Vec<(f32,
         collector.push_sample(Sample {
             field,
             attitude,
-            rates: Rates::ZERO,
+            rates: Rates::UNKNOWN,
             time,
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,

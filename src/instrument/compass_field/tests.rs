@@ -1,6 +1,6 @@
 use super::super::*;
 use super::*;
-use crate::attitude::{AttitudeConfig, SenderId};
+use crate::attitude::{AttitudeConfig, BodyRates, SenderId};
 use crate::calibration::{HeadingUncertainty, Orientation};
 use crate::time::WrappingMillis;
 use testkit::random::Random;
@@ -47,7 +47,7 @@ fn read(instrument: &mut Instrument, us: u64, field: Field<Sensor>) -> Estimate 
 fn report(instrument: &mut Instrument, us: u64, attitude: Attitude) {
     let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
     let arrival = at(us).plus_signed_us(AttitudeConfig::DEFAULT.latency_us);
-    instrument.on_attitude(arrival, AttitudeReport { sender: source, sender_time, attitude, rates_rad_s: [0.0; 3] });
+    instrument.on_attitude(arrival, AttitudeReport { sender: source, sender_time, attitude, body_rates: None });
 }
 
 fn heading_deg(field: Field<Body>) -> f32 {
@@ -240,7 +240,12 @@ fn added_hard_iron_is_compensated_in_the_compass_field() {
             let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
             let roll_rad = 5_f32.to_radians();
             let rates_rad_s = [0.0, roll_rad.sin(), roll_rad.cos()].map(|part| 20_f32.to_radians() * part);
-            let report = AttitudeReport { sender: source, sender_time, attitude, rates_rad_s };
+            let report = AttitudeReport {
+                sender: source,
+                sender_time,
+                attitude,
+                body_rates: BodyRates::from_rad_s(rates_rad_s),
+            };
             instrument.on_attitude(at(us).plus_signed_us(AttitudeConfig::DEFAULT.latency_us), report);
         }
         let noise = Vector3::from_fn(|_, _| 0.1 * random.normal());

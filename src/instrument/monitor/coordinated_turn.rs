@@ -78,8 +78,7 @@ impl CoordinatedTurn {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::attitude::{AttitudeReport, SenderId};
-    use crate::time::WrappingMillis;
+    use crate::attitude::BodyRates;
 
     const NO_GYRO: GyroErrors = [0.0; GYRO_ERROR_COUNT];
 
@@ -88,13 +87,7 @@ mod tests {
         let (roll_rad, heading_rad_s) = (0.8_f32, 0.3);
         let reported_attitude = Attitude { roll_rad: roll_rad * (1.0 + bank) + bias_rad, pitch_rad: 0.0 };
         let rates_rad_s = [0.0, heading_rad_s * roll_rad.sin(), heading_rad_s * roll_rad.cos()];
-        let report = AttitudeReport {
-            sender: SenderId::default(),
-            sender_time: WrappingMillis::default(),
-            attitude: reported_attitude,
-            rates_rad_s,
-        };
-        let motion = EulerRates::from_report(&report).unwrap();
+        let motion = EulerRates::from_body_rates(BodyRates::from_rad_s(rates_rad_s).unwrap(), reported_attitude);
         let mut balance = CoordinatedTurn::EMPTY;
         (0..30).find_map(|_| balance.integrate(reported_attitude, &motion, &NO_GYRO, 0.1, unknowns)).unwrap()
     }

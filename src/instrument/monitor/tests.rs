@@ -162,7 +162,7 @@ impl Flight {
         let sample = Sample {
             field: Field::new(field),
             attitude: reported,
-            rates: Rates::ZERO,
+            rates: Rates::UNKNOWN,
             time: at.wrapping_millis(),
             current: self.current,
             part: CollectionPart::FREE,
@@ -571,7 +571,7 @@ fn a_source_without_rates_is_monitored() {
         let sample = Sample {
             field: Field::new(field),
             attitude,
-            rates: Rates::ZERO,
+            rates: Rates::UNKNOWN,
             time: at.wrapping_millis(),
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
@@ -602,7 +602,7 @@ fn non_finite_samples_are_ignored() {
     let good = Sample {
         field: Field::from_ut(20.0, 3.0, 40.0),
         attitude: Attitude::default(),
-        rates: Rates::ZERO,
+        rates: Rates::UNKNOWN,
         time: WrappingMillis::default(),
         current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
@@ -685,7 +685,7 @@ fn a_day_at_rest_changes_no_state() {
         let sample = Sample {
             field: Field::new(field),
             attitude,
-            rates: Rates::ZERO,
+            rates: Rates::UNKNOWN,
             time: at.wrapping_millis(),
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,

@@ -3,7 +3,7 @@
 mod current;
 
 use super::*;
-use crate::attitude::{AttitudeConfig, RejectedReports, SenderId};
+use crate::attitude::{AttitudeConfig, BodyRates, RejectedReports, SenderId};
 use crate::calibration::{Calibration, CollectionPart, HeadingUncertainty, MotorCurrent, Orientation, Rates};
 use crate::frames::{Sensor, wrap_pi};
 use crate::time::WrappingMillis;
@@ -54,7 +54,7 @@ fn report(instrument: &mut Instrument, us: u64, attitude: Attitude) {
         sender: SenderId::default(),
         sender_time: WrappingMillis::default(),
         attitude,
-        rates_rad_s: [0.0; 3],
+        body_rates: None,
     };
     instrument.on_attitude(at(us + LATENCY_US), report);
 }
@@ -119,8 +119,12 @@ fn latency_is_applied_to_headings_and_not_to_samples() {
         for us in (0..400_000).step_by(PERIOD_US as usize) {
             if us % 50_000 == 0 {
                 let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
-                let report =
-                    AttitudeReport { sender: source, sender_time, attitude: rolled(us), rates_rad_s: [1.0, 0.0, 0.0] };
+                let report = AttitudeReport {
+                    sender: source,
+                    sender_time,
+                    attitude: rolled(us),
+                    body_rates: BodyRates::from_rad_s([1.0, 0.0, 0.0]),
+                };
                 instrument.on_attitude(at(us + LATENCY_US), report);
             }
             let estimate = instrument.on_reading(at(us), reading(sensed(1.0, rolled(us))));
@@ -348,7 +352,7 @@ fn a_recording_at_10_hz_passes_unchanged() {
             sender: SenderId::default(),
             sender_time: WrappingMillis::default(),
             attitude,
-            rates_rad_s: [0.0; 3],
+            body_rates: None,
         };
         instrument.on_attitude(at(us), report);
         let estimate = instrument.on_reading(at(us), reading(field));
@@ -357,7 +361,7 @@ fn a_recording_at_10_hz_passes_unchanged() {
             field,
             attitude,
             time: at(us).wrapping_millis(),
-            rates: Rates::ZERO,
+            rates: Rates::UNKNOWN,
             current: MotorCurrent::UNKNOWN,
             part: CollectionPart::FREE,
         };
@@ -419,7 +423,12 @@ fn no_report_or_reading_panics() {
                 let sender_time = WrappingMillis::new(random.bits() as u32);
                 instrument.on_attitude(
                     at,
-                    AttitudeReport { sender: SenderId::default(), sender_time, attitude, rates_rad_s },
+                    AttitudeReport {
+                        sender: SenderId::default(),
+                        sender_time,
+                        attitude,
+                        body_rates: BodyRates::from_rad_s(rates_rad_s),
+                    },
                 );
             }
             1 => drop(instrument.on_silence(at)),
@@ -588,8 +597,10 @@ fn turning(instrument: &mut Instrument, from_s: f32, seconds: f32, rate_scale: f
                 sender: SenderId::default(),
                 sender_time: WrappingMillis::default(),
                 attitude: Attitude::from_deg(5.0 + 0.02 * (i % 7) as f32, 0.0),
-                rates_rad_s: [0.0, 5_f32.to_radians().sin(), 5_f32.to_radians().cos()]
-                    .map(|part| rate_scale * 20_f32.to_radians() * part),
+                body_rates: BodyRates::from_rad_s(
+                    [0.0, 5_f32.to_radians().sin(), 5_f32.to_radians().cos()]
+                        .map(|part| rate_scale * 20_f32.to_radians() * part),
+                ),
             };
             let field = sensed(heading_rad, report.attitude);
             instrument.on_attitude(at(us + LATENCY_US), report);
@@ -648,7 +659,7 @@ fn ten_reports_with_contradicting_rates_restart_the_monitor() {
                 sender: SenderId::default(),
                 sender_time: WrappingMillis::default(),
                 attitude: Attitude::from_deg(5.0 + 10.0 * t_s.sin(), 0.0),
-                rates_rad_s: [rate_sign * 10_f32.to_radians() * t_s.cos(), 0.0, 0.0],
+                body_rates: BodyRates::from_rad_s([rate_sign * 10_f32.to_radians() * t_s.cos(), 0.0, 0.0]),
             };
             instrument.on_attitude(at(10_000_000 + u64::from(i) * 20_000 + LATENCY_US), report);
             let is_rejected = instrument.attitude_history.rejected_reports().contradicting_rates != before;

@@ -10,7 +10,7 @@
 //! while the module runs.
 
 use super::{MessageSchedule, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
-use crate::attitude::{AttitudeReport, RateEstimator, SenderId};
+use crate::attitude::{AttitudeReport, BodyRates, RateEstimator, SenderId};
 use crate::time::{Timestamp, WrappingMillis};
 use crate::wire::msp::{
     AutopilotFirmware, MspAngles, MspFunction, MspReply, Receiver, compass_message, encode_request,
@@ -109,8 +109,8 @@ impl Msp {
         let attitude = self.firmware?.attitude_from_angles(angles)?;
         let estimated = self.rate_estimator.update_rates(at, attitude, f32::from(angles.heading_deg).to_radians());
         let measured = self.gyro.filter(|(received_at, _)| at.us_since(*received_at) <= REPLY_TIMEOUT_US);
-        let rates_rad_s = measured.map_or(estimated, |(_, rates_rad_s)| rates_rad_s);
-        Some(ReceivedMessage::Attitude(AttitudeReport { sender: source, sender_time, attitude, rates_rad_s }))
+        let body_rates = BodyRates::from_rad_s(measured.map_or(estimated, |(_, rates_rad_s)| rates_rad_s));
+        Some(ReceivedMessage::Attitude(AttitudeReport { sender: source, sender_time, attitude, body_rates }))
     }
 
     fn next_periodic_request(&mut self) -> MspFunction {

@@ -13,7 +13,7 @@ use mavlink::dialects::common::{
 };
 
 use super::frame::Address;
-use crate::attitude::{AttitudeReport, Heartbeat, SenderId};
+use crate::attitude::{AttitudeReport, BodyRates, Heartbeat, SenderId};
 use crate::earth::{Date, Position};
 use crate::frames::Attitude;
 use crate::time::WrappingMillis;
@@ -158,17 +158,14 @@ fn parse_attitude(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const RATES_OFFSET: usize = 16;
     let fields = PayloadReader(payload);
     let (roll_rad, pitch_rad) = (fields.read_f32(ROLL_OFFSET), fields.read_f32(PITCH_OFFSET));
-    let rate = |axis| {
-        let rad_s = fields.read_f32(RATES_OFFSET + 4 * axis);
-        if rad_s.is_finite() { rad_s } else { 0.0 }
-    };
+    let rate_rad_s = |axis| fields.read_f32(RATES_OFFSET + 4 * axis);
     let is_possible = roll_rad.abs() <= MAX_ROLL_RAD && pitch_rad.abs() <= MAX_PITCH_RAD;
     is_possible.then(|| {
         InboundMessage::Attitude(AttitudeReport {
             sender: source,
             sender_time: WrappingMillis::new(fields.read_u32(0)),
             attitude: Attitude { roll_rad, pitch_rad },
-            rates_rad_s: from_fn(rate),
+            body_rates: BodyRates::from_rad_s(from_fn(rate_rad_s)),
         })
     })
 }

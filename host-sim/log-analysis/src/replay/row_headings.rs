@@ -1,6 +1,6 @@
 //! Headings of the rows by the module's instrument, and their score.
 
-use autoswing::attitude::{self, AttitudeReport, EulerRates, SenderId};
+use autoswing::attitude::{self, AttitudeReport, BodyRates, EulerRates, SenderId};
 use autoswing::calibration::{Calibration, CollectionPart, MotorCurrent, Rates, Sample, Solution};
 use autoswing::frames::{Attitude, Field, Level};
 use autoswing::heading;
@@ -50,16 +50,17 @@ pub(super) fn estimate_heading(instrument: &mut Instrument, row: &ReplayRow, sta
 
 /// Attitude report of a row, dated by arrival.
 fn attitude_report(attitude: Attitude, rates_rad_s: Option<[f32; 3]>) -> AttitudeReport {
-    let (sender_time, rates_rad_s) = (WrappingMillis::default(), rates_rad_s.unwrap_or_default());
-    AttitudeReport { sender: SenderId::default(), sender_time, attitude, rates_rad_s }
+    let body_rates = rates_rad_s.and_then(BodyRates::from_rad_s);
+    AttitudeReport { sender: SenderId::default(), sender_time: WrappingMillis::default(), attitude, body_rates }
 }
 
 /// Field of a row, calibrated and levelled.
 #[must_use]
 pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
-    let EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s } =
-        EulerRates::from_report(&attitude_report(row.attitude, row.rates_rad_s)).unwrap_or_default();
-    let rates = Rates::from_rad_s([roll_rad_s, pitch_rad_s, heading_rad_s]);
+    let rates = row.rates_rad_s.and_then(BodyRates::from_rad_s).map_or(Rates::UNKNOWN, |body_rates| {
+        let motion = EulerRates::from_body_rates(body_rates, row.attitude);
+        Rates::from_rad_s([motion.roll_rad_s, motion.pitch_rad_s, motion.heading_rad_s])
+    });
     let sample = Sample {
         field: row.raw_field,
         attitude: row.attitude,

@@ -41,7 +41,7 @@ impl SecondSender {
 }
 
 /// Applies a change to each message while the switch is on.
-fn change_while_on(switch: FaultSwitch, mut change: impl FnMut(&mut ATTITUDE_DATA)) -> impl AttitudeFault {
+fn change_messages_while_on(switch: FaultSwitch, mut change: impl FnMut(&mut ATTITUDE_DATA)) -> impl AttitudeFault {
     move |now_us: u64, message: &mut ATTITUDE_DATA| {
         if switch.is_on(now_us) {
             change(message);
@@ -74,7 +74,7 @@ pub fn stale_attitude(switch: FaultSwitch, source: &AttitudeSourceConfig, seed: 
     };
     let (mut roll_noise_rad, mut pitch_noise_rad) = (noise(seed), noise(!seed));
     let mut held_rad = None;
-    change_while_on(switch, move |message| {
+    change_messages_while_on(switch, move |message| {
         let [roll_rad, pitch_rad] = *held_rad.get_or_insert([message.roll, message.pitch]);
         message.roll = roll_rad + roll_noise_rad.next_value() as f32;
         message.pitch = pitch_rad + pitch_noise_rad.next_value() as f32;
@@ -133,7 +133,7 @@ impl AttitudeFault for SourceRestart {
 #[must_use]
 pub fn attitude_spikes(switch: FaultSwitch, fraction: f64, seed: u64) -> impl AttitudeFault {
     let mut random = RandomStream::new(seed, StreamPurpose::AttitudeFault);
-    change_while_on(switch, move |message| {
+    change_messages_while_on(switch, move |message| {
         if random.uniform(0.0, 1.0) < fraction {
             let mut wrong = || if random.uniform(-1.0, 1.0) < 0.0 { -FRAC_PI_4 } else { FRAC_PI_4 } as f32;
             message.roll += wrong();
@@ -145,7 +145,7 @@ pub fn attitude_spikes(switch: FaultSwitch, fraction: f64, seed: u64) -> impl At
 /// Constant error of roll and pitch, radians.
 #[must_use]
 pub fn attitude_bias(switch: FaultSwitch, bias_rad: [f64; 2]) -> impl AttitudeFault {
-    change_while_on(switch, move |message| {
+    change_messages_while_on(switch, move |message| {
         message.roll += bias_rad[0] as f32;
         message.pitch += bias_rad[1] as f32;
     })
@@ -154,7 +154,7 @@ pub fn attitude_bias(switch: FaultSwitch, bias_rad: [f64; 2]) -> impl AttitudeFa
 /// Bank-angle scale error: ratio of reported to true bank.
 #[must_use]
 pub fn bank_scale_error(switch: FaultSwitch, reported_ratio: f64) -> impl AttitudeFault {
-    change_while_on(switch, move |message| message.roll *= reported_ratio as f32)
+    change_messages_while_on(switch, move |message| message.roll *= reported_ratio as f32)
 }
 
 /// Lean of a filter that trusts its accelerometers in long turns, where gravity and centripetal acceleration give no
@@ -190,7 +190,7 @@ impl AttitudeFault for AdditionalLatency {
 /// Scale error of the body rates, reported over true: 0 for missing rates, -1 for a wrong sign, 57.3 for degrees.
 #[must_use]
 pub fn rate_scale_error(switch: FaultSwitch, factor: f64) -> impl AttitudeFault {
-    change_while_on(switch, move |message| {
+    change_messages_while_on(switch, move |message| {
         for rate in rates_of_message(message) {
             *rate *= factor as f32;
         }
@@ -248,7 +248,7 @@ pub fn filter_alignment(switch: FaultSwitch, alignment: FilterAlignment) -> impl
 /// Quantisation of roll and pitch.
 #[must_use]
 pub fn attitude_quantisation(resolution_deg: f64) -> impl AttitudeFault {
-    change_while_on(FaultSwitch::always_on(), move |message| {
+    change_messages_while_on(FaultSwitch::always_on(), move |message| {
         for angle in [&mut message.roll, &mut message.pitch] {
             let degrees = (f64::from(*angle).to_degrees() / resolution_deg).round() * resolution_deg;
             *angle = degrees.to_radians() as f32;

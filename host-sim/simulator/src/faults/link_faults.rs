@@ -18,7 +18,7 @@ const SWITCH_CHECK_MS: u64 = 100;
 /// Fault of the link.
 #[derive(Clone, Debug)]
 pub enum LinkFault {
-    /// The vehicle's autopilot sends nothing while the switch is on.
+    /// The vehicle's autopilot sends nothing while the fault is on.
     Pause(FaultSwitch),
     /// Another vehicle flies circles; its autopilot sends heartbeats and attitude with this system ID from the
     /// beginning.

@@ -270,7 +270,7 @@ impl RandomFlight {
         let instant = TrueSample {
             euler,
             disturbing_acceleration_m_s2: 0.0,
-            rates: Rates::ZERO,
+            rates: Rates::UNKNOWN,
             time: WrappingMillis::default(),
         };
         let Sample { field, attitude, .. } = self.noisy_sample(&instant, used.source, random);
@@ -337,7 +337,7 @@ fn random_turn(ranges: &RandomRanges, bank_deg: f64, random: &mut RandomStream) 
             heading_rad += STEP_S * 9.81 * libm::tan(roll_rad) / 22.0;
             let pitch_rad = (2.0 + attitude_noise[1]).to_radians();
             let (euler, time) = (Euler { roll_rad, pitch_rad, heading_rad }, WrappingMillis::new(i as u32 * 500));
-            TrueSample { euler, disturbing_acceleration_m_s2: 0.0, rates: Rates::ZERO, time }
+            TrueSample { euler, disturbing_acceleration_m_s2: 0.0, rates: Rates::UNKNOWN, time }
         })
         .collect()
 }

@@ -58,7 +58,7 @@ mod tests {
             Sample {
                 field,
                 attitude,
-                rates: Rates::ZERO,
+                rates: Rates::UNKNOWN,
                 current: MotorCurrent::UNKNOWN,
                 time: WrappingMillis::new(u32::from(i) * 100),
                 part: CollectionPart::FREE,

@@ -52,7 +52,7 @@ fn refinement_off_by(sigmas: f32) -> Refinement {
         field: Field::from_ut(50.0, 0.0, 0.0),
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
-        rates: Rates::ZERO,
+        rates: Rates::UNKNOWN,
         current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     };
@@ -69,7 +69,7 @@ fn descend(refinement: &mut Refinement, higher: f32) -> RefinementProgress {
         field: Field::from_ut(50.0, 0.0, 0.0),
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
-        rates: Rates::ZERO,
+        rates: Rates::UNKNOWN,
         current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     };

@@ -328,7 +328,7 @@ const STILL: Sample = Sample {
     field: Field::from_ut(0.0, 0.0, 0.0),
     attitude: crate::frames::Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
     time: WrappingMillis::new(0),
-    rates: Rates::ZERO,
+    rates: Rates::UNKNOWN,
     current: MotorCurrent::UNKNOWN,
     part: CollectionPart::FREE,
 };

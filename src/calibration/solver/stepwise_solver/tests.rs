@@ -20,7 +20,7 @@ fn varying_samples(number: u8) -> Vec<Sample> {
         field: field(i),
         attitude: Attitude::default(),
         time: WrappingMillis::default(),
-        rates: Rates::ZERO,
+        rates: Rates::UNKNOWN,
         current: MotorCurrent::UNKNOWN,
         part: CollectionPart::FREE,
     };

@@ -5,9 +5,8 @@
 //! error also has one cycle a turn. A fixed-wing aircraft points along its air velocity except for sideslip. The
 //! receiver's unknown latency does not matter in straight flight.
 
-use autoswing::attitude::{AttitudeReport, EulerRates, SenderId};
+use autoswing::attitude::{BodyRates, EulerRates};
 use autoswing::frames::{Attitude, wrap_pi};
-use autoswing::time::WrappingMillis;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::log::time_series::Series;
@@ -376,14 +375,9 @@ impl HeadingIntegral {
         let mut last: Option<(f64, f64, f64)> = None;
         for row in flight.attitude.rows() {
             let [roll_rad, pitch_rad, _] = row.row_values;
-            let Some(rates_rad_s) = flight.body_rates.interpolate(row.t_s, MAX_GAP_S) else { continue };
-            let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
-            let attitude = Attitude { roll_rad, pitch_rad };
-            let Some(motion) =
-                EulerRates::from_report(&AttitudeReport { sender: source, sender_time, attitude, rates_rad_s })
-            else {
-                continue;
-            };
+            let rates_rad_s = flight.body_rates.interpolate(row.t_s, MAX_GAP_S);
+            let Some(body_rates) = rates_rad_s.and_then(BodyRates::from_rad_s) else { continue };
+            let motion = EulerRates::from_body_rates(body_rates, Attitude { roll_rad, pitch_rad });
             if wrap_pi(roll_rad).abs().to_degrees() > MAX_BANK_DEG {
                 banked_s.push(row.t_s);
             }

@@ -1,8 +1,7 @@
 //! Builds rows of simultaneous data: a compass's field with attitude and body rates interpolated to its time.
 
-use autoswing::attitude::{AttitudeReport, EulerRates, SenderId};
+use autoswing::attitude::{BodyRates, EulerRates};
 use autoswing::frames::{Attitude, Field, wrap_pi};
-use autoswing::time::WrappingMillis;
 use nalgebra::Vector3;
 use serde::Serialize;
 
@@ -334,14 +333,8 @@ fn attitude_at(flight: &Flight, t_s: f64) -> Option<(Attitude, Option<[f32; 3]>)
 
 fn motion_at(rates: &Series<3>, at: &TimedRow<3>) -> Option<EulerRates> {
     let [roll_rad, pitch_rad, _] = at.row_values;
-    let rates_rad_s = rates.interpolate(at.t_s, MAX_GAP_S)?;
-    let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
-    EulerRates::from_report(&AttitudeReport {
-        sender: source,
-        sender_time,
-        attitude: Attitude { roll_rad, pitch_rad },
-        rates_rad_s,
-    })
+    let body_rates = BodyRates::from_rad_s(rates.interpolate(at.t_s, MAX_GAP_S)?)?;
+    Some(EulerRates::from_body_rates(body_rates, Attitude { roll_rad, pitch_rad }))
 }
 
 pub(super) fn median_step_s(rows: &[ReplayRow]) -> Option<f64> {

@@ -29,7 +29,7 @@ pub enum CompassState {
     Bad,
 }
 
-/// What to do with a compass.
+/// What the pilot is advised to do about a compass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CompassAction {

@@ -29,7 +29,7 @@ const ERASE_TIME: Duration = Duration::from_millis(22);
 pub enum CutOutcome {
     /// The operation is not started.
     NotBegun,
-    /// The operation is partially done.
+    /// Some bits of the word or page are programmed or erased.
     Torn,
     /// The operation is complete, but reported as failed.
     Done,
