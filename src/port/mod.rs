@@ -5,7 +5,6 @@
 //! bus (`app::can`).
 
 mod bounded_text;
-mod protocol_detection;
 mod dronecan;
 mod mavlink;
 mod message_schedule;
@@ -13,17 +12,18 @@ mod msp;
 mod nmea;
 mod parameters;
 mod protocol;
+mod protocol_detection;
 mod safe_mode;
 mod snapshot;
 mod transmit_buffer;
 
-pub use protocol_detection::Port;
 pub use dronecan::{BOOT_LOADER_BYTES, CanNode, FirmwareUpdate, NodeContext};
 pub use mavlink::Mavlink;
 pub use message_schedule::MessageSchedule;
 pub use msp::Msp;
 pub use nmea::Nmea;
 pub use protocol::{Protocol, ReceivedMessage};
+pub use protocol_detection::Port;
 pub use safe_mode::SafeModeReporter;
 pub use snapshot::Snapshot;
 pub use transmit_buffer::TransmitBuffer;

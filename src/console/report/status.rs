@@ -9,6 +9,7 @@ use crate::collection::{PartCoverage, SECTORS};
 use crate::compass::{ModuleState, StatusReport, TrialResult};
 use crate::decimal::{Decimal, ShortestDecimal};
 use crate::frames::Attitude;
+use crate::heading::NoHeading;
 use crate::health::{CanState, Diagnostics, EventCounts, ResetCause, StackUse};
 use crate::instrument::InstallationChange;
 use crate::messages::Message;
@@ -176,7 +177,7 @@ fn write_expected_accuracy(out: &mut impl Write, prospect: Option<&TrialResult>,
         refusal,
     }) = prospect
     else {
-        return writeln!(out, "not tried yet");
+        return writeln!(out, "no expected error yet; go on");
     };
     if let Some(expected_deg) = *expected_deg {
         write!(out, "expected {} deg, wanted {}", Decimal::<1>(expected_deg), ShortestDecimal(wanted_deg, 1))?;
@@ -222,6 +223,9 @@ fn heading_lines(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
                 InstallationChange::Mount(_) => "mount: turned by",
             };
             writeln!(out, "{what} {}", Message::InstallationChanged(*change).message_text())
+        }
+        None if health.heading == Err(NoHeading::Uncalibrated) => {
+            writeln!(out, "hard iron: changes are detected once there is a calibration")
         }
         None => writeln!(out, "hard iron: no change detected"),
     }
