@@ -22,6 +22,12 @@ const LONGEST_MS = 1000;
 // Chromium looks for updates of itself, and asks for its user's account.
 const OF_THE_BROWSER = /^(CONNECT |POST http:\/\/)[a-z.-]+\.google(apis)?\.com[:/]/;
 
+// To the letter: a part that is lost is not seen by what the page does.
+const POLICY = [
+  "default-src 'none'", "script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:", "worker-src blob:", "style-src 'unsafe-inline'",
+  "img-src data: blob:", "connect-src 'none'", "form-action 'none'", "base-uri 'none'",
+].join("; ");
+
 const work = fs.mkdtempSync(path.join(os.tmpdir(), "page-"));
 process.on("exit", () => fs.rmSync(work, { recursive: true }));
 
@@ -69,7 +75,7 @@ async function drop(page, log) {
 async function flies(look, seed, shot) {
   const { page, say } = look;
   const expected = spawnSync(process.env.HOST_SIM, ["fly", "--json", "--seed", `${seed}`]).stdout.toString();
-  await page.evaluate(() => (window.longest = 0));
+  await page.evaluate(() => (scrollTo(0, 0), (window.longest = 0)));
   await page.fill("#seed", `${seed}`);
   const start = performance.now();
   await page.click("#fly");
@@ -77,9 +83,12 @@ async function flies(look, seed, shot) {
   const measured = () => page.locator("#circles .measured").count();
   const covered = () => page.locator("#circles .covered").count();
   const early = [await measured(), await covered()];
+  const isInView = await page.evaluate(() => ["circles", "errors"].every((id) => document.getElementById(id).getBoundingClientRect().bottom <= innerHeight));
+  if (!isInView) say("the pictures of the flight are not in view");
   await ends(page);
   const seconds = (performance.now() - start) / 1e3;
   const late = [await measured(), await covered()];
+  if ((await chosen(page)) !== "none") say(`the example flight has the name of ${await chosen(page)}`);
   if (late[0] <= early[0] || late[1] <= early[1]) say(`the pictures do not grow: ${early} to ${late}`);
   if ((await page.locator("#circles .corrected").count()) < 50) say("no circle is corrected");
   const json = await saved(page, "save-json");
@@ -93,6 +102,7 @@ async function flies(look, seed, shot) {
 }
 
 const choose = (page, log) => page.setInputFiles("#file", log);
+const chosen = (page) => page.evaluate(() => document.querySelector("#file").files[0]?.name ?? "none");
 
 // Judges a log and compares it with the command line. Returns the seconds, and the longest task of the page in milliseconds.
 async function judge(look, log, give) {
@@ -103,6 +113,7 @@ async function judge(look, log, give) {
   await ends(page);
   const seconds = (performance.now() - start) / 1e3;
   if (!(await page.locator("#verdict").isVisible())) say(`${log}: ${await page.locator("#status").textContent()}`);
+  if ((await chosen(page)) !== path.basename(log)) say(`${log}: the file dialog names ${await chosen(page)}`);
   await compare(look, byCommand(log), log);
   const longest_ms = await page.evaluate(() => window.longest);
   if (longest_ms > LONGEST_MS) say(`${log}: does not answer for ${longest_ms} ms`);
@@ -163,14 +174,15 @@ async function keyboardReaches({ page, say }) {
 
 const withoutPolicy = (source) => source.replace(/<meta http-equiv="Content-Security-Policy"[^>]*>/, "");
 
-// A page that asks for something is found out, with its policy and without it, whether the page or its worker asks.
+// A page that asks for something is found out, with its policy and without it, whether the page or its worker asks; the policy keeps
+// the requests back.
 async function findsRequests(browser, file, connections) {
   const text = fs.readFileSync(file, "utf8");
   const ask = 'fetch("http://192.0.2.1/").catch(() => 0);\n';
   const bare = withoutPolicy(text);
   const fromPage = (source) => source.replace("startWorker();\n</script>", `startWorker();\n${ask}</script>`);
   const fromWorker = (source) => source.replace("let loading;\n", `let loading;\n${ask}`);
-  const changed = { fromPage: fromPage(text), openPage: fromPage(bare), openWorker: fromWorker(bare) };
+  const changed = { keptPage: fromPage(text), keptWorker: fromWorker(text), openPage: fromPage(bare), openWorker: fromWorker(bare) };
   for (const [name, source] of Object.entries(changed)) {
     const copy = path.join(work, `${name}.html`);
     fs.writeFileSync(copy, source);
@@ -178,9 +190,10 @@ async function findsRequests(browser, file, connections) {
     const { page, context } = await opened(browser, pathToFileURL(copy).href, WIDE, "light", name);
     await page.waitForTimeout(1000);
     await context.close();
-    const isNoticed = name === "openWorker" ? connections() > tried : wrong.length > findings;
+    const [isNoticed, isSent] = [wrong.length > findings, connections() > tried];
     wrong.splice(findings);
-    if (!isNoticed) wrong.push(`a request of ${name} was not noticed`);
+    if (name.endsWith("Page") && !isNoticed) wrong.push(`a request of ${name} was not noticed`);
+    if (isSent !== name.startsWith("open")) wrong.push(`a request of ${name} was ${isSent ? "sent" : "not sent"}`);
   }
 }
 
@@ -212,6 +225,8 @@ async function main([file, ...logs]) {
   const shot = (look, name) => look.page.screenshot({ path: path.join(process.env.PAGE_SHOTS, `drop-${name}.png`), fullPage: true });
 
   const look = await start(pathToFileURL(path.resolve(file)).href, WIDE, "light");
+  const policy = await look.page.locator("meta[http-equiv=Content-Security-Policy]").getAttribute("content");
+  if (policy !== POLICY) look.say(`its policy is ${policy}`);
   await looksRight(look);
   await shot(look, "empty");
   for (const [i, log] of logs.entries()) {

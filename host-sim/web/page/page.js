@@ -47,10 +47,12 @@ function open(chosen) {
 
 function fly() {
   begin(null);
+  $("file").value = "";
   for (const point of document.querySelectorAll("#flight circle, #flight .covered")) point.remove();
   largest = { measured: 0, corrected: null };
   $("flight").hidden = false;
   say("Starting", 0);
+  $("flight").scrollIntoView({ block: "nearest" });
   send({ fly: { seed: $("seed").valueAsNumber } });
 }
 
@@ -91,7 +93,7 @@ function cover({ heading_deg: heading, roll_deg: roll }) {
 
 // Adds a step of the flight to the pictures.
 function showStep(step) {
-  say(step.stage, step.done);
+  say(`In flight: ${step.stage}`, step.done);
   cover(step);
   const points = { measured: [step.measured_ut, step.before_deg], corrected: [step.corrected_ut, step.after_deg] };
   for (const [kind, [field, error]] of Object.entries(points)) {
@@ -176,7 +178,7 @@ async function show() {
   $("choices").hidden = !file;
   $("downloads").hidden = false;
   $("save-parameters").hidden = !judged.parameters;
-  say(file ? "Judged." : "Landed.", null);
+  say(file ? "Judged." : "Landed. The report of the flight follows the pictures.", null);
 }
 
 function save(name, type, text) {
@@ -203,7 +205,9 @@ addEventListener("dragleave", () => $("drop").classList.remove("over"));
 addEventListener("drop", (event) => {
   event.preventDefault();
   $("drop").classList.remove("over");
-  const [dropped] = event.dataTransfer.files;
-  if (dropped) open(dropped);
+  const { files } = event.dataTransfer;
+  if (!files.length) return;
+  $("file").files = files;
+  open(files[0]);
 });
 startWorker();
