@@ -20,29 +20,29 @@ impl Rates {
 
     /// Whether the source has rates.
     #[must_use]
-    pub fn is_known(&self) -> bool {
-        *self != Self::UNKNOWN
+    pub fn is_known(self) -> bool {
+        self != Self::UNKNOWN
     }
 
     /// Roll rate, rad/s; 0 if unknown.
     #[must_use]
-    pub fn roll_rad_s(&self) -> f32 {
+    pub fn roll_rad_s(self) -> f32 {
         self.rate_rad_s(0)
     }
 
     /// Pitch rate, rad/s; 0 if unknown.
     #[must_use]
-    pub fn pitch_rad_s(&self) -> f32 {
+    pub fn pitch_rad_s(self) -> f32 {
         self.rate_rad_s(1)
     }
 
     /// Heading rate, rad/s; 0 if unknown.
     #[must_use]
-    pub fn heading_rad_s(&self) -> f32 {
+    pub fn heading_rad_s(self) -> f32 {
         self.rate_rad_s(2)
     }
 
-    fn rate_rad_s(&self, axis: usize) -> f32 {
+    fn rate_rad_s(self, axis: usize) -> f32 {
         if self.is_known() { f32::from(self.0[axis]) / STEPS_PER_RAD_S } else { 0.0 }
     }
 
