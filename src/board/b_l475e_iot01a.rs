@@ -29,6 +29,7 @@ use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
 use embassy_stm32::i2c::{self, I2c, Master};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::mode::Async;
+use embassy_stm32::pac::gpio::vals::Pupdr;
 use embassy_stm32::peripherals::{self, DMA1_CH4, DMA1_CH5, I2C2, PB10, PB11};
 use embassy_stm32::{bind_interrupts, can, dma, interrupt, pac, rcc, usart};
 use static_cell::StaticCell;
@@ -88,6 +89,8 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     // SAFETY: `i2c2` creates the driver with these pins, and its peripherals are used nowhere else.
     let bus = unsafe { I2cBus::new(p.PB10.into(), p.PB11.into(), i2c2_bus) };
     let (rx, tx) = bxcan::start_controller(p.CAN1, p.PB8, p.PB9, Irqs, CAN_BUFFERS.init_with(CanBuffers::new));
+    // Without a transceiver the line is recessive: nothing is received, and therefore nothing is sent.
+    pac::GPIOB.pupdr().modify(|pulls| pulls.set_pupdr(8, Pupdr::PULL_UP));
     let hardware = Hardware {
         magnetometer: Lis3mdl::new(bus, Lis3mdlConfig::default()),
         uarts: Uarts {

@@ -3,8 +3,6 @@
 //! It starts in silent mode: it receives, but neither acknowledges nor sends anything. The frames of a single other node
 //! are then valid after 16 attempts (3 ms): without an acknowledgement that node becomes error passive, and its error
 //! frames no longer destroy the end of its frames (ISO 11898-1).
-//!
-//! Without a transceiver the pull-up keeps the line recessive, and nothing is received or sent.
 
 use core::num::{NonZeroU8, NonZeroU16};
 
