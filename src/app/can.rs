@@ -49,18 +49,30 @@ pub trait SendFrame {
 
 /// Hand-over to the boot loader of a board.
 pub trait HandOver {
+    /// Whether the board has a boot loader that loads firmware over the bus; otherwise updates are refused.
+    const ACCEPTS_UPDATES: bool = true;
+
     /// Stores the update where the boot loader finds it after the restart, which follows within 50 ms.
     fn hand_over(&mut self, update: &FirmwareUpdate);
 }
 
+/// Board without a boot loader that loads firmware over the bus.
+pub struct NoBootLoader;
+
+impl HandOver for NoBootLoader {
+    const ACCEPTS_UPDATES: bool = false;
+
+    fn hand_over(&mut self, _update: &FirmwareUpdate) {}
+}
+
 /// Runs the node for ever. It is silent until the settings are loaded; its configured number is that at the start. In safe
 /// mode it runs without settings and estimates.
-pub async fn run_can(
+pub async fn run_can<B: HandOver>(
     links: &TaskLinks,
     info: NodeInfo,
     mut rx: impl ReceiveFrame,
     mut tx: impl SendFrame,
-    mut boot_loader: impl HandOver,
+    mut boot_loader: B,
     is_safe_mode: bool,
 ) -> ! {
     let mut estimates = subscribe(&links.estimates);
@@ -73,6 +85,9 @@ pub async fn run_can(
         settings = changes.changed().await;
         CanNode::new(info, settings.can)
     };
+    if !B::ACCEPTS_UPDATES {
+        node.refuse_updates();
+    }
     tx.set_termination(settings.can.is_terminated);
     node.set_signing_key(settings.signing_key);
     let poll = if is_safe_mode { poll_in_safe_mode } else { poll_can_node };

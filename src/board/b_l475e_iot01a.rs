@@ -6,18 +6,22 @@
 //! | console, 115200 8N1 | USART1: PB6 TX, PB7 RX | USB connector (ST-LINK's virtual COM port) |
 //! | port 1: autopilot, 115200 8N1 | UART4: PA0 TX, PA1 RX | Arduino connector D1, D0 |
 //! | port 2: instrument, 115200 8N1 | USART2: PD5 TX, PD6 RX | PMOD connector |
+//! | CAN, 1 Mbit/s, for a transceiver | CAN1: PB8 RX, PB9 TX | Arduino connector D15, D14 |
 //! | LED | PB14 | LD2 |
 //! | button | PC13, low while pressed | user button B2 (blue) |
 //!
 //! # Interrupt priorities
 //!
-//! 1. UARTs: at 115200 baud a byte must be read within 87 us.
+//! 1. UARTs and CAN: at 115200 baud a byte must be read within 87 us, three frames within 0.3 ms.
 //! 2. Clock and sensor bus: short handlers that only wake tasks.
 //! 3. Executor of the heading tasks, in an unused peripheral's interrupt.
 //! 4. Thread executor: solving, flash, console. These cannot delay a heading.
 
 use autoswing::app;
+use autoswing::app::can::NoBootLoader;
+use autoswing::console::report::VERSION;
 use autoswing::magnetometer::lis3mdl::{Lis3mdl, Lis3mdlConfig};
+use autoswing::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
 use defmt_rtt as _;
 use embassy_executor::{Executor, InterruptExecutor, SendSpawner};
 use embassy_stm32::flash::{self, Flash};
@@ -25,11 +29,14 @@ use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
 use embassy_stm32::i2c::{self, I2c, Master};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::mode::Async;
+use embassy_stm32::pac::gpio::vals::Pupdr;
 use embassy_stm32::peripherals::{self, DMA1_CH4, DMA1_CH5, I2C2, PB10, PB11};
-use embassy_stm32::{bind_interrupts, dma, interrupt, pac, rcc, usart};
+use embassy_stm32::{bind_interrupts, can, dma, interrupt, pac, rcc, usart};
 use static_cell::StaticCell;
 
-use super::hardware::{self, Uarts};
+use super::hardware::{self, PortAndConsoleUarts};
+use super::stm32::bxcan::{self, SilentBxcan};
+use super::stm32::can::{CanBuffers, CanReceiver, CanSender, unique_id};
 pub use super::stm32::flash::StoreFlash;
 use super::stm32::i2c::I2cBus;
 pub use super::stm32::platform::Platform;
@@ -46,17 +53,22 @@ bind_interrupts!(struct Irqs {
     USART1 => usart::BufferedInterruptHandler<peripherals::USART1>;
     USART2 => usart::BufferedInterruptHandler<peripherals::USART2>;
     UART4 => usart::BufferedInterruptHandler<peripherals::UART4>;
+    CAN1_TX => can::TxInterruptHandler<peripherals::CAN1>;
+    CAN1_RX0 => can::Rx0InterruptHandler<peripherals::CAN1>;
+    CAN1_RX1 => can::Rx1InterruptHandler<peripherals::CAN1>;
+    CAN1_SCE => can::SceInterruptHandler<peripherals::CAN1>;
     FLASH => flash::InterruptHandler;
 });
 
-const UART_PRIORITY: Priority = Priority::P2;
+const LINE_PRIORITY: Priority = Priority::P2;
 const SENSOR_BUS_PRIORITY: Priority = Priority::P4;
 const EXECUTOR_PRIORITY: Priority = Priority::P6;
 const FLASH_PRIORITY: Priority = Priority::P8;
 
 pub type Magnetometer = Lis3mdl<I2cBus>;
-pub type BoardLines = Uarts<UartTx, UartRx>;
-pub type Hardware = hardware::Hardware<Magnetometer, BoardLines, Watchdog, Panel, StoreFlash, Platform>;
+pub type Uarts = PortAndConsoleUarts<UartTx, UartRx>;
+pub type CanBus = hardware::CanBus<CanReceiver<SilentBxcan>, CanSender, NoBootLoader>;
+pub type Hardware = hardware::Hardware<Magnetometer, Uarts, CanBus, Watchdog, Panel, StoreFlash, Platform>;
 
 /// Executor of the heading tasks.
 static HEADING_TASKS: InterruptExecutor = InterruptExecutor::new();
@@ -65,6 +77,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     static CONSOLE_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static AUTOPILOT_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static INSTRUMENT_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
+    static CAN_BUFFERS: StaticCell<CanBuffers> = StaticCell::new();
     static OTHER_TASKS: StaticCell<Executor> = StaticCell::new();
 
     let reset = reset::take_reset_cause();
@@ -75,15 +88,19 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
 
     // SAFETY: `i2c2` creates the driver with these pins, and its peripherals are used nowhere else.
     let bus = unsafe { I2cBus::new(p.PB10.into(), p.PB11.into(), i2c2_bus) };
+    let (rx, tx) = bxcan::start_controller(p.CAN1, p.PB8, p.PB9, Irqs, CAN_BUFFERS.init_with(CanBuffers::new));
+    // Without a transceiver the line is recessive: nothing is received, and therefore nothing is sent.
+    pac::GPIOB.pupdr().modify(|pulls| pulls.set_pupdr(8, Pupdr::PULL_UP));
     let hardware = Hardware {
         magnetometer: Lis3mdl::new(bus, Lis3mdlConfig::default()),
-        board_lines: Uarts {
+        uarts: Uarts {
             port_uarts: [
                 new_uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_BUFFERS.init(UartBuffers::NEW)),
                 new_uart(p.USART2, p.PD6, p.PD5, Irqs, INSTRUMENT_BUFFERS.init(UartBuffers::NEW)),
             ],
             console_uart: new_uart(p.USART1, p.PB7, p.PB6, Irqs, CONSOLE_BUFFERS.init(UartBuffers::NEW)),
         },
+        can_bus: CanBus { node_info: node_info(), rx, tx, boot_loader: NoBootLoader },
         watchdog,
         panel: Panel {
             lamp: Output::new(p.PB14, Level::High, Speed::Low),
@@ -120,9 +137,12 @@ fn clock_config() -> embassy_stm32::Config {
 /// Sets the priorities that are not part of the HAL's configuration. The HAL's clock has the highest priority by
 /// default.
 fn set_priorities() {
-    interrupt::USART1.set_priority(UART_PRIORITY);
-    interrupt::USART2.set_priority(UART_PRIORITY);
-    interrupt::UART4.set_priority(UART_PRIORITY);
+    interrupt::USART1.set_priority(LINE_PRIORITY);
+    interrupt::USART2.set_priority(LINE_PRIORITY);
+    interrupt::UART4.set_priority(LINE_PRIORITY);
+    interrupt::CAN1_TX.set_priority(LINE_PRIORITY);
+    interrupt::CAN1_RX0.set_priority(LINE_PRIORITY);
+    interrupt::CAN1_SCE.set_priority(LINE_PRIORITY);
     interrupt::I2C2_EV.set_priority(SENSOR_BUS_PRIORITY);
     interrupt::I2C2_ER.set_priority(SENSOR_BUS_PRIORITY);
     interrupt::TSC.set_priority(EXECUTOR_PRIORITY);
@@ -142,6 +162,16 @@ fn i2c2_bus() -> I2c<'static, Async, Master> {
     let (i2c, scl, sda, tx, rx) =
         unsafe { (I2C2::steal(), PB10::steal(), PB11::steal(), DMA1_CH4::steal(), DMA1_CH5::steal()) };
     I2c::new(i2c, scl, sda, tx, rx, Irqs, super::stm32::i2c::i2c_config())
+}
+
+/// Description of the node.
+fn node_info() -> NodeInfo {
+    NodeInfo {
+        node_name: "org.autoswing.b-l475e-iot01a",
+        software_version: SoftwareVersion::of_this_firmware(SoftwareVersion::commit_of_version(VERSION)),
+        hardware_version: [1, 0],
+        unique_id: unique_id(),
+    }
 }
 
 pub struct Panel {

@@ -3,9 +3,15 @@
 use autoswing::health::ResetCause;
 
 /// Initialised hardware for the tasks, in the types of a board.
-pub struct Hardware<Magnetometer, Lines, Watchdog, Panel, StoreFlash, Platform> {
+pub struct Hardware<Magnetometer, Uarts, CanBus, Watchdog, Panel, StoreFlash, Platform> {
     pub magnetometer: Magnetometer,
-    pub board_lines: Lines,
+    pub uarts: Uarts,
+    /// `()` on a board without a CAN controller.
+    #[cfg_attr(
+        feature = "board-mps2-an386",
+        expect(dead_code, reason = "QEMU has no CAN controller for this machine")
+    )]
+    pub can_bus: CanBus,
     pub watchdog: Watchdog,
     pub panel: Panel,
     pub flash: StoreFlash,
@@ -14,16 +20,18 @@ pub struct Hardware<Magnetometer, Lines, Watchdog, Panel, StoreFlash, Platform> 
     pub reset_cause: ResetCause,
 }
 
-/// CAN bus, and a UART: the console, or port 1.
-#[cfg(feature = "board-holybro-rm3100")]
-pub struct CanAndUart<CanBus, UartTx, UartRx> {
-    pub can_bus: CanBus,
-    pub uart: (UartTx, UartRx),
+/// CAN bus, and what the node on it reports.
+#[cfg(not(feature = "board-mps2-an386"))]
+pub struct CanBus<Receiver, Sender, BootLoader> {
+    pub node_info: autoswing::wire::dronecan::outbound::NodeInfo,
+    pub rx: Receiver,
+    pub tx: Sender,
+    pub boot_loader: BootLoader,
 }
 
-/// UARTs of a board without a CAN bus.
+/// A UART for each port, and one for the console.
 #[cfg(not(feature = "board-holybro-rm3100"))]
-pub struct Uarts<UartTx, UartRx> {
+pub struct PortAndConsoleUarts<UartTx, UartRx> {
     /// Autopilot port and instrument port.
     pub port_uarts: [(UartTx, UartRx); autoswing::settings::PORT_COUNT],
     pub console_uart: (UartTx, UartRx),

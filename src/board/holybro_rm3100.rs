@@ -36,14 +36,15 @@ use embassy_stm32::peripherals::{self, DMA1_CH1, DMA1_CH2};
 use embassy_stm32::spi::mode::Master;
 use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
-use embassy_stm32::{bind_interrupts, dma, interrupt, pac, rcc, uid, usart};
+use embassy_stm32::{bind_interrupts, dma, interrupt, pac, rcc, usart};
 use embassy_time::{Duration, Instant};
 use embedded_hal_bus::spi::{ExclusiveDevice, NoDelay};
 use static_cell::StaticCell;
 
-use super::hardware::{self, CanAndUart};
+use super::hardware;
 use super::stm32::boot_loader::{self, AppDescriptor, BootLoader};
-use super::stm32::can::{CanBuffers, CanReceiver, CanSender};
+use super::stm32::can::{CanBuffers, CanReceiver, CanSender, unique_id};
+use super::stm32::fdcan::{self, RestrictedFdcan};
 pub use super::stm32::flash::StoreFlash;
 pub use super::stm32::platform::Platform;
 use super::stm32::uart::{UartBuffers, new_uart};
@@ -75,16 +76,9 @@ const GOOD_IMAGE_AFTER: Duration = Duration::from_secs(30);
 static DESCRIPTOR: AppDescriptor = AppDescriptor::new(BOARD_ID);
 
 pub type Magnetometer = Rm3100<ExclusiveDevice<Spi<'static, Async, Master>, Output<'static>, NoDelay>>;
-pub type BoardLines = CanAndUart<CanBus, UartTx, UartRx>;
-pub type Hardware = hardware::Hardware<Magnetometer, BoardLines, Watchdog, Panel, StoreFlash, Platform>;
-
-/// CAN bus, and what the node on it reports.
-pub struct CanBus {
-    pub node_info: NodeInfo,
-    pub rx: CanReceiver,
-    pub tx: CanSender,
-    pub boot_loader: BootLoader,
-}
+pub type Uarts = (UartTx, UartRx);
+pub type CanBus = hardware::CanBus<CanReceiver<RestrictedFdcan>, CanSender, BootLoader>;
+pub type Hardware = hardware::Hardware<Magnetometer, Uarts, CanBus, Watchdog, Panel, StoreFlash, Platform>;
 
 /// Executor of the heading tasks.
 static HEADING_TASKS: InterruptExecutor = InterruptExecutor::new();
@@ -104,20 +98,19 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     let spi = Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA1_CH2, p.DMA1_CH1, Irqs, spi_config());
     let chip_select = Output::new(p.PC14, Level::High, Speed::Low);
     let can = CanConfigurator::new(p.FDCAN1, p.PA11, p.PA12, Irqs);
-    let silent = Output::new(p.PC13, Level::Low, Speed::Low);
+    let transceiver_silent = Output::new(p.PC13, Level::Low, Speed::Low);
     let termination = Output::new(p.PB4, Level::Low, Speed::Low);
-    let (rx, tx) = stm32::can::start_controller(can, silent, termination, CAN_BUFFERS.init_with(CanBuffers::new));
+    let (rx, tx) = fdcan::start_controller(can, termination, CAN_BUFFERS.init_with(CanBuffers::new));
     let hardware = Hardware {
         // Infallible: an output pin accepts every level.
         magnetometer: Rm3100::new(ExclusiveDevice::new_no_delay(spi, chip_select).expect("a pin")),
-        board_lines: CanAndUart {
-            can_bus: CanBus { node_info: node_info(), rx, tx, boot_loader: BootLoader },
-            uart: new_uart(p.USART2, p.PA3, p.PA2, Irqs, UART_BUFFERS.init(UartBuffers::NEW)),
-        },
+        uarts: new_uart(p.USART2, p.PA3, p.PA2, Irqs, UART_BUFFERS.init(UartBuffers::NEW)),
+        can_bus: CanBus { node_info: node_info(), rx, tx, boot_loader: BootLoader },
         watchdog: Watchdog { watchdog, can_prove: !reset.requires_safe_mode() },
         panel: Panel {
             lamp: Output::new(p.PC10, Level::High, Speed::Low),
             _sensor_power: Output::new(p.PC11, Level::High, Speed::Low),
+            _transceiver_silent: transceiver_silent,
             _dark: [Output::new(p.PB15, Level::High, Speed::Low), Output::new(p.PC6, Level::High, Speed::Low)],
         },
         flash: StoreFlash::new(Flash::new(p.FLASH, Irqs)),
@@ -181,15 +174,11 @@ unsafe fn CORDIC() {
 
 /// Description of the node. Not a name of ArduPilot's: Mission Planner would offer its firmware.
 fn node_info() -> NodeInfo {
-    let mut unique_id = [0; 16];
-    for (place, byte) in unique_id.iter_mut().zip(uid::uid()) {
-        *place = byte;
-    }
     NodeInfo {
         node_name: "org.autoswing.holybro-rm3100",
         software_version: DESCRIPTOR.software_version(),
         hardware_version: BOARD_ID.to_be_bytes(),
-        unique_id,
+        unique_id: unique_id(),
     }
 }
 
@@ -213,6 +202,7 @@ impl app::Watchdog for Watchdog {
 pub struct Panel {
     lamp: Output<'static>,
     _sensor_power: Output<'static>,
+    _transceiver_silent: Output<'static>,
     _dark: [Output<'static>; 2],
 }
 

@@ -39,12 +39,12 @@ use self::registers::{Interrupt, Vector};
 pub use self::sensor::Sensor as Magnetometer;
 pub use self::uart::UartTx;
 use self::uart::{AUTOPILOT, CONSOLE, INSTRUMENT, LOCKSTEP, ReceiveQueue};
-use super::hardware::{self, Uarts};
+use super::hardware::{self, PortAndConsoleUarts};
 use super::stack;
 
 pub type UartRx = &'static ReceiveQueue;
-pub type BoardLines = Uarts<UartTx, UartRx>;
-pub type Hardware = hardware::Hardware<Magnetometer, BoardLines, Watchdog, Panel, StoreFlash, Platform>;
+pub type Uarts = PortAndConsoleUarts<UartTx, UartRx>;
+pub type Hardware = hardware::Hardware<Magnetometer, Uarts, (), Watchdog, Panel, StoreFlash, Platform>;
 
 const CONSOLE_TX: UartTx = UartTx { uart: &CONSOLE, on_written: || {} };
 
@@ -126,7 +126,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     let is_safe_mode = reset.requires_safe_mode();
     let hardware = Hardware {
         magnetometer: Magnetometer::new(SensorBus::new()),
-        board_lines: Uarts {
+        uarts: Uarts {
             port_uarts: [
                 (UartTx { uart: &AUTOPILOT, on_written: || {} }, &AUTOPILOT.receive_queue),
                 (
@@ -136,6 +136,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
             ],
             console_uart: (CONSOLE_TX, &CONSOLE.receive_queue),
         },
+        can_bus: (),
         watchdog: Watchdog,
         panel: Panel,
         flash: StoreFlash::new(),

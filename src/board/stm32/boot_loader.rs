@@ -17,7 +17,7 @@ use embassy_stm32::pac::rcc::vals::{Hpre, Sw};
 use embassy_stm32::pac::{RCC, TAMP};
 
 /// Selects the main stack before the memory is initialised: the boot loader's threads use the process stack, in memory
-/// that becomes this program's variables.
+/// that becomes this program's variables. Feeds the boot loader's watchdog by its key register, `IWDG_KR`.
 ///
 /// # Safety
 ///
@@ -25,7 +25,17 @@ use embassy_stm32::pac::{RCC, TAMP};
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 unsafe extern "C" fn __pre_init() {
-    naked_asm!("ldr r0, =_stack_start", "msr msp, r0", "movs r0, #0", "msr control, r0", "isb", "bx lr")
+    naked_asm!(
+        "ldr r0, =_stack_start",
+        "msr msp, r0",
+        "movs r0, #0",
+        "msr control, r0",
+        "isb",
+        "ldr r0, =0x40003000",
+        "movw r1, #0xAAAA",
+        "str r1, [r0]",
+        "bx lr"
+    )
 }
 
 /// Resets everything that the boot loader used, and enables interrupts. Call first of all.

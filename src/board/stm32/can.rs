@@ -1,21 +1,15 @@
-//! CAN controller FDCAN1: classic frames at 1 Mbit/s.
+//! CAN controllers of the STM32: classic frames at 1 Mbit/s.
 //!
-//! It starts in restricted operation mode: it receives and acknowledges valid frames, but sends nothing, error frames
-//! included, so that it does not disturb a bus at another bit rate, of which no frame is valid. Mere monitoring without
-//! acknowledging would not do: the frames of a single other node would stay invalid. The first valid frame ends the
-//! mode.
+//! A controller starts in a mode in which it sends nothing, error frames included, so that it does not disturb a bus at
+//! another bit rate, of which no frame is valid. The first valid frame ends the mode.
 
 use autoswing::app::can::{ReceiveFrame, SendFrame};
-use autoswing::wire::dronecan::CanFrame;
-use embassy_stm32::can::config::{GlobalFilter, NonMatchingFilter, TxBufferMode};
+use autoswing::wire::dronecan::{CanFrame, UNIQUE_ID_LENGTH};
 use embassy_stm32::can::enums::BusError;
-use embassy_stm32::can::{BufferedCanReceiver, BufferedCanSender, CanConfigurator, Frame, OperatingMode, RxBuf, TxBuf};
+use embassy_stm32::can::{BufferedCanReceiver, BufferedCanSender, Frame, RxBuf, TxBuf};
 use embassy_stm32::gpio::Output;
-use embassy_stm32::pac;
+use embassy_stm32::uid;
 use embedded_can::Id;
-
-/// Bit rate of DroneCAN on classic CAN, bit/s.
-const BITS_PER_S: u32 = 1_000_000;
 
 /// Capacity for received frames until the task reads them: 4 ms of a fully loaded bus. The controller itself holds
 /// three.
@@ -25,8 +19,8 @@ const RECEIVE_CAPACITY: usize = 32;
 const SEND_CAPACITY: usize = 1;
 
 pub struct CanBuffers {
-    rx: RxBuf<RECEIVE_CAPACITY>,
-    tx: TxBuf<SEND_CAPACITY>,
+    pub rx: RxBuf<RECEIVE_CAPACITY>,
+    pub tx: TxBuf<SEND_CAPACITY>,
 }
 
 impl CanBuffers {
@@ -35,48 +29,38 @@ impl CanBuffers {
     }
 }
 
-/// Starts a controller whose transceiver is on, in restricted mode.
-pub fn start_controller(
-    mut can: CanConfigurator<'static>,
-    silent: Output<'static>,
-    termination: Output<'static>,
-    buffers: &'static mut CanBuffers,
-) -> (CanReceiver, CanSender) {
-    can.set_bitrate(BITS_PER_S);
-    // Frames leave in the order of the node's queue: those of one transfer have the same identifier.
-    let config =
-        can.config().set_tx_buffer_mode(TxBufferMode::Fifo).set_automatic_bus_off_recovery(true).set_global_filter(
-            GlobalFilter {
-                handle_standard_frames: NonMatchingFilter::Reject,
-                handle_extended_frames: NonMatchingFilter::IntoRxFifo0,
-                reject_remote_standard_frames: true,
-                reject_remote_extended_frames: true,
-            },
-        );
-    can.set_config(config);
-    let bus = can.start(OperatingMode::RestrictedOperationMode).buffered(&mut buffers.tx, &mut buffers.rx);
-    let sender = CanSender { frames: bus.writer(), _silent: silent, termination };
-    (CanReceiver { frames: bus.reader(), is_restricted: true }, sender)
+/// Controller in the mode in which it sends nothing.
+pub trait SilentController {
+    /// Ends the mode; returns whether it has ended.
+    fn end_silence(&mut self) -> bool;
 }
 
-pub struct CanReceiver {
+pub struct CanReceiver<Controller> {
     frames: BufferedCanReceiver,
-    is_restricted: bool,
+    controller: Controller,
+    is_silent: bool,
 }
 
-impl ReceiveFrame for CanReceiver {
+impl<Controller> CanReceiver<Controller> {
+    /// Wraps the receiver of a controller that has been started in its silent mode.
+    pub fn new(frames: BufferedCanReceiver, controller: Controller) -> Self {
+        Self { frames, controller, is_silent: true }
+    }
+}
+
+impl<Controller: SilentController> ReceiveFrame for CanReceiver<Controller> {
     type Error = BusError;
 
     async fn receive_frame(&mut self) -> Result<CanFrame, BusError> {
         loop {
             let frame = self.frames.receive().await?.frame;
-            if self.is_restricted {
-                // Restricted operation mode may be left at any time (reference manual RM0440, FDCAN_CCCR).
-                pac::FDCAN1.cccr().modify(|control| control.set_asm(false));
-                self.is_restricted = false;
+            if self.is_silent {
+                self.is_silent = !self.controller.end_silence();
             }
+            // A length code above eight means eight bytes (ISO 11898-1); the HAL may report the code.
+            let data = frame.raw_data().get(..frame.header().len().into()).unwrap_or(frame.raw_data());
             if let Id::Extended(id) = frame.id()
-                && let Some(frame) = CanFrame::new(id.as_raw(), frame.data())
+                && let Some(frame) = CanFrame::new(id.as_raw(), data)
             {
                 return Ok(frame);
             }
@@ -84,11 +68,17 @@ impl ReceiveFrame for CanReceiver {
     }
 }
 
-/// The pins keep their levels as long as they are owned.
 pub struct CanSender {
     frames: BufferedCanSender,
-    _silent: Output<'static>,
-    termination: Output<'static>,
+    /// Switch of the terminating resistor, on a board with one.
+    termination: Option<Output<'static>>,
+}
+
+impl CanSender {
+    /// Wraps the sender of a controller.
+    pub fn new(frames: BufferedCanSender, termination: Option<Output<'static>>) -> Self {
+        Self { frames, termination }
+    }
 }
 
 impl SendFrame for CanSender {
@@ -103,6 +93,17 @@ impl SendFrame for CanSender {
     }
 
     fn set_termination(&mut self, is_on: bool) {
-        self.termination.set_level(is_on.into());
+        if let Some(termination) = &mut self.termination {
+            termination.set_level(is_on.into());
+        }
     }
+}
+
+/// Unique id of the chip, padded with zeros.
+pub fn unique_id() -> [u8; UNIQUE_ID_LENGTH] {
+    let mut unique_id = [0; UNIQUE_ID_LENGTH];
+    for (place, byte) in unique_id.iter_mut().zip(uid::uid()) {
+        *place = byte;
+    }
+    unique_id
 }

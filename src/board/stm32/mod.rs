@@ -2,8 +2,11 @@
 
 #[cfg(feature = "board-holybro-rm3100")]
 pub mod boot_loader;
-#[cfg(feature = "board-holybro-rm3100")]
+#[cfg(feature = "board-b-l475e-iot01a")]
+pub mod bxcan;
 pub mod can;
+#[cfg(feature = "board-holybro-rm3100")]
+pub mod fdcan;
 pub mod flash;
 #[cfg(feature = "board-b-l475e-iot01a")]
 pub mod i2c;

@@ -1,15 +1,17 @@
 //! Concrete tasks of all boards: the library's tasks with the selected board's types.
 
-#[cfg(feature = "board-holybro-rm3100")]
+#[cfg(not(feature = "board-mps2-an386"))]
 mod can;
 mod line_tasks;
+#[cfg(feature = "board-holybro-rm3100")]
+mod one_uart;
 #[cfg(not(feature = "board-holybro-rm3100"))]
 mod uarts;
 
 #[cfg(feature = "board-holybro-rm3100")]
-use can as board_lines;
+use one_uart as board_uarts;
 #[cfg(not(feature = "board-holybro-rm3100"))]
-use uarts as board_lines;
+use uarts as board_uarts;
 
 use autoswing::app::{self, TaskLinks};
 use autoswing::collection::RetainedSamples;
@@ -19,7 +21,7 @@ use static_cell::StaticCell;
 
 use super::chosen::{Hardware, Magnetometer, Panel, StoreFlash, UartTx, Watchdog};
 use super::sample_memory;
-use board_lines::SAFE_MODE_PORTS;
+use board_uarts::SAFE_MODE_PORTS;
 use line_tasks::expect_spawn_token;
 
 /// Initialised at run time, so that `.data` costs no flash.
@@ -32,12 +34,18 @@ pub fn spawn_all_tasks(above: SendSpawner, below: SendSpawner, hardware: Hardwar
     let region = hardware.flash.store_region();
     let store = Store::new(hardware.flash, region);
     let restart = (hardware.platform, hardware.reset_cause);
-    if hardware.reset_cause.requires_safe_mode() {
-        let ports = board_lines::spawn_in_safe_mode(links, below, hardware.board_lines, restart);
+    let is_safe_mode = hardware.reset_cause.requires_safe_mode();
+    #[cfg(not(feature = "board-mps2-an386"))]
+    {
+        let spawner = if is_safe_mode { below } else { above };
+        spawner.spawn(expect_spawn_token(can::can_task(links, hardware.can_bus, is_safe_mode)));
+    }
+    if is_safe_mode {
+        let ports = board_uarts::spawn_in_safe_mode(links, below, hardware.uarts, restart);
         below.spawn(expect_spawn_token(safe_mode(links, store, ports, hardware.watchdog)));
         return;
     }
-    board_lines::spawn_line_tasks(links, (above, below), hardware.board_lines, restart);
+    board_uarts::spawn_uart_tasks(links, (above, below), hardware.uarts, restart);
     above.spawn(expect_spawn_token(sensor_task(links, hardware.magnetometer)));
     above.spawn(expect_spawn_token(instrument_task(links)));
     above.spawn(expect_spawn_token(feed_watchdog(links, hardware.watchdog)));

@@ -1,4 +1,4 @@
-//! Lines of a board with a UART for each port and one for the console.
+//! UARTs of a board with one for each port and one for the console.
 
 use autoswing::app::TaskLinks;
 use autoswing::health::ResetCause;
@@ -6,21 +6,21 @@ use autoswing::settings::{PORT_COUNT, PortNumber};
 use embassy_executor::SendSpawner;
 
 use super::line_tasks::{console_task, expect_spawn_token, port_task};
-use crate::board::chosen::{BoardLines, Platform, UartTx};
+use crate::board::chosen::{Platform, UartTx, Uarts};
 
 /// Ports that report safe mode.
 pub const SAFE_MODE_PORTS: usize = PORT_COUNT;
 
 /// Spawns the console on `below`, the ports on `above`.
-pub fn spawn_line_tasks(
+pub fn spawn_uart_tasks(
     links: &'static TaskLinks,
     (above, below): (SendSpawner, SendSpawner),
-    lines: BoardLines,
+    uarts: Uarts,
     (platform, reset): (Platform, ResetCause),
 ) {
-    let (tx, rx) = lines.console_uart;
+    let (tx, rx) = uarts.console_uart;
     below.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset)));
-    for (number, (tx, rx)) in PortNumber::ALL_PORTS.into_iter().zip(lines.port_uarts) {
+    for (number, (tx, rx)) in PortNumber::ALL_PORTS.into_iter().zip(uarts.port_uarts) {
         above.spawn(expect_spawn_token(port_task(links, number, tx, rx)));
     }
 }
@@ -29,10 +29,10 @@ pub fn spawn_line_tasks(
 pub fn spawn_in_safe_mode(
     links: &'static TaskLinks,
     below: SendSpawner,
-    lines: BoardLines,
+    uarts: Uarts,
     (platform, reset): (Platform, ResetCause),
 ) -> [UartTx; SAFE_MODE_PORTS] {
-    let (tx, rx) = lines.console_uart;
+    let (tx, rx) = uarts.console_uart;
     below.spawn(expect_spawn_token(console_task(links, rx, tx, platform, reset)));
-    lines.port_uarts.map(|(tx, _)| tx)
+    uarts.port_uarts.map(|(tx, _)| tx)
 }

@@ -141,6 +141,11 @@ impl CanNode {
         Self { is_safe_mode: true, ..Self::new(info, CanSettings::DEFAULT) }
     }
 
+    /// Refuses firmware updates, on a board whose boot loader does not load them over the bus.
+    pub const fn refuse_updates(&mut self) {
+        self.services.refuse_updates();
+    }
+
     /// Processes a frame; passes on the messages that it completes. A request is answered by [`poll`](Self::poll).
     pub fn receive_frame(&mut self, at: Timestamp, frame: &CanFrame, deliver: &mut dyn FnMut(ReceivedMessage)) {
         self.frames.received_frames = self.frames.received_frames.wrapping_add(1);

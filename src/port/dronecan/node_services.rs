@@ -52,6 +52,8 @@ enum UpdateRequest {
     Valid,
     /// The path of the update's file is invalid.
     Invalid,
+    /// The board has no boot loader for updates over the bus.
+    Unsupported,
     /// Another request for an update waits or is executed.
     Second,
 }
@@ -78,6 +80,7 @@ pub(super) enum RequestStep {
 /// Queue of requests.
 #[derive(Debug, Default)]
 pub(super) struct Services {
+    refuses_updates: bool,
     waiting: heapless::Deque<(Requester, ServiceRequest), REQUEST_CAPACITY>,
     open: Option<OpenCommand>,
     /// Request of an executed command, and its result, which is sent before all others.
@@ -89,6 +92,11 @@ pub(super) struct Services {
 }
 
 impl Services {
+    /// Refuses all updates from now on.
+    pub const fn refuse_updates(&mut self) {
+        self.refuses_updates = true;
+    }
+
     /// Queues a request.
     pub fn receive_transfer(&mut self, own: NodeId, transfer: &InboundTransfer<'_>) {
         let Some(node) = transfer.source_node.filter(|_| !self.waiting.is_full()) else { return };
@@ -113,6 +121,7 @@ impl Services {
 
     fn receive_update(&mut self, update: Option<FirmwareUpdate>) -> UpdateRequest {
         match (&self.update, update) {
+            _ if self.refuses_updates => UpdateRequest::Unsupported,
             (Some(_), _) => UpdateRequest::Second,
             (None, None) => UpdateRequest::Invalid,
             (None, update) => {
@@ -235,6 +244,7 @@ impl Services {
                 (UpdateResult::InvalidMode, "armed")
             }
             UpdateRequest::Valid => return RequestDecision::Execute(Command::Restart),
+            UpdateRequest::Unsupported => (UpdateResult::Unknown, "no boot loader for updates over CAN"),
             UpdateRequest::Invalid => (UpdateResult::Unknown, "a path has 1 to 200 characters"),
         };
         RequestDecision::Answer(DataType::BEGIN_FIRMWARE_UPDATE, outbound::update_result(result, reason))

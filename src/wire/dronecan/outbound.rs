@@ -84,6 +84,13 @@ impl SoftwareVersion {
             (parse_number(env!("CARGO_PKG_VERSION_MAJOR")), parse_number(env!("CARGO_PKG_VERSION_MINOR")));
         Self { major_version: major, minor_version: minor, commit, image_crc: None }
     }
+
+    /// First 32 bits of the commit in a text such as `0.1.0 (148f00e4eb)`.
+    #[must_use]
+    pub fn commit_of_version(text: &str) -> Option<u32> {
+        let (_, commit) = text.split_once('(')?;
+        u32::from_str_radix(commit.get(..8)?, 16).ok()
+    }
 }
 
 /// Description of a node.

@@ -140,6 +140,19 @@ fn node_info_has_versions_unique_id_and_name() {
 }
 
 #[test]
+fn the_commit_is_that_of_the_version() {
+    for (text, commit) in [
+        ("0.1.0 (148f00e4eb)", Some(0x148F_00E4)),
+        ("0.1.0 (148f00e4eb-dirty)", Some(0x148F_00E4)),
+        ("0.1.0 (148f00)", None),
+        ("0.1.0 (v1 release)", None),
+        ("0.1.0", None),
+    ] {
+        assert_eq!(SoftwareVersion::commit_of_version(text), commit, "{text}");
+    }
+}
+
+#[test]
 fn an_allocation_is_requested_and_granted_in_three_parts() {
     for (transfer_id, part, id, text) in [
         (0, 0..6, 0x188F_F500, "01 11 12 13 14 15 16 C0"),

@@ -188,6 +188,17 @@ fn a_path_is_checked() {
 }
 
 #[test]
+fn a_board_without_a_boot_loader_refuses_updates() {
+    let mut bench = Bench::new();
+    bench.node.refuse_updates();
+    for _ in 0..2 {
+        let answer = bench.ask(DataType::BEGIN_FIRMWARE_UPDATE, b"\x00a").unwrap();
+        assert_eq!((answer[0], &answer[1..]), (255, &b"no boot loader for updates over CAN"[..]));
+    }
+    assert_eq!(bench.commands, []);
+}
+
+#[test]
 fn a_refused_update_can_be_repeated() {
     let mut bench = Bench::new();
     bench.ask(DataType::BEGIN_FIRMWARE_UPDATE, b"\x00a");
