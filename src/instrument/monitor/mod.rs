@@ -455,7 +455,7 @@ impl Monitor {
         let is_confirmed = turn_rad.is_some_and(|rad| (rad - estimated_rad).abs() < MAX_DECAYING_MOUNT_TURN_RAD);
         match turn_rad {
             Some(turn_rad) if is_first && is_level => self.turn_mount(turn_rad, residuals),
-            Some(_) if is_first => self.inflate_mount_turn(residuals[2]),
+            Some(turn_rad) if is_first => self.inflate_mount_turn(residuals[2].max((turn_rad - estimated_rad).abs())),
             _ if is_first || is_confirmed || estimated_rad.abs() < MAX_DECAYING_MOUNT_TURN_RAD => {}
             _ => self.turn_mount(0.0, residuals),
         }

@@ -13,6 +13,9 @@ use crate::trig::VectorLength as _;
 /// Largest cosine between the difference and the mean of both fields, or the axis: at most 9 deg from a right angle.
 const MAX_COSINE_OF_CHANGE: f32 = 0.15;
 
+/// Additional difference along either, relative to the field strength: noise of the sensor and of the attitude.
+const FIELD_TOLERANCE: f32 = 0.006;
+
 /// Largest difference of a field that needs no turn to be explained, relative to the field strength: 1 uT of 50.
 const MAX_UNCHANGED_FIELD_DIFFERENCE: f32 = 0.02;
 
@@ -31,7 +34,8 @@ pub(super) fn mount_turn_rad(
     let mean = position + calibration.b_vector_ut() / calibration.total_ut - difference * 0.5;
     let axis = mount_axis(calibration);
     let is_across = |direction: &Vector3<f32>| {
-        difference.dot(direction).abs() <= MAX_COSINE_OF_CHANGE * difference.vector_length() * direction.vector_length()
+        let tolerance = MAX_COSINE_OF_CHANGE * difference.vector_length() + FIELD_TOLERANCE;
+        difference.dot(direction).abs() <= tolerance * direction.vector_length()
     };
     // The field turns against the module: a chord across the axis. Not a number if the field is along the axis.
     let across = axis.cross(&mean);
@@ -80,6 +84,15 @@ mod tests {
             assert!((found.to_degrees() / turn_deg - 1.0).abs() < 0.01, "{turn_deg}: {found}");
         }
         assert_eq!(explained(0.0, [0.5, 0.5, 0.0]), Some(0.0));
+    }
+
+    /// 0.5 uT of noise across a difference of 2 uT.
+    #[test]
+    fn a_small_turn_is_found_despite_noise() {
+        for noise_ut in [[0.0, 0.0, 0.5], [0.0, 0.0, -0.5]] {
+            let found = explained(5.0, noise_ut);
+            assert!(found.is_some_and(|rad| (rad.to_degrees() - 5.0).abs() < 1.0), "{found:?}");
+        }
     }
 
     #[test]

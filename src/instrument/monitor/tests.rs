@@ -740,6 +740,7 @@ fn a_detected_change_is_a_turn_of_the_mount_once() {
         (4.9, true, 0.0, Some(0.2), 0.2, by_heading),
         (4.9, true, 0.5, Some(0.0), 0.0, inflated(0.5)),
         (4.9, false, 0.1, Some(0.2), 0.1, by_heading),
+        (4.9, false, 0.1, Some(0.5), 0.1, inflated(0.4)),
         (4.9, true, 0.1, None, 0.1, unchanged),
         (5.1, true, 0.0, Some(0.2), 0.0, unchanged),
         (5.1, false, 0.1, Some(0.13), 0.1, unchanged),
