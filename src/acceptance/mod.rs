@@ -158,9 +158,9 @@ fn check_held_back(policy: &AcceptancePolicy, grounds: &AcceptanceSamples<'_>) -
 /// Smallest number of held-back samples among the parts used. Marks of a compass swing are never held back; samples
 /// between marks are.
 fn fewest_held_back(grounds: &AcceptanceSamples<'_>) -> u16 {
-    let AcceptanceSamples { fit_samples: fitted, held_back_samples: held_back, .. } = grounds;
-    let used = CollectionPart::ALL_PARTS.into_iter().filter(|part| !fitted.samples_of_part(*part).is_empty());
-    used.map(|part| u16::try_from(held_back.samples_of_part(part).len()).unwrap_or(u16::MAX)).min().unwrap_or(0)
+    let AcceptanceSamples { fit_samples, held_back_samples, .. } = grounds;
+    let used = CollectionPart::ALL_PARTS.into_iter().filter(|part| !fit_samples.samples_of_part(*part).is_empty());
+    used.map(|part| u16::try_from(held_back_samples.samples_of_part(part).len()).unwrap_or(u16::MAX)).min().unwrap_or(0)
 }
 
 /// Small hard-iron changes are included in the expected error. Rejects a change that dominates it, or that comes with

@@ -127,7 +127,7 @@ async function choosesAgain(look, log) {
   const from = Math.ceil(Number(await page.locator("input[name=from_s]").getAttribute("placeholder"))) + 20;
   await page.selectOption("select[name=compass]", compass);
   await page.selectOption("select[name=samples]", "all");
-  await page.fill("input[name=from_s]", `${from}`);
+  await page.fill("input[name=from_s_slider]", `${from}`);
     const isTable = await page.locator("select[name=unit]").isVisible();
   if (isTable) await page.selectOption("select[name=unit]", "ut");
   const reference = isTable ? "column" : "autopilot";

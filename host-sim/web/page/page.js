@@ -148,8 +148,22 @@ function showChoices({ compasses, range_s: [from, to], is_table: isTable }) {
   select.replaceChildren(new Option("all", ""), ...compasses.map((number) => new Option(number, number)));
   if (compasses.includes(Number(chosen))) select.value = chosen;
   $("unit").hidden = !isTable;
-  form.elements.from_s.placeholder = from.toFixed(1);
-  form.elements.to_s.placeholder = to.toFixed(1);
+  for (const [name, end] of [["from_s", from], ["to_s", to]]) {
+    const slider = sliderOf(name);
+    form.elements[name].placeholder = end.toFixed(1);
+    [slider.min, slider.max] = [from, to];
+    slider.value = form.elements[name].value || end;
+  }
+}
+
+const sliderOf = (name) => form.elements[`${name}_slider`];
+
+// A slider and its number follow each other. At the end of the log, where the slider begins, no number is chosen.
+function followSlider({ target: { name, type, value } }) {
+  if (type === "range") {
+    const number = form.elements[name.replace("_slider", "")];
+    number.value = Math.abs(value - number.placeholder) < 0.1 ? "" : Number(value).toFixed(1);
+  } else if (sliderOf(name)) sliderOf(name).value = value || form.elements[name].placeholder;
 }
 
 const pause = () => new Promise((resolve) => setTimeout(resolve));
@@ -190,6 +204,7 @@ function save(name, type, text) {
 }
 
 $("file").addEventListener("change", ({ target }) => target.files.length && open(target.files[0]));
+form.addEventListener("input", followSlider);
 form.addEventListener("submit", (event) => (event.preventDefault(), judgeAgain()));
 $("save-parameters").addEventListener("click", () => save(judged.parameters[0], "text/plain", judged.parameters[1]));
 const savedName = () => file?.name ?? "example-flight";

@@ -130,19 +130,14 @@ impl Likelihood {
     pub fn estimate_noise(&mut self, clipped_squares: [f32; 2], samples: u16, unknowns: &Vector13) {
         // Degrees of freedom: half of the thirteen unknowns for each kind of residual.
         let freedom = (f32::from(samples) - UNKNOWN_COUNT as f32 / 2.0).max(1.0);
-        let ModelConfig {
-            typical_norm_sigma: usual_norm_sigma,
-            typical_inclination_sigma_rad: usual_dip_sigma_rad,
-            typical_sigma_samples: usual_weight,
-            ..
-        } = self.config;
-        let estimate = |sum: f32, before: f32, usual: f32| {
-            let squares = sum / CLIPPED_MEAN_SQUARE * before * before + usual_weight * usual * usual;
-            sqrt(squares / (freedom + usual_weight))
+        let ModelConfig { typical_norm_sigma, typical_inclination_sigma_rad, typical_sigma_samples, .. } = self.config;
+        let estimate = |sum: f32, before: f32, typical: f32| {
+            let squares = sum / CLIPPED_MEAN_SQUARE * before * before + typical_sigma_samples * typical * typical;
+            sqrt(squares / (freedom + typical_sigma_samples))
         };
         let [norm, dip] = clipped_squares;
-        let norm = estimate(norm, self.noise.norm_sigma, usual_norm_sigma);
-        let dip = estimate(dip, self.noise.inclination_sigma_rad, usual_dip_sigma_rad);
+        let norm = estimate(norm, self.noise.norm_sigma, typical_norm_sigma);
+        let dip = estimate(dip, self.noise.inclination_sigma_rad, typical_inclination_sigma_rad);
         self.noise = NoiseModel::new(
             norm.max(self.config.min_norm_sigma),
             dip.max(self.config.min_inclination_sigma_rad),

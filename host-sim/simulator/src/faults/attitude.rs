@@ -28,11 +28,11 @@ pub struct SecondSender {
 impl SecondSender {
     /// Task that never returns: sends attitude at the autopilot's rate and latency with independent noise.
     pub fn run_sender(self, world: &World, uart: HostEnd) -> impl Future<Output = ()> + use<> {
-        let Self { system_id, component_id, heartbeat_kind: heartbeats, roll_error_deg: roll_deg } = self;
+        let Self { system_id, component_id, heartbeat_kind, roll_error_deg } = self;
         let config = world.world_config();
         let source = AttitudeSource::new(config.attitude_source, config.gyro, config.seed.wrapping_add(0x5EED));
-        let bias = attitude_bias(FaultSwitch::always_on(), [roll_deg.to_radians(), 0.0]);
-        source.with_identity(Identity { system_id, component_id, heartbeat_kind: heartbeats }).run_source(
+        let bias = attitude_bias(FaultSwitch::always_on(), [roll_error_deg.to_radians(), 0.0]);
+        source.with_identity(Identity { system_id, component_id, heartbeat_kind }).run_source(
             world.clone(),
             uart,
             vec![Box::new(bias)],

@@ -124,22 +124,19 @@ impl MspAutopilot {
     }
 
     fn send_with_faults(&mut self, answer: &MspAnswer, request: &MspRequest, sent: &mut Vec<u8>) {
-        let AnswerFaults {
-            drop_probability: dropped,
-            rejection_probability: refused,
-            truncation_probability: cut,
-            delay_probability: joined,
-        } = self.answer_faults;
+        let AnswerFaults { drop_probability, rejection_probability, truncation_probability, delay_probability } =
+            self.answer_faults;
         // A uniform random number selects the fault by cumulative probability.
         let draw = self.random.uniform(0.0, 1.0);
-        if draw < dropped {
+        if draw < drop_probability {
             return;
         }
-        let is_refused = draw < dropped + refused;
+        let answered_from = drop_probability + rejection_probability;
+        let is_refused = draw < answered_from;
         let mut bytes = encode_reply(request.function_code, if is_refused { &MspAnswer::Error } else { answer });
-        if !is_refused && draw < dropped + refused + cut {
+        if !is_refused && draw < answered_from + truncation_probability {
             bytes.truncate((self.random.random_bits() % bytes.len() as u64) as usize);
-        } else if !is_refused && draw < dropped + refused + cut + joined {
+        } else if !is_refused && draw < answered_from + truncation_probability + delay_probability {
             self.held.append(&mut bytes);
             return;
         }
