@@ -114,6 +114,8 @@ async function judge(look, log, give) {
   const seconds = (performance.now() - start) / 1e3;
   if (!(await page.locator("#verdict").isVisible())) say(`${log}: ${await page.locator("#status").textContent()}`);
   if ((await chosen(page)) !== path.basename(log)) say(`${log}: the file dialog names ${await chosen(page)}`);
+  const isInView = await page.evaluate(() => document.querySelector("#verdict").getBoundingClientRect().bottom <= innerHeight);
+  if (!isInView) say(`${log}: the verdict is not in view`);
   await compare(look, byCommand(log), log);
   const longest_ms = await page.evaluate(() => window.longest);
   if (longest_ms > LONGEST_MS) say(`${log}: does not answer for ${longest_ms} ms`);
@@ -125,10 +127,11 @@ async function choosesAgain(look, log) {
   const { page } = look;
   const compass = await page.locator("select[name=compass] option").nth(1).textContent();
   const from = Math.ceil(Number(await page.locator("input[name=from_s]").getAttribute("placeholder"))) + 20;
+  if (!(await page.locator("#choices").isVisible())) await page.click("#again > summary");
   await page.selectOption("select[name=compass]", compass);
   await page.selectOption("select[name=samples]", "all");
   await page.fill("input[name=from_s_slider]", `${from}`);
-    const isTable = await page.locator("select[name=unit]").isVisible();
+  const isTable = await page.locator("select[name=unit]").isVisible();
   if (isTable) await page.selectOption("select[name=unit]", "ut");
   const reference = isTable ? "column" : "autopilot";
   await page.selectOption("select[name=reference]", reference);
@@ -152,7 +155,7 @@ async function refuses({ page, say }) {
     await ends(page);
     const status = await page.locator("#status").textContent();
     if (!status.includes(words) || status.includes("failed")) say(`of ${log} it says: ${status}`);
-    if (await page.locator("#choices").isVisible()) say(`offers choices of ${log}`);
+    if (await page.locator("#again").isVisible()) say(`offers choices of ${log}`);
   }
 }
 

@@ -34,7 +34,7 @@ function begin(chosen) {
   file = chosen;
   [judged, next, steps] = [null, null, []];
   form.reset();
-  for (const id of ["choices", "downloads", "flight"]) $(id).hidden = true;
+  for (const id of ["again", "downloads", "flight"]) $(id).hidden = true;
   report.replaceChildren();
 }
 
@@ -189,7 +189,9 @@ async function show() {
   script.textContent = page.querySelector("body > script").textContent;
   report.append(script);
   report.removeAttribute("aria-busy");
-  $("choices").hidden = !file;
+  $("again").hidden = !file;
+  // The verdict comes into view on a telephone, too.
+  if (file) report.scrollIntoView();
   $("downloads").hidden = false;
   $("save-parameters").hidden = !judged.parameters;
   say(file ? "Judged." : "Landed. The report of the flight follows the pictures.", null);
