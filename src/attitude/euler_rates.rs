@@ -89,7 +89,8 @@ impl GyroHeading {
 /// Integrated heading rate up to a report.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct HeadingIntegral {
-    euler_rates: Option<EulerRates>,
+    /// Angle rates of the report; `None` without body rates.
+    pub euler_rates: Option<EulerRates>,
     relative_heading_rad: f32,
     run_number: u8,
 }

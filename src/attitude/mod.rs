@@ -189,7 +189,7 @@ impl AttitudeHistory {
             return match self.rejection_reason(sent) {
                 Some(doubted) => doubted,
                 None if ahead_us <= u64::from(self.config.max_extrapolation_us) => {
-                    AttitudeLookup::Extrapolated(extrapolate_attitude(&newest.report, ahead_us as f32 * 1e-6))
+                    AttitudeLookup::Extrapolated(extrapolate_attitude(newest, ahead_us as f32 * 1e-6))
                 }
                 None => AttitudeLookup::Stale,
             };

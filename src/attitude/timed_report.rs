@@ -25,9 +25,9 @@ pub(super) fn interpolate(before: &AttitudeReport, after: &AttitudeReport, fract
 }
 
 /// Extrapolation with the body rates; without them, the attitude of the report.
-pub(super) fn extrapolate_attitude(report: &AttitudeReport, ahead_s: f32) -> Attitude {
-    let Attitude { roll_rad, pitch_rad } = report.attitude;
-    let EulerRates { roll_rad_s, pitch_rad_s, .. } = EulerRates::from_report(report).unwrap_or_default();
+pub(super) fn extrapolate_attitude(newest: &TimedReport, ahead_s: f32) -> Attitude {
+    let Attitude { roll_rad, pitch_rad } = newest.report.attitude;
+    let EulerRates { roll_rad_s, pitch_rad_s, .. } = newest.heading_integral.euler_rates.unwrap_or_default();
     Attitude {
         roll_rad: wrap_pi(roll_rad + roll_rad_s * ahead_s),
         pitch_rad: (pitch_rad + pitch_rad_s * ahead_s).clamp(-FRAC_PI_2, FRAC_PI_2),

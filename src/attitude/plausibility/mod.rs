@@ -67,7 +67,7 @@ impl SpikeFilter {
     pub fn is_spike(&mut self, last: Option<&TimedReport>, at: Timestamp, attitude: Attitude) -> bool {
         let is_far = last.is_some_and(|last| {
             let step_s = at.us_since(last.sent_at) as f32 * 1e-6;
-            let expected = extrapolate_attitude(&last.report, step_s);
+            let expected = extrapolate_attitude(last, step_s);
             let by_time_rad_s =
                 if last.report.body_rates.is_some() { SPIKE_MARGIN_RAD_S } else { SPIKE_MARGIN_WITHOUT_RATES_RAD_S };
             tilt_between(expected, attitude) > SPIKE_MARGIN_RAD + by_time_rad_s * step_s
