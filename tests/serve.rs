@@ -181,6 +181,29 @@ fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
     }
 }
 
+/// As programs poll: the served module looks after each datagram whether an autopilot is attached. Attitudes of the
+/// instants before the first one went with readings at the old heading, and the mean of both kinds began the monitor.
+#[test]
+fn readings_before_the_first_attitude_have_no_attitude() {
+    for first_us in (0..SECOND_US / 4).step_by(2_137) {
+        let mut served_module = ServedModule::new(WorldConfig::of_table1(1), VISITED, Some(&CALIBRATED));
+        served_module.advance_time(first_us);
+        for poll in 0..3000 {
+            if poll % 50 == 0 {
+                served_module.follow_datagram(b"0 0 301").unwrap();
+            }
+            served_module.send_bytes(AUTOPILOT_PORT, &[]);
+            served_module.advance_time(SECOND_US / 1000);
+        }
+        let off_deg = |heading: &Option<f64>| heading.map(|deg| wrap_180(deg - 301.0).abs());
+        let headings = headings(&mut served_module, 2);
+        assert!(
+            headings.iter().all(|it| off_deg(it).is_some_and(|deg| deg < HEADING_BOUND_DEG)),
+            "{first_us}: {headings:?}"
+        );
+    }
+}
+
 #[test]
 fn malformed_attitudes_are_counted_and_ignored() {
     let mut served_module = served_module(VISITED, None);

@@ -78,9 +78,6 @@ class Served:
 
         threading.Thread(target=tell, daemon=True).start()
         time.sleep(1.0)
-        # The first attitude moved the aircraft at once, which the module took for a change of iron or not, by luck of milliseconds.
-        self.type("reboot", "started by")
-        time.sleep(1.0)
 
     def type(self, line, answer):
         """Types a line on the console, waits for its answer and returns all output until then."""

@@ -89,6 +89,9 @@ pub struct ServeOptions {
 /// Period of pilot actions and attitude-source selection, microseconds.
 const PILOT_PERIOD_US: u64 = 100_000;
 
+/// Time from the first attitude of an external simulator until attitudes are sent: more than their latency.
+const SETTLING_US: u64 = 2 * PILOT_PERIOD_US;
+
 /// Limit of bytes in transmission to a port: 0.1 s of traffic.
 const MAX_BYTES_IN_TRANSMISSION: usize = 1152;
 
@@ -99,6 +102,8 @@ pub struct ServedModule {
     peer: ExternalAutopilot,
     attitude: AttitudeProvider,
     visits: Option<DatagramCounts>,
+    /// Time of the first attitude of an external simulator.
+    first_attitude_us: Option<u64>,
     /// The bus as other nodes see it.
     can: Option<CanEnd>,
 }
@@ -134,7 +139,15 @@ impl ServedModule {
         let pilot = SimulatedPilot::new(&world, options.flight_pattern, options.has_external_simulator);
         pilot.start_pattern(&rig.world);
         let visits = options.has_external_simulator.then(DatagramCounts::default);
-        let module = Self { rig, pilot, peer: ExternalAutopilot::default(), attitude: options.attitude, visits, can };
+        let module = Self {
+            rig,
+            pilot,
+            peer: ExternalAutopilot::default(),
+            attitude: options.attitude,
+            visits,
+            first_attitude_us: None,
+            can,
+        };
         module.forward_attitude();
         module
     }
@@ -221,7 +234,10 @@ impl ServedModule {
             Ok(Euler { .. }) => visits.accepted_datagrams += 1,
             Err(_) => visits.rejected_datagrams += 1,
         }
-        attitude_datagram.map(|attitude| self.rig.world.follow_attitude(attitude))
+        attitude_datagram.map(|attitude| {
+            self.first_attitude_us.get_or_insert(self.rig.now_us());
+            self.rig.world.follow_attitude(attitude);
+        })
     }
 
     /// Counters of attitude datagrams; `None` without an external simulator.
@@ -277,10 +293,11 @@ impl ServedModule {
         )
     }
 
-    /// Whether an external simulator has sent no attitude yet. The first one moves the aircraft without a turn of its
-    /// gyro, so that none may be sent before it.
+    /// Whether the module has no attitude yet, because an external simulator has sent none, or just the first one. That
+    /// moves the aircraft without a turn of its gyro, so that no attitude may be of an instant before it.
     fn awaits_datagram(&self) -> bool {
-        self.visits.is_some_and(|counts| counts.accepted_datagrams == 0)
+        let is_early = |first_us| self.rig.now_us() < first_us + SETTLING_US;
+        self.visits.is_some() && self.first_attitude_us.is_none_or(is_early)
     }
 
     fn forward_attitude(&self) {
