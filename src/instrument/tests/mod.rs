@@ -415,21 +415,13 @@ fn no_report_or_reading_panics() {
         let mut pick = || extremes[random.bits() as usize % extremes.len()];
         let field = Field::from_ut(pick(), pick(), pick());
         let attitude = Attitude { roll_rad: pick(), pitch_rad: pick() };
-        let rates_rad_s = [pick(), pick(), pick()];
+        let body_rates = BodyRates::from_rad_s([pick(), pick(), pick()]);
         let us = random.bits() >> (random.bits() % 64);
         let at = Timestamp::from_us(us);
         match random.bits() % 4 {
             0 => {
-                let sender_time = WrappingMillis::new(random.bits() as u32);
-                instrument.on_attitude(
-                    at,
-                    AttitudeReport {
-                        sender: SenderId::default(),
-                        sender_time,
-                        attitude,
-                        body_rates: BodyRates::from_rad_s(rates_rad_s),
-                    },
-                );
+                let (sender, sender_time) = (SenderId::default(), WrappingMillis::new(random.bits() as u32));
+                instrument.on_attitude(at, AttitudeReport { sender, sender_time, attitude, body_rates });
             }
             1 => drop(instrument.on_silence(at)),
             _ => drop(instrument.on_reading(at, reading(field))),
