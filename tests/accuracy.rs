@@ -35,7 +35,7 @@ fn every_solve_converges_and_none_is_accepted_wrongly() {
     assert!(result.accepted_percent >= 99.0, "{result:?}");
 }
 
-/// Tolerance of three points, including the standard error of one point with 2,560 headings.
+/// Tolerance of three percentage points, including a standard error of one point with 2,560 headings.
 #[test]
 fn errors_are_within_sigma_as_often_as_predicted() {
     for SigmaCoverage { one_sigma_percent, two_sigma_percent, headings } in
@@ -54,7 +54,7 @@ fn closed_forms_are_less_accurate_than_maximum_likelihood() {
     assert!(ml < two_plane && two_plane < four_ellipse, "{ml} {two_plane} {four_ellipse}");
 }
 
-/// Independent of the number of threads and their order.
+/// Results do not depend on the number of threads and their order.
 #[test]
 fn a_run_is_a_function_of_its_seed() {
     let small = AccuracyPlan { airframes: 4, noise_draws: 2, seed: 7 };

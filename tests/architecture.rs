@@ -134,7 +134,7 @@ impl Crate {
                 (Some(from), None) => {
                     folder.upward.insert(from.clone());
                 }
-                // From `mod.rs` down to a room.
+                // `mod.rs` names an item of a room, which is allowed.
                 (None, _) => {}
             }
         }

@@ -266,7 +266,7 @@ fn json_output_is_documented() {
     let text = fs::read_to_string(root().join("docs/your-flight.md")).unwrap();
     let mut output_paths = BTreeSet::new();
     paths(&flight, "", &mut output_paths);
-    // Names below are causes.
+    // The keys of `log.passed_over` are causes, not documented names.
     for path in output_paths.into_iter().filter(|path| !path.starts_with("log.passed_over.")) {
         let name = path.trim_end_matches(['?', '[', ']']).rsplit('.').next().unwrap().to_owned();
         assert!(
@@ -282,7 +282,7 @@ fn json_output_of_serve_is_documented() {
         let mut child = host_sim(words).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         let mut line = String::new();
         io::BufRead::read_line(&mut io::BufReader::new(child.stdout.take().unwrap()), &mut line).unwrap();
-        // Ended by the closed pipe.
+        // The program ends because its standard input is closed.
         child.wait().unwrap();
         serde_json::from_str(&line).unwrap()
     };

@@ -343,7 +343,7 @@ fn no_bytes_stop_the_console() {
 #[test]
 fn documented_examples_match_the_output() {
     const DOCUMENTS: [&str; 3] = ["../README.md", "../docs/manual.md", "../docs/autopilots.md"];
-    // These need a previous flight.
+    // Commands whose documented answers need a previous flight; these answers are not compared.
     const AFTER_A_FLIGHT: [&str; 2] = ["cal show", "cal advise"];
     let mut typed = 0;
     for name in DOCUMENTS {

@@ -98,13 +98,13 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     let streamed = mission_result.streamed_statistics.unwrap();
     assert!(streamed.rms_deg <= 2.0 && streamed.empty <= 10, "{streamed:?}");
 
-    // The mission reset the module in flight; here it rests.
+    // A restart loads the stored calibration.
     emulator.reset_module();
     emulator.run_for_s(1.0);
     let status = emulator.send_console_line("status all");
     assert!(status.contains("started by reset pin") && status.contains("ok calibrated"), "{status}");
 
-    // Broken and repaired data wire.
+    // A broken data wire of the sensor stops the headings until it is repaired.
     emulator.break_sensor_wire(true);
     emulator.run_for_s(0.5);
     assert_eq!(listen(&mut emulator, 1.0).0, 0);
@@ -166,14 +166,14 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     let us = |instructions: u64| instructions as f64 * 0.064;
     let (least_us, most_us) = (us(ways[0]), us(ways[ways.len() - 1]));
     println!("from register to last byte {least_us:.0} to {most_us:.0} us");
-    // Measured: 0.57 and 0.60 ms. The margin is for more interrupts that coincide with a sample.
+    // Measured: 0.57 and 0.60 ms. The limit of 1.2 ms allows for more interrupts that coincide with a sample.
     assert!(most_us - least_us <= 1200.0, "{least_us} to {most_us} us");
     let status = emulator.send_console_line("status all");
     assert!(status.contains("ok calibrated"), "{status}");
     let stack = stack(&status);
     println!("stack {stack:?}");
     assert_eq!(stack.size_bytes, 32 * 1024);
-    // The margin is for flights with deeper calls.
+    // [`STACK_BYTES`] allows for deeper calls in other flights.
     assert!(stack.used_bytes <= STACK_BYTES, "{stack:?}");
 }
 
@@ -397,12 +397,13 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     emulator.world().set_armed(true);
     let heading_deg = emulator.world().world_config().aircraft.heading_deg;
     let routine = CalibrationRoutine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), heading_deg).legs();
-    // Twice: an automatic collection goes on until 0.5 deg are expected, which one routine may miss by a little.
+    // The routine is flown twice, because an automatic collection continues until an error of 0.5 deg is expected,
+    // which one routine may just miss.
     for leg in routine.iter().chain(&routine) {
         emulator.world().fly_leg(*leg);
     }
     let mut received: Vec<MavlinkFrame> = Vec::new();
-    // MAG_CAL_SUCCESS, and stored.
+    // MAG_CAL_REPORT (192) with status MAG_CAL_SUCCESS (4) and `autosaved` 1.
     let is_success = |frame: &MavlinkFrame| (frame.message_id, frame.byte_at(42), frame.byte_at(43)) == (192, 4, 1);
     for _second in 0..220 {
         assert_eq!(emulator.run_for_s(1.0), ModuleRunEnd::Time);
@@ -439,7 +440,7 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     println!("stack {stack:?}");
     assert!(stack.used_bytes <= STACK_BYTES, "{stack:?}");
 
-    // Completes the routines.
+    // Flies the remaining legs of the routines.
     while emulator.world().unfinished_legs() > 0 {
         assert_eq!(emulator.run_for_s(1.0), ModuleRunEnd::Time);
     }

@@ -133,7 +133,7 @@ fn a_mounting_change_within_the_log_is_reported() {
 /// Without a place the limits are the Earth's 22 to 67 uT. Rates in radians reject most of a turn.
 #[test]
 fn implausible_units_are_reported_without_a_position() {
-    // 48 uT.
+    // The flight's field strength is 48 uT.
     let text = String::from_utf8(encode_csv(&record_flight(&WorldConfig::of_table1(1)))).unwrap();
     let scaled = |columns: std::ops::Range<usize>, factor: f64| {
         let scale = |(column, value): (usize, &str)| match value.parse::<f64>() {
@@ -310,7 +310,7 @@ fn a_log_at_rest_gives_no_field_strength() {
     for (i, instant) in recording.samples.iter_mut().enumerate() {
         *instant = first.clone();
         instant.time_us += i as u64 * 100_000;
-        // Noise of 0.5 uT.
+        // Sensor noise of 0.5 uT.
         instant.field_ut[0][i % 3] += if i % 2 == 0 { 0.5 } else { -0.5 };
     }
     let (flight, verdict) = evaluate(&String::from_utf8(encode_dataflash_text(&recording)).unwrap());

@@ -38,7 +38,7 @@ fn the_paper_s_aircraft_is_calibrated_to_one_degree() {
     }
 }
 
-/// As with the reference board's LIS3MDL.
+/// The limits are those of the reference board's LIS3MDL.
 #[test]
 fn with_an_rm3100_the_paper_s_aircraft_is_calibrated_to_one_degree() {
     for seed in 1..=3 {
@@ -66,7 +66,7 @@ fn with_a_reported_current_an_aeroplane_is_calibrated_to_1_deg() {
         assert!(with_current_deg <= 1.0, "seed {seed}: {with_current_deg}");
         assert!(with_current_deg <= 3.0 * expected_rms_deg(&with_current), "seed {seed}: {with_current_deg}");
         assert!(without_current_deg >= 2.0, "seed {seed}: {without_current_deg}");
-        // Includes the effect of attitude noise.
+        // The limit of streamed headings includes the effect of attitude noise.
         let streamed = with_current.streamed_statistics.unwrap();
         assert!(streamed.rms_deg <= 1.2, "seed {seed}: {streamed:?}");
     }
@@ -143,7 +143,7 @@ fn a_calibration_reports_heading_error_per_attitude_error() {
     assert!((in_note - in_status).abs() < 1e-9, "{in_note} {in_status}");
 }
 
-/// Equal up to the last byte of the console output.
+/// Two flights of one seed have equal console output and statistics.
 #[test]
 fn one_seed_gives_one_flight() {
     let [first, second, other] = [7, 7, 8].map(|seed| mission_result(&WorldConfig::random_world(seed)));
@@ -169,7 +169,8 @@ fn a_flight_without_turns_is_refused_with_a_reason() {
 /// the mean error.
 #[test]
 fn a_flight_with_little_bank_is_refused() {
-    // Gusts bank these two to ten degrees for long enough to start a turn, after which level flight is collected.
+    // With these two seeds gusts increase the bank to ten degrees for long enough to start a turn, after which level
+    // flight is collected.
     for seed in [5, 7] {
         let mission_result = fly_mission(
             WorldConfig::random_world(seed),

@@ -26,7 +26,7 @@ fn swing(rig: &mut Rig) -> ModuleRunEnd {
     }
 }
 
-/// Result message of such a flight; `None` if the power was cut.
+/// Flies turns both ways; returns the result message of the solve, `None` if the power was cut.
 fn swing_outcome(rig: &mut Rig) -> Option<transcript::SolveNotice> {
     rig.send_console_line("cal start turns");
     rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
@@ -250,7 +250,7 @@ fn two_power_cuts_in_a_row_lose_nothing() {
             }
         }
     }
-    // A save of settings has more operations than are tested: each attempt is cut.
+    // Every tested power cut interrupts a save, which has more operations than are tested.
     assert!(power_cuts >= 1_200, "{power_cuts} cuts");
 }
 

@@ -171,7 +171,7 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
             status_texts.iter().filter(|text| text.contains("collecting")).count() >= 3,
             "{kind:?}: {status_texts:?}"
         );
-        // MAG_CAL_SUCCESS, and stored.
+        // MAG_CAL_REPORT with status MAG_CAL_SUCCESS (4) and `autosaved` 1.
         let is_success = |report: &&MavlinkFrame| (report.byte_at(42), report.byte_at(43)) == (4, 1);
         let reports = frames_with_id(MAG_CAL_REPORT, &during);
         assert!(reports.iter().any(is_success), "{kind:?}: {reports:?}");

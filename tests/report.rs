@@ -105,7 +105,7 @@ fn a_calibrated_mission_is_reported_the_same_each_time() {
     {
         assert!(html.contains(&format!("<dd>{number:.2} deg</dd>")), "{number:.2}");
     }
-    // All headings and errors of the deviation card.
+    // The deviation card has all twelve headings and the errors before and after.
     for (step, heading) in (0..12).map(|step| (step, format!("<th scope=\"row\">{:03}</th>", 30 * step))) {
         assert!(html.contains(&heading), "{heading}");
         for bank in flown.errors_before.0.iter().chain(&flown.errors_after.0) {

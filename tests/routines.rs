@@ -119,7 +119,7 @@ fn median_and_worst_decile_deg(kind: VehicleKind, legs: &[Leg]) -> [f64; 2] {
     [rms[rms.len() / 2], rms[rms.len() * 9 / 10]]
 }
 
-/// Promised: 0.8 and 1.6 deg; measured: 0.57 and 1.20.
+/// RMS heading error of a copter, median and 90th percentile: promised 0.8 and 1.6 deg, measured 0.57 and 1.20.
 #[test]
 fn a_copter_s_routine_determines_its_calibration() {
     let [median, worst_decile] = median_and_worst_decile_deg(VehicleKind::Copter, &routine(VehicleKind::Copter).legs());

@@ -163,8 +163,8 @@ fn attitudes_of_another_simulator_turn_the_heading() {
     assert_eq!(served_module.execute_line("turn 25 90").unwrap_err().stable_code(), "flown-by-another");
 }
 
-/// The first datagram moves the aircraft without a turn of its gyro. When attitudes were sent before it, a served
-/// module took the jump to 301 deg for a change of iron, and was 3 deg off.
+/// The first datagram moves the aircraft at once, without body rates. When attitudes were sent before it, the module
+/// interpreted the jump to 301 deg as a change of iron, and headings were 3 deg off.
 #[test]
 fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
     for deg in [0.0, 100.0, 301.0] {
@@ -181,8 +181,8 @@ fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
     }
 }
 
-/// The simulated source's attitudes are 0.05 s old: those of instants before the first one went with readings at the old
-/// heading, and the mean of both headings began the monitor of a served module, which was then 4 to 9 deg off.
+/// Attitude messages are 0.05 s old: when those from before the first datagram were sent, the monitor started with a
+/// mean of the old and the new heading, and headings were 4 to 9 deg off.
 #[test]
 fn no_attitude_is_of_an_instant_before_the_first_one() {
     let mut served_module = ServedModule::new(WorldConfig::of_table1(1), VISITED, Some(&CALIBRATED));
@@ -295,7 +295,7 @@ fn no_bytes_stop_the_served_module() {
     }
     assert!(served_module.free_bytes(AUTOPILOT_PORT) < 1152 && served_module.free_bytes(3) == 0);
     served_module.advance_time(2 * SECOND_US);
-    // Except for the simulator's messages of one instant: heartbeat, position, date, current and attitude.
+    // All random bytes are delivered; only the simulator's latest messages (200 bytes) may be in transmission.
     assert!(served_module.free_bytes(AUTOPILOT_PORT) >= 1152 - 200);
     typed_command(&mut served_module, "");
     assert!(typed_command(&mut served_module, "version").contains("ok autoswing"));

@@ -58,7 +58,8 @@ fn print_messages(rig: &Rig) {
                 for frame in autopilot.borrow_mut().take_received() {
                     let is_text = frame.message_id == STATUSTEXT;
                     let payload = if is_text { &frame.payload[..1] } else { &frame.payload[..] };
-                    // Later pieces of a long text: how many there are depends on the text.
+                    // Of a STATUSTEXT in several frames only the first frame is printed: the number of frames depends
+                    // on the text.
                     if !is_text || frame.byte_at(53) == 0 {
                         println!(
                             "{now_ms} {port} {} {}/{} {payload:02x?}",

@@ -10,9 +10,9 @@ const WIDTHS = [320, 390, 820, 1280];
 const HEIGHT = 844;
 const SCHEMES = ["light", "dark"];
 
-// Folded, the page is short, and the first screen has the parameters.
+// Largest height of the page with folded parts, in screens; the first screen must show the button that copies the parameters.
 const MOST_SCREENS = 5;
-// Of a page with three compasses.
+// Largest number of printed sheets of a page with three compasses.
 const MOST_SHEETS = 6;
 
 async function isShort({ page, say }) {

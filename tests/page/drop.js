@@ -14,15 +14,15 @@ const { failed, inPage, launched, looksRight, opened, reported, wrong } = requir
 const WIDE = { width: 1440, height: 900 };
 const PHONE = { width: 320, height: 700 };
 const WAIT = { timeout: 300000 };
-// Larger than any log of a flight, and read in pieces: a reader of the whole file would not have the memory.
+// Size of a file larger than any log; the page must read it in pieces, because it does not fit into memory.
 const HUGE_BYTES = 500e6;
 // Longest task of the page while it judges and shows a log, milliseconds. An idle computer takes 80, a busy one was seen to take 280;
 // work of the worker on the page's own thread takes seconds.
 const LONGEST_MS = 1000;
-// Chromium looks for updates of itself, and asks for its user's account.
+// Chromium's own requests (updates, account), which are not the page's.
 const OF_THE_BROWSER = /^(CONNECT |POST http:\/\/)[a-z.-]+\.google(apis)?\.com[:/]/;
 
-// To the letter: a part that is lost is not seen by what the page does.
+// The page's content security policy, compared literally, because a missing part would change nothing visible.
 const POLICY = [
   "default-src 'none'", "script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:", "worker-src blob:", "style-src 'unsafe-inline'",
   "img-src data: blob:", "connect-src 'none'", "form-action 'none'", "base-uri 'none'",
@@ -122,7 +122,7 @@ async function judge(look, log, give) {
   return { seconds, longest_ms };
 }
 
-// The choices of the form judge anew, as the options of the command do.
+// Options chosen in the form give the same judgement as the command's options.
 async function choosesAgain(look, log) {
   const { page } = look;
   const compass = await page.locator("select[name=compass] option").nth(1).textContent();
@@ -164,7 +164,7 @@ async function keyboardReaches({ page, say }) {
   await page.evaluate(inPage);
   const all = await page.evaluate(() => window.usable());
   const reached = [];
-  // From the control that was clicked last to the end, then from the start of the page, which is number -1.
+  // Tab proceeds from the control clicked last to the page's end, then from its start; the page itself has number -1.
   for (let i = 0; i <= all; i++) {
     await page.keyboard.press("Tab");
     const { number, isSeen } = await page.evaluate(() => window.focused());
@@ -177,8 +177,8 @@ async function keyboardReaches({ page, say }) {
 
 const withoutPolicy = (source) => source.replace(/<meta http-equiv="Content-Security-Policy"[^>]*>/, "");
 
-// A page that asks for something is found out, with its policy and without it, whether the page or its worker asks; the policy keeps
-// the requests back.
+// Checks these tests: requests that are added to the page or to its worker are detected; the page's policy blocks them, and without
+// it they are sent.
 async function findsRequests(browser, file, connections) {
   const text = fs.readFileSync(file, "utf8");
   const ask = 'fetch("http://192.0.2.1/").catch(() => 0);\n';
@@ -205,14 +205,14 @@ function listening(server) {
 }
 
 async function main([file, ...logs]) {
-  // All connections but those to the computer itself go through a proxy that counts them, without those of the browser itself.
+  // A proxy counts all connections to other computers, except the browser's own requests.
   let connections = 0;
   const counted = (request) => OF_THE_BROWSER.test(request) || connections++;
   const proxy = net.createServer((socket) => {
     socket.once("data", (request) => (counted(request), socket.destroy())).on("error", () => socket.destroy());
   });
   const browser = await launched([`--proxy-server=127.0.0.1:${await listening(proxy)}`]);
-  // Served without its policy, which would keep back what a worker asks for, so that the proxy sees it.
+  // The page is served without its policy, which would block a worker's requests, so that the proxy can count them.
   const bare = withoutPolicy(fs.readFileSync(file, "utf8"));
   const server = http.createServer((_, answer) => answer.setHeader("content-type", "text/html").end(bare));
   const served = `http://127.0.0.1:${await listening(server)}/`;

@@ -17,13 +17,13 @@ function byCommand(...words) {
   return stdout.toString();
 }
 
-// Waits for the end of what `start` starts, and compares its figures.
+// Calls `start`, waits until the page's progress bar is hidden, and compares the page's figures with `expected`.
 async function compare(page, what, start, expected) {
   const began = performance.now();
   await start();
   await page.waitForFunction(() => document.querySelector("progress").hidden, WAIT);
   const seconds = ((performance.now() - began) / 1e3).toFixed(1);
-  // `judged` is the state of the page's script.
+  // `judged` is the variable of page.js with the last judgement.
   const json = await page.evaluate("judged === null || judged === undefined ? null : judged.json");
   if (`${json}\n` !== expected) wrong.push(`${what}: ${await page.$eval("#status", (status) => status.textContent)}: ${json} is not ${expected}`);
   if ((await page.$("#verdict")) === null) wrong.push(`${what}: no report`);

@@ -1,6 +1,6 @@
 """The calibration flight of flight.py with pymavlink on the module's first port."""
 
-# First, because it sets the dialect.
+# Imported before pymavlink, whose dialect this module sets.
 from flight import ADDRESSES, SPEED, fly
 from pymavlink import mavutil
 

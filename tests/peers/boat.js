@@ -20,7 +20,7 @@ readline.createInterface({ input: socket }).on('line', (line) => {
   const kind = line.slice(3, 6)
   // The first line may be incomplete; Signal K ignores proprietary sentences.
   if (!line.startsWith('$HC') || !(kind in headingsDeg)) return
-  // Empty until the module has an attitude.
+  // The heading field is empty until the module has an attitude.
   if (line.split(',')[1] === '') return
   const delta = parser.parse(line)
   if (!delta) fail(`not understood: ${line}`)

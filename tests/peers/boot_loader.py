@@ -80,12 +80,12 @@ class Chip:
 
     def value(self, at):
         value = self.registers.get(at, 0)
-        if at == RCC_CR:  # An oscillator that is on is ready.
+        if at == RCC_CR:  # Oscillators that are on report that they are ready.
             value &= ~(1 << 10 | 1 << 17 | 1 << 25)
             value |= (value & 1 << 8) << 2 | (value & 1 << 16) << 1 | (value & 1 << 24) << 1
-        elif at == RCC_CFGR:  # The selected clock is in use.
+        elif at == RCC_CFGR:  # The status field shows the selected clock.
             value = value & ~0xC | (value & 3) << 2
-        elif at == CAN_CCCR:  # Stop acknowledged as requested.
+        elif at == CAN_CCCR:  # A requested clock stop is acknowledged.
             value = value & ~(1 << 3) | (value & 1 << 4) >> 1
         return value
 
@@ -131,7 +131,7 @@ assert any(at == CLEAR for _, at, _ in chip.writes), "pending interrupts stay"
 assert bytes(chip.cpu.mem_read(RAM, UPDATE_SIZE)) == chip.leftovers[:UPDATE_SIZE], "update's memory written"
 assert chip.registers[RCC_CFGR] & 3 == PLL and chip.registers[RCC_CR] & 1 << 16, "clock not from the crystal"
 assert not any(at == RCC_BDCR and word & (1 << 16 | 3 << 8) for _, at, word in chip.writes), "backup domain reset"
-# Restricted operation, 10 quanta of 8 periods, sample point after the ninth.
+# CAN controller as initialised: restricted operation; a bit has 10 quanta of 8 clock periods, sampled after the ninth quantum.
 assert chip.registers[CAN_CCCR] & 0b111 == 0b100, f"CAN mode {chip.registers[CAN_CCCR]:#b}"
 assert chip.registers[CAN_NBTP] == 0x70700, f"CAN timing {chip.registers[CAN_NBTP]:#x}"
 fed = [after for after, at, word in chip.writes if at == WATCHDOG_KEY and word == 0xAAAA]

@@ -37,7 +37,7 @@ class Bus:
         return time.monotonic() - began
 
     def module(self):
-        """Number of the module, which its first field shows."""
+        """Node number of the module, from its first field message."""
         self.until(lambda: self.fields, "no field")
         return self.fields[0].transfer.source_node_id
 

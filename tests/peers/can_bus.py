@@ -39,7 +39,7 @@ def show(title, message, *left_out):
 
 
 def text(value):
-    """A parameter's value, in short."""
+    """A parameter's value as text, whatever its type."""
     kind = dronecan.get_active_union_field(value)
     if kind == "empty":
         return ""
@@ -55,7 +55,7 @@ def show_parameters(parameters):
 
 
 def check_field(bus, wanted_hz):
-    """Checks fields of some seconds."""
+    """Checks rate, strength and heading of the field messages of SENDING_S seconds."""
     bus.fields.clear()
     bus.spin(SENDING_S)
     readings = [event.message for event in bus.fields]

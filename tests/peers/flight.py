@@ -65,7 +65,7 @@ class Aircraft:
 
 
 def turning(seconds):
-    """Slightly more than three circles to each side, twice, because a busy computer loses part of them."""
+    """Bank at a time: 3.2 circles right, then left, and again, because a busy computer loses part of a circle."""
     circles_s = 3.2 * 360.0 / TURN_RATE_DEG_S
     return BANK_DEG if int(seconds / circles_s) % 2 == 0 else -BANK_DEG
 
@@ -83,7 +83,7 @@ class Flight:
         self.last, self.asked_hz = {}, []
 
     def go_on(self, bank_deg):
-        """Flies at a bank for a period, or for as long as a busy computer takes for it."""
+        """Flies at a bank for one period (longer if the computer is busy), sends the aircraft's messages, and records the module's."""
         aircraft, mav = self.aircraft, self.link.mav
         time.sleep(PERIOD_S / SPEED)
         before_s, self.flown_s = self.flown_s, (time.monotonic() - self.began) * SPEED

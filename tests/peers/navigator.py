@@ -79,7 +79,7 @@ with Served() as module, socket.create_server(("127.0.0.1", 0)) as listener, soc
     finally:
         gpsd.terminate()
         gpsd.wait()
-    # Which of the two depends on the version of gpsd.
+    # gpsd's version decides whether it reports the true or the magnetic heading.
     errors = [[wrap_180(deg - reference) for deg in heard] for reference in (HEADING_DEG, HEADING_DEG + DECLINATION_DEG)]
     mean_deg = check_errors(min(errors, key=lambda some: abs(sum(some))))
 print(f"gpsd: {heard}, mean error {mean_deg:.1f} deg")

@@ -70,7 +70,7 @@ class Served:
         self.datagrams.sendto(f"{roll_deg:.4f} {pitch_deg:.4f} {yaw_deg:.4f}".encode(), self.world)
 
     def hold(self, yaw_deg):
-        """Holds the aircraft level at a heading until the end; waits until it is reached."""
+        """Holds the aircraft level at a heading until this object is closed; returns after a second, when it is reached."""
 
         def tell():
             while not self.held.wait(0.05):

@@ -6,7 +6,7 @@ import math
 
 from dronecan import uavcan
 
-# First, because it sets the dialect.
+# Imported before pymavlink, whose dialect this module sets.
 from flight import ADDRESSES, SPEED, fly
 from pymavlink import mavutil
 

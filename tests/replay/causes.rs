@@ -16,7 +16,7 @@ type Cause = fn(t_s: f64, sample: &mut FlightSample);
 /// Report on a cause.
 struct Reported {
     action: CompassAction,
-    /// Sentence of the compass, and notes.
+    /// The sentence on the compass and the log's warnings.
     text: String,
     changes: usize,
     rms_deg: Option<f64>,
@@ -49,7 +49,8 @@ fn report(kind: VehicleKind, seed: u64, cause: Cause) -> Reported {
 struct Case {
     name: &'static str,
     cause: Cause,
-    /// What an aeroplane's pilot is advised. Recorded copters turn too little after 118 s to be fitted since.
+    /// Actions of which one must be recommended for an aeroplane; recorded copters turn too little after 118 s for
+    /// parameters.
     actions: &'static [CompassAction],
     words: &'static str,
     changes: usize,

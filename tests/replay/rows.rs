@@ -106,7 +106,7 @@ fn body_rates_reduce_the_heading_error_by_smoothing() {
     assert!(ratios.iter().sum::<f64>() < 0.9 * ratios.len() as f64, "{ratios:?}");
 }
 
-/// A part of the rows, and `--inclination`.
+/// Fits parts of the rows from the start, with the inclination unknown or configured (`--inclination`).
 #[test]
 fn a_fit_to_a_part_of_the_flight_is_good_or_refused() {
     let rows = recorded(&WorldConfig::of_table1(1), 3.0);
@@ -197,7 +197,7 @@ fn a_changing_hard_iron_is_refused_or_in_the_expected_error() {
     assert!(refused >= 9, "{refused}");
 }
 
-/// Wrong sign, or an inclination of another place.
+/// The configured inclination is off by 10 or 20 deg or has the wrong sign.
 #[test]
 fn a_wrong_inclination_is_named() {
     for seed in 0..6 {
@@ -215,7 +215,7 @@ fn a_wrong_inclination_is_named() {
     }
 }
 
-/// Radians instead of degrees, and a row rate of 1 Hz.
+/// Rows with attitude in radians instead of degrees, and rows at 1 Hz.
 #[test]
 fn wrong_units_and_slow_rows_are_reported() {
     let rows = recorded(&WorldConfig::of_table1(1), 3.0);

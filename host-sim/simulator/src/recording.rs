@@ -19,7 +19,8 @@ const RECORDING_INTERVAL_US: u64 = 100_000;
 /// Longest recorded end of a step, microseconds; the world keeps 2 s of history.
 const MAX_RECORDED_STEP_US: u64 = 1_900_000;
 
-/// Parameters that mark either autopilot as known, with no correction.
+/// Parameters by which the log reader recognises a compass of ArduPilot and of PX4; their value zero means no
+/// correction.
 const ZERO_PARAMETERS: [&str; 4] = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "CAL_MAG0_ROT"];
 
 /// Appends the state of the world at a time no more than one second past.

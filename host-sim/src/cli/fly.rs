@@ -51,7 +51,7 @@ pub struct FlyOptions {
     /// motors' current
     #[arg(long, default_value_t = 0.0, value_name = "UT", value_parser = number_in_range(0.0, 200.0))]
     current: f64,
-    /// Let the autopilot measure and report that current
+    /// Let the autopilot measure and report the motors' current
     #[arg(long)]
     tell_current: bool,
     /// Magnetometer of the module: the reference board's LIS3MDL, or an RM3100

@@ -55,7 +55,7 @@ fn one_line(text: &str, is_terminal: bool) -> String {
     wrapped
 }
 
-/// The logs, and those in the folders, by name.
+/// Paths of the given log files, and of the logs in the given folders sorted by name.
 fn expand_folders(files: &[PathBuf]) -> Result<Vec<PathBuf>, CommandFailure> {
     let mut logs = Vec::new();
     for file in files {

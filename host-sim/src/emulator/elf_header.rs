@@ -69,7 +69,7 @@ mod tests {
             (header(&[])[..HEADER_LENGTH - 1].to_vec(), "it is too short"),
             (header(&[(0, b'#')]), "it is no ELF file"),
             (header(&[(3, b'f')]), "it is no ELF file"),
-            // 64 bits, big-endian, x86-64, a library.
+            // Rejected ELF files: of 64 bits, big-endian, for x86-64, and a library.
             (header(&[(4, 2)]), "it is for another processor than ARM"),
             (header(&[(5, 2)]), "it is for another processor than ARM"),
             (header(&[(18, 62)]), "it is for another processor than ARM"),

@@ -39,7 +39,7 @@ pub struct Emulator {
     sensor_stuck: bool,
     requested_bench_test: Option<BenchTest>,
     reset_pressed: bool,
-    /// World time at the machine's last reset, and machine time since then.
+    /// World time at the machine's last reset, microseconds; the next field is the machine time since that reset.
     since_us: u64,
     machine_us: u64,
     sample_path: SamplePath,

@@ -10,7 +10,8 @@ pub const FIELD_UPDATE_PERIOD_US: u64 = 2_000;
 pub struct SamplePath {
     /// Start of the present sample's sensor access, machine ticks.
     began: Option<u64>,
-    /// Whether the present sample has been output; of several writes the last one counts.
+    /// Whether the firmware has written to the instrument port since that access; the last write determines the
+    /// duration.
     written: bool,
     ticks: Vec<u64>,
 }

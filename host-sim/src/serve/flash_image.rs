@@ -81,7 +81,8 @@ impl FlashImage {
             Err(TryLockError::WouldBlock) => return Err(FlashImageError::InUse(path.to_owned())),
             Err(TryLockError::Error(error)) => return Err(unreadable(error)),
         }
-        // Windows lets only this handle read a locked file. Of an endless file, one byte too many is read.
+        // Reads through the locked handle, because Windows allows no other. At most one byte more than the expected
+        // size is read, in case the file is endless.
         let mut bytes = Vec::new();
         (&file).take(STORE_BYTES as u64 + 1).read_to_end(&mut bytes).map_err(unreadable)?;
         if bytes.len() != STORE_BYTES {
@@ -132,7 +133,7 @@ mod tests {
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
-    /// The lock moves with the file's content.
+    /// Writing replaces the file; the lock then is on the new file.
     #[test]
     fn a_file_in_use_is_locked() {
         let folder = tempfile::tempdir().unwrap();

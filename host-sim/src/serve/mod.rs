@@ -122,7 +122,7 @@ impl ServedModule {
     /// unless an external simulator controls it.
     #[must_use]
     pub fn new(world: WorldConfig, options: ServeOptions, image: Option<&FlashImage>) -> Self {
-        // Attitudes of an external simulator come without rates: those derived from them are no gyro's.
+        // An external simulator sends no body rates: they are derived from its attitudes, without gyro errors.
         let gyro = if options.has_external_simulator { GyroConfig::ERROR_FREE } else { world.gyro };
         // The position is known only if the simulated field is that of Xi'an.
         let reports_position = world.earth == Earth::default();
@@ -293,8 +293,9 @@ impl ServedModule {
         )
     }
 
-    /// Whether the module has no attitude yet, because an external simulator has sent none, or just the first one. That
-    /// moves the aircraft without a turn of its gyro, so that no attitude may be of an instant before it.
+    /// Whether attitude must still be withheld because an external simulator has sent no attitude, or its first one
+    /// less than [`SETTLING_US`] ago. The first attitude moves the aircraft at once, without body rates, so that older
+    /// attitudes must not be sent.
     fn awaits_datagram(&self) -> bool {
         let is_early = |first_us| self.rig.now_us() < first_us + SETTLING_US;
         self.visits.is_some() && self.first_attitude_us.is_none_or(is_early)

@@ -19,7 +19,7 @@ function send(request) {
   worker.postMessage(request);
 }
 
-// Choices of the form, null where none is made.
+// Options chosen in the form; null for an option that is not chosen.
 function choices() {
   const number = (name) => (form.elements[name].value === "" ? null : form.elements[name].valueAsNumber);
   const compass = Number(form.elements.compass.value) || null;
@@ -28,7 +28,7 @@ function choices() {
 
 const NONE = { samples: "flight", compass: null, from_s: null, to_s: null, reference: null };
 
-// Begins with another log, or with the example flight, which has no file.
+// Clears the page for another log, or for the example flight (`chosen` is null).
 function begin(chosen) {
   if (isBusy) startWorker();
   file = chosen;
@@ -62,7 +62,7 @@ function draw(picture, name, attributes) {
   picture.append(shape);
 }
 
-// The flight takes a second; its steps are shown one a frame, all at once to people who want no motion.
+// Shows one step of the example flight per animation frame, or all at once if the browser prefers reduced motion.
 function play() {
   const isStill = matchMedia("(prefers-reduced-motion: reduce)").matches;
   for (const step of steps.splice(0, isStill ? steps.length : 1)) showStep(step);
@@ -107,7 +107,7 @@ function showStep(step) {
   $("largest").textContent = `without calibration ${largest.measured.toFixed(1)} deg${after}`;
 }
 
-// Judges the log with the choices of the form; while the worker is busy, after it.
+// Judges the log with the form's options; if the worker is busy, after its present request.
 function judgeAgain() {
   if (!form.reportValidity()) return;
   const request = { judge: choices() };
@@ -116,7 +116,7 @@ function judgeAgain() {
   else send(request);
 }
 
-// Shows a state: `done` is the part that is done, undefined if that is not known, null if nothing is being done.
+// Shows a status text and the progress `done`: a fraction, undefined if unknown, null to hide the progress bar.
 function say(text, done) {
   if (status.textContent !== text) status.textContent = text;
   progress.hidden = done === null;
@@ -158,7 +158,8 @@ function showChoices({ compasses, range_s: [from, to], is_table: isTable }) {
 
 const sliderOf = (name) => form.elements[`${name}_slider`];
 
-// A slider and its number follow each other. At the end of the log, where the slider begins, no number is chosen.
+// Copies a moved slider's time to its number field, and a typed number to the slider. A slider at the end of the log leaves the
+// number field empty.
 function followSlider({ target: { name, type, value } }) {
   if (type === "range") {
     const number = form.elements[name.replace("_slider", "")];
@@ -168,7 +169,7 @@ function followSlider({ target: { name, type, value } }) {
 
 const pause = () => new Promise((resolve) => setTimeout(resolve));
 
-// Shows the report page inside this one, a section at a time, so that the browser answers in between.
+// Shows the report inside this page, one section at a time, so that the browser responds to input in between.
 async function show() {
   const showing = judged;
   const page = new DOMParser().parseFromString(judged.page, "text/html");
@@ -190,7 +191,7 @@ async function show() {
   report.append(script);
   report.removeAttribute("aria-busy");
   $("again").hidden = !file;
-  // The verdict comes into view on a telephone, too.
+  // Scrolls to the verdict, which is below the form on a narrow screen.
   if (file) report.scrollIntoView();
   $("downloads").hidden = false;
   $("save-parameters").hidden = !judged.parameters;

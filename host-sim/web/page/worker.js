@@ -56,7 +56,7 @@ onmessage = async ({ data }) => {
     await loading;
     answer(data);
   } catch (error) {
-    // A trap is a fault of the program, and its memory is not to be used again: the page starts another worker.
+    // After a trap (a fault of the WebAssembly program) its memory is unusable: the page starts another worker.
     postMessage({ error: error.message, isFault: error instanceof WebAssembly.RuntimeError || wasm === undefined });
   }
 };

@@ -186,7 +186,8 @@ impl ParameterCandidate {
     }
 }
 
-/// Mounting for which the module refused the calibration, if it would accept one with it: noise imitates a mounting, too.
+/// Mounting that the module found in place of the configured one, if it accepts a calibration with it; otherwise noise
+/// may have imitated a mounting.
 fn contradicted_mount(evaluation: &CompassEvaluation, rows: &[ReplayRow]) -> Option<Orientation> {
     let Err(Refusal::Solve(SolveError::MountContradicted { found })) = evaluation.result_for_report().acceptance else {
         return None;

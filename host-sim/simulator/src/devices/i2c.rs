@@ -76,7 +76,8 @@ impl I2c for SimulatedI2cBus {
             Timer::after(bus_time(1)).await;
             return Err(BusError::NoAcknowledge(address));
         };
-        // Every operation repeats the address. Adjacent operations of one kind would not, but no driver uses them.
+        // Each operation sends the address. By embedded-hal adjacent writes, or reads, share one address, but no driver
+        // has adjacent ones.
         let bytes: usize = operations.iter().map(|operation| 1 + operation_length(operation)).sum();
         Timer::after(bus_time(bytes)).await;
         let mut target = target.borrow_mut();

@@ -65,7 +65,8 @@ pub fn frozen_attitude(switch: FaultSwitch) -> impl AttitudeFault {
     }
 }
 
-/// Roll and pitch of the onset with the source's noise, while the body rates go on: a filter that ignores its gyro.
+/// Fault: roll and pitch stay at the values of the onset, with the source's noise, and body rates remain right, as of a
+/// filter that ignores its gyro.
 #[must_use]
 pub fn stale_attitude(switch: FaultSwitch, source: &AttitudeSourceConfig, seed: u64) -> impl AttitudeFault + use<> {
     let noise = |seed| {

@@ -24,7 +24,7 @@ use crate::world::earth::Earth;
 use crate::world::{TrueState, WorldConfig};
 use log_analysis::numbers::square;
 
-/// On from 1 s to 3 s.
+/// Switch of a fault that is active from 1 s to 3 s.
 fn switch() -> FaultSwitch {
     let switch = FaultSwitch::always_off();
     switch.set_active(1_000_000, 3_000_000);

@@ -114,7 +114,7 @@ impl TcpPort {
     fn accept_client(&mut self) {
         while let Ok((client, from)) = self.listener.accept() {
             if self.clients.len() < MAX_CLIENTS && client.set_nonblocking(true).is_ok() {
-                // Without `TCP_NODELAY` data are only later, so a failure to set it is ignored.
+                // A failure to set `TCP_NODELAY` is ignored: without it data are only delayed.
                 let _ = client.set_nodelay(true);
                 self.clients.push(BufferedStream::new(client));
                 self.notices.push(format!("{from} attached to TCP port {}", self.port));
@@ -215,7 +215,7 @@ impl Terminal {
         let is_raw = stdin.is_terminal();
         if is_raw {
             enable_raw_mode()?;
-            // Only a Windows console has to be asked whether it understands control sequences; asked, it does.
+            // On Windows this call turns on the console's control sequences; its answer is not needed.
             #[cfg(windows)]
             let _ = crossterm::ansi_support::supports_ansi();
         }
@@ -268,12 +268,13 @@ impl Terminal {
             print::print_text("\r\n");
         }
         if let Some(orders) = &self.orders {
-            // The receiver lives as long as the session.
+            // Sending cannot fail: the loop that receives orders lasts as long as the session.
             let _ = orders.send([&line[1..], b"\n"].concat());
         }
     }
 
-    /// Ends the session: at once at a terminal, else as the end of the input does.
+    /// Ends the session: immediately at a terminal; with redirected input after [`END_OF_SESSION_PAUSE`] without
+    /// output.
     fn end_session(&mut self) {
         self.is_closed |= self.is_raw;
         self.pending.clear();
@@ -306,7 +307,8 @@ impl ByteConnection for Terminal {
             }
         }
         if self.is_closed && !was_closed {
-            // The module has received `quit`, or the begin of another line, and would put it before the next session's.
+            // Clears the module's input line: the characters typed so far would otherwise begin the first line of the
+            // next session.
             sent.push(CLEAR_LINE_KEY);
         }
         sent

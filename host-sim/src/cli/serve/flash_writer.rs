@@ -27,7 +27,7 @@ impl FlashWriter {
     pub fn write_flash(&mut self, served_module: &ServedModule) -> Result<(), CommandFailure> {
         if let Some(path) = &self.path {
             if cfg!(windows) {
-                // Windows replaces no file that is open.
+                // Windows cannot replace an open file, so the locked file is closed first.
                 self.lock = None;
             }
             self.lock = Some(served_module.flash_image().write_file(path).map_err(flash_failure)?);

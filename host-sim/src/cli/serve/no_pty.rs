@@ -12,7 +12,7 @@ pub fn open_pty() -> Result<Option<OpenedPty>, CommandFailure> {
     Ok(None)
 }
 
-/// Fails: a serial port is no file here. The type is never used.
+/// Always fails: on this system serial ports are no files. The return type is that of `pty.rs`.
 pub fn connect_serial(path: &Path) -> Result<Connection<TcpStream>, CommandFailure> {
     let reason =
         "this system's serial ports are no files; use a terminal program such as PuTTY, or, for a served module, --tcp";

@@ -41,7 +41,7 @@ impl Connections {
         let has_ended =
             |port_wires: &[Vec<Box<dyn ByteConnection>>]| port_wires.iter().flatten().any(|wire| wire.has_ended());
         while !stop.load(Ordering::SeqCst) && !has_ended(&self.port_wires) && !print::poll_output_closed() {
-            // First, because nothing that is received now was sent before the instant to which time advances.
+            // Time advances before inputs are read, so that an input takes effect after it was received.
             served_module.advance_time(pace.elapsed_us());
             for (port, wires) in self.port_wires.iter_mut().enumerate() {
                 for wire in wires {

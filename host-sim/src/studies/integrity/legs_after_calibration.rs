@@ -65,7 +65,7 @@ mod tests {
     use super::*;
     use simulator::random::StreamPurpose;
 
-    /// The order of random draws of an aeroplane's flights must not change.
+    /// The order of random draws must not change for aeroplanes, so that a seed gives the same flight as before.
     #[test]
     fn hovering_vehicles_yaw_and_tilt_and_aeroplanes_turn() {
         let mut random = RandomStream::new(3, StreamPurpose::Legs);

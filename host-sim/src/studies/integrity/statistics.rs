@@ -238,7 +238,7 @@ mod tests {
     fn an_alarm_is_an_empty_period_that_begins_while_nothing_is_wrong() {
         let good = heading(0.5, 1.0);
         let sentences = [good.clone(), empty(), empty(), good.clone(), empty(), good];
-        // Two in 0.6 s.
+        // Two alarms in six sentences of 0.1 s: two per 0.6 s.
         assert!((statistics_of(&sentences, false).alarms_per_hour() - 2.0 * 3600.0).abs() < 1e-6);
         assert_eq!(statistics_of(&sentences, true).alarms_per_hour().to_bits(), 0);
         assert!((statistics_of(&sentences, true).empty_percent() - 50.0).abs() < 1e-9);

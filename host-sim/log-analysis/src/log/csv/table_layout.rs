@@ -83,7 +83,7 @@ impl TableLayout {
         })
     }
 
-    /// Rejects cells beyond the last column, which decimal commas make of a table that commas separate.
+    /// Rejects lines with more cells than columns, as decimal commas produce in a table separated by commas.
     pub fn reject_extra_cells(&self, values: &LineValues<'_>) -> Result<(), InvalidCell> {
         let extra = values.values.iter().skip(self.columns).find(|cell| !cell.is_empty());
         let where_found = "beyond the last column (decimal commas need semicolons between columns)";

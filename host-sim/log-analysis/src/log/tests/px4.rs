@@ -37,7 +37,7 @@ fn px4s_old_sensor_combined_is_read() {
         (b'A', text) => {
             renamed(text, [("vehicle_magnetometer", "sensor_combined"), ("vehicle_angular_velocity", "none")])
         }
-        // Measured 20 ms earlier.
+        // The field was measured 20 ms before the row's time.
         (b'D', [0, 0, rest @ ..]) => [&[0, 0], &rest[..8], &(-20_000_i32).to_le_bytes(), &rest[12..]].concat(),
         _ => body,
     });

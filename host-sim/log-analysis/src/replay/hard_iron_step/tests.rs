@@ -78,7 +78,7 @@ fn each_axis_of_a_hard_iron_step_has_its_own_sigma() {
     }
 }
 
-/// One row in twelve: less than eight standard deviations.
+/// With one row in twelve the step is less than eight standard deviations, and is not reported.
 #[test]
 fn a_hard_iron_step_needs_enough_rows() {
     for seed in 0..5 {
@@ -131,12 +131,12 @@ fn outliers_neither_cause_nor_hide_a_hard_iron_step() {
         assert_eq!(detected_step(0.0), None, "{seed}");
         let change = detected_step(4.0).unwrap();
         let off_ut = (Vector3::from(change.step_ut) - Vector3::new(4.0, 0.0, 0.0)).norm();
-        // Three standard deviations.
+        // The limit of 0.3 uT is three standard deviations of the step.
         assert!(off_ut < 0.3, "{seed}: {change:?}");
     }
 }
 
-/// The scatter falls by an eighth only.
+/// A step that reduces the residuals by an eighth only is not reported.
 #[test]
 fn a_step_that_does_not_reduce_the_scatter_is_not_reported() {
     for seed in 0..3 {

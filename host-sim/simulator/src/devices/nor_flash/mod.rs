@@ -353,7 +353,7 @@ mod tests {
         let (words, _) = page[..2048].as_chunks::<8>();
         let old = words.iter().filter(|&&word| word == OLD).count();
         let erased = words.iter().filter(|&&word| word == [0xFF; 8]).count();
-        // A third of 256 words each, within four standard deviations of 7.5.
+        // Of 256 words a third keep their content and a third are erased, each within four standard deviations of 7.5.
         assert!((55..=116).contains(&old), "{old} words as before");
         assert!((55..=116).contains(&erased), "{erased} words erased");
         assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Ok(())));

@@ -187,7 +187,7 @@ impl Rm3100Registers {
         (0..3).map(|axis| self.axis_us(axis)).sum()
     }
 
-    /// Period of the continuous mode, at least the time of the measurement.
+    /// Period of the continuous mode, microseconds; at least the duration of the measurement of three axes.
     fn period_us(&self, scale: f64) -> u64 {
         let doublings = u32::from((self.register_value(TMRC_REGISTER) & 0x0F).max(2)) - 2;
         let nominal_us = SHORTEST_PERIOD_US << doublings;

@@ -49,7 +49,7 @@ async fn counts(device: &mut SelectedDevice) -> [i32; 3] {
     [0, 3, 6].map(|at| i32::from_be_bytes([bytes[at], bytes[at + 1], bytes[at + 2], 0]) >> 8)
 }
 
-/// Table 5-1.
+/// Reset values of the manual's table 5-1.
 #[test]
 fn reset_values_are_those_of_the_manual() {
     with_chip(

@@ -90,7 +90,8 @@ mod tests {
         assert!((before.roll_rad.to_degrees() - 25.0).abs() < 1e-9, "it is set there: {before:?}");
         for tick in 1..200 {
             let state = follow_for_steps(&mut aircraft, Euler::from_deg(25.0, 3.0, 0.4 * f64::from(tick)), 4);
-            // The first tick follows the long rest above: its interpolation takes the longest interval.
+            // The first ticks are not checked: after the rest above, the first interpolation takes
+            // `MAX_INTERPOLATION_US`.
             if tick > 20 {
                 let moved_deg = (state.heading_rad - before.heading_rad).to_degrees();
                 assert!((moved_deg - 0.4).abs() < 1e-6, "tick {tick}: {moved_deg}");

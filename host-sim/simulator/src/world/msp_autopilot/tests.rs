@@ -57,7 +57,7 @@ fn the_library_understands_both_firmwares() {
             panic!()
         };
         let attitude = detected.attitude_from_angles(angles).unwrap();
-        // Resolution: tenths of a degree.
+        // MSP_ATTITUDE has a resolution of 0.1 deg (0.0017 rad).
         assert!((attitude.roll_rad - 0.2).abs() < 0.0018, "{firmware:?} {attitude:?}");
         assert!((attitude.pitch_rad - 0.1).abs() < 0.0018, "{firmware:?} {attitude:?}");
         let Some(MspReply::RawGps(Some(place))) = request_reply(&mut autopilot, MspFunction::RawGps, &KNOWN) else {
@@ -84,7 +84,7 @@ fn the_library_understands_both_firmwares() {
 
 #[test]
 fn unknown_requests_are_answered() {
-    // MSP_MOTOR.
+    // MSP_MOTOR, which the simulated autopilots do not know.
     let request = [b'$', b'X', b'<', 0, 104, 0, 0, 0, crc_8_dvb_s2(&[0, 104, 0, 0, 0])];
     for (firmware, direction) in [(MspFirmware::ArduPilot, b'>'), (MspFirmware::Inav, b'!')] {
         let mut autopilot = MspAutopilot::new(firmware, NONE, 1);
