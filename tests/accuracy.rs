@@ -57,8 +57,8 @@ fn closed_forms_are_less_accurate_than_maximum_likelihood() {
 /// Results do not depend on the number of threads and their order.
 #[test]
 fn a_run_is_a_function_of_its_seed() {
-    let small = AccuracyPlan { airframes: 4, noise_draws: 2, seed: 7 };
-    assert_eq!(run_accuracy_study(small, &|| {}), run_accuracy_study(small, &|| {}));
+    let small_plan = AccuracyPlan { airframes: 4, noise_draws: 2, seed: 7 };
+    assert_eq!(run_accuracy_study(small_plan, &|| {}), run_accuracy_study(small_plan, &|| {}));
 }
 
 #[test]
@@ -74,10 +74,10 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
         // Retained samples against the optimal selection of equal size.
         assert!((0.85..=1.15).contains(&row.best_ratio_median), "{row:?}");
         assert_eq!(row.coverage.headings, 20 * 16);
-        let again =
+        let repeated =
             flight_study::run_flight_study(flight, AccuracyPlan { airframes: 2, noise_draws: 2, seed: 7 }, &|| {});
         assert_eq!(
-            again,
+            repeated,
             flight_study::run_flight_study(flight, AccuracyPlan { airframes: 2, noise_draws: 2, seed: 7 }, &|| {})
         );
     }
@@ -87,12 +87,12 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
 /// back. The solver's contribution has a standard error of 4 %.
 #[test]
 fn a_wandering_flight_reaches_nearly_the_best_possible_accuracy() {
-    for (kind, most_by_choice) in [(VehicleKind::Copter, 1.08), (VehicleKind::Plane, 1.09)] {
-        let flight = Flight { kind, flight_pattern: FlightPattern::Wandering, duration_minutes: 3.0 };
+    for (vehicle_kind, max_choice_ratio) in [(VehicleKind::Copter, 1.08), (VehicleKind::Plane, 1.09)] {
+        let flight = Flight { kind: vehicle_kind, flight_pattern: FlightPattern::Wandering, duration_minutes: 3.0 };
         let row =
             flight_study::run_flight_study(flight, AccuracyPlan { airframes: 20, noise_draws: 5, seed: 1000 }, &|| {});
         assert!(row.accepted_percent >= 95.0, "{row:?}");
-        assert!(row.choice_ratio_median <= most_by_choice, "{row:?}");
+        assert!(row.choice_ratio_median <= max_choice_ratio, "{row:?}");
         assert!(row.best_ratio_median <= 1.1 + 0.08, "{row:?}");
     }
 }

@@ -54,7 +54,7 @@ impl Crate {
             .filter_map(|file| {
                 let inside = file.strip_prefix(source).expect("below the source").with_extension("");
                 let mut module: Names =
-                    inside.iter().map(|part| part.to_str().expect("a name in UTF-8").to_owned()).collect();
+                    inside.iter().map(|component| component.to_str().expect("a name in UTF-8").to_owned()).collect();
                 if module.last().is_some_and(|last| last == "mod") || module == ["lib"] {
                     module.pop();
                 }
@@ -70,16 +70,16 @@ impl Crate {
     }
 
     /// Path from the root of a path written in `module`; `None` for other crates.
-    fn absolute(&self, module: &[String], written: &[String]) -> Option<Names> {
+    fn absolute(&self, module: &[String], written_path: &[String]) -> Option<Names> {
         let mut base = module.to_vec();
-        let mut rest = written;
-        match rest.first()?.as_str() {
-            "crate" => (base, rest) = (Vec::new(), &rest[1..]),
-            "self" => rest = &rest[1..],
+        let mut remaining = written_path;
+        match remaining.first()?.as_str() {
+            "crate" => (base, remaining) = (Vec::new(), &remaining[1..]),
+            "self" => remaining = &remaining[1..],
             "super" => {
-                while rest.first().is_some_and(|first| first == "super") {
+                while remaining.first().is_some_and(|first| first == "super") {
                     base.pop()?;
-                    rest = &rest[1..];
+                    remaining = &remaining[1..];
                 }
             }
             first => {
@@ -89,19 +89,19 @@ impl Crate {
                 }
             }
         }
-        base.extend_from_slice(rest);
+        base.extend_from_slice(remaining);
         Some(base)
     }
 
     /// Module that defines what a path from the root names.
     fn definition(&self, path: &[String], depth: u32) -> Names {
         assert!(depth < 20, "{path:?} is imported in a circle");
-        let known = (0..=path.len()).rev().find(|&length| self.modules.contains(&path[..length])).unwrap_or(0);
-        let (module, rest) = path.split_at(known);
-        let Some(name) = rest.first() else { return module.to_vec() };
+        let module_length = (0..=path.len()).rev().find(|&length| self.modules.contains(&path[..length])).unwrap_or(0);
+        let (module, item_path) = path.split_at(module_length);
+        let Some(name) = item_path.first() else { return module.to_vec() };
         let item = [module, std::slice::from_ref(name)].concat();
         if let Some(target) = self.imports.get(&item).filter(|target| **target != item) {
-            return self.definition(&[target.clone(), rest[1..].to_vec()].concat(), depth + 1);
+            return self.definition(&[target.clone(), item_path[1..].to_vec()].concat(), depth + 1);
         }
         if !self.items.contains(&item)
             && let Some(from) = self
@@ -111,7 +111,7 @@ impl Crate {
                 .flatten()
                 .find(|from| self.items.contains(&[from.as_slice(), std::slice::from_ref(name)].concat()))
         {
-            return self.definition(&[from.clone(), rest.to_vec()].concat(), depth + 1);
+            return self.definition(&[from.clone(), item_path.to_vec()].concat(), depth + 1);
         }
         module.to_vec()
     }
@@ -165,16 +165,16 @@ struct ModuleVisitor<'a> {
 }
 
 impl ModuleVisitor<'_> {
-    fn import(&mut self, before: &Names, tree: &UseTree) {
-        let with = |name: &syn::Ident| [before.clone(), vec![name.to_string()]].concat();
+    fn import(&mut self, parent_path: &Names, tree: &UseTree) {
+        let with = |name: &syn::Ident| [parent_path.clone(), vec![name.to_string()]].concat();
         match tree {
             UseTree::Path(path) => self.import(&with(&path.ident), &path.tree),
-            UseTree::Group(group) => group.items.iter().for_each(|item| self.import(before, item)),
-            UseTree::Name(name) if name.ident == "self" => self.name(before, before.last().cloned()),
+            UseTree::Group(group) => group.items.iter().for_each(|item| self.import(parent_path, item)),
+            UseTree::Name(name) if name.ident == "self" => self.name(parent_path, parent_path.last().cloned()),
             UseTree::Name(name) => self.name(&with(&name.ident), Some(name.ident.to_string())),
             UseTree::Rename(rename) => self.name(&with(&rename.ident), Some(rename.rename.to_string())),
             UseTree::Glob(_) => {
-                if let Some(target) = self.parsed.absolute(&self.module, before) {
+                if let Some(target) = self.parsed.absolute(&self.module, parent_path) {
                     self.parsed.uses.insert((self.module.clone(), target.clone()));
                     self.parsed.globs.entry(self.module.clone()).or_default().push(target);
                 }
@@ -234,16 +234,16 @@ impl<'a> Visit<'a> for ModuleVisitor<'_> {
     }
 }
 
-fn rust_files(folder: &Path, found: &mut Vec<PathBuf>) {
+fn rust_files(folder: &Path, paths: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).expect("a folder") {
         let path = entry.expect("an entry").path();
         if path.file_stem().is_some_and(|name| name == "tests" || name == "testing" || name == "bin") {
             continue;
         }
         if path.is_dir() {
-            rust_files(&path, found);
+            rust_files(&path, paths);
         } else if path.extension().is_some_and(|extension| extension == "rs") {
-            found.push(path);
+            paths.push(path);
         }
     }
 }
@@ -251,13 +251,14 @@ fn rust_files(folder: &Path, found: &mut Vec<PathBuf>) {
 /// Layer number of each module of the library, parsed from the diagram: a number followed by module names.
 fn layers() -> BTreeMap<String, u32> {
     let text = fs::read_to_string(root().join("docs/architecture.md")).expect("docs/architecture.md");
-    let diagram = text.split("```text").nth(1).and_then(|rest| rest.split("```").next()).expect("a diagram");
+    let diagram =
+        text.split("```text").nth(1).and_then(|after_fence| after_fence.split("```").next()).expect("a diagram");
     let mut layers = BTreeMap::new();
     for line in diagram.lines() {
-        let Some((number, rest)) = line.trim().split_once("  ") else { continue };
-        let Ok(layer) = number.parse() else { continue };
+        let Some((layer_number, after_fence)) = line.trim().split_once("  ") else { continue };
+        let Ok(layer) = layer_number.parse() else { continue };
         // Names are separated by two spaces; three or more precede the description.
-        let names = rest.split("   ").next().unwrap_or_default();
+        let names = after_fence.split("   ").next().unwrap_or_default();
         layers.extend(names.split_whitespace().map(|name| (name.to_owned(), layer)));
     }
     layers
@@ -271,8 +272,8 @@ fn modules_of_the_library_use_only_lower_layers() {
     for (from, to) in &library.arrows {
         assert!(layers[to] < layers[from], "{from} uses {to}");
     }
-    let drawn: BTreeSet<_> = layers.into_keys().filter(|name| name != "main").collect();
-    assert_eq!(library.rooms, drawn, "modules that exist and modules in the diagram");
+    let documented_modules: BTreeSet<_> = layers.into_keys().filter(|name| name != "main").collect();
+    assert_eq!(library.rooms, documented_modules, "modules that exist and modules in the diagram");
 }
 
 /// With `--nocapture`: rooms and arrows of each folder.

@@ -8,26 +8,29 @@ use simulator::transcript::{self, SolveNotice};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::{VehicleConfig, VehicleKind};
 
-fn world(kind: VehicleKind) -> WorldConfig {
+fn world(vehicle_kind: VehicleKind) -> WorldConfig {
     let world = WorldConfig::of_table1(7);
-    WorldConfig { aircraft: VehicleConfig { kind, ..world.aircraft }, ..world }
+    WorldConfig { aircraft: VehicleConfig { kind: vehicle_kind, ..world.aircraft }, ..world }
 }
 
 fn lit_percent(rig: &mut Rig) -> u32 {
-    let mut lit = 0;
+    let mut lit_count = 0;
     for _ in 0..200 {
         assert_eq!(rig.run_for_s(0.01), ModuleRunEnd::Time);
-        lit += u32::from(rig.panel.is_lit());
+        lit_count += u32::from(rig.panel.is_lit());
     }
-    lit / 2
+    lit_count / 2
 }
 
 /// Flies a routine, armed; returns the module's unsolicited result and the lamp's duty cycle during collection.
-fn fly(rig: &mut Rig, kind: VehicleKind) -> (Option<SolveNotice>, u32) {
+fn fly(rig: &mut Rig, vehicle_kind: VehicleKind) -> (Option<SolveNotice>, u32) {
     rig.world.set_armed(true);
-    let legs =
-        CalibrationRoutine::for_vehicle(kind, TurnPlan::default(), rig.world.world_config().aircraft.heading_deg)
-            .legs();
+    let legs = CalibrationRoutine::for_vehicle(
+        vehicle_kind,
+        TurnPlan::default(),
+        rig.world.world_config().aircraft.heading_deg,
+    )
+    .legs();
     for leg in legs {
         rig.world.fly_leg(leg);
     }
@@ -45,17 +48,17 @@ fn fly(rig: &mut Rig, kind: VehicleKind) -> (Option<SolveNotice>, u32) {
 /// The lamp flashes briefly before arming, longer during collection, and is almost continuously lit when calibrated.
 #[test]
 fn a_flight_calibrates_without_commands() {
-    for kind in [VehicleKind::Plane, VehicleKind::Copter] {
-        let mut rig = Rig::new(world(kind));
+    for vehicle_kind in [VehicleKind::Plane, VehicleKind::Copter] {
+        let mut rig = Rig::new(world(vehicle_kind));
         rig.run_for_s(8.0);
-        assert!(lit_percent(&mut rig) < 8, "{kind:?}: waiting");
+        assert!(lit_percent(&mut rig) < 8, "{vehicle_kind:?}: waiting");
         let status = rig.send_console_line("status all");
         assert!(status.contains("\r\narmed: no\r\n"), "{status}");
         assert!(status.contains("\r\ncollection: flight, when the autopilot arms\r\n"), "{status}");
-        let (notice, lamp) = fly(&mut rig, kind);
-        assert!(matches!(notice, Some(SolveNotice::Calibrated(_))), "{kind:?}: {notice:?}");
-        assert!((9..=92).contains(&lamp), "{kind:?}: {lamp}");
-        assert!(lit_percent(&mut rig) > 90, "{kind:?}: calibrated");
+        let (notice, lamp) = fly(&mut rig, vehicle_kind);
+        assert!(matches!(notice, Some(SolveNotice::Calibrated(_))), "{vehicle_kind:?}: {notice:?}");
+        assert!((9..=92).contains(&lamp), "{vehicle_kind:?}: {lamp}");
+        assert!(lit_percent(&mut rig) > 90, "{vehicle_kind:?}: calibrated");
         assert!(rig.send_console_line("status all").contains("ok calibrated"));
     }
 }

@@ -15,27 +15,26 @@ use rustix::process::{Pid, Signal, kill_process};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use serde_json::Value;
 
-/// The repository's root.
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
 /// Runs `host-sim` with arguments, in the root.
-fn host_sim(words: &str) -> Command {
+fn host_sim(arguments: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
-    command.args(words.split(' ')).current_dir(root()).stdin(Stdio::null());
+    command.args(arguments.split(' ')).current_dir(root()).stdin(Stdio::null());
     command
 }
 
 /// Exit code, standard output and error output.
-fn run_command(words: &str) -> (Option<i32>, String, String) {
-    let Output { status, stdout, stderr } = host_sim(words).output().unwrap();
+fn run_command(arguments: &str) -> (Option<i32>, String, String) {
+    let Output { status, stdout, stderr } = host_sim(arguments).output().unwrap();
     (status.code(), String::from_utf8(stdout).unwrap(), String::from_utf8(stderr).unwrap())
 }
 
-fn stdout_text(words: &str) -> String {
-    let (code, stdout_text, stderr_text) = run_command(words);
-    assert!(code.is_some_and(|code| code < 2), "{words}: {code:?} {stderr_text}");
+fn stdout_text(arguments: &str) -> String {
+    let (code, stdout_text, stderr_text) = run_command(arguments);
+    assert!(code.is_some_and(|code| code < 2), "{arguments}: {code:?} {stderr_text}");
     stdout_text
 }
 
@@ -54,14 +53,16 @@ const SHORT: [&str; 8] = [
 /// A shell reports 128 plus SIGPIPE's number, 13.
 #[test]
 fn a_closed_pipe_ends_every_command_silently() {
-    for words in SHORT.iter().chain(&["fly --circles 0.1", "bench speed", "serve", "serve --json --tcp 0", "console"]) {
+    for arguments in
+        SHORT.iter().chain(&["fly --circles 0.1", "bench speed", "serve", "serve --json --tcp 0", "console"])
+    {
         let folder = tempfile::tempdir().unwrap();
         let report =
-            if words.starts_with("fly") { format!(" --report {}", folder.path().display()) } else { String::new() };
+            if arguments.starts_with("fly") { format!(" --report {}", folder.path().display()) } else { String::new() };
         for is_heard in [true, false] {
             let (reader, writer) = io::pipe().unwrap();
             drop(reader);
-            let mut command = host_sim(&format!("{words}{report}"));
+            let mut command = host_sim(&format!("{arguments}{report}"));
             // The console prints only in answer to input.
             let (typed, mut types) = io::pipe().unwrap();
             io::Write::write_all(&mut types, b"version\r").unwrap();
@@ -72,7 +73,7 @@ fn a_closed_pipe_ends_every_command_silently() {
             let code = child.wait().unwrap().code();
             let mut stderr_text = String::new();
             child.stderr.take().map(|mut stderr| stderr.read_to_string(&mut stderr_text));
-            assert_eq!((code, stderr_text.as_str()), (Some(141), ""), "{words}");
+            assert_eq!((code, stderr_text.as_str()), (Some(141), ""), "{arguments}");
         }
     }
 }
@@ -85,7 +86,6 @@ fn a_full_disk_is_reported() {
     assert!(String::from_utf8_lossy(&stderr).contains("cannot write to the standard output: No space left"));
 }
 
-/// Waits until a child catches SIGINT.
 fn wait_until_it_listens(pid: u32) {
     for _ in 0..6000 {
         let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
@@ -100,11 +100,11 @@ fn wait_until_it_listens(pid: u32) {
 
 #[test]
 fn ctrl_c_ends_a_long_run() {
-    for words in ["bench accuracy --airframes 1000000", "bench integrity --flights 100000", "serve", "console"] {
-        let mut child = host_sim(words).stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    for arguments in ["bench accuracy --airframes 1000000", "bench integrity --flights 100000", "serve", "console"] {
+        let mut child = host_sim(arguments).stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
         wait_until_it_listens(child.id());
         kill_process(Pid::from_child(&child), Signal::INT).unwrap();
-        assert_eq!(child.wait().unwrap().code(), Some(130), "{words}");
+        assert_eq!(child.wait().unwrap().code(), Some(130), "{arguments}");
     }
 }
 
@@ -114,30 +114,30 @@ const HEADER: &[u8] = b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0\x02\0\x28\0";
 /// A substitute for QEMU that creates no sockets and runs for ten minutes.
 #[test]
 fn ctrl_c_leaves_no_emulator_and_no_files_behind() {
-    for words in ["emulate", "bench budget"] {
+    for arguments in ["emulate", "bench budget"] {
         let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
-        fs::write(at("image.elf"), HEADER).unwrap();
-        fs::write(at("qemu-system-arm"), "#!/bin/sh\necho $$ > \"$PID_FILE\"\nexec sleep 600\n").unwrap();
-        fs::set_permissions(at("qemu-system-arm"), fs::Permissions::from_mode(0o755)).unwrap();
-        fs::create_dir(at("tmp")).unwrap();
+        let path_in_folder = |name: &str| folder.path().join(name);
+        fs::write(path_in_folder("image.elf"), HEADER).unwrap();
+        fs::write(path_in_folder("qemu-system-arm"), "#!/bin/sh\necho $$ > \"$PID_FILE\"\nexec sleep 600\n").unwrap();
+        fs::set_permissions(path_in_folder("qemu-system-arm"), fs::Permissions::from_mode(0o755)).unwrap();
+        fs::create_dir(path_in_folder("tmp")).unwrap();
         let path = format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap());
-        let mut command = host_sim(&format!("{words} --image {}", at("image.elf").display()));
-        command.env("PATH", path).env("TMPDIR", at("tmp")).env("PID_FILE", at("pid"));
+        let mut command = host_sim(&format!("{arguments} --image {}", path_in_folder("image.elf").display()));
+        command.env("PATH", path).env("TMPDIR", path_in_folder("tmp")).env("PID_FILE", path_in_folder("pid"));
         let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
         let pid = loop {
-            if let Some(pid) = fs::read_to_string(at("pid")).ok().filter(|pid| pid.ends_with('\n')) {
+            if let Some(pid) = fs::read_to_string(path_in_folder("pid")).ok().filter(|pid| pid.ends_with('\n')) {
                 break pid.trim().to_owned();
             }
-            assert!(child.try_wait().unwrap().is_none(), "{words} has ended");
+            assert!(child.try_wait().unwrap().is_none(), "{arguments} has ended");
             thread::sleep(Duration::from_millis(10));
         };
-        assert!(Path::new("/proc").join(&pid).exists() && fs::read_dir(at("tmp")).unwrap().count() == 1);
+        assert!(Path::new("/proc").join(&pid).exists() && fs::read_dir(path_in_folder("tmp")).unwrap().count() == 1);
         kill_process(Pid::from_child(&child), Signal::INT).unwrap();
         let Output { status, stderr, .. } = child.wait_with_output().unwrap();
-        assert_eq!((status.code(), String::from_utf8_lossy(&stderr).as_ref()), (Some(130), ""), "{words}");
-        assert!(!Path::new("/proc").join(&pid).exists(), "{words} left its emulator behind");
-        assert_eq!(fs::read_dir(at("tmp")).unwrap().count(), 0, "{words} left files behind");
+        assert_eq!((status.code(), String::from_utf8_lossy(&stderr).as_ref()), (Some(130), ""), "{arguments}");
+        assert!(!Path::new("/proc").join(&pid).exists(), "{arguments} left its emulator behind");
+        assert_eq!(fs::read_dir(path_in_folder("tmp")).unwrap().count(), 0, "{arguments} left files behind");
     }
 }
 
@@ -151,29 +151,32 @@ fn tables_fit_a_terminal() {
         "bench integrity --flights 1 --case upset-byte-order --case moved-5".to_owned(),
         "bench accuracy --aircraft copter --airframes 1 --draws 1 --minutes 1".to_owned(),
     ];
-    for words in
-        SHORT.iter().copied().filter(|words| !words.contains("--json")).chain(flights.iter().map(String::as_str))
+    for arguments in SHORT
+        .iter()
+        .copied()
+        .filter(|arguments| !arguments.contains("--json"))
+        .chain(flights.iter().map(String::as_str))
     {
-        for line in stdout_text(words).lines() {
-            assert!(line.chars().count() <= 80, "{words}: {line}");
+        for line in stdout_text(arguments).lines() {
+            assert!(line.chars().count() <= 80, "{arguments}: {line}");
         }
     }
 }
 
 /// Paths of all values: `a.b` in objects, `[]` in lists, `?` after a null.
-fn paths(value: &Value, path: &str, found: &mut BTreeSet<String>) {
+fn paths(value: &Value, path: &str, paths_found: &mut BTreeSet<String>) {
     match value {
         Value::Object(fields) => {
             for (name, value) in fields {
-                paths(value, format!("{path}.{name}").trim_start_matches('.'), found);
+                paths(value, format!("{path}.{name}").trim_start_matches('.'), paths_found);
             }
         }
-        Value::Array(values) => values.iter().for_each(|value| paths(value, &format!("{path}[]"), found)),
+        Value::Array(values) => values.iter().for_each(|value| paths(value, &format!("{path}[]"), paths_found)),
         Value::Null => {
-            found.insert(format!("{path}?"));
+            paths_found.insert(format!("{path}?"));
         }
         _ => {
-            found.insert(path.to_owned());
+            paths_found.insert(path.to_owned());
         }
     }
 }
@@ -181,7 +184,7 @@ fn paths(value: &Value, path: &str, found: &mut BTreeSet<String>) {
 /// Whether a path matches a documented one, in which `*` is any name.
 fn matches_documented(path: &str, documented: &str) -> bool {
     let (path, documented): (Vec<_>, Vec<_>) = (path.split('.').collect(), documented.split('.').collect());
-    let is_same = |(part, pattern_part): (&&str, &&str)| *pattern_part == "*" || part == pattern_part;
+    let is_same = |(output_part, pattern_part): (&&str, &&str)| *pattern_part == "*" || output_part == pattern_part;
     path.len() == documented.len() && path.iter().zip(&documented).all(is_same)
 }
 
@@ -220,7 +223,6 @@ fn check_digits(value: &Value, path: &str) {
     }
 }
 
-/// Output and documentation contain the same paths.
 fn check_schema(section: &str, outputs: &[Value]) {
     let mut output_paths = BTreeSet::new();
     for output in outputs {
@@ -243,9 +245,9 @@ fn check_schema(section: &str, outputs: &[Value]) {
     }
 }
 
-fn json(words: &str) -> Value {
-    let stdout_text = stdout_text(words);
-    assert_eq!(stdout_text.lines().count(), 1, "{words}");
+fn json(arguments: &str) -> Value {
+    let stdout_text = stdout_text(arguments);
+    assert_eq!(stdout_text.lines().count(), 1, "{arguments}");
     serde_json::from_str(&stdout_text).unwrap()
 }
 
@@ -255,8 +257,8 @@ fn json_output_is_documented() {
     assert_eq!((&refused["accepted"], &refused["after"]), (&Value::Bool(false), &Value::Null));
     check_schema("fly --json", &[json("fly --json"), refused]);
     check_schema("table1 --json", &[json("table1 --json")]);
-    let whole = json("bench accuracy --aircraft copter --airframes 1 --draws 1 --minutes 1 --json");
-    check_schema("bench accuracy --json", &[json("bench accuracy --airframes 1 --draws 1 --json"), whole]);
+    let whole_flights = json("bench accuracy --aircraft copter --airframes 1 --draws 1 --minutes 1 --json");
+    check_schema("bench accuracy --json", &[json("bench accuracy --airframes 1 --draws 1 --json"), whole_flights]);
     // A refused case, one without headings at times, one with a hard-iron change.
     let cases = ["cal-bank-5", "stuck-all", "moved-5"].map(|name| format!("--case {name} ")).concat();
     check_schema("bench integrity --json", &[json(&format!("bench integrity --flights 1 {cases}--json"))]);
@@ -278,8 +280,8 @@ fn json_output_is_documented() {
 
 #[test]
 fn json_output_of_serve_is_documented() {
-    let startup_output = |words: &str| {
-        let mut child = host_sim(words).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    let startup_output = |arguments: &str| {
+        let mut child = host_sim(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         let mut line = String::new();
         io::BufRead::read_line(&mut io::BufReader::new(child.stdout.take().unwrap()), &mut line).unwrap();
         // The program ends because its standard input is closed.
@@ -315,20 +317,19 @@ fn ctrl_c_ends_qemu_too() {
     assert_eq!(child.wait().unwrap().code(), Some(130));
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
     let is_left = |entry: fs::DirEntry| {
-        let words = fs::read(entry.path().join("cmdline")).unwrap_or_default();
-        String::from_utf8_lossy(&words).contains(folder.path().to_str().unwrap())
+        let command_line = fs::read(entry.path().join("cmdline")).unwrap_or_default();
+        String::from_utf8_lossy(&command_line).contains(folder.path().to_str().unwrap())
     };
     assert!(!fs::read_dir("/proc").unwrap().flatten().any(is_left), "QEMU is left");
 }
 
-/// The message names the cause and a remedy; exit code 2.
 #[test]
 fn errors_are_reported_with_a_remedy() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("file");
     fs::write(&file, "no firmware, no log").unwrap();
     let file = file.display();
-    for (words, about, what_to_do) in [
+    for (arguments, cause, what_to_do) in [
         (
             format!("emulate --image {file}"),
             format!("{file} is no firmware: it is too short"),
@@ -350,9 +351,9 @@ fn errors_are_reported_with_a_remedy() {
         (format!("fly --circles 0.1 --report {file}"), file.to_string(), "--report names another folder"),
         ("bench integrity --case none".to_owned(), "no case none".to_owned(), "--case list shows all"),
     ] {
-        let (code, _, stderr_text) = run_command(&words);
-        assert_eq!(code, Some(2), "{words}: {stderr_text}");
-        assert!(stderr_text.contains(&about) && stderr_text.contains(what_to_do), "{words}: {stderr_text}");
+        let (code, _, stderr_text) = run_command(&arguments);
+        assert_eq!(code, Some(2), "{arguments}: {stderr_text}");
+        assert!(stderr_text.contains(&cause) && stderr_text.contains(what_to_do), "{arguments}: {stderr_text}");
     }
 }
 
@@ -365,59 +366,59 @@ fn terminal(columns: u16) -> (File, thread::JoinHandle<String>) {
     let terminal = File::options().write(true).open(name.to_str().unwrap()).unwrap();
     let size = rustix::termios::Winsize { ws_row: 24, ws_col: columns, ws_xpixel: 0, ws_ypixel: 0 };
     rustix::termios::tcsetwinsize(&terminal, size).unwrap();
-    let shown = thread::spawn(move || {
-        let (mut master, mut shown) = (File::from(master), Vec::new());
+    let displayed_text = thread::spawn(move || {
+        let (mut master, mut displayed_text) = (File::from(master), Vec::new());
         // The end of a pseudo-terminal is reported as an error.
-        let _ = master.read_to_end(&mut shown);
-        String::from_utf8_lossy(&shown).into_owned()
+        let _ = master.read_to_end(&mut displayed_text);
+        String::from_utf8_lossy(&displayed_text).into_owned()
     });
-    (terminal, shown)
+    (terminal, displayed_text)
 }
 
 /// The last characters return to the start of the line and erase it.
 #[test]
 fn ctrl_c_removes_the_progress_bar() {
-    let (terminal, shown) = terminal(80);
-    let words = "bench accuracy --airframes 1000000";
-    let mut child = host_sim(words).stdout(Stdio::null()).stderr(terminal).spawn().unwrap();
+    let (terminal, displayed_text) = terminal(80);
+    let arguments = "bench accuracy --airframes 1000000";
+    let mut child = host_sim(arguments).stdout(Stdio::null()).stderr(terminal).spawn().unwrap();
     wait_until_it_listens(child.id());
     thread::sleep(Duration::from_millis(500));
     kill_process(Pid::from_child(&child), Signal::INT).unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(130));
-    let shown = shown.join().unwrap();
-    assert!(shown.contains("airframes") && shown.ends_with("\r\u{1b}[2K"), "{shown:?}");
+    let displayed_text = displayed_text.join().unwrap();
+    assert!(displayed_text.contains("airframes") && displayed_text.ends_with("\r\u{1b}[2K"), "{displayed_text:?}");
 }
 
 #[test]
 fn text_fits_a_narrow_terminal() {
-    for words in ["replay host-sim/data/flight.csv", "serve --help"] {
-        let (terminal, shown) = terminal(60);
-        host_sim(words).stdout(terminal).stderr(Stdio::null()).status().unwrap();
-        let shown = shown.join().unwrap();
+    for arguments in ["replay host-sim/data/flight.csv", "serve --help"] {
+        let (terminal, displayed_text) = terminal(60);
+        host_sim(arguments).stdout(terminal).stderr(Stdio::null()).status().unwrap();
+        let displayed_text = displayed_text.join().unwrap();
         // Escape sequences of bold text have no width.
-        for line in shown.lines().filter(|line| !line.contains('\u{1b}')) {
-            assert!(line.chars().count() <= 60, "{words}: {line}");
+        for line in displayed_text.lines().filter(|line| !line.contains('\u{1b}')) {
+            assert!(line.chars().count() <= 60, "{arguments}: {line}");
         }
-        assert!(shown.lines().count() > 10, "{words}: {shown}");
+        assert!(displayed_text.lines().count() > 10, "{arguments}: {displayed_text}");
     }
 }
 
 #[test]
 fn progress_is_shown_on_a_terminal_only() {
-    for (words, bar) in [
+    for (arguments, label) in [
         ("bench accuracy --airframes 2 --draws 1", "airframes"),
         ("bench integrity --flights 1 --case clean", "flights"),
         ("replay host-sim/data/flight.csv", "evaluating the compasses"),
         ("fly --json --circles 0.1", "take-off"),
     ] {
-        let (terminal, shown) = terminal(80);
-        let child = host_sim(words).stdout(Stdio::piped()).stderr(terminal).spawn().unwrap();
+        let (terminal, displayed_text) = terminal(80);
+        let child = host_sim(arguments).stdout(Stdio::piped()).stderr(terminal).spawn().unwrap();
         let Output { stdout, .. } = child.wait_with_output().unwrap();
-        let shown = shown.join().unwrap().to_lowercase();
-        assert!(shown.contains(bar), "{words}: {shown:?}");
-        let (_, stdout_text, stderr_text) = run_command(words);
-        assert_eq!(String::from_utf8_lossy(&stdout), stdout_text, "{words}: the same bytes");
-        assert_eq!(stderr_text, "", "{words}: on no terminal");
+        let displayed_text = displayed_text.join().unwrap().to_lowercase();
+        assert!(displayed_text.contains(label), "{arguments}: {displayed_text:?}");
+        let (_, stdout_text, stderr_text) = run_command(arguments);
+        assert_eq!(String::from_utf8_lossy(&stdout), stdout_text, "{arguments}: the same bytes");
+        assert_eq!(stderr_text, "", "{arguments}: on no terminal");
     }
 }
 
@@ -430,18 +431,18 @@ fn the_airframe_of_a_seed_is_printed_as_a_file() {
     let (_, file) = text.split_once("the airframe of this seed, as a file for --airframe:\n\n").unwrap();
     fs::write(&path, file).unwrap();
     let printed_airframe = json("fly --airframe random --seed 7 --circles 0.1 --json");
-    let read = json(&format!("fly --airframe {} --seed 7 --circles 0.1 --json", path.display()));
+    let from_file = json(&format!("fly --airframe {} --seed 7 --circles 0.1 --json", path.display()));
     for name in ["rms_deg", "max_deg"] {
-        let [printed_airframe, read] =
-            [&printed_airframe, &read].map(|output| output["before"][name].as_f64().unwrap());
+        let [printed_airframe, from_file] =
+            [&printed_airframe, &from_file].map(|output| output["before"][name].as_f64().unwrap());
         // The matrix is rounded to 0.0001, the mounting to 0.01 deg.
-        assert!((printed_airframe - read).abs() < 0.05, "{name}: {printed_airframe} {read}");
+        assert!((printed_airframe - from_file).abs() < 0.05, "{name}: {printed_airframe} {from_file}");
     }
-    let [printed_airframe, read] =
-        [&printed_airframe, &read].map(|output| output["airframe"]["total_ut"].as_f64().unwrap());
-    assert!((printed_airframe - read).abs() < 0.01, "{printed_airframe} {read}");
-    let known = stdout_text(&format!("fly --circles 0.1 --report {}", report.display()));
-    assert!(!known.contains("soft_iron"), "the paper's is known");
+    let [printed_airframe, from_file] =
+        [&printed_airframe, &from_file].map(|output| output["airframe"]["total_ut"].as_f64().unwrap());
+    assert!((printed_airframe - from_file).abs() < 0.01, "{printed_airframe} {from_file}");
+    let expected_text = stdout_text(&format!("fly --circles 0.1 --report {}", report.display()));
+    assert!(!expected_text.contains("soft_iron"), "the paper's is known");
 }
 
 #[test]
@@ -462,9 +463,9 @@ fn completions_and_manual_pages_name_every_command() {
     let folder = tempfile::tempdir().unwrap();
     let script = folder.path().join("completions");
     fs::write(&script, stdout_text("completions bash")).unwrap();
-    let asked =
+    let completion_command =
         ". \"$0\"; COMP_WORDS=(host-sim rep) COMP_CWORD=1; _host__sim host-sim rep host-sim; echo \"${COMPREPLY[@]}\"";
-    let offered = Command::new("bash").args(["-c", asked]).arg(&script).output().unwrap();
+    let offered = Command::new("bash").args(["-c", completion_command]).arg(&script).output().unwrap();
     assert_eq!(String::from_utf8(offered.stdout).unwrap(), "replay\n");
 
     let pages = folder.path().join("man1");
@@ -483,16 +484,16 @@ fn a_table_of_a_turned_sensor_is_judged_with_its_mount() {
     let table = fs::read_to_string(root().join("host-sim/data/flight.csv")).unwrap();
     let mut lines = table.lines().filter(|line| !line.starts_with('#'));
     let names: Vec<&str> = lines.next().unwrap().split(',').collect();
-    let [x, y] = ["mx", "my"].map(|wanted| names.iter().position(|name| *name == wanted).unwrap());
+    let [x, y] = ["mx", "my"].map(|column_name| names.iter().position(|name| *name == column_name).unwrap());
     // yaw90: the sensor's x axis points right, its y axis back.
-    let turned = lines.map(|line| {
+    let turned_lines = lines.map(|line| {
         let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
-        let (ahead, right) = (cells[x].clone(), cells[y].clone());
-        cells[x] = right;
-        cells[y] = ahead.strip_prefix('-').map_or_else(|| format!("-{ahead}"), str::to_owned);
+        let (forward_ut, right_ut) = (cells[x].clone(), cells[y].clone());
+        cells[x] = right_ut;
+        cells[y] = forward_ut.strip_prefix('-').map_or_else(|| format!("-{forward_ut}"), str::to_owned);
         cells.join(",")
     });
-    let text = std::iter::once(names.join(",")).chain(turned).collect::<Vec<_>>().join("\n");
+    let text = std::iter::once(names.join(",")).chain(turned_lines).collect::<Vec<_>>().join("\n");
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("turned.csv");
     fs::write(&path, text).unwrap();
@@ -512,8 +513,8 @@ fn a_table_of_a_turned_sensor_is_judged_with_its_mount() {
 fn headings_are_written_at_the_time_stamps_of_the_log() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("headings.csv");
-    let words = format!("replay host-sim/data/flight.csv --age 50 --out {}", path.display());
-    let (_, _, stderr) = run_command(&words);
+    let arguments = format!("replay host-sim/data/flight.csv --age 50 --out {}", path.display());
+    let (_, _, stderr) = run_command(&arguments);
     let written = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{error}: {stderr}"));
     let stamps_s = |text: &str| -> Vec<f64> {
         let lines = text.lines().filter(|line| !line.starts_with('#')).skip(1);

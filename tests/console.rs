@@ -37,7 +37,7 @@ fn the_console_prints_version_and_reset_cause_at_start() {
 fn every_command_answers_ok_or_error_with_a_code() {
     let mut rig = rig();
     rig.take_console_output();
-    for (line, answer) in [
+    for (line, expected_answer) in [
         ("version", "ok autoswing 0.1.0"),
         ("status", "ok uncalibrated"),
         ("cal start", "ok collecting"),
@@ -122,7 +122,7 @@ fn every_command_answers_ok_or_error_with_a_code() {
         let text = rig.send_console_line(line);
         let lines: Vec<&str> = text.split("\r\n").collect();
         assert_eq!(lines[0], line, "the line is echoed");
-        assert!(lines[1].starts_with(answer), "{line}: {text:?}");
+        assert!(lines[1].starts_with(expected_answer), "{line}: {text:?}");
     }
 }
 
@@ -146,9 +146,12 @@ fn status_shows_what_is_connected() {
 fn status_counts_attitude_of_other_senders() {
     let mut rig = rig();
     for tick in 0..100 {
-        let theirs = ATTITUDE_DATA { time_boot_ms: 20 * tick, roll: -0.8, ..Default::default() };
+        let foreign_attitude = ATTITUDE_DATA { time_boot_ms: 20 * tick, roll: -0.8, ..Default::default() };
         let mut frame = MAVLinkV2MessageRaw::new();
-        frame.serialize_message_data(MavHeader { system_id: 2, component_id: 1, sequence: tick as u8 }, &theirs);
+        frame.serialize_message_data(
+            MavHeader { system_id: 2, component_id: 1, sequence: tick as u8 },
+            &foreign_attitude,
+        );
         rig.autopilot.send_bytes(frame.raw_bytes());
         rig.run_for_s(0.02);
         if tick % 10 == 0 {
@@ -196,8 +199,8 @@ fn tab_completes_up_recalls_backspace_deletes() {
     // Tab prints the candidates and repeats the line.
     rig.console.send_bytes(b"stream \t");
     rig.run_for_s(0.1);
-    let shown = rig.take_console_output();
-    assert!(shown.contains("\r\non  off  rate  heading  \r\n") && shown.ends_with("> stream "), "{shown:?}");
+    let printed = rig.take_console_output();
+    assert!(printed.contains("\r\non  off  rate  heading  \r\n") && printed.ends_with("> stream "), "{printed:?}");
     assert!(rig.send_console_line("off").contains("ok stream off"));
 }
 
@@ -205,8 +208,8 @@ fn tab_completes_up_recalls_backspace_deletes() {
 fn split_escape_sequences_and_all_line_ends_are_accepted() {
     let mut rig = rig();
     rig.send_console_line("version");
-    for part in ["\x1b", "[", "A", "\x7f", "n\r\n"] {
-        rig.console.send_bytes(part.as_bytes());
+    for byte_sequence in ["\x1b", "[", "A", "\x7f", "n\r\n"] {
+        rig.console.send_bytes(byte_sequence.as_bytes());
         rig.run_for_s(0.1);
     }
     rig.console.send_bytes(b"version\n");
@@ -254,7 +257,7 @@ fn an_armed_module_refuses_ground_commands() {
         let reply = reply_after(&mut rig, line);
         assert!(reply.starts_with("error armed: the autopilot is armed"), "{line}: {reply}");
     }
-    for (line, answer) in [
+    for (line, expected_answer) in [
         ("version", "ok autoswing"),
         ("cal start level", "ok collecting"),
         (
@@ -277,7 +280,7 @@ fn an_armed_module_refuses_ground_commands() {
         ("set align none", "ok "),
     ] {
         let reply = reply_after(&mut rig, line);
-        assert!(reply.starts_with(answer) && !reply.contains("armed"), "{line}: {reply}");
+        assert!(reply.starts_with(expected_answer) && !reply.contains("armed"), "{line}: {reply}");
     }
     rig.world.set_armed(false);
     rig.run_for_s(1.1);
@@ -350,12 +353,13 @@ fn documented_examples_match_the_output() {
         let document = std::fs::read_to_string(name).unwrap();
         let mut rig = rig();
         rig.take_console_output();
-        for block in document.split("```text\n").skip(1).map(|rest| rest.split("```").next().unwrap()) {
+        for block in document.split("```text\n").skip(1).map(|after_fence| after_fence.split("```").next().unwrap()) {
             let mut lines = block.lines().peekable();
             while let Some(line) = lines.next() {
                 let Some(command) = line.strip_prefix("> ") else { continue };
                 let reply_text = reply_after(&mut rig, command);
-                let shown: Vec<&str> = std::iter::from_fn(|| lines.next_if(|line| !line.starts_with("> "))).collect();
+                let expected_lines: Vec<&str> =
+                    std::iter::from_fn(|| lines.next_if(|line| !line.starts_with("> "))).collect();
                 typed += 1;
                 if AFTER_A_FLIGHT.contains(&command) {
                     assert!(
@@ -364,10 +368,10 @@ fn documented_examples_match_the_output() {
                     );
                     continue;
                 }
-                for line in shown {
-                    let begin = line.split("...").next().unwrap();
+                for line in expected_lines {
+                    let documented_start = line.split("...").next().unwrap();
                     assert!(
-                        reply_text.lines().any(|reply_text| reply_text.starts_with(begin)),
+                        reply_text.lines().any(|reply_text| reply_text.starts_with(documented_start)),
                         "{name}: {command}: {line}: {reply_text}"
                     );
                 }

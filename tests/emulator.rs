@@ -31,14 +31,16 @@ fn start_emulator() -> Emulator {
 }
 
 fn start_emulator_in(world: &WorldConfig) -> Emulator {
-    let mut emulator = Emulator::start_emulator(&image("mps2-an386.elf"), *world).unwrap_or_else(|e| panic!("{e}"));
+    let mut emulator =
+        Emulator::start_emulator(&image("mps2-an386.elf"), *world).unwrap_or_else(|error| panic!("{error}"));
     emulator.run_for_s(1.0);
     emulator
 }
 
 fn with_bench_image() -> Emulator {
     let image = image("mps2-an386-bench.elf");
-    let mut emulator = Emulator::start_emulator(&image, WorldConfig::of_table1(1)).unwrap_or_else(|e| panic!("{e}"));
+    let mut emulator =
+        Emulator::start_emulator(&image, WorldConfig::of_table1(1)).unwrap_or_else(|error| panic!("{error}"));
     emulator.run_for_s(1.0);
     emulator.take_console_output();
     emulator
@@ -52,7 +54,7 @@ const PANIC: &str = "asked for, with a message of 200 characters, the most that 
                      0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 0123456789 \
                      0123456789 end of it.";
 
-fn stack(status: &str) -> StackUse {
+fn parse_stack_use(status: &str) -> StackUse {
     let line = status.lines().find_map(|line| line.strip_prefix("stack: ")).unwrap_or_else(|| panic!("{status}"));
     let numbers: Vec<usize> = line.split(' ').filter_map(|word| word.parse().ok()).collect();
     StackUse { used_bytes: numbers[0], size_bytes: numbers[1] }
@@ -65,7 +67,7 @@ fn random_noise(seed: u64, bytes: usize) -> Vec<u8> {
 }
 
 /// Numbers of sentences with and without a heading in the next seconds.
-fn listen(emulator: &mut Emulator, seconds: f64) -> (usize, usize) {
+fn count_sentences(emulator: &mut Emulator, seconds: f64) -> (usize, usize) {
     let _ = emulator.instrument_cable().receive_bytes();
     emulator.run_for_s(seconds);
     let mut reader = SentenceReader::default();
@@ -75,7 +77,7 @@ fn listen(emulator: &mut Emulator, seconds: f64) -> (usize, usize) {
         .into_iter()
         .filter_map(|timed_byte| reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte))
         .collect();
-    let headings = received.iter().filter(|r| r.heading_deg.is_some()).count();
+    let headings = received.iter().filter(|sentence| sentence.heading_deg.is_some()).count();
     (headings, received.len() - headings)
 }
 
@@ -107,18 +109,18 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     // A broken data wire of the sensor stops the headings until it is repaired.
     emulator.break_sensor_wire(true);
     emulator.run_for_s(0.5);
-    assert_eq!(listen(&mut emulator, 1.0).0, 0);
+    assert_eq!(count_sentences(&mut emulator, 1.0).0, 0);
     assert!(emulator.send_console_line("status all").contains("heading: none, sensor-silent"));
     emulator.break_sensor_wire(false);
     emulator.run_for_s(1.0);
-    let (headings, empty) = listen(&mut emulator, 1.0);
+    let (headings, empty) = count_sentences(&mut emulator, 1.0);
     assert!(headings >= 27 && empty == 0, "{headings} {empty}");
 
     // A frozen sensor during a turn: 32 samples at 75 Hz are 0.43 s, in which four outputs of three sentences are sent.
     emulator.world().fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 360.0 });
     emulator.run_for_s(6.0);
     emulator.freeze_sensor(true);
-    let (headings, _) = listen(&mut emulator, 3.0);
+    let (headings, _) = count_sentences(&mut emulator, 3.0);
     assert!(headings <= 15, "{headings}");
     let status = emulator.send_console_line("status all");
     // If it freezes at the extreme of its measured range, it is reported as clipped.
@@ -127,7 +129,7 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     assert!(reported.contains(&true), "{status}");
     emulator.freeze_sensor(false);
     emulator.run_for_s(0.5);
-    let (headings, empty) = listen(&mut emulator, 1.0);
+    let (headings, empty) = count_sentences(&mut emulator, 1.0);
     assert!(headings >= 27 && empty == 0, "{headings} {empty}");
 }
 
@@ -158,19 +160,20 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     for declination_deg in 0..12 {
         emulator.send_console_line(&format!("set declination {declination_deg}"));
     }
-    let mut ways = emulator.take_path_instructions();
-    assert!(ways.len() > 700, "{}", ways.len());
-    ways.sort_unstable();
+    let mut path_instructions = emulator.take_path_instructions();
+    assert!(path_instructions.len() > 700, "{}", path_instructions.len());
+    path_instructions.sort_unstable();
     // From the first sensor access to the last written byte, at 15.6 million instructions per second; the reference
     // board is five times faster. At 115200 baud the three sentences then take 6 ms.
-    let us = |instructions: u64| instructions as f64 * 0.064;
-    let (least_us, most_us) = (us(ways[0]), us(ways[ways.len() - 1]));
+    let instructions_to_us = |instructions: u64| instructions as f64 * 0.064;
+    let (least_us, most_us) =
+        (instructions_to_us(path_instructions[0]), instructions_to_us(path_instructions[path_instructions.len() - 1]));
     println!("from register to last byte {least_us:.0} to {most_us:.0} us");
     // Measured: 0.57 and 0.60 ms. The limit of 1.2 ms allows for more interrupts that coincide with a sample.
     assert!(most_us - least_us <= 1200.0, "{least_us} to {most_us} us");
     let status = emulator.send_console_line("status all");
     assert!(status.contains("ok calibrated"), "{status}");
-    let stack = stack(&status);
+    let stack = parse_stack_use(&status);
     println!("stack {stack:?}");
     assert_eq!(stack.size_bytes, 32 * 1024);
     // [`STACK_BYTES`] allows for deeper calls in other flights.
@@ -180,7 +183,7 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn one_seed_gives_one_run() {
-    let run = || {
+    let transcript_of_run = || {
         let mut emulator = start_emulator();
         emulator.send_console_line("cal start turns");
         emulator.world().fly_leg(Leg::Turn { bank_deg: 30.0, heading_change_deg: 90.0 });
@@ -188,14 +191,14 @@ fn one_seed_gives_one_run() {
         let status = emulator.send_console_line("status all");
         (status, emulator.instrument_cable().receive_bytes())
     };
-    assert_eq!(run(), run());
+    assert_eq!(transcript_of_run(), transcript_of_run());
 }
 
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn the_cause_of_a_crash_is_reported_after_the_restart() {
     let mut emulator = with_bench_image();
-    for (test, words) in [
+    for (test, expected_cause) in [
         (BenchTest::Fault, "panic: fault at pc "),
         (BenchTest::Overflow, "panic: stack overflow"),
         (BenchTest::Panic, PANIC),
@@ -204,7 +207,7 @@ fn the_cause_of_a_crash_is_reported_after_the_restart() {
         emulator.run_for_s(1.0);
         let status = emulator.send_console_line("status all");
         let line = status.lines().find(|line| line.starts_with("up: ")).unwrap_or_else(|| panic!("{test:?}: {status}"));
-        assert!(line.contains("started by panic: ") && line.contains(words), "{test:?}: {line}");
+        assert!(line.contains("started by panic: ") && line.contains(expected_cause), "{test:?}: {line}");
     }
     emulator.send_console_line("reboot");
     assert!(emulator.send_console_line("status all").contains("started by reboot"), "they are forgotten");
@@ -232,7 +235,7 @@ fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
     check_safe_mode(&mut emulator, String::new());
     assert!(emulator.send_console_line("cal start").contains("error safe-mode: "));
     assert!(emulator.send_console_line("cal clear all").contains("ok uncalibrated"));
-    let (headings, empty) = listen(&mut emulator, 4.0);
+    let (headings, empty) = count_sentences(&mut emulator, 4.0);
     assert!(headings == 0 && empty >= 8, "{headings} {empty}");
     let [AttachedDevice::Mavlink(autopilot), _] = emulator.port_devices.clone() else { panic!() };
     let received = autopilot.borrow_mut().take_received();
@@ -280,7 +283,8 @@ fn only_the_bench_image_runs_the_tests_of_the_bench() {
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn instructions_stay_within_their_budgets() {
     let image = image("mps2-an386-bench.elf");
-    let mut emulator = Emulator::start_emulator(&image, WorldConfig::of_table1(1)).unwrap_or_else(|e| panic!("{e}"));
+    let mut emulator =
+        Emulator::start_emulator(&image, WorldConfig::of_table1(1)).unwrap_or_else(|error| panic!("{error}"));
     for budget in instruction_budget::count_budgets(&mut emulator).unwrap() {
         assert!(budget.is_within_limit(), "{budget:?}");
     }
@@ -353,7 +357,7 @@ fn a_collection_continues_after_a_reboot() {
         let status = emulator.send_console_line("status all");
         let line = status.lines().find_map(|line| line.strip_prefix("attitudes: ")).expect("a collection").to_owned();
         assert!(status.contains("ok collecting"), "{status}");
-        line.split(' ').next().and_then(|number| number.parse::<u32>().ok()).expect("a number")
+        line.split(' ').next().and_then(|sample_count| sample_count.parse::<u32>().ok()).expect("a number")
     };
     let mut emulator = start_emulator();
     emulator.send_console_line("cal start");
@@ -416,27 +420,30 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     assert!(received.iter().any(|frame| frame.message_id == 191), "no MAG_CAL_PROGRESS");
     assert_eq!(emulator.run_for_s(3.0), ModuleRunEnd::Time);
     received.extend(autopilot.borrow_mut().take_received());
-    let begins = |begin: &str| {
-        let begin = begin.as_bytes();
+    let has_status_text = |expected_text: &str| {
+        let expected_text = expected_text.as_bytes();
         received
             .iter()
-            .filter(|frame| frame.message_id == 253 && frame.payload.get(1..=begin.len()) == Some(begin))
+            .filter(|frame| {
+                frame.message_id == 253 && frame.payload.get(1..=expected_text.len()) == Some(expected_text)
+            })
             .count()
     };
-    assert_eq!(begins("autoswing: calibrated: expected error "), 1, "{received:?}");
-    assert!(begins("autoswing: collecting: ") >= 2, "{}", begins("autoswing: collecting"));
+    assert_eq!(has_status_text("autoswing: calibrated: expected error "), 1, "{received:?}");
+    assert!(has_status_text("autoswing: collecting: ") >= 2, "{}", has_status_text("autoswing: collecting"));
 
-    let shown = transcript::parse_shown_calibration(&emulator.send_console_line("cal show")).expect("a calibration");
-    let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, .. } = shown.calibration.motor_current;
-    for (found, added_ut) in ut_per_a.iter().zip(config.current_interference_ut) {
-        let estimate_error = f64::from(*found) - added_ut / CRUISE_CURRENT_A;
+    let shown_text =
+        transcript::parse_shown_calibration(&emulator.send_console_line("cal show")).expect("a calibration");
+    let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, .. } = shown_text.calibration.motor_current;
+    for (estimated_ut_per_a, added_ut) in ut_per_a.iter().zip(config.current_interference_ut) {
+        let estimate_error = f64::from(*estimated_ut_per_a) - added_ut / CRUISE_CURRENT_A;
         assert!(
             estimate_error.abs() < 4.0 * f64::from(sigma_ut_per_a),
             "{ut_per_a:?} {:?}",
             config.current_interference_ut
         );
     }
-    let stack = stack(&emulator.send_console_line("status all"));
+    let stack = parse_stack_use(&emulator.send_console_line("status all"));
     println!("stack {stack:?}");
     assert!(stack.used_bytes <= STACK_BYTES, "{stack:?}");
 
@@ -450,10 +457,11 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
         assert_eq!(emulator.run_for_s(15.0), ModuleRunEnd::Time);
         let _ = autopilot.borrow_mut().take_received();
         assert_eq!(emulator.run_for_s(4.0), ModuleRunEnd::Time);
-        let is_heading =
-            |frame: &&MavlinkFrame| frame.message_id == 251 && (8..15).map(|at| frame.byte_at(at)).eq(*b"hdg_mag");
+        let is_heading = |frame: &&MavlinkFrame| {
+            frame.message_id == 251 && (8..15).map(|byte_index| frame.byte_at(byte_index)).eq(*b"hdg_mag")
+        };
         for heading in autopilot.borrow_mut().take_received().iter().filter(is_heading) {
-            let time_ms = u32::from_le_bytes([0, 1, 2, 3].map(|at| heading.byte_at(at)));
+            let time_ms = u32::from_le_bytes([0, 1, 2, 3].map(|byte_index| heading.byte_at(byte_index)));
             let truth_deg = emulator.world().true_state(u64::from(time_ms) * 1000).heading_deg();
             errors_deg.push(wrap_180(f64::from(heading.float_at(4)) - truth_deg));
         }

@@ -15,7 +15,7 @@ fn rig(config: &WorldConfig) -> Rig {
     rig
 }
 
-fn table1() -> Rig {
+fn table1_rig() -> Rig {
     // The vehicle is put on a heading at once, which a gyro would contradict.
     let mut rig = rig(&WorldConfig { gyro: GyroConfig::ERROR_FREE, ..WorldConfig::of_table1(3) });
     rig.run_for_s(1.0);
@@ -39,12 +39,12 @@ fn solve(rig: &mut Rig) -> Result<ShownCalibration, SolveNotice> {
     let reply = rig.send_console_line("cal solve");
     match transcript::parse_error(&reply) {
         Some(refused) => Err(refused),
-        None => outcome(rig, &reply),
+        None => solve_outcome(rig, &reply),
     }
 }
 
 /// Result of a solve whose note is in this text or still pending.
-fn outcome(rig: &mut Rig, text: &str) -> Result<ShownCalibration, SolveNotice> {
+fn solve_outcome(rig: &mut Rig, text: &str) -> Result<ShownCalibration, SolveNotice> {
     rig.run_for_s(2.0);
     let text = format!("{text}{}", rig.take_console_output());
     match transcript::parse_solve_notice(&text).expect("a note") {
@@ -56,10 +56,11 @@ fn outcome(rig: &mut Rig, text: &str) -> Result<ShownCalibration, SolveNotice> {
 }
 
 /// Largest level heading error less the mean error, and the mean error, degrees.
-fn level_errors_deg(rig: &Rig, shown: &ShownCalibration) -> (f64, f64) {
-    let level = HeadingErrors::evaluate_calibration(&shown.calibration, &rig.world.world_config()).0[0];
-    let constant = level.iter().sum::<f64>() / 12.0;
-    (level.iter().map(|e| (e - constant).abs()).fold(0.0, f64::max), constant)
+fn level_errors_deg(rig: &Rig, shown_calibration: &ShownCalibration) -> (f64, f64) {
+    let errors_deg =
+        HeadingErrors::evaluate_calibration(&shown_calibration.calibration, &rig.world.world_config()).0[0];
+    let constant = errors_deg.iter().sum::<f64>() / 12.0;
+    (errors_deg.iter().map(|error_deg| (error_deg - constant).abs()).fold(0.0, f64::max), constant)
 }
 
 /// Mean error of twenty headings in `status`, 0.2 s apart, degrees.
@@ -68,9 +69,12 @@ fn shown_error_deg(rig: &mut Rig, heading_deg: f64) -> f64 {
         rig.run_for_s(0.2);
         let status = rig.send_console_line("status all");
         let line = status.lines().find_map(|line| line.strip_prefix("heading: ")).expect("a heading line");
-        let shown: f64 =
-            line.split(' ').next().and_then(|number| number.parse().ok()).unwrap_or_else(|| panic!("{line}"));
-        wrap_180(shown - heading_deg)
+        let mean_heading_deg: f64 = line
+            .split(' ')
+            .next()
+            .and_then(|heading_text| heading_text.parse().ok())
+            .unwrap_or_else(|| panic!("{line}"));
+        wrap_180(mean_heading_deg - heading_deg)
     };
     (0..20).map(|_| error()).sum::<f64>() / 20.0
 }
@@ -79,15 +83,15 @@ fn shown_error_deg(rig: &mut Rig, heading_deg: f64) -> f64 {
 /// at 54 deg of inclination another 0.1 deg; 0.5 deg are three sigmas at the worst heading.
 #[test]
 fn a_level_circle_leaves_only_a_constant_heading_error() {
-    let mut rig = table1();
+    let mut rig = table1_rig();
     rig.take_console_output();
     assert!(rig.send_console_line("cal start level").contains("ok collecting"));
     fly_both_turns(&mut rig, 2.5);
-    let shown = outcome(&mut rig, "").unwrap();
-    assert_eq!(shown.method, "level");
-    let (rest, constant) = level_errors_deg(&rig, &shown);
-    assert!(rest < 0.5, "{rest} deg");
-    assert!(constant.abs() < 3.0, "{constant} deg, of an unsymmetric airframe");
+    let shown_calibration = solve_outcome(&mut rig, "").unwrap();
+    assert_eq!(shown_calibration.method, "level");
+    let (remaining_deg, constant_deg) = level_errors_deg(&rig, &shown_calibration);
+    assert!(remaining_deg < 0.5, "{remaining_deg} deg");
+    assert!(constant_deg.abs() < 3.0, "{constant_deg} deg, of an unsymmetric airframe");
     // Alignment removes the mean error.
     stand_at_heading(&mut rig, 120.0);
     assert!(rig.send_console_line("set align 120").contains(" deg, added to every heading"));
@@ -109,7 +113,7 @@ fn a_level_circle_leaves_only_a_constant_heading_error() {
 
 #[test]
 fn legs_at_five_headings_are_enough_and_four_are_not() {
-    let mut rig = table1();
+    let mut rig = table1_rig();
     let mut legs = |headings: u32| {
         rig.take_console_output();
         rig.send_console_line("cal start level");
@@ -138,10 +142,10 @@ fn a_compass_swing_finds_the_mounting() {
         for i in 0..8 {
             mark(&mut rig, i);
         }
-        let shown = solve(&mut rig).unwrap();
-        assert_eq!(shown.method, "compass-swing");
-        let (rest, constant) = level_errors_deg(&rig, &shown);
-        assert!(rest < 1.0 && constant.abs() < 0.5, "seed {seed}: {rest} and {constant} deg");
+        let shown_calibration = solve(&mut rig).unwrap();
+        assert_eq!(shown_calibration.method, "compass-swing");
+        let (remaining_deg, constant_deg) = level_errors_deg(&rig, &shown_calibration);
+        assert!(remaining_deg < 1.0 && constant_deg.abs() < 0.5, "seed {seed}: {remaining_deg} and {constant_deg} deg");
     }
 }
 
@@ -174,8 +178,9 @@ fn tumble(rig: &mut Rig) {
         (30.0, 200.0),
         (-30.0, 280.0),
     ] {
-        let carried = PrescribedMotion { pitch_deg, heading_deg, roll_rate_deg_s: 30.0, ..PrescribedMotion::default() };
-        rig.world.set_motion(carried);
+        let tumbling_motion =
+            PrescribedMotion { pitch_deg, heading_deg, roll_rate_deg_s: 30.0, ..PrescribedMotion::default() };
+        rig.world.set_motion(tumbling_motion);
         rig.run_for_s(13.0);
     }
 }
@@ -187,9 +192,10 @@ fn tumbling_needs_no_attitude() {
     config.attitude_source.rate_hz = 0.001;
     let mut rig = rig(&config);
     tumble(&mut rig);
-    let shown = solve(&mut rig).unwrap();
-    assert_eq!(shown.method, "ellipsoid");
-    let errors = HeadingErrors::evaluate_calibration(&shown.calibration, &rig.world.world_config()).statistics();
+    let shown_calibration = solve(&mut rig).unwrap();
+    assert_eq!(shown_calibration.method, "ellipsoid");
+    let errors =
+        HeadingErrors::evaluate_calibration(&shown_calibration.calibration, &rig.world.world_config()).statistics();
     // The paper's airframe is asymmetric by up to 1.5 deg about each axis, which is indistinguishable from mounting
     // without attitude; at 54 deg of inclination such a tilt causes 1.4 times that in heading.
     assert!(errors.max_demeaned_deg < 2.5 && errors.mean_deg.abs() < 2.5, "{errors:?}");
@@ -199,7 +205,7 @@ fn tumbling_needs_no_attitude() {
 /// heading's noise.
 #[test]
 fn a_tumbled_module_shows_headings() {
-    let mut rig = table1();
+    let mut rig = table1_rig();
     tumble(&mut rig);
     solve(&mut rig).unwrap();
     for heading_deg in [30.0, 210.0] {
@@ -215,7 +221,7 @@ fn a_tumbled_module_shows_headings() {
 
 #[test]
 fn a_level_circle_is_refused_as_a_tumble() {
-    let mut rig = table1();
+    let mut rig = table1_rig();
     rig.send_console_line("cal start tumble");
     fly_both_turns(&mut rig, 2.0);
     let Err(SolveNotice::Refused { code, .. }) = solve(&mut rig) else { panic!("a level circle was enough") };

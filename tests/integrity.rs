@@ -134,7 +134,7 @@ fn a_restart_of_the_autopilot_gives_no_wrong_heading() {
     }
 }
 
-/// Attitude outliers are rejected and bridged by dead reckoning.
+/// Attitude outliers are rejected; dead reckoning bridges them.
 #[test]
 fn spikes_of_attitude_are_not_seen_in_the_heading() {
     for row in rows(&["spikes"]) {
@@ -423,8 +423,8 @@ fn faults_in_use_are_compensated_or_withhold_the_heading() {
             assert!(row.iron_error_median_percent.is_none_or(|percent| percent <= 30.0), "{row:?}");
             assert_eq!(row.iron_error_median_percent.is_some(), case.starts_with("moved"), "{row:?}");
             if case == "moved-5" {
-                let bad = format!("{:.1} %", row.bad_percent);
-                documents::assert_states("README.md", "headings sent as good that are off", &bad);
+                let bad_text = format!("{:.1} %", row.bad_percent);
+                documents::assert_states("README.md", "headings sent as good that are off", &bad_text);
             }
         }
     }
@@ -455,19 +455,19 @@ fn a_vehicle_parked_for_a_day_raises_no_alarm() {
         instrument.set_correction(Correction { calibration, ..Correction::UNCALIBRATED });
         let field = Attitude::default().to_body_frame(Field::earth_field(50.0, 1.1, 0.7)).ut;
         for i in 1..=86_400_000_000 / u64::from(period_us) {
-            let at = Timestamp::from_us(i * u64::from(period_us));
+            let now = Timestamp::from_us(i * u64::from(period_us));
             if i % 8 == 1 {
                 let attitude = Attitude::from_deg(0.02 * random.normal(), 0.02 * random.normal());
                 let sender_time = WrappingMillis::default();
                 let report = AttitudeReport { sender: SenderId::default(), sender_time, attitude, body_rates: None };
-                instrument.on_attitude(at, report);
+                instrument.on_attitude(now, report);
             }
             let [x, y, z] = std::array::from_fn(|axis| {
                 let counts = (field[axis] + sigma_ut[axis] * random.normal()) * counts_per_ut[axis];
                 counts.round() / counts_per_ut[axis]
             });
             let reading = Reading { field: Field::from_ut(x, y, z), is_saturated: false, was_overwritten: false };
-            let estimate = instrument.on_reading(at, reading);
+            let estimate = instrument.on_reading(now, reading);
             assert!(estimate.heading.is_ok(), "after {i} readings: {estimate:?}");
             while instrument.next_sample().is_some() {}
             instrument.update_monitor();
@@ -478,8 +478,8 @@ fn a_vehicle_parked_for_a_day_raises_no_alarm() {
 #[test]
 fn a_run_is_a_function_of_its_seed() {
     let names = ["sensor-spikes", "throttle-5"];
-    let small = || rows_of(IntegrityPlan { flights_per_case: 2, seed: 9, ..PLAN }, &names);
-    assert_eq!(small(), small());
+    let small_run = || rows_of(IntegrityPlan { flights_per_case: 2, seed: 9, ..PLAN }, &names);
+    assert_eq!(small_run(), small_run());
 }
 
 #[test]
@@ -505,14 +505,20 @@ fn parked_for_ten_minutes_with_either_source_raises_no_alarm() {
         let _ = rig.instrument.receive_bytes();
         let mut reader = SentenceReader::default();
         rig.run_for_s(600.0);
-        let sent: Vec<_> = rig
+        let sentences: Vec<_> = rig
             .instrument
             .receive_timed()
             .into_iter()
             .filter_map(|timed_byte| reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte))
             .collect();
-        assert!(sent.len() > 17_000, "{}", sent.len());
-        let silent: Vec<_> = sent.iter().filter(|sentence| sentence.heading_deg.is_none()).collect();
-        assert!(silent.is_empty(), "coarse {coarse}: {} {:?} {:?}", silent.len(), silent.first(), silent.last());
+        assert!(sentences.len() > 17_000, "{}", sentences.len());
+        let empty_sentences: Vec<_> = sentences.iter().filter(|sentence| sentence.heading_deg.is_none()).collect();
+        assert!(
+            empty_sentences.is_empty(),
+            "coarse {coarse}: {} {:?} {:?}",
+            empty_sentences.len(),
+            empty_sentences.first(),
+            empty_sentences.last()
+        );
     }
 }

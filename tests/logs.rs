@@ -12,7 +12,7 @@ use log_analysis::replay::verdict::FlightOutcome;
 use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
 
-const ASKED: EvaluationOptions = EvaluationOptions::DEFAULT;
+const DEFAULT_OPTIONS: EvaluationOptions = EvaluationOptions::DEFAULT;
 
 fn record_flight(world: &WorldConfig) -> FlightRecording {
     record_turns(world, 0.05)
@@ -24,7 +24,7 @@ fn read(text: &str) -> Flight {
 
 fn evaluate(text: &str) -> (Flight, FlightEvaluation) {
     let flight = read(text);
-    let verdict = evaluate_flight(&flight, &ASKED);
+    let verdict = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     (flight, verdict)
 }
 
@@ -32,13 +32,12 @@ fn notes(flight: &Flight, evaluation: &FlightEvaluation) -> String {
     LogWarning::warnings_of_flight(flight, evaluation).iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
-/// Keeps one of `number` messages of a name.
-fn keep_every_nth(text: &str, name: &str, number: usize) -> String {
-    let mut seen = 0;
+fn keep_every_nth(text: &str, name: &str, stride: usize) -> String {
+    let mut line_count = 0;
     let is_kept = |line: &&str| {
-        let is_of = line.strip_prefix(name).is_some_and(|rest| rest.starts_with(','));
-        seen += usize::from(is_of);
-        !is_of || seen % number == 0
+        let is_of = line.strip_prefix(name).is_some_and(|after_name| after_name.starts_with(','));
+        line_count += usize::from(is_of);
+        !is_of || line_count % stride == 0
     };
     text.lines().filter(is_kept).flat_map(|line| [line, "\n"]).collect()
 }
@@ -51,19 +50,22 @@ fn a_field_logged_at_1_hz_gives_the_same_headings() {
         let world = WorldConfig::random_world(seed);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
         let text = String::from_utf8(encode_dataflash_text(&record_flight(&world))).unwrap();
-        for number in [1, 4, 10] {
-            let (flight, verdict) = evaluate(&keep_every_nth(&text, "MAG", number));
+        for stride in [1, 4, 10] {
+            let (flight, verdict) = evaluate(&keep_every_nth(&text, "MAG", stride));
             let compass = &verdict.compasses[0];
-            assert_eq!(compass.module_result.acceptance, Ok(()), "seed {seed}, 1 of {number}");
-            let (ours, smooth) = (
+            assert_eq!(compass.module_result.acceptance, Ok(()), "seed {seed}, 1 of {stride}");
+            let (module_score, smoothed_score) = (
                 compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap(),
                 compass.module_result.smoothed_score.unwrap(),
             );
-            assert!(ours.rms_deg < 0.5 + noise_deg, "seed {seed}, 1 of {number}: {ours:?}");
+            assert!(module_score.rms_deg < 0.5 + noise_deg, "seed {seed}, 1 of {stride}: {module_score:?}");
             // Smoothing integrates the rates between rows; a gyro of class `gyro-1` may cost a tenth of a degree.
-            assert!(smooth.rms_deg < ours.rms_deg + 0.1, "seed {seed}, 1 of {number}: {smooth:?} {ours:?}");
+            assert!(
+                smoothed_score.rms_deg < module_score.rms_deg + 0.1,
+                "seed {seed}, 1 of {stride}: {smoothed_score:?} {module_score:?}"
+            );
             let notes = notes(&flight, &verdict);
-            assert_eq!(notes.contains("too slowly for the monitor"), number > 1, "{notes}");
+            assert_eq!(notes.contains("too slowly for the monitor"), stride > 1, "{notes}");
         }
     }
 }
@@ -72,14 +74,14 @@ fn a_field_logged_at_1_hz_gives_the_same_headings() {
 #[test]
 fn a_verdict_reports_attitude_below_3_hz() {
     let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random_world(3)))).unwrap();
-    for (number, words) in [(1, ""), (5, "2.0 times a second"), (20, "0.5 times a second")] {
-        let (_, verdict) = evaluate(&keep_every_nth(&text, "ATT", number));
+    for (stride, expected_text) in [(1, ""), (5, "2.0 times a second"), (20, "0.5 times a second")] {
+        let (_, verdict) = evaluate(&keep_every_nth(&text, "ATT", stride));
         let verdict_text = FlightOutcome::new(&verdict).to_string();
         assert!(
-            verdict_text.contains(words) && verdict_text.contains("below 3 Hz") == (number > 1),
-            "1 of {number}: {verdict_text}"
+            verdict_text.contains(expected_text) && verdict_text.contains("below 3 Hz") == (stride > 1),
+            "1 of {stride}: {verdict_text}"
         );
-        assert_eq!(verdict_text.contains("without an attitude near it"), number == 20, "{verdict_text}");
+        assert_eq!(verdict_text.contains("without an attitude near it"), stride == 20, "{verdict_text}");
     }
 }
 
@@ -117,12 +119,13 @@ fn a_verdict_reports_the_refusal_of_the_better_compass() {
 #[test]
 fn a_mounting_change_within_the_log_is_reported() {
     let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random_world(3)))).unwrap();
-    let middle = text.lines().count() / 2;
+    let middle_line = text.lines().count() / 2;
     for (name, is_noted) in [("COMPASS_ORIENT", true), ("AHRS_ORIENTATION", true), ("COMPASS_ORIENT3", false)] {
         let change = |(i, line): (usize, &str)| {
-            let us = line.split(", ").nth(1).filter(|_| i == 20 || i == middle);
-            let set = us.map_or_else(String::new, |us| format!("PARM, {us}, {name}, {}\n", i / 100));
-            format!("{line}\n{set}")
+            let time_stamp = line.split(", ").nth(1).filter(|_| i == 20 || i == middle_line);
+            let parameter_line =
+                time_stamp.map_or_else(String::new, |time_stamp| format!("PARM, {time_stamp}, {name}, {}\n", i / 100));
+            format!("{line}\n{parameter_line}")
         };
         let (flight, verdict) = evaluate(&text.lines().enumerate().map(change).collect::<String>());
         let notes = notes(&flight, &verdict);
@@ -133,7 +136,7 @@ fn a_mounting_change_within_the_log_is_reported() {
 /// Without a place the limits are the Earth's 22 to 67 uT. Rates in radians reject most of a turn.
 #[test]
 fn implausible_units_are_reported_without_a_position() {
-    // The flight's field strength is 48 uT.
+    // Field strength: 48 uT.
     let text = String::from_utf8(encode_csv(&record_flight(&WorldConfig::of_table1(1)))).unwrap();
     let scaled = |columns: std::ops::Range<usize>, factor: f64| {
         let scale = |(column, value): (usize, &str)| match value.parse::<f64>() {
@@ -148,14 +151,14 @@ fn implausible_units_are_reported_without_a_position() {
         notes(&flight, &verdict)
     };
     assert_eq!(notes(&text), "");
-    for (factor, words) in [
+    for (factor, expected_texts) in [
         (0.1, "microtesla read as milligauss"),
         (0.001, "gauss read as milligauss"),
         (100.0, "nanotesla read as milligauss"),
         (10.0, "milligauss read as microtesla"),
     ] {
         let notes = notes(&scaled(1..4, factor));
-        assert!(notes.contains(words), "{factor}: {notes}");
+        assert!(notes.contains(expected_texts), "{factor}: {notes}");
     }
     let notes = notes(&scaled(7..10, 1.0_f64.to_radians()));
     assert!(notes.contains("body rates"), "{notes}");
@@ -164,27 +167,27 @@ fn implausible_units_are_reported_without_a_position() {
 /// Messages without a sender's clock get the time of the message before, a few milliseconds earlier.
 #[test]
 fn mavlink_without_receiver_times_gives_the_same_flight() {
-    let with = encode_tlog(&record_flight(&WorldConfig::random_world(3)));
-    let mut without = Vec::new();
-    let mut rest = with.as_slice();
-    while let [_, _, _, _, _, _, _, _, frame @ ..] = rest {
+    let with_times = encode_tlog(&record_flight(&WorldConfig::random_world(3)));
+    let mut without_times = Vec::new();
+    let mut remaining = with_times.as_slice();
+    while let [_, _, _, _, _, _, _, _, frame @ ..] = remaining {
         // MAVLink 2 without signature: ten header bytes, two checksum bytes.
         assert_eq!(frame[0], 0xFD);
-        let (current_frame, remaining) = frame.split_at(12 + usize::from(frame[1]));
-        without.extend_from_slice(current_frame);
-        rest = remaining;
+        let (current_frame, after_frame) = frame.split_at(12 + usize::from(frame[1]));
+        without_times.extend_from_slice(current_frame);
+        remaining = after_frame;
     }
-    let [with, without] = [with, without].map(|bytes| {
+    let [with_times, without_times] = [with_times, without_times].map(|bytes| {
         let flight = log::read_flight(&mut bytes.as_slice(), FieldUnit::Milligauss).unwrap();
-        let verdict = evaluate_flight(&flight, &ASKED);
+        let verdict = evaluate_flight(&flight, &DEFAULT_OPTIONS);
         (flight, verdict)
     });
-    assert!(without.0.attitude.rows().len() > 2000);
-    assert_eq!(with.0.attitude.rows(), without.0.attitude.rows());
-    assert_eq!(with.0.compasses[0].field.rows(), without.0.compasses[0].field.rows());
-    assert_eq!(without.0.skipped_counts.garbage, 0);
+    assert!(without_times.0.attitude.rows().len() > 2000);
+    assert_eq!(with_times.0.attitude.rows(), without_times.0.attitude.rows());
+    assert_eq!(with_times.0.compasses[0].field.rows(), without_times.0.compasses[0].field.rows());
+    assert_eq!(without_times.0.skipped_counts.garbage, 0);
     // Currents shift by milliseconds, so other samples are retained; the limit is that of `replay/native.rs`.
-    for (_, verdict) in [with, without] {
+    for (_, verdict) in [with_times, without_times] {
         let score = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         assert!(score.rms_deg < 0.5, "{score:?}");
     }
@@ -199,15 +202,16 @@ fn a_compass_that_fails_in_flight_is_reported() {
         let mut log = String::new();
         for line in text.lines() {
             let _ = writeln!(log, "{line}");
-            let Some((us, rest)) = line.strip_prefix("MAG, ").and_then(|rest| rest.split_once(", 0, ")) else {
+            let Some((time_stamp, values)) = line.strip_prefix("MAG, ").and_then(|values| values.split_once(", 0, "))
+            else {
                 continue;
             };
-            if us.parse::<u64>().unwrap() < 120_000_000 {
-                rest.clone_into(&mut last);
+            if time_stamp.parse::<u64>().unwrap() < 120_000_000 {
+                values.clone_into(&mut last);
             }
-            let rest = if us.parse::<u64>().unwrap() < 120_000_000 { rest.to_owned() } else { dead(&last) };
-            if !rest.is_empty() {
-                let _ = writeln!(log, "MAG, {us}, 1, {rest}");
+            let values = if time_stamp.parse::<u64>().unwrap() < 120_000_000 { values.to_owned() } else { dead(&last) };
+            if !values.is_empty() {
+                let _ = writeln!(log, "MAG, {time_stamp}, 1, {values}");
             }
         }
         let (flight, verdict) = evaluate(&log);
@@ -215,11 +219,12 @@ fn a_compass_that_fails_in_flight_is_reported() {
         let notes = notes.iter().map(ToString::to_string).filter(|note| note.starts_with("compass "));
         (notes.collect::<Vec<_>>(), verdict)
     };
-    let (still, verdict) = second(str::to_owned);
+    let (frozen_log, verdict) = second(str::to_owned);
     assert!(
-        still.len() == 1
-            && still[0].starts_with("compass 2: its field is constant while the aircraft moves, from 120 to 240 s"),
-        "{still:?}"
+        frozen_log.len() == 1
+            && frozen_log[0]
+                .starts_with("compass 2: its field is constant while the aircraft moves, from 120 to 240 s"),
+        "{frozen_log:?}"
     );
     // Half of its rows are rejected; the others are as good as the first compass's.
     let [alive, dead] = verdict.compasses.as_slice() else { panic!("two compasses") };
@@ -228,8 +233,11 @@ fn a_compass_that_fails_in_flight_is_reported() {
         dead.correction_from(CorrectionSource::Module).unwrap().score.unwrap().rms_deg < 0.5,
         "the bound of `replay/native.rs`"
     );
-    let (ends, _) = second(|_| String::new());
-    assert!(ends.len() == 1 && ends[0].starts_with("compass 2: its field ends at 120 s, the log at 240 s"), "{ends:?}");
+    let (ending_log, _) = second(|_| String::new());
+    assert!(
+        ending_log.len() == 1 && ending_log[0].starts_with("compass 2: its field ends at 120 s, the log at 240 s"),
+        "{ending_log:?}"
+    );
 }
 
 /// The log with changed lines; empty ones are removed.
@@ -272,8 +280,8 @@ fn rows_without_time_get_the_time_of_their_neighbours() {
     let score = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
     assert!(score.rms_deg < 1.0, "{score:?}");
     assert!(notes(&flight, &verdict).contains("carry no time"));
-    let nothing = strip(&["MAG", "ATT", "IMU", "BAT", "GPS", "MSG", "PARM"], &text);
-    let refused = log::read_flight(&mut nothing.as_bytes(), FieldUnit::Milligauss).unwrap_err();
+    let without_columns = strip(&["MAG", "ATT", "IMU", "BAT", "GPS", "MSG", "PARM"], &text);
+    let refused = log::read_flight(&mut without_columns.as_bytes(), FieldUnit::Milligauss).unwrap_err();
     assert!(refused.to_string().contains("carry no time"), "{refused}");
 }
 
@@ -285,18 +293,18 @@ fn a_log_with_lost_rows_gives_the_same_accuracy() {
         let world = WorldConfig::random_world(seed);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
         let text = String::from_utf8(encode_dataflash_text(&record_flight(&world))).unwrap();
-        let mut state = seed;
+        let mut random_state = seed;
         let holes = change_lines(&text, |line| {
-            let is_row = ["MAG, ", "ATT, ", "IMU, "].iter().any(|begin| line.starts_with(begin));
+            let is_row = ["MAG, ", "ATT, ", "IMU, "].iter().any(|prefix| line.starts_with(prefix));
             // Knuth's linear congruential generator; its upper bits are random enough.
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            if is_row && (state >> 33) % 10 < 3 { String::new() } else { line.to_owned() }
+            random_state = random_state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            if is_row && (random_state >> 33) % 10 < 3 { String::new() } else { line.to_owned() }
         });
         let (flight, verdict) = evaluate(&holes);
         let compass = &verdict.compasses[0];
-        let ours = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
-        assert!(ours.rms_deg < 0.5 + noise_deg, "seed {seed}: {ours:?}");
-        assert_eq!(compass.module_result.smoothed_score, Some(ours), "seed {seed}");
+        let module_score = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
+        assert!(module_score.rms_deg < 0.5 + noise_deg, "seed {seed}: {module_score:?}");
+        assert_eq!(compass.module_result.smoothed_score, Some(module_score), "seed {seed}");
         let notes = notes(&flight, &verdict);
         assert!(notes.contains("of the body rates are lost"), "{notes}");
     }

@@ -140,14 +140,14 @@ fn every_measurement_of_an_rm3100_is_read_once_and_fresh() {
 /// On SPI nothing acknowledges: a chip that no longer drives the line is detected by its data.
 #[test]
 fn a_missing_rm3100_is_reported_and_works_again_after_init() {
-    for level in [0xFF, 0x00] {
+    for idle_byte in [0xFF, 0x00] {
         with_rm3100(1.0, move |mut driver, chip| async move {
-            chip.borrow_mut().set_fault(Some(Rm3100Fault::Missing(level)));
-            assert_eq!(driver.init().await, Err(MagnetometerError::WrongIdentity(level)));
+            chip.borrow_mut().set_fault(Some(Rm3100Fault::Missing(idle_byte)));
+            assert_eq!(driver.init().await, Err(MagnetometerError::WrongIdentity(idle_byte)));
             chip.borrow_mut().set_fault(None);
             driver.init().await.unwrap();
             driver.read_measurement().await.unwrap();
-            chip.borrow_mut().set_fault(Some(Rm3100Fault::Missing(level)));
+            chip.borrow_mut().set_fault(Some(Rm3100Fault::Missing(idle_byte)));
             assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
             chip.borrow_mut().set_fault(None);
             driver.init().await.unwrap();
@@ -211,7 +211,6 @@ fn an_rm3100_keeps_the_default_cycle_counts_and_survives_a_restart_of_the_module
     });
 }
 
-/// A module with an RM3100, and its chip.
 fn module_with_rm3100() -> (Rig, Rc<RefCell<rm3100::Rm3100>>) {
     let mut rig = Rig::new(WorldConfig { sensor: SensorModel::Rm3100, ..WorldConfig::of_table1(1) });
     rig.run_for_s(2.0);

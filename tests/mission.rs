@@ -13,10 +13,10 @@ fn mission_result(world: &WorldConfig) -> MissionResult {
 }
 
 fn expected_rms_deg(mission_result: &MissionResult) -> f64 {
-    let Ok(shown) = &mission_result.result else {
+    let Ok(shown_calibration) = &mission_result.result else {
         panic!("seed {}: {:?}", mission_result.world.seed, mission_result.result)
     };
-    shown.expected_rms_deg
+    shown_calibration.expected_rms_deg
 }
 
 /// Aircraft of Liu 2007 table 1 (README): 21.5 deg before and at most 1.0 deg after calibration. The paper reaches 2.8
@@ -77,16 +77,17 @@ fn with_a_reported_current_an_aeroplane_is_calibrated_to_1_deg() {
 #[test]
 fn fifty_random_airframes_are_calibrated_to_their_expected_error() {
     // Two threads, each with its own simulations.
-    let halves = [1..=25, 26..=50].map(|seeds| {
+    let seed_halves = [1..=25, 26..=50].map(|seeds| {
         std::thread::spawn(move || {
             seeds.map(|seed| mission_result(&WorldConfig::random_world(seed))).collect::<Vec<_>>()
         })
     });
-    let all: Vec<MissionResult> = halves.into_iter().flat_map(|half| half.join().unwrap()).collect();
+    let mission_results: Vec<MissionResult> =
+        seed_halves.into_iter().flat_map(|thread| thread.join().unwrap()).collect();
     let mut rms_deg = Vec::new();
     let mut within = Vec::new();
     let [mut worst_mean_deg, mut worst_ratio, mut worst_streamed_deg] = [0.0_f64; 3];
-    for mission_result in &all {
+    for mission_result in &mission_results {
         let seed = mission_result.world.seed;
         let (after, expected_deg) = (mission_result.errors_after.statistics(), expected_rms_deg(mission_result));
         assert!(after.rms_deg <= 1.0, "seed {seed}: {after:?}");
@@ -133,8 +134,9 @@ fn a_calibration_reports_heading_error_per_attitude_error() {
     let mut rig = Rig::new(WorldConfig::of_table1(1));
     let mission_result = fly_with(&mut rig, TurnPlan::default(), &mut |_, _| {});
     let line_after = |text: &str, line: &str| {
-        let words = text.split(line).nth(1).and_then(|rest| rest.split("; a degree of attitude error costs ").nth(1));
-        words.and_then(|rest| rest.split_once(" deg")?.0.parse::<f64>().ok()).unwrap_or_else(|| panic!("{text}"))
+        let ratio_text =
+            text.split(line).nth(1).and_then(|rest| rest.split("; a degree of attitude error costs ").nth(1));
+        ratio_text.and_then(|rest| rest.split_once(" deg")?.0.parse::<f64>().ok()).unwrap_or_else(|| panic!("{text}"))
     };
     let inclination_rad = mission_result.world.earth.inclination_deg.to_radians();
     let in_note = line_after(&mission_result.transcript, "note calibrated: expected error ");
@@ -143,7 +145,6 @@ fn a_calibration_reports_heading_error_per_attitude_error() {
     assert!((in_note - in_status).abs() < 1e-9, "{in_note} {in_status}");
 }
 
-/// Two flights of one seed have equal console output and statistics.
 #[test]
 fn one_seed_gives_one_flight() {
     let [first, second, other] = [7, 7, 8].map(|seed| mission_result(&WorldConfig::random_world(seed)));

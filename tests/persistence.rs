@@ -19,7 +19,7 @@ use simulator::world::autopilot::Leg;
 use testkit::flash::{CutProgress, RamFlash};
 
 /// Flies turns both ways until the end of the solve.
-fn swing(rig: &mut Rig) -> ModuleRunEnd {
+fn fly_calibration_turns(rig: &mut Rig) -> ModuleRunEnd {
     match swing_outcome(rig) {
         Some(_) => ModuleRunEnd::Time,
         None => ModuleRunEnd::PowerCut,
@@ -48,16 +48,16 @@ fn shown_calibration(rig: &mut Rig) -> Option<transcript::ShownCalibration> {
     transcript::parse_shown_calibration(&rig.send_console_line("cal show"))
 }
 
-fn calibrated() -> Rig {
+fn calibrated_rig() -> Rig {
     let mut rig = Rig::new(WorldConfig::of_table1(3));
     rig.run_for_s(1.0);
-    assert_eq!(swing(&mut rig), ModuleRunEnd::Time);
+    assert_eq!(fly_calibration_turns(&mut rig), ModuleRunEnd::Time);
     rig
 }
 
 #[test]
 fn a_calibration_survives_a_restart_and_a_power_cut() {
-    let mut rig = calibrated();
+    let mut rig = calibrated_rig();
     let before = shown_calibration(&mut rig).unwrap();
     rig.send_console_line("reboot");
     rig.run_for_s(1.0);
@@ -73,33 +73,36 @@ fn a_calibration_survives_a_restart_and_a_power_cut() {
 /// new calibration.
 #[test]
 fn a_power_cut_in_the_first_save_leaves_the_new_calibration_or_none() {
-    let mut whole = calibrated();
-    let new = shown_calibration(&mut whole).unwrap();
-    let mut seen = [0, 0];
+    let mut uninterrupted_rig = calibrated_rig();
+    let new = shown_calibration(&mut uninterrupted_rig).unwrap();
+    let mut outcome_counts = [0, 0];
     for operations in (0..40).step_by(3) {
         for outcome in CutOutcome::ALL_OUTCOMES {
             let mut rig = Rig::new(WorldConfig::of_table1(3));
             rig.run_for_s(1.0);
             rig.cut_power_after(operations, outcome);
-            let ran = swing(&mut rig);
+            let ran = fly_calibration_turns(&mut rig);
             if ran == ModuleRunEnd::Time {
                 continue; // The save was over before the cut.
             }
             rig.power_on(ResetCause::PowerOn);
             rig.run_for_s(1.0);
             rig.take_console_output();
-            let found = shown_calibration(&mut rig);
-            assert!(found.is_none() || found.as_ref() == Some(&new), "after {operations} {outcome:?}: {found:?}");
-            seen[usize::from(found.is_some())] += 1;
+            let loaded_calibration = shown_calibration(&mut rig);
+            assert!(
+                loaded_calibration.is_none() || loaded_calibration.as_ref() == Some(&new),
+                "after {operations} {outcome:?}: {loaded_calibration:?}"
+            );
+            outcome_counts[usize::from(loaded_calibration.is_some())] += 1;
         }
     }
-    assert!(seen[0] > 0, "some cuts come before the record is complete: {seen:?}");
+    assert!(outcome_counts[0] > 0, "some cuts come before the record is complete: {outcome_counts:?}");
 }
 
 /// The same during a later, small save of a setting.
 #[test]
 fn a_power_cut_in_a_later_save_leaves_the_old_calibration() {
-    let mut rig = calibrated();
+    let mut rig = calibrated_rig();
     let old = shown_calibration(&mut rig).unwrap();
     let mut power_cuts = 0;
     for operations in 0..52 {
@@ -122,7 +125,7 @@ fn a_power_cut_in_a_later_save_leaves_the_old_calibration() {
 
 #[test]
 fn a_single_calibration_survives_undo_and_clear_needs_all() {
-    let mut rig = calibrated();
+    let mut rig = calibrated_rig();
     let first = shown_calibration(&mut rig).unwrap();
     rig.send_console_line("cal undo");
     assert!(shown_calibration(&mut rig).is_some(), "there is nothing before the first, so it stays");
@@ -138,11 +141,11 @@ fn a_single_calibration_survives_undo_and_clear_needs_all() {
 /// A second swing replaces the first only if it is better on held-back samples.
 #[test]
 fn a_better_calibration_replaces_the_first_and_can_be_undone() {
-    let mut rig = calibrated();
+    let mut rig = calibrated_rig();
     let first = shown_calibration(&mut rig).unwrap();
     // Another magnet aboard: the old calibration is wrong by several degrees.
     rig.world.set_disturbance_ut([6.0, -4.0, 3.0]);
-    swing(&mut rig);
+    fly_calibration_turns(&mut rig);
     let second = shown_calibration(&mut rig).unwrap();
     let moved_ut = second.calibration.b_vector_ut() - first.calibration.b_vector_ut();
     // 0.5 uT is 1 deg of heading in this field.
@@ -161,7 +164,7 @@ fn a_better_calibration_replaces_the_first_and_can_be_undone() {
 /// better scores on held-back samples of the same flight, but never replaces one from turns to both sides.
 #[test]
 fn a_one_sided_flight_does_not_replace_turns_to_both_sides() {
-    let mut rig = calibrated();
+    let mut rig = calibrated_rig();
     let first = shown_calibration(&mut rig).unwrap();
     rig.send_console_line("cal start turns");
     rig.world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
@@ -197,7 +200,7 @@ fn a_calibration_that_is_no_better_changes_nothing() {
     for seed in 0..8 {
         let mut rig = Rig::new(WorldConfig::random_world(seed));
         rig.run_for_s(1.0);
-        swing(&mut rig);
+        fly_calibration_turns(&mut rig);
         let first = shown_calibration(&mut rig).unwrap();
         let outcome = swing_outcome(&mut rig).unwrap();
         let second = shown_calibration(&mut rig).unwrap();
@@ -218,7 +221,7 @@ fn a_calibration_that_is_no_better_changes_nothing() {
 
 #[test]
 fn a_calibration_is_not_used_with_another_mounting() {
-    let mut rig = calibrated();
+    let mut rig = calibrated_rig();
     assert!(rig.send_console_line("set mount yaw90").contains("ok mount yaw90, align 0.0 deg; uncalibrated"));
     let status = rig.send_console_line("status");
     assert!(status.contains("calibration: number 1, not applied: it is of mount none"), "{status}");
@@ -317,15 +320,15 @@ fn power_cuts_anywhere_leave_old_or_new() {
         for (first, first_cut) in power_cuts(&start, saves + 1) {
             let mut flash = start.cut_at(first, first_cut);
             save(&mut flash, saves + 1).unwrap_err();
-            let mut once = flash.power_on();
+            let mut once_cut_flash = flash.power_on();
             let case = format!("{saves} saves, {first_cut:?} at {first}");
-            let between = one_of(&mut once, &[old, generations(saves + 1)], &case);
-            for (second, second_cut) in power_cuts(&once, saves + 2) {
-                let mut flash = once.cut_at(second, second_cut);
+            let between = load_allowed(&mut once_cut_flash, &[old, generations(saves + 1)], &case);
+            for (second, second_cut) in power_cuts(&once_cut_flash, saves + 2) {
+                let mut flash = once_cut_flash.cut_at(second, second_cut);
                 let case = format!("{case}, {second_cut:?} at {second}");
                 save(&mut flash, saves + 2).unwrap_err();
                 let mut flash = flash.power_on();
-                one_of(&mut flash, &[between, generations(saves + 2)], &case);
+                load_allowed(&mut flash, &[between, generations(saves + 2)], &case);
                 save(&mut flash, 1000).unwrap_or_else(|error| panic!("{case}: {error:?}"));
                 assert_eq!(load(&mut flash), Ok(generations(1000)), "{case}");
                 cases += 1;
@@ -337,11 +340,10 @@ fn power_cuts_anywhere_leave_old_or_new() {
     assert!(cases > 20_000, "{cases}");
 }
 
-/// Loads the calibrations and asserts that they are among `allowed`.
-fn one_of(flash: &mut StoreFlash, allowed: &[StoredCalibrations], case: &str) -> StoredCalibrations {
-    let found = load(flash).unwrap_or_else(|error| panic!("{case}: {error:?}"));
-    assert!(allowed.contains(&found), "{case}: {found:?}");
-    found
+fn load_allowed(flash: &mut StoreFlash, allowed: &[StoredCalibrations], case: &str) -> StoredCalibrations {
+    let loaded = load(flash).unwrap_or_else(|error| panic!("{case}: {error:?}"));
+    assert!(allowed.contains(&loaded), "{case}: {loaded:?}");
+    loaded
 }
 
 /// Operation and kind of each power cut during a save.
@@ -384,49 +386,49 @@ fn fly_to_end(rig: &mut Rig) -> String {
 }
 
 /// Largest difference of two calibrations' headings in level flight, degrees.
-fn differ_deg(first: &Calibration, second: &Calibration) -> f32 {
-    let inverse = first.w_matrix().try_inverse().expect("a calibration");
+fn differ_deg(first_calibration: &Calibration, second_calibration: &Calibration) -> f32 {
+    let inverse = first_calibration.w_matrix().try_inverse().expect("a calibration");
     let difference = |heading_deg: f32| {
         let (sin, cos) = heading_deg.to_radians().sin_cos();
         // Field at Xi'an, as simulated.
         let earth = nalgebra::Vector3::new(31.0 * cos, -31.0 * sin, 42.0);
-        let sensed = Field::new(inverse * earth + first.b_vector_ut());
-        let [heading_rad, other_rad] =
-            [first, second].map(|it| Attitude::default().to_level_frame(it.calibrated_field(sensed)).heading_rad());
+        let sensed = Field::new(inverse * earth + first_calibration.b_vector_ut());
+        let [heading_rad, other_rad] = [first_calibration, second_calibration]
+            .map(|calibration| Attitude::default().to_level_frame(calibration.calibrated_field(sensed)).heading_rad());
         wrap_pi(other_rad - heading_rad).to_degrees().abs()
     };
     (0..36).map(|i| difference(10.0 * i as f32)).fold(0.0, f32::max)
 }
 
 /// Number of free-flight samples in `status`.
-fn samples(rig: &mut Rig) -> u32 {
+fn retained_sample_count(rig: &mut Rig) -> u32 {
     let status = rig.send_console_line("status all");
     let line = status.lines().find_map(|line| line.strip_prefix("attitudes: ")).unwrap_or_else(|| panic!("{status}"));
-    line.split(' ').next().and_then(|number| number.parse().ok()).unwrap_or_else(|| panic!("{line}"))
+    line.split(' ').next().and_then(|sample_count| sample_count.parse().ok()).unwrap_or_else(|| panic!("{line}"))
 }
 
 /// Watchdog resets at any time, or repeatedly: the flight still calibrates, and its headings differ from those without
 /// resets by at most 1 deg, twice the wanted accuracy of 0.5 deg of each.
 #[test]
 fn a_watchdog_in_flight_does_not_end_a_collection() {
-    let mut whole = start_flight();
-    let transcript_text = fly_to_end(&mut whole);
+    let mut uninterrupted_rig = start_flight();
+    let transcript_text = fly_to_end(&mut uninterrupted_rig);
     assert!(
         matches!(transcript::parse_solve_notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
         "{transcript_text}"
     );
-    let uninterrupted = shown_calibration(&mut whole).unwrap().calibration;
+    let uninterrupted = shown_calibration(&mut uninterrupted_rig).unwrap().calibration;
     for cuts_s in [vec![12.345], vec![33.037], vec![50.5], vec![20.0, 40.111, 60.2]] {
         let mut rig = start_flight();
         let began_us = rig.now_us();
         let mut before = 0;
         for &cut_s in &cuts_s {
             rig.run_until(began_us + (cut_s * 1e6) as u64);
-            before = samples(&mut rig);
+            before = retained_sample_count(&mut rig);
             assert!(before > 10, "{cuts_s:?}: {before}");
             rig.power_on(ResetCause::Watchdog);
             rig.run_for_s(0.3);
-            let after = samples(&mut rig);
+            let after = retained_sample_count(&mut rig);
             assert!((before..=before + 4).contains(&after), "{cuts_s:?}: {before} {after}");
         }
         let transcript_text = fly_to_end(&mut rig);
@@ -451,12 +453,12 @@ fn a_collection_survives_a_reboot_between_two_flights() {
     rig.world.set_armed(false);
     rig.world.set_motion(PrescribedMotion::default());
     rig.run_for_s(7.0);
-    let before = samples(&mut rig);
+    let before = retained_sample_count(&mut rig);
     let mut printed = rig.send_console_line("reboot");
     rig.run_for_s(5.0);
     printed.push_str(&rig.take_console_output());
     assert!(printed.contains("started by reboot") && !printed.contains("collection-lost"), "{printed}");
-    assert_eq!(samples(&mut rig), before);
+    assert_eq!(retained_sample_count(&mut rig), before);
     let status = rig.send_console_line("status all");
     assert!(status.contains("ok collecting") && status.contains("when the autopilot arms"), "{status}");
     rig.world.end_prescribed_motion();
@@ -470,7 +472,7 @@ fn a_collection_survives_a_reboot_between_two_flights() {
     rig.run_for_s(3.0);
     let status = rig.send_console_line("status all");
     assert!(status.contains("ok calibrated") && !status.contains("collection-lost"), "{status}");
-    assert_eq!(samples(&mut rig), 0);
+    assert_eq!(retained_sample_count(&mut rig), 0);
 }
 
 /// After a power failure or damaged memory, the loss is reported once on console and MAVLink, and remains in `status`.
@@ -480,13 +482,13 @@ fn a_lost_collection_is_reported() {
     for damage in [false, true] {
         let mut rig = start_flight();
         rig.run_for_s(40.0);
-        assert!(samples(&mut rig) > 40);
+        assert!(retained_sample_count(&mut rig) > 40);
         rig.power_off();
         if damage {
-            let mut words = 0;
+            let mut first_word = 0;
             rig.retained_samples.borrow_mut().transform_words(|word| {
-                words += 1;
-                if words % 211 == 40 { word ^ 0x0001_0000 } else { word }
+                first_word += 1;
+                if first_word % 211 == 40 { word ^ 0x0001_0000 } else { word }
             });
         }
         let cause = if damage { ResetCause::Watchdog } else { ResetCause::PowerOn };
@@ -495,7 +497,7 @@ fn a_lost_collection_is_reported() {
         let printed = rig.take_console_output();
         assert!(printed.contains("note collection-lost: "), "{printed}");
         assert!(rig.send_console_line("status all").contains("collection-lost: "));
-        assert!(samples(&mut rig) < 10);
+        assert!(retained_sample_count(&mut rig) < 10);
         rig.power_on(cause);
         rig.run_for_s(1.0);
         assert!(!rig.take_console_output().contains("collection-lost"), "told once");

@@ -45,23 +45,27 @@ const MSP_INAV: FarEnd = FarEnd::Msp(
 /// of bias, 0.3 of noise) times the tangent of the inclination, 54 deg.
 const HEADING_BOUND_DEG: f64 = 2.5;
 
-fn world(kind: VehicleKind) -> WorldConfig {
+fn world(vehicle_kind: VehicleKind) -> WorldConfig {
     let world = WorldConfig::of_table1(7);
-    WorldConfig { aircraft: VehicleConfig { kind, ..world.aircraft }, ..world }
+    WorldConfig { aircraft: VehicleConfig { kind: vehicle_kind, ..world.aircraft }, ..world }
 }
 
-fn rig(kind: VehicleKind, far_ends: [FarEnd; 2]) -> Rig {
-    Rig::with_port_devices(world(kind), Faults::default(), far_ends)
+fn rig(vehicle_kind: VehicleKind, far_ends: [FarEnd; 2]) -> Rig {
+    Rig::with_port_devices(world(vehicle_kind), Faults::default(), far_ends)
 }
 
 fn run(rig: &mut Rig, seconds: f64) {
     assert_eq!(rig.run_for_s(seconds), ModuleRunEnd::Time);
 }
 
-fn fly_routine(rig: &mut Rig, kind: VehicleKind) {
+fn fly_routine(rig: &mut Rig, vehicle_kind: VehicleKind) {
     rig.world.set_armed(true);
-    for leg in
-        CalibrationRoutine::for_vehicle(kind, TurnPlan::default(), rig.world.world_config().aircraft.heading_deg).legs()
+    for leg in CalibrationRoutine::for_vehicle(
+        vehicle_kind,
+        TurnPlan::default(),
+        rig.world.world_config().aircraft.heading_deg,
+    )
+    .legs()
     {
         rig.world.fly_leg(leg);
     }
@@ -87,15 +91,16 @@ fn frames_with_id(id: u32, received_frames: &[MavlinkFrame]) -> Vec<&MavlinkFram
 }
 
 /// Complete status texts; byte 53 is the chunk number of a text in several frames.
-fn texts(received_frames: &[MavlinkFrame]) -> Vec<String> {
+fn status_texts(received_frames: &[MavlinkFrame]) -> Vec<String> {
     let mut texts: Vec<String> = Vec::new();
     for frame in frames_with_id(STATUSTEXT, received_frames) {
-        let characters: Vec<u8> = (1..51).map(|at| frame.byte_at(at)).take_while(|&byte| byte != 0).collect();
-        let piece = String::from_utf8(characters).expect("plain characters");
+        let characters: Vec<u8> =
+            (1..51).map(|byte_index| frame.byte_at(byte_index)).take_while(|&byte| byte != 0).collect();
+        let chunk = String::from_utf8(characters).expect("plain characters");
         if frame.byte_at(53) > 0 {
-            texts.last_mut().expect("its beginning").push_str(&piece);
+            texts.last_mut().expect("its beginning").push_str(&chunk);
         } else {
-            texts.push(piece);
+            texts.push(chunk);
         }
     }
     texts
@@ -125,7 +130,7 @@ fn rms_deg(rig: &Rig, readings: &[CompassSample]) -> f64 {
 
 /// Compass samples in straight flight on eight headings, without the turns, and their RMS heading error.
 fn readings_all_round(rig: &mut Rig, port: usize) -> (Vec<CompassSample>, f64) {
-    let (mut all, mut squares) = (Vec::new(), 0.0);
+    let (mut all_readings, mut squares) = (Vec::new(), 0.0);
     for heading in 0..8 {
         rig.world.fly_leg(Leg::Straight { heading_deg: 45.0 * f64::from(heading), seconds: 14.0 });
         run(rig, 12.0);
@@ -133,18 +138,18 @@ fn readings_all_round(rig: &mut Rig, port: usize) -> (Vec<CompassSample>, f64) {
         run(rig, 1.5);
         let received = readings(rig, port);
         squares += rms_deg(rig, &received).powi(2) * received.len() as f64;
-        all.extend(received);
+        all_readings.extend(received);
         run(rig, 0.5);
     }
-    let rms_deg = (squares / all.len() as f64).sqrt();
-    (all, rms_deg)
+    let rms_deg = (squares / all_readings.len() as f64).sqrt();
+    (all_readings, rms_deg)
 }
 
 /// Flight with ArduPilot over MAVLink: attitude requests, status texts, calibration report, true headings.
 #[test]
 fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
-    for kind in [VehicleKind::Plane, VehicleKind::Copter] {
-        let mut rig = rig(kind, [ARDUPILOT, FarEnd::Unconnected]);
+    for vehicle_kind in [VehicleKind::Plane, VehicleKind::Copter] {
+        let mut rig = rig(vehicle_kind, [ARDUPILOT, FarEnd::Unconnected]);
         run(&mut rig, 12.0);
         let AttachedDevice::Mavlink(autopilot) = &rig.port_devices[0] else { panic!() };
         assert_eq!(
@@ -160,21 +165,21 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
         assert!(status.contains("port1: auto, 115200 baud, found mavlink\r\n"), "{status}");
         assert!(status.contains("by the field model"), "{status}");
         assert!(status.contains("armed: no\r\n"), "{status}");
-        fly_routine(&mut rig, kind);
+        fly_routine(&mut rig, vehicle_kind);
         let during = received_frames(&rig, 0);
-        let status_texts = texts(&during);
+        let status_texts = status_texts(&during);
         assert!(
             status_texts.iter().any(|text| text.starts_with("autoswing: calibrated: expected error ")),
-            "{kind:?}: {status_texts:?}"
+            "{vehicle_kind:?}: {status_texts:?}"
         );
         assert!(
             status_texts.iter().filter(|text| text.contains("collecting")).count() >= 3,
-            "{kind:?}: {status_texts:?}"
+            "{vehicle_kind:?}: {status_texts:?}"
         );
         // MAG_CAL_REPORT with status MAG_CAL_SUCCESS (4) and `autosaved` 1.
         let is_success = |report: &&MavlinkFrame| (report.byte_at(42), report.byte_at(43)) == (4, 1);
         let reports = frames_with_id(MAG_CAL_REPORT, &during);
-        assert!(reports.iter().any(is_success), "{kind:?}: {reports:?}");
+        assert!(reports.iter().any(is_success), "{vehicle_kind:?}: {reports:?}");
         assert!(!frames_with_id(MAG_CAL_PROGRESS, &during).is_empty());
         // In straight flight the age of a named value has no effect.
         rig.world.fly_leg(Leg::Straight { heading_deg: 200.0, seconds: 60.0 });
@@ -184,12 +189,13 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
         for _ in 0..5 {
             run(&mut rig, 1.0);
             let values = received_frames(&rig, 0);
-            let is_heading = |frame: &&MavlinkFrame| (8..15).map(|at| frame.byte_at(at)).eq(*b"hdg_mag");
+            let is_heading =
+                |frame: &&MavlinkFrame| (8..15).map(|byte_index| frame.byte_at(byte_index)).eq(*b"hdg_mag");
             for heading in frames_with_id(NAMED_VALUE_FLOAT, &values).into_iter().filter(is_heading) {
-                let time_ms = u32::from_le_bytes([0, 1, 2, 3].map(|at| heading.byte_at(at)));
+                let time_ms = u32::from_le_bytes([0, 1, 2, 3].map(|byte_index| heading.byte_at(byte_index)));
                 let truth_deg = rig.world.true_state(u64::from(time_ms) * 1000).heading_deg();
                 let error_deg = wrap_180(f64::from(heading.float_at(4)) - truth_deg);
-                assert!(error_deg.abs() < HEADING_BOUND_DEG, "{kind:?}: {error_deg}");
+                assert!(error_deg.abs() < HEADING_BOUND_DEG, "{vehicle_kind:?}: {error_deg}");
                 headings += 1;
             }
         }
@@ -202,10 +208,10 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
 /// milliseconds of latency: the bound is 1.5 times that of MAVLink.
 #[test]
 fn msp_gets_the_raw_field_at_first_and_the_corrected_field_later() {
-    for (far_end, kind) in
+    for (far_end, vehicle_kind) in
         [(MSP_ARDUPILOT, VehicleKind::Plane), (MSP_INAV, VehicleKind::Plane), (MSP_ARDUPILOT, VehicleKind::Copter)]
     {
-        let mut rig = rig(kind, [far_end, FarEnd::Unconnected]);
+        let mut rig = rig(vehicle_kind, [far_end, FarEnd::Unconnected]);
         run(&mut rig, 0.5);
         assert!(readings(&rig, 0).len() >= 15, "from power-up");
         run(&mut rig, 5.0);
@@ -216,13 +222,15 @@ fn msp_gets_the_raw_field_at_first_and_the_corrected_field_later() {
         run(&mut rig, 10.0);
         let raw = readings(&rig, 0);
         assert!((480..=520).contains(&raw.len()), "fifty a second: {}", raw.len());
-        assert!(kind != VehicleKind::Plane || rms_deg(&rig, &raw) > 5.0, "iron bends it");
-        fly_routine(&mut rig, kind);
-        let (told, rms) = readings_all_round(&mut rig, 0);
-        println!("{far_end:?} {kind:?}: {rms:.2} deg RMS");
-        assert!(rms < 1.5, "{far_end:?} {kind:?}: {rms} deg");
-        let strengths = told.iter().map(|r| r.field_mg.map(|mg| f64::from(mg).powi(2)).iter().sum::<f64>().sqrt());
-        let mean_mg = strengths.sum::<f64>() / told.len() as f64;
+        assert!(vehicle_kind != VehicleKind::Plane || rms_deg(&rig, &raw) > 5.0, "iron bends it");
+        fly_routine(&mut rig, vehicle_kind);
+        let (readings, rms) = readings_all_round(&mut rig, 0);
+        println!("{far_end:?} {vehicle_kind:?}: {rms:.2} deg RMS");
+        assert!(rms < 1.5, "{far_end:?} {vehicle_kind:?}: {rms} deg");
+        let strengths = readings.iter().map(|reading| {
+            reading.field_mg.map(|component_mg| f64::from(component_mg).powi(2)).iter().sum::<f64>().sqrt()
+        });
+        let mean_mg = strengths.sum::<f64>() / readings.len() as f64;
         // WMM2025: 526 mG in Xi'an at the beginning of 2026.
         assert!((mean_mg - 526.0).abs() < 12.0, "{mean_mg}");
     }
@@ -247,17 +255,18 @@ fn motor_current_interference_is_estimated_with_a_reported_current() {
         fly_routine(&mut rig, VehicleKind::Copter);
         rig.power_on(ResetCause::PowerOn);
         run(&mut rig, 12.0);
-        let shown = rig.send_console_line("cal show");
-        let shown = transcript::parse_shown_calibration(&shown).unwrap_or_else(|| panic!("{far_end:?}: {shown}"));
-        let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, .. } = shown.calibration.motor_current;
-        let error_deg = HeadingErrors::evaluate_calibration(&shown.calibration, &config).statistics().rms_deg;
-        println!("{far_end:?}, told: {is_reported}: {error_deg:.2} deg, {:?}", shown.calibration.motor_current);
+        let shown_text = rig.send_console_line("cal show");
+        let shown_text =
+            transcript::parse_shown_calibration(&shown_text).unwrap_or_else(|| panic!("{far_end:?}: {shown_text}"));
+        let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, .. } = shown_text.calibration.motor_current;
+        let error_deg = HeadingErrors::evaluate_calibration(&shown_text.calibration, &config).statistics().rms_deg;
+        println!("{far_end:?}, told: {is_reported}: {error_deg:.2} deg, {:?}", shown_text.calibration.motor_current);
         if !is_reported {
-            assert_eq!(shown.calibration.motor_current, MotorCurrentInterference::NO_INTERFERENCE);
+            assert_eq!(shown_text.calibration.motor_current, MotorCurrentInterference::NO_INTERFERENCE);
             continue;
         }
-        for (found, added_ut) in ut_per_a.iter().zip(config.current_interference_ut) {
-            let estimate_error = f64::from(*found) - added_ut / CRUISE_CURRENT_A;
+        for (estimated_ut_per_a, added_ut) in ut_per_a.iter().zip(config.current_interference_ut) {
+            let estimate_error = f64::from(*estimated_ut_per_a) - added_ut / CRUISE_CURRENT_A;
             assert!(
                 estimate_error.abs() < 4.0 * f64::from(sigma_ut_per_a),
                 "{far_end:?}: {ut_per_a:?} {:?}",
@@ -338,7 +347,7 @@ fn mavlink_and_msp_run_at_once() {
                 |reading: CompassSample| (reading.received_at_us / 1000).cast_signed() - i64::from(reading.time_ms);
             ages_ms.extend(readings(&rig, 1).into_iter().map(age_ms));
             for pose in frames_with_id(VISION_POSITION_ESTIMATE, &received_frames(&rig, 0)) {
-                let time_us = u64::from_le_bytes([0, 1, 2, 3, 4, 5, 6, 7].map(|at| pose.byte_at(at)));
+                let time_us = u64::from_le_bytes([0, 1, 2, 3, 4, 5, 6, 7].map(|byte_index| pose.byte_at(byte_index)));
                 let truth_deg = rig.world.true_state(time_us).heading_deg();
                 // WMM2025: declination -4.2 deg in Xi'an at the beginning of 2026.
                 let error_deg = wrap_180(f64::from(pose.float_at(28)).to_degrees() - (truth_deg - 4.2));
@@ -370,14 +379,14 @@ fn a_ground_station_commands_calibration_and_restart() {
     rig.run_for_s(5.0);
     rig.send_console_line("cal auto off");
     let _ = received_frames(&rig, 0);
-    let read = RefCell::new(Vec::new());
+    let received_frames_log = RefCell::new(Vec::new());
     let order = |rig: &mut Rig, system: u8, command: u16, parameters: [f32; 7]| {
         rig.autopilot.send_bytes(&command_long([255, 190], system, command, 0, parameters));
         run(rig, 2.5);
-        let all = received_frames(rig, 0);
-        read.replace(texts(&all));
+        let new_frames = received_frames(rig, 0);
+        received_frames_log.replace(status_texts(&new_frames));
         let is_to_who_asked = |frame: &&MavlinkFrame| (frame.byte_at(8), frame.byte_at(9)) == (255, 190);
-        let answers = frames_with_id(COMMAND_ACK, &all).into_iter().filter(is_to_who_asked);
+        let answers = frames_with_id(COMMAND_ACK, &new_frames).into_iter().filter(is_to_who_asked);
         answers
             .map(|frame| (u16::from_le_bytes([frame.byte_at(0), frame.byte_at(1)]), frame.byte_at(2)))
             .collect::<Vec<_>>()
@@ -393,7 +402,10 @@ fn a_ground_station_commands_calibration_and_restart() {
     run(&mut rig, 2.0);
     let refused = order(&mut rig, 1, REBOOT, of_us);
     assert!(refused.len() == 1 && refused[0].1 != 0, "{refused:?}");
-    assert!(read.borrow().iter().any(|text| text.starts_with("autoswing: refused armed: ")), "{read:?}");
+    assert!(
+        received_frames_log.borrow().iter().any(|text| text.starts_with("autoswing: refused armed: ")),
+        "{received_frames_log:?}"
+    );
     // Disarmed in flight: a forged report. It counts after five seconds at rest.
     rig.world.set_armed(false);
     run(&mut rig, 10.0);
@@ -431,23 +443,26 @@ fn a_position_that_jumps_does_not_turn_the_true_heading() {
     let mut rig = rig(VehicleKind::Plane, [ARDUPILOT, FarEnd::Unconnected]);
     fly_routine(&mut rig, VehicleKind::Plane);
     let height_m = 400.0;
-    let places = [
+    let positions = [
         Some(XIAN),
         Some(ReportedPosition { latitude_deg: 72.0, longitude_deg: -40.0, height_m }),
         Some(ReportedPosition { latitude_deg: 0.000_3, longitude_deg: 0.000_1, height_m }),
         None,
     ];
-    for place in places {
+    for position in positions {
         let AttachedDevice::Mavlink(autopilot) = &rig.port_devices[0] else { panic!("no MAVLink there") };
-        autopilot.borrow_mut().set_position(place);
+        autopilot.borrow_mut().set_position(position);
         run(&mut rig, 30.0);
         let declinations_deg = sent_declinations_deg(&mut rig);
-        assert!(declinations_deg.len() > 40, "{place:?}: {declinations_deg:?}");
-        assert!(declinations_deg.iter().all(|deg| (deg + 4.15).abs() < 0.2), "{place:?}: {declinations_deg:?}");
+        assert!(declinations_deg.len() > 40, "{position:?}: {declinations_deg:?}");
+        assert!(
+            declinations_deg.iter().all(|declination_deg| (declination_deg + 4.15).abs() < 0.2),
+            "{position:?}: {declinations_deg:?}"
+        );
     }
 }
 
-fn found(rig: &mut Rig) -> Option<String> {
+fn detected_protocol(rig: &mut Rig) -> Option<String> {
     let status = rig.send_console_line("status all");
     let line = status.lines().find(|line| line.starts_with("port1: ")).expect("a first port");
     line.split_once("found ").map(|(_, found)| found.to_owned())
@@ -466,11 +481,11 @@ fn detection_starts_with_the_stored_protocol() {
     run(&mut before, 60.0);
     before.power_on(ResetCause::PowerOn);
     run(&mut before, 0.2);
-    assert_eq!(found(&mut before).as_deref(), Some("mavlink"));
+    assert_eq!(detected_protocol(&mut before).as_deref(), Some("mavlink"));
     run(&mut before, 60.0);
     assert!(before.flash.flash_contents() == remembered, "written once");
     let mut rig = rig(VehicleKind::Copter, [FarEnd::Unconnected, FarEnd::Unconnected]);
-    let searches = |rig: &Rig| rig.autopilot.receive_bytes().windows(3).any(|three| three == b"$X<");
+    let searches = |rig: &Rig| rig.autopilot.receive_bytes().windows(3).any(|window| window == b"$X<");
     run(&mut rig, 1.0);
     assert!(searches(&rig), "who remembers nothing searches");
     assert!(rig.load_flash(&remembered));
@@ -493,7 +508,7 @@ fn another_autopilot_is_found_after_ten_seconds() {
     run(&mut rig, 9.0);
     assert!(readings(&rig, 0).is_empty(), "it waits for who was there");
     run(&mut rig, 6.0);
-    assert_eq!(found(&mut rig).as_deref(), Some("msp"));
+    assert_eq!(detected_protocol(&mut rig).as_deref(), Some("msp"));
     run(&mut rig, 6.0);
     rig.power_on(ResetCause::PowerOn);
     run(&mut rig, 0.1);
@@ -516,6 +531,6 @@ fn a_port_uses_its_configured_protocol_from_the_first_byte() {
         run(&mut rig, 2.0);
         let received = rig.autopilot.receive_bytes();
         assert!(received.starts_with(b"$HC"), "{}", String::from_utf8_lossy(&received[..20]));
-        assert!(!received.windows(2).any(|two| two == b"$X") && !received.contains(&0xFD));
+        assert!(!received.windows(2).any(|window| window == b"$X") && !received.contains(&0xFD));
     }
 }

@@ -13,7 +13,7 @@ use simulator::rig::Rig;
 use simulator::world::WorldConfig;
 use simulator::world::autopilot::Leg;
 
-const ASKED: EvaluationOptions = EvaluationOptions::DEFAULT;
+const DEFAULT_OPTIONS: EvaluationOptions = EvaluationOptions::DEFAULT;
 
 /// Declination at Xi'an is -4.2 deg (WMM2025), so magnetic headings exceed true ones by 4.2 deg.
 #[test]
@@ -31,13 +31,14 @@ fn a_recorded_flight_has_its_position_and_true_headings() {
     for name in ["flight.bin", "flight.log", "flight.tlog", "flight.ulg", "flight.csv"] {
         let bytes = log_writers::encode_for_path(Path::new(name), &module.observer.recording);
         let flight = log::read_flight(&mut bytes.as_slice(), FieldUnit::Milligauss).unwrap();
-        let verdict = evaluate_flight(&flight, &ASKED);
-        let ours = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
-        assert!((ours.mean_deg - 4.2).abs() < 0.5, "{name}: {ours:?}");
+        let verdict = evaluate_flight(&flight, &DEFAULT_OPTIONS);
+        let module_score = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
+        assert!((module_score.mean_deg - 4.2).abs() < 0.5, "{name}: {module_score:?}");
         let (field, _) = verdict.earth_field.unwrap();
         assert!((field.declination_deg.unwrap() + 4.2).abs() < 0.1, "{name}: {field:?}");
         let rows = flight.gps.rows();
-        let [before, after] = [rows.len() - 50, rows.len() - 1].map(|at| Gps::from_columns(rows[at].row_values));
+        let [before, after] =
+            [rows.len() - 50, rows.len() - 1].map(|row_index| Gps::from_columns(rows[row_index].row_values));
         let shrinks = f64::from(before.latitude_deg).to_radians().cos();
         let north = f64::from(after.latitude_deg - before.latitude_deg);
         let east = f64::from(after.longitude_deg - before.longitude_deg) * shrinks;

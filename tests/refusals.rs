@@ -31,7 +31,7 @@ fn turn(bank_deg: f64, heading_change_deg: f64) -> Leg {
     Leg::Turn { bank_deg, heading_change_deg }
 }
 
-const BOTH: [(f64, f64); 2] = [(25.0, 800.0), (25.0, -800.0)];
+const BOTH_SIDES: [(f64, f64); 2] = [(25.0, 800.0), (25.0, -800.0)];
 
 /// Applies settings, flies, solves if necessary; returns code and text of the rejection.
 fn refused_solve(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (String, String) {
@@ -63,9 +63,9 @@ fn refused_solve(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (Str
     (code, words)
 }
 
-fn assert_refused(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)], code: &str, words: &str) {
-    let found = refused_solve(rig, settings, turns);
-    assert!(found.0 == code && found.1.contains(words), "{code}, {words}: {found:?}");
+fn assert_refused(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)], code: &str, expected_text: &str) {
+    let refusal = refused_solve(rig, settings, turns);
+    assert!(refusal.0 == code && refusal.1.contains(expected_text), "{code}, {expected_text}: {refusal:?}");
 }
 
 #[test]
@@ -75,14 +75,14 @@ fn too_little_bank_and_one_side_have_different_reasons() {
     assert_refused(
         &mut rig(None),
         &[],
-        &BOTH[..1],
+        &BOTH_SIDES[..1],
         "too-few-samples",
         "only right turns were flown; fly left turns, too",
     );
     assert_refused(
         &mut rig(None),
         &[],
-        &BOTH[1..],
+        &BOTH_SIDES[1..],
         "too-few-samples",
         "only left turns were flown; fly right turns, too",
     );
@@ -94,17 +94,17 @@ fn a_turn_that_is_too_slow_is_refused_as_an_arc() {
     let mut config = WorldConfig::of_table1(1);
     config.aircraft.airspeed_m_s = 120.0;
     let mut rig = Rig::with_faults(config, Faults::default());
-    let (code, words) = refused_solve(&mut rig, &[], &[(12.0, 45.0), (12.0, -45.0)]);
-    assert!(words.contains(" of 12 sectors, too slow or too short"), "{code}: {words}");
+    let (code, explanation) = refused_solve(&mut rig, &[], &[(12.0, 45.0), (12.0, -45.0)]);
+    assert!(explanation.contains(" of 12 sectors, too slow or too short"), "{code}: {explanation}");
 }
 
 /// Degrees interpreted as radians are rejected as attitude; radians converted once more are too small a tilt.
 #[test]
 fn attitude_in_a_wrong_unit_is_reported() {
-    let words = "check the unit of the attitude: radians for degrees?";
-    assert_refused(&mut rig(Some(Scaled(1.0_f32.to_radians()))), &[], &BOTH, "no-samples", words);
-    let words = "check their unit: MAVLink's is radians, not degrees";
-    assert_refused(&mut rig(Some(Scaled(1.0_f32.to_degrees()))), &[], &BOTH, "no-samples", words);
+    let explanation = "check the unit of the attitude: radians for degrees?";
+    assert_refused(&mut rig(Some(Scaled(1.0_f32.to_radians()))), &[], &BOTH_SIDES, "no-samples", explanation);
+    let explanation = "check their unit: MAVLink's is radians, not degrees";
+    assert_refused(&mut rig(Some(Scaled(1.0_f32.to_degrees()))), &[], &BOTH_SIDES, "no-samples", explanation);
 }
 
 #[test]
@@ -112,7 +112,7 @@ fn attitude_at_1_hz_is_reported_as_too_slow() {
     let mut config = WorldConfig::of_table1(1);
     config.attitude_source.rate_hz = 1.0;
     let mut rig = Rig::with_faults(config, Faults::default());
-    assert_refused(&mut rig, &[], &BOTH, "no-samples", "send ATTITUDE ten times a second or more");
+    assert_refused(&mut rig, &[], &BOTH_SIDES, "no-samples", "send ATTITUDE ten times a second or more");
 }
 
 /// The sensor's range ends at 400 uT.
@@ -120,13 +120,13 @@ fn attitude_at_1_hz_is_reported_as_too_slow() {
 fn a_saturated_sensor_is_reported() {
     let mut rig = rig(None);
     rig.world.set_disturbance_ut([600.0, 0.0, 0.0]);
-    assert_refused(&mut rig, &[], &BOTH, "no-samples", "100 % of the readings were saturated; move the sensor");
+    assert_refused(&mut rig, &[], &BOTH_SIDES, "no-samples", "100 % of the readings were saturated; move the sensor");
 }
 
 #[test]
 fn a_wrong_setting_is_reported_with_the_right_value() {
-    let words = "the sensor seems to be mounted none; set mount none, then cal solve";
-    assert_refused(&mut rig(None), &["set mount yaw90"], &BOTH, "mount-contradicted", words);
-    let (code, words) = refused_solve(&mut rig(None), &["set inclination -54"], &BOTH);
-    assert!(code == "inclination-contradicted" && words.contains("; set inclination 5"), "{code}: {words}");
+    let explanation = "the sensor seems to be mounted none; set mount none, then cal solve";
+    assert_refused(&mut rig(None), &["set mount yaw90"], &BOTH_SIDES, "mount-contradicted", explanation);
+    let (code, explanation) = refused_solve(&mut rig(None), &["set inclination -54"], &BOTH_SIDES);
+    assert!(code == "inclination-contradicted" && explanation.contains("; set inclination 5"), "{code}: {explanation}");
 }

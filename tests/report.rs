@@ -31,18 +31,18 @@ fn page_of(mission: &MissionResult) -> String {
 fn assert_well_formed(html: &str) {
     const VOID: [&str; 2] = ["meta", "!doctype"];
     let mut open: Vec<&str> = Vec::new();
-    let mut rest = html;
-    while let Some(at) = rest.find('<') {
-        let end = at + rest[at..].find('>').expect("a tag ends");
-        let tag = &rest[at + 1..end];
-        rest = &rest[end + 1..];
+    let mut remaining = html;
+    while let Some(tag_start) = remaining.find('<') {
+        let tag_end = tag_start + remaining[tag_start..].find('>').expect("a tag ends");
+        let tag = &remaining[tag_start + 1..tag_end];
+        remaining = &remaining[tag_end + 1..];
         let name = tag.trim_start_matches('/').split([' ', '\n', '/']).next().expect("a name");
         if tag.starts_with('/') {
             assert_eq!(open.pop(), Some(name), "{tag}");
         } else if !tag.ends_with('/') && !VOID.contains(&name) {
             open.push(name);
             if ["style", "script"].contains(&name) {
-                rest = &rest[rest.find("</").expect("an end")..];
+                remaining = &remaining[remaining.find("</").expect("an end")..];
             }
         }
     }
@@ -67,12 +67,12 @@ fn assert_sound(html: &str) {
     // Scrolling boxes are reachable by keyboard and have a name.
     assert_eq!(html.matches("class=\"scroll\"").count(), html.matches("tabindex=\"0\" role=\"group\"").count());
     let ids: Vec<&str> =
-        html.split(" id=\"").skip(1).map(|rest| rest.split('"').next().expect("a first part")).collect();
+        html.split(" id=\"").skip(1).map(|after_id| after_id.split('"').next().expect("a first part")).collect();
     let mut unique = ids.clone();
     unique.sort_unstable();
     unique.dedup();
     assert_eq!(unique.len(), ids.len(), "{ids:?}");
-    for target in html.split("href=\"#").skip(1).map(|rest| rest.split('"').next().expect("a first part")) {
+    for target in html.split("href=\"#").skip(1).map(|after_id| after_id.split('"').next().expect("a first part")) {
         assert!(ids.contains(&target), "{target}");
     }
 }
@@ -100,10 +100,10 @@ fn a_calibrated_mission_is_reported_the_same_each_time() {
     }
     let (before, after) = (flown.errors_before.statistics(), flown.errors_after.statistics());
     let expected_deg = flown.result.as_ref().unwrap().expected_rms_deg;
-    for number in
+    for figure in
         [before.max_deg, after.max_deg, after.rms_deg, expected_deg, flown.streamed_statistics.unwrap().rms_deg]
     {
-        assert!(html.contains(&format!("<dd>{number:.2} deg</dd>")), "{number:.2}");
+        assert!(html.contains(&format!("<dd>{figure:.2} deg</dd>")), "{figure:.2}");
     }
     // The deviation card has all twelve headings and the errors before and after.
     for (step, heading) in (0..12).map(|step| (step, format!("<th scope=\"row\">{:03}</th>", 30 * step))) {
@@ -124,18 +124,18 @@ fn a_refusal_is_reported_with_its_reason_and_no_after_picture() {
     assert!(!html.contains("Three axes") && !html.contains("<th scope=\"col\">after"));
 }
 
-/// The page and `--json` agree.
 #[test]
 fn a_replayed_log_has_the_numbers_of_its_json() {
     let mut bytes: &[u8] = include_bytes!("../host-sim/data/flight.csv");
     let flight = log::read_flight(&mut bytes, FieldUnit::Milligauss).unwrap();
     let verdict = evaluate_flight(&flight, &EvaluationOptions::DEFAULT);
     let parameters = Some(["compass.param".to_owned(), "COMPASS_OFS_X,1\n".to_owned()]);
-    let judged = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot);
-    let report = report_replay(&judged, "a folder/flight.csv", &ReportOrigin { parameters, ..ReportOrigin::default() });
+    let judgement = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot);
+    let report =
+        report_replay(&judgement, "a folder/flight.csv", &ReportOrigin { parameters, ..ReportOrigin::default() });
     let html = render_page(&report);
     assert_sound(&html);
-    let json = judged.json();
+    let json = judgement.json();
     for verdict_line in [&json["verdict"], &json["module_verdict"]] {
         let verdict_line = verdict_line.as_str().unwrap();
         assert!(!verdict_line.contains(['&', '<', '>', '"', '\'']), "nothing in it is escaped: {verdict_line}");
@@ -156,10 +156,13 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
         assert!(html.contains(title), "{title}");
     }
     // Table cells have two decimals, JSON three.
-    let is_shown = |number: &Value, from: &str, to: &str| {
-        let number = number.as_f64().unwrap();
-        let cells = html.split(from).skip(1).filter_map(|rest| rest.split(to).next()?.parse::<f64>().ok());
-        assert!(cells.into_iter().any(|cell| (cell - number).abs() < 0.0056), "{number}");
+    let is_shown = |expected: &Value, before_cell: &str, after_cell: &str| {
+        let expected = expected.as_f64().unwrap();
+        let cell_values = html
+            .split(before_cell)
+            .skip(1)
+            .filter_map(|after_marker| after_marker.split(after_cell).next()?.parse::<f64>().ok());
+        assert!(cell_values.into_iter().any(|cell_value| (cell_value - expected).abs() < 0.0056), "{expected}");
     };
     for compass in json["compasses"].as_array().unwrap() {
         is_shown(&compass["module"]["expected_rms_deg"], "<dd>", " deg RMS");
@@ -185,8 +188,8 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
     }
     let flight = log::read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
     let verdict = evaluate_flight(&flight, &EvaluationOptions::DEFAULT);
-    let judged = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot);
-    let report = report_replay(&judged, "flight.bin", &ReportOrigin::default());
+    let judgement = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot);
+    let report = report_replay(&judgement, "flight.bin", &ReportOrigin::default());
     // The compass in use is not known: the first is judged, and one good compass does not make the page green.
     assert_eq!(report.verdicts[0].compass_state, CompassState::Bad, "{:?}", report.verdicts);
     assert!(report.verdicts[0].verdict_text.contains("replace"), "{:?}", report.verdicts);
@@ -205,10 +208,10 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
         assert!((x.hypot(y).hypot(z) / total_ut - 1.0).abs() < 0.05);
         // When the nose points east, north is to the left.
         let [(sin_roll, cos_roll), (sin_pitch, cos_pitch)] =
-            [moment.roll_deg, moment.pitch_deg].map(|deg| deg.to_radians().sin_cos());
-        let below = y * sin_roll + z * cos_roll;
-        let (ahead, left) = (x * cos_pitch + below * sin_pitch, z * sin_roll - y * cos_roll);
-        let off_deg = wrap_180(left.atan2(ahead).to_degrees() - moment.heading_deg.unwrap());
+            [moment.roll_deg, moment.pitch_deg].map(|angle_deg| angle_deg.to_radians().sin_cos());
+        let down_ut = y * sin_roll + z * cos_roll;
+        let (forward_ut, left_ut) = (x * cos_pitch + down_ut * sin_pitch, z * sin_roll - y * cos_roll);
+        let off_deg = wrap_180(left_ut.atan2(forward_ut).to_degrees() - moment.heading_deg.unwrap());
         assert!(off_deg.abs() < 12.0, "{off_deg} at {} s", moment.time_s);
     }
     let first_s = moments[0].time_s;
@@ -216,10 +219,10 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
         assert!(moments.iter().any(|moment| moment.is_fitted && (moment.time_s - fitted_s).abs() < 0.06), "{fitted_s}");
     }
     // Positions count from the start of the log; f32 degrees resolve 0.5 m, and rows 0.1 s.
-    let (moment, flown) =
+    let (moment, flown_sample) =
         (moments.iter().rev().find(|moment| moment.position_m.is_some()).unwrap(), &recording.samples);
-    let instant = flown.iter().find(|instant| instant.time_us as f64 * 1e-6 > moment.time_s - 0.01).unwrap();
-    let [north_m, east_m] = [0, 1].map(|axis| instant.displacement_m[axis] - flown[0].displacement_m[axis]);
+    let instant = flown_sample.iter().find(|instant| instant.time_us as f64 * 1e-6 > moment.time_s - 0.01).unwrap();
+    let [north_m, east_m] = [0, 1].map(|axis| instant.displacement_m[axis] - flown_sample[0].displacement_m[axis]);
     let [east, north] = moment.position_m.unwrap();
     assert!(north_m.hypot(east_m) > 1000.0 && (east - east_m).hypot(north - north_m) < 5.0, "{:?}", moment.position_m);
 }

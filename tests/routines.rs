@@ -26,10 +26,10 @@ use testkit::simulation::Simulation;
 /// Airframes and places of `bench accuracy`: soft iron to 30 %, hard iron to three times the horizontal field, mounting
 /// to 20 deg, inclination -70 to 75 deg, attitude noise of 0.2 to 1 deg. Here the noise is correlated over 0.5 s, and
 /// the attitude source has bias, bank-angle scale error and acceleration-induced tilt error.
-fn harsh_config(kind: VehicleKind, seed: u64) -> WorldConfig {
+fn harsh_config(vehicle_kind: VehicleKind, seed: u64) -> WorldConfig {
     const TOTAL_UT: f64 = 50.0;
     let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed);
-    let world = WorldConfig::random_world(seed).with_vehicle_kind(kind);
+    let world = WorldConfig::random_world(seed).with_vehicle_kind(vehicle_kind);
     let noise_deg = trial.attitude_sigma_rad.to_degrees();
     WorldConfig {
         airframe: Airframe { field_matrix: trial.field_matrix, hard_iron_ut: trial.hard_iron * TOTAL_UT },
@@ -58,7 +58,7 @@ fn fly_samples(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
         if world.unfinished_legs() == 0 {
             break;
         }
-        let at = Timestamp::from_us(now_us);
+        let now = Timestamp::from_us(now_us);
         if now_us.is_multiple_of(20_000) {
             let truth = world.true_state(now_us - latency_us);
             let reported = source.next_report(&truth);
@@ -67,11 +67,11 @@ fn fly_samples(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
             let attitude = Attitude { roll_rad, pitch_rad };
             let body_rates = BodyRates::from_rad_s(truth.body_rates_rad_s().map(|rate| rate as f32));
             let sender = SenderId::default();
-            instrument.on_attitude(at, AttitudeReport { sender, sender_time, attitude, body_rates });
+            instrument.on_attitude(now, AttitudeReport { sender, sender_time, attitude, body_rates });
         }
         if now_us.is_multiple_of(12_500) {
             let field = Field::new(world.sensor_field(now_us).ut + (noise.normal_vector() * 0.32).cast());
-            instrument.on_reading(at, Reading { field, is_saturated: false, was_overwritten: false });
+            instrument.on_reading(now, Reading { field, is_saturated: false, was_overwritten: false });
             samples.extend(std::iter::from_fn(|| instrument.next_sample()));
         }
     }
@@ -80,30 +80,32 @@ fn fly_samples(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
 
 /// RMS heading error at exact field and attitude, level and tilted by 20 deg in eight directions, at twelve headings.
 fn rms_deg(calibration: &Calibration, config: &WorldConfig) -> f64 {
-    let tilts = (0..8).map(|side| f64::from(side) / 8.0 * TAU).map(|side| [20.0 * side.cos(), 20.0 * side.sin()]);
+    let tilts = (0..8)
+        .map(|tilt_direction_rad| f64::from(tilt_direction_rad) / 8.0 * TAU)
+        .map(|tilt_direction_rad| [20.0 * tilt_direction_rad.cos(), 20.0 * tilt_direction_rad.sin()]);
     let errors: Vec<f64> = std::iter::once([0.0; 2])
         .chain(tilts)
         .flat_map(|[roll_deg, pitch_deg]| (0..12).map(move |i| [roll_deg, pitch_deg, f64::from(i) * 30.0]))
         .map(|[roll_deg, pitch_deg, heading_deg]| {
             let truth = Euler::from_deg(roll_deg, pitch_deg, heading_deg);
             let sensed = config.airframe.measured_field(&config.earth.body_field_ut(truth));
-            let level = Attitude::from_deg(roll_deg as f32, pitch_deg as f32)
+            let level_field = Attitude::from_deg(roll_deg as f32, pitch_deg as f32)
                 .to_level_frame(calibration.calibrated_field(sensed));
-            wrap_180(f64::from(level.heading_rad().to_degrees()) - heading_deg)
+            wrap_180(f64::from(level_field.heading_rad().to_degrees()) - heading_deg)
         })
         .collect();
     ErrorStatistics::from_errors_deg(&errors).rms_deg
 }
 
-fn routine(kind: VehicleKind) -> CalibrationRoutine {
-    CalibrationRoutine::for_vehicle(kind, TurnPlan { circles_per_side: 3.0, ..TurnPlan::default() }, 0.0)
+fn routine(vehicle_kind: VehicleKind) -> CalibrationRoutine {
+    CalibrationRoutine::for_vehicle(vehicle_kind, TurnPlan { circles_per_side: 3.0, ..TurnPlan::default() }, 0.0)
 }
 
 /// Median and 90th percentile of the RMS heading error of 40 airframes; infinite without a solution.
-fn median_and_worst_decile_deg(kind: VehicleKind, legs: &[Leg]) -> [f64; 2] {
+fn median_and_worst_decile_deg(vehicle_kind: VehicleKind, legs: &[Leg]) -> [f64; 2] {
     let mut rms: Vec<f64> = (100..140)
         .map(|seed| {
-            let config = harsh_config(kind, seed);
+            let config = harsh_config(vehicle_kind, seed);
             let mut retained = RetainedSamples::EMPTY;
             let mut collector = Collector::new(&mut retained);
             collector.begin_procedure(Procedure::Flight);
@@ -111,8 +113,8 @@ fn median_and_worst_decile_deg(kind: VehicleKind, legs: &[Leg]) -> [f64; 2] {
                 collector.push_sample(sample);
             }
             let prior = Prior { readings_per_sample: 8, ..Prior::default() };
-            let solved = solve_samples(Method::MaximumLikelihood, collector.fit_samples(), &prior);
-            solved.map_or(f64::INFINITY, |solution| rms_deg(&solution.calibration, &config))
+            let solve_result = solve_samples(Method::MaximumLikelihood, collector.fit_samples(), &prior);
+            solve_result.map_or(f64::INFINITY, |solution| rms_deg(&solution.calibration, &config))
         })
         .collect();
     rms.sort_by(f64::total_cmp);
@@ -138,13 +140,16 @@ fn yaw_turns_in_hover_do_not_determine_the_calibration() {
 /// 0.62, rover 0.54 and 1.25, boat 0.72 and 1.47 (small tilts, continuous accelerations).
 #[test]
 fn routines_of_other_vehicles_determine_their_calibration() {
-    for (kind, most_median, most_worst_decile) in [
+    for (vehicle_kind, most_median, most_worst_decile) in [
         (VehicleKind::Plane, 0.4, 0.8),
         (VehicleKind::Vtol, 0.4, 0.9),
         (VehicleKind::Rover, 0.8, 1.6),
         (VehicleKind::Boat, 1.0, 2.0),
     ] {
-        let [median, worst_decile] = median_and_worst_decile_deg(kind, &routine(kind).legs());
-        assert!(median <= most_median && worst_decile <= most_worst_decile, "{kind:?}: {median}, {worst_decile}");
+        let [median, worst_decile] = median_and_worst_decile_deg(vehicle_kind, &routine(vehicle_kind).legs());
+        assert!(
+            median <= most_median && worst_decile <= most_worst_decile,
+            "{vehicle_kind:?}: {median}, {worst_decile}"
+        );
     }
 }

@@ -79,9 +79,9 @@ fn console_commands_are_answered_and_flash_survives_a_restart() {
     assert!(typed_command(&mut first, "frobnicate").contains("error unknown-command: "));
     assert!(headings(&mut first, 1).iter().all(Option::is_none));
     drop(first);
-    let mut again = served_module(ServeOptions::default(), Some(&CALIBRATED));
-    assert!(typed_command(&mut again, "status all").contains("ok calibrated"));
-    let headings = headings(&mut again, 3);
+    let mut restarted = served_module(ServeOptions::default(), Some(&CALIBRATED));
+    assert!(typed_command(&mut restarted, "status all").contains("ok calibrated"));
+    let headings = headings(&mut restarted, 3);
     assert!(headings.len() >= 29 && headings.iter().all(Option::is_some), "{headings:?}");
 }
 
@@ -90,19 +90,19 @@ fn the_output_does_not_depend_on_the_time_steps() {
     let output_of_pieces = |pieces_us: &[u64]| {
         let options = ServeOptions { flight_pattern: PilotPattern::Wandering, ..ServeOptions::default() };
         let mut served_module = ServedModule::new(WorldConfig::of_table1(3), options, Some(&CALIBRATED));
-        let mut pieces = pieces_us.iter().cycle();
+        let mut time_steps = pieces_us.iter().cycle();
         for typed_command in [&b"status all\r"[..], b"cal start\r", b"status all\r"] {
             let until_us = served_module.now_us() + 20 * SECOND_US;
             served_module.send_bytes(CONSOLE_PORT, typed_command);
             while served_module.now_us() < until_us {
-                served_module.advance_time((*pieces.next().unwrap()).min(until_us - served_module.now_us()));
+                served_module.advance_time((*time_steps.next().unwrap()).min(until_us - served_module.now_us()));
             }
         }
         (served_module.receive_bytes(CONSOLE_PORT), served_module.receive_bytes(INSTRUMENT_PORT))
     };
-    let whole = output_of_pieces(&[20 * SECOND_US]);
-    assert!(whole.0.len() > 1000 && whole.1.len() > 10_000);
-    assert!(whole == output_of_pieces(&[7_300, 1, 250_000, 99_999]), "other bytes");
+    let output_in_one_step = output_of_pieces(&[20 * SECOND_US]);
+    assert!(output_in_one_step.0.len() > 1000 && output_in_one_step.1.len() > 10_000);
+    assert!(output_in_one_step == output_of_pieces(&[7_300, 1, 250_000, 99_999]), "other bytes");
 }
 
 /// A bank of 25 deg at 22 m/s turns by 11.9 deg/s: 30 s per circle. A command cancels the pattern.
@@ -135,12 +135,12 @@ fn the_pilot_flies_the_commanded_legs() {
     assert_eq!(served_module.execute_line("loop 3").unwrap_err().stable_code(), "unknown-order");
 }
 
-fn number_after(text: &str, words: &str) -> f64 {
-    let rest = text.split_once(words).unwrap_or_else(|| panic!("{words} in {text}")).1;
-    rest.split([',', ' ', ';']).next().unwrap().parse().unwrap()
+fn number_after(text: &str, label: &str) -> f64 {
+    let after_label = text.split_once(label).unwrap_or_else(|| panic!("{label} in {text}")).1;
+    after_label.split([',', ' ', ';']).next().unwrap().parse().unwrap()
 }
 
-const VISITED: ServeOptions = ServeOptions {
+const WITH_EXTERNAL_SIMULATOR: ServeOptions = ServeOptions {
     flight_pattern: PilotPattern::Routine,
     attitude: AttitudeProvider::Auto,
     has_external_simulator: true,
@@ -149,16 +149,16 @@ const VISITED: ServeOptions = ServeOptions {
 
 #[test]
 fn attitudes_of_another_simulator_turn_the_heading() {
-    let mut served_module = served_module(VISITED, Some(&CALIBRATED));
-    for deg in [90.0, 200.0, 345.0] {
+    let mut served_module = served_module(WITH_EXTERNAL_SIMULATOR, Some(&CALIBRATED));
+    for heading_deg in [90.0, 200.0, 345.0] {
         for _ in 0..60 {
-            served_module.follow_datagram(format!("0 0 {deg}").as_bytes()).unwrap();
+            served_module.follow_datagram(format!("0 0 {heading_deg}").as_bytes()).unwrap();
             served_module.advance_time(SECOND_US / 20);
         }
         let headings = headings(&mut served_module, 2);
-        let errors = headings.iter().map(|heading| wrap_180(heading.expect("a heading") - deg));
-        let worst = errors.fold(0.0, |worst: f64, error| worst.max(error.abs()));
-        assert!(headings.len() >= 19 && worst < HEADING_BOUND_DEG, "{deg}: {headings:?}");
+        let errors = headings.iter().map(|heading| wrap_180(heading.expect("a heading") - heading_deg));
+        let largest = errors.fold(0.0, |largest: f64, error| largest.max(error.abs()));
+        assert!(headings.len() >= 19 && largest < HEADING_BOUND_DEG, "{heading_deg}: {headings:?}");
     }
     assert_eq!(served_module.execute_line("turn 25 90").unwrap_err().stable_code(), "flown-by-another");
 }
@@ -168,7 +168,8 @@ fn attitudes_of_another_simulator_turn_the_heading() {
 #[test]
 fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
     for deg in [0.0, 100.0, 301.0] {
-        let mut served_module = ServedModule::new(WorldConfig::of_table1(1), VISITED, Some(&CALIBRATED));
+        let mut served_module =
+            ServedModule::new(WorldConfig::of_table1(1), WITH_EXTERNAL_SIMULATOR, Some(&CALIBRATED));
         assert!(headings(&mut served_module, 3).iter().all(Option::is_none), "{deg}");
         assert!(served_module.execute_line("status").unwrap().contains("attitude from nobody yet"));
         assert!(typed_command(&mut served_module, "status all").contains("reports: 0,"), "none from power-on");
@@ -185,7 +186,7 @@ fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
 /// mean of the old and the new heading, and headings were 4 to 9 deg off.
 #[test]
 fn no_attitude_is_of_an_instant_before_the_first_one() {
-    let mut served_module = ServedModule::new(WorldConfig::of_table1(1), VISITED, Some(&CALIBRATED));
+    let mut served_module = ServedModule::new(WorldConfig::of_table1(1), WITH_EXTERNAL_SIMULATOR, Some(&CALIBRATED));
     served_module.advance_time(21_370);
     served_module.follow_datagram(b"0 0 301").unwrap();
     for poll_ms in 0..300 {
@@ -198,14 +199,16 @@ fn no_attitude_is_of_an_instant_before_the_first_one() {
 
 #[test]
 fn malformed_attitudes_are_counted_and_ignored() {
-    let mut served_module = served_module(VISITED, None);
+    let mut served_module = served_module(WITH_EXTERNAL_SIMULATOR, None);
     served_module.follow_datagram(b"10 5 90").unwrap();
     served_module.advance_time(SECOND_US);
     let before = served_module.execute_line("status").unwrap();
     let mut random = Random(7);
-    for (number, bad) in [&b"10 5"[..], b"", b"90 0 nan", b"\xff\xff", &random.bytes(200)].into_iter().enumerate() {
-        let code = served_module.follow_datagram(bad).unwrap_err().stable_code();
-        assert_eq!(code, if number == 2 { "datagram-out-of-range" } else { "bad-datagram" });
+    for (datagram_index, datagram) in
+        [&b"10 5"[..], b"", b"90 0 nan", b"\xff\xff", &random.bytes(200)].into_iter().enumerate()
+    {
+        let code = served_module.follow_datagram(datagram).unwrap_err().stable_code();
+        assert_eq!(code, if datagram_index == 2 { "datagram-out-of-range" } else { "bad-datagram" });
     }
     served_module.advance_time(SECOND_US);
     assert_eq!(served_module.datagram_counts(), Some(DatagramCounts { accepted_datagrams: 1, rejected_datagrams: 5 }));
@@ -220,9 +223,9 @@ fn malformed_attitudes_are_counted_and_ignored() {
 /// ATTITUDE of another autopilot with a characteristic roll.
 fn peer_frame(tick: u32) -> Vec<u8> {
     let roll = 0.7 + 0.001 * (tick % 7) as f32;
-    let theirs = ATTITUDE_DATA { time_boot_ms: 20 * tick, roll, rollspeed: 0.01, ..Default::default() };
+    let attitude = ATTITUDE_DATA { time_boot_ms: 20 * tick, roll, rollspeed: 0.01, ..Default::default() };
     let mut frame = MAVLinkV2MessageRaw::new();
-    frame.serialize_message_data(MavHeader { system_id: 9, component_id: 1, sequence: tick as u8 }, &theirs);
+    frame.serialize_message_data(MavHeader { system_id: 9, component_id: 1, sequence: tick as u8 }, &attitude);
     frame.raw_bytes().to_vec()
 }
 
@@ -305,7 +308,7 @@ fn no_bytes_stop_the_served_module() {
 struct Program {
     child: Child,
     stdout_reader: BufReader<ChildStdout>,
-    places: Value,
+    port_addresses: Value,
 }
 
 fn host_sim(arguments: &[&str]) -> Command {
@@ -320,17 +323,17 @@ impl Program {
         let mut stdout_reader = BufReader::new(child.stdout.take().unwrap());
         let mut line = String::new();
         stdout_reader.read_line(&mut line).unwrap();
-        let places = serde_json::from_str(&line).unwrap();
-        Self { child, stdout_reader, places }
+        let port_addresses = serde_json::from_str(&line).unwrap();
+        Self { child, stdout_reader, port_addresses }
     }
 
     fn pty(&self, port: usize) -> String {
-        self.places["ports"][port]["pty"].as_str().unwrap().to_owned()
+        self.port_addresses["ports"][port]["pty"].as_str().unwrap().to_owned()
     }
 
     fn tcp(&self, port: usize) -> TcpStream {
-        let number = self.places["ports"][port]["tcp"].as_u64().unwrap() as u16;
-        let stream = TcpStream::connect(("127.0.0.1", number)).unwrap();
+        let port_number = self.port_addresses["ports"][port]["tcp"].as_u64().unwrap() as u16;
+        let stream = TcpStream::connect(("127.0.0.1", port_number)).unwrap();
         // Ends this test if the module stays silent.
         stream.set_read_timeout(Some(Duration::from_mins(2))).unwrap();
         stream
@@ -343,7 +346,6 @@ impl Program {
         answer
     }
 
-    /// Sends SIGINT and returns the exit code.
     fn interrupt(&mut self) -> Option<i32> {
         kill_process(Pid::from_child(&self.child), Signal::INT).unwrap();
         self.child.wait().unwrap().code()
@@ -359,21 +361,21 @@ impl Drop for Program {
 }
 
 /// Limit of bytes to read: twenty seconds of headings at five times real time.
-const MOST: usize = 80_000;
+const MAX_READ_BYTES: usize = 80_000;
 
-fn read_until(from: &mut impl Read, is_there: impl Fn(&[u8]) -> bool) -> Vec<u8> {
-    let mut read = Vec::new();
-    while !is_there(&read) {
+fn read_until(source: &mut impl Read, is_there: impl Fn(&[u8]) -> bool) -> Vec<u8> {
+    let mut received = Vec::new();
+    while !is_there(&received) {
         let mut bytes = [0; 1024];
-        let more = from.read(&mut bytes).unwrap();
-        assert!(more > 0 && read.len() < MOST, "not in {:?}", String::from_utf8_lossy(&read));
-        read.extend(&bytes[..more]);
+        let read_count = source.read(&mut bytes).unwrap();
+        assert!(read_count > 0 && received.len() < MAX_READ_BYTES, "not in {:?}", String::from_utf8_lossy(&received));
+        received.extend(&bytes[..read_count]);
     }
-    read
+    received
 }
 
-fn contains(words: &str) -> impl Fn(&[u8]) -> bool + '_ {
-    move |read| String::from_utf8_lossy(read).contains(words)
+fn contains(text: &str) -> impl Fn(&[u8]) -> bool + '_ {
+    move |received| String::from_utf8_lossy(received).contains(text)
 }
 
 #[test]
@@ -387,13 +389,14 @@ fn serve_over_tcp_answers_streams_follows_and_ends() {
     console.write_all(b"version\r").unwrap();
     read_until(&mut console, contains("ok autoswing 0.1.0\r\n> "));
     let udp = UdpSocket::bind("127.0.0.1:0").unwrap();
-    let world = program.places["world"].as_u64().unwrap() as u16;
+    let world = program.port_addresses["world"].as_u64().unwrap() as u16;
     udp.send_to(b"east", ("127.0.0.1", world)).unwrap();
     udp.send_to(b"0 0 90", ("127.0.0.1", world)).unwrap();
     // Both connections receive the same output, long enough to observe the turn.
     for mut listener in [program.tcp(INSTRUMENT_PORT), program.tcp(INSTRUMENT_PORT)] {
-        let is_east =
-            |read: &[u8]| sentences(read).iter().flatten().any(|deg| wrap_180(deg - 90.0).abs() < HEADING_BOUND_DEG);
+        let is_east = |read: &[u8]| {
+            sentences(read).iter().flatten().any(|heading_deg| wrap_180(heading_deg - 90.0).abs() < HEADING_BOUND_DEG)
+        };
         read_until(&mut listener, is_east);
     }
     assert!(program.order("status").contains("1 attitudes received, 1 malformed"));
@@ -404,8 +407,8 @@ fn serve_over_tcp_answers_streams_follows_and_ends() {
     drop(program);
     let (_, image) = FlashImage::lock_and_read(&flash).unwrap().unwrap();
     assert!(image != *CALIBRATED, "what was set is kept");
-    let mut again = served_module(ServeOptions::default(), Some(&image));
-    let status = typed_command(&mut again, "status all");
+    let mut restarted = served_module(ServeOptions::default(), Some(&image));
+    let status = typed_command(&mut restarted, "status all");
     assert!(status.contains("ok calibrated") && status.contains("declination: 7.0 deg"), "{status}");
 }
 
@@ -439,14 +442,14 @@ fn attaching_programs_are_reported_and_a_flash_file_has_one_user() {
     let Output { status, stderr, .. } = host_sim(&["serve", "--flash", flash]).output().unwrap();
     let stderr_text = String::from_utf8(stderr).unwrap();
     assert!(status.code() == Some(2) && stderr_text.contains("flash-in-use: "), "{stderr_text}");
-    let number = program.places["ports"][INSTRUMENT_PORT]["tcp"].to_string();
+    let port_number = program.port_addresses["ports"][INSTRUMENT_PORT]["tcp"].to_string();
     let nmea = fs::File::open(program.pty(INSTRUMENT_PORT)).unwrap();
     let mut stderr = program.child.stderr.take().unwrap();
     read_until(&mut stderr, contains(&format!("port 2: a program attached to {}", program.pty(INSTRUMENT_PORT))));
     let client = program.tcp(INSTRUMENT_PORT);
-    read_until(&mut stderr, contains(&format!(" attached to TCP port {number}")));
+    read_until(&mut stderr, contains(&format!(" attached to TCP port {port_number}")));
     drop((client, nmea));
-    read_until(&mut stderr, contains(&format!("a program detached from TCP port {number}")));
+    read_until(&mut stderr, contains(&format!("a program detached from TCP port {port_number}")));
     assert_eq!(program.interrupt(), Some(130));
 }
 
@@ -459,19 +462,22 @@ fn the_private_console_takes_orders_and_quits() {
     keys.write_all(b"reboot\r!land\r").unwrap();
     read_until(&mut printed, contains("ok lands"));
     keys.write_all(b"!status\r").unwrap();
-    let is_landed = |read: &[u8]| contains("stands on the ground")(read);
-    let mut read = Vec::new();
-    while !is_landed(&read) {
+    let is_landed = |received: &[u8]| contains("stands on the ground")(received);
+    let mut received = Vec::new();
+    while !is_landed(&received) {
         std::thread::sleep(Duration::from_millis(100));
         keys.write_all(b"!status\r").unwrap();
-        read = read_until(&mut printed, contains("ok "));
+        received = read_until(&mut printed, contains("ok "));
     }
     keys.write_all(b"version\rquit\rhelp\r").unwrap();
     drop(keys);
-    let mut rest = String::new();
-    printed.read_to_string(&mut rest).unwrap();
+    let mut remaining_output = String::new();
+    printed.read_to_string(&mut remaining_output).unwrap();
     assert!(console.wait().unwrap().success());
-    assert!(rest.contains("ok autoswing 0.1.0") && !rest.contains("lists the commands"), "{rest}");
+    assert!(
+        remaining_output.contains("ok autoswing 0.1.0") && !remaining_output.contains("lists the commands"),
+        "{remaining_output}"
+    );
 }
 
 #[test]
@@ -482,7 +488,6 @@ fn the_console_command_runs_its_own_module() {
     assert!(status.success() && contains("ok autoswing 0.1.0")(&stdout), "{}", String::from_utf8_lossy(&stdout));
 }
 
-/// Error code and cause on the error output; exit code 2.
 #[test]
 fn serve_errors_are_reported_with_code_and_cause() {
     let folder = tempfile::tempdir().unwrap();

@@ -9,7 +9,7 @@ use simulator::world::WorldConfig;
 use simulator::world::autopilot::Leg;
 use testkit::random::Random;
 
-fn calibrated() -> Rig {
+fn calibrated_rig() -> Rig {
     let mut rig = Rig::new(WorldConfig::of_table1(2));
     rig.run_for_s(1.0);
     rig.send_console_line("cal start turns");
@@ -26,7 +26,7 @@ fn calibrated() -> Rig {
     rig
 }
 
-fn listen(rig: &mut Rig, seconds: f64) -> Vec<HeadingSentence> {
+fn receive_sentences(rig: &mut Rig, seconds: f64) -> Vec<HeadingSentence> {
     let _ = rig.instrument.receive_bytes();
     rig.run_for_s(seconds);
     let mut reader = SentenceReader::default();
@@ -42,41 +42,47 @@ fn listen(rig: &mut Rig, seconds: f64) -> Vec<HeadingSentence> {
 }
 
 fn headings(received: &[HeadingSentence]) -> usize {
-    received.iter().filter(|r| r.heading_deg.is_some()).count()
+    received.iter().filter(|sentence| sentence.heading_deg.is_some()).count()
 }
 
 #[test]
 fn every_sentence_is_sent_at_the_set_rate() {
-    let mut rig = calibrated();
+    let mut rig = calibrated_rig();
     for (rate_hz, expected) in [(10, 50_usize), (1, 5), (40, 200), (80, 400)] {
         rig.send_console_line(&format!("stream rate {rate_hz}"));
-        let received = listen(&mut rig, 5.0);
-        for kind in ["HCHDM", "HCHDG", "PASWH"] {
-            let count = received.iter().filter(|r| r.sentence_kind == kind).count();
+        let received = receive_sentences(&mut rig, 5.0);
+        for sentence_kind in ["HCHDM", "HCHDG", "PASWH"] {
+            let count = received.iter().filter(|sentence| sentence.sentence_kind == sentence_kind).count();
             // Output follows the sensor's 80 Hz samples, whose period need not divide a second.
-            assert!(count.abs_diff(expected) <= 1 + expected / 20, "{kind} at {rate_hz} Hz: {count} in 5 s");
+            assert!(count.abs_diff(expected) <= 1 + expected / 20, "{sentence_kind} at {rate_hz} Hz: {count} in 5 s");
         }
         assert_eq!(headings(&received), received.len());
     }
     rig.send_console_line("stream off");
-    assert!(listen(&mut rig, 2.0).is_empty());
+    assert!(receive_sentences(&mut rig, 2.0).is_empty());
 }
 
 /// Smooth by default; the sentence names the kind. Second differences of the smooth heading are below a third of those
 /// of the raw one.
 #[test]
 fn the_pilot_chooses_which_heading_is_sent() {
-    let mut rig = calibrated();
+    let mut rig = calibrated_rig();
     let mut bends_deg = Vec::new();
-    for kind in ["smooth", "raw", "smooth"] {
-        rig.send_console_line(&format!("stream heading {kind}"));
+    for heading_kind in ["smooth", "raw", "smooth"] {
+        rig.send_console_line(&format!("stream heading {heading_kind}"));
         rig.run_for_s(0.5);
-        let received = listen(&mut rig, 4.0);
-        let qualities: Vec<_> = received.iter().filter(|r| r.sentence_kind == "PASWH").collect();
-        assert!(qualities.len() >= 35 && qualities.iter().all(|r| r.heading_kind.as_deref() == Some(kind)), "{kind}");
-        let headings: Vec<f64> = qualities.iter().filter_map(|r| r.heading_deg).collect();
-        let bend = |three: &[f64]| wrap_180(three[2] - three[1]) - wrap_180(three[1] - three[0]);
-        let squares = headings.windows(3).map(|three| bend(three).powi(2)).sum::<f64>();
+        let received = receive_sentences(&mut rig, 4.0);
+        let qualities: Vec<_> = received.iter().filter(|sentence| sentence.sentence_kind == "PASWH").collect();
+        assert!(
+            qualities.len() >= 35
+                && qualities.iter().all(|sentence| sentence.heading_kind.as_deref() == Some(heading_kind)),
+            "{heading_kind}"
+        );
+        let headings: Vec<f64> = qualities.iter().filter_map(|sentence| sentence.heading_deg).collect();
+        let bend = |heading_window: &[f64]| {
+            wrap_180(heading_window[2] - heading_window[1]) - wrap_180(heading_window[1] - heading_window[0])
+        };
+        let squares = headings.windows(3).map(|heading_window| bend(heading_window).powi(2)).sum::<f64>();
         bends_deg.push((squares / headings.len() as f64).sqrt());
     }
     assert!(bends_deg[0] < 0.33 * bends_deg[1] && bends_deg[2] < 0.33 * bends_deg[1], "{bends_deg:?}");
@@ -86,23 +92,25 @@ fn the_pilot_chooses_which_heading_is_sent() {
 fn an_uncalibrated_module_sends_empty_headings() {
     let mut rig = Rig::new(WorldConfig::of_table1(2));
     rig.run_for_s(1.0);
-    let received = listen(&mut rig, 3.0);
+    let received = receive_sentences(&mut rig, 3.0);
     assert!(received.len() >= 50);
     assert_eq!(headings(&received), 0);
 }
 
 #[test]
 fn variation_is_sent_when_declination_is_set() {
-    let mut rig = calibrated();
-    let sentence = |rig: &mut Rig, kind: &str| {
+    let mut rig = calibrated_rig();
+    let sentence = |rig: &mut Rig, sentence_kind: &str| {
         let _ = rig.instrument.receive_bytes();
         rig.run_for_s(0.3);
         let text = String::from_utf8(rig.instrument.receive_bytes()).unwrap();
-        text.split("\r\n").find(|line| line.starts_with(kind)).map(str::to_owned)
+        text.split("\r\n").find(|line| line.starts_with(sentence_kind)).map(str::to_owned)
     };
     let is_true = |rig: &mut Rig, declination_deg: f64| {
-        let received = listen(rig, 1.0);
-        let heading_deg = |kind: &str| received.iter().find(|r| r.sentence_kind == kind).unwrap().heading_deg.unwrap();
+        let received = receive_sentences(rig, 1.0);
+        let heading_deg = |sentence_kind: &str| {
+            received.iter().find(|sentence| sentence.sentence_kind == sentence_kind).unwrap().heading_deg.unwrap()
+        };
         // Headings of one output are rounded to 0.1 deg each.
         let off_deg = heading_deg("HCHDT") - heading_deg("HCHDM") - declination_deg;
         (off_deg - 360.0 * (off_deg / 360.0).round()).abs() < 0.11
@@ -120,41 +128,41 @@ fn variation_is_sent_when_declination_is_set() {
 /// 400 uT is the limit of the sensor's range.
 #[test]
 fn a_saturated_sensor_gives_no_heading() {
-    let mut rig = calibrated();
+    let mut rig = calibrated_rig();
     rig.world.set_disturbance_ut([900.0, 0.0, 0.0]);
     rig.run_for_s(0.2);
-    let received = listen(&mut rig, 2.0);
+    let received = receive_sentences(&mut rig, 2.0);
     assert!(received.len() >= 30 && headings(&received) == 0, "{} of {}", headings(&received), received.len());
     assert!(rig.send_console_line("status all").contains("heading: none, sensor-saturated"));
     rig.world.set_disturbance_ut([0.0; 3]);
     rig.run_for_s(0.2);
-    let received = listen(&mut rig, 2.0);
+    let received = receive_sentences(&mut rig, 2.0);
     assert_eq!(headings(&received), received.len());
 }
 
 /// A field 20 uT stronger than the Earth's indicates interference.
 #[test]
 fn a_disturbed_field_gives_no_heading() {
-    let mut rig = calibrated();
+    let mut rig = calibrated_rig();
     rig.world.set_disturbance_ut([0.0, 0.0, 25.0]);
     rig.run_for_s(0.2);
-    assert_eq!(headings(&listen(&mut rig, 2.0)), 0);
+    assert_eq!(headings(&receive_sentences(&mut rig, 2.0)), 0);
     assert!(rig.send_console_line("status all").contains("heading: none, field-disturbed"));
 }
 
 /// Empty sentences within 0.25 s; headings resume although the chip has lost its configuration.
 #[test]
 fn a_lost_sensor_is_detected_and_used_again_when_it_returns() {
-    let mut rig = calibrated();
+    let mut rig = calibrated_rig();
     rig.magnetometer.set_silent(true);
     rig.run_for_s(0.25);
-    let received = listen(&mut rig, 2.0);
+    let received = receive_sentences(&mut rig, 2.0);
     assert!(received.len() >= 20 && headings(&received) == 0, "{} of {}", headings(&received), received.len());
     assert!(rig.send_console_line("status all").contains("heading: none, sensor-silent"));
     rig.magnetometer.power_cycle();
     rig.magnetometer.set_silent(false);
     rig.run_for_s(1.0);
-    let received = listen(&mut rig, 2.0);
+    let received = receive_sentences(&mut rig, 2.0);
     assert_eq!(headings(&received), received.len());
     // The module did not restart.
     assert!(rig.send_console_line("status all").contains("started by power-on"));
@@ -162,13 +170,13 @@ fn a_lost_sensor_is_detected_and_used_again_when_it_returns() {
 
 #[test]
 fn garbage_between_the_attitude_messages_does_not_stop_the_stream() {
-    let mut rig = calibrated();
+    let mut rig = calibrated_rig();
     let mut random = Random(99);
-    let mut seen = (0, 0);
+    let mut heading_counts = (0, 0);
     for _ in 0..100 {
         rig.autopilot.send_bytes(&random.bytes(40));
-        let received = listen(&mut rig, 0.1);
-        seen = (seen.0 + headings(&received), seen.1 + received.len());
+        let received = receive_sentences(&mut rig, 0.1);
+        heading_counts = (heading_counts.0 + headings(&received), heading_counts.1 + received.len());
     }
-    assert!(seen.1 >= 150 && seen.0 == seen.1, "{seen:?}");
+    assert!(heading_counts.1 >= 150 && heading_counts.0 == heading_counts.1, "{heading_counts:?}");
 }

@@ -22,8 +22,8 @@ fn four_ellipses_leave_the_errors_of_the_paper() {
 #[test]
 fn all_other_methods_are_exact_without_noise() {
     let [_, reference, _, two_planes, maximum_likelihood] = figures(PaperExperiment::NOISE_FREE);
-    for exact in [reference, two_planes, maximum_likelihood] {
-        assert!(exact.max_deg <= 0.01, "{exact:?}");
+    for statistics in [reference, two_planes, maximum_likelihood] {
+        assert!(statistics.max_deg <= 0.01, "{statistics:?}");
     }
 }
 

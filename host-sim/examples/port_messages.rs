@@ -31,15 +31,22 @@ fn main() {
     print_flight(VehicleKind::Plane, [FarEnd::Mavlink(MavlinkFirmware::Px4), FarEnd::Unconnected], "set vision on");
 }
 
-fn print_flight(kind: VehicleKind, port_devices: [FarEnd; 2], setting: &str) {
-    println!("{} {setting}", kind.vehicle_name());
-    let mut rig =
-        Rig::with_port_devices(WorldConfig::of_table1(7).with_vehicle_kind(kind), Faults::default(), port_devices);
+fn print_flight(vehicle_kind: VehicleKind, port_devices: [FarEnd; 2], setting: &str) {
+    println!("{} {setting}", vehicle_kind.vehicle_name());
+    let mut rig = Rig::with_port_devices(
+        WorldConfig::of_table1(7).with_vehicle_kind(vehicle_kind),
+        Faults::default(),
+        port_devices,
+    );
     let _ = rig.send_console_line(setting);
     let _ = rig.run_for_s(12.0);
     rig.world.set_armed(true);
-    for leg in
-        CalibrationRoutine::for_vehicle(kind, TurnPlan::default(), rig.world.world_config().aircraft.heading_deg).legs()
+    for leg in CalibrationRoutine::for_vehicle(
+        vehicle_kind,
+        TurnPlan::default(),
+        rig.world.world_config().aircraft.heading_deg,
+    )
+    .legs()
     {
         rig.world.fly_leg(leg);
     }
@@ -73,7 +80,7 @@ fn print_messages(rig: &Rig) {
                     println!("{now_ms} {port} compass {} {:?}", reading.time_ms, reading.field_mg);
                 }
             }
-            AttachedDevice::Deaf => {}
+            AttachedDevice::SendOnly => {}
         }
     }
     for sentence in String::from_utf8_lossy(&rig.instrument_cable().receive_bytes()).lines() {

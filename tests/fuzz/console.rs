@@ -6,7 +6,7 @@ use autoswing::console::{Request, write_help};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-use crate::{Promise, hold};
+use crate::{PropertyResult, check_property};
 
 /// Output buffer of a session, bytes.
 const ROOM: usize = 2048;
@@ -93,8 +93,8 @@ fn typed_parts() -> impl Strategy<Value = Vec<(Vec<u8>, bool)>> {
     let word = proptest::sample::select(TYPED).prop_map(|word| word.as_bytes().to_vec());
     let upper = proptest::sample::select(TYPED).prop_map(|word| word.to_ascii_uppercase().into_bytes());
     let noise = vec(any::<u8>(), 0..12);
-    let part = prop_oneof![12 => word, 2 => upper, 1 => noise];
-    vec((part, any::<bool>()), 0..40)
+    let typed_part = prop_oneof![12 => word, 2 => upper, 1 => noise];
+    vec((typed_part, any::<bool>()), 0..40)
 }
 
 /// Feeds bytes to a session and returns the last request.
@@ -104,7 +104,7 @@ fn feed(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, TestCase
         match session.process_byte(byte) {
             Some(Ok(request)) => {
                 if let Request::Help(help_topic) = request {
-                    session.write_reply(|out| write_help(out, help_topic));
+                    session.write_reply(|reply| write_help(reply, help_topic));
                 } else {
                     session.write_reply(report::write_version);
                 }
@@ -113,7 +113,7 @@ fn feed(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, TestCase
             Some(Err(error)) => {
                 let text = error.to_string();
                 prop_assert!(!text.is_empty() && text.bytes().all(|byte| (b' '..=b'~').contains(&byte)), "{text:?}");
-                session.write_reply(|out| report::line_error(out, &error));
+                session.write_reply(|reply| report::line_error(reply, &error));
             }
             None => {}
         }
@@ -126,10 +126,10 @@ fn feed(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, TestCase
 /// first may end a key sequence, a command is understood.
 #[test]
 fn the_console_accepts_any_input() {
-    hold(typed_parts(), |parts| -> Promise {
+    check_property(typed_parts(), |parts| -> PropertyResult {
         let mut session = Session::new(report::write_version);
-        for (part, is_sent) in &parts {
-            let _ = feed(&mut session, part)?;
+        for (typed_part, is_sent) in &parts {
+            let _ = feed(&mut session, typed_part)?;
             if *is_sent {
                 let strange = |byte: &&u8| !matches!(byte, b' '..=b'~' | b'\r' | b'\n' | 0x08 | 0x1B);
                 prop_assert_eq!(session.pending_output().iter().find(strange), None);

@@ -10,10 +10,10 @@ use autoswing::wire::dronecan::{CanFrame, DataType, InboundMessage, LONGEST_RECE
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-use crate::{Promise, hold};
+use crate::{PropertyResult, check_property};
 
 /// Number of the fuzzed node.
-const OWN: u8 = 42;
+const OWN_NODE: u8 = 42;
 
 /// Frames of one transfer with its CRC, divided as the protocol requires.
 fn frames(id: u32, data_type: DataType, transfer_id: u8, payload: &[u8]) -> Vec<CanFrame> {
@@ -24,10 +24,12 @@ fn frames(id: u32, data_type: DataType, transfer_id: u8, payload: &[u8]) -> Vec<
     };
     let count = checked.len().div_ceil(7).max(1);
     (0..count)
-        .map(|number| {
-            let part = &checked[7 * number..checked.len().min(7 * number + 7)];
-            let flags = u8::from(number == 0) << 7 | u8::from(number + 1 == count) << 6 | (number as u8 & 1) << 5;
-            CanFrame::new(id, &[part, &[flags | transfer_id & 0x1F]].concat()).expect("eight bytes")
+        .map(|frame_number| {
+            let frame_payload = &checked[7 * frame_number..checked.len().min(7 * frame_number + 7)];
+            let flags = u8::from(frame_number == 0) << 7
+                | u8::from(frame_number + 1 == count) << 6
+                | (frame_number as u8 & 1) << 5;
+            CanFrame::new(id, &[frame_payload, &[flags | transfer_id & 0x1F]].concat()).expect("eight bytes")
         })
         .collect()
 }
@@ -61,12 +63,12 @@ const TYPES: [DataType; 12] = [
 
 /// Transfers of received types with any payload, up to lengths beyond the longest; source 0 is anonymous.
 fn transfer() -> impl Strategy<Value = Vec<CanFrame>> {
-    let source = prop_oneof![6 => Just(10_u8), 2 => 0..128_u8, 1 => Just(OWN)];
+    let source = prop_oneof![6 => Just(10_u8), 2 => 0..128_u8, 1 => Just(OWN_NODE)];
     let length = prop_oneof![6 => 0..30_usize, 3 => 30..140_usize, 1 => 200..300_usize];
     (proptest::sample::select(TYPES.to_vec()), source, any::<u8>(), length, vec(any::<u8>(), 300)).prop_map(
         |(data_type, source, transfer_id, length, payload)| {
             let id = if data_type.is_service {
-                0x1E00_8080 | u32::from(data_type.type_id) << 16 | u32::from(OWN) << 8 | u32::from(source)
+                0x1E00_8080 | u32::from(data_type.type_id) << 16 | u32::from(OWN_NODE) << 8 | u32::from(source)
             } else {
                 0x1800_0000 | u32::from(data_type.type_id) << 8 | u32::from(source)
             };
@@ -86,13 +88,13 @@ enum Damage {
 }
 
 fn damage() -> impl Strategy<Value = Damage> {
-    let any = any::<usize>;
+    let any_index = any::<usize>;
     prop_oneof![
         4 => Just(Damage::None),
-        1 => any().prop_map(Damage::Remove),
-        1 => any().prop_map(Damage::Repeat),
-        1 => (any(), any()).prop_map(|(one, other)| Damage::Swap(one, other)),
-        1 => (any(), any()).prop_map(|(frame, bit)| Damage::Flip(frame, bit)),
+        1 => any_index().prop_map(Damage::Remove),
+        1 => any_index().prop_map(Damage::Repeat),
+        1 => (any_index(), any_index()).prop_map(|(first_index, second_index)| Damage::Swap(first_index, second_index)),
+        1 => (any_index(), any_index()).prop_map(|(frame, bit)| Damage::Flip(frame, bit)),
     ]
 }
 
@@ -128,13 +130,15 @@ fn traffic() -> impl Strategy<Value = Vec<CanFrame>> {
     });
     let noise = (0..1_u32 << 29, vec(any::<u8>(), 0..=8))
         .prop_map(|(id, data)| vec![CanFrame::new(id, &data).expect("29 bits and eight bytes")]);
-    let all = vec(prop_oneof![6 => damaged, 1 => noise], 0..5);
-    (all, any::<bool>()).prop_map(|(all, is_interleaved)| {
-        let longest = all.iter().map(Vec::len).max().unwrap_or(0);
+    let transfers = vec(prop_oneof![6 => damaged, 1 => noise], 0..5);
+    (transfers, any::<bool>()).prop_map(|(transfers, is_interleaved)| {
+        let longest = transfers.iter().map(Vec::len).max().unwrap_or(0);
         if is_interleaved {
-            (0..longest).flat_map(|at| all.iter().filter_map(move |frames| frames.get(at).cloned())).collect()
+            (0..longest)
+                .flat_map(|frame_index| transfers.iter().filter_map(move |frames| frames.get(frame_index).cloned()))
+                .collect()
         } else {
-            all.concat()
+            transfers.concat()
         }
     })
 }
@@ -153,17 +157,17 @@ fn is_bounded(message: &InboundMessage<'_>) -> bool {
 /// Nothing panics, every message is within its bounds, and an intact transfer after the traffic is received.
 #[test]
 fn any_frames_are_received_or_dropped() {
-    hold(traffic(), |traffic| -> Promise {
+    check_property(traffic(), |traffic| -> PropertyResult {
         let mut receiver = Receiver::new();
         for frame in &traffic {
-            if let Some(transfer) = receiver.push_frame(Timestamp::START, NodeId::new(OWN), frame) {
+            if let Some(transfer) = receiver.push_frame(Timestamp::START, NodeId::new(OWN_NODE), frame) {
                 prop_assert!(is_bounded(&transfer.message), "{transfer:?}");
             }
         }
-        let good = frames(0x1804_440A, DataType::BATTERY_INFO, 5, &[0; 30]);
+        let good_frames = frames(0x1804_440A, DataType::BATTERY_INFO, 5, &[0; 30]);
         let mut last = false;
-        for frame in &good {
-            last = receiver.push_frame(Timestamp::START, NodeId::new(OWN), frame).is_some();
+        for frame in &good_frames {
+            last = receiver.push_frame(Timestamp::START, NodeId::new(OWN_NODE), frame).is_some();
         }
         prop_assert!(last, "an intact transfer is dropped");
         Ok(())
@@ -180,12 +184,12 @@ fn a_node_survives_any_frames() {
         hardware_version: [1, 0],
         unique_id: [7; 16],
     };
-    hold((traffic(), any::<bool>(), any::<bool>()), |(traffic, has_number, is_armed)| -> Promise {
-        let can = CanSettings { node: if has_number { OWN } else { 0 }, ..CanSettings::DEFAULT };
+    check_property((traffic(), any::<bool>(), any::<bool>()), |(traffic, has_number, is_armed)| -> PropertyResult {
+        let can = CanSettings { node: if has_number { OWN_NODE } else { 0 }, ..CanSettings::DEFAULT };
         let settings = Settings { can, ..Settings::DEFAULT };
         let mut node = CanNode::new(INFO, can);
-        for (number, frame) in traffic.iter().enumerate() {
-            let now = Timestamp::from_us(number as u64 * 12_500);
+        for (frame_number, frame) in traffic.iter().enumerate() {
+            let now = Timestamp::from_us(frame_number as u64 * 12_500);
             node.receive_frame(now, frame, &mut |_| {});
             let estimate = Estimate { timestamp: now, ..Estimate::EMPTY };
             let indicator = IndicatorState::Idle;

@@ -32,7 +32,7 @@ fn case_count() -> u32 {
     }
 }
 
-type Promise = Result<(), TestCaseError>;
+type PropertyResult = Result<(), TestCaseError>;
 
 /// Runner with a fixed seed instead of the system's entropy.
 fn runner(cases: u32) -> TestRunner {
@@ -40,25 +40,24 @@ fn runner(cases: u32) -> TestRunner {
     TestRunner::new_with_rng(config, TestRng::from_seed(RngAlgorithm::ChaCha, &[7; 32]))
 }
 
-/// Checks a property for all inputs of a strategy.
-fn hold<S: Strategy<Value: Debug>>(kind: S, property: impl Fn(S::Value) -> Promise) {
+fn check_property<S: Strategy<Value: Debug>>(strategy: S, property: impl Fn(S::Value) -> PropertyResult) {
     let mut runner = runner(case_count());
-    if let Err(failure) = runner.run(&kind, property) {
+    if let Err(failure) = runner.run(&strategy, property) {
         panic!("{failure}");
     }
 }
 
 #[test]
 fn one_seed_gives_the_same_inputs() {
-    let all = || {
-        let all = std::cell::RefCell::new(Vec::new());
+    let all_inputs = || {
+        let all_inputs = std::cell::RefCell::new(Vec::new());
         let mut runner = runner(100);
-        let keep = |bytes| {
-            all.borrow_mut().push(bytes);
+        let record_input = |bytes| {
+            all_inputs.borrow_mut().push(bytes);
             Ok(())
         };
-        runner.run(&mavlink::stream(), keep).expect("nothing is promised");
-        all.into_inner()
+        runner.run(&mavlink::stream(), record_input).expect("nothing is promised");
+        all_inputs.into_inner()
     };
-    assert_eq!(all(), all());
+    assert_eq!(all_inputs(), all_inputs());
 }

@@ -5,7 +5,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 
 use crate::stream::{self, Piece, Wire};
-use crate::{Promise, hold};
+use crate::{PropertyResult, check_property};
 
 /// ID, CRC seed and longest payload of the decoded messages, from the protocol definition (common.xml).
 const MESSAGES: [(u8, u8, usize); 9] = [
@@ -72,7 +72,7 @@ pub fn frame() -> impl Strategy<Value = Vec<u8>> {
 }
 
 pub fn stream() -> impl Strategy<Value = Vec<Piece>> {
-    stream::of(frame(), &[0xFE, 0xFD])
+    stream::pieces_of(frame(), &[0xFE, 0xFD])
 }
 
 /// Intact frame, found independently of the receiver by a search from every byte.
@@ -85,19 +85,19 @@ pub struct Intact {
 
 /// All intact frames in the bytes, also nested ones.
 pub fn intact(bytes: &[u8]) -> Vec<Intact> {
-    let mut found = Vec::new();
-    for begin in 0..bytes.len() {
-        let rest = &bytes[begin..];
-        let (header, id, [system, component], signature) = match *rest {
+    let mut intact_frames = Vec::new();
+    for start in 0..bytes.len() {
+        let from_start = &bytes[start..];
+        let (header, id, [system, component], signature) = match *from_start {
             [0xFE, _, _, system, component, id, ..] => (6, id, [system, component], 0),
             [0xFD, _, flags @ 0..=1, _, _, system, component, id, 0, 0, ..] => {
                 (10, id, [system, component], 13 * usize::from(flags))
             }
             _ => continue,
         };
-        let length = usize::from(rest[1]);
+        let length = usize::from(from_start[1]);
         let Some(&(_, extra, longest)) = MESSAGES.iter().find(|message| message.0 == id) else { continue };
-        let Some(frame) = rest.get(..header + length + 2 + signature) else { continue };
+        let Some(frame) = from_start.get(..header + length + 2 + signature) else { continue };
         if length > longest
             || crc(frame[1..header + length].iter().copied().chain([extra]))[..] != frame[header + length..][..2]
         {
@@ -105,14 +105,19 @@ pub fn intact(bytes: &[u8]) -> Vec<Intact> {
         }
         let mut payload = [0; 56];
         payload[..length].copy_from_slice(&frame[header..header + length]);
-        found.push(Intact { end: begin + frame.len(), id, sender: u16::from_be_bytes([system, component]), payload });
+        intact_frames.push(Intact {
+            end: start + frame.len(),
+            id,
+            sender: u16::from_be_bytes([system, component]),
+            payload,
+        });
     }
-    found
+    intact_frames
 }
 
 impl Intact {
-    fn u32(&self, at: usize) -> u32 {
-        u32::from_le_bytes([0, 1, 2, 3].map(|byte| self.payload[at + byte]))
+    fn u32(&self, offset: usize) -> u32 {
+        u32::from_le_bytes([0, 1, 2, 3].map(|byte| self.payload[offset + byte]))
     }
 
     /// Whether it is ATTITUDE with these angles.
@@ -126,7 +131,7 @@ impl stream::Intact<InboundMessage> for Intact {
         self.end
     }
 
-    fn says(&self, message: &InboundMessage) -> bool {
+    fn matches_message(&self, message: &InboundMessage) -> bool {
         let (id, sender) = (self.id, self.sender);
         match message {
             InboundMessage::Attitude(report) => {
@@ -141,17 +146,19 @@ impl stream::Intact<InboundMessage> for Intact {
             }
             InboundMessage::Position(source, _) => (id, sender) == (33, source.packed_number()),
             InboundMessage::Current(source, current) => {
-                let at = if id == 1 { 16 } else { 30 };
-                let encoded_current = f32::from(i16::from_le_bytes([self.payload[at], self.payload[at + 1]])) * 0.01;
+                let current_offset = if id == 1 { 16 } else { 30 };
+                let encoded_current =
+                    f32::from(i16::from_le_bytes([self.payload[current_offset], self.payload[current_offset + 1]]))
+                        * 0.01;
                 [1, 147].contains(&id)
                     && sender == source.packed_number()
                     && current.is_none_or(|amperes| amperes.to_bits() == encoded_current.to_bits())
             }
             InboundMessage::Date(source, _) => (id, sender) == (2, source.packed_number()),
             InboundMessage::Command(command) => {
-                let number = u16::from_le_bytes([self.payload[28], self.payload[29]]);
+                let command_number = u16::from_le_bytes([self.payload[28], self.payload[29]]);
                 [75, 76].contains(&id)
-                    && (sender, number) == (command.sender_id.packed_number(), command.command_number)
+                    && (sender, command_number) == (command.sender_id.packed_number(), command.command_number)
             }
             InboundMessage::Acknowledgement(ack) => {
                 (id, sender, self.payload[2]) == (77, ack.sender_id.packed_number(), ack.result)
@@ -161,7 +168,7 @@ impl stream::Intact<InboundMessage> for Intact {
 }
 
 /// ATTITUDE with a roll of 0.5 rad, without start-of-frame bytes.
-fn good() -> Vec<u8> {
+fn good_frame() -> Vec<u8> {
     let mut payload = [1; 28];
     payload[4..8].copy_from_slice(&0.5_f32.to_le_bytes());
     payload[8..12].fill(0);
@@ -170,11 +177,11 @@ fn good() -> Vec<u8> {
 
 #[test]
 fn only_mavlink_frames_with_correct_crc_are_accepted() {
-    hold(stream(), |pieces| -> Promise {
+    check_property(stream(), |pieces| -> PropertyResult {
         let mut bytes = stream::bytes(&pieces);
-        let wire = Wire::of(&mut bytes, &good(), LONGEST);
+        let wire = Wire::new(&mut bytes, &good_frame(), LONGEST);
         let mut receiver = Receiver::new();
-        stream::holds(&wire, &intact(wire.bytes), |byte| (receiver.push_byte(byte), receiver.rejected), is_good)
+        stream::check_decoder(&wire, &intact(wire.bytes), |byte| (receiver.push_byte(byte), receiver.rejected), is_good)
     });
 }
 

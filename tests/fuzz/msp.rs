@@ -5,7 +5,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 
 use crate::stream::{self, Piece, Wire};
-use crate::{Promise, hold};
+use crate::{PropertyResult, check_property};
 
 const FC_VARIANT: u16 = 2;
 const STATUS: u16 = 101;
@@ -67,7 +67,7 @@ pub fn frame() -> impl Strategy<Value = Vec<u8>> {
 }
 
 pub fn stream() -> impl Strategy<Value = Vec<Piece>> {
-    stream::of(frame(), b"$X>!")
+    stream::pieces_of(frame(), b"$X>!")
 }
 
 /// Intact frame, found independently of the receiver by a search from every byte.
@@ -80,30 +80,35 @@ pub struct Intact<'a> {
 
 /// All intact frames in the bytes, also nested ones.
 pub fn intact(bytes: &[u8]) -> Vec<Intact<'_>> {
-    let mut found = Vec::new();
-    for begin in 0..bytes.len() {
-        let &[b'$', b'X', direction @ (b'>' | b'!'), _, f0, f1, n0, n1, ..] = &bytes[begin..] else { continue };
-        let end = begin + 8 + usize::from(u16::from_le_bytes([n0, n1])) + 1;
-        let Some(&[_, _, _, ref checked @ .., last]) = bytes.get(begin..end) else { continue };
+    let mut intact_frames = Vec::new();
+    for start in 0..bytes.len() {
+        let &[b'$', b'X', direction @ (b'>' | b'!'), _, f0, f1, n0, n1, ..] = &bytes[start..] else { continue };
+        let frame_end = start + 8 + usize::from(u16::from_le_bytes([n0, n1])) + 1;
+        let Some(&[_, _, _, ref checked @ .., last]) = bytes.get(start..frame_end) else { continue };
         if crc(checked) == last {
             let function = u16::from_le_bytes([f0, f1]);
-            found.push(Intact { end, function, is_error: direction == b'!', payload: &checked[5..] });
+            intact_frames.push(Intact {
+                end: frame_end,
+                function,
+                is_error: direction == b'!',
+                payload: &checked[5..],
+            });
         }
     }
-    found
+    intact_frames
 }
 
 impl Intact<'_> {
-    fn i16(&self, at: usize) -> Option<i16> {
-        Some(i16::from_le_bytes([*self.payload.get(at)?, *self.payload.get(at + 1)?]))
+    fn i16(&self, offset: usize) -> Option<i16> {
+        Some(i16::from_le_bytes([*self.payload.get(offset)?, *self.payload.get(offset + 1)?]))
     }
 
     /// Whether it is MSP_ATTITUDE with this roll and this pitch of either sign.
     pub fn has_angles(&self, roll_deg: f32, pitch_deg: f32) -> bool {
-        let is = |at, deg: f32| {
-            self.i16(at).is_some_and(|decideg| (f32::from(decideg).abs() * 0.1 - deg.abs()).abs() < 0.01)
+        let is_close = |offset, deg: f32| {
+            self.i16(offset).is_some_and(|decideg| (f32::from(decideg).abs() * 0.1 - deg.abs()).abs() < 0.01)
         };
-        (self.function, self.is_error) == (ATTITUDE, false) && is(0, roll_deg) && is(2, pitch_deg)
+        (self.function, self.is_error) == (ATTITUDE, false) && is_close(0, roll_deg) && is_close(2, pitch_deg)
     }
 }
 
@@ -112,7 +117,7 @@ impl stream::Intact<MspReply> for Intact<'_> {
         self.end
     }
 
-    fn says(&self, message: &MspReply) -> bool {
+    fn matches_message(&self, message: &MspReply) -> bool {
         if let MspReply::Refused(function) = message {
             return (self.is_error || self.payload.is_empty()) && self.function == *function as u16;
         }
@@ -120,15 +125,16 @@ impl stream::Intact<MspReply> for Intact<'_> {
             && match *message {
                 MspReply::Attitude(MspAngles { roll_decideg, pitch_decideg, heading_deg }) => {
                     self.function == ATTITUDE
-                        && [0, 2, 4].map(|at| self.i16(at)) == [roll_decideg, pitch_decideg, heading_deg].map(Some)
+                        && [0, 2, 4].map(|offset| self.i16(offset))
+                            == [roll_decideg, pitch_decideg, heading_deg].map(Some)
                 }
                 MspReply::FcVariant(firmware) => {
-                    let is = |name: &[u8]| self.payload.starts_with(name);
+                    let has_prefix = |name: &[u8]| self.payload.starts_with(name);
                     self.function == FC_VARIANT
                         && match firmware {
-                            AutopilotFirmware::ArduPilot => is(b"ARDU"),
-                            AutopilotFirmware::Inav => is(b"INAV"),
-                            AutopilotFirmware::Betaflight => is(b"BTFL"),
+                            AutopilotFirmware::ArduPilot => has_prefix(b"ARDU"),
+                            AutopilotFirmware::Inav => has_prefix(b"INAV"),
+                            AutopilotFirmware::Betaflight => has_prefix(b"BTFL"),
                             AutopilotFirmware::Other => true,
                         }
                 }
@@ -136,7 +142,7 @@ impl stream::Intact<MspReply> for Intact<'_> {
                     self.function == STATUS && self.payload.get(6).is_some_and(|flags| (flags & 1 == 1) == is_armed)
                 }
                 MspReply::Gyro(counts) => {
-                    self.function == RAW_IMU && [6, 8, 10].map(|at| self.i16(at)) == counts.map(Some)
+                    self.function == RAW_IMU && [6, 8, 10].map(|offset| self.i16(offset)) == counts.map(Some)
                 }
                 MspReply::RawGps(_) => self.function == RAW_GPS,
                 MspReply::Current(amperes) => {
@@ -151,17 +157,17 @@ impl stream::Intact<MspReply> for Intact<'_> {
     }
 }
 
-fn good() -> Vec<u8> {
+fn good_frame() -> Vec<u8> {
     framed(b'>', ATTITUDE, 6, &[123, 0, 1, 0, 1, 0])
 }
 
 #[test]
 fn only_msp_frames_with_correct_crc_are_accepted() {
-    hold(stream(), |pieces| -> Promise {
+    check_property(stream(), |pieces| -> PropertyResult {
         let mut bytes = stream::bytes(&pieces);
-        let wire = Wire::of(&mut bytes, &good(), LONGEST);
+        let wire = Wire::new(&mut bytes, &good_frame(), LONGEST);
         let mut receiver = Receiver::new();
-        stream::holds(&wire, &intact(wire.bytes), |byte| (receiver.push_byte(byte), receiver.rejected), is_good)
+        stream::check_decoder(&wire, &intact(wire.bytes), |byte| (receiver.push_byte(byte), receiver.rejected), is_good)
     });
 }
 

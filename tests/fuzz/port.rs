@@ -9,7 +9,7 @@ use autoswing::time::Timestamp;
 use proptest::prelude::*;
 
 use crate::stream::{self, Piece};
-use crate::{Promise, hold, mavlink, msp};
+use crate::{PropertyResult, check_property, mavlink, msp};
 
 /// Silence after which a port discards the detected protocol, microseconds.
 const SILENCE_US: u64 = 10_000_000;
@@ -21,7 +21,7 @@ const VARIANT: &[u8] = b"$X>\x00\x02\x00\x04\x00INAV\x94";
 /// Pieces of both protocols with the preceding time, milliseconds.
 fn stream() -> impl Strategy<Value = Vec<(u16, Piece)>> {
     let frames = prop_oneof![mavlink::frame().boxed(), msp::frame().boxed()];
-    stream::of(frames, &[0xFE, 0xFD, b'$']).prop_flat_map(|pieces| {
+    stream::pieces_of(frames, &[0xFE, 0xFD, b'$']).prop_flat_map(|pieces| {
         let times = proptest::collection::vec(0..3_000_u16, pieces.len());
         (times, Just(pieces)).prop_map(|(times, pieces)| times.into_iter().zip(pieces).collect())
     })
@@ -55,11 +55,11 @@ fn is_intact(bytes: &[u8], roll_rad: f32, pitch_rad: f32) -> bool {
 /// after another silence if noise was mistaken for the other protocol.
 #[test]
 fn a_port_detects_the_protocol_of_its_peer() {
-    hold((stream(), any::<bool>()), |(pieces, is_msp)| -> Promise {
+    check_property((stream(), any::<bool>()), |(pieces, is_msp)| -> PropertyResult {
         let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, Timestamp::START);
         let (mut now_us, mut bytes) = (0, Vec::new());
-        for (ms, piece) in &pieces {
-            for _ in 0..ms / 500 {
+        for (pause_ms, piece) in &pieces {
+            for _ in 0..pause_ms / 500 {
                 now_us += 500_000;
                 let sent_length = poll(&mut port, Timestamp::from_us(now_us));
                 let is_mavlink = port.active_protocol(Timestamp::from_us(now_us)) == ProtocolKind::Mavlink;
@@ -73,17 +73,18 @@ fn a_port_detects_the_protocol_of_its_peer() {
                 }
             }
         }
-        let (frame, kind) = if is_msp { (VARIANT, ProtocolKind::Msp) } else { (HEARTBEAT, ProtocolKind::Mavlink) };
+        let (frame, expected_protocol) =
+            if is_msp { (VARIANT, ProtocolKind::Msp) } else { (HEARTBEAT, ProtocolKind::Mavlink) };
         for _ in 0..2 {
             now_us += SILENCE_US + 1;
             for byte in std::iter::repeat_n(frame, 73_usize.div_ceil(frame.len()) + 1).flatten() {
                 let _ = port.process_byte(Timestamp::from_us(now_us), *byte);
             }
-            if port.active_protocol(Timestamp::from_us(now_us)) == kind {
+            if port.active_protocol(Timestamp::from_us(now_us)) == expected_protocol {
                 return Ok(());
             }
         }
-        prop_assert!(false, "{kind:?} is not found");
+        prop_assert!(false, "{expected_protocol:?} is not found");
         Ok(())
     });
 }

@@ -13,7 +13,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use testkit::flash::RamFlash;
 
-use crate::{Promise, hold};
+use crate::{PropertyResult, check_property};
 
 const PAGE: usize = 2048;
 const PAGES: usize = 8;
@@ -78,16 +78,17 @@ fn accept(flash: &mut Flash, generations: &StoredCalibrations) -> Result<(), Sto
 
 /// Replacement bytes and their positions, mostly within items.
 fn damage() -> impl Strategy<Value = Vec<(usize, Vec<u8>)>> {
-    let near = (0..PAGES, 0..480_usize).prop_map(|(page, at)| page * PAGE + at);
-    let at = prop_oneof![2 => near, 1 => 0..SIZE];
-    let few = vec(any::<u8>(), 1..12);
-    let same = (proptest::sample::select(&[0x00, 0xFF, 0x55][..]), 1..PAGE).prop_map(|(byte, size)| vec![byte; size]);
-    vec((at, prop_oneof![3 => few, 1 => same]), 0..4)
+    let item_offset = (0..PAGES, 0..480_usize).prop_map(|(page, offset)| page * PAGE + offset);
+    let offset = prop_oneof![2 => item_offset, 1 => 0..SIZE];
+    let few_bytes = vec(any::<u8>(), 1..12);
+    let equal_bytes =
+        (proptest::sample::select(&[0x00, 0xFF, 0x55][..]), 1..PAGE).prop_map(|(byte, size)| vec![byte; size]);
+    vec((offset, prop_oneof![3 => few_bytes, 1 => equal_bytes]), 0..4)
 }
 
-fn replace(flash: &mut Flash, at: usize, bytes: &[u8]) {
-    for (there, byte) in flash.bytes[at..].iter_mut().zip(bytes) {
-        *there = *byte;
+fn replace(flash: &mut Flash, offset: usize, bytes: &[u8]) {
+    for (flash_byte, byte) in flash.bytes[offset..].iter_mut().zip(bytes) {
+        *flash_byte = *byte;
     }
 }
 
@@ -95,16 +96,18 @@ fn replace(flash: &mut Flash, at: usize, bytes: &[u8]) {
 /// another format is preserved; it needs a correct CRC, which damage produces once in four billion cases.
 #[test]
 fn arbitrary_flash_contents_load_valid_values_and_allow_saves() {
-    hold((0..4_usize, damage()), |(times, damage)| -> Promise {
+    check_property((0..4_usize, damage()), |(times, damage)| -> PropertyResult {
         let mut flash = SAVED[times].clone();
-        for (at, bytes) in &damage {
-            replace(&mut flash, *at, bytes);
+        for (offset, bytes) in &damage {
+            replace(&mut flash, *offset, bytes);
         }
         let LoadedValues { stored_values: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
             block_on(store(&mut flash).load_state());
         prop_assert!(settings.is_valid());
-        for found in [generations.current_calibration, generations.previous_calibration].into_iter().flatten() {
-            prop_assert_eq!(found, record(found.serial_number));
+        for loaded_calibration in
+            [generations.current_calibration, generations.previous_calibration].into_iter().flatten()
+        {
+            prop_assert_eq!(loaded_calibration, record(loaded_calibration.serial_number));
         }
         let settings = Settings { stream_rate_hz: 77, ..Settings::DEFAULT };
         let generations = StoredCalibrations {
@@ -137,17 +140,16 @@ fn items() -> impl Strategy<Value = Vec<(usize, Vec<u8>)>> {
     vec((0..PAGES, fields), 1..6)
 }
 
-/// No panic, values in range, and a save succeeds.
 #[test]
 fn the_store_handles_any_fields() {
-    hold((0..4_usize, items()), |(times, items)| -> Promise {
+    check_property((0..4_usize, items()), |(times, items)| -> PropertyResult {
         let mut flash = SAVED[times].clone();
         for (page, fields) in items {
-            let mut item = vec![1];
-            item.extend((fields.len() as u16).to_le_bytes());
-            item.extend(fields);
-            item.extend(crc(&item).to_le_bytes());
-            replace(&mut flash, page * PAGE, &item);
+            let mut encoded_item = vec![1];
+            encoded_item.extend((fields.len() as u16).to_le_bytes());
+            encoded_item.extend(fields);
+            encoded_item.extend(crc(&encoded_item).to_le_bytes());
+            replace(&mut flash, page * PAGE, &encoded_item);
         }
         let LoadedValues { stored_values: StoredValues { settings, stored_calibrations: generations, .. }, .. } =
             block_on(store(&mut flash).load_state());

@@ -5,12 +5,12 @@ use std::fmt::Debug;
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-use crate::Promise;
+use crate::PropertyResult;
 
 /// Damage to a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Damage {
-    /// None.
+    /// No damage.
     None,
     /// A flipped bit: byte index modulo the length, bit index.
     Flip(usize, u8),
@@ -23,25 +23,24 @@ pub enum Damage {
 /// Frame or noise with its damage.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Piece {
-    /// Bytes before damage.
     sent: Vec<u8>,
     damage: Damage,
 }
 
 impl Piece {
-    fn append(&self, to: &mut Vec<u8>) {
-        let begin = to.len();
-        to.extend_from_slice(&self.sent);
+    fn append(&self, stream: &mut Vec<u8>) {
+        let start = stream.len();
+        stream.extend_from_slice(&self.sent);
         let length = self.sent.len().max(1);
         match self.damage {
             Damage::None => {}
             Damage::Flip(byte, bit) => {
-                if let Some(byte) = to.get_mut(begin + byte % length) {
+                if let Some(byte) = stream.get_mut(start + byte % length) {
                     *byte ^= 1 << (bit % 8);
                 }
             }
-            Damage::Cut(bytes) => to.truncate(begin + bytes % length),
-            Damage::Torn(bytes) => drop(to.drain(begin..begin + bytes % length)),
+            Damage::Cut(bytes) => stream.truncate(start + bytes % length),
+            Damage::Torn(bytes) => drop(stream.drain(start..start + bytes % length)),
         }
     }
 }
@@ -56,7 +55,7 @@ fn damage() -> impl Strategy<Value = Damage> {
 }
 
 /// Up to six pieces: frames with random damage, and noise with frequent start-of-frame bytes.
-pub fn of(
+pub fn pieces_of(
     frames: impl Strategy<Value = Vec<u8>> + 'static,
     begins: &'static [u8],
 ) -> impl Strategy<Value = Vec<Piece>> {
@@ -79,8 +78,7 @@ pub fn bytes(pieces: &[Piece]) -> Vec<u8> {
 pub trait Intact<M> {
     fn end(&self) -> usize;
 
-    /// Whether a decoded message matches this frame.
-    fn says(&self, message: &M) -> bool;
+    fn matches_message(&self, message: &M) -> bool;
 }
 
 /// Decoder properties: each decoded message is an intact frame, at most once and in order; CRC calculations, which
@@ -88,24 +86,28 @@ pub trait Intact<M> {
 /// good frame is decoded within the length of the longest frame.
 ///
 /// `push` decodes a byte and returns a message and the number of rejected candidates since the start.
-pub fn holds<M: Debug, F: Intact<M>>(
+pub fn check_decoder<M: Debug, F: Intact<M>>(
     wire: &Wire<'_>,
     intact: &[F],
     mut push: impl FnMut(u8) -> (Option<M>, u32),
     is_good: impl Fn(&M) -> bool,
-) -> Promise {
+) -> PropertyResult {
     let (mut next, mut checks, mut rejected_before, mut recovered) = (0, 0, 0, false);
-    for (at, &byte) in wire.bytes.iter().enumerate() {
+    for (byte_index, &byte) in wire.bytes.iter().enumerate() {
         let (message, rejected) = push(byte);
         let now = rejected - rejected_before + u32::from(message.is_some());
         rejected_before = rejected;
         checks += now as usize;
-        prop_assert!(now as usize <= wire.longest && checks <= at + 1, "{now} and {checks} checks at {at}");
+        prop_assert!(
+            now as usize <= wire.longest && checks <= byte_index + 1,
+            "{now} and {checks} checks at {byte_index}"
+        );
         let Some(message) = message else { continue };
-        let it_is = intact.iter().skip(next).position(|frame| frame.end() <= at + 1 && frame.says(&message));
-        prop_assert!(it_is.is_some(), "{message:?} at {at} is in no intact frame");
+        let it_is =
+            intact.iter().skip(next).position(|frame| frame.end() <= byte_index + 1 && frame.matches_message(&message));
+        prop_assert!(it_is.is_some(), "{message:?} at {byte_index} is in no intact frame");
         next += it_is.map_or(0, |skipped| skipped + 1);
-        recovered |= at >= wire.noise && is_good(&message);
+        recovered |= byte_index >= wire.noise && is_good(&message);
     }
     prop_assert!(recovered, "nothing good is understood");
     Ok(())
@@ -114,7 +116,6 @@ pub fn holds<M: Debug, F: Intact<M>>(
 /// Random bytes followed by good frames.
 pub struct Wire<'a> {
     pub bytes: &'a [u8],
-    /// Number of random bytes.
     noise: usize,
     /// Length of the longest frame, bytes.
     longest: usize,
@@ -122,7 +123,7 @@ pub struct Wire<'a> {
 
 impl<'a> Wire<'a> {
     /// Appends good frames: one more than the longest frame can contain.
-    pub fn of(bytes: &'a mut Vec<u8>, good: &[u8], longest: usize) -> Self {
+    pub fn new(bytes: &'a mut Vec<u8>, good: &[u8], longest: usize) -> Self {
         let noise = bytes.len();
         (0..=longest.div_ceil(good.len())).for_each(|_| bytes.extend_from_slice(good));
         Self { bytes, noise, longest }

@@ -108,12 +108,12 @@ class Chip:
     def value(self, at):
         """A register as the program reads it."""
         value = self.registers.get(at, 0)
-        if at == TIM15_CNT:  # Polling the timer takes a microsecond per read.
+        if at == TIM15_CNT:  # A program that polls it waits.
             self.now_us += 1
             return self.now_us & 0xFFFF
-        if at == RCC:  # Oscillators that are on report that they are ready.
+        if at == RCC:  # An oscillator that is on is ready.
             return value & ~0x02000402 | (value & 1 << 8) << 2 | (value & 1) << 1 | (value & 1 << 24) << 1
-        if at == RCC + 8:  # The status field shows the selected clock.
+        if at == RCC + 8:  # The selected clock is in use.
             return value & ~0xC | (value & 3) << 2
         if at in (RCC + 0x90, RCC + 0x94):
             return value & ~2 | (value & 1) << 1
@@ -131,7 +131,7 @@ class Chip:
         return value
 
     def transmit(self):
-        """Sends the frames in the CAN controller's mailboxes."""
+        """Sends what is in the mailboxes."""
         for box in range(3):
             at = CAN_TX + 16 * box
             if self.registers.get(at, 0) & 1 and self.can_mode == "normal" and not self.registers[CAN_BTR] & SILENT:
@@ -143,7 +143,7 @@ class Chip:
                 self.node.receive(self.now_us, *frame)
 
     def wait(self, cpu, address, _size, _):
-        """Called at WFE, where the program waits: lets time pass until an interrupt is pending, and starts it."""
+        """The program waits: the next interrupt, or time passes until there is one."""
         cpu.reg_write(arm.UC_ARM_REG_PC, address + 2 | 1)
         self.update_timer()
         while (number := self.next_interrupt()) is None and self.now_us < self.until_us:
@@ -160,7 +160,7 @@ class Chip:
         return [(bit, (count - self.timed_us - 1 & 0xFFFF) + 1) for bit, count in [(0, 0), *compares]]
 
     def update_timer(self):
-        """Sets the timer's flags whose times have passed."""
+        """Sets the flags of the time that has passed."""
         due = sum(1 << bit for bit, after_us in self.timer_events() if after_us <= self.now_us - self.timed_us)
         self.timed_us = self.now_us
         self.registers[TIM15_SR] = self.registers.get(TIM15_SR, 0) | due
@@ -207,7 +207,7 @@ class Chip:
 
 
 class Node:
-    """Another node, number 10: sends its status, allocates number 125, then sends one request of each kind, in frames encoded by hand."""
+    """The other node, number 10: status, allocation of number 125, then one request of each kind. Frames are facts of DroneCAN."""
 
     ALLOCATION, STATUS, STEP_US = 0x1E00010A, 0x1801550A, 300
     PARTS = {

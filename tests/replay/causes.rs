@@ -8,12 +8,11 @@ use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
-use crate::{ASKED, read};
+use crate::{DEFAULT_OPTIONS, read};
 
 /// Change of a recording; `t_s` counts from its start.
 type Cause = fn(t_s: f64, sample: &mut FlightSample);
 
-/// Report on a cause.
 struct Reported {
     action: CompassAction,
     /// The sentence on the compass and the log's warnings.
@@ -22,10 +21,12 @@ struct Reported {
     rms_deg: Option<f64>,
 }
 
-fn report(kind: VehicleKind, seed: u64, cause: Cause) -> Reported {
+fn report(vehicle_kind: VehicleKind, seed: u64, cause: Cause) -> Reported {
     let parameters = vec![("COMPASS_OFS_X".to_owned(), 0.0)];
-    let mut recording =
-        FlightRecording { parameters, ..record_turns(&WorldConfig::random_world(seed).with_vehicle_kind(kind), 0.05) };
+    let mut recording = FlightRecording {
+        parameters,
+        ..record_turns(&WorldConfig::random_world(seed).with_vehicle_kind(vehicle_kind), 0.05)
+    };
     let first_us = recording.samples[0].time_us;
     for sample in &mut recording.samples {
         cause((sample.time_us - first_us) as f64 * 1e-6, sample);
@@ -34,7 +35,7 @@ fn report(kind: VehicleKind, seed: u64, cause: Cause) -> Reported {
     recording.samples.retain(|sample| sample.is_armed);
     let mut flight = read(&encode_dataflash(&recording));
     flight.true_attitude = flight.attitude.clone();
-    let evaluation = evaluate_flight(&flight, &ASKED);
+    let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
     let notes: Vec<String> = verdict.log_warnings.iter().map(ToString::to_string).collect();
     Reported {
@@ -45,7 +46,6 @@ fn report(kind: VehicleKind, seed: u64, cause: Cause) -> Reported {
     }
 }
 
-/// A cause and the report of it.
 struct Case {
     name: &'static str,
     cause: Cause,
@@ -157,15 +157,15 @@ const CASES: [Case; 20] = [
 
 /// Each cause that the samples show is named; none is named that they cannot show; and where it does not concern the
 /// compass, its parameters are as good as without it, within a fifth and 0.2 deg.
-fn check_causes(kind: VehicleKind) {
+fn check_causes(vehicle_kind: VehicleKind) {
     for seed in [3, 5, 7] {
-        let untouched = report(kind, seed, |_, _| {});
-        assert_eq!(untouched.changes, 0, "{kind:?} {seed}: {}", untouched.text);
-        for case in CASES.iter().filter(|case| kind == VehicleKind::Plane || case.is_shown_by_copter) {
-            let Reported { action, text, changes, rms_deg } = report(kind, seed, case.cause);
-            let about = format!("{kind:?} {seed}: {}: {action:?}: {text}", case.name);
+        let untouched = report(vehicle_kind, seed, |_, _| {});
+        assert_eq!(untouched.changes, 0, "{vehicle_kind:?} {seed}: {}", untouched.text);
+        for case in CASES.iter().filter(|case| vehicle_kind == VehicleKind::Plane || case.is_shown_by_copter) {
+            let Reported { action, text, changes, rms_deg } = report(vehicle_kind, seed, case.cause);
+            let about = format!("{vehicle_kind:?} {seed}: {}: {action:?}: {text}", case.name);
             println!("{about}");
-            assert!(kind != VehicleKind::Plane || case.actions.contains(&action), "{about}");
+            assert!(vehicle_kind != VehicleKind::Plane || case.actions.contains(&action), "{about}");
             assert!(text.contains(case.words), "{about}");
             assert_eq!(changes, case.changes, "{about}");
             assert!(!text.contains("mounted") && !text.contains("orientation"), "{about}");

@@ -14,7 +14,7 @@ use simulator::world::aircraft::VehicleKind;
 use simulator::world::autopilot::Leg;
 use simulator::world::{World, WorldConfig};
 
-use crate::{ASKED, read};
+use crate::{DEFAULT_OPTIONS, read};
 
 /// A circle each way, then 30 s in each direction, at 48 N, with GPS.
 fn legs(world: &WorldConfig, headings_deg: &[f64]) -> FlightRecording {
@@ -97,15 +97,22 @@ fn errors_against_gps_course_match_errors_against_the_truth() {
         assert!(course.is_accuracy() && course.reference_name() == "GPS course in straight flight", "{course:?}");
         let [by_course, mut by_truth] = [&course, &ReferenceHeading::AutopilotYaw]
             .map(|reference| build_rows(&flight, &flight.compasses[0], 0.0, Some(reference)).0);
-        for (truth, found) in by_truth.iter_mut().zip(&by_course) {
-            truth.reference_deg = truth.reference_deg.filter(|_| found.reference_deg.is_some());
+        for (true_error_score, course_score) in by_truth.iter_mut().zip(&by_course) {
+            true_error_score.reference_deg =
+                true_error_score.reference_deg.filter(|_| course_score.reference_deg.is_some());
         }
-        let [found, truth] =
+        let [course_score, true_error_score] =
             [by_course, by_truth].map(|rows| score_correction(&rows, &FieldCorrection::identity()).unwrap());
         let sigma_deg = course.gps_course_solution().unwrap().sigma_deg();
-        assert!(truth.rms_deg > 3.0, "seed {seed}: too good a compass to tell, {truth:?}");
-        assert!((found.rms_deg - truth.rms_deg).abs() < sigma_deg / 2.0, "seed {seed}: {found:?} {truth:?}");
-        assert!((found.mean_deg - truth.mean_deg).abs() < sigma_deg / 2.0, "seed {seed}: {found:?} {truth:?}");
+        assert!(true_error_score.rms_deg > 3.0, "seed {seed}: too good a compass to tell, {true_error_score:?}");
+        assert!(
+            (course_score.rms_deg - true_error_score.rms_deg).abs() < sigma_deg / 2.0,
+            "seed {seed}: {course_score:?} {true_error_score:?}"
+        );
+        assert!(
+            (course_score.mean_deg - true_error_score.mean_deg).abs() < sigma_deg / 2.0,
+            "seed {seed}: {course_score:?} {true_error_score:?}"
+        );
     }
 }
 
@@ -114,13 +121,13 @@ fn gps_course_is_rejected_where_it_gives_no_heading() {
     let plane = legs(&config_with_wind(1, 5.0), &ALL_ROUND_DEG);
     let changed = |change: &dyn Fn(&mut FlightSample, f64)| {
         let mut recording = plane.clone();
-        let number = recording.samples.len() as f64;
+        let sample_count = recording.samples.len() as f64;
         for (i, instant) in recording.samples.iter_mut().enumerate() {
-            change(instant, i as f64 / number);
+            change(instant, i as f64 / sample_count);
         }
         recording
     };
-    let add = |instant: &mut FlightSample, [north, east]: [f64; 2]| {
+    let add_velocity = |instant: &mut FlightSample, [north, east]: [f64; 2]| {
         instant.velocity_m_s[0] += north;
         instant.velocity_m_s[1] += east;
     };
@@ -129,12 +136,15 @@ fn gps_course_is_rejected_where_it_gives_no_heading() {
         (GpsCourseRejection::StrongWind, legs(&config_with_wind(1, 12.0), &ALL_ROUND_DEG)),
         (GpsCourseRejection::Copter, FlightRecording { is_copter: true, ..plane.clone() }),
         // The wind turns.
-        (GpsCourseRejection::UncertainWind, changed(&|instant, part| add(instant, [6.0 * part, -6.0 * part]))),
+        (
+            GpsCourseRejection::UncertainWind,
+            changed(&|instant, time_fraction| add_velocity(instant, [6.0 * time_fraction, -6.0 * time_fraction])),
+        ),
         // Airspeed oscillates.
         (
             GpsCourseRejection::NoCircle,
-            changed(&|instant, part| {
-                let factor = 1.0 + 0.5 * (part * 200.0).sin();
+            changed(&|instant, time_fraction| {
+                let factor = 1.0 + 0.5 * (time_fraction * 200.0).sin();
                 instant.velocity_m_s = instant.velocity_m_s.map(|axis| axis * factor);
             }),
         ),
@@ -158,9 +168,9 @@ fn gps_course_is_rejected_where_it_gives_no_heading() {
             Some(ReferenceHeading::AutopilotYaw),
             "{expected_rejection:?}"
         );
-        let notes = LogWarning::warnings_of_flight(&flight, &evaluate_flight(&flight, &ASKED));
-        let told = notes.iter().any(|note| note.to_string().contains(expected_rejection.description()));
-        assert!(told, "{expected_rejection:?}: {notes:?}");
+        let notes = LogWarning::warnings_of_flight(&flight, &evaluate_flight(&flight, &DEFAULT_OPTIONS));
+        let is_reported = notes.iter().any(|note| note.to_string().contains(expected_rejection.description()));
+        assert!(is_reported, "{expected_rejection:?}: {notes:?}");
     }
 }
 
@@ -172,7 +182,7 @@ fn a_copter_is_not_compared_with_its_course() {
     let world = World::new(config);
     let mut source = world.attitude_source();
     for i in 0..8 {
-        world.fly_leg(Leg::Push { toward_deg: f64::from(i) * 45.0, tilt_deg: 15.0, seconds: 20.0 });
+        world.fly_leg(Leg::Tilt { toward_deg: f64::from(i) * 45.0, tilt_deg: 15.0, seconds: 20.0 });
         world.fly_leg(Leg::Hover { seconds: 10.0 });
     }
     let mut recording =
@@ -188,9 +198,9 @@ fn a_copter_is_not_compared_with_its_course() {
 #[test]
 fn gps_course_is_reported_with_its_accuracy() {
     let flight = read(&encode_tlog(&legs(&config_with_wind(1, 5.0), &ALL_ROUND_DEG)));
-    let verdict = evaluate_flight(&flight, &ASKED);
-    let told = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot).json();
-    let reference = &told["reference"];
+    let verdict = evaluate_flight(&flight, &DEFAULT_OPTIONS);
+    let json = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot).json();
+    let reference = &json["reference"];
     assert_eq!(reference["is_accuracy"], true);
     assert!((reference["course"]["wind_m_s"].as_f64().unwrap() - 5.0).abs() < 0.2, "{reference}");
     let limits = reference["limits"].as_str().unwrap();
@@ -207,13 +217,13 @@ fn gps_course_is_reported_with_its_accuracy() {
 #[test]
 fn references_are_ranked() {
     let mut flight = read(&encode_dataflash(&legs(&config_with_wind(1, 5.0), &ALL_ROUND_DEG)));
-    let best = |flight: &Flight| ReferenceHeading::best_reference(flight).unwrap().reference_name();
-    let mut ranked = vec![best(&flight)];
+    let best_name = |flight: &Flight| ReferenceHeading::best_reference(flight).unwrap().reference_name();
+    let mut ranked = vec![best_name(&flight)];
     for row in flight.gps.rows_mut() {
         row.row_values[5] = 90.0;
     }
-    ranked.push(best(&flight));
+    ranked.push(best_name(&flight));
     flight.true_attitude = flight.attitude.clone();
-    ranked.push(best(&flight));
+    ranked.push(best_name(&flight));
     assert_eq!(ranked, ["GPS course in straight flight", "GPS yaw", "the simulator's own attitude"]);
 }

@@ -9,7 +9,7 @@ use log_analysis::replay::verdict::{CompassAction, CompassState, Verdict};
 use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
 
-use crate::{ASKED, read};
+use crate::{DEFAULT_OPTIONS, read};
 
 /// Time of the change of hard iron, seconds of the log's clock.
 const CHANGED_S: f64 = 120.0;
@@ -28,7 +28,7 @@ fn record(seed: u64, change: impl Fn(f64, &mut [f64; 3])) -> FlightRecording {
 fn judged<R>(recording: &FlightRecording, judge: impl Fn(&Verdict<'_>, &FlightEvaluation) -> R) -> R {
     let mut flight = read(&encode_dataflash(recording));
     flight.true_attitude = flight.attitude.clone();
-    let evaluation = evaluate_flight(&flight, &ASKED);
+    let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     judge(&Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot), &evaluation)
 }
 
@@ -173,7 +173,7 @@ fn parameters_that_leave_a_compass_bad_are_not_given() {
 #[test]
 fn without_a_reference_the_state_is_doubtful() {
     let flight = read(&encode_dataflash(&record(3, |_, _| {})));
-    let evaluation = evaluate_flight(&flight, &ASKED);
+    let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     assert!(!evaluation.reference.as_ref().unwrap().is_accuracy());
     let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
     let judgement = &verdict.compasses[0].judgement;
@@ -187,7 +187,7 @@ fn without_a_reference_the_state_is_doubtful() {
 fn a_loss_by_the_symmetric_matrix_is_no_reason_to_fly_again() {
     for seed in [3, 5, 7] {
         let flight = read(&encode_dataflash(&record(seed, |_, _| {})));
-        let evaluation = evaluate_flight(&flight, &ASKED);
+        let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
         let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
         let judgement = &verdict.compasses[0].judgement;
         assert_ne!(judgement.recommended_action, CompassAction::FlyAgain, "seed {seed}: {judgement:?}");
@@ -197,7 +197,7 @@ fn a_loss_by_the_symmetric_matrix_is_no_reason_to_fly_again() {
 /// A drift of 12 uT in four minutes, and a bank that is 15 % too small. No manoeuvre would help.
 #[test]
 fn residuals_that_no_fit_explains_are_named_in_place_of_a_manoeuvre() {
-    let is_named = |recording: &FlightRecording, words: &str| {
+    let is_named = |recording: &FlightRecording, expected_text: &str| {
         judged(recording, |verdict, _| {
             let judgement = &verdict.compasses[0].judgement;
             let text = verdict.summary_sentences().concat();
@@ -207,7 +207,7 @@ fn residuals_that_no_fit_explains_are_named_in_place_of_a_manoeuvre() {
                 "{text}"
             );
             assert!(judgement.reason_codes().contains(&"residuals"), "{judgement:?}");
-            assert!(text.contains(words) && !text.contains("missing most"), "{text}");
+            assert!(text.contains(expected_text) && !text.contains("missing most"), "{text}");
         });
     };
     is_named(&record(5, |t_s, field_ut| field_ut[0] += 0.05 * t_s), "late in the flight does not fit that early");
@@ -222,8 +222,8 @@ fn residuals_that_no_fit_explains_are_named_in_place_of_a_manoeuvre() {
 #[test]
 fn a_wrong_orientation_is_named() {
     for seed in [3, 5, 7] {
-        let turned = record(seed, |_, field_ut| *field_ut = [field_ut[0], field_ut[2], -field_ut[1]]);
-        judged(&turned, |verdict, _| {
+        let turned_recording = record(seed, |_, field_ut| *field_ut = [field_ut[0], field_ut[2], -field_ut[1]]);
+        judged(&turned_recording, |verdict, _| {
             let text = verdict.summary_sentences().concat();
             assert_eq!(verdict.compasses[0].judgement.recommended_action, CompassAction::FlyAgain, "{text}");
             assert!(

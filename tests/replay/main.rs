@@ -11,8 +11,7 @@ use log_analysis::log::csv::FieldUnit;
 use log_analysis::log::{self, Flight};
 use log_analysis::replay::evaluation::EvaluationOptions;
 
-/// Default evaluation of a native log.
-const ASKED: EvaluationOptions = EvaluationOptions::DEFAULT;
+const DEFAULT_OPTIONS: EvaluationOptions = EvaluationOptions::DEFAULT;
 
 fn read(bytes: &[u8]) -> Flight {
     let mut source = bytes;

@@ -17,10 +17,10 @@ use nalgebra::{Matrix3, Vector3};
 use simulator::recording::record_turns;
 use simulator::world::{CRUISE_CURRENT_A, WorldConfig};
 
-use crate::{ASKED, read};
+use crate::{DEFAULT_OPTIONS, read};
 
 /// ArduPilot's and PX4's parameters of a badly calibrated compass.
-const BAD: [(&str, f64); 16] = [
+const BAD_PARAMETERS: [(&str, f64); 16] = [
     ("COMPASS_OFS_X", 90.0),
     ("COMPASS_OFS_Y", -120.0),
     ("COMPASS_DIA_X", 1.1),
@@ -41,13 +41,13 @@ const BAD: [(&str, f64); 16] = [
 
 /// Turns both ways, logged with bad parameters and a field latency.
 fn record_flight(world: &WorldConfig, age_s: f64) -> FlightRecording {
-    let parameters = BAD.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
+    let parameters = BAD_PARAMETERS.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
     FlightRecording { parameters, ..record_turns(world, age_s) }
 }
 
 fn evaluate(bytes: &[u8]) -> (Flight, CompassEvaluation) {
     let flight = read(bytes);
-    let mut verdict = evaluate_flight(&flight, &ASKED);
+    let mut verdict = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     (flight, verdict.compasses.remove(0))
 }
 
@@ -69,14 +69,17 @@ fn a_native_log_gives_heading_and_field_latency() {
         let most_s = 2.5 * compass.latency.sigma_s.unwrap();
         assert!((compass.latency.used_s - age_s).abs() < most_s.max(0.01), "{name}: {:?}", compass.latency);
         assert_eq!(compass.module_result.acceptance, Ok(()), "{name}");
-        let ours = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
-        assert!(ours.rms_deg < 0.5 + noise_deg, "{name}: {ours:?}");
+        let module_score = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
+        assert!(module_score.rms_deg < 0.5 + noise_deg, "{name}: {module_score:?}");
         assert_eq!(compass.rms_without_current_deg, None, "{name}: nothing goes with the current");
-        if let Some(theirs) = compass.correction_from(CorrectionSource::Autopilot) {
-            assert!(theirs.score.unwrap().rms_deg > 2.0 * ours.rms_deg, "{name}: {theirs:?}");
+        if let Some(autopilot_correction) = compass.correction_from(CorrectionSource::Autopilot) {
+            assert!(
+                autopilot_correction.score.unwrap().rms_deg > 2.0 * module_score.rms_deg,
+                "{name}: {autopilot_correction:?}"
+            );
         }
-        let used = compass.rows.iter().filter(|row| row.is_usable).count();
-        assert!(compass.row_counts.used == used && used > 2300, "{name}: {:?}", compass.row_counts);
+        let usable_count = compass.rows.iter().filter(|row| row.is_usable).count();
+        assert!(compass.row_counts.used == usable_count && usable_count > 2300, "{name}: {:?}", compass.row_counts);
     }
 }
 
@@ -103,7 +106,7 @@ fn disarmed_rows_are_used_by_no_calibrator() {
         );
     }
     let flight = read(&encode_dataflash(&recording));
-    let verdict = evaluate_flight(&flight, &EvaluationOptions { compass_number: Some(2), ..ASKED });
+    let verdict = evaluate_flight(&flight, &EvaluationOptions { compass_number: Some(2), ..DEFAULT_OPTIONS });
     assert_eq!((flight.compasses.len(), verdict.compasses.len(), verdict.compasses[0].compass_number), (2, 1, 2));
 }
 
@@ -118,9 +121,9 @@ fn exported_parameters_give_the_predicted_heading_error() {
         let (flight, compass) = evaluate(&write(&record_flight(&WorldConfig::random_world(seed), 0.05)));
         let export = export_module(&compass, Some(50.0), dialect);
         let score = score_of_file(&flight, &compass, &export, dialect);
-        let ours = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
-        let most = ours.rms_deg + export.heading_loss_deg[0] + 0.05;
-        assert!(score.rms_deg < most, "seed {seed}: {score:?}, {ours:?}, {:?}", export.heading_loss_deg);
+        let module_score = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
+        let max_rms_deg = module_score.rms_deg + export.heading_loss_deg[0] + 0.05;
+        assert!(score.rms_deg < max_rms_deg, "seed {seed}: {score:?}, {module_score:?}, {:?}", export.heading_loss_deg);
         // Scaled to the given field strength.
         let strengths: Vec<f64> =
             compass.rows.iter().map(|row| row.corrected_field(&export.correction).norm()).collect();
@@ -159,30 +162,33 @@ fn motor_current_interference_is_estimated_and_exported() {
         let (flight, compass) = evaluate(&write(&record_flight(&world, 0.05)));
         assert_eq!(compass.module_result.acceptance, Ok(()), "seed {seed}");
         let interference = compass.module_result.solution.as_ref().unwrap().calibration.motor_current;
-        for (found, added_ut) in interference.ut_per_a.iter().zip(world.current_interference_ut) {
-            let estimate_error = f64::from(*found) - added_ut / CRUISE_CURRENT_A;
+        for (estimated_ut_per_a, added_ut) in interference.ut_per_a.iter().zip(world.current_interference_ut) {
+            let estimate_error = f64::from(*estimated_ut_per_a) - added_ut / CRUISE_CURRENT_A;
             assert!(
                 estimate_error.abs() < 4.0 * f64::from(interference.sigma_ut_per_a) + 0.01,
                 "seed {seed}: {interference:?} {:?}",
                 world.current_interference_ut
             );
         }
-        let ours = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
-        assert!(ours.rms_deg < 0.5 + noise_deg, "seed {seed}: {ours:?}");
+        let module_score = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
+        assert!(module_score.rms_deg < 0.5 + noise_deg, "seed {seed}: {module_score:?}");
         assert!(
-            compass.rms_without_current_deg.unwrap() > 1.5 * ours.rms_deg,
+            compass.rms_without_current_deg.unwrap() > 1.5 * module_score.rms_deg,
             "seed {seed}: {:?}",
             compass.rms_without_current_deg
         );
         let export = export_module(&compass, Some(50.0), dialect);
         let score = score_of_file(&flight, &compass, &export, dialect);
-        assert!(score.rms_deg < ours.rms_deg + export.heading_loss_deg[0] + 0.05, "seed {seed}: {score:?} {ours:?}");
+        assert!(
+            score.rms_deg < module_score.rms_deg + export.heading_loss_deg[0] + 0.05,
+            "seed {seed}: {score:?} {module_score:?}"
+        );
         // Without current compensation the mean interference goes into the offsets, and its variation is lost.
         let inav = export_module(&compass, Some(50.0), ParameterFormat::Inav);
-        assert!(inav.warnings.iter().any(|words| words.contains("current")), "seed {seed}: {:?}", inav.warnings);
+        assert!(inav.warnings.iter().any(|warning| warning.contains("current")), "seed {seed}: {:?}", inav.warnings);
         assert!(inav.heading_loss_deg[0] > export.heading_loss_deg[0], "seed {seed}: {inav:?}");
         // 0.5 uT/A times 10 A in a bank is degrees of heading.
-        let is_warned = inav.warnings.iter().any(|words| words.contains("costs"));
+        let is_warned = inav.warnings.iter().any(|warning| warning.contains("costs"));
         assert!(is_warned && inav.heading_loss_deg[0] > 0.3, "seed {seed}: {inav:?}");
         // The file has whole numbers: 0.5 mG, and gains of 1/1024.
         let score = score_correction(
@@ -194,8 +200,8 @@ fn motor_current_interference_is_estimated_and_exported() {
             )),
         )
         .unwrap();
-        let exact = score_correction(&compass.rows, &inav.correction).unwrap();
-        assert!((score.rms_deg - exact.rms_deg).abs() < 0.1, "seed {seed}: {score:?} {inav:?}");
+        let unrounded_score = score_correction(&compass.rows, &inav.correction).unwrap();
+        assert!((score.rms_deg - unrounded_score.rms_deg).abs() < 0.1, "seed {seed}: {score:?} {inav:?}");
     }
 }
 
@@ -205,10 +211,10 @@ fn inav_correction(text: &str) -> FieldCorrection {
         let line = text.lines().find_map(|line| line.strip_prefix(&format!("set {name}_{axis} = "))).unwrap();
         line.parse::<f64>().unwrap()
     };
-    let each = |name: &str| Vector3::from(["x", "y", "z"].map(|axis| parameter(name, axis)));
+    let parameter_vector = |name: &str| Vector3::from(["x", "y", "z"].map(|axis| parameter(name, axis)));
     FieldCorrection::without_current(
-        Matrix3::from_diagonal(&each("maggain").map(|gain| 1024.0 / gain)),
-        each("magzero") * 0.1,
+        Matrix3::from_diagonal(&parameter_vector("maggain").map(|gain| 1024.0 / gain)),
+        parameter_vector("magzero") * 0.1,
     )
 }
 
@@ -216,16 +222,15 @@ fn inav_correction(text: &str) -> FieldCorrection {
 #[test]
 fn no_parameters_are_given_beyond_compass_offs_max() {
     let (mut flight, compass) = evaluate(&encode_dataflash(&record_flight(&WorldConfig::random_world(3), 0.05)));
-    let evaluation = evaluate_flight(&flight, &ASKED);
+    let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     let offsets_mg = export_module(&compass, Some(50.0), ParameterFormat::ArduPilot).correction.hard_iron_ut * 10.0;
-    for (part, action) in [(0.95, CompassAction::Replace), (1.05, CompassAction::Load)] {
-        flight.parameters.set_value(f64::MAX, "COMPASS_OFFS_MAX", offsets_mg.amax() * part);
+    for (limit_ratio, action) in [(0.95, CompassAction::Replace), (1.05, CompassAction::Load)] {
+        flight.parameters.set_value(f64::MAX, "COMPASS_OFFS_MAX", offsets_mg.amax() * limit_ratio);
         let judgement = &Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot).compasses[0].judgement;
         assert_eq!(judgement.recommended_action, action, "{judgement:?}");
     }
 }
 
-/// Export of the module's calibration.
 fn export_module(compass: &CompassEvaluation, total_ut: Option<f64>, dialect: ParameterFormat) -> ExportedCorrection {
     let calibration = &compass.module_result.solution.as_ref().unwrap().calibration;
     parameter_export::export_correction(compass.compass_number, &compass.rows, calibration, total_ut, dialect).unwrap()
@@ -258,12 +263,12 @@ fn implausible_units_are_reported() {
     let notes = |bytes: &[u8], unit: FieldUnit| {
         let mut source = bytes;
         let flight = log::read_flight(&mut source, unit).unwrap();
-        let notes = LogWarning::warnings_of_flight(&flight, &evaluate_flight(&flight, &ASKED));
+        let notes = LogWarning::warnings_of_flight(&flight, &evaluate_flight(&flight, &DEFAULT_OPTIONS));
         notes.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
     };
     assert_eq!(notes(&text, FieldUnit::Milligauss), "");
-    let in_ut = notes(&text, FieldUnit::Microtesla);
-    assert!(in_ut.contains("milligauss read as microtesla"), "{in_ut}");
+    let notes_in_ut = notes(&text, FieldUnit::Microtesla);
+    assert!(notes_in_ut.contains("milligauss read as microtesla"), "{notes_in_ut}");
     let radians: String = String::from_utf8(text)
         .unwrap()
         .lines()
@@ -281,7 +286,6 @@ fn implausible_units_are_reported() {
     assert!(notes_text.contains("radians"), "{notes_text}");
 }
 
-/// Pairs in reverse order, with duplicates.
 #[test]
 fn duplicate_and_unordered_readings_become_sorted_rows() {
     let text = String::from_utf8(encode_csv(&record_flight(&WorldConfig::random_world(3), 0.0))).unwrap();
@@ -291,9 +295,9 @@ fn duplicate_and_unordered_readings_become_sorted_rows() {
     let lines: Vec<&str> = lines.collect();
     for pair in lines.chunks(2) {
         for line in pair.iter().rev() {
-            let (time, rest) = line.split_once(',').unwrap();
+            let (time, other_cells) = line.split_once(',').unwrap();
             let later: f64 = time.parse::<f64>().unwrap() + 0.002;
-            writeln!(untidy, "{later:.3},{rest}\n{line}\n{line}").unwrap();
+            writeln!(untidy, "{later:.3},{other_cells}\n{line}\n{line}").unwrap();
         }
     }
     let (tidy, untidy) = (evaluate(text.as_bytes()).1, evaluate(untidy.as_bytes()).1);
@@ -312,11 +316,11 @@ fn the_model_inclination_is_used_only_on_days_of_its_validity() {
         world.earth.inclination_deg = inclination_deg;
         let recording = FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..record_turns(&world, 0.0) };
         let flight = read(&encode_dataflash(&recording));
-        let of_that_day = evaluate_flight(&flight, &ASKED);
-        let of_another = evaluate_flight(&Flight { flight_date: None, ..flight }, &ASKED);
+        let of_that_day = evaluate_flight(&flight, &DEFAULT_OPTIONS);
+        let of_another = evaluate_flight(&Flight { flight_date: None, ..flight }, &DEFAULT_OPTIONS);
         for (verdict, is_valid) in [(&of_that_day, true), (&of_another, false)] {
-            let (earth, is) = verdict.earth_field.as_ref().unwrap();
-            assert!(*is == is_valid && (earth.inclination_deg - 64.0).abs() < 1.0, "{earth:?}");
+            let (earth, is_model_valid) = verdict.earth_field.as_ref().unwrap();
+            assert!(*is_model_valid == is_valid && (earth.inclination_deg - 64.0).abs() < 1.0, "{earth:?}");
             assert_eq!(verdict.compasses[0].module_result.acceptance, Ok(()), "{inclination_deg} deg, {is_valid}");
         }
         let [configured, unconfigured] =

@@ -33,14 +33,14 @@ impl HeadingErrors {
     ) -> Self {
         let error_deg = |bank_deg: f64, heading_rad: f64| {
             let truth = TrueState { roll_rad: bank_deg.to_radians(), heading_rad, ..TrueState::default() };
-            let sensed = world.airframe.measured_field(&world.earth.body_field_ut(truth.euler_angles()));
+            let field = world.airframe.measured_field(&world.earth.body_field_ut(truth.euler_angles()));
             let added_ut = added_ut(&truth) + Vector3::from(world.current_interference_ut);
-            let sensed = Field::new(sensed.ut + added_ut.cast());
+            let field = Field::new(field.ut + added_ut.cast());
             // The indicated heading is calculated by the module's own code.
-            let told_a = world.reports_current.then_some(CRUISE_CURRENT_A as f32);
-            let sensed = calibration.remove_motor_current(sensed, told_a);
+            let reported_current_a = world.reports_current.then_some(CRUISE_CURRENT_A as f32);
+            let field = calibration.remove_motor_current(field, reported_current_a);
             let attitude = Attitude::from_deg(bank_deg as f32, 0.0);
-            let indicated = attitude.to_level_frame(calibration.calibrated_field(sensed)).heading_rad();
+            let indicated = attitude.to_level_frame(calibration.calibrated_field(field)).heading_rad();
             wrap_180((f64::from(indicated) - heading_rad).to_degrees())
         };
         Self(BANKS_DEG.map(|bank_deg| std::array::from_fn(|i| error_deg(bank_deg, i as f64 * FRAC_PI_6))))

@@ -130,15 +130,23 @@ pub struct MissionResult {
     pub duration_s: f64,
 }
 
-/// Flies a mission with the simulated module. `watch` receives the stage and its progress, 0..1.
-pub fn fly_mission(world: WorldConfig, plan: TurnPlan, watch: &mut dyn FnMut(MissionStage, f64)) -> MissionResult {
-    fly_with(&mut Rig::new(world), plan, watch)
+/// Flies a mission with the simulated module. `on_progress` receives the stage and its progress, 0..1.
+pub fn fly_mission(
+    world: WorldConfig,
+    plan: TurnPlan,
+    on_progress: &mut dyn FnMut(MissionStage, f64),
+) -> MissionResult {
+    fly_with(&mut Rig::new(world), plan, on_progress)
 }
 
 /// Flies a mission with a module that was just switched on.
-pub fn fly_with(module: &mut impl Module, plan: TurnPlan, watch: &mut dyn FnMut(MissionStage, f64)) -> MissionResult {
+pub fn fly_with(
+    module: &mut impl Module,
+    plan: TurnPlan,
+    on_progress: &mut dyn FnMut(MissionStage, f64),
+) -> MissionResult {
     let world = module.world().world_config();
-    let mut mission = Mission { module, session: String::new(), glimpses: Vec::new(), watch };
+    let mut mission = Mission { module, transcript: String::new(), routine_measurements: Vec::new(), on_progress };
     let before =
         HeadingErrors::evaluate_calibration(&Calibration::uncalibrated(Orientation::IDENTITY_ROTATION), &world);
     let routine = CalibrationRoutine::for_vehicle(world.aircraft.kind, plan, world.aircraft.heading_deg);
@@ -148,28 +156,29 @@ pub fn fly_with(module: &mut impl Module, plan: TurnPlan, watch: &mut dyn FnMut(
         let (streamed, headings) = mission.evaluate_output(&routine.mission_legs);
         (Some(streamed), headings)
     });
-    let after = result
-        .as_ref()
-        .map_or_else(|_| before.clone(), |shown| HeadingErrors::evaluate_calibration(&shown.calibration, &world));
+    let after = result.as_ref().map_or_else(
+        |_| before.clone(),
+        |shown_calibration| HeadingErrors::evaluate_calibration(&shown_calibration.calibration, &world),
+    );
     MissionResult {
         world,
         result,
         errors_before: before,
         errors_after: after,
         streamed_statistics: streamed,
-        routine_measurements: mission.glimpses,
+        routine_measurements: mission.routine_measurements,
         evaluated_headings: headings,
         solved_s,
-        transcript: mission.session,
+        transcript: mission.transcript,
         duration_s: mission.module.now_us() as f64 / 1e6,
     }
 }
 
 struct Mission<'a, M> {
     module: &'a mut M,
-    session: String,
-    glimpses: Vec<RoutineMeasurement>,
-    watch: &'a mut dyn FnMut(MissionStage, f64),
+    transcript: String,
+    routine_measurements: Vec<RoutineMeasurement>,
+    on_progress: &'a mut dyn FnMut(MissionStage, f64),
 }
 
 const RUN_STEP_S: f64 = 0.5;
@@ -182,7 +191,7 @@ const SOLVE_TIMEOUT_S: f64 = 10.0;
 
 impl<M: Module> Mission<'_, M> {
     fn calibrate(&mut self, routine: &CalibrationRoutine) -> Result<ShownCalibration, SolveNotice> {
-        (self.watch)(MissionStage::TakeOff, 0.0);
+        (self.on_progress)(MissionStage::TakeOff, 0.0);
         self.module.world().set_armed(true);
         self.fly_leg(MissionStage::TakeOff, routine.take_off);
         self.send_console_line("status");
@@ -205,16 +214,16 @@ impl<M: Module> Mission<'_, M> {
     /// Result of the solve. If the module does not solve automatically, the pilot requests it.
     fn await_outcome(&mut self) -> SolveNotice {
         let patience_steps = (SOLVE_TIMEOUT_S / RUN_STEP_S) as usize;
-        for piece in 0..2 * patience_steps {
-            if let Some(notice) = transcript::parse_solve_notice(&self.session) {
+        for step in 0..2 * patience_steps {
+            if let Some(notice) = transcript::parse_solve_notice(&self.transcript) {
                 return notice;
             }
-            if piece == patience_steps
+            if step == patience_steps
                 && let Some(error) = transcript::parse_error(&self.send_console_line("cal solve"))
             {
                 return error;
             }
-            (self.watch)(MissionStage::Solve, piece as f64 / (2 * patience_steps) as f64);
+            (self.on_progress)(MissionStage::Solve, step as f64 / (2 * patience_steps) as f64);
             self.advance_one_step();
             self.process_console_output();
         }
@@ -234,11 +243,11 @@ impl<M: Module> Mission<'_, M> {
         for (done, &leg) in legs.iter().enumerate() {
             self.module.world().fly_leg(leg);
             while self.module.world().unfinished_legs() > 0 && self.advance_one_step() {
-                (self.watch)(MissionStage::Stream, done as f64 / legs.len() as f64);
+                (self.on_progress)(MissionStage::Stream, done as f64 / legs.len() as f64);
                 for timed_byte in self.module.instrument_cable().receive_timed() {
                     let Some(received) = reader
                         .push_byte(timed_byte.arrives_at_us, timed_byte.byte)
-                        .filter(|r| r.sentence_kind == "PASWH")
+                        .filter(|sentence| sentence.sentence_kind == "PASWH")
                     else {
                         continue;
                     };
@@ -257,7 +266,7 @@ impl<M: Module> Mission<'_, M> {
                 }
             }
         }
-        (self.watch)(MissionStage::Stream, 1.0);
+        (self.on_progress)(MissionStage::Stream, 1.0);
         self.process_console_output();
         let errors_deg: Vec<f64> = evaluated.iter().map(|evaluated| evaluated.error_deg).collect();
         let normalised: Vec<f64> =
@@ -269,7 +278,7 @@ impl<M: Module> Mission<'_, M> {
 
     /// Flies a leg; records measurements during the routine.
     fn fly_leg(&mut self, stage: MissionStage, leg: Leg) {
-        let began = self.module.world().true_state(self.module.now_us());
+        let start_state = self.module.world().true_state(self.module.now_us());
         self.module.world().fly_leg(leg);
         while self.module.world().unfinished_legs() > 0 && self.advance_one_step() {
             self.process_console_output();
@@ -277,17 +286,21 @@ impl<M: Module> Mission<'_, M> {
             if matches!(stage, MissionStage::Routine(_)) {
                 let field = self.module.world().sensor_field(now.time_us);
                 let current_a = self.module.world().reported_current_a(now.time_us).map(|amperes| amperes as f32);
-                self.glimpses.push(RoutineMeasurement { field, current_a, true_moment: TrueMoment::from_state(&now) });
+                self.routine_measurements.push(RoutineMeasurement {
+                    field,
+                    current_a,
+                    true_moment: TrueMoment::from_state(&now),
+                });
             }
             let done = match leg {
-                Leg::Straight { seconds, .. } | Leg::Hover { seconds } | Leg::Push { seconds, .. } => {
-                    (now.time_us - began.time_us) as f64 / 1e6 / seconds
+                Leg::Straight { seconds, .. } | Leg::Hover { seconds } | Leg::Tilt { seconds, .. } => {
+                    (now.time_us - start_state.time_us) as f64 / 1e6 / seconds
                 }
                 Leg::Turn { heading_change_deg, .. } | Leg::Yaw { heading_change_deg, .. } => {
-                    (now.heading_rad - began.heading_rad).to_degrees() / heading_change_deg
+                    (now.heading_rad - start_state.heading_rad).to_degrees() / heading_change_deg
                 }
             };
-            (self.watch)(stage, done.clamp(0.0, 1.0));
+            (self.on_progress)(stage, done.clamp(0.0, 1.0));
         }
     }
 
@@ -298,11 +311,11 @@ impl<M: Module> Mission<'_, M> {
 
     fn send_console_line(&mut self, line: &str) -> String {
         let printed = self.module.send_console_line(line);
-        self.session.push_str(&printed);
+        self.transcript.push_str(&printed);
         printed
     }
 
     fn process_console_output(&mut self) {
-        self.session.push_str(&self.module.take_console_output());
+        self.transcript.push_str(&self.module.take_console_output());
     }
 }

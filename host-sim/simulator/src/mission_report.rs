@@ -19,11 +19,11 @@ use crate::world::airframe::AirframeDescription;
 
 /// Makes the report of a mission.
 #[must_use]
-pub fn report_mission(mission_result: &MissionResult, made: &ReportOrigin) -> Report {
+pub fn report_mission(mission_result: &MissionResult, origin: &ReportOrigin) -> Report {
     let seed = mission_result.world.seed;
-    let kind = mission_result.world.aircraft.kind.vehicle_name();
+    let vehicle_name = mission_result.world.aircraft.kind.vehicle_name();
     Report {
-        title: format!("Simulated {kind}, seed {seed}"),
+        title: format!("Simulated {vehicle_name}, seed {seed}"),
         verdicts: vec![verdict_line(mission_result)],
         key_figures: key_figures(mission_result),
         reference: ReferenceInfo {
@@ -38,12 +38,12 @@ pub fn report_mission(mission_result: &MissionResult, made: &ReportOrigin) -> Re
         compasses: vec![mission_compass_report(mission_result)],
         terminal_output: Some(["Console session".to_owned(), strip_control_sequences(&mission_result.transcript)]),
         origin: [
-            ["command".to_owned(), made.command_line.clone()],
+            ["command".to_owned(), origin.command_line.clone()],
             ["made by".to_owned(), format!("Autoswing {}", env!("CARGO_PKG_VERSION"))],
             ["flight".to_owned(), format!("simulated, {} s, seed {seed}", format_number(mission_result.duration_s, 0))],
         ]
         .into_iter()
-        .chain(made.settings.iter().cloned())
+        .chain(origin.settings.iter().cloned())
         .collect(),
         ..Report::default()
     }
@@ -53,21 +53,21 @@ pub fn report_mission(mission_result: &MissionResult, made: &ReportOrigin) -> Re
 #[must_use]
 pub fn mission_json(mission_result: &MissionResult) -> Value {
     let (before, after) = (mission_result.errors_before.statistics(), mission_result.errors_after.statistics());
-    let shown = mission_result.result.as_ref().ok();
+    let shown_calibration = mission_result.result.as_ref().ok();
     let refusal = match &mission_result.result {
         Err(SolveNotice::Refused { code, words }) => json!({ "code": code, "words": words }),
         Err(SolveNotice::Calibrated(_)) => json!({ "code": "unreadable", "words": "cal show could not be read" }),
         Ok(_) => Value::Null,
     };
     let mut figures = json!({
-        "accepted": shown.is_some(),
+        "accepted": shown_calibration.is_some(),
         "refusal": refusal,
-        "method": shown.map(|s| &s.method),
-        "coefficients": shown.map(|s| coefficients_json(&s.calibration)),
-        "inclination_deg": shown.map(|s| s.calibration.inclination_rad.to_degrees()),
-        "expected_rms_deg": shown.map(|s| s.expected_rms_deg),
+        "method": shown_calibration.map(|shown| &shown.method),
+        "coefficients": shown_calibration.map(|shown| coefficients_json(&shown.calibration)),
+        "inclination_deg": shown_calibration.map(|shown| shown.calibration.inclination_rad.to_degrees()),
+        "expected_rms_deg": shown_calibration.map(|shown| shown.expected_rms_deg),
         "before": before,
-        "after": shown.map(|_| after),
+        "after": shown_calibration.map(|_| after),
         "streamed": mission_result.streamed_statistics,
         "duration_s": mission_result.duration_s,
         "aircraft": mission_result.world.aircraft.kind.vehicle_name(),
@@ -83,7 +83,7 @@ pub fn mission_json(mission_result: &MissionResult) -> Value {
 pub fn airframe_json(world: &WorldConfig) -> Value {
     let AirframeDescription { soft_iron, hard_iron_ut, mounting_deg } = AirframeDescription::from(&world.airframe);
     json!({
-        "soft_iron": soft_iron.map(|row| row.map(|number| round_to(number, 4))),
+        "soft_iron": soft_iron.map(|row| row.map(|element| round_to(element, 4))),
         "hard_iron_ut": hard_iron_ut,
         "mounting_deg": mounting_deg,
         "total_ut": world.earth.total_ut,
@@ -92,7 +92,7 @@ pub fn airframe_json(world: &WorldConfig) -> Value {
 }
 
 fn verdict_line(mission_result: &MissionResult) -> VerdictLine {
-    let (state, word) = match &mission_result.result {
+    let (compass_state, state_word) = match &mission_result.result {
         Ok(_) => (CompassState::Good, "Accepted"),
         Err(_) => (CompassState::Bad, "Refused"),
     };
@@ -107,16 +107,19 @@ fn verdict_line(mission_result: &MissionResult) -> VerdictLine {
         Err(SolveNotice::Refused { code, words }) => format!("the module refused: {code}: {words}"),
         Err(SolveNotice::Calibrated(words)) => format!("calibrated, but cal show could not be read: {words}"),
     };
-    VerdictLine { compass_state: state, state_word: word, verdict_text: text }
+    VerdictLine { compass_state, state_word, verdict_text: text }
 }
 
 fn key_figures(mission_result: &MissionResult) -> Vec<[String; 2]> {
     let (before, after) = (mission_result.errors_before.statistics(), mission_result.errors_after.statistics());
     let mut figures = vec![["before: largest error".to_owned(), format!("{} deg", format_number(before.max_deg, 2))]];
-    if let Ok(shown) = &mission_result.result {
+    if let Ok(shown_calibration) = &mission_result.result {
         figures.push(["after: largest error".to_owned(), format!("{} deg", format_number(after.max_deg, 2))]);
         figures.push(["after: RMS".to_owned(), format!("{} deg", format_number(after.rms_deg, 2))]);
-        figures.push(["expected: RMS".to_owned(), format!("{} deg", format_number(shown.expected_rms_deg, 2))]);
+        figures.push([
+            "expected: RMS".to_owned(),
+            format!("{} deg", format_number(shown_calibration.expected_rms_deg, 2)),
+        ]);
     }
     if let Some(streamed) = &mission_result.streamed_statistics {
         figures.push(["streamed in flight: RMS".to_owned(), format!("{} deg", format_number(streamed.rms_deg, 2))]);
@@ -130,25 +133,27 @@ fn key_figures(mission_result: &MissionResult) -> Vec<[String; 2]> {
 }
 
 fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
-    let calibration = mission_result.result.as_ref().ok().map(|shown| shown.calibration);
-    let first_s = mission_result.routine_measurements.first().map_or(0.0, |glimpse| glimpse.true_moment.time_s);
-    let glimpses =
-        mission_result.routine_measurements.iter().map(|glimpse| collected_sample(glimpse, calibration.as_ref()));
+    let calibration = mission_result.result.as_ref().ok().map(|shown_calibration| shown_calibration.calibration);
+    let first_s = mission_result.routine_measurements.first().map_or(0.0, |measurement| measurement.true_moment.time_s);
+    let measurements = mission_result
+        .routine_measurements
+        .iter()
+        .map(|measurement| collected_sample(measurement, calibration.as_ref()));
     let mut moments: Vec<ReportSample> =
-        glimpses.chain(mission_result.evaluated_headings.iter().map(streamed_sample)).collect();
+        measurements.chain(mission_result.evaluated_headings.iter().map(streamed_sample)).collect();
     for moment in &mut moments {
         moment.time_s -= first_s;
     }
     let mut facts = summary_table(mission_result);
-    if let Ok(shown) = &mission_result.result {
-        let Calibration { total_ut, inclination_rad, .. } = shown.calibration;
+    if let Ok(shown_calibration) = &mission_result.result {
+        let Calibration { total_ut, inclination_rad, .. } = shown_calibration.calibration;
         facts.push(["field".to_owned(), format!("{} uT", format_number(f64::from(total_ut), 2))]);
         let inclination_deg = f64::from(inclination_rad.to_degrees());
         facts.push(["inclination".to_owned(), format!("{} deg", format_number(inclination_deg, 2))]);
-        let worst = format_number(shown.expected_worst_deg, 2);
-        facts.push(["sigma at the worst heading".to_owned(), format!("{worst} deg")]);
+        let worst_error_text = format_number(shown_calibration.expected_worst_deg, 2);
+        facts.push(["sigma at the worst heading".to_owned(), format!("{worst_error_text} deg")]);
     }
-    let expected_deg = mission_result.result.as_ref().ok().map(|shown| shown.expected_rms_deg);
+    let expected_deg = mission_result.result.as_ref().ok().map(|shown_calibration| shown_calibration.expected_rms_deg);
     CompassReport {
         compass_name: "The module's compass".to_owned(),
         is_accepted: mission_result.result.is_ok(),
@@ -159,7 +164,7 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
         } else {
             Vec::new()
         },
-        sigma_deg: expected_deg.map_or_else(Vec::new, |deg| vec![deg; 12]),
+        sigma_deg: expected_deg.map_or_else(Vec::new, |rms_deg| vec![rms_deg; 12]),
         sigma_description: "the expected error of the calibration, RMS over all headings",
         samples: moments,
         event_marks: vec![EventMark {
@@ -168,7 +173,8 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
         }],
         before_name: "uncorrected",
         corrected_by: "by the module",
-        earth_field: calibration.map(|c| [c.total_ut, c.inclination_rad.to_degrees()].map(f64::from)),
+        earth_field: calibration
+            .map(|calibration| [calibration.total_ut, calibration.inclination_rad.to_degrees()].map(f64::from)),
         coefficients: calibration
             .map(|Calibration { w: [x, y, z], b_ut, .. }| [x, y, z, b_ut].map(|row| row.map(f64::from))),
         ..CompassReport::default()
@@ -176,18 +182,18 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
 }
 
 fn summary_table(mission_result: &MissionResult) -> Vec<[String; 2]> {
-    let words = |f: ErrorStatistics| {
+    let statistics_text = |statistics: ErrorStatistics| {
         format!(
             "largest {}, RMS {}, constant {}, largest less constant {} deg",
-            format_number(f.max_deg, 2),
-            format_number(f.rms_deg, 2),
-            format_number(f.mean_deg, 2),
-            format_number(f.max_demeaned_deg, 2)
+            format_number(statistics.max_deg, 2),
+            format_number(statistics.rms_deg, 2),
+            format_number(statistics.mean_deg, 2),
+            format_number(statistics.max_demeaned_deg, 2)
         )
     };
-    let mut facts = vec![["before".to_owned(), words(mission_result.errors_before.statistics())]];
+    let mut facts = vec![["before".to_owned(), statistics_text(mission_result.errors_before.statistics())]];
     if mission_result.result.is_ok() {
-        facts.push(["after".to_owned(), words(mission_result.errors_after.statistics())]);
+        facts.push(["after".to_owned(), statistics_text(mission_result.errors_after.statistics())]);
     }
     if let Some(streamed) = &mission_result.streamed_statistics {
         facts.push([
@@ -233,19 +239,19 @@ fn report_sample(true_moment: &mission::TrueMoment) -> ReportSample {
 }
 
 /// State of the vehicle at a measurement during the collection, for the report.
-fn collected_sample(glimpse: &RoutineMeasurement, calibration: Option<&Calibration>) -> ReportSample {
+fn collected_sample(measurement: &RoutineMeasurement, calibration: Option<&Calibration>) -> ReportSample {
     let corrected = |applied: &Calibration| {
-        applied.calibrated_field(applied.remove_motor_current(glimpse.field, glimpse.current_a))
+        applied.calibrated_field(applied.remove_motor_current(measurement.field, measurement.current_a))
     };
     let before = corrected(&Calibration::uncalibrated(Orientation::IDENTITY_ROTATION));
-    let before_deg = f64::from(glimpse.true_moment.attitude.to_level_frame(before).heading_rad().to_degrees());
+    let before_deg = f64::from(measurement.true_moment.attitude.to_level_frame(before).heading_rad().to_degrees());
     let body_ut = |field: Field<Body>| field.ut.map(f64::from).into();
     ReportSample {
         raw_ut: Some(body_ut(before)),
         corrected_ut: calibration.map(|applied| body_ut(corrected(applied))),
-        current_a: glimpse.current_a.map(f64::from),
-        error_before_deg: Some(wrap_180(before_deg - glimpse.true_moment.heading_deg)),
-        ..report_sample(&glimpse.true_moment)
+        current_a: measurement.current_a.map(f64::from),
+        error_before_deg: Some(wrap_180(before_deg - measurement.true_moment.heading_deg)),
+        ..report_sample(&measurement.true_moment)
     }
 }
 

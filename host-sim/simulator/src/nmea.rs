@@ -42,15 +42,15 @@ impl SentenceReader {
 fn parse_sentence(at_us: u64, line: &[u8]) -> Option<HeadingSentence> {
     let line = std::str::from_utf8(line).ok()?.strip_suffix('\r')?;
     let (body, checksum) = line.strip_prefix('$')?.rsplit_once('*')?;
-    let sum = body.bytes().fold(0, |sum, byte| sum ^ byte);
-    if u8::from_str_radix(checksum, 16) != Ok(sum) {
+    let xor_sum = body.bytes().fold(0, |xor_sum, byte| xor_sum ^ byte);
+    if u8::from_str_radix(checksum, 16) != Ok(xor_sum) {
         return None;
     }
     let mut fields = body.split(',');
-    let kind = fields.next()?.to_owned();
+    let sentence_kind = fields.next()?.to_owned();
     let heading = fields.next()?;
     let heading_deg = if heading.is_empty() { None } else { Some(heading.parse().ok()?) };
-    let (sigma_deg, status, heading_kind_field) = if kind == "PASWH" {
+    let (sigma_deg, status, heading_kind_field) = if sentence_kind == "PASWH" {
         let sigma = fields.next()?;
         let sigma_deg = if heading_deg.is_some() { Some(sigma.parse().ok()?) } else { None };
         let (status, heading_kind_field) = (fields.next()?.to_owned(), fields.next()?);
@@ -60,7 +60,7 @@ fn parse_sentence(at_us: u64, line: &[u8]) -> Option<HeadingSentence> {
     };
     Some(HeadingSentence {
         arrived_at_us: at_us,
-        sentence_kind: kind,
+        sentence_kind,
         heading_deg,
         sigma_deg,
         status,
@@ -81,7 +81,7 @@ mod tests {
     #[test]
     fn valid_sentences_are_read_and_others_counted() {
         let (received, invalid) = read("$HCHDM,101.1,M*28\r\n$HCHDM,,M*07\r\n$HCHDM,101.2,M*28\r\nnoise\r\n");
-        let headings: Vec<_> = received.iter().map(|r| r.heading_deg).collect();
+        let headings: Vec<_> = received.iter().map(|sentence| sentence.heading_deg).collect();
         assert_eq!(headings, [Some(101.1), None]);
         assert_eq!(invalid, 2);
     }

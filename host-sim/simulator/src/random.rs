@@ -40,7 +40,7 @@ pub enum StreamPurpose {
     /// Throttle changes.
     Throttle = 15,
     /// Times and directions of faults.
-    Case = 16,
+    FaultCase = 16,
     /// Legs of a flight.
     Legs = 17,
     /// Gusts along the flight path.
@@ -48,9 +48,9 @@ pub enum StreamPurpose {
     /// Rough ground and waves.
     Surface = 19,
     /// Acceleration-induced roll error of the attitude source.
-    RollPush = 20,
+    RollTiltError = 20,
     /// Acceleration-induced pitch error of the attitude source.
-    PitchPush = 21,
+    PitchTiltError = 21,
     /// Direction of motor-current interference.
     Current = 22,
     /// Delays and faults of MSP answers.

@@ -46,12 +46,13 @@ pub fn record_sample(recording: &mut FlightRecording, world: &World, source: &mu
 }
 
 /// Sets the place and its declination on 2026-01-01.
-fn set_place(recording: &mut FlightRecording, place: ReportedPosition) {
-    let ReportedPosition { latitude_deg, longitude_deg, height_m } = place;
+fn set_place(recording: &mut FlightRecording, reported_position: ReportedPosition) {
+    let ReportedPosition { latitude_deg, longitude_deg, height_m } = reported_position;
     recording.start_position = Some([latitude_deg, longitude_deg, height_m]);
-    let here = earth::Position::new(latitude_deg as f32, longitude_deg as f32, height_m as f32);
-    let field =
-        here.zip(Date::from_unix_s(START_UNIX_US / 1_000_000)).and_then(|(at, on)| EarthField::from_model(at, on));
+    let model_position = earth::Position::new(latitude_deg as f32, longitude_deg as f32, height_m as f32);
+    let field = model_position
+        .zip(Date::from_unix_s(START_UNIX_US / 1_000_000))
+        .and_then(|(position, date)| EarthField::from_model(position, date));
     recording.declination_deg = field.and_then(|field| field.declination_deg).map_or(0.0, f64::from);
 }
 

@@ -104,7 +104,7 @@ impl Watchdog for SimulatedWatchdog {
 #[derive(Clone, Debug, Default)]
 pub struct SimulatedPanel {
     is_lit: Rc<Cell<bool>>,
-    is_down: Rc<Cell<bool>>,
+    is_button_pressed: Rc<Cell<bool>>,
 }
 
 impl SimulatedPanel {
@@ -115,18 +115,18 @@ impl SimulatedPanel {
     }
 
     /// Presses or releases the button.
-    pub fn set_button(&self, is_down: bool) {
-        self.is_down.set(is_down);
+    pub fn set_button(&self, is_button_pressed: bool) {
+        self.is_button_pressed.set(is_button_pressed);
     }
 }
 
 impl Panel for SimulatedPanel {
-    fn set_lamp(&mut self, on: bool) {
-        self.is_lit.set(on);
+    fn set_lamp(&mut self, is_lit: bool) {
+        self.is_lit.set(is_lit);
     }
 
     fn is_pressed(&self) -> bool {
-        self.is_down.get()
+        self.is_button_pressed.get()
     }
 }
 
@@ -140,7 +140,7 @@ impl Rig {
     /// As [`new`](Self::new), with faults.
     #[must_use]
     pub fn with_faults(config: WorldConfig, faults: Faults) -> Self {
-        Self::with_port_devices(config, faults, [FarEnd::Talker, FarEnd::Unconnected])
+        Self::with_port_devices(config, faults, [FarEnd::SendOnly, FarEnd::Unconnected])
     }
 
     /// As [`with_faults`](Self::with_faults), with other devices at the ports.
@@ -194,12 +194,12 @@ impl Rig {
     }
 
     /// Attaches the module to a CAN bus with a unique id from a number, and restarts it.
-    pub fn attach_can(&mut self, end: CanEnd, number: u64) {
+    pub fn attach_can(&mut self, can_end: CanEnd, unique_id_number: u64) {
         let mut unique_id = [0; UNIQUE_ID_LENGTH];
-        unique_id[..8].copy_from_slice(&number.to_be_bytes());
+        unique_id[..8].copy_from_slice(&unique_id_number.to_be_bytes());
         let software = SoftwareVersion::of_this_firmware(None);
         self.can = Some((
-            end,
+            can_end,
             NodeInfo {
                 node_name: "org.autoswing.simulator",
                 software_version: software,
@@ -239,32 +239,42 @@ impl Rig {
         let (console_rx, console_tx) = self.console_cable.module_ends();
         let store = Store::new(self.flash.clone(), 0..STORE_BYTES as u32);
         let platform = SimulatedPlatform(self.reset.clone());
-        let dog = SimulatedWatchdog(self.reset.clone());
+        let watchdog = SimulatedWatchdog(self.reset.clone());
         let panel = self.panel.clone();
         let simulation = &mut self.simulation;
         self.magnetometer.spawn_task(simulation, links.clone());
-        let l = links.clone();
-        simulation.spawn(Level::Interrupt, "instrument", async move { app::instrument::run_instrument(&l).await });
-        for (number, cable) in PortNumber::ALL_PORTS.into_iter().zip([&self.autopilot_cable, &self.instrument_cable]) {
-            let (l, (rx, tx)) = (links.clone(), cable.module_ends());
-            simulation.spawn(Level::Interrupt, "port", async move { app::port::run_port(&l, number, rx, tx).await });
-        }
-        if let Some((end, info)) = self.can.clone() {
-            end.clear_receiver();
-            let (l, tx, boot_loader) =
-                (links.clone(), end.clone(), SimulatedBootLoader(Rc::clone(&self.firmware_update)));
-            simulation.spawn(Level::Interrupt, "can", async move {
-                app::can::run_can(&l, info, end, tx, boot_loader, false).await;
+        let task_links = links.clone();
+        simulation.spawn(
+            Level::Interrupt,
+            "instrument",
+            async move { app::instrument::run_instrument(&task_links).await },
+        );
+        for (port_number, cable) in
+            PortNumber::ALL_PORTS.into_iter().zip([&self.autopilot_cable, &self.instrument_cable])
+        {
+            let (task_links, (rx, tx)) = (links.clone(), cable.module_ends());
+            simulation.spawn(Level::Interrupt, "port", async move {
+                app::port::run_port(&task_links, port_number, rx, tx).await;
             });
         }
-        let l = links.clone();
-        simulation.spawn(Level::Interrupt, "watchdog", async move { app::watchdog::run_watchdog(&l, dog).await });
-        let l = links.clone();
-        simulation.spawn(Level::Interrupt, "panel", async move { app::panel::run_panel(&l, panel).await });
-        let (l, retained) = (links.clone(), Rc::clone(&self.retained_samples));
+        if let Some((can_end, info)) = self.can.clone() {
+            can_end.clear_receiver();
+            let (task_links, tx, boot_loader) =
+                (links.clone(), can_end.clone(), SimulatedBootLoader(Rc::clone(&self.firmware_update)));
+            simulation.spawn(Level::Interrupt, "can", async move {
+                app::can::run_can(&task_links, info, can_end, tx, boot_loader, false).await;
+            });
+        }
+        let task_links = links.clone();
+        simulation.spawn(Level::Interrupt, "watchdog", async move {
+            app::watchdog::run_watchdog(&task_links, watchdog).await;
+        });
+        let task_links = links.clone();
+        simulation.spawn(Level::Interrupt, "panel", async move { app::panel::run_panel(&task_links, panel).await });
+        let (task_links, retained) = (links.clone(), Rc::clone(&self.retained_samples));
         simulation.spawn(Level::Thread, "compass", async move {
             // Boxed, because the future with the sample memory is large.
-            Box::pin(app::compass::run_compass(&l, store, &mut retained.borrow_mut())).await;
+            Box::pin(app::compass::run_compass(&task_links, store, &mut retained.borrow_mut())).await;
         });
         simulation.spawn(Level::Thread, "console", async move {
             app::console::run_console(&links, console_rx, console_tx, platform, cause).await;

@@ -56,8 +56,8 @@ const START_TURNS_COLLECTION: &str = "cal start turns";
 impl CalibrationRoutine {
     /// CalibrationRoutine of a vehicle kind, with take-off heading; the plan applies to aeroplanes.
     #[must_use]
-    pub fn for_vehicle(kind: VehicleKind, plan: TurnPlan, heading_deg: f64) -> Self {
-        match kind {
+    pub fn for_vehicle(vehicle_kind: VehicleKind, plan: TurnPlan, heading_deg: f64) -> Self {
+        match vehicle_kind {
             VehicleKind::Plane => plane_routine(plan, heading_deg),
             VehicleKind::Copter => copter_routine(),
             VehicleKind::Vtol => vtol_routine(heading_deg),
@@ -69,15 +69,15 @@ impl CalibrationRoutine {
     /// All legs in order.
     #[must_use]
     pub fn legs(&self) -> Vec<Leg> {
-        self.routine_parts.iter().flat_map(|part| part.legs.iter().copied()).collect()
+        self.routine_parts.iter().flat_map(|routine_part| routine_part.legs.iter().copied()).collect()
     }
 
     /// Pilot instructions, one line per part.
     #[must_use]
     pub fn pilot_instructions(&self) -> String {
-        self.routine_parts.iter().enumerate().fold(String::new(), |mut text, (i, part)| {
+        self.routine_parts.iter().enumerate().fold(String::new(), |mut text, (i, routine_part)| {
             // Writing to a string never fails.
-            let _ = writeln!(text, "  {}. {}", i + 1, part.instruction);
+            let _ = writeln!(text, "  {}. {}", i + 1, routine_part.instruction);
             text
         })
     }
@@ -86,9 +86,14 @@ impl CalibrationRoutine {
 /// Pilot instructions for all kinds.
 #[must_use]
 pub fn all_instructions() -> String {
-    VehicleKind::ALL_VEHICLES.into_iter().fold(String::new(), |text, kind| {
-        let routine = CalibrationRoutine::for_vehicle(kind, TurnPlan::default(), 0.0);
-        format!("{text}{}, after `{}`:\n{}", kind.vehicle_name(), routine.start_command, routine.pilot_instructions())
+    VehicleKind::ALL_VEHICLES.into_iter().fold(String::new(), |text, vehicle_kind| {
+        let routine = CalibrationRoutine::for_vehicle(vehicle_kind, TurnPlan::default(), 0.0);
+        format!(
+            "{text}{}, after `{}`:\n{}",
+            vehicle_kind.vehicle_name(),
+            routine.start_command,
+            routine.pilot_instructions()
+        )
     })
 }
 
@@ -112,10 +117,10 @@ fn tilts_to_all_sides(name: &'static str, instruction_text: &'static str, headin
     const TILT_DURATION_S: f64 = 2.0;
     const REST_AFTER_TILT_S: f64 = 2.5;
     let turn = circle_leg(2.0 * HOVER_RATE_DEG_S, 360.0 / headings as f64);
-    let each = [0.0, 180.0, 90.0, 270.0].into_iter().flat_map(|toward_deg| {
-        [Leg::Push { toward_deg, tilt_deg: 18.0, seconds: TILT_DURATION_S }, Leg::Hover { seconds: REST_AFTER_TILT_S }]
+    let tilt_legs = [0.0, 180.0, 90.0, 270.0].into_iter().flat_map(|toward_deg| {
+        [Leg::Tilt { toward_deg, tilt_deg: 18.0, seconds: TILT_DURATION_S }, Leg::Hover { seconds: REST_AFTER_TILT_S }]
     });
-    let legs = (0..headings).flat_map(|_| each.clone().chain([turn])).collect();
+    let legs = (0..headings).flat_map(|_| tilt_legs.clone().chain([turn])).collect();
     RoutinePart { part_name: name, instruction: instruction_text, legs }
 }
 
@@ -155,7 +160,7 @@ fn copter_routine() -> CalibrationRoutine {
             Leg::Straight { heading_deg: 60.0, seconds: 20.0 },
             Leg::Turn { bank_deg: 10.0, heading_change_deg: -360.0 },
             Leg::Hover { seconds: 5.0 },
-            Leg::Push { toward_deg: 45.0, tilt_deg: 20.0, seconds: 2.0 },
+            Leg::Tilt { toward_deg: 45.0, tilt_deg: 20.0, seconds: 2.0 },
             Leg::Straight { heading_deg: 250.0, seconds: 15.0 },
         ],
     }
@@ -188,12 +193,12 @@ fn vtol_routine(heading_deg: f64) -> CalibrationRoutine {
 }
 
 /// Alternating circles to both sides, so that they cover different places.
-fn circles_routine(name: &'static str, instruction_text: &'static str, rate_deg_s: f64, number: usize) -> RoutinePart {
-    let sides = [720.0, -720.0].into_iter().cycle();
+fn circles_routine(name: &'static str, instruction_text: &'static str, rate_deg_s: f64, circles: usize) -> RoutinePart {
+    let signed_turns_deg = [720.0, -720.0].into_iter().cycle();
     RoutinePart {
         part_name: name,
         instruction: instruction_text,
-        legs: sides.take(number).map(|change_deg| circle_leg(rate_deg_s, change_deg)).collect(),
+        legs: signed_turns_deg.take(circles).map(|change_deg| circle_leg(rate_deg_s, change_deg)).collect(),
     }
 }
 
@@ -229,22 +234,23 @@ fn boat_routine(heading_deg: f64) -> CalibrationRoutine {
 }
 
 /// A random leg suitable for this vehicle kind.
-pub fn random_leg(kind: VehicleKind, random: &mut RandomStream) -> Leg {
-    let side = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
-    let choices = if kind.can_hover() { 5.0 } else { 2.0 };
+pub fn random_leg(vehicle_kind: VehicleKind, random: &mut RandomStream) -> Leg {
+    let side_sign = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
+    let choices = if vehicle_kind.can_hover() { 5.0 } else { 2.0 };
     match random.uniform(0.0, choices) as u8 {
         0 => Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: random.uniform(8.0, 25.0) },
         1 => {
             // A copter at 3 m/s turns at 33 deg/s with 10 deg of bank; an aeroplane at 18 deg/s with 35 deg.
-            let bank_deg = if kind == VehicleKind::Copter { [5.0, 15.0] } else { [10.0, 35.0] };
-            let heading_change_deg = side * random.uniform(60.0, 360.0);
+            let bank_deg = if vehicle_kind == VehicleKind::Copter { [5.0, 15.0] } else { [10.0, 35.0] };
+            let heading_change_deg = side_sign * random.uniform(60.0, 360.0);
             Leg::Turn { bank_deg: random.uniform(bank_deg[0], bank_deg[1]), heading_change_deg }
         }
         2 => Leg::Hover { seconds: random.uniform(2.0, 12.0) },
-        3 => {
-            Leg::Yaw { rate_deg_s: random.uniform(10.0, 60.0), heading_change_deg: side * random.uniform(30.0, 360.0) }
-        }
-        _ => Leg::Push {
+        3 => Leg::Yaw {
+            rate_deg_s: random.uniform(10.0, 60.0),
+            heading_change_deg: side_sign * random.uniform(30.0, 360.0),
+        },
+        _ => Leg::Tilt {
             toward_deg: random.uniform(0.0, 360.0),
             tilt_deg: random.uniform(8.0, 25.0),
             seconds: random.uniform(1.0, 3.0),
@@ -258,8 +264,8 @@ mod tests {
     use crate::world::WorldConfig;
     use crate::world::aircraft::Aircraft;
 
-    fn duration_s(kind: VehicleKind, legs: &[Leg], seed: u64) -> f64 {
-        let config = WorldConfig::random_world(seed).with_vehicle_kind(kind);
+    fn duration_s(vehicle_kind: VehicleKind, legs: &[Leg], seed: u64) -> f64 {
+        let config = WorldConfig::random_world(seed).with_vehicle_kind(vehicle_kind);
         let mut aircraft = Aircraft::new(config.aircraft, config.weather, seed, 0);
         for &leg in legs {
             aircraft.autopilot_mut().fly_leg(leg);
@@ -273,34 +279,45 @@ mod tests {
     /// Limited by battery capacity. Three circles suffice for an aeroplane.
     #[test]
     fn no_routine_takes_more_than_three_minutes() {
-        for kind in VehicleKind::ALL_VEHICLES {
-            let routine =
-                CalibrationRoutine::for_vehicle(kind, TurnPlan { circles_per_side: 3.0, ..TurnPlan::default() }, 0.0);
-            let seconds = duration_s(kind, &routine.legs(), 3);
-            assert!((60.0..=185.0).contains(&seconds), "{kind:?}: {seconds} s");
+        for vehicle_kind in VehicleKind::ALL_VEHICLES {
+            let routine = CalibrationRoutine::for_vehicle(
+                vehicle_kind,
+                TurnPlan { circles_per_side: 3.0, ..TurnPlan::default() },
+                0.0,
+            );
+            let seconds = duration_s(vehicle_kind, &routine.legs(), 3);
+            assert!((60.0..=185.0).contains(&seconds), "{vehicle_kind:?}: {seconds} s");
         }
     }
 
     #[test]
     fn every_vehicle_kind_has_instructions_for_every_part() {
-        let words = all_instructions();
-        for kind in VehicleKind::ALL_VEHICLES {
-            let routine = CalibrationRoutine::for_vehicle(kind, TurnPlan::default(), 0.0);
-            assert!(words.contains(&format!("{}, after `{}`", kind.vehicle_name(), routine.start_command)));
-            assert!(routine.routine_parts.iter().all(|part| words.contains(part.instruction) && !part.legs.is_empty()));
+        let instructions = all_instructions();
+        for vehicle_kind in VehicleKind::ALL_VEHICLES {
+            let routine = CalibrationRoutine::for_vehicle(vehicle_kind, TurnPlan::default(), 0.0);
+            assert!(instructions.contains(&format!(
+                "{}, after `{}`",
+                vehicle_kind.vehicle_name(),
+                routine.start_command
+            )));
+            assert!(
+                routine.routine_parts.iter().all(
+                    |routine_part| instructions.contains(routine_part.instruction) && !routine_part.legs.is_empty()
+                )
+            );
         }
     }
 
     #[test]
     fn the_documentation_lists_the_same_routines() {
         let text = include_str!("../../../docs/routines.md").to_lowercase();
-        for kind in VehicleKind::ALL_VEHICLES {
-            let routine = CalibrationRoutine::for_vehicle(kind, TurnPlan::default(), 0.0);
-            let row = format!("| `{}` | `{}` |", kind.vehicle_name(), routine.start_command);
+        for vehicle_kind in VehicleKind::ALL_VEHICLES {
+            let routine = CalibrationRoutine::for_vehicle(vehicle_kind, TurnPlan::default(), 0.0);
+            let row = format!("| `{}` | `{}` |", vehicle_kind.vehicle_name(), routine.start_command);
             let row = text.lines().find(|line| line.starts_with(&row)).unwrap_or_default();
             assert!(
-                routine.routine_parts.iter().all(|part| row.contains(&part.instruction.to_lowercase())),
-                "{kind:?}: {row}"
+                routine.routine_parts.iter().all(|routine_part| row.contains(&routine_part.instruction.to_lowercase())),
+                "{vehicle_kind:?}: {row}"
             );
         }
     }

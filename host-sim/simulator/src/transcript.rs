@@ -19,8 +19,8 @@ pub enum SolveNotice {
 impl SolveNotice {
     /// A rejection.
     #[must_use]
-    pub fn new_rejection(code: &str, words: &str) -> Self {
-        Self::Refused { code: code.to_owned(), words: words.to_owned() }
+    pub fn new_rejection(code: &str, explanation: &str) -> Self {
+        Self::Refused { code: code.to_owned(), words: explanation.to_owned() }
     }
 }
 
@@ -30,7 +30,9 @@ pub fn parse_solve_notice(session: &str) -> Option<SolveNotice> {
     let notes = transcript_lines(session).filter_map(|line| line.strip_prefix("note "));
     let mut outcomes = notes.filter_map(|note| match note.strip_prefix("refused ") {
         Some(refused) => parse_notice_code(refused),
-        None => note.strip_prefix("calibrated: ").map(|words| SolveNotice::Calibrated(words.to_owned())),
+        None => note
+            .strip_prefix("calibrated: ")
+            .map(|expected_error_text| SolveNotice::Calibrated(expected_error_text.to_owned())),
     });
     outcomes.next_back()
 }
@@ -42,7 +44,7 @@ pub fn parse_error(reply: &str) -> Option<SolveNotice> {
 }
 
 fn parse_notice_code(text: &str) -> Option<SolveNotice> {
-    text.split_once(": ").map(|(code, words)| SolveNotice::new_rejection(code, words))
+    text.split_once(": ").map(|(code, explanation)| SolveNotice::new_rejection(code, explanation))
 }
 
 /// Content of `cal show`.
@@ -62,9 +64,9 @@ pub struct ShownCalibration {
 #[must_use]
 pub fn parse_shown_calibration(reply: &str) -> Option<ShownCalibration> {
     let line = |prefix: &str| transcript_lines(reply).find_map(|line| line.strip_prefix(prefix));
-    let head = line("ok number ")?;
-    let method = head.split_once(" of ")?.1.split_once(',')?.0.to_owned();
-    let expected: [f32; 2] = parse_numbers(head.split_once("expected error ")?.1)?;
+    let number_line = line("ok number ")?;
+    let method = number_line.split_once(" of ")?.1.split_once(',')?.0.to_owned();
+    let expected: [f32; 2] = parse_numbers(number_line.split_once("expected error ")?.1)?;
     let field: [f32; 2] = parse_numbers(line("field: ")?)?;
     let calibration = Calibration {
         w: [parse_numbers(line("wx: ")?)?, parse_numbers(line("wy: ")?)?, parse_numbers(line("wz: ")?)?],
@@ -84,8 +86,8 @@ pub fn parse_shown_calibration(reply: &str) -> Option<ShownCalibration> {
 
 /// Attitude latency in use, seconds; 0 if not in use.
 fn latency_s(text: &str) -> Option<f32> {
-    let used = text.strip_suffix(", used").map(parse_numbers::<2>);
-    used.map_or(Some(0.0), |found| found.map(|[latency_ms, _]| latency_ms / 1e3))
+    let used_latency = text.strip_suffix(", used").map(parse_numbers::<2>);
+    used_latency.map_or(Some(0.0), |numbers| numbers.map(|[latency_ms, _]| latency_ms / 1e3))
 }
 
 fn parse_motor_current(text: &str) -> Option<MotorCurrentInterference> {
@@ -112,8 +114,9 @@ pub fn hard_iron_change_ut(status: &str) -> Option<[f64; 3]> {
 
 /// Numbers among the words of a line; `None` unless there are exactly `N`.
 fn parse_numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
-    let found: Vec<f32> = text.split_whitespace().filter_map(|word| word.trim_end_matches(',').parse().ok()).collect();
-    found.try_into().ok()
+    let numbers: Vec<f32> =
+        text.split_whitespace().filter_map(|word| word.trim_end_matches(',').parse().ok()).collect();
+    numbers.try_into().ok()
 }
 
 /// Lines without terminal control sequences.
@@ -130,7 +133,7 @@ mod tests {
         let transcript = "ok calibrated\r\nhard iron: changed by 5.2 uT since the calibration, mostly aft \
                     (x -4.9, y 0.3, z -1.7, sigma 0.4); headings are corrected for it\r\n";
         assert_eq!(
-            hard_iron_change_ut(transcript).map(|ut| ut.map(|c| (c * 10.0).round() as i32)),
+            hard_iron_change_ut(transcript).map(|ut| ut.map(|component_ut| (component_ut * 10.0).round() as i32)),
             Some([-49, 3, -17])
         );
         assert_eq!(hard_iron_change_ut("hard iron: no change detected\r\n"), None);
@@ -143,7 +146,7 @@ mod tests {
                     wx: 1.01 0.02 0.03\r\nwy: 0.04 1.05 0.06\r\nwz: 0.07 0.08 1.09\r\nb: 1.5 -2.5 3.5 uT\r\n\
                     field: 48.00 uT, inclination 60.00 deg\r\nlatency: 25.0 ms, sigma 3.0 ms, used\r\n\
                     current: 0.1 -0.2 0.3 uT/A, sigma 0.01, used; 12.5 A, sigma 4.5\r\n";
-        let shown = parse_shown_calibration(transcript).unwrap();
+        let shown_calibration = parse_shown_calibration(transcript).unwrap();
         let current = MotorCurrentInterference {
             ut_per_a: [0.1, -0.2, 0.3],
             sigma_ut_per_a: 0.01,
@@ -158,8 +161,14 @@ mod tests {
             latency_s: 0.025,
             motor_current: current,
         };
-        assert_eq!((shown.method.as_str(), shown.calibration), ("maximum-likelihood", calibration));
-        assert!((shown.expected_rms_deg - 0.31).abs() < 1e-6 && (shown.expected_worst_deg - 0.62).abs() < 1e-6);
+        assert_eq!(
+            (shown_calibration.method.as_str(), shown_calibration.calibration),
+            ("maximum-likelihood", calibration)
+        );
+        assert!(
+            (shown_calibration.expected_rms_deg - 0.31).abs() < 1e-6
+                && (shown_calibration.expected_worst_deg - 0.62).abs() < 1e-6
+        );
         // A latency that was estimated but not used is ignored.
         let unused = transcript.replace(", used\r\ncurrent", ", not used\r\ncurrent");
         assert!(parse_shown_calibration(&unused).unwrap().calibration.latency_s.abs() < 1e-9);

@@ -11,7 +11,7 @@ use serde_json::json;
 use simulator::world::aircraft::VehicleKind;
 
 use super::command_failure::CommandFailure;
-use super::option_parsers::{AIRCRAFT_NAMES, integer_in_range, number_in_range, one_of};
+use super::option_parsers::{AIRCRAFT_NAMES, integer_in_range, named_value, number_in_range};
 use super::print::{self, append_wrapped, narrow_table, right_aligned};
 use super::progress::progress_bar;
 
@@ -34,10 +34,10 @@ const FLIGHT_PATTERNS: &[(&str, FlightPattern)] = &[
 #[derive(Args)]
 pub struct AccuracyOptions {
     /// Kind of aircraft
-    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = one_of(AIRCRAFT_NAMES))]
+    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = named_value(AIRCRAFT_NAMES))]
     aircraft: VehicleKind,
     /// Flight patterns, one row each [default: all three; for an aeroplane turns only, all of them solved]
-    #[arg(long = "pattern", value_name = "routine|mirrored|wandering", value_parser = one_of(FLIGHT_PATTERNS))]
+    #[arg(long = "pattern", value_name = "routine|mirrored|wandering", value_parser = named_value(FLIGHT_PATTERNS))]
     patterns: Vec<FlightPattern>,
     /// Duration of a flight, minutes, 1 to 120 [default: 3]
     #[arg(long, value_name = "MINUTES", value_parser = number_in_range(1.0, 120.0))]
@@ -60,12 +60,12 @@ pub struct AccuracyOptions {
 const FLIGHT_MINUTES: f64 = 3.0;
 
 pub fn run_accuracy(options: &AccuracyOptions) -> Result<ExitCode, CommandFailure> {
-    let kind = options.aircraft;
+    let vehicle_kind = options.aircraft;
     let plan = AccuracyPlan { airframes: options.airframes, noise_draws: options.draws, seed: options.seed };
-    if kind == VehicleKind::Plane && options.patterns.is_empty() && options.minutes.is_none() {
+    if vehicle_kind == VehicleKind::Plane && options.patterns.is_empty() && options.minutes.is_none() {
         run_turns(options, plan)
     } else {
-        run_whole_flights(options, kind, plan)
+        run_whole_flights(options, vehicle_kind, plan)
     }
 }
 
@@ -74,7 +74,7 @@ fn run_turns(options: &AccuracyOptions, plan: AccuracyPlan) -> Result<ExitCode, 
     let outcome = accuracy::run_accuracy_study(plan, &|| bar.inc(1));
     bar.finish_and_clear();
     if options.json {
-        let mut value = serde_json::to_value(&outcome).map_err(|e| CommandFailure(e.to_string()))?;
+        let mut value = serde_json::to_value(&outcome).map_err(|error| CommandFailure(error.to_string()))?;
         value["airframes"] = json!(plan.airframes);
         value["draws"] = json!(plan.noise_draws);
         value["seed"] = json!(plan.seed);
@@ -128,7 +128,7 @@ fn format_outcome(plan: AccuracyPlan, outcome: &AccuracyResult) -> String {
 
 fn run_whole_flights(
     options: &AccuracyOptions,
-    kind: VehicleKind,
+    vehicle_kind: VehicleKind,
     plan: AccuracyPlan,
 ) -> Result<ExitCode, CommandFailure> {
     let patterns =
@@ -139,7 +139,7 @@ fn run_whole_flights(
         .into_iter()
         .map(|pattern| {
             flight_study::run_flight_study(
-                Flight { kind, flight_pattern: pattern, duration_minutes: minutes },
+                Flight { kind: vehicle_kind, flight_pattern: pattern, duration_minutes: minutes },
                 plan,
                 &|| bar.inc(1),
             )
@@ -147,7 +147,7 @@ fn run_whole_flights(
         .collect();
     bar.finish_and_clear();
     if options.json {
-        let flights = serde_json::to_value(&rows).map_err(|e| CommandFailure(e.to_string()))?;
+        let flights = serde_json::to_value(&rows).map_err(|error| CommandFailure(error.to_string()))?;
         let AccuracyPlan { airframes, noise_draws: draws, seed } = plan;
         print::print_json(json!({ "flights": flights, "airframes": airframes, "draws": draws, "seed": seed }))?;
     } else {

@@ -57,7 +57,7 @@ pub fn run_budget(options: &BudgetOptions) -> Result<ExitCode, CommandFailure> {
         let mut table = wrapped_table(["instructions", "limit", "of"]);
         for budget in &budgets {
             let counted = budget.counted.map_or_else(|| "not counted".to_owned(), |counted| counted.to_string());
-            table.add_row([right_aligned(counted), right_aligned(budget.limit.to_string()), budget.of.into()]);
+            table.add_row([right_aligned(counted), right_aligned(budget.limit.to_string()), budget.description.into()]);
         }
         print::print_line(table);
     }
@@ -72,19 +72,22 @@ pub fn run_budget(options: &BudgetOptions) -> Result<ExitCode, CommandFailure> {
 pub fn run_speed(options: &SpeedOptions) -> Result<ExitCode, CommandFailure> {
     const TIMED_RUNS: usize = 21;
     let trial = RandomFlight::draw_flight(&RandomRanges { samples: 256, ..RandomRanges::WORST_CASE }, 1);
-    let (recorded, _) = trial.record_flight(0, ConstantErrorSigmas::NO_ERRORS);
-    let methods = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse]
-        .map(|method| (method.method_name(), median((0..TIMED_RUNS).map(|_| time_ms(method, recorded.fit_samples())))));
+    let (recording, _) = trial.record_flight(0, ConstantErrorSigmas::NO_ERRORS);
+    let methods = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse].map(|method| {
+        (method.method_name(), median((0..TIMED_RUNS).map(|_| time_ms(method, recording.fit_samples()))))
+    });
     let start = Instant::now();
     let mission_result = mission::fly_mission(WorldConfig::of_table1(1), mission::TurnPlan::default(), &mut |_, _| {});
     let simulated_per_real = mission_result.duration_s / start.elapsed().as_secs_f64();
     if options.json {
         let solve_ms: serde_json::Map<_, _> =
-            methods.iter().map(|(name, ms)| ((*name).to_owned(), json!(ms))).collect();
+            methods.iter().map(|(name, solve_time_ms)| ((*name).to_owned(), json!(solve_time_ms))).collect();
         print::print_json(json!({ "solve_ms": solve_ms, "simulated_seconds_per_second": simulated_per_real.round() }))?;
     } else {
-        for (name, ms) in methods {
-            print::print_line(format_args!("{name}: {ms:.2} ms for 2 x 256 samples, median of {TIMED_RUNS}"));
+        for (name, solve_time_ms) in methods {
+            print::print_line(format_args!(
+                "{name}: {solve_time_ms:.2} ms for 2 x 256 samples, median of {TIMED_RUNS}"
+            ));
         }
         print::print_line(format_args!("{simulated_per_real:.0} simulated seconds a second"));
     }

@@ -57,11 +57,13 @@ const NON_REPORT_EXTENSIONS: [&str; 10] = ["pdf", "png", "jpg", "json", "csv", "
 ///
 /// The file cannot be written, or its name ends as that of another kind of file.
 pub fn write_report_file(report: &Report, path: &Path) -> io::Result<PathBuf> {
-    let ends_with = |ends: &[&str]| {
-        path.extension().is_some_and(|extension| ends.iter().any(|end| extension.eq_ignore_ascii_case(end)))
+    let has_extension_of = |extensions: &[&str]| {
+        path.extension().is_some_and(|extension| {
+            extensions.iter().any(|extension_in_list| extension.eq_ignore_ascii_case(extension_in_list))
+        })
     };
-    let is_file = ends_with(&["html", "htm", "svg"]) && !path.is_dir();
-    if !is_file && !path.is_dir() && ends_with(&NON_REPORT_EXTENSIONS) {
+    let is_file = has_extension_of(&["html", "htm", "svg"]) && !path.is_dir();
+    if !is_file && !path.is_dir() && has_extension_of(&NON_REPORT_EXTENSIONS) {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "a report is .html or .svg"));
     }
     let file = if is_file { path.to_owned() } else { path.join("index.html") };
@@ -70,7 +72,11 @@ pub fn write_report_file(report: &Report, path: &Path) -> io::Result<PathBuf> {
     }
     fs::write(
         &file,
-        if is_file && ends_with(&["svg"]) { report::render_picture(report) } else { report::render_page(report) },
+        if is_file && has_extension_of(&["svg"]) {
+            report::render_picture(report)
+        } else {
+            report::render_page(report)
+        },
     )?;
     Ok(file)
 }
@@ -92,18 +98,18 @@ mod tests {
     fn a_report_is_written_to_the_given_path() {
         let folder = tempfile::tempdir().unwrap();
         let report = Report::default();
-        let at = |name: &str| write_report_file(&report, &folder.path().join(name)).unwrap();
-        assert_eq!(at("new/folder"), folder.path().join("new/folder/index.html"));
-        assert_eq!(at("page.HTML"), folder.path().join("page.HTML"));
-        assert_eq!(at("deep/er/page.html"), folder.path().join("deep/er/page.html"));
+        let write_report_at = |name: &str| write_report_file(&report, &folder.path().join(name)).unwrap();
+        assert_eq!(write_report_at("new/folder"), folder.path().join("new/folder/index.html"));
+        assert_eq!(write_report_at("page.HTML"), folder.path().join("page.HTML"));
+        assert_eq!(write_report_at("deep/er/page.html"), folder.path().join("deep/er/page.html"));
         fs::create_dir(folder.path().join("odd.html")).unwrap();
-        assert_eq!(at("odd.html"), folder.path().join("odd.html/index.html"));
+        assert_eq!(write_report_at("odd.html"), folder.path().join("odd.html/index.html"));
         let pdf = folder.path().join("page.pdf");
         assert!(write_report_file(&report, &pdf).is_err() && !pdf.exists());
         fs::create_dir(&pdf).unwrap();
-        assert_eq!(at("page.pdf"), pdf.join("index.html"));
-        let picture = fs::read_to_string(at("only.svg")).unwrap();
+        assert_eq!(write_report_at("page.pdf"), pdf.join("index.html"));
+        let picture = fs::read_to_string(write_report_at("only.svg")).unwrap();
         assert!(picture.starts_with("<svg"));
-        assert!(fs::read_to_string(at("page.html")).unwrap().starts_with("<!doctype html>"));
+        assert!(fs::read_to_string(write_report_at("page.html")).unwrap().starts_with("<!doctype html>"));
     }
 }

@@ -24,7 +24,7 @@ use simulator::world::aircraft::VehicleKind;
 
 use super::command_failure::CommandFailure;
 use super::file_options::named_world;
-use super::option_parsers::{SENSOR_NAMES, integer_in_range, number_in_range, one_of};
+use super::option_parsers::{SENSOR_NAMES, integer_in_range, named_value, number_in_range};
 use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
 use super::termination::{SecondSignal, TerminationSignals};
 
@@ -55,7 +55,7 @@ pub struct FlyOptions {
     #[arg(long)]
     tell_current: bool,
     /// Magnetometer of the module: the reference board's LIS3MDL, or an RM3100
-    #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = one_of(SENSOR_NAMES))]
+    #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = named_value(SENSOR_NAMES))]
     sensor: SensorModel,
     /// Bank in an aeroplane's calibration turns, degrees, 5 to 60
     #[arg(long, default_value_t = 25.0, value_name = "DEG", value_parser = number_in_range(5.0, 60.0))]
@@ -198,7 +198,7 @@ fn fly_mission(module: &mut impl Module, options: &FlyOptions) -> MissionResult 
     let mut current: Option<(MissionStage, ProgressBar)> = None;
     let plan = TurnPlan { bank_deg: options.bank, circles_per_side: options.circles };
     let mission_result = mission::fly_with(module, plan, &mut |stage, fraction| {
-        if current.as_ref().is_none_or(|(shown, _)| *shown != stage) {
+        if current.as_ref().is_none_or(|(displayed_stage, _)| *displayed_stage != stage) {
             finish_stage(current.take());
             let bar = ProgressBar::new(PROGRESS_TICKS).with_message(stage.stage_name());
             if let Ok(style) = ProgressStyle::with_template("{msg:24} {bar:40} {percent:>3} %") {
@@ -284,11 +284,11 @@ fn format_result(options: &FlyOptions, mission_result: &MissionResult) -> String
     text
 }
 
-fn errors_text(figures: &ErrorStatistics) -> String {
-    format!("{:.2} rms, {:.2} at worst, {:.2} constant", figures.rms_deg, figures.max_deg, figures.mean_deg)
+fn errors_text(statistics: &ErrorStatistics) -> String {
+    format!("{:.2} rms, {:.2} at worst, {:.2} constant", statistics.rms_deg, statistics.max_deg, statistics.mean_deg)
 }
 
-fn errors_table(before: &HeadingErrors, after: &HeadingErrors) -> Table {
+fn errors_table(errors_before: &HeadingErrors, errors_after: &HeadingErrors) -> Table {
     let mut table = content_table([
         "heading",
         "before:\nlevel",
@@ -299,7 +299,8 @@ fn errors_table(before: &HeadingErrors, after: &HeadingErrors) -> Table {
         "\nleft 25",
     ]);
     for step in 0..12 {
-        let errors = before.0.iter().chain(&after.0).map(|bank| right_aligned(format!("{:.2}", bank[step])));
+        let errors =
+            errors_before.0.iter().chain(&errors_after.0).map(|bank| right_aligned(format!("{:.2}", bank[step])));
         table.add_row(std::iter::once(right_aligned(format!("{}", step * 30))).chain(errors));
     }
     table
@@ -322,14 +323,14 @@ mod tests {
         assert_eq!(world_of_arguments(&[]), Ok(WorldConfig::of_table1(1)));
         assert_eq!(world_of_arguments(&["--aircraft", "random", "--seed", "7"]), Ok(WorldConfig::random_world(7)));
         assert_eq!(world_of_arguments(&["--airframe", "random", "--seed", "7"]), Ok(WorldConfig::random_world(7)));
-        for kind in VehicleKind::ALL_VEHICLES {
+        for vehicle_kind in VehicleKind::ALL_VEHICLES {
             assert_eq!(
-                world_of_arguments(&["--aircraft", kind.vehicle_name()]),
-                Ok(WorldConfig::of_table1(1).with_vehicle_kind(kind))
+                world_of_arguments(&["--aircraft", vehicle_kind.vehicle_name()]),
+                Ok(WorldConfig::of_table1(1).with_vehicle_kind(vehicle_kind))
             );
             let random =
-                world_of_arguments(&["--aircraft", kind.vehicle_name(), "--airframe", "random", "--seed", "3"]);
-            assert_eq!(random, Ok(WorldConfig::random_world(3).with_vehicle_kind(kind)));
+                world_of_arguments(&["--aircraft", vehicle_kind.vehicle_name(), "--airframe", "random", "--seed", "3"]);
+            assert_eq!(random, Ok(WorldConfig::random_world(3).with_vehicle_kind(vehicle_kind)));
         }
         let current = world_of_arguments(&["--aircraft", "copter", "--current", "12"]);
         assert_eq!(
@@ -340,14 +341,14 @@ mod tests {
 
     #[test]
     fn an_unknown_aircraft_is_rejected_with_the_known_ones() {
-        let both = world_of_arguments(&["--aircraft", "random", "--airframe", "table1"]).unwrap_err();
-        assert!(both.contains("plane, copter, vtol, rover, boat"), "{both}");
-        let none = world_of_arguments(&["--aircraft", "zeppelin"]).unwrap_err();
+        let conflict = world_of_arguments(&["--aircraft", "random", "--airframe", "table1"]).unwrap_err();
+        assert!(conflict.contains("plane, copter, vtol, rover, boat"), "{conflict}");
+        let unknown = world_of_arguments(&["--aircraft", "zeppelin"]).unwrap_err();
         assert!(
-            none.starts_with("airframe-unreadable: zeppelin: ")
-                && none.contains("`copter`")
-                && none.contains("`table1`"),
-            "{none}"
+            unknown.starts_with("airframe-unreadable: zeppelin: ")
+                && unknown.contains("`copter`")
+                && unknown.contains("`table1`"),
+            "{unknown}"
         );
         assert!(
             world_of_arguments(&["--current", "-1"]).is_err() && world_of_arguments(&["--current", "201"]).is_err()

@@ -11,7 +11,7 @@ use host_sim::studies::integrity::{
 use simulator::world::aircraft::VehicleKind;
 
 use super::command_failure::CommandFailure;
-use super::option_parsers::{AIRCRAFT_NAMES, integer_in_range, one_of};
+use super::option_parsers::{AIRCRAFT_NAMES, integer_in_range, named_value};
 use super::print::{self, narrow_table, right_aligned, wrapped_table};
 use super::progress::progress_bar;
 
@@ -30,7 +30,7 @@ const ATTITUDE_PROTOCOLS: &[(&str, AttitudeProtocol)] =
 #[derive(Args)]
 pub struct IntegrityOptions {
     /// Kind of aircraft; a copter or a VTOL calibrates by its routine, and turns and accelerates in hover
-    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = one_of(AIRCRAFT_NAMES))]
+    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = named_value(AIRCRAFT_NAMES))]
     aircraft: VehicleKind,
     /// Flights of each case, 1 to 100000; the ten-hour case is flown once
     #[arg(long, default_value_t = 100, value_name = "N", value_parser = integer_in_range(1_u64, 100_000))]
@@ -43,10 +43,10 @@ pub struct IntegrityOptions {
     cases: Vec<String>,
     /// Attitude source: MAVLink; ArduPilot by MSP, polled, in steps of 0.1 deg without body rates; or INAV by MSP, with
     /// body rates in steps of 1 deg/s
-    #[arg(long, default_value = "mavlink", value_name = "mavlink|msp|msp-inav", value_parser = one_of(ATTITUDE_PROTOCOLS))]
+    #[arg(long, default_value = "mavlink", value_name = "mavlink|msp|msp-inav", value_parser = named_value(ATTITUDE_PROTOCOLS))]
     source: AttitudeProtocol,
     /// Heading that is sent: raw, or smoothed if available
-    #[arg(long, default_value = "smooth", value_name = "raw|smooth", value_parser = one_of(HEADING_KINDS))]
+    #[arg(long, default_value = "smooth", value_name = "raw|smooth", value_parser = named_value(HEADING_KINDS))]
     heading: HeadingKind,
     /// Print a JSON list of one object a case instead of the table
     #[arg(long)]

@@ -77,13 +77,13 @@ pub fn run_program() -> ExitCode {
         error.exit()
     });
     let command = cli.command.unwrap_or(CliCommand::Fly(cli.fly));
-    print::final_exit_code(carry_out(&command).unwrap_or_else(|CommandFailure(message)| {
+    print::final_exit_code(execute_command(&command).unwrap_or_else(|CommandFailure(message)| {
         print::print_error(format_args!("host-sim: {message}"));
         ExitCode::from(2)
     }))
 }
 
-fn carry_out(command: &CliCommand) -> Result<ExitCode, CommandFailure> {
+fn execute_command(command: &CliCommand) -> Result<ExitCode, CommandFailure> {
     match command {
         // Commands that clean up after a termination signal.
         CliCommand::Emulate(_)
@@ -120,17 +120,19 @@ mod tests {
     fn commands() -> Vec<(Vec<String>, clap::Command)> {
         let mut cli = Cli::command();
         cli.build();
-        let mut found = vec![(vec![], cli)];
-        let mut at = 0;
-        while at < found.len() {
-            let (name, command) = found[at].clone();
-            found.extend(command.get_subcommands().filter(|command| command.get_name() != "help").map(|command| {
-                let name = name.iter().cloned().chain([command.get_name().to_owned()]).collect();
-                (name, command.clone())
-            }));
-            at += 1;
+        let mut commands_with_names = vec![(vec![], cli)];
+        let mut command_index = 0;
+        while command_index < commands_with_names.len() {
+            let (name, command) = commands_with_names[command_index].clone();
+            commands_with_names.extend(command.get_subcommands().filter(|command| command.get_name() != "help").map(
+                |command| {
+                    let name = name.iter().cloned().chain([command.get_name().to_owned()]).collect();
+                    (name, command.clone())
+                },
+            ));
+            command_index += 1;
         }
-        found
+        commands_with_names
     }
 
     #[test]
@@ -148,18 +150,20 @@ mod tests {
 
     /// The last range `MIN to MAX` in a text.
     fn range(text: &str) -> Option<(String, String)> {
-        let is_number_char = |c: char| c.is_ascii_digit() || c == '.' || c == '-';
+        let is_number_char = |character: char| character.is_ascii_digit() || character == '.' || character == '-';
         let (before, after) = text.rsplit_once(" to ")?;
-        let min = before.rsplit(|c| !is_number_char(c)).next()?;
-        let max = after.split(|c| !is_number_char(c)).next()?;
+        let min = before.rsplit(|character| !is_number_char(character)).next()?;
+        let max = after.split(|character| !is_number_char(character)).next()?;
         (!min.is_empty() && !max.is_empty()).then(|| (min.to_owned(), max.to_owned()))
     }
 
     fn parse_error(name: &[String], option: &str, value: &str, takes_a_file: bool) -> Option<String> {
-        let whole = format!("--{option}={value}");
+        let argument = format!("--{option}={value}");
         let file = takes_a_file.then(|| "log.csv".to_owned());
-        let words = ["host-sim".to_owned()].into_iter().chain(name.iter().cloned()).chain([whole]).chain(file);
-        Cli::try_parse_from(words).err().map(|error| error.to_string().split_whitespace().collect::<Vec<_>>().join(" "))
+        let arguments = ["host-sim".to_owned()].into_iter().chain(name.iter().cloned()).chain([argument]).chain(file);
+        Cli::try_parse_from(arguments)
+            .err()
+            .map(|error| error.to_string().split_whitespace().collect::<Vec<_>>().join(" "))
     }
 
     /// The ends of the range in the help are accepted, values beyond are refused, and the error message has the same
@@ -167,52 +171,55 @@ mod tests {
     #[test]
     fn every_number_has_its_range_in_help_and_error_message() {
         let numbers = ["N", "DEG", "UT", "MINUTES", "MS", "SECONDS", "PORT"];
-        let mut seen = 0;
+        let mut number_options = 0;
         for (name, command) in commands() {
             let takes_a_file = name == ["replay"];
             for option in command.get_arguments() {
-                let is_number = option.get_value_names().is_some_and(|of| numbers.contains(&of[0].as_str()));
+                let is_number =
+                    option.get_value_names().is_some_and(|value_names| numbers.contains(&value_names[0].as_str()));
                 let Some(long) = option.get_long().filter(|_| is_number) else { continue };
                 let help = option.get_long_help().or(option.get_help()).map(ToString::to_string).unwrap_or_default();
                 // A help text may have two ranges; the first is the number's.
                 let (min, max) = help
                     .match_indices(" to ")
-                    .find_map(|(at, _)| range(&help[..help.len().min(at + 4 + 24)]))
+                    .find_map(|(text_offset, _)| range(&help[..help.len().min(text_offset + 4 + 24)]))
                     .unwrap_or_else(|| panic!("{name:?} --{long} has no range: {help}"));
-                let beyond = |end: &str, by: i128| {
-                    end.parse::<i128>().map_or_else(|_| "-1".to_owned(), |end| (end + by).to_string())
+                let beyond = |range_end: &str, difference: i128| {
+                    range_end
+                        .parse::<i128>()
+                        .map_or_else(|_| "-1".to_owned(), |range_end| (range_end + difference).to_string())
                 };
-                for good in [&min, &max] {
-                    assert_eq!(parse_error(&name, long, good, takes_a_file), None, "{name:?} --{long} {good}");
+                for accepted in [&min, &max] {
+                    assert_eq!(parse_error(&name, long, accepted, takes_a_file), None, "{name:?} --{long} {accepted}");
                 }
-                for bad in [beyond(&min, -1), beyond(&max, 1), "x".to_owned(), "nan".to_owned(), String::new()] {
-                    let error = parse_error(&name, long, &bad, takes_a_file)
-                        .unwrap_or_else(|| panic!("{name:?} --{long} {bad}"));
-                    assert!(error.contains(&format!(", {min} to {max}")), "{name:?} --{long} {bad}: {error}");
+                for rejected in [beyond(&min, -1), beyond(&max, 1), "x".to_owned(), "nan".to_owned(), String::new()] {
+                    let error = parse_error(&name, long, &rejected, takes_a_file)
+                        .unwrap_or_else(|| panic!("{name:?} --{long} {rejected}"));
+                    assert!(error.contains(&format!(", {min} to {max}")), "{name:?} --{long} {rejected}: {error}");
                 }
-                seen += 1;
+                number_options += 1;
             }
         }
-        assert!(seen >= 25, "{seen}");
+        assert!(number_options >= 25, "{number_options}");
     }
 
     /// Existing files that the help names, by their path from the repository's root.
     #[test]
     fn paths_in_the_help_exist_in_the_repository() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-        let mut seen = 0;
+        let mut path_count = 0;
         for (_, mut command) in commands() {
             let help = command.render_long_help().to_string();
-            let is_path_char = |c: char| c.is_ascii_alphanumeric() || "/._-".contains(c);
-            for word in help.split(|c| !is_path_char(c)).map(|word| word.trim_end_matches('.')) {
+            let is_path_char = |character: char| character.is_ascii_alphanumeric() || "/._-".contains(character);
+            for word in help.split(|character| !is_path_char(character)).map(|word| word.trim_end_matches('.')) {
                 let is_generated = word.starts_with("target/");
-                let is_file = [".toml", ".csv", ".md", ".sh"].iter().any(|end| word.ends_with(end));
+                let is_file = [".toml", ".csv", ".md", ".sh"].iter().any(|extension| word.ends_with(extension));
                 if word.contains('/') && !is_generated && (is_file || word.starts_with("scripts/")) {
                     assert!(root.join(word).is_file(), "{word}");
-                    seen += 1;
+                    path_count += 1;
                 }
             }
         }
-        assert!(seen >= 8, "{seen}");
+        assert!(path_count >= 8, "{path_count}");
     }
 }

@@ -31,37 +31,40 @@ pub trait OptionNumber: FromStr + PartialOrd + Display + Clone + Send + Sync + '
 
 impl<T: FromStr + PartialOrd + Display + Clone + Send + Sync + 'static> OptionNumber for T {}
 
-/// Parses a number in a range; `kind` names the type in the error message.
+/// Parses a number in a range; `type_name` is the name of the type in the error message.
 fn in_range<T: OptionNumber>(
     min: T,
     max: T,
-    kind: &'static str,
+    type_name: &'static str,
 ) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static {
     move |text| {
         // Written so that NaN is rejected.
         let value = text.trim().parse().ok().filter(|value| *value >= min && *value <= max);
-        value.ok_or_else(|| format!("must be {kind}, {min} to {max}"))
+        value.ok_or_else(|| format!("must be {type_name}, {min} to {max}"))
     }
 }
 
 /// Parses a time of a log: seconds, `M:SS` or `H:MM:SS`.
-pub fn log_time(text: &str) -> Result<f64, String> {
-    let (sign, rest) = text.trim().strip_prefix('-').map_or((1.0, text.trim()), |rest| (-1.0, rest));
-    let parts: Option<Vec<f64>> = rest.split(':').map(|part| part.parse().ok()).collect();
+pub fn parse_log_time(text: &str) -> Result<f64, String> {
+    let (sign, unsigned_text) =
+        text.trim().strip_prefix('-').map_or((1.0, text.trim()), |unsigned_text| (-1.0, unsigned_text));
+    let parts: Option<Vec<f64>> = unsigned_text.split(':').map(|part| part.parse().ok()).collect();
     let seconds = parts.filter(|parts| {
         let (first, later) = (parts.first().copied().unwrap_or(f64::NAN), parts.get(1..).unwrap_or_default());
         later.len() <= 2 && (0.0..=1e10).contains(&first) && later.iter().all(|part| (0.0..60.0).contains(part))
     });
-    let seconds = seconds.map(|parts| sign * parts.iter().fold(0.0, |sum, part| 60.0 * sum + part));
+    let seconds = seconds.map(|parts| sign * parts.iter().fold(0.0, |total, part| 60.0 * total + part));
     seconds.ok_or_else(|| "must be seconds, -10000000000 to 10000000000, or M:SS or H:MM:SS".to_owned())
 }
 
 /// Parses one of several names.
-pub fn one_of<T: Copy + Send + Sync + 'static>(
+pub fn named_value<T: Copy + Send + Sync + 'static>(
     values: &'static [(&'static str, T)],
 ) -> impl TypedValueParser<Value = T> {
     let names = PossibleValuesParser::new(values.iter().map(|(name, _)| *name));
-    names.try_map(|name| values.iter().find(|(known, _)| *known == name).map(|(_, value)| *value).ok_or("unknown"))
+    names.try_map(|name| {
+        values.iter().find(|(known_name, _)| *known_name == name).map(|(_, value)| *value).ok_or("unknown")
+    })
 }
 
 #[cfg(test)]
@@ -72,10 +75,10 @@ mod tests {
     fn a_time_of_a_log_is_seconds_or_has_minutes() {
         for (text, seconds) in [("41.5", 41.5), ("-3", -3.0), ("1:30", 90.0), ("1:02:03.5", 3723.5), ("100:00", 6000.0)]
         {
-            assert_eq!(log_time(text), Ok(seconds), "{text}");
+            assert_eq!(parse_log_time(text), Ok(seconds), "{text}");
         }
         for text in ["", "x", "1:60", "1:-3", "1:2:3:4", "--3", "NaN", "inf", "2e10", "1:"] {
-            assert!(log_time(text).is_err(), "{text}");
+            assert!(parse_log_time(text).is_err(), "{text}");
         }
     }
 }

@@ -71,10 +71,10 @@ pub fn poll_output_closed() -> bool {
 fn is_pipe_closed() -> bool {
     use rustix::event::{PollFd, PollFlags, Timespec, poll};
     let stdout = io::stdout();
-    let mut ends = [PollFd::new(&stdout, PollFlags::empty())];
+    let mut poll_descriptors = [PollFd::new(&stdout, PollFlags::empty())];
     let now = Timespec { tv_sec: 0, tv_nsec: 0 };
     // `poll` reports `ERR` for a pipe whose reader closed it, not for files and terminals.
-    poll(&mut ends, Some(&now)).is_ok() && ends[0].revents().contains(PollFlags::ERR)
+    poll(&mut poll_descriptors, Some(&now)).is_ok() && poll_descriptors[0].revents().contains(PollFlags::ERR)
 }
 
 /// Prints a line to the error output; ignores errors.
@@ -115,12 +115,12 @@ pub fn write_report(report: &Report, path: &Path) -> Result<(), CommandFailure> 
 
 /// The command line, quoted for a shell, with the program's bare name.
 pub fn command_line() -> String {
-    let words = std::env::args().skip(1).map(|word| {
-        let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+@%".contains(c);
+    let quoted_words = std::env::args().skip(1).map(|word| {
+        let is_plain = |character: char| character.is_ascii_alphanumeric() || "-_./=,:+@%".contains(character);
         let is_word = !word.is_empty() && word.chars().all(is_plain);
         if is_word { word } else { format!("'{}'", word.replace('\'', "'\\''")) }
     });
-    std::iter::once("host-sim".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
+    std::iter::once("host-sim".to_owned()).chain(quoted_words).collect::<Vec<_>>().join(" ")
 }
 
 pub fn right_aligned(text: impl ToString) -> Cell {
@@ -156,14 +156,14 @@ pub fn wrapped_table<const N: usize>(names: [&str; N]) -> Table {
 }
 
 /// Appends text wrapped at [`width`]; continuation lines are indented by two more.
-pub fn append_wrapped(out: &mut String, indent: &str, words: &str) {
+pub fn append_wrapped(wrapped: &mut String, indent: &str, text: &str) {
     let further = " ".repeat(indent.len() + 2);
     let mut line = indent.to_owned();
     let mut has_word = false;
-    for word in words.split(' ') {
+    for word in text.split(' ') {
         if has_word && line.chars().count() + 1 + word.chars().count() > terminal_width() {
-            out.push_str(&line);
-            out.push('\n');
+            wrapped.push_str(&line);
+            wrapped.push('\n');
             line.clone_from(&further);
         } else if has_word {
             line.push(' ');
@@ -171,6 +171,6 @@ pub fn append_wrapped(out: &mut String, indent: &str, words: &str) {
         line.push_str(word);
         has_word = true;
     }
-    out.push_str(&line);
-    out.push('\n');
+    wrapped.push_str(&line);
+    wrapped.push('\n');
 }

@@ -20,9 +20,9 @@ pub fn clear_progress_line() {
 }
 
 /// Progress bar.
-pub fn progress_bar(words: &str, total: u64) -> ProgressBar {
+pub fn progress_bar(label: &str, total: u64) -> ProgressBar {
     let bar = ProgressBar::new(total);
-    if let Ok(style) = ProgressStyle::with_template(&format!("{words} {{bar:40}} {{pos}}/{{len}} {{eta}}")) {
+    if let Ok(style) = ProgressStyle::with_template(&format!("{label} {{bar:40}} {{pos}}/{{len}} {{eta}}")) {
         bar.set_style(style);
     }
     bar.tick();
@@ -30,8 +30,8 @@ pub fn progress_bar(words: &str, total: u64) -> ProgressBar {
 }
 
 /// Spinner for a task of unknown duration.
-pub fn show_spinner(words: &'static str) -> ProgressBar {
-    let bar = ProgressBar::new_spinner().with_message(words);
+pub fn show_spinner(label: &'static str) -> ProgressBar {
+    let bar = ProgressBar::new_spinner().with_message(label);
     bar.enable_steady_tick(std::time::Duration::from_millis(100));
     show_progress(bar)
 }

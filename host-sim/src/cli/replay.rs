@@ -19,7 +19,7 @@ use log_analysis::report::{self, ReportOrigin};
 
 use super::command_failure::CommandFailure;
 use super::file_options::read_log;
-use super::option_parsers::{integer_in_range, log_time, number_in_range, one_of};
+use super::option_parsers::{integer_in_range, named_value, number_in_range, parse_log_time};
 use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
 use super::progress::show_spinner;
 
@@ -68,7 +68,7 @@ pub struct Replay {
     pub files: Vec<PathBuf>,
     /// Rows used for the fit: samples the module keeps in any flight until they suffice (`flight`); `all` usable rows,
     /// evenly thinned to the device's capacity; or the samples of its `turns` procedure
-    #[arg(long, default_value = "flight", value_name = "flight|all|turns", value_parser = one_of(ROW_SELECTIONS))]
+    #[arg(long, default_value = "flight", value_name = "flight|all|turns", value_parser = named_value(ROW_SELECTIONS))]
     pub samples: RowSelection,
     /// Evaluate only this compass, by the autopilot's number, 1 to 8
     #[arg(long, value_name = "N", value_parser = integer_in_range(1_u8, 8))]
@@ -83,10 +83,10 @@ pub struct Replay {
     #[arg(long, value_name = "FILE")]
     pub params: Option<PathBuf>,
     /// Format of the parameters [default: of the autopilot that wrote the log, else ArduPilot's]
-    #[arg(long, value_name = "ardupilot|px4|inav", value_parser = one_of(PARAMETER_FORMATS))]
+    #[arg(long, value_name = "ardupilot|px4|inav", value_parser = named_value(PARAMETER_FORMATS))]
     pub params_for: Option<ParameterFormat>,
     /// Unit of mx, my, mz in a table: milligauss or microtesla
-    #[arg(long, default_value = "mg", value_name = "mg|ut", value_parser = one_of(FIELD_UNITS))]
+    #[arg(long, default_value = "mg", value_name = "mg|ut", value_parser = named_value(FIELD_UNITS))]
     pub unit: FieldUnit,
     /// Orientation of the sensors by ArduPilot's names, such as yaw90, in place of that of the log's parameters; the
     /// field of a table is then that of the sensors' axes [default: that of the log]
@@ -97,13 +97,13 @@ pub struct Replay {
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = number_in_range(-90.0, 90.0))]
     pub inclination: Option<f64>,
     /// Use only rows from this time on, of the log's clock: seconds, M:SS or H:MM:SS
-    #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = log_time)]
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_log_time)]
     pub from: Option<f64>,
     /// Use only rows up to this time, of the log's clock: seconds, M:SS or H:MM:SS
-    #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = log_time)]
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_log_time)]
     pub to: Option<f64>,
     /// Heading that errors are measured against [default: the best in the log, in this order]
-    #[arg(long, value_name = "simulator|column|gps-yaw|gps-course|autopilot", value_parser = one_of(REFERENCE_NAMES))]
+    #[arg(long, value_name = "simulator|column|gps-yaw|gps-course|autopilot", value_parser = named_value(REFERENCE_NAMES))]
     pub reference: Option<ReferenceKind>,
     /// Write t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg,readings for every reading of the first compass,
     /// at the log's time stamps; `readings` are averaged to one heading, smooth ones may be empty
@@ -127,7 +127,7 @@ const MAX_OFF_ROW_S: f64 = 0.06;
 /// The file cannot be read, or holds no usable flight.
 pub fn read_flight(file: &Path, options: &Replay) -> Result<Flight, CommandFailure> {
     let name = file.display();
-    let mut flight = read_log(file, options.unit, options.system).map_err(|e| match e {
+    let mut flight = read_log(file, options.unit, options.system).map_err(|failure| match failure {
         LogError::Io(why) => {
             CommandFailure(format!("cannot read {name}: {why}; give the path of a log, or - for standard input"))
         }
@@ -137,9 +137,9 @@ pub fn read_flight(file: &Path, options: &Replay) -> Result<Flight, CommandFailu
         if flight.log_format == LogFormat::Csv {
             flight.rotate_sensors(mount);
         } else {
-            flight.set_orientation(mount, options.compass).map_err(|number| {
+            flight.set_orientation(mount, options.compass).map_err(|compass_number| {
                 CommandFailure(format!(
-                    "{name}: the orientation of compass {number} is that of the autopilot's board, or unknown; give \
+                    "{name}: the orientation of compass {compass_number} is that of the autopilot's board, or unknown; give \
                      --compass with the number of another"
                 ))
             })?;
@@ -180,7 +180,7 @@ pub fn evaluate_log(file: &Path, flight: &Flight, options: &Replay) -> Result<Fl
             inclination_deg: options.inclination,
             time_window_s: window_s,
             reference_kind: options.reference,
-            field_latency_s: options.age.map(|ms| ms / 1e3),
+            field_latency_s: options.age.map(|latency_ms| latency_ms / 1e3),
         },
     );
     if evaluation.compasses.is_empty() {
@@ -191,9 +191,13 @@ pub fn evaluate_log(file: &Path, flight: &Flight, options: &Replay) -> Result<Fl
         )));
     }
     if options.reference.is_some() && evaluation.reference.is_none() {
-        let has = |(_, kind): &&(&str, ReferenceKind)| ReferenceHeading::of_kind(flight, *kind).is_some();
-        let others: Vec<&str> = REFERENCE_NAMES.iter().filter(has).map(|(name, _)| *name).collect();
-        return Err(CommandFailure(format!("{name}: the log has no such reference; it has {}", others.join(", "))));
+        let is_in_log =
+            |(_, reference_kind): &&(&str, ReferenceKind)| ReferenceHeading::of_kind(flight, *reference_kind).is_some();
+        let available_references: Vec<&str> = REFERENCE_NAMES.iter().filter(is_in_log).map(|(name, _)| *name).collect();
+        return Err(CommandFailure(format!(
+            "{name}: the log has no such reference; it has {}",
+            available_references.join(", ")
+        )));
     }
     Ok(evaluation)
 }
@@ -219,23 +223,23 @@ pub fn run_replay(file: &Path, options: &Replay) -> Result<ExitCode, CommandFail
         if numbers.is_empty() {
             print::print_error(format_args!("host-sim: no parameters to load; {} is not written", path.display()));
         } else {
-            std::fs::write(path, parameter_file()).map_err(|e| cannot_write(path, &e))?;
+            std::fs::write(path, parameter_file()).map_err(|error| cannot_write(path, &error))?;
             print::print_error(format_args!("parameters of compass {}: {}", numbers.join(", "), path.display()));
         }
     }
     if let Some(path) = &options.out {
         let first = verdict.compasses_in_use_first().first().map(|compass| compass.evaluation);
-        write_headings(path, &flight, first).map_err(|e| cannot_write(path, &e))?;
+        write_headings(path, &flight, first).map_err(|error| cannot_write(path, &error))?;
     }
     let text = verdict_text(&name.to_string(), &verdict);
     if let Some(path) = &options.report {
-        let made = ReportOrigin {
+        let origin = ReportOrigin {
             command_line: command_line(),
             settings: settings_table(options),
             terminal_output: text.clone(),
             parameters: (!parameters.is_empty()).then(|| [format.file_name().to_owned(), parameter_file()]),
         };
-        write_report(&report::report_replay(&verdict, &name.to_string(), &made), path)?;
+        write_report(&report::report_replay(&verdict, &name.to_string(), &origin), path)?;
     }
     if options.json {
         print::print_line(verdict.json());
@@ -247,24 +251,25 @@ pub fn run_replay(file: &Path, options: &Replay) -> Result<ExitCode, CommandFail
 
 fn settings_table(options: &Replay) -> Vec<[String; 2]> {
     let samples = options.samples.selection_name().to_owned();
-    let age = options.age.map_or_else(|| "estimated from the flight".to_owned(), |ms| format!("{ms} ms"));
+    let age =
+        options.age.map_or_else(|| "estimated from the flight".to_owned(), |latency_ms| format!("{latency_ms} ms"));
     let mut settings = vec![["samples".to_owned(), samples], ["age of the field".to_owned(), age]];
-    let given = [
-        ("inclination", options.inclination.map(|deg| format!("{deg} deg"))),
+    let given_options = [
+        ("inclination", options.inclination.map(|inclination_deg| format!("{inclination_deg} deg"))),
         ("mount", options.mount.map(|mount| mount.orientation_name().to_owned())),
-        ("from", options.from.map(|s| format!("{s} s"))),
-        ("to", options.to.map(|s| format!("{s} s"))),
+        ("from", options.from.map(|time_s| format!("{time_s} s"))),
+        ("to", options.to.map(|time_s| format!("{time_s} s"))),
         (
             "reference",
             REFERENCE_NAMES
                 .iter()
-                .find(|(_, kind)| Some(*kind) == options.reference)
+                .find(|(_, reference_kind)| Some(*reference_kind) == options.reference)
                 .map(|(name, _)| (*name).to_owned()),
         ),
-        ("compass", options.compass.map(|number| number.to_string())),
-        ("system", options.system.map(|number| number.to_string())),
+        ("compass", options.compass.map(|compass_number| compass_number.to_string())),
+        ("system", options.system.map(|compass_number| compass_number.to_string())),
     ];
-    settings.extend(given.into_iter().filter_map(|(name, value)| Some([name.to_owned(), value?])));
+    settings.extend(given_options.into_iter().filter_map(|(name, value)| Some([name.to_owned(), value?])));
     settings
 }
 
@@ -273,59 +278,65 @@ fn cannot_write(path: &Path, error: &std::io::Error) -> CommandFailure {
 }
 
 fn verdict_text(name: &str, verdict: &Verdict<'_>) -> String {
-    let mut out = String::new();
+    let mut report_text = String::new();
     for (compass, sentence) in verdict.compasses_in_use_first().iter().zip(verdict.summary_sentences()) {
         append_wrapped(
-            &mut out,
+            &mut report_text,
             &format!("{}: ", compass.judgement.compass_state.to_string().to_uppercase()),
             &sentence,
         );
     }
-    append_wrapped(&mut out, "", &verdict.log_description(name));
-    append_wrapped(&mut out, "", &format!("an Autoswing module on this flight: {}", verdict.outcome));
+    append_wrapped(&mut report_text, "", &verdict.log_description(name));
+    append_wrapped(&mut report_text, "", &format!("an Autoswing module on this flight: {}", verdict.outcome));
     for compass in verdict.compasses_in_use_first() {
-        let _ = writeln!(out, "\ncompass {}", compass.evaluation.compass_number);
+        let _ = writeln!(report_text, "\ncompass {}", compass.evaluation.compass_number);
         for [name, value] in verdict.key_facts(compass) {
-            append_wrapped(&mut out, "  ", &format!("{name}: {value}"));
+            append_wrapped(&mut report_text, "  ", &format!("{name}: {value}"));
         }
     }
     if let Some(reference) = &verdict.evaluation.reference {
         let name = reference.reference_name();
         let difference = reference.difference_name();
-        out.push('\n');
-        append_wrapped(&mut out, "", &format!("Heading {difference} against {name}, deg RMS less mean:"));
-        let _ = writeln!(out, "{}", verdict_table(verdict));
-        append_wrapped(&mut out, "", &format!("{name}: {}", reference.limits_text()));
+        report_text.push('\n');
+        append_wrapped(&mut report_text, "", &format!("Heading {difference} against {name}, deg RMS less mean:"));
+        let _ = writeln!(report_text, "{}", verdict_table(verdict));
+        append_wrapped(&mut report_text, "", &format!("{name}: {}", reference.limits_text()));
     }
     for note in &verdict.log_warnings {
-        append_wrapped(&mut out, "note: ", &note.to_string());
+        append_wrapped(&mut report_text, "note: ", &note.to_string());
     }
-    out
+    report_text
 }
 
 /// A row for each correction, a column for each compass, then percentages within one and two sigma.
 fn verdict_table(verdict: &Verdict<'_>) -> Table {
     let compasses = &verdict.evaluation.compasses;
-    let header =
-        std::iter::once(String::new()).chain(compasses.iter().map(|c| format!("compass {}", c.compass_number)));
+    let header = std::iter::once(String::new())
+        .chain(compasses.iter().map(|compass| format!("compass {}", compass.compass_number)));
     let mut table = content_table(header);
-    let mut add = |name: &str, cells: Vec<Option<String>>| {
+    let mut add_row = |name: &str, cells: Vec<Option<String>>| {
         if cells.iter().any(Option::is_some) {
             let cells = cells.into_iter().map(|cell| cell.unwrap_or_else(|| "-".to_owned()));
             table.add_row(std::iter::once(name.to_owned()).chain(cells).map(right_aligned));
         }
     };
     for (name, cells) in verdict.comparison_deg() {
-        add(name, cells.into_iter().map(|deg| Some(format!("{:.2}", deg?))).collect());
+        add_row(name, cells.into_iter().map(|error_deg| Some(format!("{:.2}", error_deg?))).collect());
     }
-    let of_each = |cell: &dyn Fn(&CompassEvaluation) -> Option<String>| compasses.iter().map(cell).collect();
-    add("module, smoothed", of_each(&|compass| Some(format!("{:.2}", compass.module_result.smoothed_score?.rms_deg))));
-    add("module, mean", of_each(&|compass| Some(format!("{:+.2}", compass.module_result.score?.mean_deg))));
+    let cells_of_compasses = |cell: &dyn Fn(&CompassEvaluation) -> Option<String>| compasses.iter().map(cell).collect();
+    add_row(
+        "module, smoothed",
+        cells_of_compasses(&|compass| Some(format!("{:.2}", compass.module_result.smoothed_score?.rms_deg))),
+    );
+    add_row(
+        "module, mean",
+        cells_of_compasses(&|compass| Some(format!("{:+.2}", compass.module_result.score?.mean_deg))),
+    );
     let within = |compass: &CompassEvaluation| {
         let [one, two] = compass.module_result.score?.within_percent;
         Some(format!("{one:.0}, {two:.0} %"))
     };
-    add("module, within 1, 2 sigma", of_each(&within));
+    add_row("module, within 1, 2 sigma", cells_of_compasses(&within));
     table
 }
 
@@ -333,29 +344,31 @@ fn verdict_table(verdict: &Verdict<'_>) -> Table {
 /// of readings averaged to that row, and whether the module would have sent the heading. After a refusal the status is
 /// that of a module without a calibration.
 fn write_headings(path: &Path, flight: &Flight, compass: Option<&CompassEvaluation>) -> std::io::Result<()> {
-    let mut out = std::io::BufWriter::new(std::fs::File::create(path)?);
-    writeln!(out, "t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg,readings")?;
-    let Some(compass) = compass else { return out.flush() };
+    let mut output_file = std::io::BufWriter::new(std::fs::File::create(path)?);
+    writeln!(output_file, "t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg,readings")?;
+    let Some(compass) = compass else { return output_file.flush() };
     let logged = flight.compasses.iter().find(|logged| logged.compass_number == compass.compass_number);
     let stamps_s: Vec<f64> =
         logged.map_or_else(Vec::new, |logged| logged.field.rows().iter().map(|row| row.t_s).collect());
     let headings = &compass.module_result.headings;
-    let row_of = |stamp_s: f64| {
+    let nearest_row = |stamp_s: f64| {
         // Rows are at the time of the field, which is older than its time stamp.
         let at_s = stamp_s - compass.latency.used_s;
         let next = headings.partition_point(|row| row.t_s < at_s);
-        let near = [next.checked_sub(1), Some(next)].into_iter().flatten();
-        let off_s = |index: usize| headings.get(index).map_or(f64::INFINITY, |row| (row.t_s - at_s).abs());
-        near.min_by(|one, other| off_s(*one).total_cmp(&off_s(*other))).filter(|index| off_s(*index) < MAX_OFF_ROW_S)
+        let neighbours = [next.checked_sub(1), Some(next)].into_iter().flatten();
+        let distance_s = |index: usize| headings.get(index).map_or(f64::INFINITY, |row| (row.t_s - at_s).abs());
+        neighbours
+            .min_by(|left_index, right_index| distance_s(*left_index).total_cmp(&distance_s(*right_index)))
+            .filter(|index| distance_s(*index) < MAX_OFF_ROW_S)
     };
-    let rows: Vec<Option<usize>> = stamps_s.iter().map(|stamp_s| row_of(*stamp_s)).collect();
+    let rows: Vec<Option<usize>> = stamps_s.iter().map(|stamp_s| nearest_row(*stamp_s)).collect();
     let mut readings = vec![0_u32; headings.len()];
     rows.iter().flatten().for_each(|index| readings[*index] += 1);
     let is_refused = compass.module_result.acceptance.is_err();
     let missing_status = if is_refused { NoHeading::Uncalibrated.stable_code() } else { "left-out" };
     for (stamp_s, index) in stamps_s.iter().zip(rows) {
         let Some(index) = index else {
-            writeln!(out, "{stamp_s:.6},,,{missing_status},,,0")?;
+            writeln!(output_file, "{stamp_s:.6},,,{missing_status},,,0")?;
             continue;
         };
         let row = &headings[index];
@@ -363,8 +376,12 @@ fn write_headings(path: &Path, flight: &Flight, compass: Option<&CompassEvaluati
         let status = status.map_or_else(NoHeading::stable_code, |()| "ok");
         let smooth =
             row.smooth_deg.map_or_else(|| ",".to_owned(), |[deg, sigma_deg]| format!("{deg:.2},{sigma_deg:.2}"));
-        let number = readings[index];
-        writeln!(out, "{stamp_s:.6},{:.2},{:.2},{status},{smooth},{number}", row.heading_deg, row.sigma_deg)?;
+        let reading_count = readings[index];
+        writeln!(
+            output_file,
+            "{stamp_s:.6},{:.2},{:.2},{status},{smooth},{reading_count}",
+            row.heading_deg, row.sigma_deg
+        )?;
     }
-    out.flush()
+    output_file.flush()
 }

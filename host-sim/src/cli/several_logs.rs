@@ -34,7 +34,9 @@ pub fn replay_several_logs(options: &Replay) -> Result<ExitCode, CommandFailure>
     let bar = show_spinner("evaluating the logs");
     let mut lines: Vec<LogLine> = logs.par_iter().map(|log| judge_log(log, options)).collect();
     bar.finish_and_clear();
-    lines.sort_by(|one, other| other.rank.cmp(&one.rank).then_with(|| one.text.cmp(&other.text)));
+    lines.sort_by(|left_line, right_line| {
+        right_line.rank.cmp(&left_line.rank).then_with(|| left_line.text.cmp(&right_line.text))
+    });
     for line in &lines {
         if options.json {
             print::print_line(&line.json);
@@ -66,9 +68,10 @@ fn expand_folders(files: &[PathBuf]) -> Result<Vec<PathBuf>, CommandFailure> {
         let unreadable = |error| CommandFailure(format!("cannot read {}: {error}", file.display()));
         let entries = std::fs::read_dir(file).map_err(unreadable)?;
         let paths = entries.map(|entry| Ok(entry?.path())).collect::<std::io::Result<Vec<PathBuf>>>();
-        let mut found: Vec<PathBuf> = paths.map_err(unreadable)?.into_iter().filter(|path| is_log(path)).collect();
-        found.sort();
-        logs.extend(found);
+        let mut folder_logs: Vec<PathBuf> =
+            paths.map_err(unreadable)?.into_iter().filter(|path| is_log(path)).collect();
+        folder_logs.sort();
+        logs.extend(folder_logs);
     }
     if logs.is_empty() {
         return Err(CommandFailure(format!("no logs in these folders (.{})", LOG_EXTENSIONS.join(", ."))));
@@ -78,13 +81,14 @@ fn expand_folders(files: &[PathBuf]) -> Result<Vec<PathBuf>, CommandFailure> {
 
 /// Whether the name of a file is that of a log.
 pub fn is_log(path: &Path) -> bool {
-    let is_known = |ending: &std::ffi::OsStr| LOG_EXTENSIONS.iter().any(|known| ending.eq_ignore_ascii_case(known));
+    let is_known =
+        |ending: &std::ffi::OsStr| LOG_EXTENSIONS.iter().any(|extension| ending.eq_ignore_ascii_case(extension));
     path.extension().is_some_and(is_known)
 }
 
 fn judge_log(log: &Path, options: &Replay) -> LogLine {
     let name = log.display().to_string();
-    let judged = read_flight(log, options).and_then(|flight| {
+    let judgement = read_flight(log, options).and_then(|flight| {
         let evaluation = evaluate_log(log, &flight, options)?;
         let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::for_autopilot(flight.autopilot));
         let mut json = verdict.json();
@@ -100,7 +104,7 @@ fn judge_log(log: &Path, options: &Replay) -> LogLine {
             json,
         })
     });
-    judged.unwrap_or_else(|CommandFailure(why)| LogLine {
+    judgement.unwrap_or_else(|CommandFailure(why)| LogLine {
         rank: (u8::MAX, 0),
         code: 2,
         text: format!("UNREADABLE: {why}"),

@@ -85,10 +85,13 @@ fn errors_table(columns: &[MethodErrors]) -> Table {
 
 fn summary_text(published_errors: &[MethodErrors], noise_free: &[MethodErrors], noisy: &[MethodErrors]) -> Table {
     let mut table = narrow_table(["", "published", "12 a side", "256 a side"]);
-    for (exact, noisy) in noise_free.iter().zip(noisy) {
-        let printed = published_errors.iter().find(|column| column.name == exact.name);
-        let cells = [printed, Some(exact), Some(noisy)].map(|column| column.map_or_else(String::new, format_errors));
-        table.add_row(std::iter::once(exact.name.replace("maximum", "max.")).chain(cells).map(right_aligned));
+    for (noise_free_column, noisy) in noise_free.iter().zip(noisy) {
+        let printed = published_errors.iter().find(|column| column.name == noise_free_column.name);
+        let cells = [printed, Some(noise_free_column), Some(noisy)]
+            .map(|column| column.map_or_else(String::new, format_errors));
+        table.add_row(
+            std::iter::once(noise_free_column.name.replace("maximum", "max.")).chain(cells).map(right_aligned),
+        );
     }
     table
 }

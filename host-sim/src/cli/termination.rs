@@ -53,10 +53,10 @@ impl TerminationSignals {
     }
 
     /// Installs handlers that record the signal.
-    pub fn install_handlers(second: SecondSignal) -> Result<Self, CommandFailure> {
+    pub fn install_handlers(second_signal: SecondSignal) -> Result<Self, CommandFailure> {
         let interruption = Self { stop: Arc::new(AtomicBool::new(false)), signal: Arc::new(AtomicUsize::new(0)) };
         for &signal in TERMINATION_SIGNALS {
-            if second == SecondSignal::Exits {
+            if second_signal == SecondSignal::Exits {
                 flag::register_conditional_shutdown(signal, exit_status(signal), Arc::clone(&interruption.stop))
                     .map_err(signal_failure)?;
             }

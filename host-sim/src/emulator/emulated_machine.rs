@@ -145,12 +145,12 @@ impl EmulatedMachine {
     /// Waits for the machine's next message; returns it with the ticks since the last reset.
     pub fn wait_for_message(&mut self) -> Result<(MachineMessage, u64), EmulatorError> {
         let mut bytes = [0; 9];
-        let read = read_until(&mut self.lockstep, &mut bytes, &self.stop);
+        let read_result = read_until(&mut self.lockstep, &mut bytes, &self.stop);
         // An interrupt from the terminal also ends QEMU.
         if self.stop.load(Ordering::SeqCst) {
             return Err(EmulatorError::Interrupted);
         }
-        if let Err(error) = read {
+        if let Err(error) = read_result {
             return Err(self.qemu.exit_error(EXIT_TIMEOUT).unwrap_or(EmulatorError::Connection("lockstep", error)));
         }
         let [kind, ticks @ ..] = bytes;
@@ -219,7 +219,7 @@ impl Qemu {
     /// Connects as soon as the socket exists.
     fn connect_socket(&mut self, socket_name: &'static str, socket: &Path) -> Result<LocalStream, EmulatorError> {
         let failed = |error| EmulatorError::Connection(socket_name, error);
-        let mut left = REPLY_TIMEOUT;
+        let mut remaining_time = REPLY_TIMEOUT;
         loop {
             match local_socket::connect_socket(socket) {
                 Ok(stream) => {
@@ -227,12 +227,12 @@ impl Qemu {
                     return Ok(stream);
                 }
                 Err(_) if self.stop.load(Ordering::SeqCst) => return Err(EmulatorError::Interrupted),
-                Err(error) if left.is_zero() => return Err(failed(error)),
+                Err(error) if remaining_time.is_zero() => return Err(failed(error)),
                 Err(_) => {
                     if let Some(ended) = self.exit_error(POLL_PERIOD) {
                         return Err(ended);
                     }
-                    left = left.saturating_sub(POLL_PERIOD);
+                    remaining_time = remaining_time.saturating_sub(POLL_PERIOD);
                 }
             }
         }
@@ -240,13 +240,13 @@ impl Qemu {
 
     /// QEMU's output, if it has ended or ends within this time.
     fn exit_error(&mut self, within: Duration) -> Option<EmulatorError> {
-        let mut left = within;
+        let mut remaining_time = within;
         while !matches!(self.child.try_wait(), Ok(Some(_))) {
-            if left.is_zero() {
+            if remaining_time.is_zero() {
                 return None;
             }
             std::thread::sleep(POLL_PERIOD);
-            left = left.saturating_sub(POLL_PERIOD);
+            remaining_time = remaining_time.saturating_sub(POLL_PERIOD);
         }
         Some(EmulatorError::Ended(fs::read_to_string(&self.log).unwrap_or_default()))
     }
@@ -291,14 +291,14 @@ fn non_blocking(stream: LocalStream) -> Result<LocalStream, EmulatorError> {
 /// Fills `bytes` from a stream within the response timeout and until `stop` is set; the stream has a short read
 /// timeout.
 fn read_until(stream: &mut LocalStream, bytes: &mut [u8], stop: &AtomicBool) -> std::io::Result<()> {
-    let (mut filled, mut left) = (0, REPLY_TIMEOUT);
-    while filled < bytes.len() && !stop.load(Ordering::SeqCst) {
-        match stream.read(&mut bytes[filled..]) {
+    let (mut filled_bytes, mut remaining_time) = (0, REPLY_TIMEOUT);
+    while filled_bytes < bytes.len() && !stop.load(Ordering::SeqCst) {
+        match stream.read(&mut bytes[filled_bytes..]) {
             Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
-            Ok(read) => filled += read,
+            Ok(read) => filled_bytes += read,
             Err(error) if error.kind() == ErrorKind::Interrupted => {}
-            Err(error) if error.kind() == ErrorKind::WouldBlock && !left.is_zero() => {
-                left = left.saturating_sub(POLL_PERIOD);
+            Err(error) if error.kind() == ErrorKind::WouldBlock && !remaining_time.is_zero() => {
+                remaining_time = remaining_time.saturating_sub(POLL_PERIOD);
             }
             Err(error) => return Err(error),
         }

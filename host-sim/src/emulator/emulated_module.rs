@@ -40,7 +40,7 @@ pub struct Emulator {
     requested_bench_test: Option<BenchTest>,
     reset_pressed: bool,
     /// World time at the machine's last reset, microseconds; the next field is the machine time since that reset.
-    since_us: u64,
+    reset_at_us: u64,
     machine_us: u64,
     sample_path: SamplePath,
     failure: Option<EmulatorError>,
@@ -54,7 +54,7 @@ impl Emulator {
     /// Missing image or QEMU, or a failed connection. With an image for another machine QEMU ends at once or at the
     /// first step.
     pub fn start_emulator(image: &Path, config: WorldConfig) -> Result<Self, EmulatorError> {
-        Self::start_with_port_devices(image, config, [FarEnd::Talker, FarEnd::Unconnected])
+        Self::start_with_port_devices(image, config, [FarEnd::SendOnly, FarEnd::Unconnected])
     }
 
     /// As [`start_emulator`](Self::start_emulator), but after `stop` is set every run fails with [`EmulatorError::Interrupted`].
@@ -70,7 +70,7 @@ impl Emulator {
         Self::start_machine(
             || EmulatedMachine::start_qemu(image, Arc::clone(stop)),
             &config,
-            [FarEnd::Talker, FarEnd::Unconnected],
+            [FarEnd::SendOnly, FarEnd::Unconnected],
         )
     }
 
@@ -94,7 +94,8 @@ impl Emulator {
     ) -> Result<Self, EmulatorError> {
         let mut simulation = Simulation::new();
         let world = World::new(*config);
-        let cable = || SerialCable::new(CableConfig { delivery: WakeCondition::EachByte, ..CableConfig::default() });
+        let cable =
+            || SerialCable::new(CableConfig { wake_condition: WakeCondition::EachByte, ..CableConfig::default() });
         let [console_cable, autopilot_cable, instrument_cable] = [(); 3].map(|()| cable());
         let [console, autopilot, instrument] =
             [&console_cable, &autopilot_cable, &instrument_cable].map(SerialCable::host_end);
@@ -119,7 +120,7 @@ impl Emulator {
             sensor_stuck: false,
             requested_bench_test: None,
             reset_pressed: false,
-            since_us: 0,
+            reset_at_us: 0,
             machine_us: 0,
             sample_path: SamplePath::default(),
             failure: None,
@@ -188,7 +189,7 @@ impl Emulator {
 
     /// The machine restarted, which takes no time and clears the sensor's field.
     fn on_restart(&mut self) {
-        self.since_us += self.machine_us;
+        self.reset_at_us += self.machine_us;
         self.machine_us = 0;
         self.field_set_us = None;
         self.sample_path.end_sample();
@@ -230,7 +231,7 @@ impl Module for Emulator {
     }
 
     fn now_us(&self) -> u64 {
-        self.since_us + self.machine_us
+        self.reset_at_us + self.machine_us
     }
 
     fn reset_module(&mut self) {

@@ -14,7 +14,8 @@ pub struct InstructionBudget {
     /// Short name.
     pub name: &'static str,
     /// Description of the path.
-    pub of: &'static str,
+    #[serde(rename = "of")]
+    pub description: &'static str,
     /// Limit, instructions.
     pub limit: u64,
     /// Counted instructions; `None` if not counted.
@@ -68,7 +69,7 @@ pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<InstructionBudget>, 
     let mut printed = String::new();
     for _ in 0..SOLVE_TIMEOUT_S {
         // All results are printed once the line of the solve is complete.
-        let is_all = printed.split_once("solve: ").is_some_and(|(_, rest)| rest.contains('\n'));
+        let is_all = printed.split_once("solve: ").is_some_and(|(_, after_solve)| after_solve.contains('\n'));
         if is_all || emulator.run_for_s(1.0) == ModuleRunEnd::Failed {
             break;
         }
@@ -77,14 +78,14 @@ pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<InstructionBudget>, 
     if let Some(error) = emulator.take_failure() {
         return Err(error);
     }
-    let image_budgets = INSTRUCTION_LIMITS.iter().map(|&(name, of, limit)| InstructionBudget {
+    let image_budgets = INSTRUCTION_LIMITS.iter().map(|&(name, description, limit)| InstructionBudget {
         name,
-        of,
+        description,
         limit,
         counted: printed_value(&printed, name),
     });
-    let (name, of, limit) = SAMPLE_LIMIT;
-    Ok(image_budgets.chain([InstructionBudget { name, of, limit, counted: sample }]).collect())
+    let (name, description, limit) = SAMPLE_LIMIT;
+    Ok(image_budgets.chain([InstructionBudget { name, description, limit, counted: sample }]).collect())
 }
 
 /// Instructions of the full sample path in a module calibrated by a compass swing.
@@ -115,9 +116,9 @@ fn sample_path_instructions(emulator: &mut Emulator) -> Option<u64> {
     emulator.take_path_instructions();
     emulator.run_for_s(2.0);
     let is_calibrated = emulator.send_console_line("status").contains("ok calibrated");
-    let mut ways = emulator.take_path_instructions();
-    ways.sort_unstable();
-    ways.get(ways.len() / 2).copied().filter(|_| is_calibrated)
+    let mut path_instructions = emulator.take_path_instructions();
+    path_instructions.sort_unstable();
+    path_instructions.get(path_instructions.len() / 2).copied().filter(|_| is_calibrated)
 }
 
 /// The number in the line `name: 123`.

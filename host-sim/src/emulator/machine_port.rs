@@ -21,7 +21,7 @@ pub struct MachinePort {
 #[derive(Default)]
 struct OutgoingBytes {
     bytes: RefCell<Vec<u8>>,
-    more: Signal<NoopRawMutex, ()>,
+    more_arrived: Signal<NoopRawMutex, ()>,
 }
 
 impl MachinePort {
@@ -36,15 +36,15 @@ impl MachinePort {
     pub fn write_bytes(&self, bytes: &[u8]) {
         if !bytes.is_empty() {
             self.to_cable.bytes.borrow_mut().extend_from_slice(bytes);
-            self.to_cable.more.signal(());
+            self.to_cable.more_arrived.signal(());
         }
     }
 
     /// Received bytes, up to the machine's limit per step.
     pub fn take_bytes(&self) -> Vec<u8> {
         let mut waiting = self.to_machine.borrow_mut();
-        let number = waiting.len().min(MAX_STEP_BYTES);
-        waiting.drain(..number).collect()
+        let byte_count = waiting.len().min(MAX_STEP_BYTES);
+        waiting.drain(..byte_count).collect()
     }
 }
 
@@ -52,15 +52,15 @@ async fn forward_received(mut receiver: Receiver, to_machine: Rc<RefCell<VecDequ
     let mut buffer = [0; 64];
     loop {
         // Line errors are never injected here.
-        if let Ok(read) = receiver.read(&mut buffer).await {
-            to_machine.borrow_mut().extend(&buffer[..read]);
+        if let Ok(read_count) = receiver.read(&mut buffer).await {
+            to_machine.borrow_mut().extend(&buffer[..read_count]);
         }
     }
 }
 
 async fn forward_sent(mut transmitter: Transmitter, outgoing: Rc<OutgoingBytes>) {
     loop {
-        outgoing.more.wait().await;
+        outgoing.more_arrived.wait().await;
         let bytes = outgoing.bytes.take();
         // A simulated cable never reports write errors.
         let _ = transmitter.write_all(&bytes).await;

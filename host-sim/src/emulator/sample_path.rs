@@ -9,39 +9,41 @@ pub const FIELD_UPDATE_PERIOD_US: u64 = 2_000;
 #[derive(Default)]
 pub struct SamplePath {
     /// Start of the present sample's sensor access, machine ticks.
-    began: Option<u64>,
+    access_start_ticks: Option<u64>,
     /// Whether the firmware has written to the instrument port since that access; the last write determines the
     /// duration.
-    written: bool,
-    ticks: Vec<u64>,
+    has_written: bool,
+    durations_ticks: Vec<u64>,
 }
 
 impl SamplePath {
     /// Takes the instructions of the samples since the last call.
     pub fn take_instructions(&mut self) -> Vec<u64> {
         let instructions = |ticks: u64| ticks * TICK_NS / INSTRUCTION_NS;
-        std::mem::take(&mut self.ticks).into_iter().map(instructions).collect()
+        std::mem::take(&mut self.durations_ticks).into_iter().map(instructions).collect()
     }
 
     /// The machine restarted: the present sample ends.
     pub fn end_sample(&mut self) {
-        self.began = None;
+        self.access_start_ticks = None;
     }
 
     pub fn on_sensor_access(&mut self, ticks: u64) {
-        let again = self.began.is_some_and(|began| ticks - began < FIELD_UPDATE_PERIOD_US * TICKS_PER_US);
-        if self.written || !again {
-            self.began = Some(ticks);
-            self.written = false;
+        let is_same_measurement = self
+            .access_start_ticks
+            .is_some_and(|start_ticks| ticks - start_ticks < FIELD_UPDATE_PERIOD_US * TICKS_PER_US);
+        if self.has_written || !is_same_measurement {
+            self.access_start_ticks = Some(ticks);
+            self.has_written = false;
         }
     }
 
     pub fn on_output(&mut self, ticks: u64) {
-        let Some(began) = self.began else { return };
-        if self.written {
-            self.ticks.pop();
+        let Some(start_ticks) = self.access_start_ticks else { return };
+        if self.has_written {
+            self.durations_ticks.pop();
         }
-        self.ticks.push(ticks - began);
-        self.written = true;
+        self.durations_ticks.push(ticks - start_ticks);
+        self.has_written = true;
     }
 }

@@ -49,7 +49,7 @@ pub fn parse_attitude(datagram: &[u8]) -> Result<Euler, DatagramError> {
         return Err(DatagramError::Malformed);
     };
     // NaN is outside every range.
-    let is_angle = |deg: f64, most: f64| (-most..=most).contains(&deg);
+    let is_angle = |deg: f64, max_deg: f64| (-max_deg..=max_deg).contains(&deg);
     if is_angle(roll_deg, 180.0) && is_angle(pitch_deg, 90.0) && is_angle(yaw_deg, 360.0) {
         Ok(Euler::from_deg(roll_deg, pitch_deg, yaw_deg))
     } else {

@@ -99,9 +99,9 @@ const MAX_BYTES_IN_TRANSMISSION: usize = 1152;
 pub struct ServedModule {
     rig: Rig,
     pilot: SimulatedPilot,
-    peer: ExternalAutopilot,
+    external_autopilot: ExternalAutopilot,
     attitude: AttitudeProvider,
-    visits: Option<DatagramCounts>,
+    external_datagrams: Option<DatagramCounts>,
     /// Time of the first attitude of an external simulator.
     first_attitude_us: Option<u64>,
     /// The bus as other nodes see it.
@@ -138,13 +138,13 @@ impl ServedModule {
         });
         let pilot = SimulatedPilot::new(&world, options.flight_pattern, options.has_external_simulator);
         pilot.start_pattern(&rig.world);
-        let visits = options.has_external_simulator.then(DatagramCounts::default);
+        let external_datagrams = options.has_external_simulator.then(DatagramCounts::default);
         let module = Self {
             rig,
             pilot,
-            peer: ExternalAutopilot::default(),
+            external_autopilot: ExternalAutopilot::default(),
             attitude: options.attitude,
-            visits,
+            external_datagrams,
             first_attitude_us: None,
             can,
         };
@@ -177,7 +177,7 @@ impl ServedModule {
         let Some(ServedPort { cable, .. }) = PORTS.get(port) else { return };
         cable(&self.rig).send_bytes(bytes);
         if port == AUTOPILOT_PORT {
-            self.peer.process_bytes(self.rig.now_us(), bytes);
+            self.external_autopilot.process_bytes(self.rig.now_us(), bytes);
             self.forward_attitude();
         }
     }
@@ -229,10 +229,10 @@ impl ServedModule {
     /// [`DatagramError`] if the datagram is invalid; it is counted and otherwise ignored.
     pub fn follow_datagram(&mut self, datagram: &[u8]) -> Result<(), DatagramError> {
         let attitude_datagram = parse_attitude(datagram);
-        let visits = self.visits.get_or_insert_default();
+        let external_datagrams = self.external_datagrams.get_or_insert_default();
         match attitude_datagram {
-            Ok(Euler { .. }) => visits.accepted_datagrams += 1,
-            Err(_) => visits.rejected_datagrams += 1,
+            Ok(Euler { .. }) => external_datagrams.accepted_datagrams += 1,
+            Err(_) => external_datagrams.rejected_datagrams += 1,
         }
         attitude_datagram.map(|attitude| {
             self.first_attitude_us.get_or_insert(self.rig.now_us());
@@ -243,7 +243,7 @@ impl ServedModule {
     /// Counters of attitude datagrams; `None` without an external simulator.
     #[must_use]
     pub fn datagram_counts(&self) -> Option<DatagramCounts> {
-        self.visits
+        self.external_datagrams
     }
 
     /// Number of bytes that the port accepts now; 0 for an invalid index.
@@ -271,13 +271,13 @@ impl ServedModule {
         let truth = self.rig.world.true_state(self.now_us());
         let [roll_deg, pitch_deg] = [truth.roll_rad, truth.pitch_rad].map(f64::to_degrees);
         let seconds = self.now_us() as f64 / 1e6;
-        let flies = if self.visits.is_some() { "follows" } else { self.pilot.activity_text() };
+        let flies = if self.external_datagrams.is_some() { "follows" } else { self.pilot.activity_text() };
         let source = match self.rig.world.sends_attitude() {
             true => "the simulator",
             false if self.awaits_datagram() => "nobody yet",
             false => "who is attached",
         };
-        let sender_text = self.visits.map_or_else(
+        let sender_text = self.external_datagrams.map_or_else(
             String::new,
             |DatagramCounts { accepted_datagrams: followed, rejected_datagrams: malformed }| {
                 format!("; {followed} attitudes received, {malformed} malformed")
@@ -298,12 +298,12 @@ impl ServedModule {
     /// attitudes must not be sent.
     fn awaits_datagram(&self) -> bool {
         let is_early = |first_us| self.rig.now_us() < first_us + SETTLING_US;
-        self.visits.is_some() && self.first_attitude_us.is_none_or(is_early)
+        self.external_datagrams.is_some() && self.first_attitude_us.is_none_or(is_early)
     }
 
     fn forward_attitude(&self) {
         let is_provider = match self.attitude {
-            AttitudeProvider::Auto => !self.peer.is_active(self.rig.now_us()),
+            AttitudeProvider::Auto => !self.external_autopilot.is_active(self.rig.now_us()),
             AttitudeProvider::Own => true,
             AttitudeProvider::Peer => false,
         };

@@ -28,8 +28,8 @@ pub fn to_datagram(frame: &CanFrame) -> Vec<u8> {
 #[must_use]
 pub fn from_datagram(datagram: &[u8]) -> Option<CanFrame> {
     let ([magic_low, magic_high, crc_low, crc_high], checked) = datagram.split_first_chunk()?;
-    let (&[flags_low, flags_high, a, b, c, d], data) = checked.split_first_chunk()?;
-    let id = u32::from_le_bytes([a, b, c, d]);
+    let (&[flags_low, flags_high, id_byte_0, id_byte_1, id_byte_2, id_byte_3], data) = checked.split_first_chunk()?;
+    let id = u32::from_le_bytes([id_byte_0, id_byte_1, id_byte_2, id_byte_3]);
     let is_intact = u16::from_le_bytes([*magic_low, *magic_high]) == DATAGRAM_MAGIC
         && u16::from_le_bytes([*crc_low, *crc_high]) == CRC.checksum(checked);
     let is_classic = [flags_low, flags_high] == [0, 0] && id & EXTENDED_IDENTIFIER_FLAG != 0;

@@ -23,7 +23,7 @@ enum PilotTask {
     /// The vehicle is on the ground.
     Landed,
     /// An external simulator controls the aircraft.
-    Visited,
+    ExternallyControlled,
 }
 
 #[derive(Debug)]
@@ -35,8 +35,8 @@ pub(super) struct SimulatedPilot {
 
 impl SimulatedPilot {
     /// A pilot that flies a pattern, or is inactive because of an external simulator.
-    pub fn new(world: &WorldConfig, pattern: PilotPattern, is_visited: bool) -> Self {
-        let task = if is_visited { PilotTask::Visited } else { PilotTask::Pattern(pattern) };
+    pub fn new(world: &WorldConfig, pattern: PilotPattern, is_externally_controlled: bool) -> Self {
+        let task = if is_externally_controlled { PilotTask::ExternallyControlled } else { PilotTask::Pattern(pattern) };
         Self {
             kind: world.aircraft.kind,
             task,
@@ -46,7 +46,7 @@ impl SimulatedPilot {
 
     /// Starts the pattern in flight, armed.
     pub fn start_pattern(&self, world: &World) {
-        world.set_armed(self.task != PilotTask::Visited);
+        world.set_armed(self.task != PilotTask::ExternallyControlled);
         self.fly_pattern(world);
     }
 
@@ -67,7 +67,7 @@ impl SimulatedPilot {
     /// Executes a command and returns the answer.
     pub fn execute_order(&mut self, world: &World, order: PilotCommand) -> Result<String, PilotCommandError> {
         match (self.task, order) {
-            (PilotTask::Visited, _) => return Err(PilotCommandError::Visited),
+            (PilotTask::ExternallyControlled, _) => return Err(PilotCommandError::ExternallyControlled),
             (PilotTask::Landed, PilotCommand::TakeOff) => {
                 world.end_prescribed_motion();
                 world.set_armed(true);
@@ -80,8 +80,8 @@ impl SimulatedPilot {
                 self.fly_leg(world, Leg::Turn { bank_deg: bank_deg.abs(), heading_change_deg });
             }
             (_, PilotCommand::Level { seconds }) => self.fly_leg(world, Leg::Hover { seconds }),
-            (_, PilotCommand::Heading { deg, seconds }) => {
-                self.fly_leg(world, Leg::Straight { heading_deg: deg, seconds });
+            (_, PilotCommand::Heading { heading_deg, seconds }) => {
+                self.fly_leg(world, Leg::Straight { heading_deg, seconds });
             }
             (_, PilotCommand::Pattern(pattern)) => {
                 self.start_task(world, PilotTask::Pattern(pattern));
@@ -106,7 +106,7 @@ impl SimulatedPilot {
             PilotTask::Orders => "flies as ordered",
             PilotTask::Landing => "lands",
             PilotTask::Landed => "stands on the ground",
-            PilotTask::Visited => "follows the order",
+            PilotTask::ExternallyControlled => "follows the order",
         }
     }
 

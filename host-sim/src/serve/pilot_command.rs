@@ -23,7 +23,7 @@ pub enum PilotCommand {
     /// Turn to a magnetic heading and hold it.
     Heading {
         /// Heading, degrees.
-        deg: f64,
+        heading_deg: f64,
         /// Duration including the turn, seconds.
         seconds: f64,
     },
@@ -65,7 +65,7 @@ pub enum PilotCommandError {
     /// Number outside the allowed range.
     OutOfRange(&'static str),
     /// An external simulator controls the aircraft.
-    Visited,
+    ExternallyControlled,
     /// The vehicle is on the ground.
     Landed,
 }
@@ -80,7 +80,7 @@ impl PilotCommandError {
             Self::Unexpected(_) => "unexpected-argument",
             Self::BadValue(_) => "bad-value",
             Self::OutOfRange(_) => "out-of-range",
-            Self::Visited => "flown-by-another",
+            Self::ExternallyControlled => "flown-by-another",
             Self::Landed => "landed",
         }
     }
@@ -97,7 +97,9 @@ impl fmt::Display for PilotCommandError {
             Self::Unexpected(word) => write!(f, "{} is too much", printable(word)),
             Self::BadValue(expected) => write!(f, "expected {expected}"),
             Self::OutOfRange(range) => f.write_str(range),
-            Self::Visited => f.write_str("another simulator gives the attitude; only status and help are available"),
+            Self::ExternallyControlled => {
+                f.write_str("another simulator gives the attitude; only status and help are available")
+            }
             Self::Landed => f.write_str("it stands on the ground; takeoff"),
         }
     }
@@ -126,8 +128,8 @@ impl FromStr for PilotCommand {
             "turn" => Self::Turn { bank_deg: parse_bank(&mut words)?, change_deg: parse_heading_change(&mut words)? },
             "level" => Self::Level { seconds: parse_seconds(&mut words)? },
             "heading" => {
-                let deg = parse_number_in_range(&mut words, "DEG", 0.0..=360.0, "a heading is 0 to 360 deg")?;
-                Self::Heading { deg, seconds: parse_seconds(&mut words)? }
+                let heading_deg = parse_number_in_range(&mut words, "DEG", 0.0..=360.0, "a heading is 0 to 360 deg")?;
+                Self::Heading { heading_deg, seconds: parse_seconds(&mut words)? }
             }
             "pattern" => Self::Pattern(parse_pattern(&mut words)?),
             "land" => Self::Land,
@@ -141,15 +143,19 @@ impl FromStr for PilotCommand {
 }
 
 fn parse_bank(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
-    let deg = parse_number_in_range(words, "BANK", -60.0..=60.0, BANK_RANGE_TEXT)?;
-    if deg.abs() >= 1.0 { Ok(deg) } else { Err(PilotCommandError::OutOfRange(BANK_RANGE_TEXT)) }
+    let bank_deg = parse_number_in_range(words, "BANK", -60.0..=60.0, BANK_RANGE_TEXT)?;
+    if bank_deg.abs() >= 1.0 { Ok(bank_deg) } else { Err(PilotCommandError::OutOfRange(BANK_RANGE_TEXT)) }
 }
 
 const BANK_RANGE_TEXT: &str = "a bank is 1 to 60 deg, either way";
 
 fn parse_heading_change(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
-    let deg = parse_number_in_range(words, "DEG", -3600.0..=3600.0, TURN_RANGE_TEXT)?;
-    if deg.abs() >= 1.0 { Ok(deg) } else { Err(PilotCommandError::OutOfRange(TURN_RANGE_TEXT)) }
+    let heading_change_deg = parse_number_in_range(words, "DEG", -3600.0..=3600.0, TURN_RANGE_TEXT)?;
+    if heading_change_deg.abs() >= 1.0 {
+        Ok(heading_change_deg)
+    } else {
+        Err(PilotCommandError::OutOfRange(TURN_RANGE_TEXT))
+    }
 }
 
 const TURN_RANGE_TEXT: &str = "a turn goes through 1 to 3600 deg, either way";
@@ -186,7 +192,7 @@ mod tests {
             ("turn 25 -360", PilotCommand::Turn { bank_deg: 25.0, change_deg: -360.0 }),
             ("  TURN  -10.5  90 ", PilotCommand::Turn { bank_deg: -10.5, change_deg: 90.0 }),
             ("level 10", PilotCommand::Level { seconds: 10.0 }),
-            ("heading 270 9.5", PilotCommand::Heading { deg: 270.0, seconds: 9.5 }),
+            ("heading 270 9.5", PilotCommand::Heading { heading_deg: 270.0, seconds: 9.5 }),
             ("pattern Circles", PilotCommand::Pattern(PilotPattern::Circles)),
             ("land", PilotCommand::Land),
             ("takeoff", PilotCommand::TakeOff),
@@ -229,7 +235,7 @@ mod tests {
     #[test]
     fn an_unknown_command_error_lists_all_without_control_characters() {
         let error = format!("\u{1b}]0;x\u{7}{}", "y".repeat(10_000)).parse::<PilotCommand>().unwrap_err().to_string();
-        assert!(error.chars().all(|c| !c.is_control()) && error.len() < 300, "{error}");
+        assert!(error.chars().all(|character| !character.is_control()) && error.len() < 300, "{error}");
         assert!(COMMANDS.iter().all(|(order, _)| error.contains(order)), "{error}");
     }
 

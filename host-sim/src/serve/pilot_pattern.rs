@@ -41,9 +41,9 @@ impl PilotPattern {
     }
 
     /// Legs of one repetition; empty for level flight.
-    pub(super) fn legs(self, kind: VehicleKind, heading_deg: f64, random: &mut RandomStream) -> Vec<Leg> {
+    pub(super) fn legs(self, vehicle_kind: VehicleKind, heading_deg: f64, random: &mut RandomStream) -> Vec<Leg> {
         let straight = Leg::Straight { heading_deg, seconds: 30.0 };
-        let circles = |change_deg| match kind {
+        let circles = |change_deg| match vehicle_kind {
             VehicleKind::Plane | VehicleKind::Vtol => {
                 Leg::Turn { bank_deg: CIRCLE_BANK_DEG, heading_change_deg: change_deg }
             }
@@ -53,12 +53,12 @@ impl PilotPattern {
         };
         match self {
             Self::Routine => {
-                let mut legs = CalibrationRoutine::for_vehicle(kind, TurnPlan::default(), heading_deg).legs();
+                let mut legs = CalibrationRoutine::for_vehicle(vehicle_kind, TurnPlan::default(), heading_deg).legs();
                 legs.push(straight);
                 legs
             }
             Self::Circles => vec![circles(720.0), circles(-720.0)],
-            Self::Wandering => vec![random_leg(kind, random)],
+            Self::Wandering => vec![random_leg(vehicle_kind, random)],
             Self::Level => Vec::new(),
         }
     }

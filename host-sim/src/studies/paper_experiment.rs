@@ -80,20 +80,20 @@ impl MethodErrors {
 /// The error of a method without a solution.
 pub fn method_errors(experiment: PaperExperiment) -> Result<[MethodErrors; 5], SolveError> {
     let table = Table1Experiment { airframe: Airframe::of_table1(), earth: Earth::default() };
-    let (left, right) = table.measure_turns(experiment);
-    let turns = [&left[..], &right].concat();
-    let sides = Samples::new(&turns);
-    let marks = Table1Experiment::heading_marks(experiment, &left, &right);
+    let (left_turns, right_turns) = table.measure_turns(experiment);
+    let turns = [&left_turns[..], &right_turns].concat();
+    let samples_by_side = Samples::new(&turns);
+    let marks = Table1Experiment::heading_marks(experiment, &left_turns, &right_turns);
     let swing = Samples::default().with_marks(&marks);
-    let solved = |name, method, samples| {
+    let solved_errors = |name, method, samples| {
         solve_samples(method, samples, &Prior::default()).map(|solution| table.column(name, &solution.calibration))
     };
     Ok([
         table.column("before", &Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)),
-        solved("reference", Method::CompassSwing, swing)?,
-        solved("four ellipses", Method::FourEllipse, sides)?,
-        solved("two planes", Method::TwoPlane, sides)?,
-        solved("maximum likelihood", Method::MaximumLikelihood, sides)?,
+        solved_errors("reference", Method::CompassSwing, swing)?,
+        solved_errors("four ellipses", Method::FourEllipse, samples_by_side)?,
+        solved_errors("two planes", Method::TwoPlane, samples_by_side)?,
+        solved_errors("maximum likelihood", Method::MaximumLikelihood, samples_by_side)?,
     ])
 }
 
@@ -120,7 +120,7 @@ impl Table1Experiment {
     /// Left and right turns, each in the direction of flight.
     fn measure_turns(&self, experiment: PaperExperiment) -> (Vec<Sample>, Vec<Sample>) {
         let mut noise = experiment.noise.map(|seed| RandomStream::new(seed, StreamPurpose::Magnetometer));
-        let mut side = |sign: f64, part: CollectionPart| -> Vec<Sample> {
+        let mut turn_samples = |sign: f64, collection_part: CollectionPart| -> Vec<Sample> {
             (0..experiment.samples)
                 .map(|i| {
                     let noise_ut = noise.as_mut().map_or_else(Vector3::zeros, |noise| {
@@ -129,35 +129,38 @@ impl Table1Experiment {
                     });
                     let sample =
                         self.simulated_sample(sign * BANK_DEG, sign * heading_rad(i, experiment.samples), noise_ut);
-                    Sample { time: WrappingMillis::new(u32::from(i) * 400), part, ..sample }
+                    Sample { time: WrappingMillis::new(u32::from(i) * 400), part: collection_part, ..sample }
                 })
                 .collect()
         };
-        (side(-1.0, CollectionPart::LEFT), side(1.0, CollectionPart::RIGHT))
+        (turn_samples(-1.0, CollectionPart::LEFT), turn_samples(1.0, CollectionPart::RIGHT))
     }
 
     /// A subset of the samples with known headings, limited to the module's capacity.
-    fn heading_marks(experiment: PaperExperiment, left: &[Sample], right: &[Sample]) -> Vec<HeadingMark> {
-        let every = usize::from(experiment.samples) / HEADING_COUNT;
+    fn heading_marks(experiment: PaperExperiment, left_turns: &[Sample], right_turns: &[Sample]) -> Vec<HeadingMark> {
+        let sample_stride = usize::from(experiment.samples) / HEADING_COUNT;
         let marks_of_turn = |samples: &[Sample], turn_sign: f64| -> Vec<HeadingMark> {
             (0..experiment.samples)
                 .zip(samples)
-                .step_by(every)
+                .step_by(sample_stride)
                 .map(|(i, &sample)| {
                     let heading_rad = (turn_sign * heading_rad(i, experiment.samples)) as f32;
                     HeadingMark { sample, heading_rad }
                 })
                 .collect()
         };
-        marks_of_turn(left, -1.0).into_iter().chain(marks_of_turn(right, 1.0)).collect()
+        marks_of_turn(left_turns, -1.0).into_iter().chain(marks_of_turn(right_turns, 1.0)).collect()
     }
 
     fn column(&self, name: &'static str, calibration: &Calibration) -> MethodErrors {
         let error_deg = |roll_deg: f64, row: usize| {
             let heading_rad = heading_rad(row as u16, HEADING_COUNT as u16);
-            let exact = self.simulated_sample(roll_deg, heading_rad, Vector3::zeros());
-            let shown_rad = exact.attitude.to_level_frame(calibration.calibrated_field(exact.field)).heading_rad();
-            wrap_180((f64::from(shown_rad) - heading_rad).to_degrees())
+            let noise_free_sample = self.simulated_sample(roll_deg, heading_rad, Vector3::zeros());
+            let indicated_heading_rad = noise_free_sample
+                .attitude
+                .to_level_frame(calibration.calibrated_field(noise_free_sample.field))
+                .heading_rad();
+            wrap_180((f64::from(indicated_heading_rad) - heading_rad).to_degrees())
         };
         MethodErrors {
             name,
@@ -167,7 +170,7 @@ impl Table1Experiment {
     }
 }
 
-/// The `i`-th of `number` equally spaced headings.
-fn heading_rad(i: u16, number: u16) -> f64 {
-    f64::from(i) / f64::from(number) * std::f64::consts::TAU
+/// Heading `index` of `heading_count` equally spaced ones.
+fn heading_rad(index: u16, heading_count: u16) -> f64 {
+    f64::from(index) / f64::from(heading_count) * std::f64::consts::TAU
 }

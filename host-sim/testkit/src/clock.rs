@@ -18,12 +18,12 @@ struct Deadline {
 
 struct Clock {
     now_us: u64,
-    asked: u64,
+    request_count: u64,
     deadlines: Vec<Deadline>,
 }
 
 thread_local! {
-    static CLOCK: RefCell<Clock> = const { RefCell::new(Clock { now_us: 0, asked: 0, deadlines: Vec::new() }) };
+    static CLOCK: RefCell<Clock> = const { RefCell::new(Clock { now_us: 0, request_count: 0, deadlines: Vec::new() }) };
 }
 
 struct ThreadClock;
@@ -44,11 +44,11 @@ impl Clock {
     /// Stores only the earliest deadline per waker, as embassy's queues do: a woken task polls all its timers again. So
     /// there are at most as many deadlines as tasks.
     fn schedule(&mut self, at_us: u64, waker: &Waker) {
-        self.asked += 1;
+        self.request_count += 1;
         match self.deadlines.iter_mut().find(|deadline| deadline.waker.will_wake(waker)) {
             Some(known) if known.at_us <= at_us => {}
-            Some(known) => (known.at_us, known.order) = (at_us, self.asked),
-            None => self.deadlines.push(Deadline { at_us, order: self.asked, waker: waker.clone() }),
+            Some(known) => (known.at_us, known.order) = (at_us, self.request_count),
+            None => self.deadlines.push(Deadline { at_us, order: self.request_count, waker: waker.clone() }),
         }
     }
 
@@ -70,7 +70,7 @@ pub fn now_us() -> u64 {
 pub fn reset() {
     CLOCK.with_borrow_mut(|clock| {
         clock.now_us = 0;
-        clock.asked = 0;
+        clock.request_count = 0;
         clock.deadlines.clear();
     });
 }

@@ -13,8 +13,8 @@ pub fn assert_states(document: &str, row: &str, measured: &str) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(document);
     let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{document}: {error}"));
     let start = format!("| {row}");
-    let found =
+    let stated_row =
         text.lines().find(|line| line.starts_with(&start)).unwrap_or_else(|| panic!("{document}: no row {row:?}"));
-    let stated = found.trim_end_matches(['|', ' ']).rsplit('|').next().unwrap_or_default().trim();
+    let stated = stated_row.trim_end_matches(['|', ' ']).rsplit('|').next().unwrap_or_default().trim();
     assert!(stated == measured, "{document}, row {row:?}: it states {stated}, measured is {measured}");
 }

@@ -27,8 +27,9 @@ impl CutProgress {
 
     /// All power cuts at the first and last four operations (headers and markers) and at every seventh between them.
     pub fn for_operations(operations: usize) -> impl Iterator<Item = (usize, (Self, u64))> {
-        let near_an_end = move |at: &usize| *at < 4 || *at + 4 >= operations || at.is_multiple_of(7);
-        (0..operations).filter(near_an_end).flat_map(|at| Self::ALL.map(|cut| (at, cut)))
+        let near_an_end =
+            move |operation: &usize| *operation < 4 || *operation + 4 >= operations || operation.is_multiple_of(7);
+        (0..operations).filter(near_an_end).flat_map(|operation| Self::ALL.map(|cut| (operation, cut)))
     }
 }
 
@@ -125,12 +126,12 @@ impl<const PAGE: usize> ReadNorFlash for RamFlash<PAGE> {
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashFault> {
         let range = offset as usize..offset as usize + bytes.len();
-        if let Some((bad, times)) = &mut self.unreadable
-            && *times > 0
-            && range.start < bad.end
-            && bad.start < range.end
+        if let Some((bad_range, remaining_failures)) = &mut self.unreadable
+            && *remaining_failures > 0
+            && range.start < bad_range.end
+            && bad_range.start < range.end
         {
-            *times -= 1;
+            *remaining_failures -= 1;
             return Err(FlashFault::Unreadable);
         }
         bytes.copy_from_slice(&self.bytes[range]);

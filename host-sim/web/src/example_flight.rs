@@ -56,13 +56,17 @@ pub fn fly_example(request: FlightRequest, report_step: &mut dyn FnMut(&FlightSt
     let mut rig = Rig::new(WorldConfig::of_table1(request.seed));
     let reporter = StepReporter { progress: &progress, calibration: Cell::new(None), report_step };
     let mut observed = ObservedModule::new(&mut rig, reporter);
-    let flown = mission::fly_with(&mut observed, TurnPlan::default(), &mut |stage, done| progress.set((stage, done)));
+    let mission_result =
+        mission::fly_with(&mut observed, TurnPlan::default(), &mut |stage, done| progress.set((stage, done)));
     let origin = ReportOrigin {
         command_line: format!("host-sim fly --seed {}", request.seed),
         settings: vec![["airframe".to_owned(), "table1".to_owned()], ["seed".to_owned(), request.seed.to_string()]],
         ..ReportOrigin::default()
     };
-    FlownExample { page: report::render_page(&report_mission(&flown, &origin)), json: mission_json(&flown).to_string() }
+    FlownExample {
+        page: report::render_page(&report_mission(&mission_result, &origin)),
+        json: mission_json(&mission_result).to_string(),
+    }
 }
 
 /// Observer that reports a step whenever time advances.
@@ -78,11 +82,11 @@ impl StepReporter<'_> {
         let world = module.world();
         let state = world.true_state(module.now_us());
         let field = world.sensor_field(state.time_us);
-        let level = |applied: &Calibration| state.attitude().to_level_frame(applied.calibrated_field(field));
+        let level_field = |applied: &Calibration| state.attitude().to_level_frame(applied.calibrated_field(field));
         let error_deg = |applied: &Calibration| {
-            wrap_180(f64::from(level(applied).heading_rad().to_degrees()) - state.heading_deg())
+            wrap_180(f64::from(level_field(applied).heading_rad().to_degrees()) - state.heading_deg())
         };
-        let horizontal_ut = |applied: &Calibration| [level(applied).ut.x, level(applied).ut.y];
+        let horizontal_ut = |applied: &Calibration| [level_field(applied).ut.x, level_field(applied).ut.y];
         let uncalibrated = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
         let calibration = self.calibration.get();
         let (stage, done) = self.progress.get();
@@ -106,8 +110,8 @@ impl ModuleObserver for StepReporter<'_> {
     }
 
     fn output_taken(&self, text: &str) {
-        if let Some(shown) = transcript::parse_shown_calibration(text) {
-            self.calibration.set(Some(shown.calibration));
+        if let Some(shown_calibration) = transcript::parse_shown_calibration(text) {
+            self.calibration.set(Some(shown_calibration.calibration));
         }
     }
 }
@@ -119,15 +123,15 @@ mod tests {
     #[test]
     fn steps_show_the_error_before_and_after_the_calibration() {
         let mut steps = Vec::new();
-        let flown = fly_example(FlightRequest { seed: 1 }, &mut |step| steps.push(step.clone()));
+        let flown_example = fly_example(FlightRequest { seed: 1 }, &mut |step| steps.push(step.clone()));
         let largest = |errors: &[f64]| errors.iter().fold(0.0, |largest: f64, error| largest.max(error.abs()));
         let before: Vec<f64> = steps.iter().map(|step| step.before_deg).collect();
         let after: Vec<f64> = steps.iter().filter_map(|step| step.after_deg).collect();
         assert!(after.len() > 60 && before.len() > after.len() + 60, "{} of {}", after.len(), before.len());
         // Liu 2007, table 1: more than 20 deg before the calibration, less than 1 deg after it.
         assert!(largest(&before) > 20.0 && largest(&after) < 1.0, "{} to {}", largest(&before), largest(&after));
-        let json: serde_json::Value = serde_json::from_str(&flown.json).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&flown_example.json).unwrap();
         assert_eq!(json["accepted"], true);
-        assert!(flown.page.contains("<dd>host-sim fly --seed 1</dd>"));
+        assert!(flown_example.page.contains("<dd>host-sim fly --seed 1</dd>"));
     }
 }

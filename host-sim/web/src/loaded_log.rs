@@ -127,14 +127,14 @@ impl LoadedLog {
 }
 
 fn settings_table(choices: &PageChoices) -> Vec<[String; 2]> {
-    let given = [
+    let given_choices = [
         ("samples", Some(choices.samples.selection_name().to_owned())),
-        ("compass", choices.compass.map(|number| number.to_string())),
-        ("from", choices.from_s.map(|s| format!("{s} s"))),
-        ("to", choices.to_s.map(|s| format!("{s} s"))),
+        ("compass", choices.compass.map(|compass_number| compass_number.to_string())),
+        ("from", choices.from_s.map(|time_s| format!("{time_s} s"))),
+        ("to", choices.to_s.map(|time_s| format!("{time_s} s"))),
         ("reference", choices.reference.map(|_| "as chosen; named in the findings".to_owned())),
     ];
-    given.into_iter().filter_map(|(name, value)| Some([name.to_owned(), value?])).collect()
+    given_choices.into_iter().filter_map(|(name, value)| Some([name.to_owned(), value?])).collect()
 }
 
 #[cfg(test)]
@@ -153,16 +153,16 @@ mod tests {
         let log = loaded();
         let LogSummary { compasses, range_s: [from_s, to_s], is_table } = log.log_summary();
         assert!(compasses == [1] && from_s < 30.0 && to_s > 199.0 && is_table, "{from_s} to {to_s} s");
-        let all =
+        let judged_whole =
             PageChoices { samples: RowSelection::Flight, compass: None, from_s: None, to_s: None, reference: None };
-        let [all, chosen] =
-            [all, serde_json::from_str(CHOICES).unwrap()].map(|choices| log.judge_log(&choices).unwrap());
-        let used = |judged: &JudgedLog| {
+        let [judged_whole, chosen] =
+            [judged_whole, serde_json::from_str(CHOICES).unwrap()].map(|choices| log.judge_log(&choices).unwrap());
+        let used_samples = |judged: &JudgedLog| {
             let json: serde_json::Value = serde_json::from_str(&judged.json).unwrap();
             [&json["compasses"][0]["rows"]["used"], &json["compasses"][0]["rows"]["fitted"]]
-                .map(|n| n.as_u64().unwrap())
+                .map(|count| count.as_u64().unwrap())
         };
-        let [[rows, kept], [later_rows, later_kept]] = [used(&all), used(&chosen)];
+        let [[rows, kept], [later_rows, later_kept]] = [used_samples(&judged_whole), used_samples(&chosen)];
         assert!(later_rows < rows && later_kept != kept, "{rows} rows, {kept} kept; {later_rows}, {later_kept}");
         for setting in ["<dt>samples</dt><dd>all</dd>", "<dt>compass</dt><dd>1</dd>", "<dt>from</dt><dd>30 s</dd>"] {
             assert!(chosen.page.contains(setting), "{setting}");

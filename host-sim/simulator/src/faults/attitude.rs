@@ -10,7 +10,7 @@ use crate::random::{RandomStream, StreamPurpose};
 use crate::world::World;
 use crate::world::attitude_source::{AttitudeSource, AttitudeSourceConfig, Identity, SenderKind};
 pub use crate::world::fault_interfaces::AttitudeFault;
-use crate::world::gauss_markov::FirstOrder;
+use crate::world::gauss_markov::FirstOrderProcess;
 
 /// Second sender of attitude on the same line, with a roll error.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,7 +71,7 @@ pub fn frozen_attitude(switch: FaultSwitch) -> impl AttitudeFault {
 pub fn stale_attitude(switch: FaultSwitch, source: &AttitudeSourceConfig, seed: u64) -> impl AttitudeFault + use<> {
     let noise = |seed| {
         let random = RandomStream::new(seed, StreamPurpose::AttitudeFault);
-        FirstOrder::new(source.noise_deg.to_radians(), source.noise_time_s, 1.0 / source.rate_hz, random)
+        FirstOrderProcess::new(source.noise_deg.to_radians(), source.noise_time_s, 1.0 / source.rate_hz, random)
     };
     let (mut roll_noise_rad, mut pitch_noise_rad) = (noise(seed), noise(!seed));
     let mut held_rad = None;
@@ -224,7 +224,6 @@ pub struct FilterAlignment {
 }
 
 impl FilterAlignment {
-    /// Adds the error at a time after the start.
     fn add_error(&self, after_s: f64, message: &mut ATTITUDE_DATA) {
         let swing_rad = self.amplitude_deg.to_radians() * (1.0 - after_s / self.duration_s).clamp(0.0, 1.0);
         for (angle, period_s) in [&mut message.roll, &mut message.pitch].into_iter().zip(self.periods_s) {

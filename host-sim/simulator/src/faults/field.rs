@@ -38,12 +38,12 @@ pub fn hard_iron_drift(switch: FaultSwitch, change_ut: Vector3<f64>, time_consta
 #[must_use]
 pub fn passing_object(switch: FaultSwitch, peak_ut: Vector3<f64>) -> impl FieldFault {
     move |&TrueState { time_us, .. }: &TrueState| {
-        let near = if switch.is_on(time_us) {
+        let proximity = if switch.is_on(time_us) {
             (1.0 - libm::cos(2.0 * PI * switch.active_fraction(time_us))) / 2.0
         } else {
             0.0
         };
-        peak_ut * near
+        peak_ut * proximity
     }
 }
 
@@ -53,17 +53,17 @@ pub fn passing_object(switch: FaultSwitch, peak_ut: Vector3<f64>) -> impl FieldF
 pub fn throttle_interference(switch: FaultSwitch, full_ut: Vector3<f64>, seed: u64) -> impl FieldFault {
     let mut random = RandomStream::new(seed, StreamPurpose::Throttle);
     // Times since the onset (seconds) and new throttle values, -1..1 relative to cruise.
-    let mut moves = vec![(0.0, 0.0)];
+    let mut throttle_changes = vec![(0.0, 0.0)];
     let mut at_s = 0.0;
     while at_s < 3600.0 {
         at_s += random.uniform(3.0, 12.0);
-        moves.push((at_s, random.uniform(-1.0, 1.0)));
+        throttle_changes.push((at_s, random.uniform(-1.0, 1.0)));
     }
     move |truth: &TrueState| {
         let Some(on_s) = switch.active_for_s(truth.time_us) else { return Vector3::zeros() };
-        let next = moves.partition_point(|&(from_s, _)| from_s <= on_s);
-        let (from_s, now) = moves[next - 1];
-        let before = moves[next.saturating_sub(2)].1;
+        let next = throttle_changes.partition_point(|&(from_s, _)| from_s <= on_s);
+        let (from_s, now) = throttle_changes[next - 1];
+        let before = throttle_changes[next.saturating_sub(2)].1;
         let share = ((on_s - from_s) / 0.5).min(1.0);
         full_ut * (before + (now - before) * share)
     }
@@ -77,8 +77,8 @@ const LINKAGE_BANK_DEG: f64 = 25.0;
 #[must_use]
 pub fn elevator_linkage(full_ut: Vector3<f64>) -> impl FieldFault {
     let deflection = |bank_rad: f64| 1.0 / libm::cos(bank_rad) - 1.0;
-    let full = deflection(LINKAGE_BANK_DEG.to_radians());
-    move |truth: &TrueState| full_ut * (deflection(truth.roll_rad) / full).clamp(0.0, 1.0)
+    let deflection_at_linkage_bank = deflection(LINKAGE_BANK_DEG.to_radians());
+    move |truth: &TrueState| full_ut * (deflection(truth.roll_rad) / deflection_at_linkage_bank).clamp(0.0, 1.0)
 }
 
 /// Hysteresis of the soft iron: its magnetisation turns with the field only after a play (the play operator of M. A.

@@ -63,10 +63,10 @@ async fn pause_link(switch: FaultSwitch, world: World) {
 }
 
 /// Simulates another vehicle of the same kind, armed, that flies circles to alternating sides.
-async fn simulate_other_vehicle(system_id: u8, own: World, uart: HostEnd) {
+async fn simulate_other_vehicle(system_id: u8, own_world: World, uart: HostEnd) {
     /// Number of circles that the vehicle flies: more than ten hours.
     const MAX_FLIGHT_CIRCLES: usize = 4000;
-    let config = own.world_config();
+    let config = own_world.world_config();
     let world = World::new(WorldConfig { seed: config.seed.wrapping_add(0x0711), ..config });
     world.set_armed(true);
     for circle in 0..MAX_FLIGHT_CIRCLES {

@@ -39,7 +39,7 @@ fn a_switch_is_on_from_its_start_until_its_end() {
     let switch = FaultSwitch::always_off();
     assert!(!switch.is_on(0) && !switch.is_on(u64::MAX - 1));
     switch.set_active(1_000_000, 3_000_000);
-    assert_eq!([999_999, 1_000_000, 2_999_999, 3_000_000].map(|us| switch.is_on(us)), [false, true, true, false]);
+    assert_eq!([999_999, 1_000_000, 2_999_999, 3_000_000].map(|at_us| switch.is_on(at_us)), [false, true, true, false]);
     assert_eq!(switch.active_for_s(2_500_000), Some(1.5));
     assert_eq!(switch.active_for_s(3_000_000), None);
     for (at_us, progress) in [(0, 0.0), (1_000_000, 0.0), (2_000_000, 0.5), (4_000_000, 1.0)] {
@@ -169,13 +169,15 @@ fn each_attitude_fault_has_its_named_effect() {
     for (fault, expected) in [(&mut bank_scale as &mut dyn AttitudeFault, 0.28), (&mut bias, 0.5)] {
         assert!((roll(fault, BEFORE_US) - 0.4).abs() < 1e-6 && (roll(fault, WHILE_US) - expected).abs() < 1e-6);
     }
-    let late = AdditionalLatency { fault_switch: switch(), latency_us: 200_000 };
-    assert_eq!([BEFORE_US, WHILE_US].map(|us| late.added_latency_us(us)), [0, 200_000]);
+    let latency_fault = AdditionalLatency { fault_switch: switch(), latency_us: 200_000 };
+    assert_eq!([BEFORE_US, WHILE_US].map(|at_us| latency_fault.added_latency_us(at_us)), [0, 200_000]);
     let coarse = roll(&mut attitude_quantisation(0.1), 0).to_degrees();
     assert!((coarse - 22.9).abs() < 1e-4, "0.4 rad are 22.918 deg: {coarse}");
     let mut spikes = attitude_spikes(switch(), 0.01, 1);
-    let wrong: Vec<f32> =
-        (0..10_000).map(|_| apply_attitude_fault(&mut spikes, WHILE_US, 0.0).roll).filter(|r| *r != 0.0).collect();
+    let wrong: Vec<f32> = (0..10_000)
+        .map(|_| apply_attitude_fault(&mut spikes, WHILE_US, 0.0).roll)
+        .filter(|roll_rad| *roll_rad != 0.0)
+        .collect();
     assert!((60..=140).contains(&wrong.len()), "{}", wrong.len());
     assert!(wrong.iter().all(|roll| (roll.abs().to_degrees() - 45.0).abs() < 1e-3));
 }
@@ -184,11 +186,11 @@ fn each_attitude_fault_has_its_named_effect() {
 fn each_field_fault_has_its_named_effect() {
     let ut = Vector3::new(3.0, 0.0, 4.0);
     let added = |fault: &dyn FieldFault, time_us| fault.added_ut(&TrueState { time_us, ..TrueState::default() }).norm();
-    let moved = hard_iron_change(switch(), ut);
+    let changed_iron = hard_iron_change(switch(), ut);
     let drift = zero_drift(switch(), ut);
     let passing = passing_object(switch(), ut);
     for (fault, expected_ut) in [
-        (&moved as &dyn FieldFault, [0.0, 5.0, 5.0, 0.0]),
+        (&changed_iron as &dyn FieldFault, [0.0, 5.0, 5.0, 0.0]),
         (&drift, [0.0, 1.25, 2.5, 5.0]),
         (&passing, [0.0, 2.5, 5.0, 0.0]),
     ] {
@@ -197,9 +199,9 @@ fn each_field_fault_has_its_named_effect() {
         }
     }
     let throttle = throttle_interference(FaultSwitch::always_on(), ut, 1);
-    let values: Vec<f64> = (0..600).map(|s| added(&throttle, s * 100_000)).collect();
+    let values: Vec<f64> = (0..600).map(|tenth_second| added(&throttle, tenth_second * 100_000)).collect();
     assert!(values[..30].iter().all(|ut| *ut == 0.0), "cruise for three seconds");
-    assert!(values.iter().fold(0.0_f64, |most, ut| most.max(*ut)) > 2.0 && values.iter().all(|ut| *ut <= 5.0));
+    assert!(values.iter().fold(0.0_f64, |maximum, ut| maximum.max(*ut)) > 2.0 && values.iter().all(|ut| *ut <= 5.0));
     assert!(values.windows(2).all(|pair| (pair[1] - pair[0]).abs() < 2.1), "it follows in half a second");
 }
 
@@ -218,21 +220,22 @@ fn a_linkage_moves_in_turns_to_both_sides_only() {
 fn hysteresis_depends_on_the_side_of_the_last_turn() {
     let WorldConfig { airframe, earth, .. } = WorldConfig::random_world(3);
     let iron = SoftIronHysteresis::new(&airframe, earth, 15.0);
-    let at = |heading_deg: f64| TrueState { heading_rad: heading_deg.to_radians(), ..TrueState::default() };
+    let state_at = |heading_deg: f64| TrueState { heading_rad: heading_deg.to_radians(), ..TrueState::default() };
     let fly = |from: i32, to: i32| {
         let step = (to - from).signum();
-        (0..=(to - from).abs()).fold(Vector3::zeros(), |_, n| iron.added_ut(&at(f64::from(from + step * n))))
+        (0..=(to - from).abs())
+            .fold(Vector3::zeros(), |_, step_count| iron.added_ut(&state_at(f64::from(from + step * step_count))))
     };
-    let lag_ut = |heading_deg: f64, of_deg: f64| iron.at_heading(&at(heading_deg), of_deg.to_radians());
+    let lag_ut = |heading_deg: f64, of_deg: f64| iron.at_heading(&state_at(heading_deg), of_deg.to_radians());
     assert!((fly(0, 90) - lag_ut(90.0, 75.0)).norm() < 1e-9);
     assert!((fly(90, 100) - lag_ut(100.0, 85.0)).norm() < 1e-9);
     assert!((fly(100, 20) - lag_ut(20.0, 35.0)).norm() < 1e-9);
     assert!((fly(20, 25) - lag_ut(25.0, 35.0)).norm() < 1e-9, "within the play nothing moves");
-    let banked = |bank_deg: f64| TrueState { roll_rad: bank_deg.to_radians(), ..at(90.0) };
+    let banked = |bank_deg: f64| TrueState { roll_rad: bank_deg.to_radians(), ..state_at(90.0) };
     assert!((iron.steady_ut(&banked(25.0)) - iron.at_heading(&banked(25.0), 75_f64.to_radians())).norm() < 1e-9);
     assert!(iron.steady_ut(&banked(0.0)).norm() < 1e-9 && lag_ut(90.0, 75.0).norm() > 0.1);
-    let none = SoftIronHysteresis::new(&Airframe::without_iron(), Earth::default(), 15.0);
-    assert!(none.steady_ut(&banked(25.0)).norm() < 1e-9);
+    let hysteresis_without_iron = SoftIronHysteresis::new(&Airframe::without_iron(), Earth::default(), 15.0);
+    assert!(hysteresis_without_iron.steady_ut(&banked(25.0)).norm() < 1e-9);
 }
 
 #[test]

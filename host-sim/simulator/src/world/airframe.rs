@@ -112,11 +112,11 @@ impl Airframe {
     /// The calibration that inverts this airframe exactly; `None` when `A` is singular.
     #[must_use]
     pub fn true_calibration(&self, earth: &Earth) -> Option<Calibration> {
-        let w = self.field_matrix.try_inverse()?;
-        let scale = libm::cbrt(w.determinant()).recip();
-        let w = (w * scale).cast::<f32>();
+        let correction_matrix = self.field_matrix.try_inverse()?;
+        let scale = libm::cbrt(correction_matrix.determinant()).recip();
+        let correction_matrix = (correction_matrix * scale).cast::<f32>();
         Some(Calibration {
-            w: std::array::from_fn(|row| std::array::from_fn(|column| w[(row, column)])),
+            w: std::array::from_fn(|row| std::array::from_fn(|column| correction_matrix[(row, column)])),
             b_ut: self.hard_iron_ut.cast().into(),
             inclination_rad: earth.inclination_deg.to_radians() as f32,
             total_ut: (earth.total_ut * scale) as f32,
@@ -145,7 +145,7 @@ mod tests {
             let earth = Earth::random_earth(seed);
             let airframe = Airframe::random_airframe(seed, &earth);
             let svd = airframe.field_matrix.svd(true, true);
-            let soft_iron = svd.singular_values.map(|s| (s - 1.0).abs()).max();
+            let soft_iron = svd.singular_values.map(|singular_value| (singular_value - 1.0).abs()).max();
             let rotation = Rotation3::from_matrix(&airframe.field_matrix);
             let hard_iron = airframe.hard_iron_ut.norm() / earth.horizontal_ut();
             for (largest, value) in largest.iter_mut().zip([soft_iron, rotation.angle().to_degrees(), hard_iron]) {
@@ -167,10 +167,10 @@ mod tests {
             let attitude = Attitude::from_deg(25.0, -4.0);
             let truth = Euler { heading_rad: 1.0, ..Euler::from_deg(25.0, -4.0, 0.0) };
             let body_ut = earth.body_field_ut(truth);
-            let level = attitude.to_level_frame(calibration.calibrated_field(airframe.measured_field(&body_ut)));
-            assert!((level.heading_rad() - 1.0).abs() < 2e-5, "seed {seed}: {}", level.heading_rad());
-            assert!((level.total_ut() / calibration.total_ut - 1.0).abs() < 1e-5);
-            assert!((level.inclination_rad() - calibration.inclination_rad).abs() < 1e-5);
+            let level_field = attitude.to_level_frame(calibration.calibrated_field(airframe.measured_field(&body_ut)));
+            assert!((level_field.heading_rad() - 1.0).abs() < 2e-5, "seed {seed}: {}", level_field.heading_rad());
+            assert!((level_field.total_ut() / calibration.total_ut - 1.0).abs() < 1e-5);
+            assert!((level_field.inclination_rad() - calibration.inclination_rad).abs() < 1e-5);
         }
     }
 

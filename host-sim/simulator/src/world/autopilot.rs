@@ -42,7 +42,7 @@ pub enum Leg {
     },
     /// Tilt to a side at the present heading for the whole leg; the next leg cancels the velocity. Vehicles that cannot
     /// hover continue straight.
-    Push {
+    Tilt {
         /// Direction of the tilt, degrees clockwise from the nose.
         toward_deg: f64,
         /// Tilt in degrees.
@@ -57,11 +57,11 @@ pub enum Leg {
 pub enum TranslationMode {
     /// Move forward at cruise speed.
     #[default]
-    Onward,
+    Forward,
     /// Hold the position.
-    OnTheSpot,
+    HoldPosition,
     /// Hold a tilt.
-    Pushed {
+    HoldTilt {
         /// Direction, radians clockwise from the nose.
         toward_rad: f64,
         /// Tilt in radians.
@@ -86,7 +86,7 @@ impl VehicleCommand {
     /// Turn rate of vehicles that cannot bank, rad/s: the commanded rate in yaw legs, otherwise numerically the
     /// commanded bank in radians.
     pub(super) fn flat_turn_rate_rad_s(&self) -> f64 {
-        if self.translation_mode == TranslationMode::Onward { self.bank_rad } else { self.turn_rate_rad_s }
+        if self.translation_mode == TranslationMode::Forward { self.bank_rad } else { self.turn_rate_rad_s }
     }
 }
 
@@ -103,21 +103,25 @@ struct ActiveLeg {
 pub struct Autopilot {
     plan: VecDeque<Leg>,
     active: Option<ActiveLeg>,
-    held: VehicleCommand,
-    rest: TranslationMode,
+    held_command: VehicleCommand,
+    mode_without_plan: TranslationMode,
 }
 
 impl Autopilot {
     /// An autopilot that hovers (`hovers`) or moves straight ahead when its plan is empty.
     #[must_use]
     pub fn new(hovers: bool) -> Self {
-        let rest = if hovers { TranslationMode::OnTheSpot } else { TranslationMode::Onward };
-        Self { held: VehicleCommand { translation_mode: rest, ..VehicleCommand::default() }, rest, ..Self::default() }
+        let mode_without_plan = if hovers { TranslationMode::HoldPosition } else { TranslationMode::Forward };
+        Self {
+            held_command: VehicleCommand { translation_mode: mode_without_plan, ..VehicleCommand::default() },
+            mode_without_plan,
+            ..Self::default()
+        }
     }
 
     /// Appends a leg. After the last leg the vehicle continues wings level, or hovers.
     pub fn fly_leg(&mut self, leg: Leg) {
-        self.held = VehicleCommand { translation_mode: self.rest, ..VehicleCommand::default() };
+        self.held_command = VehicleCommand { translation_mode: self.mode_without_plan, ..VehicleCommand::default() };
         self.plan.push_back(leg);
     }
 
@@ -126,14 +130,14 @@ impl Autopilot {
         self.plan.clear();
         self.active = None;
         let (bank_rad, pitch_rad) = (bank_deg.to_radians(), pitch_deg.to_radians());
-        self.held = VehicleCommand { bank_rad, pitch_rad, ..VehicleCommand::default() };
+        self.held_command = VehicleCommand { bank_rad, pitch_rad, ..VehicleCommand::default() };
     }
 
     /// Clears the plan; the vehicle continues wings level, or hovers.
     pub fn clear_plan(&mut self) {
         self.plan.clear();
         self.active = None;
-        self.held = VehicleCommand { translation_mode: self.rest, ..VehicleCommand::default() };
+        self.held_command = VehicleCommand { translation_mode: self.mode_without_plan, ..VehicleCommand::default() };
     }
 
     /// Number of unfinished legs, the present one included.
@@ -153,14 +157,14 @@ impl Autopilot {
                 began_heading_rad: state.heading_rad,
             });
         }
-        self.active.map_or(self.held, |active| active.vehicle_command(state))
+        self.active.map_or(self.held_command, |active| active.vehicle_command(state))
     }
 }
 
 impl ActiveLeg {
     fn is_done(&self, state: &TrueState) -> bool {
         match self.leg {
-            Leg::Straight { seconds, .. } | Leg::Hover { seconds } | Leg::Push { seconds, .. } => {
+            Leg::Straight { seconds, .. } | Leg::Hover { seconds } | Leg::Tilt { seconds, .. } => {
                 (state.time_us - self.began_us) as f64 >= seconds * 1e6
             }
             Leg::Turn { heading_change_deg, .. } | Leg::Yaw { heading_change_deg, .. } => {
@@ -179,21 +183,21 @@ impl ActiveLeg {
             }
             Leg::Turn { bank_deg, heading_change_deg } => banked(bank_deg.abs() * heading_change_deg.signum()),
             Leg::Yaw { rate_deg_s, heading_change_deg } => {
-                let side = heading_change_deg.signum();
-                let turn_rate_rad_s = rate_deg_s.abs().to_radians() * side;
+                let side_sign = heading_change_deg.signum();
+                let turn_rate_rad_s = rate_deg_s.abs().to_radians() * side_sign;
                 VehicleCommand {
                     turn_rate_rad_s,
-                    translation_mode: TranslationMode::OnTheSpot,
-                    ..banked(RATE_BANK_DEG * side)
+                    translation_mode: TranslationMode::HoldPosition,
+                    ..banked(RATE_BANK_DEG * side_sign)
                 }
             }
             Leg::Hover { .. } => {
-                VehicleCommand { translation_mode: TranslationMode::OnTheSpot, ..VehicleCommand::default() }
+                VehicleCommand { translation_mode: TranslationMode::HoldPosition, ..VehicleCommand::default() }
             }
-            Leg::Push { toward_deg, tilt_deg, .. } => {
+            Leg::Tilt { toward_deg, tilt_deg, .. } => {
                 let [toward_rad, tilt_rad] = [toward_deg, tilt_deg].map(f64::to_radians);
                 VehicleCommand {
-                    translation_mode: TranslationMode::Pushed { toward_rad, tilt_rad },
+                    translation_mode: TranslationMode::HoldTilt { toward_rad, tilt_rad },
                     ..VehicleCommand::default()
                 }
             }

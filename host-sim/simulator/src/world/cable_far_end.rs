@@ -22,7 +22,7 @@ pub enum FarEnd {
     #[default]
     Unconnected,
     /// Autopilot that only sends attitude and heartbeats.
-    Talker,
+    SendOnly,
     /// Autopilot with bidirectional MAVLink.
     Mavlink(mavlink_autopilot::MavlinkFirmware),
     /// Autopilot that uses the module as its MSP compass, with faults in what it sends.
@@ -33,7 +33,7 @@ pub enum FarEnd {
 #[derive(Clone)]
 pub enum AttachedDevice {
     /// The far-end device does not record received messages.
-    Deaf,
+    SendOnly,
     /// MAVLink autopilot.
     Mavlink(Rc<RefCell<MavlinkAutopilot>>),
     /// MSP autopilot.
@@ -52,10 +52,10 @@ impl FarEnd {
         let (world, source) = (world.clone(), world.attitude_source());
         let latency_us = source.latency_us();
         match self {
-            Self::Unconnected => AttachedDevice::Deaf,
-            Self::Talker => {
+            Self::Unconnected => AttachedDevice::SendOnly,
+            Self::SendOnly => {
                 simulation.spawn(Level::World, "attitude source", source.run_source(world, uart, faults));
-                AttachedDevice::Deaf
+                AttachedDevice::SendOnly
             }
             Self::Mavlink(firmware) => {
                 let device = Rc::new(RefCell::new(MavlinkAutopilot::new(source, firmware, clock::now_us())));
@@ -119,7 +119,7 @@ async fn run_msp(
 ) {
     let latency_us = source.latency_us();
     let period_us = (1e6 / world.world_config().attitude_source.rate_hz) as u64;
-    let mut known = AutopilotState::default();
+    let mut autopilot_state = AutopilotState::default();
     let mut estimated_us = 0;
     loop {
         let now_us = clock::now_us();
@@ -132,7 +132,7 @@ async fn run_msp(
             for fault in &mut faults {
                 fault.modify_message(now_us, &mut attitude);
             }
-            known = AutopilotState {
+            autopilot_state = AutopilotState {
                 roll_rad: f64::from(attitude.roll),
                 pitch_rad: f64::from(attitude.pitch),
                 yaw_rad: f64::from(attitude.yaw),
@@ -148,7 +148,7 @@ async fn run_msp(
             for timed_byte in uart.receive_timed() {
                 device.receive_byte(timed_byte.arrives_at_us, timed_byte.byte);
             }
-            let bytes = device.send_replies(now_us, &known);
+            let bytes = device.send_replies(now_us, &autopilot_state);
             if world.sends_attitude() && !is_silent(&faults, now_us) {
                 uart.send_bytes(&bytes);
             }

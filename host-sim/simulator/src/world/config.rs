@@ -157,12 +157,12 @@ impl WorldConfig {
 
     /// The same world with another vehicle kind and the attitude errors typical for that kind.
     #[must_use]
-    pub fn with_vehicle_kind(self, kind: VehicleKind) -> Self {
-        if kind == self.aircraft.kind {
+    pub fn with_vehicle_kind(self, vehicle_kind: VehicleKind) -> Self {
+        if vehicle_kind == self.aircraft.kind {
             return self;
         }
-        let aircraft = aircraft::VehicleConfig { kind, ..self.aircraft };
-        let push_error_deg = kind.tilt_error_deg_per_m_s2();
+        let aircraft = aircraft::VehicleConfig { kind: vehicle_kind, ..self.aircraft };
+        let push_error_deg = vehicle_kind.tilt_error_deg_per_m_s2();
         Self {
             aircraft,
             attitude_source: attitude_source::AttitudeSourceConfig { push_error_deg, ..self.attitude_source },

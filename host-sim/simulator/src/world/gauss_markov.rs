@@ -4,14 +4,14 @@ use crate::random::RandomStream;
 
 /// First-order Gauss-Markov process with exponential autocorrelation; not differentiable.
 #[derive(Clone, Debug)]
-pub struct FirstOrder {
+pub struct FirstOrderProcess {
     value: f64,
     decay: f64,
     drive: f64,
     random: RandomStream,
 }
 
-impl FirstOrder {
+impl FirstOrderProcess {
     /// A stationary process with this standard deviation and correlation time, sampled every `step_s`.
     #[must_use]
     pub fn new(sigma: f64, correlation_s: f64, step_s: f64, mut random: RandomStream) -> Self {
@@ -28,13 +28,13 @@ impl FirstOrder {
 
 /// Critically damped second-order Gauss-Markov process; differentiable, as the motion of a mass.
 #[derive(Clone, Debug)]
-pub struct SecondOrder {
+pub struct SecondOrderProcess {
     value: f64,
-    input: FirstOrder,
+    input: FirstOrderProcess,
     decay: f64,
 }
 
-impl SecondOrder {
+impl SecondOrderProcess {
     /// A stationary process with this standard deviation and integral correlation time, sampled every `step_s`.
     ///
     /// It is a first-order process followed by a first-order lag, both with half the correlation time. With the decay
@@ -45,7 +45,7 @@ impl SecondOrder {
         let decay = libm::exp(-step_s / time_constant_s);
         let input_sigma = sigma * (1.0 + decay) / (1.0 + decay * decay).sqrt();
         let value = sigma * random.gaussian();
-        Self { value, input: FirstOrder::new(input_sigma, time_constant_s, step_s, random), decay }
+        Self { value, input: FirstOrderProcess::new(input_sigma, time_constant_s, step_s, random), decay }
     }
 
     /// Next sample.
@@ -63,8 +63,8 @@ mod tests {
     const STEP_S: f64 = 0.01;
 
     /// Standard deviation and integral of the autocorrelation over 8 correlation times.
-    fn statistics(mut step: impl FnMut() -> f64, correlation_s: f64) -> (f64, f64) {
-        let values: Vec<f64> = (0..2_000_000).map(|_| step()).collect();
+    fn statistics(mut next_value: impl FnMut() -> f64, correlation_s: f64) -> (f64, f64) {
+        let values: Vec<f64> = (0..2_000_000).map(|_| next_value()).collect();
         let covariance = |lag: usize| {
             let pairs = values.len() - lag;
             values.iter().zip(&values[lag..]).map(|(a, b)| a * b).sum::<f64>() / pairs as f64
@@ -80,8 +80,8 @@ mod tests {
     #[test]
     fn both_processes_have_their_standard_deviation_and_correlation_time() {
         let random = || RandomStream::new(1, StreamPurpose::Bank);
-        let mut rough = FirstOrder::new(2.0, 1.5, STEP_S, random());
-        let mut smooth = SecondOrder::new(2.0, 1.5, STEP_S, random());
+        let mut rough = FirstOrderProcess::new(2.0, 1.5, STEP_S, random());
+        let mut smooth = SecondOrderProcess::new(2.0, 1.5, STEP_S, random());
         for (sigma, correlation_s) in [statistics(|| rough.next_value(), 1.5), statistics(|| smooth.next_value(), 1.5)]
         {
             assert!((sigma - 2.0).abs() < 0.06, "sigma {sigma}");

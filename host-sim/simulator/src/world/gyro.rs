@@ -16,7 +16,7 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::gauss_markov::FirstOrder;
+use super::gauss_markov::FirstOrderProcess;
 use super::state::TrueState;
 use crate::random::{RandomStream, StreamPurpose};
 
@@ -74,10 +74,10 @@ impl Default for GyroConfig {
 /// One gyro with its noise processes.
 #[derive(Clone, Debug)]
 pub(super) struct Gyro {
-    error: Matrix3<f64>,
+    error_matrix: Matrix3<f64>,
     offset_rad_s: Vector3<f64>,
-    by_force_rad_s: Matrix3<f64>,
-    drift_rad_s: [FirstOrder; 3],
+    g_sensitivity_rad_s: Matrix3<f64>,
+    drift_rad_s: [FirstOrderProcess; 3],
     noise_rad_s: f64,
     random: RandomStream,
 }
@@ -86,21 +86,21 @@ impl Gyro {
     /// The gyro of a seed, read every `step_s`.
     pub fn new(config: GyroConfig, seed: u64, step_s: f64) -> Self {
         let mut random = RandomStream::new(seed, StreamPurpose::Gyro);
-        let mut draw = |sigma: f64, exact: bool| {
+        let mut draw = |sigma: f64, is_exact: bool| {
             let normal = random.gaussian();
-            sigma * if exact { normal.signum() } else { normal }
+            sigma * if is_exact { normal.signum() } else { normal }
         };
         let error = Matrix3::from_fn(|_, _| draw(config.scale_percent / 100.0, config.exact));
         let offset_rad_s = Vector3::from_fn(|_, _| draw(config.offset_deg_s.to_radians(), config.exact));
-        let by_force_rad_s = Matrix3::from_fn(|_, _| draw(config.g_sensitivity_deg_s.to_radians(), false));
+        let g_sensitivity_rad_s = Matrix3::from_fn(|_, _| draw(config.g_sensitivity_deg_s.to_radians(), false));
         let drift = |purpose| {
             let sigma_rad_s = config.drift_deg_s.to_radians();
-            FirstOrder::new(sigma_rad_s, config.drift_time_s, step_s, RandomStream::new(seed, purpose))
+            FirstOrderProcess::new(sigma_rad_s, config.drift_time_s, step_s, RandomStream::new(seed, purpose))
         };
         Self {
-            error,
+            error_matrix: error,
             offset_rad_s,
-            by_force_rad_s,
+            g_sensitivity_rad_s,
             drift_rad_s: [StreamPurpose::GyroDriftX, StreamPurpose::GyroDriftY, StreamPurpose::GyroDriftZ].map(drift),
             noise_rad_s: config.noise_deg_s.to_radians(),
             random,
@@ -110,10 +110,10 @@ impl Gyro {
     /// Measured body rates, radians per second. Each call advances the noise by one step.
     pub fn measure_rates(&mut self, truth: &TrueState) -> [f64; 3] {
         let rates = Vector3::from(truth.body_rates_rad_s());
-        let drift = Vector3::from(self.drift_rad_s.each_mut().map(FirstOrder::next_value));
+        let drift = Vector3::from(self.drift_rad_s.each_mut().map(FirstOrderProcess::next_value));
         let noise = self.random.normal_vector() * self.noise_rad_s;
-        let by_force = self.by_force_rad_s * specific_force_change_g(truth);
-        (rates + self.error * rates + self.offset_rad_s + drift + by_force + noise).into()
+        let by_force = self.g_sensitivity_rad_s * specific_force_change_g(truth);
+        (rates + self.error_matrix * rates + self.offset_rad_s + drift + by_force + noise).into()
     }
 }
 
@@ -149,8 +149,8 @@ mod tests {
     fn an_exact_gyro_has_scale_errors_of_its_class() {
         let config = GyroConfig { scale_percent: 5.0, exact: true, ..GyroConfig::ERROR_FREE };
         let gyros: Vec<Gyro> = (0..10).map(|seed| Gyro::new(config, seed, STEP_S)).collect();
-        assert!(gyros.iter().all(|gyro| gyro.error.iter().all(|error| (error.abs() - 0.05).abs() < 1e-12)));
-        assert!((1..9).contains(&gyros.iter().filter(|gyro| gyro.error[(2, 2)] > 0.0).count()));
+        assert!(gyros.iter().all(|gyro| gyro.error_matrix.iter().all(|error| (error.abs() - 0.05).abs() < 1e-12)));
+        assert!((1..9).contains(&gyros.iter().filter(|gyro| gyro.error_matrix[(2, 2)] > 0.0).count()));
     }
 
     /// Over 400 gyros at rest: the mean of a minute has the class's offset and drift, the differences its noise.

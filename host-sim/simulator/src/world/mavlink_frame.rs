@@ -23,21 +23,21 @@ pub struct MavlinkFrame {
 impl MavlinkFrame {
     /// Payload byte; zero beyond the truncated payload.
     #[must_use]
-    pub fn byte_at(&self, at: usize) -> u8 {
-        self.payload.get(at).copied().unwrap_or(0)
+    pub fn byte_at(&self, byte_index: usize) -> u8 {
+        self.payload.get(byte_index).copied().unwrap_or(0)
     }
 
-    /// Little-endian payload float that starts at byte `at`.
+    /// Little-endian payload float that starts at byte `byte_index`.
     #[must_use]
-    pub fn float_at(&self, at: usize) -> f32 {
-        f32::from_le_bytes([0, 1, 2, 3].map(|byte| self.byte_at(at + byte)))
+    pub fn float_at(&self, byte_index: usize) -> f32 {
+        f32::from_le_bytes([0, 1, 2, 3].map(|byte| self.byte_at(byte_index + byte)))
     }
 
     /// Encoded frame; `extra_crc` is the message's CRC seed.
     #[must_use]
     pub fn frame_bytes(&self, extra_crc: u8) -> Vec<u8> {
-        let end = self.payload.iter().rposition(|&byte| byte != 0).map_or(1, |last| last + 1);
-        let payload = &self.payload[..end.min(self.payload.len())];
+        let payload_length = self.payload.iter().rposition(|&byte| byte != 0).map_or(1, |last| last + 1);
+        let payload = &self.payload[..payload_length.min(self.payload.len())];
         let [id_0, id_1, id_2, _] = self.message_id.to_le_bytes();
         let Self { sequence, system_id: system, component_id: component, .. } = *self;
         let header = [0xFD, payload.len() as u8, 0, 0, sequence, system, component, id_0, id_1, id_2];
@@ -49,11 +49,11 @@ impl MavlinkFrame {
 
 /// COMMAND_LONG frame to the module of a system. The command number may be unknown to the MAVLink library.
 #[must_use]
-pub fn command_long(from: [u8; 2], system: u8, command: u16, confirmation: u8, parameters: [f32; 7]) -> Vec<u8> {
+pub fn command_long(sender: [u8; 2], system: u8, command: u16, confirmation: u8, parameters: [f32; 7]) -> Vec<u8> {
     let mut payload: Vec<u8> = parameters.iter().flat_map(|parameter| parameter.to_le_bytes()).collect();
     payload.extend(command.to_le_bytes());
     payload.extend([system, MODULE_COMPONENT, confirmation]);
-    let [from_system, from_component] = from;
+    let [from_system, from_component] = sender;
     MavlinkFrame { sequence: 0, system_id: from_system, component_id: from_component, message_id: 76, payload }
         .frame_bytes(152)
 }
@@ -68,7 +68,7 @@ fn extra_crc(id: u32) -> u8 {
 #[derive(Clone, Debug, Default)]
 pub struct FrameReader {
     bytes: Vec<u8>,
-    garbage: u64,
+    invalid_bytes: u64,
 }
 
 impl FrameReader {
@@ -77,13 +77,13 @@ impl FrameReader {
         self.bytes.extend_from_slice(bytes);
         let mut frames = Vec::new();
         while let [begin, length, ..] = *self.bytes.as_slice() {
-            let end = 10 + usize::from(length);
-            if begin == 0xFD && self.bytes.len() < end + 2 {
+            let frame_length = 10 + usize::from(length);
+            if begin == 0xFD && self.bytes.len() < frame_length + 2 {
                 break;
             }
-            let frame = (begin == 0xFD).then(|| self.checked_frame(end)).flatten();
-            self.garbage += u64::from(frame.is_none());
-            self.bytes.drain(..frame.as_ref().map_or(1, |_| end + 2));
+            let frame = (begin == 0xFD).then(|| self.checked_frame(frame_length)).flatten();
+            self.invalid_bytes += u64::from(frame.is_none());
+            self.bytes.drain(..frame.as_ref().map_or(1, |_| frame_length + 2));
             frames.extend(frame);
         }
         frames
@@ -92,21 +92,22 @@ impl FrameReader {
     /// Number of bytes outside valid frames.
     #[must_use]
     pub const fn invalid_byte_count(&self) -> u64 {
-        self.garbage
+        self.invalid_bytes
     }
 
-    fn checked_frame(&self, end: usize) -> Option<MavlinkFrame> {
+    fn checked_frame(&self, frame_length: usize) -> Option<MavlinkFrame> {
         let [_, _, _, _, sequence, system, component, id_0, id_1, id_2, ..] = *self.bytes.as_slice() else {
             return None;
         };
         let id = u32::from_le_bytes([id_0, id_1, id_2, 0]);
-        let is_right = calculate_crc(&self.bytes[1..end], extra_crc(id)).to_le_bytes() == self.bytes[end..end + 2];
+        let is_right = calculate_crc(&self.bytes[1..frame_length], extra_crc(id)).to_le_bytes()
+            == self.bytes[frame_length..frame_length + 2];
         is_right.then(|| MavlinkFrame {
             sequence,
             system_id: system,
             component_id: component,
             message_id: id,
-            payload: self.bytes[10..end].to_vec(),
+            payload: self.bytes[10..frame_length].to_vec(),
         })
     }
 }

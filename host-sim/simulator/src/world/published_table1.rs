@@ -55,16 +55,16 @@ pub fn published_rows() -> [PublishedRow; 12] {
 }
 
 fn parse_row(line: &str) -> PublishedRow {
-    let mut numbers = line.split(',').map(|number| number.parse().expect("a number"));
+    let mut numbers = line.split(',').map(|cell| cell.parse().expect("a number"));
     let mut next = || numbers.next().expect("nine columns");
     let heading_deg = next();
-    let mut sides = || BankErrors { right_deg: next(), left_deg: next() };
+    let mut next_bank_errors = || BankErrors { right_deg: next(), left_deg: next() };
     PublishedRow {
         heading_deg,
-        uncompensated: sides(),
-        reference_errors: sides(),
-        four_ellipse: sides(),
-        four_ellipse_demeaned: sides(),
+        uncompensated: next_bank_errors(),
+        reference_errors: next_bank_errors(),
+        four_ellipse: next_bank_errors(),
+        four_ellipse_demeaned: next_bank_errors(),
     }
 }
 
@@ -98,7 +98,7 @@ mod tests {
     }
 
     fn rms(values: &[f64]) -> f64 {
-        (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+        (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt()
     }
 
     #[test]
@@ -136,17 +136,21 @@ mod tests {
         let cost = |airframe: &Airframe| {
             let ridge = (airframe.field_matrix - nalgebra::Matrix3::identity()).norm_squared()
                 + (airframe.hard_iron_ut / horizontal_ut).norm_squared();
-            residuals_deg(airframe).iter().map(|r| r * r).sum::<f64>() + ridge
+            residuals_deg(airframe).iter().map(|residual_deg| residual_deg * residual_deg).sum::<f64>() + ridge
         };
-        let best = cost(&Airframe::of_table1());
+        let fitted_cost = cost(&Airframe::of_table1());
         for (index, step) in (0..12).flat_map(|index| [(index, 0.01), (index, -0.01)]) {
-            let mut moved = Airframe::of_table1();
+            let mut changed_airframe = Airframe::of_table1();
             if index < 9 {
-                moved.field_matrix[index] += step;
+                changed_airframe.field_matrix[index] += step;
             } else {
-                moved.hard_iron_ut[index - 9] += step * horizontal_ut;
+                changed_airframe.hard_iron_ut[index - 9] += step * horizontal_ut;
             }
-            assert!(cost(&moved) > best, "coefficient {index} by {step}: {} for {best}", cost(&moved));
+            assert!(
+                cost(&changed_airframe) > fitted_cost,
+                "coefficient {index} by {step}: {} for {fitted_cost}",
+                cost(&changed_airframe)
+            );
         }
     }
 }

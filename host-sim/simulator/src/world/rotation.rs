@@ -78,8 +78,8 @@ mod tests {
     use super::*;
 
     #[track_caller]
-    fn assert_near(found: Vector3<f64>, expected: [f64; 3]) {
-        assert!((found - Vector3::from(expected)).norm() < 1e-12, "{found:?} for {expected:?}");
+    fn assert_near(computed: Vector3<f64>, expected: [f64; 3]) {
+        assert!((computed - Vector3::from(expected)).norm() < 1e-12, "{computed:?} for {expected:?}");
     }
 
     #[test]
@@ -104,10 +104,10 @@ mod tests {
     /// With the nose straight up, down is behind and the former forward direction is below.
     #[test]
     fn pitch_is_nose_up() {
-        let up = Euler::from_deg(0.0, 90.0, 0.0).body_from_earth();
-        assert_near(up * Vector3::new(0.0, 0.0, 1.0), [-1.0, 0.0, 0.0]);
-        assert_near(up * Vector3::new(1.0, 0.0, 0.0), [0.0, 0.0, 1.0]);
-        assert_near(up * Vector3::new(0.0, 1.0, 0.0), [0.0, 1.0, 0.0]);
+        let nose_up = Euler::from_deg(0.0, 90.0, 0.0).body_from_earth();
+        assert_near(nose_up * Vector3::new(0.0, 0.0, 1.0), [-1.0, 0.0, 0.0]);
+        assert_near(nose_up * Vector3::new(1.0, 0.0, 0.0), [0.0, 0.0, 1.0]);
+        assert_near(nose_up * Vector3::new(0.0, 1.0, 0.0), [0.0, 1.0, 0.0]);
     }
 
     /// With the right wing straight down, down is along the right wing and the former left direction is below.

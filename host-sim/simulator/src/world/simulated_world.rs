@@ -115,8 +115,8 @@ impl World {
     }
 
     /// Starts a prescribed motion: on level ground, at a heading, on a bench.
-    pub fn set_motion(&self, how: PrescribedMotion) {
-        self.advanced_to_now().aircraft.set_motion(how);
+    pub fn set_motion(&self, prescribed_motion: PrescribedMotion) {
+        self.advanced_to_now().aircraft.set_motion(prescribed_motion);
     }
 
     /// Ends a prescribed motion; the vehicle model continues at the present position.

@@ -29,13 +29,13 @@ fn an_airframe_round_trips_through_its_file() {
     for seed in 0..200 {
         let config = WorldConfig::random_world(seed);
         let text = config.airframe_toml();
-        let read = WorldConfig::from_toml(&text, seed).unwrap_or_else(|error| panic!("{seed}: {error}\n{text}"));
-        let max_difference = (read.airframe.field_matrix - config.airframe.field_matrix).abs().max();
+        let parsed = WorldConfig::from_toml(&text, seed).unwrap_or_else(|error| panic!("{seed}: {error}\n{text}"));
+        let max_difference = (parsed.airframe.field_matrix - config.airframe.field_matrix).abs().max();
         assert!(max_difference < 0.000_5, "seed {seed}: {max_difference}\n{text}");
-        let off_ut = (read.airframe.hard_iron_ut - config.airframe.hard_iron_ut).abs().max();
+        let off_ut = (parsed.airframe.hard_iron_ut - config.airframe.hard_iron_ut).abs().max();
         assert!(off_ut < 0.006, "seed {seed}: {off_ut}");
-        assert!((read.earth.total_ut - config.earth.total_ut).abs() < 0.006, "seed {seed}");
-        assert!((read.earth.inclination_deg - config.earth.inclination_deg).abs() < 0.006, "seed {seed}");
+        assert!((parsed.earth.total_ut - config.earth.total_ut).abs() < 0.006, "seed {seed}");
+        assert!((parsed.earth.inclination_deg - config.earth.inclination_deg).abs() < 0.006, "seed {seed}");
     }
 }
 
@@ -112,12 +112,12 @@ fn states_of_the_past_two_seconds_are_available() {
 fn a_disturbance_adds_to_the_field_until_it_is_removed() {
     let _simulation = Simulation::new();
     let world = World::new(WorldConfig::of_table1(1));
-    let clean = world.sensor_field(0);
+    let undisturbed = world.sensor_field(0);
     world.set_disturbance_ut([500.0, 0.0, -3.0]);
-    let difference = world.sensor_field(0).ut - clean.ut;
+    let difference = world.sensor_field(0).ut - undisturbed.ut;
     assert!((difference - Vector3::new(500.0, 0.0, -3.0)).norm() < 1e-3);
     world.set_disturbance_ut([0.0; 3]);
-    assert_eq!(world.sensor_field(0), clean);
+    assert_eq!(world.sensor_field(0), undisturbed);
 }
 
 /// In still hover the interference is the configured one; a tilt of 18 deg increases the current by a factor of 1.078.
@@ -130,12 +130,12 @@ fn motor_current_interference_is_proportional_to_the_current() {
     let added_ut = |current_ut: [f64; 3]| {
         let at_us = clock::now_us();
         world.set_current_interference_ut([0.0; 3]);
-        let clean = world.sensor_field(at_us);
+        let without_current = world.sensor_field(at_us);
         world.set_current_interference_ut(current_ut);
-        (world.sensor_field(at_us).ut - clean.ut).x
+        (world.sensor_field(at_us).ut - without_current.ut).x
     };
     assert!((added_ut([10.0, 0.0, 0.0]) - 10.0).abs() < 0.01);
-    world.fly_leg(Leg::Push { toward_deg: 90.0, tilt_deg: 18.0, seconds: 3.0 });
+    world.fly_leg(Leg::Tilt { toward_deg: 90.0, tilt_deg: 18.0, seconds: 3.0 });
     simulation.run_until(4_900_000);
     assert!((added_ut([10.0, 0.0, 0.0]) - 10.78).abs() < 0.05);
     assert_eq!(WorldConfig::of_table1(1).current_interference_ut.map(f64::to_bits), [0; 3]);
@@ -170,11 +170,11 @@ fn fly_everything(seed: u64, duration_us: u64) -> (u64, usize) {
     ));
     let cable = SerialCable::new(uart::UartConfig::default());
     let (mut receiver, _transmitter) = cable.module_ends();
-    let seen = Rc::new(RefCell::new((DefaultHasher::new(), 0)));
-    let note = |seen: &Rc<RefCell<(DefaultHasher, usize)>>, bytes: &[u8]| {
-        let mut seen = seen.borrow_mut();
-        seen.0.write(bytes);
-        seen.1 += bytes.len();
+    let hash_and_count = Rc::new(RefCell::new((DefaultHasher::new(), 0)));
+    let add_to_hash = |hash_and_count: &Rc<RefCell<(DefaultHasher, usize)>>, bytes: &[u8]| {
+        let mut hash_and_count = hash_and_count.borrow_mut();
+        hash_and_count.0.write(bytes);
+        hash_and_count.1 += bytes.len();
     };
 
     simulation.spawn(
@@ -182,26 +182,26 @@ fn fly_everything(seed: u64, duration_us: u64) -> (u64, usize) {
         "autopilot",
         world.attitude_source().run_source(world.clone(), cable.host_end(), vec![]),
     );
-    let seen_attitude = Rc::clone(&seen);
+    let seen_attitude = Rc::clone(&hash_and_count);
     simulation.spawn(Level::Interrupt, "attitude", async move {
         let mut buffer = [0; 128];
         loop {
             let count = receiver.read(&mut buffer).await.unwrap();
-            note(&seen_attitude, &buffer[..count]);
+            add_to_hash(&seen_attitude, &buffer[..count]);
         }
     });
-    let seen_field = Rc::clone(&seen);
+    let seen_field = Rc::clone(&hash_and_count);
     simulation.spawn(Level::Interrupt, "magnetometer", async move {
         bus.write(lis3mdl::ADDRESS_SA1_HIGH, &[0xA0, 0x7C, 0x00, 0x00, 0x0C, 0x40]).await.unwrap();
         loop {
             embassy_time::Timer::after_micros(12_500).await;
             let mut bytes = [0; 7];
             bus.write_read(lis3mdl::ADDRESS_SA1_HIGH, &[0xA7], &mut bytes).await.unwrap();
-            note(&seen_field, &bytes);
+            add_to_hash(&seen_field, &bytes);
         }
     });
     world.fly_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 7200.0 });
     simulation.run_until(duration_us);
-    let seen = seen.borrow();
-    (seen.0.finish(), seen.1)
+    let hash_and_count = hash_and_count.borrow();
+    (hash_and_count.0.finish(), hash_and_count.1)
 }

@@ -51,8 +51,8 @@ pub struct BufferedStream<S> {
 }
 
 impl<S: Read + Write> BufferedStream<S> {
-    pub fn new(far: S) -> Self {
-        Self { endpoint: far, backlog: VecDeque::new(), is_disconnected: false }
+    pub fn new(endpoint: S) -> Self {
+        Self { endpoint, backlog: VecDeque::new(), is_disconnected: false }
     }
 
     pub fn read_bytes(&mut self, most: usize) -> Vec<u8> {
@@ -339,12 +339,12 @@ impl Drop for Terminal {
 }
 
 /// Reads a blocking source in a thread; the channel disconnects at its end.
-pub fn read_in_thread(mut from: impl Read + Send + 'static) -> Receiver<Vec<u8>> {
+pub fn read_in_thread(mut source: impl Read + Send + 'static) -> Receiver<Vec<u8>> {
     // A bounded channel, so that an endless source does not fill the memory.
     let (sender, receiver) = mpsc::sync_channel(16);
     thread::spawn(move || {
         let mut bytes = [0; 1024];
-        while let Ok(read) = from.read(&mut bytes)
+        while let Ok(read) = source.read(&mut bytes)
             && read > 0
             && sender.send(bytes[..read].to_vec()).is_ok()
         {}
@@ -358,7 +358,7 @@ mod tests {
 
     #[test]
     fn the_end_of_a_session_clears_its_line_in_the_module() {
-        for (typed, sent) in
+        for (typed, expected_bytes) in
             [(&b"status\rquit\r"[..], &b"status\rquit\x15"[..]), (b"sta\x1d", b"sta\x15"), (b"sta", b"sta")]
         {
             let (sender, input) = mpsc::channel();
@@ -372,7 +372,7 @@ mod tests {
                 last_activity: None,
                 is_raw: true,
             };
-            assert_eq!(terminal.read_bytes(100), sent);
+            assert_eq!(terminal.read_bytes(100), expected_bytes);
         }
     }
 }

@@ -32,7 +32,7 @@ use self::serve_loop::{Connections, PilotCommandInput};
 use super::termination::{SecondSignal, TerminationSignals};
 
 use super::file_options::named_world;
-use super::option_parsers::{SENSOR_NAMES, integer_in_range, number_in_range, one_of};
+use super::option_parsers::{SENSOR_NAMES, integer_in_range, named_value, number_in_range};
 use super::print;
 use crate::cli::command_failure::CommandFailure;
 
@@ -63,11 +63,11 @@ pub struct ServeCommandOptions {
     world: Option<u16>,
     /// Put the module on a CAN bus as a DroneCAN node: mcast:0 to mcast:9, UDP multicast in the local network, as
     /// ArduPilot's simulator and pydronecan use it
-    #[arg(long, value_name = "mcast:N", value_parser = one_of(CAN_BUSES))]
+    #[arg(long, value_name = "mcast:N", value_parser = named_value(CAN_BUSES))]
     can: Option<u8>,
     /// Sender of the module's attitude: the simulator unless the autopilot's port receives one (auto), always the
     /// simulator (own), or only that port (peer). The module switches senders after 10 s
-    #[arg(long, default_value = "auto", value_name = "auto|own|peer", value_parser = one_of(ATTITUDE_PROVIDERS))]
+    #[arg(long, default_value = "auto", value_name = "auto|own|peer", value_parser = named_value(ATTITUDE_PROVIDERS))]
     attitude: AttitudeProvider,
     /// Print the ports as one JSON object
     #[arg(long)]
@@ -109,7 +109,7 @@ struct ModuleOptions {
     #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(VehicleKind::ALL_VEHICLES.map(VehicleKind::vehicle_name)))]
     aircraft: Option<String>,
     /// Magnetometer of the module: the reference board's LIS3MDL, or an RM3100
-    #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = one_of(SENSOR_NAMES))]
+    #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = named_value(SENSOR_NAMES))]
     sensor: SensorModel,
     /// Pattern that is flown without orders
     #[arg(long, default_value = PilotPattern::default().pattern_name(), value_name = "NAME",
@@ -165,20 +165,25 @@ impl ModuleOptions {
             .aircraft
             .as_deref()
             .and_then(VehicleKind::from_name)
-            .map_or(world, |kind| world.with_vehicle_kind(kind)))
+            .map_or(world, |vehicle_kind| world.with_vehicle_kind(vehicle_kind)))
     }
 
     fn build_module(
         &self,
         attitude: AttitudeProvider,
-        is_visited: bool,
+        is_externally_controlled: bool,
         has_can: bool,
     ) -> Result<(ServedModule, FlashWriter), CommandFailure> {
         let pattern = PilotPattern::from_name(&self.pattern).unwrap_or_default();
         let (mut flash, image) = FlashWriter::open_file(self.flash.as_deref())?;
         let served_module = ServedModule::new(
             self.world_config()?,
-            serve::ServeOptions { flight_pattern: pattern, attitude, has_external_simulator: is_visited, has_can },
+            serve::ServeOptions {
+                flight_pattern: pattern,
+                attitude,
+                has_external_simulator: is_externally_controlled,
+                has_can,
+            },
             image.as_ref(),
         );
         // The file is written at the start, so that an unwritable one is noticed before a calibration is lost.
@@ -192,7 +197,7 @@ pub fn run_serve(options: &ServeCommandOptions) -> Result<ExitCode, CommandFailu
     let (mut served_module, flash) =
         options.module_options.build_module(options.attitude, options.world.is_some(), options.can.is_some())?;
     let mut port_wires: Vec<Vec<Box<dyn ByteConnection>>> = Vec::new();
-    let mut places = Vec::new();
+    let mut port_addresses = Vec::new();
     let mut next = options.tcp;
     for port in PORTS {
         let (pty, pty_path) = pty::open_pty()?.unzip();
@@ -203,8 +208,8 @@ pub fn run_serve(options: &ServeCommandOptions) -> Result<ExitCode, CommandFailu
             ));
         }
         let tcp = next.map(tcp_port).transpose()?;
-        next = next.map(|number| if number == 0 { 0 } else { number.wrapping_add(1) });
-        places.push(PortAddress { port, pty: pty_path, tcp: tcp.as_ref().map(|tcp| tcp.port) });
+        next = next.map(|tcp_port_number| if tcp_port_number == 0 { 0 } else { tcp_port_number.wrapping_add(1) });
+        port_addresses.push(PortAddress { port, pty: pty_path, tcp: tcp.as_ref().map(|tcp| tcp.port) });
         let tcp = tcp.map(|tcp| Box::new(tcp) as Box<dyn ByteConnection>);
         port_wires.push(pty.into_iter().chain(tcp).collect());
     }
@@ -212,9 +217,9 @@ pub fn run_serve(options: &ServeCommandOptions) -> Result<ExitCode, CommandFailu
     let can = options.can.map(can_bus).transpose()?;
     let world_number = world.as_ref().and_then(|world| world.local_addr().ok()).map(|address| address.port());
     if options.json {
-        print::print_json(describe_ports(options, &places, world_number)?)?;
+        print::print_json(describe_ports(options, &port_addresses, world_number)?)?;
     } else {
-        print_ports(options, &places, world_number)?;
+        print_ports(options, &port_addresses, world_number)?;
     }
     let wiring = Connections {
         port_wires,
@@ -251,12 +256,12 @@ struct PortAddress {
 
 fn describe_ports(
     options: &ServeCommandOptions,
-    places: &[PortAddress],
+    port_addresses: &[PortAddress],
     world: Option<u16>,
 ) -> Result<Value, CommandFailure> {
-    let ports: Vec<Value> = places
+    let ports: Vec<Value> = port_addresses
         .iter()
-        .map(|place| json!({ "name": place.port.port_name, "pty": place.pty, "tcp": place.tcp }))
+        .map(|address| json!({ "name": address.port.port_name, "pty": address.pty, "tcp": address.tcp }))
         .collect();
     let airframe = airframe_json(&options.module_options.world_config()?);
     Ok(json!({ "ports": ports, "world": world, "can": options.can.map(bus_name), "airframe": airframe }))
@@ -268,11 +273,11 @@ fn bus_name(number: u8) -> String {
 
 fn print_ports(
     options: &ServeCommandOptions,
-    places: &[PortAddress],
+    port_addresses: &[PortAddress],
     world: Option<u16>,
 ) -> Result<(), CommandFailure> {
     let module_options = &options.module_options;
-    for (index, PortAddress { port, pty, tcp }) in places.iter().enumerate() {
+    for (index, PortAddress { port, pty, tcp }) in port_addresses.iter().enumerate() {
         print::print_line(format_args!("{}: {}", port.port_name, port.traffic_description));
         if let Some(pty) = pty {
             let pty = pty.display();
@@ -283,24 +288,24 @@ fn print_ports(
             };
             print::print_line(format_args!("  {pty:<22}{with}"));
         }
-        if let Some(number) = tcp {
+        if let Some(port_number) = tcp {
             let with = match index {
-                serve::CONSOLE_PORT => format!("host-sim console --tcp {number}"),
-                serve::AUTOPILOT_PORT => format!("mavproxy.py --master=tcp:127.0.0.1:{number}"),
-                _ => format!("nc 127.0.0.1 {number}"),
+                serve::CONSOLE_PORT => format!("host-sim console --tcp {port_number}"),
+                serve::AUTOPILOT_PORT => format!("mavproxy.py --master=tcp:127.0.0.1:{port_number}"),
+                _ => format!("nc 127.0.0.1 {port_number}"),
             };
-            print::print_line(format_args!("  {:<22}{with}", format!("tcp 127.0.0.1:{number}")));
+            print::print_line(format_args!("  {:<22}{with}", format!("tcp 127.0.0.1:{port_number}")));
         }
     }
     if let Some(bus) = options.can.map(bus_name) {
         print::print_line(format_args!("CAN bus: DroneCAN, in the local network\n  {bus:<22}dronecan_gui_tool"));
     }
     match world {
-        Some(number) => {
-            let example = format!("printf '0 0 90' > /dev/udp/127.0.0.1/{number}");
+        Some(port_number) => {
+            let example = format!("printf '0 0 90' > /dev/udp/127.0.0.1/{port_number}");
             print::print_line(format_args!(
                 "attitude of the aircraft\n  {:<22}{example}",
-                format!("udp 127.0.0.1:{number}")
+                format!("udp 127.0.0.1:{port_number}")
             ));
         }
         None => print::print_line(format_args!(
@@ -386,12 +391,12 @@ mod tests {
         let cli = Cli::command();
         cli.clone().debug_assert();
         let commands = cli.get_subcommands().flat_map(|command| [command].into_iter().chain(command.get_subcommands()));
-        let mut seen = 0;
+        let mut command_count = 0;
         for command in commands.filter(|command| !["bench", "help", "speed"].contains(&command.get_name())) {
             let long = command.get_long_about().map(ToString::to_string).unwrap_or_default();
             assert!(long.lines().count() > 2, "{}: {long}", command.get_name());
-            seen += 1;
+            command_count += 1;
         }
-        assert_eq!(seen, 11, "all but bench and bench speed");
+        assert_eq!(command_count, 11, "all but bench and bench speed");
     }
 }

@@ -35,16 +35,16 @@ struct Pty {
 
 impl Pty {
     fn open_pty() -> io::Result<Self> {
-        let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
         // Close-on-exec is set by a second call: on macOS openpt has no flag for it.
-        fcntl_setfd(&ours, FdFlags::CLOEXEC)?;
-        grantpt(&ours)?;
-        unlockpt(&ours)?;
-        let path = PathBuf::from(ptsname(&ours, Vec::new())?.to_string_lossy().into_owned());
-        ioctl_fionbio(&ours, true)?;
+        fcntl_setfd(&master, FdFlags::CLOEXEC)?;
+        grantpt(&master)?;
+        unlockpt(&master)?;
+        let path = PathBuf::from(ptsname(&master, Vec::new())?.to_string_lossy().into_owned());
+        ioctl_fionbio(&master, true)?;
         // The pseudo-terminal is opened and closed once: before that, an absent far end is not reported.
         make_raw(&open_serial(&path)?)?;
-        Ok(Self { master: BufferedStream::new(File::from(ours)), is_attached: false, path })
+        Ok(Self { master: BufferedStream::new(File::from(master)), is_attached: false, path })
     }
 }
 

@@ -36,13 +36,13 @@ impl Connections {
         speed: f64,
         stop: &AtomicBool,
     ) -> Result<(), CommandFailure> {
-        let mut pace = VirtualClock::new(speed);
-        let mut is_malformed_told = false;
+        let mut virtual_clock = VirtualClock::new(speed);
+        let mut is_malformed_reported = false;
         let has_ended =
             |port_wires: &[Vec<Box<dyn ByteConnection>>]| port_wires.iter().flatten().any(|wire| wire.has_ended());
         while !stop.load(Ordering::SeqCst) && !has_ended(&self.port_wires) && !print::poll_output_closed() {
             // Time advances before inputs are read, so that an input takes effect after it was received.
-            served_module.advance_time(pace.elapsed_us());
+            served_module.advance_time(virtual_clock.elapsed_us());
             for (port, wires) in self.port_wires.iter_mut().enumerate() {
                 for wire in wires {
                     // At most as many bytes are read as the port can receive: a faster sender waits, as on a real line.
@@ -54,7 +54,7 @@ impl Connections {
                 }
             }
             if let Some(world) = &self.world_socket {
-                is_malformed_told |= apply_datagrams(world, served_module, is_malformed_told);
+                is_malformed_reported |= apply_datagrams(world, served_module, is_malformed_reported);
             }
             if let Some(pilot_commands) = &mut self.pilot_commands {
                 pilot_commands.execute_orders(served_module);
@@ -76,7 +76,7 @@ impl Connections {
                     wire.write_bytes(&bytes);
                 }
             }
-            if let Some(complaint) = pace.take_warning() {
+            if let Some(complaint) = virtual_clock.take_warning() {
                 print::print_error(format_args!("{complaint}\r"));
             }
             self.flash.write_if_stable(served_module, false)?;
@@ -144,7 +144,7 @@ fn answer_line(served_module: &mut ServedModule, line: &[u8]) {
         let answer =
             served_module.execute_line(&line).unwrap_or_else(|error| format!("error {}: {error}", error.stable_code()));
         // A raw terminal, as that of a private console, needs the carriage return.
-        let end = if io::stdin().is_terminal() { "\r\n" } else { "\n" };
-        print::print_text(&format!("{}{end}", answer.replace('\n', end)));
+        let line_end = if io::stdin().is_terminal() { "\r\n" } else { "\n" };
+        print::print_text(&format!("{}{line_end}", answer.replace('\n', line_end)));
     }
 }

@@ -29,12 +29,13 @@ pub fn rms_deg(trial: &RandomFlight) -> Option<f64> {
 pub fn rms_deg_for<'a>(trial: &RandomFlight, instants: impl Iterator<Item = &'a TrueSample>) -> Option<f64> {
     let information: FisherInformation = instants.map(|instant| fisher_information(trial, instant)).sum();
     let covariance = information.cholesky()?.inverse();
-    let w = trial.field_matrix.try_inverse()?;
-    let (sum, number) = trial.envelope.attitudes().fold((0.0, 0.0), |(sum, number), euler| {
-        let row = heading_row(trial, &w, euler);
-        (sum + row.dot(&(covariance * row)), number + 1.0)
-    });
-    Some((sum / number).sqrt().to_degrees())
+    let correction_matrix = trial.field_matrix.try_inverse()?;
+    let (square_sum, heading_count) =
+        trial.envelope.attitudes().fold((0.0, 0.0), |(square_sum, heading_count), euler| {
+            let row = heading_row(trial, &correction_matrix, euler);
+            (square_sum + row.dot(&(covariance * row)), heading_count + 1.0)
+        });
+    Some((square_sum / heading_count).sqrt().to_degrees())
 }
 
 /// Fisher information of a sample about the common parameters.
@@ -63,11 +64,11 @@ pub fn information_root(trial: &RandomFlight, instant: &TrueSample) -> Informati
 /// Jacobians of a sample's measurements by common and nuisance parameters, in units of the measurement sigmas.
 fn measurement_jacobians(trial: &RandomFlight, instant: &TrueSample) -> (SMatrix<f64, 5, 13>, SMatrix<f64, 5, 3>) {
     let euler = instant.euler;
-    let body = trial.body_field(euler);
+    let body_field = trial.body_field(euler);
     let mut common = SMatrix::<f64, 5, 13>::zeros();
     for i in 0..3 {
-        for j in 0..3 {
-            common[(i, 3 * i + j)] = body[j];
+        for column_index in 0..3 {
+            common[(i, 3 * i + column_index)] = body_field[column_index];
         }
         common[(i, 9 + i)] = 1.0;
     }
@@ -105,17 +106,17 @@ fn measurement_jacobians(trial: &RandomFlight, instant: &TrueSample) -> (SMatrix
 
 /// Derivative of the indicated heading by the common parameters. The corrected field is `W (m - b)`, so errors `dA` and
 /// `db` change it by `-W (dA h + db)`.
-fn heading_row(trial: &RandomFlight, w: &Matrix3<f64>, euler: Euler) -> SVector<f64, 13> {
-    let body = trial.body_field(euler);
+fn heading_row(trial: &RandomFlight, correction_matrix: &Matrix3<f64>, euler: Euler) -> SVector<f64, 13> {
+    let body_field = trial.body_field(euler);
     let to_level = euler.body_from_level().transpose();
-    let level = to_level * body;
-    let horizontal = level.x * level.x + level.y * level.y;
-    let gradient = (to_level.row(0) * level.y - to_level.row(1) * level.x).transpose() / horizontal;
-    let by_field = -w.tr_mul(&gradient);
+    let level_field = to_level * body_field;
+    let horizontal = level_field.x * level_field.x + level_field.y * level_field.y;
+    let gradient = (to_level.row(0) * level_field.y - to_level.row(1) * level_field.x).transpose() / horizontal;
+    let by_field = -correction_matrix.tr_mul(&gradient);
     let mut row = SVector::zeros();
     for i in 0..3 {
-        for j in 0..3 {
-            row[3 * i + j] = by_field[i] * body[j];
+        for column_index in 0..3 {
+            row[3 * i + column_index] = by_field[i] * body_field[column_index];
         }
         row[9 + i] = by_field[i];
     }
@@ -132,9 +133,13 @@ mod tests {
         for seed in 0..5 {
             let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed);
             for instant in trial.true_samples().step_by(40) {
-                let (whole, root) = (fisher_information(&trial, instant), information_root(&trial, instant));
-                let difference = root.tr_mul(&root) - whole;
-                assert!(difference.norm() < 1e-6 * whole.norm(), "seed {seed}: {}", difference.norm() / whole.norm());
+                let (information, root) = (fisher_information(&trial, instant), information_root(&trial, instant));
+                let difference = root.tr_mul(&root) - information;
+                assert!(
+                    difference.norm() < 1e-6 * information.norm(),
+                    "seed {seed}: {}",
+                    difference.norm() / information.norm()
+                );
             }
         }
     }
@@ -152,8 +157,8 @@ mod tests {
     #[test]
     fn a_flight_flown_twice_is_known_better_by_the_root_of_two() {
         let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, 7);
-        let once = rms_deg(&trial).unwrap();
+        let bound_deg = rms_deg(&trial).unwrap();
         let twice = rms_deg_for(&trial, trial.true_samples().chain(trial.true_samples())).unwrap();
-        assert!((once / twice - 2_f64.sqrt()).abs() < 1e-9, "{once} {twice}");
+        assert!((bound_deg / twice - 2_f64.sqrt()).abs() < 1e-9, "{bound_deg} {twice}");
     }
 }

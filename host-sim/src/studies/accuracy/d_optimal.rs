@@ -47,9 +47,9 @@ impl Ord for SampleCandidate {
     }
 }
 
-/// The `number` most informative samples of a flight, or all if there are fewer, in the order of selection.
+/// The `sample_count` most informative samples of a flight, or all if there are fewer, in the order of selection.
 #[must_use]
-pub fn select_samples(trial: &RandomFlight, number: usize) -> Vec<TrueSample> {
+pub fn select_samples(trial: &RandomFlight, sample_count: usize) -> Vec<TrueSample> {
     let instants: Vec<&TrueSample> = trial.true_samples().collect();
     let rows: Vec<InformationRoot> =
         instants.iter().map(|instant| cramer_rao::information_root(trial, instant)).collect();
@@ -60,19 +60,19 @@ pub fn select_samples(trial: &RandomFlight, number: usize) -> Vec<TrueSample> {
     let candidate = |index| SampleCandidate { gain: gain(&covariance, index), index, evaluated_at: 0 };
     let mut candidates: BinaryHeap<SampleCandidate> = (0..rows.len()).map(candidate).collect();
     let mut chosen = Vec::new();
-    while chosen.len() < number
-        && let Some(best) = candidates.pop()
+    while chosen.len() < sample_count
+        && let Some(best_candidate) = candidates.pop()
     {
-        if best.evaluated_at < chosen.len() {
+        if best_candidate.evaluated_at < chosen.len() {
             candidates.push(SampleCandidate {
-                gain: gain(&covariance, best.index),
+                gain: gain(&covariance, best_candidate.index),
                 evaluated_at: chosen.len(),
-                ..best
+                ..best_candidate
             });
             continue;
         }
-        covariance = with_sample(&covariance, &rows[best.index]);
-        chosen.push(*instants[best.index]);
+        covariance = with_sample(&covariance, &rows[best_candidate.index]);
+        chosen.push(*instants[best_candidate.index]);
     }
     chosen
 }
@@ -103,8 +103,8 @@ fn with_sample(covariance: &FisherInformation, rows: &InformationRoot) -> Fisher
     let to_rows = rows * covariance;
     // Positive definite, so the inverse exists.
     let inverse = information_gain_matrix(covariance, rows).try_inverse().unwrap_or_else(Matrix2::zeros);
-    let less = covariance - to_rows.tr_mul(&(inverse * to_rows));
-    (less + less.transpose()) / 2.0
+    let reduced = covariance - to_rows.tr_mul(&(inverse * to_rows));
+    (reduced + reduced.transpose()) / 2.0
 }
 
 #[cfg(test)]
@@ -125,18 +125,18 @@ mod tests {
         let rows: Vec<InformationRoot> =
             trial.true_samples().map(|instant| cramer_rao::information_root(&trial, instant)).collect();
         let mut information = prior_information().try_inverse().unwrap();
-        let mut left: Vec<usize> = (0..rows.len()).collect();
-        let mut plain = Vec::new();
+        let mut remaining: Vec<usize> = (0..rows.len()).collect();
+        let mut exhaustive = Vec::new();
         for _ in 0..20 {
             let with_sample = |index: usize| information + rows[index].tr_mul(&rows[index]);
             let determinant = |index: &usize| with_sample(*index).determinant();
-            let best = *left.iter().max_by(|a, b| determinant(a).total_cmp(&determinant(b))).unwrap();
+            let best = *remaining.iter().max_by(|a, b| determinant(a).total_cmp(&determinant(b))).unwrap();
             information = with_sample(best);
-            left.retain(|&index| index != best);
-            plain.push(trial.true_samples().nth(best).unwrap().time.as_ms());
+            remaining.retain(|&index| index != best);
+            exhaustive.push(trial.true_samples().nth(best).unwrap().time.as_ms());
         }
         let lazy: Vec<u32> = select_samples(&trial, 20).iter().map(|instant| instant.time.as_ms()).collect();
-        assert_eq!(lazy, plain);
+        assert_eq!(lazy, exhaustive);
     }
 
     #[test]
@@ -150,7 +150,7 @@ mod tests {
         assert!(chosen < 0.9 * thinned, "{chosen} {thinned}");
         assert!(rms_deg(&trial, 400).unwrap() < chosen);
         assert_eq!(select_samples(&trial, 10_000).len(), 1800);
-        let all = rms_deg(&trial, 10_000).unwrap();
-        assert!((all / cramer_rao::rms_deg(&trial).unwrap() - 1.0).abs() < 1e-9);
+        let all_samples_deg = rms_deg(&trial, 10_000).unwrap();
+        assert!((all_samples_deg / cramer_rao::rms_deg(&trial).unwrap() - 1.0).abs() < 1e-9);
     }
 }

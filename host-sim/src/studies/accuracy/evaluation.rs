@@ -50,18 +50,20 @@ impl SolveCounts {
         (self.squares / f64::from(self.completed_solves)).sqrt()
     }
 
-    pub(super) fn add_solution(&mut self, trial: &RandomFlight, recorded: &Recording, solution: Option<&Solution>) {
+    pub(super) fn add_solution(&mut self, trial: &RandomFlight, recording: &Recording, solution: Option<&Solution>) {
         let Some(solution) = solution else {
             self.refused_solves += 1;
             return;
         };
         let errors_deg = trial.errors_deg(&solution.calibration);
-        let square = errors_deg.iter().map(|e| e * e).sum::<f64>() / errors_deg.len() as f64;
-        let accepted = accepted_by_uncalibrated(solution, recorded.fit_samples(), recorded.held_back()).is_ok();
+        let mean_square =
+            errors_deg.iter().map(|error_deg| error_deg * error_deg).sum::<f64>() / errors_deg.len() as f64;
+        let accepted = accepted_by_uncalibrated(solution, recording.fit_samples(), recording.held_back()).is_ok();
         self.completed_solves += 1;
-        self.squares += square;
+        self.squares += mean_square;
         self.accepted_solves += u32::from(accepted);
-        self.wrong_solves += u32::from(accepted && square.sqrt() > 3.0 * f64::from(solution.quality.expected_rms_deg));
+        self.wrong_solves +=
+            u32::from(accepted && mean_square.sqrt() > 3.0 * f64::from(solution.quality.expected_rms_deg));
     }
 }
 
@@ -72,8 +74,8 @@ pub(super) fn normalised_errors_in_use(
     consider: ConsiderSigmas,
     record: impl FnOnce(ConstantErrorSigmas) -> (Recording, LaterMeasurements),
 ) -> Vec<f64> {
-    let (recorded, mut source) = record(ConstantErrorSigmas::from_considered(consider));
-    let Ok(solution) = solve_samples(Method::MaximumLikelihood, recorded.fit_samples(), consider) else {
+    let (recording, mut source) = record(ConstantErrorSigmas::from_considered(consider));
+    let Ok(solution) = solve_samples(Method::MaximumLikelihood, recording.fit_samples(), consider) else {
         return Vec::new();
     };
     (0..HEADING_COUNT).filter_map(|_| trial.normalised_heading_error(&solution, &mut source)).collect()

@@ -130,7 +130,7 @@ fn mirrored_legs(legs: &[Leg]) -> Vec<Leg> {
     let mirror = |leg: Leg| match leg {
         Leg::Turn { bank_deg, heading_change_deg } => Leg::Turn { bank_deg, heading_change_deg: -heading_change_deg },
         Leg::Yaw { rate_deg_s, heading_change_deg } => Leg::Yaw { rate_deg_s, heading_change_deg: -heading_change_deg },
-        Leg::Push { toward_deg, tilt_deg, seconds } => Leg::Push { toward_deg: -toward_deg, tilt_deg, seconds },
+        Leg::Tilt { toward_deg, tilt_deg, seconds } => Leg::Tilt { toward_deg: -toward_deg, tilt_deg, seconds },
         Leg::Straight { .. } | Leg::Hover { .. } => leg,
     };
     legs.iter().rev().map(|&leg| mirror(leg)).collect()
@@ -144,21 +144,22 @@ fn straight_leg(random: &mut RandomStream) -> Leg {
 mod tests {
     use super::*;
 
-    fn fly_pattern(kind: VehicleKind, pattern: FlightPattern, seed: u64) -> Vec<TrueSample> {
-        Flight { kind, flight_pattern: pattern, duration_minutes: 3.0 }.true_flight(&RandomRanges::WORST_CASE, seed)
+    fn fly_pattern(vehicle_kind: VehicleKind, pattern: FlightPattern, seed: u64) -> Vec<TrueSample> {
+        Flight { kind: vehicle_kind, flight_pattern: pattern, duration_minutes: 3.0 }
+            .true_flight(&RandomRanges::WORST_CASE, seed)
     }
 
     #[test]
     fn a_flight_of_three_minutes_has_1800_samples() {
-        for kind in [VehicleKind::Plane, VehicleKind::Copter, VehicleKind::Vtol] {
+        for vehicle_kind in [VehicleKind::Plane, VehicleKind::Copter, VehicleKind::Vtol] {
             for pattern in FlightPattern::ALL_PATTERNS {
-                let instants = fly_pattern(kind, pattern, 4);
-                assert_eq!(instants.len(), 1800, "{kind:?} {pattern:?}");
+                let instants = fly_pattern(vehicle_kind, pattern, 4);
+                assert_eq!(instants.len(), 1800, "{vehicle_kind:?} {pattern:?}");
                 assert!(instants.windows(2).all(|pair| pair[1].time.ms_since(pair[0].time) == 100));
                 let rates =
                     |instants: &[TrueSample]| instants.iter().map(|true_sample| true_sample.rates).collect::<Vec<_>>();
-                assert_eq!(rates(&instants), rates(&fly_pattern(kind, pattern, 4)));
-                assert_ne!(rates(&instants), rates(&fly_pattern(kind, pattern, 5)));
+                assert_eq!(rates(&instants), rates(&fly_pattern(vehicle_kind, pattern, 4)));
+                assert_ne!(rates(&instants), rates(&fly_pattern(vehicle_kind, pattern, 5)));
             }
         }
     }
@@ -176,7 +177,7 @@ mod tests {
             ]
         );
         assert_eq!(mirrored_legs(&back), legs);
-        assert!(back.contains(&Leg::Push { toward_deg: -90.0, tilt_deg: 18.0, seconds: 2.0 }));
+        assert!(back.contains(&Leg::Tilt { toward_deg: -90.0, tilt_deg: 18.0, seconds: 2.0 }));
     }
 
     /// Of 20 minutes the routine leaves 1094 s. It begins at 365 s with the yaw turns, right before left; mirrored, it
@@ -188,7 +189,7 @@ mod tests {
                 Flight { kind: VehicleKind::Copter, flight_pattern: pattern, duration_minutes: 20.0 }
                     .true_flight(&RandomRanges::WORST_CASE, seed)
             };
-            for (instants, right, left) in [
+            for (instants, right_turn_range, left_turn_range) in [
                 (fly_pattern(FlightPattern::Routine), [3670, 3775], [3790, 3900]),
                 (fly_pattern(FlightPattern::Mirrored), [8115, 8220], [8240, 8350]),
             ] {
@@ -196,8 +197,8 @@ mod tests {
                 let turned_deg = |[from, to]: [usize; 2]| {
                     (instants[to].euler.heading_rad - instants[from].euler.heading_rad).to_degrees()
                 };
-                assert!(turned_deg(right) > 280.0, "seed {seed}: {}", turned_deg(right));
-                assert!(turned_deg(left) < -280.0, "seed {seed}: {}", turned_deg(left));
+                assert!(turned_deg(right_turn_range) > 280.0, "seed {seed}: {}", turned_deg(right_turn_range));
+                assert!(turned_deg(left_turn_range) < -280.0, "seed {seed}: {}", turned_deg(left_turn_range));
             }
         }
     }

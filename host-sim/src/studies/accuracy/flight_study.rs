@@ -102,10 +102,10 @@ impl FlightResult {
             normalised_with_faults: Vec::new(),
         };
         for draw in 0..draws {
-            let recorded = retention::retain_samples(&trial.record_all(draw, ConstantErrorSigmas::NO_ERRORS).0);
+            let recording = retention::retain_samples(&trial.record_all(draw, ConstantErrorSigmas::NO_ERRORS).0);
             let solution =
-                solve_samples(Method::MaximumLikelihood, recorded.fit_samples(), ConsiderSigmas::DEFAULT).ok();
-            flight_result.counts.add_solution(&trial, &recorded, solution.as_ref());
+                solve_samples(Method::MaximumLikelihood, recording.fit_samples(), ConsiderSigmas::DEFAULT).ok();
+            flight_result.counts.add_solution(&trial, &recording, solution.as_ref());
             if draw % COVERAGE_DRAW_INTERVAL == 0 {
                 let record = |faults| {
                     let (samples, source) = trial.record_all(draw, faults);
@@ -124,14 +124,16 @@ impl FlightResult {
 }
 
 fn study_row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
-    let sum = |count_of: fn(&SolveCounts) -> u32| {
+    let total_count = |count_of: fn(&SolveCounts) -> u32| {
         trials.iter().map(|flight_result| count_of(&flight_result.counts)).sum::<u32>()
     };
-    let (solved, refused) = (sum(|c| c.completed_solves), sum(|c| c.refused_solves));
-    let percent = |part: u32| 100.0 * f64::from(part) / f64::from((solved + refused).max(1));
+    let (solved_count, refused_count) =
+        (total_count(|counts| counts.completed_solves), total_count(|counts| counts.refused_solves));
+    let percent = |solve_count: u32| 100.0 * f64::from(solve_count) / f64::from((solved_count + refused_count).max(1));
     let solved_ones = || trials.iter().filter(|flight_result| flight_result.counts.completed_solves > 0);
-    let rms_deg =
-        |part| quantile(solved_ones().map(|flight_result| flight_result.counts.rms_deg()), part).unwrap_or(f64::NAN);
+    let rms_deg = |solve_count| {
+        quantile(solved_ones().map(|flight_result| flight_result.counts.rms_deg()), solve_count).unwrap_or(f64::NAN)
+    };
     let ratios = || solved_ones().map(|flight_result| flight_result.counts.rms_deg() / flight_result.best_bound_deg);
     let kept_ratios =
         solved_ones().map(|flight_result| flight_result.counts.rms_deg() / flight_result.retained_bound_deg);
@@ -141,9 +143,9 @@ fn study_row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
         pattern: flight.flight_pattern,
         minutes: flight.duration_minutes,
         readings: median(trials.iter().map(|flight_result| flight_result.readings as f64)),
-        converged_percent: percent(solved),
-        accepted_percent: percent(sum(|c| c.accepted_solves)),
-        wrong: sum(|c| c.wrong_solves),
+        converged_percent: percent(solved_count),
+        accepted_percent: percent(total_count(|counts| counts.accepted_solves)),
+        wrong: total_count(|counts| counts.wrong_solves),
         rms_median_deg: rms_deg(0.5),
         rms_worst_decile_deg: rms_deg(0.9),
         kept_ratio_median: median(kept_ratios),

@@ -76,10 +76,10 @@ pub fn run_accuracy_study(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> Accur
     let all_of =
         |errors: fn(&AirframeResult) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
     AccuracyResult {
-        bound_median_deg: median(trials.iter().map(|t| t.bound_deg)),
+        bound_median_deg: median(trials.iter().map(|trial| trial.bound_deg)),
         methods: COMPARED_METHODS.iter().enumerate().map(|(i, &method)| method_result(&trials, i, method)).collect(),
-        coverage: sigma_coverage(&all_of(|t| &t.normalised)),
-        coverage_with_faults: sigma_coverage(&all_of(|t| &t.normalised_with_faults)),
+        coverage: sigma_coverage(&all_of(|trial| &trial.normalised)),
+        coverage_with_faults: sigma_coverage(&all_of(|trial| &trial.normalised_with_faults)),
     }
 }
 
@@ -100,12 +100,12 @@ impl AirframeResult {
             normalised_with_faults: Vec::new(),
         };
         for draw in 0..draws {
-            let (recorded, _) = trial.record_flight(draw, ConstantErrorSigmas::NO_ERRORS);
+            let (recording, _) = trial.record_flight(draw, ConstantErrorSigmas::NO_ERRORS);
             for (counts, method) in airframe_result.methods.iter_mut().zip(COMPARED_METHODS) {
                 counts.add_solution(
                     trial,
-                    &recorded,
-                    solve_samples(method, recorded.fit_samples(), ConsiderSigmas::DEFAULT).ok().as_ref(),
+                    &recording,
+                    solve_samples(method, recording.fit_samples(), ConsiderSigmas::DEFAULT).ok().as_ref(),
                 );
             }
             if draw % COVERAGE_DRAW_INTERVAL == 0 {
@@ -120,17 +120,19 @@ impl AirframeResult {
 }
 
 fn method_result(trials: &[AirframeResult], index: usize, method: Method) -> MethodResult {
-    let each = || trials.iter().map(|t| (t, &t.methods[index]));
-    let sum = |count_of: fn(&SolveCounts) -> u32| each().map(|(_, counts)| count_of(counts)).sum::<u32>();
-    let (solved, refused) = (sum(|c| c.completed_solves), sum(|c| c.refused_solves));
-    let percent = |part: u32| 100.0 * f64::from(part) / f64::from((solved + refused).max(1));
-    let solved_ones = || each().filter(|(_, counts)| counts.completed_solves > 0);
+    let trials_with_counts = || trials.iter().map(|trial| (trial, &trial.methods[index]));
+    let total_count =
+        |count_of: fn(&SolveCounts) -> u32| trials_with_counts().map(|(_, counts)| count_of(counts)).sum::<u32>();
+    let (solved_count, refused_count) =
+        (total_count(|counts| counts.completed_solves), total_count(|counts| counts.refused_solves));
+    let percent = |solve_count: u32| 100.0 * f64::from(solve_count) / f64::from((solved_count + refused_count).max(1));
+    let solved_ones = || trials_with_counts().filter(|(_, counts)| counts.completed_solves > 0);
     let ratios = || solved_ones().map(|(trial, counts)| counts.rms_deg() / trial.bound_deg);
     MethodResult {
         method: method.method_name(),
-        converged_percent: percent(solved),
-        accepted_percent: percent(sum(|c| c.accepted_solves)),
-        wrong: sum(|c| c.wrong_solves),
+        converged_percent: percent(solved_count),
+        accepted_percent: percent(total_count(|counts| counts.accepted_solves)),
+        wrong: total_count(|counts| counts.wrong_solves),
         rms_median_deg: median(solved_ones().map(|(_, counts)| counts.rms_deg())),
         ratio_median: median(ratios()),
         ratio_worst_decile: quantile(ratios(), 0.9).unwrap_or(f64::NAN),

@@ -171,8 +171,8 @@ impl AttitudeEnvelope {
 }
 
 /// Roll and pitch of a tilt in one of eight directions, degrees.
-fn tilt_toward(side: u8) -> [f64; 2] {
-    let (sin, cos) = libm::sincos(f64::from(side) * std::f64::consts::FRAC_PI_4);
+fn tilt_toward(direction_index: u8) -> [f64; 2] {
+    let (sin, cos) = libm::sincos(f64::from(direction_index) * std::f64::consts::FRAC_PI_4);
     [AttitudeEnvelope::TILT_DEG * sin, AttitudeEnvelope::TILT_DEG * cos]
 }
 
@@ -238,14 +238,15 @@ impl RandomFlight {
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
         let mut random = RandomStream::new(seed, StreamPurpose::Magnetometer);
         let source = faults.draw_errors(&mut random);
-        let fit = sample_turns(&self.left_turns, &self.right_turns, |instant| {
+        let fit_samples = sample_turns(&self.left_turns, &self.right_turns, |instant| {
             self.noisy_sample(instant, source, &mut random)
         });
         // A separate random stream, so that held-back samples do not change the other random numbers.
-        let mut fresh = RandomStream::new(seed, StreamPurpose::HeldBack);
+        let mut held_back_random = RandomStream::new(seed, StreamPurpose::HeldBack);
         let [left, right] = [midpoints(&self.left_turns), midpoints(&self.right_turns)];
-        let held_back = sample_turns(&left, &right, |instant| self.noisy_sample(instant, source, &mut fresh));
-        (Recording { fit, held_back }, LaterMeasurements { source, random })
+        let held_back =
+            sample_turns(&left, &right, |instant| self.noisy_sample(instant, source, &mut held_back_random));
+        (Recording { fit: fit_samples, held_back }, LaterMeasurements { source, random })
     }
 
     /// The `repetition`-th noise realisation of all samples, and noise stream for later measurements.
@@ -260,8 +261,12 @@ impl RandomFlight {
 
     /// Heading error over its sigma at a random attitude; `None` if the module outputs no heading.
     #[must_use]
-    pub fn normalised_heading_error(&self, solution: &Solution, used: &mut LaterMeasurements) -> Option<f64> {
-        let random = &mut used.random;
+    pub fn normalised_heading_error(
+        &self,
+        solution: &Solution,
+        later_measurements: &mut LaterMeasurements,
+    ) -> Option<f64> {
+        let random = &mut later_measurements.random;
         let euler = Euler {
             heading_rad: random.uniform(0.0, std::f64::consts::TAU),
             roll_rad: random.uniform(-30.0, 30.0).to_radians(),
@@ -273,12 +278,12 @@ impl RandomFlight {
             rates: Rates::UNKNOWN,
             time: WrappingMillis::default(),
         };
-        let Sample { field, attitude, .. } = self.noisy_sample(&instant, used.source, random);
+        let Sample { field, attitude, .. } = self.noisy_sample(&instant, later_measurements.source, random);
         let config = heading::HeadingLimits::DEFAULT;
-        let shown =
+        let indicated_heading_rad =
             heading::compute_heading(config, &solution.calibration, &solution.uncertainty, field, attitude).ok()?;
-        let error_deg = wrap_180((f64::from(shown.magnetic_rad) - euler.heading_rad).to_degrees());
-        Some(error_deg / f64::from(shown.sigma_deg()))
+        let error_deg = wrap_180((f64::from(indicated_heading_rad.magnetic_rad) - euler.heading_rad).to_degrees());
+        Some(error_deg / f64::from(indicated_heading_rad.sigma_deg()))
     }
 
     fn noisy_sample(&self, instant: &TrueSample, source: ConstantAttitudeErrors, random: &mut RandomStream) -> Sample {
@@ -309,9 +314,9 @@ impl RandomFlight {
             .map(|euler| {
                 let sensed = (self.field_matrix * self.body_field(euler) + self.hard_iron) * FIELD_STRENGTH_UT;
                 let attitude = Attitude { roll_rad: euler.roll_rad as f32, pitch_rad: euler.pitch_rad as f32 };
-                let found =
+                let indicated_heading_rad =
                     attitude.to_level_frame(calibration.calibrated_field(Field::new(sensed.cast()))).heading_rad();
-                wrap_180((f64::from(found) - euler.heading_rad).to_degrees())
+                wrap_180((f64::from(indicated_heading_rad) - euler.heading_rad).to_degrees())
             })
             .collect()
     }
@@ -324,14 +329,14 @@ fn midpoints(instants: &[TrueSample]) -> Vec<TrueSample> {
 /// Coordinated turns with random bank and pitch (correlation time 1.5 s), sampled every 0.5 s.
 fn random_turn(ranges: &RandomRanges, bank_deg: f64, random: &mut RandomStream) -> Vec<TrueSample> {
     const STEP_S: f64 = 0.5;
-    let keep = libm::exp(-STEP_S / 1.5_f64);
-    let fresh = (1.0 - keep * keep).sqrt() * ranges.random_attitude_deg;
+    let decay = libm::exp(-STEP_S / 1.5_f64);
+    let innovation_sigma = (1.0 - decay * decay).sqrt() * ranges.random_attitude_deg;
     let mut attitude_noise =
         [random.gaussian() * ranges.random_attitude_deg, random.gaussian() * ranges.random_attitude_deg];
     let mut heading_rad = random.uniform(0.0, std::f64::consts::TAU);
     (0..ranges.samples)
         .map(|i| {
-            attitude_noise = attitude_noise.map(|w| keep * w + fresh * random.gaussian());
+            attitude_noise = attitude_noise.map(|value| decay * value + innovation_sigma * random.gaussian());
             let roll_rad = (bank_deg + attitude_noise[0]).to_radians();
             // Coordinated turn at 22 m/s, as of a small UAV.
             heading_rad += STEP_S * 9.81 * libm::tan(roll_rad) / 22.0;
@@ -416,11 +421,15 @@ mod tests {
         for (push_m_s2, by_push_deg) in [(0.0, 0.0), (2.6, 1.04)] {
             let trial = trial.clone().with_flight(vec![instant(push_m_s2); 2000], AttitudeEnvelope::Tilted);
             let (samples, _) = trial.record_all(0, ConstantErrorSigmas::NO_ERRORS);
-            let squares = samples.iter().map(|s| square(f64::from(s.attitude.roll_rad.to_degrees() - 3.0)));
+            let squares = samples.iter().map(|sample| square(f64::from(sample.attitude.roll_rad.to_degrees() - 3.0)));
             let sigma_deg = (squares.sum::<f64>() / 2000.0).sqrt();
             let expected_deg = libm::hypot(trial.attitude_sigma_rad.to_degrees(), by_push_deg);
             assert!((sigma_deg / expected_deg - 1.0).abs() < 0.06, "{sigma_deg} for {expected_deg}");
-            assert!(samples.iter().all(|s| s.rates == Rates::from_rad_s([0.1, -0.2, 0.3]) && s.time.as_ms() == 7));
+            assert!(
+                samples
+                    .iter()
+                    .all(|sample| sample.rates == Rates::from_rad_s([0.1, -0.2, 0.3]) && sample.time.as_ms() == 7)
+            );
         }
     }
 
@@ -430,17 +439,23 @@ mod tests {
     fn held_back_samples_lie_between_those_of_the_fit() {
         for seed in 0..20 {
             let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed);
-            let (recorded, _) = trial.record_flight(3, ConstantErrorSigmas::NO_ERRORS);
-            let (fit, held_back) = (recorded.fit_samples(), recorded.held_back());
-            for (fit, held_back) in
-                [Side::Left, Side::Right].map(|side| (fit.samples_of_turn(side), held_back.samples_of_turn(side)))
+            let (recording, _) = trial.record_flight(3, ConstantErrorSigmas::NO_ERRORS);
+            let (fit_samples, held_back) = (recording.fit_samples(), recording.held_back());
+            for (fit_samples, held_back) in [Side::Left, Side::Right]
+                .map(|side| (fit_samples.samples_of_turn(side), held_back.samples_of_turn(side)))
             {
-                assert_eq!(held_back.len(), fit.len() - 1);
-                for (pair, held) in fit.windows(2).zip(held_back) {
-                    assert_eq!((held.time.ms_since(pair[0].time), pair[1].time.ms_since(held.time)), (250, 250));
+                assert_eq!(held_back.len(), fit_samples.len() - 1);
+                for (pair, held_back_sample) in fit_samples.windows(2).zip(held_back) {
+                    assert_eq!(
+                        (held_back_sample.time.ms_since(pair[0].time), pair[1].time.ms_since(held_back_sample.time)),
+                        (250, 250)
+                    );
                     let mean_ut = (pair[0].field.ut + pair[1].field.ut) / 2.0;
-                    assert!((held.field.ut - mean_ut).norm() < 5.0, "seed {seed}: {held:?} between {pair:?}");
-                    assert!(held.field != pair[0].field && held.field != pair[1].field);
+                    assert!(
+                        (held_back_sample.field.ut - mean_ut).norm() < 5.0,
+                        "seed {seed}: {held_back_sample:?} between {pair:?}"
+                    );
+                    assert!(held_back_sample.field != pair[0].field && held_back_sample.field != pair[1].field);
                 }
             }
         }
@@ -449,14 +464,14 @@ mod tests {
     #[test]
     fn held_back_samples_have_noise_of_their_own_and_the_source_s_bias() {
         let mean_deg = |samples: Samples<'_>| {
-            let rolls = samples.iter().map(|s| f64::from(s.attitude.roll_rad.to_degrees()));
+            let rolls = samples.iter().map(|sample| f64::from(sample.attitude.roll_rad.to_degrees()));
             rolls.sum::<f64>() / samples.iter().count() as f64
         };
         let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, 5);
         let [first, second] =
             [0, 1].map(|draw| trial.record_flight(draw, ConstantErrorSigmas { bias_deg: 10.0, bank_scale: 0.0 }).0);
-        for recorded in [&first, &second] {
-            let difference_deg = mean_deg(recorded.fit_samples()) - mean_deg(recorded.held_back());
+        for recording in [&first, &second] {
+            let difference_deg = mean_deg(recording.fit_samples()) - mean_deg(recording.held_back());
             assert!(difference_deg.abs() < 0.5, "{difference_deg}");
         }
         assert!((mean_deg(first.held_back()) - mean_deg(second.held_back())).abs() > 1.0, "draws differ in their bias");

@@ -14,22 +14,22 @@ pub fn retain_samples(samples: &[Sample]) -> Recording {
     let mut retained = RetainedSamples::EMPTY;
     let mut collector = Collector::new(&mut retained);
     collector.begin_procedure(Procedure::Flight);
-    let mut pace = TrialSchedule::NO_TRIAL;
+    let mut trial_schedule = TrialSchedule::NO_TRIAL;
     for &sample in samples {
         collector.push_sample(sample);
-        if pace.is_due(&collector, sample.time)
-            && let Ok(found) =
+        if trial_schedule.is_due(&collector, sample.time)
+            && let Ok(solution) =
                 solve_samples(Method::MaximumLikelihood, collector.fit_samples(), ConsiderSigmas::DEFAULT)
         {
-            collector.use_trial_solution(&found);
+            collector.use_trial_solution(&solution);
         }
     }
-    let all = |samples: autoswing::calibration::Samples<'_>| {
+    let all_samples = |samples: autoswing::calibration::Samples<'_>| {
         let mut samples: Vec<Sample> = samples.all_samples().copied().collect();
         samples.sort_by_key(|sample| sample.time.as_ms());
         samples
     };
-    Recording::from_samples_without_side(all(collector.fit_samples()), all(collector.held_back()))
+    Recording::from_samples_without_side(all_samples(collector.fit_samples()), all_samples(collector.held_back()))
 }
 
 #[cfg(test)]
@@ -49,11 +49,11 @@ mod tests {
         let sample_at = |i: u16| {
             let t_s = f32::from(i) / 10.0;
             let attitude = Attitude::from_deg(15.0 * libm::sinf(0.31 * t_s), 6.0 * libm::sinf(0.47 * t_s));
-            let body = attitude.to_body_frame(Field::earth_field(50.0, 1.1, 0.4 * libm::sinf(0.2 * t_s))).ut;
+            let body_field = attitude.to_body_frame(Field::earth_field(50.0, 1.1, 0.4 * libm::sinf(0.2 * t_s))).ut;
             let field = Field::from_ut(
-                body.x + 20.0 + 0.3 * random.normal(),
-                body.y - 10.0 + 0.3 * random.normal(),
-                body.z + 0.3 * random.normal(),
+                body_field.x + 20.0 + 0.3 * random.normal(),
+                body_field.y - 10.0 + 0.3 * random.normal(),
+                body_field.z + 0.3 * random.normal(),
             );
             Sample {
                 field,

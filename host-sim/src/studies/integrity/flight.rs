@@ -67,26 +67,26 @@ const SOLVE_TIMEOUT_S: f64 = 10.0;
 /// Flies the case for a seed, with vehicle, attitude source and heading output of the plan.
 #[must_use]
 pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
-    let mut drawn = case.draw_case(seed, plan.aircraft, plan.attitude_protocol);
-    let faults = std::mem::take(&mut drawn.faults);
+    let mut drawn_case = case.draw_case(seed, plan.aircraft, plan.attitude_protocol);
+    let faults = std::mem::take(&mut drawn_case.faults);
     let fields = faults.field_faults.clone();
-    let mut rig = Rig::with_port_devices(drawn.world, faults, [drawn.far_end, FarEnd::Unconnected]);
-    let RandomCase { world, ref fault_switch, fault_onset: onset, .. } = drawn;
+    let mut rig = Rig::with_port_devices(drawn_case.world, faults, [drawn_case.far_end, FarEnd::Unconnected]);
+    let RandomCase { world, ref fault_switch, fault_onset: onset, .. } = drawn_case;
     rig.world.set_armed(true);
     if onset == FaultOnset::Always {
         fault_switch.set_active(0, u64::MAX);
     }
     rig.run_for_s(2.0);
     rig.send_console_line(&format!("stream heading {}", plan.heading.kind_name()));
-    rig.send_console_line(drawn.routine.start_command);
+    rig.send_console_line(drawn_case.routine.start_command);
     if let FaultOnset::Calibrating { after_s, until_s } = onset {
         fault_switch.set_active(add_seconds_us(rig.now_us(), after_s), add_seconds_us(rig.now_us(), until_s));
     }
     let began_us = rig.now_us();
-    let calibration = calibrate(&mut rig, &drawn.routine.legs());
-    let calibrated = calibration.map(|(shown, at_us)| AcceptedCalibration {
-        expected_deg: shown.expected_rms_deg,
-        true_error_deg: true_deg(&shown.calibration, &world, &|state| {
+    let calibration = calibrate(&mut rig, &drawn_case.routine.legs());
+    let calibrated = calibration.map(|(shown_calibration, at_us)| AcceptedCalibration {
+        expected_deg: shown_calibration.expected_rms_deg,
+        true_error_deg: true_deg(&shown_calibration.calibration, &world, &|state| {
             fields.iter().map(|fault| fault.steady_ut(&TrueState { time_us: at_us, ..*state })).sum()
         }),
         duration_s: (at_us - began_us) as f64 / 1e6,
@@ -100,7 +100,7 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
         }
         let counts_from_us =
             if let FaultOnset::InUse { after_s, .. } = onset { add_seconds_us(rig.now_us(), after_s) } else { 0 };
-        notes = process_console_output(&mut rig, &drawn, seed, &mut |at_us, evaluated_sentence| {
+        notes = process_console_output(&mut rig, &drawn_case, seed, &mut |at_us, evaluated_sentence| {
             // A hard-iron change during calibration remains part of the airframe in use.
             let faulty = match onset {
                 FaultOnset::Never => false,
@@ -186,9 +186,9 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
         SolveNotice::Calibrated(_) => {
             // Flies the remaining legs of the routine.
             while rig.world.unfinished_legs() > 0 && rig.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time {}
-            let shown = transcript::parse_shown_calibration(&rig.send_console_line("cal show"))
+            let shown_calibration = transcript::parse_shown_calibration(&rig.send_console_line("cal show"))
                 .ok_or_else(|| "not-shown".to_owned())?;
-            Ok((shown, at_us))
+            Ok((shown_calibration, at_us))
         }
         SolveNotice::Refused { code, .. } => Err(code),
     }
@@ -203,11 +203,11 @@ fn true_deg(calibration: &Calibration, world: &WorldConfig, added_ut: &dyn Fn(&T
 /// console's notes.
 fn process_console_output(
     rig: &mut Rig,
-    drawn: &RandomCase,
+    drawn_case: &RandomCase,
     seed: u64,
     on_sentence: &mut dyn FnMut(u64, &EvaluatedSentence),
 ) -> Vec<String> {
-    let RandomCase { ground_time_s: stands_s, flight_after_calibration_s, further_legs, .. } = *drawn;
+    let RandomCase { ground_time_s: stands_s, flight_after_calibration_s, further_legs, .. } = *drawn_case;
     let mut random = RandomStream::new(seed, StreamPurpose::Legs);
     if stands_s > 0.0 {
         // Keeps the last attitude and the unwrapped heading, to avoid jumps.
@@ -217,8 +217,8 @@ fn process_console_output(
     }
     let flies_us = add_seconds_us(rig.now_us(), stands_s);
     let end_us = add_seconds_us(flies_us, flight_after_calibration_s);
-    let kind = rig.world.world_config().aircraft.kind;
-    for leg in legs_after_calibration::first_legs(kind, &mut random) {
+    let vehicle_kind = rig.world.world_config().aircraft.kind;
+    for leg in legs_after_calibration::first_legs(vehicle_kind, &mut random) {
         rig.world.fly_leg(leg);
     }
     let mut reader = SentenceReader::default();
@@ -229,7 +229,7 @@ fn process_console_output(
             rig.world.end_prescribed_motion();
         }
         if rig.world.unfinished_legs() < 2 {
-            for leg in further_legs(kind, &mut random) {
+            for leg in further_legs(vehicle_kind, &mut random) {
                 rig.world.fly_leg(leg);
             }
         }
@@ -240,8 +240,9 @@ fn process_console_output(
         // The console erases the line before a note.
         notes.extend(printed.split("note ").skip(1).filter_map(|text| Some(text.split_once(": ")?.0.to_owned())));
         for timed_byte in rig.instrument.receive_timed() {
-            if let Some(received) =
-                reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte).filter(|r| r.sentence_kind == "PASWH")
+            if let Some(received) = reader
+                .push_byte(timed_byte.arrives_at_us, timed_byte.byte)
+                .filter(|sentence| sentence.sentence_kind == "PASWH")
             {
                 let true_deg = rig.world.true_state(timed_byte.arrives_at_us).heading_deg();
                 on_sentence(timed_byte.arrives_at_us, &evaluated_sentence(received, true_deg));

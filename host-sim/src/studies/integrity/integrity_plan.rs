@@ -35,7 +35,7 @@ pub enum AttitudeProtocol {
 impl AttitudeProtocol {
     pub(super) const fn far_end(self) -> FarEnd {
         match self {
-            Self::Mavlink => FarEnd::Talker,
+            Self::Mavlink => FarEnd::SendOnly,
             Self::Msp => FarEnd::Msp(MspFirmware::ArduPilot, AnswerFaults::NO_FAULTS),
             Self::MspInav => FarEnd::Msp(MspFirmware::Inav, AnswerFaults::NO_FAULTS),
         }

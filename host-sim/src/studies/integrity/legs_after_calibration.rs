@@ -9,12 +9,12 @@ pub(super) const TIME_IN_LEVEL_FLIGHT_S: f64 = 25.0;
 pub(super) const TIME_IN_TURN_S: f64 = 48.0;
 
 /// Straight leg, then a full circle that is in progress 48 s after the start.
-pub(super) fn first_legs(kind: VehicleKind, random: &mut RandomStream) -> [Leg; 2] {
+pub(super) fn first_legs(vehicle_kind: VehicleKind, random: &mut RandomStream) -> [Leg; 2] {
     let straight = Leg::Straight {
         heading_deg: random.uniform(0.0, 360.0),
         seconds: TIME_IN_LEVEL_FLIGHT_S.midpoint(TIME_IN_TURN_S),
     };
-    let circle = if kind.can_hover() {
+    let circle = if vehicle_kind.can_hover() {
         // 20 s, about the duration of an aeroplane's circle.
         Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: 360.0 }
     } else {
@@ -24,18 +24,18 @@ pub(super) fn first_legs(kind: VehicleKind, random: &mut RandomStream) -> [Leg; 
 }
 
 /// Straight leg; then a turn, or hover, yaw and a tilt to the side.
-pub(super) fn further_legs(kind: VehicleKind, random: &mut RandomStream) -> Vec<Leg> {
+pub(super) fn further_legs(vehicle_kind: VehicleKind, random: &mut RandomStream) -> Vec<Leg> {
     let straight = Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: random.uniform(15.0, 30.0) };
-    let side = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
-    let heading_change_deg = side * random.uniform(180.0, 360.0);
-    if !kind.can_hover() {
+    let side_sign = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
+    let heading_change_deg = side_sign * random.uniform(180.0, 360.0);
+    if !vehicle_kind.can_hover() {
         return vec![straight, Leg::Turn { bank_deg: random.uniform(15.0, 35.0), heading_change_deg }];
     }
     vec![
         straight,
         Leg::Hover { seconds: random.uniform(5.0, 10.0) },
         Leg::Yaw { rate_deg_s: random.uniform(15.0, 60.0), heading_change_deg },
-        Leg::Push {
+        Leg::Tilt {
             toward_deg: random.uniform(0.0, 360.0),
             tilt_deg: random.uniform(10.0, 25.0),
             seconds: random.uniform(1.0, 3.0),
@@ -50,8 +50,8 @@ pub(super) fn steady_leg(_: VehicleKind, _: &mut RandomStream) -> Vec<Leg> {
 }
 
 /// Straight leg, then a turn at 45 deg of bank.
-pub(super) fn steep_turns(kind: VehicleKind, random: &mut RandomStream) -> Vec<Leg> {
-    let mut legs = further_legs(kind, random);
+pub(super) fn steep_turns(vehicle_kind: VehicleKind, random: &mut RandomStream) -> Vec<Leg> {
+    let mut legs = further_legs(vehicle_kind, random);
     for leg in &mut legs {
         if let Leg::Turn { bank_deg, .. } = leg {
             *bank_deg = 45.0;
@@ -73,7 +73,7 @@ mod tests {
         assert!(matches!(further_legs(VehicleKind::Plane, &mut random)[..], [Leg::Straight { .. }, Leg::Turn { .. }]));
         assert!(matches!(first_legs(VehicleKind::Copter, &mut random), [Leg::Straight { .. }, Leg::Yaw { .. }]));
         let legs = further_legs(VehicleKind::Copter, &mut random);
-        assert!(legs.iter().any(|leg| matches!(leg, Leg::Push { tilt_deg, .. } if (10.0..25.0).contains(tilt_deg))));
+        assert!(legs.iter().any(|leg| matches!(leg, Leg::Tilt { tilt_deg, .. } if (10.0..25.0).contains(tilt_deg))));
         assert!(legs.iter().all(|leg| !matches!(leg, Leg::Turn { .. })));
     }
 }

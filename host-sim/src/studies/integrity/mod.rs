@@ -71,28 +71,31 @@ pub struct IntegrityRow {
     pub empty: Vec<(String, usize)>,
 }
 
-/// Flies all cases in parallel; calls `flown` after every flight. The result does not depend on the number of cores.
+/// Flies all cases in parallel; calls `on_flight_done` after every flight. The result does not depend on the number of
+/// cores.
 pub fn run_integrity_study(
     plan: IntegrityPlan,
     cases: &[&'static FaultCase],
-    flown: &(dyn Fn() + Sync),
+    on_flight_done: &(dyn Fn() + Sync),
 ) -> Vec<IntegrityRow> {
     let flights: Vec<(usize, u64)> = cases
         .iter()
         .enumerate()
         .flat_map(|(i, case)| {
-            (0..case.flight_count(plan.flights_per_case)).map(move |n| (i, plan.seed.wrapping_add(n)))
+            (0..case.flight_count(plan.flights_per_case))
+                .map(move |flight_index| (i, plan.seed.wrapping_add(flight_index)))
         })
         .collect();
-    let all: Vec<(usize, CaseFlightResult)> = flights
+    let all_results: Vec<(usize, CaseFlightResult)> = flights
         .into_par_iter()
         .map(|(i, seed)| {
             let result = (i, flight::fly_case(cases[i], seed, &plan));
-            flown();
+            on_flight_done();
             result
         })
         .collect();
-    let results_of = |i: usize| all.iter().filter(move |(case, _)| *case == i).map(|(_, flown)| flown);
+    let results_of =
+        |i: usize| all_results.iter().filter(move |(case, _)| *case == i).map(|(_, on_flight_done)| on_flight_done);
     cases
         .iter()
         .enumerate()
@@ -107,13 +110,16 @@ pub fn flight_count(plan: IntegrityPlan, cases: &[&'static FaultCase]) -> u64 {
 }
 
 fn integrity_row(case: &'static str, results: &[&CaseFlightResult]) -> IntegrityRow {
-    let calibrated = || results.iter().filter_map(|one| one.calibration.as_ref().ok());
+    let calibrated = || results.iter().filter_map(|flight_result| flight_result.calibration.as_ref().ok());
     let ratios = || calibrated().map(AcceptedCalibration::error_ratio);
-    let iron_errors = results.iter().filter_map(|one| one.hard_iron_error.map(|HardIronEstimateError(error)| error));
-    let percent_of_flights = |number: usize| 100.0 * number as f64 / results.len().max(1) as f64;
-    let output_statistics =
-        results.iter().fold(HeadingStatistics::default(), |sum, one| sum.merged_with(&one.output_statistics));
-    let [one, two, three] = output_statistics.within_percent();
+    let iron_errors = results
+        .iter()
+        .filter_map(|flight_result| flight_result.hard_iron_error.map(|HardIronEstimateError(error)| error));
+    let percent_of_flights = |flight_count: usize| 100.0 * flight_count as f64 / results.len().max(1) as f64;
+    let output_statistics = results.iter().fold(HeadingStatistics::default(), |merged, flight_result| {
+        merged.merged_with(&flight_result.output_statistics)
+    });
+    let [flight_result, two, three] = output_statistics.within_percent();
     IntegrityRow {
         case,
         flights: results.len(),
@@ -128,14 +134,16 @@ fn integrity_row(case: &'static str, results: &[&CaseFlightResult]) -> Integrity
         rms_deg: output_statistics.rms_deg(),
         sigma_rms_deg: output_statistics.sigma_rms_deg(),
         worst_10s_deg: output_statistics.worst_10s_deg,
-        within_one_sigma_percent: one,
+        within_one_sigma_percent: flight_result,
         within_two_sigma_percent: two,
         within_three_sigma_percent: three,
         empty_percent: output_statistics.empty_percent(),
         alarms_per_hour: output_statistics.alarms_per_hour(),
-        notes: count_codes(results.iter().flat_map(|one| one.note_codes.iter().cloned())),
+        notes: count_codes(results.iter().flat_map(|flight_result| flight_result.note_codes.iter().cloned())),
         iron_error_median_percent: quantile(iron_errors, 0.5).map(|error| 100.0 * error),
-        refused: count_codes(results.iter().filter_map(|one| one.calibration.as_ref().err().cloned())),
+        refused: count_codes(
+            results.iter().filter_map(|flight_result| flight_result.calibration.as_ref().err().cloned()),
+        ),
         empty: output_statistics.no_heading_counts.into_iter().collect(),
     }
 }
@@ -146,6 +154,6 @@ fn count_codes(codes: impl Iterator<Item = String>) -> Vec<(String, usize)> {
         *counts.entry(code).or_insert(0) += 1;
     }
     let mut counts: Vec<_> = counts.into_iter().collect();
-    counts.sort_by_key(|(_, number)| std::cmp::Reverse(*number));
+    counts.sort_by_key(|(_, occurrences)| std::cmp::Reverse(*occurrences));
     counts
 }

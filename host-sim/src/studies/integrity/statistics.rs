@@ -122,13 +122,13 @@ impl HeadingStatistics {
         self.squares_deg += other.squares_deg;
         self.sigma_squares_deg += other.sigma_squares_deg;
         self.worst_10s_deg = self.worst_10s_deg.max(other.worst_10s_deg);
-        for (sum, more) in self.within.iter_mut().zip(other.within) {
-            *sum += more;
+        for (count, other_count) in self.within.iter_mut().zip(other.within) {
+            *count += other_count;
         }
         self.worst_deg = self.worst_deg.max(other.worst_deg);
         self.longest_bad_s = self.longest_bad_s.max(other.longest_bad_s);
-        for (reason, number) in &other.no_heading_counts {
-            *self.no_heading_counts.entry(reason.clone()).or_insert(0) += number;
+        for (reason, occurrences) in &other.no_heading_counts {
+            *self.no_heading_counts.entry(reason.clone()).or_insert(0) += occurrences;
         }
         self.alarms += other.alarms;
         self.faultless_s += other.faultless_s;
@@ -179,8 +179,8 @@ impl HeadingStatistics {
     }
 }
 
-fn percent(part: u64, whole: u64) -> f64 {
-    100.0 * part as f64 / whole.max(1) as f64
+fn percent(numerator: u64, denominator: u64) -> f64 {
+    100.0 * numerator as f64 / denominator.max(1) as f64
 }
 
 #[cfg(test)]
@@ -206,10 +206,10 @@ mod tests {
 
     #[test]
     fn a_bad_heading_is_off_by_over_four_sigmas_and_5_deg() {
-        for (error_deg, sigma_deg, bad) in
+        for (error_deg, sigma_deg, expected_bad_count) in
             [(4.9, 0.1, false), (5.1, 0.1, true), (-5.1, 0.1, true), (7.9, 2.0, false), (8.1, 2.0, true)]
         {
-            let percent = if bad { 100.0 } else { 0.0 };
+            let percent = if expected_bad_count { 100.0 } else { 0.0 };
             assert_eq!(
                 statistics_of(&[heading(error_deg, sigma_deg)], true).bad_percent().to_bits(),
                 f64::to_bits(percent)
@@ -219,12 +219,19 @@ mod tests {
 
     #[test]
     fn a_run_of_bad_headings_ends_with_a_good_one_or_none() {
-        let (good, bad) = (heading(0.5, 1.0), heading(9.0, 1.0));
-        let two = [bad.clone(), bad.clone(), good.clone(), bad.clone(), empty(), bad.clone()];
-        assert!((statistics_of(&two, true).longest_bad_s - 0.2).abs() < 1e-9);
-        let three = [good, bad.clone(), bad.clone(), bad];
-        assert!((statistics_of(&three, true).longest_bad_s - 0.3).abs() < 1e-9);
-        assert!((statistics_of(&two, true).bad_percent() - 80.0).abs() < 1e-9);
+        let (good_heading, bad_heading) = (heading(0.5, 1.0), heading(9.0, 1.0));
+        let run_of_two = [
+            bad_heading.clone(),
+            bad_heading.clone(),
+            good_heading.clone(),
+            bad_heading.clone(),
+            empty(),
+            bad_heading.clone(),
+        ];
+        assert!((statistics_of(&run_of_two, true).longest_bad_s - 0.2).abs() < 1e-9);
+        let run_of_three = [good_heading, bad_heading.clone(), bad_heading.clone(), bad_heading];
+        assert!((statistics_of(&run_of_three, true).longest_bad_s - 0.3).abs() < 1e-9);
+        assert!((statistics_of(&run_of_two, true).bad_percent() - 80.0).abs() < 1e-9);
     }
 
     #[test]
@@ -236,8 +243,8 @@ mod tests {
     /// An interruption counts once, if it begins without a fault.
     #[test]
     fn an_alarm_is_an_empty_period_that_begins_while_nothing_is_wrong() {
-        let good = heading(0.5, 1.0);
-        let sentences = [good.clone(), empty(), empty(), good.clone(), empty(), good];
+        let good_heading = heading(0.5, 1.0);
+        let sentences = [good_heading.clone(), empty(), empty(), good_heading.clone(), empty(), good_heading];
         // Two alarms in six sentences of 0.1 s: two per 0.6 s.
         assert!((statistics_of(&sentences, false).alarms_per_hour() - 2.0 * 3600.0).abs() < 1e-6);
         assert_eq!(statistics_of(&sentences, true).alarms_per_hour().to_bits(), 0);
@@ -255,12 +262,12 @@ mod tests {
 
     #[test]
     fn statistics_of_flights_are_merged() {
-        let one = statistics_of(&[heading(3.0, 2.0), heading(1.0, 2.0)], true);
-        let other = statistics_of(&[heading(-5.0, 2.0), empty(), heading(1.0, 2.0)], true);
-        let both = one.merged_with(&other);
-        assert_eq!(both.within_percent().map(|percent| percent as u8), [50, 75, 100]);
-        assert!((both.rms_deg() - 3.0).abs() < 1e-9 && (both.worst_deg - 5.0).abs() < 1e-9);
-        assert!((both.empty_percent() - 20.0).abs() < 1e-9);
-        assert!((both.smooth_percent() - 100.0).abs() < 1e-9);
+        let first_flight = statistics_of(&[heading(3.0, 2.0), heading(1.0, 2.0)], true);
+        let second_flight = statistics_of(&[heading(-5.0, 2.0), empty(), heading(1.0, 2.0)], true);
+        let merged = first_flight.merged_with(&second_flight);
+        assert_eq!(merged.within_percent().map(|percent| percent as u8), [50, 75, 100]);
+        assert!((merged.rms_deg() - 3.0).abs() < 1e-9 && (merged.worst_deg - 5.0).abs() < 1e-9);
+        assert!((merged.empty_percent() - 20.0).abs() < 1e-9);
+        assert!((merged.smooth_percent() - 100.0).abs() < 1e-9);
     }
 }

@@ -90,7 +90,7 @@ struct Task {
     waker: Waker,
     future: Pin<Box<dyn Future<Output = ()>>>,
     /// Instant of the last poll, and number of polls at it.
-    polled: (u64, u32),
+    last_polls: (u64, u32),
 }
 
 impl Drop for Task {
@@ -132,7 +132,7 @@ impl Simulation {
         });
         let waker = Waker::from(Arc::clone(&handle));
         waker.wake_by_ref();
-        self.tasks.push(Task { name, handle, waker, future: Box::pin(future), polled: (0, 0) });
+        self.tasks.push(Task { name, handle, waker, future: Box::pin(future), last_polls: (0, 0) });
     }
 
     /// Simulation time, microseconds.
@@ -206,9 +206,9 @@ impl Simulation {
 
 impl Task {
     fn count_poll(&mut self, now_us: u64) {
-        let polls = if self.polled.0 == now_us { self.polled.1 + 1 } else { 1 };
+        let polls = if self.last_polls.0 == now_us { self.last_polls.1 + 1 } else { 1 };
         assert!(polls <= BUSY_LOOP_POLLS, "task `{}` is in a busy loop: {polls} polls at {now_us} us", self.name);
-        self.polled = (now_us, polls);
+        self.last_polls = (now_us, polls);
     }
 }
 

@@ -9,7 +9,6 @@ use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat, expor
 use crate::replay::symmetric_fit::heading_deg as heading_deg_with;
 use crate::score::wrap_180;
 
-/// Export of the module's calibration for its own rows.
 fn export_module(compass: &CompassEvaluation, dialect: ParameterFormat) -> ExportedCorrection {
     let calibration = &compass.module_result.solution.as_ref().unwrap().calibration;
     export_correction(compass.compass_number, &compass.rows, calibration, None, dialect).unwrap()

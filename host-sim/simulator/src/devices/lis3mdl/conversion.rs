@@ -45,10 +45,10 @@ impl FieldConverter {
             return Some(CompletedConversion { completed_at_us: first_us, missed_others: false });
         }
         let period_us = period_us(&mode);
-        let more = (now_us - first_us) / period_us;
-        let at_us = first_us + more * period_us;
+        let further_conversions = (now_us - first_us) / period_us;
+        let at_us = first_us + further_conversions * period_us;
         self.next_us = Some(at_us + period_us);
-        Some(CompletedConversion { completed_at_us: at_us, missed_others: more > 0 })
+        Some(CompletedConversion { completed_at_us: at_us, missed_others: further_conversions > 0 })
     }
 }
 

@@ -183,8 +183,8 @@ impl Lis3mdlRegisters {
 
     /// Copies the latest measurement of an axis to its output registers unless block data update locks them.
     fn publish_axis(&mut self, axis: usize) {
-        let held = self.register_value(CTRL_REG5) & BLOCK_DATA_UPDATE != 0 && self.half_read & (1 << axis) != 0;
-        if !held {
+        let is_locked = self.register_value(CTRL_REG5) & BLOCK_DATA_UPDATE != 0 && self.half_read & (1 << axis) != 0;
+        if !is_locked {
             self.put_pair(OUT_X_L + 2 * axis as u8, self.latest[axis]);
         }
     }

@@ -29,13 +29,13 @@ where
     assert_eq!(simulation.tasks(), 0, "the script did not end");
 }
 
-async fn get(bus: &mut SimulatedI2cBus, register: u8) -> u8 {
+async fn read_register(bus: &mut SimulatedI2cBus, register: u8) -> u8 {
     let mut value = [0];
     bus.write_read(ADDRESS_SA1_HIGH, &[register], &mut value).await.unwrap();
     value[0]
 }
 
-async fn set(bus: &mut SimulatedI2cBus, register: u8, value: u8) {
+async fn write_register(bus: &mut SimulatedI2cBus, register: u8, value: u8) {
     bus.write(ADDRESS_SA1_HIGH, &[register, value]).await.unwrap();
 }
 
@@ -61,10 +61,10 @@ fn reset_values_are_those_of_the_data_sheet() {
         |mut bus, _| async move {
             for (register, value) in [(0x0F, 0x3D), (0x20, 0x10), (0x21, 0), (0x22, 3), (0x23, 0), (0x24, 0), (0x27, 0)]
             {
-                assert_eq!(get(&mut bus, register).await, value, "register {register:#04x}");
+                assert_eq!(read_register(&mut bus, register).await, value, "register {register:#04x}");
             }
             Timer::after_millis(2000).await;
-            assert_eq!(get(&mut bus, 0x27).await, 0, "powered down: nothing is ever ready");
+            assert_eq!(read_register(&mut bus, 0x27).await, 0, "powered down: nothing is ever ready");
         },
     );
 }
@@ -76,8 +76,8 @@ fn burst_write_and_read_follow_auto_increment_and_the_output_wraps() {
         |_| [10.0, -20.0, 40.0],
         |mut bus, _| async move {
             start(&mut bus).await;
-            assert_eq!(get(&mut bus, 0x23).await, 0x0C);
-            assert_eq!(get(&mut bus, 0x24).await, 0x40);
+            assert_eq!(read_register(&mut bus, 0x23).await, 0x0C);
+            assert_eq!(read_register(&mut bus, 0x24).await, 0x40);
             Timer::after_millis(13).await;
             let mut bytes = [0; 8];
             bus.write_read(ADDRESS_SA1_HIGH, &[READ_XYZ], &mut bytes).await.unwrap();
@@ -86,9 +86,9 @@ fn burst_write_and_read_follow_auto_increment_and_the_output_wraps() {
             assert_eq!(i16::from_le_bytes([bytes[2], bytes[3]]), -1368);
             assert_eq!(i16::from_le_bytes([bytes[4], bytes[5]]), 2737);
             assert_eq!(bytes[6..8], bytes[0..2], "after Z comes X again, not the temperature");
-            let mut same = [0; 2];
-            bus.write_read(ADDRESS_SA1_HIGH, &[0x28], &mut same).await.unwrap();
-            assert_eq!(same[0], same[1], "without the increment bit the address stays");
+            let mut read_back = [0; 2];
+            bus.write_read(ADDRESS_SA1_HIGH, &[0x28], &mut read_back).await.unwrap();
+            assert_eq!(read_back[0], read_back[1], "without the increment bit the address stays");
         },
     );
 }
@@ -101,15 +101,23 @@ fn data_ready_comes_at_the_data_rate_and_overrun_when_late() {
         |mut bus, _| async move {
             start(&mut bus).await;
             Timer::after_micros(12_300).await;
-            assert_eq!(get(&mut bus, 0x27).await, 0x00, "12.37 ms after the start: one period of 80 Hz is 12.5 ms");
+            assert_eq!(
+                read_register(&mut bus, 0x27).await,
+                0x00,
+                "12.37 ms after the start: one period of 80 Hz is 12.5 ms"
+            );
             Timer::after_micros(130).await;
-            assert_eq!(get(&mut bus, 0x27).await, 0x0F);
+            assert_eq!(read_register(&mut bus, 0x27).await, 0x0F);
             counts(&mut bus).await;
-            assert_eq!(get(&mut bus, 0x27).await, 0x00, "reading all axes clears the flags");
+            assert_eq!(read_register(&mut bus, 0x27).await, 0x00, "reading all axes clears the flags");
             Timer::after_millis(26).await;
-            assert_eq!(get(&mut bus, 0x27).await, 0xFF, "two periods unread: overrun");
-            get(&mut bus, 0x29).await;
-            assert_eq!(get(&mut bus, 0x27).await, 0xE6, "the high byte of x clears x only; no longer all are new");
+            assert_eq!(read_register(&mut bus, 0x27).await, 0xFF, "two periods unread: overrun");
+            read_register(&mut bus, 0x29).await;
+            assert_eq!(
+                read_register(&mut bus, 0x27).await,
+                0xE6,
+                "the high byte of x clears x only; no longer all are new"
+            );
         },
     );
 }
@@ -123,16 +131,16 @@ fn every_data_rate_is_kept() {
         NOISE_FREE,
         |_| [0.0; 3],
         move |mut bus, _| async move {
-            for (control1, hz) in rates {
-                set(&mut bus, 0x20, control1).await;
-                set(&mut bus, 0x22, 0x00).await;
-                let period_us = 1e6 / hz;
+            for (control1, rate_hz) in rates {
+                write_register(&mut bus, 0x20, control1).await;
+                write_register(&mut bus, 0x22, 0x00).await;
+                let period_us = 1e6 / rate_hz;
                 Timer::after_micros((0.98 * period_us) as u64 - 90).await;
-                assert_eq!(get(&mut bus, 0x27).await, 0, "{hz} Hz: early");
+                assert_eq!(read_register(&mut bus, 0x27).await, 0, "{rate_hz} Hz: early");
                 Timer::after_micros((0.04 * period_us) as u64).await;
-                assert_eq!(get(&mut bus, 0x27).await & 0x08, 0x08, "{hz} Hz: late");
+                assert_eq!(read_register(&mut bus, 0x27).await & 0x08, 0x08, "{rate_hz} Hz: late");
                 counts(&mut bus).await;
-                set(&mut bus, 0x22, 0x03).await;
+                write_register(&mut bus, 0x22, 0x03).await;
             }
         },
     );
@@ -144,11 +152,11 @@ fn a_single_conversion_ends_in_power_down() {
         NOISE_FREE,
         |_| [1.0; 3],
         |mut bus, _| async move {
-            set(&mut bus, 0x20, 0x7C).await;
-            set(&mut bus, 0x22, 0x01).await;
+            write_register(&mut bus, 0x20, 0x7C).await;
+            write_register(&mut bus, 0x22, 0x01).await;
             Timer::after_millis(40).await;
-            assert_eq!(get(&mut bus, 0x27).await, 0x0F, "one measurement, no overrun");
-            assert_eq!(get(&mut bus, 0x22).await & 3, 3);
+            assert_eq!(read_register(&mut bus, 0x27).await, 0x0F, "one measurement, no overrun");
+            assert_eq!(read_register(&mut bus, 0x22).await & 3, 3);
         },
     );
 }
@@ -161,11 +169,11 @@ fn block_data_update_keeps_the_two_bytes_of_an_axis_together() {
     for (control5, expected) in [(0x40, [0xFF, 0x00]), (0x00, [0xFF, 0x01])] {
         on_bus(NOISE_FREE, field, move |mut bus, _| async move {
             start(&mut bus).await;
-            set(&mut bus, 0x24, control5).await;
+            write_register(&mut bus, 0x24, control5).await;
             Timer::after_millis(14).await;
-            let low = get(&mut bus, 0x28).await;
+            let low = read_register(&mut bus, 0x28).await;
             Timer::after_millis(13).await;
-            let high = get(&mut bus, 0x29).await;
+            let high = read_register(&mut bus, 0x29).await;
             assert_eq!([low, high], expected, "CTRL_REG5 {control5:#04x}");
             assert_eq!(counts(&mut bus).await[0], 256, "afterwards the new measurement is there");
         });
@@ -180,7 +188,7 @@ fn full_scales_have_their_sensitivities_and_saturate_at_16_bits() {
         |mut bus, _| async move {
             for (control2, counts_per_gauss) in [(0x00, 6842), (0x20, 3421), (0x40, 2281), (0x60, 1711)] {
                 start(&mut bus).await;
-                set(&mut bus, 0x21, control2).await;
+                write_register(&mut bus, 0x21, control2).await;
                 Timer::after_millis(20).await;
                 assert_eq!(counts(&mut bus).await, [counts_per_gauss, i16::MAX, i16::MIN]);
             }
@@ -197,13 +205,13 @@ fn noise_is_that_of_the_data_sheet_and_grows_as_averaging_shrinks() {
             config,
             |_| [20.0, 0.0, 40.0],
             move |mut bus, _| async move {
-                set(&mut bus, 0x20, mode).await;
-                set(&mut bus, 0x23, mode >> 3 & 0x0C).await;
-                set(&mut bus, 0x22, 0x00).await;
+                write_register(&mut bus, 0x20, mode).await;
+                write_register(&mut bus, 0x23, mode >> 3 & 0x0C).await;
+                write_register(&mut bus, 0x22, 0x00).await;
                 let mut squares = [0.0; 3];
                 for _ in 0..4000 {
                     Timer::after_millis(7).await;
-                    let measured = counts(&mut bus).await.map(|c| f64::from(c) / 6842.0);
+                    let measured = counts(&mut bus).await.map(|count| f64::from(count) / 6842.0);
                     for axis in 0..3 {
                         squares[axis] += square(measured[axis] - [0.2, 0.0, 0.4][axis]);
                     }
@@ -225,7 +233,7 @@ fn temperature_has_8_counts_a_degree_from_25() {
         |_| [0.0; 3],
         |mut bus, _| async move {
             start(&mut bus).await;
-            set(&mut bus, 0x20, 0xFC).await;
+            write_register(&mut bus, 0x20, 0xFC).await;
             Timer::after_millis(20).await;
             let mut bytes = [0; 2];
             bus.write_read(ADDRESS_SA1_HIGH, &[0x2E | 0x80], &mut bytes).await.unwrap();
@@ -245,7 +253,7 @@ fn faults_show_on_the_bus() {
             let moving = counts(&mut bus).await;
             chip.borrow_mut().set_frozen(true);
             Timer::after_millis(20).await;
-            assert_eq!(get(&mut bus, 0x27).await & 0x08, 0x08, "a frozen chip still announces data");
+            assert_eq!(read_register(&mut bus, 0x27).await & 0x08, 0x08, "a frozen chip still announces data");
             assert_eq!(counts(&mut bus).await, moving);
             chip.borrow_mut().set_frozen(false);
             Timer::after_millis(20).await;
@@ -258,10 +266,10 @@ fn faults_show_on_the_bus() {
             assert!(bus.write(ADDRESS_SA1_LOW, &[0x0F]).await.is_err(), "nobody lives at the other address");
 
             chip.borrow_mut().power_cycle();
-            assert_eq!(get(&mut bus, 0x22).await, 3, "back at the reset value");
-            set(&mut bus, 0x24, 0x40).await;
-            set(&mut bus, 0x21, 0x04).await;
-            assert_eq!(get(&mut bus, 0x24).await, 0, "soft reset clears the control registers");
+            assert_eq!(read_register(&mut bus, 0x22).await, 3, "back at the reset value");
+            write_register(&mut bus, 0x24, 0x40).await;
+            write_register(&mut bus, 0x21, 0x04).await;
+            assert_eq!(read_register(&mut bus, 0x24).await, 0, "soft reset clears the control registers");
         },
     );
 }
@@ -289,16 +297,18 @@ fn self_test_and_byte_order_match_the_data_sheet() {
         |mut bus, _| async move {
             start(&mut bus).await;
             Timer::after_millis(20).await;
-            let plain = counts(&mut bus).await;
-            set(&mut bus, 0x20, 0x7D).await;
+            let without_self_test = counts(&mut bus).await;
+            write_register(&mut bus, 0x20, 0x7D).await;
             Timer::after_millis(20).await;
-            let tested = counts(&mut bus).await;
-            let added = [0, 1, 2].map(|axis| (f64::from(tested[axis] - plain[axis]) / 6842.0 * 100.0).round() as i16);
-            assert_eq!(added, [200, 200, 55]);
-            set(&mut bus, 0x20, 0x7C).await;
-            set(&mut bus, 0x23, 0x0E).await;
+            let with_self_test = counts(&mut bus).await;
+            let difference = [0, 1, 2].map(|axis| {
+                (f64::from(with_self_test[axis] - without_self_test[axis]) / 6842.0 * 100.0).round() as i16
+            });
+            assert_eq!(difference, [200, 200, 55]);
+            write_register(&mut bus, 0x20, 0x7C).await;
+            write_register(&mut bus, 0x23, 0x0E).await;
             Timer::after_millis(20).await;
-            assert_eq!(counts(&mut bus).await, plain.map(i16::swap_bytes));
+            assert_eq!(counts(&mut bus).await, without_self_test.map(i16::swap_bytes));
         },
     );
 }

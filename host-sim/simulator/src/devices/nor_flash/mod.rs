@@ -328,12 +328,12 @@ mod tests {
                 CutOutcome::Done => assert_eq!(second, OLD),
                 CutOutcome::Torn => {
                     assert!(second != OLD && second != [0xFF; 8], "seed 7 leaves some bits fallen, some not");
-                    let never_rise = second.iter().zip(OLD).all(|(torn, wanted)| torn & wanted == wanted);
+                    let never_rise = second.iter().zip(OLD).all(|(torn, programmed)| torn & programmed == programmed);
                     assert!(never_rise, "a bit that should stay one was cleared");
                 }
             }
-            let again = run(&mut simulation, write(flash.clone(), 8, OLD.to_vec())).unwrap();
-            assert_eq!(again.is_ok(), outcome == CutOutcome::NotBegun, "a touched word needs an erase");
+            let rewritten = run(&mut simulation, write(flash.clone(), 8, OLD.to_vec())).unwrap();
+            assert_eq!(rewritten.is_ok(), outcome == CutOutcome::NotBegun, "a touched word needs an erase");
         }
     }
 
@@ -351,11 +351,11 @@ mod tests {
 
         let page = flash.flash_contents();
         let (words, _) = page[..2048].as_chunks::<8>();
-        let old = words.iter().filter(|&&word| word == OLD).count();
-        let erased = words.iter().filter(|&&word| word == [0xFF; 8]).count();
+        let unchanged_count = words.iter().filter(|&&word| word == OLD).count();
+        let erased_count = words.iter().filter(|&&word| word == [0xFF; 8]).count();
         // Of 256 words a third keep their content and a third are erased, each within four standard deviations of 7.5.
-        assert!((55..=116).contains(&old), "{old} words as before");
-        assert!((55..=116).contains(&erased), "{erased} words erased");
+        assert!((55..=116).contains(&unchanged_count), "{unchanged_count} words as before");
+        assert!((55..=116).contains(&erased_count), "{erased_count} words erased");
         assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Ok(())));
         assert_eq!(flash.flash_contents()[..2048], [0xFF; 2048], "erasing again mends the page");
     }

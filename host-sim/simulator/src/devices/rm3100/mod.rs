@@ -127,8 +127,8 @@ impl Rm3100 {
     fn finish_measurement(&mut self, ended_at_us: u64) {
         for axis in 0..3 {
             let cycle_count = self.registers.cycle_count(axis);
-            let after_us: u64 = (axis + 1..3).map(|later| self.registers.axis_us(later)).sum();
-            let middle_us = ended_at_us.saturating_sub(after_us + self.registers.axis_us(axis) / 2);
+            let after_us: u64 = (axis + 1..3).map(|later| self.registers.axis_duration_us(later)).sum();
+            let middle_us = ended_at_us.saturating_sub(after_us + self.registers.axis_duration_us(axis) / 2);
             let field: Field<Sensor> = (self.source)(middle_us);
             let sigma_ut = NOISE_UT * (200.0 / f64::from(cycle_count.max(1))).sqrt() * self.config.noise_scale;
             let ut = f64::from(field.ut[axis]) + sigma_ut * self.noise.gaussian();
@@ -159,8 +159,8 @@ impl SimulatedSpiDevice for Rm3100 {
     }
 
     fn read_bytes(&mut self, bytes: &mut [u8]) {
-        if let Some(Rm3100Fault::Missing(level)) = self.fault {
-            bytes.fill(level);
+        if let Some(Rm3100Fault::Missing(idle_byte)) = self.fault {
+            bytes.fill(idle_byte);
             return;
         }
         self.catch_up();

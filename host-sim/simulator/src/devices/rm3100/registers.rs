@@ -42,7 +42,7 @@ pub(super) enum RunningMeasurement {
 /// Registers and the running measurement.
 pub(super) struct Rm3100Registers {
     bytes: [u8; REGISTER_COUNT],
-    running: Option<RunningMeasurement>,
+    running_measurement: Option<RunningMeasurement>,
 }
 
 impl Default for Rm3100Registers {
@@ -55,7 +55,7 @@ impl Default for Rm3100Registers {
         {
             bytes[usize::from(register)] = reset;
         }
-        Self { bytes, running: None }
+        Self { bytes, running_measurement: None }
     }
 }
 
@@ -89,7 +89,7 @@ impl Rm3100Registers {
             POLL_REGISTER => self.start_single(value, now_us),
             CMM_REGISTER => {
                 self.set_register(CMM_REGISTER, value);
-                self.running = self.is_continuous().then(|| RunningMeasurement::Field {
+                self.running_measurement = self.is_continuous().then(|| RunningMeasurement::Field {
                     ends_at_us: now_us + self.period_us(period_scale),
                     is_continuous: true,
                 });
@@ -110,8 +110,8 @@ impl Rm3100Registers {
 
     fn stop_continuous_mode(&mut self) {
         self.set_register(CMM_REGISTER, self.register_value(CMM_REGISTER) & !START_CONTINUOUS);
-        if matches!(self.running, Some(RunningMeasurement::Field { is_continuous: true, .. })) {
-            self.running = None;
+        if matches!(self.running_measurement, Some(RunningMeasurement::Field { is_continuous: true, .. })) {
+            self.running_measurement = None;
         }
     }
 
@@ -120,16 +120,16 @@ impl Rm3100Registers {
         if self.is_continuous() || axes & ALL_AXES != ALL_AXES {
             return;
         }
-        self.running = Some(if self.register_value(BIST_REGISTER) & SELF_TEST_ENABLE != 0 {
+        self.running_measurement = Some(if self.register_value(BIST_REGISTER) & SELF_TEST_ENABLE != 0 {
             RunningMeasurement::SelfTest { ends_at_us: now_us + SELF_TEST_US }
         } else {
-            RunningMeasurement::Field { ends_at_us: now_us + self.sequence_us(), is_continuous: false }
+            RunningMeasurement::Field { ends_at_us: now_us + self.sequence_duration_us(), is_continuous: false }
         });
     }
 
     /// Last measurement that has ended by the present time.
     pub fn take_ended(&mut self, now_us: u64, period_scale: f64) -> Option<RunningMeasurement> {
-        match self.running? {
+        match self.running_measurement? {
             RunningMeasurement::SelfTest { ends_at_us } | RunningMeasurement::Field { ends_at_us, .. }
                 if ends_at_us > now_us =>
             {
@@ -139,11 +139,11 @@ impl Rm3100Registers {
                 let period_us = self.period_us(period_scale);
                 let ended_at_us = ends_at_us + (now_us - ends_at_us) / period_us * period_us;
                 let next = |ends_at_us| RunningMeasurement::Field { ends_at_us, is_continuous: true };
-                self.running = Some(next(ended_at_us + period_us));
+                self.running_measurement = Some(next(ended_at_us + period_us));
                 Some(next(ended_at_us))
             }
             single => {
-                self.running = None;
+                self.running_measurement = None;
                 Some(single)
             }
         }
@@ -162,8 +162,8 @@ impl Rm3100Registers {
 
     pub fn set_self_test_passed(&mut self, axis: usize, passed: bool) {
         let bit = 0x10 << axis;
-        let others = self.register_value(BIST_REGISTER) & !bit;
-        self.set_register(BIST_REGISTER, if passed { others | bit } else { others });
+        let other_bits = self.register_value(BIST_REGISTER) & !bit;
+        self.set_register(BIST_REGISTER, if passed { other_bits | bit } else { other_bits });
     }
 
     pub fn set_result(&mut self, axis: usize, counts: i32) {
@@ -179,18 +179,18 @@ impl Rm3100Registers {
     }
 
     /// Time of the measurement of an axis.
-    pub fn axis_us(&self, axis: usize) -> u64 {
+    pub fn axis_duration_us(&self, axis: usize) -> u64 {
         u64::from(self.cycle_count(axis)) * NANOSECONDS_PER_CYCLE / 1000
     }
 
-    fn sequence_us(&self) -> u64 {
-        (0..3).map(|axis| self.axis_us(axis)).sum()
+    fn sequence_duration_us(&self) -> u64 {
+        (0..3).map(|axis| self.axis_duration_us(axis)).sum()
     }
 
     /// Period of the continuous mode, microseconds; at least the duration of the measurement of three axes.
     fn period_us(&self, scale: f64) -> u64 {
         let doublings = u32::from((self.register_value(TMRC_REGISTER) & 0x0F).max(2)) - 2;
         let nominal_us = SHORTEST_PERIOD_US << doublings;
-        ((nominal_us as f64 * scale).round() as u64).max(self.sequence_us())
+        ((nominal_us as f64 * scale).round() as u64).max(self.sequence_duration_us())
     }
 }

@@ -29,24 +29,24 @@ where
     assert_eq!(simulation.tasks(), 0, "the script did not end");
 }
 
-async fn get<const N: usize>(device: &mut SelectedDevice, register: u8) -> [u8; N] {
+async fn read_register<const N: usize>(device: &mut SelectedDevice, register: u8) -> [u8; N] {
     let mut values = [0; N];
     let mut transfer = [Operation::Write(&[register | 0x80]), Operation::Read(&mut values)];
     device.transaction(&mut transfer).await.unwrap();
     values
 }
 
-async fn set(device: &mut SelectedDevice, register: u8, value: u8) {
+async fn write_register(device: &mut SelectedDevice, register: u8, value: u8) {
     device.write(&[register, value]).await.unwrap();
 }
 
 async fn is_ready(device: &mut SelectedDevice) -> bool {
-    get::<1>(device, 0x34).await[0] & 0x80 != 0
+    read_register::<1>(device, 0x34).await[0] & 0x80 != 0
 }
 
 async fn counts(device: &mut SelectedDevice) -> [i32; 3] {
-    let bytes: [u8; 9] = get(device, 0x24).await;
-    [0, 3, 6].map(|at| i32::from_be_bytes([bytes[at], bytes[at + 1], bytes[at + 2], 0]) >> 8)
+    let bytes: [u8; 9] = read_register(device, 0x24).await;
+    [0, 3, 6].map(|offset| i32::from_be_bytes([bytes[offset], bytes[offset + 1], bytes[offset + 2], 0]) >> 8)
 }
 
 /// Reset values of the manual's table 5-1.
@@ -56,9 +56,9 @@ fn reset_values_are_those_of_the_manual() {
         NOISE_FREE,
         |_| [0.0; 3],
         |mut device, _| async move {
-            assert_eq!(get(&mut device, 0x04).await, [0x00, 0xC8, 0x00, 0xC8, 0x00, 0xC8]);
-            assert_eq!(get(&mut device, 0x0B).await, [0x96]);
-            assert_eq!(get(&mut device, 0x33).await, [0x00, 0x00, 0x1B, 0x22]);
+            assert_eq!(read_register(&mut device, 0x04).await, [0x00, 0xC8, 0x00, 0xC8, 0x00, 0xC8]);
+            assert_eq!(read_register(&mut device, 0x0B).await, [0x96]);
+            assert_eq!(read_register(&mut device, 0x33).await, [0x00, 0x00, 0x1B, 0x22]);
             Timer::after_millis(500).await;
             assert!(!is_ready(&mut device).await, "not started");
         },
@@ -73,11 +73,11 @@ fn every_rate_is_kept_unless_the_cycle_count_limits_it() {
             NOISE_FREE,
             |_| [0.0; 3],
             move |mut device, _| async move {
-                set(&mut device, 0x0B, tmrc).await;
-                set(&mut device, 0x01, CONTINUOUS).await;
+                write_register(&mut device, 0x0B, tmrc).await;
+                write_register(&mut device, 0x01, CONTINUOUS).await;
                 let start = Instant::now();
-                for number in 1..=3 {
-                    let due_us = f64::from(number) * period_ms * 1e3;
+                for measurement in 1..=3 {
+                    let due_us = f64::from(measurement) * period_ms * 1e3;
                     Timer::at(start + Duration::from_micros((0.98 * due_us) as u64)).await;
                     assert!(!is_ready(&mut device).await, "{tmrc:#x}: early");
                     Timer::at(start + Duration::from_micros((1.02 * due_us) as u64)).await;
@@ -97,14 +97,14 @@ fn reading_cmm_and_writing_tmrc_end_continuous_mode() {
         |_| [0.0; 3],
         |mut device, _| async move {
             for ends_by_reading in [true, false] {
-                set(&mut device, 0x01, CONTINUOUS).await;
+                write_register(&mut device, 0x01, CONTINUOUS).await;
                 Timer::after_millis(30).await;
                 assert!(is_ready(&mut device).await);
                 counts(&mut device).await;
                 if ends_by_reading {
-                    assert_eq!(get(&mut device, 0x01).await, [CONTINUOUS & !1]);
+                    assert_eq!(read_register(&mut device, 0x01).await, [CONTINUOUS & !1]);
                 } else {
-                    set(&mut device, 0x0B, 0x95).await;
+                    write_register(&mut device, 0x0B, 0x95).await;
                 }
                 Timer::after_millis(200).await;
                 assert!(!is_ready(&mut device).await);
@@ -120,15 +120,15 @@ fn a_single_measurement_takes_the_time_of_three_axes() {
         NOISE_FREE,
         |_| [1.0; 3],
         |mut device, _| async move {
-            set(&mut device, 0x00, 0x70).await;
+            write_register(&mut device, 0x00, 0x70).await;
             Timer::after_micros(6_700).await;
             assert!(!is_ready(&mut device).await);
             Timer::after_micros(150).await;
             assert!(is_ready(&mut device).await);
             assert_eq!(counts(&mut device).await, [75; 3]);
             assert!(!is_ready(&mut device).await, "reading the data clears data ready");
-            set(&mut device, 0x01, CONTINUOUS).await;
-            set(&mut device, 0x00, 0x70).await;
+            write_register(&mut device, 0x01, CONTINUOUS).await;
+            write_register(&mut device, 0x00, 0x70).await;
             Timer::after_millis(10).await;
             assert!(!is_ready(&mut device).await, "refused");
         },
@@ -143,7 +143,7 @@ fn data_ready_follows_the_selected_condition() {
             NOISE_FREE,
             |_| [0.0; 3],
             move |mut device, _| async move {
-                set(&mut device, 0x01, cmm).await;
+                write_register(&mut device, 0x01, cmm).await;
                 Timer::after_millis(40).await;
                 assert_eq!(is_ready(&mut device).await, expected, "{cmm:#x}");
             },
@@ -160,7 +160,7 @@ fn cycle_counts_have_the_gain_of_the_manual() {
             |_| [10.0, -20.0, 1e6],
             move |mut device, _| async move {
                 device.write(&[0x04, 0, cycle_count, 0, cycle_count, 0, cycle_count]).await.unwrap();
-                set(&mut device, 0x00, 0x70).await;
+                write_register(&mut device, 0x00, 0x70).await;
                 Timer::after_millis(10).await;
                 let [x, y, z] = counts(&mut device).await;
                 assert!((x - 10 * per_ut).abs() <= 5 && (y + 20 * per_ut).abs() <= 10, "{cycle_count}: {x} {y}");
@@ -184,7 +184,7 @@ fn noise_is_that_of_the_manual() {
                 let gain = counts_per_ut(cycle_count.into());
                 let mut squares = 0.0;
                 for _ in 0..1000 {
-                    set(&mut device, 0x00, 0x70).await;
+                    write_register(&mut device, 0x00, 0x70).await;
                     Timer::after_millis(7).await;
                     for (count, ut) in counts(&mut device).await.into_iter().zip([20.0, 0.0, 40.0]) {
                         squares += square(f64::from(count) / gain - ut);
@@ -206,7 +206,7 @@ fn axes_are_measured_one_after_the_other() {
         |at_us| [at_us as f32 * 1e-3; 3],
         |mut device, _| async move {
             let start_ut = (clock::now_us() + 16) as f32 * 1e-3;
-            set(&mut device, 0x00, 0x70).await;
+            write_register(&mut device, 0x00, 0x70).await;
             Timer::after_millis(10).await;
             let delays_ms = counts(&mut device).await.map(|count| count as f32 / 75.0 - start_ut);
             for (delay_ms, expected_ms) in delays_ms.into_iter().zip([1.136, 3.409, 5.682]) {
@@ -226,12 +226,12 @@ fn the_self_test_shows_the_broken_oscillator() {
             let faults = [0, 1, 2].map(|axis| Some(Rm3100Fault::BrokenOscillator(axis)));
             for (fault, result) in [None].into_iter().chain(faults).zip([0xFF, 0xEF, 0xDF, 0xBF]) {
                 chip.borrow_mut().set_fault(fault);
-                set(&mut device, 0x33, 0x8F).await;
-                set(&mut device, 0x00, 0x70).await;
+                write_register(&mut device, 0x33, 0x8F).await;
+                write_register(&mut device, 0x00, 0x70).await;
                 assert!(!is_ready(&mut device).await);
                 Timer::after_millis(1).await;
                 assert!(is_ready(&mut device).await);
-                assert_eq!(get(&mut device, 0x33).await, [result], "{fault:?}");
+                assert_eq!(read_register(&mut device, 0x33).await, [result], "{fault:?}");
             }
         },
     );
@@ -243,17 +243,17 @@ fn faults_show_on_the_bus() {
         NOISE_FREE,
         |at_us| [at_us as f32 / 1e4; 3],
         |mut device, chip| async move {
-            set(&mut device, 0x0B, 0x95).await;
-            set(&mut device, 0x01, CONTINUOUS).await;
+            write_register(&mut device, 0x0B, 0x95).await;
+            write_register(&mut device, 0x01, CONTINUOUS).await;
             let set_fault = |fault| chip.borrow_mut().set_fault(fault);
-            for level in [0xFF, 0x00] {
-                set_fault(Some(Rm3100Fault::Missing(level)));
-                set(&mut device, 0x05, 1).await;
-                assert_eq!(get(&mut device, 0x34).await, [level; 3]);
+            for idle_byte in [0xFF, 0x00] {
+                set_fault(Some(Rm3100Fault::Missing(idle_byte)));
+                write_register(&mut device, 0x05, 1).await;
+                assert_eq!(read_register(&mut device, 0x34).await, [idle_byte; 3]);
             }
             set_fault(Some(Rm3100Fault::Identity(0x23)));
-            assert_eq!(get(&mut device, 0x36).await, [0x23]);
-            assert_eq!(get(&mut device, 0x05).await, [0xC8], "a missing chip is not written");
+            assert_eq!(read_register(&mut device, 0x36).await, [0x23]);
+            assert_eq!(read_register(&mut device, 0x05).await, [0xC8], "a missing chip is not written");
             let before = counts(&mut device).await;
             set_fault(Some(Rm3100Fault::StuckAxis(1)));
             Timer::after_millis(30).await;
@@ -266,9 +266,12 @@ fn faults_show_on_the_bus() {
             assert!(is_ready(&mut device).await);
 
             chip.borrow_mut().flip_register_bits(0x05, 0x08);
-            assert_eq!(get(&mut device, 0x05).await, [0xC0]);
+            assert_eq!(read_register(&mut device, 0x05).await, [0xC0]);
             chip.borrow_mut().power_cycle();
-            assert_eq!((get(&mut device, 0x05).await, get(&mut device, 0x0B).await), ([0xC8], [0x96]));
+            assert_eq!(
+                (read_register(&mut device, 0x05).await, read_register(&mut device, 0x0B).await),
+                ([0xC8], [0x96])
+            );
             Timer::after_millis(200).await;
             assert!(!is_ready(&mut device).await, "continuous mode is lost");
         },

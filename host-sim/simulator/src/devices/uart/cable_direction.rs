@@ -32,26 +32,26 @@ pub(super) struct CableDirection {
     /// End of the last transmission in microseconds times baud, which avoids rounding.
     free_at: u64,
     /// Sent bytes not yet moved to the receive buffer.
-    wire: VecDeque<TimedByte>,
+    in_transit: VecDeque<TimedByte>,
     received: VecDeque<TimedByte>,
     capacity: usize,
     lost_bytes: u64,
     error: Option<UartError>,
-    delivery: WakeCondition,
+    wake_condition: WakeCondition,
     reader: Option<Waker>,
 }
 
 impl CableDirection {
-    pub fn new(baud: u32, capacity: usize, delivery: WakeCondition) -> Self {
+    pub fn new(baud: u32, capacity: usize, wake_condition: WakeCondition) -> Self {
         Self {
             baud: u64::from(baud),
             free_at: 0,
-            wire: VecDeque::new(),
+            in_transit: VecDeque::new(),
             received: VecDeque::new(),
             capacity,
             lost_bytes: 0,
             error: None,
-            delivery,
+            wake_condition,
             reader: None,
         }
     }
@@ -61,7 +61,7 @@ impl CableDirection {
         self.free_at = self.free_at.max(now_us * self.baud);
         for &byte in bytes {
             self.free_at += BITS_PER_BYTE * MICROSECONDS_PER_SECOND;
-            self.wire.push_back(TimedByte { arrives_at_us: self.free_at_us(), byte });
+            self.in_transit.push_back(TimedByte { arrives_at_us: self.free_at_us(), byte });
         }
         if let Some(reader) = self.reader.take() {
             self.wake_on_delivery(&reader);
@@ -82,13 +82,13 @@ impl CableDirection {
 
     /// Number of bytes in transmission.
     pub fn bytes_in_transit(&self, now_us: u64) -> usize {
-        self.wire.len() - self.wire.partition_point(|timed_byte| timed_byte.arrives_at_us <= now_us)
+        self.in_transit.len() - self.in_transit.partition_point(|timed_byte| timed_byte.arrives_at_us <= now_us)
     }
 
     /// Drops bytes in transmission, as when the sender is switched off.
     pub fn drop_in_transit(&mut self, now_us: u64) {
         self.deliver_arrived_bytes(now_us);
-        self.wire.clear();
+        self.in_transit.clear();
         self.free_at = now_us * self.baud;
     }
 
@@ -100,10 +100,10 @@ impl CableDirection {
         self.reader = None;
     }
 
-    /// Returns at most `limit` received bytes.
-    pub fn take_received(&mut self, limit: usize, now_us: u64) -> Vec<TimedByte> {
+    /// Returns at most `max_bytes` received bytes.
+    pub fn take_received(&mut self, max_bytes: usize, now_us: u64) -> Vec<TimedByte> {
         self.deliver_arrived_bytes(now_us);
-        let count = limit.min(self.received.len());
+        let count = max_bytes.min(self.received.len());
         self.received.drain(..count).collect()
     }
 
@@ -135,14 +135,14 @@ impl CableDirection {
     }
 
     pub fn wake_at_next_arrival(&self, now_us: u64, waker: &Waker) {
-        if let Some(next) = self.wire.iter().find(|timed_byte| timed_byte.arrives_at_us > now_us) {
+        if let Some(next) = self.in_transit.iter().find(|timed_byte| timed_byte.arrives_at_us > now_us) {
             embassy_time_driver::schedule_wake(next.arrives_at_us, waker);
         }
     }
 
     /// Moves arrived bytes into the receive buffer. An overflow loses bytes and sets the overrun error.
     fn deliver_arrived_bytes(&mut self, now_us: u64) {
-        while let Some(timed_byte) = self.wire.pop_front_if(|timed_byte| timed_byte.arrives_at_us <= now_us) {
+        while let Some(timed_byte) = self.in_transit.pop_front_if(|timed_byte| timed_byte.arrives_at_us <= now_us) {
             if self.received.len() < self.capacity {
                 self.received.push_back(timed_byte);
             } else {
@@ -153,22 +153,23 @@ impl CableDirection {
     }
 
     fn wake_on_delivery(&self, waker: &Waker) {
-        if let Some(at_us) = self.delivery_us() {
+        if let Some(at_us) = self.delivery_time_us() {
             embassy_time_driver::schedule_wake(at_us, waker);
         }
     }
 
-    fn delivery_us(&self) -> Option<u64> {
-        match self.delivery {
-            WakeCondition::EachByte => self.wire.front().map(|timed_byte| timed_byte.arrives_at_us),
+    fn delivery_time_us(&self) -> Option<u64> {
+        match self.wake_condition {
+            WakeCondition::EachByte => self.in_transit.front().map(|timed_byte| timed_byte.arrives_at_us),
             WakeCondition::IdleLine => {
                 // First byte that is followed by a pause or fills half of the buffer.
                 let pause_us = 2 * self.byte_time_us();
-                let half = self.capacity / 2;
-                let next = self.wire.iter().skip(1).map(|timed_byte| Some(timed_byte.arrives_at_us)).chain([None]);
-                self.wire.iter().zip(next).zip(1..).find_map(|((timed_byte, next), count)| {
+                let half_capacity = self.capacity / 2;
+                let next =
+                    self.in_transit.iter().skip(1).map(|timed_byte| Some(timed_byte.arrives_at_us)).chain([None]);
+                self.in_transit.iter().zip(next).zip(1..).find_map(|((timed_byte, next), count)| {
                     let idle = next.is_none_or(|next_us| next_us > timed_byte.arrives_at_us + pause_us);
-                    if count >= half {
+                    if count >= half_capacity {
                         Some(timed_byte.arrives_at_us)
                     } else {
                         idle.then(|| timed_byte.arrives_at_us + self.byte_time_us())

@@ -31,12 +31,12 @@ pub struct UartConfig {
     /// Transmit buffer of the module, bytes; a write waits while it is full.
     pub transmit_buffer: usize,
     /// Condition that wakes the module's reader.
-    pub delivery: WakeCondition,
+    pub wake_condition: WakeCondition,
 }
 
 impl Default for UartConfig {
     fn default() -> Self {
-        Self { baud: 115_200, receive_buffer: 512, transmit_buffer: 256, delivery: WakeCondition::IdleLine }
+        Self { baud: 115_200, receive_buffer: 512, transmit_buffer: 256, wake_condition: WakeCondition::IdleLine }
     }
 }
 
@@ -52,7 +52,11 @@ impl SerialCable {
     #[must_use]
     pub fn new(config: UartConfig) -> Self {
         Self {
-            to_module: Rc::new(RefCell::new(CableDirection::new(config.baud, config.receive_buffer, config.delivery))),
+            to_module: Rc::new(RefCell::new(CableDirection::new(
+                config.baud,
+                config.receive_buffer,
+                config.wake_condition,
+            ))),
             to_host: Rc::new(RefCell::new(CableDirection::new(config.baud, usize::MAX, WakeCondition::EachByte))),
             transmit_buffer: config.transmit_buffer,
         }

@@ -20,7 +20,7 @@ fn spawn_reader(simulation: &mut Simulation, mut receiver: Receiver) -> Log<(u64
 #[test]
 fn bytes_arrive_at_the_baud_rate_to_the_microsecond() {
     let mut simulation = Simulation::new();
-    let cable = SerialCable::new(UartConfig { delivery: WakeCondition::EachByte, ..UartConfig::default() });
+    let cable = SerialCable::new(UartConfig { wake_condition: WakeCondition::EachByte, ..UartConfig::default() });
     let (receiver, _transmitter) = cable.module_ends();
     let reads = spawn_reader(&mut simulation, receiver);
     cable.host_end().send_bytes(b"ab");

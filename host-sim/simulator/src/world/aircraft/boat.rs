@@ -26,12 +26,14 @@ impl Boat {
         Self { config, water, heading_rad: config.heading_deg.to_radians(), turn_rate_rad_s: 0.0 }
     }
 
-    pub fn next_motion(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
+    pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> Motion {
         self.turn_rate_rad_s += (command.flat_turn_rate_rad_s() - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
-        let time_s = before.time_us as f64 / 1e6;
-        let [ahead, right] =
-            forward_right(self.heading_rad, self.water.surface_slope([before.north_m, before.east_m], time_s));
+        let time_s = previous_state.time_us as f64 / 1e6;
+        let [ahead, right] = forward_right(
+            self.heading_rad,
+            self.water.surface_slope([previous_state.north_m, previous_state.east_m], time_s),
+        );
         let speed_m_s = self.config.speed_m_s;
         let turning_m_s2 = speed_m_s * self.turn_rate_rad_s;
         let [rolled_rad, pitch_rad] = roll_pitch_on_slope([PITCH_PER_SLOPE * ahead, ROLL_PER_SLOPE * right]);

@@ -38,7 +38,7 @@ impl VehicleKind {
     /// The kind with this name, if any.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL_VEHICLES.into_iter().find(|kind| kind.vehicle_name() == name)
+        Self::ALL_VEHICLES.into_iter().find(|vehicle_kind| vehicle_kind.vehicle_name() == name)
     }
 
     /// Whether this kind can hover.

@@ -41,15 +41,16 @@ const THRUST_PER_GUST_S_M: f64 = 0.1;
 /// Roll or pitch angle under cascaded angle and rate control, with a first-order response of the rate.
 #[derive(Clone, Copy, Debug, Default)]
 struct TiltControl {
-    rad: f64,
+    angle_rad: f64,
     rate_rad_s: f64,
 }
 
 impl TiltControl {
     fn next_angle(&mut self, wanted_rad: f64) {
-        let wanted_rate = ((wanted_rad - self.rad) / TILT_TIME_S).clamp(-MAX_TILT_RATE_RAD_S, MAX_TILT_RATE_RAD_S);
+        let wanted_rate =
+            ((wanted_rad - self.angle_rad) / TILT_TIME_S).clamp(-MAX_TILT_RATE_RAD_S, MAX_TILT_RATE_RAD_S);
         self.rate_rad_s += (wanted_rate - self.rate_rad_s) * STEP_S / TILT_RATE_TIME_S;
-        self.rad += self.rate_rad_s * STEP_S;
+        self.angle_rad += self.rate_rad_s * STEP_S;
     }
 }
 
@@ -65,7 +66,7 @@ pub(super) struct Copter {
     turn_rate_rad_s: f64,
     velocity_m_s: [f64; 2],
     /// Hover position set point, north and east, metres.
-    spot_m: [f64; 2],
+    set_point_m: [f64; 2],
 }
 
 impl Copter {
@@ -80,7 +81,7 @@ impl Copter {
             heading_rad: config.heading_deg.to_radians(),
             turn_rate_rad_s: 0.0,
             velocity_m_s: [0.0; 2],
-            spot_m: [0.0; 2],
+            set_point_m: [0.0; 2],
         }
     }
 
@@ -91,17 +92,18 @@ impl Copter {
         self.velocity_m_s = [state.north_m_s, state.east_m_s];
     }
 
-    pub fn next_motion(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
-        let (wanted_m_s2, turn_rate_rad_s) = self.desired_motion(command, before);
+    pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> Motion {
+        let (wanted_m_s2, turn_rate_rad_s) = self.desired_motion(command, previous_state);
         self.turn_rate_rad_s += (turn_rate_rad_s - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
         self.pitch.next_angle(libm::atan(-wanted_m_s2[0] / GRAVITY_M_S2));
-        self.roll.next_angle(libm::atan(wanted_m_s2[1] * libm::cos(self.pitch.rad) / GRAVITY_M_S2));
+        self.roll.next_angle(libm::atan(wanted_m_s2[1] * libm::cos(self.pitch.angle_rad) / GRAVITY_M_S2));
 
         let disturbance = self.turbulence.next_disturbances();
-        let (roll_rad, pitch_rad) = (self.roll.rad + disturbance.bank_rad, self.pitch.rad + disturbance.pitch_rad);
+        let (roll_rad, pitch_rad) =
+            (self.roll.angle_rad + disturbance.bank_rad, self.pitch.angle_rad + disturbance.pitch_rad);
         let thrust_m_s2 =
-            [-libm::tan(pitch_rad), libm::tan(roll_rad) / libm::cos(pitch_rad)].map(|part| GRAVITY_M_S2 * part);
+            [-libm::tan(pitch_rad), libm::tan(roll_rad) / libm::cos(pitch_rad)].map(|tangent| GRAVITY_M_S2 * tangent);
         let thrust_north_east_m_s2 = north_east(self.heading_rad, thrust_m_s2);
         let gust = north_east(self.heading_rad, [disturbance.along_m_s, disturbance.across_m_s]);
         let (wind_north, wind_east) = self.weather.wind_velocity_m_s();
@@ -128,26 +130,26 @@ impl Copter {
     }
 
     /// Desired acceleration along the nose and to the right (m/s^2), and turn rate (rad/s).
-    fn desired_motion(&mut self, command: VehicleCommand, before: &TrueState) -> ([f64; 2], f64) {
-        let position_m = [before.north_m, before.east_m];
+    fn desired_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> ([f64; 2], f64) {
+        let position_m = [previous_state.north_m, previous_state.east_m];
         let is_at_rest = libm::hypot(self.velocity_m_s[0], self.velocity_m_s[1]) < AT_REST_M_S;
-        if !(matches!(command.translation_mode, TranslationMode::OnTheSpot) && is_at_rest) {
-            self.spot_m = position_m;
+        if !(matches!(command.translation_mode, TranslationMode::HoldPosition) && is_at_rest) {
+            self.set_point_m = position_m;
         }
         let own_limit_m_s2 = GRAVITY_M_S2 * libm::tan(self.limits.max_controller_tilt_deg.to_radians());
         match command.translation_mode {
-            TranslationMode::OnTheSpot => {
-                let back = std::array::from_fn(|i| {
-                    POSITION_GAIN_S2 * (self.spot_m[i] - position_m[i]) - VELOCITY_GAIN_S * self.velocity_m_s[i]
+            TranslationMode::HoldPosition => {
+                let braking = std::array::from_fn(|i| {
+                    POSITION_GAIN_S2 * (self.set_point_m[i] - position_m[i]) - VELOCITY_GAIN_S * self.velocity_m_s[i]
                 });
-                (clamp_length(forward_right(self.heading_rad, back), own_limit_m_s2), command.turn_rate_rad_s)
+                (clamp_length(forward_right(self.heading_rad, braking), own_limit_m_s2), command.turn_rate_rad_s)
             }
-            TranslationMode::Pushed { toward_rad, tilt_rad } => {
+            TranslationMode::HoldTilt { toward_rad, tilt_rad } => {
                 let (sin, cos) = libm::sincos(toward_rad);
                 let size_m_s2 = GRAVITY_M_S2 * libm::tan(tilt_rad);
                 ([size_m_s2 * cos, size_m_s2 * sin], command.turn_rate_rad_s)
             }
-            TranslationMode::Onward => {
+            TranslationMode::Forward => {
                 let [forward, right] = forward_right(self.heading_rad, self.velocity_m_s);
                 let errors = [self.config.speed_m_s - forward, -right].map(|error| VELOCITY_GAIN_S * error);
                 let [ahead, across] = clamp_length(errors, own_limit_m_s2);
@@ -158,8 +160,8 @@ impl Copter {
     }
 }
 
-/// The vector, shortened to a length of at most `most`.
-fn clamp_length(vector: [f64; 2], most: f64) -> [f64; 2] {
-    let share = (most / libm::hypot(vector[0], vector[1])).min(1.0);
-    vector.map(|part| part * share)
+/// The vector, shortened to `max_length` if it is longer.
+fn clamp_length(vector: [f64; 2], max_length: f64) -> [f64; 2] {
+    let scale = (max_length / libm::hypot(vector[0], vector[1])).min(1.0);
+    vector.map(|component| component * scale)
 }

@@ -24,14 +24,17 @@ pub(super) struct AttitudeInterpolation {
 }
 
 impl AttitudeInterpolation {
-    /// Interpolation to an attitude received now; `before` is the interpolation to the previous one. The first attitude
-    /// sets the aircraft without a turn: the world's own attitude before it means nothing. Of several attitudes at one
-    /// instant, as after a stall, the last one counts.
-    pub fn new(before: Option<&Self>, state: &TrueState, received: Euler) -> Self {
-        let replaced = before.filter(|before| before.received_us == state.time_us);
-        let takes_us = match (replaced, before) {
+    /// Interpolation to an attitude received now; `previous_interpolation` leads to the previous one. The first
+    /// attitude sets the aircraft without a turn: the world's own attitude before it means nothing. Of several
+    /// attitudes at one instant, as after a stall, the last one counts.
+    pub fn new(previous_interpolation: Option<&Self>, state: &TrueState, received: Euler) -> Self {
+        let replaced =
+            previous_interpolation.filter(|previous_interpolation| previous_interpolation.received_us == state.time_us);
+        let takes_us = match (replaced, previous_interpolation) {
             (Some(replaced), _) => replaced.takes_us,
-            (None, Some(before)) => (state.time_us - before.received_us).min(MAX_INTERPOLATION_US),
+            (None, Some(previous_interpolation)) => {
+                (state.time_us - previous_interpolation.received_us).min(MAX_INTERPOLATION_US)
+            }
             (None, None) => 0,
         };
         let from =
@@ -44,11 +47,11 @@ impl AttitudeInterpolation {
         Self { from, change, received_us: state.time_us, takes_us }
     }
 
-    /// State one step after `before`.
-    pub fn next_state(&self, before: &TrueState) -> TrueState {
-        let time_us = before.time_us + STEP_US;
+    /// State one step after `previous_state`.
+    pub fn next_state(&self, previous_state: &TrueState) -> TrueState {
+        let time_us = previous_state.time_us + STEP_US;
         let share = ((time_us - self.received_us) as f64 / self.takes_us as f64).min(1.0);
-        let is_moving = before.time_us < self.received_us + self.takes_us;
+        let is_moving = previous_state.time_us < self.received_us + self.takes_us;
         let rate = |change_rad: f64| if is_moving { change_rad / (self.takes_us as f64 / 1e6) } else { 0.0 };
         let Self { from, change, .. } = self;
         TrueState {
@@ -59,8 +62,8 @@ impl AttitudeInterpolation {
             roll_rate_rad_s: rate(change.roll_rad),
             pitch_rate_rad_s: rate(change.pitch_rad),
             heading_rate_rad_s: rate(change.heading_rad),
-            north_m: before.north_m,
-            east_m: before.east_m,
+            north_m: previous_state.north_m,
+            east_m: previous_state.east_m,
             ..TrueState::default()
         }
     }

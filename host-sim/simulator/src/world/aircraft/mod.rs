@@ -49,13 +49,13 @@ impl Vehicle {
         }
     }
 
-    fn next_motion(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
+    fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> Motion {
         match self {
             Self::Plane(plane) => plane.next_motion(command),
-            Self::Copter(copter) => copter.next_motion(command, before),
-            Self::Vtol(vtol) => vtol.next_motion(command, before),
-            Self::Rover(rover) => rover.next_motion(command, before),
-            Self::Boat(boat) => boat.next_motion(command, before),
+            Self::Copter(copter) => copter.next_motion(command, previous_state),
+            Self::Vtol(vtol) => vtol.next_motion(command, previous_state),
+            Self::Rover(rover) => rover.next_motion(command, previous_state),
+            Self::Boat(boat) => boat.next_motion(command, previous_state),
         }
     }
 }
@@ -78,11 +78,11 @@ pub struct PrescribedMotion {
 #[derive(Clone, Debug)]
 enum MotionSource {
     /// The vehicle model and its autopilot.
-    ByItself,
+    VehicleModel,
     /// A prescribed motion, with its start time in microseconds.
-    Carried(PrescribedMotion, u64),
+    Prescribed(PrescribedMotion, u64),
     /// Attitudes from an external simulator.
-    Followed(AttitudeInterpolation),
+    External(AttitudeInterpolation),
 }
 
 /// Vehicle and its autopilot.
@@ -102,7 +102,7 @@ impl Aircraft {
         let mut aircraft = Self {
             vehicle: Vehicle::new(config, weather, seed),
             autopilot: Autopilot::new(config.kind.can_hover()),
-            motion_source: MotionSource::ByItself,
+            motion_source: MotionSource::VehicleModel,
             state: TrueState { time_us: start_us, heading_rad, ..TrueState::default() },
         };
         // The first step computes an attitude from which rates can be differentiated. A rover or boat starts at the
@@ -134,28 +134,28 @@ impl Aircraft {
 
     /// Replaces the vehicle model by a prescribed motion.
     pub fn set_motion(&mut self, prescribed_motion: PrescribedMotion) {
-        self.motion_source = MotionSource::Carried(prescribed_motion, self.state.time_us);
+        self.motion_source = MotionSource::Prescribed(prescribed_motion, self.state.time_us);
     }
 
     /// Returns control to the vehicle model, which continues from its own last state.
     pub fn end_prescribed_motion(&mut self) {
-        self.motion_source = MotionSource::ByItself;
+        self.motion_source = MotionSource::VehicleModel;
     }
 
     /// Moves toward an attitude received now from an external simulator.
     pub fn follow_attitude(&mut self, received: Euler) {
-        let before = if let MotionSource::Followed(followed) = &self.motion_source { Some(followed) } else { None };
-        self.motion_source = MotionSource::Followed(AttitudeInterpolation::new(before, &self.state, received));
+        let before = if let MotionSource::External(followed) = &self.motion_source { Some(followed) } else { None };
+        self.motion_source = MotionSource::External(AttitudeInterpolation::new(before, &self.state, received));
     }
 
     /// Advances by one integration step.
     pub fn advance_step(&mut self) {
         match &self.motion_source {
-            MotionSource::ByItself => self.advance_vehicle_model(),
-            MotionSource::Carried(prescribed_motion, since_us) => {
+            MotionSource::VehicleModel => self.advance_vehicle_model(),
+            MotionSource::Prescribed(prescribed_motion, since_us) => {
                 self.state = self.state_in_prescribed_motion(*prescribed_motion, *since_us);
             }
-            MotionSource::Followed(followed) => self.state = followed.next_state(&self.state),
+            MotionSource::External(followed) => self.state = followed.next_state(&self.state),
         }
     }
 

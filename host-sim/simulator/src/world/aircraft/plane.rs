@@ -25,39 +25,45 @@ struct UndisturbedAttitude {
 pub(super) struct Plane {
     config: VehicleConfig,
     weather: Weather,
-    air: Turbulence,
-    flown: UndisturbedAttitude,
+    turbulence: Turbulence,
+    undisturbed_attitude: UndisturbedAttitude,
     /// Direction of motion through the air, radians, not wrapped.
-    air_course: f64,
+    air_course_rad: f64,
 }
 
 impl Plane {
     pub fn new(config: VehicleConfig, weather: Weather, seed: u64) -> Self {
-        let air_course = config.heading_deg.to_radians();
-        Self { config, weather, air: Turbulence::new(weather, seed), flown: UndisturbedAttitude::default(), air_course }
+        let air_course_rad = config.heading_deg.to_radians();
+        Self {
+            config,
+            weather,
+            turbulence: Turbulence::new(weather, seed),
+            undisturbed_attitude: UndisturbedAttitude::default(),
+            air_course_rad,
+        }
     }
 
     /// Continues from a state of another vehicle model, wings level at first.
     pub fn continue_from(&mut self, state: &TrueState) {
-        self.flown = UndisturbedAttitude::default();
-        self.air_course = state.heading_rad;
+        self.undisturbed_attitude = UndisturbedAttitude::default();
+        self.air_course_rad = state.heading_rad;
     }
 
     pub fn next_motion(&mut self, command: VehicleCommand) -> Motion {
         self.follow_command(command);
-        let disturbance = self.air.next_disturbances();
+        let disturbance = self.turbulence.next_disturbances();
         let airspeed_m_s = self.config.airspeed_m_s;
         let sideslip_rad = disturbance.across_m_s / airspeed_m_s;
         let upwash_rad = disturbance.vertical_m_s / airspeed_m_s;
-        let roll_rad = self.flown.bank + disturbance.bank_rad + BANK_PER_SIDESLIP * sideslip_rad;
-        let pitch_rad = self.flown.pitch + disturbance.pitch_rad + PITCH_PER_UPWASH * upwash_rad;
+        let roll_rad = self.undisturbed_attitude.bank + disturbance.bank_rad + BANK_PER_SIDESLIP * sideslip_rad;
+        let pitch_rad = self.undisturbed_attitude.pitch + disturbance.pitch_rad + PITCH_PER_UPWASH * upwash_rad;
         // Coordinated turn: the horizontal lift component turns the velocity through the air. The nose points along
         // that velocity less the sideslip.
-        self.air_course += GRAVITY_M_S2 * libm::tan(roll_rad) / airspeed_m_s * STEP_S;
-        let heading_rad = self.air_course - sideslip_rad;
+        self.air_course_rad += GRAVITY_M_S2 * libm::tan(roll_rad) / airspeed_m_s * STEP_S;
+        let heading_rad = self.air_course_rad - sideslip_rad;
 
         let (wind_north_m_s, wind_east_m_s) = self.weather.wind_velocity_m_s();
-        let (sin_course, cos_course) = libm::sincos(self.air_course);
+        let (sin_course, cos_course) = libm::sincos(self.air_course_rad);
         Motion {
             roll_rad,
             pitch_rad,
@@ -73,12 +79,14 @@ impl Plane {
     }
 
     fn follow_command(&mut self, command: VehicleCommand) {
-        let limit = self.config.max_roll_rate_deg_s.to_radians();
-        let wanted_rate = ((command.bank_rad - self.flown.bank) / BANK_TIME_S).clamp(-limit, limit);
-        self.flown.bank_rate += (wanted_rate - self.flown.bank_rate) * STEP_S / ROLL_RATE_TIME_S;
-        self.flown.bank += self.flown.bank_rate * STEP_S;
-        let load_factor = libm::cos(self.flown.bank).recip();
+        let max_roll_rate_rad_s = self.config.max_roll_rate_deg_s.to_radians();
+        let wanted_rate = ((command.bank_rad - self.undisturbed_attitude.bank) / BANK_TIME_S)
+            .clamp(-max_roll_rate_rad_s, max_roll_rate_rad_s);
+        self.undisturbed_attitude.bank_rate +=
+            (wanted_rate - self.undisturbed_attitude.bank_rate) * STEP_S / ROLL_RATE_TIME_S;
+        self.undisturbed_attitude.bank += self.undisturbed_attitude.bank_rate * STEP_S;
+        let load_factor = libm::cos(self.undisturbed_attitude.bank).recip();
         let wanted_pitch = command.pitch_rad + PITCH_PER_LOAD_DEG.to_radians() * (load_factor - 1.0);
-        self.flown.pitch += (wanted_pitch - self.flown.pitch) * STEP_S / PITCH_TIME_S;
+        self.undisturbed_attitude.pitch += (wanted_pitch - self.undisturbed_attitude.pitch) * STEP_S / PITCH_TIME_S;
     }
 }

@@ -13,7 +13,7 @@ struct Wave {
     /// Slope amplitude (height over distance).
     slope: f64,
     /// Wave number north and east, radians per metre.
-    number_per_m: [f64; 2],
+    rad_per_m: [f64; 2],
     /// Unit direction vector, north and east.
     direction: [f64; 2],
     /// Angular frequency, radians per second; zero for ground.
@@ -45,8 +45,8 @@ impl Surface {
         let directions = [toward_rad - WAVE_DIRECTION_SPREAD_RAD, toward_rad + WAVE_DIRECTION_SPREAD_RAD];
         let travelling = |wave: Wave| {
             // Dispersion relation of deep water: w^2 = g k.
-            let number_per_m = libm::hypot(wave.number_per_m[0], wave.number_per_m[1]);
-            Wave { frequency_rad_s: (GRAVITY_M_S2 * number_per_m).sqrt(), ..wave }
+            let rad_per_m = libm::hypot(wave.rad_per_m[0], wave.rad_per_m[1]);
+            Wave { frequency_rad_s: (GRAVITY_M_S2 * rad_per_m).sqrt(), ..wave }
         };
         Self((0..WAVE_COUNT).map(|_| travelling(Wave::new(&mut random, slope, [8.0, 20.0], directions))).collect())
     }
@@ -54,7 +54,7 @@ impl Surface {
     /// Slope to the north and to the east, upward positive (height over distance).
     pub fn surface_slope(&self, [north_m, east_m]: [f64; 2], time_s: f64) -> [f64; 2] {
         self.0.iter().fold([0.0; 2], |sum, wave| {
-            let [number_north, number_east] = wave.number_per_m;
+            let [number_north, number_east] = wave.rad_per_m;
             let phase_rad = number_north * north_m + number_east * east_m - wave.frequency_rad_s * time_s;
             let slope = wave.slope * libm::cos(phase_rad + wave.phase_rad);
             [sum[0] + slope * wave.direction[0], sum[1] + slope * wave.direction[1]]
@@ -68,10 +68,10 @@ impl Wave {
         // The wavelength is distributed uniformly in its logarithm.
         let length_m = libm::exp(random.uniform(libm::log(lengths_m[0]), libm::log(lengths_m[1])));
         let (sin, cos) = libm::sincos(random.uniform(directions_rad[0], directions_rad[1]));
-        let number_per_m = TAU / length_m;
+        let rad_per_m = TAU / length_m;
         Self {
             slope,
-            number_per_m: [number_per_m * cos, number_per_m * sin],
+            rad_per_m: [rad_per_m * cos, rad_per_m * sin],
             direction: [cos, sin],
             frequency_rad_s: 0.0,
             phase_rad: random.uniform(0.0, TAU),

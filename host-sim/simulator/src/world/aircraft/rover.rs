@@ -23,10 +23,13 @@ impl Rover {
         Self { config, ground, heading_rad: config.heading_deg.to_radians(), turn_rate_rad_s: 0.0 }
     }
 
-    pub fn next_motion(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
+    pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> Motion {
         self.turn_rate_rad_s += (command.flat_turn_rate_rad_s() - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
-        let slope = forward_right(self.heading_rad, self.ground.surface_slope([before.north_m, before.east_m], 0.0));
+        let slope = forward_right(
+            self.heading_rad,
+            self.ground.surface_slope([previous_state.north_m, previous_state.east_m], 0.0),
+        );
         let [roll_rad, pitch_rad] = roll_pitch_on_slope(slope);
         let (sin, cos) = libm::sincos(self.heading_rad);
         let speed_m_s = self.config.speed_m_s;

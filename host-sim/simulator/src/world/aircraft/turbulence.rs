@@ -2,7 +2,7 @@
 
 use super::STEP_S;
 use crate::random::{RandomStream, StreamPurpose};
-use crate::world::gauss_markov::SecondOrder;
+use crate::world::gauss_markov::SecondOrderProcess;
 use crate::world::weather::Weather;
 
 /// Gust correlation time, seconds: turbulence length near the ground (50 m) over an airspeed of 20 m/s.
@@ -10,11 +10,11 @@ const GUST_TIME_S: f64 = 2.5;
 
 #[derive(Clone, Debug)]
 pub(super) struct Turbulence {
-    bank: SecondOrder,
-    pitch: SecondOrder,
-    gust_across_m_s: SecondOrder,
-    gust_vertical_m_s: SecondOrder,
-    gust_along_m_s: SecondOrder,
+    bank: SecondOrderProcess,
+    pitch: SecondOrderProcess,
+    gust_across_m_s: SecondOrderProcess,
+    gust_vertical_m_s: SecondOrderProcess,
+    gust_along_m_s: SecondOrderProcess,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -34,7 +34,7 @@ pub(super) struct Disturbances {
 impl Turbulence {
     pub fn new(weather: Weather, seed: u64) -> Self {
         let process =
-            |sigma, time_s, purpose| SecondOrder::new(sigma, time_s, STEP_S, RandomStream::new(seed, purpose));
+            |sigma, time_s, purpose| SecondOrderProcess::new(sigma, time_s, STEP_S, RandomStream::new(seed, purpose));
         let gauss_markov = |sigma_deg: f64, purpose| process(sigma_deg.to_radians(), weather.wander_time_s, purpose);
         let gust = |purpose| process(weather.gust_m_s, GUST_TIME_S, purpose);
         Self {

@@ -34,7 +34,7 @@ struct TransitionDifference {
 pub(super) struct Vtol {
     copter: Copter,
     plane: Plane,
-    on_wings: bool,
+    is_wing_borne: bool,
     difference: TransitionDifference,
 }
 
@@ -43,28 +43,32 @@ impl Vtol {
         Self {
             copter: Copter::new(config, ROTOR_BORNE_LIMITS, weather, seed),
             plane: Plane::new(config, weather, seed),
-            on_wings: false,
+            is_wing_borne: false,
             difference: TransitionDifference::default(),
         }
     }
 
-    pub fn next_motion(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
-        let on_wings = matches!(command.translation_mode, TranslationMode::Onward);
-        let takes_over = on_wings != self.on_wings;
-        self.on_wings = on_wings;
-        if takes_over && on_wings {
-            self.plane.continue_from(before);
+    pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> Motion {
+        let is_wing_borne = matches!(command.translation_mode, TranslationMode::Forward);
+        let takes_over = is_wing_borne != self.is_wing_borne;
+        self.is_wing_borne = is_wing_borne;
+        if takes_over && is_wing_borne {
+            self.plane.continue_from(previous_state);
         } else if takes_over {
-            self.copter.continue_from(before);
+            self.copter.continue_from(previous_state);
         }
-        let motion = if on_wings { self.plane.next_motion(command) } else { self.copter.next_motion(command, before) };
+        let motion = if is_wing_borne {
+            self.plane.next_motion(command)
+        } else {
+            self.copter.next_motion(command, previous_state)
+        };
         if takes_over {
             self.difference = TransitionDifference {
-                roll_rad: before.roll_rad - motion.roll_rad,
-                pitch_rad: before.pitch_rad - motion.pitch_rad,
-                heading_rad: before.heading_rad - motion.heading_rad,
-                north_m_s: before.north_m_s - motion.north_m_s,
-                east_m_s: before.east_m_s - motion.east_m_s,
+                roll_rad: previous_state.roll_rad - motion.roll_rad,
+                pitch_rad: previous_state.pitch_rad - motion.pitch_rad,
+                heading_rad: previous_state.heading_rad - motion.heading_rad,
+                north_m_s: previous_state.north_m_s - motion.north_m_s,
+                east_m_s: previous_state.east_m_s - motion.east_m_s,
                 ..TransitionDifference::default()
             };
         }
@@ -73,24 +77,25 @@ impl Vtol {
 
     /// Adds the remaining difference to a motion, and advances its decay by one step.
     fn with_difference(&mut self, motion: Motion) -> Motion {
-        let left = &mut self.difference;
+        let difference = &mut self.difference;
         let with_difference = Motion {
-            roll_rad: motion.roll_rad + left.roll_rad,
-            pitch_rad: motion.pitch_rad + left.pitch_rad,
-            heading_rad: motion.heading_rad + left.heading_rad,
-            north_m_s: motion.north_m_s + left.north_m_s,
-            east_m_s: motion.east_m_s + left.east_m_s,
+            roll_rad: motion.roll_rad + difference.roll_rad,
+            pitch_rad: motion.pitch_rad + difference.pitch_rad,
+            heading_rad: motion.heading_rad + difference.heading_rad,
+            north_m_s: motion.north_m_s + difference.north_m_s,
+            east_m_s: motion.east_m_s + difference.east_m_s,
             disturbing_acceleration_m_s2: motion.disturbing_acceleration_m_s2
-                + libm::hypot(left.north_m_s2, left.east_m_s2),
+                + libm::hypot(difference.north_m_s2, difference.east_m_s2),
             ..motion
         };
-        for angle in [&mut left.roll_rad, &mut left.pitch_rad, &mut left.heading_rad] {
+        for angle in [&mut difference.roll_rad, &mut difference.pitch_rad, &mut difference.heading_rad] {
             *angle *= 1.0 - STEP_S / ATTITUDE_TIME_S;
         }
         // Critically damped decay from rest: `v'' = -2 v' / T - v / T^2`.
-        for (speed, acceleration) in
-            [(&mut left.north_m_s, &mut left.north_m_s2), (&mut left.east_m_s, &mut left.east_m_s2)]
-        {
+        for (speed, acceleration) in [
+            (&mut difference.north_m_s, &mut difference.north_m_s2),
+            (&mut difference.east_m_s, &mut difference.east_m_s2),
+        ] {
             *acceleration -= (2.0 * *acceleration + *speed / SPEED_TIME_S) / SPEED_TIME_S * STEP_S;
             *speed += *acceleration * STEP_S;
         }

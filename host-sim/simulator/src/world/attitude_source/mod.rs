@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::aircraft;
 use super::flight_place::{ReportedPosition, START_UNIX_US};
-use super::gauss_markov::FirstOrder;
+use super::gauss_markov::FirstOrderProcess;
 use super::gyro::{Gyro, GyroConfig};
 use super::mavlink_frame::MavlinkFrame;
 use super::state::TrueState;
@@ -122,11 +122,11 @@ pub struct AttitudeSource {
     seed: u64,
     pub(super) identity: Identity,
     vehicle: MavType,
-    roll_noise_rad: FirstOrder,
-    pitch_noise_rad: FirstOrder,
+    roll_noise_rad: FirstOrderProcess,
+    pitch_noise_rad: FirstOrderProcess,
     /// Tilt error per 1 m/s^2 of acceleration.
-    roll_error_per_m_s2_rad: FirstOrder,
-    pitch_error_per_m_s2_rad: FirstOrder,
+    roll_error_per_m_s2_rad: FirstOrderProcess,
+    pitch_error_per_m_s2_rad: FirstOrderProcess,
     roll_bias_rad: f64,
     pitch_bias_rad: f64,
     sequence: u8,
@@ -138,11 +138,16 @@ impl AttitudeSource {
     pub fn new(config: AttitudeSourceConfig, gyro_config: GyroConfig, seed: u64) -> Self {
         let noise = |purpose| {
             let sigma_rad = config.noise_deg.to_radians();
-            FirstOrder::new(sigma_rad, config.noise_time_s, 1.0 / config.rate_hz, RandomStream::new(seed, purpose))
+            FirstOrderProcess::new(
+                sigma_rad,
+                config.noise_time_s,
+                1.0 / config.rate_hz,
+                RandomStream::new(seed, purpose),
+            )
         };
         let push = |purpose| {
             let sigma_rad = config.push_error_deg.to_radians();
-            FirstOrder::new(
+            FirstOrderProcess::new(
                 sigma_rad,
                 ACCELERATION_ERROR_TIME_S,
                 1.0 / config.rate_hz,
@@ -159,8 +164,8 @@ impl AttitudeSource {
             vehicle: MavType::MAV_TYPE_FIXED_WING,
             roll_noise_rad: noise(StreamPurpose::RollNoise),
             pitch_noise_rad: noise(StreamPurpose::PitchNoise),
-            roll_error_per_m_s2_rad: push(StreamPurpose::RollPush),
-            pitch_error_per_m_s2_rad: push(StreamPurpose::PitchPush),
+            roll_error_per_m_s2_rad: push(StreamPurpose::RollTiltError),
+            pitch_error_per_m_s2_rad: push(StreamPurpose::PitchTiltError),
             roll_bias_rad: config.bias_deg.to_radians() * libm::cos(direction_rad),
             pitch_bias_rad: config.bias_deg.to_radians() * libm::sin(direction_rad),
             sequence: 0,
@@ -175,8 +180,8 @@ impl AttitudeSource {
 
     /// The same source with this vehicle kind in its heartbeats.
     #[must_use]
-    pub fn with_vehicle_kind(self, kind: aircraft::VehicleKind) -> Self {
-        let vehicle = match kind {
+    pub fn with_vehicle_kind(self, vehicle_kind: aircraft::VehicleKind) -> Self {
+        let vehicle = match vehicle_kind {
             aircraft::VehicleKind::Plane => MavType::MAV_TYPE_FIXED_WING,
             aircraft::VehicleKind::Copter => MavType::MAV_TYPE_QUADROTOR,
             aircraft::VehicleKind::Vtol => MavType::MAV_TYPE_VTOL_FIXEDROTOR,
@@ -276,13 +281,14 @@ impl AttitudeSource {
     }
 
     /// Next GLOBAL_POSITION_INT message; `None` means no position fix.
-    pub(super) fn position_message(&mut self, place: Option<ReportedPosition>, clock_us: u64) -> Vec<u8> {
-        let place = place.unwrap_or(ReportedPosition { latitude_deg: 0.0, longitude_deg: 0.0, height_m: 0.0 });
+    pub(super) fn position_message(&mut self, reported_position: Option<ReportedPosition>, clock_us: u64) -> Vec<u8> {
+        let reported_position =
+            reported_position.unwrap_or(ReportedPosition { latitude_deg: 0.0, longitude_deg: 0.0, height_m: 0.0 });
         self.encode_message(&GLOBAL_POSITION_INT_DATA {
             time_boot_ms: (clock_us / 1000) as u32,
-            lat: (place.latitude_deg * 1e7) as i32,
-            lon: (place.longitude_deg * 1e7) as i32,
-            alt: (place.height_m * 1e3) as i32,
+            lat: (reported_position.latitude_deg * 1e7) as i32,
+            lon: (reported_position.longitude_deg * 1e7) as i32,
+            alt: (reported_position.height_m * 1e3) as i32,
             hdg: u16::MAX,
             ..Default::default()
         })

@@ -9,7 +9,7 @@ use log_analysis::numbers::square;
 use testkit::clock;
 use testkit::simulation::{Level, Simulation};
 
-const EXACT: AttitudeSourceConfig = AttitudeSourceConfig {
+const ERROR_FREE: AttitudeSourceConfig = AttitudeSourceConfig {
     rate_hz: 50.0,
     noise_deg: 0.0,
     noise_time_s: 0.5,
@@ -47,18 +47,18 @@ fn simulate_source(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (Wo
 }
 
 fn messages(stream: &[TimedByte]) -> Vec<(u64, u8, MavMessage)> {
-    let mut rest = stream;
+    let mut remaining = stream;
     let mut messages = Vec::new();
-    while let [first, length, ..] = rest {
+    while let [first, length, ..] = remaining {
         assert_eq!(first.byte, 0xFD, "MAVLink 2 begins with FD");
         let frame_length = usize::from(length.byte) + 12;
-        let frame: Vec<u8> = rest[..frame_length].iter().map(|timed_byte| timed_byte.byte).collect();
+        let frame: Vec<u8> = remaining[..frame_length].iter().map(|timed_byte| timed_byte.byte).collect();
         let id = u32::from_le_bytes([frame[7], frame[8], frame[9], 0]);
         let crc = mavlink::calculate_crc(&frame[1..frame_length - 2], MavMessage::extra_crc(id));
         assert_eq!(frame[frame_length - 2..], crc.to_le_bytes());
         let message = MavMessage::parse(MavlinkVersion::V2, id, &frame[10..frame_length - 2]).unwrap();
-        messages.push((rest[frame_length - 1].arrives_at_us, frame[4], message));
-        rest = &rest[frame_length..];
+        messages.push((remaining[frame_length - 1].arrives_at_us, frame[4], message));
+        remaining = &remaining[frame_length..];
     }
     messages
 }
@@ -82,7 +82,6 @@ fn attitude_comes_at_50_hz_and_a_heartbeat_each_second() {
     }
 }
 
-/// The autopilot starts disarmed.
 #[test]
 fn the_heartbeat_contains_the_armed_state() {
     let world = World::new(WorldConfig::of_table1(1));
@@ -108,7 +107,7 @@ fn the_heartbeat_contains_the_armed_state() {
 
 #[test]
 fn an_exact_source_reports_the_truth_after_its_latency() {
-    let (world, stream) = simulate_source(EXACT, 1, 2);
+    let (world, stream) = simulate_source(ERROR_FREE, 1, 2);
     // The world stores only the last two seconds.
     for (at_us, data) in attitudes(&stream).into_iter().skip(10) {
         let sent_us = u64::from(data.time_boot_ms) * 1000;
@@ -133,13 +132,13 @@ fn attitude_errors_have_the_configured_statistics() {
     let truth = TrueState { roll_rad: bank_rad, ..TrueState::default() };
     let reports: Vec<ReportedAttitude> = (0..30_000).map(|_| source.next_report(&truth)).collect();
     let statistics_deg = |error: fn(&ReportedAttitude, f64) -> f64| {
-        let errors: Vec<f64> = reports.iter().map(|r| error(r, bank_rad).to_degrees()).collect();
+        let errors: Vec<f64> = reports.iter().map(|report| error(report, bank_rad).to_degrees()).collect();
         let mean = errors.iter().sum::<f64>() / errors.len() as f64;
-        let variance = errors.iter().map(|e| square(e - mean)).sum::<f64>() / errors.len() as f64;
+        let variance = errors.iter().map(|error_deg| square(error_deg - mean)).sum::<f64>() / errors.len() as f64;
         (mean, variance.sqrt())
     };
-    let (roll_mean, roll_sigma) = statistics_deg(|r, bank| r.roll_rad - bank);
-    let (pitch_mean, pitch_sigma) = statistics_deg(|r, _| r.pitch_rad);
+    let (roll_mean, roll_sigma) = statistics_deg(|report, bank| report.roll_rad - bank);
+    let (pitch_mean, pitch_sigma) = statistics_deg(|report, _| report.pitch_rad);
     assert!((roll_sigma - 0.3).abs() < 0.03 && (pitch_sigma - 0.3).abs() < 0.03, "{roll_sigma} {pitch_sigma}");
     // The mean contains the bank-angle scale error, 1 % of 25 degrees, and the bias.
     let bias_deg = libm::hypot(roll_mean + 0.25, pitch_mean);
@@ -160,9 +159,9 @@ fn disturbing_acceleration_causes_tilt_error() {
         let truth = TrueState { disturbing_acceleration_m_s2: push_m_s2, ..TrueState::default() };
         let reports: Vec<ReportedAttitude> = (0..60_000).map(|_| source.next_report(&truth)).collect();
         let mean_angle = |angle: fn(&ReportedAttitude) -> f64| {
-            (reports.iter().map(|r| square(angle(r).to_degrees())).sum::<f64>() / reports.len() as f64).sqrt()
+            (reports.iter().map(|report| square(angle(report).to_degrees())).sum::<f64>() / reports.len() as f64).sqrt()
         };
-        [mean_angle(|r| r.roll_rad), mean_angle(|r| r.pitch_rad)]
+        [mean_angle(|report| report.roll_rad), mean_angle(|report| report.pitch_rad)]
     };
     for sigma_deg in sigma_deg(2.6) {
         assert!((sigma_deg - 1.04).abs() < 0.12, "{sigma_deg}");
@@ -187,39 +186,43 @@ fn acceleration_tilt_error_has_a_correlation_time_of_2_s() {
 
 #[test]
 fn the_heartbeat_contains_the_vehicle_kind() {
-    for (kind, expected) in [
+    for (vehicle_kind, expected) in [
         (VehicleKind::Plane, MavType::MAV_TYPE_FIXED_WING),
         (VehicleKind::Copter, MavType::MAV_TYPE_QUADROTOR),
         (VehicleKind::Vtol, MavType::MAV_TYPE_VTOL_FIXEDROTOR),
         (VehicleKind::Rover, MavType::MAV_TYPE_GROUND_ROVER),
         (VehicleKind::Boat, MavType::MAV_TYPE_SURFACE_BOAT),
     ] {
-        let frame =
-            World::new(WorldConfig::of_table1(1).with_vehicle_kind(kind)).attitude_source().heartbeat_message(false);
+        let frame = World::new(WorldConfig::of_table1(1).with_vehicle_kind(vehicle_kind))
+            .attitude_source()
+            .heartbeat_message(false);
         let stream: Vec<TimedByte> = frame.into_iter().map(|byte| TimedByte { arrives_at_us: 0, byte }).collect();
-        assert!(matches!(&messages(&stream)[0].2, MavMessage::HEARTBEAT(data) if data.mavtype == expected), "{kind:?}");
+        assert!(
+            matches!(&messages(&stream)[0].2, MavMessage::HEARTBEAT(data) if data.mavtype == expected),
+            "{vehicle_kind:?}"
+        );
     }
 }
 
 #[test]
 fn yaw_is_never_the_heading() {
-    let (world, stream) = simulate_source(EXACT, 1, 2);
+    let (world, stream) = simulate_source(ERROR_FREE, 1, 2);
     let (_, last) = &attitudes(&stream)[99];
     let truth = world.true_state(1_980_000);
     let error_deg = (f64::from(last.yaw) - truth.heading_rad).to_degrees().rem_euclid(360.0);
     assert!((error_deg - 37.2).abs() < 0.01, "{error_deg}");
-    let (_, stream) = simulate_source(AttitudeSourceConfig { yaw: ReportedYaw::Absent, ..EXACT }, 1, 1);
+    let (_, stream) = simulate_source(AttitudeSourceConfig { yaw: ReportedYaw::Absent, ..ERROR_FREE }, 1, 1);
     assert!(attitudes(&stream).iter().all(|(_, data)| data.yaw.is_nan()));
 }
 
 #[test]
 fn the_same_seed_gives_the_same_bytes_at_the_same_times() {
-    let run = |seed| simulate_source(AttitudeSourceConfig::default(), seed, 20).1;
-    assert_eq!(run(8), run(8));
-    assert_ne!(run(8), run(9));
+    let bytes_of_seed = |seed| simulate_source(AttitudeSourceConfig::default(), seed, 20).1;
+    assert_eq!(bytes_of_seed(8), bytes_of_seed(8));
+    assert_ne!(bytes_of_seed(8), bytes_of_seed(9));
     // Attitude noise must not change the flight.
-    let (loud, _) = simulate_source(AttitudeSourceConfig::default(), 8, 20);
-    let (quiet, _) = simulate_source(EXACT, 8, 20);
-    assert_eq!(loud.true_state(20_000_000), quiet.true_state(20_000_000));
-    assert!(loud.true_state(20_000_000).time_us.is_multiple_of(aircraft::STEP_US));
+    let (with_noise, _) = simulate_source(AttitudeSourceConfig::default(), 8, 20);
+    let (without_noise, _) = simulate_source(ERROR_FREE, 8, 20);
+    assert_eq!(with_noise.true_state(20_000_000), without_noise.true_state(20_000_000));
+    assert!(with_noise.true_state(20_000_000).time_us.is_multiple_of(aircraft::STEP_US));
 }

@@ -24,23 +24,23 @@ pub enum MavlinkFirmware {
     /// PX4 in mode "Onboard": attitude at 100 Hz without request; accepts all requests.
     Px4,
     /// Ignores SET_MESSAGE_INTERVAL without an answer, but supports REQUEST_DATA_STREAM.
-    Streams,
+    StreamsOnly,
     /// Ignores all requests; attitude at 1 Hz.
-    Deaf,
+    IgnoresRequests,
 }
 
 impl MavlinkFirmware {
     const fn default_rate_hz(self) -> f64 {
         match self {
             Self::Px4 => 100.0,
-            Self::ArduPilot | Self::Streams | Self::Deaf => 1.0,
+            Self::ArduPilot | Self::StreamsOnly | Self::IgnoresRequests => 1.0,
         }
     }
 
     const fn least_interval_us(self) -> f32 {
         match self {
             Self::ArduPilot => 25_000.0,
-            Self::Px4 | Self::Streams | Self::Deaf => 1_000.0,
+            Self::Px4 | Self::StreamsOnly | Self::IgnoresRequests => 1_000.0,
         }
     }
 }
@@ -72,13 +72,13 @@ const HEARTBEAT_US: u64 = 1_000_000;
 pub struct MavlinkAutopilot {
     source: AttitudeSource,
     firmware: MavlinkFirmware,
-    place: Option<ReportedPosition>,
+    reported_position: Option<ReportedPosition>,
     started_us: u64,
     streams: Vec<PeriodicMessage>,
     reader: FrameReader,
     answers: Vec<u8>,
     received: Vec<MavlinkFrame>,
-    denied: u32,
+    denied_requests: u32,
 }
 
 impl MavlinkAutopilot {
@@ -88,13 +88,13 @@ impl MavlinkAutopilot {
         let mut autopilot = Self {
             source,
             firmware,
-            place: Some(XIAN),
+            reported_position: Some(XIAN),
             started_us: now_us,
             streams: Vec::new(),
             reader: FrameReader::default(),
             answers: Vec::new(),
             received: Vec::new(),
-            denied: 0,
+            denied_requests: 0,
         };
         autopilot.restart_autopilot(now_us);
         autopilot
@@ -109,8 +109,8 @@ impl MavlinkAutopilot {
     }
 
     /// Sets the reported position; `None` means no position fix.
-    pub fn set_position(&mut self, place: Option<ReportedPosition>) {
-        self.place = place;
+    pub fn set_position(&mut self, reported_position: Option<ReportedPosition>) {
+        self.reported_position = reported_position;
     }
 
     /// Rate of a periodic message, Hz; `None` if it is not sent.
@@ -122,7 +122,7 @@ impl MavlinkAutopilot {
     /// Requests that were denied as too fast. ArduPilot warns its pilot of each: "Requested rate ... too fast".
     #[must_use]
     pub const fn denied_requests(&self) -> u32 {
-        self.denied
+        self.denied_requests
     }
 
     /// Returns and clears the received frames.
@@ -160,12 +160,12 @@ impl MavlinkAutopilot {
     ) -> Vec<u8> {
         let mut bytes = std::mem::take(&mut self.answers);
         let clock_us = now_us - self.started_us;
-        for at in 0..self.streams.len() {
-            let PeriodicMessage { id, period_us, due_us } = self.streams[at];
+        for stream_index in 0..self.streams.len() {
+            let PeriodicMessage { id, period_us, due_us } = self.streams[stream_index];
             if due_us > now_us {
                 continue;
             }
-            self.streams[at].due_us = (due_us + period_us).max(now_us + 1);
+            self.streams[stream_index].due_us = (due_us + period_us).max(now_us + 1);
             bytes.extend(match id {
                 HEARTBEAT_DATA::ID => self.source.heartbeat_message(inputs.is_armed),
                 ATTITUDE_DATA::ID => {
@@ -174,7 +174,7 @@ impl MavlinkAutopilot {
                     self.source.encode_message(&attitude)
                 }
                 SYS_STATUS_DATA::ID => self.source.status_message(inputs.current_a),
-                GLOBAL_POSITION_INT_DATA::ID => self.source.position_message(self.place, clock_us),
+                GLOBAL_POSITION_INT_DATA::ID => self.source.position_message(self.reported_position, clock_us),
                 _ => self.source.time_message(now_us, clock_us),
             });
         }
@@ -182,7 +182,7 @@ impl MavlinkAutopilot {
     }
 
     fn handle_frame(&mut self, now_us: u64, frame: &MavlinkFrame) {
-        if self.firmware == MavlinkFirmware::Deaf {
+        if self.firmware == MavlinkFirmware::IgnoresRequests {
             return;
         }
         if let Ok(MavMessage::COMMAND_LONG(command)) =
@@ -207,13 +207,13 @@ impl MavlinkAutopilot {
     }
 
     fn execute_command(&mut self, now_us: u64, frame: &MavlinkFrame, command: &COMMAND_LONG_DATA) {
-        if self.firmware == MavlinkFirmware::Streams {
+        if self.firmware == MavlinkFirmware::StreamsOnly {
             return;
         }
         let result = if command.command != MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL {
             MavResult::MAV_RESULT_UNSUPPORTED
         } else if command.param2 < self.firmware.least_interval_us() {
-            self.denied += 1;
+            self.denied_requests += 1;
             MavResult::MAV_RESULT_DENIED
         } else if !REQUESTABLE_MESSAGES.contains(&(command.param1 as u32)) {
             MavResult::MAV_RESULT_FAILED
@@ -223,8 +223,8 @@ impl MavlinkAutopilot {
         };
         let [low, high] = (command.command as u16).to_le_bytes();
         let payload = [low, high, result as u8, 0, 0, 0, 0, 0, frame.system_id, frame.component_id];
-        let answer = self.source.encode_raw(77, 143, &payload);
-        self.answers.extend(answer);
+        let command_ack = self.source.encode_raw(77, 143, &payload);
+        self.answers.extend(command_ack);
     }
 
     fn start_stream(&mut self, id: u32, rate_hz: f64, now_us: u64) {

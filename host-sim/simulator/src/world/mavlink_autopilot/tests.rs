@@ -71,14 +71,14 @@ impl Bench {
     }
 
     fn run(&mut self, seconds: u64) {
-        for ms in self.ms..self.ms + 1000 * seconds {
-            self.ms = ms;
-            let sent = self.autopilot.due_messages(1000 * ms, &self.seen, |_| ());
-            if ms >= self.silent_until_ms {
-                self.deliver(&sent);
+        for now_ms in self.ms..self.ms + 1000 * seconds {
+            self.ms = now_ms;
+            let sent_bytes = self.autopilot.due_messages(1000 * now_ms, &self.seen, |_| ());
+            if now_ms >= self.silent_until_ms {
+                self.deliver(&sent_bytes);
             }
             // The sensor samples at nearly 80 Hz.
-            if ms.is_multiple_of(12) {
+            if now_ms.is_multiple_of(12) {
                 self.poll();
             }
         }
@@ -86,9 +86,9 @@ impl Bench {
     }
 
     fn deliver(&mut self, bytes: &[u8]) {
-        let at = Timestamp::from_us(1000 * self.ms);
+        let now = Timestamp::from_us(1000 * self.ms);
         for &byte in bytes {
-            self.received.extend(self.module.process_byte(at, byte).map(|received| (self.ms, received)));
+            self.received.extend(self.module.process_byte(now, byte).map(|received| (self.ms, received)));
         }
     }
 
@@ -100,14 +100,14 @@ impl Bench {
             indicator_state: IndicatorState::Idle,
             calibration: None,
         };
-        let mut out = TransmitBuffer::new();
-        self.module.poll(&snapshot, &mut out);
-        self.autopilot.receive_bytes(1000 * self.ms, out.pending_bytes());
+        let mut transmit_buffer = TransmitBuffer::new();
+        self.module.poll(&snapshot, &mut transmit_buffer);
+        self.autopilot.receive_bytes(1000 * self.ms, transmit_buffer.pending_bytes());
         self.frames.extend(self.autopilot.take_received().into_iter().map(|frame| (self.ms, frame)));
     }
 
     fn requests(&self) -> Vec<(u64, Request)> {
-        self.frames.iter().filter_map(|(ms, frame)| Some((*ms, request(frame)?))).collect()
+        self.frames.iter().filter_map(|(at_ms, frame)| Some((*at_ms, request(frame)?))).collect()
     }
 
     fn requested(&self) -> Vec<Request> {
@@ -115,10 +115,10 @@ impl Bench {
     }
 
     fn attitudes_in_the_last_second(&self) -> usize {
-        let is_one = |(ms, received): &&(u64, ReceivedMessage)| {
-            *ms + 1000 >= self.ms && matches!(received, ReceivedMessage::Attitude(_))
+        let is_recent_attitude = |(at_ms, received): &&(u64, ReceivedMessage)| {
+            *at_ms + 1000 >= self.ms && matches!(received, ReceivedMessage::Attitude(_))
         };
-        self.received.iter().filter(is_one).count()
+        self.received.iter().filter(is_recent_attitude).count()
     }
 }
 
@@ -165,7 +165,7 @@ fn px4_sends_attitude_without_a_request() {
 
 #[test]
 fn an_autopilot_with_streams_only_gets_a_stream_request() {
-    let mut bench = Bench::new(MavlinkFirmware::Streams);
+    let mut bench = Bench::new(MavlinkFirmware::StreamsOnly);
     bench.run(60);
     let mut expected: Vec<Request> = [40, 25, 20].into_iter().flat_map(|rate| [attitude(rate); 2]).collect();
     expected.push(Request::Stream { rate_hz: 25 });
@@ -179,7 +179,7 @@ fn an_autopilot_with_streams_only_gets_a_stream_request() {
 /// The module requests each message twice and then gives up.
 #[test]
 fn an_autopilot_that_never_answers_gets_each_request_twice() {
-    let mut bench = Bench::new(MavlinkFirmware::Deaf);
+    let mut bench = Bench::new(MavlinkFirmware::IgnoresRequests);
     bench.run(120);
     assert_eq!(bench.requested().len(), 2 * 7);
     assert!(bench.requests().last().unwrap().0 < 16_000);
@@ -220,14 +220,14 @@ fn a_gap_under_2_s_causes_no_new_requests() {
 fn position_and_date_of_the_autopilot_are_received() {
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
     bench.run(10);
-    let place = bench.received.iter().rev().find_map(|(_, received)| match received {
-        ReceivedMessage::Position(place) => Some(*place),
+    let received_position = bench.received.iter().rev().find_map(|(_, received)| match received {
+        ReceivedMessage::Position(received_position) => Some(*received_position),
         _ => None,
     });
-    let place = place.expect("a place");
-    assert!((f64::from(place.latitude_deg) - XIAN.latitude_deg).abs() < 1e-5);
-    assert!((f64::from(place.longitude_deg) - XIAN.longitude_deg).abs() < 1e-5);
-    assert!((f64::from(place.height_m) - XIAN.height_m).abs() < 0.1);
+    let received_position = received_position.expect("a place");
+    assert!((f64::from(received_position.latitude_deg) - XIAN.latitude_deg).abs() < 1e-5);
+    assert!((f64::from(received_position.longitude_deg) - XIAN.longitude_deg).abs() < 1e-5);
+    assert!((f64::from(received_position.height_m) - XIAN.height_m).abs() < 0.1);
     let today = Date::from_unix_s(START_UNIX_US / 1_000_000).unwrap();
     assert!(bench.received.iter().any(|(_, received)| *received == ReceivedMessage::Date(today)));
     bench.autopilot.set_position(None);
@@ -245,11 +245,11 @@ fn a_second_autopilot_is_ignored() {
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
     let foreign = Identity { system_id: 9, component_id: 1, heartbeat_kind: Some(SenderKind::Autopilot) };
     let source = AttitudeSource::new(AttitudeSourceConfig::default(), GyroConfig::ERROR_FREE, 2).with_identity(foreign);
-    let mut other = MavlinkAutopilot::new(source, MavlinkFirmware::Px4, 0);
+    let mut other_autopilot = MavlinkAutopilot::new(source, MavlinkFirmware::Px4, 0);
     bench.run(1);
     for _ in 0..10 {
         bench.run(1);
-        let bytes = other.due_messages(
+        let bytes = other_autopilot.due_messages(
             1000 * bench.ms,
             &AutopilotInputs { is_armed: true, ..AutopilotInputs::default() },
             |_| (),
@@ -289,9 +289,10 @@ fn the_autopilot_answers_over_a_serial_cable() {
         let mut module = Mavlink::new();
         let mut buffer = [0; 64];
         loop {
-            let read = with_timeout(Duration::from_millis(10), rx.read(&mut buffer)).await.map_or(0, Result::unwrap);
+            let read_count =
+                with_timeout(Duration::from_millis(10), rx.read(&mut buffer)).await.map_or(0, Result::unwrap);
             let now = Timestamp::from_us(clock::now_us());
-            let received = buffer[..read].iter().filter_map(|&byte| module.process_byte(now, byte));
+            let received = buffer[..read_count].iter().filter_map(|&byte| module.process_byte(now, byte));
             log.borrow_mut().extend(
                 received.filter(|received| matches!(received, ReceivedMessage::Attitude(_))).map(|_| now.as_us()),
             );
@@ -302,9 +303,9 @@ fn the_autopilot_answers_over_a_serial_cable() {
                 indicator_state: IndicatorState::Idle,
                 calibration: None,
             };
-            let mut out = TransmitBuffer::new();
-            module.poll(&snapshot, &mut out);
-            tx.write_all(out.pending_bytes()).await.unwrap();
+            let mut transmit_buffer = TransmitBuffer::new();
+            module.poll(&snapshot, &mut transmit_buffer);
+            tx.write_all(transmit_buffer.pending_bytes()).await.unwrap();
         }
     });
     FarEnd::Mavlink(MavlinkFirmware::ArduPilot).attach_device(&mut simulation, &world, cable.host_end(), vec![]);
@@ -324,8 +325,8 @@ fn the_reader_finds_every_frame() {
     let bytes = [&[0xFD, 2, 3][..], &frame.frame_bytes(92), b"noise", &frame.frame_bytes(92)].concat();
     for cut in 0..bytes.len() {
         let mut reader = FrameReader::default();
-        let mut found = reader.read_frames(&bytes[..cut]);
-        found.extend(reader.read_frames(&bytes[cut..]));
-        assert_eq!((found, reader.invalid_byte_count()), (vec![frame.clone(), frame.clone()], 8), "{cut}");
+        let mut found_frames = reader.read_frames(&bytes[..cut]);
+        found_frames.extend(reader.read_frames(&bytes[cut..]));
+        assert_eq!((found_frames, reader.invalid_byte_count()), (vec![frame.clone(), frame.clone()], 8), "{cut}");
     }
 }

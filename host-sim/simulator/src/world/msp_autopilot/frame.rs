@@ -87,29 +87,34 @@ pub(super) fn encode_reply(function: u16, answer: &MspAnswer) -> Vec<u8> {
 }
 
 /// Reply payload of a firmware; `None` for an unknown function.
-pub(super) fn reply_payload(firmware: MspFirmware, function: u16, known: &AutopilotState) -> Option<Vec<u8>> {
+pub(super) fn reply_payload(firmware: MspFirmware, function: u16, autopilot_state: &AutopilotState) -> Option<Vec<u8>> {
     match function {
         FC_VARIANT => Some(match firmware {
             MspFirmware::ArduPilot => b"ARDU".to_vec(),
             MspFirmware::Inav => b"INAV".to_vec(),
         }),
-        MSP_STATUS => Some(encode_status_reply(firmware, known.is_armed)),
-        RAW_IMU => raw_imu(firmware, known),
-        RAW_GPS => Some(raw_gps(known)),
-        MSP_ATTITUDE => Some(encode_attitude_reply(firmware, known)),
-        MSP_ANALOG => Some(encode_analog_reply(firmware, known.current_a)),
-        MSP_RTC => Some(encode_rtc_reply(firmware, known.unix_s)),
+        MSP_STATUS => Some(encode_status_reply(firmware, autopilot_state.is_armed)),
+        RAW_IMU => raw_imu(firmware, autopilot_state),
+        RAW_GPS => Some(raw_gps(autopilot_state)),
+        MSP_ATTITUDE => Some(encode_attitude_reply(firmware, autopilot_state)),
+        MSP_ANALOG => Some(encode_analog_reply(firmware, autopilot_state.current_a)),
+        MSP_RTC => Some(encode_rtc_reply(firmware, autopilot_state.unix_s)),
         _ => None,
     }
 }
 
-fn encode_attitude_reply(firmware: MspFirmware, known: &AutopilotState) -> Vec<u8> {
+fn encode_attitude_reply(firmware: MspFirmware, autopilot_state: &AutopilotState) -> Vec<u8> {
     let decidegrees = |rad: f64| rad.to_degrees() * 10.0;
-    let yaw_deg = known.yaw_rad.to_degrees().rem_euclid(360.0) as i16;
+    let yaw_deg = autopilot_state.yaw_rad.to_degrees().rem_euclid(360.0) as i16;
     // ArduPilot truncates tenths of a degree, INAV rounds.
     let (roll, pitch) = match firmware {
-        MspFirmware::ArduPilot => (decidegrees(known.roll_rad) as i16, decidegrees(known.pitch_rad) as i16),
-        MspFirmware::Inav => (decidegrees(known.roll_rad).round() as i16, decidegrees(-known.pitch_rad).round() as i16),
+        MspFirmware::ArduPilot => {
+            (decidegrees(autopilot_state.roll_rad) as i16, decidegrees(autopilot_state.pitch_rad) as i16)
+        }
+        MspFirmware::Inav => (
+            decidegrees(autopilot_state.roll_rad).round() as i16,
+            decidegrees(-autopilot_state.pitch_rad).round() as i16,
+        ),
     };
     [roll, pitch, yaw_deg].map(i16::to_le_bytes).concat()
 }
@@ -117,26 +122,26 @@ fn encode_attitude_reply(firmware: MspFirmware, known: &AutopilotState) -> Vec<u
 /// Status payload: 22 bytes for ArduPilot, 11 for INAV. The mode flags start at byte 6, with the armed flag in bit 0;
 /// INAV has other flags set as well.
 fn encode_status_reply(firmware: MspFirmware, is_armed: bool) -> Vec<u8> {
-    let (length, others) = match firmware {
+    let (length, mode_flags) = match firmware {
         MspFirmware::ArduPilot => (22, 0),
         MspFirmware::Inav => (11, 0x0A),
     };
     let mut payload = vec![0; length];
-    payload[6] = u8::from(is_armed) | others;
+    payload[6] = u8::from(is_armed) | mode_flags;
     payload
 }
 
 /// Accelerometer, gyro and magnetometer of INAV, of which the module uses the gyro: whole deg/s in axes forward, left,
 /// up. ArduPilot does not support it.
-fn raw_imu(firmware: MspFirmware, known: &AutopilotState) -> Option<Vec<u8>> {
-    let [p, q, r] = known.body_rates_rad_s.map(|rate| rate.to_degrees().round() as i16);
+fn raw_imu(firmware: MspFirmware, autopilot_state: &AutopilotState) -> Option<Vec<u8>> {
+    let [p, q, r] = autopilot_state.body_rates_rad_s.map(|rate| rate.to_degrees().round() as i16);
     let numbers = [0, 0, 512, p, -q, -r, 0, 0, 0];
     (firmware == MspFirmware::Inav).then(|| numbers.map(i16::to_le_bytes).concat())
 }
 
-fn raw_gps(known: &AutopilotState) -> Vec<u8> {
-    let (latitude_deg, longitude_deg, height_m) = known.position.unwrap_or_default();
-    let mut payload = vec![if known.position.is_some() { 2 } else { 0 }, 9];
+fn raw_gps(autopilot_state: &AutopilotState) -> Vec<u8> {
+    let (latitude_deg, longitude_deg, height_m) = autopilot_state.position.unwrap_or_default();
+    let mut payload = vec![if autopilot_state.position.is_some() { 2 } else { 0 }, 9];
     payload.extend(((latitude_deg * 1e7).round() as i32).to_le_bytes());
     payload.extend(((longitude_deg * 1e7).round() as i32).to_le_bytes());
     payload.extend((height_m as i16).to_le_bytes());
@@ -162,7 +167,7 @@ fn encode_rtc_reply(firmware: MspFirmware, unix_s: Option<u64>) -> Vec<u8> {
             let (year, month, day) = unix_s.map_or((1900, 1, 0), utc_date);
             let second = unix_s.unwrap_or(0) % 86_400;
             let [y0, y1] = year.to_le_bytes();
-            let time = [second / 3_600, second / 60 % 60, second % 60].map(|number| number as u8);
+            let time = [second / 3_600, second / 60 % 60, second % 60].map(|time_field| time_field as u8);
             [&[y0, y1, month, day][..], &time, &[0, 0]].concat()
         }
     }

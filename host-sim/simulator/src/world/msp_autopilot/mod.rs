@@ -56,11 +56,11 @@ pub struct MspAutopilot {
     firmware: MspFirmware,
     answer_faults: AnswerFaults,
     random: RandomStream,
-    frames: RequestReader,
+    request_reader: RequestReader,
     /// Pending requests with answer time, in order of reception.
-    waiting: VecDeque<(u64, MspRequest)>,
-    held: Vec<u8>,
-    readings: Vec<CompassSample>,
+    waiting_requests: VecDeque<(u64, MspRequest)>,
+    held_bytes: Vec<u8>,
+    compass_samples: Vec<CompassSample>,
 }
 
 impl MspAutopilot {
@@ -68,52 +68,65 @@ impl MspAutopilot {
     #[must_use]
     pub fn new(firmware: MspFirmware, answer_faults: AnswerFaults, seed: u64) -> Self {
         let random = RandomStream::new(seed, StreamPurpose::Msp);
-        let (frames, waiting) = (RequestReader::default(), VecDeque::new());
-        Self { firmware, answer_faults, random, frames, waiting, held: Vec::new(), readings: Vec::new() }
+        let (request_reader, waiting_requests) = (RequestReader::default(), VecDeque::new());
+        Self {
+            firmware,
+            answer_faults,
+            random,
+            request_reader,
+            waiting_requests,
+            held_bytes: Vec::new(),
+            compass_samples: Vec::new(),
+        }
     }
 
     /// Processes a byte received at `at_us`.
     pub fn receive_byte(&mut self, at_us: u64, byte: u8) {
-        let Some(request) = self.frames.push_byte(byte) else { return };
+        let Some(request) = self.request_reader.push_byte(byte) else { return };
         if let Some((instance, time_ms, field_mg)) = request.compass_sample() {
-            self.readings.push(CompassSample { received_at_us: at_us, compass_instance: instance, time_ms, field_mg });
+            self.compass_samples.push(CompassSample {
+                received_at_us: at_us,
+                compass_instance: instance,
+                time_ms,
+                field_mg,
+            });
         } else if !request.is_sensor_function() {
             let delay_us = 1e3 * self.random.uniform(ANSWER_DELAY_RANGE_MS.0, ANSWER_DELAY_RANGE_MS.1);
             // Requests are answered in order.
-            let after_us = self.waiting.back().map_or(0, |(due_us, _)| *due_us);
-            self.waiting.push_back((after_us.max(at_us + delay_us as u64), request));
+            let after_us = self.waiting_requests.back().map_or(0, |(due_us, _)| *due_us);
+            self.waiting_requests.push_back((after_us.max(at_us + delay_us as u64), request));
         }
     }
 
     /// Time of the next answer, microseconds; `None` without pending requests.
     #[must_use]
     pub fn next_answer_us(&self) -> Option<u64> {
-        self.waiting.front().map(|(due_us, _)| *due_us)
+        self.waiting_requests.front().map(|(due_us, _)| *due_us)
     }
 
     /// Bytes of all answers due by `now_us`, with the present state.
-    pub fn send_replies(&mut self, now_us: u64, known: &AutopilotState) -> Vec<u8> {
-        let mut sent = Vec::new();
-        while let Some((_, request)) = self.waiting.pop_front_if(|(due_us, _)| *due_us <= now_us) {
-            let answer = self.answer_request(&request, known);
-            self.send_with_faults(&answer, &request, &mut sent);
+    pub fn send_replies(&mut self, now_us: u64, autopilot_state: &AutopilotState) -> Vec<u8> {
+        let mut sent_bytes = Vec::new();
+        while let Some((_, request)) = self.waiting_requests.pop_front_if(|(due_us, _)| *due_us <= now_us) {
+            let answer = self.answer_request(&request, autopilot_state);
+            self.send_with_faults(&answer, &request, &mut sent_bytes);
         }
-        sent
+        sent_bytes
     }
 
     /// Returns and clears the received compass samples.
     pub fn take_compass_samples(&mut self) -> Vec<CompassSample> {
-        std::mem::take(&mut self.readings)
+        std::mem::take(&mut self.compass_samples)
     }
 
     /// Number of frames with a wrong CRC.
     #[must_use]
     pub fn crc_error_count(&self) -> u32 {
-        self.frames.crc_errors
+        self.request_reader.crc_errors
     }
 
-    fn answer_request(&self, request: &MspRequest, known: &AutopilotState) -> MspAnswer {
-        frame::reply_payload(self.firmware, request.function_code, known).map_or(
+    fn answer_request(&self, request: &MspRequest, autopilot_state: &AutopilotState) -> MspAnswer {
+        frame::reply_payload(self.firmware, request.function_code, autopilot_state).map_or(
             match self.firmware {
                 // ArduPilot acknowledges unknown functions.
                 MspFirmware::ArduPilot => MspAnswer::Reply(Vec::new()),
@@ -123,7 +136,7 @@ impl MspAutopilot {
         )
     }
 
-    fn send_with_faults(&mut self, answer: &MspAnswer, request: &MspRequest, sent: &mut Vec<u8>) {
+    fn send_with_faults(&mut self, answer: &MspAnswer, request: &MspRequest, sent_bytes: &mut Vec<u8>) {
         let AnswerFaults { drop_probability, rejection_probability, truncation_probability, delay_probability } =
             self.answer_faults;
         // A uniform random number selects the fault by cumulative probability.
@@ -137,10 +150,10 @@ impl MspAutopilot {
         if !is_refused && draw < answered_from + truncation_probability {
             bytes.truncate((self.random.random_bits() % bytes.len() as u64) as usize);
         } else if !is_refused && draw < answered_from + truncation_probability + delay_probability {
-            self.held.append(&mut bytes);
+            self.held_bytes.append(&mut bytes);
             return;
         }
-        sent.append(&mut self.held);
-        sent.append(&mut bytes);
+        sent_bytes.append(&mut self.held_bytes);
+        sent_bytes.append(&mut bytes);
     }
 }

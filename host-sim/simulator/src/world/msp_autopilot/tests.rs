@@ -9,7 +9,7 @@ use autoswing::wire::msp::{self, AutopilotFirmware as Told, MspFunction, MspRepl
 use super::frame::crc_8_dvb_s2;
 use super::*;
 
-const KNOWN: AutopilotState = AutopilotState {
+const AUTOPILOT_STATE: AutopilotState = AutopilotState {
     roll_rad: 0.2,
     pitch_rad: 0.1,
     yaw_rad: -0.1,
@@ -21,7 +21,7 @@ const KNOWN: AutopilotState = AutopilotState {
     current_a: Some(12.34),
 };
 
-const NONE: AnswerFaults = AnswerFaults {
+const NO_FAULTS: AnswerFaults = AnswerFaults {
     drop_probability: 0.0,
     rejection_probability: 0.0,
     truncation_probability: 0.0,
@@ -34,11 +34,18 @@ fn send_request(autopilot: &mut MspAutopilot, at_us: u64, bytes: &[u8]) {
     }
 }
 
-fn request_reply(autopilot: &mut MspAutopilot, function: MspFunction, known: &AutopilotState) -> Option<MspReply> {
+fn request_reply(
+    autopilot: &mut MspAutopilot,
+    function: MspFunction,
+    autopilot_state: &AutopilotState,
+) -> Option<MspReply> {
     send_request(autopilot, 0, &msp::encode_request(function));
     let mut receiver = Receiver::new();
-    let messages: Vec<_> =
-        autopilot.send_replies(u64::MAX, known).into_iter().filter_map(|byte| receiver.push_byte(byte)).collect();
+    let messages: Vec<_> = autopilot
+        .send_replies(u64::MAX, autopilot_state)
+        .into_iter()
+        .filter_map(|byte| receiver.push_byte(byte))
+        .collect();
     assert!(messages.len() <= 1 && receiver.rejected == 0);
     messages.first().copied()
 }
@@ -47,36 +54,47 @@ fn request_reply(autopilot: &mut MspAutopilot, function: MspFunction, known: &Au
 fn the_library_understands_both_firmwares() {
     assert_eq!(crc_8_dvb_s2(b"123456789"), 0xBC);
     for (firmware, detected) in [(MspFirmware::ArduPilot, Told::ArduPilot), (MspFirmware::Inav, Told::Inav)] {
-        let mut autopilot = MspAutopilot::new(firmware, NONE, 1);
-        assert_eq!(request_reply(&mut autopilot, MspFunction::FcVariant, &KNOWN), Some(MspReply::FcVariant(detected)));
+        let mut autopilot = MspAutopilot::new(firmware, NO_FAULTS, 1);
+        assert_eq!(
+            request_reply(&mut autopilot, MspFunction::FcVariant, &AUTOPILOT_STATE),
+            Some(MspReply::FcVariant(detected))
+        );
         for is_armed in [true, false] {
-            let known = AutopilotState { is_armed, ..KNOWN };
-            assert_eq!(request_reply(&mut autopilot, MspFunction::Status, &known), Some(MspReply::Armed(is_armed)));
+            let autopilot_state = AutopilotState { is_armed, ..AUTOPILOT_STATE };
+            assert_eq!(
+                request_reply(&mut autopilot, MspFunction::Status, &autopilot_state),
+                Some(MspReply::Armed(is_armed))
+            );
         }
-        let Some(MspReply::Attitude(angles)) = request_reply(&mut autopilot, MspFunction::Attitude, &KNOWN) else {
+        let Some(MspReply::Attitude(angles)) = request_reply(&mut autopilot, MspFunction::Attitude, &AUTOPILOT_STATE)
+        else {
             panic!()
         };
         let attitude = detected.attitude_from_angles(angles).unwrap();
         // MSP_ATTITUDE has a resolution of 0.1 deg (0.0017 rad).
         assert!((attitude.roll_rad - 0.2).abs() < 0.0018, "{firmware:?} {attitude:?}");
         assert!((attitude.pitch_rad - 0.1).abs() < 0.0018, "{firmware:?} {attitude:?}");
-        let Some(MspReply::RawGps(Some(place))) = request_reply(&mut autopilot, MspFunction::RawGps, &KNOWN) else {
+        let Some(MspReply::RawGps(Some(position))) =
+            request_reply(&mut autopilot, MspFunction::RawGps, &AUTOPILOT_STATE)
+        else {
             panic!()
         };
-        assert!((place.latitude_deg + 33.9).abs() < 1e-5 && (place.longitude_deg - 151.2).abs() < 2e-5);
-        assert!((place.height_m - 20.0).abs() < 1e-6);
-        let Some(MspReply::Current(amperes)) = request_reply(&mut autopilot, MspFunction::Analog, &KNOWN) else {
+        assert!((position.latitude_deg + 33.9).abs() < 1e-5 && (position.longitude_deg - 151.2).abs() < 2e-5);
+        assert!((position.height_m - 20.0).abs() < 1e-6);
+        let Some(MspReply::Current(amperes)) = request_reply(&mut autopilot, MspFunction::Analog, &AUTOPILOT_STATE)
+        else {
             panic!()
         };
         assert!((amperes - 12.34).abs() < 1e-5);
         for unix_s in [1_795_348_800, 1_709_164_800, 1_735_689_599, 4_107_542_400_u64] {
-            let known = AutopilotState { unix_s: Some(unix_s), ..KNOWN };
-            let Some(MspReply::Rtc(Some(day))) = request_reply(&mut autopilot, MspFunction::Rtc, &known) else {
+            let autopilot_state = AutopilotState { unix_s: Some(unix_s), ..AUTOPILOT_STATE };
+            let Some(MspReply::Rtc(Some(day))) = request_reply(&mut autopilot, MspFunction::Rtc, &autopilot_state)
+            else {
                 panic!()
             };
             assert_eq!(u64::from(day.days_since_1970()), unix_s / 86_400);
         }
-        let lost = AutopilotState { position: None, unix_s: None, ..KNOWN };
+        let lost = AutopilotState { position: None, unix_s: None, ..AUTOPILOT_STATE };
         assert_eq!(request_reply(&mut autopilot, MspFunction::RawGps, &lost), Some(MspReply::RawGps(None)));
         assert_eq!(request_reply(&mut autopilot, MspFunction::Rtc, &lost), Some(MspReply::Rtc(None)));
     }
@@ -87,16 +105,16 @@ fn unknown_requests_are_answered() {
     // MSP_MOTOR, which the simulated autopilots do not know.
     let request = [b'$', b'X', b'<', 0, 104, 0, 0, 0, crc_8_dvb_s2(&[0, 104, 0, 0, 0])];
     for (firmware, direction) in [(MspFirmware::ArduPilot, b'>'), (MspFirmware::Inav, b'!')] {
-        let mut autopilot = MspAutopilot::new(firmware, NONE, 1);
+        let mut autopilot = MspAutopilot::new(firmware, NO_FAULTS, 1);
         send_request(&mut autopilot, 0, &request);
-        let answer = autopilot.send_replies(u64::MAX, &KNOWN);
+        let answer = autopilot.send_replies(u64::MAX, &AUTOPILOT_STATE);
         assert_eq!((answer.len(), answer[2], answer[4]), (9, direction, 104));
     }
 }
 
 #[test]
 fn compass_frames_are_received() {
-    let mut autopilot = MspAutopilot::new(MspFirmware::Inav, NONE, 1);
+    let mut autopilot = MspAutopilot::new(MspFirmware::Inav, NO_FAULTS, 1);
     let mut reading = msp::compass_message(0, 123_456, Field::from_ut(20.0, -5.1, 44.2));
     send_request(&mut autopilot, 7, b"$X noise");
     send_request(&mut autopilot, 7, &reading);
@@ -113,35 +131,38 @@ fn compass_frames_are_received() {
 #[test]
 fn answers_are_delayed_by_3_5_to_18_ms() {
     let delays = |seed| -> Vec<u64> {
-        let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, NONE, seed);
+        let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, NO_FAULTS, seed);
         (0..1_000_u64)
             .map(|i| {
                 let at_us = i * 20_000;
                 send_request(&mut autopilot, at_us, &msp::encode_request(MspFunction::Attitude));
                 let due_us = autopilot.next_answer_us().unwrap();
-                assert!(autopilot.send_replies(due_us - 1, &KNOWN).is_empty());
-                assert!(!autopilot.send_replies(due_us, &KNOWN).is_empty());
+                assert!(autopilot.send_replies(due_us - 1, &AUTOPILOT_STATE).is_empty());
+                assert!(!autopilot.send_replies(due_us, &AUTOPILOT_STATE).is_empty());
                 due_us - at_us
             })
             .collect()
     };
     let delays_us = delays(3);
-    let (least, most) = (*delays_us.iter().min().unwrap(), *delays_us.iter().max().unwrap());
-    assert!((3_500..3_600).contains(&least) && (17_900..18_000).contains(&most), "{least} {most}");
+    let (shortest_us, longest_us) = (*delays_us.iter().min().unwrap(), *delays_us.iter().max().unwrap());
+    assert!(
+        (3_500..3_600).contains(&shortest_us) && (17_900..18_000).contains(&longest_us),
+        "{shortest_us} {longest_us}"
+    );
     assert_eq!(delays(3), delays_us);
     assert_ne!(delays(4), delays_us);
-    let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, NONE, 3);
+    let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, NO_FAULTS, 3);
     let functions =
         [MspFunction::Attitude, MspFunction::Status, MspFunction::Attitude, MspFunction::Rtc, MspFunction::FcVariant];
-    for (us, function) in (0..).zip(functions) {
-        send_request(&mut autopilot, us, &msp::encode_request(function));
+    for (at_us, function) in (0..).zip(functions) {
+        send_request(&mut autopilot, at_us, &msp::encode_request(function));
     }
-    let answers = autopilot.send_replies(u64::MAX, &KNOWN);
-    let mut rest = answers.as_slice();
+    let answers = autopilot.send_replies(u64::MAX, &AUTOPILOT_STATE);
+    let mut remaining = answers.as_slice();
     let mut answers = Vec::new();
-    while let [_, _, _, _, function, _, length, ..] = rest {
+    while let [_, _, _, _, function, _, length, ..] = remaining {
         answers.push(*function);
-        rest = &rest[9 + usize::from(*length)..];
+        remaining = &remaining[9 + usize::from(*length)..];
     }
     assert_eq!(answers, functions.map(|function| function as u8));
 }
@@ -152,7 +173,7 @@ fn replies_with_faults(answer_faults: AnswerFaults) -> (Vec<MspReply>, usize, u3
     let mut bytes = Vec::new();
     for i in 0..1_000_u64 {
         send_request(&mut autopilot, i * 20_000, &msp::encode_request(MspFunction::Attitude));
-        bytes.extend(autopilot.send_replies((i + 1) * 20_000, &KNOWN));
+        bytes.extend(autopilot.send_replies((i + 1) * 20_000, &AUTOPILOT_STATE));
     }
     let number = bytes.len();
     let mut receiver = Receiver::new();
@@ -165,29 +186,30 @@ fn replies_with_faults(answer_faults: AnswerFaults) -> (Vec<MspReply>, usize, u3
 #[test]
 fn answer_faults_occur_with_their_probability() {
     let tenth = 62..=138;
-    let whole = 15_000;
-    let (messages, number, _) = replies_with_faults(AnswerFaults { drop_probability: 0.1, ..NONE });
-    assert!(tenth.contains(&(1_000 - messages.len())) && number == messages.len() * 15);
-    let (messages, number, _) = replies_with_faults(AnswerFaults { rejection_probability: 0.1, ..NONE });
+    let faultless_bytes = 15_000;
+    let (messages, byte_count, _) = replies_with_faults(AnswerFaults { drop_probability: 0.1, ..NO_FAULTS });
+    assert!(tenth.contains(&(1_000 - messages.len())) && byte_count == messages.len() * 15);
+    let (messages, byte_count, _) = replies_with_faults(AnswerFaults { rejection_probability: 0.1, ..NO_FAULTS });
     let refused = messages.iter().filter(|message| matches!(message, MspReply::Refused(MspFunction::Attitude))).count();
-    assert!(tenth.contains(&refused) && messages.len() == 1_000 && number == whole - refused * 6);
-    let (messages, number, _) = replies_with_faults(AnswerFaults { truncation_probability: 0.1, ..NONE });
+    assert!(tenth.contains(&refused) && messages.len() == 1_000 && byte_count == faultless_bytes - refused * 6);
+    let (messages, byte_count, _) = replies_with_faults(AnswerFaults { truncation_probability: 0.1, ..NO_FAULTS });
     assert!(tenth.contains(&(1_000 - messages.len())), "{} of 1,000", messages.len());
-    assert!((14_000..whole).contains(&number));
+    assert!((14_000..faultless_bytes).contains(&byte_count));
     // Of joined answers only the last one is missing, because no answer follows it.
-    let (messages, _, rejected) = replies_with_faults(AnswerFaults { delay_probability: 0.5, ..NONE });
+    let (messages, _, rejected) = replies_with_faults(AnswerFaults { delay_probability: 0.5, ..NO_FAULTS });
     assert!(messages.len() >= 990 && rejected == 0, "{}", messages.len());
-    assert_eq!(replies_with_faults(NONE).0.len(), 1_000);
+    assert_eq!(replies_with_faults(NO_FAULTS).0.len(), 1_000);
 }
 
 #[test]
 fn a_delayed_answer_is_sent_with_the_next() {
-    let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, AnswerFaults { delay_probability: 1.0, ..NONE }, 5);
+    let mut autopilot =
+        MspAutopilot::new(MspFirmware::ArduPilot, AnswerFaults { delay_probability: 1.0, ..NO_FAULTS }, 5);
     send_request(&mut autopilot, 0, &msp::encode_request(MspFunction::Attitude));
-    assert!(autopilot.send_replies(20_000, &KNOWN).is_empty());
-    autopilot.answer_faults = NONE;
+    assert!(autopilot.send_replies(20_000, &AUTOPILOT_STATE).is_empty());
+    autopilot.answer_faults = NO_FAULTS;
     send_request(&mut autopilot, 20_000, &msp::encode_request(MspFunction::Status));
-    assert_eq!(autopilot.send_replies(40_000, &KNOWN).len(), 15 + 31);
+    assert_eq!(autopilot.send_replies(40_000, &AUTOPILOT_STATE).len(), 15 + 31);
 }
 
 struct Exchange {
@@ -207,14 +229,14 @@ fn exchange(firmware: MspFirmware, answer_faults: AnswerFaults, seconds: u64) ->
     let settings = Settings::DEFAULT;
     let mut exchange = Exchange { attitudes: 0, gap_us: 0, places: 0, days: 0, is_armed: None, readings: Vec::new() };
     let mut heard_us = 1_000_000;
-    for us in (0..seconds * 1_000_000).step_by(500) {
-        let now = Timestamp::from_us(us);
-        for byte in autopilot.send_replies(us, &KNOWN) {
+    for now_us in (0..seconds * 1_000_000).step_by(500) {
+        let now = Timestamp::from_us(now_us);
+        for byte in autopilot.send_replies(now_us, &AUTOPILOT_STATE) {
             match port.process_byte(now, byte) {
                 Some(ReceivedMessage::Attitude(report)) => {
                     exchange.attitudes += 1;
-                    exchange.gap_us = exchange.gap_us.max(us.saturating_sub(heard_us));
-                    heard_us = heard_us.max(us);
+                    exchange.gap_us = exchange.gap_us.max(now_us.saturating_sub(heard_us));
+                    heard_us = heard_us.max(now_us);
                     assert!((report.attitude.pitch_rad - 0.1).abs() < 0.0018, "{report:?}");
                 }
                 Some(ReceivedMessage::Position(_)) => exchange.places += 1,
@@ -222,7 +244,7 @@ fn exchange(firmware: MspFirmware, answer_faults: AnswerFaults, seconds: u64) ->
                 _ => {}
             }
         }
-        if us % 12_500 == 0 {
+        if now_us % 12_500 == 0 {
             let estimate =
                 Estimate { timestamp: now, compass_field: Some(Field::from_ut(20.0, -5.1, 44.2)), ..Estimate::EMPTY };
             port.poll(
@@ -235,7 +257,7 @@ fn exchange(firmware: MspFirmware, answer_faults: AnswerFaults, seconds: u64) ->
                 },
                 &mut output,
             );
-            send_request(&mut autopilot, us, output.pending_bytes());
+            send_request(&mut autopilot, now_us, output.pending_bytes());
             output.consume_bytes(usize::MAX);
         }
     }
@@ -247,10 +269,11 @@ fn exchange(firmware: MspFirmware, answer_faults: AnswerFaults, seconds: u64) ->
 #[test]
 fn the_module_and_the_autopilot_exchange_messages() {
     for firmware in [MspFirmware::ArduPilot, MspFirmware::Inav] {
-        let exchange = exchange(firmware, NONE, 60);
+        let exchange = exchange(firmware, NO_FAULTS, 60);
         assert!((2_990..=3_010).contains(&exchange.readings.len()), "{}", exchange.readings.len());
         assert!(
-            exchange.readings[0].received_at_us == 0 && exchange.readings.iter().all(|r| r.field_mg == [200, -51, 442])
+            exchange.readings[0].received_at_us == 0
+                && exchange.readings.iter().all(|reading| reading.field_mg == [200, -51, 442])
         );
         // Some requests wait for the next estimate, others for a pending answer.
         assert!((2_300..=3_000).contains(&exchange.attitudes), "{}", exchange.attitudes);

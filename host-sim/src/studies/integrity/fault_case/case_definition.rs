@@ -161,7 +161,7 @@ impl FaultCase {
             flight_after_calibration_s: FLIGHT_AFTER_CALIBRATION_S,
             further_legs: legs_after_calibration::further_legs,
             seed,
-            random_stream: RandomStream::new(seed, StreamPurpose::Case),
+            random_stream: RandomStream::new(seed, StreamPurpose::FaultCase),
         };
         (self.configure_case)(&mut drawn_case);
         drawn_case
@@ -254,7 +254,8 @@ impl RandomCase {
 
     pub(super) fn bias_attitude(&mut self, degrees: f64) {
         let direction_rad = self.random_stream.uniform(0.0, TAU);
-        let bias_rad = [libm::cos(direction_rad), libm::sin(direction_rad)].map(|part| degrees.to_radians() * part);
+        let bias_rad =
+            [libm::cos(direction_rad), libm::sin(direction_rad)].map(|component| degrees.to_radians() * component);
         self.add_attitude_fault(FaultOnset::SOON_AND_PERMANENT, attitude_bias(self.random_switch(), bias_rad));
     }
 
@@ -294,11 +295,11 @@ impl RandomCase {
         const SENSOR_STALL_S: f64 = 1.4;
         let after_s = self.random_stream.uniform(TIME_IN_TURN_S - 5.0, TIME_IN_TURN_S + 5.0);
         let switch = self.random_switch();
-        let kind = self.random_stream.uniform(0.0, 3.0);
-        if kind < 1.0 {
+        let stall_kind = self.random_stream.uniform(0.0, 3.0);
+        if stall_kind < 1.0 {
             self.add_attitude_fault(FaultOnset::InUse { after_s, for_s: SENSOR_STALL_S }, frozen_attitude(switch));
         } else {
-            let stops_clock = kind < 2.0;
+            let stops_clock = stall_kind < 2.0;
             let fault =
                 SourceSilence { fault_switch: switch, silent_s: SENSOR_STALL_S, period_s: f64::INFINITY, stops_clock };
             self.add_attitude_fault(FaultOnset::permanent_after(after_s), fault);
@@ -402,12 +403,12 @@ impl RandomCase {
 
     /// Turns the module in its mount within `for_s` seconds.
     pub(super) fn turn_mount(&mut self, turn_deg: f64, for_s: f64) {
-        let side = if self.random_stream.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
+        let side_sign = if self.random_stream.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
         let onset = FaultOnset::InUse { after_s: USUAL_ONSET_S, for_s };
         let (airframe, earth) = (self.world.airframe, self.world.earth);
         self.add_field_fault(
             onset,
-            MountTurn { fault_switch: self.random_switch(), airframe, earth, turn_deg: side * turn_deg },
+            MountTurn { fault_switch: self.random_switch(), airframe, earth, turn_deg: side_sign * turn_deg },
         );
     }
 
@@ -434,8 +435,8 @@ impl RandomCase {
     pub(super) fn calibrate_in_hover(&mut self) {
         self.fault_onset = FaultOnset::Always;
         self.routine.routine_parts.truncate(1);
-        for part in &mut self.routine.routine_parts {
-            part.legs = part.legs.repeat(4);
+        for routine_part in &mut self.routine.routine_parts {
+            routine_part.legs = routine_part.legs.repeat(4);
         }
     }
 
@@ -462,12 +463,12 @@ impl FaultOnset {
 
 /// Saturation limit of an axis within its range on a level circle, at a fraction of the way from its mean to its
 /// maximum, counts.
-fn clip_at(world: &WorldConfig, axis: usize, part: f64) -> i16 {
+fn clip_at(world: &WorldConfig, axis: usize, range_fraction: f64) -> i16 {
     let measured = |step: u8| {
         let euler = Euler { heading_rad: f64::from(step) / 36.0 * TAU, ..Euler::from_deg(0.0, 0.0, 0.0) };
         f64::from(world.airframe.measured_field(&world.earth.body_field_ut(euler)).ut[axis])
     };
     let mean = (0..36).map(measured).sum::<f64>() / 36.0;
-    let most = (0..36).map(measured).fold(f64::MIN, f64::max);
-    ((mean + (most - mean) * part) * COUNTS_PER_UT).round() as i16
+    let max_measured = (0..36).map(measured).fold(f64::MIN, f64::max);
+    ((mean + (max_measured - mean) * range_fraction) * COUNTS_PER_UT).round() as i16
 }

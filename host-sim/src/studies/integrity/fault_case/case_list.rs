@@ -36,7 +36,7 @@ const fn hover_case(name: &'static str, description: &'static str, set_up: fn(&m
 
 /// Case for vehicles that cannot hover.
 const fn turn_case(name: &'static str, description: &'static str, set_up: fn(&mut RandomCase)) -> FaultCase {
-    FaultCase { applies_to_vehicle: |kind| !kind.can_hover(), ..define_case(name, description, set_up) }
+    FaultCase { applies_to_vehicle: |vehicle_kind| !vehicle_kind.can_hover(), ..define_case(name, description, set_up) }
 }
 
 /// Case for autopilots with several senders or body rates.

@@ -39,17 +39,17 @@ fn each_vehicle_kind_has_its_applicable_cases() {
 #[test]
 fn a_copter_s_cases_are_flown_by_a_copter() {
     let draw_case = |name| find_by_name(name).unwrap().draw_case(3, VehicleKind::Copter, AttitudeProtocol::Mavlink);
-    let clean = draw_case("clean");
-    assert_eq!(clean.world, WorldConfig::random_world(3).with_vehicle_kind(VehicleKind::Copter));
-    assert_eq!(clean.routine, CalibrationRoutine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0));
-    let pushed = draw_case("pushed").world.attitude_source.push_error_deg;
-    assert!((pushed / clean.world.attitude_source.push_error_deg - 2.0).abs() < 1e-9);
+    let clean_case = draw_case("clean");
+    assert_eq!(clean_case.world, WorldConfig::random_world(3).with_vehicle_kind(VehicleKind::Copter));
+    assert_eq!(clean_case.routine, CalibrationRoutine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0));
+    let pushed_case = draw_case("pushed").world.attitude_source.push_error_deg;
+    assert!((pushed_case / clean_case.world.attitude_source.push_error_deg - 2.0).abs() < 1e-9);
     let current_ut = Vector3::from(draw_case("cal-current-unreported-20").world.current_interference_ut);
     assert!((current_ut.norm() - 20.0).abs() < 1e-9);
     assert_eq!(draw_case("cal-current-unreported-20").fault_onset, FaultOnset::Always);
     let hover = draw_case("cal-yaw-only").routine;
-    assert_eq!(hover.legs(), clean.routine.routine_parts[0].legs.repeat(4));
-    assert_eq!(hover.start_command, clean.routine.start_command);
+    assert_eq!(hover.legs(), clean_case.routine.routine_parts[0].legs.repeat(4));
+    assert_eq!(hover.start_command, clean_case.routine.start_command);
 }
 
 /// Onset before the earliest end of the calibration.

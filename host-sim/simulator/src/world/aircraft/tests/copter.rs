@@ -29,15 +29,15 @@ fn a_copter_hovers_in_place_and_tilts_into_the_wind() {
 
 #[test]
 fn a_copter_yaws_level_to_either_side() {
-    for side in [1.0, -1.0] {
+    for side_sign in [1.0, -1.0] {
         let mut copter = copter(Weather::calm(), 20.0);
-        let states = fly_leg(&mut copter, Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 360.0 * side });
+        let states = fly_leg(&mut copter, Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 360.0 * side_sign });
         let seconds = states.len() as f64 * STEP_S;
         // A full circle takes 12 s at 30 deg/s, and up to 0.6 s more to reach that rate.
         assert!((12.0..12.6).contains(&seconds), "{seconds} s");
-        assert!((states[1000].heading_rate_rad_s.to_degrees() - 30.0 * side).abs() < 0.1);
-        assert!(states.iter().all(|s| s.roll_rad.abs() < 1e-3 && s.pitch_rad.abs() < 1e-3));
-        assert!(states.iter().all(|s| libm::hypot(s.north_m, s.east_m) < 0.1));
+        assert!((states[1000].heading_rate_rad_s.to_degrees() - 30.0 * side_sign).abs() < 0.1);
+        assert!(states.iter().all(|state| state.roll_rad.abs() < 1e-3 && state.pitch_rad.abs() < 1e-3));
+        assert!(states.iter().all(|state| libm::hypot(state.north_m, state.east_m) < 0.1));
     }
 }
 
@@ -50,11 +50,11 @@ fn a_tilt_leg_moves_the_copter_to_its_side() {
             [(0.0, [0.0, -1.0]), (90.0, [1.0, 0.0]), (180.0, [0.0, 1.0]), (270.0, [-1.0, 0.0])]
         {
             let mut copter = copter(Weather::calm(), heading_deg);
-            let states = fly_leg(&mut copter, Leg::Push { toward_deg, tilt_deg: 18.0, seconds: 2.0 });
+            let states = fly_leg(&mut copter, Leg::Tilt { toward_deg, tilt_deg: 18.0, seconds: 2.0 });
             let tilted = states[states.len() - 1];
             assert!((tilted.roll_rad.to_degrees() - 18.0 * roll).abs() < 0.5, "{toward_deg}: {tilted:?}");
             assert!((tilted.pitch_rad.to_degrees() - 18.0 * pitch).abs() < 0.5, "{toward_deg}: {tilted:?}");
-            let most_m_s2 = states.iter().map(|s| s.disturbing_acceleration_m_s2).fold(0.0, f64::max);
+            let most_m_s2 = states.iter().map(|state| state.disturbing_acceleration_m_s2).fold(0.0, f64::max);
             assert!((2.8..3.2).contains(&most_m_s2), "{most_m_s2}");
             let way_deg = libm::atan2(tilted.east_m_s, tilted.north_m_s).to_degrees();
             let off_deg = (way_deg - heading_deg - toward_deg + 180.0).rem_euclid(360.0) - 180.0;
@@ -65,8 +65,8 @@ fn a_tilt_leg_moves_the_copter_to_its_side() {
             let against = braking.roll_rad * roll + braking.pitch_rad * pitch;
             assert!(against.to_degrees() < -10.0, "{braking:?}");
             fly(&mut copter, 5.0);
-            let rest = copter.true_state();
-            assert!(libm::hypot(rest.north_m_s, rest.east_m_s) < 0.3, "{rest:?}");
+            let final_state = copter.true_state();
+            assert!(libm::hypot(final_state.north_m_s, final_state.east_m_s) < 0.3, "{final_state:?}");
         }
     }
 }
@@ -93,10 +93,18 @@ fn gusts_disturb_attitude_and_position() {
     let mut copter = copter(Weather { wind_m_s: 0.0, ..Weather::default() }, 0.0);
     let states = fly(&mut copter, 300.0);
     // Position control partly counteracts the disturbances.
-    assert!((0.9..2.0).contains(&sigma_deg(&states, |s| s.roll_rad)), "{}", sigma_deg(&states, |s| s.roll_rad));
-    assert!((0.6..1.6).contains(&sigma_deg(&states, |s| s.pitch_rad)), "{}", sigma_deg(&states, |s| s.pitch_rad));
-    assert!(states.iter().all(|s| libm::hypot(s.north_m, s.east_m) < 10.0));
-    let push_m_s2 = mean(states.iter().map(|s| s.disturbing_acceleration_m_s2));
+    assert!(
+        (0.9..2.0).contains(&sigma_deg(&states, |state| state.roll_rad)),
+        "{}",
+        sigma_deg(&states, |state| state.roll_rad)
+    );
+    assert!(
+        (0.6..1.6).contains(&sigma_deg(&states, |state| state.pitch_rad)),
+        "{}",
+        sigma_deg(&states, |state| state.pitch_rad)
+    );
+    assert!(states.iter().all(|state| libm::hypot(state.north_m, state.east_m) < 10.0));
+    let push_m_s2 = mean(states.iter().map(|state| state.disturbing_acceleration_m_s2));
     assert!((0.1..0.6).contains(&push_m_s2), "{push_m_s2}");
 }
 
@@ -104,8 +112,8 @@ fn gusts_disturb_attitude_and_position() {
 fn gusts_come_from_ahead_and_from_the_side() {
     let mut copter = copter(Weather { gust_m_s: 2.0, ..Weather::calm() }, 0.0);
     let states = fly(&mut copter, 100.0);
-    for speed in [|s: &TrueState| s.north_m_s, |s: &TrueState| s.east_m_s] {
-        let sigma_m_s = mean(states.iter().map(|s| square(speed(s)))).sqrt();
+    for speed in [|state: &TrueState| state.north_m_s, |state: &TrueState| state.east_m_s] {
+        let sigma_m_s = mean(states.iter().map(|state| square(speed(state)))).sqrt();
         assert!((0.1..1.0).contains(&sigma_m_s), "{sigma_m_s}");
     }
 }
@@ -116,7 +124,7 @@ fn current_follows_thrust() {
     let mut copter = copter(Weather::calm(), 0.0);
     fly(&mut copter, 2.0);
     assert!((copter.true_state().relative_current - 1.0).abs() < 1e-3);
-    let states = fly_leg(&mut copter, Leg::Push { toward_deg: 90.0, tilt_deg: 18.0, seconds: 2.0 });
+    let states = fly_leg(&mut copter, Leg::Tilt { toward_deg: 90.0, tilt_deg: 18.0, seconds: 2.0 });
     assert!(
         (states[states.len() - 1].relative_current - 1.078).abs() < 0.005,
         "{}",
@@ -128,7 +136,7 @@ fn current_follows_thrust() {
         &mut Aircraft::new(VehicleConfig { kind: VehicleKind::Copter, ..VehicleConfig::default() }, gusty, 3, 0),
         300.0,
     );
-    let average = mean(states.iter().map(|s| s.relative_current));
-    let sigma = mean(states.iter().map(|s| square(s.relative_current - average))).sqrt();
+    let average = mean(states.iter().map(|state| state.relative_current));
+    let sigma = mean(states.iter().map(|state| square(state.relative_current - average))).sqrt();
     assert!((0.05..0.11).contains(&sigma), "{sigma}");
 }

@@ -7,8 +7,8 @@ use super::*;
 use crate::world::autopilot::Leg;
 use log_analysis::numbers::square;
 
-fn vehicle(kind: VehicleKind, weather: Weather, seed: u64) -> Aircraft {
-    Aircraft::new(VehicleConfig { kind, ..VehicleConfig::default() }, weather, seed, 0)
+fn vehicle(vehicle_kind: VehicleKind, weather: Weather, seed: u64) -> Aircraft {
+    Aircraft::new(VehicleConfig { kind: vehicle_kind, ..VehicleConfig::default() }, weather, seed, 0)
 }
 
 /// States of every step during `seconds`.
@@ -38,14 +38,14 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
 }
 
 fn sigma_deg(states: &[TrueState], quantity: fn(&TrueState) -> f64) -> f64 {
-    let middle = mean(states.iter().map(quantity));
-    mean(states.iter().map(|s| square(quantity(s) - middle))).sqrt().to_degrees()
+    let mean_rad = mean(states.iter().map(quantity));
+    mean(states.iter().map(|state| square(quantity(state) - mean_rad))).sqrt().to_degrees()
 }
 
 fn legs() -> [Leg; 6] {
     [
         Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 200.0 },
-        Leg::Push { toward_deg: 40.0, tilt_deg: 20.0, seconds: 2.0 },
+        Leg::Tilt { toward_deg: 40.0, tilt_deg: 20.0, seconds: 2.0 },
         Leg::Hover { seconds: 4.0 },
         Leg::Straight { heading_deg: 70.0, seconds: 12.0 },
         Leg::Turn { bank_deg: 15.0, heading_change_deg: -90.0 },
@@ -57,30 +57,37 @@ fn legs() -> [Leg; 6] {
 /// previous step, so an error of the square of the angle per step remains: 0.4 deg/s at 90 deg/s and 5 ms.
 #[test]
 fn body_rates_belong_to_the_attitude() {
-    for kind in VehicleKind::ALL_VEHICLES {
-        let mut aircraft = vehicle(kind, Weather::default(), 4);
+    for vehicle_kind in VehicleKind::ALL_VEHICLES {
+        let mut aircraft = vehicle(vehicle_kind, Weather::default(), 4);
         let states: Vec<TrueState> = legs().into_iter().flat_map(|leg| fly_leg(&mut aircraft, leg)).collect();
         let mut fastest_deg_s: f64 = 0.0;
         for (before, after) in states.iter().zip(&states[1..]) {
-            let turned = after.euler_angles().body_from_earth() * before.euler_angles().body_from_earth().transpose();
-            let rates =
-                [turned[(1, 2)] - turned[(2, 1)], turned[(2, 0)] - turned[(0, 2)], turned[(0, 1)] - turned[(1, 0)]]
-                    .map(|twice| (twice / 2.0 / STEP_S).to_degrees());
+            let rotation_over_two_steps =
+                after.euler_angles().body_from_earth() * before.euler_angles().body_from_earth().transpose();
+            let rates = [
+                rotation_over_two_steps[(1, 2)] - rotation_over_two_steps[(2, 1)],
+                rotation_over_two_steps[(2, 0)] - rotation_over_two_steps[(0, 2)],
+                rotation_over_two_steps[(0, 1)] - rotation_over_two_steps[(1, 0)],
+            ]
+            .map(|twice| (twice / 2.0 / STEP_S).to_degrees());
             let reported = after.body_rates_rad_s().map(f64::to_degrees);
             for (rate, reported) in rates.iter().zip(reported) {
                 fastest_deg_s = fastest_deg_s.max(reported.abs());
-                assert!((rate - reported).abs() < 0.6, "{kind:?}: {reported} deg/s told, {rate} turned, {after:?}");
+                assert!(
+                    (rate - reported).abs() < 0.6,
+                    "{vehicle_kind:?}: {reported} deg/s told, {rate} turned, {after:?}"
+                );
             }
         }
-        assert!(fastest_deg_s > 15.0, "{kind:?} has turned");
+        assert!(fastest_deg_s > 15.0, "{vehicle_kind:?} has turned");
     }
 }
 
 /// Bounds per step of 5 ms: 1 deg (200 deg/s) and 15 m/s^2, also at the start of legs and at VTOL transitions.
 #[test]
 fn attitude_and_velocity_change_without_jumps() {
-    for kind in VehicleKind::ALL_VEHICLES {
-        let mut aircraft = vehicle(kind, Weather::default(), 6);
+    for vehicle_kind in VehicleKind::ALL_VEHICLES {
+        let mut aircraft = vehicle(vehicle_kind, Weather::default(), 6);
         let mut before = *aircraft.true_state();
         for leg in legs() {
             for after in fly_leg(&mut aircraft, leg) {
@@ -89,9 +96,12 @@ fn attitude_and_velocity_change_without_jumps() {
                     after.pitch_rad - before.pitch_rad,
                     after.heading_rad - before.heading_rad,
                 ];
-                assert!(angles.iter().all(|change| change.to_degrees().abs() < 1.0), "{kind:?} {leg:?}: {after:?}");
+                assert!(
+                    angles.iter().all(|change| change.to_degrees().abs() < 1.0),
+                    "{vehicle_kind:?} {leg:?}: {after:?}"
+                );
                 let speed_m_s = libm::hypot(after.north_m_s - before.north_m_s, after.east_m_s - before.east_m_s);
-                assert!(speed_m_s < 0.075, "{kind:?} {leg:?}: {speed_m_s} m/s in a step at {}", after.time_us);
+                assert!(speed_m_s < 0.075, "{vehicle_kind:?} {leg:?}: {speed_m_s} m/s in a step at {}", after.time_us);
                 before = after;
             }
         }
@@ -100,9 +110,9 @@ fn attitude_and_velocity_change_without_jumps() {
 
 #[test]
 fn the_same_seed_moves_the_same_way() {
-    for kind in VehicleKind::ALL_VEHICLES {
+    for vehicle_kind in VehicleKind::ALL_VEHICLES {
         let [first, second, other] = [5, 5, 6].map(|seed| {
-            let mut aircraft = vehicle(kind, Weather::default(), seed);
+            let mut aircraft = vehicle(vehicle_kind, Weather::default(), seed);
             fly_leg(&mut aircraft, Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 90.0 })
         });
         assert_eq!(first, second);

@@ -34,8 +34,8 @@ fn the_roll_rate_is_limited_and_the_bank_does_not_overshoot() {
     let mut aircraft = aircraft(Weather::calm(), 1);
     aircraft.autopilot_mut().hold_bank_and_pitch(45.0, 0.0);
     let states = fly(&mut aircraft, 8.0);
-    let fastest_deg_s = states.iter().map(|s| s.roll_rate_rad_s.to_degrees()).fold(0.0, f64::max);
-    let steepest_deg = states.iter().map(|s| s.roll_rad.to_degrees()).fold(0.0, f64::max);
+    let fastest_deg_s = states.iter().map(|state| state.roll_rate_rad_s.to_degrees()).fold(0.0, f64::max);
+    let steepest_deg = states.iter().map(|state| state.roll_rad.to_degrees()).fold(0.0, f64::max);
     assert!((29.0..30.01).contains(&fastest_deg_s), "{fastest_deg_s} deg/s");
     assert!(steepest_deg < 45.5, "{steepest_deg} deg");
     assert!((states[states.len() - 1].roll_rad.to_degrees() - 45.0).abs() < 0.1);
@@ -48,13 +48,13 @@ fn bank_and_pitch_have_the_configured_standard_deviation() {
     let mut aircraft = aircraft(Weather::default(), 2);
     let states = fly(&mut aircraft, 1800.0);
     let sigma_deg =
-        |quantity: fn(&TrueState) -> f64| mean(states.iter().map(|s| square(quantity(s)))).sqrt().to_degrees();
+        |quantity: fn(&TrueState) -> f64| mean(states.iter().map(|state| square(quantity(state)))).sqrt().to_degrees();
     let sideslip_deg = (0.5_f64 / 22.0).to_degrees();
     let bank_deg = libm::hypot(1.5_f64, 0.5 * sideslip_deg);
     let pitch_deg = libm::hypot(1.0_f64, 0.3 * sideslip_deg);
-    assert!((sigma_deg(|s| s.roll_rad) / bank_deg - 1.0).abs() < 0.1);
-    assert!((sigma_deg(|s| s.pitch_rad) / pitch_deg - 1.0).abs() < 0.1);
-    assert!((sigma_deg(|s| s.sideslip_rad) / sideslip_deg - 1.0).abs() < 0.15);
+    assert!((sigma_deg(|state| state.roll_rad) / bank_deg - 1.0).abs() < 0.1);
+    assert!((sigma_deg(|state| state.pitch_rad) / pitch_deg - 1.0).abs() < 0.1);
+    assert!((sigma_deg(|state| state.sideslip_rad) / sideslip_deg - 1.0).abs() < 0.15);
 }
 
 #[test]
@@ -96,7 +96,7 @@ fn the_wind_moves_the_ground_track_not_the_heading() {
 fn the_same_seed_flies_the_same_flight_and_settings_do_not_share_noise() {
     let roll = |weather, seed| {
         let mut aircraft = aircraft(weather, seed);
-        fly(&mut aircraft, 30.0).iter().map(|s| s.roll_rad.to_bits()).collect::<Vec<_>>()
+        fly(&mut aircraft, 30.0).iter().map(|state| state.roll_rad.to_bits()).collect::<Vec<_>>()
     };
     let calm = Weather { gust_m_s: 0.0, ..Weather::default() };
     assert_eq!(roll(calm, 5), roll(calm, 5));
@@ -108,9 +108,11 @@ fn the_same_seed_flies_the_same_flight_and_settings_do_not_share_noise() {
 fn an_aeroplane_completes_hover_tilt_and_yaw_legs() {
     let mut aircraft = aircraft(Weather::calm(), 1);
     aircraft.autopilot_mut().fly_leg(Leg::Hover { seconds: 2.0 });
-    aircraft.autopilot_mut().fly_leg(Leg::Push { toward_deg: 90.0, tilt_deg: 20.0, seconds: 2.0 });
+    aircraft.autopilot_mut().fly_leg(Leg::Tilt { toward_deg: 90.0, tilt_deg: 20.0, seconds: 2.0 });
     let states = fly(&mut aircraft, 4.0);
-    assert!(states.iter().all(|s| s.roll_rad.abs() < 1e-6 && s.disturbing_acceleration_m_s2.to_bits() == 0));
+    assert!(
+        states.iter().all(|state| state.roll_rad.abs() < 1e-6 && state.disturbing_acceleration_m_s2.to_bits() == 0)
+    );
     aircraft.autopilot_mut().fly_leg(Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: -360.0 });
     fly(&mut aircraft, 60.0);
     assert_eq!(aircraft.autopilot().unfinished_legs(), 0);

@@ -15,10 +15,10 @@ fn the_down_axis_on_a_slope_is_its_normal() {
     for slope in [[0.2, 0.3], [-0.1, 0.25], [0.3, -0.05]] {
         let [roll_rad, pitch_rad] = roll_pitch_on_slope(slope);
         let euler = Euler { roll_rad, pitch_rad, heading_rad: 0.0 };
-        let down = euler.body_from_level().transpose() * Vector3::new(0.0, 0.0, 1.0);
+        let down_axis = euler.body_from_level().transpose() * Vector3::new(0.0, 0.0, 1.0);
         // Height rises by the slope; the z axis points down.
         let normal = Vector3::new(slope[0], slope[1], 1.0).normalize();
-        assert!((down - normal).norm() < 1e-12, "{slope:?}: {down:?} for {normal:?}");
+        assert!((down_axis - normal).norm() < 1e-12, "{slope:?}: {down_axis:?} for {normal:?}");
     }
 }
 
@@ -28,11 +28,11 @@ fn ground_slopes_are_constant_in_time() {
     for seed in 0..40 {
         let ground = Surface::rough_ground(6.0, seed);
         for i in 0..50 {
-            let place = [f64::from(i) * 11.0, f64::from(i % 7) * 13.0];
-            let [now, later] = [0.0, 1e4].map(|time_s| ground.surface_slope(place, time_s).map(f64::to_bits));
+            let position_m = [f64::from(i) * 11.0, f64::from(i % 7) * 13.0];
+            let [now, later] = [0.0, 1e4].map(|time_s| ground.surface_slope(position_m, time_s).map(f64::to_bits));
             assert_eq!(now, later);
-            for (sum, slope) in squares.iter_mut().zip(ground.surface_slope(place, 0.0)) {
-                *sum += slope * slope / 2000.0;
+            for (square_sum, slope) in squares.iter_mut().zip(ground.surface_slope(position_m, 0.0)) {
+                *square_sum += slope * slope / 2000.0;
             }
         }
     }
@@ -55,8 +55,8 @@ fn waves_travel() {
     for seed in 0..20 {
         let water = Surface::water_waves(6.0, 0.0, seed);
         let slopes: Vec<[f64; 2]> = (0..3000).map(|i| water.surface_slope([3.0, 4.0], f64::from(i) * 0.1)).collect();
-        along += mean(slopes.iter().map(|s| s[0] * s[0])) / 20.0;
-        across += mean(slopes.iter().map(|s| s[1] * s[1])) / 20.0;
+        along += mean(slopes.iter().map(|slope| slope[0] * slope[0])) / 20.0;
+        across += mean(slopes.iter().map(|slope| slope[1] * slope[1])) / 20.0;
         crossings += slopes.windows(2).filter(|pair| pair[0][0] < 0.0 && pair[1][0] >= 0.0).count();
     }
     assert!((libm::atan(along.sqrt()).to_degrees() - 6.0).abs() < 0.3, "{}", libm::atan(along.sqrt()).to_degrees());
@@ -68,40 +68,59 @@ fn waves_travel() {
 #[test]
 fn a_rover_has_the_tilt_of_the_ground() {
     let mut rover = vehicle(VehicleKind::Rover, Weather::default(), 2);
-    let right = fly_leg(&mut rover, Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: 720.0 });
-    let left = fly_leg(&mut rover, Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: -720.0 });
-    assert!((right[2000].heading_rate_rad_s.to_degrees() - 18.0).abs() < 0.1);
-    assert!((left[2000].heading_rate_rad_s.to_degrees() + 18.0).abs() < 0.1);
-    let mut both = right.clone();
-    both.extend_from_slice(&left);
-    assert!((3.0..10.0).contains(&sigma_deg(&both, |s| s.roll_rad)), "{}", sigma_deg(&both, |s| s.roll_rad));
-    assert!((3.0..10.0).contains(&sigma_deg(&both, |s| s.pitch_rad)), "{}", sigma_deg(&both, |s| s.pitch_rad));
+    let right_turn = fly_leg(&mut rover, Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: 720.0 });
+    let left_turn = fly_leg(&mut rover, Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: -720.0 });
+    assert!((right_turn[2000].heading_rate_rad_s.to_degrees() - 18.0).abs() < 0.1);
+    assert!((left_turn[2000].heading_rate_rad_s.to_degrees() + 18.0).abs() < 0.1);
+    let mut both_turns = right_turn.clone();
+    both_turns.extend_from_slice(&left_turn);
+    assert!(
+        (3.0..10.0).contains(&sigma_deg(&both_turns, |state| state.roll_rad)),
+        "{}",
+        sigma_deg(&both_turns, |state| state.roll_rad)
+    );
+    assert!(
+        (3.0..10.0).contains(&sigma_deg(&both_turns, |state| state.pitch_rad)),
+        "{}",
+        sigma_deg(&both_turns, |state| state.pitch_rad)
+    );
     // In its second circle, 20 s later, the rover has the same tilt at the same place.
-    let (first, second) = (right[1999], right[5999]);
+    let (first, second) = (right_turn[1999], right_turn[5999]);
     assert!(libm::hypot(first.north_m - second.north_m, first.east_m - second.east_m) < 0.5);
     assert!((first.roll_rad - second.roll_rad).to_degrees().abs() < 1.5, "{first:?} {second:?}");
     assert!((first.pitch_rad - second.pitch_rad).to_degrees().abs() < 1.5, "{first:?} {second:?}");
     // 3 m/s at 18 deg/s are 0.94 m/s^2. Driving uphill draws more current.
-    assert!((right[2000].disturbing_acceleration_m_s2 - 0.942).abs() < 0.01);
-    assert!(both.iter().all(|s| (s.relative_current > 1.0) == (s.pitch_rad > 0.0)), "uphill");
+    assert!((right_turn[2000].disturbing_acceleration_m_s2 - 0.942).abs() < 0.01);
+    assert!(both_turns.iter().all(|state| (state.relative_current > 1.0) == (state.pitch_rad > 0.0)), "uphill");
 }
 
 /// Expected heel: half of 0.94 m/s^2 / g, 2.8 deg.
 #[test]
 fn a_boat_rolls_in_waves_and_heels_out_of_its_turns() {
-    let mean_roll_deg = |side: f64| {
+    let mean_roll_deg = |side_sign: f64| {
         let mut boat = vehicle(VehicleKind::Boat, Weather::default(), 2);
-        let states = fly_leg(&mut boat, Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: side * 7200.0 });
-        assert!((4.0..9.0).contains(&sigma_deg(&states, |s| s.roll_rad)), "{}", sigma_deg(&states, |s| s.roll_rad));
-        assert!((1.5..4.0).contains(&sigma_deg(&states, |s| s.pitch_rad)), "{}", sigma_deg(&states, |s| s.pitch_rad));
+        let states = fly_leg(&mut boat, Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: side_sign * 7200.0 });
+        assert!(
+            (4.0..9.0).contains(&sigma_deg(&states, |state| state.roll_rad)),
+            "{}",
+            sigma_deg(&states, |state| state.roll_rad)
+        );
+        assert!(
+            (1.5..4.0).contains(&sigma_deg(&states, |state| state.pitch_rad)),
+            "{}",
+            sigma_deg(&states, |state| state.pitch_rad)
+        );
         // Waves with slopes of 6 deg accelerate the boat by about as much as its turns, 0.94 m/s^2.
-        let push_m_s2 = mean(states.iter().map(|s| s.disturbing_acceleration_m_s2));
+        let push_m_s2 = mean(states.iter().map(|state| state.disturbing_acceleration_m_s2));
         assert!((1.5..2.5).contains(&push_m_s2), "{push_m_s2}");
-        let middle = mean(states.iter().map(|s| s.roll_rad));
-        let crossings = states.windows(2).filter(|s| s[0].roll_rad < middle && s[1].roll_rad >= middle).count();
+        let mean_roll_rad = mean(states.iter().map(|state| state.roll_rad));
+        let crossings = states
+            .windows(2)
+            .filter(|state| state[0].roll_rad < mean_roll_rad && state[1].roll_rad >= mean_roll_rad)
+            .count();
         let period_s = states.len() as f64 * STEP_S / crossings as f64;
         assert!((1.8..5.0).contains(&period_s), "{period_s} s");
-        middle.to_degrees()
+        mean_roll_rad.to_degrees()
     };
     // 400 s contain more than a hundred waves: the mean is accurate to half a degree.
     assert!((mean_roll_deg(1.0) + 2.75).abs() < 0.6, "{}", mean_roll_deg(1.0));
@@ -115,7 +134,10 @@ fn a_boat_meets_more_waves_against_the_wind() {
         let config = VehicleConfig { kind: VehicleKind::Boat, heading_deg, ..VehicleConfig::default() };
         let mut boat = Aircraft::new(config, Weather::default(), 3, 0);
         let states = fly_leg(&mut boat, Leg::Straight { heading_deg, seconds: 200.0 });
-        states.windows(2).filter(|s| s[0].pitch_rad < 0.0 && s[1].pitch_rad >= 0.0).count()
+        states
+            .windows(2)
+            .filter(|pair_of_states| pair_of_states[0].pitch_rad < 0.0 && pair_of_states[1].pitch_rad >= 0.0)
+            .count()
     };
     // The wind comes from 250 deg.
     assert!(crossings(250.0) > 2 * crossings(70.0), "{} {}", crossings(250.0), crossings(70.0));
@@ -123,22 +145,26 @@ fn a_boat_meets_more_waves_against_the_wind() {
 
 #[test]
 fn rovers_and_boats_start_tilted_by_their_surface() {
-    for kind in [VehicleKind::Rover, VehicleKind::Boat] {
-        let state = *vehicle(kind, Weather::default(), 2).true_state();
-        assert!(libm::hypot(state.roll_rad, state.pitch_rad).to_degrees() > 1.0, "{kind:?}: {state:?}");
-        assert!(libm::hypot(state.roll_rate_rad_s, state.pitch_rate_rad_s) < 1.0, "{kind:?}: {state:?}");
+    for vehicle_kind in [VehicleKind::Rover, VehicleKind::Boat] {
+        let state = *vehicle(vehicle_kind, Weather::default(), 2).true_state();
+        assert!(libm::hypot(state.roll_rad, state.pitch_rad).to_degrees() > 1.0, "{vehicle_kind:?}: {state:?}");
+        assert!(libm::hypot(state.roll_rate_rad_s, state.pitch_rate_rad_s) < 1.0, "{vehicle_kind:?}: {state:?}");
     }
 }
 
 /// The turn rate in degrees per second equals the commanded bank in degrees.
 #[test]
 fn rovers_and_boats_hold_a_heading_without_bank() {
-    for kind in [VehicleKind::Rover, VehicleKind::Boat] {
-        let mut vehicle = vehicle(kind, Weather::default(), 3);
+    for vehicle_kind in [VehicleKind::Rover, VehicleKind::Boat] {
+        let mut vehicle = vehicle(vehicle_kind, Weather::default(), 3);
         fly_leg(&mut vehicle, Leg::Straight { heading_deg: 200.0, seconds: 25.0 });
-        assert!((vehicle.true_state().heading_deg() - 200.0).abs() < 0.5, "{kind:?}: {:?}", vehicle.true_state());
+        assert!(
+            (vehicle.true_state().heading_deg() - 200.0).abs() < 0.5,
+            "{vehicle_kind:?}: {:?}",
+            vehicle.true_state()
+        );
         let states = fly_leg(&mut vehicle, Leg::Turn { bank_deg: 15.0, heading_change_deg: 180.0 });
         let rate_deg_s = states[1500].heading_rate_rad_s.to_degrees();
-        assert!((rate_deg_s - 15.0).abs() < 0.2, "{kind:?}: {rate_deg_s}");
+        assert!((rate_deg_s - 15.0).abs() < 0.2, "{vehicle_kind:?}: {rate_deg_s}");
     }
 }

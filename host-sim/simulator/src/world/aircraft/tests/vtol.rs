@@ -3,9 +3,11 @@ use super::*;
 #[test]
 fn a_vtol_hovers_as_a_copter_and_travels_as_an_aeroplane() {
     let mut vtol = vehicle(VehicleKind::Vtol, Weather::calm(), 1);
-    let turned = fly_leg(&mut vtol, Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 360.0 });
-    assert!(turned.iter().all(|s| s.roll_rad.abs() < 1e-3 && libm::hypot(s.north_m, s.east_m) < 0.1));
-    let speed_m_s = |s: &TrueState| libm::hypot(s.north_m_s, s.east_m_s);
+    let yaw_states = fly_leg(&mut vtol, Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 360.0 });
+    assert!(
+        yaw_states.iter().all(|state| state.roll_rad.abs() < 1e-3 && libm::hypot(state.north_m, state.east_m) < 0.1)
+    );
+    let speed_m_s = |state: &TrueState| libm::hypot(state.north_m_s, state.east_m_s);
     let away = fly_leg(&mut vtol, Leg::Straight { heading_deg: 0.0, seconds: 20.0 });
     assert!((speed_m_s(&away[away.len() - 1]) - 22.0).abs() < 0.5);
     assert!(
@@ -20,7 +22,7 @@ fn a_vtol_hovers_as_a_copter_and_travels_as_an_aeroplane() {
     assert!((turning.heading_rate_rad_s.to_degrees() + 11.9).abs() < 0.2, "{turning:?}");
     // Braking from 22 m/s takes 8 s: a pitch of 8 deg, slightly more at first, decelerates by 1.4 m/s^2, drag by 1.5.
     let stopping = fly_leg(&mut vtol, Leg::Hover { seconds: 15.0 });
-    let most_deg = stopping.iter().map(|s| s.pitch_rad.to_degrees()).fold(0.0, f64::max);
+    let most_deg = stopping.iter().map(|state| state.pitch_rad.to_degrees()).fold(0.0, f64::max);
     assert!((8.0..9.0).contains(&most_deg), "{most_deg}");
     assert!((2.8..3.1).contains(&most_pushed_m_s2(&stopping)), "{}", most_pushed_m_s2(&stopping));
     assert!(speed_m_s(&stopping[stopping.len() - 1]) < 0.5);
@@ -43,5 +45,5 @@ fn the_disturbing_acceleration_equals_the_velocity_change() {
 }
 
 fn most_pushed_m_s2(states: &[TrueState]) -> f64 {
-    states.iter().map(|s| s.disturbing_acceleration_m_s2).fold(0.0, f64::max)
+    states.iter().map(|state| state.disturbing_acceleration_m_s2).fold(0.0, f64::max)
 }
