@@ -9,7 +9,7 @@ from served import PATIENCE_S, Served, check_errors, wrap_180
 HEADING_DEG = 301.0
 
 with Served() as module:
-    module.hold(HEADING_DEG)
+    module.hold_heading(HEADING_DEG)
     command = ["node", Path(__file__).with_name("boat.js"), str(module.tcp)]
     read = subprocess.run(command, check=True, timeout=PATIENCE_S, stdout=subprocess.PIPE)
 headings = json.loads(read.stdout)

@@ -28,7 +28,7 @@ class Bus:
         while time.monotonic() < end:
             self.node.spin(0.01)
 
-    def until(self, condition, what):
+    def spin_until(self, condition, what):
         """Runs the bus until a condition holds; returns the time."""
         began = time.monotonic()
         while not condition():
@@ -38,10 +38,10 @@ class Bus:
 
     def module(self):
         """Node number of the module, from its first field message."""
-        self.until(lambda: self.fields, "no field")
+        self.spin_until(lambda: self.fields, "no field")
         return self.fields[0].transfer.source_node_id
 
-    def ask(self, request, number):
+    def request_response(self, request, number):
         """Response to a request, repeated once a second."""
         answers = []
         for _ in range(10):
@@ -56,7 +56,7 @@ class Bus:
         raise AssertionError(f"no answer to {request}")
 
     def parameter(self, number, **fields):
-        return self.ask(uavcan.protocol.param.GetSet.Request(**fields), number)
+        return self.request_response(uavcan.protocol.param.GetSet.Request(**fields), number)
 
     def parameters(self, number):
         """All parameters by name, in the order of their index."""

@@ -84,12 +84,12 @@ def restarted(bus, number, request):
     Its counters show the restart: the simulator's clock goes on.
     """
     bus.spin(2.0)
-    before = bus.ask(uavcan.protocol.GetTransportStats.Request(), number).transfers_tx
-    answer = bus.ask(request, number)
+    before = bus.request_response(uavcan.protocol.GetTransportStats.Request(), number).transfers_tx
+    answer = bus.request_response(request, number)
     bus.spin(0.5)
     bus.status.clear()
-    bus.until(lambda: any(event.transfer.source_node_id == number for event in bus.status), "it does not come back")
-    assert bus.ask(uavcan.protocol.GetTransportStats.Request(), number).transfers_tx < before
+    bus.spin_until(lambda: any(event.transfer.source_node_id == number for event in bus.status), "it does not come back")
+    assert bus.request_response(uavcan.protocol.GetTransportStats.Request(), number).transfers_tx < before
     return answer
 
 
@@ -106,7 +106,7 @@ def navigate(bus):
 
 with Served("--can", BUS) as module:
     bus = Bus()
-    module.hold(HEADING_DEG)
+    module.hold_heading(HEADING_DEG)
     number = bus.module()
     print(f"$ host-sim serve --can {BUS}\n\nNode {TOOL_NODE}, with an allocator: pydronecan {dronecan.__version__}")
     print(f"\nAllocation\n  node {number}")
@@ -114,14 +114,14 @@ with Served("--can", BUS) as module:
     def is_calibrated():
         return bus.status and bus.status[-1].message.vendor_specific_status_code == CALIBRATED
 
-    bus.until(is_calibrated, "no status of a calibrated module")
+    bus.spin_until(is_calibrated, "no status of a calibrated module")
     assert all(event.message.health == 0 for event in bus.status if event.transfer.source_node_id == number)
     show("NodeStatus", bus.status[-1].message, "uptime_sec")
 
-    info = bus.ask(uavcan.protocol.GetNodeInfo.Request(), number)
+    info = bus.request_response(uavcan.protocol.GetNodeInfo.Request(), number)
     assert str(info.name) == NAME and info.hardware_version.major == 1, info
     show("GetNodeInfo", info, "status", "uptime_sec", "health", "mode", "sub_mode", "vendor_specific_status_code")
-    stats = bus.ask(uavcan.protocol.GetTransportStats.Request(), number)
+    stats = bus.request_response(uavcan.protocol.GetTransportStats.Request(), number)
     assert stats.transfers_tx > 0 and stats.can_iface_stats[0].frames_rx > 0, stats
     print("\nGetTransportStats\n  transfers and frames, sent and received")
     check_field(bus, 50)
@@ -135,7 +135,7 @@ with Served("--can", BUS) as module:
     set_parameter(bus, number, "SIGNING", "open sesame", "on", string_value="open sesame")
     printed = module.type("status all", "saves: ")
     assert f"; node {number};" in printed and "signing: on" in printed, printed
-    answer = bus.ask(Opcode(opcode=Opcode().OPCODE_ERASE), number)
+    answer = bus.request_response(Opcode(opcode=Opcode().OPCODE_ERASE), number)
     show("ExecuteOpcode erase", answer)
     assert answer.ok
     for name, value in [("CAN_RATE", "50"), ("SIGNING", "off")]:
@@ -143,7 +143,7 @@ with Served("--can", BUS) as module:
         print(f"\nGetSet {name}\n  {answer}")
         assert answer == value, answer
 
-    answer = bus.ask(Restart(magic_number=1), number)
+    answer = bus.request_response(Restart(magic_number=1), number)
     show("RestartNode, magic number 1", answer)
     assert not answer.ok
     answer = restarted(bus, number, Restart(magic_number=Restart().MAGIC_NUMBER))
@@ -153,12 +153,12 @@ with Served("--can", BUS) as module:
     answer = restarted(bus, number, Update(source_node_id=0, image_file_remote_path=path))
     show("BeginFirmwareUpdate a.bin", answer)
     assert answer.error == 0, answer
-    bus.until(lambda: "calibrated" in bus.texts, f"no text: {bus.texts}")
+    bus.spin_until(lambda: "calibrated" in bus.texts, f"no text: {bus.texts}")
     print("\nLogMessage\n  calibrated")
 
     with Served("--can", BUS, "--seed", "2", "--attitude", "peer", flash=os.environ["FLASH"] + ".second") as second:
         bus.fields.clear()
-        bus.until(lambda: len({event.transfer.source_node_id for event in bus.fields}) == 2, "no second compass")
+        bus.spin_until(lambda: len({event.transfer.source_node_id for event in bus.fields}) == 2, "no second compass")
         others = {event.transfer.source_node_id for event in bus.fields} - {number}
         print(f"\nAllocation to a second module\n  node {others.pop()}")
         navigate(bus)

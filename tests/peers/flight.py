@@ -64,7 +64,7 @@ class Aircraft:
         return math.radians(self.roll_rate_deg_s), turn * math.sin(roll), turn * math.cos(roll)
 
 
-def turning(seconds):
+def bank_at(seconds):
     """Bank at a time: 3.2 circles right, then left, and again, because a busy computer loses part of a circle."""
     circles_s = 3.2 * 360.0 / TURN_RATE_DEG_S
     return BANK_DEG if int(seconds / circles_s) % 2 == 0 else -BANK_DEG
@@ -79,16 +79,16 @@ class Flight:
         self.aircraft, self.noise = Aircraft(), random.Random(1)
         self.began = time.monotonic()
         self.flown_s, self.beats, self.sent, self.rate_hz = 0.0, 0, 0.0, 1.0
-        self.heard, self.texts, self.answers = Counter(), [], []
+        self.message_counts, self.texts, self.answers = Counter(), [], []
         self.last, self.asked_hz = {}, []
 
-    def go_on(self, bank_deg):
+    def fly_period(self, bank_deg):
         """Flies at a bank for one period (longer if the computer is busy), sends the aircraft's messages, and records the module's."""
         aircraft, mav = self.aircraft, self.link.mav
         time.sleep(PERIOD_S / SPEED)
         before_s, self.flown_s = self.flown_s, (time.monotonic() - self.began) * SPEED
         aircraft.fly(bank_deg, self.flown_s - before_s)
-        self.module.lie(aircraft.roll_deg, 0.0, aircraft.heading_deg)
+        self.module.send_attitude(aircraft.roll_deg, 0.0, aircraft.heading_deg)
         if self.flown_s >= self.beats:
             self.beats += 1
             kind, autopilot = mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -98,12 +98,12 @@ class Flight:
             roll, pitch = (math.radians(deg + self.noise.gauss(0.0, NOISE_DEG)) for deg in (aircraft.roll_deg, 0.0))
             mav.attitude_send(int(self.flown_s * 1000.0), roll, pitch, 0.0, *aircraft.rates_rad_s())
         while (message := self.link.recv_match()) is not None:
-            self.hear(message)
+            self.record_message(message)
 
-    def hear(self, message):
+    def record_message(self, message):
         """Records a message of the module; invalid bytes count as BAD_DATA."""
         name = message.get_type()
-        self.heard[name] += 1
+        self.message_counts[name] += 1
         if name == "BAD_DATA":
             return
         assert (message.get_srcSystem(), message.get_srcComponent()) == MODULE, message
@@ -116,9 +116,9 @@ class Flight:
             assert (message.target_system, message.target_component) == STATION, message
             self.answers.append((message.command, message.result))
         elif name == "COMMAND_LONG":
-            self.obey(message)
+            self.answer_request(message)
 
-    def obey(self, command):
+    def answer_request(self, command):
         """Answers message requests: accepts attitude up to 40 Hz; other messages fail."""
         assert command.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, command
         result = mavlink.MAV_RESULT_FAILED
@@ -129,14 +129,14 @@ class Flight:
                 self.rate_hz, result = 1e6 / command.param2, mavlink.MAV_RESULT_ACCEPTED
         self.link.mav.command_ack_send(command.command, result, 0, 0, *MODULE)
 
-    def order(self, command):
+    def send_command(self, command):
         """Sends a command from the ground station and waits for the answer."""
         self.answers.clear()
         self.station.command_long_send(*MODULE, command, 0, 0, 0, 0, 0, 0, 0, 0)
         until_s = self.flown_s + 20.0
         while not self.answers:
             assert self.flown_s < until_s, f"no answer to {command}"
-            self.go_on(0.0)
+            self.fly_period(0.0)
         assert self.answers == [(command, mavlink.MAV_RESULT_ACCEPTED)], self.answers
 
 
@@ -144,8 +144,8 @@ def calibrate(flight):
     """Flies until the module reports the result of its calibration."""
     began_s = flight.flown_s
     while "MAG_CAL_REPORT" not in flight.last:
-        flight.go_on(turning(flight.flown_s - began_s))
-        assert flight.flown_s - began_s < 800.0, f"no calibration: {flight.heard} {flight.texts}"
+        flight.fly_period(bank_at(flight.flown_s - began_s))
+        assert flight.flown_s - began_s < 800.0, f"no calibration: {flight.message_counts} {flight.texts}"
     report = flight.last["MAG_CAL_REPORT"]
     assert (report.cal_status, report.autosaved) == (mavlink.MAG_CAL_SUCCESS, 1), report
     # Hard iron of the airframe as additive offsets in milligauss: some tens of microtesla.
@@ -163,7 +163,7 @@ def check_headings(module, flight):
     while len(errors) < 20:
         assert flight.flown_s < until_s, "no headings"
         error_deg = wrap_180(HEADING_DEG - flight.aircraft.heading_deg)
-        flight.go_on(max(-BANK_DEG, min(BANK_DEG, error_deg)))
+        flight.fly_period(max(-BANK_DEG, min(BANK_DEG, error_deg)))
         if not select.select([nmea], [], [], 0.0)[0]:
             continue
         *lines, read = (read + nmea.recv(4096)).split(b"\r\n")
@@ -180,24 +180,24 @@ def fly(module, link):
     """Flies as autopilot of a module without a calibration until it reports right headings; returns the flight."""
     flight = Flight(module, link)
     while flight.rate_hz < 20.0:
-        flight.go_on(0.0)
+        flight.fly_period(0.0)
         assert flight.flown_s < 30.0, f"attitude was not asked for: {flight.asked_hz}"
     assert flight.asked_hz[-1] == 40, flight.asked_hz
-    flight.order(mavlink.MAV_CMD_DO_START_MAG_CAL)
+    flight.send_command(mavlink.MAV_CMD_DO_START_MAG_CAL)
     for _ in range(250):
-        flight.go_on(BANK_DEG)
-    flight.order(mavlink.MAV_CMD_DO_CANCEL_MAG_CAL)
+        flight.fly_period(BANK_DEG)
+    flight.send_command(mavlink.MAV_CMD_DO_CANCEL_MAG_CAL)
     assert "MAG_CAL_REPORT" not in flight.last, flight.last
-    flight.order(mavlink.MAV_CMD_DO_START_MAG_CAL)
-    broken = flight.heard["BAD_DATA"]
+    flight.send_command(mavlink.MAV_CMD_DO_START_MAG_CAL)
+    broken = flight.message_counts["BAD_DATA"]
     report = calibrate(flight)
     assert "attitude from who is attached" in module.status()
     check_headings(module, flight)
     # After detecting MAVLink the module sends no more MSP requests.
-    assert flight.heard["BAD_DATA"] == broken, flight.heard
+    assert flight.message_counts["BAD_DATA"] == broken, flight.message_counts
     for name in ("HEARTBEAT", "MAG_CAL_PROGRESS", "NAMED_VALUE_FLOAT", "STATUSTEXT"):
-        assert flight.heard[name] > 5 or name == "STATUSTEXT", flight.heard
+        assert flight.message_counts[name] > 5 or name == "STATUSTEXT", flight.message_counts
     notes = [text for text in flight.texts if text.startswith("autoswing: calibrated: expected error ")]
     assert len(notes) == 1, flight.texts
-    print(f"pymavlink: {notes[0]}; fitness {report.fitness:.1f} mG; {dict(flight.heard)}")
+    print(f"pymavlink: {notes[0]}; fitness {report.fitness:.1f} mG; {dict(flight.message_counts)}")
     return flight

@@ -9,7 +9,7 @@ DECLINATION_DEG = -3.5
 
 with Served() as module:
     module.type(f"set declination {DECLINATION_DEG}", f"ok declination {DECLINATION_DEG} deg")
-    module.hold(HEADING_DEG)
+    module.hold_heading(HEADING_DEG)
     errors = []
     counts = {"HDM": 0, "HDG": 0, "HDT": 0, "ASW": 0}
     with open(module.pty, "rb", buffering=0) as serial:

@@ -63,7 +63,7 @@ def answer(function, variant):
 def fly(variant):
     """Compass samples received by one autopilot from power-up."""
     with Served("--attitude", "peer") as module:
-        module.hold(HEADING_DEG)
+        module.hold_heading(HEADING_DEG)
         line = socket.create_connection(("127.0.0.1", module.autopilot_tcp), timeout=PATIENCE_S)
         asked, readings, stream, began = set(), [], b"", time.monotonic()
         while len(readings) < READINGS or not asked >= {FC_VARIANT, STATUS, RAW_GPS, ATTITUDE, RTC}:

@@ -47,8 +47,8 @@ def multiplex(module, listener):
 def headings(client):
     """Magnetic headings reported by gpsd: with the position before version 3.23, as attitude since then."""
     for line in client:
-        told = json.loads(line)
-        heading = {"TPV": told.get("magtrack"), "ATT": told.get("mheading", told.get("heading"))}.get(told["class"])
+        report = json.loads(line)
+        heading = {"TPV": report.get("magtrack"), "ATT": report.get("mheading", report.get("heading"))}.get(report["class"])
         if heading is not None:
             yield heading
 
@@ -64,7 +64,7 @@ def connected(port, gpsd):
 
 
 with Served() as module, socket.create_server(("127.0.0.1", 0)) as listener, socket.socket() as free:
-    module.hold(HEADING_DEG)
+    module.hold_heading(HEADING_DEG)
     threading.Thread(target=multiplex, args=(module, listener), daemon=True).start()
     free.bind(("127.0.0.1", 0))
     port = free.getsockname()[1]
@@ -74,12 +74,12 @@ with Served() as module, socket.create_server(("127.0.0.1", 0)) as listener, soc
     try:
         client = connected(port, gpsd)
         client.sendall(b'?WATCH={"enable":true,"json":true};\n')
-        told = headings(client.makefile())
-        heard = [next(told) for _ in range(5)]
+        received_headings = headings(client.makefile())
+        headings_deg = [next(received_headings) for _ in range(5)]
     finally:
         gpsd.terminate()
         gpsd.wait()
     # gpsd's version decides whether it reports the true or the magnetic heading.
-    errors = [[wrap_180(deg - reference) for deg in heard] for reference in (HEADING_DEG, HEADING_DEG + DECLINATION_DEG)]
+    errors = [[wrap_180(deg - reference) for deg in headings_deg] for reference in (HEADING_DEG, HEADING_DEG + DECLINATION_DEG)]
     mean_deg = check_errors(min(errors, key=lambda some: abs(sum(some))))
-print(f"gpsd: {heard}, mean error {mean_deg:.1f} deg")
+print(f"gpsd: {headings_deg}, mean error {mean_deg:.1f} deg")

@@ -65,18 +65,18 @@ class Served:
     def connect(port):
         return socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
 
-    def lie(self, roll_deg, pitch_deg, yaw_deg):
+    def send_attitude(self, roll_deg, pitch_deg, yaw_deg):
         """Sends an attitude of the aircraft."""
         self.datagrams.sendto(f"{roll_deg:.4f} {pitch_deg:.4f} {yaw_deg:.4f}".encode(), self.world)
 
-    def hold(self, yaw_deg):
+    def hold_heading(self, yaw_deg):
         """Holds the aircraft level at a heading until this object is closed; returns after a second, when it is reached."""
 
-        def tell():
+        def keep_sending():
             while not self.held.wait(0.05):
-                self.lie(0.0, 0.0, yaw_deg)
+                self.send_attitude(0.0, 0.0, yaw_deg)
 
-        threading.Thread(target=tell, daemon=True).start()
+        threading.Thread(target=keep_sending, daemon=True).start()
         time.sleep(1.0)
 
     def type(self, line, answer):
@@ -84,10 +84,10 @@ class Served:
         self.printed = ""
         self.console.sendall(line.encode() + b"\r")
         while answer not in self.printed:
-            self.listen()
+            self.read_output()
         return self.printed
 
-    def listen(self):
+    def read_output(self):
         """Reads the next console output."""
         more = self.console.recv(4096)
         assert more, "the module has gone"

@@ -57,7 +57,7 @@ with Served("--can", BUS, "--attitude", "peer", "--speed", str(SPEED)) as module
     flight = fly(module, TunnelLink(bus, number))
     bus.fields.clear()
     while len(bus.fields) < 100:
-        flight.go_on(0.0)
+        flight.fly_period(0.0)
     errors = []
     for event in bus.fields:
         x, y, _ = event.message.magnetic_field_ga

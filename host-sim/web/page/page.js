@@ -8,8 +8,8 @@ function startWorker() {
   worker?.terminate();
   const source = URL.createObjectURL(new Blob([$("worker").textContent], { type: "text/javascript" }));
   worker = new Worker(source);
-  worker.onmessage = ({ data }) => receive(data);
-  worker.onerror = (event) => fail(event.message || "this browser does not start the worker");
+  worker.onmessage = ({ data }) => handleMessage(data);
+  worker.onerror = (event) => showFailure(event.message || "this browser does not start the worker");
   worker.postMessage({ module: $("module").textContent });
 }
 
@@ -26,10 +26,10 @@ function choices() {
   return { samples: form.elements.samples.value, compass, from_s: number("from_s"), to_s: number("to_s"), reference: form.elements.reference.value || null };
 }
 
-const NONE = { samples: "flight", compass: null, from_s: null, to_s: null, reference: null };
+const DEFAULT_OPTIONS = { samples: "flight", compass: null, from_s: null, to_s: null, reference: null };
 
 // Clears the page for another log, or for the example flight (`chosen` is null).
-function begin(chosen) {
+function clearPage(chosen) {
   if (isBusy) startWorker();
   file = chosen;
   [judged, next, steps] = [null, null, []];
@@ -39,35 +39,35 @@ function begin(chosen) {
 }
 
 // Reads a log, and judges all its compasses.
-function open(chosen) {
-  begin(chosen);
-  say(`Reading ${file.name}`, 0);
-  send({ open: { name: file.name, unit: "mg" }, judge: NONE, file });
+function openLog(chosen) {
+  clearPage(chosen);
+  showStatus(`Reading ${file.name}`, 0);
+  send({ open: { name: file.name, unit: "mg" }, judge: DEFAULT_OPTIONS, file });
 }
 
-function fly() {
-  begin(null);
+function flyExample() {
+  clearPage(null);
   $("file").value = "";
   for (const point of document.querySelectorAll("#flight circle, #flight .covered")) point.remove();
   largest = { measured: 0, corrected: null };
   $("flight").hidden = false;
-  say("Starting", 0);
+  showStatus("Starting", 0);
   $("flight").scrollIntoView({ block: "nearest" });
   send({ fly: { seed: $("seed").valueAsNumber } });
 }
 
-function draw(picture, name, attributes) {
+function appendShape(picture, name, attributes) {
   const shape = document.createElementNS("http://www.w3.org/2000/svg", name);
   for (const [key, value] of Object.entries(attributes)) shape.setAttribute(key, value);
   picture.append(shape);
 }
 
 // Shows one step of the example flight per animation frame, or all at once if the browser prefers reduced motion.
-function play() {
+function playSteps() {
   const isStill = matchMedia("(prefers-reduced-motion: reduce)").matches;
   for (const step of steps.splice(0, isStill ? steps.length : 1)) showStep(step);
-  if (steps.length) requestAnimationFrame(play);
-  else if (judged) show();
+  if (steps.length) requestAnimationFrame(playSteps);
+  else if (judged) showReport();
 }
 
 // Microtesla and degrees in units of the pictures.
@@ -78,7 +78,7 @@ const RINGS = [["right", 1, 92], ["left", -1, 84]];
 const TURN_DEG = 10;
 
 // Marks the heading as covered by a turn: an arc of a ring.
-function cover({ heading_deg: heading, roll_deg: roll }) {
+function markCoveredHeading({ heading_deg: heading, roll_deg: roll }) {
   for (const [side, sign, radius] of RINGS) {
     const sector = Math.floor(heading / SECTOR_DEG);
     const id = `${side}-${sector}`;
@@ -87,20 +87,20 @@ function cover({ heading_deg: heading, roll_deg: roll }) {
       const angle = (at * SECTOR_DEG * Math.PI) / 180;
       return `${(radius * Math.sin(angle)).toFixed(1)} ${(-radius * Math.cos(angle)).toFixed(1)}`;
     });
-    draw($("circles"), "path", { id, class: "covered", d: `M${from}A${radius} ${radius} 0 0 1 ${to}` });
+    appendShape($("circles"), "path", { id, class: "covered", d: `M${from}A${radius} ${radius} 0 0 1 ${to}` });
   }
 }
 
 // Adds a step of the flight to the pictures.
 function showStep(step) {
-  say(`In flight: ${step.stage}`, step.done);
-  cover(step);
+  showStatus(`In flight: ${step.stage}`, step.done);
+  markCoveredHeading(step);
   const points = { measured: [step.measured_ut, step.before_deg], corrected: [step.corrected_ut, step.after_deg] };
   for (const [kind, [field, error]] of Object.entries(points)) {
     if (field === null) continue;
     const [forward, right] = field.map((component) => SCALE.field * component);
-    draw($("circles"), "circle", { class: kind, cx: right.toFixed(1), cy: (-forward).toFixed(1), r: 1.2 });
-    draw($("errors"), "circle", { class: kind, cx: step.heading_deg.toFixed(1), cy: (-SCALE.error * error).toFixed(2), r: 1.5 });
+    appendShape($("circles"), "circle", { class: kind, cx: right.toFixed(1), cy: (-forward).toFixed(1), r: 1.2 });
+    appendShape($("errors"), "circle", { class: kind, cx: step.heading_deg.toFixed(1), cy: (-SCALE.error * error).toFixed(2), r: 1.5 });
     largest[kind] = Math.max(largest[kind], Math.abs(error));
   }
   const after = largest.corrected === null ? "" : `, with it ${largest.corrected.toFixed(2)} deg`;
@@ -117,29 +117,29 @@ function judgeAgain() {
 }
 
 // Shows a status text and the progress `done`: a fraction, undefined if unknown, null to hide the progress bar.
-function say(text, done) {
+function showStatus(text, done) {
   if (status.textContent !== text) status.textContent = text;
   progress.hidden = done === null;
   if (typeof done === "number") progress.value = done;
   else progress.removeAttribute("value");
 }
 
-function fail(text) {
+function showFailure(text) {
   [isBusy, next] = [false, null];
   report.removeAttribute("aria-busy");
-  say(`${file ? `${file.name}: ` : ""}${text}`, null);
+  showStatus(`${file ? `${file.name}: ` : ""}${text}`, null);
 }
 
-function receive(message) {
-  if (message.step) return say(message.step, message.done);
-  if (message.flight) return steps.push(message.flight) === 1 && requestAnimationFrame(play);
+function handleMessage(message) {
+  if (message.step) return showStatus(message.step, message.done);
+  if (message.flight) return steps.push(message.flight) === 1 && requestAnimationFrame(playSteps);
   if (message.summary) return showChoices(message.summary);
   if (message.isFault) startWorker();
-  if (message.error !== undefined) return fail(message.isFault ? `the program failed (${message.error}); please report it` : message.error);
+  if (message.error !== undefined) return showFailure(message.isFault ? `the program failed (${message.error}); please report it` : message.error);
   isBusy = false;
   judged = message.judged;
   if (next) return send(next), (next = null);
-  return steps.length || show();
+  return steps.length || showReport();
 }
 
 function showChoices({ compasses, range_s: [from, to], is_table: isTable }) {
@@ -170,7 +170,7 @@ function followSlider({ target: { name, type, value } }) {
 const pause = () => new Promise((resolve) => setTimeout(resolve));
 
 // Shows the report inside this page, one section at a time, so that the browser responds to input in between.
-async function show() {
+async function showReport() {
   const showing = judged;
   const page = new DOMParser().parseFromString(judged.page, "text/html");
   $("title").textContent = page.querySelector("h1").textContent;
@@ -195,10 +195,10 @@ async function show() {
   if (file) report.scrollIntoView();
   $("downloads").hidden = false;
   $("save-parameters").hidden = !judged.parameters;
-  say(file ? "Judged." : "Landed. The report of the flight follows the pictures.", null);
+  showStatus(file ? "Judged." : "Landed. The report of the flight follows the pictures.", null);
 }
 
-function save(name, type, text) {
+function downloadFile(name, type, text) {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(new Blob([text], { type }));
   link.download = name;
@@ -206,14 +206,14 @@ function save(name, type, text) {
   setTimeout(() => URL.revokeObjectURL(link.href), 60000);
 }
 
-$("file").addEventListener("change", ({ target }) => target.files.length && open(target.files[0]));
+$("file").addEventListener("change", ({ target }) => target.files.length && openLog(target.files[0]));
 form.addEventListener("input", followSlider);
 form.addEventListener("submit", (event) => (event.preventDefault(), judgeAgain()));
-$("save-parameters").addEventListener("click", () => save(judged.parameters[0], "text/plain", judged.parameters[1]));
+$("save-parameters").addEventListener("click", () => downloadFile(judged.parameters[0], "text/plain", judged.parameters[1]));
 const savedName = () => file?.name ?? "example-flight";
-$("save-page").addEventListener("click", () => save(`${savedName()}.html`, "text/html", judged.page));
-$("save-json").addEventListener("click", () => save(`${savedName()}.json`, "application/json", `${judged.json}\n`));
-$("example").addEventListener("submit", (event) => (event.preventDefault(), fly()));
+$("save-page").addEventListener("click", () => downloadFile(`${savedName()}.html`, "text/html", judged.page));
+$("save-json").addEventListener("click", () => downloadFile(`${savedName()}.json`, "application/json", `${judged.json}\n`));
+$("example").addEventListener("submit", (event) => (event.preventDefault(), flyExample()));
 
 addEventListener("dragover", (event) => {
   event.preventDefault();
@@ -226,6 +226,6 @@ addEventListener("drop", (event) => {
   const { files } = event.dataTransfer;
   if (!files.length) return;
   $("file").files = files;
-  open(files[0]);
+  openLog(files[0]);
 });
 startWorker();
